@@ -1,0 +1,1 @@
+//! Where magline gets its bytes: foreign formats, the simulator, the embedded samples.

@@ -1,0 +1,1 @@
+//! The magline command: spec, plan, store, run, and the views of them.

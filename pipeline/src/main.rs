@@ -1,0 +1,2 @@
+//! The `magline` command.
+fn main() {}

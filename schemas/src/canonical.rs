@@ -1,0 +1,255 @@
+//! From whatever a file holds to the contract's columns: types, units and roles, once, on ingest.
+
+use std::sync::Arc;
+
+use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, StringArray, cast::AsArray};
+use arrow_cast::cast;
+use arrow_schema::{DataType, Field, Schema, SchemaRef};
+
+use crate::{Described, Fault, Role, convert, field, flight};
+
+/// How each column of a file becomes a column of the flight table.
+#[derive(Clone, Debug)]
+pub struct Canonical {
+    schema: SchemaRef,
+    steps: Vec<(usize, Step)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Step {
+    Text,
+    Number(f64),
+    Cast,
+    Keep,
+}
+
+impl Canonical {
+    /// The way from `source` to the flight table.
+    ///
+    /// Text and numbers become `flight` and `line`; every column with a canonical unit becomes Float64 in it; other
+    /// floats become Float64, other whole numbers Int64, and the rest stays as it is. Columns keep the file's order
+    /// after `flight`, `line`, `tt`.
+    ///
+    /// # Errors
+    /// Every missing key, wrong unit and wrong type, each naming its column.
+    pub fn new(source: &Schema) -> Result<Canonical, Vec<Fault>> {
+        let names: Vec<&str> = source.fields().iter().map(|f| f.name().as_str()).collect();
+        let mut faults: Vec<Fault> = flight::KEYS
+            .iter()
+            .filter(|k| !names.contains(k))
+            .map(|k| {
+                Fault::data(format!("a flight table needs a column `{k}`")).nearest(k, &names).in_column(k)
+            })
+            .collect();
+        for (i, name) in names.iter().enumerate() {
+            if names[..i].contains(name) {
+                faults.push(Fault::data("the column is there twice").in_column(name));
+            }
+        }
+        let keys = flight::KEYS.iter().filter_map(|k| names.iter().position(|n| n == k));
+        let others = (0..names.len()).filter(|i| !flight::KEYS.contains(&names[*i]));
+        let (mut fields, mut steps) = (vec![], vec![]);
+        for i in keys.chain(others) {
+            match step(source.field(i)) {
+                Ok((step, field)) => {
+                    steps.push((i, step));
+                    fields.push(field);
+                }
+                Err(fault) => faults.push(fault),
+            }
+        }
+        if faults.is_empty() { Ok(Canonical { schema: Arc::new(Schema::new(fields)), steps }) } else { Err(faults) }
+    }
+
+    /// The schema of the flight table.
+    pub fn schema(&self) -> &SchemaRef {
+        &self.schema
+    }
+
+    /// One batch of the file as rows of the flight table.
+    ///
+    /// # Errors
+    /// A value that does not fit its column's type.
+    pub fn apply(&self, batch: &RecordBatch) -> Result<RecordBatch, Fault> {
+        let columns = self.steps.iter().zip(self.schema.fields()).map(|((i, step), field)| {
+            let wrong = |e: arrow_schema::ArrowError| Fault::data(e.to_string()).in_column(field.name());
+            let array = batch.column(*i);
+            match step {
+                Step::Keep => Ok(array.clone()),
+                Step::Cast => cast(array, field.data_type()).map_err(wrong),
+                Step::Text => text(array).map_err(wrong),
+                Step::Number(factor) => cast(array, &DataType::Float64).map(|a| numbers(&a, *factor)).map_err(wrong),
+            }
+        });
+        let columns = columns.collect::<Result<Vec<ArrayRef>, Fault>>()?;
+        RecordBatch::try_new(self.schema.clone(), columns).map_err(|e| Fault::data(e.to_string()))
+    }
+}
+
+/// What to do with one column, and the field it becomes.
+fn step(source: &Field) -> Result<(Step, Field), Fault> {
+    let name = source.name();
+    let known = flight::describe(name);
+    let kind = flattened(source.data_type());
+    let as_field = |t: DataType, unit: &str, role: Role| {
+        let own = source.metadata().get("description").map(String::as_str);
+        field(name, t, unit, role, own.filter(|d| !d.is_empty()).unwrap_or(known.description))
+    };
+    if name == "flight" || name == "line" {
+        let fine = is_text(&kind) || kind.is_numeric();
+        let wrong = || Fault::data(format!("must be text, not {kind}")).in_column(name);
+        return if fine { Ok((Step::Text, as_field(DataType::Utf8, "", Role::Key))) } else { Err(wrong()) };
+    }
+    let given = source.metadata().get("unit").map_or("", String::as_str);
+    if !known.unit.is_empty() {
+        let factor = unit_factor(name, given, &known)?;
+        if !kind.is_numeric() && kind != DataType::Null {
+            let what = format!("must be numbers in {}, not {kind}", known.unit);
+            return Err(Fault::data(what).in_column(name).help("convert the column before, or rename it"));
+        }
+        return Ok((Step::Number(factor), as_field(DataType::Float64, known.unit, known.role)));
+    }
+    let (step, to) = match &kind {
+        DataType::Float64 | DataType::Float32 | DataType::Float16 => (Step::Number(1.0), DataType::Float64),
+        t if t.is_integer() => (Step::Cast, DataType::Int64),
+        t if is_text(t) => (Step::Cast, DataType::Utf8),
+        DataType::Boolean => (Step::Cast, DataType::Boolean),
+        _ => (Step::Keep, source.data_type().clone()),
+    };
+    Ok((step, as_field(to, given, known.role)))
+}
+
+fn unit_factor(name: &str, given: &str, known: &Described) -> Result<f64, Fault> {
+    if given.is_empty() {
+        return Ok(1.0);
+    }
+    convert(given, known.unit).ok_or_else(|| {
+        let what = format!("is in `{given}`, which does not convert to {}", known.unit);
+        Fault::data(what).in_column(name).help("write the unit that the values have into the field's metadata")
+    })
+}
+
+fn flattened(t: &DataType) -> DataType {
+    match t {
+        DataType::Dictionary(_, value) => flattened(value),
+        DataType::RunEndEncoded(_, value) => flattened(value.data_type()),
+        other => other.clone(),
+    }
+}
+
+fn is_text(t: &DataType) -> bool {
+    matches!(t, DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View)
+}
+
+/// Identifiers as text: whole numbers without a fraction, others in their shortest spelling.
+fn text(array: &ArrayRef) -> Result<ArrayRef, arrow_schema::ArrowError> {
+    if !flattened(array.data_type()).is_floating() {
+        return cast(array, &DataType::Utf8);
+    }
+    let numbers = cast(array, &DataType::Float64)?;
+    let numbers = numbers.as_primitive::<arrow_array::types::Float64Type>();
+    Ok(Arc::new(numbers.iter().map(|x| x.map(|x| x.to_string())).collect::<StringArray>()))
+}
+
+/// Numbers in the canonical unit, with NaN for missing ones.
+fn numbers(array: &ArrayRef, factor: f64) -> ArrayRef {
+    let array = array.as_primitive::<arrow_array::types::Float64Type>();
+    if array.null_count() == 0 && factor == 1.0 {
+        return Arc::new(array.clone());
+    }
+    Arc::new(array.iter().map(|x| x.map_or(f64::NAN, |x| x * factor)).collect::<Vec<f64>>().into_iter().collect::<Float64Array>())
+}
+
+/// Whether time runs forward, strictly, through a line.
+///
+/// # Errors
+/// The first row whose time is missing, repeated or earlier than the one before.
+pub fn check_time(tt: &[f64]) -> Result<(), Fault> {
+    let row = |i: usize, what: String| Err(Fault::data(what).in_column("tt").in_row(i as u64));
+    for (i, t) in tt.iter().enumerate() {
+        if !t.is_finite() {
+            return row(i, "the time is missing".to_owned());
+        }
+        if i > 0 && *t == tt[i - 1] {
+            return row(i, format!("the time {t} s is there twice"));
+        }
+        if i > 0 && *t < tt[i - 1] {
+            return row(i, format!("time goes back from {} s to {t} s", tt[i - 1]));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::panic)]
+
+    use std::collections::HashMap;
+
+    use arrow_array::{Float32Array, Int32Array};
+
+    use super::*;
+
+    fn with_unit(name: &str, t: DataType, unit: &str) -> Field {
+        Field::new(name, t, true).with_metadata(HashMap::from([("unit".to_owned(), unit.to_owned())]))
+    }
+
+    #[test]
+    fn law_safe_casts_and_units() {
+        let schema = Schema::new(vec![
+            with_unit("ins_lat", DataType::Float64, "rad"),
+            Field::new("tt", DataType::Float32, true),
+            Field::new("line", DataType::Float64, true),
+            Field::new("flight", DataType::Int32, true),
+            Field::new("counter", DataType::Int32, true),
+        ]);
+        let columns: Vec<ArrayRef> = vec![
+            Arc::new(Float64Array::from(vec![Some(std::f64::consts::PI), None])),
+            Arc::new(Float32Array::from(vec![0.5, 1.0])),
+            Arc::new(Float64Array::from(vec![1003.02, 1004.0])),
+            Arc::new(Int32Array::from(vec![1003, 1004])),
+            Arc::new(Int32Array::from(vec![1, 2])),
+        ];
+        let batch = RecordBatch::try_new(Arc::new(schema.clone()), columns).unwrap();
+        let out = Canonical::new(&schema).unwrap().apply(&batch).unwrap();
+        let names: Vec<_> = out.schema().fields().iter().map(|f| f.name().clone()).collect();
+        assert_eq!(names, ["flight", "line", "tt", "ins_lat", "counter"]);
+        assert_eq!(out.column(1).as_string::<i32>().value(0), "1003.02");
+        assert_eq!(out.column(1).as_string::<i32>().value(1), "1004");
+        let lat = out.column(3).as_primitive::<arrow_array::types::Float64Type>();
+        assert!((lat.value(0) - 180.0).abs() < 1e-12);
+        assert!(lat.value(1).is_nan());
+        assert_eq!(out.column(4).data_type(), &DataType::Int64);
+        assert_eq!(out.schema().field(3).metadata()["unit"], "deg");
+    }
+
+    #[test]
+    fn gold_all_that_is_wrong_with_a_schema_is_said_at_once() {
+        let schema = Schema::new(vec![
+            Field::new("flight", DataType::Utf8, true),
+            Field::new("lines", DataType::Utf8, true),
+            Field::new("lat", DataType::Utf8, true),
+            with_unit("mag_2_uc", DataType::Float64, "V"),
+        ]);
+        let faults = Canonical::new(&schema).unwrap_err();
+        let said: Vec<String> = faults.iter().map(Fault::to_string).collect();
+        assert_eq!(
+            said,
+            [
+                "column `line`: a flight table needs a column `line` (did you mean `lines`?)",
+                "column `tt`: a flight table needs a column `tt` (known here: flight, lines, lat, mag_2_uc)",
+                "column `lat`: must be numbers in deg, not Utf8 (convert the column before, or rename it)",
+                "column `mag_2_uc`: is in `V`, which does not convert to nT \
+                 (write the unit that the values have into the field's metadata)",
+            ]
+        );
+    }
+
+    #[test]
+    fn law_time_must_run_forward() {
+        assert!(check_time(&[0.0, 0.1, 0.3]).is_ok());
+        for (tt, row) in [([0.0, 0.0, 1.0], 1), ([0.0, 2.0, 1.0], 2), ([0.0, f64::NAN, 1.0], 1)] {
+            assert_eq!(check_time(&tt).unwrap_err().place.row, Some(row));
+        }
+    }
+}

@@ -1,0 +1,226 @@
+//! Columns: what a table holds, in which unit, and who may use it.
+
+use std::{collections::HashMap, fmt};
+
+use arrow_schema::{DataType, Field};
+
+use crate::Fault;
+
+/// What a column may be used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// Names a flight, a line or a sweep point.
+    Key,
+    /// Time of the sample.
+    Time,
+    /// What a flight in earnest would not have: a target or reference, never a feature.
+    Truth,
+    /// What the aircraft measures.
+    Sensor,
+    /// Anything beside.
+    Aux,
+    /// Made by a stage.
+    Derived,
+}
+
+impl Role {
+    /// The word that stands in the field metadata.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Role::Key => "key",
+            Role::Time => "time",
+            Role::Truth => "truth",
+            Role::Sensor => "sensor",
+            Role::Aux => "aux",
+            Role::Derived => "derived",
+        }
+    }
+
+    fn parse(word: &str) -> Option<Role> {
+        [Role::Key, Role::Time, Role::Truth, Role::Sensor, Role::Aux, Role::Derived]
+            .into_iter()
+            .find(|r| r.as_str() == word)
+    }
+}
+
+/// Unit, role and meaning of a column that the contract knows by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Described {
+    /// Canonical unit; empty where the contract has none.
+    pub unit: &'static str,
+    /// What it may be used for.
+    pub role: Role,
+    /// What it is.
+    pub description: &'static str,
+}
+
+/// The Arrow field of a column: nullable, with `unit`, `role` and `description` in its metadata.
+pub fn field(name: &str, data_type: DataType, unit: &str, role: Role, description: &str) -> Field {
+    let metadata = [("unit", unit), ("role", role.as_str()), ("description", description)];
+    let metadata: HashMap<_, _> = metadata.into_iter().map(|(k, v)| (k.to_owned(), v.to_owned())).collect();
+    Field::new(name, data_type, true).with_metadata(metadata)
+}
+
+/// The type of a column's values, as far as stages care.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ColumnType {
+    /// Float64; NaN stands for missing.
+    Float,
+    /// A fixed-size list of Float64 with named entries.
+    List(Vec<String>),
+    /// UTF-8 text.
+    Text,
+    /// Any other Arrow type, kept as it is.
+    Other(DataType),
+}
+
+impl ColumnType {
+    /// The Arrow type.
+    pub fn data_type(&self) -> DataType {
+        match self {
+            ColumnType::Float => DataType::Float64,
+            ColumnType::Text => DataType::Utf8,
+            ColumnType::Other(t) => t.clone(),
+            ColumnType::List(terms) => {
+                let width = i32::try_from(terms.len()).unwrap_or(i32::MAX);
+                DataType::FixedSizeList(Field::new("item", DataType::Float64, false).into(), width)
+            }
+        }
+    }
+}
+
+/// One column of a table in the plan: its name, type, unit, role, and what it was made from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Column {
+    /// The name.
+    pub name: String,
+    /// The type.
+    pub column_type: ColumnType,
+    /// The unit; empty for none.
+    pub unit: String,
+    /// What it may be used for.
+    pub role: Role,
+    /// What it is.
+    pub doc: String,
+    /// The columns it was made from: (position of the input, column name).
+    pub from: Vec<(usize, String)>,
+}
+
+impl Column {
+    /// A derived Float64 column.
+    pub fn float(name: impl Into<String>, unit: impl Into<String>, doc: impl Into<String>) -> Self {
+        let column_type = ColumnType::Float;
+        Self { name: name.into(), column_type, unit: unit.into(), role: Role::Derived, doc: doc.into(), from: vec![] }
+    }
+
+    /// A derived text column.
+    pub fn text(name: impl Into<String>, doc: impl Into<String>) -> Self {
+        Self { column_type: ColumnType::Text, ..Self::float(name, "", doc) }
+    }
+
+    /// A derived integer column.
+    pub fn integer(name: impl Into<String>, unit: impl Into<String>, doc: impl Into<String>) -> Self {
+        Self { column_type: ColumnType::Other(DataType::Int64), ..Self::float(name, unit, doc) }
+    }
+
+    /// A derived fixed-size list of Float64, its entries named by `terms`.
+    pub fn list(name: impl Into<String>, unit: impl Into<String>, doc: impl Into<String>, terms: Vec<String>) -> Self {
+        Self { column_type: ColumnType::List(terms), ..Self::float(name, unit, doc) }
+    }
+
+    /// Says what it was made from: columns of the input at position `input`.
+    pub fn from<S: AsRef<str>>(mut self, input: usize, columns: &[S]) -> Self {
+        self.from.extend(columns.iter().map(|c| (input, c.as_ref().to_owned())));
+        self
+    }
+
+    /// Gives it another role.
+    pub fn role(mut self, role: Role) -> Self {
+        self.role = role;
+        self
+    }
+
+    /// The Arrow field, with `terms` in the metadata of a list.
+    pub fn field(&self) -> Field {
+        let plain = field(&self.name, self.column_type.data_type(), &self.unit, self.role, &self.doc);
+        match &self.column_type {
+            ColumnType::List(terms) => {
+                let mut metadata = plain.metadata().clone();
+                metadata.insert("terms".to_owned(), terms.join(","));
+                plain.with_metadata(metadata)
+            }
+            _ => plain,
+        }
+    }
+}
+
+/// The column that an Arrow field with the contract's metadata describes.
+pub fn describe_field(field: &Field) -> Column {
+    let get = |key: &str| field.metadata().get(key).cloned().unwrap_or_default();
+    let column_type = match field.data_type() {
+        DataType::Float64 => ColumnType::Float,
+        DataType::Utf8 => ColumnType::Text,
+        DataType::FixedSizeList(item, _) if item.data_type() == &DataType::Float64 => {
+            ColumnType::List(get("terms").split(',').map(str::to_owned).collect())
+        }
+        other => ColumnType::Other(other.clone()),
+    };
+    let role = Role::parse(&get("role")).unwrap_or(Role::Aux);
+    Column { name: field.name().clone(), column_type, unit: get("unit"), role, doc: get("description"), from: vec![] }
+}
+
+impl fmt::Display for Column {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}", self.name)?;
+        let width = if let ColumnType::List(terms) = &self.column_type { Some(terms.len()) } else { None };
+        match (self.unit.as_str(), width) {
+            ("", None) => Ok(()),
+            (unit, None) => write!(f, " [{unit}]"),
+            (unit, Some(n)) => write!(f, " [{unit}; {n}]"),
+        }
+    }
+}
+
+/// The columns on one edge of the plan, and what is known of its sampling.
+#[derive(Clone, Debug, Default)]
+pub struct Shape {
+    /// In the table's order.
+    pub columns: Vec<Column>,
+    /// Samples per second, where an upstream stage made the sampling even.
+    pub rate_hz: Option<f64>,
+}
+
+impl Shape {
+    /// The column `name`, if the table has it.
+    pub fn get(&self, name: &str) -> Option<&Column> {
+        self.columns.iter().find(|c| c.name == name)
+    }
+
+    /// The column `name`, or what to tell the user.
+    ///
+    /// # Errors
+    /// When there is no such column; the fault suggests the nearest.
+    pub fn need(&self, name: &str) -> Result<&Column, Fault> {
+        self.get(name).ok_or_else(|| {
+            let have: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
+            Fault::new(format!("there is no column `{name}`")).nearest(name, &have)
+        })
+    }
+
+    /// The Float64 column `name` in `unit`, or what to tell the user.
+    ///
+    /// # Errors
+    /// When it is missing, not of numbers, or in another unit.
+    pub fn number(&self, name: &str, unit: &str) -> Result<&Column, Fault> {
+        let column = self.need(name)?;
+        if column.column_type != ColumnType::Float {
+            let kind = column.column_type.data_type();
+            return Err(Fault::new(format!("column `{name}` holds {kind}, but numbers are needed")));
+        }
+        if !column.unit.is_empty() && column.unit != unit {
+            let have = &column.unit;
+            return Err(Fault::new(format!("column `{name}` is in {have}, but {unit} is needed")));
+        }
+        Ok(column)
+    }
+}

@@ -1,0 +1,230 @@
+//! What went wrong, where, and the way out.
+
+use std::{fmt, ops::Range};
+
+/// Who has to act on a fault.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Owner {
+    /// The spec or an argument: the user mends it.
+    #[default]
+    Spec,
+    /// The data: a file, flight, line, column or row.
+    Data,
+    /// The machine: a disk, a permission, memory. Trying again may help, so nothing is concluded from it.
+    Machine,
+}
+
+/// Where in the data a fault lies. Every part is optional.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Place {
+    /// The file, as the user named it.
+    pub file: Option<String>,
+    /// The flight identifier.
+    pub flight: Option<String>,
+    /// The line identifier.
+    pub line: Option<String>,
+    /// The column.
+    pub column: Option<String>,
+    /// The row within the line (or the file, when no line is known), from 0.
+    pub row: Option<u64>,
+}
+
+/// Something wrong, where it is, and what would mend it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Fault {
+    /// What is wrong, one sentence, lower case.
+    pub what: String,
+    /// What to do next.
+    pub help: Option<String>,
+    /// Bytes of the spec it concerns.
+    pub at: Option<Range<usize>>,
+    /// The parameter of the stage it concerns, which the planner turns into bytes of the spec.
+    pub param: Option<String>,
+    /// Where in the data.
+    pub place: Place,
+    /// Who has to act.
+    pub owner: Owner,
+}
+
+impl Fault {
+    /// A fault of the spec.
+    pub fn new(what: impl Into<String>) -> Self {
+        Self { what: what.into(), ..Self::default() }
+    }
+
+    /// A fault of the data.
+    pub fn data(what: impl Into<String>) -> Self {
+        Self { what: what.into(), owner: Owner::Data, ..Self::default() }
+    }
+
+    /// A fault of the machine, such as a full disk.
+    pub fn machine(what: impl Into<String>) -> Self {
+        Self { what: what.into(), owner: Owner::Machine, ..Self::default() }
+    }
+
+    /// Says what to do next.
+    pub fn help(mut self, help: impl Into<String>) -> Self {
+        self.help = Some(help.into());
+        self
+    }
+
+    /// Points at bytes of the spec, unless it already points somewhere.
+    pub fn at(mut self, at: Range<usize>) -> Self {
+        self.at.get_or_insert(at);
+        self
+    }
+
+    /// Points at a parameter of the stage.
+    pub fn of_param(mut self, param: &str) -> Self {
+        self.param.get_or_insert_with(|| param.to_owned());
+        self
+    }
+
+    /// Names the column.
+    pub fn in_column(mut self, column: &str) -> Self {
+        self.place.column.get_or_insert_with(|| column.to_owned());
+        self
+    }
+
+    /// Names the row, from 0.
+    pub fn in_row(mut self, row: u64) -> Self {
+        self.place.row.get_or_insert(row);
+        self
+    }
+
+    /// Names the flight and line.
+    pub fn in_line(mut self, flight: &str, line: &str) -> Self {
+        self.place.flight.get_or_insert_with(|| flight.to_owned());
+        self.place.line.get_or_insert_with(|| line.to_owned());
+        self
+    }
+
+    /// Names the file.
+    pub fn in_file(mut self, file: &str) -> Self {
+        self.place.file.get_or_insert_with(|| file.to_owned());
+        self
+    }
+
+    /// Suggests the nearest of `known` to `given`, or lists what there is.
+    pub fn nearest<S: AsRef<str>>(mut self, given: &str, known: &[S]) -> Self {
+        self.help = Some(match nearest(given, known) {
+            Some(name) => format!("did you mean `{name}`?"),
+            None if known.is_empty() => "there are none here".to_owned(),
+            None => format!("known here: {}", listed(known)),
+        });
+        self
+    }
+}
+
+fn listed<S: AsRef<str>>(known: &[S]) -> String {
+    const SHOWN: usize = 30;
+    let names: Vec<&str> = known.iter().take(SHOWN).map(AsRef::as_ref).collect();
+    let more = known.len().saturating_sub(SHOWN);
+    if more > 0 { format!("{} and {more} more", names.join(", ")) } else { names.join(", ") }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let p = &self.place;
+        let parts = [
+            p.file.clone(),
+            p.flight.as_ref().map(|x| format!("flight {x}")),
+            p.line.as_ref().map(|x| format!("line {x}")),
+            p.column.as_ref().map(|x| format!("column `{x}`")),
+            p.row.map(|x| format!("row {x}")),
+        ];
+        let place: Vec<String> = parts.into_iter().flatten().collect();
+        if !place.is_empty() {
+            write!(f, "{}: ", place.join(", "))?;
+        }
+        write!(f, "{}", self.what)?;
+        if let Some(help) = &self.help {
+            write!(f, " ({help})")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Fault {}
+
+/// The one of `known` that `given` was probably meant to be.
+pub fn nearest<'a, S: AsRef<str>>(given: &str, known: &'a [S]) -> Option<&'a str> {
+    let best = known.iter().map(|k| (distance(given, k.as_ref()), k.as_ref())).min()?;
+    (best.0 <= 1 + given.len() / 3).then_some(best.1)
+}
+
+/// Edit distance with transpositions, by characters.
+fn distance(a: &str, b: &str) -> usize {
+    let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
+    let mut rows = vec![vec![0; b.len() + 1]; a.len() + 1];
+    for i in 0..=a.len() {
+        for j in 0..=b.len() {
+            rows[i][j] = if i == 0 || j == 0 {
+                i + j
+            } else {
+                let change = usize::from(a[i - 1] != b[j - 1]);
+                let mut least = (rows[i - 1][j] + 1).min(rows[i][j - 1] + 1).min(rows[i - 1][j - 1] + change);
+                if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                    least = least.min(rows[i - 2][j - 2] + 1);
+                }
+                least
+            };
+        }
+    }
+    rows[a.len()][b.len()]
+}
+
+/// A fault as the user sees it, with the line of the spec it points at.
+pub fn render(fault: &Fault, file: &str, text: &str) -> String {
+    let bare = Fault { help: None, ..fault.clone() };
+    let help = fault.help.as_deref();
+    let Some(at) = fault.at.clone().filter(|r| r.start <= text.len() && text.is_char_boundary(r.start)) else {
+        let tail = help.map(|h| format!("\n  help: {h}")).unwrap_or_default();
+        return format!("error: {bare}{tail}");
+    };
+    let before = &text[..at.start];
+    let number = before.matches('\n').count() + 1;
+    let from = before.rfind('\n').map_or(0, |i| i + 1);
+    let source = text[from..].lines().next().unwrap_or("");
+    let column = text[from..at.start].chars().count();
+    let room = source.chars().count().saturating_sub(column).max(1);
+    let marks = "^".repeat(at.len().clamp(1, room));
+    let gutter = " ".repeat(number.to_string().len());
+    let tail = help.map(|h| format!(" {h}")).unwrap_or_default();
+    format!(
+        "error: {bare}\n{gutter}--> {file}:{number}:{}\n{number} | {source}\n{gutter} | {}{marks}{tail}",
+        column + 1,
+        " ".repeat(column),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gold_fault_points_at_the_word_and_suggests() {
+        let text = "a = 1\nlamda = 0.025\n";
+        let fault = Fault::new("`fit` has no parameter `lamda`").at(6..11).nearest("lamda", &["lambda", "low_hz"]);
+        let shown = render(&fault, "cabin.toml", text);
+        assert_eq!(
+            shown,
+            "error: `fit` has no parameter `lamda`\n --> cabin.toml:2:1\n2 | lamda = 0.025\n  | ^^^^^ did you mean `lambda`?"
+        );
+    }
+
+    #[test]
+    fn law_distance_is_a_metric_with_transpositions() {
+        assert_eq!(distance("lambda", "lambda"), 0);
+        assert_eq!(distance("lamdba", "lambda"), 1);
+        assert_eq!(distance("", "abc"), 3);
+        assert_eq!(nearest("navigat", &["navigate", "score"]), Some("navigate"));
+        assert_eq!(nearest("zzzzzz", &["navigate", "score"]), None);
+    }
+
+    #[test]
+    fn gold_place_in_the_data_reads_as_a_sentence() {
+        let fault = Fault::data("time goes back").in_line("1003", "1003.02").in_column("tt").in_row(7);
+        assert_eq!(fault.to_string(), "flight 1003, line 1003.02, column `tt`, row 7: time goes back");
+    }
+}

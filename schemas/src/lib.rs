@@ -1,0 +1,22 @@
+//! The contract of magline: columns, units, roles, parameters, faults and the stage declaration.
+//!
+//! Everything else depends on this crate; it knows Arrow types and TOML spans, and nothing of files, plans or
+//! numerics.
+
+pub mod canonical;
+mod column;
+mod fault;
+pub mod flight;
+pub mod map;
+mod stage;
+mod unit;
+mod value;
+
+pub use column::{Column, ColumnType, Described, Role, Shape, describe_field, field};
+pub use fault::{Fault, Owner, Place, nearest, render};
+pub use stage::{
+    Args, Declared, Entry, Gather, Grain, InputDecl, InputKind, LineIn, ParamDoc, Passes, Prepared, Stage, StageDyn,
+    Table, Yield, collect_doc, read_param, unknown_keys,
+};
+pub use unit::convert;
+pub use value::{Literal, Rule, Value};

@@ -1,0 +1,433 @@
+//! The declaration of a stage, and what its author writes.
+//!
+//! From one [`stage!`](crate::stage!) declaration derive: spec parsing and its messages, plan validation, `explain`,
+//! lineage, cache keys, column pruning, `magline stages` and the reference pages.
+
+use std::{any::Any, collections::BTreeMap, ops::Range, sync::Arc};
+
+use arrow_array::{ArrayRef, RecordBatch};
+
+use crate::{Column, Fault, Literal, Shape};
+
+/// How much of a survey a stage must see at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Grain {
+    /// One whole flight line, in time order.
+    Line,
+    /// Every line that its `where` selects.
+    Survey,
+}
+
+/// What a stage reads through one of its inputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InputKind {
+    /// A table of flight lines: the line at hand, or each in turn for a survey stage.
+    Lines,
+    /// One or several such tables.
+    ManyLines,
+    /// The model table of a fit.
+    Model,
+    /// An anomaly map.
+    Map,
+}
+
+/// One input of a stage: the key in the spec that names the table.
+#[derive(Clone, Copy, Debug)]
+pub struct InputDecl {
+    /// The key, such as `input` or `map`.
+    pub name: &'static str,
+    /// What stands behind it.
+    pub kind: InputKind,
+}
+
+/// What a table is, seen from the plan.
+#[derive(Clone, Debug)]
+pub enum Table {
+    /// Flight lines with these columns.
+    Lines(Shape),
+    /// A fitted model with these columns, and the columns of flight lines it must be applied to.
+    Model {
+        /// The columns of the model table.
+        shape: Shape,
+        /// The columns a line must have for the model to be applied.
+        features: Vec<String>,
+    },
+    /// An anomaly map.
+    Map(Shape),
+}
+
+impl Table {
+    /// Its columns.
+    pub fn shape(&self) -> &Shape {
+        match self {
+            Table::Lines(s) | Table::Map(s) | Table::Model { shape: s, .. } => s,
+        }
+    }
+
+    /// The word for it.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Table::Lines(_) => "a table of flight lines",
+            Table::Model { .. } => "a model table",
+            Table::Map(_) => "a map",
+        }
+    }
+}
+
+/// Which columns of the first input go on into the stage's own table, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Passes {
+    /// All of them: the stage appends columns.
+    All,
+    /// These only; the rows stay the same.
+    Only(Vec<String>),
+    /// None: the rows are new ones.
+    None,
+}
+
+/// What a stage reads and yields, given the columns that reach it.
+#[derive(Clone, Debug)]
+pub struct Yield {
+    /// The columns it makes.
+    pub columns: Vec<Column>,
+    /// What goes through unchanged.
+    pub passes: Passes,
+    /// The columns it is handed, per input (all inputs, in the declared order).
+    pub reads: Vec<Vec<String>>,
+    /// Samples per second of what it yields, where it made them even.
+    pub rate_hz: Option<f64>,
+    /// For a fit: the columns of a line that applying the model takes.
+    pub features: Vec<String>,
+    /// Whether the table is small and belongs into one file (models, scores).
+    pub tidy: bool,
+    /// What the user should know of a choice made for him.
+    pub notes: Vec<String>,
+}
+
+impl Yield {
+    /// A stage that appends `columns` and reads `reads` of its first input.
+    pub fn append<S: AsRef<str>>(columns: Vec<Column>, reads: &[S]) -> Self {
+        Self {
+            columns,
+            passes: Passes::All,
+            reads: vec![reads.iter().map(|s| s.as_ref().to_owned()).collect()],
+            rate_hz: None,
+            features: vec![],
+            tidy: false,
+            notes: vec![],
+        }
+    }
+}
+
+/// Something built once for all lines, such as the spline coefficients of a map.
+pub type Prepared = Option<Arc<dyn Any + Send + Sync>>;
+
+/// What a stage is handed for one line: only what it declared.
+#[derive(Clone)]
+pub struct LineIn {
+    /// The flight identifier.
+    pub flight: String,
+    /// The line identifier.
+    pub line: String,
+    /// The columns it reads, per input; a model or map comes whole.
+    pub inputs: Vec<RecordBatch>,
+    /// The rows its `where` selects; all when there is none.
+    pub keep: Option<Vec<bool>>,
+    /// What [`Stage::prepare`] made.
+    pub prepared: Prepared,
+}
+
+/// One survey stage at work: `map` may run on many lines at a time, `finish` sees the parts in line order.
+pub trait Gather: Send + Sync {
+    /// Reduces one line to what the answer needs of it.
+    ///
+    /// # Errors
+    /// When the line cannot be used; the others go on without it.
+    fn map(&self, line: &LineIn) -> Result<Box<dyn Any + Send>, Fault>;
+
+    /// The table of each point, in the points' order.
+    fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>>;
+}
+
+/// What the [`stage!`](crate::stage!) declaration writes for a stage.
+pub trait Declared {
+    /// Every parameter in its one spelling.
+    fn canonical(&self) -> Vec<(&'static str, String)>;
+}
+
+/// What the author of a stage writes.
+pub trait Stage: Declared + Any + Send + Sync + Sized {
+    /// The columns it reads and makes, given the tables that reach it.
+    ///
+    /// # Errors
+    /// All that is wrong with the parameters or the tables, before anything runs.
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>>;
+
+    /// Arrays for the columns of [`Stage::yields`], in that order, for one line.
+    ///
+    /// # Errors
+    /// When this line cannot be computed; the other lines go on.
+    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault>;
+
+    /// What is the same for all lines, built once. `inputs` holds models and maps; line tables are empty batches.
+    ///
+    /// # Errors
+    /// When a model or map cannot be used.
+    fn prepare(&self, _inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
+        Ok(None)
+    }
+
+    /// The parameters that [`Stage::prepare`] depends on, in one spelling.
+    fn prepare_key(&self) -> String {
+        String::new()
+    }
+
+    /// For survey stages: the points of a sweep that see the same lines, solved together.
+    fn gather(_points: Vec<&Self>) -> Option<Box<dyn Gather>> {
+        None
+    }
+}
+
+/// A [`Stage`] whose type is forgotten.
+pub trait StageDyn: Send + Sync {
+    /// See [`Declared::canonical`].
+    fn canonical(&self) -> Vec<(&'static str, String)>;
+    /// See [`Stage::yields`].
+    ///
+    /// # Errors
+    /// As there.
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>>;
+    /// See [`Stage::run`].
+    ///
+    /// # Errors
+    /// As there.
+    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault>;
+    /// See [`Stage::prepare`].
+    ///
+    /// # Errors
+    /// As there.
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault>;
+    /// See [`Stage::prepare_key`].
+    fn prepare_key(&self) -> String;
+    /// See [`Stage::gather`]; `points` are of this stage's type.
+    fn gather(&self, points: &[&dyn StageDyn]) -> Option<Box<dyn Gather>>;
+    /// For the way back to the type.
+    fn as_any(&self) -> &dyn Any;
+}
+
+impl<S: Stage> StageDyn for S {
+    fn canonical(&self) -> Vec<(&'static str, String)> {
+        Declared::canonical(self)
+    }
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        Stage::yields(self, inputs)
+    }
+    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+        Stage::run(self, line)
+    }
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
+        Stage::prepare(self, inputs)
+    }
+    fn prepare_key(&self) -> String {
+        Stage::prepare_key(self)
+    }
+    fn gather(&self, points: &[&dyn StageDyn]) -> Option<Box<dyn Gather>> {
+        S::gather(points.iter().filter_map(|p| p.as_any().downcast_ref::<S>()).collect())
+    }
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+}
+
+/// A parameter as the reference shows it.
+#[derive(Clone, Debug)]
+pub struct ParamDoc {
+    /// The key in the spec.
+    pub name: &'static str,
+    /// The type in a word.
+    pub type_name: &'static str,
+    /// The unit; empty for none.
+    pub unit: &'static str,
+    /// The default in its canonical spelling; `None` where it must be given.
+    pub default: Option<String>,
+    /// What values are allowed, in words.
+    pub rule: String,
+    /// What it does.
+    pub doc: String,
+}
+
+/// The parameters of a stage as the spec gives them, with where they stand.
+pub type Args = BTreeMap<String, (Literal, Range<usize>)>;
+
+/// One row of the catalogue: all that the planner, `explain`, lineage, keys and docs read of a stage.
+#[derive(Clone, Copy)]
+pub struct Entry {
+    /// The word after `stage =`.
+    pub name: &'static str,
+    /// Raised whenever the answer changes.
+    pub version: u32,
+    /// How much it must see at once.
+    pub grain: Grain,
+    /// Its inputs.
+    pub inputs: &'static [InputDecl],
+    /// What it does, when you want it, what it refuses, source.
+    pub doc: fn() -> String,
+    /// Its parameters.
+    pub params: fn() -> Vec<ParamDoc>,
+    /// Makes the stage from its parameters, or says all that is wrong with them.
+    pub build: fn(&Args) -> Result<Arc<dyn StageDyn>, Vec<Fault>>,
+}
+
+/// Joins `///` lines the way rustdoc does, keeping paragraphs.
+pub fn collect_doc(lines: &[&str]) -> String {
+    let mut text = String::new();
+    for line in lines.iter().map(|l| l.trim()) {
+        if line.is_empty() {
+            text.push_str("\n\n");
+        } else {
+            if !text.is_empty() && !text.ends_with('\n') {
+                text.push(' ');
+            }
+            text.push_str(line);
+        }
+    }
+    text
+}
+
+/// Faults for keys that are neither parameters of the stage nor of the plan.
+pub fn unknown_keys(args: &Args, stage: &str, params: &[&str], plan: &[&str]) -> Vec<Fault> {
+    let known: Vec<&str> = params.iter().chain(plan).copied().collect();
+    args.iter()
+        .filter(|(name, _)| !params.contains(&name.as_str()))
+        .map(|(name, (_, at))| {
+            Fault::new(format!("`{stage}` has no parameter `{name}`")).nearest(name, &known).at(at.clone())
+        })
+        .collect()
+}
+
+/// Declares a stage once: name, version, grain, inputs, parameters with unit, default, rule and documentation.
+///
+/// ```
+/// use schemas::{stage, Fault, LineIn, Rule, Stage, Table, Yield};
+/// stage! {
+///     /// Multiplies a column.
+///     Scale = "scale", version 1, grain Line, inputs [input: Lines];
+///     /// The column.
+///     column: String, unit "";
+///     /// The factor.
+///     factor: f64, unit "1", default 2.0, rule Rule::Positive;
+/// }
+/// impl Stage for Scale {
+///     fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
+///         Ok(Yield::append(vec![], &[&self.column]))
+///     }
+///     fn run(&self, _: &LineIn) -> Result<Vec<arrow_array::ArrayRef>, Fault> {
+///         Ok(vec![])
+///     }
+/// }
+/// assert_eq!(Scale::entry().name, "scale");
+/// ```
+#[macro_export]
+macro_rules! stage {
+    (
+        $(#[doc = $d:literal])*
+        $Ty:ident = $name:literal, version $v:literal, grain $grain:ident, inputs [$($inp:ident : $kind:ident),* $(,)?];
+        $( $(#[doc = $pd:literal])* $p:ident : $pt:ty, unit $unit:literal $(, default $def:expr)? $(, rule $rule:expr)? ; )*
+    ) => {
+        $(#[doc = $d])*
+        #[derive(Clone, Debug)]
+        pub struct $Ty { $( $(#[doc = $pd])* pub $p: $pt, )* }
+
+        impl $crate::Declared for $Ty {
+            fn canonical(&self) -> Vec<(&'static str, String)> {
+                vec![ $( (stringify!($p), $crate::Value::canonical(&self.$p)), )* ]
+            }
+        }
+
+        impl $Ty {
+            /// The name in a spec.
+            pub const NAME: &'static str = $name;
+
+            /// The row of the catalogue.
+            pub fn entry() -> $crate::Entry {
+                fn params() -> Vec<$crate::ParamDoc> {
+                    vec![ $( $crate::ParamDoc {
+                        name: stringify!($p),
+                        type_name: <$pt as $crate::Value>::TYPE,
+                        unit: $unit,
+                        default: {
+                            #[allow(unused_mut, unused_assignments)]
+                            let mut x: Option<$pt> = <$pt as $crate::Value>::absent();
+                            $( x = Some(<$pt>::from($def)); )?
+                            x.as_ref().map($crate::Value::canonical)
+                        },
+                        rule: {
+                            #[allow(unused_mut, unused_assignments)]
+                            let mut r = $crate::Rule::Any;
+                            $( r = $rule; )?
+                            r.words()
+                        },
+                        doc: $crate::collect_doc(&[$($pd),*]),
+                    }, )* ]
+                }
+                fn build(args: &$crate::Args) -> Result<std::sync::Arc<dyn $crate::StageDyn>, Vec<$crate::Fault>> {
+                    let mut faults = $crate::unknown_keys(args, $name, &[$(stringify!($p)),*], &[$(stringify!($inp)),*]);
+                    $(
+                        let $p: Option<$pt> = {
+                            #[allow(unused_mut, unused_assignments)]
+                            let mut given: Option<$pt> = <$pt as $crate::Value>::absent();
+                            $( given = Some(<$pt>::from($def)); )?
+                            #[allow(unused_mut, unused_assignments)]
+                            let mut rule = $crate::Rule::Any;
+                            $( rule = $rule; )?
+                            $crate::read_param($name, stringify!($p), args, given, rule, &[$($pd),*], &mut faults)
+                        };
+                    )*
+                    match ( $($p,)* ) {
+                        ( $(Some($p),)* ) if faults.is_empty() => Ok(std::sync::Arc::new($Ty { $($p,)* })),
+                        _ => Err(faults),
+                    }
+                }
+                fn doc() -> String { $crate::collect_doc(&[$($d),*]) }
+                $crate::Entry {
+                    name: $name,
+                    version: $v,
+                    grain: $crate::Grain::$grain,
+                    inputs: &[$($crate::InputDecl { name: stringify!($inp), kind: $crate::InputKind::$kind }),*],
+                    doc,
+                    params,
+                    build,
+                }
+            }
+        }
+    };
+}
+
+/// Reads one parameter for the [`stage!`](crate::stage!) declaration.
+#[doc(hidden)]
+pub fn read_param<T: crate::Value>(
+    stage: &str,
+    name: &str,
+    args: &Args,
+    absent: Option<T>,
+    rule: crate::Rule,
+    doc: &[&str],
+    faults: &mut Vec<Fault>,
+) -> Option<T> {
+    let Some((literal, at)) = args.get(name) else {
+        if absent.is_none() {
+            faults.push(Fault::new(format!("`{stage}` needs `{name}`")).help(collect_doc(doc)));
+        }
+        return absent;
+    };
+    let Some(value) = T::read(literal) else {
+        let what = format!("`{name}` of `{stage}` must be a {}, not a {}", T::TYPE, literal.type_name());
+        faults.push(Fault::new(what).at(at.clone()));
+        return None;
+    };
+    if let Err(fault) = value.check(&rule) {
+        faults.push(Fault { what: format!("`{name}` {}", fault.what), ..fault }.at(at.clone()));
+        return None;
+    }
+    Some(value)
+}

@@ -1,0 +1,261 @@
+//! Values of parameters and axes: how they are read, checked and spelt in a key.
+
+use std::fmt;
+
+use crate::Fault;
+
+/// A value as the spec gives it, with its type.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Literal {
+    /// `true` or `false`.
+    Bool(bool),
+    /// A whole number.
+    Int(i64),
+    /// A number with a fraction or exponent.
+    Float(f64),
+    /// Text.
+    Text(String),
+    /// A list of values.
+    List(Vec<Literal>),
+}
+
+impl Literal {
+    /// The word for its type.
+    pub fn type_name(&self) -> &'static str {
+        match self {
+            Literal::Bool(_) => "boolean",
+            Literal::Int(_) => "whole number",
+            Literal::Float(_) => "number",
+            Literal::Text(_) => "text",
+            Literal::List(_) => "list",
+        }
+    }
+
+    /// The text, where it is text.
+    pub fn as_text(&self) -> Option<&str> {
+        if let Literal::Text(s) = self { Some(s) } else { None }
+    }
+}
+
+impl fmt::Display for Literal {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            Literal::Bool(x) => write!(f, "{x}"),
+            Literal::Int(x) => write!(f, "{x}"),
+            Literal::Float(x) => write!(f, "{x}"),
+            Literal::Text(x) => write!(f, "{x}"),
+            Literal::List(xs) => {
+                let words: Vec<String> = xs.iter().map(Literal::to_string).collect();
+                write!(f, "{}", words.join(","))
+            }
+        }
+    }
+}
+
+/// What a parameter's value must satisfy beside its type.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rule {
+    /// Anything of the type.
+    Any,
+    /// Finite and above zero.
+    Positive,
+    /// Finite and not below zero.
+    NotNegative,
+    /// Within the two, both included.
+    Between(f64, f64),
+    /// One of these words (each of them, for a list).
+    OneOf(&'static [&'static str]),
+}
+
+impl Rule {
+    /// The rule in words; empty for [`Rule::Any`].
+    pub fn words(&self) -> String {
+        match self {
+            Rule::Any => String::new(),
+            Rule::Positive => "above 0".to_owned(),
+            Rule::NotNegative => "0 or above".to_owned(),
+            Rule::Between(a, b) => format!("{a} to {b}"),
+            Rule::OneOf(words) => words.iter().map(|w| format!("`{w}`")).collect::<Vec<_>>().join(", "),
+        }
+    }
+
+    fn number(&self, x: f64) -> Result<(), Fault> {
+        let fine = match self {
+            Rule::Positive => x.is_finite() && x > 0.0,
+            Rule::NotNegative => x.is_finite() && x >= 0.0,
+            Rule::Between(a, b) => (*a..=*b).contains(&x),
+            Rule::Any | Rule::OneOf(_) => !x.is_nan(),
+        };
+        let words = if *self == Rule::Any { "a number".to_owned() } else { self.words() };
+        if fine { Ok(()) } else { Err(Fault::new(format!("must be {words}, not {x}"))) }
+    }
+
+    fn word(&self, x: &str) -> Result<(), Fault> {
+        match self {
+            Rule::OneOf(known) if !known.contains(&x) => {
+                Err(Fault::new(format!("cannot be `{x}`")).nearest(x, known))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A type that a parameter may have.
+pub trait Value: Sized {
+    /// The word for the type, as the reference shows it.
+    const TYPE: &'static str;
+
+    /// Whether it may be left out without a default.
+    const OPTIONAL: bool = false;
+
+    /// The value of a literal, or `None` where the type does not fit.
+    fn read(literal: &Literal) -> Option<Self>;
+
+    /// What stands for a parameter that is left out and has no default.
+    fn absent() -> Option<Self> {
+        None
+    }
+
+    /// Whether it obeys the rule.
+    ///
+    /// # Errors
+    /// When it does not; the fault says what is allowed.
+    fn check(&self, rule: &Rule) -> Result<(), Fault>;
+
+    /// The one spelling that goes into the key, so `0.10` and `0.1` are one, `1` and `"1"` are two.
+    fn canonical(&self) -> String;
+}
+
+impl Value for f64 {
+    const TYPE: &'static str = "number";
+
+    fn read(literal: &Literal) -> Option<f64> {
+        match literal {
+            Literal::Float(x) => Some(*x),
+            // Beyond 2^53 a whole number would be changed silently.
+            Literal::Int(x) if x.unsigned_abs() <= 1 << 53 => Some(*x as f64),
+            _ => None,
+        }
+    }
+
+    fn check(&self, rule: &Rule) -> Result<(), Fault> {
+        rule.number(*self)
+    }
+
+    fn canonical(&self) -> String {
+        // -0.0 and 0.0 are the same question.
+        format!("{:?}", self + 0.0)
+    }
+}
+
+impl Value for usize {
+    const TYPE: &'static str = "whole number";
+
+    fn read(literal: &Literal) -> Option<usize> {
+        if let Literal::Int(x) = literal { usize::try_from(*x).ok() } else { None }
+    }
+
+    fn check(&self, rule: &Rule) -> Result<(), Fault> {
+        rule.number(*self as f64)
+    }
+
+    fn canonical(&self) -> String {
+        self.to_string()
+    }
+}
+
+impl Value for bool {
+    const TYPE: &'static str = "boolean";
+
+    fn read(literal: &Literal) -> Option<bool> {
+        if let Literal::Bool(x) = literal { Some(*x) } else { None }
+    }
+
+    fn check(&self, _: &Rule) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn canonical(&self) -> String {
+        self.to_string()
+    }
+}
+
+impl Value for String {
+    const TYPE: &'static str = "text";
+
+    fn read(literal: &Literal) -> Option<String> {
+        literal.as_text().map(str::to_owned)
+    }
+
+    fn check(&self, rule: &Rule) -> Result<(), Fault> {
+        rule.word(self)
+    }
+
+    fn canonical(&self) -> String {
+        format!("{self:?}")
+    }
+}
+
+impl<T: Value> Value for Vec<T> {
+    const TYPE: &'static str = "list";
+
+    fn read(literal: &Literal) -> Option<Vec<T>> {
+        match literal {
+            Literal::List(items) => items.iter().map(T::read).collect(),
+            one => T::read(one).map(|x| vec![x]),
+        }
+    }
+
+    fn check(&self, rule: &Rule) -> Result<(), Fault> {
+        self.iter().try_for_each(|x| x.check(rule))
+    }
+
+    fn canonical(&self) -> String {
+        format!("[{}]", self.iter().map(T::canonical).collect::<Vec<_>>().join(","))
+    }
+}
+
+impl<T: Value> Value for Option<T> {
+    const TYPE: &'static str = T::TYPE;
+    const OPTIONAL: bool = true;
+
+    fn read(literal: &Literal) -> Option<Option<T>> {
+        T::read(literal).map(Some)
+    }
+
+    fn absent() -> Option<Option<T>> {
+        Some(None)
+    }
+
+    fn check(&self, rule: &Rule) -> Result<(), Fault> {
+        self.as_ref().map_or(Ok(()), |x| x.check(rule))
+    }
+
+    fn canonical(&self) -> String {
+        self.as_ref().map_or("none".to_owned(), T::canonical)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_spellings_of_one_value_are_one_key() {
+        let canonical = |l: Literal| f64::read(&l).map(|x| x.canonical());
+        assert_eq!(canonical(Literal::Float(0.1)), canonical(Literal::Float(1.0e-1)));
+        assert_eq!(canonical(Literal::Int(1)), canonical(Literal::Float(1.0)));
+        assert_eq!(canonical(Literal::Float(-0.0)), canonical(Literal::Float(0.0)));
+        assert_eq!(canonical(Literal::Text("1".into())), None);
+    }
+
+    #[test]
+    fn law_rules_refuse_what_they_say() {
+        assert!(f64::NAN.check(&Rule::Any).is_err());
+        assert!(0.0.check(&Rule::Positive).is_err());
+        assert!(f64::INFINITY.check(&Rule::NotNegative).is_err());
+        assert!(13usize.check(&Rule::Between(1.0, 12.0)).is_err());
+        let fault = "linaer".to_owned().check(&Rule::OneOf(&["linear", "cubic"])).err();
+        assert_eq!(fault.and_then(|f| f.help).as_deref(), Some("did you mean `linear`?"));
+    }
+}

@@ -1,0 +1,3 @@
+//! Every built-in stage of magline, one file each, and the numerics below them.
+
+pub mod numerics;

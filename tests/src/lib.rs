@@ -1,0 +1,1 @@
+//! What holds across the crates of magline: end to end, validation, the version gate.
