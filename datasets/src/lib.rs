@@ -1,1 +1,16 @@
 //! Where magline gets its bytes: foreign formats, the simulator, the embedded samples.
+//!
+//! A flight, in any format that is known by its content or its name, becomes batches with the
+//! contract's column names ([`open_flight`]); a map becomes a regular grid of latitude and longitude
+//! ([`read_map`]). A synth spec is a flight format like any other ([`simulate`]).
+
+mod error;
+pub mod formats;
+pub mod grid;
+mod motion;
+pub mod samples;
+pub mod simulate;
+mod table;
+
+pub use error::ReadError;
+pub use formats::{FlightOptions, FlightReader, Map, MapOptions, open_flight, read_map};

@@ -1,0 +1,78 @@
+//! What went wrong while reading, and in which file.
+
+use std::{fmt, path::Path};
+
+use schemas::{Fault, render};
+
+/// Why a file could not be read: the file, the row and column where they are known, and the way out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadError(Box<Fault>);
+
+impl ReadError {
+    /// Something wrong in the bytes of `path`.
+    pub fn data(path: &Path, what: impl Into<String>) -> Self {
+        Self(Box::new(Fault::data(what).in_file(&path.display().to_string())))
+    }
+
+    /// Something wrong with the options given for `path`.
+    pub fn options(path: &Path, what: impl Into<String>) -> Self {
+        Self(Box::new(Fault::new(what).in_file(&path.display().to_string())))
+    }
+
+    /// The machine could not read or write `path`: a missing file is the user's to mend.
+    pub fn io(path: &Path, error: &std::io::Error) -> Self {
+        use std::io::ErrorKind::{InvalidData, NotFound, UnexpectedEof};
+        match error.kind() {
+            NotFound => Self::options(path, "there is no such file"),
+            InvalidData | UnexpectedEof => Self::data(path, error.to_string()),
+            _ => Self(Box::new(Fault::machine(error.to_string()).in_file(&path.display().to_string()))),
+        }
+    }
+
+    /// All faults of a spec at once, each shown with its file, line and column.
+    pub fn spec(path: &Path, text: &str, faults: &[Fault]) -> Self {
+        let file = path.display().to_string();
+        let shown: Vec<String> = faults.iter().map(|f| render(f, &file, text)).collect();
+        let shown = shown.join("\n");
+        Self(Box::new(Fault::new(shown.strip_prefix("error: ").unwrap_or(&shown))))
+    }
+
+    /// Names the row, from 0.
+    pub fn in_row(self, row: u64) -> Self {
+        Self(Box::new(self.0.in_row(row)))
+    }
+
+    /// Names the column as the file calls it.
+    pub fn in_column(self, column: &str) -> Self {
+        Self(Box::new(self.0.in_column(column)))
+    }
+
+    /// Says what to do next.
+    pub fn help(self, help: impl Into<String>) -> Self {
+        Self(Box::new(self.0.help(help)))
+    }
+
+    /// Suggests the nearest of `known` to `given`, or lists what there is.
+    pub fn nearest<S: AsRef<str>>(self, given: &str, known: &[S]) -> Self {
+        Self(Box::new(self.0.nearest(given, known)))
+    }
+
+    /// The fault, with its place and owner.
+    pub fn fault(&self) -> &Fault {
+        &self.0
+    }
+}
+
+impl fmt::Display for ReadError {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl std::error::Error for ReadError {}
+
+impl From<ReadError> for Fault {
+    fn from(error: ReadError) -> Fault {
+        *error.0
+    }
+}

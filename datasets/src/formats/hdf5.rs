@@ -1,0 +1,157 @@
+//! Access to HDF5 files, with every damage an error: what the flight and map readers share.
+
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use hdf5_reader::{
+    Dataset, Datatype, Hdf5File, OpenOptions, SliceInfo, SliceInfoElem,
+    group::Group,
+    storage::{DynStorage, FileStorage},
+};
+
+use super::guarded;
+use crate::ReadError;
+
+/// What every HDF5 file starts with.
+pub(super) const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
+
+/// No deflated byte holds more than this many: a larger data set is a damaged header.
+const MOST_INFLATION: u64 = 1032;
+
+/// An HDF5 file with data sets at its root.
+pub(super) struct Hdf5 {
+    path: PathBuf,
+    root: Group,
+    names: Vec<String>,
+    bytes: u64,
+}
+
+impl Hdf5 {
+    /// Opens a file and lists its data sets.
+    pub(super) fn open(path: &Path) -> Result<Hdf5, ReadError> {
+        let bytes = std::fs::metadata(path).map_err(|e| ReadError::io(path, &e))?.len();
+        let (root, names) = guarded(path, || {
+            // Plain reads, not a memory map: a file cut short while it is read is then an error.
+            let storage: DynStorage = Arc::new(FileStorage::open(path).map_err(|e| damaged(path, &e))?);
+            let options = OpenOptions::default().with_max_object_header_bytes(1 << 24);
+            let file = Hdf5File::from_storage_with_options(storage, options).map_err(|e| damaged(path, &e))?;
+            let root = file.root_group().map_err(|e| damaged(path, &e))?;
+            let (_, mut names) = root.member_names().map_err(|e| damaged(path, &e))?;
+            names.sort();
+            Ok((root, names))
+        })?;
+        Ok(Hdf5 { path: path.to_path_buf(), root, names, bytes })
+    }
+
+    /// The data sets at the root, sorted.
+    pub(super) fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Whether there is a data set `name`.
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.names.iter().any(|n| n == name)
+    }
+
+    /// The data set `name`, or an error that names it.
+    pub(super) fn need(&self, name: &str) -> Result<Values, ReadError> {
+        if !self.has(name) {
+            let what = format!("holds no data set `{name}`");
+            return Err(ReadError::data(&self.path, what).nearest(name, &self.names));
+        }
+        guarded(&self.path, || {
+            let set = self.root.dataset(name).map_err(|e| damaged(&self.path, &e).in_column(name))?;
+            let values = Values { path: self.path.clone(), name: name.to_owned(), shape: set.shape().to_vec(), set };
+            // A shape that multiplies past 64 bits is as damaged as one that is too large for the file.
+            let count = values.shape.iter().try_fold(1u64, |n, d| n.checked_mul(*d));
+            let most = self.bytes.saturating_mul(MOST_INFLATION);
+            match count.filter(|n| *n <= most) {
+                Some(_) => Ok(values),
+                None => Err(values.damaged("its shape does not fit the size of the file")),
+            }
+        })
+    }
+}
+
+/// One data set of numbers.
+pub(super) struct Values {
+    path: PathBuf,
+    name: String,
+    /// Rows first.
+    pub(super) shape: Vec<u64>,
+    set: Dataset,
+}
+
+impl Values {
+    /// Whether its values are numbers.
+    pub(super) fn is_numeric(&self) -> bool {
+        matches!(self.set.dtype(), Datatype::FixedPoint { .. } | Datatype::FloatingPoint { .. })
+    }
+
+    /// All values in the order they are stored in.
+    pub(super) fn all(&self) -> Result<Vec<f64>, ReadError> {
+        self.read(&SliceInfo::all(self.shape.len()))
+    }
+
+    /// The values of some rows.
+    pub(super) fn rows(&self, rows: Range<u64>) -> Result<Vec<f64>, ReadError> {
+        let mut slice = SliceInfo::all(self.shape.len());
+        if let Some(first) = slice.selections.first_mut() {
+            *first = SliceInfoElem::Slice { start: rows.start, end: rows.end, step: 1 };
+        }
+        self.read(&slice)
+    }
+
+    /// The first value.
+    pub(super) fn scalar(&self) -> Result<f64, ReadError> {
+        self.all()?.first().copied().ok_or_else(|| self.damaged("holds no value"))
+    }
+
+    fn read(&self, slice: &SliceInfo) -> Result<Vec<f64>, ReadError> {
+        if self.shape.contains(&0) {
+            return Ok(vec![]);
+        }
+        guarded(&self.path, || self.read_numbers(slice))
+    }
+
+    fn read_numbers(&self, slice: &SliceInfo) -> Result<Vec<f64>, ReadError> {
+        macro_rules! numbers {
+            ($t:ty) => {{
+                let array = if self.shape.is_empty() {
+                    self.set.read_array::<$t>()
+                } else {
+                    self.set.read_slice::<$t>(slice)
+                };
+                array.map_err(|e| self.damaged(&e.to_string()))?.iter().map(|x| *x as f64).collect()
+            }};
+        }
+        Ok(match self.set.dtype() {
+            Datatype::FloatingPoint { size: 8, .. } => numbers!(f64),
+            Datatype::FloatingPoint { size: 4, .. } => numbers!(f32),
+            Datatype::FixedPoint { size: 1, signed: true, .. } => numbers!(i8),
+            Datatype::FixedPoint { size: 2, signed: true, .. } => numbers!(i16),
+            Datatype::FixedPoint { size: 4, signed: true, .. } => numbers!(i32),
+            Datatype::FixedPoint { size: 8, signed: true, .. } => numbers!(i64),
+            Datatype::FixedPoint { size: 1, signed: false, .. } => numbers!(u8),
+            Datatype::FixedPoint { size: 2, signed: false, .. } => numbers!(u16),
+            Datatype::FixedPoint { size: 4, signed: false, .. } => numbers!(u32),
+            Datatype::FixedPoint { size: 8, signed: false, .. } => numbers!(u64),
+            other => return Err(self.damaged(&format!("holds {other:?}, not numbers"))),
+        })
+    }
+
+    /// An error about this data set.
+    pub(super) fn damaged(&self, what: &str) -> ReadError {
+        ReadError::data(&self.path, what).in_column(&self.name)
+    }
+}
+
+fn damaged(path: &Path, error: &hdf5_reader::error::Error) -> ReadError {
+    match error {
+        hdf5_reader::error::Error::Io(e) => ReadError::io(path, e),
+        e => ReadError::data(path, format!("not a whole HDF5 file: {e}")),
+    }
+}

@@ -1,0 +1,82 @@
+//! The simple flights of MagNav.jl (`XYZ0`, `XYZ1`): what is derived where a file lacks it. Shared by
+//! the HDF5 and the CSV reader.
+
+use std::path::Path;
+
+use super::FlightOptions;
+use crate::{
+    ReadError,
+    motion::Track,
+    table::{Table, Values, whole},
+};
+
+/// What a file must hold.
+pub(super) const NEEDED: [&str; 3] = ["lat", "lon", "alt"];
+
+/// The whole flight with the contract's columns. Where they are not in the file,
+///
+/// - flight and line are `1`, as MagNav.jl has it,
+/// - `vn`, `ve`, `vd` and the same with `ins_` are differences of the positions on the ellipsoid,
+/// - `ins_fn`, `ins_fe`, `ins_fd` are differences of the INS velocity, with Coriolis and gravity.
+///
+/// The truth's specific force (`fn`, `fe`, `fd`), where a file has it, is kept under its own name.
+pub(super) fn finish(path: &Path, mut table: Table, options: &FlightOptions) -> Result<Table, ReadError> {
+    for name in NEEDED {
+        if !table.has(name) {
+            return Err(ReadError::data(path, "a MagNav.jl flight needs this column").in_column(name));
+        }
+    }
+    push_motion(&mut table, "");
+    if table.has("ins_lat") {
+        push_motion(&mut table, "ins_");
+        push_specific_force(&mut table);
+    }
+    for name in ["year", "doy"] {
+        if let Some(Values::Number(x)) = table.take(name) {
+            let values = whole(path, name, &x)?;
+            table.push(name, "", values);
+        }
+    }
+    let rows = table.rows();
+    for (name, given) in [("line", &options.line), ("flight", &options.flight)] {
+        let values = match table.take(name) {
+            Some(Values::Number(x)) => x.iter().map(f64::to_string).collect(),
+            Some(Values::Text(x)) => x,
+            _ => vec![given.clone().unwrap_or_else(|| "1".to_owned()); rows],
+        };
+        table.push_front(name, Values::Text(values));
+    }
+    Ok(table)
+}
+
+/// Velocity from position, for the truth or with the prefix `ins_`.
+fn push_motion(table: &mut Table, prefix: &str) {
+    let names = ["vn", "ve", "vd"].map(|n| format!("{prefix}{n}"));
+    if names.iter().all(|n| table.has(n)) {
+        return;
+    }
+    let places = ["lat", "lon", "alt"].map(|n| format!("{prefix}{n}"));
+    let columns = [table.numbers("tt"), table.numbers(&places[0]), table.numbers(&places[1]), table.numbers(&places[2])];
+    let [Some(tt), Some(lat_deg), Some(lon_deg), Some(alt_m)] = columns else { return };
+    let velocity = Track { tt, lat_deg, lon_deg, alt_m }.velocity_mps();
+    for (name, values) in names.iter().zip(velocity) {
+        table.take(name);
+        table.push_described(name, "m/s", "velocity, by differences of the positions", Values::Number(values));
+    }
+}
+
+fn push_specific_force(table: &mut Table) {
+    let forces = ["ins_fn", "ins_fe", "ins_fd"];
+    if forces.iter().all(|n| table.has(n)) {
+        return;
+    }
+    let columns = ["tt", "ins_lat", "ins_lon", "ins_alt"].map(|n| table.numbers(n));
+    let [Some(tt), Some(lat_deg), Some(lon_deg), Some(alt_m)] = columns else { return };
+    let velocity = ["ins_vn", "ins_ve", "ins_vd"].map(|n| table.numbers(n).map(<[f64]>::to_vec));
+    let [Some(vn), Some(ve), Some(vd)] = velocity else { return };
+    let force = Track { tt, lat_deg, lon_deg, alt_m }.specific_force_mps2(&[vn, ve, vd]);
+    for (name, values) in forces.into_iter().zip(force) {
+        table.take(name);
+        table.push_described(name, "m/s2", "specific force, by differences of the velocity", Values::Number(values));
+    }
+}

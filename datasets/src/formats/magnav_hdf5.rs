@@ -1,0 +1,96 @@
+//! Simple flights of MagNav.jl in HDF5: one data set a field, angles in degrees.
+//!
+//! MagNav.jl 1.3.3 writes simulated flights with angles in radians, which its own readers then take for
+//! degrees; such a file is recognised by its velocities and refused.
+
+use std::path::Path;
+
+use super::{FlightFormat, FlightOptions, Head, Raw, hdf5::Hdf5, magnav};
+use crate::{
+    ReadError,
+    motion::Track,
+    table::{Table, Values},
+};
+
+pub(super) const FORMAT: FlightFormat = FlightFormat {
+    name: "magnav_hdf5",
+    about: "simple flight of MagNav.jl (XYZ0, XYZ1) in HDF5",
+    extensions: &["h5", "hdf5"],
+    recognise: |head: &Head| {
+        let names = head.hdf5_names();
+        magnav::NEEDED.iter().all(|n| names.iter().any(|m| m == n))
+    },
+    open,
+};
+
+/// What MagNav.jl takes where a file says no step of time.
+const DEFAULT_DT_S: f64 = 0.1;
+
+fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
+    let file = Hdf5::open(path)?;
+    let rows = file.need("lat")?.shape.first().copied().unwrap_or(0);
+    if rows == 0 {
+        return Err(ReadError::data(path, "holds no samples").in_column("lat"));
+    }
+    let mut table = Table::default();
+    for name in file.names() {
+        let set = file.need(name)?;
+        if set.shape.len() != 1 || !set.is_numeric() || (set.shape == [1] && rows != 1) {
+            continue;
+        }
+        if set.shape != [rows] {
+            return Err(set.damaged(&format!("holds {} values where `lat` has {rows}", set.shape[0])));
+        }
+        let unit = if name == "ins_tt" { "s" } else { "" };
+        table.push(name, unit, Values::Number(set.all()?));
+    }
+    if !table.has("tt") {
+        let dt = if file.has("dt") { file.need("dt")?.scalar()? } else { DEFAULT_DT_S };
+        table.push("tt", "", Values::Number((0..rows).map(|i| dt * i as f64).collect()));
+    }
+    for (prefix, set) in [("", "Cnb"), ("ins_", "ins_Cnb")] {
+        if file.has(set) && !table.has(&format!("{prefix}roll")) {
+            push_attitude(&mut table, prefix, &file, set, rows)?;
+        }
+    }
+    refuse_radians(path, &table)?;
+    let table = magnav::finish(path, table, options)?;
+    let (schema, batch) = (table.schema(), table.into_batch(path)?);
+    Ok(Raw { schema, batches: Box::new(std::iter::once(Ok(batch))) })
+}
+
+/// Roll, pitch and yaw from the direction cosines. Julia stores columns first, so that the 3 x 3 x N
+/// array appears here as N x 3 x 3, each matrix transposed.
+fn push_attitude(table: &mut Table, prefix: &str, file: &Hdf5, name: &str, rows: u64) -> Result<(), ReadError> {
+    let set = file.need(name)?;
+    if set.shape != [rows, 3, 3] {
+        return Err(set.damaged(&format!("has the shape {:?}, not [{rows}, 3, 3]", set.shape)));
+    }
+    let all = set.all()?;
+    let mut angles = [vec![], vec![], vec![]];
+    for c in all.chunks_exact(9) {
+        // Row i, column j of the matrix from body to navigation frame is c[3 j + i].
+        let (c11, c21, c31, c32, c33) = (c[0], c[1], c[2], c[5], c[8]);
+        angles[0].push(c32.atan2(c33).to_degrees());
+        angles[1].push(-c31.clamp(-1.0, 1.0).asin().to_degrees());
+        angles[2].push(c21.atan2(c11).to_degrees());
+    }
+    for (name, values) in ["roll", "pitch", "yaw"].into_iter().zip(angles) {
+        table.push(&format!("{prefix}{name}"), "", Values::Number(values));
+    }
+    Ok(())
+}
+
+/// Positions in radians move 57 times too slowly for the velocities beside them.
+fn refuse_radians(path: &Path, table: &Table) -> Result<(), ReadError> {
+    let columns = ["tt", "lat", "lon", "alt", "vn", "ve"].map(|n| table.numbers(n));
+    let [Some(tt), Some(lat_deg), Some(lon_deg), Some(alt_m), Some(vn), Some(ve)] = columns else { return Ok(()) };
+    let [north, east, _] = Track { tt, lat_deg, lon_deg, alt_m }.velocity_mps();
+    let speed = |n: &[f64], e: &[f64]| n.iter().zip(e).map(|(n, e)| n.hypot(*e)).filter(|s| s.is_finite()).sum::<f64>();
+    let (moved, said) = (speed(&north, &east), speed(vn, ve));
+    if said > 20.0 * moved && lat_deg.iter().all(|x| x.abs() < 1.6) && lon_deg.iter().all(|x| x.abs() < 3.2) {
+        let what = "latitudes and longitudes are in radians, as MagNav.jl writes simulated flights; degrees are needed";
+        return Err(ReadError::data(path, what).in_column("lat").help("convert the angles to degrees"));
+    }
+    Ok(())
+}

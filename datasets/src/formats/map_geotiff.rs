@@ -1,0 +1,205 @@
+//! Map grids in GeoTIFF: one band of numbers, any compression and layout that the TIFF decoder knows,
+//! row 0 in the north. [OGC 19-008r4, GeoTIFF 1.1]
+
+use std::{fs::File, io::BufReader, path::Path};
+
+use tiff::{
+    ColorType,
+    decoder::{Decoder, DecodingResult, Limits},
+    tags::Tag,
+};
+
+use super::{
+    Head, MapFormat, MapOptions, RawMap, guarded,
+    map_parquet::{anomaly_factor, no_epsg, no_height, scaled},
+};
+use crate::{
+    ReadError,
+    grid::{Axis, Crs, Height, Map, Projected},
+};
+
+pub(super) const FORMAT: MapFormat = MapFormat {
+    name: "geotiff",
+    about: "GeoTIFF with one band of float or integer values",
+    extensions: &["tif", "tiff"],
+    recognise: |head: &Head| MAGICS.iter().any(|m| head.starts_with(*m)),
+    read,
+};
+
+/// Little- and big-endian TIFF and BigTIFF.
+const MAGICS: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
+
+/// No compression that TIFF has makes more than this many bytes of one.
+const MOST_INFLATION: u64 = 1100;
+
+type Reader = Decoder<BufReader<File>>;
+
+fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
+    let (place, values, metadata) = guarded(path, || {
+        let mut decoder = decoder(path)?;
+        let (width, height) = decoder.dimensions().map_err(|e| damaged(path, &e))?;
+        let place = Georeference::read(path, &mut decoder, width as usize, height as usize)?;
+        let values = values(path, &mut decoder)?;
+        Ok((place, values, text(&mut decoder, GDAL_METADATA).unwrap_or_default()))
+    })?;
+    let (width, height) = (place.x.len, place.y.len);
+    if values.len() != width * height {
+        let what = format!("holds {} values where {width} x {height} are declared", values.len());
+        return Err(ReadError::data(path, what));
+    }
+    // Rows from south to north.
+    let ascending: Vec<f64> = if place.north_first { values.chunks_exact(width).rev().flatten().copied().collect() } else { values };
+    let anomaly_nt = scaled(ascending, anomaly_factor(path, options, None)?);
+    let mut notes = vec![];
+    let alt_m = height_m(path, options, &metadata, &mut notes)?;
+    let code = options.epsg.or(place.epsg);
+    let crs = code.map(|c| Crs::from_epsg(path, c)).transpose()?;
+    // A code given in the options is taken at its word; else the file's own kind of model decides.
+    if crs.as_ref().map_or(place.geographic, Crs::is_geographic) {
+        if let Some(crs) = &crs {
+            same_datum(path, crs, &place)?;
+        }
+        let (lat, lon) = (place.y.coordinates(), place.x.coordinates());
+        return Map::new(path, &lat, &lon, Height::Level(alt_m), anomaly_nt, notes).map(RawMap::Geographic);
+    }
+    let crs = crs.ok_or_else(|| no_epsg(path))?;
+    Ok(RawMap::Projected(Projected { easting: place.x, northing: place.y, anomaly_nt, crs, alt_m, notes }))
+}
+
+fn decoder(path: &Path) -> Result<Reader, ReadError> {
+    let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
+    let bytes = file.metadata().map_err(|e| ReadError::io(path, &e))?.len();
+    // A damaged size must not take all memory: what the file cannot hold is refused.
+    let mut limits = Limits::default();
+    let most = usize::try_from(bytes.saturating_mul(MOST_INFLATION).max(1 << 20)).unwrap_or(usize::MAX);
+    limits.decoding_buffer_size = most;
+    limits.intermediate_buffer_size = most;
+    limits.ifd_value_size = most.min(1 << 28);
+    let decoder = Decoder::new(BufReader::new(file)).map_err(|e| damaged(path, &e))?;
+    Ok(decoder.with_limits(limits))
+}
+
+fn damaged(path: &Path, error: &tiff::TiffError) -> ReadError {
+    ReadError::data(path, format!("not a whole TIFF file that can be read: {error}"))
+}
+
+/// The values as stored, the no-data value as NaN.
+fn values(path: &Path, decoder: &mut Reader) -> Result<Vec<f64>, ReadError> {
+    let colour = decoder.colortype().map_err(|e| damaged(path, &e))?;
+    if !matches!(colour, ColorType::Gray(_)) {
+        return Err(ReadError::data(path, format!("a map has one band; this is {colour:?}")));
+    }
+    let no_data = text(decoder, Tag::GdalNodata).and_then(|t| t.trim().trim_end_matches('\0').trim().parse::<f64>().ok());
+    let image = decoder.read_image().map_err(|e| damaged(path, &e))?;
+    let whole = |x: f64| if Some(x) == no_data { f64::NAN } else { x };
+    Ok(match image {
+        // The text of a single-precision no-data value is rounded to single precision first.
+        DecodingResult::F32(v) => {
+            let no_data = no_data.map(|x| x as f32);
+            v.into_iter().map(|x| if Some(x) == no_data { f64::NAN } else { f64::from(x) }).collect()
+        }
+        DecodingResult::F64(v) => v.into_iter().map(whole).collect(),
+        DecodingResult::I8(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
+        DecodingResult::I16(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
+        DecodingResult::I32(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
+        DecodingResult::U8(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
+        DecodingResult::U16(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
+        DecodingResult::U32(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
+        _ => return Err(ReadError::data(path, "the band's values are of a kind that is not read").help("write Float32")),
+    })
+}
+
+/// Refuses degrees of a datum that is more than a metre off WGS-84.
+fn same_datum(path: &Path, crs: &Crs, place: &Georeference) -> Result<(), ReadError> {
+    const METRE_DEG: f64 = 1e-5;
+    let (lat, lon) = (place.y.at(place.y.len as f64 / 2.0), place.x.at(place.x.len as f64 / 2.0));
+    match crs.unproject(lon, lat) {
+        Some((a, b)) if (a - lat).abs() < METRE_DEG && (b - lon).abs() < METRE_DEG => Ok(()),
+        _ => {
+            let what = format!("the degrees of EPSG:{} are not those of WGS-84", crs.code());
+            Err(ReadError::data(path, what).help("warp the map to EPSG:4326 before"))
+        }
+    }
+}
+
+/// Where the cells are.
+struct Georeference {
+    /// Centres of the columns.
+    x: Axis,
+    /// Centres of the rows, ascending.
+    y: Axis,
+    /// Whether the first row is the northernmost.
+    north_first: bool,
+    /// The code of the coordinate system, where the file has one.
+    epsg: Option<u16>,
+    /// Whether the coordinates are degrees.
+    geographic: bool,
+}
+
+const GDAL_METADATA: Tag = Tag::Unknown(42112);
+const MODEL_TYPE: u16 = 1024;
+const RASTER_TYPE: u16 = 1025;
+const GEOGRAPHIC_CODE: u16 = 2048;
+const PROJECTED_CODE: u16 = 3072;
+
+impl Georeference {
+    fn read(path: &Path, decoder: &mut Reader, width: usize, height: usize) -> Result<Georeference, ReadError> {
+        if width < 2 || height < 2 {
+            return Err(ReadError::data(path, format!("a map needs 2 x 2 cells or more, not {width} x {height}")));
+        }
+        let keys = decoder.get_tag_u16_vec(Tag::GeoKeyDirectoryTag).unwrap_or_default();
+        let key = |id: u16| keys.chunks_exact(4).skip(1).find(|k| k[0] == id && k[1] == 0).map(|k| k[3]);
+        // User-defined systems have the code 32767, unknown ones 0.
+        let code = |id: u16| key(id).filter(|c| *c != 0 && *c != 32767);
+        let geographic = key(MODEL_TYPE) == Some(2);
+        let epsg = if geographic { code(GEOGRAPHIC_CODE) } else { code(PROJECTED_CODE) };
+        // Without a raster type the tie point is the corner of a cell, not its centre.
+        let to_centre = if key(RASTER_TYPE) == Some(2) { 0.0 } else { 0.5 };
+        let [x0, dx, y0, dy] = affine(path, decoder)?;
+        let (x_first, y_first) = (x0 + dx * to_centre, y0 + dy * to_centre);
+        if !(dx.is_finite() && dx > 0.0 && dy.is_finite() && dy != 0.0 && x_first.is_finite() && y_first.is_finite()) {
+            return Err(ReadError::data(path, format!("the cells measure {dx} by {dy}, which makes no grid")));
+        }
+        let south = if dy < 0.0 { y_first + dy * (height - 1) as f64 } else { y_first };
+        let (x, y) = (Axis { first: x_first, step: dx, len: width }, Axis { first: south, step: dy.abs(), len: height });
+        Ok(Georeference { x, y, north_first: dy < 0.0, epsg, geographic })
+    }
+}
+
+/// x of column 0 and its step, y of row 0 and its step.
+fn affine(path: &Path, decoder: &mut Reader) -> Result<[f64; 4], ReadError> {
+    let scale = decoder.get_tag_f64_vec(Tag::ModelPixelScaleTag).unwrap_or_default();
+    let tie = decoder.get_tag_f64_vec(Tag::ModelTiepointTag).unwrap_or_default();
+    if let ([dx, dy, ..], [column, row, _, x, y, _]) = (scale.as_slice(), tie.as_slice()) {
+        return Ok([x - column * dx, *dx, y + row * dy, -dy]);
+    }
+    let matrix = decoder.get_tag_f64_vec(Tag::ModelTransformationTag).unwrap_or_default();
+    match matrix.as_slice() {
+        [dx, xy, _, x, yx, dy, _, y, ..] if *xy == 0.0 && *yx == 0.0 => Ok([*x, *dx, *y, *dy]),
+        [_, _, _, _, _, _, _, _, ..] => {
+            Err(ReadError::data(path, "the grid is rotated").help("warp it to a grid that points north before"))
+        }
+        _ => Err(ReadError::data(path, "does not say where its cells are (no ModelPixelScale and ModelTiepoint)")),
+    }
+}
+
+fn text(decoder: &mut Reader, tag: Tag) -> Option<String> {
+    decoder.get_tag_ascii_string(tag).ok()
+}
+
+/// The height of the map: of the options, else of an item of GDAL's metadata that names one in metres.
+fn height_m(path: &Path, options: &MapOptions, metadata: &str, notes: &mut Vec<String>) -> Result<f64, ReadError> {
+    const NAMES: [&str; 5] = ["level_height_m", "height_m", "altitude_m", "alt_m", "alt"];
+    if let Some(alt_m) = options.alt_m {
+        return Ok(alt_m);
+    }
+    for name in NAMES {
+        let item = metadata.split("<Item").find(|i| i.contains(&format!("name=\"{name}\"")));
+        let value = item.and_then(|i| i.split('>').nth(1)).and_then(|v| v.split('<').next());
+        if let Some(alt_m) = value.and_then(|v| v.trim().parse::<f64>().ok()).filter(|x| x.is_finite()) {
+            notes.push(format!("height {alt_m} m of the file's `{name}`, taken as above the ellipsoid"));
+            return Ok(alt_m);
+        }
+    }
+    Err(no_height(path))
+}

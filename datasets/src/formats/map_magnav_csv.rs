@@ -1,0 +1,87 @@
+//! Maps of MagNav.jl as a folder of CSV files: `map.csv` (rows of one latitude each), `xx.csv`
+//! (longitudes), `yy.csv` (latitudes), `alt.csv`; none has a header.
+
+use std::path::{Path, PathBuf};
+
+use super::{
+    Head, MapFormat, MapOptions, RawMap,
+    csv::number,
+    map_magnav_hdf5::{NOTE, unknown_where_zero},
+    map_parquet::{anomaly_factor, no_height, scaled},
+};
+use crate::{
+    ReadError,
+    grid::{Height, Map},
+};
+
+pub(super) const FORMAT: MapFormat = MapFormat {
+    name: "magnav_csv",
+    about: "folder of MagNav.jl: map.csv, xx.csv, yy.csv, alt.csv",
+    extensions: &["map.csv"],
+    recognise: |head: &Head| folder(head.path).is_some_and(|f| f.join("xx.csv").is_file() && f.join("yy.csv").is_file()),
+    read,
+};
+
+/// The folder itself, or that of its `map.csv`.
+fn folder(path: &Path) -> Option<PathBuf> {
+    if path.is_dir() {
+        return Some(path.to_path_buf());
+    }
+    path.file_name().is_some_and(|n| n == "map.csv").then(|| path.parent().map(Path::to_path_buf))?
+}
+
+fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
+    let folder = folder(path).ok_or_else(|| ReadError::options(path, "name the folder or its map.csv"))?;
+    let all = |name: &str| numbers(&folder.join(name));
+    let (lon, lat) = (all("xx.csv")?.concat(), all("yy.csv")?.concat());
+    let rows = all("map.csv")?;
+    let cells = Cells { folder: &folder, n_lat: lat.len(), n_lon: lon.len() };
+    let anomaly = scaled(cells.of("map.csv", rows)?, anomaly_factor(path, options, None)?);
+    let height = match options.alt_m {
+        Some(alt_m) => Height::Level(alt_m),
+        None if !folder.join("alt.csv").is_file() => return Err(no_height(path)),
+        None => match all("alt.csv")?.as_slice() {
+            [row] if row.len() == 1 => Height::Level(row[0]),
+            rows => Height::Cells(cells.of("alt.csv", rows.to_vec())?),
+        },
+    };
+    let map = Map::new(path, &lat, &lon, height, unknown_where_zero(anomaly), vec![NOTE.to_owned()])?;
+    Ok(RawMap::Geographic(map))
+}
+
+struct Cells<'a> {
+    folder: &'a Path,
+    n_lat: usize,
+    n_lon: usize,
+}
+
+impl Cells<'_> {
+    /// The rows one after another, each as long as there are longitudes.
+    fn of(&self, name: &str, rows: Vec<Vec<f64>>) -> Result<Vec<f64>, ReadError> {
+        let path = self.folder.join(name);
+        if rows.len() != self.n_lat {
+            let what = format!("has {} rows where yy.csv has {} latitudes", rows.len(), self.n_lat);
+            return Err(ReadError::data(&path, what));
+        }
+        if let Some(row) = rows.iter().position(|r| r.len() != self.n_lon) {
+            let what = format!("the row has {} values where xx.csv has {} longitudes", rows[row].len(), self.n_lon);
+            return Err(ReadError::data(&path, what).in_row(row as u64));
+        }
+        Ok(rows.concat())
+    }
+}
+
+/// A file of numbers without a header, row by row.
+fn numbers(path: &Path) -> Result<Vec<Vec<f64>>, ReadError> {
+    let text = std::fs::read_to_string(path).map_err(|e| ReadError::io(path, &e))?;
+    let lines = text.lines().enumerate().filter(|(_, l)| !l.trim().is_empty());
+    let rows = lines.map(|(row, line)| {
+        let one = |word: &str| {
+            let word = word.trim();
+            number(word).ok_or_else(|| ReadError::data(path, format!("`{word}` is not a number")).in_row(row as u64))
+        };
+        line.split(',').map(one).collect()
+    });
+    let rows: Vec<Vec<f64>> = rows.collect::<Result<_, _>>()?;
+    if rows.is_empty() { Err(ReadError::data(path, "the file is empty")) } else { Ok(rows) }
+}

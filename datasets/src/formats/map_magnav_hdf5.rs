@@ -1,0 +1,67 @@
+//! Maps of MagNav.jl in HDF5: `map`, `xx` (longitude), `yy` (latitude), `alt`, optionally `mask`.
+//!
+//! Julia stores columns first, so its `map[yy, xx]` appears here with the longitudes first.
+
+use std::path::Path;
+
+use super::{
+    Head, MapFormat, MapOptions, RawMap,
+    hdf5::{Hdf5, Values},
+    map_parquet::{anomaly_factor, scaled},
+};
+use crate::{
+    ReadError,
+    grid::{Height, Map},
+};
+
+pub(super) const FORMAT: MapFormat = MapFormat {
+    name: "magnav_hdf5",
+    about: "map of MagNav.jl in HDF5",
+    extensions: &["h5", "hdf5"],
+    recognise: |head: &Head| {
+        let names = head.hdf5_names();
+        ["map", "xx", "yy"].iter().all(|n| names.iter().any(|m| m == n))
+    },
+    read,
+};
+
+/// What is done to every map of MagNav.jl, for the notes.
+pub(super) const NOTE: &str = "cells that are exactly 0 are unknown, as MagNav.jl has it";
+
+fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
+    let file = Hdf5::open(path)?;
+    let (lon, lat) = (vector(&file, "xx")?, vector(&file, "yy")?);
+    let map = file.need("map")?;
+    let anomaly = scaled(transposed(&map, &lon, &lat)?, anomaly_factor(path, options, None)?);
+    let alt = file.need("alt")?;
+    let height = match options.alt_m {
+        Some(alt_m) => Height::Level(alt_m),
+        None if alt.shape == map.shape => Height::Cells(transposed(&alt, &lon, &lat)?),
+        None if alt.shape.iter().product::<u64>() == 1 => Height::Level(alt.scalar()?),
+        None => return Err(alt.damaged("a map of several levels is not one table; give one level")),
+    };
+    let map = Map::new(path, &lat, &lon, height, unknown_where_zero(anomaly), vec![NOTE.to_owned()])?;
+    Ok(RawMap::Geographic(map))
+}
+
+/// MagNav.jl has no other mark for a cell without data.
+pub(super) fn unknown_where_zero(mut values: Vec<f64>) -> Vec<f64> {
+    values.iter_mut().filter(|v| **v == 0.0).for_each(|v| *v = f64::NAN);
+    values
+}
+
+fn vector(file: &Hdf5, name: &str) -> Result<Vec<f64>, ReadError> {
+    let set = file.need(name)?;
+    if set.shape.len() > 1 { Err(set.damaged("must have one dimension")) } else { set.all() }
+}
+
+/// Values stored with the longitudes first, by rows of one latitude each.
+fn transposed(set: &Values, lon: &[f64], lat: &[f64]) -> Result<Vec<f64>, ReadError> {
+    let (n_lon, n_lat) = (lon.len(), lat.len());
+    if set.shape != [n_lon as u64, n_lat as u64] {
+        let what = format!("has the shape {:?}, not [{n_lon}, {n_lat}] of `xx` and `yy`", set.shape);
+        return Err(set.damaged(&what));
+    }
+    let stored = set.all()?;
+    Ok((0..n_lat).flat_map(|j| (0..n_lon).map(move |i| (i, j))).map(|(i, j)| stored[i * n_lat + j]).collect())
+}

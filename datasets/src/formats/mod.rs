@@ -1,0 +1,253 @@
+//! Foreign formats, one file each, and the registry that picks among them.
+//!
+//! A format is picked by its name in the options, else by the content of the file, else by its
+//! extension, so that a damaged file is still reported as what it was meant to be.
+
+use std::{
+    collections::BTreeMap,
+    fs::File,
+    io::Read,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::{Path, PathBuf},
+};
+
+use arrow_array::RecordBatch;
+use arrow_schema::SchemaRef;
+
+use crate::{ReadError, grid::Projected};
+
+mod adopt;
+mod csv;
+mod hdf5;
+mod magnav;
+mod magnav_csv;
+mod magnav_hdf5;
+mod map_geotiff;
+mod map_magnav_csv;
+mod map_magnav_hdf5;
+mod map_parquet;
+mod parquet;
+mod sgl;
+mod sgl_hdf5;
+mod sgl_xyz;
+
+
+pub use crate::grid::Map;
+
+/// How to read a flight log.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FlightOptions {
+    /// The name of the format, where content and extension do not tell.
+    pub format: Option<String>,
+    /// The file's column names to canonical ones. A unit at the end of the file's name (`_rad`,
+    /// `_mgauss`) is taken as the column's unit.
+    pub rename: BTreeMap<String, String>,
+    /// The flight, for files that hold none.
+    pub flight: Option<String>,
+    /// The line, for files that hold none.
+    pub line: Option<String>,
+}
+
+/// A flight log being read: its schema, and its batches in the file's order.
+///
+/// Columns have the contract's names; each field's metadata `unit` is the unit that its values have,
+/// which `schemas::canonical` converts. A missing number is NaN or null.
+pub struct FlightReader {
+    format: &'static str,
+    schema: SchemaRef,
+    batches: Batches,
+}
+
+pub(crate) type Batches = Box<dyn Iterator<Item = Result<RecordBatch, ReadError>> + Send>;
+
+/// What a format yields before names and keys are settled.
+pub(crate) struct Raw {
+    pub(crate) schema: SchemaRef,
+    pub(crate) batches: Batches,
+}
+
+impl FlightReader {
+    /// The name of the format it was read in.
+    pub fn format(&self) -> &'static str {
+        self.format
+    }
+
+    /// The schema of every batch.
+    pub fn schema(&self) -> &SchemaRef {
+        &self.schema
+    }
+}
+
+impl Iterator for FlightReader {
+    type Item = Result<RecordBatch, ReadError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.batches.next()
+    }
+}
+
+impl std::fmt::Debug for FlightReader {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.debug_struct("FlightReader").field("format", &self.format).field("schema", &self.schema).finish()
+    }
+}
+
+/// How to read a map.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MapOptions {
+    /// The name of the format, where content and extension do not tell.
+    pub format: Option<String>,
+    /// The EPSG code of the coordinates; needed for eastings and northings in a file that does not
+    /// say, and taken before what the file says.
+    pub epsg: Option<u16>,
+    /// The height of the map in metres above the WGS-84 ellipsoid, for files that hold none.
+    pub alt_m: Option<f64>,
+    /// The unit of the anomaly; nT where neither this nor the file says.
+    pub unit: Option<String>,
+}
+
+/// What a map format yields: a geographic grid as it stands, or a projected one still to be resampled.
+pub(crate) enum RawMap {
+    Geographic(Map),
+    Projected(Projected),
+}
+
+/// The start of a file, by which it is recognised.
+pub(crate) struct Head<'a> {
+    path: &'a Path,
+    bytes: Vec<u8>,
+}
+
+impl Head<'_> {
+    fn read(path: &Path) -> Result<Head<'_>, ReadError> {
+        let mut bytes = vec![];
+        if !path.is_dir() {
+            let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
+            file.take(4096).read_to_end(&mut bytes).map_err(|e| ReadError::io(path, &e))?;
+            if bytes.is_empty() {
+                return Err(ReadError::data(path, "the file is empty"));
+            }
+        }
+        Ok(Head { path, bytes })
+    }
+
+    fn starts_with(&self, magic: &[u8]) -> bool {
+        self.bytes.starts_with(magic)
+    }
+
+    /// The words of the first line that has any, where the start of the file is text.
+    fn first_line(&self) -> Option<String> {
+        let text: String = self.bytes.iter().take_while(|b| **b != 0).map(|b| *b as char).collect();
+        (text.len() == self.bytes.len()).then(|| text.lines().find(|l| !l.trim().is_empty()).map(str::to_owned))?
+    }
+
+    /// The names of the datasets at the root, where it is an HDF5 file.
+    fn hdf5_names(&self) -> Vec<String> {
+        if !self.starts_with(hdf5::MAGIC) {
+            return vec![];
+        }
+        hdf5::Hdf5::open(self.path).map(|f| f.names().to_vec()).unwrap_or_default()
+    }
+}
+
+/// A flight format: how it is called, recognised and opened.
+pub struct FlightFormat {
+    /// The name for [`FlightOptions::format`].
+    pub name: &'static str,
+    /// What it is, in a few words.
+    pub about: &'static str,
+    /// What its files end in.
+    pub extensions: &'static [&'static str],
+    recognise: fn(&Head) -> bool,
+    open: fn(&Path, &FlightOptions) -> Result<Raw, ReadError>,
+}
+
+/// A map format: how it is called, recognised and read.
+pub struct MapFormat {
+    /// The name for [`MapOptions::format`].
+    pub name: &'static str,
+    /// What it is, in a few words.
+    pub about: &'static str,
+    /// What its files end in.
+    pub extensions: &'static [&'static str],
+    recognise: fn(&Head) -> bool,
+    read: fn(&Path, &MapOptions) -> Result<RawMap, ReadError>,
+}
+
+/// The flight formats, in the order in which a file is tried.
+pub const FLIGHT_FORMATS: &[FlightFormat] =
+    &[parquet::FORMAT, sgl_hdf5::FORMAT, magnav_hdf5::FORMAT, sgl_xyz::FORMAT, magnav_csv::FORMAT, csv::FORMAT];
+
+/// The map formats, in the order in which a file is tried.
+pub const MAP_FORMATS: &[MapFormat] =
+    &[map_parquet::FORMAT, map_geotiff::FORMAT, map_magnav_hdf5::FORMAT, map_magnav_csv::FORMAT];
+
+/// Opens a flight log.
+///
+/// # Errors
+/// A file that is missing, empty, damaged or in no known format, and options that do not fit it. What
+/// is wrong further on in the file comes out of the reader.
+pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader, ReadError> {
+    let head = Head::read(path)?;
+    let entries: Vec<_> = FLIGHT_FORMATS.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
+    let chosen = choose(&head, options.format.as_deref(), &entries, "flight")?;
+    let format = &FLIGHT_FORMATS[chosen];
+    let raw = adopt::adopt(path, (format.open)(path, options)?, options)?;
+    Ok(FlightReader { format: format.name, schema: raw.schema, batches: raw.batches })
+}
+
+/// Reads a map and brings it onto a regular grid of latitude and longitude.
+///
+/// # Errors
+/// A file that is missing, empty, damaged or in no known format, a grid that is not regular, and a
+/// height or coordinate system that neither the file nor the options give.
+pub fn read_map(path: &Path, options: &MapOptions) -> Result<Map, ReadError> {
+    let head = Head::read(path)?;
+    let entries: Vec<_> = MAP_FORMATS.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
+    let chosen = choose(&head, options.format.as_deref(), &entries, "map")?;
+    match (MAP_FORMATS[chosen].read)(path, options)? {
+        RawMap::Geographic(map) => Ok(map),
+        RawMap::Projected(projected) => projected.to_geographic(path),
+    }
+}
+
+struct Choice {
+    name: &'static str,
+    extensions: &'static [&'static str],
+    recognise: fn(&Head) -> bool,
+}
+
+impl Choice {
+    fn new(name: &'static str, extensions: &'static [&'static str], recognise: fn(&Head) -> bool) -> Self {
+        Self { name, extensions, recognise }
+    }
+}
+
+/// The position of the format to use, or an error that lists the known ones.
+fn choose(head: &Head, named: Option<&str>, known: &[Choice], kind: &str) -> Result<usize, ReadError> {
+    let names: Vec<&str> = known.iter().map(|c| c.name).collect();
+    if let Some(name) = named {
+        let found = known.iter().position(|c| c.name == name);
+        return found.ok_or_else(|| {
+            ReadError::options(head.path, format!("there is no {kind} format `{name}`")).nearest(name, &names)
+        });
+    }
+    let lower = head.path.to_string_lossy().to_ascii_lowercase();
+    let by_extension = |c: &Choice| c.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")));
+    let found = known.iter().position(|c| (c.recognise)(head)).or_else(|| known.iter().position(by_extension));
+    found.ok_or_else(|| {
+        ReadError::data(head.path, format!("is in no known {kind} format"))
+            .help(format!("known here: {}; name one with `format`", names.join(", ")))
+    })
+}
+
+/// The path for a closure that outlives the borrow.
+pub(crate) fn owned(path: &Path) -> PathBuf {
+    path.to_path_buf()
+}
+
+/// Runs a decoder that is not ours over bytes that may be damaged: should it panic, that is an error too.
+pub(crate) fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T, ReadError>) -> Result<T, ReadError> {
+    let outcome = catch_unwind(AssertUnwindSafe(decode));
+    outcome.unwrap_or_else(|_| Err(ReadError::data(path, "the file is damaged: its decoder gave up")))
+}

@@ -1,0 +1,30 @@
+//! A synth spec as a flight format: reading it simulates, so that nothing large has to be kept.
+
+use std::path::Path;
+
+use super::{FlightFormat, FlightOptions, Head, Raw, owned};
+use crate::{ReadError, simulate::Simulation};
+
+pub(super) const FORMAT: FlightFormat = FlightFormat {
+    name: "synth",
+    about: "a synth spec: simulated flights with known truth",
+    extensions: &["synth.toml"],
+    recognise: |head: &Head| head.path.to_string_lossy().ends_with(".synth.toml"),
+    open,
+};
+
+fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
+    let simulation = Simulation::open(path)?;
+    let schema = simulation.schema();
+    let (path, mut done) = (owned(path), false);
+    let mut lines = simulation.into_lines();
+    let batches = std::iter::from_fn(move || {
+        if done {
+            return None;
+        }
+        let batch = lines.next()?.and_then(|line| line.into_batch(&path));
+        done = batch.is_err();
+        Some(batch)
+    });
+    Ok(Raw { schema, batches: Box::new(batches) })
+}

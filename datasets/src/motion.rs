@@ -1,0 +1,140 @@
+//! Velocity and specific force of a track, for files that hold positions only and for the simulator.
+
+use std::ops::{Add, Mul, Sub};
+
+use stages::numerics::geodesy::{
+    EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, wrap_deg,
+};
+
+/// The derivative of `x` with respect to `t` at each sample: central, one-sided at the ends, NaN where
+/// time does not run forward or a neighbour is missing.
+pub(crate) fn derivative(t: &[f64], x: &[f64]) -> Vec<f64> {
+    let n = t.len().min(x.len());
+    let one = |i: usize| {
+        let (before, after) = (i.saturating_sub(1), (i + 1).min(n - 1));
+        let dt = t[after] - t[before];
+        if dt > 0.0 { (x[after] - x[before]) / dt } else { f64::NAN }
+    };
+    (0..n).map(one).collect()
+}
+
+/// A track: time in seconds, geodetic latitude and longitude in degrees, height above WGS-84 in metres.
+#[derive(Clone, Copy)]
+pub(crate) struct Track<'a> {
+    pub(crate) tt: &'a [f64],
+    pub(crate) lat_deg: &'a [f64],
+    pub(crate) lon_deg: &'a [f64],
+    pub(crate) alt_m: &'a [f64],
+}
+
+/// North, east and down, each a column.
+pub(crate) type Ned = [Vec<f64>; 3];
+
+impl Track<'_> {
+    /// Velocity in m/s, north-east-down, by differences of the positions on the ellipsoid.
+    ///
+    /// True north, both radii of curvature and the height are used, unlike differences of grid
+    /// coordinates, which take grid north and the projection's scale for the real ones.
+    pub(crate) fn velocity_mps(&self) -> Ned {
+        let mut unwrapped = self.lon_deg.to_vec();
+        for i in 1..unwrapped.len() {
+            unwrapped[i] = unwrapped[i - 1] + wrap_deg(unwrapped[i] - unwrapped[i - 1]);
+        }
+        let (dlat, dlon) = (derivative(self.tt, self.lat_deg), derivative(self.tt, &unwrapped));
+        let earth = EarthModel::Wgs84;
+        let at = |i: usize| (self.lat_deg[i].to_radians(), self.alt_m[i]);
+        let rows = 0..self.tt.len();
+        let north = |i: usize| dlat[i].to_radians() * earth.north_m_per_rad(at(i).0, at(i).1);
+        let east = |i: usize| dlon[i].to_radians() * earth.east_m_per_rad(at(i).0, at(i).1);
+        let down = derivative(self.tt, self.alt_m).iter().map(|x| -x).collect();
+        [rows.clone().map(north).collect(), rows.map(east).collect(), down]
+    }
+
+    /// Specific force in m/s², north-east-down, of a body that moves with `velocity_mps` along the track.
+    pub(crate) fn specific_force_mps2(&self, velocity_mps: &Ned) -> Ned {
+        let rates = velocity_mps.each_ref().map(|v| derivative(self.tt, v));
+        let rows = 0..self.tt.len();
+        let forces = rows.map(|i| {
+            let take = |columns: &Ned| [columns[0][i], columns[1][i], columns[2][i]];
+            specific_force_mps2(self.lat_deg[i].to_radians(), self.alt_m[i], take(velocity_mps), take(&rates))
+        });
+        let mut out: Ned = [vec![], vec![], vec![]];
+        for force in forces {
+            for (column, value) in out.iter_mut().zip(force) {
+                column.push(value);
+            }
+        }
+        out
+    }
+}
+
+/// f = dv/dt + (2 ω_ie + ω_en) × v − g, all north-east-down. [Titterton & Weston 2004, (3.29)]
+pub(crate) fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]) -> [f64; 3] {
+    let (sin, cos) = lat_rad.sin_cos();
+    let (meridian_m, transverse_m) = (meridian_radius_m(lat_rad) + alt_m, transverse_radius_m(lat_rad) + alt_m);
+    let w = [
+        2.0 * EARTH_RATE_RADPS * cos + v[1] / transverse_m,
+        -v[0] / meridian_m,
+        -2.0 * EARTH_RATE_RADPS * sin - v[1] * sin / cos / transverse_m,
+    ];
+    let cross = [w[1] * v[2] - w[2] * v[1], w[2] * v[0] - w[0] * v[2], w[0] * v[1] - w[1] * v[0]];
+    [rate[0] + cross[0], rate[1] + cross[1], rate[2] + cross[2] - normal_gravity_mps2(lat_rad, alt_m)]
+}
+
+/// Normal gravity of WGS-84, in m/s². [NIMA TR8350.2, (4-1) and (4-3)]
+pub(crate) fn normal_gravity_mps2(lat_rad: f64, alt_m: f64) -> f64 {
+    const A: f64 = 6_378_137.0;
+    const F: f64 = 1.0 / 298.257_223_563;
+    const E2: f64 = 0.006_694_379_990_14;
+    const EQUATOR: f64 = 9.780_325_335_9;
+    const K: f64 = 0.001_931_852_652_41;
+    const M: f64 = 0.003_449_786_506_84;
+    let sin2 = lat_rad.sin().powi(2);
+    let surface = EQUATOR * (1.0 + K * sin2) / (1.0 - E2 * sin2).sqrt();
+    surface * (1.0 - 2.0 / A * (1.0 + F + M - 2.0 * F * sin2) * alt_m + 3.0 / (A * A) * alt_m * alt_m)
+}
+
+/// The value between `a` and `b` at the fraction `s`.
+pub(crate) fn between<T>(a: T, b: T, s: f64) -> T
+where
+    T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f64, Output = T>,
+{
+    a + (b - a) * s
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ref_normal_gravity() {
+        // NIMA TR8350.2, table 3.4: 9.7803253359 at the equator, 9.8321849378 at the pole, to its digits.
+        assert!((normal_gravity_mps2(0.0, 0.0) - 9.780_325_335_9).abs() < 1e-10);
+        assert!((normal_gravity_mps2(std::f64::consts::FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 2e-10);
+    }
+
+    #[test]
+    fn law_velocity_of_a_meridian_and_a_parallel() {
+        let tt: Vec<f64> = (0..50).map(f64::from).collect();
+        let (lat0, alt) = (45.0_f64, vec![1000.0; 50]);
+        let step = 1e-3_f64;
+        let lat: Vec<f64> = (0..50).map(|i| lat0 + step * f64::from(i - 25)).collect();
+        let lon = vec![179.99; 50];
+        let [vn, ve, vd] = Track { tt: &tt, lat_deg: &lat, lon_deg: &lon, alt_m: &alt }.velocity_mps();
+        let expected = step.to_radians() * (meridian_radius_m(lat[25].to_radians()) + 1000.0);
+        // Central differences of a linear latitude are exact but for rounding of degrees (1e-14 x 1e7 m).
+        assert!((vn[25] - expected).abs() < 1e-6 && ve[25] == 0.0 && vd[25] == 0.0);
+        let lat = vec![lat0; 50];
+        let lon: Vec<f64> = (0..50).map(|i| wrap_deg(179.99 + step * f64::from(i))).collect();
+        let [_, ve, _] = Track { tt: &tt, lat_deg: &lat, lon_deg: &lon, alt_m: &alt }.velocity_mps();
+        let expected = step.to_radians() * (transverse_radius_m(lat0.to_radians()) + 1000.0) * lat0.to_radians().cos();
+        // Across the date line too.
+        assert!(ve.iter().all(|v| (v - expected).abs() < 1e-6));
+    }
+
+    #[test]
+    fn law_at_rest_the_specific_force_is_minus_gravity() {
+        let f = specific_force_mps2(0.7, 300.0, [0.0; 3], [0.0; 3]);
+        assert_eq!(f, [0.0, 0.0, -normal_gravity_mps2(0.7, 300.0)]);
+    }
+}

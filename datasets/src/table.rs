@@ -1,0 +1,121 @@
+//! A few columns of one length, before they are Arrow arrays.
+
+use std::{path::Path, sync::Arc};
+
+use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
+use arrow_schema::{DataType, Field, Schema, SchemaRef};
+use schemas::{describe_field, field, flight};
+
+use crate::ReadError;
+
+/// The values of a column.
+#[derive(Clone, Debug)]
+pub(crate) enum Values {
+    /// Numbers; NaN is missing.
+    Number(Vec<f64>),
+    /// Whole numbers, such as the year.
+    Whole(Vec<Option<i64>>),
+    /// Text.
+    Text(Vec<String>),
+}
+
+impl Values {
+    pub(crate) fn len(&self) -> usize {
+        match self {
+            Values::Number(x) => x.len(),
+            Values::Whole(x) => x.len(),
+            Values::Text(x) => x.len(),
+        }
+    }
+}
+
+/// Named columns in the file's order, each with the unit its values have.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Table {
+    columns: Vec<(Field, Values)>,
+}
+
+impl Table {
+    /// Appends a column; an empty unit leaves the canonical one to be assumed.
+    pub(crate) fn push(&mut self, name: &str, unit: &str, values: Values) {
+        self.push_described(name, unit, flight::describe(name).description, values);
+    }
+
+    /// Appends a column with its own description.
+    pub(crate) fn push_described(&mut self, name: &str, unit: &str, description: &str, values: Values) {
+        let known = flight::describe(name);
+        let unit = if unit.is_empty() { known.unit } else { unit };
+        let data_type = match values {
+            Values::Number(_) => DataType::Float64,
+            Values::Whole(_) => DataType::Int64,
+            Values::Text(_) => DataType::Utf8,
+        };
+        self.columns.push((field(name, data_type, unit, known.role, description), values));
+    }
+
+    /// Puts a column in front of all others.
+    pub(crate) fn push_front(&mut self, name: &str, values: Values) {
+        self.push(name, "", values);
+        self.columns.rotate_right(1);
+    }
+
+    /// The numbers of the column `name`, if it is there and has numbers.
+    pub(crate) fn numbers(&self, name: &str) -> Option<&[f64]> {
+        self.columns.iter().find(|(f, _)| f.name() == name).and_then(|(_, v)| match v {
+            Values::Number(x) => Some(x.as_slice()),
+            _ => None,
+        })
+    }
+
+    /// The unit of the column `name`, as far as it is known.
+    pub(crate) fn unit(&self, name: &str) -> Option<String> {
+        self.columns.iter().find(|(f, _)| f.name() == name).map(|(f, _)| describe_field(f).unit)
+    }
+
+    /// Whether there is a column `name`.
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.columns.iter().any(|(f, _)| f.name() == name)
+    }
+
+    /// Takes the column `name` out.
+    pub(crate) fn take(&mut self, name: &str) -> Option<Values> {
+        let at = self.columns.iter().position(|(f, _)| f.name() == name)?;
+        Some(self.columns.remove(at).1)
+    }
+
+    /// Rows of the first column.
+    pub(crate) fn rows(&self) -> usize {
+        self.columns.first().map_or(0, |(_, v)| v.len())
+    }
+
+    /// The Arrow schema.
+    pub(crate) fn schema(&self) -> SchemaRef {
+        Arc::new(Schema::new(self.columns.iter().map(|(f, _)| f.clone()).collect::<Vec<_>>()))
+    }
+
+    /// The columns as one batch.
+    pub(crate) fn into_batch(self, path: &Path) -> Result<RecordBatch, ReadError> {
+        let schema = self.schema();
+        let columns = self.columns.into_iter().map(|(_, v)| array(v)).collect();
+        RecordBatch::try_new(schema, columns).map_err(|e| ReadError::data(path, e.to_string()))
+    }
+}
+
+fn array(values: Values) -> ArrayRef {
+    match values {
+        Values::Number(x) => Arc::new(Float64Array::from(x)),
+        Values::Whole(x) => Arc::new(Int64Array::from(x)),
+        Values::Text(x) => Arc::new(StringArray::from(x)),
+    }
+}
+
+/// Numbers that have to be whole, such as the year; NaN is missing.
+pub(crate) fn whole(path: &Path, name: &str, numbers: &[f64]) -> Result<Values, ReadError> {
+    let one = |(row, x): (usize, &f64)| match *x {
+        x if x.is_nan() => Ok(None),
+        // 2^53: beyond it not every whole number is a f64.
+        x if x.fract() == 0.0 && x.abs() < 9e15 => Ok(Some(x as i64)),
+        x => Err(ReadError::data(path, format!("must be a whole number, not {x}")).in_column(name).in_row(row as u64)),
+    };
+    Ok(Values::Whole(numbers.iter().enumerate().map(one).collect::<Result<_, _>>()?))
+}
