@@ -1,0 +1,285 @@
+//! The earth's core field: IGRF-14, its magnitude and the magnitude's gradient.
+//!
+//! The potential is a sum of solid harmonics in earth-centred Cartesian coordinates (Cunningham's
+//! recursion; Montenbruck & Gill, *Satellite Orbits*, 3.2.4 and 3.2.5), so nothing is singular at
+//! the poles. A derivative of such a sum is again such a sum, one degree higher; the coefficients
+//! of the three field components and of the gradient tensor are therefore made once a date, and an
+//! evaluation is one recursion and a few dot products, without allocation.
+//!
+//! Coefficients: IGRF-14, IAGA (doi:10.5281/zenodo.14012302), linear in time between its epochs.
+
+mod coefficients;
+
+use super::field_value::FieldValue;
+use super::geodesy::{EarthModel, ecef_m};
+pub use coefficients::CoreFieldError;
+use coefficients::{REFERENCE_RADIUS_M, TERMS, derivative, gauss_coefficients, index};
+
+/// The degree of the model's highest harmonics; derivatives go two degrees further.
+const HIGHEST_DEGREE: usize = coefficients::DEGREE + 2;
+
+/// The core field at one date.
+#[derive(Clone, Debug)]
+pub struct CoreField {
+    decimal_year: f64,
+    /// Coefficients of the field's earth-centred components, in nT.
+    components: [Box<[f64; TERMS]>; 3],
+    /// Coefficients of the field's gradient tensor xx, xy, xz, yy, yz, zz, in nT/m.
+    tensor: [Box<[f64; TERMS]>; 6],
+    recursion: Box<Recursion>,
+}
+
+/// Factors of the recursion over degrees, by term index.
+#[derive(Clone, Debug)]
+struct Recursion {
+    one_back: [f64; TERMS / 2],
+    two_back: [f64; TERMS / 2],
+}
+
+/// The local north, east and up directions in earth-centred components.
+struct Directions {
+    north: [f64; 3],
+    east: [f64; 3],
+    up: [f64; 3],
+}
+
+impl CoreField {
+    /// The field at `decimal_year`, from 1900 to 2030. One date serves a whole flight: the field
+    /// changes by 0.3 nT a day at most.
+    pub fn at(decimal_year: f64) -> Result<Self, CoreFieldError> {
+        let potential = gauss_coefficients(decimal_year)?;
+        let field = [0, 1, 2].map(|axis| derivative(&potential, axis, -1.0));
+        let second = |component: usize, axis: usize| {
+            derivative(&field[component], axis, 1.0 / REFERENCE_RADIUS_M)
+        };
+        let tensor = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+            .map(|(component, axis)| second(component, axis));
+        Ok(Self {
+            decimal_year,
+            components: field,
+            tensor,
+            recursion: Box::new(Recursion::new()),
+        })
+    }
+
+    /// The date of this field.
+    pub fn decimal_year(&self) -> f64 {
+        self.decimal_year
+    }
+
+    /// The field (north, east, down) in nT at a geodetic position: degrees, degrees, metres above
+    /// the WGS-84 ellipsoid. At a pole north is the direction of the meridian `lon_deg`.
+    pub fn field_ned_nt(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> [f64; 3] {
+        let (lat, lon) = (lat_deg.to_radians(), lon_deg.to_radians());
+        let harmonics = self
+            .recursion
+            .harmonics(ecef_m(lat, lon, alt_m), HIGHEST_DEGREE - 1);
+        let field = self.components.each_ref().map(|c| dot_terms(c, &harmonics));
+        let local = Directions::at(lat, lon);
+        [
+            dot3(&field, &local.north),
+            dot3(&field, &local.east),
+            -dot3(&field, &local.up),
+        ]
+    }
+
+    /// The magnitude of the field, in nT, at a geodetic position (degrees, degrees, metres).
+    pub fn magnitude_nt(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> f64 {
+        let [north, east, down] = self.field_ned_nt(lat_deg, lon_deg, alt_m);
+        (north * north + east * east + down * down).sqrt()
+    }
+
+    /// The magnitude of the field and its exact gradient at a geodetic position (degrees, degrees,
+    /// metres).
+    pub fn magnitude_and_gradient(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> FieldValue {
+        let (lat, lon) = (lat_deg.to_radians(), lon_deg.to_radians());
+        let harmonics = self
+            .recursion
+            .harmonics(ecef_m(lat, lon, alt_m), HIGHEST_DEGREE);
+        let field = self.components.each_ref().map(|c| dot_terms(c, &harmonics));
+        let [xx, xy, xz, yy, yz, zz] = self.tensor.each_ref().map(|c| dot_terms(c, &harmonics));
+        let magnitude = dot3(&field, &field).sqrt();
+        let unit = field.map(|component| component / magnitude);
+        let gradient = [
+            dot3(&[xx, xy, xz], &unit),
+            dot3(&[xy, yy, yz], &unit),
+            dot3(&[xz, yz, zz], &unit),
+        ];
+        let local = Directions::at(lat, lon);
+        let earth = EarthModel::Wgs84;
+        FieldValue {
+            value_nt: magnitude,
+            d_lat_nt_per_rad: dot3(&gradient, &local.north) * earth.north_m_per_rad(lat, alt_m),
+            d_lon_nt_per_rad: dot3(&gradient, &local.east) * earth.east_m_per_rad(lat, alt_m),
+            d_alt_nt_per_m: dot3(&gradient, &local.up),
+        }
+    }
+}
+
+/// The magnitude of the core field expanded to first order about a place that moves along with
+/// the queries: what a filter asks several hundred thousand times a flight.
+///
+/// A query further than 200 m sideways or 50 m up or down from the place of expansion moves it
+/// there. The field's curvature is below 5e-9 nT/m², so the error stays below 0.001 nT.
+#[derive(Clone, Debug)]
+pub struct LinearisedCoreField {
+    field: CoreField,
+    place: Option<Expansion>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Expansion {
+    lat_deg: f64,
+    lon_deg: f64,
+    alt_m: f64,
+    reach_lat_deg: f64,
+    reach_lon_deg: f64,
+    at_place: FieldValue,
+}
+
+const REACH_SIDEWAYS_M: f64 = 200.0;
+const REACH_VERTICAL_M: f64 = 50.0;
+
+impl LinearisedCoreField {
+    /// Starts without a place; the first query sets it.
+    pub fn new(field: CoreField) -> Self {
+        Self { field, place: None }
+    }
+
+    /// The magnitude and gradient near a geodetic position (degrees, degrees, metres), the
+    /// gradient being that of the place of expansion. The answer depends on the order of queries
+    /// (to 0.001 nT): use one for each line flown.
+    pub fn magnitude_and_gradient(&mut self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> FieldValue {
+        match self.place {
+            Some(place) if place.reaches(lat_deg, lon_deg, alt_m) => {
+                place.extrapolate(lat_deg, lon_deg, alt_m)
+            }
+            _ => {
+                let at_place = self.field.magnitude_and_gradient(lat_deg, lon_deg, alt_m);
+                self.place = Some(Expansion::new(lat_deg, lon_deg, alt_m, at_place));
+                at_place
+            }
+        }
+    }
+}
+
+impl Expansion {
+    fn new(lat_deg: f64, lon_deg: f64, alt_m: f64, at_place: FieldValue) -> Self {
+        let earth = EarthModel::Wgs84;
+        let lat = lat_deg.to_radians();
+        // Half the reach in each of two directions keeps the corner of the box within it.
+        let side_m = REACH_SIDEWAYS_M / std::f64::consts::SQRT_2;
+        Self {
+            lat_deg,
+            lon_deg,
+            alt_m,
+            reach_lat_deg: earth.north_m_to_lat_rad(side_m, lat, alt_m).to_degrees(),
+            reach_lon_deg: earth
+                .east_m_to_lon_rad(side_m, lat, alt_m)
+                .abs()
+                .to_degrees(),
+            at_place,
+        }
+    }
+
+    fn reaches(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> bool {
+        (lat_deg - self.lat_deg).abs() <= self.reach_lat_deg
+            && (lon_deg - self.lon_deg).abs() <= self.reach_lon_deg
+            && (alt_m - self.alt_m).abs() <= REACH_VERTICAL_M
+    }
+
+    fn extrapolate(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> FieldValue {
+        let at = &self.at_place;
+        let change_nt = at.d_lat_nt_per_rad * (lat_deg - self.lat_deg).to_radians()
+            + at.d_lon_nt_per_rad * (lon_deg - self.lon_deg).to_radians()
+            + at.d_alt_nt_per_m * (alt_m - self.alt_m);
+        FieldValue {
+            value_nt: at.value_nt + change_nt,
+            ..*at
+        }
+    }
+}
+
+impl Directions {
+    fn at(lat_rad: f64, lon_rad: f64) -> Self {
+        let (sin_lat, cos_lat) = lat_rad.sin_cos();
+        let (sin_lon, cos_lon) = lon_rad.sin_cos();
+        Self {
+            north: [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
+            east: [-sin_lon, cos_lon, 0.0],
+            up: [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
+        }
+    }
+}
+
+impl Recursion {
+    fn new() -> Self {
+        let mut factors = Self {
+            one_back: [0.0; TERMS / 2],
+            two_back: [0.0; TERMS / 2],
+        };
+        for n in 1..=HIGHEST_DEGREE {
+            for m in 0..n {
+                let (n_f, m_f) = (n as f64, m as f64);
+                factors.one_back[index(n, m)] = (2.0 * n_f - 1.0) / (n_f - m_f);
+                factors.two_back[index(n, m)] = (n_f + m_f - 1.0) / (n_f - m_f);
+            }
+        }
+        factors
+    }
+
+    /// The solid harmonics (a/r)^(n+1) P_nm cos mλ and ... sin mλ, interleaved, up to `degree`
+    /// at an earth-centred position in metres. P_nm is not normalised and has no sign of phase.
+    fn harmonics(&self, position_m: [f64; 3], degree: usize) -> [f64; TERMS] {
+        let radius_squared = dot3(&position_m, &position_m);
+        let [x, y, z] = position_m.map(|p| p * REFERENCE_RADIUS_M / radius_squared);
+        let ratio_squared = REFERENCE_RADIUS_M * REFERENCE_RADIUS_M / radius_squared;
+        let mut terms = [0.0; TERMS];
+        terms[0] = ratio_squared.sqrt();
+        for n in 1..=degree {
+            self.zonal_to_subdiagonal(&mut terms, n, z, ratio_squared);
+            let (before, here) = (2 * index(n - 1, n - 1), 2 * index(n, n));
+            let factor = 2.0 * n as f64 - 1.0;
+            let (v, w) = (terms[before], terms[before + 1]);
+            terms[here] = factor * (x * v - y * w);
+            terms[here + 1] = factor * (x * w + y * v);
+        }
+        terms
+    }
+
+    /// The orders below `n` of degree `n`, from the two degrees before it.
+    fn zonal_to_subdiagonal(&self, terms: &mut [f64; TERMS], n: usize, z: f64, ratio_sq: f64) {
+        for m in 0..n {
+            let here = index(n, m);
+            let one = 2 * index(n - 1, m);
+            let from_one = z * self.one_back[here];
+            let (mut v, mut w) = (from_one * terms[one], from_one * terms[one + 1]);
+            if m + 2 <= n {
+                let two = 2 * index(n - 2, m);
+                let from_two = ratio_sq * self.two_back[here];
+                v -= from_two * terms[two];
+                w -= from_two * terms[two + 1];
+            }
+            terms[2 * here] = v;
+            terms[2 * here + 1] = w;
+        }
+    }
+}
+
+fn dot3(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// The sum of products, in eight interleaved partial sums so that it vectorises.
+fn dot_terms(coefficients: &[f64; TERMS], harmonics: &[f64; TERMS]) -> f64 {
+    let mut sums = [0.0; 8];
+    for (c, h) in coefficients.chunks_exact(8).zip(harmonics.chunks_exact(8)) {
+        for (sum, (c, h)) in sums.iter_mut().zip(c.iter().zip(h)) {
+            *sum += c * h;
+        }
+    }
+    sums.iter().sum()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,112 @@
+//! What the filter hands out.
+
+use super::Innovation;
+use crate::numerics::geodesy::EarthModel;
+use crate::numerics::ins_series::InsSeries;
+use crate::numerics::pinson::{ALT, LAT, LON, StateMatrix, StateVector, VD, VE, VN};
+
+/// How the samples of a line were used; the first four add up to the number of samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EkfReport {
+    /// Samples whose measurement was used.
+    pub updates: usize,
+    /// Samples without a finite measurement.
+    pub missing_measurements: usize,
+    /// Samples whose predicted position is off the map or in an unknown cell.
+    pub off_map: usize,
+    /// Samples that the innovation gate left out.
+    pub gated: usize,
+    /// What was taken off every measurement, in nT.
+    pub offset_nt: f64,
+    /// Samples that the offset is the mean of. Zero although a window was asked for means that no
+    /// sample in the window had a measurement and a map value, and nothing was taken off.
+    pub offset_samples: usize,
+}
+
+/// The filtered line, one value a sample in every column: the state after the measurement of the
+/// sample.
+#[derive(Clone, Debug, Default)]
+pub struct EkfOutput {
+    /// The error states, in the order of `pinson`.
+    pub x: Vec<StateVector>,
+    /// Their covariance; empty unless `keep_covariance` asked for it.
+    pub p: Vec<StateMatrix>,
+    /// Measurement minus prediction, in nT; NaN without a prediction or measurement.
+    pub residual_nt: Vec<f64>,
+    /// The residual squared over its predicted variance; NaN with it.
+    pub nis: Vec<f64>,
+    /// Estimated latitude, in degrees.
+    pub lat_deg: Vec<f64>,
+    /// Estimated longitude, in degrees.
+    pub lon_deg: Vec<f64>,
+    /// Estimated height above the ellipsoid, in m.
+    pub alt_m: Vec<f64>,
+    /// Estimated velocity north, in m/s.
+    pub vn_mps: Vec<f64>,
+    /// Estimated velocity east, in m/s.
+    pub ve_mps: Vec<f64>,
+    /// Estimated velocity down, in m/s.
+    pub vd_mps: Vec<f64>,
+    /// One sigma north, in m.
+    pub sd_n_m: Vec<f64>,
+    /// One sigma east, in m.
+    pub sd_e_m: Vec<f64>,
+    /// Covariance of north with east, in m².
+    pub cov_ne_m2: Vec<f64>,
+    /// How the samples were used.
+    pub report: EkfReport,
+    keep_covariance: bool,
+}
+
+impl EkfOutput {
+    pub(super) fn with_capacity(rows: usize, keep_covariance: bool) -> Self {
+        let column = || Vec::with_capacity(rows);
+        Self {
+            x: Vec::with_capacity(rows),
+            p: Vec::with_capacity(if keep_covariance { rows } else { 0 }),
+            residual_nt: column(),
+            nis: column(),
+            lat_deg: column(),
+            lon_deg: column(),
+            alt_m: column(),
+            vn_mps: column(),
+            ve_mps: column(),
+            vd_mps: column(),
+            sd_n_m: column(),
+            sd_e_m: column(),
+            cov_ne_m2: column(),
+            report: EkfReport::default(),
+            keep_covariance,
+        }
+    }
+
+    pub(super) fn push(
+        &mut self,
+        ins: &InsSeries<'_>,
+        row: usize,
+        x: &StateVector,
+        p: &StateMatrix,
+        innovation: Innovation,
+        earth: EarthModel,
+    ) {
+        let lat_deg = ins.lat_deg[row] + x[LAT].to_degrees();
+        let alt_m = ins.alt_m[row] + x[ALT];
+        let north = earth.north_m_per_rad(lat_deg.to_radians(), alt_m);
+        let east = earth.east_m_per_rad(lat_deg.to_radians(), alt_m);
+        self.x.push(*x);
+        if self.keep_covariance {
+            self.p.push(*p);
+        }
+        self.residual_nt.push(innovation.residual_nt);
+        self.nis.push(innovation.nis);
+        self.lat_deg.push(lat_deg);
+        self.lon_deg.push(ins.lon_deg[row] + x[LON].to_degrees());
+        self.alt_m.push(alt_m);
+        self.vn_mps.push(ins.vn_mps[row] + x[VN]);
+        self.ve_mps.push(ins.ve_mps[row] + x[VE]);
+        self.vd_mps.push(ins.vd_mps[row] + x[VD]);
+        self.sd_n_m.push(north * p[LAT][LAT].sqrt());
+        self.sd_e_m.push(east * p[LON][LON].sqrt());
+        self.cov_ne_m2.push(north * east * p[LAT][LON]);
+    }
+}

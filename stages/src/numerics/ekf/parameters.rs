@@ -1,0 +1,80 @@
+//! What the filter is told, and why it may refuse.
+
+use crate::numerics::ins_error::{InsErrorModel, ParameterError, require};
+use crate::numerics::ins_series::SeriesError;
+use thiserror::Error;
+
+/// The parameters of the filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EkfParameters {
+    /// The error sources of the INS and of the field.
+    pub errors: InsErrorModel,
+    /// Standard deviation of the measurement noise, in nT: sensor, map and what compensation left.
+    pub measurement_sigma_nt: f64,
+    /// The mean of measurement minus prediction (map and core field at the INS position) over the
+    /// first so many seconds is taken off every measurement; 0 takes nothing off. Compensation and
+    /// maps leave a constant undetermined that may be far beyond what S can take up.
+    pub offset_window_s: f64,
+    /// A measurement whose squared residual over its variance is above this is left out and
+    /// counted; `None` uses every one. 10.83 leaves out one good measurement in a thousand.
+    pub gate_nis: Option<f64>,
+    /// Hand out the covariance of every sample (2.6 kB each).
+    pub keep_covariance: bool,
+}
+
+impl Default for EkfParameters {
+    fn default() -> Self {
+        Self {
+            errors: InsErrorModel::default(),
+            measurement_sigma_nt: 5.0,
+            offset_window_s: 0.0,
+            gate_nis: None,
+            keep_covariance: false,
+        }
+    }
+}
+
+impl EkfParameters {
+    /// Refuses parameters that make no filter.
+    pub fn check(&self) -> Result<(), ParameterError> {
+        let (sigma, window) = (self.measurement_sigma_nt, self.offset_window_s);
+        require(
+            "measurement_sigma_nt",
+            sigma,
+            "a positive number",
+            sigma > 0.0,
+        )?;
+        require(
+            "offset_window_s",
+            window,
+            "zero or a positive number",
+            window >= 0.0,
+        )?;
+        if let Some(gate) = self.gate_nis {
+            require("gate_nis", gate, "a positive number", gate > 0.0)?;
+        }
+        self.errors.check()
+    }
+}
+
+/// Why a line was not filtered. Rows are counted from 0.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum EkfError {
+    /// A parameter is out of range.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+    /// The line's columns cannot be used.
+    #[error(transparent)]
+    Series(#[from] SeriesError),
+    /// State or covariance stopped being finite.
+    #[error(
+        "the filter diverged at row {row} (tt = {tt_s} s): its covariance is no longer finite and \
+         non-negative; look at the INS columns and the time steps before it"
+    )]
+    Diverged {
+        /// The row.
+        row: usize,
+        /// Its time.
+        tt_s: f64,
+    },
+}

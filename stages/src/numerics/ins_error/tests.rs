@@ -1,0 +1,187 @@
+#![allow(clippy::unwrap_used)]
+use super::super::pinson::MAGNAV_POSITION;
+use super::super::pinson::tests::golden;
+use super::super::test_normals::Normals;
+use super::super::transition::step_covariance;
+use super::*;
+
+/// MagNav.jl's numbers where the contract's defaults are rounded.
+fn magnav() -> InsErrorModel {
+    InsErrorModel {
+        vrw_sigma: 2.38e-4,
+        arw_sigma: 5.81e-7,
+        ..InsErrorModel::compatible()
+    }
+}
+
+#[test]
+fn val_magnav_initial_covariance_and_process_noise() {
+    let p0 = magnav().initial_covariance(45.0_f64.to_radians(), 1234.0);
+    let (golden_p0, golden_q) = (golden("create_P0_diag")[0], golden("create_Qd_diag")[0]);
+    let qd = magnav().noise_density().map(|density| density * 0.1);
+    for (state, theirs) in MAGNAV_POSITION.into_iter().enumerate() {
+        assert!(
+            (p0[state][state] / golden_p0[theirs] - 1.0).abs() < 1e-13,
+            "{state}"
+        );
+        assert!(
+            (qd[state] / golden_q[theirs] - 1.0).abs() < 1e-14,
+            "{state}"
+        );
+    }
+}
+
+#[test]
+fn law_bad_parameters_are_refused_in_words() {
+    let model = InsErrorModel {
+        acc_tau_s: 0.0,
+        ..InsErrorModel::default()
+    };
+    assert_eq!(
+        model.check().unwrap_err().to_string(),
+        "`acc_tau_s` is 0; it must be a positive number of seconds"
+    );
+    assert!(
+        InsErrorModel {
+            vrw_sigma: -1.0,
+            ..InsErrorModel::default()
+        }
+        .check()
+        .is_err()
+    );
+    assert!(
+        InsErrorModel {
+            fogm_sigma_nt: f64::NAN,
+            ..InsErrorModel::default()
+        }
+        .check()
+        .is_err()
+    );
+    assert!(InsErrorModel::default().check().is_ok());
+}
+
+/// 200 s of a turning flight, a sample every 2 s.
+struct Flight {
+    columns: [Vec<f64>; 13],
+}
+
+impl Flight {
+    fn new() -> Self {
+        let tt: Vec<f64> = (0..100).map(|k| 2.0 * f64::from(k)).collect();
+        let of = |f: &dyn Fn(f64) -> f64| tt.iter().map(|t| f(*t)).collect::<Vec<f64>>();
+        let columns = [
+            of(&|t| t),
+            of(&|t| -22.0 + 1e-5 * t),
+            of(&|t| 140.0 + 2e-5 * t),
+            of(&|_| 500.0),
+            of(&|t| 60.0 * (0.02 * t).cos()),
+            of(&|t| 60.0 * (0.02 * t).sin()),
+            of(&|_| 0.0),
+            of(&|t| -1.2 * (0.02 * t).sin()),
+            of(&|t| 1.2 * (0.02 * t).cos()),
+            of(&|_| -9.8),
+            of(&|_| 7.0),
+            of(&|_| 2.0),
+            of(&|t| (0.02 * t).to_degrees()),
+        ];
+        Self { columns }
+    }
+
+    fn series(&self) -> InsSeries<'_> {
+        let [
+            tt_s,
+            lat_deg,
+            lon_deg,
+            alt_m,
+            vn_mps,
+            ve_mps,
+            vd_mps,
+            rest @ ..,
+        ] = &self.columns;
+        let [fn_mps2, fe_mps2, fd_mps2, roll_deg, pitch_deg, yaw_deg] = rest;
+        InsSeries {
+            tt_s,
+            lat_deg,
+            lon_deg,
+            alt_m,
+            vn_mps,
+            ve_mps,
+            vd_mps,
+            fn_mps2,
+            fe_mps2,
+            fd_mps2,
+            roll_deg,
+            pitch_deg,
+            yaw_deg,
+        }
+    }
+}
+
+#[test]
+fn law_simulated_errors_have_the_predicted_covariance() {
+    let flight = Flight::new();
+    let truth = flight.series();
+    let model = InsErrorModel::default();
+    let runs = 2000;
+    let mut sums = [[0.0; STATES]; STATES];
+    for run in 0..runs {
+        let mut normals = Normals::new(run);
+        let errors = simulate_ins_error(&truth, &model, || normals.draw()).unwrap();
+        let last = errors[errors.len() - 1];
+        for (sums, a) in sums.iter_mut().zip(last) {
+            for (sum, b) in sums.iter_mut().zip(last) {
+                *sum += a * b / runs as f64;
+            }
+        }
+    }
+    let mut p = model.initial_covariance(truth.lat_deg[0].to_radians(), 500.0);
+    for row in 0..truth.len() - 1 {
+        let f = pinson_matrix(&truth.point(row), &model.time_constants(), model.pinson);
+        let phi = transition_matrix(&f, 2.0);
+        p = step_covariance(&p, &f, &phi, &model.noise_density(), 2.0, model.noise);
+    }
+    for row in 0..STATES {
+        for column in 0..STATES {
+            let size = (p[row][row] * p[column][column]).sqrt();
+            // The mean of 2000 products has a standard deviation of at most sqrt(2/2000) = 3.2 %
+            // of `size`; 324 of them: 4.5 sigma.
+            let difference = (sums[row][column] - p[row][column]) / size;
+            assert!(
+                difference.abs() < 4.5 * 0.032,
+                "{row} {column} {difference}"
+            );
+        }
+    }
+}
+
+#[test]
+fn law_no_uncertainty_and_no_noise_make_no_error() {
+    let flight = Flight::new();
+    let quiet = InsErrorModel {
+        init_position_sigma_m: 0.0,
+        init_altitude_sigma_m: 0.0,
+        init_velocity_sigma_mps: 0.0,
+        init_attitude_sigma_deg: 0.0,
+        vrw_sigma: 0.0,
+        arw_sigma: 0.0,
+        baro_sigma_m: 0.0,
+        ha_sigma_m: 0.0,
+        a_hat_sigma_mps2: 0.0,
+        acc_sigma_mps2: 0.0,
+        gyro_sigma_radps: 0.0,
+        fogm_sigma_nt: 0.0,
+        ..InsErrorModel::default()
+    };
+    let errors = simulate_ins_error(&flight.series(), &quiet, || 1.0).unwrap();
+    // 1e-30 per second of variance is left, 1e-15 of anything.
+    assert!(errors.iter().flatten().all(|error| error.abs() < 1e-9));
+    let mut broken = Flight::new();
+    broken.columns[4][7] = f64::NAN;
+    let message = simulate_ins_error(&broken.series(), &quiet, || 1.0)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.starts_with("column `ins_vn` is NaN in row 7"),
+        "{message}"
+    );
+}

@@ -1,0 +1,199 @@
+//! What an inertial navigation system puts out along a line, as columns.
+
+use super::pinson::InsPoint;
+use thiserror::Error;
+
+/// An INS's output along one line, one value a sample in every column.
+#[derive(Clone, Copy, Debug)]
+pub struct InsSeries<'a> {
+    /// Time, in s, strictly ascending; steps may be uneven.
+    pub tt_s: &'a [f64],
+    /// Geodetic latitude, in degrees.
+    pub lat_deg: &'a [f64],
+    /// Longitude, in degrees.
+    pub lon_deg: &'a [f64],
+    /// Height above the ellipsoid, in m.
+    pub alt_m: &'a [f64],
+    /// Velocity north, in m/s.
+    pub vn_mps: &'a [f64],
+    /// Velocity east, in m/s.
+    pub ve_mps: &'a [f64],
+    /// Velocity down, in m/s.
+    pub vd_mps: &'a [f64],
+    /// Specific force north, in m/s².
+    pub fn_mps2: &'a [f64],
+    /// Specific force east, in m/s².
+    pub fe_mps2: &'a [f64],
+    /// Specific force down, in m/s² (-g at rest).
+    pub fd_mps2: &'a [f64],
+    /// Roll, in degrees.
+    pub roll_deg: &'a [f64],
+    /// Pitch, in degrees.
+    pub pitch_deg: &'a [f64],
+    /// Yaw, in degrees.
+    pub yaw_deg: &'a [f64],
+}
+
+/// Why a line cannot be navigated. Rows are counted from 0.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum SeriesError {
+    /// There are fewer samples than the work takes.
+    #[error("the line has {rows} sample(s); it takes at least {needed}")]
+    TooShort {
+        /// Samples there are.
+        rows: usize,
+        /// Samples it takes.
+        needed: usize,
+    },
+    /// A column has another length than the time column.
+    #[error("column `{column}` has {rows} rows, `tt` has {expected}")]
+    Length {
+        /// The column.
+        column: &'static str,
+        /// Its length.
+        rows: usize,
+        /// The length of `tt`.
+        expected: usize,
+    },
+    /// A value is missing or infinite where the filter cannot do without.
+    #[error(
+        "column `{column}` is {value} in row {row}; the filter needs a finite value in every row"
+    )]
+    NotFinite {
+        /// The column.
+        column: &'static str,
+        /// The row.
+        row: usize,
+        /// The value.
+        value: f64,
+    },
+    /// Time stands still or goes back.
+    #[error("time does not ascend: `tt` is {tt_s} s in row {row} after {before_s} s")]
+    Time {
+        /// The row.
+        row: usize,
+        /// Its time.
+        tt_s: f64,
+        /// The time of the row before.
+        before_s: f64,
+    },
+    /// A latitude at or beyond a pole.
+    #[error("column `{column}` is {lat_deg} degrees in row {row}, at or beyond a pole")]
+    Latitude {
+        /// The column.
+        column: &'static str,
+        /// The row.
+        row: usize,
+        /// The latitude.
+        lat_deg: f64,
+    },
+}
+
+impl<'a> InsSeries<'a> {
+    /// The number of samples.
+    pub fn len(&self) -> usize {
+        self.tt_s.len()
+    }
+
+    /// True without samples.
+    pub fn is_empty(&self) -> bool {
+        self.tt_s.is_empty()
+    }
+
+    /// The columns with the names they have in a flight table.
+    fn columns(&self) -> [(&'static str, &'a [f64]); 13] {
+        [
+            ("tt", self.tt_s),
+            ("ins_lat", self.lat_deg),
+            ("ins_lon", self.lon_deg),
+            ("ins_alt", self.alt_m),
+            ("ins_vn", self.vn_mps),
+            ("ins_ve", self.ve_mps),
+            ("ins_vd", self.vd_mps),
+            ("ins_fn", self.fn_mps2),
+            ("ins_fe", self.fe_mps2),
+            ("ins_fd", self.fd_mps2),
+            ("ins_roll", self.roll_deg),
+            ("ins_pitch", self.pitch_deg),
+            ("ins_yaw", self.yaw_deg),
+        ]
+    }
+
+    /// Refuses columns of different lengths, values that are not finite, time that does not
+    /// ascend and latitudes that the model has no answer for.
+    pub fn check(&self) -> Result<(), SeriesError> {
+        if self.is_empty() {
+            return Err(SeriesError::TooShort { rows: 0, needed: 1 });
+        }
+        for (column, values) in self.columns() {
+            check_column(column, values, self.len())?;
+        }
+        check_time(self.tt_s)?;
+        check_latitudes("ins_lat", self.lat_deg)
+    }
+
+    /// One sample, in the units of the error model. `row` is below [`InsSeries::len`] of a series
+    /// that passed [`InsSeries::check`].
+    #[inline]
+    pub(super) fn point(&self, row: usize) -> InsPoint {
+        InsPoint {
+            lat_rad: self.lat_deg[row].to_radians(),
+            vel_ned_mps: [self.vn_mps[row], self.ve_mps[row], self.vd_mps[row]],
+            force_ned_mps2: [self.fn_mps2[row], self.fe_mps2[row], self.fd_mps2[row]],
+            euler_rad: [
+                self.roll_deg[row].to_radians(),
+                self.pitch_deg[row].to_radians(),
+                self.yaw_deg[row].to_radians(),
+            ],
+        }
+    }
+}
+
+/// Refuses a column of another length than expected or with a value that is not finite.
+pub(super) fn check_column(
+    column: &'static str,
+    values: &[f64],
+    expected: usize,
+) -> Result<(), SeriesError> {
+    if values.len() != expected {
+        return Err(SeriesError::Length {
+            column,
+            rows: values.len(),
+            expected,
+        });
+    }
+    match values.iter().position(|value| !value.is_finite()) {
+        Some(row) => Err(SeriesError::NotFinite {
+            column,
+            row,
+            value: values[row],
+        }),
+        None => Ok(()),
+    }
+}
+
+/// Refuses time that stands still or goes back.
+pub(super) fn check_time(tt_s: &[f64]) -> Result<(), SeriesError> {
+    for (before, pair) in tt_s.windows(2).enumerate() {
+        if pair[1] <= pair[0] || pair[1].is_nan() {
+            return Err(SeriesError::Time {
+                row: before + 1,
+                tt_s: pair[1],
+                before_s: pair[0],
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Refuses latitudes at or beyond a pole.
+pub(super) fn check_latitudes(column: &'static str, lat_deg: &[f64]) -> Result<(), SeriesError> {
+    match lat_deg.iter().position(|lat| lat.abs() >= 90.0) {
+        Some(row) => Err(SeriesError::Latitude {
+            column,
+            row,
+            lat_deg: lat_deg[row],
+        }),
+        None => Ok(()),
+    }
+}

@@ -1,0 +1,25 @@
+//! The mathematics below the stages: slices and matrices in, vectors out.
+//!
+//! Nothing here knows tables, plans or files. A routine's documentation gives the shape, unit and
+//! frame of what it takes and returns, its errors, and where its formula is printed.
+
+pub mod attitude;
+pub mod core_field;
+pub mod dates;
+pub mod ekf;
+pub mod field_value;
+pub mod filter;
+pub mod gauss_markov;
+pub mod geodesy;
+pub mod ins_error;
+pub mod ins_series;
+pub mod map_grid;
+pub mod natural_cubic;
+pub mod pinson;
+pub mod strapdown;
+pub mod transition;
+#[cfg(test)]
+mod test_normals;
+pub mod difference;
+pub mod least_squares;
+pub mod tolles_lawson;

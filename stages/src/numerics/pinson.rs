@@ -1,0 +1,225 @@
+//! The Pinson error model of an inertial navigation system, with the states that aid it.
+//!
+//! State order, that of thesis 000 (5.14): errors of latitude, longitude (rad) and altitude (m);
+//! of velocity north, east, down (m/s); tilts north, east, down (rad); accelerometer biases x, y, z
+//! (m/s²); gyroscope biases x, y, z (rad/s); barometer-aided altitude (m) and vertical acceleration
+//! (m/s²); temporal variation S (nT). An error is truth minus INS. The earth is the thesis' sphere
+//! of radius 6378137 m and gravity does not change with height.
+
+use super::attitude::body_to_ned;
+use super::geodesy::{EARTH_RATE_RADPS, SEMI_MAJOR_AXIS_M};
+
+/// The number of states.
+pub const STATES: usize = 18;
+/// A matrix over the states, by rows.
+pub type StateMatrix = [[f64; STATES]; STATES];
+/// A vector over the states.
+pub type StateVector = [f64; STATES];
+
+/// Latitude error, rad.
+pub const LAT: usize = 0;
+/// Longitude error, rad.
+pub const LON: usize = 1;
+/// Altitude error, m.
+pub const ALT: usize = 2;
+/// North velocity error, m/s; east and down follow.
+pub const VN: usize = 3;
+/// East velocity error, m/s.
+pub const VE: usize = 4;
+/// Down velocity error, m/s.
+pub const VD: usize = 5;
+/// Tilt about north, rad; east and down follow.
+pub const TILT_N: usize = 6;
+/// Tilt about east, rad.
+pub const TILT_E: usize = 7;
+/// Tilt about down, rad.
+pub const TILT_D: usize = 8;
+/// Bias of the x accelerometer, m/s²; y and z follow.
+pub const ACC: usize = 9;
+/// Bias of the x gyroscope, rad/s; y and z follow.
+pub const GYRO: usize = 12;
+/// Barometer-aiding altitude error, m.
+pub const HA: usize = 15;
+/// Barometer-aiding vertical acceleration error, m/s².
+pub const A_HAT: usize = 16;
+/// Temporal variation of the field, nT.
+pub const S: usize = 17;
+
+/// Where MagNav.jl keeps each of these states: it has the two barometer states before the biases.
+/// `MAGNAV_POSITION[i]` is the index in its vectors (from 0) of our state `i`.
+pub const MAGNAV_POSITION: [usize; STATES] =
+    [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14, 15, 16, 9, 10, 17];
+
+/// Barometer aiding of the altitude, in 1/s. [DOMAIN of MagNav.jl: k1]
+pub const K1: f64 = 3e-2;
+/// Barometer aiding of the vertical velocity, in 1/s².
+pub const K2: f64 = 3e-4;
+/// Barometer aiding of the vertical acceleration, in 1/s³.
+pub const K3: f64 = 1e-6;
+
+/// What the error model needs of the INS at one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct InsPoint {
+    /// Latitude, in rad.
+    pub lat_rad: f64,
+    /// Velocity north, east, down, in m/s.
+    pub vel_ned_mps: [f64; 3],
+    /// Specific force north, east, down, in m/s²; (0, 0, -g) at rest.
+    pub force_ned_mps2: [f64; 3],
+    /// Roll, pitch and yaw, in rad.
+    pub euler_rad: [f64; 3],
+}
+
+/// Correlation times of the Gauss-Markov states, in seconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TimeConstants {
+    /// Barometer-aiding altitude.
+    pub baro_s: f64,
+    /// Accelerometer biases.
+    pub acc_s: f64,
+    /// Gyroscope biases.
+    pub gyro_s: f64,
+    /// Temporal variation.
+    pub fogm_s: f64,
+}
+
+impl TimeConstants {
+    /// Decay rates, in 1/s, of the Gauss-Markov states by state; zero for the others.
+    pub fn decay_rates_per_s(&self) -> StateVector {
+        let mut rates = [0.0; STATES];
+        rates[ACC..GYRO].fill(1.0 / self.acc_s);
+        rates[GYRO..HA].fill(1.0 / self.gyro_s);
+        rates[HA] = 1.0 / self.baro_s;
+        rates[S] = 1.0 / self.fogm_s;
+        rates
+    }
+}
+
+/// Which matrix.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PinsonForm {
+    /// Thesis 000 (5.16) to (5.32).
+    #[default]
+    Thesis,
+    /// As MagNav.jl up to 1.3.3 and its MATLAB reference data, where the effect of altitude on the
+    /// north tilt reads -ve²/R² for -ve/R². For comparing figures with that program.
+    Compatible,
+}
+
+/// The matrix F of dx/dt = F x at a point of the flight. [thesis 000 (5.15)-(5.32)]
+pub fn pinson_matrix(ins: &InsPoint, times: &TimeConstants, form: PinsonForm) -> StateMatrix {
+    let mut f = [[0.0; STATES]; STATES];
+    let (sin_lat, cos_lat) = ins.lat_rad.sin_cos();
+    let at = Point {
+        sin_lat,
+        cos_lat,
+        tan_lat: sin_lat / cos_lat,
+        vel: ins.vel_ned_mps,
+    };
+    at.position_rows(&mut f);
+    at.velocity_rows(&mut f, ins.force_ned_mps2);
+    at.tilt_rows(&mut f, form);
+    let [roll, pitch, yaw] = ins.euler_rad;
+    let rotation = body_to_ned(roll, pitch, yaw);
+    for row in 0..3 {
+        for column in 0..3 {
+            f[VN + row][ACC + column] = rotation[(row, column)];
+            f[TILT_N + row][GYRO + column] = -rotation[(row, column)];
+        }
+    }
+    f[A_HAT][ALT] = K3;
+    f[A_HAT][HA] = -K3;
+    for (state, rate) in times.decay_rates_per_s().into_iter().enumerate() {
+        f[state][state] -= rate;
+    }
+    f
+}
+
+/// Latitude's functions and the velocity.
+struct Point {
+    sin_lat: f64,
+    cos_lat: f64,
+    tan_lat: f64,
+    vel: [f64; 3],
+}
+
+const R: f64 = SEMI_MAJOR_AXIS_M;
+const OMEGA: f64 = EARTH_RATE_RADPS;
+
+impl Point {
+    fn position_rows(&self, f: &mut StateMatrix) {
+        let [vn, ve, _] = self.vel;
+        f[LAT][ALT] = -vn / (R * R);
+        f[LAT][VN] = 1.0 / R;
+        f[LON][LAT] = ve * self.tan_lat / (R * self.cos_lat);
+        f[LON][ALT] = -ve / (R * R * self.cos_lat);
+        f[LON][VE] = 1.0 / (R * self.cos_lat);
+        f[ALT][ALT] = -K1;
+        f[ALT][VD] = -1.0;
+        f[ALT][HA] = K1;
+    }
+
+    fn velocity_rows(&self, f: &mut StateMatrix, force: [f64; 3]) {
+        let ([vn, ve, vd], [fn_, fe, fd]) = (self.vel, force);
+        let Self {
+            sin_lat: s,
+            cos_lat: c,
+            tan_lat: t,
+            ..
+        } = *self;
+        let (r2, secant_squared) = (R * R, 1.0 / (c * c));
+        f[VN][LAT] = -ve * (2.0 * OMEGA * c + ve * secant_squared / R);
+        f[VN][ALT] = (ve * ve * t - vn * vd) / r2;
+        f[VN][VN] = vd / R;
+        f[VN][VE] = -2.0 * (OMEGA * s + ve * t / R);
+        f[VN][VD] = vn / R;
+        f[VN][TILT_E] = -fd;
+        f[VN][TILT_D] = fe;
+        f[VE][LAT] = 2.0 * OMEGA * (vn * c - vd * s) + vn * ve * secant_squared / R;
+        f[VE][ALT] = -ve * (vn * t + vd) / r2;
+        f[VE][VN] = 2.0 * OMEGA * s + ve * t / R;
+        f[VE][VE] = (vn * t + vd) / R;
+        f[VE][VD] = 2.0 * OMEGA * c + ve / R;
+        f[VE][TILT_N] = fd;
+        f[VE][TILT_D] = -fn_;
+        f[VD][LAT] = 2.0 * OMEGA * ve * s;
+        f[VD][ALT] = (vn * vn + ve * ve) / r2 + K2;
+        f[VD][VN] = -2.0 * vn / R;
+        f[VD][VE] = -2.0 * (OMEGA * c + ve / R);
+        f[VD][TILT_N] = -fe;
+        f[VD][TILT_E] = fn_;
+        f[VD][HA] = -K2;
+        f[VD][A_HAT] = 1.0;
+    }
+
+    fn tilt_rows(&self, f: &mut StateMatrix, form: PinsonForm) {
+        let [vn, ve, _] = self.vel;
+        let Self {
+            sin_lat: s,
+            cos_lat: c,
+            tan_lat: t,
+            ..
+        } = *self;
+        let (r2, turn_down) = (R * R, OMEGA * s + ve * t / R);
+        f[TILT_N][LAT] = -OMEGA * s;
+        f[TILT_N][ALT] = match form {
+            PinsonForm::Thesis => -ve / r2,
+            PinsonForm::Compatible => -ve * ve / r2,
+        };
+        f[TILT_N][VE] = 1.0 / R;
+        f[TILT_N][TILT_E] = -turn_down;
+        f[TILT_N][TILT_D] = vn / R;
+        f[TILT_E][ALT] = vn / r2;
+        f[TILT_E][VN] = -1.0 / R;
+        f[TILT_E][TILT_N] = turn_down;
+        f[TILT_E][TILT_D] = OMEGA * c + ve / R;
+        f[TILT_D][LAT] = -OMEGA * c - ve / (R * c * c);
+        f[TILT_D][ALT] = ve * t / r2;
+        f[TILT_D][VE] = -t / R;
+        f[TILT_D][TILT_N] = -vn / R;
+        f[TILT_D][TILT_E] = -OMEGA * c - ve / R;
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

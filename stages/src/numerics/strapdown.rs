@@ -1,0 +1,220 @@
+//! What a flight without an inertial navigation record lacks, derived from where it was when:
+//! velocity from position, specific force from velocity, attitude from the course.
+//!
+//! These are stand-ins for the error model's coefficients, which need them to a few per cent only.
+
+use super::geodesy::{EarthModel, STANDARD_GRAVITY_MPS2, wrap_deg};
+use super::ins_series::{SeriesError, check_column, check_latitudes, check_time};
+
+/// Three columns: north, east, down; or roll, pitch, yaw.
+pub type Triple = [Vec<f64>; 3];
+
+/// The derivative of evenly or unevenly sampled values: of the parabola through a sample and its
+/// neighbours inside, of the first and last two samples at the ends.
+pub fn derivative(tt_s: &[f64], values: &[f64]) -> Result<Vec<f64>, SeriesError> {
+    check_length("value", values, tt_s)?;
+    if tt_s.len() < 2 {
+        return Err(SeriesError::TooShort {
+            rows: tt_s.len(),
+            needed: 2,
+        });
+    }
+    check_time(tt_s)?;
+    let slopes: Vec<f64> = tt_s
+        .windows(2)
+        .zip(values.windows(2))
+        .map(|(t, x)| (x[1] - x[0]) / (t[1] - t[0]))
+        .collect();
+    let inside = slopes.windows(2).zip(tt_s.windows(3)).map(|(slope, t)| {
+        let (before, after) = (t[1] - t[0], t[2] - t[1]);
+        (slope[0] * after + slope[1] * before) / (before + after)
+    });
+    let first = slopes.first().copied();
+    let last = slopes.last().copied();
+    Ok(first.into_iter().chain(inside).chain(last).collect())
+}
+
+/// Velocity north, east and down, in m/s, of geodetic positions (degrees, degrees, m above the
+/// ellipsoid), with the ellipsoid's radii at each sample. A longitude may pass ±180°.
+pub fn velocity_ned_mps(
+    tt_s: &[f64],
+    lat_deg: &[f64],
+    lon_deg: &[f64],
+    alt_m: &[f64],
+) -> Result<Triple, SeriesError> {
+    for (column, values) in [("lat", lat_deg), ("lon", lon_deg), ("alt", alt_m)] {
+        check_column(column, values, tt_s.len())?;
+    }
+    check_latitudes("lat", lat_deg)?;
+    let lat_rate = derivative(tt_s, lat_deg)?;
+    let lon_rate = derivative(tt_s, &unwrapped_deg(lon_deg))?;
+    let alt_rate = derivative(tt_s, alt_m)?;
+    let earth = EarthModel::Wgs84;
+    let places = || lat_deg.iter().map(|lat| lat.to_radians()).zip(alt_m);
+    let north = lat_rate
+        .iter()
+        .zip(places())
+        .map(|(rate, (lat, alt))| earth.lat_rad_to_north_m(rate.to_radians(), lat, *alt));
+    let east = lon_rate
+        .iter()
+        .zip(places())
+        .map(|(rate, (lat, alt))| earth.lon_rad_to_east_m(rate.to_radians(), lat, *alt));
+    Ok([
+        north.collect(),
+        east.collect(),
+        alt_rate.iter().map(|rate| -rate).collect(),
+    ])
+}
+
+/// Specific force north, east and down, in m/s², of velocities in m/s: the derivative of the
+/// velocity, less gravity (9.80665 m/s²) in the vertical. The Coriolis and transport terms, below
+/// 0.05 m/s² at 300 m/s, are left out, as MagNav.jl does.
+pub fn specific_force_ned_mps2(
+    tt_s: &[f64],
+    vn_mps: &[f64],
+    ve_mps: &[f64],
+    vd_mps: &[f64],
+) -> Result<Triple, SeriesError> {
+    let down = derivative(tt_s, vd_mps)?;
+    Ok([
+        derivative(tt_s, vn_mps)?,
+        derivative(tt_s, ve_mps)?,
+        down.iter()
+            .map(|rate| rate - STANDARD_GRAVITY_MPS2)
+            .collect(),
+    ])
+}
+
+/// Roll, pitch and yaw, in degrees, of an aircraft that flies level with its nose along the course
+/// of its velocity. A sample at rest keeps the yaw before it; rest from the beginning points north.
+pub fn level_attitude_deg(vn_mps: &[f64], ve_mps: &[f64]) -> Result<Triple, SeriesError> {
+    check_length("ve", ve_mps, vn_mps)?;
+    let mut course_deg = 0.0;
+    let yaw: Vec<f64> = vn_mps
+        .iter()
+        .zip(ve_mps)
+        .map(|(vn, ve)| {
+            if *vn != 0.0 || *ve != 0.0 {
+                course_deg = ve.atan2(*vn).to_degrees();
+            }
+            course_deg
+        })
+        .collect();
+    let level = vec![0.0; yaw.len()];
+    Ok([level.clone(), level, yaw])
+}
+
+/// Longitudes without the jump at ±180°.
+fn unwrapped_deg(lon_deg: &[f64]) -> Vec<f64> {
+    let mut before: Option<(f64, f64)> = None;
+    let step = |lon: &f64| {
+        let unwrapped = match before {
+            Some((raw, unwrapped)) => unwrapped + wrap_deg(lon - raw),
+            None => *lon,
+        };
+        before = Some((*lon, unwrapped));
+        unwrapped
+    };
+    lon_deg.iter().map(step).collect()
+}
+
+fn check_length(column: &'static str, values: &[f64], like: &[f64]) -> Result<(), SeriesError> {
+    if values.len() == like.len() {
+        return Ok(());
+    }
+    Err(SeriesError::Length {
+        column,
+        rows: values.len(),
+        expected: like.len(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn law_a_parabola_is_differentiated_exactly_on_uneven_steps() {
+        let tt = [0.0, 0.1, 0.35, 0.4, 1.0];
+        let x: Vec<f64> = tt.iter().map(|t| 3.0 + 2.0 * t - 5.0 * t * t).collect();
+        let d = derivative(&tt, &x).unwrap();
+        for k in 1..4 {
+            assert!((d[k] - (2.0 - 10.0 * tt[k])).abs() < 1e-13);
+        }
+        assert!(
+            (d[0] - (2.0 - 5.0 * 0.1)).abs() < 1e-13,
+            "the first two samples' slope"
+        );
+        assert!(
+            (d[4] - (2.0 - 5.0 * 1.4)).abs() < 1e-13,
+            "the last two samples' slope"
+        );
+    }
+
+    #[test]
+    fn law_velocity_of_a_known_path_over_the_date_line() {
+        let (lat, alt) = (50.0_f64, 300.0);
+        let (speed_n, speed_e) = (40.0, -70.0);
+        let earth = EarthModel::Wgs84;
+        let tt: Vec<f64> = (0..50).map(|k| 0.2 * f64::from(k)).collect();
+        let lats: Vec<f64> = tt
+            .iter()
+            .map(|t| {
+                lat + earth
+                    .north_m_to_lat_rad(speed_n * (t - 5.0), lat.to_radians(), alt)
+                    .to_degrees()
+            })
+            .collect();
+        let lons: Vec<f64> = tt
+            .iter()
+            .map(|t| {
+                let east = earth.east_m_to_lon_rad(speed_e * (t - 5.0), lat.to_radians(), alt);
+                wrap_deg(180.0 + east.to_degrees())
+            })
+            .collect();
+        let alts: Vec<f64> = tt.iter().map(|t| alt + 2.0 * t).collect();
+        let [vn, ve, vd] = velocity_ned_mps(&tt, &lats, &lons, &alts).unwrap();
+        // The radii change by 1e-4 over the 700 m of the path and the 10 m of climb.
+        assert!(vn.iter().all(|v| (v - speed_n).abs() < 1e-3));
+        assert!(ve.iter().all(|v| (v - speed_e).abs() < 1e-2), "{ve:?}");
+        assert!(vd.iter().all(|v| (v + 2.0).abs() < 1e-9));
+        let [f_n, _, f_d] = specific_force_ned_mps2(&tt, &vn, &ve, &vd).unwrap();
+        assert!(f_n.iter().all(|f| f.abs() < 1e-3));
+        assert!(f_d.iter().all(|f| (f + STANDARD_GRAVITY_MPS2).abs() < 1e-9));
+    }
+
+    #[test]
+    fn law_the_nose_follows_the_course() {
+        let [roll, pitch, yaw] =
+            level_attitude_deg(&[0.0, 1.0, 0.0, 0.0, -1.0], &[0.0, 0.0, 2.0, 0.0, -1.0]).unwrap();
+        assert_eq!(yaw, [0.0, 0.0, 90.0, 90.0, -135.0]);
+        assert!(roll.iter().chain(&pitch).all(|angle| *angle == 0.0));
+    }
+
+    #[test]
+    fn law_bad_columns_are_refused_in_words() {
+        let message = |r: Result<Triple, SeriesError>| r.unwrap_err().to_string();
+        assert_eq!(
+            message(velocity_ned_mps(
+                &[0.0, 1.0],
+                &[1.0, f64::NAN],
+                &[0.0; 2],
+                &[0.0; 2]
+            )),
+            "column `lat` is NaN in row 1; the filter needs a finite value in every row"
+        );
+        assert_eq!(
+            message(velocity_ned_mps(
+                &[0.0, 0.0],
+                &[1.0; 2],
+                &[0.0; 2],
+                &[0.0; 2]
+            )),
+            "time does not ascend: `tt` is 0 s in row 1 after 0 s"
+        );
+        assert!(message(velocity_ned_mps(&[0.0], &[1.0], &[0.0], &[0.0])).contains("at least 2"));
+        assert!(message(velocity_ned_mps(&[0.0], &[90.0], &[0.0], &[0.0])).contains("pole"));
+        assert!(message(level_attitude_deg(&[0.0], &[])).contains("has 0 rows"));
+    }
+}

@@ -1,0 +1,41 @@
+//! Standard normals for tests: SplitMix64 [Steele, Lea & Flood 2014] and Box-Muller.
+
+/// A reproducible source of standard normals.
+pub struct Normals {
+    state: u64,
+    spare: Option<f64>,
+}
+
+impl Normals {
+    /// A source for each seed.
+    pub fn new(seed: u64) -> Self {
+        // Seeds side by side must not give the same sequence shifted by one.
+        Self {
+            state: mixed(seed ^ 0x5851_f42d_4c95_7f2d),
+            spare: None,
+        }
+    }
+
+    /// The next number between 0 (excluded) and 1.
+    fn uniform(&mut self) -> f64 {
+        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        (mixed(self.state) >> 11) as f64 / (1_u64 << 53) as f64 + 1.0 / (1_u64 << 54) as f64
+    }
+
+    /// The next standard normal.
+    pub fn draw(&mut self) -> f64 {
+        if let Some(spare) = self.spare.take() {
+            return spare;
+        }
+        let radius = (-2.0 * self.uniform().ln()).sqrt();
+        let (sin, cos) = (std::f64::consts::TAU * self.uniform()).sin_cos();
+        self.spare = Some(radius * sin);
+        radius * cos
+    }
+}
+
+fn mixed(mut z: u64) -> u64 {
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}

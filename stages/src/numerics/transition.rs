@@ -1,0 +1,328 @@
+//! From the continuous error model to discrete steps: Φ = exp(F Δt) and the process noise.
+
+use super::pinson::{
+    A_HAT, ACC, ALT, GYRO, HA, LAT, LON, S, STATES, StateMatrix, StateVector, TILT_D, TILT_E,
+    TILT_N, VD, VE, VN,
+};
+
+/// How the white driving noise becomes the covariance that a step adds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum NoiseDiscretisation {
+    /// q Δt added after the step (MagNav.jl): first order.
+    Rectangular,
+    /// Half of q Δt before the step and half after it: second order, positive semidefinite as it
+    /// stands, and at no cost. For 0.1 s steps within 1e-5 of Van Loan's where anything counts.
+    #[default]
+    Trapezoidal,
+    /// The integral of Φ(s) Q Φ(s)ᵀ over the step, to rounding; about three times the cost of the
+    /// whole filter. [Van Loan 1978]
+    VanLoan,
+}
+
+/// The states that depend on each other, with the coupled states each depends on.
+const COUPLED: [(usize, &[usize]); 10] = [
+    (LAT, &[ALT, VN]),
+    (LON, &[LAT, ALT, VE]),
+    (ALT, &[ALT, VD]),
+    (VN, &[LAT, ALT, VN, VE, VD, TILT_E, TILT_D]),
+    (VE, &[LAT, ALT, VN, VE, VD, TILT_N, TILT_D]),
+    (VD, &[LAT, ALT, VN, VE, TILT_N, TILT_E, A_HAT]),
+    (TILT_N, &[LAT, ALT, VE, TILT_E, TILT_D]),
+    (TILT_E, &[ALT, VN, TILT_N, TILT_D]),
+    (TILT_D, &[LAT, ALT, VE, TILT_N, TILT_E]),
+    (A_HAT, &[ALT]),
+];
+
+/// Which Gauss-Markov states drive which coupled state.
+const DRIVEN: [(usize, &[usize]); 8] = [
+    (ALT, &[HA]),
+    (VN, &[ACC, ACC + 1, ACC + 2]),
+    (VE, &[ACC, ACC + 1, ACC + 2]),
+    (VD, &[ACC, ACC + 1, ACC + 2, HA]),
+    (TILT_N, &[GYRO, GYRO + 1, GYRO + 2]),
+    (TILT_E, &[GYRO, GYRO + 1, GYRO + 2]),
+    (TILT_D, &[GYRO, GYRO + 1, GYRO + 2]),
+    (A_HAT, &[HA]),
+];
+
+/// The Gauss-Markov states: nothing drives them but their own past.
+const DECAYING: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];
+
+/// Sizes that make the coupling between unlike states comparable: metres of position, metres per
+/// 30 s of velocity, and so on down the chain gyroscope, tilt, velocity, position.
+const SCALE: StateVector = {
+    const RADIUS: f64 = 6.4e6;
+    const T: f64 = 30.0;
+    const G: f64 = 9.8;
+    let (v, tilt, acc, gyro) = (T, G * T * T, T * T, G * T * T * T);
+    [
+        RADIUS, RADIUS, 1.0, v, v, v, tilt, tilt, tilt, acc, acc, acc, gyro, gyro, gyro, 1.0, acc,
+        1.0,
+    ]
+};
+
+/// Largest remainder of the series, in scaled states.
+const REMAINDER: f64 = 1e-16;
+/// Largest scaled size of F Δt that the series is used for; beyond it the step is halved.
+const LARGEST: f64 = 0.5;
+
+/// The transition matrix exp(F Δt) of a matrix made by `pinson_matrix`.
+///
+/// The Gauss-Markov states decay by their exponentials; the rest is the Taylor series over the
+/// entries that are not zero, of the order whose remainder θ^(k+1)/(k+1)! e^θ is below 1e-16, θ
+/// being the largest row sum of |F Δt| in scaled states (6 terms at 0.1 s, 8 at 1 s). A step with
+/// θ above one half (several seconds) is made of halves.
+pub fn transition_matrix(f: &StateMatrix, dt_s: f64) -> StateMatrix {
+    let halvings = halvings(scaled_norm(f) * dt_s.abs());
+    let mut phi = series(f, dt_s / f64::from(1_u32 << halvings));
+    for _ in 0..halvings {
+        phi = product(&phi, &phi);
+    }
+    phi
+}
+
+/// The largest row sum of |F|, in 1/s, in scaled states.
+fn scaled_norm(f: &StateMatrix) -> f64 {
+    let row_sum = |row: usize, columns: &[usize]| -> f64 {
+        columns
+            .iter()
+            .map(|column| f[row][*column].abs() * SCALE[row] / SCALE[*column])
+            .sum()
+    };
+    let mut sums = [0.0; STATES];
+    for (row, columns) in COUPLED.iter().chain(&DRIVEN) {
+        sums[*row] += row_sum(*row, columns);
+    }
+    for state in DECAYING {
+        sums[state] = f[state][state].abs();
+    }
+    // A NaN anywhere must win, so that the caller sees it in the matrix instead of a wrong order.
+    sums.into_iter().fold(
+        0.0,
+        |largest, sum| if sum <= largest { largest } else { sum },
+    )
+}
+
+fn halvings(theta: f64) -> u32 {
+    let mut halvings = 0;
+    let mut rest = theta;
+    while rest > LARGEST && halvings < 30 {
+        rest *= 0.5;
+        halvings += 1;
+    }
+    halvings
+}
+
+/// The Taylor series of exp(F Δt) over the pattern of F.
+fn series(f: &StateMatrix, dt_s: f64) -> StateMatrix {
+    let theta = scaled_norm(f) * dt_s.abs();
+    let mut phi = identity();
+    let mut term = identity();
+    let mut bound = theta.exp();
+    for order in 1..40_u32 {
+        term = next_term(f, &term, dt_s / f64::from(order));
+        for (row, _) in COUPLED {
+            add_scaled(&mut phi[row], 1.0, &term[row]);
+        }
+        bound *= theta / f64::from(order);
+        if bound * theta <= REMAINDER * f64::from(order + 1) {
+            break;
+        }
+    }
+    for state in DECAYING {
+        phi[state][state] = (f[state][state] * dt_s).exp();
+    }
+    phi
+}
+
+/// F times a term of the series times `factor`.
+fn next_term(f: &StateMatrix, term: &StateMatrix, factor: f64) -> StateMatrix {
+    let mut next = [[0.0; STATES]; STATES];
+    for (row, columns) in COUPLED {
+        for column in columns {
+            add_scaled(&mut next[row], factor * f[row][*column], &term[*column]);
+        }
+    }
+    for (row, columns) in DRIVEN {
+        for column in columns {
+            next[row][*column] += factor * f[row][*column] * term[*column][*column];
+        }
+    }
+    for state in DECAYING {
+        next[state][state] = factor * f[state][state] * term[state][state];
+    }
+    next
+}
+
+/// The identity matrix.
+pub fn identity() -> StateMatrix {
+    diagonal(&[1.0; STATES])
+}
+
+/// A diagonal matrix.
+pub fn diagonal(entries: &StateVector) -> StateMatrix {
+    let mut matrix = [[0.0; STATES]; STATES];
+    for (state, entry) in entries.iter().enumerate() {
+        matrix[state][state] = *entry;
+    }
+    matrix
+}
+
+/// Adds a multiple of a row to a row.
+#[inline(always)]
+pub(super) fn add_scaled(to: &mut StateVector, factor: f64, from: &StateVector) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to += factor * from;
+    }
+}
+
+fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
+    let mut out = [[0.0; STATES]; STATES];
+    for (out, row) in out.iter_mut().zip(a) {
+        for (factor, b_row) in row.iter().zip(b) {
+            add_scaled(out, *factor, b_row);
+        }
+    }
+    out
+}
+
+/// Φ x, over the entries of a transition matrix that are not zero.
+pub fn propagate_state(phi: &StateMatrix, x: &StateVector) -> StateVector {
+    let mut out = [0.0; STATES];
+    for (row, _) in COUPLED {
+        out[row] = phi[row].iter().zip(x).map(|(phi, x)| phi * x).sum();
+    }
+    for state in DECAYING {
+        out[state] = phi[state][state] * x[state];
+    }
+    out
+}
+
+/// Φ P Φᵀ of a symmetric P, exactly symmetric: one triangle is computed and mirrored.
+pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
+    // P is its own transpose, so the columns of Y = Φ P, which the second product needs by rows,
+    // are built as the rows of P Φᵀ.
+    let mut y = [[0.0; STATES]; STATES];
+    for (row, _) in COUPLED {
+        for column in 0..S {
+            add_scaled(&mut y[row], phi[row][column], &p[column]);
+        }
+    }
+    for state in DECAYING {
+        y[state] = p[state].map(|entry| phi[state][state] * entry);
+    }
+    let y_columns = transposed(&y);
+    let mut out = [[0.0; STATES]; STATES];
+    for (row, _) in COUPLED {
+        for column in 0..S {
+            add_scaled(&mut out[row], phi[row][column], &y_columns[column]);
+        }
+    }
+    for state in DECAYING {
+        for column in DECAYING {
+            out[state][column] = y[state][column] * phi[column][column];
+        }
+        // Coupled columns of a decaying row are filled from the coupled rows.
+        for (row, _) in COUPLED {
+            out[state][row] = out[row][state];
+        }
+    }
+    mirror_upper(&mut out);
+    out
+}
+
+fn transposed(m: &StateMatrix) -> StateMatrix {
+    let mut out = [[0.0; STATES]; STATES];
+    for row in 0..STATES {
+        for column in 0..STATES {
+            out[row][column] = m[column][row];
+        }
+    }
+    out
+}
+
+/// Makes a matrix exactly symmetric by what stands above its diagonal.
+pub fn mirror_upper(m: &mut StateMatrix) {
+    for row in 1..STATES {
+        for column in 0..row {
+            m[row][column] = m[column][row];
+        }
+    }
+}
+
+/// The covariance that white noise of spectral density `q` (per state, per second) adds over a
+/// step of exp(F s), the integral of exp(F s) Q exp(F s)ᵀ. [Van Loan 1978]
+///
+/// Four-point Gauss-Legendre quadrature over pieces of at most one half in scaled size: its weights
+/// are positive, so every answer is positive semidefinite.
+pub fn van_loan(f: &StateMatrix, q: &StateVector, dt_s: f64) -> StateMatrix {
+    const NODES: [(f64, f64); 4] = [
+        (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
+        (0.330_009_478_207_571_87, 0.326_072_577_431_273_07),
+        (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
+        (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
+    ];
+    let halvings = halvings(scaled_norm(f) * dt_s.abs());
+    let piece_s = dt_s / f64::from(1_u32 << halvings);
+    let mut sum = [[0.0; STATES]; STATES];
+    for (node, weight) in NODES {
+        let phi = series(f, node * piece_s);
+        let noise = diagonal(&q.map(|density| density * weight * piece_s));
+        let part = propagate_covariance(&phi, &noise);
+        add(&mut sum, &part);
+    }
+    let mut phi = series(f, piece_s);
+    for _ in 0..halvings {
+        let earlier = propagate_covariance(&phi, &sum);
+        add(&mut sum, &earlier);
+        phi = product(&phi, &phi);
+    }
+    sum
+}
+
+/// Adds a matrix to a matrix.
+pub(super) fn add(to: &mut StateMatrix, from: &StateMatrix) {
+    for (to, from) in to.iter_mut().zip(from) {
+        add_scaled(to, 1.0, from);
+    }
+}
+
+/// One step of a covariance: Φ P Φᵀ plus the process noise of spectral density `q` (per second).
+pub fn step_covariance(
+    p: &StateMatrix,
+    f: &StateMatrix,
+    phi: &StateMatrix,
+    q: &StateVector,
+    dt_s: f64,
+    noise: NoiseDiscretisation,
+) -> StateMatrix {
+    let share = |part: f64| q.map(|density| density * part * dt_s);
+    match noise {
+        NoiseDiscretisation::Rectangular => {
+            let mut out = propagate_covariance(phi, p);
+            add_diagonal(&mut out, &share(1.0));
+            out
+        }
+        NoiseDiscretisation::Trapezoidal => {
+            let mut before = *p;
+            add_diagonal(&mut before, &share(0.5));
+            let mut out = propagate_covariance(phi, &before);
+            add_diagonal(&mut out, &share(0.5));
+            out
+        }
+        NoiseDiscretisation::VanLoan => {
+            let mut out = propagate_covariance(phi, p);
+            add(&mut out, &van_loan(f, q, dt_s));
+            out
+        }
+    }
+}
+
+fn add_diagonal(m: &mut StateMatrix, entries: &StateVector) {
+    for (state, entry) in entries.iter().enumerate() {
+        m[state][state] += entry;
+    }
+}
+
+#[cfg(test)]
+mod tests;
