@@ -5,7 +5,9 @@
 
 pub mod attitude;
 pub mod core_field;
+pub mod crossings;
 pub mod dates;
+pub mod difference;
 pub mod ekf;
 pub mod field_value;
 pub mod filter;
@@ -13,13 +15,19 @@ pub mod gauss_markov;
 pub mod geodesy;
 pub mod ins_error;
 pub mod ins_series;
+pub mod least_squares;
 pub mod map_grid;
 pub mod natural_cubic;
 pub mod pinson;
+pub mod resample;
+pub mod segments;
+pub mod spectrum;
+pub mod statistics;
 pub mod strapdown;
+pub mod tolles_lawson;
 pub mod transition;
+
+#[cfg(test)]
+mod reference_csv;
 #[cfg(test)]
 mod test_normals;
-pub mod difference;
-pub mod least_squares;
-pub mod tolles_lawson;

@@ -1,0 +1,213 @@
+//! How well a line agrees with itself where its track crosses its track.
+
+use super::statistics::Figure;
+
+/// Two samples belong to one crossing when they are at most this far apart horizontally, m.
+pub const NEAR_M: f64 = 1.0;
+
+/// ... and more than this long apart in time, s.
+pub const APART_S: f64 = 1.0;
+
+/// The most pairs of samples that are looked at.
+const MOST_PAIRS: u128 = 50_000_000;
+
+/// The figure of merit of a line at its crossings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Crossings {
+    /// The figure, in the unit of the measurements; `n` counts pairs. NaN without a pair.
+    pub figure: Figure,
+    /// Every how manieth sample was used: 1 but for long stays at one place.
+    pub stride: usize,
+}
+
+/// The root mean square of z − z* over all pairs of samples that are at most 1 m apart horizontally
+/// and more than 1 s apart in time. [thesis 001, (66)]
+///
+/// `north_m` and `east_m` are local positions in metres, `z` measurements in any unit, `tt` seconds;
+/// samples with a value that is not finite are left out. Every pair counts once.
+///
+/// Samples are sorted into cells of 1 m, so that only neighbours are compared: the work grows with
+/// the number of samples, not with its square. An aircraft that hovers puts thousands of samples
+/// into one cell, and pairs grow with the square of those: where more than 50 million pairs would
+/// have to be looked at, only every k-th sample is used, with the smallest k that is a power of two
+/// and keeps within that; `stride` tells.
+pub fn figure_of_merit_crossings(
+    north_m: &[f64],
+    east_m: &[f64],
+    z: &[f64],
+    tt: &[f64],
+) -> Crossings {
+    let mut stride = 1;
+    let cells = loop {
+        let cells = Cells::of(north_m, east_m, z, tt, stride);
+        if cells.candidates() <= MOST_PAIRS {
+            break cells;
+        }
+        stride *= 2;
+    };
+    let (mut squares, mut pairs) = (0.0, 0usize);
+    cells.each_pair(|one, other| {
+        let (dn, de) = (one.north_m - other.north_m, one.east_m - other.east_m);
+        let near = dn * dn + de * de <= NEAR_M * NEAR_M;
+        if near && (one.tt - other.tt).abs() > APART_S {
+            squares += (one.z - other.z) * (one.z - other.z);
+            pairs += 1;
+        }
+    });
+    Crossings {
+        figure: Figure {
+            value: (squares / pairs as f64).sqrt(),
+            n: pairs,
+        },
+        stride,
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    cell: (i64, i64),
+    north_m: f64,
+    east_m: f64,
+    z: f64,
+    tt: f64,
+}
+
+/// Samples sorted by cell, and where each occupied cell begins.
+struct Cells {
+    samples: Vec<Sample>,
+    /// Cell, first sample, one past the last.
+    index: Vec<((i64, i64), usize, usize)>,
+}
+
+impl Cells {
+    fn of(north_m: &[f64], east_m: &[f64], z: &[f64], tt: &[f64], stride: usize) -> Self {
+        let cell = |x: f64| (x / NEAR_M).floor() as i64;
+        let columns = north_m.iter().zip(east_m).zip(z).zip(tt);
+        let mut samples: Vec<Sample> = columns
+            .step_by(stride)
+            .map(|(((&north_m, &east_m), &z), &tt)| Sample {
+                cell: (cell(north_m), cell(east_m)),
+                north_m,
+                east_m,
+                z,
+                tt,
+            })
+            .filter(|s| (s.north_m + s.east_m + s.z + s.tt).is_finite())
+            .collect();
+        samples.sort_by_key(|sample| sample.cell);
+        let mut index: Vec<((i64, i64), usize, usize)> = Vec::new();
+        for (at, sample) in samples.iter().enumerate() {
+            match index.last_mut() {
+                Some((cell, _, end)) if *cell == sample.cell => *end = at + 1,
+                _ => index.push((sample.cell, at, at + 1)),
+            }
+        }
+        Self { samples, index }
+    }
+
+    /// The cell itself and the half of its neighbours that meets every pair of cells once.
+    fn around(&self, cell: (i64, i64)) -> impl Iterator<Item = &[Sample]> {
+        [(0, 1), (1, -1), (1, 0), (1, 1)]
+            .into_iter()
+            .filter_map(move |(north, east)| {
+                let other = (cell.0.saturating_add(north), cell.1.saturating_add(east));
+                let at = self
+                    .index
+                    .binary_search_by_key(&other, |entry| entry.0)
+                    .ok()?;
+                let (_, start, end) = self.index[at];
+                Some(&self.samples[start..end])
+            })
+    }
+
+    fn candidates(&self) -> u128 {
+        let pairs = self.index.iter().map(|&(cell, start, end)| {
+            let n = (end - start) as u128;
+            let beside: usize = self.around(cell).map(<[Sample]>::len).sum();
+            n * (n - 1) / 2 + n * beside as u128
+        });
+        pairs.sum()
+    }
+
+    fn each_pair(&self, mut visit: impl FnMut(&Sample, &Sample)) {
+        for &(cell, start, end) in &self.index {
+            let own = &self.samples[start..end];
+            for (i, one) in own.iter().enumerate() {
+                own[i + 1..].iter().for_each(|other| visit(one, other));
+                for beside in self.around(cell) {
+                    beside.iter().for_each(|other| visit(one, other));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    /// The definition, pair by pair.
+    fn every_pair(north: &[f64], east: &[f64], z: &[f64], tt: &[f64]) -> (f64, usize) {
+        let (mut squares, mut n) = (0.0, 0);
+        for i in 0..z.len() {
+            for j in 0..i {
+                let near = (north[i] - north[j]).hypot(east[i] - east[j]) <= 1.0;
+                if near && (tt[i] - tt[j]).abs() > 1.0 {
+                    squares += (z[i] - z[j]).powi(2);
+                    n += 1;
+                }
+            }
+        }
+        ((squares / f64::from(n)).sqrt(), n as usize)
+    }
+
+    fn clover(rows: usize) -> [Vec<f64>; 4] {
+        let tt: Vec<f64> = (0..rows).map(|k| 0.1 * k as f64).collect();
+        let r = |t: f64| 40.0 * (0.11 * t).sin();
+        let north = tt.iter().map(|t| r(*t) * (0.05 * t).cos()).collect();
+        let east = tt.iter().map(|t| r(*t) * (0.05 * t).sin()).collect();
+        let z = tt.iter().map(|t| (0.3 * t).sin() + 0.01 * t).collect();
+        [north, east, z, tt]
+    }
+
+    #[test]
+    fn law_the_cells_find_the_pairs_that_the_definition_asks_for() {
+        let [north, east, z, tt] = clover(3000);
+        let (value, n) = every_pair(&north, &east, &z, &tt);
+        let found = figure_of_merit_crossings(&north, &east, &z, &tt);
+        assert!(n > 1000);
+        assert_eq!((found.figure.n, found.stride), (n, 1));
+        // The same squares summed in another order.
+        assert!((found.figure.value / value - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn law_two_passes_over_one_point_differ_by_what_was_measured() {
+        let found = figure_of_merit_crossings(
+            &[0.0, 50.0, -0.6, f64::NAN],
+            &[0.0, 0.0, -0.8, 0.0],
+            &[100.0, 0.0, 103.0, 9.0],
+            &[0.0, 10.0, 20.0, 30.0],
+        );
+        assert_eq!(found.figure, Figure { value: 3.0, n: 1 });
+        let just_apart =
+            figure_of_merit_crossings(&[0.0, 1.001], &[0.0; 2], &[0.0; 2], &[0.0, 9.0]);
+        assert_eq!(just_apart.figure.n, 0);
+        assert!(just_apart.figure.value.is_nan());
+        let at_once = figure_of_merit_crossings(&[0.0; 2], &[0.0; 2], &[0.0, 5.0], &[0.0, 1.0]);
+        assert_eq!(at_once.figure.n, 0);
+    }
+
+    #[test]
+    fn r12_an_hour_on_one_spot_is_thinned_and_says_so() {
+        let rows = 36_000;
+        let tt: Vec<f64> = (0..rows).map(|k| 0.1 * f64::from(k)).collect();
+        let z: Vec<f64> = (0..rows).map(|k| f64::from(k / 100 % 2)).collect();
+        let still = vec![0.25; tt.len()];
+        let found = figure_of_merit_crossings(&still, &still, &z, &tt);
+        assert_eq!(found.stride, 4);
+        // Half of the pairs differ by 1: √½ but for the pairs within a second.
+        assert!((found.figure.value - 0.5f64.sqrt()).abs() < 1e-3);
+    }
+}

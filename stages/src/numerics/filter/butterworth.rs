@@ -1,0 +1,282 @@
+//! Butterworth filters as second-order sections, by the bilinear transform with prewarped corners.
+
+use std::f64::consts::PI;
+
+use super::FilterError;
+
+/// Which frequencies a filter lets through.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Band {
+    /// All below `high_hz`: a low-pass.
+    Low {
+        /// The corner, Hz.
+        high_hz: f64,
+    },
+    /// All above `low_hz`: a high-pass.
+    High {
+        /// The corner, Hz.
+        low_hz: f64,
+    },
+    /// All between `low_hz` and `high_hz`: a band-pass.
+    Band {
+        /// The lower corner, Hz.
+        low_hz: f64,
+        /// The upper corner, Hz.
+        high_hz: f64,
+    },
+}
+
+impl Band {
+    /// The band between two corners, of which either may be left out.
+    ///
+    /// MagNav.jl drops an edge whose frequency is at or below zero or not below Nyquist; here an
+    /// edge is dropped only by leaving it out, and such a frequency is an error of the design.
+    pub fn between(low_hz: Option<f64>, high_hz: Option<f64>) -> Result<Self, FilterError> {
+        match (low_hz, high_hz) {
+            (Some(low_hz), Some(high_hz)) => Ok(Self::Band { low_hz, high_hz }),
+            (Some(low_hz), None) => Ok(Self::High { low_hz }),
+            (None, Some(high_hz)) => Ok(Self::Low { high_hz }),
+            (None, None) => Err(FilterError::NoCorner),
+        }
+    }
+}
+
+impl std::fmt::Display for Band {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Low { high_hz } => write!(f, "below {high_hz} Hz"),
+            Self::High { low_hz } => write!(f, "above {low_hz} Hz"),
+            Self::Band { low_hz, high_hz } => write!(f, "{low_hz} to {high_hz} Hz"),
+        }
+    }
+}
+
+/// One second-order section, H(z) = (1 + b1 z⁻¹ + b2 z⁻²) / (1 + a1 z⁻¹ + a2 z⁻²).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Section {
+    /// Numerator, one sample ago.
+    pub b1: f64,
+    /// Numerator, two samples ago.
+    pub b2: f64,
+    /// Denominator, one sample ago.
+    pub a1: f64,
+    /// Denominator, two samples ago.
+    pub a2: f64,
+}
+
+impl Section {
+    /// The section that lets everything through unchanged.
+    pub(super) const PASS: Self = Self {
+        b1: 0.0,
+        b2: 0.0,
+        a1: 0.0,
+        a2: 0.0,
+    };
+
+    /// Whether the numerator is that of a band-pass, 1 − z⁻².
+    pub(super) fn is_band(&self) -> bool {
+        self.b1 == 0.0 && self.b2 == -1.0
+    }
+
+    /// What a constant of one becomes.
+    pub(super) fn constant_gain(&self) -> f64 {
+        (1.0 + self.b1 + self.b2) / (1.0 + self.a1 + self.a2)
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Complex {
+    re: f64,
+    im: f64,
+}
+
+impl Complex {
+    fn new(re: f64, im: f64) -> Self {
+        Self { re, im }
+    }
+
+    fn scale(self, by: f64) -> Self {
+        Self::new(self.re * by, self.im * by)
+    }
+
+    fn add(self, other: Self) -> Self {
+        Self::new(self.re + other.re, self.im + other.im)
+    }
+
+    fn mul(self, other: Self) -> Self {
+        Self::new(
+            self.re * other.re - self.im * other.im,
+            self.re * other.im + self.im * other.re,
+        )
+    }
+
+    fn norm(self) -> f64 {
+        self.re.hypot(self.im)
+    }
+
+    fn inverse(self) -> Self {
+        let square = self.re * self.re + self.im * self.im;
+        Self::new(self.re / square, -self.im / square)
+    }
+
+    /// The square root with a real part of at least zero.
+    fn sqrt(self) -> Self {
+        let norm = self.norm();
+        let re = ((norm + self.re) / 2.0).max(0.0).sqrt();
+        let im = ((norm - self.re) / 2.0).max(0.0).sqrt();
+        Self::new(re, im.copysign(self.im))
+    }
+}
+
+/// Analogue poles that make one section: a conjugate pair by its upper member, or real ones.
+enum Poles {
+    Pair(Complex),
+    Real(f64, f64),
+    Single(f64),
+}
+
+/// Gain and sections of a Butterworth filter, poles nearest the origin first.
+pub(super) fn design(
+    band: Band,
+    rate_hz: f64,
+    order: usize,
+) -> Result<(f64, Vec<Section>), FilterError> {
+    check(band, rate_hz, order)?;
+    // The bilinear transform s = 2 f (z - 1)/(z + 1) with f = 1/2, so that frequencies are tan(π f / rate).
+    let warp = |corner_hz: f64| (PI * corner_hz / rate_hz).tan();
+    let poles = match band {
+        Band::Low { high_hz } => low_pass(order, warp(high_hz)),
+        Band::High { low_hz } => high_pass(order, warp(low_hz)),
+        Band::Band { low_hz, high_hz } => band_pass(order, warp(low_hz), warp(high_hz)),
+    };
+    let mut sections: Vec<(f64, Section)> =
+        poles.iter().map(|poles| section(poles, band)).collect();
+    sections.sort_by(|(_, one), (_, other)| one.a2.total_cmp(&other.a2));
+    let gain = sections.iter().fold(1.0, |gain, (factor, _)| gain * factor)
+        * analogue_gain(band, order, &warp);
+    let sections: Vec<Section> = sections.into_iter().map(|(_, section)| section).collect();
+    if gain > 0.0 && gain.is_finite() && sections.iter().all(stable) {
+        return Ok((gain, sections));
+    }
+    Err(FilterError::Unstable {
+        order,
+        band: band.to_string(),
+        rate_hz,
+    })
+}
+
+fn check(band: Band, rate_hz: f64, order: usize) -> Result<(), FilterError> {
+    if !(rate_hz > 0.0 && rate_hz.is_finite()) {
+        return Err(FilterError::Rate { rate_hz });
+    }
+    if !(1..=12).contains(&order) {
+        return Err(FilterError::Order { order });
+    }
+    let corners = match band {
+        Band::Low { high_hz } => vec![high_hz],
+        Band::High { low_hz } => vec![low_hz],
+        Band::Band { low_hz, high_hz } => vec![low_hz, high_hz],
+    };
+    for &corner_hz in &corners {
+        if corner_hz.is_nan() || corner_hz <= 0.0 {
+            return Err(FilterError::CornerNotPositive { corner_hz });
+        }
+        if corner_hz >= rate_hz / 2.0 {
+            return Err(FilterError::CornerAboveNyquist {
+                corner_hz,
+                nyquist_hz: rate_hz / 2.0,
+                rate_hz,
+            });
+        }
+    }
+    match band {
+        Band::Band { low_hz, high_hz } if low_hz >= high_hz => {
+            Err(FilterError::CornersCrossed { low_hz, high_hz })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// The poles of the prototype with its corner at one: exp(iπ(2k + n + 1)/2n), upper half plane.
+fn prototype(order: usize) -> impl Iterator<Item = Complex> {
+    (0..order / 2).map(move |k| {
+        let angle = PI * (2 * k + order + 1) as f64 / (2 * order) as f64;
+        Complex::new(angle.cos(), angle.sin())
+    })
+}
+
+fn low_pass(order: usize, corner: f64) -> Vec<Poles> {
+    let pairs = prototype(order).map(|pole| Poles::Pair(pole.scale(corner)));
+    let single = (order % 2 == 1).then_some(Poles::Single(-corner));
+    pairs.chain(single).collect()
+}
+
+fn high_pass(order: usize, corner: f64) -> Vec<Poles> {
+    let pairs = prototype(order).map(|pole| Poles::Pair(pole.inverse().scale(corner)));
+    let single = (order % 2 == 1).then_some(Poles::Single(-corner));
+    pairs.chain(single).collect()
+}
+
+/// Each prototype pole p becomes the two roots of s² − p w s + c² with w = high − low, c² = low·high.
+fn band_pass(order: usize, low: f64, high: f64) -> Vec<Poles> {
+    let (half, square) = ((high - low) / 2.0, low * high);
+    let mut poles = Vec::with_capacity(order);
+    for pole in prototype(order) {
+        let middle = pole.scale(half);
+        let root = middle.mul(middle).add(Complex::new(-square, 0.0)).sqrt();
+        poles.push(Poles::Pair(middle.add(root)));
+        poles.push(Poles::Pair(middle.add(root.scale(-1.0))));
+    }
+    if order % 2 == 1 {
+        let under = half * half - square;
+        poles.push(if under < 0.0 {
+            Poles::Pair(Complex::new(-half, (-under).sqrt()))
+        } else {
+            Poles::Real(-half - under.sqrt(), -half + under.sqrt())
+        });
+    }
+    poles
+}
+
+/// The digital section of analogue poles s (z = (1 + s)/(1 − s)), and its factor 1/Π(1 − s).
+fn section(poles: &Poles, band: Band) -> (f64, Section) {
+    let (b1, b2) = match (band, poles) {
+        (Band::Low { .. }, Poles::Single(_)) => (1.0, 0.0),
+        (Band::High { .. }, Poles::Single(_)) => (-1.0, 0.0),
+        (Band::Low { .. }, _) => (2.0, 1.0),
+        (Band::High { .. }, _) => (-2.0, 1.0),
+        // One zero at 0 Hz and one at Nyquist each: a constant is gone after the first section.
+        (Band::Band { .. }, _) => (0.0, -1.0),
+    };
+    let (factor, a1, a2) = match *poles {
+        Poles::Pair(s) => quadratic(2.0 * s.re, s.re * s.re + s.im * s.im),
+        Poles::Real(one, other) => quadratic(one + other, one * other),
+        Poles::Single(s) => (1.0 / (1.0 - s), -(1.0 + s) / (1.0 - s), 0.0),
+    };
+    (factor, Section { b1, b2, a1, a2 })
+}
+
+/// 1/((1−s1)(1−s2)), a1 and a2 for poles with the given sum and product.
+fn quadratic(sum: f64, product: f64) -> (f64, f64, f64) {
+    let denominator = 1.0 - sum + product;
+    (
+        1.0 / denominator,
+        -2.0 * (1.0 - product) / denominator,
+        (1.0 + sum + product) / denominator,
+    )
+}
+
+/// What is left of the gain beside Π 1/(1 − s): the analogue gain times Π(1 − zeros).
+fn analogue_gain(band: Band, order: usize, warp: &impl Fn(f64) -> f64) -> f64 {
+    let width = match band {
+        Band::Low { high_hz } => warp(high_hz),
+        Band::High { .. } => 1.0,
+        Band::Band { low_hz, high_hz } => warp(high_hz) - warp(low_hz),
+    };
+    width.powi(order as i32)
+}
+
+/// The stability triangle: both poles inside the unit circle.
+fn stable(section: &Section) -> bool {
+    section.a2.abs() < 1.0 && section.a1.abs() < 1.0 + section.a2
+}

@@ -1,0 +1,305 @@
+//! Least squares and ridge regression over more rows than fit in memory, for many targets and many
+//! ridge parameters at once.
+//!
+//! The rows of [A | Y] are folded into the triangular factor of a QR factorisation, a panel at a
+//! time (tall-skinny QR [Demmel et al. 2012, "Communication-optimal parallel and sequential QR and
+//! LU factorizations", SIAM J. Sci. Comput. 34(1)]): memory depends on the number of columns only,
+//! and the normal equations, which square the condition number, are never formed. One singular
+//! value decomposition of the p x p factor then gives the answer for all targets and all lambdas:
+//! β = V diag(s/(s² + λ)) Uᵀ Qᵀ y, the minimum of |y − A β|² + λ |β|². λ is absolute (not divided
+//! by the number of rows) and penalises every term alike, as in MagNav.jl.
+//!
+//! ```
+//! use stages::numerics::least_squares::QrAccumulator;
+//!
+//! let a = [1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 2.0, 1.0]; // four rows of two terms
+//! let y: Vec<f64> = a.chunks(2).map(|row| 3.0 * row[0] - row[1]).collect();
+//! let mut qr = QrAccumulator::new(2, 1);
+//! qr.push(&a, &[&y])?;
+//! let path = qr.solve(&[0.0, 0.025], &["x", "y"])?;
+//! assert!((path.solutions[0].coefficients[0][0] - 3.0).abs() < 1e-12);
+//! # Ok::<(), stages::numerics::least_squares::LeastSquaresError>(())
+//! ```
+
+mod panel;
+mod ridge;
+
+use rayon::prelude::*;
+
+use panel::Triangle;
+pub use ridge::{RANK_TOLERANCE, RidgePath, RidgeSolution};
+
+/// Rows that one thread folds before the factors are merged, fixed so that the answer does not
+/// depend on the number of threads.
+const CHUNK: usize = 16_384;
+
+/// What is wrong with a fit or with what it was given.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LeastSquaresError {
+    /// Columns or names do not fit the matrix.
+    #[error("{what} has {given} entries where {expected} are needed")]
+    Shape {
+        /// Which argument.
+        what: &'static str,
+        /// How many entries it has.
+        given: usize,
+        /// How many it needs.
+        expected: usize,
+    },
+    /// A value is NaN or infinite.
+    #[error("the value in row {row} of {column} is not finite: leave such rows out of the fit")]
+    NotFinite {
+        /// The row, from 0, counted over all rows that were pushed.
+        row: usize,
+        /// `term` or `target` and its number from 0.
+        column: String,
+    },
+    /// A ridge parameter is negative or not finite.
+    #[error("lambda must be a finite number of at least 0, and it is {lambda}")]
+    Lambda {
+        /// The parameter that was given.
+        lambda: f64,
+    },
+    /// Nothing was pushed.
+    #[error("there is no row to fit")]
+    NoRows,
+    /// Without a ridge the terms cannot be told apart.
+    #[error("{}", ridge::deficient(*rank, *terms, *rows, unexcited, dependent))]
+    RankDeficient {
+        /// How many independent combinations of terms the rows hold.
+        rank: usize,
+        /// How many terms there are.
+        terms: usize,
+        /// How many rows there are.
+        rows: usize,
+        /// Terms that are zero in every row (or constant, where the fit takes means off).
+        unexcited: Vec<String>,
+        /// Terms that take part in a linear dependence.
+        dependent: Vec<String>,
+    },
+    /// The singular value decomposition did not converge.
+    #[error("the singular value decomposition did not converge")]
+    NoConvergence,
+}
+
+/// The triangular QR factor of [1 | A | Y], built up row by row.
+///
+/// The leading column of ones gives the means and the centred fit without a second pass.
+#[derive(Debug, Clone)]
+pub struct QrAccumulator {
+    terms: usize,
+    targets: usize,
+    rows: usize,
+    triangle: Triangle,
+    /// Room for one row: a one, the terms, the targets, and zeros up to whole cache lines.
+    row: Vec<f64>,
+}
+
+impl QrAccumulator {
+    /// An empty factor of `terms` columns of A and `targets` columns of Y.
+    pub fn new(terms: usize, targets: usize) -> Self {
+        let triangle = Triangle::new(1 + terms + targets);
+        let mut row = vec![0.0; triangle.padded()];
+        row[0] = 1.0;
+        Self {
+            terms,
+            targets,
+            rows: 0,
+            triangle,
+            row,
+        }
+    }
+
+    /// The factor of a whole matrix, on rayon's threads.
+    ///
+    /// The rows are cut at fixed places and the pieces merged in order: the answer is the same with
+    /// any number of threads (and differs in the last bits from one [`push`](Self::push) of all).
+    pub fn of(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
+        let mut whole = Self::new(terms, targets.len());
+        let rows = whole.check(a, targets)?;
+        let pieces: Vec<Self> = (0..rows.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|piece| {
+                let range = piece * CHUNK..((piece + 1) * CHUNK).min(rows);
+                let mut factor = Self::new(terms, targets.len());
+                let targets: Vec<&[f64]> = targets.iter().map(|y| &y[range.clone()]).collect();
+                factor
+                    .push(&a[range.start * terms..range.end * terms], &targets)
+                    .map_err(|error| error.further_down(range.start))?;
+                Ok(factor)
+            })
+            .collect::<Result<_, LeastSquaresError>>()?;
+        for piece in pieces {
+            whole.merge(piece)?;
+        }
+        Ok(whole)
+    }
+
+    /// Folds in rows: `a` is row-major with one column a term, `targets` one slice a target.
+    ///
+    /// Pushing in pieces gives the same bits as pushing at once. On an error nothing is folded in.
+    pub fn push(&mut self, a: &[f64], targets: &[&[f64]]) -> Result<(), LeastSquaresError> {
+        let rows = self.check(a, targets)?;
+        if !all_finite(a) {
+            return Err(self.not_finite("term", a.iter().position(|x| !x.is_finite()), self.terms));
+        }
+        for (number, target) in targets.iter().enumerate() {
+            if !all_finite(target) {
+                let row = target
+                    .iter()
+                    .position(|x| !x.is_finite())
+                    .unwrap_or_default();
+                let at = row * self.targets + number;
+                return Err(self.not_finite("target", Some(at), self.targets));
+            }
+        }
+        for i in 0..rows {
+            let terms = self.terms;
+            self.row[1..=terms].copy_from_slice(&a[i * terms..(i + 1) * terms]);
+            for (value, target) in self.row[1 + terms..].iter_mut().zip(targets) {
+                *value = target[i];
+            }
+            self.triangle.push(&self.row);
+        }
+        self.rows += rows;
+        Ok(())
+    }
+
+    /// Folds in the rows of another factor, after the own ones. The answer depends on the order of
+    /// merging in its last bits: merge in the order of the lines.
+    pub fn merge(&mut self, mut other: Self) -> Result<(), LeastSquaresError> {
+        expect("the other factor's targets", other.targets, self.targets)?;
+        expect("the other factor's terms", other.terms, self.terms)?;
+        other.triangle.flush();
+        let width = self.width();
+        for row in other.triangle.upper().chunks_exact(width) {
+            self.triangle.push(row);
+        }
+        self.triangle.flush();
+        self.rows += other.rows;
+        Ok(())
+    }
+
+    /// How many rows have been folded in.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    fn width(&self) -> usize {
+        1 + self.terms + self.targets
+    }
+
+    /// Ridge fits of every target for every lambda, all terms penalised, no intercept.
+    ///
+    /// `names` are the terms', for the report. With a lambda of 0 linearly dependent terms are an
+    /// error that names them; with a ridge they are solved and reported in the path.
+    pub fn solve<S: AsRef<str>>(
+        &self,
+        lambdas: &[f64],
+        names: &[S],
+    ) -> Result<RidgePath, LeastSquaresError> {
+        self.path(lambdas, names, false)
+    }
+
+    /// As [`solve`](Self::solve) after the means of terms and targets are taken off: a fit with an
+    /// intercept that is not penalised.
+    pub fn solve_centred<S: AsRef<str>>(
+        &self,
+        lambdas: &[f64],
+        names: &[S],
+    ) -> Result<RidgePath, LeastSquaresError> {
+        self.path(lambdas, names, true)
+    }
+
+    fn path<S: AsRef<str>>(
+        &self,
+        lambdas: &[f64],
+        names: &[S],
+        centred: bool,
+    ) -> Result<RidgePath, LeastSquaresError> {
+        expect("the list of term names", names.len(), self.terms)?;
+        if let Some(&lambda) = lambdas.iter().find(|l| !(**l >= 0.0 && l.is_finite())) {
+            return Err(LeastSquaresError::Lambda { lambda });
+        }
+        if self.rows == 0 {
+            return Err(LeastSquaresError::NoRows);
+        }
+        let width = self.width();
+        let upper = self.triangle.clone().upper();
+        let means: Vec<f64> = upper[1..width].iter().map(|sum| sum / upper[0]).collect();
+        // Below its first row and column, the factor of [1 | A | Y] is that of the centred [A | Y].
+        let skipped = usize::from(centred);
+        let mut factor = Triangle::new(width - 1);
+        for row in upper.chunks_exact(width).skip(skipped) {
+            factor.push(&row[1..]);
+        }
+        let names = names.iter().map(|name| name.as_ref().to_owned()).collect();
+        ridge::solve(
+            ridge::Factor {
+                rows: self.rows,
+                terms: self.terms,
+                targets: self.targets,
+                upper: factor.upper(),
+                means,
+                centred,
+            },
+            lambdas,
+            names,
+        )
+    }
+
+    fn check(&self, a: &[f64], targets: &[&[f64]]) -> Result<usize, LeastSquaresError> {
+        expect("the list of targets", targets.len(), self.targets)?;
+        let rows = match (targets.first(), self.terms) {
+            (Some(target), _) => target.len(),
+            (None, 0) => 0,
+            (None, terms) => a.len() / terms,
+        };
+        expect("the matrix of terms", a.len(), rows * self.terms)?;
+        for target in targets {
+            expect("a target", target.len(), rows)?;
+        }
+        Ok(rows)
+    }
+
+    fn not_finite(&self, kind: &str, at: Option<usize>, columns: usize) -> LeastSquaresError {
+        let at = at.unwrap_or_default();
+        LeastSquaresError::NotFinite {
+            row: self.rows + at / columns.max(1),
+            column: format!("{kind} {}", at % columns.max(1)),
+        }
+    }
+}
+
+impl LeastSquaresError {
+    fn further_down(self, rows: usize) -> Self {
+        match self {
+            Self::NotFinite { row, column } => Self::NotFinite {
+                row: row + rows,
+                column,
+            },
+            other => other,
+        }
+    }
+}
+
+/// Whether all values are finite; without an early exit, so that it runs at the speed of memory.
+fn all_finite(values: &[f64]) -> bool {
+    values
+        .iter()
+        .fold(true, |finite, value| finite & value.is_finite())
+}
+
+fn expect(what: &'static str, given: usize, expected: usize) -> Result<(), LeastSquaresError> {
+    if given == expected {
+        return Ok(());
+    }
+    Err(LeastSquaresError::Shape {
+        what,
+        given,
+        expected,
+    })
+}
+
+#[cfg(test)]
+mod tests;

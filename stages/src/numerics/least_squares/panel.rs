@@ -1,0 +1,206 @@
+//! The triangular factor of a tall matrix, a panel of rows at a time.
+//!
+//! Householder reflections eliminate a panel below the triangle held so far: QR of [R; panel]. The
+//! rows are the outer loop and the columns the inner one, eight to a cache line, so that every sum
+//! over the rows runs in row order on any processor, vector width and number of threads. Updating
+//! the panel by one reflection and forming the inner products of the next are one pass over it.
+
+/// Columns that are worked on together: one cache line.
+const LANES: usize = 8;
+
+/// Rows of a panel: with 24 columns it just fills the first-level cache.
+pub(super) const PANEL: usize = 192;
+
+#[derive(Debug, Clone, Copy)]
+#[repr(C, align(64))]
+struct Lanes([f64; LANES]);
+
+const ZERO: Lanes = Lanes([0.0; LANES]);
+
+/// The upper triangle of a QR factorisation, and the rows that wait to be eliminated.
+#[derive(Debug, Clone)]
+pub(super) struct Triangle {
+    width: usize,
+    /// `blocks` times [`PANEL`] rows of eight columns.
+    panel: Vec<Lanes>,
+    filled: usize,
+    /// `width` rows of `blocks` times eight columns.
+    r: Vec<Lanes>,
+    reflector: Vec<f64>,
+    next_reflector: Vec<f64>,
+    dots: Vec<Lanes>,
+    steps: Vec<Lanes>,
+}
+
+impl Triangle {
+    /// The triangle of a matrix of `width` columns and no rows.
+    pub(super) fn new(width: usize) -> Self {
+        let blocks = width.div_ceil(LANES);
+        Self {
+            width,
+            panel: vec![ZERO; blocks * PANEL],
+            filled: 0,
+            r: vec![ZERO; blocks * width],
+            reflector: vec![0.0; PANEL],
+            next_reflector: vec![0.0; PANEL],
+            dots: vec![ZERO; blocks],
+            steps: vec![ZERO; blocks],
+        }
+    }
+
+    /// Adds one row of `width` entries, or of [`padded`](Self::padded) with zeros behind them.
+    #[inline]
+    pub(super) fn push(&mut self, row: &[f64]) {
+        let (whole, rest) = row.as_chunks::<LANES>();
+        let slots = self.panel.iter_mut().skip(self.filled).step_by(PANEL);
+        let mut last = [0.0; LANES];
+        last[..rest.len()].copy_from_slice(rest);
+        for (slot, values) in slots.zip(whole.iter().chain(std::iter::once(&last))) {
+            slot.0 = *values;
+        }
+        self.filled += 1;
+        if self.filled == PANEL {
+            self.flush();
+        }
+    }
+
+    /// The width up to whole cache lines.
+    pub(super) fn padded(&self) -> usize {
+        self.dots.len() * LANES
+    }
+
+    /// Eliminates the rows that wait.
+    pub(super) fn flush(&mut self) {
+        if self.filled > 0 {
+            pulp::Arch::new().dispatch(Eliminate(self));
+            self.filled = 0;
+        }
+    }
+
+    /// The triangle, row-major `width` by `width`, zeros below the diagonal.
+    pub(super) fn upper(mut self) -> Vec<f64> {
+        self.flush();
+        let blocks = self.dots.len();
+        let mut out = Vec::with_capacity(self.width * self.width);
+        for (j, row) in self.r.chunks_exact(blocks).enumerate() {
+            let row = row.iter().flat_map(|lanes| lanes.0).take(self.width);
+            out.extend(
+                row.enumerate()
+                    .map(|(k, value)| if k < j { 0.0 } else { value }),
+            );
+        }
+        out
+    }
+}
+
+/// The elimination in the form in which it is compiled for the vector width of each processor.
+struct Eliminate<'a>(&'a mut Triangle);
+
+impl pulp::NullaryFnOnce for Eliminate<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let triangle = self.0;
+        first_dots(triangle);
+        for column in 0..triangle.width {
+            reflect_top(triangle, column);
+            if column + 1 < triangle.width {
+                reflect_panel(triangle, column);
+            }
+        }
+    }
+}
+
+/// The first column, and its inner products with all columns.
+#[inline(always)]
+fn first_dots(t: &mut Triangle) {
+    for (v, row) in t.reflector.iter_mut().zip(&t.panel[..t.filled]) {
+        *v = row.0[0];
+    }
+    let v = &t.reflector[..t.filled];
+    let zeros = &t.next_reflector[..t.filled];
+    for (block, rows) in t.panel.chunks_exact_mut(PANEL).enumerate() {
+        t.dots[block] = update(&mut rows[..t.filled], zeros, &ZERO, v);
+    }
+}
+
+/// Applies the reflection of `column` to its row of the triangle, and finds by how much of the
+/// reflector each later column of the panel has to change.
+#[inline(always)]
+fn reflect_top(t: &mut Triangle, column: usize) {
+    let blocks = t.dots.len();
+    let top = &mut t.r[column * blocks..(column + 1) * blocks];
+    let (block, lane) = (column / LANES, column % LANES);
+    let (alpha, below) = (top[block].0[lane], t.dots[block].0[lane]);
+    t.steps.fill(ZERO);
+    if below == 0.0 {
+        return;
+    }
+    let norm = (alpha * alpha + below).sqrt();
+    let beta = -norm.copysign(alpha);
+    let head = alpha - beta;
+    let half_square = norm * (norm + alpha.abs());
+    for k in column + 1..blocks * LANES {
+        let (block, lane) = (k / LANES, k % LANES);
+        let step = (head * top[block].0[lane] + t.dots[block].0[lane]) / half_square;
+        top[block].0[lane] -= head * step;
+        t.steps[block].0[lane] = step;
+    }
+    top[block].0[lane] = beta;
+}
+
+/// Applies the reflection of `column` to the panel and forms the inner products of the next.
+#[inline(always)]
+fn reflect_panel(t: &mut Triangle, column: usize) {
+    let (from, lane) = ((column + 1) / LANES, (column + 1) % LANES);
+    let step = t.steps[from].0[lane];
+    let rows = &t.panel[from * PANEL..from * PANEL + t.filled];
+    let reflectors = t.reflector.iter().zip(&mut t.next_reflector);
+    for ((v, next), row) in reflectors.zip(rows) {
+        *next = (-v).mul_add(step, row.0[lane]);
+    }
+    let (v, next) = (&t.reflector[..t.filled], &t.next_reflector[..t.filled]);
+    for (block, rows) in t.panel.chunks_exact_mut(PANEL).enumerate().skip(from) {
+        t.dots[block] = update(&mut rows[..t.filled], v, &t.steps[block], next);
+    }
+    std::mem::swap(&mut t.reflector, &mut t.next_reflector);
+}
+
+/// Takes `v` times `steps` off eight columns, and returns their inner products with `next`.
+#[inline(always)]
+fn update(rows: &mut [Lanes], v: &[f64], steps: &Lanes, next: &[f64]) -> Lanes {
+    // Two sums, of the even and the odd rows, keep the adders busy; their order is fixed.
+    let mut sums = [ZERO, ZERO];
+    let mut pairs = rows.chunks_exact_mut(2);
+    let (mut vs, mut nexts) = (v.chunks_exact(2), next.chunks_exact(2));
+    for ((rows, v), next) in (&mut pairs).zip(&mut vs).zip(&mut nexts) {
+        for parity in 0..2 {
+            update_row(
+                &mut rows[parity],
+                v[parity],
+                steps,
+                next[parity],
+                &mut sums[parity],
+            );
+        }
+    }
+    let rest = pairs.into_remainder().iter_mut();
+    for ((row, v), next) in rest.zip(vs.remainder()).zip(nexts.remainder()) {
+        update_row(row, *v, steps, *next, &mut sums[0]);
+    }
+    let mut dots = sums[0];
+    for (dot, odd) in dots.0.iter_mut().zip(&sums[1].0) {
+        *dot += odd;
+    }
+    dots
+}
+
+#[inline(always)]
+fn update_row(row: &mut Lanes, v: f64, steps: &Lanes, next: f64, sum: &mut Lanes) {
+    for lane in 0..LANES {
+        let value = (-v).mul_add(steps.0[lane], row.0[lane]);
+        row.0[lane] = value;
+        sum.0[lane] = next.mul_add(value, sum.0[lane]);
+    }
+}

@@ -1,0 +1,299 @@
+//! From the triangular factor to coefficients, for all targets and ridge parameters at once.
+
+use faer::Mat;
+
+use super::LeastSquaresError;
+
+/// Below this fraction of the largest singular value, with all columns scaled to the same length, a
+/// direction counts as not excited. A zero-phase filter over 50,000 nT leaves dependent columns
+/// independent by some 1e-13 through rounding alone; real calibration flights stay above 1e-6.
+pub const RANK_TOLERANCE: f64 = 1e-12;
+
+/// The least part that a term must have in a direction without excitation to be named for it.
+const NAMED_FROM: f64 = 1e-4;
+
+/// The triangular factor of [A | Y] and what is known of its rows.
+pub(super) struct Factor {
+    pub(super) rows: usize,
+    pub(super) terms: usize,
+    pub(super) targets: usize,
+    pub(super) upper: Vec<f64>,
+    pub(super) means: Vec<f64>,
+    pub(super) centred: bool,
+}
+
+impl Factor {
+    fn at(&self, row: usize, column: usize) -> f64 {
+        self.upper[row * (self.terms + self.targets) + column]
+    }
+
+    /// What no coefficients can explain of a target: the sum of squares off the terms' columns.
+    fn unexplained(&self, target: usize) -> f64 {
+        let column = self.terms + target;
+        let rows = self.terms..=column;
+        rows.map(|row| self.at(row, column).powi(2)).sum()
+    }
+}
+
+/// The fits of all targets for one ridge parameter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RidgeSolution {
+    /// The ridge parameter.
+    pub lambda: f64,
+    /// For each target, one coefficient a term: unit of the target over unit of the term.
+    pub coefficients: Vec<Vec<f64>>,
+    /// For each target, what is added to the terms' sum: 0 unless the fit took means off.
+    pub intercepts: Vec<f64>,
+    /// The effective number of fitted parameters, Σ s²/(s² + λ), with the intercept.
+    pub degrees_of_freedom: f64,
+    /// For each target, the sum of squared residuals.
+    pub residual_squares: Vec<f64>,
+    /// For each target, that sum over rows less degrees of freedom; NaN where nothing is left over.
+    pub residual_variances: Vec<f64>,
+}
+
+/// The fits for a list of ridge parameters, and how well conditioned they are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RidgePath {
+    /// The names of the terms, in the order of the coefficients.
+    pub terms: Vec<String>,
+    /// How many rows were fitted.
+    pub rows: usize,
+    /// The mean of each term.
+    pub term_means: Vec<f64>,
+    /// The mean of each target.
+    pub target_means: Vec<f64>,
+    /// The singular values of the (centred, where asked for) matrix, largest first.
+    pub singular_values: Vec<f64>,
+    /// The largest singular value over the smallest: infinite when a term is zero throughout.
+    pub condition: f64,
+    /// How many independent directions the columns span once each is scaled to the same length.
+    pub rank: usize,
+    /// Terms that are zero in every row (constant, where the fit took means off).
+    pub unexcited: Vec<String>,
+    /// Terms that take part in a linear dependence.
+    pub dependent: Vec<String>,
+    /// One solution for each lambda, in the order asked for.
+    pub solutions: Vec<RidgeSolution>,
+    /// Right singular vectors, row-major, one row a term.
+    right: Vec<f64>,
+}
+
+impl RidgePath {
+    /// The covariance of a solution's coefficients for one target, row-major, one row a term:
+    /// σ² V diag(s²/(s² + λ)²) Vᵀ with σ² the residual variance. It is the sampling covariance and
+    /// leaves out the bias that a ridge brings. `None` if there is no such solution or target.
+    pub fn covariance(&self, solution: usize, target: usize) -> Option<Vec<f64>> {
+        let solution = self.solutions.get(solution)?;
+        let variance = *solution.residual_variances.get(target)?;
+        let p = self.terms.len();
+        let weights: Vec<f64> = self
+            .singular_values
+            .iter()
+            .map(|s| variance * shrink(*s, solution.lambda).powi(2))
+            .collect();
+        let entry = |i: usize, j: usize| {
+            let (one, other) = (&self.right[i * p..], &self.right[j * p..]);
+            (0..p).map(|k| one[k] * weights[k] * other[k]).sum::<f64>()
+        };
+        Some((0..p * p).map(|ij| entry(ij / p, ij % p)).collect())
+    }
+}
+
+/// s/(s² + λ), and 0 for a direction without excitation.
+fn shrink(s: f64, lambda: f64) -> f64 {
+    let denominator = s * s + lambda;
+    if denominator == 0.0 {
+        0.0
+    } else {
+        s / denominator
+    }
+}
+
+/// Singular values, left vectors by column and right vectors by row of the terms' triangle.
+struct Decomposition {
+    s: Vec<f64>,
+    u: Mat<f64>,
+    v: Mat<f64>,
+}
+
+fn decompose(
+    p: usize,
+    at: impl Fn(usize, usize) -> f64,
+) -> Result<Decomposition, LeastSquaresError> {
+    let svd = Mat::from_fn(p, p, at)
+        .svd()
+        .map_err(|_| LeastSquaresError::NoConvergence)?;
+    Ok(Decomposition {
+        s: svd.S().column_vector().iter().copied().collect(),
+        u: svd.U().to_owned(),
+        v: svd.V().to_owned(),
+    })
+}
+
+/// Solves for all lambdas. `names` has one name a term.
+pub(super) fn solve(
+    factor: Factor,
+    lambdas: &[f64],
+    names: Vec<String>,
+) -> Result<RidgePath, LeastSquaresError> {
+    let p = factor.terms;
+    let excitation = excitation(&factor, &names)?;
+    if excitation.rank < p && lambdas.contains(&0.0) {
+        return Err(LeastSquaresError::RankDeficient {
+            rank: excitation.rank,
+            terms: p,
+            rows: factor.rows,
+            unexcited: excitation.unexcited,
+            dependent: excitation.dependent,
+        });
+    }
+    let svd = decompose(p, |i, j| factor.at(i, j))?;
+    let projections: Vec<Vec<f64>> = (0..factor.targets)
+        .map(|target| {
+            let along = |k: usize| {
+                (0..p)
+                    .map(|i| svd.u[(i, k)] * factor.at(i, p + target))
+                    .sum()
+            };
+            (0..p).map(along).collect()
+        })
+        .collect();
+    let solutions = lambdas
+        .iter()
+        .map(|&lambda| solution(&factor, &svd, &projections, lambda))
+        .collect();
+    let smallest = svd.s.last().copied().unwrap_or(f64::NAN);
+    Ok(RidgePath {
+        terms: names,
+        rows: factor.rows,
+        term_means: factor.means[..p].to_vec(),
+        target_means: factor.means[p..].to_vec(),
+        condition: svd.s.first().copied().unwrap_or(f64::NAN) / smallest,
+        rank: excitation.rank,
+        unexcited: excitation.unexcited,
+        dependent: excitation.dependent,
+        solutions,
+        right: (0..p * p).map(|ij| svd.v[(ij / p, ij % p)]).collect(),
+        singular_values: svd.s,
+    })
+}
+
+fn solution(
+    factor: &Factor,
+    svd: &Decomposition,
+    projections: &[Vec<f64>],
+    lambda: f64,
+) -> RidgeSolution {
+    let p = factor.terms;
+    let fitted: f64 = svd.s.iter().map(|s| s * shrink(*s, lambda)).sum();
+    let degrees_of_freedom = fitted + f64::from(u8::from(factor.centred));
+    let left_over = factor.rows as f64 - degrees_of_freedom;
+    let mut solution = RidgeSolution {
+        lambda,
+        coefficients: Vec::with_capacity(projections.len()),
+        intercepts: Vec::with_capacity(projections.len()),
+        degrees_of_freedom,
+        residual_squares: Vec::with_capacity(projections.len()),
+        residual_variances: Vec::with_capacity(projections.len()),
+    };
+    for (target, projection) in projections.iter().enumerate() {
+        let scaled: Vec<f64> = (0..p)
+            .map(|k| shrink(svd.s[k], lambda) * projection[k])
+            .collect();
+        let coefficient = |i: usize| (0..p).map(|k| svd.v[(i, k)] * scaled[k]).sum::<f64>();
+        let coefficients: Vec<f64> = (0..p).map(coefficient).collect();
+        let given_up = |k: usize| (projection[k] - svd.s[k] * scaled[k]).powi(2);
+        let squares = factor.unexplained(target) + (0..p).map(given_up).sum::<f64>();
+        let explained: f64 = coefficients
+            .iter()
+            .zip(&factor.means)
+            .map(|(b, m)| b * m)
+            .sum();
+        let intercept = factor.means[p + target] - explained;
+        solution.coefficients.push(coefficients);
+        solution
+            .intercepts
+            .push(if factor.centred { intercept } else { 0.0 });
+        solution.residual_squares.push(squares);
+        solution.residual_variances.push(if left_over > 0.0 {
+            squares / left_over
+        } else {
+            f64::NAN
+        });
+    }
+    solution
+}
+
+struct Excitation {
+    rank: usize,
+    unexcited: Vec<String>,
+    dependent: Vec<String>,
+}
+
+/// The rank of the columns scaled to one length, and which terms spoil it.
+///
+/// A term's part in the directions without excitation is the diagonal of the projector onto them,
+/// which does not depend on the basis that the decomposition happened to choose.
+fn excitation(factor: &Factor, names: &[String]) -> Result<Excitation, LeastSquaresError> {
+    let p = factor.terms;
+    let length = |j: usize| (0..=j).map(|i| factor.at(i, j).powi(2)).sum::<f64>().sqrt();
+    let lengths: Vec<f64> = (0..p).map(length).collect();
+    let longest = lengths.iter().copied().fold(0.0, f64::max);
+    // With means taken off, a constant term leaves rounding of its own mean.
+    let roots = (factor.rows as f64).sqrt();
+    let zero = |j: usize| {
+        let mean = if factor.centred {
+            factor.means[j].abs()
+        } else {
+            0.0
+        };
+        lengths[j] <= 1e-13 * (longest + mean * roots)
+    };
+    let scaled = |i: usize, j: usize| {
+        if zero(j) {
+            0.0
+        } else {
+            factor.at(i, j) / lengths[j]
+        }
+    };
+    let svd = decompose(p, scaled)?;
+    let threshold = RANK_TOLERANCE * svd.s.first().copied().unwrap_or(0.0);
+    let rank = svd.s.iter().filter(|s| **s > threshold).count();
+    let part = |j: usize| (rank..p).map(|k| svd.v[(j, k)].powi(2)).sum::<f64>().sqrt();
+    let named = |j: usize| names.get(j).cloned().unwrap_or_default();
+    Ok(Excitation {
+        rank,
+        unexcited: (0..p).filter(|&j| zero(j)).map(named).collect(),
+        dependent: (0..p)
+            .filter(|&j| !zero(j) && part(j) > NAMED_FROM)
+            .map(named)
+            .collect(),
+    })
+}
+
+/// The message of a fit that has no unique answer.
+pub(super) fn deficient(
+    rank: usize,
+    terms: usize,
+    rows: usize,
+    unexcited: &[String],
+    dependent: &[String],
+) -> String {
+    let quoted = |names: &[String]| {
+        let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+        names.join(", ")
+    };
+    let mut why = Vec::new();
+    if !unexcited.is_empty() {
+        why.push(format!("{} never vary", quoted(unexcited)));
+    }
+    if !dependent.is_empty() {
+        why.push(format!("{} are linearly dependent", quoted(dependent)));
+    }
+    format!(
+        "with lambda = 0 the fit has no unique answer: {rows} rows hold only {rank} independent \
+         combinations of {terms} terms; {}. Use lambda > 0, leave a term out, or fit over more manoeuvres",
+        why.join(" and ")
+    )
+}

@@ -1,0 +1,280 @@
+//! Samples at their own times onto an even grid of times.
+//!
+//! Grid times are whole numbers over the rate (`k / rate_hz`), from the first such time at or after
+//! the first sample to the last at or before the last sample: the same numbers for every sensor and
+//! flight, so that tables can be joined on them. Where samples leave more than `max_gap_s` between
+//! them the grid holds NaN; a NaN sample counts as missing for its column only. Nothing is
+//! extrapolated. A grid time within a millionth of a step of a sample takes that sample as it is, so
+//! that a series already on the grid comes back bit by bit.
+//!
+//! Interpolation to a lower rate folds everything faster than half of the new rate onto slower
+//! frequencies. It is what users expect of a resampling and stays the default; [`anti_alias`] takes
+//! the fast part off beforehand.
+
+mod akima;
+mod angle;
+mod anti_alias;
+
+pub use angle::{AngleRange, unwrap_degrees};
+pub use anti_alias::{ANTI_ALIAS_FRACTION, ANTI_ALIAS_ORDER, AntiAliasError, anti_alias};
+
+use super::segments::{TimeError, check_increasing};
+
+/// The most rows a grid may have.
+pub const MOST_ROWS: usize = 50_000_000;
+
+/// What fraction of a step a grid time may be off a sample and still take it as it is.
+const SNAP: f64 = 1e-6;
+
+/// How values between samples are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// On the straight line between the samples before and after.
+    #[default]
+    Linear,
+    /// The nearest sample, the earlier of two equally near.
+    Nearest,
+    /// Akima's piecewise cubic: smooth, and without the overshoot of a spline. [Akima 1970, "A new
+    /// method of interpolation and smooth curve fitting based on local procedures", J. ACM 17(4)]
+    Cubic,
+}
+
+/// What is wrong with a request for resampling.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ResampleError {
+    /// The rate is not a positive number.
+    #[error("the rate to resample to must be above 0 Hz, and it is {rate_hz} Hz")]
+    Rate {
+        /// The rate that was given, Hz.
+        rate_hz: f64,
+    },
+    /// The longest gap is negative or not a number.
+    #[error("the longest gap to bridge must be at least 0 s, and it is {max_gap_s} s")]
+    Gap {
+        /// The gap that was given, s.
+        max_gap_s: f64,
+    },
+    /// Times are not finite or do not increase.
+    #[error(transparent)]
+    Time(#[from] TimeError),
+    /// The grid would be too long to be meant.
+    #[error(
+        "from {first_s} s to {last_s} s at {rate_hz} Hz there are {rows:.0} rows, more than \
+         {MOST_ROWS}: is the time in seconds, and are there no outliers in it?"
+    )]
+    TooLong {
+        /// The first time, s.
+        first_s: f64,
+        /// The last time, s.
+        last_s: f64,
+        /// The rate, Hz.
+        rate_hz: f64,
+        /// The rows it would have.
+        rows: f64,
+    },
+    /// The times are so large that neighbouring grid times would be equal.
+    #[error(
+        "times near {tt} s cannot be told apart at {rate_hz} Hz in double precision: count seconds \
+         from midnight"
+    )]
+    TooCoarse {
+        /// The largest time, s.
+        tt: f64,
+        /// The rate, Hz.
+        rate_hz: f64,
+    },
+    /// A column is not as long as the time column.
+    #[error("a column has {given} rows where the time has {expected}")]
+    Length {
+        /// The rows of the column.
+        given: usize,
+        /// The rows of the time.
+        expected: usize,
+    },
+}
+
+/// Where a grid time lies among samples: the sample before, and how far towards the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Place {
+    left: usize,
+    /// 0 at the sample itself; NaN in a gap.
+    weight: f64,
+}
+
+const NOWHERE: Place = Place {
+    left: 0,
+    weight: f64::NAN,
+};
+
+/// Where each time of an even grid lies among a line's samples: made once for a line, and applied
+/// to each of its columns.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan<'a> {
+    tt: &'a [f64],
+    grid: Vec<f64>,
+    places: Vec<Place>,
+    max_gap_s: f64,
+    snap_s: f64,
+}
+
+impl<'a> Plan<'a> {
+    /// A plan for samples at the strictly increasing times `tt` (s), to `rate_hz`, bridging gaps of
+    /// up to `max_gap_s`. Without samples the grid is empty.
+    pub fn new(tt: &'a [f64], rate_hz: f64, max_gap_s: f64) -> Result<Self, ResampleError> {
+        if !(rate_hz > 0.0 && rate_hz.is_finite()) {
+            return Err(ResampleError::Rate { rate_hz });
+        }
+        if max_gap_s.is_nan() || max_gap_s < 0.0 {
+            return Err(ResampleError::Gap { max_gap_s });
+        }
+        check_increasing(tt)?;
+        let largest = tt.iter().fold(0.0f64, |largest, tt| largest.max(tt.abs()));
+        let rounding = 4.0 * f64::EPSILON * largest;
+        if rounding * rate_hz > 1e-3 {
+            return Err(ResampleError::TooCoarse {
+                tt: largest,
+                rate_hz,
+            });
+        }
+        let snap_s = (SNAP / rate_hz).max(rounding);
+        let grid = grid(tt, rate_hz, snap_s)?;
+        // A gap of exactly the longest one is bridged whatever its times were rounded to.
+        let max_gap_s = max_gap_s + 2.0 * rounding;
+        let places = places(tt, &grid, max_gap_s, snap_s);
+        Ok(Self {
+            tt,
+            grid,
+            places,
+            max_gap_s,
+            snap_s,
+        })
+    }
+
+    /// The times of the grid, s.
+    pub fn grid(&self) -> &[f64] {
+        &self.grid
+    }
+
+    /// Grid times that lie in a gap between samples.
+    pub fn rows_in_gaps(&self) -> usize {
+        self.places
+            .iter()
+            .filter(|place| place.weight.is_nan())
+            .count()
+    }
+
+    /// A column on the grid, in its unit; NaN in gaps.
+    pub fn column(&self, x: &[f64], method: Method) -> Result<Vec<f64>, ResampleError> {
+        self.on_finite(x, |tt, x, places| match method {
+            Method::Linear => blend(x, places, |x, y, weight| x + weight * (y - x)),
+            Method::Nearest => blend(x, places, |x, y, weight| if weight > 0.5 { y } else { x }),
+            Method::Cubic => akima::interpolate(tt, x, places, self.max_gap_s),
+        })
+    }
+
+    /// A column of angles in degrees on the grid, along the shorter arc, in the range (−180 to 180
+    /// or 0 to 360) that [`AngleRange::of`] finds it in; NaN in gaps.
+    pub fn angle_deg(&self, x: &[f64], method: Method) -> Result<Vec<f64>, ResampleError> {
+        let range = AngleRange::of(x);
+        self.on_finite(x, |tt, x, places| match method {
+            Method::Linear => blend(x, places, |x, y, weight| {
+                range.wrap(x + weight * angle::shortest(y - x))
+            }),
+            Method::Nearest => blend(x, places, |x, y, weight| if weight > 0.5 { y } else { x }),
+            Method::Cubic => {
+                let turned = akima::interpolate(tt, &unwrap_degrees(x), places, self.max_gap_s);
+                turned.into_iter().map(|x| range.wrap(x)).collect()
+            }
+        })
+    }
+
+    /// For columns that are not numbers: the row of the nearest sample for each time of the grid,
+    /// the earlier of two equally near; `None` in gaps.
+    pub fn nearest_rows(&self) -> Vec<Option<usize>> {
+        let row = |place: &Place| {
+            let later = usize::from(place.weight > 0.5);
+            (!place.weight.is_nan()).then_some(place.left + later)
+        };
+        self.places.iter().map(row).collect()
+    }
+
+    /// Interpolates among the finite samples of a column, whose own gaps count.
+    fn on_finite(
+        &self,
+        x: &[f64],
+        interpolate: impl Fn(&[f64], &[f64], &[Place]) -> Vec<f64>,
+    ) -> Result<Vec<f64>, ResampleError> {
+        if x.len() != self.tt.len() {
+            return Err(ResampleError::Length {
+                given: x.len(),
+                expected: self.tt.len(),
+            });
+        }
+        if x.iter().all(|x| x.is_finite()) {
+            return Ok(interpolate(self.tt, x, &self.places));
+        }
+        let pairs = self.tt.iter().zip(x).filter(|(_, x)| x.is_finite());
+        let (tt, x): (Vec<f64>, Vec<f64>) = pairs.unzip();
+        let places = places(&tt, &self.grid, self.max_gap_s, self.snap_s);
+        Ok(interpolate(&tt, &x, &places))
+    }
+}
+
+fn blend(x: &[f64], places: &[Place], between: impl Fn(f64, f64, f64) -> f64) -> Vec<f64> {
+    let value = |place: &Place| {
+        if place.weight == 0.0 {
+            x[place.left]
+        } else if place.weight.is_nan() {
+            f64::NAN
+        } else {
+            between(x[place.left], x[place.left + 1], place.weight)
+        }
+    };
+    places.iter().map(value).collect()
+}
+
+fn grid(tt: &[f64], rate_hz: f64, snap_s: f64) -> Result<Vec<f64>, ResampleError> {
+    let (Some(&first_s), Some(&last_s)) = (tt.first(), tt.last()) else {
+        return Ok(Vec::new());
+    };
+    let rows = (last_s - first_s) * rate_hz + 1.0;
+    if rows > MOST_ROWS as f64 {
+        return Err(ResampleError::TooLong {
+            first_s,
+            last_s,
+            rate_hz,
+            rows,
+        });
+    }
+    let time = |k: f64| k / rate_hz;
+    let start = (first_s * rate_hz).floor() - 1.0;
+    let steps = (0..rows as usize + 4).map(|step| time(start + step as f64));
+    let inside = steps.filter(|tt| *tt >= first_s - snap_s && *tt <= last_s + snap_s);
+    Ok(inside.collect())
+}
+
+/// Where each grid time lies among the times `tt`; both increase.
+fn places(tt: &[f64], grid: &[f64], max_gap_s: f64, snap_s: f64) -> Vec<Place> {
+    let mut left = 0;
+    let mut place = |time: f64| {
+        while left + 1 < tt.len() && tt[left + 1] <= time + snap_s {
+            left += 1;
+        }
+        let before = *tt.get(left)?;
+        if (time - before).abs() <= snap_s {
+            return Some(Place { left, weight: 0.0 });
+        }
+        let after = *tt.get(left + 1)?;
+        let bridged = time > before && after - before <= max_gap_s;
+        bridged.then(|| Place {
+            left,
+            weight: (time - before) / (after - before),
+        })
+    };
+    grid.iter()
+        .map(|time| place(*time).unwrap_or(NOWHERE))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

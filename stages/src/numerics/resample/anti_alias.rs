@@ -1,0 +1,54 @@
+//! The low-pass that goes before a resampling to a lower rate.
+
+use super::super::filter::{Band, FilterError, ZeroPhase};
+use super::super::segments::{
+    FilterReport, STEP_TOLERANCE, TimeError, Usable, filter_column, sample_rate,
+};
+
+/// The corner of the low-pass as a fraction of half of the new rate.
+pub const ANTI_ALIAS_FRACTION: f64 = 0.8;
+
+/// The order of the low-pass: with both passes it takes 31 dB off at half of the new rate.
+pub const ANTI_ALIAS_ORDER: usize = 8;
+
+/// What kept a column from being low-passed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum AntiAliasError {
+    /// The samples are not evenly spaced, which a filter takes for granted.
+    #[error(transparent)]
+    Time(#[from] TimeError),
+    /// The filter cannot be designed or applied.
+    #[error(transparent)]
+    Filter(#[from] FilterError),
+}
+
+/// Takes off what a resampling of `x` to `rate_hz` would fold onto slower frequencies: a zero-phase
+/// low-pass at 0.8 of half of the new rate, on the evenly spaced samples at times `tt`.
+///
+/// Each run between gaps (NaN, or missing samples) is filtered by itself; one shorter than the
+/// filter's padding becomes NaN and is counted. To a rate so high that the corner is not below half
+/// of the present one nothing is taken off, and the report is of no rows. Angles are to be
+/// unwrapped first.
+pub fn anti_alias(
+    tt: &[f64],
+    x: &[f64],
+    rate_hz: f64,
+) -> Result<(Vec<f64>, FilterReport), AntiAliasError> {
+    if x.len() != tt.len() {
+        return Err(TimeError::Lengths {
+            given: x.len(),
+            expected: tt.len(),
+        }
+        .into());
+    }
+    let present_hz = sample_rate(tt, STEP_TOLERANCE)?;
+    let high_hz = ANTI_ALIAS_FRACTION * rate_hz / 2.0;
+    if high_hz >= present_hz / 2.0 {
+        return Ok((x.to_vec(), FilterReport::default()));
+    }
+    let filter = ZeroPhase::new(Band::Low { high_hz }, present_hz, ANTI_ALIAS_ORDER)?;
+    let runs = Usable::all(x.len())
+        .and_finite(x)
+        .runs_in_time(tt, present_hz);
+    Ok(filter_column(&filter, x, &runs)?)
+}

@@ -1,0 +1,138 @@
+//! Power spectral density by Welch's method.
+
+use std::f64::consts::TAU;
+
+use rustfft::{FftPlanner, num_complex::Complex};
+
+/// The taper of each segment; both are periodic (made for a spectrum, not symmetric).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Window {
+    /// ½ − ½ cos: falls to zero, low leakage far away.
+    #[default]
+    Hann,
+    /// 0.54 − 0.46 cos: lower leakage nearby.
+    Hamming,
+}
+
+impl Window {
+    fn values(self, n: usize) -> Vec<f64> {
+        let constant = match self {
+            Self::Hann => 0.5,
+            Self::Hamming => 0.54,
+        };
+        let cosine = |k: usize| (TAU * k as f64 / n as f64).cos();
+        (0..n)
+            .map(|k| constant - (1.0 - constant) * cosine(k))
+            .collect()
+    }
+}
+
+/// What is wrong with a request for a spectrum.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SpectrumError {
+    /// The sample rate is not a positive number.
+    #[error("the sample rate must be above 0 Hz, and it is {rate_hz} Hz")]
+    Rate {
+        /// The rate that was given, Hz.
+        rate_hz: f64,
+    },
+    /// A segment of fewer than two samples.
+    #[error("a segment must have at least 2 samples, and it has {segment}")]
+    Segment {
+        /// The samples that were asked for.
+        segment: usize,
+    },
+    /// No segment without gaps is that long.
+    #[error("no {segment} consecutive samples of {rows} are finite: choose shorter segments")]
+    TooShort {
+        /// The samples of the series.
+        rows: usize,
+        /// The samples of a segment.
+        segment: usize,
+    },
+}
+
+/// A one-sided power spectral density.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spectrum {
+    /// Frequencies from 0 to half of the sample rate, Hz.
+    pub frequency_hz: Vec<f64>,
+    /// Power density at each, unit of the samples squared per Hz.
+    pub density: Vec<f64>,
+    /// Segments that were averaged.
+    pub segments: usize,
+    /// Segments that were left out because a sample in them is not finite.
+    pub left_out: usize,
+}
+
+/// The power spectral density of `x`, evenly sampled at `rate_hz`: the mean of the periodograms of
+/// segments of `segment` samples that overlap by half, each with its mean taken off and tapered.
+/// [Welch 1967, IEEE Trans. Audio Electroacoust. 15(2)]
+///
+/// Scaled so that the integral over frequency is the variance, as scipy's `welch` does. Segments
+/// with a value that is not finite are left out and counted. The same bits on every processor are
+/// not promised here: the transform uses the widest vectors there are.
+pub fn welch(
+    x: &[f64],
+    rate_hz: f64,
+    segment: usize,
+    window: Window,
+) -> Result<Spectrum, SpectrumError> {
+    if !(rate_hz > 0.0 && rate_hz.is_finite()) {
+        return Err(SpectrumError::Rate { rate_hz });
+    }
+    if segment < 2 {
+        return Err(SpectrumError::Segment { segment });
+    }
+    let taper = window.values(segment);
+    let fft = FftPlanner::new().plan_fft_forward(segment);
+    let bins = segment / 2 + 1;
+    let mut density = vec![0.0; bins];
+    let (mut segments, mut left_out) = (0usize, 0);
+    for part in x.windows(segment).step_by(segment - segment / 2) {
+        let mean = part.iter().sum::<f64>() / segment as f64;
+        if !mean.is_finite() {
+            left_out += 1;
+            continue;
+        }
+        let tapered = part
+            .iter()
+            .zip(&taper)
+            .map(|(x, w)| Complex::new((x - mean) * w, 0.0));
+        let mut buffer: Vec<Complex<f64>> = tapered.collect();
+        fft.process(&mut buffer);
+        for (density, bin) in density.iter_mut().zip(&buffer) {
+            *density += bin.norm_sqr();
+        }
+        segments += 1;
+    }
+    if segments == 0 {
+        return Err(SpectrumError::TooShort {
+            rows: x.len(),
+            segment,
+        });
+    }
+    let power: f64 = taper.iter().map(|w| w * w).sum();
+    let scale = 1.0 / (rate_hz * power * segments as f64);
+    for (bin, density) in density.iter_mut().enumerate() {
+        // All but 0 Hz and, for an even number of samples, Nyquist stand for two frequencies.
+        let sides = if bin == 0 || 2 * bin == segment {
+            1.0
+        } else {
+            2.0
+        };
+        *density *= sides * scale;
+    }
+    let frequency_hz = (0..bins)
+        .map(|bin| bin as f64 * rate_hz / segment as f64)
+        .collect();
+    Ok(Spectrum {
+        frequency_hz,
+        density,
+        segments,
+        left_out,
+    })
+}
+
+#[cfg(test)]
+mod tests;

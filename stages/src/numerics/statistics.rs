@@ -1,0 +1,188 @@
+//! Means, deviations and the scores made of them.
+//!
+//! Rows that are not finite are left out and the number of rows used is returned, so that nothing is
+//! averaged over less than it says. Sums run in row order and in two passes, the second about the
+//! mean of the first, which keeps a deviation of picotesla on a field of 50,000 nT.
+
+/// A figure and the number of samples it was made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Figure {
+    /// The figure, in the unit of the samples; NaN where `n` is too small for it.
+    pub value: f64,
+    /// The samples that were used.
+    pub n: usize,
+}
+
+/// The moments of one series.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Summary {
+    /// How many samples are finite.
+    pub n: usize,
+    /// How many are not and were left out.
+    pub left_out: usize,
+    /// The mean; NaN of no samples.
+    pub mean: f64,
+    /// The standard deviation with n − 1; NaN of fewer than two samples.
+    pub std: f64,
+    /// The root mean square; NaN of no samples.
+    pub rms: f64,
+}
+
+/// The moments of `x`, in its unit.
+pub fn summary(x: &[f64]) -> Summary {
+    summarise(x.iter().copied())
+}
+
+/// The moments of `estimate − truth`, in their unit; rows where either is not finite are left out.
+pub fn error_summary(estimate: &[f64], truth: &[f64]) -> Summary {
+    summarise(
+        estimate
+            .iter()
+            .zip(truth)
+            .map(|(estimate, truth)| estimate - truth),
+    )
+}
+
+fn summarise(x: impl Iterator<Item = f64> + Clone) -> Summary {
+    let total = x.clone().count();
+    let finite = || x.clone().filter(|x| x.is_finite());
+    let n = finite().count();
+    let count = n as f64;
+    let rough = finite().sum::<f64>() / count;
+    // The mean of what is left corrects the rounding of the first sum.
+    let mean = rough + finite().map(|x| x - rough).sum::<f64>() / count;
+    let squares: f64 = finite().map(|x| (x - mean) * (x - mean)).sum();
+    let std = if n > 1 {
+        (squares / (count - 1.0)).sqrt()
+    } else {
+        f64::NAN
+    };
+    Summary {
+        n,
+        left_out: total - n,
+        mean,
+        std,
+        rms: (mean * mean + squares / count).sqrt(),
+    }
+}
+
+/// The mean of `x`.
+pub fn mean(x: &[f64]) -> Figure {
+    let Summary { n, mean, .. } = summary(x);
+    Figure { value: mean, n }
+}
+
+/// The standard deviation of `x` with n − 1, as MagNav.jl uses it throughout.
+pub fn std(x: &[f64]) -> Figure {
+    let Summary { n, std, .. } = summary(x);
+    Figure { value: std, n }
+}
+
+/// The root mean square of `x`.
+pub fn rms(x: &[f64]) -> Figure {
+    let Summary { n, rms, .. } = summary(x);
+    Figure { value: rms, n }
+}
+
+/// The distance root mean square √(mean(north² + east²)) of position errors in metres.
+///
+/// Errors are taken about the truth, not about their mean: a constant offset counts. Rows where
+/// either is not finite are left out.
+pub fn drms(north_m: &[f64], east_m: &[f64]) -> Figure {
+    let pairs = north_m.iter().zip(east_m);
+    let squares = pairs.map(|(north, east)| north * north + east * east);
+    let Summary { n, mean, .. } = summarise(squares);
+    Figure {
+        value: mean.sqrt(),
+        n,
+    }
+}
+
+/// By how much compensation made a signal quieter: σ(uncompensated)/σ(compensated) over the rows
+/// where both are finite. [thesis 004, (2.40)]
+///
+/// Given band-passed signals it is the band improvement ratio (2.41). The thesis divides by N in
+/// (2.39), which cancels in the ratio.
+pub fn improvement_ratio(uncompensated: &[f64], compensated: &[f64]) -> Figure {
+    ratio_of_deviations(uncompensated, compensated)
+}
+
+/// The signal-to-noise ratio σ(truth)/σ(estimate − truth) of a magnetic measurement, over the rows
+/// where both are finite. [thesis 000, (3.46)]
+pub fn signal_to_noise(estimate: &[f64], truth: &[f64]) -> Figure {
+    let error: Vec<f64> = estimate.iter().zip(truth).map(|(a, b)| a - b).collect();
+    ratio_of_deviations(truth, &error)
+}
+
+fn ratio_of_deviations(above: &[f64], below: &[f64]) -> Figure {
+    let both = || {
+        let pairs = above.iter().zip(below);
+        pairs.filter(|(above, below)| above.is_finite() && below.is_finite())
+    };
+    let above = summarise(both().map(|(above, _)| *above));
+    let below = summarise(both().map(|(_, below)| *below));
+    Figure {
+        value: above.std / below.std,
+        n: above.n,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+
+    #[test]
+    fn law_moments_of_a_short_series_by_hand() {
+        let s = summary(&[1.0, f64::NAN, 2.0, 3.0, f64::INFINITY, 6.0]);
+        assert_eq!((s.n, s.left_out, s.mean), (4, 2, 3.0));
+        // Σ(x − 3)² = 14, Σx² = 50: exact but for the last square root.
+        assert_eq!(s.std, (14.0f64 / 3.0).sqrt());
+        assert!((s.rms - 12.5f64.sqrt()).abs() < 1e-15);
+        assert_eq!(rms(&[3.0, -3.0]).value, 3.0);
+    }
+
+    #[test]
+    fn law_a_small_deviation_on_a_large_field_is_kept() {
+        let x: Vec<f64> = (0..100_000)
+            .map(|k| 50_000.0 + 1e-6 * f64::from(k % 2))
+            .collect();
+        // Half of the samples one millionth up: σ = 0.5e-6 but for n − 1; spacing of doubles near
+        // 50,000 is 7e-12, so 1e-5 of the answer.
+        assert!(
+            (std(&x).value / 0.5e-6 - 1.0).abs() < 2e-5,
+            "{:e}",
+            std(&x).value
+        );
+    }
+
+    #[test]
+    fn law_too_few_samples_have_no_figure() {
+        assert!(std(&[4.0]).value.is_nan());
+        assert_eq!(mean(&[4.0]), Figure { value: 4.0, n: 1 });
+        let none = summary(&[f64::NAN]);
+        assert!(none.mean.is_nan() && none.rms.is_nan() && none.std.is_nan());
+        assert_eq!(none.n, 0);
+        assert!(drms(&[], &[]).value.is_nan());
+    }
+
+    #[test]
+    fn law_drms_counts_a_constant_offset_and_leaves_out_nan() {
+        let figure = drms(&[3.0, 3.0, f64::NAN], &[4.0, 4.0, 0.0]);
+        assert_eq!(figure, Figure { value: 5.0, n: 2 });
+    }
+
+    #[test]
+    fn law_ratios_scale_with_the_signals_and_ignore_offsets() {
+        let x: Vec<f64> = (0..50).map(|k| (f64::from(k) * 0.7).sin()).collect();
+        let quieter: Vec<f64> = x.iter().map(|x| 7.0 - 0.125 * x).collect();
+        assert!((improvement_ratio(&x, &quieter).value - 8.0).abs() < 1e-12);
+        let estimate: Vec<f64> = x.iter().map(|x| x * 1.25 + 3.0).collect();
+        assert!((signal_to_noise(&estimate, &x).value - 4.0).abs() < 1e-12);
+        let mut gap = quieter.clone();
+        gap[7] = f64::NAN;
+        assert_eq!(improvement_ratio(&x, &gap).n, 49);
+        let s = error_summary(&estimate, &x);
+        assert!((s.mean - (3.0 + 0.25 * mean(&x).value)).abs() < 1e-14);
+    }
+}

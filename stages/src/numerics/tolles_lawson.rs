@@ -1,0 +1,218 @@
+//! The Tolles-Lawson matrix: how an aircraft's own field depends on its attitude in the earth's.
+//!
+//! With B the vector magnetometer in the body frame (nT), Bt its magnitude (or a scalar
+//! magnetometer: the modified model), Ḃ the central difference of B per sample and s a scale:
+//! permanent B_i/Bt, induced B_i B_j/(Bt s), eddy B_i Ḃ_j/(Bt s), derivative Ḃ_i, bias 1.
+//! [Tolles and Lawson 1950; thesis 000 eqs. 3.15-3.20, with the scale that eq. 3.20 leaves out and
+//! eddy currents driven by the change of the vector, as MagNav.jl computes them]
+
+mod terms;
+
+use std::ops::Range;
+
+pub use terms::{Family, TermGroup, Terms};
+
+use terms::{COLUMNS, DERIVATIVE, EDDY, INDUCED};
+
+/// The scale of induced and eddy terms that the published tables rest on, nT.
+pub const DEFAULT_SCALE_NT: f64 = 50_000.0;
+
+/// What is wrong with a request for a Tolles-Lawson matrix.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum TermsError {
+    /// No group has this name.
+    #[error(
+        "there is no group of terms `{name}`; the groups are {}",
+        terms::names_of_groups()
+    )]
+    Unknown {
+        /// The name that was given.
+        name: String,
+    },
+    /// Two groups of one family, whose columns would be linearly dependent.
+    #[error(
+        "`{one}` and `{other}` hold the same terms, so that no fit could tell them apart: keep one"
+    )]
+    SameFamily {
+        /// The group named first.
+        one: &'static str,
+        /// The group named later.
+        other: &'static str,
+    },
+    /// No group at all.
+    #[error(
+        "no group of terms was asked for; the groups are {}",
+        terms::names_of_groups()
+    )]
+    Empty,
+    /// Columns of different lengths.
+    #[error("the columns have different lengths: {lengths:?}")]
+    Lengths {
+        /// The lengths of x, y, z and, where given, the scalar.
+        lengths: Vec<usize>,
+    },
+    /// The scale is not a positive number.
+    #[error("the scale of the induced and eddy terms must be above 0 nT, and it is {scale_nt} nT")]
+    Scale {
+        /// The scale that was given, nT.
+        scale_nt: f64,
+    },
+}
+
+/// A vector magnetometer's components in the body frame, nT, and the scalar to divide by.
+#[derive(Debug, Clone, Copy)]
+pub struct Field<'a> {
+    /// Component along the nose.
+    pub x: &'a [f64],
+    /// Component to the right.
+    pub y: &'a [f64],
+    /// Component down.
+    pub z: &'a [f64],
+    /// The scalar magnetometer of the modified model; the vector's own magnitude where `None`.
+    pub bt: Option<&'a [f64]>,
+}
+
+impl Field<'_> {
+    fn rows(&self) -> Result<usize, TermsError> {
+        let rows = self.x.len();
+        let bt = self.bt.map_or(rows, <[f64]>::len);
+        if [self.y.len(), self.z.len(), bt]
+            .iter()
+            .all(|len| *len == rows)
+        {
+            return Ok(rows);
+        }
+        let vector = [self.x, self.y, self.z];
+        Err(TermsError::Lengths {
+            lengths: vector
+                .into_iter()
+                .chain(self.bt)
+                .map(<[f64]>::len)
+                .collect(),
+        })
+    }
+
+    fn finite(&self, row: usize) -> bool {
+        (self.x[row] + self.y[row] + self.z[row]).is_finite()
+    }
+}
+
+/// The Tolles-Lawson matrix, row-major, one row a sample and one column a term in the order of
+/// [`Terms::names`].
+///
+/// Differences are taken within each run of samples whose vector is finite and are one-sided at
+/// the run's ends, so that they never cross a gap; in a run of a single sample they are NaN. A
+/// sample whose vector is not finite gives NaN in all but the bias, one whose scalar is not finite
+/// or is zero gives NaN in what is divided by it.
+pub fn matrix(field: &Field<'_>, terms: &Terms, scale_nt: f64) -> Result<Vec<f64>, TermsError> {
+    let rows = field.rows()?;
+    let whole = 0..rows;
+    matrix_in_runs(field, terms, scale_nt, std::slice::from_ref(&whole))
+}
+
+/// As [`matrix`], with breaks that the field itself does not show, such as jumps of time:
+/// a difference stays within its run. Rows outside all `runs` are NaN in all but the bias.
+pub fn matrix_in_runs(
+    field: &Field<'_>,
+    terms: &Terms,
+    scale_nt: f64,
+    runs: &[Range<usize>],
+) -> Result<Vec<f64>, TermsError> {
+    let rows = field.rows()?;
+    if !(scale_nt > 0.0 && scale_nt.is_finite()) {
+        return Err(TermsError::Scale { scale_nt });
+    }
+    let mut out = Vec::with_capacity(rows * terms.len());
+    for run in runs {
+        let (start, end) = (run.start.min(rows), run.end.min(rows));
+        fill_missing(&mut out, terms, start);
+        fill_run(&mut out, field, terms, scale_nt, start..end);
+    }
+    fill_missing(&mut out, terms, rows);
+    Ok(out)
+}
+
+/// Appends rows of NaN until `out` has `rows` rows.
+fn fill_missing(out: &mut Vec<f64>, terms: &Terms, rows: usize) {
+    let missing = missing_row();
+    while out.len() < rows * terms.len() {
+        out.extend(terms.columns().iter().map(|&column| missing[column]));
+    }
+}
+
+fn missing_row() -> [f64; COLUMNS] {
+    let mut row = [f64::NAN; COLUMNS];
+    row[COLUMNS - 1] = 1.0;
+    row
+}
+
+fn fill_run(
+    out: &mut Vec<f64>,
+    field: &Field<'_>,
+    terms: &Terms,
+    scale_nt: f64,
+    run: Range<usize>,
+) {
+    let mut row = run.start;
+    while row < run.end {
+        if !field.finite(row) {
+            row += 1;
+            fill_missing(out, terms, row);
+            continue;
+        }
+        let end = (row..run.end)
+            .find(|&row| !field.finite(row))
+            .unwrap_or(run.end);
+        fill_finite(out, field, terms, scale_nt, row..end);
+        row = end;
+    }
+}
+
+fn fill_finite(
+    out: &mut Vec<f64>,
+    field: &Field<'_>,
+    terms: &Terms,
+    scale_nt: f64,
+    run: Range<usize>,
+) {
+    let last = run.end - 1;
+    for row in run.clone() {
+        let (before, after) = (row.max(run.start + 1) - 1, (row + 1).min(last));
+        // Two samples apart in the middle of a run, one at its ends, none in a run of one.
+        let steps = match after - before {
+            0 => f64::NAN,
+            steps => steps as f64,
+        };
+        let slope = |x: &[f64]| (x[after] - x[before]) / steps;
+        let b = [field.x[row], field.y[row], field.z[row]];
+        let change = [slope(field.x), slope(field.y), slope(field.z)];
+        let bt = match field.bt {
+            Some(bt) => bt[row],
+            None => (b[0] * b[0] + b[1] * b[1] + b[2] * b[2]).sqrt(),
+        };
+        let all = full_row(b, change, bt, scale_nt);
+        out.extend(terms.columns().iter().map(|&column| all[column]));
+    }
+}
+
+/// All 22 terms of one sample in the order of the table.
+#[inline(always)]
+fn full_row(b: [f64; 3], change: [f64; 3], bt: f64, scale_nt: f64) -> [f64; COLUMNS] {
+    let bt = if bt == 0.0 { f64::NAN } else { bt };
+    let cosine = [b[0] / bt, b[1] / bt, b[2] / bt];
+    let (scaled_b, scaled_change) = (b.map(|b| b / scale_nt), change.map(|d| d / scale_nt));
+    let mut row = missing_row();
+    row[..INDUCED].copy_from_slice(&cosine);
+    let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
+    for (value, (i, j)) in row[INDUCED..EDDY].iter_mut().zip(pairs) {
+        *value = cosine[i] * scaled_b[j];
+    }
+    for (k, value) in row[EDDY..DERIVATIVE].iter_mut().enumerate() {
+        *value = cosine[k / 3] * scaled_change[k % 3];
+    }
+    row[DERIVATIVE..DERIVATIVE + 3].copy_from_slice(&change);
+    row
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,195 @@
+//! Names and order of the Tolles-Lawson terms.
+
+use super::TermsError;
+
+/// Where each family begins in the full row of 22 terms.
+pub(super) const INDUCED: usize = 3;
+pub(super) const EDDY: usize = 9;
+pub(super) const DERIVATIVE: usize = 18;
+pub(super) const COLUMNS: usize = 22;
+
+const NAMES: [&str; COLUMNS] = [
+    "x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz", "xx_dot", "xy_dot", "xz_dot", "yx_dot",
+    "yy_dot", "yz_dot", "zx_dot", "zy_dot", "zz_dot", "x_dot", "y_dot", "z_dot", "bias",
+];
+
+/// What a group of terms stands for; of each family a matrix holds one group at most.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Family {
+    /// The aircraft's permanent magnetisation.
+    Permanent,
+    /// Magnetisation induced by the earth's field.
+    Induced,
+    /// Eddy currents, driven by the change of the field in the body frame.
+    Eddy,
+    /// The change of the field itself.
+    Derivative,
+    /// A constant.
+    Bias,
+}
+
+/// One group of terms that can be asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TermGroup {
+    /// The name to ask for it.
+    pub name: &'static str,
+    /// Other names for the same, most of them MagNav.jl's.
+    pub aliases: &'static [&'static str],
+    /// What it stands for.
+    pub family: Family,
+    columns: &'static [usize],
+}
+
+/// All groups of terms, in the order of their columns.
+static GROUPS: [TermGroup; 9] = [
+    TermGroup {
+        name: "permanent",
+        aliases: &["p", "permanent3", "p3"],
+        family: Family::Permanent,
+        columns: &[0, 1, 2],
+    },
+    TermGroup {
+        name: "induced",
+        aliases: &["i", "induced6", "i6"],
+        family: Family::Induced,
+        columns: &[3, 4, 5, 6, 7, 8],
+    },
+    TermGroup {
+        name: "induced5",
+        aliases: &["i5"],
+        family: Family::Induced,
+        columns: &[3, 4, 5, 6, 7],
+    },
+    TermGroup {
+        name: "induced3",
+        aliases: &["i3"],
+        family: Family::Induced,
+        columns: &[3, 6, 8],
+    },
+    TermGroup {
+        name: "eddy",
+        aliases: &["e", "eddy9", "e9"],
+        family: Family::Eddy,
+        columns: &[9, 10, 11, 12, 13, 14, 15, 16, 17],
+    },
+    TermGroup {
+        name: "eddy8",
+        aliases: &["e8"],
+        family: Family::Eddy,
+        columns: &[9, 10, 11, 12, 13, 14, 15, 16],
+    },
+    TermGroup {
+        name: "eddy3",
+        aliases: &["e3"],
+        family: Family::Eddy,
+        columns: &[9, 13, 17],
+    },
+    TermGroup {
+        name: "derivative",
+        aliases: &["derivative3", "fdm", "fdm3", "f", "f3", "d", "d3"],
+        family: Family::Derivative,
+        columns: &[18, 19, 20],
+    },
+    TermGroup {
+        name: "bias",
+        aliases: &["b"],
+        family: Family::Bias,
+        columns: &[21],
+    },
+];
+
+pub(super) fn names_of_groups() -> String {
+    let names: Vec<&str> = GROUPS.iter().map(|group| group.name).collect();
+    names.join(", ")
+}
+
+/// The terms of a matrix: groups in the order of the table, however they were asked for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Terms {
+    groups: Vec<&'static TermGroup>,
+    columns: Vec<usize>,
+}
+
+impl Terms {
+    /// The terms of the named groups: `permanent`, `induced` (`induced5` without zz, `induced3` the
+    /// diagonal), `eddy` (`eddy8` without zz_dot, `eddy3` the diagonal), `derivative`, `bias`, or
+    /// their short names.
+    pub fn new<S: AsRef<str>>(names: &[S]) -> Result<Self, TermsError> {
+        let mut groups: Vec<&'static TermGroup> = Vec::new();
+        for name in names {
+            let group = find(name.as_ref())?;
+            match groups.iter().find(|held| held.family == group.family) {
+                None => groups.push(group),
+                Some(held) if held.name == group.name => {}
+                Some(held) => {
+                    return Err(TermsError::SameFamily {
+                        one: held.name,
+                        other: group.name,
+                    });
+                }
+            }
+        }
+        if groups.is_empty() {
+            return Err(TermsError::Empty);
+        }
+        groups.sort_by_key(|group| group.family);
+        let columns = groups
+            .iter()
+            .flat_map(|group| group.columns)
+            .copied()
+            .collect();
+        Ok(Self { groups, columns })
+    }
+
+    /// All groups that can be asked for.
+    pub fn groups_known() -> &'static [TermGroup] {
+        &GROUPS
+    }
+
+    /// The groups held, in the order of their columns.
+    pub fn groups(&self) -> &[&'static TermGroup] {
+        &self.groups
+    }
+
+    /// The name of each term, in the order of the columns.
+    pub fn names(&self) -> Vec<&'static str> {
+        self.columns.iter().map(|&column| NAMES[column]).collect()
+    }
+
+    /// How many terms there are.
+    pub fn len(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// Whether there are no terms: never, for a `Terms` that could be made.
+    pub fn is_empty(&self) -> bool {
+        self.columns.is_empty()
+    }
+
+    /// The columns taken from the full row.
+    pub(super) fn columns(&self) -> &[usize] {
+        &self.columns
+    }
+}
+
+impl Default for Terms {
+    /// The classical 18: permanent, induced and eddy.
+    fn default() -> Self {
+        let groups = vec![&GROUPS[0], &GROUPS[1], &GROUPS[4]];
+        let columns = groups
+            .iter()
+            .flat_map(|group| group.columns)
+            .copied()
+            .collect();
+        Self { groups, columns }
+    }
+}
+
+fn find(name: &str) -> Result<&'static TermGroup, TermsError> {
+    GROUPS
+        .iter()
+        .find(|group| group.name == name || group.aliases.contains(&name))
+        .ok_or_else(|| TermsError::Unknown {
+            name: name.to_owned(),
+        })
+}
