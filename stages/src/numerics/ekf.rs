@@ -54,22 +54,45 @@ pub fn run(
     let mut output = EkfOutput::with_capacity(ins.len(), parameters.keep_covariance);
     output.report.offset_nt = offset_nt;
     output.report.offset_samples = offset_samples;
-    for (row, measured_nt) in measurement_nt.iter().enumerate() {
-        if row > 0 {
-            filter.propagate(row);
+    let line = Line {
+        filter,
+        measurement_nt,
+        offset_nt,
+        output,
+    };
+    pulp::Arch::new().dispatch(line)
+}
+
+/// A line to be filtered, as the work that is dispatched to the machine's vector unit.
+struct Line<'a> {
+    filter: Filter<'a>,
+    measurement_nt: &'a [f64],
+    offset_nt: f64,
+    output: EkfOutput,
+}
+
+impl pulp::NullaryFnOnce for Line<'_> {
+    type Output = Result<EkfOutput, EkfError>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        let Self {
+            mut filter,
+            measurement_nt,
+            offset_nt,
+            mut output,
+        } = self;
+        let (ins, earth) = (filter.ins, filter.parameters.errors.earth);
+        for (row, measured_nt) in measurement_nt.iter().enumerate() {
+            if row > 0 {
+                filter.propagate(row);
+            }
+            let innovation = filter.update(row, measured_nt - offset_nt, &mut output.report);
+            filter.check(row)?;
+            output.push(ins, row, &filter.x, &filter.p, innovation, earth);
         }
-        let innovation = filter.update(row, measured_nt - offset_nt, &mut output.report);
-        filter.check(row)?;
-        output.push(
-            ins,
-            row,
-            &filter.x,
-            &filter.p,
-            innovation,
-            parameters.errors.earth,
-        );
+        Ok(output)
     }
-    Ok(output)
 }
 
 /// The residual and its squared size over its variance; NaN where there was no update.
@@ -155,6 +178,7 @@ impl<'a> Filter<'a> {
     }
 
     /// Brings state and covariance from the sample before `row` to `row`.
+    #[inline(always)]
     fn propagate(&mut self, row: usize) {
         let errors = &self.parameters.errors;
         let dt_s = self.ins.tt_s[row] - self.ins.tt_s[row - 1];
@@ -166,6 +190,7 @@ impl<'a> Filter<'a> {
     }
 
     /// Corrects state and covariance by the measurement of `row`, if there is one to use.
+    #[inline(always)]
     fn update(&mut self, row: usize, measured_nt: f64, report: &mut EkfReport) -> Innovation {
         if !measured_nt.is_finite() {
             report.missing_measurements += 1;

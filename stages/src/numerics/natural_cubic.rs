@@ -1,12 +1,12 @@
 //! Natural cubic spline interpolation in one dimension, as B-spline coefficients.
 //!
-//! On even steps the interpolating spline is f(i + t) = Σ c[i-1+k] w_k(t), k = 0..3, with the
+//! On even steps the interpolating spline is `f(i + t) = Σ c[i-1+k] w_k(t)`, k = 0..3, with the
 //! basis of [`weights`]. "Natural" means no second derivative at both ends; MagNav.jl's cubic map
 //! interpolation is the tensor product of two such splines.
 
 /// Turns every column of a row-major table of `rows` x `columns` node values into the B-spline
 /// coefficients along the rows' direction (from row to row). The end coefficients are the end
-/// values themselves, inside c[i-1] + 4 c[i] + c[i+1] = 6 f[i].
+/// values themselves, inside `c[i-1] + 4 c[i] + c[i+1] = 6 f[i]`.
 pub fn solve_along_rows(table: &mut [f64], columns: usize) {
     let rows = table.len().checked_div(columns).unwrap_or(0);
     if rows < 3 {

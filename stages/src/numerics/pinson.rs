@@ -107,6 +107,7 @@ pub enum PinsonForm {
 }
 
 /// The matrix F of dx/dt = F x at a point of the flight. [thesis 000 (5.15)-(5.32)]
+#[inline(always)]
 pub fn pinson_matrix(ins: &InsPoint, times: &TimeConstants, form: PinsonForm) -> StateMatrix {
     let mut f = [[0.0; STATES]; STATES];
     let (sin_lat, cos_lat) = ins.lat_rad.sin_cos();
@@ -147,6 +148,7 @@ const R: f64 = SEMI_MAJOR_AXIS_M;
 const OMEGA: f64 = EARTH_RATE_RADPS;
 
 impl Point {
+    #[inline(always)]
     fn position_rows(&self, f: &mut StateMatrix) {
         let [vn, ve, _] = self.vel;
         f[LAT][ALT] = -vn / (R * R);
@@ -159,6 +161,7 @@ impl Point {
         f[ALT][HA] = K1;
     }
 
+    #[inline(always)]
     fn velocity_rows(&self, f: &mut StateMatrix, force: [f64; 3]) {
         let ([vn, ve, vd], [fn_, fe, fd]) = (self.vel, force);
         let Self {
@@ -192,6 +195,7 @@ impl Point {
         f[VD][A_HAT] = 1.0;
     }
 
+    #[inline(always)]
     fn tilt_rows(&self, f: &mut StateMatrix, form: PinsonForm) {
         let [vn, ve, _] = self.vel;
         let Self {

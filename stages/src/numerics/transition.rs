@@ -1,4 +1,7 @@
 //! From the continuous error model to discrete steps: Φ = exp(F Δt) and the process noise.
+//!
+//! Everything here is inlined into the filter's loop, which is compiled for each kind of vector
+//! unit. No product is fused with a sum, so all of them give the same bits.
 
 use super::pinson::{
     A_HAT, ACC, ALT, GYRO, HA, LAT, LON, S, STATES, StateMatrix, StateVector, TILT_D, TILT_E,
@@ -72,6 +75,7 @@ const LARGEST: f64 = 0.5;
 /// entries that are not zero, of the order whose remainder θ^(k+1)/(k+1)! e^θ is below 1e-16, θ
 /// being the largest row sum of |F Δt| in scaled states (6 terms at 0.1 s, 8 at 1 s). A step with
 /// θ above one half (several seconds) is made of halves.
+#[inline(always)]
 pub fn transition_matrix(f: &StateMatrix, dt_s: f64) -> StateMatrix {
     let halvings = halvings(scaled_norm(f) * dt_s.abs());
     let mut phi = series(f, dt_s / f64::from(1_u32 << halvings));
@@ -82,6 +86,7 @@ pub fn transition_matrix(f: &StateMatrix, dt_s: f64) -> StateMatrix {
 }
 
 /// The largest row sum of |F|, in 1/s, in scaled states.
+#[inline(always)]
 fn scaled_norm(f: &StateMatrix) -> f64 {
     let row_sum = |row: usize, columns: &[usize]| -> f64 {
         columns
@@ -103,6 +108,7 @@ fn scaled_norm(f: &StateMatrix) -> f64 {
     )
 }
 
+#[inline(always)]
 fn halvings(theta: f64) -> u32 {
     let mut halvings = 0;
     let mut rest = theta;
@@ -114,6 +120,7 @@ fn halvings(theta: f64) -> u32 {
 }
 
 /// The Taylor series of exp(F Δt) over the pattern of F.
+#[inline(always)]
 fn series(f: &StateMatrix, dt_s: f64) -> StateMatrix {
     let theta = scaled_norm(f) * dt_s.abs();
     let mut phi = identity();
@@ -136,6 +143,7 @@ fn series(f: &StateMatrix, dt_s: f64) -> StateMatrix {
 }
 
 /// F times a term of the series times `factor`.
+#[inline(always)]
 fn next_term(f: &StateMatrix, term: &StateMatrix, factor: f64) -> StateMatrix {
     let mut next = [[0.0; STATES]; STATES];
     for (row, columns) in COUPLED {
@@ -155,11 +163,13 @@ fn next_term(f: &StateMatrix, term: &StateMatrix, factor: f64) -> StateMatrix {
 }
 
 /// The identity matrix.
+#[inline(always)]
 pub fn identity() -> StateMatrix {
     diagonal(&[1.0; STATES])
 }
 
 /// A diagonal matrix.
+#[inline(always)]
 pub fn diagonal(entries: &StateVector) -> StateMatrix {
     let mut matrix = [[0.0; STATES]; STATES];
     for (state, entry) in entries.iter().enumerate() {
@@ -187,6 +197,7 @@ fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
 }
 
 /// Φ x, over the entries of a transition matrix that are not zero.
+#[inline(always)]
 pub fn propagate_state(phi: &StateMatrix, x: &StateVector) -> StateVector {
     let mut out = [0.0; STATES];
     for (row, _) in COUPLED {
@@ -199,6 +210,7 @@ pub fn propagate_state(phi: &StateMatrix, x: &StateVector) -> StateVector {
 }
 
 /// Φ P Φᵀ of a symmetric P, exactly symmetric: one triangle is computed and mirrored.
+#[inline(always)]
 pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
     // P is its own transpose, so the columns of Y = Φ P, which the second product needs by rows,
     // are built as the rows of P Φᵀ.
@@ -231,6 +243,7 @@ pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
     out
 }
 
+#[inline(always)]
 fn transposed(m: &StateMatrix) -> StateMatrix {
     let mut out = [[0.0; STATES]; STATES];
     for row in 0..STATES {
@@ -242,10 +255,12 @@ fn transposed(m: &StateMatrix) -> StateMatrix {
 }
 
 /// Makes a matrix exactly symmetric by what stands above its diagonal.
+#[inline(always)]
 pub fn mirror_upper(m: &mut StateMatrix) {
     for row in 1..STATES {
-        for column in 0..row {
-            m[row][column] = m[column][row];
+        let (above, here) = m.split_at_mut(row);
+        for (entry, upper) in here[0].iter_mut().zip(above.iter()) {
+            *entry = upper[row];
         }
     }
 }
@@ -288,6 +303,7 @@ pub(super) fn add(to: &mut StateMatrix, from: &StateMatrix) {
 }
 
 /// One step of a covariance: Φ P Φᵀ plus the process noise of spectral density `q` (per second).
+#[inline(always)]
 pub fn step_covariance(
     p: &StateMatrix,
     f: &StateMatrix,
@@ -318,6 +334,7 @@ pub fn step_covariance(
     }
 }
 
+#[inline(always)]
 fn add_diagonal(m: &mut StateMatrix, entries: &StateVector) {
     for (state, entry) in entries.iter().enumerate() {
         m[state][state] += entry;

@@ -30,10 +30,12 @@ impl Sensitivity {
     }
 
     /// H v.
+    #[inline(always)]
     fn dot(&self, v: &StateVector) -> f64 {
         self.d_lat * v[LAT] + self.d_lon * v[LON] + self.d_alt * v[ALT] + v[S]
     }
 
+    #[inline(always)]
     pub(super) fn gain(&self, p: &StateMatrix, variance: f64) -> Gain {
         let mut ph = [0.0; STATES];
         add_scaled(&mut ph, self.d_lat, &p[LAT]);
@@ -51,6 +53,7 @@ impl Sensitivity {
 
     /// Joseph's form (I - K H) P (I - K H)ᵀ + K R Kᵀ, as A = P - K (P Hᵀ)ᵀ and then
     /// A + (R K - A Hᵀ) Kᵀ, made exactly symmetric.
+    #[inline(always)]
     pub(super) fn update_covariance(&self, p: &mut StateMatrix, gain: &Gain, variance: f64) {
         for (row, factor) in p.iter_mut().zip(&gain.gain) {
             add_scaled(row, -factor, &gain.covariance_with_measurement);
