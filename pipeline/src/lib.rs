@@ -1,1 +1,42 @@
-//! The magline command: spec, plan, store, run, and the views of them.
+//! The pipeline of magline: spec, plan, store, run, and the views of them.
+//!
+//! ```text
+//! spec (text with positions) -> plan (tables, axes, points, everything checked) -> graph (lines and keys) -> run
+//! ```
+//! `explain`, `why`, `lineage`, `sql`, the reference and the report are views of the same plan and store.
+
+pub mod keys;
+pub mod plan;
+pub mod predicate;
+pub mod run;
+pub mod sources;
+pub mod spec;
+pub mod store;
+pub mod views;
+
+use std::path::{Path, PathBuf};
+
+use schemas::{Entry, Fault};
+use spec::{Faults, Spec};
+
+/// Reads the spec at `path` and applies the assignments of `--set`.
+///
+/// # Errors
+/// When it cannot be read or is wrong in form.
+pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, Faults> {
+    let file = path.display().to_string();
+    let text = std::fs::read_to_string(path).map_err(|e| Faults {
+        file: file.clone(),
+        text: String::new(),
+        faults: vec![Fault::new(format!("cannot read {file}: {e}")).help("name a spec: a TOML file")],
+    })?;
+    let folder = path.parent().map(Path::to_owned).filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| PathBuf::from("."));
+    let mut spec = Spec::parse(&file, folder, text)?;
+    let faults: Vec<Fault> = sets.iter().filter_map(|s| spec.set(s).err()).collect();
+    if faults.is_empty() { Ok(spec) } else { Err(spec.faults(faults)) }
+}
+
+/// Every stage there is.
+pub fn catalogue() -> Vec<Entry> {
+    stages::catalogue()
+}

@@ -256,8 +256,19 @@ pub struct ParamDoc {
     pub doc: String,
 }
 
-/// The parameters of a stage as the spec gives them, with where they stand.
-pub type Args = BTreeMap<String, (Literal, Range<usize>)>;
+/// One key of a stage as the spec gives it, with where it stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Given {
+    /// Its value.
+    pub value: Literal,
+    /// The bytes of the key.
+    pub key_at: Range<usize>,
+    /// The bytes of the value.
+    pub at: Range<usize>,
+}
+
+/// The parameters of a stage as the spec gives them.
+pub type Args = BTreeMap<String, Given>;
 
 /// One row of the catalogue: all that the planner, `explain`, lineage, keys and docs read of a stage.
 #[derive(Clone, Copy)]
@@ -299,8 +310,8 @@ pub fn unknown_keys(args: &Args, stage: &str, params: &[&str], plan: &[&str]) ->
     let known: Vec<&str> = params.iter().chain(plan).copied().collect();
     args.iter()
         .filter(|(name, _)| !params.contains(&name.as_str()))
-        .map(|(name, (_, at))| {
-            Fault::new(format!("`{stage}` has no parameter `{name}`")).nearest(name, &known).at(at.clone())
+        .map(|(name, given)| {
+            Fault::new(format!("`{stage}` has no parameter `{name}`")).nearest(name, &known).at(given.key_at.clone())
         })
         .collect()
 }
@@ -414,7 +425,7 @@ pub fn read_param<T: crate::Value>(
     doc: &[&str],
     faults: &mut Vec<Fault>,
 ) -> Option<T> {
-    let Some((literal, at)) = args.get(name) else {
+    let Some(Given { value: literal, at, .. }) = args.get(name) else {
         if absent.is_none() {
             faults.push(Fault::new(format!("`{stage}` needs `{name}`")).help(collect_doc(doc)));
         }

@@ -1,3 +1,31 @@
 //! Every built-in stage of magline, one file each, and the numerics below them.
+//!
+//! A stage file reads top to bottom: declaration, the columns it reads and makes, the run, tests. The mathematics is
+//! in [`numerics`]; the stage borrows columns, calls one routine, and wraps the answer. A new stage is one file here
+//! and one line in [`catalogue`].
 
 pub mod numerics;
+
+mod a_matrix;
+mod bandpass;
+mod columns;
+mod compensate;
+mod fit;
+mod navigate;
+mod resample;
+mod score;
+
+use schemas::Entry;
+
+/// Every built-in stage, in the order of the reference.
+pub fn catalogue() -> Vec<Entry> {
+    vec![
+        resample::Resample::entry(),
+        bandpass::Bandpass::entry(),
+        a_matrix::AMatrix::entry(),
+        fit::Fit::entry(),
+        compensate::Compensate::entry(),
+        navigate::Navigate::entry(),
+        score::Score::entry(),
+    ]
+}

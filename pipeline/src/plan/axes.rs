@@ -1,0 +1,134 @@
+//! `$axis`: where a stage mentions an axis, and its value put in.
+
+use std::collections::BTreeMap;
+
+use schemas::{Args, Fault, Given, Literal};
+
+use crate::spec::{Axis, Span, Spec, StageDecl};
+
+/// The values of the axes at one point of a sweep.
+pub type Point = BTreeMap<String, Literal>;
+
+/// The names after `$` in a text, with `$$` standing for the sign itself.
+fn mentions(text: &str) -> Vec<&str> {
+    let mut found = vec![];
+    let mut rest = text;
+    while let Some(i) = rest.find('$') {
+        rest = &rest[i + 1..];
+        if let Some(after) = rest.strip_prefix('$') {
+            rest = after;
+            continue;
+        }
+        let end = rest.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).unwrap_or(rest.len());
+        found.push(&rest[..end]);
+        rest = &rest[end..];
+    }
+    found
+}
+
+fn mentions_in<'a>(value: &'a Literal, found: &mut Vec<&'a str>) {
+    match value {
+        Literal::Text(text) => found.extend(mentions(text)),
+        Literal::List(items) => items.iter().for_each(|v| mentions_in(v, found)),
+        _ => {}
+    }
+}
+
+/// The axes that a stage itself mentions, as positions in the spec.
+///
+/// # Errors
+/// A mention of an axis that the spec does not have.
+pub fn mentioned(stage: &StageDecl, spec: &Spec) -> Result<Vec<usize>, Vec<Fault>> {
+    let mut found: Vec<(&str, Span)> = vec![];
+    for given in stage.args.values() {
+        let mut names = vec![];
+        mentions_in(&given.value, &mut names);
+        found.extend(names.into_iter().map(|n| (n, given.at.clone())));
+    }
+    if let Some((text, at)) = &stage.predicate {
+        found.extend(mentions(text).into_iter().map(|n| (n, at.clone())));
+    }
+    let known: Vec<&str> = spec.axes.iter().map(|a| a.name.as_str()).collect();
+    let (mut axes, mut faults) = (vec![], vec![]);
+    for (name, at) in found {
+        match spec.axis(name) {
+            Some(i) => axes.push(i),
+            None => faults.push(Fault::new(format!("there is no axis `{name}`")).nearest(name, &known).at(at)),
+        }
+    }
+    axes.sort_unstable();
+    axes.dedup();
+    if faults.is_empty() { Ok(axes) } else { Err(faults) }
+}
+
+/// Every point of the sweep over `axes`, the last axis running fastest.
+pub fn points(axes: &[usize], spec: &Spec) -> Vec<Point> {
+    let mut points = vec![Point::new()];
+    for axis in axes.iter().filter_map(|i| spec.axes.get(*i)) {
+        let with = |p: &Point, v: &Literal| p.iter().map(|(k, v)| (k.clone(), v.clone())).chain([(axis.name.clone(), v.clone())]).collect();
+        points = points.iter().flat_map(|p| axis.values.iter().map(|v| with(p, v)).collect::<Vec<Point>>()).collect();
+    }
+    points
+}
+
+/// A value with the axes put in: `"$axis"` takes the value with its type, a mention inside of a text its spelling.
+pub fn put_in(value: &Literal, point: &Point) -> Literal {
+    match value {
+        Literal::Text(text) => match text.strip_prefix('$').and_then(|name| point.get(name)) {
+            Some(value) => value.clone(),
+            None => Literal::Text(spelt_in(text, point)),
+        },
+        Literal::List(items) => {
+            let flat = |v: &Literal| match (v, put_in(v, point)) {
+                // A list-valued axis mentioned in a list adds its values to it.
+                (Literal::Text(_), Literal::List(inner)) => inner,
+                (_, one) => vec![one],
+            };
+            Literal::List(items.iter().flat_map(flat).collect())
+        }
+        other => other.clone(),
+    }
+}
+
+/// The text with every mention spelt out.
+pub fn spelt_in(text: &str, point: &Point) -> String {
+    let mut out = String::new();
+    let mut rest = text;
+    while let Some(i) = rest.find('$') {
+        out.push_str(&rest[..i]);
+        rest = &rest[i + 1..];
+        if let Some(after) = rest.strip_prefix('$') {
+            out.push('$');
+            rest = after;
+            continue;
+        }
+        let end = rest.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).unwrap_or(rest.len());
+        out.push_str(&point.get(&rest[..end]).map(Literal::to_string).unwrap_or_default());
+        rest = &rest[end..];
+    }
+    out + rest
+}
+
+/// All arguments of a stage at one point.
+pub fn args_at(args: &Args, point: &Point) -> Args {
+    args.iter().map(|(k, g)| (k.clone(), Given { value: put_in(&g.value, point), ..g.clone() })).collect()
+}
+
+/// The part of a point that concerns `axes`.
+pub fn project(point: &Point, axes: &[usize], all: &[Axis]) -> Point {
+    let names = axes.iter().filter_map(|i| all.get(*i)).map(|a| &a.name);
+    names.filter_map(|n| point.get(n).map(|v| (n.clone(), v.clone()))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_a_mention_keeps_its_type_and_a_text_its_rest() {
+        let point: Point = [("lambda".to_owned(), Literal::Float(0.5)), ("line".to_owned(), Literal::Text("7".into()))].into();
+        assert_eq!(put_in(&Literal::Text("$lambda".into()), &point), Literal::Float(0.5));
+        assert_eq!(spelt_in("line = '$line' and $$x < $lambda", &point), "line = '7' and $x < 0.5");
+        assert_eq!(mentions("a $b and $$c $d_e."), ["b", "d_e"]);
+    }
+}

@@ -1,0 +1,158 @@
+//! `where`: a SQL predicate over the columns of a table of flight lines, evaluated by DataFusion.
+//!
+//! What it says of flight and line alone is decided when the plan is made, so that the other lines are never read; the
+//! rest is evaluated on the rows of each line, reading only the columns it names.
+
+use std::sync::Arc;
+
+use arrow_array::{Array, BooleanArray, RecordBatch, StringArray, cast::AsArray};
+use arrow_schema::{DataType, Field, Schema};
+use datafusion::{
+    common::DFSchema,
+    logical_expr::{Expr, utils::{conjunction, split_conjunction_owned}},
+    physical_expr::PhysicalExpr,
+    prelude::SessionContext,
+};
+use schemas::{Fault, Shape};
+
+/// A `where` that has been checked against the columns it sees.
+#[derive(Clone, Debug)]
+pub struct Predicate {
+    lines: Option<Arc<dyn PhysicalExpr>>,
+    rows: Option<Arc<dyn PhysicalExpr>>,
+    /// The columns that the rows' part reads.
+    pub columns: Vec<String>,
+    /// The rows' part in one spelling, for keys.
+    pub canonical: String,
+}
+
+impl Predicate {
+    /// Reads `sql` against the columns of `shape`.
+    ///
+    /// # Errors
+    /// When it is not SQL, not a predicate, or names a column that is not there.
+    pub fn new(sql: &str, shape: &Shape) -> Result<Predicate, Fault> {
+        let fields: Vec<Field> = shape.columns.iter().map(|c| Field::new(&c.name, c.column_type.data_type(), true)).collect();
+        let schema = Arc::new(Schema::new(fields));
+        let context = SessionContext::new();
+        let df = DFSchema::try_from(schema.as_ref().clone()).map_err(|e| wrong(&e, shape))?;
+        let expr = context.parse_sql_expr(sql, &df).map_err(|e| wrong(&e, shape))?;
+        let physical = |e: Expr, df: &DFSchema| context.create_physical_expr(e, df).map_err(|e| wrong(&e, shape));
+        let whole = physical(expr.clone(), &df)?;
+        let kind = whole.data_type(&schema).map_err(|e| wrong(&e, shape))?;
+        if kind != DataType::Boolean {
+            return Err(Fault::new(format!("`where` must be true or false for a row, but this gives {kind}")));
+        }
+        let is_key = |e: &Expr| e.column_refs().iter().all(|c| c.name == "flight" || c.name == "line");
+        let (of_lines, of_rows): (Vec<Expr>, Vec<Expr>) = split_conjunction_owned(expr).into_iter().partition(is_key);
+        let keys = DFSchema::try_from(key_schema()).map_err(|e| wrong(&e, shape))?;
+        let lines = conjunction(of_lines).map(|e| physical(e, &keys)).transpose()?;
+        let rows = conjunction(of_rows);
+        let mut columns: Vec<String> =
+            rows.iter().flat_map(|e| e.column_refs()).map(|c| c.name.clone()).collect();
+        columns.sort();
+        columns.dedup();
+        let canonical = rows.as_ref().map(|e| e.to_string()).unwrap_or_default();
+        let read: Vec<Field> = columns.iter().filter_map(|c| schema.field_with_name(c).ok().cloned()).collect();
+        let rows = match rows {
+            Some(e) => Some(physical(e, &DFSchema::try_from(Schema::new(read)).map_err(|e| wrong(&e, shape))?)?),
+            None => None,
+        };
+        Ok(Predicate { lines, rows, columns, canonical })
+    }
+
+    /// Whether it selects whole lines only.
+    pub fn is_of_lines(&self) -> bool {
+        self.rows.is_none()
+    }
+
+    /// For each (flight, line), whether any of its rows may be selected.
+    ///
+    /// # Errors
+    /// When the predicate cannot be evaluated.
+    pub fn lines(&self, lines: &[(String, String)]) -> Result<Vec<bool>, Fault> {
+        let Some(expr) = &self.lines else { return Ok(vec![true; lines.len()]) };
+        let flights: StringArray = lines.iter().map(|l| Some(l.0.as_str())).collect();
+        let names: StringArray = lines.iter().map(|l| Some(l.1.as_str())).collect();
+        let batch = RecordBatch::try_new(Arc::new(key_schema()), vec![Arc::new(flights), Arc::new(names)]);
+        evaluate(expr, &batch.map_err(|e| Fault::new(e.to_string()))?)
+    }
+
+    /// For each row of a line, whether it is selected. `batch` holds [`Predicate::columns`], in that order.
+    ///
+    /// # Errors
+    /// When the predicate cannot be evaluated on these values.
+    pub fn rows(&self, batch: &RecordBatch) -> Result<Option<Vec<bool>>, Fault> {
+        self.rows.as_ref().map(|expr| evaluate(expr, batch)).transpose()
+    }
+}
+
+fn key_schema() -> Schema {
+    Schema::new(vec![Field::new("flight", DataType::Utf8, true), Field::new("line", DataType::Utf8, true)])
+}
+
+fn evaluate(expr: &Arc<dyn PhysicalExpr>, batch: &RecordBatch) -> Result<Vec<bool>, Fault> {
+    let wrong = |e: datafusion::error::DataFusionError| Fault::data(format!("`where` cannot be evaluated: {e}"));
+    let array = expr.evaluate(batch).and_then(|v| v.into_array(batch.num_rows())).map_err(wrong)?;
+    let mask: &BooleanArray = array
+        .as_boolean_opt()
+        .ok_or_else(|| Fault::data(format!("`where` gave {}, not true or false", array.data_type())))?;
+    // SQL: a row for which the predicate is unknown is not selected.
+    Ok(mask.iter().map(|x| x.unwrap_or(false)).collect())
+}
+
+/// DataFusion's complaint in our words where it is about a name.
+fn wrong(e: &datafusion::error::DataFusionError, shape: &Shape) -> Fault {
+    use datafusion::common::SchemaError;
+    let have: Vec<&str> = shape.columns.iter().map(|c| c.name.as_str()).collect();
+    match e.find_root() {
+        datafusion::error::DataFusionError::SchemaError(inner, _) => match inner.as_ref() {
+            SchemaError::FieldNotFound { field, .. } => {
+                Fault::new(format!("there is no column `{}`", field.name())).nearest(field.name(), &have)
+            }
+            other => Fault::new(format!("`where` cannot be read: {other}")),
+        },
+        other => Fault::new(format!("`where` cannot be read: {other}")).help("it is a SQL predicate, such as `line = '1003.02'`"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::panic)]
+
+    use arrow_array::Float64Array;
+    use schemas::Column;
+
+    use super::*;
+
+    fn shape() -> Shape {
+        let columns = vec![Column::text("flight", ""), Column::text("line", ""), Column::float("tt", "s", "")];
+        Shape { columns, rate_hz: None }
+    }
+
+    #[test]
+    fn law_lines_are_decided_without_rows() {
+        let p = Predicate::new("line like '1003%' and flight <> '9' and tt between 1 and 2", &shape()).unwrap();
+        let lines = [("1", "1003.01"), ("9", "1003.01"), ("1", "1004")].map(|(a, b)| (a.to_owned(), b.to_owned()));
+        assert_eq!(p.lines(&lines).unwrap(), [true, false, false]);
+        assert_eq!(p.columns, ["tt"]);
+        let tt = Schema::new(vec![Field::new("tt", DataType::Float64, true)]);
+        let batch = RecordBatch::try_new(Arc::new(tt), vec![Arc::new(Float64Array::from(vec![0.5, 1.5, f64::NAN]))]).unwrap();
+        assert_eq!(p.rows(&batch).unwrap(), Some(vec![false, true, false]));
+    }
+
+    #[test]
+    fn law_spelling_does_not_change_the_key() {
+        let a = Predicate::new("tt>1.0   AND line = 'x'", &shape()).unwrap();
+        let b = Predicate::new("(line = 'x') and (tt > 1.0)", &shape()).unwrap();
+        assert_eq!(a.canonical, b.canonical);
+    }
+
+    #[test]
+    fn gold_a_missing_column_is_named() {
+        let fault = Predicate::new("lin = '1'", &shape()).unwrap_err();
+        assert_eq!(fault.to_string(), "there is no column `lin` (did you mean `line`?)");
+        assert!(Predicate::new("tt + 1", &shape()).unwrap_err().what.contains("true or false"));
+        assert!(Predicate::new("tt >", &shape()).is_err());
+    }
+}

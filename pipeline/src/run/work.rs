@@ -1,0 +1,301 @@
+//! The work itself: a task reads what its units need, runs the stage, and puts the answers into the store.
+
+use std::{
+    any::Any,
+    collections::HashMap,
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::{Arc, Mutex, OnceLock},
+};
+
+use arrow_array::{Array, ArrayRef, RecordBatch, RecordBatchOptions};
+use arrow_schema::{Field, Schema};
+use rayon::prelude::*;
+use schemas::{Fault, InputKind, LineIn, Prepared, StageDyn};
+
+use crate::{
+    keys::Key,
+    plan::{Graph, Instance, LineId, Ref, Unit},
+    sources::map_batch,
+    store::Store,
+};
+
+/// Units that are computed together.
+pub struct Task {
+    units: Vec<(Unit, Key)>,
+}
+
+/// Points of a sweep that share the reading of one line.
+const POINTS_A_TASK: usize = 12;
+
+/// What a task may hold of columns it has read, in bytes, before it lets go of them.
+const HELD_BYTES: usize = 256 << 20;
+
+type Once = Arc<OnceLock<Result<Prepared, Fault>>>;
+
+/// Computes units of one table.
+pub struct Worker<'a> {
+    graph: &'a Graph<'a>,
+    store: &'a Store,
+    table: usize,
+    prepared: Mutex<HashMap<String, Once>>,
+}
+
+impl<'a> Worker<'a> {
+    /// For the table `table`.
+    pub fn new(graph: &'a Graph<'a>, store: &'a Store, table: usize) -> Worker<'a> {
+        Worker { graph, store, table, prepared: Mutex::default() }
+    }
+
+    /// Tasks of a line stage: some points of one line.
+    pub fn by_line(&self, pending: Vec<(Unit, Key)>) -> Vec<Task> {
+        let mut lines: Vec<(Option<LineId>, Vec<(Unit, Key)>)> = vec![];
+        let mut at: HashMap<Option<LineId>, usize> = HashMap::new();
+        for (unit, key) in pending {
+            let i = *at.entry(unit.line).or_insert_with(|| {
+                lines.push((unit.line, vec![]));
+                lines.len() - 1
+            });
+            lines[i].1.push((unit, key));
+        }
+        let tasks = lines.into_iter().flat_map(|(_, units)| units.chunks(POINTS_A_TASK).map(<[_]>::to_vec).collect::<Vec<_>>());
+        tasks.map(|units| Task { units }).collect()
+    }
+
+    /// Tasks of a survey stage: all points that see the same lines of the same tables.
+    pub fn by_lines_seen(&self, pending: Vec<(Unit, Key)>) -> Vec<Task> {
+        let mut groups: Vec<(String, Vec<(Unit, Key)>)> = vec![];
+        for (unit, key) in pending {
+            let it = self.instance(unit);
+            let rows = it.predicate.as_ref().map(|p| p.canonical.clone());
+            let seen = format!("{:?} {rows:?} {:?}", it.inputs, self.graph.lines_of(unit.table, unit.instance));
+            match groups.iter_mut().find(|(s, _)| *s == seen) {
+                Some((_, units)) => units.push((unit, key)),
+                None => groups.push((seen, vec![(unit, key)])),
+            }
+        }
+        groups.into_iter().map(|(_, units)| Task { units }).collect()
+    }
+
+    fn instance(&self, unit: Unit) -> &Instance {
+        self.graph.plan.instance(unit.table, unit.instance)
+    }
+
+    /// Computes the units of `task`; each comes back with what went wrong, if anything did.
+    pub fn run(&self, task: &Task, usable: &(dyn Fn(LineId, Unit) -> bool + Sync)) -> Vec<(Unit, Option<Fault>)> {
+        match task.units.first() {
+            None => vec![],
+            Some((first, _)) if first.line.is_none() => self.survey(task, usable),
+            Some(_) => {
+                let mut held = Held::new(self.graph, self.store);
+                task.units.iter().map(|(unit, key)| (*unit, self.line(*unit, *key, &mut held).err())).collect()
+            }
+        }
+    }
+
+    fn line(&self, unit: Unit, key: Key, held: &mut Held) -> Result<(), Fault> {
+        let line = unit.line.ok_or_else(|| Fault::machine("a line stage without a line"))?;
+        let input = self.line_in(unit, line, held)?;
+        let it = self.instance(unit);
+        let arrays = guarded(|| it.stage.run(&input)).map_err(|f| f.in_line(&input.flight, &input.line))?;
+        self.store.put(key, &self.batch(it, arrays)?)
+    }
+
+    /// What the stage sees of one line.
+    fn line_in(&self, unit: Unit, line: LineId, held: &mut Held) -> Result<LineIn, Fault> {
+        let it = self.instance(unit);
+        let (flight, name) = self.graph.lines[line].clone();
+        let kinds = self.graph.kinds(unit.table, it);
+        let mut inputs = vec![];
+        for (i, (r, kind)) in it.inputs.iter().zip(kinds).enumerate() {
+            let columns = it.yields.reads.get(i).cloned().unwrap_or_default();
+            inputs.push(match kind {
+                InputKind::Map => empty(),
+                _ => held.batch(*r, line, &columns)?,
+            });
+        }
+        let keep = match (&it.predicate, it.inputs.first()) {
+            (Some(p), Some(r)) if !p.is_of_lines() => p.rows(&held.batch(*r, line, &p.columns)?)?,
+            _ => None,
+        };
+        Ok(LineIn { flight, line: name, inputs, keep, prepared: self.prepare(unit)? })
+    }
+
+    /// What is built once for all lines, by whoever needs it first.
+    fn prepare(&self, unit: Unit) -> Result<Prepared, Fault> {
+        let it = self.instance(unit);
+        let kinds = self.graph.kinds(unit.table, it);
+        let whole = |k: &InputKind| matches!(k, InputKind::Map | InputKind::Model);
+        let mut name = it.stage.prepare_key();
+        for (r, _) in it.inputs.iter().zip(&kinds).filter(|(_, k)| whole(k)) {
+            name.push_str(&format!(" {}", self.graph.object(*r, usize::MAX)?));
+        }
+        let once = match self.prepared.lock() {
+            Ok(mut all) => all.entry(name).or_default().clone(),
+            Err(_) => return Err(Fault::machine("another thread failed while preparing the stage")),
+        };
+        once.get_or_init(|| {
+            let mut inputs = vec![];
+            for (r, kind) in it.inputs.iter().zip(&kinds) {
+                inputs.push(match kind {
+                    InputKind::Map => map_batch(self.store, self.graph.object(*r, usize::MAX)?)?,
+                    InputKind::Model => self.model(*r)?,
+                    _ => empty(),
+                });
+            }
+            guarded(|| it.stage.prepare(&inputs))
+        })
+        .clone()
+    }
+
+    fn model(&self, r: Ref) -> Result<RecordBatch, Fault> {
+        let Ref::Stage(t, i) = r else { return Ok(empty()) };
+        let columns: Vec<&str> = self.graph.plan.instance(t, i).yields.columns.iter().map(|c| c.name.as_str()).collect();
+        self.store.get(self.graph.object(r, usize::MAX)?, &columns)
+    }
+
+    fn survey(&self, task: &Task, usable: &(dyn Fn(LineId, Unit) -> bool + Sync)) -> Vec<(Unit, Option<Fault>)> {
+        let all = |fault: Fault| task.units.iter().map(|(u, _)| (*u, Some(fault.clone()))).collect();
+        let stages: Vec<&dyn StageDyn> = task.units.iter().map(|(u, _)| self.instance(*u).stage.as_ref()).collect();
+        let Some(gather) = stages.first().and_then(|s| s.gather(&stages)) else {
+            return all(Fault::machine("a survey stage that gathers nothing: an error in magline"));
+        };
+        let first = task.units[0].0;
+        let lines: Vec<LineId> = self.graph.lines_of(first.table, first.instance).iter().copied().filter(|l| usable(*l, first)).collect();
+        let parts: Vec<Result<Box<dyn Any + Send>, Fault>> = lines
+            .par_iter()
+            .with_max_len(1)
+            .map(|line| {
+                let mut held = Held::new(self.graph, self.store);
+                let input = self.gathered(task, *line, &mut held)?;
+                guarded(|| gather.map(&input)).map_err(|f| f.in_line(&input.flight, &input.line))
+            })
+            .collect();
+        let parts = match parts.into_iter().collect::<Result<Vec<_>, Fault>>() {
+            Ok(parts) => parts,
+            Err(fault) => return all(fault),
+        };
+        let tables = match guarded(|| Ok(gather.finish(parts))) {
+            Ok(tables) => tables,
+            Err(fault) => return all(fault),
+        };
+        let put = |((unit, key), table): (&(Unit, Key), Result<Vec<ArrayRef>, Fault>)| {
+            let done = table.and_then(|arrays| self.batch(self.instance(*unit), arrays)).and_then(|b| self.store.put(*key, &b));
+            (*unit, done.err())
+        };
+        task.units.iter().zip(tables).map(put).collect()
+    }
+
+    /// One line as all points of a survey task see it: the columns of all of them.
+    fn gathered(&self, task: &Task, line: LineId, held: &mut Held) -> Result<LineIn, Fault> {
+        let first = task.units[0].0;
+        let mut input = self.line_in(first, line, held)?;
+        for (i, r) in self.instance(first).inputs.iter().enumerate() {
+            let mut columns: Vec<String> = vec![];
+            for (unit, _) in &task.units {
+                for c in self.instance(*unit).yields.reads.get(i).into_iter().flatten() {
+                    if !columns.contains(c) {
+                        columns.push(c.clone());
+                    }
+                }
+            }
+            input.inputs[i] = held.batch(*r, line, &columns)?;
+        }
+        Ok(input)
+    }
+
+    /// The stage's arrays as a batch, held against what it declared.
+    fn batch(&self, it: &Instance, arrays: Vec<ArrayRef>) -> Result<RecordBatch, Fault> {
+        let fields: Vec<Field> = it.yields.columns.iter().map(schemas::Column::field).collect();
+        let fits = fields.len() == arrays.len() && fields.iter().zip(&arrays).all(|(f, a)| f.data_type() == a.data_type());
+        if !fits {
+            let name = self.graph.plan.tables[self.table].entry.name;
+            return Err(Fault::machine(format!("`{name}` yields other columns than it declares: an error in the stage")));
+        }
+        RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))
+    }
+}
+
+fn empty() -> RecordBatch {
+    RecordBatch::new_empty(Arc::new(Schema::empty()))
+}
+
+/// Runs a stage; a panic in it is an error of that stage, not the end of the run.
+fn guarded<T>(work: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|cause| {
+        let text = cause.downcast_ref::<String>().map(String::as_str).or_else(|| cause.downcast_ref::<&str>().copied());
+        Err(Fault::machine(format!("an error in the stage: {}", text.unwrap_or("no message"))).help("please report it"))
+    })
+}
+
+/// Columns that a task has read, so that its points share them.
+struct Held<'a> {
+    graph: &'a Graph<'a>,
+    store: &'a Store,
+    columns: HashMap<(Key, String), ArrayRef>,
+    bytes: usize,
+}
+
+impl<'a> Held<'a> {
+    fn new(graph: &'a Graph<'a>, store: &'a Store) -> Held<'a> {
+        Held { graph, store, columns: HashMap::new(), bytes: 0 }
+    }
+
+    /// The columns `names` of one line of `r`, each from the object that holds it. A column that the line lacks is
+    /// left out.
+    fn batch(&mut self, r: Ref, line: LineId, names: &[String]) -> Result<RecordBatch, Fault> {
+        let mut wanted: Vec<(String, Key, String)> = vec![];
+        for name in names {
+            let origin = self.graph.origin(r, name);
+            if let Ref::Flights(i) = origin.made_by
+                && self.graph.records[i].get(&line).is_some_and(|l| !l.columns.contains_key(&origin.column))
+            {
+                continue;
+            }
+            wanted.push((name.clone(), self.graph.object(origin.made_by, line)?, origin.column));
+        }
+        self.fetch(&wanted)?;
+        let (mut fields, mut arrays) = (vec![], vec![]);
+        let shape = self.shape(r);
+        for (name, object, column) in wanted {
+            let Some(array) = self.columns.get(&(object, column)) else { continue };
+            let described = shape.as_ref().and_then(|s| s.get(&name)).map(schemas::Column::field);
+            fields.push(described.unwrap_or_else(|| Field::new(&name, array.data_type().clone(), true)));
+            arrays.push(array.clone());
+        }
+        let rows = arrays.first().map_or(0, |a| a.len());
+        let options = RecordBatchOptions::new().with_row_count(Some(rows));
+        RecordBatch::try_new_with_options(Arc::new(Schema::new(fields)), arrays, &options).map_err(|e| Fault::machine(e.to_string()))
+    }
+
+    fn shape(&self, r: Ref) -> Option<schemas::Shape> {
+        match r {
+            Ref::Flights(i) => Some(self.graph.plan.flights[i].shape.clone()),
+            Ref::Stage(t, i) => Some(self.graph.plan.instance(t, i).table.shape().clone()),
+            Ref::Map(_) => None,
+        }
+    }
+
+    /// Reads what is not held yet, each object once.
+    fn fetch(&mut self, wanted: &[(String, Key, String)]) -> Result<(), Fault> {
+        if self.bytes > HELD_BYTES {
+            self.columns.clear();
+            self.bytes = 0;
+        }
+        let mut objects: Vec<(Key, Vec<String>)> = vec![];
+        for (_, object, column) in wanted.iter().filter(|(_, o, c)| !self.columns.contains_key(&(*o, c.clone()))) {
+            match objects.iter_mut().find(|(o, _)| o == object) {
+                Some((_, columns)) if columns.contains(column) => {}
+                Some((_, columns)) => columns.push(column.clone()),
+                None => objects.push((*object, vec![column.clone()])),
+            }
+        }
+        for (object, columns) in objects {
+            let batch = self.store.get(object, &columns)?;
+            for (name, array) in columns.into_iter().zip(batch.columns()) {
+                self.bytes += array.get_array_memory_size();
+                self.columns.insert((object, name), array.clone());
+            }
+        }
+        Ok(())
+    }
+}

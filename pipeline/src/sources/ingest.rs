@@ -1,0 +1,244 @@
+//! From flight files to one object a line, with the hash of every column.
+
+use std::{collections::BTreeMap, fs, path::Path, sync::Arc};
+
+use arrow_array::{Array, ArrayRef, RecordBatch, cast::AsArray, types::Float64Type};
+use arrow_schema::DataType;
+use arrow_select::concat::concat_batches;
+use datasets::{FlightOptions, open_flight};
+use rayon::prelude::*;
+use schemas::{Fault, Owner, Place, canonical::{Canonical, check_time}, describe_field};
+use serde::{Deserialize, Serialize};
+
+use super::{Bytes, Flights, Lines, VERSION, fingerprint};
+use crate::{keys::Key, store::Store};
+
+/// One line of a table of flights.
+#[derive(Clone, Debug)]
+pub struct LineRecord {
+    /// The flight identifier.
+    pub flight: String,
+    /// The line identifier.
+    pub line: String,
+    /// How many samples.
+    pub rows: usize,
+    /// The object that holds it.
+    pub object: Key,
+    /// The hash of each column's values.
+    pub columns: BTreeMap<String, Key>,
+    /// Why it cannot be used.
+    pub fault: Option<Fault>,
+    /// The file it came from.
+    pub file: usize,
+}
+
+/// What a file was found to hold, as it stands in the store.
+#[derive(Serialize, Deserialize)]
+struct Index {
+    lines: Vec<IndexLine>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct IndexLine {
+    flight: String,
+    line: String,
+    rows: usize,
+    object: String,
+    columns: BTreeMap<String, String>,
+    fault: Option<IndexFault>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct IndexFault {
+    what: String,
+    help: Option<String>,
+    column: Option<String>,
+    row: Option<u64>,
+}
+
+/// The lines of all files, ingesting those that are new.
+pub fn lines(flights: &Flights, store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Lines, Vec<Fault>> {
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    let total = flights.files.len();
+    let read: Vec<Result<(Bytes, Index), Fault>> = flights
+        .files
+        .par_iter()
+        .map(|(path, options)| {
+            let read = index(store, path, options).map_err(|f| f.in_file(&path.display().to_string()));
+            tick(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, total);
+            read
+        })
+        .collect();
+    let (mut files, mut lines, mut faults) = (vec![], vec![], vec![]);
+    for one in read {
+        match one {
+            Ok((bytes, index)) => {
+                lines.extend(index.lines.into_iter().filter_map(|l| record(l, files.len(), &bytes.path)));
+                files.push(bytes);
+            }
+            Err(fault) => faults.push(fault),
+        }
+    }
+    if !faults.is_empty() {
+        return Err(faults);
+    }
+    lines.sort_by(|a, b| (&a.flight, &a.line, a.file).cmp(&(&b.flight, &b.line, b.file)));
+    Ok(Lines { lines: once_each(lines, &files), files })
+}
+
+/// A line that is there twice cannot be put in order, so neither part is used.
+fn once_each(lines: Vec<LineRecord>, files: &[Bytes]) -> Vec<LineRecord> {
+    let mut kept: Vec<LineRecord> = vec![];
+    for line in lines {
+        match kept.last_mut() {
+            Some(last) if (&last.flight, &last.line) == (&line.flight, &line.line) => {
+                let name = |i: usize| files.get(i).map(|f: &Bytes| f.path.display().to_string()).unwrap_or_default();
+                let what = if last.file == line.file {
+                    "the line's samples do not stand together".to_owned()
+                } else {
+                    format!("the line is also in {}", name(line.file))
+                };
+                let fault = Fault::data(what).help("sort the file by flight, line and tt, and name each line once");
+                last.fault = Some(fault.in_line(&last.flight, &last.line).in_file(&name(last.file)));
+            }
+            _ => kept.push(line),
+        }
+    }
+    kept
+}
+
+fn record(line: IndexLine, file: usize, path: &Path) -> Option<LineRecord> {
+    let fault = line.fault.map(|f| {
+        let place = Place {
+            file: Some(path.display().to_string()),
+            flight: Some(line.flight.clone()),
+            line: Some(line.line.clone()),
+            column: f.column,
+            row: f.row,
+        };
+        Fault { what: f.what, help: f.help, place, owner: Owner::Data, ..Fault::default() }
+    });
+    let columns = line.columns.into_iter().filter_map(|(n, k)| Some((n, Key::parse(&k)?))).collect();
+    Some(LineRecord { flight: line.flight, line: line.line, rows: line.rows, object: Key::parse(&line.object)?, columns, fault, file })
+}
+
+/// What the file holds, from the store where it was read before.
+fn index(store: &Store, path: &Path, options: &FlightOptions) -> Result<(Bytes, Index), Fault> {
+    let bytes = fingerprint(store, path)?;
+    let mut parts = vec!["flights".to_owned(), VERSION.to_owned(), format!("{options:?}"), bytes.hash.to_string()];
+    if options.format.as_deref() == Some("synth") || path.to_string_lossy().ends_with(".synth.toml") {
+        let simulation = datasets::simulate::Simulation::open(path).map_err(Fault::from)?;
+        for other in simulation.inputs() {
+            parts.push(fingerprint(store, other)?.hash.to_string());
+        }
+    }
+    let note = store.root().join("sources").join(format!("{}.json", Key::of(parts.iter().map(String::as_bytes))));
+    let known: Option<Index> = fs::read(&note).ok().and_then(|b| serde_json::from_slice(&b).ok());
+    let whole = |i: &Index| i.lines.iter().all(|l| l.fault.is_some() || Key::parse(&l.object).is_some_and(|k| store.has(k)));
+    if let Some(index) = known.filter(whole) {
+        return Ok((bytes, index));
+    }
+    let index = ingest(store, path, options)?;
+    let text = serde_json::to_vec_pretty(&index).map_err(|e| Fault::machine(e.to_string()))?;
+    store.write(&note, &text)?;
+    Ok((bytes, index))
+}
+
+/// Reads a file once, one line in memory at a time.
+fn ingest(store: &Store, path: &Path, options: &FlightOptions) -> Result<Index, Fault> {
+    let reader = open_flight(path, options).map_err(Fault::from)?;
+    let canonical = Canonical::new(reader.schema()).map_err(|f| f.into_iter().next().unwrap_or_default())?;
+    let mut index = Index { lines: vec![] };
+    let mut open: Option<(String, String, Vec<RecordBatch>)> = None;
+    for batch in reader {
+        let batch = canonical.apply(&batch.map_err(Fault::from)?)?;
+        for (flight, line, part) in runs(&batch)? {
+            match &mut open {
+                Some((f, l, parts)) if *f == flight && *l == line => parts.push(part),
+                _ => {
+                    if let Some(done) = open.replace((flight, line, vec![part])) {
+                        index.lines.push(settle(store, done)?);
+                    }
+                }
+            }
+        }
+    }
+    if let Some(done) = open {
+        index.lines.push(settle(store, done)?);
+    }
+    if index.lines.is_empty() {
+        return Err(Fault::data("the file holds no samples"));
+    }
+    Ok(index)
+}
+
+/// The runs of rows of one flight and line.
+fn runs(batch: &RecordBatch) -> Result<Vec<(String, String, RecordBatch)>, Fault> {
+    let (flights, lines) = (batch.column(0).as_string::<i32>(), batch.column(1).as_string::<i32>());
+    for (name, keys) in [("flight", flights), ("line", lines)] {
+        if let Some(row) = (0..keys.len()).find(|&i| keys.is_null(i) || keys.value(i).is_empty()) {
+            return Err(Fault::data("the identifier is missing").in_column(name).in_row(row as u64));
+        }
+    }
+    let mut found = vec![];
+    let mut start = 0;
+    for i in 1..=batch.num_rows() {
+        let ends = i == batch.num_rows() || flights.value(i) != flights.value(start) || lines.value(i) != lines.value(start);
+        if ends {
+            let part = batch.slice(start, i - start);
+            found.push((flights.value(start).to_owned(), lines.value(start).to_owned(), part));
+            start = i;
+        }
+    }
+    Ok(found)
+}
+
+/// Checks one whole line, hashes its columns, and puts it into the store.
+fn settle(store: &Store, (flight, line, parts): (String, String, Vec<RecordBatch>)) -> Result<IndexLine, Fault> {
+    let schema = parts[0].schema();
+    let batch = concat_batches(&schema, &parts).map_err(|e| Fault::data(e.to_string()))?;
+    let mut columns = BTreeMap::new();
+    for (field, array) in schema.fields().iter().zip(batch.columns()) {
+        columns.insert(field.name().clone(), hash(array)?);
+    }
+    let described = schema.fields().iter().map(|f| describe_field(f));
+    let spelt = described.flat_map(|c| [columns[&c.name].to_string(), c.unit, c.role.as_str().to_owned(), c.doc, c.name]);
+    let object = Key::of(["line".to_owned(), VERSION.to_owned()].into_iter().chain(spelt));
+    let fault = check_time(batch.column(2).as_primitive::<Float64Type>().values()).err();
+    if fault.is_none() && !store.has(object) {
+        store.put(object, &batch)?;
+    }
+    let fault = fault.map(|f| IndexFault { what: f.what, help: f.help, column: f.place.column, row: f.place.row });
+    let columns = columns.into_iter().map(|(n, k)| (n, k.to_string())).collect();
+    Ok(IndexLine { flight, line, rows: batch.num_rows(), object: object.to_string(), columns, fault })
+}
+
+/// The hash of a column's type and values.
+fn hash(array: &ArrayRef) -> Result<Key, Fault> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(array.data_type().to_string().as_bytes()).update(&(array.len() as u64).to_le_bytes());
+    match array.data_type() {
+        DataType::Float64 if array.null_count() == 0 => {
+            for x in array.as_primitive::<Float64Type>().values().iter() {
+                hasher.update(&x.to_bits().to_le_bytes());
+            }
+        }
+        DataType::Utf8 => {
+            for text in array.as_string::<i32>() {
+                let text = text.map(str::as_bytes);
+                hasher.update(&text.map_or(u64::MAX, |t| t.len() as u64).to_le_bytes()).update(text.unwrap_or(&[]));
+            }
+        }
+        _ => {
+            let field = arrow_schema::Field::new("x", array.data_type().clone(), true);
+            let schema = Arc::new(arrow_schema::Schema::new(vec![field]));
+            let batch = RecordBatch::try_new(schema, vec![array.clone()]).map_err(|e| Fault::data(e.to_string()))?;
+            let mut bytes = vec![];
+            let encoded = parquet::arrow::ArrowWriter::try_new(&mut bytes, batch.schema(), None)
+                .and_then(|mut w| w.write(&batch).and_then(|()| w.close()));
+            encoded.map_err(|e| Fault::data(format!("cannot be stored: {e}")))?;
+            hasher.update(&bytes);
+        }
+    }
+    Ok(Key::finish(&hasher))
+}

@@ -1,0 +1,153 @@
+//! Tables read from files: found, fingerprinted, and brought into the store line by line.
+
+mod files;
+mod ingest;
+mod options;
+
+use std::{
+    path::PathBuf,
+    sync::Arc,
+};
+
+use arrow_array::RecordBatch;
+use arrow_schema::{Schema, SchemaRef};
+use datasets::{FlightOptions, MapOptions, open_flight, read_map};
+use schemas::{Column, Fault, Owner, Shape, canonical::Canonical, describe_field};
+
+pub use files::{Bytes, find, fingerprint};
+pub use ingest::LineRecord;
+use options::{flight_options, map_options, spelt};
+
+use crate::{keys::Key, spec::SourceDecl, store::Store};
+
+/// Raised when what ingest writes changes.
+const VERSION: &str = "ingest 1";
+
+/// A table of flights whose columns are known and whose lines are not read yet.
+pub struct Flights {
+    /// Its name in the spec.
+    pub name: String,
+    /// The columns of all files together.
+    pub shape: Shape,
+    /// The fields of all files together.
+    pub schema: SchemaRef,
+    files: Vec<(PathBuf, FlightOptions)>,
+}
+
+/// The lines of a table of flights, in the order of their names.
+pub struct Lines {
+    /// One record a line.
+    pub lines: Vec<LineRecord>,
+    /// The files they came from, and what was read.
+    pub files: Vec<Bytes>,
+}
+
+impl Flights {
+    /// Finds the files and reads their schemas.
+    ///
+    /// # Errors
+    /// Options, files, columns and units that cannot be used, with their place in the spec.
+    pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<Flights, Vec<Fault>> {
+        let placed = |f: Fault| f.at(decl.path.1.clone());
+        let options = flight_options(decl)?;
+        let found = find(&decl.path.0, folder, decl.options.get("format").is_some()).map_err(|f| vec![placed(f)])?;
+        let mut faults = vec![];
+        let mut fields: Vec<arrow_schema::FieldRef> = vec![];
+        let mut files = vec![];
+        for path in found {
+            let options = files::hive(&path, &options);
+            match open_flight(&path, &options).map_err(|e| vec![Fault::from(e)]).and_then(|r| Canonical::new(r.schema())) {
+                Ok(canonical) => {
+                    merge(&mut fields, canonical.schema(), &path, &mut faults);
+                    files.push((path, options));
+                }
+                Err(wrong) => {
+                    faults.extend(wrong.into_iter().map(|f| placed(f.in_file(&path.display().to_string()))));
+                }
+            }
+        }
+        if !faults.is_empty() {
+            return Err(faults.into_iter().map(placed).collect());
+        }
+        let schema: SchemaRef = Arc::new(Schema::new(fields));
+        let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
+        Ok(Flights { name: decl.name.clone(), shape: Shape { columns, rate_hz: None }, schema, files })
+    }
+
+    /// Brings every line into the store that is not there yet. `tick` is told of each file done.
+    ///
+    /// # Errors
+    /// A file that cannot be read. What is wrong with single lines stands in their records.
+    pub fn lines(&self, store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Lines, Vec<Fault>> {
+        ingest::lines(self, store, tick)
+    }
+}
+
+/// Adds the columns of one more file; a column must have one type in all of them.
+fn merge(fields: &mut Vec<arrow_schema::FieldRef>, schema: &SchemaRef, path: &std::path::Path, faults: &mut Vec<Fault>) {
+    for field in schema.fields() {
+        match fields.iter().find(|f| f.name() == field.name()) {
+            None => fields.push(field.clone()),
+            Some(known) if known.data_type() == field.data_type() => {}
+            Some(known) => {
+                let what = format!("holds {}, but {} in other files of the table", field.data_type(), known.data_type());
+                faults.push(Fault::data(what).in_file(&path.display().to_string()).in_column(field.name()));
+            }
+        }
+    }
+}
+
+/// A map of the spec.
+pub struct MapSource {
+    /// Its name in the spec.
+    pub name: String,
+    /// Its file or folder.
+    pub path: PathBuf,
+    options: MapOptions,
+    spelt: String,
+}
+
+impl MapSource {
+    /// Checks the options and that the file is there.
+    ///
+    /// # Errors
+    /// Options that a map does not have, and a file that is not there.
+    pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
+        let options = map_options(decl)?;
+        let path = folder.join(&decl.path.0);
+        if !path.exists() {
+            let fault = Fault::new(format!("there is no file {}", path.display())).at(decl.path.1.clone());
+            return Err(vec![fault]);
+        }
+        let spelt = spelt(decl);
+        Ok(MapSource { name: decl.name.clone(), path, options, spelt })
+    }
+
+    /// The key of its content, and the bytes it was read from; the grid itself is put into the store.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn load(&self, store: &Store) -> Result<(Key, Vec<Bytes>), Fault> {
+        let bytes = fingerprint(store, &self.path)?;
+        let key = Key::of(["map", VERSION, &self.spelt, &bytes.hash.to_string()]);
+        if !store.has(key) {
+            let map = read_map(&self.path, &self.options).map_err(Fault::from)?;
+            store.put(key, &map.batch)?;
+        }
+        Ok((key, vec![bytes]))
+    }
+}
+
+/// The whole map `key`.
+///
+/// # Errors
+/// When the store cannot be read.
+pub fn map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
+    let names: Vec<&str> = schemas::map::COLUMNS.iter().map(|(n, _)| *n).collect();
+    store.get(key, &names)
+}
+
+/// Whether any of `faults` is not the user's to mend.
+pub fn is_machine(faults: &[Fault]) -> bool {
+    faults.iter().any(|f| f.owner == Owner::Machine)
+}

@@ -1,0 +1,86 @@
+//! What a `[tables.NAME]` of the spec may say beside its path.
+
+use std::collections::BTreeMap;
+
+use datasets::{FlightOptions, MapOptions};
+use schemas::{Args, Fault, Value};
+
+use crate::spec::SourceDecl;
+
+/// The options of a table of flights.
+///
+/// # Errors
+/// Unknown options and wrong types.
+pub fn flight_options(decl: &SourceDecl) -> Result<FlightOptions, Vec<Fault>> {
+    let mut read = Read::new(decl, &["format", "flight", "line", "rename"], "a table of flight lines");
+    let rename = read.renames();
+    let options = FlightOptions { format: read.get("format"), rename, flight: read.get("flight"), line: read.get("line") };
+    read.finish(options)
+}
+
+/// The options of a map.
+///
+/// # Errors
+/// Unknown options and wrong types.
+pub fn map_options(decl: &SourceDecl) -> Result<MapOptions, Vec<Fault>> {
+    let mut read = Read::new(decl, &["format", "epsg", "alt_m", "unit"], "a map");
+    let epsg: Option<usize> = read.get("epsg");
+    let epsg = epsg.and_then(|code| {
+        let fits = u16::try_from(code).ok();
+        if fits.is_none() {
+            read.wrong("epsg", format!("there is no EPSG code {code}"));
+        }
+        fits
+    });
+    let options = MapOptions { format: read.get("format"), epsg, alt_m: read.get("alt_m"), unit: read.get("unit") };
+    read.finish(options)
+}
+
+/// All options in one spelling, for keys.
+pub fn spelt(decl: &SourceDecl) -> String {
+    decl.options.iter().map(|(k, v)| format!("{k}={};", v.value)).collect()
+}
+
+struct Read<'a> {
+    args: &'a Args,
+    faults: Vec<Fault>,
+}
+
+impl<'a> Read<'a> {
+    fn new(decl: &'a SourceDecl, known: &[&str], what: &str) -> Self {
+        let mut all = vec!["path"];
+        all.extend(known);
+        let unknown = |k: &&String| !known.contains(&k.split('.').next().unwrap_or(k));
+        let faults = decl.options.iter().filter(|(k, _)| unknown(k)).map(|(k, given)| {
+            Fault::new(format!("{what} has no option `{k}`")).nearest(k, &all).at(given.key_at.clone())
+        });
+        Self { args: &decl.options, faults: faults.collect() }
+    }
+
+    fn wrong(&mut self, key: &str, what: String) {
+        let fault = Fault::new(what);
+        self.faults.push(match self.args.get(key) {
+            Some(given) => fault.at(given.at.clone()),
+            None => fault,
+        });
+    }
+
+    fn get<T: Value>(&mut self, key: &str) -> Option<T> {
+        let given = self.args.get(key)?;
+        let value = T::read(&given.value);
+        if value.is_none() {
+            self.wrong(key, format!("`{key}` must be a {}, not a {}", T::TYPE, given.value.type_name()));
+        }
+        value
+    }
+
+    fn renames(&mut self) -> BTreeMap<String, String> {
+        let named: Vec<String> = self.args.keys().filter(|k| k.starts_with("rename.")).cloned().collect();
+        let one = |key: String| self.get::<String>(&key).map(|to| (key["rename.".len()..].to_owned(), to));
+        named.into_iter().filter_map(one).collect()
+    }
+
+    fn finish<T>(self, options: T) -> Result<T, Vec<Fault>> {
+        if self.faults.is_empty() { Ok(options) } else { Err(self.faults) }
+    }
+}

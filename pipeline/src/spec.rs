@@ -1,0 +1,412 @@
+//! The spec: one TOML file, with the position of everything in it.
+
+use std::{collections::BTreeMap, ops::Range, path::PathBuf};
+
+use schemas::{Args, Fault, Given, Literal, render};
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue},
+};
+
+/// Bytes of the spec.
+pub type Span = Range<usize>;
+
+/// A parsed spec. Nothing of it is checked against the catalogue or the data yet.
+#[derive(Clone, Debug)]
+pub struct Spec {
+    /// The file, as the user named it.
+    pub file: String,
+    /// The folder that relative paths start from.
+    pub folder: PathBuf,
+    /// The text, for messages.
+    pub text: String,
+    /// The pipeline's name.
+    pub name: String,
+    /// The seed of every random draw.
+    pub seed: u64,
+    /// The store's folder.
+    pub store: PathBuf,
+    /// Tables read from files.
+    pub tables: Vec<SourceDecl>,
+    /// The axes of the sweep.
+    pub axes: Vec<Axis>,
+    /// The stages.
+    pub stages: Vec<StageDecl>,
+}
+
+/// A table read from files.
+#[derive(Clone, Debug)]
+pub struct SourceDecl {
+    /// Its name in the spec.
+    pub name: String,
+    /// Where it is declared.
+    pub at: Span,
+    /// Its path, and where that stands.
+    pub path: (String, Span),
+    /// Everything else that was said of it.
+    pub options: Args,
+}
+
+/// One axis: a key column and its values.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    /// The column's name.
+    pub name: String,
+    /// Where it is declared.
+    pub at: Span,
+    /// The values, in the spec's order.
+    pub values: Vec<Literal>,
+}
+
+/// One stage of the spec.
+#[derive(Clone, Debug)]
+pub struct StageDecl {
+    /// The name of the table it yields.
+    pub name: String,
+    /// Where the name stands.
+    pub at: Span,
+    /// The kind of stage, and where that stands.
+    pub stage: (String, Span),
+    /// Its `where`, if any.
+    pub predicate: Option<(String, Span)>,
+    /// Inputs and parameters, axes not yet put in.
+    pub args: Args,
+}
+
+/// Everything that is wrong with a spec, ready to be shown.
+#[derive(Clone, Debug)]
+pub struct Faults {
+    /// The file, as the user named it.
+    pub file: String,
+    /// Its text.
+    pub text: String,
+    /// What is wrong.
+    pub faults: Vec<Fault>,
+}
+
+impl std::fmt::Display for Faults {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        let shown: Vec<String> = self.faults.iter().map(|x| render(x, &self.file, &self.text)).collect();
+        write!(f, "{}", shown.join("\n\n"))
+    }
+}
+
+impl std::error::Error for Faults {}
+
+const TOP: [&str; 6] = ["name", "seed", "store", "tables", "axes", "stages"];
+
+impl Spec {
+    /// Reads the spec `text` of `file`, whose relative paths start from `folder`.
+    ///
+    /// # Errors
+    /// Everything that is wrong with its form, each with its position.
+    pub fn parse(file: &str, folder: PathBuf, text: String) -> Result<Spec, Faults> {
+        let mut read = Reading::default();
+        let spec = match DeTable::parse(&text) {
+            Ok(root) => read.spec(root.get_ref(), file, folder, &text),
+            Err(e) => {
+                let fault = Fault::new(e.message().to_owned());
+                read.faults.push(match e.span() {
+                    Some(at) => fault.at(at),
+                    None => fault,
+                });
+                None
+            }
+        };
+        match spec {
+            Some(spec) if read.faults.is_empty() => Ok(spec),
+            _ => Err(Faults { file: file.to_owned(), text, faults: read.faults }),
+        }
+    }
+
+    /// The faults as something to show, with this spec's text.
+    pub fn faults(&self, faults: Vec<Fault>) -> Faults {
+        Faults { file: self.file.clone(), text: self.text.clone(), faults }
+    }
+
+    /// The axis `name`, if the spec has it.
+    pub fn axis(&self, name: &str) -> Option<usize> {
+        self.axes.iter().position(|a| a.name == name)
+    }
+
+    /// Applies one `--set KEY=VALUE`: `seed`, `store`, `name`, `axes.NAME`, `tables.NAME.KEY` or `STAGE.PARAMETER`
+    /// (`stages.STAGE.PARAMETER` too). The value is TOML; what is not TOML is taken as text.
+    ///
+    /// # Errors
+    /// When the key names nothing of the spec.
+    pub fn set(&mut self, assignment: &str) -> Result<(), Fault> {
+        let (key, value) = assignment
+            .split_once('=')
+            .ok_or_else(|| Fault::new(format!("`--set {assignment}` is not of the form KEY=VALUE")))?;
+        let value = override_value(value.trim());
+        let parts: Vec<&str> = key.trim().split('.').collect();
+        let wrong = |what: &str| Fault::new(format!("`--set {assignment}`: {what}"));
+        match parts.as_slice() {
+            ["seed"] => match value {
+                Literal::Int(n) if n >= 0 => self.seed = n.unsigned_abs(),
+                _ => return Err(wrong("the seed must be a whole number, 0 or above")),
+            },
+            ["store"] => self.store = self.folder.join(value.to_string()),
+            ["name"] => self.name = value.to_string(),
+            ["axes", axis] => {
+                let known: Vec<&str> = self.axes.iter().map(|a| a.name.as_str()).collect();
+                let i = self.axis(axis).ok_or_else(|| wrong("there is no such axis").nearest(axis, &known))?;
+                self.axes[i].values = match value {
+                    Literal::List(values) => values,
+                    one => vec![one],
+                };
+            }
+            ["tables", table, key] => {
+                let known: Vec<String> = self.tables.iter().map(|t| t.name.clone()).collect();
+                let found = self.tables.iter_mut().find(|t| t.name == *table);
+                let found = found.ok_or_else(|| wrong("there is no such table").nearest(table, &known))?;
+                if *key == "path" {
+                    found.path.0 = value.to_string();
+                } else {
+                    found.options.insert((*key).to_owned(), given(value, 0..0, 0..0));
+                }
+            }
+            [stage, key] | ["stages", stage, key] => {
+                let known: Vec<String> = self.stages.iter().map(|t| t.name.clone()).collect();
+                let found = self.stages.iter_mut().find(|t| t.name == *stage);
+                let found = found.ok_or_else(|| wrong("there is no such stage").nearest(stage, &known))?;
+                match (*key, value) {
+                    ("where", value) => found.predicate = Some((value.to_string(), 0..0)),
+                    ("stage", value) => found.stage.0 = value.to_string(),
+                    (key, value) => {
+                        found.args.insert(key.to_owned(), given(value, 0..0, 0..0));
+                    }
+                }
+            }
+            _ => return Err(wrong("unknown key").nearest(key, &TOP)),
+        }
+        Ok(())
+    }
+}
+
+fn given(value: Literal, key_at: Span, at: Span) -> Given {
+    Given { value, key_at, at }
+}
+
+fn override_value(text: &str) -> Literal {
+    DeValue::parse(text)
+        .ok()
+        .and_then(|v| literal(v.get_ref()).ok())
+        .unwrap_or_else(|| Literal::Text(text.to_owned()))
+}
+
+#[derive(Default)]
+struct Reading {
+    faults: Vec<Fault>,
+}
+
+impl Reading {
+    fn spec(&mut self, root: &DeTable, file: &str, folder: PathBuf, text: &str) -> Option<Spec> {
+        for (key, _) in root.iter() {
+            if !TOP.contains(&key.get_ref().as_ref()) {
+                let fault = Fault::new(format!("a spec has no key `{}`", key.get_ref()));
+                self.faults.push(fault.nearest(key.get_ref(), &TOP).at(key.span()));
+            }
+        }
+        let name = self.name_of(root, file);
+        let seed = self.seed(root);
+        let store = self.text(root, "store").map_or_else(|| "store".to_owned(), |(s, _)| s);
+        if store.contains("://") {
+            self.faults.push(Fault::new(format!("the store `{store}` is not a folder")).help("this version keeps its store in a folder"));
+        }
+        let tables = self.named(root, "tables").iter().filter_map(|(n, v)| self.source(n, v)).collect();
+        let axes = self.named(root, "axes").iter().filter_map(|(n, v)| self.axis(n, v)).collect();
+        let stages = self.stages(root);
+        let store = folder.join(store);
+        Some(Spec { file: file.to_owned(), store, folder, text: text.to_owned(), name: name?, seed, tables, axes, stages })
+    }
+
+    /// The name of the pipeline: given, or the file's stem.
+    fn name_of(&mut self, root: &DeTable, file: &str) -> Option<String> {
+        let stem = || PathBuf::from(file).file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+        let (name, at) = self.text(root, "name").unwrap_or_else(|| (stem(), 0..0));
+        self.identifier(&name, at).then_some(name)
+    }
+
+    fn seed(&mut self, root: &DeTable) -> u64 {
+        let Some(value) = root.get("seed") else { return 0 };
+        match literal(value.get_ref()) {
+            Ok(Literal::Int(n)) if n >= 0 => n.unsigned_abs(),
+            _ => {
+                self.faults.push(Fault::new("`seed` must be a whole number, 0 or above").at(value.span()));
+                0
+            }
+        }
+    }
+
+    /// Names become folders and SQL identifiers, so they are kept plain.
+    fn identifier(&mut self, name: &str, at: Span) -> bool {
+        let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+        let fine = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') && name.chars().all(plain);
+        if !fine {
+            let fault = Fault::new(format!("`{name}` cannot be a name")).at(at);
+            self.faults.push(fault.help("a name begins with a letter and holds letters, digits, `_` and `-`"));
+        }
+        fine
+    }
+
+    fn text(&mut self, table: &DeTable, key: &str) -> Option<(String, Span)> {
+        let value = table.get(key)?;
+        match value.get_ref().as_str() {
+            Some(text) => Some((text.to_owned(), value.span())),
+            None => {
+                self.faults.push(Fault::new(format!("`{key}` must be text")).at(value.span()));
+                None
+            }
+        }
+    }
+
+    /// The entries of the table `key`, in the order they stand in the file.
+    fn named<'a>(&mut self, root: &'a DeTable, key: &str) -> Vec<(Spanned<String>, &'a Spanned<DeValue<'a>>)> {
+        let Some(value) = root.get(key) else { return vec![] };
+        let Some(table) = value.get_ref().as_table() else {
+            self.faults.push(Fault::new(format!("`{key}` must be a table")).at(value.span()));
+            return vec![];
+        };
+        let mut entries: Vec<_> =
+            table.iter().map(|(k, v)| (Spanned::new(k.span(), k.get_ref().to_string()), v)).collect();
+        entries.sort_by_key(|(k, _)| k.span().start);
+        entries
+    }
+
+    fn source(&mut self, name: &Spanned<String>, value: &Spanned<DeValue>) -> Option<SourceDecl> {
+        self.identifier(name.get_ref(), name.span());
+        let Some(table) = value.get_ref().as_table() else {
+            let fault = Fault::new(format!("the table `{}` must be given as `path = ...`", name.get_ref()));
+            self.faults.push(fault.at(value.span()));
+            return None;
+        };
+        let Some(path) = self.text(table, "path") else {
+            if !table.contains_key("path") {
+                self.faults.push(Fault::new(format!("the table `{}` needs a `path`", name.get_ref())).at(name.span()));
+            }
+            return None;
+        };
+        let options = self.args(table, &["path"]);
+        Some(SourceDecl { name: name.get_ref().clone(), at: name.span(), path, options })
+    }
+
+    fn axis(&mut self, name: &Spanned<String>, value: &Spanned<DeValue>) -> Option<Axis> {
+        self.identifier(name.get_ref(), name.span());
+        let values = match literal(value.get_ref()) {
+            Ok(Literal::List(values)) => values,
+            Ok(one) => vec![one],
+            Err(what) => {
+                self.faults.push(Fault::new(what).at(value.span()));
+                return None;
+            }
+        };
+        let mut wrong = |what: String| self.faults.push(Fault::new(what).at(value.span()));
+        if values.is_empty() {
+            wrong(format!("the axis `{}` has no values", name.get_ref()));
+            return None;
+        }
+        if let Some(i) = (1..values.len()).find(|&i| values[..i].contains(&values[i])) {
+            wrong(format!("the axis `{}` has the value `{}` twice", name.get_ref(), values[i]));
+            return None;
+        }
+        match one_type(values) {
+            Ok(values) => Some(Axis { name: name.get_ref().clone(), at: name.span(), values }),
+            Err(what) => {
+                wrong(format!("the axis `{}` {what}", name.get_ref()));
+                None
+            }
+        }
+    }
+
+    fn stages(&mut self, root: &DeTable) -> Vec<StageDecl> {
+        let Some(value) = root.get("stages") else {
+            self.faults.push(Fault::new("the spec has no stages").help("add a `[[stages]]` table"));
+            return vec![];
+        };
+        let Some(items) = value.get_ref().as_array() else {
+            self.faults.push(Fault::new("`stages` must be an array of tables: `[[stages]]`").at(value.span()));
+            return vec![];
+        };
+        items.iter().filter_map(|item| self.stage(item)).collect()
+    }
+
+    fn stage(&mut self, item: &Spanned<DeValue>) -> Option<StageDecl> {
+        let Some(table) = item.get_ref().as_table() else {
+            self.faults.push(Fault::new("a stage must be a table").at(item.span()));
+            return None;
+        };
+        let mut need = |key: &str, why: &str| {
+            let found = self.text(table, key);
+            if found.is_none() && !table.contains_key(key) {
+                self.faults.push(Fault::new(format!("a stage needs `{key}`: {why}")).at(item.span()));
+            }
+            found
+        };
+        let name = need("name", "the name of the table it yields");
+        let stage = need("stage", "the kind of stage");
+        let predicate = self.text(table, "where");
+        let args = self.args(table, &["name", "stage", "where"]);
+        let (name, at) = name?;
+        self.identifier(&name, at.clone());
+        Some(StageDecl { name, at, stage: stage?, predicate, args })
+    }
+
+    fn args(&mut self, table: &DeTable, but: &[&str]) -> Args {
+        let mut args: Args = BTreeMap::new();
+        for (key, value) in table.iter().filter(|(k, _)| !but.contains(&k.get_ref().as_ref())) {
+            match literal(value.get_ref()) {
+                Ok(x) => {
+                    args.insert(key.get_ref().to_string(), given(x, key.span(), value.span()));
+                }
+                Err(_) if value.get_ref().is_table() => self.flatten(key.get_ref(), value, &mut args),
+                Err(what) => self.faults.push(Fault::new(what).at(value.span())),
+            }
+        }
+        args
+    }
+
+    /// `rename = { a = "b" }` becomes the option `rename.a`.
+    fn flatten(&mut self, prefix: &str, value: &Spanned<DeValue>, args: &mut Args) {
+        for (key, value) in value.get_ref().as_table().into_iter().flat_map(|t| t.iter()) {
+            match literal(value.get_ref()) {
+                Ok(x) => {
+                    args.insert(format!("{prefix}.{}", key.get_ref()), given(x, key.span(), value.span()));
+                }
+                Err(what) => self.faults.push(Fault::new(what).at(value.span())),
+            }
+        }
+    }
+}
+
+/// Values of one type; whole numbers beside fractions become fractions.
+fn one_type(values: Vec<Literal>) -> Result<Vec<Literal>, String> {
+    let is = |f: fn(&Literal) -> bool| values.iter().all(f);
+    if is(|v| matches!(v, Literal::Int(_) | Literal::Float(_))) && !is(|v| matches!(v, Literal::Int(_))) {
+        let float = |v: &Literal| if let Literal::Int(n) = v { Literal::Float(*n as f64) } else { v.clone() };
+        return Ok(values.iter().map(float).collect());
+    }
+    let first = values[0].type_name();
+    match values.iter().find(|v| v.type_name() != first) {
+        Some(other) => Err(format!("mixes a {first} with a {}", other.type_name())),
+        None => Ok(values),
+    }
+}
+
+/// A TOML value as a literal; tables and dates are none.
+fn literal(value: &DeValue) -> Result<Literal, String> {
+    match value {
+        DeValue::String(s) => Ok(Literal::Text(s.to_string())),
+        DeValue::Boolean(b) => Ok(Literal::Bool(*b)),
+        DeValue::Integer(n) => i64::from_str_radix(n.as_str(), n.radix())
+            .map(Literal::Int)
+            .map_err(|_| format!("the number {} is out of range", n.as_str())),
+        DeValue::Float(x) => match x.as_str().parse::<f64>() {
+            Ok(x) if !x.is_nan() => Ok(Literal::Float(x)),
+            _ => Err(format!("{} is not a number that can be used here", x.as_str())),
+        },
+        DeValue::Array(items) => items.iter().map(|v| literal(v.get_ref())).collect::<Result<_, _>>().map(Literal::List),
+        DeValue::Datetime(_) => Err("a date cannot stand here; write it as text".to_owned()),
+        DeValue::Table(_) => Err("a table cannot stand here".to_owned()),
+    }
+}

@@ -1,0 +1,15 @@
+//! Views of a plan and of what a run left: explain, lineage, why, the reference, SQL.
+
+mod explain;
+mod lineage;
+mod record;
+mod reference;
+pub mod sql;
+pub mod scores;
+mod why;
+
+pub use explain::explain;
+pub use lineage::{Format, lineage};
+pub use record::{Snapshot, SnapshotTable, record, snapshots};
+pub use reference::{one as stage_page, overview as stages_overview, page as reference_page};
+pub use why::why;

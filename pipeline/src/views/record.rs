@@ -1,0 +1,192 @@
+//! What the tables were computed from, kept beside them.
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use schemas::{ColumnType, Fault};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    plan::{Graph, Instance, Ref, TableNode},
+    store::Store,
+};
+
+/// A pipeline as it was last run.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Snapshot {
+    /// Its name.
+    pub pipeline: String,
+    /// The spec, as the user named it.
+    pub spec: String,
+    /// The seed.
+    pub seed: u64,
+    /// What it reads.
+    pub sources: Vec<SnapshotSource>,
+    /// What it makes.
+    pub tables: Vec<SnapshotTable>,
+}
+
+/// A table that was read from files.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct SnapshotSource {
+    /// Its name.
+    pub name: String,
+    /// `flights` or `map`.
+    pub kind: String,
+    /// Path and hash of each file.
+    pub files: Vec<(String, String)>,
+    /// The key of each line (`flight/line`), or of the map.
+    pub lines: BTreeMap<String, String>,
+}
+
+/// A table that a stage made.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct SnapshotTable {
+    /// Its name.
+    pub name: String,
+    /// The stage.
+    pub stage: String,
+    /// The stage's version.
+    pub version: u32,
+    /// Whether it is one small file.
+    pub tidy: bool,
+    /// The axes it depends on.
+    pub axes: Vec<String>,
+    /// The tables it is made from.
+    pub inputs: Vec<String>,
+    /// The rows it is restricted to.
+    pub predicate: Option<String>,
+    /// The parameters at each point: the point's values, then the parameters.
+    pub points: Vec<(BTreeMap<String, String>, BTreeMap<String, String>)>,
+    /// Its columns.
+    pub columns: Vec<SnapshotColumn>,
+    /// The lines it has.
+    pub lines: usize,
+    /// Units computed when time was last taken, and the seconds that took.
+    pub cost: Option<(usize, f64)>,
+}
+
+/// A column and what it was made from.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct SnapshotColumn {
+    /// Its name.
+    pub name: String,
+    /// Its type in a word.
+    pub kind: String,
+    /// Its unit.
+    pub unit: String,
+    /// What it is.
+    pub doc: String,
+    /// (table, column) of each column it was made from; one of the same name when it only passed through.
+    pub from: Vec<(String, String)>,
+}
+
+/// Keeps what a run's tables were computed from.
+///
+/// # Errors
+/// When the store cannot be written.
+pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)]) -> Result<(), Fault> {
+    let plan = graph.plan;
+    let before = snapshots(store.root()).into_iter().find(|s| s.pipeline == plan.spec.name);
+    let flights = plan.flights.iter().enumerate().map(|(i, f)| SnapshotSource {
+        name: f.name.clone(),
+        kind: "flights".to_owned(),
+        files: files(graph, i),
+        lines: graph.records[i].values().map(|l| (format!("{}/{}", l.flight, l.line), l.object.to_string())).collect(),
+    });
+    let maps = plan.maps.iter().enumerate().map(|(i, m)| SnapshotSource {
+        name: m.name.clone(),
+        kind: "map".to_owned(),
+        files: files(graph, plan.flights.len() + i),
+        lines: [("map".to_owned(), graph.maps[i].to_string())].into(),
+    });
+    let sources = flights.chain(maps).collect();
+    let tables = plan.tables.iter().enumerate().map(|(t, node)| {
+        let cost = costs.get(t).copied().filter(|(units, _)| *units > 0);
+        let old = before.as_ref().and_then(|b| b.tables.iter().find(|x| x.name == node.name)).and_then(|x| x.cost);
+        table(graph, t, node, cost.or(old))
+    });
+    let snapshot = Snapshot {
+        pipeline: plan.spec.name.clone(),
+        spec: plan.spec.file.clone(),
+        seed: plan.spec.seed,
+        sources,
+        tables: tables.collect(),
+    };
+    let text = serde_json::to_vec_pretty(&snapshot).map_err(|e| Fault::machine(e.to_string()))?;
+    store.write(&store.root().join("plans").join(format!("{}.json", plan.spec.name)), &text)
+}
+
+fn files(graph: &Graph, i: usize) -> Vec<(String, String)> {
+    graph.bytes[i].iter().map(|b| (b.path.display().to_string(), b.hash.to_string())).collect()
+}
+
+fn table(graph: &Graph, t: usize, node: &TableNode, cost: Option<(usize, f64)>) -> SnapshotTable {
+    let plan = graph.plan;
+    let points = node.instances.iter().map(|i| {
+        let point = i.point.iter().map(|(k, v)| (k.clone(), v.to_string())).collect();
+        (point, i.params.iter().map(|(k, v)| ((*k).to_owned(), v.clone())).collect())
+    });
+    let mut inputs: Vec<String> = node.instances.iter().flat_map(|i| &i.inputs).map(|r| plan.name_of(*r).to_owned()).collect();
+    let mut seen = vec![];
+    inputs.retain(|n| !seen.contains(n) && {
+        seen.push(n.clone());
+        true
+    });
+    let decl = plan.spec.stages.iter().find(|s| s.name == node.name);
+    let mut lines: Vec<usize> = (0..node.instances.len()).flat_map(|i| graph.lines_of(t, i).iter().copied()).collect();
+    lines.sort_unstable();
+    lines.dedup();
+    SnapshotTable {
+        name: node.name.clone(),
+        stage: node.entry.name.to_owned(),
+        version: node.entry.version,
+        tidy: node.is_tidy(),
+        axes: node.axes.iter().map(|i| plan.spec.axes[*i].name.clone()).collect(),
+        inputs,
+        predicate: decl.and_then(|d| d.predicate.clone()).map(|(text, _)| text),
+        points: points.collect(),
+        columns: columns(graph, node),
+        lines: lines.len(),
+        cost,
+    }
+}
+
+fn columns(graph: &Graph, node: &TableNode) -> Vec<SnapshotColumn> {
+    let described = node.columns().into_iter().map(|c| {
+        let mut from: Vec<(String, String)> = vec![];
+        for it in &node.instances {
+            for pair in made_from(graph, it, &c.name) {
+                if !from.contains(&pair) {
+                    from.push(pair);
+                }
+            }
+        }
+        let kind = match &c.column_type {
+            ColumnType::List(terms) => format!("list of {}", terms.len()),
+            other => other.data_type().to_string(),
+        };
+        SnapshotColumn { name: c.name, kind, unit: c.unit, doc: c.doc, from }
+    });
+    described.collect()
+}
+
+fn made_from(graph: &Graph, it: &Instance, name: &str) -> Vec<(String, String)> {
+    let named = |r: &Ref, c: &str| (graph.plan.name_of(*r).to_owned(), c.to_owned());
+    match it.makes(name) {
+        Some(c) => c.from.iter().filter_map(|(i, c)| it.inputs.get(*i).map(|r| named(r, c))).collect(),
+        None if it.table.shape().get(name).is_some() => it.inputs.first().map(|r| named(r, name)).into_iter().collect(),
+        None => vec![],
+    }
+}
+
+/// All pipelines that were run in the store at `root`, by name.
+pub fn snapshots(root: &Path) -> Vec<Snapshot> {
+    let mut found: Vec<Snapshot> = fs::read_dir(root.join("plans"))
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter_map(|e| serde_json::from_slice(&fs::read(e.path()).ok()?).ok())
+        .collect();
+    found.sort_by(|a, b| a.pipeline.cmp(&b.pipeline));
+    found
+}

@@ -1,0 +1,58 @@
+//! `magline stages` and the reference page, from the stages' own declarations.
+
+use std::fmt::Write;
+
+use schemas::{Entry, Fault, Grain, InputKind};
+
+/// One line a stage.
+pub fn overview(catalogue: &[Entry]) -> String {
+    let wide = catalogue.iter().map(|e| e.name.len()).max().unwrap_or(0);
+    let first = |e: &Entry| (e.doc)().split("\n\n").next().unwrap_or_default().to_owned();
+    catalogue.iter().map(|e| format!("{:<wide$}  v{}  {}\n", e.name, e.version, first(e))).collect()
+}
+
+/// All that is known of the stage `name`.
+///
+/// # Errors
+/// When there is none.
+pub fn one(catalogue: &[Entry], name: &str) -> Result<String, Fault> {
+    let names: Vec<&str> = catalogue.iter().map(|e| e.name).collect();
+    let entry = catalogue.iter().find(|e| e.name == name);
+    entry.map(section).ok_or_else(|| Fault::new(format!("there is no stage `{name}`")).nearest(name, &names))
+}
+
+/// The reference of all stages, as Markdown.
+pub fn page(catalogue: &[Entry]) -> String {
+    let mut out = "# Stages\n\nMade from the stages' declarations by `magline stages --markdown`; do not edit.\n\n".to_owned();
+    for entry in catalogue {
+        out.push_str(&section(entry));
+        out.push('\n');
+    }
+    out
+}
+
+fn section(entry: &Entry) -> String {
+    let mut out = format!("## `{}` (version {})\n\n{}\n\n", entry.name, entry.version, (entry.doc)());
+    let grain = match entry.grain {
+        Grain::Line => "one line at a time",
+        Grain::Survey => "all lines that its `where` selects",
+    };
+    let inputs: Vec<String> = entry.inputs.iter().map(|i| format!("`{}` ({})", i.name, kind(i.kind))).collect();
+    // Writing into a String cannot fail.
+    let _ = writeln!(out, "Works on {grain}. Inputs: {}.\n", inputs.join(", "));
+    let _ = writeln!(out, "| parameter | type | unit | default | allowed | meaning |\n|---|---|---|---|---|---|");
+    for p in (entry.params)() {
+        let default = p.default.as_deref().map_or("must be given".to_owned(), |d| format!("`{d}`"));
+        let _ = writeln!(out, "| `{}` | {} | {} | {default} | {} | {} |", p.name, p.type_name, p.unit, p.rule, p.doc.replace("\n\n", " "));
+    }
+    out
+}
+
+fn kind(kind: InputKind) -> &'static str {
+    match kind {
+        InputKind::Lines => "flight lines",
+        InputKind::ManyLines => "one or several tables of flight lines",
+        InputKind::Model => "model",
+        InputKind::Map => "map",
+    }
+}

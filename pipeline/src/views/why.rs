@@ -1,0 +1,121 @@
+//! `magline why`: what changed since a table was last computed.
+
+use std::collections::BTreeMap;
+
+use schemas::Fault;
+
+use super::snapshots;
+use crate::{
+    plan::{Graph, Ref},
+    store::Store,
+};
+
+/// What would be computed of `table`, and which parameter, line or input moved its key.
+///
+/// # Errors
+/// When the plan has no such table.
+pub fn why(graph: &Graph, store: &Store, table: &str) -> Result<String, Fault> {
+    let plan = graph.plan;
+    let t = plan.table(table)?;
+    let units = graph.units(t);
+    let missing = units.iter().filter(|u| !graph.key(**u).is_ok_and(|k| store.has(k))).count();
+    if missing == 0 {
+        return Ok(format!("{table}: nothing to compute, all {} are in the store\n", units.len()));
+    }
+    let mut out = format!("{table}: {missing} of {} to compute\n", units.len());
+    let Some(before) = snapshots(store.root()).into_iter().find(|s| s.pipeline == plan.spec.name) else {
+        return Ok(out + "  the pipeline was not run in this store before\n");
+    };
+    let mut reasons = vec![];
+    for node in rests_on(graph, t) {
+        let now = &plan.tables[node];
+        let Some(old) = before.tables.iter().find(|o| o.name == now.name) else {
+            reasons.push(format!("{} is new", now.name));
+            continue;
+        };
+        if (old.stage.as_str(), old.version) != (now.entry.name, now.entry.version) {
+            reasons.push(format!("{}: {} v{} -> {} v{}", now.name, old.stage, old.version, now.entry.name, now.entry.version));
+        }
+        let predicate = plan.spec.stages.iter().find(|s| s.name == now.name).and_then(|s| s.predicate.clone()).map(|p| p.0);
+        if predicate != old.predicate {
+            let word = |p: &Option<String>| p.clone().unwrap_or_else(|| "(all)".to_owned());
+            reasons.push(format!("{}: where {} -> {}", now.name, word(&old.predicate), word(&predicate)));
+        }
+        for it in &now.instances {
+            let point: BTreeMap<String, String> = it.point.iter().map(|(k, v)| (k.clone(), v.to_string())).collect();
+            let spelt: Vec<String> = point.iter().map(|(k, v)| format!("{k}={v}")).collect();
+            match old.points.iter().find(|(p, _)| *p == point) {
+                None => reasons.push(format!("{}: the point {} is new", now.name, spelt.join(" "))),
+                Some((_, params)) => {
+                    for (name, value) in &it.params {
+                        let was = params.get(*name).map_or("(not there)", String::as_str);
+                        if was != value {
+                            reasons.push(format!("{}: {name} {was} -> {value}", now.name));
+                        }
+                    }
+                }
+            }
+        }
+    }
+    reasons.extend(sources(graph, t, &before));
+    reasons.dedup();
+    if reasons.is_empty() {
+        reasons.push("objects are missing from the store: a run was interrupted, or they were removed".to_owned());
+    }
+    const SHOWN: usize = 40;
+    for reason in reasons.iter().take(SHOWN) {
+        out.push_str(&format!("  {reason}\n"));
+    }
+    if reasons.len() > SHOWN {
+        out.push_str(&format!("  and {} more\n", reasons.len() - SHOWN));
+    }
+    Ok(out)
+}
+
+/// The tables that `t` rests on, sources first, itself last.
+fn rests_on(graph: &Graph, t: usize) -> Vec<usize> {
+    let mut found = vec![t];
+    let mut i = 0;
+    while i < found.len() {
+        for r in graph.plan.tables[found[i]].instances.iter().flat_map(|x| &x.inputs) {
+            if let Ref::Stage(s, _) = r
+                && !found.contains(s)
+            {
+                found.push(*s);
+            }
+        }
+        i += 1;
+    }
+    found.sort_unstable();
+    found
+}
+
+/// Lines and maps whose bytes are others than before.
+fn sources(graph: &Graph, t: usize, before: &super::Snapshot) -> Vec<String> {
+    let mut used: Vec<Ref> = rests_on(graph, t).iter().flat_map(|n| &graph.plan.tables[*n].instances).flat_map(|i| i.inputs.clone()).collect();
+    used.sort();
+    used.dedup();
+    let mut reasons = vec![];
+    for r in used {
+        let name = graph.plan.name_of(r);
+        let empty = BTreeMap::new();
+        let old = before.sources.iter().find(|s| s.name == name).map_or(&empty, |s| &s.lines);
+        match r {
+            Ref::Flights(i) => {
+                for record in graph.records[i].values() {
+                    let line = format!("{}/{}", record.flight, record.line);
+                    match old.get(&line) {
+                        None => reasons.push(format!("{name}: the line {line} is new")),
+                        Some(key) if *key != record.object.to_string() => reasons.push(format!("{name}: the line {line} has changed")),
+                        Some(_) => {}
+                    }
+                }
+            }
+            Ref::Map(i) if old.get("map").is_some_and(|k| *k != graph.maps[i].to_string()) => {
+                reasons.push(format!("{name}: the map has changed"));
+            }
+            Ref::Map(_) | Ref::Stage(..) => {}
+        }
+    }
+    reasons
+}

@@ -1,0 +1,90 @@
+//! What stages share: borrowing columns, and the checks that several of them make.
+
+use arrow_array::{Array, ArrayRef, FixedSizeListArray, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
+use arrow_schema::{DataType, Field};
+use schemas::{Column, ColumnType, Fault, Role, Shape, Table};
+use std::sync::Arc;
+
+/// The numbers of a column, borrowed.
+pub fn floats<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a [f64], Fault> {
+    let array = batch.column_by_name(name).ok_or_else(|| absent(name))?;
+    let array = array.as_primitive_opt::<Float64Type>().ok_or_else(|| not_numbers(name))?;
+    Ok(array.values())
+}
+
+/// A list column, borrowed as a row-major matrix, with the names of its entries.
+pub fn matrix<'a>(batch: &'a RecordBatch, name: &str) -> Result<(&'a [f64], Vec<String>), Fault> {
+    let schema = batch.schema();
+    let field = schema.field_with_name(name).map_err(|_| absent(name))?;
+    let ColumnType::List(terms) = schemas::describe_field(field).column_type else { return Err(not_numbers(name)) };
+    let list = batch.column_by_name(name).and_then(|a| a.as_fixed_size_list_opt()).ok_or_else(|| not_numbers(name))?;
+    let values = list.values().as_primitive_opt::<Float64Type>().ok_or_else(|| not_numbers(name))?;
+    let width = usize::try_from(list.value_length()).unwrap_or(0);
+    let from = list.offset() * width;
+    let values = values.values().get(from..from + list.len() * width).ok_or_else(|| not_numbers(name))?;
+    Ok((values, terms))
+}
+
+fn absent(name: &str) -> Fault {
+    Fault::data(format!("the line has no column `{name}`")).in_column(name)
+}
+
+fn not_numbers(name: &str) -> Fault {
+    Fault::data("does not hold numbers").in_column(name)
+}
+
+/// Numbers as an array.
+pub fn array(values: Vec<f64>) -> ArrayRef {
+    Arc::new(Float64Array::from(values))
+}
+
+/// A row-major matrix as a list column, `width` entries a row.
+pub fn list(values: Vec<f64>, width: usize) -> Result<ArrayRef, Fault> {
+    let item = Arc::new(Field::new("item", DataType::Float64, false));
+    let width = i32::try_from(width).map_err(|e| Fault::data(e.to_string()))?;
+    let list = FixedSizeListArray::try_new(item, width, Arc::new(Float64Array::from(values)), None);
+    list.map(|l| Arc::new(l) as ArrayRef).map_err(|e| Fault::data(e.to_string()))
+}
+
+/// The shape of a table of flight lines.
+pub fn shape<'a>(inputs: &[&'a Table], i: usize) -> Result<&'a Shape, Vec<Fault>> {
+    inputs.get(i).map(|t| t.shape()).ok_or_else(|| vec![Fault::new("an input is missing")])
+}
+
+/// Refuses a truth column as a feature, unless it is allowed.
+pub fn no_truth(column: &Column, param: &str, allowed: bool) -> Result<(), Fault> {
+    if column.role != Role::Truth || allowed {
+        return Ok(());
+    }
+    let what = format!("`{}` is a truth column: a target or a reference, but no feature", column.name);
+    Err(Fault::new(what).of_param(param).help("say `allow_truth = true` where that is meant"))
+}
+
+/// Refuses a pass band that no filter at this rate can have. `rate_hz` may be unknown.
+pub fn band(low_hz: f64, high_hz: f64, rate_hz: Option<f64>) -> Vec<Fault> {
+    let mut faults = vec![];
+    if high_hz > 0.0 && low_hz >= high_hz {
+        let what = format!("the lower corner of {low_hz} Hz is not below the upper corner of {high_hz} Hz");
+        faults.push(Fault::new(what).of_param("low_hz"));
+    }
+    if let Some(rate_hz) = rate_hz {
+        for (name, corner_hz) in [("low_hz", low_hz), ("high_hz", high_hz)] {
+            if corner_hz >= 0.5 * rate_hz {
+                let what = format!("a corner of {corner_hz} Hz cannot be had at {rate_hz} samples per second");
+                let help = format!("it must be below {} Hz; 0 leaves this corner off", 0.5 * rate_hz);
+                faults.push(Fault::new(what).of_param(name).help(help));
+            }
+        }
+    }
+    faults
+}
+
+/// All faults of several checks.
+pub fn faults_of<T>(checks: impl IntoIterator<Item = Result<T, Fault>>, param: &str) -> Vec<Fault> {
+    checks.into_iter().filter_map(Result::err).map(|f| f.of_param(param)).collect()
+}
+
+/// What was wrong with the numbers, as a fault of the data.
+pub fn data(e: impl std::fmt::Display) -> Fault {
+    Fault::data(e.to_string())
+}

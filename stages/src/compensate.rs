@@ -1,0 +1,115 @@
+//! Takes the aircraft's field off a magnetometer.
+
+use arrow_array::{ArrayRef, RecordBatch, cast::AsArray};
+use schemas::{Column, ColumnType, Fault, LineIn, Prepared, Stage, Table, Yield, stage};
+
+use crate::{
+    columns::{array, floats, matrix, no_truth, shape},
+    numerics::statistics,
+};
+
+stage! {
+    /// Takes the field that a fitted model predicts for the aircraft off a scalar magnetometer.
+    ///
+    /// Appends `mag_c`, the compensated field, and `mag_aircraft`, what was taken off; they add up to the magnetometer's
+    /// reading. A sample without a term of the model gives NaN in both.
+    ///
+    /// A model fitted on band-passed data does not know the constant part of the aircraft's field. With `detrend` the
+    /// mean of the prediction over the line is not taken off, as MagNav.jl's examples do.
+    ///
+    /// Source: thesis 000, (3.22).
+    Compensate = "compensate", version 1, grain Line, inputs [input: Lines, model: Model];
+    /// The scalar magnetometer, such as `mag_4_uc`.
+    mag: String, unit "nT";
+    /// Leave the mean of the predicted aircraft field in the signal.
+    detrend: bool, unit "", default false;
+    /// Whether a truth column may be used.
+    allow_truth: bool, unit "", default false;
+}
+
+impl Stage for Compensate {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let lines = shape(inputs, 0)?;
+        let Some(Table::Model { features, .. }) = inputs.get(1) else {
+            return Err(vec![Fault::new("`model` is not a model table")]);
+        };
+        let mut faults = vec![];
+        if let Err(fault) = lines.number(&self.mag, "nT").and_then(|c| no_truth(c, "mag", self.allow_truth)) {
+            faults.push(fault.of_param("mag"));
+        }
+        for feature in features {
+            if let Err(fault) = lines.need(feature) {
+                faults.push(Fault { what: format!("the model was fitted on `{feature}`, and {}", fault.what), ..fault }.of_param("input"));
+            }
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let mut reads = vec![self.mag.clone()];
+        reads.extend(features.iter().cloned());
+        let made = |name, doc| Column::float(name, "nT", doc).from(0, &reads).from(1, &["term", "value"]);
+        let columns = vec![made("mag_c", "compensated field"), made("mag_aircraft", "aircraft field that was taken off")];
+        let mut yields = Yield::append(columns, &reads);
+        yields.reads.push(vec!["term".to_owned(), "value".to_owned()]);
+        Ok(yields)
+    }
+
+    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+        let mag = floats(&line.inputs[0], &self.mag)?;
+        let model = line.prepared.as_ref().and_then(|p| p.downcast_ref::<Model>()).ok_or_else(|| Fault::data("the model is missing"))?;
+        let mut aircraft = predict(&line.inputs[0], model, mag.len())?;
+        if self.detrend {
+            let mean = statistics::mean(&aircraft).value;
+            aircraft.iter_mut().for_each(|x| *x -= mean);
+        }
+        let clean: Vec<f64> = mag.iter().zip(&aircraft).map(|(m, a)| m - a).collect();
+        Ok(vec![array(clean), array(aircraft)])
+    }
+
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
+        let table = inputs.get(1).ok_or_else(|| Fault::data("the model is missing"))?;
+        let values = floats(table, "value")?.to_vec();
+        let terms = table.column_by_name("term").and_then(|t| t.as_string_opt::<i32>());
+        let terms = terms.ok_or_else(|| Fault::data("the model names no terms"))?;
+        let terms = terms.iter().map(|t| t.unwrap_or_default().to_owned()).collect();
+        Ok(Some(std::sync::Arc::new(Model { terms, values })))
+    }
+}
+
+struct Model {
+    terms: Vec<String>,
+    values: Vec<f64>,
+}
+
+/// Where a term's values are: an entry of a list column, or a column of its own.
+enum Source<'a> {
+    Entry { rows: &'a [f64], width: usize, at: usize },
+    Column(&'a [f64]),
+}
+
+/// The aircraft's field, sample by sample.
+fn predict(batch: &RecordBatch, model: &Model, rows: usize) -> Result<Vec<f64>, Fault> {
+    let mut lists = vec![];
+    for field in batch.schema().fields() {
+        if matches!(schemas::describe_field(field).column_type, ColumnType::List(_)) {
+            lists.push(matrix(batch, field.name())?);
+        }
+    }
+    let find = |term: &String| {
+        let entry = lists.iter().find_map(|(rows, names)| names.iter().position(|n| n == term).map(|at| Source::Entry { rows, width: names.len(), at }));
+        match entry {
+            Some(source) => Ok(source),
+            None => floats(batch, term).map(Source::Column),
+        }
+    };
+    let mut sum = vec![0.0; rows];
+    for (term, value) in model.terms.iter().zip(&model.values) {
+        match find(term)? {
+            Source::Entry { rows, width, at } => {
+                sum.iter_mut().zip(rows.iter().skip(at).step_by(width)).for_each(|(s, x)| *s += value * x);
+            }
+            Source::Column(x) => sum.iter_mut().zip(x).for_each(|(s, x)| *s += value * x),
+        }
+    }
+    Ok(sum)
+}
