@@ -268,6 +268,11 @@ fn law_badly_scaled_terms_are_not_called_dependent() {
         .unwrap();
     assert_eq!(path.rank, 2);
     assert!((path.solutions[0].coefficients[0][1] / 1e9 - 1.0).abs() < 1e-6);
+    // The last scale at which a term still counts: its singular value is below the tolerance, which
+    // is why the columns are scaled to one length first.
+    let faint: Vec<f64> = a.chunks(2).flat_map(|x| [x[0], 3e-4 * x[1]]).collect();
+    let factor = QrAccumulator::of(&faint, 2, &[&y]).unwrap();
+    assert_eq!(factor.solve(&[0.0], &["a", "b"]).unwrap().rank, 2);
     // A constant is excited unless means are taken off.
     let with_bias: Vec<f64> = a.chunks(2).flat_map(|x| [x[0], 50_000.1]).collect();
     let factor = QrAccumulator::of(&with_bias, 2, &[&y]).unwrap();
