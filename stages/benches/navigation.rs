@@ -16,6 +16,7 @@ use stages::numerics::ekf::{EkfOutput, EkfParameters, run};
 use stages::numerics::geodesy::EarthModel;
 use stages::numerics::ins_error::{InsErrorModel, simulate_ins_error};
 use stages::numerics::map_grid::{AnomalyMap, Interpolation};
+use stages::numerics::transition::NoiseDiscretisation;
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -50,9 +51,7 @@ struct Flight {
 fn flight(map: &AnomalyMap, core: &CoreField) -> Result<Flight, Failure> {
     let truth = Line::flown(SAMPLES, DT_S, 0.3)?;
     let mut normals = Normals::new(11);
-    let errors = simulate_ins_error(&truth.series(), &InsErrorModel::default(), || {
-        normals.draw()
-    })?;
+    let errors = simulate_ins_error(&truth.series(), &InsErrorModel::default(), || normals.draw())?;
     let mut measured_nt = Vec::with_capacity(errors.len());
     for (row, error) in errors.iter().enumerate() {
         let [lat, lon, alt] = [1, 2, 3].map(|column: usize| truth.columns[column][row]);
@@ -61,11 +60,7 @@ fn flight(map: &AnomalyMap, core: &CoreField) -> Result<Flight, Failure> {
         measured_nt.push(field + temporal_nt(error) + 5.0 * normals.draw());
     }
     let ins = truth.with_errors(&errors);
-    Ok(Flight {
-        truth,
-        ins,
-        measured_nt,
-    })
+    Ok(Flight { truth, ins, measured_nt })
 }
 
 /// Root mean square of the horizontal distance between two tracks, in metres.
@@ -79,27 +74,21 @@ fn drms_m(truth: &Line, lat_deg: &[f64], lon_deg: &[f64]) -> f64 {
     (squares.sum::<f64>() / lat_deg.len() as f64).sqrt()
 }
 
-fn filter(map: &AnomalyMap, core: &CoreField, flight: &Flight) -> Result<EkfOutput, Failure> {
-    let parameters = EkfParameters::default();
-    let (time_s, output) = median_s(|| {
-        run(
-            &parameters,
-            &flight.ins.series(),
-            &flight.measured_nt,
-            map,
-            Some(core),
-        )
-    });
+fn filter(
+    map: &AnomalyMap,
+    core: &CoreField,
+    flight: &Flight,
+    noise: NoiseDiscretisation,
+) -> Result<EkfOutput, Failure> {
+    let errors = InsErrorModel { noise, ..InsErrorModel::default() };
+    let parameters = EkfParameters { errors, ..EkfParameters::default() };
+    let (time_s, output) = median_s(|| run(&parameters, &flight.ins.series(), &flight.measured_nt, map, Some(core)));
     let output = output?;
     let microseconds = time_s * 1e6 / f64::from(SAMPLES);
     let drms = drms_m(&flight.truth, &output.lat_deg, &output.lon_deg);
-    let ins = drms_m(
-        &flight.truth,
-        &flight.ins.columns[1],
-        &flight.ins.columns[2],
-    );
+    let ins = drms_m(&flight.truth, &flight.ins.columns[1], &flight.ins.columns[2]);
     println!(
-        "ekf, {:?} map, core field: {microseconds:.2} us/step, {time_s:.3} s for {SAMPLES} steps \
+        "ekf, {:?} map, core field, {noise:?} noise: {microseconds:.2} us/step, {time_s:.3} s for {SAMPLES} steps \
          (INS {ins:.0} m, filter {drms:.1} m DRMS)",
         map.interpolation()
     );
@@ -112,10 +101,7 @@ fn filter(map: &AnomalyMap, core: &CoreField, flight: &Flight) -> Result<EkfOutp
 
 /// Places along a track, again and again.
 fn places(line: &Line) -> impl Iterator<Item = (f64, f64)> {
-    let track = line.columns[1]
-        .iter()
-        .copied()
-        .zip(line.columns[2].iter().copied());
+    let track = line.columns[1].iter().copied().zip(line.columns[2].iter().copied());
     track.cycle().take(LOOK_UPS)
 }
 
@@ -128,50 +114,30 @@ fn look_ups(map: &AnomalyMap, line: &Line) {
     });
     assert!(sum.is_finite());
     let rate = LOOK_UPS as f64 / time_s / 1e6;
-    println!(
-        "map value and gradient, {:?}: {rate:.1} million/s",
-        map.interpolation()
-    );
+    println!("map value and gradient, {:?}: {rate:.1} million/s", map.interpolation());
 }
 
 fn core_evaluations(core: &CoreField, line: &Line) {
     let few = LOOK_UPS / 10;
     let (time_s, sum) = median_s(|| {
-        let values = places(line)
-            .take(few)
-            .map(|(lat, lon)| core.magnitude_nt(lat, lon, 500.0));
+        let values = places(line).take(few).map(|(lat, lon)| core.magnitude_nt(lat, lon, 500.0));
         values.sum::<f64>()
     });
     let mean = sum / few as f64;
     // Around Osborne: 50,900 nT in 2023.
     assert!((mean - 50_900.0).abs() < 500.0, "{mean}");
-    println!(
-        "core field magnitude: {:.2} million/s",
-        few as f64 / time_s / 1e6
-    );
+    println!("core field magnitude: {:.2} million/s", few as f64 / time_s / 1e6);
     let (time_s, _) = median_s(|| {
-        let fields = places(line)
-            .take(few)
-            .map(|(lat, lon)| core.magnitude_and_gradient(lat, lon, 500.0));
-        fields
-            .map(|field| field.value_nt + field.d_lat_nt_per_rad)
-            .sum::<f64>()
+        let fields = places(line).take(few).map(|(lat, lon)| core.magnitude_and_gradient(lat, lon, 500.0));
+        fields.map(|field| field.value_nt + field.d_lat_nt_per_rad).sum::<f64>()
     });
-    println!(
-        "core field magnitude and gradient: {:.2} million/s",
-        few as f64 / time_s / 1e6
-    );
+    println!("core field magnitude and gradient: {:.2} million/s", few as f64 / time_s / 1e6);
     let (time_s, near) = median_s(|| {
         let mut near = LinearisedCoreField::new(core.clone());
-        places(line)
-            .map(|(lat, lon)| near.magnitude_and_gradient(lat, lon, 500.0).value_nt)
-            .sum::<f64>()
+        places(line).map(|(lat, lon)| near.magnitude_and_gradient(lat, lon, 500.0).value_nt).sum::<f64>()
     });
     assert!((near / LOOK_UPS as f64 - 50_900.0).abs() < 500.0);
-    println!(
-        "the same, linearised along the track: {:.1} million/s",
-        LOOK_UPS as f64 / time_s / 1e6
-    );
+    println!("the same, linearised along the track: {:.1} million/s", LOOK_UPS as f64 / time_s / 1e6);
 }
 
 fn main() -> Result<(), Failure> {
@@ -179,8 +145,9 @@ fn main() -> Result<(), Failure> {
     let cubic = AnomalyMap::new(&grid, Interpolation::Cubic);
     let linear = AnomalyMap::new(&grid, Interpolation::Linear);
     let flight = flight(&cubic, &core)?;
-    filter(&linear, &core, &flight)?;
-    filter(&cubic, &core, &flight)?;
+    filter(&linear, &core, &flight, NoiseDiscretisation::Trapezoidal)?;
+    filter(&cubic, &core, &flight, NoiseDiscretisation::Trapezoidal)?;
+    filter(&linear, &core, &flight, NoiseDiscretisation::VanLoan)?;
     look_ups(&linear, &flight.truth);
     look_ups(&cubic, &flight.truth);
     core_evaluations(&core, &flight.truth);

@@ -21,9 +21,7 @@ const RUNS: u64 = 100;
 const SAMPLES: u32 = 3600;
 const DT_S: f64 = 1.0;
 /// Samples at which consistency is judged: far enough apart to be nearly independent.
-const EPOCHS: [usize; 11] = [
-    120, 450, 780, 1110, 1440, 1770, 2100, 2430, 2760, 3090, 3599,
-];
+const EPOCHS: [usize; 11] = [120, 450, 780, 1110, 1440, 1770, 2100, 2430, 2760, 3090, 3599];
 
 struct Run {
     output: EkfOutput,
@@ -39,11 +37,8 @@ fn fly(seed: u64, map: &AnomalyMap, noise: NoiseDiscretisation) -> Run {
     let mut normals = Normals::new(seed);
     let errors = simulate_ins_error(&truth.series(), &model, || normals.draw()).unwrap();
     let core = core_field().unwrap();
-    let parameters = EkfParameters {
-        errors: InsErrorModel { noise, ..model },
-        keep_covariance: true,
-        ..EkfParameters::default()
-    };
+    let parameters =
+        EkfParameters { errors: InsErrorModel { noise, ..model }, keep_covariance: true, ..EkfParameters::default() };
     let measured: Vec<f64> = errors
         .iter()
         .enumerate()
@@ -57,11 +52,7 @@ fn fly(seed: u64, map: &AnomalyMap, noise: NoiseDiscretisation) -> Run {
     let mut output = run(&parameters, &ins.series(), &measured, map, Some(&core)).unwrap();
     let p = std::mem::take(&mut output.p);
     let p_at_epochs = EPOCHS.map(|row| p[row]).to_vec();
-    Run {
-        output,
-        p_at_epochs,
-        errors,
-    }
+    Run { output, p_at_epochs, errors }
 }
 
 /// The flights that three of the tests look at.
@@ -69,9 +60,7 @@ fn runs() -> &'static [Run] {
     static RUNS_FLOWN: OnceLock<Vec<Run>> = OnceLock::new();
     RUNS_FLOWN.get_or_init(|| {
         let map = AnomalyMap::new(&grid().unwrap(), Interpolation::Cubic);
-        (0..RUNS)
-            .map(|seed| fly(seed, &map, NoiseDiscretisation::default()))
-            .collect()
+        (0..RUNS).map(|seed| fly(seed, &map, NoiseDiscretisation::default())).collect()
     })
 }
 
@@ -117,24 +106,12 @@ fn mean(runs: &[Run], of: impl Fn(&Run) -> f64) -> f64 {
 fn law_the_filter_is_as_good_as_it_says() {
     let runs = runs();
     let n = runs.len() as f64;
-    let (low, high) = (
-        chi_square(2.0 * n, -1.96) / n,
-        chi_square(2.0 * n, 1.96) / n,
-    );
-    let nees: Vec<f64> = (0..EPOCHS.len())
-        .map(|epoch| mean(runs, |run| run.position_nees(epoch)))
-        .collect();
+    let (low, high) = (chi_square(2.0 * n, -1.96) / n, chi_square(2.0 * n, 1.96) / n);
+    let nees: Vec<f64> = (0..EPOCHS.len()).map(|epoch| mean(runs, |run| run.position_nees(epoch))).collect();
     println!("position NEES by epoch, band {low:.2}..{high:.2}: {nees:.2?}");
-    let outside = nees
-        .iter()
-        .filter(|nees| !(low..=high).contains(nees))
-        .count();
+    let outside = nees.iter().filter(|nees| !(low..=high).contains(nees)).count();
     // One epoch in twenty is outside by chance: 2 or more of 11 in 10 % of all cases, 3 or more in 1.5 %.
-    assert!(
-        outside <= 2,
-        "{outside} of {} epochs outside {low:.2}..{high:.2}",
-        EPOCHS.len()
-    );
+    assert!(outside <= 2, "{outside} of {} epochs outside {low:.2}..{high:.2}", EPOCHS.len());
     // All epochs together; the 99.9 % band, as neighbouring epochs are not quite independent.
     let all = 2.0 * n * EPOCHS.len() as f64;
     let average = nees.iter().sum::<f64>() / EPOCHS.len() as f64 / 2.0;
@@ -144,14 +121,9 @@ fn law_the_filter_is_as_good_as_it_says() {
     );
     // The temporal variation by itself: chi-square of 1 degree.
     for (epoch, row) in EPOCHS.into_iter().enumerate() {
-        let s = mean(runs, |run| {
-            run.remaining(row)[S].powi(2) / run.p_at_epochs[epoch][S][S]
-        });
+        let s = mean(runs, |run| run.remaining(row)[S].powi(2) / run.p_at_epochs[epoch][S][S]);
         // 99.9 % band: 11 epochs are looked at.
-        assert!(
-            (chi_square(n, -3.29)..=chi_square(n, 3.29)).contains(&(s * n)),
-            "{row} {s:.2}"
-        );
+        assert!((chi_square(n, -3.29)..=chi_square(n, 3.29)).contains(&(s * n)), "{row} {s:.2}");
     }
 }
 
@@ -166,9 +138,7 @@ fn law_innovations_are_white_and_of_the_predicted_size() {
     assert!((nis - 1.0).abs() < 0.02, "{nis}");
     let white = |run: &Run| -> Vec<f64> {
         let pairs = run.output.residual_nt.iter().zip(&run.output.nis);
-        pairs
-            .map(|(residual, nis)| nis.sqrt() * residual.signum())
-            .collect()
+        pairs.map(|(residual, nis)| nis.sqrt() * residual.signum()).collect()
     };
     let series: Vec<Vec<f64>> = runs.iter().map(white).collect();
     for lag in [1, 2, 5, 20, 100] {
@@ -185,17 +155,11 @@ fn law_the_map_holds_a_drifting_ins() {
     let runs = runs();
     let filter = mean(runs, |run| run.drms_m(|row| run.remaining(row)).powi(2)).sqrt();
     let ins = mean(runs, |run| run.drms_m(|row| run.errors[row]).powi(2)).sqrt();
-    let worst = runs
-        .iter()
-        .map(|run| run.drms_m(|row| run.remaining(row)))
-        .fold(0.0, f64::max);
+    let worst = runs.iter().map(|run| run.drms_m(|row| run.remaining(row))).fold(0.0, f64::max);
     println!("DRMS: INS {ins:.0} m, filter {filter:.1} m, worst flight {worst:.1} m");
     assert!(ins > 300.0, "the INS drifts: {ins}");
     assert!(filter < 30.0 && worst < 100.0, "{filter} {worst}");
-    assert!(
-        runs.iter()
-            .all(|run| run.output.report.updates == SAMPLES as usize)
-    );
+    assert!(runs.iter().all(|run| run.output.report.updates == SAMPLES as usize));
 }
 
 #[test]
@@ -203,27 +167,14 @@ fn law_the_discretisation_of_the_noise_makes_no_odds_at_one_second() {
     // Some of the flights, each filtered thrice with the same draws.
     let map = AnomalyMap::new(&grid().unwrap(), Interpolation::Cubic);
     let mean_nees = |noise: NoiseDiscretisation| {
-        let nees = |run: &Run| {
-            (0..EPOCHS.len())
-                .map(|epoch| run.position_nees(epoch))
-                .sum::<f64>()
-        };
-        (0..20)
-            .map(|seed| nees(&fly(seed, &map, noise)))
-            .sum::<f64>()
-            / (40.0 * EPOCHS.len() as f64)
+        let nees = |run: &Run| (0..EPOCHS.len()).map(|epoch| run.position_nees(epoch)).sum::<f64>();
+        (0..20).map(|seed| nees(&fly(seed, &map, noise))).sum::<f64>() / (40.0 * EPOCHS.len() as f64)
     };
     let exact = mean_nees(NoiseDiscretisation::VanLoan);
-    for noise in [
-        NoiseDiscretisation::Trapezoidal,
-        NoiseDiscretisation::Rectangular,
-    ] {
+    for noise in [NoiseDiscretisation::Trapezoidal, NoiseDiscretisation::Rectangular] {
         let ours = mean_nees(noise);
         println!("NEES per degree of freedom: {noise:?} {ours:.5}, Van Loan {exact:.5}");
         // Within 1 % of the exact noise's, a fifth of what 440 values can tell apart.
-        assert!(
-            (ours / exact - 1.0).abs() < 0.01,
-            "{noise:?} {ours} {exact}"
-        );
+        assert!((ours / exact - 1.0).abs() < 0.01, "{noise:?} {ours} {exact}");
     }
 }

@@ -54,18 +54,11 @@ pub fn tilted(body_to_ned: &Matrix3<f64>, tilt_rad: &Vector3<f64>) -> Matrix3<f6
 /// [`tilted`] for turns below half a turn.
 pub fn tilt_between(reference: &Matrix3<f64>, other: &Matrix3<f64>) -> Vector3<f64> {
     let turn = other * reference.transpose();
-    let axis = Vector3::new(
-        turn[(1, 2)] - turn[(2, 1)],
-        turn[(2, 0)] - turn[(0, 2)],
-        turn[(0, 1)] - turn[(1, 0)],
-    ) * 0.5;
+    let axis =
+        Vector3::new(turn[(1, 2)] - turn[(2, 1)], turn[(2, 0)] - turn[(0, 2)], turn[(0, 1)] - turn[(1, 0)]) * 0.5;
     let sine = axis.norm();
     let angle = sine.atan2(0.5 * (turn.trace() - 1.0));
-    if sine == 0.0 {
-        axis
-    } else {
-        axis * (angle / sine)
-    }
+    if sine == 0.0 { axis } else { axis * (angle / sine) }
 }
 
 /// sin(x)/x, 1 at zero.
@@ -111,12 +104,7 @@ mod tests {
     fn law_tilting_is_a_rotation_and_undone_by_its_opposite() {
         let tilt = Vector3::new(0.3, -0.2, 0.5);
         let turned = tilted(&golden(), &tilt);
-        assert!(
-            (turned * turned.transpose() - Matrix3::identity())
-                .abs()
-                .max()
-                < 1e-14
-        );
+        assert!((turned * turned.transpose() - Matrix3::identity()).abs().max() < 1e-14);
         assert!((turned.determinant() - 1.0).abs() < 1e-14);
         assert!((tilted(&turned, &-tilt) - golden()).abs().max() < 1e-14);
         assert!((tilt_between(&golden(), &turned) - tilt).norm() < 1e-14);
@@ -142,11 +130,6 @@ mod tests {
         // Ours minus theirs is Ψ×Ψ× C up to fourth order, |Ψ|⁴ = 2e-10 /12.
         let difference = tilted(&golden(), &tilt) - theirs;
         assert!((difference - second_order).abs().max() < 1e-10);
-        assert!(
-            (theirs * theirs.transpose() - Matrix3::identity())
-                .abs()
-                .max()
-                > 1e-6
-        );
+        assert!((theirs * theirs.transpose() - Matrix3::identity()).abs().max() > 1e-6);
     }
 }

@@ -49,17 +49,9 @@ impl CoreField {
     pub fn at(decimal_year: f64) -> Result<Self, CoreFieldError> {
         let potential = gauss_coefficients(decimal_year)?;
         let field = [0, 1, 2].map(|axis| derivative(&potential, axis, -1.0));
-        let second = |component: usize, axis: usize| {
-            derivative(&field[component], axis, 1.0 / REFERENCE_RADIUS_M)
-        };
-        let tensor = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
-            .map(|(component, axis)| second(component, axis));
-        Ok(Self {
-            decimal_year,
-            components: field,
-            tensor,
-            recursion: Box::new(Recursion::new()),
-        })
+        let second = |component: usize, axis: usize| derivative(&field[component], axis, 1.0 / REFERENCE_RADIUS_M);
+        let tensor = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|(component, axis)| second(component, axis));
+        Ok(Self { decimal_year, components: field, tensor, recursion: Box::new(Recursion::new()) })
     }
 
     /// The date of this field.
@@ -71,16 +63,10 @@ impl CoreField {
     /// the WGS-84 ellipsoid. At a pole north is the direction of the meridian `lon_deg`.
     pub fn field_ned_nt(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> [f64; 3] {
         let (lat, lon) = (lat_deg.to_radians(), lon_deg.to_radians());
-        let harmonics = self
-            .recursion
-            .harmonics(ecef_m(lat, lon, alt_m), HIGHEST_DEGREE - 1);
+        let harmonics = self.recursion.harmonics(ecef_m(lat, lon, alt_m), HIGHEST_DEGREE - 1);
         let field = self.components.each_ref().map(|c| dot_terms(c, &harmonics));
         let local = Directions::at(lat, lon);
-        [
-            dot3(&field, &local.north),
-            dot3(&field, &local.east),
-            -dot3(&field, &local.up),
-        ]
+        [dot3(&field, &local.north), dot3(&field, &local.east), -dot3(&field, &local.up)]
     }
 
     /// The magnitude of the field, in nT, at a geodetic position (degrees, degrees, metres).
@@ -93,18 +79,12 @@ impl CoreField {
     /// metres).
     pub fn magnitude_and_gradient(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> FieldValue {
         let (lat, lon) = (lat_deg.to_radians(), lon_deg.to_radians());
-        let harmonics = self
-            .recursion
-            .harmonics(ecef_m(lat, lon, alt_m), HIGHEST_DEGREE);
+        let harmonics = self.recursion.harmonics(ecef_m(lat, lon, alt_m), HIGHEST_DEGREE);
         let field = self.components.each_ref().map(|c| dot_terms(c, &harmonics));
         let [xx, xy, xz, yy, yz, zz] = self.tensor.each_ref().map(|c| dot_terms(c, &harmonics));
         let magnitude = dot3(&field, &field).sqrt();
         let unit = field.map(|component| component / magnitude);
-        let gradient = [
-            dot3(&[xx, xy, xz], &unit),
-            dot3(&[xy, yy, yz], &unit),
-            dot3(&[xz, yz, zz], &unit),
-        ];
+        let gradient = [dot3(&[xx, xy, xz], &unit), dot3(&[xy, yy, yz], &unit), dot3(&[xz, yz, zz], &unit)];
         let local = Directions::at(lat, lon);
         let earth = EarthModel::Wgs84;
         FieldValue {
@@ -151,9 +131,7 @@ impl LinearisedCoreField {
     /// (to 0.001 nT): use one for each line flown.
     pub fn magnitude_and_gradient(&mut self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> FieldValue {
         match self.place {
-            Some(place) if place.reaches(lat_deg, lon_deg, alt_m) => {
-                place.extrapolate(lat_deg, lon_deg, alt_m)
-            }
+            Some(place) if place.reaches(lat_deg, lon_deg, alt_m) => place.extrapolate(lat_deg, lon_deg, alt_m),
             _ => {
                 let at_place = self.field.magnitude_and_gradient(lat_deg, lon_deg, alt_m);
                 self.place = Some(Expansion::new(lat_deg, lon_deg, alt_m, at_place));
@@ -174,10 +152,7 @@ impl Expansion {
             lon_deg,
             alt_m,
             reach_lat_deg: earth.north_m_to_lat_rad(side_m, lat, alt_m).to_degrees(),
-            reach_lon_deg: earth
-                .east_m_to_lon_rad(side_m, lat, alt_m)
-                .abs()
-                .to_degrees(),
+            reach_lon_deg: earth.east_m_to_lon_rad(side_m, lat, alt_m).abs().to_degrees(),
             at_place,
         }
     }
@@ -193,10 +168,7 @@ impl Expansion {
         let change_nt = at.d_lat_nt_per_rad * (lat_deg - self.lat_deg).to_radians()
             + at.d_lon_nt_per_rad * (lon_deg - self.lon_deg).to_radians()
             + at.d_alt_nt_per_m * (alt_m - self.alt_m);
-        FieldValue {
-            value_nt: at.value_nt + change_nt,
-            ..*at
-        }
+        FieldValue { value_nt: at.value_nt + change_nt, ..*at }
     }
 }
 
@@ -214,10 +186,7 @@ impl Directions {
 
 impl Recursion {
     fn new() -> Self {
-        let mut factors = Self {
-            one_back: [0.0; TERMS / 2],
-            two_back: [0.0; TERMS / 2],
-        };
+        let mut factors = Self { one_back: [0.0; TERMS / 2], two_back: [0.0; TERMS / 2] };
         for n in 1..=HIGHEST_DEGREE {
             for m in 0..n {
                 let (n_f, m_f) = (n as f64, m as f64);

@@ -48,11 +48,7 @@ pub fn days_in_year(year: i32) -> u32 {
 pub fn decimal_year(year: i32, day_of_year: u32, seconds: f64) -> Result<f64, DateError> {
     let days = days_in_year(year);
     if !(1..=days).contains(&day_of_year) {
-        return Err(DateError::DayOfYear {
-            year,
-            day_of_year,
-            days,
-        });
+        return Err(DateError::DayOfYear { year, day_of_year, days });
     }
     if !seconds.is_finite() {
         return Err(DateError::Seconds(seconds));
@@ -67,9 +63,7 @@ pub fn day_of_year(year: i32, month: u32, day: u32) -> Result<u32, DateError> {
     lengths[1] += u32::from(is_leap_year(year));
     let before = usize::try_from(month).unwrap_or(0).wrapping_sub(1);
     match lengths.get(before) {
-        Some(length) if (1..=*length).contains(&day) => {
-            Ok(lengths.iter().take(before).sum::<u32>() + day)
-        }
+        Some(length) if (1..=*length).contains(&day) => Ok(lengths.iter().take(before).sum::<u32>() + day),
         _ => Err(DateError::Calendar { year, month, day }),
     }
 }
@@ -81,10 +75,8 @@ mod tests {
 
     #[test]
     fn law_leap_years_are_gregorian() {
-        let leap: Vec<i32> = [1900, 1996, 2000, 2020, 2023, 2100, 2400]
-            .into_iter()
-            .filter(|year| is_leap_year(*year))
-            .collect();
+        let leap: Vec<i32> =
+            [1900, 1996, 2000, 2020, 2023, 2100, 2400].into_iter().filter(|year| is_leap_year(*year)).collect();
         assert_eq!(leap, [1996, 2000, 2020, 2400]);
     }
 
@@ -113,10 +105,7 @@ mod tests {
         );
         assert!(decimal_year(2023, 0, 0.0).is_err());
         assert!(decimal_year(2023, 1, f64::NAN).is_err());
-        assert_eq!(
-            day_of_year(2023, 2, 29).unwrap_err().to_string(),
-            "2023-02-29 is not a date"
-        );
+        assert_eq!(day_of_year(2023, 2, 29).unwrap_err().to_string(), "2023-02-29 is not a date");
         assert!(day_of_year(2023, 0, 1).is_err() && day_of_year(2023, 13, 1).is_err());
     }
 }

@@ -30,7 +30,7 @@ pub use parameters::{EkfError, EkfParameters};
 /// Filters one line.
 ///
 /// `measurement_nt` is the compensated field at each sample of `ins`; it holds the core field if,
-/// and only if, `core` is given. Costs 2 to 3 microseconds a sample and allocates the output only.
+/// and only if, `core` is given. Costs about 3 microseconds a sample and allocates the output only.
 pub fn run(
     parameters: &EkfParameters,
     ins: &InsSeries<'_>,
@@ -42,24 +42,14 @@ pub fn run(
     ins.check()?;
     if measurement_nt.len() != ins.len() {
         let (column, rows, expected) = ("measurement", measurement_nt.len(), ins.len());
-        return Err(SeriesError::Length {
-            column,
-            rows,
-            expected,
-        }
-        .into());
+        return Err(SeriesError::Length { column, rows, expected }.into());
     }
     let mut filter = Filter::new(parameters, ins, map, core);
     let (offset_nt, offset_samples) = filter.offset(measurement_nt);
     let mut output = EkfOutput::with_capacity(ins.len(), parameters.keep_covariance);
     output.report.offset_nt = offset_nt;
     output.report.offset_samples = offset_samples;
-    let line = Line {
-        filter,
-        measurement_nt,
-        offset_nt,
-        output,
-    };
+    let line = Line { filter, measurement_nt, offset_nt, output };
     pulp::Arch::new().dispatch(line)
 }
 
@@ -76,12 +66,7 @@ impl pulp::NullaryFnOnce for Line<'_> {
 
     #[inline(always)]
     fn call(self) -> Self::Output {
-        let Self {
-            mut filter,
-            measurement_nt,
-            offset_nt,
-            mut output,
-        } = self;
+        let Self { mut filter, measurement_nt, offset_nt, mut output } = self;
         let (ins, earth) = (filter.ins, filter.parameters.errors.earth);
         for (row, measured_nt) in measurement_nt.iter().enumerate() {
             if row > 0 {
@@ -103,10 +88,7 @@ struct Innovation {
 }
 
 impl Innovation {
-    const NONE: Self = Self {
-        residual_nt: f64::NAN,
-        nis: f64::NAN,
-    };
+    const NONE: Self = Self { residual_nt: f64::NAN, nis: f64::NAN };
 }
 
 struct Filter<'a> {
@@ -170,11 +152,7 @@ impl<'a> Filter<'a> {
                 samples += 1;
             }
         }
-        if samples == 0 {
-            (0.0, 0)
-        } else {
-            (sum_nt / samples as f64, samples)
-        }
+        if samples == 0 { (0.0, 0) } else { (sum_nt / samples as f64, samples) }
     }
 
     /// Brings state and covariance from the sample before `row` to `row`.
@@ -221,19 +199,9 @@ impl<'a> Filter<'a> {
     /// Refuses to go on with a state or covariance that means nothing.
     fn check(&self, row: usize) -> Result<(), EkfError> {
         let variances = self.p.iter().enumerate().map(|(state, p)| p[state]);
-        let sound = self
-            .x
-            .iter()
-            .zip(variances)
-            .all(|(x, variance)| x.is_finite() && variance.is_finite() && variance >= 0.0);
-        if sound {
-            Ok(())
-        } else {
-            Err(EkfError::Diverged {
-                row,
-                tt_s: self.ins.tt_s[row],
-            })
-        }
+        let sound =
+            self.x.iter().zip(variances).all(|(x, variance)| x.is_finite() && variance.is_finite() && variance >= 0.0);
+        if sound { Ok(()) } else { Err(EkfError::Diverged { row, tt_s: self.ins.tt_s[row] }) }
     }
 }
 

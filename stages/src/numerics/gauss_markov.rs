@@ -38,12 +38,7 @@ impl GaussMarkov {
         self.recursion(tt_s, normal, |dt_s| self.noise_density() * dt_s)
     }
 
-    fn recursion(
-        &self,
-        tt_s: &[f64],
-        mut normal: impl FnMut() -> f64,
-        variance: impl Fn(f64) -> f64,
-    ) -> Vec<f64> {
+    fn recursion(&self, tt_s: &[f64], mut normal: impl FnMut() -> f64, variance: impl Fn(f64) -> f64) -> Vec<f64> {
         let mut value = 0.0;
         let mut before: Option<f64> = None;
         let step = |tt: &f64| {
@@ -65,30 +60,17 @@ mod tests {
     use super::super::test_normals::Normals;
     use super::*;
 
-    const PROCESS: GaussMarkov = GaussMarkov {
-        sigma: 3.0,
-        tau_s: 2.0,
-    };
+    const PROCESS: GaussMarkov = GaussMarkov { sigma: 3.0, tau_s: 2.0 };
 
     #[test]
     fn law_variance_and_autocorrelation() {
         let tt: Vec<f64> = (0..400_000).map(|k| 0.5 * f64::from(k)).collect();
         let mut normals = Normals::new(1);
         let x = PROCESS.realisation(&tt, || normals.draw());
-        let covariance = |lag: usize| {
-            x.iter().zip(&x[lag..]).map(|(a, b)| a * b).sum::<f64>() / (x.len() - lag) as f64
-        };
+        let covariance = |lag: usize| x.iter().zip(&x[lag..]).map(|(a, b)| a * b).sum::<f64>() / (x.len() - lag) as f64;
         // 400,000 samples, 4 a time constant (about 50,000 independent): 0.6 % a sigma; 4 sigma.
-        for (lag, expected) in [
-            (0, 9.0),
-            (4, 9.0 / 1.0_f64.exp()),
-            (12, 9.0 / 3.0_f64.exp()),
-        ] {
-            assert!(
-                (covariance(lag) - expected).abs() < 0.025 * 9.0,
-                "{lag} {}",
-                covariance(lag)
-            );
+        for (lag, expected) in [(0, 9.0), (4, 9.0 / 1.0_f64.exp()), (12, 9.0 / 3.0_f64.exp())] {
+            assert!((covariance(lag) - expected).abs() < 0.025 * 9.0, "{lag} {}", covariance(lag));
         }
     }
 
@@ -98,9 +80,7 @@ mod tests {
         let twice = PROCESS.decay(0.3).powi(2) * short + short;
         assert!((twice / long - 1.0).abs() < 1e-14);
         // For short steps it is the density times the step, to first order.
-        assert!(
-            (PROCESS.step_variance(1e-9) / (PROCESS.noise_density() * 1e-9) - 1.0).abs() < 1e-8
-        );
+        assert!((PROCESS.step_variance(1e-9) / (PROCESS.noise_density() * 1e-9) - 1.0).abs() < 1e-8);
     }
 
     #[test]

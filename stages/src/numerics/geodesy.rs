@@ -79,10 +79,7 @@ impl EarthModel {
         let middle_rad = (0.5 * (from_deg.0 + to_deg.0)).to_radians();
         let dlat_rad = (to_deg.0 - from_deg.0).to_radians();
         let dlon_rad = wrap_deg(to_deg.1 - from_deg.1).to_radians();
-        (
-            self.lat_rad_to_north_m(dlat_rad, middle_rad, alt_m),
-            self.lon_rad_to_east_m(dlon_rad, middle_rad, alt_m),
-        )
+        (self.lat_rad_to_north_m(dlat_rad, middle_rad, alt_m), self.lon_rad_to_east_m(dlon_rad, middle_rad, alt_m))
     }
 }
 
@@ -90,11 +87,7 @@ impl EarthModel {
 pub fn wrap_deg(angle_deg: f64) -> f64 {
     let wrapped = (angle_deg + 180.0).rem_euclid(360.0) - 180.0;
     // An angle already in the range keeps its bits.
-    if (-180.0..180.0).contains(&angle_deg) {
-        angle_deg
-    } else {
-        wrapped
-    }
+    if (-180.0..180.0).contains(&angle_deg) { angle_deg } else { wrapped }
 }
 
 /// Earth-centred, earth-fixed position in metres of geodetic latitude and longitude (rad) and
@@ -130,18 +123,11 @@ mod tests {
             earth.lat_rad_to_north_m(1e-5, 0.7, 5000.0),
             earth.lon_rad_to_east_m(1e-5, 0.7, 5000.0),
         ];
-        let expected = [
-            1.565_676_458_449_491_6e-5,
-            2.047_058_183_346_687_2e-5,
-            63.870_156_225_655_47,
-            48.850_589_989_832_32,
-        ];
+        let expected =
+            [1.565_676_458_449_491_6e-5, 2.047_058_183_346_687_2e-5, 63.870_156_225_655_47, 48.850_589_989_832_32];
         for (computed, expected) in computed.iter().zip(expected) {
             // Their eccentricity has 12 digits: 1e-12 of e² is 1e-14 of the radius.
-            assert!(
-                (computed / expected - 1.0).abs() < 1e-13,
-                "{computed} {expected}"
-            );
+            assert!((computed / expected - 1.0).abs() < 1e-13, "{computed} {expected}");
         }
     }
 
@@ -149,14 +135,8 @@ mod tests {
     fn jac_radii_are_the_derivative_of_the_position() {
         let (lat, lon, alt, step) = (0.9, -0.4, 1200.0, 1e-6);
         let earth = EarthModel::Wgs84;
-        let distance = |a: [f64; 3], b: [f64; 3]| {
-            a.iter()
-                .zip(b)
-                .map(|(a, b)| (a - b).powi(2))
-                .sum::<f64>()
-                .sqrt()
-                / (2.0 * step)
-        };
+        let distance =
+            |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt() / (2.0 * step);
         let north = distance(ecef_m(lat + step, lon, alt), ecef_m(lat - step, lon, alt));
         let east = distance(ecef_m(lat, lon + step, alt), ecef_m(lat, lon - step, alt));
         // Cancellation: 1e-9 m of rounding over a chord of 13 m.
@@ -175,10 +155,7 @@ mod tests {
     #[test]
     fn law_offset_takes_the_short_way_over_the_date_line() {
         let (north, east) = EarthModel::Wgs84.offset_ne_m((10.0, 179.999), (10.0, -179.999), 0.0);
-        assert!(
-            north.abs() < 1e-9 && (east - 219.3).abs() < 0.5,
-            "{north} {east}"
-        );
+        assert!(north.abs() < 1e-9 && (east - 219.3).abs() < 0.5, "{north} {east}");
         assert_eq!(wrap_deg(540.0), -180.0);
         assert_eq!(wrap_deg(-35.25), -35.25);
         assert!(is_latitude_deg(90.0) && !is_latitude_deg(90.01) && !is_latitude_deg(f64::NAN));

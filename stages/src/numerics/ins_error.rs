@@ -4,8 +4,8 @@ use super::gauss_markov::GaussMarkov;
 use super::geodesy::EarthModel;
 use super::ins_series::{InsSeries, SeriesError};
 use super::pinson::{
-    A_HAT, ACC, ALT, GYRO, HA, LAT, LON, PinsonForm, S, STATES, StateMatrix, StateVector, TILT_N,
-    TimeConstants, VN, pinson_matrix,
+    A_HAT, ACC, ALT, GYRO, HA, LAT, LON, PinsonForm, S, STATES, StateMatrix, StateVector, TILT_N, TimeConstants, VN,
+    pinson_matrix,
 };
 use super::transition::{NoiseDiscretisation, diagonal, propagate_state, transition_matrix};
 use thiserror::Error;
@@ -176,11 +176,7 @@ impl InsErrorModel {
 
     /// The initial covariance P0, diagonal. [MagNav.jl `create_P0`]
     pub fn initial_covariance(&self, lat_rad: f64, alt_m: f64) -> StateMatrix {
-        diagonal(
-            &self
-                .initial_sigmas(lat_rad, alt_m)
-                .map(|sigma| sigma * sigma),
-        )
+        diagonal(&self.initial_sigmas(lat_rad, alt_m).map(|sigma| sigma * sigma))
     }
 
     /// Spectral densities of the driving noise, per second, the diagonal of Q. Position and
@@ -199,17 +195,8 @@ impl InsErrorModel {
 }
 
 /// Accepts a finite parameter that satisfies a condition.
-pub(super) fn require(
-    name: &'static str,
-    value: f64,
-    need: &'static str,
-    holds: bool,
-) -> Result<(), ParameterError> {
-    if value.is_finite() && holds {
-        Ok(())
-    } else {
-        Err(ParameterError { name, value, need })
-    }
+pub(super) fn require(name: &'static str, value: f64, need: &'static str, holds: bool) -> Result<(), ParameterError> {
+    if value.is_finite() && holds { Ok(()) } else { Err(ParameterError { name, value, need }) }
 }
 
 /// One realisation of the error states along a true trajectory: what to take off the truth to get
@@ -228,9 +215,7 @@ pub fn simulate_ins_error(
     truth.check()?;
     let (density, times) = (model.noise_density(), model.time_constants());
     let first = truth.point(0);
-    let mut error = model
-        .initial_sigmas(first.lat_rad, truth.alt_m[0])
-        .map(|sigma| sigma * normal());
+    let mut error = model.initial_sigmas(first.lat_rad, truth.alt_m[0]).map(|sigma| sigma * normal());
     let mut errors = Vec::with_capacity(truth.len());
     errors.push(error);
     for row in 1..truth.len() {

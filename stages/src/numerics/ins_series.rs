@@ -56,9 +56,7 @@ pub enum SeriesError {
         expected: usize,
     },
     /// A value is missing or infinite where the filter cannot do without.
-    #[error(
-        "column `{column}` is {value} in row {row}; the filter needs a finite value in every row"
-    )]
+    #[error("column `{column}` is {value} in row {row}; the filter needs a finite value in every row")]
     NotFinite {
         /// The column.
         column: &'static str,
@@ -150,24 +148,12 @@ impl<'a> InsSeries<'a> {
 }
 
 /// Refuses a column of another length than expected or with a value that is not finite.
-pub(super) fn check_column(
-    column: &'static str,
-    values: &[f64],
-    expected: usize,
-) -> Result<(), SeriesError> {
+pub(super) fn check_column(column: &'static str, values: &[f64], expected: usize) -> Result<(), SeriesError> {
     if values.len() != expected {
-        return Err(SeriesError::Length {
-            column,
-            rows: values.len(),
-            expected,
-        });
+        return Err(SeriesError::Length { column, rows: values.len(), expected });
     }
     match values.iter().position(|value| !value.is_finite()) {
-        Some(row) => Err(SeriesError::NotFinite {
-            column,
-            row,
-            value: values[row],
-        }),
+        Some(row) => Err(SeriesError::NotFinite { column, row, value: values[row] }),
         None => Ok(()),
     }
 }
@@ -176,11 +162,7 @@ pub(super) fn check_column(
 pub(super) fn check_time(tt_s: &[f64]) -> Result<(), SeriesError> {
     for (before, pair) in tt_s.windows(2).enumerate() {
         if pair[1] <= pair[0] || pair[1].is_nan() {
-            return Err(SeriesError::Time {
-                row: before + 1,
-                tt_s: pair[1],
-                before_s: pair[0],
-            });
+            return Err(SeriesError::Time { row: before + 1, tt_s: pair[1], before_s: pair[0] });
         }
     }
     Ok(())
@@ -189,11 +171,7 @@ pub(super) fn check_time(tt_s: &[f64]) -> Result<(), SeriesError> {
 /// Refuses latitudes at or beyond a pole.
 pub(super) fn check_latitudes(column: &'static str, lat_deg: &[f64]) -> Result<(), SeriesError> {
     match lat_deg.iter().position(|lat| lat.abs() >= 90.0) {
-        Some(row) => Err(SeriesError::Latitude {
-            column,
-            row,
-            lat_deg: lat_deg[row],
-        }),
+        Some(row) => Err(SeriesError::Latitude { column, row, lat_deg: lat_deg[row] }),
         None => Ok(()),
     }
 }

@@ -53,13 +53,7 @@ impl AnomalyMap {
             Interpolation::Linear => (grid.values().to_vec(), Vec::new()),
             Interpolation::Cubic => (spline_coefficients(grid), holes::unknown_cells(grid)),
         };
-        Self {
-            lat: *grid.lat(),
-            lon: *grid.lon(),
-            interpolation,
-            table,
-            unknown_cells,
-        }
+        Self { lat: *grid.lat(), lon: *grid.lon(), interpolation, table, unknown_cells }
     }
 
     /// The interpolation this map was prepared for.
@@ -74,12 +68,7 @@ impl AnomalyMap {
     pub fn at(&self, lat_deg: f64, lon_deg: f64) -> Option<FieldValue> {
         let (row, up) = self.lat.locate(lat_deg)?;
         let (column, right) = self.lon.locate_turning(lon_deg)?;
-        let cell = Cell {
-            row,
-            column,
-            up,
-            right,
-        };
+        let cell = Cell { row, column, up, right };
         let (value_nt, per_row, per_column) = match self.interpolation {
             Interpolation::Linear => self.bilinear(cell)?,
             Interpolation::Cubic => self.bicubic(cell)?,
@@ -97,10 +86,7 @@ impl AnomalyMap {
     fn bilinear(&self, cell: Cell) -> Option<(f64, f64, f64)> {
         let width = self.lon.len();
         let low = self.table.get(cell.row * width + cell.column..)?.get(..2)?;
-        let high = self
-            .table
-            .get((cell.row + 1) * width + cell.column..)?
-            .get(..2)?;
+        let high = self.table.get((cell.row + 1) * width + cell.column..)?.get(..2)?;
         let (low_slope, high_slope) = (low[1] - low[0], high[1] - high[0]);
         let low_value = low[0] + cell.right * low_slope;
         let per_row = high[0] + cell.right * high_slope - low_value;
@@ -121,10 +107,7 @@ impl AnomalyMap {
         let width = self.lon.len() + 2;
         let (mut value, mut per_row, mut per_column) = (0.0, 0.0, 0.0);
         for k in 0..4 {
-            let c = self
-                .table
-                .get((cell.row + k) * width + cell.column..)?
-                .get(..4)?;
+            let c = self.table.get((cell.row + k) * width + cell.column..)?.get(..4)?;
             let row_value = dot4(c, &across);
             value += along[k] * row_value;
             per_row += along_slope[k] * row_value;
@@ -149,11 +132,10 @@ fn spline_coefficients(grid: &MapGrid) -> Vec<f64> {
     let mut padded = Vec::with_capacity((rows + 2) * (columns + 2));
     for row in 0..rows + 2 {
         let start = padded.len();
-        padded.extend((0..columns + 2).map(|column| {
-            natural_end(row, rows, |r| {
-                natural_end(column, columns, |c| table[r * columns + c])
-            })
-        }));
+        padded.extend(
+            (0..columns + 2)
+                .map(|column| natural_end(row, rows, |r| natural_end(column, columns, |c| table[r * columns + c]))),
+        );
         debug_assert_eq!(padded.len() - start, columns + 2);
     }
     padded

@@ -47,23 +47,13 @@ pub fn weights(t: f64) -> [f64; 4] {
     let s = 1.0 - t;
     let (t2, s2) = (t * t, s * s);
     const SIXTH: f64 = 1.0 / 6.0;
-    [
-        s2 * s * SIXTH,
-        (4.0 - 6.0 * t2 + 3.0 * t2 * t) * SIXTH,
-        (4.0 - 6.0 * s2 + 3.0 * s2 * s) * SIXTH,
-        t2 * t * SIXTH,
-    ]
+    [s2 * s * SIXTH, (4.0 - 6.0 * t2 + 3.0 * t2 * t) * SIXTH, (4.0 - 6.0 * s2 + 3.0 * s2 * s) * SIXTH, t2 * t * SIXTH]
 }
 
 /// The derivatives of [`weights`] with respect to `t`.
 pub fn slope_weights(t: f64) -> [f64; 4] {
     let s = 1.0 - t;
-    [
-        -0.5 * s * s,
-        t * (1.5 * t - 2.0),
-        s * (2.0 - 1.5 * s),
-        0.5 * t * t,
-    ]
+    [-0.5 * s * s, t * (1.5 * t - 2.0), s * (2.0 - 1.5 * s), 0.5 * t * t]
 }
 
 #[cfg(test)]
@@ -90,10 +80,7 @@ mod tests {
         for (at, value, slope) in SCIPY {
             let t = at - at.floor();
             assert!((evaluate(&c, at, weights(t)) - value).abs() < 1e-13, "{at}");
-            assert!(
-                (evaluate(&c, at, slope_weights(t)) - slope).abs() < 1e-13,
-                "{at}"
-            );
+            assert!((evaluate(&c, at, slope_weights(t)) - slope).abs() < 1e-13, "{at}");
         }
     }
 

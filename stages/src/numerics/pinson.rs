@@ -47,8 +47,7 @@ pub const S: usize = 17;
 
 /// Where MagNav.jl keeps each of these states: it has the two barometer states before the biases.
 /// `MAGNAV_POSITION[i]` is the index in its vectors (from 0) of our state `i`.
-pub const MAGNAV_POSITION: [usize; STATES] =
-    [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14, 15, 16, 9, 10, 17];
+pub const MAGNAV_POSITION: [usize; STATES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14, 15, 16, 9, 10, 17];
 
 /// Barometer aiding of the altitude, in 1/s. [DOMAIN of MagNav.jl: k1]
 pub const K1: f64 = 3e-2;
@@ -111,12 +110,7 @@ pub enum PinsonForm {
 pub fn pinson_matrix(ins: &InsPoint, times: &TimeConstants, form: PinsonForm) -> StateMatrix {
     let mut f = [[0.0; STATES]; STATES];
     let (sin_lat, cos_lat) = ins.lat_rad.sin_cos();
-    let at = Point {
-        sin_lat,
-        cos_lat,
-        tan_lat: sin_lat / cos_lat,
-        vel: ins.vel_ned_mps,
-    };
+    let at = Point { sin_lat, cos_lat, tan_lat: sin_lat / cos_lat, vel: ins.vel_ned_mps };
     at.position_rows(&mut f);
     at.velocity_rows(&mut f, ins.force_ned_mps2);
     at.tilt_rows(&mut f, form);
@@ -164,12 +158,7 @@ impl Point {
     #[inline(always)]
     fn velocity_rows(&self, f: &mut StateMatrix, force: [f64; 3]) {
         let ([vn, ve, vd], [fn_, fe, fd]) = (self.vel, force);
-        let Self {
-            sin_lat: s,
-            cos_lat: c,
-            tan_lat: t,
-            ..
-        } = *self;
+        let Self { sin_lat: s, cos_lat: c, tan_lat: t, .. } = *self;
         let (r2, secant_squared) = (R * R, 1.0 / (c * c));
         f[VN][LAT] = -ve * (2.0 * OMEGA * c + ve * secant_squared / R);
         f[VN][ALT] = (ve * ve * t - vn * vd) / r2;
@@ -198,12 +187,7 @@ impl Point {
     #[inline(always)]
     fn tilt_rows(&self, f: &mut StateMatrix, form: PinsonForm) {
         let [vn, ve, _] = self.vel;
-        let Self {
-            sin_lat: s,
-            cos_lat: c,
-            tan_lat: t,
-            ..
-        } = *self;
+        let Self { sin_lat: s, cos_lat: c, tan_lat: t, .. } = *self;
         let (r2, turn_down) = (R * R, OMEGA * s + ve * t / R);
         f[TILT_N][LAT] = -OMEGA * s;
         f[TILT_N][ALT] = match form {

@@ -14,17 +14,10 @@ pub type Triple = [Vec<f64>; 3];
 pub fn derivative(tt_s: &[f64], values: &[f64]) -> Result<Vec<f64>, SeriesError> {
     check_length("value", values, tt_s)?;
     if tt_s.len() < 2 {
-        return Err(SeriesError::TooShort {
-            rows: tt_s.len(),
-            needed: 2,
-        });
+        return Err(SeriesError::TooShort { rows: tt_s.len(), needed: 2 });
     }
     check_time(tt_s)?;
-    let slopes: Vec<f64> = tt_s
-        .windows(2)
-        .zip(values.windows(2))
-        .map(|(t, x)| (x[1] - x[0]) / (t[1] - t[0]))
-        .collect();
+    let slopes: Vec<f64> = tt_s.windows(2).zip(values.windows(2)).map(|(t, x)| (x[1] - x[0]) / (t[1] - t[0])).collect();
     let inside = slopes.windows(2).zip(tt_s.windows(3)).map(|(slope, t)| {
         let (before, after) = (t[1] - t[0], t[2] - t[1]);
         (slope[0] * after + slope[1] * before) / (before + after)
@@ -36,12 +29,7 @@ pub fn derivative(tt_s: &[f64], values: &[f64]) -> Result<Vec<f64>, SeriesError>
 
 /// Velocity north, east and down, in m/s, of geodetic positions (degrees, degrees, m above the
 /// ellipsoid), with the ellipsoid's radii at each sample. A longitude may pass ±180°.
-pub fn velocity_ned_mps(
-    tt_s: &[f64],
-    lat_deg: &[f64],
-    lon_deg: &[f64],
-    alt_m: &[f64],
-) -> Result<Triple, SeriesError> {
+pub fn velocity_ned_mps(tt_s: &[f64], lat_deg: &[f64], lon_deg: &[f64], alt_m: &[f64]) -> Result<Triple, SeriesError> {
     for (column, values) in [("lat", lat_deg), ("lon", lon_deg), ("alt", alt_m)] {
         check_column(column, values, tt_s.len())?;
     }
@@ -51,19 +39,11 @@ pub fn velocity_ned_mps(
     let alt_rate = derivative(tt_s, alt_m)?;
     let earth = EarthModel::Wgs84;
     let places = || lat_deg.iter().map(|lat| lat.to_radians()).zip(alt_m);
-    let north = lat_rate
-        .iter()
-        .zip(places())
-        .map(|(rate, (lat, alt))| earth.lat_rad_to_north_m(rate.to_radians(), lat, *alt));
-    let east = lon_rate
-        .iter()
-        .zip(places())
-        .map(|(rate, (lat, alt))| earth.lon_rad_to_east_m(rate.to_radians(), lat, *alt));
-    Ok([
-        north.collect(),
-        east.collect(),
-        alt_rate.iter().map(|rate| -rate).collect(),
-    ])
+    let north =
+        lat_rate.iter().zip(places()).map(|(rate, (lat, alt))| earth.lat_rad_to_north_m(rate.to_radians(), lat, *alt));
+    let east =
+        lon_rate.iter().zip(places()).map(|(rate, (lat, alt))| earth.lon_rad_to_east_m(rate.to_radians(), lat, *alt));
+    Ok([north.collect(), east.collect(), alt_rate.iter().map(|rate| -rate).collect()])
 }
 
 /// Specific force north, east and down, in m/s², of velocities in m/s: the derivative of the
@@ -79,9 +59,7 @@ pub fn specific_force_ned_mps2(
     Ok([
         derivative(tt_s, vn_mps)?,
         derivative(tt_s, ve_mps)?,
-        down.iter()
-            .map(|rate| rate - STANDARD_GRAVITY_MPS2)
-            .collect(),
+        down.iter().map(|rate| rate - STANDARD_GRAVITY_MPS2).collect(),
     ])
 }
 
@@ -122,11 +100,7 @@ fn check_length(column: &'static str, values: &[f64], like: &[f64]) -> Result<()
     if values.len() == like.len() {
         return Ok(());
     }
-    Err(SeriesError::Length {
-        column,
-        rows: values.len(),
-        expected: like.len(),
-    })
+    Err(SeriesError::Length { column, rows: values.len(), expected: like.len() })
 }
 
 #[cfg(test)]
@@ -142,14 +116,8 @@ mod tests {
         for k in 1..4 {
             assert!((d[k] - (2.0 - 10.0 * tt[k])).abs() < 1e-13);
         }
-        assert!(
-            (d[0] - (2.0 - 5.0 * 0.1)).abs() < 1e-13,
-            "the first two samples' slope"
-        );
-        assert!(
-            (d[4] - (2.0 - 5.0 * 1.4)).abs() < 1e-13,
-            "the last two samples' slope"
-        );
+        assert!((d[0] - (2.0 - 5.0 * 0.1)).abs() < 1e-13, "the first two samples' slope");
+        assert!((d[4] - (2.0 - 5.0 * 1.4)).abs() < 1e-13, "the last two samples' slope");
     }
 
     #[test]
@@ -160,11 +128,7 @@ mod tests {
         let tt: Vec<f64> = (0..50).map(|k| 0.2 * f64::from(k)).collect();
         let lats: Vec<f64> = tt
             .iter()
-            .map(|t| {
-                lat + earth
-                    .north_m_to_lat_rad(speed_n * (t - 5.0), lat.to_radians(), alt)
-                    .to_degrees()
-            })
+            .map(|t| lat + earth.north_m_to_lat_rad(speed_n * (t - 5.0), lat.to_radians(), alt).to_degrees())
             .collect();
         let lons: Vec<f64> = tt
             .iter()
@@ -186,8 +150,7 @@ mod tests {
 
     #[test]
     fn law_the_nose_follows_the_course() {
-        let [roll, pitch, yaw] =
-            level_attitude_deg(&[0.0, 1.0, 0.0, 0.0, -1.0], &[0.0, 0.0, 2.0, 0.0, -1.0]).unwrap();
+        let [roll, pitch, yaw] = level_attitude_deg(&[0.0, 1.0, 0.0, 0.0, -1.0], &[0.0, 0.0, 2.0, 0.0, -1.0]).unwrap();
         assert_eq!(yaw, [0.0, 0.0, 90.0, 90.0, -135.0]);
         assert!(roll.iter().chain(&pitch).all(|angle| *angle == 0.0));
     }
@@ -196,21 +159,11 @@ mod tests {
     fn law_bad_columns_are_refused_in_words() {
         let message = |r: Result<Triple, SeriesError>| r.unwrap_err().to_string();
         assert_eq!(
-            message(velocity_ned_mps(
-                &[0.0, 1.0],
-                &[1.0, f64::NAN],
-                &[0.0; 2],
-                &[0.0; 2]
-            )),
+            message(velocity_ned_mps(&[0.0, 1.0], &[1.0, f64::NAN], &[0.0; 2], &[0.0; 2])),
             "column `lat` is NaN in row 1; the filter needs a finite value in every row"
         );
         assert_eq!(
-            message(velocity_ned_mps(
-                &[0.0, 0.0],
-                &[1.0; 2],
-                &[0.0; 2],
-                &[0.0; 2]
-            )),
+            message(velocity_ned_mps(&[0.0, 0.0], &[1.0; 2], &[0.0; 2], &[0.0; 2])),
             "time does not ascend: `tt` is 0 s in row 1 after 0 s"
         );
         assert!(message(velocity_ned_mps(&[0.0], &[1.0], &[0.0], &[0.0])).contains("at least 2"));

@@ -10,10 +10,7 @@ impl Normals {
     /// A source for each seed.
     pub fn new(seed: u64) -> Self {
         // Seeds side by side must not give the same sequence shifted by one.
-        Self {
-            state: mixed(seed ^ 0x5851_f42d_4c95_7f2d),
-            spare: None,
-        }
+        Self { state: mixed(seed ^ 0x5851_f42d_4c95_7f2d), spare: None }
     }
 
     /// The next number between 0 (excluded) and 1.

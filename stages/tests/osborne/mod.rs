@@ -20,14 +20,8 @@ pub const DECIMAL_YEAR: f64 = 2023.42;
 
 /// The anomaly map, 500 m above sea level.
 pub fn grid() -> Result<MapGrid, MapError> {
-    let axis = |first: f64, count: u32| -> Vec<f64> {
-        (0..count)
-            .map(|k| first + STEP_DEG * f64::from(k))
-            .collect()
-    };
-    let fifths = VALUES
-        .chunks_exact(2)
-        .map(|pair| i16::from_le_bytes([pair[0], pair[1]]));
+    let axis = |first: f64, count: u32| -> Vec<f64> { (0..count).map(|k| first + STEP_DEG * f64::from(k)).collect() };
+    let fifths = VALUES.chunks_exact(2).map(|pair| i16::from_le_bytes([pair[0], pair[1]]));
     let values: Vec<f64> = fifths.map(|fifth| f64::from(fifth) / 5.0).collect();
     MapGrid::new(&axis(SOUTH_DEG, ROWS), &axis(WEST_DEG, COLUMNS), &values)
 }
@@ -48,9 +42,7 @@ impl Line {
     /// north and south of its middle and 12 km to the east and west, at up to 75 m/s; `phase_rad`
     /// makes another flight of it.
     pub fn flown(samples: u32, dt_s: f64, phase_rad: f64) -> Result<Self, SeriesError> {
-        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> {
-            (0..samples).map(|k| f(dt_s * f64::from(k))).collect()
-        };
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..samples).map(|k| f(dt_s * f64::from(k))).collect() };
         let middle_lat = SOUTH_DEG + STEP_DEG * f64::from(ROWS) / 2.0;
         let middle_lon = WEST_DEG + STEP_DEG * f64::from(COLUMNS) / 2.0;
         let lat_rad = middle_lat.to_radians();
@@ -64,25 +56,12 @@ impl Line {
         let [vn, ve, vd] = velocity_ned_mps(&tt, &lat, &lon, &alt)?;
         let [force_n, force_e, force_d] = specific_force_ned_mps2(&tt, &vn, &ve, &vd)?;
         let [roll, pitch, yaw] = level_attitude_deg(&vn, &ve)?;
-        Ok(Self {
-            columns: [
-                tt, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw,
-            ],
-        })
+        Ok(Self { columns: [tt, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw] })
     }
 
     /// The columns as the numerics take them.
     pub fn series(&self) -> InsSeries<'_> {
-        let [
-            tt_s,
-            lat_deg,
-            lon_deg,
-            alt_m,
-            vn_mps,
-            ve_mps,
-            vd_mps,
-            rest @ ..,
-        ] = &self.columns;
+        let [tt_s, lat_deg, lon_deg, alt_m, vn_mps, ve_mps, vd_mps, rest @ ..] = &self.columns;
         let [fn_mps2, fe_mps2, fd_mps2, roll_deg, pitch_deg, yaw_deg] = rest;
         InsSeries {
             tt_s,

@@ -15,9 +15,7 @@ const FILE: &str = include_str!("IGRF14.shc");
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CoreFieldError {
     /// The date is outside the model's years.
-    #[error(
-        "the core field is asked for the year {decimal_year}; IGRF-14 covers {first} to {last}"
-    )]
+    #[error("the core field is asked for the year {decimal_year}; IGRF-14 covers {first} to {last}")]
     Date {
         /// The date asked for.
         decimal_year: f64,
@@ -39,11 +37,7 @@ pub(super) const fn index(n: usize, m: usize) -> usize {
 /// The coefficients of the potential (divided by the reference radius, in nT) at a date, for
 /// harmonics that are not normalised; cosine and sine interleaved.
 pub(super) fn gauss_coefficients(decimal_year: f64) -> Result<Box<[f64; TERMS]>, CoreFieldError> {
-    let mut lines = FILE
-        .lines()
-        .enumerate()
-        .filter(|(_, line)| !line.starts_with('#'))
-        .skip(1);
+    let mut lines = FILE.lines().enumerate().filter(|(_, line)| !line.starts_with('#')).skip(1);
     let (epoch_line, epochs) = lines.next().ok_or(CoreFieldError::Coefficients(0))?;
     let epochs = numbers(epochs).ok_or(CoreFieldError::Coefficients(epoch_line + 1))?;
     let (before, fraction) = bracket(&epochs, decimal_year)?;
@@ -65,11 +59,7 @@ fn bracket(epochs: &[f64], decimal_year: f64) -> Result<(usize, f64), CoreFieldE
         return Err(CoreFieldError::Coefficients(0));
     };
     if !(*first..=*last).contains(&decimal_year) {
-        return Err(CoreFieldError::Date {
-            decimal_year,
-            first: *first,
-            last: *last,
-        });
+        return Err(CoreFieldError::Date { decimal_year, first: *first, last: *last });
     }
     let before = epochs.partition_point(|epoch| *epoch <= decimal_year);
     let before = before.saturating_sub(1).min(epochs.len().saturating_sub(2));
@@ -80,9 +70,7 @@ fn bracket(epochs: &[f64], decimal_year: f64) -> Result<(usize, f64), CoreFieldE
 }
 
 fn numbers(line: &str) -> Option<Vec<f64>> {
-    line.split_whitespace()
-        .map(|word| word.parse().ok())
-        .collect()
+    line.split_whitespace().map(|word| word.parse().ok()).collect()
 }
 
 /// One line of the file: place in the vector, factor of normalisation, values by epoch.

@@ -14,10 +14,7 @@ fn val_igrf14_values_of_ppigrf() {
             // The reference is printed to 0.001 nT; its conversion from geodetic differs by 0.002.
             assert!((computed - expected).abs() < 0.003, "{ned:?} {line}");
         }
-        assert!(
-            (field.magnitude_nt(v[2], v[3], v[1] * 1e3) - v[8]).abs() < 0.003,
-            "{line}"
-        );
+        assert!((field.magnitude_nt(v[2], v[3], v[1] * 1e3) - v[8]).abs() < 0.003, "{line}");
         rows += 1;
     }
     assert_eq!(rows, 100);
@@ -26,12 +23,7 @@ fn val_igrf14_values_of_ppigrf() {
 #[test]
 fn jac_gradient_of_the_magnitude() {
     let field = CoreField::at(2023.4).unwrap();
-    for (lat, lon, alt) in [
-        (45.0, -75.7, 400.0),
-        (-21.9, 140.6, 3e3),
-        (89.0, 10.0, 0.0),
-        (0.0, 179.99, 1e4),
-    ] {
+    for (lat, lon, alt) in [(45.0, -75.7, 400.0), (-21.9, 140.6, 3e3), (89.0, 10.0, 0.0), (0.0, 179.99, 1e4)] {
         let at = field.magnitude_and_gradient(lat, lon, alt);
         // A step of 1 km: truncation 1e-5 relative at most, rounding 1e-8 nT over 30 nT.
         let step = 0.01_f64;
@@ -42,18 +34,9 @@ fn jac_gradient_of_the_magnitude() {
         let d_lat = central(step, 0.0, 0.0) / (2.0 * step.to_radians());
         let d_lon = central(0.0, step, 0.0) / (2.0 * step.to_radians());
         let d_alt = central(0.0, 0.0, 1e3) / 2e3;
-        assert!(
-            (at.d_lat_nt_per_rad - d_lat).abs() < 1e-5 * 6e4,
-            "{at:?} {d_lat}"
-        );
-        assert!(
-            (at.d_lon_nt_per_rad - d_lon).abs() < 1e-5 * 6e4,
-            "{at:?} {d_lon}"
-        );
-        assert!(
-            (at.d_alt_nt_per_m - d_alt).abs() < 1e-5 * 0.03,
-            "{at:?} {d_alt}"
-        );
+        assert!((at.d_lat_nt_per_rad - d_lat).abs() < 1e-5 * 6e4, "{at:?} {d_lat}");
+        assert!((at.d_lon_nt_per_rad - d_lon).abs() < 1e-5 * 6e4, "{at:?} {d_lon}");
+        assert!((at.d_alt_nt_per_m - d_alt).abs() < 1e-5 * 0.03, "{at:?} {d_alt}");
         // The same sum, rounded before or after the turn into the local frame.
         assert!((at.value_nt - field.magnitude_nt(lat, lon, alt)).abs() < 1e-10);
     }
@@ -62,9 +45,7 @@ fn jac_gradient_of_the_magnitude() {
 #[test]
 fn law_the_field_has_neither_divergence_nor_curl() {
     let field = CoreField::at(2000.0).unwrap();
-    let harmonics = field
-        .recursion
-        .harmonics(ecef_m(0.6, 2.1, 5e3), HIGHEST_DEGREE);
+    let harmonics = field.recursion.harmonics(ecef_m(0.6, 2.1, 5e3), HIGHEST_DEGREE);
     let [xx, _, _, yy, _, zz] = field.tensor.each_ref().map(|c| dot_terms(c, &harmonics));
     // Relative to the size of the entries, 0.01 nT/m.
     assert!((xx + yy + zz).abs() < 1e-14, "{}", xx + yy + zz);
@@ -78,36 +59,26 @@ fn law_the_field_has_neither_divergence_nor_curl() {
 fn law_nothing_happens_at_the_poles() {
     let field = CoreField::at(2025.0).unwrap();
     for pole in [90.0, -90.0] {
-        let magnitudes: Vec<f64> = (0..8)
-            .map(|k| field.magnitude_nt(pole, 45.0 * f64::from(k), 100.0))
-            .collect();
+        let magnitudes: Vec<f64> = (0..8).map(|k| field.magnitude_nt(pole, 45.0 * f64::from(k), 100.0)).collect();
         let near = field.magnitude_nt(pole * (1.0 - 1e-9), 30.0, 100.0);
         for magnitude in magnitudes {
             // 90 degrees in radians is off the pole by 4e-10 m; 1e-7 degrees are 0.01 m.
             assert!((magnitude - near).abs() < 1e-3, "{magnitude} {near}");
         }
-        assert!(
-            field
-                .magnitude_and_gradient(pole, 12.0, 0.0)
-                .d_lat_nt_per_rad
-                .is_finite()
-        );
+        assert!(field.magnitude_and_gradient(pole, 12.0, 0.0).d_lat_nt_per_rad.is_finite());
     }
 }
 
 #[test]
 fn law_time_is_linear_between_epochs_and_bounded() {
-    let [early, middle, late] = [2020.0, 2022.5, 2025.0]
-        .map(|year| CoreField::at(year).unwrap().field_ned_nt(50.0, 10.0, 0.0));
+    let [early, middle, late] =
+        [2020.0, 2022.5, 2025.0].map(|year| CoreField::at(year).unwrap().field_ned_nt(50.0, 10.0, 0.0));
     for ((a, b), c) in early.iter().zip(&middle).zip(&late) {
         assert!((0.5 * (a + c) - b).abs() < 1e-9);
     }
     assert!(CoreField::at(1900.0).is_ok() && CoreField::at(2030.0).is_ok());
     for year in [1899.9, 2030.1, f64::NAN] {
-        assert!(matches!(
-            CoreField::at(year),
-            Err(CoreFieldError::Date { .. })
-        ));
+        assert!(matches!(CoreField::at(year), Err(CoreFieldError::Date { .. })));
     }
     assert_eq!(
         CoreField::at(2031.0).unwrap_err().to_string(),
@@ -130,9 +101,7 @@ fn law_the_expansion_follows_the_field() {
             let north = 138.0 / 111e3 * phase.cos();
             let east = 138.0 / (111e3 * lat.to_radians().cos()) * phase.sin();
             let alt = 500.0 + 49.0 * (2.0 * phase).sin();
-            let value = near
-                .magnitude_and_gradient(lat + north, lon + east, alt)
-                .value_nt;
+            let value = near.magnitude_and_gradient(lat + north, lon + east, alt).value_nt;
             worst = worst.max((value - field.magnitude_nt(lat + north, lon + east, alt)).abs());
         }
     }

@@ -22,11 +22,7 @@ pub(super) struct Gain {
 
 impl Sensitivity {
     pub(super) fn of(field: &FieldValue) -> Self {
-        Self {
-            d_lat: field.d_lat_nt_per_rad,
-            d_lon: field.d_lon_nt_per_rad,
-            d_alt: field.d_alt_nt_per_m,
-        }
+        Self { d_lat: field.d_lat_nt_per_rad, d_lon: field.d_lon_nt_per_rad, d_alt: field.d_alt_nt_per_m }
     }
 
     /// H v.
@@ -44,11 +40,7 @@ impl Sensitivity {
         add_scaled(&mut ph, 1.0, &p[S]);
         let innovation_variance = self.dot(&ph) + variance;
         let gain = ph.map(|entry| entry / innovation_variance);
-        Gain {
-            gain,
-            innovation_variance,
-            covariance_with_measurement: ph,
-        }
+        Gain { gain, innovation_variance, covariance_with_measurement: ph }
     }
 
     /// Joseph's form (I - K H) P (I - K H)ᵀ + K R Kᵀ, as A = P - K (P Hᵀ)ᵀ and then

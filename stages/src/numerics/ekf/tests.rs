@@ -17,16 +17,7 @@ struct Line {
 
 impl Line {
     fn series(&self) -> InsSeries<'_> {
-        let [
-            tt_s,
-            lat_deg,
-            lon_deg,
-            alt_m,
-            vn_mps,
-            ve_mps,
-            vd_mps,
-            rest @ ..,
-        ] = &self.columns;
+        let [tt_s, lat_deg, lon_deg, alt_m, vn_mps, ve_mps, vd_mps, rest @ ..] = &self.columns;
         let [fn_mps2, fe_mps2, fd_mps2, roll_deg, pitch_deg, yaw_deg] = rest;
         InsSeries {
             tt_s,
@@ -74,10 +65,7 @@ impl Line {
             let (lat, lon) = ((lat(k) + 1e-6).to_degrees(), (lon(k) - 2e-6).to_degrees());
             map.at(lat, lon).unwrap().value_nt + 0.5 * k.sin()
         });
-        Self {
-            columns,
-            measurement_nt,
-        }
+        Self { columns, measurement_nt }
     }
 }
 
@@ -101,17 +89,11 @@ fn val_magnav_filter_in_the_compatible_form() {
     let (x, p) = (golden("ekf_x_1_10_20"), golden("ekf_P20_diag"));
     for (ours, theirs) in MAGNAV_POSITION.into_iter().enumerate() {
         let sigma = p[0][theirs].sqrt();
-        assert!(
-            (output.p[19][ours][ours] / p[0][theirs] - 1.0).abs() < 1e-8,
-            "{ours}"
-        );
+        assert!((output.p[19][ours][ours] / p[0][theirs] - 1.0).abs() < 1e-8, "{ours}");
         for (row, x) in [0, 9, 19].into_iter().zip(&x) {
             // Their gradient is a central difference over 1e-8 rad with 1e-7 of rounding.
             let difference = (output.x[row][ours] - x[theirs]).abs();
-            assert!(
-                difference < 2e-7 * (sigma + x[theirs].abs()),
-                "{row} {ours} {difference:e}"
-            );
+            assert!(difference < 2e-7 * (sigma + x[theirs].abs()), "{row} {ours} {difference:e}");
         }
     }
     for (_, row, theirs) in golden_entries("ekf_resid") {
@@ -130,16 +112,9 @@ fn law_covariances_are_symmetric_and_positive() {
         (5.0, NoiseDiscretisation::VanLoan),
         (5.0, NoiseDiscretisation::Rectangular),
     ] {
-        let errors = InsErrorModel {
-            noise,
-            ..InsErrorModel::default()
-        };
-        let parameters = EkfParameters {
-            errors,
-            measurement_sigma_nt: sigma,
-            keep_covariance: true,
-            ..EkfParameters::default()
-        };
+        let errors = InsErrorModel { noise, ..InsErrorModel::default() };
+        let parameters =
+            EkfParameters { errors, measurement_sigma_nt: sigma, keep_covariance: true, ..EkfParameters::default() };
         let output = Line::golden().run(&parameters, &map).unwrap();
         for p in &output.p {
             for (row, entries) in p.iter().enumerate() {
@@ -178,10 +153,7 @@ fn law_one_update_is_the_dense_formula() {
             let diagonal = if row == column { p0[row][row] } else { 0.0 };
             let expected = diagonal - ph[row] * ph[column] / variance;
             let size = (p0[row][row] * p0[column][column]).sqrt();
-            assert!(
-                (output.p[0][row][column] - expected).abs() < 1e-15 * size,
-                "{row} {column}"
-            );
+            assert!((output.p[0][row][column] - expected).abs() < 1e-15 * size, "{row} {column}");
         }
     }
 }
@@ -189,43 +161,20 @@ fn law_one_update_is_the_dense_formula() {
 #[test]
 fn law_output_is_the_ins_plus_the_state() {
     let line = Line::golden();
-    let output = line
-        .run(
-            &EkfParameters {
-                keep_covariance: true,
-                ..EkfParameters::default()
-            },
-            &cubic(),
-        )
-        .unwrap();
+    let output = line.run(&EkfParameters { keep_covariance: true, ..EkfParameters::default() }, &cubic()).unwrap();
     for row in [0, 19] {
         let x = &output.x[row];
-        assert_eq!(
-            output.lat_deg[row],
-            line.columns[1][row] + x[LAT].to_degrees()
-        );
-        assert_eq!(
-            output.lon_deg[row],
-            line.columns[2][row] + x[LON].to_degrees()
-        );
+        assert_eq!(output.lat_deg[row], line.columns[1][row] + x[LAT].to_degrees());
+        assert_eq!(output.lon_deg[row], line.columns[2][row] + x[LON].to_degrees());
         assert_eq!(output.alt_m[row], 400.0 + x[ALT]);
         assert_eq!(output.vn_mps[row], 63.0 + x[VN]);
         let north_m = output.p[row][LAT][LAT].sqrt() * 6.363e6;
         // The meridian radius at 40°, to 0.1 %.
-        assert!(
-            (output.sd_n_m[row] / north_m - 1.0).abs() < 1e-3,
-            "{}",
-            output.sd_n_m[row]
-        );
+        assert!((output.sd_n_m[row] / north_m - 1.0).abs() < 1e-3, "{}", output.sd_n_m[row]);
         assert!(output.cov_ne_m2[row].abs() <= output.sd_n_m[row] * output.sd_e_m[row]);
     }
     assert!((output.sd_n_m[0] - 3.0).abs() < 0.1 && output.sd_n_m[0] < 3.0);
-    assert!(
-        line.run(&EkfParameters::default(), &cubic())
-            .unwrap()
-            .p
-            .is_empty()
-    );
+    assert!(line.run(&EkfParameters::default(), &cubic()).unwrap().p.is_empty());
 }
 
 #[test]
@@ -239,18 +188,12 @@ fn law_missing_measurements_and_places_are_predicted_through_and_counted() {
     line.columns[1][10] += 1.0;
     let output = line.run(&EkfParameters::default(), &map).unwrap();
     let report = output.report;
-    assert_eq!(
-        (report.updates, report.missing_measurements, report.off_map),
-        (15, 4, 1)
-    );
+    assert_eq!((report.updates, report.missing_measurements, report.off_map), (15, 4, 1));
     for row in [0, 4, 5, 6, 10] {
         assert!(output.residual_nt[row].is_nan() && output.nis[row].is_nan());
         assert!(output.sd_n_m[row].is_finite() && output.lat_deg[row].is_finite());
     }
-    assert!(
-        (output.sd_n_m[0] - 3.0).abs() < 1e-9,
-        "the initial uncertainty, untouched"
-    );
+    assert!((output.sd_n_m[0] - 3.0).abs() < 1e-9, "the initial uncertainty, untouched");
     assert_eq!(output.x[0], [0.0; STATES]);
 }
 
@@ -266,53 +209,33 @@ fn law_without_any_measurement_the_ins_is_handed_through() {
 #[test]
 fn law_a_flat_map_moves_only_the_temporal_variation() {
     let (lat, lon) = ([40.0, 40.2], [-75.0, -74.0]);
-    let flat = AnomalyMap::new(
-        &MapGrid::new(&lat, &lon, &[10.0; 4]).unwrap(),
-        Interpolation::Linear,
-    );
+    let flat = AnomalyMap::new(&MapGrid::new(&lat, &lon, &[10.0; 4]).unwrap(), Interpolation::Linear);
     let mut line = Line::golden();
     line.measurement_nt.fill(14.0);
     let output = line.run(&EkfParameters::default(), &flat).unwrap();
     assert_eq!(output.report.updates, 20);
     let last = output.x[19];
-    assert!(
-        last[..S].iter().all(|x| *x == 0.0) && last[S] > 2.0,
-        "{last:?}"
-    );
+    assert!(last[..S].iter().all(|x| *x == 0.0) && last[S] > 2.0, "{last:?}");
 }
 
 #[test]
 fn law_the_offset_of_the_first_seconds_is_taken_off() {
     let map = cubic();
     let mut line = Line::golden();
-    line.measurement_nt
-        .iter_mut()
-        .for_each(|measured| *measured += 1000.0);
+    line.measurement_nt.iter_mut().for_each(|measured| *measured += 1000.0);
     line.measurement_nt[1] = f64::NAN;
-    let parameters = EkfParameters {
-        offset_window_s: 0.45,
-        ..EkfParameters::default()
-    };
+    let parameters = EkfParameters { offset_window_s: 0.45, ..EkfParameters::default() };
     let output = line.run(&parameters, &map).unwrap();
     assert_eq!(output.report.offset_samples, 4, "0.0, 0.2, 0.3 and 0.4 s");
     let expected: f64 = [0, 2, 3, 4]
         .into_iter()
-        .map(|row| {
-            line.measurement_nt[row]
-                - map
-                    .at(line.columns[1][row], line.columns[2][row])
-                    .unwrap()
-                    .value_nt
-        })
+        .map(|row| line.measurement_nt[row] - map.at(line.columns[1][row], line.columns[2][row]).unwrap().value_nt)
         .sum::<f64>()
         / 4.0;
     assert!((output.report.offset_nt - expected).abs() < 1e-10);
     assert!(output.residual_nt[0].abs() < 2.0);
     let without = line.run(&EkfParameters::default(), &map).unwrap();
-    assert_eq!(
-        (without.report.offset_nt, without.report.offset_samples),
-        (0.0, 0)
-    );
+    assert_eq!((without.report.offset_nt, without.report.offset_samples), (0.0, 0));
     assert!(without.residual_nt[0] > 990.0);
 }
 
@@ -320,10 +243,7 @@ fn law_the_offset_of_the_first_seconds_is_taken_off() {
 fn law_the_gate_leaves_out_what_does_not_fit() {
     let mut line = Line::golden();
     line.measurement_nt[7] += 500.0;
-    let gated = EkfParameters {
-        gate_nis: Some(10.83),
-        ..EkfParameters::default()
-    };
+    let gated = EkfParameters { gate_nis: Some(10.83), ..EkfParameters::default() };
     let output = line.run(&gated, &cubic()).unwrap();
     assert_eq!((output.report.gated, output.report.updates), (1, 19));
     assert!(output.nis[7] > 1000.0 && output.residual_nt[7] > 400.0);
@@ -331,13 +251,7 @@ fn law_the_gate_leaves_out_what_does_not_fit() {
     missing.measurement_nt[7] = f64::NAN;
     let expected = missing.run(&EkfParameters::default(), &cubic()).unwrap();
     assert_eq!(output.x, expected.x, "as if it had not been measured");
-    assert_eq!(
-        line.run(&EkfParameters::default(), &cubic())
-            .unwrap()
-            .report
-            .gated,
-        0
-    );
+    assert_eq!(line.run(&EkfParameters::default(), &cubic()).unwrap().report.gated, 0);
 }
 
 #[test]
@@ -353,27 +267,15 @@ fn law_uneven_time_is_the_same_as_leaving_samples_out() {
         thinned.columns[column].fill(first);
     }
     let keep = |values: &[f64]| -> Vec<f64> {
-        (0..20)
-            .filter(|row| ![3, 4, 5, 9, 15].contains(row))
-            .map(|row| values[row])
-            .collect()
+        (0..20).filter(|row| ![3, 4, 5, 9, 15].contains(row)).map(|row| values[row]).collect()
     };
     let uneven = Line {
         columns: thinned.columns.each_ref().map(|column| keep(column)),
         measurement_nt: keep(&thinned.measurement_nt),
     };
-    let errors = InsErrorModel {
-        noise: NoiseDiscretisation::VanLoan,
-        ..InsErrorModel::default()
-    };
-    let parameters = EkfParameters {
-        errors,
-        ..EkfParameters::default()
-    };
-    let (a, b) = (
-        thinned.run(&parameters, &map).unwrap(),
-        uneven.run(&parameters, &map).unwrap(),
-    );
+    let errors = InsErrorModel { noise: NoiseDiscretisation::VanLoan, ..InsErrorModel::default() };
+    let parameters = EkfParameters { errors, ..EkfParameters::default() };
+    let (a, b) = (thinned.run(&parameters, &map).unwrap(), uneven.run(&parameters, &map).unwrap());
     for (a, b) in keep(&a.residual_nt).iter().zip(&b.residual_nt) {
         assert!((a - b).abs() < 1e-9, "{a} {b}");
     }
@@ -390,14 +292,7 @@ fn law_the_core_field_belongs_to_the_prediction() {
         let offset_deg = (1e-6_f64.to_degrees(), -(2e-6_f64.to_degrees()));
         *measured += core.magnitude_nt(lat + offset_deg.0, lon + offset_deg.1, 400.0);
     }
-    let with = run(
-        &EkfParameters::default(),
-        &line.series(),
-        &total,
-        &map,
-        Some(&core),
-    )
-    .unwrap();
+    let with = run(&EkfParameters::default(), &line.series(), &total, &map, Some(&core)).unwrap();
     let without = line.run(&EkfParameters::default(), &map).unwrap();
     for (a, b) in with.residual_nt.iter().zip(&without.residual_nt) {
         // The core field differs by 0.05 nT between the two positions that are tried.
@@ -408,54 +303,25 @@ fn law_the_core_field_belongs_to_the_prediction() {
 #[test]
 fn law_bad_lines_are_refused_in_words() {
     let map = cubic();
-    let message = |line: &Line| {
-        line.run(&EkfParameters::default(), &map)
-            .unwrap_err()
-            .to_string()
-    };
+    let message = |line: &Line| line.run(&EkfParameters::default(), &map).unwrap_err().to_string();
     let mut line = Line::golden();
     line.columns[5][12] = f64::NAN;
-    assert_eq!(
-        message(&line),
-        "column `ins_ve` is NaN in row 12; the filter needs a finite value in every row"
-    );
+    assert_eq!(message(&line), "column `ins_ve` is NaN in row 12; the filter needs a finite value in every row");
     let mut line = Line::golden();
     line.columns[0][3] = 0.2;
-    assert_eq!(
-        message(&line),
-        "time does not ascend: `tt` is 0.2 s in row 3 after 0.2 s"
-    );
+    assert_eq!(message(&line), "time does not ascend: `tt` is 0.2 s in row 3 after 0.2 s");
     let mut line = Line::golden();
     line.measurement_nt.pop();
-    assert_eq!(
-        message(&line),
-        "column `measurement` has 19 rows, `tt` has 20"
-    );
+    assert_eq!(message(&line), "column `measurement` has 19 rows, `tt` has 20");
     let mut line = Line::golden();
     line.columns[9].pop();
     assert_eq!(message(&line), "column `ins_fd` has 19 rows, `tt` has 20");
-    let empty = Line {
-        columns: Default::default(),
-        measurement_nt: Vec::new(),
-    };
-    assert_eq!(
-        message(&empty),
-        "the line has 0 sample(s); it takes at least 1"
-    );
+    let empty = Line { columns: Default::default(), measurement_nt: Vec::new() };
+    assert_eq!(message(&empty), "the line has 0 sample(s); it takes at least 1");
     let mut line = Line::golden();
     line.columns[7][11] = 1e200;
-    assert!(
-        message(&line).starts_with("the filter diverged at row 12 (tt = 1.2"),
-        "{}",
-        message(&line)
-    );
-    let sigma = EkfParameters {
-        measurement_sigma_nt: 0.0,
-        ..EkfParameters::default()
-    };
+    assert!(message(&line).starts_with("the filter diverged at row 12 (tt = 1.2"), "{}", message(&line));
+    let sigma = EkfParameters { measurement_sigma_nt: 0.0, ..EkfParameters::default() };
     let refused = Line::golden().run(&sigma, &map).unwrap_err().to_string();
-    assert_eq!(
-        refused,
-        "`measurement_sigma_nt` is 0; it must be a positive number"
-    );
+    assert_eq!(refused, "`measurement_sigma_nt` is 0; it must be a positive number");
 }

@@ -7,11 +7,7 @@ use super::*;
 
 /// MagNav.jl's numbers where the contract's defaults are rounded.
 fn magnav() -> InsErrorModel {
-    InsErrorModel {
-        vrw_sigma: 2.38e-4,
-        arw_sigma: 5.81e-7,
-        ..InsErrorModel::compatible()
-    }
+    InsErrorModel { vrw_sigma: 2.38e-4, arw_sigma: 5.81e-7, ..InsErrorModel::compatible() }
 }
 
 #[test]
@@ -20,43 +16,17 @@ fn val_magnav_initial_covariance_and_process_noise() {
     let (golden_p0, golden_q) = (golden("create_P0_diag")[0], golden("create_Qd_diag")[0]);
     let qd = magnav().noise_density().map(|density| density * 0.1);
     for (state, theirs) in MAGNAV_POSITION.into_iter().enumerate() {
-        assert!(
-            (p0[state][state] / golden_p0[theirs] - 1.0).abs() < 1e-13,
-            "{state}"
-        );
-        assert!(
-            (qd[state] / golden_q[theirs] - 1.0).abs() < 1e-14,
-            "{state}"
-        );
+        assert!((p0[state][state] / golden_p0[theirs] - 1.0).abs() < 1e-13, "{state}");
+        assert!((qd[state] / golden_q[theirs] - 1.0).abs() < 1e-14, "{state}");
     }
 }
 
 #[test]
 fn law_bad_parameters_are_refused_in_words() {
-    let model = InsErrorModel {
-        acc_tau_s: 0.0,
-        ..InsErrorModel::default()
-    };
-    assert_eq!(
-        model.check().unwrap_err().to_string(),
-        "`acc_tau_s` is 0; it must be a positive number of seconds"
-    );
-    assert!(
-        InsErrorModel {
-            vrw_sigma: -1.0,
-            ..InsErrorModel::default()
-        }
-        .check()
-        .is_err()
-    );
-    assert!(
-        InsErrorModel {
-            fogm_sigma_nt: f64::NAN,
-            ..InsErrorModel::default()
-        }
-        .check()
-        .is_err()
-    );
+    let model = InsErrorModel { acc_tau_s: 0.0, ..InsErrorModel::default() };
+    assert_eq!(model.check().unwrap_err().to_string(), "`acc_tau_s` is 0; it must be a positive number of seconds");
+    assert!(InsErrorModel { vrw_sigma: -1.0, ..InsErrorModel::default() }.check().is_err());
+    assert!(InsErrorModel { fogm_sigma_nt: f64::NAN, ..InsErrorModel::default() }.check().is_err());
     assert!(InsErrorModel::default().check().is_ok());
 }
 
@@ -88,16 +58,7 @@ impl Flight {
     }
 
     fn series(&self) -> InsSeries<'_> {
-        let [
-            tt_s,
-            lat_deg,
-            lon_deg,
-            alt_m,
-            vn_mps,
-            ve_mps,
-            vd_mps,
-            rest @ ..,
-        ] = &self.columns;
+        let [tt_s, lat_deg, lon_deg, alt_m, vn_mps, ve_mps, vd_mps, rest @ ..] = &self.columns;
         let [fn_mps2, fe_mps2, fd_mps2, roll_deg, pitch_deg, yaw_deg] = rest;
         InsSeries {
             tt_s,
@@ -146,10 +107,7 @@ fn law_simulated_errors_have_the_predicted_covariance() {
             // The mean of 2000 products has a standard deviation of at most sqrt(2/2000) = 3.2 %
             // of `size`; 324 of them: 4.5 sigma.
             let difference = (sums[row][column] - p[row][column]) / size;
-            assert!(
-                difference.abs() < 4.5 * 0.032,
-                "{row} {column} {difference}"
-            );
+            assert!(difference.abs() < 4.5 * 0.032, "{row} {column} {difference}");
         }
     }
 }
@@ -177,11 +135,6 @@ fn law_no_uncertainty_and_no_noise_make_no_error() {
     assert!(errors.iter().flatten().all(|error| error.abs() < 1e-9));
     let mut broken = Flight::new();
     broken.columns[4][7] = f64::NAN;
-    let message = simulate_ins_error(&broken.series(), &quiet, || 1.0)
-        .unwrap_err()
-        .to_string();
-    assert!(
-        message.starts_with("column `ins_vn` is NaN in row 7"),
-        "{message}"
-    );
+    let message = simulate_ins_error(&broken.series(), &quiet, || 1.0).unwrap_err().to_string();
+    assert!(message.starts_with("column `ins_vn` is NaN in row 7"), "{message}");
 }

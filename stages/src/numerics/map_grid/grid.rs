@@ -129,10 +129,7 @@ impl Axis {
             return Err(MapError::TooSmall { axis, count: 0 });
         };
         if nodes_deg.len() < 2 {
-            return Err(MapError::TooSmall {
-                axis,
-                count: nodes_deg.len(),
-            });
+            return Err(MapError::TooSmall { axis, count: nodes_deg.len() });
         }
         check_ascending(axis, nodes_deg)?;
         let step_deg = (last - first) / (nodes_deg.len() - 1) as f64;
@@ -140,29 +137,14 @@ impl Axis {
             let even_deg = first + step_deg * node as f64;
             let off_by_steps = (value - even_deg) / step_deg;
             if off_by_steps.abs() > EVENNESS {
-                return Err(MapError::Uneven {
-                    axis,
-                    node,
-                    value_deg: *value,
-                    even_deg,
-                    off_by_steps,
-                });
+                return Err(MapError::Uneven { axis, node, value_deg: *value, even_deg, off_by_steps });
             }
         }
         if last - first > range_deg {
-            return Err(MapError::Range {
-                axis,
-                first_deg: *first,
-                last_deg: *last,
-            });
+            return Err(MapError::Range { axis, first_deg: *first, last_deg: *last });
         }
         let steps_per_deg = (nodes_deg.len() - 1) as f64 / (last - first);
-        Ok(Self {
-            first_deg: *first,
-            step_deg,
-            steps_per_deg,
-            len: nodes_deg.len(),
-        })
+        Ok(Self { first_deg: *first, step_deg, steps_per_deg, len: nodes_deg.len() })
     }
 
     /// The number of nodes, at least two.
@@ -206,29 +188,18 @@ impl Axis {
     /// As `locate`, a full turn away if need be.
     #[inline]
     pub(super) fn locate_turning(&self, deg: f64) -> Option<(usize, f64)> {
-        self.locate(deg)
-            .or_else(|| self.locate(deg - 360.0))
-            .or_else(|| self.locate(deg + 360.0))
+        self.locate(deg).or_else(|| self.locate(deg - 360.0)).or_else(|| self.locate(deg + 360.0))
     }
 }
 
 fn check_ascending(axis: &'static str, nodes_deg: &[f64]) -> Result<(), MapError> {
     if let Some(node) = nodes_deg.iter().position(|value| !value.is_finite()) {
-        return Err(MapError::NotFinite {
-            axis,
-            node,
-            value_deg: nodes_deg[node],
-        });
+        return Err(MapError::NotFinite { axis, node, value_deg: nodes_deg[node] });
     }
     for (before, pair) in nodes_deg.windows(2).enumerate() {
         if pair[1] <= pair[0] {
             let (before_deg, value_deg) = (pair[0], pair[1]);
-            return Err(MapError::NotAscending {
-                axis,
-                node: before + 1,
-                before_deg,
-                value_deg,
-            });
+            return Err(MapError::NotAscending { axis, node: before + 1, before_deg, value_deg });
         }
     }
     Ok(())
@@ -249,21 +220,12 @@ impl MapGrid {
         let lat = Axis::new("latitude", lat_deg, 180.0)?;
         let lon = Axis::new("longitude", lon_deg, 360.0)?;
         let (first_deg, last_deg) = (lat.first_deg, lat.last_deg());
-        if first_deg < -90.0 - EVENNESS * lat.step_deg || last_deg > 90.0 + EVENNESS * lat.step_deg
-        {
-            return Err(MapError::Range {
-                axis: "latitude",
-                first_deg,
-                last_deg,
-            });
+        if first_deg < -90.0 - EVENNESS * lat.step_deg || last_deg > 90.0 + EVENNESS * lat.step_deg {
+            return Err(MapError::Range { axis: "latitude", first_deg, last_deg });
         }
         let (latitudes, longitudes) = (lat.len, lon.len);
         if anomaly_nt.len() != latitudes * longitudes {
-            return Err(MapError::Size {
-                values: anomaly_nt.len(),
-                latitudes,
-                longitudes,
-            });
+            return Err(MapError::Size { values: anomaly_nt.len(), latitudes, longitudes });
         }
         if let Some(row) = anomaly_nt.iter().position(|value| value.is_infinite()) {
             return Err(MapError::Infinite { row });
@@ -271,40 +233,22 @@ impl MapGrid {
         if anomaly_nt.iter().all(|value| value.is_nan()) {
             return Err(MapError::Empty);
         }
-        Ok(Self {
-            lat,
-            lon,
-            values: anomaly_nt.to_vec(),
-        })
+        Ok(Self { lat, lon, values: anomaly_nt.to_vec() })
     }
 
     /// A grid of a table with one row a node, sorted by latitude, then longitude (degrees,
     /// degrees, nT).
-    pub fn from_rows(
-        lat_deg: &[f64],
-        lon_deg: &[f64],
-        anomaly_nt: &[f64],
-    ) -> Result<Self, MapError> {
+    pub fn from_rows(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapError> {
         if lat_deg.len() != lon_deg.len() || lat_deg.len() != anomaly_nt.len() {
             let (lat, lon, anomaly) = (lat_deg.len(), lon_deg.len(), anomaly_nt.len());
             return Err(MapError::Columns { lat, lon, anomaly });
         }
         if let Some(value_deg) = lat_deg.first().filter(|lat| !lat.is_finite()) {
-            return Err(MapError::NotFinite {
-                axis: "latitude",
-                node: 0,
-                value_deg: *value_deg,
-            });
+            return Err(MapError::NotFinite { axis: "latitude", node: 0, value_deg: *value_deg });
         }
-        let width = lat_deg
-            .iter()
-            .take_while(|lat| Some(*lat) == lat_deg.first())
-            .count();
+        let width = lat_deg.iter().take_while(|lat| Some(*lat) == lat_deg.first()).count();
         let Some(columns) = lon_deg.get(..width).filter(|columns| !columns.is_empty()) else {
-            return Err(MapError::TooSmall {
-                axis: "latitude",
-                count: lat_deg.len().min(1),
-            });
+            return Err(MapError::TooSmall { axis: "latitude", count: lat_deg.len().min(1) });
         };
         let rows: Vec<f64> = lat_deg.iter().step_by(width).copied().collect();
         for (row, (lat, lon)) in lat_deg.iter().zip(lon_deg).enumerate() {

@@ -25,10 +25,7 @@ pub(super) fn filled(grid: &MapGrid) -> Vec<f64> {
         .collect();
     while !front.is_empty() {
         // All of a round is computed before any of it is written: the order does not matter.
-        let means: Vec<Option<f64>> = front
-            .iter()
-            .map(|node| neighbour_mean(grid, &values, *node))
-            .collect();
+        let means: Vec<Option<f64>> = front.iter().map(|node| neighbour_mean(grid, &values, *node)).collect();
         for (node, mean) in front.iter().zip(means) {
             values[*node] = mean.unwrap_or(f64::NAN);
         }
@@ -38,11 +35,8 @@ pub(super) fn filled(grid: &MapGrid) -> Vec<f64> {
 }
 
 fn next_front(grid: &MapGrid, values: &[f64], front: &[usize]) -> Vec<usize> {
-    let mut next: Vec<usize> = front
-        .iter()
-        .flat_map(|node| neighbours(grid, *node))
-        .filter(|node| values[*node].is_nan())
-        .collect();
+    let mut next: Vec<usize> =
+        front.iter().flat_map(|node| neighbours(grid, *node)).filter(|node| values[*node].is_nan()).collect();
     next.sort_unstable();
     next.dedup();
     next
@@ -61,8 +55,6 @@ fn neighbours(grid: &MapGrid, node: usize) -> impl Iterator<Item = usize> + use<
     let (width, height) = (grid.lon().len(), grid.lat().len());
     let (row, column) = (node / width, node % width);
     let rows = row.saturating_sub(1)..=(row + 1).min(height - 1);
-    rows.flat_map(move |r| {
-        (column.saturating_sub(1)..=(column + 1).min(width - 1)).map(move |c| r * width + c)
-    })
-    .filter(move |neighbour| *neighbour != node)
+    rows.flat_map(move |r| (column.saturating_sub(1)..=(column + 1).min(width - 1)).map(move |c| r * width + c))
+        .filter(move |neighbour| *neighbour != node)
 }

@@ -7,16 +7,10 @@ use nalgebra::{Matrix3, Vector3};
 /// The values that MagNav.jl 1.3.3 computed, by name: row, column and value.
 pub(crate) fn golden_entries(name: &str) -> impl Iterator<Item = (usize, usize, f64)> {
     let file = include_str!("../../../reference/navigation/magnav_golden.csv");
-    let lines = file
-        .lines()
-        .map(|line| line.split(',').collect::<Vec<&str>>());
-    lines.filter(move |words| words[0] == name).map(|words| {
-        (
-            words[1].parse().unwrap(),
-            words[2].parse().unwrap(),
-            words[3].parse().unwrap(),
-        )
-    })
+    let lines = file.lines().map(|line| line.split(',').collect::<Vec<&str>>());
+    lines
+        .filter(move |words| words[0] == name)
+        .map(|words| (words[1].parse().unwrap(), words[2].parse().unwrap(), words[3].parse().unwrap()))
 }
 
 /// The same as a matrix over the states.
@@ -46,12 +40,8 @@ pub(crate) const GOLDEN_POINT: InsPoint = InsPoint {
     force_ned_mps2: [0.3, -0.2, -9.7],
     euler_rad: [0.1, -0.2, 2.5],
 };
-pub(crate) const GOLDEN_TIMES: TimeConstants = TimeConstants {
-    baro_s: 3600.0,
-    acc_s: 3600.0,
-    gyro_s: 3600.0,
-    fogm_s: 600.0,
-};
+pub(crate) const GOLDEN_TIMES: TimeConstants =
+    TimeConstants { baro_s: 3600.0, acc_s: 3600.0, gyro_s: 3600.0, fogm_s: 600.0 };
 
 #[test]
 fn val_magnav_pinson_matrix_in_the_compatible_form() {
@@ -60,10 +50,7 @@ fn val_magnav_pinson_matrix_in_the_compatible_form() {
     for (row, (ours, theirs)) in ours.iter().zip(&theirs).enumerate() {
         for (column, (ours, theirs)) in ours.iter().zip(theirs).enumerate() {
             // Rounding of sums of a few terms.
-            assert!(
-                (ours - theirs).abs() <= 4e-16 * theirs.abs(),
-                "{row} {column} {ours} {theirs}"
-            );
+            assert!((ours - theirs).abs() <= 4e-16 * theirs.abs(), "{row} {column} {ours} {theirs}");
         }
     }
 }
@@ -107,12 +94,7 @@ struct Rates {
 /// Strapdown equations on a rotating sphere with constant gravity, aided by a barometer in a third
 /// order loop [Titterton & Weston 3.69-3.75, 13.4]. `true_alt_m` is what the barometer measures,
 /// off by the drift `baro_m`. Written without the error model, whose matrix is its derivative.
-fn rates(
-    m: &Mechanisation,
-    force_body: &Vector3<f64>,
-    rate_body: &Vector3<f64>,
-    true_alt_m: f64,
-) -> Rates {
+fn rates(m: &Mechanisation, force_body: &Vector3<f64>, rate_body: &Vector3<f64>, true_alt_m: f64) -> Rates {
     let (lat, height) = (m.position.x, m.position.z);
     let radius = R + height;
     let v = m.velocity;
@@ -123,11 +105,7 @@ fn rates(
     let above_baro = height - (true_alt_m + m.baro_m);
     let down_loop = Vector3::new(0.0, 0.0, K2 * above_baro + m.loop_mps2);
     Rates {
-        position: Vector3::new(
-            v.x / radius,
-            v.y / (radius * lat.cos()),
-            -v.z - K1 * above_baro,
-        ),
+        position: Vector3::new(v.x / radius, v.y / (radius * lat.cos()), -v.z - K1 * above_baro),
         velocity: force + gravity - (earth * 2.0 + transport).cross(&v) + down_loop,
         turn: m.body_to_ned * (rate_body + m.gyro_bias) - (earth + transport),
         baro_m: -m.baro_m / GOLDEN_TIMES.baro_s,
@@ -151,32 +129,21 @@ fn moved(m: &Mechanisation, e: &StateVector) -> Mechanisation {
 }
 
 /// The rate of change of the error states between two mechanisations.
-fn error_rates(
-    m: &Mechanisation,
-    other: &Mechanisation,
-    force: &Vector3<f64>,
-    turn: &Vector3<f64>,
-) -> StateVector {
+fn error_rates(m: &Mechanisation, other: &Mechanisation, force: &Vector3<f64>, turn: &Vector3<f64>) -> StateVector {
     let truth = m.position.z;
-    let (a, b) = (
-        rates(m, force, turn, truth),
-        rates(other, force, turn, truth),
-    );
+    let (a, b) = (rates(m, force, turn, truth), rates(other, force, turn, truth));
     // A short step of both attitudes, and how the tilt between them changed over it.
     let dt = 0.005;
     let step = |m: &Mechanisation, r: &Rates| tilted(&m.body_to_ned, &(-r.turn * dt));
     let back = |m: &Mechanisation, r: &Rates| tilted(&m.body_to_ned, &(r.turn * dt));
-    let tilt = (tilt_between(&step(m, &a), &step(other, &b))
-        - tilt_between(&back(m, &a), &back(other, &b)))
-        / (2.0 * dt);
+    let tilt =
+        (tilt_between(&step(m, &a), &step(other, &b)) - tilt_between(&back(m, &a), &back(other, &b))) / (2.0 * dt);
     let mut out = [0.0; STATES];
     out[LAT..VN].copy_from_slice((b.position - a.position).as_slice());
     out[VN..TILT_N].copy_from_slice((b.velocity - a.velocity).as_slice());
     out[TILT_N..ACC].copy_from_slice(tilt.as_slice());
-    out[ACC..GYRO]
-        .copy_from_slice((-(other.acc_bias - m.acc_bias) / GOLDEN_TIMES.acc_s).as_slice());
-    out[GYRO..HA]
-        .copy_from_slice((-(other.gyro_bias - m.gyro_bias) / GOLDEN_TIMES.gyro_s).as_slice());
+    out[ACC..GYRO].copy_from_slice((-(other.acc_bias - m.acc_bias) / GOLDEN_TIMES.acc_s).as_slice());
+    out[GYRO..HA].copy_from_slice((-(other.gyro_bias - m.gyro_bias) / GOLDEN_TIMES.gyro_s).as_slice());
     out[HA] = b.baro_m - a.baro_m;
     out[A_HAT] = b.loop_mps2 - a.loop_mps2;
     out[S] = -(other.temporal_nt - m.temporal_nt) / GOLDEN_TIMES.fogm_s;
@@ -184,10 +151,8 @@ fn error_rates(
 }
 
 /// Steps of the error states that are small, and large enough to be seen over rounding.
-const STEPS: StateVector = [
-    1e-4, 1e-4, 100.0, 1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3, 1e-5, 1e-5, 1e-5, 10.0,
-    1e-3, 1.0,
-];
+const STEPS: StateVector =
+    [1e-4, 1e-4, 100.0, 1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3, 1e-5, 1e-5, 1e-5, 10.0, 1e-3, 1.0];
 
 #[test]
 fn jac_every_element_is_the_derivative_of_the_mechanisation() {

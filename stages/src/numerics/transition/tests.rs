@@ -11,29 +11,17 @@ fn cases() -> [(&'static str, StateMatrix); 2] {
         force_ned_mps2: [4.1, -5.3, -12.4],
         euler_rad: [-0.8, 0.3, -2.0],
     };
-    let times = TimeConstants {
-        baro_s: 900.0,
-        acc_s: 1200.0,
-        gyro_s: 300.0,
-        fogm_s: 60.0,
-    };
+    let times = TimeConstants { baro_s: 900.0, acc_s: 1200.0, gyro_s: 300.0, fogm_s: 60.0 };
     [
-        (
-            "level",
-            pinson_matrix(&GOLDEN_POINT, &GOLDEN_TIMES, PinsonForm::Thesis),
-        ),
+        ("level", pinson_matrix(&GOLDEN_POINT, &GOLDEN_TIMES, PinsonForm::Thesis)),
         ("turn", pinson_matrix(&turn, &times, PinsonForm::Thesis)),
     ]
 }
 
 /// Spectral densities of the reference's process noise: MagNav.jl's defaults.
 fn density() -> StateVector {
-    super::super::ins_error::InsErrorModel {
-        vrw_sigma: 2.38e-4,
-        arw_sigma: 5.81e-7,
-        ..Default::default()
-    }
-    .noise_density()
+    super::super::ins_error::InsErrorModel { vrw_sigma: 2.38e-4, arw_sigma: 5.81e-7, ..Default::default() }
+        .noise_density()
 }
 
 /// A matrix that scipy computed, by case, step and name.
@@ -46,8 +34,7 @@ fn reference(case: &str, dt_s: f64, what: &str) -> StateMatrix {
             continue;
         };
         let words: Vec<&str> = rest.split(',').collect();
-        matrix[words[0].parse::<usize>().unwrap()][words[1].parse::<usize>().unwrap()] =
-            words[2].parse().unwrap();
+        matrix[words[0].parse::<usize>().unwrap()][words[1].parse::<usize>().unwrap()] = words[2].parse().unwrap();
         found += 1;
     }
     assert!(found > 0, "{prefix}");
@@ -78,10 +65,7 @@ fn val_scipy_matrix_exponential() {
                 for column in 0..STATES {
                     let (a, b) = (ours[row][column], theirs[row][column]);
                     let floor = 1e-16 * SCALE[column] / SCALE[row];
-                    assert!(
-                        (a - b).abs() <= 1e-12 * b.abs() + floor,
-                        "{case} {dt_s} {row} {column} {a:e} {b:e}"
-                    );
+                    assert!((a - b).abs() <= 1e-12 * b.abs() + floor, "{case} {dt_s} {row} {column} {a:e} {b:e}");
                 }
             }
         }
@@ -91,10 +75,7 @@ fn val_scipy_matrix_exponential() {
 #[test]
 fn val_magnav_transition_matrix_in_the_compatible_form() {
     let f = pinson_matrix(&GOLDEN_POINT, &GOLDEN_TIMES, PinsonForm::Compatible);
-    let worst = scaled_difference(
-        &transition_matrix(&f, 0.1),
-        &golden_in_our_order("get_Phi_18"),
-    );
+    let worst = scaled_difference(&transition_matrix(&f, 0.1), &golden_in_our_order("get_Phi_18"));
     assert!(worst < 1e-14, "{worst:e}");
 }
 
@@ -132,11 +113,7 @@ fn law_two_steps_are_one_twice_as_long() {
 fn law_what_is_not_finite_comes_out_not_finite() {
     let (_, mut f) = cases()[0];
     f[VN][TILT_E] = f64::NAN;
-    assert!(
-        transition_matrix(&f, 0.1)[VN]
-            .iter()
-            .any(|entry| entry.is_nan())
-    );
+    assert!(transition_matrix(&f, 0.1)[VN].iter().any(|entry| entry.is_nan()));
 }
 
 /// A full covariance with all correlations, from a matrix of odd numbers.
@@ -205,10 +182,7 @@ fn correlation_difference(a: &StateMatrix, b: &StateMatrix) -> f64 {
 fn val_scipy_van_loan_noise() {
     for (case, f) in cases() {
         for dt_s in [0.1, 1.0, 30.0] {
-            let (ours, theirs) = (
-                van_loan(&f, &density(), dt_s),
-                reference(case, dt_s, "noise"),
-            );
+            let (ours, theirs) = (van_loan(&f, &density(), dt_s), reference(case, dt_s, "noise"));
             // Against the noise that the step adds, in every state; scipy's own rounding in the
             // smallest (position within 0.1 s) is 1e-7 of it.
             let worst = correlation_difference(&ours, &theirs);
@@ -228,15 +202,9 @@ fn law_trapezoidal_noise_is_second_order_and_rectangular_first() {
         let exact = van_loan(&f, &q, dt_s);
         (step[S][S] / exact[S][S] - 1.0).abs()
     };
-    for (noise, order) in [
-        (NoiseDiscretisation::Rectangular, 1),
-        (NoiseDiscretisation::Trapezoidal, 2),
-    ] {
+    for (noise, order) in [(NoiseDiscretisation::Rectangular, 1), (NoiseDiscretisation::Trapezoidal, 2)] {
         let ratio = error(2.0, noise) / error(1.0, noise);
-        assert!(
-            (ratio / f64::from(1 << order) - 1.0).abs() < 0.05,
-            "{noise:?} {ratio}"
-        );
+        assert!((ratio / f64::from(1 << order) - 1.0).abs() < 0.05, "{noise:?} {ratio}");
     }
     assert!(error(2.0, NoiseDiscretisation::VanLoan) < 1e-13);
 }
@@ -246,11 +214,9 @@ fn law_every_noise_is_positive_semidefinite() {
     for (_, f) in cases() {
         for dt_s in [0.1, 1.0, 60.0] {
             let phi = transition_matrix(&f, dt_s);
-            for noise in [
-                NoiseDiscretisation::Rectangular,
-                NoiseDiscretisation::Trapezoidal,
-                NoiseDiscretisation::VanLoan,
-            ] {
+            for noise in
+                [NoiseDiscretisation::Rectangular, NoiseDiscretisation::Trapezoidal, NoiseDiscretisation::VanLoan]
+            {
                 let zero = [[0.0; STATES]; STATES];
                 let q = step_covariance(&zero, &f, &phi, &density(), dt_s, noise);
                 let scaled = SMatrix::<f64, STATES, STATES>::from_fn(|row, column| {
