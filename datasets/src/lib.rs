@@ -12,5 +12,10 @@ pub mod samples;
 pub mod simulate;
 mod table;
 
+/// Changes whenever a reader or the simulator makes other values of the same bytes: part of the key of
+/// whatever is kept of what they gave.
+pub const VERSION: &str = "1";
+
 pub use error::ReadError;
 pub use formats::{FlightOptions, FlightReader, Map, MapOptions, open_flight, read_map};
+pub use simulate::synthesise;

@@ -1,10 +1,6 @@
 //! Velocity and specific force of a track, for files that hold positions only and for the simulator.
 
-use std::ops::{Add, Mul, Sub};
-
-use stages::numerics::geodesy::{
-    EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, wrap_deg,
-};
+use stages::numerics::geodesy::{EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, wrap_deg};
 
 /// The derivative of `x` with respect to `t` at each sample: central, one-sided at the ends, NaN where
 /// time does not run forward or a neighbour is missing.
@@ -92,14 +88,6 @@ pub(crate) fn normal_gravity_mps2(lat_rad: f64, alt_m: f64) -> f64 {
     let sin2 = lat_rad.sin().powi(2);
     let surface = EQUATOR * (1.0 + K * sin2) / (1.0 - E2 * sin2).sqrt();
     surface * (1.0 - 2.0 / A * (1.0 + F + M - 2.0 * F * sin2) * alt_m + 3.0 / (A * A) * alt_m * alt_m)
-}
-
-/// The value between `a` and `b` at the fraction `s`.
-pub(crate) fn between<T>(a: T, b: T, s: f64) -> T
-where
-    T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f64, Output = T>,
-{
-    a + (b - a) * s
 }
 
 #[cfg(test)]

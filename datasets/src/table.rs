@@ -4,7 +4,7 @@ use std::{path::Path, sync::Arc};
 
 use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
-use schemas::{describe_field, field, flight};
+use schemas::{field, flight};
 
 use crate::ReadError;
 
@@ -65,11 +65,6 @@ impl Table {
             Values::Number(x) => Some(x.as_slice()),
             _ => None,
         })
-    }
-
-    /// The unit of the column `name`, as far as it is known.
-    pub(crate) fn unit(&self, name: &str) -> Option<String> {
-        self.columns.iter().find(|(f, _)| f.name() == name).map(|(f, _)| describe_field(f).unit)
     }
 
     /// Whether there is a column `name`.

@@ -186,7 +186,9 @@ pub(super) fn broken(path: &Path, error: &csv::Error) -> ReadError {
             let fault = ReadError::data(path, format!("the row has {len} values where the header has {expected_len}"));
             match pos {
                 // Record 0 is the header.
-                Some(pos) => fault.in_row(pos.record().saturating_sub(1)).help(format!("line {} of the file", pos.line())),
+                Some(pos) => {
+                    fault.in_row(pos.record().saturating_sub(1)).help(format!("line {} of the file", pos.line()))
+                }
                 None => fault,
             }
         }

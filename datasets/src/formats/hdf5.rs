@@ -38,6 +38,13 @@ impl Hdf5 {
             let storage: DynStorage = Arc::new(FileStorage::open(path).map_err(|e| damaged(path, &e))?);
             let options = OpenOptions::default().with_max_object_header_bytes(1 << 24);
             let file = Hdf5File::from_storage_with_options(storage, options).map_err(|e| damaged(path, &e))?;
+            let declared = file.superblock().eof_address.saturating_add(file.superblock().base_address);
+            if declared > bytes {
+                return Err(ReadError::data(
+                    path,
+                    format!("the file is cut short: {bytes} of {declared} bytes are there"),
+                ));
+            }
             let root = file.root_group().map_err(|e| damaged(path, &e))?;
             let (_, mut names) = root.member_names().map_err(|e| damaged(path, &e))?;
             names.sort();
@@ -120,11 +127,8 @@ impl Values {
     fn read_numbers(&self, slice: &SliceInfo) -> Result<Vec<f64>, ReadError> {
         macro_rules! numbers {
             ($t:ty) => {{
-                let array = if self.shape.is_empty() {
-                    self.set.read_array::<$t>()
-                } else {
-                    self.set.read_slice::<$t>(slice)
-                };
+                let array =
+                    if self.shape.is_empty() { self.set.read_array::<$t>() } else { self.set.read_slice::<$t>(slice) };
                 array.map_err(|e| self.damaged(&e.to_string()))?.iter().map(|x| *x as f64).collect()
             }};
         }

@@ -56,7 +56,8 @@ fn push_motion(table: &mut Table, prefix: &str) {
         return;
     }
     let places = ["lat", "lon", "alt"].map(|n| format!("{prefix}{n}"));
-    let columns = [table.numbers("tt"), table.numbers(&places[0]), table.numbers(&places[1]), table.numbers(&places[2])];
+    let columns =
+        [table.numbers("tt"), table.numbers(&places[0]), table.numbers(&places[1]), table.numbers(&places[2])];
     let [Some(tt), Some(lat_deg), Some(lon_deg), Some(alt_m)] = columns else { return };
     let velocity = Track { tt, lat_deg, lon_deg, alt_m }.velocity_mps();
     for (name, values) in names.iter().zip(velocity) {

@@ -82,7 +82,7 @@ fn push_attitude(table: &mut Table, prefix: &str, file: &Hdf5, name: &str, rows:
 }
 
 /// Positions in radians move 57 times too slowly for the velocities beside them.
-fn refuse_radians(path: &Path, table: &Table) -> Result<(), ReadError> {
+pub(super) fn refuse_radians(path: &Path, table: &Table) -> Result<(), ReadError> {
     let columns = ["tt", "lat", "lon", "alt", "vn", "ve"].map(|n| table.numbers(n));
     let [Some(tt), Some(lat_deg), Some(lon_deg), Some(alt_m), Some(vn), Some(ve)] = columns else { return Ok(()) };
     let [north, east, _] = Track { tt, lat_deg, lon_deg, alt_m }.velocity_mps();

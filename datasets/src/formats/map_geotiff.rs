@@ -22,7 +22,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "geotiff",
     about: "GeoTIFF with one band of float or integer values",
     extensions: &["tif", "tiff"],
-    recognise: |head: &Head| MAGICS.iter().any(|m| head.starts_with(*m)),
+    recognise: |head: &Head| MAGICS.iter().any(|m| head.starts_with(m)),
     read,
 };
 
@@ -48,7 +48,8 @@ fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
         return Err(ReadError::data(path, what));
     }
     // Rows from south to north.
-    let ascending: Vec<f64> = if place.north_first { values.chunks_exact(width).rev().flatten().copied().collect() } else { values };
+    let ascending: Vec<f64> =
+        if place.north_first { values.chunks_exact(width).rev().flatten().copied().collect() } else { values };
     let anomaly_nt = scaled(ascending, anomaly_factor(path, options, None)?);
     let mut notes = vec![];
     let alt_m = height_m(path, options, &metadata, &mut notes)?;
@@ -63,7 +64,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
         return Map::new(path, &lat, &lon, Height::Level(alt_m), anomaly_nt, notes).map(RawMap::Geographic);
     }
     let crs = crs.ok_or_else(|| no_epsg(path))?;
-    Ok(RawMap::Projected(Projected { easting: place.x, northing: place.y, anomaly_nt, crs, alt_m, notes }))
+    Ok(RawMap::Projected(Box::new(Projected { easting: place.x, northing: place.y, anomaly_nt, crs, alt_m, notes })))
 }
 
 fn decoder(path: &Path) -> Result<Reader, ReadError> {
@@ -89,7 +90,8 @@ fn values(path: &Path, decoder: &mut Reader) -> Result<Vec<f64>, ReadError> {
     if !matches!(colour, ColorType::Gray(_)) {
         return Err(ReadError::data(path, format!("a map has one band; this is {colour:?}")));
     }
-    let no_data = text(decoder, Tag::GdalNodata).and_then(|t| t.trim().trim_end_matches('\0').trim().parse::<f64>().ok());
+    let no_data =
+        text(decoder, Tag::GdalNodata).and_then(|t| t.trim().trim_end_matches('\0').trim().parse::<f64>().ok());
     let image = decoder.read_image().map_err(|e| damaged(path, &e))?;
     let whole = |x: f64| if Some(x) == no_data { f64::NAN } else { x };
     Ok(match image {
@@ -105,7 +107,9 @@ fn values(path: &Path, decoder: &mut Reader) -> Result<Vec<f64>, ReadError> {
         DecodingResult::U8(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
         DecodingResult::U16(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
         DecodingResult::U32(v) => v.into_iter().map(|x| whole(f64::from(x))).collect(),
-        _ => return Err(ReadError::data(path, "the band's values are of a kind that is not read").help("write Float32")),
+        _ => {
+            return Err(ReadError::data(path, "the band's values are of a kind that is not read").help("write Float32"));
+        }
     })
 }
 
@@ -161,7 +165,8 @@ impl Georeference {
             return Err(ReadError::data(path, format!("the cells measure {dx} by {dy}, which makes no grid")));
         }
         let south = if dy < 0.0 { y_first + dy * (height - 1) as f64 } else { y_first };
-        let (x, y) = (Axis { first: x_first, step: dx, len: width }, Axis { first: south, step: dy.abs(), len: height });
+        let (x, y) =
+            (Axis { first: x_first, step: dx, len: width }, Axis { first: south, step: dy.abs(), len: height });
         Ok(Georeference { x, y, north_first: dy < 0.0, epsg, geographic })
     }
 }

@@ -18,7 +18,9 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     name: "magnav_csv",
     about: "folder of MagNav.jl: map.csv, xx.csv, yy.csv, alt.csv",
     extensions: &["map.csv"],
-    recognise: |head: &Head| folder(head.path).is_some_and(|f| f.join("xx.csv").is_file() && f.join("yy.csv").is_file()),
+    recognise: |head: &Head| {
+        folder(head.path).is_some_and(|f| f.join("xx.csv").is_file() && f.join("yy.csv").is_file())
+    },
     read,
 };
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use arrow_array::{Array, RecordBatch, types::Float64Type, cast::AsArray};
+use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_cast::cast;
 use arrow_schema::DataType;
 use schemas::convert;
@@ -87,7 +87,7 @@ fn projected_map(
     let mut nodes = from_nodes(path, easting, northing, &[values])?;
     let anomaly_nt = nodes.values.pop().unwrap_or_default();
     let (easting, northing) = (nodes.x_axis, nodes.y_axis);
-    Ok(RawMap::Projected(Projected { easting, northing, anomaly_nt, crs, alt_m, notes: vec![] }))
+    Ok(RawMap::Projected(Box::new(Projected { easting, northing, anomaly_nt, crs, alt_m, notes: vec![] })))
 }
 
 fn numbers(path: &Path, batches: &[RecordBatch], name: &str) -> Result<Vec<f64>, ReadError> {

@@ -30,7 +30,7 @@ mod parquet;
 mod sgl;
 mod sgl_hdf5;
 mod sgl_xyz;
-
+mod synth;
 
 pub use crate::grid::Map;
 
@@ -109,7 +109,7 @@ pub struct MapOptions {
 /// What a map format yields: a geographic grid as it stands, or a projected one still to be resampled.
 pub(crate) enum RawMap {
     Geographic(Map),
-    Projected(Projected),
+    Projected(Box<Projected>),
 }
 
 /// The start of a file, by which it is recognised.
@@ -175,8 +175,15 @@ pub struct MapFormat {
 }
 
 /// The flight formats, in the order in which a file is tried.
-pub const FLIGHT_FORMATS: &[FlightFormat] =
-    &[parquet::FORMAT, sgl_hdf5::FORMAT, magnav_hdf5::FORMAT, sgl_xyz::FORMAT, magnav_csv::FORMAT, csv::FORMAT];
+pub const FLIGHT_FORMATS: &[FlightFormat] = &[
+    parquet::FORMAT,
+    synth::FORMAT,
+    sgl_hdf5::FORMAT,
+    magnav_hdf5::FORMAT,
+    sgl_xyz::FORMAT,
+    magnav_csv::FORMAT,
+    csv::FORMAT,
+];
 
 /// The map formats, in the order in which a file is tried.
 pub const MAP_FORMATS: &[MapFormat] =
@@ -251,3 +258,6 @@ pub(crate) fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T, ReadErr
     let outcome = catch_unwind(AssertUnwindSafe(decode));
     outcome.unwrap_or_else(|_| Err(ReadError::data(path, "the file is damaged: its decoder gave up")))
 }
+
+#[cfg(test)]
+mod tests;

@@ -50,8 +50,9 @@ fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
     let mut lines = lines(&sets, rows)?.into_iter();
     let schema = sgl::finish(path, table(&sets, 0..0, ins_angle)?)?.schema();
     let path = owned(path);
-    let mut next = move || table(&sets, lines.next()?, ins_angle).and_then(|t| sgl::finish(&path, t)?.into_batch(&path)).into();
-    let batches = std::iter::from_fn(move || next());
+    let next =
+        move || table(&sets, lines.next()?, ins_angle).and_then(|t| sgl::finish(&path, t)?.into_batch(&path)).into();
+    let batches = std::iter::from_fn(next);
     Ok(Raw { schema, batches: Box::new(batches) })
 }
 

@@ -5,16 +5,30 @@ use super::Axis;
 
 /// The value at a place given in fractions of nodes, or NaN.
 ///
-/// A polynomial of fifth degree through the 6 x 6 nodes around the place; where one of them is unknown,
-/// of third degree through 4 x 4; NaN where one of those is unknown too. At the grid's edge the nodes
-/// nearest to the place are taken. For a field of wavelength λ on nodes h apart the error is about
-/// 0.005 (2πh/λ)^6 of its amplitude.
+/// A polynomial of ninth degree through the 10 x 10 nodes around the place; of fifth or third degree
+/// through 6 x 6 or 4 x 4 where one of those nodes is unknown or beyond the edge; NaN where one of the
+/// 4 x 4 is unknown too. In the outermost cells the 4 x 4 nodes nearest to the place are taken.
 pub(super) fn at(values: &[f64], x: &Axis, y: &Axis, column: f64, row: f64) -> f64 {
-    let six = through::<6>(values, x.len, y.len, column, row);
-    six.or_else(|| through::<4>(values, x.len, y.len, column, row)).unwrap_or(f64::NAN)
+    let centred = |n: usize| {
+        let fits = |place: f64, len: usize| {
+            place.floor() + 1.0 >= (n / 2) as f64 && place.floor() + 1.0 + (n / 2) as f64 <= len as f64
+        };
+        fits(column, x.len) && fits(row, y.len)
+    };
+    let ten = || centred(10).then(|| through::<10>(values, x.len, y.len, column, row))?;
+    let six = || centred(6).then(|| through::<6>(values, x.len, y.len, column, row))?;
+    let four = || through::<4>(values, x.len, y.len, column, row);
+    ten().or_else(six).or_else(four).unwrap_or(f64::NAN)
 }
 
-fn through<const N: usize>(values: &[f64], width: usize, height: usize, column: f64, row: f64) -> Option<f64> {
+/// The value of the polynomial through N x N nodes; `None` where one of them is unknown.
+pub(super) fn through<const N: usize>(
+    values: &[f64],
+    width: usize,
+    height: usize,
+    column: f64,
+    row: f64,
+) -> Option<f64> {
     let (i, wx) = weights::<N>(column, width)?;
     let (j, wy) = weights::<N>(row, height)?;
     let mut sum = 0.0;
@@ -49,12 +63,24 @@ mod tests {
     }
 
     #[test]
-    fn law_a_polynomial_of_fifth_degree_is_exact_also_at_the_edge() {
-        let f = |x: f64, y: f64| 1.0 + x - 0.3 * x.powi(3) * y + 0.01 * x.powi(5) - 0.02 * y.powi(5) + x * y * y;
-        let values: Vec<f64> = (0..9).flat_map(|j| (0..8).map(move |i| f(f64::from(i), f64::from(j)))).collect();
-        for (x, y) in [(0.0, 0.0), (0.3, 0.7), (3.5, 4.5), (7.0, 8.0), (6.9, 7.2)] {
-            // Values reach 600; 36 products of them.
-            assert!((at(&values, &axis(8), &axis(9), x, y) - f(x, y)).abs() < 1e-10, "{x} {y}");
+    fn law_polynomials_are_exact_of_ninth_fifth_and_third_degree() {
+        let powers = |degree: i32| {
+            move |x: f64, y: f64| {
+                1.0 + (x / 10.0).powi(degree) - 2.0 * (y / 10.0).powi(degree) + (x * y / 100.0).powi(degree)
+            }
+        };
+        for (degree, places) in [
+            (9, vec![(4.0, 4.0), (7.3, 8.1), (14.9, 15.5)]),
+            (5, vec![(2.0, 9.5), (2.2, 17.4), (16.4, 2.0)]),
+            (3, vec![(0.0, 0.0), (0.3, 0.7), (19.0, 20.0), (18.7, 5.5)]),
+        ] {
+            let f = powers(degree);
+            let values: Vec<f64> = (0..21).flat_map(|j| (0..20).map(move |i| f(f64::from(i), f64::from(j)))).collect();
+            for (x, y) in places {
+                // Values reach 2^9 + 2^18; a hundred products of them.
+                let error = at(&values, &axis(20), &axis(21), x, y) - f(x, y);
+                assert!(error.abs() < 1e-8, "{degree} {x} {y}: {error}");
+            }
         }
     }
 

@@ -116,7 +116,8 @@ impl Axis {
         }
         for (i, x) in coordinates.iter().enumerate() {
             let even = first + step * i as f64;
-            if !((x - even).abs() <= EVENNESS * step) {
+            // NaN is not even either.
+            if x.is_nan() || (x - even).abs() > EVENNESS * step {
                 return wrong(format!("the axis is not even: {x} stands where {even} is expected"));
             }
         }

@@ -43,8 +43,8 @@ impl Projected {
         }
         let mut notes = self.notes.clone();
         notes.push(format!(
-            "resampled from {} x {} nodes in EPSG:{} to latitude and longitude by polynomials of fifth degree (third \
-             degree near unknown nodes)",
+            "resampled from {} x {} nodes in EPSG:{} to latitude and longitude by polynomials of ninth degree (fifth \
+             or third near edges and unknown nodes)",
             self.northing.len,
             self.easting.len,
             self.crs.code()
@@ -87,7 +87,8 @@ impl Projected {
     /// The border's nodes.
     fn outline(&self) -> Vec<(f64, f64)> {
         let (e, n) = (self.easting.coordinates(), self.northing.coordinates());
-        let ends = |axis: &[f64]| [axis.first().copied(), axis.last().copied()].into_iter().flatten().collect::<Vec<_>>();
+        let ends =
+            |axis: &[f64]| [axis.first().copied(), axis.last().copied()].into_iter().flatten().collect::<Vec<_>>();
         let along = e.iter().flat_map(|e| ends(&n).into_iter().map(|n| (*e, n)));
         let across = n.iter().flat_map(|n| ends(&e).into_iter().map(|e| (e, *n)));
         along.chain(across).collect()
