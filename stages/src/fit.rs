@@ -280,14 +280,13 @@ fn shares(batch: &RecordBatch, key: &Matrix, features: &Features, runs: &[Range<
         filter_matrix(filter, &mut y, count, &packed, ConstantColumns::Filter).map_err(data)?;
     }
     let kept: Vec<Range<usize>> = packed.iter().map(|r| r.start + key.trim..r.end - key.trim).collect();
-    let mut factors: Vec<QrAccumulator> = targets.iter().map(|_| QrAccumulator::new(width, 1)).collect();
-    for (i, factor) in factors.iter_mut().enumerate() {
-        for run in &kept {
-            let target: Vec<f64> = y[run.start * count..run.end * count].iter().skip(i).step_by(count).copied().collect();
-            factor.push(&a[run.start * width..run.end * width], &[&target]).map_err(data)?;
-        }
+    let columns: Vec<Vec<f64>> = (0..count).map(|i| y.iter().skip(i).step_by(count).copied().collect()).collect();
+    let mut factor = QrAccumulator::new(width, count);
+    for run in kept {
+        let targets: Vec<&[f64]> = columns.iter().map(|c| &c[run.clone()]).collect();
+        factor.push(&a[run.start * width..run.end * width], &targets).map_err(data)?;
     }
-    Ok(factors)
+    Ok((0..count).map(|i| factor.select(&[i])).collect())
 }
 
 /// The fits of one target, for all lambdas that are asked for.

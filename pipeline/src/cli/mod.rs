@@ -78,6 +78,14 @@ enum Command {
         #[arg(long)]
         markdown: bool,
     },
+    /// Write what a run found as one page of tables and plots.
+    Report {
+        #[command(flatten)]
+        spec: SpecArgs,
+        /// The HTML file it is written to.
+        #[arg(short, long)]
+        output: PathBuf,
+    },
     /// Simulate flights with known truth.
     Synth {
         /// The simulation's spec.
@@ -148,6 +156,7 @@ pub fn main() -> ExitCode {
         }
         Command::Lineage { table, store, format } => views::lineage(&store, &table, format).map_err(Stop::from).and_then(say),
         Command::Stages { name, markdown } => stages(name.as_deref(), markdown),
+        Command::Report { spec, output } => report(&spec, &output),
         Command::Synth { spec, to } => synth(&spec, &to),
     };
     match done {
@@ -200,6 +209,15 @@ fn with_graph(args: &SpecArgs, view: impl Fn(&Graph, &Store) -> Result<String, S
     let graph = Graph::new(&plan, &store, &|name, done, all| bar.show(name, done, all))?;
     bar.clear();
     say(view(&graph, &store)?)
+}
+
+fn report(args: &SpecArgs, output: &std::path::Path) -> Result<(), Stop> {
+    // Looked at before anything is opened: a report makes no store.
+    views::report::was_run(&read_spec(&args.spec, &args.sets)?)?;
+    with_graph(args, |graph, store| {
+        views::report::write(output, &views::report::report(graph, store)?)?;
+        Ok(format!("{}\n", output.display()))
+    })
 }
 
 fn stages(name: Option<&str>, markdown: bool) -> Result<(), Stop> {

@@ -114,10 +114,13 @@ pub fn args_at(args: &Args, point: &Point) -> Args {
     args.iter().map(|(k, g)| (k.clone(), Given { value: put_in(&g.value, point), ..g.clone() })).collect()
 }
 
-/// The part of a point that concerns `axes`.
-pub fn project(point: &Point, axes: &[usize], all: &[Axis]) -> Point {
-    let names = axes.iter().filter_map(|i| all.get(*i)).map(|a| &a.name);
-    names.filter_map(|n| point.get(n).map(|v| (n.clone(), v.clone()))).collect()
+/// Where, among the points over `axes`, the one lies that agrees with `point`.
+pub fn position(point: &Point, axes: &[usize], all: &[Axis]) -> Option<usize> {
+    axes.iter().try_fold(0, |at, i| {
+        let axis = all.get(*i)?;
+        let value = point.get(&axis.name)?;
+        Some(at * axis.values.len() + axis.values.iter().position(|v| v == value)?)
+    })
 }
 
 #[cfg(test)]

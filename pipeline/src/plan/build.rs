@@ -1,12 +1,15 @@
 //! From spec to plan.
 
-use std::{collections::BTreeMap, sync::Arc};
+use std::{
+    collections::{BTreeMap, HashMap},
+    sync::Arc,
+};
 
 use schemas::{Args, Column, Entry, Fault, Given, Grain, InputDecl, InputKind, Literal, Passes, Shape, Table, Yield};
 
 use super::{
     Instance, Plan, Point, Ref, TableNode,
-    axes::{args_at, mentioned, points, project, put_in, spelt_in},
+    axes::{args_at, mentioned, points, position, put_in, spelt_in},
 };
 use crate::{
     predicate::Predicate,
@@ -19,7 +22,7 @@ const MOST_POINTS: usize = 1_000_000;
 
 /// See [`Plan::new`].
 pub fn build(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
-    let mut builder = Builder { spec: &spec, catalogue, faults: vec![], flights: vec![], maps: vec![], sources: BTreeMap::new(), tables: vec![], broken: vec![], notes: vec![] };
+    let mut builder = Builder { spec: &spec, catalogue, faults: vec![], flights: vec![], maps: vec![], sources: BTreeMap::new(), tables: vec![], broken: vec![], notes: vec![], predicates: HashMap::new() };
     builder.names();
     for i in builder.order() {
         let decl = &builder.spec.stages[i];
@@ -50,6 +53,8 @@ struct Builder<'a> {
     /// Stages already found wrong; what rests on them is not judged.
     broken: Vec<String>,
     notes: Vec<String>,
+    /// Predicates already read, by text and input: most points of a sweep share one.
+    predicates: HashMap<(String, Option<Ref>), Predicate>,
 }
 
 impl Builder<'_> {
@@ -253,8 +258,7 @@ impl Builder<'_> {
         let spec = self.spec;
         if let Some(t) = self.tables.iter().position(|t| t.name == name) {
             let node = &self.tables[t];
-            let part = project(point, &node.axes, &spec.axes);
-            let i = node.instances.iter().position(|i| i.point == part)?;
+            let i = position(point, &node.axes, &spec.axes)?;
             let table = &node.instances[i].table;
             let fits = match table {
                 Table::Lines(_) => matches!(input.kind, InputKind::Lines | InputKind::ManyLines) && !node.is_tidy(),
@@ -313,14 +317,19 @@ impl Builder<'_> {
         }
     }
 
-    fn predicate(&self, decl: &StageDecl, entry: &Entry, point: &Point, inputs: &[Ref]) -> Result<Option<Predicate>, Fault> {
+    fn predicate(&mut self, decl: &StageDecl, entry: &Entry, point: &Point, inputs: &[Ref]) -> Result<Option<Predicate>, Fault> {
         let Some((text, at)) = &decl.predicate else { return Ok(None) };
+        let key = (spelt_in(text, point), inputs.first().copied());
+        if let Some(known) = self.predicates.get(&key) {
+            return Ok(Some(known.clone()));
+        }
         let shape = inputs.first().map(|r| self.table(*r).shape().clone()).unwrap_or_default();
-        let predicate = Predicate::new(&spelt_in(text, point), &shape).map_err(|f| f.at(at.clone()))?;
+        let predicate = Predicate::new(&key.0, &shape).map_err(|f| f.at(at.clone()))?;
         if entry.grain == Grain::Line && !predicate.is_of_lines() {
             let what = format!("`{}` works on whole lines, so its `where` may only name `flight` and `line`", entry.name);
             return Err(Fault::new(what).at(at.clone()));
         }
+        self.predicates.insert(key, predicate.clone());
         Ok(Some(predicate))
     }
 }

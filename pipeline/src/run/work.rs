@@ -114,7 +114,12 @@ impl<'a> Worker<'a> {
             });
         }
         let keep = match (&it.predicate, it.inputs.first()) {
-            (Some(p), Some(r)) if !p.is_of_lines() => p.rows(&held.batch(*r, line, &p.columns)?)?,
+            (Some(p), Some(r)) if !p.is_of_lines() => {
+                let batch = held.batch(*r, line, &p.columns)?;
+                // SQL: what is asked of a column that is not there is unknown, so no row is selected.
+                let whole = batch.num_columns() == p.columns.len();
+                if whole { p.rows(&batch)? } else { Some(vec![false; inputs[0].num_rows()]) }
+            }
             _ => None,
         };
         Ok(LineIn { flight, line: name, inputs, keep, prepared: self.prepare(unit)? })

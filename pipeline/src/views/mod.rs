@@ -4,6 +4,7 @@ mod explain;
 mod lineage;
 mod record;
 mod reference;
+pub mod report;
 pub mod sql;
 pub mod scores;
 mod why;

@@ -6,10 +6,11 @@ use polars::prelude::{Column, DataFrame, DataType, GroupsIndicator, ParquetReade
 use schemas::Fault;
 
 /// The metrics worth a column, in their order.
-const SHOWN: [&str; 9] = [
+const SHOWN: [&str; 10] = [
     "std_uncompensated",
     "std_error",
     "improvement_ratio",
+    "improvement_ratio_band",
     "snr",
     "figure_of_merit_crossings",
     "ins_drms",
@@ -78,7 +79,8 @@ fn gather(groups: &DataFrame, pooled: &[Option<f64>], axes: &[String], lines: us
     };
     let keys = axes.iter().map(|a| text(a)).collect::<Result<Vec<_>, _>>()?;
     let (names, units) = (text("metric")?, text("unit")?);
-    let present = SHOWN.iter().filter_map(|m| names.iter().position(|n| n == m).map(|i| ((*m).to_owned(), units[i].clone())));
+    let has_value = |m: &str| (0..names.len()).find(|i| names[*i] == m && pooled.get(*i).copied().flatten().is_some());
+    let present = SHOWN.iter().filter_map(|m| has_value(m).map(|i| ((*m).to_owned(), units[i].clone())));
     let metrics: Vec<(String, String)> = present.collect();
     let mut rows: Vec<(Vec<String>, Vec<Option<f64>>)> = vec![];
     for i in 0..groups.height() {

@@ -98,7 +98,7 @@ pub struct QrAccumulator {
 impl QrAccumulator {
     /// An empty factor of `terms` columns of A and `targets` columns of Y.
     pub fn new(terms: usize, targets: usize) -> Self {
-        let triangle = Triangle::new(1 + terms + targets);
+        let triangle = Triangle::new(1 + terms, targets);
         let mut row = vec![0.0; triangle.padded()];
         row[0] = 1.0;
         Self {
@@ -172,12 +172,23 @@ impl QrAccumulator {
         expect("the other factor's terms", other.terms, self.terms)?;
         other.triangle.flush();
         let width = self.width();
+        self.triangle.add_squares(other.triangle.squares());
         for row in other.triangle.upper().chunks_exact(width) {
             self.triangle.push(row);
         }
         self.triangle.flush();
         self.rows += other.rows;
         Ok(())
+    }
+
+    /// The factor of [1 | A | y] for the targets `chosen` alone, to the last bit what it would be had the others never
+    /// been there. A target that is not there is left out.
+    pub fn select(&self, chosen: &[usize]) -> Self {
+        let chosen: Vec<usize> = chosen.iter().copied().filter(|c| *c < self.targets).collect();
+        let mut out = Self::new(self.terms, chosen.len());
+        out.triangle = self.triangle.clone().select(&chosen);
+        out.rows = self.rows;
+        out
     }
 
     /// How many rows have been folded in.
@@ -225,20 +236,26 @@ impl QrAccumulator {
             return Err(LeastSquaresError::NoRows);
         }
         let width = self.width();
-        let upper = self.triangle.clone().upper();
+        let mut triangle = self.triangle.clone();
+        triangle.flush();
+        let unexplained = triangle.squares().to_vec();
+        let upper = triangle.upper();
         let means: Vec<f64> = upper[1..width].iter().map(|sum| sum / upper[0]).collect();
         // Below its first row and column, the factor of [1 | A | Y] is that of the centred [A | Y].
         let skipped = usize::from(centred);
-        let mut factor = Triangle::new(width - 1);
+        let mut factor = Triangle::new(self.terms, self.targets);
+        factor.add_squares(&unexplained);
         for row in upper.chunks_exact(width).skip(skipped) {
             factor.push(&row[1..]);
         }
+        factor.flush();
         let names = names.iter().map(|name| name.as_ref().to_owned()).collect();
         ridge::solve(
             ridge::Factor {
                 rows: self.rows,
                 terms: self.terms,
                 targets: self.targets,
+                unexplained: factor.squares().to_vec(),
                 upper: factor.upper(),
                 means,
                 centred,

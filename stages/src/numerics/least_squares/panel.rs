@@ -21,10 +21,14 @@ const ZERO: Lanes = Lanes([0.0; LANES]);
 #[derive(Debug, Clone)]
 pub(super) struct Triangle {
     width: usize,
+    /// How many columns are eliminated; those behind them are only carried along.
+    pivots: usize,
+    /// What the eliminated columns leave of each of the others: the sum of squares.
+    squares: Vec<f64>,
     /// `blocks` times [`PANEL`] rows of eight columns.
     panel: Vec<Lanes>,
     filled: usize,
-    /// `width` rows of `blocks` times eight columns.
+    /// `pivots` rows of `blocks` times eight columns.
     r: Vec<Lanes>,
     reflector: Vec<f64>,
     next_reflector: Vec<f64>,
@@ -33,14 +37,19 @@ pub(super) struct Triangle {
 }
 
 impl Triangle {
-    /// The triangle of a matrix of `width` columns and no rows.
-    pub(super) fn new(width: usize) -> Self {
+    /// The triangle of a matrix of `pivots` columns, with `carried` more beside them, and no rows.
+    ///
+    /// What comes of a carried column does not depend, to the last bit, on the others.
+    pub(super) fn new(pivots: usize, carried: usize) -> Self {
+        let width = pivots + carried;
         let blocks = width.div_ceil(LANES);
         Self {
             width,
+            pivots,
+            squares: vec![0.0; carried],
             panel: vec![ZERO; blocks * PANEL],
             filled: 0,
-            r: vec![ZERO; blocks * width],
+            r: vec![ZERO; blocks * pivots],
             reflector: vec![0.0; PANEL],
             next_reflector: vec![0.0; PANEL],
             dots: vec![ZERO; blocks],
@@ -77,11 +86,37 @@ impl Triangle {
         }
     }
 
-    /// The triangle, row-major `width` by `width`, zeros below the diagonal.
+    /// What is left of each carried column.
+    pub(super) fn squares(&self) -> &[f64] {
+        &self.squares
+    }
+
+    /// Adds to what is left of the carried columns.
+    pub(super) fn add_squares(&mut self, squares: &[f64]) {
+        self.squares.iter_mut().zip(squares).for_each(|(sum, more)| *sum += more);
+    }
+
+    /// The same with only those carried columns that `chosen` names, in that order.
+    pub(super) fn select(mut self, chosen: &[usize]) -> Self {
+        self.flush();
+        let mut out = Self::new(self.pivots, chosen.len());
+        let (from, to) = (self.dots.len(), out.dots.len());
+        let columns: Vec<usize> = (0..self.pivots).chain(chosen.iter().map(|c| self.pivots + c)).collect();
+        for row in 0..self.pivots {
+            for (k, &column) in columns.iter().enumerate() {
+                let value = self.r[row * from + column / LANES].0[column % LANES];
+                out.r[row * to + k / LANES].0[k % LANES] = value;
+            }
+        }
+        out.squares = chosen.iter().map(|&c| self.squares[c]).collect();
+        out
+    }
+
+    /// The triangle and what it carries, row-major `pivots` by `width`, zeros below the diagonal.
     pub(super) fn upper(mut self) -> Vec<f64> {
         self.flush();
         let blocks = self.dots.len();
-        let mut out = Vec::with_capacity(self.width * self.width);
+        let mut out = Vec::with_capacity(self.pivots * self.width);
         for (j, row) in self.r.chunks_exact(blocks).enumerate() {
             let row = row.iter().flat_map(|lanes| lanes.0).take(self.width);
             out.extend(
@@ -103,11 +138,17 @@ impl pulp::NullaryFnOnce for Eliminate<'_> {
     fn call(self) {
         let triangle = self.0;
         first_dots(triangle);
-        for column in 0..triangle.width {
+        for column in 0..triangle.pivots {
             reflect_top(triangle, column);
             if column + 1 < triangle.width {
                 reflect_panel(triangle, column);
             }
+        }
+        for carried in 0..triangle.squares.len() {
+            let column = triangle.pivots + carried;
+            let (from, lane) = (column / LANES * PANEL, column % LANES);
+            let rows = &triangle.panel[from..from + triangle.filled];
+            triangle.squares[carried] += rows.iter().map(|row| row.0[lane] * row.0[lane]).sum::<f64>();
         }
     }
 }

@@ -18,6 +18,8 @@ pub(super) struct Factor {
     pub(super) terms: usize,
     pub(super) targets: usize,
     pub(super) upper: Vec<f64>,
+    /// What no coefficients can explain of each target: the sum of squares off the terms' columns.
+    pub(super) unexplained: Vec<f64>,
     pub(super) means: Vec<f64>,
     pub(super) centred: bool,
 }
@@ -25,13 +27,6 @@ pub(super) struct Factor {
 impl Factor {
     fn at(&self, row: usize, column: usize) -> f64 {
         self.upper[row * (self.terms + self.targets) + column]
-    }
-
-    /// What no coefficients can explain of a target: the sum of squares off the terms' columns.
-    fn unexplained(&self, target: usize) -> f64 {
-        let column = self.terms + target;
-        let rows = self.terms..=column;
-        rows.map(|row| self.at(row, column).powi(2)).sum()
     }
 }
 
@@ -204,7 +199,7 @@ fn solution(
         let coefficient = |i: usize| (0..p).map(|k| svd.v[(i, k)] * scaled[k]).sum::<f64>();
         let coefficients: Vec<f64> = (0..p).map(coefficient).collect();
         let given_up = |k: usize| (projection[k] - svd.s[k] * scaled[k]).powi(2);
-        let squares = factor.unexplained(target) + (0..p).map(given_up).sum::<f64>();
+        let squares = factor.unexplained[target] + (0..p).map(given_up).sum::<f64>();
         let explained: f64 = coefficients
             .iter()
             .zip(&factor.means)

@@ -1,0 +1,176 @@
+//! The pooled scores of one table, and which of their points is best.
+
+use schemas::{Fault, Literal};
+
+use super::source::Source;
+use crate::views::scores::{self, Scores};
+
+/// Which values of a metric are good.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Better {
+    /// Small ones.
+    Lower,
+    /// Large ones.
+    Higher,
+    /// Those near a target, by ratio.
+    Near(f64),
+    /// It describes the data, not the answer.
+    Neither,
+}
+
+/// Which values of `metric` are good.
+pub fn better(metric: &str) -> Better {
+    match metric {
+        "std_error" | "figure_of_merit_crossings" | "drms" => Better::Lower,
+        "improvement_ratio" | "snr" => Better::Higher,
+        "nees" => Better::Near(2.0),
+        "nis" => Better::Near(1.0),
+        _ => Better::Neither,
+    }
+}
+
+/// The metrics that points are ranked by, the most telling first.
+const RANKING: [&str; 5] = ["drms", "std_error", "improvement_ratio", "figure_of_merit_crossings", "nis"];
+
+impl Better {
+    /// A cost that is smaller for the better of two values; `None` where there is no better.
+    pub fn cost(self, value: f64) -> Option<f64> {
+        let cost = match self {
+            Better::Lower => value,
+            Better::Higher => -value,
+            Better::Near(target) => (value / target).ln().abs(),
+            Better::Neither => return None,
+        };
+        cost.is_finite().then_some(cost)
+    }
+}
+
+/// The pooled scores of one score table.
+pub struct Board {
+    /// The table, as a position in the plan.
+    pub table: usize,
+    /// Its scores.
+    pub scores: Scores,
+    /// The instance behind each row.
+    pub instances: Vec<usize>,
+}
+
+impl Board {
+    /// The boards of all score tables that were published.
+    ///
+    /// # Errors
+    /// When one cannot be read.
+    pub fn all(source: &Source) -> Result<Vec<Board>, Fault> {
+        let plan = source.graph.plan;
+        let mut found = vec![];
+        for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "score") {
+            let folder = source.store.table(&plan.spec.name, &node.name);
+            if !folder.join("part-0.parquet").is_file() {
+                continue;
+            }
+            let axes: Vec<String> = node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
+            let board = Board::new(source, table, scores::scores(&folder, &axes)?);
+            if !board.scores.rows.is_empty() {
+                found.push(board);
+            }
+        }
+        Ok(found)
+    }
+
+    /// Keeps the rows whose point this spec still has, spelt as the spec does, in the order of the sweep.
+    fn new(source: &Source, table: usize, mut scores: Scores) -> Board {
+        let plan = source.graph.plan;
+        let node = &plan.tables[table];
+        let mut kept = vec![];
+        for (i, it) in node.instances.iter().enumerate() {
+            let point: Vec<&Literal> = node.axis_columns(it, &plan.spec).into_iter().map(|(_, v)| v).collect();
+            let same = |key: &[String]| key.iter().zip(&point).all(|(text, value)| is_value(text, value));
+            if let Some((_, values)) = scores.rows.iter().find(|(key, _)| key.len() == point.len() && same(key)) {
+                kept.push((i, (point.iter().map(ToString::to_string).collect(), values.clone())));
+            }
+        }
+        let (instances, rows) = kept.into_iter().unzip();
+        scores.rows = rows;
+        Board { table, scores, instances }
+    }
+
+    /// The position of a metric.
+    pub fn metric(&self, name: &str) -> Option<usize> {
+        self.scores.metrics.iter().position(|(m, _)| m == name)
+    }
+
+    /// The metric that ranks the points: the first of the usual ones that has a value.
+    pub fn headline(&self) -> Option<usize> {
+        let has = |m: &usize| self.scores.rows.iter().any(|(_, v)| v.get(*m).copied().flatten().is_some());
+        RANKING.iter().filter_map(|m| self.metric(m)).find(has)
+    }
+
+    /// The rows by a metric, best first; those without a value are left out.
+    pub fn ranked(&self, metric: usize) -> Vec<usize> {
+        let Some((name, _)) = self.scores.metrics.get(metric) else { return vec![] };
+        let cost = |r: usize| self.value(r, metric).and_then(|v| better(name).cost(v)).map(|c| (c, r));
+        let mut all: Vec<(f64, usize)> = (0..self.scores.rows.len()).filter_map(cost).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        all.into_iter().map(|(_, r)| r).collect()
+    }
+
+    /// The value of a metric at a row.
+    pub fn value(&self, row: usize, metric: usize) -> Option<f64> {
+        self.scores.rows.get(row).and_then(|(_, v)| v.get(metric).copied().flatten())
+    }
+
+    /// The point of a row in words; empty for a pipeline without axes.
+    pub fn point(&self, row: usize) -> String {
+        let key = self.scores.rows.get(row).map(|(k, _)| k.as_slice()).unwrap_or_default();
+        let words = self.scores.axes.iter().zip(key).map(|(a, v)| format!("{a} = {v}"));
+        words.collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// Whether a text that another program made of an axis value means `value`: `0.0` and `0` are one number.
+fn is_value(text: &str, value: &Literal) -> bool {
+    let spelt = value.to_string();
+    match value {
+        Literal::Int(_) | Literal::Float(_) => text == spelt || text.parse::<f64>().ok() == spelt.parse().ok(),
+        _ => text == spelt,
+    }
+}
+
+#[cfg(test)]
+pub mod tests {
+    use super::*;
+
+    /// A board of two axes, for the tests of what is made of it.
+    pub fn example() -> Board {
+        let row = |a: &str, b: &str, v: [f64; 3]| (vec![a.to_owned(), b.to_owned()], v.map(|x| x.is_finite().then_some(x)).to_vec());
+        let metrics = [("std_error", "nT"), ("drms", "m"), ("nees", "1")].map(|(m, u)| (m.to_owned(), u.to_owned())).to_vec();
+        let rows = vec![
+            row("mag_2_uc", "0", [5.0, 90.0, 9.0]),
+            row("mag_2_uc", "0.025", [4.0, 12.0, 2.5]),
+            row("mag_3_uc", "0", [3.0, f64::NAN, f64::NAN]),
+            row("mag_3_uc", "0.025", [7.0, 30.0, 0.2]),
+        ];
+        let axes = vec!["mag".to_owned(), "lambda".to_owned()];
+        Board { table: 0, scores: Scores { axes, metrics, rows, lines: 6 }, instances: vec![0, 1, 2, 3] }
+    }
+
+    #[test]
+    fn law_the_best_point_has_the_least_cost() {
+        let board = example();
+        assert_eq!(board.headline(), Some(1));
+        assert_eq!(board.ranked(1), [1, 3, 0]);
+        assert_eq!(board.ranked(0), [2, 1, 0, 3]);
+        // 2.5 is nearer to 2 than 9 and 0.2 are.
+        assert_eq!(board.ranked(2), [1, 0, 3]);
+        assert_eq!(board.point(1), "mag = mag_2_uc, lambda = 0.025");
+    }
+
+    #[test]
+    fn law_a_number_is_known_in_every_spelling() {
+        assert!(is_value("0.0", &Literal::Float(0.0)) && is_value("1e-3", &Literal::Float(0.001)));
+        assert!(is_value("true", &Literal::Bool(true)) && !is_value("0.02", &Literal::Float(0.025)));
+        assert!(!is_value("1.0", &Literal::Text("1".into())));
+        assert_eq!(better("ins_drms").cost(1.0), None);
+        assert_eq!(Better::Lower.cost(f64::NAN), None);
+    }
+}

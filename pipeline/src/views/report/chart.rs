@@ -1,0 +1,304 @@
+//! One plot: lines and bands over two axes, as SVG.
+
+use maud::{Markup, html};
+
+use super::ticks::{self, Tick};
+
+const WIDTH: f64 = 940.0;
+const LEFT: f64 = 64.0;
+const RIGHT: f64 = 14.0;
+const TOP: f64 = 8.0;
+const BOTTOM: f64 = 40.0;
+
+/// One axis of a plot.
+#[derive(Clone, Debug, Default)]
+pub struct Dim {
+    /// Quantity and unit.
+    pub label: String,
+    /// Whether it is logarithmic.
+    pub log: bool,
+    /// Its ends, where the data shall not choose them.
+    pub range: Option<(f64, f64)>,
+}
+
+impl Dim {
+    /// An even axis.
+    pub fn new(label: impl Into<String>) -> Dim {
+        Dim { label: label.into(), ..Dim::default() }
+    }
+
+    /// The same, logarithmic.
+    pub fn log(self) -> Dim {
+        Dim { log: true, ..self }
+    }
+}
+
+/// A line through points; a NaN breaks it.
+#[derive(Clone, Debug)]
+pub struct Line {
+    /// What it is.
+    pub name: String,
+    /// Its class in the style sheet, which gives the colour.
+    pub class: &'static str,
+    /// Its points.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// The area between two curves.
+#[derive(Clone, Debug)]
+pub struct Band {
+    /// What it is.
+    pub name: String,
+    /// Place, lower and upper end.
+    pub points: Vec<(f64, f64, f64)>,
+}
+
+/// A plot.
+#[derive(Clone, Debug, Default)]
+pub struct Chart {
+    /// What it shows.
+    pub title: String,
+    /// What is to be seen in it.
+    pub caption: String,
+    /// The horizontal axis.
+    pub x: Dim,
+    /// The vertical axis.
+    pub y: Dim,
+    /// Areas, below the lines.
+    pub bands: Vec<Band>,
+    /// The lines, the first at the bottom.
+    pub lines: Vec<Line>,
+    /// Values to compare with: name and height.
+    pub levels: Vec<(String, f64)>,
+    /// A stretch of the horizontal axis to mark.
+    pub stretch: Option<(String, f64, f64)>,
+    /// Height of the picture.
+    pub height: f64,
+}
+
+/// An axis as it lies on the picture.
+struct Side {
+    low: f64,
+    high: f64,
+    log: bool,
+    from_px: f64,
+    to_px: f64,
+}
+
+impl Side {
+    fn at(&self, value: f64) -> f64 {
+        let part = if self.log {
+            (value / self.low).ln() / (self.high / self.low).ln()
+        } else {
+            (value - self.low) / (self.high - self.low)
+        };
+        // What is far outside is cut off by the frame anyway; huge coordinates upset some viewers.
+        self.from_px + part.clamp(-2.0, 3.0) * (self.to_px - self.from_px)
+    }
+
+    fn ticks(&self, most: usize) -> Vec<Tick> {
+        if self.log { ticks::logarithmic(self.low, self.high) } else { ticks::linear(self.low, self.high, most) }
+    }
+}
+
+impl Chart {
+    /// The plot with title, legend and caption; `None` where there is nothing to draw.
+    pub fn draw(&self) -> Option<Markup> {
+        let (x, y) = (self.side(&self.x, true)?, self.side(&self.y, false)?);
+        let label = format!("{}: {} over {}", self.title, self.y.label, self.x.label);
+        Some(html! {
+            figure {
+                h4 { (self.title) }
+                (self.legend())
+                svg viewBox=(format!("0 0 {WIDTH} {}", self.height)) role="img" aria-label=(label) {
+                    (self.grid(&x, &y))
+                    svg x=(LEFT) y=(TOP) width=(WIDTH - LEFT - RIGHT) height=(self.height - TOP - BOTTOM)
+                        viewBox=(format!("{LEFT} {TOP} {} {}", WIDTH - LEFT - RIGHT, self.height - TOP - BOTTOM)) {
+                        (self.inside(&x, &y))
+                    }
+                    rect class="frame" x=(LEFT) y=(TOP) width=(WIDTH - LEFT - RIGHT) height=(self.height - TOP - BOTTOM) {}
+                }
+                figcaption { (self.caption) }
+            }
+        })
+    }
+
+    fn side(&self, dim: &Dim, across: bool) -> Option<Side> {
+        let (from_px, to_px) = if across { (LEFT, WIDTH - RIGHT) } else { (self.height - BOTTOM, TOP) };
+        let side = |low, high| Side { low, high, log: dim.log, from_px, to_px };
+        if let Some((low, high)) = dim.range {
+            return (low < high).then(|| side(low, high));
+        }
+        let of_lines = self.lines.iter().flat_map(|l| l.points.iter()).map(|p| if across { p.0 } else { p.1 });
+        let of_bands = self.bands.iter().flat_map(|b| b.points.iter()).flat_map(|p| if across { [p.0; 2] } else { [p.1, p.2] });
+        let of_levels = self.levels.iter().filter(|_| !across).map(|l| l.1);
+        let usable = |v: &f64| v.is_finite() && (!dim.log || *v > 0.0);
+        let ends = of_lines.chain(of_bands).chain(of_levels).filter(usable);
+        let (low, high) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        if low > high {
+            return None;
+        }
+        let (low, high) = padded(low, high, dim.log, if across { 0.0 } else { 0.05 });
+        Some(side(low, high))
+    }
+
+    fn legend(&self) -> Markup {
+        html! {
+            p.legend {
+                @for line in &self.lines { @if !line.name.is_empty() { span { i class=(format!("key {}", line.class)) {} (line.name) } } }
+                @for band in &self.bands { span { i class="key area" {} (band.name) } }
+                @for (name, _) in self.levels.iter().filter(|l| !l.0.is_empty()) { span { i class="key level" {} (name) } }
+                @if let Some((name, ..)) = &self.stretch { span { i class="key stretch" {} (name) } }
+            }
+        }
+    }
+
+    fn grid(&self, x: &Side, y: &Side) -> Markup {
+        let (bottom, right) = (self.height - BOTTOM, WIDTH - RIGHT);
+        let middle = 0.5 * (TOP + bottom);
+        html! {
+            @for tick in x.ticks(9) {
+                @let at = px(x.at(tick.at));
+                line.grid x1=(at) x2=(at) y1=(TOP) y2=(bottom) {}
+                text.tick x=(at) y=(bottom + 16.0) text-anchor="middle" { (tick.label) }
+            }
+            @for tick in y.ticks(6) {
+                @let at = y.at(tick.at);
+                line.grid x1=(LEFT) x2=(right) y1=(px(at)) y2=(px(at)) {}
+                text.tick x=(LEFT - 7.0) y=(px(at + 4.0)) text-anchor="end" { (tick.label) }
+            }
+            text.name x=(px(0.5 * (LEFT + right))) y=(self.height - 5.0) text-anchor="middle" { (self.x.label) }
+            text.name transform=(format!("translate(13 {}) rotate(-90)", px(middle))) text-anchor="middle" { (self.y.label) }
+        }
+    }
+
+    fn inside(&self, x: &Side, y: &Side) -> Markup {
+        html! {
+            @if let Some((_, from, to)) = &self.stretch {
+                rect.stretch x=(px(x.at(*from))) width=(px(x.at(*to) - x.at(*from))) y=(TOP) height=(self.height - TOP - BOTTOM) {}
+            }
+            @for band in &self.bands { path.area d=(area(band, x, y)) {} }
+            @if !y.log && y.low < 0.0 && y.high > 0.0 {
+                line.zero x1=(LEFT) x2=(WIDTH - RIGHT) y1=(px(y.at(0.0))) y2=(px(y.at(0.0))) {}
+            }
+            @for (_, height) in &self.levels {
+                line.level x1=(LEFT) x2=(WIDTH - RIGHT) y1=(px(y.at(*height))) y2=(px(y.at(*height))) {}
+            }
+            @for line in &self.lines {
+                path class=(format!("line {}", line.class)) d=(path(line.points.iter().map(|p| spot(x, y, p.0, p.1)))) {}
+            }
+        }
+    }
+}
+
+/// The ends of an axis, with a margin, and never both the same.
+fn padded(low: f64, high: f64, log: bool, margin: f64) -> (f64, f64) {
+    if log {
+        let factor = (high / low).powf(margin).max(1.0 + 1e-6);
+        return (low / factor, high * factor);
+    }
+    let span = high - low;
+    if span <= 1e-12 * high.abs().max(low.abs()) {
+        let around = if high == 0.0 { 1.0 } else { 0.1 * high.abs() };
+        return (low - around, high + around);
+    }
+    (low - margin * span, high + margin * span)
+}
+
+/// A place on the picture; `None` where it has none.
+fn spot(x: &Side, y: &Side, at: f64, value: f64) -> Option<(f64, f64)> {
+    let there = at.is_finite() && value.is_finite() && !(x.log && at <= 0.0) && !(y.log && value <= 0.0);
+    there.then(|| (x.at(at), y.at(value)))
+}
+
+/// A length on the picture, to a tenth of its unit.
+pub fn px(value: f64) -> String {
+    let text = format!("{value:.1}");
+    let short = text.strip_suffix(".0").unwrap_or(&text);
+    if short == "-0" { "0".to_owned() } else { short.to_owned() }
+}
+
+/// The path through `spots`, broken where one is missing.
+pub fn path(spots: impl Iterator<Item = Option<(f64, f64)>>) -> String {
+    let mut out = String::new();
+    let mut pen = 'M';
+    for spot in spots {
+        let Some((x, y)) = spot else {
+            pen = 'M';
+            continue;
+        };
+        out.push(pen);
+        out.push_str(&px(x));
+        out.push(' ');
+        out.push_str(&px(y));
+        pen = 'L';
+    }
+    out
+}
+
+/// The outline of a band: one closed shape for each stretch without a gap.
+fn area(band: &Band, x: &Side, y: &Side) -> String {
+    let whole = |p: &(f64, f64, f64)| Some((spot(x, y, p.0, p.1)?, spot(x, y, p.0, p.2)?));
+    let spots: Vec<Option<_>> = band.points.iter().map(whole).collect();
+    let mut out = String::new();
+    for part in spots.split(Option::is_none).filter(|p| p.len() > 1) {
+        let there = part.iter().flatten();
+        let around = there.clone().map(|p| p.0).chain(there.rev().map(|p| p.1));
+        out.push_str(&path(around.map(Some)));
+        out.push('Z');
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn chart(points: Vec<(f64, f64)>) -> Chart {
+        let lines = vec![Line { name: "a & b".into(), class: "after", points }];
+        Chart { x: Dim::new("time, min"), y: Dim::new("error, nT"), lines, height: 240.0, ..Chart::default() }
+    }
+
+    #[test]
+    fn law_a_plot_without_a_finite_value_is_none() {
+        assert!(chart(vec![(0.0, f64::NAN)]).draw().is_none());
+        assert!(chart(vec![]).draw().is_none());
+        let log = Chart { y: Dim::new("density").log(), ..chart(vec![(1.0, 0.0), (2.0, -1.0)]) };
+        assert!(log.draw().is_none());
+    }
+
+    #[test]
+    fn law_a_gap_breaks_the_line_and_text_is_escaped() {
+        let drawn = chart(vec![(0.0, 1.0), (1.0, 2.0), (2.0, f64::NAN), (3.0, 1.0), (4.0, 5.0)]).draw().unwrap().into_string();
+        let d = drawn.split("class=\"line after\" d=\"").nth(1).and_then(|s| s.split('"').next()).unwrap();
+        assert_eq!(d.matches('M').count(), 2);
+        assert_eq!(d.matches('L').count(), 2);
+        assert!(drawn.contains("a &amp; b"));
+    }
+
+    #[test]
+    fn law_one_value_has_an_axis_around_it() {
+        assert_eq!(padded(5.0, 5.0, false, 0.05), (4.5, 5.5));
+        assert_eq!(padded(0.0, 0.0, false, 0.05), (-1.0, 1.0));
+        assert!(chart(vec![(0.0, 3.0), (1.0, 3.0)]).draw().is_some());
+    }
+
+    #[test]
+    fn law_logarithms_are_even() {
+        let side = Side { low: 1.0, high: 100.0, log: true, from_px: 0.0, to_px: 200.0 };
+        assert!((side.at(10.0) - 100.0).abs() < 1e-9);
+        assert_eq!(px(-0.04), "0");
+        assert_eq!(px(12.34), "12.3");
+    }
+
+    #[test]
+    fn law_a_band_is_one_shape_a_stretch() {
+        let side = |to_px| Side { low: 0.0, high: 10.0, log: false, from_px: 0.0, to_px };
+        let nan = f64::NAN;
+        let points = vec![(0.0, 1.0, 2.0), (1.0, 1.0, 2.0), (2.0, nan, nan), (3.0, 0.0, 1.0), (4.0, 0.0, 1.0)];
+        let drawn = area(&Band { name: String::new(), points }, &side(10.0), &side(10.0));
+        assert_eq!(drawn, "M0 1L1 1L1 2L0 2ZM3 0L4 0L4 1L3 1Z");
+    }
+}

@@ -1,0 +1,181 @@
+//! `magline report`: a run as one page of tables and plots that needs nothing but a browser.
+//!
+//! Everything is read column by column and line by line, so that the memory it takes does not grow with the sweep. The
+//! page holds no clock, host or path: the same store and spec give the same bytes.
+
+mod atlas;
+mod board;
+mod chart;
+mod decimate;
+mod errors;
+mod flow;
+mod model;
+mod page;
+mod palette;
+mod raster;
+mod signal;
+mod source;
+mod subject;
+mod table;
+mod ticks;
+mod track;
+
+use std::{fs, path::Path};
+
+use maud::{Markup, html};
+use schemas::Fault;
+
+use crate::{
+    plan::{Graph, Ref},
+    spec::Spec,
+    store::Store,
+};
+use atlas::Atlas;
+use board::Board;
+use source::Source;
+use subject::{Shown, Subject};
+use track::Flown;
+
+/// Says whether `spec` has a store to report on, without making one.
+///
+/// # Errors
+/// When nothing was run there.
+pub fn was_run(spec: &Spec) -> Result<(), Fault> {
+    if spec.store.join("tables").join(&spec.name).is_dir() { Ok(()) } else { Err(not_run(spec)) }
+}
+
+fn not_run(spec: &Spec) -> Fault {
+    let what = format!("there is nothing to report: {} has not been run", spec.file);
+    Fault::new(what).help(format!("run it first: `magline run {}`", spec.file))
+}
+
+/// The report of what `store` holds of the plan, as HTML.
+///
+/// # Errors
+/// When nothing of the plan is there, or the store is damaged.
+pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
+    let source = Source { graph, store };
+    if (0..graph.plan.tables.len()).all(|t| source.present(t).0 == 0) && source.failures()?.is_empty() {
+        return Err(not_run(&graph.plan.spec));
+    }
+    let boards = Board::all(&source)?;
+    let mut sections: Vec<Markup> = boards.iter().map(|b| table::section(&source, b)).collect();
+    let subjects = subject::subjects(&source, &boards);
+    let lines = match subjects.first() {
+        Some(first) => subject::lines(&source, &boards, first)?,
+        None => vec![],
+    };
+    let atlas = atlas(&source, &subjects, &lines)?;
+    for subject in &subjects {
+        sections.extend(detail(&source, subject, &lines, atlas.as_ref())?);
+    }
+    let defs = atlas.as_ref().map_or_else(|| html! {}, Atlas::defs);
+    Ok(page::page(&source, &source.failures()?, defs, &sections))
+}
+
+/// Writes `html` to `path`: beside it first, so that nobody sees half of it.
+///
+/// # Errors
+/// When the file system refuses.
+pub fn write(path: &Path, html: &str) -> Result<(), Fault> {
+    let refused = |e: std::io::Error| Fault::machine(format!("cannot write {}: {e}", path.display()));
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".{}.tmp", std::process::id()));
+    let tmp = path.with_file_name(name);
+    fs::write(&tmp, html).and_then(|()| fs::rename(&tmp, path)).map_err(|e| {
+        let _ = fs::remove_file(&tmp);
+        refused(e)
+    })
+}
+
+/// The map under all lines that are shown.
+fn atlas(source: &Source, subjects: &[Subject], lines: &[Shown]) -> Result<Option<Atlas>, Fault> {
+    let Some((subject, Ref::Stage(t, i))) = subjects.iter().find_map(|s| s.navigate.map(|r| (s, r))) else { return Ok(None) };
+    let mut tracks = vec![];
+    for shown in lines {
+        if let Some(flown) = Flown::read(source, subject, shown.line)? {
+            tracks.push(flown.truth.or(flown.ins).unwrap_or(flown.estimate));
+        }
+    }
+    let inputs = &source.graph.plan.instance(t, i).inputs;
+    let map = inputs.iter().find_map(|r| if let Ref::Map(i) = r { Some(*i) } else { None });
+    Atlas::new(source, map, &tracks)
+}
+
+/// One sweep point: its plots, a panel a line, and its model; `None` where it has neither.
+fn detail(source: &Source, subject: &Subject, lines: &[Shown], atlas: Option<&Atlas>) -> Result<Option<Markup>, Fault> {
+    let mut panels = vec![];
+    for shown in lines {
+        let plots = line(source, subject, shown, atlas)?;
+        if !plots.is_empty() {
+            panels.push((shown, plots));
+        }
+    }
+    let model = model::table(source, subject)?;
+    if panels.is_empty() && model.is_none() {
+        return Ok(None);
+    }
+    Ok(Some(html! {
+        section.detail id=(subject.id) {
+            h2 { (subject.title) }
+            p.lead { @if !subject.point.is_empty() { strong { (subject.point) } ": " } (subject.why) "." }
+            div.panels {
+                @if panels.len() > 1 { div.tabs { @for (shown, _) in &panels { button type="button" { (shown.label) } } } }
+                @for (shown, plots) in &panels {
+                    div.panel { h3 { (shown.label) } @for plot in plots { (plot) } }
+                }
+            }
+            @if let Some(model) = model { (model) }
+        }
+    }))
+}
+
+/// The plots of one line.
+fn line(source: &Source, subject: &Subject, shown: &Shown, atlas: Option<&Atlas>) -> Result<Vec<Markup>, Fault> {
+    let mut plots = signal::plots(source, subject, shown.line)?;
+    if let Some(flown) = Flown::read(source, subject, shown.line)? {
+        plots.extend(atlas.map(|a| a.plots(&flown)));
+        let fates = match subject.navigate {
+            Some(r) => source.tally(r, shown.line, "update")?,
+            None => Default::default(),
+        };
+        plots.extend(errors::plots(&flown, &fates));
+    }
+    Ok(plots)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn law_a_page_replaces_the_old_one_and_leaves_nothing_beside() {
+        let folder = std::env::temp_dir().join(format!("magline-report-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let file = folder.join("a.html");
+        write(&file, "old").unwrap();
+        write(&file, "new").unwrap();
+        assert_eq!(fs::read_to_string(&file).unwrap(), "new");
+        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
+        assert!(write(&folder.join("none").join("a.html"), "x").is_err());
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn gold_without_a_run_there_is_nothing_to_report() {
+        let text = "name = \"a\"\n[[stages]]\nname = \"s\"\nstage = \"score\"\n";
+        let spec = Spec::parse("dir/a.toml", "no-such-folder".into(), text.to_owned()).unwrap();
+        let fault = was_run(&spec).unwrap_err();
+        assert_eq!(fault.what, "there is nothing to report: dir/a.toml has not been run");
+        assert_eq!(fault.help.as_deref(), Some("run it first: `magline run dir/a.toml`"));
+    }
+
+    #[test]
+    fn law_the_page_asks_nobody_for_anything() {
+        for text in [include_str!("style.css"), include_str!("script.js")] {
+            assert!(!["http", "url(", "@import", "fetch(", "XMLHttp", "</"].iter().any(|w| text.contains(w)));
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! The coefficients of a fitted model.
+
+use arrow_array::{Array, RecordBatch, cast::AsArray, types::{Float64Type, Int64Type}};
+use maud::{Markup, html};
+use schemas::Fault;
+
+use super::{source::Source, subject::Subject};
+use crate::{
+    plan::{Ref, Unit},
+    views::scores::number,
+};
+
+/// Beyond this three of the digits of the data are lost to single coefficients.
+const LARGE_CONDITION: f64 = 1000.0;
+
+/// One term of a model.
+#[derive(Clone, Debug, PartialEq)]
+struct Term {
+    name: String,
+    value: f64,
+    sigma: f64,
+}
+
+/// A fitted model.
+struct Model {
+    terms: Vec<Term>,
+    rows: i64,
+    left_out: i64,
+    condition: f64,
+    residual_nt: f64,
+}
+
+/// The model of one sweep point; `None` where there is none.
+///
+/// # Errors
+/// When the store is damaged.
+pub fn table(source: &Source, subject: &Subject) -> Result<Option<Markup>, Fault> {
+    let Some(Ref::Stage(table, instance)) = subject.fit else { return Ok(None) };
+    let columns = ["term", "value", "std", "n", "left_out", "condition", "residual_std"];
+    let batch = source.tidy(Unit { table, instance, line: None }, &columns)?;
+    let name = &source.graph.plan.tables[table].name;
+    Ok(batch.as_ref().and_then(Model::read).map(|m| m.drawn(name)))
+}
+
+impl Model {
+    fn read(batch: &RecordBatch) -> Option<Model> {
+        let floats = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
+        let whole = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Int64Type>());
+        let names = batch.column_by_name("term").and_then(|a| a.as_string_opt::<i32>())?;
+        let (values, sigmas) = (floats("value")?, floats("std")?);
+        let at = |a: &arrow_array::Float64Array, i: usize| if a.is_valid(i) { a.value(i) } else { f64::NAN };
+        let term = |i: usize| Term { name: names.value(i).to_owned(), value: at(values, i), sigma: at(sigmas, i) };
+        let first = |name: &str| floats(name).map_or(f64::NAN, |a| at(a, 0));
+        let count = |name: &str| whole(name).filter(|a| a.is_valid(0)).map_or(0, |a| a.value(0));
+        (batch.num_rows() > 0).then(|| Model {
+            terms: (0..batch.num_rows()).map(term).collect(),
+            rows: count("n"),
+            left_out: count("left_out"),
+            condition: first("condition"),
+            residual_nt: first("residual_std"),
+        })
+    }
+
+    fn drawn(&self, name: &str) -> Markup {
+        let widest = self.terms.iter().map(|t| t.value.abs() + 2.0 * t.sigma).filter(|v| v.is_finite()).fold(0.0, f64::max);
+        html! {
+            div.model {
+                h3 { "Model " (name) }
+                p { (self.rows) " samples were used and " (self.left_out) " left out. What the fit leaves of the filtered target has a standard deviation of "
+                    (number(Some(self.residual_nt))) " nT. The condition number of the matrix is " strong { (number(Some(self.condition))) } ". " (self.verdict()) }
+                div.scroll { table.sortable {
+                    thead { tr {
+                        th scope="col" { button { "term" } }
+                        th.n scope="col" { button { "coefficient [nT]" } }
+                        th.n scope="col" { button { "σ [nT]" } }
+                        th.n scope="col" { button { "|coefficient| / σ" } }
+                        th scope="col" { "coefficient ± 2σ" }
+                    } }
+                    tbody { @for term in &self.terms { tr.faint[term.is_lost()] {
+                        td { (term.name) }
+                        td.n data-v=(term.value) { (number(Some(term.value))) }
+                        td.n data-v=(term.sigma) { (number(Some(term.sigma))) }
+                        td.n data-v=(term.ratio()) { (number(Some(term.ratio()))) }
+                        td { (term.whisker(widest)) }
+                    } } }
+                } }
+                p.note { "Terms within two sigma of zero are written faintly: the flight does not tell them from nothing." }
+            }
+        }
+    }
+
+    fn verdict(&self) -> String {
+        if !self.condition.is_finite() {
+            return "It is not finite: some terms depend on others exactly, and their coefficients mean nothing.".to_owned();
+        }
+        if self.condition < LARGE_CONDITION {
+            return "That is moderate: the flight tells the terms apart.".to_owned();
+        }
+        format!(
+            "That is large: the terms nearly depend on each other, and an error in the data may come out in a single \
+             coefficient up to {} times as large. The sum of the terms may be good all the same. More varied manoeuvres, fewer \
+             terms or a larger lambda help.",
+            number(Some(self.condition))
+        )
+    }
+}
+
+impl Term {
+    fn ratio(&self) -> f64 {
+        self.value.abs() / self.sigma
+    }
+
+    fn is_lost(&self) -> bool {
+        self.ratio() < 2.0
+    }
+
+    fn whisker(&self, widest: f64) -> Markup {
+        let at = |v: f64| 90.0 + 86.0 * (v / widest).clamp(-1.0, 1.0);
+        html! {
+            @if widest > 0.0 && self.value.is_finite() && self.sigma.is_finite() {
+                svg.whisker viewBox="0 0 180 14" aria-hidden="true" {
+                    line.zero x1="90" x2="90" y1="0" y2="14" {}
+                    line.arm x1=(format!("{:.1}", at(self.value - 2.0 * self.sigma))) x2=(format!("{:.1}", at(self.value + 2.0 * self.sigma))) y1="7" y2="7" {}
+                    circle.dot cx=(format!("{:.1}", at(self.value))) cy="7" r="3" {}
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model(condition: f64) -> Model {
+        let term = |name: &str, value, sigma| Term { name: name.to_owned(), value, sigma };
+        let terms = vec![term("permanent_x", 250.0, 2.0), term("eddy_xy", -1.0, 3.0)];
+        Model { terms, rows: 100, left_out: 4, condition, residual_nt: 0.5 }
+    }
+
+    #[test]
+    fn law_a_large_condition_number_is_said_to_be_large() {
+        assert!(model(999.0).verdict().contains("moderate"));
+        assert!(model(25_000.0).verdict().contains("up to 25000 times"));
+        assert!(model(f64::INFINITY).verdict().contains("not finite"));
+    }
+
+    #[test]
+    fn law_what_is_not_told_from_zero_is_faint() {
+        let text = model(10.0).drawn("coefficients").into_string();
+        assert_eq!(text.matches("class=\"faint\"").count(), 1);
+        assert!(text.contains("<td>permanent_x</td>") && text.contains("125.0"), "{text}");
+    }
+}

@@ -1,0 +1,142 @@
+//! The page around the sections: heading, what failed, the plan, style and script.
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use super::{
+    flow,
+    source::{Failed, Source},
+};
+
+/// The most failures listed.
+const MOST: usize = 50;
+
+/// The page.
+pub fn page(source: &Source, failures: &[Failed], defs: Markup, sections: &[Markup]) -> String {
+    let spec = &source.graph.plan.spec;
+    let markup = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                meta name="color-scheme" content="light dark";
+                meta name="generator" content="magline";
+                title { (spec.name) " – magline report" }
+                style { (PreEscaped(include_str!("style.css"))) }
+            }
+            body {
+                (defs)
+                main {
+                    (heading(source))
+                    (trouble(source, failures))
+                    @for section in sections { (section) }
+                    (plan(source))
+                }
+                script { (PreEscaped(include_str!("script.js"))) }
+            }
+        }
+    };
+    markup.into_string()
+}
+
+fn heading(source: &Source) -> Markup {
+    let plan = source.graph.plan;
+    let axes = &plan.spec.axes;
+    let points: usize = axes.iter().map(|a| a.values.len()).product();
+    let mut flights: Vec<&str> = source.graph.lines.iter().map(|l| l.0.as_str()).collect();
+    flights.dedup();
+    let samples: usize = source.graph.records.iter().flat_map(|r| r.values()).map(|r| r.rows).sum();
+    html! {
+        header {
+            h1 { (plan.spec.name) }
+            p.lead { "magline report of " code { (plan.spec.file) } }
+            div.figures {
+                (figure(flights.len(), "flight"))
+                (figure(source.graph.lines.len(), "line"))
+                (figure(samples, "sample"))
+                (figure(points, if axes.is_empty() { "run" } else { "sweep point" }))
+            }
+            @if !axes.is_empty() {
+                dl.axes { @for axis in axes {
+                    dt { (axis.name) }
+                    dd { @for (i, v) in axis.values.iter().enumerate() { @if i > 0 { ", " } (v) } }
+                } }
+            }
+        }
+    }
+}
+
+fn figure(n: usize, what: &str) -> Markup {
+    html! { div { strong { (grouped(n)) } (what) @if n != 1 { "s" } } }
+}
+
+/// A whole number with thin spaces between thousands.
+fn grouped(n: usize) -> String {
+    let digits = n.to_string();
+    let mut out = String::new();
+    for (i, c) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push('\u{202f}');
+        }
+        out.push(c);
+    }
+    out
+}
+
+/// What failed or is not there, where there is something.
+fn trouble(source: &Source, failures: &[Failed]) -> Markup {
+    let plan = source.graph.plan;
+    let missing: Vec<(&str, usize, usize)> = plan
+        .tables
+        .iter()
+        .enumerate()
+        .map(|(t, node)| (node.name.as_str(), source.present(t)))
+        .filter(|(_, (there, all))| there < all)
+        .map(|(name, (there, all))| (name, all - there, all))
+        .collect();
+    let times: usize = failures.iter().map(|f| f.times).sum();
+    html! {
+        @if !failures.is_empty() {
+            section.trouble id="failures" {
+                h2 { (times) " failed" }
+                p { "The rest was computed without them. The table " code { (plan.spec.name) ".failures" } " lists all of them." }
+                div.scroll { table {
+                    thead { tr { th scope="col" { "table" } th scope="col" { "why" } th scope="col" { "first at" } th.n scope="col" { "times" } } }
+                    tbody { @for f in failures.iter().take(MOST) { tr { td { (f.stage) } td { (f.error) } td { (f.example) } td.n { (f.times) } } } }
+                } }
+                @if failures.len() > MOST { p.note { "and " (failures.len() - MOST) " more reasons" } }
+            }
+        }
+        @if !missing.is_empty() {
+            section.trouble id="missing" {
+                h2 { "Not everything is in the store" }
+                p { @for (i, (name, n, all)) in missing.iter().enumerate() { @if i > 0 { ", " } code { (name) } ": " (n) " of " (all) " are missing" }
+                    ". " @if failures.is_empty() { "The spec or its data changed since the last run, or that was interrupted. " code { "magline run" } " computes what is missing." }
+                    @else { "What rests on a failure is left out with it." } }
+            }
+        }
+    }
+}
+
+fn plan(source: &Source) -> Markup {
+    let plan = source.graph.plan;
+    html! {
+        section id="plan" {
+            h2 { "The plan" }
+            p.lead { "Each box is a table: its name, the stage that made it, the sweep points it was made for, and how many of its units (a line at a point) are in the store." }
+            (flow::drawing(source))
+            @if !plan.notes.is_empty() { ul.note { @for note in &plan.notes { li { (note) } } } }
+            details { summary { "The spec, " (plan.spec.file) } pre { code { (plan.spec.text) } } }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gold_thousands_are_grouped() {
+        assert_eq!([grouped(7), grouped(1000), grouped(1_234_567)], ["7", "1\u{202f}000", "1\u{202f}234\u{202f}567"]);
+    }
+}

@@ -1,0 +1,203 @@
+//! The compensated signal of one line: its error over time and over frequency.
+
+use maud::Markup;
+use schemas::Fault;
+use stages::numerics::{
+    segments::{STEP_TOLERANCE, sample_rate},
+    spectrum::{Window, welch},
+    statistics::{self, summary},
+};
+
+use super::{
+    chart::{Chart, Dim, Line},
+    decimate::{MOST, extremes},
+    source::Source,
+    subject::Subject,
+};
+use crate::{
+    plan::{LineId, Ref},
+    views::scores::number,
+};
+
+/// A signal before and after compensation, each about its mean.
+struct Signal {
+    tt: Vec<f64>,
+    before: Vec<f64>,
+    after: Vec<f64>,
+    /// The column of the truth that was taken off.
+    truth: Option<String>,
+    means: (f64, f64),
+}
+
+/// The plots of one line; none where nothing was compensated.
+///
+/// # Errors
+/// When the store is damaged.
+pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Vec<Markup>, Fault> {
+    let Some(signal) = read(source, subject, line)? else { return Ok(vec![]) };
+    let charts = [Some(both(&signal)), Some(after(&signal)), spectra(&signal, band(source, subject))];
+    Ok(charts.into_iter().flatten().filter_map(|c| c.draw()).collect())
+}
+
+fn read(source: &Source, subject: &Subject, line: LineId) -> Result<Option<Signal>, Fault> {
+    let Some(r) = subject.compensate else { return Ok(None) };
+    let column = |name: &str| source.floats(r, line, name);
+    let (Some(tt), Some(mut after), Some(aircraft)) = (column("tt")?, column("mag_c")?, column("mag_aircraft")?) else {
+        return Ok(None);
+    };
+    let truth = match &subject.truth {
+        Some(name) => column(name)?.map(|t| (name.clone(), t)),
+        None => None,
+    };
+    if let Some((_, truth)) = &truth {
+        after.iter_mut().zip(truth).for_each(|(m, t)| *m -= t);
+    }
+    let mut before: Vec<f64> = after.iter().zip(&aircraft).map(|(m, a)| m + a).collect();
+    let means = (centre(&mut before), centre(&mut after));
+    Ok(Some(Signal { tt, before, after, truth: truth.map(|t| t.0), means }))
+}
+
+/// Takes the mean off, and returns it.
+fn centre(x: &mut [f64]) -> f64 {
+    let mean = statistics::mean(x).value;
+    x.iter_mut().for_each(|x| *x -= mean);
+    mean
+}
+
+/// Minutes since the first sample.
+pub fn minutes(tt: &[f64]) -> Vec<f64> {
+    let start = tt.first().copied().unwrap_or(0.0);
+    tt.iter().map(|t| (t - start) / 60.0).collect()
+}
+
+/// The horizontal axis of everything over time.
+pub fn time_axis() -> Dim {
+    Dim::new("time since the start of the line, min")
+}
+
+impl Signal {
+    fn quantity(&self) -> &'static str {
+        if self.truth.is_some() { "error, nT" } else { "signal less its mean, nT" }
+    }
+
+    fn line(&self, name: &str, class: &'static str, y: &[f64]) -> Line {
+        Line { name: name.to_owned(), class, points: extremes(&minutes(&self.tt), y, MOST) }
+    }
+}
+
+fn both(signal: &Signal) -> Chart {
+    let (uncompensated, compensated) = (summary(&signal.before), summary(&signal.after));
+    let of = match &signal.truth {
+        Some(truth) => format!("Signal less the truth {truth}, before and after compensation"),
+        None => "Signal before and after compensation; there is no truth to hold it against, so geology is in both".to_owned(),
+    };
+    let caption = format!(
+        "{of}. The standard deviation falls from {} to {} nT. The means of {} and {} nT are taken off: a fit of band-passed \
+         data cannot know the constant part. Of each stretch of time the smallest and largest value are drawn, so spikes stay.",
+        number(Some(uncompensated.std)),
+        number(Some(compensated.std)),
+        number(Some(signal.means.0)),
+        number(Some(signal.means.1)),
+    );
+    Chart {
+        title: "Before and after compensation".into(),
+        caption,
+        x: time_axis(),
+        y: Dim::new(signal.quantity()),
+        lines: vec![signal.line("uncompensated", "before", &signal.before), signal.line("compensated", "after", &signal.after)],
+        height: 270.0,
+        ..Chart::default()
+    }
+}
+
+fn after(signal: &Signal) -> Chart {
+    let caption = "The compensated line of the plot above on its own scale: what is left is what navigation has to live with.";
+    Chart {
+        title: "After compensation, enlarged".into(),
+        caption: caption.into(),
+        x: time_axis(),
+        y: Dim::new(signal.quantity()),
+        lines: vec![signal.line("compensated", "after", &signal.after)],
+        height: 220.0,
+        ..Chart::default()
+    }
+}
+
+/// The pass band of the model's fit, Hz.
+fn band(source: &Source, subject: &Subject) -> Option<(f64, f64)> {
+    let Some(Ref::Stage(t, i)) = subject.fit else { return None };
+    let params = &source.graph.plan.instance(t, i).params;
+    let value = |name: &str| params.iter().find(|(n, _)| *n == name).and_then(|(_, v)| v.parse::<f64>().ok());
+    Some((value("low_hz")?, value("high_hz")?)).filter(|(low, high)| *low > 0.0 && low < high)
+}
+
+/// Segments of a quarter of the line, a power of two, about 100 s at 10 Hz at most.
+fn segment(rows: usize) -> usize {
+    let quarter = (rows / 4).max(2);
+    (1usize << quarter.ilog2()).min(1024)
+}
+
+fn spectra(signal: &Signal, band: Option<(f64, f64)>) -> Option<Chart> {
+    let rate_hz = sample_rate(&signal.tt, STEP_TOLERANCE).ok()?;
+    let length = segment(signal.tt.len());
+    let of = |name: &str, class: &'static str, x: &[f64]| {
+        let spectrum = welch(x, rate_hz, length, Window::Hann).ok()?;
+        let points = spectrum.frequency_hz.iter().copied().zip(spectrum.density).skip(1).collect();
+        Some((Line { name: name.to_owned(), class, points }, spectrum.segments))
+    };
+    let (before, segments) = of("uncompensated", "before", &signal.before)?;
+    let (after, _) = of("compensated", "after", &signal.after)?;
+    let what = if signal.truth.is_some() { "error" } else { "signal" };
+    let shaded = if band.is_some() { " Shaded is the pass band that the model was fitted in: the gain must be there." } else { "" };
+    Some(Chart {
+        title: format!("Power spectral density of the {what}"),
+        caption: format!("Welch's method: {segments} segments of {length} samples, Hann window, overlapping by half.{shaded}"),
+        x: Dim::new("frequency, Hz").log(),
+        y: Dim::new("density, nT²/Hz").log(),
+        lines: vec![before, after],
+        stretch: band.map(|(low, high)| ("pass band of the fit".to_owned(), low, high)),
+        height: 280.0,
+        ..Chart::default()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    fn signal() -> Signal {
+        let tt: Vec<f64> = (0..4000).map(|k| 100.0 + f64::from(k) / 10.0).collect();
+        let before: Vec<f64> = tt.iter().map(|t| 50.0 * (TAU * 0.5 * t).sin()).collect();
+        let after = before.iter().map(|x| x / 10.0).collect();
+        Signal { tt, before, after, truth: None, means: (0.0, 0.0) }
+    }
+
+    #[test]
+    fn law_a_tenth_of_the_signal_has_a_hundredth_of_the_density() {
+        let chart = spectra(&signal(), Some((0.1, 0.9))).unwrap();
+        let peak = |l: &Line| l.points.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+        let (before, after) = (peak(&chart.lines[0]), peak(&chart.lines[1]));
+        assert!((before.0 - 0.5).abs() < 0.02, "the line is at 0.5 Hz: {before:?}");
+        // Scaling is exact but for rounding.
+        assert!((before.1 / after.1 - 100.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn law_the_mean_comes_off_and_time_starts_at_zero() {
+        let mut x = vec![1.0, f64::NAN, 3.0];
+        assert_eq!(centre(&mut x), 2.0);
+        assert_eq!((x[0], x[2]), (-1.0, 1.0));
+        assert_eq!(minutes(&[60.0, 120.0]), [0.0, 1.0]);
+        assert_eq!((segment(8000), segment(1000), segment(3)), (1024, 128, 2));
+    }
+
+    #[test]
+    fn law_the_caption_has_the_figures_of_the_drawn_lines() {
+        let text = both(&signal()).caption;
+        assert!(text.contains("from 35.36 to 3.536 nT"), "{text}");
+    }
+}

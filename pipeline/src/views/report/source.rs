@@ -1,0 +1,188 @@
+//! What the page is made from: single columns of single lines, read from the store one at a time.
+
+use std::collections::BTreeMap;
+
+use arrow_array::{Array, RecordBatch, StringArray, cast::AsArray, types::Float64Type};
+use schemas::{Fault, Shape};
+
+use crate::{
+    plan::{Graph, LineId, Ref, Unit},
+    sources::map_batch,
+    store::{Store, read_columns},
+};
+use stages::numerics::map_grid::MapGrid;
+
+/// Reads columns by what they are keyed with, so that only what belongs to this spec is ever shown.
+pub struct Source<'a> {
+    /// The plan with its lines and keys.
+    pub graph: &'a Graph<'a>,
+    /// Where the columns are.
+    pub store: &'a Store,
+}
+
+/// Something that could not be computed, as often as it happened.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Failed {
+    /// The table.
+    pub stage: String,
+    /// Why.
+    pub error: String,
+    /// Where, at first: axis values, flight, line.
+    pub example: String,
+    /// How often.
+    pub times: usize,
+}
+
+impl Source<'_> {
+    /// The columns of a table.
+    pub fn shape(&self, r: Ref) -> Option<&Shape> {
+        let plan = self.graph.plan;
+        match r {
+            Ref::Flights(i) => plan.flights.get(i).map(|f| &f.shape),
+            Ref::Stage(t, i) => Some(plan.instance(t, i).table.shape()),
+            Ref::Map(_) => None,
+        }
+    }
+
+    /// The numbers of a column of one line; `None` where the table or the line has no such column, or nothing is
+    /// there yet.
+    ///
+    /// # Errors
+    /// When the store is damaged.
+    pub fn floats(&self, r: Ref, line: LineId, name: &str) -> Result<Option<Vec<f64>>, Fault> {
+        let Some(batch) = self.column(r, line, name)? else { return Ok(None) };
+        let numbers = batch.column(0).as_primitive_opt::<Float64Type>();
+        Ok(numbers.map(|a| a.iter().map(|v| v.unwrap_or(f64::NAN)).collect()))
+    }
+
+    /// How often each text stands in a column of one line.
+    ///
+    /// # Errors
+    /// When the store is damaged.
+    pub fn tally(&self, r: Ref, line: LineId, name: &str) -> Result<BTreeMap<String, usize>, Fault> {
+        let mut counts = BTreeMap::new();
+        let batch = self.column(r, line, name)?;
+        let words: Option<&StringArray> = batch.as_ref().and_then(|b| b.column(0).as_string_opt::<i32>());
+        for word in words.into_iter().flatten().flatten() {
+            if let Some(n) = counts.get_mut(word) {
+                *n += 1;
+            } else {
+                counts.insert(word.to_owned(), 1);
+            }
+        }
+        Ok(counts)
+    }
+
+    fn column(&self, r: Ref, line: LineId, name: &str) -> Result<Option<RecordBatch>, Fault> {
+        if self.shape(r).is_none_or(|s| s.get(name).is_none()) {
+            return Ok(None);
+        }
+        let origin = self.graph.origin(r, name);
+        if let Ref::Flights(i) = origin.made_by {
+            let record = self.graph.records.get(i).and_then(|r| r.get(&line));
+            if record.is_none_or(|l| l.fault.is_some() || !l.columns.contains_key(&origin.column)) {
+                return Ok(None);
+            }
+        }
+        match self.graph.object(origin.made_by, line) {
+            Ok(key) if self.store.has(key) => self.store.get(key, &[&origin.column]).map(Some),
+            _ => Ok(None),
+        }
+    }
+
+    /// A small table that one unit made; `None` where it is not there.
+    ///
+    /// # Errors
+    /// When the store is damaged.
+    pub fn tidy(&self, unit: Unit, columns: &[&str]) -> Result<Option<RecordBatch>, Fault> {
+        match self.graph.key(unit) {
+            Ok(key) if self.store.has(key) => self.store.get(key, columns).map(Some),
+            _ => Ok(None),
+        }
+    }
+
+    /// The map `i` of the plan.
+    ///
+    /// # Errors
+    /// When the store is damaged.
+    pub fn map(&self, i: usize) -> Result<Option<MapGrid>, Fault> {
+        let Some(key) = self.graph.maps.get(i).copied().filter(|k| self.store.has(*k)) else { return Ok(None) };
+        let batch = map_batch(self.store, key)?;
+        let column = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
+        let (Some(lat), Some(lon), Some(nt)) = (column("lat"), column("lon"), column("anomaly")) else { return Ok(None) };
+        Ok(MapGrid::from_rows(lat.values(), lon.values(), nt.values()).ok())
+    }
+
+    /// How many units of the table `t` are in the store, and how many there are.
+    pub fn present(&self, t: usize) -> (usize, usize) {
+        let units = self.graph.units(t);
+        let there = units.iter().filter(|u| self.graph.key(**u).is_ok_and(|k| self.store.has(k))).count();
+        (there, units.len())
+    }
+
+    /// What the last run could not compute, the same reason of the same table once.
+    ///
+    /// # Errors
+    /// When the table of failures cannot be read.
+    pub fn failures(&self) -> Result<Vec<Failed>, Fault> {
+        let spec = &self.graph.plan.spec;
+        let file = self.store.table(&spec.name, "failures").join("part-0.parquet");
+        if !file.is_file() {
+            return Ok(vec![]);
+        }
+        let axes: Vec<&str> = spec.axes.iter().map(|a| a.name.as_str()).collect();
+        let names: Vec<&str> = axes.iter().copied().chain(["flight", "line", "stage", "error"]).collect();
+        grouped(&read_columns(&file, &names)?, &axes)
+    }
+}
+
+/// Rows of failures, the same ones together, in the order of their first.
+fn grouped(batch: &RecordBatch, axes: &[&str]) -> Result<Vec<Failed>, Fault> {
+    let unreadable = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot read the failures: {e}"));
+    let mut found: Vec<Failed> = vec![];
+    let cell = |row: usize, name: &str| -> Result<Option<String>, Fault> {
+        let array = batch.column_by_name(name).filter(|a| a.is_valid(row));
+        array.map(|a| arrow_cast::display::array_value_to_string(a, row).map_err(|e| unreadable(&e))).transpose()
+    };
+    for row in 0..batch.num_rows() {
+        let (stage, error) = (cell(row, "stage")?.unwrap_or_default(), cell(row, "error")?.unwrap_or_default());
+        if let Some(known) = found.iter_mut().find(|f| f.stage == stage && f.error == error) {
+            known.times += 1;
+            continue;
+        }
+        let mut place = vec![];
+        for name in axes.iter().copied().chain(["flight", "line"]) {
+            place.extend(cell(row, name)?.map(|v| format!("{name} {v}")));
+        }
+        found.push(Failed { stage, error, example: place.join(", "), times: 1 });
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::sync::Arc;
+
+    use arrow_array::{ArrayRef, Float64Array};
+
+    use super::*;
+
+    #[test]
+    fn law_the_same_failure_is_listed_once() {
+        let text = |v: Vec<Option<&str>>| Arc::new(StringArray::from(v)) as ArrayRef;
+        let batch = RecordBatch::try_from_iter_with_nullable([
+            ("lambda", Arc::new(Float64Array::from(vec![Some(0.5), None, Some(0.5)])) as ArrayRef, true),
+            ("flight", text(vec![Some("1"), Some("2"), Some("3")]), true),
+            ("line", text(vec![Some("1.01"), None, Some("3.01")]), true),
+            ("stage", text(vec![Some("fit"), Some("track"), Some("fit")]), true),
+            ("error", text(vec![Some("singular"), Some("off the map"), Some("singular")]), true),
+        ])
+        .unwrap();
+        let found = grouped(&batch, &["lambda"]).unwrap();
+        assert_eq!(found.len(), 2);
+        assert_eq!((found[0].times, found[0].example.as_str()), (2, "lambda 0.5, flight 1, line 1.01"));
+        assert_eq!((found[1].times, found[1].example.as_str()), (1, "flight 2"));
+    }
+}

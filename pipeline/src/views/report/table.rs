@@ -1,0 +1,232 @@
+//! The pooled scores as a table, and over two axes as heat maps.
+
+use maud::{Markup, html};
+
+use super::{
+    board::{Better, Board, better},
+    palette::{colour, hex, ink_on},
+    source::Source,
+};
+use crate::views::scores::number;
+
+/// The most rows of the table: more are no longer looked through.
+const MOST: usize = 1000;
+
+/// The metrics that a heat map is worth.
+const MAPPED: [&str; 2] = ["std_error", "drms"];
+
+/// One board: table and heat maps.
+pub fn section(source: &Source, board: &Board) -> Markup {
+    let name = &source.graph.plan.tables[board.table].name;
+    let points = board.scores.rows.len();
+    let over = if board.scores.lines == 1 { "one line".to_owned() } else { format!("{} lines, pooled", board.scores.lines) };
+    html! {
+        section id=(format!("scores-{name}")) {
+            h2 { "Scores" @if name != "scores" { ": " (name) } }
+            p.lead { (points) (if points == 1 { " point of the sweep" } else { " points of the sweep" }) " over " (over)
+                ". Errors are root mean squares weighted by samples, ratios are means weighted likewise."
+                @if points > 1 { " The best value of each metric is marked; click a heading to sort." } }
+            (table(board))
+            @if points > MOST { p.note { "The best " (MOST) " of " (points) " points are shown; " code { "magline sql" } " shows them all." } }
+            (glossary(board))
+            div.heat { @for map in heat_maps(board) { (map) } }
+        }
+    }
+}
+
+fn table(board: &Board) -> Markup {
+    let best: Vec<Option<usize>> = (0..board.scores.metrics.len()).map(|m| board.ranked(m).first().copied()).collect();
+    let several = board.scores.rows.len() > 1;
+    html! {
+        div.scroll {
+            table.sortable {
+                thead { tr {
+                    @for axis in &board.scores.axes { th scope="col" { button { (axis) } } }
+                    @for (metric, unit) in &board.scores.metrics {
+                        th.n scope="col" { button { (spaced(metric)) @if unit != "1" { " [" (unit) "]" } } }
+                    }
+                } }
+                tbody { @for row in shown(board) {
+                    @let (key, values) = &board.scores.rows[row];
+                    tr {
+                        @for word in key { td { (word) } }
+                        @for (m, value) in values.iter().enumerate() {
+                            @let wins = several && best.get(m).copied().flatten() == Some(row);
+                            td.n.best[wins] data-v=[value.map(|v| v.to_string())] title=[wins.then_some("best")] { (number(*value)) }
+                        }
+                    }
+                } }
+            }
+        }
+    }
+}
+
+/// The rows of the table: all, or the best of too many.
+fn shown(board: &Board) -> Vec<usize> {
+    let mut rows: Vec<usize> = (0..board.scores.rows.len()).collect();
+    if rows.len() > MOST
+        && let Some(metric) = board.headline()
+    {
+        rows = board.ranked(metric);
+        rows.truncate(MOST);
+        rows.sort_unstable();
+    }
+    rows.truncate(MOST);
+    rows
+}
+
+/// A name that may be broken at its underscores.
+fn spaced(name: &str) -> Markup {
+    html! { @for (i, part) in name.split('_').enumerate() { @if i > 0 { "_" wbr; } (part) } }
+}
+
+/// What each metric means, folded.
+fn glossary(board: &Board) -> Markup {
+    let known = board.scores.metrics.iter().filter_map(|(m, _)| meaning(m).map(|text| (m, text)));
+    html! {
+        details { summary { "What the columns mean" }
+            dl { @for (metric, text) in known { dt { (metric) } dd { (text)
+                (match better(metric) {
+                    Better::Lower => "; smaller is better",
+                    Better::Higher => "; larger is better",
+                    Better::Near(_) | Better::Neither => "",
+                }) } } }
+        }
+    }
+}
+
+fn meaning(metric: &str) -> Option<&'static str> {
+    Some(match metric {
+        "std_uncompensated" => "standard deviation of the uncompensated signal less the truth, where there is one",
+        "std_error" => "standard deviation of the compensated signal less the truth",
+        "improvement_ratio" => "std_uncompensated over the same of the compensated signal",
+        "snr" => "standard deviation of the truth over that of the error",
+        "figure_of_merit_crossings" => "root mean square difference of the compensated signal where the flight crosses its own track",
+        "ins_drms" => "root mean square horizontal error of the INS alone: what navigation has to beat",
+        "drms" => "root mean square horizontal error of the track",
+        "nees" => "mean squared position error in units of the filter's own covariance: 2 for an honest filter, more when it is too sure of itself",
+        "nis" => "mean squared innovation in units of its predicted variance: 1 for an honest filter",
+        _ => return None,
+    })
+}
+
+/// A metric over two axes: the best over all others in each cell.
+struct Heat {
+    metric: usize,
+    /// The two axes, as positions.
+    axes: (usize, usize),
+    /// The values of each.
+    values: (Vec<String>, Vec<String>),
+    /// By rows, then columns.
+    cells: Vec<Option<f64>>,
+}
+
+fn heat_maps(board: &Board) -> Vec<Markup> {
+    let found = MAPPED.iter().filter_map(|m| board.metric(m)).filter_map(|m| heat(board, m));
+    found.map(|h| drawn(board, &h)).collect()
+}
+
+/// Over the first two axes that have several values.
+fn heat(board: &Board, metric: usize) -> Option<Heat> {
+    const SIDE: usize = 40;
+    let values = |axis: usize| {
+        let mut seen: Vec<String> = vec![];
+        for (key, _) in &board.scores.rows {
+            if let Some(v) = key.get(axis).filter(|v| !seen.contains(v)) {
+                seen.push(v.clone());
+            }
+        }
+        seen
+    };
+    let mut several = (0..board.scores.axes.len()).map(|a| (a, values(a))).filter(|(_, v)| v.len() > 1);
+    let ((a, rows), (b, columns)) = (several.next()?, several.next()?);
+    if rows.len() > SIDE || columns.len() > SIDE {
+        return None;
+    }
+    let mut cells = vec![None; rows.len() * columns.len()];
+    for row in board.ranked(metric).into_iter().rev() {
+        let (key, _) = &board.scores.rows[row];
+        let place = |axis: usize, of: &[String]| key.get(axis).and_then(|v| of.iter().position(|o| o == v));
+        if let (Some(i), Some(k)) = (place(a, &rows), place(b, &columns)) {
+            cells[i * columns.len() + k] = board.value(row, metric);
+        }
+    }
+    Some(Heat { metric, axes: (a, b), values: (rows, columns), cells })
+}
+
+fn drawn(board: &Board, heat: &Heat) -> Markup {
+    let (name, unit) = &board.scores.metrics[heat.metric];
+    let axis = |i: usize| board.scores.axes[i].as_str();
+    let others: Vec<&str> = (0..board.scores.axes.len()).filter(|i| *i != heat.axes.0 && *i != heat.axes.1).map(axis).collect();
+    let (low, high) = ends(&heat.cells);
+    let width = heat.values.1.len();
+    html! {
+        figure {
+            h4 { (name) ", " (unit) ", over " (axis(heat.axes.0)) " and " (axis(heat.axes.1)) }
+            div.scroll { table.heat {
+                thead {
+                    tr { td {} th.over colspan=(width) scope="colgroup" { (axis(heat.axes.1)) } }
+                    tr { th.corner scope="col" { (axis(heat.axes.0)) } @for v in &heat.values.1 { th scope="col" { (v) } } }
+                }
+                tbody { @for (v, cells) in heat.values.0.iter().zip(heat.cells.chunks(width.max(1))) {
+                    tr { th scope="row" { (v) } @for cell in cells { (tile(*cell, low, high)) } }
+                } }
+            } }
+            figcaption { "Yellow is good, purple is bad, on a logarithmic scale from " (number(Some(low))) " to " (number(Some(high))) " " (unit) "."
+                @if !others.is_empty() { " Each cell is the best over " (others.join(" and ")) "." } }
+        }
+    }
+}
+
+fn ends(cells: &[Option<f64>]) -> (f64, f64) {
+    let known = cells.iter().flatten().filter(|v| **v > 0.0);
+    known.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)))
+}
+
+fn tile(cell: Option<f64>, low: f64, high: f64) -> Markup {
+    let Some(value) = cell else { return html! { td { "-" } } };
+    let part = if high > low { 1.0 - (value / low).ln() / (high / low).ln() } else { 1.0 };
+    let shade = colour(part);
+    html! { td style=(format!("background:{};color:{}", hex(shade), ink_on(shade))) { (number(Some(value))) } }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::views::report::board::tests::example;
+
+    #[test]
+    fn law_the_best_of_each_metric_is_marked_once() {
+        let text = table(&example()).into_string();
+        assert_eq!(text.matches("class=\"n best\"").count(), 3);
+        assert!(text.contains("<td class=\"n best\" data-v=\"12\" title=\"best\">12.00</td>"), "{text}");
+        assert!(text.contains("<td class=\"n\">-</td>"), "a metric without a value has none to sort by");
+    }
+
+    #[test]
+    fn law_a_cell_is_the_best_over_the_other_axes() {
+        let mut board = example();
+        board.scores.axes.insert(0, "twice".into());
+        let mut more = board.scores.rows.clone();
+        board.scores.rows.iter_mut().for_each(|r| r.0.insert(0, "a".into()));
+        more.iter_mut().for_each(|r| {
+            r.0.insert(0, "b".into());
+            r.1[1] = r.1[1].map(|v| v / 2.0);
+        });
+        board.scores.rows.extend(more);
+        // The first two axes with several values are `twice` and `mag`; the best is over `lambda`.
+        let heat = heat(&board, 1).unwrap();
+        assert_eq!(heat.axes, (0, 1));
+        assert_eq!(heat.cells, [Some(12.0), Some(30.0), Some(6.0), Some(15.0)]);
+    }
+
+    #[test]
+    fn law_one_axis_has_no_heat_map() {
+        let mut board = example();
+        board.scores.axes.truncate(1);
+        board.scores.rows.iter_mut().for_each(|r| r.0.truncate(1));
+        assert!(heat(&board, 0).is_none());
+    }
+}

@@ -1,0 +1,124 @@
+//! What a line's navigation is judged by: true, INS and estimated track with the filter's own opinion of its error.
+
+use schemas::{Fault, Role};
+use stages::numerics::geodesy::EarthModel;
+
+use super::{source::Source, subject::Subject};
+use crate::plan::{LineId, Ref};
+
+/// A track in degrees.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Track {
+    /// Latitudes.
+    pub lat: Vec<f64>,
+    /// Longitudes.
+    pub lon: Vec<f64>,
+}
+
+/// Offsets from the truth in metres.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Offsets {
+    /// North.
+    pub north: Vec<f64>,
+    /// East.
+    pub east: Vec<f64>,
+}
+
+/// All of one line.
+pub struct Flown {
+    /// Times, s.
+    pub tt: Vec<f64>,
+    /// The true track, where it is known.
+    pub truth: Option<Track>,
+    /// That of the INS alone.
+    pub ins: Option<Track>,
+    /// The estimate.
+    pub estimate: Track,
+    /// One sigma north, one sigma east, and their covariance: m, m, m².
+    pub sigma: Option<[Vec<f64>; 3]>,
+    /// Innovations, nT.
+    pub residual: Option<Vec<f64>>,
+    /// Their squares over their predicted variances.
+    pub nis: Option<Vec<f64>>,
+}
+
+impl Track {
+    fn read(source: &Source, r: Ref, line: LineId, names: [&str; 2]) -> Result<Option<Track>, Fault> {
+        let (lat, lon) = (source.floats(r, line, names[0])?, source.floats(r, line, names[1])?);
+        Ok(lat.zip(lon).map(|(lat, lon)| Track { lat, lon }))
+    }
+
+    /// Its places, as latitude and longitude.
+    pub fn places(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        self.lat.iter().copied().zip(self.lon.iter().copied())
+    }
+
+    /// Its offsets from `truth`.
+    pub fn less(&self, truth: &Track) -> Offsets {
+        let offset = |(own, truth)| EarthModel::default().offset_ne_m(truth, own, 0.0);
+        let (north, east) = self.places().zip(truth.places()).map(offset).unzip();
+        Offsets { north, east }
+    }
+}
+
+impl Flown {
+    /// What the navigation of `subject` made of `line`; `None` where it has none.
+    ///
+    /// # Errors
+    /// When the store is damaged.
+    pub fn read(source: &Source, subject: &Subject, line: LineId) -> Result<Option<Flown>, Fault> {
+        let Some(r @ Ref::Stage(t, i)) = subject.navigate else { return Ok(None) };
+        let Some(flights) = source.graph.plan.instance(t, i).inputs.first().copied() else { return Ok(None) };
+        let column = |name: &str| source.floats(r, line, name);
+        let estimate = Track::read(source, r, line, ["lat", "lon"])?;
+        let (Some(tt), Some(estimate)) = (column("tt")?, estimate) else { return Ok(None) };
+        let is_truth = source.shape(flights).is_some_and(|s| s.get("lat").is_some_and(|c| c.role == Role::Truth));
+        let truth = if is_truth { Track::read(source, flights, line, ["lat", "lon"])? } else { None };
+        let ins = Track::read(source, flights, line, ["ins_lat", "ins_lon"])?;
+        let sigma = match (column("sd_n")?, column("sd_e")?, column("cov_ne")?) {
+            (Some(n), Some(e), Some(ne)) => Some([n, e, ne]),
+            _ => None,
+        };
+        Ok(Some(Flown { tt, truth, ins, estimate, sigma, residual: column("residual")?, nis: column("nis")? }))
+    }
+
+    /// The estimate's errors.
+    pub fn errors(&self) -> Option<Offsets> {
+        self.truth.as_ref().map(|truth| self.estimate.less(truth))
+    }
+
+    /// The errors of the INS alone.
+    pub fn ins_errors(&self) -> Option<Offsets> {
+        Some(self.ins.as_ref()?.less(self.truth.as_ref()?))
+    }
+}
+
+/// Squared position errors in units of their covariance, e' P⁻¹ e.
+pub fn nees(errors: &Offsets, [sd_n, sd_e, cov]: &[Vec<f64>; 3]) -> Vec<f64> {
+    let one = |((n, e), ((sd_n, sd_e), ne)): ((&f64, &f64), ((&f64, &f64), &f64))| {
+        let (nn, ee) = (sd_n * sd_n, sd_e * sd_e);
+        (ee * n * n - 2.0 * ne * n * e + nn * e * e) / (nn * ee - ne * ne)
+    };
+    errors.north.iter().zip(&errors.east).zip(sd_n.iter().zip(sd_e).zip(cov)).map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_an_error_of_one_sigma_each_way_is_two() {
+        let errors = Offsets { north: vec![3.0, 3.0], east: vec![-4.0, -4.0] };
+        let values = nees(&errors, &[vec![3.0; 2], vec![4.0; 2], vec![0.0, -6.0]]);
+        assert!((values[0] - 2.0).abs() < 1e-12);
+        // Correlation of -0.5 makes the same error less surprising: 2 (1 - 0.5) / (1 - 0.25).
+        assert!((values[1] - 4.0 / 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn law_north_is_positive_northwards() {
+        let (truth, own) = (Track { lat: vec![-22.0], lon: vec![140.0] }, Track { lat: vec![-21.999], lon: vec![139.999] });
+        let offsets = own.less(&truth);
+        assert!((110.0..111.5).contains(&offsets.north[0]) && (-104.0..-102.0).contains(&offsets.east[0]), "{offsets:?}");
+    }
+}

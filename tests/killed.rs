@@ -1,0 +1,71 @@
+//! A run that is killed at any moment leaves nothing half-written, and goes on where it stopped.
+
+use std::{
+    process::{Command, Stdio},
+    thread::sleep,
+    time::{Duration, Instant},
+};
+
+use crate::support::{Bench, read};
+
+#[test]
+fn law_kill_nine_at_many_moments_then_the_same_bytes() {
+    let bench = Bench::new();
+    let started = Instant::now();
+    assert_eq!(bench.run(&["--set", "store=whole"]).code, 0);
+    let whole_run = started.elapsed();
+    let whole = bench.tables("whole");
+    const KILLS: u32 = 12;
+    let mut died = 0;
+    for i in 1..=KILLS {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_magline"))
+            .args(["run", "spec.toml", "--json", "--set", "store=killed"])
+            .current_dir(bench.folder.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        sleep(whole_run * i / (2 * KILLS));
+        // SIGKILL: no handler runs.
+        child.kill().unwrap();
+        died += u32::from(!child.wait().unwrap().success());
+        // Whatever is there under a final name can be read.
+        for table in ["even", "terms", "clean", "track", "scores"] {
+            let folder = bench.path("killed/tables/small").join(table);
+            if folder.exists() {
+                read(&folder);
+            }
+        }
+    }
+    assert!(died >= KILLS / 3, "only {died} of {KILLS} were killed at work");
+    let done = bench.run(&["--set", "store=killed"]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let killed = bench.tables("killed");
+    assert_eq!(whole.keys().collect::<Vec<_>>(), killed.keys().collect::<Vec<_>>());
+    for (name, bytes) in &whole {
+        assert!(killed[name] == *bytes, "{name} differs");
+    }
+    let left: Vec<_> = std::fs::read_dir(bench.path("killed/tmp")).unwrap().flatten().collect();
+    assert!(left.is_empty(), "{left:?}");
+}
+
+#[test]
+fn law_an_interrupt_keeps_what_is_finished() {
+    let bench = Bench::new();
+    let child = Command::new(env!("CARGO_BIN_EXE_magline"))
+        .args(["run", "spec.toml", "--threads", "1", "--set", "store=store"])
+        .current_dir(bench.folder.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let started = Instant::now();
+    while !bench.path("store/objects").is_dir() && started.elapsed() < Duration::from_secs(20) {
+        sleep(Duration::from_millis(2));
+    }
+    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("goes on from there"));
+    assert_eq!(bench.run(&[]).code, 0);
+}

@@ -1,0 +1,15 @@
+//! What a user of magline sees: the command line, its tables and its messages.
+//!
+//! Every test runs the built binary on files in a folder of its own. Names say what a test trusts: `law_` physics or
+//! algebra, `val_` another program, `ref_` a printed figure, `gold_` frozen text.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod bad_input;
+mod bytes;
+mod examples;
+mod killed;
+mod queries;
+mod reuse;
+mod support;
+mod versions;

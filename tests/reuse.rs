@@ -1,0 +1,98 @@
+//! The same question is never computed twice, and a new one computes only what is new.
+
+use std::fs;
+
+use crate::support::{Bench, SPEC, changed, line_of, write};
+
+const TABLES: [&str; 6] = ["even", "terms", "coefficients", "clean", "track", "scores"];
+
+fn computed(bench: &Bench, more: &[&str]) -> [u64; 6] {
+    let done = bench.run(more);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    assert_eq!(done.total("failed"), 0);
+    TABLES.map(|t| done.computed(t))
+}
+
+// 4 lines; 2 magnetometers x 2 vectors x 2 lambdas.
+const ALL: [u64; 6] = [4, 8, 8, 32, 32, 32];
+
+#[test]
+fn law_a_second_run_computes_nothing() {
+    let bench = Bench::new();
+    assert_eq!(computed(&bench, &[]), ALL);
+    assert_eq!(computed(&bench, &[]), [0; 6]);
+}
+
+#[test]
+fn law_a_new_lambda_computes_its_own_points_only() {
+    let bench = Bench::new();
+    computed(&bench, &[]);
+    assert_eq!(computed(&bench, &["--set", "axes.lambda=[0.0, 0.025, 0.5]"]), [0, 0, 4, 16, 16, 16]);
+    assert_eq!(computed(&bench, &["--set", "axes.vector=[\"flux_a\"]"]), [0; 6]);
+    assert_eq!(computed(&bench, &["--set", "axes.lambda=[2.5e-2]"]), [0; 6]);
+}
+
+#[test]
+fn law_a_new_flight_computes_its_lines_and_what_is_fitted_on_them() {
+    let bench = Bench::new();
+    computed(&bench, &[]);
+    let more = [line_of("3", "3.02", 500)];
+    write(&bench.path("flights/3.parquet"), &more);
+    // The new line is not one that the fit selects, so the coefficients stay.
+    assert_eq!(computed(&bench, &[]), [1, 2, 0, 8, 8, 8]);
+    write(&bench.path("flights/4.parquet"), &[line_of("4", "4.01", 600)]);
+    // This one is, so every model and all that hangs on it is new.
+    assert_eq!(computed(&bench, &[]), [1, 2, 8, 48, 48, 48]);
+}
+
+#[test]
+fn law_a_navigate_parameter_recomputes_navigation_and_scores() {
+    let bench = Bench::new();
+    computed(&bench, &[]);
+    assert_eq!(computed(&bench, &["--set", "track.fogm_sigma_nt=4.0"]), [0, 0, 0, 0, 32, 32]);
+    // A default that is written out is the same question.
+    assert_eq!(computed(&bench, &["--set", "track.fogm_sigma_nt=3"]), [0; 6]);
+}
+
+#[test]
+fn law_renaming_and_reformatting_keep_the_cache() {
+    let bench = Bench::new();
+    computed(&bench, &[]);
+    let spec = SPEC.replace("0.025", "2.50e-2").replace("line like '%.01'", "( line   LIKE '%.01' )").replace("  ", " ");
+    bench.spec(&spec.replace("\"terms\"", "\"matrix\""));
+    let done = bench.run(&[]);
+    assert_eq!(done.total("computed"), 0, "{}", done.last);
+}
+
+#[test]
+fn law_a_changed_column_recomputes_what_reads_it() {
+    let bench = Bench::new();
+    computed(&bench, &[]);
+    let lines = [line_of("1", "1.01", 700), changed(&line_of("1", "1.02", 500), "mag_5_uc", |_, x| x + 1.0)];
+    write(&bench.path("flights/1.parquet"), &lines);
+    // One line is resampled again; its A-matrices do not read mag_5_uc, and neither does what is made of mag_4_uc.
+    assert_eq!(computed(&bench, &[]), [1, 0, 0, 4, 4, 4]);
+}
+
+#[test]
+fn law_a_file_touched_or_moved_is_the_same_file() {
+    let bench = Bench::new();
+    computed(&bench, &[]);
+    fs::rename(bench.path("flights/1.parquet"), bench.path("flights/renamed.parquet")).unwrap();
+    assert_eq!(computed(&bench, &[]), [0; 6]);
+}
+
+#[test]
+fn gold_why_names_what_moved() {
+    let bench = Bench::new();
+    computed(&bench, &[]);
+    let why = |more: &[&str]| {
+        let args: Vec<&str> = ["why", "spec.toml", "scores"].iter().chain(more).copied().collect();
+        crate::support::stdout(&bench.magline(&args))
+    };
+    assert_eq!(why(&[]), "scores: nothing to compute, all 32 are in the store\n");
+    let moved = "scores: 32 of 32 to compute\n  track: fogm_sigma_nt 3.0 -> 4.0\n";
+    assert_eq!(why(&["--set", "track.fogm_sigma_nt=4"]), moved);
+    let point = why(&["--set", "axes.lambda=[0.0, 0.025, 1.0]"]);
+    assert!(point.starts_with("scores: 16 of 48 to compute\n") && point.contains("lambda=1 "), "{point}");
+}

@@ -1,1 +1,0 @@
-//! What holds across the crates of magline: end to end, validation, the version gate.
