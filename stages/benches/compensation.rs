@@ -1,7 +1,7 @@
 //! Tolles-Lawson matrix, band-pass and ridge fit of 144,668 samples x 18 terms for 5 magnetometers
 //! and 20 lambdas: as many samples as the compensated flights of thesis 000 hold.
 //!
-//! `cargo bench -p stages --bench compensation --profile dev` prints the median of several runs on
+//! `cargo bench -p stages --bench compensation --profile dev` prints the fastest of several runs on
 //! one and on two threads, and checks the coefficients against those that `compensation_numpy.py`
 //! found for the same input. `compensation_numpy.py` prints its own times and the ratio.
 
@@ -16,7 +16,8 @@ type Failure = Box<dyn std::error::Error + Send + Sync>;
 const SAMPLES: usize = 144_668;
 const RATE_HZ: f64 = 10.0;
 const TRIM: usize = 20;
-const REPEATS: usize = 7;
+/// As many as in the numpy script; the fastest counts on both sides, being the least disturbed.
+const REPEATS: usize = 9;
 
 /// Coefficients of both ends of the ridge path, made by `compensation_numpy.py --write`.
 const REFERENCE: &str = include_str!("../reference/signal/compensation_numpy.csv");
@@ -47,17 +48,12 @@ fn flight() -> Flight {
             })
         })
         .collect();
-    Flight {
-        vector: [x, y, z],
-        scalars,
-    }
+    Flight { vector: [x, y, z], scalars }
 }
 
 /// 10⁻³ to 10^1.75 in quarter decades.
 fn lambdas() -> Vec<f64> {
-    (0..20)
-        .map(|k| 10f64.powf(-3.0 + 0.25 * f64::from(k)))
-        .collect()
+    (0..20).map(|k| 10f64.powf(-3.0 + 0.25 * f64::from(k))).collect()
 }
 
 /// The work that is timed.
@@ -68,14 +64,15 @@ fn fit(flight: &Flight, lambdas: &[f64]) -> Result<(RidgePath, [f64; 3]), Failur
     let field = Field { x, y, z, bt: None };
     let mut a = matrix(&field, &terms, DEFAULT_SCALE_NT)?;
     let built = clock.elapsed().as_secs_f64();
-    let band = Band::Band {
-        low_hz: 0.1,
-        high_hz: 0.9,
-    };
+    let band = Band::Band { low_hz: 0.1, high_hz: 0.9 };
     let filter = ZeroPhase::new(band, RATE_HZ, 4)?;
-    filter.apply_matrix(&mut a, terms.len(), ConstantColumns::Keep)?;
     let scalars: Vec<&[f64]> = flight.scalars.iter().map(Vec::as_slice).collect();
-    let scalars = filter.apply_columns(&scalars)?;
+    let (filtered, scalars) = rayon::join(
+        || filter.apply_matrix(&mut a, terms.len(), ConstantColumns::Keep),
+        || filter.apply_columns(&scalars),
+    );
+    filtered?;
+    let scalars = scalars?;
     let filtered = clock.elapsed().as_secs_f64();
     let kept = TRIM..SAMPLES - TRIM;
     let targets: Vec<&[f64]> = scalars.iter().map(|y| &y[kept.clone()]).collect();
@@ -87,8 +84,8 @@ fn fit(flight: &Flight, lambdas: &[f64]) -> Result<(RidgePath, [f64; 3]), Failur
 
 /// The largest difference from the reference, relative to the largest coefficient of its fit.
 ///
-/// The condition number of the filtered matrix, some 1e4, times the rounding of the filters, some
-/// 1e-12 of the signal, lets coefficients differ by 1e-8; 1e-6 leaves room for other processors.
+/// The condition number of the filtered matrix, 2e2, times the rounding of the filters, some 1e-12
+/// of the signal, lets coefficients differ by 1e-9; the rest is room for other versions of numpy.
 fn check(path: &RidgePath) -> Result<f64, Failure> {
     let mut worst = 0.0f64;
     let mut fits = 0;
@@ -100,11 +97,7 @@ fn check(path: &RidgePath) -> Result<f64, Failure> {
         let solution = path
             .solutions
             .iter()
-            .min_by(|one, other| {
-                (one.lambda - lambda)
-                    .abs()
-                    .total_cmp(&(other.lambda - lambda).abs())
-            })
+            .min_by(|one, other| (one.lambda - lambda).abs().total_cmp(&(other.lambda - lambda).abs()))
             .ok_or("no solution")?;
         let ours = &solution.coefficients[*mag as usize - 1];
         let scale = reference.iter().fold(0.0f64, |scale, b| scale.max(b.abs()));
@@ -113,7 +106,7 @@ fn check(path: &RidgePath) -> Result<f64, Failure> {
         }
         fits += 1;
     }
-    if fits == 10 && worst < 1e-6 {
+    if fits == 10 && worst < 1e-8 {
         return Ok(worst);
     }
     Err(format!("{fits} fits differ from numpy's by up to {worst:e} of their scale").into())
@@ -121,15 +114,10 @@ fn check(path: &RidgePath) -> Result<f64, Failure> {
 
 fn main() -> Result<(), Failure> {
     let (flight, lambdas) = (flight(), lambdas());
-    println!(
-        "{SAMPLES} samples, 18 terms, 5 magnetometers, {} lambdas",
-        lambdas.len()
-    );
+    println!("{SAMPLES} samples, 18 terms, 5 magnetometers, {} lambdas", lambdas.len());
     let mut answers = Vec::new();
     for threads in [1, 2] {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()?;
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
         let mut runs: Vec<(f64, [f64; 3])> = Vec::new();
         for _ in 0..REPEATS {
             let clock = Instant::now();
@@ -138,7 +126,7 @@ fn main() -> Result<(), Failure> {
             answers.push(path);
         }
         runs.sort_by(|one, other| one.0.total_cmp(&other.0));
-        let (total, [built, filtered, fitted]) = runs[REPEATS / 2];
+        let (total, [built, filtered, fitted]) = runs[0];
         println!(
             "threads {threads}: {:.1} ms (matrix {:.1}, band-pass {:.1}, fit {:.1})",
             total * 1e3,
@@ -151,9 +139,6 @@ fn main() -> Result<(), Failure> {
         return Err("the answer depends on the run or on the number of threads".into());
     }
     println!("condition number {:.3e}", answers[0].condition);
-    println!(
-        "largest difference from numpy {:.1e} of the largest coefficient",
-        check(&answers[0])?
-    );
+    println!("largest difference from numpy {:.1e} of the largest coefficient", check(&answers[0])?);
     Ok(())
 }

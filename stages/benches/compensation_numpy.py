@@ -8,6 +8,7 @@ Three ways to write the fit, all on the same band-passed columns:
   gram    the Gram matrix formed once, then one solve for each magnetometer and lambda
   svd     one singular value decomposition for all of them
 The filter is timed column by column and as one call on the whole matrix (whichever is faster counts).
+The fastest of nine runs counts, there as here; `--threads 1` keeps OpenBLAS to one thread.
 """
 import os
 import re
@@ -25,7 +26,7 @@ from scipy.signal import butter, sosfiltfilt
 
 HERE = Path(__file__).resolve().parent
 REFERENCE = HERE.parent / "reference" / "signal" / "compensation_numpy.csv"
-SAMPLES, TRIM, SCALE, PADDING, REPEATS = 144_668, 20, 50_000.0, 24, 3
+SAMPLES, TRIM, SCALE, PADDING, REPEATS = 144_668, 20, 50_000.0, 24, 9
 LAMBDAS = 10.0 ** (-3.0 + 0.25 * np.arange(20))
 
 
