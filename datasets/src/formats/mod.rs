@@ -135,10 +135,13 @@ impl Head<'_> {
         self.bytes.starts_with(magic)
     }
 
-    /// The words of the first line that has any, where the start of the file is text.
+    /// The first line that is not blank, where the start of the file is text.
     fn first_line(&self) -> Option<String> {
-        let text: String = self.bytes.iter().take_while(|b| **b != 0).map(|b| *b as char).collect();
-        (text.len() == self.bytes.len()).then(|| text.lines().find(|l| !l.trim().is_empty()).map(str::to_owned))?
+        if self.bytes.contains(&0) {
+            return None;
+        }
+        let text = String::from_utf8_lossy(&self.bytes);
+        text.trim_start_matches('\u{feff}').lines().find(|l| !l.trim().is_empty()).map(str::to_owned)
     }
 
     /// The names of the datasets at the root, where it is an HDF5 file.

@@ -239,6 +239,15 @@ fn gold_what_is_wrong_with_a_csv_is_said_with_its_place() {
 }
 
 #[test]
+fn r12_text_beyond_ascii_is_text() {
+    let folder = TempDir::new().unwrap();
+    let text = "\u{feff}flight,line,tt,note µ\n1,1,0.5,Übung\n";
+    let flight = read(&written(&folder, "f.dat", text), &FlightOptions::default()).unwrap();
+    assert_eq!(texts(&flight, "note µ"), ["Übung"]);
+    assert_eq!(texts(&flight, "flight"), ["1"], "the byte-order mark is no part of the name");
+}
+
+#[test]
 fn gold_files_that_no_format_knows() {
     let folder = TempDir::new().unwrap();
     let default = FlightOptions::default();

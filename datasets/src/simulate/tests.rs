@@ -279,6 +279,48 @@ fn law_currents_switch_between_their_levels() {
     let on = amperes.iter().filter(|a| **a == 4.0).count() as f64 / 2e5;
     // 1667 cycles: the share of 1/3 has a standard error of 0.008; four of them.
     assert!((on - 1.0 / 3.0).abs() < 0.032, "{on}");
+    let starts_on = |k: &usize| {
+        let mut random = random::Random::of(5, &["start", &k.to_string()]);
+        aircraft::switched(&current, &tt[..1], &mut random) == [4.0]
+    };
+    let first = (0..300).filter(starts_on).count() as f64 / 300.0;
+    // Standard error 0.027; four of them.
+    assert!((first - 1.0 / 3.0).abs() < 0.11, "{first}");
+}
+
+#[test]
+fn law_the_ins_navigates_by_its_own_measurements() {
+    // What the INS says of its velocity and position follows from the specific force it says it measured.
+    const ROWS: usize = 1200;
+    for line in lines(&example()) {
+        let c = |n: &str| column(&line, n);
+        let (tt, ins_v) = (c("tt"), ["ins_vn", "ins_ve", "ins_vd"].map(c));
+        let force = ["ins_fn", "ins_fe", "ins_fd"].map(c);
+        let lat = |i: usize| c("ins_lat")[i].to_radians();
+        let mut velocity = [ins_v[0][0], ins_v[1][0]];
+        let mut moved_m = 0.0;
+        for i in 0..ROWS {
+            let half = 0.5 * (tt[i + 1] - tt[i]);
+            for j in [i, i + 1] {
+                // Without a rate of its own, minus the Coriolis and transport terms and plus gravity.
+                let v = [ins_v[0][j], ins_v[1][j], ins_v[2][j]];
+                let rest = crate::motion::specific_force_mps2(lat(j), c("ins_alt")[j], v, [0.0; 3]);
+                velocity[0] += half * (force[0][j] - rest[0]);
+                velocity[1] += half * (force[1][j] - rest[1]);
+                moved_m += half * v[0];
+            }
+        }
+        for axis in 0..2 {
+            // Velocity random walk over 120 s is 2.6e-3 m/s; five of them. A tilt of 0.01 degrees of the wrong
+            // sign would be 0.4 m/s.
+            let error = velocity[axis] - ins_v[axis][ROWS];
+            assert!(error.abs() < 0.013, "{} axis {axis}: {error}", name(&line));
+        }
+        let middle = 0.5 * (lat(0) + lat(ROWS));
+        let said_m = EarthModel::Wgs84.lat_rad_to_north_m(lat(ROWS) - lat(0), middle, c("alt")[0]);
+        // The error model's sphere differs from the meridian by 0.5 %, of an error of 10 m and less.
+        assert!((said_m - moved_m).abs() < 0.3, "{}: {said_m} {moved_m}", name(&line));
+    }
 }
 
 /// DRMS of filter and INS in metres, and the mean NEES over 2, of a line navigated with the stinger's truth.
