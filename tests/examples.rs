@@ -40,16 +40,21 @@ fn val_tolles_lawson_on_real_samples_is_that_of_scikit_learn() {
         compared += 1;
     }
     assert_eq!(compared, 4 * 18);
-    // The line is its own calibration: what is left of the band is a small part of what was there.
     let ratios = values(folder.path(), "tolles_lawson", "improvement_ratio_band");
-    assert!(ratios.iter().all(|r| *r > 5.0), "{ratios:?}");
+    let reference = include_str!("reference/tolles_lawson_ratio.csv").lines().skip(1);
+    let expected: Vec<f64> = reference.map(|r| r.split(',').nth(1).unwrap().parse().unwrap()).collect();
+    assert_eq!(ratios.len(), expected.len());
+    for (ours, theirs) in ratios.iter().zip(&expected) {
+        assert!((ours - theirs).abs() < 1e-7 * theirs, "{ours} {theirs}");
+    }
 }
 
 #[test]
 fn ref_simple_magnav_flight_navigates_as_printed() {
     let (folder, _) = run("navigation.toml");
     let scores = read(&folder.path().join("store/tables/navigation/scores"));
-    let (axes, metrics, values) = (texts(&scores, "interpolation"), texts(&scores, "metric"), numbers(&scores, "value"));
+    let (axes, metrics, values) =
+        (texts(&scores, "interpolation"), texts(&scores, "metric"), numbers(&scores, "value"));
     let of = |axis: &str, metric: &str| {
         let at = (0..values.len()).find(|i| axes[*i] == axis && metrics[*i] == metric).unwrap();
         values[at]
@@ -65,7 +70,8 @@ fn ref_simple_magnav_flight_navigates_as_printed() {
 fn law_the_main_job_compensates_and_navigates() {
     let (folder, last) = run("osborne.toml");
     assert_eq!(last["failed"], 0);
-    let (before, after) = (values(folder.path(), "osborne", "std_uncompensated"), values(folder.path(), "osborne", "std_error"));
+    let (before, after) =
+        (values(folder.path(), "osborne", "std_uncompensated"), values(folder.path(), "osborne", "std_error"));
     // 36 combinations on 6 lines.
     assert_eq!(after.len(), 216);
     assert!(after.iter().zip(&before).all(|(a, b)| a < b));

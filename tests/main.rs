@@ -9,6 +9,7 @@ mod bad_input;
 mod bytes;
 mod examples;
 mod killed;
+mod memory;
 mod queries;
 mod reuse;
 mod support;

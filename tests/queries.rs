@@ -23,10 +23,13 @@ fn law_sql_gives_the_least_error_of_each_combination() {
     assert!(output.status.success(), "{}", stderr(&output));
     let rows: Vec<Value> = stdout(&output).lines().map(|l| serde_json::from_str(l).unwrap()).collect();
     let scores = read(&bench.path("store/tables/small/scores"));
-    let (mags, vectors, metrics, values) = (texts(&scores, "mag"), texts(&scores, "vector"), texts(&scores, "metric"), numbers(&scores, "value"));
+    let (mags, vectors, metrics, values) =
+        (texts(&scores, "mag"), texts(&scores, "vector"), texts(&scores, "metric"), numbers(&scores, "value"));
     assert_eq!(rows.len(), 4);
     for row in rows {
-        let mine = (0..values.len()).filter(|i| metrics[*i] == "std_error" && row["mag"] == mags[*i].as_str() && row["vector"] == vectors[*i].as_str());
+        let mine = (0..values.len()).filter(|i| {
+            metrics[*i] == "std_error" && row["mag"] == mags[*i].as_str() && row["vector"] == vectors[*i].as_str()
+        });
         let best = mine.map(|i| values[i]).fold(f64::INFINITY, f64::min);
         assert_eq!(row["best"].as_f64().unwrap(), best);
     }
@@ -60,7 +63,10 @@ fn val_polars_reads_every_table_with_the_axes_in_place() {
     assert_eq!(clean.height(), 19_200);
     let names: Vec<&str> = clean.get_column_names().iter().map(|n| n.as_str()).collect();
     assert_eq!(names[..6], ["mag", "vector", "lambda", "flight", "line", "tt"]);
-    assert!(names.contains(&"mag_1_c") && names.contains(&"tl") && names.ends_with(&["mag_c", "mag_aircraft"]), "{names:?}");
+    assert!(
+        names.contains(&"mag_1_c") && names.contains(&"tl") && names.ends_with(&["mag_c", "mag_aircraft"]),
+        "{names:?}"
+    );
     // What one reader sees, the other sees.
     let ours = numbers(&read(&bench.path("store/tables/small/clean")), "mag_c");
     let theirs: Vec<f64> = clean.column("mag_c").unwrap().f64().unwrap().iter().map(|x| x.unwrap()).collect();
@@ -91,7 +97,10 @@ fn law_compensation_recovers_an_exact_aircraft() {
     let vectors = texts(&scores, "vector");
     // The aircraft is Tolles-Lawson's in flux_a; what stays is a 0.05 nT tone and what the map does within the band.
     let of = |metric: &str| -> Vec<f64> {
-        (0..values.len()).filter(|i| metrics[*i] == metric && lambdas[*i] == 0.025 && vectors[*i] == "flux_a").map(|i| values[i]).collect()
+        (0..values.len())
+            .filter(|i| metrics[*i] == metric && lambdas[*i] == 0.025 && vectors[*i] == "flux_a")
+            .map(|i| values[i])
+            .collect()
     };
     let (before, after) = (of("std_uncompensated"), of("std_error"));
     assert_eq!(before.len(), 8);
@@ -106,14 +115,25 @@ fn law_compensation_recovers_an_exact_aircraft() {
 fn law_lineage_ends_at_the_files() {
     let bench = ran();
     let tree = stdout(&bench.magline(&["lineage", "small.scores", "--store", "store"]));
-    for word in ["scores  score", "track  navigate", "coefficients  fit", "where line like '%.01'", "flights/1.parquet", "map.parquet", "tl <- even.tt"] {
+    for word in [
+        "scores  score",
+        "track  navigate",
+        "coefficients  fit",
+        "where line like '%.01'",
+        "flights/1.parquet",
+        "map.parquet",
+        "tl <- even.tt",
+    ] {
         assert!(tree.contains(word), "{word} is not in\n{tree}");
     }
     let json: Value = serde_json::from_str(&stdout(&bench.magline(&["lineage", "clean", "--format", "json"]))).unwrap();
     assert_eq!(json["table"], "clean");
-    let event: Value = serde_json::from_str(&stdout(&bench.magline(&["lineage", "clean", "--format", "openlineage"]))).unwrap();
+    let event: Value =
+        serde_json::from_str(&stdout(&bench.magline(&["lineage", "clean", "--format", "openlineage"]))).unwrap();
     assert_eq!(event["eventType"], "COMPLETE");
-    assert!(event["outputs"][0]["facets"]["columnLineage"]["fields"]["mag_c"]["inputFields"].as_array().unwrap().len() > 1);
+    assert!(
+        event["outputs"][0]["facets"]["columnLineage"]["fields"]["mag_c"]["inputFields"].as_array().unwrap().len() > 1
+    );
     let wrong = bench.magline(&["lineage", "small.scroes"]);
     assert_eq!(wrong.status.code(), Some(2));
     assert!(stderr(&wrong).contains("did you mean `small.scores`?"), "{}", stderr(&wrong));

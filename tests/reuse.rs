@@ -58,7 +58,8 @@ fn law_a_navigate_parameter_recomputes_navigation_and_scores() {
 fn law_renaming_and_reformatting_keep_the_cache() {
     let bench = Bench::new();
     computed(&bench, &[]);
-    let spec = SPEC.replace("0.025", "2.50e-2").replace("line like '%.01'", "( line   LIKE '%.01' )").replace("  ", " ");
+    let spec =
+        SPEC.replace("0.025", "2.50e-2").replace("line like '%.01'", "( line   LIKE '%.01' )").replace("  ", " ");
     bench.spec(&spec.replace("\"terms\"", "\"matrix\""));
     let done = bench.run(&[]);
     assert_eq!(done.total("computed"), 0, "{}", done.last);

@@ -60,7 +60,8 @@ impl Bench {
         let bench = Bench { folder: TempDir::new().unwrap() };
         fs::create_dir(bench.path("flights")).unwrap();
         for flight in ["1", "2"] {
-            let lines = [("01", 700), ("02", 500)].map(|(line, rows)| line_of(flight, &format!("{flight}.{line}"), rows));
+            let lines =
+                [("01", 700), ("02", 500)].map(|(line, rows)| line_of(flight, &format!("{flight}.{line}"), rows));
             write(&bench.path(&format!("flights/{flight}.parquet")), &lines);
         }
         write(&bench.path("map.parquet"), &[map()]);
@@ -207,8 +208,16 @@ pub fn line_of(flight: &str, line: &str, rows: usize) -> RecordBatch {
             let (roll, pitch, yaw) = (angle(i, 1.3, 0.15), angle(i, 1.7, 0.1), angle(i, 0.9, 0.2) + 0.1 * seed);
             let north = [0.4, 0.0, (1.0f64 - 0.16).sqrt()];
             let level = [north[0] * yaw.cos(), -north[0] * yaw.sin(), north[2]];
-            let pitched = [level[0] * pitch.cos() - level[2] * pitch.sin(), level[1], level[0] * pitch.sin() + level[2] * pitch.cos()];
-            [pitched[0], pitched[1] * roll.cos() + pitched[2] * roll.sin(), -pitched[1] * roll.sin() + pitched[2] * roll.cos()]
+            let pitched = [
+                level[0] * pitch.cos() - level[2] * pitch.sin(),
+                level[1],
+                level[0] * pitch.sin() + level[2] * pitch.cos(),
+            ];
+            [
+                pitched[0],
+                pitched[1] * roll.cos() + pitched[2] * roll.sin(),
+                -pitched[1] * roll.sin() + pitched[2] * roll.cos(),
+            ]
         };
         let all: Vec<[f64; 3]> = (0..rows).map(parts).collect();
         let of = |k: usize| (0..rows).map(|i| all[i][k] * field(i)).collect();
@@ -284,7 +293,8 @@ pub fn write(path: &Path, batches: &[RecordBatch]) {
 pub fn read(folder: &Path) -> Vec<RecordBatch> {
     let mut files: Vec<PathBuf> = fs::read_dir(folder).unwrap().flatten().map(|e| e.path()).collect();
     files.sort();
-    let open = |f: &PathBuf| ParquetRecordBatchReaderBuilder::try_new(fs::File::open(f).unwrap()).unwrap().build().unwrap();
+    let open =
+        |f: &PathBuf| ParquetRecordBatchReaderBuilder::try_new(fs::File::open(f).unwrap()).unwrap().build().unwrap();
     files.iter().flat_map(|f| open(f).map(Result::unwrap).collect::<Vec<_>>()).collect()
 }
 
@@ -292,7 +302,13 @@ pub fn read(folder: &Path) -> Vec<RecordBatch> {
 pub fn numbers(batches: &[RecordBatch], column: &str) -> Vec<f64> {
     let one = |b: &RecordBatch| {
         let array = b.column_by_name(column).unwrap_or_else(|| panic!("no {column}"));
-        array.as_any().downcast_ref::<Float64Array>().unwrap().iter().map(|x| x.unwrap_or(f64::NAN)).collect::<Vec<f64>>()
+        array
+            .as_any()
+            .downcast_ref::<Float64Array>()
+            .unwrap()
+            .iter()
+            .map(|x| x.unwrap_or(f64::NAN))
+            .collect::<Vec<f64>>()
     };
     batches.iter().flat_map(one).collect()
 }
@@ -301,7 +317,13 @@ pub fn numbers(batches: &[RecordBatch], column: &str) -> Vec<f64> {
 pub fn texts(batches: &[RecordBatch], column: &str) -> Vec<String> {
     let one = |b: &RecordBatch| {
         let array = b.column_by_name(column).unwrap_or_else(|| panic!("no {column}"));
-        array.as_any().downcast_ref::<StringArray>().unwrap().iter().map(|x| x.unwrap_or("").to_owned()).collect::<Vec<String>>()
+        array
+            .as_any()
+            .downcast_ref::<StringArray>()
+            .unwrap()
+            .iter()
+            .map(|x| x.unwrap_or("").to_owned())
+            .collect::<Vec<String>>()
     };
     batches.iter().flat_map(one).collect()
 }

@@ -30,7 +30,8 @@ pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, Faults> {
         text: String::new(),
         faults: vec![Fault::new(format!("cannot read {file}: {e}")).help("name a spec: a TOML file")],
     })?;
-    let folder = path.parent().map(Path::to_owned).filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| PathBuf::from("."));
+    let folder =
+        path.parent().map(Path::to_owned).filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| PathBuf::from("."));
     let mut spec = Spec::parse(&file, folder, text)?;
     let faults: Vec<Fault> = sets.iter().filter_map(|s| spec.set(s).err()).collect();
     if faults.is_empty() { Ok(spec) } else { Err(spec.faults(faults)) }

@@ -9,7 +9,10 @@ use arrow_array::{Array, BooleanArray, RecordBatch, StringArray, cast::AsArray};
 use arrow_schema::{DataType, Field, Schema};
 use datafusion::{
     common::DFSchema,
-    logical_expr::{Expr, utils::{conjunction, split_conjunction_owned}},
+    logical_expr::{
+        Expr,
+        utils::{conjunction, split_conjunction_owned},
+    },
     physical_expr::PhysicalExpr,
     prelude::SessionContext,
 };
@@ -32,7 +35,8 @@ impl Predicate {
     /// # Errors
     /// When it is not SQL, not a predicate, or names a column that is not there.
     pub fn new(sql: &str, shape: &Shape) -> Result<Predicate, Fault> {
-        let fields: Vec<Field> = shape.columns.iter().map(|c| Field::new(&c.name, c.column_type.data_type(), true)).collect();
+        let fields: Vec<Field> =
+            shape.columns.iter().map(|c| Field::new(&c.name, c.column_type.data_type(), true)).collect();
         let schema = Arc::new(Schema::new(fields));
         let context = SessionContext::new();
         let df = DFSchema::try_from(schema.as_ref().clone()).map_err(|e| wrong(&e, shape))?;
@@ -48,8 +52,7 @@ impl Predicate {
         let keys = DFSchema::try_from(key_schema()).map_err(|e| wrong(&e, shape))?;
         let lines = conjunction(of_lines).map(|e| physical(e, &keys)).transpose()?;
         let rows = conjunction(of_rows);
-        let mut columns: Vec<String> =
-            rows.iter().flat_map(|e| e.column_refs()).map(|c| c.name.clone()).collect();
+        let mut columns: Vec<String> = rows.iter().flat_map(|e| e.column_refs()).map(|c| c.name.clone()).collect();
         columns.sort();
         columns.dedup();
         let canonical = rows.as_ref().map(|e| e.to_string()).unwrap_or_default();
@@ -112,7 +115,8 @@ fn wrong(e: &datafusion::error::DataFusionError, shape: &Shape) -> Fault {
             }
             other => Fault::new(format!("`where` cannot be read: {other}")),
         },
-        other => Fault::new(format!("`where` cannot be read: {other}")).help("it is a SQL predicate, such as `line = '1003.02'`"),
+        other => Fault::new(format!("`where` cannot be read: {other}"))
+            .help("it is a SQL predicate, such as `line = '1003.02'`"),
     }
 }
 
@@ -137,7 +141,8 @@ mod tests {
         assert_eq!(p.lines(&lines).unwrap(), [true, false, false]);
         assert_eq!(p.columns, ["tt"]);
         let tt = Schema::new(vec![Field::new("tt", DataType::Float64, true)]);
-        let batch = RecordBatch::try_new(Arc::new(tt), vec![Arc::new(Float64Array::from(vec![0.5, 1.5, f64::NAN]))]).unwrap();
+        let batch =
+            RecordBatch::try_new(Arc::new(tt), vec![Arc::new(Float64Array::from(vec![0.5, 1.5, f64::NAN]))]).unwrap();
         assert_eq!(p.rows(&batch).unwrap(), Some(vec![false, true, false]));
     }
 

@@ -189,10 +189,7 @@ fn given(value: Literal, key_at: Span, at: Span) -> Given {
 }
 
 fn override_value(text: &str) -> Literal {
-    DeValue::parse(text)
-        .ok()
-        .and_then(|v| literal(v.get_ref()).ok())
-        .unwrap_or_else(|| Literal::Text(text.to_owned()))
+    DeValue::parse(text).ok().and_then(|v| literal(v.get_ref()).ok()).unwrap_or_else(|| Literal::Text(text.to_owned()))
 }
 
 #[derive(Default)]
@@ -212,13 +209,26 @@ impl Reading {
         let seed = self.seed(root);
         let store = self.text(root, "store").map_or_else(|| "store".to_owned(), |(s, _)| s);
         if store.contains("://") {
-            self.faults.push(Fault::new(format!("the store `{store}` is not a folder")).help("this version keeps its store in a folder"));
+            self.faults.push(
+                Fault::new(format!("the store `{store}` is not a folder"))
+                    .help("this version keeps its store in a folder"),
+            );
         }
         let tables = self.named(root, "tables").iter().filter_map(|(n, v)| self.source(n, v)).collect();
         let axes = self.named(root, "axes").iter().filter_map(|(n, v)| self.axis(n, v)).collect();
         let stages = self.stages(root);
         let store = folder.join(store);
-        Some(Spec { file: file.to_owned(), store, folder, text: text.to_owned(), name: name?, seed, tables, axes, stages })
+        Some(Spec {
+            file: file.to_owned(),
+            store,
+            folder,
+            text: text.to_owned(),
+            name: name?,
+            seed,
+            tables,
+            axes,
+            stages,
+        })
     }
 
     /// The name of the pipeline: given, or the file's stem.
@@ -405,7 +415,9 @@ fn literal(value: &DeValue) -> Result<Literal, String> {
             Ok(x) if !x.is_nan() => Ok(Literal::Float(x)),
             _ => Err(format!("{} is not a number that can be used here", x.as_str())),
         },
-        DeValue::Array(items) => items.iter().map(|v| literal(v.get_ref())).collect::<Result<_, _>>().map(Literal::List),
+        DeValue::Array(items) => {
+            items.iter().map(|v| literal(v.get_ref())).collect::<Result<_, _>>().map(Literal::List)
+        }
         DeValue::Datetime(_) => Err("a date cannot stand here; write it as text".to_owned()),
         DeValue::Table(_) => Err("a table cannot stand here".to_owned()),
     }

@@ -19,6 +19,8 @@ pub struct Canonical {
 enum Step {
     Text,
     Number(f64),
+    /// A scalar magnetometer: the earth's field is nowhere 0 nT, so a reading of exactly that is a dropout.
+    Scalar(f64),
     Cast,
     Keep,
 }
@@ -28,7 +30,8 @@ impl Canonical {
     ///
     /// Text and numbers become `flight` and `line`; every column with a canonical unit becomes Float64 in it; other
     /// floats become Float64, other whole numbers Int64, and the rest stays as it is. Columns keep the file's order
-    /// after `flight`, `line`, `tt`.
+    /// after `flight`, `line`, `tt`. Nulls of numbers become NaN, and so does a reading of exactly 0 nT of an
+    /// uncompensated scalar magnetometer: a dropout.
     ///
     /// # Errors
     /// Every missing key, wrong unit and wrong type, each naming its column.
@@ -37,9 +40,7 @@ impl Canonical {
         let mut faults: Vec<Fault> = flight::KEYS
             .iter()
             .filter(|k| !names.contains(k))
-            .map(|k| {
-                Fault::data(format!("a flight table needs a column `{k}`")).nearest(k, &names).in_column(k)
-            })
+            .map(|k| Fault::data(format!("a flight table needs a column `{k}`")).nearest(k, &names).in_column(k))
             .collect();
         for (i, name) in names.iter().enumerate() {
             if names[..i].contains(name) {
@@ -79,6 +80,9 @@ impl Canonical {
                 Step::Cast => cast(array, field.data_type()).map_err(wrong),
                 Step::Text => text(array).map_err(wrong),
                 Step::Number(factor) => cast(array, &DataType::Float64).map(|a| numbers(&a, *factor)).map_err(wrong),
+                Step::Scalar(factor) => {
+                    cast(array, &DataType::Float64).map(|a| without_zeros(&numbers(&a, *factor))).map_err(wrong)
+                }
             }
         });
         let columns = columns.collect::<Result<Vec<ArrayRef>, Fault>>()?;
@@ -107,7 +111,8 @@ fn step(source: &Field) -> Result<(Step, Field), Fault> {
             let what = format!("must be numbers in {}, not {kind}", known.unit);
             return Err(Fault::data(what).in_column(name).help("convert the column before, or rename it"));
         }
-        return Ok((Step::Number(factor), as_field(DataType::Float64, known.unit, known.role)));
+        let step = if flight::is_scalar_reading(name) { Step::Scalar(factor) } else { Step::Number(factor) };
+        return Ok((step, as_field(DataType::Float64, known.unit, known.role)));
     }
     let (step, to) = match &kind {
         DataType::Float64 | DataType::Float32 | DataType::Float16 => (Step::Number(1.0), DataType::Float64),
@@ -157,7 +162,21 @@ fn numbers(array: &ArrayRef, factor: f64) -> ArrayRef {
     if array.null_count() == 0 && factor == 1.0 {
         return Arc::new(array.clone());
     }
-    Arc::new(array.iter().map(|x| x.map_or(f64::NAN, |x| x * factor)).collect::<Vec<f64>>().into_iter().collect::<Float64Array>())
+    Arc::new(
+        array
+            .iter()
+            .map(|x| x.map_or(f64::NAN, |x| x * factor))
+            .collect::<Vec<f64>>()
+            .into_iter()
+            .collect::<Float64Array>(),
+    )
+}
+
+/// Readings of exactly 0 as missing.
+fn without_zeros(array: &ArrayRef) -> ArrayRef {
+    let array = array.as_primitive::<arrow_array::types::Float64Type>();
+    let kept: Float64Array = array.values().iter().map(|x| if *x == 0.0 { f64::NAN } else { *x }).collect();
+    Arc::new(kept)
 }
 
 /// Whether time runs forward, strictly, through a line.
@@ -243,6 +262,20 @@ mod tests {
                  (write the unit that the values have into the field's metadata)",
             ]
         );
+    }
+
+    #[test]
+    fn law_a_dropout_of_a_scalar_magnetometer_is_missing() {
+        let schema = Schema::new(
+            ["flight", "line", "tt", "mag_4_uc", "mag_1_c"].map(|n| Field::new(n, DataType::Float64, true)).to_vec(),
+        );
+        let columns = (0..5).map(|_| Arc::new(Float64Array::from(vec![0.0, 50_000.0])) as ArrayRef).collect();
+        let batch = RecordBatch::try_new(Arc::new(schema.clone()), columns).unwrap();
+        let out = Canonical::new(&schema).unwrap().apply(&batch).unwrap();
+        let numbers = |i: usize| out.column(i).as_primitive::<arrow_array::types::Float64Type>().values().to_vec();
+        assert!(numbers(3)[0].is_nan() && numbers(3)[1] == 50_000.0);
+        // An anomaly may well be zero.
+        assert_eq!(numbers(4), [0.0, 50_000.0]);
     }
 
     #[test]

@@ -76,6 +76,11 @@ pub fn describe(name: &str) -> Described {
     d("", Role::Aux, "")
 }
 
+/// Whether the column `name` is the reading of a scalar magnetometer.
+pub fn is_scalar_reading(name: &str) -> bool {
+    magnetometer(name, "_uc").is_some()
+}
+
 /// N of `mag_N<suffix>`.
 fn magnetometer<'a>(name: &'a str, suffix: &str) -> Option<&'a str> {
     let n = name.strip_prefix("mag_")?.strip_suffix(suffix)?;

@@ -98,6 +98,8 @@ pub struct Yield {
     pub rate_hz: Option<f64>,
     /// For a fit: the columns of a line that applying the model takes.
     pub features: Vec<String>,
+    /// Whether a line may lack a column that is read: it is then handed over as NaN or null. Otherwise the line fails.
+    pub lenient: bool,
     /// Whether the table is small and belongs into one file (models, scores).
     pub tidy: bool,
     /// What the user should know of a choice made for him.
@@ -113,6 +115,7 @@ impl Yield {
             reads: vec![reads.iter().map(|s| s.as_ref().to_owned()).collect()],
             rate_hz: None,
             features: vec![],
+            lenient: false,
             tidy: false,
             notes: vec![],
         }

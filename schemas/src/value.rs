@@ -92,9 +92,7 @@ impl Rule {
 
     fn word(&self, x: &str) -> Result<(), Fault> {
         match self {
-            Rule::OneOf(known) if !known.contains(&x) => {
-                Err(Fault::new(format!("cannot be `{x}`")).nearest(x, known))
-            }
+            Rule::OneOf(known) if !known.contains(&x) => Err(Fault::new(format!("cannot be `{x}`")).nearest(x, known)),
             _ => Ok(()),
         }
     }

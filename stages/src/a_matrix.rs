@@ -56,10 +56,16 @@ impl Stage for AMatrix {
             let fault = Fault::new(format!("there is no vector magnetometer `{}`", self.vector));
             faults.push(fault.nearest(&self.vector, &known).of_param("vector"));
         } else {
-            faults.extend(faults_of(axes.iter().map(|a| shape.number(a, "nT").and_then(|c| no_truth(c, "vector", self.allow_truth))), "vector"));
+            faults.extend(faults_of(
+                axes.iter().map(|a| shape.number(a, "nT").and_then(|c| no_truth(c, "vector", self.allow_truth))),
+                "vector",
+            ));
         }
         if let Some(scalar) = &self.scalar {
-            faults.extend(faults_of([shape.number(scalar, "nT").and_then(|c| no_truth(c, "scalar", self.allow_truth))], "scalar"));
+            faults.extend(faults_of(
+                [shape.number(scalar, "nT").and_then(|c| no_truth(c, "scalar", self.allow_truth))],
+                "scalar",
+            ));
         }
         let terms = match self.terms() {
             Ok(terms) if faults.is_empty() => terms,
@@ -84,7 +90,8 @@ impl Stage for AMatrix {
         let differences = terms.names().iter().any(|n| n.ends_with("_dot"));
         let usable = Usable::all(tt.len()).and_finite(x).and_finite(y).and_finite(z);
         let runs = if differences {
-            let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+            let rate_hz =
+                sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
             usable.runs_in_time(tt, rate_hz)
         } else {
             usable.runs()

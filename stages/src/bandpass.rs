@@ -48,7 +48,8 @@ pub fn design(low_hz: f64, high_hz: f64, order: usize, rate_hz: f64) -> Result<O
 impl Stage for Bandpass {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
-        let mut faults = faults_of(self.columns.iter().map(|c| shape.need(c).and_then(|x| shape.number(c, &x.unit))), "columns");
+        let mut faults =
+            faults_of(self.columns.iter().map(|c| shape.need(c).and_then(|x| shape.number(c, &x.unit))), "columns");
         faults.extend(band(self.low_hz, self.high_hz, shape.rate_hz));
         if self.low_hz == 0.0 && self.high_hz == 0.0 {
             faults.push(Fault::new("both corners are 0, so nothing would be filtered").of_param("low_hz"));
@@ -74,7 +75,8 @@ impl Stage for Bandpass {
             let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
             let (y, report) = filter_column(&filter, x, &runs).map_err(|e| data(e).in_column(name))?;
             if report.rows == 0 {
-                let what = format!("no run of samples is as long as the filter needs ({} samples)", filter.least_rows());
+                let what =
+                    format!("no run of samples is as long as the filter needs ({} samples)", filter.least_rows());
                 return Err(Fault::data(what).in_column(name));
             }
             Ok(array(y))

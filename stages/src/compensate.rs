@@ -39,7 +39,10 @@ impl Stage for Compensate {
         }
         for feature in features {
             if let Err(fault) = lines.need(feature) {
-                faults.push(Fault { what: format!("the model was fitted on `{feature}`, and {}", fault.what), ..fault }.of_param("input"));
+                faults.push(
+                    Fault { what: format!("the model was fitted on `{feature}`, and {}", fault.what), ..fault }
+                        .of_param("input"),
+                );
             }
         }
         if !faults.is_empty() {
@@ -48,7 +51,8 @@ impl Stage for Compensate {
         let mut reads = vec![self.mag.clone()];
         reads.extend(features.iter().cloned());
         let made = |name, doc| Column::float(name, "nT", doc).from(0, &reads).from(1, &["term", "value"]);
-        let columns = vec![made("mag_c", "compensated field"), made("mag_aircraft", "aircraft field that was taken off")];
+        let columns =
+            vec![made("mag_c", "compensated field"), made("mag_aircraft", "aircraft field that was taken off")];
         let mut yields = Yield::append(columns, &reads);
         yields.reads.push(vec!["term".to_owned(), "value".to_owned()]);
         Ok(yields)
@@ -56,7 +60,11 @@ impl Stage for Compensate {
 
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
         let mag = floats(&line.inputs[0], &self.mag)?;
-        let model = line.prepared.as_ref().and_then(|p| p.downcast_ref::<Model>()).ok_or_else(|| Fault::data("the model is missing"))?;
+        let model = line
+            .prepared
+            .as_ref()
+            .and_then(|p| p.downcast_ref::<Model>())
+            .ok_or_else(|| Fault::data("the model is missing"))?;
         let mut aircraft = predict(&line.inputs[0], model, mag.len())?;
         if self.detrend {
             let mean = statistics::mean(&aircraft).value;
@@ -96,7 +104,9 @@ fn predict(batch: &RecordBatch, model: &Model, rows: usize) -> Result<Vec<f64>, 
         }
     }
     let find = |term: &String| {
-        let entry = lists.iter().find_map(|(rows, names)| names.iter().position(|n| n == term).map(|at| Source::Entry { rows, width: names.len(), at }));
+        let entry = lists.iter().find_map(|(rows, names)| {
+            names.iter().position(|n| n == term).map(|at| Source::Entry { rows, width: names.len(), at })
+        });
         match entry {
             Some(source) => Ok(source),
             None => floats(batch, term).map(Source::Column),

@@ -68,7 +68,9 @@ impl Stage for Fit {
                 faults.push(fault.of_param(if hint { "input" } else { "features" }));
             }
             if *name == self.target {
-                faults.push(Fault::new(format!("`{name}` is the target, so it cannot be a feature")).of_param("features"));
+                faults.push(
+                    Fault::new(format!("`{name}` is the target, so it cannot be a feature")).of_param("features"),
+                );
             }
         }
         if self.features.is_empty() {
@@ -89,7 +91,11 @@ impl Stage for Fit {
             made(Column::integer("n", "", "rows that were used")),
             made(Column::integer("left_out", "", "rows of the selected lines that were not")),
             made(Column::float("condition", "1", "condition number of the filtered matrix")),
-            made(Column::float("residual_std", "nT", "standard deviation of what the fit leaves of the filtered target")),
+            made(Column::float(
+                "residual_std",
+                "nT",
+                "standard deviation of what the fit leaves of the filtered target",
+            )),
         ];
         let mut yields = Yield::append(columns, &reads);
         yields.passes = Passes::None;
@@ -256,7 +262,13 @@ fn grouped(line: &LineIn, features: &Features, targets: &[String]) -> Result<Vec
 }
 
 /// The triangle of each target's filtered and trimmed rows.
-fn shares(batch: &RecordBatch, key: &Matrix, features: &Features, runs: &[Range<usize>], targets: &[String]) -> Result<Vec<QrAccumulator>, Fault> {
+fn shares(
+    batch: &RecordBatch,
+    key: &Matrix,
+    features: &Features,
+    runs: &[Range<usize>],
+    targets: &[String],
+) -> Result<Vec<QrAccumulator>, Fault> {
     let (low_hz, high_hz, order) = (f64::from_bits(key.filter.0), f64::from_bits(key.filter.1), key.filter.2);
     let rate_hz = sample_rate(floats(batch, "tt")?, STEP_TOLERANCE).map_err(data)?;
     let filter = design(low_hz, high_hz, order, rate_hz)?;
@@ -309,7 +321,8 @@ impl Solved {
         }
         let n = all.rows();
         if n == 0 {
-            let what = format!("no run of samples with `{}` and all features is long enough to be filtered and trimmed", at.1);
+            let what =
+                format!("no run of samples with `{}` and all features is long enough to be filtered and trimmed", at.1);
             return Err(Fault::data(what).help("select longer lines, or take a smaller `trim` or `order`"));
         }
         let path = lambdas.iter().map(|l| (*l, all.solve(&[*l], terms).map_err(data))).collect();

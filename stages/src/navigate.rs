@@ -25,8 +25,8 @@ const DEFAULT_YEAR: f64 = 2020.0 + 185.0 / 366.0;
 
 /// The states, in the order of thesis 000 (5.14).
 const STATE_NAMES: [&str; STATES] = [
-    "lat", "lon", "alt", "vn", "ve", "vd", "tilt_n", "tilt_e", "tilt_d", "acc_1", "acc_2", "acc_3", "gyro_1", "gyro_2", "gyro_3",
-    "ha", "a_hat", "s",
+    "lat", "lon", "alt", "vn", "ve", "vd", "tilt_n", "tilt_e", "tilt_d", "acc_1", "acc_2", "acc_3", "gyro_1", "gyro_2",
+    "gyro_3", "ha", "a_hat", "s",
 ];
 
 stage! {
@@ -231,7 +231,12 @@ impl Stage for Navigate {
         if self.save_state {
             let states: Vec<String> = STATE_NAMES.map(str::to_owned).to_vec();
             let pairs = STATE_NAMES.iter().flat_map(|a| STATE_NAMES.iter().map(move |b| format!("{a}*{b}"))).collect();
-            columns.push(made(Column::list("x", "", "error state, truth - INS, thesis 000 (5.14); rad, m, s, nT", states)));
+            columns.push(made(Column::list(
+                "x",
+                "",
+                "error state, truth - INS, thesis 000 (5.14); rad, m, s, nT",
+                states,
+            )));
             columns.push(made(Column::list("p", "", "covariance of x, row-major", pairs)));
         }
         let mut yields = Yield::append(columns, &reads);
@@ -243,15 +248,33 @@ impl Stage for Navigate {
 
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
         let batch = &line.inputs[0];
-        let map = line.prepared.as_ref().and_then(|p| p.downcast_ref::<AnomalyMap>()).ok_or_else(|| Fault::data("the map is missing"))?;
+        let map = line
+            .prepared
+            .as_ref()
+            .and_then(|p| p.downcast_ref::<AnomalyMap>())
+            .ok_or_else(|| Fault::data("the map is missing"))?;
         let tt = floats(batch, "tt")?;
-        let three = |names: [&str; 3]| -> Result<[&[f64]; 3], Fault> { Ok([floats(batch, names[0])?, floats(batch, names[1])?, floats(batch, names[2])?]) };
+        let three = |names: [&str; 3]| -> Result<[&[f64]; 3], Fault> {
+            Ok([floats(batch, names[0])?, floats(batch, names[1])?, floats(batch, names[2])?])
+        };
         let there = |names: [&str; 3]| batch.column_by_name(names[0]).is_some();
         let [lat_deg, lon_deg, alt_m] = three(POSITION)?;
-        let velocity = if there(VELOCITY) { three(VELOCITY)?.map(<[f64]>::to_vec) } else { strapdown::velocity_ned_mps(tt, lat_deg, lon_deg, alt_m).map_err(data)? };
+        let velocity = if there(VELOCITY) {
+            three(VELOCITY)?.map(<[f64]>::to_vec)
+        } else {
+            strapdown::velocity_ned_mps(tt, lat_deg, lon_deg, alt_m).map_err(data)?
+        };
         let [vn_mps, ve_mps, vd_mps] = [&velocity[0][..], &velocity[1], &velocity[2]];
-        let force = if there(FORCE) { three(FORCE)?.map(<[f64]>::to_vec) } else { strapdown::specific_force_ned_mps2(tt, vn_mps, ve_mps, vd_mps).map_err(data)? };
-        let attitude = if there(ATTITUDE) { three(ATTITUDE)?.map(<[f64]>::to_vec) } else { strapdown::level_attitude_deg(vn_mps, ve_mps).map_err(data)? };
+        let force = if there(FORCE) {
+            three(FORCE)?.map(<[f64]>::to_vec)
+        } else {
+            strapdown::specific_force_ned_mps2(tt, vn_mps, ve_mps, vd_mps).map_err(data)?
+        };
+        let attitude = if there(ATTITUDE) {
+            three(ATTITUDE)?.map(<[f64]>::to_vec)
+        } else {
+            strapdown::level_attitude_deg(vn_mps, ve_mps).map_err(data)?
+        };
         let ins = InsSeries {
             tt_s: tt,
             lat_deg,
@@ -271,19 +294,26 @@ impl Stage for Navigate {
         let core = self.core(batch, tt)?;
         let output = ekf::run(&self.parameters(), &ins, measured, map, core.as_ref()).map_err(data)?;
         if output.report.updates == 0 {
-            let what = format!("no sample could be used: {} without a measurement, {} off the map", output.report.missing_measurements, output.report.off_map);
+            let what = format!(
+                "no sample could be used: {} without a measurement, {} off the map",
+                output.report.missing_measurements, output.report.off_map
+            );
             return Err(Fault::data(what).help("does the map cover the flight?"));
         }
         if self.offset_window_s > 0.0 && output.report.offset_samples == 0 {
-            return Err(Fault::data("no sample within `offset_window_s` has a measurement and a map value, so the offset is unknown"));
+            return Err(Fault::data(
+                "no sample within `offset_window_s` has a measurement and a map value, so the offset is unknown",
+            ));
         }
         self.arrays(output, measured)
     }
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
         let map = inputs.get(1).ok_or_else(|| Fault::data("the map is missing"))?;
-        let grid = MapGrid::from_rows(floats(map, "lat")?, floats(map, "lon")?, floats(map, "anomaly")?).map_err(data)?;
-        let interpolation = if self.map_interpolation == "cubic" { Interpolation::Cubic } else { Interpolation::Linear };
+        let grid =
+            MapGrid::from_rows(floats(map, "lat")?, floats(map, "lon")?, floats(map, "anomaly")?).map_err(data)?;
+        let interpolation =
+            if self.map_interpolation == "cubic" { Interpolation::Cubic } else { Interpolation::Linear };
         Ok(Some(Arc::new(AnomalyMap::new(&grid, interpolation))))
     }
 
@@ -300,7 +330,8 @@ impl Navigate {
             Some(gate) if *nis > gate => "gated",
             _ => "used",
         };
-        let fates = out.residual_nt.iter().zip(out.nis.iter().zip(measured)).map(fate).map(Some).collect::<StringArray>();
+        let fates =
+            out.residual_nt.iter().zip(out.nis.iter().zip(measured)).map(fate).map(Some).collect::<StringArray>();
         let mut arrays: Vec<ArrayRef> = vec![
             array(out.lat_deg),
             array(out.lon_deg),

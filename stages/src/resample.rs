@@ -19,7 +19,8 @@ stage! {
     /// so that all sensors and lines of a flight share their times.
     ///
     /// Times inside of a gap longer than `max_gap_s` are kept, with NaN (or null) in every column but `flight`, `line` and
-    /// `tt`. A missing value of one column counts as a gap of that column. Repeated or backward time is an error.
+    /// `tt`. A missing value of one column counts as a gap of that column; a column that a line lacks, but others have, is
+    /// missing throughout. Repeated or backward time is an error.
     ///
     /// Nothing is filtered: when going to a lower rate, what is faster than half of it folds back. Use `bandpass` before.
     Resample = "resample", version 1, grain Line, inputs [input: Lines];
@@ -41,6 +42,7 @@ impl Stage for Resample {
         let reads: Vec<&str> = shape.columns.iter().map(|c| c.name.as_str()).collect();
         let mut yields = Yield::append(made.collect(), &reads);
         yields.passes = Passes::None;
+        yields.lenient = true;
         yields.rate_hz = Some(self.rate_hz);
         Ok(yields)
     }
@@ -53,7 +55,9 @@ impl Stage for Resample {
         }
         let schema = batch.schema();
         let fields = schema.fields().iter();
-        fields.map(|f| self.column(batch, &plan, &schemas::describe_field(f), line).map_err(|e| e.in_column(f.name()))).collect()
+        fields
+            .map(|f| self.column(batch, &plan, &schemas::describe_field(f), line).map_err(|e| e.in_column(f.name())))
+            .collect()
     }
 }
 
@@ -73,7 +77,9 @@ impl Resample {
             ("tt", _) => Ok(array(plan.grid().to_vec())),
             ("flight", _) => Ok(same(&line.flight)),
             ("line", _) => Ok(same(&line.line)),
-            (name, ColumnType::Float) if column.unit == "deg" => plan.angle_deg(floats(batch, name)?, self.method()).map(array).map_err(data),
+            (name, ColumnType::Float) if column.unit == "deg" => {
+                plan.angle_deg(floats(batch, name)?, self.method()).map(array).map_err(data)
+            }
             (name, ColumnType::Float) => plan.column(floats(batch, name)?, self.method()).map(array).map_err(data),
             (name, ColumnType::List(_)) => self.entries(batch, plan, name),
             (name, _) => {

@@ -21,7 +21,12 @@ const METRICS: [(&str, &str, Need, &str); 18] = [
     ("std_error", "nT", Need::Truth, "standard deviation of compensated minus truth"),
     ("bias_error", "nT", Need::Truth, "mean of compensated minus truth"),
     ("rms_error", "nT", Need::Truth, "root mean square of compensated minus truth"),
-    ("std_uncompensated", "nT", Need::Aircraft, "standard deviation of uncompensated minus truth, or of the uncompensated signal"),
+    (
+        "std_uncompensated",
+        "nT",
+        Need::Aircraft,
+        "standard deviation of uncompensated minus truth, or of the uncompensated signal",
+    ),
     ("improvement_ratio", "1", Need::Aircraft, "std_uncompensated over the same of the compensated signal"),
     ("improvement_ratio_band", "1", Need::Aircraft, "the same after a band-pass"),
     ("snr", "1", Need::Truth, "standard deviation of the truth over that of the error"),
@@ -30,7 +35,12 @@ const METRICS: [(&str, &str, Need, &str); 18] = [
     ("rms_north", "m", Need::Track, "root mean square error north"),
     ("rms_east", "m", Need::Track, "root mean square error east"),
     ("ins_drms", "m", Need::Ins, "root mean square horizontal error of the INS alone"),
-    ("nees", "1", Need::Track, "mean normalised estimation error squared of the horizontal position; 2 for an honest filter"),
+    (
+        "nees",
+        "1",
+        Need::Track,
+        "mean normalised estimation error squared of the horizontal position; 2 for an honest filter",
+    ),
     ("nis", "1", Need::Innovation, "mean normalised innovation squared; 1 for an honest filter"),
     ("samples_used", "1", Need::Innovation, "measurements that the filter used"),
     ("samples_missing", "1", Need::Innovation, "samples without a measurement"),
@@ -105,7 +115,8 @@ impl Score {
     /// Where each column that may be needed is: (table, column).
     fn places(&self, shapes: &[&Shape]) -> Places {
         let at = |name: &str, role: Option<Role>| find(shapes, named(name, role)).map(|i| (i, name.to_owned()));
-        let track = shapes.iter().position(|s| ["lat", "lon", "residual", "nis", "update"].iter().all(|n| s.get(n).is_some()));
+        let track =
+            shapes.iter().position(|s| ["lat", "lon", "residual", "nis", "update"].iter().all(|n| s.get(n).is_some()));
         Places {
             mag: at(&self.mag, None),
             aircraft: at("mag_aircraft", None),
@@ -123,7 +134,9 @@ impl Score {
         let track = || places.track.is_none().then(|| "a track of `navigate`".to_owned());
         match need {
             Need::Truth => mag().or_else(|| places.truth.is_none().then(|| "`truth`".to_owned())),
-            Need::Aircraft => mag().or_else(|| places.aircraft.is_none().then(|| "`mag_aircraft` of `compensate`".to_owned())),
+            Need::Aircraft => {
+                mag().or_else(|| places.aircraft.is_none().then(|| "`mag_aircraft` of `compensate`".to_owned()))
+            }
             Need::Position => mag().or_else(position),
             Need::Track => track().or_else(position),
             Need::Ins => position().or_else(|| places.ins.is_none().then(|| "`ins_lat` and `ins_lon`".to_owned())),
@@ -195,14 +208,26 @@ impl Stage for Score {
             Column::integer("n", "", "samples or pairs behind it"),
         ];
         let columns = columns.into_iter().map(|c| reads.iter().enumerate().fold(c, |c, (i, names)| c.from(i, names)));
-        Ok(Yield { columns: columns.collect(), passes: Passes::None, reads, rate_hz: None, features: vec![], tidy: true, notes: vec![] })
+        Ok(Yield {
+            columns: columns.collect(),
+            passes: Passes::None,
+            reads,
+            rate_hz: None,
+            features: vec![],
+            lenient: false,
+            tidy: true,
+            notes: vec![],
+        })
     }
 
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
         let shapes: Vec<Shape> = line
             .inputs
             .iter()
-            .map(|b| Shape { columns: b.schema().fields().iter().map(|f| schemas::describe_field(f)).collect(), rate_hz: None })
+            .map(|b| Shape {
+                columns: b.schema().fields().iter().map(|f| schemas::describe_field(f)).collect(),
+                rate_hz: None,
+            })
             .collect();
         let shapes: Vec<&Shape> = shapes.iter().collect();
         same_samples(line)?;
@@ -232,7 +257,9 @@ fn same_samples(line: &LineIn) -> Result<(), Fault> {
     let first = floats(&line.inputs[0], "tt")?;
     for batch in &line.inputs[1..] {
         if floats(batch, "tt")? != first {
-            return Err(Fault::data("the tables to score have different samples").in_column("tt").help("score tables that were made from the same resampling"));
+            return Err(Fault::data("the tables to score have different samples")
+                .in_column("tt")
+                .help("score tables that were made from the same resampling"));
         }
     }
     Ok(())
@@ -347,7 +374,8 @@ impl Scored<'_> {
     fn count(&self, fate: &str) -> Result<Figure, Fault> {
         let i = self.places.track.ok_or_else(|| Fault::data("the track is missing"))?;
         let fates = self.line.inputs[i].column_by_name("update").and_then(|a| a.as_string_opt::<i32>());
-        let fates = fates.ok_or_else(|| Fault::data("the track does not say what became of its measurements").in_column("update"))?;
+        let fates = fates
+            .ok_or_else(|| Fault::data("the track does not say what became of its measurements").in_column("update"))?;
         let n = fates.iter().filter(|f| *f == Some(fate)).count();
         Ok(Figure { value: n as f64, n: fates.len() })
     }

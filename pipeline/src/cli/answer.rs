@@ -35,7 +35,9 @@ pub fn write(schema: &SchemaRef, batches: &[RecordBatch], format: Format, output
     let whole = concat_batches(schema, batches).map_err(|e| Fault::machine(e.to_string()))?;
     let failed = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot write the answer: {e}"));
     match (format, output) {
-        (Format::Parquet, None) => Err(Fault::new("a Parquet file cannot be written to the terminal").help("name a file with `-o`")),
+        (Format::Parquet, None) => {
+            Err(Fault::new("a Parquet file cannot be written to the terminal").help("name a file with `-o`"))
+        }
         (Format::Parquet, Some(path)) => {
             let tmp = path.with_extension("parquet.tmp");
             write_parquet(&tmp, &whole)?;

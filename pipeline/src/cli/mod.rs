@@ -151,10 +151,12 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check(&args),
         Command::Explain(args) => with_graph(&args, |graph, store| Ok(views::explain(graph, store))),
         Command::Why { spec, table } => with_graph(&spec, |graph, store| Ok(views::why(graph, store, &table)?)),
-        Command::Sql { query, store, format, output } => {
-            views::sql::sql(&store, &query).and_then(|a| answer::write(&a.0, &a.1, format, output.as_deref())).map_err(Stop::from)
+        Command::Sql { query, store, format, output } => views::sql::sql(&store, &query)
+            .and_then(|a| answer::write(&a.0, &a.1, format, output.as_deref()))
+            .map_err(Stop::from),
+        Command::Lineage { table, store, format } => {
+            views::lineage(&store, &table, format).map_err(Stop::from).and_then(say)
         }
-        Command::Lineage { table, store, format } => views::lineage(&store, &table, format).map_err(Stop::from).and_then(say),
         Command::Stages { name, markdown } => stages(name.as_deref(), markdown),
         Command::Report { spec, output } => report(&spec, &output),
         Command::Synth { spec, to } => synth(&spec, &to),
@@ -236,7 +238,10 @@ fn synth(spec: &std::path::Path, to: &std::path::Path) -> Result<(), Stop> {
 
 fn run_spec(args: &RunArgs) -> Result<(), Stop> {
     if args.engine != "local" {
-        let what = format!("error: there is no engine at `{}`\n  help: this version runs on this machine: `--engine local`", args.engine);
+        let what = format!(
+            "error: there is no engine at `{}`\n  help: this version runs on this machine: `--engine local`",
+            args.engine
+        );
         return Err(Stop::Wrong(what));
     }
     let plan = plan(&args.spec)?;
@@ -267,7 +272,13 @@ fn table_of(summary: &Summary) -> String {
     let words = |w: [&str; 5]| w.map(str::to_owned).to_vec();
     let mut rows = vec![words(["table", "computed", "reused", "failed", "skipped"])];
     for (name, c) in &summary.tables {
-        rows.push(vec![name.clone(), c.computed.to_string(), c.reused.to_string(), c.failed.to_string(), c.skipped.to_string()]);
+        rows.push(vec![
+            name.clone(),
+            c.computed.to_string(),
+            c.reused.to_string(),
+            c.failed.to_string(),
+            c.skipped.to_string(),
+        ]);
     }
     scores::columns(&rows, 1) + &format!("\ntables are in {}\n", summary.folder.display())
 }
@@ -280,7 +291,12 @@ fn scores_of(plan: &Plan, summary: &Summary) -> String {
         if let Ok(found) = scores::scores(&summary.folder.join(&node.name), &axes)
             && !found.rows.is_empty()
         {
-            out.push_str(&format!("\n{}, pooled over {} lines\n{}", node.name, found.lines, scores::render(&found, 100)));
+            out.push_str(&format!(
+                "\n{}, pooled over {} lines\n{}",
+                node.name,
+                found.lines,
+                scores::render(&found, 100)
+            ));
         }
     }
     out
@@ -297,7 +313,12 @@ fn ending(summary: &Summary, json: bool) -> Result<(), Stop> {
     let mut text = format!("{} failed:", summary.failures.len());
     for f in summary.failures.iter().take(SHOWN) {
         let point: Vec<String> = f.point.iter().map(|(k, v)| format!("{k}={v}")).collect();
-        let line = f.line.as_ref().filter(|_| f.fault.place.line.is_none()).map(|(a, b)| format!(" flight {a}, line {b}")).unwrap_or_default();
+        let line = f
+            .line
+            .as_ref()
+            .filter(|_| f.fault.place.line.is_none())
+            .map(|(a, b)| format!(" flight {a}, line {b}"))
+            .unwrap_or_default();
         text.push_str(&format!("\n  {}{line} {}: {}", f.table, point.join(" "), f.fault));
     }
     if summary.failures.len() > SHOWN {

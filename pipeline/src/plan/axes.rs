@@ -65,7 +65,9 @@ pub fn mentioned(stage: &StageDecl, spec: &Spec) -> Result<Vec<usize>, Vec<Fault
 pub fn points(axes: &[usize], spec: &Spec) -> Vec<Point> {
     let mut points = vec![Point::new()];
     for axis in axes.iter().filter_map(|i| spec.axes.get(*i)) {
-        let with = |p: &Point, v: &Literal| p.iter().map(|(k, v)| (k.clone(), v.clone())).chain([(axis.name.clone(), v.clone())]).collect();
+        let with = |p: &Point, v: &Literal| {
+            p.iter().map(|(k, v)| (k.clone(), v.clone())).chain([(axis.name.clone(), v.clone())]).collect()
+        };
         points = points.iter().flat_map(|p| axis.values.iter().map(|v| with(p, v)).collect::<Vec<Point>>()).collect();
     }
     points
@@ -129,7 +131,8 @@ mod tests {
 
     #[test]
     fn law_a_mention_keeps_its_type_and_a_text_its_rest() {
-        let point: Point = [("lambda".to_owned(), Literal::Float(0.5)), ("line".to_owned(), Literal::Text("7".into()))].into();
+        let point: Point =
+            [("lambda".to_owned(), Literal::Float(0.5)), ("line".to_owned(), Literal::Text("7".into()))].into();
         assert_eq!(put_in(&Literal::Text("$lambda".into()), &point), Literal::Float(0.5));
         assert_eq!(spelt_in("line = '$line' and $$x < $lambda", &point), "line = '7' and $x < 0.5");
         assert_eq!(mentions("a $b and $$c $d_e."), ["b", "d_e"]);

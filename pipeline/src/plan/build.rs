@@ -22,7 +22,18 @@ const MOST_POINTS: usize = 1_000_000;
 
 /// See [`Plan::new`].
 pub fn build(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
-    let mut builder = Builder { spec: &spec, catalogue, faults: vec![], flights: vec![], maps: vec![], sources: BTreeMap::new(), tables: vec![], broken: vec![], notes: vec![], predicates: HashMap::new() };
+    let mut builder = Builder {
+        spec: &spec,
+        catalogue,
+        faults: vec![],
+        flights: vec![],
+        maps: vec![],
+        sources: BTreeMap::new(),
+        tables: vec![],
+        broken: vec![],
+        notes: vec![],
+        predicates: HashMap::new(),
+    };
     builder.names();
     for i in builder.order() {
         let decl = &builder.spec.stages[i];
@@ -67,7 +78,8 @@ impl Builder<'_> {
                 self.faults.push(Fault::new(format!("two tables are called `{name}`")).at(at.clone()));
             }
             if name == "failures" {
-                self.faults.push(Fault::new("`failures` is the table of what failed; choose another name").at(at.clone()));
+                self.faults
+                    .push(Fault::new("`failures` is the table of what failed; choose another name").at(at.clone()));
             }
             seen.push(name);
         }
@@ -106,7 +118,9 @@ impl Builder<'_> {
         let spec = self.spec;
         if state[i] == 1 {
             let decl = &spec.stages[i];
-            self.faults.push(Fault::new(format!("`{}` is made from itself, through its inputs", decl.name)).at(decl.at.clone()));
+            self.faults.push(
+                Fault::new(format!("`{}` is made from itself, through its inputs", decl.name)).at(decl.at.clone()),
+            );
             self.broken.push(decl.name.clone());
             return;
         }
@@ -151,7 +165,9 @@ impl Builder<'_> {
         axes.dedup();
         let size: usize = axes.iter().map(|i| self.spec.axes[*i].values.len()).fold(1, usize::saturating_mul);
         if size > MOST_POINTS {
-            self.faults.push(Fault::new(format!("`{}` would be run at {size} points of the sweep", decl.name)).at(decl.at.clone()));
+            self.faults.push(
+                Fault::new(format!("`{}` would be run at {size} points of the sweep", decl.name)).at(decl.at.clone()),
+            );
             return None;
         }
         let before = self.faults.len();
@@ -266,7 +282,8 @@ impl Builder<'_> {
                 Table::Map(_) => input.kind == InputKind::Map,
             };
             if !fits {
-                let kind = if node.is_tidy() && node.entry.grain == Grain::Line { "a table of scores" } else { table.kind() };
+                let kind =
+                    if node.is_tidy() && node.entry.grain == Grain::Line { "a table of scores" } else { table.kind() };
                 let what = format!("`{}` needs {}, but `{name}` is {kind}", input.name, kind_words(input.kind));
                 self.faults.push(Fault::new(what).at(given.at.clone()));
                 return None;
@@ -276,7 +293,13 @@ impl Builder<'_> {
         if spec.tables.iter().any(|t| t.name == name) {
             return self.source(name, input, given);
         }
-        let known: Vec<&str> = spec.tables.iter().map(|t| &t.name).chain(spec.stages.iter().map(|s| &s.name)).map(String::as_str).collect();
+        let known: Vec<&str> = spec
+            .tables
+            .iter()
+            .map(|t| &t.name)
+            .chain(spec.stages.iter().map(|s| &s.name))
+            .map(String::as_str)
+            .collect();
         self.faults.push(Fault::new(format!("there is no table `{name}`")).nearest(name, &known).at(given.at.clone()));
         None
     }
@@ -317,7 +340,13 @@ impl Builder<'_> {
         }
     }
 
-    fn predicate(&mut self, decl: &StageDecl, entry: &Entry, point: &Point, inputs: &[Ref]) -> Result<Option<Predicate>, Fault> {
+    fn predicate(
+        &mut self,
+        decl: &StageDecl,
+        entry: &Entry,
+        point: &Point,
+        inputs: &[Ref],
+    ) -> Result<Option<Predicate>, Fault> {
         let Some((text, at)) = &decl.predicate else { return Ok(None) };
         let key = (spelt_in(text, point), inputs.first().copied());
         if let Some(known) = self.predicates.get(&key) {
@@ -326,7 +355,8 @@ impl Builder<'_> {
         let shape = inputs.first().map(|r| self.table(*r).shape().clone()).unwrap_or_default();
         let predicate = Predicate::new(&key.0, &shape).map_err(|f| f.at(at.clone()))?;
         if entry.grain == Grain::Line && !predicate.is_of_lines() {
-            let what = format!("`{}` works on whole lines, so its `where` may only name `flight` and `line`", entry.name);
+            let what =
+                format!("`{}` works on whole lines, so its `where` may only name `flight` and `line`", entry.name);
             return Err(Fault::new(what).at(at.clone()));
         }
         self.predicates.insert(key, predicate.clone());

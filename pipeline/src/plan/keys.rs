@@ -89,11 +89,17 @@ impl<'a> Graph<'a> {
         let id = |l: &LineRecord| lines.binary_search(&(l.flight.clone(), l.line.clone())).unwrap_or(usize::MAX);
         let records = sources.iter().map(|s| s.lines.iter().map(|l| (id(l), l.clone())).collect()).collect();
         let bytes = sources.iter().map(|s| s.files.clone()).chain(map_bytes).collect();
-        let mut graph = Graph { plan, lines, records, bytes, maps, of: vec![], units: Mutex::default(), columns: Mutex::default() };
+        let mut graph =
+            Graph { plan, lines, records, bytes, maps, of: vec![], units: Mutex::default(), columns: Mutex::default() };
         for table in 0..plan.tables.len() {
             let each = (0..plan.tables[table].instances.len()).map(|i| graph.select(table, i));
             let of = each.collect::<Result<Vec<_>, Fault>>().map_err(|f| {
-                let at = plan.spec.stages.iter().find(|s| s.name == plan.tables[table].name).and_then(|s| s.predicate.clone());
+                let at = plan
+                    .spec
+                    .stages
+                    .iter()
+                    .find(|s| s.name == plan.tables[table].name)
+                    .and_then(|s| s.predicate.clone());
                 plan.spec.faults(vec![f.at(at.map_or(plan.tables[table].at.clone(), |(_, at)| at))])
             })?;
             graph.of.push(of);
@@ -227,7 +233,7 @@ impl<'a> Graph<'a> {
                     match self.column(it.inputs[*i], line, &column) {
                         Ok(key) => parts.extend([column, key.to_string()]),
                         // A fit goes on without a line that lacks a column; a line stage cannot.
-                        Err(_) if unit.line.is_none() => parts.push(format!("without {column}")),
+                        Err(_) if unit.line.is_none() || it.yields.lenient => parts.push(format!("without {column}")),
                         Err(fault) => return Err(fault),
                     }
                 }
@@ -251,7 +257,9 @@ impl<'a> Graph<'a> {
     /// The columns handed over from input `i`, those of `where` among them.
     pub fn read(&self, it: &Instance, i: usize) -> Vec<String> {
         let mut columns = it.yields.reads.get(i).cloned().unwrap_or_default();
-        if i == 0 && let Some(p) = &it.predicate {
+        if i == 0
+            && let Some(p) = &it.predicate
+        {
             let more: Vec<String> = p.columns.iter().filter(|c| !columns.contains(c)).cloned().collect();
             columns.extend(more);
         }
@@ -267,7 +275,8 @@ impl<'a> Graph<'a> {
         match origin.made_by {
             Ref::Flights(i) => {
                 let record = self.records[i].get(&line).ok_or_else(|| self.no_line(line))?;
-                let place = || Fault::data(format!("the line has no column `{name}`")).in_line(&record.flight, &record.line);
+                let place =
+                    || Fault::data(format!("the line has no column `{name}`")).in_line(&record.flight, &record.line);
                 record.columns.get(name).copied().ok_or_else(place)
             }
             Ref::Map(i) => Ok(Key::of([self.maps[i].to_string(), name.to_owned()])),
@@ -296,12 +305,20 @@ impl<'a> Graph<'a> {
         let mut parts = self.question(t, it);
         parts.extend(["column".to_owned(), name.to_owned()]);
         for (input, column) in from {
-            let r = it.inputs.get(input).copied().ok_or_else(|| Fault::new("a column is made from an input that is not there"))?;
+            let r = it
+                .inputs
+                .get(input)
+                .copied()
+                .ok_or_else(|| Fault::new("a column is made from an input that is not there"))?;
             let key = match r {
-                Ref::Stage(..) | Ref::Flights(_) => self.column(r, line, &column)?,
-                Ref::Map(_) => self.object(r, line)?,
+                Ref::Stage(..) | Ref::Flights(_) => self.column(r, line, &column),
+                Ref::Map(_) => self.object(r, line),
             };
-            parts.extend([column, key.to_string()]);
+            match key {
+                Ok(key) => parts.extend([column, key.to_string()]),
+                Err(_) if it.yields.lenient => parts.push(format!("without {column}")),
+                Err(fault) => return Err(fault),
+            }
         }
         Ok(Key::of(parts))
     }

@@ -78,7 +78,8 @@ pub fn run(plan: &Plan, store: &Store, listener: &dyn Listener) -> Result<Summar
     let graph = Graph::new(plan, store, &tick)?;
     let units: usize = (0..plan.tables.len()).map(|t| graph.units(t).len()).sum();
     listener.hear(&Event::Started { pipeline: &plan.spec.name, units });
-    let mut runner = Runner { graph: &graph, store, listener, states: HashMap::new(), failures: vec![], seconds: vec![] };
+    let mut runner =
+        Runner { graph: &graph, store, listener, states: HashMap::new(), failures: vec![], seconds: vec![] };
     runner.sources();
     let mut tables = vec![];
     let mut trouble = vec![];
@@ -99,7 +100,12 @@ pub fn run(plan: &Plan, store: &Store, listener: &dyn Listener) -> Result<Summar
     }
     let interrupted = INTERRUPTED.load(Ordering::Relaxed);
     let Runner { mut failures, seconds, .. } = runner;
-    failures.extend(trouble.into_iter().map(|fault| Failure { table: "publish".into(), point: Default::default(), line: None, fault }));
+    failures.extend(trouble.into_iter().map(|fault| Failure {
+        table: "publish".into(),
+        point: Default::default(),
+        line: None,
+        fault,
+    }));
     if !interrupted {
         let last = publish::failures(plan, store, &failures).and_then(|()| views::record(&graph, store, &seconds));
         if let Err(fault) = last {
@@ -127,7 +133,12 @@ impl Runner<'_> {
             for record in records.values() {
                 if let Some(fault) = &record.fault {
                     let line = Some((record.flight.clone(), record.line.clone()));
-                    self.failures.push(Failure { table: flights.name.clone(), point: Default::default(), line, fault: fault.clone() });
+                    self.failures.push(Failure {
+                        table: flights.name.clone(),
+                        point: Default::default(),
+                        line,
+                        fault: fault.clone(),
+                    });
                 }
             }
         }
@@ -273,7 +284,6 @@ impl Runner<'_> {
         }
     }
 }
-
 
 enum Looked {
     Have,

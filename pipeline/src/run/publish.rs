@@ -38,7 +38,8 @@ pub fn table(graph: &Graph, store: &Store, t: usize, done: &(dyn Fn(Unit) -> boo
 fn only(folder: &PathBuf, written: &[PathBuf]) -> Result<(), Fault> {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         if !written.contains(&entry.path()) {
-            fs::remove_file(entry.path()).map_err(|e| Fault::machine(format!("cannot remove {}: {e}", entry.path().display())))?;
+            fs::remove_file(entry.path())
+                .map_err(|e| Fault::machine(format!("cannot remove {}: {e}", entry.path().display())))?;
         }
     }
     Ok(())
@@ -80,7 +81,9 @@ fn axis_values(value: &Literal, rows: usize) -> ArrayRef {
 
 /// A name for the file of a line, which no other line has.
 fn file_name(flight: &str, line: &str) -> String {
-    let plain = |s: &str| s.chars().map(|c| if c.is_ascii_alphanumeric() || ".-".contains(c) { c } else { '_' }).collect::<String>();
+    let plain = |s: &str| {
+        s.chars().map(|c| if c.is_ascii_alphanumeric() || ".-".contains(c) { c } else { '_' }).collect::<String>()
+    };
     let name = format!("{}_{}", plain(flight), plain(line));
     let exact = !flight.contains('_') && !line.contains('_') && plain(flight) == flight && plain(line) == line;
     if exact && name.len() < 100 {
@@ -91,7 +94,13 @@ fn file_name(flight: &str, line: &str) -> String {
 }
 
 /// One line at every point of the sweep: a row group a point, shared columns stored once.
-fn one_line(graph: &Graph, store: &Store, t: usize, line: LineId, done: &(dyn Fn(Unit) -> bool + Sync)) -> Result<Option<PathBuf>, Fault> {
+fn one_line(
+    graph: &Graph,
+    store: &Store,
+    t: usize,
+    line: LineId,
+    done: &(dyn Fn(Unit) -> bool + Sync),
+) -> Result<Option<PathBuf>, Fault> {
     let node = &graph.plan.tables[t];
     let schema = schema(graph, node);
     let mut groups = vec![];
@@ -158,7 +167,10 @@ fn tidy(graph: &Graph, store: &Store, t: usize, done: &(dyn Fn(Unit) -> bool + S
         let axes = node.axis_columns(it, &graph.plan.spec);
         let column = |f: &Arc<Field>| match axes.iter().find(|(n, _)| n == f.name()) {
             Some((_, value)) => axis_values(value, batch.num_rows()),
-            None => batch.column_by_name(f.name()).cloned().unwrap_or_else(|| new_null_array(f.data_type(), batch.num_rows())),
+            None => batch
+                .column_by_name(f.name())
+                .cloned()
+                .unwrap_or_else(|| new_null_array(f.data_type(), batch.num_rows())),
         };
         let columns = schema.fields().iter().map(column).collect();
         batches.push(RecordBatch::try_new(schema.clone(), columns).map_err(|e| Fault::machine(e.to_string()))?);
@@ -185,11 +197,17 @@ pub fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<(), 
             .map(|f| f.point.get(&axis.name).map_or_else(|| new_null_array(&kind, 1), |v| axis_values(v, 1)))
             .collect();
         let cells: Vec<&dyn arrow_array::Array> = cells.iter().map(AsRef::as_ref).collect();
-        let all = if cells.is_empty() { new_null_array(&kind, 0) } else { arrow_select::concat::concat(&cells).map_err(|e| Fault::machine(e.to_string()))? };
+        let all = if cells.is_empty() {
+            new_null_array(&kind, 0)
+        } else {
+            arrow_select::concat::concat(&cells).map_err(|e| Fault::machine(e.to_string()))?
+        };
         fields.push(field(&axis.name, kind, "", Role::Key, "axis of the sweep"));
         columns.push(all);
     }
-    let text = |f: &dyn Fn(&Failure) -> Option<String>| -> ArrayRef { Arc::new(failures.iter().map(f).collect::<StringArray>()) };
+    let text = |f: &dyn Fn(&Failure) -> Option<String>| -> ArrayRef {
+        Arc::new(failures.iter().map(f).collect::<StringArray>())
+    };
     let more: [(&str, ArrayRef, &str); 4] = [
         ("flight", text(&|f| f.line.as_ref().map(|l| l.0.clone())), "flight identifier"),
         ("line", text(&|f| f.line.as_ref().map(|l| l.1.clone())), "line identifier"),
@@ -203,7 +221,8 @@ pub fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<(), 
         fields.push(field(name, DataType::Utf8, "", Role::Key, about));
         columns.push(array);
     }
-    let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), columns).map_err(|e| Fault::machine(e.to_string()))?;
+    let batch =
+        RecordBatch::try_new(Arc::new(Schema::new(fields)), columns).map_err(|e| Fault::machine(e.to_string()))?;
     let tmp = store.temporary();
     write_parquet(&tmp, &batch)?;
     store.settle(&tmp, &store.table(&plan.spec.name, "failures").join("part-0.parquet"))

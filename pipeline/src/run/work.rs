@@ -7,10 +7,10 @@ use std::{
     sync::{Arc, Mutex, OnceLock},
 };
 
-use arrow_array::{Array, ArrayRef, RecordBatch, RecordBatchOptions};
-use arrow_schema::{Field, Schema};
+use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, RecordBatchOptions, new_null_array};
+use arrow_schema::{DataType, Field, Schema};
 use rayon::prelude::*;
-use schemas::{Fault, InputKind, LineIn, Prepared, StageDyn};
+use schemas::{Fault, InputKind, LineIn, Prepared, Shape, StageDyn};
 
 use crate::{
     keys::Key,
@@ -57,7 +57,8 @@ impl<'a> Worker<'a> {
             });
             lines[i].1.push((unit, key));
         }
-        let tasks = lines.into_iter().flat_map(|(_, units)| units.chunks(POINTS_A_TASK).map(<[_]>::to_vec).collect::<Vec<_>>());
+        let tasks =
+            lines.into_iter().flat_map(|(_, units)| units.chunks(POINTS_A_TASK).map(<[_]>::to_vec).collect::<Vec<_>>());
         tasks.map(|units| Task { units }).collect()
     }
 
@@ -110,6 +111,7 @@ impl<'a> Worker<'a> {
             let columns = it.yields.reads.get(i).cloned().unwrap_or_default();
             inputs.push(match kind {
                 InputKind::Map => empty(),
+                _ if it.yields.lenient => filled(held.batch(*r, line, &columns)?, &columns, held.shape(*r))?,
                 _ => held.batch(*r, line, &columns)?,
             });
         }
@@ -154,7 +156,8 @@ impl<'a> Worker<'a> {
 
     fn model(&self, r: Ref) -> Result<RecordBatch, Fault> {
         let Ref::Stage(t, i) = r else { return Ok(empty()) };
-        let columns: Vec<&str> = self.graph.plan.instance(t, i).yields.columns.iter().map(|c| c.name.as_str()).collect();
+        let columns: Vec<&str> =
+            self.graph.plan.instance(t, i).yields.columns.iter().map(|c| c.name.as_str()).collect();
         self.store.get(self.graph.object(r, usize::MAX)?, &columns)
     }
 
@@ -165,7 +168,8 @@ impl<'a> Worker<'a> {
             return all(Fault::machine("a survey stage that gathers nothing: an error in magline"));
         };
         let first = task.units[0].0;
-        let lines: Vec<LineId> = self.graph.lines_of(first.table, first.instance).iter().copied().filter(|l| usable(*l, first)).collect();
+        let lines: Vec<LineId> =
+            self.graph.lines_of(first.table, first.instance).iter().copied().filter(|l| usable(*l, first)).collect();
         let parts: Vec<Result<Box<dyn Any + Send>, Fault>> = lines
             .par_iter()
             .with_max_len(1)
@@ -184,7 +188,9 @@ impl<'a> Worker<'a> {
             Err(fault) => return all(fault),
         };
         let put = |((unit, key), table): (&(Unit, Key), Result<Vec<ArrayRef>, Fault>)| {
-            let done = table.and_then(|arrays| self.batch(self.instance(*unit), arrays)).and_then(|b| self.store.put(*key, &b));
+            let done = table
+                .and_then(|arrays| self.batch(self.instance(*unit), arrays))
+                .and_then(|b| self.store.put(*key, &b));
             (*unit, done.err())
         };
         task.units.iter().zip(tables).map(put).collect()
@@ -211,13 +217,40 @@ impl<'a> Worker<'a> {
     /// The stage's arrays as a batch, held against what it declared.
     fn batch(&self, it: &Instance, arrays: Vec<ArrayRef>) -> Result<RecordBatch, Fault> {
         let fields: Vec<Field> = it.yields.columns.iter().map(schemas::Column::field).collect();
-        let fits = fields.len() == arrays.len() && fields.iter().zip(&arrays).all(|(f, a)| f.data_type() == a.data_type());
+        let fits =
+            fields.len() == arrays.len() && fields.iter().zip(&arrays).all(|(f, a)| f.data_type() == a.data_type());
         if !fits {
             let name = self.graph.plan.tables[self.table].entry.name;
-            return Err(Fault::machine(format!("`{name}` yields other columns than it declares: an error in the stage")));
+            return Err(Fault::machine(format!(
+                "`{name}` yields other columns than it declares: an error in the stage"
+            )));
         }
         RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))
     }
+}
+
+/// The batch with NaN or null for each of `columns` that it lacks, in their order.
+fn filled(batch: RecordBatch, columns: &[String], shape: Option<Shape>) -> Result<RecordBatch, Fault> {
+    let rows = batch.num_rows();
+    let (mut fields, mut arrays) = (vec![], vec![]);
+    for name in columns {
+        let there = batch.schema().field_with_name(name).ok().cloned().zip(batch.column_by_name(name).cloned());
+        let described = || shape.as_ref().and_then(|s| s.get(name)).map(schemas::Column::field);
+        let (field, array) = match (there, described()) {
+            (Some(both), _) => both,
+            (None, Some(field)) if field.data_type() == &DataType::Float64 => {
+                (field, Arc::new(Float64Array::from(vec![f64::NAN; rows])) as ArrayRef)
+            }
+            (None, Some(field)) => {
+                let nothing = new_null_array(field.data_type(), rows);
+                (field, nothing)
+            }
+            (None, None) => continue,
+        };
+        fields.push(field);
+        arrays.push(array);
+    }
+    RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))
 }
 
 fn empty() -> RecordBatch {
@@ -269,10 +302,11 @@ impl<'a> Held<'a> {
         }
         let rows = arrays.first().map_or(0, |a| a.len());
         let options = RecordBatchOptions::new().with_row_count(Some(rows));
-        RecordBatch::try_new_with_options(Arc::new(Schema::new(fields)), arrays, &options).map_err(|e| Fault::machine(e.to_string()))
+        RecordBatch::try_new_with_options(Arc::new(Schema::new(fields)), arrays, &options)
+            .map_err(|e| Fault::machine(e.to_string()))
     }
 
-    fn shape(&self, r: Ref) -> Option<schemas::Shape> {
+    fn shape(&self, r: Ref) -> Option<Shape> {
         match r {
             Ref::Flights(i) => Some(self.graph.plan.flights[i].shape.clone()),
             Ref::Stage(t, i) => Some(self.graph.plan.instance(t, i).table.shape().clone()),

@@ -7,7 +7,11 @@ use arrow_schema::DataType;
 use arrow_select::concat::concat_batches;
 use datasets::{FlightOptions, open_flight};
 use rayon::prelude::*;
-use schemas::{Fault, Owner, Place, canonical::{Canonical, check_time}, describe_field};
+use schemas::{
+    Fault, Owner, Place,
+    canonical::{Canonical, check_time},
+    describe_field,
+};
 use serde::{Deserialize, Serialize};
 
 use super::{Bytes, Flights, Lines, VERSION, fingerprint};
@@ -119,7 +123,15 @@ fn record(line: IndexLine, file: usize, path: &Path) -> Option<LineRecord> {
         Fault { what: f.what, help: f.help, place, owner: Owner::Data, ..Fault::default() }
     });
     let columns = line.columns.into_iter().filter_map(|(n, k)| Some((n, Key::parse(&k)?))).collect();
-    Some(LineRecord { flight: line.flight, line: line.line, rows: line.rows, object: Key::parse(&line.object)?, columns, fault, file })
+    Some(LineRecord {
+        flight: line.flight,
+        line: line.line,
+        rows: line.rows,
+        object: Key::parse(&line.object)?,
+        columns,
+        fault,
+        file,
+    })
 }
 
 /// What the file holds, from the store where it was read before.
@@ -134,7 +146,8 @@ fn index(store: &Store, path: &Path, options: &FlightOptions) -> Result<(Bytes, 
     }
     let note = store.root().join("sources").join(format!("{}.json", Key::of(parts.iter().map(String::as_bytes))));
     let known: Option<Index> = fs::read(&note).ok().and_then(|b| serde_json::from_slice(&b).ok());
-    let whole = |i: &Index| i.lines.iter().all(|l| l.fault.is_some() || Key::parse(&l.object).is_some_and(|k| store.has(k)));
+    let whole =
+        |i: &Index| i.lines.iter().all(|l| l.fault.is_some() || Key::parse(&l.object).is_some_and(|k| store.has(k)));
     if let Some(index) = known.filter(whole) {
         return Ok((bytes, index));
     }
@@ -183,7 +196,8 @@ fn runs(batch: &RecordBatch) -> Result<Vec<(String, String, RecordBatch)>, Fault
     let mut found = vec![];
     let mut start = 0;
     for i in 1..=batch.num_rows() {
-        let ends = i == batch.num_rows() || flights.value(i) != flights.value(start) || lines.value(i) != lines.value(start);
+        let ends =
+            i == batch.num_rows() || flights.value(i) != flights.value(start) || lines.value(i) != lines.value(start);
         if ends {
             let part = batch.slice(start, i - start);
             found.push((flights.value(start).to_owned(), lines.value(start).to_owned(), part));
@@ -202,7 +216,8 @@ fn settle(store: &Store, (flight, line, parts): (String, String, Vec<RecordBatch
         columns.insert(field.name().clone(), hash(array)?);
     }
     let described = schema.fields().iter().map(|f| describe_field(f));
-    let spelt = described.flat_map(|c| [columns[&c.name].to_string(), c.unit, c.role.as_str().to_owned(), c.doc, c.name]);
+    let spelt =
+        described.flat_map(|c| [columns[&c.name].to_string(), c.unit, c.role.as_str().to_owned(), c.doc, c.name]);
     let object = Key::of(["line".to_owned(), VERSION.to_owned()].into_iter().chain(spelt));
     let fault = check_time(batch.column(2).as_primitive::<Float64Type>().values()).err();
     if fault.is_none() && !store.has(object) {

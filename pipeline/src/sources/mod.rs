@@ -4,10 +4,7 @@ mod files;
 mod ingest;
 mod options;
 
-use std::{
-    path::PathBuf,
-    sync::Arc,
-};
+use std::{path::PathBuf, sync::Arc};
 
 use arrow_array::RecordBatch;
 use arrow_schema::{Schema, SchemaRef};
@@ -56,7 +53,10 @@ impl Flights {
         let mut files = vec![];
         for path in found {
             let options = files::hive(&path, &options);
-            match open_flight(&path, &options).map_err(|e| vec![Fault::from(e)]).and_then(|r| Canonical::new(r.schema())) {
+            match open_flight(&path, &options)
+                .map_err(|e| vec![Fault::from(e)])
+                .and_then(|r| Canonical::new(r.schema()))
+            {
                 Ok(canonical) => {
                     merge(&mut fields, canonical.schema(), &path, &mut faults);
                     files.push((path, options));
@@ -84,13 +84,19 @@ impl Flights {
 }
 
 /// Adds the columns of one more file; a column must have one type in all of them.
-fn merge(fields: &mut Vec<arrow_schema::FieldRef>, schema: &SchemaRef, path: &std::path::Path, faults: &mut Vec<Fault>) {
+fn merge(
+    fields: &mut Vec<arrow_schema::FieldRef>,
+    schema: &SchemaRef,
+    path: &std::path::Path,
+    faults: &mut Vec<Fault>,
+) {
     for field in schema.fields() {
         match fields.iter().find(|f| f.name() == field.name()) {
             None => fields.push(field.clone()),
             Some(known) if known.data_type() == field.data_type() => {}
             Some(known) => {
-                let what = format!("holds {}, but {} in other files of the table", field.data_type(), known.data_type());
+                let what =
+                    format!("holds {}, but {} in other files of the table", field.data_type(), known.data_type());
                 faults.push(Fault::data(what).in_file(&path.display().to_string()).in_column(field.name()));
             }
         }

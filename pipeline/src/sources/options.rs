@@ -14,7 +14,8 @@ use crate::spec::SourceDecl;
 pub fn flight_options(decl: &SourceDecl) -> Result<FlightOptions, Vec<Fault>> {
     let mut read = Read::new(decl, &["format", "flight", "line", "rename"], "a table of flight lines");
     let rename = read.renames();
-    let options = FlightOptions { format: read.get("format"), rename, flight: read.get("flight"), line: read.get("line") };
+    let options =
+        FlightOptions { format: read.get("format"), rename, flight: read.get("flight"), line: read.get("line") };
     read.finish(options)
 }
 

@@ -189,9 +189,8 @@ impl Splicer {
 
 /// The leaf columns under the field `name`.
 fn leaves(descriptor: &SchemaDescriptor, name: &str) -> Vec<String> {
-    let under = |c: &&Arc<parquet::schema::types::ColumnDescriptor>| {
-        c.path().parts().first().map(String::as_str) == Some(name)
-    };
+    let under =
+        |c: &&Arc<parquet::schema::types::ColumnDescriptor>| c.path().parts().first().map(String::as_str) == Some(name);
     descriptor.columns().iter().filter(under).map(|c| c.path().string()).collect()
 }
 

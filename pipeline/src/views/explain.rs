@@ -25,7 +25,12 @@ pub fn explain(graph: &Graph, store: &Store) -> String {
         let broken = records.values().filter(|r| r.fault.is_some()).count();
         let wrong = if broken > 0 { format!(", {broken} of them unusable") } else { String::new() };
         let columns = flights.shape.columns.len();
-        let _ = writeln!(out, "\n{}  flights: {} lines{wrong}, {rows} samples, {columns} columns", flights.name, records.len());
+        let _ = writeln!(
+            out,
+            "\n{}  flights: {} lines{wrong}, {rows} samples, {columns} columns",
+            flights.name,
+            records.len()
+        );
     }
     for map in &plan.maps {
         let _ = writeln!(out, "\n{}  map", map.name);
@@ -52,8 +57,16 @@ fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<
         }
     }
     let _ = writeln!(out, "{}  {} v{} <- {}", node.name, node.entry.name, node.entry.version, inputs.join(", "));
-    let sizes: Vec<String> = node.axes.iter().map(|i| format!("{} ({})", plan.spec.axes[*i].name, plan.spec.axes[*i].values.len())).collect();
-    let over = if sizes.is_empty() { "once".to_owned() } else { format!("at {} points: {}", node.instances.len(), sizes.join(" x ")) };
+    let sizes: Vec<String> = node
+        .axes
+        .iter()
+        .map(|i| format!("{} ({})", plan.spec.axes[*i].name, plan.spec.axes[*i].values.len()))
+        .collect();
+    let over = if sizes.is_empty() {
+        "once".to_owned()
+    } else {
+        format!("at {} points: {}", node.instances.len(), sizes.join(" x "))
+    };
     let lines = (0..node.instances.len()).map(|i| graph.lines_of(t, i).len()).max().unwrap_or(0);
     let _ = writeln!(out, "  runs     {over}; {lines} lines");
     if let Some(decl) = plan.spec.stages.iter().find(|s| s.name == node.name)
@@ -62,7 +75,14 @@ fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<
         let _ = writeln!(out, "  where    {text}");
     }
     let _ = writeln!(out, "  with     {}", parameters(node, first));
-    let reads: Vec<String> = first.yields.reads.iter().zip(&first.inputs).filter(|(r, _)| !r.is_empty()).map(|(r, i)| format!("{}({})", plan.name_of(*i), r.join(", "))).collect();
+    let reads: Vec<String> = first
+        .yields
+        .reads
+        .iter()
+        .zip(&first.inputs)
+        .filter(|(r, _)| !r.is_empty())
+        .map(|(r, i)| format!("{}({})", plan.name_of(*i), r.join(", ")))
+        .collect();
     let _ = writeln!(out, "  reads    {}", reads.join("; "));
     let made: Vec<String> = first.yields.columns.iter().map(Column::to_string).collect();
     let verb = if first.yields.passes == Passes::All { "appends" } else { "yields " };

@@ -50,11 +50,15 @@ pub fn find<'a>(all: &'a [Snapshot], name: &str) -> Result<(&'a Snapshot, &'a Sn
         .filter(fits)
         .flat_map(|s| s.tables.iter().filter(|t| t.name == table).map(move |t| (s, t)))
         .collect();
-    let known: Vec<String> = all.iter().flat_map(|s| s.tables.iter().map(|t| format!("{}.{}", s.pipeline, t.name))).collect();
+    let known: Vec<String> =
+        all.iter().flat_map(|s| s.tables.iter().map(|t| format!("{}.{}", s.pipeline, t.name))).collect();
     match found.as_slice() {
         [one] => Ok(*one),
         [] => Err(Fault::new(format!("the store has no table `{name}`")).nearest(name, &known)),
-        _ => Err(Fault::new(format!("several pipelines have a table `{table}`")).help("say which, as `<pipeline>.<table>`")),
+        _ => {
+            Err(Fault::new(format!("several pipelines have a table `{table}`"))
+                .help("say which, as `<pipeline>.<table>`"))
+        }
     }
 }
 
@@ -62,7 +66,8 @@ fn tree(snapshot: &Snapshot, name: &str, depth: usize, out: &mut String) {
     let pad = "   ".repeat(depth);
     // Writing into a String cannot fail.
     if let Some(source) = snapshot.sources.iter().find(|s| s.name == name) {
-        let _ = writeln!(out, "{pad}{name}  {} of {} lines, {} files", source.kind, source.lines.len(), source.files.len());
+        let _ =
+            writeln!(out, "{pad}{name}  {} of {} lines, {} files", source.kind, source.lines.len(), source.files.len());
         for (path, hash) in &source.files {
             let _ = writeln!(out, "{pad}   {path}  blake3 {hash}");
         }
@@ -115,7 +120,8 @@ fn openlineage(root: &Path, snapshot: &Snapshot, table: &SnapshotTable) -> Value
         base
     };
     let dataset = |name: &str| json!({ "namespace": format!("magline://{}", snapshot.pipeline), "name": name });
-    let fields: Vec<Value> = table.columns.iter().map(|c| json!({ "name": c.name, "type": c.kind, "description": c.doc })).collect();
+    let fields: Vec<Value> =
+        table.columns.iter().map(|c| json!({ "name": c.name, "type": c.kind, "description": c.doc })).collect();
     let columns: serde_json::Map<String, Value> = table
         .columns
         .iter()
@@ -128,7 +134,12 @@ fn openlineage(root: &Path, snapshot: &Snapshot, table: &SnapshotTable) -> Value
         "schema": with(facet("SchemaDatasetFacet"), "fields", json!(fields)),
         "columnLineage": with(facet("ColumnLineageDatasetFacet"), "fields", Value::Object(columns)),
     });
-    let run = crate::keys::Key::of([snapshot.pipeline.as_bytes(), table.name.as_bytes(), format!("{:?}", table.points).as_bytes()]).to_string();
+    let run = crate::keys::Key::of([
+        snapshot.pipeline.as_bytes(),
+        table.name.as_bytes(),
+        format!("{:?}", table.points).as_bytes(),
+    ])
+    .to_string();
     // An UUID's shape, as the specification asks; the same tables give the same run.
     let id = format!("{}-{}-{}-{}-{}", &run[..8], &run[8..12], &run[12..16], &run[16..20], &run[20..32]);
     json!({
@@ -145,7 +156,8 @@ fn openlineage(root: &Path, snapshot: &Snapshot, table: &SnapshotTable) -> Value
 
 /// When a file was last written, in UTC.
 fn written(path: &Path) -> String {
-    let since = fs::metadata(path).and_then(|m| m.modified()).ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
+    let since =
+        fs::metadata(path).and_then(|m| m.modified()).ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());
     let seconds = since.map_or(0, |d| d.as_secs());
     let (days, rest) = (seconds / 86_400, seconds % 86_400);
     let (year, month, day) = civil(days);

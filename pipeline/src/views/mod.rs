@@ -5,8 +5,8 @@ mod lineage;
 mod record;
 mod reference;
 pub mod report;
-pub mod sql;
 pub mod scores;
+pub mod sql;
 mod why;
 
 pub use explain::explain;

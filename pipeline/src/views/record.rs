@@ -126,11 +126,14 @@ fn table(graph: &Graph, t: usize, node: &TableNode, cost: Option<(usize, f64)>) 
         let point = i.point.iter().map(|(k, v)| (k.clone(), v.to_string())).collect();
         (point, i.params.iter().map(|(k, v)| ((*k).to_owned(), v.clone())).collect())
     });
-    let mut inputs: Vec<String> = node.instances.iter().flat_map(|i| &i.inputs).map(|r| plan.name_of(*r).to_owned()).collect();
+    let mut inputs: Vec<String> =
+        node.instances.iter().flat_map(|i| &i.inputs).map(|r| plan.name_of(*r).to_owned()).collect();
     let mut seen = vec![];
-    inputs.retain(|n| !seen.contains(n) && {
-        seen.push(n.clone());
-        true
+    inputs.retain(|n| {
+        !seen.contains(n) && {
+            seen.push(n.clone());
+            true
+        }
     });
     let decl = plan.spec.stages.iter().find(|s| s.name == node.name);
     let mut lines: Vec<usize> = (0..node.instances.len()).flat_map(|i| graph.lines_of(t, i).iter().copied()).collect();

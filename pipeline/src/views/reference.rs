@@ -23,7 +23,8 @@ pub fn one(catalogue: &[Entry], name: &str) -> Result<String, Fault> {
 
 /// The reference of all stages, as Markdown.
 pub fn page(catalogue: &[Entry]) -> String {
-    let mut out = "# Stages\n\nMade from the stages' declarations by `magline stages --markdown`; do not edit.\n\n".to_owned();
+    let mut out =
+        "# Stages\n\nMade from the stages' declarations by `magline stages --markdown`; do not edit.\n\n".to_owned();
     for entry in catalogue {
         out.push_str(&section(entry));
         out.push('\n');
@@ -43,7 +44,15 @@ fn section(entry: &Entry) -> String {
     let _ = writeln!(out, "| parameter | type | unit | default | allowed | meaning |\n|---|---|---|---|---|---|");
     for p in (entry.params)() {
         let default = p.default.as_deref().map_or("must be given".to_owned(), |d| format!("`{d}`"));
-        let _ = writeln!(out, "| `{}` | {} | {} | {default} | {} | {} |", p.name, p.type_name, p.unit, p.rule, p.doc.replace("\n\n", " "));
+        let _ = writeln!(
+            out,
+            "| `{}` | {} | {} | {default} | {} | {} |",
+            p.name,
+            p.type_name,
+            p.unit,
+            p.rule,
+            p.doc.replace("\n\n", " ")
+        );
     }
     out
 }

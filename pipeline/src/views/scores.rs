@@ -113,7 +113,8 @@ pub fn number(x: Option<f64>) -> String {
 /// The scores as text, at most `most` rows.
 pub fn render(scores: &Scores, most: usize) -> String {
     let header = scores.axes.iter().cloned();
-    let header = header.chain(scores.metrics.iter().map(|(m, u)| if u == "1" { m.clone() } else { format!("{m} [{u}]") }));
+    let header =
+        header.chain(scores.metrics.iter().map(|(m, u)| if u == "1" { m.clone() } else { format!("{m} [{u}]") }));
     let mut table = vec![header.collect::<Vec<String>>()];
     for (key, values) in scores.rows.iter().take(most) {
         table.push(key.iter().cloned().chain(values.iter().map(|v| number(*v))).collect());
@@ -130,7 +131,11 @@ pub fn columns(table: &[Vec<String>], left: usize) -> String {
     let count = table.iter().map(Vec::len).max().unwrap_or(0);
     let wide = |c: usize| table.iter().filter_map(|r| r.get(c)).map(|w| w.chars().count()).max().unwrap_or(0);
     let widths: Vec<usize> = (0..count).map(wide).collect();
-    let cell = |(c, word): (usize, &String)| if c < left { format!("{word:<w$}", w = widths[c]) } else { format!("{word:>w$}", w = widths[c]) };
-    let line = |row: &Vec<String>| row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n";
+    let cell = |(c, word): (usize, &String)| {
+        if c < left { format!("{word:<w$}", w = widths[c]) } else { format!("{word:>w$}", w = widths[c]) }
+    };
+    let line = |row: &Vec<String>| {
+        row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n"
+    };
     table.iter().map(line).collect()
 }

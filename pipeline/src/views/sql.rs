@@ -80,5 +80,9 @@ fn explain(e: &DataFusionError, known: &[String]) -> Fault {
     let text = e.strip_backtrace();
     let text = text.lines().next().unwrap_or_default().to_owned();
     let fault = Fault::new(format!("the query cannot be answered: {text}"));
-    if text.contains("not found") && text.contains("table") { fault.help(format!("there are: {}", known.join(", "))) } else { fault }
+    if text.contains("not found") && text.contains("table") {
+        fault.help(format!("there are: {}", known.join(", ")))
+    } else {
+        fault
+    }
 }

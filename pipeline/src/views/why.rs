@@ -34,9 +34,13 @@ pub fn why(graph: &Graph, store: &Store, table: &str) -> Result<String, Fault> {
             continue;
         };
         if (old.stage.as_str(), old.version) != (now.entry.name, now.entry.version) {
-            reasons.push(format!("{}: {} v{} -> {} v{}", now.name, old.stage, old.version, now.entry.name, now.entry.version));
+            reasons.push(format!(
+                "{}: {} v{} -> {} v{}",
+                now.name, old.stage, old.version, now.entry.name, now.entry.version
+            ));
         }
-        let predicate = plan.spec.stages.iter().find(|s| s.name == now.name).and_then(|s| s.predicate.clone()).map(|p| p.0);
+        let predicate =
+            plan.spec.stages.iter().find(|s| s.name == now.name).and_then(|s| s.predicate.clone()).map(|p| p.0);
         if predicate != old.predicate {
             let word = |p: &Option<String>| p.clone().unwrap_or_else(|| "(all)".to_owned());
             reasons.push(format!("{}: where {} -> {}", now.name, word(&old.predicate), word(&predicate)));
@@ -92,7 +96,11 @@ fn rests_on(graph: &Graph, t: usize) -> Vec<usize> {
 
 /// Lines and maps whose bytes are others than before.
 fn sources(graph: &Graph, t: usize, before: &super::Snapshot) -> Vec<String> {
-    let mut used: Vec<Ref> = rests_on(graph, t).iter().flat_map(|n| &graph.plan.tables[*n].instances).flat_map(|i| i.inputs.clone()).collect();
+    let mut used: Vec<Ref> = rests_on(graph, t)
+        .iter()
+        .flat_map(|n| &graph.plan.tables[*n].instances)
+        .flat_map(|i| i.inputs.clone())
+        .collect();
     used.sort();
     used.dedup();
     let mut reasons = vec![];
@@ -106,7 +114,9 @@ fn sources(graph: &Graph, t: usize, before: &super::Snapshot) -> Vec<String> {
                     let line = format!("{}/{}", record.flight, record.line);
                     match old.get(&line) {
                         None => reasons.push(format!("{name}: the line {line} is new")),
-                        Some(key) if *key != record.object.to_string() => reasons.push(format!("{name}: the line {line} has changed")),
+                        Some(key) if *key != record.object.to_string() => {
+                            reasons.push(format!("{name}: the line {line} has changed"))
+                        }
                         Some(_) => {}
                     }
                 }

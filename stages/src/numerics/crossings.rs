@@ -31,12 +31,7 @@ pub struct Crossings {
 /// into one cell, and pairs grow with the square of those: where more than 50 million pairs would
 /// have to be looked at, only every k-th sample is used, with the smallest k that is a power of two
 /// and keeps within that; `stride` tells.
-pub fn figure_of_merit_crossings(
-    north_m: &[f64],
-    east_m: &[f64],
-    z: &[f64],
-    tt: &[f64],
-) -> Crossings {
+pub fn figure_of_merit_crossings(north_m: &[f64], east_m: &[f64], z: &[f64], tt: &[f64]) -> Crossings {
     let mut stride = 1;
     let cells = loop {
         let cells = Cells::of(north_m, east_m, z, tt, stride);
@@ -54,13 +49,7 @@ pub fn figure_of_merit_crossings(
             pairs += 1;
         }
     });
-    Crossings {
-        figure: Figure {
-            value: (squares / pairs as f64).sqrt(),
-            n: pairs,
-        },
-        stride,
-    }
+    Crossings { figure: Figure { value: (squares / pairs as f64).sqrt(), n: pairs }, stride }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -107,17 +96,12 @@ impl Cells {
 
     /// The cell itself and the half of its neighbours that meets every pair of cells once.
     fn around(&self, cell: (i64, i64)) -> impl Iterator<Item = &[Sample]> {
-        [(0, 1), (1, -1), (1, 0), (1, 1)]
-            .into_iter()
-            .filter_map(move |(north, east)| {
-                let other = (cell.0.saturating_add(north), cell.1.saturating_add(east));
-                let at = self
-                    .index
-                    .binary_search_by_key(&other, |entry| entry.0)
-                    .ok()?;
-                let (_, start, end) = self.index[at];
-                Some(&self.samples[start..end])
-            })
+        [(0, 1), (1, -1), (1, 0), (1, 1)].into_iter().filter_map(move |(north, east)| {
+            let other = (cell.0.saturating_add(north), cell.1.saturating_add(east));
+            let at = self.index.binary_search_by_key(&other, |entry| entry.0).ok()?;
+            let (_, start, end) = self.index[at];
+            Some(&self.samples[start..end])
+        })
     }
 
     fn candidates(&self) -> u128 {
@@ -191,8 +175,7 @@ mod tests {
             &[0.0, 10.0, 20.0, 30.0],
         );
         assert_eq!(found.figure, Figure { value: 3.0, n: 1 });
-        let just_apart =
-            figure_of_merit_crossings(&[0.0, 1.001], &[0.0; 2], &[0.0; 2], &[0.0, 9.0]);
+        let just_apart = figure_of_merit_crossings(&[0.0, 1.001], &[0.0; 2], &[0.0; 2], &[0.0, 9.0]);
         assert_eq!(just_apart.figure.n, 0);
         assert!(just_apart.figure.value.is_nan());
         let at_once = figure_of_merit_crossings(&[0.0; 2], &[0.0; 2], &[0.0, 5.0], &[0.0, 1.0]);

@@ -48,9 +48,7 @@ pub fn difference(x: &[f64], scheme: Scheme) -> Option<Vec<f64>> {
         Scheme::Forward => x[i + 1] - x[i],
         Scheme::Backward2 => (3.0 * x[i] - 4.0 * x[i - 1] + x[i - 2]) / 2.0,
         Scheme::Forward2 => (-x[i + 2] + 4.0 * x[i + 1] - 3.0 * x[i]) / 2.0,
-        Scheme::Fourth => {
-            (x[i - 2] - 4.0 * x[i - 1] + 6.0 * x[i] - 4.0 * x[i + 1] + x[i + 2]) / 16.0
-        }
+        Scheme::Fourth => (x[i - 2] - 4.0 * x[i - 1] + 6.0 * x[i] - 4.0 * x[i + 1] + x[i + 2]) / 16.0,
     };
     let (head, tail) = match scheme {
         Scheme::Central => (vec![first], vec![last]),
@@ -70,14 +68,8 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
 
-    const ALL: [Scheme; 6] = [
-        Scheme::Central,
-        Scheme::Backward,
-        Scheme::Forward,
-        Scheme::Backward2,
-        Scheme::Forward2,
-        Scheme::Fourth,
-    ];
+    const ALL: [Scheme; 6] =
+        [Scheme::Central, Scheme::Backward, Scheme::Forward, Scheme::Backward2, Scheme::Forward2, Scheme::Fourth];
 
     /// MagNav.jl 1.3.3 `fdm` of [1,4,9,16,25,36,50]: exact, all values are short binary fractions.
     #[test]
@@ -101,11 +93,7 @@ mod tests {
         let x: Vec<f64> = (0..9).map(|i| 7.0 - 0.25 * f64::from(i)).collect();
         for scheme in ALL {
             let slope = if scheme == Scheme::Fourth { 0.0 } else { -0.25 };
-            assert_eq!(
-                difference(&x, scheme).unwrap(),
-                vec![slope; 9],
-                "{scheme:?}"
-            );
+            assert_eq!(difference(&x, scheme).unwrap(), vec![slope; 9], "{scheme:?}");
         }
     }
 
@@ -113,15 +101,8 @@ mod tests {
     fn law_the_shortest_series_of_each_scheme_works_and_one_less_is_refused() {
         for scheme in ALL {
             let least = scheme.least_rows();
-            assert_eq!(
-                difference(&vec![1.0; least], scheme),
-                Some(vec![0.0; least])
-            );
-            assert_eq!(
-                difference(&vec![1.0; least - 1], scheme),
-                None,
-                "{scheme:?}"
-            );
+            assert_eq!(difference(&vec![1.0; least], scheme), Some(vec![0.0; least]));
+            assert_eq!(difference(&vec![1.0; least - 1], scheme), None, "{scheme:?}");
         }
     }
 }

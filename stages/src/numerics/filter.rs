@@ -110,10 +110,7 @@ impl FilterError {
     /// The same error with rows counted from `rows` rows further up.
     pub(super) fn further_down(self, rows: usize) -> Self {
         match self {
-            Self::NotFinite { row, column } => Self::NotFinite {
-                row: row + rows,
-                column,
-            },
+            Self::NotFinite { row, column } => Self::NotFinite { row: row + rows, column },
             other => other,
         }
     }
@@ -143,9 +140,7 @@ impl ZeroPhase {
     /// A band of order n has n second-order sections (2n poles), a low- or high-pass half of that.
     pub fn new(band: Band, rate_hz: f64, order: usize) -> Result<Self, FilterError> {
         let (gain, sections) = butterworth::design(band, rate_hz, order)?;
-        Ok(Self {
-            cascade: Cascade::new(gain, sections),
-        })
+        Ok(Self { cascade: Cascade::new(gain, sections) })
     }
 
     /// The second-order sections of one pass, poles nearest the origin first.
@@ -179,10 +174,7 @@ impl ZeroPhase {
     pub fn apply_columns(&self, columns: &[&[f64]]) -> Result<Vec<Vec<f64>>, FilterError> {
         let (width, rows) = (columns.len(), columns.first().map_or(0, |x| x.len()));
         if let Some(odd) = columns.iter().find(|column| column.len() != rows) {
-            return Err(FilterError::Shape {
-                values: odd.len(),
-                columns: width,
-            });
+            return Err(FilterError::Shape { values: odd.len(), columns: width });
         }
         if columns.is_empty() {
             return Ok(Vec::new());
@@ -208,10 +200,7 @@ impl ZeroPhase {
     ) -> Result<(), FilterError> {
         let (padding, needed) = (self.padding(), self.least_rows());
         if columns == 0 || !values.len().is_multiple_of(columns) {
-            return Err(FilterError::Shape {
-                values: values.len(),
-                columns,
-            });
+            return Err(FilterError::Shape { values: values.len(), columns });
         }
         let rows = values.len() / columns;
         if rows < needed {
@@ -225,18 +214,12 @@ impl ZeroPhase {
         all_finite(&values[..needed * columns], columns)?;
         let mut head = reflection(values, columns, 0, (1..=padding).rev());
         let mut tail = reflection(values, columns, last, (1..=padding).map(|k| last - k));
-        self.cascade
-            .forwards(columns, [&mut head, values, &mut tail]);
+        self.cascade.forwards(columns, [&mut head, values, &mut tail]);
         // A value that is not finite stays in the recursion, and so shows in the last row.
         all_finite(&values[last * columns..], columns).or_else(|_| all_finite(values, columns))?;
-        self.cascade
-            .backwards(columns, [&mut tail, values, &mut []]);
+        self.cascade.backwards(columns, [&mut tail, values, &mut []]);
         for (column, value) in kept {
-            values
-                .iter_mut()
-                .skip(column)
-                .step_by(columns)
-                .for_each(|x| *x = value);
+            values.iter_mut().skip(column).step_by(columns).for_each(|x| *x = value);
         }
         Ok(())
     }
@@ -244,37 +227,21 @@ impl ZeroPhase {
 
 /// Removes all that is slower than `low_hz` or faster than `high_hz`, without lag.
 /// `x` is evenly sampled at `rate_hz`; the same unit comes back. [Gustafsson 1996, sec. 3]
-pub fn band_pass(
-    x: &[f64],
-    rate_hz: f64,
-    low_hz: f64,
-    high_hz: f64,
-    order: usize,
-) -> Result<Vec<f64>, FilterError> {
+pub fn band_pass(x: &[f64], rate_hz: f64, low_hz: f64, high_hz: f64, order: usize) -> Result<Vec<f64>, FilterError> {
     ZeroPhase::new(Band::Band { low_hz, high_hz }, rate_hz, order)?.apply(x)
 }
 
 /// The rows `rows` of a matrix turned by half a turn about its row `about`.
-fn reflection(
-    values: &[f64],
-    columns: usize,
-    about: usize,
-    rows: impl Iterator<Item = usize>,
-) -> Vec<f64> {
+fn reflection(values: &[f64], columns: usize, about: usize, rows: impl Iterator<Item = usize>) -> Vec<f64> {
     let row = |row: usize| &values[row * columns..(row + 1) * columns];
-    rows.flat_map(|other| row(other).iter().zip(row(about)))
-        .map(|(value, about)| 2.0 * about - value)
-        .collect()
+    rows.flat_map(|other| row(other).iter().zip(row(about))).map(|(value, about)| 2.0 * about - value).collect()
 }
 
 /// An error at the first value, row by row, that is not finite.
 fn all_finite(values: &[f64], columns: usize) -> Result<(), FilterError> {
     match values.iter().position(|value| !value.is_finite()) {
         None => Ok(()),
-        Some(at) => Err(FilterError::NotFinite {
-            row: at / columns,
-            column: at % columns,
-        }),
+        Some(at) => Err(FilterError::NotFinite { row: at / columns, column: at % columns }),
     }
 }
 

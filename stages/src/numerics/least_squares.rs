@@ -101,13 +101,7 @@ impl QrAccumulator {
         let triangle = Triangle::new(1 + terms, targets);
         let mut row = vec![0.0; triangle.padded()];
         row[0] = 1.0;
-        Self {
-            terms,
-            targets,
-            rows: 0,
-            triangle,
-            row,
-        }
+        Self { terms, targets, rows: 0, triangle, row }
     }
 
     /// The factor of a whole matrix, on rayon's threads.
@@ -145,10 +139,7 @@ impl QrAccumulator {
         }
         for (number, target) in targets.iter().enumerate() {
             if !all_finite(target) {
-                let row = target
-                    .iter()
-                    .position(|x| !x.is_finite())
-                    .unwrap_or_default();
+                let row = target.iter().position(|x| !x.is_finite()).unwrap_or_default();
                 let at = row * self.targets + number;
                 return Err(self.not_finite("target", Some(at), self.targets));
             }
@@ -204,30 +195,17 @@ impl QrAccumulator {
     ///
     /// `names` are the terms', for the report. With a lambda of 0 linearly dependent terms are an
     /// error that names them; with a ridge they are solved and reported in the path.
-    pub fn solve<S: AsRef<str>>(
-        &self,
-        lambdas: &[f64],
-        names: &[S],
-    ) -> Result<RidgePath, LeastSquaresError> {
+    pub fn solve<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S]) -> Result<RidgePath, LeastSquaresError> {
         self.path(lambdas, names, false)
     }
 
     /// As [`solve`](Self::solve) after the means of terms and targets are taken off: a fit with an
     /// intercept that is not penalised.
-    pub fn solve_centred<S: AsRef<str>>(
-        &self,
-        lambdas: &[f64],
-        names: &[S],
-    ) -> Result<RidgePath, LeastSquaresError> {
+    pub fn solve_centred<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S]) -> Result<RidgePath, LeastSquaresError> {
         self.path(lambdas, names, true)
     }
 
-    fn path<S: AsRef<str>>(
-        &self,
-        lambdas: &[f64],
-        names: &[S],
-        centred: bool,
-    ) -> Result<RidgePath, LeastSquaresError> {
+    fn path<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S], centred: bool) -> Result<RidgePath, LeastSquaresError> {
         expect("the list of term names", names.len(), self.terms)?;
         if let Some(&lambda) = lambdas.iter().find(|l| !(**l >= 0.0 && l.is_finite())) {
             return Err(LeastSquaresError::Lambda { lambda });
@@ -291,10 +269,7 @@ impl QrAccumulator {
 impl LeastSquaresError {
     fn further_down(self, rows: usize) -> Self {
         match self {
-            Self::NotFinite { row, column } => Self::NotFinite {
-                row: row + rows,
-                column,
-            },
+            Self::NotFinite { row, column } => Self::NotFinite { row: row + rows, column },
             other => other,
         }
     }
@@ -302,20 +277,14 @@ impl LeastSquaresError {
 
 /// Whether all values are finite; without an early exit, so that it runs at the speed of memory.
 fn all_finite(values: &[f64]) -> bool {
-    values
-        .iter()
-        .fold(true, |finite, value| finite & value.is_finite())
+    values.iter().fold(true, |finite, value| finite & value.is_finite())
 }
 
 fn expect(what: &'static str, given: usize, expected: usize) -> Result<(), LeastSquaresError> {
     if given == expected {
         return Ok(());
     }
-    Err(LeastSquaresError::Shape {
-        what,
-        given,
-        expected,
-    })
+    Err(LeastSquaresError::Shape { what, given, expected })
 }
 
 #[cfg(test)]

@@ -6,17 +6,8 @@ use std::collections::BTreeMap;
 pub(crate) fn columns(text: &str) -> BTreeMap<String, Vec<f64>> {
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let names: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
-    let rows: Vec<Vec<f64>> = lines
-        .map(|line| {
-            line.split(',')
-                .map(|x| x.parse().unwrap_or(f64::NAN))
-                .collect()
-        })
-        .collect();
+    let rows: Vec<Vec<f64>> =
+        lines.map(|line| line.split(',').map(|x| x.parse().unwrap_or(f64::NAN)).collect()).collect();
     let column = |j: usize| rows.iter().map(|row| row[j]).collect();
-    names
-        .iter()
-        .enumerate()
-        .map(|(j, name)| ((*name).to_owned(), column(j)))
-        .collect()
+    names.iter().enumerate().map(|(j, name)| ((*name).to_owned(), column(j))).collect()
 }

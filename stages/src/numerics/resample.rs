@@ -101,10 +101,7 @@ struct Place {
     weight: f64,
 }
 
-const NOWHERE: Place = Place {
-    left: 0,
-    weight: f64::NAN,
-};
+const NOWHERE: Place = Place { left: 0, weight: f64::NAN };
 
 /// Where each time of an even grid lies among a line's samples: made once for a line, and applied
 /// to each of its columns.
@@ -131,23 +128,14 @@ impl<'a> Plan<'a> {
         let largest = tt.iter().fold(0.0f64, |largest, tt| largest.max(tt.abs()));
         let rounding = 4.0 * f64::EPSILON * largest;
         if rounding * rate_hz > 1e-3 {
-            return Err(ResampleError::TooCoarse {
-                tt: largest,
-                rate_hz,
-            });
+            return Err(ResampleError::TooCoarse { tt: largest, rate_hz });
         }
         let snap_s = (SNAP / rate_hz).max(rounding);
         let grid = grid(tt, rate_hz, snap_s)?;
         // A gap of exactly the longest one is bridged whatever its times were rounded to.
         let max_gap_s = max_gap_s + 2.0 * rounding;
         let places = places(tt, &grid, max_gap_s, snap_s);
-        Ok(Self {
-            tt,
-            grid,
-            places,
-            max_gap_s,
-            snap_s,
-        })
+        Ok(Self { tt, grid, places, max_gap_s, snap_s })
     }
 
     /// The times of the grid, s.
@@ -157,10 +145,7 @@ impl<'a> Plan<'a> {
 
     /// Grid times that lie in a gap between samples.
     pub fn rows_in_gaps(&self) -> usize {
-        self.places
-            .iter()
-            .filter(|place| place.weight.is_nan())
-            .count()
+        self.places.iter().filter(|place| place.weight.is_nan()).count()
     }
 
     /// A column on the grid, in its unit; NaN in gaps.
@@ -177,9 +162,7 @@ impl<'a> Plan<'a> {
     pub fn angle_deg(&self, x: &[f64], method: Method) -> Result<Vec<f64>, ResampleError> {
         let range = AngleRange::of(x);
         self.on_finite(x, |tt, x, places| match method {
-            Method::Linear => blend(x, places, |x, y, weight| {
-                range.wrap(x + weight * angle::shortest(y - x))
-            }),
+            Method::Linear => blend(x, places, |x, y, weight| range.wrap(x + weight * angle::shortest(y - x))),
             Method::Nearest => blend(x, places, |x, y, weight| if weight > 0.5 { y } else { x }),
             Method::Cubic => {
                 let turned = akima::interpolate(tt, &unwrap_degrees(x), places, self.max_gap_s);
@@ -205,10 +188,7 @@ impl<'a> Plan<'a> {
         interpolate: impl Fn(&[f64], &[f64], &[Place]) -> Vec<f64>,
     ) -> Result<Vec<f64>, ResampleError> {
         if x.len() != self.tt.len() {
-            return Err(ResampleError::Length {
-                given: x.len(),
-                expected: self.tt.len(),
-            });
+            return Err(ResampleError::Length { given: x.len(), expected: self.tt.len() });
         }
         if x.iter().all(|x| x.is_finite()) {
             return Ok(interpolate(self.tt, x, &self.places));
@@ -239,12 +219,7 @@ fn grid(tt: &[f64], rate_hz: f64, snap_s: f64) -> Result<Vec<f64>, ResampleError
     };
     let rows = (last_s - first_s) * rate_hz + 1.0;
     if rows > MOST_ROWS as f64 {
-        return Err(ResampleError::TooLong {
-            first_s,
-            last_s,
-            rate_hz,
-            rows,
-        });
+        return Err(ResampleError::TooLong { first_s, last_s, rate_hz, rows });
     }
     let time = |k: f64| k / rate_hz;
     let start = (first_s * rate_hz).floor() - 1.0;
@@ -266,14 +241,9 @@ fn places(tt: &[f64], grid: &[f64], max_gap_s: f64, snap_s: f64) -> Vec<Place> {
         }
         let after = *tt.get(left + 1)?;
         let bridged = time > before && after - before <= max_gap_s;
-        bridged.then(|| Place {
-            left,
-            weight: (time - before) / (after - before),
-        })
+        bridged.then(|| Place { left, weight: (time - before) / (after - before) })
     };
-    grid.iter()
-        .map(|time| place(*time).unwrap_or(NOWHERE))
-        .collect()
+    grid.iter().map(|time| place(*time).unwrap_or(NOWHERE)).collect()
 }
 
 #[cfg(test)]

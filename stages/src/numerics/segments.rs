@@ -75,11 +75,7 @@ pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
     }
     match tt.windows(2).position(|pair| pair[1] <= pair[0]) {
         None => Ok(()),
-        Some(before) => Err(TimeError::NotIncreasing {
-            row: before + 1,
-            tt: tt[before + 1],
-            before: tt[before],
-        }),
+        Some(before) => Err(TimeError::NotIncreasing { row: before + 1, tt: tt[before + 1], before: tt[before] }),
     }
 }
 
@@ -102,12 +98,7 @@ pub fn sample_rate(tt: &[f64], tolerance: f64) -> Result<f64, TimeError> {
         let (step_s, rounding) = (pair[1] - pair[0], 16.0 * f64::EPSILON * pair[1].abs());
         let even = (step_s - usual_s).abs() <= tolerance * usual_s + rounding;
         if !even && step_s < GAP_STEPS * usual_s {
-            return Err(TimeError::Uneven {
-                row: before + 1,
-                tt: pair[1],
-                step_s,
-                usual_s,
-            });
+            return Err(TimeError::Uneven { row: before + 1, tt: pair[1], step_s, usual_s });
         }
     }
     Ok(nearest_round(usual_s))
@@ -118,11 +109,7 @@ pub fn sample_rate(tt: &[f64], tolerance: f64) -> Result<f64, TimeError> {
 fn nearest_round(step_s: f64) -> f64 {
     let rate_hz = 1.0 / step_s;
     let round = (rate_hz * 1000.0).round() / 1000.0;
-    if (rate_hz - round).abs() <= 1e-6 * rate_hz {
-        round
-    } else {
-        rate_hz
-    }
+    if (rate_hz - round).abs() <= 1e-6 * rate_hz { round } else { rate_hz }
 }
 
 /// Which rows of a line are usable.
@@ -249,10 +236,7 @@ pub fn filter_matrix(
     constant: ConstantColumns,
 ) -> Result<FilterReport, FilterError> {
     if columns == 0 || !values.len().is_multiple_of(columns) {
-        return Err(FilterError::Shape {
-            values: values.len(),
-            columns,
-        });
+        return Err(FilterError::Shape { values: values.len(), columns });
     }
     let rows = values.len() / columns;
     let report = FilterReport::over(rows, runs, filter.least_rows());
@@ -260,9 +244,7 @@ pub fn filter_matrix(
     for run in runs.iter().filter(|run| run.len() >= filter.least_rows()) {
         values[done * columns..run.start * columns].fill(f64::NAN);
         let part = &mut values[run.start * columns..run.end * columns];
-        filter
-            .apply_matrix(part, columns, constant)
-            .map_err(|error| error.further_down(run.start))?;
+        filter.apply_matrix(part, columns, constant).map_err(|error| error.further_down(run.start))?;
         done = run.end;
     }
     values[done * columns..].fill(f64::NAN);
@@ -276,17 +258,12 @@ mod tests {
     use crate::numerics::filter::Band;
 
     fn filter() -> ZeroPhase {
-        let band = Band::Band {
-            low_hz: 0.1,
-            high_hz: 0.9,
-        };
+        let band = Band::Band { low_hz: 0.1, high_hz: 0.9 };
         ZeroPhase::new(band, 10.0, 4).unwrap()
     }
 
     fn wave(rows: usize) -> Vec<f64> {
-        (0..rows)
-            .map(|k| 50_000.0 + 30.0 * (0.2 * k as f64).sin())
-            .collect()
+        (0..rows).map(|k| 50_000.0 + 30.0 * (0.2 * k as f64).sin()).collect()
     }
 
     #[test]
@@ -312,30 +289,20 @@ mod tests {
         assert!(y[..30].iter().all(|y| y.is_nan()));
         assert!(y[30..55].iter().all(|y| y.is_finite()));
         assert!(y[55..60].iter().all(|y| y.is_nan()));
-        assert_eq!(
-            (report.short_runs, report.short_rows, report.missing_rows),
-            (1, 24, 11)
-        );
+        assert_eq!((report.short_runs, report.short_rows, report.missing_rows), (1, 24, 11));
         assert_eq!((report.runs, report.rows), (2, 165));
     }
 
     #[test]
     fn law_a_matrix_is_filtered_as_its_columns() {
-        let (one, other) = (
-            wave(120),
-            (0..120).map(|k| (k as f64).sqrt()).collect::<Vec<_>>(),
-        );
+        let (one, other) = (wave(120), (0..120).map(|k| (k as f64).sqrt()).collect::<Vec<_>>());
         let mut both: Vec<f64> = one.iter().zip(&other).flat_map(|(a, b)| [*a, *b]).collect();
         let runs = [3..50, 60..120];
         filter_matrix(&filter(), &mut both, 2, &runs, ConstantColumns::Filter).unwrap();
         for (j, x) in [one, other].iter().enumerate() {
             let (y, _) = filter_column(&filter(), x, &runs).unwrap();
             let column = both.iter().skip(j).step_by(2);
-            assert!(
-                y.iter()
-                    .zip(column)
-                    .all(|(a, b)| a.to_bits() == b.to_bits())
-            );
+            assert!(y.iter().zip(column).all(|(a, b)| a.to_bits() == b.to_bits()));
         }
     }
 
@@ -364,20 +331,14 @@ mod tests {
     fn r12_uneven_repeated_and_backward_times_are_named_by_row() {
         let mut tt: Vec<f64> = (0..100).map(|k| 0.1 * f64::from(k)).collect();
         tt[40] += 0.002;
-        assert!(matches!(
-            sample_rate(&tt, STEP_TOLERANCE),
-            Err(TimeError::Uneven { row: 40, .. })
-        ));
+        assert!(matches!(sample_rate(&tt, STEP_TOLERANCE), Err(TimeError::Uneven { row: 40, .. })));
         assert_eq!(sample_rate(&tt, 0.05), Ok(10.0));
         tt[40] = tt[39];
         let message = check_increasing(&tt).unwrap_err().to_string();
         assert!(message.contains("row 40"), "{message}");
         tt[7] = f64::NAN;
         assert_eq!(check_increasing(&tt), Err(TimeError::NotFinite { row: 7 }));
-        assert_eq!(
-            sample_rate(&[1.0], 0.01),
-            Err(TimeError::TooShort { rows: 1 })
-        );
+        assert_eq!(sample_rate(&[1.0], 0.01), Err(TimeError::TooShort { rows: 1 }));
     }
 
     #[test]

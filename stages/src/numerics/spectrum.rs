@@ -21,9 +21,7 @@ impl Window {
             Self::Hamming => 0.54,
         };
         let cosine = |k: usize| (TAU * k as f64 / n as f64).cos();
-        (0..n)
-            .map(|k| constant - (1.0 - constant) * cosine(k))
-            .collect()
+        (0..n).map(|k| constant - (1.0 - constant) * cosine(k)).collect()
     }
 }
 
@@ -72,12 +70,7 @@ pub struct Spectrum {
 /// Scaled so that the integral over frequency is the variance, as scipy's `welch` does. Segments
 /// with a value that is not finite are left out and counted. The same bits on every processor are
 /// not promised here: the transform uses the widest vectors there are.
-pub fn welch(
-    x: &[f64],
-    rate_hz: f64,
-    segment: usize,
-    window: Window,
-) -> Result<Spectrum, SpectrumError> {
+pub fn welch(x: &[f64], rate_hz: f64, segment: usize, window: Window) -> Result<Spectrum, SpectrumError> {
     if !(rate_hz > 0.0 && rate_hz.is_finite()) {
         return Err(SpectrumError::Rate { rate_hz });
     }
@@ -95,10 +88,7 @@ pub fn welch(
             left_out += 1;
             continue;
         }
-        let tapered = part
-            .iter()
-            .zip(&taper)
-            .map(|(x, w)| Complex::new((x - mean) * w, 0.0));
+        let tapered = part.iter().zip(&taper).map(|(x, w)| Complex::new((x - mean) * w, 0.0));
         let mut buffer: Vec<Complex<f64>> = tapered.collect();
         fft.process(&mut buffer);
         for (density, bin) in density.iter_mut().zip(&buffer) {
@@ -107,31 +97,17 @@ pub fn welch(
         segments += 1;
     }
     if segments == 0 {
-        return Err(SpectrumError::TooShort {
-            rows: x.len(),
-            segment,
-        });
+        return Err(SpectrumError::TooShort { rows: x.len(), segment });
     }
     let power: f64 = taper.iter().map(|w| w * w).sum();
     let scale = 1.0 / (rate_hz * power * segments as f64);
     for (bin, density) in density.iter_mut().enumerate() {
         // All but 0 Hz and, for an even number of samples, Nyquist stand for two frequencies.
-        let sides = if bin == 0 || 2 * bin == segment {
-            1.0
-        } else {
-            2.0
-        };
+        let sides = if bin == 0 || 2 * bin == segment { 1.0 } else { 2.0 };
         *density *= sides * scale;
     }
-    let frequency_hz = (0..bins)
-        .map(|bin| bin as f64 * rate_hz / segment as f64)
-        .collect();
-    Ok(Spectrum {
-        frequency_hz,
-        density,
-        segments,
-        left_out,
-    })
+    let frequency_hz = (0..bins).map(|bin| bin as f64 * rate_hz / segment as f64).collect();
+    Ok(Spectrum { frequency_hz, density, segments, left_out })
 }
 
 #[cfg(test)]

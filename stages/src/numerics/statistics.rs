@@ -35,12 +35,7 @@ pub fn summary(x: &[f64]) -> Summary {
 
 /// The moments of `estimate − truth`, in their unit; rows where either is not finite are left out.
 pub fn error_summary(estimate: &[f64], truth: &[f64]) -> Summary {
-    summarise(
-        estimate
-            .iter()
-            .zip(truth)
-            .map(|(estimate, truth)| estimate - truth),
-    )
+    summarise(estimate.iter().zip(truth).map(|(estimate, truth)| estimate - truth))
 }
 
 fn summarise(x: impl Iterator<Item = f64> + Clone) -> Summary {
@@ -52,18 +47,8 @@ fn summarise(x: impl Iterator<Item = f64> + Clone) -> Summary {
     // The mean of what is left corrects the rounding of the first sum.
     let mean = rough + finite().map(|x| x - rough).sum::<f64>() / count;
     let squares: f64 = finite().map(|x| (x - mean) * (x - mean)).sum();
-    let std = if n > 1 {
-        (squares / (count - 1.0)).sqrt()
-    } else {
-        f64::NAN
-    };
-    Summary {
-        n,
-        left_out: total - n,
-        mean,
-        std,
-        rms: (mean * mean + squares / count).sqrt(),
-    }
+    let std = if n > 1 { (squares / (count - 1.0)).sqrt() } else { f64::NAN };
+    Summary { n, left_out: total - n, mean, std, rms: (mean * mean + squares / count).sqrt() }
 }
 
 /// The mean of `x`.
@@ -92,10 +77,7 @@ pub fn drms(north_m: &[f64], east_m: &[f64]) -> Figure {
     let pairs = north_m.iter().zip(east_m);
     let squares = pairs.map(|(north, east)| north * north + east * east);
     let Summary { n, mean, .. } = summarise(squares);
-    Figure {
-        value: mean.sqrt(),
-        n,
-    }
+    Figure { value: mean.sqrt(), n }
 }
 
 /// By how much compensation made a signal quieter: σ(uncompensated)/σ(compensated) over the rows
@@ -121,10 +103,7 @@ fn ratio_of_deviations(above: &[f64], below: &[f64]) -> Figure {
     };
     let above = summarise(both().map(|(above, _)| *above));
     let below = summarise(both().map(|(_, below)| *below));
-    Figure {
-        value: above.std / below.std,
-        n: above.n,
-    }
+    Figure { value: above.std / below.std, n: above.n }
 }
 
 #[cfg(test)]
@@ -144,16 +123,10 @@ mod tests {
 
     #[test]
     fn law_a_small_deviation_on_a_large_field_is_kept() {
-        let x: Vec<f64> = (0..100_000)
-            .map(|k| 50_000.0 + 1e-6 * f64::from(k % 2))
-            .collect();
+        let x: Vec<f64> = (0..100_000).map(|k| 50_000.0 + 1e-6 * f64::from(k % 2)).collect();
         // Half of the samples one millionth up: σ = 0.5e-6 but for n − 1; spacing of doubles near
         // 50,000 is 7e-12, so 1e-5 of the answer.
-        assert!(
-            (std(&x).value / 0.5e-6 - 1.0).abs() < 2e-5,
-            "{:e}",
-            std(&x).value
-        );
+        assert!((std(&x).value / 0.5e-6 - 1.0).abs() < 2e-5, "{:e}", std(&x).value);
     }
 
     #[test]

@@ -21,18 +21,13 @@ pub const DEFAULT_SCALE_NT: f64 = 50_000.0;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TermsError {
     /// No group has this name.
-    #[error(
-        "there is no group of terms `{name}`; the groups are {}",
-        terms::names_of_groups()
-    )]
+    #[error("there is no group of terms `{name}`; the groups are {}", terms::names_of_groups())]
     Unknown {
         /// The name that was given.
         name: String,
     },
     /// Two groups of one family, whose columns would be linearly dependent.
-    #[error(
-        "`{one}` and `{other}` hold the same terms, so that no fit could tell them apart: keep one"
-    )]
+    #[error("`{one}` and `{other}` hold the same terms, so that no fit could tell them apart: keep one")]
     SameFamily {
         /// The group named first.
         one: &'static str,
@@ -40,10 +35,7 @@ pub enum TermsError {
         other: &'static str,
     },
     /// No group at all.
-    #[error(
-        "no group of terms was asked for; the groups are {}",
-        terms::names_of_groups()
-    )]
+    #[error("no group of terms was asked for; the groups are {}", terms::names_of_groups())]
     Empty,
     /// Columns of different lengths.
     #[error("the columns have different lengths: {lengths:?}")]
@@ -76,20 +68,11 @@ impl Field<'_> {
     fn rows(&self) -> Result<usize, TermsError> {
         let rows = self.x.len();
         let bt = self.bt.map_or(rows, <[f64]>::len);
-        if [self.y.len(), self.z.len(), bt]
-            .iter()
-            .all(|len| *len == rows)
-        {
+        if [self.y.len(), self.z.len(), bt].iter().all(|len| *len == rows) {
             return Ok(rows);
         }
         let vector = [self.x, self.y, self.z];
-        Err(TermsError::Lengths {
-            lengths: vector
-                .into_iter()
-                .chain(self.bt)
-                .map(<[f64]>::len)
-                .collect(),
-        })
+        Err(TermsError::Lengths { lengths: vector.into_iter().chain(self.bt).map(<[f64]>::len).collect() })
     }
 
     fn finite(&self, row: usize) -> bool {
@@ -146,13 +129,7 @@ fn missing_row() -> [f64; COLUMNS] {
     row
 }
 
-fn fill_run(
-    out: &mut Vec<f64>,
-    field: &Field<'_>,
-    terms: &Terms,
-    scale_nt: f64,
-    run: Range<usize>,
-) {
+fn fill_run(out: &mut Vec<f64>, field: &Field<'_>, terms: &Terms, scale_nt: f64, run: Range<usize>) {
     let mut row = run.start;
     while row < run.end {
         if !field.finite(row) {
@@ -160,21 +137,13 @@ fn fill_run(
             fill_missing(out, terms, row);
             continue;
         }
-        let end = (row..run.end)
-            .find(|&row| !field.finite(row))
-            .unwrap_or(run.end);
+        let end = (row..run.end).find(|&row| !field.finite(row)).unwrap_or(run.end);
         fill_finite(out, field, terms, scale_nt, row..end);
         row = end;
     }
 }
 
-fn fill_finite(
-    out: &mut Vec<f64>,
-    field: &Field<'_>,
-    terms: &Terms,
-    scale_nt: f64,
-    run: Range<usize>,
-) {
+fn fill_finite(out: &mut Vec<f64>, field: &Field<'_>, terms: &Terms, scale_nt: f64, run: Range<usize>) {
     let last = run.end - 1;
     for row in run.clone() {
         let (before, after) = (row.max(run.start + 1) - 1, (row + 1).min(last));

@@ -49,7 +49,10 @@ impl Atlas {
                 let middle = 0.5 * (grid.lon().first_deg() + grid.lon().last_deg());
                 let turns = 360.0 * ((middle - around.lon.0) / 360.0).round();
                 let turned = Bounds { lon: (around.lon.0 + turns, around.lon.1 + turns), ..around };
-                raster(&grid, &turned)?.map(|r| Raster { bounds: Bounds { lon: (r.bounds.lon.0 - turns, r.bounds.lon.1 - turns), ..r.bounds }, ..r })
+                raster(&grid, &turned)?.map(|r| Raster {
+                    bounds: Bounds { lon: (r.bounds.lon.0 - turns, r.bounds.lon.1 - turns), ..r.bounds },
+                    ..r
+                })
             }
             None => None,
         };
@@ -85,8 +88,12 @@ impl Atlas {
         let canvas = Canvas::new(self.bounds);
         let extra = html! { @if let Some(zoom) = zoom { (frame_of(&canvas, zoom)) } };
         let caption = match &self.picture {
-            Some(_) => "Anomaly map with the tracks; each colour covers the same area. The dot is the start, the square the end, the frame the part shown beside it.",
-            None => "The tracks; there is no map under them. The dot is the start, the square the end, the frame the part shown beside it.",
+            Some(_) => {
+                "Anomaly map with the tracks; each colour covers the same area. The dot is the start, the square the end, the frame the part shown beside it."
+            }
+            None => {
+                "The tracks; there is no map under them. The dot is the start, the square the end, the frame the part shown beside it."
+            }
         };
         html! {
             figure {
@@ -105,7 +112,8 @@ impl Atlas {
         let extra = html! { @if let Some(d) = &outline { path.halo d=(d) {} path.ellipse d=(d) {} } };
         let of = if flown.truth.is_some() { "from the truth" } else { "from the estimate" };
         let minute = (flown.tt.get(k).copied().unwrap_or(0.0) - flown.tt.first().copied().unwrap_or(0.0)) / 60.0;
-        let mut caption = format!("Where the INS is farthest {of}, {} m, at {minute:.1} min.", number(separation(flown, k)));
+        let mut caption =
+            format!("Where the INS is farthest {of}, {} m, at {minute:.1} min.", number(separation(flown, k)));
         if let (Some(error), true) = (own_error(flown, k), flown.ins.is_some()) {
             caption.push_str(&format!(" The estimate is {} m off there.", number(Some(error))));
         }
@@ -226,7 +234,8 @@ impl Canvas {
 fn placed(canvas: &Canvas, picture: &Raster) -> Markup {
     let b = &picture.bounds;
     let (x0, y0) = (canvas.x(b.lon.0), canvas.y(b.lat.1));
-    let (x1, y1) = (x0 + (b.lon.1 - b.lon.0) / (canvas.bounds.lon.1 - canvas.bounds.lon.0) * canvas.width, canvas.y(b.lat.0));
+    let (x1, y1) =
+        (x0 + (b.lon.1 - b.lon.0) / (canvas.bounds.lon.1 - canvas.bounds.lon.0) * canvas.width, canvas.y(b.lat.0));
     let (sx, sy) = ((x1 - x0) / picture.size.0 as f64, (y1 - y0) / picture.size.1 as f64);
     html! { use href="#map" transform=(format!("translate({x0:.2} {y0:.2}) scale({sx:.5} {sy:.5})")) {} }
 }
@@ -235,13 +244,17 @@ fn line(canvas: &Canvas, track: &Track, class: &str) -> Markup {
     // Of places on one picture those that fall together are drawn once.
     let spots: Vec<Option<(f64, f64)>> = track.places().map(|p| canvas.spot(p)).collect();
     let inside = spots.iter().flatten().count();
-    let d = if inside > MOST { path(thinned(&spots, MOST * spots.len() / inside).into_iter()) } else { path(spots.into_iter()) };
+    let d = if inside > MOST {
+        path(thinned(&spots, MOST * spots.len() / inside).into_iter())
+    } else {
+        path(spots.into_iter())
+    };
     html! { path.halo d=(d) {} path class=(format!("track {class}")) d=(d) {} }
 }
 
 fn ends(canvas: &Canvas, track: &Track) -> Markup {
     let there = || track.places().filter_map(|p| p.0.is_finite().then(|| canvas.spot(p)));
-    let (first, last) = (there().next().flatten(), there().next_back().flatten());
+    let (first, last) = (there().next().flatten(), there().last().flatten());
     html! {
         @if let Some((x, y)) = first { circle.mark cx=(px(x)) cy=(px(y)) r="4.5" {} }
         @if let Some((x, y)) = last { rect.mark x=(px(x - 4.0)) y=(px(y - 4.0)) width="8" height="8" {} }
@@ -277,7 +290,8 @@ fn ellipse(canvas: &Canvas, flown: &Flown, k: usize) -> Option<String> {
 fn scale_bar(canvas: &Canvas) -> Markup {
     let metres = round_below(0.3 * canvas.width * canvas.metres_per_px());
     let long = metres / canvas.metres_per_px();
-    let label = if metres >= 1000.0 { format!("{} km", fixed(metres / 1000.0, 0)) } else { format!("{} m", fixed(metres, 0)) };
+    let label =
+        if metres >= 1000.0 { format!("{} km", fixed(metres / 1000.0, 0)) } else { format!("{} m", fixed(metres, 0)) };
     let (x, y) = (10.0, canvas.height - 12.0);
     html! {
         rect.plate x=(px(x - 5.0)) y=(px(y - 18.0)) width=(px(long + 10.0)) height="25" rx="3" {}
@@ -355,10 +369,21 @@ mod tests {
     use super::*;
 
     fn flown() -> Flown {
-        let track = |shift: f64| Track { lat: (0..100).map(|k| -22.0 + f64::from(k) * 1e-3).collect(), lon: (0..100).map(|k| 140.0 + shift * f64::from(k)).collect() };
+        let track = |shift: f64| Track {
+            lat: (0..100).map(|k| -22.0 + f64::from(k) * 1e-3).collect(),
+            lon: (0..100).map(|k| 140.0 + shift * f64::from(k)).collect(),
+        };
         let sigma = Some([vec![10.0; 100], vec![10.0; 100], vec![0.0; 100]]);
         let tt = (0..100).map(f64::from).collect();
-        Flown { tt, truth: Some(track(0.0)), ins: Some(track(1e-5)), estimate: track(2e-6), sigma, residual: None, nis: None }
+        Flown {
+            tt,
+            truth: Some(track(0.0)),
+            ins: Some(track(1e-5)),
+            estimate: track(2e-6),
+            sigma,
+            residual: None,
+            nis: None,
+        }
     }
 
     #[test]

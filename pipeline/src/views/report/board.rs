@@ -68,7 +68,8 @@ impl Board {
             if !folder.join("part-0.parquet").is_file() {
                 continue;
             }
-            let axes: Vec<String> = node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
+            let axes: Vec<String> =
+                node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
             let board = Board::new(source, table, scores::scores(&folder, &axes)?);
             if !board.scores.rows.is_empty() {
                 found.push(board);
@@ -142,8 +143,11 @@ pub mod tests {
 
     /// A board of two axes, for the tests of what is made of it.
     pub fn example() -> Board {
-        let row = |a: &str, b: &str, v: [f64; 3]| (vec![a.to_owned(), b.to_owned()], v.map(|x| x.is_finite().then_some(x)).to_vec());
-        let metrics = [("std_error", "nT"), ("drms", "m"), ("nees", "1")].map(|(m, u)| (m.to_owned(), u.to_owned())).to_vec();
+        let row = |a: &str, b: &str, v: [f64; 3]| {
+            (vec![a.to_owned(), b.to_owned()], v.map(|x| x.is_finite().then_some(x)).to_vec())
+        };
+        let metrics =
+            [("std_error", "nT"), ("drms", "m"), ("nees", "1")].map(|(m, u)| (m.to_owned(), u.to_owned())).to_vec();
         let rows = vec![
             row("mag_2_uc", "0", [5.0, 90.0, 9.0]),
             row("mag_2_uc", "0.025", [4.0, 12.0, 2.5]),

@@ -130,7 +130,8 @@ impl Chart {
             return (low < high).then(|| side(low, high));
         }
         let of_lines = self.lines.iter().flat_map(|l| l.points.iter()).map(|p| if across { p.0 } else { p.1 });
-        let of_bands = self.bands.iter().flat_map(|b| b.points.iter()).flat_map(|p| if across { [p.0; 2] } else { [p.1, p.2] });
+        let of_bands =
+            self.bands.iter().flat_map(|b| b.points.iter()).flat_map(|p| if across { [p.0; 2] } else { [p.1, p.2] });
         let of_levels = self.levels.iter().filter(|_| !across).map(|l| l.1);
         let usable = |v: &f64| v.is_finite() && (!dim.log || *v > 0.0);
         let ends = of_lines.chain(of_bands).chain(of_levels).filter(usable);
@@ -271,7 +272,8 @@ mod tests {
 
     #[test]
     fn law_a_gap_breaks_the_line_and_text_is_escaped() {
-        let drawn = chart(vec![(0.0, 1.0), (1.0, 2.0), (2.0, f64::NAN), (3.0, 1.0), (4.0, 5.0)]).draw().unwrap().into_string();
+        let drawn =
+            chart(vec![(0.0, 1.0), (1.0, 2.0), (2.0, f64::NAN), (3.0, 1.0), (4.0, 5.0)]).draw().unwrap().into_string();
         let d = drawn.split("class=\"line after\" d=\"").nth(1).and_then(|s| s.split('"').next()).unwrap();
         assert_eq!(d.matches('M').count(), 2);
         assert_eq!(d.matches('L').count(), 2);

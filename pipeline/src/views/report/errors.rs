@@ -55,7 +55,10 @@ fn position(flown: &Flown, way: &str, error: &[f64], ins: Option<&Vec<f64>>, sig
     lines.push(Line { name: "estimate".into(), class: "after", points: extremes(&time, error, MOST) });
     let mut bands = vec![];
     if let Some(sigma) = sigma {
-        caption.push_str(&format!(" The error is inside of ±2σ for {} of the time; 95 % is right.", share_inside(error, sigma)));
+        caption.push_str(&format!(
+            " The error is inside of ±2σ for {} of the time; 95 % is right.",
+            share_inside(error, sigma)
+        ));
         let points = envelope(&time, sigma, BAND_POINTS).into_iter().map(|(t, s)| (t, -2.0 * s, 2.0 * s)).collect();
         bands.push(Band { name: "±2σ of the filter".into(), points });
     }
@@ -75,7 +78,8 @@ fn innovations(flown: &Flown, fates: &BTreeMap<String, usize>) -> Option<Chart> 
     let mut bands = vec![];
     if let Some(nis) = &flown.nis {
         // The filter keeps r²/S, not S.
-        let half: Vec<f64> = residual.iter().zip(nis).map(|(r, n)| if *n > 0.0 { Z95 * r.abs() / n.sqrt() } else { f64::NAN }).collect();
+        let half: Vec<f64> =
+            residual.iter().zip(nis).map(|(r, n)| if *n > 0.0 { Z95 * r.abs() / n.sqrt() } else { f64::NAN }).collect();
         let points = envelope(&time, &half, BAND_POINTS).into_iter().map(|(t, s)| (t, -s, s)).collect();
         bands.push(Band { name: "95 % as the filter predicts".into(), points });
     }

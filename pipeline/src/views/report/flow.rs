@@ -43,7 +43,13 @@ fn nodes(source: &Source) -> Vec<Node> {
         nodes.push(Node { name: flights.name.clone(), lines, inputs: vec![], source: true, incomplete: false });
     }
     for map in &plan.maps {
-        nodes.push(Node { name: map.name.clone(), lines: vec!["map".to_owned()], inputs: vec![], source: true, incomplete: false });
+        nodes.push(Node {
+            name: map.name.clone(),
+            lines: vec!["map".to_owned()],
+            inputs: vec![],
+            source: true,
+            incomplete: false,
+        });
     }
     let (flights, sources) = (plan.flights.len(), nodes.len());
     let position = |r: &Ref| match r {
@@ -55,8 +61,13 @@ fn nodes(source: &Source) -> Vec<Node> {
         let mut inputs: Vec<usize> = table.instances.iter().flat_map(|i| &i.inputs).map(position).collect();
         inputs.sort_unstable();
         inputs.dedup();
-        let axes: Vec<&str> = table.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.as_str()).collect();
-        let over = if axes.is_empty() { "once".to_owned() } else { format!("{} points: {}", table.instances.len(), axes.join(" × ")) };
+        let axes: Vec<&str> =
+            table.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.as_str()).collect();
+        let over = if axes.is_empty() {
+            "once".to_owned()
+        } else {
+            format!("{} points: {}", table.instances.len(), axes.join(" × "))
+        };
         let (there, all) = source.present(t);
         let lines = vec![table.entry.name.to_owned(), over, format!("{there} of {all} computed")];
         nodes.push(Node { name: table.name.clone(), lines, inputs, source: false, incomplete: there < all });
@@ -158,7 +169,9 @@ fn arrow(x0: f64, y0: f64, x1: f64, y1: f64) -> String {
 
 fn boxed(node: &Node, x: f64, place: &Place) -> Markup {
     let top = place.y - 0.5 * BOX_H;
-    let fit = |text: &str, most: usize| if text.chars().count() > most { text.chars().take(most - 1).chain(['…']).collect() } else { text.to_owned() };
+    let fit = |text: &str, most: usize| {
+        if text.chars().count() > most { text.chars().take(most - 1).chain(['…']).collect() } else { text.to_owned() }
+    };
     html! {
         g.box.source[node.source].incomplete[node.incomplete] {
             title { (node.name) ": " (node.lines.join("; ")) }

@@ -90,7 +90,9 @@ pub fn write(path: &Path, html: &str) -> Result<(), Fault> {
 
 /// The map under all lines that are shown.
 fn atlas(source: &Source, subjects: &[Subject], lines: &[Shown]) -> Result<Option<Atlas>, Fault> {
-    let Some((subject, Ref::Stage(t, i))) = subjects.iter().find_map(|s| s.navigate.map(|r| (s, r))) else { return Ok(None) };
+    let Some((subject, Ref::Stage(t, i))) = subjects.iter().find_map(|s| s.navigate.map(|r| (s, r))) else {
+        return Ok(None);
+    };
     let mut tracks = vec![];
     for shown in lines {
         if let Some(flown) = Flown::read(source, subject, shown.line)? {

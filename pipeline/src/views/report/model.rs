@@ -1,6 +1,10 @@
 //! The coefficients of a fitted model.
 
-use arrow_array::{Array, RecordBatch, cast::AsArray, types::{Float64Type, Int64Type}};
+use arrow_array::{
+    Array, RecordBatch,
+    cast::AsArray,
+    types::{Float64Type, Int64Type},
+};
 use maud::{Markup, html};
 use schemas::Fault;
 
@@ -62,7 +66,8 @@ impl Model {
     }
 
     fn drawn(&self, name: &str) -> Markup {
-        let widest = self.terms.iter().map(|t| t.value.abs() + 2.0 * t.sigma).filter(|v| v.is_finite()).fold(0.0, f64::max);
+        let widest =
+            self.terms.iter().map(|t| t.value.abs() + 2.0 * t.sigma).filter(|v| v.is_finite()).fold(0.0, f64::max);
         html! {
             div.model {
                 h3 { "Model " (name) }
@@ -91,7 +96,8 @@ impl Model {
 
     fn verdict(&self) -> String {
         if !self.condition.is_finite() {
-            return "It is not finite: some terms depend on others exactly, and their coefficients mean nothing.".to_owned();
+            return "It is not finite: some terms depend on others exactly, and their coefficients mean nothing."
+                .to_owned();
         }
         if self.condition < LARGE_CONDITION {
             return "That is moderate: the flight tells the terms apart.".to_owned();

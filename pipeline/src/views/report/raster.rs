@@ -85,7 +85,8 @@ fn cut(grid: &MapGrid, bounds: &Bounds) -> Option<Pixels> {
     };
     let values = (0..height).rev().flat_map(|row| (0..width).map(move |column| (row, column)));
     let edge = |first: f64, step: f64, node: usize| first + step * (node as f64 - 0.5);
-    let edges = |first: f64, step: f64, from: usize, n: usize| (edge(first, step, from), edge(first, step, from + n * block));
+    let edges =
+        |first: f64, step: f64, from: usize, n: usize| (edge(first, step, from), edge(first, step, from + n * block));
     let bounds = Bounds {
         lat: edges(lat.first_deg(), lat.step_deg(), r0, height),
         lon: edges(lon.first_deg(), lon.step_deg(), c0, width),
@@ -139,7 +140,14 @@ mod tests {
     #[test]
     fn ref_base64() {
         // RFC 4648, section 10.
-        let cases = [("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("fooba", "Zm9vYmE="), ("foobar", "Zm9vYmFy")];
+        let cases = [
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("fooba", "Zm9vYmE="),
+            ("foobar", "Zm9vYmFy"),
+        ];
         for (text, coded) in cases {
             assert_eq!(data_url(text.as_bytes()), format!("data:image/png;base64,{coded}"));
         }

@@ -89,7 +89,8 @@ fn both(signal: &Signal) -> Chart {
     let (uncompensated, compensated) = (summary(&signal.before), summary(&signal.after));
     let of = match &signal.truth {
         Some(truth) => format!("Signal less the truth {truth}, before and after compensation"),
-        None => "Signal before and after compensation; there is no truth to hold it against, so geology is in both".to_owned(),
+        None => "Signal before and after compensation; there is no truth to hold it against, so geology is in both"
+            .to_owned(),
     };
     let caption = format!(
         "{of}. The standard deviation falls from {} to {} nT. The means of {} and {} nT are taken off: a fit of band-passed \
@@ -104,14 +105,18 @@ fn both(signal: &Signal) -> Chart {
         caption,
         x: time_axis(),
         y: Dim::new(signal.quantity()),
-        lines: vec![signal.line("uncompensated", "before", &signal.before), signal.line("compensated", "after", &signal.after)],
+        lines: vec![
+            signal.line("uncompensated", "before", &signal.before),
+            signal.line("compensated", "after", &signal.after),
+        ],
         height: 270.0,
         ..Chart::default()
     }
 }
 
 fn after(signal: &Signal) -> Chart {
-    let caption = "The compensated line of the plot above on its own scale: what is left is what navigation has to live with.";
+    let caption =
+        "The compensated line of the plot above on its own scale: what is left is what navigation has to live with.";
     Chart {
         title: "After compensation, enlarged".into(),
         caption: caption.into(),
@@ -148,10 +153,16 @@ fn spectra(signal: &Signal, band: Option<(f64, f64)>) -> Option<Chart> {
     let (before, segments) = of("uncompensated", "before", &signal.before)?;
     let (after, _) = of("compensated", "after", &signal.after)?;
     let what = if signal.truth.is_some() { "error" } else { "signal" };
-    let shaded = if band.is_some() { " Shaded is the pass band that the model was fitted in: the gain must be there." } else { "" };
+    let shaded = if band.is_some() {
+        " Shaded is the pass band that the model was fitted in: the gain must be there."
+    } else {
+        ""
+    };
     Some(Chart {
         title: format!("Power spectral density of the {what}"),
-        caption: format!("Welch's method: {segments} segments of {length} samples, Hann window, overlapping by half.{shaded}"),
+        caption: format!(
+            "Welch's method: {segments} segments of {length} samples, Hann window, overlapping by half.{shaded}"
+        ),
         x: Dim::new("frequency, Hz").log(),
         y: Dim::new("density, nT²/Hz").log(),
         lines: vec![before, after],

@@ -109,7 +109,9 @@ impl Source<'_> {
         let Some(key) = self.graph.maps.get(i).copied().filter(|k| self.store.has(*k)) else { return Ok(None) };
         let batch = map_batch(self.store, key)?;
         let column = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
-        let (Some(lat), Some(lon), Some(nt)) = (column("lat"), column("lon"), column("anomaly")) else { return Ok(None) };
+        let (Some(lat), Some(lon), Some(nt)) = (column("lat"), column("lon"), column("anomaly")) else {
+            return Ok(None);
+        };
         Ok(MapGrid::from_rows(lat.values(), lon.values(), nt.values()).ok())
     }
 

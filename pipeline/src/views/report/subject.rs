@@ -50,7 +50,11 @@ pub fn subjects(source: &Source, boards: &[Board]) -> Vec<Subject> {
     let (Some(best), Some(worst)) = (ranked.first(), ranked.last()) else { return vec![] };
     let one = |id, title: &str, row: usize| subject(source, board, metric, id, title, row);
     if best == worst {
-        return vec![one("best", if board.scores.axes.is_empty() { "In detail" } else { "The point in detail" }, *best)];
+        return vec![one(
+            "best",
+            if board.scores.axes.is_empty() { "In detail" } else { "The point in detail" },
+            *best,
+        )];
     }
     vec![one("best", "The best point in detail", *best), one("worst", "The worst point in detail", *worst)]
 }
@@ -151,7 +155,8 @@ fn name(source: &Source, line: LineId) -> String {
 
 /// The lines of the best point by the headline metric, best first, with the figure in words.
 fn scored_lines(source: &Source, board: &Board, metric: usize) -> Result<Vec<(LineId, String)>, Fault> {
-    let (Some(row), Some((name, unit))) = (board.ranked(metric).first().copied(), board.scores.metrics.get(metric)) else {
+    let (Some(row), Some((name, unit))) = (board.ranked(metric).first().copied(), board.scores.metrics.get(metric))
+    else {
         return Ok(vec![]);
     };
     let instance = board.instances.get(row).copied().unwrap_or(0);

@@ -19,7 +19,8 @@ const MAPPED: [&str; 2] = ["std_error", "drms"];
 pub fn section(source: &Source, board: &Board) -> Markup {
     let name = &source.graph.plan.tables[board.table].name;
     let points = board.scores.rows.len();
-    let over = if board.scores.lines == 1 { "one line".to_owned() } else { format!("{} lines, pooled", board.scores.lines) };
+    let over =
+        if board.scores.lines == 1 { "one line".to_owned() } else { format!("{} lines, pooled", board.scores.lines) };
     html! {
         section id=(format!("scores-{name}")) {
             h2 { "Scores" @if name != "scores" { ": " (name) } }
@@ -101,10 +102,14 @@ fn meaning(metric: &str) -> Option<&'static str> {
         "std_error" => "standard deviation of the compensated signal less the truth",
         "improvement_ratio" => "std_uncompensated over the same of the compensated signal",
         "snr" => "standard deviation of the truth over that of the error",
-        "figure_of_merit_crossings" => "root mean square difference of the compensated signal where the flight crosses its own track",
+        "figure_of_merit_crossings" => {
+            "root mean square difference of the compensated signal where the flight crosses its own track"
+        }
         "ins_drms" => "root mean square horizontal error of the INS alone: what navigation has to beat",
         "drms" => "root mean square horizontal error of the track",
-        "nees" => "mean squared position error in units of the filter's own covariance: 2 for an honest filter, more when it is too sure of itself",
+        "nees" => {
+            "mean squared position error in units of the filter's own covariance: 2 for an honest filter, more when it is too sure of itself"
+        }
         "nis" => "mean squared innovation in units of its predicted variance: 1 for an honest filter",
         _ => return None,
     })
@@ -157,7 +162,8 @@ fn heat(board: &Board, metric: usize) -> Option<Heat> {
 fn drawn(board: &Board, heat: &Heat) -> Markup {
     let (name, unit) = &board.scores.metrics[heat.metric];
     let axis = |i: usize| board.scores.axes[i].as_str();
-    let others: Vec<&str> = (0..board.scores.axes.len()).filter(|i| *i != heat.axes.0 && *i != heat.axes.1).map(axis).collect();
+    let others: Vec<&str> =
+        (0..board.scores.axes.len()).filter(|i| *i != heat.axes.0 && *i != heat.axes.1).map(axis).collect();
     let (low, high) = ends(&heat.cells);
     let width = heat.values.1.len();
     html! {

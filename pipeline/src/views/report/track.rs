@@ -117,8 +117,12 @@ mod tests {
 
     #[test]
     fn law_north_is_positive_northwards() {
-        let (truth, own) = (Track { lat: vec![-22.0], lon: vec![140.0] }, Track { lat: vec![-21.999], lon: vec![139.999] });
+        let (truth, own) =
+            (Track { lat: vec![-22.0], lon: vec![140.0] }, Track { lat: vec![-21.999], lon: vec![139.999] });
         let offsets = own.less(&truth);
-        assert!((110.0..111.5).contains(&offsets.north[0]) && (-104.0..-102.0).contains(&offsets.east[0]), "{offsets:?}");
+        assert!(
+            (110.0..111.5).contains(&offsets.north[0]) && (-104.0..-102.0).contains(&offsets.east[0]),
+            "{offsets:?}"
+        );
     }
 }

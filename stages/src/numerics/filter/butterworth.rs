@@ -66,12 +66,7 @@ pub struct Section {
 
 impl Section {
     /// The section that lets everything through unchanged.
-    pub(super) const PASS: Self = Self {
-        b1: 0.0,
-        b2: 0.0,
-        a1: 0.0,
-        a2: 0.0,
-    };
+    pub(super) const PASS: Self = Self { b1: 0.0, b2: 0.0, a1: 0.0, a2: 0.0 };
 
     /// Whether the numerator is that of a band-pass, 1 − z⁻².
     pub(super) fn is_band(&self) -> bool {
@@ -104,10 +99,7 @@ impl Complex {
     }
 
     fn mul(self, other: Self) -> Self {
-        Self::new(
-            self.re * other.re - self.im * other.im,
-            self.re * other.im + self.im * other.re,
-        )
+        Self::new(self.re * other.re - self.im * other.im, self.re * other.im + self.im * other.re)
     }
 
     fn norm(self) -> f64 {
@@ -136,11 +128,7 @@ enum Poles {
 }
 
 /// Gain and sections of a Butterworth filter, poles nearest the origin first.
-pub(super) fn design(
-    band: Band,
-    rate_hz: f64,
-    order: usize,
-) -> Result<(f64, Vec<Section>), FilterError> {
+pub(super) fn design(band: Band, rate_hz: f64, order: usize) -> Result<(f64, Vec<Section>), FilterError> {
     check(band, rate_hz, order)?;
     // The bilinear transform s = 2 f (z - 1)/(z + 1) with f = 1/2, so that frequencies are tan(π f / rate).
     let warp = |corner_hz: f64| (PI * corner_hz / rate_hz).tan();
@@ -149,20 +137,14 @@ pub(super) fn design(
         Band::High { low_hz } => high_pass(order, warp(low_hz)),
         Band::Band { low_hz, high_hz } => band_pass(order, warp(low_hz), warp(high_hz)),
     };
-    let mut sections: Vec<(f64, Section)> =
-        poles.iter().map(|poles| section(poles, band)).collect();
+    let mut sections: Vec<(f64, Section)> = poles.iter().map(|poles| section(poles, band)).collect();
     sections.sort_by(|(_, one), (_, other)| one.a2.total_cmp(&other.a2));
-    let gain = sections.iter().fold(1.0, |gain, (factor, _)| gain * factor)
-        * analogue_gain(band, order, &warp);
+    let gain = sections.iter().fold(1.0, |gain, (factor, _)| gain * factor) * analogue_gain(band, order, &warp);
     let sections: Vec<Section> = sections.into_iter().map(|(_, section)| section).collect();
     if gain > 0.0 && gain.is_finite() && sections.iter().all(stable) {
         return Ok((gain, sections));
     }
-    Err(FilterError::Unstable {
-        order,
-        band: band.to_string(),
-        rate_hz,
-    })
+    Err(FilterError::Unstable { order, band: band.to_string(), rate_hz })
 }
 
 fn check(band: Band, rate_hz: f64, order: usize) -> Result<(), FilterError> {
@@ -182,17 +164,11 @@ fn check(band: Band, rate_hz: f64, order: usize) -> Result<(), FilterError> {
             return Err(FilterError::CornerNotPositive { corner_hz });
         }
         if corner_hz >= rate_hz / 2.0 {
-            return Err(FilterError::CornerAboveNyquist {
-                corner_hz,
-                nyquist_hz: rate_hz / 2.0,
-                rate_hz,
-            });
+            return Err(FilterError::CornerAboveNyquist { corner_hz, nyquist_hz: rate_hz / 2.0, rate_hz });
         }
     }
     match band {
-        Band::Band { low_hz, high_hz } if low_hz >= high_hz => {
-            Err(FilterError::CornersCrossed { low_hz, high_hz })
-        }
+        Band::Band { low_hz, high_hz } if low_hz >= high_hz => Err(FilterError::CornersCrossed { low_hz, high_hz }),
         _ => Ok(()),
     }
 }
@@ -259,11 +235,7 @@ fn section(poles: &Poles, band: Band) -> (f64, Section) {
 /// 1/((1−s1)(1−s2)), a1 and a2 for poles with the given sum and product.
 fn quadratic(sum: f64, product: f64) -> (f64, f64, f64) {
     let denominator = 1.0 - sum + product;
-    (
-        1.0 / denominator,
-        -2.0 * (1.0 - product) / denominator,
-        (1.0 + sum + product) / denominator,
-    )
+    (1.0 / denominator, -2.0 * (1.0 - product) / denominator, (1.0 + sum + product) / denominator)
 }
 
 /// What is left of the gain beside Π 1/(1 − s): the analogue gain times Π(1 − zeros).

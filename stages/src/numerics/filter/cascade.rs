@@ -38,11 +38,7 @@ impl Cascade {
             steady.push([level - out, section.a2 * out - section.b2 * level]);
             level = out;
         }
-        Self {
-            gain,
-            sections,
-            steady,
-        }
+        Self { gain, sections, steady }
     }
 
     pub(super) fn gain(&self) -> f64 {
@@ -55,20 +51,12 @@ impl Cascade {
 
     /// Filters `pieces`, consecutive row-major parts of one matrix, from the first row to the last.
     pub(super) fn forwards(&self, columns: usize, pieces: [&mut [f64]; 3]) {
-        pulp::Arch::new().dispatch(Sweep::<false> {
-            cascade: self,
-            columns,
-            pieces,
-        });
+        pulp::Arch::new().dispatch(Sweep::<false> { cascade: self, columns, pieces });
     }
 
     /// Filters `pieces`, in the order given, each from its last row to its first.
     pub(super) fn backwards(&self, columns: usize, pieces: [&mut [f64]; 3]) {
-        pulp::Arch::new().dispatch(Sweep::<true> {
-            cascade: self,
-            columns,
-            pieces,
-        });
+        pulp::Arch::new().dispatch(Sweep::<true> { cascade: self, columns, pieces });
     }
 
     /// The steady state of every section for the first row that a sweep meets.
@@ -125,20 +113,11 @@ impl<const BACKWARDS: bool> pulp::NullaryFnOnce for Sweep<'_, BACKWARDS> {
 
 /// Runs all sections over some rows, eight columns at a time and the rest by four, two and one.
 #[inline(always)]
-fn filter_chunk<const BACKWARDS: bool>(
-    cascade: &Cascade,
-    rows: &mut [f64],
-    columns: usize,
-    states: &mut [State],
-) {
+fn filter_chunk<const BACKWARDS: bool>(cascade: &Cascade, rows: &mut [f64], columns: usize, states: &mut [State]) {
     for (group, states) in states.chunks_exact_mut(cascade.sections.len()).enumerate() {
         let mut lane = 0;
         while lane < LANES.min(columns - group * LANES) {
-            let at = Place {
-                columns,
-                column: group * LANES + lane,
-                lane,
-            };
+            let at = Place { columns, column: group * LANES + lane, lane };
             lane += match LANES.min(columns - group * LANES) - lane {
                 8 => filter_lanes::<BACKWARDS, 8>(cascade, rows, at, states),
                 4..8 => filter_lanes::<BACKWARDS, 4>(cascade, rows, at, states),
@@ -249,11 +228,8 @@ fn step<const BAND: bool, const W: usize, const K: usize>(
         for lane in 0..W {
             let input = x[lane];
             let output = input - w0[lane];
-            let (first, second) = if BAND {
-                (w1[lane], input)
-            } else {
-                ((-section.b1).mul_add(input, w1[lane]), -section.b2 * input)
-            };
+            let (first, second) =
+                if BAND { (w1[lane], input) } else { ((-section.b1).mul_add(input, w1[lane]), -section.b2 * input) };
             w0[lane] = section.a1.mul_add(output, first);
             w1[lane] = section.a2.mul_add(output, second);
             x[lane] = output;

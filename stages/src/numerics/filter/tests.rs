@@ -7,16 +7,12 @@ fn band(low_hz: f64, high_hz: f64) -> Band {
 }
 
 fn magnav_input() -> Vec<f64> {
-    (1..=60)
-        .map(|i| (0.3 * f64::from(i)).sin() + 0.01 * f64::from(i))
-        .collect()
+    (1..=60).map(|i| (0.3 * f64::from(i)).sin() + 0.01 * f64::from(i)).collect()
 }
 
 fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
-    a.iter()
-        .zip(b)
-        .fold(0.0, |worst, (a, b)| worst.max((a - b).abs()))
+    a.iter().zip(b).fold(0.0, |worst, (a, b)| worst.max((a - b).abs()))
 }
 
 #[test]
@@ -47,18 +43,9 @@ fn val_zero_phase_filters_equal_scipy() {
 #[test]
 fn val_default_low_and_high_pass_equal_magnav() {
     let cases = [
-        (
-            band(0.1, 0.9),
-            include_str!("../../../reference/signal/magnav_bpf_default.csv"),
-        ),
-        (
-            Band::Low { high_hz: 0.2 },
-            include_str!("../../../reference/signal/magnav_lpf_02.csv"),
-        ),
-        (
-            Band::High { low_hz: 0.5 },
-            include_str!("../../../reference/signal/magnav_hpf_05.csv"),
-        ),
+        (band(0.1, 0.9), include_str!("../../../reference/signal/magnav_bpf_default.csv")),
+        (Band::Low { high_hz: 0.2 }, include_str!("../../../reference/signal/magnav_lpf_02.csv")),
+        (Band::High { low_hz: 0.5 }, include_str!("../../../reference/signal/magnav_hpf_05.csv")),
     ];
     for (band, text) in cases {
         let filter = ZeroPhase::new(band, 10.0, 4).unwrap();
@@ -97,9 +84,7 @@ fn squared_gain(filter: &ZeroPhase, frequency: f64) -> f64 {
         re * re + im * im
     };
     let sections = filter.sections().iter();
-    let gain = sections
-        .map(|s| square(s.b1, s.b2) / square(s.a1, s.a2))
-        .product::<f64>();
+    let gain = sections.map(|s| square(s.b1, s.b2) / square(s.a1, s.a2)).product::<f64>();
     gain * filter.gain() * filter.gain()
 }
 
@@ -108,11 +93,7 @@ fn squared_gain(filter: &ZeroPhase, frequency: f64) -> f64 {
 fn law_every_order_and_band_has_butterworth_gain() {
     let tan = |f: f64| (std::f64::consts::PI * f).tan();
     for order in 1..=12 {
-        let bands = [
-            Band::Low { high_hz: 0.13 },
-            Band::High { low_hz: 0.31 },
-            band(0.07, 0.22),
-        ];
+        let bands = [Band::Low { high_hz: 0.13 }, Band::High { low_hz: 0.31 }, band(0.07, 0.22)];
         for band in bands {
             let filter = ZeroPhase::new(band, 1.0, order).unwrap();
             for k in 1..49 {
@@ -128,10 +109,7 @@ fn law_every_order_and_band_has_butterworth_gain() {
                 let expected = 1.0 / (1.0 + w.powi(2 * order as i32));
                 let ratio = squared_gain(&filter, f) / expected;
                 // Zeros of high order near f lose digits in the factors of the test itself.
-                assert!(
-                    (ratio - 1.0).abs() < 1e-8,
-                    "order {order}, {band}, {f}: {ratio}"
-                );
+                assert!((ratio - 1.0).abs() < 1e-8, "order {order}, {band}, {f}: {ratio}");
             }
         }
     }
@@ -142,19 +120,9 @@ fn law_a_constant_is_taken_off_wholly_or_passed_unchanged() {
     let constant = vec![54_321.0; 300];
     for order in 1..=12 {
         let pass = ZeroPhase::new(band(0.1, 0.9), 10.0, order).unwrap();
-        assert_eq!(
-            pass.apply(&constant).unwrap(),
-            vec![0.0; 300],
-            "order {order}"
-        );
+        assert_eq!(pass.apply(&constant).unwrap(), vec![0.0; 300], "order {order}");
         let high = ZeroPhase::new(Band::High { low_hz: 0.5 }, 10.0, order).unwrap();
-        assert!(
-            high.apply(&constant)
-                .unwrap()
-                .iter()
-                .all(|y| y.abs() < 1e-6),
-            "order {order}"
-        );
+        assert!(high.apply(&constant).unwrap().iter().all(|y| y.abs() < 1e-6), "order {order}");
         let low = ZeroPhase::new(Band::Low { high_hz: 2.0 }, 10.0, order).unwrap();
         let worst = largest_difference(&low.apply(&constant).unwrap(), &constant);
         assert!(worst < 1e-6, "order {order}: {worst:e}");
@@ -163,49 +131,32 @@ fn law_a_constant_is_taken_off_wholly_or_passed_unchanged() {
 
 #[test]
 fn law_time_reversal_and_sign_pass_through() {
-    let x: Vec<f64> = (0..200)
-        .map(|k| (0.01 * f64::from(k * k % 97)).sin())
-        .collect();
+    let x: Vec<f64> = (0..200).map(|k| (0.01 * f64::from(k * k % 97)).sin()).collect();
     let filter = ZeroPhase::new(band(0.5, 2.0), 10.0, 4).unwrap();
     let y = filter.apply(&x).unwrap();
     let negative: Vec<f64> = x.iter().map(|x| -x).collect();
     let expected: Vec<f64> = y.iter().map(|y| -y).collect();
     assert_eq!(filter.apply(&negative).unwrap(), expected);
     // A tone in the middle of the band keeps its phase: no lag.
-    let tone: Vec<f64> = (0..2000)
-        .map(|k| (0.1 * f64::from(k) * 6.0).sin())
-        .collect();
+    let tone: Vec<f64> = (0..2000).map(|k| (0.1 * f64::from(k) * 6.0).sin()).collect();
     let y = filter.apply(&tone).unwrap();
     let scale = squared_gain(&filter, 0.6 / std::f64::consts::TAU);
     let inner = tone.iter().zip(&y).skip(500).take(1000);
-    assert!(
-        inner
-            .map(|(x, y)| (scale * x - y).abs())
-            .fold(0.0, f64::max)
-            < 1e-6
-    );
+    assert!(inner.map(|(x, y)| (scale * x - y).abs()).fold(0.0, f64::max) < 1e-6);
 }
 
 #[test]
 fn law_a_column_does_not_depend_on_what_stands_beside_it() {
     let rows = 3000;
     for (columns, order) in [(1, 4), (2, 1), (5, 6), (8, 2), (15, 4), (18, 3), (23, 12)] {
-        let value =
-            |i: usize, j: usize| ((i * (j + 3)) as f64 * 0.013).sin() * 10f64.powi(j as i32 % 7);
-        let mut matrix: Vec<f64> = (0..rows * columns)
-            .map(|k| value(k / columns, k % columns))
-            .collect();
+        let value = |i: usize, j: usize| ((i * (j + 3)) as f64 * 0.013).sin() * 10f64.powi(j as i32 % 7);
+        let mut matrix: Vec<f64> = (0..rows * columns).map(|k| value(k / columns, k % columns)).collect();
         let filter = ZeroPhase::new(band(0.3, 1.7), 10.0, order).unwrap();
-        filter
-            .apply_matrix(&mut matrix, columns, ConstantColumns::Filter)
-            .unwrap();
+        filter.apply_matrix(&mut matrix, columns, ConstantColumns::Filter).unwrap();
         for j in 0..columns {
             let x: Vec<f64> = (0..rows).map(|i| value(i, j)).collect();
             let y = filter.apply(&x).unwrap();
-            assert!(
-                y.iter().eq(matrix.iter().skip(j).step_by(columns)),
-                "column {j} of {columns}"
-            );
+            assert!(y.iter().eq(matrix.iter().skip(j).step_by(columns)), "column {j} of {columns}");
         }
     }
 }
@@ -216,37 +167,22 @@ fn law_columns_are_filtered_as_series() {
     let other: Vec<f64> = x.iter().map(|x| x * x).collect();
     let filter = ZeroPhase::new(Band::Low { high_hz: 1.0 }, 10.0, 4).unwrap();
     let both = filter.apply_columns(&[&x, &other]).unwrap();
-    assert_eq!(
-        both,
-        [filter.apply(&x).unwrap(), filter.apply(&other).unwrap()]
-    );
+    assert_eq!(both, [filter.apply(&x).unwrap(), filter.apply(&other).unwrap()]);
     assert!(filter.apply_columns(&[]).unwrap().is_empty());
     assert!(filter.apply_columns(&[&x, &other[1..]]).is_err());
 }
 
 #[test]
 fn law_a_bias_column_is_kept_only_when_asked_for() {
-    let matrix: Vec<f64> = magnav_input()
-        .iter()
-        .flat_map(|x| [*x, 1.0, 3.0 * x])
-        .collect();
+    let matrix: Vec<f64> = magnav_input().iter().flat_map(|x| [*x, 1.0, 3.0 * x]).collect();
     let filter = ZeroPhase::new(band(0.1, 0.9), 10.0, 4).unwrap();
     let (mut kept, mut filtered) = (matrix.clone(), matrix);
-    filter
-        .apply_matrix(&mut kept, 3, ConstantColumns::Keep)
-        .unwrap();
-    filter
-        .apply_matrix(&mut filtered, 3, ConstantColumns::Filter)
-        .unwrap();
+    filter.apply_matrix(&mut kept, 3, ConstantColumns::Keep).unwrap();
+    filter.apply_matrix(&mut filtered, 3, ConstantColumns::Filter).unwrap();
     assert!(kept.iter().skip(1).step_by(3).all(|x| *x == 1.0));
     assert!(filtered.iter().skip(1).step_by(3).all(|x| *x == 0.0));
     for j in [0, 2] {
-        assert!(
-            kept.iter()
-                .skip(j)
-                .step_by(3)
-                .eq(filtered.iter().skip(j).step_by(3))
-        );
+        assert!(kept.iter().skip(j).step_by(3).eq(filtered.iter().skip(j).step_by(3)));
     }
 }
 
@@ -254,30 +190,15 @@ fn law_a_bias_column_is_kept_only_when_asked_for() {
 fn r12_what_cannot_be_filtered_is_named() {
     let filter = ZeroPhase::new(band(0.1, 0.9), 10.0, 4).unwrap();
     let short = filter.apply(&[1.0; 24]).unwrap_err();
-    assert_eq!(
-        short,
-        FilterError::TooShort {
-            rows: 24,
-            needed: 25
-        }
-    );
+    assert_eq!(short, FilterError::TooShort { rows: 24, needed: 25 });
     assert!(filter.apply(&[1.0; 25]).is_ok());
-    for (row, bad) in [
-        (0, f64::NAN),
-        (7, f64::INFINITY),
-        (60, f64::NAN),
-        (99, f64::NEG_INFINITY),
-    ] {
+    for (row, bad) in [(0, f64::NAN), (7, f64::INFINITY), (60, f64::NAN), (99, f64::NEG_INFINITY)] {
         let mut matrix = vec![1.0; 300];
         matrix[3 * row + 2] = bad;
-        let error = filter
-            .apply_matrix(&mut matrix, 3, ConstantColumns::Filter)
-            .unwrap_err();
+        let error = filter.apply_matrix(&mut matrix, 3, ConstantColumns::Filter).unwrap_err();
         assert_eq!(error, FilterError::NotFinite { row, column: 2 });
     }
-    let error = filter
-        .apply_matrix(&mut [1.0; 7], 2, ConstantColumns::Filter)
-        .unwrap_err();
+    let error = filter.apply_matrix(&mut [1.0; 7], 2, ConstantColumns::Filter).unwrap_err();
     assert_eq!(error.to_string(), "7 values cannot be rows of 2 columns");
 }
 
@@ -292,12 +213,6 @@ fn r12_impossible_designs_are_named() {
     assert!(error(band(0.1, 0.9), 10.0, 13).contains("1 to 12"));
     assert!(error(Band::Low { high_hz: 1e-17 }, 10.0, 4).contains("double precision"));
     assert_eq!(Band::between(None, None), Err(FilterError::NoCorner));
-    assert_eq!(
-        Band::between(Some(0.1), None),
-        Ok(Band::High { low_hz: 0.1 })
-    );
-    assert_eq!(
-        Band::between(None, Some(0.9)),
-        Ok(Band::Low { high_hz: 0.9 })
-    );
+    assert_eq!(Band::between(Some(0.1), None), Ok(Band::High { low_hz: 0.1 }));
+    assert_eq!(Band::between(None, Some(0.9)), Ok(Band::Low { high_hz: 0.9 }));
 }

@@ -119,10 +119,7 @@ impl Triangle {
         let mut out = Vec::with_capacity(self.pivots * self.width);
         for (j, row) in self.r.chunks_exact(blocks).enumerate() {
             let row = row.iter().flat_map(|lanes| lanes.0).take(self.width);
-            out.extend(
-                row.enumerate()
-                    .map(|(k, value)| if k < j { 0.0 } else { value }),
-            );
+            out.extend(row.enumerate().map(|(k, value)| if k < j { 0.0 } else { value }));
         }
         out
     }
@@ -217,13 +214,7 @@ fn update(rows: &mut [Lanes], v: &[f64], steps: &Lanes, next: &[f64]) -> Lanes {
     let (mut vs, mut nexts) = (v.chunks_exact(2), next.chunks_exact(2));
     for ((rows, v), next) in (&mut pairs).zip(&mut vs).zip(&mut nexts) {
         for parity in 0..2 {
-            update_row(
-                &mut rows[parity],
-                v[parity],
-                steps,
-                next[parity],
-                &mut sums[parity],
-            );
+            update_row(&mut rows[parity], v[parity], steps, next[parity], &mut sums[parity]);
         }
     }
     let rest = pairs.into_remainder().iter_mut();

@@ -82,11 +82,8 @@ impl RidgePath {
         let solution = self.solutions.get(solution)?;
         let variance = *solution.residual_variances.get(target)?;
         let p = self.terms.len();
-        let weights: Vec<f64> = self
-            .singular_values
-            .iter()
-            .map(|s| variance * shrink(*s, solution.lambda).powi(2))
-            .collect();
+        let weights: Vec<f64> =
+            self.singular_values.iter().map(|s| variance * shrink(*s, solution.lambda).powi(2)).collect();
         let entry = |i: usize, j: usize| {
             let (one, other) = (&self.right[i * p..], &self.right[j * p..]);
             (0..p).map(|k| one[k] * weights[k] * other[k]).sum::<f64>()
@@ -98,11 +95,7 @@ impl RidgePath {
 /// s/(s² + λ), and 0 for a direction without excitation.
 fn shrink(s: f64, lambda: f64) -> f64 {
     let denominator = s * s + lambda;
-    if denominator == 0.0 {
-        0.0
-    } else {
-        s / denominator
-    }
+    if denominator == 0.0 { 0.0 } else { s / denominator }
 }
 
 /// Singular values, left vectors by column and right vectors by row of the terms' triangle.
@@ -112,13 +105,8 @@ struct Decomposition {
     v: Mat<f64>,
 }
 
-fn decompose(
-    p: usize,
-    at: impl Fn(usize, usize) -> f64,
-) -> Result<Decomposition, LeastSquaresError> {
-    let svd = Mat::from_fn(p, p, at)
-        .svd()
-        .map_err(|_| LeastSquaresError::NoConvergence)?;
+fn decompose(p: usize, at: impl Fn(usize, usize) -> f64) -> Result<Decomposition, LeastSquaresError> {
+    let svd = Mat::from_fn(p, p, at).svd().map_err(|_| LeastSquaresError::NoConvergence)?;
     Ok(Decomposition {
         s: svd.S().column_vector().iter().copied().collect(),
         u: svd.U().to_owned(),
@@ -127,11 +115,7 @@ fn decompose(
 }
 
 /// Solves for all lambdas. `names` has one name a term.
-pub(super) fn solve(
-    factor: Factor,
-    lambdas: &[f64],
-    names: Vec<String>,
-) -> Result<RidgePath, LeastSquaresError> {
+pub(super) fn solve(factor: Factor, lambdas: &[f64], names: Vec<String>) -> Result<RidgePath, LeastSquaresError> {
     let p = factor.terms;
     let excitation = excitation(&factor, &names)?;
     if excitation.rank < p && lambdas.contains(&0.0) {
@@ -146,18 +130,11 @@ pub(super) fn solve(
     let svd = decompose(p, |i, j| factor.at(i, j))?;
     let projections: Vec<Vec<f64>> = (0..factor.targets)
         .map(|target| {
-            let along = |k: usize| {
-                (0..p)
-                    .map(|i| svd.u[(i, k)] * factor.at(i, p + target))
-                    .sum()
-            };
+            let along = |k: usize| (0..p).map(|i| svd.u[(i, k)] * factor.at(i, p + target)).sum();
             (0..p).map(along).collect()
         })
         .collect();
-    let solutions = lambdas
-        .iter()
-        .map(|&lambda| solution(&factor, &svd, &projections, lambda))
-        .collect();
+    let solutions = lambdas.iter().map(|&lambda| solution(&factor, &svd, &projections, lambda)).collect();
     let smallest = svd.s.last().copied().unwrap_or(f64::NAN);
     Ok(RidgePath {
         terms: names,
@@ -174,12 +151,7 @@ pub(super) fn solve(
     })
 }
 
-fn solution(
-    factor: &Factor,
-    svd: &Decomposition,
-    projections: &[Vec<f64>],
-    lambda: f64,
-) -> RidgeSolution {
+fn solution(factor: &Factor, svd: &Decomposition, projections: &[Vec<f64>], lambda: f64) -> RidgeSolution {
     let p = factor.terms;
     let fitted: f64 = svd.s.iter().map(|s| s * shrink(*s, lambda)).sum();
     let degrees_of_freedom = fitted + f64::from(u8::from(factor.centred));
@@ -193,29 +165,17 @@ fn solution(
         residual_variances: Vec::with_capacity(projections.len()),
     };
     for (target, projection) in projections.iter().enumerate() {
-        let scaled: Vec<f64> = (0..p)
-            .map(|k| shrink(svd.s[k], lambda) * projection[k])
-            .collect();
+        let scaled: Vec<f64> = (0..p).map(|k| shrink(svd.s[k], lambda) * projection[k]).collect();
         let coefficient = |i: usize| (0..p).map(|k| svd.v[(i, k)] * scaled[k]).sum::<f64>();
         let coefficients: Vec<f64> = (0..p).map(coefficient).collect();
         let given_up = |k: usize| (projection[k] - svd.s[k] * scaled[k]).powi(2);
         let squares = factor.unexplained[target] + (0..p).map(given_up).sum::<f64>();
-        let explained: f64 = coefficients
-            .iter()
-            .zip(&factor.means)
-            .map(|(b, m)| b * m)
-            .sum();
+        let explained: f64 = coefficients.iter().zip(&factor.means).map(|(b, m)| b * m).sum();
         let intercept = factor.means[p + target] - explained;
         solution.coefficients.push(coefficients);
-        solution
-            .intercepts
-            .push(if factor.centred { intercept } else { 0.0 });
+        solution.intercepts.push(if factor.centred { intercept } else { 0.0 });
         solution.residual_squares.push(squares);
-        solution.residual_variances.push(if left_over > 0.0 {
-            squares / left_over
-        } else {
-            f64::NAN
-        });
+        solution.residual_variances.push(if left_over > 0.0 { squares / left_over } else { f64::NAN });
     }
     solution
 }
@@ -238,19 +198,11 @@ fn excitation(factor: &Factor, names: &[String]) -> Result<Excitation, LeastSqua
     // With means taken off, a constant term leaves rounding of its own mean.
     let roots = (factor.rows as f64).sqrt();
     let zero = |j: usize| {
-        let mean = if factor.centred {
-            factor.means[j].abs()
-        } else {
-            0.0
-        };
+        let mean = if factor.centred { factor.means[j].abs() } else { 0.0 };
         lengths[j] <= 1e-13 * (longest + mean * roots)
     };
     let scaled = |i: usize, j: usize| {
-        if zero(j) {
-            0.0
-        } else {
-            factor.at(i, j) / lengths[j]
-        }
+        if zero(j) { 0.0 } else { factor.at(i, j) / lengths[j] }
     };
     let svd = decompose(p, scaled)?;
     let threshold = RANK_TOLERANCE * svd.s.first().copied().unwrap_or(0.0);
@@ -260,21 +212,12 @@ fn excitation(factor: &Factor, names: &[String]) -> Result<Excitation, LeastSqua
     Ok(Excitation {
         rank,
         unexcited: (0..p).filter(|&j| zero(j)).map(named).collect(),
-        dependent: (0..p)
-            .filter(|&j| !zero(j) && part(j) > NAMED_FROM)
-            .map(named)
-            .collect(),
+        dependent: (0..p).filter(|&j| !zero(j) && part(j) > NAMED_FROM).map(named).collect(),
     })
 }
 
 /// The message of a fit that has no unique answer.
-pub(super) fn deficient(
-    rank: usize,
-    terms: usize,
-    rows: usize,
-    unexcited: &[String],
-    dependent: &[String],
-) -> String {
+pub(super) fn deficient(rank: usize, terms: usize, rows: usize, unexcited: &[String], dependent: &[String]) -> String {
     let quoted = |names: &[String]| {
         let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
         names.join(", ")

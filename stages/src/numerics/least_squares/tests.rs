@@ -6,9 +6,7 @@ const NAMES: [&str; 5] = ["a0", "a1", "a2", "a3", "a4"];
 
 fn samples() -> (Vec<f64>, Vec<Vec<f64>>) {
     let table = columns(include_str!("../../../reference/signal/ridge_samples.csv"));
-    let a = (0..120)
-        .flat_map(|i| NAMES.map(|name| table[name][i]))
-        .collect();
+    let a = (0..120).flat_map(|i| NAMES.map(|name| table[name][i])).collect();
     (a, vec![table["y0"].clone(), table["y1"].clone()])
 }
 
@@ -16,9 +14,7 @@ fn samples() -> (Vec<f64>, Vec<Vec<f64>>) {
 fn noise(count: usize, seed: u64) -> Vec<f64> {
     let mut state = seed;
     let mut next = || {
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
     };
     (0..count).map(|_| next()).collect()
@@ -42,52 +38,28 @@ fn val_coefficients_and_residuals_equal_scikit_learn() {
         } else {
             factor.solve(&lambdas, &NAMES).unwrap()
         };
-        let lambda = lambdas
-            .iter()
-            .position(|l| *l == table["lambda"][row])
-            .unwrap();
+        let lambda = lambdas.iter().position(|l| *l == table["lambda"][row]).unwrap();
         let (solution, target) = (&path.solutions[lambda], table["target"][row] as usize);
         for (j, ours) in solution.coefficients[target].iter().enumerate() {
             let theirs = table[format!("b{j}").as_str()][row];
             // The condition number of these terms is 1e5, so that 1e-11 of rounding is left.
-            assert!(
-                (ours - theirs).abs() <= 1e-9 * theirs.abs(),
-                "row {row}, term {j}: {ours} {theirs}"
-            );
+            assert!((ours - theirs).abs() <= 1e-9 * theirs.abs(), "row {row}, term {j}: {ours} {theirs}");
         }
         let near = |ours: f64, theirs: f64| (ours - theirs).abs() <= 1e-10 * (1.0 + theirs.abs());
-        assert!(
-            near(solution.intercepts[target], table["intercept"][row]),
-            "row {row}"
-        );
-        assert!(
-            near(solution.residual_squares[target], table["squares"][row]),
-            "row {row}"
-        );
+        assert!(near(solution.intercepts[target], table["intercept"][row]), "row {row}");
+        assert!(near(solution.residual_squares[target], table["squares"][row]), "row {row}");
     }
 }
 
 #[test]
 fn law_coefficients_are_recovered_from_data_without_noise() {
     let (rows, p) = (5000, 18);
-    let beta: Vec<f64> = (0..p)
-        .map(|j| 10f64.powi(j % 5) * (f64::from(j) + 0.5).cos())
-        .collect();
+    let beta: Vec<f64> = (0..p).map(|j| 10f64.powi(j % 5) * (f64::from(j) + 0.5).cos()).collect();
     let scale = |k: usize| 10f64.powi(-((k % p as usize) as i32 % 4));
-    let a: Vec<f64> = noise(rows * p as usize, 3)
-        .iter()
-        .enumerate()
-        .map(|(k, x)| x * scale(k))
-        .collect();
-    let y: Vec<f64> = a
-        .chunks(p as usize)
-        .map(|row| row.iter().zip(&beta).map(|(a, b)| a * b).sum())
-        .collect();
+    let a: Vec<f64> = noise(rows * p as usize, 3).iter().enumerate().map(|(k, x)| x * scale(k)).collect();
+    let y: Vec<f64> = a.chunks(p as usize).map(|row| row.iter().zip(&beta).map(|(a, b)| a * b).sum()).collect();
     let names: Vec<String> = (0..p).map(|j| j.to_string()).collect();
-    let path = QrAccumulator::of(&a, p as usize, &[&y])
-        .unwrap()
-        .solve(&[0.0], &names)
-        .unwrap();
+    let path = QrAccumulator::of(&a, p as usize, &[&y]).unwrap().solve(&[0.0], &names).unwrap();
     for (ours, truth) in path.solutions[0].coefficients[0].iter().zip(&beta) {
         assert!((ours / truth - 1.0).abs() < 1e-6, "{ours} {truth}");
     }
@@ -120,16 +92,8 @@ fn law_merged_factors_equal_one_and_threads_do_not_matter() {
     one.push(&a, &[&y]).unwrap();
     let one = one.solve(&[0.0, 3.0], &names).unwrap();
     let on = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads)
-            .build()
-            .unwrap();
-        pool.install(|| {
-            QrAccumulator::of(&a, p, &[&y])
-                .unwrap()
-                .solve(&[0.0, 3.0], &names)
-                .unwrap()
-        })
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| QrAccumulator::of(&a, p, &[&y]).unwrap().solve(&[0.0, 3.0], &names).unwrap())
     };
     let merged = on(1);
     assert_eq!(merged, on(3));
@@ -147,27 +111,16 @@ fn law_means_and_centred_fits_are_those_of_centred_data() {
     let factor = QrAccumulator::of(&a, 5, &targets(&y)).unwrap();
     let path = factor.solve_centred(&[0.5], &NAMES).unwrap();
     let mean = |x: &mut dyn Iterator<Item = f64>| x.sum::<f64>() / 120.0;
-    let means: Vec<f64> = (0..5)
-        .map(|j| mean(&mut a.iter().skip(j).step_by(5).copied()))
-        .collect();
+    let means: Vec<f64> = (0..5).map(|j| mean(&mut a.iter().skip(j).step_by(5).copied())).collect();
     for (ours, mean) in path.term_means.iter().zip(&means) {
         assert!((ours - mean).abs() < 1e-13 * (1.0 + mean.abs()));
     }
     let target_mean = mean(&mut y[0].iter().copied());
     assert!((path.target_means[0] - target_mean).abs() < 1e-13 * target_mean.abs());
-    let centred: Vec<f64> = a
-        .iter()
-        .zip(means.iter().cycle())
-        .map(|(a, m)| a - m)
-        .collect();
+    let centred: Vec<f64> = a.iter().zip(means.iter().cycle()).map(|(a, m)| a - m).collect();
     let shifted: Vec<f64> = y[0].iter().map(|y| y - target_mean).collect();
-    let plain = QrAccumulator::of(&centred, 5, &[&shifted])
-        .unwrap()
-        .solve(&[0.5], &NAMES)
-        .unwrap();
-    let pairs = path.solutions[0].coefficients[0]
-        .iter()
-        .zip(&plain.solutions[0].coefficients[0]);
+    let plain = QrAccumulator::of(&centred, 5, &[&shifted]).unwrap().solve(&[0.5], &NAMES).unwrap();
+    let pairs = path.solutions[0].coefficients[0].iter().zip(&plain.solutions[0].coefficients[0]);
     for (one, other) in pairs {
         assert!((one - other).abs() < 1e-9 * other.abs(), "{one} {other}");
     }
@@ -178,18 +131,9 @@ fn law_covariance_is_that_of_repeated_fits() {
     // 400 fits of the same terms to fresh noise, of which a ridge is no biased judge: the scatter of
     // the coefficients is the covariance, to the √(2/400) = 7 % by which it scatters itself.
     let (rows, draws, lambda) = (300, 400, 10.0);
-    let a = noise(rows * 2, 8)
-        .chunks(2)
-        .flat_map(|x| [x[0], x[0] + 0.5 * x[1]])
-        .collect::<Vec<_>>();
-    let y: Vec<Vec<f64>> = noise(rows * draws, 9)
-        .chunks(rows)
-        .map(<[f64]>::to_vec)
-        .collect();
-    let path = QrAccumulator::of(&a, 2, &targets(&y))
-        .unwrap()
-        .solve(&[0.0, lambda], &["a", "b"])
-        .unwrap();
+    let a = noise(rows * 2, 8).chunks(2).flat_map(|x| [x[0], x[0] + 0.5 * x[1]]).collect::<Vec<_>>();
+    let y: Vec<Vec<f64>> = noise(rows * draws, 9).chunks(rows).map(<[f64]>::to_vec).collect();
+    let path = QrAccumulator::of(&a, 2, &targets(&y)).unwrap().solve(&[0.0, lambda], &["a", "b"]).unwrap();
     for (k, solution) in path.solutions.iter().enumerate() {
         let of = |j: usize| solution.coefficients.iter().map(move |b| b[j]);
         let mean = |j: usize| of(j).sum::<f64>() / draws as f64;
@@ -200,10 +144,7 @@ fn law_covariance_is_that_of_repeated_fits() {
         let told: Vec<Vec<f64>> = (0..draws).map(|t| path.covariance(k, t).unwrap()).collect();
         for ij in 0..4 {
             let told = told.iter().map(|c| c[ij]).sum::<f64>() / draws as f64;
-            assert!(
-                (scatter(ij / 2, ij % 2) / told - 1.0).abs() < 0.2,
-                "{k} {ij}"
-            );
+            assert!((scatter(ij / 2, ij % 2) / told - 1.0).abs() < 0.2, "{k} {ij}");
         }
         // Noise of −½ to ½ has the variance 1/12.
         let variances = solution.residual_variances.iter().sum::<f64>() / draws as f64;
@@ -224,30 +165,15 @@ fn law_dependent_and_unexcited_terms_are_named_without_a_ridge_and_solved_with_o
     let y: Vec<f64> = (0..200).map(|k| row(k)[0] + row(k)[3]).collect();
     let factor = QrAccumulator::of(&a, 5, &[&y]).unwrap();
     let error = factor.solve(&[1.0, 0.0], &NAMES).unwrap_err();
-    let LeastSquaresError::RankDeficient {
-        rank,
-        unexcited,
-        dependent,
-        ..
-    } = &error
-    else {
+    let LeastSquaresError::RankDeficient { rank, unexcited, dependent, .. } = &error else {
         panic!("{error}");
     };
-    assert_eq!(
-        (*rank, unexcited.as_slice()),
-        (3, ["a4".to_owned()].as_slice())
-    );
+    assert_eq!((*rank, unexcited.as_slice()), (3, ["a4".to_owned()].as_slice()));
     // The dependence a2 = 2 a0 - 1e-4 a1 has a part of 5e-5 of a1, too little to be named.
     assert_eq!(dependent.as_slice(), ["a0".to_owned(), "a2".to_owned()]);
     let message = error.to_string();
-    assert!(
-        message.contains("`a0`, `a2` are linearly dependent"),
-        "{message}"
-    );
-    assert!(
-        message.contains("200 rows hold only 3 independent combinations of 5 terms"),
-        "{message}"
-    );
+    assert!(message.contains("`a0`, `a2` are linearly dependent"), "{message}");
+    assert!(message.contains("200 rows hold only 3 independent combinations of 5 terms"), "{message}");
     let path = factor.solve(&[1e-3], &NAMES).unwrap();
     assert_eq!((path.rank, path.condition > 1e12), (3, true));
     assert_eq!(path.dependent, ["a0", "a2"]);
@@ -257,15 +183,9 @@ fn law_dependent_and_unexcited_terms_are_named_without_a_ridge_and_solved_with_o
 
 #[test]
 fn law_badly_scaled_terms_are_not_called_dependent() {
-    let a: Vec<f64> = noise(400, 12)
-        .chunks(2)
-        .flat_map(|x| [x[0], 1e-9 * x[1]])
-        .collect();
+    let a: Vec<f64> = noise(400, 12).chunks(2).flat_map(|x| [x[0], 1e-9 * x[1]]).collect();
     let y: Vec<f64> = a.chunks(2).map(|x| x[0] + 1e9 * x[1]).collect();
-    let path = QrAccumulator::of(&a, 2, &[&y])
-        .unwrap()
-        .solve(&[0.0], &["a", "b"])
-        .unwrap();
+    let path = QrAccumulator::of(&a, 2, &[&y]).unwrap().solve(&[0.0], &["a", "b"]).unwrap();
     assert_eq!(path.rank, 2);
     assert!((path.solutions[0].coefficients[0][1] / 1e9 - 1.0).abs() < 1e-6);
     // The last scale at which a term still counts: its singular value is below the tolerance, which
@@ -286,15 +206,8 @@ fn law_degrees_of_freedom_fall_from_all_terms_to_none() {
     let (a, y) = samples();
     let factor = QrAccumulator::of(&a, 5, &targets(&y)).unwrap();
     let path = factor.solve(&[0.0, 1.0, 1e12], &NAMES).unwrap();
-    let degrees: Vec<f64> = path
-        .solutions
-        .iter()
-        .map(|s| s.degrees_of_freedom)
-        .collect();
-    assert!(
-        (degrees[0] - 5.0).abs() < 1e-12 && degrees[1] < 5.0 && degrees[2] < 1e-6,
-        "{degrees:?}"
-    );
+    let degrees: Vec<f64> = path.solutions.iter().map(|s| s.degrees_of_freedom).collect();
+    assert!((degrees[0] - 5.0).abs() < 1e-12 && degrees[1] < 5.0 && degrees[2] < 1e-6, "{degrees:?}");
     assert!(path.singular_values.windows(2).all(|s| s[0] >= s[1]));
     let few = QrAccumulator::of(&a[..15], 5, &[&y[0][..3]]).unwrap();
     assert!(few.solve(&[0.0], &NAMES).is_err());
@@ -315,13 +228,7 @@ fn r12_bad_input_is_named() {
     assert!(message(factor.push(&[1.0, 1.0], &[])).contains("list of targets"));
     assert!(message(factor.merge(QrAccumulator::new(1, 2))).contains("targets"));
     assert!(message(factor.merge(QrAccumulator::new(1, 1))).contains("terms"));
-    assert!(
-        factor
-            .solve(&[-1.0], &["a", "b"])
-            .unwrap_err()
-            .to_string()
-            .contains("it is -1")
-    );
+    assert!(factor.solve(&[-1.0], &["a", "b"]).unwrap_err().to_string().contains("it is -1"));
     assert!(factor.solve(&[f64::NAN], &["a", "b"]).is_err());
     assert!(factor.solve(&[1.0], &["a"]).is_err());
     let none = QrAccumulator::new(2, 1).solve(&[1.0], &["a", "b"]);

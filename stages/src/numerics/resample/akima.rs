@@ -45,18 +45,11 @@ fn part_slopes(tt: &[f64], x: &[f64]) -> Vec<f64> {
     let second = inner.get(1).copied().unwrap_or(first);
     let before_last = inner.iter().rev().nth(1).copied().unwrap_or(last);
     let (fall, rise) = (first - second, last - before_last);
-    let chords: Vec<f64> = [first + 2.0 * fall, first + fall]
-        .into_iter()
-        .chain(inner)
-        .chain([last + rise, last + 2.0 * rise])
-        .collect();
+    let chords: Vec<f64> =
+        [first + 2.0 * fall, first + fall].into_iter().chain(inner).chain([last + rise, last + 2.0 * rise]).collect();
     let slope = |m: &[f64]| {
         let (early, late) = ((m[1] - m[0]).abs(), (m[3] - m[2]).abs());
-        if early + late == 0.0 {
-            (m[1] + m[2]) / 2.0
-        } else {
-            (late * m[1] + early * m[2]) / (early + late)
-        }
+        if early + late == 0.0 { (m[1] + m[2]) / 2.0 } else { (late * m[1] + early * m[2]) / (early + late) }
     };
     chords.windows(4).map(slope).collect()
 }

@@ -14,11 +14,7 @@ impl AngleRange {
     pub fn of(degrees: &[f64]) -> Self {
         let negative = degrees.iter().any(|angle| *angle < 0.0);
         let above = degrees.iter().any(|angle| *angle > 180.0);
-        if above && !negative {
-            Self::Full
-        } else {
-            Self::Signed
-        }
+        if above && !negative { Self::Full } else { Self::Signed }
     }
 
     /// The same angle inside the range.

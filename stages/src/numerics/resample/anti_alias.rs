@@ -1,9 +1,7 @@
 //! The low-pass that goes before a resampling to a lower rate.
 
 use super::super::filter::{Band, FilterError, ZeroPhase};
-use super::super::segments::{
-    FilterReport, STEP_TOLERANCE, TimeError, Usable, filter_column, sample_rate,
-};
+use super::super::segments::{FilterReport, STEP_TOLERANCE, TimeError, Usable, filter_column, sample_rate};
 
 /// The corner of the low-pass as a fraction of half of the new rate.
 pub const ANTI_ALIAS_FRACTION: f64 = 0.8;
@@ -29,17 +27,9 @@ pub enum AntiAliasError {
 /// filter's padding becomes NaN and is counted. To a rate so high that the corner is not below half
 /// of the present one nothing is taken off, and the report is of no rows. Angles are to be
 /// unwrapped first.
-pub fn anti_alias(
-    tt: &[f64],
-    x: &[f64],
-    rate_hz: f64,
-) -> Result<(Vec<f64>, FilterReport), AntiAliasError> {
+pub fn anti_alias(tt: &[f64], x: &[f64], rate_hz: f64) -> Result<(Vec<f64>, FilterReport), AntiAliasError> {
     if x.len() != tt.len() {
-        return Err(TimeError::Lengths {
-            given: x.len(),
-            expected: tt.len(),
-        }
-        .into());
+        return Err(TimeError::Lengths { given: x.len(), expected: tt.len() }.into());
     }
     let present_hz = sample_rate(tt, STEP_TOLERANCE)?;
     let high_hz = ANTI_ALIAS_FRACTION * rate_hz / 2.0;
@@ -47,8 +37,6 @@ pub fn anti_alias(
         return Ok((x.to_vec(), FilterReport::default()));
     }
     let filter = ZeroPhase::new(Band::Low { high_hz }, present_hz, ANTI_ALIAS_ORDER)?;
-    let runs = Usable::all(x.len())
-        .and_finite(x)
-        .runs_in_time(tt, present_hz);
+    let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, present_hz);
     Ok(filter_column(&filter, x, &runs)?)
 }

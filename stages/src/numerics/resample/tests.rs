@@ -15,9 +15,7 @@ fn law_a_series_on_the_grid_comes_back_bit_by_bit() {
     (1..500).for_each(|k| added.push(added[k - 1] + 0.1));
     let divided: Vec<f64> = (0..500).map(|k| f64::from(500_007 + k) / 10.0).collect();
     for tt in [added, times(500, 50_000.7, 0.1), divided.clone()] {
-        let x: Vec<f64> = (0..500)
-            .map(|k| (f64::from(k) * 0.37).sin() * 1e5)
-            .collect();
+        let x: Vec<f64> = (0..500).map(|k| (f64::from(k) * 0.37).sin() * 1e5).collect();
         let plan = Plan::new(&tt, 10.0, 1.0).unwrap();
         assert_eq!(plan.grid(), divided);
         for method in METHODS {
@@ -41,9 +39,7 @@ fn law_the_grid_begins_and_ends_inside_the_samples() {
 
 #[test]
 fn law_a_straight_line_stays_one() {
-    let tt: Vec<f64> = (0..400)
-        .map(|k| 0.07 * f64::from(k) + 0.02 * (f64::from(k)).sin())
-        .collect();
+    let tt: Vec<f64> = (0..400).map(|k| 0.07 * f64::from(k) + 0.02 * (f64::from(k)).sin()).collect();
     let x: Vec<f64> = tt.iter().map(|tt| 5.0 - 3.0 * tt).collect();
     let plan = Plan::new(&tt, 20.0, 1.0).unwrap();
     for method in [Method::Linear, Method::Cubic] {
@@ -56,9 +52,7 @@ fn law_a_straight_line_stays_one() {
 
 #[test]
 fn val_linear_and_akima_equal_scipy() {
-    let samples = columns(include_str!(
-        "../../../reference/signal/resample_samples.csv"
-    ));
+    let samples = columns(include_str!("../../../reference/signal/resample_samples.csv"));
     let grid = columns(include_str!("../../../reference/signal/resample_grid.csv"));
     let plan = Plan::new(&samples["tt"], 10.0, 1.0).unwrap();
     assert_eq!(plan.grid(), grid["tt"]);
@@ -66,10 +60,7 @@ fn val_linear_and_akima_equal_scipy() {
         let ours = plan.column(&samples["x"], method).unwrap();
         for (row, (ours, scipy)) in ours.iter().zip(&grid[name]).enumerate() {
             // The same cubic in another form: some units in the last place of values up to 30.
-            assert!(
-                (ours - scipy).abs() < 1e-12,
-                "{name}, row {row}: {ours} against {scipy}"
-            );
+            assert!((ours - scipy).abs() < 1e-12, "{name}, row {row}: {ours} against {scipy}");
         }
     }
 }
@@ -122,32 +113,17 @@ fn law_missing_samples_of_one_column_concern_that_column_only() {
 fn law_angles_take_the_shorter_way_and_stay_in_their_range() {
     let tt = [0.0, 0.2, 0.4, 0.6];
     let plan = Plan::new(&tt, 10.0, 1.0).unwrap();
-    let heading = plan
-        .angle_deg(&[350.0, 10.0, 350.0, 90.0], Method::Linear)
-        .unwrap();
+    let heading = plan.angle_deg(&[350.0, 10.0, 350.0, 90.0], Method::Linear).unwrap();
     let expected = [350.0, 0.0, 10.0, 0.0, 350.0, 40.0, 90.0];
     let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
     assert!(close(&heading, &expected), "{heading:?}");
-    let signed = plan
-        .angle_deg(&[170.0, -170.0, 170.0, 175.0], Method::Linear)
-        .unwrap();
+    let signed = plan.angle_deg(&[170.0, -170.0, 170.0, 175.0], Method::Linear).unwrap();
     let expected = [170.0, 180.0, -170.0, 180.0, 170.0, 172.5, 175.0];
     let same = |a: f64, b: f64| AngleRange::Full.wrap(a - b + 180.0) - 180.0;
-    assert!(
-        signed
-            .iter()
-            .zip(expected)
-            .all(|(a, b)| same(*a, b).abs() < 1e-9),
-        "{signed:?}"
-    );
+    assert!(signed.iter().zip(expected).all(|(a, b)| same(*a, b).abs() < 1e-9), "{signed:?}");
     assert!(signed.iter().all(|a| (-180.0..=180.0).contains(a)));
-    let cubic = plan
-        .angle_deg(&[340.0, 350.0, 0.0, 10.0], Method::Cubic)
-        .unwrap();
-    assert!(
-        close(&cubic, &[340.0, 345.0, 350.0, 355.0, 0.0, 5.0, 10.0]),
-        "{cubic:?}"
-    );
+    let cubic = plan.angle_deg(&[340.0, 350.0, 0.0, 10.0], Method::Cubic).unwrap();
+    assert!(close(&cubic, &[340.0, 345.0, 350.0, 355.0, 0.0, 5.0, 10.0]), "{cubic:?}");
 }
 
 #[test]
@@ -163,20 +139,13 @@ fn law_wrapping_keeps_the_angle_and_the_range() {
         }
     }
     assert_eq!(AngleRange::Full.wrap(-1e-20), 0.0);
-    assert_eq!(
-        unwrap_degrees(&[350.0, f64::NAN, 10.0, -10.0])[2..],
-        [370.0, 350.0]
-    );
+    assert_eq!(unwrap_degrees(&[350.0, f64::NAN, 10.0, -10.0])[2..], [370.0, 350.0]);
 }
 
 #[test]
 fn law_anti_aliasing_takes_off_what_would_fold_and_keeps_the_rest() {
     let tt = times(4000, 100.0, 0.01);
-    let tone = |hz: f64| -> Vec<f64> {
-        tt.iter()
-            .map(|tt| (std::f64::consts::TAU * hz * tt).sin())
-            .collect()
-    };
+    let tone = |hz: f64| -> Vec<f64> { tt.iter().map(|tt| (std::f64::consts::TAU * hz * tt).sin()).collect() };
     // To 10 Hz the corner lies at 4 Hz. 1 Hz passes to (1/4)^16, 7 Hz leaves (7/4)^-16 = 1.3e-4.
     let inner = |x: &[f64]| x[400..3600].iter().fold(0.0f64, |a, x| a.max(x.abs()));
     let (slow, report) = anti_alias(&tt, &tone(1.0), 10.0).unwrap();

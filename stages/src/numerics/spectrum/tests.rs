@@ -3,21 +3,15 @@ use super::*;
 use crate::numerics::reference_csv::columns;
 
 fn samples() -> Vec<f64> {
-    columns(include_str!(
-        "../../../reference/signal/spectrum_samples.csv"
-    ))["x"]
-        .clone()
+    columns(include_str!("../../../reference/signal/spectrum_samples.csv"))["x"].clone()
 }
 
 #[test]
 fn val_densities_equal_scipy() {
     let even = columns(include_str!("../../../reference/signal/spectrum_64.csv"));
     let odd = columns(include_str!("../../../reference/signal/spectrum_65.csv"));
-    let cases = [
-        (&even, "hann", 64, Window::Hann),
-        (&even, "hamming", 64, Window::Hamming),
-        (&odd, "hann", 65, Window::Hann),
-    ];
+    let cases =
+        [(&even, "hann", 64, Window::Hann), (&even, "hamming", 64, Window::Hamming), (&odd, "hann", 65, Window::Hann)];
     for (table, name, segment, window) in cases {
         let ours = welch(&samples(), 20.0, segment, window).unwrap();
         assert_eq!(ours.frequency_hz.len(), table["frequency"].len());
@@ -27,10 +21,7 @@ fn val_densities_equal_scipy() {
         }
         for (ours, scipy) in ours.density.iter().zip(&table[name]) {
             // Two transforms of values near 1; the bin at 0 Hz is what is left of the mean.
-            assert!(
-                (ours - scipy).abs() < 1e-13 * (1.0 + scipy),
-                "{name} {segment}"
-            );
+            assert!((ours - scipy).abs() < 1e-13 * (1.0 + scipy), "{name} {segment}");
         }
     }
 }
@@ -41,9 +32,7 @@ fn law_the_integral_is_the_variance() {
     // segments, here to the 2 % that 100 of them leave.
     let mut state = 1u64;
     let mut noise = || {
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1);
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
         (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
     };
     let x: Vec<f64> = (0..6400).map(|_| noise()).collect();
@@ -69,11 +58,7 @@ fn law_segments_with_gaps_are_left_out_and_counted() {
 
 #[test]
 fn r12_what_has_no_spectrum_is_named() {
-    let error = |x: &[f64], rate, segment| {
-        welch(x, rate, segment, Window::Hann)
-            .unwrap_err()
-            .to_string()
-    };
+    let error = |x: &[f64], rate, segment| welch(x, rate, segment, Window::Hann).unwrap_err().to_string();
     assert!(error(&[1.0; 9], 10.0, 10).contains("no 10 consecutive samples of 9"));
     assert!(error(&[f64::NAN; 20], 10.0, 10).contains("choose shorter"));
     assert!(error(&[1.0; 9], 0.0, 4).contains("above 0 Hz"));

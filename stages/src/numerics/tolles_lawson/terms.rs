@@ -9,8 +9,8 @@ pub(super) const DERIVATIVE: usize = 18;
 pub(super) const COLUMNS: usize = 22;
 
 const NAMES: [&str; COLUMNS] = [
-    "x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz", "xx_dot", "xy_dot", "xz_dot", "yx_dot",
-    "yy_dot", "yz_dot", "zx_dot", "zy_dot", "zz_dot", "x_dot", "y_dot", "z_dot", "bias",
+    "x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz", "xx_dot", "xy_dot", "xz_dot", "yx_dot", "yy_dot", "yz_dot",
+    "zx_dot", "zy_dot", "zz_dot", "x_dot", "y_dot", "z_dot", "bias",
 ];
 
 /// What a group of terms stands for; of each family a matrix holds one group at most.
@@ -54,48 +54,23 @@ static GROUPS: [TermGroup; 9] = [
         family: Family::Induced,
         columns: &[3, 4, 5, 6, 7, 8],
     },
-    TermGroup {
-        name: "induced5",
-        aliases: &["i5"],
-        family: Family::Induced,
-        columns: &[3, 4, 5, 6, 7],
-    },
-    TermGroup {
-        name: "induced3",
-        aliases: &["i3"],
-        family: Family::Induced,
-        columns: &[3, 6, 8],
-    },
+    TermGroup { name: "induced5", aliases: &["i5"], family: Family::Induced, columns: &[3, 4, 5, 6, 7] },
+    TermGroup { name: "induced3", aliases: &["i3"], family: Family::Induced, columns: &[3, 6, 8] },
     TermGroup {
         name: "eddy",
         aliases: &["e", "eddy9", "e9"],
         family: Family::Eddy,
         columns: &[9, 10, 11, 12, 13, 14, 15, 16, 17],
     },
-    TermGroup {
-        name: "eddy8",
-        aliases: &["e8"],
-        family: Family::Eddy,
-        columns: &[9, 10, 11, 12, 13, 14, 15, 16],
-    },
-    TermGroup {
-        name: "eddy3",
-        aliases: &["e3"],
-        family: Family::Eddy,
-        columns: &[9, 13, 17],
-    },
+    TermGroup { name: "eddy8", aliases: &["e8"], family: Family::Eddy, columns: &[9, 10, 11, 12, 13, 14, 15, 16] },
+    TermGroup { name: "eddy3", aliases: &["e3"], family: Family::Eddy, columns: &[9, 13, 17] },
     TermGroup {
         name: "derivative",
         aliases: &["derivative3", "fdm", "fdm3", "f", "f3", "d", "d3"],
         family: Family::Derivative,
         columns: &[18, 19, 20],
     },
-    TermGroup {
-        name: "bias",
-        aliases: &["b"],
-        family: Family::Bias,
-        columns: &[21],
-    },
+    TermGroup { name: "bias", aliases: &["b"], family: Family::Bias, columns: &[21] },
 ];
 
 pub(super) fn names_of_groups() -> String {
@@ -122,10 +97,7 @@ impl Terms {
                 None => groups.push(group),
                 Some(held) if held.name == group.name => {}
                 Some(held) => {
-                    return Err(TermsError::SameFamily {
-                        one: held.name,
-                        other: group.name,
-                    });
+                    return Err(TermsError::SameFamily { one: held.name, other: group.name });
                 }
             }
         }
@@ -133,11 +105,7 @@ impl Terms {
             return Err(TermsError::Empty);
         }
         groups.sort_by_key(|group| group.family);
-        let columns = groups
-            .iter()
-            .flat_map(|group| group.columns)
-            .copied()
-            .collect();
+        let columns = groups.iter().flat_map(|group| group.columns).copied().collect();
         Ok(Self { groups, columns })
     }
 
@@ -176,11 +144,7 @@ impl Default for Terms {
     /// The classical 18: permanent, induced and eddy.
     fn default() -> Self {
         let groups = vec![&GROUPS[0], &GROUPS[1], &GROUPS[4]];
-        let columns = groups
-            .iter()
-            .flat_map(|group| group.columns)
-            .copied()
-            .collect();
+        let columns = groups.iter().flat_map(|group| group.columns).copied().collect();
         Self { groups, columns }
     }
 }
@@ -189,7 +153,5 @@ fn find(name: &str) -> Result<&'static TermGroup, TermsError> {
     GROUPS
         .iter()
         .find(|group| group.name == name || group.aliases.contains(&name))
-        .ok_or_else(|| TermsError::Unknown {
-            name: name.to_owned(),
-        })
+        .ok_or_else(|| TermsError::Unknown { name: name.to_owned() })
 }

@@ -11,9 +11,7 @@ fn flight() -> ([Vec<f64>; 3], Vec<f64>) {
     let y = series(&|t| 5000.0 + 7000.0 * (0.13 * t).cos());
     let z = series(&|t| 45_000.0 + 3000.0 * (0.17 * t + 0.4).sin());
     let ripple = series(&|t| 15.0 * (0.21 * t).sin() + 4.0 * (0.13 * t).cos());
-    let scalar = (0..80)
-        .map(|i| x[i].hypot(y[i]).hypot(z[i]) + ripple[i])
-        .collect();
+    let scalar = (0..80).map(|i| x[i].hypot(y[i]).hypot(z[i]) + ripple[i]).collect();
     ([x, y, z], scalar)
 }
 
@@ -42,55 +40,33 @@ fn val_rows_equal_magnav() {
 #[test]
 fn val_coefficients_equal_magnav() {
     let (vector, scalar) = flight();
-    let default = Band::Band {
-        low_hz: 0.1,
-        high_hz: 0.9,
-    };
+    let default = Band::Band { low_hz: 0.1, high_hz: 0.9 };
     let low = Band::Low { high_hz: 0.9 };
     let cases: [(&[&str], Band, f64, &str); 3] = [
-        (
-            &["p", "i", "e"],
-            default,
-            0.025,
-            include_str!("../../../reference/signal/magnav_tl_coef.csv"),
-        ),
+        (&["p", "i", "e"], default, 0.025, include_str!("../../../reference/signal/magnav_tl_coef.csv")),
         (
             &["permanent", "induced3", "eddy3", "bias"],
             default,
             0.1,
             include_str!("../../../reference/signal/magnav_tl_coef_i3_e3_b.csv"),
         ),
-        (
-            &["p", "i"],
-            low,
-            0.025,
-            include_str!("../../../reference/signal/magnav_tl_coef_lowpass.csv"),
-        ),
+        (&["p", "i"], low, 0.025, include_str!("../../../reference/signal/magnav_tl_coef_lowpass.csv")),
     ];
     for (groups, band, lambda, text) in cases {
         let terms = Terms::new(groups).unwrap();
         let filter = ZeroPhase::new(band, 10.0, 4).unwrap();
         let mut a = matrix(&field(&vector), &terms, DEFAULT_SCALE_NT).unwrap();
-        filter
-            .apply_matrix(&mut a, terms.len(), ConstantColumns::Keep)
-            .unwrap();
+        filter.apply_matrix(&mut a, terms.len(), ConstantColumns::Keep).unwrap();
         let y = filter.apply(&scalar).unwrap();
         let a = &a[20 * terms.len()..60 * terms.len()];
         let factor = QrAccumulator::of(a, terms.len(), &[&y[20..60]]).unwrap();
         let path = factor.solve(&[lambda], &terms.names()).unwrap();
         let magnav = &columns(text)["row0"];
         let scale = magnav.iter().fold(0.0f64, |scale, b| scale.max(b.abs()));
-        for (term, (ours, magnav)) in path.solutions[0].coefficients[0]
-            .iter()
-            .zip(magnav)
-            .enumerate()
-        {
+        for (term, (ours, magnav)) in path.solutions[0].coefficients[0].iter().zip(magnav).enumerate() {
             // MagNav.jl solves normal equations: their condition number of up to 1e5 with this ridge
             // times the rounding of the filtered columns.
-            assert!(
-                (ours - magnav).abs() < 1e-7 * scale,
-                "{groups:?} {term}: {ours} against {magnav}"
-            );
+            assert!((ours - magnav).abs() < 1e-7 * scale, "{groups:?} {term}: {ours} against {magnav}");
         }
     }
 }
@@ -98,9 +74,7 @@ fn val_coefficients_equal_magnav() {
 #[test]
 fn law_names_follow_the_table_whatever_the_order_of_asking() {
     let terms = Terms::new(&["bias", "e3", "permanent", "induced5"]).unwrap();
-    let names = [
-        "x", "y", "z", "xx", "xy", "xz", "yy", "yz", "xx_dot", "yy_dot", "zz_dot", "bias",
-    ];
+    let names = ["x", "y", "z", "xx", "xy", "xz", "yy", "yz", "xx_dot", "yy_dot", "zz_dot", "bias"];
     assert_eq!(terms.names(), names);
     let classical = Terms::new(&["permanent", "induced", "eddy"]).unwrap();
     assert_eq!(Terms::default(), classical);
@@ -108,10 +82,7 @@ fn law_names_follow_the_table_whatever_the_order_of_asking() {
     assert_eq!(classical.names()[9..12], ["xx_dot", "xy_dot", "xz_dot"]);
     assert_eq!(Terms::new(&["i3"]).unwrap().names(), ["xx", "yy", "zz"]);
     assert_eq!(Terms::new(&["e8"]).unwrap().names()[7], "zy_dot");
-    assert_eq!(
-        Terms::new(&["fdm", "derivative3"]).unwrap().names(),
-        ["x_dot", "y_dot", "z_dot"]
-    );
+    assert_eq!(Terms::new(&["fdm", "derivative3"]).unwrap().names(), ["x_dot", "y_dot", "z_dot"]);
 }
 
 #[test]
@@ -119,18 +90,12 @@ fn law_subsets_are_columns_of_the_full_matrix() {
     let (vector, scalar) = flight();
     let all = Terms::new(&["p", "i", "e", "f", "b"]).unwrap();
     let some = Terms::new(&["i5", "e3", "b"]).unwrap();
-    let modified = Field {
-        bt: Some(&scalar),
-        ..field(&vector)
-    };
+    let modified = Field { bt: Some(&scalar), ..field(&vector) };
     let full = matrix(&modified, &all, 30_000.0).unwrap();
     let part = matrix(&modified, &some, 30_000.0).unwrap();
     for (j, name) in some.names().iter().enumerate() {
         let k = all.names().iter().position(|other| other == name).unwrap();
-        let (part, full) = (
-            part.iter().skip(j).step_by(some.len()),
-            full.iter().skip(k).step_by(22),
-        );
+        let (part, full) = (part.iter().skip(j).step_by(some.len()), full.iter().skip(k).step_by(22));
         assert!(part.eq(full), "{name}");
     }
     // The modified model divides by the scalar.
@@ -140,12 +105,7 @@ fn law_subsets_are_columns_of_the_full_matrix() {
 #[test]
 fn law_cosines_are_of_unit_length_and_induced_terms_make_up_the_field() {
     let (vector, _) = flight();
-    let a = matrix(
-        &field(&vector),
-        &Terms::new(&["p", "i"]).unwrap(),
-        DEFAULT_SCALE_NT,
-    )
-    .unwrap();
+    let a = matrix(&field(&vector), &Terms::new(&["p", "i"]).unwrap(), DEFAULT_SCALE_NT).unwrap();
     for (row, i) in a.chunks(9).zip(0..) {
         let length: f64 = row[..3].iter().map(|c| c * c).sum();
         assert!((length - 1.0).abs() < 1e-15);
@@ -180,11 +140,7 @@ fn law_a_difference_never_crosses_a_gap() {
 
 #[test]
 fn law_what_cannot_be_formed_is_nan_and_nothing_else() {
-    let vector = [
-        vec![3.0, f64::NAN, 1.0, 2.0],
-        vec![0.0; 4],
-        vec![4.0, 0.0, 0.0, 0.0],
-    ];
+    let vector = [vec![3.0, f64::NAN, 1.0, 2.0], vec![0.0; 4], vec![4.0, 0.0, 0.0, 0.0]];
     let terms = Terms::new(&["p", "f", "b"]).unwrap();
     let a = matrix(&field(&vector), &terms, 50_000.0).unwrap();
     // A run of one sample has no difference.
@@ -193,27 +149,10 @@ fn law_what_cannot_be_formed_is_nan_and_nothing_else() {
     assert_eq!(a[6], 1.0);
     assert_eq!(a[14..21], [1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
     let bt = [5.0, 5.0, 0.0, f64::NAN];
-    let modified = matrix(
-        &Field {
-            bt: Some(&bt),
-            ..field(&vector)
-        },
-        &terms,
-        50_000.0,
-    )
-    .unwrap();
-    assert!(
-        modified[14..17]
-            .iter()
-            .chain(&modified[21..24])
-            .all(|v| v.is_nan())
-    );
+    let modified = matrix(&Field { bt: Some(&bt), ..field(&vector) }, &terms, 50_000.0).unwrap();
+    assert!(modified[14..17].iter().chain(&modified[21..24]).all(|v| v.is_nan()));
     assert_eq!(modified[17..20], [1.0, 0.0, 0.0]);
-    assert!(
-        matrix(&field(&[vec![], vec![], vec![]]), &terms, 1.0)
-            .unwrap()
-            .is_empty()
-    );
+    assert!(matrix(&field(&[vec![], vec![], vec![]]), &terms, 1.0).unwrap().is_empty());
 }
 
 #[test]
@@ -222,19 +161,9 @@ fn r12_bad_requests_are_named() {
     assert!(error(&["permanant"]).contains("`permanant`; the groups are permanent, induced"));
     assert!(error(&["induced", "i3"]).contains("`induced` and `induced3`"));
     assert!(error(&[]).contains("no group"));
-    let short = Field {
-        x: &[1.0],
-        y: &[1.0, 2.0],
-        z: &[1.0],
-        bt: None,
-    };
+    let short = Field { x: &[1.0], y: &[1.0, 2.0], z: &[1.0], bt: None };
     let error = matrix(&short, &Terms::default(), 50_000.0).unwrap_err();
-    assert_eq!(
-        error,
-        TermsError::Lengths {
-            lengths: vec![1, 2, 1]
-        }
-    );
+    assert_eq!(error, TermsError::Lengths { lengths: vec![1, 2, 1] });
     let one = Field { y: &[1.0], ..short };
     assert!(matrix(&one, &Terms::default(), 0.0).is_err());
 }

@@ -1,0 +1,52 @@
+//! A run holds a line at a time, so its peak does not grow with the number of lines.
+
+use std::{
+    fs,
+    process::{Command, Stdio},
+    thread::sleep,
+    time::Duration,
+};
+
+use crate::support::{Bench, line_of, write};
+
+/// The peak of the resident memory of a run over `lines` lines of 20,000 samples, in kB.
+fn peak_kb(lines: usize) -> u64 {
+    let bench = Bench::new();
+    for flight in ["1", "2"] {
+        fs::remove_file(bench.path(&format!("flights/{flight}.parquet"))).unwrap();
+    }
+    for i in 0..lines {
+        let name = format!("{i:03}");
+        write(&bench.path(&format!("flights/{name}.parquet")), &[line_of(&name, &format!("{name}.01"), 20_000)]);
+    }
+    let mut child = Command::new(env!("CARGO_BIN_EXE_magline"))
+        .args(["run", "spec.toml", "--threads", "1", "--set", "track.offset_window_s=0"])
+        .args(["--set", "axes.mag=[\"mag_4_uc\"]", "--set", "axes.vector=[\"flux_a\"]", "--set", "axes.lambda=[0.1]"])
+        .current_dir(bench.folder.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let status = format!("/proc/{}/status", child.id());
+    let mut peak = 0;
+    while child.try_wait().unwrap().is_none() {
+        let text = fs::read_to_string(&status).unwrap_or_default();
+        let high = text
+            .lines()
+            .find_map(|l| l.strip_prefix("VmHWM:"))
+            .and_then(|l| l.trim().trim_end_matches(" kB").parse().ok());
+        peak = peak.max(high.unwrap_or(0));
+        sleep(Duration::from_millis(3));
+    }
+    // Off the map for most of its way; what counts is that it ran through.
+    assert!(bench.path("store/tables/small/failures").exists());
+    peak
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn law_the_peak_of_memory_does_not_grow_with_the_number_of_lines() {
+    let (few, many) = (peak_kb(4), peak_kb(40));
+    // 36 more lines are 36 * 20,000 * 36 columns * 8 bytes = 207 MB; a tenth of that is room for the plan and for chance.
+    assert!(many < few + 20_000, "{few} kB for 4 lines, {many} kB for 40");
+}
