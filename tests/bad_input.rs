@@ -72,7 +72,7 @@ fn gold_a_where_that_selects_nothing_is_refused_with_the_lines_there_are() {
         "{}",
         done.stderr
     );
-    assert!(done.stderr.contains("--> spec.toml:32:10"), "{}", done.stderr);
+    assert!(done.stderr.contains("--> spec.toml:33:10"), "{}", done.stderr);
 }
 
 #[test]
