@@ -49,6 +49,9 @@ pub const COLUMNS: &[(&str, Described)] = &[
     ("diurnal", d("nT", Role::Sensor, "temporal variation of the earth's field")),
     ("igrf", d("nT", Role::Sensor, "core-field magnitude")),
     ("mag_1_c", d("nT", Role::Truth, "compensated tail-stinger magnetometer")),
+    ("mag_1_lag", d("nT", Role::Truth, "compensated tail stinger, lag-corrected")),
+    ("mag_1_dc", d("nT", Role::Truth, "compensated tail stinger, less the diurnal variation")),
+    ("mag_1_igrf", d("nT", Role::Truth, "compensated tail stinger, less diurnal and core field")),
     ("year", d("", Role::Aux, "calendar year, UTC")),
     ("doy", d("", Role::Aux, "day of the year, 1 January is 1, UTC")),
 ];

@@ -273,6 +273,9 @@ pub struct Given {
 /// The parameters of a stage as the spec gives them.
 pub type Args = BTreeMap<String, Given>;
 
+/// How a stage is made from its parameters.
+pub type Build = fn(&Args) -> Result<Arc<dyn StageDyn>, Vec<Fault>>;
+
 /// One row of the catalogue: all that the planner, `explain`, lineage, keys and docs read of a stage.
 #[derive(Clone, Copy)]
 pub struct Entry {
@@ -289,7 +292,7 @@ pub struct Entry {
     /// Its parameters.
     pub params: fn() -> Vec<ParamDoc>,
     /// Makes the stage from its parameters, or says all that is wrong with them.
-    pub build: fn(&Args) -> Result<Arc<dyn StageDyn>, Vec<Fault>>,
+    pub build: Build,
 }
 
 /// Joins `///` lines the way rustdoc does, keeping paragraphs.

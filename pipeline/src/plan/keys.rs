@@ -18,6 +18,9 @@ use crate::{
 /// A line, as a position in [`Graph::lines`].
 pub type LineId = usize;
 
+/// Keys already made.
+type Memo<K> = Mutex<HashMap<K, Result<Key, Fault>>>;
+
 /// A plan whose sources have been read.
 pub struct Graph<'a> {
     /// The plan.
@@ -32,8 +35,8 @@ pub struct Graph<'a> {
     pub maps: Vec<Key>,
     /// The lines of each instance of each table.
     of: Vec<Vec<Vec<LineId>>>,
-    units: Mutex<HashMap<(Ref, LineId), Result<Key, Fault>>>,
-    columns: Mutex<HashMap<(Ref, LineId, String), Result<Key, Fault>>>,
+    units: Memo<(Ref, LineId)>,
+    columns: Memo<(Ref, LineId, String)>,
 }
 
 /// One thing to compute: an instance of a table, on one line or on all of them.

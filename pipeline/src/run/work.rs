@@ -48,17 +48,17 @@ impl<'a> Worker<'a> {
 
     /// Tasks of a line stage: some points of one line.
     pub fn by_line(&self, pending: Vec<(Unit, Key)>) -> Vec<Task> {
-        let mut lines: Vec<(Option<LineId>, Vec<(Unit, Key)>)> = vec![];
+        let mut lines: Vec<Vec<(Unit, Key)>> = vec![];
         let mut at: HashMap<Option<LineId>, usize> = HashMap::new();
         for (unit, key) in pending {
             let i = *at.entry(unit.line).or_insert_with(|| {
-                lines.push((unit.line, vec![]));
+                lines.push(vec![]);
                 lines.len() - 1
             });
-            lines[i].1.push((unit, key));
+            lines[i].push((unit, key));
         }
         let tasks =
-            lines.into_iter().flat_map(|(_, units)| units.chunks(POINTS_A_TASK).map(<[_]>::to_vec).collect::<Vec<_>>());
+            lines.into_iter().flat_map(|units| units.chunks(POINTS_A_TASK).map(<[_]>::to_vec).collect::<Vec<_>>());
         tasks.map(|units| Task { units }).collect()
     }
 

@@ -59,7 +59,7 @@ pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, F
 fn is_flight(path: &Path) -> bool {
     let name = path.to_string_lossy().to_ascii_lowercase();
     let ends = |e: &&str| name.ends_with(&format!(".{e}"));
-    datasets::formats::FLIGHT_FORMATS.iter().flat_map(|f| f.extensions).any(|e| ends(&e))
+    datasets::formats::FLIGHT_FORMATS.iter().flat_map(|f| f.extensions).any(ends)
 }
 
 fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {

@@ -47,7 +47,7 @@ impl Flights {
     pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<Flights, Vec<Fault>> {
         let placed = |f: Fault| f.at(decl.path.1.clone());
         let options = flight_options(decl)?;
-        let found = find(&decl.path.0, folder, decl.options.get("format").is_some()).map_err(|f| vec![placed(f)])?;
+        let found = find(&decl.path.0, folder, decl.options.contains_key("format")).map_err(|f| vec![placed(f)])?;
         let mut faults = vec![];
         let mut fields: Vec<arrow_schema::FieldRef> = vec![];
         let mut files = vec![];
@@ -135,7 +135,7 @@ impl MapSource {
     /// When it cannot be read.
     pub fn load(&self, store: &Store) -> Result<(Key, Vec<Bytes>), Fault> {
         let bytes = fingerprint(store, &self.path)?;
-        let key = Key::of(["map", VERSION, &self.spelt, &bytes.hash.to_string()]);
+        let key = Key::of(["map", VERSION, datasets::VERSION, &self.spelt, &bytes.hash.to_string()]);
         if !store.has(key) {
             let map = read_map(&self.path, &self.options).map_err(Fault::from)?;
             store.put(key, &map.batch)?;

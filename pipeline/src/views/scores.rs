@@ -102,7 +102,7 @@ fn gather(groups: &DataFrame, pooled: &[Option<f64>], axes: &[String], lines: us
 pub fn number(x: Option<f64>) -> String {
     match x {
         None => "-".to_owned(),
-        Some(x) if x == 0.0 => "0".to_owned(),
+        Some(0.0) => "0".to_owned(),
         Some(x) => {
             let digits = (3 - x.abs().log10().floor() as i64).clamp(0, 6);
             format!("{x:.*}", usize::try_from(digits).unwrap_or(0))
