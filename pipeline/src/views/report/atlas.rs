@@ -5,20 +5,16 @@ use schemas::Fault;
 use stages::numerics::geodesy::{EarthModel, wrap_deg};
 
 use super::{
+    canvas::{Canvas, LEFT, SIDE},
     chart::{path, px},
     decimate::{MOST, thinned},
     palette::{colour, hex},
     raster::{Bounds, Raster, data_url, raster},
     source::Source,
-    ticks::{fixed, linear, round_below},
+    ticks::fixed,
     track::{Flown, Track},
 };
 use crate::views::scores::number;
-
-const SIDE: f64 = 440.0;
-const LEFT: f64 = 58.0;
-const TOP: f64 = 6.0;
-const BOTTOM: f64 = 38.0;
 
 /// Radius of the ellipse that holds 95 % of a two-dimensional normal distribution, in sigma.
 const ELLIPSE_95: f64 = 2.447_746_8;
@@ -27,13 +23,6 @@ const ELLIPSE_95: f64 = 2.447_746_8;
 pub struct Atlas {
     bounds: Bounds,
     picture: Option<Raster>,
-}
-
-/// A drawing area and the degrees it shows.
-struct Canvas {
-    bounds: Bounds,
-    width: f64,
-    height: f64,
 }
 
 impl Atlas {
@@ -131,23 +120,21 @@ impl Atlas {
     }
 
     fn drawn(&self, canvas: &Canvas, flown: &Flown, label: &str, extra: Markup) -> Markup {
-        let (w, h) = (canvas.width, canvas.height);
-        html! {
-            svg viewBox=(format!("0 0 {} {}", px(LEFT + w + 8.0), px(TOP + h + BOTTOM))) role="img" aria-label=(label) {
-                svg x=(LEFT) y=(TOP) width=(px(w)) height=(px(h)) viewBox=(format!("0 0 {} {}", px(w), px(h))) {
-                    rect.ground width=(px(w)) height=(px(h)) {}
-                    @if let Some(picture) = &self.picture { (placed(canvas, picture)) }
-                    @if let Some(ins) = &flown.ins { (line(canvas, ins, "ins")) }
-                    @if let Some(truth) = &flown.truth { (line(canvas, truth, "truth")) }
-                    (line(canvas, &flown.estimate, "estimate"))
-                    (ends(canvas, flown.truth.as_ref().or(flown.ins.as_ref()).unwrap_or(&flown.estimate)))
-                    (extra)
-                    (scale_bar(canvas))
-                    (north(canvas))
-                }
-                (degrees(canvas))
-            }
-        }
+        let tracks = [flown.ins.as_ref(), flown.truth.as_ref(), Some(&flown.estimate)];
+        let spots: Vec<(f64, f64)> =
+            tracks.into_iter().flatten().flat_map(Track::places).filter_map(|p| canvas.spot(p)).collect();
+        canvas.framed(
+            label,
+            html! {
+                @if let Some(picture) = &self.picture { (placed(canvas, picture)) }
+                @if let Some(ins) = &flown.ins { (line(canvas, ins, "ins")) }
+                @if let Some(truth) = &flown.truth { (line(canvas, truth, "truth")) }
+                (line(canvas, &flown.estimate, if flown.truth.is_some() { "estimate over" } else { "estimate" }))
+                (ends(canvas, flown.truth.as_ref().or(flown.ins.as_ref()).unwrap_or(&flown.estimate)))
+                (extra)
+                (canvas.furniture(&spots))
+            },
+        )
     }
 }
 
@@ -198,46 +185,12 @@ fn zoom_bounds(flown: &Flown, k: usize) -> Bounds {
     Bounds { lat: (lat - north, lat + north), lon: (lon - east, lon + east) }
 }
 
-impl Canvas {
-    fn new(bounds: Bounds) -> Canvas {
-        let shrink = (0.5 * (bounds.lat.0 + bounds.lat.1)).to_radians().cos().max(0.01);
-        let (wide, high) = ((bounds.lon.1 - bounds.lon.0) * shrink, bounds.lat.1 - bounds.lat.0);
-        let scale = (SIDE - LEFT - 8.0) / wide.max(high);
-        Canvas { bounds, width: (wide * scale).max(150.0), height: (high * scale).max(100.0) }
-    }
-
-    fn x(&self, lon: f64) -> f64 {
-        let (west, east) = self.bounds.lon;
-        let middle = 0.5 * (west + east);
-        (middle + wrap_deg(lon - middle) - west) / (east - west) * self.width
-    }
-
-    fn y(&self, lat: f64) -> f64 {
-        (self.bounds.lat.1 - lat) / (self.bounds.lat.1 - self.bounds.lat.0) * self.height
-    }
-
-    fn spot(&self, (lat, lon): (f64, f64)) -> Option<(f64, f64)> {
-        let (x, y) = (self.x(lon), self.y(lat));
-        // Far outside a line is of no use; the neighbouring places keep its direction.
-        let near = |v: f64, side: f64| (-side..2.0 * side).contains(&v);
-        (near(x, self.width) && near(y, self.height)).then_some((x, y))
-    }
-
-    fn metres_per_px(&self) -> f64 {
-        let lat = 0.5 * (self.bounds.lat.0 + self.bounds.lat.1);
-        let (west, east) = self.bounds.lon;
-        let (_, wide) = EarthModel::default().offset_ne_m((lat, west), (lat, east), 0.0);
-        wide.abs() / self.width
-    }
-}
-
 fn placed(canvas: &Canvas, picture: &Raster) -> Markup {
     let b = &picture.bounds;
-    let (x0, y0) = (canvas.x(b.lon.0), canvas.y(b.lat.1));
-    let (x1, y1) =
-        (x0 + (b.lon.1 - b.lon.0) / (canvas.bounds.lon.1 - canvas.bounds.lon.0) * canvas.width, canvas.y(b.lat.0));
-    let (sx, sy) = ((x1 - x0) / picture.size.0 as f64, (y1 - y0) / picture.size.1 as f64);
-    html! { use href="#map" transform=(format!("translate({x0:.2} {y0:.2}) scale({sx:.5} {sy:.5})")) {} }
+    let (x, y) = (canvas.x(b.lon.0), canvas.y(b.lat.1));
+    let wide = (b.lon.1 - b.lon.0) * canvas.per_degree_east();
+    let (sx, sy) = (wide / picture.size.0 as f64, (canvas.y(b.lat.0) - y) / picture.size.1 as f64);
+    html! { use href="#map" transform=(format!("translate({x:.2} {y:.2}) scale({sx:.5} {sy:.5})")) {} }
 }
 
 fn line(canvas: &Canvas, track: &Track, class: &str) -> Markup {
@@ -249,7 +202,11 @@ fn line(canvas: &Canvas, track: &Track, class: &str) -> Markup {
     } else {
         path(spots.into_iter())
     };
-    html! { path.halo d=(d) {} path class=(format!("track {class}")) d=(d) {} }
+    // The estimate lies on the true track, which is wider, so that both are seen.
+    html! {
+        @if !class.ends_with("over") { path.halo d=(&d) {} }
+        path class=(format!("track {class}")) d=(d) {}
+    }
 }
 
 fn ends(canvas: &Canvas, track: &Track) -> Markup {
@@ -267,7 +224,7 @@ fn frame_of(canvas: &Canvas, zoom: &Bounds) -> Markup {
     // Too small a frame would not be seen.
     let (w2, h2) = (w.max(12.0), h.max(12.0));
     let (x, y) = (px(x - 0.5 * (w2 - w)), px(y - 0.5 * (h2 - h)));
-    html! { rect.halo x=(x) y=(y) width=(px(w2)) height=(px(h2)) {} rect.detail x=(x) y=(y) width=(px(w2)) height=(px(h2)) {} }
+    html! { rect.halo x=(x) y=(y) width=(px(w2)) height=(px(h2)) {} rect.window x=(x) y=(y) width=(px(w2)) height=(px(h2)) {} }
 }
 
 fn ellipse(canvas: &Canvas, flown: &Flown, k: usize) -> Option<String> {
@@ -285,50 +242,6 @@ fn ellipse(canvas: &Canvas, flown: &Flown, k: usize) -> Option<String> {
         Some((x + east / metres, y - north / metres)).filter(|s| s.0.is_finite() && s.1.is_finite())
     };
     Some(path((0..=48).map(at)))
-}
-
-fn scale_bar(canvas: &Canvas) -> Markup {
-    let metres = round_below(0.3 * canvas.width * canvas.metres_per_px());
-    let long = metres / canvas.metres_per_px();
-    let label =
-        if metres >= 1000.0 { format!("{} km", fixed(metres / 1000.0, 0)) } else { format!("{} m", fixed(metres, 0)) };
-    let (x, y) = (10.0, canvas.height - 12.0);
-    html! {
-        rect.plate x=(px(x - 5.0)) y=(px(y - 18.0)) width=(px(long + 10.0)) height="25" rx="3" {}
-        path.bar d=(format!("M{} {}v6h{}v-6", px(x), px(y - 4.0), px(long))) {}
-        text.plated x=(px(x + 0.5 * long)) y=(px(y - 6.0)) text-anchor="middle" { (label) }
-    }
-}
-
-fn north(canvas: &Canvas) -> Markup {
-    html! {
-        g transform=(format!("translate({} 8)", px(canvas.width - 22.0))) {
-            rect.plate x="-8" y="-3" width="24" height="34" rx="3" {}
-            path.needle d="M4 0L9 14L4 11L-1 14Z" {}
-            text.plated x="4" y="27" text-anchor="middle" { "N" }
-        }
-    }
-}
-
-fn degrees(canvas: &Canvas) -> Markup {
-    let b = &canvas.bounds;
-    let (bottom, right) = (TOP + canvas.height, LEFT + canvas.width);
-    let most = ((canvas.width / 75.0) as usize).max(2);
-    html! {
-        rect.frame x=(LEFT) y=(TOP) width=(px(canvas.width)) height=(px(canvas.height)) {}
-        @for tick in linear(b.lon.0, b.lon.1, most) {
-            @let x = px(LEFT + canvas.x(tick.at));
-            line.stroke x1=(x) x2=(x) y1=(px(bottom)) y2=(px(bottom + 4.0)) {}
-            text.tick x=(x) y=(px(bottom + 15.0)) text-anchor="middle" { (tick.label) "°" }
-        }
-        @for tick in linear(b.lat.0, b.lat.1, 6) {
-            @let y = TOP + canvas.y(tick.at);
-            line.stroke x1=(LEFT - 4.0) x2=(LEFT) y1=(px(y)) y2=(px(y)) {}
-            text.tick x=(LEFT - 6.0) y=(px(y + 4.0)) text-anchor="end" { (tick.label) "°" }
-        }
-        text.name x=(px(0.5 * (LEFT + right))) y=(px(bottom + 32.0)) text-anchor="middle" { "longitude, °" }
-        text.name transform=(format!("translate(9 {}) rotate(-90)", px(0.5 * (TOP + bottom)))) text-anchor="middle" { "latitude, °" }
-    }
 }
 
 fn legend(flown: &Flown) -> Markup {
@@ -394,15 +307,6 @@ mod tests {
         assert!((separation(&flown, 99).unwrap() - 102.2).abs() < 0.5);
         let zoom = zoom_bounds(&flown, 99);
         assert!(zoom.lat.0 < -21.901 && zoom.lat.1 > -21.901);
-    }
-
-    #[test]
-    fn law_a_degree_is_as_long_both_ways_on_the_picture() {
-        let canvas = Canvas::new(Bounds { lat: (-22.2, -21.8), lon: (140.5, 140.9) });
-        let (per_lon, per_lat) = (canvas.width / 0.4, canvas.height / 0.4);
-        assert!((per_lon / per_lat - 22f64.to_radians().cos()).abs() < 1e-3);
-        assert!(canvas.y(-21.8).abs() < 1e-9, "north is up");
-        assert!(canvas.x(140.5).abs() < 1e-9 && (canvas.x(140.9) - canvas.width).abs() < 1e-9);
     }
 
     #[test]

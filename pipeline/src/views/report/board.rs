@@ -22,7 +22,7 @@ pub enum Better {
 pub fn better(metric: &str) -> Better {
     match metric {
         "std_error" | "figure_of_merit_crossings" | "drms" => Better::Lower,
-        "improvement_ratio" | "snr" => Better::Higher,
+        "improvement_ratio" | "improvement_ratio_band" | "snr" => Better::Higher,
         "nees" => Better::Near(2.0),
         "nis" => Better::Near(1.0),
         _ => Better::Neither,
@@ -30,7 +30,8 @@ pub fn better(metric: &str) -> Better {
 }
 
 /// The metrics that points are ranked by, the most telling first.
-const RANKING: [&str; 5] = ["drms", "std_error", "improvement_ratio", "figure_of_merit_crossings", "nis"];
+const RANKING: [&str; 6] =
+    ["drms", "std_error", "improvement_ratio_band", "improvement_ratio", "figure_of_merit_crossings", "nis"];
 
 impl Better {
     /// A cost that is smaller for the better of two values; `None` where there is no better.

@@ -62,8 +62,19 @@ fn position(flown: &Flown, way: &str, error: &[f64], ins: Option<&Vec<f64>>, sig
         let points = envelope(&time, sigma, BAND_POINTS).into_iter().map(|(t, s)| (t, -2.0 * s, 2.0 * s)).collect();
         bands.push(Band { name: "±2σ of the filter".into(), points });
     }
-    let (title, y) = (format!("{way} error"), Dim::new(format!("error {}, m", way.to_lowercase())));
+    let y = Dim { range: frame(error, ins, sigma), ..Dim::new(format!("error {}, m", way.to_lowercase())) };
+    if y.range.is_some() {
+        caption.push_str(" The INS alone soon leaves the plot.");
+    }
+    let title = format!("{way} error");
     Chart { title, caption, x: time_axis(), y, bands, lines, height: 250.0, ..Chart::default() }
+}
+
+/// The part of the axis that shows estimate and band, where the INS alone would squeeze them to a line.
+fn frame(error: &[f64], ins: Option<&Vec<f64>>, sigma: Option<&Vec<f64>>) -> Option<(f64, f64)> {
+    let largest = |x: &[f64]| x.iter().copied().filter(|v| v.is_finite()).fold(0.0, |a: f64, v| a.max(v.abs()));
+    let own = largest(error).max(2.0 * sigma.map_or(0.0, |s| largest(s)));
+    (largest(ins?) > 4.0 * own && own > 0.0).then_some((-1.6 * own, 1.6 * own))
 }
 
 /// The share of errors within two sigma, in words.
@@ -188,6 +199,14 @@ mod tests {
         let means = window_means(&time, &[1.0, 3.0, nan, nan, nan, 5.0], 3);
         assert_eq!(means[0], (1.0, 2.0));
         assert!(means[1].1.is_nan());
+    }
+
+    #[test]
+    fn law_a_drifting_ins_does_not_flatten_the_estimate() {
+        let sigma = vec![1.0, 2.0];
+        assert_eq!(frame(&[1.0, -5.0], Some(&vec![0.0, 100.0]), Some(&sigma)), Some((-8.0, 8.0)));
+        assert_eq!(frame(&[1.0, -5.0], Some(&vec![0.0, 15.0]), Some(&sigma)), None);
+        assert_eq!(frame(&[1.0], None, None), None);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 
 mod atlas;
 mod board;
+mod canvas;
 mod chart;
 mod decimate;
 mod errors;
@@ -62,12 +63,14 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
     let mut sections: Vec<Markup> = boards.iter().map(|b| table::section(&source, b)).collect();
     let subjects = subject::subjects(&source, &boards);
     let lines = match subjects.first() {
-        Some(first) => subject::lines(&source, &boards, first)?,
+        Some(first) => subject::lines(&source, first)?,
         None => vec![],
     };
     let atlas = atlas(&source, &subjects, &lines)?;
     for subject in &subjects {
-        sections.extend(detail(&source, subject, &lines, atlas.as_ref())?);
+        let labels = lines.iter().map(|l| subject::label(&source, subject, l, &subjects[0]));
+        let labels = labels.collect::<Result<Vec<String>, Fault>>()?;
+        sections.extend(detail(&source, subject, &lines, &labels, atlas.as_ref())?);
     }
     let defs = atlas.as_ref().map_or_else(|| html! {}, Atlas::defs);
     Ok(page::page(&source, &source.failures()?, defs, &sections))
@@ -105,12 +108,18 @@ fn atlas(source: &Source, subjects: &[Subject], lines: &[Shown]) -> Result<Optio
 }
 
 /// One sweep point: its plots, a panel a line, and its model; `None` where it has neither.
-fn detail(source: &Source, subject: &Subject, lines: &[Shown], atlas: Option<&Atlas>) -> Result<Option<Markup>, Fault> {
+fn detail(
+    source: &Source,
+    subject: &Subject,
+    lines: &[Shown],
+    labels: &[String],
+    atlas: Option<&Atlas>,
+) -> Result<Option<Markup>, Fault> {
     let mut panels = vec![];
-    for shown in lines {
+    for (shown, label) in lines.iter().zip(labels) {
         let plots = line(source, subject, shown, atlas)?;
         if !plots.is_empty() {
-            panels.push((shown, plots));
+            panels.push((label, plots));
         }
     }
     let model = model::table(source, subject)?;
@@ -122,9 +131,8 @@ fn detail(source: &Source, subject: &Subject, lines: &[Shown], atlas: Option<&At
             h2 { (subject.title) }
             p.lead { @if !subject.point.is_empty() { strong { (subject.point) } ": " } (subject.why) "." }
             div.panels {
-                @if panels.len() > 1 { div.tabs { @for (shown, _) in &panels { button type="button" { (shown.label) } } } }
-                @for (shown, plots) in &panels {
-                    div.panel { h3 { (shown.label) } @for plot in plots { (plot) } }
+                @if panels.len() > 1 { div.tabs { @for (label, _) in &panels { button type="button" { (label) } } } }
+                @for (label, plots) in &panels { div.panel { h3 { (label) } @for plot in plots { (plot) } }
                 }
             }
             @if let Some(model) = model { (model) }

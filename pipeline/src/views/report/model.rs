@@ -70,7 +70,7 @@ impl Model {
             self.terms.iter().map(|t| t.value.abs() + 2.0 * t.sigma).filter(|v| v.is_finite()).fold(0.0, f64::max);
         html! {
             div.model {
-                h3 { "Model " (name) }
+                h3 { "The model: table " (name) }
                 p { (self.rows) " samples were used and " (self.left_out) " left out. What the fit leaves of the filtered target has a standard deviation of "
                     (number(Some(self.residual_nt))) " nT. The condition number of the matrix is " strong { (number(Some(self.condition))) } ". " (self.verdict()) }
                 div.scroll { table.sortable {

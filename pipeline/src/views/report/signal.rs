@@ -3,7 +3,8 @@
 use maud::Markup;
 use schemas::Fault;
 use stages::numerics::{
-    segments::{STEP_TOLERANCE, sample_rate},
+    filter::{Band, ZeroPhase},
+    segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
     spectrum::{Window, welch},
     statistics::{self, summary},
 };
@@ -35,7 +36,9 @@ struct Signal {
 /// When the store is damaged.
 pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Vec<Markup>, Fault> {
     let Some(signal) = read(source, subject, line)? else { return Ok(vec![]) };
-    let charts = [Some(both(&signal)), Some(after(&signal)), spectra(&signal, band(source, subject))];
+    let band = pass_band(source, subject);
+    let second = if signal.truth.is_some() { Some(after(&signal)) } else { band.and_then(|b| within(&signal, b)) };
+    let charts = [Some(both(&signal)), second, spectra(&signal, band)];
     Ok(charts.into_iter().flatten().filter_map(|c| c.draw()).collect())
 }
 
@@ -93,7 +96,7 @@ fn both(signal: &Signal) -> Chart {
             .to_owned(),
     };
     let caption = format!(
-        "{of}. The standard deviation falls from {} to {} nT. The means of {} and {} nT are taken off: a fit of band-passed \
+        "{of}. The standard deviation goes from {} to {} nT. The means of {} and {} nT are taken off: a fit of band-passed \
          data cannot know the constant part. Of each stretch of time the smallest and largest value are drawn, so spikes stay.",
         number(Some(uncompensated.std)),
         number(Some(compensated.std)),
@@ -128,12 +131,56 @@ fn after(signal: &Signal) -> Chart {
     }
 }
 
-/// The pass band of the model's fit, Hz.
-fn band(source: &Source, subject: &Subject) -> Option<(f64, f64)> {
+/// What the fit looked at.
+#[derive(Clone, Copy)]
+struct PassBand {
+    low_hz: f64,
+    high_hz: f64,
+    order: usize,
+}
+
+/// The pass band of the model's fit, where it has both corners.
+fn pass_band(source: &Source, subject: &Subject) -> Option<PassBand> {
     let Some(Ref::Stage(t, i)) = subject.fit else { return None };
     let params = &source.graph.plan.instance(t, i).params;
-    let value = |name: &str| params.iter().find(|(n, _)| *n == name).and_then(|(_, v)| v.parse::<f64>().ok());
-    Some((value("low_hz")?, value("high_hz")?)).filter(|(low, high)| *low > 0.0 && low < high)
+    let value = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
+    let hz = |name: &str| value(name).and_then(|v| v.parse::<f64>().ok());
+    let band = PassBand {
+        low_hz: hz("low_hz")?,
+        high_hz: hz("high_hz")?,
+        order: value("order").and_then(|v| v.parse().ok())?,
+    };
+    Some(band).filter(|b| b.low_hz > 0.0 && b.low_hz < b.high_hz)
+}
+
+/// Before and after within the pass band: without a truth the only place where the aircraft stands out from geology.
+fn within(signal: &Signal, band: PassBand) -> Option<Chart> {
+    let rate_hz = sample_rate(&signal.tt, STEP_TOLERANCE).ok()?;
+    let filter =
+        ZeroPhase::new(Band::between(Some(band.low_hz), Some(band.high_hz)).ok()?, rate_hz, band.order).ok()?;
+    let passed = |x: &[f64]| {
+        let runs = Usable::all(x.len()).and_finite(x).runs_in_time(&signal.tt, rate_hz);
+        filter_column(&filter, x, &runs).ok().map(|(y, _)| y)
+    };
+    let (before, after) = (passed(&signal.before)?, passed(&signal.after)?);
+    let std = |x: &[f64]| number(Some(summary(x).std));
+    let caption = format!(
+        "The same between {} and {} Hz, the pass band of the fit. Without a truth this is where the aircraft's manoeuvres \
+         stand out from the geology. The standard deviation goes from {} to {} nT.",
+        band.low_hz,
+        band.high_hz,
+        std(&before),
+        std(&after)
+    );
+    Some(Chart {
+        title: "Before and after, in the pass band of the fit".into(),
+        caption,
+        x: time_axis(),
+        y: Dim::new("band-passed signal, nT"),
+        lines: vec![signal.line("uncompensated", "before", &before), signal.line("compensated", "after", &after)],
+        height: 250.0,
+        ..Chart::default()
+    })
 }
 
 /// Segments of a quarter of the line, a power of two, about 100 s at 10 Hz at most.
@@ -142,7 +189,7 @@ fn segment(rows: usize) -> usize {
     (1usize << quarter.ilog2()).min(1024)
 }
 
-fn spectra(signal: &Signal, band: Option<(f64, f64)>) -> Option<Chart> {
+fn spectra(signal: &Signal, band: Option<PassBand>) -> Option<Chart> {
     let rate_hz = sample_rate(&signal.tt, STEP_TOLERANCE).ok()?;
     let length = segment(signal.tt.len());
     let of = |name: &str, class: &'static str, x: &[f64]| {
@@ -154,7 +201,7 @@ fn spectra(signal: &Signal, band: Option<(f64, f64)>) -> Option<Chart> {
     let (after, _) = of("compensated", "after", &signal.after)?;
     let what = if signal.truth.is_some() { "error" } else { "signal" };
     let shaded = if band.is_some() {
-        " Shaded is the pass band that the model was fitted in: the gain must be there."
+        " Shaded is the pass band that the model was fitted in: there it has to gain."
     } else {
         ""
     };
@@ -166,7 +213,7 @@ fn spectra(signal: &Signal, band: Option<(f64, f64)>) -> Option<Chart> {
         x: Dim::new("frequency, Hz").log(),
         y: Dim::new("density, nT²/Hz").log(),
         lines: vec![before, after],
-        stretch: band.map(|(low, high)| ("pass band of the fit".to_owned(), low, high)),
+        stretch: band.map(|b| ("pass band of the fit".to_owned(), b.low_hz, b.high_hz)),
         height: 280.0,
         ..Chart::default()
     })
@@ -180,6 +227,8 @@ mod tests {
 
     use super::*;
 
+    const BAND: PassBand = PassBand { low_hz: 0.1, high_hz: 0.9, order: 4 };
+
     fn signal() -> Signal {
         let tt: Vec<f64> = (0..4000).map(|k| 100.0 + f64::from(k) / 10.0).collect();
         let before: Vec<f64> = tt.iter().map(|t| 50.0 * (TAU * 0.5 * t).sin()).collect();
@@ -189,7 +238,7 @@ mod tests {
 
     #[test]
     fn law_a_tenth_of_the_signal_has_a_hundredth_of_the_density() {
-        let chart = spectra(&signal(), Some((0.1, 0.9))).unwrap();
+        let chart = spectra(&signal(), Some(BAND)).unwrap();
         let peak = |l: &Line| l.points.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
         let (before, after) = (peak(&chart.lines[0]), peak(&chart.lines[1]));
         assert!((before.0 - 0.5).abs() < 0.02, "the line is at 0.5 Hz: {before:?}");
@@ -210,5 +259,16 @@ mod tests {
     fn law_the_caption_has_the_figures_of_the_drawn_lines() {
         let text = both(&signal()).caption;
         assert!(text.contains("from 35.36 to 3.536 nT"), "{text}");
+    }
+
+    #[test]
+    fn law_the_pass_band_leaves_the_geology_out() {
+        let mut slow = signal();
+        let drift: Vec<f64> = slow.tt.iter().map(|t| 3.0 * t).collect();
+        slow.before.iter_mut().zip(&drift).for_each(|(x, d)| *x += d);
+        let drawn = within(&slow, BAND).unwrap();
+        let highest = drawn.lines[0].points.iter().map(|p| p.1.abs()).fold(0.0, f64::max);
+        // A drift of 1200 nT is gone and the 50 nT at 0.5 Hz are left; at the ends the filter overshoots a little.
+        assert!((49.0..70.0).contains(&highest), "{highest}");
     }
 }

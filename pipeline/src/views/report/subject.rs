@@ -32,6 +32,8 @@ pub struct Subject {
     pub fit: Option<Ref>,
     /// The column of the true field, where the scores name one.
     pub truth: Option<String>,
+    /// The score that it was chosen by.
+    pub chosen: Option<Chosen>,
 }
 
 /// A line that is shown.
@@ -39,8 +41,24 @@ pub struct Subject {
 pub struct Shown {
     /// The line.
     pub line: LineId,
-    /// Flight, line and why it was chosen.
-    pub label: String,
+    /// Why it was chosen.
+    pub why: &'static str,
+}
+
+/// What a point was chosen by.
+pub struct Chosen {
+    /// The score table and its instance at the point.
+    at: (usize, usize),
+    metric: String,
+    unit: String,
+}
+
+impl Chosen {
+    /// A value of the metric in words.
+    fn words(&self, value: Option<f64>) -> String {
+        let unit = if self.unit == "1" { String::new() } else { format!(" {}", self.unit) };
+        format!("{} {}{unit}", self.metric, number(value))
+    }
 }
 
 /// The best point and the worst one; the first one where nothing was scored.
@@ -67,11 +85,14 @@ fn ranking(boards: &[Board]) -> Option<(&Board, usize)> {
 fn subject(source: &Source, board: &Board, metric: usize, id: &'static str, title: &str, row: usize) -> Subject {
     let instance = board.instances.get(row).copied().unwrap_or(0);
     let it = source.graph.plan.instance(board.table, instance);
-    let (name, unit) = &board.scores.metrics[metric];
-    let unit = if unit == "1" { String::new() } else { format!(" {unit}") };
-    let why = format!("{name} {}{unit}, pooled over {} lines", number(board.value(row, metric)), board.scores.lines);
+    let (metric_name, unit) = board.scores.metrics[metric].clone();
+    let chosen = Chosen { at: (board.table, instance), metric: metric_name, unit };
+    let lines = board.scores.lines;
+    let pooled = if lines > 1 { format!(", pooled over {lines} lines") } else { String::new() };
+    let why = chosen.words(board.value(row, metric)) + &pooled;
     let truth = it.params.iter().find(|(n, _)| *n == "truth").and_then(|(_, v)| word(v));
-    Subject { id, title: title.to_owned(), point: board.point(row), why, ..stages_of(source, &it.inputs, truth) }
+    let stages = stages_of(source, &it.inputs, truth);
+    Subject { id, title: title.to_owned(), point: board.point(row), why, chosen: Some(chosen), ..stages }
 }
 
 /// Without scores: the first point of the last table of lines.
@@ -93,7 +114,8 @@ fn stages_of(source: &Source, from: &[Ref], truth: Option<String>) -> Subject {
     let model = compensate.and_then(|r| upstream(source, &[r], "fit"));
     let fit = model.or_else(|| find("fit"));
     let navigate = find("navigate");
-    Subject { id: "", title: String::new(), point: String::new(), why: String::new(), compensate, navigate, fit, truth }
+    let (title, point, why) = (String::new(), String::new(), String::new());
+    Subject { id: "", title, point, why, compensate, navigate, fit, truth, chosen: None }
 }
 
 /// The nearest table above `from`, itself among them, that `stage` made.
@@ -122,62 +144,64 @@ pub fn word(canonical: &str) -> Option<String> {
     Some(inner.to_owned())
 }
 
-/// The lines to show: by the headline score at the best point the median line first, then the best and the worst; the
-/// longest where nothing was scored.
+/// The lines to show: by the score of the best point the median line first, then the best and the worst; the longest
+/// where nothing was scored.
 ///
 /// # Errors
 /// When the store is damaged.
-pub fn lines(source: &Source, boards: &[Board], subject: &Subject) -> Result<Vec<Shown>, Fault> {
-    let scored = match ranking(boards) {
-        Some((board, metric)) => scored_lines(source, board, metric)?,
-        None => vec![],
+pub fn lines(source: &Source, subject: &Subject) -> Result<Vec<Shown>, Fault> {
+    let scored = scored_lines(source, subject)?;
+    let picks: &[(usize, &'static str)] = match scored.len() {
+        0 => return Ok(longest(source, subject)),
+        1 => &[(0, "")],
+        2 => &[(0, "the better line"), (1, "the worse line")],
+        n => &[(n / 2, "the median line"), (0, "the best line"), (n - 1, "the worst line")],
     };
-    if scored.is_empty() {
-        return Ok(longest(source, subject));
-    }
-    let last = scored.len() - 1;
-    let picks: &[(usize, &str)] = match last {
-        0 => &[(0, "")],
-        1 => &[(0, "better line: "), (1, "worse line: ")],
-        _ => &[(last / 2, "median line: "), (0, "best line: "), (last, "worst line: ")],
-    };
-    let shown = |(i, what): &(usize, &str)| {
-        let (line, value) = scored.get(*i)?;
-        Some(Shown { line: *line, label: format!("{}, {what}{value}", self::name(source, *line)) })
-    };
+    let shown = |(i, why): &(usize, &'static str)| scored.get(*i).map(|line| Shown { line: *line, why });
     Ok(picks.iter().filter_map(shown).collect())
 }
 
-/// Flight and line as people say them.
-fn name(source: &Source, line: LineId) -> String {
-    source.graph.lines.get(line).map(|(f, l)| format!("Flight {f}, line {l}")).unwrap_or_default()
+/// Flight, line, its own score at this point and why it is shown; `best` is the point that chose the lines.
+///
+/// # Errors
+/// When the store is damaged.
+pub fn label(source: &Source, subject: &Subject, shown: &Shown, best: &Subject) -> Result<String, Fault> {
+    let mut label =
+        source.graph.lines.get(shown.line).map(|(f, l)| format!("Flight {f}, line {l}")).unwrap_or_default();
+    if let Some(chosen) = &subject.chosen {
+        label.push_str(&format!(": {}", chosen.words(score(source, chosen, shown.line)?)));
+    }
+    if !shown.why.is_empty() {
+        let elsewhere = if subject.id == best.id { "" } else { " of the best point" };
+        label.push_str(&format!(" ({}{elsewhere})", shown.why));
+    }
+    Ok(label)
 }
 
-/// The lines of the best point by the headline metric, best first, with the figure in words.
-fn scored_lines(source: &Source, board: &Board, metric: usize) -> Result<Vec<(LineId, String)>, Fault> {
-    let (Some(row), Some((name, unit))) = (board.ranked(metric).first().copied(), board.scores.metrics.get(metric))
+/// The score of one line.
+fn score(source: &Source, chosen: &Chosen, line: LineId) -> Result<Option<f64>, Fault> {
+    let (table, instance) = chosen.at;
+    let batch = source.tidy(Unit { table, instance, line: Some(line) }, &["metric", "value"])?;
+    let Some(batch) = batch else { return Ok(None) };
+    let (Some(names), Some(values)) =
+        (batch.column(0).as_string_opt::<i32>(), batch.column(1).as_primitive_opt::<Float64Type>())
     else {
-        return Ok(vec![]);
+        return Ok(None);
     };
-    let instance = board.instances.get(row).copied().unwrap_or(0);
-    let mut found: Vec<(f64, LineId, String)> = vec![];
-    for line in source.graph.lines_of(board.table, instance) {
-        let unit_of = Unit { table: board.table, instance, line: Some(*line) };
-        let Some(batch) = source.tidy(unit_of, &["metric", "value"])? else { continue };
-        let (Some(names), Some(values)) =
-            (batch.column(0).as_string_opt::<i32>(), batch.column(1).as_primitive_opt::<Float64Type>())
-        else {
-            continue;
-        };
-        let at = names.iter().position(|n| n == Some(name));
-        let value = at.filter(|i| values.is_valid(*i)).map(|i| values.value(i));
-        if let Some((cost, value)) = value.and_then(|v| better(name).cost(v).map(|c| (c, v))) {
-            let unit = if unit == "1" { String::new() } else { format!(" {unit}") };
-            found.push((cost, *line, format!("{name} {}{unit}", number(Some(value)))));
-        }
+    let at = names.iter().position(|n| n == Some(chosen.metric.as_str()));
+    Ok(at.filter(|i| values.is_valid(*i)).map(|i| values.value(i)))
+}
+
+/// The lines that have a score at the subject's point, best first.
+fn scored_lines(source: &Source, subject: &Subject) -> Result<Vec<LineId>, Fault> {
+    let Some(chosen) = &subject.chosen else { return Ok(vec![]) };
+    let mut found: Vec<(f64, LineId)> = vec![];
+    for line in source.graph.lines_of(chosen.at.0, chosen.at.1) {
+        let value = score(source, chosen, *line)?;
+        found.extend(value.and_then(|v| better(&chosen.metric).cost(v)).map(|cost| (cost, *line)));
     }
     found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    Ok(found.into_iter().map(|(_, line, words)| (line, words)).collect())
+    Ok(found.into_iter().map(|(_, line)| line).collect())
 }
 
 /// The line with the most samples.
@@ -186,7 +210,7 @@ fn longest(source: &Source, subject: &Subject) -> Vec<Shown> {
     let rows = |l: &LineId| source.graph.records.iter().filter_map(|r| r.get(l)).map(|r| r.rows).max().unwrap_or(0);
     let lines = source.graph.lines_of(t, i).iter();
     let best = lines.copied().max_by_key(|l| (rows(l), std::cmp::Reverse(*l)));
-    best.map(|line| Shown { line, label: format!("{}, the longest", name(source, line)) }).into_iter().collect()
+    best.map(|line| Shown { line, why: "the longest line" }).into_iter().collect()
 }
 
 #[cfg(test)]

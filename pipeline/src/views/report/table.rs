@@ -101,6 +101,7 @@ fn meaning(metric: &str) -> Option<&'static str> {
         "std_uncompensated" => "standard deviation of the uncompensated signal less the truth, where there is one",
         "std_error" => "standard deviation of the compensated signal less the truth",
         "improvement_ratio" => "std_uncompensated over the same of the compensated signal",
+        "improvement_ratio_band" => "the same after a band-pass of both",
         "snr" => "standard deviation of the truth over that of the error",
         "figure_of_merit_crossings" => {
             "root mean square difference of the compensated signal where the flight crosses its own track"
