@@ -15,8 +15,8 @@ mod value;
 pub use column::{Column, ColumnType, Described, Role, Shape, describe_field, field};
 pub use fault::{Fault, Owner, Place, nearest, render};
 pub use stage::{
-    Args, Build, Declared, Entry, Gather, Given, Grain, InputDecl, InputKind, LineIn, ParamDoc, Passes, Prepared, Stage,
-    StageDyn, Table, Yield, collect_doc, read_param, unknown_keys,
+    Args, Build, Declared, Entry, Gather, Given, Grain, InputDecl, InputKind, LineIn, ParamDoc, Passes, Prepared,
+    Stage, StageDyn, Table, Yield, collect_doc, read_param, unknown_keys,
 };
 pub use unit::convert;
 pub use value::{Literal, Rule, Value};

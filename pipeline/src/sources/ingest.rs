@@ -137,7 +137,13 @@ fn record(line: IndexLine, file: usize, path: &Path) -> Option<LineRecord> {
 /// What the file holds, from the store where it was read before.
 fn index(store: &Store, path: &Path, options: &FlightOptions) -> Result<(Bytes, Index), Fault> {
     let bytes = fingerprint(store, path)?;
-    let mut parts = vec!["flights".to_owned(), VERSION.to_owned(), datasets::VERSION.to_owned(), format!("{options:?}"), bytes.hash.to_string()];
+    let mut parts = vec![
+        "flights".to_owned(),
+        VERSION.to_owned(),
+        datasets::VERSION.to_owned(),
+        format!("{options:?}"),
+        bytes.hash.to_string(),
+    ];
     if options.format.as_deref() == Some("synth") || path.to_string_lossy().ends_with(".synth.toml") {
         let simulation = datasets::simulate::Simulation::open(path).map_err(Fault::from)?;
         for other in simulation.inputs() {
