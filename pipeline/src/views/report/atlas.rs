@@ -148,10 +148,13 @@ fn around(tracks: &[Track]) -> Option<Bounds> {
         b.lat = (b.lat.0.min(lat), b.lat.1.max(lat));
         b.lon = (b.lon.0.min(lon), b.lon.1.max(lon));
     }
-    // A kilometre at least, for a flight on the spot.
-    let margin = (0.06 * (b.lat.1 - b.lat.0).max(b.lon.1 - b.lon.0)).max(0.005);
-    let wide = margin / b.lat.0.to_radians().cos().max(0.05);
-    Some(Bounds { lat: (b.lat.0 - margin, b.lat.1 + margin), lon: (b.lon.0 - wide, b.lon.1 + wide) })
+    // A kilometre at least, for a flight on the spot; and the narrow way shows some of the map too.
+    let shrink = b.lat.0.to_radians().cos().max(0.05);
+    let (high, wide) = (b.lat.1 - b.lat.0, (b.lon.1 - b.lon.0) * shrink);
+    let side = 1.12 * high.max(wide).max(0.01);
+    let grow = |ends: (f64, f64), by: f64| (ends.0 - 0.5 * by, ends.1 + 0.5 * by);
+    let missing = |length: f64| (0.8 * side - length).max(0.12 * high.max(wide)).max(0.01);
+    Some(Bounds { lat: grow(b.lat, missing(high)), lon: grow(b.lon, missing(wide) / shrink) })
 }
 
 /// How far INS and truth (without truth: INS and estimate) are apart at row `k`, m.
@@ -178,7 +181,7 @@ fn worst_place(flown: &Flown) -> Option<usize> {
 fn zoom_bounds(flown: &Flown, k: usize) -> Bounds {
     let centre = flown.truth.as_ref().unwrap_or(&flown.estimate);
     let (lat, lon) = (centre.lat.get(k).copied().unwrap_or(0.0), centre.lon.get(k).copied().unwrap_or(0.0));
-    let half_m = (2.2 * separation(flown, k).unwrap_or(0.0)).max(250.0);
+    let half_m = (1.4 * separation(flown, k).unwrap_or(0.0)).max(250.0);
     let (earth, lat_rad) = (EarthModel::default(), lat.to_radians());
     let (north, east) = (earth.north_m_to_lat_rad(half_m, lat_rad, 0.0), earth.east_m_to_lon_rad(half_m, lat_rad, 0.0));
     let (north, east) = (north.to_degrees(), east.to_degrees());

@@ -12,7 +12,7 @@ use super::{
 /// Width of a picture.
 pub const SIDE: f64 = 440.0;
 /// Where the widest area begins on it.
-pub const LEFT: f64 = 66.0;
+pub const LEFT: f64 = 74.0;
 const RIGHT: f64 = 22.0;
 const TOP: f64 = 6.0;
 const BOTTOM: f64 = 38.0;
