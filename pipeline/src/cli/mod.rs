@@ -45,7 +45,7 @@ enum Command {
         /// The table.
         table: String,
     },
-    /// Ask the tables of a store, named <pipeline>.<table>, in SQL.
+    /// Ask the tables of a store, named PIPELINE.TABLE, in SQL.
     Sql {
         /// The query.
         query: String,
@@ -61,7 +61,7 @@ enum Command {
     },
     /// Say where a table's rows come from.
     Lineage {
-        /// The table, as <pipeline>.<table>.
+        /// The table, as PIPELINE.TABLE.
         table: String,
         /// The store's folder.
         #[arg(long, default_value = "store")]

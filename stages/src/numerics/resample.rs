@@ -8,7 +8,7 @@
 //! that a series already on the grid comes back bit by bit.
 //!
 //! Interpolation to a lower rate folds everything faster than half of the new rate onto slower
-//! frequencies. It is what users expect of a resampling and stays the default; [`anti_alias`] takes
+//! frequencies. It is what users expect of a resampling and stays the default; [`anti_alias()`] takes
 //! the fast part off beforehand.
 
 mod akima;
