@@ -5,9 +5,9 @@ use maud::{Markup, html};
 use super::{chart::px, source::Source};
 use crate::plan::Ref;
 
-const BOX_W: f64 = 150.0;
-const BOX_H: f64 = 74.0;
-const GAP_X: f64 = 46.0;
+const BOX_W: f64 = 140.0;
+const BOX_H: f64 = 89.0;
+const GAP_X: f64 = 30.0;
 const GAP_Y: f64 = 18.0;
 /// Height of the lane that an arrow past other boxes keeps free.
 const LANE_H: f64 = 12.0;
@@ -39,7 +39,7 @@ fn nodes(source: &Source) -> Vec<Node> {
     let mut nodes = vec![];
     for (flights, records) in plan.flights.iter().zip(&source.graph.records) {
         let rows: usize = records.values().map(|r| r.rows).sum();
-        let lines = vec!["flights".to_owned(), format!("{} lines", records.len()), format!("{rows} samples")];
+        let lines = vec!["flights".to_owned(), plural(records.len(), "line"), plural(rows, "sample")];
         nodes.push(Node { name: flights.name.clone(), lines, inputs: vec![], source: true, incomplete: false });
     }
     for map in &plan.maps {
@@ -63,16 +63,18 @@ fn nodes(source: &Source) -> Vec<Node> {
         inputs.dedup();
         let axes: Vec<&str> =
             table.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.as_str()).collect();
-        let over = if axes.is_empty() {
-            "once".to_owned()
-        } else {
-            format!("{} points: {}", table.instances.len(), axes.join(" × "))
-        };
         let (there, all) = source.present(t);
-        let lines = vec![table.entry.name.to_owned(), over, format!("{there} of {all} computed")];
+        let mut lines = vec![table.entry.name.to_owned()];
+        lines.extend((!axes.is_empty()).then(|| plural(table.instances.len(), "point") + " of"));
+        lines.extend((!axes.is_empty()).then(|| axes.join(", ")));
+        lines.push(format!("{there} of {all} computed"));
         nodes.push(Node { name: table.name.clone(), lines, inputs, source: false, incomplete: there < all });
     }
     nodes
+}
+
+fn plural(n: usize, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
 /// The column of each node: one past its last input; sources stand beside what first reads them.
@@ -176,9 +178,9 @@ fn boxed(node: &Node, x: f64, place: &Place) -> Markup {
         g.box.source[node.source].incomplete[node.incomplete] {
             title { (node.name) ": " (node.lines.join("; ")) }
             rect x=(px(x)) y=(px(top)) width=(BOX_W) height=(BOX_H) rx="6" {}
-            text.title x=(px(x + 9.0)) y=(px(top + 18.0)) { (fit(&node.name, 19)) }
+            text.title x=(px(x + 9.0)) y=(px(top + 18.0)) { (fit(&node.name, 18)) }
             @for (k, text) in node.lines.iter().enumerate() {
-                text x=(px(x + 9.0)) y=(px(top + 34.0 + 15.0 * k as f64)) { (fit(text, 25)) }
+                text x=(px(x + 9.0)) y=(px(top + 34.0 + 15.0 * k as f64)) { (fit(text, 22)) }
             }
         }
     }

@@ -13,6 +13,7 @@ mod flow;
 mod model;
 mod page;
 mod palette;
+mod published;
 mod raster;
 mod signal;
 mod source;
@@ -59,7 +60,8 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
     if (0..graph.plan.tables.len()).all(|t| source.present(t).0 == 0) && source.failures()?.is_empty() {
         return Err(not_run(&graph.plan.spec));
     }
-    let boards = Board::all(&source)?;
+    let current = published::is_current(&source);
+    let boards = if current { Board::all(&source)? } else { vec![] };
     let mut sections: Vec<Markup> = boards.iter().map(|b| table::section(&source, b)).collect();
     let subjects = subject::subjects(&source, &boards);
     let lines = match subjects.first() {
@@ -72,8 +74,11 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
         let labels = labels.collect::<Result<Vec<String>, Fault>>()?;
         sections.extend(detail(&source, subject, &lines, &labels, atlas.as_ref())?);
     }
+    // What failed is published too.
+    let failures = if current { source.failures()? } else { vec![] };
+    let trouble = page::Trouble { failures, outdated: !current };
     let defs = atlas.as_ref().map_or_else(|| html! {}, Atlas::defs);
-    Ok(page::page(&source, &source.failures()?, defs, &sections))
+    Ok(page::page(&source, &trouble, defs, &sections))
 }
 
 /// Writes `html` to `path`: beside it first, so that nobody sees half of it.
@@ -155,37 +160,4 @@ fn line(source: &Source, subject: &Subject, shown: &Shown, atlas: Option<&Atlas>
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used)]
-
-    use super::*;
-
-    #[test]
-    fn law_a_page_replaces_the_old_one_and_leaves_nothing_beside() {
-        let folder = std::env::temp_dir().join(format!("magline-report-{}", std::process::id()));
-        fs::create_dir_all(&folder).unwrap();
-        let file = folder.join("a.html");
-        write(&file, "old").unwrap();
-        write(&file, "new").unwrap();
-        assert_eq!(fs::read_to_string(&file).unwrap(), "new");
-        assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
-        assert!(write(&folder.join("none").join("a.html"), "x").is_err());
-        fs::remove_dir_all(&folder).unwrap();
-    }
-
-    #[test]
-    fn gold_without_a_run_there_is_nothing_to_report() {
-        let text = "name = \"a\"\n[[stages]]\nname = \"s\"\nstage = \"score\"\n";
-        let spec = Spec::parse("dir/a.toml", "no-such-folder".into(), text.to_owned()).unwrap();
-        let fault = was_run(&spec).unwrap_err();
-        assert_eq!(fault.what, "there is nothing to report: dir/a.toml has not been run");
-        assert_eq!(fault.help.as_deref(), Some("run it first: `magline run dir/a.toml`"));
-    }
-
-    #[test]
-    fn law_the_page_asks_nobody_for_anything() {
-        for text in [include_str!("style.css"), include_str!("script.js")] {
-            assert!(!["http", "url(", "@import", "fetch(", "XMLHttp", "</"].iter().any(|w| text.contains(w)));
-        }
-    }
-}
+mod tests;

@@ -10,8 +10,16 @@ use super::{
 /// The most failures listed.
 const MOST: usize = 50;
 
+/// What the reader must know before he trusts the rest.
+pub struct Trouble {
+    /// What could not be computed.
+    pub failures: Vec<Failed>,
+    /// Whether the published tables are of another version of the spec or its data.
+    pub outdated: bool,
+}
+
 /// The page.
-pub fn page(source: &Source, failures: &[Failed], defs: Markup, sections: &[Markup]) -> String {
+pub fn page(source: &Source, trouble: &Trouble, defs: Markup, sections: &[Markup]) -> String {
     let spec = &source.graph.plan.spec;
     let markup = html! {
         (DOCTYPE)
@@ -28,7 +36,7 @@ pub fn page(source: &Source, failures: &[Failed], defs: Markup, sections: &[Mark
                 (defs)
                 main {
                     (heading(source))
-                    (trouble(source, failures))
+                    (troubles(source, trouble))
                     @for section in sections { (section) }
                     (plan(source))
                 }
@@ -84,7 +92,7 @@ fn grouped(n: usize) -> String {
 }
 
 /// What failed or is not there, where there is something.
-fn trouble(source: &Source, failures: &[Failed]) -> Markup {
+fn troubles(source: &Source, Trouble { failures, outdated }: &Trouble) -> Markup {
     let plan = source.graph.plan;
     let missing: Vec<(&str, usize, usize)> = plan
         .tables
@@ -107,12 +115,18 @@ fn trouble(source: &Source, failures: &[Failed]) -> Markup {
                 @if failures.len() > MOST { p.note { "and " (failures.len() - MOST) " more reasons" } }
             }
         }
+        @if *outdated {
+            section.trouble id="outdated" {
+                h2 { "The spec or its data changed since the last run" }
+                p { "Scores are left out, as they are those of the other version, and below is only what the store holds of this one. "
+                    code { "magline run " (plan.spec.file) } " brings the tables up to date." }
+            }
+        }
         @if !missing.is_empty() {
             section.trouble id="missing" {
                 h2 { "Not everything is in the store" }
-                p { @for (i, (name, n, all)) in missing.iter().enumerate() { @if i > 0 { ", " } code { (name) } ": " (n) " of " (all) " are missing" }
-                    ". " @if failures.is_empty() { "The spec or its data changed since the last run, or that was interrupted. " code { "magline run" } " computes what is missing." }
-                    @else { "What rests on a failure is left out with it." } }
+                p { @for (i, (name, n, all)) in missing.iter().enumerate() { @if i > 0 { ", " } code { (name) } ": " (n) " of " (all) " missing" } "." }
+                @if !failures.is_empty() { p { "What rests on a failure is left out with it." } }
             }
         }
     }

@@ -95,16 +95,16 @@ fn subject(source: &Source, board: &Board, metric: usize, id: &'static str, titl
     Subject { id, title: title.to_owned(), point: board.point(row), why, chosen: Some(chosen), ..stages }
 }
 
-/// Without scores: the first point of the last table of lines.
+/// Without scores: the first point of every table, the last tables first.
 fn unscored(source: &Source) -> Option<Subject> {
     let plan = source.graph.plan;
-    let (t, node) = plan.tables.iter().enumerate().rev().find(|(_, n)| !n.is_tidy())?;
-    let it = node.instances.first()?;
-    let words = node.axis_columns(it, &plan.spec).into_iter().map(|(a, v)| format!("{a} = {v}"));
-    let point = words.collect::<Vec<_>>().join(", ");
-    let title = if point.is_empty() { "In detail" } else { "The first point in detail" };
-    let why = "nothing was scored".to_owned();
-    Some(Subject { id: "first", title: title.to_owned(), point, why, ..stages_of(source, &[Ref::Stage(t, 0)], None) })
+    let from: Vec<Ref> = (0..plan.tables.len()).rev().map(|t| Ref::Stage(t, 0)).collect();
+    let first = plan.spec.axes.iter().filter_map(|a| a.values.first().map(|v| format!("{} = {v}", a.name)));
+    let point = first.collect::<Vec<_>>().join(", ");
+    let title = if point.is_empty() { "In detail" } else { "The first point in detail" }.to_owned();
+    let subject =
+        Subject { id: "first", title, point, why: "without scores".to_owned(), ..stages_of(source, &from, None) };
+    (!from.is_empty()).then_some(subject)
 }
 
 fn stages_of(source: &Source, from: &[Ref], truth: Option<String>) -> Subject {

@@ -1,0 +1,56 @@
+//! Whether the published tables are those of this plan.
+
+use std::collections::BTreeMap;
+
+use super::source::Source;
+use crate::{
+    plan::TableNode,
+    views::{Snapshot, SnapshotTable, snapshots},
+};
+
+/// Whether the last run was of this very plan and data: else the published tables may hold other scores under the
+/// same axis values.
+pub fn is_current(source: &Source) -> bool {
+    let plan = source.graph.plan;
+    let recorded = snapshots(source.store.root()).into_iter().find(|s| s.pipeline == plan.spec.name);
+    recorded.is_some_and(|old| same_sources(source, &old) && same_tables(source, &old))
+}
+
+fn same_sources(source: &Source, old: &Snapshot) -> bool {
+    let (plan, graph) = (source.graph.plan, source.graph);
+    let recorded = |name: &str| old.sources.iter().find(|s| s.name == name).map(|s| &s.lines);
+    let flights = plan.flights.iter().zip(&graph.records).all(|(flights, records)| {
+        let now: BTreeMap<String, String> =
+            records.values().map(|l| (format!("{}/{}", l.flight, l.line), l.object.to_string())).collect();
+        recorded(&flights.name) == Some(&now)
+    });
+    let same_map = |(name, key): (&String, String)| recorded(name).is_some_and(|l| l.values().eq([&key]));
+    flights && plan.maps.iter().zip(&graph.maps).all(|(m, key)| same_map((&m.name, key.to_string())))
+}
+
+fn same_tables(source: &Source, old: &Snapshot) -> bool {
+    let plan = source.graph.plan;
+    let same =
+        |node: &TableNode| old.tables.iter().find(|t| t.name == node.name).is_some_and(|t| same_table(source, node, t));
+    plan.tables.iter().all(same)
+}
+
+fn same_table(source: &Source, node: &TableNode, old: &SnapshotTable) -> bool {
+    let plan = source.graph.plan;
+    let mut inputs: Vec<&str> = node.instances.iter().flat_map(|i| &i.inputs).map(|r| plan.name_of(*r)).collect();
+    let mut before: Vec<&str> = old.inputs.iter().map(String::as_str).collect();
+    for names in [&mut inputs, &mut before] {
+        names.sort_unstable();
+        names.dedup();
+    }
+    let decl = plan.spec.stages.iter().find(|s| s.name == node.name);
+    let predicate = decl.and_then(|d| d.predicate.as_ref()).map(|(text, _)| text);
+    let points = node.instances.iter().map(|i| {
+        let point: BTreeMap<String, String> = i.point.iter().map(|(k, v)| (k.clone(), v.to_string())).collect();
+        (point, i.params.iter().map(|(k, v)| ((*k).to_owned(), v.clone())).collect())
+    });
+    (node.entry.name, node.entry.version) == (old.stage.as_str(), old.version)
+        && inputs == before
+        && predicate == old.predicate.as_ref()
+        && points.eq(old.points.iter().cloned())
+}

@@ -1,0 +1,133 @@
+//! The page as a whole, made of the examples.
+
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::{catalogue, plan::Plan, read_spec, run};
+
+/// Runs an example in a store of its own as `ran` says, and reports on it as `asked` says.
+fn page(example: &str, ran: &[&str], asked: &[&str]) -> Result<String, Fault> {
+    let store = tempfile::tempdir().unwrap();
+    let place = format!("store={}", store.path().display());
+    let plan = |sets: &[&str]| {
+        let sets: Vec<String> = sets.iter().map(ToString::to_string).chain([place.clone()]).collect();
+        let file = format!("../datasets/examples/{example}.toml");
+        Plan::new(read_spec(Path::new(&file), &sets).unwrap(), &catalogue()).unwrap()
+    };
+    let (first, second) = (plan(ran), plan(asked));
+    let held = Store::open(store.path()).unwrap();
+    run::run(&first, &held, &run::Quiet).unwrap();
+    let graph = Graph::new(&second, &held, &|_, _, _| ()).unwrap();
+    let html = report(&graph, &held)?;
+    assert!(!html.contains(&store.path().display().to_string()), "the page names a folder of this machine");
+    assert_eq!(unclosed(&html), None);
+    Ok(html)
+}
+
+/// The first tag that is not closed, or closed without having been opened.
+fn unclosed(html: &str) -> Option<String> {
+    const VOID: [&str; 3] = ["meta", "wbr", "!DOCTYPE"];
+    // What is inside of style and script is no markup.
+    let bare = html.split("<style>").flat_map(|p| p.split("<script>"));
+    let bare: String =
+        bare.map(|p| p.split_once("</style>").or(p.split_once("</script>")).map_or(p, |x| x.1)).collect();
+    let mut open: Vec<&str> = vec![];
+    for tag in bare.split('<').skip(1).filter_map(|t| t.split_once('>')).map(|t| t.0) {
+        let name = tag.split_whitespace().next().unwrap_or_default();
+        match name.strip_prefix('/') {
+            Some(name) if open.pop() != Some(name) => return Some(tag.to_owned()),
+            Some(_) => {}
+            None if VOID.contains(&name) => {}
+            None => open.push(name),
+        }
+    }
+    open.pop().map(str::to_owned)
+}
+
+#[test]
+fn law_the_same_data_give_the_same_bytes() {
+    let html = page("tolles_lawson", &[], &[]).unwrap();
+    assert_eq!(html, page("tolles_lawson", &[], &[]).unwrap());
+    for address in ["http:", "https:", "file:", "//cdn"] {
+        assert!(!html.contains(address), "the page asks for {address}");
+    }
+}
+
+#[test]
+fn law_compensation_alone_has_no_map() {
+    let html = page("tolles_lawson", &[], &[]).unwrap();
+    for part in [
+        "Power spectral density",
+        "in the pass band of the fit",
+        "The model: table coefficients",
+        "aria-label=\"The plan",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
+    for part in ["anomaly map", "North error", "id=\"failures\"", "id=\"missing\"", "id=\"outdated\""] {
+        assert!(!html.contains(part), "{part}");
+    }
+}
+
+#[test]
+fn law_navigation_alone_has_no_model() {
+    let html = page("navigation", &[], &[]).unwrap();
+    for part in ["data:image/png;base64", "North error", "East error", "Innovations", "NIS", "NEES", "A close look"] {
+        assert!(html.contains(part), "{part}");
+    }
+    assert!(!html.contains("The model: ") && !html.contains("Before and after"));
+    // Two points of the sweep: the better one and the other.
+    assert!(html.contains("id=\"best\"") && html.contains("id=\"worst\""));
+}
+
+#[test]
+fn law_scores_of_another_spec_are_not_shown() {
+    let html = page("tolles_lawson", &[], &["coefficients.low_hz=0.2"]).unwrap();
+    assert!(html.contains("changed since the last run") && html.contains("4 of 4 missing"));
+    assert!(!html.contains("id=\"scores-scores\""));
+}
+
+#[test]
+fn law_failures_stand_at_the_top() {
+    let sets = ["coefficients.trim=600"];
+    let html = page("tolles_lawson", &sets, &sets).unwrap();
+    let failed = html.find("<h2>4 failed</h2>").unwrap();
+    assert!(failed < html.find("id=\"plan\"").unwrap());
+    assert!(html.contains("long enough to be filtered"));
+}
+
+#[test]
+fn law_a_store_without_the_plan_is_an_error() {
+    let other = ["tables.flights.line=\"2\""];
+    let fault = page("tolles_lawson", &[], &other).unwrap_err();
+    assert!(fault.what.contains("has not been run"), "{fault}");
+}
+
+#[test]
+fn law_a_page_replaces_the_old_one_and_leaves_nothing_beside() {
+    let folder = std::env::temp_dir().join(format!("magline-report-{}", std::process::id()));
+    fs::create_dir_all(&folder).unwrap();
+    let file = folder.join("a.html");
+    write(&file, "old").unwrap();
+    write(&file, "new").unwrap();
+    assert_eq!(fs::read_to_string(&file).unwrap(), "new");
+    assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
+    assert!(write(&folder.join("none").join("a.html"), "x").is_err());
+    fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn gold_without_a_run_there_is_nothing_to_report() {
+    let text = "name = \"a\"\n[[stages]]\nname = \"s\"\nstage = \"score\"\n";
+    let spec = Spec::parse("dir/a.toml", "no-such-folder".into(), text.to_owned()).unwrap();
+    let fault = was_run(&spec).unwrap_err();
+    assert_eq!(fault.what, "there is nothing to report: dir/a.toml has not been run");
+    assert_eq!(fault.help.as_deref(), Some("run it first: `magline run dir/a.toml`"));
+}
+
+#[test]
+fn law_the_page_asks_nobody_for_anything() {
+    for text in [include_str!("style.css"), include_str!("script.js")] {
+        assert!(!["http", "url(", "@import", "fetch(", "XMLHttp", "</"].iter().any(|w| text.contains(w)));
+    }
+}
