@@ -11,7 +11,7 @@ use tiff::{
 
 use super::{
     Head, MapFormat, MapOptions, RawMap, guarded,
-    map_parquet::{anomaly_factor, no_epsg, no_height, scaled},
+    map_parquet::{NO_HEIGHT, anomaly_factor, no_epsg, scaled},
 };
 use crate::{
     ReadError,
@@ -52,7 +52,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
         if place.north_first { values.chunks_exact(width).rev().flatten().copied().collect() } else { values };
     let anomaly_nt = scaled(ascending, anomaly_factor(path, options, None)?);
     let mut notes = vec![];
-    let alt_m = height_m(path, options, &metadata, &mut notes)?;
+    let alt_m = height_m(options, &metadata, &mut notes);
     let code = options.epsg.or(place.epsg);
     let crs = code.map(|c| Crs::from_epsg(path, c)).transpose()?;
     // A code given in the options is taken at its word; else the file's own kind of model decides.
@@ -192,19 +192,20 @@ fn text(decoder: &mut Reader, tag: Tag) -> Option<String> {
     decoder.get_tag_ascii_string(tag).ok()
 }
 
-/// The height of the map: of the options, else of an item of GDAL's metadata that names one in metres.
-fn height_m(path: &Path, options: &MapOptions, metadata: &str, notes: &mut Vec<String>) -> Result<f64, ReadError> {
+/// The height of the map: of the options, else of an item of GDAL's metadata that names one in metres, else NaN.
+fn height_m(options: &MapOptions, metadata: &str, notes: &mut Vec<String>) -> f64 {
     const NAMES: [&str; 5] = ["level_height_m", "height_m", "altitude_m", "alt_m", "alt"];
     if let Some(alt_m) = options.alt_m {
-        return Ok(alt_m);
+        return alt_m;
     }
     for name in NAMES {
         let item = metadata.split("<Item").find(|i| i.contains(&format!("name=\"{name}\"")));
         let value = item.and_then(|i| i.split('>').nth(1)).and_then(|v| v.split('<').next());
         if let Some(alt_m) = value.and_then(|v| v.trim().parse::<f64>().ok()).filter(|x| x.is_finite()) {
             notes.push(format!("height {alt_m} m of the file's `{name}`, taken as above the ellipsoid"));
-            return Ok(alt_m);
+            return alt_m;
         }
     }
-    Err(no_height(path))
+    notes.push(NO_HEIGHT.to_owned());
+    f64::NAN
 }

@@ -7,7 +7,7 @@ use super::{
     Head, MapFormat, MapOptions, RawMap,
     csv::number,
     map_magnav_hdf5::{NOTE, unknown_where_zero},
-    map_parquet::{anomaly_factor, no_height, scaled},
+    map_parquet::{NO_HEIGHT, anomaly_factor, scaled},
 };
 use crate::{
     ReadError,
@@ -39,15 +39,19 @@ fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
     let rows = all("map.csv")?;
     let cells = Cells { folder: &folder, n_lat: lat.len(), n_lon: lon.len() };
     let anomaly = scaled(cells.of("map.csv", rows)?, anomaly_factor(path, options, None)?);
+    let mut notes = vec![NOTE.to_owned()];
     let height = match options.alt_m {
         Some(alt_m) => Height::Level(alt_m),
-        None if !folder.join("alt.csv").is_file() => return Err(no_height(path)),
+        None if !folder.join("alt.csv").is_file() => {
+            notes.push(NO_HEIGHT.to_owned());
+            Height::Level(f64::NAN)
+        }
         None => match all("alt.csv")?.as_slice() {
             [row] if row.len() == 1 => Height::Level(row[0]),
             rows => Height::Cells(cells.of("alt.csv", rows.to_vec())?),
         },
     };
-    let map = Map::new(path, &lat, &lon, height, unknown_where_zero(anomaly), vec![NOTE.to_owned()])?;
+    let map = Map::new(path, &lat, &lon, height, unknown_where_zero(anomaly), notes)?;
     Ok(RawMap::Geographic(map))
 }
 

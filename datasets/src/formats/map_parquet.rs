@@ -59,13 +59,17 @@ fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
     let columns: Vec<&[f64]> = columns.iter().filter(|c| !c.is_empty()).map(Vec::as_slice).collect();
     let mut nodes = from_nodes(path, &x, &y, &columns)?;
     let cells = nodes.values.pop_if(|_| height.is_some());
+    let mut notes = vec![];
     let height = match (given, cells) {
         (Some(alt_m), _) => Height::Level(alt_m),
         (None, Some(cells)) => Height::Cells(cells),
-        (None, None) => return Err(no_height(path)),
+        (None, None) => {
+            notes.push(NO_HEIGHT.to_owned());
+            Height::Level(f64::NAN)
+        }
     };
     let values = nodes.values.pop().unwrap_or_default();
-    Map::new(path, &nodes.y, &nodes.x, height, values, vec![]).map(RawMap::Geographic)
+    Map::new(path, &nodes.y, &nodes.x, height, values, notes).map(RawMap::Geographic)
 }
 
 fn projected_map(
@@ -83,11 +87,12 @@ fn projected_map(
         let what = "the height varies from node to node, which a projected map cannot have";
         return Err(ReadError::data(path, what).in_column("alt"));
     }
-    let alt_m = options.alt_m.or(level).ok_or_else(|| no_height(path))?;
+    let alt_m = options.alt_m.or(level).unwrap_or(f64::NAN);
+    let notes = if alt_m.is_nan() { vec![NO_HEIGHT.to_owned()] } else { vec![] };
     let mut nodes = from_nodes(path, easting, northing, &[values])?;
     let anomaly_nt = nodes.values.pop().unwrap_or_default();
     let (easting, northing) = (nodes.x_axis, nodes.y_axis);
-    Ok(RawMap::Projected(Box::new(Projected { easting, northing, anomaly_nt, crs, alt_m, notes: vec![] })))
+    Ok(RawMap::Projected(Box::new(Projected { easting, northing, anomaly_nt, crs, alt_m, notes })))
 }
 
 fn numbers(path: &Path, batches: &[RecordBatch], name: &str) -> Result<Vec<f64>, ReadError> {
@@ -119,10 +124,8 @@ pub(super) fn anomaly_factor(path: &Path, options: &MapOptions, file: Option<&st
     })
 }
 
-pub(super) fn no_height(path: &Path) -> ReadError {
-    ReadError::options(path, "the file does not say how high the map is")
-        .help("give `alt_m`, its height in metres above the WGS-84 ellipsoid")
-}
+/// Said of a map whose height is unknown: nothing but a continuation needs it.
+pub(super) const NO_HEIGHT: &str = "the file does not say how high the map is, so `alt` is NaN; `alt_m` gives it";
 
 pub(super) fn no_epsg(path: &Path) -> ReadError {
     ReadError::options(path, "the file does not say what its eastings and northings are")

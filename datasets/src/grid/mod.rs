@@ -66,8 +66,8 @@ impl Map {
             Height::Level(alt_m) => vec![alt_m; n_lat * n_lon],
             Height::Cells(cells) => cells,
         };
-        if alt.len() != n_lat * n_lon || alt.iter().any(|a| !a.is_finite()) {
-            return Err(ReadError::data(path, "the map needs a finite height in every cell").in_column("alt"));
+        if alt.len() != n_lat * n_lon || alt.iter().any(|a| a.is_infinite()) {
+            return Err(ReadError::data(path, "the map has a height that is no number").in_column("alt"));
         }
         let lat: Vec<f64> = lat_deg.iter().flat_map(|lat| std::iter::repeat_n(*lat, n_lon)).collect();
         let lon: Vec<f64> = std::iter::repeat_n(lon_deg, n_lat).flatten().copied().collect();
