@@ -213,7 +213,7 @@ fn line(canvas: &Canvas, track: &Track, class: &str) -> Markup {
 }
 
 fn ends(canvas: &Canvas, track: &Track) -> Markup {
-    let there = || track.places().filter_map(|p| p.0.is_finite().then(|| canvas.spot(p)));
+    let there = || track.places().filter(|p| p.0.is_finite()).map(|p| canvas.spot(p));
     let (first, last) = (there().next().flatten(), there().last().flatten());
     html! {
         @if let Some((x, y)) = first { circle.mark cx=(px(x)) cy=(px(y)) r="4.5" {} }

@@ -95,11 +95,12 @@ impl Flown {
 
 /// Squared position errors in units of their covariance, e' P⁻¹ e.
 pub fn nees(errors: &Offsets, [sd_n, sd_e, cov]: &[Vec<f64>; 3]) -> Vec<f64> {
-    let one = |((n, e), ((sd_n, sd_e), ne)): ((&f64, &f64), ((&f64, &f64), &f64))| {
-        let (nn, ee) = (sd_n * sd_n, sd_e * sd_e);
+    let places = errors.north.iter().zip(&errors.east).zip(sd_n.iter().zip(sd_e)).zip(cov);
+    let one = |(((n, e), (sd_n, sd_e)), ne)| {
+        let (nn, ee): (f64, f64) = (sd_n * sd_n, sd_e * sd_e);
         (ee * n * n - 2.0 * ne * n * e + nn * e * e) / (nn * ee - ne * ne)
     };
-    errors.north.iter().zip(&errors.east).zip(sd_n.iter().zip(sd_e).zip(cov)).map(one).collect()
+    places.map(one).collect()
 }
 
 #[cfg(test)]
