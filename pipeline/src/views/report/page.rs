@@ -67,10 +67,22 @@ fn heading(source: &Source) -> Markup {
             @if !axes.is_empty() {
                 dl.axes { @for axis in axes {
                     dt { (axis.name) }
-                    dd { @for (i, v) in axis.values.iter().enumerate() { @if i > 0 { ", " } (v) } }
+                    dd { (listed(&axis.values)) }
                 } }
             }
         }
+    }
+}
+
+/// The values of an axis; of very many the first ones and the last.
+fn listed<T: ToString>(values: &[T]) -> String {
+    const SHOWN: usize = 24;
+    let words: Vec<String> = values.iter().take(SHOWN).map(T::to_string).collect();
+    match values.last() {
+        Some(last) if values.len() > SHOWN => {
+            format!("{} … {} ({} values)", words.join(", "), last.to_string(), values.len())
+        }
+        _ => words.join(", "),
     }
 }
 
@@ -152,5 +164,12 @@ mod tests {
     #[test]
     fn gold_thousands_are_grouped() {
         assert_eq!([grouped(7), grouped(1000), grouped(1_234_567)], ["7", "1\u{202f}000", "1\u{202f}234\u{202f}567"]);
+    }
+
+    #[test]
+    fn gold_long_axes_are_cut_short() {
+        assert_eq!(listed(&[1, 2, 3]), "1, 2, 3");
+        let long = listed(&(1..=3000).collect::<Vec<i32>>());
+        assert!(long.starts_with("1, 2, 3") && long.ends_with("23, 24 … 3000 (3000 values)"), "{long}");
     }
 }
