@@ -362,12 +362,7 @@ impl Scored<'_> {
     fn nees(&self) -> Result<Figure, Fault> {
         let (north, east) = self.errors_m((self.track("lat")?, self.track("lon")?))?;
         let (sd_n, sd_e, cov) = (self.track("sd_n")?, self.track("sd_e")?, self.track("cov_ne")?);
-        let one = |i: usize| {
-            let (nn, ee, ne) = (sd_n[i] * sd_n[i], sd_e[i] * sd_e[i], cov[i]);
-            let (n, e) = (north[i], east[i]);
-            (ee * n * n - 2.0 * ne * n * e + nn * e * e) / (nn * ee - ne * ne)
-        };
-        let all: Vec<f64> = (0..north.len()).map(one).collect();
+        let all = statistics::position_nees(&north, &east, sd_n, sd_e, cov);
         Ok(statistics::mean(&all))
     }
 

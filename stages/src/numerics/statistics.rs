@@ -96,6 +96,20 @@ pub fn signal_to_noise(estimate: &[f64], truth: &[f64]) -> Figure {
     ratio_of_deviations(truth, &error)
 }
 
+/// The normalised estimation error squared of a horizontal position, e' P⁻¹ e, sample by sample: 2 on average for an honest
+/// filter. [Bar-Shalom, Li and Kirubarajan 2001, section 5.4]
+///
+/// `north_m` and `east_m` are the errors, `sd_n_m` and `sd_e_m` their standard deviations, `cov_ne_m2` their covariance.
+pub fn position_nees(north_m: &[f64], east_m: &[f64], sd_n_m: &[f64], sd_e_m: &[f64], cov_ne_m2: &[f64]) -> Vec<f64> {
+    let errors = north_m.iter().zip(east_m);
+    let sigmas = sd_n_m.iter().zip(sd_e_m).zip(cov_ne_m2);
+    let one = |((n, e), ((sd_n, sd_e), ne)): ((&f64, &f64), ((&f64, &f64), &f64))| {
+        let (nn, ee) = (sd_n * sd_n, sd_e * sd_e);
+        (ee * n * n - 2.0 * ne * n * e + nn * e * e) / (nn * ee - ne * ne)
+    };
+    errors.zip(sigmas).map(one).collect()
+}
+
 fn ratio_of_deviations(above: &[f64], below: &[f64]) -> Figure {
     let both = || {
         let pairs = above.iter().zip(below);
@@ -110,6 +124,14 @@ fn ratio_of_deviations(above: &[f64], below: &[f64]) -> Figure {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
+
+    #[test]
+    fn law_nees_of_one_sigma_is_one_and_of_a_correlated_error_by_hand() {
+        assert_eq!(position_nees(&[3.0], &[0.0], &[3.0], &[4.0], &[0.0]), [1.0]);
+        // P = [4 2; 2 4], its inverse [4 -2; -2 4]/12; e = (1, 2): (4 - 8 + 16)/12.
+        let nees = position_nees(&[1.0], &[2.0], &[2.0], &[2.0], &[2.0]);
+        assert!((nees[0] - 1.0).abs() < 1e-15, "{nees:?}");
+    }
 
     #[test]
     fn law_moments_of_a_short_series_by_hand() {

@@ -1,7 +1,7 @@
 //! What a line's navigation is judged by: true, INS and estimated track with the filter's own opinion of its error.
 
 use schemas::{Fault, Role};
-use stages::numerics::geodesy::EarthModel;
+use stages::numerics::{geodesy::EarthModel, statistics::position_nees};
 
 use super::{source::Source, subject::Subject};
 use crate::plan::{LineId, Ref};
@@ -95,12 +95,7 @@ impl Flown {
 
 /// Squared position errors in units of their covariance, e' P⁻¹ e.
 pub fn nees(errors: &Offsets, [sd_n, sd_e, cov]: &[Vec<f64>; 3]) -> Vec<f64> {
-    let places = errors.north.iter().zip(&errors.east).zip(sd_n.iter().zip(sd_e)).zip(cov);
-    let one = |(((n, e), (sd_n, sd_e)), ne)| {
-        let (nn, ee): (f64, f64) = (sd_n * sd_n, sd_e * sd_e);
-        (ee * n * n - 2.0 * ne * n * e + nn * e * e) / (nn * ee - ne * ne)
-    };
-    places.map(one).collect()
+    position_nees(&errors.north, &errors.east, sd_n, sd_e, cov)
 }
 
 #[cfg(test)]
