@@ -48,16 +48,17 @@ fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
         let reader = reader.map_err(|e| parquet::damaged(path, &e.to_string()))?;
         reader.collect::<Result<_, _>>().map_err(|e| parquet::damaged(path, &e.to_string()))
     })?;
-    let (x, y) = (numbers(path, &batches, &x)?, numbers(path, &batches, &y)?);
+    let (xs, ys) = (numbers(path, &batches, &x)?, numbers(path, &batches, &y)?);
+    let (x, y) = ((x.as_str(), xs.as_slice()), (y.as_str(), ys.as_slice()));
     let values = scaled(numbers(path, &batches, &anomaly)?, factor);
     let height = known(HEIGHTS).map(|name| numbers(path, &batches, &name)).transpose()?;
     if projected {
-        return projected_map(path, options, &x, &y, &values, height);
+        return projected_map(path, options, x, y, &values, height);
     }
     let given = options.alt_m;
     let columns = [values, height.clone().unwrap_or_default()];
     let columns: Vec<&[f64]> = columns.iter().filter(|c| !c.is_empty()).map(Vec::as_slice).collect();
-    let mut nodes = from_nodes(path, &x, &y, &columns)?;
+    let mut nodes = from_nodes(path, x, y, &columns)?;
     let cells = nodes.values.pop_if(|_| height.is_some());
     let mut notes = vec![];
     let height = match (given, cells) {
@@ -75,8 +76,8 @@ fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
 fn projected_map(
     path: &Path,
     options: &MapOptions,
-    easting: &[f64],
-    northing: &[f64],
+    easting: (&str, &[f64]),
+    northing: (&str, &[f64]),
     values: &[f64],
     height: Option<Vec<f64>>,
 ) -> Result<RawMap, ReadError> {

@@ -162,12 +162,18 @@ pub(crate) fn check_values(path: &Path, values: &[f64], cells: usize) -> Result<
     if values.iter().all(|v| v.is_nan()) { wrong("no cell has a value".to_owned()) } else { Ok(()) }
 }
 
-/// A scattered grid, one row a node in any order, as axes and values by rows (`y` ascending, then `x`).
+/// A scattered grid, one row a node in any order, as axes and values by rows (`y` ascending, then `x`). Each coordinate
+/// comes with the name that the file has for it. Nodes left out are NaN.
 ///
 /// # Errors
-/// Coordinates that make no regular grid, or a node that is there twice. Nodes left out are NaN.
-pub(crate) fn from_nodes(path: &Path, x: &[f64], y: &[f64], columns: &[&[f64]]) -> Result<Nodes, ReadError> {
-    let axes = [("x", x), ("y", y)].map(|(name, values)| {
+/// Coordinates that make no regular grid, or a node that is there twice.
+pub(crate) fn from_nodes(
+    path: &Path,
+    (x_name, x): (&str, &[f64]),
+    (y_name, y): (&str, &[f64]),
+    columns: &[&[f64]],
+) -> Result<Nodes, ReadError> {
+    let axes = [(x_name, x), (y_name, y)].map(|(name, values)| {
         let mut unique = values.to_vec();
         unique.sort_by(f64::total_cmp);
         unique.dedup_by(|a, b| (*a - *b).abs() <= 1e-9 * b.abs().max(1.0));
@@ -177,7 +183,7 @@ pub(crate) fn from_nodes(path: &Path, x: &[f64], y: &[f64], columns: &[&[f64]]) 
     let ((x_axis, x_nodes), (y_axis, y_nodes)) = (x_axis?, y_axis?);
     let cells = x_axis.len.checked_mul(y_axis.len).filter(|n| *n <= x.len().saturating_mul(64));
     let Some(cells) = cells else {
-        return Err(ReadError::data(path, "the coordinates make no regular grid").in_column("x"));
+        return Err(ReadError::data(path, "the coordinates make no regular grid").in_column(x_name));
     };
     let mut filled = vec![false; cells];
     let mut values = vec![vec![f64::NAN; cells]; columns.len()];

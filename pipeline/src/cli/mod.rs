@@ -244,13 +244,13 @@ fn run_spec(args: &RunArgs) -> Result<(), Stop> {
         );
         return Err(Stop::Wrong(what));
     }
+    // Where no handler can be set, an interrupt ends the process at once; the store stays whole.
+    let _ = ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Relaxed));
     let plan = plan(&args.spec)?;
     let store = open(&plan.spec)?;
     let threads = args.threads.map_or(0, usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|e| Stop::Failed(format!("error: cannot start threads: {e}")))?;
-    // Where no handler can be set, an interrupt ends the process at once; the store stays whole.
-    let _ = ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Relaxed));
     let summary = if args.json {
         pool.install(|| run::run(&plan, &store, &progress::Json))?
     } else {
