@@ -39,6 +39,9 @@ pub use splice::{Piece, RowGroup, splice};
 /// The layout of the store; a store of another layout is refused.
 const LAYOUT: &str = "magline store 1\n";
 
+/// The folders of a store.
+const PARTS: [&str; 5] = ["objects", "sources", "tables", "plans", "tmp"];
+
 /// A store that this process may write to.
 pub struct Store {
     root: PathBuf,
@@ -68,7 +71,10 @@ impl Store {
                 return Err(fault.help("name another folder as `store`"));
             }
             Err(e) if e.kind() == io::ErrorKind::NotFound => {
-                let strange = fs::read_dir(root).map_err(fail)?.next().is_some() && !root.join("tmp").exists();
+                // A run killed while it made the store leaves some of these folders and no mark.
+                let ours = |name: &str| PARTS.contains(&name);
+                let entries = fs::read_dir(root).map_err(fail)?.flatten();
+                let strange = entries.into_iter().any(|e| !e.file_name().to_str().is_some_and(ours));
                 if strange {
                     let fault = Fault::new(format!("{} is a folder, but not a magline store", root.display()));
                     return Err(fault.help("name a new or empty folder as `store`"));
@@ -76,7 +82,7 @@ impl Store {
             }
             Err(e) => return Err(fail(e)),
         }
-        for part in ["objects", "sources", "tables", "plans", "tmp"] {
+        for part in PARTS {
             fs::create_dir_all(root.join(part)).map_err(fail)?;
         }
         sweep(&root.join("tmp"));
