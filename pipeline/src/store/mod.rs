@@ -170,13 +170,16 @@ impl Drop for Store {
 
 /// A folder for this process' unfinished files, marked by a lock it holds.
 fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
-    for n in 0u32.. {
+    for n in 0..1000u32 {
         let folder = tmp.join(format!("{}-{n}", std::process::id()));
         match fs::create_dir(&folder) {
             Ok(()) => {
-                let lock = File::create(folder.join("lock"))?;
+                // Another process may sweep the folder away until the lock is held; then the next name is tried.
+                let Ok(lock) = File::create(folder.join("lock")) else { continue };
                 lock.lock()?;
-                return Ok((folder, lock));
+                if folder.join("lock").exists() {
+                    return Ok((folder, lock));
+                }
             }
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
             Err(e) => return Err(e),
@@ -188,9 +191,15 @@ fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
 /// Removes what killed processes left: folders whose lock nobody holds.
 fn sweep(tmp: &Path) {
     for folder in fs::read_dir(tmp).into_iter().flatten().flatten() {
-        let abandoned = File::open(folder.path().join("lock")).is_ok_and(|lock| lock.try_lock().is_ok());
-        if abandoned {
-            let _ = fs::remove_dir_all(folder.path());
+        match File::open(folder.path().join("lock")) {
+            Ok(lock) if lock.try_lock().is_ok() => {
+                let _ = fs::remove_dir_all(folder.path());
+            }
+            Ok(_) => {}
+            // Killed before it made the lock: the folder is empty, and only then it goes.
+            Err(_) => {
+                let _ = fs::remove_dir(folder.path());
+            }
         }
     }
 }
