@@ -103,8 +103,9 @@ pub fn signal_to_noise(estimate: &[f64], truth: &[f64]) -> Figure {
 pub fn position_nees(north_m: &[f64], east_m: &[f64], sd_n_m: &[f64], sd_e_m: &[f64], cov_ne_m2: &[f64]) -> Vec<f64> {
     let errors = north_m.iter().zip(east_m);
     let sigmas = sd_n_m.iter().zip(sd_e_m).zip(cov_ne_m2);
-    let one = |((n, e), ((sd_n, sd_e), ne)): ((&f64, &f64), ((&f64, &f64), &f64))| {
-        let (nn, ee) = (sd_n * sd_n, sd_e * sd_e);
+    let one = |((n, e), ((sd_n, sd_e), ne))| {
+        let (n, e, ne): (&f64, &f64, &f64) = (n, e, ne);
+        let (nn, ee): (f64, f64) = (sd_n * sd_n, sd_e * sd_e);
         (ee * n * n - 2.0 * ne * n * e + nn * e * e) / (nn * ee - ne * ne)
     };
     errors.zip(sigmas).map(one).collect()
