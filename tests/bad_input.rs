@@ -5,7 +5,7 @@ use std::fs;
 use arrow_array::RecordBatch;
 
 use crate::support::{
-    Bench, Done, SPEC, batch, changed, line_of, map, numbers, read, stderr, stdout, texts, with_keys, without, write,
+    Bench, Done, SPEC, batch, changed, line_of, map, numbers, read, stderr, stdout, texts, without, write,
 };
 
 /// `magline check` on a spec that is wrong: exit status 2 and the message.
@@ -375,5 +375,4 @@ fn law_float_and_dictionary_keys_are_read_as_text() {
         "csv",
     ]));
     assert_eq!(text, "flight,line\n1,1.01\n2,2.01\n2,2.02\n");
-    let _ = with_keys("x", "y", &plain);
 }

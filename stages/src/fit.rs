@@ -301,9 +301,12 @@ fn shares(
     Ok((0..count).map(|i| factor.select(&[i])).collect())
 }
 
-/// The fits of one target, for all lambdas that are asked for.
+/// The path that a fit is on, and its place there.
+type OnPath = (Arc<RidgePath>, usize);
+
+/// The fits of one target, for each lambda.
 struct Solved {
-    path: Vec<(f64, Result<RidgePath, Fault>)>,
+    fits: Vec<(f64, Result<OnPath, Fault>)>,
     n: usize,
     left_out: usize,
 }
@@ -325,18 +328,28 @@ impl Solved {
                 format!("no run of samples with `{}` and all features is long enough to be filtered and trimmed", at.1);
             return Err(Fault::data(what).help("select longer lines, or take a smaller `trim` or `order`"));
         }
-        let path = lambdas.iter().map(|l| (*l, all.solve(&[*l], terms).map_err(data))).collect();
-        Ok(Solved { path, n, left_out: rows - n })
+        let fits = match all.solve(lambdas, terms) {
+            Ok(path) => {
+                let path = Arc::new(path);
+                lambdas.iter().enumerate().map(|(i, l)| (*l, Ok((path.clone(), i)))).collect()
+            }
+            // One that cannot be solved, such as 0 with terms that nothing excites, must not take the others with it.
+            Err(_) => {
+                let alone = |l: &f64| all.solve(&[*l], terms).map(|path| (Arc::new(path), 0)).map_err(data);
+                lambdas.iter().map(|l| (*l, alone(l))).collect()
+            }
+        };
+        Ok(Solved { fits, n, left_out: rows - n })
     }
 
     fn table(&self, point: &Fit) -> Result<Vec<ArrayRef>, Fault> {
-        let found = self.path.iter().find(|(l, _)| l.to_bits() == point.lambda.to_bits());
-        let (_, path) = found.ok_or_else(|| Fault::machine("a fit was lost"))?;
-        let path = path.as_ref().map_err(Clone::clone)?;
-        let solution = path.solutions.first().ok_or_else(|| Fault::machine("a fit was lost"))?;
+        let found = self.fits.iter().find(|(l, _)| l.to_bits() == point.lambda.to_bits());
+        let (_, fit) = found.ok_or_else(|| Fault::machine("a fit was lost"))?;
+        let (path, at) = fit.as_ref().map_err(Clone::clone)?;
+        let solution = path.solutions.get(*at).ok_or_else(|| Fault::machine("a fit was lost"))?;
         let values = solution.coefficients.first().cloned().unwrap_or_default();
         let rows = values.len();
-        let covariance = path.covariance(0, 0).unwrap_or_default();
+        let covariance = path.covariance(*at, 0).unwrap_or_default();
         let std: Vec<f64> = (0..rows).map(|i| covariance.get(i * rows + i).map_or(f64::NAN, |v| v.sqrt())).collect();
         let same = |text: &str| -> ArrayRef { Arc::new(StringArray::from(vec![text; rows])) };
         let count = |n: usize| -> ArrayRef { Arc::new(Int64Array::from(vec![n as i64; rows])) };

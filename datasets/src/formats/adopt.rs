@@ -6,7 +6,7 @@ use arrow_array::{ArrayRef, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema};
 use schemas::{convert, field, flight};
 
-use super::{FlightOptions, Raw, owned};
+use super::{FlightOptions, Raw};
 use crate::ReadError;
 
 /// Units that a column name may end in, longest first where one ends in another.
@@ -57,7 +57,7 @@ pub(super) fn adopt(path: &Path, raw: Raw, options: &FlightOptions) -> Result<Ra
         }
     }
     let schema = Arc::new(Schema::new(fields));
-    let (to, path) = (schema.clone(), owned(path));
+    let (to, path) = (schema.clone(), path.to_path_buf());
     let batches = raw.batches.map(move |batch| {
         let batch = batch?;
         let constant = |v: &String| Arc::new(StringArray::from(vec![v.as_str(); batch.num_rows()])) as ArrayRef;

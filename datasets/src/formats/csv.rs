@@ -5,7 +5,7 @@ use std::{fs::File, path::Path};
 
 use schemas::{Role, flight};
 
-use super::{FlightFormat, FlightOptions, Head, Raw, owned};
+use super::{FlightFormat, FlightOptions, Head, Raw};
 use crate::{
     ReadError,
     table::{Table, Values},
@@ -35,7 +35,7 @@ fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
     let kinds = kinds(path, &names, options)?;
     let schema = table(&names, &kinds, vec![vec![]; names.len()], path, 0)?.schema();
     let mut reader = reader(path)?;
-    let (path, mut row, mut done) = (owned(path), 0, false);
+    let (path, mut row, mut done) = (path.to_path_buf(), 0, false);
     let batches = std::iter::from_fn(move || {
         if done {
             return None;

@@ -8,7 +8,7 @@ use std::{
     fs::File,
     io::Read,
     panic::{AssertUnwindSafe, catch_unwind},
-    path::{Path, PathBuf},
+    path::Path,
 };
 
 use arrow_array::RecordBatch;
@@ -249,11 +249,6 @@ fn choose(head: &Head, named: Option<&str>, known: &[Choice], kind: &str) -> Res
         ReadError::data(head.path, format!("is in no known {kind} format"))
             .help(format!("known here: {}; name one with `format`", names.join(", ")))
     })
-}
-
-/// The path for a closure that outlives the borrow.
-pub(crate) fn owned(path: &Path) -> PathBuf {
-    path.to_path_buf()
 }
 
 /// Runs a decoder that is not ours over bytes that may be damaged: should it panic, that is an error too.

@@ -4,7 +4,7 @@ use std::{fs::File, path::Path};
 
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
-use super::{FlightFormat, FlightOptions, Head, Raw, guarded, owned};
+use super::{FlightFormat, FlightOptions, Head, Raw, guarded};
 use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
@@ -27,7 +27,7 @@ fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
         let reader = builder.with_batch_size(BATCH_ROWS).build();
         reader.map_err(|e| damaged(path, &e.to_string()))
     })?;
-    let path = owned(path);
+    let path = path.to_path_buf();
     let mut reader = Some(reader);
     let batches = std::iter::from_fn(move || {
         let inner = reader.as_mut()?;

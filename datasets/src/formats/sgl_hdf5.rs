@@ -6,7 +6,7 @@ use std::{ops::Range, path::Path};
 use super::{
     FlightFormat, FlightOptions, Head, Raw,
     hdf5::{Hdf5, Values as DataSet},
-    owned, sgl,
+    sgl,
 };
 use crate::{
     ReadError,
@@ -49,7 +49,7 @@ fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
     let ins_angle = sgl::ins_angle(first("lat"), first("ins_lat"));
     let mut lines = lines(&sets, rows)?.into_iter();
     let schema = sgl::finish(path, table(&sets, 0..0, ins_angle)?)?.schema();
-    let path = owned(path);
+    let path = path.to_path_buf();
     let next =
         move || table(&sets, lines.next()?, ins_angle).and_then(|t| sgl::finish(&path, t)?.into_batch(&path)).into();
     let batches = std::iter::from_fn(next);

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{FlightFormat, FlightOptions, Head, Raw, csv::number, owned, sgl};
+use super::{FlightFormat, FlightOptions, Head, Raw, csv::number, sgl};
 use crate::{
     ReadError,
     table::{Table, Values},
@@ -34,7 +34,7 @@ fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
     };
     rows.ins_angle = sgl::ins_angle(value("lat"), value("ins_lat"));
     let schema = sgl::finish(path, rows.table(vec![vec![]; rows.names.len()], 0)?)?.schema();
-    let (path, mut done) = (owned(path), false);
+    let (path, mut done) = (path.to_path_buf(), false);
     let batches = std::iter::from_fn(move || {
         if done {
             return None;
@@ -63,7 +63,7 @@ impl Rows {
     fn open(path: &Path) -> Result<Rows, ReadError> {
         let input = BufReader::new(File::open(path).map_err(|e| ReadError::io(path, &e))?);
         let (names, pending) = (vec![], None);
-        let mut rows = Rows { path: owned(path), input, names, ins_angle: "rad", pending, row: 0, text_line: 0 };
+        let mut rows = Rows { path: path.to_path_buf(), input, names, ins_angle: "rad", pending, row: 0, text_line: 0 };
         let mut header = None;
         while rows.input.fill_buf().map_err(|e| ReadError::io(path, &e))?.first() == Some(&b'/') {
             let Some(line) = rows.text()? else { break };

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{FlightFormat, FlightOptions, Head, Raw, owned};
+use super::{FlightFormat, FlightOptions, Head, Raw};
 use crate::{ReadError, simulate::Simulation};
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
@@ -16,7 +16,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
     let simulation = Simulation::open(path)?;
     let schema = simulation.schema();
-    let (path, mut done) = (owned(path), false);
+    let (path, mut done) = (path.to_path_buf(), false);
     let mut lines = simulation.into_lines();
     let batches = std::iter::from_fn(move || {
         if done {

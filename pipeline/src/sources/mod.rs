@@ -9,7 +9,7 @@ use std::{path::PathBuf, sync::Arc};
 use arrow_array::RecordBatch;
 use arrow_schema::{Schema, SchemaRef};
 use datasets::{FlightOptions, MapOptions, open_flight, read_map};
-use schemas::{Column, Fault, Owner, Shape, canonical::Canonical, describe_field};
+use schemas::{Column, Fault, Shape, canonical::Canonical, describe_field};
 
 pub use files::{Bytes, find, fingerprint};
 pub use ingest::LineRecord;
@@ -151,9 +151,4 @@ impl MapSource {
 pub fn map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
     let names: Vec<&str> = schemas::map::COLUMNS.iter().map(|(n, _)| *n).collect();
     store.get(key, &names)
-}
-
-/// Whether any of `faults` is not the user's to mend.
-pub fn is_machine(faults: &[Fault]) -> bool {
-    faults.iter().any(|f| f.owner == Owner::Machine)
 }
