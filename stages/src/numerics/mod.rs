@@ -19,6 +19,7 @@ pub mod least_squares;
 pub mod map_grid;
 pub mod natural_cubic;
 pub mod pinson;
+pub mod plane_grid;
 pub mod resample;
 pub mod segments;
 pub mod spectrum;
