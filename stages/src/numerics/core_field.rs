@@ -1,4 +1,4 @@
-//! The earth's core field: IGRF-14, its magnitude and the magnitude's gradient.
+//! The earth's core field: IGRF-14 and WMM, as vector and magnitude, at one date or along a track.
 //!
 //! The potential is a sum of solid harmonics in earth-centred Cartesian coordinates (Cunningham's
 //! recursion; Montenbruck & Gill, *Satellite Orbits*, 3.2.4 and 3.2.5), so nothing is singular at
@@ -6,14 +6,16 @@
 //! of the three field components and of the gradient tensor are therefore made once a date, and an
 //! evaluation is one recursion and a few dot products, without allocation.
 //!
-//! Coefficients: IGRF-14, IAGA (doi:10.5281/zenodo.14012302), linear in time between its epochs.
+//! Coefficients: see [`CoreModel`]; linear in time between epochs.
 
 mod coefficients;
+mod track;
 
 use super::field_value::FieldValue;
 use super::geodesy::{EarthModel, ecef_m};
-pub use coefficients::CoreFieldError;
-use coefficients::{REFERENCE_RADIUS_M, TERMS, derivative, gauss_coefficients, index};
+pub use coefficients::{CoreFieldError, CoreModel};
+use coefficients::{REFERENCE_RADIUS_M, TERMS, derivative, index};
+pub use track::{CoreTrack, Ned};
 
 /// The degree of the model's highest harmonics; derivatives go two degrees further.
 const HIGHEST_DEGREE: usize = coefficients::DEGREE + 2;
@@ -44,10 +46,15 @@ struct Directions {
 }
 
 impl CoreField {
-    /// The field at `decimal_year`, from 1900 to 2030. One date serves a whole flight: the field
+    /// IGRF-14 at `decimal_year`, from 1900 to 2030. One date serves a whole flight: the field
     /// changes by 0.3 nT a day at most.
     pub fn at(decimal_year: f64) -> Result<Self, CoreFieldError> {
-        let potential = gauss_coefficients(decimal_year)?;
+        Self::of(CoreModel::Igrf14, decimal_year)
+    }
+
+    /// A model's field at `decimal_year`.
+    pub fn of(model: CoreModel, decimal_year: f64) -> Result<Self, CoreFieldError> {
+        let potential = model.span(decimal_year)?.at(decimal_year);
         let field = [0, 1, 2].map(|axis| derivative(&potential, axis, -1.0));
         let second = |component: usize, axis: usize| derivative(&field[component], axis, 1.0 / REFERENCE_RADIUS_M);
         let tensor = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)].map(|(component, axis)| second(component, axis));

@@ -1,22 +1,114 @@
-//! The Gauss coefficients: read from the embedded file, interpolated in time, differentiated.
+//! The Gauss coefficients: read from the embedded files, linear in time between epochs, differentiated.
+
+use std::sync::OnceLock;
 
 use thiserror::Error;
 
-/// Degree and order of IGRF.
+/// Degree and order of IGRF, the highest of the models.
 pub(super) const DEGREE: usize = 13;
 /// Length of a coefficient vector: cosine and sine of all orders up to two degrees past the model.
 pub(super) const TERMS: usize = (DEGREE + 3) * (DEGREE + 4);
 /// The reference radius of the Gauss coefficients, in metres.
 pub(super) const REFERENCE_RADIUS_M: f64 = 6_371_200.0;
 
-const FILE: &str = include_str!("IGRF14.shc");
+/// A model of the core field.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum CoreModel {
+    /// The International Geomagnetic Reference Field, 14th generation, degree 13, with the definitive and provisional
+    /// coefficients of 1900 to 2025 and the secular variation to 2030. [IAGA, doi:10.5281/zenodo.14012302]
+    #[default]
+    Igrf14,
+    /// The World Magnetic Model, degree 12: WMM2020 from 2020 to 2025, WMM2025 to 2030; a component jumps by
+    /// up to 314 nT where one takes over from the other. [NOAA NCEI and BGS]
+    Wmm,
+}
+
+impl CoreModel {
+    /// The name as people write it.
+    pub fn name(self) -> &'static str {
+        match self {
+            CoreModel::Igrf14 => "IGRF-14",
+            CoreModel::Wmm => "WMM",
+        }
+    }
+
+    /// The epochs of the model, read from the embedded files once.
+    fn spans(self) -> Result<&'static [Span], CoreFieldError> {
+        static IGRF: OnceLock<Result<Vec<Span>, CoreFieldError>> = OnceLock::new();
+        static WMM: OnceLock<Result<Vec<Span>, CoreFieldError>> = OnceLock::new();
+        let spans = match self {
+            CoreModel::Igrf14 => IGRF.get_or_init(|| shc(include_str!("IGRF14.shc"))),
+            CoreModel::Wmm => WMM.get_or_init(|| {
+                Ok(vec![cof(include_str!("WMM2020.COF"), 2025.0)?, cof(include_str!("WMM2025.COF"), 2030.0)?])
+            }),
+        };
+        spans.as_deref().map_err(Clone::clone)
+    }
+
+    /// The years from one epoch to the next that a date lies in; a date on an epoch is in what begins there.
+    pub(super) fn span(self, decimal_year: f64) -> Result<&'static Span, CoreFieldError> {
+        let spans = self.spans()?;
+        let (Some(first), Some(last)) = (spans.first(), spans.last()) else {
+            return Err(CoreFieldError::Coefficients { model: self.name(), line: 0 });
+        };
+        if !(first.from_year..=last.to_year).contains(&decimal_year) {
+            let (first, last) = (first.from_year, last.to_year);
+            return Err(CoreFieldError::Date { model: self.name(), decimal_year, first, last });
+        }
+        Ok(spans.iter().rev().find(|s| s.from_year <= decimal_year).unwrap_or(first))
+    }
+}
+
+/// Coefficients that are linear in time from one epoch to the next.
+#[derive(Clone, Debug)]
+pub(super) struct Span {
+    pub(super) from_year: f64,
+    to_year: f64,
+    /// The coefficients of the potential (divided by the reference radius, in nT) at the first epoch, for harmonics
+    /// that are not normalised; cosine and sine interleaved.
+    at_start: Box<[f64; TERMS]>,
+    /// Their change in nT a year.
+    per_year: Box<[f64; TERMS]>,
+    table: OnceLock<Table>,
+}
+
+/// Coefficients of the field's three earth-centred components and of their change a year, side by side for each term.
+pub(super) type Table = Vec<[f64; 6]>;
+
+impl Span {
+    /// Whether a date is in this span, its end left out.
+    pub(super) fn holds(&self, decimal_year: f64) -> bool {
+        (self.from_year..self.to_year).contains(&decimal_year)
+    }
+
+    /// The coefficients for an evaluation at many dates, made once.
+    pub(super) fn table(&self) -> &Table {
+        self.table.get_or_init(|| {
+            let field = |of: &[f64; TERMS]| [0, 1, 2].map(|axis| derivative(of, axis, -1.0));
+            let (start, rate) = (field(&self.at_start), field(&self.per_year));
+            let all = [&start[0], &start[1], &start[2], &rate[0], &rate[1], &rate[2]];
+            // The sine of order zero multiplies a harmonic that is zero.
+            (0..TERMS).map(|k| all.map(|c| c[k])).collect()
+        })
+    }
+
+    /// The coefficients of the potential at a date.
+    pub(super) fn at(&self, decimal_year: f64) -> Box<[f64; TERMS]> {
+        let years = decimal_year - self.from_year;
+        let mut out = self.at_start.clone();
+        out.iter_mut().zip(self.per_year.iter()).for_each(|(g, rate)| *g += years * rate);
+        out
+    }
+}
 
 /// Why there is no core field.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CoreFieldError {
     /// The date is outside the model's years.
-    #[error("the core field is asked for the year {decimal_year}; IGRF-14 covers {first} to {last}")]
+    #[error("the core field is asked for the year {decimal_year}; {model} covers {first} to {last}")]
     Date {
+        /// The model.
+        model: &'static str,
         /// The date asked for.
         decimal_year: f64,
         /// The model's first year.
@@ -25,8 +117,13 @@ pub enum CoreFieldError {
         last: f64,
     },
     /// The embedded coefficient file is damaged.
-    #[error("the coefficient file of IGRF-14 is damaged in line {0}")]
-    Coefficients(usize),
+    #[error("the coefficient file of {model} is damaged in line {line}")]
+    Coefficients {
+        /// The model.
+        model: &'static str,
+        /// The line, from 1.
+        line: usize,
+    },
 }
 
 /// Position of degree `n` and order `m` in a triangle stored by rows.
@@ -34,57 +131,69 @@ pub(super) const fn index(n: usize, m: usize) -> usize {
     n * (n + 1) / 2 + m
 }
 
-/// The coefficients of the potential (divided by the reference radius, in nT) at a date, for
-/// harmonics that are not normalised; cosine and sine interleaved.
-pub(super) fn gauss_coefficients(decimal_year: f64) -> Result<Box<[f64; TERMS]>, CoreFieldError> {
-    let mut lines = FILE.lines().enumerate().filter(|(_, line)| !line.starts_with('#')).skip(1);
-    let (epoch_line, epochs) = lines.next().ok_or(CoreFieldError::Coefficients(0))?;
-    let epochs = numbers(epochs).ok_or(CoreFieldError::Coefficients(epoch_line + 1))?;
-    let (before, fraction) = bracket(&epochs, decimal_year)?;
-    let mut potential = Box::new([0.0; TERMS]);
+/// The epochs of a file in the SHC format of IGRF: a line of epochs, then degree, order (negative for sines) and a value
+/// for each epoch.
+fn shc(file: &str) -> Result<Vec<Span>, CoreFieldError> {
+    let damaged = |line: usize| CoreFieldError::Coefficients { model: CoreModel::Igrf14.name(), line: line + 1 };
+    let mut lines = file.lines().enumerate().filter(|(_, line)| !line.starts_with('#')).skip(1);
+    let (epoch_line, epochs) = lines.next().ok_or(damaged(0))?;
+    let epochs = numbers(epochs).filter(|e| e.len() > 1).ok_or(damaged(epoch_line))?;
+    let mut tables = vec![Box::new([0.0; TERMS]); epochs.len()];
     for (number, line) in lines {
-        let damaged = CoreFieldError::Coefficients(number + 1);
-        let (place, factor, values) = entry(line).ok_or(damaged.clone())?;
-        let (Some(early), Some(late)) = (values.get(before), values.get(before + 1)) else {
-            return Err(damaged);
-        };
-        potential[place] = factor * (early + fraction * (late - early));
+        let words = numbers(line).ok_or(damaged(number))?;
+        let [degree, order, values @ ..] = words.as_slice() else { return Err(damaged(number)) };
+        let (place, factor) = place(*degree, *order).ok_or(damaged(number))?;
+        if values.len() != epochs.len() {
+            return Err(damaged(number));
+        }
+        tables.iter_mut().zip(values).for_each(|(table, value)| table[place] = factor * value);
     }
-    Ok(potential)
+    let pairs = epochs.windows(2).zip(tables.windows(2));
+    Ok(pairs.map(|(years, tables)| between((years[0], &tables[0]), (years[1], &tables[1]))).collect())
 }
 
-/// The epoch before a date and how far the date is towards the next.
-fn bracket(epochs: &[f64], decimal_year: f64) -> Result<(usize, f64), CoreFieldError> {
-    let (Some(first), Some(last)) = (epochs.first(), epochs.last()) else {
-        return Err(CoreFieldError::Coefficients(0));
+fn between(early: (f64, &[f64; TERMS]), late: (f64, &[f64; TERMS])) -> Span {
+    let mut per_year = Box::new([0.0; TERMS]);
+    for (rate, (a, b)) in per_year.iter_mut().zip(early.1.iter().zip(late.1)) {
+        *rate = (b - a) / (late.0 - early.0);
+    }
+    Span { from_year: early.0, to_year: late.0, at_start: Box::new(*early.1), per_year, table: OnceLock::new() }
+}
+
+/// A file in the COF format of WMM: the epoch, then degree, order, cosine, sine and their changes a year.
+fn cof(file: &str, to_year: f64) -> Result<Span, CoreFieldError> {
+    let damaged = |line: usize| CoreFieldError::Coefficients { model: CoreModel::Wmm.name(), line: line + 1 };
+    let mut lines = file.lines().enumerate();
+    let epoch = lines.next().and_then(|(_, line)| line.split_whitespace().next()?.parse().ok());
+    let mut span = Span {
+        from_year: epoch.ok_or(damaged(0))?,
+        to_year,
+        at_start: Box::new([0.0; TERMS]),
+        per_year: Box::new([0.0; TERMS]),
+        table: OnceLock::new(),
     };
-    if !(*first..=*last).contains(&decimal_year) {
-        return Err(CoreFieldError::Date { decimal_year, first: *first, last: *last });
+    for (number, line) in lines.take_while(|(_, line)| !line.starts_with("9999")) {
+        let words = numbers(line).ok_or(damaged(number))?;
+        let [degree, order, g, h, g_dot, h_dot] = words.as_slice() else { return Err(damaged(number)) };
+        let (place, factor) = place(*degree, *order).ok_or(damaged(number))?;
+        (span.at_start[place], span.at_start[place + 1]) = (factor * g, factor * h);
+        (span.per_year[place], span.per_year[place + 1]) = (factor * g_dot, factor * h_dot);
     }
-    let before = epochs.partition_point(|epoch| *epoch <= decimal_year);
-    let before = before.saturating_sub(1).min(epochs.len().saturating_sub(2));
-    match epochs.get(before..before + 2) {
-        Some([early, late]) => Ok((before, (decimal_year - early) / (late - early))),
-        _ => Err(CoreFieldError::Coefficients(0)),
-    }
+    Ok(span)
 }
 
 fn numbers(line: &str) -> Option<Vec<f64>> {
     line.split_whitespace().map(|word| word.parse().ok()).collect()
 }
 
-/// One line of the file: place in the vector, factor of normalisation, values by epoch.
-fn entry(line: &str) -> Option<(usize, f64, Vec<f64>)> {
-    let mut words = line.split_whitespace();
-    let degree: usize = words.next()?.parse().ok()?;
-    let signed_order: i32 = words.next()?.parse().ok()?;
-    let order = usize::try_from(signed_order.unsigned_abs()).ok()?;
-    if degree > DEGREE || order > degree {
+/// Where a coefficient stands and the factor of its normalisation; a negative order is a sine.
+fn place(degree: f64, signed_order: f64) -> Option<(usize, f64)> {
+    let order = signed_order.abs();
+    if degree.fract() != 0.0 || order.fract() != 0.0 || !(1.0..=DEGREE as f64).contains(&degree) || order > degree {
         return None;
     }
-    let values: Option<Vec<f64>> = words.map(|word| word.parse().ok()).collect();
-    let place = 2 * index(degree, order) + usize::from(signed_order < 0);
-    Some((place, schmidt_factor(degree, order), values?))
+    let (n, m) = (degree as usize, order as usize);
+    Some((2 * index(n, m) + usize::from(signed_order < 0.0), schmidt_factor(n, m)))
 }
 
 /// What turns a Legendre function into a Schmidt semi-normalised one:

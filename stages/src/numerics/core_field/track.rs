@@ -1,0 +1,206 @@
+//! The core field at many places and dates at once: four places share a recursion, in the lanes of a vector register.
+
+use super::{
+    CoreFieldError, CoreModel, Directions, Recursion,
+    coefficients::{REFERENCE_RADIUS_M, Span, Table, index},
+    dot3,
+};
+use crate::numerics::geodesy::ecef_m;
+
+/// Places at a time.
+const LANES: usize = 4;
+/// The field is a gradient, one degree higher than the potential.
+const DEGREE: usize = super::HIGHEST_DEGREE - 1;
+
+type Lanes = [f64; LANES];
+
+/// The field at each place, in nT.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Ned {
+    /// Northward component.
+    pub north_nt: Vec<f64>,
+    /// Eastward component.
+    pub east_nt: Vec<f64>,
+    /// Downward component.
+    pub down_nt: Vec<f64>,
+}
+
+impl Ned {
+    /// The magnitude at each place, in nT.
+    pub fn magnitude_nt(&self) -> Vec<f64> {
+        let three = self.north_nt.iter().zip(&self.east_nt).zip(&self.down_nt);
+        three.map(|((n, e), d)| (n * n + e * e + d * d).sqrt()).collect()
+    }
+}
+
+/// The core field along a track: geodetic latitude and longitude in degrees, height in metres above the WGS-84 ellipsoid,
+/// and the date of every sample.
+pub struct CoreTrack {
+    model: CoreModel,
+    recursion: Recursion,
+}
+
+impl CoreTrack {
+    /// Prepares a model.
+    pub fn new(model: CoreModel) -> Self {
+        Self { model, recursion: Recursion::new() }
+    }
+
+    /// The field (north, east, down; nT) at each place and date; the shortest of the four counts. A place with a
+    /// coordinate or date that is not finite has NaN.
+    ///
+    /// # Errors
+    /// A date that the model does not cover.
+    pub fn field(&self, lat_deg: &[f64], lon_deg: &[f64], alt_m: &[f64], year: &[f64]) -> Result<Ned, CoreFieldError> {
+        self.evaluate(lat_deg, lon_deg, alt_m, year, false)
+    }
+
+    /// The field's change (north, east, down; nT a year), as [`CoreTrack::field`].
+    ///
+    /// # Errors
+    /// A date that the model does not cover.
+    pub fn secular_variation(
+        &self,
+        lat_deg: &[f64],
+        lon_deg: &[f64],
+        alt_m: &[f64],
+        year: &[f64],
+    ) -> Result<Ned, CoreFieldError> {
+        self.evaluate(lat_deg, lon_deg, alt_m, year, true)
+    }
+
+    fn evaluate(
+        &self,
+        lat_deg: &[f64],
+        lon_deg: &[f64],
+        alt_m: &[f64],
+        year: &[f64],
+        rate: bool,
+    ) -> Result<Ned, CoreFieldError> {
+        let n = lat_deg.len().min(lon_deg.len()).min(alt_m.len()).min(year.len());
+        let mut out = Ned { north_nt: vec![f64::NAN; n], east_nt: vec![f64::NAN; n], down_nt: vec![f64::NAN; n] };
+        let finite = |i: usize| [lat_deg[i], lon_deg[i], alt_m[i], year[i]].iter().all(|x| x.is_finite());
+        let mut group = Group::default();
+        let mut span: Option<&Span> = None;
+        for i in (0..n).filter(|i| finite(*i)) {
+            let here = match span {
+                Some(span) if span.holds(year[i]) => span,
+                _ => self.model.span(year[i])?,
+            };
+            if let Some(before) = span.filter(|before| !std::ptr::eq(*before, here)) {
+                self.flush(&mut group, before, rate, &mut out);
+            }
+            span = Some(here);
+            group.push(i, lat_deg[i], lon_deg[i], alt_m[i], year[i] - here.from_year);
+            if group.len == LANES {
+                self.flush(&mut group, here, rate, &mut out);
+            }
+        }
+        if let Some(span) = span {
+            self.flush(&mut group, span, rate, &mut out);
+        }
+        Ok(out)
+    }
+
+    fn flush(&self, group: &mut Group, span: &Span, rate: bool, out: &mut Ned) {
+        if group.len == 0 {
+            return;
+        }
+        let sums = sums(&self.recursion, span.table(), &group.position);
+        for lane in 0..group.len {
+            let row = group.rows[lane];
+            let part = |axis: usize| {
+                let change = sums[axis + 3][lane];
+                if rate { change } else { sums[axis][lane] + group.years[lane] * change }
+            };
+            let field = [part(0), part(1), part(2)];
+            let local = &group.local[lane];
+            out.north_nt[row] = dot3(&field, &local.north);
+            out.east_nt[row] = dot3(&field, &local.east);
+            out.down_nt[row] = -dot3(&field, &local.up);
+        }
+        *group = Group::default();
+    }
+}
+
+/// The places that are evaluated together.
+struct Group {
+    len: usize,
+    rows: [usize; LANES],
+    position: [Lanes; 3],
+    years: Lanes,
+    local: [Directions; LANES],
+}
+
+impl Default for Group {
+    fn default() -> Self {
+        // A lane without a place holds one on the reference sphere, so that nothing overflows.
+        let unused = [[REFERENCE_RADIUS_M; LANES], [0.0; LANES], [0.0; LANES]];
+        let local = [(); LANES].map(|()| Directions::at(0.0, 0.0));
+        Self { len: 0, rows: [0; LANES], position: unused, years: [0.0; LANES], local }
+    }
+}
+
+impl Group {
+    fn push(&mut self, row: usize, lat_deg: f64, lon_deg: f64, alt_m: f64, years: f64) {
+        let (lat, lon) = (lat_deg.to_radians(), lon_deg.to_radians());
+        let lane = self.len;
+        for (axis, coordinate) in self.position.iter_mut().zip(ecef_m(lat, lon, alt_m)) {
+            axis[lane] = coordinate;
+        }
+        self.rows[lane] = row;
+        self.years[lane] = years;
+        self.local[lane] = Directions::at(lat, lon);
+        self.len += 1;
+    }
+}
+
+/// The sums over all harmonics of each column of the table, in the lanes of the places.
+fn sums(recursion: &Recursion, table: &Table, position_m: &[Lanes; 3]) -> [Lanes; 6] {
+    pulp::Arch::new().dispatch(
+        #[inline(always)]
+        || summed(recursion, table, position_m),
+    )
+}
+
+/// The recursion of [`Recursion::harmonics`], degree by degree; what a degree gives is added at once, so that no more
+/// than three degrees are kept. The order of operations is that of the source whatever the register's width.
+#[inline(always)]
+fn summed(recursion: &Recursion, table: &Table, position_m: &[Lanes; 3]) -> [Lanes; 6] {
+    const WIDTH: usize = DEGREE + 1;
+    let [px, py, pz] = position_m;
+    let radius_squared = lanes(|l| px[l] * px[l] + py[l] * py[l] + pz[l] * pz[l]);
+    let scale = lanes(|l| REFERENCE_RADIUS_M / radius_squared[l]);
+    let (x, y, z) = (lanes(|l| px[l] * scale[l]), lanes(|l| py[l] * scale[l]), lanes(|l| pz[l] * scale[l]));
+    let ratio = lanes(|l| REFERENCE_RADIUS_M * scale[l]);
+    let zero = [[[0.0; LANES]; 2]; WIDTH];
+    let (mut two, mut one, mut here) = (zero, zero, zero);
+    one[0][0] = lanes(|l| ratio[l].sqrt());
+    let mut sums = [[0.0; LANES]; 6];
+    for n in 1..=DEGREE {
+        for m in 0..n {
+            let k = index(n, m);
+            let (back, further) = (recursion.one_back[k], recursion.two_back[k]);
+            for part in 0..2 {
+                let (a, b) = (&one[m][part], &two[m][part]);
+                here[m][part] = lanes(|l| z[l] * back * a[l] - ratio[l] * further * b[l]);
+            }
+        }
+        let factor = 2.0 * n as f64 - 1.0;
+        let [v, w] = one[n - 1];
+        here[n] = [lanes(|l| factor * (x[l] * v[l] - y[l] * w[l])), lanes(|l| factor * (x[l] * w[l] + y[l] * v[l]))];
+        let entries = &table[2 * index(n, 0)..2 * index(n + 1, 0)];
+        for (coefficients, [v, w]) in entries.as_chunks::<2>().0.iter().zip(&here) {
+            for (sum, (c, s)) in sums.iter_mut().zip(coefficients[0].iter().zip(&coefficients[1])) {
+                *sum = lanes(|l| sum[l] + (c * v[l] + s * w[l]));
+            }
+        }
+        (two, one, here) = (one, here, two);
+    }
+    sums
+}
+
+#[inline(always)]
+fn lanes(of: impl Fn(usize) -> f64) -> Lanes {
+    [of(0), of(1), of(2), of(3)]
+}
