@@ -11,7 +11,7 @@ mod osborne;
 
 use normals::Normals;
 use osborne::{Line, core_field, grid, temporal_nt};
-use stages::numerics::core_field::{CoreField, LinearisedCoreField};
+use stages::numerics::core_field::{CoreField, CoreModel, CoreTrack, LinearisedCoreField};
 use stages::numerics::ekf::{EkfOutput, EkfParameters, run};
 use stages::numerics::geodesy::EarthModel;
 use stages::numerics::ins_error::{InsErrorModel, simulate_ins_error};
@@ -132,6 +132,18 @@ fn core_evaluations(core: &CoreField, line: &Line) {
         fields.map(|field| field.value_nt + field.d_lat_nt_per_rad).sum::<f64>()
     });
     println!("core field magnitude and gradient: {:.2} million/s", few as f64 / time_s / 1e6);
+    let n = few.min(line.columns[1].len());
+    let (lat, lon) = (&line.columns[1][..n], &line.columns[2][..n]);
+    let (alt, year) = (vec![500.0; n], (0..n).map(|k| 2023.4 + 1e-9 * k as f64).collect::<Vec<_>>());
+    let track = CoreTrack::new(CoreModel::Igrf14);
+    let (time_s, field) =
+        median_s(|| track.field(lat, lon, &alt, &year).map(|ned| ned.magnitude_nt()).unwrap_or_default());
+    let mean = field.iter().sum::<f64>() / field.len() as f64;
+    assert!((mean - 50_900.0).abs() < 500.0, "{mean}");
+    println!(
+        "core field vector and magnitude along the track, each sample's date: {:.2} million/s",
+        n as f64 / time_s / 1e6
+    );
     let (time_s, near) = median_s(|| {
         let mut near = LinearisedCoreField::new(core.clone());
         places(line).map(|(lat, lon)| near.magnitude_and_gradient(lat, lon, 500.0).value_nt).sum::<f64>()

@@ -10,6 +10,8 @@ mod a_matrix;
 mod bandpass;
 mod columns;
 mod compensate;
+mod core_field;
+mod dates;
 mod fit;
 mod navigate;
 mod resample;
@@ -21,6 +23,7 @@ use schemas::Entry;
 pub fn catalogue() -> Vec<Entry> {
     vec![
         resample::Resample::entry(),
+        core_field::CoreFieldStage::entry(),
         bandpass::Bandpass::entry(),
         a_matrix::AMatrix::entry(),
         fit::Fit::entry(),

@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
-use arrow_array::{ArrayRef, Int64Array, RecordBatch, StringArray, cast::AsArray, types::Int64Type};
+use arrow_array::{ArrayRef, RecordBatch, StringArray};
 use schemas::{Column, Fault, LineIn, Passes, Prepared, Rule, Shape, Stage, Table, Yield, stage};
 
 use crate::{
     columns::{array, data, faults_of, floats, list, shape},
+    dates::{dated_by_flight, first_year},
     numerics::{
         core_field::CoreField,
-        dates::decimal_year,
         ekf::{self, EkfOutput, EkfParameters},
         ins_error::InsErrorModel,
         ins_series::InsSeries,
@@ -156,7 +156,7 @@ impl Navigate {
     }
 
     fn dated_by_flight(&self, shape: &Shape) -> bool {
-        self.core_field && self.decimal_year.is_none() && ["year", "doy"].iter().all(|c| shape.get(c).is_some())
+        self.core_field && self.decimal_year.is_none() && dated_by_flight(shape)
     }
 
     fn notes(&self, shape: &Shape) -> Vec<String> {
@@ -174,32 +174,17 @@ impl Navigate {
         notes
     }
 
-    fn core(&self, batch: &RecordBatch, tt: &[f64]) -> Result<Option<CoreField>, Fault> {
+    fn core(&self, batch: &RecordBatch) -> Result<Option<CoreField>, Fault> {
         if !self.core_field {
             return Ok(None);
         }
         let year = match (self.decimal_year, batch.column_by_name("year").is_some()) {
             (Some(year), _) => year,
             (None, false) => DEFAULT_YEAR,
-            (None, true) => {
-                let (year, day) = (whole(batch, "year")?, whole(batch, "doy")?);
-                let (y, d) = (i32::try_from(year).unwrap_or(0), u32::try_from(day).unwrap_or(0));
-                decimal_year(y, d, tt.first().copied().unwrap_or(0.0)).map_err(|e| data(e).in_column("doy"))?
-            }
+            (None, true) => first_year(batch)?,
         };
         CoreField::at(year).map(Some).map_err(data)
     }
-}
-
-/// The first value of a column of whole numbers, kept as such or as floats.
-fn whole(batch: &RecordBatch, name: &str) -> Result<i64, Fault> {
-    let array = batch.column_by_name(name).ok_or_else(|| Fault::data("is missing").in_column(name))?;
-    if let Some(whole) = array.as_primitive_opt::<Int64Type>() {
-        let whole: &Int64Array = whole;
-        return whole.iter().flatten().next().ok_or_else(|| Fault::data("has no value").in_column(name));
-    }
-    let first = floats(batch, name)?.iter().copied().find(|x| x.is_finite());
-    first.map(|x| x as i64).ok_or_else(|| Fault::data("has no value").in_column(name))
 }
 
 impl Stage for Navigate {
@@ -291,7 +276,7 @@ impl Stage for Navigate {
             yaw_deg: &attitude[2],
         };
         let measured = floats(batch, &self.mag)?;
-        let core = self.core(batch, tt)?;
+        let core = self.core(batch)?;
         let output = ekf::run(&self.parameters(), &ins, measured, map, core.as_ref()).map_err(data)?;
         if output.report.updates == 0 {
             let what = format!(

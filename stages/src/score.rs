@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// What can be scored: name, unit, what it needs, meaning.
-const METRICS: [(&str, &str, Need, &str); 18] = [
+const METRICS: [(&str, &str, Need, &str); 22] = [
     ("std_error", "nT", Need::Truth, "standard deviation of compensated minus truth"),
     ("bias_error", "nT", Need::Truth, "mean of compensated minus truth"),
     ("rms_error", "nT", Need::Truth, "root mean square of compensated minus truth"),
@@ -46,10 +46,24 @@ const METRICS: [(&str, &str, Need, &str); 18] = [
     ("samples_missing", "1", Need::Innovation, "samples without a measurement"),
     ("samples_off_map", "1", Need::Innovation, "samples off the map or in an unknown cell"),
     ("samples_gated", "1", Need::Innovation, "measurements that the innovation gate left out"),
+    (
+        "map_std_error",
+        "nT",
+        Need::MapError,
+        "standard deviation of the compensated signal, less core field and diurnal variation, minus the map",
+    ),
+    ("map_bias_error", "nT", Need::MapError, "mean of the same"),
+    ("map_gradient_along_track", "nT/m", Need::Map, "root mean square slope of the map along the track"),
+    (
+        "map_position_bound",
+        "m",
+        Need::Map,
+        "least root mean square horizontal error with which a constant offset of the line can be found on the map",
+    ),
 ];
 
-const NAMES: [&str; 18] = {
-    let mut names = [""; 18];
+const NAMES: [&str; 22] = {
+    let mut names = [""; 22];
     let mut i = 0;
     while i < names.len() {
         names[i] = METRICS[i].0;
@@ -73,6 +87,10 @@ enum Need {
     Ins,
     /// A track's innovations.
     Innovation,
+    /// The map's value and slopes at the samples.
+    Map,
+    /// These, the compensated signal and the core field.
+    MapError,
 }
 
 stage! {
@@ -85,6 +103,12 @@ stage! {
     ///
     /// With `truth` the errors are against it; without, `std_uncompensated` and the ratios are those of the signals
     /// themselves, geology and all.
+    ///
+    /// With a table of `map_value` the map is scored: how well the signal less `igrf` (and `diurnal`, where there is one)
+    /// follows it, how steep it is along the track, and what can be expected of navigating by it. `map_position_bound` is
+    /// the Cramer-Rao bound for a constant horizontal offset when a constant of the measurement is unknown as well and
+    /// each sample errs by `map_sigma_nt` independently; errors that last, as those of maps and of the temporal variation
+    /// do, make it worse.
     ///
     /// Source: thesis 000, (3.45), (3.46); thesis 001, (66); thesis 004, (2.39) to (2.41).
     Score = "score", version 1, grain Line, inputs [input: ManyLines];
@@ -100,6 +124,8 @@ stage! {
     high_hz: f64, unit "Hz", default 0.9, rule Rule::NotNegative;
     /// The order of that filter.
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
+    /// The error of a sample, for `map_position_bound`.
+    map_sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;
 }
 
 /// The table in which a column is found.
@@ -124,6 +150,9 @@ impl Score {
             position: at("lat", Some(Role::Truth)).zip(at("lon", Some(Role::Truth))).map(|(a, b)| (a.0, [a.1, b.1])),
             ins: at("ins_lat", None).zip(at("ins_lon", None)).map(|(a, b)| (a.0, [a.1, b.1])),
             track,
+            map: find(shapes, named(MAP[0], None)).filter(|i| MAP.iter().all(|n| shapes[*i].get(n).is_some())),
+            core: at("igrf", None),
+            diurnal: at("diurnal", None),
         }
     }
 
@@ -132,7 +161,12 @@ impl Score {
         let mag = || places.mag.is_none().then(|| format!("a table with `{}`", self.mag));
         let position = || places.position.is_none().then(|| "true positions `lat` and `lon`".to_owned());
         let track = || places.track.is_none().then(|| "a track of `navigate`".to_owned());
+        let map = || places.map.is_none().then(|| "a table of `map_value`".to_owned());
         match need {
+            Need::Map => map().or_else(position),
+            Need::MapError => map()
+                .or_else(mag)
+                .or_else(|| places.core.is_none().then(|| "the core field `igrf`, of stage `core_field`".to_owned())),
             Need::Truth => mag().or_else(|| places.truth.is_none().then(|| "`truth`".to_owned())),
             Need::Aircraft => {
                 mag().or_else(|| places.aircraft.is_none().then(|| "`mag_aircraft` of `compensate`".to_owned()))
@@ -158,8 +192,13 @@ struct Places {
     position: Option<(usize, [String; 2])>,
     ins: Option<(usize, [String; 2])>,
     track: Option<usize>,
+    map: Option<usize>,
+    core: Option<(usize, String)>,
+    diurnal: Option<(usize, String)>,
 }
 
+/// What `map_value` makes: the map and its slopes north and east.
+const MAP: [&str; 3] = ["map_anomaly", "map_grad_n", "map_grad_e"];
 const TRACK: [&str; 8] = ["lat", "lon", "alt", "sd_n", "sd_e", "cov_ne", "nis", "update"];
 
 impl Stage for Score {
@@ -190,8 +229,13 @@ impl Stage for Score {
                 reads[i].push(name.to_owned());
             }
         };
-        for (i, name) in [&places.mag, &places.aircraft, &places.truth].into_iter().flatten() {
+        let Places { mag, aircraft, truth, core, diurnal, .. } = &places;
+        for (i, name) in [mag, aircraft, truth].into_iter().flatten() {
             add(*i, name);
+        }
+        if let Some(map) = places.map {
+            [core, diurnal].into_iter().flatten().for_each(|(i, name)| add(*i, name));
+            MAP.iter().for_each(|n| add(map, n));
         }
         for (i, names) in [&places.position, &places.ins].into_iter().flatten() {
             names.iter().for_each(|n| add(*i, n));
@@ -314,8 +358,39 @@ impl Scored<'_> {
             }
             "nees" => self.nees(),
             "nis" => Ok(statistics::mean(self.track("nis")?)),
+            "map_std_error" => self.map_error().map(|s| Figure { value: s.std, n: s.n }),
+            "map_bias_error" => self.map_error().map(|s| Figure { value: s.mean, n: s.n }),
+            "map_gradient_along_track" => self.map_gradient(),
+            "map_position_bound" => {
+                Ok(statistics::offset_bound(self.map("map_grad_n")?, self.map("map_grad_e")?, self.stage.map_sigma_nt))
+            }
             counted => self.count(counted.trim_start_matches("samples_")),
         }
+    }
+
+    fn map(&self, name: &str) -> Result<&[f64], Fault> {
+        let i = self.places.map.ok_or_else(|| Fault::data("the map's values are missing"))?;
+        floats(&self.line.inputs[i], name)
+    }
+
+    /// The compensated anomaly against the map.
+    fn map_error(&self) -> Result<statistics::Summary, Fault> {
+        let (mag, core) = (self.at(&self.places.mag)?, self.at(&self.places.core)?);
+        let diurnal = if self.places.diurnal.is_some() { Some(self.at(&self.places.diurnal)?) } else { None };
+        let anomaly = |(i, (mag, core)): (usize, (&f64, &f64))| mag - core - diurnal.map_or(0.0, |d| d[i]);
+        let anomaly: Vec<f64> = mag.iter().zip(core).enumerate().map(anomaly).collect();
+        Ok(statistics::error_summary(&anomaly, self.map("map_anomaly")?))
+    }
+
+    /// The slope of the map in the direction of flight, from one sample to the next.
+    fn map_gradient(&self) -> Result<Figure, Fault> {
+        let (lat, lon) = self.pair(&self.places.position)?;
+        let (north, east) = (self.map("map_grad_n")?, self.map("map_grad_e")?);
+        let along = (1..lat.len()).map(|i| {
+            let (n, e) = EarthModel::default().offset_ne_m((lat[i - 1], lon[i - 1]), (lat[i], lon[i]), 0.0);
+            (north[i] * n + east[i] * e) / n.hypot(e)
+        });
+        Ok(statistics::rms(&along.collect::<Vec<_>>()))
     }
 
     /// The signal before and after compensation, less the truth where there is one.

@@ -1,5 +1,7 @@
 //! `magline sql`: DataFusion over every table of a store, as `<pipeline>.<table>`.
 
+mod functions;
+
 use std::{path::Path, sync::Arc};
 
 use arrow_array::RecordBatch;
@@ -18,7 +20,7 @@ use schemas::Fault;
 /// The answer to `query` over the store at `root`.
 ///
 /// # Errors
-/// When the store has no tables, or the query is wrong.
+/// When the query is wrong, or asks for a table that the store does not have.
 pub fn sql(root: &Path, query: &str) -> Result<(SchemaRef, Vec<RecordBatch>), Fault> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
     let runtime = runtime.map_err(|e| Fault::machine(e.to_string()))?;
@@ -27,8 +29,9 @@ pub fn sql(root: &Path, query: &str) -> Result<(SchemaRef, Vec<RecordBatch>), Fa
 
 async fn ask(root: &Path, query: &str) -> Result<(SchemaRef, Vec<RecordBatch>), Fault> {
     let context = SessionContext::new_with_config(SessionConfig::new().with_information_schema(true));
+    functions::register(&context);
     let known = register(&context, root).await?;
-    let wrong = |e: DataFusionError| explain(&e, &known);
+    let wrong = |e: DataFusionError| explain(&e, &known, root);
     let frame = context.sql(query).await.map_err(wrong)?;
     let schema: SchemaRef = Arc::new(frame.schema().as_arrow().clone());
     let batches = frame.collect().await.map_err(wrong)?;
@@ -57,10 +60,6 @@ async fn register(context: &SessionContext, root: &Path) -> Result<Vec<String>, 
         }
         catalog.register_schema(&pipeline, schema).map_err(|e| fail(&e))?;
     }
-    if known.is_empty() {
-        let fault = Fault::new(format!("there are no tables in the store {}", root.display()));
-        return Err(fault.help("run a spec first, and name its store with `--store`"));
-    }
     Ok(known)
 }
 
@@ -76,11 +75,14 @@ fn folders_or_files(folder: &Path) -> usize {
 }
 
 /// DataFusion's complaint, with the tables or columns there are.
-fn explain(e: &DataFusionError, known: &[String]) -> Fault {
+fn explain(e: &DataFusionError, known: &[String], root: &Path) -> Fault {
     let text = e.strip_backtrace();
     let text = text.lines().next().unwrap_or_default().to_owned();
     let fault = Fault::new(format!("the query cannot be answered: {text}"));
-    if text.contains("not found") && text.contains("table") {
+    if text.contains("not found") && text.contains("table") && known.is_empty() {
+        let fault = Fault::new(format!("there are no tables in the store {}", root.display()));
+        fault.help("run a spec first, and name its store with `--store`")
+    } else if text.contains("not found") && text.contains("table") {
         fault.help(format!("there are: {}", known.join(", ")))
     } else {
         fault

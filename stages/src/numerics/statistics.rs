@@ -69,6 +69,29 @@ pub fn rms(x: &[f64]) -> Figure {
     Figure { value: rms, n }
 }
 
+/// The least root mean square horizontal error, in metres, with which a constant offset of a track can be found on a map
+/// whose slopes at the samples are `north` and `east` (nT/m), when each sample of the measurement errs by `sigma_nt`
+/// independently and a constant of it is unknown too: √ trace(J⁻¹) of the Fisher information J, the covariance of the
+/// slopes times n/σ². NaN where the slopes do not change in two directions. [Cramér-Rao bound; Kay 1993, 3.7]
+///
+/// Rows where either is not finite are left out.
+pub fn offset_bound(north: &[f64], east: &[f64], sigma_nt: f64) -> Figure {
+    let known = || north.iter().zip(east).filter(|(n, e)| n.is_finite() && e.is_finite());
+    let n = known().count();
+    let mean = |of: fn((&f64, &f64)) -> f64| known().map(of).sum::<f64>() / n as f64;
+    let (mean_n, mean_e) = (mean(|(n, _)| *n), mean(|(_, e)| *e));
+    let (mut nn, mut ne, mut ee) = (0.0, 0.0, 0.0);
+    for (n, e) in known().map(|(n, e)| (n - mean_n, e - mean_e)) {
+        nn += n * n;
+        ne += n * e;
+        ee += e * e;
+    }
+    let determinant = nn * ee - ne * ne;
+    let singular = determinant <= 1e-12 * nn * ee || n < 3;
+    let value = if singular { f64::NAN } else { sigma_nt * ((nn + ee) / determinant).sqrt() };
+    Figure { value, n }
+}
+
 /// The distance root mean square √(mean(north² + east²)) of position errors in metres.
 ///
 /// Errors are taken about the truth, not about their mean: a constant offset counts. Rows where
@@ -166,6 +189,22 @@ mod tests {
     fn law_drms_counts_a_constant_offset_and_leaves_out_nan() {
         let figure = drms(&[3.0, 3.0, f64::NAN], &[4.0, 4.0, 0.0]);
         assert_eq!(figure, Figure { value: 5.0, n: 2 });
+    }
+
+    #[test]
+    fn law_an_offset_found_by_least_squares_is_as_good_as_the_bound() {
+        let n = 400;
+        let north: Vec<f64> = (0..n).map(|k| 0.03 * (0.11 * f64::from(k)).sin()).collect();
+        let east: Vec<f64> = (0..n).map(|k| 0.02 * (0.07 * f64::from(k)).cos() + 0.01).collect();
+        let bound = offset_bound(&north, &east, 5.0);
+        let design = nalgebra::DMatrix::from_fn(n as usize, 3, |k, j| [north[k], east[k], 1.0][j]);
+        let covariance = (design.transpose() * &design).try_inverse().unwrap() * 25.0;
+        let drms = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
+        assert!((bound.value / drms - 1.0).abs() < 1e-10, "{bound:?} {drms}");
+        assert_eq!(bound.n, 400);
+        // One slope all along the line says nothing; nor does one direction alone.
+        assert!(offset_bound(&[0.1; 9], &[0.2; 9], 5.0).value.is_nan());
+        assert!(offset_bound(&north, &north, 5.0).value.is_nan());
     }
 
     #[test]

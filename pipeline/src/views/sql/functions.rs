@@ -1,0 +1,92 @@
+//! The functions of the field that SQL knows: the earth's core field.
+
+use std::sync::Arc;
+
+use arrow_array::{Array, ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
+use arrow_schema::DataType;
+use datafusion::{
+    common::exec_datafusion_err,
+    error::DataFusionError,
+    logical_expr::{ColumnarValue, ScalarFunctionArgs, ScalarUDF, ScalarUDFImpl, Signature, Volatility},
+    prelude::SessionContext,
+};
+use stages::numerics::core_field::{CoreModel, CoreTrack};
+
+/// Makes the functions known:
+/// `igrf(lat, lon, alt, decimal_year)` and `wmm(...)`, the magnitude of the core field in nT at a place in degrees and
+/// metres above the WGS-84 ellipsoid; and `igrf_n`, `igrf_e`, `igrf_d`, `wmm_n`, `wmm_e`, `wmm_d`, its components.
+/// Where an argument is null or NaN, so is the answer.
+pub fn register(context: &SessionContext) {
+    for (model, word) in [(CoreModel::Igrf14, "igrf"), (CoreModel::Wmm, "wmm")] {
+        for (part, suffix) in [(Part::Magnitude, ""), (Part::North, "_n"), (Part::East, "_e"), (Part::Down, "_d")] {
+            context.register_udf(ScalarUDF::new_from_impl(CoreFieldFunction::new(
+                model,
+                part,
+                format!("{word}{suffix}"),
+            )));
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Part {
+    Magnitude,
+    North,
+    East,
+    Down,
+}
+
+#[derive(Debug, PartialEq, Eq, Hash)]
+struct CoreFieldFunction {
+    model: CoreModel,
+    part: Part,
+    name: String,
+    signature: Signature,
+}
+
+impl CoreFieldFunction {
+    fn new(model: CoreModel, part: Part, name: String) -> Self {
+        let signature = Signature::exact(vec![DataType::Float64; 4], Volatility::Immutable);
+        Self { model, part, name, signature }
+    }
+}
+
+impl ScalarUDFImpl for CoreFieldFunction {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn signature(&self) -> &Signature {
+        &self.signature
+    }
+
+    fn return_type(&self, _: &[DataType]) -> Result<DataType, DataFusionError> {
+        Ok(DataType::Float64)
+    }
+
+    fn invoke_with_args(&self, args: ScalarFunctionArgs) -> Result<ColumnarValue, DataFusionError> {
+        let arrays = ColumnarValue::values_to_arrays(&args.args)?;
+        let numbers: Vec<Vec<f64>> = arrays.iter().map(numbers).collect();
+        let [lat, lon, alt, year] = numbers.as_slice() else {
+            return Err(exec_datafusion_err!("{} takes lat, lon, alt and decimal_year", self.name));
+        };
+        let field = CoreTrack::new(self.model).field(lat, lon, alt, year);
+        let field = field.map_err(|e| exec_datafusion_err!("{}: {e}", self.name))?;
+        let values = match self.part {
+            Part::Magnitude => field.magnitude_nt(),
+            Part::North => field.north_nt,
+            Part::East => field.east_nt,
+            Part::Down => field.down_nt,
+        };
+        let known = values.into_iter().map(|v| Some(v).filter(|v| v.is_finite()));
+        Ok(ColumnarValue::Array(Arc::new(known.collect::<Float64Array>())))
+    }
+}
+
+/// The numbers of an argument, NaN where it is null.
+fn numbers(array: &ArrayRef) -> Vec<f64> {
+    match array.as_primitive_opt::<Float64Type>() {
+        Some(array) => array.iter().map(|x| x.unwrap_or(f64::NAN)).collect(),
+        None => vec![f64::NAN; array.len()],
+    }
+}

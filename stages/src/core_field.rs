@@ -1,0 +1,141 @@
+//! Appends the earth's core field.
+
+use arrow_array::{ArrayRef, RecordBatch};
+use nalgebra::Vector3;
+use schemas::{Column, Fault, LineIn, Rule, Shape, Stage, Table, Yield, stage};
+
+use crate::{
+    columns::{array, data, faults_of, floats, shape},
+    dates::{dated_by_flight, years},
+    numerics::{
+        attitude::body_to_ned,
+        core_field::{CoreModel, CoreTrack, Ned},
+    },
+};
+
+stage! {
+    /// Appends the earth's core field at every sample: the magnitude `igrf`, the components `igrf_n`, `igrf_e`, `igrf_d`
+    /// (north, east, down) and, where there is an attitude, `igrf_x`, `igrf_y`, `igrf_z` in the body frame (nose, right
+    /// wing, down). `column` gives another name; a column that the flight has under such a name is replaced.
+    ///
+    /// The date is that of the sample: the flight's `year`, `doy` and `tt`, or `decimal_year` for all. Heights are above
+    /// the WGS-84 ellipsoid. A sample whose position is NaN gets NaN, and so do the body components where the attitude is.
+    ///
+    /// It refuses a flight whose date neither the flight nor the spec says, and a date that the model does not cover.
+    ///
+    /// Source: IGRF-14 (IAGA, doi:10.5281/zenodo.14012302); WMM2020 and WMM2025 (NOAA NCEI and BGS).
+    CoreFieldStage = "core_field", version 1, grain Line, inputs [input: Lines];
+    /// The model: `igrf` (IGRF-14, 1900 to 2030) or `wmm` (the World Magnetic Model, 2020 to 2030).
+    model: String, unit "", default "igrf", rule Rule::OneOf(&["igrf", "wmm"]);
+    /// The name of the magnitude, from which the others are made.
+    column: String, unit "", default "igrf";
+    /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS.
+    position: String, unit "", default "truth", rule Rule::OneOf(&["truth", "ins"]);
+    /// Whose attitude turns the field into the body frame; left out, that of the INS, else the true one, where the flight
+    /// has it.
+    attitude: Option<String>, unit "", rule Rule::OneOf(&["truth", "ins", "none"]);
+    /// The date of all samples, before the flight's own.
+    decimal_year: Option<f64>, unit "a", rule Rule::Between(1900.0, 2030.0);
+}
+
+const PLACES: [(&str, [&str; 3]); 2] = [("truth", ["lat", "lon", "alt"]), ("ins", ["ins_lat", "ins_lon", "ins_alt"])];
+const ATTITUDES: [(&str, [&str; 3]); 2] =
+    [("ins", ["ins_roll", "ins_pitch", "ins_yaw"]), ("truth", ["roll", "pitch", "yaw"])];
+
+/// The columns that a word in a parameter stands for.
+pub(crate) fn named(of: &[(&str, [&'static str; 3])], word: &str) -> [&'static str; 3] {
+    of.iter().find(|(name, _)| *name == word).map_or([""; 3], |(_, columns)| *columns)
+}
+
+/// Position columns of `truth` or `ins`.
+pub(crate) fn place_columns(word: &str) -> [&'static str; 3] {
+    named(&PLACES, word)
+}
+
+impl CoreFieldStage {
+    /// The attitude's columns; `None` where there is to be no body frame.
+    fn attitude_columns(&self, shape: &Shape) -> Option<[&'static str; 3]> {
+        match self.attitude.as_deref() {
+            Some("none") => None,
+            Some(word) => Some(named(&ATTITUDES, word)),
+            None => ATTITUDES.iter().map(|(_, c)| *c).find(|c| c.iter().all(|n| shape.get(n).is_some())),
+        }
+    }
+
+    fn made(&self, reads: &[String], body: bool) -> Vec<Column> {
+        let name = &self.column;
+        let column =
+            |suffix: &str, doc: &str| Column::float(format!("{name}{suffix}"), "nT", doc.to_owned()).from(0, reads);
+        let mut made = vec![
+            column("", "core-field magnitude"),
+            column("_n", "core field, northward"),
+            column("_e", "core field, eastward"),
+            column("_d", "core field, downward"),
+        ];
+        if body {
+            made.push(column("_x", "core field, body frame, towards the nose"));
+            made.push(column("_y", "core field, body frame, towards the right wing"));
+            made.push(column("_z", "core field, body frame, downwards"));
+        }
+        made
+    }
+}
+
+impl Stage for CoreFieldStage {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let place = place_columns(&self.position);
+        let units = ["deg", "deg", "m"];
+        let mut faults = faults_of(place.iter().zip(units).map(|(c, unit)| shape.number(c, unit)), "position");
+        let attitude = self.attitude_columns(shape);
+        faults.extend(faults_of(attitude.iter().flatten().map(|c| shape.number(c, "deg")), "attitude"));
+        let dated = dated_by_flight(shape);
+        if self.decimal_year.is_none() && !dated {
+            let what = "the core field needs a date, but the flight has no `year` and `doy`";
+            faults.push(Fault::new(what).help("say `decimal_year`, such as 2020.5").of_param("decimal_year"));
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let mut reads: Vec<String> = place.iter().chain(attitude.iter().flatten()).map(|c| (*c).to_owned()).collect();
+        if self.decimal_year.is_none() {
+            reads.extend(["tt", "year", "doy"].map(str::to_owned));
+        }
+        Ok(Yield::append(self.made(&reads, attitude.is_some()), &reads))
+    }
+
+    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+        let batch = &line.inputs[0];
+        let [lat, lon, alt] = place_columns(&self.position);
+        let (lat, lon, alt) = (floats(batch, lat)?, floats(batch, lon)?, floats(batch, alt)?);
+        let year = match self.decimal_year {
+            Some(year) => vec![year; lat.len()],
+            None => years(batch)?,
+        };
+        let model = if self.model == "wmm" { CoreModel::Wmm } else { CoreModel::Igrf14 };
+        let field = CoreTrack::new(model).field(lat, lon, alt, &year).map_err(|e| data(e).in_column("year"))?;
+        let shape = Shape {
+            columns: batch.schema().fields().iter().map(|f| schemas::describe_field(f)).collect(),
+            rate_hz: None,
+        };
+        let body = self.attitude_columns(&shape).map(|attitude| in_body_frame(batch, attitude, &field)).transpose()?;
+        let magnitude = field.magnitude_nt();
+        let mut arrays = vec![array(magnitude), array(field.north_nt), array(field.east_nt), array(field.down_nt)];
+        arrays.extend(body.into_iter().flatten().map(array));
+        Ok(arrays)
+    }
+}
+
+/// The field's components towards nose, right wing and down.
+fn in_body_frame(batch: &RecordBatch, attitude: [&str; 3], field: &Ned) -> Result<[Vec<f64>; 3], Fault> {
+    let [roll, pitch, yaw] = attitude;
+    let (roll, pitch, yaw) = (floats(batch, roll)?, floats(batch, pitch)?, floats(batch, yaw)?);
+    let mut body = [(); 3].map(|()| Vec::with_capacity(roll.len()));
+    for i in 0..roll.len() {
+        let turn = body_to_ned(roll[i].to_radians(), pitch[i].to_radians(), yaw[i].to_radians());
+        let ned = Vector3::new(field.north_nt[i], field.east_nt[i], field.down_nt[i]);
+        let xyz = turn.tr_mul(&ned);
+        body.iter_mut().zip(xyz.iter()).for_each(|(column, x)| column.push(*x));
+    }
+    Ok(body)
+}

@@ -1,0 +1,55 @@
+//! The date of a flight's samples, from its columns `year`, `doy` and `tt`.
+
+use arrow_array::{RecordBatch, cast::AsArray, types::Int64Type};
+use schemas::{Fault, Shape};
+
+use crate::{
+    columns::{data, floats},
+    numerics::dates::decimal_year,
+};
+
+/// Whether the flight says when it was.
+pub fn dated_by_flight(shape: &Shape) -> bool {
+    ["year", "doy"].iter().all(|c| shape.get(c).is_some())
+}
+
+/// The decimal year of every sample; NaN where the flight does not say.
+///
+/// # Errors
+/// A day that its year does not have, with its row.
+pub fn years(batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
+    let (year, day, tt) = (numbers(batch, "year")?, numbers(batch, "doy")?, floats(batch, "tt")?);
+    let all = year.iter().zip(&day).zip(tt).enumerate();
+    all.map(|(row, ((year, day), tt))| match [year, day, tt].iter().all(|x| x.is_finite()) {
+        true => one(*year, *day, *tt).map_err(|fault| fault.in_row(row as u64)),
+        false => Ok(f64::NAN),
+    })
+    .collect()
+}
+
+/// The decimal year of the line's first dated sample.
+///
+/// # Errors
+/// A line without a date, or a day that its year does not have.
+pub fn first_year(batch: &RecordBatch) -> Result<f64, Fault> {
+    let first = |name: &str| {
+        let known = numbers(batch, name)?.into_iter().find(|x| x.is_finite());
+        known.ok_or_else(|| Fault::data("has no value").in_column(name))
+    };
+    one(first("year")?, first("doy")?, floats(batch, "tt")?.first().copied().unwrap_or(0.0))
+}
+
+fn one(year: f64, day: f64, tt: f64) -> Result<f64, Fault> {
+    // What is no such number becomes a day 0, which no year has.
+    let (year, day) = (year as i32, if day >= 1.0 { day as u32 } else { 0 });
+    decimal_year(year, day, tt).map_err(|e| data(e).in_column("doy"))
+}
+
+/// Whole numbers kept as such or as floats; NaN where there is none.
+fn numbers(batch: &RecordBatch, name: &str) -> Result<Vec<f64>, Fault> {
+    let array = batch.column_by_name(name).ok_or_else(|| Fault::data("is missing").in_column(name))?;
+    match array.as_primitive_opt::<Int64Type>() {
+        Some(whole) => Ok(whole.iter().map(|x| x.map_or(f64::NAN, |x| x as f64)).collect()),
+        None => Ok(floats(batch, name)?.to_vec()),
+    }
+}
