@@ -106,7 +106,8 @@ impl CoreTrack {
         if group.len == 0 {
             return;
         }
-        let sums = sums(&self.recursion, span.table(), &group.position);
+        let sums = Sums { recursion: &self.recursion, table: span.table(), position_m: &group.position };
+        let sums = pulp::Arch::new().dispatch(sums);
         for lane in 0..group.len {
             let row = group.rows[lane];
             let part = |axis: usize| {
@@ -155,12 +156,21 @@ impl Group {
     }
 }
 
-/// The sums over all harmonics of each column of the table, in the lanes of the places.
-fn sums(recursion: &Recursion, table: &Table, position_m: &[Lanes; 3]) -> [Lanes; 6] {
-    pulp::Arch::new().dispatch(
-        #[inline(always)]
-        || summed(recursion, table, position_m),
-    )
+/// The sums over all harmonics of each column of the table, in the lanes of the places: the form in which it is compiled
+/// for the vector width of each processor.
+struct Sums<'a> {
+    recursion: &'a Recursion,
+    table: &'a Table,
+    position_m: &'a [Lanes; 3],
+}
+
+impl pulp::NullaryFnOnce for Sums<'_> {
+    type Output = [Lanes; 6];
+
+    #[inline(always)]
+    fn call(self) -> [Lanes; 6] {
+        summed(self.recursion, self.table, self.position_m)
+    }
 }
 
 /// The recursion of [`Recursion::harmonics`], degree by degree; what a degree gives is added at once, so that no more
