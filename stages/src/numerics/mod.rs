@@ -4,6 +4,7 @@
 //! frame of what it takes and returns, its errors, and where its formula is printed.
 
 pub mod attitude;
+pub mod continuation;
 pub mod core_field;
 pub mod crossings;
 pub mod dates;
@@ -16,6 +17,7 @@ pub mod geodesy;
 pub mod ins_error;
 pub mod ins_series;
 pub mod least_squares;
+pub mod magnetic_sources;
 pub mod map_grid;
 pub mod natural_cubic;
 pub mod pinson;

@@ -1,0 +1,74 @@
+//! The components of the anomalous field from its part along the main field.
+
+use realfft::num_complex::Complex;
+
+use crate::numerics::plane_grid::PlaneGrid;
+
+use super::spectrum::Spectrum;
+use super::transform::Factor;
+use super::upward::gain;
+use super::{ContinuationError, finite_height, usable_alpha};
+
+/// Below this sine of the inclination (15°) waves that run across the main field are damped.
+const LEAST_SINE: f64 = 0.258_819_045_102_520_76;
+
+/// The anomalous field, in nT.
+#[derive(Clone, Debug)]
+pub struct Components {
+    /// Towards east.
+    pub east: PlaneGrid,
+    /// Towards north.
+    pub north: PlaneGrid,
+    /// Upward.
+    pub up: PlaneGrid,
+    /// Whether the main field is so near the horizontal that waves across it had to be damped, which loses what
+    /// a total-field map does not show.
+    pub damped: bool,
+}
+
+impl Spectrum {
+    /// The components of the field whose part along `main_field` (`[east, north, up]`, of which only the direction
+    /// counts) is the map, at a height above it in metres, damped by α in m² if that is negative.
+    ///
+    /// With the potential's spectrum Φ the components are i k_east Φ, i k_north Φ and −k Φ, and the map is their
+    /// sum along the unit vector f of the main field, d Φ with d = i (f_east k_east + f_north k_north) − f_up k
+    /// [Blakely 1996, section 12.3.1]. |d| is at least k |f_up|; where f_up is below sin 15° the division by d becomes
+    /// conj(d)/(|d|² + (sin² 15° − f_up²) k²). The mean and the trend say nothing of their direction: they are taken
+    /// to lie along the main field.
+    ///
+    /// MagNav.jl's `vector_fft` is this with the declination counted from east, up turned down, and the mean given
+    /// to each component.
+    ///
+    /// # Errors
+    /// [`ContinuationError::Direction`], [`ContinuationError::Height`] or [`ContinuationError::Alpha`].
+    pub fn components(&self, main_field: [f64; 3], up_m: f64, alpha_m2: f64) -> Result<Components, ContinuationError> {
+        let unit = unit(main_field)?;
+        finite_height("a height", up_m)?;
+        usable_alpha(alpha_m2)?;
+        let floor = (LEAST_SINE * LEAST_SINE - unit[2] * unit[2]).max(0.0);
+        let component = |axis: usize| {
+            let factor = |east: f64, north: f64| {
+                let k = east.hypot(north);
+                if k == 0.0 {
+                    return Complex::new(unit[axis], 0.0);
+                }
+                let along = Complex::new(-unit[2] * k, unit[0] * east + unit[1] * north);
+                let potential = along.conj() / (along.norm_sqr() + floor * k * k);
+                let slope = [Complex::new(0.0, east), Complex::new(0.0, north), Complex::new(-k, 0.0)];
+                slope[axis] * potential * gain(k, up_m, alpha_m2)
+            };
+            self.answer(Factor::General(&factor), &self.trend.times(unit[axis]))
+        };
+        Ok(Components { east: component(0), north: component(1), up: component(2), damped: floor > 0.0 })
+    }
+}
+
+fn unit(field: [f64; 3]) -> Result<[f64; 3], ContinuationError> {
+    let [east, north, up] = field;
+    let magnitude = east.hypot(north).hypot(up);
+    if magnitude > 0.0 && magnitude.is_finite() {
+        Ok(field.map(|component| component / magnitude))
+    } else {
+        Err(ContinuationError::Direction { east, north, up })
+    }
+}

@@ -1,0 +1,49 @@
+//! Derivatives of a map at any height.
+
+use realfft::num_complex::Complex;
+
+use crate::numerics::plane_grid::PlaneGrid;
+
+use super::spectrum::Spectrum;
+use super::transform::Factor;
+use super::trend::Plane;
+use super::upward::gain;
+use super::{ContinuationError, finite_height, usable_alpha};
+
+/// Which derivative.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Derivative {
+    /// Along easting, in nT/m.
+    East,
+    /// Along northing, in nT/m.
+    North,
+    /// Upward, in nT/m: negative over a positive anomaly.
+    Up,
+    /// Upward twice, in nT/m².
+    UpTwice,
+}
+
+impl Spectrum {
+    /// A derivative at a height above the map in metres, which may be negative, damped by α in m² if it is.
+    ///
+    /// The factors are i k_east, i k_north, −k and k², times that of the height. A plane trend that was taken off
+    /// counts with its slope.
+    ///
+    /// # Errors
+    /// [`ContinuationError::Height`] or [`ContinuationError::Alpha`] for what is not a finite number.
+    pub fn derivative(&self, which: Derivative, up_m: f64, alpha_m2: f64) -> Result<PlaneGrid, ContinuationError> {
+        finite_height("a height", up_m)?;
+        usable_alpha(alpha_m2)?;
+        let height = move |k: f64| gain(k, up_m, alpha_m2);
+        let east = move |east: f64, north: f64| Complex::new(0.0, east * height(east.hypot(north)));
+        let north = move |east: f64, north: f64| Complex::new(0.0, north * height(east.hypot(north)));
+        let [per_column, per_row] = self.trend.slopes();
+        let [east_step, north_step] = self.transform.steps_m();
+        Ok(match which {
+            Derivative::East => self.answer(Factor::General(&east), &per_column.times(1.0 / east_step)),
+            Derivative::North => self.answer(Factor::General(&north), &per_row.times(1.0 / north_step)),
+            Derivative::Up => self.answer(Factor::Radial(&|k| -k * height(k)), &Plane::default()),
+            Derivative::UpTwice => self.answer(Factor::Radial(&|k| k * k * height(k)), &Plane::default()),
+        })
+    }
+}

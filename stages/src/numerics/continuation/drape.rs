@@ -1,0 +1,229 @@
+//! Between a level and a drape: a surface whose height differs from node to node.
+
+use rayon::prelude::*;
+
+use crate::numerics::plane_grid::PlaneGrid;
+
+use super::extension::Padding;
+use super::spectrum::Spectrum;
+use super::{ContinuationError, MAGNAV_ALPHA_M2, finite_height, upward, usable_alpha};
+
+/// Levels are made one after the other; more than this many is taken for a mistake in the heights or the step.
+const MOST_LEVELS: usize = 2000;
+
+/// How the field between two levels is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HeightInterpolation {
+    /// By a straight line, as MagNav.jl.
+    Linear,
+    /// By the cubic through the four levels around.
+    Cubic,
+}
+
+/// How maps go between a level and a drape.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drape {
+    /// The step between levels in metres; without it half of the smaller spacing of the map.
+    pub step_m: Option<f64>,
+    /// How far below its data a field is wanted at most, in metres; nodes further down are unknown (NaN).
+    pub down_max_m: f64,
+    /// The damping of what is continued downward, in m².
+    pub alpha_m2: f64,
+    /// How the field between two levels is found.
+    pub interpolation: HeightInterpolation,
+    /// How many times [`drape_to_level`] compares its answer, taken back to the drape, with the map, and adds what is
+    /// missing; 0 is the plain chessboard method.
+    pub refinements: usize,
+    /// How the map is extended past its edges.
+    pub padding: Padding,
+}
+
+impl Default for Drape {
+    fn default() -> Self {
+        Self {
+            step_m: None,
+            down_max_m: 150.0,
+            alpha_m2: MAGNAV_ALPHA_M2,
+            interpolation: HeightInterpolation::Cubic,
+            refinements: 3,
+            padding: Padding::default(),
+        }
+    }
+}
+
+/// The map on a drape, from the map on a level.
+///
+/// `drape_m` are the heights of the nodes, by rows as the map's values, in the frame of `level_m`. The level is
+/// continued to heights a step apart, from one transform, and each node interpolated between them [Cordell
+/// 1985; thesis 000, section 2.3]. A node more than `down_max_m` below the level is NaN.
+///
+/// # Errors
+/// As [`Spectrum::new`]; [`ContinuationError::DrapeHeights`], [`ContinuationError::TooManyLevels`],
+/// [`ContinuationError::Height`] for a level, a step or a limit that cannot be, [`ContinuationError::Alpha`].
+pub fn level_to_drape(
+    grid: &PlaneGrid,
+    level_m: f64,
+    drape_m: &[f64],
+    drape: &Drape,
+) -> Result<PlaneGrid, ContinuationError> {
+    drape.check(grid, level_m, drape_m)?;
+    let above: Vec<f64> = drape_m.iter().map(|height| height - level_m).collect();
+    let map = drape.at_heights(grid, &above)?;
+    Ok(drape.without_deep(map, &above))
+}
+
+/// The map on a level, from the map on a drape.
+///
+/// The chessboard method takes the draped map for a level one, continues it to heights a step apart and interpolates
+/// each node where the wanted level lies above or below its own height [Cordell 1985; MagNav.jl's
+/// `map_chessboard`]. That is inexact where the drape slopes, so with `refinements` the answer, on a level below
+/// everything, is taken back up to the drape, where the field is known, and what is missing there is added by the same
+/// method. A node more than `down_max_m` below its own height is NaN.
+///
+/// # Errors
+/// As [`level_to_drape`].
+pub fn drape_to_level(
+    grid: &PlaneGrid,
+    drape_m: &[f64],
+    level_m: f64,
+    drape: &Drape,
+) -> Result<PlaneGrid, ContinuationError> {
+    drape.check(grid, level_m, drape_m)?;
+    let above: Vec<f64> = drape_m.iter().map(|height| level_m - height).collect();
+    let map = match drape.refinements {
+        0 => drape.at_heights(grid, &above)?,
+        refinements => drape.refined(grid, drape_m, level_m, refinements)?,
+    };
+    Ok(drape.without_deep(map, &above))
+}
+
+impl Drape {
+    /// MagNav.jl's chessboard method with levels `step_m` apart.
+    pub fn magnav(step_m: f64, padding: Padding) -> Self {
+        let interpolation = HeightInterpolation::Linear;
+        Self { step_m: Some(step_m), interpolation, refinements: 0, padding, ..Self::default() }
+    }
+
+    fn check(&self, grid: &PlaneGrid, level_m: f64, drape_m: &[f64]) -> Result<(), ContinuationError> {
+        super::check(grid)?;
+        finite_height("the level", level_m)?;
+        usable_alpha(self.alpha_m2)?;
+        let range = "a finite number above 0";
+        let step = self.step_of(grid);
+        if !(step > 0.0 && step.is_finite()) {
+            return Err(ContinuationError::Height { what: "the step between levels", range, value: step });
+        }
+        if !(self.down_max_m >= 0.0) {
+            let range = "at least 0";
+            return Err(ContinuationError::Height { what: "the limit downward", range, value: self.down_max_m });
+        }
+        let (nodes, given) = (grid.values.len(), drape_m.len());
+        let finite = drape_m.iter().filter(|height| height.is_finite()).count();
+        if nodes == given && nodes == finite {
+            Ok(())
+        } else {
+            Err(ContinuationError::DrapeHeights { nodes, given, finite })
+        }
+    }
+
+    fn step_of(&self, grid: &PlaneGrid) -> f64 {
+        self.step_m.unwrap_or(0.5 * grid.east_m.step.min(grid.north_m.step))
+    }
+
+    /// The map continued at each node by its own height in metres, at most `down_max_m` downward.
+    fn at_heights(&self, grid: &PlaneGrid, above_m: &[f64]) -> Result<PlaneGrid, ContinuationError> {
+        let (lowest, highest) = bounds(above_m);
+        let levels = Levels::new(lowest.max(-self.down_max_m), highest, self.step_of(grid), self.interpolation)?;
+        let furthest = lowest.max(-self.down_max_m).abs().max(highest.abs());
+        let spectrum = Spectrum::new(grid, furthest, &self.padding)?;
+        let mut values = vec![0.0; grid.values.len()];
+        for level in 0..levels.count {
+            let map = spectrum.at_height(levels.height_m(level), self.alpha_m2)?;
+            let nodes = values.par_iter_mut().zip(&map.values).zip(above_m);
+            nodes.for_each(|((sum, value), above)| *sum += levels.weight(level, *above) * value);
+        }
+        Ok(grid.with(values))
+    }
+
+    /// The field on a level below everything that, taken up to the drape, gives the map there; then on the level.
+    fn refined(
+        &self,
+        grid: &PlaneGrid,
+        drape_m: &[f64],
+        level_m: f64,
+        refinements: usize,
+    ) -> Result<PlaneGrid, ContinuationError> {
+        let base_m = bounds(drape_m).0.min(level_m);
+        let up: Vec<f64> = drape_m.iter().map(|height| height - base_m).collect();
+        let down: Vec<f64> = up.iter().map(|height| -height).collect();
+        let mut base = self.at_heights(grid, &down)?;
+        for _ in 0..refinements {
+            let draped = self.at_heights(&base, &up)?;
+            let missing = grid.values.iter().zip(&draped.values).map(|(map, draped)| map - draped).collect();
+            let correction = self.at_heights(&grid.with(missing), &down)?;
+            base.values.iter_mut().zip(&correction.values).for_each(|(base, correction)| *base += correction);
+        }
+        upward(&base, level_m - base_m, &self.padding)
+    }
+
+    fn without_deep(&self, mut map: PlaneGrid, above_m: &[f64]) -> PlaneGrid {
+        let deep = map.values.iter_mut().zip(above_m).filter(|(_, above)| **above < -self.down_max_m);
+        deep.for_each(|(value, _)| *value = f64::NAN);
+        map
+    }
+}
+
+fn bounds(values: &[f64]) -> (f64, f64) {
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)))
+}
+
+/// Heights above a map that are whole steps, around all that is wanted.
+#[derive(Clone, Copy, Debug)]
+struct Levels {
+    first_m: f64,
+    step_m: f64,
+    count: usize,
+    interpolation: HeightInterpolation,
+}
+
+impl Levels {
+    fn new(
+        lowest_m: f64,
+        highest_m: f64,
+        step_m: f64,
+        interpolation: HeightInterpolation,
+    ) -> Result<Self, ContinuationError> {
+        let (least, around) = if interpolation == HeightInterpolation::Linear { (2, 0.0) } else { (4, 1.0) };
+        let steps = |height: f64| (height / step_m).clamp(-1e9, 1e9);
+        let wanted = steps(lowest_m).floor() - around;
+        // Nothing is continued downward for a field that is wanted above the map alone.
+        let first = if lowest_m < 0.0 { wanted } else { wanted.max(0.0) };
+        let count = least.max((steps(highest_m).ceil() + around - first).max(0.0) as usize + 1);
+        if count > MOST_LEVELS {
+            return Err(ContinuationError::TooManyLevels { levels: count, most: MOST_LEVELS, step_m });
+        }
+        Ok(Self { first_m: first * step_m, step_m, count, interpolation })
+    }
+
+    fn height_m(&self, level: usize) -> f64 {
+        self.first_m + self.step_m * level as f64
+    }
+
+    /// What a level counts at a height; past the ends the end level counts alone.
+    fn weight(&self, level: usize, above_m: f64) -> f64 {
+        let at = ((above_m - self.first_m) / self.step_m).clamp(0.0, (self.count - 1) as f64);
+        let (before, points) = match self.interpolation {
+            HeightInterpolation::Linear => (at.floor(), 2),
+            HeightInterpolation::Cubic => (at.floor() - 1.0, 4),
+        };
+        let first = before.clamp(0.0, (self.count - points) as f64) as usize;
+        if level < first || level >= first + points {
+            return 0.0;
+        }
+        // Lagrange's polynomial of this level.
+        (first..first + points)
+            .filter(|other| *other != level)
+            .map(|other| (at - other as f64) / (level as f64 - other as f64))
+            .product()
+    }
+}

@@ -1,0 +1,113 @@
+//! What the unknown field past the edges of a map does to its continuation, measured on the map itself.
+
+use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+
+use super::extension::Padding;
+use super::{ContinuationError, continued, rms};
+
+/// The least nodes on a side: with fewer nothing is left between the crops.
+const LEAST: usize = 16;
+
+/// The error along one edge.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SideError {
+    /// The rms error in nT by the number of nodes from the edge; deeper in, the last one holds.
+    pub rms_nt: Vec<f64>,
+}
+
+/// The error of a continuation that comes from its edges.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EdgeError {
+    /// The western, eastern, southern and northern edge.
+    pub sides: [SideError; 4],
+    /// How many `[rows, columns]` were cropped on each side.
+    pub cropped: [usize; 2],
+    /// The estimate at each node, in nT.
+    pub map: PlaneGrid,
+    /// The rms of the estimate over the map, in nT.
+    pub rms_nt: f64,
+}
+
+/// Measures the error that the edges of a map bring into its continuation by `up_m` with these settings.
+///
+/// The map is cropped and continued again: past the edges of the crop the field is known, to the map but not to
+/// the crop, so that the difference of both is the error of the extension at that distance from an edge. Each
+/// edge of the crop stands for the edge of the map beside it. The crop takes off five continuation distances, so
+/// that the error of the map itself, deeper in, is small against that of the crop, but at most a quarter of a side;
+/// on a map that is narrower than twenty distances the estimate is therefore too low. It holds no errors of the
+/// map's own values.
+///
+/// # Errors
+/// As [`super::continued`]; [`ContinuationError::TooSmallToMeasure`].
+pub fn edge_error(
+    grid: &PlaneGrid,
+    up_m: f64,
+    alpha_m2: f64,
+    padding: &Padding,
+) -> Result<EdgeError, ContinuationError> {
+    let (rows, columns) = (grid.rows(), grid.columns());
+    if rows < LEAST || columns < LEAST {
+        return Err(ContinuationError::TooSmallToMeasure { rows, columns, least: LEAST });
+    }
+    let whole = continued(grid, up_m, alpha_m2, padding)?;
+    let cropped = [&grid.north_m, &grid.east_m].map(|axis| crop_of(axis, up_m));
+    let inner = crop(grid, cropped);
+    let again = continued(&inner, up_m, alpha_m2, padding)?;
+    let expected = crop(&whole, cropped);
+    let differences: Vec<f64> = again.values.iter().zip(&expected.values).map(|(a, b)| a - b).collect();
+    let sides = by_side(&inner.with(differences));
+    let map = grid.with(estimates(grid, &sides));
+    let rms_nt = rms(map.values.iter().copied());
+    Ok(EdgeError { sides, cropped, map, rms_nt })
+}
+
+fn crop_of(axis: &EvenAxis, up_m: f64) -> usize {
+    let wanted = (5.0 * up_m.abs() / axis.step).ceil().min(axis.len as f64) as usize;
+    wanted.clamp(4, axis.len / 4)
+}
+
+fn crop(grid: &PlaneGrid, [rows, columns]: [usize; 2]) -> PlaneGrid {
+    let inner = |axis: &EvenAxis, cropped: usize| EvenAxis {
+        first: axis.at(cropped as f64),
+        len: axis.len - 2 * cropped,
+        ..*axis
+    };
+    let (north_m, east_m) = (inner(&grid.north_m, rows), inner(&grid.east_m, columns));
+    let lines = grid.values.chunks_exact(grid.columns()).skip(rows).take(north_m.len);
+    let values = lines.flat_map(|line| line[columns..columns + east_m.len].iter().copied()).collect();
+    PlaneGrid { east_m, north_m, values }
+}
+
+/// The side that is nearest to a node in metres, and how many nodes away it is.
+fn nearest(grid: &PlaneGrid, row: usize, column: usize) -> (usize, usize) {
+    let nodes = [column, grid.columns() - 1 - column, row, grid.rows() - 1 - row];
+    let metres = |side: usize| nodes[side] as f64 * if side < 2 { grid.east_m.step } else { grid.north_m.step };
+    let side = (1..4).fold(0, |best, side| if metres(side) < metres(best) { side } else { best });
+    (side, nodes[side])
+}
+
+fn by_side(differences: &PlaneGrid) -> [SideError; 4] {
+    let mut sums: [Vec<(f64, usize)>; 4] = Default::default();
+    for (node, difference) in differences.values.iter().enumerate() {
+        let (row, column) = (node / differences.columns(), node % differences.columns());
+        let (side, distance) = nearest(differences, row, column);
+        if sums[side].len() <= distance {
+            sums[side].resize(distance + 1, (0.0, 0));
+        }
+        let (sum, count) = &mut sums[side][distance];
+        *sum += difference * difference;
+        *count += 1;
+    }
+    sums.map(|sums| SideError {
+        rms_nt: sums.iter().filter(|(_, count)| *count > 0).map(|(sum, count)| (sum / *count as f64).sqrt()).collect(),
+    })
+}
+
+fn estimates(grid: &PlaneGrid, sides: &[SideError; 4]) -> Vec<f64> {
+    let at = |node: usize| {
+        let (side, distance) = nearest(grid, node / grid.columns(), node % grid.columns());
+        let curve = &sides[side].rms_nt;
+        curve.get(distance).or(curve.last()).copied().unwrap_or(f64::NAN)
+    };
+    (0..grid.values.len()).map(at).collect()
+}

@@ -1,0 +1,85 @@
+//! One transform of a map, from which many answers are made.
+
+use realfft::num_complex::Complex;
+
+use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+
+use super::ContinuationError;
+use super::extension::{Layout, Padding};
+use super::transform::{Factor, Transform};
+use super::trend::Plane;
+
+/// The spectrum of a padded map.
+///
+/// It takes the memory of the padded map once; each answer takes the map's own size twice while it is made.
+/// Answers are the same to the bit on any number of threads.
+pub struct Spectrum {
+    pub(super) transform: Transform,
+    east_m: EvenAxis,
+    north_m: EvenAxis,
+    pub(super) trend: Plane,
+    pub(super) values: Vec<f64>,
+}
+
+impl std::fmt::Debug for Spectrum {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Spectrum").field("layout", &self.transform.layout).field("trend", &self.trend).finish()
+    }
+}
+
+impl Spectrum {
+    /// Transforms a map, padded for answers up to `distance_m` above or below it.
+    ///
+    /// # Errors
+    /// As [`super::check`] and [`Padding::layout`]; [`ContinuationError::Height`] for a distance that is not finite.
+    pub fn new(grid: &PlaneGrid, distance_m: f64, padding: &Padding) -> Result<Self, ContinuationError> {
+        let (transform, trend) = prepared(grid, distance_m, padding)?;
+        let values = transform.spectrum(grid, &trend);
+        Ok(Self { transform, east_m: grid.east_m, north_m: grid.north_m, trend, values })
+    }
+
+    /// Where the map lies in the padded one.
+    pub fn layout(&self) -> Layout {
+        self.transform.layout
+    }
+
+    /// The map whose spectrum is multiplied by a factor of the wavenumbers along easting and northing, in rad/m.
+    ///
+    /// A wave of wavenumber k is e^(i (k_east east + k_north north)), so that a derivative along easting is i k_east.
+    /// The factor must be hermitian, f(−k) = conj f(k), for the answer to be real; of the two-node wave the
+    /// mean of both directions is taken. The trend that was taken off is multiplied by the real part of f(0).
+    pub fn filtered(&self, factor: impl Fn(f64, f64) -> Complex<f64> + Sync) -> PlaneGrid {
+        let trend = self.trend.times(factor(0.0, 0.0).re);
+        self.answer(Factor::General(&factor), &trend)
+    }
+
+    /// The same for a real factor of the magnitude of the wavenumber alone, which takes half the time.
+    pub fn filtered_radially(&self, factor: impl Fn(f64) -> f64 + Sync) -> PlaneGrid {
+        let trend = self.trend.times(factor(0.0));
+        self.answer(Factor::Radial(&factor), &trend)
+    }
+
+    pub(super) fn answer(&self, factor: Factor, trend: &Plane) -> PlaneGrid {
+        let values = self.transform.filtered(&self.values, factor, trend);
+        PlaneGrid { east_m: self.east_m, north_m: self.north_m, values }
+    }
+}
+
+/// A single answer, for which no spectrum is kept: it takes the map's size twice.
+pub(super) fn filtered_once(
+    grid: &PlaneGrid,
+    distance_m: f64,
+    padding: &Padding,
+    factor: &(dyn Fn(f64) -> f64 + Sync),
+) -> Result<PlaneGrid, ContinuationError> {
+    let (transform, trend) = prepared(grid, distance_m, padding)?;
+    let after = trend.times(factor(0.0));
+    Ok(grid.with(transform.filtered_once(grid, Factor::Radial(factor), [&trend, &after])))
+}
+
+fn prepared(grid: &PlaneGrid, distance_m: f64, padding: &Padding) -> Result<(Transform, Plane), ContinuationError> {
+    super::check(grid)?;
+    super::finite_height("a distance", distance_m)?;
+    let layout = padding.layout(grid, distance_m)?;
+    Ok((Transform::new(grid, layout, padding), Plane::along_edge(grid, padding.trend)))
+}

@@ -1,0 +1,128 @@
+//! Upward and downward continuation, and stacks of levels.
+
+use crate::numerics::plane_grid::PlaneGrid;
+
+use super::extension::Padding;
+use super::l_curve::LCurve;
+use super::spectrum::{Spectrum, filtered_once};
+use super::{ContinuationError, finite_height, rms, usable_alpha};
+
+/// The factor of a wavenumber `k` in rad/m for a level `up_m` above the map: e^(−k h)/(1 + α k² e^(−k h)), with
+/// α only below the map.
+pub(super) fn gain(k: f64, up_m: f64, alpha_m2: f64) -> f64 {
+    if up_m >= 0.0 {
+        return (-k * up_m).exp();
+    }
+    // Divided through by the growing exponential, which would overflow.
+    1.0 / ((k * up_m).exp() + alpha_m2 * k * k)
+}
+
+/// The map `up_m` above itself, in metres, which may be negative.
+///
+/// `alpha_m2` damps downward continuation and does nothing upward; MagNav.jl uses [`super::MAGNAV_ALPHA_M2`].
+///
+/// # Errors
+/// As [`Spectrum::new`]; [`ContinuationError::Alpha`].
+pub fn continued(
+    grid: &PlaneGrid,
+    up_m: f64,
+    alpha_m2: f64,
+    padding: &Padding,
+) -> Result<PlaneGrid, ContinuationError> {
+    usable_alpha(alpha_m2)?;
+    filtered_once(grid, up_m, padding, &|k| gain(k, up_m, alpha_m2))
+}
+
+/// The map `up_m` above itself, in metres of at least 0.
+///
+/// # Errors
+/// As [`Spectrum::new`]; [`ContinuationError::Height`] for a distance below 0.
+pub fn upward(grid: &PlaneGrid, up_m: f64, padding: &Padding) -> Result<PlaneGrid, ContinuationError> {
+    not_negative("the distance upward", up_m)?;
+    continued(grid, up_m, 0.0, padding)
+}
+
+/// How downward continuation is damped.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Regularisation {
+    /// By the corner of the L-curve.
+    LCurve,
+    /// By this α in m².
+    Alpha(f64),
+}
+
+/// A map continued downward, and what is known about it.
+#[derive(Clone, Debug)]
+pub struct Downward {
+    /// The map below.
+    pub map: PlaneGrid,
+    /// The α it was damped with, in m².
+    pub alpha_m2: f64,
+    /// The curve that α is from, or would have been.
+    pub curve: LCurve,
+    /// The regularisation error in nT: the rms of the map below continued upward again, less the map.
+    pub regularisation_error_nt: f64,
+}
+
+/// The map `down_m` below itself, in metres of at least 0.
+///
+/// α minimises Σ e^(k h) |e^(−k h) U − F|² + α Σ |k U|²: how ill the lower map U fits the map F, against how rough it
+/// is. The L-curve is the rms of the misfit against the rms of the gradient for many α, and its corner, the point
+/// of most curvature, is where less damping begins to make noise and more to lose signal [Hansen 1992, SIAM
+/// Review 34]. MagNav.jl looks for the corner in the largest change between maps of successive α instead, which
+/// hangs on one node and needs a map for each α; here all are made from the power of the spectrum.
+///
+/// # Errors
+/// As [`Spectrum::new`]; [`ContinuationError::Height`] for a distance below 0; [`ContinuationError::Alpha`].
+pub fn downward(
+    grid: &PlaneGrid,
+    down_m: f64,
+    regularisation: Regularisation,
+    padding: &Padding,
+) -> Result<Downward, ContinuationError> {
+    not_negative("the distance downward", down_m)?;
+    let spectrum = Spectrum::new(grid, down_m, padding)?;
+    let curve = LCurve::new(&spectrum, down_m);
+    let alpha_m2 = match regularisation {
+        Regularisation::LCurve => curve.corner_alpha_m2(),
+        Regularisation::Alpha(alpha_m2) => alpha_m2,
+    };
+    let map = spectrum.at_height(-down_m, alpha_m2)?;
+    drop(spectrum);
+    let back = upward(&map, down_m, padding)?;
+    let regularisation_error_nt = rms(back.values.iter().zip(&grid.values).map(|(back, map)| back - map));
+    Ok(Downward { map, alpha_m2, curve, regularisation_error_nt })
+}
+
+/// The map at each of the heights above itself, in metres, which may be negative; one transform serves all.
+///
+/// # Errors
+/// As [`Spectrum::new`]; [`ContinuationError::Alpha`].
+pub fn stack(
+    grid: &PlaneGrid,
+    up_m: &[f64],
+    alpha_m2: f64,
+    padding: &Padding,
+) -> Result<Vec<PlaneGrid>, ContinuationError> {
+    up_m.iter().try_for_each(|height| finite_height("a height", *height))?;
+    let furthest = up_m.iter().fold(0.0_f64, |furthest, height| furthest.max(height.abs()));
+    let spectrum = Spectrum::new(grid, furthest, padding)?;
+    up_m.iter().map(|height| spectrum.at_height(*height, alpha_m2)).collect()
+}
+
+impl Spectrum {
+    /// The map at a height above itself in metres, which may be negative, damped by α in m² if it is.
+    ///
+    /// # Errors
+    /// [`ContinuationError::Height`] or [`ContinuationError::Alpha`] for what is not a finite number.
+    pub fn at_height(&self, up_m: f64, alpha_m2: f64) -> Result<PlaneGrid, ContinuationError> {
+        finite_height("a height", up_m)?;
+        usable_alpha(alpha_m2)?;
+        Ok(self.filtered_radially(|k| gain(k, up_m, alpha_m2)))
+    }
+}
+
+fn not_negative(what: &'static str, value: f64) -> Result<(), ContinuationError> {
+    let range = "a finite number of at least 0";
+    if value >= 0.0 && value.is_finite() { Ok(()) } else { Err(ContinuationError::Height { what, range, value }) }
+}
