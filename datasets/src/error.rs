@@ -11,7 +11,9 @@ pub struct ReadError(Box<Fault>);
 impl ReadError {
     /// Something wrong in the bytes of `path`.
     pub fn data(path: &Path, what: impl Into<String>) -> Self {
-        Self(Box::new(Fault::data(what).in_file(&path.display().to_string())))
+        let fault = Fault::data(what);
+        // A map that was made is in no file.
+        Self(Box::new(if path.as_os_str().is_empty() { fault } else { fault.in_file(&path.display().to_string()) }))
     }
 
     /// Something wrong with the options given for `path`.
@@ -27,6 +29,11 @@ impl ReadError {
             InvalidData | UnexpectedEof => Self::data(path, error.to_string()),
             _ => Self(Box::new(Fault::machine(error.to_string()).in_file(&path.display().to_string()))),
         }
+    }
+
+    /// The machine could not do it, whatever the file.
+    pub fn machine(path: &Path, what: impl Into<String>) -> Self {
+        Self(Box::new(Fault::machine(what).in_file(&path.display().to_string())))
     }
 
     /// All faults of a spec at once, each shown with its file, line and column.

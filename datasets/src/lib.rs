@@ -1,8 +1,8 @@
 //! Where magline gets its bytes: foreign formats, the simulator, the embedded samples.
 //!
 //! A flight, in any format that is known by its content or its name, becomes batches with the
-//! contract's column names ([`open_flight`]); a map becomes a regular grid of latitude and longitude
-//! ([`read_map`]). A synth spec is a flight format like any other ([`simulate`]).
+//! contract's column names ([`open_flight`]); a map becomes an even grid in its own coordinates
+//! ([`read_grid`]) or of latitude and longitude ([`read_map`]). A synth spec is a flight format like any other ([`simulate`]).
 
 mod error;
 pub mod formats;
@@ -14,8 +14,12 @@ mod table;
 
 /// Changes whenever a reader or the simulator makes other values of the same bytes: part of the key of
 /// whatever is kept of what they gave.
-pub const VERSION: &str = "1";
+pub const VERSION: &str = "2";
 
 pub use error::ReadError;
-pub use formats::{FlightOptions, FlightReader, Map, MapOptions, open_flight, read_map};
+pub use formats::{
+    FlightOptions, FlightReader, Map, MapOptions, PointOptions, SurveyPoints, open_flight, read_grid, read_map,
+    read_points, write_grid,
+};
+pub use grid::{Crs, GridMap, Height, Registration};
 pub use simulate::synthesise;

@@ -96,7 +96,8 @@ impl Table {
     }
 }
 
-fn array(values: Values) -> ArrayRef {
+/// The values as an Arrow column.
+pub(crate) fn array(values: Values) -> ArrayRef {
     match values {
         Values::Number(x) => Arc::new(Float64Array::from(x)),
         Values::Whole(x) => Arc::new(Int64Array::from(x)),

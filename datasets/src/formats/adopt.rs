@@ -104,6 +104,12 @@ fn suffix_unit(name: &str, wanted: &str) -> Option<&'static str> {
     (suffix.len() > 2 || convert(unit, wanted).is_some()).then_some(*unit)
 }
 
+/// The unit that a name says by its end, where it cannot be read otherwise.
+pub(super) fn unit_of_name(name: &str) -> Option<String> {
+    let long = suffix_unit(name, "").map(str::to_owned);
+    long.or_else(|| name.to_ascii_lowercase().ends_with("_m").then(|| "m".to_owned()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -9,13 +9,10 @@ use tiff::{
     tags::Tag,
 };
 
-use super::{
-    Head, MapFormat, MapOptions, RawMap, guarded,
-    map_parquet::{NO_HEIGHT, anomaly_factor, no_epsg, scaled},
-};
+use super::{Head, MapFormat, MapOptions, guarded};
 use crate::{
     ReadError,
-    grid::{Axis, Crs, Height, Map, Projected},
+    grid::{Draft, FileAxis, GridMap, Registration, System},
 };
 
 pub(super) const FORMAT: MapFormat = MapFormat {
@@ -24,6 +21,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     extensions: &["tif", "tiff"],
     recognise: |head: &Head| MAGICS.iter().any(|m| head.starts_with(m)),
     read,
+    write: None,
 };
 
 /// Little- and big-endian TIFF and BigTIFF.
@@ -34,7 +32,7 @@ const MOST_INFLATION: u64 = 1100;
 
 type Reader = Decoder<BufReader<File>>;
 
-fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let (place, values, metadata) = guarded(path, || {
         let mut decoder = decoder(path)?;
         let (width, height) = decoder.dimensions().map_err(|e| damaged(path, &e))?;
@@ -42,29 +40,18 @@ fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
         let values = values(path, &mut decoder)?;
         Ok((place, values, text(&mut decoder, GDAL_METADATA).unwrap_or_default()))
     })?;
-    let (width, height) = (place.x.len, place.y.len);
-    if values.len() != width * height {
-        let what = format!("holds {} values where {width} x {height} are declared", values.len());
-        return Err(ReadError::data(path, what));
+    let system = match place.epsg {
+        Some(code) => System::Epsg(code),
+        None if place.geographic => System::Degrees,
+        None => System::Projected,
+    };
+    let mut draft = Draft::new(path, place.x, place.y, values, system);
+    draft.registration = place.registration;
+    draft.unit = item(&metadata, &["unit", "units", "UNITTYPE"]).map(|(_, unit)| unit);
+    if options.alt_m.is_none() {
+        draft.level_m = height_m(&metadata, &mut draft.notes);
     }
-    // Rows from south to north.
-    let ascending: Vec<f64> =
-        if place.north_first { values.chunks_exact(width).rev().flatten().copied().collect() } else { values };
-    let anomaly_nt = scaled(ascending, anomaly_factor(path, options, None)?);
-    let mut notes = vec![];
-    let alt_m = height_m(options, &metadata, &mut notes);
-    let code = options.epsg.or(place.epsg);
-    let crs = code.map(|c| Crs::from_epsg(path, c)).transpose()?;
-    // A code given in the options is taken at its word; else the file's own kind of model decides.
-    if crs.as_ref().map_or(place.geographic, Crs::is_geographic) {
-        if let Some(crs) = &crs {
-            same_datum(path, crs, &place)?;
-        }
-        let (lat, lon) = (place.y.coordinates(), place.x.coordinates());
-        return Map::new(path, &lat, &lon, Height::Level(alt_m), anomaly_nt, notes).map(RawMap::Geographic);
-    }
-    let crs = crs.ok_or_else(|| no_epsg(path))?;
-    Ok(RawMap::Projected(Box::new(Projected { easting: place.x, northing: place.y, anomaly_nt, crs, alt_m, notes })))
+    draft.finish(options)
 }
 
 fn decoder(path: &Path) -> Result<Reader, ReadError> {
@@ -113,27 +100,13 @@ fn values(path: &Path, decoder: &mut Reader) -> Result<Vec<f64>, ReadError> {
     })
 }
 
-/// Refuses degrees of a datum that is more than a metre off WGS-84.
-fn same_datum(path: &Path, crs: &Crs, place: &Georeference) -> Result<(), ReadError> {
-    const METRE_DEG: f64 = 1e-5;
-    let (lat, lon) = (place.y.at(place.y.len as f64 / 2.0), place.x.at(place.x.len as f64 / 2.0));
-    match crs.unproject(lon, lat) {
-        Some((a, b)) if (a - lat).abs() < METRE_DEG && (b - lon).abs() < METRE_DEG => Ok(()),
-        _ => {
-            let what = format!("the degrees of EPSG:{} are not those of WGS-84", crs.code());
-            Err(ReadError::data(path, what).help("warp the map to EPSG:4326 before"))
-        }
-    }
-}
-
 /// Where the cells are.
 struct Georeference {
     /// Centres of the columns.
-    x: Axis,
-    /// Centres of the rows, ascending.
-    y: Axis,
-    /// Whether the first row is the northernmost.
-    north_first: bool,
+    x: FileAxis,
+    /// Centres of the rows.
+    y: FileAxis,
+    registration: Registration,
     /// The code of the coordinate system, where the file has one.
     epsg: Option<u16>,
     /// Whether the coordinates are degrees.
@@ -158,16 +131,12 @@ impl Georeference {
         let geographic = key(MODEL_TYPE) == Some(2);
         let epsg = if geographic { code(GEOGRAPHIC_CODE) } else { code(PROJECTED_CODE) };
         // Without a raster type the tie point is the corner of a cell, not its centre.
-        let to_centre = if key(RASTER_TYPE) == Some(2) { 0.0 } else { 0.5 };
+        let registration = if key(RASTER_TYPE) == Some(2) { Registration::Node } else { Registration::Pixel };
+        let to_centre = if registration == Registration::Node { 0.0 } else { 0.5 };
         let [x0, dx, y0, dy] = affine(path, decoder)?;
-        let (x_first, y_first) = (x0 + dx * to_centre, y0 + dy * to_centre);
-        if !(dx.is_finite() && dx > 0.0 && dy.is_finite() && dy != 0.0 && x_first.is_finite() && y_first.is_finite()) {
-            return Err(ReadError::data(path, format!("the cells measure {dx} by {dy}, which makes no grid")));
-        }
-        let south = if dy < 0.0 { y_first + dy * (height - 1) as f64 } else { y_first };
-        let (x, y) =
-            (Axis { first: x_first, step: dx, len: width }, Axis { first: south, step: dy.abs(), len: height });
-        Ok(Georeference { x, y, north_first: dy < 0.0, epsg, geographic })
+        let x = FileAxis::new(path, "x", x0 + dx * to_centre, dx, width)?;
+        let y = FileAxis::new(path, "y", y0 + dy * to_centre, dy, height)?;
+        Ok(Georeference { x, y, registration, epsg, geographic })
     }
 }
 
@@ -192,20 +161,20 @@ fn text(decoder: &mut Reader, tag: Tag) -> Option<String> {
     decoder.get_tag_ascii_string(tag).ok()
 }
 
-/// The height of the map: of the options, else of an item of GDAL's metadata that names one in metres, else NaN.
-fn height_m(options: &MapOptions, metadata: &str, notes: &mut Vec<String>) -> f64 {
+/// The height of the map: an item of GDAL's metadata that names one in metres.
+fn height_m(metadata: &str, notes: &mut Vec<String>) -> Option<f64> {
     const NAMES: [&str; 5] = ["level_height_m", "height_m", "altitude_m", "alt_m", "alt"];
-    if let Some(alt_m) = options.alt_m {
-        return alt_m;
-    }
-    for name in NAMES {
-        let item = metadata.split("<Item").find(|i| i.contains(&format!("name=\"{name}\"")));
-        let value = item.and_then(|i| i.split('>').nth(1)).and_then(|v| v.split('<').next());
-        if let Some(alt_m) = value.and_then(|v| v.trim().parse::<f64>().ok()).filter(|x| x.is_finite()) {
-            notes.push(format!("height {alt_m} m of the file's `{name}`, taken as above the ellipsoid"));
-            return alt_m;
-        }
-    }
-    notes.push(NO_HEIGHT.to_owned());
-    f64::NAN
+    let (name, text) = item(metadata, &NAMES)?;
+    let alt_m = text.parse::<f64>().ok().filter(|x| x.is_finite())?;
+    notes.push(format!("height {alt_m} m of the file's `{name}`, taken as above the ellipsoid"));
+    Some(alt_m)
+}
+
+/// The first item of GDAL's metadata that has one of the names, with its name.
+fn item<'a>(metadata: &str, names: &[&'a str]) -> Option<(&'a str, String)> {
+    names.iter().find_map(|name| {
+        let item = metadata.split("<Item").find(|i| i.contains(&format!("name=\"{name}\"")))?;
+        let text = item.split('>').nth(1)?.split('<').next()?.trim();
+        (!text.is_empty()).then(|| (*name, text.to_owned()))
+    })
 }

@@ -4,14 +4,13 @@
 use std::path::{Path, PathBuf};
 
 use super::{
-    Head, MapFormat, MapOptions, RawMap,
+    Head, MapFormat, MapOptions,
     csv::number,
     map_magnav_hdf5::{NOTE, unknown_where_zero},
-    map_parquet::{NO_HEIGHT, anomaly_factor, scaled},
 };
 use crate::{
     ReadError,
-    grid::{Height, Map},
+    grid::{Draft, FileAxis, GridMap, System},
 };
 
 pub(super) const FORMAT: MapFormat = MapFormat {
@@ -22,6 +21,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
         folder(head.path).is_some_and(|f| f.join("xx.csv").is_file() && f.join("yy.csv").is_file())
     },
     read,
+    write: None,
 };
 
 /// The folder itself, or that of its `map.csv`.
@@ -32,27 +32,23 @@ fn folder(path: &Path) -> Option<PathBuf> {
     path.file_name().is_some_and(|n| n == "map.csv").then(|| path.parent().map(Path::to_path_buf))?
 }
 
-fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let folder = folder(path).ok_or_else(|| ReadError::options(path, "name the folder or its map.csv"))?;
     let all = |name: &str| numbers(&folder.join(name));
     let (lon, lat) = (all("xx.csv")?.concat(), all("yy.csv")?.concat());
     let rows = all("map.csv")?;
     let cells = Cells { folder: &folder, n_lat: lat.len(), n_lon: lon.len() };
-    let anomaly = scaled(cells.of("map.csv", rows)?, anomaly_factor(path, options, None)?);
-    let mut notes = vec![NOTE.to_owned()];
-    let height = match options.alt_m {
-        Some(alt_m) => Height::Level(alt_m),
-        None if !folder.join("alt.csv").is_file() => {
-            notes.push(NO_HEIGHT.to_owned());
-            Height::Level(f64::NAN)
+    let values = unknown_where_zero(cells.of("map.csv", rows)?);
+    let (x, y) = (FileAxis::of(path, "lon", &lon)?, FileAxis::of(path, "lat", &lat)?);
+    let mut draft = Draft::new(path, x, y, values, System::Degrees);
+    draft.notes.push(NOTE.to_owned());
+    if options.alt_m.is_none() && folder.join("alt.csv").is_file() {
+        match all("alt.csv")?.as_slice() {
+            [row] if row.len() == 1 => draft.level_m = row.first().copied(),
+            rows => draft.heights = Some(cells.of("alt.csv", rows.to_vec())?),
         }
-        None => match all("alt.csv")?.as_slice() {
-            [row] if row.len() == 1 => Height::Level(row[0]),
-            rows => Height::Cells(cells.of("alt.csv", rows.to_vec())?),
-        },
-    };
-    let map = Map::new(path, &lat, &lon, height, unknown_where_zero(anomaly), notes)?;
-    Ok(RawMap::Geographic(map))
+    }
+    draft.finish(options)
 }
 
 struct Cells<'a> {

@@ -5,13 +5,12 @@
 use std::path::Path;
 
 use super::{
-    Head, MapFormat, MapOptions, RawMap,
+    Head, MapFormat, MapOptions,
     hdf5::{Hdf5, Values},
-    map_parquet::{anomaly_factor, scaled},
 };
 use crate::{
     ReadError,
-    grid::{Height, Map},
+    grid::{Draft, FileAxis, GridMap, System},
 };
 
 pub(super) const FORMAT: MapFormat = MapFormat {
@@ -23,25 +22,32 @@ pub(super) const FORMAT: MapFormat = MapFormat {
         ["map", "xx", "yy"].iter().all(|n| names.iter().any(|m| m == n))
     },
     read,
+    write: None,
 };
 
 /// What is done to every map of MagNav.jl, for the notes.
 pub(super) const NOTE: &str = "cells that are exactly 0 are unknown, as MagNav.jl has it";
 
-fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let file = Hdf5::open(path)?;
     let (lon, lat) = (vector(&file, "xx")?, vector(&file, "yy")?);
     let map = file.need("map")?;
-    let anomaly = scaled(transposed(&map, &lon, &lat)?, anomaly_factor(path, options, None)?);
+    let (x, y) = (FileAxis::of(path, "lon", &lon)?, FileAxis::of(path, "lat", &lat)?);
+    let values = unknown_where_zero(transposed(&map, &lon, &lat)?);
+    let mut draft = Draft::new(path, x, y, values, System::Degrees);
+    draft.notes.push(NOTE.to_owned());
     let alt = file.need("alt")?;
-    let height = match options.alt_m {
-        Some(alt_m) => Height::Level(alt_m),
-        None if alt.shape == map.shape => Height::Cells(transposed(&alt, &lon, &lat)?),
-        None if alt.shape.iter().product::<u64>() == 1 => Height::Level(alt.scalar()?),
-        None => return Err(alt.damaged("a map of several levels is not one table; give one level")),
-    };
-    let map = Map::new(path, &lat, &lon, height, unknown_where_zero(anomaly), vec![NOTE.to_owned()])?;
-    Ok(RawMap::Geographic(map))
+    if options.alt_m.is_some() {
+        return draft.finish(options);
+    }
+    if alt.shape == map.shape {
+        draft.heights = Some(transposed(&alt, &lon, &lat)?);
+    } else if alt.shape.iter().product::<u64>() == 1 {
+        draft.level_m = Some(alt.scalar()?);
+    } else {
+        return Err(alt.damaged("a map of several levels is not one table; give one level"));
+    }
+    draft.finish(options)
 }
 
 /// MagNav.jl has no other mark for a cell without data.

@@ -1,16 +1,22 @@
 //! Map grids in Parquet, one row a node: of latitude and longitude, or of eastings and northings.
 
-use std::path::Path;
+use std::{ops::Range, path::Path, sync::Arc};
 
-use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
+use ::parquet::{
+    arrow::ArrowWriter,
+    basic::{Compression, ZstdLevel},
+    errors::ParquetError,
+    file::properties::WriterProperties,
+};
+use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_cast::cast;
-use arrow_schema::DataType;
-use schemas::convert;
+use arrow_schema::{ArrowError, DataType, Field, Schema, SchemaRef};
+use schemas::{Role, field};
 
-use super::{Head, MapFormat, MapOptions, RawMap, guarded, parquet};
+use super::{Head, MapFormat, MapOptions, guarded, output::Outputs, parquet};
 use crate::{
     ReadError,
-    grid::{Crs, Height, Map, Projected, from_nodes},
+    grid::{Draft, GridMap, System, WGS84, from_nodes},
 };
 
 pub(super) const FORMAT: MapFormat = MapFormat {
@@ -19,6 +25,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     extensions: &["parquet", "pq"],
     recognise: |head: &Head| head.starts_with(parquet::MAGIC),
     read,
+    write: Some(write),
 };
 
 /// Names a column of each kind may have.
@@ -29,7 +36,7 @@ const NORTHINGS: &[&str] = &["northing", "northing_m", "utm_northing_m", "osgb_n
 const HEIGHTS: &[&str] = &["alt", "alt_m", "altitude_m"];
 const ANOMALIES: &[&str] = &["anomaly", "anomaly_nt", "total_field_anomaly_nt"];
 
-fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let builder = parquet::builder(path)?;
     let names: Vec<String> = builder.schema().fields().iter().map(|f| f.name().clone()).collect();
     let known = |kinds: &[&str]| names.iter().find(|n| kinds.contains(&n.as_str())).cloned();
@@ -42,7 +49,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
     let projected = known(LATITUDES).is_none() && known(EASTINGS).is_some();
     let (x, y) = if projected { (need(EASTINGS)?, need(NORTHINGS)?) } else { (need(LONGITUDES)?, need(LATITUDES)?) };
     let unit = builder.schema().field_with_name(&anomaly).ok().and_then(|f| f.metadata().get("unit").cloned());
-    let factor = anomaly_factor(path, options, unit.as_deref())?;
+    let code = builder.schema().field_with_name(&x).ok().and_then(|f| f.metadata().get("epsg")?.parse().ok());
     let batches: Vec<RecordBatch> = guarded(path, || {
         let reader = builder.with_batch_size(65_536).build();
         let reader = reader.map_err(|e| parquet::damaged(path, &e.to_string()))?;
@@ -50,50 +57,74 @@ fn read(path: &Path, options: &MapOptions) -> Result<RawMap, ReadError> {
     })?;
     let (xs, ys) = (numbers(path, &batches, &x)?, numbers(path, &batches, &y)?);
     let (x, y) = ((x.as_str(), xs.as_slice()), (y.as_str(), ys.as_slice()));
-    let values = scaled(numbers(path, &batches, &anomaly)?, factor);
+    let values = numbers(path, &batches, &anomaly)?;
     let height = known(HEIGHTS).map(|name| numbers(path, &batches, &name)).transpose()?;
-    if projected {
-        return projected_map(path, options, x, y, &values, height);
-    }
-    let given = options.alt_m;
-    let columns = [values, height.clone().unwrap_or_default()];
-    let columns: Vec<&[f64]> = columns.iter().filter(|c| !c.is_empty()).map(Vec::as_slice).collect();
+    let columns: Vec<&[f64]> = [Some(&values), height.as_ref()].into_iter().flatten().map(Vec::as_slice).collect();
     let mut nodes = from_nodes(path, x, y, &columns)?;
-    let cells = nodes.values.pop_if(|_| height.is_some());
-    let mut notes = vec![];
-    let height = match (given, cells) {
-        (Some(alt_m), _) => Height::Level(alt_m),
-        (None, Some(cells)) => Height::Cells(cells),
-        (None, None) => {
-            notes.push(NO_HEIGHT.to_owned());
-            Height::Level(f64::NAN)
-        }
+    let heights = nodes.values.pop_if(|_| height.is_some());
+    let system = match code {
+        Some(code) => System::Epsg(code),
+        None if projected => System::Projected,
+        None => System::Degrees,
     };
-    let values = nodes.values.pop().unwrap_or_default();
-    Map::new(path, &nodes.y, &nodes.x, height, values, notes).map(RawMap::Geographic)
+    let mut draft = Draft::new(path, nodes.x, nodes.y, nodes.values.pop().unwrap_or_default(), system);
+    draft.unit = unit;
+    draft.heights = heights;
+    draft.finish(options)
 }
 
-fn projected_map(
-    path: &Path,
-    options: &MapOptions,
-    easting: (&str, &[f64]),
-    northing: (&str, &[f64]),
-    values: &[f64],
-    height: Option<Vec<f64>>,
-) -> Result<RawMap, ReadError> {
-    let code = options.epsg.ok_or_else(|| no_epsg(path))?;
-    let crs = Crs::from_epsg(path, code)?;
-    let level = height.as_ref().and_then(|h| h.first()).copied();
-    if options.alt_m.is_none() && height.is_some_and(|h| h.iter().any(|x| Some(*x) != level)) {
-        let what = "the height varies from node to node, which a projected map cannot have";
-        return Err(ReadError::data(path, what).in_column("alt"));
+/// Nodes to a batch that is written.
+const BATCH_NODES: usize = 1 << 20;
+
+fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+    let schema = schema(map);
+    let properties = WriterProperties::builder().set_compression(Compression::ZSTD(ZstdLevel::default())).build();
+    let sink = outputs.create()?;
+    let failed = |e: ParquetError, path: &Path| ReadError::machine(path, e.to_string());
+    let path = outputs.path().to_path_buf();
+    let writer = ArrowWriter::try_new(sink, schema.clone(), Some(properties));
+    let mut writer = writer.map_err(|e| failed(e, &path))?;
+    let rows = (BATCH_NODES / map.x.len).max(1);
+    for from in (0..map.y.len).step_by(rows) {
+        let batch = batch(map, &schema, from..(from + rows).min(map.y.len)).map_err(|e| map.fault(e.to_string()))?;
+        writer.write(&batch).map_err(|e| failed(e, &path))?;
     }
-    let alt_m = options.alt_m.or(level).unwrap_or(f64::NAN);
-    let notes = if alt_m.is_nan() { vec![NO_HEIGHT.to_owned()] } else { vec![] };
-    let mut nodes = from_nodes(path, easting, northing, &[values])?;
-    let anomaly_nt = nodes.values.pop().unwrap_or_default();
-    let (easting, northing) = (nodes.x_axis, nodes.y_axis);
-    Ok(RawMap::Projected(Box::new(Projected { easting, northing, anomaly_nt, crs, alt_m, notes })))
+    let sink = writer.into_inner().map_err(|e| failed(e, &path))?;
+    outputs.finish(sink)
+}
+
+/// The contract's columns; eastings and northings, with their code, for a projected map.
+fn schema(map: &GridMap) -> SchemaRef {
+    let mut fields: Vec<Field> = schemas::map::shape().columns.iter().map(schemas::Column::field).collect();
+    if !map.is_geographic() {
+        let unit = match map.crs.unit_m() {
+            1.0 => "m",
+            0.3048 => "ft",
+            _ => "",
+        };
+        let axis = |name: &str, what: &str| field(name, DataType::Float64, unit, Role::Key, what);
+        fields.splice(0..2, [axis("easting", "easting of the node"), axis("northing", "northing of the node")]);
+    }
+    if map.crs.code() != WGS84 {
+        for field in fields.iter_mut().take(2) {
+            let mut metadata = field.metadata().clone();
+            metadata.insert("epsg".to_owned(), map.crs.code().to_string());
+            field.set_metadata(metadata);
+        }
+    }
+    Arc::new(Schema::new(fields))
+}
+
+/// Some rows of the map.
+fn batch(map: &GridMap, schema: &SchemaRef, rows: Range<usize>) -> Result<RecordBatch, ArrowError> {
+    let nodes = rows.start * map.x.len..rows.end * map.x.len;
+    let x = map.x.coordinates().repeat(rows.len());
+    let y: Vec<f64> = rows.flat_map(|j| std::iter::repeat_n(map.y.at(j as f64), map.x.len)).collect();
+    let alt: Vec<f64> = nodes.clone().map(|node| map.height_at(node)).collect();
+    let anomaly = map.anomaly_nt.get(nodes).unwrap_or_default().to_vec();
+    let (first, second) = if map.is_geographic() { (y, x) } else { (x, y) };
+    let columns = [first, second, alt, anomaly].map(|c| Arc::new(Float64Array::from(c)) as ArrayRef);
+    RecordBatch::try_new(schema.clone(), columns.to_vec())
 }
 
 fn numbers(path: &Path, batches: &[RecordBatch], name: &str) -> Result<Vec<f64>, ReadError> {
@@ -108,27 +139,4 @@ fn numbers(path: &Path, batches: &[RecordBatch], name: &str) -> Result<Vec<f64>,
         out.extend(numbers.iter().map(|x| x.unwrap_or(f64::NAN)));
     }
     if out.is_empty() { Err(ReadError::data(path, "the map has no rows")) } else { Ok(out) }
-}
-
-pub(super) fn scaled(mut values: Vec<f64>, factor: f64) -> Vec<f64> {
-    if factor != 1.0 {
-        values.iter_mut().for_each(|v| *v *= factor);
-    }
-    values
-}
-
-/// What turns the anomaly into nT: the unit of the options, else of the file, else nT.
-pub(super) fn anomaly_factor(path: &Path, options: &MapOptions, file: Option<&str>) -> Result<f64, ReadError> {
-    let unit = options.unit.as_deref().or(file.filter(|u| !u.is_empty())).unwrap_or("nT");
-    convert(unit, "nT").ok_or_else(|| {
-        ReadError::options(path, format!("the unit `{unit}` does not convert to nT")).in_column("anomaly")
-    })
-}
-
-/// Said of a map whose height is unknown: nothing but a continuation needs it.
-pub(super) const NO_HEIGHT: &str = "the file does not say how high the map is, so `alt` is NaN; `alt_m` gives it";
-
-pub(super) fn no_epsg(path: &Path) -> ReadError {
-    ReadError::options(path, "the file does not say what its eastings and northings are")
-        .help("give `epsg`, the code of the coordinate system, such as 32754 for UTM zone 54 south")
 }

@@ -14,7 +14,7 @@ use std::{
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 
-use crate::{ReadError, grid::Projected};
+use crate::{ReadError, grid::GridMap};
 
 mod adopt;
 mod csv;
@@ -26,13 +26,19 @@ mod map_geotiff;
 mod map_magnav_csv;
 mod map_magnav_hdf5;
 mod map_parquet;
+mod output;
 mod parquet;
+mod points;
+mod points_table;
 mod sgl;
 mod sgl_hdf5;
 mod sgl_xyz;
 mod synth;
+mod text_table;
 
 pub use crate::grid::Map;
+pub use output::write_grid;
+pub use points::{Extra, PointOptions, SurveyPoints, read_points};
 
 /// How to read a flight log.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -106,12 +112,6 @@ pub struct MapOptions {
     pub unit: Option<String>,
 }
 
-/// What a map format yields: a geographic grid as it stands, or a projected one still to be resampled.
-pub(crate) enum RawMap {
-    Geographic(Map),
-    Projected(Box<Projected>),
-}
-
 /// The start of a file, by which it is recognised.
 pub(crate) struct Head<'a> {
     path: &'a Path,
@@ -174,7 +174,15 @@ pub struct MapFormat {
     /// What its files end in.
     pub extensions: &'static [&'static str],
     recognise: fn(&Head) -> bool,
-    read: fn(&Path, &MapOptions) -> Result<RawMap, ReadError>,
+    read: fn(&Path, &MapOptions) -> Result<GridMap, ReadError>,
+    write: Option<fn(&GridMap, &mut output::Outputs) -> Result<(), ReadError>>,
+}
+
+impl MapFormat {
+    /// Whether [`write_grid`] knows it.
+    pub fn is_written(&self) -> bool {
+        self.write.is_some()
+    }
 }
 
 /// The flight formats, in the order in which a file is tried.
@@ -212,13 +220,20 @@ pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader,
 /// A file that is missing, empty, damaged or in no known format, a grid that is not regular, and a
 /// height or coordinate system that neither the file nor the options give.
 pub fn read_map(path: &Path, options: &MapOptions) -> Result<Map, ReadError> {
+    read_grid(path, options)?.to_geographic()
+}
+
+/// Reads a map on its own grid, whatever its coordinates are: rows from the south, columns from the west, nT.
+///
+/// # Errors
+/// As [`read_map`].
+pub fn read_grid(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let head = Head::read(path)?;
     let entries: Vec<_> = MAP_FORMATS.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
     let chosen = choose(&head, options.format.as_deref(), &entries, "map")?;
-    match (MAP_FORMATS[chosen].read)(path, options)? {
-        RawMap::Geographic(map) => Ok(map),
-        RawMap::Projected(projected) => projected.to_geographic(path),
-    }
+    let format = &MAP_FORMATS[chosen];
+    let map = (format.read)(path, options)?;
+    Ok(GridMap { format: format.name, ..map })
 }
 
 struct Choice {

@@ -1,14 +1,14 @@
 //! Interpolation between the nodes of a projected grid, local so that unknown nodes do no harm beyond
 //! their neighbourhood.
 
-use super::Axis;
+use stages::numerics::plane_grid::EvenAxis;
 
 /// The value at a place given in fractions of nodes, or NaN.
 ///
 /// A polynomial of ninth degree through the 10 x 10 nodes around the place; of fifth or third degree
 /// through 6 x 6 or 4 x 4 where one of those nodes is unknown or beyond the edge; NaN where one of the
 /// 4 x 4 is unknown too. In the outermost cells the 4 x 4 nodes nearest to the place are taken.
-pub(super) fn at(values: &[f64], x: &Axis, y: &Axis, column: f64, row: f64) -> f64 {
+pub(super) fn at(values: &[f64], x: &EvenAxis, y: &EvenAxis, column: f64, row: f64) -> f64 {
     let centred = |n: usize| {
         let fits = |place: f64, len: usize| {
             place.floor() + 1.0 >= (n / 2) as f64 && place.floor() + 1.0 + (n / 2) as f64 <= len as f64
@@ -58,8 +58,8 @@ fn weights<const N: usize>(place: f64, len: usize) -> Option<(usize, [f64; N])> 
 mod tests {
     use super::*;
 
-    fn axis(len: usize) -> Axis {
-        Axis { first: 0.0, step: 1.0, len }
+    fn axis(len: usize) -> EvenAxis {
+        EvenAxis { first: 0.0, step: 1.0, len }
     }
 
     #[test]

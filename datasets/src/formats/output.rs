@@ -1,0 +1,134 @@
+//! Writing maps: each file is made beside its place and renamed into it when whole.
+
+use std::{
+    fs::{self, File, OpenOptions},
+    io::{BufWriter, Write},
+    path::{Path, PathBuf},
+    sync::atomic::{AtomicU64, Ordering},
+};
+
+use super::{MAP_FORMATS, MapFormat};
+use crate::{ReadError, grid::GridMap};
+
+/// Writes a map, in the format that is named or that the path's extension stands for. What was at the path is
+/// replaced when the new file is whole; nothing half-written is left.
+///
+/// Values are nT; unknown nodes are what the format has for them. What a format cannot hold (the coordinate system,
+/// the height, the notes) is left out; the documentation of the formats says which.
+///
+/// # Errors
+/// A format that is unknown, not written, or not told by the extension, a map that it cannot hold, and a path that
+/// cannot be written.
+pub fn write_grid(path: &Path, map: &GridMap, format: Option<&str>) -> Result<(), ReadError> {
+    let chosen = writer_for(path, format)?;
+    let Some(write) = chosen.write else {
+        return Err(not_written(path, chosen.name));
+    };
+    map.check()?;
+    let mut outputs = Outputs { path, made: vec![] };
+    write(map, &mut outputs)?;
+    outputs.commit()
+}
+
+fn not_written(path: &Path, name: &str) -> ReadError {
+    ReadError::options(path, format!("the map format `{name}` is read, not written")).help(writers())
+}
+
+fn writers() -> String {
+    let names: Vec<&str> = MAP_FORMATS.iter().filter(|f| f.write.is_some()).map(|f| f.name).collect();
+    format!("written are {}", names.join(", "))
+}
+
+fn writer_for(path: &Path, format: Option<&str>) -> Result<&'static MapFormat, ReadError> {
+    if let Some(name) = format {
+        let names: Vec<&str> = MAP_FORMATS.iter().map(|f| f.name).collect();
+        return MAP_FORMATS
+            .iter()
+            .find(|f| f.name == name)
+            .ok_or_else(|| ReadError::options(path, format!("there is no map format `{name}`")).nearest(name, &names));
+    }
+    let lower = path.to_string_lossy().to_ascii_lowercase();
+    let ends = |f: &&MapFormat| f.write.is_some() && f.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")));
+    let found: Vec<&MapFormat> = MAP_FORMATS.iter().filter(ends).collect();
+    match found.as_slice() {
+        [one] => Ok(one),
+        [] => Err(ReadError::options(path, "the extension stands for no map format that is written").help(writers())),
+        several => {
+            let names: Vec<&str> = several.iter().map(|f| f.name).collect();
+            let what = format!("the extension stands for several map formats: {}", names.join(", "));
+            Err(ReadError::options(path, what).help("name one with `format`"))
+        }
+    }
+}
+
+/// The files that a format makes.
+pub(crate) struct Outputs<'a> {
+    path: &'a Path,
+    made: Vec<(PathBuf, PathBuf)>,
+}
+
+/// A file being written.
+pub(crate) type Sink = BufWriter<File>;
+
+impl Outputs<'_> {
+    /// Where the map goes.
+    pub(crate) fn path(&self) -> &Path {
+        self.path
+    }
+
+    /// Begins the map's file.
+    pub(crate) fn create(&mut self) -> Result<Sink, ReadError> {
+        self.create_at(self.path.to_path_buf())
+    }
+
+    /// Begins another file of the map's.
+    pub(crate) fn create_at(&mut self, path: PathBuf) -> Result<Sink, ReadError> {
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        let io = |e: &std::io::Error| ReadError::io(&path, e);
+        let name = path.file_name().map(|n| n.to_string_lossy().into_owned());
+        let Some(name) = name else { return Err(ReadError::options(&path, "is no name for a file")) };
+        let count = COUNT.fetch_add(1, Ordering::Relaxed);
+        let part = path.with_file_name(format!(".{name}.{}.{count}.part", std::process::id()));
+        let file = OpenOptions::new().write(true).read(true).create_new(true).open(&part).map_err(|e| io(&e))?;
+        self.made.push((part, path));
+        Ok(BufWriter::with_capacity(1 << 16, file))
+    }
+
+    /// Ends a file: all of it is on the disk.
+    pub(crate) fn finish(&self, sink: Sink) -> Result<(), ReadError> {
+        let done = sink.into_inner().map_err(|e| e.into_error()).and_then(|f| f.sync_all());
+        done.map_err(|e| self.io(&e))
+    }
+
+    /// An error of writing.
+    pub(crate) fn io(&self, error: &std::io::Error) -> ReadError {
+        ReadError::io(self.path, error)
+    }
+
+    /// Writes bytes as the map's file.
+    pub(crate) fn whole(&mut self, bytes: &[u8]) -> Result<(), ReadError> {
+        let mut sink = self.create()?;
+        sink.write_all(bytes).map_err(|e| self.io(&e))?;
+        self.finish(sink)
+    }
+
+    fn commit(mut self) -> Result<(), ReadError> {
+        // Backwards: what names other files comes first and is put in its place last.
+        while let Some((part, path)) = self.made.pop() {
+            if let Err(error) = fs::rename(&part, &path) {
+                self.made.push((part, path));
+                return Err(self.io(&error));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Outputs<'_> {
+    /// What was not put in its place is taken away.
+    fn drop(&mut self) {
+        for (part, _) in &self.made {
+            let _ = fs::remove_file(part);
+        }
+    }
+}

@@ -1,0 +1,399 @@
+//! Survey points: scattered values along lines, in whatever table they come, with their places in one projection.
+
+use std::path::Path;
+
+use stages::numerics::plane_grid::{EvenAxis, PlaneGrid};
+
+use super::points_table::{Column, Table, load};
+use crate::{
+    ReadError,
+    grid::{Crs, GridMap, Height, WGS84},
+};
+
+/// How to read survey points. Columns that are not named are found by the usual names.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PointOptions {
+    /// A flight format, `parquet` or `text`, where content and extension do not tell.
+    pub format: Option<String>,
+    /// The column of longitudes or eastings.
+    pub x: Option<String>,
+    /// The column of latitudes or northings.
+    pub y: Option<String>,
+    /// The column of heights.
+    pub height: Option<String>,
+    /// The column of the values to be gridded.
+    pub value: Option<String>,
+    /// The column of line names.
+    pub line: Option<String>,
+    /// The EPSG code of `x` and `y`; degrees of WGS-84 where their names are those of latitude and longitude.
+    pub epsg: Option<u16>,
+    /// The EPSG code of the plane that the points come on; by default that of `x` and `y` where they are eastings and
+    /// northings, else the UTM zone of the middle of the points.
+    pub to_epsg: Option<u16>,
+}
+
+/// Survey points in the file's order. Every vector but `lines` has one entry a point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SurveyPoints {
+    /// The projection of eastings and northings.
+    pub crs: Crs,
+    /// Eastings, in metres whatever the unit of the projection.
+    pub easting_m: Vec<f64>,
+    /// Northings, in metres.
+    pub northing_m: Vec<f64>,
+    /// WGS-84 latitudes, in degrees.
+    pub lat_deg: Vec<f64>,
+    /// WGS-84 longitudes, in degrees.
+    pub lon_deg: Vec<f64>,
+    /// Heights in metres as the file counts them; NaN where unknown.
+    pub height_m: Vec<f64>,
+    /// The values; NaN where missing.
+    pub value_nt: Vec<f64>,
+    /// The line of each point, as a place in `lines`; all of one line where the file names none.
+    pub line: Vec<u32>,
+    /// The names of the lines, in the order in which they first occur.
+    pub lines: Vec<String>,
+    /// What else the file has of the columns that a reduction needs.
+    pub extra: Extra,
+    /// What was found and done, in words.
+    pub notes: Vec<String>,
+}
+
+/// Columns that a survey may have, one entry a point.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Extra {
+    /// Seconds past midnight UTC.
+    pub tt_s: Option<Vec<f64>>,
+    /// The temporal variation, in nT.
+    pub diurnal_nt: Option<Vec<f64>>,
+    /// The magnitude of the core field, in nT.
+    pub igrf_nt: Option<Vec<f64>>,
+    /// The year.
+    pub year: Option<Vec<f64>>,
+    /// The day of the year.
+    pub doy: Option<Vec<f64>>,
+}
+
+const LATITUDES: &[&str] = &["lat", "latitude_deg", "latitude", "lat_deg", "lat_wgs84", "latitude_wgs84", "gps_lat"];
+const LONGITUDES: &[&str] =
+    &["lon", "longitude_deg", "longitude", "lon_deg", "long", "lon_wgs84", "longitude_wgs84", "lng", "gps_lon"];
+const EASTINGS: &[&str] =
+    &["easting", "easting_m", "utm_easting_m", "osgb_easting_m", "utm_x", "utm_e", "east", "east_m", "e", "x", "x_m"];
+const NORTHINGS: &[&str] = &[
+    "northing",
+    "northing_m",
+    "utm_northing_m",
+    "osgb_northing_m",
+    "utm_y",
+    "utm_n",
+    "north",
+    "north_m",
+    "n",
+    "y",
+    "y_m",
+];
+const HEIGHTS: &[&str] = &[
+    "alt",
+    "alt_m",
+    "altitude_m",
+    "altitude",
+    "height_m",
+    "height",
+    "height_ellipsoidal_m",
+    "height_orthometric_m",
+    "gps_alt",
+    "galt",
+    "elevation_m",
+    "elevation",
+    "msl",
+    "z",
+    "z_m",
+];
+const VALUES: &[&str] = &[
+    "anomaly",
+    "anomaly_nt",
+    "total_field_anomaly_nt",
+    "total_field_anomaly",
+    "mag_anomaly",
+    "magnetic_anomaly",
+    "tmi",
+    "tmi_nt",
+    "tmi_anomaly",
+    "total_field",
+    "total_field_nt",
+    "mag_lev",
+    "mag_1_c",
+    "mag_c",
+    "mag",
+    "mag_nt",
+    "magnetics",
+    "residual",
+    "value",
+    "f",
+];
+const LINES: &[&str] = &[
+    "line",
+    "flight_line",
+    "line_and_segment",
+    "line_id",
+    "line_number",
+    "line_no",
+    "lineno",
+    "line_name",
+    "survey_line",
+];
+
+/// Reads survey points from Parquet, CSV, columns of text (Geosoft's XYZ with line records too) or any flight format.
+///
+/// Points without a place are left out and counted in the notes; points without a value are kept, as NaN.
+///
+/// # Errors
+/// A file that cannot be read, columns that are not there or hold no numbers, units that do not convert, and
+/// coordinates of no known system.
+pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPoints, ReadError> {
+    let table = load(path, options.format.as_deref())?;
+    let found = Found::of(path, &table, options)?;
+    let mut points = found.points(path, options)?;
+    if points.value_nt.iter().all(|v| v.is_nan()) {
+        return Err(ReadError::data(path, "no point has a value").in_column(&found.value.name));
+    }
+    points.notes.splice(0..0, found.notes());
+    Ok(points)
+}
+
+/// The columns to read.
+struct Found<'a> {
+    table: &'a Table,
+    x: &'a Column,
+    y: &'a Column,
+    height: Option<&'a Column>,
+    value: &'a Column,
+    line: Option<&'a Column>,
+    system: Crs,
+}
+
+impl<'a> Found<'a> {
+    fn of(path: &Path, table: &'a Table, options: &PointOptions) -> Result<Found<'a>, ReadError> {
+        let (x, y) = place_columns(path, table, options)?;
+        let degrees = |c: &Column, known: &[&str]| known.contains(&&*c.name.to_ascii_lowercase()) || c.is_angle();
+        let code = match options.epsg {
+            Some(code) => code,
+            None if degrees(x, LONGITUDES) && degrees(y, LATITUDES) => WGS84,
+            None => {
+                let what = format!("nothing says what the coordinates `{}` and `{}` are", x.name, y.name);
+                let help = "give `epsg`, such as 32754 for UTM zone 54 south or 4326 for degrees";
+                return Err(ReadError::options(path, what).help(help));
+            }
+        };
+        let value = table.named_or(path, options.value.as_deref(), VALUES, "value")?;
+        let value = value.ok_or_else(|| table.lacks(path, "values", "value", VALUES))?;
+        Ok(Found {
+            table,
+            x,
+            y,
+            height: table.named_or(path, options.height.as_deref(), HEIGHTS, "height")?,
+            value,
+            line: table.named_or(path, options.line.as_deref(), LINES, "line")?,
+            system: Crs::from_epsg(path, code)?,
+        })
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let mut notes =
+            vec![format!("places of `{}` and `{}`, values of `{}`", self.x.name, self.y.name, self.value.name)];
+        match self.height {
+            Some(height) if height.name.contains("orthometric") || height.name == "msl" => {
+                notes.push(format!("heights of `{}`, which are above sea level", height.name));
+            }
+            Some(height) => notes.push(format!("heights of `{}`", height.name)),
+            None => notes.push("the file has no heights".to_owned()),
+        }
+        match self.line {
+            Some(line) => notes.push(format!("lines of `{}`", line.name)),
+            None if !self.table.records.is_empty() => notes.push("lines of the file's line records".to_owned()),
+            None => notes.push("the file names no lines".to_owned()),
+        }
+        notes
+    }
+
+    fn points(&self, path: &Path, options: &PointOptions) -> Result<SurveyPoints, ReadError> {
+        let angle = self.system.is_geographic();
+        let (x, y) = (
+            self.x.in_unit(path, if angle { "deg" } else { "" })?,
+            self.y.in_unit(path, if angle { "deg" } else { "" })?,
+        );
+        let kept: Vec<usize> =
+            x.iter().zip(&y).enumerate().filter(|(_, (x, y))| x.is_finite() && y.is_finite()).map(|(i, _)| i).collect();
+        if kept.is_empty() {
+            return Err(ReadError::data(path, "no point has a place").in_column(&self.x.name));
+        }
+        let pick =
+            |values: &[f64]| -> Vec<f64> { kept.iter().map(|i| values.get(*i).copied().unwrap_or(f64::NAN)).collect() };
+        let (x, y) = (pick(&x), pick(&y));
+        let (lat_deg, lon_deg) = self.degrees(path, &x, &y, &kept)?;
+        let crs = self.plane(path, options, &lat_deg, &lon_deg)?;
+        let (easting_m, northing_m) = self.metres(path, &crs, (&x, &y), (&lat_deg, &lon_deg), &kept)?;
+        let height_m = self.height.map(|c| c.in_unit(path, "m")).transpose()?;
+        let value_nt = pick(&self.value.in_unit(path, "nT")?);
+        let (line, lines) = self.lines(&kept);
+        let mut notes = vec![];
+        if kept.len() < self.table.rows {
+            notes.push(format!("{} points without a place are left out", self.table.rows - kept.len()));
+        }
+        let unknown = value_nt.iter().filter(|v| v.is_nan()).count();
+        if unknown > 0 {
+            notes.push(format!("{unknown} points have no value"));
+        }
+        let height_m = height_m.map_or_else(|| vec![f64::NAN; kept.len()], |h| pick(&h));
+        let extra = self.extra(path, &pick)?;
+        Ok(SurveyPoints { crs, easting_m, northing_m, lat_deg, lon_deg, height_m, value_nt, line, lines, extra, notes })
+    }
+
+    fn degrees(&self, path: &Path, x: &[f64], y: &[f64], rows: &[usize]) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
+        let mut places = (Vec::with_capacity(x.len()), Vec::with_capacity(x.len()));
+        for ((x, y), row) in x.iter().zip(y).zip(rows) {
+            let place = if self.system.code() == WGS84 { Some((*y, *x)) } else { self.system.unproject(*x, *y) };
+            let place = place.filter(|(lat, lon)| lat.abs() <= 90.0 && lon.abs() <= 360.0);
+            let (lat, lon) = place.ok_or_else(|| {
+                let what = format!("({x}, {y}) is no place in EPSG:{}", self.system.code());
+                ReadError::data(path, what).in_column(&self.x.name).in_row(*row as u64).help("check the EPSG code")
+            })?;
+            places.0.push(lat);
+            places.1.push(lon - 360.0 * ((lon + 180.0) / 360.0).floor());
+        }
+        Ok(places)
+    }
+
+    /// The projection of the result.
+    fn plane(&self, path: &Path, options: &PointOptions, lat: &[f64], lon: &[f64]) -> Result<Crs, ReadError> {
+        let crs = match options.to_epsg {
+            Some(code) => Crs::from_epsg(path, code)?,
+            None if !self.system.is_geographic() => self.system.clone(),
+            None => {
+                // The mean direction, so that a survey across the date line has its middle there.
+                let (sin, cos) =
+                    lon.iter().fold((0.0, 0.0), |(s, c), l| (s + l.to_radians().sin(), c + l.to_radians().cos()));
+                let middle = lat.iter().sum::<f64>() / lat.len() as f64;
+                Crs::utm_zone_of(middle, sin.atan2(cos).to_degrees())?
+            }
+        };
+        if crs.is_geographic() {
+            let what = format!("EPSG:{} has degrees, not metres", crs.code());
+            return Err(ReadError::options(path, what).help("give a projected system for the points to come on"));
+        }
+        Ok(crs)
+    }
+
+    fn metres(
+        &self,
+        path: &Path,
+        crs: &Crs,
+        (x, y): (&[f64], &[f64]),
+        (lat, lon): (&[f64], &[f64]),
+        rows: &[usize],
+    ) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
+        let unit_m = crs.unit_m();
+        let scaled = |values: &[f64]| values.iter().map(|v| v * unit_m).collect();
+        if *crs == self.system {
+            return Ok((scaled(x), scaled(y)));
+        }
+        let mut places = (Vec::with_capacity(lat.len()), Vec::with_capacity(lat.len()));
+        for ((lat, lon), row) in lat.iter().zip(lon).zip(rows) {
+            let (easting, northing) = crs.project(*lat, *lon).ok_or_else(|| {
+                let what = format!("latitude {lat}, longitude {lon} is no place in EPSG:{}", crs.code());
+                ReadError::data(path, what).in_row(*row as u64)
+            })?;
+            places.0.push(easting * unit_m);
+            places.1.push(northing * unit_m);
+        }
+        Ok(places)
+    }
+
+    /// The line of each point and the lines' names. Lines of one name in two flights are two.
+    fn lines(&self, rows: &[usize]) -> (Vec<u32>, Vec<String>) {
+        let names: Vec<String> = match self.line {
+            Some(column) => {
+                let names = column.texts();
+                let flights = self.table.column("flight").map(Column::texts);
+                let several = flights.as_ref().is_some_and(|f| f.iter().any(|one| Some(one) != f.first()));
+                match flights.filter(|_| several) {
+                    Some(flights) => flights.iter().zip(&names).map(|(f, l)| format!("{f} {l}")).collect(),
+                    None => names,
+                }
+            }
+            None => self.table.recorded_lines(),
+        };
+        let mut lines: Vec<String> = vec![];
+        let mut places = std::collections::HashMap::new();
+        let mut of = |row: &usize| {
+            let name = names.get(*row).cloned().unwrap_or_default();
+            *places.entry(name.clone()).or_insert_with(|| {
+                lines.push(name);
+                lines.len() as u32 - 1
+            })
+        };
+        (rows.iter().map(&mut of).collect(), lines)
+    }
+
+    fn extra(&self, path: &Path, pick: &dyn Fn(&[f64]) -> Vec<f64>) -> Result<Extra, ReadError> {
+        let column = |names: &[&str], unit: &str| -> Result<Option<Vec<f64>>, ReadError> {
+            let column = names.iter().find_map(|n| self.table.column(n)).filter(|c| c.is_number());
+            column.map(|c| c.in_unit(path, unit).map(|v| pick(&v))).transpose()
+        };
+        Ok(Extra {
+            tt_s: column(&["tt", "time_s"], "s")?,
+            diurnal_nt: column(&["diurnal", "diurnal_nt"], "nT")?,
+            igrf_nt: column(&["igrf", "igrf_nt"], "nT")?,
+            year: column(&["year", "survey_year"], "")?,
+            doy: column(&["doy", "day_of_year"], "")?,
+        })
+    }
+}
+
+/// The columns of places: those that are named, else latitude and longitude, else eastings and northings (first where
+/// a projected system is given).
+fn place_columns<'a>(
+    path: &Path,
+    table: &'a Table,
+    options: &PointOptions,
+) -> Result<(&'a Column, &'a Column), ReadError> {
+    let projected = match options.epsg {
+        Some(code) => !Crs::from_epsg(path, code)?.is_geographic(),
+        None => false,
+    };
+    let pairs = [(LONGITUDES, LATITUDES), (EASTINGS, NORTHINGS)];
+    let pairs = if projected { [pairs[1], pairs[0]] } else { pairs };
+    for (xs, ys) in pairs {
+        let x = table.named_or(path, options.x.as_deref(), xs, "x")?;
+        let y = table.named_or(path, options.y.as_deref(), ys, "y")?;
+        if let (Some(x), Some(y)) = (x, y) {
+            return Ok((x, y));
+        }
+    }
+    Err(table.lacks(path, "places", "x", &["longitude and latitude", "easting and northing"]))
+}
+
+impl SurveyPoints {
+    /// A map on a grid that lies on the points' plane.
+    ///
+    /// # Errors
+    /// What [`GridMap::new`] refuses.
+    pub fn grid(&self, grid: PlaneGrid, height: Height) -> Result<GridMap, ReadError> {
+        let unit_m = self.crs.unit_m();
+        let axis = |a: EvenAxis| EvenAxis { first: a.first / unit_m, step: a.step / unit_m, len: a.len };
+        GridMap::new(axis(grid.east_m), axis(grid.north_m), self.crs.clone(), grid.values, height)
+    }
+
+    /// How many points there are.
+    pub fn len(&self) -> usize {
+        self.value_nt.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.value_nt.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,84 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::fs;
+
+use tempfile::TempDir;
+
+use super::*;
+use crate::samples;
+
+fn read(name: &str, options: &PointOptions) -> SurveyPoints {
+    read_points(&samples::path(name), options).unwrap_or_else(|e| panic!("{e}"))
+}
+
+#[test]
+fn val_osborne_comes_on_the_zone_that_its_makers_chose() {
+    let points = read("osborne/osborne_survey_points.parquet", &PointOptions::default());
+    assert_eq!(points.crs.code(), 32754, "the zone of the middle");
+    assert_eq!(points.len(), 967_205);
+    // The first point of the file, its UTM coordinates by pyproj to the centimetre.
+    assert!((points.easting_m[0] - 465_297.09).abs() < 0.02 && (points.northing_m[0] - 7_581_709.06).abs() < 0.02);
+    assert_eq!((points.value_nt[0], points.height_m[0]), (-124.0, 367.0));
+    assert_eq!((points.lines[0].as_str(), points.line[0]), ("5576", 0));
+    assert!(points.notes.iter().any(|n| n.contains("above sea level")), "{:?}", points.notes);
+    let given = PointOptions { epsg: Some(32754), ..PointOptions::default() };
+    let given = read("osborne/osborne_survey_points.parquet", &given);
+    assert_eq!(given.easting_m[0], 465_297.09, "its own eastings where the system is given");
+    let worst = points.easting_m.iter().zip(&given.easting_m).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    // The file's eastings are rounded to a centimetre.
+    assert!(worst < 0.011, "{worst}");
+}
+
+#[test]
+fn val_britain_has_named_lines_years_and_another_grid() {
+    let points = read("britain/britain_sw_survey_points.parquet", &PointOptions::default());
+    assert_eq!(points.crs.code(), 32630);
+    assert_eq!(&points.lines[..2], ["T-1-1", "CL-A-1"]);
+    assert_eq!(points.extra.year.as_ref().unwrap()[0], 1957.0);
+    let to = PointOptions { to_epsg: Some(27700), ..PointOptions::default() };
+    let grid = read("britain/britain_sw_survey_points.parquet", &to);
+    // The file has the national grid by the grid-shift file; the seven parameters are within 5 m of it.
+    assert!((grid.easting_m[0] - 299_027.9).abs() < 5.0 && (grid.northing_m[0] - 133_360.7).abs() < 5.0);
+}
+
+#[test]
+fn law_a_flight_log_is_a_table_of_points() {
+    let points = read("magnavjl_sample/Flt1003_sample.xyz", &PointOptions::default());
+    assert_eq!(points.lines, ["1003.01", "1003.02", "1003.03"]);
+    assert_eq!(points.line, [0, 0, 0, 1, 1, 1, 2, 2, 2]);
+    assert_eq!(points.height_m[0], 190.04);
+    assert!(points.extra.tt_s.is_some() && points.extra.diurnal_nt.is_some());
+    assert!(points.notes.iter().any(|n| n.contains("values of `mag_1_c`")), "{:?}", points.notes);
+}
+
+#[test]
+fn law_text_with_line_records_is_the_table_with_a_column_of_lines() {
+    let folder = TempDir::new().unwrap();
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).unwrap();
+        path
+    };
+    let records = write("a.xyz", "/ x y tmi alt_ft\nLine 10\n1000 2000 5 100\n1010 2000 * 100\nTie 7\n1000 2010 7 *\n");
+    let column = write("a.csv", "line,x,y,tmi,alt_ft\n10,1000,2000,5,100\n10,1010,2000,,100\n7,1000,2010,7,\n");
+    let options = PointOptions { epsg: Some(32630), ..PointOptions::default() };
+    let fault = read_points(&records, &PointOptions::default()).unwrap_err().to_string();
+    assert!(fault.contains("nothing says what the coordinates `x` and `y` are"), "{fault}");
+    let both = [records, column]
+        .map(|p| read_points(&p, &PointOptions { height: Some("alt_ft".into()), ..options.clone() }).unwrap());
+    for points in &both {
+        assert_eq!((&points.line[..], &points.lines[..]), (&[0, 0, 1][..], &["10".to_owned(), "7".to_owned()][..]));
+        assert!((points.height_m[0] - 30.48).abs() < 1e-12 && points.height_m[2].is_nan());
+        assert!(points.value_nt[1].is_nan() && points.value_nt[2] == 7.0);
+        assert_eq!(points.easting_m, [1000.0, 1010.0, 1000.0]);
+    }
+    let missing = write("b.csv", "lon,lat,strength\n1,2,3\n");
+    let fault = read_points(&missing, &PointOptions::default()).unwrap_err().to_string();
+    assert!(fault.contains("the columns are lon, lat, strength"), "{fault}");
+    let lost = write("c.csv", "lon,lat,mag\n1,2,3\n,2,4\n");
+    let lost = read_points(&lost, &PointOptions::default()).unwrap();
+    assert!(lost.len() == 1 && lost.notes.iter().any(|n| n.starts_with("1 points without a place")));
+    let off = write("d.csv", "lon,lat,mag\n1,2,3\n1,95,4\n");
+    let fault = read_points(&off, &PointOptions::default()).unwrap_err().to_string();
+    assert!(fault.contains("row 1: (1, 95) is no place"), "{fault}");
+}

@@ -1,0 +1,213 @@
+//! The table that survey points come in: Parquet, text or a flight log, as columns with their units.
+
+use std::path::Path;
+
+use arrow_array::{Array, ArrayRef, RecordBatch, cast::AsArray, types::Float64Type};
+use arrow_cast::cast;
+use arrow_schema::{DataType, SchemaRef};
+use schemas::convert;
+
+use super::{FLIGHT_FORMATS, FlightOptions, Head, adopt, guarded, open_flight, parquet, text_table};
+use crate::{
+    ReadError,
+    table::{Values, array},
+};
+
+/// A column of a table of points.
+pub(super) struct Column {
+    pub(super) name: String,
+    /// The unit that the file says or the name ends in; empty where neither does.
+    unit: String,
+    chunks: Vec<ArrayRef>,
+}
+
+/// A table of points.
+pub(super) struct Table {
+    pub(super) columns: Vec<Column>,
+    pub(super) rows: usize,
+    /// The row that each line record stands before, and the name in it.
+    pub(super) records: Vec<(usize, String)>,
+}
+
+/// Loads a table, by its name or its content.
+///
+/// # Errors
+/// A format that is unknown, and a file that cannot be read.
+pub(super) fn load(path: &Path, format: Option<&str>) -> Result<Table, ReadError> {
+    let head = Head::read(path)?;
+    match format {
+        Some("parquet") => from_parquet(path),
+        Some("text") => from_text(path),
+        Some(name) => {
+            let names: Vec<&str> = FLIGHT_FORMATS.iter().map(|f| f.name).chain(["text"]).collect();
+            if !names.contains(&name) {
+                return Err(
+                    ReadError::options(path, format!("there is no point format `{name}`")).nearest(name, &names)
+                );
+            }
+            from_flight(path, Some(name))
+        }
+        None if head.starts_with(parquet::MAGIC) => from_parquet(path),
+        None => {
+            let recognised = FLIGHT_FORMATS.iter().find(|f| (f.recognise)(&head)).map(|f| f.name);
+            match recognised {
+                // Blank-separated text with comments is such a flight log only if it has the log's columns.
+                Some("sgl_xyz") => from_flight(path, None).or_else(|_| from_text(path)),
+                None | Some("csv") => from_text(path),
+                Some(_) => from_flight(path, None),
+            }
+        }
+    }
+}
+
+fn from_parquet(path: &Path) -> Result<Table, ReadError> {
+    let builder = parquet::builder(path)?;
+    let schema = builder.schema().clone();
+    let batches: Vec<RecordBatch> = guarded(path, || {
+        let reader = builder.with_batch_size(65_536).build();
+        let reader = reader.map_err(|e| parquet::damaged(path, &e.to_string()))?;
+        reader.collect::<Result<_, _>>().map_err(|e| parquet::damaged(path, &e.to_string()))
+    })?;
+    Ok(of_batches(&schema, &batches))
+}
+
+fn from_flight(path: &Path, format: Option<&str>) -> Result<Table, ReadError> {
+    let (flight, line) = (Some("1".to_owned()), Some("1".to_owned()));
+    let options = FlightOptions { format: format.map(str::to_owned), flight, line, ..FlightOptions::default() };
+    let reader = open_flight(path, &options)?;
+    let schema = reader.schema().clone();
+    if reader.format() == "sgl_xyz" && !["lat", "lon"].iter().all(|n| schema.field_with_name(n).is_ok()) {
+        return Err(ReadError::data(path, "is no flight log"));
+    }
+    let batches = reader.collect::<Result<Vec<_>, _>>()?;
+    Ok(of_batches(&schema, &batches))
+}
+
+fn of_batches(schema: &SchemaRef, batches: &[RecordBatch]) -> Table {
+    let column = |(i, field): (usize, &std::sync::Arc<arrow_schema::Field>)| {
+        let said = field.metadata().get("unit").filter(|u| !u.is_empty()).cloned();
+        let unit = said.or_else(|| adopt::unit_of_name(field.name())).unwrap_or_default();
+        let chunks = batches.iter().map(|b| b.column(i).clone()).collect();
+        Column { name: field.name().clone(), unit, chunks }
+    };
+    let rows = batches.iter().map(RecordBatch::num_rows).sum();
+    Table { columns: schema.fields().iter().enumerate().map(column).collect(), rows, records: vec![] }
+}
+
+fn from_text(path: &Path) -> Result<Table, ReadError> {
+    let text = text_table::read(path)?;
+    let mut names = text.names;
+    if !text.named && names.len() == 3 {
+        names = ["x", "y", "value"].map(str::to_owned).to_vec();
+    }
+    let rows = text.columns.first().map_or(0, Values::len);
+    let column = |(name, values): (String, Values)| {
+        let unit = adopt::unit_of_name(&name).unwrap_or_default();
+        Column { name, unit, chunks: vec![array(values)] }
+    };
+    let columns = names.into_iter().zip(text.columns).map(column).collect();
+    Ok(Table { columns, rows, records: text.records })
+}
+
+impl Table {
+    /// The column of a name; case does not matter.
+    pub(super) fn column(&self, name: &str) -> Option<&Column> {
+        self.columns.iter().find(|c| c.name.eq_ignore_ascii_case(name))
+    }
+
+    /// The column that the options name, else the first of the usual names.
+    ///
+    /// # Errors
+    /// A named column that is not there.
+    pub(super) fn named_or(
+        &self,
+        path: &Path,
+        given: Option<&str>,
+        known: &[&str],
+        what: &str,
+    ) -> Result<Option<&Column>, ReadError> {
+        let Some(given) = given else { return Ok(known.iter().find_map(|n| self.column(n))) };
+        let names: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
+        let exact = self.columns.iter().find(|c| c.name == given).or_else(|| self.column(given));
+        match exact {
+            Some(column) => Ok(Some(column)),
+            None => {
+                Err(ReadError::options(path, format!("there is no column `{given}` for `{what}`"))
+                    .nearest(given, &names))
+            }
+        }
+    }
+
+    /// An error that lists the columns there are.
+    pub(super) fn lacks(&self, path: &Path, what: &str, option: &str, usual: &[&str]) -> ReadError {
+        let names: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
+        let usual: Vec<&str> = usual.iter().take(4).copied().collect();
+        ReadError::options(path, format!("no column has the usual name for {what} ({}, ...)", usual.join(", ")))
+            .help(format!("name it with `{option}`; the columns are {}", names.join(", ")))
+    }
+
+    /// The line of each row by the line records.
+    pub(super) fn recorded_lines(&self) -> Vec<String> {
+        let mut names = vec![String::new(); self.rows];
+        for (from, name) in &self.records {
+            names.iter_mut().skip(*from).for_each(|n| n.clone_from(name));
+        }
+        names
+    }
+}
+
+impl Column {
+    /// Whether it has numbers.
+    pub(super) fn is_number(&self) -> bool {
+        self.chunks.iter().all(|c| c.data_type().is_numeric())
+    }
+
+    /// Whether its unit is one of angles.
+    pub(super) fn is_angle(&self) -> bool {
+        convert(&self.unit, "deg").is_some()
+    }
+
+    /// The numbers, in a unit; as they are where that is empty, or the file names none.
+    ///
+    /// # Errors
+    /// Values that are no numbers, and a unit that does not convert.
+    pub(super) fn in_unit(&self, path: &Path, wanted: &str) -> Result<Vec<f64>, ReadError> {
+        let factor = match self.unit.as_str() {
+            "" => 1.0,
+            _ if wanted.is_empty() => 1.0,
+            unit => convert(unit, wanted).ok_or_else(|| {
+                let what = format!("the unit `{unit}` does not convert to {wanted}");
+                ReadError::data(path, what).in_column(&self.name)
+            })?,
+        };
+        let mut out = vec![];
+        for chunk in &self.chunks {
+            if !chunk.data_type().is_numeric() {
+                return Err(self.no_number(path, chunk, out.len()));
+            }
+            let numbers = cast(chunk, &DataType::Float64).map_err(|e| ReadError::data(path, e.to_string()))?;
+            let numbers = numbers.as_primitive::<Float64Type>();
+            // Geosoft's dummy, and others of its size, are no field, height or place.
+            let known = |x: f64| if x.abs() >= 1e30 { f64::NAN } else { x * factor };
+            out.extend(numbers.iter().map(|x| x.map_or(f64::NAN, known)));
+        }
+        Ok(out)
+    }
+
+    fn no_number(&self, path: &Path, chunk: &ArrayRef, before: usize) -> ReadError {
+        let words = texts(chunk);
+        let bad = words.iter().position(|w| super::csv::number(w).is_none()).unwrap_or(0);
+        let word = words.get(bad).map_or("", String::as_str);
+        ReadError::data(path, format!("`{word}` is not a number")).in_column(&self.name).in_row((before + bad) as u64)
+    }
+
+    /// The values as text; empty where there is none.
+    pub(super) fn texts(&self) -> Vec<String> {
+        self.chunks.iter().flat_map(texts).collect()
+    }
+}
+
+fn texts(chunk: &ArrayRef) -> Vec<String> {
+    let Ok(text) = cast(chunk, &DataType::Utf8) else { return vec![String::new(); chunk.len()] };
+    text.as_string::<i32>().iter().map(|t| t.unwrap_or_default().to_owned()).collect()
+}

@@ -1,0 +1,223 @@
+//! A map on its own grid, as its file has it.
+
+use std::path::PathBuf;
+
+use stages::numerics::{
+    geodesy::{meridian_radius_m, transverse_radius_m},
+    plane_grid::{EvenAxis, PlaneGrid},
+};
+
+use super::Crs;
+use crate::ReadError;
+
+/// The height of a map above the ellipsoid, in metres.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Height {
+    /// One for all nodes; NaN where it is unknown.
+    Level(f64),
+    /// One a node, such as of a drape, in the order of the values.
+    Cells(Vec<f64>),
+}
+
+/// What the coordinates in a file stand for. Those of a [`GridMap`] are always those of the values themselves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Registration {
+    /// The values are at the nodes, the outermost ones on the edge of the map.
+    Node,
+    /// The values are of cells, whose centres lie half a cell within the edge of the map.
+    Pixel,
+}
+
+/// An anomaly map on an even grid in any coordinate system.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GridMap {
+    /// Eastings of the columns in the system's unit, or longitudes in degrees.
+    pub x: EvenAxis,
+    /// Northings of the rows in the system's unit, or latitudes in degrees.
+    pub y: EvenAxis,
+    /// The system of the coordinates.
+    pub crs: Crs,
+    /// The anomaly in nT by rows, the southernmost first, each from west to east; NaN where unknown.
+    pub anomaly_nt: Vec<f64>,
+    /// The height above the WGS-84 ellipsoid.
+    pub height: Height,
+    /// What the file's coordinates stood for.
+    pub registration: Registration,
+    /// The name of the format it was read in; empty where it was made.
+    pub format: &'static str,
+    /// The file it was read from, for messages; empty where it was made.
+    pub source: PathBuf,
+    /// What was done to the file's values on the way, in words.
+    pub notes: Vec<String>,
+}
+
+/// A scale of projection beyond this departure from 1 is taken off distances.
+const WORST_SCALE: f64 = 0.005;
+
+impl GridMap {
+    /// A map of its axes and values, row by row from the south.
+    ///
+    /// # Errors
+    /// Axes of fewer than two nodes or that do not ascend, degrees that are not on the earth, values or heights of
+    /// another number than the nodes or infinite, and values of which none is known.
+    pub fn new(x: EvenAxis, y: EvenAxis, crs: Crs, anomaly_nt: Vec<f64>, height: Height) -> Result<GridMap, ReadError> {
+        let (registration, source) = (Registration::Node, PathBuf::new());
+        let map = GridMap { x, y, crs, anomaly_nt, height, registration, format: "", source, notes: vec![] };
+        map.check()?;
+        Ok(map)
+    }
+
+    /// Refuses what [`GridMap::new`] does.
+    pub(crate) fn check(&self) -> Result<(), ReadError> {
+        let names = if self.crs.is_geographic() { ["lon", "lat"] } else { ["easting", "northing"] };
+        for (axis, name) in [&self.x, &self.y].into_iter().zip(names) {
+            if axis.len < 2 {
+                let what = format!("a map needs two or more values along the axis, not {}", axis.len);
+                return Err(self.fault(what).in_column(name));
+            }
+            let ends = axis.first.is_finite() && axis.last().is_finite();
+            if !(ends && axis.step > 0.0) {
+                let what = format!("the axis does not ascend from {} to {}", axis.first, axis.last());
+                return Err(self.fault(what).in_column(name));
+            }
+        }
+        if self.crs.is_geographic() {
+            self.check_range("lat", &self.y, 90.0)?;
+            // A map across the date line goes on beyond 180, and the file may count from 0 to 360.
+            self.check_range("lon", &self.x, 540.0)?;
+        }
+        super::check_values(&self.source, &self.anomaly_nt, self.nodes())?;
+        match &self.height {
+            Height::Level(alt_m) if alt_m.is_infinite() => {}
+            Height::Cells(cells) if cells.len() != self.nodes() || cells.iter().any(|a| a.is_infinite()) => {}
+            _ => return Ok(()),
+        }
+        Err(self.fault("the map has a height that is no number").in_column("alt"))
+    }
+
+    fn check_range(&self, name: &str, axis: &EvenAxis, most: f64) -> Result<(), ReadError> {
+        // The edge of a cell at the pole may be rounded.
+        let beyond = [axis.first, axis.last()].into_iter().find(|x| x.abs() > most + 1e-6 * axis.step);
+        match beyond {
+            Some(x) => Err(self
+                .fault(format!("{x} degrees is not on the earth"))
+                .help("eastings and northings need `epsg`")
+                .in_column(name)),
+            None => Ok(()),
+        }
+    }
+
+    /// How many nodes there are.
+    pub fn nodes(&self) -> usize {
+        self.x.len.saturating_mul(self.y.len)
+    }
+
+    /// Whether its coordinates are degrees.
+    pub fn is_geographic(&self) -> bool {
+        self.crs.is_geographic()
+    }
+
+    /// The height of a node in metres; NaN where it is unknown.
+    pub fn height_at(&self, node: usize) -> f64 {
+        match &self.height {
+            Height::Level(alt_m) => *alt_m,
+            Height::Cells(cells) => cells.get(node).copied().unwrap_or(f64::NAN),
+        }
+    }
+
+    /// WGS-84 latitude and longitude of the middle of the map, in degrees.
+    pub fn middle_deg(&self) -> Option<(f64, f64)> {
+        let (x, y) = self.middle();
+        self.crs.unproject(x, y)
+    }
+
+    /// The coordinates of the middle of the map.
+    pub(super) fn middle(&self) -> (f64, f64) {
+        (middle(&self.x), middle(&self.y))
+    }
+
+    /// Metres to a unit of `x` and of `y`, at the middle of the map.
+    ///
+    /// Of eastings and northings that is the unit of the coordinate system; where the projection stretches by more
+    /// than 0.5 % there, as web Mercator does, it is metres on the ground. Of degrees it is the transverse radius of
+    /// curvature times the cosine of the latitude, and the meridian radius [Torge & Müller, Geodesy, 4.1.3].
+    pub fn unit_m(&self) -> (f64, f64) {
+        if self.is_geographic() {
+            let lat = middle(&self.y).to_radians();
+            return ((transverse_radius_m(lat) * lat.cos()).to_radians(), meridian_radius_m(lat).to_radians());
+        }
+        let unit = self.crs.unit_m();
+        let scaled = |ground: Option<f64>| match ground {
+            Some(ground) if (ground / unit - 1.0).abs() > WORST_SCALE => ground,
+            _ => unit,
+        };
+        let along = |dx: f64, dy: f64| scaled(ground_m(&self.crs, self.middle(), (dx, dy)));
+        (along(self.x.step, 0.0), along(0.0, self.y.step))
+    }
+
+    /// The map on a plane, in metres: what continuation, filling and gridding work on. The coordinates are those of
+    /// the map times [`GridMap::unit_m`].
+    pub fn plane(&self) -> PlaneGrid {
+        let (x, y) = self.unit_m();
+        let (east_m, north_m) = (scaled(&self.x, x), scaled(&self.y, y));
+        PlaneGrid { east_m, north_m, values: self.anomaly_nt.clone() }
+    }
+
+    /// The same map with other values, one a node, row by row from the south.
+    ///
+    /// # Errors
+    /// Values of another number than the nodes, infinite ones, and none that is known.
+    pub fn with_plane_values(&self, values: Vec<f64>) -> Result<GridMap, ReadError> {
+        let map = GridMap { anomaly_nt: values, ..self.clone() };
+        map.check()?;
+        Ok(map)
+    }
+
+    /// A map of another extent or spacing, such as a trimmed or expanded one, from a grid on this map's plane (the
+    /// metres of [`GridMap::plane`]).
+    ///
+    /// # Errors
+    /// As [`GridMap::new`].
+    pub fn with_plane(&self, grid: PlaneGrid, height: Height) -> Result<GridMap, ReadError> {
+        let (x, y) = self.unit_m();
+        let (x, y) = (scaled(&grid.east_m, 1.0 / x), scaled(&grid.north_m, 1.0 / y));
+        let map = GridMap {
+            x,
+            y,
+            crs: self.crs.clone(),
+            anomaly_nt: grid.values,
+            height,
+            registration: self.registration,
+            format: self.format,
+            source: self.source.clone(),
+            notes: self.notes.clone(),
+        };
+        map.check()?;
+        Ok(map)
+    }
+
+    /// An error about this map.
+    pub(crate) fn fault(&self, what: impl Into<String>) -> ReadError {
+        ReadError::data(&self.source, what)
+    }
+}
+
+/// Metres on the ground to a unit of a projected system, along (dx, dy) from a place in it.
+pub(super) fn ground_m(crs: &Crs, (x, y): (f64, f64), (dx, dy): (f64, f64)) -> Option<f64> {
+    let (a, b) = (crs.unproject(x, y)?, crs.unproject(x + dx, y + dy)?);
+    let lat = a.0.to_radians();
+    let turn = b.1 - a.1;
+    let east_deg = turn - 360.0 * (turn / 360.0).round();
+    let north_m = (b.0 - a.0).to_radians() * meridian_radius_m(lat);
+    let east_m = east_deg.to_radians() * transverse_radius_m(lat) * lat.cos();
+    Some(north_m.hypot(east_m) / dx.hypot(dy))
+}
+
+/// The coordinate halfway along an axis.
+fn middle(axis: &EvenAxis) -> f64 {
+    axis.at(0.5 * axis.len.saturating_sub(1) as f64)
+}
+
+fn scaled(axis: &EvenAxis, factor: f64) -> EvenAxis {
+    EvenAxis { first: axis.first * factor, step: axis.step * factor, len: axis.len }
+}

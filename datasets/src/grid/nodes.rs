@@ -1,0 +1,64 @@
+//! Maps that come as a list of nodes, in any order.
+
+use std::path::Path;
+
+use stages::numerics::plane_grid::EvenAxis;
+
+use super::axis::{FileAxis, node_on};
+use crate::ReadError;
+
+/// A list of nodes that lists fewer than one node in so many has no grid.
+const SPARSEST: usize = 64;
+
+/// A scattered grid, one row a node in any order, as ascending axes and values by rows (`y`, then `x`). Each
+/// coordinate comes with the name that the file has for it. Nodes left out are NaN.
+///
+/// # Errors
+/// Coordinates that make no regular grid, or a node that is there twice.
+pub(crate) fn from_nodes(
+    path: &Path,
+    (x_name, x): (&str, &[f64]),
+    (y_name, y): (&str, &[f64]),
+    columns: &[&[f64]],
+) -> Result<Nodes, ReadError> {
+    let (x_axis, y_axis) = (axis_of(path, x_name, x)?, axis_of(path, y_name, y)?);
+    let (x_even, y_even) = (x_axis.ascending(), y_axis.ascending());
+    let cells = x_even.len.checked_mul(y_even.len).filter(|n| *n <= x.len().saturating_mul(SPARSEST));
+    let Some(cells) = cells else {
+        return Err(ReadError::data(path, "the coordinates make no regular grid").in_column(x_name));
+    };
+    let mut filled = vec![false; cells];
+    let mut values = vec![vec![f64::NAN; cells]; columns.len()];
+    let node = |axis: &EvenAxis, c: f64| node_on(axis, c).map(|n| n.round() as usize);
+    for (row, (x, y)) in x.iter().zip(y).enumerate() {
+        let (Some(i), Some(j)) = (node(&x_even, *x), node(&y_even, *y)) else { continue };
+        let cell = j * x_even.len + i;
+        if filled.get_mut(cell).is_some_and(|f| std::mem::replace(f, true)) {
+            return Err(ReadError::data(path, "the node is there twice").in_row(row as u64));
+        }
+        for (out, column) in values.iter_mut().zip(columns) {
+            if let (Some(out), Some(value)) = (out.get_mut(cell), column.get(row)) {
+                *out = *value;
+            }
+        }
+    }
+    Ok(Nodes { x: x_axis, y: y_axis, values })
+}
+
+/// The axis of the distinct coordinates.
+fn axis_of(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, ReadError> {
+    if let Some(row) = coordinates.iter().position(|c| !c.is_finite()) {
+        return Err(ReadError::data(path, "the node has no place").in_column(name).in_row(row as u64));
+    }
+    let mut unique = coordinates.to_vec();
+    unique.sort_by(f64::total_cmp);
+    unique.dedup_by(|a, b| (*a - *b).abs() <= 1e-9 * b.abs().max(1.0));
+    FileAxis::of(path, name, &unique)
+}
+
+/// What [`from_nodes`] found.
+pub(crate) struct Nodes {
+    pub(crate) x: FileAxis,
+    pub(crate) y: FileAxis,
+    pub(crate) values: Vec<Vec<f64>>,
+}

@@ -1,0 +1,246 @@
+//! A map in another coordinate system, by polynomials between its nodes.
+
+use rayon::prelude::*;
+use stages::numerics::{
+    geodesy::{meridian_radius_m, transverse_radius_m},
+    plane_grid::EvenAxis,
+};
+
+use super::{
+    Crs, GridMap, Height, Map,
+    axis::node_on,
+    crs::WGS84,
+    grid_map::{Registration, ground_m},
+    interpolate,
+};
+use crate::ReadError;
+
+/// The least grid that can be interpolated.
+const LEAST_NODES: usize = 4;
+
+/// More nodes than this are a spacing given in the wrong unit.
+const MOST_NODES: f64 = 1e9;
+
+/// The smallest and the largest coordinate.
+type Ends = (f64, f64);
+
+impl GridMap {
+    /// The contract's map: as it is where its coordinates are degrees of WGS-84 (within a metre), else resampled to
+    /// a regular grid of latitude and longitude that covers it, with a spacing no wider than its own. Nodes outside
+    /// the map, or within two nodes of an unknown one, are NaN then.
+    ///
+    /// # Errors
+    /// A map of fewer than 4 x 4 nodes, one around a pole, and coordinates that are no place in their system.
+    pub fn to_geographic(&self) -> Result<Map, ReadError> {
+        if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
+            return Map::of(self);
+        }
+        Map::of(&self.to_crs(WGS84, None)?)
+    }
+
+    /// The map in another coordinate system, on a grid that covers it: the nodes are the whole multiples of
+    /// `spacing` (in units of that system, or degrees); without one the spacing is no wider than the map's own, and
+    /// the grid begins at its edge. Nodes outside the map, or within two nodes of an unknown one, are NaN.
+    ///
+    /// # Errors
+    /// An unknown system, a spacing that makes no grid, and what [`GridMap::to_geographic`] refuses.
+    pub fn to_crs(&self, epsg: u16, spacing: Option<f64>) -> Result<GridMap, ReadError> {
+        let target = Crs::from_epsg(&self.source, epsg)?;
+        if self.crs == target && spacing.is_none() {
+            return Ok(self.clone());
+        }
+        if self.x.len < LEAST_NODES || self.y.len < LEAST_NODES {
+            let kind = if self.is_geographic() { "map" } else { "projected map" };
+            let what = format!("a {kind} needs {LEAST_NODES} x {LEAST_NODES} nodes to be resampled");
+            return Err(self.fault(what));
+        }
+        self.check()?;
+        let (x, y) = self.axes_in(&target, spacing)?;
+        let (anomaly_nt, heights) = self.values_on(&target, &x, &y);
+        let height = match &self.height {
+            Height::Level(alt_m) => Height::Level(*alt_m),
+            Height::Cells(_) => Height::Cells(heights),
+        };
+        let mut notes = self.notes.clone();
+        notes.push(self.note_of(&target));
+        let (registration, source) = (Registration::Node, self.source.clone());
+        let map = GridMap { x, y, crs: target, anomaly_nt, height, registration, format: self.format, source, notes };
+        map.check()?;
+        Ok(map)
+    }
+
+    fn note_of(&self, target: &Crs) -> String {
+        let to = if target.code() == WGS84 {
+            "latitude and longitude".to_owned()
+        } else {
+            format!("EPSG:{}", target.code())
+        };
+        format!(
+            "resampled from {} x {} nodes in EPSG:{} to {to} by polynomials of ninth degree (fifth or third near edges \
+             and unknown nodes)",
+            self.y.len,
+            self.x.len,
+            self.crs.code()
+        )
+    }
+
+    /// Values and heights at the nodes of another grid.
+    fn values_on(&self, target: &Crs, x: &EvenAxis, y: &EvenAxis) -> (Vec<f64>, Vec<f64>) {
+        let cells = match &self.height {
+            Height::Cells(cells) => cells.as_slice(),
+            Height::Level(_) => &[],
+        };
+        let row = |j: usize| {
+            let places: Vec<_> = (0..x.len).map(|i| self.place_of(target, x.at(i as f64), y.at(j as f64))).collect();
+            let of = |values: &[f64]| -> Vec<f64> {
+                let at = |place: &Option<(f64, f64)>| {
+                    place.map_or(f64::NAN, |(column, row)| interpolate::at(values, &self.x, &self.y, column, row))
+                };
+                if values.is_empty() { vec![] } else { places.iter().map(at).collect() }
+            };
+            (of(&self.anomaly_nt), of(cells))
+        };
+        let rows: Vec<(Vec<f64>, Vec<f64>)> = (0..y.len).into_par_iter().map(row).collect();
+        let (values, heights): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
+        (values.concat(), heights.concat())
+    }
+
+    /// Column and row, as fractions, of a place in another system; `None` outside the map.
+    fn place_of(&self, target: &Crs, x: f64, y: f64) -> Option<(f64, f64)> {
+        let (lat, lon) = if target.code() == WGS84 { (y, x) } else { target.unproject(x, y)? };
+        self.node_of(lat, lon)
+    }
+
+    /// Column and row, as fractions, of a place in WGS-84 degrees; `None` outside the map.
+    pub(crate) fn node_of(&self, lat_deg: f64, lon_deg: f64) -> Option<(f64, f64)> {
+        let (e, n) = self.crs.project(lat_deg, lon_deg)?;
+        let row = node_on(&self.y, n)?;
+        let turns: &[f64] = if self.is_geographic() { &[0.0, 360.0, -360.0] } else { &[0.0] };
+        let column = turns.iter().find_map(|turn| node_on(&self.x, e + turn))?;
+        Some((column, row))
+    }
+
+    /// The axes of a grid in another system that covers the map.
+    fn axes_in(&self, target: &Crs, spacing: Option<f64>) -> Result<(EvenAxis, EvenAxis), ReadError> {
+        let (lat, lon) = self.bounds_deg()?;
+        let (x, y) = if target.is_geographic() { (lon, lat) } else { self.bounds_in(target)? };
+        let (x_step, y_step) = match spacing {
+            Some(step) if step.is_finite() && step > 0.0 => (step, step),
+            Some(step) => return Err(self.fault(format!("{step} is no spacing"))),
+            None if target.is_geographic() => self.degrees_of_steps(lat),
+            None => self.units_of_steps(target, (x.0 + x.1) / 2.0, (y.0 + y.1) / 2.0)?,
+        };
+        let nodes = ((x.1 - x.0) / x_step).abs() * ((y.1 - y.0) / y_step).abs();
+        if !(nodes < MOST_NODES) {
+            return Err(self.fault(format!("a grid of {nodes:.0} nodes is too large")).help("give a wider spacing"));
+        }
+        let axis = |ends: Ends, step: f64| match spacing {
+            Some(_) => multiples(ends, step),
+            None => covering(ends, step),
+        };
+        let (x, y) = (axis(x, x_step), axis(y, y_step));
+        if x.len < 2 || y.len < 2 {
+            return Err(self.fault("the spacing is wider than the map").help("give a narrower one"));
+        }
+        Ok((x, y))
+    }
+
+    /// Steps in degrees no longer on the ground than the map's: where a degree is longest they are the map's own,
+    /// elsewhere narrower.
+    fn degrees_of_steps(&self, lat: Ends) -> (f64, f64) {
+        let longest = lat.0.abs().max(lat.1.abs()).to_radians();
+        let widest = if lat.0 <= 0.0 && lat.1 >= 0.0 { 0.0 } else { lat.0.abs().min(lat.1.abs()).to_radians() };
+        let (x_m, y_m) = self.steps_m();
+        let lat_step = (y_m / meridian_radius_m(longest)).to_degrees();
+        let lon_step = (x_m / (transverse_radius_m(widest) * widest.cos())).to_degrees();
+        (lon_step, lat_step)
+    }
+
+    /// The map's steps on the ground, in metres. A projection has one scale for both, that along its northings.
+    fn steps_m(&self) -> (f64, f64) {
+        if self.is_geographic() {
+            let (x, y) = self.unit_m();
+            return (self.x.step * x, self.y.step * y);
+        }
+        let scale = ground_m(&self.crs, self.middle(), (0.0, self.y.step)).unwrap_or(1.0);
+        (self.x.step * scale, self.y.step * scale)
+    }
+
+    /// One step in units of another system, around a place in it: as long as the map's shorter one.
+    fn units_of_steps(&self, target: &Crs, x: f64, y: f64) -> Result<(f64, f64), ReadError> {
+        let (x_m, y_m) = self.steps_m();
+        // A kilometre is short against the earth and long against rounding.
+        let ground_m = ground_m(target, (x, y), (0.0, 1000.0 / target.unit_m()));
+        let ground_m = ground_m.ok_or_else(|| self.no_place(x, y, target))?;
+        let step = x_m.min(y_m) / ground_m;
+        Ok((step, step))
+    }
+
+    /// The smallest and the largest latitude and longitude of the border, in WGS-84 degrees; longitudes go on beyond
+    /// 180 where the map crosses the date line.
+    ///
+    /// # Errors
+    /// A border that leaves the coordinate system, or that goes round a pole.
+    pub fn bounds_deg(&self) -> Result<(Ends, Ends), ReadError> {
+        let (mut lat, mut lon) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
+        let (mut before, mut first) = (None, None);
+        for (x, y) in self.outline() {
+            let place = self.crs.unproject(x, y).ok_or_else(|| self.no_place(x, y, &self.crs))?;
+            // Degrees are continuous as they are.
+            let here = if self.is_geographic() { place.1 + 360.0 * ((x - place.1) / 360.0).round() } else { place.1 };
+            let here = before.map_or(here, |before: f64| here + 360.0 * ((before - here) / 360.0).round());
+            first.get_or_insert(here);
+            before = Some(here);
+            lat = (lat.0.min(place.0), lat.1.max(place.0));
+            lon = (lon.0.min(here), lon.1.max(here));
+        }
+        if !self.is_geographic() && before.zip(first).is_some_and(|(a, b)| (a - b).abs() > 180.0) {
+            return Err(self
+                .fault("the map lies around a pole, which no grid of latitude and longitude can hold")
+                .help("cut it, or keep it in its own coordinate system"));
+        }
+        let rounds = 360.0 * ((0.5 * (lon.0 + lon.1) + 180.0) / 360.0).floor();
+        Ok((lat, (lon.0 - rounds, lon.1 - rounds)))
+    }
+
+    fn bounds_in(&self, target: &Crs) -> Result<(Ends, Ends), ReadError> {
+        let (mut x_ends, mut y_ends) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
+        for (x, y) in self.outline() {
+            let (lat, lon) = self.crs.unproject(x, y).ok_or_else(|| self.no_place(x, y, &self.crs))?;
+            let (x, y) = target.project(lat, lon).ok_or_else(|| self.no_place(lon, lat, target))?;
+            x_ends = (x_ends.0.min(x), x_ends.1.max(x));
+            y_ends = (y_ends.0.min(y), y_ends.1.max(y));
+        }
+        Ok((x_ends, y_ends))
+    }
+
+    fn no_place(&self, x: f64, y: f64, crs: &Crs) -> ReadError {
+        self.fault(format!("({x}, {y}) is no place in EPSG:{}", crs.code())).help("check the EPSG code")
+    }
+
+    /// The border's nodes, once round and back to the first.
+    fn outline(&self) -> Vec<(f64, f64)> {
+        let (e, n) = (self.x.coordinates(), self.y.coordinates());
+        let (west, east) = (self.x.first, self.x.last());
+        let (south, north) = (self.y.first, self.y.last());
+        let bottom = e.iter().map(|e| (*e, south));
+        let right = n.iter().map(|n| (east, *n));
+        let top = e.iter().rev().map(|e| (*e, north));
+        let left = n.iter().rev().map(|n| (west, *n));
+        bottom.chain(right).chain(top).chain(left).collect()
+    }
+}
+
+/// An axis from end to end whose step is at most `step`.
+fn covering(ends: Ends, step: f64) -> EvenAxis {
+    let steps = ((ends.1 - ends.0) / step).ceil().max(1.0);
+    EvenAxis { first: ends.0, step: (ends.1 - ends.0) / steps, len: steps as usize + 1 }
+}
+
+/// The multiples of `step` within the ends.
+fn multiples(ends: Ends, step: f64) -> EvenAxis {
+    // Rounding of a projection there and back must not lose a node on the edge.
+    const SLACK: f64 = 1e-6;
+    let (first, last) = ((ends.0 / step - SLACK).ceil(), (ends.1 / step + SLACK).floor());
+    EvenAxis { first: first * step, step, len: (last - first).max(-1.0) as usize + 1 }
+}
