@@ -1,15 +1,24 @@
 //! An anomaly map on a regular grid of latitude and longitude: value and exact gradient.
 //!
-//! Missing nodes are NaN. A place has a value when the four nodes of its cell are known, for both
+//! Missing nodes are NaN. A place has a value when the four nodes of its cell are known, for all
 //! interpolations; elsewhere, and off the map, there is none.
+//!
+//! A map that was given its vertical derivative also tells how the field changes with height, and
+//! the field a little above or below it.
 
+mod batch;
 mod grid;
 mod holes;
+mod quadratic;
+mod surface;
 
 use super::field_value::FieldValue;
-use super::natural_cubic::{slope_weights, solve, solve_along_rows, weights};
+pub use batch::FieldColumns;
+pub(in crate::numerics) use batch::{Batch, Places};
 use grid::Axis;
 pub use grid::{MapError, MapGrid};
+pub(in crate::numerics) use holes::Shape;
+pub(in crate::numerics) use surface::{Cell, Jet, Surface};
 
 /// How a value between the nodes is made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -17,6 +26,9 @@ pub enum Interpolation {
     /// Bilinear: continuous, with a gradient that jumps from cell to cell.
     #[default]
     Linear,
+    /// The quadratic B-spline through the nodes with its pieces centred on them (MagNav.jl's
+    /// `quad`): value and gradient are continuous. Gaps as with `Cubic`.
+    Quadratic,
     /// The natural cubic spline in both directions (MagNav.jl's `cubic`): value, gradient and
     /// curvature are continuous. The gaps of a map are filled from their edges before the spline
     /// is solved, so that a hole is felt in the cells next to it and dies out by a factor of 4 a
@@ -24,134 +36,174 @@ pub enum Interpolation {
     Cubic,
 }
 
+/// How a map changes with height, at its own nodes.
+#[derive(Clone, Copy, Debug)]
+pub struct VerticalDerivative<'a> {
+    /// Change of the anomaly per metre upward, in nT/m, by rows as the map's values; known where
+    /// they are.
+    pub d_alt_nt_per_m: &'a [f64],
+    /// The height at which the map holds, in metres.
+    pub alt_m: f64,
+}
+
+/// The second derivatives of a map along latitude and longitude, in nT/rad².
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Curvature {
+    /// Twice along latitude.
+    pub d2_lat_nt_per_rad2: f64,
+    /// Along latitude and longitude.
+    pub d2_lat_lon_nt_per_rad2: f64,
+    /// Twice along longitude.
+    pub d2_lon_nt_per_rad2: f64,
+}
+
+/// Where a latitude and a longitude are in a grid.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::numerics) struct Axes {
+    lat: Axis,
+    lon: Axis,
+}
+
+impl Axes {
+    pub(in crate::numerics) fn of(grid: &MapGrid) -> Self {
+        Self { lat: *grid.lat(), lon: *grid.lon() }
+    }
+
+    /// The cell of a place in degrees; `None` off the map or where the place is not a number.
+    #[inline(always)]
+    pub(in crate::numerics) fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
+        let (row, up) = self.lat.locate(lat_deg)?;
+        let (column, right) = self.lon.locate_turning(lon_deg)?;
+        Some(Cell { row, column, up, right })
+    }
+
+    /// A field of its value, its slopes per step and its slope per metre.
+    #[inline(always)]
+    pub(in crate::numerics) fn field(&self, value_nt: f64, per_row: f64, per_column: f64, d_alt: f64) -> FieldValue {
+        FieldValue {
+            value_nt,
+            d_lat_nt_per_rad: per_row * self.lat.steps_per_rad(),
+            d_lon_nt_per_rad: per_column * self.lon.steps_per_rad(),
+            d_alt_nt_per_m: d_alt,
+        }
+    }
+}
+
+/// What a map holds at its nodes.
+#[derive(Clone, Debug)]
+enum Nodes {
+    Anomaly(Surface<1>),
+    /// The anomaly and its vertical derivative, of a map at a height in metres.
+    WithVertical(Surface<2>, f64),
+}
+
 /// An anomaly map that can be looked up quickly.
 #[derive(Clone, Debug)]
 pub struct AnomalyMap {
-    lat: Axis,
-    lon: Axis,
-    interpolation: Interpolation,
-    /// Linear: the node values by rows. Cubic: the B-spline coefficients by rows, with one more
-    /// row and column on each side.
-    table: Vec<f64>,
-    /// Cubic: which cells have an unknown node, by rows; empty where the map is complete.
-    unknown_cells: Vec<bool>,
-}
-
-/// A cell of the map and the place in it.
-#[derive(Clone, Copy)]
-struct Cell {
-    row: usize,
-    column: usize,
-    up: f64,
-    right: f64,
+    axes: Axes,
+    nodes: Nodes,
 }
 
 impl AnomalyMap {
-    /// Prepares a grid for look-ups.
+    /// Prepares a grid for look-ups; the map is the same at every height.
     pub fn new(grid: &MapGrid, interpolation: Interpolation) -> Self {
-        let (table, unknown_cells) = match interpolation {
-            Interpolation::Linear => (grid.values().to_vec(), Vec::new()),
-            Interpolation::Cubic => (spline_coefficients(grid), holes::unknown_cells(grid)),
-        };
-        Self { lat: *grid.lat(), lon: *grid.lon(), interpolation, table, unknown_cells }
+        let surface = Surface::new(grid.shape(), [grid.values()], interpolation);
+        Self { axes: Axes::of(grid), nodes: Nodes::Anomaly(surface) }
+    }
+
+    /// Prepares a grid and its vertical derivative, which is interpolated as the anomaly is.
+    ///
+    /// # Errors
+    /// Where the derivative is not of the grid's nodes, is not finite at a known node, or the
+    /// height is not finite.
+    pub fn with_vertical(
+        grid: &MapGrid,
+        vertical: VerticalDerivative<'_>,
+        interpolation: Interpolation,
+    ) -> Result<Self, MapError> {
+        let VerticalDerivative { d_alt_nt_per_m, alt_m } = vertical;
+        if !alt_m.is_finite() {
+            return Err(MapError::Height { alt_m });
+        }
+        grid.check_companion("vertical derivative", d_alt_nt_per_m)?;
+        let surface = Surface::new(grid.shape(), [grid.values(), d_alt_nt_per_m], interpolation);
+        Ok(Self { axes: Axes::of(grid), nodes: Nodes::WithVertical(surface, alt_m) })
     }
 
     /// The interpolation this map was prepared for.
     pub fn interpolation(&self) -> Interpolation {
-        self.interpolation
+        match &self.nodes {
+            Nodes::Anomaly(surface) => surface.interpolation(),
+            Nodes::WithVertical(surface, _) => surface.interpolation(),
+        }
     }
 
-    /// The anomaly and its gradient at a place in degrees; `None` off the map, in a cell with an
-    /// unknown node, or where the place is not a number. A longitude may differ from the map's by
-    /// a full turn.
-    #[inline]
+    /// The height at which the map holds, where it was given one with its vertical derivative.
+    pub fn alt_m(&self) -> Option<f64> {
+        match self.nodes {
+            Nodes::Anomaly(_) => None,
+            Nodes::WithVertical(_, alt_m) => Some(alt_m),
+        }
+    }
+
+    /// The anomaly and its gradient on the map, at a place in degrees; `None` off the map, in a
+    /// cell with an unknown node, or where the place is not a number. A longitude may differ from
+    /// the map's by a full turn. Without a vertical derivative the change with height is zero.
+    #[inline(always)]
     pub fn at(&self, lat_deg: f64, lon_deg: f64) -> Option<FieldValue> {
-        let (row, up) = self.lat.locate(lat_deg)?;
-        let (column, right) = self.lon.locate_turning(lon_deg)?;
-        let cell = Cell { row, column, up, right };
-        let (value_nt, per_row, per_column) = match self.interpolation {
-            Interpolation::Linear => self.bilinear(cell)?,
-            Interpolation::Cubic => self.bicubic(cell)?,
+        let cell = self.axes.cell(lat_deg, lon_deg)?;
+        match &self.nodes {
+            Nodes::Anomaly(surface) => {
+                let jet = surface.at(cell)?;
+                Some(self.axes.field(jet.value[0], jet.per_row[0], jet.per_column[0], 0.0))
+            }
+            Nodes::WithVertical(surface, _) => {
+                let jet = surface.at(cell)?;
+                Some(self.axes.field(jet.value[0], jet.per_row[0], jet.per_column[0], jet.value[1]))
+            }
+        }
+    }
+
+    /// The anomaly at a height in metres, to first order: the map's value plus its vertical
+    /// derivative times the way from the map's height; and the exact gradient of that. How far
+    /// this holds is the caller's to judge: the error grows with the square of that way over the
+    /// depth of the sources. A map without a vertical derivative is the same at every height.
+    #[inline(always)]
+    pub fn at_height(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
+        let Nodes::WithVertical(surface, map_alt_m) = &self.nodes else {
+            return self.at(lat_deg, lon_deg);
         };
-        Some(FieldValue {
-            value_nt,
-            d_lat_nt_per_rad: per_row * self.lat.steps_per_rad(),
-            d_lon_nt_per_rad: per_column * self.lon.steps_per_rad(),
-            d_alt_nt_per_m: 0.0,
-        })
-    }
-
-    /// Value and slopes per step of latitude and of longitude.
-    #[inline]
-    fn bilinear(&self, cell: Cell) -> Option<(f64, f64, f64)> {
-        let width = self.lon.len();
-        let low = self.table.get(cell.row * width + cell.column..)?.get(..2)?;
-        let high = self.table.get((cell.row + 1) * width + cell.column..)?.get(..2)?;
-        let (low_slope, high_slope) = (low[1] - low[0], high[1] - high[0]);
-        let low_value = low[0] + cell.right * low_slope;
-        let per_row = high[0] + cell.right * high_slope - low_value;
-        let per_column = low_slope + cell.up * (high_slope - low_slope);
-        let value = low_value + cell.up * per_row;
-        // An unknown node makes every one of the three a NaN.
-        (!value.is_nan()).then_some((value, per_row, per_column))
-    }
-
-    #[inline]
-    fn bicubic(&self, cell: Cell) -> Option<(f64, f64, f64)> {
-        let cell_index = cell.row * (self.lon.len() - 1) + cell.column;
-        if !self.unknown_cells.is_empty() && *self.unknown_cells.get(cell_index)? {
-            return None;
-        }
-        let (across, across_slope) = (weights(cell.right), slope_weights(cell.right));
-        let (along, along_slope) = (weights(cell.up), slope_weights(cell.up));
-        let width = self.lon.len() + 2;
-        let (mut value, mut per_row, mut per_column) = (0.0, 0.0, 0.0);
-        for k in 0..4 {
-            let c = self.table.get((cell.row + k) * width + cell.column..)?.get(..4)?;
-            let row_value = dot4(c, &across);
-            value += along[k] * row_value;
-            per_row += along_slope[k] * row_value;
-            per_column += along[k] * dot4(c, &across_slope);
-        }
-        Some((value, per_row, per_column))
-    }
-}
-
-#[inline]
-fn dot4(c: &[f64], weights: &[f64; 4]) -> f64 {
-    (c[0] * weights[0] + c[1] * weights[1]) + (c[2] * weights[2] + c[3] * weights[3])
-}
-
-/// The B-spline coefficients of a grid with its holes filled, with one more node on every side so
-/// that a look-up needs no special case at the edge.
-fn spline_coefficients(grid: &MapGrid) -> Vec<f64> {
-    let (rows, columns) = (grid.lat().len(), grid.lon().len());
-    let mut table = holes::filled(grid);
-    solve_along_rows(&mut table, columns);
-    table.chunks_exact_mut(columns).for_each(solve);
-    let mut padded = Vec::with_capacity((rows + 2) * (columns + 2));
-    for row in 0..rows + 2 {
-        let start = padded.len();
-        padded.extend(
-            (0..columns + 2)
-                .map(|column| natural_end(row, rows, |r| natural_end(column, columns, |c| table[r * columns + c]))),
+        let up_m = alt_m - map_alt_m;
+        let jet = surface.at(self.axes.cell(lat_deg, lon_deg)?)?;
+        let first_order = |quantity: [f64; 2]| quantity[0] + up_m * quantity[1];
+        let field = self.axes.field(
+            first_order(jet.value),
+            first_order(jet.per_row),
+            first_order(jet.per_column),
+            jet.value[1],
         );
-        debug_assert_eq!(padded.len() - start, columns + 2);
+        up_m.is_finite().then_some(field)
     }
-    padded
-}
 
-/// The coefficient at padded position `k`: past an end the straight continuation, which is what
-/// no curvature at the end means.
-fn natural_end(k: usize, n: usize, inside: impl Fn(usize) -> f64) -> f64 {
-    if k == 0 {
-        2.0 * inside(0) - inside(1)
-    } else if k > n {
-        2.0 * inside(n - 1) - inside(n - 2)
-    } else {
-        inside(k - 1)
+    /// The second derivatives of the map at a place in degrees, of the interpolation's own
+    /// formula: of a bilinear map only the mixed one is not zero, of a quadratic one they jump
+    /// half-way between nodes. `None` where [`Self::at`] has none.
+    pub fn curvature(&self, lat_deg: f64, lon_deg: f64) -> Option<Curvature> {
+        let cell = self.axes.cell(lat_deg, lon_deg)?;
+        let bend = match &self.nodes {
+            Nodes::Anomaly(surface) => surface.bend(cell)?,
+            Nodes::WithVertical(surface, _) => surface.bend(cell)?,
+        };
+        let (lat, lon) = (self.axes.lat.steps_per_rad(), self.axes.lon.steps_per_rad());
+        Some(Curvature {
+            d2_lat_nt_per_rad2: bend.rows * lat * lat,
+            d2_lat_lon_nt_per_rad2: bend.cross * lat * lon,
+            d2_lon_nt_per_rad2: bend.columns * lon * lon,
+        })
     }
 }
 
 #[cfg(test)]
 pub(crate) mod tests;
+#[cfg(test)]
+mod vertical_tests;

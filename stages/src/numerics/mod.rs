@@ -4,6 +4,7 @@
 //! frame of what it takes and returns, its errors, and where its formula is printed.
 
 pub mod attitude;
+pub mod combine;
 pub mod continuation;
 pub mod core_field;
 pub mod crossings;
@@ -11,6 +12,7 @@ pub mod dates;
 pub mod difference;
 pub mod ekf;
 pub mod field_value;
+pub mod fill;
 pub mod filter;
 pub mod gauss_markov;
 pub mod geodesy;
@@ -19,6 +21,7 @@ pub mod ins_series;
 pub mod least_squares;
 pub mod magnetic_sources;
 pub mod map_grid;
+pub mod map_stack;
 pub mod natural_cubic;
 pub mod pinson;
 pub mod plane_grid;

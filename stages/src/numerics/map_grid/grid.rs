@@ -1,5 +1,6 @@
 //! The grid itself: even, ascending axes and the node values.
 
+use super::holes::Shape;
 use thiserror::Error;
 
 /// Largest departure of a node from its even place, as a fraction of the step. Coordinates kept
@@ -112,6 +113,42 @@ pub enum MapError {
     /// Nothing is known.
     #[error("every value of the map is NaN")]
     Empty,
+    /// The companion of a map (its vertical derivative or its heights) is not of its nodes.
+    #[error("the map has {nodes} nodes, but its {companion} has {values} values")]
+    CompanionSize {
+        /// What it is: `vertical derivative` or `height`.
+        companion: &'static str,
+        /// Nodes of the map.
+        nodes: usize,
+        /// Values of the companion.
+        values: usize,
+    },
+    /// The companion of a map is not a finite number where the map is known.
+    #[error("the {companion} in row {row} of the map is {value}, but the anomaly there is known")]
+    CompanionValue {
+        /// What it is: `vertical derivative` or `height`.
+        companion: &'static str,
+        /// The row, from 0, sorted by latitude, then longitude.
+        row: usize,
+        /// The value.
+        value: f64,
+    },
+    /// The height of a map is not a finite number.
+    #[error("the map's height is {alt_m}, not a finite number")]
+    Height {
+        /// The height.
+        alt_m: f64,
+    },
+    /// The columns of a batch of places have different lengths.
+    #[error("the places have {lat} latitudes, {lon} longitudes and {alt} heights")]
+    Places {
+        /// Number of latitudes.
+        lat: usize,
+        /// Number of longitudes.
+        lon: usize,
+        /// Number of heights, as many as latitudes where none are asked for.
+        alt: usize,
+    },
 }
 
 /// An even, ascending axis in degrees.
@@ -173,7 +210,7 @@ impl Axis {
     }
 
     /// The cell and the fraction within it; a place past an end by rounding only is on the end.
-    #[inline]
+    #[inline(always)]
     pub(super) fn locate(&self, deg: f64) -> Option<(usize, f64)> {
         const ROUNDING: f64 = 1e-7;
         let steps = (deg - self.first_deg) * self.steps_per_deg;
@@ -186,7 +223,7 @@ impl Axis {
     }
 
     /// As `locate`, a full turn away if need be.
-    #[inline]
+    #[inline(always)]
     pub(super) fn locate_turning(&self, deg: f64) -> Option<(usize, f64)> {
         self.locate(deg).or_else(|| self.locate(deg - 360.0)).or_else(|| self.locate(deg + 360.0))
     }
@@ -274,6 +311,22 @@ impl MapGrid {
     /// The longitudes.
     pub fn lon(&self) -> &Axis {
         &self.lon
+    }
+
+    /// Whether a companion has a finite value at every known node.
+    pub(in crate::numerics) fn check_companion(&self, companion: &'static str, values: &[f64]) -> Result<(), MapError> {
+        if values.len() != self.values.len() {
+            return Err(MapError::CompanionSize { companion, nodes: self.values.len(), values: values.len() });
+        }
+        let bad = |(anomaly, value): (&f64, &f64)| !anomaly.is_nan() && !value.is_finite();
+        match self.values.iter().zip(values).position(bad) {
+            Some(row) => Err(MapError::CompanionValue { companion, row, value: values[row] }),
+            None => Ok(()),
+        }
+    }
+
+    pub(in crate::numerics) fn shape(&self) -> Shape {
+        Shape { rows: self.lat.len, columns: self.lon.len }
     }
 
     /// The values in nT, by rows from south to north.

@@ -1,49 +1,77 @@
 //! Unknown nodes: which cells they spoil, and what stands in for them when a spline is solved.
 
-use super::grid::MapGrid;
+/// The rows and columns of a grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::numerics) struct Shape {
+    pub(in crate::numerics) rows: usize,
+    pub(in crate::numerics) columns: usize,
+}
 
-/// Which cells have an unknown node, by rows; empty where every node is known.
-pub(super) fn unknown_cells(grid: &MapGrid) -> Vec<bool> {
-    let (width, values) = (grid.lon().len(), grid.values());
-    if values.iter().all(|value| !value.is_nan()) {
-        return Vec::new();
+/// Which cells have an unknown node, a bit each; without words where every node is known.
+#[derive(Clone, Debug, Default)]
+pub(super) struct UnknownCells {
+    words: Vec<u64>,
+    cells_a_row: usize,
+}
+
+impl UnknownCells {
+    pub(super) fn of(shape: Shape, values: &[f64]) -> Self {
+        if values.iter().all(|value| !value.is_nan()) {
+            return Self::default();
+        }
+        let cells_a_row = shape.columns - 1;
+        let mut words = vec![0u64; ((shape.rows - 1) * cells_a_row).div_ceil(64)];
+        let pair_unknown = |at: usize| values[at].is_nan() || values[at + 1].is_nan();
+        for (row, column) in (0..shape.rows - 1).flat_map(|row| (0..cells_a_row).map(move |column| (row, column))) {
+            let corner = row * shape.columns + column;
+            if pair_unknown(corner) || pair_unknown(corner + shape.columns) {
+                let cell = row * cells_a_row + column;
+                words[cell / 64] |= 1 << (cell % 64);
+            }
+        }
+        Self { words, cells_a_row }
     }
-    let pair_unknown = |at: usize| values[at].is_nan() || values[at + 1].is_nan();
-    (0..grid.lat().len() - 1)
-        .flat_map(|row| (0..width - 1).map(move |column| row * width + column))
-        .map(|corner| pair_unknown(corner) || pair_unknown(corner + width))
-        .collect()
+
+    /// Whether the cell has an unknown node.
+    #[inline(always)]
+    pub(super) fn contains(&self, row: usize, column: usize) -> bool {
+        if self.words.is_empty() {
+            return false;
+        }
+        let cell = row * self.cells_a_row + column;
+        self.words.get(cell / 64).is_none_or(|word| word >> (cell % 64) & 1 == 1)
+    }
 }
 
 /// The node values with every hole filled from its edge inwards: in each round an unknown node
 /// next to known ones takes their mean (of up to eight). What is filled is never handed out; it
 /// only keeps the spline smooth beside a hole.
-pub(super) fn filled(grid: &MapGrid) -> Vec<f64> {
-    let mut values = grid.values().to_vec();
+pub(super) fn filled(shape: Shape, values: &[f64]) -> Vec<f64> {
+    let mut values = values.to_vec();
     let mut front: Vec<usize> = (0..values.len())
-        .filter(|node| values[*node].is_nan() && neighbour_mean(grid, &values, *node).is_some())
+        .filter(|node| values[*node].is_nan() && neighbour_mean(shape, &values, *node).is_some())
         .collect();
     while !front.is_empty() {
         // All of a round is computed before any of it is written: the order does not matter.
-        let means: Vec<Option<f64>> = front.iter().map(|node| neighbour_mean(grid, &values, *node)).collect();
+        let means: Vec<Option<f64>> = front.iter().map(|node| neighbour_mean(shape, &values, *node)).collect();
         for (node, mean) in front.iter().zip(means) {
             values[*node] = mean.unwrap_or(f64::NAN);
         }
-        front = next_front(grid, &values, &front);
+        front = next_front(shape, &values, &front);
     }
     values
 }
 
-fn next_front(grid: &MapGrid, values: &[f64], front: &[usize]) -> Vec<usize> {
+fn next_front(shape: Shape, values: &[f64], front: &[usize]) -> Vec<usize> {
     let mut next: Vec<usize> =
-        front.iter().flat_map(|node| neighbours(grid, *node)).filter(|node| values[*node].is_nan()).collect();
+        front.iter().flat_map(|node| neighbours(shape, *node)).filter(|node| values[*node].is_nan()).collect();
     next.sort_unstable();
     next.dedup();
     next
 }
 
-fn neighbour_mean(grid: &MapGrid, values: &[f64], node: usize) -> Option<f64> {
-    let (sum, count) = neighbours(grid, node)
+fn neighbour_mean(shape: Shape, values: &[f64], node: usize) -> Option<f64> {
+    let (sum, count) = neighbours(shape, node)
         .map(|neighbour| values[neighbour])
         .filter(|value| !value.is_nan())
         .fold((0.0, 0), |(sum, count), value| (sum + value, count + 1));
@@ -51,10 +79,11 @@ fn neighbour_mean(grid: &MapGrid, values: &[f64], node: usize) -> Option<f64> {
 }
 
 /// The up to eight nodes around one, in the order of the grid.
-fn neighbours(grid: &MapGrid, node: usize) -> impl Iterator<Item = usize> + use<> {
-    let (width, height) = (grid.lon().len(), grid.lat().len());
-    let (row, column) = (node / width, node % width);
-    let rows = row.saturating_sub(1)..=(row + 1).min(height - 1);
-    rows.flat_map(move |r| (column.saturating_sub(1)..=(column + 1).min(width - 1)).map(move |c| r * width + c))
+fn neighbours(shape: Shape, node: usize) -> impl Iterator<Item = usize> {
+    let Shape { rows, columns } = shape;
+    let (row, column) = (node / columns, node % columns);
+    let around = row.saturating_sub(1)..=(row + 1).min(rows - 1);
+    around
+        .flat_map(move |r| (column.saturating_sub(1)..=(column + 1).min(columns - 1)).map(move |c| r * columns + c))
         .filter(move |neighbour| *neighbour != node)
 }

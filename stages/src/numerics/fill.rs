@@ -1,0 +1,112 @@
+//! Fills the gaps of a map on a plane, and cuts it to what is known or wanted.
+//!
+//! [`nearest`] gives an unknown node the mean of its nearest known nodes, as MagNav.jl does: quick, bounded by what is
+//! known, but with steps inside a gap, which ring when the map is continued. [`smooth`] gives the surface without
+//! sources inside the gap: continuous, bounded by the values around the gap.
+
+mod cut;
+mod edge;
+mod multigrid;
+mod nearest;
+mod smooth;
+
+pub use cut::{Limits, crop, trim};
+pub use nearest::{NearestFill, Weights, nearest};
+pub use smooth::{SmoothFill, SmoothReport, smooth};
+use thiserror::Error;
+
+use super::plane_grid::PlaneGrid;
+
+/// Why a map cannot be filled or cut.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum FillError {
+    /// No node is known.
+    #[error("every value of the map is unknown: there is nothing to fill its gaps from")]
+    Empty,
+    /// The number of values is not the number of nodes.
+    #[error("the map has {values} values for {rows} rows x {columns} columns")]
+    Size {
+        /// The number of values.
+        values: usize,
+        /// The number of rows.
+        rows: usize,
+        /// The number of columns.
+        columns: usize,
+    },
+    /// A step is not above zero or not finite.
+    #[error("the map's steps are {east_m} m east and {north_m} m north; both must be above zero")]
+    Step {
+        /// The step eastward.
+        east_m: f64,
+        /// The step northward.
+        north_m: f64,
+    },
+    /// A value is infinite.
+    #[error("the value in row {row}, column {column} of the map is infinite; an unknown value is NaN")]
+    Infinite {
+        /// The row, from 0 in the south.
+        row: usize,
+        /// The column, from 0 in the west.
+        column: usize,
+    },
+    /// The gaps have more nodes around them than are told apart.
+    #[error("{nodes} known nodes lie around the gaps, more than 4 billion")]
+    TooMany {
+        /// How many.
+        nodes: usize,
+    },
+    /// No neighbours are asked for.
+    #[error("a gap is filled from at least one neighbour, not from none")]
+    NoNeighbours,
+    /// A parameter is out of its range.
+    #[error("{name} is {value}; it must be above zero")]
+    Parameter {
+        /// The parameter.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The smooth surface was not reached.
+    #[error(
+        "the gaps are not smooth to {tolerance:e} of the map's range after {iterations} iterations, but {reached:e}"
+    )]
+    NotReached {
+        /// What was asked for.
+        tolerance: f64,
+        /// What was reached.
+        reached: f64,
+        /// How many iterations were made.
+        iterations: usize,
+    },
+    /// Nothing of the map is within the limits.
+    #[error("no node of the map, {west_m} to {east_m} m east and {south_m} to {north_m} m north, is within the limits")]
+    Outside {
+        /// The westernmost easting of the map.
+        west_m: f64,
+        /// The easternmost.
+        east_m: f64,
+        /// The southernmost northing.
+        south_m: f64,
+        /// The northernmost.
+        north_m: f64,
+    },
+}
+
+pub(super) fn check(grid: &PlaneGrid) -> Result<(), FillError> {
+    let (rows, columns, values) = (grid.rows(), grid.columns(), grid.values.len());
+    if rows.checked_mul(columns) != Some(values) {
+        return Err(FillError::Size { values, rows, columns });
+    }
+    let (east_m, north_m) = (grid.east_m.step, grid.north_m.step);
+    let good = |step: f64| step > 0.0 && step.is_finite();
+    if !(good(east_m) && good(north_m)) {
+        return Err(FillError::Step { east_m, north_m });
+    }
+    if let Some(node) = grid.values.iter().position(|value| value.is_infinite()) {
+        return Err(FillError::Infinite { row: node / columns, column: node % columns });
+    }
+    if grid.values.iter().all(|value| value.is_nan()) { Err(FillError::Empty) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests;

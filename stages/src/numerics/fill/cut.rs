@@ -1,0 +1,86 @@
+//! Cuts a map to what is known or wanted.
+
+use super::{FillError, check};
+use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use std::ops::Range;
+
+/// Limits of a map on the plane, in metres; a side without a limit is infinite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// The least and the greatest easting.
+    pub east_m: (f64, f64),
+    /// The least and the greatest northing.
+    pub north_m: (f64, f64),
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        let all = (f64::NEG_INFINITY, f64::INFINITY);
+        Self { east_m: all, north_m: all }
+    }
+}
+
+/// The smallest map that holds every known node, and `pad` more rows and columns on each side as far as the map has
+/// them.
+///
+/// # Errors
+/// Where nothing is known or the map is not well formed.
+pub fn trim(grid: &PlaneGrid, pad: usize) -> Result<PlaneGrid, FillError> {
+    check(grid)?;
+    let width = grid.columns();
+    let known_in_row = |row: &[f64]| {
+        let first = row.iter().position(|value| !value.is_nan())?;
+        Some((first, row.iter().rposition(|value| !value.is_nan())?))
+    };
+    let mut rows = usize::MAX..0;
+    let mut columns = usize::MAX..0;
+    for (row, values) in grid.values.chunks_exact(width).enumerate() {
+        if let Some((first, last)) = known_in_row(values) {
+            rows = rows.start.min(row)..row + 1;
+            columns = columns.start.min(first)..columns.end.max(last + 1);
+        }
+    }
+    let padded =
+        |range: Range<usize>, len: usize| range.start.saturating_sub(pad)..range.end.saturating_add(pad).min(len);
+    Ok(cut(grid, padded(rows, grid.rows()), padded(columns, width)))
+}
+
+/// The nodes of a map that lie within the limits, or on them.
+///
+/// # Errors
+/// Where no node does or the map is not well formed.
+pub fn crop(grid: &PlaneGrid, limits: &Limits) -> Result<PlaneGrid, FillError> {
+    check(grid)?;
+    let (rows, columns) = (within(&grid.north_m, limits.north_m), within(&grid.east_m, limits.east_m));
+    if rows.is_empty() || columns.is_empty() {
+        let (west_m, east_m) = (grid.east_m.first, grid.east_m.last());
+        let (south_m, north_m) = (grid.north_m.first, grid.north_m.last());
+        return Err(FillError::Outside { west_m, east_m, south_m, north_m });
+    }
+    Ok(cut(grid, rows, columns))
+}
+
+/// The nodes of an axis from the first limit to the second.
+fn within(axis: &EvenAxis, (least, greatest): (f64, f64)) -> Range<usize> {
+    // A limit that was computed may miss its node by rounding.
+    const ROUNDING: f64 = 1e-6;
+    if least.is_nan() || greatest.is_nan() {
+        return 0..0;
+    }
+    // A cast keeps infinite and negative limits on the axis.
+    let start = (axis.node(least) - ROUNDING).ceil() as usize;
+    let last = (axis.node(greatest) + ROUNDING).floor();
+    start..if last < 0.0 { 0 } else { (last as usize).saturating_add(1).min(axis.len) }
+}
+
+fn cut(grid: &PlaneGrid, rows: Range<usize>, columns: Range<usize>) -> PlaneGrid {
+    let part = |axis: &EvenAxis, nodes: &Range<usize>| EvenAxis {
+        first: axis.at(nodes.start as f64),
+        step: axis.step,
+        len: nodes.len(),
+    };
+    let (east_m, north_m) = (part(&grid.east_m, &columns), part(&grid.north_m, &rows));
+    let width = grid.columns();
+    let values = rows.flat_map(|row| &grid.values[row * width..][columns.clone()]).copied().collect();
+    PlaneGrid { east_m, north_m, values }
+}

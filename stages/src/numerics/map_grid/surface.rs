@@ -1,0 +1,226 @@
+//! Node values made ready for look-ups: one or more quantities of the same nodes, interleaved, so that all that a
+//! look-up needs of them lies in the same few cache lines.
+
+use super::Interpolation;
+use super::holes::{Shape, UnknownCells, filled};
+use super::quadratic;
+use crate::numerics::natural_cubic;
+use rayon::prelude::*;
+
+/// A cell of the grid and the place in it, as fractions of a step northward and eastward.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::numerics) struct Cell {
+    pub(in crate::numerics) row: usize,
+    pub(in crate::numerics) column: usize,
+    pub(in crate::numerics) up: f64,
+    pub(in crate::numerics) right: f64,
+}
+
+/// Values of all quantities at a place and their slopes per step northward and eastward.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::numerics) struct Jet<const QUANTITIES: usize> {
+    pub(in crate::numerics) value: [f64; QUANTITIES],
+    pub(in crate::numerics) per_row: [f64; QUANTITIES],
+    pub(in crate::numerics) per_column: [f64; QUANTITIES],
+}
+
+/// Second derivatives per step northward twice, northward and eastward, eastward twice.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bend {
+    pub(super) rows: f64,
+    pub(super) cross: f64,
+    pub(super) columns: f64,
+}
+
+/// A grid of interleaved quantities; where the first is unknown, all are.
+#[derive(Clone, Debug)]
+pub(in crate::numerics) struct Surface<const QUANTITIES: usize> {
+    interpolation: Interpolation,
+    /// Nodes in a row of the table.
+    width: usize,
+    /// Linear: the node values by rows. Splines: the B-spline coefficients by rows, with one more row and column on
+    /// each side, so that a look-up needs no special case at the edge.
+    table: Vec<[f64; QUANTITIES]>,
+    /// Splines only: in a linear table the unknown nodes are NaN.
+    unknown: UnknownCells,
+}
+
+impl<const QUANTITIES: usize> Surface<QUANTITIES> {
+    /// Each quantity has one value a node, by rows; the grid has at least two rows and columns.
+    pub(in crate::numerics) fn new(shape: Shape, values: [&[f64]; QUANTITIES], interpolation: Interpolation) -> Self {
+        if interpolation == Interpolation::Linear {
+            let table = interleaved(shape.rows * shape.columns, values);
+            return Self { interpolation, width: shape.columns, table, unknown: UnknownCells::default() };
+        }
+        let padded = values.map(|values| spline_coefficients(shape, values, interpolation));
+        let nodes = (shape.rows + 2) * (shape.columns + 2);
+        let table = interleaved(nodes, padded.each_ref().map(Vec::as_slice));
+        let unknown = values.first().map(|values| UnknownCells::of(shape, values)).unwrap_or_default();
+        Self { interpolation, width: shape.columns + 2, table, unknown }
+    }
+
+    pub(in crate::numerics) fn interpolation(&self) -> Interpolation {
+        self.interpolation
+    }
+
+    /// All quantities at a place; `None` in a cell with an unknown node.
+    #[inline(always)]
+    pub(in crate::numerics) fn at(&self, cell: Cell) -> Option<Jet<QUANTITIES>> {
+        match self.interpolation {
+            Interpolation::Linear => self.bilinear(cell),
+            Interpolation::Cubic => self.spline(cell, natural_cubic_weights, natural_cubic_slopes),
+            Interpolation::Quadratic => self.spline(cell, quadratic::weights, quadratic::slope_weights),
+        }
+    }
+
+    #[inline(always)]
+    fn bilinear(&self, cell: Cell) -> Option<Jet<QUANTITIES>> {
+        let low = self.table.get(cell.row * self.width + cell.column..)?.get(..2)?;
+        let high = self.table.get((cell.row + 1) * self.width + cell.column..)?.get(..2)?;
+        let mut jet = Jet::ZERO;
+        for q in 0..QUANTITIES {
+            let (low_slope, high_slope) = (low[1][q] - low[0][q], high[1][q] - high[0][q]);
+            let low_value = low[0][q] + cell.right * low_slope;
+            let per_row = high[0][q] + cell.right * high_slope - low_value;
+            jet.per_row[q] = per_row;
+            jet.per_column[q] = low_slope + cell.up * (high_slope - low_slope);
+            jet.value[q] = low_value + cell.up * per_row;
+        }
+        // An unknown node makes value and slopes NaN.
+        (!jet.value[0].is_nan()).then_some(jet)
+    }
+
+    #[inline(always)]
+    fn spline(
+        &self,
+        cell: Cell,
+        weights: impl Fn(f64) -> [f64; 4],
+        slopes: impl Fn(f64) -> [f64; 4],
+    ) -> Option<Jet<QUANTITIES>> {
+        if self.unknown.contains(cell.row, cell.column) {
+            return None;
+        }
+        let (across, across_slope) = (weights(cell.right), slopes(cell.right));
+        let (along, along_slope) = (weights(cell.up), slopes(cell.up));
+        let mut jet = Jet::ZERO;
+        for k in 0..4 {
+            let c = self.window(cell, k)?;
+            for q in 0..QUANTITIES {
+                let row_value = dot4(c, q, &across);
+                jet.value[q] += along[k] * row_value;
+                jet.per_row[q] += along_slope[k] * row_value;
+                jet.per_column[q] += along[k] * dot4(c, q, &across_slope);
+            }
+        }
+        Some(jet)
+    }
+
+    /// The four coefficients of a row that a cell feels.
+    #[inline(always)]
+    fn window(&self, cell: Cell, k: usize) -> Option<&[[f64; QUANTITIES]; 4]> {
+        self.table.get((cell.row + k) * self.width + cell.column..)?.first_chunk()
+    }
+
+    /// The second derivatives of the first quantity; `None` in a cell with an unknown node.
+    pub(super) fn bend(&self, cell: Cell) -> Option<Bend> {
+        match self.interpolation {
+            Interpolation::Linear => {
+                self.at(cell)?;
+                let slope = |row: usize| {
+                    let pair = self.table.get((cell.row + row) * self.width + cell.column..)?.first_chunk::<2>()?;
+                    Some(pair[1][0] - pair[0][0])
+                };
+                Some(Bend { rows: 0.0, cross: slope(1)? - slope(0)?, columns: 0.0 })
+            }
+            Interpolation::Cubic => {
+                self.spline_bend(cell, [natural_cubic_weights, natural_cubic_slopes, cubic_curvatures])
+            }
+            Interpolation::Quadratic => {
+                self.spline_bend(cell, [quadratic::weights, quadratic::slope_weights, quadratic::curvature_weights])
+            }
+        }
+    }
+
+    fn spline_bend(&self, cell: Cell, basis: [fn(f64) -> [f64; 4]; 3]) -> Option<Bend> {
+        if self.unknown.contains(cell.row, cell.column) {
+            return None;
+        }
+        let (across, along) = (basis.map(|w| w(cell.right)), basis.map(|w| w(cell.up)));
+        let mut bend = Bend { rows: 0.0, cross: 0.0, columns: 0.0 };
+        for k in 0..4 {
+            let c = self.window(cell, k)?;
+            bend.rows += along[2][k] * dot4(c, 0, &across[0]);
+            bend.cross += along[1][k] * dot4(c, 0, &across[1]);
+            bend.columns += along[0][k] * dot4(c, 0, &across[2]);
+        }
+        Some(bend)
+    }
+}
+
+impl Surface<1> {
+    /// One quantity with a value everywhere: in a gap that of its filling, which is for the caller to hide.
+    pub(in crate::numerics) fn over_gaps(shape: Shape, values: &[f64], interpolation: Interpolation) -> Self {
+        let values = filled(shape, values);
+        Self::new(shape, [values.as_slice()], interpolation)
+    }
+}
+
+impl<const QUANTITIES: usize> Jet<QUANTITIES> {
+    const ZERO: Self = Self { value: [0.0; QUANTITIES], per_row: [0.0; QUANTITIES], per_column: [0.0; QUANTITIES] };
+}
+
+#[inline(always)]
+fn dot4<const QUANTITIES: usize>(c: &[[f64; QUANTITIES]; 4], q: usize, weights: &[f64; 4]) -> f64 {
+    (c[0][q] * weights[0] + c[1][q] * weights[1]) + (c[2][q] * weights[2] + c[3][q] * weights[3])
+}
+
+// Inlined by force into code that is compiled for a wider vector unit.
+#[inline(always)]
+fn natural_cubic_weights(t: f64) -> [f64; 4] {
+    natural_cubic::weights(t)
+}
+
+#[inline(always)]
+fn natural_cubic_slopes(t: f64) -> [f64; 4] {
+    natural_cubic::slope_weights(t)
+}
+
+/// The second derivatives of the cubic weights.
+fn cubic_curvatures(t: f64) -> [f64; 4] {
+    [1.0 - t, 3.0 * t - 2.0, 1.0 - 3.0 * t, t]
+}
+
+fn interleaved<const QUANTITIES: usize>(nodes: usize, values: [&[f64]; QUANTITIES]) -> Vec<[f64; QUANTITIES]> {
+    (0..nodes).map(|node| values.map(|values| values.get(node).copied().unwrap_or(f64::NAN))).collect()
+}
+
+/// The B-spline coefficients of a grid with its holes filled, with one more node on every side.
+fn spline_coefficients(shape: Shape, values: &[f64], interpolation: Interpolation) -> Vec<f64> {
+    let Shape { rows, columns } = shape;
+    let solve_along_rows: fn(&mut [f64], usize) = match interpolation {
+        Interpolation::Quadratic => quadratic::solve_along_rows,
+        Interpolation::Cubic | Interpolation::Linear => natural_cubic::solve_along_rows,
+    };
+    let mut table = filled(shape, values);
+    solve_along_rows(&mut table, columns);
+    table.par_chunks_exact_mut(columns).for_each(|row| solve_along_rows(row, 1));
+    let mut padded = vec![0.0; (rows + 2) * (columns + 2)];
+    padded.par_chunks_exact_mut(columns + 2).enumerate().for_each(|(row, out)| {
+        for (column, value) in out.iter_mut().enumerate() {
+            *value = natural_end(row, rows, |r| natural_end(column, columns, |c| table[r * columns + c]));
+        }
+    });
+    padded
+}
+
+/// The coefficient at padded position `k`: past an end the straight continuation, which is what
+/// no curvature at the end means.
+fn natural_end(k: usize, n: usize, inside: impl Fn(usize) -> f64) -> f64 {
+    if k == 0 {
+        2.0 * inside(0) - inside(1)
+    } else if k > n {
+        2.0 * inside(n - 1) - inside(n - 2)
+    } else {
+        inside(k - 1)
+    }
+}

@@ -1,0 +1,338 @@
+//! An anomaly in three dimensions: a stack of maps of the same nodes at ascending heights, a map draped over heights
+//! of its own, and one enum for a caller that takes whichever there is.
+//!
+//! Between two levels the value follows a cubic of height (or a straight line), across the levels the interpolation
+//! of the maps; both are evaluated exactly, so the gradient is that of the value in all three directions.
+
+mod drape;
+mod levels;
+
+use super::field_value::FieldValue;
+use super::map_grid::{
+    AnomalyMap, Axes, Batch, Cell, FieldColumns, Interpolation, Jet, MapError, MapGrid, Places, Surface,
+};
+pub use drape::DrapeMap;
+use levels::{natural_slopes, union_of_unknown};
+use thiserror::Error;
+
+/// How a value between two levels is made.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BetweenLevels {
+    /// A cubic. Of maps alone the natural spline through all levels: value, slope and curvature are continuous,
+    /// without curvature at the ends. Of maps with vertical derivatives the cubic of Hermite.
+    #[default]
+    Cubic,
+    /// A straight line between the two levels: the slope jumps at the levels.
+    Linear,
+}
+
+/// What is told of a place below the lowest or above the highest level.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OutsideLevels {
+    /// Up to half the nearest step between levels away, the straight continuation (first order in height: value and
+    /// slope of the end level); nothing farther away. A filter that grazes the ends keeps a correct Jacobian, and one
+    /// that leaves them is told so.
+    #[default]
+    HalfStep,
+    /// Nothing at all.
+    Nothing,
+    /// The value of the end level, however far, with no change with height, as MagNav.jl does. It is wrong by the
+    /// whole decay of the field over that way.
+    Clamp,
+}
+
+/// How a stack is looked up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StackOptions {
+    /// Across a level.
+    pub interpolation: Interpolation,
+    /// From level to level.
+    pub between: BetweenLevels,
+    /// Beyond the ends.
+    pub outside: OutsideLevels,
+}
+
+/// Why maps are not a stack.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum StackError {
+    /// There are fewer than two levels.
+    #[error("a stack takes at least two levels, not {0}; one level is a map with its vertical derivative")]
+    TooFew(usize),
+    /// The numbers of heights and of maps differ.
+    #[error("the stack has {heights} heights for {maps} maps")]
+    Count {
+        /// Number of heights.
+        heights: usize,
+        /// Number of maps (or of vertical derivatives).
+        maps: usize,
+    },
+    /// The heights do not ascend or are not finite.
+    #[error("the heights of the stack must be finite and ascend, but level {level} is at {alt_m} m after {before_m} m")]
+    Heights {
+        /// The level, from 0.
+        level: usize,
+        /// The height before it.
+        before_m: f64,
+        /// Its height.
+        alt_m: f64,
+    },
+    /// A map has other nodes than the first.
+    #[error("level {level} of the stack has other latitudes or longitudes than level 0")]
+    Nodes {
+        /// The level, from 0.
+        level: usize,
+    },
+    /// No node is known at all levels.
+    #[error("no node of the stack is known at all of its levels")]
+    Empty,
+    /// A vertical derivative is not of its map's nodes.
+    #[error("level {level}: {source}")]
+    Derivative {
+        /// The level, from 0.
+        level: usize,
+        /// What is wrong.
+        source: MapError,
+    },
+}
+
+/// Maps of the same nodes at ascending heights.
+///
+/// A place is known where the four nodes of its cell are known at all levels.
+#[derive(Clone, Debug)]
+pub struct MapStack {
+    axes: Axes,
+    heights_m: Vec<f64>,
+    /// Value and slope per metre of height, a surface a level.
+    levels: Vec<Surface<2>>,
+    options: StackOptions,
+}
+
+impl MapStack {
+    /// A stack of maps, the slopes with height made of them as `options.between` says. `heights_m` are those of
+    /// `maps`, in metres, even or not.
+    pub fn new(heights_m: &[f64], maps: &[MapGrid], options: StackOptions) -> Result<Self, StackError> {
+        let known = known_values(heights_m, maps)?;
+        let slopes = natural_slopes(heights_m, &known);
+        Ok(Self::of(heights_m, maps, &known, &slopes, options))
+    }
+
+    /// A stack of maps and their vertical derivatives, in nT/m: between levels the cubic of Hermite with these slopes,
+    /// whatever `options.between` says. Twice as exact as a spline that has to find the slopes itself.
+    pub fn with_vertical(
+        heights_m: &[f64],
+        maps: &[MapGrid],
+        d_alt_nt_per_m: &[Vec<f64>],
+        options: StackOptions,
+    ) -> Result<Self, StackError> {
+        let known = known_values(heights_m, maps)?;
+        if d_alt_nt_per_m.len() != maps.len() {
+            return Err(StackError::Count { heights: heights_m.len(), maps: d_alt_nt_per_m.len() });
+        }
+        for (level, (map, slopes)) in maps.iter().zip(d_alt_nt_per_m).enumerate() {
+            let checked = map.check_companion("vertical derivative", slopes);
+            checked.map_err(|source| StackError::Derivative { level, source })?;
+        }
+        let options = StackOptions { between: BetweenLevels::Cubic, ..options };
+        Ok(Self::of(heights_m, maps, &known, d_alt_nt_per_m, options))
+    }
+
+    fn of(heights_m: &[f64], maps: &[MapGrid], known: &[Vec<f64>], slopes: &[Vec<f64>], options: StackOptions) -> Self {
+        let prepared = maps.iter().zip(known.iter().zip(slopes));
+        let levels = prepared.map(|(map, (values, slopes))| {
+            Surface::new(map.shape(), [values.as_slice(), slopes.as_slice()], options.interpolation)
+        });
+        let axes = Axes::of(&maps[0]);
+        Self { axes, heights_m: heights_m.to_vec(), levels: levels.collect(), options }
+    }
+
+    /// The heights of the levels, in metres.
+    pub fn heights_m(&self) -> &[f64] {
+        &self.heights_m
+    }
+
+    /// How the stack is looked up; after [`Self::with_vertical`] the cubic of height is that of Hermite.
+    pub fn options(&self) -> StackOptions {
+        self.options
+    }
+
+    /// The anomaly and its gradient at a place in degrees and metres; `None` off the maps, in a cell with an unknown
+    /// node at any level, where the place is not a number, and beyond the levels as [`OutsideLevels`] says.
+    #[inline]
+    pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
+        let cell = self.axes.cell(lat_deg, lon_deg)?;
+        let (first, last) = (*self.heights_m.first()?, *self.heights_m.last()?);
+        if alt_m < first {
+            self.beyond(cell, 0, 1, alt_m)
+        } else if alt_m > last {
+            self.beyond(cell, self.heights_m.len() - 1, self.heights_m.len() - 2, alt_m)
+        } else {
+            self.between(cell, alt_m)
+        }
+    }
+
+    /// [`Self::at`] for many places; places without a value are NaN. Allocates only where `out` has to grow.
+    pub fn at_many(
+        &self,
+        lat_deg: &[f64],
+        lon_deg: &[f64],
+        alt_m: &[f64],
+        out: &mut FieldColumns,
+    ) -> Result<(), MapError> {
+        let places = Places { lat_deg, lon_deg, alt_m };
+        places.check(true)?;
+        pulp::Arch::new().dispatch(Batch { places, out, look_up: |lat, lon, alt| self.at(lat, lon, alt) });
+        Ok(())
+    }
+
+    /// Past the end level `end`, next to the level `inner`.
+    fn beyond(&self, cell: Cell, end: usize, inner: usize, alt_m: f64) -> Option<FieldValue> {
+        let (end_m, inner_m) = (*self.heights_m.get(end)?, *self.heights_m.get(inner)?);
+        let jet = self.levels.get(end)?.at(cell)?;
+        match self.options.outside {
+            OutsideLevels::Clamp => Some(self.axes.field(jet.value[0], jet.per_row[0], jet.per_column[0], 0.0)),
+            OutsideLevels::HalfStep if (alt_m - end_m).abs() <= 0.5 * (end_m - inner_m).abs() => {
+                let jet = match self.options.between {
+                    BetweenLevels::Cubic => jet,
+                    BetweenLevels::Linear => with_secant(jet, self.levels.get(inner)?.at(cell)?, inner_m - end_m),
+                };
+                let along = |q: [f64; 2]| q[0] + (alt_m - end_m) * q[1];
+                Some(self.axes.field(along(jet.value), along(jet.per_row), along(jet.per_column), jet.value[1]))
+            }
+            OutsideLevels::HalfStep | OutsideLevels::Nothing => None,
+        }
+    }
+
+    #[inline(always)]
+    fn between(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
+        // Stacks have few levels: counting them is faster than halving.
+        let above = self.heights_m.iter().filter(|height| **height <= alt_m).count();
+        let low = above.min(self.heights_m.len() - 1).checked_sub(1)?;
+        let (low_m, high_m) = (*self.heights_m.get(low)?, *self.heights_m.get(low + 1)?);
+        let (below, over) = (self.levels.get(low)?.at(cell)?, self.levels.get(low + 1)?.at(cell)?);
+        let step_m = high_m - low_m;
+        let weights = match self.options.between {
+            BetweenLevels::Cubic => HeightWeights::cubic((alt_m - low_m) / step_m, step_m),
+            BetweenLevels::Linear => HeightWeights::linear((alt_m - low_m) / step_m, step_m),
+        };
+        Some(self.axes.field(
+            weights.of(below.value, over.value),
+            weights.of(below.per_row, over.per_row),
+            weights.of(below.per_column, over.per_column),
+            weights.slope_of(below.value, over.value),
+        ))
+    }
+}
+
+/// The end level with the slope of the straight line to its neighbour, `way_m` higher.
+fn with_secant(end: Jet<2>, inner: Jet<2>, way_m: f64) -> Jet<2> {
+    let secant = |end: [f64; 2], inner: [f64; 2]| [end[0], (inner[0] - end[0]) / way_m];
+    Jet {
+        value: secant(end.value, inner.value),
+        per_row: secant(end.per_row, inner.per_row),
+        per_column: secant(end.per_column, inner.per_column),
+    }
+}
+
+/// The weights of value and slope of the lower and of the upper level, for the value and for its slope.
+struct HeightWeights {
+    value: [f64; 4],
+    slope: [f64; 4],
+}
+
+impl HeightWeights {
+    /// The cubic of Hermite, a fraction `t` of a step of `step_m` above the lower level.
+    #[inline(always)]
+    fn cubic(t: f64, step_m: f64) -> Self {
+        let s = 1.0 - t;
+        let bump = 6.0 * t * s / step_m;
+        Self {
+            value: [s * s * (1.0 + 2.0 * t), s * s * t * step_m, t * t * (1.0 + 2.0 * s), -t * t * s * step_m],
+            slope: [-bump, s * (s - 2.0 * t), bump, t * (t - 2.0 * s)],
+        }
+    }
+
+    #[inline(always)]
+    fn linear(t: f64, step_m: f64) -> Self {
+        Self { value: [1.0 - t, 0.0, t, 0.0], slope: [-1.0 / step_m, 0.0, 1.0 / step_m, 0.0] }
+    }
+
+    #[inline(always)]
+    fn of(&self, below: [f64; 2], over: [f64; 2]) -> f64 {
+        weighted(&self.value, below, over)
+    }
+
+    #[inline(always)]
+    fn slope_of(&self, below: [f64; 2], over: [f64; 2]) -> f64 {
+        weighted(&self.slope, below, over)
+    }
+}
+
+#[inline(always)]
+fn weighted(weights: &[f64; 4], below: [f64; 2], over: [f64; 2]) -> f64 {
+    (weights[0] * below[0] + weights[1] * below[1]) + (weights[2] * over[0] + weights[3] * over[1])
+}
+
+/// The values of all levels, unknown at every level where they are at one.
+fn known_values(heights_m: &[f64], maps: &[MapGrid]) -> Result<Vec<Vec<f64>>, StackError> {
+    let (heights, count) = (heights_m.len(), maps.len());
+    if heights != count {
+        return Err(StackError::Count { heights, maps: count });
+    }
+    if count < 2 {
+        return Err(StackError::TooFew(count));
+    }
+    for (below, pair) in heights_m.windows(2).enumerate() {
+        let (before_m, alt_m) = (pair[0], pair[1]);
+        if !(before_m.is_finite() && alt_m.is_finite() && alt_m > before_m) {
+            return Err(StackError::Heights { level: below + 1, before_m, alt_m });
+        }
+    }
+    let same = |map: &MapGrid| map.lat() == maps[0].lat() && map.lon() == maps[0].lon();
+    if let Some(level) = maps.iter().position(|map| !same(map)) {
+        return Err(StackError::Nodes { level });
+    }
+    let known = union_of_unknown(maps);
+    if known.iter().flatten().all(|value| value.is_nan()) { Err(StackError::Empty) } else { Ok(known) }
+}
+
+/// A field over an area: whichever kind of map there is.
+#[derive(Clone, Debug)]
+pub enum FieldMap {
+    /// A map of one height.
+    Flat(AnomalyMap),
+    /// Maps at several heights.
+    Stack(MapStack),
+    /// A map that follows the ground.
+    Drape(DrapeMap),
+}
+
+impl FieldMap {
+    /// The anomaly and its gradient at a place in degrees and metres; `None` where the map has none. A flat map
+    /// without a vertical derivative is the same at every height.
+    #[inline]
+    pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
+        match self {
+            Self::Flat(map) => map.at_height(lat_deg, lon_deg, alt_m),
+            Self::Stack(stack) => stack.at(lat_deg, lon_deg, alt_m),
+            Self::Drape(drape) => drape.at_height(lat_deg, lon_deg, alt_m),
+        }
+    }
+
+    /// [`Self::at`] for many places; places without a value are NaN.
+    pub fn at_many(
+        &self,
+        lat_deg: &[f64],
+        lon_deg: &[f64],
+        alt_m: &[f64],
+        out: &mut FieldColumns,
+    ) -> Result<(), MapError> {
+        match self {
+            Self::Flat(map) => map.at_heights(lat_deg, lon_deg, alt_m, out),
+            Self::Stack(stack) => stack.at_many(lat_deg, lon_deg, alt_m, out),
+            Self::Drape(drape) => drape.at_heights(lat_deg, lon_deg, alt_m, out),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

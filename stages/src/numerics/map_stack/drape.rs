@@ -1,0 +1,97 @@
+//! A map that was flown or computed at a height that follows the ground.
+
+use super::MapStack;
+use crate::numerics::field_value::FieldValue;
+use crate::numerics::map_grid::{Axes, Batch, FieldColumns, Interpolation, Jet, MapError, MapGrid, Places, Surface};
+
+const ANOMALY: usize = 0;
+const D_ALT: usize = 1;
+const HEIGHT: usize = 2;
+
+/// A map whose every node holds at a height of its own, with its vertical derivative.
+#[derive(Clone, Debug)]
+pub struct DrapeMap {
+    axes: Axes,
+    /// The anomaly, its vertical derivative and the height.
+    surface: Surface<3>,
+}
+
+impl DrapeMap {
+    /// A map with the height of each node, in metres, and the change of the field per metre upward there, in nT/m,
+    /// both by rows and known where the map is. They are interpolated as the map is.
+    pub fn new(
+        grid: &MapGrid,
+        height_m: &[f64],
+        d_alt_nt_per_m: &[f64],
+        interpolation: Interpolation,
+    ) -> Result<Self, MapError> {
+        grid.check_companion("height", height_m)?;
+        grid.check_companion("vertical derivative", d_alt_nt_per_m)?;
+        let surface = Surface::new(grid.shape(), [grid.values(), d_alt_nt_per_m, height_m], interpolation);
+        Ok(Self { axes: Axes::of(grid), surface })
+    }
+
+    /// The height of the map at a place in degrees, in metres; `None` where the map has no value.
+    pub fn height_m(&self, lat_deg: f64, lon_deg: f64) -> Option<f64> {
+        Some(self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?.value[HEIGHT])
+    }
+
+    /// The anomaly on the draped surface and the gradient of the field there: the change along the surface less what
+    /// of it is due to the surface's slope.
+    pub fn at(&self, lat_deg: f64, lon_deg: f64) -> Option<FieldValue> {
+        let jet = self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?;
+        Some(self.lifted(jet, 0.0))
+    }
+
+    /// The anomaly at a height in metres, to first order from the surface: the map's value plus its vertical
+    /// derivative times the way from the map's height; and the exact gradient of that.
+    #[inline]
+    pub fn at_height(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
+        let jet = self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?;
+        let up_m = alt_m - jet.value[HEIGHT];
+        up_m.is_finite().then(|| self.lifted(jet, up_m))
+    }
+
+    /// The anomaly at a height in metres, by a stack of the same field: the map's value plus what the stack changes
+    /// by from the map's height to `alt_m`. What the stack is off by at the surface (it is continued, the map is not)
+    /// thus falls out. `None` where the map or the stack has no value, at either height.
+    pub fn at_height_by(&self, stack: &MapStack, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
+        let jet = self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?;
+        let on_map =
+            self.axes.field(jet.value[ANOMALY], jet.per_row[ANOMALY], jet.per_column[ANOMALY], jet.value[D_ALT]);
+        let (here, there) = (stack.at(lat_deg, lon_deg, jet.value[HEIGHT])?, stack.at(lat_deg, lon_deg, alt_m)?);
+        let slope = self.axes.field(0.0, jet.per_row[HEIGHT], jet.per_column[HEIGHT], 0.0);
+        let difference = |of: fn(&FieldValue) -> f64| of(&there) - of(&here);
+        Some(FieldValue {
+            value_nt: on_map.value_nt + difference(|f| f.value_nt),
+            d_lat_nt_per_rad: on_map.d_lat_nt_per_rad + difference(|f| f.d_lat_nt_per_rad)
+                - here.d_alt_nt_per_m * slope.d_lat_nt_per_rad,
+            d_lon_nt_per_rad: on_map.d_lon_nt_per_rad + difference(|f| f.d_lon_nt_per_rad)
+                - here.d_alt_nt_per_m * slope.d_lon_nt_per_rad,
+            d_alt_nt_per_m: there.d_alt_nt_per_m,
+        })
+    }
+
+    /// [`Self::at_height`] for many places; places without a value are NaN.
+    pub fn at_heights(
+        &self,
+        lat_deg: &[f64],
+        lon_deg: &[f64],
+        alt_m: &[f64],
+        out: &mut FieldColumns,
+    ) -> Result<(), MapError> {
+        let places = Places { lat_deg, lon_deg, alt_m };
+        places.check(true)?;
+        pulp::Arch::new().dispatch(Batch { places, out, look_up: |lat, lon, alt| self.at_height(lat, lon, alt) });
+        Ok(())
+    }
+
+    /// `a + u d`, u being the height above the surface, with its derivatives: `a' + u d' - d h'`.
+    #[inline(always)]
+    fn lifted(&self, jet: Jet<3>, up_m: f64) -> FieldValue {
+        let d_alt = jet.value[D_ALT];
+        let slope = |change: [f64; 3]| change[ANOMALY] + up_m * change[D_ALT] - d_alt * change[HEIGHT];
+        let value = jet.value[ANOMALY] + up_m * d_alt;
+        self.axes.field(value, slope(jet.per_row), slope(jet.per_column), d_alt)
+    }
+}
