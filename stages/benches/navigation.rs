@@ -16,6 +16,7 @@ use stages::numerics::ekf::{EkfOutput, EkfParameters, run};
 use stages::numerics::geodesy::EarthModel;
 use stages::numerics::ins_error::{InsErrorModel, simulate_ins_error};
 use stages::numerics::map_grid::{AnomalyMap, Interpolation};
+use stages::numerics::map_stack::FieldMap;
 use stages::numerics::transition::NoiseDiscretisation;
 use std::hint::black_box;
 use std::time::Instant;
@@ -82,7 +83,8 @@ fn filter(
 ) -> Result<EkfOutput, Failure> {
     let errors = InsErrorModel { noise, ..InsErrorModel::default() };
     let parameters = EkfParameters { errors, ..EkfParameters::default() };
-    let (time_s, output) = median_s(|| run(&parameters, &flight.ins.series(), &flight.measured_nt, map, Some(core)));
+    let field = FieldMap::Flat(map.clone());
+    let (time_s, output) = median_s(|| run(&parameters, &flight.ins.series(), &flight.measured_nt, &field, Some(core)));
     let output = output?;
     let microseconds = time_s * 1e6 / f64::from(SAMPLES);
     let drms = drms_m(&flight.truth, &output.lat_deg, &output.lon_deg);

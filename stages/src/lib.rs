@@ -13,6 +13,8 @@ mod compensate;
 mod core_field;
 mod dates;
 mod fit;
+mod map_value;
+mod maps;
 mod navigate;
 mod resample;
 mod score;
@@ -29,6 +31,7 @@ pub fn catalogue() -> Vec<Entry> {
         fit::Fit::entry(),
         compensate::Compensate::entry(),
         navigate::Navigate::entry(),
+        map_value::MapValue::entry(),
         score::Score::entry(),
     ]
 }

@@ -8,12 +8,13 @@ use schemas::{Column, Fault, LineIn, Passes, Prepared, Rule, Shape, Stage, Table
 use crate::{
     columns::{array, data, faults_of, floats, list, shape},
     dates::{dated_by_flight, first_year},
+    maps::{check_levels, field_map, interpolation},
     numerics::{
         core_field::CoreField,
         ekf::{self, EkfOutput, EkfParameters},
         ins_error::InsErrorModel,
         ins_series::InsSeries,
-        map_grid::{AnomalyMap, Interpolation, MapGrid},
+        map_stack::FieldMap,
         pinson::STATES,
         strapdown,
         transition::NoiseDiscretisation,
@@ -39,7 +40,8 @@ stage! {
     ///
     /// A flat map only moves the temporal variation. An INS value that is NaN is an error that names the row. Velocities,
     /// specific forces and attitude that the flight lacks are derived from the INS positions (attitude: level, along the
-    /// course). The map is taken as it is, at its own height: continue it to the flight's height before.
+    /// course). The map is taken as it is, at its own height, unless `map_levels_m` has it
+    /// continued to the heights flown.
     ///
     /// The core field (IGRF-14) is taken at the flight's `year` and `doy`, else at `decimal_year`.
     ///
@@ -55,6 +57,9 @@ stage! {
     decimal_year: Option<f64>, unit "a", rule Rule::Between(1900.0, 2030.0);
     /// How the map is interpolated: bilinear, or by a natural cubic spline.
     map_interpolation: String, unit "", default "linear", rule Rule::OneOf(&["linear", "cubic"]);
+    /// The heights above the ellipsoid, ascending, to which the map is continued; between them it is interpolated. Left
+    /// out, the map is taken at its own height, whatever that of the flight.
+    map_levels_m: Option<Vec<f64>>, unit "m";
     /// Append the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
     /// The mean of measurement minus prediction over the first seconds of a line, taken off before filtering; 0 takes
@@ -193,6 +198,7 @@ impl Stage for Navigate {
         let mut faults = faults_of([shape.number(&self.mag, "nT")], "mag");
         faults.extend(faults_of(["ins_lat", "ins_lon"].map(|c| shape.number(c, "deg")), "input"));
         faults.extend(faults_of([shape.number("ins_alt", "m")], "input"));
+        faults.extend(check_levels(self.map_levels_m.as_ref(), "map_levels_m"));
         if !faults.is_empty() {
             return Err(faults);
         }
@@ -236,7 +242,7 @@ impl Stage for Navigate {
         let map = line
             .prepared
             .as_ref()
-            .and_then(|p| p.downcast_ref::<AnomalyMap>())
+            .and_then(|p| p.downcast_ref::<FieldMap>())
             .ok_or_else(|| Fault::data("the map is missing"))?;
         let tt = floats(batch, "tt")?;
         let three = |names: [&str; 3]| -> Result<[&[f64]; 3], Fault> {
@@ -295,15 +301,12 @@ impl Stage for Navigate {
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
         let map = inputs.get(1).ok_or_else(|| Fault::data("the map is missing"))?;
-        let grid =
-            MapGrid::from_rows(floats(map, "lat")?, floats(map, "lon")?, floats(map, "anomaly")?).map_err(data)?;
-        let interpolation =
-            if self.map_interpolation == "cubic" { Interpolation::Cubic } else { Interpolation::Linear };
-        Ok(Some(Arc::new(AnomalyMap::new(&grid, interpolation))))
+        let map = field_map(map, interpolation(&self.map_interpolation), self.map_levels_m.as_deref())?;
+        Ok(Some(Arc::new(map)))
     }
 
     fn prepare_key(&self) -> String {
-        self.map_interpolation.clone()
+        format!("{} {:?}", self.map_interpolation, self.map_levels_m)
     }
 }
 

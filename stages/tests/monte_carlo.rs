@@ -14,6 +14,7 @@ use stages::numerics::ekf::{EkfOutput, EkfParameters, run};
 use stages::numerics::geodesy::EarthModel;
 use stages::numerics::ins_error::{InsErrorModel, simulate_ins_error};
 use stages::numerics::map_grid::{AnomalyMap, Interpolation};
+use stages::numerics::map_stack::FieldMap;
 use stages::numerics::pinson::{LAT, LON, S, STATES, StateMatrix};
 use stages::numerics::transition::NoiseDiscretisation;
 
@@ -49,7 +50,7 @@ fn fly(seed: u64, map: &AnomalyMap, noise: NoiseDiscretisation) -> Run {
         })
         .collect();
     let ins = truth.with_errors(&errors);
-    let mut output = run(&parameters, &ins.series(), &measured, map, Some(&core)).unwrap();
+    let mut output = run(&parameters, &ins.series(), &measured, &FieldMap::Flat(map.clone()), Some(&core)).unwrap();
     let p = std::mem::take(&mut output.p);
     let p_at_epochs = EPOCHS.map(|row| p[row]).to_vec();
     Run { output, p_at_epochs, errors }

@@ -20,7 +20,7 @@ mod parameters;
 use super::core_field::{CoreField, LinearisedCoreField};
 use super::field_value::FieldValue;
 use super::ins_series::{InsSeries, SeriesError};
-use super::map_grid::AnomalyMap;
+use super::map_stack::FieldMap;
 use super::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector, pinson_matrix};
 use super::transition::{propagate_state, step_covariance, transition_matrix};
 use measurement::Sensitivity;
@@ -35,7 +35,7 @@ pub fn run(
     parameters: &EkfParameters,
     ins: &InsSeries<'_>,
     measurement_nt: &[f64],
-    map: &AnomalyMap,
+    map: &FieldMap,
     core: Option<&CoreField>,
 ) -> Result<EkfOutput, EkfError> {
     parameters.check()?;
@@ -94,7 +94,7 @@ impl Innovation {
 struct Filter<'a> {
     parameters: &'a EkfParameters,
     ins: &'a InsSeries<'a>,
-    map: &'a AnomalyMap,
+    map: &'a FieldMap,
     core: Option<LinearisedCoreField>,
     noise_density: StateVector,
     x: StateVector,
@@ -106,7 +106,7 @@ impl<'a> Filter<'a> {
     fn new(
         parameters: &'a EkfParameters,
         ins: &'a InsSeries<'a>,
-        map: &'a AnomalyMap,
+        map: &'a FieldMap,
         core: Option<&CoreField>,
     ) -> Self {
         let (lat_rad, alt_m) = (ins.lat_deg[0].to_radians(), ins.alt_m[0]);
@@ -126,7 +126,7 @@ impl<'a> Filter<'a> {
         let lat_deg = self.ins.lat_deg[row] + x[LAT].to_degrees();
         let lon_deg = self.ins.lon_deg[row] + x[LON].to_degrees();
         let alt_m = self.ins.alt_m[row] + x[ALT];
-        let anomaly = self.map.at(lat_deg, lon_deg)?;
+        let anomaly = self.map.at(lat_deg, lon_deg, alt_m)?;
         Some(match &mut self.core {
             Some(core) => anomaly + core.magnitude_and_gradient(lat_deg, lon_deg, alt_m),
             None => anomaly,

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 use super::super::ins_error::InsErrorModel;
 use super::super::map_grid::tests::golden_grid;
-use super::super::map_grid::{Interpolation, MapGrid};
+use super::super::map_grid::{AnomalyMap, Interpolation, MapGrid};
 use super::super::pinson::tests::{golden, golden_entries};
 use super::super::pinson::{MAGNAV_POSITION, VN};
 use super::super::transition::NoiseDiscretisation;
@@ -37,7 +37,7 @@ impl Line {
     }
 
     fn run(&self, parameters: &EkfParameters, map: &AnomalyMap) -> Result<EkfOutput, EkfError> {
-        run(parameters, &self.series(), &self.measurement_nt, map, None)
+        run(parameters, &self.series(), &self.measurement_nt, &FieldMap::Flat(map.clone()), None)
     }
 
     /// MagNav.jl's golden line: 20 samples at 10 Hz over the golden map, the measurement off by
@@ -292,7 +292,7 @@ fn law_the_core_field_belongs_to_the_prediction() {
         let offset_deg = (1e-6_f64.to_degrees(), -(2e-6_f64.to_degrees()));
         *measured += core.magnitude_nt(lat + offset_deg.0, lon + offset_deg.1, 400.0);
     }
-    let with = run(&EkfParameters::default(), &line.series(), &total, &map, Some(&core)).unwrap();
+    let with = run(&EkfParameters::default(), &line.series(), &total, &FieldMap::Flat(map.clone()), Some(&core)).unwrap();
     let without = line.run(&EkfParameters::default(), &map).unwrap();
     for (a, b) in with.residual_nt.iter().zip(&without.residual_nt) {
         // The core field differs by 0.05 nT between the two positions that are tried.

@@ -303,6 +303,18 @@ impl MapGrid {
         Self::new(&rows, columns, anomaly_nt)
     }
 
+    /// The same grid with other values, one a node, by rows.
+    pub fn with_values(&self, values: Vec<f64>) -> Result<Self, MapError> {
+        let (latitudes, longitudes) = (self.lat.len, self.lon.len);
+        if values.len() != latitudes * longitudes {
+            return Err(MapError::Size { values: values.len(), latitudes, longitudes });
+        }
+        if let Some(row) = values.iter().position(|value| value.is_infinite()) {
+            return Err(MapError::Infinite { row });
+        }
+        Ok(Self { values, ..*self })
+    }
+
     /// The latitudes.
     pub fn lat(&self) -> &Axis {
         &self.lat
