@@ -1,12 +1,17 @@
 //! Views of a plan and of what a run left: explain, lineage, why, the reference, SQL.
 
+mod chart;
 mod explain;
 mod lineage;
+pub mod palette;
+pub mod plot;
+mod png_file;
 mod record;
 mod reference;
 pub mod report;
 pub mod scores;
 pub mod sql;
+mod ticks;
 mod why;
 
 pub use explain::explain;

@@ -8,8 +8,9 @@ use super::{
     canvas::{Canvas, LEFT, SIDE},
     chart::{path, px},
     decimate::{MOST, thinned},
-    palette::{colour, hex},
-    raster::{Bounds, Raster, data_url, raster},
+    palette::{Palette, hex},
+    png_file::data_url,
+    raster::{Bounds, Raster, raster},
     source::Source,
     ticks::fixed,
     track::{Flown, Track},
@@ -55,7 +56,7 @@ impl Atlas {
             svg.defs width="0" height="0" aria-hidden="true" { defs {
                 image id="map" width=(picture.size.0) height=(picture.size.1) preserveAspectRatio="none" href=(data_url(&picture.png)) {}
                 linearGradient id="scale" { @for k in 0..=10 {
-                    stop offset=(format!("{}%", 10 * k)) stop-color=(hex(colour(f64::from(k) / 10.0))) {}
+                    stop offset=(format!("{}%", 10 * k)) stop-color=(hex(Palette::Viridis.colour(f64::from(k) / 10.0))) {}
                 } }
             } }
         }

@@ -6,20 +6,17 @@
 mod atlas;
 mod board;
 mod canvas;
-mod chart;
 mod decimate;
 mod errors;
 mod flow;
 mod model;
 mod page;
-mod palette;
 mod published;
 mod raster;
 mod signal;
 mod source;
 mod subject;
 mod table;
-mod ticks;
 mod track;
 
 use std::{fs, path::Path};
@@ -27,6 +24,7 @@ use std::{fs, path::Path};
 use maud::{Markup, html};
 use schemas::Fault;
 
+use super::{chart, palette, png_file, ticks};
 use crate::{
     plan::{Graph, Ref},
     spec::Spec,

@@ -3,7 +3,10 @@
 use schemas::Fault;
 use stages::numerics::map_grid::MapGrid;
 
-use super::palette::colour;
+use super::{
+    palette::Palette,
+    png_file::{Kind, encode},
+};
 
 /// The most pixels of a picture each way.
 const MOST: usize = 720;
@@ -55,7 +58,7 @@ pub fn raster(grid: &MapGrid, bounds: &Bounds) -> Result<Option<Raster>, Fault> 
     let index = |v: &f64| if v.is_finite() { limits.partition_point(|l| l <= v) as u8 } else { COLOURS as u8 };
     let indices: Vec<u8> = pixels.values.iter().map(index).collect();
     let size = (pixels.width, pixels.values.len() / pixels.width);
-    let png = encode(&indices, size).map_err(|e| Fault::machine(format!("cannot draw the map: {e}")))?;
+    let png = encode(&colours(), size, &indices)?;
     let scale = (0..=10).map(|k| rank(f64::from(k) / 10.0)).collect();
     Ok(Some(Raster { bounds: pixels.bounds, size, png, scale }))
 }
@@ -94,34 +97,11 @@ fn cut(grid: &MapGrid, bounds: &Bounds) -> Option<Pixels> {
     Some(Pixels { values: values.map(|(r, c)| mean(r, c)).collect(), width, bounds })
 }
 
-/// An indexed PNG whose last colour is transparent.
-fn encode(indices: &[u8], (width, height): (usize, usize)) -> Result<Vec<u8>, Box<dyn std::error::Error>> {
-    let mut out = vec![];
-    let mut encoder = png::Encoder::new(&mut out, u32::try_from(width)?, u32::try_from(height)?);
-    encoder.set_color(png::ColorType::Indexed);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_compression(png::Compression::High);
-    let shades = (0..COLOURS).flat_map(|k| colour(k as f64 / (COLOURS - 1) as f64));
-    encoder.set_palette(shades.chain([0, 0, 0]).collect::<Vec<u8>>());
-    encoder.set_trns((0..=COLOURS).map(|k| if k < COLOURS { 255 } else { 0 }).collect::<Vec<u8>>());
-    let mut writer = encoder.write_header()?;
-    writer.write_image_data(indices)?;
-    writer.finish()?;
-    Ok(out)
-}
-
-/// The address of a PNG that holds the picture itself.
-pub fn data_url(png: &[u8]) -> String {
-    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut out = String::from("data:image/png;base64,");
-    for three in png.chunks(3) {
-        let bits = three.iter().fold(0u32, |bits, b| bits << 8 | u32::from(*b)) << (8 * (3 - three.len()));
-        for k in 0..4 {
-            let letter = LETTERS[(bits >> (18 - 6 * k)) as usize & 63];
-            out.push(if k <= three.len() { char::from(letter) } else { '=' });
-        }
-    }
-    out
+/// The colours of the scale, and a transparent one for unknown cells.
+fn colours() -> Kind {
+    let shade = |k: usize| Palette::Viridis.colour(k as f64 / (COLOURS - 1) as f64);
+    let shades = (0..COLOURS).map(shade).map(|[r, g, b]| [r, g, b, 255]);
+    Kind::Indexed(shades.chain([[0; 4]]).collect())
 }
 
 #[cfg(test)]
@@ -129,28 +109,13 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
+    use crate::views::png_file::decode;
 
     fn grid() -> MapGrid {
         let (lat, lon): (Vec<f64>, Vec<f64>) = ((0..4).map(f64::from).collect(), (10..15).map(f64::from).collect());
         let mut values: Vec<f64> = (0..20).map(f64::from).collect();
         values[19] = f64::NAN;
         MapGrid::new(&lat, &lon, &values).unwrap()
-    }
-
-    #[test]
-    fn ref_base64() {
-        // RFC 4648, section 10.
-        let cases = [
-            ("f", "Zg=="),
-            ("fo", "Zm8="),
-            ("foo", "Zm9v"),
-            ("foob", "Zm9vYg=="),
-            ("fooba", "Zm9vYmE="),
-            ("foobar", "Zm9vYmFy"),
-        ];
-        for (text, coded) in cases {
-            assert_eq!(data_url(text.as_bytes()), format!("data:image/png;base64,{coded}"));
-        }
     }
 
     #[test]
@@ -180,9 +145,7 @@ mod tests {
         let values: Vec<f64> = (0..256).map(|k| (f64::from(k) / 20.0).exp()).collect();
         let grid = MapGrid::new(&lat, &lat, &values).unwrap();
         let drawn = raster(&grid, &Bounds { lat: (-1.0, 17.0), lon: (-1.0, 17.0) }).unwrap().unwrap();
-        let mut reader = png::Decoder::new(std::io::Cursor::new(&drawn.png)).read_info().unwrap();
-        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
-        reader.next_frame(&mut pixels).unwrap();
+        let (_, pixels) = decode(&drawn.png).unwrap();
         let mut counts = [0usize; 256];
         pixels.iter().for_each(|p| counts[usize::from(*p)] += 1);
         assert!(counts[..COLOURS].iter().all(|n| (1..=2).contains(n)), "{counts:?}");

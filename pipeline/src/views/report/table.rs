@@ -4,7 +4,7 @@ use maud::{Markup, html};
 
 use super::{
     board::{Better, Board, better},
-    palette::{colour, hex, ink_on},
+    palette::{Palette, hex, ink_on},
     source::Source,
 };
 use crate::views::scores::number;
@@ -193,7 +193,7 @@ fn ends(cells: &[Option<f64>]) -> (f64, f64) {
 fn tile(cell: Option<f64>, low: f64, high: f64) -> Markup {
     let Some(value) = cell else { return html! { td { "-" } } };
     let part = if high > low { 1.0 - (value / low).ln() / (high / low).ln() } else { 1.0 };
-    let shade = colour(part);
+    let shade = Palette::Viridis.colour(part);
     html! { td style=(format!("background:{};color:{}", hex(shade), ink_on(shade))) { (number(Some(value))) } }
 }
 

@@ -72,6 +72,8 @@ pub struct Chart {
     pub levels: Vec<(String, f64)>,
     /// A stretch of the horizontal axis to mark.
     pub stretch: Option<(String, f64, f64)>,
+    /// Places to mark: name and coordinates.
+    pub marks: Vec<(String, f64, f64)>,
     /// Height of the picture.
     pub height: f64,
 }
@@ -105,22 +107,48 @@ impl Chart {
     /// The plot with title, legend and caption; `None` where there is nothing to draw.
     pub fn draw(&self) -> Option<Markup> {
         let (x, y) = (self.side(&self.x, true)?, self.side(&self.y, false)?);
-        let label = format!("{}: {} over {}", self.title, self.y.label, self.x.label);
         Some(html! {
             figure {
                 h4 { (self.title) }
                 (self.legend())
-                svg viewBox=(format!("0 0 {WIDTH} {}", self.height)) role="img" aria-label=(label) {
-                    (self.grid(&x, &y))
-                    svg x=(LEFT) y=(TOP) width=(WIDTH - LEFT - RIGHT) height=(self.height - TOP - BOTTOM)
-                        viewBox=(format!("{LEFT} {TOP} {} {}", WIDTH - LEFT - RIGHT, self.height - TOP - BOTTOM)) {
-                        (self.inside(&x, &y))
-                    }
-                    rect class="frame" x=(LEFT) y=(TOP) width=(WIDTH - LEFT - RIGHT) height=(self.height - TOP - BOTTOM) {}
-                }
+                (self.picture(&x, &y, None))
                 figcaption { (self.caption) }
             }
         })
+    }
+
+    /// The plot alone, as a file of its own with its style sheet; `None` where there is nothing to draw.
+    pub fn file(&self, style: &str) -> Option<Markup> {
+        let (x, y) = (self.side(&self.x, true)?, self.side(&self.y, false)?);
+        Some(self.picture(&x, &y, Some(style)))
+    }
+
+    fn picture(&self, x: &Side, y: &Side, style: Option<&str>) -> Markup {
+        let label = format!("{}: {} over {}", self.title, self.y.label, self.x.label);
+        let (wide, high) = (WIDTH - LEFT - RIGHT, self.height - TOP - BOTTOM);
+        html! {
+            svg xmlns=[style.map(|_| "http://www.w3.org/2000/svg")] viewBox=(format!("0 0 {WIDTH} {}", self.height)) role="img" aria-label=(label) {
+                @if let Some(style) = style { style { (style) } }
+                (self.grid(x, y))
+                svg x=(LEFT) y=(TOP) width=(wide) height=(high) viewBox=(format!("{LEFT} {TOP} {wide} {high}")) {
+                    (self.inside(x, y))
+                }
+                rect class="frame" x=(LEFT) y=(TOP) width=(wide) height=(high) {}
+                (self.marked(x, y))
+            }
+        }
+    }
+
+    fn marked(&self, x: &Side, y: &Side) -> Markup {
+        let places = self.marks.iter().filter_map(|(name, at, value)| Some((name, spot(x, y, *at, *value)?)));
+        html! {
+            @for (name, (left, top)) in places {
+                // Beside the mark, on the side where there is room.
+                @let (by, anchor) = if left < 0.5 * WIDTH { (12.0, "start") } else { (-12.0, "end") };
+                circle.mark cx=(px(left)) cy=(px(top)) r="5" {}
+                text.mark x=(px(left + by)) y=(px(top - 8.0)) text-anchor=(anchor) { (name) }
+            }
+        }
     }
 
     fn side(&self, dim: &Dim, across: bool) -> Option<Side> {

@@ -1,0 +1,64 @@
+//! The map as coloured pixels.
+
+use super::{
+    Look, MapPicture, Plane,
+    relief::{Lit, light},
+    scale::ColourScale,
+    sheet::{Enlarged, Sheet, Window, sheet},
+};
+use schemas::Fault;
+
+/// Nodes, each way, of the reduced map whose values make the colour scale: the same for all sizes of a picture.
+const SCALE_NODES: usize = 1024;
+
+/// The colour scale of a map.
+///
+/// # Errors
+/// As [`ColourScale::new`].
+pub fn colour_scale(picture: &MapPicture, look: &Look) -> Result<ColourScale, Fault> {
+    let reduced = sheet(picture, &Window::of(picture), (SCALE_NODES, SCALE_NODES));
+    ColourScale::new(&reduced.values, look.scale, look.palette)
+}
+
+/// How much shorter a step of the map's x is on the ground than one of its y.
+pub fn shrink(picture: &MapPicture) -> f64 {
+    match picture.plane {
+        Plane::Metres => 1.0,
+        Plane::Degrees => (0.5 * (picture.y.first + picture.y.last())).to_radians().cos().max(0.02),
+    }
+}
+
+/// A map made ready for pictures of about one size.
+pub struct Coloured<'a> {
+    sheet: Sheet,
+    lights: Option<Vec<f64>>,
+    lit: Lit,
+    scale: &'a ColourScale,
+    blend: bool,
+}
+
+impl<'a> Coloured<'a> {
+    /// The whole map for a picture of `size` pixels.
+    pub fn new(picture: &MapPicture, look: &Look, scale: &'a ColourScale, size: (usize, usize)) -> Coloured<'a> {
+        let sheet = sheet(picture, &Window::of(picture), size);
+        let ground = shrink(picture) * sheet.x.step / sheet.y.step;
+        let lights = look.shade.map(|shade| light(&sheet, ground, &shade));
+        Coloured { sheet, lights, lit: Lit::new(scale.palette()), scale, blend: look.blend }
+    }
+
+    /// Red, green, blue and opacity of the pixels of a part of the map, rows from the north; unknown ones are clear.
+    pub fn pixels(&self, window: &Window, size: (usize, usize)) -> Vec<u8> {
+        let enlarged = Enlarged::new(&self.sheet, window, size, self.blend);
+        let values = enlarged.of(&self.sheet.values);
+        let lights = self.lights.as_ref().map(|l| enlarged.of(l));
+        let light = |k: usize| lights.as_ref().and_then(|l| l.get(k)).copied().unwrap_or(1.0);
+        let colour = |(k, value): (usize, &f64)| {
+            if !value.is_finite() {
+                return [0; 4];
+            }
+            let [r, g, b] = self.lit.colour(self.scale.part(*value), light(k));
+            [r, g, b, 255]
+        };
+        values.iter().enumerate().flat_map(colour).collect()
+    }
+}

@@ -1,0 +1,207 @@
+//! Geometry on the globe for KML: maps in parts that do not cross the date line, tracks thinned to the metre.
+
+use stages::numerics::geodesy::{EarthModel, wrap_deg};
+
+use super::{
+    sheet::Window,
+    thin::{kept, to_stretch},
+};
+
+/// A part of a map and where it lies on the globe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch {
+    /// In the map's own longitudes, which may run past a half turn.
+    pub window: Window,
+    /// West and east within -180 to 180 degrees.
+    pub lon: (f64, f64),
+}
+
+/// The parts of a map with these edges: one, or more where it crosses the date line. What goes beyond a pole or once
+/// round the earth is left out.
+pub fn patches(window: &Window) -> Vec<Patch> {
+    let south_north = (window.y.0.max(-90.0), window.y.1.min(90.0));
+    let (west, east) = (window.x.0, window.x.1.min(window.x.0 + 360.0));
+    let mut out = vec![];
+    let mut from = west;
+    while from < east && south_north.0 < south_north.1 {
+        let turns = ((from + 180.0) / 360.0).floor();
+        let to = east.min(360.0 * turns + 180.0);
+        // A sliver that only rounding makes is none.
+        if to - from > 1e-9 * (east - west) {
+            let lon = (from - 360.0 * turns, to - 360.0 * turns);
+            out.push(Patch { window: Window { x: (from, to), y: south_north }, lon });
+        }
+        from = to;
+    }
+    out
+}
+
+/// A sample of a track: degrees, degrees, metres and, where it is known, seconds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fix {
+    /// Latitude, degrees.
+    pub lat: f64,
+    /// Longitude, degrees.
+    pub lon: f64,
+    /// Height, m.
+    pub alt: f64,
+    /// Seconds since 1970 UTC.
+    pub time_s: Option<f64>,
+}
+
+/// Parts of an unbroken track that do not cross the date line, longitudes within -180 to 180 degrees; at a crossing
+/// both parts have the place on the line.
+pub fn parts(run: &[Fix]) -> Vec<Vec<Fix>> {
+    let mut out: Vec<Vec<Fix>> = vec![vec![]];
+    let mut before: Option<Fix> = None;
+    for fix in run {
+        let here = Fix { lon: wrap_deg(fix.lon), ..*fix };
+        if let Some(last) = before
+            && (here.lon - last.lon).abs() > 180.0
+        {
+            let (ends, starts) = crossing(&last, &here);
+            if let Some(part) = out.last_mut() {
+                part.push(ends);
+            }
+            out.push(vec![starts]);
+        }
+        if let Some(part) = out.last_mut() {
+            part.push(here);
+        }
+        before = Some(here);
+    }
+    out
+}
+
+/// The place where the straight way from `a` to `b` crosses the date line, from either side.
+fn crossing(a: &Fix, b: &Fix) -> (Fix, Fix) {
+    let side = if a.lon > 0.0 { 180.0 } else { -180.0 };
+    let beyond = b.lon + 2.0 * side;
+    let part = if beyond == a.lon { 0.0 } else { (side - a.lon) / (beyond - a.lon) };
+    let mix = |p: f64, q: f64| p + part * (q - p);
+    let at = |lon: f64| Fix {
+        lat: mix(a.lat, b.lat),
+        lon,
+        alt: mix(a.alt, b.alt),
+        time_s: a.time_s.zip(b.time_s).map(|(p, q)| mix(p, q)),
+    };
+    (at(side), at(-side))
+}
+
+/// Fewer samples of an unbroken track: what is left out is within `tolerance_m` of the straight way between its kept
+/// neighbours; where times are known, of where one is on it at that time.
+pub fn thinned(run: &[Fix], tolerance_m: f64) -> Vec<Fix> {
+    let Some(first) = run.first() else { return vec![] };
+    let earth = EarthModel::default();
+    let metres: Vec<[f64; 3]> = run
+        .iter()
+        .map(|f| {
+            let (north, east) = earth.offset_ne_m((first.lat, first.lon), (f.lat, f.lon), 0.0);
+            [north, east, f.alt]
+        })
+        .collect();
+    let timed = run.iter().all(|f| f.time_s.is_some());
+    let distance = |a: usize, b: usize, k: usize| {
+        let ends = [a, b, k].map(|i| metres.get(i).copied().unwrap_or_default());
+        if !timed {
+            return to_stretch(&ends[0], &ends[1], &ends[2]);
+        }
+        let [from, to, at] = [a, b, k].map(|i| run.get(i).and_then(|f| f.time_s).unwrap_or_default());
+        let part = if to > from { (at - from) / (to - from) } else { 0.0 };
+        let off = |i: usize| ends[2][i] - ends[0][i] - part * (ends[1][i] - ends[0][i]);
+        (off(0).powi(2) + off(1).powi(2) + off(2).powi(2)).sqrt()
+    };
+    kept(run.len(), tolerance_m, distance).into_iter().filter_map(|k| run.get(k).copied()).collect()
+}
+
+/// The instant as XML writes it, to the millisecond.
+pub fn instant(unix_s: f64) -> String {
+    let millis = (unix_s * 1000.0).round() as i64;
+    let (days, of_day) = (millis.div_euclid(86_400_000), millis.rem_euclid(86_400_000));
+    let (year, month, day) = civil(days);
+    let (hour, minute, second) = (of_day / 3_600_000, of_day / 60_000 % 60, of_day / 1000 % 60);
+    format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}.{:03}Z", of_day % 1000)
+}
+
+/// Year, month and day of a number of days since 1 January 1970. [H. Hinnant, chrono-compatible low-level date
+/// algorithms]
+fn civil(days: i64) -> (i64, i64, i64) {
+    // Years begin in March, so that the leap day is their last; eras have 400 years, 146,097 days.
+    let shifted = days + 719_468;
+    let (era, of_era) = (shifted.div_euclid(146_097), shifted.rem_euclid(146_097));
+    let year = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year + year / 4 - year / 100);
+    let month = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * month + 2) / 5 + 1;
+    let (month, later) = if month < 10 { (month + 3, 0) } else { (month - 9, 1) };
+    (400 * era + year + later, month, day)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fix(lat: f64, lon: f64, time_s: Option<f64>) -> Fix {
+        Fix { lat, lon, alt: 300.0, time_s }
+    }
+
+    fn lons(x: (f64, f64)) -> Vec<(f64, f64)> {
+        patches(&Window { x, y: (-95.0, 10.0) }).into_iter().map(|p| p.lon).collect()
+    }
+
+    #[test]
+    fn law_maps_are_cut_at_the_date_line() {
+        assert_eq!(lons((140.0, 150.0)), [(140.0, 150.0)]);
+        assert_eq!(lons((170.0, 190.0)), [(170.0, 180.0), (-180.0, -170.0)]);
+        assert_eq!(lons((-190.0, -170.0)), [(170.0, 180.0), (-180.0, -170.0)]);
+        assert_eq!(lons((-0.5, 360.5)), [(-0.5, 180.0), (-180.0, -0.5)]);
+        assert_eq!(lons((190.0, 200.0)), [(-170.0, -160.0)]);
+        assert_eq!(lons((-180.0, 180.0)), [(-180.0, 180.0)]);
+        let south = patches(&Window { x: (0.0, 1.0), y: (-95.0, 95.0) })[0].window.y;
+        assert_eq!(south, (-90.0, 90.0));
+    }
+
+    #[test]
+    fn law_tracks_are_cut_at_the_date_line_where_they_cross_it() {
+        let cut = parts(&[fix(10.0, 179.0, Some(0.0)), fix(12.0, -179.0, Some(20.0)), fix(12.0, 181.5, Some(25.0))]);
+        assert_eq!(cut.len(), 2);
+        assert_eq!(cut[0], [fix(10.0, 179.0, Some(0.0)), fix(11.0, 180.0, Some(10.0))]);
+        assert_eq!(cut[1][..2], [fix(11.0, -180.0, Some(10.0)), fix(12.0, -179.0, Some(20.0))]);
+        assert_eq!(cut[1][2].lon, -178.5);
+    }
+
+    #[test]
+    fn law_thinned_tracks_stay_within_a_metre() {
+        let circle = |k: i32| (f64::from(k) / 500.0).sin_cos();
+        let run: Vec<Fix> = (0..3000).map(|k| fix(50.0 + 0.02 * circle(k).0, 0.02 * circle(k).1, None)).collect();
+        let few = thinned(&run, 1.0);
+        // A chord of radius 2.2 km that is a metre off is 133 m long: of a 10 km way some 80 to 160 are needed.
+        assert!((80..160).contains(&few.len()), "{}", few.len());
+        assert_eq!((few[0], few[few.len() - 1]), (run[0], run[2999]));
+    }
+
+    #[test]
+    fn law_a_stop_on_a_straight_way_is_kept_where_times_are_known() {
+        let way = |timed: bool| -> Vec<Fix> {
+            let lat = |k: i32| 0.001 * f64::from(k.min(50) + (k - 80).max(0));
+            (0..150).map(|k| fix(lat(k), 0.0, timed.then(|| f64::from(k)))).collect()
+        };
+        assert_eq!(thinned(&way(false), 1.0).len(), 2);
+        let times: Vec<f64> = thinned(&way(true), 1.0).into_iter().filter_map(|f| f.time_s).collect();
+        assert_eq!(times, [0.0, 50.0, 80.0, 149.0]);
+    }
+
+    #[test]
+    fn ref_instants() {
+        // `date -u -d @... +%FT%T.%3NZ` of GNU coreutils.
+        for (unix_s, written) in [
+            (0.0, "1970-01-01T00:00:00.000Z"),
+            (951_782_400.0, "2000-02-29T00:00:00.000Z"),
+            (1_593_453_781.25, "2020-06-29T18:03:01.250Z"),
+            (-1.5, "1969-12-31T23:59:58.500Z"),
+            (4_107_542_400.0, "2100-03-01T00:00:00.000Z"),
+        ] {
+            assert_eq!(instant(unix_s), written);
+        }
+    }
+}

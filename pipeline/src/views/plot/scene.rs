@@ -1,0 +1,290 @@
+//! A figure as marks on a sheet of paper: what both painters put down, in the same order.
+
+/// A place on the paper, from its upper left corner.
+pub type Spot = (f64, f64);
+
+/// A rectangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rect {
+    /// Its left edge.
+    pub x: f64,
+    /// Its upper edge.
+    pub y: f64,
+    /// Its width.
+    pub w: f64,
+    /// Its height.
+    pub h: f64,
+}
+
+impl Rect {
+    /// Its right edge.
+    pub fn right(&self) -> f64 {
+        self.x + self.w
+    }
+
+    /// Its lower edge.
+    pub fn bottom(&self) -> f64 {
+        self.y + self.h
+    }
+
+    /// Its corners, round once.
+    pub fn corners(&self) -> Vec<Spot> {
+        vec![(self.x, self.y), (self.right(), self.y), (self.right(), self.bottom()), (self.x, self.bottom())]
+    }
+
+    /// Whether a place is in it or on its edge.
+    pub fn holds(&self, (x, y): Spot) -> bool {
+        (self.x..=self.right()).contains(&x) && (self.y..=self.bottom()).contains(&y)
+    }
+
+    /// The same with a rim of `by` around it.
+    pub fn grown(&self, by: f64) -> Rect {
+        Rect { x: self.x - by, y: self.y - by, w: self.w + 2.0 * by, h: self.h + 2.0 * by }
+    }
+}
+
+/// A colour and how much of it covers what lies below, 0 to 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ink {
+    /// Red, green, blue.
+    pub rgb: [u8; 3],
+    /// 1 for a colour that covers all.
+    pub opacity: f64,
+}
+
+impl Ink {
+    /// A colour that covers all.
+    pub const fn full(rgb: [u8; 3]) -> Ink {
+        Ink { rgb, opacity: 1.0 }
+    }
+}
+
+/// Letters, frames and ticks.
+pub const BLACK: Ink = Ink::full([26, 26, 26]);
+/// Paper.
+pub const WHITE: Ink = Ink::full([255, 255, 255]);
+
+/// Which part of a text stands at its place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Anchor {
+    /// Its beginning.
+    Start,
+    /// Its middle.
+    Middle,
+    /// Its end.
+    End,
+}
+
+/// One mark.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Mark {
+    /// A filled outline.
+    Fill {
+        /// Its corners.
+        points: Vec<Spot>,
+        /// Its colour.
+        ink: Ink,
+    },
+    /// Lines of one pen.
+    Stroke {
+        /// Each with two places at least.
+        lines: Vec<Vec<Spot>>,
+        /// Width of the pen.
+        width: f64,
+        /// Its colour.
+        ink: Ink,
+        /// What lies outside is cut off.
+        within: Option<Rect>,
+    },
+    /// A circle with a rim.
+    Disc {
+        /// Its centre.
+        at: Spot,
+        /// Its radius, to the middle of the rim.
+        radius: f64,
+        /// Inside.
+        fill: Ink,
+        /// The rim, 1.5 wide.
+        rim: Ink,
+    },
+    /// A picture.
+    Picture {
+        /// Where it lies, on whole pixels.
+        rect: Rect,
+        /// Its size in pixels.
+        size: (usize, usize),
+        /// Red, green, blue and opacity (0 or 255) of each, rows from the top.
+        pixels: Vec<u8>,
+    },
+    /// Colours that go over into each other.
+    Fade {
+        /// Where it lies.
+        rect: Rect,
+        /// At even distances, from the bottom or the left.
+        colours: Vec<[u8; 3]>,
+        /// From the bottom to the top, or from the left to the right.
+        upward: bool,
+    },
+    /// A line of text.
+    Text {
+        /// Where its anchor stands, on the base line.
+        at: Spot,
+        /// What it says.
+        text: String,
+        /// Size of its letters.
+        size: f64,
+        /// What stands at `at`.
+        anchor: Anchor,
+        /// Whether it is read from below to above.
+        turned: bool,
+    },
+}
+
+impl Mark {
+    /// A frame of a rectangle.
+    pub fn frame(rect: &Rect, width: f64) -> Mark {
+        let corners = rect.corners();
+        let sides = (0..4).map(|k| vec![corners[k], corners[(k + 1) % 4]]).collect();
+        Mark::Stroke { lines: sides, width, ink: BLACK, within: None }
+    }
+
+    /// Upright text.
+    pub fn text(at: Spot, text: impl Into<String>, size: f64, anchor: Anchor) -> Mark {
+        Mark::Text { at, text: text.into(), size, anchor, turned: false }
+    }
+
+    /// Light grey with slanted lines, for what is not known.
+    pub fn hatch(rect: Rect) -> [Mark; 2] {
+        const EVERY: f64 = 7.0;
+        let count = ((rect.w + rect.h) / EVERY) as usize;
+        let from = |k: usize| rect.x - rect.h + EVERY * (k as f64 + 0.5);
+        let lines = (0..=count).map(|k| vec![(from(k), rect.bottom()), (from(k) + rect.h, rect.y)]);
+        let grey = Ink::full([204, 204, 204]);
+        [
+            Mark::Fill { points: rect.corners(), ink: Ink::full([243, 243, 243]) },
+            Mark::Stroke { lines: lines.collect(), width: 1.0, ink: grey, within: Some(rect) },
+        ]
+    }
+}
+
+/// A figure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// What it shows, for those who cannot see it.
+    pub name: String,
+    /// Width of the paper.
+    pub width: f64,
+    /// Its height.
+    pub height: f64,
+    /// Pixels of a unit of length.
+    pub scale: f64,
+    /// Whether there is white paper under it.
+    pub paper: bool,
+    /// From the lowest to the uppermost.
+    pub marks: Vec<Mark>,
+}
+
+/// Width of a letter, of letters of size 1: that of the letters of the pixel painter, a little more than what most
+/// fonts of a viewer take.
+const LETTER: f64 = 7.0 / 12.0;
+
+/// The width of a line of text.
+pub fn text_width(text: &str, size: f64) -> f64 {
+    text.chars().count() as f64 * LETTER * size
+}
+
+/// `text` in at most `most` lines of at most `width`, broken at spaces where there are any; what is left over ends in
+/// an ellipsis.
+pub fn wrapped(text: &str, size: f64, width: f64, most: usize) -> Vec<String> {
+    let letters = ((width / (LETTER * size)) as usize).max(4);
+    let mut lines: Vec<String> = vec![];
+    for word in text.split_whitespace() {
+        let mut rest: Vec<char> = word.chars().collect();
+        while !rest.is_empty() {
+            let room = lines.last().map_or(0, |l| letters.saturating_sub(l.chars().count() + 1));
+            if let Some(line) = lines.last_mut().filter(|_| rest.len() <= room) {
+                line.push(' ');
+                line.extend(rest.drain(..));
+            } else {
+                lines.push(rest.drain(..rest.len().min(letters)).collect());
+            }
+        }
+    }
+    if lines.len() > most {
+        lines.truncate(most);
+        if let Some(last) = lines.last_mut() {
+            *last = shortened(&format!("{last} \u{2026}"), size, width);
+        }
+    }
+    lines
+}
+
+/// `text`, cut to `width` with an ellipsis where it is longer.
+pub fn shortened(text: &str, size: f64, width: f64) -> String {
+    let letters = ((width / (LETTER * size)) as usize).max(4);
+    if text.chars().count() <= letters {
+        return text.to_owned();
+    }
+    let kept: String = text.chars().take(letters - 1).collect();
+    format!("{}\u{2026}", kept.trim_end_matches([' ', '\u{2026}']))
+}
+
+/// The parts of a line within a rectangle. [Liang and Barsky 1984]
+pub fn clipped(line: &[Spot], rect: &Rect) -> Vec<Vec<Spot>> {
+    let mut out: Vec<Vec<Spot>> = vec![];
+    let mut joined = false;
+    for ends in line.windows(2) {
+        let Some((from, to)) = clip(ends[0], ends[1], rect) else {
+            joined = false;
+            continue;
+        };
+        match out.last_mut().filter(|part| joined && part.last() == Some(&from)) {
+            Some(part) => part.push(to),
+            None => out.push(vec![from, to]),
+        }
+        joined = to == ends[1];
+    }
+    out
+}
+
+fn clip(a: Spot, b: Spot, rect: &Rect) -> Option<(Spot, Spot)> {
+    let (dx, dy) = (b.0 - a.0, b.1 - a.1);
+    let sides = [(-dx, a.0 - rect.x), (dx, rect.right() - a.0), (-dy, a.1 - rect.y), (dy, rect.bottom() - a.1)];
+    let (mut from, mut to) = (0.0f64, 1.0f64);
+    for (outward, room) in sides {
+        if outward == 0.0 && room < 0.0 {
+            return None;
+        }
+        if outward < 0.0 {
+            from = from.max(room / outward);
+        } else if outward > 0.0 {
+            to = to.min(room / outward);
+        }
+    }
+    let at = |t: f64| (a.0 + t * dx, a.1 + t * dy);
+    (from <= to).then(|| (if from == 0.0 { a } else { at(from) }, if to == 1.0 { b } else { at(to) }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_titles_are_broken_at_spaces_and_end_in_an_ellipsis() {
+        let width = 10.0 * LETTER * 12.0 + 0.1;
+        assert_eq!(wrapped("one two three four", 12.0, width, 9), ["one two", "three four"]);
+        assert_eq!(wrapped("abcdefghijklmnop qr", 12.0, width, 9), ["abcdefghij", "klmnop qr"]);
+        assert_eq!(wrapped("one two three four five six", 12.0, width, 2), ["one two", "three fou\u{2026}"]);
+        assert!(wrapped("  ", 12.0, width, 2).is_empty());
+        assert_eq!(shortened("abcdefghijk", 12.0, width), "abcdefghi\u{2026}");
+    }
+
+    #[test]
+    fn law_a_clipped_line_is_the_part_inside() {
+        let rect = Rect { x: 0.0, y: 0.0, w: 10.0, h: 10.0 };
+        let through = clipped(&[(-10.0, 5.0), (5.0, 5.0), (5.0, 20.0), (8.0, 20.0), (8.0, 9.0)], &rect);
+        assert_eq!(through, [vec![(0.0, 5.0), (5.0, 5.0), (5.0, 10.0)], vec![(8.0, 10.0), (8.0, 9.0)]]);
+        assert!(clipped(&[(-1.0, -1.0), (-1.0, 12.0), (12.0, 12.0)], &rect).is_empty());
+        assert_eq!(clipped(&[(1.0, 1.0), (2.0, 2.0)], &rect), [[(1.0, 1.0), (2.0, 2.0)]]);
+    }
+}
