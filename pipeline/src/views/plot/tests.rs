@@ -84,7 +84,7 @@ fn well_formed(xml: &str) -> Result<usize, String> {
         let attributes = tag[name.len()..].trim();
         let quoted: Vec<&str> = attributes.split('"').collect();
         if tag.contains('<')
-            || quoted.len() % 2 == 0
+            || quoted.len().is_multiple_of(2)
             || !quoted.iter().step_by(2).all(|q| q.is_empty() || q.ends_with('='))
         {
             return Err(format!("<{tag}>"));
