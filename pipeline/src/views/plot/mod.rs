@@ -136,7 +136,7 @@ pub fn png(picture: &MapPicture, look: &Look, tracks: &[TrackLine]) -> Result<Ve
 /// The map as an SVG file: real text and lines, the colours as an embedded picture.
 ///
 /// # Errors
-/// As [`png`].
+/// As [`png()`].
 pub fn svg(picture: &MapPicture, look: &Look, tracks: &[TrackLine]) -> Result<String, Fault> {
     let scene = figure::scene(picture, look, tracks)?;
     svg::document(&scene)
