@@ -8,10 +8,8 @@ use crate::{
     numerics::{
         continuation::{Derivative, MAGNAV_ALPHA_M2, Padding, Spectrum, masked_like},
         fill,
-        geodesy::EarthModel,
         map_grid::{AnomalyMap, Interpolation, MapGrid, VerticalDerivative},
         map_stack::{FieldMap, MapStack, StackOptions},
-        plane_grid::{EvenAxis, PlaneGrid},
     },
 };
 
@@ -59,7 +57,7 @@ fn above(table: &RecordBatch, levels_m: &[f64]) -> Result<Vec<f64>, Fault> {
 
 /// The map at each height above itself, and its vertical derivative there.
 fn continued(grid: &MapGrid, up_m: &[f64]) -> Result<(Vec<MapGrid>, Vec<Vec<f64>>), Fault> {
-    let plane = plane(grid);
+    let plane = grid.plane();
     let full = if plane.unknown() > 0 {
         fill::smooth(&plane, &fill::SmoothFill::default()).map_err(data)?.0
     } else {
@@ -75,23 +73,6 @@ fn continued(grid: &MapGrid, up_m: &[f64]) -> Result<(Vec<MapGrid>, Vec<Vec<f64>
         slopes.push(spectrum.derivative(Derivative::Up, *up, MAGNAV_ALPHA_M2).map_err(data)?.values);
     }
     Ok((maps, slopes))
-}
-
-/// The grid in metres, as wide as it is at its middle latitude.
-fn plane(grid: &MapGrid) -> PlaneGrid {
-    let middle = (0.5 * (grid.lat().first_deg() + grid.lat().last_deg())).to_radians();
-    let earth = EarthModel::Wgs84;
-    let axis = |step_deg: f64, len: usize, m_per_rad: f64| EvenAxis {
-        first: 0.0,
-        step: step_deg.to_radians() * m_per_rad,
-        len,
-    };
-    let (lat, lon) = (grid.lat(), grid.lon());
-    PlaneGrid {
-        east_m: axis(lon.step_deg(), lon.len(), earth.east_m_per_rad(middle, 0.0)),
-        north_m: axis(lat.step_deg(), lat.len(), earth.north_m_per_rad(middle, 0.0)),
-        values: grid.values().to_vec(),
-    }
 }
 
 /// What is wrong with a parameter that lists heights.

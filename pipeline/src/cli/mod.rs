@@ -1,6 +1,7 @@
 //! The command line: arguments in, text and exit status out. Results go to standard output, all else to standard error.
 
 mod answer;
+mod map;
 mod progress;
 
 use std::{
@@ -86,6 +87,11 @@ enum Command {
         #[arg(short, long)]
         output: PathBuf,
     },
+    /// Work on anomaly maps.
+    Map {
+        #[command(subcommand)]
+        command: map::MapCommand,
+    },
     /// Simulate flights with known truth.
     Synth {
         /// The simulation's spec.
@@ -159,6 +165,7 @@ pub fn main() -> ExitCode {
         }
         Command::Stages { name, markdown } => stages(name.as_deref(), markdown),
         Command::Report { spec, output } => report(&spec, &output),
+        Command::Map { command } => map::run(&command),
         Command::Synth { spec, to } => synth(&spec, &to),
     };
     match done {

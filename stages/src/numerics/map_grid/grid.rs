@@ -1,6 +1,8 @@
 //! The grid itself: even, ascending axes and the node values.
 
 use super::holes::Shape;
+use crate::numerics::geodesy::EarthModel;
+use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
 use thiserror::Error;
 
 /// Largest departure of a node from its even place, as a fraction of the step. Coordinates kept
@@ -313,6 +315,22 @@ impl MapGrid {
             return Err(MapError::Infinite { row });
         }
         Ok(Self { values, ..*self })
+    }
+
+    /// The grid in metres from its south-western node, as wide as it is at its middle latitude.
+    pub fn plane(&self) -> PlaneGrid {
+        let middle = (0.5 * (self.lat.first_deg() + self.lat.last_deg())).to_radians();
+        let earth = EarthModel::Wgs84;
+        let axis = |axis: &Axis, m_per_rad: f64| EvenAxis {
+            first: 0.0,
+            step: axis.step_deg.to_radians() * m_per_rad,
+            len: axis.len,
+        };
+        PlaneGrid {
+            east_m: axis(&self.lon, earth.east_m_per_rad(middle, 0.0)),
+            north_m: axis(&self.lat, earth.north_m_per_rad(middle, 0.0)),
+            values: self.values.clone(),
+        }
     }
 
     /// The latitudes.

@@ -1,0 +1,111 @@
+//! `magline map`: works on anomaly maps. One file a command.
+
+mod continuation;
+mod convert;
+mod fill;
+mod plot;
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use datasets::{GridMap, MapOptions, read_grid, write_grid};
+use schemas::Fault;
+
+use super::{Stop, say};
+
+/// Anomaly maps.
+#[derive(Subcommand)]
+pub enum MapCommand {
+    /// Fill the gaps of a map, from its surroundings or from other maps.
+    Fill(fill::FillArgs),
+    /// Continue a map to other heights, or differentiate it.
+    Continue(continuation::ContinueArgs),
+    /// Write a map in another format or coordinate system, cut or expanded.
+    Convert(convert::ConvertArgs),
+    /// Draw a map, with tracks on it.
+    Plot(plot::PlotArgs),
+}
+
+/// How a map's file is read.
+#[derive(Args, Clone)]
+pub struct InputArgs {
+    /// The format, where content and name of the file do not tell.
+    #[arg(long)]
+    format: Option<String>,
+    /// The EPSG code of the coordinates, before what the file says.
+    #[arg(long)]
+    epsg: Option<u16>,
+    /// The height of the map in metres above the WGS-84 ellipsoid, before what the file says.
+    #[arg(long, allow_negative_numbers = true)]
+    alt: Option<f64>,
+    /// The unit of the anomaly, before what the file says.
+    #[arg(long)]
+    unit: Option<String>,
+}
+
+/// Where a map is written to.
+#[derive(Args, Clone)]
+pub struct OutputArgs {
+    /// The file; its ending names the format.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// The format it is written in, where the file's ending does not tell.
+    #[arg(long)]
+    output_format: Option<String>,
+}
+
+/// How many threads work.
+#[derive(Args, Clone)]
+pub struct ThreadArgs {
+    /// How many threads; all cores when left out. The answers do not depend on it.
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
+    threads: Option<u16>,
+}
+
+impl InputArgs {
+    fn read(&self, path: &Path) -> Result<GridMap, Stop> {
+        let options = MapOptions {
+            format: self.format.clone(),
+            epsg: self.epsg,
+            alt_m: self.alt,
+            unit: self.unit.clone(),
+        };
+        let map = read_grid(path, &options).map_err(Fault::from)?;
+        map.notes.iter().for_each(|n| eprintln!("note: {}: {n}", path.display()));
+        Ok(map)
+    }
+}
+
+impl OutputArgs {
+    fn write(&self, map: &GridMap) -> Result<(), Stop> {
+        write_to(&self.output, map, self.output_format.as_deref())
+    }
+}
+
+fn write_to(path: &Path, map: &GridMap, format: Option<&str>) -> Result<(), Stop> {
+    write_grid(path, map, format).map_err(Fault::from)?;
+    say(format!("{}\n", path.display()))
+}
+
+impl ThreadArgs {
+    fn run<T: Send>(&self, work: impl FnOnce() -> Result<T, Stop> + Send) -> Result<T, Stop> {
+        let threads = self.threads.map_or(0, usize::from);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.map_err(|e| Stop::Failed(format!("error: cannot start threads: {e}")))?.install(work)
+    }
+}
+
+/// What is wrong with a map or with what is asked of it.
+fn wrong(path: &Path, e: &dyn std::fmt::Display) -> Stop {
+    Stop::from(Fault::new(e.to_string()).in_file(&path.display().to_string()))
+}
+
+/// Runs the command.
+pub fn run(command: &MapCommand) -> Result<(), Stop> {
+    match command {
+        MapCommand::Fill(args) => fill::run(args),
+        MapCommand::Continue(args) => continuation::run(args),
+        MapCommand::Convert(args) => convert::run(args),
+        MapCommand::Plot(args) => plot::run(args),
+    }
+}

@@ -1,0 +1,250 @@
+//! `magline map plot`: a map as a picture or for Google Earth, with tracks on it.
+
+use std::path::{Path, PathBuf};
+
+use arrow_array::{cast::AsArray, types::Float64Type};
+use clap::{Args, ValueEnum};
+use datasets::{FlightOptions, GridMap, open_flight};
+use schemas::{Fault, canonical::Canonical};
+
+use super::{InputArgs, Stop, ThreadArgs, say, wrong};
+use pipeline::views::plot::{self, EarthTrack, Look, MapPicture, Palette, Plane, Scale, Shade, TrackLine};
+
+#[derive(Args)]
+pub struct PlotArgs {
+    /// The map.
+    map: PathBuf,
+    #[command(flatten)]
+    input: InputArgs,
+    /// The picture: .png or .svg, or .kml or .kmz for Google Earth.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Flights, of which each line is drawn as a track.
+    #[arg(long, num_args = 1.., value_name = "FLIGHTS")]
+    track: Vec<PathBuf>,
+    /// Draw only these lines of the flights.
+    #[arg(long, value_delimiter = ',')]
+    line: Vec<String>,
+    /// Draw the positions of the INS, not the true ones.
+    #[arg(long)]
+    ins: bool,
+    /// What stands above the map; the name of its file when left out.
+    #[arg(long)]
+    title: Option<String>,
+    /// Width of the picture in pixels.
+    #[arg(long, default_value_t = 1600)]
+    width: usize,
+    /// The colours.
+    #[arg(long, value_enum, default_value_t = Colours::Turbo)]
+    palette: Colours,
+    /// How values are spread over the colours: `equalised`, `linear`, `LOW..HIGH` in nT, or `LOW%..HIGH%`.
+    #[arg(long, default_value = "equalised", allow_hyphen_values = true)]
+    scale: String,
+    /// Flat colours, without hill-shading.
+    #[arg(long)]
+    no_shade: bool,
+    /// Draw a contour line at each multiple of this, in nT.
+    #[arg(long)]
+    contours: Option<f64>,
+    #[command(flatten)]
+    threads: ThreadArgs,
+}
+
+/// Colour scales.
+#[derive(Clone, Copy, ValueEnum)]
+enum Colours {
+    /// The rainbow of potential-field maps, without its false edges.
+    Turbo,
+    /// Dark blue to yellow, readable without red or green.
+    Viridis,
+    /// Blue over white to red, white at zero.
+    Diverging,
+}
+
+/// One line flown.
+struct Track {
+    name: String,
+    lat: Vec<f64>,
+    lon: Vec<f64>,
+    alt: Vec<f64>,
+}
+
+pub fn run(args: &PlotArgs) -> Result<(), Stop> {
+    args.threads.run(|| {
+        let map = args.input.read(&args.map)?;
+        let mut tracks = vec![];
+        for path in &args.track {
+            tracks.extend(lines(args, path)?);
+        }
+        let ending = args.output.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        match ending.as_str() {
+            "png" => write(&args.output, &flat(args, &map, &tracks, |p, l, t| plot::png(p, l, t))?),
+            "svg" => write(&args.output, flat(args, &map, &tracks, |p, l, t| plot::svg(p, l, t))?.as_bytes()),
+            "kml" | "kmz" => earth(args, &map, &tracks, ending == "kmz"),
+            _ => {
+                let fault = Fault::new(format!("`{}` is no kind of picture", args.output.display()));
+                Err(fault.help("end its name in .png, .svg, .kml or .kmz").into())
+            }
+        }
+    })
+}
+
+fn look(args: &PlotArgs) -> Result<Look, Stop> {
+    let palette = match args.palette {
+        Colours::Turbo => Palette::Turbo,
+        Colours::Viridis => Palette::Viridis,
+        Colours::Diverging => Palette::Diverging,
+    };
+    Ok(Look {
+        width_px: args.width,
+        palette,
+        scale: scale(&args.scale)?,
+        shade: (!args.no_shade).then(Shade::default),
+        contours: args.contours,
+        ..Look::default()
+    })
+}
+
+fn scale(text: &str) -> Result<Scale, Stop> {
+    let ends = |a: &str, b: &str| Some((a.parse::<f64>().ok()?, b.parse::<f64>().ok()?));
+    let range = text.split_once("..");
+    let percent = range.and_then(|(a, b)| ends(a.strip_suffix('%')?, b.strip_suffix('%')?));
+    match (text, percent, range.and_then(|(a, b)| ends(a, b))) {
+        ("equalised", _, _) => Ok(Scale::Equalised),
+        ("linear", _, _) => Ok(Scale::Linear),
+        (_, Some((a, b)), _) => Ok(Scale::Percentile(a, b)),
+        (_, _, Some((a, b))) => Ok(Scale::Range(a, b)),
+        _ => {
+            let fault = Fault::new(format!("`{text}` is no scale"));
+            Err(fault.help("say `equalised`, `linear`, a range such as `-200..300`, or percentiles such as `2%..98%`").into())
+        }
+    }
+}
+
+fn title(args: &PlotArgs) -> String {
+    let stem = || args.map.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    args.title.clone().unwrap_or_else(stem)
+}
+
+/// A picture on the map's own plane.
+fn flat<T>(
+    args: &PlotArgs,
+    map: &GridMap,
+    tracks: &[Track],
+    draw: impl Fn(&MapPicture, &Look, &[TrackLine]) -> Result<T, Fault>,
+) -> Result<T, Stop> {
+    let plane = map.plane();
+    let (unit_x, unit_y) = map.unit_m();
+    let places: Vec<(Vec<f64>, Vec<f64>)> = tracks
+        .iter()
+        .map(|t| {
+            let place = |(lat, lon): (&f64, &f64)| match map.is_geographic() {
+                true => (*lon, *lat),
+                false => map.crs.project(*lat, *lon).map_or((f64::NAN, f64::NAN), |(e, n)| (e * unit_x, n * unit_y)),
+            };
+            t.lat.iter().zip(&t.lon).map(place).unzip()
+        })
+        .collect();
+    let drawn: Vec<TrackLine> = tracks
+        .iter()
+        .zip(&places)
+        .map(|(track, (x, y))| TrackLine { name: &track.name, x, y, colour: None })
+        .collect();
+    let title = title(args);
+    let (x, y, kind) = if map.is_geographic() {
+        (map.x, map.y, Plane::Degrees)
+    } else {
+        (plane.east_m, plane.north_m, Plane::Metres)
+    };
+    let picture = MapPicture {
+        x,
+        y,
+        values: &plane.values,
+        plane: kind,
+        title: &title,
+        quantity: "Magnetic anomaly",
+        unit: "nT",
+        x_label: None,
+        y_label: None,
+    };
+    draw(&picture, &look(args)?, &drawn).map_err(|e| Stop::from(e.in_file(&args.map.display().to_string())))
+}
+
+fn earth(args: &PlotArgs, map: &GridMap, tracks: &[Track], zipped: bool) -> Result<(), Stop> {
+    let map = if map.is_geographic() { map.clone() } else { map.to_crs(4326, None).map_err(Fault::from)? };
+    let title = title(args);
+    let picture = MapPicture {
+        x: map.x,
+        y: map.y,
+        values: &map.anomaly_nt,
+        plane: Plane::Degrees,
+        title: &title,
+        quantity: "Magnetic anomaly",
+        unit: "nT",
+        x_label: None,
+        y_label: None,
+    };
+    let drawn: Vec<EarthTrack> = tracks
+        .iter()
+        .map(|t| EarthTrack {
+            name: &t.name,
+            lat_deg: &t.lat,
+            lon_deg: &t.lon,
+            alt_m: &t.alt,
+            time_unix_s: None,
+            colour: None,
+        })
+        .collect();
+    let stem = args.output.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let made = plot::kml(&picture, &look(args)?, &drawn, &stem)?;
+    if zipped {
+        return write(&args.output, &made.kmz()?);
+    }
+    for (name, bytes) in &made.files {
+        write(&args.output.with_file_name(name), bytes)?;
+    }
+    write(&args.output, made.document.as_bytes())
+}
+
+/// The lines of a flight file that are to be drawn.
+fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<Track>, Stop> {
+    let in_file = |fault: Fault| Stop::from(fault.in_file(&path.display().to_string()));
+    let reader = open_flight(path, &FlightOptions::default()).map_err(Fault::from)?;
+    let rules = Canonical::new(reader.schema()).map_err(|faults| {
+        let first = faults.into_iter().next().unwrap_or_else(|| Fault::data("is no flight table"));
+        in_file(first)
+    })?;
+    let names = if args.ins { ["ins_lat", "ins_lon", "ins_alt"] } else { ["lat", "lon", "alt"] };
+    let mut tracks: Vec<Track> = vec![];
+    for batch in reader {
+        let batch = rules.apply(&batch.map_err(Fault::from)?).map_err(in_file)?;
+        let column = |name: &str| batch.column_by_name(name);
+        let absent = |name: &str| in_file(Fault::data("the flights do not have it").in_column(name));
+        let number = |name: &str| column(name).and_then(|a| a.as_primitive_opt::<Float64Type>()).map(|a| a.values());
+        let text = |name: &str| column(name).and_then(|a| a.as_string_opt::<i32>()).ok_or_else(|| absent(name));
+        let (flight, line) = (text("flight")?, text("line")?);
+        let lat = number(names[0]).ok_or_else(|| absent(names[0]))?;
+        let lon = number(names[1]).ok_or_else(|| absent(names[1]))?;
+        let alt = number(names[2]);
+        for i in (0..batch.num_rows()).filter(|i| args.line.is_empty() || args.line.iter().any(|l| l == line.value(*i))) {
+            let name = format!("{} {}", flight.value(i), line.value(i));
+            if tracks.last().is_none_or(|t| t.name != name) {
+                tracks.push(Track { name, lat: vec![], lon: vec![], alt: vec![] });
+            }
+            if let Some(track) = tracks.last_mut() {
+                track.lat.push(lat[i]);
+                track.lon.push(lon[i]);
+                track.alt.push(alt.map_or(0.0, |a| a[i]));
+            }
+        }
+    }
+    if tracks.is_empty() {
+        return Err(wrong(path, &"no line of the flights is to be drawn"));
+    }
+    Ok(tracks)
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), Stop> {
+    std::fs::write(path, bytes).map_err(|e| Stop::Failed(format!("error: cannot write {}: {e}", path.display())))?;
+    say(format!("{}\n", path.display()))
+}
