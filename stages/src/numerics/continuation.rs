@@ -95,7 +95,9 @@ pub enum ContinuationError {
         alpha_m2: f64,
     },
     /// The padded map would be too large.
-    #[error("the padded map has {nodes} nodes and may have {most}: ask for less padding, trim the map or raise the limit")]
+    #[error(
+        "the padded map has {nodes} nodes and may have {most}: ask for less padding, trim the map or raise the limit"
+    )]
     TooLarge {
         /// How many nodes it would have.
         nodes: usize,
@@ -133,7 +135,9 @@ pub enum ContinuationError {
         step_m: f64,
     },
     /// The map is too small to be cropped for a measure of its error.
-    #[error("a map of {rows} rows and {columns} columns is too small to measure the error of its edges: it needs {least} of each")]
+    #[error(
+        "a map of {rows} rows and {columns} columns is too small to measure the error of its edges: it needs {least} of each"
+    )]
     TooSmallToMeasure {
         /// How many rows there are.
         rows: usize,

@@ -45,7 +45,7 @@ impl Default for Drape {
             down_max_m: 150.0,
             alpha_m2: MAGNAV_ALPHA_M2,
             interpolation: HeightInterpolation::Cubic,
-            refinements: 3,
+            refinements: 1,
             padding: Padding::default(),
         }
     }

@@ -13,10 +13,9 @@ pub enum Edge {
     /// The value at the edge falls to the trend on a half cosine, and the turned image of the map about the edge,
     /// which carries the slope and the detail on, fades over `detail_nodes`.
     ///
-    /// Of what was tried on fields of dipoles inside and around a map, continued upward by 2 to 10 spacings
-    /// (zeros, linear and cosine bridges, even and odd images with tapers and cross-fades, with no trend, a level
-    /// or a plane, and the extension of least curvature), this came nearest to the closed form in most cases and
-    /// was never far from the best.
+    /// Tried on fields of dipoles in and around a map, continued upward by 2 to 10 spacings, against zeros, linear and
+    /// cosine bridges, even and odd images with tapers and cross-fades, and the extension of least curvature: this
+    /// came nearest to the closed form in most cases and was never far from the best.
     Falling {
         /// Over how many nodes the detail fades.
         detail_nodes: usize,
@@ -67,7 +66,7 @@ pub struct Padding {
 
 impl Default for Padding {
     fn default() -> Self {
-        let edge = Edge::Falling { detail_nodes: 10 };
+        let edge = Edge::Falling { detail_nodes: 6 };
         Self { width: Width::OfDistance, edge, trend: Trend::EdgeMean, most_nodes: 1 << 28, even: true }
     }
 }
@@ -83,7 +82,13 @@ impl Padding {
     pub fn magnav(grid: &PlaneGrid, distance_m: f64) -> Self {
         let cells = |step: f64| (10.0 * distance_m.abs() / step).ceil().min(MOST_PADDING as f64) as usize;
         let pad = cells(grid.east_m.step).max(cells(grid.north_m.step)).min(MOST_PADDING);
-        Self { width: Width::Nodes([pad, pad]), edge: Edge::WrapAround, trend: Trend::None, even: false, ..Self::default() }
+        Self {
+            width: Width::Nodes([pad, pad]),
+            edge: Edge::WrapAround,
+            trend: Trend::None,
+            even: false,
+            ..Self::default()
+        }
     }
 
     /// How a map is laid out in the padded one for work over `distance_m` in height.
@@ -254,7 +259,8 @@ fn reflected(distance: usize, last: usize) -> usize {
 /// As [`super::check`] for a map that cannot be used, [`ContinuationError::TooLarge`] for a padding that is too wide.
 pub fn expand(grid: &PlaneGrid, pad: usize) -> Result<(PlaneGrid, Layout), ContinuationError> {
     super::check(grid)?;
-    let padding = Padding { width: Width::Nodes([pad, pad]), edge: Edge::WrapAround, even: false, ..Padding::default() };
+    let padding =
+        Padding { width: Width::Nodes([pad, pad]), edge: Edge::WrapAround, even: false, ..Padding::default() };
     let layout = padding.layout(grid, 0.0)?;
     let Layout { rows, columns } = layout;
     let (along, across) = (AxisExtension::new(columns, padding.edge), AxisExtension::new(rows, padding.edge));

@@ -55,10 +55,8 @@ impl LCurve {
             .filter(|ring| ring.power > 0.0)
             .map(|ring| (ring.moment / ring.power, ring.power / nodes / map_nodes))
             .collect();
-        let points: Vec<LCurvePoint> = alphas(transform, widest, down_m)
-            .into_iter()
-            .map(|alpha| point(&waves, alpha, down_m))
-            .collect();
+        let points: Vec<LCurvePoint> =
+            alphas(transform, widest, down_m).into_iter().map(|alpha| point(&waves, alpha, down_m)).collect();
         Self::with_corner(points)
     }
 
@@ -67,9 +65,8 @@ impl LCurve {
         for (point, curvature) in points.iter_mut().skip(1).zip(curvatures) {
             point.curvature = curvature;
         }
-        let corner = (0..points.len()).fold(0, |best, i| {
-            if points[i].curvature > points[best].curvature { i } else { best }
-        });
+        let corner =
+            (0..points.len()).fold(0, |best, i| if points[i].curvature > points[best].curvature { i } else { best });
         Self { points, corner }
     }
 

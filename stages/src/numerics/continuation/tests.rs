@@ -1,8 +1,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod against_others;
-mod experiments;
+mod by_closed_form;
 mod fields;
+mod laws;
 
 use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
 

@@ -194,15 +194,19 @@ impl Transform {
     }
 
     /// A wave of two nodes goes both ways at once: its factor is the mean of both ways.
-    fn at_fold(&self, index: usize, row: usize, f: &dyn Fn(f64, f64) -> Complex64, [east, north]: [f64; 2]) -> Complex64 {
+    fn at_fold(
+        &self,
+        index: usize,
+        row: usize,
+        f: &dyn Fn(f64, f64) -> Complex64,
+        [east, north]: [f64; 2],
+    ) -> Complex64 {
         let folds = [2 * index == self.layout.columns.padded, 2 * row == self.layout.rows.padded];
         match folds {
             [false, false] => f(east, north),
             [true, false] => 0.5 * (f(east, north) + f(-east, north)),
             [false, true] => 0.5 * (f(east, north) + f(east, -north)),
-            [true, true] => {
-                0.25 * (f(east, north) + f(-east, north) + f(east, -north) + f(-east, -north))
-            }
+            [true, true] => 0.25 * (f(east, north) + f(-east, north) + f(east, -north) + f(-east, -north)),
         }
     }
 

@@ -4,11 +4,8 @@ use super::*;
 use crate::numerics::reference_csv::columns;
 
 const DIPOLE: Dipole = Dipole { at_m: [120.0, -80.0, -310.0], moment_am2: [4.0e6, -2.5e6, 7.0e6] };
-const PRISM: Prism = Prism {
-    low_m: [-200.0, -90.0, -500.0],
-    high_m: [150.0, 260.0, -120.0],
-    magnetisation_apm: [1.5, -0.7, 2.2],
-};
+const PRISM: Prism =
+    Prism { low_m: [-200.0, -90.0, -500.0], high_m: [150.0, 260.0, -120.0], magnetisation_apm: [1.5, -0.7, 2.2] };
 
 fn assert_near(ours: EastNorthUp, theirs: EastNorthUp, tolerance: f64, what: &str) {
     let worst = (0..3).map(|i| (ours[i] - theirs[i]).abs()).fold(0.0, f64::max);

@@ -56,7 +56,7 @@ impl Field {
     pub(super) fn new(scene: Scene, seed: u64, [rows, columns]: [usize; 2]) -> Self {
         let mut random = Random::new(seed);
         let sides = [columns, rows].map(|n| 100.0 * (n - 1) as f64);
-        let count = if scene == Scene::Inside { 40 } else { 220 };
+        let count = if scene == Scene::Inside { 30 } else { 90 };
         let margin = if scene == Scene::Inside { -0.15 } else { 0.8 };
         let sources = (0..count)
             .map(|_| {
@@ -99,7 +99,7 @@ impl Field {
 fn source(at: EastNorthUp, strength: f64, random: &mut Random) -> Source {
     let depth = -at[2];
     let moment = main_field().map(|c| c * strength * 0.5 * depth.powi(3));
-    if random.even() < 0.5 {
+    if random.even() < 0.92 {
         return Source::Dipole(Dipole { at_m: at, moment_am2: moment });
     }
     let half = [0.4, 0.3, 0.3].map(|part| part * depth);
