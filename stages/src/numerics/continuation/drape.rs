@@ -113,7 +113,7 @@ impl Drape {
         if !(step > 0.0 && step.is_finite()) {
             return Err(ContinuationError::Height { what: "the step between levels", range, value: step });
         }
-        if !(self.down_max_m >= 0.0) {
+        if self.down_max_m.is_nan() || self.down_max_m < 0.0 {
             let range = "at least 0";
             return Err(ContinuationError::Height { what: "the limit downward", range, value: self.down_max_m });
         }

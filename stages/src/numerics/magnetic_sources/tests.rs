@@ -36,8 +36,8 @@ fn val_dipole_and_prism_are_harmonicas() {
     let mu0 = 1.256_637_062_12e-6 / (4e-7 * std::f64::consts::PI);
     let vector = |name: &str, row: usize| ["east", "north", "up"].map(|c| table[&format!("{name}_{c}")][row] / mu0);
     assert_eq!(table["east_m"].len(), 32);
-    for row in 0..32 {
-        let point = [table["east_m"][row], table["north_m"][row], table["up_m"][row]];
+    for (row, east_m) in table["east_m"].iter().enumerate() {
+        let point = [*east_m, table["north_m"][row], table["up_m"][row]];
         // Both are sums of some ten terms of up to 1e4 nT in double precision.
         let dipole = vector("dipole", row);
         assert_near(DIPOLE.field_nt(point), dipole, 1e-12 * norm(dipole), &format!("dipole at {point:?}"));
