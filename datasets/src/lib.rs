@@ -18,8 +18,8 @@ pub const VERSION: &str = "2";
 
 pub use error::ReadError;
 pub use formats::{
-    FlightOptions, FlightReader, Map, MapOptions, PointOptions, SurveyPoints, open_flight, read_grid, read_map,
-    read_points, write_grid,
+    FlightOptions, FlightReader, Map, MapOptions, PointOptions, SurveyPoints, map_files, open_flight, read_grid,
+    read_map, read_points, write_grid,
 };
-pub use grid::{Crs, GridMap, Height, Registration};
+pub use grid::{Crs, Figure, GridMap, Height, MapSummary, Registration};
 pub use simulate::synthesise;

@@ -9,7 +9,7 @@ use tiff::{
     tags::Tag,
 };
 
-use super::{Head, MapFormat, MapOptions, guarded};
+use super::{Head, MapFormat, MapOptions, guarded, map_geotiff_write};
 use crate::{
     ReadError,
     grid::{Draft, FileAxis, GridMap, Registration, System},
@@ -21,7 +21,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     extensions: &["tif", "tiff"],
     recognise: |head: &Head| MAGICS.iter().any(|m| head.starts_with(m)),
     read,
-    write: None,
+    write: Some(map_geotiff_write::write),
 };
 
 /// Little- and big-endian TIFF and BigTIFF.
@@ -113,11 +113,11 @@ struct Georeference {
     geographic: bool,
 }
 
-const GDAL_METADATA: Tag = Tag::Unknown(42112);
-const MODEL_TYPE: u16 = 1024;
-const RASTER_TYPE: u16 = 1025;
-const GEOGRAPHIC_CODE: u16 = 2048;
-const PROJECTED_CODE: u16 = 3072;
+pub(super) const GDAL_METADATA: Tag = Tag::Unknown(42112);
+pub(super) const MODEL_TYPE: u16 = 1024;
+pub(super) const RASTER_TYPE: u16 = 1025;
+pub(super) const GEOGRAPHIC_CODE: u16 = 2048;
+pub(super) const PROJECTED_CODE: u16 = 3072;
 
 impl Georeference {
     fn read(path: &Path, decoder: &mut Reader, width: usize, height: usize) -> Result<Georeference, ReadError> {

@@ -7,6 +7,7 @@ use std::path::Path;
 use super::{
     Head, MapFormat, MapOptions,
     hdf5::{Hdf5, Values},
+    map_magnav_write,
 };
 use crate::{
     ReadError,
@@ -22,7 +23,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
         ["map", "xx", "yy"].iter().all(|n| names.iter().any(|m| m == n))
     },
     read,
-    write: None,
+    write: Some(map_magnav_write::write),
 };
 
 /// What is done to every map of MagNav.jl, for the notes.
@@ -33,7 +34,11 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let (lon, lat) = (vector(&file, "xx")?, vector(&file, "yy")?);
     let map = file.need("map")?;
     let (x, y) = (FileAxis::of(path, "lon", &lon)?, FileAxis::of(path, "lat", &lat)?);
-    let values = unknown_where_zero(transposed(&map, &lon, &lat)?);
+    let mut values = unknown_where_zero(transposed(&map, &lon, &lat)?);
+    if file.has("mask") {
+        let mask = transposed(&file.need("mask")?, &lon, &lat)?;
+        values.iter_mut().zip(mask).filter(|(_, m)| *m == 0.0).for_each(|(v, _)| *v = f64::NAN);
+    }
     let mut draft = Draft::new(path, x, y, values, System::Degrees);
     draft.notes.push(NOTE.to_owned());
     let alt = file.need("alt")?;

@@ -29,12 +29,12 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 };
 
 /// Names a column of each kind may have.
-const LATITUDES: &[&str] = &["lat", "latitude_deg", "latitude"];
-const LONGITUDES: &[&str] = &["lon", "longitude_deg", "longitude"];
-const EASTINGS: &[&str] = &["easting", "easting_m", "utm_easting_m", "osgb_easting_m", "x"];
-const NORTHINGS: &[&str] = &["northing", "northing_m", "utm_northing_m", "osgb_northing_m", "y"];
-const HEIGHTS: &[&str] = &["alt", "alt_m", "altitude_m"];
-const ANOMALIES: &[&str] = &["anomaly", "anomaly_nt", "total_field_anomaly_nt"];
+pub(super) const LATITUDES: &[&str] = &["lat", "latitude_deg", "latitude"];
+pub(super) const LONGITUDES: &[&str] = &["lon", "longitude_deg", "longitude"];
+pub(super) const EASTINGS: &[&str] = &["easting", "easting_m", "utm_easting_m", "osgb_easting_m", "x"];
+pub(super) const NORTHINGS: &[&str] = &["northing", "northing_m", "utm_northing_m", "osgb_northing_m", "y"];
+pub(super) const HEIGHTS: &[&str] = &["alt", "alt_m", "altitude_m"];
+pub(super) const ANOMALIES: &[&str] = &["anomaly", "anomaly_nt", "total_field_anomaly_nt"];
 
 fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let builder = parquet::builder(path)?;
@@ -97,11 +97,7 @@ fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
 fn schema(map: &GridMap) -> SchemaRef {
     let mut fields: Vec<Field> = schemas::map::shape().columns.iter().map(schemas::Column::field).collect();
     if !map.is_geographic() {
-        let unit = match map.crs.unit_m() {
-            1.0 => "m",
-            0.3048 => "ft",
-            _ => "",
-        };
+        let unit = map.unit();
         let axis = |name: &str, what: &str| field(name, DataType::Float64, unit, Role::Key, what);
         fields.splice(0..2, [axis("easting", "easting of the node"), axis("northing", "northing of the node")]);
     }

@@ -8,7 +8,7 @@ use std::{
     fs::File,
     io::Read,
     panic::{AssertUnwindSafe, catch_unwind},
-    path::Path,
+    path::{Path, PathBuf},
 };
 
 use arrow_array::RecordBatch;
@@ -18,14 +18,26 @@ use crate::{ReadError, grid::GridMap};
 
 mod adopt;
 mod csv;
+mod grid_bytes;
 mod hdf5;
 mod magnav;
 mod magnav_csv;
 mod magnav_hdf5;
+mod map_ers;
+mod map_esri;
 mod map_geotiff;
+mod map_geotiff_write;
+mod map_gxf;
 mod map_magnav_csv;
 mod map_magnav_hdf5;
+mod map_magnav_write;
+mod map_netcdf;
 mod map_parquet;
+mod map_surfer6;
+mod map_surfer7;
+mod map_surfer_text;
+mod map_xyz;
+mod netcdf_write;
 mod output;
 mod parquet;
 mod points;
@@ -197,8 +209,20 @@ pub const FLIGHT_FORMATS: &[FlightFormat] = &[
 ];
 
 /// The map formats, in the order in which a file is tried.
-pub const MAP_FORMATS: &[MapFormat] =
-    &[map_parquet::FORMAT, map_geotiff::FORMAT, map_magnav_hdf5::FORMAT, map_magnav_csv::FORMAT];
+pub const MAP_FORMATS: &[MapFormat] = &[
+    map_parquet::FORMAT,
+    map_geotiff::FORMAT,
+    map_magnav_hdf5::FORMAT,
+    map_netcdf::FORMAT,
+    map_surfer7::FORMAT,
+    map_surfer6::FORMAT,
+    map_surfer_text::FORMAT,
+    map_gxf::FORMAT,
+    map_ers::FORMAT,
+    map_esri::FORMAT,
+    map_magnav_csv::FORMAT,
+    map_xyz::FORMAT,
+];
 
 /// Opens a flight log.
 ///
@@ -234,6 +258,22 @@ pub fn read_grid(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError
     let format = &MAP_FORMATS[chosen];
     let map = (format.read)(path, options)?;
     Ok(GridMap { format: format.name, ..map })
+}
+
+/// The files that a map is made of: its own, or all of a folder's, and the cells that lie beside a header.
+///
+/// # Errors
+/// A header that cannot be read.
+pub fn map_files(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
+    let mut files = vec![path.to_path_buf()];
+    if !path.is_dir() && (map_ers::FORMAT.recognise)(&Head::read(path)?) {
+        files.push(map_ers::cells_of(path)?);
+    }
+    let prj = path.with_extension("prj");
+    if !path.is_dir() && (map_esri::FORMAT.recognise)(&Head::read(path)?) && prj.is_file() {
+        files.push(prj);
+    }
+    Ok(files)
 }
 
 struct Choice {

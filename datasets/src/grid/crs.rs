@@ -114,6 +114,64 @@ impl Crs {
     }
 }
 
+/// The code of the coordinate system that well-known text defines, by its authority, else by its name.
+pub(crate) fn epsg_of_wkt(wkt: &str) -> Option<u16> {
+    authority(wkt).or_else(|| epsg_of_name(wkt.split('"').nth(1)?))
+}
+
+/// The authority of the outermost object: `AUTHORITY["EPSG","32630"]` or `ID["EPSG",32630]`.
+fn authority(wkt: &str) -> Option<u16> {
+    let (mut depth, mut quoted, mut code) = (0_i64, false, None);
+    for (at, c) in wkt.char_indices() {
+        match c {
+            '"' => quoted = !quoted,
+            '[' | '(' if !quoted => depth += 1,
+            ']' | ')' if !quoted => depth -= 1,
+            'A' | 'I' if !quoted && depth == 1 => {
+                let rest = wkt.get(at..).unwrap_or_default();
+                let inner = rest.strip_prefix("AUTHORITY[").or_else(|| rest.strip_prefix("ID["));
+                let number = inner.and_then(|i| i.strip_prefix("\"EPSG\",")).map(|i| i.trim_start_matches(['"', ' ']));
+                let digits = number.and_then(|n| n.split(|c: char| !c.is_ascii_digit()).next());
+                code = digits.and_then(|d| d.parse().ok()).or(code);
+            }
+            _ => {}
+        }
+    }
+    code
+}
+
+/// The code of the system with a name of the EPSG register, or with Esri's name of a common one.
+pub(crate) fn epsg_of_name(name: &str) -> Option<u16> {
+    const SPELLINGS: [(&str, &str); 9] = [
+        ("GCS WGS 1984", "WGS 84"),
+        ("WGS84", "WGS 84"),
+        ("WGS 1984 UTM Zone", "WGS 84 / UTM zone"),
+        ("WGS 84 UTM Zone", "WGS 84 / UTM zone"),
+        ("NAD 1983 UTM Zone", "NAD83 / UTM zone"),
+        ("ETRS 1989 UTM Zone", "ETRS89 / UTM zone"),
+        ("GDA 1994 MGA Zone", "GDA94 / MGA zone"),
+        ("GDA2020 MGA Zone", "GDA2020 / MGA zone"),
+        ("British National Grid", "OSGB36 / British National Grid"),
+    ];
+    let plain = name.trim().trim_matches('"').replace('_', " ");
+    if plain.is_empty() {
+        return None;
+    }
+    let is_name = |code: u16, wanted: &str| {
+        let known = crs_definitions::from_code(code).and_then(|d| d.wkt.split('"').nth(1));
+        known.is_some_and(|n| n.eq_ignore_ascii_case(wanted))
+    };
+    let find = |wanted: &str| {
+        if is_name(WGS84, wanted) { Some(WGS84) } else { (1024..=u16::MAX).find(|c| is_name(*c, wanted)) }
+    };
+    let lower = plain.to_ascii_lowercase();
+    let respelt = SPELLINGS.iter().find_map(|(from, to)| {
+        let rest = lower.strip_prefix(&from.to_ascii_lowercase())?;
+        (rest.is_empty() || rest.starts_with(' ')).then(|| format!("{to}{rest}"))
+    });
+    find(&plain).or_else(|| find(&respelt?))
+}
+
 fn finite(a: f64, b: f64) -> Option<(f64, f64)> {
     (a.is_finite() && b.is_finite()).then_some((a, b))
 }

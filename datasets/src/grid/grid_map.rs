@@ -155,6 +155,26 @@ impl GridMap {
         (along(self.x.step, 0.0), along(0.0, self.y.step))
     }
 
+    /// Metres on the ground to a unit of `x` and of `y`, at the middle of the map.
+    pub(super) fn ground_unit_m(&self) -> (f64, f64) {
+        if self.is_geographic() {
+            return self.unit_m();
+        }
+        let along = |dx: f64, dy: f64| ground_m(&self.crs, self.middle(), (dx, dy)).unwrap_or(f64::NAN);
+        (along(self.x.step, 0.0), along(0.0, self.y.step))
+    }
+
+    /// The unit of the coordinates; empty where it has no common name.
+    pub fn unit(&self) -> &'static str {
+        match self.crs.unit_m() {
+            _ if self.is_geographic() => "deg",
+            1.0 => "m",
+            0.3048 => "ft",
+            unit if (unit - 1200.0 / 3937.0).abs() < 1e-9 => "us-ft",
+            _ => "",
+        }
+    }
+
     /// The map on a plane, in metres: what continuation, filling and gridding work on. The coordinates are those of
     /// the map times [`GridMap::unit_m`].
     pub fn plane(&self) -> PlaneGrid {

@@ -16,12 +16,15 @@ mod interpolate;
 mod longitude;
 mod nodes;
 mod resample;
+mod summary;
 
 pub(crate) use axis::FileAxis;
 pub use crs::{Crs, WGS84};
+pub(crate) use crs::{epsg_of_name, epsg_of_wkt};
 pub(crate) use draft::{Draft, System};
 pub use grid_map::{GridMap, Height, Registration};
 pub(crate) use nodes::from_nodes;
+pub use summary::{Figure, MapSummary, PERCENTILES};
 
 /// An anomaly map on a regular grid, the contract's map table.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,0 +1,194 @@
+//! What the readers and writers of simple grids share: text by words, bytes by fields, and rows in either order.
+
+use std::{io::Write, path::Path};
+
+use super::output::{Outputs, Sink};
+use crate::{
+    ReadError,
+    grid::{GridMap, Height},
+};
+
+/// What blank nodes are in Surfer's grids: this and all that is larger.
+pub(super) const SURFER_BLANK: f64 = 1.701_41e38;
+
+/// The whole of a text file.
+///
+/// # Errors
+/// A file that cannot be read or holds binary data.
+pub(super) fn text_of(path: &Path) -> Result<String, ReadError> {
+    let bytes = bytes_of(path)?;
+    if bytes.contains(&0) {
+        return Err(ReadError::data(path, "the file is not text"));
+    }
+    Ok(String::from_utf8_lossy(&bytes).trim_start_matches('\u{feff}').to_owned())
+}
+
+/// The whole of a file.
+///
+/// # Errors
+/// A file that cannot be read.
+pub(super) fn bytes_of(path: &Path) -> Result<Vec<u8>, ReadError> {
+    std::fs::read(path).map_err(|e| ReadError::io(path, &e))
+}
+
+/// The number of nodes, where a file of so many bytes can hold them with `least` bytes each.
+///
+/// # Errors
+/// Counts below two, or more nodes than there are bytes for.
+pub(super) fn nodes(path: &Path, columns: i64, rows: i64, least: u64, bytes: u64) -> Result<(usize, usize), ReadError> {
+    let size = |n: i64| usize::try_from(n).ok().filter(|n| *n >= 2);
+    let (Some(width), Some(height)) = (size(columns), size(rows)) else {
+        return Err(ReadError::data(path, format!("a map needs 2 x 2 cells or more, not {columns} x {rows}")));
+    };
+    let needed = (width as u64).checked_mul(height as u64).and_then(|n| n.checked_mul(least));
+    match needed.filter(|n| *n <= bytes) {
+        Some(_) => Ok((width, height)),
+        None => {
+            let what = format!("the file is cut short: {width} x {height} cells are declared, {bytes} bytes are there");
+            Err(ReadError::data(path, what))
+        }
+    }
+}
+
+/// The next `count` numbers of a text.
+///
+/// # Errors
+/// Fewer numbers, or a word that is none; `at` counts from 0.
+pub(super) fn numbers<'a>(
+    path: &Path,
+    words: &mut impl Iterator<Item = &'a str>,
+    count: usize,
+) -> Result<Vec<f64>, ReadError> {
+    let mut values = Vec::new();
+    for word in words.by_ref().take(count) {
+        let value = word.parse::<f64>().ok();
+        values.push(value.ok_or_else(|| not_a_number(path, word, values.len()))?);
+    }
+    if values.len() == count {
+        return Ok(values);
+    }
+    Err(ReadError::data(path, format!("the file is cut short: {} of {count} values are there", values.len())))
+}
+
+fn not_a_number(path: &Path, word: &str, at: usize) -> ReadError {
+    let word: String = word.chars().take(24).collect();
+    ReadError::data(path, format!("`{word}` is not a number")).in_row(at as u64)
+}
+
+/// Bytes taken field by field.
+pub(super) struct Fields<'a> {
+    path: &'a Path,
+    bytes: &'a [u8],
+}
+
+impl<'a> Fields<'a> {
+    pub(super) fn new(path: &'a Path, bytes: &'a [u8]) -> Fields<'a> {
+        Fields { path, bytes }
+    }
+
+    /// How many bytes are left.
+    pub(super) fn left(&self) -> u64 {
+        self.bytes.len() as u64
+    }
+
+    /// The next bytes.
+    pub(super) fn take(&mut self, count: usize) -> Result<&'a [u8], ReadError> {
+        match self.bytes.split_at_checked(count) {
+            Some((taken, rest)) => {
+                self.bytes = rest;
+                Ok(taken)
+            }
+            None => {
+                let what = format!("the file is cut short: {count} bytes are expected, {} are there", self.bytes.len());
+                Err(ReadError::data(self.path, what))
+            }
+        }
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], ReadError> {
+        let taken = self.take(N)?;
+        taken.try_into().map_err(|_| ReadError::data(self.path, "the file is cut short"))
+    }
+
+    pub(super) fn i16(&mut self) -> Result<i16, ReadError> {
+        Ok(i16::from_le_bytes(self.array()?))
+    }
+
+    pub(super) fn i32(&mut self) -> Result<i32, ReadError> {
+        Ok(i32::from_le_bytes(self.array()?))
+    }
+
+    pub(super) fn f64(&mut self) -> Result<f64, ReadError> {
+        Ok(f64::from_le_bytes(self.array()?))
+    }
+}
+
+/// The rows of a map from the south, or from the north.
+pub(super) fn rows(map: &GridMap, north_first: bool) -> impl Iterator<Item = &[f64]> {
+    let count = map.y.len;
+    (0..count).map(move |j| {
+        let row = if north_first { count - 1 - j } else { j };
+        map.anomaly_nt.get(row * map.x.len..(row + 1) * map.x.len).unwrap_or_default()
+    })
+}
+
+/// Writes rows of numbers as text, at most `across` to a line; each row begins a line. `blank` stands for NaN.
+///
+/// # Errors
+/// A file that cannot be written.
+pub(super) fn write_rows(
+    outputs: &Outputs,
+    sink: &mut Sink,
+    map: &GridMap,
+    north_first: bool,
+    across: usize,
+    blank: &str,
+) -> Result<(), ReadError> {
+    let mut line = String::new();
+    for row in rows(map, north_first) {
+        for part in row.chunks(across) {
+            line.clear();
+            for value in part {
+                if !line.is_empty() {
+                    line.push(' ');
+                }
+                if value.is_nan() { line.push_str(blank) } else { line.push_str(&text(*value)) }
+            }
+            line.push('\n');
+            sink.write_all(line.as_bytes()).map_err(|e| outputs.io(&e))?;
+        }
+    }
+    Ok(())
+}
+
+/// A number as short as it can be read back exactly.
+pub(super) fn text(value: f64) -> String {
+    let plain = value == 0.0 || value.is_nan() || (1e-5..1e16).contains(&value.abs());
+    if plain { value.to_string() } else { format!("{value:e}") }
+}
+
+/// The smallest and the largest known value.
+pub(super) fn range(values: &[f64]) -> (f64, f64) {
+    let known = || values.iter().copied().filter(|v| !v.is_nan());
+    (known().fold(f64::INFINITY, f64::min), known().fold(f64::NEG_INFINITY, f64::max))
+}
+
+/// The one height of a map, in a format that has no place for others.
+///
+/// # Errors
+/// Heights that vary.
+pub(super) fn level_m(outputs: &Outputs, map: &GridMap, format: &str) -> Result<f64, ReadError> {
+    match map.height {
+        Height::Level(alt_m) => Ok(alt_m),
+        Height::Cells(_) => {
+            let what = format!("the map's height varies, which `{format}` cannot hold");
+            Err(ReadError::options(outputs.path(), what)
+                .help("write parquet, netcdf, xyz or magnav_hdf5, or bring the map to one level before"))
+        }
+    }
+}
+
+/// Surfer's blank for unknown values.
+pub(super) fn blanked(value: f64) -> f64 {
+    if value >= SURFER_BLANK { f64::NAN } else { value }
+}

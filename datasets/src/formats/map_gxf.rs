@@ -1,0 +1,249 @@
+//! Geosoft's Grid eXchange File, revision 3: labelled objects, then values as text or packed in base 90.
+//! [SEG Gravity and Magnetics Committee, GXF format revision 3.0, 2001]
+//!
+//! Written as text with the name of the coordinate system; the height has no place in it and is left out.
+
+use std::{collections::BTreeMap, io::Write, path::Path};
+
+use super::{
+    Head, MapFormat, MapOptions,
+    grid_bytes::{level_m, nodes, numbers, range, text_of, write_rows},
+    map_esri::unused,
+    output::Outputs,
+};
+use crate::{
+    ReadError,
+    grid::{Draft, FileAxis, GridMap, System, epsg_of_name},
+};
+
+pub(super) const FORMAT: MapFormat = MapFormat {
+    name: "gxf",
+    about: "Geosoft Grid eXchange File, revision 3",
+    extensions: &["gxf"],
+    recognise: |head: &Head| {
+        let text = String::from_utf8_lossy(&head.bytes);
+        text.lines().any(|l| l.starts_with("#POINTS") || l.starts_with("#PTSEP") || l.starts_with("#GTYPE"))
+    },
+    read,
+    write: Some(write),
+};
+
+/// The labels and their values; every label is known by its first four letters.
+struct Objects<'a> {
+    path: &'a Path,
+    values: BTreeMap<String, Vec<&'a str>>,
+}
+
+fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+    let text = text_of(path)?;
+    let (objects, grid) = Objects::of(path, &text)?;
+    if objects.number("ROTA", 0.0)? != 0.0 {
+        return Err(ReadError::data(path, "the grid is rotated").help("warp it to a grid that points north before"));
+    }
+    let packed = objects.number("GTYP", 0.0)? as usize;
+    // A run of any length is three packed numbers; its count is at most 90 to the digits of one.
+    let runs = if packed == 0 { 1 } else { 90_u64.saturating_pow(packed.min(4) as u32) };
+    let bytes = (text.len() as u64 + 1).saturating_mul(runs);
+    let (points, lines) = (objects.number("POIN", f64::NAN)?, objects.number("ROWS", f64::NAN)?);
+    let (points, lines) = nodes(path, points as i64, lines as i64, if packed == 0 { 2 } else { 1 }, bytes)?;
+    let values = match packed {
+        0 => plain(path, grid, points * lines, objects.text("DUMM"))?,
+        digits => unpacked(path, grid, points * lines, digits)?,
+    };
+    let (scale, offset) = objects.transform()?;
+    let values = values.into_iter().map(|v| v * scale + offset).collect();
+    objects.draft(values, points, lines)?.finish(options)
+}
+
+impl<'a> Objects<'a> {
+    /// The objects before the values, and the text of the values.
+    fn of(path: &'a Path, text: &'a str) -> Result<(Objects<'a>, &'a str), ReadError> {
+        let mut values: BTreeMap<String, Vec<&str>> = BTreeMap::new();
+        let mut label = String::new();
+        let mut at = 0;
+        for line in text.split_inclusive('\n') {
+            at += line.len();
+            let line = line.trim();
+            if let Some(rest) = line.strip_prefix('#').filter(|r| !r.starts_with('#')) {
+                let word = rest.split_whitespace().next().unwrap_or_default();
+                // A value may stand behind its label.
+                label = word.chars().take(4).collect::<String>().to_ascii_uppercase();
+                let behind = rest.get(word.len()..).unwrap_or_default().trim();
+                if label == "MAP_" {
+                    label = word.to_ascii_uppercase();
+                }
+                if label == "GRID" {
+                    return Ok((Objects { path, values }, text.get(at..).unwrap_or_default()));
+                }
+                values.entry(label.clone()).or_default().extend((!behind.is_empty()).then_some(behind));
+            } else if line.starts_with('#') {
+                label.clear();
+            } else if !line.is_empty() && !label.is_empty() {
+                values.entry(label.clone()).or_default().push(line);
+            }
+        }
+        Err(ReadError::data(path, "the file is cut short: there is no #GRID"))
+    }
+
+    fn text(&self, label: &str) -> Option<&'a str> {
+        self.values.get(label)?.first().copied()
+    }
+
+    fn number(&self, label: &str, default: f64) -> Result<f64, ReadError> {
+        let Some(text) = self.text(label) else {
+            let what = format!("the file has no #{label}");
+            return if default.is_nan() { Err(ReadError::data(self.path, what)) } else { Ok(default) };
+        };
+        let word = text.split([' ', ',', '\t']).next().unwrap_or_default().trim_matches('"');
+        let number = word.parse::<f64>().ok().filter(|x| x.is_finite());
+        number.ok_or_else(|| ReadError::data(self.path, format!("`{word}` of #{label} is not a number")))
+    }
+
+    /// Scale and offset of the values.
+    fn transform(&self) -> Result<(f64, f64), ReadError> {
+        let scale = self.number("TRAN", 1.0)?;
+        let words = self.text("TRAN").unwrap_or_default();
+        let second = words.split([' ', ',', '\t']).filter(|w| !w.is_empty()).nth(1);
+        let offset = second.map_or(Some(0.0), |w| w.parse::<f64>().ok());
+        let offset = offset.ok_or_else(|| ReadError::data(self.path, "#TRANSFORM needs a scale and an offset"))?;
+        Ok((scale, offset))
+    }
+
+    /// Rows and columns as `#SENSE` lays them; the origin is the bottom left corner whatever the sense.
+    fn draft(&self, values: Vec<f64>, points: usize, lines: usize) -> Result<Draft<'a>, ReadError> {
+        let sense = self.number("SENS", 1.0)?;
+        // Where the first point is, and whether the first row runs along x.
+        let (from_east, from_north, across) = match sense as i64 {
+            1 => (false, false, true),
+            -1 => (false, false, false),
+            2 => (false, true, false),
+            -2 => (false, true, true),
+            3 => (true, true, true),
+            -3 => (true, true, false),
+            4 => (true, false, false),
+            -4 => (true, false, true),
+            _ => return Err(ReadError::data(self.path, format!("#SENSE {sense} is none"))),
+        };
+        let (along, between) = (self.number("PTSE", 1.0)?, self.number("RWSE", 1.0)?);
+        let (width, height, dx, dy, values) = match across {
+            true => (points, lines, along, between, values),
+            false => (lines, points, between, along, transposed(&values, points)),
+        };
+        let (west, south) = (self.number("XORI", 0.0)?, self.number("YORI", 0.0)?);
+        let axis = |name: &str, first: f64, step: f64, len: usize, back: bool| {
+            let first = if back { first + step * (len - 1) as f64 } else { first };
+            FileAxis::new(self.path, name, first, if back { -step } else { step }, len)
+        };
+        let x = axis("x", west, dx, width, from_east)?;
+        let y = axis("y", south, dy, height, from_north)?;
+        let mut draft = Draft::new(self.path, x, y, values, self.system());
+        if from_east || from_north {
+            draft.notes.push("the origin of the file is taken as its bottom left corner, as GXF has it".to_owned());
+        }
+        Ok(draft)
+    }
+
+    fn system(&self) -> System {
+        let projection = self.values.get("MAP_PROJECTION").map(Vec::as_slice).unwrap_or_default();
+        let name = projection.first().map_or("", |l| l.split('"').nth(1).unwrap_or(l));
+        match epsg_of_name(name) {
+            Some(code) => System::Epsg(code),
+            None if projection.iter().any(|l| l.to_ascii_lowercase().contains("geographic")) => System::Unknown,
+            None if projection.is_empty() => System::Unknown,
+            None => System::Projected,
+        }
+    }
+}
+
+/// Values of columns, row by row.
+fn transposed(values: &[f64], points: usize) -> Vec<f64> {
+    (0..points).flat_map(|i| values.iter().skip(i).step_by(points)).copied().collect()
+}
+
+fn plain(path: &Path, grid: &str, count: usize, dummy: Option<&str>) -> Result<Vec<f64>, ReadError> {
+    let mut words = grid.split_whitespace();
+    let values = numbers(path, &mut words, count)?;
+    let dummy = dummy.and_then(|d| d.split_whitespace().next()).and_then(|d| d.parse::<f64>().ok());
+    Ok(values.into_iter().map(|v| if Some(v) == dummy { f64::NAN } else { v }).collect())
+}
+
+/// Numbers of `digits` base-90 digits each, from `%` for 0; `!` begins an unknown one, `"` a run: its length, then
+/// its value.
+fn unpacked(path: &Path, grid: &str, count: usize, digits: usize) -> Result<Vec<f64>, ReadError> {
+    // 90^8 is still exact in double precision.
+    if !(1..=8).contains(&digits) {
+        return Err(ReadError::data(path, format!("#GTYPE {digits} is none")));
+    }
+    let bytes: Vec<u8> = grid.bytes().filter(|b| !b.is_ascii_whitespace()).collect();
+    let mut packs = bytes.chunks_exact(digits);
+    let broken = |what: String| ReadError::data(path, what);
+    let mut values: Vec<f64> = vec![];
+    let short = |have: usize| broken(format!("the file is cut short: {have} of {count} values are there"));
+    while values.len() < count {
+        let pack = packs.next().ok_or_else(|| short(values.len()))?;
+        let bad = |pack: &[u8]| broken(format!("`{}` is no packed number", String::from_utf8_lossy(pack)));
+        if !pack.starts_with(b"\"") {
+            values.push(base_90(pack).ok_or_else(|| bad(pack))?);
+            continue;
+        }
+        let (run, pack) = (packs.next(), packs.next());
+        let (run, pack) = run.zip(pack).ok_or_else(|| short(values.len()))?;
+        let run = base_90(run).ok_or_else(|| bad(run))? as usize;
+        let value = base_90(pack).ok_or_else(|| bad(pack))?;
+        if run > count - values.len() {
+            return Err(broken(format!("a run of {run} values is longer than the grid")));
+        }
+        values.extend(std::iter::repeat_n(value, run));
+    }
+    Ok(values)
+}
+
+/// NaN for an unknown value; `None` for what is no number.
+fn base_90(pack: &[u8]) -> Option<f64> {
+    if pack.starts_with(b"!") {
+        return Some(f64::NAN);
+    }
+    pack.iter().try_fold(0.0, |sum, b| (37..=126).contains(b).then(|| sum * 90.0 + f64::from(b - 37)))
+}
+
+fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+    level_m(outputs, map, FORMAT.name)?;
+    let dummy = unused(&map.anomaly_nt);
+    let (least, most) = range(&map.anomaly_nt);
+    let kind = if map.is_geographic() { "Geographic" } else { "" };
+    let mut head = String::from("! magnetic anomaly, nT\n\n");
+    for (label, value) in [
+        ("TITLE", "\"magnetic anomaly, nT\"".to_owned()),
+        ("POINTS", map.x.len.to_string()),
+        ("ROWS", map.y.len.to_string()),
+        ("PTSEPARATION", map.x.step.to_string()),
+        ("RWSEPARATION", map.y.step.to_string()),
+        ("XORIGIN", map.x.first.to_string()),
+        ("YORIGIN", map.y.first.to_string()),
+        ("ROTATION", "0".to_owned()),
+        ("SENSE", "1".to_owned()),
+        ("GTYPE", "0".to_owned()),
+        ("DUMMY", dummy.to_string()),
+        ("ZMINIMUM", least.to_string()),
+        ("ZMAXIMUM", most.to_string()),
+        ("MAP_PROJECTION", projection(map, kind)),
+    ] {
+        head.push_str(&format!("#{label}\n{value}\n\n"));
+    }
+    if !map.is_geographic() {
+        let unit = map.crs.unit_m();
+        let name = if unit == 1.0 { "m" } else { "unit" };
+        head.push_str(&format!("#UNIT_LENGTH\n\"{name}\",{unit}\n\n"));
+    }
+    head.push_str("#GRID\n");
+    let mut sink = outputs.create()?;
+    sink.write_all(head.as_bytes()).map_err(|e| outputs.io(&e))?;
+    write_rows(outputs, &mut sink, map, false, 4, &dummy.to_string())?;
+    outputs.finish(sink)
+}
+
+/// The name of the system, by which it is known again.
+fn projection(map: &GridMap, kind: &str) -> String {
+    let name = format!("\"{}\"", map.crs.name());
+    if kind.is_empty() { name } else { format!("{name}\n\"{}\"\n\"{kind}\"", map.crs.name()) }
+}

@@ -1,0 +1,58 @@
+//! Writes maps as MagNav.jl's `save_map` does: data sets `info`, `map`, `xx`, `yy`, `alt` and `mask` at the root of an
+//! HDF5 file, degrees, longitudes first as Julia's columns are.
+
+use hdf5_pure::FileBuilder;
+
+use super::{guarded, output::Outputs};
+use crate::{
+    ReadError,
+    grid::{GridMap, Height, WGS84},
+};
+
+/// Unknown cells are 0 with a mask of 0. A known value of exactly 0 would be unknown to MagNav.jl, so the smallest
+/// number that is not 0 stands for it.
+///
+/// # Errors
+/// A map that is not of WGS-84 degrees, and a path that cannot be written.
+pub(super) fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+    if map.crs.code() != WGS84 {
+        let what = format!("maps of MagNav.jl are of latitude and longitude, not {}", map.crs);
+        return Err(ReadError::options(outputs.path(), what).help("bring the map to EPSG:4326 before"));
+    }
+    let path = outputs.path().to_path_buf();
+    let bytes = guarded(&path, || encoded(map).map_err(|e| ReadError::machine(&path, e)))?;
+    outputs.whole(&bytes)
+}
+
+fn encoded(map: &GridMap) -> Result<Vec<u8>, String> {
+    let (width, height) = (map.x.len as u64, map.y.len as u64);
+    let known = |v: f64| match v {
+        v if v.is_nan() => 0.0,
+        0.0 => f64::MIN_POSITIVE,
+        v => v,
+    };
+    let values = by_columns(map, |node| known(map.anomaly_nt.get(node).copied().unwrap_or(f64::NAN)));
+    let mask = by_columns(map, |node| i8::from(map.anomaly_nt.get(node).is_some_and(|v| !v.is_nan())));
+    let mut file = FileBuilder::new();
+    file.create_dataset("info").with_strings(&[INFO]).map_err(|e| e.to_string())?.with_shape(&[]);
+    file.create_dataset("map").with_f64_data(&values).with_shape(&[width, height]);
+    file.create_dataset("xx").with_f64_data(&map.x.coordinates()).with_shape(&[width]);
+    file.create_dataset("yy").with_f64_data(&map.y.coordinates()).with_shape(&[height]);
+    match &map.height {
+        Height::Level(alt_m) => file.create_dataset("alt").with_f64_data(&[*alt_m]).with_shape(&[]),
+        Height::Cells(_) => {
+            let heights = by_columns(map, |node| map.height_at(node));
+            file.create_dataset("alt").with_f64_data(&heights).with_shape(&[width, height])
+        }
+    };
+    file.create_dataset("mask").with_i8_data(&mask).with_shape(&[width, height]);
+    file.finish().map_err(|e| e.to_string())
+}
+
+const INFO: &str = "magline";
+
+/// One value a node, all latitudes of the first longitude first.
+fn by_columns<T>(map: &GridMap, value: impl Fn(usize) -> T) -> Vec<T> {
+    let (width, height) = (map.x.len, map.y.len);
+    (0..width).flat_map(|i| (0..height).map(move |j| j * width + i)).map(value).collect()
+}

@@ -1,0 +1,301 @@
+//! NetCDF grids: classic (CDF-1, 2 and 5) and NetCDF-4, with COARDS/CF coordinates as GMT, GDAL and xarray write them,
+//! and GMT's oldest grids with ranges in place of coordinates.
+//! [CF conventions 1.7; GMT technical reference, "The GMT-specific netCDF grid format"]
+
+use std::path::Path;
+
+use netcdf_reader::{NcFile, NcMetadataMode, NcOpenOptions, NcType, NcVariable};
+
+use super::{
+    Head, MapFormat, MapOptions,
+    grid_bytes::bytes_of,
+    guarded, hdf5,
+    map_parquet::{EASTINGS, LATITUDES, LONGITUDES, NORTHINGS},
+    netcdf_write,
+};
+use crate::{
+    ReadError,
+    grid::{Draft, FileAxis, GridMap, Registration, System, epsg_of_wkt},
+};
+
+pub(super) const FORMAT: MapFormat = MapFormat {
+    name: "netcdf",
+    about: "NetCDF grid of GMT, GDAL or xarray, classic or NetCDF-4",
+    extensions: &["nc", "grd", "nc4"],
+    recognise: |head: &Head| {
+        let classic = [b"CDF\x01", b"CDF\x02", b"CDF\x05"].iter().any(|m| head.starts_with(*m));
+        let lower = head.path.to_string_lossy().to_ascii_lowercase();
+        classic || head.starts_with(hdf5::MAGIC) && FORMAT.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")))
+    },
+    read,
+    write: Some(netcdf_write::write),
+};
+
+/// No compression that is read makes more than this many bytes of one.
+const MOST_INFLATION: u64 = 1032;
+
+/// Values of this size and beyond are no field: NetCDF's own fill value is 9.97e36.
+const FILL: f64 = 1e30;
+
+/// Names of the grid, where there are several variables of two dimensions.
+const GRIDS: [&str; 9] =
+    ["z", "anomaly", "magnetic_anomaly", "total_field_anomaly", "tmi", "mag", "map", "band1", "anomaly_nt"];
+
+/// Names of a grid of heights.
+const HEIGHTS: [&str; 4] = ["alt", "height", "altitude", "alt_m"];
+
+fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+    let bytes = bytes_of(path)?;
+    if bytes.starts_with(hdf5::MAGIC) {
+        // Says whether the file is whole.
+        hdf5::Hdf5::open(path)?;
+    }
+    let draft = guarded(path, || {
+        let size = bytes.len() as u64;
+        let most = usize::try_from(size.saturating_mul(MOST_INFLATION)).unwrap_or(usize::MAX).max(1 << 20);
+        let limits = NcOpenOptions {
+            metadata_mode: NcMetadataMode::Lossy,
+            max_chunk_bytes: most,
+            max_read_bytes: most,
+            max_object_header_bytes: 1 << 24,
+            ..NcOpenOptions::default()
+        };
+        let file = NcFile::from_bytes_with_options(&bytes, limits).map_err(|e| damaged(path, &e))?;
+        let grid = Grid { path, file: &file, bytes: size, classic: !bytes.starts_with(hdf5::MAGIC) };
+        if grid.find("x_range").is_some() && grid.find("dimension").is_some() { grid.oldest() } else { grid.draft() }
+    })?;
+    draft.finish(options)
+}
+
+fn damaged(path: &Path, error: &netcdf_reader::Error) -> ReadError {
+    ReadError::data(path, format!("not a whole NetCDF file: {error}"))
+}
+
+/// An open file.
+struct Grid<'p, 'a> {
+    path: &'p Path,
+    file: &'a NcFile,
+    bytes: u64,
+    classic: bool,
+}
+
+impl<'p, 'a> Grid<'p, 'a> {
+    fn variables(&self) -> &'a [NcVariable] {
+        self.file.variables().unwrap_or_default()
+    }
+
+    fn find(&self, name: &str) -> Option<&'a NcVariable> {
+        self.variables().iter().find(|v| v.name() == name)
+    }
+
+    fn need(&self, name: &str) -> Result<&'a NcVariable, ReadError> {
+        let names: Vec<&str> = self.variables().iter().map(NcVariable::name).collect();
+        self.find(name)
+            .ok_or_else(|| ReadError::data(self.path, format!("holds no variable `{name}`")).nearest(name, &names))
+    }
+
+    /// The values as numbers, unpacked, with what is missing as NaN.
+    fn numbers(&self, variable: &NcVariable) -> Result<Vec<f64>, ReadError> {
+        let wrong = |what: &str| ReadError::data(self.path, what).in_column(variable.name());
+        let count = variable.shape().iter().try_fold(1_u64, |n, d| n.checked_mul(*d));
+        let size = variable.dtype().size().map_err(|_| wrong("holds no numbers"))? as u64;
+        let most = if self.classic { self.bytes } else { self.bytes.saturating_mul(MOST_INFLATION) };
+        if count.and_then(|n| n.checked_mul(size)).is_none_or(|n| n > most) {
+            return Err(wrong("its shape does not fit the size of the file"));
+        }
+        let values = self.file.read_variable_as_f64(variable.name());
+        let values = values.map_err(|e| wrong(&format!("the variable cannot be read: {e}")))?;
+        let of = |name: &str| variable.attribute(name).and_then(|a| a.value.as_f64_vec()).unwrap_or_default();
+        let missing = [of("_FillValue"), of("missing_value")].concat();
+        let (scale, offset) = (first(&of("scale_factor"), 1.0), first(&of("add_offset"), 0.0));
+        let float = matches!(variable.dtype(), NcType::Float | NcType::Double);
+        let one = |v: &f64| match missing.contains(v) || float && v.abs() >= FILL {
+            true => f64::NAN,
+            false => v * scale + offset,
+        };
+        Ok(values.iter().map(one).collect())
+    }
+
+    fn text(&self, variable: Option<&NcVariable>, name: &str) -> Option<String> {
+        let attribute = match variable {
+            Some(variable) => variable.attribute(name),
+            None => self.file.global_attribute(name).ok(),
+        };
+        let text = attribute.and_then(|a| a.value.as_string())?;
+        let text = text.trim().trim_end_matches('\0').trim().to_owned();
+        (!text.is_empty()).then_some(text)
+    }
+
+    fn number(&self, variable: Option<&NcVariable>, name: &str) -> Option<f64> {
+        let attribute = match variable {
+            Some(variable) => variable.attribute(name),
+            None => self.file.global_attribute(name).ok(),
+        };
+        attribute.and_then(|a| a.value.as_f64())
+    }
+
+    /// The variable of the map: of two dimensions, others of length 1 aside.
+    fn map(&self) -> Result<&'a NcVariable, ReadError> {
+        let flat = |v: &&NcVariable| {
+            let long = v.shape().iter().filter(|n| **n > 1).count();
+            long == 2 && v.ndim() >= 2 && v.dtype().is_primitive() && !matches!(v.dtype(), NcType::Char)
+        };
+        let all: Vec<&NcVariable> = self.variables().iter().filter(flat).collect();
+        let lower = |v: &NcVariable| v.name().to_ascii_lowercase();
+        let known = GRIDS.iter().find_map(|g| all.iter().find(|v| lower(v) == *g));
+        let others: Vec<&&NcVariable> = all.iter().filter(|v| !HEIGHTS.contains(&&*lower(v))).collect();
+        match (known, others.as_slice()) {
+            (Some(one), _) => Ok(one),
+            (None, [one]) => Ok(one),
+            (None, []) => Err(ReadError::data(self.path, "holds no variable of two dimensions that are 2 or longer")),
+            (None, several) => {
+                let names: Vec<&str> = several.iter().map(|v| v.name()).collect();
+                Err(ReadError::data(self.path, format!("holds several grids: {}", names.join(", ")))
+                    .help("keep one of them, or call it `z`"))
+            }
+        }
+    }
+
+    fn draft(&self) -> Result<Draft<'p>, ReadError> {
+        let map = self.map()?;
+        let names: Vec<String> = map.dimensions().iter().filter(|d| d.size > 1).map(|d| d.name.clone()).collect();
+        let [outer, inner] = names.as_slice() else {
+            return Err(ReadError::data(self.path, "the grid has other than two dimensions").in_column(map.name()));
+        };
+        let (outer, inner) = (self.need(outer)?, self.need(inner)?);
+        // Usually rows of one latitude each; the other way round where the coordinates say so.
+        let swapped = self.is_y(inner) && !self.is_y(outer) || self.is_x(outer) && !self.is_x(inner);
+        let (x, y) = if swapped { (outer, inner) } else { (inner, outer) };
+        let (unit_x, unit_y) = (self.text(Some(x), "units"), self.text(Some(y), "units"));
+        let (scale, mut notes) = self.metres(unit_x.as_deref(), unit_y.as_deref());
+        let axis = |v: &NcVariable, scale: f64| {
+            let coordinates: Vec<f64> = self.numbers(v)?.iter().map(|c| c * scale).collect();
+            FileAxis::of(self.path, v.name(), &coordinates)
+        };
+        let (x_axis, y_axis) = (axis(x, scale)?, axis(y, scale)?);
+        let ordered = |values: Vec<f64>| if swapped { transposed(&values, y_axis.len()) } else { values };
+        let values = ordered(self.numbers(map)?);
+        let system = self.system(map, x, y);
+        let mut draft = Draft::new(self.path, x_axis, y_axis, values, system);
+        draft.notes.append(&mut notes);
+        self.describe(&mut draft, map);
+        let height = self.variables().iter().find(|v| HEIGHTS.contains(&v.name()) && v.shape() == map.shape());
+        draft.heights = height.filter(|h| h.name() != map.name()).map(|h| self.numbers(h)).transpose()?.map(ordered);
+        Ok(draft)
+    }
+
+    /// Unit, height and registration.
+    fn describe(&self, draft: &mut Draft, map: &NcVariable) {
+        let at = |name: &str| self.number(Some(map), name).or_else(|| self.number(None, name));
+        draft.unit = self.text(Some(map), "units");
+        draft.level_m = ["height_m", "level_height_m", "alt_m", "altitude_m"].into_iter().find_map(at);
+        if self.number(None, "node_offset") == Some(1.0) {
+            draft.registration = Registration::Pixel;
+        }
+    }
+
+    /// What turns coordinates in kilometres into metres.
+    fn metres(&self, x: Option<&str>, y: Option<&str>) -> (f64, Vec<String>) {
+        let kilometres = |u: Option<&str>| u.is_some_and(|u| schemas::convert(u, "m") == Some(1000.0));
+        match kilometres(x) && kilometres(y) {
+            true => (1000.0, vec!["coordinates in km times 1000 are m".to_owned()]),
+            false => (1.0, vec![]),
+        }
+    }
+
+    fn is_x(&self, v: &NcVariable) -> bool {
+        self.means(v, "x", "X", LONGITUDES, EASTINGS, "degrees_east")
+    }
+
+    fn is_y(&self, v: &NcVariable) -> bool {
+        self.means(v, "y", "Y", LATITUDES, NORTHINGS, "degrees_north")
+    }
+
+    fn means(&self, v: &NcVariable, name: &str, axis: &str, degrees: &[&str], metres: &[&str], unit: &str) -> bool {
+        let lower = v.name().to_ascii_lowercase();
+        let said = self.text(Some(v), "standard_name").unwrap_or_default();
+        lower == name
+            || self.text(Some(v), "axis").as_deref() == Some(axis)
+            || degrees.contains(&&*lower)
+            || metres.contains(&&*lower)
+            || degrees.contains(&&*said)
+            || said == format!("projection_{name}_coordinate")
+            || self.text(Some(v), "units").is_some_and(|u| u.starts_with(unit))
+    }
+
+    /// The coordinate system: of the grid mapping, else of the whole file, else as the coordinates' units are.
+    fn system(&self, map: &NcVariable, x: &NcVariable, y: &NcVariable) -> System {
+        let mapping = self.text(Some(map), "grid_mapping").and_then(|n| self.find(n.split([':', ' ']).next()?));
+        for from in [mapping, None].into_iter().skip(usize::from(mapping.is_none())) {
+            let code = ["epsg_code", "epsg"].into_iter().find_map(|k| self.code(from, k));
+            let wkt = || ["crs_wkt", "spatial_ref", "esri_pe_string"].into_iter().find_map(|k| self.text(from, k));
+            if let Some(code) = code.or_else(|| epsg_of_wkt(&wkt()?)) {
+                return System::Epsg(code);
+            }
+        }
+        let degrees = |v: &NcVariable| {
+            let unit = self.text(Some(v), "units").unwrap_or_default().to_ascii_lowercase();
+            unit.starts_with("degree")
+        };
+        let mapped = mapping.and_then(|m| self.text(Some(m), "grid_mapping_name"));
+        match mapped.as_deref() {
+            Some(name) if name != "latitude_longitude" => System::Projected,
+            _ if degrees(x) && degrees(y) => System::Degrees,
+            _ => System::Unknown,
+        }
+    }
+
+    /// A code as a number or as `EPSG:32630`.
+    fn code(&self, from: Option<&NcVariable>, key: &str) -> Option<u16> {
+        let text = self.text(from, key).and_then(|t| t.rsplit(':').next()?.trim().parse().ok());
+        text.or_else(|| self.number(from, key).filter(|n| (1.0..65536.0).contains(n)).map(|n| n as u16))
+    }
+
+    /// GMT's oldest grids: one list of values from the north-west, with the ends of the axes.
+    fn oldest(&self) -> Result<Draft<'p>, ReadError> {
+        let pair = |name: &str| -> Result<(f64, f64), ReadError> {
+            let values = self.numbers(self.need(name)?)?;
+            match values.as_slice() {
+                [a, b, ..] => Ok((*a, *b)),
+                _ => Err(ReadError::data(self.path, "needs two values").in_column(name)),
+            }
+        };
+        let z = self.need("z")?;
+        let (west, east) = pair("x_range")?;
+        let (south, north) = pair("y_range")?;
+        let (width, height) = pair("dimension")?;
+        let (width, height) = super::grid_bytes::nodes(self.path, width as i64, height as i64, 1, self.bytes)?;
+        let pixel = self.number(Some(z), "node_offset").or_else(|| self.number(None, "node_offset")) == Some(1.0);
+        let axis = |name: &str, from: f64, to: f64, len: usize| match pixel {
+            true => {
+                let step = (to - from) / len as f64;
+                FileAxis::new(self.path, name, from + 0.5 * step, step, len)
+            }
+            false => FileAxis::between(self.path, name, from, to, len),
+        };
+        let (x, y) = (axis("x", west, east, width)?, axis("y", north, south, height)?);
+        let degrees = |name: &str| {
+            let unit = self.find(name).and_then(|v| self.text(Some(v), "units")).unwrap_or_default();
+            unit.to_ascii_lowercase().contains("degree")
+        };
+        let system = if degrees("x_range") && degrees("y_range") { System::Degrees } else { System::Unknown };
+        let mut draft = Draft::new(self.path, x, y, self.numbers(z)?, system);
+        self.describe(&mut draft, z);
+        let unit = self.find("z_range").and_then(|v| self.text(Some(v), "units"));
+        draft.unit = unit.filter(|u| !["z", "user_z_unit"].contains(&u.as_str()));
+        if pixel {
+            draft.registration = Registration::Pixel;
+            draft.notes.push("the ends of the axes are edges of cells; the map is of their centres".to_owned());
+        }
+        Ok(draft)
+    }
+}
+
+fn first(values: &[f64], default: f64) -> f64 {
+    values.first().copied().unwrap_or(default)
+}
+
+/// Values by columns, row by row; `height` rows.
+fn transposed(values: &[f64], height: usize) -> Vec<f64> {
+    (0..height).flat_map(|j| values.iter().skip(j).step_by(height)).copied().collect()
+}

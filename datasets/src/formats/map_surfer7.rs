@@ -1,0 +1,112 @@
+//! Surfer 7 grids (`DSRB`): tagged sections, of which `GRID` has the place and `DATA` the double-precision rows from
+//! the south. [Golden Software, Surfer 7 grid file format]
+//!
+//! The format has no coordinate system, unit or height: reading needs `epsg`, writing leaves them out.
+
+use std::{io::Write, path::Path};
+
+use super::{
+    Head, MapFormat, MapOptions,
+    grid_bytes::{Fields, SURFER_BLANK, bytes_of, level_m, nodes, range, rows},
+    output::Outputs,
+};
+use crate::{
+    ReadError,
+    grid::{Draft, FileAxis, GridMap, System},
+};
+
+pub(super) const FORMAT: MapFormat = MapFormat {
+    name: "surfer7",
+    about: "Surfer 7 grid (DSRB), double precision",
+    extensions: &["grd"],
+    recognise: |head: &Head| head.starts_with(b"DSRB"),
+    read,
+    write: Some(write),
+};
+
+/// What the `GRID` section holds.
+struct Place {
+    x: FileAxis,
+    y: FileAxis,
+    blank: f64,
+    width: usize,
+    height: usize,
+}
+
+fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+    let bytes = bytes_of(path)?;
+    let mut fields = Fields::new(path, &bytes);
+    let mut place = None;
+    let mut version = 1;
+    loop {
+        let tag = fields.take(4)?;
+        let size = u32::from_le_bytes(fields.take(4)?.try_into().unwrap_or_default()) as usize;
+        let mut section = Fields::new(path, fields.take(size)?);
+        match (tag, place.as_ref()) {
+            (b"DSRB", None) => version = section.i32()?,
+            (b"GRID", None) => place = Some(grid(path, &mut section, bytes.len() as u64)?),
+            (b"DATA", Some(place)) => return data(path, options, place, version, &mut section),
+            (b"DATA", None) => return Err(ReadError::data(path, "the values come before the place of the grid")),
+            // Faults and whatever later versions have.
+            _ => {}
+        }
+    }
+}
+
+fn grid(path: &Path, section: &mut Fields, bytes: u64) -> Result<Place, ReadError> {
+    let (rows, columns) = (section.i32()?, section.i32()?);
+    let [west, south, dx, dy] = [section.f64()?, section.f64()?, section.f64()?, section.f64()?];
+    let [_, _, rotation, blank] = [section.f64()?, section.f64()?, section.f64()?, section.f64()?];
+    if rotation != 0.0 {
+        return Err(ReadError::data(path, format!("the grid is rotated by {rotation} degrees"))
+            .help("warp it to a grid that points north before"));
+    }
+    let (width, height) = nodes(path, columns.into(), rows.into(), 8, bytes)?;
+    let x = FileAxis::new(path, "x", west, dx, width)?;
+    let y = FileAxis::new(path, "y", south, dy, height)?;
+    Ok(Place { x, y, blank, width, height })
+}
+
+fn data(
+    path: &Path,
+    options: &MapOptions,
+    place: &Place,
+    version: i32,
+    section: &mut Fields,
+) -> Result<GridMap, ReadError> {
+    // Version 1 blanks all from the blank value on, version 2 that value alone.
+    let blank = |v: f64| if version >= 2 { v == place.blank } else { v >= place.blank };
+    let value = |b: &[u8]| b.try_into().map_or(f64::NAN, f64::from_le_bytes);
+    let known = |v: f64| if blank(v) || v >= SURFER_BLANK { f64::NAN } else { v };
+    let values = section.take(8 * place.width * place.height)?.chunks_exact(8).map(|b| known(value(b))).collect();
+    Draft::new(path, place.x, place.y, values, System::Unknown).finish(options)
+}
+
+fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+    level_m(outputs, map, FORMAT.name)?;
+    let refused = || ReadError::options(outputs.path(), "a Surfer 7 grid has at most 4 GiB of values");
+    let size = |n: usize| i32::try_from(n).map_err(|_| refused());
+    let bytes = map.nodes().checked_mul(8).and_then(|n| u32::try_from(n).ok()).ok_or_else(refused)?;
+    let mut head = b"DSRB".to_vec();
+    for field in [4_i32, 1] {
+        head.extend(field.to_le_bytes());
+    }
+    head.extend(b"GRID");
+    for field in [72, size(map.y.len)?, size(map.x.len)?] {
+        head.extend(field.to_le_bytes());
+    }
+    let (least, most) = range(&map.anomaly_nt);
+    for x in [map.x.first, map.y.first, map.x.step, map.y.step, least, most, 0.0, SURFER_BLANK] {
+        head.extend(x.to_le_bytes());
+    }
+    head.extend(b"DATA");
+    head.extend(bytes.to_le_bytes());
+    let mut sink = outputs.create()?;
+    sink.write_all(&head).map_err(|e| outputs.io(&e))?;
+    for row in rows(map, false) {
+        let value = |v: &f64| if v.is_nan() { SURFER_BLANK } else { *v };
+        let bytes: Vec<u8> = row.iter().flat_map(|v| value(v).to_le_bytes()).collect();
+        sink.write_all(&bytes).map_err(|e| outputs.io(&e))?;
+    }
+    outputs.finish(sink)
+}

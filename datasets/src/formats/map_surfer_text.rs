@@ -1,0 +1,61 @@
+//! Surfer 6 grids as text (`DSAA`): size, ends of the axes and of the values, then rows from the south.
+//! [Golden Software, Surfer 6 text grid file format]
+//!
+//! The format has no coordinate system, unit or height: reading needs `epsg`, writing leaves them out.
+
+use std::{io::Write, path::Path};
+
+use super::{
+    Head, MapFormat, MapOptions,
+    grid_bytes::{blanked, level_m, nodes, numbers, range, text_of, write_rows},
+    output::Outputs,
+};
+use crate::{
+    ReadError,
+    grid::{Draft, FileAxis, GridMap, System},
+};
+
+pub(super) const FORMAT: MapFormat = MapFormat {
+    name: "surfer6_text",
+    about: "Surfer 6 grid, text (DSAA)",
+    extensions: &["grd"],
+    recognise: |head: &Head| head.starts_with(b"DSAA"),
+    read,
+    write: Some(write),
+};
+
+fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+    let text = text_of(path)?;
+    let mut words = text.split_whitespace();
+    if words.next() != Some("DSAA") {
+        return Err(ReadError::data(path, "is no Surfer 6 text grid: it does not begin with DSAA"));
+    }
+    let head = numbers(path, &mut words, 8)?;
+    let [columns, rows, west, east, south, north, ..] = head.as_slice() else {
+        return Err(ReadError::data(path, "the file is cut short"));
+    };
+    // A value and a blank at least; the last needs none.
+    let (width, height) = nodes(path, *columns as i64, *rows as i64, 2, text.len() as u64 + 1)?;
+    let values = numbers(path, &mut words, width * height)?.into_iter().map(blanked).collect();
+    let x = FileAxis::between(path, "x", *west, *east, width)?;
+    let y = FileAxis::between(path, "y", *south, *north, height)?;
+    Draft::new(path, x, y, values, System::Unknown).finish(options)
+}
+
+fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+    level_m(outputs, map, FORMAT.name)?;
+    let mut sink = outputs.create()?;
+    let (least, most) = range(&map.anomaly_nt);
+    let head = format!(
+        "DSAA\n{} {}\n{} {}\n{} {}\n{least} {most}\n",
+        map.x.len,
+        map.y.len,
+        map.x.first,
+        map.x.last(),
+        map.y.first,
+        map.y.last()
+    );
+    sink.write_all(head.as_bytes()).map_err(|e| outputs.io(&e))?;
+    write_rows(outputs, &mut sink, map, false, 10, "1.70141e+38")?;
+    outputs.finish(sink)
+}

@@ -1,0 +1,151 @@
+//! Grids as columns of text, one row a node in any order: longitude or easting, latitude or northing, value.
+//!
+//! Read with any separator, with or without a header; written with a header, and a comment that names the coordinate
+//! system, the unit and the height, which reading finds again.
+
+use std::{io::Write, path::Path};
+
+use super::{
+    Head, MapFormat, MapOptions,
+    csv::number,
+    grid_bytes::text,
+    map_parquet::{ANOMALIES, EASTINGS, HEIGHTS, LATITUDES, LONGITUDES, NORTHINGS},
+    output::Outputs,
+    text_table::{self, TextTable},
+};
+use crate::{
+    ReadError,
+    grid::{Draft, GridMap, Height, System, from_nodes},
+};
+
+pub(super) const FORMAT: MapFormat = MapFormat {
+    name: "xyz",
+    about: "columns of text, one row a node",
+    extensions: &["xyz", "csv", "txt", "dat"],
+    recognise,
+    read,
+    write: Some(write),
+};
+
+/// Text whose first rows are of three numbers or more, but for a header.
+fn recognise(head: &Head) -> bool {
+    if head.bytes.contains(&0) {
+        return false;
+    }
+    let start = String::from_utf8_lossy(&head.bytes);
+    let rows = start.lines().map(str::trim).filter(|l| !l.is_empty() && !l.starts_with(['#', '/', '!', '%', '>']));
+    let numeric = |line: &str| {
+        let words: Vec<&str> = line.split([',', ';', '\t', ' ']).filter(|w| !w.is_empty()).collect();
+        words.len() >= 3 && words.iter().all(|w| number(w).is_some())
+    };
+    let rows: Vec<&str> = rows.take(3).collect();
+    // The last of them may be cut by the end of what was looked at.
+    rows.len() == 3 && (numeric(rows[0]) || !numeric(rows[0]) && numeric(rows[1]))
+}
+
+/// Other names that the value has in such files.
+const VALUES: &[&str] = &["z", "value", "mag", "tmi", "total_field", "nt"];
+
+fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+    let table = text_table::read(path)?;
+    let (x, y, value, geographic) = columns(path, &table)?;
+    let name = |i: usize| table.names.get(i).map_or("", String::as_str);
+    let (xs, ys, values) = (table.numbers(path, x)?, table.numbers(path, y)?, table.numbers(path, value)?);
+    let height = if table.named { table.find(HEIGHTS).filter(|h| *h != value) } else { None };
+    let heights = height.map(|h| table.numbers(path, h)).transpose()?;
+    let all: Vec<&[f64]> = [Some(values), heights].into_iter().flatten().collect();
+    let mut nodes = from_nodes(path, (name(x), xs), (name(y), ys), &all)?;
+    let heights = nodes.values.pop_if(|_| heights.is_some());
+    let said = Said::of(&table.comments);
+    let system = match (said.epsg, geographic) {
+        (Some(code), _) => System::Epsg(code),
+        (None, true) => System::Degrees,
+        (None, false) => System::Unknown,
+    };
+    let mut draft = Draft::new(path, nodes.x, nodes.y, nodes.values.pop().unwrap_or_default(), system);
+    draft.heights = heights;
+    draft.level_m = said.height_m;
+    draft.unit = said.unit;
+    draft.finish(options)
+}
+
+/// The columns of x, y and the value, and whether x and y are named as degrees.
+fn columns(path: &Path, table: &TextTable) -> Result<(usize, usize, usize, bool), ReadError> {
+    let width = table.columns.len();
+    if !table.named {
+        return match width {
+            3 => Ok((0, 1, 2, false)),
+            _ => Err(ReadError::data(path, format!("the {width} columns have no names"))
+                .help("name them in a first row: lon, lat, anomaly or easting, northing, anomaly")),
+        };
+    }
+    let degrees = table.find(LONGITUDES).zip(table.find(LATITUDES));
+    let place = degrees.or_else(|| table.find(EASTINGS).zip(table.find(NORTHINGS)));
+    let value = table.find(ANOMALIES).or_else(|| table.find(VALUES));
+    match (place, value) {
+        (Some((x, y)), Some(value)) => Ok((x, y, value, degrees.is_some())),
+        _ => Err(ReadError::data(path, format!("the columns are {}", table.names.join(", ")))
+            .help("a map needs lon, lat, anomaly or easting, northing, anomaly")),
+    }
+}
+
+/// What the comments say.
+#[derive(Debug, Default, PartialEq)]
+struct Said {
+    epsg: Option<u16>,
+    height_m: Option<f64>,
+    unit: Option<String>,
+}
+
+impl Said {
+    fn of(comments: &[String]) -> Said {
+        let after = |key: &str| {
+            let found = comments.iter().find_map(|c| c.split(key).nth(1))?;
+            let word = found.trim_start().split([' ', ',', ';', ')']).next()?;
+            Some(word.to_owned())
+        };
+        Said {
+            epsg: after("EPSG:").and_then(|w| w.parse().ok()),
+            height_m: after("height_m=").and_then(|w| w.parse().ok()),
+            unit: after("unit="),
+        }
+    }
+}
+
+fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+    let names = if map.is_geographic() { "lon lat anomaly" } else { "easting northing anomaly" };
+    let cells = matches!(map.height, Height::Cells(_));
+    let height = match map.height {
+        Height::Level(alt_m) if !alt_m.is_nan() => format!(" height_m={alt_m}"),
+        _ => String::new(),
+    };
+    let comma = outputs.path().extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
+    let mut line = format!("# magnetic anomaly unit=nT EPSG:{}{height}\n{names}", map.crs.code());
+    line.push_str(if cells { " alt\n" } else { "\n" });
+    if comma {
+        // The comment keeps its blanks.
+        line = line
+            .split_inclusive('\n')
+            .map(|l| if l.starts_with('#') { l.into() } else { l.replace(' ', ",") })
+            .collect();
+    }
+    let between = if comma { ',' } else { ' ' };
+    let mut sink = outputs.create()?;
+    sink.write_all(line.as_bytes()).map_err(|e| outputs.io(&e))?;
+    let columns: Vec<String> = map.x.coordinates().iter().map(|x| text(*x)).collect();
+    let mut values = map.anomaly_nt.iter().enumerate();
+    for j in 0..map.y.len {
+        line.clear();
+        let y = text(map.y.at(j as f64));
+        for (x, (node, value)) in columns.iter().zip(values.by_ref()) {
+            line.extend([x, &between.to_string(), &y, &between.to_string(), &text(*value)].map(|s| s.as_str()));
+            if cells {
+                line.push(between);
+                line.push_str(&text(map.height_at(node)));
+            }
+            line.push('\n');
+        }
+        sink.write_all(line.as_bytes()).map_err(|e| outputs.io(&e))?;
+    }
+    outputs.finish(sink)
+}
