@@ -1,0 +1,129 @@
+//! Real surveys gridded: the differences at left-out lines, and the time that fit and grid take.
+//!
+//! Without `MAGLINE_GRIDDING_POINTS` it grids a synthetic survey, whose field it knows. With it, the folder that
+//! `gridding_harmonica.py` has written, it grids the samples, prints one JSON line a figure, and asserts that left-out lines are
+//! predicted at least as well as is said in README.md.
+
+use stages::numerics::gridding::*;
+use stages::numerics::levelling::*;
+use std::time::Instant;
+
+struct Survey {
+    name: &'static str,
+    node_m: f64,
+    level_m: f64,
+    /// Median and root mean square that may not be exceeded at left-out lines, nT.
+    most_nt: [f64; 2],
+}
+
+const SURVEYS: [Survey; 2] = [
+    Survey { name: "osborne", node_m: 100.0, level_m: 500.0, most_nt: [6.37, 35.7] },
+    Survey { name: "britain", node_m: 500.0, level_m: 750.0, most_nt: [4.55, 24.5] },
+];
+
+fn main() {
+    let folder = std::env::var("MAGLINE_GRIDDING_POINTS").ok();
+    let only = std::env::var("MAGLINE_GRIDDING_ONLY").unwrap_or_default();
+    match folder {
+        None => synthetic(),
+        Some(folder) => SURVEYS.iter().filter(|s| s.name.contains(&only)).for_each(|s| real(s, &folder)),
+    }
+}
+
+fn read(folder: &str, name: &str) -> OwnedPoints {
+    let bytes = std::fs::read(format!("{folder}/{name}.f64")).unwrap();
+    let all: Vec<f64> = bytes.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().unwrap())).collect();
+    let n = all.len() / 5;
+    let column = |k: usize| all[k * n..(k + 1) * n].to_vec();
+    let line = column(4).iter().map(|l| *l as usize).collect();
+    OwnedPoints { easting_m: column(0), northing_m: column(1), height_m: column(2), value_nt: column(3), line }
+}
+
+fn timed<T>(what: impl FnOnce() -> T) -> (T, f64) {
+    let start = Instant::now();
+    let done = what();
+    (done, start.elapsed().as_secs_f64())
+}
+
+fn real(survey: &Survey, folder: &str) {
+    let points = read(folder, survey.name);
+    let quiet: Progress = &|_, _, _| {};
+    let mut options = GridOptions::of(Method::EquivalentSources { layers: None, damping: 1.0, level_m: Some(survey.level_m) });
+    options.spacing_m = Some(survey.node_m);
+    let (gridded, seconds) = timed(|| grid(points.borrow(), &options, quiet).unwrap());
+    let r = &gridded.report;
+    println!(
+        "{{\"survey\":\"{}\",\"method\":\"sources\",\"fit_and_grid_s\":{seconds:.2},\"line_spacing_m\":{:.0},\"block_m\":{:.0},\"blocks\":{},\"outliers\":{},\"duplicates\":{},\"sources\":{},\"fit_rms_nt\":{:.2},\"fit_median_nt\":{:.2},\"nodes\":{}}}",
+        survey.name, r.line_spacing_m, r.block_m, r.blocks, r.cleaned.outliers.len(), r.cleaned.duplicates.len(),
+        r.layers.iter().map(|l| l.sources).sum::<usize>(), r.misfit.rms_nt, r.misfit.median_nt, gridded.grid.values.len(),
+    );
+    let folds = Folds { count: 7, left_out: vec![0, 3] };
+    for method in [options.method.clone(), Method::minimum_curvature()] {
+        for fold in &folds.left_out {
+            let options = GridOptions { method: method.clone(), ..options.clone() };
+            let one = Folds { count: 7, left_out: vec![*fold] };
+            let (crossed, seconds) = timed(|| cross_validate(points.borrow(), &options, &one, quiet).unwrap());
+            let s = crossed.spread;
+            let name = if matches!(method, Method::MinimumCurvature(_)) { "curvature" } else { "sources" };
+            println!(
+                "{{\"survey\":\"{}\",\"method\":\"{name}\",\"left_out\":{fold},\"n\":{},\"median_nt\":{:.2},\"rms_nt\":{:.2},\"p95_nt\":{:.1},\"seconds\":{seconds:.2}}}",
+                survey.name, s.n, s.median_nt, s.rms_nt, s.p95_nt
+            );
+            if name == "sources" && *fold == 0 {
+                assert!(s.median_nt <= survey.most_nt[0] && s.rms_nt <= survey.most_nt[1], "{}: {s:?}", survey.name);
+            }
+        }
+    }
+    level(survey, &points);
+}
+
+fn level(survey: &Survey, points: &OwnedPoints) {
+    let ((crossovers, levelled), seconds) = timed(|| {
+        let crossovers = find_crossovers(points.borrow(), &CrossoverOptions::default());
+        let levelled = level_lines(points.borrow(), &crossovers, &LevelOptions::default());
+        (crossovers, levelled)
+    });
+    println!(
+        "{{\"survey\":\"{}\",\"crossovers\":{},\"before\":\"{:?}\",\"after\":\"{:?}\",\"left_out\":\"{:?}\",\"seconds\":{seconds:.2}}}",
+        survey.name,
+        crossovers.len(),
+        levelled.before,
+        levelled.after,
+        levelled.left_out
+    );
+}
+
+/// A dipole beneath lines 200 m apart, gridded above them.
+fn synthetic() {
+    let mut points = OwnedPoints::default();
+    for line in 0..100 {
+        for k in 0..2000 {
+            let (e, n) = (10.0 * f64::from(k), 200.0 * f64::from(line));
+            let h = 300.0 + 30.0 * (e / 2500.0).sin();
+            points.easting_m.push(e);
+            points.northing_m.push(n);
+            points.height_m.push(h);
+            points.value_nt.push(dipole(e, n, h));
+            points.line.push(line as usize);
+        }
+    }
+    let options = GridOptions::of(Method::EquivalentSources { layers: None, damping: 0.01, level_m: Some(400.0) });
+    let (gridded, seconds) = timed(|| grid(points.borrow(), &options, &|_, _, _| {}).unwrap());
+    let g = &gridded.grid;
+    let (mut worst, mut most) = (0.0f64, 0.0f64);
+    for r in 20..g.rows() - 20 {
+        for c in 20..g.columns() - 20 {
+            let exact = dipole(g.east_m.at(c as f64), g.north_m.at(r as f64), 400.0);
+            worst = worst.max((g.get(r, c) - exact).abs());
+            most = most.max(exact.abs());
+        }
+    }
+    println!("200,000 points, {} nodes in {seconds:.2} s; worst error {worst:.2} nT of {most:.0} nT", g.values.len());
+    assert!(worst < 0.01 * most);
+}
+
+fn dipole(e: f64, n: f64, h: f64) -> f64 {
+    let (de, dn, dh) = (e - 10_050.0, n - 9_930.0, h + 200.0);
+    let r2 = de * de + dn * dn + dh * dh;
+    1e11 * (3.0 * dh * dh / r2 - 1.0) / (r2 * r2.sqrt()) 
+}

@@ -1,0 +1,245 @@
+//! From survey points to a grid: cleaning, blocks, minimum curvature or equivalent sources, masking and
+//! cross-validation.
+//!
+//! Positions are eastings and northings of one plane and heights, all in metres; values are magnetic anomalies in
+//! nT, the core field and its daily variation already taken off. Answers are the same for any number of threads.
+
+mod automatic;
+mod block;
+mod clusters;
+mod cross_validation;
+mod equivalent;
+mod far_field;
+mod kernel;
+mod minimum_curvature;
+mod nearest;
+mod normal;
+mod plane;
+mod sheet;
+mod surface;
+mod survey;
+mod windows;
+
+#[cfg(test)]
+mod tests;
+
+pub use automatic::{block_m, layers, line_spacing_m};
+pub use block::{BlockValue, Blocks, median, reduce_blocks};
+pub use cross_validation::{CrossValidation, Folds, Spread, cross_validate, expected_error};
+pub use equivalent::{EquivalentSources, FieldAt, FitOptions, Layer, LayerReport};
+pub use minimum_curvature::{Relaxation, Relaxed, minimum_curvature};
+pub use nearest::NearestPoints;
+pub use surface::{Fitted, Surface, fit};
+pub use survey::{CleanOptions, Cleaned, OwnedPoints, SurveyPoints, clean};
+
+use super::plane_grid::{EvenAxis, PlaneGrid};
+use rayon::prelude::*;
+
+/// Told what is being done, how much of it is done, and out of how much.
+pub type Progress<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
+
+/// Why points could not be gridded.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GridError {
+    /// Nothing is left to grid.
+    #[error("no finite point is left to grid")]
+    NoPoints,
+    /// An option cannot be.
+    #[error("`{name}` is {value}, but must be {must}")]
+    Option {
+        /// The option.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// The grid would have too many nodes.
+    #[error("the grid would have {nodes} nodes, more than {most}; widen its spacing or narrow its region")]
+    TooLarge {
+        /// Nodes that were asked for.
+        nodes: f64,
+        /// The most that are made.
+        most: usize,
+    },
+    /// A place lies below the equivalent sources or hardly above them.
+    #[error("the field is asked for at {height_m} m, but must be above the equivalent sources, which reach up to {sources_m} m")]
+    BelowSources {
+        /// The place's height, metres.
+        height_m: f64,
+        /// The highest source, metres.
+        sources_m: f64,
+    },
+}
+
+/// The most nodes of a grid: 2 GB of values.
+const MOST_NODES: usize = 1 << 28;
+
+/// How the surface between the points is made.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Method {
+    /// The surface of least curvature at the heights that were flown.
+    MinimumCurvature(Relaxation),
+    /// Equivalent sources.
+    EquivalentSources {
+        /// Layers of sources; `None` derives them from the spacing of the points, see `layers`.
+        layers: Option<Vec<Layer>>,
+        /// The damping, see `FitOptions`.
+        damping: f64,
+        /// The height of the grid, metres; `None` is the height of the highest point, the lowest level that is above
+        /// all measurements.
+        level_m: Option<f64>,
+    },
+}
+
+impl Method {
+    /// Minimum curvature with a tension of 0.25, as is usual for potential fields, settled to 0.01 nT a pass.
+    pub fn minimum_curvature() -> Self {
+        Self::MinimumCurvature(Relaxation { tension: 0.25, tolerance_nt: 0.01, passes: 2000 })
+    }
+
+    /// Equivalent sources with layers and level from the data and a damping of 1.
+    pub fn equivalent_sources() -> Self {
+        Self::EquivalentSources { layers: None, damping: 1.0, level_m: None }
+    }
+}
+
+/// A rectangle on the plane, metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Region {
+    /// Least and greatest easting.
+    pub east_m: [f64; 2],
+    /// Least and greatest northing.
+    pub north_m: [f64; 2],
+}
+
+/// How points become a grid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GridOptions {
+    /// How the surface is made.
+    pub method: Method,
+    /// The distance between nodes, metres; `None` is half the distance between lines.
+    pub spacing_m: Option<f64>,
+    /// The rectangle; `None` is that of the points, widened to whole spacings.
+    pub region: Option<Region>,
+    /// Side of the blocks that points are reduced to, metres; `None` is a quarter of the distance between lines and
+    /// at most 250 m, zero keeps every point.
+    pub block_m: Option<f64>,
+    /// Nodes farther from any point are unknown, metres; `None` is twice the distance between lines, infinity keeps
+    /// all nodes.
+    pub mask_m: Option<f64>,
+    /// What cleaning removes.
+    pub clean: CleanOptions,
+    /// A block that is farther from the fitted surface than so many robust standard deviations of the blocks around
+    /// it is left out and the surface fitted anew; zero keeps all.
+    pub misfit_sigmas: f64,
+    /// Folds of lines whose left-out values make the map of the expected error; `None` makes none.
+    pub folds: Option<Folds>,
+}
+
+impl GridOptions {
+    /// A method, everything else from the data, without cross-validation.
+    pub fn of(method: Method) -> Self {
+        Self {
+            method,
+            spacing_m: None,
+            region: None,
+            block_m: None,
+            mask_m: None,
+            clean: CleanOptions::default(),
+            misfit_sigmas: 0.0,
+            folds: None,
+        }
+    }
+}
+
+/// What gridding did and found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GridReport {
+    /// What cleaning kept and left out.
+    pub cleaned: Cleaned,
+    /// The median distance between lines, metres.
+    pub line_spacing_m: f64,
+    /// The side of the blocks, metres.
+    pub block_m: f64,
+    /// How many blocks there were.
+    pub blocks: usize,
+    /// Blocks that were left out for their misfit: their eastings and northings, metres.
+    pub misfits: Vec<[f64; 2]>,
+    /// Sizes of what the surface leaves of the blocks' values.
+    pub misfit: Spread,
+    /// The layers of equivalent sources; empty for minimum curvature.
+    pub layers: Vec<LayerReport>,
+    /// The relaxation of minimum curvature.
+    pub relaxed: Option<Relaxed>,
+    /// The level of the grid, metres; none for minimum curvature, whose values are at the heights flown.
+    pub level_m: Option<f64>,
+    /// Nodes that are masked.
+    pub masked: usize,
+    /// Sizes of the differences at left-out lines.
+    pub cross_validation: Option<Spread>,
+}
+
+/// A grid, the error that is to be expected at each node, and what was done.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gridded {
+    /// Values, nT.
+    pub grid: PlaneGrid,
+    /// Expected error, nT.
+    pub error: Option<PlaneGrid>,
+    /// What was done.
+    pub report: GridReport,
+}
+
+/// Cleans and grids the points of a survey.
+pub fn grid(points: SurveyPoints, options: &GridOptions, progress: Progress) -> Result<Gridded, GridError> {
+    progress("cleaning", 0, 1);
+    let cleaned = clean(points, &options.clean);
+    let kept = points.pick(&cleaned.kept);
+    let fitted = fit(kept.borrow(), options, progress)?;
+    let axes = fitted.axes;
+    progress("grid", 0, 1);
+    let (mut map, level_m) = fitted.grid()?;
+    let mask_m = options.mask_m.unwrap_or(2.0 * fitted.line_spacing_m);
+    let masked = mask(&mut map, &kept.easting_m, &kept.northing_m, mask_m);
+    progress("grid", 1, 1);
+    let crossed = match &options.folds {
+        Some(folds) => Some(cross_validate(kept.borrow(), options, folds, progress)?),
+        None => None,
+    };
+    let error = crossed.as_ref().map(|crossed| {
+        let mut error = expected_error(kept.borrow(), &crossed.difference_nt, axes, fitted.block_m);
+        mask(&mut error, &kept.easting_m, &kept.northing_m, mask_m);
+        error
+    });
+    let cross_validation = crossed.map(|crossed| crossed.spread);
+    let report = fitted.report(cleaned, masked, level_m, cross_validation);
+    Ok(Gridded { grid: map, error, report })
+}
+
+/// Makes nodes unknown that are farther than `limit_m` from every point, and says how many.
+pub fn mask(grid: &mut PlaneGrid, easting_m: &[f64], northing_m: &[f64], limit_m: f64) -> usize {
+    let near = NearestPoints::of(easting_m, northing_m);
+    let (east, north) = (grid.east_m, grid.north_m);
+    let far: Vec<bool> = (0..grid.values.len())
+        .into_par_iter()
+        .map(|k| {
+            let at = [east.at((k % east.len) as f64), north.at((k / east.len) as f64)];
+            limit_m.is_finite() && near.nearest(at, 1, limit_m, |_| true).is_empty()
+        })
+        .collect();
+    let masked = far.iter().filter(|f| **f).count();
+    grid.values.iter_mut().zip(far).filter(|(_, far)| *far).for_each(|(v, _)| *v = f64::NAN);
+    masked
+}
+
+/// The axes of a region at a spacing, refused when there would be too many nodes.
+fn axes(region: Region, spacing_m: f64) -> Result<[EvenAxis; 2], GridError> {
+    let sides = [region.east_m, region.north_m];
+    let counts = sides.map(|[a, b]| ((b - a) / spacing_m + 1e-9).floor() + 1.0);
+    let nodes = counts[0] * counts[1];
+    if !(counts.iter().all(|n| *n >= 1.0) && nodes <= MOST_NODES as f64) {
+        return Err(GridError::TooLarge { nodes, most: MOST_NODES });
+    }
+    Ok([0, 1].map(|a| EvenAxis { first: sides[a][0], step: spacing_m, len: counts[a] as usize }))
+}

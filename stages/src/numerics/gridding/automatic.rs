@@ -1,0 +1,59 @@
+//! What a survey's own spacing says about how to grid it.
+
+use super::block::median;
+use super::equivalent::Layer;
+use super::nearest::{NearestPoints, range};
+use super::survey::SurveyPoints;
+use rayon::prelude::*;
+
+/// The most points at which the distance to the next line is looked up.
+const PROBES: usize = 4000;
+
+/// The median distance in metres from a point to the nearest point of another line; with one line, the side of the
+/// square that a point has to itself.
+pub fn line_spacing_m(points: SurveyPoints) -> f64 {
+    let count = points.len();
+    let near = NearestPoints::of(&points.easting_m[..count], &points.northing_m[..count]);
+    let step = (count / PROBES).max(1);
+    let mut apart: Vec<f64> = (0..count)
+        .into_par_iter()
+        .step_by(step)
+        .filter_map(|i| {
+            let at = [points.easting_m[i], points.northing_m[i]];
+            let other = near.nearest(at, 1, f64::INFINITY, |j| points.line[j] != points.line[i]);
+            other.first().map(|found| found.0.sqrt())
+        })
+        .collect();
+    let [e, n] = [points.easting_m, points.northing_m].map(|axis| range(&axis[..count]));
+    let alone = ((e[1] - e[0]).max(1.0) * (n[1] - n[0]).max(1.0) / count.max(1) as f64).sqrt();
+    let spacing = if apart.is_empty() { alone } else { median(&mut apart) };
+    spacing.max(1.0)
+}
+
+/// Block side for lines `spacing_m` apart: a quarter, and at most 250 m. Measurements a hundred or a few hundred
+/// metres above their sources change over such distances however far the next line is.
+pub fn block_m(spacing_m: f64) -> f64 {
+    (0.25 * spacing_m).min(250.0)
+}
+
+/// Layers of sources for blocks of `block_m` on lines `spacing_m` apart in a survey that is `extent_m` across.
+///
+/// The shallowest layer is two blocks deep, so that the detail along a line is kept; each further one is twice as
+/// deep, until a quarter of the survey's extent. Sources are 0.7 depths apart: the field of finer ones has lost 99 %
+/// on its way up. A layer that is less deep than the lines are apart reaches one depth beyond the measurements, so
+/// that the gap between lines is left to deeper ones; the others reach two.
+pub fn layers(block_m: f64, spacing_m: f64, extent_m: f64) -> Vec<Layer> {
+    let shallowest = (2.0 * block_m).max(1.0);
+    let depths = (0..24).map(|k| shallowest * f64::from(1 << k));
+    let mut layers: Vec<Layer> = depths
+        .enumerate()
+        .take_while(|(k, depth_m)| *k == 0 || *depth_m <= 0.25 * extent_m)
+        .map(|(_, depth_m)| Layer {
+            depth_m,
+            spacing_m: 0.7 * depth_m,
+            reach_m: if depth_m < spacing_m { depth_m } else { 2.0 * depth_m },
+        })
+        .collect();
+    layers.reverse();
+    layers
+}

@@ -1,0 +1,78 @@
+//! Points reduced to one a block, so that a densely flown line weighs no more than a sparse one.
+
+use super::nearest::range;
+use rayon::prelude::*;
+
+/// How the values of a block become one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BlockValue {
+    /// The middle one, which an outlier does not move.
+    Median,
+    /// Their mean.
+    Mean,
+}
+
+/// Points that stand for blocks.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Blocks {
+    /// Easting, metres.
+    pub easting_m: Vec<f64>,
+    /// Northing, metres.
+    pub northing_m: Vec<f64>,
+    /// Height, metres.
+    pub height_m: Vec<f64>,
+    /// Value, nT.
+    pub value_nt: Vec<f64>,
+    /// How many points each block stands for.
+    pub points: Vec<usize>,
+}
+
+/// Reduces points to the median or mean of their position, height and value in square blocks of `block_m`, counted
+/// from the south-west corner of the points. Blocks follow each other from south to north and west to east.
+///
+/// All coordinates are metres and, like the values, finite; with `block_m` zero each point is its own block.
+pub fn reduce_blocks(points: [&[f64]; 4], block_m: f64, how: BlockValue) -> Blocks {
+    let [easting_m, northing_m, ..] = points;
+    let first = [range(easting_m)[0], range(northing_m)[0]];
+    let mut keyed: Vec<((i64, i64), usize)> = (0..easting_m.len())
+        .map(|i| {
+            let cell = |x: f64, from: f64| if block_m > 0.0 { ((x - from) / block_m).floor() as i64 } else { i as i64 };
+            ((cell(northing_m[i], first[1]), cell(easting_m[i], first[0])), i)
+        })
+        .collect();
+    keyed.par_sort_unstable();
+    let runs: Vec<&[((i64, i64), usize)]> = keyed.chunk_by(|a, b| a.0 == b.0).collect();
+    let rows: Vec<([f64; 4], usize)> = runs
+        .par_iter()
+        .map(|run| (points.map(|column| one(run.iter().map(|r| column[r.1]).collect(), how)), run.len()))
+        .collect();
+    let column = |k: usize| rows.iter().map(|row| row.0[k]).collect();
+    Blocks {
+        easting_m: column(0),
+        northing_m: column(1),
+        height_m: column(2),
+        value_nt: column(3),
+        points: rows.iter().map(|row| row.1).collect(),
+    }
+}
+
+fn one(mut values: Vec<f64>, how: BlockValue) -> f64 {
+    match how {
+        BlockValue::Median => median(&mut values),
+        BlockValue::Mean => values.iter().sum::<f64>() / values.len() as f64,
+    }
+}
+
+/// The middle value, or the mean of the two middle ones; NaN of nothing. The values end up in another order.
+pub fn median(values: &mut [f64]) -> f64 {
+    let n = values.len();
+    if n == 0 {
+        return f64::NAN;
+    }
+    let (below, &mut upper, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
+    if n % 2 == 1 {
+        return upper;
+    }
+    let lower = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    0.5 * (lower + upper)
+}

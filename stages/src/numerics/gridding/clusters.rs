@@ -1,0 +1,176 @@
+//! Points in nested boxes, each with the Chebyshev points that stand for what lies in it.
+
+use super::nearest::range;
+
+/// Chebyshev points along the two horizontal axes and along the vertical one.
+pub(super) const ACROSS: usize = 5;
+pub(super) const UPWARD: usize = 3;
+/// Stand-ins of a box.
+pub(super) const PROXIES: usize = ACROSS * ACROSS * UPWARD;
+
+/// Positions of points by axis, metres.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Positions {
+    pub east: Vec<f64>,
+    pub north: Vec<f64>,
+    pub up: Vec<f64>,
+}
+
+impl Positions {
+    pub fn len(&self) -> usize {
+        self.east.len()
+    }
+
+    fn axis(&self, axis: usize) -> &[f64] {
+        [&self.east, &self.north, &self.up][axis]
+    }
+
+    /// A part of the points.
+    pub fn part(&self, part: std::ops::Range<usize>) -> [&[f64]; 3] {
+        [&self.east[part.clone()], &self.north[part.clone()], &self.up[part]]
+    }
+
+    /// The points of `order`.
+    pub fn pick(&self, order: &[usize]) -> Self {
+        let take = |values: &[f64]| order.iter().map(|&i| values[i]).collect();
+        Self { east: take(&self.east), north: take(&self.north), up: take(&self.up) }
+    }
+}
+
+/// A box around points `start..end`; `children` are two further boxes, or none.
+#[derive(Clone, Debug)]
+pub(super) struct Cluster {
+    pub start: usize,
+    pub end: usize,
+    pub children: Option<[usize; 2]>,
+    pub centre: [f64; 3],
+    pub half: [f64; 3],
+    pub radius: f64,
+}
+
+/// Points sorted so that those of a box follow each other.
+#[derive(Clone, Debug)]
+pub(super) struct Clusters {
+    /// Sorted positions.
+    pub points: Positions,
+    /// Where each sorted point stood.
+    pub order: Vec<usize>,
+    /// A box comes before those in it.
+    pub boxes: Vec<Cluster>,
+}
+
+impl Clusters {
+    /// Halves boxes across their longer horizontal side until none holds more than `most` points.
+    pub fn of(points: &Positions, most: usize) -> Self {
+        let mut order: Vec<usize> = (0..points.len()).collect();
+        let mut boxes = vec![around(points, &order, 0)];
+        let mut at = 0;
+        while at < boxes.len() {
+            let (start, end, axis, middle) = halved(&boxes[at]);
+            if end - start > most.max(1) && boxes[at].half[axis] > 1e-6 {
+                let (west, east): (Vec<usize>, Vec<usize>) =
+                    order[start..end].iter().partition(|&&i| points.axis(axis)[i] < middle);
+                let cut = start + west.len();
+                order[start..cut].copy_from_slice(&west);
+                order[cut..end].copy_from_slice(&east);
+                boxes[at].children = Some([boxes.len(), boxes.len() + 1]);
+                boxes.push(around(points, &order[start..cut], start));
+                boxes.push(around(points, &order[cut..end], cut));
+            }
+            at += 1;
+        }
+        Self { points: points.pick(&order), order, boxes }
+    }
+
+    /// The boxes that are not divided further.
+    pub fn leaves(&self) -> Vec<&Cluster> {
+        self.boxes.iter().filter(|b| b.children.is_none()).collect()
+    }
+
+    /// Values in the order of the sorted points.
+    pub fn sorted(&self, values: &[f64]) -> Vec<f64> {
+        self.order.iter().map(|&i| values[i]).collect()
+    }
+
+    /// Values of sorted points in the order the points had at first.
+    pub fn unsorted(&self, sorted: &[f64]) -> Vec<f64> {
+        let mut values = vec![0.0; sorted.len()];
+        self.order.iter().zip(sorted).for_each(|(&i, &v)| values[i] = v);
+        values
+    }
+}
+
+fn halved(cluster: &Cluster) -> (usize, usize, usize, f64) {
+    let axis = usize::from(cluster.half[1] > cluster.half[0]);
+    (cluster.start, cluster.end, axis, cluster.centre[axis])
+}
+
+fn around(points: &Positions, order: &[usize], start: usize) -> Cluster {
+    let ends = [0, 1, 2].map(|axis| {
+        let of: Vec<f64> = order.iter().map(|&i| points.axis(axis)[i]).collect();
+        range(&of)
+    });
+    let half = ends.map(|[a, b]| 0.5 * (b - a));
+    Cluster {
+        start,
+        end: start + order.len(),
+        children: None,
+        centre: ends.map(|[a, b]| 0.5 * (a + b)),
+        half,
+        radius: half.iter().map(|h| h * h).sum::<f64>().sqrt(),
+    }
+}
+
+impl Cluster {
+    /// Half a side, never quite nothing: interpolation needs distinct points.
+    fn width(&self, axis: usize) -> f64 {
+        self.half[axis].max(1e-2 * self.radius).max(1e-3)
+    }
+
+    /// The box' Chebyshev points, the vertical index running fastest.
+    pub fn proxies(&self) -> Positions {
+        let along = |axis: usize, count: usize| -> Vec<f64> {
+            (0..count).map(|k| self.centre[axis] + self.width(axis) * chebyshev(k, count)).collect()
+        };
+        let (east, north, up) = (along(0, ACROSS), along(1, ACROSS), along(2, UPWARD));
+        let mut all = Positions::default();
+        for e in &east {
+            for n in &north {
+                for u in &up {
+                    all.east.push(*e);
+                    all.north.push(*n);
+                    all.up.push(*u);
+                }
+            }
+        }
+        all
+    }
+
+    /// What each Chebyshev point weighs in the interpolation to a place.
+    pub fn weights(&self, at: [f64; 3]) -> [f64; PROXIES] {
+        let unit = [0, 1, 2].map(|axis| (at[axis] - self.centre[axis]) / self.width(axis));
+        let (east, north) = (lagrange::<ACROSS>(unit[0]), lagrange::<ACROSS>(unit[1]));
+        let up = lagrange::<UPWARD>(unit[2]);
+        let mut all = [0.0; PROXIES];
+        for (i, e) in east.iter().enumerate() {
+            for (j, n) in north.iter().enumerate() {
+                for (k, u) in up.iter().enumerate() {
+                    all[(i * ACROSS + j) * UPWARD + k] = e * n * u;
+                }
+            }
+        }
+        all
+    }
+}
+
+fn chebyshev(k: usize, count: usize) -> f64 {
+    (std::f64::consts::PI * (k as f64 + 0.5) / count as f64).cos()
+}
+
+/// Lagrange's polynomials on N Chebyshev points of -1..1.
+fn lagrange<const N: usize>(x: f64) -> [f64; N] {
+    let nodes: [f64; N] = std::array::from_fn(|k| chebyshev(k, N));
+    std::array::from_fn(|k| {
+        (0..N).filter(|&m| m != k).map(|m| (x - nodes[m]) / (nodes[k] - nodes[m])).product()
+    })
+}

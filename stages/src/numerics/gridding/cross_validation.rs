@@ -1,0 +1,110 @@
+//! How well left-out lines are predicted from the others.
+
+use super::block::median;
+use super::nearest::NearestPoints;
+use super::survey::SurveyPoints;
+use super::{GridError, GridOptions, Progress, fit};
+use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use rayon::prelude::*;
+
+/// Measured values that make the expected error of a node.
+const AROUND: usize = 24;
+
+/// Which lines are left out together: with the lines in ascending order, the k-th of every `count`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Folds {
+    /// Into how many folds the lines are dealt.
+    pub count: usize,
+    /// The folds that are left out, one after the other; all of them makes an error for every point.
+    pub left_out: Vec<usize>,
+}
+
+impl Folds {
+    /// All of `count` folds.
+    pub fn all(count: usize) -> Self {
+        Self { count, left_out: (0..count).collect() }
+    }
+}
+
+/// Sizes of differences in nT.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// How many.
+    pub n: usize,
+    /// Median size.
+    pub median_nt: f64,
+    /// Root mean square.
+    pub rms_nt: f64,
+    /// What 95 % do not exceed.
+    pub p95_nt: f64,
+}
+
+impl Spread {
+    /// Of the finite ones among the differences; NaN of none.
+    pub fn of(differences: &[f64]) -> Self {
+        let mut sizes: Vec<f64> = differences.iter().map(|d| d.abs()).filter(|d| d.is_finite()).collect();
+        sizes.sort_unstable_by(f64::total_cmp);
+        let n = sizes.len();
+        let rms_nt = (sizes.iter().map(|d| d * d).sum::<f64>() / n as f64).sqrt();
+        let p95_nt = sizes.get((0.95 * n as f64) as usize).or(sizes.last()).copied().unwrap_or(f64::NAN);
+        Self { n, median_nt: median(&mut sizes), rms_nt, p95_nt }
+    }
+}
+
+/// What was predicted at points whose line was left out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CrossValidation {
+    /// Measured minus predicted at every point, nT; NaN where the line was not left out or nothing was predicted.
+    pub difference_nt: Vec<f64>,
+    /// Their sizes.
+    pub spread: Spread,
+}
+
+/// Leaves out folds of lines and predicts their points, at flight height for equivalent sources, from the others.
+///
+/// Points are used as they are: clean them first. A left-out line opens a gap twice as wide as the survey has, so the
+/// differences are larger than the errors of the map that is made of all lines.
+pub fn cross_validate(
+    points: SurveyPoints,
+    options: &GridOptions,
+    folds: &Folds,
+    progress: Progress,
+) -> Result<CrossValidation, GridError> {
+    let lines = points.lines();
+    let fold = |i: &usize| lines.binary_search(&points.line[*i]).unwrap_or(0) % folds.count.max(1);
+    let mut difference_nt = vec![f64::NAN; points.len()];
+    for (done, left_out) in folds.left_out.iter().enumerate() {
+        progress("cross-validation", done, folds.left_out.len());
+        let (test, train): (Vec<usize>, Vec<usize>) = (0..points.len()).partition(|i| fold(i) == *left_out);
+        if test.is_empty() || train.is_empty() {
+            continue;
+        }
+        let (train, tested) = (points.pick(&train), points.pick(&test));
+        let predicted = fit(train.borrow(), options, &|_, _, _| {})?.at_points(tested.borrow())?;
+        test.iter().zip(predicted).for_each(|(&i, p)| difference_nt[i] = points.value_nt[i] - p);
+    }
+    progress("cross-validation", folds.left_out.len(), folds.left_out.len());
+    let spread = Spread::of(&difference_nt);
+    Ok(CrossValidation { difference_nt, spread })
+}
+
+/// The error to expect at each node: the root mean square of the differences nearest to it, the nearer the heavier.
+pub fn expected_error(points: SurveyPoints, difference_nt: &[f64], axes: [EvenAxis; 2], block_m: f64) -> PlaneGrid {
+    let [east_m, north_m] = axes;
+    let known: Vec<usize> = (0..points.len().min(difference_nt.len())).filter(|&i| difference_nt[i].is_finite()).collect();
+    let squares: Vec<f64> = known.iter().map(|&i| difference_nt[i].powi(2)).collect();
+    let at = points.pick(&known);
+    let blocks =
+        super::reduce_blocks([&at.easting_m, &at.northing_m, &at.height_m, &squares], block_m, super::BlockValue::Mean);
+    let near = NearestPoints::of(&blocks.easting_m, &blocks.northing_m);
+    let node = |k: usize| {
+        let place = [east_m.at((k % east_m.len) as f64), north_m.at((k / east_m.len) as f64)];
+        let found = near.nearest(place, AROUND, f64::INFINITY, |_| true);
+        let weights = found.iter().map(|f| 1.0 / (f.0 + (block_m * block_m).max(1.0)));
+        let (sum, whole) =
+            found.iter().zip(weights).fold((0.0, 0.0), |(s, w), (f, weight)| (s + weight * blocks.value_nt[f.1], w + weight));
+        (sum / whole).sqrt()
+    };
+    let values = (0..east_m.len * north_m.len).into_par_iter().map(node).collect();
+    PlaneGrid { east_m, north_m, values }
+}

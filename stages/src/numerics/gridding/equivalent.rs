@@ -1,0 +1,305 @@
+//! Equivalent sources: a field that satisfies Laplace's equation above its sources and fits the measurements.
+//!
+//! Sources are vertical dipoles on even nodes beneath the measurements, in layers from deep to shallow. Each layer
+//! is fitted to what the deeper ones left over, by damped least squares: long wavelengths are thereby explained by
+//! deep sources, which carry them smoothly across the gaps between lines, and shallow ones keep the detail along
+//! the lines. It is the gradient boosting of Soler & Uieda (2021), "Gradient-boosted equivalent sources", with
+//! layers of the whole survey instead of windows. The normal equations are solved by conjugate gradients, with
+//! products by the far-field sums of `far_field`, so that memory grows with the points and not with their square.
+
+use super::block::{BlockValue, reduce_blocks};
+use super::clusters::{Clusters, Positions};
+use super::far_field::{Spread, all_proxies};
+use super::normal::Normal;
+use super::nearest::{NearestPoints, range};
+use super::plane::Plane;
+use super::windows::Windows;
+use super::{GridError, Progress};
+use rayon::prelude::*;
+
+/// Points in a box of the far-field sums.
+const LEAF: usize = 128;
+
+/// When boxes are far enough to be summed together: for the fit, where an error only costs an iteration, ...
+pub(super) const FIT_FAR: f64 = 0.6;
+
+/// ... and for what is predicted.
+const PREDICT_FAR: f64 = 0.4;
+
+/// Measurements of a layer's fit are means of blocks of this part of its depth.
+const THIN: f64 = 0.25;
+
+/// One layer of sources.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layer {
+    /// How far the sources lie beneath the measurements, metres.
+    pub depth_m: f64,
+    /// The distance between sources, metres.
+    pub spacing_m: f64,
+    /// Only nodes that have a measurement within this horizontal distance get a source, metres.
+    pub reach_m: f64,
+}
+
+/// How equivalent sources are fitted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FitOptions {
+    /// The layers, deepest first.
+    pub layers: Vec<Layer>,
+    /// The damping: the square of a source's field right above it in nT that costs as much as a misfit of 1 nT².
+    pub damping: f64,
+    /// The most iterations of a layer.
+    pub iterations: usize,
+    /// A layer is solved when an iteration takes off less than this part of the cost.
+    pub tolerance: f64,
+}
+
+/// Field values in nT and their derivatives in nT/m at places.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FieldAt {
+    /// The field, nT.
+    pub value_nt: Vec<f64>,
+    /// Its derivative towards east, nT/m.
+    pub by_east: Vec<f64>,
+    /// Its derivative towards north, nT/m.
+    pub by_north: Vec<f64>,
+    /// Its derivative upward, nT/m.
+    pub by_up: Vec<f64>,
+}
+
+pub(super) struct FittedLayer {
+    depth_m: f64,
+    pub clusters: Clusters,
+    pub proxies: Vec<Positions>,
+    pub strength: Vec<f64>,
+}
+
+/// Fitted equivalent sources.
+pub struct EquivalentSources {
+    origin_m: [f64; 2],
+    plane: Plane,
+    layers: Vec<FittedLayer>,
+}
+
+/// What a layer's fit came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LayerReport {
+    /// The layer.
+    pub layer: Layer,
+    /// Its sources.
+    pub sources: usize,
+    /// Iterations that were needed.
+    pub iterations: usize,
+    /// The root mean square of what is still unexplained, nT.
+    pub rms_nt: f64,
+}
+
+impl EquivalentSources {
+    /// Fits sources to `value_nt` measured at eastings, northings and heights in metres, all of them finite.
+    pub fn fit(
+        at_m: [&[f64]; 3],
+        value_nt: &[f64],
+        options: &FitOptions,
+        progress: Progress,
+    ) -> Result<(Self, Vec<LayerReport>), GridError> {
+        if value_nt.is_empty() {
+            return Err(GridError::NoPoints);
+        }
+        let origin_m = [middle(at_m[0]), middle(at_m[1])];
+        let points = relative(at_m, origin_m);
+        let plane = Plane::fitted([&points.east, &points.north], value_nt);
+        let places = Clusters::of(&points, LEAF);
+        let near = NearestPoints::of(&points.east, &points.north);
+        let off_plane = |i: usize| value_nt[i] - plane.at(points.east[i], points.north[i]);
+        let mut rest: Vec<f64> = (0..points.len()).map(off_plane).collect();
+        let (mut layers, mut reports) = (Vec::new(), Vec::new());
+        for (at, layer) in options.layers.iter().enumerate() {
+            progress("equivalent sources", at, options.layers.len());
+            let sources = source_places(&points, &near, layer);
+            if sources.len() == 0 {
+                continue;
+            }
+            let mut fitted = FittedLayer::at(&sources, layer.depth_m);
+            let iterations = fitted.solve(&points, &rest, options);
+            let explained = scaled(fitted.spread(FIT_FAR).values(&places, 1.0), fitted.scale());
+            add(&mut rest, &places.unsorted(&explained), -1.0);
+            let rms_nt = (squares(&rest) / rest.len() as f64).sqrt();
+            reports.push(LayerReport { layer: *layer, sources: sources.len(), iterations, rms_nt });
+            layers.push(fitted);
+        }
+        progress("equivalent sources", options.layers.len(), options.layers.len());
+        Ok((Self { origin_m, plane, layers }, reports))
+    }
+
+    /// The field in nT at eastings, northings and heights in metres.
+    ///
+    /// Fails when a place is not above the sources near it: the field is not defined there.
+    pub fn predict(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GridError> {
+        let targets = self.targets(at_m)?;
+        let mut sum = vec![0.0; targets.points.len()];
+        for layer in &self.layers {
+            let values = layer.spread(PREDICT_FAR).values(&targets, 1.0);
+            add(&mut sum, &values, layer.scale());
+        }
+        let points = &targets.points;
+        let places = points.east.iter().zip(&points.north);
+        sum.iter_mut().zip(places).for_each(|(s, (e, n))| *s += self.plane.at(*e, *n));
+        Ok(targets.unsorted(&sum))
+    }
+
+    /// The field and its derivatives at eastings, northings and heights in metres; fails as `predict` does.
+    pub fn predict_gradients(&self, at_m: [&[f64]; 3]) -> Result<FieldAt, GridError> {
+        let targets = self.targets(at_m)?;
+        let points = &targets.points;
+        let plane = points.east.iter().zip(&points.north).map(|(e, n)| self.plane.at(*e, *n)).collect();
+        let flat = |slope: f64| vec![slope; points.len()];
+        let mut sums = [plane, flat(self.plane.slope[0]), flat(self.plane.slope[1]), flat(0.0)];
+        for layer in &self.layers {
+            let fields = layer.spread(PREDICT_FAR).gradients(&targets);
+            fields.iter().zip(&mut sums).for_each(|(field, sum)| add(sum, field, layer.scale()));
+        }
+        let [value_nt, by_east, by_north, by_up] = sums.map(|sum| targets.unsorted(&sum));
+        Ok(FieldAt { value_nt, by_east, by_north, by_up })
+    }
+
+    /// How many sources there are.
+    pub fn sources(&self) -> usize {
+        self.layers.iter().map(|layer| layer.strength.len()).sum()
+    }
+
+    /// The height of the highest source, metres.
+    pub fn top_m(&self) -> f64 {
+        let tops = self.layers.iter().map(|layer| range(&layer.clusters.points.up)[1]);
+        tops.fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// The largest error in nT of `predict` at about `count` of the places, against the sum over all sources.
+    pub fn summation_error_nt(&self, at_m: [&[f64]; 3], count: usize) -> Result<f64, GridError> {
+        let step = (at_m[0].len() / count.max(1)).max(1);
+        let fast = self.predict(at_m)?;
+        let thin = at_m.map(|axis| axis.iter().copied().step_by(step).collect::<Vec<f64>>());
+        let points = relative([&thin[0], &thin[1], &thin[2]], self.origin_m);
+        let exact: Vec<f64> = (0..points.len()).into_par_iter().map(|i| self.directly(&points, i)).collect();
+        Ok(fast.iter().step_by(step).zip(&exact).fold(0.0, |worst: f64, (a, b)| worst.max((a - b).abs())))
+    }
+
+    fn directly(&self, points: &Positions, i: usize) -> f64 {
+        let mut sum = self.plane.at(points.east[i], points.north[i]);
+        for layer in &self.layers {
+            let mut one = [0.0];
+            let at = layer.clusters.points.part(0..layer.strength.len());
+            super::kernel::add_values(
+                points.part(i..i + 1),
+                super::kernel::Sources { at, strength: &layer.strength },
+                1.0,
+                &mut one,
+            );
+            sum += layer.scale() * one[0];
+        }
+        sum
+    }
+
+    fn targets(&self, at_m: [&[f64]; 3]) -> Result<Clusters, GridError> {
+        let points = relative(at_m, self.origin_m);
+        for layer in &self.layers {
+            layer.must_be_below(&points)?;
+        }
+        Ok(Clusters::of(&points, LEAF))
+    }
+}
+
+impl FittedLayer {
+    fn at(places: &Positions, depth_m: f64) -> Self {
+        let clusters = Clusters::of(places, LEAF);
+        let proxies = all_proxies(&clusters);
+        let strength = vec![0.0; places.len()];
+        Self { depth_m, clusters, proxies, strength }
+    }
+
+    /// Makes a source of strength 1 give 1 nT at `depth_m` above it.
+    pub fn scale(&self) -> f64 {
+        self.depth_m * self.depth_m
+    }
+
+    fn spread(&self, far: f64) -> Spread<'_> {
+        Spread::of(&self.clusters, &self.proxies, &self.strength, far)
+    }
+
+    /// Conjugate gradients on the damped normal equations, for measurements thinned to what the layer can tell apart.
+    fn solve(&mut self, points: &Positions, rest: &[f64], options: &FitOptions) -> usize {
+        let thin = [&points.east[..], &points.north, &points.up, rest];
+        let thin = reduce_blocks(thin, THIN * self.depth_m, BlockValue::Mean);
+        let at = Positions { east: thin.easting_m, north: thin.northing_m, up: thin.height_m };
+        let data = Clusters::of(&at, LEAF);
+        let windows = Windows::of(&self.clusters, &data, self.depth_m, options.damping);
+        let normal = Normal { layer: self, data: &data, data_proxies: all_proxies(&data) };
+        let (strength, iterations) = normal.solve(data.sorted(&thin.value_nt), &windows, options);
+        self.strength = strength;
+        iterations
+    }
+
+    fn must_be_below(&self, targets: &Positions) -> Result<(), GridError> {
+        let lowest = range(&targets.up)[0];
+        let sources = &self.clusters.points;
+        if targets.len() == 0 || range(&sources.up)[1] < lowest {
+            return Ok(());
+        }
+        let near = NearestPoints::of(&sources.east, &sources.north);
+        let too_low = (0..targets.len()).into_par_iter().find_first(|&i| {
+            let found = near.nearest([targets.east[i], targets.north[i]], 1, f64::INFINITY, |_| true);
+            found.first().is_some_and(|f| sources.up[f.1] + 0.5 * self.depth_m > targets.up[i])
+        });
+        match too_low {
+            Some(i) => Err(GridError::BelowSources { height_m: targets.up[i], sources_m: range(&sources.up)[1] }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The even nodes of a layer that have a measurement in reach, `depth_m` beneath the lowest of the nearest ones.
+fn source_places(points: &Positions, near: &NearestPoints, layer: &Layer) -> Positions {
+    let nodes = |axis: &[f64]| -> Vec<f64> {
+        let [a, b] = range(axis).map(|x| x / layer.spacing_m);
+        let out = (layer.reach_m / layer.spacing_m).ceil();
+        let (first, last) = ((a.floor() - out) as i64, (b.ceil() + out) as i64);
+        (first..=last).map(|k| k as f64 * layer.spacing_m).collect()
+    };
+    let (east, north) = (nodes(&points.east), nodes(&points.north));
+    let rows: Vec<Vec<[f64; 3]>> = north
+        .par_iter()
+        .map(|&n| {
+            let height = |e: f64| {
+                let found = near.nearest([e, n], 8, layer.reach_m, |_| true);
+                found.iter().map(|f| points.up[f.1]).reduce(f64::min)
+            };
+            east.iter().filter_map(|&e| height(e).map(|up| [e, n, up - layer.depth_m])).collect()
+        })
+        .collect();
+    let axis = |k: usize| rows.iter().flatten().map(|place| place[k]).collect();
+    Positions { east: axis(0), north: axis(1), up: axis(2) }
+}
+
+fn relative(at_m: [&[f64]; 3], origin: [f64; 2]) -> Positions {
+    Positions {
+        east: at_m[0].iter().map(|e| e - origin[0]).collect(),
+        north: at_m[1].iter().map(|n| n - origin[1]).collect(),
+        up: at_m[2].to_vec(),
+    }
+}
+
+fn middle(values: &[f64]) -> f64 {
+    let [a, b] = range(values);
+    (0.5 * (a + b)).round()
+}
+
+pub(super) fn squares(values: &[f64]) -> f64 {
+    values.iter().map(|v| v * v).sum()
+}
+
+pub(super) fn add(sum: &mut [f64], values: &[f64], factor: f64) {
+    sum.iter_mut().zip(values).for_each(|(s, v)| *s += factor * v);
+}
+
+pub(super) fn scaled(mut values: Vec<f64>, factor: f64) -> Vec<f64> {
+    values.iter_mut().for_each(|v| *v *= factor);
+    values
+}

@@ -1,0 +1,165 @@
+//! Sums over all sources at all targets in far fewer evaluations than pairs.
+//!
+//! Boxes that are far from each other compared with their size act on each other through Chebyshev points: sources
+//! are spread onto those of their box, the kernel is evaluated between the points of the two boxes, and the sum is
+//! interpolated to the targets. [Wang, Tlupova & Krasny 2020, "A kernel-independent treecode based on barycentric
+//! Lagrange interpolation"] Every sum is taken in one order whatever the number of threads.
+
+use super::clusters::{Cluster, Clusters, PROXIES, Positions};
+use super::kernel::{Sources, add_gradients, add_values};
+use rayon::prelude::*;
+
+/// Sources in boxes, their strengths spread onto the boxes' Chebyshev points.
+pub(super) struct Spread<'a> {
+    clusters: &'a Clusters,
+    strength: &'a [f64],
+    proxies: &'a [Positions],
+    spread: Vec<Vec<f64>>,
+    /// Two boxes are far when their radii together are less than this part of their distance.
+    far: f64,
+}
+
+/// The Chebyshev points of all boxes.
+pub(super) fn all_proxies(clusters: &Clusters) -> Vec<Positions> {
+    clusters.boxes.par_iter().map(Cluster::proxies).collect()
+}
+
+impl<'a> Spread<'a> {
+    /// `strength` is in the sorted order of the clusters.
+    pub fn of(clusters: &'a Clusters, proxies: &'a [Positions], strength: &'a [f64], far: f64) -> Self {
+        let mut spread: Vec<Vec<f64>> =
+            clusters.boxes.par_iter().map(|b| spread_points(clusters, b, strength)).collect();
+        for at in (0..clusters.boxes.len()).rev() {
+            if let Some(children) = clusters.boxes[at].children {
+                let mut sum = vec![0.0; PROXIES];
+                for child in children {
+                    spread_proxies(&clusters.boxes[at], &proxies[child], &spread[child], &mut sum);
+                }
+                spread[at] = sum;
+            }
+        }
+        Self { clusters, strength, proxies, spread, far }
+    }
+
+    fn points(&self, cluster: &Cluster) -> Sources<'_> {
+        let part = cluster.start..cluster.end;
+        Sources { at: self.clusters.points.part(part.clone()), strength: &self.strength[part] }
+    }
+
+    fn stand_ins(&self, at: usize) -> Sources<'_> {
+        Sources { at: self.proxies[at].part(0..PROXIES), strength: &self.spread[at] }
+    }
+
+    /// Calls `near` with every box that must be summed point by point, and `far` with those that may be replaced.
+    fn each(&self, target: &Cluster, mut visit: impl FnMut(Sources, bool)) {
+        let mut open = vec![0];
+        while let Some(at) = open.pop() {
+            let cluster = &self.clusters.boxes[at];
+            let count = cluster.end - cluster.start;
+            if count == 0 {
+                continue;
+            }
+            let apart: f64 = (0..3).map(|a| (cluster.centre[a] - target.centre[a]).powi(2)).sum::<f64>().sqrt();
+            let far = cluster.radius + target.radius < self.far * apart;
+            match cluster.children {
+                _ if far && count > PROXIES => visit(self.stand_ins(at), true),
+                _ if far => visit(self.points(cluster), true),
+                Some(children) => open.extend(children),
+                None => visit(self.points(cluster), false),
+            }
+        }
+    }
+
+    /// The sum of strength · h / r³ at the targets, in their sorted order; see `add_values` for `sign`.
+    pub fn values(&self, targets: &Clusters, sign: f64) -> Vec<f64> {
+        let parts: Vec<(usize, Vec<f64>)> = targets
+            .leaves()
+            .into_par_iter()
+            .map(|leaf| (leaf.start, self.values_in(targets, leaf, sign)))
+            .collect();
+        joined(parts, targets.points.len())
+    }
+
+    fn values_in(&self, targets: &Clusters, leaf: &Cluster, sign: f64) -> Vec<f64> {
+        let count = leaf.end - leaf.start;
+        let at = targets.points.part(leaf.start..leaf.end);
+        let proxies = leaf.proxies();
+        let stand_ins = proxies.part(0..PROXIES);
+        let mut sum = vec![0.0; count];
+        let mut far_sum = vec![0.0; PROXIES];
+        self.each(leaf, |sources, far| {
+            if far && count > PROXIES {
+                add_values(stand_ins, sources, sign, &mut far_sum);
+            } else {
+                add_values(at, sources, sign, &mut sum);
+            }
+        });
+        if count > PROXIES {
+            interpolate(leaf, at, &far_sum, &mut sum);
+        }
+        sum
+    }
+
+    /// Value, east, north and upward derivative of the sum at the targets, in their sorted order.
+    pub fn gradients(&self, targets: &Clusters) -> [Vec<f64>; 4] {
+        let parts: Vec<(usize, [Vec<f64>; 4])> =
+            targets.leaves().into_par_iter().map(|leaf| (leaf.start, self.gradients_in(targets, leaf))).collect();
+        [0, 1, 2, 3].map(|field| {
+            joined(parts.iter().map(|(start, fields)| (*start, fields[field].clone())).collect(), targets.points.len())
+        })
+    }
+
+    fn gradients_in(&self, targets: &Clusters, leaf: &Cluster) -> [Vec<f64>; 4] {
+        let count = leaf.end - leaf.start;
+        let at = targets.points.part(leaf.start..leaf.end);
+        let proxies = leaf.proxies();
+        let mut sums = [0; 4].map(|_| vec![0.0; count]);
+        let mut far_sums = [0; 4].map(|_| vec![0.0; PROXIES]);
+        self.each(leaf, |sources, far| {
+            if far && count > PROXIES {
+                add_gradients(proxies.part(0..PROXIES), sources, &mut far_sums);
+            } else {
+                add_gradients(at, sources, &mut sums);
+            }
+        });
+        if count > PROXIES {
+            far_sums.iter().zip(&mut sums).for_each(|(far, sum)| interpolate(leaf, at, far, sum));
+        }
+        sums
+    }
+}
+
+fn spread_points(clusters: &Clusters, cluster: &Cluster, strength: &[f64]) -> Vec<f64> {
+    if cluster.children.is_some() {
+        return Vec::new();
+    }
+    let mut sum = vec![0.0; PROXIES];
+    for i in cluster.start..cluster.end {
+        let at = [clusters.points.east[i], clusters.points.north[i], clusters.points.up[i]];
+        let weights = cluster.weights(at);
+        sum.iter_mut().zip(weights).for_each(|(s, w)| *s += w * strength[i]);
+    }
+    sum
+}
+
+fn spread_proxies(parent: &Cluster, child: &Positions, strength: &[f64], sum: &mut [f64]) {
+    for (i, q) in strength.iter().enumerate() {
+        let weights = parent.weights([child.east[i], child.north[i], child.up[i]]);
+        sum.iter_mut().zip(weights).for_each(|(s, w)| *s += w * q);
+    }
+}
+
+fn interpolate(leaf: &Cluster, at: [&[f64]; 3], far: &[f64], sum: &mut [f64]) {
+    for (i, s) in sum.iter_mut().enumerate() {
+        let weights = leaf.weights([at[0][i], at[1][i], at[2][i]]);
+        *s += weights.iter().zip(far).map(|(w, f)| w * f).sum::<f64>();
+    }
+}
+
+fn joined(parts: Vec<(usize, Vec<f64>)>, count: usize) -> Vec<f64> {
+    let mut all = vec![0.0; count];
+    for (start, part) in parts {
+        all[start..start + part.len()].copy_from_slice(&part);
+    }
+    all
+}

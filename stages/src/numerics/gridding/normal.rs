@@ -1,0 +1,59 @@
+//! The damped normal equations of a layer of sources, solved by preconditioned conjugate gradients.
+
+use super::clusters::{Clusters, Positions};
+use super::equivalent::{FIT_FAR, FitOptions, FittedLayer, add, scaled, squares};
+use super::far_field::Spread;
+use super::windows::Windows;
+
+/// The normal equations of a layer.
+pub(super) struct Normal<'a> {
+    pub layer: &'a FittedLayer,
+    pub data: &'a Clusters,
+    pub data_proxies: Vec<Positions>,
+}
+
+impl Normal<'_> {
+    fn forward(&self, strength: &[f64]) -> Vec<f64> {
+        let spread = Spread::of(&self.layer.clusters, &self.layer.proxies, strength, FIT_FAR);
+        scaled(spread.values(self.data, 1.0), self.layer.scale())
+    }
+
+    fn backward(&self, rest: &[f64]) -> Vec<f64> {
+        let spread = Spread::of(self.data, &self.data_proxies, rest, FIT_FAR);
+        scaled(spread.values(&self.layer.clusters, -1.0), self.layer.scale())
+    }
+
+    /// Conjugate gradients from nothing: the strengths that explain `rest`, and the iterations that were needed.
+    pub fn solve(&self, mut rest: Vec<f64>, windows: &Windows, options: &FitOptions) -> (Vec<f64>, usize) {
+        let mut strength = vec![0.0; self.layer.strength.len()];
+        let mut better = windows.solve(&self.backward(&rest));
+        let mut gradient = self.backward(&rest);
+        let mut direction = better.clone();
+        let mut steep = dot(&gradient, &better);
+        let mut cost = squares(&rest);
+        let mut taken = 0;
+        while taken < options.iterations && steep > 0.0 {
+            let moved = self.forward(&direction);
+            let step = steep / (squares(&moved) + options.damping * squares(&direction));
+            add(&mut strength, &direction, step);
+            add(&mut rest, &moved, -step);
+            taken += 1;
+            let now = squares(&rest) + options.damping * squares(&strength);
+            if cost - now < options.tolerance * cost {
+                break;
+            }
+            cost = now;
+            gradient = self.backward(&rest);
+            add(&mut gradient, &strength, -options.damping);
+            better = windows.solve(&gradient);
+            let next = dot(&gradient, &better);
+            direction.iter_mut().zip(&better).for_each(|(d, b)| *d = b + next / steep * *d);
+            steep = next;
+        }
+        (strength, taken)
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}

@@ -1,0 +1,237 @@
+//! A grid under relaxation, with two rows and columns beyond each edge.
+//!
+//! A node is moved by its neighbours up to two rows away, so rows three apart can be moved at once: the rows are
+//! kept in three colours, and the answer does not depend on the number of threads.
+
+use super::minimum_curvature::{Relaxation, Relaxed};
+use rayon::prelude::*;
+
+/// Rows and columns beyond an edge.
+const EDGE: usize = 2;
+
+/// Moves are this much longer than to where a node would be at rest. [Smith & Wessel 1990]
+const OVER: f64 = 1.4;
+
+/// A datum nearer to its node than this many spacings holds the node.
+const ON_NODE: f64 = 0.05;
+
+/// A datum and the node that it is nearest to.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Constraint {
+    column: usize,
+    row: usize,
+    offset: [f64; 2],
+    value: f64,
+}
+
+impl Constraint {
+    /// From column and row, as fractions of nodes of the grid, and value.
+    pub fn of([column, row, value]: [f64; 3]) -> Self {
+        let near = [column, row].map(|x| (x + 0.5).floor().max(0.0));
+        Self {
+            column: near[0] as usize,
+            row: near[1] as usize,
+            offset: [column - near[0], row - near[1]],
+            value,
+        }
+    }
+}
+
+/// How a node moves.
+#[derive(Clone, Copy, Debug)]
+enum Rule {
+    Free,
+    Held,
+    /// The node rests at `fixed` + Σ weight · neighbour - `bend` · (the rest of the curvature of its neighbours).
+    Drawn { corner: [i64; 2], weights: [f64; 4], fixed: f64, bend: f64 },
+}
+
+/// The grid.
+pub(super) struct Sheet {
+    columns: usize,
+    rows: usize,
+    colours: [Vec<Vec<f64>>; 3],
+    rules: Vec<Vec<Rule>>,
+}
+
+impl Sheet {
+    /// A level grid.
+    pub fn flat(columns: usize, rows: usize) -> Self {
+        let width = columns + 2 * EDGE;
+        let colours = [0, 1, 2].map(|c| vec![vec![0.0; width]; (rows + 2 * EDGE - c).div_ceil(3)]);
+        Self { columns, rows, colours, rules: Vec::new() }
+    }
+
+    fn row(&self, row: usize) -> &[f64] {
+        &self.colours[row % 3][row / 3]
+    }
+
+    fn get(&self, column: usize, row: usize) -> f64 {
+        self.row(row)[column]
+    }
+
+    fn set(&mut self, column: usize, row: usize, value: f64) {
+        self.colours[row % 3][row / 3][column] = value;
+    }
+
+    /// The nodes' values by rows.
+    pub fn values(&self) -> Vec<f64> {
+        let row = |r: usize| self.row(r + EDGE)[EDGE..EDGE + self.columns].iter().copied();
+        (0..self.rows).flat_map(row).collect()
+    }
+
+    /// The same surface on nodes twice as dense, bilinearly.
+    pub fn refined(&self, columns: usize, rows: usize) -> Self {
+        let mut fine = Self::flat(columns, rows);
+        let last = |n: usize| n - 1 + EDGE;
+        for r in 0..rows {
+            for c in 0..columns {
+                let ends = |k: usize, n: usize| [(k / 2 + EDGE).min(last(n)), (k.div_ceil(2) + EDGE).min(last(n))];
+                let (ec, er) = (ends(c, self.columns), ends(r, self.rows));
+                let sum = er.map(|r| ec.map(|c| self.get(c, r)).iter().sum::<f64>()).iter().sum::<f64>();
+                fine.set(c + EDGE, r + EDGE, 0.25 * sum);
+            }
+        }
+        fine
+    }
+
+    /// Sets how each node moves.
+    pub fn constrain(&mut self, data: Vec<Constraint>, tension: f64) {
+        self.rules = vec![vec![Rule::Free; self.columns]; self.rows];
+        for datum in data {
+            let rule = rule(&datum, tension);
+            if matches!(rule, Rule::Held) {
+                self.set(datum.column + EDGE, datum.row + EDGE, datum.value);
+            }
+            self.rules[datum.row][datum.column] = rule;
+        }
+    }
+
+    /// Passes until nothing moves any more.
+    pub fn relax(&mut self, relaxation: &Relaxation) -> Relaxed {
+        let mut relaxed = Relaxed { passes: 0, moved_nt: f64::INFINITY };
+        while relaxed.passes < relaxation.passes && relaxed.moved_nt > relaxation.tolerance_nt {
+            relaxed.moved_nt = 0.0;
+            for colour in 0..3 {
+                self.extend();
+                relaxed.moved_nt = self.pass(colour, relaxation.tension).max(relaxed.moved_nt);
+            }
+            relaxed.passes += 1;
+        }
+        relaxed
+    }
+
+    fn pass(&mut self, colour: usize, tension: f64) -> f64 {
+        let mut own = std::mem::take(&mut self.colours[colour]);
+        let sheet = &*self;
+        let inner = EDGE..self.rows + EDGE;
+        let moved = own
+            .par_iter_mut()
+            .with_min_len(16)
+            .enumerate()
+            .map(|(k, row)| (3 * k + colour, row))
+            .filter(|(r, _)| inner.contains(r))
+            .map(|(r, row)| {
+                let others = [r - 2, r - 1, r + 1, r + 2].map(|other| sheet.row(other));
+                move_row(row, others, &sheet.rules[r - EDGE], tension)
+            })
+            .reduce(|| 0.0, f64::max);
+        self.colours[colour] = own;
+        moved
+    }
+
+    /// Beyond the edges: no curvature across an edge, none twisting a corner, and no shear. [Briggs 1974, (11)-(16)]
+    fn extend(&mut self) {
+        let (west, east, south, north) = (EDGE, EDGE + self.columns - 1, EDGE, EDGE + self.rows - 1);
+        for r in south..=north {
+            self.set(west - 1, r, 2.0 * self.get(west, r) - self.get(west + 1, r));
+            self.set(east + 1, r, 2.0 * self.get(east, r) - self.get(east - 1, r));
+        }
+        for c in west..=east {
+            self.set(c, south - 1, 2.0 * self.get(c, south) - self.get(c, south + 1));
+            self.set(c, north + 1, 2.0 * self.get(c, north) - self.get(c, north - 1));
+        }
+        for (c, dc) in [(west, 1i64), (east, -1)] {
+            for (r, dr) in [(south, 1i64), (north, -1)] {
+                let get = |sc: i64, sr: i64| self.get(step(c, sc * dc), step(r, sr * dr));
+                let corner = get(-1, 1) + get(1, -1) - get(1, 1);
+                self.set(step(c, -dc), step(r, -dr), corner);
+            }
+        }
+        for r in south..=north {
+            for (c, d) in [(west, 1i64), (east, -1)] {
+                let value = self.no_shear(|along, across| (step(c, along * d), step(r, across)));
+                self.set(step(c, -2 * d), r, value);
+            }
+        }
+        for c in west..=east {
+            for (r, d) in [(south, 1i64), (north, -1)] {
+                let value = self.no_shear(|along, across| (step(c, across), step(r, along * d)));
+                self.set(c, step(r, -2 * d), value);
+            }
+        }
+    }
+
+    /// The value two steps outward that makes the curvature equal one step inward and outward of an edge.
+    fn no_shear(&self, at: impl Fn(i64, i64) -> (usize, usize)) -> f64 {
+        let get = |along: i64, across: i64| {
+            let (c, r) = at(along, across);
+            self.get(c, r)
+        };
+        get(2, 0) + get(1, 1) + get(1, -1) - 4.0 * get(1, 0) - get(-1, 1) - get(-1, -1) + 4.0 * get(-1, 0)
+    }
+}
+
+fn step(at: usize, by: i64) -> usize {
+    at.saturating_add_signed(by as isize)
+}
+
+/// What a datum makes of its node; the expansion of the curvature uses the four neighbours opposite the datum.
+fn rule(datum: &Constraint, tension: f64) -> Rule {
+    let [dx, dy] = datum.offset.map(f64::abs);
+    if dx.max(dy) < ON_NODE {
+        return Rule::Held;
+    }
+    let corner = datum.offset.map(|d| if d < 0.0 { -1 } else { 1 });
+    let places = [[-1.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, -1.0], [dx, dy]];
+    let powers = nalgebra::Matrix5::from_fn(|i, k| {
+        let [x, y]: [f64; 2] = places[k];
+        [x, y, 0.5 * x * x, x * y, 0.5 * y * y][i]
+    });
+    let curvature = nalgebra::Vector5::new(0.0, 0.0, 1.0, 0.0, 1.0);
+    let Some(b) = powers.lu().solve(&curvature) else { return Rule::Held };
+    let own = 4.0 - 3.0 * tension;
+    let whole = 4.0 * (1.0 - tension) + own * b.sum();
+    Rule::Drawn {
+        corner,
+        weights: [0, 1, 2, 3].map(|k| own * b[k] / whole),
+        fixed: own * b[4] * datum.value / whole,
+        bend: (1.0 - tension) / whole,
+    }
+}
+
+fn move_row(row: &mut [f64], [south2, south, north, north2]: [&[f64]; 4], rules: &[Rule], tension: f64) -> f64 {
+    let mut moved: f64 = 0.0;
+    let whole = 20.0 - 16.0 * tension;
+    for (k, rule) in rules.iter().enumerate() {
+        let c = k + EDGE;
+        let cross = row[c - 1] + row[c + 1] + south[c] + north[c];
+        let bend = row[c - 2] + row[c + 2] + south2[c] + north2[c]
+            + 2.0 * (south[c - 1] + south[c + 1] + north[c - 1] + north[c + 1])
+            - 8.0 * cross;
+        let rest = match rule {
+            Rule::Held => continue,
+            Rule::Free => (tension * cross - (1.0 - tension) * bend) / whole,
+            Rule::Drawn { corner, weights, fixed, bend: part } => {
+                let (west, east) = (step(c, -corner[0]), step(c, corner[0]));
+                let (back, front) = if corner[1] > 0 { (south, north) } else { (north, south) };
+                let drawn = [front[west], row[west], back[c], back[east]];
+                fixed + weights.iter().zip(drawn).map(|(w, v)| w * v).sum::<f64>() - part * (bend + 4.0 * cross)
+            }
+        };
+        let by = OVER * (rest - row[c]);
+        row[c] += by;
+        moved = moved.max(by.abs());
+    }
+    moved
+}

@@ -1,0 +1,223 @@
+//! A surface fitted to a survey, by either method.
+
+use super::automatic::{block_m, layers, line_spacing_m};
+use super::block::{BlockValue, Blocks, median, reduce_blocks};
+use super::cross_validation::Spread;
+use super::equivalent::{EquivalentSources, FitOptions, LayerReport};
+use super::minimum_curvature::{Relaxed, minimum_curvature};
+use super::nearest::{NearestPoints, range};
+use super::survey::{Cleaned, SurveyPoints};
+use super::{GridError, GridOptions, GridReport, Method, Progress, Region, axes};
+use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use rayon::prelude::*;
+
+/// Blocks around one that say how large a misfit is usual there.
+const AROUND: usize = 32;
+
+/// The surface.
+pub enum Surface {
+    /// Equivalent sources, and the level that is asked for.
+    Sources(EquivalentSources, f64),
+    /// A grid of minimum curvature.
+    Grid(PlaneGrid),
+}
+
+/// A fitted surface and what it was fitted to.
+pub struct Fitted {
+    /// The surface.
+    pub surface: Surface,
+    /// The axes of its grid, east and north.
+    pub axes: [EvenAxis; 2],
+    /// The median distance between lines, metres.
+    pub line_spacing_m: f64,
+    /// The side of the blocks, metres.
+    pub block_m: f64,
+    /// The blocks.
+    pub blocks: Blocks,
+    layers: Vec<LayerReport>,
+    relaxed: Option<Relaxed>,
+    misfits: Vec<[f64; 2]>,
+    misfit: Spread,
+}
+
+/// Fits a surface to the points of a survey, all of them finite: see `clean`.
+pub fn fit(points: SurveyPoints, options: &GridOptions, progress: Progress) -> Result<Fitted, GridError> {
+    if points.is_empty() {
+        return Err(GridError::NoPoints);
+    }
+    let spacing = line_spacing_m(points);
+    let block = options.block_m.unwrap_or_else(|| block_m(spacing));
+    check(options, block)?;
+    let n = points.len();
+    let columns = [points.easting_m, points.northing_m, points.height_m, points.value_nt].map(|c| &c[..n]);
+    let node_m = options.spacing_m.unwrap_or(0.5 * spacing);
+    let [east_m, north_m] = [0, 1].map(|a| {
+        let [low, high] = range(columns[a]);
+        [(low / node_m).floor() * node_m, (high / node_m).ceil() * node_m]
+    });
+    let axes = axes(options.region.unwrap_or(Region { east_m, north_m }), node_m)?;
+    let mut fitted = Fitted {
+        surface: Surface::Grid(PlaneGrid { east_m: axes[0], north_m: axes[1], values: Vec::new() }),
+        axes,
+        line_spacing_m: spacing,
+        block_m: block,
+        blocks: reduce_blocks(columns, block, BlockValue::Median),
+        layers: Vec::new(),
+        relaxed: None,
+        misfits: Vec::new(),
+        misfit: Spread::of(&[]),
+    };
+    let mut rest = fitted.again(options, progress)?;
+    let out = misfits(&fitted.blocks, &rest, options);
+    if !out.is_empty() {
+        fitted.leave_out(&out);
+        rest = fitted.again(options, progress)?;
+    }
+    fitted.misfit = Spread::of(&rest);
+    Ok(fitted)
+}
+
+fn check(options: &GridOptions, block_m: f64) -> Result<(), GridError> {
+    let must = |good: bool, name, value, must| if good { Ok(()) } else { Err(GridError::Option { name, value, must }) };
+    let spacing = options.spacing_m.unwrap_or(1.0);
+    must(spacing > 0.0 && spacing.is_finite(), "spacing_m", spacing, "above zero")?;
+    must(block_m >= 0.0 && block_m.is_finite(), "block_m", block_m, "zero or above")?;
+    match &options.method {
+        Method::MinimumCurvature(r) => {
+            must((0.0..=1.0).contains(&r.tension), "tension", r.tension, "from 0 to 1")?;
+            must(r.tolerance_nt > 0.0, "tolerance_nt", r.tolerance_nt, "above zero")
+        }
+        Method::EquivalentSources { layers, damping, .. } => {
+            must(*damping > 0.0 && damping.is_finite(), "damping", *damping, "above zero")?;
+            let of = |f: fn(&super::Layer) -> f64| layers.iter().flatten().map(f).fold(1.0, f64::min);
+            let (depth, spacing) = (of(|l| l.depth_m), of(|l| l.spacing_m));
+            must(depth > 0.0, "depth_m", depth, "above zero")?;
+            must(spacing > 0.0, "spacing_m", spacing, "above zero")
+        }
+    }
+}
+
+impl Fitted {
+    /// Fits to the blocks and returns what is left of their values.
+    fn again(&mut self, options: &GridOptions, progress: Progress) -> Result<Vec<f64>, GridError> {
+        let b = &self.blocks;
+        let predicted = match &options.method {
+            Method::MinimumCurvature(relaxation) => {
+                progress("minimum curvature", 0, 1);
+                let (grid, relaxed) =
+                    minimum_curvature([&b.easting_m, &b.northing_m], &b.value_nt, self.axes, relaxation);
+                progress("minimum curvature", 1, 1);
+                self.relaxed = Some(relaxed);
+                let values = between_nodes(&grid, &b.easting_m, &b.northing_m);
+                self.surface = Surface::Grid(grid);
+                values
+            }
+            Method::EquivalentSources { layers: given, damping, level_m } => {
+                let sides = [&b.easting_m, &b.northing_m].map(|axis| range(axis));
+                let extent = sides.map(|[a, b]| b - a).into_iter().fold(0.0, f64::max);
+                let layers = given.clone().unwrap_or_else(|| layers(self.block_m, self.line_spacing_m, extent));
+                let options = FitOptions { layers, damping: *damping, iterations: 20, tolerance: 0.01 };
+                let at = [&b.easting_m[..], &b.northing_m, &b.height_m];
+                let (sources, reports) = EquivalentSources::fit(at, &b.value_nt, &options, progress)?;
+                self.layers = reports;
+                let values = sources.predict(at)?;
+                self.surface = Surface::Sources(sources, level_m.unwrap_or(range(&b.height_m)[1]));
+                values
+            }
+        };
+        Ok(b.value_nt.iter().zip(predicted).map(|(v, p)| v - p).collect())
+    }
+
+    fn leave_out(&mut self, out: &[usize]) {
+        let b = &self.blocks;
+        self.misfits = out.iter().map(|&i| [b.easting_m[i], b.northing_m[i]]).collect();
+        let kept: Vec<usize> = (0..b.value_nt.len()).filter(|i| out.binary_search(i).is_err()).collect();
+        let take = |column: &[f64]| kept.iter().map(|&i| column[i]).collect();
+        self.blocks = Blocks {
+            easting_m: take(&b.easting_m),
+            northing_m: take(&b.northing_m),
+            height_m: take(&b.height_m),
+            value_nt: take(&b.value_nt),
+            points: kept.iter().map(|&i| b.points[i]).collect(),
+        };
+    }
+
+    /// The values at the points' places, for minimum curvature whatever their height; NaN off its grid.
+    pub fn at_points(&self, points: SurveyPoints) -> Result<Vec<f64>, GridError> {
+        match &self.surface {
+            Surface::Sources(sources, _) => sources.predict([points.easting_m, points.northing_m, points.height_m]),
+            Surface::Grid(grid) => Ok(between_nodes(grid, points.easting_m, points.northing_m)),
+        }
+    }
+
+    /// The grid, and its level when it has one.
+    pub fn grid(&self) -> Result<(PlaneGrid, Option<f64>), GridError> {
+        let [east_m, north_m] = self.axes;
+        match &self.surface {
+            Surface::Grid(grid) => Ok((grid.clone(), None)),
+            Surface::Sources(sources, level_m) => {
+                let count = east_m.len * north_m.len;
+                let east: Vec<f64> = (0..count).map(|k| east_m.at((k % east_m.len) as f64)).collect();
+                let north: Vec<f64> = (0..count).map(|k| north_m.at((k / east_m.len) as f64)).collect();
+                let values = sources.predict([&east, &north, &vec![*level_m; count]])?;
+                Ok((PlaneGrid { east_m, north_m, values }, Some(*level_m)))
+            }
+        }
+    }
+
+    pub(super) fn report(
+        self,
+        cleaned: Cleaned,
+        masked: usize,
+        level_m: Option<f64>,
+        cross_validation: Option<Spread>,
+    ) -> GridReport {
+        GridReport {
+            cleaned,
+            line_spacing_m: self.line_spacing_m,
+            block_m: self.block_m,
+            blocks: self.blocks.value_nt.len(),
+            misfits: self.misfits,
+            misfit: self.misfit,
+            layers: self.layers,
+            relaxed: self.relaxed,
+            level_m,
+            masked,
+            cross_validation,
+        }
+    }
+}
+
+/// Blocks, ascending, that the surface misses by far more than their neighbours.
+fn misfits(blocks: &Blocks, rest: &[f64], options: &GridOptions) -> Vec<usize> {
+    if !(options.misfit_sigmas > 0.0) {
+        return Vec::new();
+    }
+    let near = NearestPoints::of(&blocks.easting_m, &blocks.northing_m);
+    let out = |i: &usize| {
+        let found = near.nearest([blocks.easting_m[*i], blocks.northing_m[*i]], AROUND, f64::INFINITY, |_| true);
+        let mut sizes: Vec<f64> = found.iter().map(|f| rest[f.1].abs()).collect();
+        let usual = 1.4826 * median(&mut sizes);
+        rest[*i].abs() > (options.misfit_sigmas * usual).max(options.clean.floor_nt)
+    };
+    (0..rest.len()).into_par_iter().filter(out).collect()
+}
+
+/// Bilinear values between nodes; NaN off the grid.
+fn between_nodes(grid: &PlaneGrid, easting_m: &[f64], northing_m: &[f64]) -> Vec<f64> {
+    let value = |e: f64, n: f64| {
+        let at = [grid.east_m.node(e), grid.north_m.node(n)];
+        let most = [grid.columns(), grid.rows()].map(|n| n.saturating_sub(1) as f64);
+        if !(at[0] >= 0.0 && at[1] >= 0.0 && at[0] <= most[0] && at[1] <= most[1]) {
+            return f64::NAN;
+        }
+        let low = [0, 1].map(|a| at[a].floor().min(most[a] - 1.0).max(0.0));
+        let [x, y] = [at[0] - low[0], at[1] - low[1]];
+        let get = |c: usize, r: usize| {
+            let inside = (low[0] as usize + c).min(most[0] as usize);
+            grid.get((low[1] as usize + r).min(most[1] as usize), inside)
+        };
+        (1.0 - y) * ((1.0 - x) * get(0, 0) + x * get(1, 0)) + y * ((1.0 - x) * get(0, 1) + x * get(1, 1))
+    };
+    easting_m.iter().zip(northing_m).map(|(e, n)| value(*e, *n)).collect()
+}

@@ -1,0 +1,197 @@
+//! The points of a survey, and what cleaning leaves of them.
+
+use super::block::median;
+
+/// Points of a survey, the points of a line following each other in the order they were flown.
+#[derive(Clone, Copy, Debug)]
+pub struct SurveyPoints<'a> {
+    /// Easting on a plane, metres.
+    pub easting_m: &'a [f64],
+    /// Northing on the same plane, metres.
+    pub northing_m: &'a [f64],
+    /// Height of the sensor, metres.
+    pub height_m: &'a [f64],
+    /// Anomaly, nT: the core field and its daily variation are already taken off.
+    pub value_nt: &'a [f64],
+    /// The line that each point belongs to.
+    pub line: &'a [usize],
+}
+
+/// Points of a survey that own their columns.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OwnedPoints {
+    /// Easting, metres.
+    pub easting_m: Vec<f64>,
+    /// Northing, metres.
+    pub northing_m: Vec<f64>,
+    /// Height, metres.
+    pub height_m: Vec<f64>,
+    /// Anomaly, nT.
+    pub value_nt: Vec<f64>,
+    /// Line.
+    pub line: Vec<usize>,
+}
+
+impl OwnedPoints {
+    /// The points, borrowed.
+    pub fn borrow(&self) -> SurveyPoints<'_> {
+        SurveyPoints {
+            easting_m: &self.easting_m,
+            northing_m: &self.northing_m,
+            height_m: &self.height_m,
+            value_nt: &self.value_nt,
+            line: &self.line,
+        }
+    }
+}
+
+impl SurveyPoints<'_> {
+    /// How many points there are: those that every column has.
+    pub fn len(&self) -> usize {
+        let columns = [self.easting_m, self.northing_m, self.height_m, self.value_nt].map(<[f64]>::len);
+        columns.into_iter().chain([self.line.len()]).min().unwrap_or(0)
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The points of these indices; an index past the end is left out.
+    pub fn pick(&self, indices: &[usize]) -> OwnedPoints {
+        let take = |column: &[f64]| indices.iter().filter_map(|&i| column.get(i).copied()).collect();
+        OwnedPoints {
+            easting_m: take(self.easting_m),
+            northing_m: take(self.northing_m),
+            height_m: take(self.height_m),
+            value_nt: take(self.value_nt),
+            line: indices.iter().filter_map(|&i| self.line.get(i).copied()).collect(),
+        }
+    }
+
+    /// Where each run of points of one line starts and ends.
+    pub fn runs(&self) -> Vec<std::ops::Range<usize>> {
+        let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
+        for i in 0..self.len() {
+            match runs.last_mut() {
+                Some(run) if self.line[run.start] == self.line[i] => run.end = i + 1,
+                _ => runs.push(i..i + 1),
+            }
+        }
+        runs
+    }
+
+    /// The lines, ascending.
+    pub fn lines(&self) -> Vec<usize> {
+        let mut lines = self.line[..self.len()].to_vec();
+        lines.sort_unstable();
+        lines.dedup();
+        lines
+    }
+
+    fn apart_m(&self, i: usize, j: usize) -> f64 {
+        (self.easting_m[i] - self.easting_m[j]).hypot(self.northing_m[i] - self.northing_m[j])
+    }
+}
+
+/// What cleaning removes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CleanOptions {
+    /// A point that is farther from the straight line between its neighbours in flight order than so many robust
+    /// standard deviations of its surroundings is an outlier; zero keeps all.
+    pub sigmas: f64,
+    /// ... and farther than this, nT.
+    pub floor_nt: f64,
+    /// Points on either side that make the surroundings.
+    pub half_window: usize,
+    /// Lines with fewer points are left out.
+    pub shortest_line: usize,
+}
+
+impl Default for CleanOptions {
+    /// Ten robust standard deviations among 51 points, and at least 10 nT: what no rock does between two points.
+    fn default() -> Self {
+        Self { sigmas: 10.0, floor_nt: 10.0, half_window: 25, shortest_line: 5 }
+    }
+}
+
+/// Indices of points, ascending, by what became of them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Cleaned {
+    /// Those that are kept.
+    pub kept: Vec<usize>,
+    /// A coordinate or the value is not a finite number.
+    pub not_finite: Vec<usize>,
+    /// The line's previous point is at the same place.
+    pub duplicates: Vec<usize>,
+    /// Outliers along their line.
+    pub outliers: Vec<usize>,
+    /// Points of lines that are too short.
+    pub of_short_lines: Vec<usize>,
+}
+
+/// Sorts the points of a survey into those to keep and those to leave out.
+pub fn clean(points: SurveyPoints, options: &CleanOptions) -> Cleaned {
+    let mut cleaned = Cleaned::default();
+    for run in points.runs() {
+        let mut kept: Vec<usize> = Vec::with_capacity(run.len());
+        for i in run {
+            let sum = points.easting_m[i] + points.northing_m[i] + points.height_m[i] + points.value_nt[i];
+            let again = kept.last().is_some_and(|&last| {
+                points.apart_m(i, last) == 0.0 && points.height_m[i] == points.height_m[last]
+            });
+            match () {
+                () if !sum.is_finite() => cleaned.not_finite.push(i),
+                () if again => cleaned.duplicates.push(i),
+                () => kept.push(i),
+            }
+        }
+        let spikes = spikes(points, &kept, options);
+        kept.retain(|i| spikes.binary_search(i).is_err());
+        cleaned.outliers.extend(spikes);
+        if kept.len() < options.shortest_line {
+            cleaned.of_short_lines.extend(kept);
+        } else {
+            cleaned.kept.extend(kept);
+        }
+    }
+    cleaned
+}
+
+/// Outliers of a line; those beside a larger one are looked at again when that is gone.
+fn spikes(points: SurveyPoints, line: &[usize], options: &CleanOptions) -> Vec<usize> {
+    let (mut left, mut found) = (line.to_vec(), Vec::new());
+    while options.sigmas > 0.0 && left.len() >= 5 {
+        let away = off_neighbours(points, &left);
+        let worst = |k: usize| {
+            let beside = k.saturating_sub(2)..(k + 3).min(away.len());
+            away[beside].iter().all(|other| other.abs() <= away[k].abs())
+        };
+        let limit = |k: usize| {
+            let around = k.saturating_sub(options.half_window)..(k + options.half_window + 1).min(away.len());
+            let mut sizes: Vec<f64> = away[around].iter().map(|a| a.abs()).collect();
+            (options.sigmas * 1.4826 * median(&mut sizes)).max(options.floor_nt)
+        };
+        let out = |&k: &usize| away[k].abs() > options.floor_nt && worst(k) && away[k].abs() > limit(k);
+        let spikes: Vec<usize> = (0..left.len()).filter(out).map(|k| left[k]).collect();
+        if spikes.is_empty() {
+            break;
+        }
+        left.retain(|i| spikes.binary_search(i).is_err());
+        found.extend(spikes);
+    }
+    found.sort_unstable();
+    found
+}
+
+/// How far each point's value is from the straight line between its neighbours'; nothing at the ends.
+fn off_neighbours(points: SurveyPoints, line: &[usize]) -> Vec<f64> {
+    let mut away = vec![0.0; line.len()];
+    for (k, three) in line.windows(3).enumerate() {
+        let (before, after) = (points.apart_m(three[0], three[1]), points.apart_m(three[1], three[2]));
+        let part = before / (before + after).max(f64::MIN_POSITIVE);
+        let [a, v, b] = [0, 1, 2].map(|j| points.value_nt[three[j]]);
+        away[k + 1] = v - (a + part * (b - a));
+    }
+    away
+}

@@ -1,0 +1,148 @@
+//! A preconditioner for the normal equations of a layer: small overlapping windows solved exactly.
+
+use super::clusters::{Clusters, Positions};
+use faer::linalg::matmul::triangular::{BlockStructure, matmul};
+use faer::{Accum, Mat, Par, Side};
+use rayon::prelude::*;
+
+/// Sources of a window before its overlap.
+const CORE: usize = 256;
+
+/// Windows whose sources overlap by so many depths, and whose measurements reach as far again.
+const OVERLAP: f64 = 1.5;
+
+/// The windows of a layer.
+pub(super) struct Windows {
+    windows: Vec<Window>,
+    /// One over the root of the number of windows that a source is in.
+    share: Vec<f64>,
+}
+
+struct Window {
+    sources: Vec<usize>,
+    /// Rows of the Cholesky factor's lower triangle. Single precision is enough for a preconditioner.
+    factor: Vec<f32>,
+}
+
+impl Windows {
+    /// Windows over `sources` at `depth_m`, with the measurements at `data`, for `damping`.
+    pub fn of(sources: &Clusters, data: &Clusters, depth_m: f64, damping: f64) -> Self {
+        let cores = Clusters::of(&sources.points, CORE);
+        let windows: Vec<Window> = cores
+            .leaves()
+            .into_par_iter()
+            .map(|core| {
+                let around = |reach: f64| {
+                    [0, 1].map(|a| {
+                        [core.centre[a] - core.half[a] - reach, core.centre[a] + core.half[a] + reach]
+                    })
+                };
+                let members = inside(sources, around(OVERLAP * depth_m));
+                let seen = inside(data, around(2.0 * OVERLAP * depth_m));
+                let factor = factor(sources.points.pick(&members), data.points.pick(&seen), depth_m, damping);
+                Window { sources: members, factor }
+            })
+            .collect();
+        let mut share = vec![0.0; sources.points.len()];
+        windows.iter().flat_map(|w| &w.sources).for_each(|&i| share[i] += 1.0);
+        share.iter_mut().for_each(|s: &mut f64| *s = 1.0 / s.max(1.0).sqrt());
+        Self { windows, share }
+    }
+
+    /// The windows' answer to a right-hand side of the normal equations.
+    pub fn solve(&self, right: &[f64]) -> Vec<f64> {
+        let parts: Vec<Vec<f64>> = self
+            .windows
+            .par_iter()
+            .map(|w| {
+                let mut x: Vec<f64> = w.sources.iter().map(|&i| self.share[i] * right[i]).collect();
+                solve(&w.factor, &mut x);
+                x
+            })
+            .collect();
+        let mut sum = vec![0.0; right.len()];
+        for (window, part) in self.windows.iter().zip(parts) {
+            window.sources.iter().zip(part).for_each(|(&i, x)| sum[i] += self.share[i] * x);
+        }
+        sum
+    }
+}
+
+/// The sorted points inside west..east and south..north.
+fn inside(clusters: &Clusters, [east, north]: [[f64; 2]; 2]) -> Vec<usize> {
+    let (mut open, mut found) = (vec![0], Vec::new());
+    let points = &clusters.points;
+    while let Some(at) = open.pop() {
+        let b = &clusters.boxes[at];
+        let apart = |a: usize, [low, high]: [f64; 2]| b.centre[a] - b.half[a] > high || b.centre[a] + b.half[a] < low;
+        if apart(0, east) || apart(1, north) {
+            continue;
+        }
+        match b.children {
+            Some(children) => open.extend(children),
+            None => found.extend((b.start..b.end).filter(|&i| {
+                (east[0]..=east[1]).contains(&points.east[i]) && (north[0]..=north[1]).contains(&points.north[i])
+            })),
+        }
+    }
+    found.sort_unstable();
+    found
+}
+
+/// The Cholesky factor of KᵀK + damping; empty, for the unit matrix, when there is none.
+fn factor(sources: Positions, data: Positions, depth_m: f64, damping: f64) -> Vec<f32> {
+    let scale = depth_m * depth_m;
+    let kernel = Mat::from_fn(data.len(), sources.len(), |i, j| {
+        let up = data.up[i] - sources.up[j];
+        let (de, dn) = (data.east[i] - sources.east[j], data.north[i] - sources.north[j]);
+        let inverse = 1.0 / (de * de + dn * dn + up * up);
+        scale * up * inverse * inverse.sqrt()
+    });
+    let n = sources.len();
+    let mut normal = Mat::<f64>::from_fn(n, n, |i, j| if i == j { damping } else { 0.0 });
+    let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
+    matmul(&mut normal, lower, Accum::Add, kernel.transpose(), whole, &kernel, whole, 1.0, Par::Seq);
+    let Ok(llt) = normal.llt(Side::Lower) else { return Vec::new() };
+    let l = llt.L();
+    (0..n).flat_map(|i| (0..=i).map(move |j| l[(i, j)] as f32)).collect()
+}
+
+fn solve(factor: &[f32], x: &mut [f64]) {
+    if factor.is_empty() {
+        return;
+    }
+    pulp::Arch::new().dispatch(
+        #[inline(always)]
+        || {
+            let mut start = 0;
+            for i in 0..x.len() {
+                let row = &factor[start..start + i];
+                let (done, rest) = x.split_at_mut(i);
+                rest[0] = (rest[0] - dot(row, done)) / f64::from(factor[start + i]);
+                start += i + 1;
+            }
+            for i in (0..x.len()).rev() {
+                start -= i + 1;
+                let row = &factor[start..start + i];
+                let (before, rest) = x.split_at_mut(i);
+                rest[0] /= f64::from(factor[start + i]);
+                let v = rest[0];
+                before.iter_mut().zip(row).for_each(|(b, l)| *b -= v * f64::from(*l));
+            }
+        },
+    );
+}
+
+/// A dot product in eight strands, so that it can be done in parallel lanes.
+#[inline(always)]
+fn dot(row: &[f32], x: &[f64]) -> f64 {
+    let mut strands = [0.0; 8];
+    let (rows, xs) = (row.chunks_exact(8), x.chunks_exact(8));
+    let rest: f64 = rows.remainder().iter().zip(xs.remainder()).map(|(l, x)| f64::from(*l) * x).sum();
+    for (l, x) in rows.zip(xs) {
+        for k in 0..8 {
+            strands[k] += f64::from(l[k]) * x[k];
+        }
+    }
+    rest + strands.iter().sum::<f64>()
+}

@@ -1,0 +1,154 @@
+//! Lines brought to one level by what they measure where they cross.
+//!
+//! Each line gets a correction, a polynomial of low order along the line, that makes the differences at the
+//! crossovers small: least squares, reweighted so that a crossover in a steep field or with a wrong position does
+//! not decide. [Luyendyk 1997, "Processing of airborne magnetic data"] The normal equations are kept sparse and
+//! solved by conjugate gradients.
+
+mod adjustment;
+mod crossovers;
+#[cfg(test)]
+mod tests;
+
+pub use crossovers::{Crossover, CrossoverOptions, find_crossovers};
+
+use super::gridding::{SurveyPoints, median};
+use adjustment::Adjustment;
+use std::collections::BTreeMap;
+
+/// What holds the common level, which crossovers do not determine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Gauge {
+    /// The mean of the tie lines' corrections is nothing; without ties that of all lines.
+    TiesMean,
+    /// Tie lines are not corrected.
+    TiesHeld,
+}
+
+/// How lines are levelled.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LevelOptions {
+    /// Order of the corrections along a line: 0 a constant, 1 linear, ...
+    pub order: usize,
+    /// What it costs to correct, as a part of the weight of one crossover: above zero, so that a line with fewer
+    /// crossovers than coefficients is corrected as little as possible.
+    pub ridge: f64,
+    /// Differences larger than so many robust standard deviations weigh less the larger they are (Huber); infinity
+    /// weighs all alike.
+    pub huber_sigmas: f64,
+    /// What holds the common level.
+    pub gauge: Gauge,
+    /// The tie lines; `None` takes those more than 45 degrees off the heading most flown.
+    pub ties: Option<Vec<usize>>,
+    /// Into how many folds the crossovers are dealt to predict each from the others; below two, they are not.
+    pub folds: usize,
+}
+
+impl Default for LevelOptions {
+    /// Constants, a ridge of 0.01 of a crossover, Huber's 1.345 sigmas, mean of the ties, five folds.
+    fn default() -> Self {
+        Self { order: 0, ridge: 0.01, huber_sigmas: 1.345, gauge: Gauge::TiesMean, ties: None, folds: 5 }
+    }
+}
+
+/// How well lines agree where they cross.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Merit {
+    /// The root mean square of the differences, nT: the figure of merit at crossings.
+    pub figure_of_merit_crossings: f64,
+    /// The median size of the differences, nT.
+    pub median_nt: f64,
+    /// How many crossovers there are.
+    pub n: usize,
+}
+
+impl Merit {
+    /// Of differences; NaN of none.
+    pub fn of(differences_nt: &[f64]) -> Self {
+        let n = differences_nt.len();
+        let squares: f64 = differences_nt.iter().map(|d| d * d).sum();
+        let mut sizes: Vec<f64> = differences_nt.iter().map(|d| d.abs()).collect();
+        Self { figure_of_merit_crossings: (squares / n as f64).sqrt(), median_nt: median(&mut sizes), n }
+    }
+}
+
+/// The correction of a line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LineCorrection {
+    /// The line.
+    pub line: usize,
+    /// Whether it is a tie.
+    pub tie: bool,
+    /// Crossovers that it has.
+    pub crossovers: usize,
+    /// Coefficients in nT of Legendre's polynomials, from -1 at the line's first point to 1 at its last.
+    pub coefficients_nt: Vec<f64>,
+}
+
+/// Levelled lines.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Levelled {
+    /// What to take off each point's value, nT.
+    pub correction_nt: Vec<f64>,
+    /// The lines' corrections, by line.
+    pub lines: Vec<LineCorrection>,
+    /// Agreement before.
+    pub before: Merit,
+    /// Agreement after.
+    pub after: Merit,
+    /// Agreement at crossovers that were left out in turn: what levelling is worth where it was not fitted.
+    pub left_out: Option<Merit>,
+}
+
+/// Levels the lines of a survey by their crossovers, from `find_crossovers` of the same points.
+pub fn level_lines(points: SurveyPoints, crossovers: &[Crossover], options: &LevelOptions) -> Levelled {
+    let lines = points.lines();
+    let ties = options.ties.clone().unwrap_or_else(|| tie_lines(points));
+    let adjustment = Adjustment::of(points, &lines, crossovers, &ties, options);
+    let coefficients = adjustment.solve(|_| true);
+    let before: Vec<f64> = crossovers.iter().map(Crossover::difference_nt).collect();
+    let left_out = (options.folds > 1).then(|| {
+        let fold = |f: usize| {
+            let without = adjustment.solve(|k| k % options.folds != f);
+            adjustment.differences(&without).into_iter().enumerate().filter(move |(k, _)| k % options.folds == f)
+        };
+        Merit::of(&(0..options.folds).flat_map(fold).map(|(_, d)| d).collect::<Vec<f64>>())
+    });
+    let mut count = BTreeMap::<usize, usize>::new();
+    crossovers.iter().flat_map(|c| c.lines).for_each(|line| *count.entry(line).or_default() += 1);
+    let correction = |&line: &usize| LineCorrection {
+        line,
+        tie: ties.contains(&line),
+        crossovers: count.get(&line).copied().unwrap_or(0),
+        coefficients_nt: adjustment.of_line(&coefficients, line),
+    };
+    Levelled {
+        correction_nt: (0..points.len()).map(|i| adjustment.correction(&coefficients, i, 0.0)).collect(),
+        lines: lines.iter().map(correction).collect(),
+        before: Merit::of(&before),
+        after: Merit::of(&adjustment.differences(&coefficients)),
+        left_out,
+    }
+}
+
+/// Lines more than 45 degrees off the heading, or its opposite, that the survey flew farthest, ascending.
+///
+/// A line heads from its first to its last finite point. The heading most flown is the direction of the sum of all
+/// lines' lengths at doubled angles, which makes opposite headings one.
+pub fn tie_lines(points: SurveyPoints) -> Vec<usize> {
+    let mut ways: Vec<(usize, [f64; 2])> = Vec::new();
+    for run in points.runs() {
+        let finite = |i: &usize| (points.easting_m[*i] + points.northing_m[*i]).is_finite();
+        let (Some(a), Some(b)) = (run.clone().find(finite), run.clone().rev().find(finite)) else { continue };
+        let (e, n) = (points.easting_m[b] - points.easting_m[a], points.northing_m[b] - points.northing_m[a]);
+        // (e + in)² / |e + in|: the doubled angle, weighed by the length.
+        let length = e.hypot(n).max(f64::MIN_POSITIVE);
+        ways.push((points.line[run.start], [(e * e - n * n) / length, 2.0 * e * n / length]));
+    }
+    let main = ways.iter().fold([0.0, 0.0], |sum, (_, w)| [sum[0] + w[0], sum[1] + w[1]]);
+    let mut ties: Vec<usize> =
+        ways.iter().filter(|(_, w)| w[0] * main[0] + w[1] * main[1] < 0.0).map(|(line, _)| *line).collect();
+    ties.sort_unstable();
+    ties.dedup();
+    ties
+}

@@ -1,0 +1,130 @@
+//! Where survey lines cross each other.
+
+use super::super::gridding::{SurveyPoints, median};
+use rayon::prelude::*;
+
+/// Which crossings count.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CrossoverOptions {
+    /// Two points of a line that are farther apart are a gap, in which nothing is interpolated, metres; `None` is
+    /// twenty times the median distance between points.
+    pub gap_m: Option<f64>,
+    /// Lines that meet at less than this angle do not count: where they cross is uncertain. Degrees.
+    pub least_angle_deg: f64,
+    /// Lines that pass each other at a greater distance in height do not count, metres.
+    pub most_height_m: f64,
+    /// Takes the values to the height half-way between the two lines, nT/m upward; zero leaves them.
+    pub vertical_gradient_nt_per_m: f64,
+}
+
+impl Default for CrossoverOptions {
+    /// Angles of 20 degrees and more, heights within 50 m, no gradient.
+    fn default() -> Self {
+        Self { gap_m: None, least_angle_deg: 20.0, most_height_m: 50.0, vertical_gradient_nt_per_m: 0.0 }
+    }
+}
+
+/// A place where two lines cross.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crossover {
+    /// The two lines.
+    pub lines: [usize; 2],
+    /// The point of each line before the crossing.
+    pub points: [usize; 2],
+    /// How far on the way to the next point each line crosses, 0 to 1.
+    pub parts: [f64; 2],
+    /// Easting and northing, metres.
+    pub at_m: [f64; 2],
+    /// Heights of the two lines there, metres.
+    pub height_m: [f64; 2],
+    /// Values of the two lines there, nT.
+    pub value_nt: [f64; 2],
+}
+
+impl Crossover {
+    /// The first line's value minus the second's, nT.
+    pub fn difference_nt(&self) -> f64 {
+        self.value_nt[0] - self.value_nt[1]
+    }
+}
+
+/// Finds where the lines of a survey cross each other, by the order of the points before the crossing.
+///
+/// Stretches between points are sorted into square cells, so that only those that share a cell are compared. Points
+/// that are not finite end a stretch.
+pub fn find_crossovers(points: SurveyPoints, options: &CrossoverOptions) -> Vec<Crossover> {
+    let all: Vec<usize> = (0..points.len().saturating_sub(1)).filter(|&i| joined(points, i)).collect();
+    let mut lengths: Vec<f64> = all.iter().map(|&i| length(points, i)).collect();
+    let usual = median(&mut lengths);
+    let gap = options.gap_m.unwrap_or(20.0 * usual);
+    let cell_m = (4.0 * usual).max(1e-3);
+    let mut cells: Vec<([i64; 2], usize)> = Vec::new();
+    for &i in all.iter().filter(|&&i| length(points, i) <= gap) {
+        let [e, n] = [points.easting_m, points.northing_m].map(|axis| {
+            let ends = [axis[i], axis[i + 1]].map(|x| (x / cell_m).floor() as i64);
+            [ends[0].min(ends[1]), ends[0].max(ends[1])]
+        });
+        cells.extend((n[0]..=n[1]).flat_map(|r| (e[0]..=e[1]).map(move |c| ([r, c], i))));
+    }
+    cells.par_sort_unstable();
+    let groups: Vec<&[([i64; 2], usize)]> = cells.chunk_by(|a, b| a.0 == b.0).collect();
+    let mut found: Vec<Crossover> = groups
+        .par_iter()
+        .flat_map_iter(|group| pairs(group).filter_map(|(i, j)| crossing(points, i, j, options)))
+        .collect();
+    found.sort_by_key(|c| c.points);
+    found.dedup_by_key(|c| c.points);
+    found
+}
+
+fn pairs(group: &[([i64; 2], usize)]) -> impl Iterator<Item = (usize, usize)> + '_ {
+    group.iter().enumerate().flat_map(|(k, a)| group[k + 1..].iter().map(|b| (a.1, b.1)))
+}
+
+fn joined(points: SurveyPoints, i: usize) -> bool {
+    let finite = |i: usize| {
+        (points.easting_m[i] + points.northing_m[i] + points.height_m[i] + points.value_nt[i]).is_finite()
+    };
+    points.line[i] == points.line[i + 1] && finite(i) && finite(i + 1) && length(points, i) > 0.0
+}
+
+fn way(points: SurveyPoints, i: usize) -> [f64; 2] {
+    [points.easting_m[i + 1] - points.easting_m[i], points.northing_m[i + 1] - points.northing_m[i]]
+}
+
+fn length(points: SurveyPoints, i: usize) -> f64 {
+    let [e, n] = way(points, i);
+    e.hypot(n)
+}
+
+fn crossing(points: SurveyPoints, i: usize, j: usize, options: &CrossoverOptions) -> Option<Crossover> {
+    if points.line[i] == points.line[j] {
+        return None;
+    }
+    let (a, b) = (way(points, i), way(points, j));
+    let sine = a[0] * b[1] - a[1] * b[0];
+    if sine.abs() < options.least_angle_deg.to_radians().sin() * a[0].hypot(a[1]) * b[0].hypot(b[1]) {
+        return None;
+    }
+    let from = [points.easting_m[j] - points.easting_m[i], points.northing_m[j] - points.northing_m[i]];
+    let parts = [(from[0] * b[1] - from[1] * b[0]) / sine, (from[0] * a[1] - from[1] * a[0]) / sine];
+    // A crossing at a point belongs to the stretch that starts there.
+    if !parts.iter().all(|p| (0.0..1.0).contains(p)) {
+        return None;
+    }
+    let between = |column: &[f64]| [(i, parts[0]), (j, parts[1])].map(|(k, p)| column[k] + p * (column[k + 1] - column[k]));
+    let (height_m, value) = (between(points.height_m), between(points.value_nt));
+    let above = 0.5 * (height_m[0] - height_m[1]);
+    if (2.0 * above).abs() > options.most_height_m {
+        return None;
+    }
+    let raise = options.vertical_gradient_nt_per_m * above;
+    Some(Crossover {
+        lines: [points.line[i], points.line[j]],
+        points: [i, j],
+        parts,
+        at_m: [points.easting_m[i] + parts[0] * a[0], points.northing_m[i] + parts[0] * a[1]],
+        height_m,
+        value_nt: [value[0] - raise, value[1] + raise],
+    })
+}
