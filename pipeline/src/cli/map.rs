@@ -3,6 +3,8 @@
 mod continuation;
 mod convert;
 mod fill;
+mod grid;
+mod info;
 mod plot;
 
 use std::path::{Path, PathBuf};
@@ -16,6 +18,10 @@ use super::{Stop, say};
 /// Anomaly maps.
 #[derive(Subcommand)]
 pub enum MapCommand {
+    /// Say what is in a map: extent, spacing, height, gaps, statistics.
+    Info(info::InfoArgs),
+    /// Make a map of survey points.
+    Grid(Box<grid::GridArgs>),
     /// Fill the gaps of a map, from its surroundings or from other maps.
     Fill(fill::FillArgs),
     /// Continue a map to other heights, or differentiate it.
@@ -103,6 +109,8 @@ fn wrong(path: &Path, e: &dyn std::fmt::Display) -> Stop {
 /// Runs the command.
 pub fn run(command: &MapCommand) -> Result<(), Stop> {
     match command {
+        MapCommand::Info(args) => info::run(args),
+        MapCommand::Grid(args) => grid::run(args),
         MapCommand::Fill(args) => fill::run(args),
         MapCommand::Continue(args) => continuation::run(args),
         MapCommand::Convert(args) => convert::run(args),

@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use datasets::grid::Figure;
+use schemas::Fault;
 use serde_json::{Map as Object, Value, json};
 
 use super::{InputArgs, Stop, say};
@@ -25,15 +27,17 @@ pub fn run(args: &InfoArgs) -> Result<(), Stop> {
         // The other maps are still told about.
         match args.input.read(path) {
             Ok(map) => {
-                let summary = map.summary();
-                let rows = summary.rows();
+                let summary = map.summary().map_err(Fault::from)?;
                 say(match args.json {
                     true => {
                         let mut object = Object::new();
                         object.insert("file".to_owned(), json!(path.display().to_string()));
-                        for (name, value, unit) in rows {
-                            let key = if unit.is_empty() { name } else { format!("{name} ({unit})") };
-                            object.insert(key, value.parse::<f64>().map_or(json!(value), |number| json!(number)));
+                        for (name, value, unit) in summary.figures() {
+                            let key = if unit.is_empty() { name } else { format!("{name} [{unit}]") };
+                            object.insert(key, match value {
+                                Figure::Number(number) => json!(number),
+                                Figure::Text(text) => json!(text),
+                            });
                         }
                         format!("{}\n", Value::Object(object))
                     }

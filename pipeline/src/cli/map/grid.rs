@@ -1,0 +1,368 @@
+//! `magline map grid`: a map of survey points.
+
+use std::{io::IsTerminal, path::PathBuf};
+
+use clap::{Args, ValueEnum};
+use datasets::{Height, PointOptions, SurveyPoints, read_points};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use schemas::Fault;
+use stages::numerics::{
+    core_field::{CoreModel, CoreTrack},
+    dates::decimal_year,
+    gridding::{self, Folds, GridOptions, Gridded, Method, Region, Spread},
+    levelling::{CrossoverOptions, LevelOptions, Levelled, Merit, find_crossovers, level_lines},
+};
+
+use super::{OutputArgs, Stop, ThreadArgs, say, write_to, wrong};
+
+#[derive(Args)]
+pub struct GridArgs {
+    /// Survey points: Parquet, CSV, xyz, or any flight format.
+    #[arg(required = true)]
+    points: Vec<PathBuf>,
+    #[command(flatten)]
+    output: OutputArgs,
+    #[command(flatten)]
+    columns: ColumnArgs,
+    #[command(flatten)]
+    reduction: ReductionArgs,
+    /// How the surface between the points is made.
+    #[arg(long, value_enum, default_value_t = Surface::EquivalentSources)]
+    method: Surface,
+    /// The distance between nodes in metres; half the distance between lines when left out.
+    #[arg(long)]
+    spacing: Option<f64>,
+    /// The height of the map in metres, for equivalent sources; that of the highest point when left out.
+    #[arg(long, allow_negative_numbers = true)]
+    level: Option<f64>,
+    /// Damping of the equivalent sources, 1 when left out.
+    #[arg(long)]
+    damping: Option<f64>,
+    /// Tension of the minimum-curvature surface, 0 to 1; 0.25 when left out.
+    #[arg(long)]
+    tension: Option<f64>,
+    /// Eastings and northings in metres that the map covers; all points when left out.
+    #[arg(long, value_names = ["WEST", "SOUTH", "EAST", "NORTH"], num_args = 4, value_delimiter = ',', allow_negative_numbers = true)]
+    bounds: Vec<f64>,
+    /// Side of the blocks that points are reduced to, in metres; 0 keeps every point.
+    #[arg(long)]
+    block: Option<f64>,
+    /// Leave nodes unknown that are farther than this from any point, in metres; twice the distance between lines when
+    /// left out, `inf` for none.
+    #[arg(long)]
+    mask: Option<f64>,
+    /// Keep points that stand out from their line.
+    #[arg(long)]
+    keep_outliers: bool,
+    /// Leave out every N-th line in turn and predict it from the others.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(2..))]
+    cross_validate: Option<u16>,
+    /// Write the expected error of each node, which needs `--cross-validate`.
+    #[arg(long, requires = "cross_validate")]
+    error: Option<PathBuf>,
+    #[command(flatten)]
+    threads: ThreadArgs,
+}
+
+/// Where the columns are. Those that are not named are found by the usual names.
+#[derive(Args)]
+struct ColumnArgs {
+    /// A flight format, `parquet` or `text`, where content and name of the file do not tell.
+    #[arg(long)]
+    format: Option<String>,
+    /// The column of longitudes or eastings.
+    #[arg(long)]
+    x: Option<String>,
+    /// The column of latitudes or northings.
+    #[arg(long)]
+    y: Option<String>,
+    /// The column of heights.
+    #[arg(long)]
+    height: Option<String>,
+    /// The column of the values.
+    #[arg(long)]
+    value: Option<String>,
+    /// The column of line names.
+    #[arg(long)]
+    line: Option<String>,
+    /// The EPSG code of the places; degrees of WGS-84 where the columns are latitude and longitude.
+    #[arg(long)]
+    epsg: Option<u16>,
+    /// The EPSG code of the map; that of eastings and northings, else the UTM zone, when left out.
+    #[arg(long)]
+    to_epsg: Option<u16>,
+}
+
+/// What is taken off the values before.
+#[derive(Args)]
+struct ReductionArgs {
+    /// Take the magnitude of the core field off.
+    #[arg(long, value_enum)]
+    core_field: Option<Core>,
+    /// The date of the core field, before the points' own.
+    #[arg(long)]
+    decimal_year: Option<f64>,
+    /// Take the column `diurnal` off.
+    #[arg(long)]
+    diurnal: bool,
+    /// Level the lines by their crossings: a constant for each line (0), a linear correction (1), and so on.
+    #[arg(long, value_name = "ORDER", value_parser = clap::value_parser!(u8).range(0..=8), num_args = 0..=1, default_missing_value = "0")]
+    level_lines: Option<u8>,
+    /// Lines count as crossing where their heights differ by no more than this, in metres.
+    #[arg(long, default_value_t = 50.0)]
+    crossing_height: f64,
+}
+
+/// How a surface is made.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Surface {
+    /// A layer of sources below the points that makes the same field: a potential field, at any height.
+    EquivalentSources,
+    /// The surface of minimum curvature, at the heights flown.
+    MinimumCurvature,
+}
+
+/// Where the core field comes from.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Core {
+    /// IGRF-14.
+    Igrf,
+    /// The World Magnetic Model.
+    Wmm,
+    /// The points' own column `igrf`.
+    Column,
+}
+
+pub fn run(args: &GridArgs) -> Result<(), Stop> {
+    args.threads.run(|| {
+        let mut points = read(args)?;
+        reduce(args, &mut points)?;
+        let line: Vec<usize> = points.line.iter().map(|l| *l as usize).collect();
+        if let Some(order) = args.reduction.level_lines {
+            let levelled = level(args, &points, &line, usize::from(order));
+            say(told(&levelled, &points.lines))?;
+            points.value_nt.iter_mut().zip(&levelled.correction_nt).for_each(|(v, c)| *v -= c);
+        }
+        let bar = bar();
+        let progress = |what: &str, done: usize, all: usize| {
+            bar.set_length(all as u64);
+            bar.set_position(done as u64);
+            bar.set_message(what.to_owned());
+        };
+        let gridded = gridding::grid(survey(&points, &line), &options(args), &progress);
+        let gridded = gridded.map_err(|e| wrong(&args.points[0], &e))?;
+        let height = match gridded.report.level_m {
+            Some(level_m) => Height::Level(level_m),
+            None => flown(args, &points, &line, &gridded, &progress)?,
+        };
+        bar.finish_and_clear();
+        say(reported(&gridded, &points))?;
+        if let (Some(path), Some(error)) = (&args.error, &gridded.error) {
+            write_to(path, &points.grid(error.clone(), height.clone()).map_err(Fault::from)?, None)?;
+        }
+        args.output.write(&points.grid(gridded.grid, height).map_err(Fault::from)?)
+    })
+}
+
+/// All points, on the plane of the first file.
+fn read(args: &GridArgs) -> Result<SurveyPoints, Stop> {
+    let c = &args.columns;
+    let mut options = PointOptions {
+        format: c.format.clone(),
+        x: c.x.clone(),
+        y: c.y.clone(),
+        height: c.height.clone(),
+        value: c.value.clone(),
+        line: c.line.clone(),
+        epsg: c.epsg,
+        to_epsg: c.to_epsg,
+    };
+    let mut all: Option<SurveyPoints> = None;
+    for path in &args.points {
+        let points = read_points(path, &options).map_err(Fault::from)?;
+        points.notes.iter().for_each(|n| eprintln!("note: {}: {n}", path.display()));
+        match &mut all {
+            None => {
+                options.to_epsg = Some(points.crs.code());
+                all = Some(points);
+            }
+            Some(all) => all.append(points),
+        }
+    }
+    all.ok_or_else(|| Fault::new("there are no survey points").into())
+}
+
+/// Takes core field and diurnal variation off.
+fn reduce(args: &GridArgs, points: &mut SurveyPoints) -> Result<(), Stop> {
+    let lacks = |what: &str| {
+        Stop::from(Fault::new(format!("the points have no {what}")).in_file(&args.points[0].display().to_string()))
+    };
+    if args.reduction.diurnal {
+        let diurnal = points.extra.diurnal_nt.as_ref().ok_or_else(|| lacks("column `diurnal`"))?;
+        points.value_nt.iter_mut().zip(diurnal).for_each(|(v, d)| *v -= d);
+    }
+    let model = match args.reduction.core_field {
+        None => return Ok(()),
+        Some(Core::Column) => {
+            let core = points.extra.igrf_nt.as_ref().ok_or_else(|| lacks("column `igrf`"))?;
+            points.value_nt.iter_mut().zip(core).for_each(|(v, c)| *v -= c);
+            return Ok(());
+        }
+        Some(Core::Igrf) => CoreModel::Igrf14,
+        Some(Core::Wmm) => CoreModel::Wmm,
+    };
+    let years = match args.reduction.decimal_year {
+        Some(year) => vec![year; points.len()],
+        None => dates(points).ok_or_else(|| lacks("date in columns `year`, `doy` and `tt`: say `--decimal-year`"))?,
+    };
+    let field = CoreTrack::new(model).field(&points.lat_deg, &points.lon_deg, &points.height_m, &years);
+    let magnitude = field.map_err(|e| wrong(&args.points[0], &e))?.magnitude_nt();
+    if magnitude.iter().all(|m| m.is_nan()) {
+        return Err(lacks("heights or dates for the core field"));
+    }
+    points.value_nt.iter_mut().zip(magnitude).for_each(|(v, m)| *v -= m);
+    Ok(())
+}
+
+fn dates(points: &SurveyPoints) -> Option<Vec<f64>> {
+    let (year, doy) = (points.extra.year.as_ref()?, points.extra.doy.as_ref()?);
+    let tt = points.extra.tt_s.as_ref();
+    let one = |i: usize| decimal_year(year[i] as i32, doy[i] as u32, tt.map_or(0.0, |tt| tt[i])).unwrap_or(f64::NAN);
+    Some((0..points.len()).map(one).collect())
+}
+
+fn survey<'a>(points: &'a SurveyPoints, line: &'a [usize]) -> gridding::SurveyPoints<'a> {
+    gridding::SurveyPoints {
+        easting_m: &points.easting_m,
+        northing_m: &points.northing_m,
+        height_m: &points.height_m,
+        value_nt: &points.value_nt,
+        line,
+    }
+}
+
+fn level(args: &GridArgs, points: &SurveyPoints, line: &[usize], order: usize) -> Levelled {
+    let crossings = CrossoverOptions { most_height_m: args.reduction.crossing_height, ..CrossoverOptions::default() };
+    let found = find_crossovers(survey(points, line), &crossings);
+    level_lines(survey(points, line), &found, &LevelOptions { order, ..LevelOptions::default() })
+}
+
+fn options(args: &GridArgs) -> GridOptions {
+    let method = match (args.method, Method::minimum_curvature()) {
+        (Surface::MinimumCurvature, Method::MinimumCurvature(relaxation)) => {
+            let tension = args.tension.unwrap_or(relaxation.tension);
+            Method::MinimumCurvature(gridding::Relaxation { tension, ..relaxation })
+        }
+        _ => Method::EquivalentSources { layers: None, damping: args.damping.unwrap_or(1.0), level_m: args.level },
+    };
+    let mut options = GridOptions::of(method);
+    options.spacing_m = args.spacing;
+    options.block_m = args.block;
+    options.mask_m = args.mask;
+    options.folds = args.cross_validate.map(|n| Folds::all(usize::from(n)));
+    if let [west, south, east, north] = args.bounds[..] {
+        options.region = Some(Region { east_m: [west, east], north_m: [south, north] });
+    }
+    if args.keep_outliers {
+        options.clean.sigmas = 0.0;
+    }
+    options
+}
+
+/// The heights flown at each node, where the surface is at these.
+fn flown(
+    args: &GridArgs,
+    points: &SurveyPoints,
+    line: &[usize],
+    gridded: &Gridded,
+    progress: gridding::Progress,
+) -> Result<Height, Stop> {
+    if points.height_m.iter().all(|h| !h.is_finite()) {
+        return Ok(Height::Level(f64::NAN));
+    }
+    let heights = gridding::SurveyPoints { value_nt: &points.height_m, ..survey(points, line) };
+    let grid = &gridded.grid;
+    let mut options = GridOptions::of(Method::minimum_curvature());
+    options.clean.sigmas = 0.0;
+    options.spacing_m = Some(grid.east_m.step);
+    options.region = Some(Region {
+        east_m: [grid.east_m.first, grid.east_m.last()],
+        north_m: [grid.north_m.first, grid.north_m.last()],
+    });
+    options.mask_m = Some(f64::INFINITY);
+    let heights = gridding::grid(heights, &options, progress).map_err(|e| wrong(&args.points[0], &e))?;
+    Ok(Height::Cells(heights.grid.values))
+}
+
+fn bar() -> ProgressBar {
+    let style = ProgressStyle::with_template("{msg:28} {wide_bar} {percent:>3}% {elapsed:>4}");
+    let target = if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    ProgressBar::with_draw_target(Some(1), target).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+}
+
+/// What levelling did.
+fn told(levelled: &Levelled, names: &[String]) -> String {
+    let row = |name: &str, m: &Merit| {
+        format!("{name:<22} {:>10.3} {:>10.3} {:>8}\n", m.figure_of_merit_crossings, m.median_nt, m.n)
+    };
+    let mut text = format!("{:<22} {:>10} {:>10} {:>8}\n", "crossings", "rms [nT]", "median [nT]", "n");
+    text += &row("before levelling", &levelled.before);
+    text += &row("after levelling", &levelled.after);
+    if let Some(left_out) = &levelled.left_out {
+        text += &row("left out in turn", left_out);
+    }
+    let largest = levelled.lines.iter().max_by(|a, b| size(a).total_cmp(&size(b)));
+    if let Some(line) = largest {
+        let ties = levelled.lines.iter().filter(|l| l.tie).count();
+        let name = names.get(line.line).map_or("", String::as_str);
+        text += &format!(
+            "{} lines, {ties} of them ties; the largest correction is {:.2} nT, of line {name}\n\n",
+            levelled.lines.len(),
+            size(line)
+        );
+    }
+    text
+}
+
+fn size(line: &stages::numerics::levelling::LineCorrection) -> f64 {
+    line.coefficients_nt.first().map_or(0.0, |c| c.abs())
+}
+
+/// What gridding did.
+fn reported(gridded: &Gridded, points: &SurveyPoints) -> String {
+    let r = &gridded.report;
+    let c = &r.cleaned;
+    let spread = |s: &Spread| {
+        format!("median {:.2} nT, rms {:.2} nT, 95 % below {:.2} nT, at {}", s.median_nt, s.rms_nt, s.p95_nt, s.n)
+    };
+    let mut text = format!(
+        "points       {} of {} kept; left out: {} not finite, {} repeated, {} outliers, {} of short lines\n",
+        c.kept.len(),
+        points.len(),
+        c.not_finite.len(),
+        c.duplicates.len(),
+        c.outliers.len(),
+        c.of_short_lines.len()
+    );
+    text += &format!("lines        {}, {:.0} m apart\n", points.lines.len(), r.line_spacing_m);
+    text += &format!("blocks       {} of {:.0} m, {} left out\n", r.blocks, r.block_m, r.misfits.len());
+    for layer in &r.layers {
+        text += &format!("sources      {} at a depth of {:.0} m\n", layer.sources, layer.layer.depth_m);
+    }
+    if let Some(level_m) = r.level_m {
+        text += &format!("level        {level_m:.1} m\n");
+    }
+    text += &format!("misfit       {} blocks\n", spread(&r.misfit));
+    if let Some(error) = &r.cross_validation {
+        text += &format!("left out     {} points of lines left out in turn\n", spread(error));
+    }
+    let grid = &gridded.grid;
+    text + &format!(
+        "map          {} x {} nodes, {:.1} m apart, EPSG:{}, {} unknown\n",
+        grid.rows(),
+        grid.columns(),
+        grid.east_m.step,
+        points.crs.code(),
+        grid.unknown()
+    )
+}
