@@ -1,6 +1,6 @@
 """Upward continuation of a map of 3195 x 7279 nodes with harmonica and xrft, beside the bench of the same name.
 
-    python3 stages/benches/continuation_harmonica.py            # its times, then the bench's, and the ratio
+    python3 stages/benches/continuation_harmonica.py            # the bench before and after its own runs, and the ratio
     python3 stages/benches/continuation_harmonica.py --write    # the nodes that the bench is checked against
 
 The map and its padding by zeros to 3840 x 8748 nodes are the same on both sides. The fastest of the runs counts.
@@ -78,7 +78,8 @@ def rust_milliseconds():
 def main():
     grid = field()
     base = most_memory()
-    best, seconds = np.inf, []
+    first = {} if "--write" in sys.argv else rust_milliseconds()
+    seconds = []
     for _ in range(REPEATS):
         start = time.perf_counter()
         answer = continued(grid)
@@ -90,7 +91,8 @@ def main():
     print(f"harmonica {version('harmonica')}, xrft {version('xrft')}, numpy {np.__version__}")
     print("runs " + ", ".join(f"{s:.2f}" for s in seconds) + " s")
     print(f"memory at most {most_memory() / copy:.1f} copies of the padded map, before {base / copy:.1f}")
-    for threads, milliseconds in rust_milliseconds().items():
+    for threads, again in rust_milliseconds().items():
+        milliseconds = min(first[threads], again)
         print(f"harmonica over Rust on {threads} threads: {1e3 * best / milliseconds:.1f}")
 
 
