@@ -30,21 +30,24 @@ fn law_the_error_at_the_edges_is_no_worse_than_harmonicas_and_magnavs() {
     // Single scenes may fall either way, as nobody knows the field outside; over some, ours must not be worse.
     for scene in SCENES {
         for up_m in [200.0, 500.0] {
-            let mut sums = [0.0; 3];
+            let mut sums = [0.0; 4];
             for seed in 1..7 {
                 let field = Field::new(scene, seed, [72, 90]);
                 let (map, exact) = (field.anomaly(0.0), field.anomaly(up_m));
                 let width = (2.0 * up_m / 100.0) as usize;
                 let size = rms_where(&exact, |_, _| true);
-                let paddings = [Padding::default(), harmonica(&map), Padding::magnav(&map, up_m)];
+                let plain = Padding { edge: Edge::Falling { detail_nodes: 0 }, ..Padding::default() };
+                let paddings = [Padding::default(), harmonica(&map), Padding::magnav(&map, up_m), plain];
                 for (sum, padding) in sums.iter_mut().zip(paddings) {
                     let error = minus(&upward(&map, up_m, &padding).unwrap(), &exact);
                     *sum += (rms_where(&error, |r, c| depth(&error, r, c) < width) / size).powi(2);
                 }
             }
-            let [ours, harmonica, magnav] = sums.map(|sum| (sum / 6.0_f64).sqrt());
+            let [ours, harmonica, magnav, plain] = sums.map(|sum| (sum / 6.0_f64).sqrt());
             println!("{scene:?} {up_m} m: ours {ours:.4}, harmonica {harmonica:.4}, MagNav.jl {magnav:.4}");
             assert!(ours <= harmonica, "{scene:?} {up_m} m: {ours} and {harmonica}");
+            // The turned image carries the slope on, which counts near the edge.
+            assert!(up_m > 300.0 || ours < 0.95 * plain, "{scene:?} {up_m} m: {ours} and {plain}");
             // Where the edge is much of the map, a few scenes do not part the two by more than some percent.
             assert!(ours <= 1.1 * magnav, "{scene:?} {up_m} m: {ours} and {magnav}");
         }
