@@ -8,7 +8,9 @@
 mod bad_input;
 mod bytes;
 mod examples;
+mod field;
 mod killed;
+mod maps;
 mod memory;
 mod queries;
 mod reuse;

@@ -28,18 +28,23 @@ fn fingerprint(batches: &[RecordBatch]) -> String {
 #[test]
 fn gold_an_answer_that_moves_needs_a_new_version() {
     let bench = Bench::new();
-    let more = "\n[[stages]]\nname = \"slow\"\nstage = \"bandpass\"\ninput = \"even\"\ncolumns = [\"mag_4_uc\"]\n";
+    let more = "\n[[stages]]\nname = \"slow\"\nstage = \"bandpass\"\ninput = \"even\"\ncolumns = [\"mag_4_uc\"]\n\
+                \n[[stages]]\nname = \"core\"\nstage = \"core_field\"\ninput = \"even\"\ndecimal_year = 2020.5\n\
+                \n[[stages]]\nname = \"place\"\nstage = \"map_value\"\ninput = \"even\"\nmap = \"anomaly\"\n\
+                map_levels_m = [300.0, 400.0]\n";
     bench.spec(&(crate::support::SPEC.to_owned() + more));
     assert_eq!(bench.run(&[]).code, 0);
     let overview = stdout(&bench.magline(&["stages"]));
     let mut now = String::new();
     for (stage, table) in [
         ("resample", "even"),
+        ("core_field", "core"),
         ("bandpass", "slow"),
         ("a_matrix", "terms"),
         ("fit", "coefficients"),
         ("compensate", "clean"),
         ("navigate", "track"),
+        ("map_value", "place"),
         ("score", "scores"),
     ] {
         let line = overview.lines().find(|l| l.starts_with(stage)).unwrap();

@@ -186,10 +186,39 @@ fn read(args: &GridArgs) -> Result<SurveyPoints, Stop> {
                 options.to_epsg = Some(points.crs.code());
                 all = Some(points);
             }
-            Some(all) => all.append(points),
+            Some(all) => append(all, points),
         }
     }
     all.ok_or_else(|| Fault::new("there are no survey points").into())
+}
+
+/// Adds the points of another file; a line of one name is one line.
+fn append(all: &mut SurveyPoints, more: SurveyPoints) {
+    let place = |name: &String, lines: &mut Vec<String>| {
+        let known = lines.iter().position(|n| n == name);
+        known.unwrap_or_else(|| {
+            lines.push(name.clone());
+            lines.len() - 1
+        }) as u32
+    };
+    let places: Vec<u32> = more.lines.iter().map(|name| place(name, &mut all.lines)).collect();
+    all.line.extend(more.line.iter().map(|l| places[*l as usize]));
+    all.easting_m.extend(more.easting_m);
+    all.northing_m.extend(more.northing_m);
+    all.lat_deg.extend(more.lat_deg);
+    all.lon_deg.extend(more.lon_deg);
+    all.height_m.extend(more.height_m);
+    all.value_nt.extend(more.value_nt);
+    // What only some of the files have is of no use.
+    let both = |a: &mut Option<Vec<f64>>, b: Option<Vec<f64>>| match (a.as_mut(), b) {
+        (Some(a), Some(b)) => a.extend(b),
+        _ => *a = None,
+    };
+    both(&mut all.extra.tt_s, more.extra.tt_s);
+    both(&mut all.extra.diurnal_nt, more.extra.diurnal_nt);
+    both(&mut all.extra.igrf_nt, more.extra.igrf_nt);
+    both(&mut all.extra.year, more.extra.year);
+    both(&mut all.extra.doy, more.extra.doy);
 }
 
 /// Takes core field and diurnal variation off.

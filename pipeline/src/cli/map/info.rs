@@ -1,6 +1,6 @@
 //! `magline map info`: what is in a map.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use datasets::grid::Figure;
@@ -41,7 +41,7 @@ pub fn run(args: &InfoArgs) -> Result<(), Stop> {
                         }
                         format!("{}\n", Value::Object(object))
                     }
-                    false => format!("{}\n{summary}\n", path.display()),
+                    false => table(path, &summary.figures()),
                 })?;
             }
             Err(stop) => {
@@ -55,4 +55,20 @@ pub fn run(args: &InfoArgs) -> Result<(), Stop> {
         }
     }
     last
+}
+
+/// A line a figure: its name, its value, its unit.
+fn table(path: &Path, figures: &[(String, Figure, &'static str)]) -> String {
+    let widest = figures.iter().map(|(name, _, _)| name.chars().count()).max().unwrap_or(0);
+    let mut text = format!("{}\n", path.display());
+    for (name, value, unit) in figures {
+        let value = match value {
+            // Ten digits are a millimetre of a northing and a nanotesla of anything.
+            Figure::Number(number) => format!("{}", (number * 1e6).round() / 1e6),
+            Figure::Text(text) => text.clone(),
+        };
+        text += format!("  {name:<widest$}  {value} {unit}").trim_end();
+        text.push('\n');
+    }
+    text
 }

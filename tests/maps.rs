@@ -1,0 +1,222 @@
+//! `magline map`: what a user does with maps, from survey points to a picture.
+
+use std::{fs, path::Path, process::Output};
+
+use serde_json::Value;
+
+use crate::support::{Bench, batch, magline, map, numbers, read, repository, stderr, stdout, write};
+
+const ENDINGS: [&str; 8] = ["parquet", "tif", "nc", "grd", "xyz", "h5", "gxf", "ers"];
+
+fn osborne() -> String {
+    repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif").display().to_string()
+}
+
+fn fine(output: &Output) -> String {
+    assert!(output.status.success(), "{}", stderr(output));
+    stdout(output)
+}
+
+fn info(folder: &Path, map: &str) -> Value {
+    serde_json::from_str(&fine(&magline(folder, &["map", "info", map, "--json"]))).unwrap()
+}
+
+#[test]
+fn law_a_map_goes_through_every_format_and_comes_back() {
+    let bench = Bench::new();
+    let first = info(bench.folder.path(), "map.parquet");
+    for ending in ENDINGS {
+        let file = format!("there.{ending}");
+        fine(&bench.magline(&["map", "convert", "map.parquet", "-o", &file]));
+        let there = info(bench.folder.path(), &file);
+        for key in ["columns", "rows", "epsg"] {
+            assert_eq!(there[key], first[key], "{ending} {key}");
+        }
+        for key in ["west [deg]", "north [deg]", "min [nT]", "max [nT]", "std [nT]", "mean [nT]"] {
+            let (a, b) = (there[key].as_f64().unwrap(), first[key].as_f64().unwrap());
+            // Single precision in some of the formats.
+            assert!((a - b).abs() < 1e-5 * b.abs().max(1.0), "{ending} {key}: {a} {b}");
+        }
+    }
+}
+
+#[test]
+fn law_bytes_do_not_depend_on_threads() {
+    let bench = Bench::new();
+    for (name, args) in [
+        ("up", &["map", "continue", "map.parquet", "--to", "450"][..]),
+        ("down", &["map", "continue", "map.parquet", "--to", "200"]),
+        ("utm", &["map", "convert", "map.parquet", "--to-epsg", "32632"]),
+        ("png", &["map", "plot", "map.parquet", "--width", "400"]),
+    ] {
+        let files = ["1", "2"].map(|threads| {
+            let file = format!("{name}{threads}.{}", if name == "png" { "png" } else { "parquet" });
+            fine(&bench.magline(&[args, &["-o", &file, "--threads", threads]].concat()));
+            fs::read(bench.path(&file)).unwrap()
+        });
+        assert!(files[0] == files[1], "{name}");
+    }
+}
+
+#[test]
+fn law_down_and_up_again_is_the_map_within_the_error_that_is_told() {
+    let bench = Bench::new();
+    let output = bench.magline(&["map", "continue", &osborne(), "--to", "450", "-o", "low.tif", "--l-curve", "l.svg"]);
+    fine(&output);
+    let told = stderr(&output);
+    let words: Vec<&str> = told.split_whitespace().collect();
+    let at = words.windows(2).position(|w| w == ["nT", "rms"]).unwrap();
+    let rms: f64 = words[at - 1].parse().unwrap();
+    fine(&bench.magline(&["map", "continue", "low.tif", "--to", "500", "-o", "back.parquet"]));
+    fine(&bench.magline(&["map", "convert", &osborne(), "-o", "map500.parquet"]));
+    let [back, map] = ["back", "map500"].map(|n| numbers(&file(&bench, &format!("{n}.parquet")), "anomaly"));
+    let inner: Vec<f64> = back.iter().zip(&map).map(|(a, b)| a - b).collect();
+    let found = (inner.iter().map(|d| d * d).sum::<f64>() / inner.len() as f64).sqrt();
+    // The file in between is in single precision, and its edges were not known.
+    assert!(found < 1.5 * rms + 0.01, "{found} {rms}");
+    assert!(fs::read_to_string(bench.path("l.svg")).unwrap().contains("alpha"));
+}
+
+fn file(bench: &Bench, name: &str) -> Vec<arrow_array::RecordBatch> {
+    let folder = bench.path(&format!("{name}.d"));
+    fs::create_dir_all(&folder).unwrap();
+    fs::copy(bench.path(name), folder.join("0.parquet")).unwrap();
+    read(&folder)
+}
+
+#[test]
+fn gold_a_continuation_too_far_is_warned_about_and_heights_are_needed() {
+    let bench = Bench::new();
+    let output = bench.magline(&["map", "continue", &osborne(), "--to", "2500", "-o", "up.tif"]);
+    fine(&output);
+    assert!(stderr(&output).contains("more than 1/50"), "{}", stderr(&output));
+    let near = bench.magline(&["map", "continue", &osborne(), "--to", "700", "-o", "up.tif"]);
+    assert!(!stderr(&near).contains("1/50"), "{}", stderr(&near));
+    write(&bench.path("flat.parquet"), &[crate::support::without(&map(), "alt")]);
+    let refused = bench.magline(&["map", "continue", "flat.parquet", "--to", "700", "-o", "up.parquet"]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(stderr(&refused).contains("--alt"), "{}", stderr(&refused));
+    let several = bench.magline(&["map", "continue", &osborne(), "--to", "600,700", "-o", "up.tif"]);
+    assert_eq!(several.status.code(), Some(2));
+    assert!(stderr(&several).contains("{alt}"), "{}", stderr(&several));
+    fine(&bench.magline(&["map", "continue", &osborne(), "--to", "600,700", "-o", "up_{alt}.tif"]));
+    assert!(bench.path("up_600.tif").exists() && bench.path("up_700.tif").exists());
+}
+
+#[test]
+fn law_a_hole_is_filled_from_around_or_from_another_map() {
+    let bench = Bench::new();
+    let whole = map();
+    let punched = crate::support::changed(&whole, "anomaly", |i, v| {
+        let (row, column) = (i / 81, i % 81);
+        if (30..40).contains(&row) && (50..62).contains(&column) { f64::NAN } else { v }
+    });
+    write(&bench.path("hole.parquet"), &[punched]);
+    let truth = numbers(&[whole.clone()], "anomaly");
+    let rms = |name: &str| {
+        let values = numbers(&file(&bench, name), "anomaly");
+        assert!(values.iter().all(|v| v.is_finite()), "{name}");
+        let sum: f64 = values.iter().zip(&truth).map(|(a, b)| (a - b) * (a - b)).sum();
+        (sum / 120.0).sqrt()
+    };
+    for method in ["knn", "harmonic", "minimum-curvature"] {
+        fine(&bench.magline(&["map", "fill", "hole.parquet", "--method", method, "-o", "filled.parquet"]));
+        // The anomaly's own standard deviation is 106 nT; the hole is a third of a wave wide.
+        assert!(rms("filled.parquet") < 150.0, "{method}: {}", rms("filled.parquet"));
+    }
+    let shifted = crate::support::changed(&whole, "anomaly", |_, v| v + 25.0);
+    write(&bench.path("other.parquet"), &[shifted]);
+    let output = bench.magline(&["map", "fill", "hole.parquet", "--with", "other.parquet", "--method", "none", "-o", "both.parquet"]);
+    fine(&output);
+    assert!(stderr(&output).contains("median -25.00"), "{}", stderr(&output));
+    // The other map is the field itself but for its level, which the overlap gives.
+    assert!(rms("both.parquet") < 1e-6, "{}", rms("both.parquet"));
+}
+
+#[test]
+fn law_a_survey_of_dipoles_becomes_their_field_and_lines_are_levelled() {
+    let bench = Bench::new();
+    let dipoles = [(2200.0, 1800.0, 9e4), (3500.0, 3300.0, -7e4), (1200.0, 3900.0, 5e4)];
+    let field = |e: f64, n: f64, h: f64| -> f64 {
+        let one = |(x, y, m): &(f64, f64, f64)| {
+            let (dx, dy, dz) = (e - x, n - y, h + 350.0);
+            let r2 = dx * dx + dy * dy + dz * dz;
+            m * 1e2 * (2.0 * dz * dz - dx * dx - dy * dy) / r2.powf(2.5) * 100.0
+        };
+        dipoles.iter().map(one).sum()
+    };
+    let mut rows: Vec<[f64; 5]> = vec![];
+    for line in 0..26 {
+        let offset = 7.0 * f64::from(line % 5) - 14.0;
+        rows.extend((0..501).map(|k| {
+            let (e, n) = (10.0 * f64::from(k), 200.0 * f64::from(line));
+            [e, n, 80.0, field(e, n, 80.0) + offset, f64::from(line)]
+        }));
+    }
+    for tie in 0..6 {
+        rows.extend((0..501).map(|k| {
+            let (e, n) = (1000.0 * f64::from(tie) + 3.0, 10.0 * f64::from(k));
+            [e, n, 80.0, field(e, n, 80.0), 100.0 + f64::from(tie)]
+        }));
+    }
+    let column = |k: usize| rows.iter().map(|r| r[k]).collect::<Vec<f64>>();
+    write(
+        &bench.path("points.parquet"),
+        &[batch(&[
+            ("easting_m", column(0).iter().map(|e| e + 500_000.0).collect()),
+            ("northing_m", column(1).iter().map(|n| n + 5_000_000.0).collect()),
+            ("height_m", column(2)),
+            ("anomaly_nt", column(3)),
+            ("line", column(4)),
+        ])],
+    );
+    let args = ["map", "grid", "points.parquet", "--epsg", "32632", "--spacing", "100", "--level", "120", "--level-lines"];
+    let output = bench.magline(&[&args[..], &["-o", "grid.parquet", "--cross-validate", "5", "--error", "error.parquet"]].concat());
+    let report = fine(&output);
+    let after = report.lines().find(|l| l.starts_with("after levelling")).unwrap();
+    let left: f64 = after.split_whitespace().nth(2).unwrap().parse().unwrap();
+    // Offsets of -14 to 14 nT go; what is left is interpolation between points 10 m apart.
+    assert!(left < 1.0, "{report}");
+    let grid = file(&bench, "grid.parquet");
+    let (e, n, v) = (numbers(&grid, "easting"), numbers(&grid, "northing"), numbers(&grid, "anomaly"));
+    let mean: f64 = 0.0;
+    let errors: Vec<f64> = (0..v.len())
+        .filter(|i| (500.0..4500.0).contains(&(e[*i] - 5e5)) && (500.0..4500.0).contains(&(n[*i] - 5e6)))
+        .map(|i| v[i] - field(e[i] - 5e5, n[i] - 5e6, 120.0) - mean)
+        .collect();
+    let rms = (errors.iter().map(|d| d * d).sum::<f64>() / errors.len() as f64).sqrt();
+    let signal = v.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    // At 40 m above points 200 m apart across lines, 430 m from the sources.
+    assert!(rms < 0.02 * signal, "{rms} of {signal}");
+    assert!(bench.path("error.parquet").exists());
+}
+
+#[test]
+fn law_pictures_are_what_their_names_say() {
+    let bench = Bench::new();
+    for (name, starts) in
+        [("a.png", &b"\x89PNG"[..]), ("a.svg", b"<?xml"), ("a.kml", b"<?xml"), ("a.kmz", b"PK\x03\x04")]
+    {
+        let flights = "flights/1.parquet";
+        fine(&bench.magline(&["map", "plot", "map.parquet", "--track", flights, "-o", name, "--width", "600"]));
+        let bytes = fs::read(bench.path(name)).unwrap();
+        assert!(bytes.starts_with(starts), "{name}: {:?}", &bytes[..8]);
+    }
+    assert!(bench.path("a_map.png").exists(), "the overlay is beside the .kml");
+    let wrong = bench.magline(&["map", "plot", "map.parquet", "-o", "a.jpg"]);
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(stderr(&wrong).contains(".png"), "{}", stderr(&wrong));
+}
+
+#[test]
+fn gold_maps_that_cannot_be_read_say_so_and_leave_nothing_behind() {
+    let bench = Bench::new();
+    fs::write(bench.path("half.tif"), &fs::read(osborne()).unwrap()[..200_000]).unwrap();
+    fs::write(bench.path("empty.nc"), b"").unwrap();
+    for (map, says) in [("half.tif", "TIFF"), ("empty.nc", "empty"), ("none.grd", "no such file")] {
+        let output = bench.magline(&["map", "convert", map, "-o", "out.parquet"]);
+        assert_eq!(output.status.code(), Some(2), "{map}");
+        assert!(stderr(&output).contains(says) && stderr(&output).contains(map), "{}", stderr(&output));
+        assert!(!bench.path("out.parquet").exists(), "{map}");
+    }
+}
