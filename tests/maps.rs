@@ -6,7 +6,20 @@ use serde_json::Value;
 
 use crate::support::{Bench, batch, magline, map, numbers, read, repository, stderr, stdout, write};
 
-const ENDINGS: [&str; 8] = ["parquet", "tif", "nc", "grd", "xyz", "h5", "gxf", "ers"];
+/// Ending and format; where it is empty, the ending alone says it.
+const FORMATS: [(&str, &str); 11] = [
+    ("parquet", ""),
+    ("tif", ""),
+    ("nc", ""),
+    ("grd", "netcdf"),
+    ("grd", "surfer7"),
+    ("grd", "surfer6"),
+    ("grd", "surfer6_text"),
+    ("xyz", ""),
+    ("h5", ""),
+    ("gxf", ""),
+    ("ers", ""),
+];
 
 fn osborne() -> String {
     repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif").display().to_string()
@@ -25,17 +38,20 @@ fn info(folder: &Path, map: &str) -> Value {
 fn law_a_map_goes_through_every_format_and_comes_back() {
     let bench = Bench::new();
     let first = info(bench.folder.path(), "map.parquet");
-    for ending in ENDINGS {
-        let file = format!("there.{ending}");
-        fine(&bench.magline(&["map", "convert", "map.parquet", "-o", &file]));
-        let there = info(bench.folder.path(), &file);
+    for (ending, format) in FORMATS {
+        let file = format!("there_{format}.{ending}");
+        let as_format: &[&str] = if format.is_empty() { &[] } else { &["--output-format", format] };
+        fine(&bench.magline(&[&["map", "convert", "map.parquet", "-o", &file], as_format].concat()));
+        // Surfer's grids do not say what their coordinates are.
+        let there = fine(&bench.magline(&["map", "info", &file, "--json", "--epsg", "4326"]));
+        let there: Value = serde_json::from_str(&there).unwrap();
         for key in ["columns", "rows", "epsg"] {
-            assert_eq!(there[key], first[key], "{ending} {key}");
+            assert_eq!(there[key], first[key], "{ending} {format} {key}");
         }
         for key in ["west [deg]", "north [deg]", "min [nT]", "max [nT]", "std [nT]", "mean [nT]"] {
             let (a, b) = (there[key].as_f64().unwrap(), first[key].as_f64().unwrap());
             // Single precision in some of the formats.
-            assert!((a - b).abs() < 1e-5 * b.abs().max(1.0), "{ending} {key}: {a} {b}");
+            assert!((a - b).abs() < 1e-5 * b.abs().max(1.0), "{ending} {format} {key}: {a} {b}");
         }
     }
 }
