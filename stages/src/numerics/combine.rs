@@ -108,6 +108,16 @@ pub enum CombineError {
         /// The number of columns.
         columns: usize,
     },
+    /// A value is infinite.
+    #[error("map {piece}: the value in row {row}, column {column} is infinite; an unknown value is NaN")]
+    Infinite {
+        /// The map, from 0.
+        piece: usize,
+        /// The row, from 0 in the south.
+        row: usize,
+        /// The column, from 0 in the west.
+        column: usize,
+    },
     /// The grid to combine on has no nodes, or a step that is not above zero.
     #[error("the grid to combine on has {rows} rows x {columns} columns with steps of {north_m} m and {east_m} m")]
     Target {
@@ -183,6 +193,9 @@ fn check(
         let complete = rows.checked_mul(columns) == Some(values);
         if !(complete && good(&grid.east_m, 2) && good(&grid.north_m, 2)) {
             return Err(CombineError::Size { piece, values, rows, columns });
+        }
+        if let Some(node) = grid.values.iter().position(|value| value.is_infinite()) {
+            return Err(CombineError::Infinite { piece, row: node / columns, column: node % columns });
         }
         if !(*weight > 0.0 && weight.is_finite()) {
             return Err(CombineError::Parameter { name: "the weight of a map", value: *weight });

@@ -14,7 +14,7 @@ mod surface;
 
 use super::field_value::FieldValue;
 pub use batch::FieldColumns;
-pub(in crate::numerics) use batch::{Batch, Places};
+pub(in crate::numerics) use batch::{LookUp, Places, look_up_many};
 use grid::Axis;
 pub use grid::{MapError, MapGrid};
 pub(in crate::numerics) use holes::Shape;
@@ -151,7 +151,11 @@ impl AnomalyMap {
     /// the map's by a full turn. Without a vertical derivative the change with height is zero.
     #[inline(always)]
     pub fn at(&self, lat_deg: f64, lon_deg: f64) -> Option<FieldValue> {
-        let cell = self.axes.cell(lat_deg, lon_deg)?;
+        self.on_map(self.axes.cell(lat_deg, lon_deg)?)
+    }
+
+    #[inline(always)]
+    fn on_map(&self, cell: Cell) -> Option<FieldValue> {
         match &self.nodes {
             Nodes::Anomaly(surface) => {
                 let jet = surface.at(cell)?;
@@ -164,17 +168,30 @@ impl AnomalyMap {
         }
     }
 
+    #[inline(always)]
+    fn touch(&self, cell: Cell) -> f64 {
+        match &self.nodes {
+            Nodes::Anomaly(surface) => surface.touch(cell),
+            Nodes::WithVertical(surface, _) => surface.touch(cell),
+        }
+    }
+
     /// The anomaly at a height in metres, to first order: the map's value plus its vertical
     /// derivative times the way from the map's height; and the exact gradient of that. How far
     /// this holds is the caller's to judge: the error grows with the square of that way over the
     /// depth of the sources. A map without a vertical derivative is the same at every height.
     #[inline(always)]
     pub fn at_height(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
+        self.off_map(self.axes.cell(lat_deg, lon_deg)?, alt_m)
+    }
+
+    #[inline(always)]
+    fn off_map(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
         let Nodes::WithVertical(surface, map_alt_m) = &self.nodes else {
-            return self.at(lat_deg, lon_deg);
+            return self.on_map(cell);
         };
         let up_m = alt_m - map_alt_m;
-        let jet = surface.at(self.axes.cell(lat_deg, lon_deg)?)?;
+        let jet = surface.at(cell)?;
         let first_order = |quantity: [f64; 2]| quantity[0] + up_m * quantity[1];
         let field = self.axes.field(
             first_order(jet.value),

@@ -9,7 +9,7 @@ mod levels;
 
 use super::field_value::FieldValue;
 use super::map_grid::{
-    AnomalyMap, Axes, Batch, Cell, FieldColumns, Interpolation, Jet, MapError, MapGrid, Places, Surface,
+    AnomalyMap, Axes, Cell, FieldColumns, Interpolation, Jet, LookUp, MapError, MapGrid, Places, Surface, look_up_many,
 };
 pub use drape::DrapeMap;
 use levels::{natural_slopes, union_of_unknown};
@@ -159,15 +159,7 @@ impl MapStack {
     /// node at any level, where the place is not a number, and beyond the levels as [`OutsideLevels`] says.
     #[inline]
     pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
-        let cell = self.axes.cell(lat_deg, lon_deg)?;
-        let (first, last) = (*self.heights_m.first()?, *self.heights_m.last()?);
-        if alt_m < first {
-            self.beyond(cell, 0, 1, alt_m)
-        } else if alt_m > last {
-            self.beyond(cell, self.heights_m.len() - 1, self.heights_m.len() - 2, alt_m)
-        } else {
-            self.between(cell, alt_m)
-        }
+        self.in_cell(self.axes.cell(lat_deg, lon_deg)?, alt_m)
     }
 
     /// [`Self::at`] for many places; places without a value are NaN. Allocates only where `out` has to grow.
@@ -178,10 +170,27 @@ impl MapStack {
         alt_m: &[f64],
         out: &mut FieldColumns,
     ) -> Result<(), MapError> {
-        let places = Places { lat_deg, lon_deg, alt_m };
-        places.check(true)?;
-        pulp::Arch::new().dispatch(Batch { places, out, look_up: |lat, lon, alt| self.at(lat, lon, alt) });
-        Ok(())
+        look_up_many(self, Places { lat_deg, lon_deg, alt_m }, true, out)
+    }
+
+    #[inline(always)]
+    fn in_cell(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
+        let (first, last) = (*self.heights_m.first()?, *self.heights_m.last()?);
+        if alt_m < first {
+            self.beyond(cell, 0, 1, alt_m)
+        } else if alt_m > last {
+            self.beyond(cell, self.heights_m.len() - 1, self.heights_m.len() - 2, alt_m)
+        } else {
+            self.between(cell, alt_m)
+        }
+    }
+
+    /// The level below a height, not the highest one; `None` below the lowest or of no number.
+    #[inline(always)]
+    fn level_below(&self, alt_m: f64) -> Option<usize> {
+        // Stacks have few levels: counting them is faster than halving.
+        let below = self.heights_m.iter().filter(|height| **height <= alt_m).count();
+        below.min(self.heights_m.len() - 1).checked_sub(1)
     }
 
     /// Past the end level `end`, next to the level `inner`.
@@ -204,9 +213,7 @@ impl MapStack {
 
     #[inline(always)]
     fn between(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
-        // Stacks have few levels: counting them is faster than halving.
-        let above = self.heights_m.iter().filter(|height| **height <= alt_m).count();
-        let low = above.min(self.heights_m.len() - 1).checked_sub(1)?;
+        let low = self.level_below(alt_m)?;
         let (low_m, high_m) = (*self.heights_m.get(low)?, *self.heights_m.get(low + 1)?);
         let (below, over) = (self.levels.get(low)?.at(cell)?, self.levels.get(low + 1)?.at(cell)?);
         let step_m = high_m - low_m;
@@ -220,6 +227,24 @@ impl MapStack {
             weights.of(below.per_column, over.per_column),
             weights.slope_of(below.value, over.value),
         ))
+    }
+}
+
+impl LookUp for MapStack {
+    #[inline(always)]
+    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
+        self.axes.cell(lat_deg, lon_deg)
+    }
+
+    #[inline(always)]
+    fn touch(&self, cell: Cell, alt_m: f64) -> f64 {
+        let low = self.level_below(alt_m).unwrap_or(0);
+        self.levels.iter().skip(low).take(2).map(|level| level.touch(cell)).sum()
+    }
+
+    #[inline(always)]
+    fn field(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
+        self.in_cell(cell, alt_m)
     }
 }
 

@@ -4,7 +4,7 @@ use crate::numerics::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 
 /// How many rows and columns around an unknown node a known one may lie and still be among the `neighbours` nearest
-/// of any unknown node.
+/// of any unknown node, but for those on the border of the map.
 ///
 /// A known node whose eight neighbours are all known has at least three of them nearer to any unknown node than it is
 /// itself: with the unknown node c columns and r rows away, those one step nearer in columns, in rows, and in both,
@@ -12,28 +12,50 @@ use rayon::prelude::*;
 /// than √3 of a column. So it is not among the nearest three. In general, the chain of nodes that leads from a known
 /// node straight to an unknown one is strictly nearer to it, node by node, so that fewer than `neighbours` of the
 /// chain are known.
-pub(super) fn reach(neighbours: usize, east_m: f64, north_m: f64) -> usize {
+fn reach(neighbours: usize, east_m: f64, north_m: f64) -> usize {
     let near_square = east_m < 1.7 * north_m && north_m < 1.7 * east_m;
     if neighbours <= 3 && near_square { 1 } else { neighbours }
 }
 
-/// The known nodes within `reach` rows and columns of an unknown one, in the order of the grid.
-pub(super) fn edge_nodes(grid: &PlaneGrid, reach: usize) -> Vec<usize> {
+/// The known nodes that can be among the `neighbours` nearest of an unknown one, in the order of the grid.
+pub(super) fn edge_nodes(grid: &PlaneGrid, neighbours: usize) -> Vec<usize> {
     let (rows, width) = (grid.rows(), grid.columns());
+    let reach = reach(neighbours, grid.east_m.step, grid.north_m.step);
     let across: Vec<Vec<bool>> = grid.values.par_chunks_exact(width).map(|row| near_unknown(row, reach)).collect();
-    let rows = (0..rows).into_par_iter().flat_map_iter(|row| {
-        let band = &across[row.saturating_sub(reach)..=(row + reach).min(rows - 1)];
+    let near = (0..rows).into_par_iter().flat_map_iter(|row| {
+        let band = &across[row.saturating_sub(reach)..=row.saturating_add(reach).min(rows - 1)];
         let near = (0..width).filter(move |column| band.iter().any(|near| near[*column]));
         near.map(move |column| row * width + column).filter(|node| !grid.values[*node].is_nan())
     });
-    rows.collect()
+    let mut nodes: Vec<usize> = near.collect();
+    if reach < neighbours {
+        nodes.extend(border_nodes(grid, neighbours));
+        nodes.par_sort_unstable();
+        nodes.dedup();
+    }
+    nodes
+}
+
+/// The known nodes on the four lines of the border within `reach` of an unknown node of the same line: there the
+/// three of the next column, or row, are only two.
+fn border_nodes(grid: &PlaneGrid, reach: usize) -> Vec<usize> {
+    let (rows, width) = (grid.rows(), grid.columns());
+    let lines = [(0, 1, width), ((rows - 1) * width, 1, width), (0, width, rows), (width - 1, width, rows)];
+    let line_nodes = |(first, stride, len): (usize, usize, usize)| {
+        let nodes: Vec<usize> = (0..len).map(|k| first + k * stride).collect();
+        let values: Vec<f64> = nodes.iter().map(|node| grid.values[*node]).collect();
+        let near = near_unknown(&values, reach);
+        let known = (0..len).filter(move |k| near[*k] && !values[*k].is_nan());
+        known.map(move |k| nodes[k]).collect::<Vec<usize>>()
+    };
+    lines.into_iter().flat_map(line_nodes).collect()
 }
 
 /// Which nodes of a row lie within `reach` columns of an unknown one of that row.
 fn near_unknown(row: &[f64], reach: usize) -> Vec<bool> {
     let mut near = vec![false; row.len()];
     for unknown in row.iter().enumerate().filter(|(_, value)| value.is_nan()).map(|(column, _)| column) {
-        let last = (unknown + reach).min(row.len() - 1);
+        let last = unknown.saturating_add(reach).min(row.len() - 1);
         near[unknown.saturating_sub(reach)..=last].fill(true);
     }
     near

@@ -56,107 +56,93 @@ pub(super) struct Level {
     east: Vec<f32>,
     /// The joint of each node with its northern neighbour.
     north: Vec<f32>,
-    /// The sum of all joints of a node, also of those with known ones; 0 where the node is known.
-    diagonal: Vec<f32>,
+    /// The sum of the joints of a node with known ones.
+    fixed: Vec<f32>,
 }
 
 impl Level {
     /// The joints among those nodes for which `unknown` holds; joints of `east` and `north` strength.
     pub(super) fn new(frame: Frame, unknown: &[bool], east: f64, north: f64) -> Self {
         let (east, north) = (east as f32, north as f32);
-        let mut level = Self {
-            frame,
-            east: vec![0.0; frame.nodes()],
-            north: vec![0.0; frame.nodes()],
-            diagonal: vec![0.0; frame.nodes()],
-        };
-        for row in 0..frame.rows {
-            for column in 0..frame.columns {
-                let at = frame.index(row, column);
-                if !unknown[at] {
-                    continue;
-                }
-                let (eastern, northern) = (column + 1 < frame.columns, row + 1 < frame.rows);
-                if eastern && unknown[at + 1] {
-                    level.east[at] = east;
-                }
-                if northern && unknown[at + frame.width()] {
-                    level.north[at] = north;
-                }
-                let count = |one: bool, other: bool| f32::from(u8::from(one) + u8::from(other));
-                level.diagonal[at] = count(eastern, column > 0) * east + count(northern, row > 0) * north;
+        let zeros = || vec![0.0; frame.nodes()];
+        let mut level = Self { frame, east: zeros(), north: zeros(), fixed: zeros() };
+        for (row, column) in (0..frame.rows).flat_map(|row| (0..frame.columns).map(move |column| (row, column))) {
+            let at = frame.index(row, column);
+            if !unknown[at] {
+                continue;
             }
+            let joints = [
+                (column + 1 < frame.columns, at + 1, east),
+                (column > 0, at - 1, east),
+                (row + 1 < frame.rows, at + frame.width(), north),
+                (row > 0, at - frame.width(), north),
+            ];
+            let known = joints.iter().filter(|(inside, other, _)| *inside && !unknown[*other]);
+            level.fixed[at] = known.map(|(_, _, strength)| strength).sum();
+            level.east[at] = if joints[0].0 && unknown[at + 1] { east } else { 0.0 };
+            level.north[at] = if joints[2].0 && unknown[at + frame.width()] { north } else { 0.0 };
         }
         level
     }
 
-    /// What a node gets from its neighbours, for the inner part of a row.
+    /// What each node of a row gets from its neighbours.
     #[inline(always)]
     fn pull<'a>(&'a self, x: &'a [f64], row: usize) -> impl Fn(usize) -> f64 + 'a {
         let frame = self.frame;
         let (xe, xw) = (frame.part(x, row, 0, 1), frame.part(x, row, 0, -1));
         let (xn, xs) = (frame.part(x, row, 1, 0), frame.part(x, row, -1, 0));
-        let (we, ww) = (frame.part(&self.east, row, 0, 0), frame.part(&self.east, row, 0, -1));
-        let (wn, ws) = (frame.part(&self.north, row, 0, 0), frame.part(&self.north, row, -1, 0));
+        let (east, west) = (frame.part(&self.east, row, 0, 0), frame.part(&self.east, row, 0, -1));
+        let (north, south) = (frame.part(&self.north, row, 0, 0), frame.part(&self.north, row, -1, 0));
         move |i| {
-            (f64::from(we[i]) * xe[i] + f64::from(ww[i]) * xw[i])
-                + (f64::from(wn[i]) * xn[i] + f64::from(ws[i]) * xs[i])
+            let [we, ww, wn, ws] = [east[i], west[i], north[i], south[i]].map(f64::from);
+            (we * xe[i] + ww * xw[i]) + (wn * xn[i] + ws * xs[i])
+        }
+    }
+
+    /// The sum of all joints of each node of a row: its own weight in the operator, 0 where it is known.
+    #[inline(always)]
+    fn own(&self, row: usize) -> impl Fn(usize) -> f64 + '_ {
+        let frame = self.frame;
+        let (east, west) = (frame.part(&self.east, row, 0, 0), frame.part(&self.east, row, 0, -1));
+        let (north, south) = (frame.part(&self.north, row, 0, 0), frame.part(&self.north, row, -1, 0));
+        let fixed = frame.part(&self.fixed, row, 0, 0);
+        move |i| {
+            let [east, west, north, south, fixed] = [east[i], west[i], north[i], south[i], fixed[i]].map(f64::from);
+            ((east + west) + (north + south)) + fixed
         }
     }
 
     /// `out = A x`.
     pub(super) fn apply(&self, x: &[f64], out: &mut [f64]) {
         self.frame.each_row(out, |row, out| {
-            let (pull, diagonal) = (self.pull(x, row), self.frame.part(&self.diagonal, row, 0, 0));
-            let here = self.frame.part(x, row, 0, 0);
-            for (i, out) in out.iter_mut().enumerate() {
-                *out = f64::from(diagonal[i]) * here[i] - pull(i);
-            }
+            let (own, pull, here) = (self.own(row), self.pull(x, row), self.frame.part(x, row, 0, 0));
+            out.iter_mut().enumerate().for_each(|(i, out)| *out = own(i) * here[i] - pull(i));
         });
     }
 
-    /// `out = x + damping (b - A x) / diagonal` on unknown nodes.
+    /// `out = x + damping (b - A x) / own weight` on unknown nodes.
     fn correct(&self, b: &[f64], x: &[f64], out: &mut [f64]) {
         self.frame.each_row(out, |row, out| {
-            let (pull, diagonal) = (self.pull(x, row), self.frame.part(&self.diagonal, row, 0, 0));
+            let (own, pull) = (self.own(row), self.pull(x, row));
             let (b, here) = (self.frame.part(b, row, 0, 0), self.frame.part(x, row, 0, 0));
             for (i, out) in out.iter_mut().enumerate() {
-                let d = f64::from(diagonal[i]);
-                *out = if d > 0.0 { here[i] + DAMPING * ((b[i] + pull(i)) / d - here[i]) } else { 0.0 };
+                let own = own(i);
+                *out = if own > 0.0 { here[i] + DAMPING * ((b[i] + pull(i)) / own - here[i]) } else { 0.0 };
             }
         });
     }
 
-    /// [`Self::correct`] of nothing.
-    fn correct_zero(&self, b: &[f64], out: &mut [f64]) {
-        self.frame.each_row(out, |row, out| {
-            let (b, diagonal) = (self.frame.part(b, row, 0, 0), self.frame.part(&self.diagonal, row, 0, 0));
-            for (i, out) in out.iter_mut().enumerate() {
-                let d = f64::from(diagonal[i]);
-                *out = if d > 0.0 { DAMPING * b[i] / d } else { 0.0 };
-            }
-        });
-    }
-
-    /// The level of two by two nodes to one.
+    /// The level of two by two nodes to one: joints across its nodes are summed, joints inside fall out.
     fn coarser(&self) -> Self {
         let fine = self.frame;
         let frame = Frame { rows: fine.rows.div_ceil(2), columns: fine.columns.div_ceil(2) };
-        let nodes = frame.nodes();
-        let mut coarse = Self { frame, east: vec![0.0; nodes], north: vec![0.0; nodes], diagonal: vec![0.0; nodes] };
-        for row in 0..fine.rows {
-            for column in 0..fine.columns {
-                let (from, to) = (fine.index(row, column), frame.index(row / 2, column / 2));
-                let (east, north) = (0.5 * self.east[from], 0.5 * self.north[from]);
-                coarse.diagonal[to] += 0.5 * self.diagonal[from];
-                // A joint inside a new node is taken off its diagonal at both of its ends.
-                if column % 2 == 1 {
-                    coarse.east[to] += east
-                } else {
-                    coarse.diagonal[to] -= 2.0 * east
-                }
-                if row % 2 == 1 { coarse.north[to] += north } else { coarse.diagonal[to] -= 2.0 * north }
-            }
+        let zeros = || vec![0.0; frame.nodes()];
+        let mut coarse = Self { frame, east: zeros(), north: zeros(), fixed: zeros() };
+        for (row, column) in (0..fine.rows).flat_map(|row| (0..fine.columns).map(move |column| (row, column))) {
+            let (from, to) = (fine.index(row, column), frame.index(row / 2, column / 2));
+            coarse.fixed[to] += 0.5 * self.fixed[from];
+            coarse.east[to] += if column % 2 == 1 { 0.5 * self.east[from] } else { 0.0 };
+            coarse.north[to] += if row % 2 == 1 { 0.5 * self.north[from] } else { 0.0 };
         }
         coarse
     }
@@ -167,11 +153,11 @@ impl Level {
         coarse.each_row(out, |row, out| {
             out.fill(0.0);
             for row in (2 * row..2 * row + 2).take_while(|row| *row < fine.rows) {
-                let (pull, diagonal) = (self.pull(x, row), fine.part(&self.diagonal, row, 0, 0));
+                let (own, pull) = (self.own(row), self.pull(x, row));
                 let (b, here) = (fine.part(b, row, 0, 0), fine.part(x, row, 0, 0));
                 for i in 0..fine.columns {
-                    let d = f64::from(diagonal[i]);
-                    out[i / 2] += if d > 0.0 { b[i] - d * here[i] + pull(i) } else { 0.0 };
+                    let own = own(i);
+                    out[i / 2] += if own > 0.0 { b[i] - own * here[i] + pull(i) } else { 0.0 };
                 }
             }
         });
@@ -180,9 +166,9 @@ impl Level {
     /// Adds the value of each node of the coarser level to its unknown nodes.
     fn prolong(&self, coarse: Frame, from: &[f64], x: &mut [f64]) {
         self.frame.each_row(x, |row, x| {
-            let (from, diagonal) = (coarse.part(from, row / 2, 0, 0), self.frame.part(&self.diagonal, row, 0, 0));
+            let (from, own) = (coarse.part(from, row / 2, 0, 0), self.own(row));
             for (i, x) in x.iter_mut().enumerate() {
-                *x += if diagonal[i] > 0.0 { from[i / 2] } else { 0.0 };
+                *x += if own(i) > 0.0 { from[i / 2] } else { 0.0 };
             }
         });
     }
@@ -230,20 +216,22 @@ fn descend(
     let Some((spare, spares)) = spare.split_first_mut() else { return };
     let joined = coarser.split_first().zip(sides.split_first_mut()).zip(corrections.split_first_mut());
     let Some((((next, coarser), (side, sides)), (correction, corrections))) = joined else {
-        level.correct_zero(b, x);
+        x.fill(0.0);
         for _ in 0..COARSEST_SWEEPS {
             level.correct(b, x, spare);
             level.correct(b, spare, x);
         }
         return;
     };
-    level.correct_zero(b, spare);
+    spare.fill(0.0);
     level.correct(b, spare, x);
-    level.restrict(b, x, next.frame, side);
-    descend(next, coarser, side, correction, sides, corrections, spares);
-    level.prolong(next.frame, correction, x);
     level.correct(b, x, spare);
+    level.restrict(b, spare, next.frame, side);
+    descend(next, coarser, side, correction, sides, corrections, spares);
+    level.prolong(next.frame, correction, spare);
     level.correct(b, spare, x);
+    level.correct(b, x, spare);
+    x.copy_from_slice(spare);
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! The mean of the nearest known nodes.
 
-use super::edge::{edge_nodes, reach};
+use super::edge::edge_nodes;
 use super::{FillError, check};
 use crate::numerics::plane_grid::PlaneGrid;
 use kiddo::{ImmutableKdTree, QueryResultItem, SquaredEuclidean};
@@ -45,8 +45,7 @@ pub fn nearest(grid: &PlaneGrid, options: &NearestFill) -> Result<PlaneGrid, Fil
     check(grid)?;
     let neighbours = NonZeroUsize::new(options.neighbours).ok_or(FillError::NoNeighbours)?;
     check_options(options)?;
-    let (east_m, north_m) = (grid.east_m.step, grid.north_m.step);
-    let edge = edge_nodes(grid, reach(options.neighbours, east_m, north_m));
+    let edge = edge_nodes(grid, options.neighbours);
     if edge.is_empty() {
         return Ok(grid.clone());
     }
@@ -54,9 +53,10 @@ pub fn nearest(grid: &PlaneGrid, options: &NearestFill) -> Result<PlaneGrid, Fil
     let width = grid.columns();
     let mut values = grid.values.clone();
     values.par_chunks_exact_mut(width).enumerate().for_each(|(row, values)| {
-        let mut found = Vec::new();
+        let mut found = Found::default();
         for (column, value) in values.iter_mut().enumerate().filter(|(_, value)| value.is_nan()) {
-            *value = search.value(row, column, &mut found);
+            search.find(row, column, &mut found);
+            *value = search.value(&found.nodes);
         }
     });
     Ok(grid.with(values))
@@ -100,54 +100,67 @@ impl<'a> Search<'a> {
         Ok(Self { grid, edge, tree, take: neighbours.get(), ask: neighbours.saturating_add(1), aspect, options })
     }
 
-    /// The value of an unknown node; `found` is memory to work in.
-    fn value(&self, row: usize, column: usize, found: &mut Vec<(f64, usize)>) -> f64 {
-        self.nearest(row, column, found);
+    /// The mean of what was found.
+    fn value(&self, found: &[(f64, usize)]) -> f64 {
         let step_m = self.grid.east_m.step;
         let too_far = |squared: f64| self.options.max_distance_m.is_some_and(|far| squared.sqrt() * step_m > far);
-        if found.first().is_none_or(|(squared, _)| too_far(*squared)) {
+        let Some((nearest, _)) = found.first().filter(|(squared, _)| !too_far(*squared)) else {
             return f64::NAN;
-        }
+        };
         let weight = |squared: f64| match self.options.weights {
             Weights::Equal => 1.0,
             // Relative to the nearest, so that no power overflows.
-            Weights::InverseDistance(power) => (found[0].0 / squared).powf(0.5 * power),
+            Weights::InverseDistance(power) => (nearest / squared).powf(0.5 * power),
         };
         let (mut sum, mut weights) = (0.0, 0.0);
-        for (squared, node) in found.iter() {
+        for (squared, node) in found {
             sum += weight(*squared) * self.grid.values[*node];
             weights += weight(*squared);
         }
         sum / weights
     }
 
-    /// The nearest nodes with their squared distances in steps eastward, nearest first.
-    fn nearest(&self, row: usize, column: usize, found: &mut Vec<(f64, usize)>) {
+    /// The nearest nodes; `found` holds those of a place in the same row, or nothing.
+    fn find(&self, row: usize, column: usize, found: &mut Found) {
         let place = [column as f64, row as f64 * self.aspect];
         // What the tree says of distances is good to rounding; the order is made by distances that do not depend on
         // where the nodes are in the grid.
         const ROUNDING: f64 = 1e-9;
-        let query = self.tree.query(&place).nearest_n::<SquaredEuclidean<f64>>(self.ask).execute();
+        // The nodes found last are not farther away than they were then and the way from there.
+        let enough =
+            found.nodes.last().filter(|_| found.nodes.len() == self.take).map_or(f64::INFINITY, |(last, _)| {
+                (last.sqrt() + column.abs_diff(found.column) as f64).powi(2) * (1.0 + ROUNDING)
+            });
+        let query = self.tree.query(&place).nearest_n::<SquaredEuclidean<f64>>(self.ask).within(enough).execute();
         let reach = query.get(self.take - 1).map(|last| last.distance * (1.0 + ROUNDING));
         match (reach, query.get(self.take)) {
             (Some(reach), Some(next)) if next.distance <= reach => {
                 let tied = self.tree.query(&place).within::<SquaredEuclidean<f64>>(reach).execute();
-                self.order(row, column, &tied, found);
+                self.order(row, column, &tied, &mut found.nodes);
             }
-            _ => self.order(row, column, &query, found),
+            _ => self.order(row, column, &query, &mut found.nodes),
         }
-        found.truncate(self.take);
+        found.nodes.truncate(self.take);
+        found.column = column;
     }
 
-    fn order(&self, row: usize, column: usize, query: &[QueryResultItem<(), u32, f64>], found: &mut Vec<(f64, usize)>) {
+    /// Puts nodes into order by distance, then by their order in the grid.
+    fn order(&self, row: usize, column: usize, query: &[QueryResultItem<(), u32, f64>], nodes: &mut Vec<(f64, usize)>) {
         let width = self.grid.columns();
-        found.clear();
-        found.extend(query.iter().map(|item| {
+        nodes.clear();
+        nodes.extend(query.iter().map(|item| {
             let node = self.edge[item.item as usize];
             let east = (node % width).abs_diff(column) as f64;
             let north = (node / width).abs_diff(row) as f64 * self.aspect;
             (east * east + north * north, node)
         }));
-        found.sort_unstable_by(|one, other| one.0.total_cmp(&other.0).then(one.1.cmp(&other.1)));
+        nodes.sort_unstable_by(|one, other| one.0.total_cmp(&other.0).then(one.1.cmp(&other.1)));
     }
+}
+
+/// What was found last: squared distances in steps eastward and nodes, nearest first, for the place in that column.
+#[derive(Default)]
+struct Found {
+    nodes: Vec<(f64, usize)>,
+    column: usize,
 }

@@ -1,6 +1,6 @@
 //! Look-ups of many places at once.
 
-use super::{AnomalyMap, MapError};
+use super::{AnomalyMap, Cell, MapError};
 use crate::numerics::field_value::FieldValue;
 
 /// Values and gradients of many places, a column each; NaN where the map has none.
@@ -27,21 +27,24 @@ impl FieldColumns {
         self.value_nt.is_empty()
     }
 
-    /// Fills the columns with `look_up` of each of `n` places; what they held before is dropped, their memory kept.
-    #[inline(always)]
-    fn fill(&mut self, n: usize, look_up: impl Fn(usize) -> Option<FieldValue>) {
+    fn resize(&mut self, n: usize) {
         let Self { value_nt, d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m } = self;
-        for column in [&mut *value_nt, d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m] {
+        for column in [value_nt, d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m] {
             column.resize(n, 0.0);
         }
-        let gradient = d_lat_nt_per_rad.iter_mut().zip(d_lon_nt_per_rad).zip(d_alt_nt_per_m);
-        for (place, (value, ((d_lat, d_lon), d_alt))) in value_nt.iter_mut().zip(gradient).enumerate() {
-            let at = look_up(place).unwrap_or(NOWHERE);
-            (*value, *d_lat) = (at.value_nt, at.d_lat_nt_per_rad);
-            (*d_lon, *d_alt) = (at.d_lon_nt_per_rad, at.d_alt_nt_per_m);
-        }
+    }
+
+    /// The columns in blocks of at most [`BLOCK`] places.
+    fn blocks(&mut self) -> impl Iterator<Item = [&mut [f64]; 4]> {
+        let value_and_lat = self.value_nt.chunks_mut(BLOCK).zip(self.d_lat_nt_per_rad.chunks_mut(BLOCK));
+        let lon_and_alt = self.d_lon_nt_per_rad.chunks_mut(BLOCK).zip(self.d_alt_nt_per_m.chunks_mut(BLOCK));
+        value_and_lat.zip(lon_and_alt).map(|((value, d_lat), (d_lon, d_alt))| [value, d_lat, d_lon, d_alt])
     }
 }
+
+/// Places whose nodes are asked for before the first of them is used: as many as keep the memory busy, and as their
+/// cache lines have room for in the innermost cache.
+const BLOCK: usize = 64;
 
 const NOWHERE: FieldValue =
     FieldValue { value_nt: f64::NAN, d_lat_nt_per_rad: f64::NAN, d_lon_nt_per_rad: f64::NAN, d_alt_nt_per_m: f64::NAN };
@@ -62,36 +65,114 @@ impl Places<'_> {
     }
 }
 
-/// A batch in the form in which it is compiled for the vector width of each processor; the same arithmetic in the
-/// same order on all of them, so the same bits as one look-up at a time.
-pub(in crate::numerics) struct Batch<'a, F> {
-    pub(in crate::numerics) places: Places<'a>,
-    pub(in crate::numerics) out: &'a mut FieldColumns,
-    /// Of latitude, longitude and height; the height is 0 where the places have none.
-    pub(in crate::numerics) look_up: F,
+/// What is looked up in a batch; heights are 0 where the places have none.
+pub(in crate::numerics) trait LookUp {
+    /// The cell of a place in degrees.
+    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell>;
+    /// Reads a little of all that [`Self::field`] will read, so that it is on its way from memory.
+    fn touch(&self, cell: Cell, alt_m: f64) -> f64;
+    /// Value and gradient.
+    fn field(&self, cell: Cell, alt_m: f64) -> Option<FieldValue>;
 }
 
-impl<F: Fn(f64, f64, f64) -> Option<FieldValue>> pulp::NullaryFnOnce for Batch<'_, F> {
+/// Looks many places up; what `out` held before is dropped, its memory kept.
+pub(in crate::numerics) fn look_up_many(
+    map: &impl LookUp,
+    places: Places<'_>,
+    with_alt: bool,
+    out: &mut FieldColumns,
+) -> Result<(), MapError> {
+    places.check(with_alt)?;
+    out.resize(places.lat_deg.len());
+    pulp::Arch::new().dispatch(Batch { map, places, out });
+    Ok(())
+}
+
+/// A batch in the form in which it is compiled for the vector width of each processor; the same arithmetic in the
+/// same order on all of them, so the same bits as one look-up at a time.
+struct Batch<'a, M> {
+    map: &'a M,
+    places: Places<'a>,
+    out: &'a mut FieldColumns,
+}
+
+impl<M: LookUp> pulp::NullaryFnOnce for Batch<'_, M> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
         let Places { lat_deg, lon_deg, alt_m } = self.places;
-        self.out.fill(lat_deg.len(), |place| {
-            let alt = alt_m.get(place).copied().unwrap_or(0.0);
-            (self.look_up)(*lat_deg.get(place)?, *lon_deg.get(place)?, alt)
-        });
+        let mut cells = [None; BLOCK];
+        for (block, [value, d_lat, d_lon, d_alt]) in self.out.blocks().enumerate() {
+            let start = block * BLOCK;
+            let alt_of = |k: usize| alt_m.get(start + k).copied().unwrap_or(0.0);
+            for (cell, (lat, lon)) in cells.iter_mut().zip(lat_deg.iter().zip(lon_deg).skip(start)) {
+                *cell = self.map.cell(*lat, *lon);
+            }
+            // A loop of its own, and so short that the processor runs far ahead of what it waits for.
+            let mut touched = 0.0;
+            for (k, cell) in cells.iter().enumerate().take(value.len()) {
+                if let Some(cell) = cell {
+                    touched += self.map.touch(*cell, alt_of(k));
+                }
+            }
+            // Nobody needs the sum, only that it was made.
+            std::hint::black_box(touched);
+            for (k, cell) in cells.iter().enumerate().take(value.len()) {
+                let at = cell.and_then(|cell| self.map.field(cell, alt_of(k))).unwrap_or(NOWHERE);
+                (value[k], d_lat[k]) = (at.value_nt, at.d_lat_nt_per_rad);
+                (d_lon[k], d_alt[k]) = (at.d_lon_nt_per_rad, at.d_alt_nt_per_m);
+            }
+        }
+    }
+}
+
+/// A map on its own level, whatever the height.
+struct OnMap<'a>(&'a AnomalyMap);
+
+impl LookUp for OnMap<'_> {
+    #[inline(always)]
+    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
+        self.0.axes.cell(lat_deg, lon_deg)
+    }
+
+    #[inline(always)]
+    fn touch(&self, cell: Cell, _: f64) -> f64 {
+        self.0.touch(cell)
+    }
+
+    #[inline(always)]
+    fn field(&self, cell: Cell, _: f64) -> Option<FieldValue> {
+        self.0.on_map(cell)
+    }
+}
+
+/// A map, to first order at other heights.
+struct AtHeight<'a>(&'a AnomalyMap);
+
+impl LookUp for AtHeight<'_> {
+    #[inline(always)]
+    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
+        self.0.axes.cell(lat_deg, lon_deg)
+    }
+
+    #[inline(always)]
+    fn touch(&self, cell: Cell, _: f64) -> f64 {
+        self.0.touch(cell)
+    }
+
+    #[inline(always)]
+    fn field(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
+        self.0.off_map(cell, alt_m)
     }
 }
 
 impl AnomalyMap {
     /// [`Self::at`] for many places in degrees; places without a value are NaN. Allocates only where `out` has to
-    /// grow, and runs on the caller's thread.
+    /// grow, and runs on the caller's thread. Faster than one at a time where the map does not fit the cache, the more
+    /// so the more the places are scattered.
     pub fn at_many(&self, lat_deg: &[f64], lon_deg: &[f64], out: &mut FieldColumns) -> Result<(), MapError> {
-        let places = Places { lat_deg, lon_deg, alt_m: &[] };
-        places.check(false)?;
-        pulp::Arch::new().dispatch(Batch { places, out, look_up: |lat, lon, _| self.at(lat, lon) });
-        Ok(())
+        look_up_many(&OnMap(self), Places { lat_deg, lon_deg, alt_m: &[] }, false, out)
     }
 
     /// [`Self::at_height`] for many places in degrees and metres; places without a value are NaN.
@@ -102,9 +183,6 @@ impl AnomalyMap {
         alt_m: &[f64],
         out: &mut FieldColumns,
     ) -> Result<(), MapError> {
-        let places = Places { lat_deg, lon_deg, alt_m };
-        places.check(true)?;
-        pulp::Arch::new().dispatch(Batch { places, out, look_up: |lat, lon, alt| self.at_height(lat, lon, alt) });
-        Ok(())
+        look_up_many(&AtHeight(self), Places { lat_deg, lon_deg, alt_m }, true, out)
     }
 }

@@ -73,6 +73,29 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
         }
     }
 
+    /// Reads the first and the last node of each row that [`Self::at`] reads, so that all of their cache lines are on
+    /// the way from memory; the sum is of no use.
+    #[inline(always)]
+    pub(in crate::numerics) fn touch(&self, cell: Cell) -> f64 {
+        match self.interpolation {
+            Interpolation::Linear => self.touch_rows::<2>(cell),
+            Interpolation::Quadratic | Interpolation::Cubic => self.touch_rows::<4>(cell),
+        }
+    }
+
+    #[inline(always)]
+    fn touch_rows<const NODES: usize>(&self, cell: Cell) -> f64 {
+        let mut sum = 0.0;
+        for row in 0..NODES {
+            let first = (cell.row + row) * self.width + cell.column;
+            let Some(nodes) = self.table.get(first..).and_then(|nodes| nodes.first_chunk::<NODES>()) else {
+                return sum;
+            };
+            sum += nodes[0][0] + nodes[NODES - 1][QUANTITIES - 1];
+        }
+        sum
+    }
+
     #[inline(always)]
     fn bilinear(&self, cell: Cell) -> Option<Jet<QUANTITIES>> {
         let low = self.table.get(cell.row * self.width + cell.column..)?.get(..2)?;

@@ -11,6 +11,8 @@ pub(crate) fn golden_grid() -> MapGrid {
     MapGrid::new(&lat, &lon, &values).unwrap()
 }
 
+pub(super) const ALL: [Interpolation; 3] = [Interpolation::Linear, Interpolation::Quadratic, Interpolation::Cubic];
+
 const PLACES: [(f64, f64); 3] = [(0.70023, -1.29947), (0.70001, -1.29999), (0.70079, -1.29901)];
 
 fn at_rad(map: &AnomalyMap, (lat, lon): (f64, f64)) -> FieldValue {
@@ -24,6 +26,11 @@ fn val_magnav_interpolation_and_gradient() {
             Interpolation::Linear,
             [73.097_030_017_780_6, 104.008_270_602_819_2, 215.867_345_281_223_71],
             [-402_221.216_492_869_37, 87_414.323_723_805_28],
+        ),
+        (
+            Interpolation::Quadratic,
+            [75.548_467_351_735_7, 104.780_081_380_927_64, 215.526_026_043_600_35],
+            [-349_454.255_889_000_43, 68_081.182_304_750_18],
         ),
         (
             Interpolation::Cubic,
@@ -45,9 +52,9 @@ fn val_magnav_interpolation_and_gradient() {
 }
 
 #[test]
-fn jac_gradient_of_both_interpolations() {
+fn jac_gradient_of_all_interpolations() {
     let grid = golden_grid();
-    for interpolation in [Interpolation::Linear, Interpolation::Cubic] {
+    for interpolation in ALL {
         let map = AnomalyMap::new(&grid, interpolation);
         for place in [(0.70001, -1.29999), (0.70047, -1.29932), (0.700796, -1.299002)] {
             let (step, at) = (1e-9, at_rad(&map, place));
@@ -67,7 +74,7 @@ fn jac_gradient_of_both_interpolations() {
 fn law_nodes_edges_and_outside() {
     let grid = golden_grid();
     let (lat, lon) = (grid.lat(), grid.lon());
-    for interpolation in [Interpolation::Linear, Interpolation::Cubic] {
+    for interpolation in ALL {
         let map = AnomalyMap::new(&grid, interpolation);
         for row in 0..lat.len() {
             for column in 0..lon.len() {
@@ -106,7 +113,7 @@ fn law_a_hole_stays_a_hole() {
         holed[row * columns + 15..row * columns + 25].fill(f64::NAN);
     }
     let (lat, lon) = (axis(-22.0, rows), axis(140.0, columns));
-    for interpolation in [Interpolation::Linear, Interpolation::Cubic] {
+    for interpolation in ALL {
         let full = AnomalyMap::new(&MapGrid::new(&lat, &lon, &complete).unwrap(), interpolation);
         let map = AnomalyMap::new(&MapGrid::new(&lat, &lon, &holed).unwrap(), interpolation);
         for (row, column) in (0..rows - 1).flat_map(|r| (0..columns - 1).map(move |c| (r, c))) {

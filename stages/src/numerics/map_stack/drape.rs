@@ -2,7 +2,9 @@
 
 use super::MapStack;
 use crate::numerics::field_value::FieldValue;
-use crate::numerics::map_grid::{Axes, Batch, FieldColumns, Interpolation, Jet, MapError, MapGrid, Places, Surface};
+use crate::numerics::map_grid::{
+    Axes, Cell, FieldColumns, Interpolation, Jet, LookUp, MapError, MapGrid, Places, Surface, look_up_many,
+};
 
 const ANOMALY: usize = 0;
 const D_ALT: usize = 1;
@@ -47,9 +49,7 @@ impl DrapeMap {
     /// derivative times the way from the map's height; and the exact gradient of that.
     #[inline]
     pub fn at_height(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
-        let jet = self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?;
-        let up_m = alt_m - jet.value[HEIGHT];
-        up_m.is_finite().then(|| self.lifted(jet, up_m))
+        self.field(self.axes.cell(lat_deg, lon_deg)?, alt_m)
     }
 
     /// The anomaly at a height in metres, by a stack of the same field: the map's value plus what the stack changes
@@ -80,10 +80,7 @@ impl DrapeMap {
         alt_m: &[f64],
         out: &mut FieldColumns,
     ) -> Result<(), MapError> {
-        let places = Places { lat_deg, lon_deg, alt_m };
-        places.check(true)?;
-        pulp::Arch::new().dispatch(Batch { places, out, look_up: |lat, lon, alt| self.at_height(lat, lon, alt) });
-        Ok(())
+        look_up_many(self, Places { lat_deg, lon_deg, alt_m }, true, out)
     }
 
     /// `a + u d`, u being the height above the surface, with its derivatives: `a' + u d' - d h'`.
@@ -93,5 +90,24 @@ impl DrapeMap {
         let slope = |change: [f64; 3]| change[ANOMALY] + up_m * change[D_ALT] - d_alt * change[HEIGHT];
         let value = jet.value[ANOMALY] + up_m * d_alt;
         self.axes.field(value, slope(jet.per_row), slope(jet.per_column), d_alt)
+    }
+}
+
+impl LookUp for DrapeMap {
+    #[inline(always)]
+    fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
+        self.axes.cell(lat_deg, lon_deg)
+    }
+
+    #[inline(always)]
+    fn touch(&self, cell: Cell, _: f64) -> f64 {
+        self.surface.touch(cell)
+    }
+
+    #[inline(always)]
+    fn field(&self, cell: Cell, alt_m: f64) -> Option<FieldValue> {
+        let jet = self.surface.at(cell)?;
+        let up_m = alt_m - jet.value[HEIGHT];
+        up_m.is_finite().then(|| self.lifted(jet, up_m))
     }
 }
