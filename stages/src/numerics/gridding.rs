@@ -63,7 +63,9 @@ pub enum GridError {
         most: usize,
     },
     /// A place lies below the equivalent sources or hardly above them.
-    #[error("the field is asked for at {height_m} m, but must be above the equivalent sources, which reach up to {sources_m} m")]
+    #[error(
+        "the field is asked for at {height_m} m, but must be above the equivalent sources, which reach up to {sources_m} m"
+    )]
     BelowSources {
         /// The place's height, metres.
         height_m: f64,
@@ -93,9 +95,9 @@ pub enum Method {
 }
 
 impl Method {
-    /// Minimum curvature with a tension of 0.25, as is usual for potential fields, settled to 0.01 nT a pass.
+    /// Minimum curvature with a tension of 0.25, as is usual for potential fields, settled to 0.1 nT.
     pub fn minimum_curvature() -> Self {
-        Self::MinimumCurvature(Relaxation { tension: 0.25, tolerance_nt: 0.01, passes: 2000 })
+        Self::MinimumCurvature(Relaxation { tension: 0.25, tolerance_nt: 0.1, passes: 5000 })
     }
 
     /// Equivalent sources with layers and level from the data and a damping of 1.
@@ -123,7 +125,7 @@ pub struct GridOptions {
     /// The rectangle; `None` is that of the points, widened to whole spacings.
     pub region: Option<Region>,
     /// Side of the blocks that points are reduced to, metres; `None` is a quarter of the distance between lines and
-    /// at most 250 m, zero keeps every point.
+    /// at most 200 m, zero keeps every point.
     pub block_m: Option<f64>,
     /// Nodes farther from any point are unknown, metres; `None` is twice the distance between lines, infinity keeps
     /// all nodes.

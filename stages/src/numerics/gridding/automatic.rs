@@ -5,23 +5,33 @@ use super::equivalent::Layer;
 use super::nearest::{NearestPoints, range};
 use super::survey::SurveyPoints;
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 /// The most points at which the distance to the next line is looked up.
 const PROBES: usize = 4000;
 
-/// The median distance in metres from a point to the nearest point of another line; with one line, the side of the
-/// square that a point has to itself.
+/// The cosine of 30 degrees.
+const PARALLEL: f64 = 0.866;
+
+/// The median distance in metres from a point to the nearest line that runs beside its own: within 30 degrees of its
+/// heading, and rather across than ahead. With one line it is the side of the square that a point has to itself.
 pub fn line_spacing_m(points: SurveyPoints) -> f64 {
     let count = points.len();
     let near = NearestPoints::of(&points.easting_m[..count], &points.northing_m[..count]);
-    let step = (count / PROBES).max(1);
+    let headings = headings(points);
+    let heading = |i: usize| headings.get(&points.line[i]).copied().unwrap_or([1.0, 0.0]);
+    let beside = |i: usize, j: usize| {
+        let (a, b) = (heading(i), heading(j));
+        let way = [points.easting_m[j] - points.easting_m[i], points.northing_m[j] - points.northing_m[i]];
+        let [ahead, across] = [a[0] * way[0] + a[1] * way[1], a[0] * way[1] - a[1] * way[0]];
+        points.line[i] != points.line[j] && (a[0] * b[0] + a[1] * b[1]).abs() > PARALLEL && across.abs() > ahead.abs()
+    };
     let mut apart: Vec<f64> = (0..count)
         .into_par_iter()
-        .step_by(step)
+        .step_by((count / PROBES).max(1))
         .filter_map(|i| {
             let at = [points.easting_m[i], points.northing_m[i]];
-            let other = near.nearest(at, 1, f64::INFINITY, |j| points.line[j] != points.line[i]);
-            other.first().map(|found| found.0.sqrt())
+            near.nearest(at, 1, f64::INFINITY, |j| beside(i, j)).first().map(|found| found.0.sqrt())
         })
         .collect();
     let [e, n] = [points.easting_m, points.northing_m].map(|axis| range(&axis[..count]));
@@ -30,10 +40,21 @@ pub fn line_spacing_m(points: SurveyPoints) -> f64 {
     spacing.max(1.0)
 }
 
-/// Block side for lines `spacing_m` apart: a quarter, and at most 250 m. Measurements a hundred or a few hundred
+/// Unit vectors from each line's first point to its last.
+fn headings(points: SurveyPoints) -> BTreeMap<usize, [f64; 2]> {
+    let of = |run: std::ops::Range<usize>| {
+        let (a, b) = (run.start, run.end - 1);
+        let way = [points.easting_m[b] - points.easting_m[a], points.northing_m[b] - points.northing_m[a]];
+        let length = way[0].hypot(way[1]).max(f64::MIN_POSITIVE);
+        (points.line[a], way.map(|w| w / length))
+    };
+    points.runs().into_iter().map(of).collect()
+}
+
+/// Block side for lines `spacing_m` apart: a quarter, and at most 200 m. Measurements a hundred or a few hundred
 /// metres above their sources change over such distances however far the next line is.
 pub fn block_m(spacing_m: f64) -> f64 {
-    (0.25 * spacing_m).min(250.0)
+    (0.25 * spacing_m).min(200.0)
 }
 
 /// Layers of sources for blocks of `block_m` on lines `spacing_m` apart in a survey that is `extent_m` across.

@@ -170,7 +170,5 @@ fn chebyshev(k: usize, count: usize) -> f64 {
 /// Lagrange's polynomials on N Chebyshev points of -1..1.
 fn lagrange<const N: usize>(x: f64) -> [f64; N] {
     let nodes: [f64; N] = std::array::from_fn(|k| chebyshev(k, N));
-    std::array::from_fn(|k| {
-        (0..N).filter(|&m| m != k).map(|m| (x - nodes[m]) / (nodes[k] - nodes[m])).product()
-    })
+    std::array::from_fn(|k| (0..N).filter(|&m| m != k).map(|m| (x - nodes[m]) / (nodes[k] - nodes[m])).product())
 }

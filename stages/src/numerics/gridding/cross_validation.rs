@@ -91,7 +91,8 @@ pub fn cross_validate(
 /// The error to expect at each node: the root mean square of the differences nearest to it, the nearer the heavier.
 pub fn expected_error(points: SurveyPoints, difference_nt: &[f64], axes: [EvenAxis; 2], block_m: f64) -> PlaneGrid {
     let [east_m, north_m] = axes;
-    let known: Vec<usize> = (0..points.len().min(difference_nt.len())).filter(|&i| difference_nt[i].is_finite()).collect();
+    let known: Vec<usize> =
+        (0..points.len().min(difference_nt.len())).filter(|&i| difference_nt[i].is_finite()).collect();
     let squares: Vec<f64> = known.iter().map(|&i| difference_nt[i].powi(2)).collect();
     let at = points.pick(&known);
     let blocks =
@@ -101,8 +102,10 @@ pub fn expected_error(points: SurveyPoints, difference_nt: &[f64], axes: [EvenAx
         let place = [east_m.at((k % east_m.len) as f64), north_m.at((k / east_m.len) as f64)];
         let found = near.nearest(place, AROUND, f64::INFINITY, |_| true);
         let weights = found.iter().map(|f| 1.0 / (f.0 + (block_m * block_m).max(1.0)));
-        let (sum, whole) =
-            found.iter().zip(weights).fold((0.0, 0.0), |(s, w), (f, weight)| (s + weight * blocks.value_nt[f.1], w + weight));
+        let (sum, whole) = found
+            .iter()
+            .zip(weights)
+            .fold((0.0, 0.0), |(s, w), (f, weight)| (s + weight * blocks.value_nt[f.1], w + weight));
         (sum / whole).sqrt()
     };
     let values = (0..east_m.len * north_m.len).into_par_iter().map(node).collect();

@@ -10,8 +10,8 @@
 use super::block::{BlockValue, reduce_blocks};
 use super::clusters::{Clusters, Positions};
 use super::far_field::{Spread, all_proxies};
-use super::normal::Normal;
 use super::nearest::{NearestPoints, range};
+use super::normal::Normal;
 use super::plane::Plane;
 use super::windows::Windows;
 use super::{GridError, Progress};
@@ -19,6 +19,15 @@ use rayon::prelude::*;
 
 /// Points in a box of the far-field sums.
 const LEAF: usize = 128;
+
+/// A source lies beneath the lowest of so many nearest measurements, ...
+const AROUND: usize = 8;
+
+/// ... and of the nearest ones in each quadrant within so many depths.
+const BESIDE: f64 = 8.0;
+
+/// The field is defined above the sources; closer to one than this part of its depth it is that source's alone.
+const CLEAR: f64 = 0.5;
 
 /// When boxes are far enough to be summed together: for the fit, where an error only costs an iteration, ...
 pub(super) const FIT_FAR: f64 = 0.6;
@@ -71,6 +80,7 @@ pub(super) struct FittedLayer {
     pub clusters: Clusters,
     pub proxies: Vec<Positions>,
     pub strength: Vec<f64>,
+    report: LayerReport,
 }
 
 /// Fitted equivalent sources.
@@ -89,7 +99,7 @@ pub struct LayerReport {
     pub sources: usize,
     /// Iterations that were needed.
     pub iterations: usize,
-    /// The root mean square of what is still unexplained, nT.
+    /// The root mean square of what was still unexplained after the layer's fit, nT.
     pub rms_nt: f64,
 }
 
@@ -111,22 +121,23 @@ impl EquivalentSources {
         let near = NearestPoints::of(&points.east, &points.north);
         let off_plane = |i: usize| value_nt[i] - plane.at(points.east[i], points.north[i]);
         let mut rest: Vec<f64> = (0..points.len()).map(off_plane).collect();
-        let (mut layers, mut reports) = (Vec::new(), Vec::new());
-        for (at, layer) in options.layers.iter().enumerate() {
-            progress("equivalent sources", at, options.layers.len());
+        let mut layers: Vec<FittedLayer> = Vec::new();
+        for layer in &options.layers {
             let sources = source_places(&points, &near, layer);
-            if sources.len() == 0 {
-                continue;
+            if sources.len() > 0 {
+                layers.push(FittedLayer::at(&sources, *layer));
             }
-            let mut fitted = FittedLayer::at(&sources, layer.depth_m);
-            let iterations = fitted.solve(&points, &rest, options);
-            let explained = scaled(fitted.spread(FIT_FAR).values(&places, 1.0), fitted.scale());
-            add(&mut rest, &places.unsorted(&explained), -1.0);
-            let rms_nt = (squares(&rest) / rest.len() as f64).sqrt();
-            reports.push(LayerReport { layer: *layer, sources: sources.len(), iterations, rms_nt });
-            layers.push(fitted);
         }
-        progress("equivalent sources", options.layers.len(), options.layers.len());
+        let count = layers.len();
+        for (at, fitted) in layers.iter_mut().enumerate() {
+            progress("equivalent sources", at, count);
+            fitted.report.iterations = fitted.solve(&points, &rest, options);
+            let explained = fitted.spread(FIT_FAR).values(&places, 1.0);
+            add(&mut rest, &places.unsorted(&explained), -fitted.scale());
+            fitted.report.rms_nt = (squares(&rest) / rest.len() as f64).sqrt();
+        }
+        progress("equivalent sources", count, count);
+        let reports = layers.iter().map(|layer| layer.report).collect();
         Ok((Self { origin_m, plane, layers }, reports))
     }
 
@@ -144,6 +155,21 @@ impl EquivalentSources {
         let places = points.east.iter().zip(&points.north);
         sum.iter_mut().zip(places).for_each(|(s, (e, n))| *s += self.plane.at(*e, *n));
         Ok(targets.unsorted(&sum))
+    }
+
+    /// The field in nT as `predict` gives it, and NaN at places that are not above the sources near them.
+    pub fn predict_above(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GridError> {
+        let points = relative(at_m, self.origin_m);
+        let mut above = vec![true; points.len()];
+        for layer in &self.layers {
+            above.iter_mut().zip(layer.above(&points)).for_each(|(a, b)| *a &= b);
+        }
+        let kept: Vec<usize> = (0..above.len()).filter(|&i| above[i]).collect();
+        let some = at_m.map(|axis| kept.iter().map(|&i| axis[i]).collect::<Vec<f64>>());
+        let values = self.predict([&some[0], &some[1], &some[2]])?;
+        let mut all = vec![f64::NAN; above.len()];
+        kept.into_iter().zip(values).for_each(|(i, v)| all[i] = v);
+        Ok(all)
     }
 
     /// The field and its derivatives at eastings, northings and heights in metres; fails as `predict` does.
@@ -201,18 +227,21 @@ impl EquivalentSources {
     fn targets(&self, at_m: [&[f64]; 3]) -> Result<Clusters, GridError> {
         let points = relative(at_m, self.origin_m);
         for layer in &self.layers {
-            layer.must_be_below(&points)?;
+            if let Some(i) = layer.above(&points).iter().position(|above| !above) {
+                return Err(GridError::BelowSources { height_m: points.up[i], sources_m: self.top_m() });
+            }
         }
         Ok(Clusters::of(&points, LEAF))
     }
 }
 
 impl FittedLayer {
-    fn at(places: &Positions, depth_m: f64) -> Self {
+    fn at(places: &Positions, layer: Layer) -> Self {
         let clusters = Clusters::of(places, LEAF);
         let proxies = all_proxies(&clusters);
         let strength = vec![0.0; places.len()];
-        Self { depth_m, clusters, proxies, strength }
+        let report = LayerReport { layer, sources: places.len(), iterations: 0, rms_nt: f64::NAN };
+        Self { depth_m: layer.depth_m, clusters, proxies, strength, report }
     }
 
     /// Makes a source of strength 1 give 1 nT at `depth_m` above it.
@@ -237,25 +266,22 @@ impl FittedLayer {
         iterations
     }
 
-    fn must_be_below(&self, targets: &Positions) -> Result<(), GridError> {
-        let lowest = range(&targets.up)[0];
+    /// Whether each target is at least half the layer's depth above the source nearest to it.
+    fn above(&self, targets: &Positions) -> Vec<bool> {
         let sources = &self.clusters.points;
-        if targets.len() == 0 || range(&sources.up)[1] < lowest {
-            return Ok(());
+        if range(&sources.up)[1] + CLEAR * self.depth_m <= range(&targets.up)[0] {
+            return vec![true; targets.len()];
         }
         let near = NearestPoints::of(&sources.east, &sources.north);
-        let too_low = (0..targets.len()).into_par_iter().find_first(|&i| {
+        let clear = |i: usize| {
             let found = near.nearest([targets.east[i], targets.north[i]], 1, f64::INFINITY, |_| true);
-            found.first().is_some_and(|f| sources.up[f.1] + 0.5 * self.depth_m > targets.up[i])
-        });
-        match too_low {
-            Some(i) => Err(GridError::BelowSources { height_m: targets.up[i], sources_m: range(&sources.up)[1] }),
-            None => Ok(()),
-        }
+            found.iter().all(|f| sources.up[f.1] + CLEAR * self.depth_m <= targets.up[i])
+        };
+        (0..targets.len()).into_par_iter().map(clear).collect()
     }
 }
 
-/// The even nodes of a layer that have a measurement in reach, `depth_m` beneath the lowest of the nearest ones.
+/// The even nodes of a layer that have a measurement in reach, `depth_m` beneath the lowest measurement around.
 fn source_places(points: &Positions, near: &NearestPoints, layer: &Layer) -> Positions {
     let nodes = |axis: &[f64]| -> Vec<f64> {
         let [a, b] = range(axis).map(|x| x / layer.spacing_m);
@@ -268,8 +294,9 @@ fn source_places(points: &Positions, near: &NearestPoints, layer: &Layer) -> Pos
         .par_iter()
         .map(|&n| {
             let height = |e: f64| {
-                let found = near.nearest([e, n], 8, layer.reach_m, |_| true);
-                found.iter().map(|f| points.up[f.1]).reduce(f64::min)
+                let found = near.nearest([e, n], AROUND, layer.reach_m, |_| true);
+                let lowest = found.iter().map(|f| points.up[f.1]).reduce(f64::min)?;
+                Some(lowest.min(lowest_beside(points, near, [e, n], BESIDE * layer.depth_m)))
             };
             east.iter().filter_map(|&e| height(e).map(|up| [e, n, up - layer.depth_m])).collect()
         })
@@ -289,6 +316,14 @@ fn relative(at_m: [&[f64]; 3], origin: [f64; 2]) -> Positions {
 fn middle(values: &[f64]) -> f64 {
     let [a, b] = range(values);
     (0.5 * (a + b)).round()
+}
+
+/// The lowest of the measurements nearest in each quadrant: neighbouring lines may fly lower than the nearest one.
+fn lowest_beside(points: &Positions, near: &NearestPoints, [e, n]: [f64; 2], reach_m: f64) -> f64 {
+    let quadrant = |i: usize| [points.east[i] >= e, points.north[i] >= n];
+    let found = [[true, true], [true, false], [false, true], [false, false]]
+        .map(|which| near.nearest([e, n], 1, reach_m, |i| quadrant(i) == which));
+    found.iter().flatten().map(|f| points.up[f.1]).fold(f64::INFINITY, f64::min)
 }
 
 pub(super) fn squares(values: &[f64]) -> f64 {

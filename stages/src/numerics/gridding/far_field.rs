@@ -72,11 +72,8 @@ impl<'a> Spread<'a> {
 
     /// The sum of strength · h / r³ at the targets, in their sorted order; see `add_values` for `sign`.
     pub fn values(&self, targets: &Clusters, sign: f64) -> Vec<f64> {
-        let parts: Vec<(usize, Vec<f64>)> = targets
-            .leaves()
-            .into_par_iter()
-            .map(|leaf| (leaf.start, self.values_in(targets, leaf, sign)))
-            .collect();
+        let parts: Vec<(usize, Vec<f64>)> =
+            targets.leaves().into_par_iter().map(|leaf| (leaf.start, self.values_in(targets, leaf, sign))).collect();
         joined(parts, targets.points.len())
     }
 

@@ -14,7 +14,7 @@ use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
 pub struct Relaxation {
     /// 0 is least curvature, 1 is Laplace's equation.
     pub tension: f64,
-    /// A grid is done when no node moves by more, nT.
+    /// A grid is done when no node is expected to move by more in all further passes together, nT.
     pub tolerance_nt: f64,
     /// The most passes over a grid.
     pub passes: usize,
@@ -25,8 +25,9 @@ pub struct Relaxation {
 pub struct Relaxed {
     /// Passes over it.
     pub passes: usize,
-    /// The largest move of the last pass, nT: not below the tolerance when the passes were used up.
-    pub moved_nt: f64,
+    /// By how much a node is expected to move in all further passes, nT, from how fast moves became smaller: above
+    /// the tolerance when the passes were used up.
+    pub left_nt: f64,
 }
 
 /// Grids values in nT at eastings and northings in metres onto the nodes of two axes; data outside the nodes' cells
@@ -44,7 +45,7 @@ pub fn minimum_curvature(
     let rest: Vec<f64> = (0..value_nt.len()).map(|i| value_nt[i] - plane.at(at_m[0][i], at_m[1][i])).collect();
     let coarsest = (0..16).rev().find(|k| east_m.len.min(north_m.len) > (4 << k)).unwrap_or(0);
     let mut sheet: Option<Sheet> = None;
-    let mut relaxed = Relaxed { passes: 0, moved_nt: 0.0 };
+    let mut relaxed = Relaxed { passes: 0, left_nt: 0.0 };
     for scale in (0..=coarsest).rev() {
         let [east, north] = axes.map(|axis| wider(axis, 1 << scale));
         let mut next = sheet.map_or_else(|| Sheet::flat(east.len, north.len), |s| s.refined(east.len, north.len));

@@ -23,11 +23,11 @@ impl Normal<'_> {
         scaled(spread.values(&self.layer.clusters, -1.0), self.layer.scale())
     }
 
-    /// Conjugate gradients from nothing: the strengths that explain `rest`, and the iterations that were needed.
+    /// Conjugate gradients: the strengths that explain `rest`, and the iterations that were needed.
     pub fn solve(&self, mut rest: Vec<f64>, windows: &Windows, options: &FitOptions) -> (Vec<f64>, usize) {
         let mut strength = vec![0.0; self.layer.strength.len()];
-        let mut better = windows.solve(&self.backward(&rest));
         let mut gradient = self.backward(&rest);
+        let mut better = windows.solve(&gradient);
         let mut direction = better.clone();
         let mut steep = dot(&gradient, &better);
         let mut cost = squares(&rest);

@@ -9,8 +9,11 @@ use rayon::prelude::*;
 /// Rows and columns beyond an edge.
 const EDGE: usize = 2;
 
-/// Moves are this much longer than to where a node would be at rest. [Smith & Wessel 1990]
-const OVER: f64 = 1.4;
+/// Moves are this much longer than to where a node would be at rest.
+const OVER: f64 = 1.6;
+
+/// Passes from one look at the moves to the next.
+const STRETCH: usize = 16;
 
 /// A datum nearer to its node than this many spacings holds the node.
 const ON_NODE: f64 = 0.05;
@@ -28,12 +31,7 @@ impl Constraint {
     /// From column and row, as fractions of nodes of the grid, and value.
     pub fn of([column, row, value]: [f64; 3]) -> Self {
         let near = [column, row].map(|x| (x + 0.5).floor().max(0.0));
-        Self {
-            column: near[0] as usize,
-            row: near[1] as usize,
-            offset: [column - near[0], row - near[1]],
-            value,
-        }
+        Self { column: near[0] as usize, row: near[1] as usize, offset: [column - near[0], row - near[1]], value }
     }
 }
 
@@ -43,7 +41,12 @@ enum Rule {
     Free,
     Held,
     /// The node rests at `fixed` + Σ weight · neighbour - `bend` · (the rest of the curvature of its neighbours).
-    Drawn { corner: [i64; 2], weights: [f64; 4], fixed: f64, bend: f64 },
+    Drawn {
+        corner: [i64; 2],
+        weights: [f64; 4],
+        fixed: f64,
+        bend: f64,
+    },
 }
 
 /// The grid.
@@ -107,16 +110,29 @@ impl Sheet {
         }
     }
 
-    /// Passes until nothing moves any more.
+    /// Passes until hardly anything is left to move.
+    ///
+    /// Slow modes of the surface move little in each of very many passes, so the size of a move alone says nothing:
+    /// what is left is the sum of the geometric series that the moves of the last passes begin.
     pub fn relax(&mut self, relaxation: &Relaxation) -> Relaxed {
-        let mut relaxed = Relaxed { passes: 0, moved_nt: f64::INFINITY };
-        while relaxed.passes < relaxation.passes && relaxed.moved_nt > relaxation.tolerance_nt {
-            relaxed.moved_nt = 0.0;
+        let mut relaxed = Relaxed { passes: 0, left_nt: f64::INFINITY };
+        let mut before = f64::INFINITY;
+        while relaxed.passes < relaxation.passes && relaxed.left_nt > relaxation.tolerance_nt {
+            let mut moved: f64 = 0.0;
             for colour in 0..3 {
                 self.extend();
-                relaxed.moved_nt = self.pass(colour, relaxation.tension).max(relaxed.moved_nt);
+                moved = self.pass(colour, relaxation.tension).max(moved);
             }
             relaxed.passes += 1;
+            if relaxed.passes % STRETCH == 0 || moved == 0.0 {
+                let rate = (moved / before).min(1.0).powf(1.0 / STRETCH as f64);
+                relaxed.left_nt = match () {
+                    () if moved == 0.0 => 0.0,
+                    () if before.is_infinite() => f64::INFINITY,
+                    () => moved * rate / (1.0 - rate),
+                };
+                before = moved;
+            }
         }
         relaxed
     }
@@ -216,7 +232,10 @@ fn move_row(row: &mut [f64], [south2, south, north, north2]: [&[f64]; 4], rules:
     for (k, rule) in rules.iter().enumerate() {
         let c = k + EDGE;
         let cross = row[c - 1] + row[c + 1] + south[c] + north[c];
-        let bend = row[c - 2] + row[c + 2] + south2[c] + north2[c]
+        let bend = row[c - 2]
+            + row[c + 2]
+            + south2[c]
+            + north2[c]
             + 2.0 * (south[c - 1] + south[c + 1] + north[c - 1] + north[c + 1])
             - 8.0 * cross;
         let rest = match rule {

@@ -142,10 +142,13 @@ impl Fitted {
         };
     }
 
-    /// The values at the points' places, for minimum curvature whatever their height; NaN off its grid.
+    /// The values at the points' places: for minimum curvature whatever their height, and NaN off its grid; for
+    /// equivalent sources NaN where a point flies so low between higher ones that it is not above the sources.
     pub fn at_points(&self, points: SurveyPoints) -> Result<Vec<f64>, GridError> {
         match &self.surface {
-            Surface::Sources(sources, _) => sources.predict([points.easting_m, points.northing_m, points.height_m]),
+            Surface::Sources(sources, _) => {
+                sources.predict_above([points.easting_m, points.northing_m, points.height_m])
+            }
             Surface::Grid(grid) => Ok(between_nodes(grid, points.easting_m, points.northing_m)),
         }
     }

@@ -137,9 +137,9 @@ pub fn clean(points: SurveyPoints, options: &CleanOptions) -> Cleaned {
         let mut kept: Vec<usize> = Vec::with_capacity(run.len());
         for i in run {
             let sum = points.easting_m[i] + points.northing_m[i] + points.height_m[i] + points.value_nt[i];
-            let again = kept.last().is_some_and(|&last| {
-                points.apart_m(i, last) == 0.0 && points.height_m[i] == points.height_m[last]
-            });
+            let again = kept
+                .last()
+                .is_some_and(|&last| points.apart_m(i, last) == 0.0 && points.height_m[i] == points.height_m[last]);
             match () {
                 () if !sum.is_finite() => cleaned.not_finite.push(i),
                 () if again => cleaned.duplicates.push(i),

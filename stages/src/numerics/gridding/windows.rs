@@ -33,9 +33,7 @@ impl Windows {
             .into_par_iter()
             .map(|core| {
                 let around = |reach: f64| {
-                    [0, 1].map(|a| {
-                        [core.centre[a] - core.half[a] - reach, core.centre[a] + core.half[a] + reach]
-                    })
+                    [0, 1].map(|a| [core.centre[a] - core.half[a] - reach, core.centre[a] + core.half[a] + reach])
                 };
                 let members = inside(sources, around(OVERLAP * depth_m));
                 let seen = inside(data, around(2.0 * OVERLAP * depth_m));

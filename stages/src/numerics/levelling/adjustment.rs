@@ -4,8 +4,11 @@ use super::super::gridding::{SurveyPoints, median};
 use super::{Crossover, Gauge, LevelOptions};
 use std::collections::BTreeMap;
 
-/// Rounds of reweighting: the weights no longer move visibly after ten.
+/// Rounds of reweighting: a wrong crossover's pull falls to about a third in each.
 const ROUNDS: usize = 20;
+
+/// Differences are not told apart more finely than this, nT: weights stay well above the ridge.
+const RESOLUTION_NT: f64 = 0.01;
 
 /// The equations: one a crossover, few coefficients each.
 pub(super) struct Adjustment<'a> {
@@ -75,7 +78,8 @@ impl<'a> Adjustment<'a> {
 
     /// The differences that corrections leave, nT.
     pub fn differences(&self, coefficients: &[f64]) -> Vec<f64> {
-        let left = |(row, d): (&Vec<(usize, f64)>, &f64)| d - row.iter().map(|(j, p)| p * coefficients[*j]).sum::<f64>();
+        let left =
+            |(row, d): (&Vec<(usize, f64)>, &f64)| d - row.iter().map(|(j, p)| p * coefficients[*j]).sum::<f64>();
         self.rows.iter().zip(&self.right).map(left).collect()
     }
 
@@ -90,7 +94,7 @@ impl<'a> Adjustment<'a> {
             }
             let left = self.differences(&coefficients);
             let mut sizes: Vec<f64> = (0..left.len()).filter(|&k| used(k)).map(|k| left[k].abs()).collect();
-            let limit = self.options.huber_sigmas * (1.4826 * median(&mut sizes)).max(1e-9);
+            let limit = self.options.huber_sigmas * (1.4826 * median(&mut sizes)).max(RESOLUTION_NT);
             let weigh = |(k, d): (usize, &f64)| if used(k) { (limit / d.abs()).min(1.0) } else { 0.0 };
             weights = left.iter().enumerate().map(weigh).collect();
         }

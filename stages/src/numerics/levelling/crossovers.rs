@@ -82,9 +82,8 @@ fn pairs(group: &[([i64; 2], usize)]) -> impl Iterator<Item = (usize, usize)> + 
 }
 
 fn joined(points: SurveyPoints, i: usize) -> bool {
-    let finite = |i: usize| {
-        (points.easting_m[i] + points.northing_m[i] + points.height_m[i] + points.value_nt[i]).is_finite()
-    };
+    let finite =
+        |i: usize| (points.easting_m[i] + points.northing_m[i] + points.height_m[i] + points.value_nt[i]).is_finite();
     points.line[i] == points.line[i + 1] && finite(i) && finite(i + 1) && length(points, i) > 0.0
 }
 
@@ -112,7 +111,8 @@ fn crossing(points: SurveyPoints, i: usize, j: usize, options: &CrossoverOptions
     if !parts.iter().all(|p| (0.0..1.0).contains(p)) {
         return None;
     }
-    let between = |column: &[f64]| [(i, parts[0]), (j, parts[1])].map(|(k, p)| column[k] + p * (column[k + 1] - column[k]));
+    let between =
+        |column: &[f64]| [(i, parts[0]), (j, parts[1])].map(|(k, p)| column[k] + p * (column[k + 1] - column[k]));
     let (height_m, value) = (between(points.height_m), between(points.value_nt));
     let above = 0.5 * (height_m[0] - height_m[1]);
     if (2.0 * above).abs() > options.most_height_m {

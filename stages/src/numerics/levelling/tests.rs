@@ -1,0 +1,132 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use super::super::gridding::OwnedPoints;
+use super::*;
+
+/// East-west lines 200 m apart and three ties over a smooth field, each with its own error at a part of its way.
+fn survey(error: impl Fn(usize, f64) -> f64) -> OwnedPoints {
+    let mut points = OwnedPoints::default();
+    let mut push = |line: usize, e: f64, n: f64, along: f64| {
+        points.easting_m.push(e);
+        points.northing_m.push(n);
+        points.height_m.push(300.0);
+        points.value_nt.push(0.002 * e - 0.001 * n + error(line, along));
+        points.line.push(line);
+    };
+    for line in 0..10usize {
+        for k in 0..101 {
+            let forth = if line % 2 == 0 { k } else { 100 - k };
+            push(line, 40.0 * f64::from(forth) + 3.0, 200.0 * line as f64, 0.02 * f64::from(k) - 1.0);
+        }
+    }
+    for tie in 0..4usize {
+        for k in 0..60 {
+            push(100 + tie, 500.0 + 1000.0 * tie as f64, 35.0 * f64::from(k) - 111.0, f64::from(k) / 29.5 - 1.0);
+        }
+    }
+    points
+}
+
+/// Errors of the lines, ties without.
+fn offset(line: usize) -> f64 {
+    if line < 100 { 7.0 * ((3 * line + 1) as f64).sin() } else { 0.0 }
+}
+
+#[test]
+fn law_crossings_are_where_the_lines_meet_with_the_values_between() {
+    let points = survey(|line, _| offset(line));
+    let found = find_crossovers(points.borrow(), &CrossoverOptions::default());
+    assert_eq!(found.len(), 40);
+    for c in &found {
+        let line = c.lines[0].min(c.lines[1]);
+        let tie = c.lines[0].max(c.lines[1]) - 100;
+        assert!(
+            (c.at_m[0] - (500.0 + 1000.0 * tie as f64)).abs() < 1e-9 && (c.at_m[1] - 200.0 * line as f64).abs() < 1e-9
+        );
+        // The field is linear, so interpolation is exact and what is left is the line's error.
+        assert!((c.difference_nt() - (offset(c.lines[0]) - offset(c.lines[1]))).abs() < 1e-9);
+    }
+    assert_eq!(tie_lines(points.borrow()), [100, 101, 102, 103]);
+}
+
+#[test]
+fn law_known_offsets_are_recovered() {
+    let points = survey(|line, _| offset(line));
+    let found = find_crossovers(points.borrow(), &CrossoverOptions::default());
+    let options = LevelOptions { gauge: Gauge::TiesHeld, ridge: 1e-9, ..LevelOptions::default() };
+    let levelled = level_lines(points.borrow(), &found, &options);
+    for line in &levelled.lines {
+        assert!((line.coefficients_nt[0] - offset(line.line)).abs() < 1e-6, "{line:?}");
+        assert_eq!((line.tie, line.crossovers), (line.line >= 100, if line.line < 100 { 4 } else { 10 }));
+    }
+    assert!(levelled.before.figure_of_merit_crossings > 3.0 && levelled.after.figure_of_merit_crossings < 1e-6);
+    assert!(levelled.left_out.unwrap().figure_of_merit_crossings < 1e-6);
+    assert!((levelled.correction_nt[150] - offset(1)).abs() < 1e-6);
+    // Ties on the mean: the same but for what the ties took over, which is nothing.
+    let mean = level_lines(points.borrow(), &found, &LevelOptions { ridge: 1e-9, ..LevelOptions::default() });
+    assert!(mean.lines.iter().all(|l| (l.coefficients_nt[0] - offset(l.line)).abs() < 1e-5));
+}
+
+#[test]
+fn law_drifts_along_lines_need_the_first_order() {
+    let points = survey(|line, along| offset(line) * (1.0 + 0.5 * along));
+    let found = find_crossovers(points.borrow(), &CrossoverOptions::default());
+    let after = |order: usize| {
+        let options = LevelOptions { order, gauge: Gauge::TiesHeld, ridge: 1e-9, ..LevelOptions::default() };
+        let levelled = level_lines(points.borrow(), &found, &options);
+        (levelled.after.figure_of_merit_crossings, levelled.lines[4].coefficients_nt.clone())
+    };
+    assert!(after(0).0 > 0.5);
+    let (left, coefficients) = after(1);
+    assert!(left < 1e-6);
+    assert!((coefficients[0] - offset(4)).abs() < 1e-5 && (coefficients[1] - 0.5 * offset(4)).abs() < 1e-5);
+}
+
+#[test]
+fn law_a_wrong_crossover_does_not_decide() {
+    let points = survey(|line, _| offset(line));
+    let mut found = find_crossovers(points.borrow(), &CrossoverOptions::default());
+    found[5].value_nt[0] += 500.0;
+    let worst = |huber_sigmas: f64| {
+        let options = LevelOptions { gauge: Gauge::TiesHeld, huber_sigmas, ridge: 1e-9, ..LevelOptions::default() };
+        let levelled = level_lines(points.borrow(), &found, &options);
+        levelled.lines.iter().fold(0.0f64, |m, l| m.max((l.coefficients_nt[0] - offset(l.line)).abs()))
+    };
+    assert!(worst(f64::INFINITY) > 100.0);
+    assert!(worst(1.345) < 0.1, "{}", worst(1.345));
+}
+
+#[test]
+fn law_heights_apart_are_corrected_or_left_out() {
+    let mut points = survey(|_, _| 0.0);
+    let lines = points.line.clone();
+    for ((h, v), line) in points.height_m.iter_mut().zip(&mut points.value_nt).zip(lines) {
+        if line >= 100 {
+            *h += 40.0;
+            *v -= 40.0 * 0.02;
+        }
+    }
+    let differences = |options: CrossoverOptions| {
+        find_crossovers(points.borrow(), &options).iter().map(|c| c.difference_nt().abs()).collect::<Vec<f64>>()
+    };
+    let plain = CrossoverOptions::default();
+    assert!(differences(plain).iter().all(|d| (d - 0.8).abs() < 1e-9));
+    let corrected = differences(CrossoverOptions { vertical_gradient_nt_per_m: -0.02, ..plain });
+    assert!(corrected.len() == 40 && corrected.iter().all(|d| *d < 1e-9));
+    assert!(differences(CrossoverOptions { most_height_m: 30.0, ..plain }).is_empty());
+}
+
+#[test]
+fn law_gaps_shallow_angles_and_nan_make_no_crossing() {
+    let mut points = survey(|_, _| 0.0);
+    let count = |points: &OwnedPoints, options: CrossoverOptions| find_crossovers(points.borrow(), &options).len();
+    let plain = CrossoverOptions::default();
+    assert_eq!(count(&points, CrossoverOptions { gap_m: Some(30.0), ..plain }), 0);
+    assert_eq!(count(&points, CrossoverOptions { least_angle_deg: 91.0, ..plain }), 40);
+    points.value_nt[..101].fill(f64::NAN);
+    assert_eq!(count(&points, plain), 36);
+    let none = OwnedPoints::default();
+    assert!(find_crossovers(none.borrow(), &plain).is_empty());
+    let levelled = level_lines(none.borrow(), &[], &LevelOptions::default());
+    assert!(levelled.correction_nt.is_empty() && levelled.before.n == 0);
+}

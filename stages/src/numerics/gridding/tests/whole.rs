@@ -1,0 +1,86 @@
+use super::*;
+
+#[test]
+fn law_a_survey_becomes_a_grid_that_knows_its_error() {
+    let points = survey();
+    let mut options = GridOptions::of(Method::equivalent_sources());
+    options.folds = Some(Folds::all(4));
+    let seen = std::sync::Mutex::new(Vec::new());
+    let made = grid(points.borrow(), &options, &|what, _, _| seen.lock().unwrap().push(what.to_owned())).unwrap();
+    let report = &made.report;
+    assert_eq!((report.line_spacing_m.round(), report.block_m.round(), report.masked), (200.0, 50.0, 0));
+    assert_eq!((made.grid.rows(), made.grid.columns()), (41, 41));
+    assert_eq!(report.level_m, Some(points.height_m.iter().copied().fold(0.0, f64::max)));
+    for step in ["cleaning", "equivalent sources", "grid", "cross-validation"] {
+        assert!(seen.lock().unwrap().iter().any(|s| s == step), "{step}");
+    }
+    let exact = |k: usize| field([100.0 * (k % 41) as f64, 100.0 * (k / 41) as f64, report.level_m.unwrap()])[0];
+    let inner = (0..41 * 41).filter(|k| (5..36).contains(&(k % 41)) && (5..36).contains(&(k / 41)));
+    let (wrong, signal) = (rms(inner.clone().map(|k| made.grid.values[k] - exact(k))), rms(inner.map(exact)));
+    assert!(wrong < 0.03 * signal, "{wrong} of {signal}");
+    let crossed = report.cross_validation.unwrap();
+    assert_eq!(crossed.n, points.line.len());
+    assert!(crossed.median_nt < crossed.rms_nt && crossed.median_nt < crossed.p95_nt);
+    // Gaps are twice as wide where lines are left out: the map itself is better than that.
+    let error = made.error.unwrap();
+    assert!(error.unknown() == 0 && rms(error.values.iter().copied()) > wrong);
+}
+
+#[test]
+fn law_expected_error_is_large_where_left_out_lines_were_missed() {
+    let points = survey();
+    let differences: Vec<f64> =
+        points.easting_m.iter().map(|e| if *e > 502_000.0 { 20.0 } else { f64::from((*e as i32) % 3 - 1) }).collect();
+    let east_m = EvenAxis { first: 500_000.0, step: 500.0, len: 9 };
+    let north_m = EvenAxis { first: 7_000_000.0, step: 500.0, len: 9 };
+    let error = expected_error(points.borrow(), &differences, [east_m, north_m], 50.0);
+    for r in 0..9 {
+        assert!(error.get(r, 0) < 1.0 && (error.get(r, 8) - 20.0).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn law_nodes_far_from_data_are_unknown() {
+    let east_m = EvenAxis { first: 0.0, step: 10.0, len: 11 };
+    let mut grid = PlaneGrid { east_m, north_m: EvenAxis { len: 1, ..east_m }, values: vec![1.0; 11] };
+    assert_eq!(mask(&mut grid, &[30.0, 35.0], &[0.0, 10.0], 20.0), 6);
+    let known: Vec<usize> = (0..11).filter(|k| !grid.values[*k].is_nan()).collect();
+    assert_eq!(known, [1, 2, 3, 4, 5]);
+    assert_eq!(mask(&mut grid, &[30.0], &[0.0], f64::INFINITY), 0);
+}
+
+#[test]
+fn law_a_block_that_no_field_explains_is_left_out() {
+    let mut points = survey();
+    points.value_nt[850..853].iter_mut().for_each(|v| *v += 400.0);
+    let clean = CleanOptions { sigmas: 0.0, ..CleanOptions::default() };
+    let options = GridOptions { misfit_sigmas: 12.0, clean, ..GridOptions::of(Method::equivalent_sources()) };
+    let report = grid(points.borrow(), &options, QUIET).unwrap().report;
+    assert!(!report.misfits.is_empty());
+    let near = |m: &[f64; 2]| (m[0] - points.easting_m[851]).hypot(m[1] - points.northing_m[851]) < 300.0;
+    assert!(report.misfits.iter().all(near), "{:?}", report.misfits);
+}
+
+#[test]
+fn law_what_cannot_be_is_refused() {
+    let points = survey();
+    let refused = |change: &dyn Fn(&mut GridOptions)| {
+        let mut options = GridOptions::of(Method::minimum_curvature());
+        change(&mut options);
+        grid(points.borrow(), &options, QUIET).err().map(|e| e.to_string()).unwrap_or_default()
+    };
+    assert!(refused(&|o| o.spacing_m = Some(0.0)).contains("`spacing_m` is 0, but must be above zero"));
+    assert!(refused(&|o| o.spacing_m = Some(1e-4)).contains("nodes, more than"));
+    assert!(refused(&|o| o.block_m = Some(f64::NAN)).contains("`block_m`"));
+    let taut = Relaxation { tension: 1.5, tolerance_nt: 0.1, passes: 1 };
+    assert!(refused(&|o| o.method = Method::MinimumCurvature(taut)).contains("`tension` is 1.5"));
+    let undamped = Method::EquivalentSources { layers: None, damping: 0.0, level_m: None };
+    assert!(refused(&|o| o.method = undamped.clone()).contains("`damping`"));
+    let low = Method::EquivalentSources { layers: None, damping: 1.0, level_m: Some(100.0) };
+    assert!(refused(&|o| o.method = low.clone()).contains("must be above the equivalent sources"));
+    let none = OwnedPoints::default();
+    assert_eq!(
+        grid(none.borrow(), &GridOptions::of(Method::minimum_curvature()), QUIET).err(),
+        Some(GridError::NoPoints)
+    );
+}
