@@ -84,3 +84,25 @@ fn law_the_main_job_compensates_and_navigates() {
     };
     assert!(median(drms) < median(ins), "the filter is no better than the INS");
 }
+
+#[test]
+fn law_a_map_at_the_height_flown_follows_the_stinger() {
+    let (folder, last) = run("map.toml");
+    assert_eq!(last["failed"], 0);
+    let std = |table: &str, interpolation: &str, high: bool| {
+        let scores = read(&folder.path().join("store/tables/map").join(table));
+        let (axes, lines) = (texts(&scores, "interpolation"), texts(&scores, "line"));
+        let (metrics, values) = (texts(&scores, "metric"), numbers(&scores, "value"));
+        let wanted = |i: &usize| {
+            metrics[*i] == "map_std_error" && axes[*i] == interpolation && lines[*i].ends_with(".01") == high
+        };
+        (0..values.len()).filter(wanted).map(|i| values[i]).fold(0.0, f64::max)
+    };
+    // The stinger's noise is 0.02 nT; the simulated field is the map's cubic spline.
+    assert!(std("scores_level", "cubic", false) < 0.03);
+    assert!(std("scores_level", "linear", false) > 0.3);
+    // The boxes are flown 2500 m above the map: there the level map is off by all of the short anomalies, the
+    // continued one by what the levels 700 m apart leave and the edges do.
+    assert!(std("scores_level", "cubic", true) > 10.0);
+    assert!(std("scores_flown", "cubic", true) < 1.0);
+}

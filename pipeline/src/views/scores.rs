@@ -6,7 +6,7 @@ use polars::prelude::{Column, DataFrame, DataType, GroupsIndicator, ParquetReade
 use schemas::Fault;
 
 /// The metrics worth a column, in their order.
-const SHOWN: [&str; 10] = [
+const SHOWN: [&str; 13] = [
     "std_uncompensated",
     "std_error",
     "improvement_ratio",
@@ -17,6 +17,9 @@ const SHOWN: [&str; 10] = [
     "drms",
     "nees",
     "nis",
+    "map_std_error",
+    "map_gradient_along_track",
+    "map_position_bound",
 ];
 
 /// Scores of all lines together, by sweep point.

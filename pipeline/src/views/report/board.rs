@@ -21,7 +21,7 @@ pub enum Better {
 /// Which values of `metric` are good.
 pub fn better(metric: &str) -> Better {
     match metric {
-        "std_error" | "figure_of_merit_crossings" | "drms" => Better::Lower,
+        "std_error" | "figure_of_merit_crossings" | "drms" | "map_std_error" => Better::Lower,
         "improvement_ratio" | "improvement_ratio_band" | "snr" => Better::Higher,
         "nees" => Better::Near(2.0),
         "nis" => Better::Near(1.0),
@@ -30,8 +30,15 @@ pub fn better(metric: &str) -> Better {
 }
 
 /// The metrics that points are ranked by, the most telling first.
-const RANKING: [&str; 6] =
-    ["drms", "std_error", "improvement_ratio_band", "improvement_ratio", "figure_of_merit_crossings", "nis"];
+const RANKING: [&str; 7] = [
+    "drms",
+    "std_error",
+    "improvement_ratio_band",
+    "improvement_ratio",
+    "figure_of_merit_crossings",
+    "map_std_error",
+    "nis",
+];
 
 impl Better {
     /// A cost that is smaller for the better of two values; `None` where there is no better.

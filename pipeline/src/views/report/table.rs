@@ -112,6 +112,11 @@ fn meaning(metric: &str) -> Option<&'static str> {
             "mean squared position error in units of the filter's own covariance: 2 for an honest filter, more when it is too sure of itself"
         }
         "nis" => "mean squared innovation in units of its predicted variance: 1 for an honest filter",
+        "map_std_error" => {
+            "standard deviation of the compensated signal, less core field and diurnal variation, minus the map"
+        }
+        "map_gradient_along_track" => "root mean square slope of the map along the track",
+        "map_position_bound" => "least error with which a constant offset of the line can be found on the map",
         _ => return None,
     })
 }
