@@ -188,6 +188,28 @@ pub(super) fn level_m(outputs: &Outputs, map: &GridMap, format: &str) -> Result<
     }
 }
 
+/// What tables of text are wont to have for an unknown value.
+const USUAL_DUMMIES: [f64; 6] = [-9999.0, -99_999.0, -999_999.0, -9_999_999.0, -99_999_999.0, -32_768.0];
+
+/// How far below all others a usual dummy has to lie to be taken for one, in the unit of the values.
+const DUMMY_GAP: f64 = 1000.0;
+
+/// Makes what is plainly a dummy unknown, and says so: the lowest value of all, one of the usual ones, and far below
+/// the next.
+pub(super) fn without_dummy(values: &mut [f64], notes: &mut Vec<String>) {
+    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let next = values.iter().copied().filter(|v| *v > least).fold(f64::INFINITY, f64::min);
+    if !USUAL_DUMMIES.contains(&least) || next - least < DUMMY_GAP {
+        return;
+    }
+    let mut count = 0;
+    for value in values.iter_mut().filter(|v| **v == least) {
+        *value = f64::NAN;
+        count += 1;
+    }
+    notes.push(format!("{count} values of {least} are taken as unknown"));
+}
+
 /// Surfer's blank for unknown values.
 pub(super) fn blanked(value: f64) -> f64 {
     if value >= SURFER_BLANK { f64::NAN } else { value }

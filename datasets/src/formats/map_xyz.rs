@@ -8,7 +8,7 @@ use std::{io::Write, path::Path};
 use super::{
     Head, MapFormat, MapOptions,
     csv::number,
-    grid_bytes::text,
+    grid_bytes::{text, without_dummy},
     map_parquet::{ANOMALIES, EASTINGS, HEIGHTS, LATITUDES, LONGITUDES, NORTHINGS},
     output::Outputs,
     text_table::{self, TextTable},
@@ -57,12 +57,17 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let mut nodes = from_nodes(path, (name(x), xs), (name(y), ys), &all)?;
     let heights = nodes.values.pop_if(|_| heights.is_some());
     let said = Said::of(&table.comments);
+    if said.nodes.is_some_and(|n| n != values.len()) {
+        let what = format!("the file is cut short: {} rows of {} are there", values.len(), said.nodes.unwrap_or(0));
+        return Err(ReadError::data(path, what));
+    }
     let system = match (said.epsg, geographic) {
         (Some(code), _) => System::Epsg(code),
         (None, true) => System::Degrees,
         (None, false) => System::Unknown,
     };
     let mut draft = Draft::new(path, nodes.x, nodes.y, nodes.values.pop().unwrap_or_default(), system);
+    without_dummy(&mut draft.values, &mut draft.notes);
     draft.heights = heights;
     draft.level_m = said.height_m;
     draft.unit = said.unit;
@@ -95,6 +100,7 @@ struct Said {
     epsg: Option<u16>,
     height_m: Option<f64>,
     unit: Option<String>,
+    nodes: Option<usize>,
 }
 
 impl Said {
@@ -108,6 +114,7 @@ impl Said {
             epsg: after("EPSG:").and_then(|w| w.parse().ok()),
             height_m: after("height_m=").and_then(|w| w.parse().ok()),
             unit: after("unit="),
+            nodes: after("nodes=").and_then(|w| w.parse().ok()),
         }
     }
 }
@@ -120,7 +127,7 @@ fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
         _ => String::new(),
     };
     let comma = outputs.path().extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
-    let mut line = format!("# magnetic anomaly unit=nT EPSG:{}{height}\n{names}", map.crs.code());
+    let mut line = format!("# magnetic anomaly unit=nT EPSG:{} nodes={}{height}\n{names}", map.crs.code(), map.nodes());
     line.push_str(if cells { " alt\n" } else { "\n" });
     if comma {
         // The comment keeps its blanks.

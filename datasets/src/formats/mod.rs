@@ -313,4 +313,8 @@ pub(crate) fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T, ReadErr
 }
 
 #[cfg(test)]
+mod map_damage_tests;
+#[cfg(test)]
+mod map_tests;
+#[cfg(test)]
 mod tests;

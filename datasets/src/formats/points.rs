@@ -4,7 +4,10 @@ use std::path::Path;
 
 use stages::numerics::plane_grid::{EvenAxis, PlaneGrid};
 
-use super::points_table::{Column, Table, load};
+use super::{
+    grid_bytes::without_dummy,
+    points_table::{Column, Table, load},
+};
 use crate::{
     ReadError,
     grid::{Crs, GridMap, Height, WGS84},
@@ -234,12 +237,13 @@ impl<'a> Found<'a> {
         let crs = self.plane(path, options, &lat_deg, &lon_deg)?;
         let (easting_m, northing_m) = self.metres(path, &crs, (&x, &y), (&lat_deg, &lon_deg), &kept)?;
         let height_m = self.height.map(|c| c.in_unit(path, "m")).transpose()?;
-        let value_nt = pick(&self.value.in_unit(path, "nT")?);
+        let mut value_nt = pick(&self.value.in_unit(path, "nT")?);
         let (line, lines) = self.lines(&kept);
         let mut notes = vec![];
         if kept.len() < self.table.rows {
             notes.push(format!("{} points without a place are left out", self.table.rows - kept.len()));
         }
+        without_dummy(&mut value_nt, &mut notes);
         let unknown = value_nt.iter().filter(|v| v.is_nan()).count();
         if unknown > 0 {
             notes.push(format!("{unknown} points have no value"));

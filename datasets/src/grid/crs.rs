@@ -23,17 +23,26 @@ struct Systems {
 }
 
 impl Crs {
-    /// The system with an EPSG code. Datum shifts are the seven-parameter ones of the EPSG register
-    /// (for the British National Grid within about 3 m of the national grid-shift file).
+    /// The system with an EPSG code.
+    ///
+    /// Projections agree with PROJ 9.5 within a millimetre (some 4800 codes were compared at one place each); the way
+    /// there and back closes within 1 cm, for a few datums hundreds of metres from WGS-84 within 25 cm. Datum shifts
+    /// are the three- or seven-parameter ones of the register: of the British National Grid within about 3 m of the
+    /// national grid-shift file, of modern continental datums, which drift apart from WGS-84, within 2 m, of old ones
+    /// by tens of metres in places.
     ///
     /// # Errors
-    /// A code that is unknown, or whose projection is.
+    /// A code that is unknown, whose projection is, or whose way to WGS-84 is: datums that are defined by a file of
+    /// shifts (NAD27) or by none.
     pub fn from_epsg(path: &Path, code: u16) -> Result<Crs, ReadError> {
         let unknown = |why: String| {
             ReadError::options(path, format!("the coordinate system EPSG:{code} {why}"))
                 .help("project the map to a UTM zone or to latitude and longitude before")
         };
         let known = crs_definitions::from_code(code).ok_or_else(|| unknown("is not known".to_owned()))?;
+        if let Some(why) = refusal(code, known.proj4, known.wkt) {
+            return Err(unknown(format!("cannot be used: {why}")));
+        }
         let made = |text: &str| Proj::from_proj_string(text).map_err(|e| unknown(format!("cannot be used: {e}")));
         let systems = Systems { own: made(known.proj4)?, wgs84: made("+proj=longlat +datum=WGS84 +no_defs")? };
         Ok(Crs { code, wkt: known.wkt, systems: Arc::new(systems) })
@@ -114,6 +123,24 @@ impl Crs {
     }
 }
 
+/// Systems whose axes or units the definitions do not tell rightly: kilometres off PROJ.
+const MISTAKEN: [u16; 5] = [2065, 3167, 5513, 8044, 8045];
+
+/// Why a system that is defined cannot be used.
+fn refusal(code: u16, proj4: &str, wkt: &str) -> Option<&'static str> {
+    let value = |key: &str| proj4.split(' ').find_map(|w| w.strip_prefix(key)?.strip_prefix('='));
+    let shifted = ["+towgs84", "+datum", "+nadgrids"].iter().any(|k| value(k).is_some());
+    let modern = ["GRS80", "WGS84"].iter().any(|e| value("+ellps") == Some(e));
+    let sphere = value("+a").is_some() && value("+a") == value("+b");
+    if MISTAKEN.contains(&code) {
+        return Some("its axes or units are not known rightly");
+    }
+    if value("+proj") == Some("longlat") && !wkt.contains("UNIT[\"degree\"") {
+        return Some("its angles are not degrees");
+    }
+    (!shifted && !modern && !sphere).then_some("the way from its datum to WGS-84 is not known")
+}
+
 /// The code of the coordinate system that well-known text defines, by its authority, else by its name.
 pub(crate) fn epsg_of_wkt(wkt: &str) -> Option<u16> {
     authority(wkt).or_else(|| epsg_of_name(wkt.split('"').nth(1)?))
@@ -142,7 +169,7 @@ fn authority(wkt: &str) -> Option<u16> {
 
 /// The code of the system with a name of the EPSG register, or with Esri's name of a common one.
 pub(crate) fn epsg_of_name(name: &str) -> Option<u16> {
-    const SPELLINGS: [(&str, &str); 9] = [
+    const SPELLINGS: [(&str, &str); 10] = [
         ("GCS WGS 1984", "WGS 84"),
         ("WGS84", "WGS 84"),
         ("WGS 1984 UTM Zone", "WGS 84 / UTM zone"),
@@ -151,7 +178,8 @@ pub(crate) fn epsg_of_name(name: &str) -> Option<u16> {
         ("ETRS 1989 UTM Zone", "ETRS89 / UTM zone"),
         ("GDA 1994 MGA Zone", "GDA94 / MGA zone"),
         ("GDA2020 MGA Zone", "GDA2020 / MGA zone"),
-        ("British National Grid", "OSGB36 / British National Grid"),
+        ("British National Grid", "OSGB 1936 / British National Grid"),
+        ("OSGB36 / British National Grid", "OSGB 1936 / British National Grid"),
     ];
     let plain = name.trim().trim_matches('"').replace('_', " ");
     if plain.is_empty() {

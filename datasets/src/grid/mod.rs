@@ -94,4 +94,6 @@ pub(crate) fn check_values(path: &Path, values: &[f64], nodes: usize) -> Result<
 }
 
 #[cfg(test)]
+mod map_tests;
+#[cfg(test)]
 mod tests;
