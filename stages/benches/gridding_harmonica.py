@@ -1,11 +1,12 @@
 """Gridding side by side: verde and harmonica, then magline, on the same points of the samples.
 
-    python3 stages/benches/gridding_harmonica.py [osborne|britain] [--figures-only]
+    python3 stages/benches/gridding_harmonica.py [osborne|britain] [--time-only] [--magline-only]
 
 Writes the points of datasets/samples as flat little-endian f64 columns (easting, northing, height, value, number of
 the line among the sorted lines) into a temporary folder, times BlockReduce and EquivalentSourcesGB with the settings of
 the samples' maps, fit and grid, predicts every 7th line from the others, and runs `cargo bench -p stages --bench
-gridding` on that folder. `--figures-only` leaves harmonica out. Needs numpy, pyarrow, verde 1.9 and harmonica 0.7.
+gridding` on that folder. `--time-only` leaves out harmonica's predictions at
+left-out lines, `--magline-only` all of harmonica. Needs numpy, pyarrow, verde 1.9 and harmonica 0.7.
 """
 
 import os
@@ -63,7 +64,7 @@ def compare(name, columns, number):
     nodes = verde.grid_coordinates(region, spacing=spacing, extra_coords=level)
     sources.predict(nodes)
     print(f"{name} harmonica: blocks, fit and grid of {nodes[0].size} nodes in {time.perf_counter() - start:.1f} s", flush=True)
-    for fold in (0, 3):
+    for fold in () if "--time-only" in sys.argv else (0, 3):
         out = number % 7 == fold
         predicted = fitted(name, [c[~out] for c in columns]).predict([c[out] for c in columns[:3]])
         size = np.abs(columns[3][out] - predicted)
@@ -80,7 +81,7 @@ def main():
         for name in only or SURVEYS:
             columns, number = points(name)
             np.concatenate([*columns, number.astype(float)]).astype("<f8").tofile(f"{folder}/{name}.f64")
-            if "--figures-only" not in sys.argv:
+            if "--magline-only" not in sys.argv:
                 compare(name, columns, number)
         environment = os.environ | {"MAGLINE_GRIDDING_POINTS": folder, "MAGLINE_GRIDDING_ONLY": only[0] if only else ""}
         command = ["cargo", "bench", "-p", "stages", "--bench", "gridding", "--profile", "dev"]

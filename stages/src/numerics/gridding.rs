@@ -44,6 +44,18 @@ pub enum GridError {
     /// Nothing is left to grid.
     #[error("no finite point is left to grid")]
     NoPoints,
+    /// Columns of points are not equally long.
+    #[error("columns of {lengths:?} points do not belong together")]
+    Lengths {
+        /// Their lengths.
+        lengths: Vec<usize>,
+    },
+    /// A position or a value is not a finite number.
+    #[error("point {index} is not finite")]
+    NotFinite {
+        /// Its index.
+        index: usize,
+    },
     /// An option cannot be.
     #[error("`{name}` is {value}, but must be {must}")]
     Option {
@@ -233,6 +245,16 @@ pub fn mask(grid: &mut PlaneGrid, easting_m: &[f64], northing_m: &[f64], limit_m
     let masked = far.iter().filter(|f| **f).count();
     grid.values.iter_mut().zip(far).filter(|(_, far)| *far).for_each(|(v, _)| *v = f64::NAN);
     masked
+}
+
+/// Refuses columns of different lengths and points that are not finite.
+fn check_columns(columns: &[&[f64]]) -> Result<(), GridError> {
+    let lengths: Vec<usize> = columns.iter().map(|c| c.len()).collect();
+    if lengths.windows(2).any(|two| two[0] != two[1]) {
+        return Err(GridError::Lengths { lengths });
+    }
+    let first = columns.iter().filter_map(|c| c.iter().position(|v| !v.is_finite())).min();
+    first.map_or(Ok(()), |index| Err(GridError::NotFinite { index }))
 }
 
 /// The axes of a region at a spacing, refused when there would be too many nodes.

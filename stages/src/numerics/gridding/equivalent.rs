@@ -14,7 +14,7 @@ use super::nearest::{NearestPoints, range};
 use super::normal::Normal;
 use super::plane::Plane;
 use super::windows::Windows;
-use super::{GridError, Progress};
+use super::{GridError, Progress, check_columns};
 use rayon::prelude::*;
 
 /// Points in a box of the far-field sums.
@@ -104,13 +104,16 @@ pub struct LayerReport {
 }
 
 impl EquivalentSources {
-    /// Fits sources to `value_nt` measured at eastings, northings and heights in metres, all of them finite.
+    /// Fits sources to `value_nt` measured at eastings, northings and heights in metres.
+    ///
+    /// Fails without points, and when columns are not equally long or hold what is not finite.
     pub fn fit(
         at_m: [&[f64]; 3],
         value_nt: &[f64],
         options: &FitOptions,
         progress: Progress,
     ) -> Result<(Self, Vec<LayerReport>), GridError> {
+        check_columns(&[at_m[0], at_m[1], at_m[2], value_nt])?;
         if value_nt.is_empty() {
             return Err(GridError::NoPoints);
         }
@@ -143,7 +146,8 @@ impl EquivalentSources {
 
     /// The field in nT at eastings, northings and heights in metres.
     ///
-    /// Fails when a place is not above the sources near it: the field is not defined there.
+    /// Fails when a place is not above the sources near it, where the field is not defined, and when columns are not
+    /// equally long or hold what is not finite.
     pub fn predict(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GridError> {
         let targets = self.targets(at_m)?;
         let mut sum = vec![0.0; targets.points.len()];
@@ -159,6 +163,7 @@ impl EquivalentSources {
 
     /// The field in nT as `predict` gives it, and NaN at places that are not above the sources near them.
     pub fn predict_above(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GridError> {
+        check_columns(&at_m)?;
         let points = relative(at_m, self.origin_m);
         let mut above = vec![true; points.len()];
         for layer in &self.layers {
@@ -225,6 +230,7 @@ impl EquivalentSources {
     }
 
     fn targets(&self, at_m: [&[f64]; 3]) -> Result<Clusters, GridError> {
+        check_columns(&at_m)?;
         let points = relative(at_m, self.origin_m);
         for layer in &self.layers {
             if let Some(i) = layer.above(&points).iter().position(|above| !above) {

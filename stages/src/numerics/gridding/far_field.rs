@@ -131,10 +131,11 @@ fn spread_points(clusters: &Clusters, cluster: &Cluster, strength: &[f64]) -> Ve
         return Vec::new();
     }
     let mut sum = vec![0.0; PROXIES];
-    for i in cluster.start..cluster.end {
-        let at = [clusters.points.east[i], clusters.points.north[i], clusters.points.up[i]];
-        let weights = cluster.weights(at);
-        sum.iter_mut().zip(weights).for_each(|(s, w)| *s += w * strength[i]);
+    let part = cluster.start..cluster.end;
+    let [east, north, up] = clusters.points.part(part.clone());
+    for (((e, n), u), q) in east.iter().zip(north).zip(up).zip(&strength[part]) {
+        let weights = cluster.weights([*e, *n, *u]);
+        sum.iter_mut().zip(weights).for_each(|(s, w)| *s += w * q);
     }
     sum
 }

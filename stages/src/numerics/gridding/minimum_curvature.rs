@@ -60,7 +60,7 @@ pub fn minimum_curvature(
 }
 
 fn wider(axis: EvenAxis, times: usize) -> EvenAxis {
-    EvenAxis { first: axis.first, step: axis.step * times as f64, len: (axis.len - 1).div_ceil(times) + 1 }
+    EvenAxis { first: axis.first, step: axis.step * times as f64, len: axis.len.saturating_sub(1).div_ceil(times) + 1 }
 }
 
 /// One datum a node.

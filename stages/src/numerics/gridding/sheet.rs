@@ -124,7 +124,7 @@ impl Sheet {
                 moved = self.pass(colour, relaxation.tension).max(moved);
             }
             relaxed.passes += 1;
-            if relaxed.passes % STRETCH == 0 || moved == 0.0 {
+            if relaxed.passes.is_multiple_of(STRETCH) || moved == 0.0 {
                 let rate = (moved / before).min(1.0).powf(1.0 / STRETCH as f64);
                 relaxed.left_nt = match () {
                     () if moved == 0.0 => 0.0,

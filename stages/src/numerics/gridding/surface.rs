@@ -7,7 +7,7 @@ use super::equivalent::{EquivalentSources, FitOptions, LayerReport};
 use super::minimum_curvature::{Relaxed, minimum_curvature};
 use super::nearest::{NearestPoints, range};
 use super::survey::{Cleaned, SurveyPoints};
-use super::{GridError, GridOptions, GridReport, Method, Progress, Region, axes};
+use super::{GridError, GridOptions, GridReport, Method, Progress, Region, axes, check_columns};
 use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
@@ -45,6 +45,7 @@ pub fn fit(points: SurveyPoints, options: &GridOptions, progress: Progress) -> R
     if points.is_empty() {
         return Err(GridError::NoPoints);
     }
+    check_columns(&[points.easting_m, points.northing_m, points.height_m, points.value_nt])?;
     let spacing = line_spacing_m(points);
     let block = options.block_m.unwrap_or_else(|| block_m(spacing));
     check(options, block)?;
@@ -193,7 +194,7 @@ impl Fitted {
 
 /// Blocks, ascending, that the surface misses by far more than their neighbours.
 fn misfits(blocks: &Blocks, rest: &[f64], options: &GridOptions) -> Vec<usize> {
-    if !(options.misfit_sigmas > 0.0) {
+    if options.misfit_sigmas <= 0.0 || options.misfit_sigmas.is_nan() {
         return Vec::new();
     }
     let near = NearestPoints::of(&blocks.easting_m, &blocks.northing_m);

@@ -51,9 +51,10 @@ impl<'a> Adjustment<'a> {
 
     /// Where a point lies along its line, -1 to 1, `part` of the way to the next, and its line's coefficients.
     fn place(&self, point: usize, part: f64) -> (f64, usize) {
-        let (first, last, at) = self.lines.get(&self.points.line[point]).copied().unwrap_or((0, 0, 0));
-        let whole = (last - first).max(1) as f64;
-        (2.0 * ((point - first) as f64 + part) / whole - 1.0, at)
+        let (first, last, at) =
+            self.points.line.get(point).and_then(|line| self.lines.get(line)).copied().unwrap_or((0, 0, 0));
+        let whole = last.saturating_sub(first).max(1) as f64;
+        (2.0 * (point.saturating_sub(first) as f64 + part) / whole - 1.0, at)
     }
 
     fn row(&self, crossover: &Crossover) -> Vec<(usize, f64)> {

@@ -138,5 +138,8 @@ fn law_one_point_one_line_and_a_constant_are_fitted() {
     let values = fitted(&one, 1.0).predict([&one.easting_m, &one.northing_m, &one.height_m]).unwrap();
     assert!((values[0] - 42.0).abs() < 1e-6);
     let options = FitOptions { layers: Vec::new(), damping: 1.0, iterations: 1, tolerance: 0.1 };
+    let fit = |e: &[f64], v: &[f64]| EquivalentSources::fit([e, &[0.0], &[9.0]], v, &options, QUIET).err();
+    assert_eq!(fit(&[f64::INFINITY], &[1.0]), Some(GridError::NotFinite { index: 0 }));
+    assert_eq!(fit(&[0.0], &[]), Some(GridError::Lengths { lengths: vec![1, 1, 1, 0] }));
     assert_eq!(EquivalentSources::fit([&[], &[], &[]], &[], &options, QUIET).err(), Some(GridError::NoPoints));
 }
