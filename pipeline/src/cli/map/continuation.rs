@@ -34,7 +34,7 @@ pub struct ContinueArgs {
     #[arg(long, value_enum)]
     derivative: Option<Along>,
     /// Damping of downward continuation in m2, or `auto` for the corner of the L-curve.
-    #[arg(long, default_value = "auto")]
+    #[arg(long, default_value = "auto", allow_hyphen_values = true)]
     alpha: String,
     /// Draw the L-curve of a downward continuation into this SVG file.
     #[arg(long)]
@@ -102,6 +102,9 @@ pub fn run(args: &ContinueArgs) -> Result<(), Stop> {
         let job = Job { args, map, plane, original };
         match (&args.to_drape, &job.map.height) {
             (Some(drape), _) => job.onto(drape),
+            (None, Height::Cells(_)) if args.derivative.is_some() => {
+                Err(job.wrong("a draped map has no derivative: continue it to a level first"))
+            }
             (None, Height::Cells(heights)) => args.to.iter().try_for_each(|to| job.drape_to(heights, *to)),
             (None, Height::Level(_)) if args.derivative.is_some() => job.differentiate(),
             (None, Height::Level(level)) => args.to.iter().try_for_each(|to| job.level_to(*level, *to)),
@@ -217,9 +220,6 @@ impl Job<'_> {
     }
 
     fn drape_to(&self, heights: &[f64], to_m: f64) -> Result<(), Stop> {
-        if self.args.derivative.is_some() {
-            return Err(Fault::new("a draped map has no derivative").help("continue it to a level first").into());
-        }
         let heights = self.complete(heights)?;
         let down_m = heights.iter().map(|h| h - to_m).fold(0.0, f64::max);
         self.warn_if_far(heights.iter().map(|h| (to_m - h).abs()).fold(0.0, f64::max));
