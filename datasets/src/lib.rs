@@ -2,7 +2,9 @@
 //!
 //! A flight, in any format that is known by its content or its name, becomes batches with the
 //! contract's column names ([`open_flight`]); a map becomes an even grid in its own coordinates
-//! ([`read_grid`]) or of latitude and longitude ([`read_map`]). A synth spec is a flight format like any other ([`simulate`]).
+//! ([`read_grid`]) or of latitude and longitude ([`read_map`]), and goes out again in any of a dozen
+//! formats ([`write_grid`]); survey points come from any table ([`read_points`]). A synth spec is a
+//! flight format like any other ([`simulate`]).
 
 mod error;
 pub mod formats;

@@ -56,6 +56,22 @@ gdal("gdal_geographic.nc", "netCDF", FORMAT="NC", transform=DEGREES, crs="EPSG:4
 gdal("gdal.ers", "ERS", dtype="float32", nodata=-99999)
 gdal("gdal.xyz", "XYZ", nodata=-9999, ADD_HEADER_LINE="YES")
 
+
+
+def refused(name, bands=1, **profile):
+    with rasterio.open(name, "w", "GTiff", width=COLUMNS, height=ROWS, count=bands, dtype="float32", **profile) as f:
+        for band in range(bands):
+            f.write(np.nan_to_num(NORTH).astype("f4"), band + 1)
+
+
+refused("gdal_rotated.tif", crs="EPSG:32630", transform=UTM @ rasterio.Affine.rotation(20))
+refused("gdal_nowhere.tif")
+refused("gdal_two_bands.tif", bands=2, crs="EPSG:32630", transform=UTM)
+refused("gdal_uncoded.tif", crs="+proj=tmerc +lon_0=7.3 +ellps=WGS84", transform=UTM)
+with rasterio.open("gdal_unknown.tif", "w", "GTiff", width=3, height=2, count=1, dtype="float32", nodata=7,
+                   crs="EPSG:32630", transform=UTM) as f:
+    f.write(np.full((2, 3), 7, "f4"), 1)
+
 # xarray: NetCDF-4 with degrees, latitudes descending, the longitudes outermost, packed in 16 bits.
 z = xarray.DataArray(SOUTH, dims=("lat", "lon"), coords={"lat": LAT, "lon": LON}, name="anomaly")
 z.attrs["units"] = "nT"

@@ -117,6 +117,27 @@ fn law_flipped_bits_never_panic() {
 }
 
 #[test]
+fn law_a_damaged_table_of_nodes_never_panics() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("m.parquet");
+    let map = read_grid(&reference().join("gdal.tif"), &given()).unwrap();
+    write_grid(&path, &map, None).unwrap();
+    let whole = fs::read(&path).unwrap();
+    for length in (0..whole.len()).step_by(whole.len() / 60) {
+        outcome(&folder, "m.parquet", &whole[..length], &format!("{length} bytes")).unwrap_err();
+    }
+    let mut bits = Bits(7);
+    for trial in 0..200 {
+        let mut bytes = whole.clone();
+        let at = bits.next() % bytes.len();
+        bytes[at] ^= 1 << (bits.next() % 8);
+        if let Ok(map) = outcome(&folder, "m.parquet", &bytes, &format!("trial {trial}")) {
+            map.check().unwrap();
+        }
+    }
+}
+
+#[test]
 fn law_cells_cut_short_or_gone_are_an_error() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("gdal.ers");

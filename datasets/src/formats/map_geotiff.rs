@@ -47,6 +47,9 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     };
     let mut draft = Draft::new(path, place.x, place.y, values, system);
     draft.registration = place.registration;
+    if !place.y.descends() {
+        draft.notes.push("the file's first row is the southernmost".to_owned());
+    }
     draft.unit = item(&metadata, &["unit", "units", "UNITTYPE"]).map(|(_, unit)| unit);
     if options.alt_m.is_none() {
         draft.level_m = height_m(&metadata, &mut draft.notes);

@@ -28,6 +28,10 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
+/// A run packs a row of unknown nodes into nine characters; a file that declares more nodes than this to a character
+/// is damaged.
+const MOST_INFLATION: u64 = 10_000;
+
 /// The labels and their values; every label is known by its first four letters.
 struct Objects<'a> {
     path: &'a Path,
@@ -41,9 +45,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
         return Err(ReadError::data(path, "the grid is rotated").help("warp it to a grid that points north before"));
     }
     let packed = objects.number("GTYP", 0.0)? as usize;
-    // A run of any length is three packed numbers; its count is at most 90 to the digits of one.
-    let runs = if packed == 0 { 1 } else { 90_u64.saturating_pow(packed.min(4) as u32) };
-    let bytes = (text.len() as u64 + 1).saturating_mul(runs);
+    let bytes = (text.len() as u64 + 1).saturating_mul(if packed == 0 { 1 } else { MOST_INFLATION });
     let (points, lines) = (objects.number("POIN", f64::NAN)?, objects.number("ROWS", f64::NAN)?);
     let (points, lines) = nodes(path, points as i64, lines as i64, if packed == 0 { 2 } else { 1 }, bytes)?;
     let values = match packed {

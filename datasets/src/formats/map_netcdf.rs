@@ -173,6 +173,9 @@ impl<'p, 'a> Grid<'p, 'a> {
             FileAxis::of(self.path, v.name(), &coordinates)
         };
         let (x_axis, y_axis) = (axis(x, scale)?, axis(y, scale)?);
+        if y_axis.descends() {
+            notes.push("the file's rows run from north to south; turned".to_owned());
+        }
         let ordered = |values: Vec<f64>| if swapped { transposed(&values, y_axis.len()) } else { values };
         let values = ordered(self.numbers(map)?);
         let system = self.system(map, x, y);

@@ -116,6 +116,20 @@ mod val_other_programs {
     }
 
     #[test]
+    fn gold_rasters_that_are_no_map() {
+        for (name, expected) in [
+            ("gdal_rotated.tif", "the grid is rotated (warp it to a grid that points north before)"),
+            ("gdal_nowhere.tif", "does not say where its cells are (no ModelPixelScale and ModelTiepoint)"),
+            ("gdal_two_bands.tif", "a map has one band; this is "),
+            ("gdal_unknown.tif", "column `anomaly`: no cell has a value"),
+            ("gdal_uncoded.tif", "the file does not say what its eastings and northings are (give `epsg`, the code of"),
+        ] {
+            let fault = read_grid(&folder().join(name), &MapOptions::default()).unwrap_err().to_string();
+            assert!(fault.contains(expected), "{name}: {fault}");
+        }
+    }
+
+    #[test]
     fn val_sixteen_bits_with_a_value_for_unknown() {
         let map = read_grid(&folder().join("gdal_i16.tif"), &MapOptions::default()).unwrap();
         let whole: Vec<f64> = small(false).anomaly_nt.iter().map(|v| v.trunc()).collect();
@@ -174,6 +188,9 @@ mod round_trips {
         let options = MapOptions { epsg: kept.needs_code.then_some(map.crs.code()), ..MapOptions::default() };
         let back = read_grid(&path, &options).unwrap_or_else(|e| panic!("{}: {e}", kept.format));
         assert_eq!((back.format, &back.crs), (kept.format, &map.crs));
+        if ["geotiff", "netcdf"].contains(&kept.format) {
+            assert_eq!(back.registration, map.registration);
+        }
         let worst = difference(&back, map);
         // Half a unit in the last place of single precision of 2400 nT; else exact.
         let most = if kept.single { 2400.0 * f64::from(f32::EPSILON) / 2.0 } else { f64::MIN_POSITIVE };

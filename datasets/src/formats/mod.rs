@@ -177,7 +177,10 @@ pub struct FlightFormat {
     open: fn(&Path, &FlightOptions) -> Result<Raw, ReadError>,
 }
 
-/// A map format: how it is called, recognised and read.
+/// Writes a map into the files that it begins.
+type Write = fn(&GridMap, &mut output::Outputs) -> Result<(), ReadError>;
+
+/// A map format: how it is called, recognised, read and written.
 pub struct MapFormat {
     /// The name for [`MapOptions::format`].
     pub name: &'static str,
@@ -187,7 +190,7 @@ pub struct MapFormat {
     pub extensions: &'static [&'static str],
     recognise: fn(&Head) -> bool,
     read: fn(&Path, &MapOptions) -> Result<GridMap, ReadError>,
-    write: Option<fn(&GridMap, &mut output::Outputs) -> Result<(), ReadError>>,
+    write: Option<Write>,
 }
 
 impl MapFormat {

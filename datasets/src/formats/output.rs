@@ -13,8 +13,15 @@ use crate::{ReadError, grid::GridMap};
 /// Writes a map, in the format that is named or that the path's extension stands for. What was at the path is
 /// replaced when the new file is whole; nothing half-written is left.
 ///
-/// Values are nT; unknown nodes are what the format has for them. What a format cannot hold (the coordinate system,
-/// the height, the notes) is left out; the documentation of the formats says which.
+/// Values are nT; unknown nodes are what the format has for them; notes are not kept. Beside the values
+///
+/// | format | keeps |
+/// |---|---|
+/// | `parquet`, `netcdf`, `xyz` | the coordinate system and the height, varying or not |
+/// | `magnav_hdf5` | the height; WGS-84 degrees only |
+/// | `geotiff` | the coordinate system, the registration and a level height |
+/// | `gxf`, `er_mapper`, `esri_ascii` (in a `.prj` file) | the coordinate system |
+/// | `surfer7`, `surfer6` (in single precision), `surfer6_text` | neither |
 ///
 /// # Errors
 /// A format that is unknown, not written, or not told by the extension, a map that it cannot hold, and a path that

@@ -21,12 +21,13 @@ pub(super) struct TextTable {
     pub(super) records: Vec<(usize, String)>,
 }
 
-/// What a row is of.
-enum Row<'a> {
-    Blank,
-    Comment(&'a str),
+/// What a line is of.
+enum Line<'t, 'w> {
+    Comment(&'t str),
     Record(String),
-    Words(Vec<&'a str>),
+    Names(&'w [&'t str]),
+    /// A row, and the number of its line from 1.
+    Row(&'w [&'t str], usize),
 }
 
 /// Reads a whole table.
@@ -44,45 +45,95 @@ pub(super) fn read(path: &Path) -> Result<TextTable, ReadError> {
 fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
     let text = text.trim_start_matches('\u{feff}');
     let mut table = TextTable { names: vec![], named: false, columns: vec![], comments: vec![], records: vec![] };
-    let mut rows: Vec<(usize, Vec<&str>)> = vec![];
-    for (at, line) in text.lines().enumerate() {
-        match row(line) {
-            Row::Blank => {}
-            Row::Comment(comment) => table.comments.push(comment.to_owned()),
-            Row::Record(name) => table.records.push((rows.len(), name)),
-            Row::Words(words) if rows.is_empty() && !table.named && is_header(&words) => {
-                table.names = words.into_iter().map(str::to_owned).collect();
-                table.named = true;
-            }
-            Row::Words(words) => {
-                let width =
-                    rows.first().map_or(if table.named { table.names.len() } else { words.len() }, |r| r.1.len());
-                if words.len() != width {
-                    let what = format!("the row has {} values where the others have {width}", words.len());
-                    return Err(ReadError::data(path, what)
-                        .in_row(rows.len() as u64)
-                        .help(format!("line {} of the file", at + 1)));
+    // The numbers of each column; `None` from the first word on that is none.
+    let mut columns: Vec<Option<Vec<f64>>> = vec![];
+    let mut rows = 0;
+    scan(text, |line| {
+        match line {
+            Line::Comment(comment) => table.comments.push(comment.to_owned()),
+            Line::Record(name) => table.records.push((rows, name)),
+            Line::Names(names) => table.names = names.iter().map(|n| (*n).to_owned()).collect(),
+            Line::Row(words, at) => {
+                if rows == 0 {
+                    let width = if table.names.is_empty() { words.len() } else { table.names.len() };
+                    columns = vec![Some(vec![]); width];
                 }
-                rows.push((at, words));
+                if words.len() != columns.len() {
+                    return Err(unequal(path, words.len(), columns.len(), rows, at));
+                }
+                columns.iter_mut().zip(words).for_each(|(column, word)| put(column, word));
+                rows += 1;
             }
         }
-    }
-    let width = rows.first().map_or(0, |r| r.1.len());
-    if width == 0 {
+        Ok(())
+    })?;
+    if rows == 0 || columns.is_empty() {
         return Err(ReadError::data(path, "the table has no rows"));
     }
+    table.named = !table.names.is_empty();
     if !table.named {
-        table.name(width);
+        table.name(columns.len());
     }
-    for column in 0..width {
-        let words = || rows.iter().map(|(_, words)| words.get(column).copied().unwrap_or_default());
-        let numbers: Option<Vec<f64>> = words().map(missing_or_number).collect();
-        table.columns.push(match numbers {
-            Some(numbers) => Values::Number(numbers),
-            None => Values::Text(words().map(str::to_owned).collect()),
-        });
-    }
+    let column = |(i, numbers): (usize, Option<Vec<f64>>)| match numbers {
+        Some(numbers) => Ok(Values::Number(numbers)),
+        None => texts(text, i, rows).map(Values::Text),
+    };
+    table.columns = columns.into_iter().enumerate().map(column).collect::<Result<_, ReadError>>()?;
     Ok(table)
+}
+
+fn unequal(path: &Path, words: usize, width: usize, row: usize, at: usize) -> ReadError {
+    ReadError::data(path, format!("the row has {words} values where the others have {width}"))
+        .in_row(row as u64)
+        .help(format!("line {at} of the file"))
+}
+
+/// Appends a number to a column of numbers.
+fn put(column: &mut Option<Vec<f64>>, word: &str) {
+    match (column.as_mut(), missing_or_number(word)) {
+        (Some(numbers), Some(number)) => numbers.push(number),
+        (Some(_), None) => *column = None,
+        (None, _) => {}
+    }
+}
+
+/// The words of a column.
+fn texts(text: &str, column: usize, rows: usize) -> Result<Vec<String>, ReadError> {
+    let mut out = Vec::with_capacity(rows);
+    scan(text, |line| {
+        if let Line::Row(words, _) = line {
+            out.push(words.get(column).copied().unwrap_or_default().to_owned());
+        }
+        Ok(())
+    })?;
+    Ok(out)
+}
+
+/// Goes through the lines that are not blank.
+fn scan<'t>(text: &'t str, mut visit: impl FnMut(Line<'t, '_>) -> Result<(), ReadError>) -> Result<(), ReadError> {
+    let mut words: Vec<&'t str> = vec![];
+    let mut begun = false;
+    for (at, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if line.is_empty() {
+            continue;
+        }
+        if line.starts_with(MARKS) {
+            visit(Line::Comment(line.trim_start_matches(MARKS).trim()))?;
+            continue;
+        }
+        split(line, &mut words);
+        if let Some(name) = record(&words) {
+            visit(Line::Record(name))?;
+        } else if !begun && is_header(&words) {
+            visit(Line::Names(&words))?;
+            begun = true;
+        } else {
+            visit(Line::Row(&words, at + 1))?;
+            begun = true;
+        }
+    }
+    Ok(())
 }
 
 impl TextTable {
@@ -145,24 +196,16 @@ pub(super) fn lower(name: &str) -> String {
     name.trim().trim_matches('"').to_ascii_lowercase()
 }
 
-fn row(line: &str) -> Row<'_> {
-    let line = line.trim();
-    let Some(first) = line.chars().next() else { return Row::Blank };
-    if ['#', '/', '!', '%', '>'].contains(&first) {
-        return Row::Comment(line.trim_start_matches(['#', '/', '!', '%', '>']).trim());
-    }
-    let words = words(line);
-    match record(&words) {
-        Some(name) => Row::Record(name),
-        None => Row::Words(words),
-    }
-}
+/// What comments begin with.
+const MARKS: [char; 5] = ['#', '/', '!', '%', '>'];
 
-fn words(line: &str) -> Vec<&str> {
+/// The words of a line.
+fn split<'t>(line: &'t str, words: &mut Vec<&'t str>) {
+    words.clear();
     let separator = [',', ';', '\t'].into_iter().find(|s| line.contains(*s));
     match separator {
-        Some(separator) => line.split(separator).map(|w| w.trim().trim_matches('"')).collect(),
-        None => line.split_whitespace().map(|w| w.trim_matches('"')).collect(),
+        Some(separator) => words.extend(line.split(separator).map(|w| w.trim().trim_matches('"'))),
+        None => words.extend(line.split_ascii_whitespace().map(|w| w.trim_matches('"'))),
     }
 }
 

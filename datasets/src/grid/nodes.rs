@@ -1,6 +1,6 @@
 //! Maps that come as a list of nodes, in any order.
 
-use std::path::Path;
+use std::{collections::HashSet, path::Path};
 
 use stages::numerics::plane_grid::EvenAxis;
 
@@ -50,7 +50,17 @@ fn axis_of(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, Rea
     if let Some(row) = coordinates.iter().position(|c| !c.is_finite()) {
         return Err(ReadError::data(path, "the node has no place").in_column(name).in_row(row as u64));
     }
-    let mut unique = coordinates.to_vec();
+    // Few of many: the coordinates of a column are one in as many as there are rows.
+    let mut seen = HashSet::new();
+    let mut before = None;
+    let mut unique = vec![];
+    for coordinate in coordinates {
+        let bits = Some(coordinate.to_bits());
+        if bits != before && seen.insert(bits) {
+            unique.push(*coordinate);
+        }
+        before = bits;
+    }
     unique.sort_by(f64::total_cmp);
     unique.dedup_by(|a, b| (*a - *b).abs() <= 1e-9 * b.abs().max(1.0));
     FileAxis::of(path, name, &unique)

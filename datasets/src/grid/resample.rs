@@ -131,7 +131,7 @@ impl GridMap {
             None => self.units_of_steps(target, (x.0 + x.1) / 2.0, (y.0 + y.1) / 2.0)?,
         };
         let nodes = ((x.1 - x.0) / x_step).abs() * ((y.1 - y.0) / y_step).abs();
-        if !(nodes < MOST_NODES) {
+        if nodes.is_nan() || nodes >= MOST_NODES {
             return Err(self.fault(format!("a grid of {nodes:.0} nodes is too large")).help("give a wider spacing"));
         }
         let axis = |ends: Ends, step: f64| match spacing {

@@ -108,7 +108,7 @@ impl GridMap {
     /// Mean absolute difference between nodes that are `apart` in the list: 1 for columns, a row's length for rows.
     fn mean_step(&self, apart: usize) -> f64 {
         let pairs = self.anomaly_nt.iter().zip(self.anomaly_nt.iter().skip(apart)).enumerate();
-        let within = |i: usize| apart != 1 || (i + 1) % self.x.len != 0;
+        let within = |i: usize| apart != 1 || !(i + 1).is_multiple_of(self.x.len);
         let steps = pairs.filter(|(i, (a, b))| within(*i) && !a.is_nan() && !b.is_nan());
         let (sum, count) = steps.fold((0.0, 0_u64), |(sum, n), (_, (a, b))| (sum + (a - b).abs(), n + 1));
         if count == 0 { f64::NAN } else { sum / count as f64 }
