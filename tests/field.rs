@@ -119,7 +119,12 @@ fn law_the_map_at_the_samples_is_the_map() {
 #[test]
 fn law_levels_follow_the_height_flown() {
     let bench = flight();
-    bench.spec(&SPEC.replace("input             = \"core\"", "input             = \"core\"\nmap_levels_m = [300.0, 500.0, 700.0]"));
+    bench.spec(
+        &SPEC.replace(
+            "input             = \"core\"",
+            "input             = \"core\"\nmap_levels_m = [300.0, 500.0, 700.0]",
+        ),
+    );
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     let map = read(&bench.path("store/tables/field/map"));
@@ -154,7 +159,9 @@ fn gold_a_core_field_without_a_date_is_refused() {
     assert_eq!(refused.code, 2);
     assert!(refused.stderr.contains("needs a date"), "{}", refused.stderr);
     assert!(refused.stderr.contains("decimal_year"), "{}", refused.stderr);
-    bench.spec(&SPEC.replace("stage = \"core_field\"", "stage = \"core_field\"\nmodel = \"wmm\"\ndecimal_year = 2015.0"));
+    bench.spec(
+        &SPEC.replace("stage = \"core_field\"", "stage = \"core_field\"\nmodel = \"wmm\"\ndecimal_year = 2015.0"),
+    );
     let failed = bench.run(&[]);
     assert_eq!(failed.code, 1);
     assert!(failed.stderr.contains("2020") || failed.last.to_string().contains("failed"), "{}", failed.stderr);

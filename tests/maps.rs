@@ -142,7 +142,17 @@ fn law_a_hole_is_filled_from_around_or_from_another_map() {
     }
     let shifted = crate::support::changed(&whole, "anomaly", |_, v| v + 25.0);
     write(&bench.path("other.parquet"), &[shifted]);
-    let output = bench.magline(&["map", "fill", "hole.parquet", "--with", "other.parquet", "--method", "none", "-o", "both.parquet"]);
+    let output = bench.magline(&[
+        "map",
+        "fill",
+        "hole.parquet",
+        "--with",
+        "other.parquet",
+        "--method",
+        "none",
+        "-o",
+        "both.parquet",
+    ]);
     fine(&output);
     assert!(stderr(&output).contains("median -25.00"), "{}", stderr(&output));
     // The other map is the field itself but for its level, which the overlap gives.
@@ -186,8 +196,10 @@ fn law_a_survey_of_dipoles_becomes_their_field_and_lines_are_levelled() {
             ("line", column(4)),
         ])],
     );
-    let args = ["map", "grid", "points.parquet", "--epsg", "32632", "--spacing", "100", "--level", "120", "--level-lines"];
-    let output = bench.magline(&[&args[..], &["-o", "grid.parquet", "--cross-validate", "5", "--error", "error.parquet"]].concat());
+    let args =
+        ["map", "grid", "points.parquet", "--epsg", "32632", "--spacing", "100", "--level", "120", "--level-lines"];
+    let output = bench
+        .magline(&[&args[..], &["-o", "grid.parquet", "--cross-validate", "5", "--error", "error.parquet"]].concat());
     let report = fine(&output);
     let after = report.lines().find(|l| l.starts_with("after levelling")).unwrap();
     let left: f64 = after.split_whitespace().nth(2).unwrap().parse().unwrap();

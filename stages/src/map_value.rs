@@ -43,7 +43,8 @@ impl Stage for MapValue {
         if !faults.is_empty() {
             return Err(faults);
         }
-        let made = |name: &str, unit: &str, doc: &str| Column::float(name, unit, doc).from(0, &place).from(1, &["anomaly"]);
+        let made =
+            |name: &str, unit: &str, doc: &str| Column::float(name, unit, doc).from(0, &place).from(1, &["anomaly"]);
         let columns = vec![
             made("map_anomaly", "nT", "anomaly of the map"),
             made("map_grad_n", "nT/m", "slope of the map, northward"),

@@ -34,7 +34,13 @@ pub fn field_map(
     let up_m = above(table, levels_m)?;
     let (maps, slopes) = continued(&grid, &up_m)?;
     match maps.as_slice() {
-        [only] => AnomalyMap::with_vertical(only, VerticalDerivative { d_alt_nt_per_m: &slopes[0], alt_m: levels_m[0] }, interpolation).map(FieldMap::Flat).map_err(data),
+        [only] => AnomalyMap::with_vertical(
+            only,
+            VerticalDerivative { d_alt_nt_per_m: &slopes[0], alt_m: levels_m[0] },
+            interpolation,
+        )
+        .map(FieldMap::Flat)
+        .map_err(data),
         _ => {
             let options = StackOptions { interpolation, ..StackOptions::default() };
             MapStack::with_vertical(levels_m, &maps, &slopes, options).map(FieldMap::Stack).map_err(data)
@@ -48,9 +54,9 @@ fn above(table: &RecordBatch, levels_m: &[f64]) -> Result<Vec<f64>, Fault> {
     let level = alt.first().copied().unwrap_or(f64::NAN);
     if alt.iter().any(|a| *a != level) {
         let what = "a map is continued from one height, but this one has several, or none";
-        return Err(Fault::data(what)
-            .in_column("alt")
-            .help("say its height with `alt_m`, or bring a draped map onto a level with `magline map continue` first"));
+        return Err(Fault::data(what).in_column("alt").help(
+            "say its height with `alt_m`, or bring a draped map onto a level with `magline map continue` first",
+        ));
     }
     Ok(levels_m.iter().map(|to| to - level).collect())
 }

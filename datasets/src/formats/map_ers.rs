@@ -285,12 +285,13 @@ fn header(map: &GridMap, unknown: f64) -> String {
          \t\t\tXdimension\t= {}\n\t\t\tYdimension\t= {}\n\t\tCellInfo End\n\t\tNrOfLines\t= {}\n\
          \t\tNrOfCellsPerLine\t= {}\n\t\tRegistrationCoord Begin\n\t\t\t{x_name}\t= {}\n\t\t\t{y_name}\t= {}\n\
          \t\tRegistrationCoord End\n\t\tNrOfBands\t= 1\n\t\tBandId Begin\n\t\t\tValue\t\t= \"magnetic anomaly\"\n\
-         \t\t\tUnits\t\t= \"nT\"\n\t\tBandId End\n\tRasterInfo End\nDatasetHeader End\n",
+         \t\t\tUnits\t\t= \"{}\"\n\t\tBandId End\n\tRasterInfo End\nDatasetHeader End\n",
         text(map.x.step),
         text(map.y.step),
         map.y.len,
         map.x.len,
         text(west),
-        text(north)
+        text(north),
+        map.value_unit
     )
 }

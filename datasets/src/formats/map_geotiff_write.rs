@@ -63,16 +63,16 @@ fn encode<K: TiffKind>(tiff: TiffEncoder<&mut Sink, K>, map: &GridMap, level_m: 
     directory.write_tag(Tag::ModelTiepointTag, &tie[..])?;
     directory.write_tag(Tag::GeoKeyDirectoryTag, keys.as_flattened())?;
     directory.write_tag(Tag::GdalNodata, "nan")?;
-    directory.write_tag(GDAL_METADATA, metadata(level_m).as_str())?;
+    directory.write_tag(GDAL_METADATA, metadata(level_m, map.value_unit).as_str())?;
     let north_first: Vec<f64> = rows(map, true).flatten().copied().collect();
     image.write_data(&north_first)
 }
 
-fn metadata(level_m: f64) -> String {
+fn metadata(level_m: f64, value_unit: &str) -> String {
     let height = match level_m.is_nan() {
         true => String::new(),
         false => format!("  <Item name=\"level_height_m\">{level_m}</Item>\n"),
     };
-    let unit = "  <Item name=\"UNITTYPE\" sample=\"0\" role=\"unittype\">nT</Item>\n";
+    let unit = format!("  <Item name=\"UNITTYPE\" sample=\"0\" role=\"unittype\">{value_unit}</Item>\n");
     format!("<GDALMetadata>\n{height}{unit}</GDALMetadata>\n")
 }

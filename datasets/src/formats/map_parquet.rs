@@ -96,6 +96,10 @@ fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
 /// The contract's columns; eastings and northings, with their code, for a projected map.
 fn schema(map: &GridMap) -> SchemaRef {
     let mut fields: Vec<Field> = schemas::map::shape().columns.iter().map(schemas::Column::field).collect();
+    if map.value_unit != "nT" {
+        let what = "derivative of the magnetic anomaly; NaN where unknown";
+        fields.splice(3..4, [field("anomaly", DataType::Float64, map.value_unit, Role::Aux, what)]);
+    }
     if !map.is_geographic() {
         let unit = map.unit();
         let axis = |name: &str, what: &str| field(name, DataType::Float64, unit, Role::Key, what);

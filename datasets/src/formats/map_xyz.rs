@@ -127,7 +127,8 @@ fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
         _ => String::new(),
     };
     let comma = outputs.path().extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
-    let mut line = format!("# magnetic anomaly unit=nT EPSG:{} nodes={}{height}\n{names}", map.crs.code(), map.nodes());
+    let (unit, code, nodes) = (map.value_unit, map.crs.code(), map.nodes());
+    let mut line = format!("# magnetic anomaly unit={unit} EPSG:{code} nodes={nodes}{height}\n{names}");
     line.push_str(if cells { " alt\n" } else { "\n" });
     if comma {
         // The comment keeps its blanks.

@@ -90,7 +90,7 @@ fn variables(map: &GridMap) -> Vec<Variable> {
     let (least, most) = range(&map.anomaly_nt);
     let mut z = vec![
         ("long_name", text("magnetic anomaly")),
-        ("units", text("nT")),
+        ("units", text(map.value_unit)),
         ("_FillValue", Value::Doubles(vec![f64::NAN])),
         ("actual_range", Value::Doubles(vec![least, most])),
         ("grid_mapping", text("crs")),

@@ -13,7 +13,7 @@ use crate::{ReadError, grid::GridMap};
 /// Writes a map, in the format that is named or that the path's extension stands for. What was at the path is
 /// replaced when the new file is whole; nothing half-written is left.
 ///
-/// Values are nT; unknown nodes are what the format has for them; notes are not kept. Beside the values
+/// Values are nT, or in the unit of a derivative where the format names one; unknown nodes are what the format has for them; notes are not kept. Beside the values
 ///
 /// | format | keeps |
 /// |---|---|
@@ -32,10 +32,18 @@ pub fn write_grid(path: &Path, map: &GridMap, format: Option<&str>) -> Result<()
         return Err(not_written(path, chosen.name));
     };
     map.check()?;
+    // Read back, the values would be taken for an anomaly.
+    if map.value_unit != "nT" && !KEEP_UNIT.contains(&chosen.name) {
+        let what = format!("the map format `{}` does not say that the values are in {}", chosen.name, map.value_unit);
+        return Err(ReadError::options(path, what).help(format!("write {}", KEEP_UNIT.join(", "))));
+    }
     let mut outputs = Outputs { path, made: vec![] };
     write(map, &mut outputs)?;
     outputs.commit()
 }
+
+/// The formats that name the unit of the values.
+const KEEP_UNIT: [&str; 5] = ["parquet", "geotiff", "netcdf", "er_mapper", "xyz"];
 
 fn not_written(path: &Path, name: &str) -> ReadError {
     ReadError::options(path, format!("the map format `{name}` is read, not written")).help(writers())

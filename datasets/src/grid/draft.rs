@@ -4,7 +4,13 @@ use std::path::Path;
 
 use schemas::convert;
 
-use super::{Crs, GridMap, Height, Registration, axis::FileAxis, crs::WGS84, longitude};
+use super::{
+    Crs, GridMap, Height, Registration,
+    axis::FileAxis,
+    crs::WGS84,
+    grid_map::{DERIVATIVES, NANOTESLA},
+    longitude,
+};
 use crate::{MapOptions, ReadError};
 
 /// A map in the order of its file.
@@ -70,7 +76,7 @@ impl<'a> Draft<'a> {
         let nodes = self.x.len().saturating_mul(self.y.len());
         super::check_count(self.path, self.values.len(), nodes)?;
         self.flip();
-        self.scale(options)?;
+        let value_unit = self.scale(options)?;
         let crs = self.crs(options)?;
         let height = self.height(options)?;
         let mut map = GridMap {
@@ -78,6 +84,7 @@ impl<'a> Draft<'a> {
             y: self.y.ascending(),
             crs,
             anomaly_nt: self.values,
+            value_unit,
             height,
             registration: self.registration,
             format: "",
@@ -106,21 +113,25 @@ impl<'a> Draft<'a> {
         }
     }
 
-    fn scale(&mut self, options: &MapOptions) -> Result<(), ReadError> {
+    /// Brings the values into nT, derivatives aside; the unit that they have then.
+    fn scale(&mut self, options: &MapOptions) -> Result<&'static str, ReadError> {
         let said = self.unit.take().filter(|u| !u.trim().is_empty());
         if said.is_none() && options.unit.is_none() {
             self.notes.push(NO_UNIT.to_owned());
-            return Ok(());
+            return Ok(NANOTESLA);
         }
         let unit = options.unit.clone().or(said).unwrap_or_default();
-        let factor = convert(&unit, "nT").ok_or_else(|| {
+        if let Some(derivative) = DERIVATIVES.iter().find(|d| **d == unit.trim()) {
+            return Ok(derivative);
+        }
+        let factor = convert(&unit, NANOTESLA).ok_or_else(|| {
             ReadError::options(self.path, format!("the unit `{unit}` does not convert to nT")).in_column("anomaly")
         })?;
         if factor != 1.0 {
             self.values.iter_mut().for_each(|v| *v *= factor);
             self.notes.push(format!("values in {unit} times {factor} are nT"));
         }
-        Ok(())
+        Ok(NANOTESLA)
     }
 
     /// A code given in the options is taken at its word; else the file's own is.

@@ -39,6 +39,8 @@ pub struct GridMap {
     pub crs: Crs,
     /// The anomaly in nT by rows, the southernmost first, each from west to east; NaN where unknown.
     pub anomaly_nt: Vec<f64>,
+    /// What the values are in: `nT`, or for derivatives of the anomaly `nT/m` or `nT/m2`.
+    pub value_unit: &'static str,
     /// The height above the WGS-84 ellipsoid.
     pub height: Height,
     /// What the file's coordinates stood for.
@@ -51,6 +53,11 @@ pub struct GridMap {
     pub notes: Vec<String>,
 }
 
+/// The unit of an anomaly.
+pub(crate) const NANOTESLA: &str = "nT";
+/// The units of its derivatives.
+pub(crate) const DERIVATIVES: [&str; 2] = ["nT/m", "nT/m2"];
+
 /// A scale of projection beyond this departure from 1 is taken off distances.
 const WORST_SCALE: f64 = 0.005;
 
@@ -62,7 +69,9 @@ impl GridMap {
     /// another number than the nodes or infinite, and values of which none is known.
     pub fn new(x: EvenAxis, y: EvenAxis, crs: Crs, anomaly_nt: Vec<f64>, height: Height) -> Result<GridMap, ReadError> {
         let (registration, source) = (Registration::Node, PathBuf::new());
-        let map = GridMap { x, y, crs, anomaly_nt, height, registration, format: "", source, notes: vec![] };
+        let value_unit = NANOTESLA;
+        let map =
+            GridMap { x, y, crs, anomaly_nt, value_unit, height, registration, format: "", source, notes: vec![] };
         map.check()?;
         Ok(map)
     }
@@ -206,6 +215,7 @@ impl GridMap {
             y,
             crs: self.crs.clone(),
             anomaly_nt: grid.values,
+            value_unit: self.value_unit,
             height,
             registration: self.registration,
             format: self.format,

@@ -44,6 +44,10 @@ impl Map {
     /// The table of a map in degrees of WGS-84.
     fn of(map: &GridMap) -> Result<Map, ReadError> {
         map.check()?;
+        if map.value_unit != grid_map::NANOTESLA {
+            let what = format!("the map is a derivative in {}, not an anomaly in nT", map.value_unit);
+            return Err(map.fault(what).in_column("anomaly"));
+        }
         let (n_lat, n_lon) = (map.y.len, map.x.len);
         let alt = match &map.height {
             Height::Level(alt_m) => vec![*alt_m; n_lat * n_lon],

@@ -64,7 +64,8 @@ impl GridMap {
         let mut notes = self.notes.clone();
         notes.push(self.note_of(&target));
         let (registration, source) = (Registration::Node, self.source.clone());
-        let map = GridMap { x, y, crs: target, anomaly_nt, height, registration, format: self.format, source, notes };
+        let (value_unit, format) = (self.value_unit, self.format);
+        let map = GridMap { x, y, crs: target, anomaly_nt, value_unit, height, registration, format, source, notes };
         map.check()?;
         Ok(map)
     }

@@ -41,6 +41,8 @@ pub struct MapSummary {
     pub lon_deg: Option<(f64, f64)>,
     /// The lowest and the highest height, in metres above the ellipsoid; NaN where unknown.
     pub height_m: (f64, f64),
+    /// What the values are in: `nT`, or for derivatives `nT/m` or `nT/m2`.
+    pub value_unit: &'static str,
     /// How many nodes are unknown.
     pub unknown: usize,
     /// Smallest, mean and largest known value, in nT.
@@ -86,6 +88,7 @@ impl GridMap {
             lat_deg: bounds.map(|b| b.0),
             lon_deg: bounds.map(|b| b.1),
             height_m: self.height_range(),
+            value_unit: self.value_unit,
             unknown: self.nodes() - known.len(),
             min_mean_max_nt: (percentile(&known, 0.0), mean, percentile(&known, 100.0)),
             std_nt,
@@ -155,16 +158,16 @@ impl MapSummary {
         all.extend([
             ("unknown", number(self.unknown as f64), ""),
             ("unknown_share", number(100.0 * self.unknown as f64 / nodes), "%"),
-            ("min", number(self.min_mean_max_nt.0), "nT"),
-            ("mean", number(self.min_mean_max_nt.1), "nT"),
-            ("max", number(self.min_mean_max_nt.2), "nT"),
-            ("std", number(self.std_nt), "nT"),
-            ("mean_step_x", number(self.mean_step_nt.0), "nT"),
-            ("mean_step_y", number(self.mean_step_nt.1), "nT"),
+            ("min", number(self.min_mean_max_nt.0), self.value_unit),
+            ("mean", number(self.min_mean_max_nt.1), self.value_unit),
+            ("max", number(self.min_mean_max_nt.2), self.value_unit),
+            ("std", number(self.std_nt), self.value_unit),
+            ("mean_step_x", number(self.mean_step_nt.0), self.value_unit),
+            ("mean_step_y", number(self.mean_step_nt.1), self.value_unit),
         ]);
         let mut all: Vec<_> = all.into_iter().map(|(name, value, unit)| (name.to_owned(), value, unit)).collect();
         let percentiles = PERCENTILES.iter().zip(self.percentiles_nt);
-        all.extend(percentiles.map(|(p, v)| (format!("percentile_{p}"), number(v), "nT")));
+        all.extend(percentiles.map(|(p, v)| (format!("percentile_{p}"), number(v), self.value_unit)));
         all
     }
 

@@ -70,12 +70,8 @@ pub struct ThreadArgs {
 
 impl InputArgs {
     fn read(&self, path: &Path) -> Result<GridMap, Stop> {
-        let options = MapOptions {
-            format: self.format.clone(),
-            epsg: self.epsg,
-            alt_m: self.alt,
-            unit: self.unit.clone(),
-        };
+        let options =
+            MapOptions { format: self.format.clone(), epsg: self.epsg, alt_m: self.alt, unit: self.unit.clone() };
         let map = read_grid(path, &options).map_err(Fault::from)?;
         map.notes.iter().for_each(|n| eprintln!("note: {}: {n}", path.display()));
         Ok(map)

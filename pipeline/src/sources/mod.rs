@@ -8,7 +8,7 @@ use std::{path::PathBuf, sync::Arc};
 
 use arrow_array::RecordBatch;
 use arrow_schema::{Schema, SchemaRef};
-use datasets::{FlightOptions, MapOptions, open_flight, read_map};
+use datasets::{FlightOptions, MapOptions, map_files, open_flight, read_map};
 use schemas::{Column, Fault, Shape, canonical::Canonical, describe_field};
 
 pub use files::{Bytes, find, fingerprint};
@@ -134,13 +134,16 @@ impl MapSource {
     /// # Errors
     /// When it cannot be read.
     pub fn load(&self, store: &Store) -> Result<(Key, Vec<Bytes>), Fault> {
-        let bytes = fingerprint(store, &self.path)?;
-        let key = Key::of(["map", VERSION, datasets::VERSION, &self.spelt, &bytes.hash.to_string()]);
+        // The cells of a map may lie beside its header.
+        let files = map_files(&self.path).map_err(Fault::from)?;
+        let bytes: Vec<Bytes> = files.iter().map(|file| fingerprint(store, file)).collect::<Result<_, _>>()?;
+        let fixed = ["map", VERSION, datasets::VERSION, &self.spelt].map(str::to_owned);
+        let key = Key::of(fixed.into_iter().chain(bytes.iter().map(|b| b.hash.to_string())));
         if !store.has(key) {
             let map = read_map(&self.path, &self.options).map_err(Fault::from)?;
             store.put(key, &map.batch)?;
         }
-        Ok((key, vec![bytes]))
+        Ok((key, bytes))
     }
 }
 

@@ -103,12 +103,7 @@ struct Filter<'a> {
 
 impl<'a> Filter<'a> {
     /// No error, and the initial covariance at the first sample.
-    fn new(
-        parameters: &'a EkfParameters,
-        ins: &'a InsSeries<'a>,
-        map: &'a FieldMap,
-        core: Option<&CoreField>,
-    ) -> Self {
+    fn new(parameters: &'a EkfParameters, ins: &'a InsSeries<'a>, map: &'a FieldMap, core: Option<&CoreField>) -> Self {
         let (lat_rad, alt_m) = (ins.lat_deg[0].to_radians(), ins.alt_m[0]);
         Self {
             parameters,

@@ -7,8 +7,8 @@ use datasets::{GridMap, Height};
 use schemas::Fault;
 use stages::numerics::{
     continuation::{
-        self, Derivative, Drape, LCurve, MAGNAV_ALPHA_M2, Padding, Regularisation, Spectrum, downward, drape_to_level, edge_error,
-        is_far, level_to_drape, masked_like,
+        self, Derivative, Drape, LCurve, MAGNAV_ALPHA_M2, Padding, Regularisation, Spectrum, downward, drape_to_level,
+        edge_error, is_far, level_to_drape, masked_like,
     },
     fill,
     plane_grid::PlaneGrid,
@@ -97,6 +97,9 @@ pub fn run(args: &ContinueArgs) -> Result<(), Stop> {
     }
     args.threads.run(|| {
         let map = args.input.read(&args.map)?;
+        if map.value_unit != "nT" && args.derivative.is_some() {
+            return Err(wrong(&args.map, &format!("the map is a derivative already, in {}", map.value_unit)));
+        }
         let original = map.plane();
         let plane = filled(&args.map, &original)?;
         let job = Job { args, map, plane, original };
@@ -158,7 +161,9 @@ impl Job<'_> {
             Regularisation::Alpha(alpha) => alpha,
             Regularisation::LCurve if down_m <= 0.0 => MAGNAV_ALPHA_M2,
             Regularisation::LCurve => {
-                downward(&self.plane, down_m, Regularisation::LCurve, &Padding::default()).map_err(|e| self.wrong(e))?.alpha_m2
+                downward(&self.plane, down_m, Regularisation::LCurve, &Padding::default())
+                    .map_err(|e| self.wrong(e))?
+                    .alpha_m2
             }
         })
     }
@@ -255,7 +260,12 @@ impl Job<'_> {
 
     fn finish(&self, plane: PlaneGrid, height: Height, alt_m: f64) -> Result<(), Stop> {
         let plane = if self.args.keep_filled { plane } else { masked_like(plane, &self.original) };
-        let map = GridMap { height, ..self.map.with_plane_values(plane.values).map_err(Fault::from)? };
+        let value_unit = match self.args.derivative {
+            None => self.map.value_unit,
+            Some(Along::Up2) => "nT/m2",
+            Some(_) => "nT/m",
+        };
+        let map = GridMap { height, value_unit, ..self.map.with_plane_values(plane.values).map_err(Fault::from)? };
         let name = self.args.output.to_string_lossy().replace("{alt}", &alt_m.to_string());
         write_to(Path::new(&name), &map, self.args.output_format.as_deref())
     }

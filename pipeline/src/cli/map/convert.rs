@@ -5,10 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use datasets::{GridMap, Height};
 use schemas::Fault;
-use stages::numerics::{
-    continuation::expand,
-    plane_grid::EvenAxis,
-};
+use stages::numerics::{continuation::expand, plane_grid::EvenAxis};
 
 use super::{InputArgs, OutputArgs, Stop, ThreadArgs, wrong};
 

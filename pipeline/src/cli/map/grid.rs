@@ -325,7 +325,8 @@ fn flown(
 
 fn bar() -> ProgressBar {
     let style = ProgressStyle::with_template("{msg:28} {wide_bar} {percent:>3}% {elapsed:>4}");
-    let target = if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+    let target =
+        if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
     ProgressBar::with_draw_target(Some(1), target).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
 }
 

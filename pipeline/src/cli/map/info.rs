@@ -34,10 +34,13 @@ pub fn run(args: &InfoArgs) -> Result<(), Stop> {
                         object.insert("file".to_owned(), json!(path.display().to_string()));
                         for (name, value, unit) in summary.figures() {
                             let key = if unit.is_empty() { name } else { format!("{name} [{unit}]") };
-                            object.insert(key, match value {
-                                Figure::Number(number) => json!(number),
-                                Figure::Text(text) => json!(text),
-                            });
+                            object.insert(
+                                key,
+                                match value {
+                                    Figure::Number(number) => json!(number),
+                                    Figure::Text(text) => json!(text),
+                                },
+                            );
                         }
                         format!("{}\n", Value::Object(object))
                     }

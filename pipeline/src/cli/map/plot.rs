@@ -116,7 +116,9 @@ fn scale(text: &str) -> Result<Scale, Stop> {
         (_, _, Some((a, b))) => Ok(Scale::Range(a, b)),
         _ => {
             let fault = Fault::new(format!("`{text}` is no scale"));
-            Err(fault.help("say `equalised`, `linear`, a range such as `-200..300`, or percentiles such as `2%..98%`").into())
+            Err(fault
+                .help("say `equalised`, `linear`, a range such as `-200..300`, or percentiles such as `2%..98%`")
+                .into())
         }
     }
 }
@@ -124,6 +126,10 @@ fn scale(text: &str) -> Result<Scale, Stop> {
 fn title(args: &PlotArgs) -> String {
     let stem = || args.map.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     args.title.clone().unwrap_or_else(stem)
+}
+
+fn quantity(map: &GridMap) -> &'static str {
+    if map.value_unit == "nT" { "Magnetic anomaly" } else { "Derivative of the anomaly" }
 }
 
 /// A picture on the map's own plane.
@@ -145,25 +151,19 @@ fn flat<T>(
             t.lat.iter().zip(&t.lon).map(place).unzip()
         })
         .collect();
-    let drawn: Vec<TrackLine> = tracks
-        .iter()
-        .zip(&places)
-        .map(|(track, (x, y))| TrackLine { name: &track.name, x, y, colour: None })
-        .collect();
+    let drawn: Vec<TrackLine> =
+        tracks.iter().zip(&places).map(|(track, (x, y))| TrackLine { name: &track.name, x, y, colour: None }).collect();
     let title = title(args);
-    let (x, y, kind) = if map.is_geographic() {
-        (map.x, map.y, Plane::Degrees)
-    } else {
-        (plane.east_m, plane.north_m, Plane::Metres)
-    };
+    let (x, y, kind) =
+        if map.is_geographic() { (map.x, map.y, Plane::Degrees) } else { (plane.east_m, plane.north_m, Plane::Metres) };
     let picture = MapPicture {
         x,
         y,
         values: &plane.values,
         plane: kind,
         title: &title,
-        quantity: "Magnetic anomaly",
-        unit: "nT",
+        quantity: quantity(map),
+        unit: map.value_unit,
         x_label: None,
         y_label: None,
     };
@@ -179,8 +179,8 @@ fn earth(args: &PlotArgs, map: &GridMap, tracks: &[Track], zipped: bool) -> Resu
         values: &map.anomaly_nt,
         plane: Plane::Degrees,
         title: &title,
-        quantity: "Magnetic anomaly",
-        unit: "nT",
+        quantity: quantity(&map),
+        unit: map.value_unit,
         x_label: None,
         y_label: None,
     };
@@ -226,7 +226,8 @@ fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<Track>, Stop> {
         let lat = number(names[0]).ok_or_else(|| absent(names[0]))?;
         let lon = number(names[1]).ok_or_else(|| absent(names[1]))?;
         let alt = number(names[2]);
-        for i in (0..batch.num_rows()).filter(|i| args.line.is_empty() || args.line.iter().any(|l| l == line.value(*i))) {
+        for i in (0..batch.num_rows()).filter(|i| args.line.is_empty() || args.line.iter().any(|l| l == line.value(*i)))
+        {
             let name = format!("{} {}", flight.value(i), line.value(i));
             if tracks.last().is_none_or(|t| t.name != name) {
                 tracks.push(Track { name, lat: vec![], lon: vec![], alt: vec![] });

@@ -292,7 +292,8 @@ fn law_the_core_field_belongs_to_the_prediction() {
         let offset_deg = (1e-6_f64.to_degrees(), -(2e-6_f64.to_degrees()));
         *measured += core.magnitude_nt(lat + offset_deg.0, lon + offset_deg.1, 400.0);
     }
-    let with = run(&EkfParameters::default(), &line.series(), &total, &FieldMap::Flat(map.clone()), Some(&core)).unwrap();
+    let with =
+        run(&EkfParameters::default(), &line.series(), &total, &FieldMap::Flat(map.clone()), Some(&core)).unwrap();
     let without = line.run(&EkfParameters::default(), &map).unwrap();
     for (a, b) in with.residual_nt.iter().zip(&without.residual_nt) {
         // The core field differs by 0.05 nT between the two positions that are tried.
