@@ -155,7 +155,7 @@ fn gappy() -> PlaneGrid {
         (r - 0.55).hypot(1.7 * (c - 0.6)) < 0.28
             || r + 1.2 * c < 0.45
             || r - c > 0.6
-            || (row * 31 + column * 17) % 97 == 0
+            || (row * 31 + column * 17).is_multiple_of(97)
     };
     let value = |row: usize, column: usize| {
         if unknown(row, column) { f64::NAN } else { field(row as f64, column as f64) }
@@ -164,23 +164,25 @@ fn gappy() -> PlaneGrid {
     PlaneGrid { east_m: axis(columns), north_m: axis(rows), values }
 }
 
+/// The time of one thread, or with more of them the time that has passed, and the answer.
+fn timed<T>(threads: usize, work: impl FnOnce() -> T) -> (f64, T) {
+    let (start, clock) = (seconds_now(), Instant::now());
+    let answer = work();
+    (if threads == 1 { seconds_now() - start } else { clock.elapsed().as_secs_f64() }, answer)
+}
+
 fn filling() -> Result<(), Failure> {
     let map = gappy();
     println!("fill {} of {} nodes", map.unknown(), map.values.len());
     let mut answers = Vec::new();
     for threads in [1, 2] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
-        let start = Instant::now();
-        let filled = pool.install(|| nearest(&map, &NearestFill::default()))?;
-        println!("fill nearest, threads {threads}: {:.2} s", start.elapsed().as_secs_f64());
-        let start = Instant::now();
-        let (smoothed, report) = pool.install(|| smooth(&map, &SmoothFill::default()))?;
-        println!(
-            "fill smooth, threads {threads}: {:.2} s, {} iterations",
-            start.elapsed().as_secs_f64(),
-            report.iterations
-        );
-        answers.push([filled, smoothed]);
+        let (seconds, filled) = pool.install(|| timed(threads, || nearest(&map, &NearestFill::default())));
+        println!("fill nearest, threads {threads}: {seconds:.2} s");
+        let (seconds, smoothed) = pool.install(|| timed(threads, || smooth(&map, &SmoothFill::default())));
+        let (smoothed, report) = smoothed?;
+        println!("fill smooth, threads {threads}: {seconds:.2} s, {} iterations", report.iterations);
+        answers.push([filled?, smoothed]);
     }
     if answers[0] != answers[1] || answers[0].iter().any(|map| map.unknown() > 0) {
         return Err("the filled map depends on the number of threads, or is not filled".into());

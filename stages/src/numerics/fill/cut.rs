@@ -27,22 +27,22 @@ impl Default for Limits {
 /// Where nothing is known or the map is not well formed.
 pub fn trim(grid: &PlaneGrid, pad: usize) -> Result<PlaneGrid, FillError> {
     check(grid)?;
-    let width = grid.columns();
-    let known_in_row = |row: &[f64]| {
-        let first = row.iter().position(|value| !value.is_nan())?;
-        Some((first, row.iter().rposition(|value| !value.is_nan())?))
-    };
-    let mut rows = usize::MAX..0;
-    let mut columns = usize::MAX..0;
-    for (row, values) in grid.values.chunks_exact(width).enumerate() {
-        if let Some((first, last)) = known_in_row(values) {
-            rows = rows.start.min(row)..row + 1;
-            columns = columns.start.min(first)..columns.end.max(last + 1);
-        }
-    }
+    let (rows, columns) = bounding_box(grid, |value| !value.is_nan()).ok_or(FillError::Empty)?;
     let padded =
         |range: Range<usize>, len: usize| range.start.saturating_sub(pad)..range.end.saturating_add(pad).min(len);
-    Ok(cut(grid, padded(rows, grid.rows()), padded(columns, width)))
+    Ok(cut(grid, padded(rows, grid.rows()), padded(columns, grid.columns())))
+}
+
+/// The rows and the columns that hold all values of a kind; `None` where there are none.
+pub(super) fn bounding_box(grid: &PlaneGrid, kind: impl Fn(&f64) -> bool) -> Option<(Range<usize>, Range<usize>)> {
+    let mut found: Option<(Range<usize>, Range<usize>)> = None;
+    for (row, values) in grid.values.chunks_exact(grid.columns()).enumerate() {
+        if let Some((first, last)) = values.iter().position(&kind).zip(values.iter().rposition(&kind)) {
+            let (rows, columns) = found.unwrap_or((row..row, first..last));
+            found = Some((rows.start..row + 1, columns.start.min(first)..columns.end.max(last + 1)));
+        }
+    }
+    found
 }
 
 /// The nodes of a map that lie within the limits, or on them.

@@ -1,5 +1,6 @@
 //! The smooth surface through a gap.
 
+use super::cut::bounding_box;
 use super::multigrid::{Cycle, Frame, Level};
 use super::{FillError, check};
 use crate::numerics::plane_grid::PlaneGrid;
@@ -54,7 +55,7 @@ pub struct SmoothReport {
 pub fn smooth(grid: &PlaneGrid, options: &SmoothFill) -> Result<(PlaneGrid, SmoothReport), FillError> {
     check(grid)?;
     let tolerance = options.tolerance;
-    if !(tolerance > 0.0) {
+    if tolerance.is_nan() || tolerance <= 0.0 {
         return Err(FillError::Parameter { name: "the tolerance", value: tolerance });
     }
     let Some(window) = Window::of(grid) else {
@@ -84,17 +85,9 @@ struct Window {
 
 impl Window {
     fn of(grid: &PlaneGrid) -> Option<Self> {
-        let width = grid.columns();
-        let (mut rows, mut columns) = (usize::MAX..0, usize::MAX..0);
-        for (row, values) in grid.values.chunks_exact(width).enumerate() {
-            let first = values.iter().position(|value| value.is_nan());
-            if let Some((first, last)) = first.zip(values.iter().rposition(|value| value.is_nan())) {
-                rows = rows.start.min(row)..row + 1;
-                columns = columns.start.min(first)..columns.end.max(last + 1);
-            }
-        }
+        let (rows, columns) = bounding_box(grid, |value| value.is_nan())?;
         let wider = |range: Range<usize>, len: usize| range.start.saturating_sub(RIM)..(range.end + RIM).min(len);
-        (rows.end > 0).then(|| Self { rows: wider(rows, grid.rows()), columns: wider(columns, width) })
+        Some(Self { rows: wider(rows, grid.rows()), columns: wider(columns, grid.columns()) })
     }
 
     fn frame(&self) -> Frame {

@@ -126,13 +126,13 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
         let (across, across_slope) = (weights(cell.right), slopes(cell.right));
         let (along, along_slope) = (weights(cell.up), slopes(cell.up));
         let mut jet = Jet::ZERO;
-        for k in 0..4 {
+        for (k, (along, along_slope)) in along.iter().zip(along_slope).enumerate() {
             let c = self.window(cell, k)?;
             for q in 0..QUANTITIES {
                 let row_value = dot4(c, q, &across);
-                jet.value[q] += along[k] * row_value;
-                jet.per_row[q] += along_slope[k] * row_value;
-                jet.per_column[q] += along[k] * dot4(c, q, &across_slope);
+                jet.value[q] += along * row_value;
+                jet.per_row[q] += along_slope * row_value;
+                jet.per_column[q] += along * dot4(c, q, &across_slope);
             }
         }
         Some(jet)
@@ -170,11 +170,12 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
         }
         let (across, along) = (basis.map(|w| w(cell.right)), basis.map(|w| w(cell.up)));
         let mut bend = Bend { rows: 0.0, cross: 0.0, columns: 0.0 };
-        for k in 0..4 {
+        let [along, along_slope, along_bend] = along;
+        for (k, ((along, slope), bent)) in along.iter().zip(along_slope).zip(along_bend).enumerate() {
             let c = self.window(cell, k)?;
-            bend.rows += along[2][k] * dot4(c, 0, &across[0]);
-            bend.cross += along[1][k] * dot4(c, 0, &across[1]);
-            bend.columns += along[0][k] * dot4(c, 0, &across[2]);
+            bend.rows += bent * dot4(c, 0, &across[0]);
+            bend.cross += slope * dot4(c, 0, &across[1]);
+            bend.columns += along * dot4(c, 0, &across[2]);
         }
         Some(bend)
     }
