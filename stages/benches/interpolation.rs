@@ -61,7 +61,7 @@ fn map(rows: usize, columns: usize, scale: f64) -> Result<MapGrid, Failure> {
     Ok(MapGrid::new(&axis(SOUTH_DEG, rows), &axis(WEST_DEG, columns), &values)?)
 }
 
-/// Places of a flight with steps of 7.5 m, back and forth over the map, and the same number all over it.
+/// Places of a flight with steps of some 7 m, back and forth over the map, and the same number all over it.
 fn places(rows: usize, columns: usize, along_track: bool) -> (Vec<f64>, Vec<f64>) {
     let (height, width) = (STEP_DEG * (rows - 3) as f64, STEP_DEG * (columns - 3) as f64);
     let place = |k: usize| {
