@@ -48,12 +48,11 @@ pub fn run(args: &InfoArgs) -> Result<(), Stop> {
                 })?;
             }
             Err(stop) => {
-                if args.maps.len() > 1 {
-                    if let Stop::Wrong(text) | Stop::Failed(text) = &stop {
-                        eprintln!("{text}");
-                    }
+                // The last error is told on the way out.
+                let before = std::mem::replace(&mut last, Err(stop));
+                if let Err(Stop::Wrong(text) | Stop::Failed(text)) = before {
+                    eprintln!("{text}");
                 }
-                last = Err(stop);
             }
         }
     }

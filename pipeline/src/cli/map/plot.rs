@@ -78,8 +78,8 @@ pub fn run(args: &PlotArgs) -> Result<(), Stop> {
         }
         let ending = args.output.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         match ending.as_str() {
-            "png" => write(&args.output, &flat(args, &map, &tracks, |p, l, t| plot::png(p, l, t))?),
-            "svg" => write(&args.output, flat(args, &map, &tracks, |p, l, t| plot::svg(p, l, t))?.as_bytes()),
+            "png" => write(&args.output, &flat(args, &map, &tracks, plot::png)?),
+            "svg" => write(&args.output, flat(args, &map, &tracks, plot::svg)?.as_bytes()),
             "kml" | "kmz" => earth(args, &map, &tracks, ending == "kmz"),
             _ => {
                 let fault = Fault::new(format!("`{}` is no kind of picture", args.output.display()));

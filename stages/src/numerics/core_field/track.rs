@@ -108,8 +108,7 @@ impl CoreTrack {
         }
         let sums = Sums { recursion: &self.recursion, table: span.table(), position_m: &group.position };
         let sums = pulp::Arch::new().dispatch(sums);
-        for lane in 0..group.len {
-            let row = group.rows[lane];
+        for (lane, &row) in group.rows.iter().enumerate().take(group.len) {
             let part = |axis: usize| {
                 let change = sums[axis + 3][lane];
                 if rate { change } else { sums[axis][lane] + group.years[lane] * change }
