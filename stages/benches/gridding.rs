@@ -58,7 +58,7 @@ fn real(survey: &Survey, folder: &str) {
     let (gridded, seconds) = timed(|| grid(points.borrow(), &options, quiet).unwrap());
     let r = &gridded.report;
     println!(
-        "{{\"survey\":\"{}\",\"method\":\"sources\",\"fit_and_grid_s\":{seconds:.2},\"line_spacing_m\":{:.0},\"block_m\":{:.0},\"blocks\":{},\"outliers\":{},\"duplicates\":{},\"sources\":{},\"fit_rms_nt\":{:.2},\"fit_median_nt\":{:.2},\"nodes\":{}}}",
+        "{{\"survey\":\"{}\",\"method\":\"sources\",\"fit_and_grid_s\":{seconds:.2},\"line_spacing_m\":{:.0},\"block_m\":{:.0},\"blocks\":{},\"outliers\":{},\"duplicates\":{},\"sources\":{},\"fit_rms_nt\":{:.2},\"fit_median_nt\":{:.2},\"nodes\":{},\"summation_error_nt\":{:.4}}}",
         survey.name,
         r.line_spacing_m,
         r.block_m,
@@ -69,6 +69,7 @@ fn real(survey: &Survey, folder: &str) {
         r.misfit.rms_nt,
         r.misfit.median_nt,
         gridded.grid.values.len(),
+        r.summation_error_nt.unwrap_or_default(),
     );
     let folds = std::env::var("MAGLINE_GRIDDING_FOLDS").unwrap_or("0,3".to_owned());
     let folds: Vec<usize> = folds.split(',').map(|f| f.parse().unwrap()).collect();

@@ -188,6 +188,9 @@ pub struct GridReport {
     pub relaxed: Option<Relaxed>,
     /// The level of the grid, metres; none for minimum curvature, whose values are at the heights flown.
     pub level_m: Option<f64>,
+    /// The largest error in nT that summing distant sources together made at a hundred nodes; none for minimum
+    /// curvature.
+    pub summation_error_nt: Option<f64>,
     /// Nodes that are masked.
     pub masked: usize,
     /// Sizes of the differences at left-out lines.
@@ -213,7 +216,7 @@ pub fn grid(points: SurveyPoints, options: &GridOptions, progress: Progress) -> 
     let fitted = fit(kept.borrow(), options, progress)?;
     let axes = fitted.axes;
     progress("grid", 0, 1);
-    let (mut map, level_m) = fitted.grid()?;
+    let (mut map, level) = fitted.grid()?;
     let mask_m = options.mask_m.unwrap_or(2.0 * fitted.line_spacing_m);
     let masked = mask(&mut map, &kept.easting_m, &kept.northing_m, mask_m);
     progress("grid", 1, 1);
@@ -227,7 +230,7 @@ pub fn grid(points: SurveyPoints, options: &GridOptions, progress: Progress) -> 
         error
     });
     let cross_validation = crossed.map(|crossed| crossed.spread);
-    let report = fitted.report(cleaned, masked, level_m, cross_validation);
+    let report = fitted.report(cleaned, masked, level, cross_validation);
     Ok(Gridded { grid: map, error, report })
 }
 

@@ -3,8 +3,8 @@
 use super::nearest::range;
 
 /// Chebyshev points along the two horizontal axes and along the vertical one.
-pub(super) const ACROSS: usize = 5;
-pub(super) const UPWARD: usize = 3;
+pub(super) const ACROSS: usize = 4;
+pub(super) const UPWARD: usize = 2;
 /// Stand-ins of a box.
 pub(super) const PROXIES: usize = ACROSS * ACROSS * UPWARD;
 

@@ -31,8 +31,8 @@ fn values([east, north, up]: [&[f64]; 3], sources: Sources, sign: f64, out: &mut
         let q = q * sign;
         for (((o, &e), &n), &u) in out.iter_mut().zip(east).zip(north).zip(up) {
             let (de, dn, du) = (e - se, n - sn, u - su);
-            let inverse = 1.0 / (de * de + dn * dn + du * du);
-            *o += q * du * (inverse * inverse.sqrt());
+            let inverse = inverse_root(de * de + dn * dn + du * du);
+            *o += q * du * (inverse * inverse * inverse);
         }
     }
 }
@@ -46,13 +46,36 @@ fn gradients([east, north, up]: [&[f64]; 3], sources: Sources, out: &mut [Vec<f6
         let sums = value.iter_mut().zip(by_east.iter_mut()).zip(by_north.iter_mut()).zip(by_up.iter_mut());
         for ((((v, ve), vn), vu), ((&e, &n), &u)) in sums.zip(places) {
             let (de, dn, du) = (e - se, n - sn, u - su);
-            let inverse = 1.0 / (de * de + dn * dn + du * du);
-            let cube = q * (inverse * inverse.sqrt());
-            let steep = -3.0 * cube * inverse * du;
+            let inverse = inverse_root(de * de + dn * dn + du * du);
+            let cube = q * (inverse * inverse * inverse);
+            let steep = -3.0 * cube * (inverse * inverse) * du;
             *v += cube * du;
             *ve += steep * de;
             *vn += steep * dn;
             *vu += cube + steep * du;
+        }
+    }
+}
+
+/// 1/√x of a positive number to 3e-11 of itself: three Newton steps from the guess that halving the exponent gives.
+/// Division and square root take several times as long as these products.
+#[inline(always)]
+fn inverse_root(x: f64) -> f64 {
+    let half = 0.5 * x;
+    let mut y = f64::from_bits(0x5fe6_eb50_c7b5_37a9 - (x.to_bits() >> 1));
+    for _ in 0..3 {
+        y *= 1.5 - half * y * y;
+    }
+    y
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn law_the_inverse_root_is_good_to_ten_digits() {
+        for k in 0..4000 {
+            let x = 1e-3 * 1.01f64.powi(k);
+            assert!((super::inverse_root(x) * x.sqrt() - 1.0).abs() < 1e-10);
         }
     }
 }

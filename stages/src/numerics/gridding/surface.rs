@@ -154,8 +154,9 @@ impl Fitted {
         }
     }
 
-    /// The grid, and its level when it has one.
-    pub fn grid(&self) -> Result<(PlaneGrid, Option<f64>), GridError> {
+    /// The grid; with equivalent sources also its level in metres and the largest error in nT that summing distant
+    /// sources together makes at a hundred of its nodes.
+    pub fn grid(&self) -> Result<(PlaneGrid, Option<[f64; 2]>), GridError> {
         let [east_m, north_m] = self.axes;
         match &self.surface {
             Surface::Grid(grid) => Ok((grid.clone(), None)),
@@ -163,8 +164,10 @@ impl Fitted {
                 let count = east_m.len * north_m.len;
                 let east: Vec<f64> = (0..count).map(|k| east_m.at((k % east_m.len) as f64)).collect();
                 let north: Vec<f64> = (0..count).map(|k| north_m.at((k / east_m.len) as f64)).collect();
-                let values = sources.predict([&east, &north, &vec![*level_m; count]])?;
-                Ok((PlaneGrid { east_m, north_m, values }, Some(*level_m)))
+                let at = [&east[..], &north, &vec![*level_m; count]];
+                let values = sources.predict(at)?;
+                let error = sources.summation_error_nt(at, &values, 100);
+                Ok((PlaneGrid { east_m, north_m, values }, Some([*level_m, error])))
             }
         }
     }
@@ -173,7 +176,7 @@ impl Fitted {
         self,
         cleaned: Cleaned,
         masked: usize,
-        level_m: Option<f64>,
+        level: Option<[f64; 2]>,
         cross_validation: Option<Spread>,
     ) -> GridReport {
         GridReport {
@@ -185,7 +188,8 @@ impl Fitted {
             misfit: self.misfit,
             layers: self.layers,
             relaxed: self.relaxed,
-            level_m,
+            level_m: level.map(|l| l[0]),
+            summation_error_nt: level.map(|l| l[1]),
             masked,
             cross_validation,
         }
