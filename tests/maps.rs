@@ -128,7 +128,7 @@ fn law_a_hole_is_filled_from_around_or_from_another_map() {
         if (30..40).contains(&row) && (50..62).contains(&column) { f64::NAN } else { v }
     });
     write(&bench.path("hole.parquet"), &[punched]);
-    let truth = numbers(&[whole.clone()], "anomaly");
+    let truth = numbers(std::slice::from_ref(&whole), "anomaly");
     let rms = |name: &str| {
         let values = numbers(&file(&bench, name), "anomaly");
         assert!(values.iter().all(|v| v.is_finite()), "{name}");

@@ -13,6 +13,7 @@ use stages::numerics::{
     geodesy::EarthModel,
     ins_series::InsSeries,
     map_grid::{AnomalyMap, Interpolation, MapGrid},
+    map_stack::FieldMap,
 };
 use tempfile::TempDir;
 
@@ -317,7 +318,7 @@ fn navigated(line: &RecordBatch, anomaly: &AnomalyMap) -> (f64, f64, f64) {
     };
     let core = CoreField::at(decimal_year(2020, 185, c("tt")[0]).unwrap()).unwrap();
     let parameters = EkfParameters { measurement_sigma_nt: 5.0, ..EkfParameters::default() };
-    let out = ekf::run(&parameters, &ins, c("mag_1_c"), anomaly, Some(&core)).unwrap();
+    let out = ekf::run(&parameters, &ins, c("mag_1_c"), &FieldMap::Flat(anomaly.clone()), Some(&core)).unwrap();
     let (mut filter, mut drift, mut nees) = (0.0, 0.0, 0.0);
     let n = line.num_rows();
     for i in 0..n {
