@@ -282,6 +282,11 @@ mod round_trips {
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing half-written is left");
     }
 
+    /// What a file says, whatever its bytes.
+    fn unpacked(path: &Path) -> String {
+        format!("{:?}", GridMap { source: PathBuf::new(), ..read_grid(path, &MapOptions::default()).unwrap() })
+    }
+
     /// The small map in every format, as other programs have read it (`reference/maps/check_maps.py`). A file that is
     /// not there is made, to be checked with that script and kept.
     #[test]
@@ -314,7 +319,11 @@ mod round_trips {
                     made.push(kept);
                     continue;
                 }
-                let same = fs::read(entry.path()).unwrap() == fs::read(&kept).unwrap();
+                // Deflate may pack the same values otherwise, as the library does that is built in.
+                let same = match name.ends_with(".tif") {
+                    true => unpacked(&entry.path()) == unpacked(&kept),
+                    false => fs::read(entry.path()).unwrap() == fs::read(&kept).unwrap(),
+                };
                 assert!(same, "{} is written otherwise than what other programs have read", kept.display());
             }
         }
