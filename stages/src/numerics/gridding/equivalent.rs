@@ -33,7 +33,7 @@ const CLEAR: f64 = 0.5;
 pub(super) const FIT_FAR: f64 = 0.6;
 
 /// ... and for what is predicted.
-const PREDICT_FAR: f64 = 0.4;
+const PREDICT_FAR: f64 = 0.3;
 
 /// Measurements of a layer's fit are means of blocks of this part of its depth.
 const THIN: f64 = 0.25;
@@ -135,7 +135,7 @@ impl EquivalentSources {
         for (at, fitted) in layers.iter_mut().enumerate() {
             progress("equivalent sources", at, count);
             fitted.report.iterations = fitted.solve(&points, &rest, options);
-            let explained = fitted.spread(FIT_FAR).values(&places, 1.0);
+            let explained = fitted.spread(PREDICT_FAR).values(&places, 1.0);
             add(&mut rest, &places.unsorted(&explained), -fitted.scale());
             fitted.report.rms_nt = (squares(&rest) / rest.len() as f64).sqrt();
         }
