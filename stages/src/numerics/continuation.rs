@@ -8,7 +8,7 @@
 //! 12.8; thesis 000, section 2.3]. Downward, where that grows without bound, the factor is
 //! e^(−k h)/(1 + α k² e^(−k h)), with α in m² chosen by an L-curve ([`downward`]).
 //!
-//! How good an answer is can be measured: [`edge_error`] says what the unknown field past the edges is worth, and
+//! How good an answer is can be measured: [`edge_error()`] says what the unknown field past the edges is worth, and
 //! [`is_far`] whether the distance is more than a map of that size bears.
 
 mod components;

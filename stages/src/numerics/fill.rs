@@ -1,7 +1,7 @@
 //! Fills the gaps of a map on a plane, and cuts it to what is known or wanted.
 //!
-//! [`nearest`] gives an unknown node the mean of its nearest known nodes, as MagNav.jl does: quick, bounded by what is
-//! known, but with steps inside a gap, which ring when the map is continued. [`smooth`] gives the surface without
+//! [`nearest()`] gives an unknown node the mean of its nearest known nodes, as MagNav.jl does: quick, bounded by what is
+//! known, but with steps inside a gap, which ring when the map is continued. [`smooth()`] gives the surface without
 //! sources inside the gap: continuous, bounded by the values around the gap.
 
 mod cut;
