@@ -97,6 +97,26 @@ impl ThreadArgs {
     }
 }
 
+/// Four coordinates with commas between them.
+fn bounds(text: &str) -> Result<Bounds, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
+    let numbers = numbers.and_then(|n| <[f64; 4]>::try_from(n).ok());
+    match numbers {
+        Some([west, south, east, north]) if west < east && south < north => Ok(Bounds { west, south, east, north }),
+        Some(_) => Err("the west and the south must be below the east and the north".to_owned()),
+        None => Err("say four numbers: WEST,SOUTH,EAST,NORTH".to_owned()),
+    }
+}
+
+/// A rectangle.
+#[derive(Clone, Copy)]
+struct Bounds {
+    west: f64,
+    south: f64,
+    east: f64,
+    north: f64,
+}
+
 /// What is wrong with a map or with what is asked of it.
 fn wrong(path: &Path, e: &dyn std::fmt::Display) -> Stop {
     Stop::from(Fault::new(e.to_string()).in_file(&path.display().to_string()))

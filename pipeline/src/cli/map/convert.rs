@@ -7,7 +7,7 @@ use datasets::{GridMap, Height};
 use schemas::Fault;
 use stages::numerics::{continuation::expand, plane_grid::EvenAxis};
 
-use super::{InputArgs, OutputArgs, Stop, ThreadArgs, wrong};
+use super::{Bounds, InputArgs, OutputArgs, Stop, ThreadArgs, wrong};
 
 #[derive(Args)]
 pub struct ConvertArgs {
@@ -24,8 +24,8 @@ pub struct ConvertArgs {
     #[arg(long)]
     spacing: Option<f64>,
     /// Cut to these coordinates of the system that is written.
-    #[arg(long, value_names = ["WEST", "SOUTH", "EAST", "NORTH"], num_args = 4, value_delimiter = ',', allow_negative_numbers = true)]
-    bounds: Vec<f64>,
+    #[arg(long, value_name = "WEST,SOUTH,EAST,NORTH", value_parser = super::bounds, allow_hyphen_values = true)]
+    bounds: Option<Bounds>,
     /// Cut rows and columns at the edges that hold no value.
     #[arg(long)]
     trim: bool,
@@ -43,7 +43,7 @@ pub fn run(args: &ConvertArgs) -> Result<(), Stop> {
             let epsg = args.to_epsg.unwrap_or(map.crs.code());
             map = map.to_crs(epsg, args.spacing).map_err(Fault::from)?;
         }
-        if let [west, south, east, north] = args.bounds[..] {
+        if let Some(Bounds { west, south, east, north }) = args.bounds {
             let rows = within(&map.y, (south, north));
             let columns = within(&map.x, (west, east));
             map = cut(&args.map, &map, rows, columns)?;

@@ -13,7 +13,7 @@ use stages::numerics::{
     levelling::{CrossoverOptions, LevelOptions, Levelled, Merit, find_crossovers, level_lines},
 };
 
-use super::{OutputArgs, Stop, ThreadArgs, say, write_to, wrong};
+use super::{Bounds, OutputArgs, Stop, ThreadArgs, say, write_to, wrong};
 
 #[derive(Args)]
 pub struct GridArgs {
@@ -42,8 +42,8 @@ pub struct GridArgs {
     #[arg(long)]
     tension: Option<f64>,
     /// Eastings and northings in metres that the map covers; all points when left out.
-    #[arg(long, value_names = ["WEST", "SOUTH", "EAST", "NORTH"], num_args = 4, value_delimiter = ',', allow_negative_numbers = true)]
-    bounds: Vec<f64>,
+    #[arg(long, value_name = "WEST,SOUTH,EAST,NORTH", value_parser = super::bounds, allow_hyphen_values = true)]
+    bounds: Option<Bounds>,
     /// Side of the blocks that points are reduced to, in metres; 0 keeps every point.
     #[arg(long)]
     block: Option<f64>,
@@ -289,7 +289,7 @@ fn options(args: &GridArgs) -> GridOptions {
     options.block_m = args.block;
     options.mask_m = args.mask;
     options.folds = args.cross_validate.map(|n| Folds::all(usize::from(n)));
-    if let [west, south, east, north] = args.bounds[..] {
+    if let Some(Bounds { west, south, east, north }) = args.bounds {
         options.region = Some(Region { east_m: [west, east], north_m: [south, north] });
     }
     if args.keep_outliers {
