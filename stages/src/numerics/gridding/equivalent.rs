@@ -32,7 +32,7 @@ const CLEAR: f64 = 0.5;
 /// When boxes are far enough to be summed together: for the fit, where an error only costs an iteration, ...
 pub(super) const FIT_FAR: f64 = 0.6;
 
-/// ... and for what is predicted.
+/// ... and for what is predicted: less than 0.01 nT at Osborne, whose anomalies reach 5600 nT.
 const PREDICT_FAR: f64 = 0.3;
 
 /// Measurements of a layer's fit are means of blocks of this part of its depth.
