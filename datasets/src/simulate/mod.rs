@@ -27,14 +27,17 @@ use stages::numerics::map_grid::AnomalyMap;
 use crate::{Map, ReadError, read_map, table::Table};
 
 mod aircraft;
-mod field;
+mod earth;
+mod ins;
 mod line;
 mod random;
-mod section;
 mod spec;
 mod trajectory;
 
-pub use spec::{Current, Flight, Line, Path2d, Scalar, Source, Spec, Vector};
+pub use aircraft::{Aircraft, Current, Scalar, Source, Vector};
+pub use earth::Earth;
+pub use spec::{COMPONENTS, Components, Spec};
+pub use trajectory::{Flight, Line, Path2d};
 
 /// A spec about to be simulated.
 #[derive(Debug)]
@@ -50,8 +53,8 @@ impl Simulation {
     /// All that is wrong with the spec, and a map that is not there.
     pub fn open(path: &Path) -> Result<Simulation, ReadError> {
         let spec = Spec::read(path)?;
-        if !spec.map.0.exists() {
-            let what = format!("the map `{}` is not there", spec.map.0.display());
+        if !spec.earth.map.0.exists() {
+            let what = format!("the map `{}` is not there", spec.earth.map.0.display());
             return Err(ReadError::options(path, what));
         }
         Ok(Simulation { path: path.to_path_buf(), spec })
@@ -64,15 +67,18 @@ impl Simulation {
 
     /// The files that what comes out depends on: the spec and the map.
     pub fn inputs(&self) -> [&Path; 2] {
-        [&self.path, &self.spec.map.0]
+        [&self.path, &self.spec.earth.map.0]
     }
 
     /// The schema of every line.
     pub fn schema(&self) -> SchemaRef {
-        let mut names: Vec<String> = Vec::from(BEFORE_SENSORS.map(str::to_owned));
-        names.extend(self.spec.scalars.iter().map(|s| s.name.clone()));
-        names.extend(self.spec.vectors.iter().flat_map(|v| ["x", "y", "z"].map(|axis| format!("{}_{axis}", v.name))));
-        names.extend(self.spec.currents.iter().map(|c| c.name.clone()));
+        let before = TRUTH.iter().chain(&ins::COLUMNS).chain(&FIELD);
+        let mut names: Vec<String> = before.map(|&name| name.to_owned()).collect();
+        names.extend(self.spec.aircraft.scalars.iter().map(|s| s.name.clone()));
+        names.extend(
+            self.spec.aircraft.vectors.iter().flat_map(|v| ["x", "y", "z"].map(|axis| format!("{}_{axis}", v.name))),
+        );
+        names.extend(self.spec.aircraft.currents.iter().map(|c| c.name.clone()));
         let fields = names.iter().map(|name| {
             let known = flight::describe(name);
             let data_type = match name.as_str() {
@@ -93,36 +99,10 @@ impl Simulation {
     }
 }
 
-const BEFORE_SENSORS: [&str; 28] = [
-    "flight",
-    "line",
-    "year",
-    "doy",
-    "tt",
-    "lat",
-    "lon",
-    "alt",
-    "vn",
-    "ve",
-    "vd",
-    "roll",
-    "pitch",
-    "yaw",
-    "ins_lat",
-    "ins_lon",
-    "ins_alt",
-    "ins_vn",
-    "ins_ve",
-    "ins_vd",
-    "ins_roll",
-    "ins_pitch",
-    "ins_yaw",
-    "ins_fn",
-    "ins_fe",
-    "ins_fd",
-    "diurnal",
-    "igrf",
-];
+const TRUTH: [&str; 14] =
+    ["flight", "line", "year", "doy", "tt", "lat", "lon", "alt", "vn", "ve", "vd", "roll", "pitch", "yaw"];
+
+const FIELD: [&str; 2] = ["diurnal", "igrf"];
 
 /// Lines being simulated.
 pub(crate) struct Lines {
@@ -149,11 +129,11 @@ impl Lines {
         let line = &flight.lines[l];
         let map = match &mut self.map {
             Some(map) => map,
-            none => none.insert(read_map(&spec.map.0, &spec.map.1)?),
+            none => none.insert(read_map(&spec.earth.map.0, &spec.earth.map.1)?),
         };
         let anomaly = match self.levels.entry(line.alt_m.to_bits()) {
             Entry::Occupied(level) => level.into_mut(),
-            Entry::Vacant(level) => level.insert(field::anomaly_at(&spec.map.0, map, line.alt_m)?),
+            Entry::Vacant(level) => level.insert(earth::anomaly_at(&spec.earth.map.0, map, line.alt_m)?),
         };
         line::Scene { path, spec, flight, line }.simulate(anomaly)
     }

@@ -10,11 +10,11 @@ use toml::{
 };
 
 /// The faults found so far.
-pub(super) type Faults = Rc<RefCell<Vec<Fault>>>;
+pub(in super::super) type Faults = Rc<RefCell<Vec<Fault>>>;
 
 /// What a number has to be.
 #[derive(Clone, Copy)]
-pub(super) enum Need {
+pub(in super::super) enum Need {
     Any,
     Positive,
     NotNegative,
@@ -42,7 +42,7 @@ impl Need {
 }
 
 /// One table of the spec.
-pub(super) struct Section<'a> {
+pub(in super::super) struct Section<'a> {
     name: &'static str,
     table: &'a DeTable<'a>,
     span: Range<usize>,
@@ -51,17 +51,22 @@ pub(super) struct Section<'a> {
 }
 
 impl<'a> Section<'a> {
-    pub(super) fn new(name: &'static str, table: &'a DeTable<'a>, span: Range<usize>, faults: &Faults) -> Self {
+    pub(in super::super) fn new(
+        name: &'static str,
+        table: &'a DeTable<'a>,
+        span: Range<usize>,
+        faults: &Faults,
+    ) -> Self {
         Self { name, table, span, asked: RefCell::default(), faults: faults.clone() }
     }
 
     /// Notes a fault about the whole table.
-    pub(super) fn fault(&self, what: String) {
+    pub(in super::super) fn fault(&self, what: String) {
         self.faults.borrow_mut().push(Fault::new(what).at(self.span.clone()));
     }
 
     /// Notes a fault about the value of `key`.
-    pub(super) fn fault_at(&self, key: &'static str, what: String) {
+    pub(in super::super) fn fault_at(&self, key: &'static str, what: String) {
         let at = self.get(key).map_or(self.span.clone(), Spanned::span);
         self.faults.borrow_mut().push(Fault::new(what).at(at));
     }
@@ -81,7 +86,7 @@ impl<'a> Section<'a> {
     }
 
     /// A number that may be left out.
-    pub(super) fn optional(&self, key: &'static str, need: Need) -> Option<f64> {
+    pub(in super::super) fn optional(&self, key: &'static str, need: Need) -> Option<f64> {
         let value = self.get(key)?;
         let number = number(value.get_ref()).filter(|x| need.holds(*x));
         if number.is_none() {
@@ -91,20 +96,29 @@ impl<'a> Section<'a> {
     }
 
     /// A number with a default.
-    pub(super) fn number(&self, key: &'static str, default: f64, need: Need) -> f64 {
+    pub(in super::super) fn number(&self, key: &'static str, default: f64, need: Need) -> f64 {
         self.optional(key, need).unwrap_or(default)
     }
 
     /// A number that must be there; NaN stands for one that is not, beside its fault.
-    pub(super) fn needed(&self, key: &'static str, need: Need) -> f64 {
+    pub(in super::super) fn needed(&self, key: &'static str, need: Need) -> f64 {
         if self.get(key).is_none() {
             self.missing(key);
         }
         self.optional(key, need).unwrap_or(f64::NAN)
     }
 
+    /// True or false, with a default.
+    pub(in super::super) fn flag(&self, key: &'static str, default: bool) -> bool {
+        let Some(value) = self.get(key) else { return default };
+        value.get_ref().as_bool().unwrap_or_else(|| {
+            self.wrong(key, value, "true or false");
+            default
+        })
+    }
+
     /// A whole number with a range.
-    pub(super) fn whole(&self, key: &'static str, default: i64, least: i64, most: i64) -> i64 {
+    pub(in super::super) fn whole(&self, key: &'static str, default: i64, least: i64, most: i64) -> i64 {
         let Some(value) = self.get(key) else { return default };
         let found = match value.get_ref() {
             DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix()).ok(),
@@ -117,7 +131,12 @@ impl<'a> Section<'a> {
     }
 
     /// A list of numbers of a given length, with a default.
-    pub(super) fn numbers<const N: usize>(&self, key: &'static str, default: [f64; N], need: Need) -> [f64; N] {
+    pub(in super::super) fn numbers<const N: usize>(
+        &self,
+        key: &'static str,
+        default: [f64; N],
+        need: Need,
+    ) -> [f64; N] {
         let Some(value) = self.get(key) else { return default };
         let found: Option<Vec<f64>> = value
             .get_ref()
@@ -130,7 +149,7 @@ impl<'a> Section<'a> {
     }
 
     /// Text that must be there.
-    pub(super) fn text(&self, key: &'static str) -> String {
+    pub(in super::super) fn text(&self, key: &'static str) -> String {
         let Some(value) = self.get(key) else {
             self.missing(key);
             return String::new();
@@ -145,12 +164,12 @@ impl<'a> Section<'a> {
     }
 
     /// Text that may be left out.
-    pub(super) fn optional_text(&self, key: &'static str) -> Option<String> {
+    pub(in super::super) fn optional_text(&self, key: &'static str) -> Option<String> {
         self.get(key).map(|_| self.text(key))
     }
 
     /// One of some words, by position; the first where it is left out.
-    pub(super) fn word(&self, key: &'static str, known: &[&str]) -> usize {
+    pub(in super::super) fn word(&self, key: &'static str, known: &[&str]) -> usize {
         let Some(value) = self.get(key) else { return 0 };
         let given = value.get_ref().as_str().unwrap_or_default();
         known.iter().position(|k| *k == given).unwrap_or_else(|| {
@@ -161,7 +180,7 @@ impl<'a> Section<'a> {
     }
 
     /// Places as a list of pairs, latitude and longitude in degrees.
-    pub(super) fn places(&self, key: &'static str) -> Vec<(f64, f64)> {
+    pub(in super::super) fn places(&self, key: &'static str) -> Vec<(f64, f64)> {
         let Some(value) = self.get(key) else {
             self.missing(key);
             return vec![];
@@ -180,7 +199,7 @@ impl<'a> Section<'a> {
     }
 
     /// A table inside this one.
-    pub(super) fn section(&self, name: &'static str) -> Option<Section<'a>> {
+    pub(in super::super) fn section(&self, name: &'static str) -> Option<Section<'a>> {
         let value = self.get(name)?;
         match value.get_ref() {
             DeValue::Table(table) => Some(Section::new(name, table, value.span(), &self.faults)),
@@ -192,7 +211,7 @@ impl<'a> Section<'a> {
     }
 
     /// The tables of a list, such as `[[flights]]`.
-    pub(super) fn sections(&self, name: &'static str) -> Vec<Section<'a>> {
+    pub(in super::super) fn sections(&self, name: &'static str) -> Vec<Section<'a>> {
         let Some(value) = self.get(name) else { return vec![] };
         let Some(list) = value.get_ref().as_array() else {
             self.wrong(name, value, "a list of tables");
@@ -209,7 +228,7 @@ impl<'a> Section<'a> {
     }
 
     /// All keys with numbers: for tables whose keys are names, such as currents.
-    pub(super) fn entries(&self) -> Vec<(String, f64, Range<usize>)> {
+    pub(in super::super) fn entries(&self) -> Vec<(String, f64, Range<usize>)> {
         let mut out = vec![];
         for (key, value) in self.table {
             match number(value.get_ref()).filter(|x| x.is_finite()) {
@@ -221,12 +240,12 @@ impl<'a> Section<'a> {
     }
 
     /// Notes a fault at bytes of the spec.
-    pub(super) fn push(&self, fault: Fault) {
+    pub(in super::super) fn push(&self, fault: Fault) {
         self.faults.borrow_mut().push(fault);
     }
 
     /// Notes every key that nothing asked for, with the nearest that something did.
-    pub(super) fn finish(&self) {
+    pub(in super::super) fn finish(&self) {
         let asked = self.asked.borrow();
         for key in self.table.keys().filter(|k| !asked.contains(&k.get_ref().as_ref())) {
             let mut known = asked.clone();

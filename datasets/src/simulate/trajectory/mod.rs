@@ -6,13 +6,17 @@
 
 use std::f64::consts::{PI, TAU};
 
-use stages::numerics::geodesy::{EarthModel, wrap_deg};
-
-use super::{
-    random::Random,
-    spec::{Line, Path2d},
+use nalgebra::Matrix3;
+use stages::numerics::{
+    attitude::body_to_ned,
+    geodesy::{EarthModel, wrap_deg},
 };
+
+use super::random::Random;
 use crate::motion::{normal_gravity_mps2, specific_force_mps2};
+pub use spec::{Flight, Line, Path2d};
+
+pub(super) mod spec;
 
 /// Fastest turn, in rad/s: at 60 m/s a bank of 23 degrees.
 const FASTEST_TURN_RADPS: f64 = 4.0 * PI / 180.0;
@@ -36,6 +40,14 @@ pub(super) struct Trajectory {
     pub(super) force_mps2: [Vec<f64>; 3],
     /// Roll, pitch, yaw.
     pub(super) attitude_deg: [Vec<f64>; 3],
+}
+
+impl Trajectory {
+    /// The matrix that turns the body frame into north-east-down at a sample.
+    pub(super) fn attitude(&self, i: usize) -> Matrix3<f64> {
+        let [roll, pitch, yaw] = self.attitude_deg.each_ref().map(|a| a[i].to_radians());
+        body_to_ned(roll, pitch, yaw)
+    }
 }
 
 impl Line {

@@ -2,10 +2,11 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{
-    random::Random,
-    spec::{Current, Scalar, Source, Vector},
-};
+use super::{earth::Along, line::Scene, random::Random, trajectory::Trajectory};
+use crate::motion::derivative;
+pub use spec::{Aircraft, Current, Scalar, Source, Vector};
+
+pub(super) mod spec;
 
 /// The field strength that the sizes of induced terms refer to, in nT.
 const SCALE_NT: f64 = 50_000.0;
@@ -90,6 +91,37 @@ impl Surroundings<'_> {
         }
         out
     }
+}
+
+/// The readings of every sensor along a line, by column.
+pub(super) fn readings(scene: &Scene, truth: &Trajectory, earth: &Along) -> Vec<(String, Vec<f64>)> {
+    let (spec, mut out) = (scene.spec, vec![]);
+    let parts: [Vec<f64>; 3] = std::array::from_fn(|k| {
+        let component: Vec<f64> = earth.body_nt.iter().map(|b| b[k]).collect();
+        derivative(&truth.tt_s, &component)
+    });
+    let rate_ntps: Vec<_> = (0..truth.tt_s.len()).map(|i| Vector3::from_fn(|k, _| parts[k][i])).collect();
+    let amperes: Vec<Vec<f64>> =
+        spec.aircraft.currents.iter().map(|c| switched(c, &truth.tt_s, &mut scene.random(&c.name))).collect();
+    let around = Surroundings { tt_s: &truth.tt_s, body_nt: &earth.body_nt, rate_ntps: &rate_ntps, amperes: &amperes };
+    for sensor in &spec.aircraft.scalars {
+        let field = Field::draw(spec.seed, &sensor.name, &sensor.source, &spec.aircraft.currents);
+        let values = around.scalar_nt(sensor, &field, &mut scene.random(&sensor.name));
+        out.push((sensor.name.clone(), values));
+    }
+    for sensor in &spec.aircraft.vectors {
+        let field = Field::draw(spec.seed, &sensor.name, &sensor.source, &spec.aircraft.currents);
+        let axes = around.vector_nt(sensor, &field, spec.seed, &mut scene.random(&sensor.name));
+        for (axis, values) in ["x", "y", "z"].iter().zip(axes) {
+            out.push((format!("{}_{axis}", sensor.name), values));
+        }
+    }
+    for (current, true_a) in spec.aircraft.currents.iter().zip(&amperes) {
+        let mut random = scene.random(&format!("sensor of {}", current.name));
+        let values = true_a.iter().map(|a| a + current.noise_a * random.normal()).collect();
+        out.push((current.name.clone(), values));
+    }
+    out
 }
 
 /// A current that is on and off in turns, in A at the times `tt_s`.

@@ -1,0 +1,28 @@
+//! What of the simulation is switched on.
+
+use super::section::Section;
+
+/// The components that the table `components` of a spec can switch off, by name.
+pub const COMPONENTS: &[&str] =
+    &["anomaly", "diurnal", "gusts", "ins", "permanent", "induced", "eddy", "currents", "noise"];
+
+/// Which components are off; all others are on.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Components {
+    off: Vec<&'static str>,
+}
+
+impl Components {
+    /// Reads the table `components`, whose keys are names of components and whose values say whether they are on.
+    pub(in super::super) fn read(root: &Section) -> Components {
+        let Some(s) = root.section("components") else { return Components::default() };
+        let off = COMPONENTS.iter().copied().filter(|name| !s.flag(name, true)).collect();
+        s.finish();
+        Components { off }
+    }
+
+    /// Whether the component `name` is on.
+    pub fn on(&self, name: &str) -> bool {
+        !self.off.contains(&name)
+    }
+}
