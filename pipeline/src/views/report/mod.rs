@@ -15,6 +15,7 @@ mod published;
 mod raster;
 mod signal;
 mod source;
+mod spectra;
 mod subject;
 mod table;
 mod track;
@@ -154,6 +155,7 @@ fn line(source: &Source, subject: &Subject, shown: &Shown, atlas: Option<&Atlas>
         };
         plots.extend(errors::plots(&flown, &fates));
     }
+    plots.extend(spectra::plots(source, subject, shown.line)?);
     Ok(plots)
 }
 
