@@ -29,6 +29,8 @@ pub enum InputKind {
     Model,
     /// An anomaly map.
     Map,
+    /// A table of scores.
+    Scores,
 }
 
 /// One input of a stage: the key in the spec that names the table.

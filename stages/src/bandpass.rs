@@ -1,7 +1,7 @@
 //! Band-pass filters columns.
 
 use arrow_array::ArrayRef;
-use schemas::{Column, Fault, LineIn, Rule, Stage, Table, Yield, stage};
+use schemas::{Column, Fault, LineIn, Role, Rule, Stage, Table, Yield, stage};
 
 use crate::{
     columns::{array, band, data, faults_of, floats, shape},
@@ -59,7 +59,9 @@ impl Stage for Bandpass {
         }
         let made = self.columns.iter().map(|c| {
             let unit = shape.get(c).map(|x| x.unit.clone()).unwrap_or_default();
-            Column::float(format!("{c}_bp"), unit, format!("{c}, band-passed")).from(0, &["tt", c])
+            // The truth stays the truth through a filter.
+            let role = shape.get(c).map(|x| x.role).filter(|r| *r == Role::Truth).unwrap_or(Role::Derived);
+            Column::float(format!("{c}_bp"), unit, format!("{c}, band-passed")).role(role).from(0, &["tt", c])
         });
         let reads: Vec<&str> = std::iter::once("tt").chain(self.columns.iter().map(String::as_str)).collect();
         Ok(Yield::append(made.collect(), &reads))

@@ -30,9 +30,12 @@ stage! {
 impl Stage for Compensate {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let lines = shape(inputs, 0)?;
-        let Some(Table::Model { features, .. }) = inputs.get(1) else {
+        let Some(Table::Model { features, shape }) = inputs.get(1) else {
             return Err(vec![Fault::new("`model` is not a model table")]);
         };
+        if shape.get("term").is_none() {
+            return Err(vec![Fault::new("`model` has no terms").help("name the table of a `fit`").of_param("model")]);
+        }
         let mut faults = vec![];
         if let Err(fault) = lines.number(&self.mag, "nT").and_then(|c| no_truth(c, "mag", self.allow_truth)) {
             faults.push(fault.of_param("mag"));

@@ -12,12 +12,15 @@ mod columns;
 mod compensate;
 mod core_field;
 mod dates;
+mod features;
 mod fit;
 mod map_value;
 mod maps;
 mod navigate;
 mod resample;
 mod score;
+mod summary;
+mod target;
 
 use schemas::Entry;
 
@@ -28,10 +31,13 @@ pub fn catalogue() -> Vec<Entry> {
         core_field::CoreFieldStage::entry(),
         bandpass::Bandpass::entry(),
         a_matrix::AMatrix::entry(),
+        features::Features::entry(),
+        target::Target::entry(),
         fit::Fit::entry(),
         compensate::Compensate::entry(),
         navigate::Navigate::entry(),
         map_value::MapValue::entry(),
         score::Score::entry(),
+        summary::Summary::entry(),
     ]
 }

@@ -10,6 +10,7 @@ use crate::{
     columns::{data, faults_of, floats, shape},
     numerics::{
         crossings::figure_of_merit_crossings,
+        figure_of_merit::{figure_of_merit, manoeuvres},
         geodesy::EarthModel,
         segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
         statistics::{self, Figure},
@@ -17,7 +18,7 @@ use crate::{
 };
 
 /// What can be scored: name, unit, what it needs, meaning.
-const METRICS: [(&str, &str, Need, &str); 22] = [
+const METRICS: [(&str, &str, Need, &str); 24] = [
     ("std_error", "nT", Need::Truth, "standard deviation of compensated minus truth"),
     ("bias_error", "nT", Need::Truth, "mean of compensated minus truth"),
     ("rms_error", "nT", Need::Truth, "root mean square of compensated minus truth"),
@@ -30,6 +31,18 @@ const METRICS: [(&str, &str, Need, &str); 22] = [
     ("improvement_ratio", "1", Need::Aircraft, "std_uncompensated over the same of the compensated signal"),
     ("improvement_ratio_band", "1", Need::Aircraft, "the same after a band-pass"),
     ("snr", "1", Need::Truth, "standard deviation of the truth over that of the error"),
+    (
+        "anomaly_retention",
+        "1",
+        Need::Anomaly,
+        "slope of the compensated signal, less core field and diurnal variation, over the true anomaly",
+    ),
+    (
+        "figure_of_merit",
+        "nT",
+        Need::Box,
+        "Noriega's index: the sum over the twelve manoeuvres of a box of the mean peak-to-peak amplitude that is left",
+    ),
     ("figure_of_merit_crossings", "nT", Need::Position, "rms difference where the track crosses itself"),
     ("drms", "m", Need::Track, "root mean square horizontal error of the track"),
     ("rms_north", "m", Need::Track, "root mean square error north"),
@@ -62,8 +75,8 @@ const METRICS: [(&str, &str, Need, &str); 22] = [
     ),
 ];
 
-const NAMES: [&str; 22] = {
-    let mut names = [""; 22];
+const NAMES: [&str; 24] = {
+    let mut names = [""; 24];
     let mut i = 0;
     while i < names.len() {
         names[i] = METRICS[i].0;
@@ -79,6 +92,10 @@ enum Need {
     Truth,
     /// The compensated signal and what was taken off.
     Aircraft,
+    /// The compensated signal, the core field and the known anomaly.
+    Anomaly,
+    /// The compensated signal and the attitude.
+    Box,
     /// The compensated signal and positions.
     Position,
     /// A track and true positions.
@@ -111,18 +128,18 @@ stage! {
     /// do, make it worse.
     ///
     /// Source: thesis 000, (3.45), (3.46); thesis 001, (66); thesis 004, (2.39) to (2.41).
-    Score = "score", version 1, grain Line, inputs [input: ManyLines];
+    Score = "score", version 2, grain Line, inputs [input: ManyLines];
     /// The column that the compensated signal is held against, such as `mag_1_c`.
     truth: Option<String>, unit "nT";
     /// What to score.
     metrics: Option<Vec<String>>, unit "", rule Rule::OneOf(&NAMES);
     /// The compensated signal.
     mag: String, unit "nT", default "mag_c";
-    /// The lower corner for `improvement_ratio_band`.
+    /// The lower corner for `improvement_ratio_band` and `figure_of_merit`.
     low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
-    /// The upper corner for `improvement_ratio_band`.
+    /// The upper corner for these.
     high_hz: f64, unit "Hz", default 0.9, rule Rule::NotNegative;
-    /// The order of that filter.
+    /// The order of their filter.
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
     /// The error of a sample, for `map_position_bound`.
     map_sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;
@@ -151,6 +168,9 @@ impl Score {
             ins: at("ins_lat", None).zip(at("ins_lon", None)).map(|(a, b)| (a.0, [a.1, b.1])),
             track,
             map: find(shapes, named(MAP[0], None)).filter(|i| MAP.iter().all(|n| shapes[*i].get(n).is_some())),
+            anomaly: at(ANOMALY, None),
+            attitude: attitude(shapes, ["roll", "pitch", "yaw"])
+                .or_else(|| attitude(shapes, ["ins_roll", "ins_pitch", "ins_yaw"])),
             core: at("igrf", None),
             diurnal: at("diurnal", None),
         }
@@ -162,11 +182,14 @@ impl Score {
         let position = || places.position.is_none().then(|| "true positions `lat` and `lon`".to_owned());
         let track = || places.track.is_none().then(|| "a track of `navigate`".to_owned());
         let map = || places.map.is_none().then(|| "a table of `map_value`".to_owned());
+        let core = || places.core.is_none().then(|| "the core field `igrf`, of stage `core_field`".to_owned());
         match need {
             Need::Map => map().or_else(position),
-            Need::MapError => map()
-                .or_else(mag)
-                .or_else(|| places.core.is_none().then(|| "the core field `igrf`, of stage `core_field`".to_owned())),
+            Need::MapError => map().or_else(mag).or_else(core),
+            Need::Anomaly => mag()
+                .or_else(|| places.anomaly.is_none().then(|| format!("the known anomaly `{ANOMALY}`")))
+                .or_else(core),
+            Need::Box => mag().or_else(|| places.attitude.is_none().then(|| "roll, pitch and yaw".to_owned())),
             Need::Truth => mag().or_else(|| places.truth.is_none().then(|| "`truth`".to_owned())),
             Need::Aircraft => {
                 mag().or_else(|| places.aircraft.is_none().then(|| "`mag_aircraft` of `compensate`".to_owned()))
@@ -193,10 +216,19 @@ struct Places {
     ins: Option<(usize, [String; 2])>,
     track: Option<usize>,
     map: Option<usize>,
+    anomaly: Option<(usize, String)>,
+    attitude: Option<(usize, [&'static str; 3])>,
     core: Option<(usize, String)>,
     diurnal: Option<(usize, String)>,
 }
 
+/// The table with all three angles.
+fn attitude(shapes: &[&Shape], names: [&'static str; 3]) -> Option<(usize, [&'static str; 3])> {
+    shapes.iter().position(|s| names.iter().all(|n| s.get(n).is_some())).map(|i| (i, names))
+}
+
+/// The known geology of a simulation.
+const ANOMALY: &str = "anomaly_truth";
 /// What `map_value` makes: the map and its slopes north and east.
 const MAP: [&str; 3] = ["map_anomaly", "map_grad_n", "map_grad_e"];
 const TRACK: [&str; 8] = ["lat", "lon", "alt", "sd_n", "sd_e", "cov_ne", "nis", "update"];
@@ -229,9 +261,17 @@ impl Stage for Score {
                 reads[i].push(name.to_owned());
             }
         };
-        let Places { mag, aircraft, truth, core, diurnal, .. } = &places;
+        let Places { mag, aircraft, truth, core, diurnal, anomaly, .. } = &places;
         for (i, name) in [mag, aircraft, truth].into_iter().flatten() {
             add(*i, name);
+        }
+        let scored =
+            |need: Need| self.chosen(&places).iter().any(|(n, _)| METRICS.iter().any(|m| m.0 == *n && m.2 == need));
+        if scored(Need::Anomaly) {
+            [anomaly, core, diurnal].into_iter().flatten().for_each(|(i, name)| add(*i, name));
+        }
+        if let Some((i, names)) = places.attitude.filter(|_| scored(Need::Box)) {
+            names.iter().for_each(|name| add(i, name));
         }
         if let Some(map) = places.map {
             [core, diurnal].into_iter().flatten().for_each(|(i, name)| add(*i, name));
@@ -343,6 +383,8 @@ impl Scored<'_> {
             "improvement_ratio" => self.signals().map(|(before, after)| statistics::improvement_ratio(&before, &after)),
             "improvement_ratio_band" => self.band_ratio(),
             "snr" => Ok(statistics::signal_to_noise(self.at(&self.places.mag)?, self.at(&self.places.truth)?)),
+            "anomaly_retention" => self.anomaly_retention(),
+            "figure_of_merit" => self.figure_of_merit(),
             "figure_of_merit_crossings" => self.crossings(),
             "drms" | "rms_north" | "rms_east" => {
                 let (north, east) = self.errors_m((self.track("lat")?, self.track("lon")?))?;
@@ -373,13 +415,40 @@ impl Scored<'_> {
         floats(&self.line.inputs[i], name)
     }
 
-    /// The compensated anomaly against the map.
-    fn map_error(&self) -> Result<statistics::Summary, Fault> {
+    /// The compensated signal less core field and, where there is one, diurnal variation.
+    fn measured_anomaly(&self) -> Result<Vec<f64>, Fault> {
         let (mag, core) = (self.at(&self.places.mag)?, self.at(&self.places.core)?);
         let diurnal = if self.places.diurnal.is_some() { Some(self.at(&self.places.diurnal)?) } else { None };
         let anomaly = |(i, (mag, core)): (usize, (&f64, &f64))| mag - core - diurnal.map_or(0.0, |d| d[i]);
-        let anomaly: Vec<f64> = mag.iter().zip(core).enumerate().map(anomaly).collect();
-        Ok(statistics::error_summary(&anomaly, self.map("map_anomaly")?))
+        Ok(mag.iter().zip(core).enumerate().map(anomaly).collect())
+    }
+
+    /// The compensated anomaly against the map.
+    fn map_error(&self) -> Result<statistics::Summary, Fault> {
+        Ok(statistics::error_summary(&self.measured_anomaly()?, self.map("map_anomaly")?))
+    }
+
+    /// How much of the known geology is left.
+    fn anomaly_retention(&self) -> Result<Figure, Fault> {
+        Ok(statistics::slope(self.at(&self.places.anomaly)?, &self.measured_anomaly()?))
+    }
+
+    /// What the manoeuvres of a box leave in the pass band.
+    fn figure_of_merit(&self) -> Result<Figure, Fault> {
+        let (i, names) = self.places.attitude.ok_or_else(|| Fault::data("the attitude is missing"))?;
+        let tt = floats(&self.line.inputs[0], "tt")?;
+        let angle = |name: &str| floats(&self.line.inputs[i], name);
+        let found = manoeuvres(tt, [angle(names[0])?, angle(names[1])?, angle(names[2])?]);
+        if found.len() < 12 {
+            return Ok(Figure { value: f64::NAN, n: found.len() });
+        }
+        let mag = self.at(&self.places.mag)?;
+        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+        let runs = Usable::all(tt.len()).and_finite(mag).runs_in_time(tt, rate_hz);
+        match design(self.stage.low_hz, self.stage.high_hz, self.stage.order, rate_hz)? {
+            None => Ok(figure_of_merit(mag, &found)),
+            Some(filter) => Ok(figure_of_merit(&filter_column(&filter, mag, &runs).map_err(data)?.0, &found)),
+        }
     }
 
     /// The slope of the map in the direction of flight, from one sample to the next.

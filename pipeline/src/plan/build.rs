@@ -277,7 +277,8 @@ impl Builder<'_> {
             let i = position(point, &node.axes, &spec.axes)?;
             let table = &node.instances[i].table;
             let fits = match table {
-                Table::Lines(_) => matches!(input.kind, InputKind::Lines | InputKind::ManyLines) && !node.is_tidy(),
+                Table::Lines(_) if node.is_tidy() => input.kind == InputKind::Scores,
+                Table::Lines(_) => matches!(input.kind, InputKind::Lines | InputKind::ManyLines),
                 Table::Model { .. } => input.kind == InputKind::Model,
                 Table::Map(_) => input.kind == InputKind::Map,
             };
@@ -307,7 +308,7 @@ impl Builder<'_> {
     /// A table of files, opened at its first use.
     fn source(&mut self, name: &str, input: &InputDecl, given: &Given) -> Option<Ref> {
         let is_map = input.kind == InputKind::Map;
-        if input.kind == InputKind::Model {
+        if matches!(input.kind, InputKind::Model | InputKind::Scores) {
             let what = format!("`{}` needs {}, but `{name}` is read from files", input.name, kind_words(input.kind));
             self.faults.push(Fault::new(what).at(given.at.clone()));
             return None;
@@ -402,5 +403,6 @@ fn kind_words(kind: InputKind) -> &'static str {
         InputKind::ManyLines => "one or several tables of flight lines",
         InputKind::Model => "a model table",
         InputKind::Map => "a map",
+        InputKind::Scores => "a table of scores",
     }
 }

@@ -138,7 +138,7 @@ impl<'a> Graph<'a> {
     /// The inputs that are tables of flight lines, with their positions.
     pub fn line_inputs(&self, table: usize, instance: &Instance) -> Vec<(usize, Ref)> {
         let kinds = self.kinds(table, instance);
-        let of_lines = |k: &InputKind| matches!(k, InputKind::Lines | InputKind::ManyLines);
+        let of_lines = |k: &InputKind| matches!(k, InputKind::Lines | InputKind::ManyLines | InputKind::Scores);
         instance.inputs.iter().copied().enumerate().filter(|(i, _)| of_lines(&kinds[*i])).collect()
     }
 

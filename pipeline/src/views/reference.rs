@@ -60,6 +60,7 @@ fn section(entry: &Entry) -> String {
 fn kind(kind: InputKind) -> &'static str {
     match kind {
         InputKind::Lines => "flight lines",
+        InputKind::Scores => "a table of scores",
         InputKind::ManyLines => "one or several tables of flight lines",
         InputKind::Model => "model",
         InputKind::Map => "map",

@@ -4,6 +4,8 @@
 //! frame of what it takes and returns, its errors, and where its formula is printed.
 
 pub mod attitude;
+pub mod attitude_terms;
+pub mod bootstrap;
 pub mod combine;
 pub mod continuation;
 pub mod core_field;
@@ -12,6 +14,7 @@ pub mod dates;
 pub mod difference;
 pub mod ekf;
 pub mod field_value;
+pub mod figure_of_merit;
 pub mod fill;
 pub mod filter;
 pub mod gauss_markov;
@@ -24,6 +27,7 @@ pub mod levelling;
 pub mod magnetic_sources;
 pub mod map_grid;
 pub mod map_stack;
+pub mod model_terms;
 pub mod natural_cubic;
 pub mod pinson;
 pub mod plane_grid;

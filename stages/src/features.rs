@@ -1,0 +1,484 @@
+//! Makes the features that compensation models are fitted on.
+
+use arrow_array::{ArrayRef, RecordBatch};
+use schemas::{Column, ColumnType, Fault, LineIn, Rule, Shape, Stage, Table, Yield, stage};
+
+use crate::{
+    bandpass::design,
+    columns::{data, floats, list, no_truth, shape},
+    numerics::{
+        attitude_terms::{Attitude, PRODUCTS},
+        difference::{Scheme, difference},
+        model_terms::{CORE_TERMS, Group, Slope, core_term_names, core_terms, cosines, extended_terms},
+        segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+        tolles_lawson::{Field, Terms, matrix_in_runs},
+    },
+};
+
+stage! {
+    /// Appends the list column `features`, made of columns and of what the theses derive from them.
+    ///
+    /// | feature | is |
+    /// |---|---|
+    /// | any column | itself |
+    /// | `COLUMN_dot`, `COLUMN_dot4` | its central and its fourth difference per sample |
+    /// | `COLUMN_lag_N` | its value N samples before |
+    /// | `mag_2_3_uc` | `mag_2_uc` less `mag_3_uc`, for any two magnetometers |
+    /// | `lpf_COLUMN` | it below 0.2 Hz |
+    /// | `dcm`, `dcm_1` to `dcm_9` | direction cosines, north-east-down to body, column by column |
+    /// | `crcy`, ... `srsp` | products of cosines and sines (c, s) of roll, pitch and yaw |
+    /// | `TL_A_flux_a` | the Tolles-Lawson terms of a vector magnetometer |
+    /// | `ETL_COLUMN` | the terms `COLUMN_1` to `COLUMN_7` of the extended Tolles-Lawson model, those of `groups` |
+    /// | `core_flux_a` | the 21 terms of the core-field model; needs `igrf_x`, `igrf_y`, `igrf_z` of `core_field` |
+    /// | `slope`, `slope_quadratic` | easting and northing in km, with their squares and product: the geology's slope |
+    ///
+    /// Three names stand for sets: `down_selected` (thesis 000, Table C.1), `small_1` and `small_2` (its section 4.9) with
+    /// the magnetometer `mag` and the vector magnetometer `vector`.
+    ///
+    /// Differences, lags and filters stay within a run of samples without gaps; where one cannot be formed it is NaN, and
+    /// `fit` leaves the row out. A truth column is refused, and so is a feature of which a part is missing.
+    ///
+    /// Source: thesis 000, section 4.8 and appendix C; thesis 004, sections 2.2.2 and 2.3; thesis 001, appendix B; names
+    /// of MagNav.jl.
+    Features = "features", version 1, grain Line, inputs [input: Lines];
+    /// The features, in the order of the list.
+    features: Vec<String>, unit "";
+    /// The groups of Tolles-Lawson terms behind `TL_A_...`; left out, permanent, induced and eddy, and with a set of the
+    /// thesis permanent, induced and derivative.
+    terms: Option<Vec<String>>, unit "";
+    /// The scale of induced, eddy and core-field terms.
+    bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
+    /// The vector magnetometer whose direction projects the inputs of `ETL_...`, and that of the small sets.
+    vector: Option<String>, unit "";
+    /// The magnetometer of the small sets.
+    mag: Option<String>, unit "nT";
+    /// The groups of the extended model: 1 raw, 2 projected on the field's direction, 3 the change projected.
+    groups: Vec<usize>, unit "", default [1usize, 2, 3];
+    /// Latitude and longitude, in degrees, that `slope` counts from; the line's first sample when left out.
+    origin: Option<Vec<f64>>, unit "deg";
+    /// Where `slope` takes the position from.
+    position: String, unit "", default "ins", rule Rule::OneOf(&["ins", "truth"]);
+    /// Whether a truth column may be a feature.
+    allow_truth: bool, unit "", default false;
+}
+
+/// Corner and order of `lpf_...`, those of MagNav.jl.
+const LOW_PASS: (f64, usize) = (0.2, 4);
+const ATTITUDE: [&str; 3] = ["ins_roll", "ins_pitch", "ins_yaw"];
+const CORE: [&str; 3] = ["igrf_x", "igrf_y", "igrf_z"];
+/// Names that stand for several features.
+const SETS: [&str; 3] = ["down_selected", "small_1", "small_2"];
+/// The most samples that a lag may have.
+const MOST_LAG: usize = 1000;
+
+/// One feature, understood.
+#[derive(Clone, Debug, PartialEq)]
+enum Recipe {
+    Plain(String),
+    Difference(String, Scheme),
+    Lag(String, usize),
+    Between(String, String),
+    LowPass(String),
+    Dcm(usize),
+    Product(String),
+    TollesLawson(String),
+    Extended(String, Group, usize),
+    Core(String),
+    Slope(Slope),
+}
+
+fn axes(vector: &str) -> [String; 3] {
+    ["x", "y", "z"].map(|a| format!("{vector}_{a}"))
+}
+
+/// `mag_2_3_uc` as `mag_2_uc` and `mag_3_uc`.
+fn gradient(name: &str) -> Option<(String, String)> {
+    let (middle, kind) = name.strip_prefix("mag_")?.rsplit_once('_')?;
+    let (one, other) = middle.split_once('_')?;
+    matches!(kind, "uc" | "c").then(|| (format!("mag_{one}_{kind}"), format!("mag_{other}_{kind}")))
+}
+
+impl Recipe {
+    /// The columns it reads.
+    fn reads(&self, stage: &Features) -> Vec<String> {
+        let own = |names: [&str; 3]| names.map(str::to_owned).to_vec();
+        match self {
+            Recipe::Plain(c) | Recipe::Difference(c, _) | Recipe::Lag(c, _) | Recipe::LowPass(c) => vec![c.clone()],
+            Recipe::Between(a, b) => vec![a.clone(), b.clone()],
+            Recipe::Dcm(_) | Recipe::Product(_) => own(ATTITUDE),
+            Recipe::TollesLawson(v) => axes(v).to_vec(),
+            Recipe::Extended(c, group, _) => {
+                let vector = stage.vector.as_deref().filter(|_| *group != Group::Raw).map(axes);
+                std::iter::once(c.clone()).chain(vector.into_iter().flatten()).collect()
+            }
+            Recipe::Core(v) => axes(v).into_iter().chain(own(CORE)).collect(),
+            Recipe::Slope(_) => stage.place().map(str::to_owned).to_vec(),
+        }
+    }
+
+    fn names(&self, terms: &Terms) -> Vec<String> {
+        match self {
+            Recipe::Plain(c) => vec![c.clone()],
+            Recipe::Difference(c, Scheme::Fourth) => vec![format!("{c}_dot4")],
+            Recipe::Difference(c, _) => vec![format!("{c}_dot")],
+            Recipe::Lag(c, n) => vec![format!("{c}_lag_{n}")],
+            Recipe::Between(a, b) => vec![format!("{a}-{b}")],
+            Recipe::LowPass(c) => vec![format!("lpf_{c}")],
+            Recipe::Dcm(k) => vec![format!("dcm_{k}")],
+            Recipe::Product(name) => vec![name.clone()],
+            Recipe::TollesLawson(v) => terms.names().iter().map(|t| format!("TL_A_{v}_{t}")).collect(),
+            Recipe::Extended(c, _, k) => vec![format!("{c}_{k}")],
+            Recipe::Core(_) => core_term_names(),
+            Recipe::Slope(slope) => slope.names().iter().map(|n| (*n).to_owned()).collect(),
+        }
+    }
+}
+
+impl Features {
+    fn place(&self) -> [&'static str; 2] {
+        if self.position == "truth" { ["lat", "lon"] } else { ["ins_lat", "ins_lon"] }
+    }
+
+    fn terms(&self) -> Result<Terms, Fault> {
+        let changes = if self.features.iter().any(|f| SETS.contains(&f.as_str())) { "derivative" } else { "eddy" };
+        let usual = || ["permanent", "induced", changes].map(str::to_owned).to_vec();
+        Terms::new(&self.terms.clone().unwrap_or_else(usual)).map_err(|e| Fault::new(e.to_string()).of_param("terms"))
+    }
+
+    /// The names that a set stands for; any other name stands for itself.
+    fn spelt(&self, name: &str) -> Result<Vec<String>, Fault> {
+        let need = |given: &Option<String>, param: &'static str| {
+            let missing = || Fault::new(format!("the set `{name}` needs `{param}`")).of_param("features");
+            given.clone().ok_or_else(missing)
+        };
+        match name {
+            "down_selected" => Ok(down_selected()),
+            "small_1" | "small_2" => {
+                let (mag, vector) = (need(&self.mag, "mag")?, need(&self.vector, "vector")?);
+                let more = if name == "small_1" { SMALL_EXTRAS.as_slice() } else { &[] };
+                let own = [mag.clone(), format!("{mag}_dot"), format!("{mag}_dot4"), format!("TL_A_{vector}")];
+                Ok(more.iter().map(|n| (*n).to_owned()).chain(own).collect())
+            }
+            _ => Ok(vec![name.to_owned()]),
+        }
+    }
+
+    /// All features, understood with the columns there are.
+    fn recipes(&self, has: &dyn Fn(&str) -> bool) -> Result<Vec<Recipe>, Vec<Fault>> {
+        let (mut out, mut faults) = (vec![], vec![]);
+        for given in &self.features {
+            match self.spelt(given) {
+                Ok(names) => names.iter().for_each(|name| out.extend(self.recipe(name, has))),
+                Err(fault) => faults.push(fault),
+            }
+        }
+        if self.features.is_empty() {
+            faults.push(Fault::new("there is no feature to make").of_param("features"));
+        }
+        if faults.is_empty() { Ok(out) } else { Err(faults) }
+    }
+
+    fn recipe(&self, name: &str, has: &dyn Fn(&str) -> bool) -> Vec<Recipe> {
+        let plain = || vec![Recipe::Plain(name.to_owned())];
+        // A column of that name comes first: what is recorded is not made again.
+        if has(name) {
+            return plain();
+        }
+        if name == "dcm" {
+            return (1..=9).map(Recipe::Dcm).collect();
+        }
+        if let Some(k) = name.strip_prefix("dcm_").and_then(|k| k.parse().ok()).filter(|k| (1..=9).contains(k)) {
+            return vec![Recipe::Dcm(k)];
+        }
+        if PRODUCTS.contains(&name) {
+            return vec![Recipe::Product(name.to_owned())];
+        }
+        match name {
+            "slope" => return vec![Recipe::Slope(Slope::Planar)],
+            "slope_quadratic" => return vec![Recipe::Slope(Slope::Quadratic)],
+            _ => {}
+        }
+        if let Some(vector) = name.strip_prefix("TL_A_") {
+            return vec![Recipe::TollesLawson(vector.to_owned())];
+        }
+        if let Some(column) = name.strip_prefix("ETL_") {
+            return self.extended(column);
+        }
+        if let Some(vector) = name.strip_prefix("core_") {
+            return vec![Recipe::Core(vector.to_owned())];
+        }
+        if let Some(column) = name.strip_prefix("lpf_") {
+            return vec![Recipe::LowPass(column.to_owned())];
+        }
+        if let Some(column) = name.strip_suffix("_dot4") {
+            return vec![Recipe::Difference(column.to_owned(), Scheme::Fourth)];
+        }
+        if let Some(column) = name.strip_suffix("_dot") {
+            return vec![Recipe::Difference(column.to_owned(), Scheme::Central)];
+        }
+        if let Some((column, n)) = name.rsplit_once("_lag_")
+            && let Some(n) = n.parse().ok().filter(|n| (1..=MOST_LAG).contains(n))
+        {
+            return vec![Recipe::Lag(column.to_owned(), n)];
+        }
+        match gradient(name).filter(|(a, b)| has(a) && has(b)) {
+            Some((a, b)) => vec![Recipe::Between(a, b)],
+            None => plain(),
+        }
+    }
+
+    fn extended(&self, column: &str) -> Vec<Recipe> {
+        let groups = [Group::Raw, Group::Projected, Group::ProjectedChange];
+        let wanted = groups.into_iter().enumerate().filter(|(i, _)| self.groups.contains(&(i + 1)));
+        wanted.flat_map(|(_, g)| g.suffixes().iter().map(move |k| Recipe::Extended(column.to_owned(), g, *k))).collect()
+    }
+
+    /// Everything that is wrong with one feature.
+    fn check(&self, recipe: &Recipe, shape: &Shape) -> Option<Fault> {
+        if matches!(recipe, Recipe::Extended(_, g, _) if *g != Group::Raw) && self.vector.is_none() {
+            let what = "inputs are projected on the direction of a vector magnetometer: say which in `vector`";
+            return Some(Fault::new(what).of_param("features"));
+        }
+        recipe.reads(self).iter().find_map(|name| {
+            let found = shape.need(name).and_then(|c| match c.column_type {
+                ColumnType::Float => no_truth(c, "features", self.allow_truth),
+                _ => Err(Fault::new(format!("column `{name}` does not hold numbers"))),
+            });
+            let help = matches!(recipe, Recipe::Core(_)) && CORE.contains(&name.as_str());
+            let fault = found.err()?;
+            let fault = if help { fault.help("append the core field first, with `core_field`") } else { fault };
+            Some(fault.of_param("features"))
+        })
+    }
+}
+
+impl Stage for Features {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let recipes = self.recipes(&|name| shape.get(name).is_some())?;
+        let mut faults: Vec<Fault> = recipes.iter().filter_map(|r| self.check(r, shape)).collect();
+        faults.dedup_by(|a, b| a.what == b.what);
+        if let Some(k) = self.groups.iter().find(|k| !(1..=3).contains(*k)) {
+            faults.push(Fault::new(format!("there is no group {k}: there are 1, 2 and 3")).of_param("groups"));
+        }
+        if self.origin.as_ref().is_some_and(|o| o.len() != 2) {
+            faults.push(Fault::new("`origin` is a latitude and a longitude").of_param("origin"));
+        }
+        let terms = self.terms();
+        faults.extend(terms.as_ref().err().cloned());
+        let names: Vec<String> = terms.iter().flat_map(|t| recipes.iter().flat_map(|r| r.names(t))).collect();
+        for (i, name) in names.iter().enumerate() {
+            if names.iter().take(i).any(|n| n == name) {
+                faults.push(Fault::new(format!("the feature `{name}` is there twice")).of_param("features"));
+            }
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let mut reads = vec!["tt".to_owned()];
+        for name in recipes.iter().flat_map(|r| r.reads(self)) {
+            if !reads.contains(&name) {
+                reads.push(name);
+            }
+        }
+        let column = Column::list("features", "", "features of a compensation model", names).from(0, &reads);
+        Ok(Yield::append(vec![column], &reads))
+    }
+
+    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+        let batch = &line.inputs[0];
+        let recipes = self.recipes(&|name| batch.column_by_name(name).is_some());
+        let recipes = recipes.map_err(|f| f.into_iter().next().unwrap_or_else(|| Fault::data("no feature")))?;
+        let source = Samples { stage: self, batch, tt: floats(batch, "tt")?, terms: self.terms()? };
+        let mut columns: Vec<Vec<f64>> = vec![];
+        for recipe in &recipes {
+            columns.extend(source.columns(recipe)?);
+        }
+        let rows = source.tt.len();
+        let mut matrix = Vec::with_capacity(rows * columns.len());
+        for i in 0..rows {
+            matrix.extend(columns.iter().map(|c| c[i]));
+        }
+        Ok(vec![list(matrix, columns.len())?])
+    }
+}
+
+/// The samples of one line.
+struct Samples<'a> {
+    stage: &'a Features,
+    batch: &'a RecordBatch,
+    tt: &'a [f64],
+    terms: Terms,
+}
+
+impl Samples<'_> {
+    fn columns(&self, recipe: &Recipe) -> Result<Vec<Vec<f64>>, Fault> {
+        let column = |name: &String| floats(self.batch, name);
+        let one = |x: Vec<f64>| Ok(vec![x]);
+        match recipe {
+            Recipe::Plain(c) => one(column(c)?.to_vec()),
+            Recipe::Difference(c, scheme) => one(self.in_runs(column(c)?, |x| difference(x, *scheme))?),
+            Recipe::Lag(c, n) => one(self.in_runs(column(c)?, |x| Some(lagged(x, *n)))?),
+            Recipe::Between(a, b) => one(column(a)?.iter().zip(column(b)?).map(|(a, b)| a - b).collect()),
+            Recipe::LowPass(c) => one(self.low_passed(c)?),
+            Recipe::Dcm(k) => {
+                let made = self.attitude()?.direction_cosine(*k);
+                one(made.ok_or_else(|| Fault::data(format!("there is no direction cosine {k}")))?)
+            }
+            Recipe::Product(name) => {
+                let made = self.attitude()?.product(name);
+                one(made.ok_or_else(|| Fault::data(format!("there is no product {name}")))?)
+            }
+            Recipe::TollesLawson(v) => self.tolles_lawson(v),
+            Recipe::Extended(c, group, k) => self.extended(column(c)?, *group, *k),
+            Recipe::Core(v) => self.core(v),
+            Recipe::Slope(slope) => self.slope(*slope),
+        }
+    }
+
+    fn attitude(&self) -> Result<Attitude<'_>, Fault> {
+        let [roll, pitch, yaw] = ATTITUDE;
+        let angle = |name| floats(self.batch, name);
+        Ok(Attitude { roll_deg: angle(roll)?, pitch_deg: angle(pitch)?, yaw_deg: angle(yaw)? })
+    }
+
+    fn rate_hz(&self) -> Result<f64, Fault> {
+        sample_rate(self.tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))
+    }
+
+    /// What `of` makes of each run without gaps; NaN elsewhere and where it makes nothing.
+    fn in_runs(&self, x: &[f64], of: impl Fn(&[f64]) -> Option<Vec<f64>>) -> Result<Vec<f64>, Fault> {
+        let mut out = vec![f64::NAN; x.len()];
+        for run in Usable::all(x.len()).and_finite(x).runs_in_time(self.tt, self.rate_hz()?) {
+            if let Some(made) = of(&x[run.clone()]) {
+                out[run].copy_from_slice(&made);
+            }
+        }
+        Ok(out)
+    }
+
+    fn low_passed(&self, name: &str) -> Result<Vec<f64>, Fault> {
+        let (x, rate_hz) = (floats(self.batch, name)?, self.rate_hz()?);
+        let filter = design(0.0, LOW_PASS.0, LOW_PASS.1, rate_hz)?.ok_or_else(|| Fault::new("no corner"))?;
+        let runs = Usable::all(x.len()).and_finite(x).runs_in_time(self.tt, rate_hz);
+        filter_column(&filter, x, &runs).map(|(y, _)| y).map_err(|e| data(e).in_column(name))
+    }
+
+    fn vector(&self, name: &str) -> Result<[&[f64]; 3], Fault> {
+        let [x, y, z] = axes(name);
+        Ok([floats(self.batch, &x)?, floats(self.batch, &y)?, floats(self.batch, &z)?])
+    }
+
+    fn tolles_lawson(&self, name: &str) -> Result<Vec<Vec<f64>>, Fault> {
+        let [x, y, z] = self.vector(name)?;
+        let usable = Usable::all(self.tt.len()).and_finite(x).and_finite(y).and_finite(z);
+        let runs = usable.runs_in_time(self.tt, self.rate_hz()?);
+        let rows = matrix_in_runs(&Field { x, y, z, bt: None }, &self.terms, self.stage.bt_scale_nt, &runs);
+        Ok(transposed(&rows.map_err(data)?, self.terms.len()))
+    }
+
+    fn extended(&self, input: &[f64], group: Group, number: usize) -> Result<Vec<Vec<f64>>, Fault> {
+        let at = group.suffixes().iter().position(|k| *k == number).unwrap_or(0);
+        let Some(vector) = self.stage.vector.as_ref().filter(|_| group != Group::Raw) else {
+            return Ok(vec![input.to_vec()]);
+        };
+        let u = cosines(self.vector(vector)?);
+        let mut out = vec![f64::NAN; input.len()];
+        for run in Usable::all(input.len()).and_finite(input).runs_in_time(self.tt, self.rate_hz()?) {
+            let of_run = u.each_ref().map(|u| &u[run.clone()]);
+            let made = extended_terms(&input[run.clone()], of_run, group);
+            if let Some(term) = made.as_ref().and_then(|m| m.get(at)) {
+                out[run].copy_from_slice(term);
+            }
+        }
+        Ok(vec![out])
+    }
+
+    fn core(&self, name: &str) -> Result<Vec<Vec<f64>>, Fault> {
+        let vector = self.vector(name)?;
+        let core = [floats(self.batch, CORE[0])?, floats(self.batch, CORE[1])?, floats(self.batch, CORE[2])?];
+        let usable = vector.iter().chain(&core).fold(Usable::all(self.tt.len()), |u, x| u.and_finite(x));
+        let mut out = vec![vec![f64::NAN; self.tt.len()]; CORE_TERMS];
+        for run in usable.runs_in_time(self.tt, self.rate_hz()?) {
+            let of_run = |v: [&'_ [f64]; 3]| v.map(|x| x[run.clone()].to_vec());
+            let (v, c) = (of_run(vector), of_run(core));
+            let rows =
+                core_terms(v.each_ref().map(Vec::as_slice), c.each_ref().map(Vec::as_slice), self.stage.bt_scale_nt);
+            for (column, made) in out.iter_mut().zip(transposed(&rows.unwrap_or_default(), CORE_TERMS)) {
+                if made.len() == run.len() {
+                    column[run.clone()].copy_from_slice(&made);
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    fn slope(&self, slope: Slope) -> Result<Vec<Vec<f64>>, Fault> {
+        let [lat, lon] = self.stage.place();
+        let (lat, lon) = (floats(self.batch, lat)?, floats(self.batch, lon)?);
+        let first = || lat.iter().zip(lon).find(|(a, b)| a.is_finite() && b.is_finite()).map(|(a, b)| (*a, *b));
+        let given = self.stage.origin.as_ref().and_then(|o| o.first().copied().zip(o.get(1).copied()));
+        let origin = given.or_else(first).ok_or_else(|| Fault::data("no sample has a position"))?;
+        Ok(slope.terms(lat, lon, origin))
+    }
+}
+
+/// A row-major matrix as columns.
+fn transposed(rows: &[f64], width: usize) -> Vec<Vec<f64>> {
+    (0..width).map(|k| rows.iter().skip(k).step_by(width).copied().collect()).collect()
+}
+
+/// The value `n` samples before, NaN where there is none.
+fn lagged(x: &[f64], n: usize) -> Vec<f64> {
+    (0..x.len()).map(|i| i.checked_sub(n).and_then(|k| x.get(k)).copied().unwrap_or(f64::NAN)).collect()
+}
+
+/// The reduced set of currents, one voltage and two direction cosines of small set 1. [thesis 000, section 4.9]
+const SMALL_EXTRAS: [&str; 11] = [
+    "cur_com_1",
+    "cur_ac_hi",
+    "cur_ac_lo",
+    "cur_flap",
+    "cur_strb",
+    "cur_heat",
+    "cur_acpwr",
+    "cur_outpwr",
+    "vol_bat_1",
+    "dcm_1",
+    "dcm_4",
+];
+
+/// What the set of 77 features has before its magnetometers. [thesis 000, Table C.1]
+const BEFORE_MAGNETOMETERS: [&str; 15] = [
+    "dcm",
+    "baro",
+    "cur_com_1",
+    "cur_ac_hi",
+    "cur_ac_lo",
+    "cur_flap",
+    "cur_strb",
+    "cur_heat",
+    "cur_acpwr",
+    "cur_outpwr",
+    "vol_bat_1",
+    "igrf",
+    "ins_lat",
+    "ins_lon",
+    "ins_alt",
+];
+
+/// The 77 features, with twelve terms of each vector magnetometer.
+fn down_selected() -> Vec<String> {
+    let mags = ["2", "3", "4", "5"];
+    let pairs =
+        mags.iter().enumerate().flat_map(|(i, a)| mags.iter().skip(i + 1).map(move |b| format!("mag_{a}_{b}_uc")));
+    let before = BEFORE_MAGNETOMETERS.iter().map(|n| (*n).to_owned());
+    let plain = mags.iter().map(|m| format!("mag_{m}_uc"));
+    let changes = mags.iter().flat_map(|m| [format!("mag_{m}_uc_dot"), format!("mag_{m}_uc_dot4")]);
+    let vectors = ["a", "c", "d"].iter().map(|v| format!("TL_A_flux_{v}"));
+    before.chain(plain).chain(changes).chain(pairs).chain(vectors).collect()
+}
+
+#[cfg(test)]
+#[path = "features/tests.rs"]
+mod tests;

@@ -1,0 +1,265 @@
+//! Noriega's figure of merit: what the manoeuvres of a calibration box leave in a compensated signal.
+//!
+//! A box has four headings and on each a pitch, a roll and a yaw manoeuvre, a few periods of a sinusoid. The index is the
+//! sum over these twelve of the mean peak-to-peak amplitude of the signal during the manoeuvre.
+//! [Noriega 2011, "Performance measures in aeromagnetic compensation", The Leading Edge 30(10)]
+
+use std::ops::Range;
+
+use super::{geodesy::wrap_deg, statistics::Figure};
+
+/// Swings below this, in degrees from one extreme to the next, are no manoeuvre.
+const LEAST_SWING_DEG: f64 = 3.0;
+/// Extremes that follow each other more slowly than this, in seconds, are no manoeuvre.
+const SLOWEST_HALF_S: f64 = 12.0;
+/// Extremes that follow each other faster than this, in seconds, are gusts.
+const FASTEST_HALF_S: f64 = 1.0;
+/// Extremes of one manoeuvre: two periods and a bit.
+const LEAST_EXTREMES: usize = 5;
+/// How far swings and half periods of one manoeuvre may lie from its first ones: gusts are not that regular.
+const REGULAR: f64 = 1.7;
+/// Half of the window, in seconds, whose mean is the attitude that a manoeuvre swings about.
+const TREND_S: f64 = 15.0;
+
+/// The axis about which a manoeuvre swings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axis {
+    /// About the nose.
+    Roll,
+    /// About the wing.
+    Pitch,
+    /// About the vertical.
+    Yaw,
+}
+
+/// One manoeuvre of a box.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Manoeuvre {
+    /// The axis.
+    pub axis: Axis,
+    /// Mean heading during it, in degrees from north.
+    pub heading_deg: f64,
+    /// Rows of its extremes, high and low in turns.
+    pub extremes: Vec<usize>,
+    /// Mean of its swings, in degrees from one extreme to the next.
+    pub swing_deg: f64,
+}
+
+impl Manoeuvre {
+    /// From the first extreme to the last.
+    fn rows(&self) -> Range<usize> {
+        let ends = self.extremes.first().copied().zip(self.extremes.last().copied());
+        ends.map_or(0..0, |(first, last)| first..last + 1)
+    }
+}
+
+/// The manoeuvres in an attitude (roll, pitch, yaw in degrees at the times `tt_s`), in the order of time.
+///
+/// A manoeuvre is five or more extremes in a row of one axis, at least 3 degrees from one to the next, of about the same
+/// swing and spacing. Where two axes swing at once it belongs to the one that swings more.
+pub fn manoeuvres(tt_s: &[f64], attitude_deg: [&[f64]; 3]) -> Vec<Manoeuvre> {
+    let mut found: Vec<Manoeuvre> = vec![];
+    for (axis, angle) in [Axis::Roll, Axis::Pitch, Axis::Yaw].into_iter().zip(attitude_deg) {
+        let swing = about_trend(tt_s, &unwrapped_deg(angle));
+        for extremes in regular_chains(tt_s, &swing) {
+            let rows = extremes[0]..extremes[extremes.len() - 1] + 1;
+            let swings = extremes.windows(2).map(|w| (swing[w[1]] - swing[w[0]]).abs());
+            let swing_deg = swings.sum::<f64>() / (extremes.len() - 1) as f64;
+            found.push(Manoeuvre { axis, heading_deg: mean_heading_deg(&attitude_deg[2][rows]), extremes, swing_deg });
+        }
+    }
+    found.sort_by(|a, b| b.swing_deg.total_cmp(&a.swing_deg));
+    let mut kept: Vec<Manoeuvre> = vec![];
+    for one in found {
+        let overlaps = |k: &Manoeuvre| k.rows().start < one.rows().end && one.rows().start < k.rows().end;
+        if !kept.iter().any(overlaps) {
+            kept.push(one);
+        }
+    }
+    kept.sort_by_key(|m| m.rows().start);
+    kept
+}
+
+/// The figure of merit of a band-passed signal over the manoeuvres of a box, in the signal's unit, and how many
+/// manoeuvres are behind it. NaN unless pitch, roll and yaw are there on four headings at right angles.
+pub fn figure_of_merit(signal: &[f64], manoeuvres: &[Manoeuvre]) -> Figure {
+    let Some(first) = manoeuvres.first() else { return Figure { value: f64::NAN, n: 0 } };
+    let (mut sums, mut counts) = ([0.0; 12], [0usize; 12]);
+    for one in manoeuvres {
+        let quarter = (wrap_deg(one.heading_deg - first.heading_deg) / 90.0).round().rem_euclid(4.0) as usize;
+        let Some(amplitude) = mean_peak_to_peak(signal, &one.extremes) else { continue };
+        let group = 3 * quarter + one.axis as usize;
+        sums[group] += amplitude;
+        counts[group] += 1;
+    }
+    let value = sums.iter().zip(counts).map(|(sum, n)| if n > 0 { sum / n as f64 } else { f64::NAN }).sum();
+    Figure { value, n: counts.iter().sum() }
+}
+
+/// The mean over the periods of a manoeuvre of the largest minus the smallest value; `None` where one is not finite.
+fn mean_peak_to_peak(signal: &[f64], extremes: &[usize]) -> Option<f64> {
+    let periods = extremes.windows(3).step_by(2).map(|w| {
+        let part = signal.get(w[0]..=w[2])?;
+        let ends = part.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+        part.iter().all(|x| x.is_finite()).then_some(ends.1 - ends.0)
+    });
+    let all: Option<Vec<f64>> = periods.collect();
+    all.filter(|a| !a.is_empty()).map(|a| a.iter().sum::<f64>() / a.len() as f64)
+}
+
+fn mean_heading_deg(yaw_deg: &[f64]) -> f64 {
+    let (sin, cos) = yaw_deg.iter().fold((0.0, 0.0), |(s, c), y| (s + y.to_radians().sin(), c + y.to_radians().cos()));
+    f64::atan2(sin, cos).to_degrees()
+}
+
+fn unwrapped_deg(angle: &[f64]) -> Vec<f64> {
+    let mut before: Option<(f64, f64)> = None;
+    let step = |a: &f64| {
+        let unwrapped = before.map_or(*a, |(raw, unwrapped)| unwrapped + wrap_deg(a - raw));
+        before = Some((*a, unwrapped));
+        unwrapped
+    };
+    angle.iter().map(step).collect()
+}
+
+/// `x` less its mean within [`TREND_S`] before and after.
+fn about_trend(tt_s: &[f64], x: &[f64]) -> Vec<f64> {
+    let n = tt_s.len().min(x.len());
+    let (mut from, mut to, mut sum) = (0, 0, 0.0);
+    let one = |i: usize| {
+        while to < n && tt_s[to] <= tt_s[i] + TREND_S {
+            sum += x[to];
+            to += 1;
+        }
+        while tt_s[from] < tt_s[i] - TREND_S {
+            sum -= x[from];
+            from += 1;
+        }
+        x[i] - sum / (to - from) as f64
+    };
+    (0..n).map(one).collect()
+}
+
+/// Turning points with at least [`LEAST_SWING_DEG`] between them, high and low in turns.
+fn extremes(x: &[f64]) -> Vec<usize> {
+    let mut out: Vec<usize> = vec![];
+    let (mut high, mut low) = (0, 0);
+    // 1 while rising to a high, -1 while falling to a low, 0 before the first swing.
+    let mut rising = 0;
+    for (i, v) in x.iter().enumerate() {
+        if *v > x[high] {
+            high = i;
+        }
+        if *v < x[low] {
+            low = i;
+        }
+        if rising >= 0 && x[high] - v >= LEAST_SWING_DEG {
+            out.push(high);
+            (rising, low) = (-1, i);
+        } else if rising <= 0 && v - x[low] >= LEAST_SWING_DEG {
+            out.push(low);
+            (rising, high) = (1, i);
+        }
+    }
+    out
+}
+
+fn regular_chains(tt_s: &[f64], x: &[f64]) -> Vec<Vec<usize>> {
+    let all = extremes(x);
+    let close = |a: f64, b: f64| a < REGULAR * b && b < REGULAR * a;
+    let (mut chains, mut chain): (Vec<Vec<usize>>, Vec<usize>) = (vec![], vec![]);
+    for e in all {
+        let fits = match chain.as_slice() {
+            [] => true,
+            [one] => (FASTEST_HALF_S..=SLOWEST_HALF_S).contains(&(tt_s[e] - tt_s[*one])),
+            [.., a, b] => {
+                close(tt_s[e] - tt_s[*b], tt_s[*b] - tt_s[*a]) && close((x[e] - x[*b]).abs(), (x[*b] - x[*a]).abs())
+            }
+        };
+        if !fits {
+            // The last extreme may be the first of the next manoeuvre.
+            let begins = |l: &usize| (FASTEST_HALF_S..=SLOWEST_HALF_S).contains(&(tt_s[e] - tt_s[*l]));
+            let last = chain.last().copied().filter(begins);
+            chains.push(std::mem::take(&mut chain));
+            chain.extend(last);
+        }
+        chain.push(e);
+    }
+    chains.push(chain);
+    chains.retain(|c| c.len() >= LEAST_EXTREMES);
+    chains
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    /// Time, attitude and a signal of `nt_per_deg` of each axis: a box at 10 Hz with turns, three periods of 6 s a
+    /// manoeuvre.
+    fn square(amplitude_deg: [f64; 3], nt_per_deg: [f64; 3]) -> (Vec<f64>, [Vec<f64>; 3], Vec<f64>) {
+        let leg_s = 100.0;
+        let tt: Vec<f64> = (0..4800).map(|k| 0.1 * f64::from(k)).collect();
+        let mut attitude: [Vec<f64>; 3] = Default::default();
+        let mut signal = vec![];
+        for t in &tt {
+            let leg = (t / 120.0).floor();
+            let since = t - 120.0 * leg;
+            // Twenty seconds of turn, with bank, after each leg.
+            let turned = ((since - leg_s) / 20.0).clamp(0.0, 1.0);
+            let bank = if turned > 0.0 { 20.0 * (0.5 * TAU * turned).sin() } else { 0.0 };
+            let mut swing = [0.0; 3];
+            for (slot, axis) in [1, 0, 2].into_iter().enumerate() {
+                let begun = since - 10.0 - 28.0 * slot as f64;
+                if (0.0..18.0).contains(&begun) {
+                    swing[axis] = amplitude_deg[axis] * (TAU * begun / 6.0).sin();
+                }
+            }
+            let steady = [bank, 2.0, wrap_deg(30.0 + 90.0 * (leg + turned))];
+            for axis in 0..3 {
+                attitude[axis].push(steady[axis] + swing[axis]);
+            }
+            signal.push((0..3).map(|k| nt_per_deg[k] * swing[k]).sum());
+        }
+        (tt, attitude, signal)
+    }
+
+    #[test]
+    fn law_the_index_is_the_sum_of_twelve_amplitudes() {
+        let (tt, attitude, signal) = square([10.0, 5.0, 5.0], [0.1, 0.3, 0.02]);
+        let found = manoeuvres(&tt, attitude.each_ref().map(Vec::as_slice));
+        assert_eq!(found.len(), 12, "{found:?}");
+        let order = [Axis::Pitch, Axis::Roll, Axis::Yaw];
+        assert!(found.iter().zip(order.iter().cycle()).all(|(m, axis)| m.axis == *axis));
+        let merit = figure_of_merit(&signal, &found);
+        assert_eq!(merit.n, 12);
+        // Peak to peak is twice amplitude times sensitivity; samples lie within 0.05 s of a peak: 1e-3 at 6 s.
+        let expected = 4.0 * 2.0 * (10.0 * 0.1 + 5.0 * 0.3 + 5.0 * 0.02);
+        assert!((merit.value / expected - 1.0).abs() < 2e-3, "{} {expected}", merit.value);
+    }
+
+    #[test]
+    fn law_a_box_without_all_manoeuvres_has_no_index() {
+        let (tt, attitude, signal) = square([10.0, 5.0, 0.0], [0.1, 0.3, 0.02]);
+        let found = manoeuvres(&tt, attitude.each_ref().map(Vec::as_slice));
+        assert_eq!(found.len(), 8);
+        assert!(figure_of_merit(&signal, &found).value.is_nan());
+        assert_eq!(figure_of_merit(&signal, &[]).n, 0);
+    }
+
+    #[test]
+    fn law_gusts_and_turns_are_no_manoeuvres() {
+        let (tt, mut attitude, _) = square([0.0; 3], [0.0; 3]);
+        let mut normals = super::super::test_normals::Normals::new(5);
+        // Gusts of 1.5 degrees whose rate is continuous, as an airframe's inertia makes it: two poles at 2 s.
+        let (mut force, mut gust) = (0.0, 0.0);
+        for roll in &mut attitude[0] {
+            force = 0.95 * force + (1.0_f64 - 0.95 * 0.95).sqrt() * normals.draw();
+            gust = 0.95 * gust + 0.05 * force;
+            *roll += 1.5 * 2.0_f64.sqrt() * gust;
+        }
+        let found = manoeuvres(&tt, attitude.each_ref().map(Vec::as_slice));
+        assert!(found.len() <= 2, "{} of 480 s", found.len());
+    }
+}

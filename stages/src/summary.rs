@@ -1,0 +1,317 @@
+//! Pools scores over lines, with confidence intervals.
+
+use std::{any::Any, sync::Arc};
+
+use arrow_array::{
+    ArrayRef, Int64Array, StringArray,
+    cast::AsArray,
+    types::{Float64Type, Int64Type},
+};
+use schemas::{Column, Fault, Gather, LineIn, Passes, Role, Rule, Stage, Table, Yield, stage};
+
+use crate::{
+    columns::{array, shape},
+    numerics::bootstrap::{Interval, Resamples},
+};
+
+stage! {
+    /// Pools the scores of all lines, each figure with a confidence interval.
+    ///
+    /// Errors in nT and m are pooled as root mean squares and ratios as means, both weighted by samples; numbers of
+    /// samples are added. The interval is that of percentiles over `draws` resamples of whole lines with replacement: the
+    /// samples of a line err together, so they are no independent evidence. One line alone has no interval (null).
+    ///
+    /// With `train`, the lines that the model was fitted on, there is one more metric: `overfitting_ratio`, the pooled
+    /// `std_error` (without it, the rms of `map_std_error`) of all other lines over that of these; 1 for a model that is
+    /// as good on new lines as on its own, more for one that learnt its own by heart. In its resamples training lines and
+    /// other lines are drawn each among themselves.
+    ///
+    /// Source: thesis 004, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
+    Summary = "summary", version 1, grain Survey, inputs [input: Scores];
+    /// What to pool; everything that was scored when left out.
+    metrics: Option<Vec<String>>, unit "";
+    /// The lines that a model was fitted on, for `overfitting_ratio`.
+    train: Vec<String>, unit "", default Vec::<String>::new();
+    /// The probability that the interval shall hold.
+    level: f64, unit "1", default 0.95, rule Rule::Between(0.5, 0.999);
+    /// How many resamples.
+    draws: usize, unit "", default 1000usize, rule Rule::Between(10.0, 100000.0);
+    /// Where the draws begin.
+    seed: usize, unit "", default 0usize;
+}
+
+const READS: [&str; 4] = ["metric", "value", "unit", "n"];
+/// Errors whose ratio between new and training lines is the overfitting ratio, the first that there is.
+const OVERFITTING: [&str; 2] = ["std_error", "map_std_error"];
+
+impl Stage for Summary {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        if READS.iter().any(|name| shape.get(name).is_none()) {
+            return Err(vec![Fault::new("`input` is no table of scores").of_param("input")]);
+        }
+        let made = |c: Column| c.from(0, &READS);
+        let columns = vec![
+            made(Column::text("metric", "what was scored").role(Role::Key)),
+            made(Column::float("value", "", "the score of all lines; null where no sample was left for it")),
+            made(Column::float("low", "", "lower end of the confidence interval; null with fewer than two lines")),
+            made(Column::float("high", "", "upper end of the confidence interval")),
+            made(Column::text("unit", "the unit of the value")),
+            made(Column::integer("lines", "", "lines behind it")),
+            made(Column::integer("n", "", "samples or pairs behind it")),
+        ];
+        let mut yields = Yield::append(columns, &READS);
+        yields.passes = Passes::None;
+        yields.tidy = true;
+        Ok(yields)
+    }
+
+    fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+        Err(Fault::machine("a summary works on all lines together"))
+    }
+
+    fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
+        Some(Box::new(SummaryGather { points: points.into_iter().cloned().collect() }))
+    }
+}
+
+/// One score of one line.
+#[derive(Clone, Debug)]
+struct Score {
+    metric: String,
+    unit: String,
+    value: f64,
+    n: i64,
+}
+
+/// What one line contributes.
+struct Part {
+    line: String,
+    scores: Vec<Score>,
+}
+
+struct SummaryGather {
+    points: Vec<Summary>,
+}
+
+impl Gather for SummaryGather {
+    fn map(&self, line: &LineIn) -> Result<Box<dyn Any + Send>, Fault> {
+        let batch = &line.inputs[0];
+        let text = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
+        let value = batch.column_by_name("value").and_then(|a| a.as_primitive_opt::<Float64Type>());
+        let n = batch.column_by_name("n").and_then(|a| a.as_primitive_opt::<Int64Type>());
+        let (Some(metric), Some(unit), Some(value), Some(n)) = (text("metric"), text("unit"), value, n) else {
+            return Err(Fault::data("the line's scores lack a column"));
+        };
+        let scores = metric.iter().zip(unit.iter()).zip(value.iter().zip(n.iter()));
+        let scores = scores.filter_map(|((metric, unit), (value, n))| {
+            Some(Score { metric: metric?.to_owned(), unit: unit?.to_owned(), value: value?, n: n? })
+        });
+        Ok(Box::new(Part { line: line.line.clone(), scores: scores.collect() }))
+    }
+
+    fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {
+        let parts: Vec<&Part> = parts.iter().filter_map(|p| p.downcast_ref::<Part>()).collect();
+        self.points.iter().map(|point| point.table(&parts)).collect()
+    }
+}
+
+/// A pooled figure.
+struct Pooled {
+    metric: String,
+    unit: String,
+    value: f64,
+    interval: Option<Interval>,
+    lines: usize,
+    n: i64,
+}
+
+impl Summary {
+    fn table(&self, parts: &[&Part]) -> Result<Vec<ArrayRef>, Fault> {
+        for name in &self.train {
+            if !parts.iter().any(|p| p.line == *name) {
+                let what = format!("`train` names the line `{name}`, which was not scored");
+                return Err(Fault::data(what).help("name lines of the table of scores"));
+            }
+        }
+        let mut rows: Vec<Pooled> = vec![];
+        for (metric, unit) in self.metrics_of(parts) {
+            rows.push(self.pooled(&metric, &unit, parts));
+        }
+        if !self.train.is_empty() {
+            rows.extend(self.overfitting(parts));
+        }
+        let ends = |end: fn(&Interval) -> f64| -> ArrayRef {
+            Arc::new(rows.iter().map(|r| r.interval.as_ref().map(end)).collect::<arrow_array::Float64Array>())
+        };
+        let text = |of: fn(&Pooled) -> &str| -> ArrayRef {
+            Arc::new(rows.iter().map(|r| Some(of(r))).collect::<StringArray>())
+        };
+        Ok(vec![
+            text(|r| &r.metric),
+            array(rows.iter().map(|r| r.value).collect()),
+            ends(|i| i.low),
+            ends(|i| i.high),
+            text(|r| &r.unit),
+            Arc::new(rows.iter().map(|r| Some(r.lines as i64)).collect::<Int64Array>()),
+            Arc::new(rows.iter().map(|r| Some(r.n)).collect::<Int64Array>()),
+        ])
+    }
+
+    /// The metrics to pool with their units, in the order in which they first appear.
+    fn metrics_of(&self, parts: &[&Part]) -> Vec<(String, String)> {
+        let mut found: Vec<(String, String)> = vec![];
+        for score in parts.iter().flat_map(|p| &p.scores) {
+            let wanted = self.metrics.as_ref().is_none_or(|m| m.contains(&score.metric));
+            if wanted && !found.iter().any(|(m, _)| *m == score.metric) {
+                found.push((score.metric.clone(), score.unit.clone()));
+            }
+        }
+        found
+    }
+
+    fn pooled(&self, metric: &str, unit: &str, parts: &[&Part]) -> Pooled {
+        let scores = scores_of(metric, parts);
+        let how = Pool::of(metric, unit);
+        let all: Vec<u32> = (0..scores.len() as u32).collect();
+        let statistic = |chosen: &[u32]| how.value(chosen.iter().map(|i| scores[*i as usize]));
+        let draws = Resamples::new(scores.len(), self.draws, self.seed as u64);
+        Pooled {
+            metric: metric.to_owned(),
+            unit: unit.to_owned(),
+            value: statistic(&all),
+            interval: draws.interval(self.level, statistic),
+            lines: scores.len(),
+            n: scores.iter().map(|s| s.n).sum(),
+        }
+    }
+
+    /// The error of the other lines over that of the training lines.
+    fn overfitting(&self, parts: &[&Part]) -> Option<Pooled> {
+        let (train, test): (Vec<&Part>, Vec<&Part>) = parts.iter().partition(|p| self.train.contains(&p.line));
+        let metric = OVERFITTING.into_iter().find(|m| !scores_of(m, &train).is_empty())?;
+        let (train, test) = (scores_of(metric, &train), scores_of(metric, &test));
+        let over = |scores: &[&Score], chosen: &[u32]| Pool::Rms.value(chosen.iter().map(|i| scores[*i as usize]));
+        let all = |scores: &[&Score]| (0..scores.len() as u32).collect::<Vec<_>>();
+        // Both sides are drawn by their own streams, the second beginning where no seed of a user's does.
+        let ours = Resamples::new(test.len(), self.draws, self.seed as u64);
+        let theirs = Resamples::new(train.len(), self.draws, !(self.seed as u64));
+        let mut below = vec![];
+        theirs.interval(self.level, |chosen| {
+            below.push(over(&train, chosen));
+            0.0
+        });
+        // One training line is what it is: only the others are drawn.
+        let fixed = over(&train, &all(&train));
+        let mut draw = 0;
+        let interval = ours.interval(self.level, |chosen| {
+            let of_train = below.get(draw).copied().unwrap_or(fixed);
+            draw += 1;
+            over(&test, chosen) / of_train
+        });
+        let n = train.iter().chain(&test).map(|s| s.n).sum();
+        Some(Pooled {
+            metric: "overfitting_ratio".to_owned(),
+            unit: "1".to_owned(),
+            value: over(&test, &all(&test)) / fixed,
+            interval,
+            lines: train.len() + test.len(),
+            n,
+        })
+    }
+}
+
+fn scores_of<'a>(metric: &str, parts: &[&'a Part]) -> Vec<&'a Score> {
+    let scores = parts.iter().flat_map(|p| &p.scores);
+    scores.filter(|s| s.metric == metric && s.value.is_finite() && s.n > 0).collect()
+}
+
+/// How lines are pooled.
+#[derive(Clone, Copy)]
+enum Pool {
+    Rms,
+    Mean,
+    Sum,
+}
+
+impl Pool {
+    fn of(metric: &str, unit: &str) -> Pool {
+        match unit {
+            _ if metric.starts_with("samples_") => Pool::Sum,
+            "1" => Pool::Mean,
+            _ => Pool::Rms,
+        }
+    }
+
+    fn value<'a>(self, scores: impl Iterator<Item = &'a Score>) -> f64 {
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for s in scores {
+            let n = s.n as f64;
+            weight += n;
+            sum += match self {
+                Pool::Rms => n * s.value * s.value,
+                Pool::Mean => n * s.value,
+                Pool::Sum => s.value,
+            };
+        }
+        match self {
+            _ if weight == 0.0 => f64::NAN,
+            Pool::Rms => (sum / weight).sqrt(),
+            Pool::Mean => sum / weight,
+            Pool::Sum => sum,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn summary(train: &[&str]) -> Summary {
+        Summary {
+            metrics: None,
+            train: train.iter().map(ToString::to_string).collect(),
+            level: 0.9,
+            draws: 500,
+            seed: 1,
+        }
+    }
+
+    fn part(line: &str, std_nt: f64, n: i64) -> Part {
+        let score = |metric: &str, unit: &str, value| Score { metric: metric.into(), unit: unit.into(), value, n };
+        let scores = vec![score("std_error", "nT", std_nt), score("nees", "1", 2.0), score("samples_used", "1", 10.0)];
+        Part { line: line.into(), scores }
+    }
+
+    fn column(table: &[ArrayRef], i: usize) -> Vec<f64> {
+        table[i].as_primitive::<Float64Type>().iter().map(|v| v.unwrap_or(f64::NAN)).collect()
+    }
+
+    #[test]
+    fn law_errors_are_pooled_by_squares_and_ratios_by_means() {
+        let parts = [part("1", 3.0, 100), part("2", 4.0, 300)];
+        let table = summary(&[]).table(&parts.iter().collect::<Vec<_>>()).unwrap();
+        assert_eq!(column(&table, 1), [((9.0 * 100.0 + 16.0 * 300.0) / 400.0f64).sqrt(), 2.0, 20.0]);
+        let (low, high) = (column(&table, 2), column(&table, 3));
+        assert_eq!((low[0], high[0]), (3.0, 4.0));
+        assert_eq!((low[1], high[1]), (2.0, 2.0));
+    }
+
+    #[test]
+    fn law_a_single_line_has_no_interval() {
+        let parts = [part("1", 3.0, 100)];
+        let table = summary(&[]).table(&parts.iter().collect::<Vec<_>>()).unwrap();
+        assert_eq!(column(&table, 1)[0], 3.0);
+        assert!(column(&table, 2)[0].is_nan() && column(&table, 3)[0].is_nan());
+    }
+
+    #[test]
+    fn law_overfitting_is_new_over_training_error() {
+        let parts = [part("1", 2.0, 100), part("2", 6.0, 100), part("3", 6.0, 100)];
+        let table = summary(&["1"]).table(&parts.iter().collect::<Vec<_>>()).unwrap();
+        assert_eq!(column(&table, 1)[3], 3.0);
+        let refused = summary(&["9"]).table(&parts.iter().collect::<Vec<_>>()).unwrap_err();
+        assert!(refused.to_string().contains("`9`"), "{refused}");
+    }
+}

@@ -1,0 +1,155 @@
+//! Makes the signal that a compensation model is to explain.
+
+use arrow_array::ArrayRef;
+use schemas::{Column, Fault, LineIn, Role, Rule, Shape, Stage, Table, Yield, stage};
+
+use crate::columns::{array, floats, shape};
+
+stage! {
+    /// Appends `target`, one of the five signals that the theses fit models to.
+    ///
+    /// | type | target | a model of it predicts |
+    /// |---|---|---|
+    /// | `a` | truth, less core field and diurnal variation | the anomaly |
+    /// | `b` | value of the map | the anomaly |
+    /// | `c` | magnetometer, less core field, diurnal variation and map | the aircraft's field |
+    /// | `d` | magnetometer less truth | the aircraft's field |
+    /// | `e` | magnetometer, less core field and diurnal variation; `fit` band-passes it | the aircraft's field |
+    ///
+    /// Give `fit` this column as its `target` and, but for `e`, `low_hz = 0` and `high_hz = 0`. A model of the anomaly is
+    /// applied with `predicts = "anomaly"` of `compensate`. For `b` and `c` the table needs `map_anomaly`, of `map_value`.
+    ///
+    /// The column's role is truth: it may be a target, and no feature. A sample that lacks one of its parts is NaN.
+    ///
+    /// Source: thesis 000, section 3.7.
+    Target = "target", version 1, grain Line, inputs [input: Lines];
+    /// The type.
+    kind: String, unit "", default "d", rule Rule::OneOf(&["a", "b", "c", "d", "e"]);
+    /// The scalar magnetometer that is to be compensated, for `c`, `d` and `e`.
+    mag: Option<String>, unit "nT";
+    /// The column of the true field, for `a` and `d`.
+    truth: String, unit "nT", default "mag_1_c";
+    /// Take the core field `igrf` off, for `a`, `c` and `e`.
+    remove_core: bool, unit "", default true;
+    /// Take the diurnal variation `diurnal` off, for `a`, `c` and `e`.
+    remove_diurnal: bool, unit "", default true;
+}
+
+/// The value of the map at each sample, as `map_value` calls it.
+const MAP: &str = "map_anomaly";
+
+impl Target {
+    /// The column to begin with, and those to take off it.
+    fn parts(&self) -> Result<(String, Vec<String>), Fault> {
+        let mag = || {
+            let missing = || Fault::new(format!("type `{}` needs `mag`", self.kind)).of_param("kind");
+            self.mag.clone().ok_or_else(missing)
+        };
+        let mut less: Vec<String> = vec![];
+        if matches!(self.kind.as_str(), "a" | "c" | "e") {
+            less.extend(self.remove_core.then(|| "igrf".to_owned()));
+            less.extend(self.remove_diurnal.then(|| "diurnal".to_owned()));
+        }
+        match self.kind.as_str() {
+            "a" => Ok((self.truth.clone(), less)),
+            "b" => Ok((MAP.to_owned(), less)),
+            "c" => {
+                less.push(MAP.to_owned());
+                Ok((mag()?, less))
+            }
+            "d" => Ok((mag()?, vec![self.truth.clone()])),
+            _ => Ok((mag()?, less)),
+        }
+    }
+
+    fn needs(&self, shape: &Shape, name: &str) -> Result<(), Fault> {
+        let found = shape.number(name, "nT").map(|_| ());
+        found.map_err(|fault| match name {
+            MAP => fault.help("append it first, with `map_value`").of_param("kind"),
+            "igrf" => fault.help("append it with `core_field`, or say `remove_core = false`").of_param("remove_core"),
+            "diurnal" => fault.help("say `remove_diurnal = false`").of_param("remove_diurnal"),
+            _ if name == self.truth => fault.of_param("truth"),
+            _ => fault.of_param("mag"),
+        })
+    }
+}
+
+impl Stage for Target {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let (from, less) = self.parts().map_err(|f| vec![f])?;
+        let reads: Vec<String> = std::iter::once(from).chain(less).collect();
+        let mut faults: Vec<Fault> = reads.iter().filter_map(|name| self.needs(shape, name).err()).collect();
+        if self.kind == "e" && reads.first() == Some(&self.truth) {
+            faults.push(Fault::new("`mag` is the truth, which needs no compensation").of_param("mag"));
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let doc = format!("what a model is to explain: type {} of thesis 000, section 3.7", self.kind);
+        let column = Column::float("target", "nT", doc).role(Role::Truth).from(0, &reads);
+        Ok(Yield::append(vec![column], &reads))
+    }
+
+    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+        let batch = &line.inputs[0];
+        let (from, less) = self.parts()?;
+        let mut target = floats(batch, &from)?.to_vec();
+        for name in less {
+            target.iter_mut().zip(floats(batch, &name)?).for_each(|(t, x)| *t -= x);
+        }
+        Ok(vec![array(target)])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use std::sync::Arc;
+
+    use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
+
+    use super::*;
+
+    fn target(kind: &str) -> Target {
+        Target {
+            kind: kind.into(),
+            mag: Some("mag_4_uc".into()),
+            truth: "mag_1_c".into(),
+            remove_core: true,
+            remove_diurnal: true,
+        }
+    }
+
+    fn line() -> LineIn {
+        let column = |x: f64| Arc::new(arrow_array::Float64Array::from(vec![x, f64::NAN])) as ArrayRef;
+        let columns =
+            [("mag_4_uc", 50_300.0), ("mag_1_c", 50_110.0), ("igrf", 50_000.0), ("diurnal", 10.0), (MAP, 99.0)];
+        let batch = RecordBatch::try_from_iter(columns.map(|(n, x)| (n, column(x)))).unwrap();
+        LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None, prepared: None }
+    }
+
+    #[test]
+    fn ref_the_five_types_of_the_thesis() {
+        for (kind, expected) in [("a", 100.0), ("b", 99.0), ("c", 191.0), ("d", 190.0), ("e", 290.0)] {
+            let made = target(kind).run(&line()).unwrap();
+            let values = made[0].as_primitive::<Float64Type>().values();
+            assert_eq!(values[0], expected, "{kind}");
+            assert!(values[1].is_nan());
+        }
+        let kept = Target { remove_core: false, remove_diurnal: false, ..target("e") }.run(&line()).unwrap();
+        assert_eq!(kept[0].as_primitive::<Float64Type>().value(0), 50_300.0);
+    }
+
+    #[test]
+    fn law_what_is_missing_is_named_with_the_way_out() {
+        let columns = ["mag_4_uc", "mag_1_c", "igrf"].map(|n| Column::float(n, "nT", ""));
+        let table = Table::Lines(Shape { columns: columns.to_vec(), rate_hz: None });
+        let said = |t: &Target| t.yields(&[&table]).unwrap_err().iter().map(ToString::to_string).collect::<String>();
+        assert!(said(&target("c")).contains("map_value"));
+        assert!(said(&target("e")).contains("remove_diurnal"));
+        assert!(said(&Target { mag: None, ..target("d") }).contains("needs `mag`"));
+        let made = target("d").yields(&[&table]).unwrap();
+        assert_eq!(made.columns[0].role, Role::Truth);
+    }
+}
