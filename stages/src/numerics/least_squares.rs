@@ -21,12 +21,16 @@
 //! # Ok::<(), stages::numerics::least_squares::LeastSquaresError>(())
 //! ```
 
+mod moments;
 mod panel;
+mod prepared;
 mod ridge;
 
 use rayon::prelude::*;
 
+pub use moments::{LineScore, LineScores, LinearFit, Moments, MomentsAccumulator, Residuals, leave_line_out};
 use panel::Triangle;
+pub use prepared::{Prepared, Scaling, Singular};
 pub use ridge::{RANK_TOLERANCE, RidgePath, RidgeSolution};
 
 /// Rows that one thread folds before the factors are merged, fixed so that the answer does not
@@ -76,6 +80,38 @@ pub enum LeastSquaresError {
         unexcited: Vec<String>,
         /// Terms that take part in a linear dependence.
         dependent: Vec<String>,
+    },
+    /// A term or target that is not there was asked for.
+    #[error("there is no {what} {number}: they are numbered from 0 and there are {count}")]
+    NoSuch {
+        /// `term` or `target`.
+        what: &'static str,
+        /// The number that was asked for.
+        number: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// Leaving a line out leaves nothing.
+    #[error("leaving one line out needs at least two lines, and there is {given}")]
+    TooFewLines {
+        /// How many there are.
+        given: usize,
+    },
+    /// A line that is to be left out and predicted has no rows.
+    #[error("line {line} (from 0) has no rows to predict: leave it out of the choice")]
+    EmptyLine {
+        /// The number of the line.
+        line: usize,
+    },
+    /// A setting of a model is out of its range.
+    #[error("{what} must be {wanted}, and it is {given}")]
+    Setting {
+        /// The setting.
+        what: &'static str,
+        /// Its range.
+        wanted: &'static str,
+        /// What was given.
+        given: f64,
     },
     /// The singular value decomposition did not converge.
     #[error("the singular value decomposition did not converge")]
@@ -207,9 +243,7 @@ impl QrAccumulator {
 
     fn path<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S], centred: bool) -> Result<RidgePath, LeastSquaresError> {
         expect("the list of term names", names.len(), self.terms)?;
-        if let Some(&lambda) = lambdas.iter().find(|l| !(**l >= 0.0 && l.is_finite())) {
-            return Err(LeastSquaresError::Lambda { lambda });
-        }
+        check_lambdas(lambdas)?;
         if self.rows == 0 {
             return Err(LeastSquaresError::NoRows);
         }
@@ -280,12 +314,26 @@ fn all_finite(values: &[f64]) -> bool {
     values.iter().fold(true, |finite, value| finite & value.is_finite())
 }
 
-fn expect(what: &'static str, given: usize, expected: usize) -> Result<(), LeastSquaresError> {
+fn check_lambdas(lambdas: &[f64]) -> Result<(), LeastSquaresError> {
+    match lambdas.iter().find(|l| !(**l >= 0.0 && l.is_finite())) {
+        Some(&lambda) => Err(LeastSquaresError::Lambda { lambda }),
+        None => Ok(()),
+    }
+}
+
+/// A setting that is not in its range.
+pub(crate) fn setting(what: &'static str, given: f64, wanted: &'static str, fits: bool) -> Result<(), LeastSquaresError> {
+    if fits { Ok(()) } else { Err(LeastSquaresError::Setting { what, wanted, given }) }
+}
+
+pub(crate) fn expect(what: &'static str, given: usize, expected: usize) -> Result<(), LeastSquaresError> {
     if given == expected {
         return Ok(());
     }
     Err(LeastSquaresError::Shape { what, given, expected })
 }
 
+#[cfg(test)]
+mod moments_tests;
 #[cfg(test)]
 mod tests;

@@ -72,6 +72,8 @@ pub struct RidgePath {
     pub solutions: Vec<RidgeSolution>,
     /// Right singular vectors, row-major, one row a term.
     right: Vec<f64>,
+    /// What the columns were divided by before the decomposition.
+    scales: Vec<f64>,
 }
 
 impl RidgePath {
@@ -86,9 +88,17 @@ impl RidgePath {
             self.singular_values.iter().map(|s| variance * shrink(*s, solution.lambda).powi(2)).collect();
         let entry = |i: usize, j: usize| {
             let (one, other) = (&self.right[i * p..], &self.right[j * p..]);
-            (0..p).map(|k| one[k] * weights[k] * other[k]).sum::<f64>()
+            (0..p).map(|k| one[k] * weights[k] * other[k]).sum::<f64>() / (self.scales[i] * self.scales[j])
         };
         Some((0..p * p).map(|ij| entry(ij / p, ij % p)).collect())
+    }
+
+    /// Takes coefficients from those of columns divided by `scales` to those of the columns.
+    pub(super) fn unscale(&mut self, scales: &[f64]) {
+        for coefficients in self.solutions.iter_mut().flat_map(|solution| &mut solution.coefficients) {
+            coefficients.iter_mut().zip(scales).for_each(|(b, s)| *b /= s);
+        }
+        self.scales = scales.to_vec();
     }
 }
 
@@ -147,6 +157,7 @@ pub(super) fn solve(factor: Factor, lambdas: &[f64], names: Vec<String>) -> Resu
         dependent: excitation.dependent,
         solutions,
         right: (0..p * p).map(|ij| svd.v[(ij / p, ij % p)]).collect(),
+        scales: vec![1.0; p],
         singular_values: svd.s,
     })
 }

@@ -1,0 +1,390 @@
+//! What a sweep of linear models needs of a line: the factor of [1 | A | Y], apart from its rows.
+//!
+//! A [`Moments`] is small (p x p), is merged with others in the order of the lines, left out of
+//! them, cut down to some of its terms and targets, and judged against any coefficients: no row is
+//! read again. With the columns taken to one scale it becomes a [`Prepared`], of which every model
+//! is made.
+
+use rayon::prelude::*;
+
+use super::panel::Triangle;
+use super::{LeastSquaresError, Prepared, QrAccumulator, Scaling, expect};
+
+/// Folds rows into [`Moments`].
+#[derive(Debug, Clone)]
+pub struct MomentsAccumulator {
+    qr: QrAccumulator,
+    least: Vec<f64>,
+    greatest: Vec<f64>,
+}
+
+impl MomentsAccumulator {
+    /// No rows yet of `terms` columns of A and `targets` columns of Y.
+    pub fn new(terms: usize, targets: usize) -> Self {
+        Self {
+            qr: QrAccumulator::new(terms, targets),
+            least: vec![f64::INFINITY; terms],
+            greatest: vec![f64::NEG_INFINITY; terms],
+        }
+    }
+
+    /// Folds in rows, as [`QrAccumulator::push`]: `a` row-major, one slice a target.
+    pub fn push(&mut self, a: &[f64], targets: &[&[f64]]) -> Result<(), LeastSquaresError> {
+        self.qr.push(a, targets)?;
+        let terms = self.least.len();
+        for row in a.chunks_exact(terms.max(1)) {
+            for ((least, greatest), &x) in self.least.iter_mut().zip(&mut self.greatest).zip(row) {
+                *least = if x < *least { x } else { *least };
+                *greatest = if x > *greatest { x } else { *greatest };
+            }
+        }
+        Ok(())
+    }
+
+    /// The moments of all rows pushed.
+    pub fn finish(self) -> Moments {
+        let (terms, targets, rows) = (self.qr.terms, self.qr.targets, self.qr.rows);
+        let (upper, unexplained) = taken(self.qr.triangle);
+        Moments { rows, terms, targets, upper, unexplained, least: self.least, greatest: self.greatest }
+    }
+}
+
+/// The triangle and what is left of the columns that it carries.
+fn taken(mut triangle: Triangle) -> (Vec<f64>, Vec<f64>) {
+    triangle.flush();
+    let squares = triangle.squares().to_vec();
+    (triangle.upper(), squares)
+}
+
+/// What rows [A | Y] hold for every linear model: sizes, means, extremes and the triangular factor
+/// of [1 | A | Y].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moments {
+    rows: usize,
+    terms: usize,
+    targets: usize,
+    /// 1 + terms rows of 1 + terms + targets.
+    upper: Vec<f64>,
+    unexplained: Vec<f64>,
+    least: Vec<f64>,
+    greatest: Vec<f64>,
+}
+
+/// A linear model of one target in the units of the columns: y = intercept + Σ coefficient · term.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LinearFit {
+    /// One coefficient a term: unit of the target over unit of the term.
+    pub coefficients: Vec<f64>,
+    /// What is added to the terms' sum, in the unit of the target.
+    pub intercept: f64,
+}
+
+impl LinearFit {
+    /// The model's values for rows of terms, row-major.
+    pub fn predict(&self, a: &[f64]) -> Vec<f64> {
+        let dot = |row: &[f64]| row.iter().zip(&self.coefficients).map(|(a, b)| a * b).sum::<f64>();
+        a.chunks_exact(self.coefficients.len().max(1)).map(|row| self.intercept + dot(row)).collect()
+    }
+}
+
+/// What a model leaves of a target over some rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Residuals {
+    /// How many rows there are.
+    pub rows: usize,
+    /// The sum of squared residuals.
+    pub squares: f64,
+    /// The same after their mean is taken off.
+    pub squares_about_mean: f64,
+}
+
+impl Moments {
+    /// The moments of rows held in memory: `a` row-major, one slice a target.
+    pub fn of(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
+        let mut accumulator = MomentsAccumulator::new(terms, targets.len());
+        accumulator.push(a, targets)?;
+        Ok(accumulator.finish())
+    }
+
+    fn none_like(&self) -> Self {
+        MomentsAccumulator::new(self.terms, self.targets).finish()
+    }
+
+    /// The moments of the rows of both. The answer depends on the order in its last bits: merge in
+    /// the order of the lines.
+    pub fn merge(&self, other: &Self) -> Result<Self, LeastSquaresError> {
+        expect("the other line's terms", other.terms, self.terms)?;
+        expect("the other line's targets", other.targets, self.targets)?;
+        let mut triangle = Triangle::new(1 + self.terms, self.targets);
+        for part in [self, other] {
+            triangle.add_squares(&part.unexplained);
+            part.upper.chunks_exact(self.width()).for_each(|row| triangle.push(row));
+            triangle.flush();
+        }
+        let (upper, unexplained) = taken(triangle);
+        let both = |one: &[f64], other: &[f64], of: fn(f64, f64) -> f64| {
+            one.iter().zip(other).map(|(a, b)| of(*a, *b)).collect()
+        };
+        Ok(Self {
+            rows: self.rows + other.rows,
+            terms: self.terms,
+            targets: self.targets,
+            upper,
+            unexplained,
+            least: both(&self.least, &other.least, f64::min),
+            greatest: both(&self.greatest, &other.greatest, f64::max),
+        })
+    }
+
+    /// The moments of all lines together, in their order.
+    pub fn merged(lines: &[Self]) -> Result<Self, LeastSquaresError> {
+        let (first, rest) = lines.split_first().ok_or(LeastSquaresError::NoRows)?;
+        rest.iter().try_fold(first.clone(), |sum, line| sum.merge(line))
+    }
+
+    /// For each line, the moments of all others: some three merges a line, whatever their number.
+    pub fn leave_one_out(lines: &[Self]) -> Result<Vec<Self>, LeastSquaresError> {
+        let first = lines.first().filter(|_| lines.len() > 1);
+        let first = first.ok_or(LeastSquaresError::TooFewLines { given: lines.len() })?;
+        // What lies behind each line, then what lies before it as the walk goes on.
+        let mut behind = vec![first.none_like()];
+        for line in lines.iter().skip(1).rev() {
+            let next = line.merge(&behind[behind.len() - 1])?;
+            behind.push(next);
+        }
+        let mut before = first.none_like();
+        let mut others = Vec::with_capacity(lines.len());
+        for (line, behind) in lines.iter().zip(behind.iter().rev()) {
+            others.push(before.merge(behind)?);
+            before = before.merge(line)?;
+        }
+        Ok(others)
+    }
+
+    /// The moments of some terms and targets alone, in the order asked for.
+    pub fn select(&self, terms: &[usize], targets: &[usize]) -> Result<Self, LeastSquaresError> {
+        let known = |what, chosen: &[usize], count| match chosen.iter().find(|c| **c >= count) {
+            Some(&number) => Err(LeastSquaresError::NoSuch { what, number, count }),
+            None => Ok(()),
+        };
+        known("term", terms, self.terms)?;
+        known("target", targets, self.targets)?;
+        let columns: Vec<usize> = std::iter::once(0)
+            .chain(terms.iter().map(|t| 1 + t))
+            .chain(targets.iter().map(|t| 1 + self.terms + t))
+            .collect();
+        let mut triangle = Triangle::new(1 + terms.len(), targets.len());
+        let left: Vec<f64> = targets.iter().map(|&t| self.unexplained[t]).collect();
+        triangle.add_squares(&left);
+        for row in self.upper.chunks_exact(self.width()) {
+            let row: Vec<f64> = columns.iter().map(|&c| row[c]).collect();
+            triangle.push(&row);
+        }
+        let (upper, unexplained) = taken(triangle);
+        Ok(Self {
+            rows: self.rows,
+            terms: terms.len(),
+            targets: targets.len(),
+            upper,
+            unexplained,
+            least: terms.iter().map(|&t| self.least[t]).collect(),
+            greatest: terms.iter().map(|&t| self.greatest[t]).collect(),
+        })
+    }
+
+    /// How many rows were folded in.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// How many terms there are.
+    pub fn terms(&self) -> usize {
+        self.terms
+    }
+
+    /// How many targets there are.
+    pub fn targets(&self) -> usize {
+        self.targets
+    }
+
+    /// The mean of each term, in its unit; NaN of no rows.
+    pub fn term_means(&self) -> Vec<f64> {
+        self.upper[1..=self.terms].iter().map(|sum| sum / self.upper[0]).collect()
+    }
+
+    /// The mean of each target, in its unit; NaN of no rows.
+    pub fn target_means(&self) -> Vec<f64> {
+        self.upper[1 + self.terms..self.width()].iter().map(|sum| sum / self.upper[0]).collect()
+    }
+
+    /// The standard deviation of each term with n − 1, in its unit.
+    pub fn term_deviations(&self) -> Vec<f64> {
+        let left = self.rows as f64 - 1.0;
+        (0..self.terms).map(|j| (self.squares_about_mean(1 + j) / left).sqrt()).collect()
+    }
+
+    /// The standard deviation of each target with n − 1, in its unit.
+    pub fn target_deviations(&self) -> Vec<f64> {
+        let left = self.rows as f64 - 1.0;
+        let squares = |t: usize| self.squares_about_mean(1 + self.terms + t) + self.unexplained[t];
+        (0..self.targets).map(|t| (squares(t) / left).sqrt()).collect()
+    }
+
+    fn squares_about_mean(&self, column: usize) -> f64 {
+        self.upper.chunks_exact(self.width()).skip(1).map(|row| row[column] * row[column]).sum()
+    }
+
+    /// What `fit` leaves of one target over these rows: (3.26)'s residual without reading a row.
+    pub fn residuals(&self, target: usize, fit: &LinearFit) -> Result<Residuals, LeastSquaresError> {
+        expect("the list of coefficients", fit.coefficients.len(), self.terms)?;
+        let unexplained = *self.unexplained.get(target).ok_or(LeastSquaresError::NoSuch {
+            what: "target",
+            number: target,
+            count: self.targets,
+        })?;
+        let mut rows = self.upper.chunks_exact(self.width()).map(|row| {
+            let explained: f64 = row[1..].iter().zip(&fit.coefficients).map(|(r, b)| r * b).sum();
+            row[1 + self.terms + target] - row[0] * fit.intercept - explained
+        });
+        let of_mean = rows.next().unwrap_or_default();
+        let about_mean = unexplained + rows.map(|r| r * r).sum::<f64>();
+        Ok(Residuals {
+            rows: self.rows,
+            squares: about_mean + of_mean * of_mean,
+            squares_about_mean: about_mean,
+        })
+    }
+
+    /// The columns on one scale, of which models are made.
+    ///
+    /// With `intercept` the means of terms and targets are taken off. Without, columns are divided
+    /// by their scale but not shifted.
+    pub fn prepare(&self, scaling: Scaling, intercept: bool) -> Result<Prepared, LeastSquaresError> {
+        if self.rows == 0 {
+            return Err(LeastSquaresError::NoRows);
+        }
+        let (p, width) = (self.terms, self.width());
+        let (upper, unexplained) = if intercept {
+            let below = self.upper.chunks_exact(width).skip(1);
+            (below.flat_map(|row| row[1..].to_vec()).collect(), self.unexplained.clone())
+        } else {
+            let mut triangle = Triangle::new(p, self.targets);
+            triangle.add_squares(&self.unexplained);
+            self.upper.chunks_exact(width).for_each(|row| triangle.push(&row[1..]));
+            taken(triangle)
+        };
+        let constant: Vec<bool> = self.least.iter().zip(&self.greatest).map(|(a, b)| a == b).collect();
+        let scales = self.scales(scaling, &constant);
+        Ok(Prepared::new(
+            self.rows,
+            self.targets,
+            upper,
+            unexplained,
+            self.term_means(),
+            self.target_means(),
+            scales,
+            constant,
+            intercept,
+        ))
+    }
+
+    fn scales(&self, scaling: Scaling, constant: &[bool]) -> Vec<f64> {
+        let scales = match scaling {
+            Scaling::None => vec![1.0; self.terms],
+            Scaling::Standardise => self.term_deviations(),
+            Scaling::MaxAbs => self.extremes(|least, greatest| least.abs().max(greatest.abs())),
+            Scaling::MinMax => self.extremes(|least, greatest| greatest - least),
+        };
+        let usable = |(scale, constant): (f64, &bool)| {
+            if *constant || !(scale > 0.0 && scale.is_finite()) { 1.0 } else { scale }
+        };
+        scales.into_iter().zip(constant).map(usable).collect()
+    }
+
+    fn extremes(&self, of: fn(f64, f64) -> f64) -> Vec<f64> {
+        self.least.iter().zip(&self.greatest).map(|(a, b)| of(*a, *b)).collect()
+    }
+
+    fn width(&self) -> usize {
+        1 + self.terms + self.targets
+    }
+}
+
+/// How a left-out line is scored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LineScore {
+    /// The mean squared error.
+    #[default]
+    MeanSquare,
+    /// The variance (with n) of the error: an offset of the line does not count, as in the error
+    /// that thesis 000 reports.
+    Variance,
+}
+
+/// How well each candidate of a list predicts lines that it has not seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LineScores {
+    /// For each candidate, the score of each line when left out, in the target's unit squared.
+    pub scores: Vec<Vec<f64>>,
+    /// For each candidate, the mean over the lines, each counting alike.
+    pub mean: Vec<f64>,
+    /// For each candidate, the standard deviation of the scores (n − 1) over the root of their number.
+    pub standard_error: Vec<f64>,
+    /// The candidate with the least mean, the first of equals.
+    pub best: usize,
+    /// The first candidate that is no worse than the best by more than the best's standard error.
+    pub within_one_error: usize,
+}
+
+impl LineScores {
+    fn new(scores: Vec<Vec<f64>>) -> Self {
+        let lines = scores.first().map_or(0.0, |s| s.len() as f64);
+        let mean: Vec<f64> = scores.iter().map(|s| s.iter().sum::<f64>() / lines).collect();
+        let error = |(s, m): (&Vec<f64>, &f64)| {
+            let squares: f64 = s.iter().map(|x| (x - m) * (x - m)).sum();
+            (squares / (lines - 1.0) / lines).sqrt()
+        };
+        let standard_error: Vec<f64> = scores.iter().zip(&mean).map(error).collect();
+        let best = (0..mean.len()).fold(0, |best, k| if mean[k] < mean[best] { k } else { best });
+        let limit = mean.get(best).zip(standard_error.get(best)).map_or(f64::NAN, |(m, e)| m + e);
+        let within_one_error = mean.iter().position(|m| *m <= limit).unwrap_or(best);
+        Self { scores, mean, standard_error, best, within_one_error }
+    }
+}
+
+/// Scores a list of candidates by leaving each line out once: `fits` makes the candidates of the
+/// moments of all other lines, always as many and from the simplest to the most complex.
+///
+/// Runs on rayon's threads, one line each; the answer does not depend on their number.
+pub fn leave_line_out<F>(
+    lines: &[Moments],
+    target: usize,
+    score: LineScore,
+    fits: F,
+) -> Result<LineScores, LeastSquaresError>
+where
+    F: Fn(&Moments) -> Result<Vec<LinearFit>, LeastSquaresError> + Sync,
+{
+    if let Some(line) = lines.iter().position(|line| line.rows == 0) {
+        return Err(LeastSquaresError::EmptyLine { line });
+    }
+    let others = Moments::leave_one_out(lines)?;
+    let by_line: Vec<Vec<f64>> = lines
+        .par_iter()
+        .zip(&others)
+        .map(|(line, others)| {
+            let scored = |fit: &LinearFit| {
+                let left = line.residuals(target, fit)?;
+                let squares = match score {
+                    LineScore::MeanSquare => left.squares,
+                    LineScore::Variance => left.squares_about_mean,
+                };
+                Ok(squares / left.rows as f64)
+            };
+            fits(others)?.iter().map(scored).collect()
+        })
+        .collect::<Result<_, LeastSquaresError>>()?;
+    let candidates = by_line.iter().map(Vec::len).min().unwrap_or(0);
+    let of = |k: usize| by_line.iter().map(|scores| scores[k]).collect();
+    Ok(LineScores::new((0..candidates).map(of).collect()))
+}

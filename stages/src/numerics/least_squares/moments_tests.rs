@@ -1,0 +1,177 @@
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+use super::*;
+use crate::numerics::reference_csv::columns;
+use crate::numerics::test_normals::Normals;
+
+const NAMES: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
+
+/// The four lines of the reference samples: row-major terms, and two targets.
+fn lines() -> Vec<(Vec<f64>, Vec<f64>, Vec<f64>)> {
+    let table = columns(include_str!("../../../reference/models/samples.csv"));
+    let of = |line: f64| {
+        let rows: Vec<usize> = (0..table["line"].len()).filter(|&i| table["line"][i] == line).collect();
+        let a = rows.iter().flat_map(|&i| NAMES.map(|name| table[name][i])).collect();
+        let y = |name: &str| rows.iter().map(|&i| table[name][i]).collect::<Vec<f64>>();
+        (a, y("y0"), y("y1"))
+    };
+    [0.0, 1.0, 2.0, 3.0].map(of).into()
+}
+
+fn moments() -> Vec<Moments> {
+    lines().iter().map(|(a, y0, y1)| Moments::of(a, 8, &[y0, y1]).unwrap()).collect()
+}
+
+fn ridge(moments: &Moments, lambda: f64) -> RidgeSolution {
+    let names: Vec<String> = (0..moments.terms()).map(|j| j.to_string()).collect();
+    let path = moments.prepare(Scaling::Standardise, true).unwrap().ridge(&[lambda], &names).unwrap();
+    path.solutions[0].clone()
+}
+
+fn near(one: &[f64], other: &[f64], relative: f64) {
+    assert_eq!(one.len(), other.len());
+    for (one, other) in one.iter().zip(other) {
+        assert!((one - other).abs() <= relative * (other.abs() + 1e-3), "{one} {other}");
+    }
+}
+
+#[test]
+fn val_scaled_ridge_equals_scikit_learn() {
+    let all = Moments::merged(&moments()).unwrap();
+    let table = columns(include_str!("../../../reference/models/ridge_scaled.csv"));
+    assert_eq!(table["scaling"].len(), 9);
+    for row in 0..9 {
+        let scaling = [Scaling::Standardise, Scaling::MaxAbs, Scaling::MinMax][table["scaling"][row] as usize - 1];
+        let path = all.prepare(scaling, true).unwrap().ridge(&[table["lambda"][row]], &NAMES).unwrap();
+        let theirs: Vec<f64> = NAMES.iter().map(|name| table[*name][row]).collect();
+        // The condition number is some 1e3 once scaled: 1e-12 of rounding is left on either side.
+        near(&path.solutions[0].coefficients[0], &theirs, 1e-10);
+        near(&path.solutions[0].intercepts[..1], &[table["intercept"][row]], 1e-10);
+    }
+}
+
+#[test]
+fn law_lines_merged_and_rows_at_once_are_the_same() {
+    let (mut a, mut y) = (Vec::new(), Vec::new());
+    for (line, y0, _) in lines() {
+        a.extend(line);
+        y.extend(y0);
+    }
+    let (once, merged) = (Moments::of(&a, 8, &[&y]).unwrap(), Moments::merged(&moments()).unwrap());
+    assert_eq!((once.rows(), merged.rows()), (120, 120));
+    near(&once.term_means(), &merged.term_means(), 1e-13);
+    near(&once.term_deviations(), &merged.term_deviations(), 1e-13);
+    near(&once.target_deviations(), &merged.target_deviations()[..1], 1e-13);
+    near(&ridge(&once, 2.0).coefficients[0], &ridge(&merged, 2.0).coefficients[0], 1e-11);
+}
+
+#[test]
+fn law_a_selection_is_the_fit_without_the_others() {
+    let all = Moments::merged(&moments()).unwrap();
+    let some = all.select(&[6, 1, 3], &[1]).unwrap();
+    let picked: Vec<(Vec<f64>, Vec<f64>)> = lines()
+        .into_iter()
+        .map(|(a, _, y1)| (a.chunks(8).flat_map(|row| [row[6], row[1], row[3]]).collect(), y1))
+        .collect();
+    let again: Vec<Moments> = picked.iter().map(|(a, y)| Moments::of(a, 3, &[y]).unwrap()).collect();
+    let again = Moments::merged(&again).unwrap();
+    for lambda in [0.0, 3.0] {
+        let (one, other) = (ridge(&some, lambda), ridge(&again, lambda));
+        near(&one.coefficients[0], &other.coefficients[0], 1e-11);
+        near(&one.residual_squares, &other.residual_squares, 1e-12);
+    }
+    let error = all.select(&[8], &[]).unwrap_err().to_string();
+    assert!(error.contains("no term 8") && error.contains("there are 8"), "{error}");
+    assert!(all.select(&[0], &[2]).unwrap_err().to_string().contains("no target 2"));
+}
+
+#[test]
+fn law_leaving_a_line_out_is_the_fit_of_the_others() {
+    let moments = moments();
+    let others = Moments::leave_one_out(&moments).unwrap();
+    for (out, others) in others.iter().enumerate() {
+        let kept: Vec<Moments> = (0..4).filter(|&k| k != out).map(|k| moments[k].clone()).collect();
+        let again = Moments::merged(&kept).unwrap();
+        assert_eq!(others.rows(), again.rows());
+        near(&ridge(others, 1.0).coefficients[1], &ridge(&again, 1.0).coefficients[1], 1e-11);
+        // The extremes are left out too, of which max-abs is made.
+        assert_eq!(
+            others.prepare(Scaling::MinMax, true).unwrap().scales(),
+            again.prepare(Scaling::MinMax, true).unwrap().scales()
+        );
+    }
+    assert_eq!(Moments::leave_one_out(&moments[..1]), Err(LeastSquaresError::TooFewLines { given: 1 }));
+}
+
+#[test]
+fn law_residuals_are_those_of_the_rows() {
+    let fit = LinearFit { coefficients: (0..8).map(|j| 0.5 - 0.2 * f64::from(j)).collect(), intercept: 3.0 };
+    for ((a, _, y1), moments) in lines().iter().zip(moments()) {
+        let left: Vec<f64> = fit.predict(a).iter().zip(y1).map(|(fit, y)| y - fit).collect();
+        let (n, sum) = (left.len() as f64, left.iter().sum::<f64>());
+        let squares: f64 = left.iter().map(|r| r * r).sum();
+        let ours = moments.residuals(1, &fit).unwrap();
+        near(&[ours.squares, ours.squares_about_mean], &[squares, squares - sum * sum / n], 1e-11);
+        assert_eq!(ours.rows, left.len());
+    }
+}
+
+#[test]
+fn law_covariance_does_not_depend_on_the_scaling_without_a_ridge() {
+    let all = Moments::merged(&moments()).unwrap();
+    let of = |scaling| all.prepare(scaling, true).unwrap().ridge(&[0.0], &NAMES).unwrap().covariance(0, 0).unwrap();
+    let plain = of(Scaling::None);
+    // Unscaled, the condition number is 1e5, squared in a covariance.
+    near(&of(Scaling::Standardise), &plain, 1e-7);
+    assert!(plain[0] > 1e-5);
+}
+
+#[test]
+fn law_without_an_intercept_columns_are_divided_and_not_shifted() {
+    let all = Moments::merged(&moments()).unwrap();
+    let plain = all.prepare(Scaling::None, false).unwrap().ridge(&[0.0], &NAMES).unwrap();
+    let scaled = all.prepare(Scaling::MinMax, false).unwrap().ridge(&[0.0], &NAMES).unwrap();
+    near(&scaled.solutions[0].coefficients[0], &plain.solutions[0].coefficients[0], 1e-9);
+    assert_eq!(scaled.solutions[0].intercepts, [0.0, 0.0]);
+}
+
+#[test]
+fn law_a_constant_term_takes_no_part_in_a_fit_with_an_intercept() {
+    let mut normals = Normals::new(1);
+    let a: Vec<f64> = (0..200).flat_map(|_| [normals.draw(), 50_000.1]).collect();
+    let y: Vec<f64> = a.chunks(2).map(|row| 2.0 * row[0] + 1.0).collect();
+    let moments = Moments::of(&a, 2, &[&y]).unwrap();
+    for scaling in [Scaling::None, Scaling::Standardise, Scaling::MinMax] {
+        let prepared = moments.prepare(scaling, true).unwrap();
+        assert_eq!(prepared.ridge(&[1e-9], &["a", "bias"]).unwrap().solutions[0].coefficients[0][1], 0.0);
+        assert!(prepared.ridge(&[0.0], &["a", "bias"]).unwrap_err().to_string().contains("`bias` never vary"));
+    }
+}
+
+#[test]
+fn law_lines_are_scored_by_fits_that_have_not_seen_them() {
+    let (moments, lines) = (moments(), lines());
+    let lambdas = [100.0, 1.0];
+    let fits = |others: &Moments| {
+        let path = others.prepare(Scaling::Standardise, true)?.ridge(&lambdas, &NAMES)?;
+        let fit = |s: &RidgeSolution| LinearFit { coefficients: s.coefficients[0].clone(), intercept: s.intercepts[0] };
+        Ok(path.solutions.iter().map(fit).collect())
+    };
+    let scores = leave_line_out(&moments, 0, LineScore::Variance, fits).unwrap();
+    for (k, &lambda) in lambdas.iter().enumerate() {
+        for out in 0..4 {
+            let kept: Vec<Moments> = (0..4).filter(|&l| l != out).map(|l| moments[l].clone()).collect();
+            let solution = ridge(&Moments::merged(&kept).unwrap(), lambda);
+            let fit = LinearFit { coefficients: solution.coefficients[0].clone(), intercept: solution.intercepts[0] };
+            let (a, y, _) = &lines[out];
+            let left: Vec<f64> = fit.predict(a).iter().zip(y).map(|(fit, y)| y - fit).collect();
+            let mean = left.iter().sum::<f64>() / left.len() as f64;
+            let variance = left.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / left.len() as f64;
+            near(&[scores.scores[k][out]], &[variance], 1e-9);
+        }
+        near(&scores.mean[k..=k], &[scores.scores[k].iter().sum::<f64>() / 4.0], 1e-14);
+    }
+    assert_eq!(scores.best, usize::from(scores.mean[1] < scores.mean[0]));
+    let empty = [moments[0].clone(), MomentsAccumulator::new(8, 2).finish()];
+    let error = leave_line_out(&empty, 0, LineScore::MeanSquare, fits).unwrap_err();
+    assert_eq!(error, LeastSquaresError::EmptyLine { line: 1 });
+}

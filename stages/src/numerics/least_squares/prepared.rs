@@ -1,0 +1,215 @@
+//! A factor whose columns are centred and scaled, and what is made of it at once for all models.
+
+use faer::Mat;
+
+use super::ridge::{self, RidgePath};
+use super::{LeastSquaresError, LinearFit, expect};
+
+/// What columns are divided by before a penalty treats them alike.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Scaling {
+    /// Nothing: the columns as they are.
+    #[default]
+    None,
+    /// Their standard deviation with n − 1.
+    Standardise,
+    /// Their largest absolute value.
+    MaxAbs,
+    /// Their largest less their smallest value.
+    MinMax,
+}
+
+/// The triangular factor of centred (where asked for) and scaled columns, with their targets.
+///
+/// All that a penalised fit depends on: ‖y − A β‖² = ‖z − R b‖² + unexplained, with b in scaled
+/// units. Coefficients go back to the columns' own units by [`original`](Self::original).
+#[derive(Debug, Clone)]
+pub struct Prepared {
+    rows: usize,
+    terms: usize,
+    /// Row-major, `terms` by `terms`.
+    r: Vec<f64>,
+    /// For each target, the part of it along the factor's rows.
+    z: Vec<Vec<f64>>,
+    unexplained: Vec<f64>,
+    term_means: Vec<f64>,
+    target_means: Vec<f64>,
+    scales: Vec<f64>,
+    intercept: bool,
+}
+
+/// The singular value decomposition of the scaled factor.
+#[derive(Debug, Clone)]
+pub struct Singular {
+    /// Singular values, largest first.
+    pub values: Vec<f64>,
+    /// Right singular vectors, one a value, each with one entry a term.
+    pub right: Vec<Vec<f64>>,
+    /// For each target, its part along each left singular vector.
+    pub projections: Vec<Vec<f64>>,
+}
+
+impl Prepared {
+    #[expect(clippy::too_many_arguments, reason = "made in one place, from a factor's parts")]
+    pub(super) fn new(
+        rows: usize,
+        targets: usize,
+        upper: Vec<f64>,
+        unexplained: Vec<f64>,
+        term_means: Vec<f64>,
+        target_means: Vec<f64>,
+        scales: Vec<f64>,
+        constant: Vec<bool>,
+        intercept: bool,
+    ) -> Self {
+        let terms = scales.len();
+        let width = terms + targets;
+        // A constant has nothing left but rounding once its mean is off.
+        let entry = |i: usize, j: usize| {
+            if constant[j] && intercept { 0.0 } else { upper[i * width + j] / scales[j] }
+        };
+        let r = (0..terms * terms).map(|ij| entry(ij / terms, ij % terms)).collect();
+        let z = (0..targets).map(|t| (0..terms).map(|i| upper[i * width + terms + t]).collect()).collect();
+        Self { rows, terms, r, z, unexplained, term_means, target_means, scales, intercept }
+    }
+
+    /// How many rows the factor stands for.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// How many terms there are.
+    pub fn terms(&self) -> usize {
+        self.terms
+    }
+
+    /// How many targets there are.
+    pub fn targets(&self) -> usize {
+        self.z.len()
+    }
+
+    /// Whether means were taken off.
+    pub fn intercept(&self) -> bool {
+        self.intercept
+    }
+
+    /// What each column was divided by, in its unit.
+    pub fn scales(&self) -> &[f64] {
+        &self.scales
+    }
+
+    /// The factor R, row-major, upper triangular, one column a term.
+    pub fn factor(&self) -> &[f64] {
+        &self.r
+    }
+
+    /// The part z of a target that terms could explain, or what is wrong with its number.
+    pub fn along(&self, target: usize) -> Result<&[f64], LeastSquaresError> {
+        let count = self.z.len();
+        let z = self.z.get(target).ok_or(LeastSquaresError::NoSuch { what: "target", number: target, count })?;
+        Ok(z)
+    }
+
+    /// The sum of squares of a target that no coefficients explain; NaN of no such target.
+    pub fn unexplained(&self, target: usize) -> f64 {
+        self.unexplained.get(target).copied().unwrap_or(f64::NAN)
+    }
+
+    /// The sum of squares of a target (about its mean, where means were taken off).
+    pub fn target_squares(&self, target: usize) -> Result<f64, LeastSquaresError> {
+        Ok(self.along(target)?.iter().map(|z| z * z).sum::<f64>() + self.unexplained(target))
+    }
+
+    /// The covariances Rᵀ R, row-major: sums of products, not divided by the number of rows.
+    pub fn gram(&self) -> Vec<f64> {
+        let p = self.terms;
+        let mut gram = vec![0.0; p * p];
+        for row in self.r.chunks_exact(p.max(1)) {
+            for (i, a) in row.iter().enumerate().filter(|(_, a)| **a != 0.0) {
+                for (sum, b) in gram[i * p..(i + 1) * p].iter_mut().zip(row) {
+                    *sum += a * b;
+                }
+            }
+        }
+        gram
+    }
+
+    /// z − R b for coefficients in scaled units.
+    pub fn left_of(&self, z: &[f64], scaled: &[f64]) -> Vec<f64> {
+        let rows = self.r.chunks_exact(self.terms.max(1));
+        let explained = rows.map(|row| row.iter().zip(scaled).map(|(r, b)| r * b).sum::<f64>());
+        z.iter().zip(explained).map(|(z, e)| z - e).collect()
+    }
+
+    /// Rᵀ x.
+    pub fn transposed_times(&self, x: &[f64]) -> Vec<f64> {
+        let mut out = vec![0.0; self.terms];
+        for (row, x) in self.r.chunks_exact(self.terms.max(1)).zip(x) {
+            out.iter_mut().zip(row).for_each(|(sum, r)| *sum += r * x);
+        }
+        out
+    }
+
+    /// The sum of squared residuals of coefficients in scaled units.
+    pub fn residual_squares(&self, target: usize, scaled: &[f64]) -> Result<f64, LeastSquaresError> {
+        expect("the list of coefficients", scaled.len(), self.terms)?;
+        let left = self.left_of(self.along(target)?, scaled);
+        Ok(left.iter().map(|r| r * r).sum::<f64>() + self.unexplained(target))
+    }
+
+    /// Coefficients in scaled units as a model in the columns' own units.
+    pub fn original(&self, target: usize, scaled: &[f64]) -> LinearFit {
+        let coefficients: Vec<f64> = scaled.iter().zip(&self.scales).map(|(b, s)| b / s).collect();
+        let mean: f64 = coefficients.iter().zip(&self.term_means).map(|(b, m)| b * m).sum();
+        let intercept = if self.intercept { self.target_means.get(target).map_or(f64::NAN, |y| y - mean) } else { 0.0 };
+        LinearFit { coefficients, intercept }
+    }
+
+    /// Coefficients in the columns' own units in scaled ones.
+    pub fn scaled(&self, coefficients: &[f64]) -> Vec<f64> {
+        coefficients.iter().zip(&self.scales).map(|(b, s)| b * s).collect()
+    }
+
+    /// The singular value decomposition, once for all targets.
+    pub fn singular(&self) -> Result<Singular, LeastSquaresError> {
+        let p = self.terms;
+        let svd = Mat::from_fn(p, p, |i, j| self.r[i * p + j]).svd().map_err(|_| LeastSquaresError::NoConvergence)?;
+        let (u, v) = (svd.U(), svd.V());
+        let project = |z: &Vec<f64>| (0..p).map(|k| (0..p).map(|i| u[(i, k)] * z[i]).sum()).collect();
+        Ok(Singular {
+            values: svd.S().column_vector().iter().copied().collect(),
+            right: (0..p).map(|k| (0..p).map(|j| v[(j, k)]).collect()).collect(),
+            projections: self.z.iter().map(project).collect(),
+        })
+    }
+
+    /// Ridge fits of all targets for all lambdas: min ‖y − A β‖² + λ ‖b‖² with b the coefficients of
+    /// the scaled columns; thesis 004 (2.31)-(2.32) and its column scaling β = b / s.
+    ///
+    /// Coefficients, intercepts and covariances are in the columns' own units; singular values and
+    /// condition number are those of the scaled matrix. Errors as [`super::QrAccumulator::solve`].
+    pub fn ridge<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S]) -> Result<RidgePath, LeastSquaresError> {
+        expect("the list of term names", names.len(), self.terms)?;
+        super::check_lambdas(lambdas)?;
+        let (p, targets) = (self.terms, self.targets());
+        let row = |i: usize| {
+            let own = self.r[i * p..(i + 1) * p].iter().copied();
+            own.chain(self.z.iter().map(move |z| z[i])).collect::<Vec<f64>>()
+        };
+        let scaled_means = self.term_means.iter().zip(&self.scales).map(|(m, s)| m / s);
+        let factor = ridge::Factor {
+            rows: self.rows,
+            terms: p,
+            targets,
+            upper: (0..p).flat_map(row).collect(),
+            unexplained: self.unexplained.clone(),
+            means: scaled_means.chain(self.target_means.iter().copied()).collect(),
+            centred: self.intercept,
+        };
+        let names = names.iter().map(|name| name.as_ref().to_owned()).collect();
+        let mut path = ridge::solve(factor, lambdas, names)?;
+        path.unscale(&self.scales);
+        path.term_means.clone_from(&self.term_means);
+        Ok(path)
+    }
+}
