@@ -74,9 +74,10 @@ def pls(a, y0, y1, groups):
     for targets in (1, 2):
         y = np.column_stack([y0, y1])[:, :targets]
         for k in range(1, P + 1):
-            fit = PLSRegression(n_components=k, scale=True, tol=1e-15, max_iter=100000).fit(a, y)
+            fit = PLSRegression(n_components=k, scale=True, tol=1e-31, max_iter=100000).fit(a, y)
             for t in range(targets):
-                rows.append([targets, k, t, fit.intercept_[t], *fit.coef_[t]])
+                # Its own intercept_ is that of centred terms.
+                rows.append([targets, k, t, np.atleast_2d(fit.predict(np.zeros((1, P))))[0, t], *fit.coef_[t]])
     names = ["targets", "components", "target", "intercept", *NAMES]
     write("pls.csv", f"{SKLEARN}, PLSRegression(scale=True)", **dict(zip(names, np.transpose(rows))))
     folds = list(LeaveOneGroupOut().split(a, y0, groups))

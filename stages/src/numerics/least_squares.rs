@@ -25,6 +25,7 @@ mod moments;
 mod panel;
 mod prepared;
 mod ridge;
+mod triangular;
 
 use rayon::prelude::*;
 
@@ -32,6 +33,7 @@ pub use moments::{LineScore, LineScores, LinearFit, Moments, MomentsAccumulator,
 use panel::Triangle;
 pub use prepared::{Prepared, Scaling, Singular};
 pub use ridge::{RANK_TOLERANCE, RidgePath, RidgeSolution};
+pub(crate) use triangular::Triangular;
 
 /// Rows that one thread folds before the factors are merged, fixed so that the answer does not
 /// depend on the number of threads.
@@ -112,6 +114,17 @@ pub enum LeastSquaresError {
         wanted: &'static str,
         /// What was given.
         given: f64,
+    },
+    /// An elastic net did not reach its tolerance.
+    #[error("the elastic net with alpha {alpha} is still {gap:e} of the target's square above its minimum at most \
+             after {sweeps} sweeps: allow more, or a larger tolerance")]
+    Sweeps {
+        /// The strength of the penalty.
+        alpha: f64,
+        /// How many sweeps were made.
+        sweeps: usize,
+        /// The duality gap that is left, as a part of the target's sum of squares.
+        gap: f64,
     },
     /// The singular value decomposition did not converge.
     #[error("the singular value decomposition did not converge")]

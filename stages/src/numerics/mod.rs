@@ -13,6 +13,7 @@ pub mod crossings;
 pub mod dates;
 pub mod difference;
 pub mod ekf;
+pub mod elastic_net;
 pub mod field_value;
 pub mod figure_of_merit;
 pub mod fill;
@@ -31,6 +32,7 @@ pub mod model_terms;
 pub mod natural_cubic;
 pub mod pinson;
 pub mod plane_grid;
+pub mod pls;
 pub mod resample;
 pub mod segments;
 pub mod spectrum;
@@ -38,6 +40,7 @@ pub mod statistics;
 pub mod strapdown;
 pub mod tolles_lawson;
 pub mod transition;
+pub mod truncated_svd;
 
 #[cfg(test)]
 mod reference_csv;

@@ -1,0 +1,178 @@
+//! The elastic net: least squares with a penalty on the size and on the number of coefficients.
+//!
+//! The minimum of ‖y − A b‖²/(2n) + α ρ ‖b‖₁ + α (1 − ρ) ‖b‖²/2 over the coefficients b of the
+//! scaled columns, scikit-learn's and glmnet's objective; thesis 000 (3.31)-(3.32) writes it with
+//! λ₁ = 2 n α ρ and λ₂ = n α (1 − ρ). Solved by cyclic coordinate descent on the covariances
+//! [Friedman, Hastie & Tibshirani 2010, "Regularization paths for generalized linear models via
+//! coordinate descent", J. Stat. Softw. 33(1)], down the path of α from where all coefficients are
+//! zero, each α starting from the one before. Rows are never read: everything is made of the
+//! triangular factor, on which the terms that take part are also solved for exactly, so that badly
+//! conditioned terms do not slow the descent down. It ends where the duality gap, which bounds the
+//! distance from the minimum, is small.
+
+mod descent;
+
+use rayon::prelude::*;
+
+use super::least_squares::{
+    LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Prepared, Scaling, leave_line_out, setting,
+};
+use descent::Descent;
+
+/// How a path is made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ElasticNet {
+    /// ρ, the part of the penalty that is ‖b‖₁: 0 ridge, 1 lasso. MagNav.jl uses 0.99.
+    pub l1_ratio: f64,
+    /// What the columns are divided by before they are penalised.
+    pub scaling: Scaling,
+    /// Whether means are taken off, for an intercept without a penalty.
+    pub intercept: bool,
+    /// The duality gap that ends an α, as a part of ‖y‖².
+    pub tolerance: f64,
+    /// The most sweeps over the terms for one α.
+    pub sweeps: usize,
+}
+
+impl Default for ElasticNet {
+    /// ρ = 0.99 of standardised columns with an intercept, as thesis 000; a gap of 1e-10.
+    fn default() -> Self {
+        Self { l1_ratio: 0.99, scaling: Scaling::Standardise, intercept: true, tolerance: 1e-10, sweeps: 100_000 }
+    }
+}
+
+/// The fit for one α.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ElasticNetFit {
+    /// The strength of the penalty, in the target's unit squared over the unit of b.
+    pub alpha: f64,
+    /// The model in the columns' own units.
+    pub fit: LinearFit,
+    /// The terms with a coefficient other than zero, in their order.
+    pub active: Vec<usize>,
+    /// The sum of squared residuals.
+    pub residual_squares: f64,
+    /// By how much the objective times n can be above its minimum at most, as a part of ‖y‖².
+    pub gap: f64,
+    /// How many sweeps it took.
+    pub sweeps: usize,
+}
+
+/// A path and how well its fits predict lines left out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ElasticNetChoice {
+    /// The fits to all lines.
+    pub path: Vec<ElasticNetFit>,
+    /// The scores, one candidate an α.
+    pub scores: LineScores,
+}
+
+impl ElasticNetChoice {
+    /// The fit with the least mean score.
+    pub fn best(&self) -> Option<&ElasticNetFit> {
+        self.path.get(self.scores.best)
+    }
+
+    /// The fit of largest α whose mean score is within one standard error of the least.
+    pub fn within_one_error(&self) -> Option<&ElasticNetFit> {
+        self.path.get(self.scores.within_one_error)
+    }
+}
+
+impl ElasticNet {
+    fn check(&self) -> Result<(), LeastSquaresError> {
+        setting("the l1 ratio of an elastic net", self.l1_ratio, "from 0 to 1", (0.0..=1.0).contains(&self.l1_ratio))?;
+        let positive = self.tolerance > 0.0 && self.tolerance.is_finite();
+        setting("the tolerance of an elastic net", self.tolerance, "above 0", positive)
+    }
+
+    /// `count` values of α, evenly spaced in their logarithm, from the least at which all coefficients
+    /// are zero, max|Aᵀ y|/(n ρ), down to `least` times that.
+    pub fn alphas(
+        &self,
+        moments: &Moments,
+        target: usize,
+        count: usize,
+        least: f64,
+    ) -> Result<Vec<f64>, LeastSquaresError> {
+        self.check()?;
+        setting("the l1 ratio", self.l1_ratio, "above 0, for a path to be found by itself", self.l1_ratio > 0.0)?;
+        setting("the smallest alpha as a part of the largest", least, "from 0 to 1, both left out", least > 0.0 && least < 1.0)?;
+        let prepared = moments.prepare(self.scaling, self.intercept)?;
+        let products = prepared.transposed_times(prepared.along(target)?);
+        let largest = products.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        let largest = largest / prepared.rows() as f64 / self.l1_ratio;
+        let last = count.saturating_sub(1).max(1) as f64;
+        Ok((0..count).map(|k| largest * least.powf(k as f64 / last)).collect())
+    }
+
+    /// The fits for all `alphas`, in their order, which is fastest from the largest to the smallest.
+    ///
+    /// Errors: a setting out of its range, no rows, no such target, or sweeps used up.
+    pub fn path(
+        &self,
+        moments: &Moments,
+        target: usize,
+        alphas: &[f64],
+    ) -> Result<Vec<ElasticNetFit>, LeastSquaresError> {
+        self.check()?;
+        if let Some(&alpha) = alphas.iter().find(|a| !(**a >= 0.0 && a.is_finite())) {
+            return Err(LeastSquaresError::Setting { what: "alpha", wanted: "a finite number of at least 0", given: alpha });
+        }
+        self.path_of(&moments.prepare(self.scaling, self.intercept)?, target, alphas)
+    }
+
+    /// The paths of several targets, on rayon's threads, one target each.
+    pub fn paths(
+        &self,
+        moments: &Moments,
+        alphas: &[Vec<f64>],
+    ) -> Result<Vec<Vec<ElasticNetFit>>, LeastSquaresError> {
+        alphas.par_iter().enumerate().map(|(target, alphas)| self.path(moments, target, alphas)).collect()
+    }
+
+    fn path_of(
+        &self,
+        prepared: &Prepared,
+        target: usize,
+        alphas: &[f64],
+    ) -> Result<Vec<ElasticNetFit>, LeastSquaresError> {
+        let rows = prepared.rows() as f64;
+        let mut descent = Descent::new(prepared, target)?;
+        let mut path = Vec::with_capacity(alphas.len());
+        for &alpha in alphas {
+            let (l1, l2) = (rows * alpha * self.l1_ratio, rows * alpha * (1.0 - self.l1_ratio));
+            let end = descent.run(l1, l2, self.tolerance, self.sweeps);
+            if end.gap.is_nan() || end.gap > self.tolerance {
+                return Err(LeastSquaresError::Sweeps { alpha, sweeps: end.sweeps, gap: end.gap });
+            }
+            let b = descent.coefficients();
+            path.push(ElasticNetFit {
+                alpha,
+                fit: prepared.original(target, b),
+                active: (0..b.len()).filter(|&j| b[j] != 0.0).collect(),
+                residual_squares: prepared.residual_squares(target, b)?,
+                gap: end.gap,
+                sweeps: end.sweeps,
+            });
+        }
+        Ok(path)
+    }
+
+    /// The path over all lines, and the score of each α at each line when it is left out. `alphas` from
+    /// the largest to the smallest, so that the choice within one standard error is the simplest.
+    pub fn choose(
+        &self,
+        lines: &[Moments],
+        target: usize,
+        alphas: &[f64],
+        score: LineScore,
+    ) -> Result<ElasticNetChoice, LeastSquaresError> {
+        let fits = |others: &Moments| Ok(self.path(others, target, alphas)?.into_iter().map(|f| f.fit).collect());
+        let scores = leave_line_out(lines, target, score, fits)?;
+        Ok(ElasticNetChoice { path: self.path(&Moments::merged(lines)?, target, alphas)?, scores })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,273 @@
+//! Partial least squares: the few combinations of terms that vary most with the targets.
+//!
+//! Thesis 000 (3.33)-(3.43): of the standardised columns, u is the leading left singular vector of
+//! the covariances with the targets (3.34), p and q the loadings (3.37)-(3.38), by which columns and
+//! targets are deflated (3.41)-(3.42); after k of them β = U (Pᵀ U)⁻¹ Qᵀ (3.43). scikit-learn's
+//! `PLSRegression(scale=True)` is the same for one target and for several.
+//!
+//! The steps are made on the p x p triangular factor in place of the rows, of which all scores are
+//! the same, and not on covariances, which would square the condition number. The inverse of Pᵀ U
+//! is never formed: it is unit upper triangular, and each component adds r qᵀ to β, with r = u less
+//! the earlier r's along pᵀ u [de Jong 1993, "SIMPLS"], so that one pass gives all numbers of
+//! components.
+
+use faer::Mat;
+
+use super::least_squares::{
+    LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Scaling, leave_line_out, setting,
+};
+
+/// What is left of the covariance with the targets, of what there was, below which it is rounding.
+const NOTHING_LEFT: f64 = 1e-13;
+
+/// The fits with 1, 2, ... components.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlsPath {
+    /// For each number of components, from 1, the model of each target in the columns' own units.
+    pub fits: Vec<Vec<LinearFit>>,
+    /// For each number of components, the sum of squared residuals of each target.
+    pub residual_squares: Vec<Vec<f64>>,
+    /// Each component's weights u of the scaled terms, of length 1, defined up to their sign.
+    pub weights: Vec<Vec<f64>>,
+    /// Each component's loadings p of the scaled terms.
+    pub loadings: Vec<Vec<f64>>,
+    /// Each component's loadings q of the scaled targets.
+    pub target_loadings: Vec<Vec<f64>>,
+}
+
+/// The fits of all `targets` with 1 to `components` components, together.
+///
+/// `scaling` is that of the terms; the targets are always divided by their standard deviation (n −
+/// 1), which matters where there are several. Means are taken off both. The path is shorter than
+/// asked for where no covariance is left. Errors: no components asked for, no rows, no such target.
+pub fn fit(
+    moments: &Moments,
+    targets: &[usize],
+    components: usize,
+    scaling: Scaling,
+) -> Result<PlsPath, LeastSquaresError> {
+    setting("the number of components", components as f64, "at least 1", components > 0)?;
+    let terms: Vec<usize> = (0..moments.terms()).collect();
+    let moments = moments.select(&terms, targets)?;
+    let prepared = moments.prepare(scaling, true)?;
+    let deviations: Vec<f64> =
+        moments.target_deviations().iter().map(|s| if *s > 0.0 && s.is_finite() { *s } else { 1.0 }).collect();
+    let (p, m) = (prepared.terms(), targets.len());
+    let mut x: Vec<Vec<f64>> = prepared.factor().chunks_exact(p.max(1)).map(<[f64]>::to_vec).collect();
+    let along: Vec<&[f64]> = (0..m).map(|t| prepared.along(t)).collect::<Result<_, _>>()?;
+    let mut y: Vec<Vec<f64>> = (0..p).map(|i| (0..m).map(|t| along[t][i] / deviations[t]).collect()).collect();
+    let mut path = PlsPath { fits: vec![], residual_squares: vec![], weights: vec![], loadings: vec![], target_loadings: vec![] };
+    let mut rotations: Vec<Vec<f64>> = Vec::new();
+    let mut beta = vec![vec![0.0; p]; m];
+    let first = covariance_size(&x, &y);
+    while path.weights.len() < components.min(p) {
+        let covariance = products(&x, &y);
+        if frobenius(&covariance) <= NOTHING_LEFT * first {
+            break;
+        }
+        let u = leading(&covariance)?;
+        let score: Vec<f64> = x.iter().map(|row| dot(row, &u)).collect();
+        let square = dot(&score, &score);
+        let (loading, target_loading) = (against(&x, &score, square), against(&y, &score, square));
+        deflate(&mut x, &score, &loading);
+        deflate(&mut y, &score, &target_loading);
+        let mut rotation = u.clone();
+        for (earlier, loading) in rotations.iter().zip(&path.loadings) {
+            let part = dot(loading, &u);
+            rotation.iter_mut().zip(earlier).for_each(|(r, e)| *r -= part * e);
+        }
+        for (beta, q) in beta.iter_mut().zip(&target_loading) {
+            beta.iter_mut().zip(&rotation).for_each(|(b, r)| *b += r * q);
+        }
+        let scaled: Vec<Vec<f64>> =
+            beta.iter().zip(&deviations).map(|(b, s)| b.iter().map(|b| b * s).collect()).collect();
+        path.fits.push(scaled.iter().enumerate().map(|(t, b)| prepared.original(t, b)).collect());
+        let squares = scaled.iter().enumerate().map(|(t, b)| prepared.residual_squares(t, b));
+        path.residual_squares.push(squares.collect::<Result<_, _>>()?);
+        path.weights.push(u);
+        path.loadings.push(loading);
+        path.target_loadings.push(target_loading);
+        rotations.push(rotation);
+    }
+    Ok(path)
+}
+
+/// How well 1 to `components` components predict `target` at lines left out, from fits of `targets`
+/// together. `target` is the number of one of `targets`; a number of components that a line's others
+/// do not have is judged as the most that they have.
+pub fn choose_components(
+    lines: &[Moments],
+    targets: &[usize],
+    target: usize,
+    components: usize,
+    scaling: Scaling,
+    score: LineScore,
+) -> Result<LineScores, LeastSquaresError> {
+    let place = targets.iter().position(|t| *t == target).ok_or(LeastSquaresError::NoSuch {
+        what: "target",
+        number: target,
+        count: targets.len(),
+    })?;
+    let fits = |others: &Moments| {
+        let mut path: Vec<LinearFit> =
+            fit(others, targets, components, scaling)?.fits.into_iter().map(|mut f| f.swap_remove(place)).collect();
+        let last = path.last().cloned();
+        path.extend(last.into_iter().cycle().take(components - path.len()));
+        Ok(path)
+    };
+    leave_line_out(lines, target, score, fits)
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Xᵀ Y, one row a term.
+fn products(x: &[Vec<f64>], y: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let (p, m) = (x.first().map_or(0, Vec::len), y.first().map_or(0, Vec::len));
+    let mut out = vec![vec![0.0; m]; p];
+    for (x, y) in x.iter().zip(y) {
+        for (row, x) in out.iter_mut().zip(x) {
+            row.iter_mut().zip(y).for_each(|(sum, y)| *sum += x * y);
+        }
+    }
+    out
+}
+
+fn frobenius(matrix: &[Vec<f64>]) -> f64 {
+    matrix.iter().map(|row| dot(row, row)).sum::<f64>().sqrt()
+}
+
+fn covariance_size(x: &[Vec<f64>], y: &[Vec<f64>]) -> f64 {
+    frobenius(&products(x, y))
+}
+
+/// The leading left singular vector.
+fn leading(matrix: &[Vec<f64>]) -> Result<Vec<f64>, LeastSquaresError> {
+    let (p, m) = (matrix.len(), matrix.first().map_or(0, Vec::len));
+    if m == 1 {
+        let length = frobenius(matrix);
+        return Ok(matrix.iter().map(|row| row[0] / length).collect());
+    }
+    let svd = Mat::from_fn(p, m, |i, j| matrix[i][j]).thin_svd().map_err(|_| LeastSquaresError::NoConvergence)?;
+    Ok((0..p).map(|i| svd.U()[(i, 0)]).collect())
+}
+
+/// Xᵀ t/(tᵀ t).
+fn against(x: &[Vec<f64>], score: &[f64], square: f64) -> Vec<f64> {
+    let mut out = vec![0.0; x.first().map_or(0, Vec::len)];
+    for (row, t) in x.iter().zip(score) {
+        out.iter_mut().zip(row).for_each(|(sum, x)| *sum += x * t);
+    }
+    out.iter().map(|sum| sum / square).collect()
+}
+
+fn deflate(x: &mut [Vec<f64>], score: &[f64], loading: &[f64]) {
+    for (row, t) in x.iter_mut().zip(score) {
+        row.iter_mut().zip(loading).for_each(|(x, p)| *x -= t * p);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::numerics::reference_csv::columns;
+
+    const NAMES: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
+
+    fn lines() -> Vec<Moments> {
+        let table = columns(include_str!("../../reference/models/samples.csv"));
+        let of = |line: f64| {
+            let rows: Vec<usize> = (0..table["line"].len()).filter(|&i| table["line"][i] == line).collect();
+            let a: Vec<f64> = rows.iter().flat_map(|&i| NAMES.map(|name| table[name][i])).collect();
+            let y = ["y0", "y1"].map(|name| rows.iter().map(|&i| table[name][i]).collect::<Vec<f64>>());
+            Moments::of(&a, 8, &[&y[0], &y[1]]).unwrap()
+        };
+        [0.0, 1.0, 2.0, 3.0].map(of).into()
+    }
+
+    fn near(one: f64, other: f64, relative: f64) {
+        assert!((one - other).abs() <= relative * (other.abs() + 1e-3), "{one} {other}");
+    }
+
+    #[test]
+    fn val_all_numbers_of_components_equal_scikit_learn() {
+        let all = Moments::merged(&lines()).unwrap();
+        let table = columns(include_str!("../../reference/models/pls.csv"));
+        let paths = [&[0][..], &[0, 1]].map(|targets| fit(&all, targets, 8, Scaling::Standardise).unwrap());
+        assert_eq!(table["targets"].len(), 24);
+        for row in 0..24 {
+            let path = &paths[table["targets"][row] as usize - 1];
+            let fit = &path.fits[table["components"][row] as usize - 1][table["target"][row] as usize];
+            // Terms conditioned 1e3 on covariances, which is how scikit-learn loses some 1e-10.
+            for (ours, name) in fit.coefficients.iter().zip(NAMES) {
+                near(*ours, table[name][row], 1e-8);
+            }
+            near(fit.intercept, table["intercept"][row], 1e-8);
+        }
+    }
+
+    #[test]
+    fn val_scores_of_left_out_lines_equal_scikit_learn() {
+        let table = columns(include_str!("../../reference/models/pls_cv.csv"));
+        let scores =
+            choose_components(&lines(), &[0], 0, 8, Scaling::Standardise, LineScore::MeanSquare).unwrap();
+        for (k, ours) in scores.scores.iter().enumerate() {
+            for (line, ours) in ours.iter().enumerate() {
+                near(*ours, table[format!("line{line}").as_str()][k], 1e-8);
+            }
+        }
+    }
+
+    #[test]
+    fn law_all_components_are_least_squares() {
+        let all = Moments::merged(&lines()).unwrap();
+        let path = fit(&all, &[1], 8, Scaling::Standardise).unwrap();
+        let squares = all.prepare(Scaling::None, true).unwrap().ridge(&[0.0], &NAMES).unwrap();
+        for (ours, theirs) in path.fits[7][0].coefficients.iter().zip(&squares.solutions[0].coefficients[1]) {
+            near(*ours, *theirs, 1e-9);
+        }
+        assert!(path.residual_squares.windows(2).all(|pair| pair[1][0] <= pair[0][0] * (1.0 + 1e-12)));
+    }
+
+    #[test]
+    fn law_scores_of_different_components_are_uncorrelated() {
+        // (3.39)-(3.41): tᵢᵀ tⱼ = 0, by the rotations on the factor that was not deflated.
+        let all = Moments::merged(&lines()).unwrap();
+        let path = fit(&all, &[0, 1], 8, Scaling::Standardise).unwrap();
+        let prepared = all.prepare(Scaling::Standardise, true).unwrap();
+        let mut scores: Vec<Vec<f64>> = Vec::new();
+        let mut x: Vec<Vec<f64>> = prepared.factor().chunks_exact(8).map(<[f64]>::to_vec).collect();
+        for (u, p) in path.weights.iter().zip(&path.loadings) {
+            let score: Vec<f64> = x.iter().map(|row| dot(row, u)).collect();
+            deflate(&mut x, &score, p);
+            scores.push(score);
+        }
+        let size = |k: usize| dot(&scores[k], &scores[k]).sqrt();
+        for i in 0..8 {
+            assert!((dot(&path.weights[i], &path.weights[i]) - 1.0).abs() < 1e-12);
+            for j in 0..i {
+                assert!(dot(&scores[i], &scores[j]).abs() < 1e-10 * size(i) * size(j), "{i} {j}");
+            }
+        }
+    }
+
+    #[test]
+    fn law_a_path_ends_where_nothing_is_left_to_explain() {
+        let a: Vec<f64> = (0..60).map(|i| f64::from(i * i % 17) - 3.0 * f64::from(i % 5)).collect();
+        let y: Vec<f64> = a.chunks(3).map(|row| 2.0 * row[0]).collect();
+        let doubled: Vec<f64> = a.chunks(3).flat_map(|row| [row[0], 2.0 * row[0], row[0], 0.0]).collect();
+        let path = fit(&Moments::of(&doubled, 4, &[&y]).unwrap(), &[0], 4, Scaling::Standardise).unwrap();
+        assert_eq!(path.fits.len(), 1);
+        assert!(path.residual_squares[0][0] < 1e-18 && path.fits[0][0].coefficients[3] == 0.0);
+    }
+
+    #[test]
+    fn r12_no_components_and_no_such_target_are_refused() {
+        let lines = lines();
+        assert!(fit(&lines[0], &[0], 0, Scaling::None).unwrap_err().to_string().contains("at least 1"));
+        assert!(fit(&lines[0], &[2], 1, Scaling::None).unwrap_err().to_string().contains("no target 2"));
+        assert!(choose_components(&lines, &[0], 1, 2, Scaling::None, LineScore::Variance).is_err());
+    }
+}
