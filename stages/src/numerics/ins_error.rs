@@ -10,6 +10,16 @@ use super::pinson::{
 use super::transition::{NoiseDiscretisation, diagonal, propagate_state, transition_matrix};
 use thiserror::Error;
 
+mod along;
+mod driving;
+mod grade;
+mod mechanised;
+
+pub use along::{InsErrorEnsemble, errors_along, horizontal_m};
+pub use driving::Draws;
+pub use grade::InsGrade;
+pub use mechanised::{MechanisedExtras, mechanised_errors_along};
+
 /// The error sources of an INS and of the field's temporal variation: initial uncertainties,
 /// noise densities, correlation times. The defaults are MagNav.jl's (a navigation-grade INS).
 /// [thesis 000 (5.35); MagNav.jl `create_model`]
@@ -237,5 +247,7 @@ fn add_noise(error: &mut StateVector, sigmas: &StateVector, normal: &mut impl Fn
     }
 }
 
+#[cfg(test)]
+mod ensemble_tests;
 #[cfg(test)]
 mod tests;

@@ -28,6 +28,7 @@ pub mod levelling;
 pub mod magnetic_sources;
 pub mod map_grid;
 pub mod map_stack;
+pub mod mechanisation;
 pub mod model_terms;
 pub mod natural_cubic;
 pub mod pinson;

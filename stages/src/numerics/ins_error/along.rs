@@ -1,0 +1,147 @@
+//! The errors of an INS carried along a trajectory that comes in pieces, by the linear error model.
+
+use super::driving::{Draws, Driving, blocks};
+use super::{InsErrorFault, InsErrorModel};
+use crate::numerics::geodesy::EarthModel;
+use crate::numerics::ins_series::InsSeries;
+use crate::numerics::pinson::{LAT, LON, STATES, StateMatrix, StateVector, pinson_matrix};
+use crate::numerics::transition::{propagate_state, transition_matrix};
+
+impl InsErrorModel {
+    /// An error drawn from the initial covariance at a latitude (rad) and altitude (m): 18 draws.
+    pub fn initial_error(&self, lat_rad: f64, alt_m: f64, normal: &mut dyn FnMut() -> f64) -> StateVector {
+        self.initial_sigmas(lat_rad, alt_m).map(|sigma| sigma * normal())
+    }
+}
+
+/// One realisation of the error states (truth minus INS) along a true trajectory, one a sample, from
+/// the error `start` at its first sample on.
+///
+/// Half of a step's noise comes before it and half after it, which is second order in the step; the
+/// last error is the start of the next piece.
+pub fn errors_along(
+    truth: &InsSeries<'_>,
+    model: &InsErrorModel,
+    start: &StateVector,
+    draws: &mut Draws<'_>,
+) -> Result<Vec<StateVector>, InsErrorFault> {
+    model.check()?;
+    truth.check()?;
+    let (driving, times) = (Driving::new(model), model.time_constants());
+    let mut error = *start;
+    let mut errors = Vec::with_capacity(truth.len());
+    errors.push(error);
+    for (first, last) in blocks(truth.tt_s) {
+        let steps_s = steps_s(truth.tt_s, first, last);
+        let noises = driving.steps(&steps_s, draws);
+        for ((row, dt_s), noise) in (first..last).zip(steps_s).zip(noises) {
+            let phi = transition_matrix(&pinson_matrix(&truth.point(row), &times, model.pinson), dt_s);
+            error = step(&phi, &error, &noise);
+            errors.push(error);
+        }
+    }
+    Ok(errors)
+}
+
+/// The lengths of the steps between two rows.
+pub(super) fn steps_s(tt_s: &[f64], first: usize, last: usize) -> Vec<f64> {
+    tt_s.get(first..=last).unwrap_or_default().windows(2).map(|pair| pair[1] - pair[0]).collect()
+}
+
+/// Φ (e + w/2) + w/2.
+fn step(phi: &StateMatrix, error: &StateVector, noise: &StateVector) -> StateVector {
+    let plus_half = |x: &StateVector| -> StateVector { std::array::from_fn(|state| x[state] + 0.5 * noise[state]) };
+    plus_half(&propagate_state(phi, &plus_half(error)))
+}
+
+/// Many realisations of the errors along one trajectory, carried together in steps of a second (or of
+/// the trajectory, where those are longer).
+///
+/// They share every transition matrix, and a member's noise is that of [`errors_along`] with the same
+/// draws, so that a member that is chosen here can be run again at the trajectory's own rate: it is the
+/// same realisation but for what happens within a second.
+#[derive(Clone, Debug)]
+pub struct InsErrorEnsemble {
+    errors: Vec<StateVector>,
+    squares_m2: Vec<f64>,
+    samples: usize,
+}
+
+impl InsErrorEnsemble {
+    /// Members that start with these errors.
+    pub fn new(starts: Vec<StateVector>) -> Self {
+        let squares_m2 = vec![0.0; starts.len()];
+        Self { errors: starts, squares_m2, samples: 0 }
+    }
+
+    /// Aligns the INS of every member anew; the squares so far are kept.
+    pub fn restart(&mut self, starts: Vec<StateVector>) {
+        self.errors = starts;
+        self.squares_m2.resize(self.errors.len(), 0.0);
+    }
+
+    /// The members' errors now.
+    pub fn errors(&self) -> &[StateVector] {
+        &self.errors
+    }
+
+    /// Carries the members along a trajectory. `normal` draws the next normal of a member's
+    /// [`Draws::block`]. Only where `counts` is set do the positions enter [`InsErrorEnsemble::drms_m`].
+    pub fn advance(
+        &mut self,
+        truth: &InsSeries<'_>,
+        model: &InsErrorModel,
+        counts: bool,
+        normal: &mut dyn FnMut(usize) -> f64,
+    ) -> Result<(), InsErrorFault> {
+        model.check()?;
+        truth.check()?;
+        let (driving, times) = (Driving::new(model), model.time_constants());
+        if counts {
+            self.count(truth, 0);
+        }
+        for (first, last) in blocks(truth.tt_s) {
+            let duration_s: f64 = steps_s(truth.tt_s, first, last).iter().sum();
+            let middle = truth.point(first + (last - first) / 2);
+            let phi = transition_matrix(&pinson_matrix(&middle, &times, model.pinson), duration_s);
+            for (member, error) in self.errors.iter_mut().enumerate() {
+                let noise = driving.block(duration_s, &mut || normal(member));
+                *error = step(&phi, error, &noise);
+            }
+            if counts {
+                self.count(truth, last);
+            }
+        }
+        Ok(())
+    }
+
+    fn count(&mut self, truth: &InsSeries<'_>, row: usize) {
+        let (lat_rad, alt_m) = (truth.lat_deg[row].to_radians(), truth.alt_m[row]);
+        for (square, error) in self.squares_m2.iter_mut().zip(&self.errors) {
+            *square += horizontal_m(error, lat_rad, alt_m).powi(2);
+        }
+        self.samples += 1;
+    }
+
+    /// The distance root mean square of each member's horizontal position error so far, in metres.
+    pub fn drms_m(&self) -> Vec<f64> {
+        self.squares_m2.iter().map(|squares| (squares / self.samples.max(1) as f64).sqrt()).collect()
+    }
+
+    /// The member with the `rank`-th largest distance root mean square, 1 being the largest; of equal
+    /// ones the first. Nothing where there are fewer members.
+    pub fn ranked(&self, rank: usize) -> Option<usize> {
+        let drms = self.drms_m();
+        let mut order: Vec<usize> = (0..drms.len()).collect();
+        order.sort_by(|a, b| drms[*b].total_cmp(&drms[*a]));
+        order.get(rank.checked_sub(1)?).copied()
+    }
+}
+
+/// How far the INS is off in position, in metres, by its error states.
+pub fn horizontal_m(error: &[f64; STATES], lat_rad: f64, alt_m: f64) -> f64 {
+    let earth = EarthModel::Wgs84;
+    let north = earth.lat_rad_to_north_m(error[LAT], lat_rad, alt_m);
+    let east = earth.lon_rad_to_east_m(error[LON], lat_rad, alt_m);
+    north.hypot(east)
+}

@@ -1,0 +1,78 @@
+//! The noise that drives the errors of an INS, drawn so that the same realisation comes out at any rate.
+//!
+//! The noise of a second (a block of steps) is drawn first, its share of each step after it, as the
+//! increments of a Brownian bridge: together they are white, and who runs in steps of a second sees
+//! the same realisation as who runs in steps of 4 ms.
+
+use super::InsErrorModel;
+use crate::numerics::pinson::{A_HAT, STATES, StateVector, VN};
+
+/// How long a block is, in seconds; a longer step is a block of its own.
+const BLOCK_S: f64 = 1.0;
+
+/// Two streams of standard normals: what a realisation is made of.
+pub struct Draws<'a> {
+    /// The noise of each block, and before it the initial error.
+    pub block: &'a mut dyn FnMut() -> f64,
+    /// How the noise of a block falls on its steps.
+    pub within: &'a mut dyn FnMut() -> f64,
+}
+
+/// The driving noise of an INS by its densities.
+pub(super) struct Driving {
+    /// Square roots of the spectral densities, per square root of a second.
+    sigmas: StateVector,
+}
+
+/// The states that noise drives; the 1e-30 of the others (position, loop) is left out.
+fn driven() -> impl Iterator<Item = usize> {
+    (VN..STATES).filter(|state| *state != A_HAT)
+}
+
+impl Driving {
+    pub(super) fn new(model: &InsErrorModel) -> Self {
+        Self { sigmas: model.noise_density().map(f64::sqrt) }
+    }
+
+    /// The noise of `duration_s`: 14 draws.
+    pub(super) fn block(&self, duration_s: f64, normal: &mut dyn FnMut() -> f64) -> StateVector {
+        let mut noise = [0.0; STATES];
+        for state in driven() {
+            noise[state] = self.sigmas[state] * duration_s.sqrt() * normal();
+        }
+        noise
+    }
+
+    /// The noise of the steps of one block: 14 draws for the block, 14 more for each step where there
+    /// are several.
+    pub(super) fn steps(&self, steps_s: &[f64], draws: &mut Draws<'_>) -> Vec<StateVector> {
+        let duration_s: f64 = steps_s.iter().sum();
+        let whole = self.block(duration_s, draws.block);
+        if let [_] = steps_s {
+            return vec![whole];
+        }
+        let mut parts: Vec<StateVector> = steps_s.iter().map(|step| self.block(*step, draws.within)).collect();
+        for state in driven() {
+            let sum: f64 = parts.iter().map(|part| part[state]).sum();
+            for (part, step) in parts.iter_mut().zip(steps_s) {
+                part[state] += (whole[state] - sum) * step / duration_s;
+            }
+        }
+        parts
+    }
+}
+
+/// The blocks of a time column: the first and the last row of each, the last being the first of the
+/// next.
+pub(super) fn blocks(tt_s: &[f64]) -> impl Iterator<Item = (usize, usize)> + '_ {
+    let mut first = 0;
+    std::iter::from_fn(move || {
+        let from = first;
+        let start_s = tt_s.get(from)?;
+        let mut rows = tt_s.iter().enumerate().skip(from + 1);
+        // Times are rounded: a block may be short of a second by a millionth.
+        let whole = rows.find(|(_, tt)| *tt - start_s > BLOCK_S * (1.0 - 1e-6)).map(|(row, _)| row);
+        first = whole.unwrap_or(tt_s.len() - 1);
+        (first > from).then_some((from, first))
+    })
+}

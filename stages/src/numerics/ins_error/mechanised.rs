@@ -1,0 +1,164 @@
+//! The errors of an INS carried along a trajectory by mechanising faulty readings.
+
+use nalgebra::Vector3;
+
+use super::along::steps_s;
+use super::driving::{Draws, Driving, blocks};
+use super::{InsErrorFault, InsErrorModel};
+use crate::numerics::attitude::{body_to_ned, tilt_between, tilted};
+use crate::numerics::gauss_markov::GaussMarkov;
+use crate::numerics::ins_series::InsSeries;
+use crate::numerics::mechanisation::{Earth, ImuErrors, Mechanisation, Motion, Reading, Readings, quaternion};
+use crate::numerics::pinson::{A_HAT, ACC, ALT, GYRO, HA, LAT, LON, S, STATES, StateVector, TILT_N, VN};
+
+/// What the mechanisation knows beyond the error model.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MechanisedExtras {
+    /// The earth that is navigated on.
+    pub earth: Earth,
+    /// Scale errors of the accelerometers x, y, z, truth minus measurement of 1.
+    pub acc_scale: [f64; 3],
+    /// Scale errors of the gyroscopes x, y, z, truth minus measurement of 1.
+    pub gyro_scale: [f64; 3],
+}
+
+/// As [`errors_along`](super::errors_along), with the same draws the same realisation, but mechanised:
+/// error-free readings of the trajectory are made faulty and integrated by a barometer-aided strapdown
+/// mechanisation, and the error is the exact motion less what that finds.
+///
+/// The exact motion is the error-free mechanisation of the error-free readings. Its position stays
+/// within the trapezoidal rule of the trajectory's, which then cancels in the error.
+pub fn mechanised_errors_along(
+    truth: &InsSeries<'_>,
+    model: &InsErrorModel,
+    extras: &MechanisedExtras,
+    start: &StateVector,
+    draws: &mut Draws<'_>,
+) -> Result<Vec<StateVector>, InsErrorFault> {
+    model.check()?;
+    truth.check()?;
+    let driving = Driving::new(model);
+    let exact = motion(truth, 0);
+    let mut run = Run {
+        processes: Processes::new(model),
+        extras,
+        readings: Readings::new(extras.earth, exact),
+        ins: Mechanisation::new(extras.earth, moved(&exact, start), -start[A_HAT]),
+        error: *start,
+    };
+    let mut errors = Vec::with_capacity(truth.len());
+    errors.push(*start);
+    for (first, last) in blocks(truth.tt_s) {
+        let steps_s = steps_s(truth.tt_s, first, last);
+        let noises = driving.steps(&steps_s, draws);
+        for ((row, dt_s), noise) in (first + 1..=last).zip(steps_s).zip(noises) {
+            run.step(&motion(truth, row), dt_s, &noise);
+            errors.push(run.error);
+        }
+    }
+    Ok(errors)
+}
+
+fn motion(truth: &InsSeries<'_>, row: usize) -> Motion {
+    let at = truth.point(row);
+    let [roll, pitch, yaw] = at.euler_rad;
+    Motion {
+        lat_rad: at.lat_rad,
+        lon_rad: truth.lon_deg[row].to_radians(),
+        alt_m: truth.alt_m[row],
+        vel_ned_mps: Vector3::from(at.vel_ned_mps),
+        body_to_ned: quaternion(&body_to_ned(roll, pitch, yaw)),
+    }
+}
+
+fn triple(error: &StateVector, from: usize) -> Vector3<f64> {
+    Vector3::new(error[from], error[from + 1], error[from + 2])
+}
+
+/// A motion less an error.
+fn moved(exact: &Motion, error: &StateVector) -> Motion {
+    let attitude = exact.body_to_ned.to_rotation_matrix().into_inner();
+    Motion {
+        lat_rad: exact.lat_rad - error[LAT],
+        lon_rad: exact.lon_rad - error[LON],
+        alt_m: exact.alt_m - error[ALT],
+        vel_ned_mps: exact.vel_ned_mps - triple(error, VN),
+        body_to_ned: quaternion(&tilted(&attitude, &-triple(error, TILT_N))),
+    }
+}
+
+/// The states that decay: how much is left of them after a step.
+struct Processes {
+    taus_s: StateVector,
+}
+
+impl Processes {
+    fn new(model: &InsErrorModel) -> Self {
+        let mut taus_s = [f64::INFINITY; STATES];
+        taus_s[ACC..GYRO].fill(model.acc_tau_s);
+        taus_s[GYRO..HA].fill(model.gyro_tau_s);
+        taus_s[HA] = model.baro_tau_s;
+        taus_s[S] = model.fogm_tau_s;
+        Self { taus_s }
+    }
+
+    /// The value after a step, half of the noise before and half of it after the decay.
+    fn after(&self, state: usize, value: f64, noise: f64, dt_s: f64) -> f64 {
+        let process = GaussMarkov { sigma: 0.0, tau_s: self.taus_s[state] };
+        process.decay(dt_s) * (value + 0.5 * noise) + 0.5 * noise
+    }
+}
+
+struct Run<'a> {
+    processes: Processes,
+    extras: &'a MechanisedExtras,
+    readings: Readings,
+    ins: Mechanisation,
+    error: StateVector,
+}
+
+impl Run<'_> {
+    fn step(&mut self, to: &Motion, dt_s: f64, noise: &StateVector) {
+        let from = *self.readings.motion();
+        let reading = self.readings.next(&to.vel_ned_mps, &to.body_to_ned, dt_s);
+        let before = self.error;
+        for state in (ACC..STATES).filter(|state| *state != A_HAT) {
+            self.error[state] = self.processes.after(state, before[state], noise[state], dt_s);
+        }
+        let mean = |state: usize| 0.5 * (before[state] + self.error[state]);
+        let mean_triple = |state: usize| Vector3::new(mean(state), mean(state + 1), mean(state + 2));
+        let in_body = |ned: Vector3<f64>| from.body_to_ned.inverse() * ned;
+        let errors = ImuErrors {
+            acc_bias_mps2: mean_triple(ACC),
+            gyro_bias_radps: mean_triple(GYRO),
+            acc_walk_mps: in_body(triple(noise, VN)),
+            // A tilt of the INS is minus a turn of its body.
+            gyro_walk_rad: -in_body(triple(noise, TILT_N)),
+            acc_scale: Vector3::from(self.extras.acc_scale),
+            gyro_scale: Vector3::from(self.extras.gyro_scale),
+        };
+        let exact_alt_m = 0.5 * (from.alt_m + self.readings.motion().alt_m);
+        let faulty: Reading = errors.measured(&reading);
+        self.ins.step(&faulty, Some(exact_alt_m - mean(HA)));
+        self.read_error();
+    }
+
+    /// The error states that the two motions differ by.
+    fn read_error(&mut self) {
+        let (exact, said) = (self.readings.motion(), self.ins.motion());
+        let turned = |motion: &Motion| motion.body_to_ned.to_rotation_matrix().into_inner();
+        let tilt = -tilt_between(&turned(exact), &turned(said));
+        self.error[LAT] = exact.lat_rad - said.lat_rad;
+        self.error[LON] = wrapped_rad(exact.lon_rad - said.lon_rad);
+        self.error[ALT] = exact.alt_m - said.alt_m;
+        self.error[VN..TILT_N].copy_from_slice((exact.vel_ned_mps - said.vel_ned_mps).as_slice());
+        self.error[TILT_N..ACC].copy_from_slice(tilt.as_slice());
+        self.error[A_HAT] = -self.ins.loop_mps2();
+    }
+}
+
+/// An angle within half a turn of 0.
+fn wrapped_rad(angle: f64) -> f64 {
+    use std::f64::consts::{PI, TAU};
+    if angle.abs() <= PI { angle } else { (angle + PI).rem_euclid(TAU) - PI }
+}

@@ -1,0 +1,243 @@
+//! Strapdown inertial navigation: attitude, velocity and position from the readings of gyroscopes and
+//! accelerometers, the vertical channel aided by a barometer; and the way back, the readings of a motion.
+//!
+//! Navigation frame north-east-down, body frame nose-right-down. A reading holds the integrals over
+//! a step of the body's angular rate and specific force, in the body's axes. Within a step they are
+//! taken as linear in time, so that coning and sculling are corrected with the reading before it, to
+//! third order in the angle of a step. [Savage 1998, I (38) and II (23); Titterton & Weston 2004, 11.2]
+//!
+//! Unlike the error model (`pinson`), nothing here is linear in an error, the earth is the ellipsoid and
+//! gravity falls with height.
+
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use super::geodesy::{
+    EARTH_RATE_RADPS, ECCENTRICITY_SQUARED, FLATTENING, SEMI_MAJOR_AXIS_M, STANDARD_GRAVITY_MPS2, meridian_radius_m,
+    transverse_radius_m,
+};
+use super::pinson::{K1, K2, K3};
+pub use imu::ImuErrors;
+pub use readings::Readings;
+
+mod imu;
+mod readings;
+
+/// The earth that is navigated on.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Earth {
+    /// WGS-84: its ellipsoid, its rate and its normal gravity.
+    #[default]
+    Wgs84,
+    /// A sphere of radius 6378137 m with 9.80665 m/s² everywhere: the earth of the error model and,
+    /// at rest, of the textbooks' solutions.
+    Sphere {
+        /// Its rate of rotation, in rad/s.
+        rate_radps: f64,
+    },
+}
+
+impl Earth {
+    /// Metres to a radian of latitude, and of longitude at the equator, at a place.
+    fn radii_m(self, lat_rad: f64, alt_m: f64) -> (f64, f64) {
+        match self {
+            Self::Wgs84 => (meridian_radius_m(lat_rad) + alt_m, transverse_radius_m(lat_rad) + alt_m),
+            Self::Sphere { .. } => (SEMI_MAJOR_AXIS_M + alt_m, SEMI_MAJOR_AXIS_M + alt_m),
+        }
+    }
+
+    fn gravity_mps2(self, lat_rad: f64, alt_m: f64) -> f64 {
+        match self {
+            Self::Wgs84 => normal_gravity_mps2(lat_rad, alt_m),
+            Self::Sphere { .. } => STANDARD_GRAVITY_MPS2,
+        }
+    }
+
+    fn rate_radps(self) -> f64 {
+        match self {
+            Self::Wgs84 => EARTH_RATE_RADPS,
+            Self::Sphere { rate_radps } => rate_radps,
+        }
+    }
+}
+
+/// Normal gravity of WGS-84, in m/s², at a geodetic latitude (rad) and a height above the ellipsoid (m).
+/// [NIMA TR8350.2, (4-1) and (4-3)]
+pub fn normal_gravity_mps2(lat_rad: f64, alt_m: f64) -> f64 {
+    const EQUATOR: f64 = 9.780_325_335_9;
+    const K: f64 = 0.001_931_852_652_41;
+    const M: f64 = 0.003_449_786_506_84;
+    const A: f64 = SEMI_MAJOR_AXIS_M;
+    let sin2 = lat_rad.sin().powi(2);
+    let surface = EQUATOR * (1.0 + K * sin2) / (1.0 - ECCENTRICITY_SQUARED * sin2).sqrt();
+    let gradient = 2.0 / A * (1.0 + FLATTENING + M - 2.0 * FLATTENING * sin2);
+    surface * (1.0 - gradient * alt_m + 3.0 / (A * A) * alt_m * alt_m)
+}
+
+/// Where a body is, how it moves and how it is turned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Geodetic latitude, in rad.
+    pub lat_rad: f64,
+    /// Longitude, in rad.
+    pub lon_rad: f64,
+    /// Height above the ellipsoid, in m.
+    pub alt_m: f64,
+    /// Velocity north, east, down, in m/s.
+    pub vel_ned_mps: Vector3<f64>,
+    /// What turns the body frame into north-east-down.
+    pub body_to_ned: UnitQuaternion<f64>,
+}
+
+/// The quaternion of a direction cosine matrix.
+pub fn quaternion(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(*matrix))
+}
+
+/// What the inertial sensors measured over a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reading {
+    /// The length of the step, in s.
+    pub dt_s: f64,
+    /// Integral of the body's angular rate against inertial space, in rad.
+    pub angle_rad: Vector3<f64>,
+    /// Integral of the specific force, in m/s.
+    pub velocity_mps: Vector3<f64>,
+}
+
+/// A reading freed of what the turning of the body within the step does to it: how the body turned
+/// against inertial space as one rotation vector, and how its velocity changed, in the axes of the
+/// step's beginning.
+struct Increments {
+    rotation_rad: Vector3<f64>,
+    velocity_mps: Vector3<f64>,
+}
+
+impl Reading {
+    /// With coning and sculling corrected by the reading before.
+    fn increments(&self, before: &Reading) -> Increments {
+        let (angle, velocity) = (self.angle_rad, self.velocity_mps);
+        let (angle_before, velocity_before) = before.stretched_to(self.dt_s);
+        Increments {
+            rotation_rad: angle + angle_before.cross(&angle) / 12.0,
+            velocity_mps: velocity
+                + angle.cross(&(0.5 * velocity + angle.cross(&velocity) / 6.0))
+                + (angle_before.cross(&velocity) + velocity_before.cross(&angle)) / 12.0,
+        }
+    }
+
+    /// Angle and velocity as a step of another length would have had them; nothing of no step.
+    fn stretched_to(&self, dt_s: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let factor = if self.dt_s > 0.0 { dt_s / self.dt_s } else { 0.0 };
+        (self.angle_rad * factor, self.velocity_mps * factor)
+    }
+}
+
+/// What the earth does to a body in the middle of a step.
+struct Surroundings {
+    /// Rate of the navigation frame against inertial space, in rad/s.
+    frame_rate: Vector3<f64>,
+    /// Gravity less the Coriolis and transport accelerations, in m/s².
+    acceleration: Vector3<f64>,
+    /// Rates of latitude and longitude, in rad/s.
+    lat_rate: f64,
+    lon_rate: f64,
+}
+
+/// Least cosine of a latitude: 6 m from a pole, nearer to which the frame is taken to turn no faster.
+const LEAST_COSINE: f64 = 1e-6;
+
+fn surroundings(earth: Earth, lat_rad: f64, alt_m: f64, v: &Vector3<f64>) -> Surroundings {
+    let (sin, cos) = lat_rad.sin_cos();
+    let cos = cos.max(LEAST_COSINE);
+    let (meridian_m, transverse_m) = earth.radii_m(lat_rad, alt_m);
+    let earth_rate = Vector3::new(cos, 0.0, -sin) * earth.rate_radps();
+    let transport = Vector3::new(v.y / transverse_m, -v.x / meridian_m, -v.y * sin / (cos * transverse_m));
+    let gravity = Vector3::new(0.0, 0.0, earth.gravity_mps2(lat_rad, alt_m));
+    Surroundings {
+        frame_rate: earth_rate + transport,
+        acceleration: gravity - (earth_rate * 2.0 + transport).cross(v),
+        lat_rate: v.x / meridian_m,
+        lon_rate: v.y / (transverse_m * cos),
+    }
+}
+
+/// How often a step is repeated with the middle that it itself leads to. Each repetition gains the
+/// factor K1 Δt/2, or 2 Ω Δt where no barometer aids.
+const REPETITIONS: usize = 4;
+
+/// An inertial navigation system.
+#[derive(Clone, Debug)]
+pub struct Mechanisation {
+    earth: Earth,
+    motion: Motion,
+    loop_mps2: f64,
+    before: Reading,
+}
+
+impl Mechanisation {
+    /// A system that starts with a motion and the vertical acceleration (m/s², down) of its barometer
+    /// loop, 0 where nothing is known.
+    pub fn new(earth: Earth, motion: Motion, loop_mps2: f64) -> Self {
+        Self { earth, motion, loop_mps2, before: Reading::default() }
+    }
+
+    /// The motion that it has found.
+    pub fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// The vertical acceleration of the barometer loop, in m/s², down.
+    pub fn loop_mps2(&self) -> f64 {
+        self.loop_mps2
+    }
+
+    /// Goes on by one reading. `baro_alt_m` is the mean over the step of the height that a barometer
+    /// measured; it aids the vertical channel in a loop of third order with the gains K1, K2, K3 of the
+    /// error model. Without it the vertical channel is free, and unstable. [Titterton & Weston 13.4]
+    ///
+    /// Over a pole the longitude changes by half a turn and north becomes south.
+    pub fn step(&mut self, reading: &Reading, baro_alt_m: Option<f64>) {
+        let (dt, from, loop_from) = (reading.dt_s, self.motion, self.loop_mps2);
+        let increments = reading.increments(&self.before);
+        let mut turn = Vector3::zeros();
+        for _ in 0..REPETITIONS {
+            let to = self.motion;
+            let v = 0.5 * (from.vel_ned_mps + to.vel_ned_mps);
+            let (lat, alt_m) = (0.5 * (from.lat_rad + to.lat_rad), 0.5 * (from.alt_m + to.alt_m));
+            let at = surroundings(self.earth, lat, alt_m, &v);
+            let above_m = baro_alt_m.map_or(0.0, |baro| alt_m - baro);
+            let aid = Vector3::new(0.0, 0.0, K2 * above_m + 0.5 * (loop_from + self.loop_mps2));
+            turn = at.frame_rate * dt;
+            let felt = UnitQuaternion::from_scaled_axis(-0.5 * turn) * (from.body_to_ned * increments.velocity_mps);
+            self.motion.vel_ned_mps = from.vel_ned_mps + felt + (at.acceleration + aid) * dt;
+            self.motion.lat_rad = from.lat_rad + at.lat_rate * dt;
+            self.motion.lon_rad = from.lon_rad + at.lon_rate * dt;
+            self.motion.alt_m = from.alt_m - (v.z + K1 * above_m) * dt;
+            self.loop_mps2 = loop_from + K3 * above_m * dt;
+        }
+        let turned = UnitQuaternion::from_scaled_axis(-turn)
+            * from.body_to_ned
+            * UnitQuaternion::from_scaled_axis(increments.rotation_rad);
+        self.motion.body_to_ned = UnitQuaternion::new_normalize(turned.into_inner());
+        self.motion.come_down_from_the_pole();
+        self.before = *reading;
+    }
+}
+
+impl Motion {
+    /// A latitude beyond a pole is one on this side of it, half a turn of longitude further.
+    fn come_down_from_the_pole(&mut self) {
+        use std::f64::consts::{FRAC_PI_2, PI};
+        if self.lat_rad.abs() <= FRAC_PI_2 {
+            return;
+        }
+        self.lat_rad = PI.copysign(self.lat_rad) - self.lat_rad;
+        self.lon_rad += PI;
+        let half_turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.0, PI));
+        self.vel_ned_mps = half_turn * self.vel_ned_mps;
+        self.body_to_ned = half_turn * self.body_to_ned;
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,35 @@
+//! What is wrong with the readings of inertial sensors.
+
+use nalgebra::Vector3;
+
+use super::Reading;
+
+/// The errors of one step, truth minus measurement, as all errors of the INS here.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ImuErrors {
+    /// Mean of the accelerometers' biases over the step, in m/s².
+    pub acc_bias_mps2: Vector3<f64>,
+    /// Mean of the gyroscopes' biases over the step, in rad/s.
+    pub gyro_bias_radps: Vector3<f64>,
+    /// What velocity random walk adds over the step, in m/s.
+    pub acc_walk_mps: Vector3<f64>,
+    /// What angular random walk adds over the step, in rad.
+    pub gyro_walk_rad: Vector3<f64>,
+    /// Scale errors of the accelerometers: that of a specific force of 1.
+    pub acc_scale: Vector3<f64>,
+    /// Scale errors of the gyroscopes: that of a rate of 1.
+    pub gyro_scale: Vector3<f64>,
+}
+
+impl ImuErrors {
+    /// What the sensors say where an error-free one says `exact`.
+    pub fn measured(&self, exact: &Reading) -> Reading {
+        let angle = exact.angle_rad.component_mul(&self.gyro_scale);
+        let velocity = exact.velocity_mps.component_mul(&self.acc_scale);
+        Reading {
+            dt_s: exact.dt_s,
+            angle_rad: exact.angle_rad - angle - self.gyro_bias_radps * exact.dt_s - self.gyro_walk_rad,
+            velocity_mps: exact.velocity_mps - velocity - self.acc_bias_mps2 * exact.dt_s - self.acc_walk_mps,
+        }
+    }
+}

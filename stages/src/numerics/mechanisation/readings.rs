@@ -1,0 +1,67 @@
+//! The readings of error-free inertial sensors along a motion.
+
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use super::{Earth, Motion, REPETITIONS, Reading, surroundings};
+use crate::numerics::attitude::skew;
+
+/// What error-free sensors read along a motion that is given by velocities and attitudes.
+///
+/// The inverse of a mechanisation's step, not a quadrature: a free mechanisation of these readings
+/// returns velocities and attitudes to rounding, and as its position what [`Readings::motion`] says,
+/// the trapezoidal integral of the velocities.
+#[derive(Clone, Debug)]
+pub struct Readings {
+    earth: Earth,
+    motion: Motion,
+    before: Reading,
+}
+
+impl Readings {
+    /// The readings of a motion that starts like this.
+    pub fn new(earth: Earth, start: Motion) -> Self {
+        Self { earth, motion: start, before: Reading::default() }
+    }
+
+    /// Where the motion has led.
+    pub fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// The reading of the `dt_s` seconds to the next velocity (m/s) and attitude.
+    pub fn next(&mut self, vel_ned_mps: &Vector3<f64>, body_to_ned: &UnitQuaternion<f64>, dt_s: f64) -> Reading {
+        let from = self.motion;
+        let v = 0.5 * (from.vel_ned_mps + vel_ned_mps);
+        let (mut turn, mut accelerated) = (Vector3::zeros(), Vector3::zeros());
+        for _ in 0..REPETITIONS {
+            let to = self.motion;
+            let at = surroundings(self.earth, 0.5 * (from.lat_rad + to.lat_rad), 0.5 * (from.alt_m + to.alt_m), &v);
+            turn = at.frame_rate * dt_s;
+            accelerated = at.acceleration * dt_s;
+            self.motion.lat_rad = from.lat_rad + at.lat_rate * dt_s;
+            self.motion.lon_rad = from.lon_rad + at.lon_rate * dt_s;
+            self.motion.alt_m = from.alt_m - v.z * dt_s;
+        }
+        (self.motion.vel_ned_mps, self.motion.body_to_ned) = (*vel_ned_mps, *body_to_ned);
+        self.motion.come_down_from_the_pole();
+        let to_body = from.body_to_ned.inverse();
+        let rotation = (to_body * UnitQuaternion::from_scaled_axis(turn) * body_to_ned).scaled_axis();
+        let felt = vel_ned_mps - from.vel_ned_mps - accelerated;
+        let velocity = to_body * (UnitQuaternion::from_scaled_axis(0.5 * turn) * felt);
+        self.before = self.uncorrected(&rotation, &velocity, dt_s);
+        self.before
+    }
+
+    /// The reading whose increments, with coning and sculling corrected, are these.
+    fn uncorrected(&self, rotation_rad: &Vector3<f64>, velocity_mps: &Vector3<f64>, dt_s: f64) -> Reading {
+        let (angle_before, velocity_before) = self.before.stretched_to(dt_s);
+        // The matrices are the identity plus small skew ones, which always have an inverse.
+        let solved = |m: Matrix3<f64>, right: Vector3<f64>| m.try_inverse().map_or(right, |inverse| inverse * right);
+        let identity = Matrix3::identity();
+        let angle_rad = solved(identity + skew(&angle_before) / 12.0, *rotation_rad);
+        let angle = skew(&angle_rad);
+        let turning = 0.5 * angle + angle * angle / 6.0 + skew(&angle_before) / 12.0;
+        let right = velocity_mps - velocity_before.cross(&angle_rad) / 12.0;
+        Reading { dt_s, angle_rad, velocity_mps: solved(identity + turning, right) }
+    }
+}

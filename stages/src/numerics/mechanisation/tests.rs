@@ -1,0 +1,307 @@
+use nalgebra::{Matrix3, Vector3};
+
+use super::*;
+use crate::numerics::attitude::{body_to_ned, tilt_between};
+
+const NOT_ROTATING: Earth = Earth::Sphere { rate_radps: 0.0 };
+const R: f64 = SEMI_MAJOR_AXIS_M;
+const G: f64 = STANDARD_GRAVITY_MPS2;
+
+fn at_rest(lat_rad: f64) -> Motion {
+    Motion {
+        lat_rad,
+        lon_rad: 0.3,
+        alt_m: 0.0,
+        vel_ned_mps: Vector3::zeros(),
+        body_to_ned: quaternion(&body_to_ned(0.2, -0.1, 1.3)),
+    }
+}
+
+/// Readings of `seconds` at rest.
+fn resting(earth: Earth, start: Motion, seconds: usize) -> Vec<Reading> {
+    let mut readings = Readings::new(earth, start);
+    (0..seconds).map(|_| readings.next(&Vector3::zeros(), &start.body_to_ned, 1.0)).collect()
+}
+
+#[test]
+fn ref_normal_gravity() {
+    // NIMA TR8350.2, table 3.4: 9.7803253359 at the equator, 9.8321849378 at the pole, to its digits.
+    assert!((normal_gravity_mps2(0.0, 0.0) - 9.780_325_335_9).abs() < 1e-10);
+    assert!((normal_gravity_mps2(std::f64::consts::FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 2e-10);
+}
+
+#[test]
+fn law_at_rest_the_sensors_read_the_earths_rate_and_the_lift_against_gravity() {
+    let start = at_rest(0.7);
+    let to_body = start.body_to_ned.inverse();
+    let rate = to_body * Vector3::new(0.7_f64.cos(), 0.0, -0.7_f64.sin()) * EARTH_RATE_RADPS;
+    let lift = to_body * Vector3::new(0.0, 0.0, -normal_gravity_mps2(0.7, 0.0));
+    let last = resting(Earth::Wgs84, start, 3)[2];
+    // Rounding of angles of 1 rad and of 9.8 m/s.
+    assert!((last.angle_rad - rate).norm() < 1e-15, "{}", (last.angle_rad - rate).norm());
+    // The earth turns the body by 7e-5 rad a second: second order in that, and rounding.
+    assert!((last.velocity_mps - lift).norm() < 1e-8, "{}", (last.velocity_mps - lift).norm());
+}
+
+#[test]
+fn law_an_error_free_ins_at_rest_stays() {
+    let start = at_rest(0.7);
+    let mut ins = Mechanisation::new(Earth::Wgs84, start, 0.0);
+    for reading in resting(Earth::Wgs84, start, 3600) {
+        ins.step(&reading, Some(0.0));
+    }
+    let end = ins.motion();
+    // 3600 roundings of 1e-16 rad of tilt and 1e-15 m/s.
+    assert!((end.lat_rad - 0.7).abs() * R < 1e-5 && end.vel_ned_mps.norm() < 1e-9, "{end:?}");
+    assert!(start.body_to_ned.angle_to(&end.body_to_ned) < 1e-11);
+}
+
+/// A motion known at every instant: position and attitude swing in all directions.
+struct Swing {
+    earth: Earth,
+}
+
+impl Swing {
+    fn place(t: f64) -> [f64; 3] {
+        [0.7 + 2e-6 * t + 4e-5 * (0.15 * t).sin(), -1.2 + 1e-5 * t, 900.0 + 30.0 * (0.2 * t).sin()]
+    }
+
+    fn attitude(t: f64) -> Matrix3<f64> {
+        body_to_ned(0.2 * (1.1 * t).sin(), 0.1 * (1.1 * t).cos(), 0.4 + 0.05 * t + 0.1 * (0.7 * t).sin())
+    }
+
+    /// The derivative of [`Swing::place`].
+    fn place_rate(t: f64) -> [f64; 3] {
+        [2e-6 + 6e-6 * (0.15 * t).cos(), 1e-5, 6.0 * (0.2 * t).cos()]
+    }
+
+    fn velocity(&self, t: f64) -> Vector3<f64> {
+        let [lat, _, alt] = Self::place(t);
+        let [lat_rate, lon_rate, climb] = Self::place_rate(t);
+        let (meridian, transverse) = self.earth.radii_m(lat, alt);
+        Vector3::new(lat_rate * meridian, lon_rate * transverse * lat.cos(), -climb)
+    }
+
+    /// Angular rate and specific force in the body frame, from their definitions.
+    fn sensed(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let [lat, _, alt] = Self::place(t);
+        let (v, c) = (self.velocity(t), Self::attitude(t));
+        let (meridian, transverse) = self.earth.radii_m(lat, alt);
+        let earth_rate = Vector3::new(lat.cos(), 0.0, -lat.sin()) * self.earth.rate_radps();
+        let transport = Vector3::new(v.y / transverse, -v.x / meridian, -v.y * lat.tan() / transverse);
+        // Minus the tilt that a short while makes is the turn, in north-east-down.
+        const H: f64 = 1e-4;
+        let turn = -tilt_between(&Self::attitude(t - H), &Self::attitude(t + H)) / (2.0 * H);
+        let gravity = Vector3::new(0.0, 0.0, self.earth.gravity_mps2(lat, alt));
+        let rate = (self.velocity(t + H) - self.velocity(t - H)) / (2.0 * H);
+        let force = rate + (earth_rate * 2.0 + transport).cross(&v) - gravity;
+        (c.transpose() * (turn + earth_rate + transport), c.transpose() * force)
+    }
+
+    /// The integrals over a step, by Simpson's rule over eight pieces.
+    fn reading(&self, t: f64, dt_s: f64) -> Reading {
+        let (mut angle_rad, mut velocity_mps) = (Vector3::zeros(), Vector3::zeros());
+        for k in 0..=16 {
+            let weight = if k == 0 || k == 16 { 1.0 } else { f64::from(2 + 2 * (k % 2)) } * dt_s / 48.0;
+            let (rate, force) = self.sensed(t + dt_s * f64::from(k) / 16.0);
+            angle_rad += rate * weight;
+            velocity_mps += force * weight;
+        }
+        Reading { dt_s, angle_rad, velocity_mps }
+    }
+
+    fn motion(&self, t: f64) -> Motion {
+        let [lat_rad, lon_rad, alt_m] = Self::place(t);
+        let body_to_ned = quaternion(&Self::attitude(t));
+        Motion { lat_rad, lon_rad, alt_m, vel_ned_mps: self.velocity(t), body_to_ned }
+    }
+}
+
+/// Distance (m), speed (m/s) and angle (rad) between two motions.
+fn apart(a: &Motion, b: &Motion) -> [f64; 3] {
+    let north = (a.lat_rad - b.lat_rad) * R;
+    let east = (a.lon_rad - b.lon_rad) * R * a.lat_rad.cos();
+    let place = Vector3::new(north, east, a.alt_m - b.alt_m).norm();
+    [place, (a.vel_ned_mps - b.vel_ned_mps).norm(), a.body_to_ned.angle_to(&b.body_to_ned)]
+}
+
+/// How far the mechanisation of the integrals of rate and force is from the motion after a minute.
+fn after_a_minute(earth: Earth, steps: u32) -> [f64; 3] {
+    let swing = Swing { earth };
+    let dt_s = 60.0 / f64::from(steps);
+    // The first reading lets the second know the one before it.
+    let mut ins = Mechanisation::new(earth, swing.motion(0.0), 0.0);
+    for k in 0..steps {
+        let (t, middle) = (dt_s * f64::from(k), dt_s * (f64::from(k) + 0.5));
+        ins.step(&swing.reading(t, dt_s), Some(Swing::place(middle)[2]));
+    }
+    apart(ins.motion(), &swing.motion(60.0))
+}
+
+#[test]
+fn law_the_mechanisation_finds_a_motion_from_the_integrals_of_its_rate_and_force() {
+    for earth in [Earth::Wgs84, Earth::Sphere { rate_radps: EARTH_RATE_RADPS }] {
+        let (coarse, fine) = (after_a_minute(earth, 1200), after_a_minute(earth, 2400));
+        println!("{earth:?}: {coarse:?} {fine:?} m, m/s, rad");
+        for (coarse, fine) in coarse.iter().zip(fine) {
+            // Third order: eight times; the position mixes in the trapezoidal rule's second.
+            assert!(coarse / fine > 6.0, "{coarse:e} {fine:e}");
+        }
+        // At 40 Hz, with swings of 0.2 rad at 1.1 rad/s: (0.2 * 1.1 Δt)³ of 9.8 m/s² is 2e-6 m/s² in each step.
+        assert!(fine[0] < 1e-3 && fine[1] < 3e-5 && fine[2] < 2e-7, "{fine:?}");
+    }
+}
+
+#[test]
+fn law_the_readings_of_a_motion_are_the_integrals_of_its_rate_and_force() {
+    let swing = Swing { earth: Earth::Wgs84 };
+    let worst = |dt_s: f64| {
+        let mut readings = Readings::new(Earth::Wgs84, swing.motion(0.0));
+        let mut worst = [0.0_f64; 2];
+        for k in 0..(20.0 / dt_s) as u32 {
+            let t = dt_s * f64::from(k);
+            let to = swing.motion(t + dt_s);
+            let ours = readings.next(&to.vel_ned_mps, &to.body_to_ned, dt_s);
+            let theirs = swing.reading(t, dt_s);
+            if k > 0 {
+                worst[0] = worst[0].max((ours.angle_rad - theirs.angle_rad).norm() / dt_s);
+                worst[1] = worst[1].max((ours.velocity_mps - theirs.velocity_mps).norm() / dt_s);
+            }
+        }
+        worst
+    };
+    let (coarse, fine) = (worst(0.1), worst(0.05));
+    println!("{coarse:?} {fine:?} rad/s, m/s²");
+    // What the corrections leave is of third order.
+    assert!(coarse[0] / fine[0] > 7.0 && coarse[1] / fine[1] > 7.0, "{coarse:?} {fine:?}");
+    assert!(fine[0] < 1e-6 && fine[1] < 5e-5, "{fine:?}");
+}
+
+#[test]
+fn law_readings_lead_back_to_the_motion_they_were_made_of() {
+    let swing = Swing { earth: Earth::Wgs84 };
+    let mut readings = Readings::new(Earth::Wgs84, swing.motion(0.0));
+    let mut ins = Mechanisation::new(Earth::Wgs84, swing.motion(0.0), 0.0);
+    for k in 1..=6000 {
+        let to = swing.motion(0.1 * f64::from(k));
+        let baro_alt_m = 0.5 * (readings.motion().alt_m + 0.0);
+        let reading = readings.next(&to.vel_ned_mps, &to.body_to_ned, 0.1);
+        ins.step(&reading, Some(baro_alt_m + 0.5 * readings.motion().alt_m));
+    }
+    let [place, speed, angle] = apart(ins.motion(), readings.motion());
+    // 6000 roundings, and a step that ends before its repetitions have: (2 Ω Δt)^4.
+    assert!(place < 1e-6 && speed < 1e-9 && angle < 1e-12, "{place:e} {speed:e} {angle:e}");
+    let [place, ..] = apart(readings.motion(), &swing.motion(600.0));
+    // The trapezoidal rule over the velocities: v'' Δt²/12 of the swings, which come and go.
+    assert!(place < 0.05, "{place}");
+}
+
+/// North of where it began (m) after each second of rest on a sphere that does not rotate.
+fn drift_north_m(errors: &ImuErrors, tilt: f64, seconds: usize) -> Vec<f64> {
+    let start = Motion { body_to_ned: quaternion(&Matrix3::identity()), ..at_rest(0.0) };
+    let tilted = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, tilt, 0.0)) * start.body_to_ned;
+    let mut ins = Mechanisation::new(NOT_ROTATING, Motion { body_to_ned: tilted, ..start }, 0.0);
+    let one = |reading: &Reading| {
+        ins.step(&errors.measured(reading), Some(0.0));
+        ins.motion().lat_rad * R
+    };
+    resting(NOT_ROTATING, start, seconds).iter().map(one).collect()
+}
+
+/// The largest difference of two courses, relative to the size of the second.
+fn difference(a: &[f64], b: impl Fn(f64) -> f64) -> f64 {
+    let b: Vec<f64> = (1..=a.len()).map(|t| b(t as f64)).collect();
+    let size = b.iter().fold(0.0_f64, |size, b| size.max(b.abs()));
+    a.iter().zip(b).fold(0.0_f64, |most, (a, b)| most.max((a - b).abs())) / size
+}
+
+#[test]
+fn law_tilts_and_biases_swing_with_schulers_period() {
+    let schuler = (G / R).sqrt();
+    let hours = 2 * 5064;
+    // Small enough that what is of second order, in kilometres over the radius, does not count.
+    let (bias, tilt, drift) = (1e-3, 1e-5, 1e-8);
+    let acc = ImuErrors { acc_bias_mps2: Vector3::new(-bias, 0.0, 0.0), ..ImuErrors::default() };
+    let gyro = ImuErrors { gyro_bias_radps: Vector3::new(0.0, -drift, 0.0), ..ImuErrors::default() };
+    // Titterton & Weston 2004, table 12.2: b/ωs² (1 - cos ωs t), -R ψ (1 - cos ωs t), -R ε (t - sin ωs t / ωs).
+    let of_bias =
+        difference(&drift_north_m(&acc, 0.0, hours), |t| bias / schuler.powi(2) * (1.0 - (schuler * t).cos()));
+    let of_tilt =
+        difference(&drift_north_m(&ImuErrors::default(), tilt, hours), |t| -R * tilt * (1.0 - (schuler * t).cos()));
+    let of_drift = difference(&drift_north_m(&gyro, 0.0, hours), |t| -R * drift * (t - (schuler * t).sin() / schuler));
+    println!("bias {of_bias:.1e}, tilt {of_tilt:.1e}, drift {of_drift:.1e}");
+    // The step of a second: (ωs Δt)²/12 = 1e-7 of the phase; two swings of it.
+    assert!(of_bias < 1e-5 && of_tilt < 1e-5 && of_drift < 1e-5, "{of_bias:e} {of_tilt:e} {of_drift:e}");
+}
+
+#[test]
+fn ref_the_schuler_period_on_the_real_earth_is_84_4_minutes() {
+    let start = at_rest(45.0_f64.to_radians());
+    let mut ins = Mechanisation::new(Earth::Wgs84, start, 0.0);
+    let errors = ImuErrors { acc_bias_mps2: Vector3::new(1e-3, 0.0, 0.0), ..ImuErrors::default() };
+    let away = |reading: &Reading| {
+        ins.step(&errors.measured(reading), Some(0.0));
+        apart(ins.motion(), &start)[0]
+    };
+    let distances: Vec<f64> = resting(Earth::Wgs84, start, 6000).iter().map(away).collect();
+    // The plane of the swing turns as Foucault's does: b/ωs² |1 - exp(-i Ω sin(lat) t) cos(ωs t)|.
+    let turning = EARTH_RATE_RADPS * start.lat_rad.sin();
+    let misfit = |period_min: f64| {
+        let schuler = std::f64::consts::TAU / (60.0 * period_min);
+        difference(&distances, |t| {
+            let (swing, turned) = ((schuler * t).cos(), turning * t);
+            1e-3 / schuler.powi(2) * (1.0 - 2.0 * swing * turned.cos() + swing * swing).sqrt()
+        })
+    };
+    let periods = (0..200).map(|k| 80.0 + 0.05 * f64::from(k));
+    let best = periods.min_by(|a, b| misfit(*a).total_cmp(&misfit(*b))).unwrap_or_default();
+    println!("period {best:.2} min, misfit {:.4}", misfit(best));
+    // What the rotation adds beyond Foucault's turn is (Ω/ωs)², 0.35 % of the period.
+    assert!((best - 84.4).abs() < 0.3 && misfit(best) < 0.02, "{best} {}", misfit(best));
+}
+
+#[test]
+fn law_a_flight_over_the_pole_goes_on_south_on_the_other_side() {
+    let start = Motion {
+        lat_rad: 89.999_f64.to_radians(),
+        lon_rad: 0.5,
+        alt_m: 0.0,
+        vel_ned_mps: Vector3::new(100.0, 0.0, 0.0),
+        body_to_ned: quaternion(&Matrix3::identity()),
+    };
+    let mut ins = Mechanisation::new(NOT_ROTATING, start, 0.0);
+    for _ in 0..20 {
+        // Along a great circle the body turns about its right wing alone.
+        let angle_rad = Vector3::new(0.0, -100.0 / R, 0.0);
+        ins.step(&Reading { dt_s: 1.0, angle_rad, velocity_mps: Vector3::new(0.0, 0.0, 1e4 / R - G) }, Some(0.0));
+    }
+    let end = ins.motion();
+    let beyond = 2000.0 / R - 0.001_f64.to_radians();
+    let expected = std::f64::consts::FRAC_PI_2 - beyond;
+    assert!((end.lat_rad - expected).abs() * R < 0.1, "{}", (end.lat_rad - expected) * R);
+    assert!((end.lon_rad - 0.5 - std::f64::consts::PI).abs() < 1e-9 && (end.vel_ned_mps.x + 100.0).abs() < 1e-2);
+    let nose = end.body_to_ned * Vector3::x();
+    assert!((nose + Vector3::x()).norm() < 1e-4, "{nose:?}");
+}
+
+#[test]
+fn law_a_free_vertical_channel_runs_away_and_a_barometer_holds_it() {
+    let start = at_rest(0.7);
+    let errors =
+        ImuErrors { acc_bias_mps2: start.body_to_ned.inverse() * Vector3::new(0.0, 0.0, 1e-3), ..ImuErrors::default() };
+    let fallen = |baro: Option<f64>| {
+        let mut ins = Mechanisation::new(Earth::Wgs84, start, 0.0);
+        for reading in resting(Earth::Wgs84, start, 1200) {
+            ins.step(&errors.measured(&reading), baro);
+        }
+        ins.motion().alt_m
+    };
+    // b/λ² (cosh λt - 1) upwards with λ² = 2g/R [Titterton & Weston 2004, 12.3.2]; the other gradients of gravity and
+    // of the centrifugal force are 0.5 % of it.
+    let lambda = (2.0 * G / R).sqrt();
+    let expected = 1e-3 / lambda.powi(2) * ((lambda * 1200.0).cosh() - 1.0);
+    let free = fallen(None);
+    assert!((free / expected - 1.0).abs() < 0.01, "{free} {expected}");
+    // The loop's integral takes the bias up: b/K2 = 3.3 m at most, and less and less.
+    assert!(fallen(Some(0.0)).abs() < 0.3, "{}", fallen(Some(0.0)));
+}
