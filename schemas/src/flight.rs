@@ -48,6 +48,7 @@ pub const COLUMNS: &[(&str, Described)] = &[
     ("ins_fd", d("m/s2", Role::Sensor, "specific force down, navigation frame")),
     ("diurnal", d("nT", Role::Sensor, "temporal variation of the earth's field")),
     ("igrf", d("nT", Role::Sensor, "core-field magnitude")),
+    ("anomaly_truth", d("nT", Role::Truth, "what the crust adds to the core-field magnitude")),
     ("mag_1_c", d("nT", Role::Truth, "compensated tail-stinger magnetometer")),
     ("mag_1_lag", d("nT", Role::Truth, "compensated tail stinger, lag-corrected")),
     ("mag_1_dc", d("nT", Role::Truth, "compensated tail stinger, less the diurnal variation")),

@@ -20,6 +20,7 @@ mod adopt;
 mod csv;
 mod grid_bytes;
 mod hdf5;
+mod iaga2002;
 mod magnav;
 mod magnav_csv;
 mod magnav_hdf5;
@@ -49,6 +50,7 @@ mod synth;
 mod text_table;
 
 pub use crate::grid::Map;
+pub use iaga2002::{ObservatoryRecord, read_iaga2002};
 pub use output::write_grid;
 pub use points::{Extra, PointOptions, SurveyPoints, read_points};
 

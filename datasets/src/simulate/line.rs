@@ -2,8 +2,6 @@
 
 use std::path::Path;
 
-use stages::numerics::map_grid::AnomalyMap;
-
 use super::{
     aircraft, earth, ins,
     random::Random,
@@ -34,8 +32,8 @@ impl Scene<'_> {
         ReadError::options(self.path, format!("flight {}, line {}: {what}", self.flight.name, self.line.name))
     }
 
-    /// Simulates the line over a map of the anomaly at its height.
-    pub(super) fn simulate(&self, anomaly: &AnomalyMap) -> Result<Table, ReadError> {
+    /// Simulates the line in the earth's field.
+    pub(super) fn simulate(&self, field: &earth::Field) -> Result<Table, ReadError> {
         let spec = self.spec;
         let gusts_deg = if spec.components.on("gusts") { spec.gusts_deg } else { [0.0; 3] };
         let truth = self.line.fly(spec.rate_hz, gusts_deg, &mut self.random("gusts"));
@@ -44,9 +42,10 @@ impl Scene<'_> {
         for (name, column) in ins::COLUMNS.into_iter().zip(inertial.map_err(|e| self.fault(e.to_string()))?) {
             table.push(name, "", Values::Number(column));
         }
-        let earth = earth::along(self, &truth, anomaly)?;
+        let earth = earth::along(self, &truth, field)?;
         table.push("diurnal", "", Values::Number(earth.diurnal_nt.clone()));
         table.push("igrf", "", Values::Number(earth.core_nt.clone()));
+        table.push("anomaly_truth", "", Values::Number(earth.anomaly_nt.clone()));
         for (name, column) in aircraft::readings(self, &truth, &earth) {
             table.push(&name, "", Values::Number(column));
         }

@@ -9,7 +9,6 @@
 //! if that were above the ellipsoid, in the simulation as in navigation.
 
 use std::{
-    collections::{BTreeMap, btree_map::Entry},
     fs::File,
     path::{Path, PathBuf},
     sync::Arc,
@@ -22,9 +21,8 @@ use parquet::{
     file::properties::WriterProperties,
 };
 use schemas::{field, flight};
-use stages::numerics::map_grid::AnomalyMap;
 
-use crate::{Map, ReadError, read_map, table::Table};
+use crate::{ReadError, table::Table};
 
 mod aircraft;
 mod earth;
@@ -35,7 +33,7 @@ mod spec;
 mod trajectory;
 
 pub use aircraft::{Aircraft, Current, Scalar, Source, Vector};
-pub use earth::Earth;
+pub use earth::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
 pub use spec::{COMPONENTS, Components, Spec};
 pub use trajectory::{Flight, Line, Path2d};
 
@@ -53,9 +51,8 @@ impl Simulation {
     /// All that is wrong with the spec, and a map that is not there.
     pub fn open(path: &Path) -> Result<Simulation, ReadError> {
         let spec = Spec::read(path)?;
-        if !spec.earth.map.0.exists() {
-            let what = format!("the map `{}` is not there", spec.earth.map.0.display());
-            return Err(ReadError::options(path, what));
+        if let Some((what, file)) = spec.earth.files().into_iter().find(|(_, file)| !file.exists()) {
+            return Err(ReadError::options(path, format!("the {what} `{}` is not there", file.display())));
         }
         Ok(Simulation { path: path.to_path_buf(), spec })
     }
@@ -65,9 +62,10 @@ impl Simulation {
         &self.spec
     }
 
-    /// The files that what comes out depends on: the spec and the map.
-    pub fn inputs(&self) -> [&Path; 2] {
-        [&self.path, &self.spec.earth.map.0]
+    /// The files that what comes out depends on: the spec, the map and the observatory's record.
+    pub fn inputs(&self) -> Vec<&Path> {
+        let others = self.spec.earth.files();
+        std::iter::once(self.path.as_path()).chain(others.into_iter().map(|(_, file)| file)).collect()
     }
 
     /// The schema of every line.
@@ -95,22 +93,20 @@ impl Simulation {
     pub(crate) fn into_lines(self) -> Lines {
         let numbers = self.spec.flights.iter().enumerate();
         let order: Vec<_> = numbers.flat_map(|(f, flight)| (0..flight.lines.len()).map(move |l| (f, l))).collect();
-        Lines { simulation: self, order: order.into_iter(), map: None, levels: BTreeMap::new() }
+        Lines { simulation: self, order: order.into_iter(), field: None }
     }
 }
 
 const TRUTH: [&str; 14] =
     ["flight", "line", "year", "doy", "tt", "lat", "lon", "alt", "vn", "ve", "vd", "roll", "pitch", "yaw"];
 
-const FIELD: [&str; 2] = ["diurnal", "igrf"];
+const FIELD: [&str; 3] = ["diurnal", "igrf", "anomaly_truth"];
 
 /// Lines being simulated.
 pub(crate) struct Lines {
     simulation: Simulation,
     order: std::vec::IntoIter<(usize, usize)>,
-    map: Option<Map>,
-    /// Anomalies by the height's bits.
-    levels: BTreeMap<u64, AnomalyMap>,
+    field: Option<earth::Field>,
 }
 
 impl Iterator for Lines {
@@ -127,15 +123,11 @@ impl Lines {
         let Simulation { path, spec } = &self.simulation;
         let flight = &spec.flights[f];
         let line = &flight.lines[l];
-        let map = match &mut self.map {
-            Some(map) => map,
-            none => none.insert(read_map(&spec.earth.map.0, &spec.earth.map.1)?),
+        let field = match &mut self.field {
+            Some(field) => field,
+            none => none.insert(earth::Field::new(path, spec)?),
         };
-        let anomaly = match self.levels.entry(line.alt_m.to_bits()) {
-            Entry::Occupied(level) => level.into_mut(),
-            Entry::Vacant(level) => level.insert(earth::anomaly_at(&spec.earth.map.0, map, line.alt_m)?),
-        };
-        line::Scene { path, spec, flight, line }.simulate(anomaly)
+        line::Scene { path, spec, flight, line }.simulate(field)
     }
 }
 

@@ -1,93 +1,183 @@
-//! The earth's field along a track: the core field, and the anomaly of a real map at the height flown.
-
-use std::path::Path;
+//! The earth's field along a track: core field, crustal field and temporal variation, each a vector.
+//!
+//! The core field is a model's at the date of every sample. The crustal field is that of a map, of sources in the
+//! ground, or of both; see [`crustal`] and [`buried`]. The temporal variation is in [`variation`].
 
 use nalgebra::Vector3;
 use stages::numerics::{
-    continuation::{Padding, masked_like, upward},
-    core_field::CoreField,
+    core_field::{CoreField, CoreTrack},
     dates::decimal_year,
-    fill::{SmoothFill, smooth},
-    map_grid::{AnomalyMap, Interpolation, MapGrid},
 };
 
-use super::{line::Scene, trajectory::Trajectory};
-use crate::{Map, ReadError};
-pub use spec::Earth;
+use super::{line::Scene, spec::Spec, trajectory::Trajectory};
+use crate::{ReadError, read_map};
+use buried::{Placed, field_ned_nt};
+use crustal::{CrustalMap, Nowhere};
+use observatory::Observatory;
+pub use spec::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
+use variation::{Places, Variation};
 
+mod buried;
+mod crustal;
+mod observatory;
 pub(super) mod spec;
+mod variation;
 
-/// Heights that differ by less are one, in metres.
-const SAME_LEVEL_M: f64 = 0.5;
-
-/// The anomaly at the height `alt_m`: the map itself at its own height, above it the map continued
-/// upward.
-///
-/// # Errors
-/// A map that is not level, or that lies higher than `alt_m`: continuing down would amplify its noise.
-pub(super) fn anomaly_at(path: &Path, map: &Map, alt_m: f64) -> Result<AnomalyMap, ReadError> {
-    let level_m = map.column("alt").first().copied().unwrap_or(f64::NAN);
-    if map.column("alt").iter().any(|a| *a != level_m) {
-        return Err(ReadError::data(path, "the simulation needs a map of one height").in_column("alt"));
-    }
-    let up_m = alt_m - level_m;
-    if up_m < -SAME_LEVEL_M {
-        let what = format!("the map is {level_m} m high, above the line's {alt_m} m");
-        return Err(ReadError::options(path, what).help("fly at the map's height or above"));
-    }
-    let grid = MapGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly"));
-    let grid = grid.map_err(|e| ReadError::data(path, e.to_string()))?;
-    let grid = if up_m > SAME_LEVEL_M { continued(path, &grid, up_m)? } else { grid };
-    Ok(AnomalyMap::new(&grid, Interpolation::Cubic))
+/// What all lines share: the map's field, the sources, the observatory's record. Lines may ask it at the same time;
+/// the answers do not depend on who asks first.
+pub(super) struct Field {
+    core: CoreTrack,
+    map: Option<CrustalMap>,
+    sources: Vec<Placed>,
+    observatory: Option<Observatory>,
 }
 
-/// A map continued upward by `up_m` metres; what was unknown stays unknown.
-fn continued(path: &Path, grid: &MapGrid, up_m: f64) -> Result<MapGrid, ReadError> {
-    let wrong = |e: &dyn std::fmt::Display| ReadError::data(path, e.to_string());
-    let plane = grid.plane();
-    let full = match plane.unknown() {
-        0 => plane.clone(),
-        _ => smooth(&plane, &SmoothFill::default()).map_err(|e| wrong(&e))?.0,
-    };
-    let up = upward(&full, up_m, &Padding::default()).map_err(|e| wrong(&e))?;
-    grid.with_values(masked_like(up, &plane).values).map_err(|e| wrong(&e))
+impl Field {
+    /// Reads and prepares what is switched on.
+    ///
+    /// # Errors
+    /// A map that cannot be read or is not level, a record that cannot be read, a date that the core model does not cover.
+    pub(super) fn new(spec_path: &std::path::Path, spec: &Spec) -> Result<Field, ReadError> {
+        let wrong = |e: &dyn std::fmt::Display| ReadError::options(spec_path, e.to_string());
+        let (earth, (year, doy)) = (&spec.earth, spec.date);
+        let date = decimal_year(year, doy, 0.0).map_err(|e| wrong(&e))?;
+        let at_date = CoreField::of(earth.core, date).map_err(|e| wrong(&e))?;
+        let core = CoreTrack::new(earth.core);
+        let anomaly = spec.components.on("anomaly");
+        let map = match earth.map.as_ref().filter(|_| anomaly) {
+            Some((path, options)) => Some(CrustalMap::new(path, &read_map(path, options)?, &core, date)?),
+            None => None,
+        };
+        let sources = earth.sources.iter().filter(|_| anomaly).map(|s| Placed::new(s, &at_date)).collect();
+        let record = earth.diurnal.observatory.as_ref().filter(|_| spec.components.on("diurnal"));
+        let observatory = match record {
+            Some((path, quiet_base)) => Some(Observatory::read(path, *quiet_base)?),
+            None => None,
+        };
+        Ok(Field { core, map, sources, observatory })
+    }
 }
 
-/// The earth's field along a line, in nT.
+/// The earth's field along a line, in nT; vectors are north, east, down unless they say otherwise.
+#[derive(Clone, Debug, Default)]
 pub(super) struct Along {
+    /// The core field.
+    pub(super) core_ned_nt: Vec<Vector3<f64>>,
+    /// The crustal field.
+    pub(super) anomaly_ned_nt: Vec<Vector3<f64>>,
+    /// The temporal variation.
+    pub(super) diurnal_ned_nt: Vec<Vector3<f64>>,
     /// The magnitude of the core field.
     pub(super) core_nt: Vec<f64>,
-    /// The temporal variation.
+    /// The temporal variation along the core field, as a base station gives it.
     pub(super) diurnal_nt: Vec<f64>,
+    /// By how much the crustal field changes the magnitude of the core field.
+    pub(super) anomaly_nt: Vec<f64>,
     /// The whole field in the body frame.
     pub(super) body_nt: Vec<Vector3<f64>>,
 }
 
-/// The earth's field: core plus anomaly and diurnal variation along the core's direction, so that its
-/// magnitude is their exact sum. The core field is that of the line's first sample in time.
+/// The earth's field along a line: the exact sum of its three vectors.
 ///
 /// # Errors
-/// A line that leaves the known map.
-pub(super) fn along(scene: &Scene, truth: &Trajectory, anomaly: &AnomalyMap) -> Result<Along, ReadError> {
-    let (year, doy) = scene.spec.date;
-    let date = decimal_year(year, doy, scene.line.start_tt_s).map_err(|e| scene.fault(e.to_string()))?;
-    let core = CoreField::at(date).map_err(|e| scene.fault(e.to_string()))?;
-    let mut random = scene.random("diurnal");
-    let diurnal = scene.spec.earth.diurnal.map(|d| d.realisation(&truth.tt_s, || random.normal()));
-    let diurnal_nt = diurnal.unwrap_or_else(|| vec![0.0; truth.tt_s.len()]);
-    let mut earth = Along { core_nt: vec![], diurnal_nt, body_nt: vec![] };
+/// A line that leaves the known map, goes below it or through a source; a time without a value of the observatory; a
+/// date that the core model does not cover.
+pub(super) fn along(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<Along, ReadError> {
+    let core_ned_nt = core(scene, truth, field)?;
+    let anomaly_ned_nt = anomaly(scene, truth, field, &core_ned_nt)?;
+    let diurnal_ned_nt = diurnal(scene, truth, field, &core_ned_nt)?;
+    let mut out = Along { core_ned_nt, anomaly_ned_nt, diurnal_ned_nt, ..Along::default() };
     for i in 0..truth.tt_s.len() {
-        let (lat, lon) = (truth.lat_deg[i], truth.lon_deg[i]);
-        let local = anomaly.at(lat, lon).ok_or_else(|| {
-            let since = truth.tt_s[i] - scene.line.start_tt_s;
+        let (core, anomaly, diurnal) = (out.core_ned_nt[i], out.anomaly_ned_nt[i], out.diurnal_ned_nt[i]);
+        let magnitude = core.norm();
+        out.core_nt.push(magnitude);
+        out.diurnal_nt.push(core.dot(&diurnal) / magnitude);
+        // The difference of the magnitudes without their cancellation.
+        let change = (2.0 * core + anomaly).dot(&anomaly);
+        out.anomaly_nt.push(change / ((core + anomaly).norm() + magnitude));
+        out.body_nt.push(truth.attitude(i).transpose() * (core + anomaly + diurnal));
+    }
+    Ok(out)
+}
+
+fn core(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<Vec<Vector3<f64>>, ReadError> {
+    let (year, doy) = scene.spec.date;
+    let dates: Result<Vec<f64>, _> = truth.tt_s.iter().map(|tt| decimal_year(year, doy, *tt)).collect();
+    let dates = dates.map_err(|e| scene.fault(e.to_string()))?;
+    let ned = field.core.field(&truth.lat_deg, &truth.lon_deg, &truth.alt_m, &dates);
+    let ned = ned.map_err(|e| scene.fault(e.to_string()))?;
+    let both = ned.north_nt.iter().zip(&ned.east_nt).zip(&ned.down_nt);
+    Ok(both.map(|((north, east), down)| Vector3::new(*north, *east, *down)).collect())
+}
+
+fn anomaly(
+    scene: &Scene,
+    truth: &Trajectory,
+    field: &Field,
+    core_ned_nt: &[Vector3<f64>],
+) -> Result<Vec<Vector3<f64>>, ReadError> {
+    let (lat, lon, alt) = (&truth.lat_deg, &truth.lon_deg, &truth.alt_m);
+    let mut out = match &field.map {
+        None => vec![Vector3::zeros(); alt.len()],
+        Some(map) => match map.along(lat, lon, alt, core_ned_nt)? {
+            Ok(found) => found,
+            Err(nowhere) => return Err(off_the_map(scene, truth, map, nowhere)),
+        },
+    };
+    if !field.sources.is_empty() {
+        for (i, sum) in out.iter_mut().enumerate() {
+            *sum += field_ned_nt(&field.sources, lat[i], lon[i], alt[i]);
+        }
+    }
+    match out.iter().position(|b| !b.iter().all(|x| x.is_finite())) {
+        None => Ok(out),
+        Some(i) => {
+            let what = format!("goes through a source at {:.5}, {:.5}, {} m", lat[i], lon[i], alt[i]);
+            Err(scene.fault(what).help("put the source deeper or fly higher"))
+        }
+    }
+}
+
+fn off_the_map(scene: &Scene, truth: &Trajectory, map: &CrustalMap, nowhere: Nowhere) -> ReadError {
+    match nowhere {
+        Nowhere::Off(i) => {
+            let since = truth.tt_s[i] - truth.tt_s[0];
+            let (lat, lon) = (truth.lat_deg[i], truth.lon_deg[i]);
             scene
                 .fault(format!("leaves the known map after {since:.1} s, at {lat:.5}, {lon:.5}"))
                 .help("move the waypoints inwards or shorten the line")
-        })?;
-        let core = Vector3::from(core.field_ned_nt(lat, lon, truth.alt_m[i]));
-        let total = core.norm() + local.value_nt + earth.diurnal_nt[i];
-        earth.core_nt.push(core.norm());
-        earth.body_nt.push(truth.attitude(i).transpose() * (core.normalize() * total));
+        }
+        Nowhere::Below(i) => {
+            let (level_m, alt_m) = (map.level_m(), truth.alt_m[i]);
+            scene
+                .fault(format!("the map is {level_m} m high, above the line's {alt_m} m"))
+                .help("fly at the map's height or above")
+        }
     }
-    Ok(earth)
 }
+
+fn diurnal(
+    scene: &Scene,
+    truth: &Trajectory,
+    field: &Field,
+    core_ned_nt: &[Vector3<f64>],
+) -> Result<Vec<Vector3<f64>>, ReadError> {
+    if !scene.spec.components.on("diurnal") {
+        return Ok(vec![Vector3::zeros(); core_ned_nt.len()]);
+    }
+    let starts = scene.flight.lines.iter().map(|line| line.start_tt_s);
+    let variation = Variation {
+        diurnal: &scene.spec.earth.diurnal,
+        observatory: field.observatory.as_ref(),
+        seed: scene.spec.seed,
+        flight: &scene.flight.name,
+        start_tt_s: starts.fold(f64::INFINITY, f64::min),
+    };
+    let (tt_s, lat_deg, lon_deg) = (&truth.tt_s, &truth.lat_deg, &truth.lon_deg);
+    variation.along(&Places { tt_s, lat_deg, lon_deg, core_ned_nt }).map_err(|what| {
+        scene.fault(what).help("fly at a time that the record covers, or take another record")
+    })
+}
+
+#[cfg(test)]
+mod tests;

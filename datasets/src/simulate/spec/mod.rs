@@ -63,16 +63,17 @@ impl Spec {
 }
 
 fn spec(root: &Section, folder: &Path) -> Spec {
+    let components = Components::read(root);
     Spec {
         seed: root.whole("seed", 0, 0, i64::MAX) as u64,
         date: date(root),
         rate_hz: root.number("rate_hz", 10.0, Need::Between(0.1, 1000.0)),
-        components: Components::read(root),
         gusts_deg: root.numbers("gusts_deg", [0.0; 3], Need::Between(0.0, 20.0)),
         ins: ins::spec::ins(root),
-        earth: earth::spec::earth(root, folder),
+        earth: earth::spec::earth(root, folder, &components),
         aircraft: aircraft::spec::aircraft(root),
         flights: trajectory::spec::flights(root),
+        components,
     }
 }
 

@@ -1,0 +1,321 @@
+//! The IAGA-2002 exchange format of magnetic observatories: a header of labelled lines that end in `|`, then one line
+//! a sample with date, time, day of the year and four components. [IAGA Division V, IAGA-2002 Data Exchange Format]
+
+use std::path::Path;
+
+use stages::numerics::dates::{day_of_year, days_in_year};
+
+use crate::ReadError;
+
+/// Values of this size and more stand for what is missing (99999) or was not observed (88888).
+const MISSING: f64 = 88_880.0;
+/// Departure of a time stamp from its even place, as a part of the step.
+const EVENNESS: f64 = 0.01;
+
+/// The record of an observatory at even times.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ObservatoryRecord {
+    /// The code of the station.
+    pub station: String,
+    /// Its geodetic latitude; NaN where the header has none.
+    pub lat_deg: f64,
+    /// Its longitude, eastward; NaN where the header has none.
+    pub lon_deg: f64,
+    /// The components as the file has them, such as `HDZF`.
+    pub components: String,
+    /// Year and day of the year of the first sample, UTC.
+    pub date: (i32, u32),
+    /// The first sample's time, in seconds past that day's midnight.
+    pub start_tt_s: f64,
+    /// The time from sample to sample.
+    pub step_s: f64,
+    /// North, east and down in nT at each step; NaN where one is missing.
+    pub ned_nt: Vec<[f64; 3]>,
+}
+
+impl ObservatoryRecord {
+    /// The time of sample `k`, in seconds past the first day's midnight.
+    pub fn tt_s(&self, k: usize) -> f64 {
+        self.start_tt_s + self.step_s * k as f64
+    }
+}
+
+/// How four columns make a vector, by the column of each component.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    /// North, east, down.
+    Xyz([usize; 3]),
+    /// Horizontal intensity, declination in minutes of arc, down.
+    Hdz([usize; 3]),
+    /// Along and across the horizontal field at the baseline declination, down.
+    Hez([usize; 3]),
+    /// Declination and inclination in minutes of arc, total intensity.
+    Dif([usize; 3]),
+}
+
+impl Kind {
+    fn of(letters: &[char]) -> Option<Kind> {
+        let columns = |wanted: [char; 3]| {
+            let mut found = wanted.iter().filter_map(|w| letters.iter().position(|l| l == w));
+            Some([found.next()?, found.next()?, found.next()?])
+        };
+        let xyz = columns(['X', 'Y', 'Z']).map(Kind::Xyz);
+        let hdz = || columns(['H', 'D', 'Z']).map(Kind::Hdz);
+        let hez = || columns(['H', 'E', 'Z']).map(Kind::Hez);
+        let dif = || columns(['D', 'I', 'F']).map(Kind::Dif);
+        xyz.or_else(hdz).or_else(hez).or_else(dif)
+    }
+
+    /// North, east and down of a line's values; `baseline_rad` is the declination that the others are counted from.
+    fn ned_nt(self, values: &[f64], baseline_rad: f64) -> [f64; 3] {
+        let pick = |columns: [usize; 3]| columns.map(|c| values.get(c).copied().unwrap_or(f64::NAN));
+        let minutes = |arc: f64| (arc / 60.0).to_radians();
+        match self {
+            Kind::Xyz(columns) => pick(columns),
+            Kind::Hdz(columns) => {
+                let [h, d, z] = pick(columns);
+                let (sin, cos) = (baseline_rad + minutes(d)).sin_cos();
+                [h * cos, h * sin, z]
+            }
+            Kind::Hez(columns) => {
+                let [h, e, z] = pick(columns);
+                let (sin, cos) = baseline_rad.sin_cos();
+                [h * cos - e * sin, h * sin + e * cos, z]
+            }
+            Kind::Dif(columns) => {
+                let [d, i, f] = pick(columns);
+                let ((sin_d, cos_d), (sin_i, cos_i)) = ((baseline_rad + minutes(d)).sin_cos(), minutes(i).sin_cos());
+                [f * cos_i * cos_d, f * cos_i * sin_d, f * sin_i]
+            }
+        }
+    }
+
+    fn has_east(self) -> bool {
+        matches!(self, Kind::Hez(_))
+    }
+}
+
+/// What the header says.
+struct Head {
+    station: String,
+    lat_deg: f64,
+    lon_deg: f64,
+    variation: bool,
+    baseline_rad: Option<f64>,
+    kind: Option<(Kind, String)>,
+}
+
+/// Reads an IAGA-2002 file: samples a second, a minute or an hour apart, of one day or of days one after the other.
+///
+/// Components may be XYZ, HDZ, HEZ or DIF, in any order, beside a scalar. The baseline declination (`DECBAS`, tenths
+/// of minutes east) is what D is counted from in data of the type `variation`, and the direction of H in HEZ. A
+/// sample that is missing, is marked as missing or lacks a component is NaN.
+///
+/// # Errors
+/// A file that is no IAGA-2002 record, a line that cannot be read, and samples that are not at even times.
+pub fn read_iaga2002(path: &Path) -> Result<ObservatoryRecord, ReadError> {
+    let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, &e))?;
+    parse(path, &String::from_utf8_lossy(&bytes))
+}
+
+fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
+    let mut head = Head {
+        station: String::new(),
+        lat_deg: f64::NAN,
+        lon_deg: f64::NAN,
+        variation: false,
+        baseline_rad: None,
+        kind: None,
+    };
+    let mut samples: Vec<(f64, [f64; 3])> = vec![];
+    let mut first_day = None;
+    for (row, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
+        if line.trim_end().ends_with('|') {
+            head.read(path, line)?;
+            continue;
+        }
+        let wrong = |what: &str| ReadError::data(path, format!("{what} in line {}", row + 1));
+        let Some((kind, _)) = &head.kind else {
+            return Err(ReadError::data(path, "this is no IAGA-2002 record: it has no line `DATE TIME DOY ...`"));
+        };
+        let (date, values) = sample(line).ok_or_else(|| wrong("a date, a time or a component cannot be read"))?;
+        let (first_year, first_doy) = *first_day.get_or_insert((date.0, date.1));
+        let days = days_between((first_year, first_doy), (date.0, date.1));
+        let baseline_rad = head.baseline_rad.filter(|_| head.variation || kind.has_east()).unwrap_or(0.0);
+        samples.push((days as f64 * 86_400.0 + date.2, kind.ned_nt(&values, baseline_rad)));
+    }
+    let Some((date, (_, letters))) = first_day.zip(head.kind) else {
+        return Err(ReadError::data(path, "the IAGA-2002 record has no samples"));
+    };
+    let (step_s, ned_nt) = even(path, &samples)?;
+    let start_tt_s = samples.first().map_or(0.0, |s| s.0);
+    let Head { station, lat_deg, lon_deg, .. } = head;
+    Ok(ObservatoryRecord { station, lat_deg, lon_deg, components: letters, date, start_tt_s, step_s, ned_nt })
+}
+
+impl Head {
+    fn read(&mut self, path: &Path, line: &str) -> Result<(), ReadError> {
+        let line = line.trim_end().trim_end_matches('|').trim();
+        let value_of = |label: &str| {
+            let starts = line.get(..label.len()).is_some_and(|start| start.eq_ignore_ascii_case(label));
+            starts.then(|| line.get(label.len()..).unwrap_or("").trim())
+        };
+        let number = |text: &str| text.split_whitespace().next().and_then(|t| t.parse::<f64>().ok());
+        if let Some(code) = value_of("IAGA CODE") {
+            self.station = code.to_owned();
+        } else if let Some(lat) = value_of("Geodetic Latitude") {
+            self.lat_deg = number(lat).unwrap_or(f64::NAN);
+        } else if let Some(lon) = value_of("Geodetic Longitude") {
+            self.lon_deg = number(lon).unwrap_or(f64::NAN);
+        } else if let Some(kind) = value_of("Data Type") {
+            self.variation = kind.eq_ignore_ascii_case("variation");
+        } else if let Some(tenths) = value_of("# DECBAS") {
+            self.baseline_rad = number(tenths).map(|t| (t / 600.0).to_radians());
+        } else if value_of("DATE").is_some_and(|rest| rest.trim_start().starts_with("TIME")) {
+            let names: Vec<&str> = line.split_whitespace().skip(3).collect();
+            let letters: Vec<char> = names.iter().filter_map(|n| n.chars().last()).collect();
+            let text: String = letters.iter().collect();
+            let kind = Kind::of(&letters).ok_or_else(|| {
+                let what = format!("the components {text} make no vector");
+                ReadError::data(path, what).help("a record needs XYZ, HDZ, HEZ or DIF")
+            })?;
+            self.kind = Some((kind, text));
+        }
+        Ok(())
+    }
+}
+
+/// Year, day of the year and seconds past midnight; and the values, NaN where missing.
+fn sample(line: &str) -> Option<((i32, u32, f64), Vec<f64>)> {
+    let mut words = line.split_whitespace();
+    let mut date = words.next()?.split('-');
+    let (year, month, day) = (date.next()?.parse().ok()?, date.next()?.parse().ok()?, date.next()?.parse().ok()?);
+    let doy = day_of_year(year, month, day).ok()?;
+    let mut clock = words.next()?.split(':').map(|part| part.parse::<f64>().ok());
+    let seconds = 3600.0 * clock.next()?? + 60.0 * clock.next()?? + clock.next()??;
+    let seconds = Some(seconds).filter(|s| (0.0..=86_400.0).contains(s))?;
+    let known = |x: f64| if x.abs() < MISSING { x } else { f64::NAN };
+    let values: Option<Vec<f64>> = words.skip(1).map(|word| word.parse().ok().map(known)).collect();
+    Some(((year, doy, seconds), values.filter(|v| v.len() >= 3)?))
+}
+
+/// Days from one date to another, each a year and a day of it.
+fn days_between(from: (i32, u32), to: (i32, u32)) -> i64 {
+    let whole = |a: i32, b: i32| (a..b).map(|year| i64::from(days_in_year(year))).sum::<i64>();
+    whole(from.0, to.0) - whole(to.0, from.0) + i64::from(to.1) - i64::from(from.1)
+}
+
+/// The step of the samples, and their values at every step, NaN where there is none.
+fn even(path: &Path, samples: &[(f64, [f64; 3])]) -> Result<(f64, Vec<[f64; 3]>), ReadError> {
+    const MOST: f64 = 4e7;
+    let step_s = samples.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(f64::INFINITY, f64::min);
+    let (Some(first), Some(last)) = (samples.first(), samples.last()) else { return Ok((1.0, vec![])) };
+    if samples.len() == 1 {
+        return Ok((1.0, vec![first.1]));
+    }
+    let steps = (last.0 - first.0) / step_s;
+    if !(step_s > 0.0 && steps < MOST) {
+        return Err(ReadError::data(path, "the samples of the record do not ascend in time, or are years apart"));
+    }
+    let mut out = vec![[f64::NAN; 3]; steps.round() as usize + 1];
+    for (tt_s, values) in samples {
+        let place = (tt_s - first.0) / step_s;
+        let node = place.round();
+        if (place - node).abs() > EVENNESS {
+            let what = format!("the samples are not at even times: one is {tt_s} s past midnight, in steps of {step_s} s");
+            return Err(ReadError::data(path, what));
+        }
+        if let Some(slot) = out.get_mut(node as usize) {
+            *slot = *values;
+        }
+    }
+    Ok((step_s, out))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use super::*;
+    use crate::samples;
+
+    fn record(letters: [&str; 4], rows: &str) -> Result<ObservatoryRecord, ReadError> {
+        let columns: String = letters.iter().map(|l| format!("   ABC{l}")).collect();
+        let text = format!(
+            " Format                 IAGA-2002                                    |\n IAGA CODE              ABC   |\n \
+             Geodetic Longitude     90.0                                         |\n \
+             Data Type              variation                                    |\n \
+             # DECBAS               600    (tenths)                              |\n\
+             DATE       TIME         DOY  {columns}   |\n{rows}"
+        );
+        parse(Path::new("x.min"), &text)
+    }
+
+    #[test]
+    fn ref_boulder_by_minutes_and_seconds() {
+        let minutes = read_iaga2002(&samples::path("boulder/bou20141104vmin.min")).unwrap();
+        assert_eq!((minutes.station.as_str(), minutes.components.as_str()), ("BOU", "HDZF"));
+        assert_eq!((minutes.date, minutes.start_tt_s, minutes.step_s), ((2014, 308), 0.0, 60.0));
+        assert_eq!((minutes.lat_deg, minutes.lon_deg, minutes.ned_nt.len()), (40.137, 254.764, 1440));
+        assert!(minutes.ned_nt.iter().flatten().all(|x| x.is_finite()), "the day has no gaps");
+        let seconds = read_iaga2002(&samples::path("boulder/BOU20200101vsec.sec")).unwrap();
+        assert_eq!((seconds.step_s, seconds.ned_nt.len(), seconds.components.as_str()), (1.0, 901, "HEZF"));
+        // The first line: H 20826.85, E -86.75, Z 46874.62, DECBAS 552.7 minutes: sin 0.160091, cos 0.987102.
+        let [north, east, down] = seconds.ned_nt[0];
+        assert!((north - (20826.85 * 0.987_102 + 86.75 * 0.160_091)).abs() < 0.02, "{north}");
+        assert!((east - (20826.85 * 0.160_091 - 86.75 * 0.987_102)).abs() < 0.02, "{east}");
+        assert_eq!(down, 46874.62);
+    }
+
+    #[test]
+    fn law_all_kinds_of_components_make_one_vector() {
+        let (x, y, z) = (20_000.0_f64, 3_000.0_f64, 45_000.0_f64);
+        let (h, f) = (x.hypot(y), x.hypot(y).hypot(z));
+        let arcmin = |rad: f64| 60.0 * rad.to_degrees();
+        let (d, i) = (arcmin(y.atan2(x)) - 60.0, arcmin(z.atan2(h)));
+        let base = 1f64.to_radians();
+        let along = [x * base.cos() + y * base.sin(), y * base.cos() - x * base.sin()];
+        for (letters, values) in [
+            (["X", "Y", "Z", "F"], [x, y, z, f]),
+            (["F", "Z", "H", "D"], [f, z, h, d]),
+            (["H", "E", "Z", "F"], [along[0], along[1], z, f]),
+            (["D", "I", "F", "S"], [d, i, f, f]),
+        ] {
+            let [a, b, c, e] = values;
+            let row = format!("2024-02-29 23:59:00.000 060 {a:.9} {b:.9} {c:.9} {e:.9}\n");
+            let found = record(letters, &row).unwrap();
+            assert_eq!((found.date, found.start_tt_s), ((2024, 60), 86_340.0));
+            // Nine decimals of a minute of arc are 1e-9/3438 of 5e4 nT.
+            let error = [x, y, z].iter().zip(found.ned_nt[0]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(error < 1e-6, "{letters:?}: {:?}", found.ned_nt[0]);
+        }
+    }
+
+    #[test]
+    fn law_what_is_missing_is_nan_and_days_follow_one_another() {
+        let rows = "2024-12-31 23:58:00.000 366  1.0 2.0 3.0 4.0\n2024-12-31 23:59:00.000 366  99999.00 2.0 3.0 4.0\n\
+                    2025-01-01 00:01:00.000 001  5.0 6.0 7.0 88888.00\n2025-01-01 00:02:00.000 001  5.0 6.0 88888.00 1.0\n";
+        let found = record(["X", "Y", "Z", "F"], rows).unwrap();
+        assert_eq!((found.step_s, found.start_tt_s, found.ned_nt.len()), (60.0, 86_280.0, 5));
+        let known: Vec<bool> = found.ned_nt.iter().map(|v| v.iter().all(|x| x.is_finite())).collect();
+        assert_eq!(known, [true, false, false, true, false]);
+        assert_eq!((found.ned_nt[3], found.tt_s(3)), ([5.0, 6.0, 7.0], 86_460.0));
+    }
+
+    #[test]
+    fn gold_records_that_are_none() {
+        let said = |rows: &str| record(["X", "Y", "Z", "F"], rows).unwrap_err().to_string();
+        let wrong = said("2024-13-31 23:58:00.000 366  1.0 2.0 3.0 4.0\n");
+        assert!(wrong.contains("a date, a time or a component cannot be read in line 7"), "{wrong}");
+        assert!(said("").contains("the IAGA-2002 record has no samples"));
+        let apart = "2024-01-01 00:00:00.000 001 1.0 2.0 3.0 4.0\n2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n\
+                     2024-01-01 00:02:30.000 001 1.0 2.0 3.0 4.0\n";
+        assert!(said(apart).contains("not at even times: one is 150 s past midnight, in steps of 60 s"));
+        let twice = "2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n";
+        assert!(said(twice).contains("do not ascend in time"));
+        let scalar = record(["S", "F", "G", "F"], "").unwrap_err().to_string();
+        assert!(scalar.contains("the components SFGF make no vector") && scalar.contains("XYZ, HDZ, HEZ or DIF"));
+        let none = parse(Path::new("x.min"), "a,b\n1,2\n").unwrap_err().to_string();
+        assert!(none.contains("this is no IAGA-2002 record"), "{none}");
+    }
+}
