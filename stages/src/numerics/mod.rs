@@ -3,6 +3,7 @@
 //! Nothing here knows tables, plans or files. A routine's documentation gives the shape, unit and
 //! frame of what it takes and returns, its errors, and where its formula is printed.
 
+pub mod anomaly_retention;
 pub mod attitude;
 pub mod attitude_terms;
 pub mod bootstrap;

@@ -1,0 +1,293 @@
+//! How much of the geology a compensation leaves in place.
+//!
+//! A compensation model is fitted to whatever looks like the aircraft; where the aircraft turns over geology, some of
+//! the geology looks like the aircraft and is taken away with it. Where the anomaly a is known (a simulated flight, or
+//! a good map), that can be measured. Of a line let c be the compensated reading, r the true one and r − a what it
+//! would be without the anomaly. Then
+//!
+//! y = c − (r − a) = ρ a + e,
+//!
+//! e being what is left of the aircraft and noise. The retention ρ is the least-squares slope of y on a, both less
+//! their means: 1 where the geology is kept, 0 where it is taken away whole, above 1 where it is blown up. Of a
+//! model that takes away the projection P a of the geology on the terms of the aircraft, and no more, ρ is exactly
+//! 1 − |P a|²/|a|², the part of the anomaly's energy that is kept. The aircraft's terms are therefore not
+//! regressed out: that would hide the very loss that is sought.
+//!
+//! The residue e may go along with a by chance, and both change slowly, so that a thousand samples may be a dozen
+//! independent ones. The standard error takes that into account: if a and e have nothing to do with each other, the
+//! variance of Σ a e is Σ over all lags of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc.
+//! 98(3)]. It is made as the mean square of Σ a e over all circular shifts of one against the other, by one
+//! transform of each; what the slope took out of e for itself is given back through the number of independent
+//! samples, 1 over the mean squared correlation of the shifts. A retention within two standard errors of 1 is no
+//! evidence of lost geology.
+
+use rustfft::{FftPlanner, num_complex::Complex};
+
+/// What is wrong with what a retention is asked of.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RetentionError {
+    /// The columns have different lengths.
+    #[error("the retention needs columns of one length, not {compensated}, {reference} and {anomaly} samples")]
+    Lengths {
+        /// Samples of the compensated reading.
+        compensated: usize,
+        /// Samples of the true reading.
+        reference: usize,
+        /// Samples of the anomaly.
+        anomaly: usize,
+    },
+    /// Too few rows are finite.
+    #[error("{n} rows have all three values, and the retention needs at least 3")]
+    TooFew {
+        /// How many there are.
+        n: usize,
+    },
+    /// There is no geology to keep.
+    #[error("the anomaly is {value_nt} nT in all rows: there is no geology whose retention could be told")]
+    NoAnomaly {
+        /// Its value.
+        value_nt: f64,
+    },
+}
+
+/// How much of the geology is left.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Retention {
+    /// The slope ρ: 1 where the geology is kept, 0 where it is gone.
+    pub slope: f64,
+    /// Its standard error; infinite where all there is amounts to a single independent sample.
+    pub standard_error: f64,
+    /// The correlation of y and the anomaly; NaN where y is constant.
+    pub correlation: f64,
+    /// The root mean square of what neither geology nor mean explains, in nT.
+    pub residual_nt: f64,
+    /// The root mean square of the anomaly less its mean, in nT.
+    pub anomaly_nt: f64,
+    /// Rows that were used.
+    pub n: usize,
+    /// Rows that were left out, a value of theirs not being finite.
+    pub left_out: usize,
+}
+
+/// The retention on one line: `compensated` and the true `reference` reading, which holds the anomaly, and the
+/// `anomaly` itself, all in nT and evenly sampled; means are taken off.
+///
+/// Rows with a value that is not finite are left out.
+///
+/// # Errors
+/// Columns of different lengths, fewer than three finite rows, and an anomaly that is constant.
+pub fn anomaly_retention(compensated: &[f64], reference: &[f64], anomaly: &[f64]) -> Result<Retention, RetentionError> {
+    let rows = anomaly.len();
+    if compensated.len() != rows || reference.len() != rows {
+        let (compensated, reference) = (compensated.len(), reference.len());
+        return Err(RetentionError::Lengths { compensated, reference, anomaly: rows });
+    }
+    let three = compensated.iter().zip(reference).zip(anomaly);
+    // The difference first: what is common, 5e4 nT, cancels before it can round off the anomaly.
+    let left: Vec<f64> = three.map(|((c, r), a)| (c - r) + a).collect();
+    let known = |i: usize| left[i].is_finite() && anomaly[i].is_finite();
+    let n = (0..rows).filter(|i| known(*i)).count();
+    if n < 3 {
+        return Err(RetentionError::TooFew { n });
+    }
+    let centred = |x: &[f64]| {
+        let mean = (0..rows).filter(|i| known(*i)).map(|i| x[i]).sum::<f64>() / n as f64;
+        // A row that is left out has no part in any sum.
+        (0..rows).map(|i| if known(i) { x[i] - mean } else { 0.0 }).collect::<Vec<f64>>()
+    };
+    let (a, y) = (centred(anomaly), centred(&left));
+    let (aa, ay, yy) = (dot(&a, &a), dot(&a, &y), dot(&y, &y));
+    if aa <= f64::EPSILON * f64::EPSILON * n as f64 * anomaly.iter().fold(0.0, |m: f64, x| m.max(x.abs())).powi(2) {
+        let value_nt = anomaly.iter().copied().find(|x| x.is_finite()).unwrap_or(f64::NAN);
+        return Err(RetentionError::NoAnomaly { value_nt });
+    }
+    let slope = ay / aa;
+    let residual: Vec<f64> = y.iter().zip(&a).map(|(y, a)| y - slope * a).collect();
+    let ee = dot(&residual, &residual);
+    Ok(Retention {
+        slope,
+        standard_error: standard_error(&a, &residual, n),
+        correlation: ay / (aa * yy).sqrt(),
+        residual_nt: (ee / n as f64).sqrt(),
+        anomaly_nt: (aa / n as f64).sqrt(),
+        n,
+        left_out: rows - n,
+    })
+}
+
+/// The retention over several lines, each with a mean of its own: slopes weighted by the energy of the anomaly, which
+/// is the slope of all their rows together. `None` of no lines.
+pub fn pooled(lines: &[Retention]) -> Option<Retention> {
+    let energy = |line: &Retention| line.n as f64 * line.anomaly_nt * line.anomaly_nt;
+    let sum = |of: &dyn Fn(&Retention) -> f64| lines.iter().map(of).sum::<f64>();
+    let (all, n) = (sum(&energy), lines.iter().map(|line| line.n).sum::<usize>());
+    if n == 0 {
+        return None;
+    }
+    let slope = sum(&|line| energy(line) * line.slope) / all;
+    // About the common slope each line has what its own leaves, and the difference of the slopes.
+    let residual = sum(&|l| l.n as f64 * l.residual_nt * l.residual_nt + energy(l) * (l.slope - slope).powi(2));
+    Some(Retention {
+        slope,
+        standard_error: sum(&|line| (energy(line) * line.standard_error).powi(2)).sqrt() / all,
+        correlation: slope * all / (all * (residual + slope * slope * all)).sqrt(),
+        residual_nt: (residual / n as f64).sqrt(),
+        anomaly_nt: (all / n as f64).sqrt(),
+        n,
+        left_out: lines.iter().map(|line| line.left_out).sum(),
+    })
+}
+
+/// The standard error of the slope on `a` that leaves `e`, both of mean zero, with zeros in all but `n` rows.
+fn standard_error(a: &[f64], e: &[f64], n: usize) -> f64 {
+    let (rows, aa, ee) = (a.len(), dot(a, a), dot(e, e));
+    if ee == 0.0 {
+        return 0.0;
+    }
+    let fft = FftPlanner::new().plan_fft_forward(rows);
+    // Two real series of one size in one transform: that of the first is even in conjugation, that of the second odd.
+    let (to_a, to_e) = (1.0 / aa.sqrt(), 1.0 / ee.sqrt());
+    let mut both: Vec<Complex<f64>> = a.iter().zip(e).map(|(a, e)| Complex::new(a * to_a, e * to_e)).collect();
+    fft.process(&mut both);
+    let power = |k: usize| {
+        let (here, there) = (both[k], both[(rows - k) % rows].conj());
+        ((here + there) * 0.5).norm_sqr() * ((here - there) * 0.5).norm_sqr()
+    };
+    // The mean squared correlation of all shifts [Parseval]; shifts of series with gaps meet fewer rows.
+    let mean_square = (0..rows).map(power).sum::<f64>() / (rows as f64).powi(2) * (rows as f64 / n as f64);
+    let independent = 1.0 / mean_square;
+    if independent <= 2.0 { f64::INFINITY } else { (ee / aa / (independent - 2.0)).sqrt() }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use super::super::gauss_markov::GaussMarkov;
+    use super::super::test_normals::Normals;
+    use super::*;
+
+    const ROWS: usize = 3000;
+
+    fn series(seed: u64, sigma: f64, tau_s: f64, rows: usize) -> Vec<f64> {
+        let tt: Vec<f64> = (0..rows).map(|k| 0.1 * k as f64).collect();
+        let mut normals = Normals::new(seed);
+        GaussMarkov { sigma, tau_s }.realisation(&tt, || normals.draw())
+    }
+
+    fn sum(a: &[f64], b: &[f64]) -> Vec<f64> {
+        a.iter().zip(b).map(|(a, b)| a + b).collect()
+    }
+
+    #[test]
+    fn law_an_exact_mixture_gives_its_share() {
+        let (anomaly, rest) = (series(1, 80.0, 30.0, ROWS), series(2, 20.0, 300.0, ROWS));
+        let reference: Vec<f64> = sum(&anomaly, &rest).iter().map(|x| x + 54_000.0).collect();
+        for kept in [1.0, 0.0, 0.6, 1.3, -0.2] {
+            let lost: Vec<f64> = anomaly.iter().map(|a| (kept - 1.0) * a + 12.0).collect();
+            let found = anomaly_retention(&sum(&reference, &lost), &reference, &anomaly).unwrap();
+            // Rounding of 5.4e4 nT against 80: 1e-13.
+            assert!((found.slope - kept).abs() < 1e-11, "{found:?}");
+            assert!(found.residual_nt < 1e-10 && found.standard_error < 1e-9 && found.n == ROWS, "{found:?}");
+            assert!(kept == 0.0 || (found.correlation - kept.signum()).abs() < 1e-9, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn law_a_projection_keeps_one_less_the_squared_cosine() {
+        let (anomaly, term) = (series(3, 50.0, 20.0, ROWS), series(4, 1.0, 20.0, ROWS));
+        let centre = |x: &[f64]| {
+            let mean = x.iter().sum::<f64>() / ROWS as f64;
+            x.iter().map(|x| x - mean).collect::<Vec<f64>>()
+        };
+        let (a, x) = (centre(&anomaly), centre(&sum(&term, &anomaly.iter().map(|a| 0.03 * a).collect::<Vec<_>>())));
+        let size = dot(&a, &x) / dot(&x, &x);
+        let clean: Vec<f64> = a.iter().zip(&x).map(|(a, x)| a - size * x).collect();
+        let found = anomaly_retention(&clean, &a, &a).unwrap();
+        let cosine_squared = dot(&a, &x).powi(2) / (dot(&a, &a) * dot(&x, &x));
+        assert!(cosine_squared > 0.3, "the term looks like the geology: {cosine_squared}");
+        assert!((found.slope - (1.0 - cosine_squared)).abs() < 1e-12, "{found:?}");
+    }
+
+    #[test]
+    fn law_the_standard_error_is_the_scatter_of_the_slope() {
+        // Anomaly and residue both slow: 3000 samples are some 30 independent ones, and the textbook error would be
+        // ten times too small.
+        let (mut scatter, mut said, mut textbook) = (0.0, 0.0, 0.0);
+        const DRAWS: u64 = 300;
+        for draw in 0..DRAWS {
+            let (anomaly, residue) = (series(1000 + draw, 50.0, 8.0, ROWS), series(5000 + draw, 5.0, 8.0, ROWS));
+            let found = anomaly_retention(&sum(&anomaly, &residue), &anomaly, &anomaly).unwrap();
+            scatter += (found.slope - 1.0).powi(2) / DRAWS as f64;
+            said += found.standard_error.powi(2) / DRAWS as f64;
+            textbook += (found.residual_nt / found.anomaly_nt).powi(2) / ROWS as f64 / DRAWS as f64;
+        }
+        // 300 draws tell a variance to 8 %; what is said of it leans on as few independent samples each.
+        assert!((said / scatter - 1.0).abs() < 0.35, "{said} {scatter}");
+        assert!(scatter > 20.0 * textbook, "{scatter} {textbook}");
+    }
+
+    #[test]
+    fn law_white_residue_has_the_textbook_error() {
+        let anomaly = series(7, 50.0, 1.0, ROWS);
+        let mut normals = Normals::new(8);
+        let noisy: Vec<f64> = anomaly.iter().map(|a| a + 2.0 * normals.draw()).collect();
+        let found = anomaly_retention(&noisy, &anomaly, &anomaly).unwrap();
+        let textbook = found.residual_nt / found.anomaly_nt / (ROWS as f64).sqrt();
+        // The power of the white noise in the anomaly's band, 0.16 Hz of 300 s and so a hundred waves or so: 10 % of a
+        // deviation; three of them.
+        assert!((found.standard_error / textbook - 1.0).abs() < 0.3, "{} {textbook}", found.standard_error);
+        assert!((found.slope - 1.0).abs() < 4.0 * found.standard_error, "{found:?}");
+    }
+
+    #[test]
+    fn law_rows_that_are_not_finite_are_left_out() {
+        let (anomaly, residue) = (series(9, 50.0, 10.0, ROWS), series(10, 3.0, 2.0, ROWS));
+        let compensated = sum(&anomaly, &residue);
+        let short = anomaly_retention(&compensated[..2000], &anomaly[..2000], &anomaly[..2000]).unwrap();
+        let (mut holed, mut reference, mut known) = (compensated.clone(), anomaly.clone(), anomaly.clone());
+        for i in 2000..ROWS {
+            [&mut holed, &mut reference, &mut known][i % 3][i] = f64::NAN;
+        }
+        let found = anomaly_retention(&holed, &reference, &known).unwrap();
+        assert_eq!((found.n, found.left_out), (2000, 1000));
+        assert!((found.slope - short.slope).abs() < 1e-12 && (found.residual_nt - short.residual_nt).abs() < 1e-12);
+        // Shifts over the gap are counted by how many rows they meet on average.
+        assert!((found.standard_error / short.standard_error - 1.0).abs() < 0.2, "{found:?} {short:?}");
+    }
+
+    #[test]
+    fn law_lines_together_are_their_rows_together() {
+        let lines: Vec<(Vec<f64>, Vec<f64>)> = (0..3)
+            .map(|k| {
+                let anomaly = series(20 + k, 10.0 * (k + 1) as f64, 10.0, 1000);
+                let kept: Vec<f64> = anomaly.iter().map(|a| (0.9 - 0.2 * k as f64) * a).collect();
+                (sum(&kept, &series(30 + k, 2.0, 1.0, 1000)), anomaly)
+            })
+            .collect();
+        let each: Vec<_> = lines.iter().map(|(c, a)| anomaly_retention(c, a, a).unwrap()).collect();
+        let found = pooled(&each).unwrap();
+        let centred = |x: &[f64]| {
+            let mean = x.iter().sum::<f64>() / 1000.0;
+            x.iter().map(|x| x - mean).collect::<Vec<f64>>()
+        };
+        let (c, a): (Vec<_>, Vec<_>) = lines.iter().map(|(c, a)| (centred(c), centred(a))).unzip();
+        let whole = anomaly_retention(&c.concat(), &a.concat(), &a.concat()).unwrap();
+        assert!((found.slope - whole.slope).abs() < 1e-12, "{found:?} {whole:?}");
+        assert!((found.residual_nt - whole.residual_nt).abs() < 1e-10 && found.n == 3000);
+        assert!((found.correlation - whole.correlation).abs() < 1e-12);
+        assert_eq!(pooled(&[]), None);
+    }
+
+    #[test]
+    fn law_what_cannot_be_told_is_refused() {
+        let said = |c: &[f64], r: &[f64], a: &[f64]| anomaly_retention(c, r, a).unwrap_err().to_string();
+        assert!(said(&[1.0], &[1.0, 2.0], &[1.0]).contains("not 1, 2 and 1 samples"));
+        assert!(said(&[1.0, f64::NAN, 3.0], &[0.0; 3], &[1.0, 2.0, 3.0]).contains("2 rows have all three values"));
+        assert!(said(&[1.0, 2.0, 3.0], &[0.0; 3], &[7.0; 3]).contains("the anomaly is 7 nT in all rows"));
+    }
+}
