@@ -222,7 +222,8 @@ fn even(path: &Path, samples: &[(f64, [f64; 3])]) -> Result<(f64, Vec<[f64; 3]>)
         let place = (tt_s - first.0) / step_s;
         let node = place.round();
         if (place - node).abs() > EVENNESS {
-            let what = format!("the samples are not at even times: one is {tt_s} s past midnight, in steps of {step_s} s");
+            let what =
+                format!("the samples are not at even times: one is {tt_s} s past midnight, in steps of {step_s} s");
             return Err(ReadError::data(path, what));
         }
         if let Some(slot) = out.get_mut(node as usize) {

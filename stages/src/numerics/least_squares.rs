@@ -182,27 +182,40 @@ impl QrAccumulator {
     ///
     /// Pushing in pieces gives the same bits as pushing at once. On an error nothing is folded in.
     pub fn push(&mut self, a: &[f64], targets: &[&[f64]]) -> Result<(), LeastSquaresError> {
-        let rows = self.check(a, targets)?;
-        if !all_finite(a) {
-            return Err(self.not_finite("term", a.iter().position(|x| !x.is_finite()), self.terms));
-        }
-        for (number, target) in targets.iter().enumerate() {
-            if !all_finite(target) {
-                let row = target.iter().position(|x| !x.is_finite()).unwrap_or_default();
-                let at = row * self.targets + number;
-                return Err(self.not_finite("target", Some(at), self.targets));
-            }
-        }
+        let rows = self.check_finite(a, targets)?;
         for i in 0..rows {
-            let terms = self.terms;
-            self.row[1..=terms].copy_from_slice(&a[i * terms..(i + 1) * terms]);
-            for (value, target) in self.row[1 + terms..].iter_mut().zip(targets) {
-                *value = target[i];
-            }
+            self.fill_row(a, targets, i);
             self.triangle.push(&self.row);
         }
         self.rows += rows;
         Ok(())
+    }
+
+    /// As [`push`](Self::push) with a weight of at least 0 for each row's squared residual. Means are then
+    /// weighted too, in a fit with an intercept as well.
+    pub fn push_weighted(&mut self, a: &[f64], targets: &[&[f64]], weights: &[f64]) -> Result<(), LeastSquaresError> {
+        let rows = self.check_finite(a, targets)?;
+        expect("the list of weights", weights.len(), rows)?;
+        let bad = weights.iter().find(|w| !(**w >= 0.0 && w.is_finite()));
+        setting("a weight", bad.copied().unwrap_or_default(), "a finite number of at least 0", bad.is_none())?;
+        for (i, weight) in weights.iter().enumerate() {
+            self.fill_row(a, targets, i);
+            let root = weight.sqrt();
+            self.row.iter_mut().for_each(|x| *x *= root);
+            self.triangle.push(&self.row);
+            self.row[0] = 1.0;
+        }
+        self.rows += rows;
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn fill_row(&mut self, a: &[f64], targets: &[&[f64]], i: usize) {
+        let terms = self.terms;
+        self.row[1..=terms].copy_from_slice(&a[i * terms..(i + 1) * terms]);
+        for (value, target) in self.row[1 + terms..].iter_mut().zip(targets) {
+            *value = target[i];
+        }
     }
 
     /// Folds in the rows of another factor, after the own ones. The answer depends on the order of
@@ -300,6 +313,21 @@ impl QrAccumulator {
         expect("the matrix of terms", a.len(), rows * self.terms)?;
         for target in targets {
             expect("a target", target.len(), rows)?;
+        }
+        Ok(rows)
+    }
+
+    fn check_finite(&self, a: &[f64], targets: &[&[f64]]) -> Result<usize, LeastSquaresError> {
+        let rows = self.check(a, targets)?;
+        if !all_finite(a) {
+            return Err(self.not_finite("term", a.iter().position(|x| !x.is_finite()), self.terms));
+        }
+        for (number, target) in targets.iter().enumerate() {
+            if !all_finite(target) {
+                let row = target.iter().position(|x| !x.is_finite()).unwrap_or_default();
+                let at = row * self.targets + number;
+                return Err(self.not_finite("target", Some(at), self.targets));
+            }
         }
         Ok(rows)
     }

@@ -326,8 +326,7 @@ impl Tower {
     /// The quantities at a height above the map.
     fn at(&self, cell: Cell, up_m: f64, steps_m: [f64; 2]) -> Quantities {
         let over = self.rungs.partition_point(|(rung_m, _)| *rung_m <= up_m);
-        let (Some((low_m, low)), Some((high_m, high))) =
-            (self.rungs.get(over.saturating_sub(1)), self.rungs.get(over))
+        let (Some((low_m, low)), Some((high_m, high))) = (self.rungs.get(over.saturating_sub(1)), self.rungs.get(over))
         else {
             return self.rungs.last().map_or([f64::NAN; 4], |(_, level)| level.at(cell).value);
         };

@@ -174,9 +174,9 @@ fn diurnal(
         start_tt_s: starts.fold(f64::INFINITY, f64::min),
     };
     let (tt_s, lat_deg, lon_deg) = (&truth.tt_s, &truth.lat_deg, &truth.lon_deg);
-    variation.along(&Places { tt_s, lat_deg, lon_deg, core_ned_nt }).map_err(|what| {
-        scene.fault(what).help("fly at a time that the record covers, or take another record")
-    })
+    variation
+        .along(&Places { tt_s, lat_deg, lon_deg, core_ned_nt })
+        .map_err(|what| scene.fault(what).help("fly at a time that the record covers, or take another record"))
 }
 
 #[cfg(test)]

@@ -34,7 +34,11 @@ impl Observatory {
         if chosen.is_empty() {
             let what = if quiet_base { "has no value in its first three hours of local day" } else { "has no value" };
             let error = ReadError::data(path, format!("the record {what}"));
-            return Err(if quiet_base { error.help("count from the mean: `observatory_base = \"mean\"`") } else { error });
+            return Err(if quiet_base {
+                error.help("count from the mean: `observatory_base = \"mean\"`")
+            } else {
+                error
+            });
         }
         let base = [0, 1, 2].map(|axis| chosen.iter().map(|v| v[axis]).sum::<f64>() / chosen.len() as f64);
         Ok(Observatory::of(&record, base))

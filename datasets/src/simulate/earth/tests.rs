@@ -128,10 +128,8 @@ fn law_the_field_is_a_gradient_without_sources() {
             (earth.north_m_to_lat_rad(H, rad, alt).to_degrees(), earth.east_m_to_lon_rad(H, rad, alt).to_degrees());
         let moved = [(dn, 0.0, 0.0), (0.0, de, 0.0), (0.0, 0.0, -H)];
         // Rows are components, columns directions: north, east, down. One climbing line asks for all of them.
-        let places: Vec<_> = moved
-            .iter()
-            .flat_map(|(a, b, c)| [1.0, -1.0].map(|s| (lat + s * a, lon + s * b, alt + s * c)))
-            .collect();
+        let places: Vec<_> =
+            moved.iter().flat_map(|(a, b, c)| [1.0, -1.0].map(|s| (lat + s * a, lon + s * b, alt + s * c))).collect();
         let at = fields(&map, &places);
         let slope = [0, 1, 2].map(|k| (at[2 * k] - at[2 * k + 1]) / (2.0 * H));
         let curl = Vector3::new(slope[1].z - slope[2].y, slope[2].x - slope[0].z, slope[0].y - slope[1].x);
@@ -167,7 +165,8 @@ fn law_near_the_magnetic_equator_the_field_is_finite_and_its_projection_the_map(
 fn law_sources_have_no_curl_and_a_vertical_dipole_is_twice_as_strong_above_it() {
     let core = CoreField::at(2020.0).unwrap();
     let body = Body::Dipole { moment_am2: 1e9 };
-    let down = Buried { lat_deg: 50.0, lon_deg: 9.0, alt_m: -500.0, inclination_declination_deg: Some((90.0, 0.0)), body };
+    let down =
+        Buried { lat_deg: 50.0, lon_deg: 9.0, alt_m: -500.0, inclination_declination_deg: Some((90.0, 0.0)), body };
     let above = field_ned_nt(&[Placed::new(&down, &core)], 50.0, 9.0, 500.0);
     // 2 µ0/4π m/r³ = 2 · 100 nT m/A · 1e9 A m² / 1e9 m³.
     assert!((above - Vector3::new(0.0, 0.0, 200.0)).norm() < 1e-6, "{above}");
@@ -283,7 +282,8 @@ fn law_the_magnitude_differs_from_the_projection_by_less_than_the_square() {
 
 #[test]
 fn law_five_years_later_the_field_has_changed_by_the_secular_variation() {
-    let at = |year: i32| flown(&format!("year = {year}\ndoy = 1\n[components]\nanomaly = false\n{BARE}{LINE}")).remove(0);
+    let at =
+        |year: i32| flown(&format!("year = {year}\ndoy = 1\n[components]\nanomaly = false\n{BARE}{LINE}")).remove(0);
     let (before, after) = (at(2020), at(2025));
     let track = CoreTrack::new(CoreModel::Igrf14);
     for i in (0..before.num_rows()).step_by(100) {
@@ -298,7 +298,8 @@ fn law_five_years_later_the_field_has_changed_by_the_secular_variation() {
         // which differs by up to 20 nT a year: 0.02 nT.
         assert!((found - expected).abs() < 0.02 && found.abs() > 10.0, "{found} {expected}");
     }
-    let wmm = |year: i32| format!("year = {year}\n[components]\nanomaly = false\n[core_field]\nmodel = 'wmm'\n{BARE}{LINE}");
+    let wmm =
+        |year: i32| format!("year = {year}\n[components]\nanomaly = false\n[core_field]\nmodel = 'wmm'\n{BARE}{LINE}");
     let world = &flown(&wmm(2020))[0];
     let difference = column(world, "igrf")[0] - column(&before, "igrf")[0];
     assert!(difference != 0.0 && difference.abs() < 100.0, "two models of one field: {difference}");
@@ -360,7 +361,9 @@ fn law_the_quiet_day_has_no_curl_over_the_ground() {
         let at = |lat: f64, lon: f64| quiet.at(3600.0 * hour, lat, lon);
         // Less the value of midnight, which is another place's with the longitude the same: only northward, so that it
         // has no part in what changes with longitude and none in the east.
-        let d_east = (at(lat + h, 10.0).y * (lat + h).to_radians().cos() - at(lat - h, 10.0).y * (lat - h).to_radians().cos()) / (2.0 * h);
+        let d_east = (at(lat + h, 10.0).y * (lat + h).to_radians().cos()
+            - at(lat - h, 10.0).y * (lat - h).to_radians().cos())
+            / (2.0 * h);
         let d_north = (at(lat, 10.0 + h).x - at(lat, 10.0 - h).x) / (2.0 * h);
         assert!((d_east - d_north).abs() < 1e-5, "{hour}: {d_east} {d_north}");
     }
@@ -378,9 +381,11 @@ fn law_pulsations_have_their_band_and_their_size() {
         // The highest of 32 waves drawn about the middle.
         assert!((peak.1 * period_s - 1.0).abs() < 3.0 * width, "{peak:?}");
         let within = |f: f64| (f * period_s - 1.0).abs() < 4.0 * width + 0.02;
-        let (band, all) = spectrum.density.iter().zip(&spectrum.frequency_hz).fold((0.0, 0.0), |(band, all), (d, f)| {
-            (if within(*f) { band + d } else { band }, all + d)
-        });
+        let (band, all) = spectrum
+            .density
+            .iter()
+            .zip(&spectrum.frequency_hz)
+            .fold((0.0, 0.0), |(band, all), (d, f)| (if within(*f) { band + d } else { band }, all + d));
         assert!(band / all > 0.99, "{}", band / all);
         let std = rms(x.iter().map(|v| Vector3::new(v.x, 0.0, 0.0)).collect::<Vec<_>>().iter());
         // Waves of one size: their mean square is exact but for beats that 60,000 s do not average: a few percent.
@@ -461,7 +466,10 @@ fn law_a_flight_sees_the_record_along_the_core_field() {
         assert!((column(line, "mag_1_c")[i] - (core + variation).norm()).abs() < 1e-6);
     }
     let night = try_flown(&text.replace("start_tt_s = 36000.0", "start_tt_s = 86390.0")).unwrap_err();
-    assert!(night.contains("flight A, line A.1: the record of the observatory BOU has no value at 23:59:50"), "{night}");
+    assert!(
+        night.contains("flight A, line A.1: the record of the observatory BOU has no value at 23:59:50"),
+        "{night}"
+    );
     assert!(night.contains("fly at a time that the record covers"), "{night}");
 }
 
@@ -485,7 +493,8 @@ fn gold_faults_of_the_earths_field() {
     ] {
         assert!(said.contains(what), "{what} is not in\n{said}");
     }
-    let gone = try_flown(&format!("[components]\nanomaly = false\n[diurnal]\nobservatory = 'no.min'\n{LINE}")).unwrap_err();
+    let gone =
+        try_flown(&format!("[components]\nanomaly = false\n[diurnal]\nobservatory = 'no.min'\n{LINE}")).unwrap_err();
     assert!(gone.contains("the record of the observatory `") && gone.contains("no.min` is not there"), "{gone}");
     let through = "[[sources]]\nlat = -22.05\nlon = 140.6\nalt_m = 500.0\nmoment_am2 = 1e6\n";
     let through = try_flown(&format!("{through}{LINE}")).unwrap_err();
@@ -506,8 +515,7 @@ fn law_twenty_hours_take_seconds() {
     let alt: Vec<f64> = (0..SAMPLES).map(|k| 700.0 + 200.0 * phase(k, 11.0)).collect();
     let core = track.field(&lat, &lon, &alt, &vec![2020.5; SAMPLES]).unwrap();
     let cored = start.elapsed();
-    let core: Vec<_> =
-        (0..SAMPLES).map(|i| Vector3::new(core.north_nt[i], core.east_nt[i], core.down_nt[i])).collect();
+    let core: Vec<_> = (0..SAMPLES).map(|i| Vector3::new(core.north_nt[i], core.east_nt[i], core.down_nt[i])).collect();
     let field = map.along(&lat, &lon, &alt, &core).unwrap().unwrap();
     println!("map {prepared:?}, core field {:?}, crustal field {:?}", cored - prepared, start.elapsed() - cored);
     assert!(field.iter().all(|b| b.norm() < 1e4));

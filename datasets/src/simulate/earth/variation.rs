@@ -108,8 +108,7 @@ impl QuietDay {
     pub(super) fn at(&self, tt_s: f64, lat_deg: f64, lon_deg: f64) -> Vector3<f64> {
         let hour_angle = TAU * (tt_s / DAY_S - 0.5) + lon_deg.to_radians();
         let (sin_lat, cos_lat) = lat_deg.to_radians().sin_cos();
-        (Self::from_noon(hour_angle, sin_lat, cos_lat) - Self::from_noon(PI, sin_lat, cos_lat))
-            * self.scale_nt
+        (Self::from_noon(hour_angle, sin_lat, cos_lat) - Self::from_noon(PI, sin_lat, cos_lat)) * self.scale_nt
     }
 
     /// Minus the gradient of −sin φ Σ c cos^m φ cos m H at the surface.

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::spectrum::Spectrum;
 use super::transform::Transform;
 use super::upward::gain;
+use crate::numerics::l_curve::log_curvature;
 
 /// Rings of wavenumbers, narrow enough for the factor to be the same all over one.
 const RINGS: usize = 4096;
@@ -101,13 +102,8 @@ fn point(waves: &[(f64, f64)], alpha_m2: f64, down_m: f64) -> LCurvePoint {
 
 /// The curvature in the middle of three points even in the logarithm of α.
 fn curvature(points: &[LCurvePoint]) -> f64 {
-    let of = |value: fn(&LCurvePoint) -> f64| {
-        let [a, b, c] = [0, 1, 2].map(|i| points.get(i).map_or(f64::NAN, |p| value(p).ln()));
-        (0.5 * (c - a), a - 2.0 * b + c)
-    };
-    let ((x, xx), (y, yy)) = (of(|p| p.misfit_nt), of(|p| p.roughness_nt_per_m));
-    let curvature = (x * yy - y * xx) / (x * x + y * y).powf(1.5);
-    if curvature.is_finite() { curvature } else { 0.0 }
+    let of = |value: fn(&LCurvePoint) -> f64| [0, 1, 2].map(|i| points.get(i).map_or(f64::NAN, value));
+    log_curvature(of(|p| p.misfit_nt), of(|p| p.roughness_nt_per_m))
 }
 
 /// The power by wavenumber, each wave of the half that is not kept counted with its conjugate.

@@ -1,0 +1,301 @@
+//! Whether a calibration can be trusted: what the flight did not excite, whether the fit is the trivial one, and how
+//! far calibrations differ.
+
+use super::least_squares::{LeastSquaresError, LinearFit, Moments, Prepared, expect, setting};
+
+/// The least part of a direction for a term to be named with it.
+const NAMED_FROM: f64 = 0.1;
+
+/// A combination of terms that the rows hardly hold.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WeakDirection {
+    /// Its singular value over the largest, with all columns scaled alike.
+    pub strength: f64,
+    /// The terms that make it up, each with its part (of a vector of length 1), largest first.
+    pub terms: Vec<(String, f64)>,
+}
+
+/// How well a flight excites the terms.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Excitation {
+    /// The largest singular value over the smallest; infinite where a term is zero throughout.
+    pub condition: f64,
+    /// For each term, by how much its coefficient's variance is larger than it would be if no other term
+    /// were like it; infinite where others make it up. 10 is commonly called too much.
+    pub variance_inflation: Vec<f64>,
+    /// The directions weaker than asked for, weakest first.
+    pub weak: Vec<WeakDirection>,
+}
+
+/// Which combinations of terms have a singular value below `weak_below` times the largest.
+///
+/// Take a factor with all columns on one scale ([`super::least_squares::Scaling::Standardise`]): the result
+/// is about the flight, not about units. Errors: a list of names of another length, no convergence.
+pub fn excitation<S: AsRef<str>>(
+    prepared: &Prepared,
+    names: &[S],
+    weak_below: f64,
+) -> Result<Excitation, LeastSquaresError> {
+    expect("the list of term names", names.len(), prepared.terms())?;
+    setting("the limit of weak directions", weak_below, "from 0 to 1", (0.0..=1.0).contains(&weak_below))?;
+    let singular = prepared.singular()?;
+    let largest = singular.values.first().copied().unwrap_or(f64::NAN);
+    let smallest = singular.values.last().copied().unwrap_or(f64::NAN);
+    let named = |(strength, right): (f64, &Vec<f64>)| {
+        let mut terms: Vec<(String, f64)> = names.iter().map(|n| n.as_ref().to_owned()).zip(right.clone()).collect();
+        terms.retain(|(_, part)| part.abs() >= NAMED_FROM);
+        terms.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        WeakDirection { strength, terms }
+    };
+    let strengths = singular.values.iter().map(|s| s / largest);
+    let weak = strengths.zip(&singular.right).rev().take_while(|(s, _)| *s < weak_below).map(named).collect();
+    Ok(Excitation { condition: largest / smallest, variance_inflation: variance_inflation(prepared, &singular), weak })
+}
+
+/// (Rᵀ R)⁻¹ⱼⱼ (Rᵀ R)ⱼⱼ, by the decomposition.
+fn variance_inflation(prepared: &Prepared, singular: &super::least_squares::Singular) -> Vec<f64> {
+    let p = prepared.terms();
+    let rounding = singular.values.first().copied().unwrap_or(0.0) * p as f64 * f64::EPSILON;
+    let of = |j: usize| {
+        let square: f64 = prepared.factor().chunks_exact(p).map(|row| row[j] * row[j]).sum();
+        let inverse: f64 = singular
+            .values
+            .iter()
+            .zip(&singular.right)
+            .filter(|(s, v)| **s > rounding || v[j].abs() > 1e-8)
+            .map(|(s, v)| if *s > rounding { (v[j] / s).powi(2) } else { f64::INFINITY })
+            .sum();
+        square * inverse
+    };
+    (0..p).map(of).collect()
+}
+
+impl Excitation {
+    /// What to tell whoever flew it; `None` where no direction is weak.
+    pub fn message(&self) -> Option<String> {
+        let of = |direction: &WeakDirection| {
+            let terms: Vec<String> =
+                direction.terms.iter().map(|(name, part)| format!("{part:+.2} `{name}`")).collect();
+            format!("{} (excited {:.1e} as much as the strongest)", terms.join(" "), direction.strength)
+        };
+        let weak: Vec<String> = self.weak.iter().map(of).collect();
+        (!weak.is_empty()).then(|| {
+            format!("the flight hardly excites {}: fly more manoeuvres, leave terms out, or use a ridge", weak.join("; "))
+        })
+    }
+}
+
+/// How near a Tolles-Lawson fit is to the trivial one, which calls the whole field the aircraft's.
+///
+/// The trivial solution [thesis 004, 4.2.1]: no permanent field, the unit matrix as induced field, no eddy
+/// currents; Σ B̂ᵢ Bᵢ = |B| then explains the total field exactly, and the earth's field that is left is zero.
+/// Band-passed rows cannot tell it from the true one where the earth's field is constant; the unfiltered
+/// terms can: there the true one is some hundreds of nT in 50,000 and the trivial one all of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrivialSolution {
+    /// How much of the total field the fit explains away, in the metric of the unfiltered terms:
+    /// 0.002 for 100 nT in 50,000, 1 for the trivial solution.
+    pub share: f64,
+    /// ‖A (β − trivial)‖/‖A trivial‖ over the unfiltered terms: near 1 for a true fit, 0 for the trivial one.
+    pub distance: f64,
+    /// The same over the rows that were fitted: where it is small, only the ridge chose between the two.
+    pub distance_fitted: f64,
+    /// ‖y − A β‖² + λ ‖β‖² of the fit.
+    pub loss: f64,
+    /// The same of the trivial solution: λ · 3 s² (thesis 004's 3 λ for s = 1), and what it misses.
+    pub trivial_loss: f64,
+}
+
+impl TrivialSolution {
+    /// Whether more than half of the field is explained away.
+    pub fn is_trivial(&self) -> bool {
+        self.share > 0.5
+    }
+
+    /// Whether the loss of the fit is less than that of the trivial solution, so that the ridge excludes it.
+    pub fn is_excluded(&self) -> bool {
+        self.loss < self.trivial_loss
+    }
+}
+
+/// Compares `fit` with the trivial solution.
+///
+/// `unfiltered` holds the terms as they are, `fitted` the rows of the fit, both with the terms `names` in the
+/// same order (others than `xx`, `yy`, `zz` may be anything); `scale_nt` s is that of the induced terms, `lambda`
+/// the ridge parameter of unscaled columns. `None` where one of the diagonal terms is not there, so that the
+/// trivial solution cannot be expressed.
+pub fn trivial_solution<S: AsRef<str>>(
+    unfiltered: &Moments,
+    fitted: &Moments,
+    target: usize,
+    names: &[S],
+    fit: &LinearFit,
+    lambda: f64,
+    scale_nt: f64,
+) -> Result<Option<TrivialSolution>, LeastSquaresError> {
+    use super::least_squares::Scaling;
+    for (what, given) in [
+        ("the list of term names", names.len()),
+        ("the list of unfiltered terms", unfiltered.terms()),
+        ("the list of coefficients", fit.coefficients.len()),
+    ] {
+        expect(what, given, fitted.terms())?;
+    }
+    let mut trivial = LinearFit { coefficients: vec![0.0; names.len()], intercept: 0.0 };
+    for diagonal in ["xx", "yy", "zz"] {
+        let Some(place) = names.iter().position(|name| name.as_ref() == diagonal) else { return Ok(None) };
+        trivial.coefficients[place] = scale_nt;
+    }
+    let difference: Vec<f64> = fit.coefficients.iter().zip(&trivial.coefficients).map(|(b, t)| b - t).collect();
+    let over = |moments: &Moments| {
+        let prepared = moments.prepare(Scaling::None, false)?;
+        let zero = vec![0.0; names.len()];
+        let image = |b: &[f64]| prepared.left_of(&zero, b);
+        Ok::<_, LeastSquaresError>([image(&fit.coefficients), image(&trivial.coefficients), image(&difference)])
+    };
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let [ours, its, apart] = over(unfiltered)?;
+    let [_, its_fitted, apart_fitted] = over(fitted)?;
+    let loss = |fit: &LinearFit| {
+        let size = dot(&fit.coefficients, &fit.coefficients);
+        fitted.residuals(target, fit).map(|left| left.squares + lambda * size)
+    };
+    Ok(Some(TrivialSolution {
+        share: dot(&ours, &its) / dot(&its, &its),
+        distance: (dot(&apart, &apart) / dot(&its, &its)).sqrt(),
+        distance_fitted: (dot(&apart_fitted, &apart_fitted) / dot(&its_fitted, &its_fitted)).sqrt(),
+        loss: loss(fit)?,
+        trivial_loss: loss(&trivial)?,
+    }))
+}
+
+/// How one coefficient scatters over calibrations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Variation {
+    /// The mean of the coefficient.
+    pub mean: f64,
+    /// Its standard deviation with n − 1; NaN of one calibration.
+    pub std: f64,
+    /// std/|mean|. [thesis 000 eq. 3.28, Tables 3.1 and 3.2, Figure 3-8]
+    pub coefficient_of_variation: f64,
+}
+
+/// The scatter of each coefficient over calibrations, one slice of coefficients each. Figure 3-8 draws the mean of
+/// the coefficients of variation over λ.
+pub fn variation(calibrations: &[&[f64]]) -> Result<Vec<Variation>, LeastSquaresError> {
+    let terms = calibrations.first().ok_or(LeastSquaresError::NoRows)?.len();
+    for coefficients in calibrations {
+        expect("the coefficients of a calibration", coefficients.len(), terms)?;
+    }
+    let of = |j: usize| {
+        let values: Vec<f64> = calibrations.iter().map(|c| c[j]).collect();
+        let summary = super::statistics::summary(&values);
+        Variation {
+            mean: summary.mean,
+            std: summary.std,
+            coefficient_of_variation: summary.std / summary.mean.abs(),
+        }
+    };
+    Ok((0..terms).map(of).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::numerics::filter::{Band, ConstantColumns, ZeroPhase};
+    use crate::numerics::least_squares::Scaling;
+    use crate::numerics::test_normals::Normals;
+    use crate::numerics::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix};
+
+    #[test]
+    fn ref_variation_is_that_of_table_3_1() {
+        // Thesis 000, Table 3.1: three boxes without a ridge, cosX, cosXX and cosYZ.
+        let boxes = [[1974.0, -1013.0, -18.0], [1798.0, -787.0, 180.0], [1243.0, -1132.0, 190.0]];
+        let variation = variation(&[&boxes[0], &boxes[1], &boxes[2]]).unwrap();
+        // By hand: mean 1671.667, deviations 302.333, 126.333, -428.667.
+        assert!((variation[0].mean - 5015.0 / 3.0).abs() < 1e-9);
+        let std = ((302.333_333_f64.powi(2) + 126.333_333_f64.powi(2) + 428.666_667_f64.powi(2)) / 2.0).sqrt();
+        assert!((variation[0].std - std).abs() < 1e-5);
+        assert!((variation[1].coefficient_of_variation - variation[1].std / (2932.0 / 3.0)).abs() < 1e-12);
+        // Eq. 3.28: the term that changes sign varies most.
+        assert!(variation[2].coefficient_of_variation > 0.9 && variation[0].coefficient_of_variation < 0.25);
+        assert!(super::variation(&[]).is_err());
+        assert!(super::variation(&[&[1.0], &[1.0, 2.0]]).is_err());
+    }
+
+    #[test]
+    fn law_what_is_not_excited_is_named_and_inflated() {
+        let mut normals = Normals::new(2);
+        let a: Vec<f64> = (0..500)
+            .flat_map(|_| {
+                let [x, y, z] = [normals.draw(), normals.draw(), normals.draw()];
+                [x, y, 3.0 * x + 3e-3 * z]
+            })
+            .collect();
+        let moments = Moments::of(&a, 3, &[]).unwrap();
+        let prepared = moments.prepare(Scaling::Standardise, true).unwrap();
+        let found = excitation(&prepared, &["roll", "pitch", "yaw"], 1e-2).unwrap();
+        assert_eq!(found.weak.len(), 1);
+        let named: Vec<&str> = found.weak[0].terms.iter().map(|(name, _)| name.as_str()).collect();
+        assert!(named.len() == 2 && named.contains(&"roll") && named.contains(&"yaw"), "{named:?}");
+        // 1/(1 − R²) with R the correlation: 1 − R² = 1e-6 of the noise's share, known to √(2/500).
+        assert!((found.variance_inflation[0] / 1e6 - 1.0).abs() < 0.3, "{:?}", found.variance_inflation);
+        assert!((found.variance_inflation[1] - 1.0).abs() < 0.05);
+        let message = found.message().unwrap();
+        assert!(message.contains("`yaw`") && !message.contains("`pitch`"), "{message}");
+        assert!(excitation(&prepared, &["roll", "pitch", "yaw"], 1e-6).unwrap().message().is_none());
+        let flat: Vec<f64> = a.chunks(3).flat_map(|r| [r[0], 0.0, r[0]]).collect();
+        let flat = Moments::of(&flat, 3, &[]).unwrap().prepare(Scaling::Standardise, true).unwrap();
+        let found = excitation(&flat, &["a", "b", "c"], 1e-9).unwrap();
+        assert_eq!((found.weak.len(), found.variance_inflation[0]), (2, f64::INFINITY));
+    }
+
+    /// A figure-of-merit pattern in an earth's field of constant size, with an aircraft of 300 nT or so.
+    fn flight() -> (Vec<f64>, Vec<f64>, Vec<f64>, Vec<f64>) {
+        let rate = 10.0;
+        let (mut vector, mut scalar) = ([Vec::new(), Vec::new(), Vec::new()], Vec::new());
+        for k in 0..4000 {
+            let t = f64::from(k) / rate;
+            let (roll, pitch, yaw) = (0.17 * (1.1 * t).sin(), 0.09 * (1.7 * t).sin(), 0.0157 * t + 0.09 * (2.3 * t).sin());
+            let down = crate::numerics::attitude::body_to_ned(roll, pitch, yaw).transpose();
+            let earth = down * nalgebra::Vector3::new(18_000.0, -2000.0, 48_000.0);
+            let aircraft = nalgebra::Vector3::new(150.0, -90.0, 200.0) + 2e-3 * earth;
+            let total = earth + aircraft;
+            vector.iter_mut().zip(total.iter()).for_each(|(column, b)| column.push(*b));
+            scalar.push(total.norm());
+        }
+        let [x, y, z] = vector;
+        let a = matrix(&Field { x: &x, y: &y, z: &z, bt: None }, &Terms::default(), DEFAULT_SCALE_NT).unwrap();
+        let filter = ZeroPhase::new(Band::Band { low_hz: 0.1, high_hz: 0.9 }, rate, 4).unwrap();
+        let mut filtered = a.clone();
+        filter.apply_matrix(&mut filtered, 18, ConstantColumns::Keep).unwrap();
+        let y = filter.apply(&scalar).unwrap();
+        (a, filtered, y, scalar)
+    }
+
+    #[test]
+    fn law_the_trivial_solution_is_told_from_the_true_one() {
+        let (a, filtered, y, _) = flight();
+        let names = Terms::default().names();
+        let unfiltered = Moments::of(&a, 18, &[]).unwrap();
+        let fitted = Moments::of(&filtered, 18, &[&y]).unwrap();
+        let judged = |lambda: f64| {
+            let path = fitted.prepare(Scaling::None, false).unwrap().ridge(&[lambda], &names).unwrap();
+            let fit = LinearFit { coefficients: path.solutions[0].coefficients[0].clone(), intercept: 0.0 };
+            trivial_solution(&unfiltered, &fitted, 0, &names, &fit, lambda, DEFAULT_SCALE_NT).unwrap().unwrap()
+        };
+        // With next to no ridge the fit is the trivial one, which explains the scalar without error, where the true
+        // one is off by some 1e-5 nT.
+        let weak = judged(1e-22);
+        assert!(weak.is_trivial() && weak.distance < 0.1, "{weak:?}");
+        let strong = judged(0.025);
+        assert!(!strong.is_trivial() && strong.distance > 0.9 && strong.share.abs() < 0.1, "{strong:?}");
+        assert!(strong.is_excluded(), "{strong:?}");
+        // What the trivial one costs is 3 λ of coefficients s, as it misses nothing.
+        assert!((strong.trivial_loss / (0.025 * 3.0 * DEFAULT_SCALE_NT.powi(2)) - 1.0).abs() < 1e-6);
+        let five = Moments::of(&[1.0, 2.0], 1, &[&[1.0, 2.0]]).unwrap();
+        let fit = LinearFit { coefficients: vec![1.0], intercept: 0.0 };
+        assert_eq!(trivial_solution(&five, &five, 0, &["xx"], &fit, 0.0, 1.0).unwrap(), None);
+    }
+}
