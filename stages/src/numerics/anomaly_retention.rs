@@ -55,7 +55,7 @@ pub enum RetentionError {
 pub struct Retention {
     /// The slope ρ: 1 where the geology is kept, 0 where it is gone.
     pub slope: f64,
-    /// Its standard error; infinite where all there is amounts to a single independent sample.
+    /// Its standard error; infinite where all there is amounts to no more than two independent samples.
     pub standard_error: f64,
     /// The correlation of y and the anomaly; NaN where y is constant.
     pub correlation: f64,
