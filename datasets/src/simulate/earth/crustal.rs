@@ -178,6 +178,12 @@ impl CrustalMap {
         Ok(Ok(out))
     }
 
+    /// The most that is laid along the core field at the map's height, in nT.
+    #[cfg(test)]
+    pub(super) fn most_rest_nt(&self) -> f64 {
+        self.rest.values.iter().fold(0.0, |most, rest| most.max(rest.abs()))
+    }
+
     fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
         let (row, up) = self.lat.locate(lat_deg)?;
         let around = [0.0, -360.0, 360.0].into_iter().find_map(|turn| self.lon.locate(lon_deg + turn));
