@@ -164,7 +164,7 @@ impl CrustalMap {
     ) -> Result<Result<Vec<Vector3<f64>>, Nowhere>, ReadError> {
         let Some(first_m) = alt_m.first() else { return Ok(Ok(vec![])) };
         let least_m = self.level_m - BELOW * self.steps_m[0].min(self.steps_m[1]);
-        if let Some(i) = alt_m.iter().position(|alt| !(*alt >= least_m)) {
+        if let Some(i) = alt_m.iter().position(|alt| alt.is_nan() || *alt < least_m) {
             return Ok(Err(Nowhere::Below(i)));
         }
         let level = alt_m.iter().all(|alt| alt == first_m) && *first_m >= self.level_m;
@@ -293,18 +293,23 @@ impl Level {
         let (across, across_slope) = (natural_cubic::weights(cell.right), natural_cubic::slope_weights(cell.right));
         let (along, along_slope) = (natural_cubic::weights(cell.up), natural_cubic::slope_weights(cell.up));
         let mut jet = Jet { value: [0.0; 4], per_row: [0.0; 4], per_column: [0.0; 4] };
-        for k in 0..4 {
+        for (k, (along, along_slope)) in along.iter().zip(along_slope).enumerate() {
             let row = &self.table[(cell.row + k) * self.width + cell.column..][..4];
+            let value = weighted(row, across);
+            let slope = weighted(row, across_slope);
             for q in 0..4 {
-                let value: f64 = (0..4).map(|c| row[c][q] * across[c]).sum();
-                let slope: f64 = (0..4).map(|c| row[c][q] * across_slope[c]).sum();
-                jet.value[q] += along[k] * value;
-                jet.per_row[q] += along_slope[k] * value;
-                jet.per_column[q] += along[k] * slope;
+                jet.value[q] += along * value[q];
+                jet.per_row[q] += along_slope * value[q];
+                jet.per_column[q] += along * slope[q];
             }
         }
         jet
     }
+}
+
+/// The sum of four nodes of a row.
+fn weighted(row: &[Quantities], weights: [f64; 4]) -> Quantities {
+    row.iter().zip(weights).fold([0.0; 4], |sum, (node, weight)| std::array::from_fn(|q| sum[q] + weight * node[q]))
 }
 
 /// The coefficient at padded position `k`; past an end the straight continuation, which is no curvature there.
