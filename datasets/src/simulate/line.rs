@@ -32,14 +32,18 @@ impl Scene<'_> {
         ReadError::options(self.path, format!("flight {}, line {}: {what}", self.flight.name, self.line.name))
     }
 
-    /// Simulates the line in the earth's field.
-    pub(super) fn simulate(&self, field: &earth::Field) -> Result<Table, ReadError> {
+    /// Where the line leads.
+    pub(super) fn fly(&self) -> Trajectory {
         let spec = self.spec;
         let gusts_deg = if spec.components.on("gusts") { spec.gusts_deg } else { [0.0; 3] };
-        let truth = self.line.fly(spec.rate_hz, gusts_deg, &mut self.random("gusts"));
+        self.line.fly(spec.rate_hz, gusts_deg, &mut self.random("gusts"))
+    }
+
+    /// Simulates the line in the earth's field, with the INS of its flight.
+    pub(super) fn simulate(&self, field: &earth::Field, ins: &mut ins::Run) -> Result<Table, ReadError> {
+        let truth = self.fly();
         let mut table = self.truth(&truth);
-        let inertial = ins::columns(&truth, &spec.ins, &mut self.random("ins"));
-        for (name, column) in ins::COLUMNS.into_iter().zip(inertial.map_err(|e| self.fault(e.to_string()))?) {
+        for (name, column) in ins::COLUMNS.into_iter().zip(ins.line(self, &truth)?) {
             table.push(name, "", Values::Number(column));
         }
         let earth = earth::along(self, &truth, field)?;

@@ -34,6 +34,7 @@ mod trajectory;
 
 pub use aircraft::{Aircraft, Current, Scalar, Source, Vector};
 pub use earth::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
+pub use ins::spec::{Align, InitialErrors, Ins, Method};
 pub use spec::{COMPONENTS, Components, Spec};
 pub use trajectory::{Flight, Line, Path2d};
 
@@ -93,7 +94,7 @@ impl Simulation {
     pub(crate) fn into_lines(self) -> Lines {
         let numbers = self.spec.flights.iter().enumerate();
         let order: Vec<_> = numbers.flat_map(|(f, flight)| (0..flight.lines.len()).map(move |l| (f, l))).collect();
-        Lines { simulation: self, order: order.into_iter(), field: None }
+        Lines { simulation: self, order: order.into_iter(), field: None, ins: None }
     }
 }
 
@@ -107,6 +108,8 @@ pub(crate) struct Lines {
     simulation: Simulation,
     order: std::vec::IntoIter<(usize, usize)>,
     field: Option<earth::Field>,
+    /// The INS of the flight whose lines are being simulated, by the flight's number.
+    ins: Option<(usize, ins::Run)>,
 }
 
 impl Iterator for Lines {
@@ -127,7 +130,11 @@ impl Lines {
             Some(field) => field,
             none => none.insert(earth::Field::new(path, spec)?),
         };
-        line::Scene { path, spec, flight, line }.simulate(field)
+        let ins = match &mut self.ins {
+            Some((of, ins)) if *of == f => ins,
+            other => &mut other.insert((f, ins::Run::of(path, spec, flight)?)).1,
+        };
+        line::Scene { path, spec, flight, line }.simulate(field, ins)
     }
 }
 

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use schemas::Fault;
-use stages::numerics::{dates, gauss_markov::GaussMarkov, ins_error::InsErrorModel};
+use stages::numerics::{dates, gauss_markov::GaussMarkov};
 use toml::de::DeTable;
 
 use super::{
     aircraft::{self, Aircraft},
     earth::{self, Earth},
-    ins,
+    ins::{self, spec::Ins},
     trajectory::{self, Flight},
 };
 use crate::ReadError;
@@ -32,8 +32,8 @@ pub struct Spec {
     pub components: Components,
     /// Standard deviation of the attitude's small motions in roll, pitch and yaw, in degrees.
     pub gusts_deg: [f64; 3],
-    /// The error sources of the INS.
-    pub ins: InsErrorModel,
+    /// The INS.
+    pub ins: Ins,
     /// The earth's field.
     pub earth: Earth,
     /// The aircraft and its sensors.
