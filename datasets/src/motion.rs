@@ -1,6 +1,7 @@
 //! Velocity and specific force of a track, for files that hold positions only and for the simulator.
 
 use stages::numerics::geodesy::{EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, wrap_deg};
+pub(crate) use stages::numerics::mechanisation::normal_gravity_mps2;
 
 /// The derivative of `x` with respect to `t` at each sample: central, one-sided at the ends, NaN where
 /// time does not run forward or a neighbour is missing.
@@ -77,29 +78,9 @@ pub(crate) fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [
     [rate[0] + cross[0], rate[1] + cross[1], rate[2] + cross[2] - normal_gravity_mps2(lat_rad, alt_m)]
 }
 
-/// Normal gravity of WGS-84, in m/s². [NIMA TR8350.2, (4-1) and (4-3)]
-pub(crate) fn normal_gravity_mps2(lat_rad: f64, alt_m: f64) -> f64 {
-    const A: f64 = 6_378_137.0;
-    const F: f64 = 1.0 / 298.257_223_563;
-    const E2: f64 = 0.006_694_379_990_14;
-    const EQUATOR: f64 = 9.780_325_335_9;
-    const K: f64 = 0.001_931_852_652_41;
-    const M: f64 = 0.003_449_786_506_84;
-    let sin2 = lat_rad.sin().powi(2);
-    let surface = EQUATOR * (1.0 + K * sin2) / (1.0 - E2 * sin2).sqrt();
-    surface * (1.0 - 2.0 / A * (1.0 + F + M - 2.0 * F * sin2) * alt_m + 3.0 / (A * A) * alt_m * alt_m)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn ref_normal_gravity() {
-        // NIMA TR8350.2, table 3.4: 9.7803253359 at the equator, 9.8321849378 at the pole, to its digits.
-        assert!((normal_gravity_mps2(0.0, 0.0) - 9.780_325_335_9).abs() < 1e-10);
-        assert!((normal_gravity_mps2(std::f64::consts::FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 2e-10);
-    }
 
     #[test]
     fn law_velocity_of_a_meridian_and_a_parallel() {

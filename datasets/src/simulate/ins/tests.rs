@@ -224,7 +224,9 @@ fn law_scale_errors_show_in_what_is_measured() {
     assert!(ratio.abs() > 1e-6 && ratio.abs() < 4e-3, "{ratio}");
     let last = line.ins[11][line.last()] / line.truth.force_mps2[2][line.last()] - 1.0;
     assert!((last / ratio - 1.0).abs() < 0.05, "{last} {ratio}");
-    assert_eq!(of(quiet)[0].ins[11][0], line.truth.force_mps2[2][0]);
+    let without = of(quiet)[0].ins[11][0] - line.truth.force_mps2[2][0];
+    // Tilts of 1e-8 rad.
+    assert!(without.abs() < 1e-8, "{without}");
 }
 
 #[test]
