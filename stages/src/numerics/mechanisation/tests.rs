@@ -31,6 +31,15 @@ fn ref_normal_gravity() {
 }
 
 #[test]
+fn law_normal_gravity_falls_with_height_as_newton_says() {
+    const H: f64 = 50_000.0;
+    let [low, middle, high] = [0.0, H, 2.0 * H].map(|alt_m| normal_gravity_mps2(0.8, alt_m));
+    // Of g R²/(R + h)²: -2 g/R and 6 g/R²; the flattening and the rotation are 1 % of each.
+    assert!((-(high - low) / (2.0 * H) / (2.0 * middle / R) - 1.0).abs() < 0.02);
+    assert!(((low - 2.0 * middle + high) / (H * H) / (6.0 * middle / (R * R)) - 1.0).abs() < 0.03);
+}
+
+#[test]
 fn law_at_rest_the_sensors_read_the_earths_rate_and_the_lift_against_gravity() {
     let start = at_rest(0.7);
     let to_body = start.body_to_ned.inverse();
