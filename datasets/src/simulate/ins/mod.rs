@@ -200,8 +200,7 @@ fn chosen(path: &Path, spec: &Spec, flight: &Flight) -> Result<usize, ReadError>
 fn refuse_runaway(scene: &Scene, truth: &Trajectory, errors: &[StateVector]) -> Result<(), ReadError> {
     let limit_m = scene.spec.ins.error_limit_m;
     let off_m = |row: usize| horizontal_m(&errors[row], truth.lat_deg[row].to_radians(), truth.alt_m[row]);
-    // A NaN is beyond every limit, too.
-    let beyond = |row: &usize| !(off_m(*row) <= limit_m);
+    let beyond = |row: &usize| off_m(*row).is_nan() || off_m(*row) > limit_m;
     let Some(row) = (0..errors.len()).find(beyond) else { return Ok(()) };
     let since = truth.tt_s[row] - scene.line.start_tt_s;
     let what = format!("the INS has run away: {:.0} km off after {since:.0} s", off_m(row) / 1e3);

@@ -315,6 +315,39 @@ fn law_on_the_ellipsoid_the_error_model_is_right_to_what_its_sphere_is() {
 }
 
 #[test]
+fn law_each_source_alone_does_the_same_to_the_mechanisation_as_to_the_error_model() {
+    let flight = Flight::new(120.0, 20.0, 0.6);
+    let truth = flight.series();
+    let quiet = InsErrorModel { vrw_sigma: 0.0, arw_sigma: 0.0, baro_sigma_m: 0.0, ..InsErrorModel::default() };
+    let quiet = InsErrorModel { acc_sigma_mps2: 0.0, gyro_sigma_radps: 0.0, fogm_sigma_nt: 0.0, ..quiet };
+    let alone = [
+        InsErrorModel { vrw_sigma: 0.003, ..quiet },
+        InsErrorModel { arw_sigma: 1e-5, ..quiet },
+        InsErrorModel { baro_sigma_m: 30.0, ..quiet },
+        InsErrorModel { acc_sigma_mps2: 0.01, ..quiet },
+        InsErrorModel { gyro_sigma_radps: 1e-5, ..quiet },
+    ];
+    let extras = &SPHERE;
+    for (source, model) in alone.into_iter().enumerate() {
+        let zero = [0.0; STATES];
+        let linear = drawn(source as u64, |draws| errors_along(&truth, &model, &zero, draws).unwrap());
+        let other =
+            drawn(source as u64, |draws| mechanised_errors_along(&truth, &model, extras, &zero, draws).unwrap());
+        let size = |errors: &[StateVector], minus: &[StateVector], states: std::ops::Range<usize>| {
+            let last = errors.len() - 1;
+            states.map(|k| (errors[last][k] - minus[last][k]).powi(2)).sum::<f64>().sqrt()
+        };
+        let nothing = vec![zero; linear.len()];
+        for states in [LAT..ALT, ALT..VN, VN..TILT_N, TILT_N..ACC] {
+            let (apart, whole) = (size(&linear, &other, states.clone()), size(&linear, &nothing, states.clone()));
+            // The noise of a step acts at its middle or at its ends, the attitude is held for 0.05 s, and what is
+            // not linear is the size of the tilts, 1e-4 and less.
+            assert!(apart < 0.02 * whole + 1e-11, "source {source}, {states:?}: {apart:e} of {whole:e}");
+        }
+    }
+}
+
+#[test]
 fn law_an_ins_without_errors_is_exact() {
     let flight = Flight::new(30.0, 10.0, 0.6);
     let quiet = InsErrorModel { vrw_sigma: 0.0, arw_sigma: 0.0, baro_sigma_m: 0.0, ..InsErrorModel::default() };
