@@ -24,4 +24,4 @@ pub use formats::{
     read_map, read_points, write_grid,
 };
 pub use grid::{Crs, Figure, GridMap, Height, MapSummary, Registration};
-pub use simulate::synthesise;
+pub use simulate::{synthesise, synthesise_with};

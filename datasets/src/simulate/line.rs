@@ -36,7 +36,7 @@ impl Scene<'_> {
     pub(super) fn fly(&self) -> Trajectory {
         let spec = self.spec;
         let gusts_deg = if spec.components.on("gusts") { spec.gusts_deg } else { [0.0; 3] };
-        self.line.fly(spec.rate_hz, gusts_deg, &mut self.random("gusts"))
+        self.line.fly_on(spec.components.on("turbulence"), spec.rate_hz, gusts_deg, &mut self.random("gusts"))
     }
 
     /// Simulates the line in the earth's field, with the INS of its flight.
@@ -73,6 +73,9 @@ impl Scene<'_> {
             number(name, x);
         }
         for (name, x) in ["roll", "pitch", "yaw"].iter().zip(&truth.attitude_deg) {
+            number(name, x);
+        }
+        for (name, x) in ["roll_rate", "pitch_rate", "yaw_rate"].iter().zip(&truth.rates_degps) {
             number(name, x);
         }
         table

@@ -3,7 +3,7 @@
 //! A synth spec (TOML) names a map, the INS, the aircraft's sensors and the flights. Every number is
 //! computed from the spec alone: each random draw has a stream of its own, found by hashing the seed and
 //! the names of flight, line and sensor, so that the same spec gives the same bytes, and adding a flight
-//! or a sensor changes no other. One line at a time is in memory.
+//! or a sensor changes no other. Flights are simulated beside each other, with one line of each in memory.
 //!
 //! Heights are above the WGS-84 ellipsoid throughout; a map whose height is above sea level is taken as
 //! if that were above the ellipsoid, in the simulation as in navigation.
@@ -11,7 +11,10 @@
 use std::{
     fs::File,
     path::{Path, PathBuf},
-    sync::Arc,
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicUsize, Ordering},
+    },
 };
 
 use arrow_schema::{DataType, Schema, SchemaRef};
@@ -20,6 +23,7 @@ use parquet::{
     basic::{Compression, ZstdLevel},
     file::properties::WriterProperties,
 };
+use rayon::prelude::*;
 use schemas::{field, flight};
 
 use crate::{ReadError, table::Table};
@@ -36,7 +40,7 @@ pub use aircraft::{Aircraft, Current, Scalar, Source, Vector};
 pub use earth::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
 pub use ins::spec::{Align, InitialErrors, Ins, Method};
 pub use spec::{COMPONENTS, Components, Spec};
-pub use trajectory::{Flight, Line, Path2d};
+pub use trajectory::{Air, Dynamics, Flight, Grid, Heights, Line, Orbit, Path2d, Turbulence, Wind};
 
 /// A spec about to be simulated.
 #[derive(Debug)]
@@ -92,80 +96,172 @@ impl Simulation {
 
     /// The lines of all flights, each simulated when it is asked for.
     pub(crate) fn into_lines(self) -> Lines {
-        let numbers = self.spec.flights.iter().enumerate();
-        let order: Vec<_> = numbers.flat_map(|(f, flight)| (0..flight.lines.len()).map(move |l| (f, l))).collect();
-        Lines { simulation: self, order: order.into_iter(), field: None, ins: None }
+        Lines { flight: Arc::new(World::new(self)).flight(0) }
     }
 }
 
-const TRUTH: [&str; 14] =
-    ["flight", "line", "year", "doy", "tt", "lat", "lon", "alt", "vn", "ve", "vd", "roll", "pitch", "yaw"];
+const TRUTH: [&str; 17] = [
+    "flight",
+    "line",
+    "year",
+    "doy",
+    "tt",
+    "lat",
+    "lon",
+    "alt",
+    "vn",
+    "ve",
+    "vd",
+    "roll",
+    "pitch",
+    "yaw",
+    "roll_rate",
+    "pitch_rate",
+    "yaw_rate",
+];
 
 const FIELD: [&str; 3] = ["diurnal", "igrf", "anomaly_truth"];
 
-/// Lines being simulated.
-pub(crate) struct Lines {
+/// What all flights share.
+struct World {
     simulation: Simulation,
-    order: std::vec::IntoIter<(usize, usize)>,
-    field: Option<earth::Field>,
-    /// The INS of the flight whose lines are being simulated, by the flight's number.
-    ins: Option<(usize, ins::Run)>,
+    field: Mutex<Option<Arc<earth::Field>>>,
+}
+
+impl World {
+    fn new(simulation: Simulation) -> World {
+        World { simulation, field: Mutex::default() }
+    }
+
+    /// The lines of a flight, in time.
+    fn flight(self: Arc<Self>, flight: usize) -> FlightLines {
+        FlightLines { world: self, flight, next: 0, ins: None }
+    }
+
+    /// The earth's field, made by whoever needs it first.
+    fn field(&self) -> Result<Arc<earth::Field>, ReadError> {
+        // What a thread that panicked left is whole: the field is made before it is put in.
+        let mut known = self.field.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(field) = &*known {
+            return Ok(field.clone());
+        }
+        let field = Arc::new(earth::Field::new(&self.simulation.path, &self.simulation.spec)?);
+        *known = Some(field.clone());
+        Ok(field)
+    }
+}
+
+/// The lines of one flight being simulated, and what they hand on to each other.
+struct FlightLines {
+    world: Arc<World>,
+    flight: usize,
+    next: usize,
+    ins: Option<ins::Run>,
+}
+
+impl FlightLines {
+    fn simulate(&mut self, line: usize) -> Result<Table, ReadError> {
+        let Simulation { path, spec } = &self.world.simulation;
+        let flight = &spec.flights[self.flight];
+        let field = self.world.field()?;
+        let ins = match &mut self.ins {
+            Some(ins) => ins,
+            none => none.insert(ins::Run::of(path, spec, flight)?),
+        };
+        line::Scene { path, spec, flight, line: &flight.lines[line] }.simulate(&field, ins)
+    }
+}
+
+impl Iterator for FlightLines {
+    type Item = Result<Table, ReadError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let line = self.next;
+        self.world.simulation.spec.flights.get(self.flight)?.lines.get(line)?;
+        self.next += 1;
+        Some(self.simulate(line))
+    }
+}
+
+/// Lines being simulated, flight by flight.
+pub(crate) struct Lines {
+    flight: FlightLines,
 }
 
 impl Iterator for Lines {
     type Item = Result<Table, ReadError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        let (f, l) = self.order.next()?;
-        Some(self.simulate(f, l))
-    }
-}
-
-impl Lines {
-    fn simulate(&mut self, f: usize, l: usize) -> Result<Table, ReadError> {
-        let Simulation { path, spec } = &self.simulation;
-        let flight = &spec.flights[f];
-        let line = &flight.lines[l];
-        let field = match &mut self.field {
-            Some(field) => field,
-            none => none.insert(earth::Field::new(path, spec)?),
-        };
-        let ins = match &mut self.ins {
-            Some((of, ins)) if *of == f => ins,
-            other => &mut other.insert((f, ins::Run::of(path, spec, flight)?)).1,
-        };
-        line::Scene { path, spec, flight, line }.simulate(field, ins)
+        loop {
+            if let Some(line) = self.flight.next() {
+                return Some(line);
+            }
+            let (world, next) = (self.flight.world.clone(), self.flight.flight + 1);
+            if next >= world.simulation.spec.flights.len() {
+                return None;
+            }
+            self.flight = world.flight(next);
+        }
     }
 }
 
 /// Simulates a spec into flight tables: in the folder `to` one Parquet file a flight, one row group a
-/// line, each written beside and renamed when it is whole. Returns the files.
+/// line. Flights are simulated beside each other, on the threads of the pool that this is called in; each file
+/// is written beside and all are renamed when the last is whole. Returns the files.
 ///
 /// # Errors
-/// All that is wrong with the spec, a line that leaves the map, and what the machine says of the files.
+/// All that is wrong with the spec, a line that leaves the map, and what the machine says of the files. Then there
+/// is no new file.
 pub fn synthesise(spec: &Path, to: &Path) -> Result<Vec<PathBuf>, ReadError> {
+    synthesise_with(spec, to, &|_, _| ())
+}
+
+/// [`synthesise`], telling `progress` after each line how many lines are done, and of how many. It is called from
+/// several threads, at once and not always in order.
+///
+/// # Errors
+/// As [`synthesise`].
+pub fn synthesise_with(
+    spec: &Path,
+    to: &Path,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Vec<PathBuf>, ReadError> {
     let simulation = Simulation::open(spec)?;
     let schema = simulation.schema();
-    let counts: Vec<_> = simulation.spec.flights.iter().map(|f| (f.name.clone(), f.lines.len())).collect();
-    if let Some((name, _)) = counts.iter().find(|(n, _)| !n.chars().all(|c| c.is_alphanumeric() || "._-".contains(c))) {
+    let names: Vec<_> = simulation.spec.flights.iter().map(|f| f.name.clone()).collect();
+    if let Some(name) = names.iter().find(|n| !n.chars().all(|c| c.is_alphanumeric() || "._-".contains(c))) {
         return Err(ReadError::options(spec, format!("the flight `{name}` cannot be the name of a file")));
     }
     std::fs::create_dir_all(to).map_err(|e| ReadError::io(to, &e))?;
-    let mut lines = simulation.into_lines();
-    let mut files = vec![];
-    for (name, count) in counts {
-        let file = to.join(format!("{name}.parquet"));
-        let partial = to.join(format!(".{name}.parquet.partial"));
-        let written = write(spec, &partial, &schema, lines.by_ref().take(count));
-        let renamed = written.and_then(|()| std::fs::rename(&partial, &file).map_err(|e| ReadError::io(&file, &e)));
-        if let Err(error) = renamed {
-            // Best effort: the first error is the one to tell.
-            let _ = std::fs::remove_file(&partial);
-            return Err(error);
+    let all = simulation.spec.flights.iter().map(|f| f.lines.len()).sum();
+    let (world, done, failed) = (Arc::new(World::new(simulation)), AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
+    let files: Vec<_> =
+        names.iter().map(|n| (to.join(format!(".{n}.parquet.partial")), to.join(format!("{n}.parquet")))).collect();
+    let one = |(flight, (partial, _)): (usize, &(PathBuf, PathBuf))| {
+        // Flights after one that failed are for nothing; those before it may yet have the fault to tell.
+        let wanted = || flight <= failed.load(Ordering::Relaxed);
+        let lines = world.clone().flight(flight).take_while(|_| wanted());
+        let told = lines.inspect(|_| progress(done.fetch_add(1, Ordering::Relaxed) + 1, all));
+        let written = if wanted() { write(spec, partial, &schema, told) } else { Ok(()) };
+        if written.is_err() {
+            failed.fetch_min(flight, Ordering::Relaxed);
         }
-        files.push(file);
+        written
+    };
+    let written: Vec<_> = files.par_iter().enumerate().with_max_len(1).map(one).collect();
+    let renamed = written.into_iter().collect::<Result<Vec<()>, _>>().and_then(|_| rename(&files));
+    if let Err(error) = renamed {
+        for (partial, _) in &files {
+            // Best effort: the first error is the one to tell.
+            let _ = std::fs::remove_file(partial);
+        }
+        return Err(error);
     }
-    Ok(files)
+    Ok(files.into_iter().map(|(_, file)| file).collect())
+}
+
+fn rename(files: &[(PathBuf, PathBuf)]) -> Result<(), ReadError> {
+    files.iter().try_for_each(|(from, to)| std::fs::rename(from, to).map_err(|e| ReadError::io(to, &e)))
 }
 
 fn write(
@@ -176,18 +272,23 @@ fn write(
 ) -> Result<(), ReadError> {
     let file = File::create(to).map_err(|e| ReadError::io(to, &e))?;
     let failed = |e: parquet::errors::ParquetError| ReadError::io(to, &std::io::Error::other(e));
-    let properties = WriterProperties::builder()
-        .set_compression(Compression::ZSTD(ZstdLevel::default()))
-        // Row groups end where lines do.
-        .set_max_row_group_row_count(None)
-        .build();
-    let mut writer = ArrowWriter::try_new(file, schema.clone(), Some(properties)).map_err(failed)?;
+    let mut writer = ArrowWriter::try_new(file, schema.clone(), Some(properties(schema))).map_err(failed)?;
     for line in lines {
         writer.write(&line?.into_batch(spec)?).map_err(failed)?;
         writer.flush().map_err(failed)?;
     }
     let file = writer.into_inner().map_err(failed)?;
     file.sync_all().map_err(|e| ReadError::io(to, &e))
+}
+
+/// How the files are written: numbers as they are, since hardly two are the same.
+fn properties(schema: &Schema) -> WriterProperties {
+    let builder = WriterProperties::builder()
+        .set_compression(Compression::ZSTD(ZstdLevel::default()))
+        // Row groups end where lines do.
+        .set_max_row_group_row_count(None);
+    let numbers = schema.fields().iter().filter(|f| f.data_type() == &DataType::Float64);
+    numbers.fold(builder, |b, f| b.set_column_dictionary_enabled(f.name().as_str().into(), false)).build()
 }
 
 #[cfg(test)]

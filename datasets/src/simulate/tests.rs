@@ -119,7 +119,8 @@ fn law_velocity_and_force_are_the_derivatives_of_position() {
             assert!(rms < 2e-3, "{} axis {axis}: {rms}", name(line));
         }
         let speed: Vec<f64> = (0..line.num_rows()).map(|i| said[0][i].hypot(said[1][i])).collect();
-        assert!(speed.iter().all(|v| (v - 60.0).abs() < 1e-9));
+        // Along the ellipsoid's surface both radii are scaled by height as one is: 1.5e-6 at 3000 m.
+        assert!(speed.iter().all(|v| (v - 60.0).abs() < 2e-3));
     }
 }
 
@@ -151,7 +152,8 @@ fn law_the_box_has_four_headings_and_its_manoeuvres() {
     }
     let course = |i: usize| flown.velocity_mps[1][i].atan2(flown.velocity_mps[0][i]).to_degrees().rem_euclid(360.0);
     let end = course(flown.tt_s.len() - 1);
-    assert!((end - 270.0).abs() < 1e-6, "three right-angled turns to the right: {end}");
+    // The meridians converge by 0.02 degrees along the sides.
+    assert!((end - 270.0).abs() < 0.05, "three right-angled turns to the right: {end}");
 }
 
 fn line_manoeuvre(line: &Line, flown: &trajectory::Trajectory, i: usize) -> [f64; 3] {
@@ -406,4 +408,26 @@ fn law_a_failed_synthesis_leaves_no_file() {
     let to = folder.path().join("out");
     assert!(synthesise(&path, &to).is_err());
     assert_eq!(fs::read_dir(&to).unwrap().count(), 0);
+}
+
+#[test]
+fn law_files_are_the_same_bytes_on_any_number_of_threads() {
+    let folder = TempDir::new().unwrap();
+    let second = SHORT.split_once("[[flights]]").unwrap().1;
+    let flights = ["B", "C"].map(|n| format!("[[flights]]{}", second.replace("'A", &format!("'{n}")))).concat();
+    let path = written(&folder, &spec_text("gusts_deg = [1.0, 1.0, 1.0]", &format!("{SHORT}{flights}")));
+    let bytes = |threads: usize| {
+        let to = folder.path().join(format!("out{threads}"));
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let told = Mutex::new(vec![]);
+        let files = pool.install(|| synthesise_with(&path, &to, &|n, of| told.lock().unwrap().push((n, of)))).unwrap();
+        let mut told = told.into_inner().unwrap();
+        told.sort_unstable();
+        assert_eq!(told, (1..=6).map(|n| (n, 6)).collect::<Vec<_>>());
+        assert_eq!(fs::read_dir(&to).unwrap().count(), 3);
+        files.iter().map(|f| fs::read(f).unwrap()).collect::<Vec<_>>()
+    };
+    let one = bytes(1);
+    assert_eq!(one.len(), 3);
+    assert!(one == bytes(2) && one == bytes(3));
 }

@@ -4,7 +4,7 @@ use super::section::Section;
 
 /// The components that the table `components` of a spec can switch off, by name.
 pub const COMPONENTS: &[&str] =
-    &["anomaly", "diurnal", "gusts", "ins", "permanent", "induced", "eddy", "currents", "noise"];
+    &["anomaly", "diurnal", "gusts", "turbulence", "ins", "permanent", "induced", "eddy", "currents", "noise"];
 
 /// Which components are off; all others are on.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -10,7 +10,7 @@ use super::{
     aircraft::{self, Aircraft},
     earth::{self, Earth},
     ins::{self, spec::Ins},
-    trajectory::{self, Flight},
+    trajectory::{self, Air, Flight},
 };
 use crate::ReadError;
 pub use components::{COMPONENTS, Components};
@@ -32,6 +32,8 @@ pub struct Spec {
     pub components: Components,
     /// Standard deviation of the attitude's small motions in roll, pitch and yaw, in degrees.
     pub gusts_deg: [f64; 3],
+    /// Wind, turbulence and what the aircraft can.
+    pub air: Air,
     /// The INS.
     pub ins: Ins,
     /// The earth's field.
@@ -64,15 +66,17 @@ impl Spec {
 
 fn spec(root: &Section, folder: &Path) -> Spec {
     let components = Components::read(root);
+    let air = trajectory::air::air(root);
     Spec {
         seed: root.whole("seed", 0, 0, i64::MAX) as u64,
         date: date(root),
         rate_hz: root.number("rate_hz", 10.0, Need::Between(0.1, 1000.0)),
         gusts_deg: root.numbers("gusts_deg", [0.0; 3], Need::Between(0.0, 20.0)),
+        air,
         ins: ins::spec::ins(root),
         earth: earth::spec::earth(root, folder, &components),
         aircraft: aircraft::spec::aircraft(root),
-        flights: trajectory::spec::flights(root),
+        flights: trajectory::spec::flights(root, &air),
         components,
     }
 }

@@ -148,6 +148,23 @@ impl<'a> Section<'a> {
         })
     }
 
+    /// A list of numbers that may be left out.
+    pub(in super::super) fn list(&self, key: &'static str, need: Need) -> Option<Vec<f64>> {
+        let value = self.get(key)?;
+        let one = |v: &Spanned<DeValue>| number(v.get_ref()).filter(|x| need.holds(*x));
+        let found: Option<Vec<f64>> =
+            value.get_ref().as_array().and_then(|list| list.iter().map(one).collect()).filter(|l: &Vec<_>| !l.is_empty());
+        if found.is_none() {
+            self.wrong(key, value, &format!("a list of numbers, each {}", need.words()));
+        }
+        found
+    }
+
+    /// How many faults the spec has so far.
+    pub(in super::super) fn faults(&self) -> usize {
+        self.faults.borrow().len()
+    }
+
     /// Text that must be there.
     pub(in super::super) fn text(&self, key: &'static str) -> String {
         let Some(value) = self.get(key) else {

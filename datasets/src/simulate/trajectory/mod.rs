@@ -1,31 +1,45 @@
-//! True trajectories: level flight at constant speed over the ellipsoid, the course integrated with the
-//! position, the attitude coordinated with the course.
+//! True trajectories: a planned way over the ellipsoid, flown at an airspeed through a wind, with the attitude
+//! that such flight takes, and what gusts and manoeuvres add.
 //!
-//! Manoeuvres and gusts move the attitude alone: they are short beside the time in which they would move
-//! the aircraft.
+//! Position and attitude are smooth curves through nodes a twentieth of a second apart, whatever the rate of
+//! the samples: the same flight at 10 Hz as at 250 Hz. Velocity, specific force and angular rates are
+//! the exact derivatives of these curves.
+//!
+//! The manoeuvres of a box and the motions of `gusts_deg` move the attitude alone: they are short beside the
+//! time in which they would move the aircraft. Turbulence moves both.
 
-use std::f64::consts::{PI, TAU};
-
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 use stages::numerics::{
     attitude::body_to_ned,
-    geodesy::{EarthModel, wrap_deg},
+    geodesy::{ECCENTRICITY_SQUARED, meridian_radius_m, transverse_radius_m, wrap_deg},
 };
 
 use super::random::Random;
 use crate::motion::{normal_gravity_mps2, specific_force_mps2};
-pub use spec::{Flight, Line, Path2d};
+pub use air::{Air, Dynamics, Turbulence, Wind};
+use curve::{Curve, MARGIN, slopes};
+use gusts::{InGusts, Sway};
+pub use kinds::{Grid, Orbit, Path2d};
+pub use plan::Heights;
+use plan::Plan;
+pub use spec::{Flight, Line};
 
+pub(super) mod air;
+mod curve;
+mod geodesic;
+mod gusts;
+mod kinds;
+mod plan;
+mod profile;
+mod route;
 pub(super) mod spec;
+#[cfg(test)]
+mod tests;
 
-/// Fastest turn, in rad/s: at 60 m/s a bank of 23 degrees.
-const FASTEST_TURN_RADPS: f64 = 4.0 * PI / 180.0;
-/// Straight flight between the manoeuvres of a box, in seconds.
-const SETTLE_S: f64 = 5.0;
-/// Nose up in level flight, in degrees.
-const TRIM_DEG: f64 = 2.0;
-/// Longest step of the integration, in seconds.
-const STEP_S: f64 = 0.1;
+/// Seconds between nodes.
+const NODE_S: f64 = 0.05;
+/// Nodes of the position beyond those of the attitude, at each end.
+const LEAD: usize = 2;
 
 /// A true trajectory, one value a sample in each column.
 #[derive(Clone, Debug, Default)]
@@ -40,6 +54,8 @@ pub(super) struct Trajectory {
     pub(super) force_mps2: [Vec<f64>; 3],
     /// Roll, pitch, yaw.
     pub(super) attitude_deg: [Vec<f64>; 3],
+    /// Rates of turn of the body against north-east-down, about the body's axes: nose, right, down, in deg/s.
+    pub(super) rates_degps: [Vec<f64>; 3],
 }
 
 impl Trajectory {
@@ -53,215 +69,214 @@ impl Trajectory {
 impl Line {
     /// How long the line takes, in seconds.
     pub(super) fn duration_s(&self) -> f64 {
-        match &self.path {
-            Path2d::Survey { duration_s, .. } => *duration_s,
-            Path2d::Box { period_s, cycles, .. } => Timeline::new(*period_s, *cycles).duration_s(),
-        }
+        self.plan.duration_s
     }
 
-    /// Flies the line. `gusts_deg` are standard deviations in roll, pitch and yaw.
+    /// Flies the line through air without turbulence. `gusts_deg` are standard deviations in roll, pitch and yaw.
+    #[cfg(test)]
     pub(super) fn fly(&self, rate_hz: f64, gusts_deg: [f64; 3], random: &mut Random) -> Trajectory {
-        let gusts = gusts_deg.map(|sigma_deg| Gusts::new(sigma_deg, random));
-        let mut pilot = Pilot::new(self);
-        let mut state = pilot.start();
+        self.fly_through(None, rate_hz, gusts_deg, random)
+    }
+
+    /// Flies the line through the turbulence of the spec, if that is `on`.
+    pub(super) fn fly_on(&self, on: bool, rate_hz: f64, gusts_deg: [f64; 3], random: &mut Random) -> Trajectory {
+        self.fly_through(self.plan.air.turbulence.filter(|_| on), rate_hz, gusts_deg, random)
+    }
+
+    fn fly_through(
+        &self,
+        turbulence: Option<Turbulence>,
+        rate_hz: f64,
+        gusts_deg: [f64; 3],
+        random: &mut Random,
+    ) -> Trajectory {
+        let curves = self.curves(turbulence, gusts_deg, random);
         let mut out = Trajectory::default();
-        let samples = (self.duration_s() * rate_hz).floor() as usize + 1;
+        let samples = (self.duration_s() * rate_hz + 1e-6).floor() as usize + 1;
         for i in 0..samples {
-            let t = i as f64 / rate_hz;
-            self.record(&mut out, t, state, pilot.rate_radps(t, state), &gusts);
-            pilot.choose_waypoint(state);
-            state = pilot.advance(state, t, 1.0 / rate_hz);
+            curves.record(i as f64 / rate_hz, self.start_tt_s, &mut out);
         }
         out
-    }
-
-    fn record(&self, out: &mut Trajectory, t: f64, state: State, rate_radps: f64, gusts: &[Gusts; 3]) {
-        let [lat, lon, course, _] = state;
-        let (sin, cos) = course.sin_cos();
-        let (v, turn) = (self.speed_mps, self.speed_mps * rate_radps);
-        let velocity = [v * cos, v * sin, 0.0];
-        let force = specific_force_mps2(lat, self.alt_m, velocity, [-turn * sin, turn * cos, 0.0]);
-        let bank_deg = turn.atan2(normal_gravity_mps2(lat, self.alt_m)).to_degrees();
-        let steady = [bank_deg, TRIM_DEG, course.to_degrees()];
-        let moved = self.manoeuvre_deg(t);
-        out.tt_s.push(self.start_tt_s + t);
-        out.lat_deg.push(lat.to_degrees());
-        out.lon_deg.push(wrap_deg(lon.to_degrees()));
-        out.alt_m.push(self.alt_m);
-        for axis in 0..3 {
-            out.velocity_mps[axis].push(velocity[axis]);
-            out.force_mps2[axis].push(force[axis]);
-            let angle = steady[axis] + moved[axis] + gusts[axis].at(t);
-            out.attitude_deg[axis].push(if axis == 2 { wrap_deg(angle) } else { angle });
-        }
     }
 
     /// Roll, pitch and yaw that a manoeuvre adds.
+    #[cfg(test)]
     pub(super) fn manoeuvre_deg(&self, t: f64) -> [f64; 3] {
-        let Path2d::Box { amplitude_deg, period_s, cycles, .. } = &self.path else { return [0.0; 3] };
-        let mut out = [0.0; 3];
-        if let Some((axis, since)) = Timeline::new(*period_s, *cycles).manoeuvre(t) {
-            let left = period_s * f64::from(*cycles) - since;
-            // The swing comes and goes within half a period, so that no rate jumps.
-            let ramp = |s: f64| (PI * (s / period_s).min(0.5)).sin().powi(2);
-            out[axis] = amplitude_deg[axis] * (TAU * since / period_s).sin() * ramp(since) * ramp(left);
+        self.plan.manoeuvre_deg(t)
+    }
+
+    fn curves(&self, turbulence: Option<Turbulence>, gusts_deg: [f64; 3], random: &mut Random) -> Curves {
+        let nodes = (self.duration_s() / NODE_S).floor() as usize + 2 * MARGIN + 2;
+        let start_s = -(MARGIN as f64) * NODE_S;
+        let mut position = Curves::positions(&self.plan, nodes + 2 * LEAD);
+        let steady: Vec<_> = (LEAD..nodes + LEAD).map(|k| steady(&position, k, &self.plan)).collect();
+        for curve in &mut position {
+            curve.nodes.drain(..LEAD);
+            curve.nodes.truncate(nodes);
+        }
+        let mut angles = [0, 1, 2].map(|axis| steady.iter().map(|s| s.attitude_rad[axis]).collect::<Vec<f64>>());
+        unwrap(&mut angles[2]);
+        let mut sway = [vec![0.0; nodes], vec![0.0; nodes], vec![0.0; nodes]];
+        for (sigma_deg, column) in gusts_deg.into_iter().zip(&mut sway) {
+            Sway::new(sigma_deg, random).add(column, start_s, NODE_S);
+        }
+        let mut gusts = turbulence.map(|turbulence| {
+            let place = (self.alt_m, self.plan.airspeed_mps());
+            InGusts::new(&turbulence, &self.plan.air.dynamics, place, NODE_S, random)
+        });
+        for k in 0..nodes {
+            let manoeuvre_deg = self.plan.manoeuvre_deg(start_s + k as f64 * NODE_S);
+            for axis in 0..3 {
+                angles[axis][k] += (manoeuvre_deg[axis] + sway[axis][k]).to_radians();
+            }
+            if let Some(gusts) = &mut gusts {
+                let moved = gusts.next(position[2].nodes[k], random);
+                let heading = steady.get(k).map_or(0.0, |s| s.heading_rad);
+                displace(&mut position, k, heading, moved.by_m);
+                for axis in 0..3 {
+                    angles[axis][k] += moved.turned_rad[axis];
+                }
+            }
+        }
+        Curves { position, angles: angles.map(|nodes| Curve { nodes }) }
+    }
+}
+
+/// Moves a node of a position ahead, to the right and down.
+fn displace(position: &mut [Curve; 3], k: usize, heading_rad: f64, [ahead, right, down]: [f64; 3]) {
+    let (lat, alt) = (position[0].nodes[k], position[2].nodes[k]);
+    let (sin, cos) = heading_rad.sin_cos();
+    position[0].nodes[k] += (ahead * cos - right * sin) / (meridian_radius_m(lat) + alt);
+    position[1].nodes[k] += (ahead * sin + right * cos) / ((transverse_radius_m(lat) + alt) * lat.cos());
+    position[2].nodes[k] -= down;
+}
+
+/// The smooth curves of a line.
+struct Curves {
+    /// Latitude and longitude (rad), height (m).
+    position: [Curve; 3],
+    /// Roll, pitch and yaw (rad).
+    angles: [Curve; 3],
+}
+
+impl Curves {
+    fn positions(plan: &Plan, nodes: usize) -> [Curve; 3] {
+        let before = MARGIN + LEAD;
+        let mut out: [Curve; 3] = Default::default();
+        let mut back = plan.runner();
+        for _ in 0..before {
+            back.step(-NODE_S);
+            back.position().iter().zip(&mut out).for_each(|(x, curve)| curve.nodes.push(*x));
+        }
+        out.iter_mut().for_each(|curve| curve.nodes.reverse());
+        let mut ahead = plan.runner();
+        for k in before..nodes {
+            if k > before {
+                ahead.step(NODE_S);
+            }
+            ahead.position().iter().zip(&mut out).for_each(|(x, curve)| curve.nodes.push(*x));
         }
         out
     }
-}
 
-/// When what happens on a box.
-struct Timeline {
-    manoeuvre_s: f64,
-}
-
-impl Timeline {
-    /// A turn by a right angle at a rate that comes and goes as a squared sine.
-    const TURN_S: f64 = PI / FASTEST_TURN_RADPS;
-
-    fn new(period_s: f64, cycles: u32) -> Self {
-        Self { manoeuvre_s: period_s * f64::from(cycles) }
-    }
-
-    fn leg_s(&self) -> f64 {
-        SETTLE_S + 3.0 * (self.manoeuvre_s + SETTLE_S)
-    }
-
-    fn duration_s(&self) -> f64 {
-        4.0 * self.leg_s() + 3.0 * Self::TURN_S
-    }
-
-    /// Seconds since the beginning of the leg, and since the beginning of the turn after it.
-    fn place(&self, t: f64) -> (f64, f64) {
-        let since = t.rem_euclid(self.leg_s() + Self::TURN_S);
-        (since, since - self.leg_s())
-    }
-
-    fn rate_radps(&self, t: f64) -> f64 {
-        let (_, turning) = self.place(t);
-        if turning < 0.0 { 0.0 } else { FASTEST_TURN_RADPS * (PI * turning / Self::TURN_S).sin().powi(2) }
-    }
-
-    /// The axis of the manoeuvre (pitch, roll, yaw in this order) and the seconds since it began.
-    fn manoeuvre(&self, t: f64) -> Option<(usize, f64)> {
-        const AXES: [usize; 3] = [1, 0, 2];
-        let (since, _) = self.place(t);
-        let slot = self.manoeuvre_s + SETTLE_S;
-        let axis = AXES.get(((since - SETTLE_S) / slot).floor().max(0.0) as usize)?;
-        let within = (since - SETTLE_S).rem_euclid(slot);
-        (since >= SETTLE_S && within < self.manoeuvre_s).then_some((*axis, within))
-    }
-}
-
-/// Latitude and longitude (rad), course (rad), its rate (rad/s).
-type State = [f64; 4];
-
-/// Who turns the aircraft.
-struct Pilot<'a> {
-    line: &'a Line,
-    next: usize,
-}
-
-impl<'a> Pilot<'a> {
-    fn new(line: &'a Line) -> Self {
-        Self { line, next: 1 }
-    }
-
-    fn start(&self) -> State {
-        match &self.line.path {
-            Path2d::Survey { waypoints, .. } => {
-                let (lat, lon) = waypoints.first().copied().unwrap_or_default();
-                [lat.to_radians(), lon.to_radians(), self.bearing(lat, lon), 0.0]
-            }
-            Path2d::Box { start, heading_deg, .. } => {
-                [start.0.to_radians(), start.1.to_radians(), heading_deg.to_radians(), 0.0]
-            }
+    fn record(&self, t: f64, start_tt_s: f64, out: &mut Trajectory) {
+        let place = t / NODE_S;
+        let k = place.floor();
+        let at = |curve: &Curve| curve.at(k as usize + MARGIN, place - k, NODE_S);
+        let [lat, lon, alt] = self.position.each_ref().map(at);
+        let (velocity, acceleration) = motion(lat, lon, alt);
+        let force = specific_force_mps2(lat[0], alt[0], velocity, acceleration);
+        let [roll, pitch, yaw] = self.angles.each_ref().map(at);
+        let ((sin_roll, cos_roll), (sin_pitch, cos_pitch)) = (roll[0].sin_cos(), pitch[0].sin_cos());
+        let rates = [
+            roll[1] - yaw[1] * sin_pitch,
+            pitch[1] * cos_roll + yaw[1] * cos_pitch * sin_roll,
+            yaw[1] * cos_pitch * cos_roll - pitch[1] * sin_roll,
+        ];
+        out.tt_s.push(start_tt_s + t);
+        out.lat_deg.push(lat[0].to_degrees());
+        out.lon_deg.push(wrap_deg(lon[0].to_degrees()));
+        out.alt_m.push(alt[0]);
+        for axis in 0..3 {
+            out.velocity_mps[axis].push(velocity[axis]);
+            out.force_mps2[axis].push(force[axis]);
+            out.rates_degps[axis].push(rates[axis].to_degrees());
         }
-    }
-
-    /// North and east to the next waypoint, in metres.
-    fn offset_m(&self, lat_deg: f64, lon_deg: f64) -> (f64, f64) {
-        let Path2d::Survey { waypoints, .. } = &self.line.path else { return (1.0, 0.0) };
-        let to = waypoints.get(self.next).copied().unwrap_or_default();
-        EarthModel::Wgs84.offset_ne_m((lat_deg, lon_deg), to, self.line.alt_m)
-    }
-
-    fn bearing(&self, lat_deg: f64, lon_deg: f64) -> f64 {
-        let (north, east) = self.offset_m(lat_deg, lon_deg);
-        east.atan2(north)
-    }
-
-    /// Goes for the waypoint after the next once the turn towards it has to begin.
-    fn choose_waypoint(&mut self, state: State) {
-        let Path2d::Survey { waypoints, .. } = &self.line.path else { return };
-        let (north, east) = self.offset_m(state[0].to_degrees(), state[1].to_degrees());
-        if north.hypot(east) < 1.3 * self.line.speed_mps / FASTEST_TURN_RADPS {
-            self.next = (self.next + 1) % waypoints.len();
-        }
-    }
-
-    fn rate_radps(&self, t: f64, state: State) -> f64 {
-        match &self.line.path {
-            Path2d::Survey { .. } => state[3],
-            Path2d::Box { period_s, cycles, .. } => Timeline::new(*period_s, *cycles).rate_radps(t),
-        }
-    }
-
-    fn derivative(&self, t: f64, state: State) -> State {
-        let [lat, lon, course, _] = state;
-        let (v, alt_m, earth) = (self.line.speed_mps, self.line.alt_m, EarthModel::Wgs84);
-        let rate = self.rate_radps(t, state);
-        let d_rate = match &self.line.path {
-            Path2d::Survey { weave_deg_s: (weave_deg, period_s), .. } => {
-                // The pilot turns in proportion to the course error, with a lag of two seconds.
-                const GAIN_PER_S: f64 = 0.1;
-                const LAG_S: f64 = 2.0;
-                let swing = weave_deg.to_radians() * (TAU * t / period_s).sin();
-                let wanted = self.bearing(lat.to_degrees(), lon.to_degrees()) + swing;
-                let error = wrap_deg((wanted - course).to_degrees()).to_radians();
-                let turn = (GAIN_PER_S * error).clamp(-FASTEST_TURN_RADPS, FASTEST_TURN_RADPS);
-                (turn - rate) / LAG_S
-            }
-            Path2d::Box { .. } => 0.0,
-        };
-        let (north, east) = (v * course.cos(), v * course.sin());
-        [earth.north_m_to_lat_rad(north, lat, alt_m), earth.east_m_to_lon_rad(east, lat, alt_m), rate, d_rate]
-    }
-
-    /// The state `dt_s` later, by Runge and Kutta's fourth order in steps of a tenth of a second or less.
-    fn advance(&self, mut state: State, t: f64, dt_s: f64) -> State {
-        let steps = (dt_s / STEP_S - 1e-9).ceil().max(1.0);
-        let h = dt_s / steps;
-        for step in 0..steps as usize {
-            let t = t + h * step as f64;
-            let moved = |k: &State, by: f64| std::array::from_fn(|i| state[i] + by * k[i]);
-            let k1 = self.derivative(t, state);
-            let k2 = self.derivative(t + 0.5 * h, moved(&k1, 0.5 * h));
-            let k3 = self.derivative(t + 0.5 * h, moved(&k2, 0.5 * h));
-            let k4 = self.derivative(t + h, moved(&k3, h));
-            state = std::array::from_fn(|i| state[i] + h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]));
-        }
-        state
+        out.attitude_deg[0].push(wrap_deg(roll[0].to_degrees()));
+        out.attitude_deg[1].push(pitch[0].to_degrees());
+        out.attitude_deg[2].push(wrap_deg(yaw[0].to_degrees()));
     }
 }
 
-/// Small motions of one angle: sinusoids of random phase, 0.02 to 0.5 Hz, smooth and stationary.
-struct Gusts {
-    amplitude_deg: f64,
-    waves: Vec<(f64, f64)>,
+/// Velocity (m/s) and its derivative (m/s²), north-east-down, from latitude, longitude (rad) and height (m),
+/// each with its first and second derivative.
+fn motion(lat: [f64; 3], lon: [f64; 3], alt: [f64; 3]) -> ([f64; 3], [f64; 3]) {
+    let (sin, cos) = lat[0].sin_cos();
+    let (meridian, transverse) = (meridian_radius_m(lat[0]), transverse_radius_m(lat[0]));
+    // How the radii change with latitude: M' = 3 M e² sin cos / W², N' = N e² sin cos / W².
+    let bulge = ECCENTRICITY_SQUARED * sin * cos / (1.0 - ECCENTRICITY_SQUARED * sin * sin);
+    let (north_m, east_m) = (meridian + alt[0], (transverse + alt[0]) * cos);
+    let north_rate = 3.0 * meridian * bulge * lat[1] + alt[1];
+    let east_rate = (transverse * bulge * lat[1] + alt[1]) * cos - (transverse + alt[0]) * sin * lat[1];
+    (
+        [north_m * lat[1], east_m * lon[1], -alt[1]],
+        [north_m * lat[2] + north_rate * lat[1], east_m * lon[2] + east_rate * lon[1], -alt[2]],
+    )
 }
 
-impl Gusts {
-    fn new(sigma_deg: f64, random: &mut Random) -> Self {
-        const WAVES: usize = 16;
-        let wave = |k: usize| {
-            let place = (k as f64 + random.uniform()) / WAVES as f64;
-            (TAU * 0.02 * 25f64.powf(place), TAU * random.uniform())
-        };
-        Self { amplitude_deg: sigma_deg * (2.0 / WAVES as f64).sqrt(), waves: (0..WAVES).map(wave).collect() }
-    }
+/// The attitude of steady flight, and the heading through the air.
+#[derive(Clone, Copy, Debug, Default)]
+struct Steady {
+    attitude_rad: [f64; 3],
+    heading_rad: f64,
+}
 
-    fn at(&self, t: f64) -> f64 {
-        self.amplitude_deg * self.waves.iter().map(|(w, phase)| (w * t + phase).sin()).sum::<f64>()
+/// The attitude at a node: no sideslip through the air, no force sideways, and the angle of attack that the
+/// load factor and the airspeed take.
+fn steady(position: &[Curve; 3], k: usize, plan: &Plan) -> Steady {
+    let [lat, lon, alt] = position.each_ref().map(|curve| {
+        let (first, second) = slopes(&curve.nodes, k);
+        [curve.nodes[k], first / NODE_S, second / (NODE_S * NODE_S)]
+    });
+    let (velocity, acceleration) = motion(lat, lon, alt);
+    let force = Vector3::from(specific_force_mps2(lat[0], alt[0], velocity, acceleration));
+    let (north, east) = plan.air.wind.at(alt[0]);
+    let through_air = Vector3::new(velocity[0] - north, velocity[1] - east, velocity[2]);
+    let load = force.norm() / normal_gravity_mps2(lat[0], alt[0]);
+    coordinated(&through_air, &force, load, plan)
+}
+
+fn coordinated(through_air: &Vector3<f64>, force: &Vector3<f64>, load: f64, plan: &Plan) -> Steady {
+    let speed = through_air.norm();
+    let trim = &plan.air.dynamics;
+    let slow = trim.cruise_mps.unwrap_or(plan.airspeed_mps()) / speed;
+    let attack = trim.trim_deg.to_radians() * load * slow * slow;
+    let (sin_attack, cos_attack) = attack.sin_cos();
+    let heading_rad = through_air.y.atan2(through_air.x);
+    let sin_climb = -through_air.z / speed;
+    let (sin, cos) = heading_rad.sin_cos();
+    let (mut roll, mut pitch, mut slip) = (0.0_f64, 0.0_f64, 0.0_f64);
+    // Each round takes the error down by the angle of attack.
+    for _ in 0..5 {
+        let (sin_roll, cos_roll) = roll.sin_cos();
+        // The velocity's vertical part, with the velocity in the body's plane of symmetry.
+        let lifted = sin_attack * cos_roll;
+        pitch = (sin_climb / cos_attack.hypot(lifted)).asin() + lifted.atan2(cos_attack);
+        let (sin_pitch, cos_pitch) = pitch.sin_cos();
+        slip = (sin_attack * sin_roll).atan2(cos_attack * cos_pitch + lifted * sin_pitch);
+        let (sin_slip, cos_slip) = slip.sin_cos();
+        let (ahead, right) = (force.x * cos + force.y * sin, force.y * cos - force.x * sin);
+        let (ahead, right) = (ahead * cos_slip + right * sin_slip, right * cos_slip - ahead * sin_slip);
+        roll = right.atan2(-(ahead * sin_pitch + force.z * cos_pitch));
+    }
+    Steady { attitude_rad: [roll, pitch, heading_rad + slip], heading_rad }
+}
+
+/// Takes whole turns out of the steps of an angle, in radians.
+fn unwrap(angles: &mut [f64]) {
+    let mut before = angles.first().copied().unwrap_or(0.0);
+    for angle in angles {
+        *angle -= std::f64::consts::TAU * ((*angle - before) / std::f64::consts::TAU).round();
+        before = *angle;
     }
 }

@@ -1,0 +1,296 @@
+//! How gusts move the aircraft: Dryden's random gusts through a linear model of the airframe under a pilot
+//! who holds track, height and speed; and the small motions that a spec asks for outright.
+
+use std::f64::consts::{SQRT_2, TAU};
+
+use nalgebra::{SMatrix, SVector, Vector4};
+
+use super::{
+    super::random::Random,
+    air::{Dynamics, Gustiness, Turbulence},
+};
+
+/// A change of height, in metres, that the gusts do not notice.
+const SAME_HEIGHT_M: f64 = 5.0;
+/// How long the gusts have blown before a line begins, in steps.
+const BEFORE: usize = 1200;
+
+/// The random gusts, as white noise through filters sampled without error, each of variance 1.
+/// [MIL-F-8785C, 3.7.1.2; roll rate after Yeager 1998, NASA CR-206937, (8)-(10)]
+#[derive(Clone, Debug)]
+pub(super) struct Dryden {
+    height_m: f64,
+    gustiness: Gustiness,
+    roll_sigma_radps: f64,
+    along: Lag,
+    across: Bump,
+    vertical: Bump,
+    roll: Lag,
+}
+
+impl Dryden {
+    pub(super) fn new(random: &mut Random) -> Self {
+        Self {
+            height_m: f64::NAN,
+            gustiness: Gustiness::default(),
+            roll_sigma_radps: 0.0,
+            along: Lag::new(random),
+            across: Bump::new(random),
+            vertical: Bump::new(random),
+            roll: Lag::new(random),
+        }
+    }
+
+    /// The gusts `h` seconds later: along, across (to the right), down, in m/s, and roll rate, in rad/s.
+    pub(super) fn next(
+        &mut self,
+        turbulence: &Turbulence,
+        (alt_m, airspeed_mps, span_m): (f64, f64, f64),
+        h: f64,
+        random: &mut Random,
+    ) -> [f64; 4] {
+        let same = (alt_m - self.height_m).abs() <= SAME_HEIGHT_M;
+        if !same {
+            self.height_m = alt_m;
+            self.gustiness = turbulence.at(alt_m);
+            let [sigma, length] = [self.gustiness.sigma_mps, self.gustiness.length_m];
+            let root = (length[2] * span_m).sqrt();
+            self.roll_sigma_radps = 1.9 / root * sigma[2];
+            let steps = |length_m: f64| h * airspeed_mps / length_m;
+            self.along.decay(steps(length[0]));
+            self.across.decay(steps(length[1]));
+            self.vertical.decay(steps(length[2]));
+            self.roll.decay(steps(root / 2.6));
+        }
+        let [u, v, w] = self.gustiness.sigma_mps;
+        [
+            u * self.along.next(random),
+            v * self.across.next(random),
+            w * self.vertical.next(random),
+            self.roll_sigma_radps * self.roll.next(random),
+        ]
+    }
+}
+
+/// 1 / (1 + T s).
+#[derive(Clone, Debug)]
+struct Lag {
+    x: f64,
+    keep: f64,
+    sigma: f64,
+}
+
+impl Lag {
+    fn new(random: &mut Random) -> Self {
+        Self { x: random.normal(), keep: 0.0, sigma: 1.0 }
+    }
+
+    fn decay(&mut self, steps: f64) {
+        self.keep = (-steps).exp();
+        self.sigma = (-(-2.0 * steps).exp_m1()).sqrt();
+    }
+
+    fn next(&mut self, random: &mut Random) -> f64 {
+        self.x = self.keep * self.x + self.sigma * random.normal();
+        self.x
+    }
+}
+
+/// (1 + √3 T s) / (1 + T s)²: two lags one behind the other, of variances 1 and 1/2 and covariance 1/2.
+#[derive(Clone, Debug)]
+struct Bump {
+    x: [f64; 2],
+    keep: f64,
+    pass: f64,
+    /// Cholesky factor of what a step adds.
+    noise: [f64; 3],
+}
+
+impl Bump {
+    fn new(random: &mut Random) -> Self {
+        let (a, b) = (random.normal(), random.normal());
+        Self { x: [a, 0.5 * a + 0.5 * b], keep: 0.0, pass: 0.0, noise: [1.0, 0.5, 0.5] }
+    }
+
+    fn decay(&mut self, steps: f64) {
+        self.keep = (-steps).exp();
+        self.pass = steps;
+        // The stationary covariance less what is left of it.
+        let (k2, p) = (self.keep * self.keep, self.pass);
+        let q11 = 1.0 - k2;
+        let q12 = 0.5 - k2 * (p + 0.5);
+        let q22 = 0.5 - k2 * (p * p + p + 0.5);
+        let l11 = q11.sqrt();
+        let l21 = q12 / l11;
+        self.noise = [l11, l21, (q22 - l21 * l21).max(0.0).sqrt()];
+    }
+
+    fn next(&mut self, random: &mut Random) -> f64 {
+        let (a, b) = (random.normal(), random.normal());
+        let [x, y] = self.x;
+        self.x = [
+            self.keep * x + self.noise[0] * a,
+            self.keep * (self.pass * x + y) + self.noise[1] * a + self.noise[2] * b,
+        ];
+        let root3 = 3f64.sqrt();
+        (root3 * self.x[0] + (1.0 - root3) * self.x[1]) / SQRT_2
+    }
+}
+
+/// How one axis of the aircraft answers its gust: displacement d and velocity v with
+/// v' = (gust - v) / lag - hold² d, and an angle a that weathercocks into the gust as felt,
+/// a'' = w² (gain (gust - v) - a) - 2 ζ w a'. Sampled without error for gusts that change linearly in a step.
+#[derive(Clone, Debug)]
+struct Answer {
+    x: Vector4<f64>,
+    gust: f64,
+    step: SMatrix<f64, 4, 4>,
+    from_gust: Vector4<f64>,
+    from_change: Vector4<f64>,
+}
+
+/// Lag (s) and hold (rad/s) of the displacement; gain, frequency (rad/s) and damping of the angle.
+struct Axis {
+    lag_s: f64,
+    hold_radps: f64,
+    gain: f64,
+    swing_radps: f64,
+    damping: f64,
+}
+
+impl Answer {
+    fn new(axis: &Axis, h: f64) -> Self {
+        let (pull, hold, w) = (1.0 / axis.lag_s, axis.hold_radps.powi(2), axis.swing_radps);
+        let mut m = SMatrix::<f64, 6, 6>::zeros();
+        m[(0, 1)] = h;
+        (m[(1, 0)], m[(1, 1)], m[(1, 4)]) = (-hold * h, -pull * h, pull * h);
+        m[(2, 3)] = h;
+        (m[(3, 1)], m[(3, 2)], m[(3, 3)], m[(3, 4)]) =
+            (-w * w * axis.gain * h, -w * w * h, -2.0 * axis.damping * w * h, w * w * axis.gain * h);
+        m[(4, 5)] = 1.0;
+        let e = m.exp();
+        Self {
+            x: SVector::zeros(),
+            gust: 0.0,
+            step: e.fixed_view::<4, 4>(0, 0).into(),
+            from_gust: e.fixed_view::<4, 1>(0, 4).into(),
+            from_change: e.fixed_view::<4, 1>(0, 5).into(),
+        }
+    }
+
+    /// The displacement and the angle one step later.
+    fn next(&mut self, gust: f64) -> (f64, f64) {
+        self.x = self.step * self.x + self.from_gust * self.gust + self.from_change * (gust - self.gust);
+        self.gust = gust;
+        (self.x[0], self.x[2])
+    }
+}
+
+/// What gusts do to the aircraft at one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Moved {
+    /// Ahead, to the right, down, in metres.
+    pub(super) by_m: [f64; 3],
+    /// Roll, pitch and yaw, in radians.
+    pub(super) turned_rad: [f64; 3],
+}
+
+/// The aircraft in gusts.
+#[derive(Clone, Debug)]
+pub(super) struct InGusts {
+    turbulence: Turbulence,
+    dryden: Dryden,
+    airspeed_mps: f64,
+    span_m: f64,
+    h: f64,
+    answers: [Answer; 4],
+}
+
+impl InGusts {
+    /// An aircraft that has flown in the gusts for a while; steps of `h` seconds.
+    pub(super) fn new(
+        turbulence: &Turbulence,
+        dynamics: &Dynamics,
+        (alt_m, airspeed_mps): (f64, f64),
+        h: f64,
+        random: &mut Random,
+    ) -> Self {
+        // Time constants of a light aircraft; its pilot corrects within some ten seconds.
+        let slow = dynamics.response_s;
+        let axis = |lag_s: f64, hold: f64, gain: f64, swing: f64, damping: f64| Axis {
+            lag_s: lag_s * slow,
+            hold_radps: hold / slow,
+            gain: gain / airspeed_mps,
+            swing_radps: swing / slow,
+            damping,
+        };
+        let axes = [
+            axis(8.0, 0.2, 0.0, 1.0, 0.7),
+            axis(4.0, 0.3, -1.0, 2.0, 0.3),
+            axis(1.0, 0.6, 0.7, 3.0, 0.6),
+            axis(0.4, 0.6f64.sqrt(), 0.0, 1.0, 0.7),
+        ];
+        let mut aircraft = Self {
+            turbulence: *turbulence,
+            dryden: Dryden::new(random),
+            airspeed_mps,
+            span_m: dynamics.span_m,
+            h,
+            answers: axes.map(|a| Answer::new(&a, h)),
+        };
+        for _ in 0..BEFORE {
+            aircraft.next(alt_m, random);
+        }
+        aircraft
+    }
+
+    /// What the gusts have done one step later.
+    pub(super) fn next(&mut self, alt_m: f64, random: &mut Random) -> Moved {
+        let place = (alt_m, self.airspeed_mps, self.span_m);
+        let gusts = self.dryden.next(&self.turbulence, place, self.h, random);
+        let answer: [(f64, f64); 4] = std::array::from_fn(|i| self.answers[i].next(gusts[i]));
+        let [(ahead, _), (right, yaw), (down, pitch), (roll, _)] = answer;
+        Moved { by_m: [ahead, right, down], turned_rad: [roll, pitch, yaw] }
+    }
+}
+
+/// Small motions of one angle: sinusoids of random phase, 0.02 to 0.5 Hz, smooth and stationary.
+pub(super) struct Sway {
+    amplitude_deg: f64,
+    waves: Vec<(f64, f64)>,
+}
+
+impl Sway {
+    const WAVES: usize = 16;
+
+    pub(super) fn new(sigma_deg: f64, random: &mut Random) -> Self {
+        let wave = |k: usize| {
+            let place = (k as f64 + random.uniform()) / Self::WAVES as f64;
+            (TAU * 0.02 * 25f64.powf(place), TAU * random.uniform())
+        };
+        Self {
+            amplitude_deg: sigma_deg * (2.0 / Self::WAVES as f64).sqrt(),
+            waves: (0..Self::WAVES).map(wave).collect(),
+        }
+    }
+
+    /// Adds the motion, in degrees, to `rows` values `h` seconds apart, the first at `start_s`.
+    pub(super) fn add(&self, rows: &mut [f64], start_s: f64, h: f64) {
+        /// Steps after which a wave is computed anew, so that rounding does not grow.
+        const FRESH: usize = 256;
+        if self.amplitude_deg == 0.0 {
+            return;
+        }
+        for (block, rows) in rows.chunks_mut(FRESH).enumerate() {
+            let t = start_s + h * (block * FRESH) as f64;
+            for (w, phase) in &self.waves {
+                let (mut sin, mut cos) = (w * t + phase).sin_cos();
+                let (step_sin, step_cos) = (w * h).sin_cos();
+                for x in rows.iter_mut() {
+                    *x += self.amplitude_deg * sin;
+                    (sin, cos) = (sin * step_cos + cos * step_sin, cos * step_cos - sin * step_sin);
+                }
+            }
+        }
+    }
+}

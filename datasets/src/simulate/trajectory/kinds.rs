@@ -1,0 +1,347 @@
+//! The kinds of lines: what the spec says of each, and the route that follows.
+
+use std::f64::consts::{PI, TAU};
+
+use super::{
+    geodesic::{Geodesic, Place},
+    route::{Impossible, Route},
+};
+
+/// The horizontal path of a line.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Path2d {
+    /// `survey`: from waypoint to waypoint, and round again until the time is up.
+    Survey {
+        /// `waypoints`: latitude and longitude, in degrees; two or more.
+        waypoints: Vec<(f64, f64)>,
+        /// `duration_s`: how long, in seconds; 1 to 100 000.
+        duration_s: f64,
+        /// `weave_deg` and `weave_period_s`: amplitude (degrees, 0 to 45; 0 where left out) and period (s; 120
+        /// where left out) of the course's swing about each leg.
+        weave_deg_s: (f64, f64),
+    },
+    /// `free`: the waypoints once, to the last one.
+    Free {
+        /// `waypoints`: latitude and longitude, in degrees; two or more.
+        waypoints: Vec<(f64, f64)>,
+    },
+    /// `box`: legs along the sides of a square, on each a pitch, a roll and a yaw manoeuvre.
+    Box {
+        /// `start`: where it begins, latitude and longitude in degrees.
+        start: (f64, f64),
+        /// `heading_deg`: the first course; the others follow to the right; 0 where left out.
+        heading_deg: f64,
+        /// `amplitude_deg`: amplitudes of roll, pitch and yaw, in degrees, 0 to 40; an angle of 0 has no manoeuvre;
+        /// [9, 4.5, 5] where left out [thesis 000, figure 3-7].
+        amplitude_deg: [f64; 3],
+        /// `period_s`: period of a manoeuvre, in seconds; 1 to 60, 6 where left out.
+        period_s: f64,
+        /// `cycles`: periods to a manoeuvre; 1 to 100, 3 where left out.
+        cycles: u32,
+        /// `legs`: sides flown; 1 to 64, 4 where left out.
+        legs: u32,
+    },
+    /// `grid`, with `split = false`: survey lines to and fro and the tie lines across them, in one.
+    Grid(Grid),
+    /// `grid`: one survey line or tie line of a grid.
+    Traverse {
+        /// Where it begins.
+        start: (f64, f64),
+        /// Its course there, in degrees.
+        heading_deg: f64,
+        /// Its length, in metres.
+        length_m: f64,
+    },
+    /// `circle`: round a place.
+    Circle {
+        /// The circle.
+        orbit: Orbit,
+        /// `turns`: how often; 0.01 to 1000, 1 where left out.
+        turns: f64,
+    },
+    /// `looping`: round a place while climbing, and again while descending.
+    Looping {
+        /// The circle.
+        orbit: Orbit,
+        /// `turns`: orbits up, and as many down; 0.1 to 100, 1 where left out.
+        turns: f64,
+        /// `rounds`: how often up and down; 1 to 100, 1 where left out.
+        rounds: u32,
+        /// `top_m`: height at the top, in metres above the ellipsoid.
+        top_m: f64,
+    },
+    /// `loiter`: a racetrack of two straights and two half circles.
+    Loiter {
+        /// `start`, `heading_deg`: where the first straight begins, and its course.
+        start: (f64, f64),
+        /// The course of the first straight, in degrees; 0 where left out.
+        heading_deg: f64,
+        /// `leg_m`: length of a straight, in metres; 0 or more, 2000 where left out.
+        leg_m: f64,
+        /// `rounds`: how often; 1 to 1000, 1 where left out.
+        rounds: u32,
+        /// `direction`: `right` or `left`.
+        right: bool,
+    },
+    /// `figure_eight`: two loops that cross at a right angle, one to the right and one to the left.
+    FigureEight {
+        /// `center`: where the legs cross, latitude and longitude in degrees.
+        center: (f64, f64),
+        /// `heading_deg`: course of the first crossing; 0 where left out.
+        heading_deg: f64,
+        /// `rounds`: how often; 1 to 1000, 1 where left out.
+        rounds: u32,
+    },
+    /// `cloverleaf`: over one place on four courses, a right angle apart.
+    Cloverleaf {
+        /// `center`: the place, latitude and longitude in degrees.
+        center: (f64, f64),
+        /// `heading_deg`: course of the first crossing; 0 where left out.
+        heading_deg: f64,
+        /// `crossings`: how often over it; 1 to 1000, 4 where left out.
+        crossings: u32,
+        /// `direction`: of the loops; `right` or `left`.
+        right: bool,
+    },
+}
+
+/// A circle round a place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Orbit {
+    /// `center`: latitude and longitude in degrees.
+    pub center: (f64, f64),
+    /// `from_deg`: azimuth from the centre of where it begins, in degrees; 0 where left out.
+    pub from_deg: f64,
+    /// `direction`: `right` (clockwise) or `left`.
+    pub right: bool,
+}
+
+/// Survey lines and tie lines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grid {
+    /// `origin`: where the first line begins, latitude and longitude in degrees.
+    pub origin: (f64, f64),
+    /// `heading_deg`: course of the first line; 0 where left out. Every other line is flown the other way.
+    pub heading_deg: f64,
+    /// `line_m`: length of a line, in metres; 1 to 1 000 000.
+    pub line_m: f64,
+    /// `spacing_m`: from line to line, in metres; 0.1 to 100 000.
+    pub spacing_m: f64,
+    /// `count`: lines; 1 to 10 000.
+    pub count: u32,
+    /// `tie_spacing_m`: from tie line to tie line, in metres; no tie lines where left out. As many as have room,
+    /// in the middle of the lines.
+    pub tie_spacing_m: Option<f64>,
+    /// `side`: on which side of the first line the others lie, `right` or `left`.
+    pub right: bool,
+}
+
+/// A straight line of a grid.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stretch {
+    pub(super) tie: bool,
+    pub(super) start: Place,
+    pub(super) length_m: f64,
+}
+
+impl Grid {
+    /// The survey lines in the order flown, then the tie lines.
+    pub(super) fn stretches(&self) -> Vec<Stretch> {
+        let base = Place::new(self.origin, self.heading_deg.to_radians());
+        let side = if self.right { 1.0 } else { -1.0 };
+        let width_m = self.spacing_m * f64::from(self.count.saturating_sub(1));
+        let line = |i: u32| {
+            let across = side * self.spacing_m * f64::from(i);
+            let back = i % 2 == 1;
+            let start = base.beside(if back { self.line_m } else { 0.0 }, across);
+            let start = if back { Place { course_rad: start.course_rad + PI, ..start } } else { start };
+            Stretch { tie: false, start, length_m: self.line_m }
+        };
+        let mut all: Vec<_> = (0..self.count).map(line).collect();
+        if let Some(spacing_m) = self.tie_spacing_m.filter(|_| width_m > 0.0) {
+            let ties = (self.line_m / spacing_m).floor() as u32 + 1;
+            let first_m = 0.5 * (self.line_m - spacing_m * f64::from(ties - 1));
+            for j in 0..ties {
+                // From the side where the survey lines end, and to and fro.
+                let back = j % 2 == 0;
+                let across = if back { side * width_m } else { 0.0 };
+                let ahead = first_m + spacing_m * f64::from(j);
+                let start = base.beside(ahead, across);
+                let turned = if back { -side } else { side } * 0.5 * PI;
+                let start = Place { course_rad: start.course_rad + turned, ..start };
+                all.push(Stretch { tie: true, start, length_m: width_m });
+            }
+        }
+        all
+    }
+}
+
+/// A way over the ground, and what is at which distance along it.
+pub(super) struct Way {
+    pub(super) route: Route,
+    /// Where each waypoint is passed, or each leg, line or round begins.
+    pub(super) marks_m: Vec<f64>,
+}
+
+/// Turns by more than this at a waypoint begin over it and end on course for the next, in radians; others
+/// begin before it and end on the next leg.
+const FLY_OVER_RAD: f64 = 2.0;
+
+/// Flies waypoints: once, or round until the way is `until_m` long. `swing` is the angle (rad) and the period
+/// (m) of a weave.
+///
+/// # Errors
+/// Legs too short for the turns at their ends.
+pub(super) fn waypoints(
+    mut route: Route,
+    places: &[(f64, f64)],
+    until_m: Option<f64>,
+    (swing_rad, period_m): (f64, f64),
+) -> Result<Way, Impossible> {
+    let (mut marks_m, mut k) = (vec![0.0], 1);
+    let name = |k: usize| k % places.len() + 1;
+    loop {
+        let target = places[k % places.len()];
+        let leg = geodesic(route.end.degrees(), target)?;
+        let last = match until_m {
+            None => k + 1 == places.len(),
+            Some(until_m) => route.length_m + leg.length_m >= until_m,
+        };
+        if last {
+            route.swing(leg.length_m, swing_rad, period_m);
+            marks_m.push(route.length_m);
+            return Ok(Way { route, marks_m });
+        }
+        let after = places[(k + 1) % places.len()];
+        let next = geodesic(target, after)?;
+        let angle = wrapped(next.leaves_rad - leg.arrives_rad);
+        if angle.abs() > FLY_OVER_RAD {
+            route.swing(leg.length_m, swing_rad, period_m);
+            marks_m.push(route.length_m);
+            turn_towards(&mut route, angle, after).map_err(|least_m| short(name(k), next.length_m, least_m))?;
+        } else if angle.abs() > 1e-6 {
+            let shape = route.shape(angle);
+            let tangent_m = shape.tangent_m(angle);
+            if tangent_m > leg.length_m || tangent_m > next.length_m {
+                let (from, length_m) =
+                    if tangent_m > leg.length_m { (name(k - 1), leg.length_m) } else { (name(k), next.length_m) };
+                return Err(short(from, length_m, tangent_m));
+            }
+            route.swing(leg.length_m - tangent_m, swing_rad, period_m);
+            route.turn(angle);
+            marks_m.push(route.length_m - 0.5 * shape.length_m);
+        } else {
+            route.swing(leg.length_m, swing_rad, period_m);
+            marks_m.push(route.length_m);
+        }
+        k += 1;
+    }
+}
+
+fn short(from: usize, length_m: f64, least_m: f64) -> Impossible {
+    let what = format!(
+        "the leg after waypoint {from} has {length_m:.0} m left, and its turn takes {least_m:.0} m: move the waypoints \
+         apart, fly slower or bank more steeply (`bank_deg` of `dynamics`)"
+    );
+    Impossible::new("waypoints", what)
+}
+
+fn geodesic(from: (f64, f64), to: (f64, f64)) -> Result<Geodesic, Impossible> {
+    let found = Geodesic::between(from, to).filter(|way| way.length_m > 0.0);
+    found.ok_or_else(|| {
+        let what = format!("no way leads from {:.5}, {:.5} to {:.5}, {:.5}", from.0, from.1, to.0, to.1);
+        Impossible::new("waypoints", what + ": two waypoints in turn are one, or opposite on the earth")
+    })
+}
+
+/// Turns by about `angle` until the course is that to a place; else says how far that has to be.
+fn turn_towards(route: &mut Route, mut angle: f64, to: (f64, f64)) -> Result<(), f64> {
+    let least_m = 2.5 * (2.0 * route.radius_m + route.ramp_m);
+    for _ in 0..50 {
+        let mut tried = route.clone();
+        tried.turn(angle);
+        let way = Geodesic::between(tried.end.degrees(), to).ok_or(least_m)?;
+        let error = wrapped(way.leaves_rad - tried.end.course_rad);
+        if error.abs() < 1e-10 {
+            *route = tried;
+            return Ok(());
+        }
+        angle += error;
+        if angle.abs() > TAU {
+            break;
+        }
+    }
+    Err(least_m)
+}
+
+fn wrapped(angle: f64) -> f64 {
+    angle - TAU * (angle / TAU).round()
+}
+
+/// The survey lines and tie lines of a grid with the turns between them; the marks are where lines begin.
+///
+/// # Errors
+/// Lines that no turns join.
+pub(super) fn grid(mut route: Route, stretches: &[Stretch]) -> Result<Way, Impossible> {
+    let mut marks_m = vec![];
+    for (i, stretch) in stretches.iter().enumerate() {
+        if i > 0 {
+            route.join(&stretch.start)?;
+        }
+        marks_m.push(route.length_m);
+        route.straight(stretch.length_m);
+    }
+    Ok(Way { route, marks_m })
+}
+
+/// Sides of a polygon with a right angle after each.
+pub(super) fn square(mut route: Route, side_m: f64, legs: u32) -> Way {
+    let mut marks_m = vec![];
+    for leg in 0..legs {
+        if leg > 0 {
+            route.turn(0.5 * PI);
+        }
+        marks_m.push(route.length_m);
+        route.straight(side_m);
+    }
+    Way { route, marks_m }
+}
+
+/// Circles.
+pub(super) fn circles(mut route: Route, turns: f64, right: bool) -> Way {
+    route.arc(if right { TAU } else { -TAU } * turns);
+    Way { marks_m: vec![0.0], route }
+}
+
+/// Racetracks.
+pub(super) fn racetrack(mut route: Route, leg_m: f64, rounds: u32, right: bool) -> Way {
+    let (half, mut marks_m) = (if right { PI } else { -PI }, vec![]);
+    for _ in 0..rounds {
+        marks_m.push(route.length_m);
+        for _ in 0..2 {
+            route.straight(leg_m);
+            route.turn(half);
+        }
+    }
+    Way { route, marks_m }
+}
+
+/// Crossings of one place a right angle apart, joined by loops; `right` says which way each loop turns. The
+/// marks are the crossings. The route begins before the first by the length that [`lead_m`] says.
+pub(super) fn crossings(mut route: Route, loops: &[bool]) -> Way {
+    let lead_m = lead_m(&route);
+    let mut marks_m = vec![lead_m];
+    for right in loops {
+        route.straight(2.0 * lead_m);
+        route.turn(if *right { 1.5 * PI } else { -1.5 * PI });
+        marks_m.push(route.length_m + lead_m);
+    }
+    route.straight(2.0 * lead_m);
+    Way { route, marks_m }
+}
+
+/// From the crossing to the beginning of a loop, in metres.
+pub(super) fn lead_m(route: &Route) -> f64 {
+    let angle = 1.5 * PI;
+    -route.shape(angle).tangent_m(angle)
+}

@@ -1,0 +1,356 @@
+//! A line about to be flown: its way over the ground, its heights, and when it is where.
+
+use std::f64::consts::{PI, TAU};
+
+use stages::numerics::geodesy::transverse_radius_m;
+
+use super::{
+    air::Air,
+    curve::smooth_step,
+    geodesic::Place,
+    kinds::{self, Path2d, Stretch, Way},
+    profile::{Profile, TooSteep},
+    route::{Impossible, Piece, Route},
+};
+
+/// Straight flight between the manoeuvres of a box, in seconds.
+const SETTLE_S: f64 = 5.0;
+/// Time in which a climb is begun or ended, half of it, in seconds.
+const ROUNDING_S: f64 = 5.0;
+/// Longest steps of the clock, in metres.
+const CLOCK_STEP_M: f64 = 500.0;
+/// The strongest wind that a line is planned in, in airspeeds.
+const STRONGEST: f64 = 0.8;
+
+/// The heights of a line.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Heights {
+    /// `alts_m`: height at each waypoint, in metres above the ellipsoid; `alt_m` at all where left out.
+    pub alts_m: Option<Vec<f64>>,
+    /// `drape`: whether the heights are a surface to stay above, with climbs that begin in time; else
+    /// they are what is flown, and a climb that is too steep is a fault. `false` where left out.
+    pub drape: bool,
+}
+
+/// What a plan is made from.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Request<'a> {
+    pub(super) path: &'a Path2d,
+    pub(super) alt_m: f64,
+    pub(super) heights: &'a Heights,
+    pub(super) airspeed_mps: f64,
+    pub(super) radius_m: Option<f64>,
+    pub(super) air: &'a Air,
+}
+
+/// A swing of one angle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Manoeuvre {
+    axis: usize,
+    start_s: f64,
+    length_s: f64,
+    period_s: f64,
+    amplitude_deg: f64,
+}
+
+impl Manoeuvre {
+    /// The angle, in degrees, so long after its start. Within a quarter of a period it is full, and its rate is
+    /// continuous.
+    fn at(&self, since_s: f64) -> f64 {
+        let edge = since_s.min(self.length_s - since_s) / (0.25 * self.period_s);
+        self.amplitude_deg * smooth_step(edge) * (TAU * since_s / self.period_s).sin()
+    }
+}
+
+/// A line about to be flown.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Plan {
+    pub(super) start: Place,
+    pieces: Vec<Piece>,
+    profile: Profile,
+    airspeed_mps: f64,
+    pub(super) air: Air,
+    pub(super) duration_s: f64,
+    manoeuvres: Vec<Manoeuvre>,
+    /// When the lines of a grid begin, in seconds.
+    pub(super) marks_s: Vec<f64>,
+}
+
+impl Plan {
+    /// Plans a line.
+    ///
+    /// # Errors
+    /// What the aircraft cannot do.
+    pub(super) fn new(request: &Request) -> Result<Plan, Impossible> {
+        let fastest_mps = fastest_mps(request)?;
+        let way = way(request, fastest_mps)?;
+        let profile = profile(request, &way, fastest_mps)?;
+        let mut plan = Plan {
+            start: way.route.start,
+            pieces: way.route.pieces,
+            profile,
+            airspeed_mps: request.airspeed_mps,
+            air: *request.air,
+            ..Plan::default()
+        };
+        plan.duration_s = match request.path {
+            Path2d::Survey { duration_s, .. } => *duration_s,
+            _ => plan.clock(&way.marks_m, &mut vec![]),
+        };
+        let mut marks_s = vec![];
+        if matches!(request.path, Path2d::Box { .. } | Path2d::Grid(_)) {
+            plan.clock(&way.marks_m, &mut marks_s);
+        }
+        if let Path2d::Box { amplitude_deg, period_s, cycles, .. } = request.path {
+            plan.manoeuvres = manoeuvres(&marks_s, *amplitude_deg, *period_s, *cycles);
+        }
+        plan.marks_s = marks_s;
+        Ok(plan)
+    }
+
+    /// Speed over ground, in m/s: where it adds up with the wind to the airspeed.
+    fn ground_mps(&self, course_rad: f64, alt_m: f64, slope: f64) -> f64 {
+        let (north, east) = self.air.wind.at(alt_m);
+        let v2 = self.airspeed_mps * self.airspeed_mps;
+        if north == 0.0 && east == 0.0 {
+            return self.airspeed_mps / (1.0 + slope * slope).sqrt();
+        }
+        let (sin, cos) = course_rad.sin_cos();
+        let behind = north * cos + east * sin;
+        let steep = 1.0 + slope * slope;
+        (behind + (behind * behind + steep * (v2 - north * north - east * east)).max(0.0).sqrt()) / steep
+    }
+
+    /// Speed along the surface (m/s) at a distance along the way, and the height there (m).
+    fn pace(&self, s: f64, place: &Place) -> (f64, f64) {
+        let (alt_m, slope) = self.profile.at(s);
+        let radius_m = transverse_radius_m(place.lat_rad);
+        (self.ground_mps(place.course_rad, alt_m, slope) * radius_m / (radius_m + alt_m), alt_m)
+    }
+
+    /// How long the way takes; notes when the marks are passed.
+    fn clock(&self, marks_m: &[f64], marks_s: &mut Vec<f64>) -> f64 {
+        let (mut place, mut t) = (self.start, 0.0);
+        let mut marks = marks_m.iter().peekable();
+        for piece in &self.pieces {
+            // Marks are where pieces begin.
+            while marks.next_if(|mark| **mark <= piece.from_m + 1e-6).is_some() {
+                marks_s.push(t);
+            }
+            let steps = (piece.length_m / CLOCK_STEP_M.min(piece.step_m())).ceil().max(1.0);
+            let h = piece.length_m / steps;
+            for step in 0..steps as usize {
+                let s = h * step as f64;
+                let bend = |from: f64| move |x: f64| piece.curvature_per_m(from + x);
+                let middle = place.along(0.5 * h, h, bend(s));
+                let end = middle.along(0.5 * h, h, bend(s + 0.5 * h));
+                let slow = |x: f64, p: &Place| 1.0 / self.pace(piece.from_m + x, p).0;
+                t += h / 6.0 * (slow(s, &place) + 4.0 * slow(s + 0.5 * h, &middle) + slow(s + h, &end));
+                place = end;
+            }
+        }
+        t
+    }
+
+    /// Roll, pitch and yaw that manoeuvres add, in degrees.
+    pub(super) fn manoeuvre_deg(&self, t: f64) -> [f64; 3] {
+        let mut out = [0.0; 3];
+        let next = self.manoeuvres.partition_point(|m| m.start_s <= t);
+        if let Some(m) = next.checked_sub(1).and_then(|i| self.manoeuvres.get(i)).filter(|m| t < m.start_s + m.length_s) {
+            out[m.axis] = m.at(t - m.start_s);
+        }
+        out
+    }
+
+    /// The way in time.
+    pub(super) fn runner(&self) -> Runner<'_> {
+        Runner { plan: self, place: self.start, s: 0.0, piece: 0 }
+    }
+
+    pub(super) fn airspeed_mps(&self) -> f64 {
+        self.airspeed_mps
+    }
+}
+
+/// An aircraft on its way.
+#[derive(Clone, Debug)]
+pub(super) struct Runner<'a> {
+    plan: &'a Plan,
+    place: Place,
+    s: f64,
+    piece: usize,
+}
+
+impl Runner<'_> {
+    /// Latitude, longitude (rad) and height (m).
+    pub(super) fn position(&self) -> [f64; 3] {
+        [self.place.lat_rad, self.place.lon_rad, self.plan.profile.at(self.s).0]
+    }
+
+    fn rate(&self, [lat_rad, lon_rad, course_rad, s]: [f64; 4]) -> [f64; 4] {
+        let place = Place { lat_rad, lon_rad, course_rad };
+        let (mps, _) = self.plan.pace(s, &place);
+        let pieces = self.plan.pieces.get(self.piece..).unwrap_or(&[]);
+        let here = pieces.iter().find(|p| s < p.from_m + p.length_m).or(pieces.last());
+        let curvature = here.map_or(0.0, |p| p.curvature_per_m(s - p.from_m));
+        let [lat, lon, course] = place.rate(curvature);
+        [lat * mps, lon * mps, course * mps, mps]
+    }
+
+    /// Flies on for `h` seconds, by Runge and Kutta's fourth order.
+    pub(super) fn step(&mut self, h: f64) {
+        let x = [self.place.lat_rad, self.place.lon_rad, self.place.course_rad, self.s];
+        let moved = |k: &[f64; 4], by: f64| std::array::from_fn(|i| x[i] + by * k[i]);
+        let k1 = self.rate(x);
+        let k2 = self.rate(moved(&k1, 0.5 * h));
+        let k3 = self.rate(moved(&k2, 0.5 * h));
+        let k4 = self.rate(moved(&k3, h));
+        let [lat_rad, lon_rad, course_rad, s] =
+            std::array::from_fn(|i| x[i] + h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]));
+        (self.place, self.s) = (Place { lat_rad, lon_rad, course_rad }, s);
+        let over = |p: &Piece| s >= p.from_m + p.length_m;
+        while self.piece + 1 < self.plan.pieces.len() && self.plan.pieces.get(self.piece).is_some_and(over) {
+            self.piece += 1;
+        }
+    }
+}
+
+/// The fastest that a line can be over ground.
+fn fastest_mps(request: &Request) -> Result<f64, Impossible> {
+    let alts = request.heights.alts_m.as_deref().unwrap_or(&[]);
+    let top = if let Path2d::Looping { top_m, .. } = request.path { *top_m } else { request.alt_m };
+    let winds = alts.iter().copied().chain([request.alt_m, top]).map(|alt_m| {
+        let (north, east) = request.air.wind.at(alt_m);
+        north.hypot(east)
+    });
+    let (strongest, v) = (winds.fold(0.0, f64::max), request.airspeed_mps);
+    if strongest > STRONGEST * v {
+        let what = format!("a wind of {strongest:.1} m/s is too strong for an airspeed of {v} m/s");
+        return Err(Impossible::new("speed_mps", what));
+    }
+    Ok(v + strongest)
+}
+
+fn way(request: &Request, fastest_mps: f64) -> Result<Way, Impossible> {
+    let air = request.air;
+    let route = |start: Place| Route::new(start, air, fastest_mps, request.radius_m);
+    let headed = |place: (f64, f64), heading_deg: f64| route(Place::new(place, heading_deg.to_radians()));
+    match request.path {
+        Path2d::Survey { waypoints, duration_s, weave_deg_s } => {
+            let swing = (weave_deg_s.0.to_radians(), weave_deg_s.1 * request.airspeed_mps);
+            kinds::waypoints(towards(waypoints, &route)?, waypoints, Some(fastest_mps * duration_s), swing)
+        }
+        Path2d::Free { waypoints } => kinds::waypoints(towards(waypoints, &route)?, waypoints, None, (0.0, 1.0)),
+        Path2d::Box { start, heading_deg, amplitude_deg, period_s, cycles, legs } => {
+            let angles = amplitude_deg.iter().filter(|a| **a > 0.0).count() as f64;
+            let leg_s = SETTLE_S + angles * (period_s * f64::from(*cycles) + SETTLE_S);
+            Ok(kinds::square(headed(*start, *heading_deg)?, leg_s * fastest_mps, *legs))
+        }
+        Path2d::Grid(grid) => {
+            let lines = grid.stretches();
+            let start = lines.first().map_or_else(Place::default, |l| l.start);
+            kinds::grid(route(start)?, &lines)
+        }
+        Path2d::Traverse { start, heading_deg, length_m } => {
+            let start = Place::new(*start, heading_deg.to_radians());
+            kinds::grid(route(start)?, &[Stretch { tie: false, start, length_m: *length_m }])
+        }
+        Path2d::Circle { orbit, turns } => Ok(kinds::circles(round(orbit, &route)?, *turns, orbit.right)),
+        Path2d::Looping { orbit, turns, rounds, .. } => {
+            Ok(kinds::circles(round(orbit, &route)?, 2.0 * turns * f64::from(*rounds), orbit.right))
+        }
+        Path2d::Loiter { start, heading_deg, leg_m, rounds, right } => {
+            Ok(kinds::racetrack(headed(*start, *heading_deg)?, *leg_m, *rounds, *right))
+        }
+        Path2d::FigureEight { center, heading_deg, rounds } => {
+            let loops: Vec<bool> = (0..2 * *rounds).map(|i| i % 2 == 0).collect();
+            Ok(kinds::crossings(before(*center, *heading_deg, &route)?, &loops))
+        }
+        Path2d::Cloverleaf { center, heading_deg, crossings, right } => {
+            let loops = vec![*right; crossings.saturating_sub(1) as usize];
+            Ok(kinds::crossings(before(*center, *heading_deg, &route)?, &loops))
+        }
+    }
+}
+
+type Begin<'a> = dyn Fn(Place) -> Result<Route, Impossible> + 'a;
+
+/// A route from the first waypoint to the second.
+fn towards(waypoints: &[(f64, f64)], route: &Begin) -> Result<Route, Impossible> {
+    let &[from, to, ..] = waypoints else {
+        return Err(Impossible::new("waypoints", "two waypoints or more make a line".to_owned()));
+    };
+    let leaves = super::geodesic::Geodesic::between(from, to).map_or(0.0, |way| way.leaves_rad);
+    route(Place::new(from, leaves))
+}
+
+/// A route that begins on a circle.
+fn round(orbit: &kinds::Orbit, route: &Begin) -> Result<Route, Impossible> {
+    let centre = Place::new(orbit.center, orbit.from_deg.to_radians());
+    let begun = route(centre)?;
+    let edge = centre.along(begun.radius_m, begun.radius_m, |_| 0.0);
+    let quarter = if orbit.right { 0.5 * PI } else { -0.5 * PI };
+    route(Place { course_rad: edge.course_rad + quarter, ..edge })
+}
+
+/// A route that begins so far before a place that the loops lead back over it.
+fn before(center: (f64, f64), heading_deg: f64, route: &Begin) -> Result<Route, Impossible> {
+    let centre = Place::new(center, heading_deg.to_radians());
+    let lead_m = kinds::lead_m(&route(centre)?);
+    route(centre.along(-lead_m, lead_m, |_| 0.0))
+}
+
+fn profile(request: &Request, way: &Way, fastest_mps: f64) -> Result<Profile, Impossible> {
+    let steepest = request.air.dynamics.climb_mps / fastest_mps;
+    let rounding_m = ROUNDING_S * request.airspeed_mps;
+    let climbs = |knots: Vec<(f64, f64)>, key: &'static str| {
+        Profile::climbs(knots, steepest, rounding_m).map_err(|e| too_steep(&e, request, fastest_mps, key))
+    };
+    match (request.path, &request.heights.alts_m) {
+        (Path2d::Looping { top_m, rounds, .. }, _) => {
+            let parts = 2 * rounds;
+            let at = |i: u32| way.route.length_m * f64::from(i) / f64::from(parts);
+            let alt = |i: u32| if i % 2 == 0 { request.alt_m } else { *top_m };
+            climbs((0..=parts).map(|i| (at(i), alt(i))).collect(), "top_m")
+        }
+        (Path2d::Survey { .. } | Path2d::Free { .. }, Some(alts_m)) => {
+            let alts = alts_m.iter().copied().cycle();
+            let knots: Vec<_> = way.marks_m.iter().copied().zip(alts).collect();
+            match request.heights.drape {
+                true => Ok(Profile::drape(&knots, steepest, rounding_m)),
+                false => climbs(knots, "alts_m"),
+            }
+        }
+        _ => Ok(Profile::level(request.alt_m)),
+    }
+}
+
+fn too_steep(e: &TooSteep, request: &Request, fastest_mps: f64, key: &'static str) -> Impossible {
+    let (climb, most) = (e.slope * fastest_mps, request.air.dynamics.climb_mps);
+    let way_out = if key == "alts_m" {
+        ": move the waypoints apart, raise `climb_mps`, or say `drape = true` to begin climbs in time"
+    } else {
+        ": make more `turns` or raise `climb_mps`"
+    };
+    let what = format!(
+        "the climb after height {} is {climb:.1} m/s at {fastest_mps:.1} m/s over ground, steeper than `climb_mps` of \
+         `dynamics`, {most}{way_out}",
+        e.knot + 1
+    );
+    Impossible::new(key, what)
+}
+
+/// On each leg a pitch, a roll and a yaw manoeuvre, in this order.
+fn manoeuvres(legs_s: &[f64], amplitude_deg: [f64; 3], period_s: f64, cycles: u32) -> Vec<Manoeuvre> {
+    const ORDER: [usize; 3] = [1, 0, 2];
+    let length_s = period_s * f64::from(cycles);
+    let mut out = vec![];
+    for leg_s in legs_s {
+        let flown = ORDER.into_iter().filter(|axis| amplitude_deg[*axis] > 0.0);
+        for (slot, axis) in flown.enumerate() {
+            let start_s = leg_s + SETTLE_S + slot as f64 * (length_s + SETTLE_S);
+            out.push(Manoeuvre { axis, start_s, length_s, period_s, amplitude_deg: amplitude_deg[axis] });
+        }
+    }
+    out
+}

@@ -1,0 +1,135 @@
+//! The height along a route.
+
+/// Heights at distances along a route, joined by straight climbs whose corners are rounded off.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Profile {
+    /// Distance (m) and height (m), in order of distance.
+    knots: Vec<(f64, f64)>,
+    /// Half of the length over which a corner is rounded off, in metres.
+    rounding_m: f64,
+}
+
+/// A climb steeper than the aircraft can.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TooSteep {
+    /// Of the knots between which it is, the first.
+    pub(super) knot: usize,
+    /// How steep, height over distance.
+    pub(super) slope: f64,
+}
+
+impl Profile {
+    pub(super) fn level(alt_m: f64) -> Self {
+        Self { knots: vec![(0.0, alt_m)], rounding_m: 1.0 }
+    }
+
+    /// Straight climbs between heights.
+    ///
+    /// # Errors
+    /// A climb steeper than `steepest`.
+    pub(super) fn climbs(mut knots: Vec<(f64, f64)>, steepest: f64, rounding_m: f64) -> Result<Self, TooSteep> {
+        knots.dedup_by(|b, a| b.0 <= a.0);
+        for (knot, pair) in knots.windows(2).enumerate() {
+            let slope = (pair[1].1 - pair[0].1) / (pair[1].0 - pair[0].0);
+            if slope.abs() > steepest {
+                return Err(TooSteep { knot, slope });
+            }
+        }
+        Ok(Self { knots, rounding_m })
+    }
+
+    /// The lowest flight over a surface that is nowhere steeper than `steepest`: ahead of a rise the climb
+    /// begins in time. The surface is straight between its heights.
+    pub(super) fn drape(surface: &[(f64, f64)], steepest: f64, rounding_m: f64) -> Self {
+        let given = Self { knots: surface.to_vec(), rounding_m };
+        let end_m = surface.last().map_or(0.0, |k| k.0);
+        let steps = (end_m / (0.25 * rounding_m)).ceil().clamp(1.0, 100_000.0);
+        let over = |step: usize| {
+            let s = end_m * step as f64 / steps;
+            let least = given.corners(s).0;
+            let reached = surface.iter().map(|(at, alt)| alt - steepest * (s - at).abs());
+            (s, reached.fold(least, f64::max))
+        };
+        Self { knots: (0..=steps as usize).map(over).collect(), rounding_m }
+    }
+
+    /// Height and slope with corners, and the slope's knot.
+    fn corners(&self, s: f64) -> (f64, f64) {
+        match self.knots.as_slice() {
+            [] => (0.0, 0.0),
+            [(_, alt)] => (*alt, 0.0),
+            knots => {
+                let next = knots.partition_point(|k| k.0 <= s).clamp(1, knots.len() - 1);
+                let slope = self.slope(next - 1);
+                (knots[next - 1].1 + slope * (s - knots[next - 1].0), slope)
+            }
+        }
+    }
+
+    fn slope(&self, knot: usize) -> f64 {
+        let (a, b) = (self.knots[knot], self.knots[knot + 1]);
+        (b.1 - a.1) / (b.0 - a.0)
+    }
+
+    /// Height (m) and slope at a distance (m): the climbs averaged with the weight 15/16 (1 - u²)², so that
+    /// the slope is nowhere steeper than they are, and has a continuous second derivative.
+    pub(super) fn at(&self, s: f64) -> (f64, f64) {
+        let (mut alt, mut slope) = self.corners(s);
+        let n = self.knots.len();
+        if n < 3 {
+            return (alt, slope);
+        }
+        let w = self.rounding_m;
+        let first = self.knots.partition_point(|k| k.0 <= s - w).max(1);
+        for k in first..n - 1 {
+            let u = (s - self.knots[k].0) / w;
+            if u <= -1.0 {
+                break;
+            }
+            let change = self.slope(k) - self.slope(k - 1);
+            let u2 = u * u;
+            let ramp = 0.15625 + 0.5 * u + 0.9375 * u2 * (0.5 - u2 * (1.0 / 6.0 - u2 / 30.0));
+            let step = 0.5 + 0.9375 * u * (1.0 - u2 * (2.0 / 3.0 - 0.2 * u2));
+            alt += change * w * (ramp - u.max(0.0));
+            slope += change * (step - if u >= 0.0 { 1.0 } else { 0.0 });
+        }
+        (alt, slope)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn jac_the_slope_is_the_derivative_of_the_height() {
+        let knots = vec![(0.0, 100.0), (1000.0, 150.0), (1400.0, 150.0), (4000.0, 50.0)];
+        let profile = Profile::climbs(knots, 0.1, 300.0).unwrap();
+        for i in 0..400 {
+            let s = 10.0 * f64::from(i) + 0.3;
+            let differenced = (profile.at(s + 1e-3).0 - profile.at(s - 1e-3).0) / 2e-3;
+            // Rounding: 1e-14 m over 2e-3 m.
+            assert!((differenced - profile.at(s).1).abs() < 1e-8, "{s}");
+        }
+        assert!((profile.at(500.0).0 - 125.0).abs() < 1e-9 && (profile.at(3000.0).1 + 100.0 / 2600.0).abs() < 1e-12);
+        let steep = Profile::climbs(vec![(0.0, 0.0), (10.0, 0.0), (20.0, 2.0)], 0.1, 5.0);
+        assert_eq!(steep, Err(TooSteep { knot: 1, slope: 0.2 }));
+    }
+
+    #[test]
+    fn law_a_drape_stays_above_its_surface_and_within_its_slope() {
+        let surface = [(0.0, 100.0), (5000.0, 100.0), (5500.0, 300.0), (6000.0, 120.0), (12_000.0, 150.0)];
+        let (steepest, rounding) = (0.05, 300.0);
+        let drape = Profile::drape(&surface, steepest, rounding);
+        let given = Profile { knots: surface.to_vec(), rounding_m: rounding };
+        for i in 0..1200 {
+            let s = 10.0 * f64::from(i);
+            let (alt, slope) = drape.at(s);
+            assert!(slope.abs() <= steepest + 1e-12, "{s}: {slope}");
+            // Rounding off a crest takes 5/32 of its change of slope times the half length, and less elsewhere.
+            assert!(alt > given.corners(s).0 - 0.15625 * 2.0 * steepest * rounding - 0.5, "{s}: {alt}");
+        }
+        assert!((drape.at(2500.0).0 - 150.0).abs() < 1.0, "the climb begins 3000 m before the crest");
+    }
+}

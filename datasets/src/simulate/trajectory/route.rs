@@ -1,0 +1,280 @@
+//! A route over the ground: straight pieces, turns rolled into and out of smoothly, and swings.
+//!
+//! Distances are along the ellipsoid's surface; a route is planned by flying it there.
+
+use std::f64::consts::{PI, TAU};
+
+use super::{
+    air::{Air, Dynamics},
+    curve::smooth_step,
+    geodesic::{Geodesic, Place},
+};
+
+/// Longest steps of the integration: along a geodesic and in a turn, in metres.
+const STRAIGHT_STEP_M: f64 = 1000.0;
+const TURN_PARTS: f64 = 64.0;
+
+/// How a piece of a route bends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Bend {
+    /// Along a geodesic.
+    Straight,
+    /// With a steady curvature, in 1/m; right is positive.
+    Steady { curvature_per_m: f64 },
+    /// A turn whose curvature comes and goes over `ramp_m`.
+    Turn { curvature_per_m: f64, ramp_m: f64 },
+    /// A course that swings about the way and comes back to it.
+    Swing { angle_rad: f64, periods: f64 },
+}
+
+/// A piece of a route.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Piece {
+    /// Distance from the start of the route.
+    pub(super) from_m: f64,
+    pub(super) length_m: f64,
+    pub(super) bend: Bend,
+}
+
+impl Piece {
+    /// Curvature in 1/m at a distance from the start of the piece.
+    pub(super) fn curvature_per_m(&self, s: f64) -> f64 {
+        match self.bend {
+            Bend::Straight => 0.0,
+            Bend::Steady { curvature_per_m } => curvature_per_m,
+            Bend::Turn { curvature_per_m, ramp_m } => {
+                curvature_per_m * smooth_step(s.min(self.length_m - s).max(0.0) / ramp_m)
+            }
+            Bend::Swing { angle_rad, periods } => {
+                let u = (s / self.length_m).clamp(0.0, 1.0);
+                let edge = (2.0 * periods * u.min(1.0 - u)).min(1.0);
+                let rise = 30.0 * (edge * (1.0 - edge)).powi(2) * 2.0 * periods * if u < 0.5 { 1.0 } else { -1.0 };
+                let (sin, cos) = (TAU * periods * u).sin_cos();
+                angle_rad * (rise * sin + smooth_step(edge) * TAU * periods * cos) / self.length_m
+            }
+        }
+    }
+
+    pub(super) fn step_m(&self) -> f64 {
+        match self.bend {
+            Bend::Straight => STRAIGHT_STEP_M,
+            Bend::Steady { curvature_per_m } => TAU / (TURN_PARTS * curvature_per_m.abs()),
+            Bend::Turn { .. } => self.length_m / TURN_PARTS,
+            Bend::Swing { periods, .. } => self.length_m / (TURN_PARTS * periods),
+        }
+    }
+}
+
+/// The swing of a course at u (0 to 1) of its way, in units of its angle.
+fn swing(u: f64, periods: f64) -> f64 {
+    smooth_step(2.0 * periods * u.min(1.0 - u)) * (TAU * periods * u).sin()
+}
+
+/// The shape of a turn.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Turn {
+    pub(super) bend: Bend,
+    pub(super) length_m: f64,
+    /// What it moves the aircraft ahead and to the right, as seen where it begins.
+    pub(super) ahead_m: f64,
+    pub(super) right_m: f64,
+}
+
+impl Turn {
+    /// A turn by an angle (rad; right is positive) with a radius and a ramp. A turn too short to roll fully
+    /// into has a larger radius.
+    pub(super) fn new(angle_rad: f64, radius_m: f64, ramp_m: f64) -> Self {
+        let held_m = (angle_rad.abs() * radius_m).max(ramp_m);
+        let curvature_per_m = angle_rad / held_m;
+        let length_m = held_m + ramp_m;
+        // The course after s, in closed form.
+        let step_integral = |u: f64| u.powi(4) * (2.5 + u * (u - 3.0));
+        let course = |s: f64| {
+            let ramped = |s: f64| ramp_m * step_integral((s / ramp_m).min(1.0)) + (s - ramp_m).max(0.0);
+            let from_end = length_m - s;
+            if s <= from_end { curvature_per_m * ramped(s) } else { angle_rad - curvature_per_m * ramped(from_end) }
+        };
+        const PARTS: usize = 32;
+        let (mut ahead, mut right) = (0.0, 0.0);
+        for i in 0..=PARTS {
+            let weight = if i == 0 || i == PARTS { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
+            let (sin, cos) = course(length_m * i as f64 / PARTS as f64).sin_cos();
+            ahead += weight * cos;
+            right += weight * sin;
+        }
+        let scale = length_m / (3.0 * PARTS as f64);
+        let bend = Bend::Turn { curvature_per_m, ramp_m };
+        Self { bend, length_m, ahead_m: ahead * scale, right_m: right * scale }
+    }
+
+    /// How long before the corner of two legs the turn from the first into the second begins; negative if it
+    /// begins behind it.
+    pub(super) fn tangent_m(&self, angle_rad: f64) -> f64 {
+        let (sin, cos) = angle_rad.sin_cos();
+        self.ahead_m - self.right_m / sin * cos
+    }
+}
+
+/// What cannot be flown, and the key of the spec that asks for it.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Impossible {
+    pub(super) key: &'static str,
+    pub(super) what: String,
+}
+
+impl Impossible {
+    pub(super) fn new(key: &'static str, what: String) -> Self {
+        Self { key, what }
+    }
+}
+
+/// A route in the making.
+#[derive(Clone, Debug)]
+pub(super) struct Route {
+    pub(super) start: Place,
+    /// Where it ends so far.
+    pub(super) end: Place,
+    pub(super) pieces: Vec<Piece>,
+    pub(super) length_m: f64,
+    /// Radius and ramp of its turns.
+    pub(super) radius_m: f64,
+    pub(super) ramp_m: f64,
+}
+
+impl Route {
+    /// A route from a place, with turns of a radius, or as tight as the aircraft can at the speed over
+    /// ground `fastest_mps`.
+    ///
+    /// # Errors
+    /// A radius that takes too steep a bank.
+    pub(super) fn new(
+        start: Place,
+        air: &Air,
+        fastest_mps: f64,
+        radius_m: Option<f64>,
+    ) -> Result<Self, Impossible> {
+        let dynamics = &air.dynamics;
+        let radius = radius_m.unwrap_or(dynamics.tightest_m(fastest_mps));
+        let bank_deg = Dynamics::bank_rad(radius, fastest_mps).to_degrees();
+        if bank_deg > dynamics.bank_deg + 1e-9 {
+            let (most, least) = (dynamics.bank_deg, dynamics.tightest_m(fastest_mps).ceil());
+            let what = format!(
+                "a turn of {radius} m at {fastest_mps:.1} m/s over ground takes a bank of {bank_deg:.0} degrees, more \
+                 than `bank_deg` of `dynamics`, {most}: make the radius {least} m or more"
+            );
+            return Err(Impossible::new("radius_m", what));
+        }
+        let ramp_m = dynamics.ramp_m(radius, fastest_mps);
+        Ok(Self { start, end: start, pieces: vec![], length_m: 0.0, radius_m: radius, ramp_m })
+    }
+
+    fn push(&mut self, length_m: f64, bend: Bend) {
+        let piece = Piece { from_m: self.length_m, length_m, bend };
+        self.end = self.end.along(length_m, piece.step_m(), |s| piece.curvature_per_m(s));
+        self.length_m += length_m;
+        self.pieces.push(piece);
+    }
+
+    pub(super) fn straight(&mut self, length_m: f64) {
+        if length_m > 0.0 {
+            self.push(length_m, Bend::Straight);
+        }
+    }
+
+    /// A circle's arc, in a steady bank from its beginning.
+    pub(super) fn arc(&mut self, angle_rad: f64) {
+        let curvature_per_m = angle_rad.signum() / self.radius_m;
+        self.push(angle_rad.abs() * self.radius_m, Bend::Steady { curvature_per_m });
+    }
+
+    /// The shape of a turn by an angle.
+    pub(super) fn shape(&self, angle_rad: f64) -> Turn {
+        Turn::new(angle_rad, self.radius_m, self.ramp_m)
+    }
+
+    pub(super) fn turn(&mut self, angle_rad: f64) {
+        let shape = self.shape(angle_rad);
+        self.push(shape.length_m, shape.bend);
+    }
+
+    /// A way straight ahead along which the course swings by an angle about it, in whole periods of about
+    /// `period_m`; straight where there is no room for one.
+    pub(super) fn swing(&mut self, ahead_m: f64, angle_rad: f64, period_m: f64) {
+        let periods = (ahead_m / period_m).round();
+        if angle_rad == 0.0 || periods < 1.0 {
+            return self.straight(ahead_m);
+        }
+        // The way is longer than the progress by the mean cosine of the swing.
+        let parts = (64.0 * periods) as usize;
+        let cosines = (0..parts).map(|i| (angle_rad * swing((i as f64 + 0.5) / parts as f64, periods)).cos());
+        let mean = cosines.sum::<f64>() / parts as f64;
+        self.push(ahead_m / mean, Bend::Swing { angle_rad, periods });
+    }
+
+    /// The shortest way to a place and course by a turn, a straight and a turn.
+    ///
+    /// # Errors
+    /// None has been met; a place that no such way leads to.
+    pub(super) fn join(&mut self, to: &Place) -> Result<(), Impossible> {
+        let lost = || Impossible::new("spacing_m", "there is no way from a line to the next".to_owned());
+        let way = Geodesic::between(self.end.degrees(), to.degrees()).ok_or_else(lost)?;
+        let bearing = way.leaves_rad - self.end.course_rad;
+        let target = (way.length_m * bearing.cos(), way.length_m * bearing.sin());
+        // The course there, as seen from here.
+        let finally = to.course_rad - (way.arrives_rad - way.leaves_rad) - self.end.course_rad;
+        let (first, straight_m, second) = shortest(self, target, finally).ok_or_else(lost)?;
+        self.turn_if(first);
+        self.straight(straight_m);
+        self.turn_if(second);
+        Ok(())
+    }
+
+    fn turn_if(&mut self, angle_rad: f64) {
+        if angle_rad.abs() > 1e-9 {
+            self.turn(angle_rad);
+        }
+    }
+}
+
+/// A way by turn, straight and turn to a place ahead and to the right and a course, all as seen from the
+/// start: first turn, straight, second turn.
+fn shortest(route: &Route, target: (f64, f64), finally_rad: f64) -> Option<(f64, f64, f64)> {
+    const DIRECTIONS: usize = 72;
+    let mut best: Option<(f64, (f64, f64, f64))> = None;
+    for (first_sign, second_sign) in [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)] {
+        let way = |theta: f64| {
+            let turned = |angle: f64, sign: f64| sign * (sign * angle).rem_euclid(TAU);
+            let (a, b) = (turned(theta, first_sign), turned(finally_rad - theta, second_sign));
+            let shape = |angle: f64| if angle.abs() < 1e-9 { None } else { Some(route.shape(angle)) };
+            let (one, two) = (shape(a), shape(b));
+            let moved = |t: &Option<Turn>| t.as_ref().map_or((0.0, 0.0), |t| (t.ahead_m, t.right_m));
+            let ((ahead1, right1), (ahead2, right2)) = (moved(&one), moved(&two));
+            let (sin, cos) = theta.sin_cos();
+            let (x, y) = (target.0 - ahead1, target.1 - right1);
+            let across = -sin * x + cos * y - right2;
+            let along = cos * x + sin * y - ahead2;
+            let turns_m = one.map_or(0.0, |t| t.length_m) + two.map_or(0.0, |t| t.length_m);
+            (across, along, a, b, turns_m)
+        };
+        let step = TAU / DIRECTIONS as f64;
+        // Off the round angles, where a turn of nothing and one all round meet.
+        let at = |i: usize| -PI + 0.123_456 * step + i as f64 * step;
+        for i in 0..DIRECTIONS {
+            let (mut low, mut high) = (at(i), at(i + 1));
+            let (from, to) = (way(low).0, way(high).0);
+            if (from > 0.0) == (to > 0.0) {
+                continue;
+            }
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if (way(middle).0 > 0.0) == (from > 0.0) { low = middle } else { high = middle }
+            }
+            let (across, along, a, b, turns_m) = way(0.5 * (low + high));
+            // A change of sign that is a jump, where a turn of nothing becomes one all round, is no root.
+            if across.abs() < 1e-3 && along >= 0.0 && best.is_none_or(|(length, _)| turns_m + along < length) {
+                best = Some((turns_m + along, (a, along, b)));
+            }
+        }
+    }
+    best.map(|(_, way)| way)
+}
