@@ -226,9 +226,9 @@ impl InGusts {
         };
         let axes = [
             axis(8.0, 0.2, 0.0, 1.0, 0.7),
-            axis(4.0, 0.3, -1.0, 2.0, 0.3),
-            axis(1.0, 0.6, 0.7, 3.0, 0.6),
-            axis(0.4, 0.6f64.sqrt(), 0.0, 1.0, 0.7),
+            axis(4.0, 0.3, -0.6, 2.0, 0.3),
+            axis(1.0, 0.6, 0.5, 3.0, 0.6),
+            axis(0.4, 1.5, 0.0, 1.0, 0.7),
         ];
         let mut aircraft = Self {
             turbulence: *turbulence,

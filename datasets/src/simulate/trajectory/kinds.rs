@@ -327,8 +327,9 @@ pub(super) fn racetrack(mut route: Route, leg_m: f64, rounds: u32, right: bool) 
 }
 
 /// Crossings of one place a right angle apart, joined by loops; `right` says which way each loop turns. The
-/// marks are the crossings. The route begins before the first by the length that [`lead_m`] says.
-pub(super) fn crossings(mut route: Route, loops: &[bool]) -> Way {
+/// marks are the crossings. The route begins before the first by the length that [`lead_m`] says, and ends where
+/// the last loop does, or once `again` over the place.
+pub(super) fn crossings(mut route: Route, loops: &[bool], again: bool) -> Way {
     let lead_m = lead_m(&route);
     let mut marks_m = vec![lead_m];
     for right in loops {
@@ -336,7 +337,9 @@ pub(super) fn crossings(mut route: Route, loops: &[bool]) -> Way {
         route.turn(if *right { 1.5 * PI } else { -1.5 * PI });
         marks_m.push(route.length_m + lead_m);
     }
-    route.straight(2.0 * lead_m);
+    if again {
+        route.straight(2.0 * lead_m);
+    }
     Way { route, marks_m }
 }
 

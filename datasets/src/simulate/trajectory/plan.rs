@@ -264,11 +264,11 @@ fn way(request: &Request, fastest_mps: f64) -> Result<Way, Impossible> {
         }
         Path2d::FigureEight { center, heading_deg, rounds } => {
             let loops: Vec<bool> = (0..2 * *rounds).map(|i| i % 2 == 0).collect();
-            Ok(kinds::crossings(before(*center, *heading_deg, &route)?, &loops))
+            Ok(kinds::crossings(before(*center, *heading_deg, &route)?, &loops, false))
         }
         Path2d::Cloverleaf { center, heading_deg, crossings, right } => {
             let loops = vec![*right; crossings.saturating_sub(1) as usize];
-            Ok(kinds::crossings(before(*center, *heading_deg, &route)?, &loops))
+            Ok(kinds::crossings(before(*center, *heading_deg, &route)?, &loops, true))
         }
     }
 }

@@ -75,6 +75,8 @@ fn swing(u: f64, periods: f64) -> f64 {
 pub(super) struct Turn {
     pub(super) bend: Bend,
     pub(super) length_m: f64,
+    /// From its beginning to its end, straight.
+    chord_m: f64,
     /// What it moves the aircraft ahead and to the right, as seen where it begins.
     pub(super) ahead_m: f64,
     pub(super) right_m: f64,
@@ -87,31 +89,27 @@ impl Turn {
         let held_m = (angle_rad.abs() * radius_m).max(ramp_m);
         let curvature_per_m = angle_rad / held_m;
         let length_m = held_m + ramp_m;
-        // The course after s, in closed form.
-        let step_integral = |u: f64| u.powi(4) * (2.5 + u * (u - 3.0));
-        let course = |s: f64| {
-            let ramped = |s: f64| ramp_m * step_integral((s / ramp_m).min(1.0)) + (s - ramp_m).max(0.0);
-            let from_end = length_m - s;
-            if s <= from_end { curvature_per_m * ramped(s) } else { angle_rad - curvature_per_m * ramped(from_end) }
-        };
+        // The turn is symmetric about its middle, and its chord has the course there. The ramp by Simpson's rule,
+        // the course in it in closed form; the circle exactly.
+        let half = 0.5 * angle_rad;
         const PARTS: usize = 32;
-        let (mut ahead, mut right) = (0.0, 0.0);
-        for i in 0..=PARTS {
+        let cosine = |i: usize| {
+            let u = i as f64 / PARTS as f64;
             let weight = if i == 0 || i == PARTS { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
-            let (sin, cos) = course(length_m * i as f64 / PARTS as f64).sin_cos();
-            ahead += weight * cos;
-            right += weight * sin;
-        }
-        let scale = length_m / (3.0 * PARTS as f64);
+            weight * (curvature_per_m * ramp_m * u.powi(4) * (2.5 + u * (u - 3.0)) - half).cos()
+        };
+        let ramped_m = (0..=PARTS).map(cosine).sum::<f64>() * ramp_m / (3.0 * PARTS as f64);
+        let rolled = 0.5 * curvature_per_m * ramp_m - half;
+        let circle_m = if curvature_per_m == 0.0 { 0.0 } else { -rolled.sin() / curvature_per_m };
+        let chord_m = 2.0 * (ramped_m + circle_m);
         let bend = Bend::Turn { curvature_per_m, ramp_m };
-        Self { bend, length_m, ahead_m: ahead * scale, right_m: right * scale }
+        Self { bend, length_m, chord_m, ahead_m: chord_m * half.cos(), right_m: chord_m * half.sin() }
     }
 
     /// How long before the corner of two legs the turn from the first into the second begins; negative if it
     /// begins behind it.
     pub(super) fn tangent_m(&self, angle_rad: f64) -> f64 {
-        let (sin, cos) = angle_rad.sin_cos();
-        self.ahead_m - self.right_m / sin * cos
+        0.5 * self.chord_m / (0.5 * angle_rad).cos()
     }
 }
 

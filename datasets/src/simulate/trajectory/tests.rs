@@ -65,6 +65,7 @@ fn law_what_is_said_of_the_motion_is_the_derivative_of_position_and_attitude() {
         let (dlat, dlon, dalt) = (slope(&flown.lat_deg), slope(&flown.lon_deg), slope(&flown.alt_m));
         let dv = flown.velocity_mps.each_ref().map(|v| slope(v));
         let angles = flown.attitude_deg.each_ref();
+        let mut sum = 0.0;
         for i in 1..rows - 1 {
             let (lat, alt) = (flown.lat_deg[i].to_radians(), flown.alt_m[i]);
             let v = flown.velocity_mps.each_ref().map(|v| v[i]);
@@ -75,10 +76,12 @@ fn law_what_is_said_of_the_motion_is_the_derivative_of_position_and_attitude() {
             ];
             let f = specific_force_mps2(lat, alt, v, [dv[0][i], dv[1][i], dv[2][i]]);
             for axis in 0..3 {
-                // Central differences over 8 ms: dt²/6 of a jerk's rate, below 20 m/s³ and 500 m/s⁴ in these gusts, and
-                // of rounding 1e-14 degrees (2e-9 m) over 8 ms.
+                // Central differences over 8 ms, of a jerk that jumps at the nodes by up to 60 m/s³ as the gusts' slope
+                // does: dt²/6 of it for the velocity, a quarter of dt for the force.
                 assert!((differenced[axis] - v[axis]).abs() < 1e-4, "{keys} {i} {axis}: {differenced:?} {v:?}");
-                assert!((f[axis] - flown.force_mps2[axis][i]).abs() < 5e-3, "{keys} {i} {axis}");
+                let error = f[axis] - flown.force_mps2[axis][i];
+                assert!(error.abs() < 6e-2, "{keys} {i} {axis}: {error}");
+                sum += error * error;
             }
             if (1..3).all(|a| (angles[a][i + 1] - angles[a][i - 1]).abs() < 90.0) {
                 let turn = flown.attitude(i - 1).transpose() * flown.attitude(i + 1);
@@ -86,10 +89,14 @@ fn law_what_is_said_of_the_motion_is_the_derivative_of_position_and_attitude() {
                 let rates = [skew[(2, 1)], skew[(0, 2)], skew[(1, 0)]].map(f64::to_degrees);
                 for axis in 0..3 {
                     let error = rates[axis] - flown.rates_degps[axis][i];
-                    assert!(error.abs() < 2e-2, "{keys} {i} {axis}: {error} of {}", rates[axis]);
+                    // A quarter of dt of what the angular acceleration's rate jumps by, below 50 deg/s³.
+                    assert!(error.abs() < 5e-2, "{keys} {i} {axis}: {error} of {}", rates[axis]);
                 }
             }
         }
+        // Coriolis alone would be 9e-3 m/s².
+        let rms = (sum / (3 * rows) as f64).sqrt();
+        assert!(rms < 4e-3, "{keys}: {rms}");
     }
 }
 
@@ -267,8 +274,8 @@ fn law_the_box_sets_have_the_amplitudes_and_numbers_of_table_5_7() {
     for (k, (line, (amplitude, swings))) in sets.iter().zip(printed).enumerate() {
         assert_eq!(line.name, format!("B.{:02}", k + 1));
         let flown = fly(line, 10.0);
-        // The first leg, before the first turn.
-        let straight = (0..flown.tt_s.len()).take_while(|i| (course_deg(&flown, *i)).abs() < 0.01).count();
+        // The first leg, until 3 s before its course leaves it.
+        let straight = (0..flown.tt_s.len()).take_while(|i| course_deg(&flown, *i).abs() < 0.01).count() - 30;
         for (axis, asked) in [(1, amplitude[0]), (0, amplitude[1]), (2, amplitude[2])] {
             let trim = if axis == 1 { 2.0 } else { 0.0 };
             let angle: Vec<f64> = flown.attitude_deg[axis][..straight].iter().map(|a| a - trim).collect();
@@ -377,7 +384,7 @@ fn law_turbulence_shakes_in_proportion_and_leaves_the_line_in_place() {
     }
     // Light turbulence rolls a light aircraft by about a degree; the pilot holds height within metres.
     let (light, alt) = shaken[0];
-    assert!((0.5..2.0).contains(&light[0]) && (0.05..1.0).contains(&light[1]) && (0.05..1.5).contains(&light[2]));
+    assert!((0.5..2.5).contains(&light[0]) && (0.05..1.0).contains(&light[1]) && (0.05..1.5).contains(&light[2]));
     assert!((0.3..5.0).contains(&alt), "{alt}");
     assert!(shaken[1].0[0] > 1.2 * light[0] && shaken[2].0[0] > 1.8 * light[0]);
 }
@@ -398,14 +405,14 @@ fn gold_what_cannot_be_flown_is_said_where_it_is_asked() {
         lines(tables, &format!("[[flights.lines]]\nname = 'L'\nalt_m = 500.0\n{keys}")).unwrap_err()
     };
     for (tables, keys, place, what) in [
-        ("", "kind = 'circle'\ncenter = [-22.0, 140.5]\nradius_m = 300.0", "10:12", "takes a bank of 51 degrees"),
-        ("", "kind = 'free'\nwaypoints = [[-22.0, 140.5], [-22.0, 140.501], [-21.9, 140.5]]", "9:13", "the leg after waypoint 1"),
-        ("[wind]\nspeed_mps = 55.0", EACH[4], "8:1", "a wind of 55.0 m/s is too strong"),
-        ("", "kind = 'looping'\ncenter = [-22.0, 140.5]\ntop_m = 9000.0", "10:9", "steeper than `climb_mps`"),
-        ("", "kind = 'free'\nwaypoints = [[-22.0, 140.5], [-21.9, 140.5]]\nalts_m = [500.0]", "10:10", "one height for each of the 2"),
+        ("", "kind = 'circle'\ncenter = [-22.0, 140.5]\nradius_m = 300.0", "11:12", "takes a bank of 51 degrees"),
+        ("", "kind = 'free'\nwaypoints = [[-22.0, 140.5], [-22.0, 140.501], [-21.9, 140.5]]", "10:13", "the leg after waypoint 1"),
+        ("[wind]\nspeed_mps = 55.0", EACH[4], "7:1", "a wind of 55.0 m/s is too strong"),
+        ("", "kind = 'looping'\ncenter = [-22.0, 140.5]\ntop_m = 9000.0", "11:9", "steeper than `climb_mps`"),
+        ("", "kind = 'free'\nwaypoints = [[-22.0, 140.5], [-21.9, 140.5]]\nalts_m = [500.0]", "11:10", "one height for each of the 2"),
         ("", "kind = 'grid'\norigin = [-22.0, 140.5]\nline_m = 500.0", "6:1", "`lines` needs `spacing_m`"),
         ("[turbulence]\nlevel = 'lihgt'", EACH[4], "2:9", "`level` of `turbulence` cannot be `lihgt`"),
-        ("", "kind = 'box'\nstart = [-22.0, 140.5]\nsets = [3, 19]", "10:8", "each 1 to 18"),
+        ("", "kind = 'box'\nstart = [-22.0, 140.5]\nsets = [3, 19]", "11:8", "each 1 to 18"),
     ] {
         let said = said(tables, keys);
         assert!(said.contains(what), "{what} is not in\n{said}");
