@@ -78,7 +78,7 @@ fn law_what_is_said_of_the_motion_is_the_derivative_of_position_and_attitude() {
             for axis in 0..3 {
                 // Central differences over 8 ms, of a jerk that jumps at the nodes by up to 60 m/s³ as the gusts' slope
                 // does: dt²/6 of it for the velocity, a quarter of dt for the force.
-                assert!((differenced[axis] - v[axis]).abs() < 1e-4, "{keys} {i} {axis}: {differenced:?} {v:?}");
+                assert!((differenced[axis] - v[axis]).abs() < 3e-4, "{keys} {i} {axis}: {differenced:?} {v:?}");
                 let error = f[axis] - flown.force_mps2[axis][i];
                 assert!(error.abs() < 6e-2, "{keys} {i} {axis}: {error}");
                 sum += error * error;
