@@ -21,7 +21,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         )?;
     }
     let kept = std::env::args().nth(1).map(PathBuf::from);
-    let folder = kept.clone().unwrap_or_else(|| std::env::temp_dir().join(format!("synth_speed.{}", std::process::id())));
+    let folder =
+        kept.clone().unwrap_or_else(|| std::env::temp_dir().join(format!("synth_speed.{}", std::process::id())));
     fs::create_dir_all(&folder)?;
     let spec = folder.join("speed.synth.toml");
     fs::write(&spec, text)?;

@@ -152,8 +152,11 @@ impl<'a> Section<'a> {
     pub(in super::super) fn list(&self, key: &'static str, need: Need) -> Option<Vec<f64>> {
         let value = self.get(key)?;
         let one = |v: &Spanned<DeValue>| number(v.get_ref()).filter(|x| need.holds(*x));
-        let found: Option<Vec<f64>> =
-            value.get_ref().as_array().and_then(|list| list.iter().map(one).collect()).filter(|l: &Vec<_>| !l.is_empty());
+        let found: Option<Vec<f64>> = value
+            .get_ref()
+            .as_array()
+            .and_then(|list| list.iter().map(one).collect())
+            .filter(|l: &Vec<_>| !l.is_empty());
         if found.is_none() {
             self.wrong(key, value, &format!("a list of numbers, each {}", need.words()));
         }

@@ -24,11 +24,16 @@ pub struct Wind {
 }
 
 impl Wind {
+    /// The air's velocity where it is the same at all heights.
+    pub(super) fn same_mps(&self) -> Option<(f64, f64)> {
+        match self.speed_mps == 0.0 && self.shear_mps_per_km == 0.0 {
+            true => Some((0.0, 0.0)),
+            false => (self.shear_mps_per_km == 0.0 && self.veer_deg_per_km == 0.0).then(|| self.at(0.0)),
+        }
+    }
+
     /// The air's velocity at a height: north and east, in m/s.
     pub(super) fn at(&self, alt_m: f64) -> (f64, f64) {
-        if self.speed_mps == 0.0 && self.shear_mps_per_km == 0.0 {
-            return (0.0, 0.0);
-        }
         let up_km = (alt_m - self.at_alt_m) * 1e-3;
         let speed = (self.speed_mps + self.shear_mps_per_km * up_km).max(0.0);
         let (sin, cos) = (self.from_deg + self.veer_deg_per_km * up_km).to_radians().sin_cos();

@@ -13,8 +13,8 @@ pub(super) struct Curve {
 /// First and second derivative at node k in units of the spacing, of the polynomial of fourth degree
 /// through the five nodes around it.
 pub(super) fn slopes(nodes: &[f64], k: usize) -> (f64, f64) {
-    let [a, b, c, d, e] = [k.wrapping_sub(2), k.wrapping_sub(1), k, k + 1, k + 2]
-        .map(|i| nodes.get(i).copied().unwrap_or(f64::NAN));
+    let [a, b, c, d, e] =
+        [k.wrapping_sub(2), k.wrapping_sub(1), k, k + 1, k + 2].map(|i| nodes.get(i).copied().unwrap_or(f64::NAN));
     ((8.0 * (d - b) - (e - a)) / 12.0, (16.0 * (b + d - 2.0 * c) - (a + e - 2.0 * c)) / 12.0)
 }
 

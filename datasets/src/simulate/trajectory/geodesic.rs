@@ -149,15 +149,19 @@ mod tests {
             arrives_rad: 0.0,
         });
         assert!((found.length_m - 54_972.271).abs() < 1e-3, "{}", found.length_m);
-        let arcsec = |rad: f64, deg: f64| ((rad.to_degrees() - deg).rem_euclid(360.0) * 3600.0 + 648e3) % 1296e3 - 648e3;
+        let arcsec =
+            |rad: f64, deg: f64| ((rad.to_degrees() - deg).rem_euclid(360.0) * 3600.0 + 648e3) % 1296e3 - 648e3;
         assert!(arcsec(found.leaves_rad, dms(306.0, 52.0, 5.37)).abs() < 0.01);
         assert!(arcsec(found.arrives_rad, dms(127.0, 10.0, 25.07) + 180.0).abs() < 0.01);
     }
 
     #[test]
     fn law_a_track_without_curvature_is_the_geodesic() {
-        for (from, to) in [((45.0, 179.5), (46.5, -178.0)), ((-22.0, 140.0), (-21.0, 140.1)), ((10.0, 5.0), (60.0, 70.0))] {
-            let way = Geodesic::between(from, to).unwrap_or(Geodesic { length_m: 0.0, leaves_rad: 0.0, arrives_rad: 0.0 });
+        for (from, to) in
+            [((45.0, 179.5), (46.5, -178.0)), ((-22.0, 140.0), (-21.0, 140.1)), ((10.0, 5.0), (60.0, 70.0))]
+        {
+            let way =
+                Geodesic::between(from, to).unwrap_or(Geodesic { length_m: 0.0, leaves_rad: 0.0, arrives_rad: 0.0 });
             let end = Place::new(from, way.leaves_rad).along(way.length_m, 1000.0, |_| 0.0);
             let (lat, lon) = end.degrees();
             let lon_error = (lon - to.1 + 180.0).rem_euclid(360.0) - 180.0;

@@ -109,7 +109,13 @@ impl Line {
         let nodes = (self.duration_s() / NODE_S).floor() as usize + 2 * MARGIN + 2;
         let start_s = -(MARGIN as f64) * NODE_S;
         let mut position = Curves::positions(&self.plan, nodes + 2 * LEAD);
-        let steady: Vec<_> = (LEAD..nodes + LEAD).map(|k| steady(&position, k, &self.plan)).collect();
+        let mut roll_rad = 0.0;
+        let steady = (LEAD..nodes + LEAD).map(|k| {
+            let now = steady(&position, k, roll_rad, &self.plan);
+            roll_rad = now.attitude_rad[0];
+            now
+        });
+        let steady: Vec<_> = steady.collect();
         for curve in &mut position {
             curve.nodes.drain(..LEAD);
             curve.nodes.truncate(nodes);
@@ -232,21 +238,21 @@ struct Steady {
 }
 
 /// The attitude at a node: no sideslip through the air, no force sideways, and the angle of attack that the
-/// load factor and the airspeed take.
-fn steady(position: &[Curve; 3], k: usize, plan: &Plan) -> Steady {
+/// load factor and the airspeed take. The search begins at a roll nearby.
+fn steady(position: &[Curve; 3], k: usize, roll_rad: f64, plan: &Plan) -> Steady {
     let [lat, lon, alt] = position.each_ref().map(|curve| {
         let (first, second) = slopes(&curve.nodes, k);
         [curve.nodes[k], first / NODE_S, second / (NODE_S * NODE_S)]
     });
     let (velocity, acceleration) = motion(lat, lon, alt);
     let force = Vector3::from(specific_force_mps2(lat[0], alt[0], velocity, acceleration));
-    let (north, east) = plan.air.wind.at(alt[0]);
+    let (north, east) = plan.wind_mps(alt[0]);
     let through_air = Vector3::new(velocity[0] - north, velocity[1] - east, velocity[2]);
     let load = force.norm() / normal_gravity_mps2(lat[0], alt[0]);
-    coordinated(&through_air, &force, load, plan)
+    coordinated(&through_air, &force, load, roll_rad, plan)
 }
 
-fn coordinated(through_air: &Vector3<f64>, force: &Vector3<f64>, load: f64, plan: &Plan) -> Steady {
+fn coordinated(through_air: &Vector3<f64>, force: &Vector3<f64>, load: f64, roll_rad: f64, plan: &Plan) -> Steady {
     let speed = through_air.norm();
     let trim = &plan.air.dynamics;
     let slow = trim.cruise_mps.unwrap_or(plan.airspeed_mps()) / speed;
@@ -255,9 +261,10 @@ fn coordinated(through_air: &Vector3<f64>, force: &Vector3<f64>, load: f64, plan
     let heading_rad = through_air.y.atan2(through_air.x);
     let sin_climb = -through_air.z / speed;
     let (sin, cos) = heading_rad.sin_cos();
-    let (mut roll, mut pitch, mut slip) = (0.0_f64, 0.0_f64, 0.0_f64);
+    let (mut roll, mut pitch, mut slip) = (roll_rad, 0.0, 0.0);
     // Each round takes the error down by the angle of attack.
-    for _ in 0..5 {
+    for _ in 0..8 {
+        let before: f64 = roll;
         let (sin_roll, cos_roll) = roll.sin_cos();
         // The velocity's vertical part, with the velocity in the body's plane of symmetry.
         let lifted = sin_attack * cos_roll;
@@ -268,6 +275,9 @@ fn coordinated(through_air: &Vector3<f64>, force: &Vector3<f64>, load: f64, plan
         let (ahead, right) = (force.x * cos + force.y * sin, force.y * cos - force.x * sin);
         let (ahead, right) = (ahead * cos_slip + right * sin_slip, right * cos_slip - ahead * sin_slip);
         roll = right.atan2(-(ahead * sin_pitch + force.z * cos_pitch));
+        if (roll - before).abs() < 1e-9 {
+            break;
+        }
     }
     Steady { attitude_rad: [roll, pitch, heading_rad + slip], heading_rad }
 }

@@ -19,6 +19,8 @@ const SETTLE_S: f64 = 5.0;
 const ROUNDING_S: f64 = 5.0;
 /// Longest steps of the clock, in metres.
 const CLOCK_STEP_M: f64 = 500.0;
+/// The highest latitude of a line, in degrees.
+const HIGHEST_DEG: f64 = 89.0;
 /// The strongest wind that a line is planned in, in airspeeds.
 const STRONGEST: f64 = 0.8;
 
@@ -70,6 +72,8 @@ pub(super) struct Plan {
     profile: Profile,
     airspeed_mps: f64,
     pub(super) air: Air,
+    /// The wind where it is the same at all heights: north and east, in m/s.
+    same_wind_mps: Option<(f64, f64)>,
     pub(super) duration_s: f64,
     manoeuvres: Vec<Manoeuvre>,
     /// When the lines of a grid begin, in seconds.
@@ -84,6 +88,10 @@ impl Plan {
     pub(super) fn new(request: &Request) -> Result<Plan, Impossible> {
         let fastest_mps = fastest_mps(request)?;
         let way = way(request, fastest_mps)?;
+        if way.route.highest_lat_rad.to_degrees() >= HIGHEST_DEG {
+            let what = "the line comes within a degree of a pole, where north is no direction to fly by".to_owned();
+            return Err(Impossible::new("kind", what + ": fly elsewhere"));
+        }
         let profile = profile(request, &way, fastest_mps)?;
         let mut plan = Plan {
             start: way.route.start,
@@ -91,6 +99,7 @@ impl Plan {
             profile,
             airspeed_mps: request.airspeed_mps,
             air: *request.air,
+            same_wind_mps: request.air.wind.same_mps(),
             ..Plan::default()
         };
         plan.duration_s = match request.path {
@@ -108,9 +117,14 @@ impl Plan {
         Ok(plan)
     }
 
+    /// The wind at a height: north and east, in m/s.
+    pub(super) fn wind_mps(&self, alt_m: f64) -> (f64, f64) {
+        self.same_wind_mps.unwrap_or_else(|| self.air.wind.at(alt_m))
+    }
+
     /// Speed over ground, in m/s: where it adds up with the wind to the airspeed.
     fn ground_mps(&self, course_rad: f64, alt_m: f64, slope: f64) -> f64 {
-        let (north, east) = self.air.wind.at(alt_m);
+        let (north, east) = self.wind_mps(alt_m);
         let v2 = self.airspeed_mps * self.airspeed_mps;
         if north == 0.0 && east == 0.0 {
             return self.airspeed_mps / (1.0 + slope * slope).sqrt();
@@ -156,7 +170,8 @@ impl Plan {
     pub(super) fn manoeuvre_deg(&self, t: f64) -> [f64; 3] {
         let mut out = [0.0; 3];
         let next = self.manoeuvres.partition_point(|m| m.start_s <= t);
-        if let Some(m) = next.checked_sub(1).and_then(|i| self.manoeuvres.get(i)).filter(|m| t < m.start_s + m.length_s) {
+        if let Some(m) = next.checked_sub(1).and_then(|i| self.manoeuvres.get(i)).filter(|m| t < m.start_s + m.length_s)
+        {
             out[m.axis] = m.at(t - m.start_s);
         }
         out

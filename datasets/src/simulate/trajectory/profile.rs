@@ -112,6 +112,10 @@ mod tests {
             // Rounding: 1e-14 m over 2e-3 m.
             assert!((differenced - profile.at(s).1).abs() < 1e-8, "{s}");
         }
+        for corner in [700.0, 1000.0, 1300.0, 1400.0] {
+            let step = profile.at(corner + 1e-9).0 - profile.at(corner - 1e-9).0;
+            assert!(step.abs() < 1e-9, "no step at {corner}: {step}");
+        }
         assert!((profile.at(500.0).0 - 125.0).abs() < 1e-9 && (profile.at(3000.0).1 + 100.0 / 2600.0).abs() < 1e-12);
         let steep = Profile::climbs(vec![(0.0, 0.0), (10.0, 0.0), (20.0, 2.0)], 0.1, 5.0);
         assert_eq!(steep, Err(TooSteep { knot: 1, slope: 0.2 }));

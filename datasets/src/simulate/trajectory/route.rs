@@ -134,6 +134,8 @@ pub(super) struct Route {
     pub(super) end: Place,
     pub(super) pieces: Vec<Piece>,
     pub(super) length_m: f64,
+    /// The furthest from the equator that a piece has its middle or its end.
+    pub(super) highest_lat_rad: f64,
     /// Radius and ramp of its turns.
     pub(super) radius_m: f64,
     pub(super) ramp_m: f64,
@@ -145,12 +147,7 @@ impl Route {
     ///
     /// # Errors
     /// A radius that takes too steep a bank.
-    pub(super) fn new(
-        start: Place,
-        air: &Air,
-        fastest_mps: f64,
-        radius_m: Option<f64>,
-    ) -> Result<Self, Impossible> {
+    pub(super) fn new(start: Place, air: &Air, fastest_mps: f64, radius_m: Option<f64>) -> Result<Self, Impossible> {
         let dynamics = &air.dynamics;
         let radius = radius_m.unwrap_or(dynamics.tightest_m(fastest_mps));
         let bank_deg = Dynamics::bank_rad(radius, fastest_mps).to_degrees();
@@ -163,13 +160,20 @@ impl Route {
             return Err(Impossible::new("radius_m", what));
         }
         let ramp_m = dynamics.ramp_m(radius, fastest_mps);
-        Ok(Self { start, end: start, pieces: vec![], length_m: 0.0, radius_m: radius, ramp_m })
+        let highest_lat_rad = start.lat_rad.abs();
+        Ok(Self { start, end: start, pieces: vec![], length_m: 0.0, highest_lat_rad, radius_m: radius, ramp_m })
     }
 
     fn push(&mut self, length_m: f64, bend: Bend) {
         let piece = Piece { from_m: self.length_m, length_m, bend };
-        self.end = self.end.along(length_m, piece.step_m(), |s| piece.curvature_per_m(s));
+        let middle = self.end.along(0.5 * length_m, piece.step_m(), |s| piece.curvature_per_m(s));
+        self.end = middle.along(0.5 * length_m, piece.step_m(), |s| piece.curvature_per_m(0.5 * length_m + s));
         self.length_m += length_m;
+        for place in [middle, self.end] {
+            // NaN, which is what a pole makes, is kept as infinity.
+            let lat_rad = if place.lat_rad.is_finite() { place.lat_rad.abs() } else { f64::INFINITY };
+            self.highest_lat_rad = self.highest_lat_rad.max(lat_rad);
+        }
         self.pieces.push(piece);
     }
 

@@ -75,8 +75,7 @@ fn flight(s: &Section, air: &Air) -> Flight {
     Flight { name, lines }
 }
 
-const KINDS: [&str; 9] =
-    ["survey", "box", "free", "grid", "circle", "looping", "loiter", "figure_eight", "cloverleaf"];
+const KINDS: [&str; 9] = ["survey", "box", "free", "grid", "circle", "looping", "loiter", "figure_eight", "cloverleaf"];
 
 /// The lines of one table.
 fn lines(s: &Section, next_s: f64, air: &Air) -> Vec<Line> {

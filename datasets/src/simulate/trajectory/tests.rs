@@ -76,11 +76,11 @@ fn law_what_is_said_of_the_motion_is_the_derivative_of_position_and_attitude() {
             ];
             let f = specific_force_mps2(lat, alt, v, [dv[0][i], dv[1][i], dv[2][i]]);
             for axis in 0..3 {
-                // Central differences over 8 ms, of a jerk that jumps at the nodes by up to 60 m/s³ as the gusts' slope
+                // Central differences over 8 ms, of a jerk that jumps at the nodes by up to 100 m/s³ as the gusts' slope
                 // does: dt²/6 of it for the velocity, a quarter of dt for the force.
                 assert!((differenced[axis] - v[axis]).abs() < 3e-4, "{keys} {i} {axis}: {differenced:?} {v:?}");
                 let error = f[axis] - flown.force_mps2[axis][i];
-                assert!(error.abs() < 6e-2, "{keys} {i} {axis}: {error}");
+                assert!(error.abs() < 0.1, "{keys} {i} {axis}: {error}");
                 sum += error * error;
             }
             if (1..3).all(|a| (angles[a][i + 1] - angles[a][i - 1]).abs() < 90.0) {
@@ -187,7 +187,9 @@ fn law_lines_of_a_grid_are_straight_parallel_and_where_they_should_be() {
             // `offset_ne_m` takes mean radii: 4e-8 of 4 km and the meridians' convergence over 1 km, 0.1 m.
             match k {
                 0..=3 => assert!((right - 300.0 * k as f64).abs() < 0.3 && (-1.0..=4001.0).contains(&ahead), "{k} {i}"),
-                _ => assert!((ahead - 2000.0 * (k - 4) as f64).abs() < 0.3 && (-1.0..=901.0).contains(&right), "{k} {i}"),
+                _ => {
+                    assert!((ahead - 2000.0 * (k - 4) as f64).abs() < 0.3 && (-1.0..=901.0).contains(&right), "{k} {i}")
+                }
             }
         }
         let (north, _) = ned_m(&flown, flown.tt_s.len() - 1, (flown.lat_deg[0], flown.lon_deg[0]));
@@ -199,7 +201,8 @@ fn law_lines_of_a_grid_are_straight_parallel_and_where_they_should_be() {
     let whole = fly(&line(WIND, &keys.replace("spacing_m = 300", "split = false\nspacing_m = 300")), 10.0);
     let third = fly(&lines[2], 10.0);
     let at = ((lines[2].start_tt_s - lines[0].start_tt_s) * 10.0).ceil() as usize;
-    let ((lat, lon), (n, e)) = ((third.lat_deg[0], third.lon_deg[0]), ned_m(&whole, at, (third.lat_deg[0], third.lon_deg[0])));
+    let ((lat, lon), (n, e)) =
+        ((third.lat_deg[0], third.lon_deg[0]), ned_m(&whole, at, (third.lat_deg[0], third.lon_deg[0])));
     assert!(n.hypot(e) < 8.0, "within a sample's way of {lat} {lon}: {n} {e}");
 }
 
@@ -219,7 +222,8 @@ fn law_closed_patterns_come_back_and_cross_where_they_should() {
             let (n, e) = ned_m(&flown, i, (-22.0, 140.5));
             n.hypot(e)
         };
-        let near = (1..flown.tt_s.len() - 1).filter(|i| away(*i) < 2.0 && away(*i) <= away(i - 1) && away(*i) < away(i + 1));
+        let near =
+            (1..flown.tt_s.len() - 1).filter(|i| away(*i) < 2.0 && away(*i) <= away(i - 1) && away(*i) < away(i + 1));
         let courses: Vec<_> = near
             .map(|i| flown.velocity_mps[1][i].atan2(flown.velocity_mps[0][i]).to_degrees().rem_euclid(360.0).round())
             .collect();
@@ -375,7 +379,8 @@ fn law_turbulence_shakes_in_proportion_and_leaves_the_line_in_place() {
     let mut shaken = vec![];
     for level in ["light", "moderate", "severe"] {
         let flown = fly(&line(&format!("[turbulence]\nlevel = '{level}'\n"), straight), 10.0);
-        let rms = |a: &[f64], b: &[f64]| (a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / a.len() as f64).sqrt();
+        let rms =
+            |a: &[f64], b: &[f64]| (a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>() / a.len() as f64).sqrt();
         let angles = [0, 1, 2].map(|axis| rms(&flown.attitude_deg[axis], &still.attitude_deg[axis]));
         let alt = rms(&flown.alt_m, &still.alt_m);
         let vd = rms(&flown.velocity_mps[2], &still.velocity_mps[2]);
@@ -405,11 +410,27 @@ fn gold_what_cannot_be_flown_is_said_where_it_is_asked() {
         lines(tables, &format!("[[flights.lines]]\nname = 'L'\nalt_m = 500.0\n{keys}")).unwrap_err()
     };
     for (tables, keys, place, what) in [
+        (
+            "",
+            "kind = 'free'\nwaypoints = [[88.5, 0.0], [88.5, 180.0]]",
+            "9:8",
+            "the line comes within a degree of a pole",
+        ),
         ("", "kind = 'circle'\ncenter = [-22.0, 140.5]\nradius_m = 300.0", "11:12", "takes a bank of 51 degrees"),
-        ("", "kind = 'free'\nwaypoints = [[-22.0, 140.5], [-22.0, 140.501], [-21.9, 140.5]]", "10:13", "the leg after waypoint 1"),
+        (
+            "",
+            "kind = 'free'\nwaypoints = [[-22.0, 140.5], [-22.0, 140.501], [-21.9, 140.5]]",
+            "10:13",
+            "the leg after waypoint 1",
+        ),
         ("[wind]\nspeed_mps = 55.0", EACH[4], "7:1", "a wind of 55.0 m/s is too strong"),
         ("", "kind = 'looping'\ncenter = [-22.0, 140.5]\ntop_m = 9000.0", "11:9", "steeper than `climb_mps`"),
-        ("", "kind = 'free'\nwaypoints = [[-22.0, 140.5], [-21.9, 140.5]]\nalts_m = [500.0]", "11:10", "one height for each of the 2"),
+        (
+            "",
+            "kind = 'free'\nwaypoints = [[-22.0, 140.5], [-21.9, 140.5]]\nalts_m = [500.0]",
+            "11:10",
+            "one height for each of the 2",
+        ),
         ("", "kind = 'grid'\norigin = [-22.0, 140.5]\nline_m = 500.0", "6:1", "`lines` needs `spacing_m`"),
         ("[turbulence]\nlevel = 'lihgt'", EACH[4], "2:9", "`level` of `turbulence` cannot be `lihgt`"),
         ("", "kind = 'box'\nstart = [-22.0, 140.5]\nsets = [3, 19]", "11:8", "each 1 to 18"),
