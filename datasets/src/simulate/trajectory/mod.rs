@@ -130,18 +130,15 @@ impl Line {
             let place = (self.alt_m, self.plan.airspeed_mps());
             InGusts::new(&turbulence, &self.plan.air.dynamics, place, NODE_S, random)
         });
-        for k in 0..nodes {
+        for (k, steady) in steady.iter().enumerate() {
             let manoeuvre_deg = self.plan.manoeuvre_deg(start_s + k as f64 * NODE_S);
-            for axis in 0..3 {
-                angles[axis][k] += (manoeuvre_deg[axis] + sway[axis][k]).to_radians();
+            for (axis, angles) in angles.iter_mut().enumerate() {
+                angles[k] += (manoeuvre_deg[axis] + sway[axis][k]).to_radians();
             }
             if let Some(gusts) = &mut gusts {
                 let moved = gusts.next(position[2].nodes[k], random);
-                let heading = steady.get(k).map_or(0.0, |s| s.heading_rad);
-                displace(&mut position, k, heading, moved.by_m);
-                for axis in 0..3 {
-                    angles[axis][k] += moved.turned_rad[axis];
-                }
+                displace(&mut position, k, steady.heading_rad, moved.by_m);
+                angles.iter_mut().zip(moved.turned_rad).for_each(|(angles, turned)| angles[k] += turned);
             }
         }
         Curves { position, angles: angles.map(|nodes| Curve { nodes }) }

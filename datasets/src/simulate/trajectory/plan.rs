@@ -325,7 +325,7 @@ fn profile(request: &Request, way: &Way, fastest_mps: f64) -> Result<Profile, Im
         (Path2d::Looping { top_m, rounds, .. }, _) => {
             let parts = 2 * rounds;
             let at = |i: u32| way.route.length_m * f64::from(i) / f64::from(parts);
-            let alt = |i: u32| if i % 2 == 0 { request.alt_m } else { *top_m };
+            let alt = |i: u32| if i.is_multiple_of(2) { request.alt_m } else { *top_m };
             climbs((0..=parts).map(|i| (at(i), alt(i))).collect(), "top_m")
         }
         (Path2d::Survey { .. } | Path2d::Free { .. }, Some(alts_m)) => {
