@@ -80,6 +80,9 @@ pub fn describe(name: &str) -> Described {
     if name.starts_with("vol_") {
         return d("V", Role::Aux, "voltage sensor");
     }
+    if name.starts_with("part_") {
+        return d("nT", Role::Truth, "part of a simulated reading");
+    }
     d("", Role::Aux, "")
 }
 
@@ -108,6 +111,7 @@ mod tests {
         assert_eq!(describe("cur_flap").unit, "A");
         assert_eq!(describe("vol_bat_1").unit, "V");
         assert_eq!(describe("ins_fd").unit, "m/s2");
+        assert_eq!(describe("part_eddy_mag_4_uc").role, Role::Truth);
         assert_eq!(describe("something_else").role, Role::Aux);
     }
 }
