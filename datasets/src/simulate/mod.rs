@@ -36,10 +36,13 @@ mod random;
 mod spec;
 mod trajectory;
 
-pub use aircraft::{Aircraft, Current, Scalar, Source, Vector};
+pub use aircraft::{
+    Aircraft, Current, Drawn, Engine, Heading, Input, Kind, Sampling, Scalar, Signal, Source, Temperature, Thermostat,
+    Vector, Voltage, Wire,
+};
 pub use earth::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
 pub use ins::spec::{Align, InitialErrors, Ins, Method};
-pub use spec::{COMPONENTS, Components, Spec};
+pub use spec::{COMPONENTS, Components, PRESETS, Spec};
 pub use trajectory::{Air, Dynamics, Flight, Grid, Heights, Line, Orbit, Path2d, Turbulence, Wind};
 
 /// A spec about to be simulated.
@@ -77,11 +80,7 @@ impl Simulation {
     pub fn schema(&self) -> SchemaRef {
         let before = TRUTH.iter().chain(&ins::COLUMNS).chain(&FIELD);
         let mut names: Vec<String> = before.map(|&name| name.to_owned()).collect();
-        names.extend(self.spec.aircraft.scalars.iter().map(|s| s.name.clone()));
-        names.extend(
-            self.spec.aircraft.vectors.iter().flat_map(|v| ["x", "y", "z"].map(|axis| format!("{}_{axis}", v.name))),
-        );
-        names.extend(self.spec.aircraft.currents.iter().map(|c| c.name.clone()));
+        names.extend(aircraft::columns(&self.spec.aircraft));
         let fields = names.iter().map(|name| {
             let known = flight::describe(name);
             let data_type = match name.as_str() {

@@ -247,24 +247,6 @@ fn law_a_scalar_reads_the_magnitude_of_the_vector_sum() {
 }
 
 #[test]
-fn law_currents_switch_between_their_levels() {
-    let current = Current { name: "cur_x".into(), off_on_a: (0.5, 4.0), mean_off_on_s: (8.0, 4.0), noise_a: 0.0 };
-    let tt: Vec<f64> = (0..200_000).map(|i| 0.1 * f64::from(i)).collect();
-    let amperes = aircraft::switched(&current, &tt, &mut random::Random::of(5, &["test"]));
-    assert!(amperes.iter().all(|a| *a == 0.5 || *a == 4.0));
-    let on = amperes.iter().filter(|a| **a == 4.0).count() as f64 / 2e5;
-    // 1667 cycles: the share of 1/3 has a standard error of 0.008; four of them.
-    assert!((on - 1.0 / 3.0).abs() < 0.032, "{on}");
-    let starts_on = |k: &usize| {
-        let mut random = random::Random::of(5, &["start", &k.to_string()]);
-        aircraft::switched(&current, &tt[..1], &mut random) == [4.0]
-    };
-    let first = (0..300).filter(starts_on).count() as f64 / 300.0;
-    // Standard error 0.027; four of them.
-    assert!((first - 1.0 / 3.0).abs() < 0.11, "{first}");
-}
-
-#[test]
 fn law_the_ins_navigates_by_its_own_measurements() {
     // What the INS says of its velocity and position follows from the specific force it says it measured.
     const ROWS: usize = 1200;
@@ -358,13 +340,13 @@ fn law_the_filter_finds_its_way_over_osborne() {
 fn gold_faults_of_a_spec_are_told_at_once_with_their_place() {
     let folder = TempDir::new().unwrap();
     let text = "seed = 1\nrate_hs = 10.0\n[map]\npath = 'none.tif'\n[[magnetometers]]\nname = 'mag_2_uc'\n\
-                permanent = 3.0\ncurrents = { cur_y = 1.0 }\n[[currents]]\nname = 'cur_x'\non_a = 'much'\n\
+                permanent_n = 3.0\ncurrents = { cur_y = 1.0 }\n[[currents]]\nname = 'cur_x'\non_a = 'much'\n\
                 [[flights]]\nname = '1'\n[[flights.lines]]\nname = '1.1'\nkind = 'bok'\nalt_m = 500\n";
     let path = written(&folder, text);
     let said = Simulation::open(&path).unwrap_err().to_string();
     for (place, what) in [
         ("2:1", "`synth` has no key `rate_hs`"),
-        ("7:1", "`magnetometers` has no key `permanent`"),
+        ("7:1", "`magnetometers` has no key `permanent_n`"),
         ("8:14", "there is no current `cur_y`"),
         ("11:8", "`on_a` of `currents` must be a number"),
         ("16:8", "`kind` of `lines` cannot be `bok`"),

@@ -1,141 +1,174 @@
-//! The magnetic field of the aircraft, and what the magnetometers make of it.
+//! The magnetic field of the aircraft, and what the magnetometers and the other sensors on board make of it.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
-use super::{earth::Along, line::Scene, random::Random, trajectory::Trajectory};
+use super::{earth::Along, line::Scene, trajectory::Trajectory};
 use crate::motion::derivative;
-pub use spec::{Aircraft, Current, Scalar, Source, Vector};
+use field::{Drive, FIELD_PARTS, Field};
+use motion::Motion;
+use sensors::{Bench, FieldParts, SCALAR_PARTS, VECTOR_PARTS};
+pub use spec::{
+    Aircraft, Current, Drawn, Engine, Heading, Input, Kind, Sampling, Scalar, Signal, Source, Temperature, Thermostat,
+    Vector, Voltage, Wire,
+};
 
+mod currents;
+mod field;
+mod motion;
+mod sampling;
+mod sensors;
 pub(super) mod spec;
+mod wires;
 
-/// The field strength that the sizes of induced terms refer to, in nT.
-const SCALE_NT: f64 = 50_000.0;
 
-/// The aircraft's field at one sensor, in the body frame: P + M B + E dB/dt + sum of I_k D_k.
-/// [Tolles & Lawson 1950; thesis 000 (3.9)-(3.12)]
-pub(super) struct Field {
-    permanent_nt: Vector3<f64>,
-    induced: Matrix3<f64>,
-    eddy_s: Matrix3<f64>,
-    currents_nt_per_a: Vec<(usize, Vector3<f64>)>,
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// The names of the columns of [`readings`], in their order.
+pub(super) fn columns(aircraft: &Aircraft) -> Vec<String> {
+    let scalars: Vec<String> = aircraft.scalars.iter().map(|s| s.name.clone()).collect();
+    let axes = |name: &String| AXES.map(|axis| format!("{name}_{axis}"));
+    let vectors: Vec<String> = aircraft.vectors.iter().flat_map(|v| axes(&v.name)).collect();
+    let mut names = [scalars.clone(), vectors.clone()].concat();
+    names.extend(aircraft.currents.iter().filter(|c| c.measured).map(|c| c.name.clone()));
+    names.extend(aircraft.voltages.iter().map(|v| v.name.clone()));
+    names.extend(aircraft.inputs.iter().map(|i| i.name.clone()));
+    if aircraft.component_columns {
+        names.extend(scalars.iter().flat_map(|name| part_names(name, &SCALAR_PARTS)));
+        names.extend(vectors.iter().flat_map(|name| part_names(name, &VECTOR_PARTS)));
+    }
+    names
 }
 
-impl Field {
-    /// Draws the coefficients of the sensor `name`: the same on all flights, of the sizes in `source`.
-    pub(super) fn draw(seed: u64, name: &str, source: &Source, currents: &[Current]) -> Field {
-        let mut random = Random::of(seed, &["aircraft", name]);
-        let permanent_nt = random.direction() * source.permanent_nt;
-        let m = Matrix3::from_fn(|_, _| random.normal()) * (source.induced_nt / SCALE_NT);
-        // Symmetric, as an induced tensor is; each element keeps its standard deviation.
-        let induced = Matrix3::from_fn(|i, j| m[(i.min(j), i.max(j))]);
-        let eddy_s = Matrix3::from_fn(|_, _| random.normal()) * source.eddy_s;
-        let coupled = |(index, nt_per_a): &(usize, f64)| {
-            let current = currents.get(*index).map_or("", |c| c.name.as_str());
-            (*index, Random::of(seed, &["aircraft", name, current]).direction() * *nt_per_a)
-        };
-        let currents_nt_per_a = source.currents.iter().map(coupled).collect();
-        Field { permanent_nt, induced, eddy_s, currents_nt_per_a }
-    }
-
-    /// The field in nT where the earth's is `b` (nT) and changes by `b_rate` (nT/s), both in the body
-    /// frame, and the currents are `amperes`.
-    pub(super) fn at(&self, b: &Vector3<f64>, b_rate: &Vector3<f64>, amperes: impl Fn(usize) -> f64) -> Vector3<f64> {
-        let coupled: Vector3<f64> = self.currents_nt_per_a.iter().map(|(k, d)| d * amperes(*k)).sum();
-        self.permanent_nt + self.induced * b + self.eddy_s * b_rate + coupled
-    }
+fn part_names<'a>(column: &'a str, own: &'a [&'static str]) -> impl Iterator<Item = String> + 'a {
+    FIELD_PARTS.iter().chain(own).map(move |part| format!("part_{part}_{column}"))
 }
 
 /// What surrounds the sensors along a line.
-pub(super) struct Surroundings<'a> {
-    /// Time, in s.
-    pub(super) tt_s: &'a [f64],
-    /// The earth's field in the body frame, in nT.
-    pub(super) body_nt: &'a [Vector3<f64>],
-    /// Its rate, in nT/s.
-    pub(super) rate_ntps: &'a [Vector3<f64>],
+struct Surroundings<'a> {
+    scene: &'a Scene<'a>,
+    truth: &'a Trajectory,
+    earth: &'a Along,
+    motion: Motion,
+    /// The earth's field in the body frame in nT: core, anomaly, variation.
+    body_nt: [Vec<Vector3<f64>>; 3],
+    /// Rate of the earth's field in the body frame, in nT/s.
+    rate_ntps: [Vec<f64>; 3],
     /// True currents in A: one column each.
-    pub(super) amperes: &'a [Vec<f64>],
+    amperes: Vec<Vec<f64>>,
+    /// How long the flight has lasted at the line's end, in seconds.
+    until_s: f64,
 }
 
-impl Surroundings<'_> {
-    /// The total field at a sensor, sample by sample.
-    fn total<'b>(&'b self, field: &'b Field) -> impl Iterator<Item = Vector3<f64>> + 'b {
-        let at = move |i: usize| {
-            let amperes = |k: usize| self.amperes.get(k).and_then(|c| c.get(i)).copied().unwrap_or(0.0);
-            self.body_nt[i] + field.at(&self.body_nt[i], &self.rate_ntps[i], amperes)
+impl<'a> Surroundings<'a> {
+    fn new(scene: &'a Scene, truth: &'a Trajectory, earth: &'a Along) -> Self {
+        let start_tt_s = scene.flight.lines.first().map_or(0.0, |l| l.start_tt_s);
+        let motion = Motion::of(truth, start_tt_s);
+        let rate = |k: usize| {
+            let component: Vec<f64> = earth.body_nt.iter().map(|b| b[k]).collect();
+            derivative(&truth.tt_s, &component)
         };
-        (0..self.tt_s.len()).map(at)
+        let to_body: Vec<_> = (0..truth.tt_s.len()).map(|i| truth.attitude(i).transpose()).collect();
+        let body_nt = [&earth.core_ned_nt, &earth.anomaly_ned_nt, &earth.diurnal_ned_nt]
+            .map(|part| to_body.iter().zip(part).map(|(turn, b)| turn * b).collect());
+        let aircraft = &scene.spec.aircraft;
+        let currents = aircraft.currents.iter();
+        let amperes = currents.map(|c| c.amperes(&motion, &aircraft.temperature, &mut scene.random(&c.name)));
+        let (amperes, rate_ntps) = (amperes.collect(), [rate(0), rate(1), rate(2)]);
+        let until_s = motion.since_s.last().copied().unwrap_or(0.0);
+        Self { scene, truth, earth, motion, body_nt, rate_ntps, amperes, until_s }
     }
 
-    /// What a scalar magnetometer reads, in nT: the magnitude of the vector sum, drift and noise.
-    pub(super) fn scalar_nt(&self, sensor: &Scalar, field: &Field, random: &mut Random) -> Vec<f64> {
-        let drift = sensor.drift.map(|d| d.realisation(self.tt_s, || random.normal()));
-        let exact = self.total(field).map(|b| b.norm());
-        let read = |(i, b): (usize, f64)| {
-            let slow = drift.as_ref().map_or(0.0, |d| d[i]);
-            b + slow + sensor.noise_nt * random.normal()
-        };
-        exact.enumerate().map(read).collect()
+    /// The parts of the field at a sensor, sample by sample.
+    fn field_at(&'a self, name: &str, source: &'a spec::Source) -> impl Iterator<Item = FieldParts> + 'a {
+        let spec = self.scene.spec;
+        let flight = (self.scene.flight.name.as_str(), self.until_s);
+        let field = Field::draw(spec.seed, flight, (name, source), &spec.aircraft, &spec.components);
+        (0..self.truth.tt_s.len()).map(move |i| self.parts(&field, i))
     }
 
-    /// What a vector magnetometer reads, in nT: scale and offset of each axis, and noise.
-    pub(super) fn vector_nt(&self, sensor: &Vector, field: &Field, seed: u64, random: &mut Random) -> [Vec<f64>; 3] {
-        let mut made = Random::of(seed, &["calibration", &sensor.name]);
-        let scale = Vector3::from_fn(|_, _| 1.0 + sensor.scale * made.normal());
-        let offset = Vector3::from_fn(|_, _| sensor.offset_nt * made.normal());
-        let mut out = [vec![], vec![], vec![]];
-        for b in self.total(field) {
-            for (axis, column) in out.iter_mut().enumerate() {
-                column.push(scale[axis] * b[axis] + offset[axis] + sensor.noise_nt * random.normal());
-            }
-        }
-        out
+    fn parts(&self, field: &Field, i: usize) -> FieldParts {
+        let drive = Drive {
+            earth_nt: self.earth.body_nt[i],
+            rate_ntps: Vector3::from_fn(|k, _| self.rate_ntps[k][i]),
+            amperes: &self.amperes,
+            row: i,
+            since_s: self.motion.since_s[i],
+            lift_mps2: self.motion.lift_mps2[i],
+        };
+        let [permanent, induced, eddy, currents, landing, walk, flex] = field.parts_nt(&drive);
+        let [core, anomaly, diurnal] = self.body_nt.each_ref().map(|part| part[i]);
+        [core, anomaly, diurnal, permanent, induced, eddy, currents, landing, walk, flex]
     }
 }
 
 /// The readings of every sensor along a line, by column.
 pub(super) fn readings(scene: &Scene, truth: &Trajectory, earth: &Along) -> Vec<(String, Vec<f64>)> {
-    let (spec, mut out) = (scene.spec, vec![]);
-    let parts: [Vec<f64>; 3] = std::array::from_fn(|k| {
-        let component: Vec<f64> = earth.body_nt.iter().map(|b| b[k]).collect();
-        derivative(&truth.tt_s, &component)
-    });
-    let rate_ntps: Vec<_> = (0..truth.tt_s.len()).map(|i| Vector3::from_fn(|k, _| parts[k][i])).collect();
-    let amperes: Vec<Vec<f64>> =
-        spec.aircraft.currents.iter().map(|c| switched(c, &truth.tt_s, &mut scene.random(&c.name))).collect();
-    let around = Surroundings { tt_s: &truth.tt_s, body_nt: &earth.body_nt, rate_ntps: &rate_ntps, amperes: &amperes };
-    for sensor in &spec.aircraft.scalars {
-        let field = Field::draw(spec.seed, &sensor.name, &sensor.source, &spec.aircraft.currents);
-        let values = around.scalar_nt(sensor, &field, &mut scene.random(&sensor.name));
-        out.push((sensor.name.clone(), values));
+    let aircraft = &scene.spec.aircraft;
+    let around = Surroundings::new(scene, truth, earth);
+    let (since_s, wanted) = (&around.motion.since_s, aircraft.component_columns);
+    let bench = Bench { scene, tt_s: &truth.tt_s, since_s, wanted };
+    let (mut values, mut parts) = (vec![], vec![]);
+    for sensor in &aircraft.scalars {
+        let reading = bench.scalar(sensor, around.field_at(&sensor.name, &sensor.source));
+        values.push(reading.values_nt);
+        parts.extend(reading.parts_nt);
     }
-    for sensor in &spec.aircraft.vectors {
-        let field = Field::draw(spec.seed, &sensor.name, &sensor.source, &spec.aircraft.currents);
-        let axes = around.vector_nt(sensor, &field, spec.seed, &mut scene.random(&sensor.name));
-        for (axis, values) in ["x", "y", "z"].iter().zip(axes) {
-            out.push((format!("{}_{axis}", sensor.name), values));
+    for sensor in &aircraft.vectors {
+        let field = around.field_at(&sensor.name, &sensor.source);
+        for reading in bench.vector(sensor, &aircraft.temperature, field) {
+            values.push(reading.values_nt);
+            parts.extend(reading.parts_nt);
         }
     }
-    for (current, true_a) in spec.aircraft.currents.iter().zip(&amperes) {
-        let mut random = scene.random(&format!("sensor of {}", current.name));
-        let values = true_a.iter().map(|a| a + current.noise_a * random.normal()).collect();
-        out.push((current.name.clone(), values));
-    }
-    out
+    values.extend(around.electric());
+    values.extend(parts);
+    columns(aircraft).into_iter().zip(values).collect()
 }
 
-/// A current that is on and off in turns, in A at the times `tt_s`.
-pub(super) fn switched(current: &Current, tt_s: &[f64], random: &mut Random) -> Vec<f64> {
-    let (off_s, on_s) = current.mean_off_on_s;
-    let mut on = random.uniform() < on_s / (off_s + on_s);
-    let mut wait = |on: bool| random.exponential(if on { on_s } else { off_s });
-    let mut until = tt_s.first().copied().unwrap_or(0.0) + wait(on);
-    let at = |tt: &f64| {
-        while *tt >= until {
-            on = !on;
-            until += wait(on);
+impl Surroundings<'_> {
+    /// What the sensors of currents, voltages and control signals read.
+    fn electric(&self) -> Vec<Vec<f64>> {
+        let (aircraft, scene) = (&self.scene.spec.aircraft, self.scene);
+        let noisy = |x: &[f64], sigma: f64, what: &str, name: &str| -> Vec<f64> {
+            let mut random = scene.random(&format!("{what} {name}"));
+            let sigma = if scene.spec.components.on("noise") { sigma } else { 0.0 };
+            x.iter().map(|x| x + sigma * random.normal()).collect()
+        };
+        let mut out = vec![];
+        for (current, true_a) in aircraft.currents.iter().zip(&self.amperes).filter(|(c, _)| c.measured) {
+            let read: Vec<f64> = true_a.iter().map(|a| current.scale * a).collect();
+            out.push(noisy(&read, current.noise_a, "sensor of", &current.name));
         }
-        if on { current.off_on_a.1 } else { current.off_on_a.0 }
-    };
-    tt_s.iter().map(at).collect()
+        for voltage in &aircraft.voltages {
+            let at = |(i, t): (usize, &f64)| {
+                let sag: f64 = voltage.ohm.iter().map(|(k, ohm)| ohm * self.amperes[*k][i]).sum();
+                voltage.volts - sag - voltage.discharge_v_per_h * t / 3600.0
+            };
+            let volts: Vec<f64> = self.motion.since_s.iter().enumerate().map(at).collect();
+            out.push(noisy(&volts, voltage.noise_v, "sensor of", &voltage.name));
+        }
+        for input in &aircraft.inputs {
+            let signal: Vec<f64> = self.signal(&input.signal).iter().map(|s| input.offset + input.gain * s).collect();
+            let read = noisy(&signal, input.noise, "input", &input.name);
+            let step = input.resolution;
+            out.push(read.iter().map(|x| if step > 0.0 { (x / step).round() * step } else { *x }).collect());
+        }
+        out
+    }
+
+    fn signal(&self, signal: &Signal) -> Vec<f64> {
+        let aircraft = &self.scene.spec.aircraft;
+        match signal {
+            Signal::Level(index) => {
+                let (off_a, on_a) = aircraft.currents[*index].off_on_a;
+                self.amperes[*index].iter().map(|a| if on_a == off_a { 1.0 } else { (a - off_a) / (on_a - off_a) }).collect()
+            }
+            Signal::Rate(axis) => self.motion.rates_dps[*axis].clone(),
+            Signal::Speed => self.motion.speed_mps.clone(),
+            Signal::Temperature => self.motion.since_s.iter().map(|t| aircraft.temperature.at(*t)).collect(),
+        }
+    }
 }
+
+#[cfg(test)]
+mod tests;

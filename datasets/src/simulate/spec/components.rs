@@ -3,8 +3,36 @@
 use super::section::Section;
 
 /// The components that the table `components` of a spec can switch off, by name.
-pub const COMPONENTS: &[&str] =
-    &["anomaly", "diurnal", "gusts", "turbulence", "ins", "permanent", "induced", "eddy", "currents", "noise"];
+pub const COMPONENTS: &[&str] = &[
+    // The earth's field.
+    "anomaly",
+    "diurnal",
+    // The trajectory.
+    "gusts",
+    "turbulence",
+    // The navigation.
+    "ins",
+    // The aircraft's field.
+    "permanent",
+    "induced",
+    "eddy",
+    "currents",
+    "landing",
+    "walk",
+    "flex",
+    // The sensors.
+    "heading",
+    "calibration",
+    "offset",
+    "temperature",
+    "lag",
+    "drift",
+    "spikes",
+    "noise",
+    "quantisation",
+    "dead_zones",
+    "dropouts",
+];
 
 /// Which components are off; all others are on.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -14,9 +14,11 @@ use super::{
 };
 use crate::ReadError;
 pub use components::{COMPONENTS, Components};
+pub use preset::PRESETS;
 use section::{Faults, Need, Section};
 
 mod components;
+mod preset;
 pub(super) mod section;
 
 /// A synth spec, checked.
@@ -56,7 +58,8 @@ impl Spec {
             ReadError::spec(path, &text, &[fault])
         })?;
         let faults = Faults::default();
-        let section = Section::new("synth", root.get_ref(), 0..0, &faults);
+        let root = preset::applied(root.into_inner(), &faults);
+        let section = Section::new("synth", &root, 0..0, &faults);
         let spec = spec(&section, path.parent().unwrap_or(Path::new("")));
         section.finish();
         let found = std::mem::take(&mut *faults.borrow_mut());

@@ -9,6 +9,10 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
+pub(in super::super) use lists::Amount;
+
+mod lists;
+
 /// The faults found so far.
 pub(in super::super) type Faults = Rc<RefCell<Vec<Fault>>>;
 

@@ -1,0 +1,106 @@
+//! When a sensor reads, and what the table has of it.
+
+use super::spec::Sampling;
+
+/// A sensor's sampling against that of a table's rows.
+pub(super) struct Clock {
+    rows: usize,
+    /// Rows from one reading of the sensor to the next; none where it is as fast as the table.
+    rows_per_reading: Option<f64>,
+    lag_rows: f64,
+    hold: bool,
+}
+
+impl Clock {
+    /// Of a table of `rows` rows at `rate_hz`; a sensor whose delays are switched off reads at once.
+    pub(super) fn new(sampling: &Sampling, rows: usize, rate_hz: f64, on: bool) -> Clock {
+        let own_hz = sampling.rate_hz.filter(|own| on && *own < rate_hz * (1.0 - 1e-9));
+        let lag_rows = if on { sampling.lag_s * rate_hz } else { 0.0 };
+        Clock { rows, rows_per_reading: own_hz.map(|own| rate_hz / own), lag_rows, hold: sampling.hold }
+    }
+
+    /// Whether the table's rows are the sensor's readings, without lag.
+    pub(super) fn is_the_tables(&self) -> bool {
+        self.rows_per_reading.is_none() && self.lag_rows == 0.0
+    }
+
+    /// What the table has of `x`, given at its rows.
+    pub(super) fn read(&self, x: &[f64]) -> Vec<f64> {
+        self.spread(|row| interpolate(x, row - self.lag_rows))
+    }
+
+    /// What the table has of the values that `sample` gives at the sensor's readings, called in order with the rows,
+    /// whole or not, at which they fall.
+    pub(super) fn spread(&self, mut sample: impl FnMut(f64) -> f64) -> Vec<f64> {
+        let Some(step) = self.rows_per_reading else { return (0..self.rows).map(|i| sample(i as f64)).collect() };
+        let readings = (self.rows as f64 / step).ceil() as usize + 2;
+        let y: Vec<f64> = (0..readings).map(|k| sample(k as f64 * step)).collect();
+        let at = |i: usize| {
+            // A row that is a reading's own must not fall before it by rounding.
+            let place = i as f64 / step + 1e-9;
+            let (k, share) = (place.floor() as usize, place.fract());
+            if self.hold || share < 1e-8 { y[k] } else { y[k] + (y[k + 1] - y[k]) * share }
+        };
+        (0..self.rows).map(at).collect()
+    }
+}
+
+/// `x` between its samples, by the cubic through four of them; beyond the ends their values.
+fn interpolate(x: &[f64], at: f64) -> f64 {
+    let last = x.len().saturating_sub(1);
+    let at = at.clamp(0.0, last as f64);
+    let (k, t) = (at.floor() as usize, at.fract());
+    if t == 0.0 {
+        return x[k];
+    }
+    if k == 0 || k + 2 > last {
+        return x[k] + t * (x[k + 1] - x[k]);
+    }
+    let weights = [
+        -t * (t - 1.0) * (t - 2.0) / 6.0,
+        (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
+        -(t + 1.0) * t * (t - 2.0) / 2.0,
+        (t + 1.0) * t * (t - 1.0) / 6.0,
+    ];
+    weights.iter().zip(&x[k - 1..]).map(|(w, x)| w * x).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn clock(rate_hz: Option<f64>, lag_s: f64, hold: bool) -> Clock {
+        Clock::new(&Sampling { rate_hz, lag_s, hold }, 201, 10.0, true)
+    }
+
+    #[test]
+    fn law_a_lagging_sensor_reads_the_past() {
+        let x: Vec<f64> = (0..201).map(|i| (0.07 * f64::from(i)).sin()).collect();
+        let late = clock(None, 0.25, false).read(&x);
+        for i in 5..195 {
+            // The cubic's error: 0.07⁴ / 24 times 9/16.
+            assert!((late[i] - (0.07 * (i as f64 - 2.5)).sin()).abs() < 1e-6, "{i}");
+        }
+        assert_eq!(clock(None, 0.0, false).read(&x), x);
+        assert!(clock(Some(10.0), 0.0, false).is_the_tables() && !clock(Some(9.0), 0.0, false).is_the_tables());
+    }
+
+    #[test]
+    fn law_a_slow_sensor_is_held_or_drawn_out() {
+        let x: Vec<f64> = (0..201).map(f64::from).collect();
+        let held = clock(Some(2.0), 0.0, true).read(&x);
+        let between = clock(Some(2.0), 0.0, false).read(&x);
+        for i in 0..201 {
+            assert_eq!(held[i], f64::from(u32::try_from(i / 5 * 5).unwrap_or(0)), "{i}");
+            // A straight line is its own interpolation, but for the end, where the last reading is repeated.
+            assert!(i > 195 || (between[i] - x[i]).abs() < 1e-6, "{i}");
+        }
+        // One draw a reading, none between.
+        let mut draws = 0;
+        clock(Some(2.0), 0.0, true).spread(|_| {
+            draws += 1;
+            0.0
+        });
+        assert_eq!(draws, 43);
+    }
+}

@@ -1,0 +1,241 @@
+//! What the magnetometers read.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::{
+    super::{line::Scene, random::Random},
+    currents::switched,
+    field::FIELD_PARTS,
+    sampling::Clock,
+    spec::{Sampling, Scalar, Temperature, Vector},
+};
+
+/// The parts that a scalar magnetometer adds, in order.
+pub(super) const SCALAR_PARTS: [&str; 6] = ["heading", "lag", "drift", "spikes", "noise", "quantisation"];
+
+/// The parts that a vector magnetometer adds, in order.
+pub(super) const VECTOR_PARTS: [&str; 7] =
+    ["calibration", "offset", "temperature", "lag", "drift", "noise", "quantisation"];
+
+/// The parts of the field at a sensor, sample by sample.
+pub(super) type FieldParts = [Vector3<f64>; FIELD_PARTS.len()];
+
+/// A column, and its parts if they are wanted.
+#[derive(Default)]
+pub(super) struct Reading {
+    pub(super) values_nt: Vec<f64>,
+    pub(super) parts_nt: Vec<Vec<f64>>,
+}
+
+impl Reading {
+    /// Adds what the sensor itself does.
+    fn add(&mut self, wanted: bool, part_nt: Vec<f64>) {
+        self.values_nt.iter_mut().zip(&part_nt).for_each(|(x, p)| *x += p);
+        if wanted {
+            self.parts_nt.push(part_nt);
+        }
+    }
+
+    /// Replaces the values; the difference is a part.
+    fn replace(&mut self, wanted: bool, values_nt: Vec<f64>) {
+        if wanted {
+            self.parts_nt.push(values_nt.iter().zip(&self.values_nt).map(|(new, old)| new - old).collect());
+        }
+        self.values_nt = values_nt;
+    }
+
+    fn quantise(&mut self, wanted: bool, step_nt: f64) {
+        let rounded = |x: &f64| if step_nt > 0.0 { (x / step_nt).round() * step_nt } else { *x };
+        self.replace(wanted, self.values_nt.iter().map(rounded).collect());
+    }
+}
+
+/// A sensor on a line: where its random numbers come from, and what is switched on.
+pub(super) struct Bench<'a> {
+    pub(super) scene: &'a Scene<'a>,
+    pub(super) tt_s: &'a [f64],
+    /// Seconds after the flight's start.
+    pub(super) since_s: &'a [f64],
+    /// Whether the parts are wanted.
+    pub(super) wanted: bool,
+}
+
+impl Bench<'_> {
+    fn on(&self, component: &str) -> bool {
+        self.scene.spec.components.on(component)
+    }
+
+    fn random(&self, what: &str, name: &str) -> Random {
+        self.scene.random(&format!("{what} of {name}"))
+    }
+
+    fn clock(&self, sampling: &Sampling) -> Clock {
+        Clock::new(sampling, self.tt_s.len(), self.scene.spec.rate_hz, self.on("lag"))
+    }
+
+    fn late(&self, reading: &mut Reading, clock: &Clock) {
+        let read = if clock.is_the_tables() { reading.values_nt.clone() } else { clock.read(&reading.values_nt) };
+        reading.replace(self.wanted, read);
+    }
+
+    fn noise(&self, reading: &mut Reading, clock: &Clock, sigma_nt: f64, random: &mut Random) {
+        let sigma_nt = if self.on("noise") { sigma_nt } else { 0.0 };
+        reading.add(self.wanted, clock.spread(|_| sigma_nt * random.normal()));
+    }
+
+    fn drift(&self, reading: &mut Reading, drift: Option<stages::numerics::gauss_markov::GaussMarkov>, name: &str) {
+        let mut random = self.random("drift", name);
+        let drift = drift.filter(|_| self.on("drift")).map(|d| d.realisation(self.tt_s, || random.normal()));
+        reading.add(self.wanted, drift.unwrap_or_else(|| vec![0.0; self.tt_s.len()]));
+    }
+
+    /// What a scalar magnetometer reads, in nT: the magnitude of the vector sum, and its own errors. Parts of the
+    /// field are what each adds to the magnitude of those before it.
+    pub(super) fn scalar(&self, sensor: &Scalar, field: impl Iterator<Item = FieldParts>) -> Reading {
+        let mut reading = Reading::default();
+        if self.wanted {
+            reading.parts_nt = vec![vec![]; FIELD_PARTS.len()];
+        }
+        let (mut heading, mut dead) = (vec![], vec![]);
+        let amplitude_nt = if self.on("heading") { sensor.heading.amplitude_nt } else { 0.0 };
+        for parts in field {
+            let (mut sum, mut before_nt) = (Vector3::zeros(), 0.0);
+            for (k, part) in parts.iter().enumerate() {
+                sum += part;
+                if self.wanted {
+                    let magnitude_nt = sum.norm();
+                    reading.parts_nt[k].push(magnitude_nt - before_nt);
+                    before_nt = magnitude_nt;
+                }
+            }
+            let exact_nt = sum.norm();
+            let cosine = if exact_nt > 0.0 { sum.dot(&sensor.heading.axis) / exact_nt } else { 0.0 };
+            reading.values_nt.push(exact_nt);
+            heading.push(amplitude_nt * cosine);
+            dead.push(is_dead(sensor, cosine));
+        }
+        reading.add(self.wanted, heading);
+        let clock = self.clock(&sensor.sampling);
+        self.late(&mut reading, &clock);
+        self.drift(&mut reading, sensor.drift, &sensor.name);
+        reading.add(self.wanted, self.spikes(sensor));
+        self.noise(&mut reading, &clock, sensor.noise_nt, &mut self.scene.random(&sensor.name));
+        reading.quantise(self.wanted, if self.on("quantisation") { sensor.resolution_nt } else { 0.0 });
+        self.lose(sensor, &mut reading.values_nt, &dead);
+        reading
+    }
+
+    fn spikes(&self, sensor: &Scalar) -> Vec<f64> {
+        let Some((mean_s, sigma_nt)) = sensor.spikes.filter(|_| self.on("spikes")) else {
+            return vec![0.0; self.tt_s.len()];
+        };
+        let share = 1.0 / (mean_s * self.scene.spec.rate_hz);
+        let mut random = self.random("spikes", &sensor.name);
+        let spike = |_| if random.uniform() < share { sigma_nt * random.normal() } else { 0.0 };
+        self.tt_s.iter().map(spike).collect()
+    }
+
+    /// Takes out what falls into a dead zone or a dropout.
+    fn lose(&self, sensor: &Scalar, values_nt: &mut [f64], dead: &[bool]) {
+        let lost_nt = if sensor.lost_is_zero { 0.0 } else { f64::NAN };
+        let zones = self.on("dead_zones");
+        let bursts = sensor.dropouts.filter(|_| self.on("dropouts")).map_or_else(Vec::new, |means| {
+            let (first, last) = (self.since_s.first(), self.since_s.last());
+            let mut random = self.random("dropouts", &sensor.name);
+            switched(means, first.copied().unwrap_or(0.0), last.copied().unwrap_or(0.0), &mut random)
+        });
+        let mut next = bursts.iter().peekable();
+        for (i, value) in values_nt.iter_mut().enumerate() {
+            let since_s = self.since_s[i];
+            while next.next_if(|[_, until]| *until <= since_s).is_some() {}
+            let dropped = next.peek().is_some_and(|[from, _]| *from <= since_s);
+            if dropped || (zones && dead[i]) {
+                *value = lost_nt;
+            }
+        }
+    }
+
+    /// What the three axes of a vector magnetometer read, in nT.
+    pub(super) fn vector(
+        &self,
+        sensor: &Vector,
+        temperature: &Temperature,
+        field: impl Iterator<Item = FieldParts>,
+    ) -> [Reading; 3] {
+        let made = Made::of(self.scene.spec.seed, sensor);
+        let (calibrated, moved) = (self.on("calibration"), self.on("offset"));
+        let mut axes: [Reading; 3] = Default::default();
+        let mut calibration: [Vec<f64>; 3] = Default::default();
+        for axis in &mut axes {
+            axis.parts_nt = if self.wanted { vec![vec![]; FIELD_PARTS.len()] } else { vec![] };
+        }
+        for parts in field {
+            let sum: Vector3<f64> = parts.iter().sum();
+            let off = if calibrated { made.skew * sum } else { Vector3::zeros() };
+            for (axis, reading) in axes.iter_mut().enumerate() {
+                reading.values_nt.push(sum[axis]);
+                calibration[axis].push(off[axis]);
+                for (column, part) in reading.parts_nt.iter_mut().zip(&parts) {
+                    column.push(part[axis]);
+                }
+            }
+        }
+        let clock = self.clock(&sensor.sampling);
+        let mut random = self.scene.random(&sensor.name);
+        for (axis, reading) in axes.iter_mut().enumerate() {
+            let name = format!("{}_{}", sensor.name, ["x", "y", "z"][axis]);
+            reading.add(self.wanted, std::mem::take(&mut calibration[axis]));
+            reading.add(self.wanted, vec![if moved { made.offset_nt[axis] } else { 0.0 }; self.tt_s.len()]);
+            let per_degc = if self.on("temperature") { made.nt_per_degc[axis] } else { 0.0 };
+            let warmth = |t: &f64| per_degc * (temperature.at(*t) - temperature.reference_degc);
+            reading.add(self.wanted, self.since_s.iter().map(warmth).collect());
+            self.late(reading, &clock);
+            self.drift(reading, sensor.drift, &name);
+            self.noise(reading, &clock, sensor.noise_nt, &mut random);
+            reading.quantise(self.wanted, if self.on("quantisation") { sensor.resolution_nt } else { 0.0 });
+        }
+        axes
+    }
+}
+
+/// Whether the field comes from where a sensor cannot read it; `cosine` is that of its angle to the optical axis.
+fn is_dead(sensor: &Scalar, cosine: f64) -> bool {
+    let from_axis_deg = cosine.abs().min(1.0).acos().to_degrees();
+    from_axis_deg < sensor.dead_polar_deg || 90.0 - from_axis_deg < sensor.dead_equatorial_deg
+}
+
+/// How a vector magnetometer was made.
+struct Made {
+    /// What it adds to the field: scale, axes that are not square, misalignment.
+    skew: Matrix3<f64>,
+    offset_nt: Vector3<f64>,
+    nt_per_degc: Vector3<f64>,
+}
+
+impl Made {
+    /// Draws it: the same on all flights. Its axes are rows: x along its own, y turned in the plane of both, z by two
+    /// angles; then all are turned and scaled.
+    fn of(seed: u64, sensor: &Vector) -> Made {
+        let mut random = Random::of(seed, &["calibration", &sensor.name]);
+        let mut three = |size: f64| Vector3::from_fn(|_, _| size * random.normal());
+        let scale = Matrix3::from_diagonal(&three(sensor.scale).add_scalar(1.0));
+        let offset_nt = three(sensor.offset_nt);
+        let square = three(sensor.non_orthogonal_deg.to_radians());
+        let turn = three(sensor.misaligned_deg.to_radians());
+        let nt_per_degc = three(sensor.temperature_nt_per_degc);
+        let (sy, sz) = (square.x.sin(), [square.y.sin(), square.z.sin()]);
+        let axes = Matrix3::new(
+            1.0,
+            0.0,
+            0.0,
+            sy,
+            (1.0 - sy * sy).sqrt(),
+            0.0,
+            sz[0],
+            sz[1],
+            (1.0 - sz[0] * sz[0] - sz[1] * sz[1]).max(0.0).sqrt(),
+        );
+        let turned = *nalgebra::Rotation3::new(turn).matrix();
+        Made { skew: scale * axes * turned - Matrix3::identity(), offset_nt, nt_per_degc }
+    }
+}

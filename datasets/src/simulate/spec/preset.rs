@@ -1,0 +1,182 @@
+//! Presets: platforms whose sensors and sources are known, on which a spec builds.
+//!
+//! `preset = "cessna"` at the top of a spec puts the preset's keys below its own. Where both have a key the spec's
+//! wins; tables are merged key by key, and lists of tables whose entries have a `name` entry by entry, so that
+//! `[[magnetometers]]` of the name `mag_4_uc` with `noise_nt` changes that alone. An entry that gives another `kind`
+//! replaces the preset's. `without = ["mag_5_uc"]` leaves out entries of these names.
+
+use std::ops::Range;
+
+use schemas::Fault;
+use toml::{
+    Spanned,
+    de::{DeArray, DeTable, DeValue},
+};
+
+use super::section::Faults;
+
+/// The presets by name, each a TOML file of a spec without map and flights.
+pub const PRESETS: &[(&str, &str)] = &[
+    ("cessna", include_str!("../../../presets/cessna.toml")),
+    ("drone", include_str!("../../../presets/drone.toml")),
+];
+
+/// Two ways to say one thing: who says it one way takes back the other.
+const EITHER: [[&str; 2]; 4] =
+    [["permanent", "permanent_nt"], ["induced", "induced_nt"], ["eddy", "eddy_s"], ["flex", "flex_nt_per_mps2"]];
+
+/// Puts the preset that the spec `root` names, if it names one, below it. What is wrong with what comes from the
+/// preset is told where the spec names it.
+pub(super) fn applied<'a>(mut root: DeTable<'a>, faults: &Faults) -> DeTable<'a> {
+    let without = root.remove("without").map(|value| left_out(&value, faults)).unwrap_or_default();
+    let Some(named) = root.remove("preset") else {
+        if let Some((_, at)) = without.first() {
+            faults.borrow_mut().push(Fault::new("`without` leaves out of a preset, and there is none").at(at.clone()));
+        }
+        return root;
+    };
+    let fault = |fault: Fault| faults.borrow_mut().push(fault.at(named.span()));
+    let Some(name) = named.get_ref().as_str() else {
+        fault(Fault::new("`preset` must be the name of a preset"));
+        return root;
+    };
+    let names: Vec<&str> = PRESETS.iter().map(|(name, _)| *name).collect();
+    let Some((_, text)) = PRESETS.iter().find(|(known, _)| *known == name) else {
+        fault(Fault::new(format!("there is no preset `{name}`")).nearest(name, &names));
+        return root;
+    };
+    match DeTable::parse(text) {
+        Ok(preset) => {
+            let mut base = placed(preset.into_inner(), &named.span());
+            for (gone, at) in without {
+                if !leave_out(&mut base, &gone) {
+                    let known = entries(&base);
+                    let what = format!("the preset `{name}` has no `{gone}`");
+                    faults.borrow_mut().push(Fault::new(what).at(at).nearest(&gone, &known));
+                }
+            }
+            merged(base, root)
+        }
+        Err(error) => {
+            fault(Fault::new(format!("the preset `{name}` is broken: {}", error.message())));
+            root
+        }
+    }
+}
+
+fn left_out(value: &Spanned<DeValue>, faults: &Faults) -> Vec<(String, Range<usize>)> {
+    let one = |v: &Spanned<DeValue>| v.get_ref().as_str().map(|s| (s.to_owned(), v.span()));
+    let found: Option<Vec<_>> = value.get_ref().as_array().and_then(|list| list.iter().map(one).collect());
+    found.unwrap_or_else(|| {
+        faults.borrow_mut().push(Fault::new("`without` must be a list of names").at(value.span()));
+        vec![]
+    })
+}
+
+/// The name of an entry of a list of tables.
+fn name_of<'b>(value: &'b Spanned<DeValue>) -> Option<&'b str> {
+    value.get_ref().as_table()?.get("name")?.get_ref().as_str()
+}
+
+fn entries(table: &DeTable) -> Vec<String> {
+    let lists = table.values().filter_map(|v| v.get_ref().as_array());
+    lists.flat_map(|list| list.iter().filter_map(name_of)).map(str::to_owned).collect()
+}
+
+/// Leaves out the entries called `name`, the wires of that current and what else refers to it.
+fn leave_out(table: &mut DeTable, name: &str) -> bool {
+    let is = |value: &Spanned<DeValue>, key: &str| {
+        let found = value.get_ref().as_table().and_then(|t| t.get(key));
+        found.is_some_and(|v| v.get_ref().as_str() == Some(name))
+    };
+    let mut found = false;
+    for (_, value) in table.iter_mut() {
+        let DeValue::Array(list) = value.get_mut() else { continue };
+        let kept = std::mem::replace(list, DeArray::new()).into_iter().filter(|entry| {
+            found |= is(entry, "name");
+            !["name", "current", "of"].iter().any(|key| is(entry, key))
+        });
+        *list = kept.collect::<Vec<_>>().into_iter().collect();
+        for entry in list.iter_mut() {
+            let DeValue::Table(entry) = entry.get_mut() else { continue };
+            for key in ["currents", "ohm"] {
+                if let Some(DeValue::Table(couplings)) = entry.get_mut(key).map(Spanned::get_mut) {
+                    couplings.remove(name);
+                }
+            }
+        }
+    }
+    found
+}
+
+/// The same values, all at one place.
+fn placed<'a>(table: DeTable<'a>, at: &Range<usize>) -> DeTable<'a> {
+    let one = |(key, value): (Spanned<std::borrow::Cow<'a, str>>, Spanned<DeValue<'a>>)| {
+        (Spanned::new(at.clone(), key.into_inner()), placed_value(value, at))
+    };
+    table.into_iter().map(one).collect()
+}
+
+fn placed_value<'a>(value: Spanned<DeValue<'a>>, at: &Range<usize>) -> Spanned<DeValue<'a>> {
+    let inner = match value.into_inner() {
+        DeValue::Table(table) => DeValue::Table(placed(table, at)),
+        DeValue::Array(list) => DeValue::Array(list.into_iter().map(|v| placed_value(v, at)).collect()),
+        other => other,
+    };
+    Spanned::new(at.clone(), inner)
+}
+
+/// `over` on top of `base`.
+fn merged<'a>(mut base: DeTable<'a>, over: DeTable<'a>) -> DeTable<'a> {
+    for [one, other] in EITHER {
+        if over.contains_key(one) || over.contains_key(other) {
+            base.remove(one);
+            base.remove(other);
+        }
+    }
+    for (key, value) in over {
+        let value = match base.remove(key.get_ref().as_ref()) {
+            Some(below) => merged_value(below, value),
+            None => value,
+        };
+        base.insert(key, value);
+    }
+    base
+}
+
+fn merged_value<'a>(below: Spanned<DeValue<'a>>, over: Spanned<DeValue<'a>>) -> Spanned<DeValue<'a>> {
+    let at = over.span();
+    let value = match (below.into_inner(), over.into_inner()) {
+        (DeValue::Table(below), DeValue::Table(over)) => DeValue::Table(merged(below, over)),
+        (DeValue::Array(below), DeValue::Array(over)) if below.iter().all(|v| name_of(v).is_some()) => {
+            DeValue::Array(merged_entries(below, over))
+        }
+        (_, over) => over,
+    };
+    Spanned::new(at, value)
+}
+
+/// Entries of the same name are merged in the order of `below`; those of `over` alone follow.
+fn merged_entries<'a>(below: DeArray<'a>, over: DeArray<'a>) -> DeArray<'a> {
+    let mut over: Vec<Option<Spanned<DeValue<'a>>>> = over.into_iter().map(Some).collect();
+    let mut out = vec![];
+    for entry in below {
+        let same = over.iter_mut().find(|o| o.as_ref().is_some_and(|o| name_of(o) == name_of(&entry)));
+        out.push(match same.and_then(Option::take) {
+            Some(changed) if is_of_another_kind(&entry, &changed) => changed,
+            Some(changed) => merged_value(entry, changed),
+            None => entry,
+        });
+    }
+    out.into_iter().chain(over.into_iter().flatten()).collect()
+}
+
+fn is_of_another_kind(one: &Spanned<DeValue>, other: &Spanned<DeValue>) -> bool {
+    let kind = |v: &Spanned<DeValue>| -> Option<String> {
+        Some(v.get_ref().as_table()?.get("kind")?.get_ref().as_str()?.to_owned())
+    };
+    kind(other).is_some_and(|k| Some(k) != kind(one))
+}
+
+#[cfg(test)]
+mod tests;
