@@ -44,7 +44,8 @@ fn seeds(spec: &Path) -> Result<Vec<Vec<Line>>, Failed> {
     let folder = tempfile::TempDir::new()?;
     let samples = format!("{}/samples", env!("CARGO_MANIFEST_DIR"));
     let with = |seed: u32| {
-        let lines_of_text = text.lines().map(|l| if l.starts_with("seed ") { format!("seed = {seed}") } else { l.into() });
+        let lines_of_text =
+            text.lines().map(|l| if l.starts_with("seed ") { format!("seed = {seed}") } else { l.into() });
         let changed = lines_of_text.collect::<Vec<String>>().join("\n").replace("../samples", &samples);
         let path = folder.path().join("seed.synth.toml");
         std::fs::write(&path, changed)?;

@@ -85,7 +85,8 @@ pub fn classical(calibration: &Line, line: &Line, mag: &str, flux: &str) -> Resu
     let path = QrAccumulator::of(a, terms, &[&y[rows]])?.solve(&[RIDGE], &Terms::new(&TERMS)?.names())?;
     let coefficients = &path.solutions[0].coefficients[0];
     let (a, _) = terms_of(line, flux)?;
-    let aircraft: Vec<f64> = a.chunks(terms).map(|row| row.iter().zip(coefficients).map(|(a, c)| a * c).sum()).collect();
+    let aircraft: Vec<f64> =
+        a.chunks(terms).map(|row| row.iter().zip(coefficients).map(|(a, c)| a * c).sum()).collect();
     let mean = aircraft.iter().sum::<f64>() / aircraft.len() as f64;
     Ok(line.column(mag).iter().zip(&aircraft).map(|(m, a)| m - (a - mean)).collect())
 }
@@ -93,9 +94,8 @@ pub fn classical(calibration: &Line, line: &Line, mag: &str, flux: &str) -> Resu
 /// The core field in the body frame that the INS says, and its magnitude, in nT.
 fn core(line: &Line) -> Result<(Vec<Vector3<f64>>, Vec<f64>), Failed> {
     let c = |name: &str| line.column(name);
-    let year = line.0.column_by_name("year").map_or(2020, |y| {
-        y.as_primitive::<arrow_array::types::Int64Type>().value(0)
-    });
+    let year =
+        line.0.column_by_name("year").map_or(2020, |y| y.as_primitive::<arrow_array::types::Int64Type>().value(0));
     let doy = line.0.column_by_name("doy").map_or(1, |y| y.as_primitive::<arrow_array::types::Int64Type>().value(0));
     let model = CoreField::at(decimal_year(i32::try_from(year)?, u32::try_from(doy)?, c("tt")[0])?)?;
     let mut out = (vec![], vec![]);

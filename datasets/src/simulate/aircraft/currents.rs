@@ -91,12 +91,7 @@ fn periodic(t: f64, every_s: f64, for_s: f64, ramp_s: f64) -> f64 {
 }
 
 /// When a current that is on and off in turns is on, from `first_s` to beyond `last_s`.
-pub(super) fn switched(
-    mean_off_on_s: (f64, f64),
-    first_s: f64,
-    last_s: f64,
-    random: &mut Random,
-) -> Vec<[f64; 2]> {
+pub(super) fn switched(mean_off_on_s: (f64, f64), first_s: f64, last_s: f64, random: &mut Random) -> Vec<[f64; 2]> {
     let (off_s, on_s) = mean_off_on_s;
     let mut on = random.uniform() < on_s / (off_s + on_s);
     let (mut from, mut out) = (first_s, vec![]);

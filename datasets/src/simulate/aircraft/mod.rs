@@ -20,7 +20,6 @@ mod sensors;
 pub(super) mod spec;
 mod wires;
 
-
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// The names of the columns of [`readings`], in their order.
@@ -161,7 +160,10 @@ impl Surroundings<'_> {
         match signal {
             Signal::Level(index) => {
                 let (off_a, on_a) = aircraft.currents[*index].off_on_a;
-                self.amperes[*index].iter().map(|a| if on_a == off_a { 1.0 } else { (a - off_a) / (on_a - off_a) }).collect()
+                self.amperes[*index]
+                    .iter()
+                    .map(|a| if on_a == off_a { 1.0 } else { (a - off_a) / (on_a - off_a) })
+                    .collect()
             }
             Signal::Rate(axis) => self.motion.rates_dps[*axis].clone(),
             Signal::Speed => self.motion.speed_mps.clone(),

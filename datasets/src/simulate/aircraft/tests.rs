@@ -306,8 +306,7 @@ fn law_heading_error_follows_the_angle_to_the_optical_axis() {
     let sensors = "[[magnetometers]]\nname = 'mag_2_uc'\nheading_nt = 30.0\naxis = [2.0, 0.0, 0.0]\n\
                    [[magnetometers]]\nname = 'mag_1_c'\n[[vector_magnetometers]]\nname = 'flux_a'\n";
     let line = &lines_of("component_columns = true", sensors, SURVEY)[0];
-    let (error, x, total) =
-        (column(line, "part_heading_mag_2_uc"), column(line, "flux_a_x"), column(line, "mag_1_c"));
+    let (error, x, total) = (column(line, "part_heading_mag_2_uc"), column(line, "flux_a_x"), column(line, "mag_1_c"));
     for i in 0..line.num_rows() {
         assert!((error[i] - 30.0 * x[i] / total[i]).abs() < 1e-9, "{i}");
     }
@@ -316,7 +315,8 @@ fn law_heading_error_follows_the_angle_to_the_optical_axis() {
 
 #[test]
 fn law_readings_are_multiples_of_the_resolution_and_spikes_are_rare() {
-    let sensors = "[[magnetometers]]\nname = 'mag_2_uc'\nresolution_nt = 0.25\nspikes = { mean_s = 4.0, sigma_nt = 500.0 }\n";
+    let sensors =
+        "[[magnetometers]]\nname = 'mag_2_uc'\nresolution_nt = 0.25\nspikes = { mean_s = 4.0, sigma_nt = 500.0 }\n";
     let line = &lines_of("component_columns = true", sensors, SURVEY)[0];
     assert!(column(line, "mag_2_uc").iter().all(|x| (x * 4.0).fract() == 0.0));
     let rounding = column(line, "part_quantisation_mag_2_uc");
@@ -379,7 +379,8 @@ fn law_currents_keep_their_schedules() {
                     discharge_v_per_h = 36.0\n[[inputs]]\nname = 'throttle'\nkind = 'current'\nof = 'cur_e'\ngain = 100.0\n";
     let line = &lines_of("", currents, SURVEY)[0];
     let c = |name: &str| column(line, name);
-    for (t, a) in [(9.9, 1.0), (10.0, 1.0), (12.0, 3.0), (15.0, 5.0), (22.0, 3.0), (24.0, 1.0), (52.0, 3.0), (90.0, 1.0)]
+    for (t, a) in
+        [(9.9, 1.0), (10.0, 1.0), (12.0, 3.0), (15.0, 5.0), (22.0, 3.0), (24.0, 1.0), (52.0, 3.0), (90.0, 1.0)]
     {
         assert!((c("cur_s")[(t * 10.0_f64).round() as usize] - a).abs() < 1e-9, "{t} s");
     }
@@ -434,5 +435,23 @@ fn gold_faults_of_an_aircraft() {
     }
     for help in ["did you mean `schedule`?", "did you mean `cur_x`?", "did you mean `heading_nt`?"] {
         assert!(said.contains(help), "{help} is not in\n{said}");
+    }
+}
+
+#[test]
+fn ref_the_drone_does_what_its_ground_test_showed() {
+    let folder = TempDir::new().unwrap();
+    let path = spec(&folder, "preset = 'drone'", "", SURVEY);
+    let aircraft = Simulation::open(&path).unwrap().spec().aircraft.clone();
+    // Thesis 004, 3.2.3: the lights about 50 nT, steering around 10 nT, the engine around 5 nT.
+    for (name, published_nt) in [("cur_led", 50.0), ("cur_srvo_a", 10.0), ("cur_batt", 5.0)] {
+        let index = aircraft.currents.iter().position(|c| c.name == name).unwrap();
+        let (off_a, on_a) = aircraft.currents[index].off_on_a;
+        for sensor in &aircraft.scalars[1..] {
+            let at_m = sensor.source.position_m.unwrap();
+            let wires = aircraft.wires.iter().filter(|w| w.current == index);
+            let field_nt = wires.map(|w| w.nt_per_a(&at_m)).sum::<Vector3<f64>>() * (on_a - off_a);
+            assert!((0.7..1.4).contains(&(field_nt.norm() / published_nt)), "{name}: {} nT", field_nt.norm());
+        }
     }
 }
