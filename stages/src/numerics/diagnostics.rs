@@ -80,7 +80,10 @@ impl Excitation {
         };
         let weak: Vec<String> = self.weak.iter().map(of).collect();
         (!weak.is_empty()).then(|| {
-            format!("the flight hardly excites {}: fly more manoeuvres, leave terms out, or use a ridge", weak.join("; "))
+            format!(
+                "the flight hardly excites {}: fly more manoeuvres, leave terms out, or use a ridge",
+                weak.join("; ")
+            )
         })
     }
 }
@@ -190,11 +193,7 @@ pub fn variation(calibrations: &[&[f64]]) -> Result<Vec<Variation>, LeastSquares
     let of = |j: usize| {
         let values: Vec<f64> = calibrations.iter().map(|c| c[j]).collect();
         let summary = super::statistics::summary(&values);
-        Variation {
-            mean: summary.mean,
-            std: summary.std,
-            coefficient_of_variation: summary.std / summary.mean.abs(),
-        }
+        Variation { mean: summary.mean, std: summary.std, coefficient_of_variation: summary.std / summary.mean.abs() }
     };
     Ok((0..terms).map(of).collect())
 }
@@ -257,7 +256,8 @@ mod tests {
         let (mut vector, mut scalar) = ([Vec::new(), Vec::new(), Vec::new()], Vec::new());
         for k in 0..4000 {
             let t = f64::from(k) / rate;
-            let (roll, pitch, yaw) = (0.17 * (1.1 * t).sin(), 0.09 * (1.7 * t).sin(), 0.0157 * t + 0.09 * (2.3 * t).sin());
+            let (roll, pitch, yaw) =
+                (0.17 * (1.1 * t).sin(), 0.09 * (1.7 * t).sin(), 0.0157 * t + 0.09 * (2.3 * t).sin());
             let down = crate::numerics::attitude::body_to_ned(roll, pitch, yaw).transpose();
             let earth = down * nalgebra::Vector3::new(18_000.0, -2000.0, 48_000.0);
             let aircraft = nalgebra::Vector3::new(150.0, -90.0, 200.0) + 2e-3 * earth;

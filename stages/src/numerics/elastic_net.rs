@@ -97,7 +97,12 @@ impl ElasticNet {
     ) -> Result<Vec<f64>, LeastSquaresError> {
         self.check()?;
         setting("the l1 ratio", self.l1_ratio, "above 0, for a path to be found by itself", self.l1_ratio > 0.0)?;
-        setting("the smallest alpha as a part of the largest", least, "from 0 to 1, both left out", least > 0.0 && least < 1.0)?;
+        setting(
+            "the smallest alpha as a part of the largest",
+            least,
+            "from 0 to 1, both left out",
+            least > 0.0 && least < 1.0,
+        )?;
         let prepared = moments.prepare(self.scaling, self.intercept)?;
         let products = prepared.transposed_times(prepared.along(target)?);
         let largest = products.iter().fold(0.0f64, |most, x| most.max(x.abs()));
@@ -117,17 +122,17 @@ impl ElasticNet {
     ) -> Result<Vec<ElasticNetFit>, LeastSquaresError> {
         self.check()?;
         if let Some(&alpha) = alphas.iter().find(|a| !(**a >= 0.0 && a.is_finite())) {
-            return Err(LeastSquaresError::Setting { what: "alpha", wanted: "a finite number of at least 0", given: alpha });
+            return Err(LeastSquaresError::Setting {
+                what: "alpha",
+                wanted: "a finite number of at least 0",
+                given: alpha,
+            });
         }
         self.path_of(&moments.prepare(self.scaling, self.intercept)?, target, alphas)
     }
 
     /// The paths of several targets, on rayon's threads, one target each.
-    pub fn paths(
-        &self,
-        moments: &Moments,
-        alphas: &[Vec<f64>],
-    ) -> Result<Vec<Vec<ElasticNetFit>>, LeastSquaresError> {
+    pub fn paths(&self, moments: &Moments, alphas: &[Vec<f64>]) -> Result<Vec<Vec<ElasticNetFit>>, LeastSquaresError> {
         alphas.par_iter().enumerate().map(|(target, alphas)| self.path(moments, target, alphas)).collect()
     }
 

@@ -116,8 +116,10 @@ pub enum LeastSquaresError {
         given: f64,
     },
     /// An elastic net did not reach its tolerance.
-    #[error("the elastic net with alpha {alpha} is still {gap:e} of the target's square above its minimum at most \
-             after {sweeps} sweeps: allow more, or a larger tolerance")]
+    #[error(
+        "the elastic net with alpha {alpha} is still {gap:e} of the target's square above its minimum at most \
+             after {sweeps} sweeps: allow more, or a larger tolerance"
+    )]
     Sweeps {
         /// The strength of the penalty.
         alpha: f64,
@@ -363,7 +365,12 @@ fn check_lambdas(lambdas: &[f64]) -> Result<(), LeastSquaresError> {
 }
 
 /// A setting that is not in its range.
-pub(crate) fn setting(what: &'static str, given: f64, wanted: &'static str, fits: bool) -> Result<(), LeastSquaresError> {
+pub(crate) fn setting(
+    what: &'static str,
+    given: f64,
+    wanted: &'static str,
+    fits: bool,
+) -> Result<(), LeastSquaresError> {
     if fits { Ok(()) } else { Err(LeastSquaresError::Setting { what, wanted, given }) }
 }
 

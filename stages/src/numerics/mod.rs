@@ -17,6 +17,7 @@ pub mod diagnostics;
 pub mod difference;
 pub mod ekf;
 pub mod elastic_net;
+pub mod features;
 pub mod field_value;
 pub mod figure_of_merit;
 pub mod fill;

@@ -56,7 +56,8 @@ pub fn fit(
     let mut x: Vec<Vec<f64>> = prepared.factor().chunks_exact(p.max(1)).map(<[f64]>::to_vec).collect();
     let along: Vec<&[f64]> = (0..m).map(|t| prepared.along(t)).collect::<Result<_, _>>()?;
     let mut y: Vec<Vec<f64>> = (0..p).map(|i| (0..m).map(|t| along[t][i] / deviations[t]).collect()).collect();
-    let mut path = PlsPath { fits: vec![], residual_squares: vec![], weights: vec![], loadings: vec![], target_loadings: vec![] };
+    let mut path =
+        PlsPath { fits: vec![], residual_squares: vec![], weights: vec![], loadings: vec![], target_loadings: vec![] };
     let mut rotations: Vec<Vec<f64>> = Vec::new();
     let mut beta = vec![vec![0.0; p]; m];
     let first = covariance_size(&x, &y);
@@ -211,8 +212,7 @@ mod tests {
     #[test]
     fn val_scores_of_left_out_lines_equal_scikit_learn() {
         let table = columns(include_str!("../../reference/models/pls_cv.csv"));
-        let scores =
-            choose_components(&lines(), &[0], 0, 8, Scaling::Standardise, LineScore::MeanSquare).unwrap();
+        let scores = choose_components(&lines(), &[0], 0, 8, Scaling::Standardise, LineScore::MeanSquare).unwrap();
         for (k, ours) in scores.scores.iter().enumerate() {
             for (line, ours) in ours.iter().enumerate() {
                 near(*ours, table[format!("line{line}").as_str()][k], 1e-8);

@@ -248,11 +248,7 @@ impl Moments {
         });
         let of_mean = rows.next().unwrap_or_default();
         let about_mean = unexplained + rows.map(|r| r * r).sum::<f64>();
-        Ok(Residuals {
-            rows: self.rows,
-            squares: about_mean + of_mean * of_mean,
-            squares_about_mean: about_mean,
-        })
+        Ok(Residuals { rows: self.rows, squares: about_mean + of_mean * of_mean, squares_about_mean: about_mean })
     }
 
     /// The columns on one scale, of which models are made.

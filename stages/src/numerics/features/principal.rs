@@ -1,0 +1,93 @@
+//! Principal components of many columns, with whitening.
+
+use crate::numerics::least_squares::{LeastSquaresError, Moments, Scaling, setting};
+
+/// How many components are kept.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Kept {
+    /// The first so many.
+    Count(usize),
+    /// As few as hold this part of the variance, above 0 and at most 1.
+    Variance(f64),
+}
+
+/// The directions in which columns vary most, for columns that are centred and scaled.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PrincipalComponents {
+    /// One direction a component, of length 1, with one entry a column; of its entries, the largest is positive.
+    pub directions: Vec<Vec<f64>>,
+    /// The variance (n − 1) of each component, largest first.
+    pub variances: Vec<f64>,
+    /// The part of all variance that they hold.
+    pub explained: f64,
+    means: Vec<f64>,
+    scales: Vec<f64>,
+    whiten: bool,
+}
+
+impl PrincipalComponents {
+    /// The components of the columns of `moments`. With `whiten` each is brought to a variance of 1.
+    ///
+    /// Components without variance are never kept. Errors: no rows, nothing to be kept, no convergence.
+    pub fn of(moments: &Moments, scaling: Scaling, kept: Kept, whiten: bool) -> Result<Self, LeastSquaresError> {
+        let prepared = moments.prepare(scaling, true)?;
+        let singular = prepared.singular()?;
+        let left = moments.rows() as f64 - 1.0;
+        let all: Vec<f64> = singular.values.iter().map(|s| s * s / left).collect();
+        let total: f64 = all.iter().sum();
+        let largest = all.first().copied().unwrap_or(0.0);
+        let varies = all.iter().filter(|v| **v > largest * f64::EPSILON * f64::EPSILON).count();
+        let count = match kept {
+            Kept::Count(count) => {
+                setting("the number of components", count as f64, "at least 1", count > 0)?;
+                count
+            }
+            Kept::Variance(part) => {
+                setting("the part of the variance", part, "above 0 and at most 1", part > 0.0 && part <= 1.0)?;
+                let held = |k: usize| all[..k].iter().sum::<f64>() >= part * total * (1.0 - 1e-12);
+                (1..=varies).find(|&k| held(k)).unwrap_or(varies)
+            }
+        };
+        let count = count.min(varies);
+        let mut directions = singular.right[..count].to_vec();
+        for direction in &mut directions {
+            let largest = direction.iter().fold(0.0f64, |most, x| if x.abs() > most.abs() { *x } else { most });
+            direction.iter_mut().for_each(|x| *x *= largest.signum());
+        }
+        Ok(Self {
+            directions,
+            explained: all[..count].iter().sum::<f64>() / total,
+            variances: all[..count].to_vec(),
+            means: moments.term_means(),
+            scales: prepared.scales().to_vec(),
+            whiten,
+        })
+    }
+
+    /// How many components there are.
+    pub fn len(&self) -> usize {
+        self.directions.len()
+    }
+
+    /// Whether nothing varies.
+    pub fn is_empty(&self) -> bool {
+        self.directions.is_empty()
+    }
+
+    /// The components of rows with as many columns, row-major, as the moments had; without a unit where they are whitened.
+    pub fn transform(&self, a: &[f64]) -> Result<Vec<f64>, LeastSquaresError> {
+        let columns = self.means.len();
+        let rows = a.len() / columns.max(1);
+        crate::numerics::least_squares::expect("the matrix of columns", a.len(), rows * columns)?;
+        let mut out = Vec::with_capacity(rows * self.len());
+        for row in a.chunks_exact(columns.max(1)) {
+            let scaled: Vec<f64> =
+                row.iter().zip(&self.means).zip(&self.scales).map(|((x, m), s)| (x - m) / s).collect();
+            for (direction, variance) in self.directions.iter().zip(&self.variances) {
+                let score: f64 = scaled.iter().zip(direction).map(|(x, d)| x * d).sum();
+                out.push(if self.whiten { score / variance.sqrt() } else { score });
+            }
+        }
+        Ok(out)
+    }
+}
