@@ -276,8 +276,7 @@ mod tests {
         let lines = lines();
         let table = columns(include_str!("../../reference/models/robust.csv"));
         assert_eq!(table["kind"].len(), 5);
-        for row in 0..5 {
-            let tuning = table["tuning"][row];
+        for (row, &tuning) in table["tuning"].iter().enumerate() {
             let (loss, scale) = match table["kind"][row] {
                 0.0 => (Loss::Huber { threshold: tuning }, Scale::Joint),
                 1.0 => (Loss::Huber { threshold: tuning }, Scale::Mad),
@@ -303,7 +302,7 @@ mod tests {
     fn law_spikes_move_least_squares_and_not_the_robust_fit() {
         let mut normals = Normals::new(7);
         let a: Vec<f64> = (0..1000).map(|_| normals.draw()).collect();
-        let spike = |i: usize| if i % 20 == 0 { 500.0 } else { 0.0 };
+        let spike = |i: usize| if i.is_multiple_of(20) { 500.0 } else { 0.0 };
         let y: Vec<f64> = a.iter().enumerate().map(|(i, a)| 2.0 * a + 1.0 + 0.1 * normals.draw() + spike(i)).collect();
         let lines = [LineRows { a: &a, y: &y }];
         for loss in [Loss::Huber { threshold: 1.345 }, Loss::StudentT { degrees: 3.0 }] {

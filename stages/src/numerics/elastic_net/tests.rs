@@ -25,7 +25,7 @@ fn val_fits_equal_scikit_learns() {
     let all = Moments::merged(&lines()).unwrap();
     let table = columns(include_str!("../../../reference/models/elastic_net.csv"));
     assert_eq!(table["alpha"].len(), 18);
-    for row in 0..18 {
+    for (row, &alpha) in table["alpha"].iter().enumerate() {
         let net = ElasticNet {
             l1_ratio: table["l1_ratio"][row],
             scaling: Scaling::None,
@@ -33,7 +33,7 @@ fn val_fits_equal_scikit_learns() {
             tolerance: 1e-13,
             ..ElasticNet::default()
         };
-        let fit = &net.path(&all, 0, &[table["alpha"][row]]).unwrap()[0];
+        let fit = &net.path(&all, 0, &[alpha]).unwrap()[0];
         // scikit-learn ends at a gap of 1e-14 of ‖y‖², which leaves it coefficients good to some 1e-6.
         for (ours, name) in fit.fit.coefficients.iter().zip(NAMES) {
             near(*ours, table[name][row], 2e-6, 1e-3);
@@ -156,5 +156,8 @@ fn r12_settings_out_of_range_are_named() {
     let few = ElasticNet { sweeps: 1, tolerance: 1e-30, ..ElasticNet::default() };
     assert!(message(few, 0.1).contains("allow more, or a larger tolerance"));
     let alphas = net(0.5).alphas(&all, 0, 5, 1e-2).unwrap();
-    assert_eq!(net(0.5).paths(&all, &[alphas.clone()]).unwrap()[0], net(0.5).path(&all, 0, &alphas).unwrap());
+    assert_eq!(
+        net(0.5).paths(&all, std::slice::from_ref(&alphas)).unwrap()[0],
+        net(0.5).path(&all, 0, &alphas).unwrap()
+    );
 }

@@ -10,6 +10,11 @@ use crate::numerics::reference_csv::columns;
 use crate::numerics::test_normals::Normals;
 use nalgebra::{Matrix3, Vector3};
 
+/// One run of all samples.
+fn whole(rows: usize) -> Vec<Range<usize>> {
+    std::iter::once(0..rows).collect()
+}
+
 fn near(one: f64, other: f64, tolerance: f64) {
     assert!((one - other).abs() <= tolerance, "{one} {other}");
 }
@@ -31,7 +36,7 @@ fn law_differences_lags_and_filters_stay_within_their_runs() {
     let switched: Vec<f64> = (0..600).map(|k| f64::from(k % 2)).collect();
     let low = low_passed(&switched, 10.0, 0.2, 4, std::slice::from_ref(&(0..600))).unwrap();
     low[290..310].iter().for_each(|x| near(*x, 0.5, 1e-5));
-    assert!(low_passed(&x, 10.0, 0.2, 4, &[0..5]).is_err());
+    assert!(low_passed(&x, 10.0, 0.2, 4, &whole(5)).is_err());
 }
 
 #[test]
@@ -53,7 +58,7 @@ fn angles() -> [Vec<f64>; 3] {
 fn law_attitude_features_are_those_of_the_matrix() {
     let [roll, pitch, yaw] = angles();
     let attitude = Attitude { roll_rad: &roll, pitch_rad: &pitch, yaw_rad: &yaw };
-    let runs = [0..50];
+    let runs = whole(50);
     let of = |name: &str| attitude.feature(name, &runs).unwrap();
     let cosines = attitude.direction_cosines().unwrap();
     assert_eq!(super::attitude::names().len(), 9 + 20 + 15);
@@ -93,7 +98,7 @@ fn law_the_field_of_a_current_fixed_to_the_aircraft_is_in_groups_two_and_three()
     let vector: [Vec<f64>; 3] = [0.1, 0.07, 0.13].map(|w| (0..80).map(|k| (w * f64::from(k)).cos() + 0.3).collect());
     let current: Vec<f64> = (0..80).map(|k| 3.0 + (0.21 * f64::from(k)).sin()).collect();
     let u = direction_cosines([&vector[0], &vector[1], &vector[2]]).unwrap();
-    let runs = [0..80];
+    let runs = whole(80);
     let terms = input_terms("flap", &current, [&u[0], &u[1], &u[2]], Groups::ALL, &runs).unwrap();
     let names: Vec<&str> = terms.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names, ["flap_1", "flap_2", "flap_3", "flap_4", "flap_5", "flap_6", "flap_7"]);
@@ -139,7 +144,7 @@ fn aircraft(noise: f64) -> Aircraft {
     let permanent = Vector3::new(120.0, -50.0, 300.0);
     let induced = Matrix3::new(2e-3, 4e-4, -1e-3, 7e-4, 5e-3, 2e-4, -6e-4, 9e-4, 1e-3);
     let eddy = Matrix3::new(1e-2, 2e-3, 0.0, -3e-3, 2e-2, 1e-3, 4e-3, 0.0, -1e-2);
-    let (runs, scale) = ([0..900], 50_000.0);
+    let (runs, scale) = (whole(900), 50_000.0);
     let change = [0, 1, 2].map(|i: usize| difference_in_runs(&core[i], Scheme::Central, &runs));
     let at = |columns: &[Vec<f64>; 3], k: usize| Vector3::new(columns[0][k], columns[1][k], columns[2][k]);
     let field = |k: usize| permanent + induced * at(&core, k) + eddy * at(&change, k);
@@ -206,7 +211,7 @@ fn law_a_gradient_is_taken_up_by_its_columns_and_not_by_the_aircraft() {
     let core = core();
     let scalar: Vec<f64> = (0..900).map(|k| 1.001 * Vector3::new(core[0][k], core[1][k], core[2][k]).norm()).collect();
     let vector = [&core[0][..], &core[1], &core[2]];
-    let runs = [0..900];
+    let runs = whole(900);
     let mtl = modified_terms(vector, &scalar, Products::Distinct, &runs).unwrap();
     let printed = modified_terms(vector, &scalar, Products::AsPrinted, &runs).unwrap();
     assert_eq!((mtl.len(), printed.len()), (18, 21));

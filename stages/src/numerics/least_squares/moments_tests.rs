@@ -158,11 +158,10 @@ fn law_lines_are_scored_by_fits_that_have_not_seen_them() {
     };
     let scores = leave_line_out(&moments, 0, LineScore::Variance, fits).unwrap();
     for (k, &lambda) in lambdas.iter().enumerate() {
-        for out in 0..4 {
+        for (out, (a, y, _)) in lines.iter().enumerate() {
             let kept: Vec<Moments> = (0..4).filter(|&l| l != out).map(|l| moments[l].clone()).collect();
             let solution = ridge(&Moments::merged(&kept).unwrap(), lambda);
             let fit = LinearFit { coefficients: solution.coefficients[0].clone(), intercept: solution.intercepts[0] };
-            let (a, y, _) = &lines[out];
             let left: Vec<f64> = fit.predict(a).iter().zip(y).map(|(fit, y)| y - fit).collect();
             let mean = left.iter().sum::<f64>() / left.len() as f64;
             let variance = left.iter().map(|r| (r - mean).powi(2)).sum::<f64>() / left.len() as f64;
