@@ -1,10 +1,11 @@
 //! Takes the aircraft's field off a magnetometer.
 
 use arrow_array::{ArrayRef, RecordBatch, cast::AsArray};
-use schemas::{Column, ColumnType, Fault, LineIn, Prepared, Stage, Table, Yield, stage};
+use schemas::{Column, ColumnType, Fault, LineIn, Prepared, Rule, Stage, Table, Yield, stage};
 
 use crate::{
-    columns::{array, floats, matrix, no_truth, shape},
+    columns::{array, faults_of, floats, matrix, no_truth, shape},
+    fit::INTERCEPT,
     numerics::statistics,
 };
 
@@ -18,9 +19,14 @@ stage! {
     /// mean of the prediction over the line is not taken off, as MagNav.jl's examples do.
     ///
     /// Source: thesis 000, (3.22).
-    Compensate = "compensate", version 1, grain Line, inputs [input: Lines, model: Model];
+    Compensate = "compensate", version 2, grain Line, inputs [input: Lines, model: Model];
     /// The scalar magnetometer, such as `mag_4_uc`.
     mag: String, unit "nT";
+    /// What the model was fitted to predict: the `aircraft`'s field; or the `anomaly`, to which core field `igrf` and
+    /// diurnal variation `diurnal` are added (targets `a` and `b`); or the whole `field`.
+    predicts: String, unit "", default "aircraft", rule Rule::OneOf(&["aircraft", "anomaly", "field"]);
+    /// Terms of the model that are no part of the aircraft and are left out, such as `easting` and `northing`.
+    without: Vec<String>, unit "", default Vec::<String>::new();
     /// Leave the mean of the predicted aircraft field in the signal.
     detrend: bool, unit "", default false;
     /// Whether a truth column may be used.
@@ -48,10 +54,17 @@ impl Stage for Compensate {
                 );
             }
         }
+        if self.predicts == "anomaly" {
+            faults.extend(faults_of(EARTH.iter().map(|name| lines.number(name, "nT")), "predicts"));
+        }
+        if self.predicts != "aircraft" && self.detrend {
+            faults.push(Fault::new("only an aircraft's field is detrended").of_param("detrend"));
+        }
         if !faults.is_empty() {
             return Err(faults);
         }
         let mut reads = vec![self.mag.clone()];
+        reads.extend(EARTH.iter().filter(|_| self.predicts == "anomaly").map(|name| (*name).to_owned()));
         reads.extend(features.iter().cloned());
         let made = |name, doc| Column::float(name, "nT", doc).from(0, &reads).from(1, &["term", "value"]);
         let columns =
@@ -69,6 +82,14 @@ impl Stage for Compensate {
             .and_then(|p| p.downcast_ref::<Model>())
             .ok_or_else(|| Fault::data("the model is missing"))?;
         let mut aircraft = predict(&line.inputs[0], model, mag.len())?;
+        if self.predicts != "aircraft" {
+            let mut field = aircraft;
+            for name in EARTH.iter().filter(|_| self.predicts == "anomaly") {
+                field.iter_mut().zip(floats(&line.inputs[0], name)?).for_each(|(f, x)| *f += x);
+            }
+            let off = mag.iter().zip(&field).map(|(m, f)| m - f).collect();
+            return Ok(vec![array(field), array(off)]);
+        }
         if self.detrend {
             let mean = statistics::mean(&aircraft).value;
             aircraft.iter_mut().for_each(|x| *x -= mean);
@@ -82,10 +103,21 @@ impl Stage for Compensate {
         let values = floats(table, "value")?.to_vec();
         let terms = table.column_by_name("term").and_then(|t| t.as_string_opt::<i32>());
         let terms = terms.ok_or_else(|| Fault::data("the model names no terms"))?;
-        let terms = terms.iter().map(|t| t.unwrap_or_default().to_owned()).collect();
+        let terms: Vec<String> = terms.iter().map(|t| t.unwrap_or_default().to_owned()).collect();
+        if let Some(name) = self.without.iter().find(|w| !terms.contains(w)) {
+            return Err(Fault::data(format!("the model has no term `{name}` to leave out")).of_param("without"));
+        }
+        let (terms, values) = terms.into_iter().zip(values).filter(|(t, _)| !self.without.contains(t)).unzip();
         Ok(Some(std::sync::Arc::new(Model { terms, values })))
     }
+
+    fn prepare_key(&self) -> String {
+        self.without.join(",")
+    }
 }
+
+/// What is added to an anomaly to get the field.
+const EARTH: [&str; 2] = ["igrf", "diurnal"];
 
 struct Model {
     terms: Vec<String>,
@@ -117,6 +149,10 @@ fn predict(batch: &RecordBatch, model: &Model, rows: usize) -> Result<Vec<f64>, 
     };
     let mut sum = vec![0.0; rows];
     for (term, value) in model.terms.iter().zip(&model.values) {
+        if term == INTERCEPT {
+            sum.iter_mut().for_each(|s| *s += value);
+            continue;
+        }
         match find(term)? {
             Source::Entry { rows, width, at } => {
                 sum.iter_mut().zip(rows.iter().skip(at).step_by(width)).for_each(|(s, x)| *s += value * x);

@@ -1,46 +1,96 @@
 //! Fits a compensation model to the lines that `where` selects.
 
-use std::{any::Any, collections::BTreeMap, ops::Range, sync::Arc};
+mod models;
+mod rows;
 
-use arrow_array::{ArrayRef, Int64Array, RecordBatch, StringArray};
-use schemas::{Column, ColumnType, Fault, Gather, LineIn, Passes, Role, Rule, Stage, Table, Yield, stage};
+use std::{any::Any, collections::BTreeMap, sync::Arc};
+
+use arrow_array::{ArrayRef, Int64Array, StringArray};
+use rayon::prelude::*;
+use schemas::{Column, ColumnType, Fault, Gather, LineIn, Passes, Role, Rule, Shape, Stage, Table, Yield, stage};
 
 use crate::{
-    bandpass::design,
-    columns::{array, band, data, faults_of, floats, matrix, no_truth, shape},
-    numerics::{
-        filter::ConstantColumns,
-        least_squares::{QrAccumulator, RidgePath},
-        segments::{STEP_TOLERANCE, Usable, filter_matrix, sample_rate},
-    },
+    columns::{array, band, faults_of, no_truth, shape},
+    numerics::least_squares::Scaling,
 };
+use models::{Problem, Solved};
+use rows::Part;
 
 stage! {
     /// Fits the coefficients of a compensation model on all lines that `where` selects together.
     ///
-    /// `tolles_lawson`: the terms and the target are band-passed by the same zero-phase filter, `trim` samples are left
-    /// out at each end of every run, and the coefficients b minimise |y - A b|^2 + `lambda` |b|^2. The factorisation is a
-    /// QR of all rows, line by line, and a singular value decomposition of its triangle: never normal equations, which
-    /// square the condition number. One factorisation serves every lambda and every magnetometer of a sweep.
+    /// Terms and target are band-passed by the same zero-phase filter (`low_hz = 0` and `high_hz = 0` leave it off),
+    /// `trim` samples are left out at each end of every run, and the model is fitted to what remains:
     ///
-    /// The filter takes the mean of the target off, so the constant part of the aircraft's field stays unknown.
+    /// | model | minimises | takes |
+    /// |---|---|---|
+    /// | `tolles_lawson` | \|y - A b\|^2 + `lambda` \|b\|^2, of columns as they are | `lambda` |
+    /// | `ridge`, `extended_tolles_lawson` | the same, of standardised columns | `lambda` |
+    /// | `elastic_net` | \|y - A b\|^2 / 2n + `lambda` (r \|b\|_1 + (1 - r) \|b\|^2 / 2), r = `l1_ratio` | `lambda`, `l1_ratio` |
+    /// | `pls` | partial least squares | `components` |
+    /// | `truncated_svd` | least squares on the first principal components | `components` |
+    /// | `robust` | a loss that spikes do not spoil | `loss`, `scale`, `threshold`, `degrees_of_freedom`, `lambda` |
+    /// | `recursive_least_squares` | row by row in time, older rows forgotten | `forgetting`, `lambda` |
+    ///
+    /// The model of Tolles and Lawson has the feature `tl`, of `a_matrix`; those of all other names are made by `features`.
+    /// The two-step model of thesis 004 is two fits with a `compensate` between them, the second with target `mag_c`.
+    ///
+    /// `choose` finds `lambda` or the number of components: by generalised cross-validation, at the corner of the L-curve,
+    /// or by leaving each line out in turn and predicting it. Lines are left out whole, so that no sample of a line helps to
+    /// predict its neighbours. What was found stands in the column `chosen`.
+    ///
+    /// A sweep is solved together: of each line one triangular factor is made, never normal equations, which square the
+    /// condition number; every lambda, number of components and line left out is solved on these. Coefficients are in the
+    /// units of the columns, whatever the scaling, with the intercept as the term `intercept`.
+    ///
+    /// A filter takes the mean of the target off, so the constant part of the aircraft's field stays unknown.
     ///
     /// Rows with a NaN in a feature or the target, and rows that `where` leaves out, end a run; each run is filtered by
     /// itself, and one too short for filter and trim is left out. `left_out` counts such rows, `n` those used, and
     /// `condition` is the condition number of the filtered matrix: with a large one single coefficients mean little.
-    /// With `lambda = 0` terms that the flight does not excite are an error that names them. A line that failed before, or
-    /// lacks a column, is left out.
+    /// With `lambda = 0` terms that the flight does not excite are an error that names them. `trivial_share` is the part of
+    /// the total field that the fit calls the aircraft's, 1 for the trivial solution of band-passed fits; `warning` says
+    /// what is wrong with a fit, and is empty where nothing is. A line that failed before, or lacks a column, is left out.
     ///
-    /// Source: thesis 000, (3.19) to (3.24).
-    Fit = "fit", version 1, grain Survey, inputs [input: Lines];
+    /// Source: thesis 000, (3.19) to (3.43); thesis 004, sections 2.2 to 2.4 and 4.2.1.
+    Fit = "fit", version 2, grain Survey, inputs [input: Lines];
     /// The model.
-    model: String, unit "", rule Rule::OneOf(&["tolles_lawson"]);
-    /// The column whose aircraft part is to be explained, such as `mag_4_uc`.
+    model: String, unit "", rule Rule::OneOf(&[
+        "tolles_lawson", "extended_tolles_lawson", "ridge", "elastic_net", "pls", "truncated_svd", "robust",
+        "recursive_least_squares",
+    ]);
+    /// The column to explain, such as `mag_4_uc`, or `target` of the stage of that name.
     target: String, unit "nT";
-    /// The columns that explain it: lists such as `tl`, or single columns.
+    /// The columns that explain it: lists such as `tl` and `features`, or single columns.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
-    /// The ridge parameter.
+    /// The strength of the penalty.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
+    /// How `lambda` or `components` is found.
+    choose: String, unit "", default "given", rule Rule::OneOf(&["given", "gcv", "l_curve", "leave_one_line_out"]);
+    /// The values of `lambda` to choose among; left out, a grid that fits the features.
+    lambdas: Option<Vec<f64>>, unit "";
+    /// With `leave_one_line_out`: take the simplest model whose error is within one standard error of the least.
+    one_standard_error: bool, unit "", default false;
+    /// How many components, the most of them where they are chosen.
+    components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
+    /// The part of the elastic net's penalty that is on absolute values.
+    l1_ratio: f64, unit "1", default 0.99, rule Rule::Between(0.0, 1.0);
+    /// What columns are divided by before they are penalised; left out, `none` for `tolles_lawson`, otherwise
+    /// `standardise`.
+    scaling: Option<String>, unit "", rule Rule::OneOf(&["none", "standardise", "max_abs", "min_max"]);
+    /// Whether a constant is fitted too, without a penalty; left out, not for `tolles_lawson` and
+    /// `recursive_least_squares`.
+    intercept: Option<bool>, unit "";
+    /// The loss of `robust`.
+    loss: String, unit "", default "huber", rule Rule::OneOf(&["huber", "student_t"]);
+    /// How `robust` finds the size of ordinary residuals: by their median, or together with the coefficients.
+    scale: String, unit "", default "mad", rule Rule::OneOf(&["mad", "joint"]);
+    /// Where Huber's loss turns from squares to straight lines, in sizes of ordinary residuals.
+    threshold: f64, unit "1", default 1.345, rule Rule::Positive;
+    /// Degrees of freedom of Student's t.
+    degrees_of_freedom: f64, unit "1", default 4.0, rule Rule::Positive;
+    /// By how much a row counts less with each that follows it, in `recursive_least_squares`.
+    forgetting: f64, unit "1", default 1.0, rule Rule::Between(0.9, 1.0);
     /// The lower corner of the filter; 0 leaves it off.
     low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
     /// The upper corner of the filter; 0 leaves it off.
@@ -53,9 +103,77 @@ stage! {
     allow_truth: bool, unit "", default false;
 }
 
-impl Stage for Fit {
-    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
-        let shape = shape(inputs, 0)?;
+/// What `choose` may be for a model.
+fn choices(model: &str) -> &'static [&'static str] {
+    match model {
+        "tolles_lawson" | "extended_tolles_lawson" | "ridge" => &["given", "gcv", "l_curve", "leave_one_line_out"],
+        "elastic_net" | "pls" | "truncated_svd" => &["given", "leave_one_line_out"],
+        _ => &["given"],
+    }
+}
+
+impl Fit {
+    fn is_ridge(&self) -> bool {
+        choices(&self.model).contains(&"gcv")
+    }
+
+    /// Whether the model is made of rows and not of moments.
+    fn needs_rows(&self) -> bool {
+        matches!(self.model.as_str(), "robust" | "recursive_least_squares")
+    }
+
+    fn scaling(&self) -> Scaling {
+        match self.scaling.as_deref() {
+            Some("none") => Scaling::None,
+            Some("max_abs") => Scaling::MaxAbs,
+            Some("min_max") => Scaling::MinMax,
+            None if matches!(self.model.as_str(), "tolles_lawson" | "robust") => Scaling::None,
+            _ => Scaling::Standardise,
+        }
+    }
+
+    fn intercept(&self) -> bool {
+        self.intercept.unwrap_or(!matches!(self.model.as_str(), "tolles_lawson" | "recursive_least_squares"))
+    }
+
+    /// What is wrong with the parameters among themselves.
+    fn contradictions(&self) -> Vec<Fault> {
+        let mut faults = vec![];
+        let mut wrong = |what: String, param: &'static str| faults.push(Fault::new(what).of_param(param));
+        let known = choices(&self.model);
+        if !known.contains(&self.choose.as_str()) {
+            let words = known.iter().map(|c| format!("`{c}`")).collect::<Vec<_>>().join(", ");
+            wrong(format!("`choose` of the model `{}` can be {words}", self.model), "choose");
+        }
+        if self.lambdas.is_some() && (self.choose == "given" || matches!(self.model.as_str(), "pls" | "truncated_svd"))
+        {
+            wrong("`lambdas` are for choosing a `lambda` among them: say how in `choose`".to_owned(), "lambdas");
+        }
+        if self.lambdas.as_ref().is_some_and(|l| l.len() < 3 || l.iter().any(|x| !(*x > 0.0 && x.is_finite()))) {
+            wrong("`lambdas` must be three or more numbers above 0".to_owned(), "lambdas");
+        }
+        if self.model == "pls" && self.intercept == Some(false) {
+            wrong("partial least squares always takes means off".to_owned(), "intercept");
+        }
+        if self.model == "recursive_least_squares" {
+            if self.intercept == Some(true) {
+                wrong(
+                    "`recursive_least_squares` has no intercept: make `bias` one of the terms".to_owned(),
+                    "intercept",
+                );
+            }
+            if self.lambda == 0.0 {
+                wrong("`recursive_least_squares` begins with a ridge: `lambda` must be above 0".to_owned(), "lambda");
+            }
+        }
+        if self.model == "robust" && self.scaling().ne(&Scaling::None) {
+            wrong("`robust` penalises columns as they are: `scaling` can only be `none`".to_owned(), "scaling");
+        }
+        faults
+    }
+
+    /// Everything that is wrong with the columns.
+    fn column_faults(&self, shape: &Shape) -> Vec<Fault> {
         let mut faults = faults_of([shape.number(&self.target, "nT")], "target");
         for name in &self.features {
             let fine = shape.need(name).and_then(|c| match c.column_type {
@@ -63,9 +181,12 @@ impl Stage for Fit {
                 _ => Err(Fault::new(format!("column `{name}` does not hold numbers"))),
             });
             if let Err(fault) = fine {
-                let hint = name == "tl" && fault.what.starts_with("there is no column");
-                let fault = if hint { fault.help("build the terms first, with `a_matrix`") } else { fault };
-                faults.push(fault.of_param(if hint { "input" } else { "features" }));
+                let maker = [("tl", "a_matrix"), ("features", "features")].iter().find(|(n, _)| n == name);
+                let maker = maker.filter(|_| fault.what.starts_with("there is no column"));
+                faults.push(match maker {
+                    Some((_, stage)) => fault.help(format!("build it first, with `{stage}`")).of_param("input"),
+                    None => fault.of_param("features"),
+                });
             }
             if *name == self.target {
                 faults.push(
@@ -76,6 +197,15 @@ impl Stage for Fit {
         if self.features.is_empty() {
             faults.push(Fault::new("there is nothing to fit with").of_param("features"));
         }
+        faults
+    }
+}
+
+impl Stage for Fit {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let mut faults = self.column_faults(shape);
+        faults.extend(self.contradictions());
         faults.extend(band(self.low_hz, self.high_hz, shape.rate_hz));
         if !faults.is_empty() {
             return Err(faults);
@@ -96,6 +226,9 @@ impl Stage for Fit {
                 "nT",
                 "standard deviation of what the fit leaves of the filtered target",
             )),
+            made(Column::float("chosen", "", "the ridge parameter or number of components that was used")),
+            made(Column::float("trivial_share", "1", "part of the total field that the fit calls the aircraft's")),
+            made(Column::text("warning", "what is wrong with the fit; empty where nothing is")),
         ];
         let mut yields = Yield::append(columns, &reads);
         yields.passes = Passes::None;
@@ -121,6 +254,13 @@ struct Matrix {
     trim: usize,
 }
 
+/// What is asked of a matrix: its targets, and those of them whose rows are needed as well.
+#[derive(Default)]
+struct Question {
+    targets: Vec<String>,
+    keeps_rows: Vec<String>,
+}
+
 impl Fit {
     fn matrix(&self) -> Matrix {
         let filter = (self.low_hz.to_bits(), self.high_hz.to_bits(), self.order);
@@ -132,237 +272,100 @@ struct FitGather {
     points: Vec<Fit>,
 }
 
-/// One line's share of a fit: the triangle of its rows, and how many there were.
-struct Share {
-    factor: QrAccumulator,
-    rows: usize,
-}
-
-/// One line's shares, by matrix and target, with the names of each matrix' terms.
-#[derive(Default)]
-struct Part {
-    shares: BTreeMap<(Matrix, String), Share>,
-    terms: BTreeMap<Matrix, Vec<String>>,
-}
-
 impl FitGather {
-    /// The targets of each matrix.
-    fn questions(&self) -> BTreeMap<Matrix, Vec<String>> {
-        let mut all: BTreeMap<Matrix, Vec<String>> = BTreeMap::new();
+    /// The questions to each line.
+    fn questions(&self) -> BTreeMap<Matrix, Question> {
+        let mut all: BTreeMap<Matrix, Question> = BTreeMap::new();
         for point in &self.points {
-            let targets = all.entry(point.matrix()).or_default();
-            if !targets.contains(&point.target) {
-                targets.push(point.target.clone());
+            let question = all.entry(point.matrix()).or_default();
+            if !question.targets.contains(&point.target) {
+                question.targets.push(point.target.clone());
+            }
+            if point.needs_rows() && !question.keeps_rows.contains(&point.target) {
+                question.keeps_rows.push(point.target.clone());
             }
         }
         all
+    }
+
+    /// The models of the points at `places`, which have one matrix and one target.
+    fn solved(&self, parts: &[&Part], places: &[usize]) -> Vec<Result<Solved, Fault>> {
+        let Some(first) = places.first().map(|i| &self.points[*i]) else { return vec![] };
+        let mut problem = match Problem::new(parts, &(first.matrix(), first.target.clone())) {
+            Ok(problem) => problem,
+            Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
+        };
+        let ridges: Vec<&Fit> =
+            places.iter().map(|i| &self.points[*i]).filter(|p| p.is_ridge() && p.choose == "given").collect();
+        let mut done: Vec<(Scaling, bool)> = vec![];
+        for point in &ridges {
+            let kind = (point.scaling(), point.intercept());
+            if !done.contains(&kind) {
+                done.push(kind);
+                let same = ridges.iter().filter(|p| (p.scaling(), p.intercept()) == kind);
+                if let Err(fault) = problem.solve_ridges(point, &same.map(|p| p.lambda).collect::<Vec<_>>()) {
+                    return places.iter().map(|_| Err(fault.clone())).collect();
+                }
+            }
+        }
+        places.iter().map(|i| problem.solve(&self.points[*i])).collect()
     }
 }
 
 impl Gather for FitGather {
     fn map(&self, line: &LineIn) -> Result<Box<dyn Any + Send>, Fault> {
-        let batch = &line.inputs[0];
-        let mut part = Part::default();
-        for (key, targets) in self.questions() {
-            // A line that lacks a column has no share in that fit.
-            let Ok(features) = Features::new(batch, &key.features) else { continue };
-            part.terms.insert(key.clone(), features.terms.clone());
-            for (runs, rows, targets) in grouped(line, &features, &targets)? {
-                let shares = shares(batch, &key, &features, &runs, &targets)?;
-                for (target, factor) in targets.iter().zip(shares) {
-                    part.shares.insert((key.clone(), target.clone()), Share { factor, rows });
-                }
-            }
-        }
-        Ok(Box::new(part))
+        Ok(Box::new(Part::new(line, &self.questions())?))
     }
 
     fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {
         let parts: Vec<&Part> = parts.iter().filter_map(|p| p.downcast_ref::<Part>()).collect();
-        let mut solved: BTreeMap<(Matrix, String), Result<Solved, Fault>> = BTreeMap::new();
-        for point in &self.points {
-            let at = (point.matrix(), point.target.clone());
-            solved.entry(at.clone()).or_insert_with(|| Solved::new(&parts, &at, &self.lambdas(&at)));
+        let mut problems: BTreeMap<(Matrix, String), Vec<usize>> = BTreeMap::new();
+        for (i, point) in self.points.iter().enumerate() {
+            problems.entry((point.matrix(), point.target.clone())).or_default().push(i);
         }
-        let one = |point: &Fit| match solved.get(&(point.matrix(), point.target.clone())) {
-            Some(Ok(s)) => s.table(point),
-            Some(Err(fault)) => Err(fault.clone()),
-            None => Err(Fault::machine("a fit was lost")),
-        };
-        self.points.iter().map(one).collect()
-    }
-}
-
-impl FitGather {
-    fn lambdas(&self, at: &(Matrix, String)) -> Vec<f64> {
-        let same = self.points.iter().filter(|p| p.matrix() == at.0 && p.target == at.1);
-        same.map(|p| p.lambda).collect()
-    }
-}
-
-/// The columns of a matrix, still where they are.
-struct Features<'a> {
-    blocks: Vec<(&'a [f64], usize)>,
-    terms: Vec<String>,
-}
-
-impl<'a> Features<'a> {
-    fn new(batch: &'a RecordBatch, names: &[String]) -> Result<Self, Fault> {
-        let (mut blocks, mut terms) = (vec![], vec![]);
-        for name in names {
-            match matrix(batch, name) {
-                Ok((values, names)) => {
-                    blocks.push((values, names.len()));
-                    terms.extend(names);
-                }
-                Err(_) => {
-                    blocks.push((floats(batch, name)?, 1));
-                    terms.push(name.clone());
-                }
-            }
+        let solved: Vec<(usize, Result<Solved, Fault>)> = problems
+            .into_values()
+            .collect::<Vec<_>>()
+            .into_par_iter()
+            .flat_map_iter(|places| {
+                let answers = self.solved(&parts, &places);
+                places.into_iter().zip(answers).collect::<Vec<_>>()
+            })
+            .collect();
+        let mut tables: Vec<_> = self.points.iter().map(|_| Err(Fault::machine("a fit was lost"))).collect();
+        for (i, answer) in solved {
+            tables[i] = answer.map(|s| s.table(&self.points[i]));
         }
-        Ok(Self { blocks, terms })
-    }
-
-    /// The rows of `runs`, one after the other, row-major.
-    fn rows(&self, runs: &[Range<usize>]) -> Vec<f64> {
-        let mut out = Vec::with_capacity(runs.iter().map(Range::len).sum::<usize>() * self.terms.len());
-        for row in runs.iter().cloned().flatten() {
-            for (values, width) in &self.blocks {
-                out.extend_from_slice(&values[row * width..(row + 1) * width]);
-            }
-        }
-        out
+        tables
     }
 }
 
-type Group = (Vec<Range<usize>>, usize, Vec<String>);
-
-/// The targets with the same usable rows, so that those share the filtering of the matrix.
-fn grouped(line: &LineIn, features: &Features, targets: &[String]) -> Result<Vec<Group>, Fault> {
-    let batch = &line.inputs[0];
-    let tt = floats(batch, "tt")?;
-    let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
-    let selected = match &line.keep {
-        Some(keep) => Usable::selected(keep),
-        None => Usable::all(tt.len()),
-    };
-    let rows = selected.rows().iter().filter(|k| **k).count();
-    let usable = features.blocks.iter().fold(selected, |u, (values, width)| u.and_finite_rows(values, *width));
-    let mut groups: Vec<Group> = vec![];
-    for target in targets {
-        let Ok(y) = floats(batch, target) else { continue };
-        let runs = usable.clone().and_finite(y).runs_in_time(tt, rate_hz);
-        match groups.iter_mut().find(|(r, _, _)| *r == runs) {
-            Some((_, _, names)) => names.push(target.clone()),
-            None => groups.push((runs, rows, vec![target.clone()])),
-        }
-    }
-    Ok(groups)
-}
-
-/// The triangle of each target's filtered and trimmed rows.
-fn shares(
-    batch: &RecordBatch,
-    key: &Matrix,
-    features: &Features,
-    runs: &[Range<usize>],
-    targets: &[String],
-) -> Result<Vec<QrAccumulator>, Fault> {
-    let (low_hz, high_hz, order) = (f64::from_bits(key.filter.0), f64::from_bits(key.filter.1), key.filter.2);
-    let rate_hz = sample_rate(floats(batch, "tt")?, STEP_TOLERANCE).map_err(data)?;
-    let filter = design(low_hz, high_hz, order, rate_hz)?;
-    let least = filter.as_ref().map_or(1, |f| f.least_rows()).max(2 * key.trim + 1);
-    let runs: Vec<Range<usize>> = runs.iter().filter(|r| r.len() >= least).cloned().collect();
-    let (width, count) = (features.terms.len(), targets.len());
-    let mut a = features.rows(&runs);
-    let columns = targets.iter().map(|t| floats(batch, t)).collect::<Result<Vec<_>, _>>()?;
-    let mut y: Vec<f64> = runs.iter().cloned().flatten().flat_map(|row| columns.iter().map(move |c| c[row])).collect();
-    // The same runs, in rows of what was taken together.
-    let mut start = 0;
-    let packed: Vec<Range<usize>> = runs
-        .iter()
-        .map(|r| {
-            start += r.len();
-            start - r.len()..start
-        })
-        .collect();
-    if let Some(filter) = &filter {
-        filter_matrix(filter, &mut a, width, &packed, ConstantColumns::Keep).map_err(data)?;
-        filter_matrix(filter, &mut y, count, &packed, ConstantColumns::Filter).map_err(data)?;
-    }
-    let kept: Vec<Range<usize>> = packed.iter().map(|r| r.start + key.trim..r.end - key.trim).collect();
-    let columns: Vec<Vec<f64>> = (0..count).map(|i| y.iter().skip(i).step_by(count).copied().collect()).collect();
-    let mut factor = QrAccumulator::new(width, count);
-    for run in kept {
-        let targets: Vec<&[f64]> = columns.iter().map(|c| &c[run.clone()]).collect();
-        factor.push(&a[run.start * width..run.end * width], &targets).map_err(data)?;
-    }
-    Ok((0..count).map(|i| factor.select(&[i])).collect())
-}
-
-/// The path that a fit is on, and its place there.
-type OnPath = (Arc<RidgePath>, usize);
-
-/// The fits of one target, for each lambda.
-struct Solved {
-    fits: Vec<(f64, Result<OnPath, Fault>)>,
-    n: usize,
-    left_out: usize,
-}
+/// The term of the constant.
+pub(crate) const INTERCEPT: &str = "intercept";
 
 impl Solved {
-    fn new(parts: &[&Part], at: &(Matrix, String), lambdas: &[f64]) -> Result<Solved, Fault> {
-        let terms = parts.iter().find_map(|p| p.terms.get(&at.0));
-        let terms = terms.ok_or_else(|| Fault::data("no selected line has the features of the fit"))?;
-        let mut all = QrAccumulator::new(terms.len(), 1);
-        let mut rows = 0;
-        // In the order of the lines, so that the last bits do not depend on the threads.
-        for share in parts.iter().filter_map(|p| p.shares.get(at)) {
-            all.merge(share.factor.clone()).map_err(data)?;
-            rows += share.rows;
-        }
-        let n = all.rows();
-        if n == 0 {
-            let what =
-                format!("no run of samples with `{}` and all features is long enough to be filtered and trimmed", at.1);
-            return Err(Fault::data(what).help("select longer lines, or take a smaller `trim` or `order`"));
-        }
-        let fits = match all.solve(lambdas, terms) {
-            Ok(path) => {
-                let path = Arc::new(path);
-                lambdas.iter().enumerate().map(|(i, l)| (*l, Ok((path.clone(), i)))).collect()
-            }
-            // One that cannot be solved, such as 0 with terms that nothing excites, must not take the others with it.
-            Err(_) => {
-                let alone = |l: &f64| all.solve(&[*l], terms).map(|path| (Arc::new(path), 0)).map_err(data);
-                lambdas.iter().map(|l| (*l, alone(l))).collect()
-            }
+    fn table(&self, point: &Fit) -> Vec<ArrayRef> {
+        let constant = point.intercept();
+        let rows = self.terms.len() + usize::from(constant);
+        let with = |values: &[f64], last: f64| -> ArrayRef {
+            array(values.iter().copied().chain(constant.then_some(last)).collect())
         };
-        Ok(Solved { fits, n, left_out: rows - n })
-    }
-
-    fn table(&self, point: &Fit) -> Result<Vec<ArrayRef>, Fault> {
-        let found = self.fits.iter().find(|(l, _)| l.to_bits() == point.lambda.to_bits());
-        let (_, fit) = found.ok_or_else(|| Fault::machine("a fit was lost"))?;
-        let (path, at) = fit.as_ref().map_err(Clone::clone)?;
-        let solution = path.solutions.get(*at).ok_or_else(|| Fault::machine("a fit was lost"))?;
-        let values = solution.coefficients.first().cloned().unwrap_or_default();
-        let rows = values.len();
-        let covariance = path.covariance(*at, 0).unwrap_or_default();
-        let std: Vec<f64> = (0..rows).map(|i| covariance.get(i * rows + i).map_or(f64::NAN, |v| v.sqrt())).collect();
-        let same = |text: &str| -> ArrayRef { Arc::new(StringArray::from(vec![text; rows])) };
+        let text = |x: &str| -> ArrayRef { Arc::new(StringArray::from(vec![x; rows])) };
         let count = |n: usize| -> ArrayRef { Arc::new(Int64Array::from(vec![n as i64; rows])) };
-        let left = solution.residual_variances.first().map_or(f64::NAN, |v| v.sqrt());
-        Ok(vec![
-            same(&point.model),
-            Arc::new(path.terms.iter().map(Some).collect::<StringArray>()),
-            array(values),
-            array(std),
-            count(self.n),
-            count(self.left_out),
-            array(vec![path.condition; rows]),
-            array(vec![left; rows]),
-        ])
+        let number = |x: f64| -> ArrayRef { array(vec![x; rows]) };
+        let names = self.terms.iter().map(String::as_str).chain(constant.then_some(INTERCEPT));
+        vec![
+            text(&point.model),
+            Arc::new(names.map(Some).collect::<StringArray>()),
+            with(&self.fit.coefficients, self.fit.intercept),
+            with(&self.std, f64::NAN),
+            count(self.rows.0),
+            count(self.rows.1),
+            number(self.condition),
+            number(self.residual_std),
+            number(self.chosen),
+            number(self.trivial_share),
+            text(&self.warning),
+        ]
     }
 }

@@ -9,6 +9,7 @@ use crate::{
     bandpass::design,
     columns::{data, faults_of, floats, shape},
     numerics::{
+        anomaly_retention::{RetentionError, anomaly_retention},
         crossings::figure_of_merit_crossings,
         figure_of_merit::{figure_of_merit, manoeuvres},
         geodesy::EarthModel,
@@ -430,7 +431,16 @@ impl Scored<'_> {
 
     /// How much of the known geology is left.
     fn anomaly_retention(&self) -> Result<Figure, Fault> {
-        Ok(statistics::slope(self.at(&self.places.anomaly)?, &self.measured_anomaly()?))
+        let (mag, anomaly) = (self.at(&self.places.mag)?, self.at(&self.places.anomaly)?);
+        // What the magnetometer would read of geology and earth alone.
+        let measured = self.measured_anomaly()?;
+        let reference: Vec<f64> = mag.iter().zip(&measured).zip(anomaly).map(|((m, y), a)| m - y + a).collect();
+        match anomaly_retention(mag, &reference, anomaly) {
+            Ok(found) => Ok(Figure { value: found.slope, n: found.n }),
+            Err(RetentionError::TooFew { n }) => Ok(Figure { value: f64::NAN, n }),
+            Err(RetentionError::NoAnomaly { .. }) => Ok(Figure { value: f64::NAN, n: 0 }),
+            Err(other) => Err(data(other)),
+        }
     }
 
     /// What the manoeuvres of a box leave in the pass band.

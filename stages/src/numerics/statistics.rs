@@ -92,21 +92,6 @@ pub fn offset_bound(north: &[f64], east: &[f64], sigma_nt: f64) -> Figure {
     Figure { value, n }
 }
 
-/// The least-squares slope of `y` over `x`, each about its mean, in the unit of y over that of x; rows where either is
-/// not finite are left out, and it is NaN where `x` does not vary.
-pub fn slope(x: &[f64], y: &[f64]) -> Figure {
-    let known = || x.iter().zip(y).filter(|(x, y)| x.is_finite() && y.is_finite());
-    let n = known().count();
-    let mean = |of: fn((&f64, &f64)) -> f64| known().map(of).sum::<f64>() / n as f64;
-    let (mean_x, mean_y) = (mean(|(x, _)| *x), mean(|(_, y)| *y));
-    let (mut xx, mut xy) = (0.0, 0.0);
-    for (x, y) in known() {
-        xx += (x - mean_x) * (x - mean_x);
-        xy += (x - mean_x) * (y - mean_y);
-    }
-    Figure { value: if xx > 0.0 { xy / xx } else { f64::NAN }, n }
-}
-
 /// The distance root mean square √(mean(north² + east²)) of position errors in metres.
 ///
 /// Errors are taken about the truth, not about their mean: a constant offset counts. Rows where

@@ -41,6 +41,12 @@ impl MomentsAccumulator {
         Ok(())
     }
 
+    /// The same for the targets `chosen` alone, to the last bit what it would be had the others never been there. A
+    /// target that is not there is left out.
+    pub fn select(&self, chosen: &[usize]) -> Self {
+        Self { qr: self.qr.select(chosen), least: self.least.clone(), greatest: self.greatest.clone() }
+    }
+
     /// The moments of all rows pushed.
     pub fn finish(self) -> Moments {
         let (terms, targets, rows) = (self.qr.terms, self.qr.targets, self.qr.rows);

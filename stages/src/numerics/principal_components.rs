@@ -1,6 +1,6 @@
 //! Principal components of many columns, with whitening.
 
-use crate::numerics::least_squares::{LeastSquaresError, Moments, Scaling, setting};
+use super::least_squares::{LeastSquaresError, Moments, Scaling, setting};
 
 /// How many components are kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,5 +89,43 @@ impl PrincipalComponents {
             }
         }
         Ok(out)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::numerics::reference_csv::columns;
+
+    fn near(one: f64, other: f64, tolerance: f64) {
+        assert!((one - other).abs() <= tolerance, "{one} {other}");
+    }
+
+    #[test]
+    fn val_whitened_components_equal_scikit_learn() {
+        let samples = columns(include_str!("../../reference/models/samples.csv"));
+        let table = columns(include_str!("../../reference/models/pca.csv"));
+        let names = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
+        let a: Vec<f64> = (0..120).flat_map(|i| names.map(|name| samples[name][i])).collect();
+        let moments = Moments::of(&a, 8, &[]).unwrap();
+        let found = PrincipalComponents::of(&moments, Scaling::Standardise, Kept::Count(3), true).unwrap();
+        let scores = found.transform(&a).unwrap();
+        for k in 0..3 {
+            near(found.variances[k], table[format!("variance{k}").as_str()][0], 1e-12);
+            let theirs = &table[format!("c{k}").as_str()];
+            let sign = (scores[k] * theirs[0]).signum();
+            for (row, theirs) in theirs.iter().enumerate() {
+                near(sign * scores[3 * row + k], *theirs, 1e-11);
+            }
+            // Whitened: a variance of 1 over the rows that they were made of.
+            let square: f64 = scores.iter().skip(k).step_by(3).map(|x| x * x).sum();
+            near(square / 119.0, 1.0, 1e-12);
+        }
+        let most = PrincipalComponents::of(&moments, Scaling::Standardise, Kept::Variance(0.9), false).unwrap();
+        let one_less: f64 = most.variances[..most.len() - 1].iter().sum::<f64>() / 8.0;
+        assert!(most.explained >= 0.9 && one_less < 0.9);
+        assert!(PrincipalComponents::of(&moments, Scaling::None, Kept::Count(0), true).is_err());
+        assert!(found.transform(&a[1..]).is_err());
     }
 }

@@ -1,0 +1,339 @@
+//! The models of a sweep from the moments of its lines.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use schemas::Fault;
+
+use super::{
+    Fit, Matrix,
+    rows::{Part, Share},
+};
+use crate::{
+    columns::data,
+    numerics::{
+        choose_lambda::{self, by_generalised_cross_validation, by_l_curve, by_lines, curve},
+        diagnostics::{Excitation, TrivialSolution, excitation, trivial_solution},
+        elastic_net::ElasticNet,
+        least_squares::{LineScore, LineScores, LinearFit, Moments, Prepared, RidgePath, Scaling},
+        pls,
+        recursive_least_squares::RecursiveLeastSquares,
+        robust::{LineRows, Loss, Robust, Scale},
+        truncated_svd,
+    },
+};
+
+/// Values on the grid of ridge parameters where the spec gives none, over so many decades below the largest.
+const GRID: (usize, f64) = (81, 1e-12);
+/// Values on a path of the elastic net, and its smallest as a part of its largest.
+const PATH: (usize, f64) = (100, 1e-4);
+/// Directions with less than this part of the strongest's excitation are named.
+const WEAK: f64 = 1e-4;
+
+/// A fitted model, ready for its table.
+pub struct Solved {
+    /// Coefficients in the units of the columns.
+    pub fit: LinearFit,
+    /// One sigma of each coefficient; NaN where the model knows none.
+    pub std: Vec<f64>,
+    /// The names of the terms.
+    pub terms: Vec<String>,
+    /// Rows that were used, and rows of the selected lines that were not.
+    pub rows: (usize, usize),
+    /// The condition number of the scaled matrix.
+    pub condition: f64,
+    /// Standard deviation of what is left of the filtered target.
+    pub residual_std: f64,
+    /// The ridge parameter or number of components that was used.
+    pub chosen: f64,
+    /// How much of the total field is explained away; NaN where the terms cannot tell.
+    pub trivial_share: f64,
+    /// What the user should know before he trusts it.
+    pub warning: String,
+}
+
+/// What is left of a target, what the coefficients' errors are, and what was chosen.
+struct Answer {
+    fit: LinearFit,
+    std: Vec<f64>,
+    residual_std: f64,
+    chosen: f64,
+}
+
+/// All lines of one matrix and target.
+pub struct Problem<'a> {
+    shares: Vec<&'a Share>,
+    lines: Vec<Moments>,
+    merged: Moments,
+    terms: Vec<String>,
+    selected: usize,
+    prepared: BTreeMap<(u8, bool), Arc<Prepared>>,
+    paths: BTreeMap<(u8, bool), Arc<RidgePath>>,
+}
+
+impl<'a> Problem<'a> {
+    /// Gathers the lines' shares, in the order of the lines.
+    pub fn new(parts: &[&'a Part], at: &(Matrix, String)) -> Result<Self, Fault> {
+        let terms = parts.iter().find_map(|p| p.terms.get(&at.0));
+        let terms = terms.ok_or_else(|| Fault::data("no selected line has the features of the fit"))?;
+        let shares: Vec<&Share> = parts.iter().filter_map(|p| p.shares.get(at)).collect();
+        let selected = shares.iter().map(|s| s.selected).sum();
+        let shares: Vec<&Share> = shares.into_iter().filter(|s| s.moments.rows() > 0).collect();
+        if shares.is_empty() {
+            let what =
+                format!("no run of samples with `{}` and all features is long enough to be filtered and trimmed", at.1);
+            return Err(Fault::data(what).help("select longer lines, or take a smaller `trim` or `order`"));
+        }
+        let lines: Vec<Moments> = shares.iter().map(|s| s.moments.clone()).collect();
+        let merged = Moments::merged(&lines).map_err(data)?;
+        let (prepared, paths) = (BTreeMap::new(), BTreeMap::new());
+        Ok(Self { shares, lines, merged, terms: terms.clone(), selected, prepared, paths })
+    }
+
+    fn prepared(&mut self, point: &Fit) -> Result<Arc<Prepared>, Fault> {
+        let (scaling, intercept) = (point.scaling(), point.intercept());
+        let key = (scaling as u8, intercept);
+        if let Some(known) = self.prepared.get(&key) {
+            return Ok(known.clone());
+        }
+        let made = Arc::new(self.merged.prepare(scaling, intercept).map_err(data)?);
+        self.prepared.insert(key, made.clone());
+        Ok(made)
+    }
+
+    /// Solves for ridge parameters of all points of a kind at once: `lambdas` are those of the sweep.
+    pub fn solve_ridges(&mut self, point: &Fit, lambdas: &[f64]) -> Result<(), Fault> {
+        let prepared = self.prepared(point)?;
+        // Where one cannot be solved, such as 0 with terms that nothing excites, each is tried by itself later.
+        if let Ok(path) = prepared.ridge(lambdas, &self.terms) {
+            self.paths.insert((point.scaling() as u8, point.intercept()), Arc::new(path));
+        }
+        Ok(())
+    }
+
+    /// The model of one point.
+    pub fn solve(&mut self, point: &Fit) -> Result<Solved, Fault> {
+        let prepared = self.prepared(point)?;
+        let answer = match point.model.as_str() {
+            "elastic_net" => self.elastic_net(point),
+            "pls" => self.pls(point),
+            "truncated_svd" => self.truncated(point, &prepared),
+            "robust" => self.robust(point),
+            "recursive_least_squares" => self.recursive(point),
+            _ => self.ridge(point, &prepared),
+        }?;
+        let excited = excitation(&prepared, &self.terms, WEAK).map_err(data)?;
+        let trivial = self.trivial(&answer)?;
+        let used = self.merged.rows();
+        Ok(Solved {
+            fit: answer.fit,
+            std: answer.std,
+            terms: self.terms.clone(),
+            rows: (used, self.selected - used),
+            condition: excited.condition,
+            residual_std: answer.residual_std,
+            chosen: answer.chosen,
+            trivial_share: trivial.as_ref().map_or(f64::NAN, |t| t.share),
+            warning: warning(point, &excited, trivial.as_ref()),
+        })
+    }
+
+    fn ridge(&self, point: &Fit, prepared: &Prepared) -> Result<Answer, Fault> {
+        let lambda = match point.choose.as_str() {
+            "given" => point.lambda,
+            how => self.best_lambda(point, prepared, how)?,
+        };
+        let known = self.paths.get(&(point.scaling() as u8, point.intercept()));
+        let found = |path: &RidgePath| path.solutions.iter().position(|s| s.lambda.to_bits() == lambda.to_bits());
+        let (path, at) = match known.and_then(|path| found(path).map(|at| (path.clone(), at))) {
+            Some(known) => known,
+            None => (Arc::new(prepared.ridge(&[lambda], &self.terms).map_err(data)?), 0),
+        };
+        let solution = path.solutions.get(at).ok_or_else(|| Fault::machine("a fit was lost"))?;
+        let values = solution.coefficients.first().cloned().unwrap_or_default();
+        let covariance = path.covariance(at, 0).unwrap_or_default();
+        let p = values.len();
+        let std = (0..p).map(|i| covariance.get(i * p + i).map_or(f64::NAN, |v| v.sqrt())).collect();
+        let scaled = prepared.scaled(&values);
+        let residual_std = solution.residual_variances.first().map_or(f64::NAN, |v| v.sqrt());
+        let intercept = prepared.original(0, &scaled).intercept;
+        Ok(Answer { fit: LinearFit { coefficients: values, intercept }, std, residual_std, chosen: lambda })
+    }
+
+    fn best_lambda(&self, point: &Fit, prepared: &Prepared, how: &str) -> Result<f64, Fault> {
+        let grid = match &point.lambdas {
+            Some(given) => {
+                let mut grid = given.clone();
+                grid.sort_by(f64::total_cmp);
+                grid
+            }
+            None => {
+                let singular = prepared.singular().map_err(data)?;
+                let largest = singular.values.first().copied().unwrap_or(1.0).powi(2);
+                choose_lambda::grid(GRID.1 * largest, largest, GRID.0).map_err(data)?
+            }
+        };
+        if how == "leave_one_line_out" {
+            let falling: Vec<f64> = grid.iter().rev().copied().collect();
+            let scores = by_lines(&self.lines, 0, &falling, point.scaling(), point.intercept(), LineScore::Variance);
+            let at = self.pick(point, &scores.map_err(lines_needed)?);
+            return falling.get(at).copied().ok_or_else(|| Fault::data("there is no ridge parameter to choose"));
+        }
+        let points = curve(prepared, 0, &grid).map_err(data)?;
+        let (at, none) = if how == "gcv" {
+            (
+                by_generalised_cross_validation(&points),
+                "generalised cross-validation is not defined: there are too few rows",
+            )
+        } else {
+            (by_l_curve(&points), "the L-curve has no corner")
+        };
+        let at = at.ok_or_else(|| Fault::data(none).help("give `lambda`, or `lambdas` over another range"))?;
+        Ok(points[at].lambda)
+    }
+
+    fn pick(&self, point: &Fit, scores: &LineScores) -> usize {
+        if point.one_standard_error { scores.within_one_error } else { scores.best }
+    }
+
+    fn elastic_net(&self, point: &Fit) -> Result<Answer, Fault> {
+        let net = ElasticNet {
+            l1_ratio: point.l1_ratio,
+            scaling: point.scaling(),
+            intercept: point.intercept(),
+            ..ElasticNet::default()
+        };
+        let found = if point.choose == "leave_one_line_out" {
+            let alphas = match &point.lambdas {
+                Some(given) => {
+                    let mut falling = given.clone();
+                    falling.sort_by(|a, b| b.total_cmp(a));
+                    falling
+                }
+                None => net.alphas(&self.merged, 0, PATH.0, PATH.1).map_err(data)?,
+            };
+            let choice = net.choose(&self.lines, 0, &alphas, LineScore::Variance).map_err(lines_needed)?;
+            let at = self.pick(point, &choice.scores);
+            choice.path.into_iter().nth(at)
+        } else {
+            net.path(&self.merged, 0, &[point.lambda]).map_err(data)?.pop()
+        };
+        let found = found.ok_or_else(|| Fault::machine("a fit was lost"))?;
+        let free = self.free(found.active.len(), point);
+        Ok(self.answer(found.fit, (found.residual_squares / free).sqrt(), found.alpha))
+    }
+
+    fn pls(&self, point: &Fit) -> Result<Answer, Fault> {
+        let most = point.components.min(self.terms.len());
+        let count = if point.choose == "leave_one_line_out" {
+            let scores = pls::choose_components(&self.lines, &[0], 0, most, point.scaling(), LineScore::Variance);
+            1 + self.pick(point, &scores.map_err(lines_needed)?)
+        } else {
+            most
+        };
+        let mut path = pls::fit(&self.merged, &[0], count, point.scaling()).map_err(data)?;
+        let squares = path.residual_squares.pop().and_then(|s| s.first().copied()).unwrap_or(f64::NAN);
+        let used = path.fits.len();
+        let fit = path.fits.pop().and_then(|mut f| f.pop());
+        let fit = fit.ok_or_else(|| Fault::data("the target has no covariance with any feature"))?;
+        Ok(self.answer(fit, (squares / self.free(used, point)).sqrt(), used as f64))
+    }
+
+    fn truncated(&self, point: &Fit, prepared: &Prepared) -> Result<Answer, Fault> {
+        let most = point.components.min(self.terms.len());
+        let count = if point.choose == "leave_one_line_out" {
+            let scores = truncated_svd::choose_components(
+                &self.lines,
+                0,
+                most,
+                point.scaling(),
+                point.intercept(),
+                LineScore::Variance,
+            );
+            1 + self.pick(point, &scores.map_err(lines_needed)?)
+        } else {
+            most
+        };
+        let fits = truncated_svd::path(prepared, 0).map_err(data)?;
+        let fit = fits.into_iter().take(count).next_back().ok_or_else(|| Fault::data("no feature varies"))?;
+        let free = self.free(fit.components, point);
+        Ok(self.answer(fit.fit, (fit.residual_squares / free).sqrt(), fit.components as f64))
+    }
+
+    fn robust(&self, point: &Fit) -> Result<Answer, Fault> {
+        let loss = if point.loss == "huber" {
+            Loss::Huber { threshold: point.threshold }
+        } else {
+            Loss::StudentT { degrees: point.degrees_of_freedom }
+        };
+        let scale = if point.scale == "mad" { Scale::Mad } else { Scale::Joint };
+        let robust = Robust { loss, scale, lambda: point.lambda, intercept: point.intercept(), ..Robust::default() };
+        let rows: Vec<LineRows> =
+            self.shares.iter().filter_map(|s| s.rows.as_ref()).map(|(a, y)| LineRows { a, y }).collect();
+        let found = robust.fit(&rows, &self.terms).map_err(data)?;
+        if !found.converged {
+            let what = format!("the robust fit did not settle within {} passes over the rows", found.passes);
+            return Err(Fault::data(what).help("give `lambda` above 0, or leave features out"));
+        }
+        Ok(self.answer(found.fit, found.scale, point.lambda))
+    }
+
+    fn recursive(&self, point: &Fit) -> Result<Answer, Fault> {
+        let p = self.terms.len();
+        let deviations = self.merged.term_deviations();
+        // A ridge of scaled columns: the prior's sigma of a coefficient goes with one over the column's deviation.
+        let sigma = |d: &f64| {
+            1.0 / (point.lambda.sqrt() * if point.scaling() == Scaling::None || *d == 0.0 { 1.0 } else { *d })
+        };
+        let sigma: Vec<f64> = deviations.iter().map(sigma).collect();
+        let mut filter = RecursiveLeastSquares::new(&vec![0.0; p], &sigma, point.forgetting, true).map_err(data)?;
+        for (a, y) in self.shares.iter().filter_map(|s| s.rows.as_ref()) {
+            for (row, y) in a.chunks_exact(p.max(1)).zip(y) {
+                filter.update(row, *y).map_err(data)?;
+            }
+        }
+        let fit = LinearFit { coefficients: filter.coefficients(), intercept: 0.0 };
+        let squares = self.merged.residuals(0, &fit).map_err(data)?.squares;
+        Ok(self.answer(fit, (squares / self.free(p, point)).sqrt(), point.lambda))
+    }
+
+    /// Rows that are left for the residuals' variance.
+    fn free(&self, parameters: usize, point: &Fit) -> f64 {
+        self.merged.rows() as f64 - parameters as f64 - f64::from(u8::from(point.intercept()))
+    }
+
+    fn answer(&self, fit: LinearFit, residual_std: f64, chosen: f64) -> Answer {
+        Answer { std: vec![f64::NAN; fit.coefficients.len()], fit, residual_std, chosen }
+    }
+
+    /// How near the fit is to calling the whole field the aircraft's; `None` where its terms cannot say that.
+    fn trivial(&self, answer: &Answer) -> Result<Option<TrivialSolution>, Fault> {
+        let unfiltered: Vec<Moments> = self.shares.iter().filter_map(|s| s.unfiltered.clone()).collect();
+        let Ok(unfiltered) = Moments::merged(&unfiltered) else { return Ok(None) };
+        let place = |name: &str| self.terms.iter().position(|t| t == name);
+        let (Some(x), Some(y), Some(z)) = (place("xx"), place("yy"), place("zz")) else { return Ok(None) };
+        let means = unfiltered.term_means();
+        let total_nt = unfiltered.target_means().first().copied().unwrap_or(f64::NAN);
+        // The scale of the induced terms: they add up to the field over it. Another target than a total field has none.
+        let scale_nt = total_nt / (means[x] + means[y] + means[z]);
+        if !(scale_nt.is_finite() && (20_000.0..80_000.0).contains(&total_nt)) {
+            return Ok(None);
+        }
+        trivial_solution(&unfiltered, &self.merged, 0, &self.terms, &answer.fit, answer.chosen, scale_nt).map_err(data)
+    }
+}
+
+fn lines_needed(error: crate::numerics::least_squares::LeastSquaresError) -> Fault {
+    data(error).help("`leave_one_line_out` needs two or more lines: select more, or choose otherwise")
+}
+
+fn warning(point: &Fit, excited: &Excitation, trivial: Option<&TrivialSolution>) -> String {
+    let nothing_given = point.choose == "given" && point.lambda == 0.0;
+    let weak = excited.message().filter(|_| nothing_given);
+    let trivial = trivial.filter(|t| t.is_trivial()).map(|t| {
+        format!(
+            "the fit calls {:.0} % of the total field the aircraft's, which is the trivial solution: take a larger `lambda`",
+            100.0 * t.share
+        )
+    });
+    weak.into_iter().chain(trivial).collect::<Vec<_>>().join("; ")
+}

@@ -1,0 +1,255 @@
+//! The rows of one line as models see them: what is finite, filtered and trimmed, folded into moments.
+
+use std::{collections::BTreeMap, ops::Range};
+
+use arrow_array::RecordBatch;
+use schemas::{Fault, LineIn};
+
+use super::{Matrix, Question};
+use crate::{
+    bandpass::design,
+    columns::{data, floats, matrix},
+    numerics::{
+        filter::ConstantColumns,
+        least_squares::{Moments, MomentsAccumulator},
+        segments::{STEP_TOLERANCE, Usable, filter_matrix, sample_rate},
+    },
+};
+
+/// Rows kept of a line's unfiltered terms, evenly spread: enough to tell a total field from an aircraft's.
+const THINNED: usize = 500;
+
+/// One line's share of a fit.
+pub struct Share {
+    /// Of the filtered and trimmed rows.
+    pub moments: Moments,
+    /// Of some rows as they were before the filter.
+    pub unfiltered: Option<Moments>,
+    /// The rows themselves, where a model needs them: terms row-major, and the target.
+    pub rows: Option<(Vec<f64>, Vec<f64>)>,
+    /// Rows of the line that `where` selects.
+    pub selected: usize,
+}
+
+/// One line's shares, by matrix and target, with the names of each matrix' terms.
+#[derive(Default)]
+pub struct Part {
+    pub shares: BTreeMap<(Matrix, String), Share>,
+    pub terms: BTreeMap<Matrix, Vec<String>>,
+}
+
+/// A column of a table, or a list of columns, still where it is.
+struct Block<'a> {
+    values: &'a [f64],
+    names: Vec<String>,
+}
+
+impl<'a> Block<'a> {
+    fn new(batch: &'a RecordBatch, name: &str) -> Result<Self, Fault> {
+        match matrix(batch, name) {
+            Ok((values, names)) => Ok(Self { values, names }),
+            Err(_) => Ok(Self { values: floats(batch, name)?, names: vec![name.to_owned()] }),
+        }
+    }
+
+    fn row(&self, row: usize) -> &[f64] {
+        &self.values[row * self.names.len()..(row + 1) * self.names.len()]
+    }
+}
+
+/// What is asked of one line with the same filter and the same usable rows.
+struct Group<'a> {
+    runs: Vec<Range<usize>>,
+    selected: usize,
+    asked: Vec<(&'a Matrix, Vec<String>)>,
+}
+
+impl Part {
+    /// Folds a line into its shares. A question for which the line lacks a column has none.
+    ///
+    /// Columns that several questions have in common are filtered once; each question's moments are to the last bit what
+    /// they would be had it been asked alone.
+    pub fn new(line: &LineIn, questions: &BTreeMap<Matrix, Question>) -> Result<Part, Fault> {
+        let batch = &line.inputs[0];
+        let tt = floats(batch, "tt")?;
+        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+        let mut part = Part::default();
+        let mut blocks: BTreeMap<&str, Block> = BTreeMap::new();
+        let mut groups: Vec<Group> = vec![];
+        for (key, question) in questions {
+            for name in &key.features {
+                if let (false, Ok(block)) = (blocks.contains_key(name.as_str()), Block::new(batch, name)) {
+                    blocks.insert(name, block);
+                }
+            }
+            let own: Option<Vec<&Block>> = key.features.iter().map(|n| blocks.get(n.as_str())).collect();
+            let Some(own) = own else { continue };
+            part.terms.insert(key.clone(), own.iter().flat_map(|b| b.names.clone()).collect());
+            let selected = line.keep.as_ref().map_or_else(|| Usable::all(tt.len()), |keep| Usable::selected(keep));
+            let count = selected.rows().iter().filter(|k| **k).count();
+            let usable = own.iter().fold(selected, |u, b| u.and_finite_rows(b.values, b.names.len()));
+            for target in &question.targets {
+                let Ok(y) = floats(batch, target) else { continue };
+                let runs = usable.clone().and_finite(y).runs_in_time(tt, rate_hz);
+                join(&mut groups, runs, count, key, target);
+            }
+        }
+        for group in &groups {
+            fold(&mut part, batch, &blocks, group, questions, rate_hz)?;
+        }
+        Ok(part)
+    }
+}
+
+fn join<'a>(groups: &mut Vec<Group<'a>>, runs: Vec<Range<usize>>, selected: usize, key: &'a Matrix, target: &str) {
+    let same = |g: &Group| {
+        g.runs == runs && g.asked.first().is_some_and(|(k, _)| k.filter == key.filter && k.trim == key.trim)
+    };
+    let group = match groups.iter().position(same) {
+        Some(i) => &mut groups[i],
+        None => {
+            groups.push(Group { runs, selected, asked: vec![] });
+            let last = groups.len() - 1;
+            &mut groups[last]
+        }
+    };
+    match group.asked.iter_mut().find(|(k, _)| *k == key) {
+        Some((_, targets)) => targets.push(target.to_owned()),
+        None => group.asked.push((key, vec![target.to_owned()])),
+    }
+}
+
+/// Columns side by side, row-major.
+struct Sheet {
+    values: Vec<f64>,
+    width: usize,
+}
+
+impl Sheet {
+    fn column(&self, at: usize) -> impl Iterator<Item = f64> + '_ {
+        self.values.iter().skip(at).step_by(self.width.max(1)).copied()
+    }
+
+    /// Some columns of the rows of `runs`.
+    fn part(&self, columns: &[usize], runs: &[Range<usize>]) -> Vec<f64> {
+        let mut out = Vec::with_capacity(runs.iter().map(Range::len).sum::<usize>() * columns.len());
+        for row in runs.iter().cloned().flatten() {
+            let row = &self.values[row * self.width..(row + 1) * self.width];
+            out.extend(columns.iter().map(|&c| row[c]));
+        }
+        out
+    }
+}
+
+fn fold(
+    part: &mut Part,
+    batch: &RecordBatch,
+    blocks: &BTreeMap<&str, Block>,
+    group: &Group,
+    questions: &BTreeMap<Matrix, Question>,
+    rate_hz: f64,
+) -> Result<(), Fault> {
+    let Some((first, _)) = group.asked.first() else { return Ok(()) };
+    let (low_hz, high_hz, order) = (f64::from_bits(first.filter.0), f64::from_bits(first.filter.1), first.filter.2);
+    let filter = design(low_hz, high_hz, order, rate_hz)?;
+    let least = filter.as_ref().map_or(1, |f| f.least_rows()).max(2 * first.trim + 1);
+    let runs: Vec<Range<usize>> = group.runs.iter().filter(|r| r.len() >= least).cloned().collect();
+    let (packed, kept) = packed(&runs, first.trim);
+    let (sheet, places) = features(blocks, group, &runs);
+    let names = targets(group);
+    let y = names.iter().map(|n| floats(batch, n)).collect::<Result<Vec<_>, _>>()?;
+    let y: Vec<f64> = runs.iter().cloned().flatten().flat_map(|row| y.iter().map(move |c| c[row])).collect();
+    let y = Sheet { values: y, width: names.len() };
+    let raw = if filter.is_some() { thinned(&sheet, &y) } else { None };
+    let (mut sheet, mut y) = (sheet, y);
+    if let Some(filter) = &filter {
+        filter_matrix(filter, &mut sheet.values, sheet.width, &packed, ConstantColumns::Keep).map_err(data)?;
+        filter_matrix(filter, &mut y.values, y.width, &packed, ConstantColumns::Filter).map_err(data)?;
+    }
+    for (key, wanted) in &group.asked {
+        let columns: Vec<usize> = key.features.iter().flat_map(|n| places[n.as_str()].clone()).collect();
+        let at: Vec<usize> = wanted.iter().filter_map(|t| names.iter().position(|n| n == t)).collect();
+        let mut folded = MomentsAccumulator::new(columns.len(), at.len());
+        for run in &kept {
+            let run = std::slice::from_ref(run);
+            let ys: Vec<Vec<f64>> = at.iter().map(|c| y.part(&[*c], run)).collect();
+            let ys: Vec<&[f64]> = ys.iter().map(Vec::as_slice).collect();
+            folded.push(&sheet.part(&columns, run), &ys).map_err(data)?;
+        }
+        let keeps = questions.get(*key).map(|q| q.keeps_rows.as_slice()).unwrap_or_default();
+        for (i, target) in wanted.iter().enumerate() {
+            let rows = keeps.contains(target).then(|| (sheet.part(&columns, &kept), y.part(&[at[i]], &kept)));
+            let unfiltered = raw.as_ref().map(|(a, y)| {
+                let all = 0..a.values.len() / a.width.max(1);
+                let own = a.part(&columns, std::slice::from_ref(&all));
+                Moments::of(&own, columns.len(), &[&y.column(at[i]).collect::<Vec<_>>()])
+            });
+            let share = Share {
+                moments: folded.select(&[i]).finish(),
+                unfiltered: unfiltered.transpose().map_err(data)?,
+                rows,
+                selected: group.selected,
+            };
+            part.shares.insert(((*key).clone(), target.clone()), share);
+        }
+    }
+    Ok(())
+}
+
+/// The runs one behind the other, whole and without their ends.
+fn packed(runs: &[Range<usize>], trim: usize) -> (Vec<Range<usize>>, Vec<Range<usize>>) {
+    let mut start = 0;
+    let mut whole = vec![];
+    for run in runs {
+        whole.push(start..start + run.len());
+        start += run.len();
+    }
+    let kept = whole.iter().map(|r| r.start + trim..r.end - trim).collect();
+    (whole, kept)
+}
+
+/// All features of a group once, and where each lies.
+fn features<'a>(
+    blocks: &BTreeMap<&'a str, Block>,
+    group: &Group,
+    runs: &[Range<usize>],
+) -> (Sheet, BTreeMap<&'a str, Range<usize>>) {
+    let mut places: BTreeMap<&str, Range<usize>> = BTreeMap::new();
+    let (mut used, mut width): (Vec<&Block>, usize) = (vec![], 0);
+    for name in group.asked.iter().flat_map(|(key, _)| &key.features) {
+        let Some((name, block)) = blocks.get_key_value(name.as_str()) else { continue };
+        if places.contains_key(name) {
+            continue;
+        }
+        places.insert(name, width..width + block.names.len());
+        width += block.names.len();
+        used.push(block);
+    }
+    let mut values = Vec::with_capacity(runs.iter().map(Range::len).sum::<usize>() * width);
+    for row in runs.iter().cloned().flatten() {
+        used.iter().for_each(|block| values.extend_from_slice(block.row(row)));
+    }
+    (Sheet { values, width }, places)
+}
+
+fn targets(group: &Group) -> Vec<String> {
+    let mut names: Vec<String> = vec![];
+    for target in group.asked.iter().flat_map(|(_, targets)| targets) {
+        if !names.contains(target) {
+            names.push(target.clone());
+        }
+    }
+    names
+}
+
+/// Some rows of both, evenly spread; `None` of no rows.
+fn thinned(a: &Sheet, y: &Sheet) -> Option<(Sheet, Sheet)> {
+    let rows = y.values.len() / y.width.max(1);
+    let step = rows.div_ceil(THINNED).max(1);
+    let of = |sheet: &Sheet| {
+        let chosen =
+            (0..rows).step_by(step).flat_map(|r| sheet.values[r * sheet.width..(r + 1) * sheet.width].to_vec());
+        Sheet { values: chosen.collect(), width: sheet.width }
+    };
+    (rows > 0).then(|| (of(a), of(y)))
+}
