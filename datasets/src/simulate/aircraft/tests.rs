@@ -6,7 +6,7 @@ use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use tempfile::TempDir;
 
 use super::{
-    super::{COMPONENTS, Simulation, random::Random},
+    super::{COMPONENTS, Simulation, Spec, random::Random},
     currents::switched,
     *,
 };
@@ -454,4 +454,36 @@ fn ref_the_drone_does_what_its_ground_test_showed() {
             assert!((0.7..1.4).contains(&(field_nt.norm() / published_nt)), "{name}: {} nT", field_nt.norm());
         }
     }
+}
+
+#[test]
+fn law_induced_tensors_have_their_size_and_symmetry() {
+    let tensor = |name: &str, symmetric: bool| {
+        let folder = TempDir::new().unwrap();
+        let sensor = format!(
+            "[[vector_magnetometers]]\nname = '{name}'\ninduced_nt = 100.0\ninduced_symmetric = {symmetric}\n"
+        );
+        let simulation = Simulation::open(&spec(&folder, "", &sensor, SURVEY)).unwrap();
+        let Spec { seed, aircraft, components, .. } = simulation.spec();
+        let field = Field::draw(*seed, ("A", 0.0), (name, &aircraft.vectors[0].source), aircraft, components);
+        let along = |axis: usize| {
+            let (earth_nt, rate_ntps) = (Vector3::ith(axis, 50_000.0), Vector3::zeros());
+            let drive = Drive { earth_nt, rate_ntps, amperes: &[], row: 0, since_s: 0.0, lift_mps2: 0.0 };
+            field.parts_nt(&drive)[1]
+        };
+        nalgebra::Matrix3::from_columns(&[along(0), along(1), along(2)])
+    };
+    let (mut squares, mut apart) = (0.0, 0.0);
+    for k in 0..100 {
+        let name = format!("flux_{k}");
+        let (symmetric, free) = (tensor(&name, true), tensor(&name, false));
+        // Rounding of 100 nT.
+        assert!((symmetric - symmetric.transpose()).abs().max() < 1e-9);
+        squares += free.norm_squared() / 900.0;
+        apart += (free - free.transpose()).norm_squared() / 600.0;
+    }
+    // 900 elements of 100 nT; differences of two that are independent have twice the variance. Standard errors 2.4 %
+    // and 6 %; four of each.
+    assert!((f64::sqrt(squares) / 100.0 - 1.0).abs() < 0.1, "{squares}");
+    assert!((apart / 20_000.0 - 1.0_f64).abs() < 0.25, "{apart}");
 }
