@@ -460,9 +460,8 @@ fn ref_the_drone_does_what_its_ground_test_showed() {
 fn law_induced_tensors_have_their_size_and_symmetry() {
     let tensor = |name: &str, symmetric: bool| {
         let folder = TempDir::new().unwrap();
-        let sensor = format!(
-            "[[vector_magnetometers]]\nname = '{name}'\ninduced_nt = 100.0\ninduced_symmetric = {symmetric}\n"
-        );
+        let sensor =
+            format!("[[vector_magnetometers]]\nname = '{name}'\ninduced_nt = 100.0\ninduced_symmetric = {symmetric}\n");
         let simulation = Simulation::open(&spec(&folder, "", &sensor, SURVEY)).unwrap();
         let Spec { seed, aircraft, components, .. } = simulation.spec();
         let field = Field::draw(*seed, ("A", 0.0), (name, &aircraft.vectors[0].source), aircraft, components);
