@@ -19,6 +19,8 @@ fn measure(unit: &str) -> Option<(&'static str, f64)> {
         "t" => ("field", 1e9),
         "deg" | "degree" | "degrees" | "°" => ("angle", 1.0),
         "rad" | "radian" | "radians" => ("angle", 180.0 / std::f64::consts::PI),
+        "deg/s" | "degps" | "°/s" => ("angular rate", 1.0),
+        "rad/s" | "radps" => ("angular rate", 180.0 / std::f64::consts::PI),
         "m" | "metre" | "meter" | "metres" | "meters" => ("length", 1.0),
         "km" => ("length", 1e3),
         "ft" | "feet" | "foot" => ("length", 0.3048),
@@ -45,7 +47,7 @@ mod tests {
 
     #[test]
     fn law_conversion_there_and_back_is_one() {
-        for (a, b) in [("rad", "deg"), ("ft", "m"), ("uT", "nT"), ("kn", "m/s"), ("gauss", "nT")] {
+        for (a, b) in [("rad", "deg"), ("ft", "m"), ("uT", "nT"), ("kn", "m/s"), ("gauss", "nT"), ("rad/s", "deg/s")] {
             let (there, back) = (convert(a, b).unwrap_or(0.0), convert(b, a).unwrap_or(0.0));
             // One rounding in each division.
             assert!((there * back - 1.0).abs() < 1e-15, "{a} {b}");
