@@ -232,6 +232,54 @@ fn law_closed_patterns_come_back_and_cross_where_they_should() {
 }
 
 #[test]
+fn law_waypoints_are_met_and_legs_are_geodesics() {
+    let nearest = |flown: &Trajectory, place: (f64, f64)| {
+        let away = |i: usize| {
+            let (n, e) = ned_m(flown, i, place);
+            n.hypot(e)
+        };
+        (0..flown.tt_s.len()).map(away).fold(f64::INFINITY, f64::min)
+    };
+    // There and back: a turn by more than a right angle begins over its waypoint. A sample's way is 7 m.
+    let back = "kind = 'survey'\nduration_s = 800.0\nwaypoints = [[-22.0, 140.5], [-21.9, 140.5]]";
+    let flown = fly(&line(WIND, back), 10.0);
+    let later = Trajectory { lat_deg: flown.lat_deg[3000..].to_vec(), ..Trajectory::default() };
+    assert!(nearest(&flown, (-21.9, 140.5)) < 4.0);
+    assert!(later.lat_deg.iter().any(|lat| (lat + 22.0).abs() < 4e-5), "and back over the first");
+    // Turns by less are flown inside the corner, and the middle of each leg is on the geodesic.
+    let places = [(-22.0, 140.5), (-21.8, 140.5), (-21.8, 140.8), (-21.7, 140.8)];
+    let list = places.map(|(lat, lon)| format!("[{lat:?}, {lon:?}]")).join(", ");
+    let flown = fly(&line(WIND, &format!("kind = 'free'\nwaypoints = [{list}]")), 50.0);
+    for leg in places.windows(2) {
+        let way = geodesic::Geodesic::between(leg[0], leg[1]).unwrap();
+        let middle = geodesic::Place::new(leg[0], way.leaves_rad).along(0.5 * way.length_m, 1000.0, |_| 0.0);
+        // Half a sample's way along the track: 0.8 m.
+        assert!(nearest(&flown, middle.degrees()) < 0.8, "{leg:?}");
+    }
+    let corner = nearest(&flown, places[1]);
+    // R = (72 m/s)² / (g tan 25°) = 1134 m: 0.41 R inside the corner, and more for rolling in and out.
+    assert!((470.0..650.0).contains(&corner), "{corner}");
+    assert!(nearest(&flown, places[3]) < 1.5);
+}
+
+#[test]
+fn law_manoeuvres_of_a_box_in_wind_are_flown_between_its_turns() {
+    let keys = "kind = 'box'\nstart = [-22.0, 140.5]\nheading_deg = 70.0\namplitude_deg = [0.0, 5.0, 0.0]\ncycles = 5";
+    let flown = fly(&line(WIND, keys), 10.0);
+    let (mut swinging, mut turning) = (0, 0);
+    for i in 0..flown.tt_s.len() {
+        let (roll, pitch) = (flown.attitude_deg[0][i], flown.attitude_deg[1][i]);
+        // In a turn the load factor adds a fifth to the 2 degrees of trim.
+        let swings = (pitch - 2.0).abs() > 0.5;
+        swinging += usize::from(swings);
+        turning += usize::from(roll > 5.0);
+        assert!(!swings || roll.abs() < 0.5, "{i}: {roll} {pitch}");
+    }
+    // Four legs of 30 s, of which 6 % is within half a degree; three turns by a right angle.
+    assert!((1000..1200).contains(&swinging) && turning > 300, "{swinging} {turning}");
+}
+
+#[test]
 fn law_heights_are_those_asked_and_climbs_within_the_limit() {
     let flown = fly(&line("", EACH[1]), 10.0);
     let climb = flown.velocity_mps[2].iter().fold(0.0_f64, |a, v| a.max(v.abs()));
