@@ -239,7 +239,9 @@ fn stages(name: Option<&str>, markdown: bool) -> Result<(), Stop> {
 }
 
 fn synth(spec: &std::path::Path, to: &std::path::Path) -> Result<(), Stop> {
-    let written = datasets::synthesise(spec, to).map_err(Fault::from)?;
+    let bar = progress::Lines::new(std::io::stderr().is_terminal());
+    let written = datasets::synthesise_with(spec, to, &|done, all| bar.set(done, all)).map_err(Fault::from)?;
+    drop(bar);
     say(written.iter().map(|p| format!("{}\n", p.display())).collect())
 }
 

@@ -131,3 +131,29 @@ fn failure(f: &pipeline::run::Failure) -> Value {
         "error": f.fault.to_string(),
     })
 }
+
+/// The simulation of lines.
+pub struct Lines(ProgressBar);
+
+impl Lines {
+    /// Shown only where somebody can see it.
+    pub fn new(visible: bool) -> Lines {
+        let target = if visible { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
+        let bar = ProgressBar::with_draw_target(Some(0), target);
+        let style = ProgressStyle::with_template("{elapsed_precise} {wide_bar} {pos}/{len} lines (about {eta} left)");
+        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+        Lines(bar)
+    }
+
+    /// `done` of `all` lines are simulated.
+    pub fn set(&self, done: usize, all: usize) {
+        self.0.set_length(all as u64);
+        self.0.set_position(done as u64);
+    }
+}
+
+impl Drop for Lines {
+    fn drop(&mut self) {
+        self.0.finish_and_clear();
+    }
+}
