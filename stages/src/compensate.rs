@@ -19,7 +19,7 @@ stage! {
     /// mean of the prediction over the line is not taken off, as MagNav.jl's examples do.
     ///
     /// Source: thesis 000, (3.22).
-    Compensate = "compensate", version 2, grain Line, inputs [input: Lines, model: Model];
+    Compensate = "compensate", version 1, grain Line, inputs [input: Lines, model: Model];
     /// The scalar magnetometer, such as `mag_4_uc`.
     mag: String, unit "nT";
     /// What the model was fitted to predict: the `aircraft`'s field; or the `anomaly`, to which core field `igrf` and

@@ -6,12 +6,14 @@ use polars::prelude::{Column, DataFrame, DataType, GroupsIndicator, ParquetReade
 use schemas::Fault;
 
 /// The metrics worth a column, in their order.
-const SHOWN: [&str; 13] = [
+const SHOWN: [&str; 15] = [
     "std_uncompensated",
     "std_error",
     "improvement_ratio",
     "improvement_ratio_band",
     "snr",
+    "anomaly_retention",
+    "figure_of_merit",
     "figure_of_merit_crossings",
     "ins_drms",
     "drms",

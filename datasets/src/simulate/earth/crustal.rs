@@ -1,11 +1,12 @@
 //! The crustal field as a vector, from a map of the total-field anomaly.
 //!
-//! A map of one height tells the part T of the anomalous field along the core field. Where all sources lie below,
-//! the field is the gradient of a harmonic potential and T settles all of it: wave by wave
-//! ([`Spectrum::components`], the stable form of MagNav.jl's `vector_fft`). That takes one direction of the core
-//! field for the whole map; the real one turns by a degree in a hundred kilometres. The map is therefore corrected by
-//! what the field found lacks along the core direction of each node, and the field found again; three times leave
-//! less than the rounding of the transform. Below 15 degrees of dip, where waves across the core field are hardly in T
+//! A map of one height tells by how much the anomalous field changes the magnitude of the core field: to first order
+//! its part T along the core field. Where all sources lie below, the field is the gradient of a harmonic potential and
+//! T settles all of it: wave by wave ([`Spectrum::components`], the stable form of MagNav.jl's `vector_fft`). That
+//! takes one direction of the core field for the whole map, where the real one turns by a degree in a hundred
+//! kilometres, and leaves out the second order, b²/2B: 2 nT of 500. The map is therefore corrected by what the field
+//! found lacks of the change of magnitude at each node, and the field found again; each time leaves some b/B of what
+//! was lacking, and six times less than the rounding of the transform. Below 15 degrees of dip, where waves across the core field are hardly in T
 //! at all, a rest stays: it is laid along the core direction, so that the scalar anomaly is that of the map
 //! everywhere, and is the one part that is not a gradient.
 
@@ -27,8 +28,8 @@ use stages::numerics::{
 
 use crate::{Map, ReadError};
 
-/// How often the map is corrected for the direction of the core field at each node.
-const CORRECTIONS: usize = 3;
+/// How often the map is corrected for the core field at each node.
+const CORRECTIONS: usize = 6;
 /// How far below the map its slope still tells the field, as a part of its spacing.
 const BELOW: f64 = 0.1;
 
@@ -123,10 +124,10 @@ impl CrustalMap {
         let heights = vec![level_m; nodes];
         let field = core.field(map.column("lat"), map.column("lon"), &heights, &vec![year; nodes]);
         let field = field.map_err(|e| wrong(&e))?;
-        let unit = |i: usize| Vector3::new(field.east_nt[i], field.north_nt[i], -field.down_nt[i]).normalize();
-        let directions: Vec<Vector3<f64>> = (0..nodes).map(unit).collect();
-        let direction: [f64; 3] = directions.iter().sum::<Vector3<f64>>().normalize().into();
-        let (corrected, rest) = corrected(&filled, direction, &directions).map_err(|e| wrong(&e))?;
+        let enu = |i: usize| Vector3::new(field.east_nt[i], field.north_nt[i], -field.down_nt[i]);
+        let core_nt: Vec<Vector3<f64>> = (0..nodes).map(enu).collect();
+        let direction: [f64; 3] = core_nt.iter().map(Vector3::normalize).sum::<Vector3<f64>>().normalize().into();
+        let (corrected, rest) = corrected(&filled, direction, &core_nt).map_err(|e| wrong(&e))?;
         Ok(CrustalMap {
             path: path.to_path_buf(),
             level_m,
@@ -222,12 +223,17 @@ impl CrustalMap {
     }
 }
 
-/// The map to take the components of in one direction, so that their part along each node's own direction is the map;
-/// and what is still lacking then.
+/// By how much `b` changes the magnitude of `core`, without cancellation.
+pub(super) fn change_of_magnitude(core: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    (2.0 * core + b).dot(b) / ((core + b).norm() + core.norm())
+}
+
+/// The map to take the components of in one direction, so that they change the magnitude of each node's core field (east,
+/// north, up; nT) by the map; and what is still lacking then.
 fn corrected(
     map: &PlaneGrid,
     direction: [f64; 3],
-    directions: &[Vector3<f64>],
+    core_nt: &[Vector3<f64>],
 ) -> Result<(PlaneGrid, PlaneGrid), stages::numerics::continuation::ContinuationError> {
     let mut corrected = map.clone();
     let mut correction = 0;
@@ -235,7 +241,7 @@ fn corrected(
         let field = Spectrum::new(&corrected, 0.0, &Padding::default())?.components(direction, 0.0, 0.0)?;
         let lacking = |i: usize| {
             let found = Vector3::new(field.east.values[i], field.north.values[i], field.up.values[i]);
-            map.values[i] - directions[i].dot(&found)
+            map.values[i] - change_of_magnitude(&core_nt[i], &found)
         };
         let rest = map.with((0..map.values.len()).map(lacking).collect());
         if correction == CORRECTIONS {

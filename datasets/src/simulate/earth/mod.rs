@@ -12,7 +12,7 @@ use stages::numerics::{
 use super::{line::Scene, spec::Spec, trajectory::Trajectory};
 use crate::{ReadError, read_map};
 use buried::{Placed, field_ned_nt};
-use crustal::{CrustalMap, Nowhere};
+use crustal::{CrustalMap, Nowhere, change_of_magnitude};
 use observatory::Observatory;
 pub use spec::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
 use variation::{Places, Variation};
@@ -92,9 +92,7 @@ pub(super) fn along(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<
         let magnitude = core.norm();
         out.core_nt.push(magnitude);
         out.diurnal_nt.push(core.dot(&diurnal) / magnitude);
-        // The difference of the magnitudes without their cancellation.
-        let change = (2.0 * core + anomaly).dot(&anomaly);
-        out.anomaly_nt.push(change / ((core + anomaly).norm() + magnitude));
+        out.anomaly_nt.push(change_of_magnitude(&core, &anomaly));
         out.body_nt.push(truth.attitude(i).transpose() * (core + anomaly + diurnal));
     }
     Ok(out)

@@ -21,10 +21,10 @@ pub enum Better {
 /// Which values of `metric` are good.
 pub fn better(metric: &str) -> Better {
     match metric {
-        "std_error" | "figure_of_merit_crossings" | "drms" | "map_std_error" => Better::Lower,
+        "std_error" | "figure_of_merit" | "figure_of_merit_crossings" | "drms" | "map_std_error" => Better::Lower,
         "improvement_ratio" | "improvement_ratio_band" | "snr" => Better::Higher,
         "nees" => Better::Near(2.0),
-        "nis" => Better::Near(1.0),
+        "nis" | "anomaly_retention" => Better::Near(1.0),
         _ => Better::Neither,
     }
 }
