@@ -297,7 +297,7 @@ pub struct Entry {
     pub build: Build,
 }
 
-/// Joins `///` lines the way rustdoc does, keeping paragraphs.
+/// Joins `///` lines the way rustdoc does, keeping paragraphs and the rows of tables.
 pub fn collect_doc(lines: &[&str]) -> String {
     let mut text = String::new();
     for line in lines.iter().map(|l| l.trim()) {
@@ -305,7 +305,7 @@ pub fn collect_doc(lines: &[&str]) -> String {
             text.push_str("\n\n");
         } else {
             if !text.is_empty() && !text.ends_with('\n') {
-                text.push(' ');
+                text.push(if line.starts_with('|') { '\n' } else { ' ' });
             }
             text.push_str(line);
         }

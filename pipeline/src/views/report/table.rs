@@ -103,6 +103,12 @@ fn meaning(metric: &str) -> Option<&'static str> {
         "improvement_ratio" => "std_uncompensated over the same of the compensated signal",
         "improvement_ratio_band" => "the same after a band-pass of both",
         "snr" => "standard deviation of the truth over that of the error",
+        "anomaly_retention" => {
+            "how much of the known geology the compensated signal still has: 1 where it is kept, 0 where it went with the aircraft"
+        }
+        "figure_of_merit" => {
+            "Noriega's index: the sum over the twelve manoeuvres of a box of the mean peak-to-peak amplitude that is left"
+        }
         "figure_of_merit_crossings" => {
             "root mean square difference of the compensated signal where the flight crosses its own track"
         }
