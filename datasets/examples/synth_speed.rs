@@ -1,14 +1,16 @@
-//! Simulates 20 flights of one hour at 10 Hz over Osborne, with the sensors of `osborne.synth.toml`, and says how long
-//! it takes and how much memory: `cargo run -p datasets --example synth_speed [folder]`.
+//! Simulates 20 flights of one hour at 10 Hz with all columns of `magline-bench.synth.toml`, and says how long it takes and
+//! how much memory: `cargo run -p datasets --example synth_speed [parts]`, with `parts` the contribution of every cause to
+//! every magnetometer as well.
 
 use std::{error::Error, fmt::Write, fs, path::PathBuf, time::Instant};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let here = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
-    let example = fs::read_to_string(here.join("examples/osborne.synth.toml"))?;
+    let example = fs::read_to_string(here.join("examples/magline-bench.synth.toml"))?;
     let (head, _) = example.split_once("[[flights]]").ok_or("the example has no flights")?;
-    let mut text = head.replace("../samples", &here.join("samples").display().to_string());
-    text.push_str("[wind]\nspeed_mps = 8.0\nfrom_deg = 230.0\n\n[turbulence]\nlevel = \"light\"\nground_m = 300.0\n");
+    let parts = std::env::args().nth(1).is_some_and(|a| a == "parts");
+    let mut text = format!("component_columns = {parts}\n");
+    text.push_str(&head.replace("../samples", &here.join("samples").display().to_string()));
     for flight in 0..20 {
         let turned = 0.004 * f64::from(flight);
         write!(
@@ -20,9 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             140.76 - turned
         )?;
     }
-    let kept = std::env::args().nth(1).map(PathBuf::from);
-    let folder =
-        kept.clone().unwrap_or_else(|| std::env::temp_dir().join(format!("synth_speed.{}", std::process::id())));
+    let folder = std::env::temp_dir().join(format!("synth_speed.{}", std::process::id()));
     fs::create_dir_all(&folder)?;
     let spec = folder.join("speed.synth.toml");
     fs::write(&spec, text)?;
@@ -36,8 +36,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     {
         println!("{peak}");
     }
-    if kept.is_none() {
-        fs::remove_dir_all(&folder)?;
-    }
+    fs::remove_dir_all(&folder)?;
     Ok(())
 }
