@@ -96,8 +96,11 @@ fn chart(mut lines: Vec<Line>, rate_hz: f64) -> Option<Chart> {
     for (name, record) in
         [("Boulder, three days with a storm", "minutes"), ("Boulder, a quiet quarter of an hour", "seconds")]
     {
-        let points = observatory(record).into_iter().filter(|p| p.0 >= lowest && p.0 <= 0.5 * rate_hz).collect();
-        lines.push(Line { name: name.to_owned(), class: "reference", points });
+        let points: Vec<(f64, f64)> =
+            observatory(record).into_iter().filter(|p| p.0 >= lowest && p.0 <= 0.5 * rate_hz).collect();
+        if points.len() > 1 {
+            lines.push(Line { name: name.to_owned(), class: "reference", points });
+        }
     }
     let caption = "What the sensors recorded, with core field and geology in it, beside what others have published: the \
         temporal variation of the total field at the observatory Boulder (INTERMAGNET; 3 to 5 November 2014 and 1 January \
