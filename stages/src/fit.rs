@@ -1,5 +1,6 @@
 //! Fits a compensation model to the lines that `where` selects.
 
+mod components;
 mod models;
 mod rows;
 
@@ -78,8 +79,11 @@ stage! {
     /// What columns are divided by before they are penalised; left out, `none` for `tolles_lawson`, otherwise
     /// `standardise`.
     scaling: Option<String>, unit "", rule Rule::OneOf(&["none", "standardise", "max_abs", "min_max"]);
-    /// Whether a constant is fitted too, without a penalty; left out, not for `tolles_lawson` and
-    /// `recursive_least_squares`.
+    /// Fit to the whitened principal components of the features in place of the features: how many of them, or below 1 the
+    /// part of the variance that they hold. Coefficients are still those of the features.
+    whiten: Option<f64>, unit "", rule Rule::Positive;
+    /// Whether a constant is fitted too, without a penalty; left out, not for `recursive_least_squares` and, unless
+    /// whitened, `tolles_lawson`.
     intercept: Option<bool>, unit "";
     /// The loss of `robust`.
     loss: String, unit "", default "huber", rule Rule::OneOf(&["huber", "student_t"]);
@@ -133,7 +137,8 @@ impl Fit {
     }
 
     fn intercept(&self) -> bool {
-        self.intercept.unwrap_or(!matches!(self.model.as_str(), "tolles_lawson" | "recursive_least_squares"))
+        let usual = !matches!(self.model.as_str(), "tolles_lawson" | "recursive_least_squares");
+        self.intercept.unwrap_or(usual || self.whiten.is_some())
     }
 
     /// What is wrong with the parameters among themselves.
@@ -165,6 +170,12 @@ impl Fit {
             if self.lambda == 0.0 {
                 wrong("`recursive_least_squares` begins with a ridge: `lambda` must be above 0".to_owned(), "lambda");
             }
+        }
+        if self.whiten.is_some() && (self.needs_rows() || self.intercept == Some(false)) {
+            wrong("`whiten` goes with an intercept, and not with models that are made row by row".to_owned(), "whiten");
+        }
+        if self.whiten.is_some_and(|w| w > 1.0 && w.fract() != 0.0) {
+            wrong("`whiten` is a whole number of components, or a part of the variance below 1".to_owned(), "whiten");
         }
         if self.model == "robust" && self.scaling().ne(&Scaling::None) {
             wrong("`robust` penalises columns as they are: `scaling` can only be `none`".to_owned(), "scaling");
@@ -288,10 +299,11 @@ impl FitGather {
         all
     }
 
-    /// The models of the points at `places`, which have one matrix and one target.
+    /// The models of the points at `places`, which have one matrix, one target and one kind of components.
     fn solved(&self, parts: &[&Part], places: &[usize]) -> Vec<Result<Solved, Fault>> {
         let Some(first) = places.first().map(|i| &self.points[*i]) else { return vec![] };
-        let mut problem = match Problem::new(parts, &(first.matrix(), first.target.clone())) {
+        let problem = Problem::new(parts, &(first.matrix(), first.target.clone()));
+        let mut problem = match problem.and_then(|p| p.whitened(first.whiten)) {
             Ok(problem) => problem,
             Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
         };
@@ -319,9 +331,10 @@ impl Gather for FitGather {
 
     fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {
         let parts: Vec<&Part> = parts.iter().filter_map(|p| p.downcast_ref::<Part>()).collect();
-        let mut problems: BTreeMap<(Matrix, String), Vec<usize>> = BTreeMap::new();
+        let mut problems: BTreeMap<(Matrix, String, Option<u64>), Vec<usize>> = BTreeMap::new();
         for (i, point) in self.points.iter().enumerate() {
-            problems.entry((point.matrix(), point.target.clone())).or_default().push(i);
+            let kind = (point.matrix(), point.target.clone(), point.whiten.map(f64::to_bits));
+            problems.entry(kind).or_default().push(i);
         }
         let solved: Vec<(usize, Result<Solved, Fault>)> = problems
             .into_values()

@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use schemas::Fault;
 
+use super::components::Components;
 use super::{
     Fit, Matrix,
     rows::{Part, Share},
@@ -61,13 +62,15 @@ struct Answer {
 
 /// All lines of one matrix and target.
 pub struct Problem<'a> {
-    shares: Vec<&'a Share>,
-    lines: Vec<Moments>,
-    merged: Moments,
-    terms: Vec<String>,
+    pub(super) shares: Vec<&'a Share>,
+    pub(super) lines: Vec<Moments>,
+    pub(super) merged: Moments,
+    pub(super) terms: Vec<String>,
     selected: usize,
     prepared: BTreeMap<(u8, bool), Arc<Prepared>>,
     paths: BTreeMap<(u8, bool), Arc<RidgePath>>,
+    /// The terms that the features were replaced by, and the names of the features.
+    pub(super) components: Option<Components>,
 }
 
 impl<'a> Problem<'a> {
@@ -86,7 +89,7 @@ impl<'a> Problem<'a> {
         let lines: Vec<Moments> = shares.iter().map(|s| s.moments.clone()).collect();
         let merged = Moments::merged(&lines).map_err(data)?;
         let (prepared, paths) = (BTreeMap::new(), BTreeMap::new());
-        Ok(Self { shares, lines, merged, terms: terms.clone(), selected, prepared, paths })
+        Ok(Self { shares, lines, merged, terms: terms.clone(), selected, prepared, paths, components: None })
     }
 
     fn prepared(&mut self, point: &Fit) -> Result<Arc<Prepared>, Fault> {
@@ -124,10 +127,14 @@ impl<'a> Problem<'a> {
         let excited = excitation(&prepared, &self.terms, WEAK).map_err(data)?;
         let trivial = self.trivial(&answer)?;
         let used = self.merged.rows();
+        let (fit, std, terms) = match &self.components {
+            Some(components) => components.original(&answer.fit),
+            None => (answer.fit, answer.std, self.terms.clone()),
+        };
         Ok(Solved {
-            fit: answer.fit,
-            std: answer.std,
-            terms: self.terms.clone(),
+            fit,
+            std,
+            terms,
             rows: (used, self.selected - used),
             condition: excited.condition,
             residual_std: answer.residual_std,

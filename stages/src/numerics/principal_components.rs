@@ -1,6 +1,6 @@
 //! Principal components of many columns, with whitening.
 
-use super::least_squares::{LeastSquaresError, Moments, Scaling, setting};
+use super::least_squares::{LeastSquaresError, LinearFit, Moments, Scaling, setting};
 
 /// How many components are kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,6 +74,31 @@ impl PrincipalComponents {
         self.directions.is_empty()
     }
 
+    /// What each component has of each column in the columns' own units, and what is taken off the sum: a component is
+    /// Σⱼ weight · column − offset.
+    pub fn as_sums(&self) -> (Vec<Vec<f64>>, Vec<f64>) {
+        let of = |(direction, variance): (&Vec<f64>, &f64)| -> Vec<f64> {
+            let size = if self.whiten { variance.sqrt() } else { 1.0 };
+            direction.iter().zip(&self.scales).map(|(d, s)| d / s / size).collect()
+        };
+        let weights: Vec<Vec<f64>> = self.directions.iter().zip(&self.variances).map(of).collect();
+        let offset = |w: &Vec<f64>| w.iter().zip(&self.means).map(|(w, m)| w * m).sum();
+        let offsets = weights.iter().map(offset).collect();
+        (weights, offsets)
+    }
+
+    /// A model of the components as one of the columns.
+    pub fn original(&self, fit: &LinearFit) -> LinearFit {
+        let (weights, offsets) = self.as_sums();
+        let mut coefficients = vec![0.0; self.means.len()];
+        let mut intercept = fit.intercept;
+        for ((b, weights), offset) in fit.coefficients.iter().zip(&weights).zip(&offsets) {
+            coefficients.iter_mut().zip(weights).for_each(|(c, w)| *c += b * w);
+            intercept -= b * offset;
+        }
+        LinearFit { coefficients, intercept }
+    }
+
     /// The components of rows with as many columns, row-major, as the moments had; without a unit where they are whitened.
     pub fn transform(&self, a: &[f64]) -> Result<Vec<f64>, LeastSquaresError> {
         let columns = self.means.len();
@@ -127,5 +152,32 @@ mod tests {
         assert!(most.explained >= 0.9 && one_less < 0.9);
         assert!(PrincipalComponents::of(&moments, Scaling::None, Kept::Count(0), true).is_err());
         assert!(found.transform(&a[1..]).is_err());
+    }
+
+    #[test]
+    fn law_components_of_moments_are_those_of_rows() {
+        let samples = columns(include_str!("../../reference/models/samples.csv"));
+        let names = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
+        let a: Vec<f64> = (0..120).flat_map(|i| names.map(|name| samples[name][i])).collect();
+        let y = &samples["y0"];
+        let moments = Moments::of(&a, 8, &[y]).unwrap();
+        let found = PrincipalComponents::of(&moments, Scaling::Standardise, Kept::Count(4), true).unwrap();
+        let (weights, offsets) = found.as_sums();
+        let by_moments = moments.combined(&weights, &offsets).unwrap();
+        let by_rows = Moments::of(&found.transform(&a).unwrap(), 4, &[y]).unwrap();
+        let fit = |m: &Moments| {
+            let path = m.prepare(Scaling::None, true).unwrap().ridge(&[0.3], &["a", "b", "c", "d"]).unwrap();
+            path.solutions[0].coefficients[0].clone()
+        };
+        for (one, other) in fit(&by_moments).iter().zip(fit(&by_rows)) {
+            near(*one, other, 1e-9 * other.abs());
+        }
+        // Ridge of whitened components is least squares on them, each drawn in alike: n - 1 over n - 1 + lambda.
+        let plain =
+            crate::numerics::truncated_svd::path(&moments.prepare(Scaling::Standardise, true).unwrap(), 0).unwrap();
+        let drawn = found.original(&LinearFit { coefficients: fit(&by_moments), intercept: 0.0 });
+        for (one, other) in drawn.coefficients.iter().zip(&plain[3].fit.coefficients) {
+            near(*one, other * 119.0 / 119.3, 1e-9 * other.abs());
+        }
     }
 }

@@ -198,6 +198,36 @@ impl Moments {
         })
     }
 
+    /// The moments of other columns that are sums of these: column c is Σⱼ `weights`\[c\]\[j\] term j, less `offsets`\[c\];
+    /// the targets stay. The new columns' extremes are not known, so no scaling by them has an effect.
+    pub fn combined(&self, weights: &[Vec<f64>], offsets: &[f64]) -> Result<Self, LeastSquaresError> {
+        expect("the list of offsets", offsets.len(), weights.len())?;
+        for column in weights {
+            expect("a column's list of weights", column.len(), self.terms)?;
+        }
+        let mut triangle = Triangle::new(1 + weights.len(), self.targets);
+        triangle.add_squares(&self.unexplained);
+        for row in self.upper.chunks_exact(self.width()) {
+            let (own, targets) = row[1..].split_at(self.terms);
+            let sum =
+                |(w, offset): (&Vec<f64>, &f64)| w.iter().zip(own).map(|(w, x)| w * x).sum::<f64>() - offset * row[0];
+            let new = weights.iter().zip(offsets).map(sum);
+            let row: Vec<f64> = std::iter::once(row[0]).chain(new).chain(targets.iter().copied()).collect();
+            triangle.push(&row);
+        }
+        let (upper, unexplained) = taken(triangle);
+        let unknown = vec![f64::NAN; weights.len()];
+        Ok(Self {
+            rows: self.rows,
+            terms: weights.len(),
+            targets: self.targets,
+            upper,
+            unexplained,
+            least: unknown.clone(),
+            greatest: unknown,
+        })
+    }
+
     /// How many rows were folded in.
     pub fn rows(&self) -> usize {
         self.rows

@@ -1,0 +1,45 @@
+//! Principal components in place of the features of a fit.
+
+use schemas::Fault;
+
+use super::models::Problem;
+use crate::{
+    columns::data,
+    numerics::{
+        least_squares::{LinearFit, Moments, Scaling},
+        principal_components::{Kept, PrincipalComponents},
+    },
+};
+
+/// The components that a fit is made of, and the features that they are made of.
+pub struct Components {
+    found: PrincipalComponents,
+    features: Vec<String>,
+}
+
+impl Components {
+    /// A model of the components as one of the features; the errors of its coefficients are not known.
+    pub fn original(&self, fit: &LinearFit) -> (LinearFit, Vec<f64>, Vec<String>) {
+        (self.found.original(fit), vec![f64::NAN; self.features.len()], self.features.clone())
+    }
+}
+
+impl Problem<'_> {
+    /// The same problem with the whitened principal components of standardised features in place of the features: `keep`
+    /// of them, or below 1 as many as hold that part of the variance.
+    pub fn whitened(mut self, keep: Option<f64>) -> Result<Self, Fault> {
+        let Some(keep) = keep else { return Ok(self) };
+        let kept = if keep < 1.0 { Kept::Variance(keep) } else { Kept::Count(keep as usize) };
+        let found = PrincipalComponents::of(&self.merged, Scaling::Standardise, kept, true).map_err(data)?;
+        let (weights, offsets) = found.as_sums();
+        let combined = |m: &Moments| m.combined(&weights, &offsets).map_err(data);
+        self.lines = self.lines.iter().map(combined).collect::<Result<_, _>>()?;
+        self.merged = combined(&self.merged)?;
+        let names = (1..=found.len()).map(|k| format!("component {k}")).collect();
+        let features = std::mem::replace(&mut self.terms, names);
+        // The rows as they were, and what the unfiltered ones tell, belong to the features.
+        self.shares.clear();
+        self.components = Some(Components { found, features });
+        Ok(self)
+    }
+}
