@@ -37,8 +37,10 @@ stage! {
     /// The two-step model of thesis 004 is two fits with a `compensate` between them, the second with target `mag_c`.
     ///
     /// `choose` finds `lambda` or the number of components: by generalised cross-validation, at the corner of the L-curve,
-    /// or by leaving each line out in turn and predicting it. Lines are left out whole, so that no sample of a line helps to
-    /// predict its neighbours. What was found stands in the column `chosen`.
+    /// or by leaving each line, or each flight with all its lines, out in turn and predicting it. Lines are left out whole,
+    /// so that no sample of a line helps to predict its neighbours; flights whole, so that what lasts from take-off to
+    /// landing, such as a magnetisation or a temperature, does not help either. What was found stands in the column
+    /// `chosen`.
     ///
     /// A sweep is solved together: of each line one triangular factor is made, never normal equations, which square the
     /// condition number; every lambda, number of components and line left out is solved on these. Coefficients are in the
@@ -53,8 +55,13 @@ stage! {
     /// the total field that the fit calls the aircraft's, 1 for the trivial solution of band-passed fits; `warning` says
     /// what is wrong with a fit, and is empty where nothing is. A line that failed before, or lacks a column, is left out.
     ///
-    /// Source: thesis 000, (3.19) to (3.43); thesis 004, sections 2.2 to 2.4 and 4.2.1.
-    Fit = "fit", version 2, grain Survey, inputs [input: Lines];
+    /// `approximation_bound` is what the model's form alone can miss at most: it takes the aircraft's field along the
+    /// earth's for the change of the magnitude, which leaves out up to b^2/2 of the field, b being the ratio of the two. It
+    /// is worked out from the permanent and induced coefficients for the worst attitude; null where the terms or the
+    /// target, which must be a total field, do not give it.
+    ///
+    /// Source: thesis 000, (3.19) to (3.43); thesis 004, sections 2.2 to 2.4, 4.2.1 and Figure 4.2.
+    Fit = "fit", version 3, grain Survey, inputs [input: Lines];
     /// The model.
     model: String, unit "", rule Rule::OneOf(&[
         "tolles_lawson", "extended_tolles_lawson", "ridge", "elastic_net", "pls", "truncated_svd", "robust",
@@ -67,10 +74,12 @@ stage! {
     /// The strength of the penalty.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// How `lambda` or `components` is found.
-    choose: String, unit "", default "given", rule Rule::OneOf(&["given", "gcv", "l_curve", "leave_one_line_out"]);
+    choose: String, unit "", default "given", rule Rule::OneOf(&[
+        "given", "gcv", "l_curve", "leave_one_line_out", "leave_one_flight_out",
+    ]);
     /// The values of `lambda` to choose among; left out, a grid that fits the features.
     lambdas: Option<Vec<f64>>, unit "";
-    /// With `leave_one_line_out`: take the simplest model whose error is within one standard error of the least.
+    /// Where lines or flights are left out: take the simplest model whose error is within one standard error of the least.
     one_standard_error: bool, unit "", default false;
     /// How many components, the most of them where they are chosen.
     components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
@@ -110,13 +119,20 @@ stage! {
 /// What `choose` may be for a model.
 fn choices(model: &str) -> &'static [&'static str] {
     match model {
-        "tolles_lawson" | "extended_tolles_lawson" | "ridge" => &["given", "gcv", "l_curve", "leave_one_line_out"],
-        "elastic_net" | "pls" | "truncated_svd" => &["given", "leave_one_line_out"],
+        "tolles_lawson" | "extended_tolles_lawson" | "ridge" => {
+            &["given", "gcv", "l_curve", "leave_one_line_out", "leave_one_flight_out"]
+        }
+        "elastic_net" | "pls" | "truncated_svd" => &["given", "leave_one_line_out", "leave_one_flight_out"],
         _ => &["given"],
     }
 }
 
 impl Fit {
+    /// Whether a choice is made by leaving lines or flights out.
+    fn leaves_out(&self) -> bool {
+        self.choose.starts_with("leave_one_")
+    }
+
     fn is_ridge(&self) -> bool {
         choices(&self.model).contains(&"gcv")
     }
@@ -239,6 +255,11 @@ impl Stage for Fit {
             )),
             made(Column::float("chosen", "", "the ridge parameter or number of components that was used")),
             made(Column::float("trivial_share", "1", "part of the total field that the fit calls the aircraft's")),
+            made(Column::float(
+                "approximation_bound",
+                "nT",
+                "what the linear form of the model misses at most, in any attitude",
+            )),
             made(Column::text("warning", "what is wrong with the fit; empty where nothing is")),
         ];
         let mut yields = Yield::append(columns, &reads);
@@ -378,6 +399,7 @@ impl Solved {
             number(self.residual_std),
             number(self.chosen),
             number(self.trivial_share),
+            number(self.approximation_bound_nt),
             text(&self.warning),
         ]
     }

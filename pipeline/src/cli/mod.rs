@@ -272,6 +272,9 @@ fn run_spec(args: &RunArgs) -> Result<(), Stop> {
         }
         say(table_of(&summary))?;
         say(scores_of(&plan, &summary))?;
+        for warning in views::warnings::warnings(&plan, &summary.folder)? {
+            eprintln!("note: {warning}");
+        }
     }
     ending(&summary, args.json)
 }

@@ -12,6 +12,7 @@ pub mod report;
 pub mod scores;
 pub mod sql;
 mod ticks;
+pub mod warnings;
 mod why;
 
 pub use explain::explain;

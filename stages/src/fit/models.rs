@@ -1,6 +1,6 @@
 //! The models of a sweep from the moments of its lines.
 
-use std::{collections::BTreeMap, sync::Arc};
+use std::{borrow::Cow, collections::BTreeMap, sync::Arc};
 
 use schemas::Fault;
 
@@ -13,7 +13,7 @@ use crate::{
     columns::data,
     numerics::{
         choose_lambda::{self, by_generalised_cross_validation, by_l_curve, by_lines, curve},
-        diagnostics::{Excitation, TrivialSolution, excitation, trivial_solution},
+        diagnostics::{Excitation, TrivialSolution, approximation_bound_nt, excitation, trivial_solution},
         elastic_net::ElasticNet,
         least_squares::{LineScore, LineScores, LinearFit, Moments, Prepared, RidgePath, Scaling},
         pls,
@@ -29,6 +29,9 @@ const GRID: (usize, f64) = (81, 1e-12);
 const PATH: (usize, f64) = (100, 1e-4);
 /// Directions with less than this part of the strongest's excitation are named.
 const WEAK: f64 = 1e-4;
+
+/// What the size of a total field can be on earth.
+const TOTAL_NT: std::ops::Range<f64> = 20_000.0..80_000.0;
 
 /// A fitted model, ready for its table.
 pub struct Solved {
@@ -48,6 +51,8 @@ pub struct Solved {
     pub chosen: f64,
     /// How much of the total field is explained away; NaN where the terms cannot tell.
     pub trivial_share: f64,
+    /// What the linear form misses at most; NaN where the terms cannot tell.
+    pub approximation_bound_nt: f64,
     /// What the user should know before he trusts it.
     pub warning: String,
 }
@@ -64,6 +69,8 @@ struct Answer {
 pub struct Problem<'a> {
     pub(super) shares: Vec<&'a Share>,
     pub(super) lines: Vec<Moments>,
+    /// The flight of each line.
+    flights: Vec<String>,
     pub(super) merged: Moments,
     pub(super) terms: Vec<String>,
     selected: usize,
@@ -78,9 +85,11 @@ impl<'a> Problem<'a> {
     pub fn new(parts: &[&'a Part], at: &(Matrix, String)) -> Result<Self, Fault> {
         let terms = parts.iter().find_map(|p| p.terms.get(&at.0));
         let terms = terms.ok_or_else(|| Fault::data("no selected line has the features of the fit"))?;
-        let shares: Vec<&Share> = parts.iter().filter_map(|p| p.shares.get(at)).collect();
-        let selected = shares.iter().map(|s| s.selected).sum();
-        let shares: Vec<&Share> = shares.into_iter().filter(|s| s.moments.rows() > 0).collect();
+        let all: Vec<(&String, &Share)> =
+            parts.iter().filter_map(|p| p.shares.get(at).map(|s| (&p.flight, s))).collect();
+        let selected = all.iter().map(|(_, s)| s.selected).sum();
+        let (flights, shares): (Vec<String>, Vec<&Share>) =
+            all.into_iter().filter(|(_, s)| s.moments.rows() > 0).map(|(f, s)| (f.clone(), s)).unzip();
         if shares.is_empty() {
             let what =
                 format!("no run of samples with `{}` and all features is long enough to be filtered and trimmed", at.1);
@@ -89,7 +98,24 @@ impl<'a> Problem<'a> {
         let lines: Vec<Moments> = shares.iter().map(|s| s.moments.clone()).collect();
         let merged = Moments::merged(&lines).map_err(data)?;
         let (prepared, paths) = (BTreeMap::new(), BTreeMap::new());
-        Ok(Self { shares, lines, merged, terms: terms.clone(), selected, prepared, paths, components: None })
+        let (terms, components) = (terms.clone(), None);
+        Ok(Self { shares, lines, flights, merged, terms, selected, prepared, paths, components })
+    }
+
+    /// What is left out one after the other: the lines, or all lines of a flight together.
+    fn groups(&self, point: &Fit) -> Result<Cow<'_, [Moments]>, Fault> {
+        if point.choose != "leave_one_flight_out" {
+            return Ok(Cow::Borrowed(&self.lines));
+        }
+        let mut flights: Vec<(&String, Vec<Moments>)> = vec![];
+        for (flight, line) in self.flights.iter().zip(&self.lines) {
+            match flights.iter_mut().find(|(f, _)| *f == flight) {
+                Some((_, lines)) => lines.push(line.clone()),
+                None => flights.push((flight, vec![line.clone()])),
+            }
+        }
+        let merged = flights.iter().map(|(_, lines)| Moments::merged(lines).map_err(data));
+        merged.collect::<Result<Vec<_>, _>>().map(Cow::Owned)
     }
 
     fn prepared(&mut self, point: &Fit) -> Result<Arc<Prepared>, Fault> {
@@ -126,6 +152,7 @@ impl<'a> Problem<'a> {
         }?;
         let excited = excitation(&prepared, &self.terms, WEAK).map_err(data)?;
         let trivial = self.trivial(&answer)?;
+        let approximation_bound_nt = self.approximation_bound_nt(&answer);
         let used = self.merged.rows();
         let (fit, std, terms) = match &self.components {
             Some(components) => components.original(&answer.fit),
@@ -139,6 +166,7 @@ impl<'a> Problem<'a> {
             condition: excited.condition,
             residual_std: answer.residual_std,
             chosen: answer.chosen,
+            approximation_bound_nt,
             trivial_share: trivial.as_ref().map_or(f64::NAN, |t| t.share),
             warning: warning(point, &excited, trivial.as_ref()),
         })
@@ -179,9 +207,9 @@ impl<'a> Problem<'a> {
                 choose_lambda::grid(GRID.1 * largest, largest, GRID.0).map_err(data)?
             }
         };
-        if how == "leave_one_line_out" {
+        if point.leaves_out() {
             let falling: Vec<f64> = grid.iter().rev().copied().collect();
-            let scores = by_lines(&self.lines, 0, &falling, point.scaling(), point.intercept(), LineScore::Variance);
+            let scores = by_lines(&self.groups(point)?, 0, &falling, point.scaling(), point.intercept(), LineScore::Variance);
             let at = self.pick(point, &scores.map_err(lines_needed)?);
             return falling.get(at).copied().ok_or_else(|| Fault::data("there is no ridge parameter to choose"));
         }
@@ -209,7 +237,7 @@ impl<'a> Problem<'a> {
             intercept: point.intercept(),
             ..ElasticNet::default()
         };
-        let found = if point.choose == "leave_one_line_out" {
+        let found = if point.leaves_out() {
             let alphas = match &point.lambdas {
                 Some(given) => {
                     let mut falling = given.clone();
@@ -218,7 +246,7 @@ impl<'a> Problem<'a> {
                 }
                 None => net.alphas(&self.merged, 0, PATH.0, PATH.1).map_err(data)?,
             };
-            let choice = net.choose(&self.lines, 0, &alphas, LineScore::Variance).map_err(lines_needed)?;
+            let choice = net.choose(&self.groups(point)?, 0, &alphas, LineScore::Variance).map_err(lines_needed)?;
             let at = self.pick(point, &choice.scores);
             choice.path.into_iter().nth(at)
         } else {
@@ -231,8 +259,8 @@ impl<'a> Problem<'a> {
 
     fn pls(&self, point: &Fit) -> Result<Answer, Fault> {
         let most = point.components.min(self.terms.len());
-        let count = if point.choose == "leave_one_line_out" {
-            let scores = pls::choose_components(&self.lines, &[0], 0, most, point.scaling(), LineScore::Variance);
+        let count = if point.leaves_out() {
+            let scores = pls::choose_components(&self.groups(point)?, &[0], 0, most, point.scaling(), LineScore::Variance);
             1 + self.pick(point, &scores.map_err(lines_needed)?)
         } else {
             most
@@ -247,9 +275,9 @@ impl<'a> Problem<'a> {
 
     fn truncated(&self, point: &Fit, prepared: &Prepared) -> Result<Answer, Fault> {
         let most = point.components.min(self.terms.len());
-        let count = if point.choose == "leave_one_line_out" {
+        let count = if point.leaves_out() {
             let scores = truncated_svd::choose_components(
-                &self.lines,
+                &self.groups(point)?,
                 0,
                 most,
                 point.scaling(),
@@ -312,25 +340,45 @@ impl<'a> Problem<'a> {
         Answer { std: vec![f64::NAN; fit.coefficients.len()], fit, residual_std, chosen }
     }
 
+    /// The size of the total field and the scale of the induced terms, of rows that were not filtered: these terms add
+    /// up to the field over their scale. `None` for another target than a total field, and for other terms.
+    fn field(&self) -> Option<(f64, f64)> {
+        let unfiltered: Vec<Moments> = self.shares.iter().filter_map(|s| s.unfiltered.clone()).collect();
+        let unfiltered = match Moments::merged(&unfiltered) {
+            Ok(moments) => moments,
+            // Without a filter the rows themselves are as they were.
+            Err(_) => self.merged.clone(),
+        };
+        let means = unfiltered.term_means();
+        let mean = |name: &str| means.get(self.terms.iter().position(|t| t == name)?).copied();
+        let total_nt = unfiltered.target_means().first().copied()?;
+        let scale_nt = total_nt / (mean("xx")? + mean("yy")? + mean("zz")?);
+        (scale_nt.is_finite() && TOTAL_NT.contains(&total_nt)).then_some((total_nt, scale_nt))
+    }
+
+    /// What the model's linear form misses at most; NaN where its terms cannot say that.
+    fn approximation_bound_nt(&self, answer: &Answer) -> f64 {
+        let Some((field_nt, scale_nt)) = self.field() else { return f64::NAN };
+        let value = |name: &str| {
+            let at = self.terms.iter().position(|t| t == name);
+            at.and_then(|at| answer.fit.coefficients.get(at)).copied().unwrap_or(0.0)
+        };
+        let permanent_nt = ["x", "y", "z"].map(value);
+        let induced = ["xx", "xy", "xz", "yy", "yz", "zz"].map(|name| value(name) / scale_nt);
+        approximation_bound_nt(permanent_nt, induced, field_nt)
+    }
+
     /// How near the fit is to calling the whole field the aircraft's; `None` where its terms cannot say that.
     fn trivial(&self, answer: &Answer) -> Result<Option<TrivialSolution>, Fault> {
         let unfiltered: Vec<Moments> = self.shares.iter().filter_map(|s| s.unfiltered.clone()).collect();
         let Ok(unfiltered) = Moments::merged(&unfiltered) else { return Ok(None) };
-        let place = |name: &str| self.terms.iter().position(|t| t == name);
-        let (Some(x), Some(y), Some(z)) = (place("xx"), place("yy"), place("zz")) else { return Ok(None) };
-        let means = unfiltered.term_means();
-        let total_nt = unfiltered.target_means().first().copied().unwrap_or(f64::NAN);
-        // The scale of the induced terms: they add up to the field over it. Another target than a total field has none.
-        let scale_nt = total_nt / (means[x] + means[y] + means[z]);
-        if !(scale_nt.is_finite() && (20_000.0..80_000.0).contains(&total_nt)) {
-            return Ok(None);
-        }
+        let Some((_, scale_nt)) = self.field() else { return Ok(None) };
         trivial_solution(&unfiltered, &self.merged, 0, &self.terms, &answer.fit, answer.chosen, scale_nt).map_err(data)
     }
 }
 
 fn lines_needed(error: crate::numerics::least_squares::LeastSquaresError) -> Fault {
-    data(error).help("`leave_one_line_out` needs two or more lines: select more, or choose otherwise")
+    data(error).help("leaving one out needs two or more lines, or flights: select more, or choose otherwise")
 }
 
 fn warning(point: &Fit, excited: &Excitation, trivial: Option<&TrivialSolution>) -> String {

@@ -34,6 +34,7 @@ pub struct Share {
 /// One line's shares, by matrix and target, with the names of each matrix' terms.
 #[derive(Default)]
 pub struct Part {
+    pub flight: String,
     pub shares: BTreeMap<(Matrix, String), Share>,
     pub terms: BTreeMap<Matrix, Vec<String>>,
 }
@@ -73,7 +74,7 @@ impl Part {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
         let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
-        let mut part = Part::default();
+        let mut part = Part { flight: line.flight.clone(), ..Part::default() };
         let mut blocks: BTreeMap<&str, Block> = BTreeMap::new();
         let mut groups: Vec<Group> = vec![];
         for (key, question) in questions {

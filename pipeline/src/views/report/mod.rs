@@ -19,6 +19,7 @@ mod spectra;
 mod subject;
 mod table;
 mod track;
+mod variation;
 
 use std::{fs, path::Path};
 
@@ -72,6 +73,9 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
         let labels = lines.iter().map(|l| subject::label(&source, subject, l, &subjects[0]));
         let labels = labels.collect::<Result<Vec<String>, Fault>>()?;
         sections.extend(detail(&source, subject, &lines, &labels, atlas.as_ref())?);
+    }
+    if let Some(fit) = subjects.first().and_then(|s| s.fit) {
+        sections.extend(variation::section(&source, fit)?);
     }
     // What failed is published too.
     let failures = if current { source.failures()? } else { vec![] };

@@ -32,6 +32,9 @@ struct Model {
     left_out: i64,
     condition: f64,
     residual_nt: f64,
+    trivial_share: f64,
+    approximation_nt: f64,
+    warning: String,
 }
 
 /// The model of one sweep point; `None` where there is none.
@@ -40,7 +43,7 @@ struct Model {
 /// When the store is damaged.
 pub fn table(source: &Source, subject: &Subject) -> Result<Option<Markup>, Fault> {
     let Some(Ref::Stage(table, instance)) = subject.fit else { return Ok(None) };
-    let columns = ["term", "value", "std", "n", "left_out", "condition", "residual_std"];
+    let columns = ["term", "value", "std", "n", "left_out", "condition", "residual_std", "trivial_share", "approximation_bound", "warning"];
     let batch = source.tidy(Unit { table, instance, line: None }, &columns)?;
     let name = &source.graph.plan.tables[table].name;
     Ok(batch.as_ref().and_then(Model::read).map(|m| m.drawn(name)))
@@ -56,12 +59,17 @@ impl Model {
         let term = |i: usize| Term { name: names.value(i).to_owned(), value: at(values, i), sigma: at(sigmas, i) };
         let first = |name: &str| floats(name).map_or(f64::NAN, |a| at(a, 0));
         let count = |name: &str| whole(name).filter(|a| a.is_valid(0)).map_or(0, |a| a.value(0));
+        let words = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
+        let text = |name: &str| words(name).filter(|a| a.is_valid(0)).map_or(String::new(), |a| a.value(0).to_owned());
         (batch.num_rows() > 0).then(|| Model {
             terms: (0..batch.num_rows()).map(term).collect(),
             rows: count("n"),
             left_out: count("left_out"),
             condition: first("condition"),
             residual_nt: first("residual_std"),
+            trivial_share: first("trivial_share"),
+            approximation_nt: first("approximation_bound"),
+            warning: text("warning"),
         })
     }
 
@@ -71,8 +79,9 @@ impl Model {
         html! {
             div.model {
                 h3 { "The model: table " (name) }
+                @if !self.warning.is_empty() { p.warning role="alert" { strong { "Do not trust this fit as it is: " } (self.warning) "." } }
                 p { (self.rows) " samples were used and " (self.left_out) " left out. What the fit leaves of the filtered target has a standard deviation of "
-                    (number(Some(self.residual_nt))) " nT. The condition number of the matrix is " strong { (number(Some(self.condition))) } ". " (self.verdict()) }
+                    (number(Some(self.residual_nt))) " nT. The condition number of the matrix is " strong { (number(Some(self.condition))) } ". " (self.verdict()) (self.form()) }
                 div.scroll { table.sortable {
                     thead { tr {
                         th scope="col" { button { "term" } }
@@ -92,6 +101,20 @@ impl Model {
                 p.note { "Terms within two sigma of zero are written faintly: the flight does not tell them from nothing." }
             }
         }
+    }
+
+    /// What the model's form says of itself.
+    fn form(&self) -> String {
+        let mut out = String::new();
+        if self.trivial_share.is_finite() {
+            let share = number(Some(100.0 * self.trivial_share));
+            out.push_str(&format!(" The fit calls {share} % of the total field the aircraft's."));
+        }
+        if self.approximation_nt.is_finite() {
+            let bound = number(Some(self.approximation_nt));
+            out.push_str(&format!(" Its linear form alone misses at most {bound} nT."));
+        }
+        out
     }
 
     fn verdict(&self) -> String {
@@ -141,7 +164,7 @@ mod tests {
     fn model(condition: f64) -> Model {
         let term = |name: &str, value, sigma| Term { name: name.to_owned(), value, sigma };
         let terms = vec![term("permanent_x", 250.0, 2.0), term("eddy_xy", -1.0, 3.0)];
-        Model { terms, rows: 100, left_out: 4, condition, residual_nt: 0.5 }
+        Model { terms, rows: 100, left_out: 4, condition, residual_nt: 0.5, trivial_share: 0.01, approximation_nt: 0.4, warning: String::new() }
     }
 
     #[test]
@@ -149,6 +172,16 @@ mod tests {
         assert!(model(999.0).verdict().contains("moderate"));
         assert!(model(25_000.0).verdict().contains("up to 25000 times"));
         assert!(model(f64::INFINITY).verdict().contains("not finite"));
+    }
+
+    #[test]
+    fn law_a_warning_stands_before_the_coefficients() {
+        let sound = model(10.0).drawn("coefficients").into_string();
+        assert!(!sound.contains("role=\"alert\"") && sound.contains("misses at most 0.4000 nT"), "{sound}");
+        let warned = Model { warning: "the flight hardly excites `xx`".into(), ..model(10.0) };
+        let text = warned.drawn("coefficients").into_string();
+        let (at, table) = (text.find("the flight hardly excites `xx`"), text.find("<table"));
+        assert!(at.is_some() && at < table, "{text}");
     }
 
     #[test]

@@ -1,0 +1,214 @@
+//! How the coefficients of a model differ from one calibration to the next. [thesis 000, Tables 3.1, 3.2, Figure 3-8]
+
+use arrow_array::{cast::AsArray, types::Float64Type};
+use maud::{Markup, html};
+use schemas::Fault;
+use stages::numerics::diagnostics::{Variation, variation};
+
+use super::source::Source;
+use crate::{
+    plan::{Instance, Ref, Unit},
+    views::{
+        chart::{Chart, Dim, Line},
+        scores::number,
+    },
+};
+
+/// Up to so many calibrations have a column each.
+const COLUMNS: usize = 8;
+
+/// Models that differ in one axis alone.
+struct Calibrations {
+    /// The axis.
+    axis: String,
+    /// Whether it changes what rows a model sees; otherwise something else.
+    of_rows: bool,
+    /// Their places in the table.
+    members: Vec<usize>,
+}
+
+/// The coefficients of some models with the same terms.
+struct Coefficients {
+    terms: Vec<String>,
+    /// The value of the axis, and a coefficient for each term.
+    models: Vec<(String, Vec<f64>)>,
+}
+
+/// The models beside that of `fit`: those that saw other rows, where the sweep has such; otherwise those that differ in
+/// any axis. `None` where there is no other.
+///
+/// # Errors
+/// When the store is damaged.
+pub fn section(source: &Source, fit: Ref) -> Result<Option<Markup>, Fault> {
+    let Ref::Stage(table, instance) = fit else { return Ok(None) };
+    let all = calibrations(source, table, instance);
+    let of_rows = all.iter().any(|c| c.of_rows);
+    let mut parts = vec![];
+    for one in all.iter().filter(|c| c.of_rows == of_rows) {
+        let Some(found) = Coefficients::read(source, table, one)? else { continue };
+        let chart = if one.of_rows { over_lambda(source, table, instance, one)? } else { None };
+        parts.push(found.drawn(one, chart)?);
+    }
+    let name = &source.graph.plan.tables[table].name;
+    Ok((!parts.is_empty()).then(|| {
+        html! {
+            section id="variation" {
+                h2 { "How the coefficients of " (name) " vary" }
+                @for part in &parts { (part) }
+            }
+        }
+    }))
+}
+
+/// The value of an axis at a point, as text.
+fn spelt(instance: &Instance, axis: &str) -> String {
+    instance.point.get(axis).map(ToString::to_string).unwrap_or_default()
+}
+
+/// For each axis of the table, the models that differ from that at `instance` in this axis alone.
+fn calibrations(source: &Source, table: usize, instance: usize) -> Vec<Calibrations> {
+    let plan = source.graph.plan;
+    let node = &plan.tables[table];
+    let here = &node.instances[instance];
+    let names = || node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone());
+    let beside = |axis: String| {
+        let same = |other: &Instance| names().all(|n| n == axis || other.point.get(&n) == here.point.get(&n));
+        let members: Vec<usize> = (0..node.instances.len()).filter(|i| same(&node.instances[*i])).collect();
+        let rows = |i: &usize| {
+            let of_rows = node.instances[*i].predicate.as_ref().map(|p| p.canonical.clone());
+            (source.graph.lines_of(table, *i).to_vec(), of_rows)
+        };
+        let of_rows = members.iter().any(|i| rows(i) != rows(&instance));
+        Calibrations { axis, of_rows, members }
+    };
+    names().map(beside).filter(|c| c.members.len() > 1).collect()
+}
+
+impl Coefficients {
+    /// `None` where there are fewer than two, or their terms differ.
+    fn read(source: &Source, table: usize, of: &Calibrations) -> Result<Option<Coefficients>, Fault> {
+        let mut found = Coefficients { terms: vec![], models: vec![] };
+        for instance in &of.members {
+            let unit = Unit { table, instance: *instance, line: None };
+            let Some(batch) = source.tidy(unit, &["term", "value"])? else { continue };
+            let (Some(terms), Some(values)) =
+                (batch.column(0).as_string_opt::<i32>(), batch.column(1).as_primitive_opt::<Float64Type>())
+            else {
+                return Ok(None);
+            };
+            let terms: Vec<String> = terms.iter().map(|t| t.unwrap_or_default().to_owned()).collect();
+            if found.models.is_empty() {
+                found.terms = terms;
+            } else if found.terms != terms {
+                return Ok(None);
+            }
+            let label = spelt(source.graph.plan.instance(table, *instance), &of.axis);
+            found.models.push((label, values.iter().map(|v| v.unwrap_or(f64::NAN)).collect()));
+        }
+        Ok((found.models.len() > 1).then_some(found))
+    }
+
+    fn variation(&self) -> Result<Vec<Variation>, Fault> {
+        let slices: Vec<&[f64]> = self.models.iter().map(|(_, c)| c.as_slice()).collect();
+        variation(&slices).map_err(|e| Fault::machine(e.to_string()))
+    }
+
+    fn drawn(&self, of: &Calibrations, chart: Option<Markup>) -> Result<Markup, Fault> {
+        let spread = self.variation()?;
+        let single = self.models.len() <= COLUMNS;
+        let what = if of.of_rows { "calibrations" } else { "models" };
+        Ok(html! {
+            h3 { "Over " (of.axis) ": " (self.models.len()) " " (what) }
+            p.lead {
+                "The coefficient of variation is the standard deviation over the size of the mean; averaged over all terms it is "
+                strong { (number(mean_of(&spread))) }
+                ". A term that changes its sign has a large one. What differs between calibrations is not the aircraft's alone: \
+                 a larger lambda makes coefficients more alike, and smaller."
+            }
+            div.scroll { table.sortable {
+                thead { tr {
+                    th scope="col" { button { "term" } }
+                    th.n scope="col" { button { "mean [nT]" } }
+                    th.n scope="col" { button { "std [nT]" } }
+                    th.n scope="col" { button { "std / |mean|" } }
+                    @if single { @for (label, _) in &self.models { th.n scope="col" { button { (label) " [nT]" } } } }
+                } }
+                tbody { @for (j, (term, v)) in self.terms.iter().zip(&spread).enumerate() { tr {
+                    td { (term) }
+                    (cell(v.mean)) (cell(v.std)) (cell(v.coefficient_of_variation))
+                    @if single { @for (_, c) in &self.models { (cell(c.get(j).copied().unwrap_or(f64::NAN))) } }
+                } } }
+            } }
+            @if let Some(chart) = chart { (chart) }
+        })
+    }
+}
+
+fn cell(value: f64) -> Markup {
+    html! { td.n data-v=(value) { (number(Some(value).filter(|v| v.is_finite()))) } }
+}
+
+/// The mean of the coefficients of variation, of those that there are.
+fn mean_of(spread: &[Variation]) -> Option<f64> {
+    let there: Vec<f64> = spread.iter().map(|v| v.coefficient_of_variation).filter(|v| v.is_finite()).collect();
+    (!there.is_empty()).then(|| there.iter().sum::<f64>() / there.len() as f64)
+}
+
+/// The mean coefficient of variation over the ridge parameter, where the sweep has several. [thesis 000, Figure 3-8]
+fn over_lambda(source: &Source, table: usize, instance: usize, of: &Calibrations) -> Result<Option<Markup>, Fault> {
+    let node = &source.graph.plan.tables[table];
+    let lambda = |i: usize| {
+        let params = &node.instances[i].params;
+        params.iter().find(|(name, _)| *name == "lambda").and_then(|(_, v)| v.parse::<f64>().ok())
+    };
+    let others = calibrations(source, table, instance);
+    let swept = others.iter().find(|c| c.axis != of.axis && c.members.iter().any(|i| lambda(*i) != lambda(instance)));
+    let Some(swept) = swept else { return Ok(None) };
+    let mut points = vec![];
+    for at in &swept.members {
+        let group = calibrations(source, table, *at).into_iter().find(|c| c.axis == of.axis);
+        let (Some(group), Some(lambda)) = (group, lambda(*at)) else { continue };
+        if let Some(found) = Coefficients::read(source, table, &group)? {
+            points.extend(mean_of(&found.variation()?).map(|mean| (lambda, mean)));
+        }
+    }
+    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let x = Dim::new("lambda");
+    let chart = Chart {
+        title: "How alike calibrations are".into(),
+        caption: "The mean of std / |mean| over all terms. A strong ridge makes calibrations alike; whether they are \
+                  right as well, the scores say."
+            .into(),
+        // A logarithm has no place for 0.
+        x: if points.first().is_some_and(|p| p.0 > 0.0) { x.log() } else { x },
+        y: Dim::new("mean coefficient of variation").log(),
+        lines: vec![Line { name: "mean over the terms".into(), class: "after", points }],
+        height: 260.0,
+        ..Chart::default()
+    };
+    Ok(chart.draw())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn ref_table_3_1_of_thesis_000() {
+        // cosX and cosYZ of lines 1001.01, 1002.02 and 1006.04.
+        let models = [("1001.01", [1974.0, -18.0]), ("1002.02", [1798.0, 180.0]), ("1006.04", [1243.0, 190.0])];
+        let found = Coefficients {
+            terms: vec!["x".into(), "yz".into()],
+            models: models.map(|(line, c)| (line.to_owned(), c.to_vec())).to_vec(),
+        };
+        let of = Calibrations { axis: "calibration".into(), of_rows: true, members: vec![0, 1, 2] };
+        let text = found.drawn(&of, None).unwrap().into_string();
+        assert!(text.contains("3 calibrations") && text.contains("1672") && text.contains("1006.04 [nT]"), "{text}");
+        let spread = found.variation().unwrap();
+        // By hand: 381.5/1671.7 and 117.3/117.3.
+        assert!((spread[0].coefficient_of_variation - 0.228).abs() < 1e-3);
+        assert!((spread[1].coefficient_of_variation - 1.0).abs() < 2e-3, "{}", spread[1].coefficient_of_variation);
+    }
+}
