@@ -14,6 +14,7 @@ mod core_field;
 mod dates;
 mod features;
 mod fit;
+mod magnitude;
 mod map_value;
 mod maps;
 mod navigate;
@@ -30,6 +31,7 @@ pub fn catalogue() -> Vec<Entry> {
         resample::Resample::entry(),
         core_field::CoreFieldStage::entry(),
         bandpass::Bandpass::entry(),
+        magnitude::Magnitude::entry(),
         a_matrix::AMatrix::entry(),
         features::Features::entry(),
         target::Target::entry(),

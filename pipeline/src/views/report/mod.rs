@@ -74,9 +74,7 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
         let labels = labels.collect::<Result<Vec<String>, Fault>>()?;
         sections.extend(detail(&source, subject, &lines, &labels, atlas.as_ref())?);
     }
-    if let Some(fit) = subjects.first().and_then(|s| s.fit) {
-        sections.extend(variation::section(&source, fit)?);
-    }
+    sections.extend(variation::section(&source, subjects.first().and_then(|s| s.fit))?);
     // What failed is published too.
     let failures = if current { source.failures()? } else { vec![] };
     let trouble = page::Trouble { failures, outdated: !current };

@@ -131,3 +131,11 @@ fn law_the_page_asks_nobody_for_anything() {
         assert!(!["http", "url(", "@import", "fetch(", "XMLHttp", "</"].iter().any(|w| text.contains(w)));
     }
 }
+
+#[test]
+fn law_models_beside_each_other_are_compared() {
+    // The ridge is the only axis there is: the coefficients of the four models.
+    let html = page("tolles_lawson", &[], &[]).unwrap();
+    assert!(html.contains("id=\"variation\"") && html.contains("over lambda, 4 models"));
+    assert_eq!(html.matches("coefficient of variation is").count(), 1);
+}

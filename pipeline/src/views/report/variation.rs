@@ -34,30 +34,43 @@ struct Coefficients {
     models: Vec<(String, Vec<f64>)>,
 }
 
-/// The models beside that of `fit`: those that saw other rows, where the sweep has such; otherwise those that differ in
-/// any axis. `None` where there is no other.
+/// As many tables of models are shown.
+const TABLES: usize = 4;
+
+/// For each table of models that saw different rows, such as one calibration after the other: how their coefficients
+/// vary. Where there is none, how those of `fit` vary over any axis. `None` where no two models are alike.
 ///
 /// # Errors
 /// When the store is damaged.
-pub fn section(source: &Source, fit: Ref) -> Result<Option<Markup>, Fault> {
-    let Ref::Stage(table, instance) = fit else { return Ok(None) };
-    let all = calibrations(source, table, instance);
-    let of_rows = all.iter().any(|c| c.of_rows);
+pub fn section(source: &Source, fit: Option<Ref>) -> Result<Option<Markup>, Fault> {
+    let tables = &source.graph.plan.tables;
     let mut parts = vec![];
-    for one in all.iter().filter(|c| c.of_rows == of_rows) {
-        let Some(found) = Coefficients::read(source, table, one)? else { continue };
-        let chart = if one.of_rows { over_lambda(source, table, instance, one)? } else { None };
-        parts.push(found.drawn(one, chart)?);
-    }
-    let name = &source.graph.plan.tables[table].name;
-    Ok((!parts.is_empty()).then(|| {
-        html! {
-            section id="variation" {
-                h2 { "How the coefficients of " (name) " vary" }
-                @for part in &parts { (part) }
-            }
+    for table in (0..tables.len()).filter(|t| tables[*t].entry.name == "fit") {
+        let instance = fit.and_then(|r| if let Ref::Stage(t, i) = r { (t == table).then_some(i) } else { None });
+        if parts.len() < TABLES {
+            parts.extend(of_table(source, table, instance.unwrap_or(0), true)?);
         }
+    }
+    if let (true, Some(Ref::Stage(table, instance))) = (parts.is_empty(), fit) {
+        parts.extend(of_table(source, table, instance, false)?);
+    }
+    Ok((!parts.is_empty()).then(|| {
+        html! { section id="variation" { h2 { "How coefficients vary" } @for part in &parts { (part) } } }
     }))
+}
+
+fn of_table(source: &Source, table: usize, instance: usize, of_rows: bool) -> Result<Vec<Markup>, Fault> {
+    let node = &source.graph.plan.tables[table];
+    let mut parts = vec![];
+    for one in calibrations(source, table, instance).iter().filter(|c| c.of_rows == of_rows) {
+        let Some(found) = Coefficients::read(source, table, one)? else { continue };
+        let chart = if of_rows { over_lambda(source, table, instance, one)? } else { None };
+        let others = node.axis_columns(&node.instances[instance], &source.graph.plan.spec);
+        let others = others.iter().filter(|(name, _)| *name != one.axis).map(|(name, v)| format!("{name} = {v}"));
+        let title = std::iter::once(format!("Table {}", node.name)).chain(others).collect::<Vec<_>>().join(", ");
+        parts.push(found.drawn(&title, one, chart)?);
+    }
+    Ok(parts)
 }
 
 /// The value of an axis at a point, as text.
@@ -113,12 +126,12 @@ impl Coefficients {
         variation(&slices).map_err(|e| Fault::machine(e.to_string()))
     }
 
-    fn drawn(&self, of: &Calibrations, chart: Option<Markup>) -> Result<Markup, Fault> {
+    fn drawn(&self, title: &str, of: &Calibrations, chart: Option<Markup>) -> Result<Markup, Fault> {
         let spread = self.variation()?;
         let single = self.models.len() <= COLUMNS;
         let what = if of.of_rows { "calibrations" } else { "models" };
         Ok(html! {
-            h3 { "Over " (of.axis) ": " (self.models.len()) " " (what) }
+            h3 { (title) ": over " (of.axis) ", " (self.models.len()) " " (what) }
             p.lead {
                 "The coefficient of variation is the standard deviation over the size of the mean; averaged over all terms it is "
                 strong { (number(mean_of(&spread))) }
@@ -204,7 +217,7 @@ mod tests {
             models: models.map(|(line, c)| (line.to_owned(), c.to_vec())).to_vec(),
         };
         let of = Calibrations { axis: "calibration".into(), of_rows: true, members: vec![0, 1, 2] };
-        let text = found.drawn(&of, None).unwrap().into_string();
+        let text = found.drawn("Table fits", &of, None).unwrap().into_string();
         assert!(text.contains("3 calibrations") && text.contains("1672") && text.contains("1006.04 [nT]"), "{text}");
         let spread = found.variation().unwrap();
         // By hand: 381.5/1671.7 and 117.3/117.3.
