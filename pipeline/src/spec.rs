@@ -1,5 +1,7 @@
 //! The spec: one TOML file, with the position of everything in it.
 
+mod axis;
+
 use std::{collections::BTreeMap, ops::Range, path::PathBuf};
 
 use schemas::{Args, Fault, Given, Literal, render};
@@ -54,7 +56,7 @@ pub struct Axis {
     pub name: String,
     /// Where it is declared.
     pub at: Span,
-    /// The values, in the spec's order.
+    /// The values, in the spec's order, of one type: lists too, whose key column is their entries joined by `+`.
     pub values: Vec<Literal>,
 }
 
@@ -135,10 +137,10 @@ impl Spec {
     /// # Errors
     /// When the key names nothing of the spec.
     pub fn set(&mut self, assignment: &str) -> Result<(), Fault> {
-        let (key, value) = assignment
+        let key_value = assignment
             .split_once('=')
             .ok_or_else(|| Fault::new(format!("`--set {assignment}` is not of the form KEY=VALUE")))?;
-        let value = override_value(value.trim());
+        let (key, value) = (key_value.0, override_value(key_value.1.trim()));
         let parts: Vec<&str> = key.trim().split('.').collect();
         let wrong = |what: &str| Fault::new(format!("`--set {assignment}`: {what}"));
         match parts.as_slice() {
@@ -151,9 +153,15 @@ impl Spec {
             ["axes", axis] => {
                 let known: Vec<&str> = self.axes.iter().map(|a| a.name.as_str()).collect();
                 let i = self.axis(axis).ok_or_else(|| wrong("there is no such axis").nearest(axis, &known))?;
-                self.axes[i].values = match value {
-                    Literal::List(values) => values,
-                    one => vec![one],
+                let given = key_value.1.trim();
+                let parsed = DeValue::parse(given).ok();
+                self.axes[i].values = match parsed.as_ref().map(|v| axis::values(axis, v)) {
+                    Some(Ok(values)) => values,
+                    Some(Err(faults)) => {
+                        let what = faults.iter().map(|f| f.what.as_str()).collect::<Vec<_>>().join("; ");
+                        return Err(wrong(&what));
+                    }
+                    None => vec![value],
                 };
             }
             ["tables", table, key] => {
@@ -303,27 +311,10 @@ impl Reading {
 
     fn axis(&mut self, name: &Spanned<String>, value: &Spanned<DeValue>) -> Option<Axis> {
         self.identifier(name.get_ref(), name.span());
-        let values = match literal(value.get_ref()) {
-            Ok(Literal::List(values)) => values,
-            Ok(one) => vec![one],
-            Err(what) => {
-                self.faults.push(Fault::new(what).at(value.span()));
-                return None;
-            }
-        };
-        let mut wrong = |what: String| self.faults.push(Fault::new(what).at(value.span()));
-        if values.is_empty() {
-            wrong(format!("the axis `{}` has no values", name.get_ref()));
-            return None;
-        }
-        if let Some(i) = (1..values.len()).find(|&i| values[..i].contains(&values[i])) {
-            wrong(format!("the axis `{}` has the value `{}` twice", name.get_ref(), values[i]));
-            return None;
-        }
-        match one_type(values) {
+        match axis::values(name.get_ref(), value) {
             Ok(values) => Some(Axis { name: name.get_ref().clone(), at: name.span(), values }),
-            Err(what) => {
-                wrong(format!("the axis `{}` {what}", name.get_ref()));
+            Err(faults) => {
+                self.faults.extend(faults);
                 None
             }
         }
@@ -386,20 +377,6 @@ impl Reading {
                 Err(what) => self.faults.push(Fault::new(what).at(value.span())),
             }
         }
-    }
-}
-
-/// Values of one type; whole numbers beside fractions become fractions.
-fn one_type(values: Vec<Literal>) -> Result<Vec<Literal>, String> {
-    let is = |f: fn(&Literal) -> bool| values.iter().all(f);
-    if is(|v| matches!(v, Literal::Int(_) | Literal::Float(_))) && !is(|v| matches!(v, Literal::Int(_))) {
-        let float = |v: &Literal| if let Literal::Int(n) = v { Literal::Float(*n as f64) } else { v.clone() };
-        return Ok(values.iter().map(float).collect());
-    }
-    let first = values[0].type_name();
-    match values.iter().find(|v| v.type_name() != first) {
-        Some(other) => Err(format!("mixes a {first} with a {}", other.type_name())),
-        None => Ok(values),
     }
 }
 

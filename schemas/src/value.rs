@@ -46,7 +46,7 @@ impl fmt::Display for Literal {
             Literal::Text(x) => write!(f, "{x}"),
             Literal::List(xs) => {
                 let words: Vec<String> = xs.iter().map(Literal::to_string).collect();
-                write!(f, "{}", words.join(","))
+                write!(f, "{}", words.join("+"))
             }
         }
     }

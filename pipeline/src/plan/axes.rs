@@ -105,10 +105,18 @@ pub fn spelt_in(text: &str, point: &Point) -> String {
             continue;
         }
         let end = rest.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).unwrap_or(rest.len());
-        out.push_str(&point.get(&rest[..end]).map(Literal::to_string).unwrap_or_default());
+        out.push_str(&point.get(&rest[..end]).map(spelt).unwrap_or_default());
         rest = &rest[end..];
     }
     out + rest
+}
+
+/// A value inside of a text; of a list the entries with commas between them.
+fn spelt(value: &Literal) -> String {
+    match value {
+        Literal::List(items) => items.iter().map(Literal::to_string).collect::<Vec<_>>().join(","),
+        one => one.to_string(),
+    }
 }
 
 /// All arguments of a stage at one point.
@@ -135,6 +143,12 @@ mod tests {
             [("lambda".to_owned(), Literal::Float(0.5)), ("line".to_owned(), Literal::Text("7".into()))].into();
         assert_eq!(put_in(&Literal::Text("$lambda".into()), &point), Literal::Float(0.5));
         assert_eq!(spelt_in("line = '$line' and $$x < $lambda", &point), "line = '7' and $x < 0.5");
+        let lists: Point =
+            [("tl".to_owned(), Literal::List(vec![Literal::Text("a".into()), Literal::Text("b".into())]))].into();
+        let mentions_of = |names: &[&str]| Literal::List(names.iter().map(|n| Literal::Text((*n).into())).collect());
+        assert_eq!(put_in(&Literal::Text("$tl".into()), &lists), mentions_of(&["a", "b"]));
+        assert_eq!(put_in(&mentions_of(&["$tl", "c"]), &lists), mentions_of(&["a", "b", "c"]));
+        assert_eq!(spelt_in("x in ($tl)", &lists), "x in (a,b)");
         assert_eq!(mentions("a $b and $$c $d_e."), ["b", "d_e"]);
     }
 }

@@ -1,0 +1,197 @@
+//! The axes of a sweep: their values, listed one by one or as the subsets of a list.
+
+use schemas::{Fault, Literal};
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue},
+};
+
+use super::literal;
+
+/// More values than this are more likely a slip than a wish.
+const MOST_VALUES: usize = 100_000;
+const SUBSET_KEYS: [&str; 3] = ["subsets_of", "at_least", "up_to"];
+
+/// The values of the axis `name`: a list, one value, or `{ subsets_of = [...], at_least = 1, up_to = 2 }`.
+///
+/// A value may itself be a list of texts or numbers: `"$axis"` then stands for that list where a parameter takes one,
+/// and adds its entries where it stands among others: `features = ["$terms", "mag_3_uc"]`. Its key column holds text,
+/// the entries joined by `+`. `subsets_of` makes all lists of `at_least` to `up_to` of its entries, the short ones first
+/// and each in the order given; an entry that is a list is taken or left as a whole.
+///
+/// # Errors
+/// What is wrong with them, each at the value it concerns.
+pub fn values(name: &str, value: &Spanned<DeValue>) -> Result<Vec<Literal>, Vec<Fault>> {
+    let (values, places) = match value.get_ref() {
+        DeValue::Table(table) => {
+            let subsets = subsets(name, table, value.span())?;
+            let places = vec![value.span(); subsets.len()];
+            (subsets, places)
+        }
+        DeValue::Array(items) => {
+            let each: Vec<_> = items.iter().map(|v| one(name, v).map(|x| (x, v.span()))).collect();
+            let faults: Vec<Fault> = each.iter().filter_map(|r| r.as_ref().err().cloned()).collect();
+            if !faults.is_empty() {
+                return Err(faults);
+            }
+            each.into_iter().flatten().unzip()
+        }
+        _ => (vec![one(name, value).map_err(|f| vec![f])?], vec![value.span()]),
+    };
+    let wrong = |what: String, at: std::ops::Range<usize>| Err(vec![Fault::new(what).at(at)]);
+    if values.is_empty() {
+        return wrong(format!("the axis `{name}` has no values"), value.span());
+    }
+    if let Some((i, what)) = mixed(&values) {
+        let fault = Fault::new(format!("the axis `{name}` {what}")).at(places[i].clone());
+        let lists = values.iter().any(|v| matches!(v, Literal::List(_)));
+        return Err(vec![if lists { fault.help("write a single entry as a list too: `[\"tl\"]`") } else { fault }]);
+    }
+    let values = one_type(values);
+    let mut seen = std::collections::HashSet::new();
+    match values.iter().position(|v| !seen.insert(v.to_string())) {
+        Some(i) => wrong(format!("the axis `{name}` has the value `{}` twice", values[i]), places[i].clone()),
+        None => Ok(values),
+    }
+}
+
+/// One value: a list only of what is no list.
+fn one(name: &str, value: &Spanned<DeValue>) -> Result<Literal, Fault> {
+    let found = literal(value.get_ref()).map_err(|what| Fault::new(what).at(value.span()))?;
+    let Some(items) = value.get_ref().as_array() else { return Ok(found) };
+    let deeper = items.iter().find(|v| v.get_ref().is_array());
+    match deeper {
+        Some(v) => {
+            Err(Fault::new(format!("a value of the axis `{name}` cannot hold a list of lists")).at(v.span()))
+        }
+        None => Ok(found),
+    }
+}
+
+/// The first value of another type than the first one's, and what to say of it.
+fn mixed(values: &[Literal]) -> Option<(usize, String)> {
+    let number = |v: &Literal| matches!(v, Literal::Int(_) | Literal::Float(_));
+    let same = |v: &Literal| v.type_name() == values[0].type_name() || number(v) && number(&values[0]);
+    let i = values.iter().position(|v| !same(v))?;
+    Some((i, format!("mixes a {} with a {}", values[0].type_name(), values[i].type_name())))
+}
+
+/// Whole numbers beside fractions become fractions.
+fn one_type(values: Vec<Literal>) -> Vec<Literal> {
+    if !values.iter().any(|v| matches!(v, Literal::Float(_))) {
+        return values;
+    }
+    let float = |v: Literal| if let Literal::Int(n) = v { Literal::Float(n as f64) } else { v };
+    values.into_iter().map(float).collect()
+}
+
+fn subsets(name: &str, table: &DeTable, at: std::ops::Range<usize>) -> Result<Vec<Literal>, Vec<Fault>> {
+    let mut faults = vec![];
+    for (key, _) in table.iter().filter(|(k, _)| !SUBSET_KEYS.contains(&k.get_ref().as_ref())) {
+        let fault = Fault::new(format!("the axis `{name}` has no key `{}`", key.get_ref()));
+        faults.push(fault.nearest(key.get_ref(), &SUBSET_KEYS).at(key.span()));
+    }
+    let entries = match table.get("subsets_of").map(|v| (v, v.get_ref().as_array())) {
+        Some((v, Some(items))) if items.is_empty() => {
+            Err(Fault::new(format!("the axis `{name}` has nothing to make subsets of")).at(v.span()))
+        }
+        Some((_, Some(items))) => items.iter().map(|v| one(name, v)).collect::<Result<Vec<Literal>, Fault>>(),
+        Some((v, None)) => Err(Fault::new("`subsets_of` must be a list").at(v.span())),
+        None => Err(Fault::new(format!("the axis `{name}` needs `subsets_of`, a list")).at(at.clone())),
+    };
+    let entries = entries.map_err(|f| faults.push(f)).unwrap_or_default();
+    let n = entries.len();
+    let mut count = |key: &str, default: usize| match table.get(key) {
+        None => default,
+        Some(v) => match literal(v.get_ref()) {
+            Ok(Literal::Int(k)) if k >= 0 && (n == 0 || k.unsigned_abs() <= n as u64) => k.unsigned_abs() as usize,
+            _ => {
+                faults.push(Fault::new(format!("`{key}` must be a whole number from 0 to {n}")).at(v.span()));
+                default
+            }
+        },
+    };
+    let (least, most) = (count("at_least", 1), count("up_to", n));
+    if faults.is_empty() && least > most {
+        faults.push(Fault::new(format!("`at_least` is {least}, more than `up_to`, {most}")).at(at.clone()));
+    }
+    if faults.is_empty() && (least..=most).map(|k| binomial(n, k)).fold(0, usize::saturating_add) > MOST_VALUES {
+        let fault = Fault::new(format!("the axis `{name}` has more than {MOST_VALUES} subsets")).at(at);
+        faults.push(fault.help("take a smaller `up_to`"));
+    }
+    if !faults.is_empty() {
+        return Err(faults);
+    }
+    let chosen = (least..=most).flat_map(|k| choices(n, k));
+    Ok(chosen.map(|places| Literal::List(places.iter().flat_map(|&i| flat(&entries[i])).collect())).collect())
+}
+
+fn flat(entry: &Literal) -> Vec<Literal> {
+    match entry {
+        Literal::List(items) => items.clone(),
+        one => vec![one.clone()],
+    }
+}
+
+fn binomial(n: usize, k: usize) -> usize {
+    (0..k.min(n - k)).fold(1usize, |b, i| b.saturating_mul(n - i) / (i + 1))
+}
+
+/// All increasing lists of `k` of the numbers below `n`, in lexicographic order.
+fn choices(n: usize, k: usize) -> Vec<Vec<usize>> {
+    let mut all: Vec<Vec<usize>> = vec![vec![]];
+    for _ in 0..k {
+        let longer = |c: Vec<usize>| {
+            let from = c.last().map_or(0, |last| last + 1);
+            (from..n).map(move |i| c.iter().copied().chain([i]).collect::<Vec<usize>>())
+        };
+        all = all.into_iter().flat_map(longer).collect();
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn texts(toml: &str) -> Vec<String> {
+        let value = DeValue::parse(toml).unwrap();
+        values("mags", &value).unwrap().iter().map(Literal::to_string).collect()
+    }
+
+    fn fault(toml: &str) -> (String, String) {
+        let value = DeValue::parse(toml).unwrap();
+        let fault = values("mags", &value).unwrap_err().remove(0);
+        (fault.what, toml[fault.at.unwrap()].to_owned())
+    }
+
+    #[test]
+    fn law_subsets_are_counted_by_binomials_and_ordered() {
+        assert_eq!(texts("{ subsets_of = ['a', 'b', 'c'], up_to = 2 }"), ["a", "b", "c", "a+b", "a+c", "b+c"]);
+        assert_eq!(texts("{ subsets_of = [['a', 'a_dot'], 'b'], at_least = 0 }"), ["", "a+a_dot", "b", "a+a_dot+b"]);
+        assert_eq!(texts("{ subsets_of = [1, 2, 3, 4, 5, 6], at_least = 3, up_to = 3 }").len(), 20);
+        assert_eq!((0..=6).map(|k| binomial(6, k)).collect::<Vec<_>>(), [1, 6, 15, 20, 15, 6, 1]);
+    }
+
+    #[test]
+    fn law_lists_are_values() {
+        assert_eq!(texts("[['tl'], ['tl', 'mag_3_uc']]"), ["tl", "tl+mag_3_uc"]);
+        assert_eq!(texts("'one'"), ["one"]);
+        assert_eq!(texts("[1, 0.5]"), ["1", "0.5"]);
+    }
+
+    #[test]
+    fn gold_faults_stand_at_the_value() {
+        let says = |toml, what: &str, at: &str| assert_eq!(fault(toml), (what.to_owned(), at.to_owned()));
+        says("['tl', ['tl', 'x']]", "the axis `mags` mixes a text with a list", "['tl', 'x']");
+        says("[['a', 'b'], ['a+b']]", "the axis `mags` has the value `a+b` twice", "['a+b']");
+        says("[['a', ['b']]]", "a value of the axis `mags` cannot hold a list of lists", "['b']");
+        says("{ subset_of = ['a'] }", "the axis `mags` has no key `subset_of`", "subset_of");
+        says("{ subsets_of = ['a'], up_to = 2 }", "`up_to` must be a whole number from 0 to 1", "2");
+        says("{ subsets_of = 'a' }", "`subsets_of` must be a list", "'a'");
+        says("{ subsets_of = [] }", "the axis `mags` has nothing to make subsets of", "[]");
+        says("[]", "the axis `mags` has no values", "[]");
+    }
+}
