@@ -12,6 +12,7 @@ mod field;
 mod killed;
 mod maps;
 mod memory;
+mod models;
 mod queries;
 mod reuse;
 mod support;

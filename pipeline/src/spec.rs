@@ -71,6 +71,8 @@ pub struct StageDecl {
     pub stage: (String, Span),
     /// Its `where`, if any.
     pub predicate: Option<(String, Span)>,
+    /// Whether its table is written out for others to read; later stages see it in any case.
+    pub publish: bool,
     /// Inputs and parameters, axes not yet put in.
     pub args: Args,
 }
@@ -181,6 +183,8 @@ impl Spec {
                 match (*key, value) {
                     ("where", value) => found.predicate = Some((value.to_string(), 0..0)),
                     ("stage", value) => found.stage.0 = value.to_string(),
+                    ("publish", Literal::Bool(publish)) => found.publish = publish,
+                    ("publish", _) => return Err(wrong("`publish` must be true or false")),
                     (key, value) => {
                         found.args.insert(key.to_owned(), given(value, 0..0, 0..0));
                     }
@@ -347,10 +351,18 @@ impl Reading {
         let name = need("name", "the name of the table it yields");
         let stage = need("stage", "the kind of stage");
         let predicate = self.text(table, "where");
-        let args = self.args(table, &["name", "stage", "where"]);
+        let publish = match table.get("publish").map(|v| (v.get_ref().as_bool(), v.span())) {
+            None => true,
+            Some((Some(publish), _)) => publish,
+            Some((None, at)) => {
+                self.faults.push(Fault::new("`publish` must be true or false").at(at));
+                true
+            }
+        };
+        let args = self.args(table, &["name", "stage", "where", "publish"]);
         let (name, at) = name?;
         self.identifier(&name, at.clone());
-        Some(StageDecl { name, at, stage: stage?, predicate, args })
+        Some(StageDecl { name, at, stage: stage?, predicate, publish, args })
     }
 
     fn args(&mut self, table: &DeTable, but: &[&str]) -> Args {

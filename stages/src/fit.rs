@@ -71,6 +71,10 @@ stage! {
     target: String, unit "nT";
     /// The columns that explain it: lists such as `tl` and `features`, or single columns.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
+    /// Which entries of the lists among `features` are used, in this order: their names, or what several names have before
+    /// a `_`, such as `TL_A_flux_a`; left out, all. A row must be finite in the whole lists. The lists are factored once
+    /// for all such choices, so that a sweep over them costs next to nothing.
+    entries: Option<Vec<String>>, unit "";
     /// The strength of the penalty.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// How `lambda` or `components` is found.
@@ -224,7 +228,43 @@ impl Fit {
         if self.features.is_empty() {
             faults.push(Fault::new("there is nothing to fit with").of_param("features"));
         }
+        if faults.is_empty() {
+            let terms: Vec<String> = self.features.iter().filter_map(|n| shape.get(n)).flat_map(terms_of).collect();
+            faults.extend(self.places(&terms).err().map(|f| f.of_param("entries")));
+        }
         faults
+    }
+}
+
+/// The terms that a column makes.
+fn terms_of(column: &Column) -> Vec<String> {
+    match &column.column_type {
+        ColumnType::List(names) => names.clone(),
+        _ => vec![column.name.clone()],
+    }
+}
+
+impl Fit {
+    /// Where the chosen entries lie among all terms; `None` where all are used as they are.
+    fn places(&self, terms: &[String]) -> Result<Option<Vec<usize>>, Fault> {
+        let Some(entries) = &self.entries else { return Ok(None) };
+        let mut places = vec![];
+        for entry in entries {
+            let one = terms.iter().position(|t| t == entry);
+            let begins = |t: &String| t.strip_prefix(entry.as_str()).is_some_and(|rest| rest.starts_with('_'));
+            let found: Vec<usize> = match one {
+                Some(at) => vec![at],
+                None => terms.iter().enumerate().filter(|(_, t)| begins(t)).map(|(i, _)| i).collect(),
+            };
+            if found.is_empty() {
+                return Err(Fault::new(format!("the features have no entry `{entry}`")).nearest(entry, terms));
+            }
+            if let Some(twice) = found.iter().find(|i| places.contains(*i)) {
+                return Err(Fault::new(format!("the entry `{}` is there twice", terms[*twice])));
+            }
+            places.extend(found);
+        }
+        if places.is_empty() { Err(Fault::new("there is nothing to fit with")) } else { Ok(Some(places)) }
     }
 }
 
@@ -320,10 +360,10 @@ impl FitGather {
         all
     }
 
-    /// The models of the points at `places`, which have one matrix, one target and one kind of components.
-    fn solved(&self, parts: &[&Part], places: &[usize]) -> Vec<Result<Solved, Fault>> {
+    /// The models of the points at `places`, which have one matrix, one target, the same entries and one kind of components.
+    fn solved(&self, whole: &Result<Problem, Fault>, places: &[usize]) -> Vec<Result<Solved, Fault>> {
         let Some(first) = places.first().map(|i| &self.points[*i]) else { return vec![] };
-        let problem = Problem::new(parts, &(first.matrix(), first.target.clone()));
+        let problem = whole.as_ref().map_err(Clone::clone).and_then(|whole| whole.cut(first));
         let mut problem = match problem.and_then(|p| p.whitened(first.whiten)) {
             Ok(problem) => problem,
             Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
@@ -352,18 +392,24 @@ impl Gather for FitGather {
 
     fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {
         let parts: Vec<&Part> = parts.iter().filter_map(|p| p.downcast_ref::<Part>()).collect();
-        let mut problems: BTreeMap<(Matrix, String, Option<u64>), Vec<usize>> = BTreeMap::new();
+        type At = (Matrix, String);
+        type Kind = (Option<Vec<String>>, Option<u64>);
+        let mut problems: BTreeMap<At, BTreeMap<Kind, Vec<usize>>> = BTreeMap::new();
         for (i, point) in self.points.iter().enumerate() {
-            let kind = (point.matrix(), point.target.clone(), point.whiten.map(f64::to_bits));
-            problems.entry(kind).or_default().push(i);
+            let of_matrix = problems.entry((point.matrix(), point.target.clone())).or_default();
+            of_matrix.entry((point.entries.clone(), point.whiten.map(f64::to_bits))).or_default().push(i);
         }
+        let problems: Vec<(At, Vec<Vec<usize>>)> =
+            problems.into_iter().map(|(at, cuts)| (at, cuts.into_values().collect())).collect();
         let solved: Vec<(usize, Result<Solved, Fault>)> = problems
-            .into_values()
-            .collect::<Vec<_>>()
             .into_par_iter()
-            .flat_map_iter(|places| {
-                let answers = self.solved(&parts, &places);
-                places.into_iter().zip(answers).collect::<Vec<_>>()
+            .flat_map(|(at, cuts)| {
+                let whole = Problem::new(&parts, &at);
+                let answers = |places: Vec<usize>| {
+                    let answers = self.solved(&whole, &places);
+                    places.into_iter().zip(answers).collect::<Vec<_>>()
+                };
+                cuts.into_par_iter().with_max_len(1).flat_map_iter(answers).collect::<Vec<_>>()
             })
             .collect();
         let mut tables: Vec<_> = self.points.iter().map(|_| Err(Fault::machine("a fit was lost"))).collect();

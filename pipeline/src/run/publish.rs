@@ -15,14 +15,17 @@ use crate::{
     store::{Piece, RowGroup, Store, splice, write_parquet},
 };
 
-/// Writes the table `t` as far as `done` says that its units are there.
+/// Writes the table `t` as far as `done` says that its units are there; one with `publish = false` is removed.
 ///
 /// # Errors
 /// When the store cannot be read or written.
 pub fn table(graph: &Graph, store: &Store, t: usize, done: &(dyn Fn(Unit) -> bool + Sync)) -> Result<(), Fault> {
     let node = &graph.plan.tables[t];
     let folder = store.table(&graph.plan.spec.name, &node.name);
-    let written = if node.is_tidy() {
+    let wanted = graph.plan.spec.stages.iter().all(|s| s.name != node.name || s.publish);
+    let written = if !wanted {
+        vec![]
+    } else if node.is_tidy() {
         tidy(graph, store, t, done)?
     } else {
         let mut lines: BTreeSet<LineId> = BTreeSet::new();

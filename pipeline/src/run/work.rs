@@ -193,7 +193,7 @@ impl<'a> Worker<'a> {
                 .and_then(|b| self.store.put(*key, &b));
             (*unit, done.err())
         };
-        task.units.iter().zip(tables).map(put).collect()
+        task.units.par_iter().zip(tables).map(put).collect()
     }
 
     /// One line as all points of a survey task see it: the columns of all of them.

@@ -61,9 +61,7 @@ fn one(name: &str, value: &Spanned<DeValue>) -> Result<Literal, Fault> {
     let Some(items) = value.get_ref().as_array() else { return Ok(found) };
     let deeper = items.iter().find(|v| v.get_ref().is_array());
     match deeper {
-        Some(v) => {
-            Err(Fault::new(format!("a value of the axis `{name}` cannot hold a list of lists")).at(v.span()))
-        }
+        Some(v) => Err(Fault::new(format!("a value of the axis `{name}` cannot hold a list of lists")).at(v.span())),
         None => Ok(found),
     }
 }

@@ -23,7 +23,8 @@ pub fn warnings(plan: &Plan, folder: &Path) -> Result<Vec<String>, Fault> {
         if !file.is_file() {
             continue;
         }
-        let axes: Vec<&str> = node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.as_str()).collect();
+        let axes: Vec<&str> =
+            node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.as_str()).collect();
         let columns: Vec<&str> = axes.iter().copied().chain(["warning"]).collect();
         found.extend(of_table(&node.name, &axes, &read_columns(&file, &columns)?)?);
     }

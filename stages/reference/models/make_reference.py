@@ -147,6 +147,28 @@ def robust(a, y):
     write("robust.csv", source, **dict(zip(names, np.transpose(rows))))
 
 
+def choice(a, y0, y, groups):
+    """What is chosen among lambdas, by explicit formulas: each line left out whole, and generalised cross-validation."""
+    alphas = np.geomspace(50.0, 0.005, 9)
+    lambdas = np.geomspace(1e4, 1e-4, 9)
+    folds = list(LeaveOneGroupOut().split(a, y, groups))
+    error, cv = [], []
+    for alpha in alphas:
+        net = ElasticNet(alpha=alpha, l1_ratio=0.7, tol=1e-14, max_iter=1000000)
+        error.append([np.var(y[test] - net.fit(a[train], y[train]).predict(a[test])) for train, test in folds])
+    net = ElasticNetCV(l1_ratio=0.7, alphas=alphas, cv=folds, tol=1e-14, max_iter=1000000).fit(a, y)
+    print(f"ElasticNetCV, by squares: {net.alpha_}, by variances: {alphas[np.mean(error, 1).argmin()]}")
+    z = (a - a.mean(0)) / a.std(0, ddof=1)
+    for lam in lambdas:
+        hat = z @ np.linalg.solve(z.T @ z + lam * np.eye(P), z.T) + 1 / len(y)
+        left = y0 - hat @ y0
+        cv.append(len(y0) * left @ left / np.trace(np.eye(len(y0)) - hat) ** 2)
+    write("choice.csv", f"{SKLEARN}, ElasticNet (l1_ratio 0.7) of y1 leaving one line out, the variance of its errors and the "
+          f"mean squares of ElasticNetCV; generalised cross-validation of Ridge of y0 on standardised terms (n - 1) from the hat matrix",
+          alpha=alphas, **{f"line{k}": np.array(error)[:, k] for k in range(4)}, mean_square=net.mse_path_.mean(1),
+          **{"lambda": lambdas}, gcv=cv)
+
+
 def pca(a):
     standard = (a - a.mean(0)) / a.std(0, ddof=1)
     fit = PCA(n_components=3, whiten=True).fit(standard)
@@ -164,6 +186,7 @@ def main():
     pls(a, y0, y1, line)
     robust(a, y1)
     pca(a)
+    choice(a, y0, y1, line)
 
 
 if __name__ == "__main__":

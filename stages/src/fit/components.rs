@@ -18,6 +18,12 @@ pub struct Components {
 }
 
 impl Components {
+    /// The moments of the components, of those of the features.
+    pub fn of(&self, features: &Moments) -> Result<Moments, Fault> {
+        let (weights, offsets) = self.found.as_sums();
+        features.combined(&weights, &offsets).map_err(data)
+    }
+
     /// A model of the components as one of the features; the errors of its coefficients are not known.
     pub fn original(&self, fit: &LinearFit) -> (LinearFit, Vec<f64>, Vec<String>) {
         (self.found.original(fit), vec![f64::NAN; self.features.len()], self.features.clone())
@@ -31,15 +37,12 @@ impl Problem<'_> {
         let Some(keep) = keep else { return Ok(self) };
         let kept = if keep < 1.0 { Kept::Variance(keep) } else { Kept::Count(keep as usize) };
         let found = PrincipalComponents::of(&self.merged, Scaling::Standardise, kept, true).map_err(data)?;
-        let (weights, offsets) = found.as_sums();
-        let combined = |m: &Moments| m.combined(&weights, &offsets).map_err(data);
-        self.lines = self.lines.iter().map(combined).collect::<Result<_, _>>()?;
-        self.merged = combined(&self.merged)?;
         let names = (1..=found.len()).map(|k| format!("component {k}")).collect();
-        let features = std::mem::replace(&mut self.terms, names);
-        // The rows as they were, and what the unfiltered ones tell, belong to the features.
-        self.shares.clear();
-        self.components = Some(Components { found, features });
+        let components = Components { found, features: std::mem::replace(&mut self.terms, names) };
+        self.merged = components.of(&self.merged)?;
+        // What the unfiltered terms tell is told of the features.
+        self.unfiltered = None;
+        self.components = Some(components);
         Ok(self)
     }
 }

@@ -67,14 +67,17 @@ struct Answer {
 
 /// All lines of one matrix and target.
 pub struct Problem<'a> {
-    pub(super) shares: Vec<&'a Share>,
-    pub(super) lines: Vec<Moments>,
-    /// The flight of each line.
+    shares: Vec<&'a Share>,
+    /// The flight of each share.
     flights: Vec<String>,
+    /// Which of the matrix' columns are used; `None` for all of them.
+    places: Option<Vec<usize>>,
     pub(super) merged: Moments,
+    /// Of some rows of all lines as they were before the filter.
+    pub(super) unfiltered: Option<Moments>,
     pub(super) terms: Vec<String>,
     selected: usize,
-    prepared: BTreeMap<(u8, bool), Arc<Prepared>>,
+    prepared: BTreeMap<(u8, bool), (Arc<Prepared>, Arc<Excitation>)>,
     paths: BTreeMap<(u8, bool), Arc<RidgePath>>,
     /// The terms that the features were replaced by, and the names of the features.
     pub(super) components: Option<Components>,
@@ -97,41 +100,86 @@ impl<'a> Problem<'a> {
         }
         let lines: Vec<Moments> = shares.iter().map(|s| s.moments.clone()).collect();
         let merged = Moments::merged(&lines).map_err(data)?;
+        let unfiltered: Vec<Moments> = shares.iter().filter_map(|s| s.unfiltered.clone()).collect();
+        let unfiltered = Moments::merged(&unfiltered).ok();
         let (prepared, paths) = (BTreeMap::new(), BTreeMap::new());
         let (terms, components) = (terms.clone(), None);
-        Ok(Self { shares, lines, flights, merged, terms, selected, prepared, paths, components })
+        Ok(Self { shares, flights, places: None, merged, unfiltered, terms, selected, prepared, paths, components })
     }
 
     /// What is left out one after the other: the lines, or all lines of a flight together.
-    fn groups(&self, point: &Fit) -> Result<Cow<'_, [Moments]>, Fault> {
+    fn groups(&self, point: &Fit) -> Result<Vec<Moments>, Fault> {
+        let lines = self.lines()?;
         if point.choose != "leave_one_flight_out" {
-            return Ok(Cow::Borrowed(&self.lines));
+            return Ok(lines);
         }
         let mut flights: Vec<(&String, Vec<Moments>)> = vec![];
-        for (flight, line) in self.flights.iter().zip(&self.lines) {
+        for (flight, line) in self.flights.iter().zip(lines) {
             match flights.iter_mut().find(|(f, _)| *f == flight) {
-                Some((_, lines)) => lines.push(line.clone()),
-                None => flights.push((flight, vec![line.clone()])),
+                Some((_, lines)) => lines.push(line),
+                None => flights.push((flight, vec![line])),
             }
         }
-        let merged = flights.iter().map(|(_, lines)| Moments::merged(lines).map_err(data));
-        merged.collect::<Result<Vec<_>, _>>().map(Cow::Owned)
+        flights.iter().map(|(_, lines)| Moments::merged(lines).map_err(data)).collect()
     }
 
-    fn prepared(&mut self, point: &Fit) -> Result<Arc<Prepared>, Fault> {
+    /// The same with the entries of `point` alone, from the factor of all.
+    pub fn cut(&self, point: &Fit) -> Result<Problem<'a>, Fault> {
+        let places = point.places(&self.terms)?;
+        let own = |moments: &Moments| own(moments, places.as_deref());
+        let (merged, unfiltered) = (own(&self.merged)?, self.unfiltered.as_ref().map(own).transpose()?);
+        let terms = match &places {
+            Some(places) => places.iter().filter_map(|&i| self.terms.get(i).cloned()).collect(),
+            None => self.terms.clone(),
+        };
+        let (shares, flights) = (self.shares.clone(), self.flights.clone());
+        let (selected, prepared, paths) = (self.selected, BTreeMap::new(), BTreeMap::new());
+        Ok(Problem { shares, flights, places, merged, unfiltered, terms, selected, prepared, paths, components: None })
+    }
+
+    /// The moments of each line.
+    fn lines(&self) -> Result<Vec<Moments>, Fault> {
+        let own = |s: &&Share| {
+            let own = own(&s.moments, self.places.as_deref())?;
+            self.components.as_ref().map_or(Ok(own.clone()), |c| c.of(&own))
+        };
+        self.shares.iter().map(own).collect()
+    }
+
+    /// The rows of each line: terms row-major, and the target.
+    fn rows(&self) -> Vec<(Cow<'a, [f64]>, &'a [f64])> {
+        let own = |share: &'a Share| {
+            let (a, y) = share.rows.as_ref()?;
+            let a = match &self.places {
+                Some(places) => {
+                    let width = a.len() / y.len().max(1);
+                    let row = |row: &'a [f64]| places.iter().map(|&i| row[i]).collect::<Vec<_>>();
+                    Cow::Owned(a.chunks_exact(width.max(1)).flat_map(row).collect())
+                }
+                None => Cow::Borrowed(a.as_slice()),
+            };
+            Some((a, y.as_slice()))
+        };
+        self.shares.iter().filter_map(|s| own(s)).collect()
+    }
+
+    /// The columns on one scale, and which of their directions the flight excites.
+    fn prepared(&mut self, point: &Fit) -> Result<(Arc<Prepared>, Arc<Excitation>), Fault> {
         let (scaling, intercept) = (point.scaling(), point.intercept());
         let key = (scaling as u8, intercept);
         if let Some(known) = self.prepared.get(&key) {
             return Ok(known.clone());
         }
-        let made = Arc::new(self.merged.prepare(scaling, intercept).map_err(data)?);
+        let prepared = self.merged.prepare(scaling, intercept).map_err(data)?;
+        let excited = excitation(&prepared, &self.terms, WEAK).map_err(data)?;
+        let made = (Arc::new(prepared), Arc::new(excited));
         self.prepared.insert(key, made.clone());
         Ok(made)
     }
 
     /// Solves for ridge parameters of all points of a kind at once: `lambdas` are those of the sweep.
     pub fn solve_ridges(&mut self, point: &Fit, lambdas: &[f64]) -> Result<(), Fault> {
-        let prepared = self.prepared(point)?;
+        let (prepared, _) = self.prepared(point)?;
         // Where one cannot be solved, such as 0 with terms that nothing excites, each is tried by itself later.
         if let Ok(path) = prepared.ridge(lambdas, &self.terms) {
             self.paths.insert((point.scaling() as u8, point.intercept()), Arc::new(path));
@@ -141,7 +189,7 @@ impl<'a> Problem<'a> {
 
     /// The model of one point.
     pub fn solve(&mut self, point: &Fit) -> Result<Solved, Fault> {
-        let prepared = self.prepared(point)?;
+        let (prepared, excited) = self.prepared(point)?;
         let answer = match point.model.as_str() {
             "elastic_net" => self.elastic_net(point),
             "pls" => self.pls(point),
@@ -150,7 +198,6 @@ impl<'a> Problem<'a> {
             "recursive_least_squares" => self.recursive(point),
             _ => self.ridge(point, &prepared),
         }?;
-        let excited = excitation(&prepared, &self.terms, WEAK).map_err(data)?;
         let trivial = self.trivial(&answer)?;
         let approximation_bound_nt = self.approximation_bound_nt(&answer);
         let used = self.merged.rows();
@@ -209,7 +256,8 @@ impl<'a> Problem<'a> {
         };
         if point.leaves_out() {
             let falling: Vec<f64> = grid.iter().rev().copied().collect();
-            let scores = by_lines(&self.groups(point)?, 0, &falling, point.scaling(), point.intercept(), LineScore::Variance);
+            let scores =
+                by_lines(&self.groups(point)?, 0, &falling, point.scaling(), point.intercept(), LineScore::Variance);
             let at = self.pick(point, &scores.map_err(lines_needed)?);
             return falling.get(at).copied().ok_or_else(|| Fault::data("there is no ridge parameter to choose"));
         }
@@ -260,7 +308,8 @@ impl<'a> Problem<'a> {
     fn pls(&self, point: &Fit) -> Result<Answer, Fault> {
         let most = point.components.min(self.terms.len());
         let count = if point.leaves_out() {
-            let scores = pls::choose_components(&self.groups(point)?, &[0], 0, most, point.scaling(), LineScore::Variance);
+            let scores =
+                pls::choose_components(&self.groups(point)?, &[0], 0, most, point.scaling(), LineScore::Variance);
             1 + self.pick(point, &scores.map_err(lines_needed)?)
         } else {
             most
@@ -302,8 +351,8 @@ impl<'a> Problem<'a> {
         };
         let scale = if point.scale == "mad" { Scale::Mad } else { Scale::Joint };
         let robust = Robust { loss, scale, lambda: point.lambda, intercept: point.intercept(), ..Robust::default() };
-        let rows: Vec<LineRows> =
-            self.shares.iter().filter_map(|s| s.rows.as_ref()).map(|(a, y)| LineRows { a, y }).collect();
+        let rows = self.rows();
+        let rows: Vec<LineRows> = rows.iter().map(|(a, y)| LineRows { a, y }).collect();
         let found = robust.fit(&rows, &self.terms).map_err(data)?;
         if !found.converged {
             let what = format!("the robust fit did not settle within {} passes over the rows", found.passes);
@@ -321,7 +370,7 @@ impl<'a> Problem<'a> {
         };
         let sigma: Vec<f64> = deviations.iter().map(sigma).collect();
         let mut filter = RecursiveLeastSquares::new(&vec![0.0; p], &sigma, point.forgetting, true).map_err(data)?;
-        for (a, y) in self.shares.iter().filter_map(|s| s.rows.as_ref()) {
+        for (a, y) in self.rows() {
             for (row, y) in a.chunks_exact(p.max(1)).zip(y) {
                 filter.update(row, *y).map_err(data)?;
             }
@@ -343,12 +392,8 @@ impl<'a> Problem<'a> {
     /// The size of the total field and the scale of the induced terms, of rows that were not filtered: these terms add
     /// up to the field over their scale. `None` for another target than a total field, and for other terms.
     fn field(&self) -> Option<(f64, f64)> {
-        let unfiltered: Vec<Moments> = self.shares.iter().filter_map(|s| s.unfiltered.clone()).collect();
-        let unfiltered = match Moments::merged(&unfiltered) {
-            Ok(moments) => moments,
-            // Without a filter the rows themselves are as they were.
-            Err(_) => self.merged.clone(),
-        };
+        // Without a filter the rows themselves are as they were.
+        let unfiltered = self.unfiltered.as_ref().unwrap_or(&self.merged);
         let means = unfiltered.term_means();
         let mean = |name: &str| means.get(self.terms.iter().position(|t| t == name)?).copied();
         let total_nt = unfiltered.target_means().first().copied()?;
@@ -370,10 +415,17 @@ impl<'a> Problem<'a> {
 
     /// How near the fit is to calling the whole field the aircraft's; `None` where its terms cannot say that.
     fn trivial(&self, answer: &Answer) -> Result<Option<TrivialSolution>, Fault> {
-        let unfiltered: Vec<Moments> = self.shares.iter().filter_map(|s| s.unfiltered.clone()).collect();
-        let Ok(unfiltered) = Moments::merged(&unfiltered) else { return Ok(None) };
+        let Some(unfiltered) = &self.unfiltered else { return Ok(None) };
         let Some((_, scale_nt)) = self.field() else { return Ok(None) };
-        trivial_solution(&unfiltered, &self.merged, 0, &self.terms, &answer.fit, answer.chosen, scale_nt).map_err(data)
+        trivial_solution(unfiltered, &self.merged, 0, &self.terms, &answer.fit, answer.chosen, scale_nt).map_err(data)
+    }
+}
+
+/// The moments of the columns at `places` alone; of all without.
+fn own(moments: &Moments, places: Option<&[usize]>) -> Result<Moments, Fault> {
+    match places {
+        Some(places) => moments.select(places, &[0]).map_err(data),
+        None => Ok(moments.clone()),
     }
 }
 

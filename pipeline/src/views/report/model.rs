@@ -43,7 +43,18 @@ struct Model {
 /// When the store is damaged.
 pub fn table(source: &Source, subject: &Subject) -> Result<Option<Markup>, Fault> {
     let Some(Ref::Stage(table, instance)) = subject.fit else { return Ok(None) };
-    let columns = ["term", "value", "std", "n", "left_out", "condition", "residual_std", "trivial_share", "approximation_bound", "warning"];
+    let columns = [
+        "term",
+        "value",
+        "std",
+        "n",
+        "left_out",
+        "condition",
+        "residual_std",
+        "trivial_share",
+        "approximation_bound",
+        "warning",
+    ];
     let batch = source.tidy(Unit { table, instance, line: None }, &columns)?;
     let name = &source.graph.plan.tables[table].name;
     Ok(batch.as_ref().and_then(Model::read).map(|m| m.drawn(name)))
@@ -164,7 +175,16 @@ mod tests {
     fn model(condition: f64) -> Model {
         let term = |name: &str, value, sigma| Term { name: name.to_owned(), value, sigma };
         let terms = vec![term("permanent_x", 250.0, 2.0), term("eddy_xy", -1.0, 3.0)];
-        Model { terms, rows: 100, left_out: 4, condition, residual_nt: 0.5, trivial_share: 0.01, approximation_nt: 0.4, warning: String::new() }
+        Model {
+            terms,
+            rows: 100,
+            left_out: 4,
+            condition,
+            residual_nt: 0.5,
+            trivial_share: 0.01,
+            approximation_nt: 0.4,
+            warning: String::new(),
+        }
     }
 
     #[test]

@@ -1,0 +1,408 @@
+//! Linear models as a user of the command line gets them, held against other programs' and exact answers.
+
+use std::{collections::BTreeMap, fmt::Write, fs};
+
+use arrow_array::RecordBatch;
+use tempfile::TempDir;
+
+use crate::support::{Bench, batch, numbers, read, repository, texts, with_keys, write};
+
+const TERMS: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
+
+/// The columns of a committed reference table.
+fn reference(name: &str) -> BTreeMap<String, Vec<f64>> {
+    let text = fs::read_to_string(repository().join("stages/reference/models").join(name)).unwrap();
+    let mut lines = text.lines().filter(|l| !l.starts_with('#'));
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let rows: Vec<Vec<f64>> = lines.map(|l| l.split(',').map(|x| x.parse().unwrap()).collect()).collect();
+    names.iter().enumerate().map(|(j, n)| ((*n).to_owned(), rows.iter().map(|r| r[j]).collect())).collect()
+}
+
+/// The committed small case as a flight in CSV: four lines, eight terms, `y0` as `mag_4_uc` and `y1` as `mag_5_uc`.
+fn small_case(stages: &str) -> Bench {
+    let bench = Bench { folder: TempDir::new().unwrap() };
+    fs::create_dir(bench.path("flights")).unwrap();
+    let table = reference("samples.csv");
+    let mut csv = format!("flight,line,tt,{},mag_4_uc,mag_5_uc\n", TERMS.join(","));
+    for (row, line) in table["line"].iter().enumerate() {
+        write!(csv, "F,L{line},{:.1}", 1000.0 * line + 0.1 * row as f64).unwrap();
+        for name in TERMS.into_iter().chain(["y0", "y1"]) {
+            write!(csv, ",{}", table[name][row]).unwrap();
+        }
+        csv.push('\n');
+    }
+    fs::write(bench.path("flights/F.csv"), csv).unwrap();
+    bench.spec(&format!("name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flights/\"\n{stages}"));
+    bench
+}
+
+/// A fit of the small case, without filter.
+fn fit(name: &str, target: &str, more: &str) -> String {
+    let features = TERMS.map(|t| format!("\"{t}\"")).join(",");
+    format!(
+        "[[stages]]\nname = \"{name}\"\nstage = \"fit\"\ninput = \"flights\"\ntarget = \"{target}\"\n\
+         features = [{features}]\nlow_hz = 0.0\nhigh_hz = 0.0\ntrim = 0\n{more}\n"
+    )
+}
+
+fn run(bench: &Bench) {
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+}
+
+/// The coefficients of a fit in the order of the terms, the intercept last.
+fn coefficients(bench: &Bench, name: &str) -> Vec<f64> {
+    numbers(&read(&bench.path("store/tables/small").join(name)), "value")
+}
+
+fn chosen(bench: &Bench, name: &str) -> f64 {
+    numbers(&read(&bench.path("store/tables/small").join(name)), "chosen")[0]
+}
+
+/// Asserts that a fit has row `row` of a reference table, to `tolerance` of each coefficient.
+fn near(bench: &Bench, name: &str, table: &BTreeMap<String, Vec<f64>>, row: usize, tolerance: f64) {
+    let ours = coefficients(bench, name);
+    let theirs: Vec<f64> = TERMS.into_iter().chain(["intercept"]).map(|t| table[t][row]).collect();
+    for (i, theirs) in theirs.iter().enumerate() {
+        let ours = ours.get(i).copied().unwrap_or(0.0);
+        assert!((ours - theirs).abs() <= tolerance * (theirs.abs() + 1e-2), "{name} {i}: {ours} {theirs}");
+    }
+}
+
+#[test]
+fn val_models_of_moments_are_scikit_learns() {
+    let (ridge, net, pls) = (reference("ridge_scaled.csv"), reference("elastic_net.csv"), reference("pls.csv"));
+    let scalings = ["none", "standardise", "max_abs", "min_max"];
+    let mut stages = String::new();
+    for row in 0..9 {
+        let (scaling, lambda) = (scalings[ridge["scaling"][row] as usize], ridge["lambda"][row]);
+        let more = format!("model = \"ridge\"\nscaling = \"{scaling}\"\nlambda = {lambda:?}");
+        stages += &fit(&format!("ridge{row}"), "mag_4_uc", &more);
+    }
+    for row in 0..18 {
+        let (alpha, ratio, centred) = (net["alpha"][row], net["l1_ratio"][row], net["centred"][row] == 1.0);
+        let more = format!(
+            "model = \"elastic_net\"\nscaling = \"none\"\nintercept = {centred}\nl1_ratio = {ratio:?}\nlambda = {alpha:?}"
+        );
+        stages += &fit(&format!("net{row}"), "mag_4_uc", &more);
+    }
+    for k in 1..=8 {
+        stages += &fit(&format!("pls{k}"), "mag_4_uc", &format!("model = \"pls\"\ncomponents = {k}"));
+    }
+    // All components of a truncated decomposition are ordinary least squares: the first row of the ridge.
+    stages += &fit("svd8", "mag_4_uc", "model = \"truncated_svd\"\ncomponents = 8");
+    let bench = small_case(&stages);
+    run(&bench);
+    (0..9).for_each(|row| near(&bench, &format!("ridge{row}"), &ridge, row, 1e-9));
+    // Coordinate descent stops at a gap; scikit-learn's was 1e-14 of the target's squares.
+    (0..18).for_each(|row| near(&bench, &format!("net{row}"), &net, row, 1e-5));
+    (1..=8).for_each(|k| near(&bench, &format!("pls{k}"), &pls, k - 1, 1e-8));
+    near(&bench, "svd8", &ridge, 0, 1e-9);
+}
+
+#[test]
+fn val_robust_models_are_scikit_learns_and_statsmodels() {
+    let table = reference("robust.csv");
+    let stages: Vec<String> = (0..table["kind"].len())
+        .map(|row| {
+            let tuning = table["tuning"][row];
+            let kind = match table["kind"][row] {
+                0.0 => format!("scale = \"joint\"\nthreshold = {tuning:?}"),
+                1.0 => format!("scale = \"mad\"\nthreshold = {tuning:?}"),
+                _ => format!("scale = \"joint\"\nloss = \"student_t\"\ndegrees_of_freedom = {tuning:?}"),
+            };
+            let more = format!("model = \"robust\"\nlambda = {:?}\n{kind}", table["penalty"][row]);
+            fit(&format!("robust{row}"), "mag_5_uc", &more)
+        })
+        .collect();
+    let bench = small_case(&stages.concat());
+    run(&bench);
+    // Where the objective no longer changes, coefficients have half its digits.
+    (0..table["kind"].len()).for_each(|row| near(&bench, &format!("robust{row}"), &table, row, 1e-4));
+}
+
+#[test]
+fn law_recursive_least_squares_without_forgetting_are_a_ridge_in_one() {
+    let bench = small_case(
+        &[
+            fit("recursive", "mag_4_uc", "model = \"recursive_least_squares\"\nscaling = \"none\"\nlambda = 0.5"),
+            fit("ridge", "mag_4_uc", "model = \"ridge\"\nscaling = \"none\"\nintercept = false\nlambda = 0.5"),
+        ]
+        .concat(),
+    );
+    run(&bench);
+    let (one, other) = (coefficients(&bench, "recursive"), coefficients(&bench, "ridge"));
+    assert_eq!((one.len(), other.len()), (8, 8));
+    for (a, b) in one.iter().zip(&other) {
+        assert!((a - b).abs() < 1e-9 * (b.abs() + 1e-2), "{a} {b}");
+    }
+}
+
+#[test]
+fn val_what_is_chosen_is_what_explicit_formulas_choose() {
+    let table = reference("choice.csv");
+    let spelt = |name: &str| table[name].iter().map(|x| format!("{x:?}")).collect::<Vec<_>>().join(", ");
+    let net = format!(
+        "model = \"elastic_net\"\nscaling = \"none\"\nl1_ratio = 0.7\nchoose = \"leave_one_line_out\"\nlambdas = [{}]",
+        spelt("alpha")
+    );
+    let ridge = |how: &str| format!("model = \"ridge\"\nchoose = \"{how}\"\nlambdas = [{}]", spelt("lambda"));
+    let bench = small_case(
+        &[
+            fit("best", "mag_5_uc", &net),
+            fit("simpler", "mag_5_uc", &format!("{net}\none_standard_error = true")),
+            fit("gcv", "mag_4_uc", &ridge("gcv")),
+            fit("corner", "mag_4_uc", &ridge("l_curve")),
+            fit("lines", "mag_4_uc", &ridge("leave_one_line_out")),
+        ]
+        .concat(),
+    );
+    run(&bench);
+    let scores: Vec<Vec<f64>> = (0..9).map(|i| (0..4).map(|k| table[&format!("line{k}")][i]).collect()).collect();
+    let mean = |s: &Vec<f64>| s.iter().sum::<f64>() / 4.0;
+    let least = |values: &[f64]| (0..values.len()).min_by(|a, b| values[*a].total_cmp(&values[*b])).unwrap();
+    let means: Vec<f64> = scores.iter().map(mean).collect();
+    let best = least(&means);
+    let spread: f64 = scores[best].iter().map(|s| (s - means[best]).powi(2)).sum();
+    let limit = means[best] + (spread / 3.0 / 4.0).sqrt();
+    let simpler = means.iter().position(|m| *m <= limit).unwrap();
+    assert!(simpler < best, "{means:?}");
+    assert_eq!(chosen(&bench, "best"), table["alpha"][best]);
+    // On this case scikit-learn's squares choose as the variances do.
+    assert_eq!(best, least(&table["mean_square"]));
+    assert_eq!(chosen(&bench, "simpler"), table["alpha"][simpler]);
+    assert_eq!(chosen(&bench, "gcv"), table["lambda"][least(&table["gcv"])]);
+    for name in ["corner", "lines"] {
+        assert!(table["lambda"].contains(&chosen(&bench, name)), "{name} {}", chosen(&bench, name));
+    }
+    // What was chosen is what was fitted with.
+    let again = format!("model = \"ridge\"\nlambda = {:?}", chosen(&bench, "gcv"));
+    let given = small_case(&fit("given", "mag_4_uc", &again));
+    run(&given);
+    assert_eq!(coefficients(&given, "given"), coefficients(&bench, "gcv"));
+}
+
+#[test]
+fn law_truth_is_no_feature_directly_or_in_a_list() {
+    let bench = Bench::new();
+    let head = "name = \"truth\"\nstore = \"store\"\n[tables.flights]\npath = \"flights/\"\n";
+    let fit = |features: &str, input: &str| {
+        format!(
+            "[[stages]]\nname = \"fit\"\nstage = \"fit\"\ninput = \"{input}\"\nmodel = \"ridge\"\n\
+             target = \"mag_4_uc\"\nfeatures = [\"{features}\"]\n"
+        )
+    };
+    let list = |features: &str| {
+        format!("[[stages]]\nname = \"made\"\nstage = \"features\"\ninput = \"flights\"\nfeatures = [\"{features}\"]\n")
+    };
+    for features in ["mag_1_c", "mag_1_c_dot", "lpf_mag_1_c", "mag_1_c_lag_2"] {
+        bench.spec(&format!("{head}{}{}", list(features), fit("features", "made")));
+        let done = bench.run(&[]);
+        assert_eq!(done.code, 2, "{features}: {}", done.stderr);
+        assert!(done.stderr.contains("mag_1_c") && done.stderr.contains("truth"), "{}", done.stderr);
+    }
+    bench.spec(&format!("{head}{}", fit("mag_1_c", "flights")));
+    let done = bench.run(&[]);
+    assert!(done.code == 2 && done.stderr.contains("truth"), "{}", done.stderr);
+}
+
+/// A sweep over every kind of axis and model, with lists.
+fn sweep() -> Bench {
+    let features = TERMS.map(|t| format!("\"{t}\"")).join(",");
+    let models = ["tolles_lawson", "ridge", "elastic_net", "pls", "truncated_svd", "robust", "recursive_least_squares"];
+    let names = models.map(|m| format!("\"{m}\"")).join(",");
+    small_case(&format!(
+        "[axes]\nterms = {{ subsets_of = [\"a0\", [\"a1\", \"a2\"], \"a5\"], up_to = 2 }}\nmodel = [{names}]\n\
+         lambda = [0.01, 0.5, 20.0]\n\
+         [[stages]]\nname = \"made\"\nstage = \"features\"\ninput = \"flights\"\nfeatures = [{features}]\n\
+         publish = false\n\
+         [[stages]]\nname = \"columns\"\nstage = \"fit\"\ninput = \"flights\"\nmodel = \"$model\"\n\
+         target = \"mag_4_uc\"\nfeatures = [\"$terms\", \"a7\"]\nlambda = \"$lambda\"\ncomponents = 2\nlow_hz = 0.0\n\
+         high_hz = 0.0\ntrim = 0\n\
+         [[stages]]\nname = \"entries\"\nstage = \"fit\"\ninput = \"made\"\nmodel = \"$model\"\n\
+         target = \"mag_4_uc\"\nfeatures = [\"features\"]\nentries = [\"$terms\", \"a7\"]\nlambda = \"$lambda\"\n\
+         components = 2\nlow_hz = 0.0\nhigh_hz = 0.0\ntrim = 0\n"
+    ))
+}
+
+#[test]
+fn law_a_sweep_of_models_has_the_same_bytes_with_any_threads_and_in_any_steps() {
+    let bench = sweep();
+    let run = |more: &[&str]| {
+        let done = bench.run(more);
+        assert!(done.code == 0 && done.total("failed") == 0, "{}", done.stderr);
+    };
+    run(&["--set", "store=one", "--threads", "1"]);
+    run(&["--set", "store=two", "--threads", "2"]);
+    for step in ["axes.lambda=[0.5]", "axes.model=[\"pls\", \"robust\"]", "axes.terms=[[\"a5\"]]"] {
+        run(&["--set", "store=grown", "--set", step]);
+    }
+    run(&["--set", "store=grown"]);
+    let one = bench.tables("one");
+    assert!(one.len() >= 3 && !one.keys().any(|k| k.contains("/made/")), "{:?}", one.keys());
+    for other in ["two", "grown"] {
+        let other_tables = bench.tables(other);
+        assert_eq!(one.keys().collect::<Vec<_>>(), other_tables.keys().collect::<Vec<_>>());
+        for (name, bytes) in &one {
+            assert!(other_tables[name] == *bytes, "{name} differs in {other}");
+        }
+    }
+}
+
+#[test]
+fn law_entries_of_a_list_are_the_columns_of_that_name() {
+    let bench = sweep();
+    run(&bench);
+    let [columns, entries] = ["columns", "entries"].map(|name| read(&bench.path("store/tables/small").join(name)));
+    let keys = |t: &[RecordBatch]| {
+        let of = |c| texts(t, c);
+        of("terms").into_iter().zip(of("model")).zip(of("term")).collect::<Vec<_>>()
+    };
+    assert_eq!(keys(&columns), keys(&entries));
+    let mut sets = texts(&columns, "terms");
+    sets.dedup();
+    assert_eq!(sets, ["a0", "a1+a2", "a5", "a0+a1+a2", "a0+a5", "a1+a2+a5"]);
+    for column in ["value", "residual_std"] {
+        for (a, b) in numbers(&columns, column).iter().zip(numbers(&entries, column)) {
+            // One is cut from the factor of eight columns, the other made of its own; robust ones stop at a tolerance.
+            assert!((a - b).abs() <= 1e-6 * (b.abs() + 1e-2), "{column}: {a} {b}");
+        }
+    }
+}
+
+#[test]
+fn gold_entries_that_are_not_there() {
+    let bench = small_case(&fit("bad", "mag_4_uc", "model = \"ridge\"\nentries = [\"a0\", \"b7\"]"));
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 2);
+    assert!(done.stderr.contains("the features have no entry `b7`"), "{}", done.stderr);
+    let bench = small_case(&fit("bad", "mag_4_uc", "model = \"ridge\"\nentries = [\"a0\", \"a0\"]"));
+    assert!(bench.run(&[]).stderr.contains("the entry `a0` is there twice"));
+}
+
+/// Numbers from a standard normal distribution, from a fixed seed: Box and Muller on splitmix64.
+struct Normals(u64);
+
+impl Normals {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn draw(&mut self) -> f64 {
+        let (u, v) = (1.0 - self.uniform(), self.uniform());
+        (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+    }
+}
+
+/// A line of movements all round, whose magnetometers read what eighteen coefficients make of the exact terms, and noise.
+fn flown(line: usize, rows: usize, beta: &[f64], noise_nt: f64, normals: &mut Normals) -> RecordBatch {
+    let t = |i: usize| 0.1 * i as f64;
+    let angle = |i: usize, w: f64, a: f64| a * (w * t(i) + line as f64).sin();
+    let vector: Vec<[f64; 3]> = (0..rows)
+        .map(|i| {
+            let (roll, pitch, yaw) = (angle(i, 1.31, 0.4), angle(i, 1.73, 0.3), 0.13 * t(i) + angle(i, 0.87, 0.5));
+            let field = [20_000.0, 0.0, 44_000.0 + 300.0 * (0.02 * t(i)).sin()];
+            let turned = [field[0] * yaw.cos(), -field[0] * yaw.sin(), field[2]];
+            let pitched = [
+                turned[0] * pitch.cos() - turned[2] * pitch.sin(),
+                turned[1],
+                turned[0] * pitch.sin() + turned[2] * pitch.cos(),
+            ];
+            [
+                pitched[0],
+                pitched[1] * roll.cos() + pitched[2] * roll.sin(),
+                pitched[2] * roll.cos() - pitched[1] * roll.sin(),
+            ]
+        })
+        .collect();
+    let change = |i: usize, k: usize| {
+        let (a, b) = (i.saturating_sub(1), (i + 1).min(rows - 1));
+        (vector[b][k] - vector[a][k]) / (b - a) as f64
+    };
+    let aircraft: Vec<f64> = (0..rows)
+        .map(|i| {
+            let b = vector[i];
+            let total = (b[0] * b[0] + b[1] * b[1] + b[2] * b[2]).sqrt();
+            let mut terms: Vec<f64> = b.iter().map(|x| x / total).collect();
+            for j in 0..3 {
+                terms.extend((j..3).map(|k| b[j] * b[k] / total / 50_000.0));
+            }
+            for j in 0..3 {
+                terms.extend((0..3).map(|k| b[j] * change(i, k) / total / 50_000.0));
+            }
+            terms.iter().zip(beta).map(|(a, b)| a * b).sum()
+        })
+        .collect();
+    let columns = [
+        ("tt", (0..rows).map(t).collect()),
+        ("mag_4_uc", aircraft.iter().map(|x| x + noise_nt * normals.draw()).collect()),
+        ("flux_a_x", vector.iter().map(|b| b[0]).collect()),
+        ("flux_a_y", vector.iter().map(|b| b[1]).collect()),
+        ("flux_a_z", vector.iter().map(|b| b[2]).collect::<Vec<f64>>()),
+    ];
+    with_keys("F", &format!("L{line:03}"), &batch(&columns))
+}
+
+const AIRCRAFT: [f64; 18] = [
+    120.0, -80.0, 45.0, 30.0, -12.0, 7.5, 22.0, 4.0, -16.0, 900.0, -400.0, 250.0, 120.0, 640.0, -310.0, 75.0, 510.0,
+    -830.0,
+];
+
+fn flown_bench(lines: &[RecordBatch], axes: &str, more: &str) -> Bench {
+    let bench = Bench { folder: TempDir::new().unwrap() };
+    fs::create_dir(bench.path("flights")).unwrap();
+    write(&bench.path("flights/F.parquet"), lines);
+    bench.spec(&format!(
+        "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flights/\"\n{axes}\
+         [[stages]]\nname = \"terms\"\nstage = \"a_matrix\"\ninput = \"flights\"\nvector = \"flux_a\"\n\
+         [[stages]]\nname = \"fit\"\nstage = \"fit\"\ninput = \"terms\"\nmodel = \"tolles_lawson\"\n\
+         target = \"mag_4_uc\"\nlambda = 0.0\n{more}"
+    ));
+    bench
+}
+
+#[test]
+fn law_coefficients_of_a_noise_free_flight_are_recovered() {
+    let mut normals = Normals(1);
+    let lines: Vec<RecordBatch> = (0..3).map(|k| flown(k, 1500, &AIRCRAFT, 0.0, &mut normals)).collect();
+    for more in ["", "low_hz = 0.0\nhigh_hz = 0.0\ntrim = 0\n"] {
+        let bench = flown_bench(&lines, "", more);
+        run(&bench);
+        let found = coefficients(&bench, "fit");
+        assert_eq!(found.len(), 18);
+        for (found, beta) in found.iter().zip(AIRCRAFT) {
+            assert!((found / beta - 1.0).abs() < 1e-6, "{found} {beta}");
+        }
+    }
+}
+
+#[test]
+fn law_errors_from_noise_are_as_large_as_predicted() {
+    let mut normals = Normals(2);
+    const REPEATS: usize = 60;
+    let lines: Vec<RecordBatch> = (0..REPEATS).map(|k| flown(k, 600, &AIRCRAFT, 0.5, &mut normals)).collect();
+    let names: Vec<String> = (0..REPEATS).map(|k| format!("\"L{k:03}\"")).collect();
+    let bench = flown_bench(
+        &lines,
+        &format!("[axes]\nflown = [{}]\n", names.join(", ")),
+        "where = \"line = '$flown'\"\nlow_hz = 0.0\nhigh_hz = 0.0\ntrim = 0\n",
+    );
+    run(&bench);
+    let table = read(&bench.path("store/tables/small/fit"));
+    let (values, std) = (numbers(&table, "value"), numbers(&table, "std"));
+    assert_eq!(values.len(), REPEATS * 18);
+    let squares: Vec<f64> =
+        values.iter().zip(&std).enumerate().map(|(i, (v, s))| ((v - AIRCRAFT[i % 18]) / s).powi(2)).collect();
+    // Each term by itself over all flights: chi-square of 60, of mean 60 and sigma 11; five sigma either way.
+    for term in 0..18 {
+        let sum: f64 = squares.iter().skip(term).step_by(18).sum();
+        assert!((10.0..115.0).contains(&sum), "term {term}: {sum}");
+    }
+    // Together: the mean of 1080 squares of unit mean. Terms of one flight go together, so that it counts as 60 at least.
+    let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+    assert!((mean - 1.0).abs() < 4.0 * (2.0f64 / 60.0).sqrt(), "{mean}");
+}
