@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use tables::{Failed, Line, beyond_core, classical, less, line, lines, reference_free, sd};
+use tables::{Failed, Line, beyond_core, classical, less, line, lines, reference_free, sd, seeds};
 
 mod tables;
 
@@ -33,25 +33,9 @@ fn main() -> Result<(), Failed> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("presets");
     let (cessna_spec, drone_spec) = (folder.join("cessna.synth.toml"), folder.join("drone.synth.toml"));
     cessna(&lines(&cessna_spec)?)?;
-    cessna_seeds(&seeds(&cessna_spec)?)?;
+    cessna_seeds(&seeds(&cessna_spec, SEEDS)?)?;
     drone(&lines(&drone_spec)?)?;
-    drone_seeds(&seeds(&drone_spec)?)
-}
-
-/// The flights of a spec with each of the seeds.
-fn seeds(spec: &Path) -> Result<Vec<Vec<Line>>, Failed> {
-    let text = std::fs::read_to_string(spec)?;
-    let folder = tempfile::TempDir::new()?;
-    let samples = format!("{}/samples", env!("CARGO_MANIFEST_DIR"));
-    let with = |seed: u32| {
-        let lines_of_text =
-            text.lines().map(|l| if l.starts_with("seed ") { format!("seed = {seed}") } else { l.into() });
-        let changed = lines_of_text.collect::<Vec<String>>().join("\n").replace("../samples", &samples);
-        let path = folder.path().join("seed.synth.toml");
-        std::fs::write(&path, changed)?;
-        Ok(lines(&path)?)
-    };
-    SEEDS.map(with).collect()
+    drone_seeds(&seeds(&drone_spec, SEEDS)?)
 }
 
 /// Least, median and largest.

@@ -26,6 +26,22 @@ pub fn lines(spec: &Path) -> Result<Vec<Line>, ReadError> {
     open_flight(spec, &FlightOptions::default())?.map(|batch| batch.map(Line)).collect()
 }
 
+/// The flights of a preset's spec with each of the seeds.
+pub fn seeds(spec: &Path, seeds: std::ops::RangeInclusive<u32>) -> Result<Vec<Vec<Line>>, Failed> {
+    let text = std::fs::read_to_string(spec)?;
+    let folder = tempfile::TempDir::new()?;
+    let samples = format!("{}/samples", env!("CARGO_MANIFEST_DIR"));
+    let with = |seed: u32| {
+        let lines_of_text =
+            text.lines().map(|l| if l.starts_with("seed ") { format!("seed = {seed}") } else { l.into() });
+        let changed = lines_of_text.collect::<Vec<String>>().join("\n").replace("../samples", &samples);
+        let path = folder.path().join("seed.synth.toml");
+        std::fs::write(&path, changed)?;
+        Ok(lines(&path)?)
+    };
+    seeds.map(with).collect()
+}
+
 impl Line {
     /// Its identifier.
     pub fn name(&self) -> &str {
