@@ -6,7 +6,7 @@ Simulates 12 flights of an hour at 10 Hz over Osborne with the Cessna preset, fi
 magnetometers (with their differences) by up to two of three vector magnetometers (Tolles-Lawson terms) by six models, then
 adds 100 ridge parameters, then compensates with and scores every model; each run starts with what it needs from the one
 before and nothing else. scikit-learn fits the same combinations one by one on columns filtered by scipy; of the 60 sets
-every sixth is timed and the sum scaled, all of them with `--all`. Asserts that both have the same coefficients.
+every sixth is timed and the sum scaled, all of them with `--all`. Asserts that both models of a combination predict the same.
 """
 import argparse
 import itertools
@@ -27,7 +27,7 @@ FLIGHTS, RATE_HZ, TRIM, LAMBDA, COMPONENTS = 12, 10.0, 20, 0.025, 18
 SCALARS = [f"mag_{k}_uc" for k in (2, 3, 4, 5)]
 VECTORS = [f"flux_{k}" for k in "abc"]
 MODELS = ["tolles_lawson", "extended_tolles_lawson", "ridge", "elastic_net", "pls", "truncated_svd"]
-TARGET = "mag_1_c"
+TARGET = "mag_1_uc"
 
 
 def synth_spec():
@@ -69,6 +69,7 @@ path = "flights/"
 scalars = {{ subsets_of = {json.dumps([[m, m + "_dot"] for m in SCALARS])}, up_to = 2 }}
 vectors = {{ subsets_of = {json.dumps([f"TL_A_{v}" for v in VECTORS])}, up_to = 2 }}
 model = {json.dumps(MODELS)}
+single = [0.5]
 lambda = [{", ".join(repr(10.0 ** (k / 10 - 6)) for k in range(100))}]
 [[stages]]
 name = "columns"
@@ -95,11 +96,12 @@ name = "path"
 stage = "fit"
 input = "columns"
 model = "tolles_lawson"
-target = "mag_1_c"
+target = "mag_1_uc"
 features = ["features"]
 entries = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
 lambda = "$lambda"
 """
+ONE_LAMBDA = LAMBDAS.replace('"path"', '"single"').replace('"$lambda"', '"$single"')
 ALL_LAMBDAS = LAMBDAS.replace('"path"', '"paths"').replace('"mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"', '"$scalars", "$vectors"')
 SCORES = """
 [[stages]]
@@ -108,7 +110,6 @@ stage = "compensate"
 input = "columns"
 model = "fits"
 mag = "mag_1_uc"
-predicts = "field"
 publish = false
 [[stages]]
 name = "scores"
@@ -155,8 +156,9 @@ def columns(folder):
         y.append(t[TARGET].to_numpy())
     start = time.perf_counter()
     sos = butter(4, [0.1, 0.9], "bandpass", fs=RATE_HZ, output="sos")
-    a = np.vstack([sosfiltfilt(sos, x, axis=0)[TRIM:-TRIM] for x in a])
-    y = np.concatenate([sosfiltfilt(sos, x)[TRIM:-TRIM] for x in y])
+    # Padded as `filtfilt` of the same filter does: scipy's `sosfiltfilt` takes three samples more.
+    a = np.vstack([sosfiltfilt(sos, x, axis=0, padlen=24)[TRIM:-TRIM] for x in a])
+    y = np.concatenate([sosfiltfilt(sos, x, padlen=24)[TRIM:-TRIM] for x in y])
     return names, a, y, time.perf_counter() - start
 
 
@@ -177,6 +179,14 @@ def sklearn_model(name, x, y):
     return models[name]().fit(x, y)
 
 
+def predicted(table, scalars, vectors, model, x):
+    """What magline's model makes of the same columns."""
+    dots = "+".join(m + d for m in scalars for d in ("", "_dot"))
+    of = (table.scalars == dots) & (table.vectors == "+".join(f"TL_A_{v}" for v in vectors)) & (table.model == model)
+    values = table[of].value.to_numpy()
+    return x @ values[: x.shape[1]] + values[x.shape[1] :].sum()
+
+
 def by_sklearn(folder, whole):
     import warnings
 
@@ -187,7 +197,8 @@ def by_sklearn(folder, whole):
     sets = [(s, v) for s in subsets(SCALARS) for v in subsets(VECTORS)]
     chosen = sets if whole else sets[::6]
     seconds = dict.fromkeys(MODELS, 0.0)
-    reference = {}
+    worst = dict.fromkeys(MODELS, 0.0)
+    table = pq.read_table(folder / "store/tables/combinations/fits").to_pandas()
     for scalars, vectors in chosen:
         wanted = [n for n in names if n.removesuffix("_dot") in scalars or n.split("#")[0].removeprefix("TL_A_") in vectors]
         x = a[:, [names.index(n) for n in wanted]]
@@ -195,22 +206,16 @@ def by_sklearn(folder, whole):
             start = time.perf_counter()
             fit = sklearn_model(model, x, y)
             seconds[model] += time.perf_counter() - start
-            if model == "tolles_lawson":
-                dots = [m + d for m in scalars for d in ("", "_dot")]
-                reference["+".join(dots), "+".join(f"TL_A_{v}" for v in vectors)] = dict(zip(wanted, fit.coef_))
+            ours = predicted(table, scalars, vectors, model, x)
+            worst[model] = max(worst[model], np.std(ours - np.ravel(fit.predict(x))) / np.std(y))
     scale = len(sets) / len(chosen)
     each = ", ".join(f"{m} {s * scale:.1f}" for m, s in seconds.items())
     total = filtering + scale * sum(seconds.values())
     print(f"scikit-learn {sklearn.__version__}, one by one, {len(chosen)} of {len(sets)} sets timed: {total:.1f} s "
           f"(all columns filtered once {filtering:.1f}; {each})", flush=True)
-    table = pq.read_table(folder / "store/tables/combinations/fits").to_pandas()
-    worst = 0.0
-    for (scalars, vectors), coefficients in reference.items():
-        ours = table[(table.scalars == scalars) & (table.vectors == vectors) & (table.model == "tolles_lawson")].value
-        theirs = np.array(list(coefficients.values()))
-        worst = max(worst, np.max(np.abs(ours.to_numpy() - theirs)) / np.max(np.abs(theirs)))
-    print(f"largest difference of Tolles-Lawson coefficients, in parts of the largest: {worst:.1e}")
-    assert worst < 1e-5, worst
+    print("predictions differ by, in parts of the target's deviation: " + ", ".join(f"{m} {w:.0e}" for m, w in worst.items()))
+    # scikit-learn stops coordinate descent at a part of 1e-4.
+    assert all(w < (1e-2 if m == "elastic_net" else 1e-6) for m, w in worst.items()), worst
     return total
 
 
@@ -232,11 +237,13 @@ def main():
     only = spec().split("[[stages]]\nname = \"fits\"")[0]
     run(folder, only, "flights read and feature columns made")
     fits = run(folder, spec(), "360 fits")
-    one = run(folder, spec(LAMBDAS), "100 lambdas more of one set")
-    every = run(folder, spec(LAMBDAS + ALL_LAMBDAS), "100 lambdas more of all 60 sets")
-    print(f"100 lambdas more cost {100 * one / fits:.0f} % of the table for one set, {100 * every / fits:.0f} % for all 60 sets")
+    single = run(folder, spec(ONE_LAMBDA), "1 lambda of one set")
+    hundred = run(folder, spec(ONE_LAMBDA + LAMBDAS), "100 other lambdas of it")
+    print(f"99 lambdas more cost {100 * (hundred / single - 1):.0f} % of the sweep")
+    every = run(folder, spec(ONE_LAMBDA + LAMBDAS + ALL_LAMBDAS), "100 lambdas of all 60 sets")
+    print(f"that is {1e3 * every / 6000:.2f} ms for each table that is written")
     if not given.no_scores:
-        run(folder, spec(LAMBDAS + ALL_LAMBDAS + SCORES), "every model of the table compensated with and scored")
+        run(folder, spec(SCORES), "every model of the table compensated with and scored")
     if not given.no_sklearn:
         theirs = by_sklearn(folder, given.all)
         print(f"magline's fits are faster by {theirs / fits:.0f}")

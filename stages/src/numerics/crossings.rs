@@ -66,6 +66,8 @@ struct Cells {
     samples: Vec<Sample>,
     /// Cell, first sample, one past the last.
     index: Vec<((i64, i64), usize, usize)>,
+    /// For each entry of the index the first one that is no less than its neighbour to the north-west.
+    north_west: Vec<usize>,
 }
 
 impl Cells {
@@ -91,34 +93,42 @@ impl Cells {
                 _ => index.push((sample.cell, at, at + 1)),
             }
         }
-        Self { samples, index }
+        // Neighbours of sorted cells are sorted too, so that one walk finds them all.
+        let (mut north_west, mut at) = (Vec::with_capacity(index.len()), 0);
+        for ((north, east), ..) in &index {
+            let wanted = (north.saturating_add(1), east.saturating_sub(1));
+            while index.get(at).is_some_and(|entry| entry.0 < wanted) {
+                at += 1;
+            }
+            north_west.push(at);
+        }
+        Self { samples, index, north_west }
     }
 
-    /// The cell itself and the half of its neighbours that meets every pair of cells once.
-    fn around(&self, cell: (i64, i64)) -> impl Iterator<Item = &[Sample]> {
-        [(0, 1), (1, -1), (1, 0), (1, 1)].into_iter().filter_map(move |(north, east)| {
-            let other = (cell.0.saturating_add(north), cell.1.saturating_add(east));
-            let at = self.index.binary_search_by_key(&other, |entry| entry.0).ok()?;
-            let (_, start, end) = self.index[at];
-            Some(&self.samples[start..end])
-        })
+    /// The samples of the half of a cell's neighbours that meets every pair of cells once.
+    fn around(&self, entry: usize) -> impl Iterator<Item = &[Sample]> {
+        let (cell, ..) = self.index[entry];
+        let next = self.index.get(entry + 1).filter(move |e| e.0 == (cell.0, cell.1.saturating_add(1)));
+        let last = (cell.0.saturating_add(1), cell.1.saturating_add(1));
+        let row = self.index[self.north_west[entry]..].iter().take_while(move |e| e.0 <= last);
+        next.into_iter().chain(row).map(|&(_, start, end)| &self.samples[start..end])
     }
 
     fn candidates(&self) -> u128 {
-        let pairs = self.index.iter().map(|&(cell, start, end)| {
+        let pairs = self.index.iter().enumerate().map(|(entry, &(_, start, end))| {
             let n = (end - start) as u128;
-            let beside: usize = self.around(cell).map(<[Sample]>::len).sum();
+            let beside: usize = self.around(entry).map(<[Sample]>::len).sum();
             n * (n - 1) / 2 + n * beside as u128
         });
         pairs.sum()
     }
 
     fn each_pair(&self, mut visit: impl FnMut(&Sample, &Sample)) {
-        for &(cell, start, end) in &self.index {
+        for (entry, &(_, start, end)) in self.index.iter().enumerate() {
             let own = &self.samples[start..end];
             for (i, one) in own.iter().enumerate() {
                 own[i + 1..].iter().for_each(|other| visit(one, other));
-                for beside in self.around(cell) {
+                for beside in self.around(entry) {
                     beside.iter().for_each(|other| visit(one, other));
                 }
             }
