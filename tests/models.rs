@@ -79,13 +79,14 @@ fn val_models_of_moments_are_scikit_learns() {
         let more = format!("model = \"ridge\"\nscaling = \"{scaling}\"\nlambda = {lambda:?}");
         stages += &fit(&format!("ridge{row}"), "mag_4_uc", &more);
     }
-    for row in 0..18 {
+    let elastic = |row: usize| {
         let (alpha, ratio, centred) = (net["alpha"][row], net["l1_ratio"][row], net["centred"][row] == 1.0);
         let more = format!(
             "model = \"elastic_net\"\nscaling = \"none\"\nintercept = {centred}\nl1_ratio = {ratio:?}\nlambda = {alpha:?}"
         );
-        stages += &fit(&format!("net{row}"), "mag_4_uc", &more);
-    }
+        fit(&format!("net{row}"), "mag_4_uc", &more)
+    };
+    stages.extend((0..18).map(elastic));
     for k in 1..=8 {
         stages += &fit(&format!("pls{k}"), "mag_4_uc", &format!("model = \"pls\"\ncomponents = {k}"));
     }
@@ -328,11 +329,11 @@ fn flown(line: usize, rows: usize, beta: &[f64], noise_nt: f64, normals: &mut No
             let b = vector[i];
             let total = (b[0] * b[0] + b[1] * b[1] + b[2] * b[2]).sqrt();
             let mut terms: Vec<f64> = b.iter().map(|x| x / total).collect();
-            for j in 0..3 {
-                terms.extend((j..3).map(|k| b[j] * b[k] / total / 50_000.0));
+            for (j, x) in b.iter().enumerate() {
+                terms.extend(b[j..].iter().map(|y| x * y / total / 50_000.0));
             }
-            for j in 0..3 {
-                terms.extend((0..3).map(|k| b[j] * change(i, k) / total / 50_000.0));
+            for x in b {
+                terms.extend((0..3).map(|k| x * change(i, k) / total / 50_000.0));
             }
             terms.iter().zip(beta).map(|(a, b)| a * b).sum()
         })
