@@ -9,10 +9,18 @@ use crate::support::{magline, numbers, read, repository, stderr, stdout, texts};
 
 /// Runs an example into a store of its own; the folder and the last event.
 fn run(example: &str) -> (TempDir, Value) {
+    run_with(example, &[])
+}
+
+/// The same with values of the spec changed.
+fn run_with(example: &str, sets: &[&str]) -> (TempDir, Value) {
     let folder = TempDir::new().unwrap();
     let spec = repository().join("datasets/examples").join(example);
     let store = format!("store={}", folder.path().join("store").display());
-    let output = magline(folder.path(), &["run", &spec.display().to_string(), "--set", &store, "--json"]);
+    let spec = spec.display().to_string();
+    let sets = sets.iter().flat_map(|s| ["--set", s]);
+    let args: Vec<&str> = ["run", &spec, "--set", &store, "--json"].into_iter().chain(sets).collect();
+    let output = magline(folder.path(), &args);
     assert!(output.status.success(), "{}", stderr(&output));
     let last = stdout(&output).lines().last().map(|l| serde_json::from_str(l).unwrap()).unwrap();
     (folder, last)
@@ -136,4 +144,106 @@ fn law_a_map_at_the_height_flown_follows_the_stinger() {
     // continued one by what the levels 700 m apart leave and the edges do.
     assert!(std("scores_level", "cubic", true) > 10.0);
     assert!(std("scores_flown", "cubic", true) < 1.0);
+}
+
+/// The root mean square over lines of a metric, of the rows where the text columns have these values and the numbers these.
+fn rms(folder: &Path, table: &str, words: &[(&str, &str)], figures: &[(&str, f64)]) -> f64 {
+    let scores = read(&folder.join("store/tables").join(table));
+    let (metrics, values) = (texts(&scores, "metric"), numbers(&scores, "value"));
+    let words: Vec<(Vec<String>, &str)> = words.iter().map(|(c, v)| (texts(&scores, c), *v)).collect();
+    let figures: Vec<(Vec<f64>, f64)> = figures.iter().map(|(c, v)| (numbers(&scores, c), *v)).collect();
+    let wanted = |i: &usize| {
+        metrics[*i] == "std_error"
+            && words.iter().all(|(c, v)| c[*i] == *v)
+            && figures.iter().all(|(c, v)| c[*i] == *v)
+    };
+    let chosen: Vec<f64> = (0..values.len()).filter(wanted).map(|i| values[i]).collect();
+    assert!(!chosen.is_empty(), "{table} has no such rows");
+    (chosen.iter().map(|v| v * v).sum::<f64>() / chosen.len() as f64).sqrt()
+}
+
+#[test]
+fn ref_models_of_thesis_000_are_in_its_order() {
+    let fewer = [
+        "axes.mag=[\"mag_4_uc\", \"mag_5_uc\"]",
+        "axes.other=[\"mag_4_uc\"]",
+        "axes.vector=[\"flux_a\"]",
+        "axes.vectors=[[\"TL_A_flux_a\"], [\"TL_A_flux_a\", \"TL_A_flux_c\"]]",
+        "axes.ridge=[0.025]",
+    ];
+    let (folder, last) = run_with("thesis_000.toml", &fewer);
+    assert_eq!(last["failed"], 0);
+    let of = |model: &str, train: &str, figures: &[(&str, f64)]| {
+        rms(folder.path(), &format!("thesis_000/{model}_scores"), &[("train", train)], figures)
+    };
+    // Table 3.3: with one box Tolles-Lawson is best.
+    let classical = of("classical", "box", &[("lambda", 0.025)]);
+    let penalty = [("penalty", 0.0005)];
+    for other in [of("net", "box", &penalty), of("plsr", "box", &[("components", 2.0)])] {
+        assert!(classical < 0.8 * other, "{classical} {other}");
+    }
+    // Table 3.4: with hours of data the elastic net and partial least squares are, and they are alike.
+    let classical = of("classical", "hours", &[("lambda", 0.25)]);
+    let (net, plsr) = (of("net", "hours", &penalty), of("plsr", "hours", &[("components", 18.0)]));
+    assert!(net < 0.7 * classical && plsr < 0.7 * classical, "{classical} {net} {plsr}");
+    assert!((net / plsr - 1.0).abs() < 0.4, "{net} {plsr}");
+    // Tables 4.10 and 4.13, 4.14: magnetometer 5 is the best; partial least squares on hours beats Tolles-Lawson on a
+    // box; two vector magnetometers and more features help.
+    let pooled = |table: &str, words: &[(&str, &str)]| rms(folder.path(), &format!("thesis_000/{table}"), words, &[]);
+    let (four, five) = (pooled("box", &[("mag", "mag_4_uc")]), pooled("box", &[("mag", "mag_5_uc")]));
+    assert!(five < four);
+    for mag in ["mag_4_uc", "mag_5_uc"] {
+        let single = read(&folder.path().join("store/tables/thesis_000/single"));
+        let (mags, values) = (texts(&single, "mag"), numbers(&single, "value"));
+        let errors: Vec<f64> = (0..values.len()).filter(|i| mags[*i] == mag).map(|i| values[i]).collect();
+        assert!(errors.len() == 2 && errors[1] < errors[0] && errors[0] < five, "{errors:?}");
+        let (one, two) = (
+            pooled("small", &[("mag", mag), ("set", "small_1")]),
+            pooled("small", &[("mag", mag), ("set", "small_2")]),
+        );
+        assert!(one < two && two < five, "{one} {two}");
+    }
+    let overfitting = read(&folder.path().join("store/tables/thesis_000/overfitting"));
+    assert!(texts(&overfitting, "metric").contains(&"overfitting_ratio".to_owned()));
+}
+
+#[test]
+fn law_the_thesis_spec_takes_the_columns_of_the_real_survey() {
+    let folder = TempDir::new().unwrap();
+    let spec = repository().join("datasets/examples/thesis_000.toml").display().to_string();
+    for file in ["Flt1003_sample.xyz", "sgl_2020.h5"] {
+        let path = repository().join("datasets/samples/magnavjl_sample").join(file);
+        let set = format!("tables.flights.path={}", path.display());
+        let output = magline(folder.path(), &["check", &spec, "--set", &set]);
+        assert!(output.status.success(), "{}", stderr(&output));
+    }
+}
+
+#[test]
+fn ref_a_drone_is_compensated_as_in_thesis_004() {
+    let (folder, last) = run("thesis_004.toml");
+    assert_eq!(last["failed"], 0);
+    let mean = |side: &str, model: &str, mag: &str, metric: &str| {
+        let scores = read(&folder.path().join(format!("store/tables/thesis_004/{side}_{model}_scores")));
+        let (mags, metrics, values) = (texts(&scores, side), texts(&scores, "metric"), numbers(&scores, "value"));
+        let chosen: Vec<f64> =
+            (0..values.len()).filter(|i| mags[*i] == mag && metrics[*i] == metric).map(|i| values[i]).collect();
+        assert_eq!(chosen.len(), 6);
+        chosen.iter().sum::<f64>() / 6.0
+    };
+    // Tables 4.1 to 4.3: uncompensated nT and ratio with a ridge. One drone of the kind, not the same one.
+    for (side, mag, uncompensated, ratio) in [
+        ("left", "mag_1_uc", 37.85, 4.90),
+        ("right", "mag_2_uc", 27.45, 4.03),
+        ("left", "flux_a_t", 251.99, 10.19),
+        ("right", "flux_b_t", 180.28, 8.51),
+    ] {
+        assert!((mean(side, "ridge", mag, "std_uncompensated") / uncompensated - 1.0).abs() < 0.3, "{mag}");
+        let ours = mean(side, "ridge", mag, "improvement_ratio");
+        assert!((0.6..1.6).contains(&(ours / ratio)), "{mag} {ours}");
+    }
+    // The vector magnetometers' ratios are larger.
+    let ratio = |side, mag| mean(side, "ridge", mag, "improvement_ratio");
+    assert!(ratio("left", "flux_a_t") > ratio("left", "mag_1_uc"));
+    assert!(ratio("right", "flux_b_t") > ratio("right", "mag_2_uc"));
 }

@@ -7,6 +7,7 @@
 
 mod bad_input;
 mod bytes;
+mod calibration;
 mod examples;
 mod field;
 mod killed;

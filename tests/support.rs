@@ -8,7 +8,7 @@ use std::{
     sync::Arc,
 };
 
-use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, StringArray};
+use arrow_array::{Array, ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema};
 use parquet::arrow::{ArrowWriter, arrow_reader::ParquetRecordBatchReaderBuilder};
 use serde_json::Value;
@@ -298,10 +298,13 @@ pub fn read(folder: &Path) -> Vec<RecordBatch> {
     files.iter().flat_map(|f| open(f).map(Result::unwrap).collect::<Vec<_>>()).collect()
 }
 
-/// The numbers of a column over all batches.
+/// The numbers of a column over all batches, whole ones as well.
 pub fn numbers(batches: &[RecordBatch], column: &str) -> Vec<f64> {
     let one = |b: &RecordBatch| {
         let array = b.column_by_name(column).unwrap_or_else(|| panic!("no {column}"));
+        if let Some(whole) = array.as_any().downcast_ref::<Int64Array>() {
+            return whole.iter().map(|x| x.map_or(f64::NAN, |x| x as f64)).collect::<Vec<f64>>();
+        }
         array
             .as_any()
             .downcast_ref::<Float64Array>()
