@@ -56,14 +56,21 @@ fn law_the_trivial_solution_is_told_at_the_end_with_what_it_may_miss() {
         write(&bench.path(&format!("flights/{flight}.parquet")), &lines);
     }
     let spec = head().replace("lambda = [0.0, 0.025]", "lambda = [0.0, 1e-20, 1e-19, 1e-18, 1e-17, 1e-16, 2.5e4]");
-    fs::write(bench.path("spec.toml"), spec + &fitted("model", "line like '%'", "model = \"tolles_lawson\"\nlambda = \"$lambda\"")).unwrap();
+    fs::write(
+        bench.path("spec.toml"),
+        spec + &fitted("model", "line like '%'", "model = \"tolles_lawson\"\nlambda = \"$lambda\""),
+    )
+    .unwrap();
     let output = bench.magline(&["run", "spec.toml"]);
     assert!(output.status.success(), "{}", stderr(&output));
     let said = stderr(&output);
     // Six of seven fits are trivial: five are told, one is counted.
     let notes = said.lines().filter(|l| l.starts_with("note: model (")).count();
     assert_eq!(notes, 5, "{said}");
-    assert!(said.contains("note: model (vector = flux_a, lambda = 0.0): ") && said.contains("trivial solution"), "{said}");
+    assert!(
+        said.contains("note: model (vector = flux_a, lambda = 0.0): ") && said.contains("trivial solution"),
+        "{said}"
+    );
     assert!(said.contains("note: 1 more fit has a warning"), "{said}");
     let table = read(&bench.path("store/tables/small/model"));
     let (lambda, bound, share) =

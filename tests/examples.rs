@@ -153,9 +153,7 @@ fn rms(folder: &Path, table: &str, words: &[(&str, &str)], figures: &[(&str, f64
     let words: Vec<(Vec<String>, &str)> = words.iter().map(|(c, v)| (texts(&scores, c), *v)).collect();
     let figures: Vec<(Vec<f64>, f64)> = figures.iter().map(|(c, v)| (numbers(&scores, c), *v)).collect();
     let wanted = |i: &usize| {
-        metrics[*i] == "std_error"
-            && words.iter().all(|(c, v)| c[*i] == *v)
-            && figures.iter().all(|(c, v)| c[*i] == *v)
+        metrics[*i] == "std_error" && words.iter().all(|(c, v)| c[*i] == *v) && figures.iter().all(|(c, v)| c[*i] == *v)
     };
     let chosen: Vec<f64> = (0..values.len()).filter(wanted).map(|i| values[i]).collect();
     assert!(!chosen.is_empty(), "{table} has no such rows");
