@@ -34,7 +34,7 @@ impl Stage for Magnitude {
         if !faults.is_empty() {
             return Err(faults);
         }
-        let column = Column::float(&format!("{}_t", self.vector), "nT", "magnitude of the vector magnetometer");
+        let column = Column::float(format!("{}_t", self.vector), "nT", "magnitude of the vector magnetometer");
         Ok(Yield::append(vec![column.from(0, &axes)], &axes))
     }
 
