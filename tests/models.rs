@@ -92,6 +92,8 @@ fn val_models_of_moments_are_scikit_learns() {
     }
     // All components of a truncated decomposition are ordinary least squares: the first row of the ridge.
     stages += &fit("svd8", "mag_4_uc", "model = \"truncated_svd\"\ncomponents = 8");
+    // And so is a fit without a penalty to all whitened components.
+    stages += &fit("white8", "mag_4_uc", "model = \"ridge\"\nlambda = 0.0\nwhiten = 8.0");
     let bench = small_case(&stages);
     run(&bench);
     (0..9).for_each(|row| near(&bench, &format!("ridge{row}"), &ridge, row, 1e-9));
@@ -99,6 +101,31 @@ fn val_models_of_moments_are_scikit_learns() {
     (0..18).for_each(|row| near(&bench, &format!("net{row}"), &net, row, 1e-5));
     (1..=8).for_each(|k| near(&bench, &format!("pls{k}"), &pls, k - 1, 1e-8));
     near(&bench, "svd8", &ridge, 0, 1e-9);
+    near(&bench, "white8", &ridge, 0, 1e-9);
+}
+
+#[test]
+fn val_partial_least_squares_of_two_targets_is_scikit_learns() {
+    let pls = reference("pls.csv");
+    let of = |name: &str, target: &str, other: &str, k: usize| {
+        fit(name, target, &format!("model = \"pls\"\ncomponents = {k}\nwith_targets = [\"{other}\"]"))
+    };
+    let mut stages = String::new();
+    for k in 1..=8 {
+        stages += &of(&format!("first{k}"), "mag_4_uc", "mag_5_uc", k);
+        stages += &of(&format!("second{k}"), "mag_5_uc", "mag_4_uc", k);
+        stages += &fit(&format!("alone{k}"), "mag_4_uc", &format!("model = \"pls\"\ncomponents = {k}"));
+    }
+    let bench = small_case(&stages);
+    run(&bench);
+    for k in 1..=8 {
+        // The rows of two targets stand behind the eight of one, both targets in turns.
+        near(&bench, &format!("first{k}"), &pls, 8 + 2 * (k - 1), 1e-7);
+        near(&bench, &format!("second{k}"), &pls, 9 + 2 * (k - 1), 1e-7);
+        near(&bench, &format!("alone{k}"), &pls, k - 1, 1e-8);
+    }
+    let refused = small_case(&fit("no", "mag_4_uc", "model = \"ridge\"\nwith_targets = [\"mag_5_uc\"]")).run(&[]);
+    assert!(refused.code == 2 && refused.stderr.contains("only `pls` explains several targets"), "{}", refused.stderr);
 }
 
 #[test]

@@ -69,6 +69,9 @@ stage! {
     ]);
     /// The column to explain, such as `mag_4_uc`, or `target` of the stage of that name.
     target: String, unit "nT";
+    /// Further columns that `pls` explains together with `target`, by common components; the table holds the coefficients
+    /// of `target`.
+    with_targets: Vec<String>, unit "nT", default Vec::<String>::new();
     /// The columns that explain it: lists such as `tl` and `features`, or single columns.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
     /// Which entries of the lists among `features` are used, in this order: their names, or what several names have before
@@ -177,6 +180,12 @@ impl Fit {
         if self.lambdas.as_ref().is_some_and(|l| l.len() < 3 || l.iter().any(|x| !(*x > 0.0 && x.is_finite()))) {
             wrong("`lambdas` must be three or more numbers above 0".to_owned(), "lambdas");
         }
+        if !self.with_targets.is_empty() && self.model != "pls" {
+            wrong("only `pls` explains several targets together".to_owned(), "with_targets");
+        }
+        if self.targets().iter().enumerate().any(|(i, t)| self.targets()[..i].contains(t)) {
+            wrong("a target is there twice".to_owned(), "with_targets");
+        }
         if self.model == "pls" && self.intercept == Some(false) {
             wrong("partial least squares always takes means off".to_owned(), "intercept");
         }
@@ -206,6 +215,7 @@ impl Fit {
     /// Everything that is wrong with the columns.
     fn column_faults(&self, shape: &Shape) -> Vec<Fault> {
         let mut faults = faults_of([shape.number(&self.target, "nT")], "target");
+        faults.extend(faults_of(self.with_targets.iter().map(|name| shape.number(name, "nT")), "with_targets"));
         for name in &self.features {
             let fine = shape.need(name).and_then(|c| match c.column_type {
                 ColumnType::Float | ColumnType::List(_) => no_truth(c, "features", self.allow_truth),
@@ -219,7 +229,7 @@ impl Fit {
                     None => fault.of_param("features"),
                 });
             }
-            if *name == self.target {
+            if self.targets().contains(name) {
                 faults.push(
                     Fault::new(format!("`{name}` is the target, so it cannot be a feature")).of_param("features"),
                 );
@@ -277,7 +287,8 @@ impl Stage for Fit {
         if !faults.is_empty() {
             return Err(faults);
         }
-        let mut reads = vec!["tt".to_owned(), self.target.clone()];
+        let mut reads = vec!["tt".to_owned()];
+        reads.extend(self.targets());
         reads.extend(self.features.iter().cloned());
         let made = |c: Column| c.from(0, &reads);
         let columns = vec![
@@ -329,11 +340,18 @@ struct Matrix {
 /// What is asked of a matrix: its targets, and those of them whose rows are needed as well.
 #[derive(Default)]
 struct Question {
-    targets: Vec<String>,
-    keeps_rows: Vec<String>,
+    targets: Vec<Targets>,
+    keeps_rows: Vec<Targets>,
 }
 
+/// Columns that are explained together; one but for partial least squares of several.
+type Targets = Vec<String>;
+
 impl Fit {
+    fn targets(&self) -> Targets {
+        std::iter::once(&self.target).chain(&self.with_targets).cloned().collect()
+    }
+
     fn matrix(&self) -> Matrix {
         let filter = (self.low_hz.to_bits(), self.high_hz.to_bits(), self.order);
         Matrix { features: self.features.clone(), filter, trim: self.trim }
@@ -350,11 +368,12 @@ impl FitGather {
         let mut all: BTreeMap<Matrix, Question> = BTreeMap::new();
         for point in &self.points {
             let question = all.entry(point.matrix()).or_default();
-            if !question.targets.contains(&point.target) {
-                question.targets.push(point.target.clone());
+            let targets = point.targets();
+            if point.needs_rows() && !question.keeps_rows.contains(&targets) {
+                question.keeps_rows.push(targets.clone());
             }
-            if point.needs_rows() && !question.keeps_rows.contains(&point.target) {
-                question.keeps_rows.push(point.target.clone());
+            if !question.targets.contains(&targets) {
+                question.targets.push(targets);
             }
         }
         all
@@ -392,11 +411,11 @@ impl Gather for FitGather {
 
     fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {
         let parts: Vec<&Part> = parts.iter().filter_map(|p| p.downcast_ref::<Part>()).collect();
-        type At = (Matrix, String);
+        type At = (Matrix, Targets);
         type Kind = (Option<Vec<String>>, Option<u64>);
         let mut problems: BTreeMap<At, BTreeMap<Kind, Vec<usize>>> = BTreeMap::new();
         for (i, point) in self.points.iter().enumerate() {
-            let of_matrix = problems.entry((point.matrix(), point.target.clone())).or_default();
+            let of_matrix = problems.entry((point.matrix(), point.targets())).or_default();
             of_matrix.entry((point.entries.clone(), point.whiten.map(f64::to_bits))).or_default().push(i);
         }
         let problems: Vec<(At, Vec<Vec<usize>>)> =

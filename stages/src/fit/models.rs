@@ -6,7 +6,7 @@ use schemas::Fault;
 
 use super::components::Components;
 use super::{
-    Fit, Matrix,
+    Fit, Matrix, Targets,
     rows::{Part, Share},
 };
 use crate::{
@@ -85,7 +85,7 @@ pub struct Problem<'a> {
 
 impl<'a> Problem<'a> {
     /// Gathers the lines' shares, in the order of the lines.
-    pub fn new(parts: &[&'a Part], at: &(Matrix, String)) -> Result<Self, Fault> {
+    pub fn new(parts: &[&'a Part], at: &(Matrix, Targets)) -> Result<Self, Fault> {
         let terms = parts.iter().find_map(|p| p.terms.get(&at.0));
         let terms = terms.ok_or_else(|| Fault::data("no selected line has the features of the fit"))?;
         let all: Vec<(&String, &Share)> =
@@ -94,8 +94,10 @@ impl<'a> Problem<'a> {
         let (flights, shares): (Vec<String>, Vec<&Share>) =
             all.into_iter().filter(|(_, s)| s.moments.rows() > 0).map(|(f, s)| (f.clone(), s)).unzip();
         if shares.is_empty() {
-            let what =
-                format!("no run of samples with `{}` and all features is long enough to be filtered and trimmed", at.1);
+            let what = format!(
+                "no run of samples with `{}` and all features is long enough to be filtered and trimmed",
+                at.1.join("`, `")
+            );
             return Err(Fault::data(what).help("select longer lines, or take a smaller `trim` or `order`"));
         }
         let lines: Vec<Moments> = shares.iter().map(|s| s.moments.clone()).collect();
@@ -306,18 +308,19 @@ impl<'a> Problem<'a> {
     }
 
     fn pls(&self, point: &Fit) -> Result<Answer, Fault> {
+        let targets: Vec<usize> = (0..self.merged.targets()).collect();
         let most = point.components.min(self.terms.len());
         let count = if point.leaves_out() {
             let scores =
-                pls::choose_components(&self.groups(point)?, &[0], 0, most, point.scaling(), LineScore::Variance);
+                pls::choose_components(&self.groups(point)?, &targets, 0, most, point.scaling(), LineScore::Variance);
             1 + self.pick(point, &scores.map_err(lines_needed)?)
         } else {
             most
         };
-        let mut path = pls::fit(&self.merged, &[0], count, point.scaling()).map_err(data)?;
+        let mut path = pls::fit(&self.merged, &targets, count, point.scaling()).map_err(data)?;
         let squares = path.residual_squares.pop().and_then(|s| s.first().copied()).unwrap_or(f64::NAN);
         let used = path.fits.len();
-        let fit = path.fits.pop().and_then(|mut f| f.pop());
+        let fit = path.fits.pop().and_then(|f| f.into_iter().next());
         let fit = fit.ok_or_else(|| Fault::data("the target has no covariance with any feature"))?;
         Ok(self.answer(fit, (squares / self.free(used, point)).sqrt(), used as f64))
     }
@@ -424,7 +427,7 @@ impl<'a> Problem<'a> {
 /// The moments of the columns at `places` alone; of all without.
 fn own(moments: &Moments, places: Option<&[usize]>) -> Result<Moments, Fault> {
     match places {
-        Some(places) => moments.select(places, &[0]).map_err(data),
+        Some(places) => moments.select(places, &(0..moments.targets()).collect::<Vec<_>>()).map_err(data),
         None => Ok(moments.clone()),
     }
 }

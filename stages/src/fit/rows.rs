@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, ops::Range};
 use arrow_array::RecordBatch;
 use schemas::{Fault, LineIn};
 
-use super::{Matrix, Question};
+use super::{Matrix, Question, Targets};
 use crate::{
     bandpass::design,
     columns::{data, floats, matrix},
@@ -31,11 +31,11 @@ pub struct Share {
     pub selected: usize,
 }
 
-/// One line's shares, by matrix and target, with the names of each matrix' terms.
+/// One line's shares, by matrix and targets, with the names of each matrix' terms.
 #[derive(Default)]
 pub struct Part {
     pub flight: String,
-    pub shares: BTreeMap<(Matrix, String), Share>,
+    pub shares: BTreeMap<(Matrix, Targets), Share>,
     pub terms: BTreeMap<Matrix, Vec<String>>,
 }
 
@@ -62,7 +62,7 @@ impl<'a> Block<'a> {
 struct Group<'a> {
     runs: Vec<Range<usize>>,
     selected: usize,
-    asked: Vec<(&'a Matrix, Vec<String>)>,
+    asked: Vec<(&'a Matrix, Vec<Targets>)>,
 }
 
 impl Part {
@@ -89,10 +89,11 @@ impl Part {
             let selected = line.keep.as_ref().map_or_else(|| Usable::all(tt.len()), |keep| Usable::selected(keep));
             let count = selected.rows().iter().filter(|k| **k).count();
             let usable = own.iter().fold(selected, |u, b| u.and_finite_rows(b.values, b.names.len()));
-            for target in &question.targets {
-                let Ok(y) = floats(batch, target) else { continue };
-                let runs = usable.clone().and_finite(y).runs_in_time(tt, rate_hz);
-                join(&mut groups, runs, count, key, target);
+            for targets in &question.targets {
+                let columns: Result<Vec<_>, _> = targets.iter().map(|t| floats(batch, t)).collect();
+                let Ok(columns) = columns else { continue };
+                let runs = columns.iter().fold(usable.clone(), |u, y| u.and_finite(y)).runs_in_time(tt, rate_hz);
+                join(&mut groups, runs, count, key, targets);
             }
         }
         for group in &groups {
@@ -102,7 +103,13 @@ impl Part {
     }
 }
 
-fn join<'a>(groups: &mut Vec<Group<'a>>, runs: Vec<Range<usize>>, selected: usize, key: &'a Matrix, target: &str) {
+fn join<'a>(
+    groups: &mut Vec<Group<'a>>,
+    runs: Vec<Range<usize>>,
+    selected: usize,
+    key: &'a Matrix,
+    together: &Targets,
+) {
     let same = |g: &Group| {
         g.runs == runs && g.asked.first().is_some_and(|(k, _)| k.filter == key.filter && k.trim == key.trim)
     };
@@ -115,8 +122,8 @@ fn join<'a>(groups: &mut Vec<Group<'a>>, runs: Vec<Range<usize>>, selected: usiz
         }
     };
     match group.asked.iter_mut().find(|(k, _)| *k == key) {
-        Some((_, targets)) => targets.push(target.to_owned()),
-        None => group.asked.push((key, vec![target.to_owned()])),
+        Some((_, asked)) => asked.push(together.clone()),
+        None => group.asked.push((key, vec![together.clone()])),
     }
 }
 
@@ -169,7 +176,13 @@ fn fold(
     }
     for (key, wanted) in &group.asked {
         let columns: Vec<usize> = key.features.iter().flat_map(|n| places[n.as_str()].clone()).collect();
-        let at: Vec<usize> = wanted.iter().filter_map(|t| names.iter().position(|n| n == t)).collect();
+        let place = |name: &String| names.iter().position(|n| n == name);
+        let mut at: Vec<usize> = vec![];
+        for column in wanted.iter().flatten().filter_map(place) {
+            if !at.contains(&column) {
+                at.push(column);
+            }
+        }
         let mut folded = MomentsAccumulator::new(columns.len(), at.len());
         for run in &kept {
             let run = std::slice::from_ref(run);
@@ -178,20 +191,23 @@ fn fold(
             folded.push(&sheet.part(&columns, run), &ys).map_err(data)?;
         }
         let keeps = questions.get(*key).map(|q| q.keeps_rows.as_slice()).unwrap_or_default();
-        for (i, target) in wanted.iter().enumerate() {
-            let rows = keeps.contains(target).then(|| (sheet.part(&columns, &kept), y.part(&[at[i]], &kept)));
+        for together in wanted {
+            let own: Vec<usize> = together.iter().filter_map(place).collect();
+            let chosen: Vec<usize> = own.iter().filter_map(|c| at.iter().position(|a| a == c)).collect();
+            let rows = keeps.contains(together).then(|| (sheet.part(&columns, &kept), y.part(&own, &kept)));
             let unfiltered = raw.as_ref().map(|(a, y)| {
                 let all = 0..a.values.len() / a.width.max(1);
-                let own = a.part(&columns, std::slice::from_ref(&all));
-                Moments::of(&own, columns.len(), &[&y.column(at[i]).collect::<Vec<_>>()])
+                let rows = a.part(&columns, std::slice::from_ref(&all));
+                let ys: Vec<Vec<f64>> = own.iter().map(|c| y.column(*c).collect()).collect();
+                Moments::of(&rows, columns.len(), &ys.iter().map(Vec::as_slice).collect::<Vec<_>>())
             });
             let share = Share {
-                moments: folded.select(&[i]).finish(),
+                moments: folded.select(&chosen).finish(),
                 unfiltered: unfiltered.transpose().map_err(data)?,
                 rows,
                 selected: group.selected,
             };
-            part.shares.insert(((*key).clone(), target.clone()), share);
+            part.shares.insert(((*key).clone(), together.clone()), share);
         }
     }
     Ok(())
@@ -235,7 +251,7 @@ fn features<'a>(
 
 fn targets(group: &Group) -> Vec<String> {
     let mut names: Vec<String> = vec![];
-    for target in group.asked.iter().flat_map(|(_, targets)| targets) {
+    for target in group.asked.iter().flat_map(|(_, asked)| asked.iter().flatten()) {
         if !names.contains(target) {
             names.push(target.clone());
         }
