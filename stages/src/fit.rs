@@ -92,7 +92,7 @@ stage! {
     components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
     /// The part of the elastic net's penalty that is on absolute values.
     l1_ratio: f64, unit "1", default 0.99, rule Rule::Between(0.0, 1.0);
-    /// What columns are divided by before they are penalised; left out, `none` for `tolles_lawson`, otherwise
+    /// What columns are divided by before they are penalised; left out, `none` for `tolles_lawson` and `robust`, otherwise
     /// `standardise`.
     scaling: Option<String>, unit "", rule Rule::OneOf(&["none", "standardise", "max_abs", "min_max"]);
     /// Fit to the whitened principal components of the features in place of the features: how many of them, or below 1 the
