@@ -1,6 +1,6 @@
 //! Velocity and specific force of a track, for files that hold positions only and for the simulator.
 
-use stages::numerics::geodesy::{EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, wrap_deg};
+use stages::numerics::geodesy::{EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, unwrapped_deg};
 pub(crate) use stages::numerics::mechanisation::normal_gravity_mps2;
 
 /// The derivative of `x` with respect to `t` at each sample: central, one-sided at the ends, NaN where
@@ -33,11 +33,7 @@ impl Track<'_> {
     /// True north, both radii of curvature and the height are used, unlike differences of grid
     /// coordinates, which take grid north and the projection's scale for the real ones.
     pub(crate) fn velocity_mps(&self) -> Ned {
-        let mut unwrapped = self.lon_deg.to_vec();
-        for i in 1..unwrapped.len() {
-            unwrapped[i] = unwrapped[i - 1] + wrap_deg(unwrapped[i] - unwrapped[i - 1]);
-        }
-        let (dlat, dlon) = (derivative(self.tt, self.lat_deg), derivative(self.tt, &unwrapped));
+        let (dlat, dlon) = (derivative(self.tt, self.lat_deg), derivative(self.tt, &unwrapped_deg(self.lon_deg)));
         let earth = EarthModel::Wgs84;
         let at = |i: usize| (self.lat_deg[i].to_radians(), self.alt_m[i]);
         let rows = 0..self.tt.len();
@@ -80,6 +76,8 @@ pub(crate) fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [
 
 #[cfg(test)]
 mod tests {
+    use stages::numerics::geodesy::wrap_deg;
+
     use super::*;
 
     #[test]

@@ -4,7 +4,7 @@ use arrow_array::ArrayRef;
 use schemas::{Column, Fault, LineIn, Rule, Stage, Table, Yield, stage};
 
 use crate::{
-    columns::{data, faults_of, floats, list, no_truth, shape},
+    columns::{data, faults_of, floats, list, no_truth, shape, vector_axes},
     numerics::{
         segments::{STEP_TOLERANCE, Usable, sample_rate},
         tolles_lawson::{Field, Terms, matrix_in_runs},
@@ -37,10 +37,6 @@ stage! {
 }
 
 impl AMatrix {
-    fn axes(&self) -> [String; 3] {
-        ["x", "y", "z"].map(|a| format!("{}_{a}", self.vector))
-    }
-
     fn terms(&self) -> Result<Terms, Fault> {
         Terms::new(&self.terms).map_err(|e| Fault::new(e.to_string()).of_param("terms"))
     }
@@ -49,7 +45,7 @@ impl AMatrix {
 impl Stage for AMatrix {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
-        let axes = self.axes();
+        let axes = vector_axes(&self.vector);
         let mut faults = vec![];
         if axes.iter().all(|a| shape.get(a).is_none()) {
             let known: Vec<&str> = shape.columns.iter().filter_map(|c| c.name.strip_suffix("_x")).collect();
@@ -83,7 +79,7 @@ impl Stage for AMatrix {
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
-        let [x, y, z] = self.axes();
+        let [x, y, z] = vector_axes(&self.vector);
         let (x, y, z) = (floats(batch, &x)?, floats(batch, &y)?, floats(batch, &z)?);
         let bt = self.scalar.as_ref().map(|s| floats(batch, s)).transpose()?;
         let terms = self.terms()?;

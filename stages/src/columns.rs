@@ -51,6 +51,11 @@ pub fn shape<'a>(inputs: &[&'a Table], i: usize) -> Result<&'a Shape, Vec<Fault>
     inputs.get(i).map(|t| t.shape()).ok_or_else(|| vec![Fault::new("an input is missing")])
 }
 
+/// The columns of the vector magnetometer `name`: nose, right, down.
+pub fn vector_axes(name: &str) -> [String; 3] {
+    ["x", "y", "z"].map(|axis| format!("{name}_{axis}"))
+}
+
 /// Refuses a truth column as a feature, unless it is allowed.
 pub fn no_truth(column: &Column, param: &str, allowed: bool) -> Result<(), Fault> {
     if column.role != Role::Truth || allowed {

@@ -1,11 +1,13 @@
 //! Makes the features that compensation models are fitted on.
 
+use std::cell::OnceCell;
+
 use arrow_array::{ArrayRef, RecordBatch};
 use schemas::{Column, ColumnType, Fault, LineIn, Rule, Shape, Stage, Table, Yield, stage};
 
 use crate::{
     bandpass::design,
-    columns::{data, floats, list, no_truth, shape},
+    columns::{data, floats, list, no_truth, shape, vector_axes},
     numerics::{
         attitude_terms::{Attitude, PRODUCTS},
         difference::{Scheme, difference},
@@ -82,13 +84,9 @@ enum Recipe {
     Dcm(usize),
     Product(String),
     TollesLawson(String),
-    Extended(String, Group, usize),
+    Extended(String, Group),
     Core(String),
     Slope(Slope),
-}
-
-fn axes(vector: &str) -> [String; 3] {
-    ["x", "y", "z"].map(|a| format!("{vector}_{a}"))
 }
 
 /// `mag_2_3_uc` as `mag_2_uc` and `mag_3_uc`.
@@ -106,12 +104,12 @@ impl Recipe {
             Recipe::Plain(c) | Recipe::Difference(c, _) | Recipe::Lag(c, _) | Recipe::LowPass(c) => vec![c.clone()],
             Recipe::Between(a, b) => vec![a.clone(), b.clone()],
             Recipe::Dcm(_) | Recipe::Product(_) => own(ATTITUDE),
-            Recipe::TollesLawson(v) => axes(v).to_vec(),
-            Recipe::Extended(c, group, _) => {
-                let vector = stage.vector.as_deref().filter(|_| *group != Group::Raw).map(axes);
+            Recipe::TollesLawson(v) => vector_axes(v).to_vec(),
+            Recipe::Extended(c, group) => {
+                let vector = stage.vector.as_deref().filter(|_| *group != Group::Raw).map(vector_axes);
                 std::iter::once(c.clone()).chain(vector.into_iter().flatten()).collect()
             }
-            Recipe::Core(v) => axes(v).into_iter().chain(own(CORE)).collect(),
+            Recipe::Core(v) => vector_axes(v).into_iter().chain(own(CORE)).collect(),
             Recipe::Slope(_) => stage.place().map(str::to_owned).to_vec(),
         }
     }
@@ -127,7 +125,7 @@ impl Recipe {
             Recipe::Dcm(k) => vec![format!("dcm_{k}")],
             Recipe::Product(name) => vec![name.clone()],
             Recipe::TollesLawson(v) => terms.names().iter().map(|t| format!("TL_A_{v}_{t}")).collect(),
-            Recipe::Extended(c, _, k) => vec![format!("{c}_{k}")],
+            Recipe::Extended(c, group) => group.suffixes().iter().map(|k| format!("{c}_{k}")).collect(),
             Recipe::Core(_) => core_term_names(),
             Recipe::Slope(slope) => slope.names().iter().map(|n| (*n).to_owned()).collect(),
         }
@@ -155,7 +153,10 @@ impl Features {
             "down_selected" => Ok(down_selected()),
             "small_1" | "small_2" => {
                 let (mag, vector) = (need(&self.mag, "mag")?, need(&self.vector, "vector")?);
-                let more = if name == "small_1" { SMALL_EXTRAS.as_slice() } else { &[] };
+                let more: Vec<&str> = match name {
+                    "small_1" => CURRENTS.into_iter().chain(["dcm_1", "dcm_4"]).collect(),
+                    _ => vec![],
+                };
                 let own = [mag.clone(), format!("{mag}_dot"), format!("{mag}_dot4"), format!("TL_A_{vector}")];
                 Ok(more.iter().map(|n| (*n).to_owned()).chain(own).collect())
             }
@@ -230,12 +231,12 @@ impl Features {
     fn extended(&self, column: &str) -> Vec<Recipe> {
         let groups = [Group::Raw, Group::Projected, Group::ProjectedChange];
         let wanted = groups.into_iter().enumerate().filter(|(i, _)| self.groups.contains(&(i + 1)));
-        wanted.flat_map(|(_, g)| g.suffixes().iter().map(move |k| Recipe::Extended(column.to_owned(), g, *k))).collect()
+        wanted.map(|(_, group)| Recipe::Extended(column.to_owned(), group)).collect()
     }
 
     /// Everything that is wrong with one feature.
     fn check(&self, recipe: &Recipe, shape: &Shape) -> Option<Fault> {
-        if matches!(recipe, Recipe::Extended(_, g, _) if *g != Group::Raw) && self.vector.is_none() {
+        if matches!(recipe, Recipe::Extended(_, g) if *g != Group::Raw) && self.vector.is_none() {
             let what = "inputs are projected on the direction of a vector magnetometer: say which in `vector`";
             return Some(Fault::new(what).of_param("features"));
         }
@@ -289,7 +290,8 @@ impl Stage for Features {
         let batch = &line.inputs[0];
         let recipes = self.recipes(&|name| batch.column_by_name(name).is_some());
         let recipes = recipes.map_err(|f| f.into_iter().next().unwrap_or_else(|| Fault::data("no feature")))?;
-        let source = Samples { stage: self, batch, tt: floats(batch, "tt")?, terms: self.terms()? };
+        let (tt, terms, direction) = (floats(batch, "tt")?, self.terms()?, OnceCell::new());
+        let source = Samples { stage: self, batch, tt, terms, direction };
         let mut columns: Vec<Vec<f64>> = vec![];
         for recipe in &recipes {
             columns.extend(source.columns(recipe)?);
@@ -309,6 +311,8 @@ struct Samples<'a> {
     batch: &'a RecordBatch,
     tt: &'a [f64],
     terms: Terms,
+    /// The direction cosines of the vector that inputs are projected on, once they are needed.
+    direction: OnceCell<[Vec<f64>; 3]>,
 }
 
 impl Samples<'_> {
@@ -330,7 +334,7 @@ impl Samples<'_> {
                 one(made.ok_or_else(|| Fault::data(format!("there is no product {name}")))?)
             }
             Recipe::TollesLawson(v) => self.tolles_lawson(v),
-            Recipe::Extended(c, group, k) => self.extended(column(c)?, *group, *k),
+            Recipe::Extended(c, group) => self.extended(column(c)?, *group),
             Recipe::Core(v) => self.core(v),
             Recipe::Slope(slope) => self.slope(*slope),
         }
@@ -365,7 +369,7 @@ impl Samples<'_> {
     }
 
     fn vector(&self, name: &str) -> Result<[&[f64]; 3], Fault> {
-        let [x, y, z] = axes(name);
+        let [x, y, z] = vector_axes(name);
         Ok([floats(self.batch, &x)?, floats(self.batch, &y)?, floats(self.batch, &z)?])
     }
 
@@ -377,21 +381,27 @@ impl Samples<'_> {
         Ok(transposed(&rows.map_err(data)?, self.terms.len()))
     }
 
-    fn extended(&self, input: &[f64], group: Group, number: usize) -> Result<Vec<Vec<f64>>, Fault> {
-        let at = group.suffixes().iter().position(|k| *k == number).unwrap_or(0);
+    fn extended(&self, input: &[f64], group: Group) -> Result<Vec<Vec<f64>>, Fault> {
         let Some(vector) = self.stage.vector.as_ref().filter(|_| group != Group::Raw) else {
             return Ok(vec![input.to_vec()]);
         };
-        let u = cosines(self.vector(vector)?);
-        let mut out = vec![f64::NAN; input.len()];
+        let u = match self.direction.get() {
+            Some(known) => known,
+            None => {
+                let made = cosines(self.vector(vector)?);
+                self.direction.get_or_init(|| made)
+            }
+        };
+        let mut out = vec![vec![f64::NAN; input.len()]; group.suffixes().len()];
         for run in Usable::all(input.len()).and_finite(input).runs_in_time(self.tt, self.rate_hz()?) {
             let of_run = u.each_ref().map(|u| &u[run.clone()]);
-            let made = extended_terms(&input[run.clone()], of_run, group);
-            if let Some(term) = made.as_ref().and_then(|m| m.get(at)) {
-                out[run].copy_from_slice(term);
+            for (column, term) in
+                out.iter_mut().zip(extended_terms(&input[run.clone()], of_run, group).unwrap_or_default())
+            {
+                column[run.clone()].copy_from_slice(&term);
             }
         }
-        Ok(vec![out])
+        Ok(out)
     }
 
     fn core(&self, name: &str) -> Result<Vec<Vec<f64>>, Fault> {
@@ -433,46 +443,17 @@ fn lagged(x: &[f64], n: usize) -> Vec<f64> {
     (0..x.len()).map(|i| i.checked_sub(n).and_then(|k| x.get(k)).copied().unwrap_or(f64::NAN)).collect()
 }
 
-/// The reduced set of currents, one voltage and two direction cosines of small set 1. [thesis 000, section 4.9]
-const SMALL_EXTRAS: [&str; 11] = [
-    "cur_com_1",
-    "cur_ac_hi",
-    "cur_ac_lo",
-    "cur_flap",
-    "cur_strb",
-    "cur_heat",
-    "cur_acpwr",
-    "cur_outpwr",
-    "vol_bat_1",
-    "dcm_1",
-    "dcm_4",
-];
+/// The reduced set of currents and one voltage. [thesis 000, section 4.9]
+const CURRENTS: [&str; 9] =
+    ["cur_com_1", "cur_ac_hi", "cur_ac_lo", "cur_flap", "cur_strb", "cur_heat", "cur_acpwr", "cur_outpwr", "vol_bat_1"];
 
-/// What the set of 77 features has before its magnetometers. [thesis 000, Table C.1]
-const BEFORE_MAGNETOMETERS: [&str; 15] = [
-    "dcm",
-    "baro",
-    "cur_com_1",
-    "cur_ac_hi",
-    "cur_ac_lo",
-    "cur_flap",
-    "cur_strb",
-    "cur_heat",
-    "cur_acpwr",
-    "cur_outpwr",
-    "vol_bat_1",
-    "igrf",
-    "ins_lat",
-    "ins_lon",
-    "ins_alt",
-];
-
-/// The 77 features, with twelve terms of each vector magnetometer.
+/// The 77 features of thesis 000, Table C.1, with twelve terms of each vector magnetometer.
 fn down_selected() -> Vec<String> {
     let mags = ["2", "3", "4", "5"];
     let pairs =
         mags.iter().enumerate().flat_map(|(i, a)| mags.iter().skip(i + 1).map(move |b| format!("mag_{a}_{b}_uc")));
-    let before = BEFORE_MAGNETOMETERS.iter().map(|n| (*n).to_owned());
+    let place = ["igrf", "ins_lat", "ins_lon", "ins_alt"];
+    let before = ["dcm", "baro"].iter().chain(&CURRENTS).chain(&place).map(|n| (*n).to_owned());
     let plain = mags.iter().map(|m| format!("mag_{m}_uc"));
     let changes = mags.iter().flat_map(|m| [format!("mag_{m}_uc_dot"), format!("mag_{m}_uc_dot4")]);
     let vectors = ["a", "c", "d"].iter().map(|v| format!("TL_A_flux_{v}"));

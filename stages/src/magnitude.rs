@@ -3,7 +3,7 @@
 use arrow_array::ArrayRef;
 use schemas::{Column, Fault, LineIn, Stage, Table, Yield, stage};
 
-use crate::columns::{array, faults_of, floats, no_truth, shape};
+use crate::columns::{array, faults_of, floats, no_truth, shape, vector_axes};
 
 stage! {
     /// Appends the magnitude of a vector magnetometer, `flux_a_t` of `flux_a`, so that it can be compensated as a scalar
@@ -19,16 +19,10 @@ stage! {
     allow_truth: bool, unit "", default false;
 }
 
-impl Magnitude {
-    fn axes(&self) -> [String; 3] {
-        ["x", "y", "z"].map(|a| format!("{}_{a}", self.vector))
-    }
-}
-
 impl Stage for Magnitude {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
-        let axes = self.axes();
+        let axes = vector_axes(&self.vector);
         let fine = |name: &String| shape.number(name, "nT").and_then(|c| no_truth(c, "vector", self.allow_truth));
         let faults = faults_of(axes.iter().map(fine), "vector");
         if !faults.is_empty() {
@@ -39,7 +33,7 @@ impl Stage for Magnitude {
     }
 
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        let [x, y, z] = self.axes();
+        let [x, y, z] = vector_axes(&self.vector);
         let of = |name: &str| floats(&line.inputs[0], name);
         let rows = of(&x)?.iter().zip(of(&y)?).zip(of(&z)?);
         Ok(vec![array(rows.map(|((x, y), z)| (x * x + y * y + z * z).sqrt()).collect())])

@@ -266,21 +266,10 @@ impl Stage for Navigate {
         } else {
             strapdown::level_attitude_deg(vn_mps, ve_mps).map_err(data)?
         };
-        let ins = InsSeries {
-            tt_s: tt,
-            lat_deg,
-            lon_deg,
-            alt_m,
-            vn_mps,
-            ve_mps,
-            vd_mps,
-            fn_mps2: &force[0],
-            fe_mps2: &force[1],
-            fd_mps2: &force[2],
-            roll_deg: &attitude[0],
-            pitch_deg: &attitude[1],
-            yaw_deg: &attitude[2],
-        };
+        let ([fn_mps2, fe_mps2, fd_mps2], [roll, pitch, yaw]) = (&force, &attitude);
+        let ins = InsSeries::of([
+            tt, lat_deg, lon_deg, alt_m, vn_mps, ve_mps, vd_mps, fn_mps2, fe_mps2, fd_mps2, roll, pitch, yaw,
+        ]);
         let measured = floats(batch, &self.mag)?;
         let core = self.core(batch)?;
         let output = ekf::run(&self.parameters(), &ins, measured, map, core.as_ref()).map_err(data)?;

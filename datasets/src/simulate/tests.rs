@@ -281,24 +281,27 @@ fn law_the_ins_navigates_by_its_own_measurements() {
     }
 }
 
+/// The INS' columns in the order of a series.
+const IN_SERIES: [&str; 12] = [
+    "ins_lat",
+    "ins_lon",
+    "ins_alt",
+    "ins_vn",
+    "ins_ve",
+    "ins_vd",
+    "ins_fn",
+    "ins_fe",
+    "ins_fd",
+    "ins_roll",
+    "ins_pitch",
+    "ins_yaw",
+];
+
 /// DRMS of filter and INS in metres, and the mean NEES over 2, of a line navigated with the stinger's truth.
 fn navigated(line: &RecordBatch, anomaly: &AnomalyMap) -> (f64, f64, f64) {
     let c = |n: &str| column(line, n);
-    let ins = InsSeries {
-        tt_s: c("tt"),
-        lat_deg: c("ins_lat"),
-        lon_deg: c("ins_lon"),
-        alt_m: c("ins_alt"),
-        vn_mps: c("ins_vn"),
-        ve_mps: c("ins_ve"),
-        vd_mps: c("ins_vd"),
-        fn_mps2: c("ins_fn"),
-        fe_mps2: c("ins_fe"),
-        fd_mps2: c("ins_fd"),
-        roll_deg: c("ins_roll"),
-        pitch_deg: c("ins_pitch"),
-        yaw_deg: c("ins_yaw"),
-    };
+    let columns: Vec<&[f64]> = std::iter::once("tt").chain(IN_SERIES).map(c).collect();
+    let ins = InsSeries::of(columns.try_into().unwrap());
     let core = CoreField::at(decimal_year(2020, 185, c("tt")[0]).unwrap()).unwrap();
     let parameters = EkfParameters { measurement_sigma_nt: 5.0, ..EkfParameters::default() };
     let out = ekf::run(&parameters, &ins, c("mag_1_c"), &FieldMap::Flat(anomaly.clone()), Some(&core)).unwrap();

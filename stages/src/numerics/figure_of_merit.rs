@@ -6,7 +6,10 @@
 
 use std::ops::Range;
 
-use super::{geodesy::wrap_deg, statistics::Figure};
+use super::{
+    geodesy::{unwrapped_deg, wrap_deg},
+    statistics::Figure,
+};
 
 /// Swings below this, in degrees from one extreme to the next, are no manoeuvre.
 const LEAST_SWING_DEG: f64 = 3.0;
@@ -110,16 +113,6 @@ fn mean_peak_to_peak(signal: &[f64], extremes: &[usize]) -> Option<f64> {
 fn mean_heading_deg(yaw_deg: &[f64]) -> f64 {
     let (sin, cos) = yaw_deg.iter().fold((0.0, 0.0), |(s, c), y| (s + y.to_radians().sin(), c + y.to_radians().cos()));
     f64::atan2(sin, cos).to_degrees()
-}
-
-fn unwrapped_deg(angle: &[f64]) -> Vec<f64> {
-    let mut before: Option<(f64, f64)> = None;
-    let step = |a: &f64| {
-        let unwrapped = before.map_or(*a, |(raw, unwrapped)| unwrapped + wrap_deg(a - raw));
-        before = Some((*a, unwrapped));
-        unwrapped
-    };
-    angle.iter().map(step).collect()
 }
 
 /// `x` less its mean within [`TREND_S`] before and after.

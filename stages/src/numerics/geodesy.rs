@@ -90,6 +90,16 @@ pub fn wrap_deg(angle_deg: f64) -> f64 {
     if (-180.0..180.0).contains(&angle_deg) { angle_deg } else { wrapped }
 }
 
+/// Angles in degrees without their jumps by a whole turn, such as a longitude's at ±180°.
+pub fn unwrapped_deg(angles_deg: &[f64]) -> Vec<f64> {
+    let mut out: Vec<f64> = Vec::with_capacity(angles_deg.len());
+    for angle in angles_deg {
+        let next = out.last().map_or(*angle, |before| before + wrap_deg(angle - before));
+        out.push(next);
+    }
+    out
+}
+
 /// Earth-centred, earth-fixed position in metres of geodetic latitude and longitude (rad) and
 /// height above the ellipsoid (m).
 pub fn ecef_m(lat_rad: f64, lon_rad: f64, alt_m: f64) -> [f64; 3] {

@@ -34,6 +34,29 @@ pub struct InsSeries<'a> {
     pub yaw_deg: &'a [f64],
 }
 
+impl<'a> InsSeries<'a> {
+    /// A series of columns in the order of the fields.
+    pub fn of(columns: [&'a [f64]; 13]) -> Self {
+        let [tt_s, lat_deg, lon_deg, alt_m, vn_mps, ve_mps, vd_mps, rest @ ..] = columns;
+        let [fn_mps2, fe_mps2, fd_mps2, roll_deg, pitch_deg, yaw_deg] = rest;
+        Self {
+            tt_s,
+            lat_deg,
+            lon_deg,
+            alt_m,
+            vn_mps,
+            ve_mps,
+            vd_mps,
+            fn_mps2,
+            fe_mps2,
+            fd_mps2,
+            roll_deg,
+            pitch_deg,
+            yaw_deg,
+        }
+    }
+}
+
 /// Why a line cannot be navigated. Rows are counted from 0.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SeriesError {

@@ -33,6 +33,18 @@ pub fn solve(values: &mut [f64]) {
     solve_along_rows(values, 1);
 }
 
+/// The coefficient at position `k` of `n` padded by one on each side, from those `inside`: past an end the straight continuation, which is what
+/// no curvature at the end means.
+pub fn past_ends(k: usize, n: usize, inside: impl Fn(usize) -> f64) -> f64 {
+    if k == 0 {
+        2.0 * inside(0) - inside(1)
+    } else if k > n {
+        2.0 * inside(n - 1) - inside(n - 2)
+    } else {
+        inside(k - 1)
+    }
+}
+
 /// Reciprocal pivots of the tridiagonal system; the first row's coefficient is already known.
 fn pivots(rows: usize) -> Vec<f64> {
     let mut pivots = vec![0.0; rows];

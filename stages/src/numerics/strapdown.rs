@@ -3,7 +3,7 @@
 //!
 //! These are stand-ins for the error model's coefficients, which need them to a few per cent only.
 
-use super::geodesy::{EarthModel, STANDARD_GRAVITY_MPS2, wrap_deg};
+use super::geodesy::{EarthModel, STANDARD_GRAVITY_MPS2, unwrapped_deg};
 use super::ins_series::{SeriesError, check_column, check_latitudes, check_time};
 
 /// Three columns: north, east, down; or roll, pitch, yaw.
@@ -82,20 +82,6 @@ pub fn level_attitude_deg(vn_mps: &[f64], ve_mps: &[f64]) -> Result<Triple, Seri
     Ok([level.clone(), level, yaw])
 }
 
-/// Longitudes without the jump at ±180°.
-fn unwrapped_deg(lon_deg: &[f64]) -> Vec<f64> {
-    let mut before: Option<(f64, f64)> = None;
-    let step = |lon: &f64| {
-        let unwrapped = match before {
-            Some((raw, unwrapped)) => unwrapped + wrap_deg(lon - raw),
-            None => *lon,
-        };
-        before = Some((*lon, unwrapped));
-        unwrapped
-    };
-    lon_deg.iter().map(step).collect()
-}
-
 fn check_length(column: &'static str, values: &[f64], like: &[f64]) -> Result<(), SeriesError> {
     if values.len() == like.len() {
         return Ok(());
@@ -107,6 +93,7 @@ fn check_length(column: &'static str, values: &[f64], like: &[f64]) -> Result<()
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use crate::numerics::geodesy::wrap_deg;
 
     #[test]
     fn law_a_parabola_is_differentiated_exactly_on_uneven_steps() {

@@ -61,23 +61,7 @@ impl Line {
 
     /// The columns as the numerics take them.
     pub fn series(&self) -> InsSeries<'_> {
-        let [tt_s, lat_deg, lon_deg, alt_m, vn_mps, ve_mps, vd_mps, rest @ ..] = &self.columns;
-        let [fn_mps2, fe_mps2, fd_mps2, roll_deg, pitch_deg, yaw_deg] = rest;
-        InsSeries {
-            tt_s,
-            lat_deg,
-            lon_deg,
-            alt_m,
-            vn_mps,
-            ve_mps,
-            vd_mps,
-            fn_mps2,
-            fe_mps2,
-            fd_mps2,
-            roll_deg,
-            pitch_deg,
-            yaw_deg,
-        }
+        InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
     }
 
     /// What an INS with these errors reports of this line: truth minus error.

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
-use stages::numerics::geodesy::wrap_deg;
+use stages::numerics::geodesy::unwrapped_deg;
 
 use super::{super::trajectory::Trajectory, spec::Temperature};
 use crate::motion::{derivative, normal_gravity_mps2};
@@ -33,23 +33,13 @@ impl Motion {
         let [north, east, down] = &truth.velocity_mps;
         Motion {
             since_s: truth.tt_s.iter().map(|tt| tt - start_tt_s).collect(),
-            rates_dps: truth.attitude_deg.each_ref().map(|a| derivative(&truth.tt_s, &unwrapped(a))),
+            rates_dps: truth.attitude_deg.each_ref().map(|a| derivative(&truth.tt_s, &unwrapped_deg(a))),
             speed_mps: rows.clone().map(|i| Vector3::new(north[i], east[i], down[i]).norm()).collect(),
             climb_mps: down.iter().map(|v| -v).collect(),
             lift_mps2: rows.clone().map(|i| -(truth.attitude(i).transpose() * force(i)).z - gravity(i)).collect(),
             load: rows.map(|i| force(i).norm() / gravity(i)).collect(),
         }
     }
-}
-
-/// Angles in degrees without their jumps by a whole turn.
-fn unwrapped(angles_deg: &[f64]) -> Vec<f64> {
-    let mut out: Vec<f64> = Vec::with_capacity(angles_deg.len());
-    for angle in angles_deg {
-        let next = out.last().map_or(*angle, |before| before + wrap_deg(angle - before));
-        out.push(next);
-    }
-    out
 }
 
 impl Temperature {

@@ -287,8 +287,9 @@ impl Level {
             for row in 0..rows + 2 {
                 for column in 0..columns + 2 {
                     let inside = |r: usize, c: usize| grid.values[r * columns + c];
-                    table[row * (columns + 2) + column][q] =
-                        straight_past_ends(row, rows, |r| straight_past_ends(column, columns, |c| inside(r, c)));
+                    table[row * (columns + 2) + column][q] = natural_cubic::past_ends(row, rows, |r| {
+                        natural_cubic::past_ends(column, columns, |c| inside(r, c))
+                    });
                 }
             }
         }
@@ -316,17 +317,6 @@ impl Level {
 /// The sum of four nodes of a row.
 fn weighted(row: &[Quantities], weights: [f64; 4]) -> Quantities {
     row.iter().zip(weights).fold([0.0; 4], |sum, (node, weight)| std::array::from_fn(|q| sum[q] + weight * node[q]))
-}
-
-/// The coefficient at padded position `k`; past an end the straight continuation, which is no curvature there.
-fn straight_past_ends(k: usize, n: usize, inside: impl Fn(usize) -> f64) -> f64 {
-    if k == 0 {
-        2.0 * inside(0) - inside(1)
-    } else if k > n {
-        2.0 * inside(n - 1) - inside(n - 2)
-    } else {
-        inside(k - 1)
-    }
 }
 
 /// Levels above each other.

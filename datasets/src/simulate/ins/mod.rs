@@ -271,23 +271,9 @@ fn on_the_globe(lat_deg: f64, lon_deg: f64) -> (f64, f64) {
 }
 
 fn series(truth: &Trajectory) -> InsSeries<'_> {
-    let ([vn, ve, vd], [f_n, f_e, f_d]) = (&truth.velocity_mps, &truth.force_mps2);
-    let [roll, pitch, yaw] = &truth.attitude_deg;
-    InsSeries {
-        tt_s: &truth.tt_s,
-        lat_deg: &truth.lat_deg,
-        lon_deg: &truth.lon_deg,
-        alt_m: &truth.alt_m,
-        vn_mps: vn,
-        ve_mps: ve,
-        vd_mps: vd,
-        fn_mps2: f_n,
-        fe_mps2: f_e,
-        fd_mps2: f_d,
-        roll_deg: roll,
-        pitch_deg: pitch,
-        yaw_deg: yaw,
-    }
+    let Trajectory { tt_s, lat_deg, lon_deg, alt_m, velocity_mps, force_mps2, attitude_deg, .. } = truth;
+    let ([vn, ve, vd], [f_n, f_e, f_d], [roll, pitch, yaw]) = (velocity_mps, force_mps2, attitude_deg);
+    InsSeries::of([tt_s, lat_deg, lon_deg, alt_m, vn, ve, vd, f_n, f_e, f_d, roll, pitch, yaw])
 }
 
 #[cfg(test)]

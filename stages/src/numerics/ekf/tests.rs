@@ -17,23 +17,7 @@ struct Line {
 
 impl Line {
     fn series(&self) -> InsSeries<'_> {
-        let [tt_s, lat_deg, lon_deg, alt_m, vn_mps, ve_mps, vd_mps, rest @ ..] = &self.columns;
-        let [fn_mps2, fe_mps2, fd_mps2, roll_deg, pitch_deg, yaw_deg] = rest;
-        InsSeries {
-            tt_s,
-            lat_deg,
-            lon_deg,
-            alt_m,
-            vn_mps,
-            ve_mps,
-            vd_mps,
-            fn_mps2,
-            fe_mps2,
-            fd_mps2,
-            roll_deg,
-            pitch_deg,
-            yaw_deg,
-        }
+        InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
     }
 
     fn run(&self, parameters: &EkfParameters, map: &AnomalyMap) -> Result<EkfOutput, EkfError> {

@@ -231,20 +231,10 @@ fn spline_coefficients(shape: Shape, values: &[f64], interpolation: Interpolatio
     let mut padded = vec![0.0; (rows + 2) * (columns + 2)];
     padded.par_chunks_exact_mut(columns + 2).enumerate().for_each(|(row, out)| {
         for (column, value) in out.iter_mut().enumerate() {
-            *value = natural_end(row, rows, |r| natural_end(column, columns, |c| table[r * columns + c]));
+            *value = natural_cubic::past_ends(row, rows, |r| {
+                natural_cubic::past_ends(column, columns, |c| table[r * columns + c])
+            });
         }
     });
     padded
-}
-
-/// The coefficient at padded position `k`: past an end the straight continuation, which is what
-/// no curvature at the end means.
-fn natural_end(k: usize, n: usize, inside: impl Fn(usize) -> f64) -> f64 {
-    if k == 0 {
-        2.0 * inside(0) - inside(1)
-    } else if k > n {
-        2.0 * inside(n - 1) - inside(n - 2)
-    } else {
-        inside(k - 1)
-    }
 }
