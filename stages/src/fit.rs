@@ -325,7 +325,8 @@ impl Stage for Fit {
     }
 
     fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
-        Some(Box::new(FitGather { points: points.into_iter().cloned().collect() }))
+        let points: Vec<Fit> = points.into_iter().cloned().collect();
+        Some(Box::new(FitGather { questions: questions(&points), points }))
     }
 }
 
@@ -360,25 +361,26 @@ impl Fit {
 
 struct FitGather {
     points: Vec<Fit>,
+    questions: BTreeMap<Matrix, Question>,
+}
+
+/// The questions to each line.
+fn questions(points: &[Fit]) -> BTreeMap<Matrix, Question> {
+    let mut all: BTreeMap<Matrix, Question> = BTreeMap::new();
+    for point in points {
+        let question = all.entry(point.matrix()).or_default();
+        let targets = point.targets();
+        if point.needs_rows() && !question.keeps_rows.contains(&targets) {
+            question.keeps_rows.push(targets.clone());
+        }
+        if !question.targets.contains(&targets) {
+            question.targets.push(targets);
+        }
+    }
+    all
 }
 
 impl FitGather {
-    /// The questions to each line.
-    fn questions(&self) -> BTreeMap<Matrix, Question> {
-        let mut all: BTreeMap<Matrix, Question> = BTreeMap::new();
-        for point in &self.points {
-            let question = all.entry(point.matrix()).or_default();
-            let targets = point.targets();
-            if point.needs_rows() && !question.keeps_rows.contains(&targets) {
-                question.keeps_rows.push(targets.clone());
-            }
-            if !question.targets.contains(&targets) {
-                question.targets.push(targets);
-            }
-        }
-        all
-    }
-
     /// The models of the points at `places`, which have one matrix, one target, the same entries and one kind of components.
     fn solved(&self, whole: &Result<Problem, Fault>, places: &[usize]) -> Vec<Result<Solved, Fault>> {
         let Some(first) = places.first().map(|i| &self.points[*i]) else { return vec![] };
@@ -406,7 +408,7 @@ impl FitGather {
 
 impl Gather for FitGather {
     fn map(&self, line: &LineIn) -> Result<Box<dyn Any + Send>, Fault> {
-        Ok(Box::new(Part::new(line, &self.questions())?))
+        Ok(Box::new(Part::new(line, &self.questions)?))
     }
 
     fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {

@@ -18,8 +18,11 @@ use crate::{
     },
 };
 
-/// What can be scored: name, unit, what it needs, meaning.
-const METRICS: [(&str, &str, Need, &str); 24] = [
+/// Name, unit, what it needs, meaning.
+type Metric = (&'static str, &'static str, Need, &'static str);
+
+/// What can be scored.
+const METRICS: [Metric; 24] = [
     ("std_error", "nT", Need::Truth, "standard deviation of compensated minus truth"),
     ("bias_error", "nT", Need::Truth, "mean of compensated minus truth"),
     ("rms_error", "nT", Need::Truth, "root mean square of compensated minus truth"),
@@ -203,9 +206,9 @@ impl Score {
     }
 
     /// The metrics that are wanted and can be had.
-    fn chosen(&self, places: &Places) -> Vec<(&'static str, &'static str)> {
+    fn chosen(&self, places: &Places) -> Vec<&'static Metric> {
         let wanted = |name: &str| self.metrics.as_ref().is_none_or(|m| m.iter().any(|n| n == name));
-        METRICS.iter().filter(|m| wanted(m.0) && self.lacks(places, m.2).is_none()).map(|m| (m.0, m.1)).collect()
+        METRICS.iter().filter(|m| wanted(m.0) && self.lacks(places, m.2).is_none()).collect()
     }
 }
 
@@ -266,8 +269,8 @@ impl Stage for Score {
         for (i, name) in [mag, aircraft, truth].into_iter().flatten() {
             add(*i, name);
         }
-        let scored =
-            |need: Need| self.chosen(&places).iter().any(|(n, _)| METRICS.iter().any(|m| m.0 == *n && m.2 == need));
+        let chosen = self.chosen(&places);
+        let scored = |need: Need| chosen.iter().any(|m| m.2 == need);
         if scored(Need::Anomaly) {
             [anomaly, core, diurnal].into_iter().flatten().for_each(|(i, name)| add(*i, name));
         }
@@ -321,7 +324,7 @@ impl Stage for Score {
         places.track = shapes.iter().position(|s| TRACK.iter().all(|n| s.get(n).is_some()));
         let scored = Scored { stage: self, line, places };
         let mut rows: Vec<(&str, &str, Figure)> = vec![];
-        for (name, unit) in self.chosen(&scored.places) {
+        for (name, unit, ..) in self.chosen(&scored.places) {
             rows.push((name, unit, scored.metric(name)?));
         }
         let same = |text: &str| -> ArrayRef { Arc::new(StringArray::from(vec![text; rows.len()])) };
@@ -431,11 +434,9 @@ impl Scored<'_> {
 
     /// How much of the known geology is left.
     fn anomaly_retention(&self) -> Result<Figure, Fault> {
-        let (mag, anomaly) = (self.at(&self.places.mag)?, self.at(&self.places.anomaly)?);
-        // What the magnetometer would read of geology and earth alone.
-        let measured = self.measured_anomaly()?;
-        let reference: Vec<f64> = mag.iter().zip(&measured).zip(anomaly).map(|((m, y), a)| m - y + a).collect();
-        match anomaly_retention(mag, &reference, anomaly) {
+        let anomaly = self.at(&self.places.anomaly)?;
+        // Less core field and diurnal variation the true reading is the anomaly itself.
+        match anomaly_retention(&self.measured_anomaly()?, anomaly, anomaly) {
             Ok(found) => Ok(Figure { value: found.slope, n: found.n }),
             Err(RetentionError::TooFew { n }) => Ok(Figure { value: f64::NAN, n }),
             Err(RetentionError::NoAnomaly { .. }) => Ok(Figure { value: f64::NAN, n: 0 }),

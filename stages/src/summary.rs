@@ -11,7 +11,10 @@ use schemas::{Column, Fault, Gather, LineIn, Passes, Role, Rule, Stage, Table, Y
 
 use crate::{
     columns::{array, shape},
-    numerics::bootstrap::{Interval, Resamples},
+    numerics::{
+        bootstrap::{Interval, Resamples},
+        statistics::Pool,
+    },
 };
 
 stage! {
@@ -82,6 +85,13 @@ struct Score {
     unit: String,
     value: f64,
     n: i64,
+}
+
+impl Score {
+    /// Its value and its weight.
+    fn weighed(&self) -> (f64, f64) {
+        (self.value, self.n as f64)
+    }
 }
 
 /// What one line contributes.
@@ -173,14 +183,13 @@ impl Summary {
     fn pooled(&self, metric: &str, unit: &str, parts: &[&Part]) -> Pooled {
         let scores = scores_of(metric, parts);
         let how = Pool::of(metric, unit);
-        let all: Vec<u32> = (0..scores.len() as u32).collect();
-        let statistic = |chosen: &[u32]| how.value(chosen.iter().map(|i| scores[*i as usize]));
         let draws = Resamples::new(scores.len(), self.draws, self.seed as u64);
+        let drawn = draws.values(|chosen| how.value(chosen.map(|i| scores[i].weighed())));
         Pooled {
             metric: metric.to_owned(),
             unit: unit.to_owned(),
-            value: statistic(&all),
-            interval: draws.interval(self.level, statistic),
+            value: how.value(scores.iter().map(|s| s.weighed())),
+            interval: of_several(scores.len(), drawn, self.level),
             lines: scores.len(),
             n: scores.iter().map(|s| s.n).sum(),
         }
@@ -191,76 +200,33 @@ impl Summary {
         let (train, test): (Vec<&Part>, Vec<&Part>) = parts.iter().partition(|p| self.train.contains(&p.line));
         let metric = OVERFITTING.into_iter().find(|m| !scores_of(m, &train).is_empty())?;
         let (train, test) = (scores_of(metric, &train), scores_of(metric, &test));
-        let over = |scores: &[&Score], chosen: &[u32]| Pool::Rms.value(chosen.iter().map(|i| scores[*i as usize]));
-        let all = |scores: &[&Score]| (0..scores.len() as u32).collect::<Vec<_>>();
+        let drawn = |scores: &[&Score], seed: u64| {
+            let draws = Resamples::new(scores.len(), self.draws, seed);
+            draws.values(|chosen| Pool::Rms.value(chosen.map(|i| scores[i].weighed())))
+        };
+        let all = |scores: &[&Score]| Pool::Rms.value(scores.iter().map(|s| s.weighed()));
         // Both sides are drawn by their own streams, the second beginning where no seed of a user's does.
-        let ours = Resamples::new(test.len(), self.draws, self.seed as u64);
-        let theirs = Resamples::new(train.len(), self.draws, !(self.seed as u64));
-        let mut below = vec![];
-        theirs.interval(self.level, |chosen| {
-            below.push(over(&train, chosen));
-            0.0
-        });
-        // One training line is what it is: only the others are drawn.
-        let fixed = over(&train, &all(&train));
-        let mut draw = 0;
-        let interval = ours.interval(self.level, |chosen| {
-            let of_train = below.get(draw).copied().unwrap_or(fixed);
-            draw += 1;
-            over(&test, chosen) / of_train
-        });
-        let n = train.iter().chain(&test).map(|s| s.n).sum();
+        let (new, own) = (drawn(&test, self.seed as u64), drawn(&train, !(self.seed as u64)));
+        let ratios = new.iter().zip(&own).map(|(new, own)| new / own).collect();
         Some(Pooled {
             metric: "overfitting_ratio".to_owned(),
             unit: "1".to_owned(),
-            value: over(&test, &all(&test)) / fixed,
-            interval,
+            value: all(&test) / all(&train),
+            interval: of_several(test.len(), ratios, self.level),
             lines: train.len() + test.len(),
-            n,
+            n: train.iter().chain(&test).map(|s| s.n).sum(),
         })
     }
+}
+
+/// The interval of a figure of some lines; of one alone there is none, for it says nothing of another.
+fn of_several(lines: usize, drawn: Vec<f64>, level: f64) -> Option<Interval> {
+    if lines < 2 { None } else { Interval::central(drawn, level) }
 }
 
 fn scores_of<'a>(metric: &str, parts: &[&'a Part]) -> Vec<&'a Score> {
     let scores = parts.iter().flat_map(|p| &p.scores);
     scores.filter(|s| s.metric == metric && s.value.is_finite() && s.n > 0).collect()
-}
-
-/// How lines are pooled.
-#[derive(Clone, Copy)]
-enum Pool {
-    Rms,
-    Mean,
-    Sum,
-}
-
-impl Pool {
-    fn of(metric: &str, unit: &str) -> Pool {
-        match unit {
-            _ if metric.starts_with("samples_") => Pool::Sum,
-            "1" => Pool::Mean,
-            _ => Pool::Rms,
-        }
-    }
-
-    fn value<'a>(self, scores: impl Iterator<Item = &'a Score>) -> f64 {
-        let (mut sum, mut weight) = (0.0, 0.0);
-        for s in scores {
-            let n = s.n as f64;
-            weight += n;
-            sum += match self {
-                Pool::Rms => n * s.value * s.value,
-                Pool::Mean => n * s.value,
-                Pool::Sum => s.value,
-            };
-        }
-        match self {
-            _ if weight == 0.0 => f64::NAN,
-            Pool::Rms => (sum / weight).sqrt(),
-            Pool::Mean => sum / weight,
-            Pool::Sum => sum,
-        }
-    }
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use polars::prelude::{Column, DataFrame, DataType, GroupsIndicator, ParquetReader, PolarsError, SerReader};
 use schemas::Fault;
+use stages::numerics::statistics::Pool;
 
 /// The metrics worth a column, in their order.
 const SHOWN: [&str; 15] = [
@@ -52,17 +53,13 @@ fn pool(folder: &Path, axes: &[String]) -> Result<Scores, PolarsError> {
     let all = ParquetReader::new(file).finish()?;
     let lines = all.group_by_stable(["flight", "line"])?.get_groups().len();
     let (value, n) = (all.column("value")?.f64()?.clone(), all.column("n")?.i64()?.clone());
-    let ratio: Vec<bool> = all.column("unit")?.str()?.iter().map(|u| u == Some("1")).collect();
+    let (metric, unit) = (all.column("metric")?.str()?.clone(), all.column("unit")?.str()?.clone());
     let by = all.group_by_stable(axes.iter().map(String::as_str).chain(["metric", "unit"]))?;
     let one = |rows: Vec<usize>| {
-        let (mut squares, mut sum, mut weight) = (0.0, 0.0, 0.0);
-        for (v, n) in rows.iter().filter_map(|i| Some((value.get(*i)?, n.get(*i)? as f64))) {
-            squares += n * v * v;
-            sum += n * v;
-            weight += n;
-        }
-        let is_ratio = rows.first().and_then(|i| ratio.get(*i)).copied().unwrap_or(false);
-        (weight > 0.0).then(|| if is_ratio { sum / weight } else { (squares / weight).sqrt() })
+        let first = rows.first().copied().unwrap_or(0);
+        let how = Pool::of(metric.get(first).unwrap_or_default(), unit.get(first).unwrap_or_default());
+        let figures = rows.iter().filter_map(|i| Some((value.get(*i)?, n.get(*i)? as f64)));
+        Some(how.value(figures)).filter(|v| !v.is_nan())
     };
     let pooled: Vec<Option<f64>> = by.get_groups().iter().map(|g| one(rows_of(g))).collect();
     let keys = DataFrame::new_infer_height(by.keys())?;

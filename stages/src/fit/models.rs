@@ -143,7 +143,10 @@ impl<'a> Problem<'a> {
     fn lines(&self) -> Result<Vec<Moments>, Fault> {
         let own = |s: &&Share| {
             let own = own(&s.moments, self.places.as_deref())?;
-            self.components.as_ref().map_or(Ok(own.clone()), |c| c.of(&own))
+            match &self.components {
+                Some(components) => components.of(&own),
+                None => Ok(own),
+            }
         };
         self.shares.iter().map(own).collect()
     }

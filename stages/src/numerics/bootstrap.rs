@@ -15,7 +15,6 @@ pub struct Interval {
 #[derive(Clone, Debug)]
 pub struct Resamples {
     draws: Vec<Vec<u32>>,
-    groups: usize,
 }
 
 impl Resamples {
@@ -33,16 +32,20 @@ impl Resamples {
         // The upper half of a product of 64 bits each is uniform below `groups` to one part in 2^64.
         let one = |bits: u64| ((u128::from(bits) * groups as u128) >> 64) as u32;
         let draws = (0..draws).map(|_| (0..groups).map(|_| one(next())).collect()).collect();
-        Self { draws, groups }
+        Self { draws }
     }
 
-    /// The central interval of probability `level` of a statistic that is computed of the chosen groups, by percentiles;
-    /// draws in which it is not finite are left out. `None` of fewer than two groups: one line says nothing of another.
-    pub fn interval(&self, level: f64, mut statistic: impl FnMut(&[u32]) -> f64) -> Option<Interval> {
-        if self.groups < 2 {
-            return None;
-        }
-        let mut values: Vec<f64> = self.draws.iter().map(|d| statistic(d)).filter(|v| v.is_finite()).collect();
+    /// The statistic of each draw; it is handed the places of the groups that were drawn.
+    pub fn values(&self, statistic: impl Fn(&mut dyn Iterator<Item = usize>) -> f64) -> Vec<f64> {
+        self.draws.iter().map(|draw| statistic(&mut draw.iter().map(|i| *i as usize))).collect()
+    }
+}
+
+impl Interval {
+    /// The central interval of probability `level` of drawn values, by percentiles; values that are not finite are left
+    /// out. `None` of no values.
+    pub fn central(mut values: Vec<f64>, level: f64) -> Option<Interval> {
+        values.retain(|v| v.is_finite());
         values.sort_by(f64::total_cmp);
         let tail = 0.5 * (1.0 - level);
         Some(Interval { low: quantile(&values, tail)?, high: quantile(&values, 1.0 - tail)? })
@@ -63,10 +66,6 @@ mod tests {
     use super::super::test_normals::Normals;
     use super::*;
 
-    fn mean_of(x: &[f64]) -> impl Fn(&[u32]) -> f64 + '_ {
-        |chosen| chosen.iter().map(|i| x[*i as usize]).sum::<f64>() / chosen.len() as f64
-    }
-
     #[test]
     fn law_the_interval_of_a_mean_is_the_normal_one() {
         let mut normals = Normals::new(3);
@@ -74,7 +73,8 @@ mod tests {
         let n = x.len() as f64;
         let mean = x.iter().sum::<f64>() / n;
         let sigma = (x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
-        let found = Resamples::new(x.len(), 4000, 1).interval(0.95, mean_of(&x)).unwrap();
+        let found = Resamples::new(x.len(), 4000, 1).values(|chosen| chosen.map(|i| x[i]).sum::<f64>() / n);
+        let found = Interval::central(found, 0.95).unwrap();
         // A 95 % quantile of 4000 draws is known to 0.04 sigma of the mean; five of these.
         let (half, error) = (1.96 * sigma / n.sqrt(), 0.2 * sigma / n.sqrt());
         assert!((found.low - (mean - half)).abs() < error && (found.high - (mean + half)).abs() < error, "{found:?}");
@@ -92,9 +92,9 @@ mod tests {
     }
 
     #[test]
-    fn law_one_group_has_no_interval() {
-        assert_eq!(Resamples::new(1, 100, 1).interval(0.95, |_| 1.0), None);
-        assert_eq!(Resamples::new(3, 100, 1).interval(0.95, |_| f64::NAN), None);
+    fn law_one_group_is_always_itself_and_nothing_has_no_interval() {
+        assert_eq!(Resamples::new(1, 100, 1).values(|chosen| chosen.map(|i| i as f64 + 7.0).sum()), [7.0; 100]);
+        assert_eq!(Interval::central(vec![f64::NAN; 100], 0.95), None);
         assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.75), Some(3.0));
     }
 }

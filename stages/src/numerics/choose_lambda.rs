@@ -137,20 +137,12 @@ pub fn fits(prepared: &Prepared, target: usize, lambdas: &[f64]) -> Result<Vec<L
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::numerics::reference_csv::columns;
+    use crate::numerics::reference_csv::{TERMS, model_lines};
     use crate::numerics::test_normals::Normals;
     use nalgebra::{DMatrix, DVector};
 
-    const NAMES: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
-
     fn lines() -> Vec<(Vec<f64>, Vec<f64>)> {
-        let table = columns(include_str!("../../reference/models/samples.csv"));
-        let of = |line: f64| {
-            let rows: Vec<usize> = (0..table["line"].len()).filter(|&i| table["line"][i] == line).collect();
-            let a = rows.iter().flat_map(|&i| NAMES.map(|name| table[name][i])).collect();
-            (a, rows.iter().map(|&i| table["y0"][i]).collect())
-        };
-        [0.0, 1.0, 2.0, 3.0].map(of).into()
+        model_lines().into_iter().map(|line| (line.a, line.y0)).collect()
     }
 
     fn moments() -> Vec<Moments> {
@@ -222,7 +214,7 @@ mod tests {
         for (out, (a, y)) in lines.iter().enumerate() {
             let kept: Vec<Moments> = (0..4).filter(|&l| l != out).map(|l| moments[l].clone()).collect();
             let prepared = Moments::merged(&kept).unwrap().prepare(Scaling::MaxAbs, true).unwrap();
-            let path = prepared.ridge(&lambdas, &NAMES).unwrap();
+            let path = prepared.ridge(&lambdas, &TERMS).unwrap();
             for (k, solution) in path.solutions.iter().enumerate() {
                 let fit =
                     LinearFit { coefficients: solution.coefficients[0].clone(), intercept: solution.intercepts[0] };

@@ -173,19 +173,10 @@ fn deflate(x: &mut [Vec<f64>], score: &[f64], loading: &[f64]) {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::numerics::reference_csv::columns;
-
-    const NAMES: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
+    use crate::numerics::reference_csv::{TERMS, columns, model_lines};
 
     fn lines() -> Vec<Moments> {
-        let table = columns(include_str!("../../reference/models/samples.csv"));
-        let of = |line: f64| {
-            let rows: Vec<usize> = (0..table["line"].len()).filter(|&i| table["line"][i] == line).collect();
-            let a: Vec<f64> = rows.iter().flat_map(|&i| NAMES.map(|name| table[name][i])).collect();
-            let y = ["y0", "y1"].map(|name| rows.iter().map(|&i| table[name][i]).collect::<Vec<f64>>());
-            Moments::of(&a, 8, &[&y[0], &y[1]]).unwrap()
-        };
-        [0.0, 1.0, 2.0, 3.0].map(of).into()
+        model_lines().iter().map(|line| Moments::of(&line.a, 8, &[&line.y0, &line.y1]).unwrap()).collect()
     }
 
     fn near(one: f64, other: f64, relative: f64) {
@@ -202,7 +193,7 @@ mod tests {
             let path = &paths[table["targets"][row] as usize - 1];
             let fit = &path.fits[table["components"][row] as usize - 1][table["target"][row] as usize];
             // Terms conditioned 1e3 on covariances, which is how scikit-learn loses some 1e-10.
-            for (ours, name) in fit.coefficients.iter().zip(NAMES) {
+            for (ours, name) in fit.coefficients.iter().zip(TERMS) {
                 near(*ours, table[name][row], 1e-8);
             }
             near(fit.intercept, table["intercept"][row], 1e-8);
@@ -224,7 +215,7 @@ mod tests {
     fn law_all_components_are_least_squares() {
         let all = Moments::merged(&lines()).unwrap();
         let path = fit(&all, &[1], 8, Scaling::Standardise).unwrap();
-        let squares = all.prepare(Scaling::None, true).unwrap().ridge(&[0.0], &NAMES).unwrap();
+        let squares = all.prepare(Scaling::None, true).unwrap().ridge(&[0.0], &TERMS).unwrap();
         for (ours, theirs) in path.fits[7][0].coefficients.iter().zip(&squares.solutions[0].coefficients[1]) {
             near(*ours, *theirs, 1e-9);
         }

@@ -252,19 +252,11 @@ fn huber_scale(left: &[Vec<f64>], threshold: f64) -> f64 {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::numerics::reference_csv::columns;
+    use crate::numerics::reference_csv::{TERMS, columns, model_lines};
     use crate::numerics::test_normals::Normals;
 
-    const NAMES: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
-
     fn lines() -> Vec<(Vec<f64>, Vec<f64>)> {
-        let table = columns(include_str!("../../reference/models/samples.csv"));
-        let of = |line: f64| {
-            let rows: Vec<usize> = (0..table["line"].len()).filter(|&i| table["line"][i] == line).collect();
-            let a = rows.iter().flat_map(|&i| NAMES.map(|name| table[name][i])).collect();
-            (a, rows.iter().map(|&i| table["y1"][i]).collect())
-        };
-        [0.0, 1.0, 2.0, 3.0].map(of).into()
+        model_lines().into_iter().map(|line| (line.a, line.y1)).collect()
     }
 
     fn rows(lines: &[(Vec<f64>, Vec<f64>)]) -> Vec<LineRows<'_>> {
@@ -284,7 +276,7 @@ mod tests {
             };
             let lambda = table["penalty"][row];
             let robust = Robust { loss, scale, lambda, tolerance: 1e-11, passes: 5000, ..Robust::default() };
-            let fit = robust.fit(&rows(&lines), &NAMES).unwrap();
+            let fit = robust.fit(&rows(&lines), &TERMS).unwrap();
             assert!(fit.converged, "{}", fit.passes);
             // BFGS ends where the objective no longer changes, at half the digits of the coefficients.
             let near = |ours: f64, theirs: f64| {
@@ -292,7 +284,7 @@ mod tests {
             };
             near(fit.scale, table["scale"][row]);
             near(fit.fit.intercept, table["intercept"][row]);
-            for (ours, name) in fit.fit.coefficients.iter().zip(NAMES) {
+            for (ours, name) in fit.fit.coefficients.iter().zip(TERMS) {
                 near(*ours, table[name][row]);
             }
         }
@@ -320,13 +312,13 @@ mod tests {
     fn law_without_outliers_and_with_a_wide_threshold_it_is_least_squares() {
         let lines = lines();
         let robust = Robust { loss: Loss::Huber { threshold: 1e6 }, lambda: 2.0, ..Robust::default() };
-        let fit = robust.fit(&rows(&lines), &NAMES).unwrap();
+        let fit = robust.fit(&rows(&lines), &TERMS).unwrap();
         let (mut a, mut y) = (Vec::new(), Vec::new());
         for (line, target) in &lines {
             a.extend(line);
             y.extend(target);
         }
-        let squares = QrAccumulator::of(&a, 8, &[&y]).unwrap().solve_centred(&[2.0], &NAMES).unwrap();
+        let squares = QrAccumulator::of(&a, 8, &[&y]).unwrap().solve_centred(&[2.0], &TERMS).unwrap();
         for (ours, theirs) in fit.fit.coefficients.iter().zip(&squares.solutions[0].coefficients[0]) {
             assert!((ours - theirs).abs() < 1e-9 * (theirs.abs() + 1e-3), "{ours} {theirs}");
         }

@@ -1,19 +1,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::numerics::reference_csv::columns;
+use crate::numerics::reference_csv::{TERMS, columns, model_lines};
 use crate::numerics::test_normals::Normals;
 
-const NAMES: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
-
 fn lines() -> Vec<Moments> {
-    let table = columns(include_str!("../../../reference/models/samples.csv"));
-    let of = |line: f64| {
-        let rows: Vec<usize> = (0..table["line"].len()).filter(|&i| table["line"][i] == line).collect();
-        let a: Vec<f64> = rows.iter().flat_map(|&i| NAMES.map(|name| table[name][i])).collect();
-        let y: Vec<f64> = rows.iter().map(|&i| table["y0"][i]).collect();
-        Moments::of(&a, 8, &[&y]).unwrap()
-    };
-    [0.0, 1.0, 2.0, 3.0].map(of).into()
+    model_lines().iter().map(|line| Moments::of(&line.a, 8, &[&line.y0]).unwrap()).collect()
 }
 
 fn near(one: f64, other: f64, relative: f64, scale: f64) {
@@ -35,7 +26,7 @@ fn val_fits_equal_scikit_learns() {
         };
         let fit = &net.path(&all, 0, &[alpha]).unwrap()[0];
         // scikit-learn ends at a gap of 1e-14 of ‖y‖², which leaves it coefficients good to some 1e-6.
-        for (ours, name) in fit.fit.coefficients.iter().zip(NAMES) {
+        for (ours, name) in fit.fit.coefficients.iter().zip(TERMS) {
             near(*ours, table[name][row], 2e-6, 1e-3);
         }
         near(fit.fit.intercept, table["intercept"][row], 2e-6, 1.0);
@@ -51,7 +42,7 @@ fn val_a_path_equals_scikit_learns() {
     let deviations = all.term_deviations();
     for (k, fit) in net.path(&all, 0, &alphas).unwrap().iter().enumerate() {
         near(fit.alpha, table["alpha"][k], 1e-12, 0.0);
-        for (j, name) in NAMES.iter().enumerate() {
+        for (j, name) in TERMS.iter().enumerate() {
             near(fit.fit.coefficients[j] * deviations[j], table[*name][k], 2e-6, 1e-2);
         }
         assert!(fit.gap <= 1e-13);
@@ -114,7 +105,7 @@ fn law_without_a_first_order_penalty_it_is_ridge() {
     let all = Moments::merged(&lines()).unwrap();
     let net = ElasticNet { l1_ratio: 0.0, tolerance: 1e-18, ..ElasticNet::default() };
     let path = net.path(&all, 0, &[0.3, 0.01]).unwrap();
-    let ridge = all.prepare(Scaling::Standardise, true).unwrap().ridge(&[0.3 * 120.0, 0.01 * 120.0], &NAMES).unwrap();
+    let ridge = all.prepare(Scaling::Standardise, true).unwrap().ridge(&[0.3 * 120.0, 0.01 * 120.0], &TERMS).unwrap();
     for (fit, ridge) in path.iter().zip(&ridge.solutions) {
         for (ours, theirs) in fit.fit.coefficients.iter().zip(&ridge.coefficients[0]) {
             near(*ours, *theirs, 1e-9, 1e-6);

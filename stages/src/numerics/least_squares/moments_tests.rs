@@ -1,20 +1,11 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::numerics::reference_csv::columns;
+use crate::numerics::reference_csv::{TERMS, columns, model_lines};
 use crate::numerics::test_normals::Normals;
-
-const NAMES: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
 
 /// The four lines of the reference samples: row-major terms, and two targets.
 fn lines() -> Vec<(Vec<f64>, Vec<f64>, Vec<f64>)> {
-    let table = columns(include_str!("../../../reference/models/samples.csv"));
-    let of = |line: f64| {
-        let rows: Vec<usize> = (0..table["line"].len()).filter(|&i| table["line"][i] == line).collect();
-        let a = rows.iter().flat_map(|&i| NAMES.map(|name| table[name][i])).collect();
-        let y = |name: &str| rows.iter().map(|&i| table[name][i]).collect::<Vec<f64>>();
-        (a, y("y0"), y("y1"))
-    };
-    [0.0, 1.0, 2.0, 3.0].map(of).into()
+    model_lines().into_iter().map(|line| (line.a, line.y0, line.y1)).collect()
 }
 
 fn moments() -> Vec<Moments> {
@@ -41,8 +32,8 @@ fn val_scaled_ridge_equals_scikit_learn() {
     assert_eq!(table["scaling"].len(), 9);
     for row in 0..9 {
         let scaling = [Scaling::Standardise, Scaling::MaxAbs, Scaling::MinMax][table["scaling"][row] as usize - 1];
-        let path = all.prepare(scaling, true).unwrap().ridge(&[table["lambda"][row]], &NAMES).unwrap();
-        let theirs: Vec<f64> = NAMES.iter().map(|name| table[*name][row]).collect();
+        let path = all.prepare(scaling, true).unwrap().ridge(&[table["lambda"][row]], &TERMS).unwrap();
+        let theirs: Vec<f64> = TERMS.iter().map(|name| table[*name][row]).collect();
         // The condition number is some 1e3 once scaled: 1e-12 of rounding is left on either side.
         near(&path.solutions[0].coefficients[0], &theirs, 1e-10);
         near(&path.solutions[0].intercepts[..1], &[table["intercept"][row]], 1e-10);
@@ -118,7 +109,7 @@ fn law_residuals_are_those_of_the_rows() {
 #[test]
 fn law_covariance_does_not_depend_on_the_scaling_without_a_ridge() {
     let all = Moments::merged(&moments()).unwrap();
-    let of = |scaling| all.prepare(scaling, true).unwrap().ridge(&[0.0], &NAMES).unwrap().covariance(0, 0).unwrap();
+    let of = |scaling| all.prepare(scaling, true).unwrap().ridge(&[0.0], &TERMS).unwrap().covariance(0, 0).unwrap();
     let plain = of(Scaling::None);
     // Unscaled, the condition number is 1e5, squared in a covariance.
     near(&of(Scaling::Standardise), &plain, 1e-7);
@@ -128,8 +119,8 @@ fn law_covariance_does_not_depend_on_the_scaling_without_a_ridge() {
 #[test]
 fn law_without_an_intercept_columns_are_divided_and_not_shifted() {
     let all = Moments::merged(&moments()).unwrap();
-    let plain = all.prepare(Scaling::None, false).unwrap().ridge(&[0.0], &NAMES).unwrap();
-    let scaled = all.prepare(Scaling::MinMax, false).unwrap().ridge(&[0.0], &NAMES).unwrap();
+    let plain = all.prepare(Scaling::None, false).unwrap().ridge(&[0.0], &TERMS).unwrap();
+    let scaled = all.prepare(Scaling::MinMax, false).unwrap().ridge(&[0.0], &TERMS).unwrap();
     near(&scaled.solutions[0].coefficients[0], &plain.solutions[0].coefficients[0], 1e-9);
     assert_eq!(scaled.solutions[0].intercepts, [0.0, 0.0]);
 }
@@ -152,7 +143,7 @@ fn law_lines_are_scored_by_fits_that_have_not_seen_them() {
     let (moments, lines) = (moments(), lines());
     let lambdas = [100.0, 1.0];
     let fits = |others: &Moments| {
-        let path = others.prepare(Scaling::Standardise, true)?.ridge(&lambdas, &NAMES)?;
+        let path = others.prepare(Scaling::Standardise, true)?.ridge(&lambdas, &TERMS)?;
         let fit = |s: &RidgeSolution| LinearFit { coefficients: s.coefficients[0].clone(), intercept: s.intercepts[0] };
         Ok(path.solutions.iter().map(fit).collect())
     };
