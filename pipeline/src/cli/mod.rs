@@ -4,6 +4,7 @@ mod answer;
 mod map;
 mod progress;
 mod say;
+mod sql;
 mod threads;
 
 use std::{
@@ -50,19 +51,7 @@ enum Command {
         table: String,
     },
     /// Ask the tables of a store, named PIPELINE.TABLE, in SQL.
-    Sql {
-        /// The query.
-        query: String,
-        /// The store's folder.
-        #[arg(long, default_value = "store")]
-        store: PathBuf,
-        /// How the answer is written.
-        #[arg(long, value_enum, default_value_t)]
-        format: answer::Format,
-        /// The file it is written to.
-        #[arg(short, long)]
-        output: Option<PathBuf>,
-    },
+    Sql(sql::SqlArgs),
     /// Say where a table's rows come from.
     Lineage {
         /// The table, as PIPELINE.TABLE.
@@ -167,9 +156,7 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check(&args),
         Command::Explain(args) => with_graph(&args, |graph, store| Ok(views::explain(graph, store))),
         Command::Why { spec, table } => with_graph(&spec, |graph, store| Ok(views::why(graph, store, &table)?)),
-        Command::Sql { query, store, format, output } => views::sql::sql(&store, &query)
-            .and_then(|a| answer::write(&a.0, &a.1, format, output.as_deref()))
-            .map_err(Stop::from),
+        Command::Sql(args) => sql::run(&args),
         Command::Lineage { table, store, format } => {
             views::lineage(&store, &table, format).map_err(Stop::from).and_then(say)
         }
