@@ -80,7 +80,9 @@ fn r10_a_question_writes_nothing() {
         assert!(said.contains(&format!("`{kind}` is refused")), "{query}: {said}");
         assert!(output.stdout.is_empty(), "{query}");
     }
-    for query in ["SELECT 1; DROP TABLE small.scores", "WITH x AS (INSERT INTO small.scores VALUES (1)) SELECT * FROM x"] {
+    for query in
+        ["SELECT 1; DROP TABLE small.scores", "WITH x AS (INSERT INTO small.scores VALUES (1)) SELECT * FROM x"]
+    {
         assert_eq!(bench.magline(&["sql", query]).status.code(), Some(2), "{query}");
     }
     let over = bench.magline(&["sql", "SELECT 1", "--format", "csv", "-o", "store/tables/small/scores/part-0.parquet"]);
@@ -293,7 +295,8 @@ fn r10_where_depends_on_the_row_alone() {
 fn r10_a_where_of_thousands_of_terms_runs() {
     let bench = Bench::new();
     let terms: Vec<String> = (0..3000).map(|i| format!("tt between {} and {}", 36_000 + i, 36_000 + i)).collect();
-    let spec = SPEC.replace("line like '%.01'", &terms.join(" or ")).replace("lambda = [0.0, 0.025]", "lambda = [0.025]");
+    let spec =
+        SPEC.replace("line like '%.01'", &terms.join(" or ")).replace("lambda = [0.0, 0.025]", "lambda = [0.025]");
     // Single samples are no runs that a filter can take; the whole line is selected by its key.
     bench.spec(&spec.replace(&terms.join(" or "), &format!("{} or line like '%.01'", terms.join(" or "))));
     let done = bench.run(&["--threads", "2"]);
@@ -391,7 +394,8 @@ fn r10_set_takes_what_the_file_takes() {
     let done = bench.run(&args);
     assert_eq!(done.code, 2);
     assert!(done.stderr.contains("--> spec.toml:36:10"), "{}", done.stderr);
-    let args: Vec<&str> = args.into_iter().map(|s| if s.starts_with("axes.lambda") { "axes.lambda=0.1" } else { s }).collect();
+    let args: Vec<&str> =
+        args.into_iter().map(|s| if s.starts_with("axes.lambda") { "axes.lambda=0.1" } else { s }).collect();
     let done = bench.run(&args);
     assert_eq!(done.code, 0, "{}", done.stderr);
     assert_eq!((done.computed("even"), done.computed("clean")), (2, 2));
@@ -449,7 +453,10 @@ fn r10_sweeps_are_counted_before_they_are_made() {
     for (axis, says) in [
         (axis(""), "the axis `lambda` would have 1073741823 values"),
         (axis(", at_least = 15"), "the axis `lambda` would have"),
-        (format!("lambda = [{}]", list(60_000)), "`coefficients` would be run at 240000 points: mag (2) x vector (2) x lambda (60000)"),
+        (
+            format!("lambda = [{}]", list(60_000)),
+            "`coefficients` would be run at 240000 points: mag (2) x vector (2) x lambda (60000)",
+        ),
     ] {
         let output = check(&[axis]);
         assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
@@ -460,10 +467,15 @@ fn r10_sweeps_are_counted_before_they_are_made() {
     let axes: Vec<String> = (0..16).map(|i| format!("a{i} = [{}]", list(100_000 / 100))).collect();
     let spec = SPEC.replace("lambda = [0.0, 0.025]", &format!("lambda = [1.0]\n{}", axes.join("\n")));
     let mention: String = (0..16).map(|i| format!("$a{i}")).collect();
-    fs::write(bench.path("wide.toml"), spec.replace("line like '%.01'", &format!("line like '%.01{mention}'"))).unwrap();
+    fs::write(bench.path("wide.toml"), spec.replace("line like '%.01'", &format!("line like '%.01{mention}'")))
+        .unwrap();
     let output = bench.magline(&["check", "wide.toml"]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(stderr(&output).contains("would be run at") && stderr(&output).contains("a15 (1000)"), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("would be run at") && stderr(&output).contains("a15 (1000)"),
+        "{}",
+        stderr(&output)
+    );
     // As many as there may be are planned in seconds: 25,000 values at two magnetometers and two vectors.
     let output = check(&[format!("lambda = [{}]", list(25_000))]);
     assert!(output.status.success(), "{}", stderr(&output));

@@ -12,12 +12,12 @@ use arrow_array::{Array, BooleanArray, RecordBatch, StringArray, cast::AsArray};
 use arrow_schema::{DataType, Field, Schema};
 use datafusion::{
     common::DFSchema,
+    execution::SessionState,
     logical_expr::{
         Expr,
         utils::{conjunction, split_conjunction_owned},
     },
     physical_expr::PhysicalExpr,
-    execution::SessionState,
     prelude::SessionContext,
     sql::sqlparser::parser::ParserError,
 };

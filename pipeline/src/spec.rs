@@ -89,6 +89,9 @@ const LONGEST_NAME: usize = 100;
 /// What file systems take as the name of one folder.
 const LONGEST_FOLDER: usize = 255;
 
+/// More stages than this are made by a program that should use an axis; each may be a level of the plan.
+const MOST_STAGES: usize = 1_000;
+
 const TOP: [&str; 6] = ["name", "seed", "store", "tables", "axes", "stages"];
 
 impl Spec {
@@ -298,6 +301,11 @@ impl Reading {
             self.faults.push(Fault::new("`stages` must be an array of tables: `[[stages]]`").at(value.span()));
             return vec![];
         };
+        if items.len() > MOST_STAGES {
+            let what = format!("the spec has {} stages; at most {MOST_STAGES} are taken", items.len());
+            self.faults.push(Fault::new(what).at(value.span()).help("a sweep over an axis repeats a stage"));
+            return vec![];
+        }
         items.iter().filter_map(|item| self.stage(item)).collect()
     }
 

@@ -18,10 +18,7 @@ use parquet::{
 use pipeline::views::sql::Sink;
 use schemas::Fault;
 
-use super::{
-    say,
-    sql::Temporary,
-};
+use super::{say, sql::Temporary};
 
 /// How an answer is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -163,7 +160,8 @@ impl Sink for Answer {
     fn keeps(&self, batch: &RecordBatch) -> usize {
         /// A cell as text in a table of texts, beside its value.
         const CELL: usize = 160;
-        let bytes = |c: &Arc<dyn Array>| c.to_data().get_slice_memory_size().unwrap_or_else(|_| c.get_array_memory_size());
+        let bytes =
+            |c: &Arc<dyn Array>| c.to_data().get_slice_memory_size().unwrap_or_else(|_| c.get_array_memory_size());
         match self.format {
             Format::Table => {
                 batch.columns().iter().map(bytes).sum::<usize>() + CELL * batch.num_rows() * batch.num_columns()

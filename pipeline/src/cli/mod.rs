@@ -7,12 +7,7 @@ mod say;
 mod sql;
 mod threads;
 
-use std::{
-    io::IsTerminal,
-    path::PathBuf,
-    process::ExitCode,
-    sync::atomic::Ordering,
-};
+use std::{io::IsTerminal, path::PathBuf, process::ExitCode, sync::atomic::Ordering};
 
 use clap::{Args, Parser, Subcommand};
 use pipeline::{

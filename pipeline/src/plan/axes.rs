@@ -165,7 +165,8 @@ mod tests {
 
     #[test]
     fn law_points_are_ordered_and_found_again() {
-        let text = "name = 'a'\n[axes]\na = [1, 2]\nb = ['x']\nc = [0.5, 1.5, 2.5]\n[[stages]]\nname = 's'\nstage = 't'\n";
+        let text =
+            "name = 'a'\n[axes]\na = [1, 2]\nb = ['x']\nc = [0.5, 1.5, 2.5]\n[[stages]]\nname = 's'\nstage = 't'\n";
         let Ok(spec) = Spec::parse("a.toml", ".".into(), text.to_owned(), &[]) else { panic!("the spec is fine") };
         let all: Vec<At> = points(&[0, 1, 2], &spec).collect();
         let shown = |p: &Point| p.values().map(Literal::to_string).collect::<Vec<_>>().join(" ");

@@ -173,7 +173,8 @@ impl Builder<'_> {
         }
         let before = self.faults.len();
         let mut instances: Vec<Instance> = Vec::with_capacity(size);
-        for at in points(&axes, self.spec) {
+        let spec = self.spec;
+        for at in points(&axes, spec) {
             instances.extend(self.instance(decl, &entry, at, instances.last()));
             // What is wrong at each of thousands of points need not be said of each.
             if self.faults.len() > before + MOST_FAULTS {

@@ -40,7 +40,9 @@ fn objection(expr: &Expr) -> Option<Fault> {
         Expr::WindowFunction(f) => rows(f.fun.name()),
         Expr::Exists(_) | Expr::InSubquery(_) | Expr::SetComparison(_) | Expr::ScalarSubquery(_) => {
             let fault = Fault::new("a query inside of `where` cannot be answered");
-            Some(fault.help("`where` sees one row of one table; write the values out: `line in ('1003.02', '1003.04')`"))
+            Some(
+                fault.help("`where` sees one row of one table; write the values out: `line in ('1003.02', '1003.04')`"),
+            )
         }
         Expr::ScalarVariable(..) | Expr::Placeholder(_) => {
             Some(Fault::new("`where` has no variables").help("`\"$axis\"` puts in the value of an axis"))

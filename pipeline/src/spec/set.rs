@@ -63,9 +63,9 @@ impl Assignment {
             },
             ["stages", _, _, ..] => stage(root, &path[1..], value),
             [first, _, ..] if !TOP.contains(first) => stage(root, &path, value),
-            [_, ..] => Err(Fault::new(format!("`--set` cannot set `{}`", names.join("."))).at(self.span_of(&path)).help(
-                "it takes name, seed, store, axes.NAME, tables.NAME.KEY or STAGE.PARAMETER",
-            )),
+            [_, ..] => Err(Fault::new(format!("`--set` cannot set `{}`", names.join(".")))
+                .at(self.span_of(&path))
+                .help("it takes name, seed, store, axes.NAME, tables.NAME.KEY or STAGE.PARAMETER")),
             [] => Err(form(&self.at)),
         }
     }
@@ -178,11 +178,7 @@ fn inside<'i>(
 }
 
 /// Sets a key of the stage that `path` begins with.
-fn stage<'i>(
-    root: &mut DeTable<'i>,
-    path: &[Spanned<DeString<'i>>],
-    value: Spanned<DeValue<'i>>,
-) -> Result<(), Fault> {
+fn stage<'i>(root: &mut DeTable<'i>, path: &[Spanned<DeString<'i>>], value: Spanned<DeValue<'i>>) -> Result<(), Fault> {
     let Some((name, rest)) = path.split_first() else { return Ok(()) };
     let stages = match root.get_mut("stages").map(Spanned::get_mut) {
         Some(DeValue::Array(stages)) => stages,

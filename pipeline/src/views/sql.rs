@@ -91,8 +91,7 @@ async fn ask(question: &Question<'_>, sink: &mut dyn Sink) -> Result<(), Fault> 
         .with_object_store_registry(registry)
         .build_arc()
         .map_err(|e| Fault::machine(e.to_string()))?;
-    let context =
-        SessionContext::new_with_config_rt(SessionConfig::new().with_information_schema(true), runtime);
+    let context = SessionContext::new_with_config_rt(SessionConfig::new().with_information_schema(true), runtime);
     functions::register(&context);
     let known = tables::register(&context, root.as_deref()).await?;
     let wrong = |e: DataFusionError| explain::fault(&e, &known, question, &context);

@@ -144,11 +144,7 @@ impl TableProvider for ReadOnly {
         self.0.scan(state, projection, filters, limit).await
     }
 
-    async fn scan_with_args<'a>(
-        &self,
-        state: &dyn Session,
-        args: ScanArgs<'a>,
-    ) -> Result<ScanResult, DataFusionError> {
+    async fn scan_with_args<'a>(&self, state: &dyn Session, args: ScanArgs<'a>) -> Result<ScanResult, DataFusionError> {
         self.0.scan_with_args(state, args).await
     }
 
