@@ -17,4 +17,5 @@ mod models;
 mod queries;
 mod reuse;
 mod support;
+mod trust;
 mod versions;

@@ -5,6 +5,7 @@
 //! ```
 //! `explain`, `why`, `lineage`, `sql`, the reference and the report are views of the same plan and store.
 
+pub mod deep;
 pub mod keys;
 pub mod plan;
 pub mod predicate;
@@ -28,13 +29,12 @@ pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, Faults> {
     let text = std::fs::read_to_string(path).map_err(|e| Faults {
         file: file.clone(),
         text: String::new(),
+        sets: vec![],
         faults: vec![Fault::new(format!("cannot read {file}: {e}")).help("name a spec: a TOML file")],
     })?;
     let folder =
         path.parent().map(Path::to_owned).filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| PathBuf::from("."));
-    let mut spec = Spec::parse(&file, folder, text)?;
-    let faults: Vec<Fault> = sets.iter().filter_map(|s| spec.set(s).err()).collect();
-    if faults.is_empty() { Ok(spec) } else { Err(spec.faults(faults)) }
+    Spec::parse(&file, folder, text, sets)
 }
 
 /// Every stage there is.

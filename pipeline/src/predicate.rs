@@ -1,22 +1,32 @@
 //! `where`: a SQL predicate over the columns of a table of flight lines, evaluated by DataFusion.
 //!
 //! What it says of flight and line alone is decided when the plan is made, so that the other lines are never read; the
-//! rest is evaluated on the rows of each line, reading only the columns it names.
+//! rest is evaluated on the rows of each line, reading only the columns it names. It is a function of one row and of
+//! nothing else: neither the clock nor chance, no other rows and no other tables.
 
-use std::sync::Arc;
+mod expression;
+
+use std::sync::{Arc, LazyLock};
 
 use arrow_array::{Array, BooleanArray, RecordBatch, StringArray, cast::AsArray};
 use arrow_schema::{DataType, Field, Schema};
 use datafusion::{
     common::DFSchema,
+    execution::SessionState,
     logical_expr::{
         Expr,
         utils::{conjunction, split_conjunction_owned},
     },
     physical_expr::PhysicalExpr,
     prelude::SessionContext,
+    sql::sqlparser::parser::ParserError,
 };
 use schemas::{Fault, Shape};
+
+use crate::deep;
+
+/// DataFusion with all its functions; it takes a millisecond to make, and a sweep may have a predicate a point.
+static SQL: LazyLock<SessionState> = LazyLock::new(|| SessionContext::new().state());
 
 /// A `where` that has been checked against the columns it sees.
 #[derive(Clone, Debug)]
@@ -33,15 +43,27 @@ impl Predicate {
     /// Reads `sql` against the columns of `shape`.
     ///
     /// # Errors
-    /// When it is not SQL, not a predicate, or names a column that is not there.
+    /// When it is not SQL, not a predicate, names a column that is not there, is nested too deep, or is more than a
+    /// function of one row.
     pub fn new(sql: &str, shape: &Shape) -> Result<Predicate, Fault> {
+        deep::over(sql, || Self::read(sql, shape))?
+    }
+
+    fn read(sql: &str, shape: &Shape) -> Result<Predicate, Fault> {
         let fields: Vec<Field> =
             shape.columns.iter().map(|c| Field::new(&c.name, c.column_type.data_type(), true)).collect();
         let schema = Arc::new(Schema::new(fields));
-        let context = SessionContext::new();
         let df = DFSchema::try_from(schema.as_ref().clone()).map_err(|e| wrong(&e, shape))?;
-        let expr = context.parse_sql_expr(sql, &df).map_err(|e| wrong(&e, shape))?;
-        let physical = |e: Expr, df: &DFSchema| context.create_physical_expr(e, df).map_err(|e| wrong(&e, shape));
+        let dialect = SQL.config().options().sql_parser.dialect;
+        let parsed = SQL.sql_to_expr_with_alias(sql, &dialect).map_err(|e| wrong(&e, shape))?;
+        deep::check(&parsed.expr)?;
+        let expr = SQL.create_logical_expr_from_sql_expr(parsed, &df).map_err(|e| wrong(&e, shape))?;
+        expression::check(&expr)?;
+        let physical = |e: Expr, df: &DFSchema| {
+            let e = expression::balanced(e).map_err(|e| wrong(&e, shape))?;
+            expression::shallow(&e)?;
+            SQL.create_physical_expr(e, df).map_err(|e| wrong(&e, shape))
+        };
         let whole = physical(expr.clone(), &df)?;
         let kind = whole.data_type(&schema).map_err(|e| wrong(&e, shape))?;
         if kind != DataType::Boolean {
@@ -115,6 +137,11 @@ fn wrong(e: &datafusion::error::DataFusionError, shape: &Shape) -> Fault {
             }
             other => Fault::new(format!("`where` cannot be read: {other}")),
         },
+        datafusion::error::DataFusionError::SQL(inner, _)
+            if matches!(inner.as_ref(), ParserError::RecursionLimitExceeded) =>
+        {
+            deep::too_deep()
+        }
         other => Fault::new(format!("`where` cannot be read: {other}"))
             .help("it is a SQL predicate, such as `line = '1003.02'`"),
     }
@@ -151,6 +178,57 @@ mod tests {
         let a = Predicate::new("tt>1.0   AND line = 'x'", &shape()).unwrap();
         let b = Predicate::new("(line = 'x') and (tt > 1.0)", &shape()).unwrap();
         assert_eq!(a.canonical, b.canonical);
+    }
+
+    #[test]
+    fn r10_only_what_depends_on_the_row_alone_is_taken() {
+        let refused = |sql: &str| Predicate::new(sql, &shape()).unwrap_err();
+        for (sql, says) in [
+            ("tt > random()", "`random()` gives another answer each time"),
+            ("uuid() <> line", "`uuid()` gives another answer each time"),
+            ("line = '1' and not (tt + 1 > 3 * random())", "`random()`"),
+            ("avg(tt) > 3", "`avg`"),
+            ("row_number() over (order by tt) < 10", "`row_number`"),
+            ("tt > (select 1)", "a query inside of `where`"),
+            ("tt in (select 1)", "a query inside of `where`"),
+            ("exists (select 1)", "a query inside of `where`"),
+        ] {
+            let fault = refused(sql);
+            assert!(fault.to_string().contains(says), "{sql}: {fault}");
+        }
+        let fine = ["abs(tt) > 3", "upper(line) = 'A'", "coalesce(tt, 0) >= 0", "tt is not null", "line ~ '^1'"];
+        fine.iter().for_each(|sql| assert!(Predicate::new(sql, &shape()).is_ok(), "{sql}"));
+    }
+
+    #[test]
+    fn r10_a_chain_of_thousands_of_terms_is_read_and_evaluated() {
+        let lines = [("1", "7"), ("1", "9999"), ("1", "nine")].map(|(a, b)| (a.to_owned(), b.to_owned()));
+        let ors: Vec<String> = (0..3000).map(|i| format!("line = '{i}'")).collect();
+        let selected = Predicate::new(&ors.join(" or "), &shape()).unwrap().lines(&lines).unwrap();
+        assert_eq!(selected, [true, false, false]);
+        let of_rows: Vec<String> = (0..3000).map(|i| format!("tt between {i} and {i}.5")).collect();
+        let p = Predicate::new(&of_rows.join(" or "), &shape()).unwrap();
+        let tt = Schema::new(vec![Field::new("tt", DataType::Float64, true)]);
+        let values = Float64Array::from(vec![2999.25, 2999.75, -1.0, 0.0]);
+        let batch = RecordBatch::try_new(Arc::new(tt), vec![Arc::new(values)]).unwrap();
+        assert_eq!(p.rows(&batch).unwrap(), Some(vec![true, false, false, true]));
+        assert_eq!(p.canonical.matches(" OR ").count(), 2999);
+    }
+
+    #[test]
+    fn r10_what_is_nested_too_deep_is_refused() {
+        for sql in [
+            format!("tt > {}1", "1 + ".repeat(20_000)),
+            format!("tt > {}1", "1 + ".repeat(200_000)),
+            format!("tt > {}1", "1 + ".repeat(2_000)),
+            format!("{}tt > 1{}", "(".repeat(300), ")".repeat(300)),
+            format!("{} tt > 1", "not ".repeat(3_000)),
+            "line = '1' or ".repeat(100_000) + "line = '2'",
+        ] {
+            let fault = Predicate::new(&sql, &shape()).unwrap_err();
+            assert!(fault.what.contains("nested") || fault.what.contains("bytes long"), "{fault}");
+            assert!(fault.what.len() < 200 && fault.help.is_some(), "{fault}");
+        }
     }
 
     #[test]

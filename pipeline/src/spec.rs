@@ -1,16 +1,21 @@
 //! The spec: one TOML file, with the position of everything in it.
 
 mod axis;
+mod faults;
+mod set;
 
 use std::{collections::BTreeMap, ops::Range, path::PathBuf};
 
-use schemas::{Args, Fault, Given, Literal, render};
+use schemas::{Args, Fault, Given, Literal};
 use toml::{
     Spanned,
     de::{DeTable, DeValue},
 };
 
-/// Bytes of the spec.
+pub use faults::Faults;
+use set::Assignment;
+
+/// Bytes of the spec; those of the `--set` assignments follow those of the file.
 pub type Span = Range<usize>;
 
 /// A parsed spec. Nothing of it is checked against the catalogue or the data yet.
@@ -22,6 +27,8 @@ pub struct Spec {
     pub folder: PathBuf,
     /// The text, for messages.
     pub text: String,
+    /// The assignments of `--set` that were put into it, for messages.
+    pub sets: Vec<String>,
     /// The pipeline's name.
     pub name: String,
     /// The seed of every random draw.
@@ -77,131 +84,45 @@ pub struct StageDecl {
     pub args: Args,
 }
 
-/// Everything that is wrong with a spec, ready to be shown.
-#[derive(Clone, Debug)]
-pub struct Faults {
-    /// The file, as the user named it.
-    pub file: String,
-    /// Its text.
-    pub text: String,
-    /// What is wrong.
-    pub faults: Vec<Fault>,
-}
+/// A name becomes a folder, a file name with a suffix, and part of others.
+const LONGEST_NAME: usize = 100;
+/// What file systems take as the name of one folder.
+const LONGEST_FOLDER: usize = 255;
 
-impl std::fmt::Display for Faults {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        let shown: Vec<String> = self.faults.iter().map(|x| render(x, &self.file, &self.text)).collect();
-        write!(f, "{}", shown.join("\n\n"))
-    }
-}
-
-impl std::error::Error for Faults {}
+/// More stages than this are made by a program that should use an axis; each may be a level of the plan.
+const MOST_STAGES: usize = 1_000;
 
 const TOP: [&str; 6] = ["name", "seed", "store", "tables", "axes", "stages"];
 
 impl Spec {
-    /// Reads the spec `text` of `file`, whose relative paths start from `folder`.
+    /// Reads the spec `text` of `file`, whose relative paths start from `folder`, with each of `sets` put into it first:
+    /// `name`, `seed`, `store`, `axes.NAME`, `tables.NAME.KEY` or `STAGE.PARAMETER` (`stages.STAGE.PARAMETER` too), `=`
+    /// and a value. The value is TOML; what is not TOML is taken as text.
     ///
     /// # Errors
     /// Everything that is wrong with its form, each with its position.
-    pub fn parse(file: &str, folder: PathBuf, text: String) -> Result<Spec, Faults> {
+    pub fn parse(file: &str, folder: PathBuf, text: String, sets: &[String]) -> Result<Spec, Faults> {
         let mut read = Reading::default();
-        let spec = match DeTable::parse(&text) {
-            Ok(root) => read.spec(root.get_ref(), file, folder, &text),
-            Err(e) => {
-                let fault = Fault::new(e.message().to_owned());
-                read.faults.push(match e.span() {
-                    Some(at) => fault.at(at),
-                    None => fault,
-                });
-                None
-            }
-        };
+        let spec = read.document(file, folder, &text, sets);
         match spec {
             Some(spec) if read.faults.is_empty() => Ok(spec),
-            _ => Err(Faults { file: file.to_owned(), text, faults: read.faults }),
+            _ => Err(Faults { file: file.to_owned(), text, sets: sets.to_vec(), faults: read.faults }),
         }
     }
 
     /// The faults as something to show, with this spec's text.
     pub fn faults(&self, faults: Vec<Fault>) -> Faults {
-        Faults { file: self.file.clone(), text: self.text.clone(), faults }
+        Faults { file: self.file.clone(), text: self.text.clone(), sets: self.sets.clone(), faults }
     }
 
     /// The axis `name`, if the spec has it.
     pub fn axis(&self, name: &str) -> Option<usize> {
         self.axes.iter().position(|a| a.name == name)
     }
-
-    /// Applies one `--set KEY=VALUE`: `seed`, `store`, `name`, `axes.NAME`, `tables.NAME.KEY` or `STAGE.PARAMETER`
-    /// (`stages.STAGE.PARAMETER` too). The value is TOML; what is not TOML is taken as text.
-    ///
-    /// # Errors
-    /// When the key names nothing of the spec.
-    pub fn set(&mut self, assignment: &str) -> Result<(), Fault> {
-        let key_value = assignment
-            .split_once('=')
-            .ok_or_else(|| Fault::new(format!("`--set {assignment}` is not of the form KEY=VALUE")))?;
-        let (key, value) = (key_value.0, override_value(key_value.1.trim()));
-        let parts: Vec<&str> = key.trim().split('.').collect();
-        let wrong = |what: &str| Fault::new(format!("`--set {assignment}`: {what}"));
-        match parts.as_slice() {
-            ["seed"] => match value {
-                Literal::Int(n) if n >= 0 => self.seed = n.unsigned_abs(),
-                _ => return Err(wrong("the seed must be a whole number, 0 or above")),
-            },
-            ["store"] => self.store = self.folder.join(value.to_string()),
-            ["name"] => self.name = value.to_string(),
-            ["axes", axis] => {
-                let known: Vec<&str> = self.axes.iter().map(|a| a.name.as_str()).collect();
-                let i = self.axis(axis).ok_or_else(|| wrong("there is no such axis").nearest(axis, &known))?;
-                let given = key_value.1.trim();
-                let parsed = DeValue::parse(given).ok();
-                self.axes[i].values = match parsed.as_ref().map(|v| axis::values(axis, v)) {
-                    Some(Ok(values)) => values,
-                    Some(Err(faults)) => {
-                        let what = faults.iter().map(|f| f.what.as_str()).collect::<Vec<_>>().join("; ");
-                        return Err(wrong(&what));
-                    }
-                    None => vec![value],
-                };
-            }
-            ["tables", table, key] => {
-                let known: Vec<String> = self.tables.iter().map(|t| t.name.clone()).collect();
-                let found = self.tables.iter_mut().find(|t| t.name == *table);
-                let found = found.ok_or_else(|| wrong("there is no such table").nearest(table, &known))?;
-                if *key == "path" {
-                    found.path.0 = value.to_string();
-                } else {
-                    found.options.insert((*key).to_owned(), given(value, 0..0, 0..0));
-                }
-            }
-            [stage, key] | ["stages", stage, key] => {
-                let known: Vec<String> = self.stages.iter().map(|t| t.name.clone()).collect();
-                let found = self.stages.iter_mut().find(|t| t.name == *stage);
-                let found = found.ok_or_else(|| wrong("there is no such stage").nearest(stage, &known))?;
-                match (*key, value) {
-                    ("where", value) => found.predicate = Some((value.to_string(), 0..0)),
-                    ("stage", value) => found.stage.0 = value.to_string(),
-                    ("publish", Literal::Bool(publish)) => found.publish = publish,
-                    ("publish", _) => return Err(wrong("`publish` must be true or false")),
-                    (key, value) => {
-                        found.args.insert(key.to_owned(), given(value, 0..0, 0..0));
-                    }
-                }
-            }
-            _ => return Err(wrong("unknown key").nearest(key, &TOP)),
-        }
-        Ok(())
-    }
 }
 
 fn given(value: Literal, key_at: Span, at: Span) -> Given {
     Given { value, key_at, at }
-}
-
-fn override_value(text: &str) -> Literal {
-    DeValue::parse(text).ok().and_then(|v| literal(v.get_ref()).ok()).unwrap_or_else(|| Literal::Text(text.to_owned()))
 }
 
 #[derive(Default)]
@@ -210,6 +131,35 @@ struct Reading {
 }
 
 impl Reading {
+    fn document(&mut self, file: &str, folder: PathBuf, text: &str, sets: &[String]) -> Option<Spec> {
+        let starts = faults::starts(text, sets);
+        let mut assignments = vec![];
+        for (set, start) in sets.iter().zip(starts) {
+            match Assignment::new(set, start) {
+                Ok(assignment) => assignments.push(assignment),
+                Err(fault) => self.faults.push(fault),
+            }
+        }
+        let mut root = match DeTable::parse(text) {
+            Ok(root) => root.into_inner(),
+            Err(e) => {
+                let fault = Fault::new(e.message().to_owned());
+                self.faults.push(match e.span() {
+                    Some(at) => fault.at(at),
+                    None => fault,
+                });
+                return None;
+            }
+        };
+        for assignment in &assignments {
+            if let Err(fault) = assignment.put(&mut root) {
+                self.faults.push(fault);
+            }
+        }
+        let spec = self.spec(&root, file, folder, text)?;
+        Some(Spec { sets: sets.to_vec(), ..spec })
+    }
+
     fn spec(&mut self, root: &DeTable, file: &str, folder: PathBuf, text: &str) -> Option<Spec> {
         for (key, _) in root.iter() {
             if !TOP.contains(&key.get_ref().as_ref()) {
@@ -219,13 +169,7 @@ impl Reading {
         }
         let name = self.name_of(root, file);
         let seed = self.seed(root);
-        let store = self.text(root, "store").map_or_else(|| "store".to_owned(), |(s, _)| s);
-        if store.contains("://") {
-            self.faults.push(
-                Fault::new(format!("the store `{store}` is not a folder"))
-                    .help("this version keeps its store in a folder"),
-            );
-        }
+        let store = self.store(root);
         let tables = self.named(root, "tables").iter().filter_map(|(n, v)| self.source(n, v)).collect();
         let axes = self.named(root, "axes").iter().filter_map(|(n, v)| self.axis(n, v)).collect();
         let stages = self.stages(root);
@@ -235,6 +179,7 @@ impl Reading {
             store,
             folder,
             text: text.to_owned(),
+            sets: vec![],
             name: name?,
             seed,
             tables,
@@ -250,6 +195,26 @@ impl Reading {
         self.identifier(&name, at).then_some(name)
     }
 
+    /// The store's folder, as it is given.
+    fn store(&mut self, root: &DeTable) -> String {
+        let Some((store, at)) = self.text(root, "store") else { return "store".to_owned() };
+        let wrong = if store.contains("://") {
+            Some("this version keeps its store in a folder")
+        } else if store.trim().is_empty() {
+            Some("name a folder, such as `store`; `.` is the folder of the spec")
+        } else if store.chars().any(char::is_control) {
+            Some("name a folder without line breaks and other control characters")
+        } else if store.split(['/', '\\']).any(|part| part.len() > LONGEST_FOLDER) {
+            Some("name a folder that file systems take: at most 255 bytes")
+        } else {
+            None
+        };
+        if let Some(help) = wrong {
+            self.faults.push(Fault::new(format!("the store `{}` is not a folder", plain(&store))).help(help).at(at));
+        }
+        store
+    }
+
     fn seed(&mut self, root: &DeTable) -> u64 {
         let Some(value) = root.get("seed") else { return 0 };
         match literal(value.get_ref()) {
@@ -263,11 +228,14 @@ impl Reading {
 
     /// Names become folders and SQL identifiers, so they are kept plain.
     fn identifier(&mut self, name: &str, at: Span) -> bool {
-        let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
-        let fine = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') && name.chars().all(plain);
+        let fine = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+        let fine = name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') && name.chars().all(fine);
         if !fine {
-            let fault = Fault::new(format!("`{name}` cannot be a name")).at(at);
+            let fault = Fault::new(format!("`{}` cannot be a name", plain(name))).at(at);
             self.faults.push(fault.help("a name begins with a letter and holds letters, digits, `_` and `-`"));
+        } else if name.len() > LONGEST_NAME {
+            let what = format!("a name of {} characters is too long", name.len());
+            self.faults.push(Fault::new(what).at(at).help(format!("a name has at most {LONGEST_NAME} characters")));
         }
         fine
     }
@@ -333,6 +301,11 @@ impl Reading {
             self.faults.push(Fault::new("`stages` must be an array of tables: `[[stages]]`").at(value.span()));
             return vec![];
         };
+        if items.len() > MOST_STAGES {
+            let what = format!("the spec has {} stages; at most {MOST_STAGES} are taken", items.len());
+            self.faults.push(Fault::new(what).at(value.span()).help("a sweep over an axis repeats a stage"));
+            return vec![];
+        }
         items.iter().filter_map(|item| self.stage(item)).collect()
     }
 
@@ -390,6 +363,13 @@ impl Reading {
             }
         }
     }
+}
+
+/// A text for a message, on one line and of a moderate length.
+fn plain(text: &str) -> String {
+    const SHOWN: usize = 60;
+    let line: String = text.chars().take(SHOWN).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
+    if text.chars().count() > SHOWN { format!("{line}...") } else { line }
 }
 
 /// A TOML value as a literal; tables and dates are none.

@@ -43,7 +43,7 @@ pub struct InputDecl {
 }
 
 /// What a table is, seen from the plan.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Table {
     /// Flight lines with these columns.
     Lines(Shape),
@@ -88,7 +88,7 @@ pub enum Passes {
 }
 
 /// What a stage reads and yields, given the columns that reach it.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Yield {
     /// The columns it makes.
     pub columns: Vec<Column>,

@@ -1,17 +1,24 @@
-//! The answer to a query, in the form that was asked for.
+//! The answer to a query, in the form that was asked for, written while it comes.
 
 use std::{
     fs::File,
-    io::{self, Write},
-    path::Path,
+    io::{self, BufWriter, Write},
+    path::{Path, PathBuf},
+    sync::Arc,
 };
 
-use arrow_array::RecordBatch;
+use arrow_array::{Array, RecordBatch};
 use arrow_cast::pretty::pretty_format_batches;
 use arrow_schema::SchemaRef;
-use arrow_select::concat::concat_batches;
-use pipeline::store::write_parquet;
+use parquet::{
+    arrow::ArrowWriter,
+    basic::Compression,
+    file::properties::{WriterProperties, WriterVersion},
+};
+use pipeline::views::sql::Sink;
 use schemas::Fault;
+
+use super::{say, sql::Temporary};
 
 /// How an answer is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -27,48 +34,171 @@ pub enum Format {
     Parquet,
 }
 
-/// Writes the answer to `output`, or to standard output.
-///
-/// # Errors
-/// When it cannot be written, or not in this form.
-pub fn write(schema: &SchemaRef, batches: &[RecordBatch], format: Format, output: Option<&Path>) -> Result<(), Fault> {
-    let whole = concat_batches(schema, batches).map_err(|e| Fault::machine(e.to_string()))?;
-    let failed = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot write the answer: {e}"));
-    match (format, output) {
-        (Format::Parquet, None) => {
-            Err(Fault::new("a Parquet file cannot be written to the terminal").help("name a file with `-o`"))
+/// An answer being written to a file or to standard output.
+pub struct Answer {
+    format: Format,
+    output: Option<PathBuf>,
+    tmp: Option<Temporary>,
+    writer: Option<Writer>,
+}
+
+type Out = Box<dyn Write + Send>;
+
+enum Writer {
+    /// The columns are as wide as their widest cell, so all rows are kept.
+    Table(Out, Vec<RecordBatch>),
+    Csv(arrow_csv::Writer<Out>),
+    Json(arrow_json::LineDelimitedWriter<Out>),
+    Parquet(Box<ArrowWriter<Out>>),
+}
+
+impl Answer {
+    /// An answer to `output`, or to standard output.
+    ///
+    /// # Errors
+    /// When it cannot be written there in this form.
+    pub fn new(format: Format, output: Option<&Path>) -> Result<Answer, Fault> {
+        if format == Format::Parquet && output.is_none() {
+            let fault = Fault::new("a Parquet file cannot be written to the terminal");
+            return Err(fault.help("name a file with `-o`"));
         }
-        (Format::Parquet, Some(path)) => {
-            let tmp = path.with_extension("parquet.tmp");
-            write_parquet(&tmp, &whole)?;
-            std::fs::rename(&tmp, path).map_err(|e| failed(&e))
+        let tmp = output.map(|path| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            Temporary::new(path.with_file_name(format!(".{name}.{}", std::process::id())))
+        });
+        Ok(Answer { format, output: output.map(Path::to_owned), tmp, writer: None })
+    }
+
+    fn out(&self) -> Result<Out, Fault> {
+        match &self.tmp {
+            None => Ok(Box::new(BufWriter::with_capacity(1 << 16, Standard))),
+            Some(tmp) => {
+                let file = File::create(tmp.path()).map_err(|e| self.failed(&e))?;
+                Ok(Box::new(BufWriter::with_capacity(1 << 16, file)))
+            }
         }
-        (_, Some(path)) => {
-            let tmp = path.with_extension("tmp");
-            let mut file = File::create(&tmp).map_err(|e| failed(&e))?;
-            text(&whole, format, &mut file).map_err(|e| failed(&e))?;
-            std::fs::rename(&tmp, path).map_err(|e| failed(&e))
+    }
+
+    fn writer(&mut self, schema: &SchemaRef) -> Result<&mut Writer, Fault> {
+        let writer = match self.writer.take() {
+            Some(writer) => writer,
+            None => self.begin(schema)?,
+        };
+        Ok(self.writer.insert(writer))
+    }
+
+    fn begin(&self, schema: &SchemaRef) -> Result<Writer, Fault> {
+        let out = self.out()?;
+        Ok(match self.format {
+            Format::Table => Writer::Table(out, vec![]),
+            Format::Csv => Writer::Csv(arrow_csv::WriterBuilder::new().with_header(true).build(out)),
+            Format::Json => Writer::Json(arrow_json::LineDelimitedWriter::new(out)),
+            Format::Parquet => {
+                let properties = WriterProperties::builder()
+                    .set_created_by("magline".to_owned())
+                    .set_writer_version(WriterVersion::PARQUET_1_0)
+                    .set_compression(Compression::LZ4_RAW)
+                    .set_max_row_group_row_count(Some(1 << 17))
+                    .build();
+                let writer = ArrowWriter::try_new(out, schema.clone(), Some(properties));
+                Writer::Parquet(Box::new(writer.map_err(|e| self.failed(&e))?))
+            }
+        })
+    }
+
+    fn failed(&self, e: &dyn std::fmt::Display) -> Fault {
+        let to = self.output.as_ref().map(|p| format!(" to {}", p.display())).unwrap_or_default();
+        Fault::machine(format!("cannot write the answer{to}: {e}"))
+    }
+
+    /// A failure of standard output shows in the exit status; that of a file is a fault.
+    fn outcome(&self, written: Result<(), io::Error>) -> Result<bool, Fault> {
+        match written {
+            Ok(()) => Ok(true),
+            Err(_) if say::gone() || say::lost().is_some() => Ok(false),
+            Err(e) => Err(self.failed(&e)),
         }
-        (_, None) => match text(&whole, format, &mut io::stdout().lock()) {
-            Err(e) if e.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-            other => other.map_err(|e| failed(&e)),
-        },
     }
 }
 
-fn text(batch: &RecordBatch, format: Format, out: &mut dyn Write) -> io::Result<()> {
-    match format {
-        Format::Csv => {
-            let mut writer = arrow_csv::WriterBuilder::new().with_header(true).build(out);
-            writer.write(batch).map_err(io::Error::other)
-        }
-        Format::Json => {
-            let mut writer = arrow_json::LineDelimitedWriter::new(out);
-            writer.write(batch).and_then(|()| writer.finish()).map_err(io::Error::other)
-        }
-        Format::Table | Format::Parquet => {
-            let shown = pretty_format_batches(std::slice::from_ref(batch)).map_err(io::Error::other)?;
-            writeln!(out, "{shown}")
+impl Writer {
+    fn write(&mut self, batch: RecordBatch) -> io::Result<()> {
+        match self {
+            Writer::Table(_, kept) => {
+                kept.push(batch);
+                Ok(())
+            }
+            Writer::Csv(csv) => csv.write(&batch).map_err(io::Error::other),
+            Writer::Json(json) => json.write(&batch).map_err(io::Error::other),
+            Writer::Parquet(parquet) => parquet.write(&batch).map_err(io::Error::other),
         }
     }
+
+    fn finish(self) -> io::Result<()> {
+        match self {
+            Writer::Table(mut out, batches) => {
+                let shown = pretty_format_batches(&batches).map_err(io::Error::other)?;
+                writeln!(out, "{shown}")?;
+                out.flush()
+            }
+            Writer::Csv(csv) => csv.into_inner().flush(),
+            Writer::Json(mut json) => {
+                json.finish().map_err(io::Error::other)?;
+                json.into_inner().flush()
+            }
+            Writer::Parquet(parquet) => parquet.into_inner().map_err(io::Error::other)?.flush(),
+        }
+    }
+}
+
+impl Sink for Answer {
+    fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
+        let written = self.writer(&batch.schema())?.write(batch);
+        self.outcome(written)
+    }
+
+    fn keeps(&self, batch: &RecordBatch) -> usize {
+        /// A cell as text in a table of texts, beside its value.
+        const CELL: usize = 160;
+        let bytes =
+            |c: &Arc<dyn Array>| c.to_data().get_slice_memory_size().unwrap_or_else(|_| c.get_array_memory_size());
+        match self.format {
+            Format::Table => {
+                batch.columns().iter().map(bytes).sum::<usize>() + CELL * batch.num_rows() * batch.num_columns()
+            }
+            Format::Csv | Format::Json | Format::Parquet => 0,
+        }
+    }
+
+    fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault> {
+        if self.writer.is_none() {
+            // An answer without rows still has its columns.
+            let written = self.writer(schema)?.write(RecordBatch::new_empty(schema.clone()));
+            self.outcome(written)?;
+        }
+        let Some(writer) = self.writer.take() else { return Ok(()) };
+        let whole = self.outcome(writer.finish())?;
+        match (&self.tmp, &self.output) {
+            (Some(tmp), Some(path)) if whole => std::fs::rename(tmp.path(), path).map_err(|e| self.failed(&e)),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Standard output, whose failures are kept for the exit status.
+struct Standard;
+
+impl Write for Standard {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        kept(io::stdout().write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        kept(io::stdout().flush())
+    }
+}
+
+fn kept<T>(written: io::Result<T>) -> io::Result<T> {
+    let same = |e: &io::Error| e.raw_os_error().map_or_else(|| e.kind().into(), io::Error::from_raw_os_error);
+    written.inspect_err(|e| say::note(Err(same(e))))
 }

@@ -13,7 +13,7 @@ use clap::{Args, Subcommand};
 use datasets::{GridMap, MapOptions, read_grid, write_grid};
 use schemas::Fault;
 
-use super::{Stop, say};
+use super::{Stop, say, threads};
 
 /// Anomaly maps.
 #[derive(Subcommand)]
@@ -64,8 +64,8 @@ pub struct OutputArgs {
 #[derive(Args, Clone)]
 pub struct ThreadArgs {
     /// How many threads; all cores when left out. The answers do not depend on it.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
-    threads: Option<u16>,
+    #[arg(long, value_parser = threads::count)]
+    threads: Option<usize>,
 }
 
 impl InputArgs {
@@ -91,9 +91,7 @@ fn write_to(path: &Path, map: &GridMap, format: Option<&str>) -> Result<(), Stop
 
 impl ThreadArgs {
     fn run<T: Send>(&self, work: impl FnOnce() -> Result<T, Stop> + Send) -> Result<T, Stop> {
-        let threads = self.threads.map_or(0, usize::from);
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        pool.map_err(|e| Stop::Failed(format!("error: cannot start threads: {e}")))?.install(work)
+        threads::pool(self.threads)?.install(work)
     }
 }
 

@@ -3,13 +3,11 @@
 mod answer;
 mod map;
 mod progress;
+mod say;
+mod sql;
+mod threads;
 
-use std::{
-    io::{IsTerminal, Write},
-    path::PathBuf,
-    process::ExitCode,
-    sync::atomic::Ordering,
-};
+use std::{io::IsTerminal, path::PathBuf, process::ExitCode, sync::atomic::Ordering};
 
 use clap::{Args, Parser, Subcommand};
 use pipeline::{
@@ -21,6 +19,7 @@ use pipeline::{
     store::Store,
     views::{self, scores},
 };
+use say::err;
 use schemas::{Fault, Owner, render};
 
 /// Declarative dataflow pipelines for aeromagnetic compensation and magnetic navigation.
@@ -47,19 +46,7 @@ enum Command {
         table: String,
     },
     /// Ask the tables of a store, named PIPELINE.TABLE, in SQL.
-    Sql {
-        /// The query.
-        query: String,
-        /// The store's folder.
-        #[arg(long, default_value = "store")]
-        store: PathBuf,
-        /// How the answer is written.
-        #[arg(long, value_enum, default_value_t)]
-        format: answer::Format,
-        /// The file it is written to.
-        #[arg(short, long)]
-        output: Option<PathBuf>,
-    },
+    Sql(sql::SqlArgs),
     /// Say where a table's rows come from.
     Lineage {
         /// The table, as PIPELINE.TABLE.
@@ -116,8 +103,8 @@ struct RunArgs {
     #[command(flatten)]
     spec: SpecArgs,
     /// How many threads; all cores when left out. The answers do not depend on it.
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..))]
-    threads: Option<u16>,
+    #[arg(long, value_parser = threads::count)]
+    threads: Option<usize>,
     /// Where it runs.
     #[arg(long, default_value = "local")]
     engine: String,
@@ -152,14 +139,19 @@ impl From<Fault> for Stop {
 
 /// Runs the command.
 pub fn main() -> ExitCode {
-    let done = match Cli::parse().command {
+    let command = match Cli::try_parse() {
+        Ok(cli) => cli.command,
+        Err(e) => {
+            say::note(e.print().or_else(|written| if e.use_stderr() { Ok(()) } else { Err(written) }));
+            return ended(u8::try_from(e.exit_code()).unwrap_or(2));
+        }
+    };
+    let done = match command {
         Command::Run(args) => run_spec(&args),
         Command::Check(args) => check(&args),
         Command::Explain(args) => with_graph(&args, |graph, store| Ok(views::explain(graph, store))),
         Command::Why { spec, table } => with_graph(&spec, |graph, store| Ok(views::why(graph, store, &table)?)),
-        Command::Sql { query, store, format, output } => views::sql::sql(&store, &query)
-            .and_then(|a| answer::write(&a.0, &a.1, format, output.as_deref()))
-            .map_err(Stop::from),
+        Command::Sql(args) => sql::run(&args),
         Command::Lineage { table, store, format } => {
             views::lineage(&store, &table, format).map_err(Stop::from).and_then(say)
         }
@@ -169,29 +161,38 @@ pub fn main() -> ExitCode {
         Command::Synth { spec, to } => synth(&spec, &to),
     };
     match done {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(()) => ended(0),
         Err(Stop::Failed(text)) => {
-            eprintln!("{text}");
-            ExitCode::from(1)
+            err!("{text}");
+            ended(1)
         }
         Err(Stop::Wrong(text)) => {
-            eprintln!("{text}");
-            ExitCode::from(2)
+            err!("{text}");
+            ended(2)
         }
         Err(Stop::Interrupted) => {
-            eprintln!("interrupted; what was finished is kept, and the same command goes on from there");
-            ExitCode::from(130)
+            err!("interrupted; what was finished is kept, and the same command goes on from there");
+            ended(130)
         }
+    }
+}
+
+/// The exit status: success only where all that was said could be written.
+fn ended(status: u8) -> ExitCode {
+    match say::lost() {
+        Some(why) if status == 0 => {
+            err!("error: cannot write to standard output: {why}");
+            ExitCode::from(1)
+        }
+        _ => ExitCode::from(status),
     }
 }
 
 /// Prints to standard output; a reader that has gone away ends the command quietly.
 fn say(text: String) -> Result<(), Stop> {
-    let mut out = std::io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Stop::Failed(format!("error: cannot write: {e}"))),
-        _ => Ok(()),
-    }
+    say::out_text(text);
+    // A failure shows in the exit status, when the command ends.
+    Ok(())
 }
 
 fn plan(args: &SpecArgs) -> Result<Plan, Faults> {
@@ -206,7 +207,7 @@ fn check(args: &SpecArgs) -> Result<(), Stop> {
     let plan = plan(args)?;
     let points: usize = plan.tables.iter().map(|t| t.instances.len()).sum();
     for note in &plan.notes {
-        eprintln!("note: {note}");
+        err!("note: {note}");
     }
     say(format!("{} is fine: {} tables, {points} points\n", plan.spec.file, plan.tables.len()))
 }
@@ -257,9 +258,7 @@ fn run_spec(args: &RunArgs) -> Result<(), Stop> {
     let _ = ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Relaxed));
     let plan = plan(&args.spec)?;
     let store = open(&plan.spec)?;
-    let threads = args.threads.map_or(0, usize::from);
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|e| Stop::Failed(format!("error: cannot start threads: {e}")))?;
+    let pool = threads::pool(args.threads)?;
     let summary = if args.json {
         pool.install(|| run::run(&plan, &store, &progress::Json))?
     } else {
@@ -268,12 +267,12 @@ fn run_spec(args: &RunArgs) -> Result<(), Stop> {
     };
     if !args.json {
         for note in &plan.notes {
-            eprintln!("note: {note}");
+            err!("note: {note}");
         }
         say(table_of(&summary))?;
         say(scores_of(&plan, &summary))?;
         for warning in views::warnings::warnings(&plan, &summary.folder)? {
-            eprintln!("note: {warning}");
+            err!("note: {warning}");
         }
     }
     ending(&summary, args.json)

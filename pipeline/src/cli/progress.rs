@@ -1,10 +1,12 @@
 //! What a run shows while it goes on: a bar on a terminal, or one JSON event per line.
 
-use std::{io::Write, time::Duration};
+use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pipeline::run::{Count, Event, Listener};
 use serde_json::{Value, json};
+
+use super::say::out;
 
 /// A bar on standard error.
 pub struct Bar(ProgressBar);
@@ -66,8 +68,8 @@ pub struct Json;
 impl Listener for Json {
     fn hear(&self, event: &Event) {
         let value = as_json(event);
-        // A reader that has gone away does not stop the run.
-        let _ = writeln!(std::io::stdout().lock(), "{value}");
+        // A reader that has gone away does not stop the run; a full disk shows in its exit status.
+        out!("{value}\n");
     }
 }
 

@@ -1,7 +1,7 @@
 //! From spec to plan.
 
 use std::{
-    collections::{BTreeMap, HashMap},
+    collections::{BTreeMap, BTreeSet, HashMap, HashSet},
     sync::Arc,
 };
 
@@ -9,7 +9,7 @@ use schemas::{Args, Column, Entry, Fault, Given, Grain, InputDecl, InputKind, Li
 
 use super::{
     Instance, Plan, Point, Ref, TableNode,
-    axes::{args_at, mentioned, points, position, put_in, spelt_in},
+    axes::{At, args_at, axes_of, count, mentioned, points, position, put_in, spelt_in},
 };
 use crate::{
     predicate::Predicate,
@@ -18,7 +18,9 @@ use crate::{
 };
 
 /// More points than this are more likely a slip than a wish.
-const MOST_POINTS: usize = 1_000_000;
+const MOST_POINTS: usize = 100_000;
+/// After so many faults of a stage its other points are not looked at.
+const MOST_FAULTS: usize = 20;
 
 /// See [`Plan::new`].
 pub fn build(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
@@ -27,7 +29,9 @@ pub fn build(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
         catalogue,
         faults: vec![],
         flights: vec![],
+        shapes: vec![],
         maps: vec![],
+        map_shape: Arc::new(Table::Map(schemas::map::shape())),
         sources: BTreeMap::new(),
         tables: vec![],
         broken: vec![],
@@ -42,12 +46,8 @@ pub fn build(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
         }
     }
     let Builder { mut faults, flights, maps, tables, notes, .. } = builder;
-    let mut seen = vec![];
-    faults.retain(|f| {
-        let new = !seen.contains(&(f.what.clone(), f.at.clone()));
-        seen.push((f.what.clone(), f.at.clone()));
-        new
-    });
+    let mut seen = HashSet::new();
+    faults.retain(|f| seen.insert((f.what.clone(), f.at.clone())));
     faults.sort_by_key(|f| f.at.as_ref().map_or(0, |a| a.start));
     if faults.is_empty() { Ok(Plan { spec, flights, maps, tables, notes }) } else { Err(spec.faults(faults)) }
 }
@@ -57,15 +57,18 @@ struct Builder<'a> {
     catalogue: &'a [Entry],
     faults: Vec<Fault>,
     flights: Vec<Flights>,
+    /// The table that each of `flights` is to a stage.
+    shapes: Vec<Arc<Table>>,
     maps: Vec<MapSource>,
+    map_shape: Arc<Table>,
     /// Tables of files already opened, by name and use; `None` where that failed.
     sources: BTreeMap<(String, bool), Option<Ref>>,
     tables: Vec<TableNode>,
     /// Stages already found wrong; what rests on them is not judged.
     broken: Vec<String>,
     notes: Vec<String>,
-    /// Predicates already read, by text and input: most points of a sweep share one.
-    predicates: HashMap<(String, Option<Ref>), Predicate>,
+    /// Predicates already read, by text and the columns they see: most points of a sweep share one.
+    predicates: HashMap<(String, Option<*const Table>), Predicate>,
 }
 
 impl Builder<'_> {
@@ -88,16 +91,15 @@ impl Builder<'_> {
     /// The names a stage takes its inputs from, at any point of the sweep.
     fn inputs_of(&self, decl: &StageDecl) -> Vec<String> {
         let Some(entry) = self.catalogue.iter().find(|e| e.name == decl.stage.0) else { return vec![] };
-        let Ok(axes) = mentioned(decl, self.spec) else { return vec![] };
-        let mut names = vec![];
+        let mut names = BTreeSet::new();
         for given in entry.inputs.iter().filter_map(|i| decl.args.get(i.name)) {
-            for point in points(&axes, self.spec).iter().take(MOST_POINTS) {
-                names.extend(texts(&put_in(&given.value, point)));
+            let axes = axes_of(&given.value, self.spec);
+            // A stage with more points than that is refused later.
+            for at in points(&axes, self.spec).take(MOST_POINTS) {
+                names.extend(texts(&put_in(&given.value, &at.point)));
             }
         }
-        names.sort();
-        names.dedup();
-        names
+        names.into_iter().collect()
     }
 
     /// The stages, each after those it takes its inputs from.
@@ -155,24 +157,30 @@ impl Builder<'_> {
         for name in self.inputs_of(decl) {
             if self.broken.contains(&name) {
                 // Its own parameters are still worth a look.
-                let first = points(&axes, self.spec).into_iter().next().unwrap_or_default();
-                self.parameters(decl, &entry, &first);
+                if let Some(first) = points(&axes, self.spec).next() {
+                    self.parameters(decl, &entry, &first.point);
+                }
                 return None;
             }
             axes.extend(self.tables.iter().filter(|t| t.name == name).flat_map(|t| t.axes.clone()));
         }
         axes.sort_unstable();
         axes.dedup();
-        let size: usize = axes.iter().map(|i| self.spec.axes[*i].values.len()).fold(1, usize::saturating_mul);
+        let size = count(&axes, self.spec);
         if size > MOST_POINTS {
-            self.faults.push(
-                Fault::new(format!("`{}` would be run at {size} points of the sweep", decl.name)).at(decl.at.clone()),
-            );
+            self.faults.push(self.too_many(decl, &axes));
             return None;
         }
         let before = self.faults.len();
-        let instances: Vec<Instance> =
-            points(&axes, self.spec).into_iter().filter_map(|p| self.instance(decl, &entry, p)).collect();
+        let mut instances: Vec<Instance> = Vec::with_capacity(size);
+        let spec = self.spec;
+        for at in points(&axes, spec) {
+            instances.extend(self.instance(decl, &entry, at, instances.last()));
+            // What is wrong at each of thousands of points need not be said of each.
+            if self.faults.len() > before + MOST_FAULTS {
+                break;
+            }
+        }
         if self.faults.len() > before || instances.len() != size {
             return None;
         }
@@ -186,6 +194,16 @@ impl Builder<'_> {
         self.axis_columns(&node);
         self.tables.push(node);
         Some(())
+    }
+
+    /// The stage would be run at too many points of the sweep.
+    fn too_many(&self, decl: &StageDecl, axes: &[usize]) -> Fault {
+        let axes = axes.iter().filter_map(|i| self.spec.axes.get(*i));
+        let product: Vec<String> = axes.clone().map(|a| format!("{} ({})", a.name, a.values.len())).collect();
+        let size = axes.fold(1u128, |n, a| n.saturating_mul(a.values.len() as u128));
+        let what = format!("`{}` would be run at {size} points: {}", decl.name, product.join(" x "));
+        let help = format!("at most {MOST_POINTS}: take fewer values, a smaller `up_to`, or several specs");
+        Fault::new(what).at(decl.at.clone()).help(help)
     }
 
     /// An axis column must not hide another column.
@@ -212,19 +230,20 @@ impl Builder<'_> {
         }
     }
 
-    fn instance(&mut self, decl: &StageDecl, entry: &Entry, point: Point) -> Option<Instance> {
-        let stage = self.parameters(decl, entry, &point);
-        let inputs = self.resolve(decl, entry, &point);
+    /// The stage at one point; what is the same as in the point before is shared with it.
+    fn instance(&mut self, decl: &StageDecl, entry: &Entry, at: At, before: Option<&Instance>) -> Option<Instance> {
+        let stage = self.parameters(decl, entry, &at.point);
+        let inputs = self.resolve(decl, entry, &at);
         let (stage, inputs) = (stage?, inputs?);
-        let predicate = match self.predicate(decl, entry, &point, &inputs) {
+        let predicate = match self.predicate(decl, entry, &at.point, &inputs) {
             Ok(p) => p,
             Err(fault) => {
                 self.faults.push(fault);
                 return None;
             }
         };
-        let tables: Vec<Table> = inputs.iter().map(|r| self.table(*r)).collect();
-        let seen: Vec<&Table> = tables.iter().collect();
+        let tables: Vec<Arc<Table>> = inputs.iter().map(|r| self.table(*r)).collect();
+        let seen: Vec<&Table> = tables.iter().map(AsRef::as_ref).collect();
         let yields = match stage.yields(&seen) {
             Ok(yields) => yields,
             Err(faults) => {
@@ -232,12 +251,22 @@ impl Builder<'_> {
                 return None;
             }
         };
-        let table = outcome(entry, &yields, tables.first());
-        Some(Instance { point, params: stage.canonical(), stage, inputs, yields, table, predicate })
+        let of_same = |b: &&Instance| match (b.inputs.first(), tables.first()) {
+            (Some(theirs), Some(own)) => Arc::ptr_eq(&self.table(*theirs), own),
+            (theirs, own) => theirs.is_none() && own.is_none(),
+        };
+        let (yields, table) = match before.filter(|b| *b.yields == yields).filter(of_same) {
+            Some(b) => (b.yields.clone(), b.table.clone()),
+            None => {
+                let table = outcome(entry, &yields, tables.first().map(AsRef::as_ref));
+                (Arc::new(yields), Arc::new(table))
+            }
+        };
+        Some(Instance { point: at.point, params: stage.canonical(), stage, inputs, yields, table, predicate })
     }
 
     /// What each input refers to at this point.
-    fn resolve(&mut self, decl: &StageDecl, entry: &Entry, point: &Point) -> Option<Vec<Ref>> {
+    fn resolve(&mut self, decl: &StageDecl, entry: &Entry, at: &At) -> Option<Vec<Ref>> {
         let mut found = vec![];
         let mut fine = true;
         for input in entry.inputs {
@@ -247,7 +276,7 @@ impl Builder<'_> {
                 fine = false;
                 continue;
             };
-            let given = Given { value: put_in(&given.value, point), ..given.clone() };
+            let given = Given { value: put_in(&given.value, &at.point), ..given.clone() };
             let names = texts(&given.value);
             let right = match (&given.value, input.kind) {
                 (Literal::Text(_), _) => true,
@@ -261,7 +290,7 @@ impl Builder<'_> {
                 continue;
             }
             for name in names {
-                match self.refer(&name, input, &given, point) {
+                match self.refer(&name, input, &given, at) {
                     Some(r) => found.push(r),
                     None => fine = false,
                 }
@@ -270,12 +299,12 @@ impl Builder<'_> {
         fine.then_some(found)
     }
 
-    fn refer(&mut self, name: &str, input: &InputDecl, given: &Given, point: &Point) -> Option<Ref> {
+    fn refer(&mut self, name: &str, input: &InputDecl, given: &Given, at: &At) -> Option<Ref> {
         let spec = self.spec;
         if let Some(t) = self.tables.iter().position(|t| t.name == name) {
             let node = &self.tables[t];
-            let i = position(point, &node.axes, &spec.axes)?;
-            let table = &node.instances[i].table;
+            let i = position(at, &node.axes, &spec.axes)?;
+            let table = node.instances[i].table.as_ref();
             let fits = match table {
                 Table::Lines(_) if node.is_tidy() => input.kind == InputKind::Scores,
                 Table::Lines(_) => matches!(input.kind, InputKind::Lines | InputKind::ManyLines),
@@ -324,6 +353,7 @@ impl Builder<'_> {
             })
         } else {
             Flights::open(decl, &self.spec.folder).map(|f| {
+                self.shapes.push(Arc::new(Table::Lines(f.shape.clone())));
                 self.flights.push(f);
                 Ref::Flights(self.flights.len() - 1)
             })
@@ -333,10 +363,10 @@ impl Builder<'_> {
         found
     }
 
-    fn table(&self, r: Ref) -> Table {
+    fn table(&self, r: Ref) -> Arc<Table> {
         match r {
-            Ref::Flights(i) => Table::Lines(self.flights[i].shape.clone()),
-            Ref::Map(_) => Table::Map(schemas::map::shape()),
+            Ref::Flights(i) => self.shapes[i].clone(),
+            Ref::Map(_) => self.map_shape.clone(),
             Ref::Stage(t, i) => self.tables[t].instances[i].table.clone(),
         }
     }
@@ -349,11 +379,12 @@ impl Builder<'_> {
         inputs: &[Ref],
     ) -> Result<Option<Predicate>, Fault> {
         let Some((text, at)) = &decl.predicate else { return Ok(None) };
-        let key = (spelt_in(text, point), inputs.first().copied());
+        let seen = inputs.first().map(|r| self.table(*r));
+        let key = (spelt_in(text, point), seen.as_ref().map(Arc::as_ptr));
         if let Some(known) = self.predicates.get(&key) {
             return Ok(Some(known.clone()));
         }
-        let shape = inputs.first().map(|r| self.table(*r).shape().clone()).unwrap_or_default();
+        let shape = seen.map(|t| t.shape().clone()).unwrap_or_default();
         let predicate = Predicate::new(&key.0, &shape).map_err(|f| f.at(at.clone()))?;
         if entry.grain == Grain::Line && !predicate.is_of_lines() {
             let what =

@@ -58,9 +58,9 @@ pub struct Instance {
     /// What it is made from, in the order of the stage's inputs.
     pub inputs: Vec<Ref>,
     /// What it reads and makes.
-    pub yields: Yield,
+    pub yields: Arc<Yield>,
     /// Its table as later stages see it.
-    pub table: Table,
+    pub table: Arc<Table>,
     /// The rows it is restricted to.
     pub predicate: Option<Predicate>,
 }
@@ -125,9 +125,16 @@ impl TableNode {
     /// The columns of all its instances together, in order of first appearance.
     pub fn columns(&self) -> Vec<Column> {
         let mut all: Vec<Column> = vec![];
-        for column in self.instances.iter().flat_map(|i| &i.table.shape().columns) {
-            if !all.iter().any(|c| c.name == column.name) {
-                all.push(column.clone());
+        let mut before = None;
+        for instance in &self.instances {
+            // Most points of a sweep share the columns of the one before.
+            if before.replace(&instance.table).is_some_and(|b| Arc::ptr_eq(b, &instance.table)) {
+                continue;
+            }
+            for column in &instance.table.shape().columns {
+                if !all.iter().any(|c| c.name == column.name) {
+                    all.push(column.clone());
+                }
             }
         }
         all

@@ -1,6 +1,11 @@
 //! The tables as anyone can read them: plain Parquet data sets with the axes as ordinary columns.
 
-use std::{collections::BTreeSet, fs, path::PathBuf, sync::Arc};
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Component, Path, PathBuf},
+    sync::Arc,
+};
 
 use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, StringArray, new_null_array};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
@@ -21,7 +26,7 @@ use crate::{
 /// When the store cannot be read or written.
 pub fn table(graph: &Graph, store: &Store, t: usize, done: &(dyn Fn(Unit) -> bool + Sync)) -> Result<(), Fault> {
     let node = &graph.plan.tables[t];
-    let folder = store.table(&graph.plan.spec.name, &node.name);
+    let folder = inside(store, &graph.plan.spec.name, &node.name)?;
     let wanted = graph.plan.spec.stages.iter().all(|s| s.name != node.name || s.publish);
     let written = if !wanted {
         vec![]
@@ -37,10 +42,30 @@ pub fn table(graph: &Graph, store: &Store, t: usize, done: &(dyn Fn(Unit) -> boo
     only(&folder, &written)
 }
 
+/// The folder of a published table, which must lie in the store: files are removed from it.
+fn inside(store: &Store, pipeline: &str, table: &str) -> Result<PathBuf, Fault> {
+    let folder = store.table(pipeline, table);
+    let one = |name: &str| {
+        let parts: Vec<Component> = Path::new(name).components().collect();
+        matches!(parts.as_slice(), [Component::Normal(part)] if *part == name)
+    };
+    let tables = store.root().join("tables").canonicalize();
+    // What is not there yet is made below the last folder that is.
+    let there = folder.ancestors().find(|f| f.symlink_metadata().is_ok()).map(Path::canonicalize);
+    match (tables, there) {
+        (Ok(tables), Some(Ok(there))) if one(pipeline) && one(table) && there.starts_with(&tables) => Ok(folder),
+        _ => {
+            let what = format!("the folder of the table, {}, leads out of the store", folder.display());
+            Err(Fault::machine(what).help("remove the link; the table is written again"))
+        }
+    }
+}
+
 /// Removes what an earlier run left and this one did not write.
-fn only(folder: &PathBuf, written: &[PathBuf]) -> Result<(), Fault> {
+fn only(folder: &Path, written: &[PathBuf]) -> Result<(), Fault> {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        if !written.contains(&entry.path()) {
+        let ours = entry.path().extension().is_some_and(|e| e == "parquet");
+        if ours && !written.contains(&entry.path()) {
             fs::remove_file(entry.path())
                 .map_err(|e| Fault::machine(format!("cannot remove {}: {e}", entry.path().display())))?;
         }
@@ -226,7 +251,8 @@ pub fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<(), 
     }
     let batch =
         RecordBatch::try_new(Arc::new(Schema::new(fields)), columns).map_err(|e| Fault::machine(e.to_string()))?;
+    let to = inside(store, &plan.spec.name, "failures")?.join("part-0.parquet");
     let tmp = store.temporary();
     write_parquet(&tmp, &batch)?;
-    store.settle(&tmp, &store.table(&plan.spec.name, "failures").join("part-0.parquet"))
+    store.settle(&tmp, &to)
 }

@@ -9,7 +9,9 @@ use toml::{
 use super::literal;
 
 /// More values than this are more likely a slip than a wish.
-const MOST_VALUES: usize = 100_000;
+const MOST_VALUES: u128 = 100_000;
+/// So many entries may all subsets of an axis have together.
+const MOST_ENTRIES: u128 = 5_000_000;
 const SUBSET_KEYS: [&str; 3] = ["subsets_of", "at_least", "up_to"];
 
 /// The values of the axis `name`: a list, one value, or `{ subsets_of = [...], at_least = 1, up_to = 2 }`.
@@ -113,9 +115,17 @@ fn subsets(name: &str, table: &DeTable, at: std::ops::Range<usize>) -> Result<Ve
     if faults.is_empty() && least > most {
         faults.push(Fault::new(format!("`at_least` is {least}, more than `up_to`, {most}")).at(at.clone()));
     }
-    if faults.is_empty() && (least..=most).map(|k| binomial(n, k)).fold(0, usize::saturating_add) > MOST_VALUES {
-        let fault = Fault::new(format!("the axis `{name}` has more than {MOST_VALUES} subsets")).at(at);
-        faults.push(fault.help("take a smaller `up_to`"));
+    if faults.is_empty() {
+        let of = |k: usize| binomial(n as u128, k as u128);
+        let sum = |each: &dyn Fn(usize) -> u128| (least..=most).try_fold(0, |all, k| below(all + each(k)));
+        let (many, entries) = (sum(&of), sum(&|k| (k as u128).saturating_mul(of(k))));
+        if many.is_none_or(|m| m > MOST_VALUES) || entries.is_none_or(|e| e > MOST_ENTRIES) {
+            let number = many.map_or("more than 10^30".to_owned(), |m| m.to_string());
+            let fault =
+                Fault::new(format!("the axis `{name}` would have {number} values: subsets of {n} entries")).at(at);
+            let help = format!("at most {MOST_VALUES}, of {MOST_ENTRIES} entries in all: take a smaller `up_to`");
+            faults.push(fault.help(help));
+        }
     }
     if !faults.is_empty() {
         return Err(faults);
@@ -131,21 +141,27 @@ fn flat(entry: &Literal) -> Vec<Literal> {
     }
 }
 
-fn binomial(n: usize, k: usize) -> usize {
-    (0..k.min(n - k)).fold(1usize, |b, i| b.saturating_mul(n - i) / (i + 1))
+/// A number that is worth counting on from.
+fn below(n: u128) -> Option<u128> {
+    (n <= 10u128.pow(30)).then_some(n)
+}
+
+/// How many subsets of `k` of `n` there are; where it is more than 10^30, some number above that.
+fn binomial(n: u128, k: u128) -> u128 {
+    let step = |b: u128, i: u128| below(b).map(|b| b * (n - i) / (i + 1));
+    (0..k.min(n - k)).try_fold(1, step).unwrap_or(u128::MAX / 2)
 }
 
 /// All increasing lists of `k` of the numbers below `n`, in lexicographic order.
-fn choices(n: usize, k: usize) -> Vec<Vec<usize>> {
-    let mut all: Vec<Vec<usize>> = vec![vec![]];
-    for _ in 0..k {
-        let longer = |c: Vec<usize>| {
-            let from = c.last().map_or(0, |last| last + 1);
-            (from..n).map(move |i| c.iter().copied().chain([i]).collect::<Vec<usize>>())
-        };
-        all = all.into_iter().flat_map(longer).collect();
-    }
-    all
+fn choices(n: usize, k: usize) -> impl Iterator<Item = Vec<usize>> {
+    let next = move |now: &Vec<usize>| {
+        let at = (0..k).rev().find(|i| now[*i] < n - k + i)?;
+        let mut next = now.clone();
+        next[at] += 1;
+        (at + 1..k).for_each(|i| next[i] = next[i - 1] + 1);
+        Some(next)
+    };
+    std::iter::successors((k <= n).then(|| (0..k).collect()), next)
 }
 
 #[cfg(test)]
@@ -171,6 +187,27 @@ mod tests {
         assert_eq!(texts("{ subsets_of = [['a', 'a_dot'], 'b'], at_least = 0 }"), ["", "a+a_dot", "b", "a+a_dot+b"]);
         assert_eq!(texts("{ subsets_of = [1, 2, 3, 4, 5, 6], at_least = 3, up_to = 3 }").len(), 20);
         assert_eq!((0..=6).map(|k| binomial(6, k)).collect::<Vec<_>>(), [1, 6, 15, 20, 15, 6, 1]);
+        assert_eq!((0..=9).map(|k| choices(9, k).count() as u128).sum::<u128>(), 512);
+        assert_eq!(choices(4, 2).collect::<Vec<_>>(), [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]);
+    }
+
+    #[test]
+    fn r10_subsets_are_counted_before_they_are_made() {
+        let names = |n: usize| (0..n).map(|i| format!("'x{i}'")).collect::<Vec<_>>().join(", ");
+        for (n, rest, says) in [
+            (30, "", "1073741823 values"),
+            (30, ", at_least = 10, up_to = 12", "171080040 values"),
+            (200, "", "more than 10^30 values"),
+            (5000, ", at_least = 2500", "more than 10^30 values"),
+            (5000, ", at_least = 4999", "5001 values"),
+        ] {
+            let toml = format!("{{ subsets_of = [{}]{rest} }}", names(n));
+            let value = DeValue::parse(&toml).unwrap();
+            let fault = values("mags", &value).unwrap_err().remove(0);
+            assert!(fault.what.contains(says) && fault.help.unwrap().contains("`up_to`"), "{}", fault.what);
+        }
+        // Few in the end, but half of them would be hundreds of millions.
+        assert_eq!(texts(&format!("{{ subsets_of = [{}], at_least = 28 }}", names(30))).len(), 435 + 30 + 1);
     }
 
     #[test]

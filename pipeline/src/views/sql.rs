@@ -1,90 +1,130 @@
 //! `magline sql`: DataFusion over every table of a store, as `<pipeline>.<table>`.
+//!
+//! A question reads the published tables of one store and nothing else, and writes nothing: statements that do anything
+//! but ask are refused by their kind, by their plan, and by tables that cannot be written. Its memory is limited, and it
+//! spills to a temporary folder.
 
+mod explain;
 mod functions;
+pub mod memory;
+mod refuse;
+mod tables;
 
-use std::{path::Path, sync::Arc};
+use std::{
+    future::poll_fn,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 use datafusion::{
-    catalog::{MemorySchemaProvider, SchemaProvider},
-    datasource::{
-        file_format::parquet::ParquetFormat,
-        listing::{ListingOptions, ListingTable, ListingTableConfig, ListingTableUrl},
-    },
+    dataframe::DataFrame,
     error::DataFusionError,
-    prelude::{SessionConfig, SessionContext},
+    execution::{
+        disk_manager::{DiskManagerBuilder, DiskManagerMode},
+        memory_pool::{FairSpillPool, MemoryConsumer, MemoryPool},
+        runtime_env::RuntimeEnvBuilder,
+    },
+    prelude::{SQLOptions, SessionConfig, SessionContext},
 };
+use futures::Stream;
 use schemas::Fault;
 
-/// The answer to `query` over the store at `root`.
+use crate::deep;
+use tables::Known;
+
+/// Operators are evaluated on these threads, by recursion over expressions that may be nested deep.
+const WORKER_STACK: usize = 64 << 20;
+
+/// A question to a store.
+pub struct Question<'a> {
+    /// The store's folder.
+    pub store: &'a Path,
+    /// The query.
+    pub query: &'a str,
+    /// How many bytes it may take.
+    pub memory: usize,
+    /// A folder of its own for what does not fit.
+    pub spill: PathBuf,
+}
+
+/// Whoever takes an answer, piece by piece.
+pub trait Sink: Send {
+    /// Takes one piece more; all have this schema. Says whether more are wanted.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault>;
+
+    /// The bytes that it will keep of this piece.
+    fn keeps(&self, batch: &RecordBatch) -> usize;
+
+    /// All pieces were taken; there may have been none.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault>;
+}
+
+/// Answers a question.
 ///
 /// # Errors
-/// When the query is wrong, or asks for a table that the store does not have.
-pub fn sql(root: &Path, query: &str) -> Result<(SchemaRef, Vec<RecordBatch>), Fault> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
-    let runtime = runtime.map_err(|e| Fault::machine(e.to_string()))?;
-    runtime.block_on(ask(root, query))
+/// When the query is wrong, asks for a table that the store does not have, does anything but ask, or needs more memory
+/// than it may take.
+pub fn sql(question: &Question, sink: &mut dyn Sink) -> Result<(), Fault> {
+    deep::over(question.query, || ())?;
+    deep::deep(|| {
+        let runtime = tokio::runtime::Builder::new_multi_thread().thread_stack_size(WORKER_STACK).enable_all().build();
+        let runtime = runtime.map_err(|e| Fault::machine(e.to_string()))?;
+        runtime.block_on(ask(question, sink))
+    })?
 }
 
-async fn ask(root: &Path, query: &str) -> Result<(SchemaRef, Vec<RecordBatch>), Fault> {
-    let context = SessionContext::new_with_config(SessionConfig::new().with_information_schema(true));
+async fn ask(question: &Question<'_>, sink: &mut dyn Sink) -> Result<(), Fault> {
+    let pool: Arc<dyn MemoryPool> = Arc::new(FairSpillPool::new(question.memory));
+    let disk = DiskManagerBuilder::default().with_mode(DiskManagerMode::Directories(vec![question.spill.clone()]));
+    let (registry, root) = tables::registry(question.store)?;
+    let runtime = RuntimeEnvBuilder::new()
+        .with_memory_pool(pool.clone())
+        .with_disk_manager_builder(disk)
+        .with_object_store_registry(registry)
+        .build_arc()
+        .map_err(|e| Fault::machine(e.to_string()))?;
+    let context = SessionContext::new_with_config_rt(SessionConfig::new().with_information_schema(true), runtime);
     functions::register(&context);
-    let known = register(&context, root).await?;
-    let wrong = |e: DataFusionError| explain(&e, &known, root);
-    let frame = context.sql(query).await.map_err(wrong)?;
+    let known = tables::register(&context, root.as_deref()).await?;
+    let wrong = |e: DataFusionError| explain::fault(&e, &known, question, &context);
+    let frame = plan(&context, question.query, &known, question).await?;
     let schema: SchemaRef = Arc::new(frame.schema().as_arrow().clone());
-    let batches = frame.collect().await.map_err(wrong)?;
-    Ok((batches.first().map_or(schema, RecordBatch::schema), batches))
-}
-
-/// Makes every table of the store known; the names come back.
-async fn register(context: &SessionContext, root: &Path) -> Result<Vec<String>, Fault> {
-    let fail = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot read the store {}: {e}", root.display()));
-    let catalog = context.catalog("datafusion").ok_or_else(|| fail(&"no catalogue"))?;
-    let mut known = vec![];
-    for (pipeline, folder) in folders(&root.join("tables")) {
-        let schema = Arc::new(MemorySchemaProvider::new());
-        for (table, folder) in folders(&folder) {
-            if folders_or_files(&folder) == 0 {
-                continue;
-            }
-            let url = format!("{}/", folder.canonicalize().map_err(|e| fail(&e))?.display());
-            let url = ListingTableUrl::parse(url).map_err(|e| fail(&e))?;
-            let options = ListingOptions::new(Arc::new(ParquetFormat::default())).with_file_extension(".parquet");
-            let config = ListingTableConfig::new(url).with_listing_options(options);
-            let config = config.infer_schema(&context.state()).await.map_err(|e| fail(&e))?;
-            let listing = ListingTable::try_new(config).map_err(|e| fail(&e))?;
-            schema.register_table(table.clone(), Arc::new(listing)).map_err(|e| fail(&e))?;
-            known.push(format!("{pipeline}.{table}"));
+    let mut stream = frame.execute_stream().await.map_err(wrong)?;
+    let kept = MemoryConsumer::new("answer").register(&pool);
+    let mut last = None;
+    while let Some(batch) = poll_fn(|cx| stream.as_mut().poll_next(cx)).await {
+        let batch = batch.map_err(wrong)?;
+        kept.try_grow(sink.keeps(&batch)).map_err(wrong)?;
+        last = Some(batch.schema());
+        if !sink.take(batch)? {
+            return Ok(());
         }
-        catalog.register_schema(&pipeline, schema).map_err(|e| fail(&e))?;
     }
-    Ok(known)
+    sink.finish(&last.unwrap_or(schema))
 }
 
-fn folders(root: &Path) -> Vec<(String, std::path::PathBuf)> {
-    let entries = std::fs::read_dir(root).into_iter().flatten().flatten().filter(|e| e.path().is_dir());
-    let mut found: Vec<_> = entries.map(|e| (e.file_name().to_string_lossy().into_owned(), e.path())).collect();
-    found.sort();
-    found
-}
-
-fn folders_or_files(folder: &Path) -> usize {
-    std::fs::read_dir(folder).into_iter().flatten().flatten().count()
-}
-
-/// DataFusion's complaint, with the tables or columns there are.
-fn explain(e: &DataFusionError, known: &[String], root: &Path) -> Fault {
-    let text = e.strip_backtrace();
-    let text = text.lines().next().unwrap_or_default().to_owned();
-    let fault = Fault::new(format!("the query cannot be answered: {text}"));
-    if text.contains("not found") && text.contains("table") && known.is_empty() {
-        let fault = Fault::new(format!("there are no tables in the store {}", root.display()));
-        fault.help("run a spec first, and name its store with `--store`")
-    } else if text.contains("not found") && text.contains("table") {
-        fault.help(format!("there are: {}", known.join(", ")))
-    } else {
-        fault
-    }
+/// The plan of a query that only asks.
+async fn plan(
+    context: &SessionContext,
+    query: &str,
+    known: &Known,
+    question: &Question<'_>,
+) -> Result<DataFrame, Fault> {
+    let wrong = |e: DataFusionError| explain::fault(&e, known, question, context);
+    let state = context.state();
+    let statement = state.sql_to_statement(query, &state.config().options().sql_parser.dialect).map_err(wrong)?;
+    refuse::statement(&statement)?;
+    let plan = state.statement_to_plan(statement).await.map_err(wrong)?;
+    refuse::plan(&plan)?;
+    let nothing = SQLOptions::new().with_allow_ddl(false).with_allow_dml(false).with_allow_statements(false);
+    nothing.verify_plan(&plan).map_err(wrong)?;
+    context.execute_logical_plan(plan).await.map_err(wrong)
 }

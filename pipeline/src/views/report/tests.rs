@@ -119,7 +119,7 @@ fn law_a_page_replaces_the_old_one_and_leaves_nothing_beside() {
 #[test]
 fn gold_without_a_run_there_is_nothing_to_report() {
     let text = "name = \"a\"\n[[stages]]\nname = \"s\"\nstage = \"score\"\n";
-    let spec = Spec::parse("dir/a.toml", "no-such-folder".into(), text.to_owned()).unwrap();
+    let spec = Spec::parse("dir/a.toml", "no-such-folder".into(), text.to_owned(), &[]).unwrap();
     let fault = was_run(&spec).unwrap_err();
     assert_eq!(fault.what, "there is nothing to report: dir/a.toml has not been run");
     assert_eq!(fault.help.as_deref(), Some("run it first: `magline run dir/a.toml`"));

@@ -1,0 +1,101 @@
+//! Work that recurses as deep as its input is nested, on a stack that is large enough for it.
+
+use std::{ops::ControlFlow, panic::resume_unwind, thread};
+
+use datafusion::sql::sqlparser::ast::{Expr, Select, TableFactor, Visit, Visitor};
+use schemas::Fault;
+
+/// Address space, not memory: a page is taken when it is first touched.
+pub const STACK: usize = 1 << 30;
+/// A text of SQL longer than this is refused. Together with [`STACK`] it bounds every recursion over it.
+const LONGEST: usize = 1 << 20;
+/// A text of SQL up to this length is nested too little to need more than an ordinary stack.
+const SHORT: usize = 2_000;
+
+/// Runs `work`, which recurses over `sql`.
+///
+/// # Errors
+/// When the text is too long, or the machine has no room for the stack.
+pub fn over<T: Send>(sql: &str, work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
+    if sql.len() > LONGEST {
+        let what = format!("the SQL is {} bytes long; at most {LONGEST} can be read", sql.len());
+        return Err(Fault::new(what).help("many values are better kept in a table, or in files of their own"));
+    }
+    if sql.len() <= SHORT { Ok(work()) } else { deep(work) }
+}
+
+/// Runs `work` on a thread with a large stack.
+///
+/// # Errors
+/// When the machine has no room for it.
+pub fn deep<T: Send>(work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
+    thread::scope(|scope| {
+        let thread = thread::Builder::new().stack_size(STACK).spawn_scoped(scope, work);
+        let thread = thread.map_err(|e| Fault::machine(format!("cannot start a thread: {e}")))?;
+        match thread.join() {
+            Ok(done) => Ok(done),
+            Err(panic) => resume_unwind(panic),
+        }
+    })
+}
+
+/// More levels than this are refused before anything is planned.
+const DEEPEST: usize = 10_000;
+/// More tables and queries than this in one text are refused too: each is a level of the plan.
+const MOST_PARTS: usize = 1_000;
+
+/// What to say of SQL that is nested too deep.
+pub fn too_deep() -> Fault {
+    Fault::new("the SQL is nested too deep")
+        .help("write `x in (1, 2, 3)` for a chain of comparisons, and shorter sums and fewer brackets")
+}
+
+/// Refuses parsed SQL that is nested deeper than anything written by hand.
+///
+/// # Errors
+/// When it is.
+pub fn check(tree: &impl Visit) -> Result<(), Fault> {
+    let mut depth = Depth { now: 0, parts: 0 };
+    match tree.visit(&mut depth) {
+        ControlFlow::Continue(()) => Ok(()),
+        ControlFlow::Break(fault) => Err(*fault),
+    }
+}
+
+struct Depth {
+    now: usize,
+    parts: usize,
+}
+
+impl Depth {
+    fn part(&mut self) -> ControlFlow<Box<Fault>> {
+        self.parts += 1;
+        if self.parts <= MOST_PARTS {
+            return ControlFlow::Continue(());
+        }
+        let fault = Fault::new(format!("the SQL has more than {MOST_PARTS} tables and queries in it"));
+        ControlFlow::Break(Box::new(fault.help("ask several questions")))
+    }
+}
+
+impl Visitor for Depth {
+    type Break = Box<Fault>;
+
+    fn pre_visit_expr(&mut self, _: &Expr) -> ControlFlow<Self::Break> {
+        self.now += 1;
+        if self.now > DEEPEST { ControlFlow::Break(Box::new(too_deep())) } else { ControlFlow::Continue(()) }
+    }
+
+    fn post_visit_expr(&mut self, _: &Expr) -> ControlFlow<Self::Break> {
+        self.now -= 1;
+        ControlFlow::Continue(())
+    }
+
+    fn pre_visit_select(&mut self, _: &Select) -> ControlFlow<Self::Break> {
+        self.part()
+    }
+
+    fn pre_visit_table_factor(&mut self, _: &TableFactor) -> ControlFlow<Self::Break> {
+        self.part()
+    }
+}

@@ -1,0 +1,160 @@
+//! What a `where` may be made of, and a form of it that is not nested deep.
+
+use datafusion::{
+    common::tree_node::{Transformed, TreeNode, TreeNodeRecursion},
+    error::DataFusionError,
+    logical_expr::{BinaryExpr, Expr, Operator, Volatility},
+};
+use schemas::Fault;
+
+use crate::deep;
+
+/// A predicate is evaluated on the ordinary stacks of the threads that work, which have room for many times this.
+const DEEPEST: usize = 500;
+
+/// Refuses what is not a function of one row.
+pub fn check(expr: &Expr) -> Result<(), Fault> {
+    let mut found = None;
+    let visited = expr.apply(|e| {
+        found = objection(e);
+        Ok(if found.is_some() { TreeNodeRecursion::Stop } else { TreeNodeRecursion::Continue })
+    });
+    visited.map_err(|e| Fault::new(format!("`where` cannot be read: {e}")))?;
+    found.map_or(Ok(()), Err)
+}
+
+fn objection(expr: &Expr) -> Option<Fault> {
+    let rows = |name: &str| {
+        let fault = Fault::new(format!("`{name}` needs several rows, and `where` sees one at a time"));
+        Some(fault.help("compare columns of the row with values"))
+    };
+    match expr {
+        Expr::ScalarFunction(f) => match f.func.signature().volatility {
+            Volatility::Immutable => None,
+            Volatility::Stable | Volatility::Volatile => {
+                let fault = Fault::new(format!("`{}()` gives another answer each time", f.name()));
+                Some(fault.help("`where` depends on the row alone, so that the same spec selects the same rows"))
+            }
+        },
+        Expr::AggregateFunction(f) => rows(f.func.name()),
+        Expr::WindowFunction(f) => rows(f.fun.name()),
+        Expr::Exists(_) | Expr::InSubquery(_) | Expr::SetComparison(_) | Expr::ScalarSubquery(_) => {
+            let fault = Fault::new("a query inside of `where` cannot be answered");
+            Some(
+                fault.help("`where` sees one row of one table; write the values out: `line in ('1003.02', '1003.04')`"),
+            )
+        }
+        Expr::ScalarVariable(..) | Expr::Placeholder(_) => {
+            Some(Fault::new("`where` has no variables").help("`\"$axis\"` puts in the value of an axis"))
+        }
+        #[expect(deprecated)]
+        Expr::Wildcard { .. } => Some(Fault::new("`*` means nothing in `where`")),
+        Expr::GroupingSet(_) | Expr::Unnest(_) | Expr::OuterReferenceColumn(..) => {
+            Some(Fault::new("`where` sees one row of one table"))
+        }
+        Expr::Alias(_)
+        | Expr::Column(_)
+        | Expr::Literal(..)
+        | Expr::BinaryExpr(_)
+        | Expr::Like(_)
+        | Expr::SimilarTo(_)
+        | Expr::Not(_)
+        | Expr::IsNotNull(_)
+        | Expr::IsNull(_)
+        | Expr::IsTrue(_)
+        | Expr::IsFalse(_)
+        | Expr::IsUnknown(_)
+        | Expr::IsNotTrue(_)
+        | Expr::IsNotFalse(_)
+        | Expr::IsNotUnknown(_)
+        | Expr::Negative(_)
+        | Expr::Between(_)
+        | Expr::Case(_)
+        | Expr::Cast(_)
+        | Expr::TryCast(_)
+        | Expr::InList(_)
+        | Expr::HigherOrderFunction(_)
+        | Expr::Lambda(_)
+        | Expr::LambdaVariable(_) => None,
+    }
+}
+
+/// The same predicate with long chains of `and` and of `or` as balanced trees: SQL reads them as nested to the left.
+///
+/// # Errors
+/// None of its own.
+pub fn balanced(expr: Expr) -> Result<Expr, DataFusionError> {
+    /// Shorter chains stay as they are written.
+    const LONG: usize = 64;
+    let rebuild = |e: Expr| {
+        let Expr::BinaryExpr(BinaryExpr { op, .. }) = &e else { return Ok(Transformed::no(e)) };
+        let op = *op;
+        if !matches!(op, Operator::And | Operator::Or) || left_depth(&e, op) < LONG {
+            return Ok(Transformed::no(e));
+        }
+        Ok(Transformed::yes(tree(chain(e, op), op)))
+    };
+    expr.transform_down(rebuild).map(|t| t.data)
+}
+
+fn left_depth(mut expr: &Expr, op: Operator) -> usize {
+    let mut depth = 0;
+    while let Expr::BinaryExpr(b) = expr
+        && b.op == op
+    {
+        depth += 1;
+        expr = &b.left;
+    }
+    depth
+}
+
+/// The terms of a chain, in order.
+fn chain(expr: Expr, op: Operator) -> Vec<Expr> {
+    let (mut terms, mut rest) = (vec![], vec![expr]);
+    while let Some(e) = rest.pop() {
+        match e {
+            Expr::BinaryExpr(b) if b.op == op => {
+                rest.push(*b.right);
+                rest.push(*b.left);
+            }
+            term => terms.push(term),
+        }
+    }
+    terms
+}
+
+fn tree(mut terms: Vec<Expr>, op: Operator) -> Expr {
+    while terms.len() > 1 {
+        let mut pairs = vec![];
+        let mut each = terms.into_iter();
+        while let Some(left) = each.next() {
+            pairs.push(match each.next() {
+                Some(right) => Expr::BinaryExpr(BinaryExpr::new(Box::new(left), op, Box::new(right))),
+                None => left,
+            });
+        }
+        terms = pairs;
+    }
+    terms.pop().unwrap_or_default()
+}
+
+/// Refuses what is nested too deep to be evaluated.
+pub fn shallow(expr: &Expr) -> Result<(), Fault> {
+    // Level by level, so that a large tree is not walked by recursion.
+    let mut level = vec![expr];
+    for _ in 0..DEEPEST {
+        let mut next = vec![];
+        for e in level {
+            let visited = e.apply_children(|child| {
+                next.push(child);
+                Ok(TreeNodeRecursion::Continue)
+            });
+            visited.map_err(|e| Fault::new(format!("`where` cannot be read: {e}")))?;
+        }
+        if next.is_empty() {
+            return Ok(());
+        }
+        level = next;
+    }
+    Err(deep::too_deep())
+}

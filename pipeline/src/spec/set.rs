@@ -1,0 +1,229 @@
+//! `--set KEY=VALUE`: values of the command line, put into the document before anything of it is checked.
+
+use std::borrow::Cow;
+
+use schemas::Fault;
+use toml::{
+    Spanned,
+    de::{DeString, DeTable, DeValue},
+};
+
+use super::{Span, TOP};
+
+/// Keys whose value is a text, so that it needs no quotes.
+const TEXT_KEYS: [&str; 5] = ["name", "store", "path", "stage", "where"];
+
+/// One assignment, as two documents of TOML in which everything stands at the bytes it has behind the spec's text.
+pub struct Assignment {
+    /// The whole, where it is TOML.
+    whole: String,
+    /// The key, with a value that is TOML in any case.
+    key: String,
+    /// The bytes of the value.
+    value: Span,
+    /// The bytes of the whole.
+    at: Span,
+}
+
+impl Assignment {
+    /// The assignment `text`, whose first byte is `start`.
+    ///
+    /// # Errors
+    /// When it has no `=`.
+    pub fn new(text: &str, start: usize) -> Result<Assignment, Fault> {
+        let at = start..start + text.len();
+        let equals = equals(text).ok_or_else(|| form(&at))?;
+        let room = " ".repeat(start);
+        let raw = &text[equals + 1..];
+        let from = start + equals + 1 + (raw.len() - raw.trim_start().len());
+        let value = from..(start + text.trim_end().len()).max(from);
+        Ok(Assignment { whole: format!("{room}{text}"), key: format!("{room}{}=0", &text[..equals]), value, at })
+    }
+
+    /// Puts the value into the document `root`.
+    ///
+    /// # Errors
+    /// When the key names nothing of the spec, or the value is no TOML where only TOML has a meaning.
+    pub fn put<'i>(&'i self, root: &mut DeTable<'i>) -> Result<(), Fault> {
+        let path = self.path()?;
+        let value = self.value(&path)?;
+        let names: Vec<&str> = path.iter().map(|k| k.get_ref().as_ref()).collect();
+        match names.as_slice() {
+            ["name" | "seed" | "store"] => {
+                put(root, &path, value);
+                Ok(())
+            }
+            ["axes", _] => match table(root.get_mut("axes")) {
+                Some(axes) => inside(axes, &path[1..], value, "axis"),
+                None => Err(unknown("axis", &path[1], &[])),
+            },
+            ["tables", _, _, ..] => match table(root.get_mut("tables")) {
+                Some(tables) => inside(tables, &path[1..], value, "table"),
+                None => Err(unknown("table", &path[1], &[])),
+            },
+            ["stages", _, _, ..] => stage(root, &path[1..], value),
+            [first, _, ..] if !TOP.contains(first) => stage(root, &path, value),
+            [_, ..] => Err(Fault::new(format!("`--set` cannot set `{}`", names.join(".")))
+                .at(self.span_of(&path))
+                .help("it takes name, seed, store, axes.NAME, tables.NAME.KEY or STAGE.PARAMETER")),
+            [] => Err(form(&self.at)),
+        }
+    }
+
+    /// The key's parts.
+    fn path(&self) -> Result<Vec<Spanned<DeString<'_>>>, Fault> {
+        let Ok(root) = DeTable::parse(&self.key) else { return Err(form(&self.at)) };
+        let mut path = vec![];
+        let mut level = Some(root.into_inner());
+        while let Some(table) = level {
+            let mut entries = table.into_iter();
+            let (Some((key, value)), None) = (entries.next(), entries.next()) else { return Err(form(&self.at)) };
+            path.push(key);
+            level = match value.into_inner() {
+                DeValue::Table(deeper) => Some(deeper),
+                _ => None,
+            };
+        }
+        Ok(path)
+    }
+
+    fn span_of(&self, path: &[Spanned<DeString>]) -> Span {
+        path.first().map_or(self.at.start, |k| k.span().start)..path.last().map_or(self.at.end, |k| k.span().end)
+    }
+
+    /// The value: TOML, or the text as it is.
+    fn value(&self, path: &[Spanned<DeString>]) -> Result<Spanned<DeValue<'_>>, Fault> {
+        let raw = &self.whole[self.value.clone()];
+        let text = || Ok(Spanned::new(self.value.clone(), DeValue::String(Cow::Borrowed(raw))));
+        let keeps_text = path.last().is_some_and(|k| TEXT_KEYS.contains(&k.get_ref().as_ref()));
+        match DeTable::parse(&self.whole) {
+            Ok(root) => match leaf(root.into_inner(), path) {
+                Some(value) => match value.get_ref() {
+                    DeValue::Datetime(_) => text(),
+                    DeValue::Integer(_) | DeValue::Float(_) | DeValue::Boolean(_) if keeps_text => text(),
+                    _ => Ok(value),
+                },
+                None => Err(form(&self.at)),
+            },
+            Err(e) if raw.starts_with(['[', '{']) && !keeps_text => {
+                let at = e.span().filter(|at| self.at.start <= at.start && at.end <= self.at.end);
+                Err(Fault::new(e.message().to_owned()).at(at.unwrap_or(self.value.clone())))
+            }
+            Err(_) => text(),
+        }
+    }
+}
+
+/// Where the first `=` outside of quotes stands.
+fn equals(text: &str) -> Option<usize> {
+    let mut quote = None;
+    text.char_indices().find_map(|(i, c)| {
+        match (c, quote) {
+            ('=', None) => return Some(i),
+            ('"' | '\'', None) => quote = Some(c),
+            (c, Some(q)) if c == q => quote = None,
+            _ => {}
+        }
+        None
+    })
+}
+
+fn form(at: &Span) -> Fault {
+    Fault::new("`--set` takes KEY=VALUE").at(at.clone()).help("such as `seed=7` or `clean.detrend=true`")
+}
+
+/// The value at `path`, where nothing stands beside it.
+fn leaf<'i>(root: DeTable<'i>, path: &[Spanned<DeString>]) -> Option<Spanned<DeValue<'i>>> {
+    let (first, rest) = path.split_first()?;
+    let mut entries = root.into_iter();
+    let (Some((key, value)), None) = (entries.next(), entries.next()) else { return None };
+    if key.get_ref() != first.get_ref() {
+        return None;
+    }
+    match (rest.is_empty(), value) {
+        (true, value) => Some(value),
+        (false, value) => match value.into_inner() {
+            DeValue::Table(deeper) => leaf(deeper, rest),
+            _ => None,
+        },
+    }
+}
+
+fn table<'a, 'i>(value: Option<&'a mut Spanned<DeValue<'i>>>) -> Option<&'a mut DeTable<'i>> {
+    match value.map(Spanned::get_mut) {
+        Some(DeValue::Table(table)) => Some(table),
+        _ => None,
+    }
+}
+
+fn unknown(kind: &str, key: &Spanned<DeString>, known: &[&str]) -> Fault {
+    let name = key.get_ref();
+    Fault::new(format!("there is no {kind} `{name}`")).nearest(name, known).at(key.span())
+}
+
+/// Sets what `path` names below an entry that is there.
+fn inside<'i>(
+    of: &mut DeTable<'i>,
+    path: &[Spanned<DeString<'i>>],
+    value: Spanned<DeValue<'i>>,
+    kind: &str,
+) -> Result<(), Fault> {
+    let Some(first) = path.first() else { return Ok(()) };
+    if !of.contains_key(first.get_ref().as_ref()) {
+        let known: Vec<&str> = of.keys().map(|k| k.get_ref().as_ref()).collect();
+        return Err(unknown(kind, first, &known));
+    }
+    put(of, path, value);
+    Ok(())
+}
+
+/// Sets a key of the stage that `path` begins with.
+fn stage<'i>(root: &mut DeTable<'i>, path: &[Spanned<DeString<'i>>], value: Spanned<DeValue<'i>>) -> Result<(), Fault> {
+    let Some((name, rest)) = path.split_first() else { return Ok(()) };
+    let stages = match root.get_mut("stages").map(Spanned::get_mut) {
+        Some(DeValue::Array(stages)) => stages,
+        _ => return Err(unknown("stage", name, &[])),
+    };
+    let called = |stage: &Spanned<DeValue>| {
+        let name = stage.get_ref().as_table().and_then(|t| t.get("name"));
+        name.and_then(|n| n.get_ref().as_str()).map(str::to_owned)
+    };
+    let known: Vec<Option<String>> = stages.iter().map(called).collect();
+    match known.iter().position(|n| n.as_deref() == Some(name.get_ref().as_ref())) {
+        Some(i) => {
+            if let Some(stage) = table(stages.get_mut(i)) {
+                put(stage, rest, value);
+            }
+            Ok(())
+        }
+        None => Err(unknown("stage", name, &known.iter().flatten().map(String::as_str).collect::<Vec<_>>())),
+    }
+}
+
+/// Sets the value at `path`, with the tables on the way to it.
+fn put<'i>(of: &mut DeTable<'i>, path: &[Spanned<DeString<'i>>], value: Spanned<DeValue<'i>>) {
+    let Some((first, rest)) = path.split_first() else { return };
+    let name = first.get_ref().as_ref();
+    if rest.is_empty() {
+        match of.get_mut(name) {
+            Some(there) => *there = value,
+            None => {
+                of.insert(first.clone(), value);
+            }
+        }
+        return;
+    }
+    if table(of.get_mut(name)).is_none() {
+        // What is no table is replaced by one: the value of a longer key cannot stand beside it.
+        let empty = Spanned::new(first.span(), DeValue::Table(DeTable::new()));
+        match of.get_mut(name) {
+            Some(there) => *there = empty,
+            None => {
+                of.insert(first.clone(), empty);
+            }
+        }
+    }
+    if let Some(deeper) = table(of.get_mut(name)) {
+        put(deeper, rest, value);
+    }
+}

@@ -1,0 +1,102 @@
+//! DataFusion's complaints, with the tables and columns there are.
+
+use datafusion::{
+    common::{SchemaError, TableReference},
+    error::DataFusionError,
+    prelude::SessionContext,
+    sql::sqlparser::parser::ParserError,
+};
+use schemas::Fault;
+
+use super::{Question, memory, tables::Known};
+use crate::deep;
+
+/// What to say of `e`.
+pub fn fault(e: &DataFusionError, known: &Known, question: &Question, context: &SessionContext) -> Fault {
+    match e.find_root() {
+        DataFusionError::ResourcesExhausted(_) => {
+            let limit = memory::shown(question.memory);
+            Fault::machine(format!("the query needs more memory than the {limit} it may take"))
+                .help("`--memory-limit` gives it more; a narrower WHERE, a LIMIT or fewer columns make it smaller")
+        }
+        DataFusionError::SQL(inner, _) if matches!(inner.as_ref(), ParserError::RecursionLimitExceeded) => {
+            deep::too_deep()
+        }
+        DataFusionError::SchemaError(inner, _) => match inner.as_ref() {
+            SchemaError::FieldNotFound { field, valid_fields } => {
+                let have: Vec<&str> = valid_fields.iter().map(|c| c.name.as_str()).collect();
+                Fault::new(format!("there is no column `{}`", field.name)).nearest(&field.name, &have)
+            }
+            other => Fault::new(format!("the query cannot be answered: {other}")),
+        },
+        root => {
+            let text = root.strip_backtrace();
+            let text = text.lines().next().unwrap_or_default().to_owned();
+            let no_table = text.contains("not found") && (text.contains("table") || text.contains("schema"));
+            let missing = if no_table { missing(known, question, context) } else { None };
+            missing.unwrap_or_else(|| Fault::new(format!("the query cannot be answered: {text}")))
+        }
+    }
+}
+
+/// The first table of the query that the store does not have.
+fn missing(known: &Known, question: &Question, context: &SessionContext) -> Option<Fault> {
+    let state = context.state();
+    let statement = state.sql_to_statement(question.query, &state.config().options().sql_parser.dialect).ok()?;
+    let asked = state.resolve_table_references(&statement).ok()?;
+    if known.tables.is_empty() && !asked.is_empty() {
+        let fault = Fault::new(format!("there are no tables in the store {}", question.store.display()));
+        return Some(fault.help("run a spec first, and name its store with `--store`"));
+    }
+    asked.iter().find_map(|table| not_there(table, known))
+}
+
+fn not_there(table: &TableReference, known: &Known) -> Option<Fault> {
+    let name = match table.schema() {
+        Some(schema) => format!("{schema}.{}", table.table()),
+        None => table.table().to_owned(),
+    };
+    if table.schema() == Some("information_schema") || known.tables.contains(&name) {
+        return None;
+    }
+    if known.elsewhere.contains(&name) {
+        let fault = Fault::new(format!("the table `{name}` is a link out of the store"));
+        return Some(fault.help("`sql` reads only what lies in the store"));
+    }
+    let fault = Fault::new(format!("there is no table `{name}`"));
+    let same = |k: &&String| {
+        let own = k.split_once('.').map_or(k.as_str(), |(_, own)| own);
+        k.eq_ignore_ascii_case(&name) || own.eq_ignore_ascii_case(&name)
+    };
+    Some(match known.tables.iter().find(same) {
+        Some(one) => fault.help(format!("did you mean `{}`?", quoted(one))),
+        None => {
+            let all: Vec<String> = known.tables.iter().map(|k| quoted(k)).collect();
+            fault.nearest(&name, &all)
+        }
+    })
+}
+
+/// A table as it is written in SQL: what is not lower case is quoted.
+fn quoted(name: &str) -> String {
+    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+    let part = |p: &str| if p.chars().all(plain) { p.to_owned() } else { format!("\"{p}\"") };
+    name.split('.').map(part).collect::<Vec<_>>().join(".")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gold_the_nearest_table_is_named_as_it_is_written() {
+        let tables = ["small.scores", "small.clean", "Big-one.scores"].map(str::to_owned).to_vec();
+        let known = Known { tables, elsewhere: vec![] };
+        let says = |name: &str| not_there(&TableReference::from(name), &known).and_then(|f| f.help).unwrap_or_default();
+        assert_eq!(says("small.score"), "did you mean `small.scores`?");
+        assert_eq!(says("clean"), "did you mean `small.clean`?");
+        assert_eq!(says("\"big-one\".scores"), "did you mean `\"Big-one\".scores`?");
+        assert_eq!(says("small.clean"), "");
+        assert!(says("quite.different").starts_with("known here: small.scores"));
+    }
+}
