@@ -81,7 +81,7 @@ pub struct Finding {
 }
 
 impl Finding {
-    fn new(column: &str, check: Check, n: usize, first: usize, value: f64, unit: &str) -> Finding {
+    pub(super) fn new(column: &str, check: Check, n: usize, first: usize, value: f64, unit: &str) -> Finding {
         let value = value.is_finite().then(|| format!("{value:?}"));
         Finding { column: column.to_owned(), check, n: n as u64, first_row: first as u64, value, unit: unit.to_owned() }
     }
@@ -398,6 +398,10 @@ fn described(name: &str, likely: &Likely, origins: &Origins) -> String {
 
 /// What a value may be that no unit explains.
 fn guessed(kind: Kind, value: f64) -> Option<String> {
+    let digits = value.abs().to_string();
+    if digits.len() >= 3 && digits.bytes().all(|b| b == b'9') {
+        return Some(format!("if {value} stands for a missing value, say `missing = [\"{value}\"]`"));
+    }
     match kind {
         Kind::Variation | Kind::Anomaly if (15_000.0..80_000.0).contains(&value) => {
             Some("it looks like a total field: take its mean or the core field off".to_owned())
