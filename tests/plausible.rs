@@ -289,7 +289,7 @@ fn r10_sql_refuses_places_and_dates_that_do_not_exist() {
         assert!(stderr(&output).contains(says), "{call}: {}", stderr(&output));
     }
     for nothing in ["igrf(NULL, 10.0, 0.0, 2020.0)", "igrf(45.0, 10.0, CAST('NaN' AS DOUBLE), 2020.0)"] {
-        assert_eq!(stdout(&ask(nothing)), "f\n\n", "{nothing}");
+        assert_eq!(stdout(&ask(nothing)), "f\n\"\"\n", "{nothing}");
     }
     let known: f64 = stdout(&ask("igrf(45.0, 10.0, 300.0, 2020.5)")).lines().nth(1).unwrap().parse().unwrap();
     assert!((47_000.0..48_500.0).contains(&known), "{known}");
