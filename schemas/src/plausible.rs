@@ -149,12 +149,13 @@ const TOTAL: Limits = Limits { kind: Kind::TotalField, low: 15_000.0, high: 80_0
 /// A reading without the core field, such as the aircraft's part of it alone.
 const RESIDUAL: Limits = Limits { kind: Kind::Anomaly, low: -50_000.0, high: 50_000.0, outlier: Outlier::Missing };
 
-/// The middle half of a residual field is wider than this part of its median. The total field of a line is far from it, in
-/// whatever unit: it is 22,000 nT at the equator and 67,000 nT at a pole.
-const RESIDUAL_SPREAD: f64 = 0.25;
+/// The middle half of a residual field is wider than this part of its median, in a line of fewer samples than
+/// [`LONG_LINE`], or in a longer one. A total field is far from it in whatever unit: 1 per cent are 500 nT.
+const RESIDUAL_SPREAD: (f64, f64) = (0.03, 0.1);
+const LONG_LINE: usize = 1_000;
 
 /// The limits of the residual field, where `values` of a column that should hold a total field are one: hardly any of them
-/// is a total field, and they vary too much to be one in another unit.
+/// is a total field, and they are negative or vary too much to be one in another unit.
 pub fn residual(limits: &Limits, values: &[f64]) -> Option<Limits> {
     if limits.kind != Kind::TotalField {
         return None;
@@ -168,7 +169,8 @@ pub fn residual(limits: &Limits, values: &[f64]) -> Option<Limits> {
     sorted.sort_by(f64::total_cmp);
     let at = |part: usize| sorted.get(part * all / 4).copied().unwrap_or(f64::NAN);
     let (low, middle, high) = (at(1), at(2), at(3));
-    (high - low > RESIDUAL_SPREAD * middle.abs() && RESIDUAL.holds(middle)).then_some(RESIDUAL)
+    let least = if all < LONG_LINE { RESIDUAL_SPREAD.0 } else { RESIDUAL_SPREAD.1 };
+    (RESIDUAL.holds(middle) && (middle < 0.0 || high - low > least * middle)).then_some(RESIDUAL)
 }
 
 /// The limits of the column `name` in its canonical unit; `None` where anything is possible.
@@ -323,7 +325,8 @@ mod tests {
         let wave = |offset: f64, scale: f64| (0..500).map(|i| offset + scale * f64::from(i).sin()).collect::<Vec<_>>();
         assert!(residual(&total, &wave(0.0, 200.0)).is_some());
         assert!(residual(&total, &wave(150.0, 100.0)).is_some());
-        for other in [wave(54_000.0, 200.0), wave(54.0, 0.2), wave(5.4e-5, 2e-7), wave(5_400.0, 20.0)] {
+        assert!(residual(&total, &wave(-300.0, 2.0)).is_some());
+        for other in [wave(54_000.0, 900.0), wave(54.0, 0.9), wave(5.4e-5, 2e-7), wave(5_400.0, 20.0)] {
             assert!(residual(&total, &other).is_none());
         }
         // A total field with some bad samples is still one.
