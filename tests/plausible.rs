@@ -4,7 +4,9 @@ use std::fs;
 
 use arrow_array::RecordBatch;
 
-use crate::support::{Bench, Done, batch, changed, line_of, numbers, read, stderr, stdout, texts, with_keys, without, write};
+use crate::support::{
+    Bench, Done, batch, changed, line_of, numbers, read, stderr, stdout, texts, with_keys, without, write,
+};
 
 const SPEC: &str = r#"
 name  = "small"
@@ -37,13 +39,8 @@ fn moving(line: &str, rows: usize) -> RecordBatch {
         ("vn", (0..rows).map(|i| rate(&lat, i) * 111_130.0).collect::<Vec<f64>>()),
         ("ve", (0..rows).map(|i| rate(&lon, i) * 78_850.0).collect()),
     ];
-    let mut columns: Vec<(String, Vec<f64>)> = flight
-        .schema()
-        .fields()
-        .iter()
-        .skip(2)
-        .map(|f| (f.name().clone(), column(f.name())))
-        .collect();
+    let mut columns: Vec<(String, Vec<f64>)> =
+        flight.schema().fields().iter().skip(2).map(|f| (f.name().clone(), column(f.name()))).collect();
     columns.extend(more.into_iter().map(|(name, values)| (name.to_owned(), values)));
     let columns: Vec<(&str, Vec<f64>)> = columns.iter().map(|(n, v)| (n.as_str(), v.clone())).collect();
     with_keys("1", line, &batch(&columns))
@@ -130,7 +127,10 @@ fn r10_a_field_in_another_unit_is_refused_with_that_unit() {
     );
     for (factor, unit) in [(1e-9, "T"), (1e-3, "uT"), (1e-2, "mgauss"), (1e-5, "gauss")] {
         let said = refused(&[each(&flight, &["mag_4_uc"], |x| x * factor)], "");
-        contains(&said, &["column `mag_4_uc`, row 0", &format!("in {unit} it would be 4"), &format!("= \"{unit}\" }}`")]);
+        contains(
+            &said,
+            &["column `mag_4_uc`, row 0", &format!("in {unit} it would be 4"), &format!("= \"{unit}\" }}`")],
+        );
         // One mistake of a vector magnetometer is one message.
         let said = refused(&[each(&flight, &["flux_a_x", "flux_a_y", "flux_a_z"], |x| x * factor)], "");
         contains(&said, &["column `flux_a_x`", "vector magnetometer", &format!("\"flux_a_z\" = \"{unit}\"")]);
@@ -181,7 +181,10 @@ fn r10_velocities_and_heights_that_fit_in_another_unit_only() {
     assert_eq!(bench(std::slice::from_ref(&flight), "").run(&[]).code, 0);
     for (factor, unit) in [(3.6, "km/h"), (1.0 / 0.514_444, "kn"), (1.0 / 0.3048, "ft/s")] {
         let said = refused(&[each(&flight, &["vn", "ve"], |x| x * factor)], "");
-        contains(&said, &["the positions move at", &format!("`units = {{ \"vn\" = \"{unit}\", \"ve\" = \"{unit}\" }}`")]);
+        contains(
+            &said,
+            &["the positions move at", &format!("`units = {{ \"vn\" = \"{unit}\", \"ve\" = \"{unit}\" }}`")],
+        );
     }
     contains(&refused(&[each(&flight, &["ve"], |x| -x)], ""), &["longitude and `ve` have opposite signs"]);
     let feet = each(&flight, &["alt"], |x| x / 0.3048);
@@ -231,12 +234,16 @@ fn r10_spikes_infinities_and_dropouts_are_missing_and_counted() {
     assert_eq!(spelt(&quality(&bench)), spelt(&expected));
     // A sensor that is impossible for a fifth of the line is no spike.
     let bad = changed(&total("1.01", 400), "mag_4_uc", |i, x| if i % 5 == 0 { 9e5 } else { x });
-    contains(&refused(&[bad], ""), &["column `mag_4_uc`, row 0: 900,000 nT", "nor are 80 of 400 values", "correct the file"]);
+    contains(
+        &refused(&[bad], ""),
+        &["column `mag_4_uc`, row 0: 900,000 nT", "nor are 80 of 400 values", "correct the file"],
+    );
 }
 
 #[test]
 fn r10_one_mistake_of_a_file_is_one_message() {
-    let lines = [("1.01", 300), ("1.02", 200), ("1.03", 100)].map(|(line, rows)| each(&total(line, rows), &["mag_4_uc"], |x| x * 1e-9));
+    let lines = [("1.01", 300), ("1.02", 200), ("1.03", 100)]
+        .map(|(line, rows)| each(&total(line, rows), &["mag_4_uc"], |x| x * 1e-9));
     let bench = bench(&lines, "");
     let output = bench.magline(&["run", "spec.toml"]);
     assert_eq!(output.status.code(), Some(1));

@@ -128,20 +128,16 @@ impl Kind {
             Kind::Rate => &["deg/s", "rad/s"],
             Kind::TotalField | Kind::VectorField => &["nT", "uT", "mgauss", "gauss", "mT", "T"],
             // Without a lower limit too many units would fit.
-            Kind::SpecificForce
-            | Kind::FieldComponent
-            | Kind::Anomaly
-            | Kind::Variation
-            | Kind::Year
-            | Kind::Day => &[],
+            Kind::SpecificForce | Kind::FieldComponent | Kind::Anomaly | Kind::Variation | Kind::Year | Kind::Day => {
+                &[]
+            }
         }
     }
 }
 
 /// The magnitude of a vector magnetometer. Its limits are wide, as raw fluxgates have offsets and scale errors, and
 /// narrow enough for a factor of ten: the earth's field is 22,000 to 67,000 nT.
-pub const VECTOR: Limits =
-    Limits { kind: Kind::VectorField, low: 7_500.0, high: 150_000.0, outlier: Outlier::Missing };
+pub const VECTOR: Limits = Limits { kind: Kind::VectorField, low: 7_500.0, high: 150_000.0, outlier: Outlier::Missing };
 
 /// The total field that a scalar magnetometer reads.
 const TOTAL: Limits = Limits { kind: Kind::TotalField, low: 15_000.0, high: 80_000.0, outlier: Outlier::Missing };
@@ -313,7 +309,9 @@ mod tests {
         assert_eq!(of("mag_3_uc", 54.0, ""), Some(Likely::Unit("uT", 54_000.0)));
         assert!(matches!(of("mag_3_uc", 5.4e-5, ""), Some(Likely::Unit("T", x)) if (x - 54_000.0).abs() < 1e-6));
         assert_eq!(of("mag_3_uc", 1e300, ""), None);
-        assert!(matches!(of("lat", 45.0f64.to_degrees(), "rad"), Some(Likely::Unit("deg", x)) if (x - 45.0).abs() < 1e-9));
+        assert!(
+            matches!(of("lat", 45.0f64.to_degrees(), "rad"), Some(Likely::Unit("deg", x)) if (x - 45.0).abs() < 1e-9)
+        );
         assert!(matches!(of("lat", 2603.0, ""), Some(Likely::DegreesMinutes(x)) if (x - 26.05).abs() < 1e-9));
         assert_eq!(of("lat", 95.0, ""), None);
         assert_eq!(of("tt", 300_000.0, ""), Some(Likely::GpsWeek(3, 40_800.0)));

@@ -34,9 +34,8 @@ pub fn count(graph: &Graph) -> (usize, usize) {
 /// When the store cannot be written.
 pub fn publish(graph: &Graph, store: &Store) -> Result<(), Fault> {
     let rows = rows(graph);
-    let text = |f: &dyn Fn(&Row) -> String| -> ArrayRef {
-        Arc::new(rows.iter().map(|r| Some(f(r))).collect::<StringArray>())
-    };
+    let text =
+        |f: &dyn Fn(&Row) -> String| -> ArrayRef { Arc::new(rows.iter().map(|r| Some(f(r))).collect::<StringArray>()) };
     let whole = |f: fn(&Finding) -> u64| -> ArrayRef {
         Arc::new(rows.iter().map(|r| i64::try_from(f(r.2)).ok()).collect::<Int64Array>())
     };
@@ -52,10 +51,13 @@ pub fn publish(graph: &Graph, store: &Store) -> Result<(), Fault> {
         ("value", value, Role::Derived, "its value; null where it is missing or infinite"),
         ("unit", text(&|r| r.2.unit.clone()), Role::Derived, "the unit of the value"),
     ];
-    let fields: Vec<Field> =
-        columns.iter().map(|(name, array, role, about)| field(name, array.data_type().clone(), "", *role, about)).collect();
+    let fields: Vec<Field> = columns
+        .iter()
+        .map(|(name, array, role, about)| field(name, array.data_type().clone(), "", *role, about))
+        .collect();
     let arrays = columns.into_iter().map(|(_, array, ..)| array).collect();
-    let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))?;
+    let batch =
+        RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))?;
     let tmp = store.temporary();
     write_parquet(&tmp, &batch)?;
     store.settle(&tmp, &store.table(&graph.plan.spec.name, "quality").join("part-0.parquet"))

@@ -173,8 +173,7 @@ fn chords(tt: &[f64], lat: &[f64], lon: &[f64], velocity: Option<(&[f64], &[f64]
         if !(whole && dt > 0.0 && dt <= PAUSE_S) {
             (start, flown) = (i, [0.0; 2]);
         } else if tt[i] - tt[start] >= CHORD_S {
-            let (north, east) =
-                EarthModel::Wgs84.offset_ne_m((lat[start], lon[start]), (lat[i], lon[i]), 0.0);
+            let (north, east) = EarthModel::Wgs84.offset_ne_m((lat[start], lon[start]), (lat[i], lon[i]), 0.0);
             if north.is_finite() && east.is_finite() {
                 found.push(Chord { row: start, seconds: tt[i] - tt[start], moved: [north, east], flown });
             }
@@ -214,9 +213,7 @@ fn motion(line: &Line, set: Set) -> Option<(Fault, Finding)> {
     }
     let scaled = |by: f64| move |f: [f64; 2]| [by * f[0], by * f[1]];
     let (n, e) = (set.vn, set.ve);
-    let unit = |unit: &str| {
-        format!("in {unit} the velocities fit: {}", line.origins.units(&[set.vn, set.ve], unit))
-    };
+    let unit = |unit: &str| format!("in {unit} the velocities fit: {}", line.origins.units(&[set.vn, set.ve], unit));
     let mut causes = vec![
         (disagreement(&all, scaled(1.0 / 3.6)), unit("km/h")),
         (disagreement(&all, scaled(1852.0 / 3600.0)), unit("kn")),
@@ -339,11 +336,8 @@ fn attitude(line: &Line, set: Set) -> Option<(Fault, Finding)> {
     }
     let all = chords(tt, lat, lon, None);
     let moving = all.iter().filter(|c| length(c.moved) > MOVING_MPS * c.seconds && yaw[c.row].is_finite());
-    let pairs: Vec<(f64, f64)> =
-        moving.map(|c| (c.moved[1].atan2(c.moved[0]).to_degrees(), yaw[c.row])).collect();
-    let apart = |scale: f64| {
-        median(pairs.iter().map(|(course, yaw)| wrap_deg(course - scale * yaw).abs()).collect())
-    };
+    let pairs: Vec<(f64, f64)> = moving.map(|c| (c.moved[1].atan2(c.moved[0]).to_degrees(), yaw[c.row])).collect();
+    let apart = |scale: f64| median(pairs.iter().map(|(course, yaw)| wrap_deg(course - scale * yaw).abs()).collect());
     if pairs.len() < 3 || apart(1.0) < 45.0 || apart(1f64.to_degrees()) > 30.0 {
         return None;
     }

@@ -16,8 +16,8 @@ use schemas::{Column, Fault, Shape, canonical::Canonical, describe_field};
 
 pub use files::{Bytes, find, fingerprint};
 pub use ingest::LineRecord;
-pub use quality::{Check, Finding};
 use options::{flight_options, map_options, spelt};
+pub use quality::{Check, Finding};
 
 use crate::{keys::Key, spec::SourceDecl, store::Store};
 

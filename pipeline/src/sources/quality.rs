@@ -282,7 +282,8 @@ impl Line<'_> {
     /// The magnitude of each vector magnetometer, after its components.
     fn vectors(&mut self, schema: &Schema, accepted: bool) {
         for (at, vector) in vectors(schema) {
-            let faulty = |f: &Fault| f.place.column.as_deref().and_then(flight::vector_part).is_some_and(|p| p.0 == vector);
+            let faulty =
+                |f: &Fault| f.place.column.as_deref().and_then(flight::vector_part).is_some_and(|p| p.0 == vector);
             let parts: Vec<Float64Array> =
                 at.iter().map(|i| self.columns[*i].as_primitive::<Float64Type>().clone()).collect();
             let [x, y, z] = parts.as_slice() else { continue };
@@ -327,9 +328,7 @@ impl Line<'_> {
 
 /// The vector magnetometers of a flight, each with the positions of its three components.
 fn vectors(schema: &Schema) -> Vec<([usize; 3], String)> {
-    let at = |name: String| {
-        schema.index_of(&name).ok().filter(|i| *schema.field(*i).data_type() == DataType::Float64)
-    };
+    let at = |name: String| schema.index_of(&name).ok().filter(|i| *schema.field(*i).data_type() == DataType::Float64);
     let of = |field: &Arc<arrow_schema::Field>| match flight::vector_part(field.name())? {
         (vector, 'x') => {
             let [x, y, z] = ["x", "y", "z"].map(|part| at(format!("{vector}_{part}")));
@@ -350,13 +349,8 @@ fn impossible(
     origins: &Origins,
 ) -> Fault {
     let unit_of = |x: f64| if unit.is_empty() { shown(x) } else { format!("{} {unit}", shown(x)) };
-    let mut what = format!(
-        "{} is not {} ({} to {})",
-        unit_of(value),
-        limits.kind.noun(),
-        shown(limits.low),
-        unit_of(limits.high)
-    );
+    let mut what =
+        format!("{} is not {} ({} to {})", unit_of(value), limits.kind.noun(), shown(limits.low), unit_of(limits.high));
     if outside.n > 1 {
         what += &format!(", nor are {} of {} values", outside.n, finite);
     }
