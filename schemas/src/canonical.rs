@@ -72,6 +72,18 @@ impl Canonical {
     /// # Errors
     /// A value that does not fit its column's type.
     pub fn apply(&self, batch: &RecordBatch) -> Result<RecordBatch, Fault> {
+        self.cells(batch, false)
+    }
+
+    /// As [`Canonical::apply`], with the zeros of scalar magnetometers kept, for whoever counts them.
+    ///
+    /// # Errors
+    /// A value that does not fit its column's type.
+    pub fn apply_with_zeros(&self, batch: &RecordBatch) -> Result<RecordBatch, Fault> {
+        self.cells(batch, true)
+    }
+
+    fn cells(&self, batch: &RecordBatch, zeros: bool) -> Result<RecordBatch, Fault> {
         let columns = self.steps.iter().zip(self.schema.fields()).map(|((i, step), field)| {
             let wrong = |e: arrow_schema::ArrowError| Fault::data(e.to_string()).in_column(field.name());
             let array = batch.column(*i);
@@ -80,6 +92,9 @@ impl Canonical {
                 Step::Cast => cast(array, field.data_type()).map_err(wrong),
                 Step::Text => text(array).map_err(wrong),
                 Step::Number(factor) => cast(array, &DataType::Float64).map(|a| numbers(&a, *factor)).map_err(wrong),
+                Step::Scalar(factor) if zeros => {
+                    cast(array, &DataType::Float64).map(|a| numbers(&a, *factor)).map_err(wrong)
+                }
                 Step::Scalar(factor) => {
                     cast(array, &DataType::Float64).map(|a| without_zeros(&numbers(&a, *factor))).map_err(wrong)
                 }

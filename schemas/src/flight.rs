@@ -91,6 +91,24 @@ pub fn is_scalar_reading(name: &str) -> bool {
     magnetometer(name, "_uc").is_some()
 }
 
+/// Whether the column `name` is a compensated scalar magnetometer.
+pub fn is_compensated(name: &str) -> bool {
+    magnetometer(name, "_c").is_some()
+}
+
+/// The vector magnetometer that the column `name` is a part of, and which: `x`, `y`, `z`, or `t` for the magnitude.
+pub fn vector_part(name: &str) -> Option<(&str, char)> {
+    let (vector, part) = name.rsplit_once('_')?;
+    let letter = match part {
+        "x" => 'x',
+        "y" => 'y',
+        "z" => 'z',
+        "t" => 't',
+        _ => return None,
+    };
+    (vector.starts_with("flux_") && vector.len() > "flux_".len()).then_some((vector, letter))
+}
+
 /// N of `mag_N<suffix>`.
 fn magnetometer<'a>(name: &'a str, suffix: &str) -> Option<&'a str> {
     let n = name.strip_prefix("mag_")?.strip_suffix(suffix)?;

@@ -9,7 +9,7 @@ use crate::{
     dates::{dated_by_flight, years},
     numerics::{
         attitude::body_to_ned,
-        core_field::{CoreModel, CoreTrack, Ned},
+        core_field::{Coordinate, CoreFieldError, CoreModel, CoreTrack, Ned},
     },
 };
 
@@ -21,7 +21,9 @@ stage! {
     /// The date is that of the sample: the flight's `year`, `doy` and `tt`, or `decimal_year` for all. Heights are above
     /// the WGS-84 ellipsoid. A sample whose position is NaN gets NaN, and so do the body components where the attitude is.
     ///
-    /// It refuses a flight whose date neither the flight nor the spec says, and a date that the model does not cover.
+    /// It refuses a flight whose date neither the flight nor the spec says, a date that the model does not cover, and a
+    /// position that does not exist (latitude beyond 90 degrees, longitude outside -180 to 360, height outside -10 to
+    /// 2,000 km).
     ///
     /// Source: IGRF-14 (IAGA, doi:10.5281/zenodo.14012302); WMM2020 and WMM2025 (NOAA NCEI and BGS).
     CoreFieldStage = "core_field", version 1, grain Line, inputs [input: Lines];
@@ -59,6 +61,22 @@ impl CoreFieldStage {
             Some("none") => None,
             Some(word) => Some(named(&ATTITUDES, word)),
             None => ATTITUDES.iter().map(|(_, c)| *c).find(|c| c.iter().all(|n| shape.get(n).is_some())),
+        }
+    }
+
+    /// Names the column, and the row of a place that does not exist.
+    fn placed(&self, e: CoreFieldError) -> Fault {
+        let [lat, lon, alt] = place_columns(&self.position);
+        match e {
+            CoreFieldError::Position { coordinate, row, .. } => {
+                let column = match coordinate {
+                    Coordinate::Latitude => lat,
+                    Coordinate::Longitude => lon,
+                    Coordinate::Height => alt,
+                };
+                data(e).in_column(column).in_row(row as u64)
+            }
+            CoreFieldError::Date { .. } | CoreFieldError::Coefficients { .. } => data(e).in_column("year"),
         }
     }
 
@@ -113,7 +131,7 @@ impl Stage for CoreFieldStage {
             None => years(batch)?,
         };
         let model = if self.model == "wmm" { CoreModel::Wmm } else { CoreModel::Igrf14 };
-        let field = CoreTrack::new(model).field(lat, lon, alt, &year).map_err(|e| data(e).in_column("year"))?;
+        let field = CoreTrack::new(model).field(lat, lon, alt, &year).map_err(|e| self.placed(e))?;
         let shape = Shape {
             columns: batch.schema().fields().iter().map(|f| schemas::describe_field(f)).collect(),
             rate_hz: None,

@@ -13,6 +13,7 @@ use std::{
 
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
+use schemas::plausible::Accept;
 
 use crate::{ReadError, grid::GridMap};
 
@@ -66,6 +67,8 @@ pub struct FlightOptions {
     pub flight: Option<String>,
     /// The line, for files that hold none.
     pub line: Option<String>,
+    /// What is accepted although it looks impossible; readers take no notice, whoever checks their values does.
+    pub accept: Vec<Accept>,
 }
 
 /// A flight log being read: its schema, and its batches in the file's order.

@@ -15,6 +15,7 @@ use pipeline::{
     plan::{Graph, Plan},
     read_spec,
     run::{self, INTERRUPTED, Summary},
+    sources::Flights,
     spec::{Faults, Spec},
     store::Store,
     views::{self, scores},
@@ -205,6 +206,14 @@ fn open(spec: &Spec) -> Result<Store, Faults> {
 
 fn check(args: &SpecArgs) -> Result<(), Stop> {
     let plan = plan(args)?;
+    let implausible = |f: &Flights| {
+        let at = plan.spec.tables.iter().find(|t| t.name == f.name).map(|t| t.path.1.clone());
+        f.implausible().into_iter().map(move |fault| at.clone().map_or(fault.clone(), |at| fault.at(at)))
+    };
+    let wrong: Vec<Fault> = plan.flights.iter().flat_map(implausible).collect();
+    if !wrong.is_empty() {
+        return Err(plan.spec.faults(wrong).into());
+    }
     let points: usize = plan.tables.iter().map(|t| t.instances.len()).sum();
     for note in &plan.notes {
         err!("note: {note}");
@@ -270,12 +279,21 @@ fn run_spec(args: &RunArgs) -> Result<(), Stop> {
             err!("note: {note}");
         }
         say(table_of(&summary))?;
+        if summary.quality > 0 {
+            let (findings, lines) = (counted(summary.quality, "finding"), counted(summary.quality_lines, "line"));
+            eprintln!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name);
+        }
         say(scores_of(&plan, &summary))?;
         for warning in views::warnings::warnings(&plan, &summary.folder)? {
             err!("note: {warning}");
         }
     }
     ending(&summary, args.json)
+}
+
+/// A number of things: `1 line`, `2 lines`.
+fn counted(n: usize, thing: &str) -> String {
+    format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
 }
 
 /// What happened to each table.
@@ -322,7 +340,8 @@ fn ending(summary: &Summary, json: bool) -> Result<(), Stop> {
     }
     const SHOWN: usize = 20;
     let mut text = format!("{} failed:", summary.failures.len());
-    for f in summary.failures.iter().take(SHOWN) {
+    let said = run::said_once(&summary.failures);
+    for (f, lines) in said.iter().take(SHOWN) {
         let point: Vec<String> = f.point.iter().map(|(k, v)| format!("{k}={v}")).collect();
         let line = f
             .line
@@ -331,9 +350,12 @@ fn ending(summary: &Summary, json: bool) -> Result<(), Stop> {
             .map(|(a, b)| format!(" flight {a}, line {b}"))
             .unwrap_or_default();
         text.push_str(&format!("\n  {}{line} {}: {}", f.table, point.join(" "), f.fault));
+        if *lines > 1 {
+            text.push_str(&format!(" (and in {} of the file)", counted(lines - 1, "more line")));
+        }
     }
-    if summary.failures.len() > SHOWN {
-        text.push_str(&format!("\n  and {} more", summary.failures.len() - SHOWN));
+    if said.len() > SHOWN {
+        text.push_str(&format!("\n  and {} more", said.len() - SHOWN));
     }
     text.push_str(&format!("\nall of them are in {}", summary.folder.join("failures").display()));
     Err(Stop::Failed(if json { String::new() } else { text }))

@@ -118,7 +118,7 @@ fn as_json(event: &Event) -> Value {
         Event::Finished { summary } => {
             let tables: serde_json::Map<_, _> = summary.tables.iter().map(|(n, c)| (n.clone(), counts(c))).collect();
             let failures: Vec<Value> = summary.failures.iter().map(failure).collect();
-            let more = json!({ "tables": tables, "failures": failures, "interrupted": summary.interrupted });
+            let more = json!({ "tables": tables, "failures": failures, "quality": summary.quality, "interrupted": summary.interrupted });
             merged(merged(json!({ "event": "finished" }), counts(&summary.total())), more)
         }
     }

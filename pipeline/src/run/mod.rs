@@ -2,6 +2,7 @@
 
 mod events;
 mod publish;
+mod quality;
 mod work;
 
 use std::{
@@ -30,6 +31,10 @@ pub struct Summary {
     pub tables: Vec<(String, Count)>,
     /// What failed, in a fixed order.
     pub failures: Vec<Failure>,
+    /// Findings in the data: rows of the table `quality`.
+    pub quality: usize,
+    /// Lines that have any.
+    pub quality_lines: usize,
     /// Whether it was interrupted.
     pub interrupted: bool,
     /// Where the tables are.
@@ -54,6 +59,32 @@ pub struct Failure {
     pub line: Option<(String, String)>,
     /// Why.
     pub fault: Fault,
+}
+
+/// The failures as they are said: one message for a mistake that several lines of a file have, with the number of lines.
+pub fn said_once(failures: &[Failure]) -> Vec<(&Failure, usize)> {
+    let shape = |f: &Failure| f.fault.what.chars().filter(|c| !c.is_ascii_digit() && !".,-e".contains(*c)).collect();
+    let mistake = |f: &Failure| -> Option<(String, String, String)> {
+        // Only what is wrong with a source; a stage fails for reasons of its own.
+        let file = f.fault.place.file.clone()?;
+        Some((file, f.fault.place.column.clone()?, shape(f)))
+    };
+    let mut said: Vec<(&Failure, usize)> = vec![];
+    let mut at: HashMap<(String, String, String), usize> = HashMap::new();
+    for failure in failures {
+        let Some(mistake) = mistake(failure) else {
+            said.push((failure, 1));
+            continue;
+        };
+        match at.get(&mistake).and_then(|i| said.get_mut(*i)) {
+            Some((_, lines)) => *lines += 1,
+            None => {
+                at.insert(mistake, said.len());
+                said.push((failure, 1));
+            }
+        }
+    }
+    said
 }
 
 /// Set to stop a run after what is under way.
@@ -107,12 +138,16 @@ pub fn run(plan: &Plan, store: &Store, listener: &dyn Listener) -> Result<Summar
         fault,
     }));
     if !interrupted {
-        let last = publish::failures(plan, store, &failures).and_then(|()| views::record(&graph, store, &seconds));
+        let last = publish::failures(plan, store, &failures)
+            .and_then(|()| quality::publish(&graph, store))
+            .and_then(|()| views::record(&graph, store, &seconds));
         if let Err(fault) = last {
             failures.push(Failure { table: "publish".into(), point: Default::default(), line: None, fault });
         }
     }
-    let summary = Summary { tables, failures, interrupted, folder: store.root().join("tables").join(&plan.spec.name) };
+    let (quality, quality_lines) = quality::count(&graph);
+    let folder = store.root().join("tables").join(&plan.spec.name);
+    let summary = Summary { tables, failures, quality, quality_lines, interrupted, folder };
     listener.hear(&Event::Finished { summary: &summary });
     Ok(summary)
 }
@@ -131,7 +166,7 @@ impl Runner<'_> {
     fn sources(&mut self) {
         for (flights, records) in self.graph.plan.flights.iter().zip(&self.graph.records) {
             for record in records.values() {
-                if let Some(fault) = &record.fault {
+                for fault in record.fault.iter().chain(&record.more_faults) {
                     let line = Some((record.flight.clone(), record.line.clone()));
                     self.failures.push(Failure {
                         table: flights.name.clone(),

@@ -11,10 +11,14 @@ use schemas::{
     Fault, Owner, Place,
     canonical::{Canonical, check_time},
     describe_field,
+    plausible::Accept,
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Bytes, Flights, Lines, VERSION, fingerprint};
+use super::{
+    Bytes, Flights, Lines, VERSION, fingerprint,
+    quality::{Examined, Finding, Origins, examine},
+};
 use crate::{keys::Key, store::Store};
 
 /// One line of a table of flights.
@@ -32,6 +36,10 @@ pub struct LineRecord {
     pub columns: BTreeMap<String, Key>,
     /// Why it cannot be used.
     pub fault: Option<Fault>,
+    /// What else is wrong with it, where it cannot be used.
+    pub more_faults: Vec<Fault>,
+    /// What was found in its columns.
+    pub findings: Vec<Finding>,
     /// The file it came from.
     pub file: usize,
 }
@@ -50,6 +58,8 @@ struct IndexLine {
     object: String,
     columns: BTreeMap<String, String>,
     fault: Option<IndexFault>,
+    more_faults: Vec<IndexFault>,
+    findings: Vec<Finding>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -112,7 +122,7 @@ fn once_each(lines: Vec<LineRecord>, files: &[Bytes]) -> Vec<LineRecord> {
 }
 
 fn record(line: IndexLine, file: usize, path: &Path) -> Option<LineRecord> {
-    let fault = line.fault.map(|f| {
+    let placed = |f: IndexFault| {
         let place = Place {
             file: Some(path.display().to_string()),
             flight: Some(line.flight.clone()),
@@ -121,7 +131,9 @@ fn record(line: IndexLine, file: usize, path: &Path) -> Option<LineRecord> {
             row: f.row,
         };
         Fault { what: f.what, help: f.help, place, owner: Owner::Data, ..Fault::default() }
-    });
+    };
+    let fault = line.fault.map(placed);
+    let more_faults = line.more_faults.into_iter().map(placed).collect();
     let columns = line.columns.into_iter().filter_map(|(n, k)| Some((n, Key::parse(&k)?))).collect();
     Some(LineRecord {
         flight: line.flight,
@@ -130,6 +142,8 @@ fn record(line: IndexLine, file: usize, path: &Path) -> Option<LineRecord> {
         object: Key::parse(&line.object)?,
         columns,
         fault,
+        more_faults,
+        findings: line.findings,
         file,
     })
 }
@@ -167,10 +181,12 @@ fn index(store: &Store, path: &Path, options: &FlightOptions) -> Result<(Bytes, 
 fn ingest(store: &Store, path: &Path, options: &FlightOptions) -> Result<Index, Fault> {
     let reader = open_flight(path, options).map_err(Fault::from)?;
     let canonical = Canonical::new(reader.schema()).map_err(|f| f.into_iter().next().unwrap_or_default())?;
+    let origins = Origins::new(reader.schema(), &options.rename);
+    let settle = |store: &Store, line: Samples| settle(store, line, &origins, &options.accept);
     let mut index = Index { lines: vec![] };
-    let mut open: Option<(String, String, Vec<RecordBatch>)> = None;
+    let mut open: Option<Samples> = None;
     for batch in reader {
-        let batch = canonical.apply(&batch.map_err(Fault::from)?)?;
+        let batch = canonical.apply_with_zeros(&batch.map_err(Fault::from)?)?;
         for (flight, line, part) in runs(&batch)? {
             match &mut open {
                 Some((f, l, parts)) if *f == flight && *l == line => parts.push(part),
@@ -192,7 +208,7 @@ fn ingest(store: &Store, path: &Path, options: &FlightOptions) -> Result<Index, 
 }
 
 /// The runs of rows of one flight and line.
-fn runs(batch: &RecordBatch) -> Result<Vec<(String, String, RecordBatch)>, Fault> {
+pub(super) fn runs(batch: &RecordBatch) -> Result<Vec<(String, String, RecordBatch)>, Fault> {
     let (flights, lines) = (batch.column(0).as_string::<i32>(), batch.column(1).as_string::<i32>());
     for (name, keys) in [("flight", flights), ("line", lines)] {
         if let Some(row) = (0..keys.len()).find(|&i| keys.is_null(i) || keys.value(i).is_empty()) {
@@ -213,10 +229,19 @@ fn runs(batch: &RecordBatch) -> Result<Vec<(String, String, RecordBatch)>, Fault
     Ok(found)
 }
 
+/// A flight, a line, and its batches.
+type Samples = (String, String, Vec<RecordBatch>);
+
 /// Checks one whole line, hashes its columns, and puts it into the store.
-fn settle(store: &Store, (flight, line, parts): (String, String, Vec<RecordBatch>)) -> Result<IndexLine, Fault> {
+fn settle(
+    store: &Store,
+    (flight, line, parts): Samples,
+    origins: &Origins,
+    accept: &[Accept],
+) -> Result<IndexLine, Fault> {
     let schema = parts[0].schema();
     let batch = concat_batches(&schema, &parts).map_err(|e| Fault::data(e.to_string()))?;
+    let Examined { batch, findings, faults } = examine(&batch, origins, accept)?;
     let mut columns = BTreeMap::new();
     for (field, array) in schema.fields().iter().zip(batch.columns()) {
         columns.insert(field.name().clone(), hash(array)?);
@@ -225,13 +250,20 @@ fn settle(store: &Store, (flight, line, parts): (String, String, Vec<RecordBatch
     let spelt =
         described.flat_map(|c| [columns[&c.name].to_string(), c.unit, c.role.as_str().to_owned(), c.doc, c.name]);
     let object = Key::of(["line".to_owned(), VERSION.to_owned()].into_iter().chain(spelt));
-    let fault = check_time(batch.column(2).as_primitive::<Float64Type>().values()).err();
+    let time = check_time(batch.column(2).as_primitive::<Float64Type>().values()).err();
+    let mut faults = time.into_iter().chain(faults).map(|f| IndexFault {
+        what: f.what,
+        help: f.help,
+        column: f.place.column,
+        row: f.place.row,
+    });
+    let (fault, more_faults) = (faults.next(), faults.collect());
     if fault.is_none() && !store.has(object) {
         store.put(object, &batch)?;
     }
-    let fault = fault.map(|f| IndexFault { what: f.what, help: f.help, column: f.place.column, row: f.place.row });
     let columns = columns.into_iter().map(|(n, k)| (n, k.to_string())).collect();
-    Ok(IndexLine { flight, line, rows: batch.num_rows(), object: object.to_string(), columns, fault })
+    let (rows, object) = (batch.num_rows(), object.to_string());
+    Ok(IndexLine { flight, line, rows, object, columns, fault, more_faults, findings })
 }
 
 /// The hash of a column's type and values.

@@ -1,8 +1,11 @@
 //! Tables read from files: found, fingerprinted, and brought into the store line by line.
 
+mod consistency;
 mod files;
 mod ingest;
 mod options;
+mod quality;
+mod sample;
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -14,11 +17,12 @@ use schemas::{Column, Fault, Shape, canonical::Canonical, describe_field};
 pub use files::{Bytes, find, fingerprint};
 pub use ingest::LineRecord;
 use options::{flight_options, map_options, spelt};
+pub use quality::{Check, Finding};
 
 use crate::{keys::Key, spec::SourceDecl, store::Store};
 
 /// Raised when what ingest writes changes.
-const VERSION: &str = "ingest 1";
+const VERSION: &str = "ingest 2";
 
 /// A table of flights whose columns are known and whose lines are not read yet.
 pub struct Flights {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use datasets::{FlightOptions, MapOptions};
-use schemas::{Args, Fault, Value};
+use schemas::{Args, Fault, Value, plausible::Accept};
 
 use crate::spec::SourceDecl;
 
@@ -12,11 +12,11 @@ use crate::spec::SourceDecl;
 /// # Errors
 /// Unknown options and wrong types.
 pub fn flight_options(decl: &SourceDecl) -> Result<FlightOptions, Vec<Fault>> {
-    let mut read = Read::new(decl, &["format", "flight", "line", "rename"], "a table of flight lines");
+    let mut read = Read::new(decl, &["format", "flight", "line", "rename", "accept"], "a table of flight lines");
     let rename = read.renames();
-    let options =
-        FlightOptions { format: read.get("format"), rename, flight: read.get("flight"), line: read.get("line") };
-    read.finish(options)
+    let accept = read.accepted();
+    let (format, flight, line) = (read.get("format"), read.get("flight"), read.get("line"));
+    read.finish(FlightOptions { format, rename, flight, line, accept })
 }
 
 /// The options of a map.
@@ -79,6 +79,19 @@ impl<'a> Read<'a> {
         let named: Vec<String> = self.args.keys().filter(|k| k.starts_with("rename.")).cloned().collect();
         let one = |key: String| self.get::<String>(&key).map(|to| (key["rename.".len()..].to_owned(), to));
         named.into_iter().filter_map(one).collect()
+    }
+
+    fn accepted(&mut self) -> Vec<Accept> {
+        let words: Vec<String> = self.get("accept").unwrap_or_default();
+        let mut found = vec![];
+        for word in words {
+            match (Accept::parse(&word), self.args.get("accept")) {
+                (Ok(accept), _) => found.push(accept),
+                (Err(fault), Some(given)) => self.faults.push(fault.at(given.at.clone())),
+                (Err(fault), None) => self.faults.push(fault),
+            }
+        }
+        found
     }
 
     fn finish<T>(self, options: T) -> Result<T, Vec<Fault>> {

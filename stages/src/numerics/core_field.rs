@@ -13,7 +13,7 @@ mod track;
 
 use super::field_value::FieldValue;
 use super::geodesy::{EarthModel, ecef_m};
-pub use coefficients::{CoreFieldError, CoreModel};
+pub use coefficients::{Coordinate, CoreFieldError, CoreModel};
 use coefficients::{REFERENCE_RADIUS_M, TERMS, derivative, index};
 pub use track::{CoreTrack, Ned};
 

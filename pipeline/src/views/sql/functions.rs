@@ -15,7 +15,8 @@ use stages::numerics::core_field::{CoreModel, CoreTrack};
 /// Makes the functions known:
 /// `igrf(lat, lon, alt, decimal_year)` and `wmm(...)`, the magnitude of the core field in nT at a place in degrees and
 /// metres above the WGS-84 ellipsoid; and `igrf_n`, `igrf_e`, `igrf_d`, `wmm_n`, `wmm_e`, `wmm_d`, its components.
-/// Where an argument is null or NaN, so is the answer.
+/// Where an argument is null or NaN, the answer is null. An infinity, a latitude beyond 90 degrees, a longitude outside
+/// -180 to 360, a height outside -10 to 2,000 km and a date that the model does not cover are errors that name the value.
 pub fn register(context: &SessionContext) {
     for (model, word) in [(CoreModel::Igrf14, "igrf"), (CoreModel::Wmm, "wmm")] {
         for (part, suffix) in [(Part::Magnitude, ""), (Part::North, "_n"), (Part::East, "_e"), (Part::Down, "_d")] {
@@ -70,6 +71,12 @@ impl ScalarUDFImpl for CoreFieldFunction {
         let [lat, lon, alt, year] = numbers.as_slice() else {
             return Err(exec_datafusion_err!("{} takes lat, lon, alt and decimal_year", self.name));
         };
+        let infinite = numbers.iter().zip(["latitude", "longitude", "height", "date"]);
+        for (values, what) in infinite {
+            if values.iter().any(|x| x.is_infinite()) {
+                return Err(exec_datafusion_err!("{}: the {what} is infinite", self.name));
+            }
+        }
         let field = CoreTrack::new(self.model).field(lat, lon, alt, year);
         let field = field.map_err(|e| exec_datafusion_err!("{}: {e}", self.name))?;
         let values = match self.part {

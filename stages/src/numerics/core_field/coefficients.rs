@@ -101,6 +101,27 @@ impl Span {
     }
 }
 
+/// A coordinate of a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Coordinate {
+    /// Geodetic latitude.
+    Latitude,
+    /// Longitude, to the east.
+    Longitude,
+    /// Height above the WGS-84 ellipsoid.
+    Height,
+}
+
+impl std::fmt::Display for Coordinate {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            Coordinate::Latitude => "latitude",
+            Coordinate::Longitude => "longitude",
+            Coordinate::Height => "height for the core field",
+        })
+    }
+}
+
 /// Why there is no core field.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CoreFieldError {
@@ -115,6 +136,22 @@ pub enum CoreFieldError {
         first: f64,
         /// The model's last year.
         last: f64,
+    },
+    /// A coordinate that no place on or above the earth has.
+    #[error("{value:?} is not a {coordinate}: {low} to {high} {unit}")]
+    Position {
+        /// Which coordinate: `latitude`, `longitude` or `height`.
+        coordinate: Coordinate,
+        /// The value.
+        value: f64,
+        /// The least that it can be.
+        low: f64,
+        /// The largest that it can be.
+        high: f64,
+        /// The unit of all three.
+        unit: &'static str,
+        /// The place, from 0, in the order given.
+        row: usize,
     },
     /// The embedded coefficient file is damaged.
     #[error("the coefficient file of {model} is damaged in line {line}")]

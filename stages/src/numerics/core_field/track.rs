@@ -1,7 +1,7 @@
 //! The core field at many places and dates at once: four places share a recursion, in the lanes of a vector register.
 
 use super::{
-    CoreFieldError, CoreModel, Directions, Recursion,
+    Coordinate, CoreFieldError, CoreModel, Directions, Recursion,
     coefficients::{REFERENCE_RADIUS_M, Span, Table, index},
     dot3,
 };
@@ -50,7 +50,8 @@ impl CoreTrack {
     /// coordinate or date that is not finite has NaN.
     ///
     /// # Errors
-    /// A date that the model does not cover.
+    /// A date that the model does not cover, and a place that does not exist: a latitude beyond a pole, a longitude outside
+    /// -180 to 360 degrees, a height outside -10 to 2,000 km.
     pub fn field(&self, lat_deg: &[f64], lon_deg: &[f64], alt_m: &[f64], year: &[f64]) -> Result<Ned, CoreFieldError> {
         self.evaluate(lat_deg, lon_deg, alt_m, year, false)
     }
@@ -58,7 +59,7 @@ impl CoreTrack {
     /// The field's change (north, east, down; nT a year), as [`CoreTrack::field`].
     ///
     /// # Errors
-    /// A date that the model does not cover.
+    /// As [`CoreTrack::field`].
     pub fn secular_variation(
         &self,
         lat_deg: &[f64],
@@ -83,6 +84,7 @@ impl CoreTrack {
         let mut group = Group::default();
         let mut span: Option<&Span> = None;
         for i in (0..n).filter(|i| finite(*i)) {
+            possible(i, [lat_deg[i], lon_deg[i], alt_m[i]])?;
             let here = match span {
                 Some(span) if span.holds(year[i]) => span,
                 _ => self.model.span(year[i])?,
@@ -121,6 +123,23 @@ impl CoreTrack {
         }
         *group = Group::default();
     }
+}
+
+/// The coordinates of a place, each with its limits. The models hold from the ground to where the field of currents in
+/// the ionosphere and magnetosphere is no longer small beside the core's.
+const PLACES: [(Coordinate, f64, f64, &str); 3] = [
+    (Coordinate::Latitude, -90.0, 90.0, "deg"),
+    (Coordinate::Longitude, -180.0, 360.0, "deg"),
+    (Coordinate::Height, -10_000.0, 2_000_000.0, "m"),
+];
+
+fn possible(row: usize, place: [f64; 3]) -> Result<(), CoreFieldError> {
+    for (value, (coordinate, low, high, unit)) in place.into_iter().zip(PLACES) {
+        if !(low..=high).contains(&value) {
+            return Err(CoreFieldError::Position { coordinate, value, low, high, unit, row });
+        }
+    }
+    Ok(())
 }
 
 /// The places that are evaluated together.

@@ -1,0 +1,373 @@
+//! Columns that contradict each other: an INS far from the truth, positions that do not move as the velocities say,
+//! heights that agree only in other units.
+//!
+//! Only what cannot be is reported: a limit is crossed by far, or another unit makes columns agree that do not.
+
+use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
+use schemas::{Fault, plausible::shown};
+use stages::numerics::{
+    geodesy::{EarthModel, wrap_deg},
+    gridding,
+};
+
+use super::quality::{Check, Finding, Origins};
+
+/// No INS of a flight is off by more.
+const INS_KM: f64 = 500.0;
+/// A jump of a position from one sample to the next that no receiver makes, and the speed that no aircraft has.
+const JUMP_KM: f64 = 100.0;
+const JUMP_MPS: f64 = 1_000.0;
+/// The duration of the chords over which positions and velocities are compared.
+const CHORD_S: f64 = 10.0;
+/// A pause between samples that ends a chord.
+const PAUSE_S: f64 = 5.0;
+/// Below this mean speed the noise of positions says nothing of velocities.
+const MOVING_MPS: f64 = 3.0;
+/// Positions and velocities that disagree by this part of the distance flown, and agree to the other with another unit.
+const DISAGREE: f64 = 0.4;
+const AGREE: f64 = 0.15;
+/// Where nothing explains the disagreement, this ratio of the distances is still impossible.
+const RATIO: f64 = 5.0;
+/// Rows of which medians are taken.
+const SOME_ROWS: usize = 2_000;
+
+/// All contradictions of a line, one for each mistake; `faulty` columns are left out.
+pub fn contradictions(batch: &RecordBatch, faulty: &[String], origins: &Origins) -> Vec<(Fault, Finding)> {
+    let line = Line { batch, faulty, origins };
+    let positions = ins_distance(&line)
+        .or_else(|| radians_at_the_equator(&line, TRUTH))
+        .or_else(|| radians_at_the_equator(&line, INS))
+        .or_else(|| motion(&line, TRUTH))
+        .or_else(|| motion(&line, INS))
+        .or_else(|| jump(&line));
+    let mut found: Vec<(Fault, Finding)> = positions.into_iter().collect();
+    found.extend(heights(&line));
+    found.extend([TRUTH, INS].into_iter().filter_map(|set| attitude(&line, set)));
+    found.extend(specific_force(&line));
+    found
+}
+
+/// The columns of a position with its velocity and heading.
+#[derive(Clone, Copy)]
+struct Set {
+    lat: &'static str,
+    lon: &'static str,
+    vn: &'static str,
+    ve: &'static str,
+    yaw: &'static str,
+}
+
+const TRUTH: Set = Set { lat: "lat", lon: "lon", vn: "vn", ve: "ve", yaw: "yaw" };
+const INS: Set = Set { lat: "ins_lat", lon: "ins_lon", vn: "ins_vn", ve: "ins_ve", yaw: "ins_yaw" };
+
+struct Line<'a> {
+    batch: &'a RecordBatch,
+    faulty: &'a [String],
+    origins: &'a Origins,
+}
+
+impl<'a> Line<'a> {
+    fn get(&self, name: &str) -> Option<&'a [f64]> {
+        if self.faulty.iter().any(|f| f == name) {
+            return None;
+        }
+        let array = self.batch.column_by_name(name)?.as_primitive_opt::<Float64Type>()?;
+        Some(array.values())
+    }
+
+    fn contradiction(&self, at: (&str, usize, f64, &str), n: usize, what: String, help: &str) -> (Fault, Finding) {
+        let (column, row, value, unit) = at;
+        let help = format!("{help}; `accept = [\"range\"]` takes the values as they are");
+        let fault = Fault::data(what).in_column(column).in_row(row as u64).help(help);
+        (fault, Finding::new(column, Check::Inconsistent, n, row, value, unit))
+    }
+
+    fn in_radians(&self, set: Set) -> String {
+        format!("they look like radians: {}", self.origins.units(&[set.lat, set.lon], "rad"))
+    }
+}
+
+/// The middle of the values; NaN of none.
+fn median(mut values: Vec<f64>) -> f64 {
+    gridding::median(&mut values)
+}
+
+/// Whether all values could be angles in radians, the largest of which is `most`.
+fn could_be_radians(x: &[f64], most: f64) -> bool {
+    x.iter().all(|x| x.is_nan() || x.abs() <= most)
+}
+
+fn both_could_be_radians(lat: &[f64], lon: &[f64]) -> bool {
+    use std::f64::consts::{FRAC_PI_2, TAU};
+    could_be_radians(lat, FRAC_PI_2) && could_be_radians(lon, TAU)
+}
+
+/// Along the great circle, on a sphere.
+fn distance_km(a: (f64, f64), b: (f64, f64)) -> f64 {
+    let (lat1, lat2) = (a.0.to_radians(), b.0.to_radians());
+    let half = |d: f64| (d / 2.0).sin().powi(2);
+    let h = half(lat2 - lat1) + lat1.cos() * lat2.cos() * half((b.1 - a.1).to_radians());
+    2.0 * 6371.0 * h.sqrt().min(1.0).asin()
+}
+
+/// An INS further from the truth than any can be.
+fn ins_distance(line: &Line) -> Option<(Fault, Finding)> {
+    let (lat, lon) = (line.get("lat")?, line.get("lon")?);
+    let (ins_lat, ins_lon) = (line.get("ins_lat")?, line.get("ins_lon")?);
+    let far = |i: &usize| {
+        let (a, b) = ((lat[*i], lon[*i]), (ins_lat[*i], ins_lon[*i]));
+        // Within 3 degrees in each it is below the limit, which spares the sines.
+        let (north, east) = ((a.0 - b.0).abs(), (a.1 - b.1).abs());
+        north + east >= 3.0 && distance_km(a, b) > INS_KM
+    };
+    let first = (0..lat.len()).find(far)?;
+    let n = (first..lat.len()).filter(far).count();
+    let (truth, ins) = ((lat[first], lon[first]), (ins_lat[first], ins_lon[first]));
+    let apart = distance_km(truth, ins);
+    let close = |a: (f64, f64), b: (f64, f64)| distance_km(a, b) < 50.0;
+    let turned = |p: (f64, f64)| (p.0.to_degrees(), p.1.to_degrees());
+    let (set, help) = if both_could_be_radians(lat, lon) && close(turned(truth), ins) {
+        (TRUTH, line.in_radians(TRUTH))
+    } else if both_could_be_radians(ins_lat, ins_lon) && close(truth, turned(ins)) {
+        (INS, line.in_radians(INS))
+    } else if close((truth.0, -truth.1), ins) {
+        (INS, "one of the longitudes is positive to the west: change its sign".to_owned())
+    } else if close((truth.1, truth.0), ins) {
+        (INS, "latitude and longitude of one of them are swapped: use `rename`".to_owned())
+    } else if truth == (0.0, 0.0) {
+        (TRUTH, "0, 0 is what loggers write without a fix: leave the cells empty".to_owned())
+    } else {
+        (INS, "correct the file".to_owned())
+    };
+    let what = format!(
+        "the INS at {}, {} deg is {} km from the position {}, {} deg, further than any INS (at most {INS_KM} km)",
+        shown(ins.0),
+        shown(ins.1),
+        shown(apart.round()),
+        shown(truth.0),
+        shown(truth.1)
+    );
+    let column = if set.lat == TRUTH.lat { (set.lat, first, truth.0, "deg") } else { (set.lat, first, ins.0, "deg") };
+    Some(line.contradiction(column, n, what, &help))
+}
+
+/// The displacement over a chord, north and east in metres, by positions and by velocities; the row it begins at.
+struct Chord {
+    row: usize,
+    seconds: f64,
+    moved: [f64; 2],
+    flown: [f64; 2],
+}
+
+/// Chords of at least [`CHORD_S`]; without velocities `flown` is zero.
+fn chords(tt: &[f64], lat: &[f64], lon: &[f64], velocity: Option<(&[f64], &[f64])>) -> Vec<Chord> {
+    let mut found = vec![];
+    let (mut start, mut flown) = (0, [0.0; 2]);
+    for i in 1..tt.len() {
+        let dt = tt[i] - tt[i - 1];
+        if let Some((vn, ve)) = velocity {
+            flown[0] += 0.5 * (vn[i] + vn[i - 1]) * dt;
+            flown[1] += 0.5 * (ve[i] + ve[i - 1]) * dt;
+        }
+        let whole = lat[start].is_finite() && lon[start].is_finite() && flown[0].is_finite() && flown[1].is_finite();
+        if !(whole && dt > 0.0 && dt <= PAUSE_S) {
+            (start, flown) = (i, [0.0; 2]);
+        } else if tt[i] - tt[start] >= CHORD_S {
+            let (north, east) = EarthModel::Wgs84.offset_ne_m((lat[start], lon[start]), (lat[i], lon[i]), 0.0);
+            if north.is_finite() && east.is_finite() {
+                found.push(Chord { row: start, seconds: tt[i] - tt[start], moved: [north, east], flown });
+            }
+            (start, flown) = (i, [0.0; 2]);
+        }
+    }
+    found
+}
+
+fn length(v: [f64; 2]) -> f64 {
+    v[0].hypot(v[1])
+}
+
+/// The part of the distance by which positions and velocities disagree; `turn` changes the velocities.
+fn disagreement(chords: &[Chord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
+    let (mut apart, mut moved, mut flown) = (0.0, 0.0, 0.0);
+    for chord in chords {
+        let f = turn(chord.flown);
+        apart += length([chord.moved[0] - f[0], chord.moved[1] - f[1]]);
+        moved += length(chord.moved);
+        flown += length(f);
+    }
+    apart / f64::max(moved, flown)
+}
+
+/// Positions that do not move as the velocities say.
+fn motion(line: &Line, set: Set) -> Option<(Fault, Finding)> {
+    let (tt, lat, lon) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?);
+    let (vn, ve) = (line.get(set.vn)?, line.get(set.ve)?);
+    let all = chords(tt, lat, lon, Some((vn, ve)));
+    let seconds: f64 = all.iter().map(|c| c.seconds).sum();
+    let moved = all.iter().map(|c| length(c.moved)).sum::<f64>() / seconds;
+    let flown = all.iter().map(|c| length(c.flown)).sum::<f64>() / seconds;
+    // Velocities that are zero throughout are placeholders, which the check for constant sensors reports.
+    if all.len() < 3 || moved.max(flown) < MOVING_MPS || flown == 0.0 || disagreement(&all, |f| f) < DISAGREE {
+        return None;
+    }
+    let scaled = |by: f64| move |f: [f64; 2]| [by * f[0], by * f[1]];
+    let (n, e) = (set.vn, set.ve);
+    let unit = |unit: &str| format!("in {unit} the velocities fit: {}", line.origins.units(&[set.vn, set.ve], unit));
+    let mut causes = vec![
+        (disagreement(&all, scaled(1.0 / 3.6)), unit("km/h")),
+        (disagreement(&all, scaled(1852.0 / 3600.0)), unit("kn")),
+        (disagreement(&all, scaled(0.3048)), unit("ft/s")),
+        (disagreement(&all, |f| [f[1], f[0]]), format!("`{n}` and `{e}` look swapped")),
+        (
+            disagreement(&all, |f| [f[0], -f[1]]),
+            format!("longitude and `{e}` have opposite signs; both are positive to the east"),
+        ),
+    ];
+    if both_could_be_radians(lat, lon) {
+        let turned = |x: &[f64]| x.iter().map(|x| x.to_degrees()).collect::<Vec<f64>>();
+        let turned = chords(tt, &turned(lat), &turned(lon), Some((vn, ve)));
+        causes.push((disagreement(&turned, |f| f), line.in_radians(set)));
+    }
+    let best = causes.into_iter().filter(|c| c.0 < AGREE).min_by(|a, b| a.0.total_cmp(&b.0));
+    let help = match best {
+        Some((_, help)) => help,
+        None if moved.max(flown) > RATIO * moved.min(flown) => "correct the file".to_owned(),
+        None => return None,
+    };
+    let what = format!(
+        "the positions move at {} m/s where `{}` and `{}` are {} m/s on average",
+        shown(round(moved)),
+        set.vn,
+        set.ve,
+        shown(round(flown))
+    );
+    let row = all.first().map_or(0, |c| c.row);
+    Some(line.contradiction((set.lat, row, lat[row], "deg"), all.len(), what, &help))
+}
+
+fn round(x: f64) -> f64 {
+    (x * 100.0).round() / 100.0
+}
+
+/// Positions within a few degrees of 0, 0 that creep: radians. That is open ocean, where nothing flies so slowly.
+fn radians_at_the_equator(line: &Line, set: Set) -> Option<(Fault, Finding)> {
+    let (tt, lat, lon) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?);
+    if !both_could_be_radians(lat, lon) {
+        return None;
+    }
+    let all = chords(tt, lat, lon, None);
+    let speed = all.iter().map(|c| length(c.moved)).sum::<f64>() / all.iter().map(|c| c.seconds).sum::<f64>();
+    // A standing aircraft is no question of units; 5 m/s in radians are 290 m/s.
+    if all.len() < 3 || !(0.05..5.0).contains(&speed) {
+        return None;
+    }
+    let row = all.first().map_or(0, |c| c.row);
+    let what = format!(
+        "the position {}, {} deg lies in the Gulf of Guinea and moves at {} m/s; in rad it would be {}, {} deg at {} m/s or so",
+        shown(lat[row]),
+        shown(lon[row]),
+        shown(round(speed)),
+        shown(lat[row].to_degrees()),
+        shown(lon[row].to_degrees()),
+        shown(speed.to_degrees().round())
+    );
+    Some(line.contradiction((set.lat, row, lat[row], "deg"), lat.len(), what, &line.in_radians(set)))
+}
+
+/// A position that jumps further than any aircraft flies.
+fn jump(line: &Line) -> Option<(Fault, Finding)> {
+    let (tt, lat, lon) = (line.get("tt")?, line.get("lat")?, line.get("lon")?);
+    let mut before: Option<usize> = None;
+    for i in 0..tt.len() {
+        if !(lat[i].is_finite() && lon[i].is_finite() && tt[i].is_finite()) {
+            continue;
+        }
+        let Some(last) = before.replace(i) else { continue };
+        // Half a degree is below the limit, which spares the sines.
+        if (lat[i] - lat[last]).abs() < 0.5 && (lon[i] - lon[last]).abs() < 0.5 {
+            continue;
+        }
+        let (km, seconds) = (distance_km((lat[last], lon[last]), (lat[i], lon[i])), tt[i] - tt[last]);
+        if km > JUMP_KM && km * 1e3 > JUMP_MPS * seconds {
+            let what = format!("the position jumps by {} km within {} s", shown(km.round()), shown(round(seconds)));
+            let zero = |k: usize| lat[k] == 0.0 && lon[k] == 0.0;
+            let help = if zero(i) || zero(last) {
+                "0, 0 is what loggers write without a fix: leave the cells empty"
+            } else {
+                "correct the file"
+            };
+            return Some(line.contradiction(("lat", i, lat[i], "deg"), 1, what, help));
+        }
+    }
+    None
+}
+
+/// Pairs of heights that differ by at most a few hundred metres in the same unit.
+const HEIGHTS: [(&str, &str); 3] = [("alt", "ins_alt"), ("alt", "msl"), ("alt", "baro")];
+
+/// Heights that agree only if one of them is in feet.
+fn heights(line: &Line) -> Option<(Fault, Finding)> {
+    const FOOT: f64 = 0.3048;
+    for (one, other) in HEIGHTS {
+        let (Some(a), Some(b)) = (line.get(one), line.get(other)) else { continue };
+        let step = a.len() / SOME_ROWS + 1;
+        let rows: Vec<usize> = (0..a.len()).step_by(step).filter(|i| a[*i].is_finite() && b[*i].is_finite()).collect();
+        let Some(&row) = rows.first() else { continue };
+        let apart = |p: f64, q: f64| median(rows.iter().map(|i| (p * a[*i] - q * b[*i]).abs()).collect());
+        let (same, first, second) = (apart(1.0, 1.0), apart(FOOT, 1.0), apart(1.0, FOOT));
+        // Ellipsoid, sea level and pressure differ by less.
+        if same < 200.0 || first.min(second) > 0.2 * same {
+            continue;
+        }
+        let (wrong, value) = if first < second { (one, a[row]) } else { (other, b[row]) };
+        let what = format!("`{one}` and `{other}` are {} m apart", shown(same.round()));
+        let help = format!("if `{wrong}` is in ft they agree: {}", line.origins.units(&[wrong], "ft"));
+        return Some(line.contradiction((wrong, row, value, "m"), a.len(), what, &help));
+    }
+    None
+}
+
+/// A heading that follows the course only in radians.
+fn attitude(line: &Line, set: Set) -> Option<(Fault, Finding)> {
+    let (tt, lat, lon, yaw) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?, line.get(set.yaw)?);
+    if !could_be_radians(yaw, std::f64::consts::TAU + 1e-6) {
+        return None;
+    }
+    let all = chords(tt, lat, lon, None);
+    let moving = all.iter().filter(|c| length(c.moved) > MOVING_MPS * c.seconds && yaw[c.row].is_finite());
+    let pairs: Vec<(f64, f64)> = moving.map(|c| (c.moved[1].atan2(c.moved[0]).to_degrees(), yaw[c.row])).collect();
+    let apart = |scale: f64| median(pairs.iter().map(|(course, yaw)| wrap_deg(course - scale * yaw).abs()).collect());
+    if pairs.len() < 3 || apart(1.0) < 45.0 || apart(1f64.to_degrees()) > 30.0 {
+        return None;
+    }
+    let row = all.first().map_or(0, |c| c.row);
+    let what = format!(
+        "the heading is {} deg off the course over ground, but {} deg if it is in rad",
+        shown(apart(1.0).round()),
+        shown(apart(1f64.to_degrees()).round())
+    );
+    let angles = if set.yaw == TRUTH.yaw { ["roll", "pitch", "yaw"] } else { ["ins_roll", "ins_pitch", "ins_yaw"] };
+    let help = format!("the angles look like radians: {}", line.origins.units(&angles, "rad"));
+    Some(line.contradiction((set.yaw, row, yaw[row], "deg"), yaw.len(), what, &help))
+}
+
+/// A specific force that does not carry the aircraft.
+fn specific_force(line: &Line) -> Option<(Fault, Finding)> {
+    let (n, e, d) = (line.get("ins_fn")?, line.get("ins_fe")?, line.get("ins_fd")?);
+    let step = n.len() / SOME_ROWS + 1;
+    let force = |i: usize| (n[i] * n[i] + e[i] * e[i] + d[i] * d[i]).sqrt();
+    let some: Vec<f64> = (0..n.len()).step_by(step).map(force).filter(|f| f.is_finite()).collect();
+    let usual = median(some);
+    // Zero throughout is a placeholder, which the check for constant sensors reports.
+    if usual.is_nan() || usual == 0.0 || (3.0..30.0).contains(&usual) {
+        return None;
+    }
+    let what = format!(
+        "the specific force is {} m/s2 on average, where a flight has 9.8 m/s2, gravity included",
+        shown(round(usual))
+    );
+    let help = if (0.8..1.25).contains(&usual) { "in g it fits: convert the columns" } else { "correct the file" };
+    let row = (0..n.len()).find(|i| force(*i).is_finite())?;
+    Some(line.contradiction(("ins_fd", row, d[row], "m/s2"), n.len(), what, help))
+}

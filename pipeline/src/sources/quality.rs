@@ -1,0 +1,406 @@
+//! The quality of a line's data: what is missing, infinite, impossible or constant in each column, and what of it makes
+//! the line unusable.
+//!
+//! Infinities, readings of exactly 0 of a scalar magnetometer, and a few impossible values of a sensor become missing
+//! values; each kind is a finding. An impossible position, attitude or date, and a sensor that is impossible for more
+//! than a tenth of its samples, is a fault.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use arrow_array::{
+    Array, ArrayRef, Float64Array, RecordBatch,
+    cast::AsArray,
+    types::{Float64Type, Int64Type},
+};
+use arrow_schema::{DataType, Schema};
+use schemas::{
+    Fault, Role, describe_field, flight,
+    plausible::{Accept, Kind, Likely, Limits, Outlier, VECTOR, likely, limits, residual, shown},
+};
+use serde::{Deserialize, Serialize};
+
+use super::consistency;
+
+/// The largest part of a sensor's samples that can be impossible and still count as spikes.
+const SPIKES: f64 = 0.1;
+
+/// A line shorter than this is not remarked on for being constant.
+const CONSTANT_ROWS: usize = 10;
+
+/// What was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Check {
+    /// No value.
+    Missing,
+    /// An infinity; taken as missing.
+    Infinite,
+    /// A scalar magnetometer's reading of exactly 0 nT: a dropout; taken as missing.
+    ZeroReading,
+    /// Outside the limits of the column's role; taken as missing unless the table accepts it.
+    Impossible,
+    /// A scalar magnetometer whose readings are not a total field but vary as only a residual does: the core field was taken
+    /// off before.
+    NotTotalField,
+    /// Contradicts another column.
+    Inconsistent,
+    /// A sensor that never changes.
+    Constant,
+}
+
+impl Check {
+    /// The word for it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Check::Missing => "missing",
+            Check::Infinite => "infinite",
+            Check::ZeroReading => "zero_reading",
+            Check::Impossible => "impossible",
+            Check::NotTotalField => "not_total_field",
+            Check::Inconsistent => "inconsistent",
+            Check::Constant => "constant",
+        }
+    }
+}
+
+/// One finding in one column of one line.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Finding {
+    /// The column; of a vector magnetometer's magnitude the vector.
+    pub column: String,
+    /// What was found.
+    pub check: Check,
+    /// The number of samples.
+    pub n: u64,
+    /// The first of them, as a row of the line, from 0.
+    pub first_row: u64,
+    /// The value there, in the shortest spelling that reads back the same; none where it is missing or infinite.
+    value: Option<String>,
+    /// Its unit.
+    pub unit: String,
+}
+
+impl Finding {
+    pub(super) fn new(column: &str, check: Check, n: usize, first: usize, value: f64, unit: &str) -> Finding {
+        let value = value.is_finite().then(|| format!("{value:?}"));
+        Finding { column: column.to_owned(), check, n: n as u64, first_row: first as u64, value, unit: unit.to_owned() }
+    }
+
+    /// The value of the first sample.
+    pub fn value(&self) -> Option<f64> {
+        self.value.as_ref().and_then(|v| v.parse().ok())
+    }
+}
+
+/// How a file names its columns and in which units they are, for messages that say what to write into the spec.
+#[derive(Clone, Debug, Default)]
+pub struct Origins(BTreeMap<String, (String, String)>);
+
+impl Origins {
+    /// From the schema that the reader gave and the table's `rename`.
+    pub fn new(schema: &Schema, rename: &BTreeMap<String, String>) -> Origins {
+        let theirs = |ours: &str| rename.iter().find(|(_, to)| *to == ours).map_or(ours, |(from, _)| from).to_owned();
+        let unit = |f: &arrow_schema::Field| f.metadata().get("unit").cloned().unwrap_or_default();
+        Origins(schema.fields().iter().map(|f| (f.name().clone(), (theirs(f.name()), unit(f)))).collect())
+    }
+
+    /// The file's name of the column `ours`.
+    pub fn name<'a>(&'a self, ours: &'a str) -> &'a str {
+        self.0.get(ours).map_or(ours, |(name, _)| name)
+    }
+
+    /// The unit that the file or the spec says; empty where neither does.
+    fn unit(&self, ours: &str) -> &str {
+        self.0.get(ours).map_or("", |(_, unit)| unit)
+    }
+
+    /// `units = { "name" = "unit" }`, for the columns `ours`.
+    pub fn units(&self, ours: &[&str], unit: &str) -> String {
+        let each: Vec<String> = ours.iter().map(|o| format!("\"{}\" = \"{unit}\"", self.name(o))).collect();
+        format!("say `units = {{ {} }}` in the table of the spec", each.join(", "))
+    }
+}
+
+/// A line after its examination.
+pub struct Examined {
+    /// Its samples, with NaN for what is taken as missing.
+    pub batch: RecordBatch,
+    /// What was found, in the order of the columns.
+    pub findings: Vec<Finding>,
+    /// Why it cannot be used, one fault for each mistake.
+    pub faults: Vec<Fault>,
+}
+
+/// Examines a whole line.
+///
+/// # Errors
+/// When the batch cannot be rebuilt, which no data can cause.
+pub fn examine(batch: &RecordBatch, origins: &Origins, accept: &[Accept]) -> Result<Examined, Fault> {
+    let mut line = Line { columns: batch.columns().to_vec(), findings: vec![], faults: vec![], origins };
+    let accepted = accept.contains(&Accept::Range);
+    let schema = batch.schema();
+    for (i, field) in schema.fields().iter().enumerate() {
+        match field.data_type() {
+            DataType::Float64 => line.column(i, &describe_field(field), accepted),
+            DataType::Int64 => line.whole_numbers(i, field.name(), accepted),
+            _ => {}
+        }
+    }
+    line.vectors(&schema, accepted);
+    let Line { columns, mut findings, mut faults, .. } = line;
+    let batch = RecordBatch::try_new(schema, columns).map_err(|e| Fault::data(e.to_string()))?;
+    // What is impossible by itself contradicts others as well: one mistake, one fault.
+    let faulty: Vec<String> = faults.iter().filter_map(|f| f.place.column.clone()).collect();
+    for (fault, finding) in consistency::contradictions(&batch, &faulty, origins) {
+        findings.push(finding);
+        if !accepted {
+            faults.push(fault);
+        }
+    }
+    Ok(Examined { batch, findings, faults })
+}
+
+struct Line<'a> {
+    columns: Vec<ArrayRef>,
+    findings: Vec<Finding>,
+    faults: Vec<Fault>,
+    origins: &'a Origins,
+}
+
+/// How many samples are of a kind, and the first.
+#[derive(Clone, Copy, Default)]
+struct Tally {
+    n: usize,
+    first: usize,
+}
+
+impl Tally {
+    fn add(&mut self, row: usize) {
+        if self.n == 0 {
+            self.first = row;
+        }
+        self.n += 1;
+    }
+}
+
+/// The samples of a column by kind.
+struct Counts {
+    missing: Tally,
+    infinite: Tally,
+    zero: Tally,
+    outside: Tally,
+    /// Neither missing nor taken as missing.
+    known: usize,
+    constant: bool,
+}
+
+impl Counts {
+    /// `zeros` says whether a 0 is a dropout.
+    fn of(values: &[f64], limits: Option<&Limits>, zeros: bool) -> Counts {
+        let [mut missing, mut infinite, mut zero, mut outside] = [Tally::default(); 4];
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for (row, &x) in values.iter().enumerate() {
+            if x.is_nan() {
+                missing.add(row);
+            } else if x.is_infinite() {
+                infinite.add(row);
+            } else if zeros && x == 0.0 {
+                zero.add(row);
+            } else {
+                (low, high) = (low.min(x), high.max(x));
+                if limits.is_some_and(|l| !l.holds(x)) {
+                    outside.add(row);
+                }
+            }
+        }
+        let known = values.len() - missing.n - infinite.n - zero.n;
+        Counts { missing, infinite, zero, outside, known, constant: known >= CONSTANT_ROWS && low == high }
+    }
+}
+
+impl Line<'_> {
+    fn column(&mut self, i: usize, about: &schemas::Column, accepted: bool) {
+        let (name, unit) = (about.name.as_str(), about.unit.as_str());
+        let array = self.columns[i].clone();
+        let values: &[f64] = array.as_primitive::<Float64Type>().values();
+        let usual = limits(name);
+        let residual = usual.and_then(|l| residual(&l, values));
+        let limits = residual.or(usual);
+        let zeros = flight::is_scalar_reading(name);
+        let counts = Counts::of(values, limits.as_ref(), zeros);
+        let kept = |x: f64| x.is_finite() && !(zeros && x == 0.0);
+        let first = values.iter().position(|x| kept(*x)).unwrap_or(0);
+        // A height may well be kept.
+        let dead = counts.constant && about.role == Role::Sensor && limits.is_none_or(|l| l.kind != Kind::Height);
+        let unusual = |yes: bool| Tally { n: if yes { counts.known } else { 0 }, first };
+        for (check, tally) in [
+            (Check::Missing, counts.missing),
+            (Check::Infinite, counts.infinite),
+            (Check::ZeroReading, counts.zero),
+            (Check::Impossible, counts.outside),
+            (Check::NotTotalField, unusual(residual.is_some())),
+            (Check::Constant, unusual(dead)),
+        ] {
+            if tally.n > 0 {
+                let value = values.get(tally.first).copied().unwrap_or(f64::NAN);
+                self.findings.push(Finding::new(name, check, tally.n, tally.first, value, unit));
+            }
+        }
+        let mut spikes = None;
+        if let Some(limits) = limits.filter(|_| counts.outside.n > 0 && !accepted) {
+            if limits.outlier == Outlier::Missing && counts.outside.n as f64 <= SPIKES * counts.known as f64 {
+                spikes = Some(limits);
+            } else {
+                let (value, n) = (values[counts.outside.first], (counts.outside, counts.known));
+                self.faults.push(impossible(name, &limits, value, unit, n, self.origins));
+            }
+        }
+        if counts.infinite.n + counts.zero.n > 0 || spikes.is_some() {
+            let clean = |x: &f64| if kept(*x) && spikes.is_none_or(|l| l.holds(*x)) { *x } else { f64::NAN };
+            self.columns[i] = Arc::new(values.iter().map(clean).collect::<Float64Array>());
+        }
+    }
+
+    /// Years and days are whole numbers.
+    fn whole_numbers(&mut self, i: usize, name: &str, accepted: bool) {
+        let Some(limits) = limits(name) else { return };
+        let array = self.columns[i].as_primitive::<Int64Type>();
+        let mut outside = Tally::default();
+        let rows = (0..array.len()).filter(|row| array.is_valid(*row));
+        rows.filter(|row| !limits.holds(array.value(*row) as f64)).for_each(|row| outside.add(row));
+        if outside.n == 0 {
+            return;
+        }
+        let value = array.value(outside.first) as f64;
+        let finite = array.len() - array.null_count();
+        self.findings.push(Finding::new(name, Check::Impossible, outside.n, outside.first, value, ""));
+        if !accepted {
+            self.faults.push(impossible(name, &limits, value, "", (outside, finite), self.origins));
+        }
+    }
+
+    /// The magnitude of each vector magnetometer, after its components.
+    fn vectors(&mut self, schema: &Schema, accepted: bool) {
+        for (at, vector) in vectors(schema) {
+            let faulty =
+                |f: &Fault| f.place.column.as_deref().and_then(flight::vector_part).is_some_and(|p| p.0 == vector);
+            let parts: Vec<Float64Array> =
+                at.iter().map(|i| self.columns[*i].as_primitive::<Float64Type>().clone()).collect();
+            let [x, y, z] = parts.as_slice() else { continue };
+            let magnitude = |row: usize| {
+                let (x, y, z) = (x.value(row), y.value(row), z.value(row));
+                (x * x + y * y + z * z).sqrt()
+            };
+            let (mut outside, mut finite) = (Tally::default(), 0);
+            for row in 0..x.len() {
+                let b = magnitude(row);
+                if b.is_finite() {
+                    finite += 1;
+                    if !VECTOR.holds(b) {
+                        outside.add(row);
+                    }
+                }
+            }
+            if outside.n == 0 {
+                continue;
+            }
+            let value = magnitude(outside.first);
+            self.findings.push(Finding::new(&vector, Check::Impossible, outside.n, outside.first, value, "nT"));
+            if accepted {
+                continue;
+            }
+            if outside.n as f64 > SPIKES * finite as f64 {
+                // The magnitude says more than a component that is out of range for the same reason.
+                self.faults.retain(|f| !faulty(f));
+                let column = format!("{vector}_x");
+                let fault = impossible(&column, &VECTOR, value, "nT", (outside, finite), self.origins);
+                self.faults.push(fault);
+                continue;
+            }
+            for (i, part) in at.into_iter().zip(&parts) {
+                let kept = |row: usize| !magnitude(row).is_finite() || VECTOR.holds(magnitude(row));
+                let clean = (0..part.len()).map(|row| if kept(row) { part.value(row) } else { f64::NAN });
+                self.columns[i] = Arc::new(clean.collect::<Float64Array>());
+            }
+        }
+    }
+}
+
+/// The vector magnetometers of a flight, each with the positions of its three components.
+fn vectors(schema: &Schema) -> Vec<([usize; 3], String)> {
+    let at = |name: String| schema.index_of(&name).ok().filter(|i| *schema.field(*i).data_type() == DataType::Float64);
+    let of = |field: &Arc<arrow_schema::Field>| match flight::vector_part(field.name())? {
+        (vector, 'x') => {
+            let [x, y, z] = ["x", "y", "z"].map(|part| at(format!("{vector}_{part}")));
+            Some(([x?, y?, z?], vector.to_owned()))
+        }
+        _ => None,
+    };
+    schema.fields().iter().filter_map(of).collect()
+}
+
+/// The fault of a column that has impossible values: the first of them, how many there are, and what they may be.
+fn impossible(
+    name: &str,
+    limits: &Limits,
+    value: f64,
+    unit: &str,
+    (outside, finite): (Tally, usize),
+    origins: &Origins,
+) -> Fault {
+    let unit_of = |x: f64| if unit.is_empty() { shown(x) } else { format!("{} {unit}", shown(x)) };
+    let mut what =
+        format!("{} is not {} ({} to {})", unit_of(value), limits.kind.noun(), shown(limits.low), unit_of(limits.high));
+    if outside.n > 1 {
+        what += &format!(", nor are {} of {} values", outside.n, finite);
+    }
+    // One wrong value among many is no question of units.
+    let common = 2 * outside.n > finite;
+    let hint = common.then(|| likely(limits, value, origins.unit(name))).flatten();
+    let hint = hint.map(|l| described(name, &l, origins)).or_else(|| guessed(limits.kind, value));
+    let accept = "`accept = [\"range\"]` takes the values as they are";
+    let help = hint.map_or_else(|| format!("correct the file; {accept}"), |hint| format!("{hint}; {accept}"));
+    Fault::data(what).in_column(name).in_row(outside.first as u64).help(help)
+}
+
+/// What a value probably is, and what to write so that it is read as that.
+fn described(name: &str, likely: &Likely, origins: &Origins) -> String {
+    match likely {
+        Likely::Unit(unit, value) => {
+            let ours = flight::describe(name).unit;
+            let units = match flight::vector_part(name) {
+                Some((vector, 'x' | 'y' | 'z')) => {
+                    let all = ["x", "y", "z"].map(|part| format!("{vector}_{part}"));
+                    origins.units(&all.each_ref().map(String::as_str), unit)
+                }
+                _ => origins.units(&[name], unit),
+            };
+            format!("in {unit} it would be {} {ours}: {units}", shown(*value))
+        }
+        Likely::DegreesMinutes(value) => {
+            format!("as degrees and minutes (NMEA ddmm.mm) it would be {} deg: convert the column", shown(*value))
+        }
+        Likely::GpsWeek(day, second) => format!(
+            "as seconds of a GPS week it would be {} s of day {day}: `tt` is seconds past midnight UTC",
+            shown(*second)
+        ),
+        Likely::Unix(second) => {
+            format!("as Unix time it would be {} s of the day: `tt` is seconds past midnight UTC", shown(*second))
+        }
+    }
+}
+
+/// What a value may be that no unit explains.
+fn guessed(kind: Kind, value: f64) -> Option<String> {
+    let digits = value.abs().to_string();
+    if digits.len() >= 3 && digits.bytes().all(|b| b == b'9') {
+        return Some(format!("if {value} stands for a missing value, say `missing = [\"{value}\"]`"));
+    }
+    match kind {
+        Kind::Variation | Kind::Anomaly if (15_000.0..80_000.0).contains(&value) => {
+            Some("it looks like a total field: take its mean or the core field off".to_owned())
+        }
+        Kind::Year if (0.0..100.0).contains(&value) => Some(format!("the year in full is {}", 2000.0 + value)),
+        _ => None,
+    }
+}

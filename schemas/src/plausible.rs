@@ -1,0 +1,342 @@
+//! What a column of a flight can hold: the limits of each role in its canonical unit, and what a value outside them
+//! probably is.
+
+use crate::{Fault, convert, flight};
+
+/// What a table of flights accepts although it looks impossible.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Accept {
+    /// Values outside the limits of their column's role, and columns that contradict each other.
+    Range,
+}
+
+impl Accept {
+    /// All there are, with the word for each.
+    pub const WORDS: [(&'static str, Accept); 1] = [("range", Accept::Range)];
+
+    /// What a word means.
+    ///
+    /// # Errors
+    /// A word that means nothing; the fault suggests the nearest.
+    pub fn parse(word: &str) -> Result<Accept, Fault> {
+        let found = Accept::WORDS.iter().find(|(known, _)| *known == word).map(|(_, accept)| *accept);
+        let known = Accept::WORDS.map(|(word, _)| word);
+        found.ok_or_else(|| Fault::new(format!("`accept` has no word `{word}`")).nearest(word, &known))
+    }
+}
+
+/// What a column measures, as far as its limits depend on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Seconds past midnight.
+    Time,
+    /// Geodetic latitude.
+    Latitude,
+    /// Longitude, to the east.
+    Longitude,
+    /// Height of an aircraft, above whatever reference.
+    Height,
+    /// Height of the ground or above it.
+    Ground,
+    /// Component of a velocity.
+    Speed,
+    /// Roll, pitch or yaw.
+    Angle,
+    /// Component of an angular rate.
+    Rate,
+    /// Component of a specific force.
+    SpecificForce,
+    /// Magnitude of the earth's field, as a scalar magnetometer reads it.
+    TotalField,
+    /// Magnitude of a vector magnetometer, which may have offsets and scale errors.
+    VectorField,
+    /// Component of a vector magnetometer.
+    FieldComponent,
+    /// Anomaly: a reading less the core field.
+    Anomaly,
+    /// Temporal variation of the field.
+    Variation,
+    /// Calendar year.
+    Year,
+    /// Day of the year.
+    Day,
+}
+
+/// What is done with a few values outside the limits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outlier {
+    /// The line is not used: a position, an attitude or a date cannot be wrong now and then without a cause.
+    Fault,
+    /// They are missing values: sensors have spikes and dropouts.
+    Missing,
+}
+
+/// The values that a column can have.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// What it measures.
+    pub kind: Kind,
+    /// The least value, in the canonical unit.
+    pub low: f64,
+    /// The largest value, in the canonical unit.
+    pub high: f64,
+    /// What is done with a few values outside.
+    pub outlier: Outlier,
+}
+
+impl Limits {
+    /// Whether a finite value lies within, with some room for rounding (a yaw of π in single precision is 180.000005
+    /// degrees).
+    pub fn holds(&self, x: f64) -> bool {
+        let room = 1e-6 * (self.high - self.low);
+        (self.low - room..=self.high + room).contains(&x)
+    }
+}
+
+impl Kind {
+    /// The name with its article, for a sentence such as '95 deg is not a latitude'.
+    pub fn noun(self) -> &'static str {
+        match self {
+            Kind::Time => "a time of day",
+            Kind::Latitude => "a latitude",
+            Kind::Longitude => "a longitude",
+            Kind::Height => "a height of an aircraft",
+            Kind::Ground => "a height of the ground or above it",
+            Kind::Speed => "a velocity of an aircraft",
+            Kind::Angle => "an attitude angle",
+            Kind::Rate => "an angular rate of an aircraft",
+            Kind::SpecificForce => "a specific force on an aircraft",
+            Kind::TotalField => "a total field of the earth",
+            Kind::VectorField => "a magnitude of a vector magnetometer in the earth's field",
+            Kind::FieldComponent => "a component of the earth's field",
+            Kind::Anomaly => "a magnetic anomaly",
+            Kind::Variation => "a temporal variation of the field",
+            Kind::Year => "a year of a flight",
+            Kind::Day => "a day of a year",
+        }
+    }
+
+    /// Units that such a value is found in, the canonical one first.
+    fn units(self) -> &'static [&'static str] {
+        match self {
+            Kind::Time => &["s", "ms", "us", "ns"],
+            // Positioning receivers log whole multiples of 1e-7 degrees.
+            Kind::Latitude | Kind::Longitude => &["deg", "rad", "degE7"],
+            Kind::Angle => &["deg", "rad"],
+            Kind::Height | Kind::Ground => &["m", "ft", "km"],
+            Kind::Speed => &["m/s", "km/h", "kn"],
+            Kind::Rate => &["deg/s", "rad/s"],
+            Kind::TotalField | Kind::VectorField => &["nT", "uT", "mgauss", "gauss", "mT", "T"],
+            // Without a lower limit too many units would fit.
+            Kind::SpecificForce | Kind::FieldComponent | Kind::Anomaly | Kind::Variation | Kind::Year | Kind::Day => {
+                &[]
+            }
+        }
+    }
+}
+
+/// The magnitude of a vector magnetometer. Its limits are wide, as raw fluxgates have offsets and scale errors, and
+/// narrow enough for a factor of ten: the earth's field is 22,000 to 67,000 nT.
+pub const VECTOR: Limits = Limits { kind: Kind::VectorField, low: 7_500.0, high: 150_000.0, outlier: Outlier::Missing };
+
+/// The total field that a scalar magnetometer reads.
+const TOTAL: Limits = Limits { kind: Kind::TotalField, low: 15_000.0, high: 80_000.0, outlier: Outlier::Missing };
+
+/// A reading without the core field, such as the aircraft's part of it alone.
+const RESIDUAL: Limits = Limits { kind: Kind::Anomaly, low: -50_000.0, high: 50_000.0, outlier: Outlier::Missing };
+
+/// The middle half of a residual field is wider than this part of its median, in a line of fewer samples than
+/// [`LONG_LINE`], or in a longer one. A total field is far from it in whatever unit: 1 per cent are 500 nT.
+const RESIDUAL_SPREAD: (f64, f64) = (0.03, 0.1);
+const LONG_LINE: usize = 1_000;
+
+/// The limits of the residual field, where `values` of a column that should hold a total field are one: hardly any of them
+/// is a total field, and they are negative or vary too much to be one in another unit.
+pub fn residual(limits: &Limits, values: &[f64]) -> Option<Limits> {
+    if limits.kind != Kind::TotalField {
+        return None;
+    }
+    let known = || values.iter().copied().filter(|x| x.is_finite() && *x != 0.0);
+    let (all, total) = (known().count(), known().filter(|x| limits.holds(*x)).count());
+    if 10 * total >= all {
+        return None;
+    }
+    let mut sorted: Vec<f64> = known().collect();
+    sorted.sort_by(f64::total_cmp);
+    let at = |part: usize| sorted.get(part * all / 4).copied().unwrap_or(f64::NAN);
+    let (low, middle, high) = (at(1), at(2), at(3));
+    let least = if all < LONG_LINE { RESIDUAL_SPREAD.0 } else { RESIDUAL_SPREAD.1 };
+    (RESIDUAL.holds(middle) && (middle < 0.0 || high - low > least * middle)).then_some(RESIDUAL)
+}
+
+/// The limits of the column `name` in its canonical unit; `None` where anything is possible.
+pub fn limits(name: &str) -> Option<Limits> {
+    let fault = |kind, low, high| Some(Limits { kind, low, high, outlier: Outlier::Fault });
+    let missing = |kind, low, high| Some(Limits { kind, low, high, outlier: Outlier::Missing });
+    match name {
+        // A flight may begin before midnight and run past the next.
+        "tt" => fault(Kind::Time, -86_400.0, 259_200.0),
+        "lat" | "ins_lat" => fault(Kind::Latitude, -90.0, 90.0),
+        "lon" | "ins_lon" => fault(Kind::Longitude, -180.0, 360.0),
+        "alt" | "ins_alt" => fault(Kind::Height, -1_000.0, 100_000.0),
+        "msl" | "baro" => missing(Kind::Height, -1_000.0, 100_000.0),
+        "radar" | "topo" | "dem" | "drape" => missing(Kind::Ground, -12_000.0, 100_000.0),
+        "vn" | "ve" | "vd" | "ins_vn" | "ins_ve" | "ins_vd" => fault(Kind::Speed, -1_000.0, 1_000.0),
+        "roll" | "ins_roll" => fault(Kind::Angle, -180.0, 180.0),
+        "pitch" | "ins_pitch" => fault(Kind::Angle, -90.0, 90.0),
+        "yaw" | "ins_yaw" => fault(Kind::Angle, -180.0, 360.0),
+        "roll_rate" | "pitch_rate" | "yaw_rate" => missing(Kind::Rate, -2_000.0, 2_000.0),
+        "ins_fn" | "ins_fe" | "ins_fd" => missing(Kind::SpecificForce, -500.0, 500.0),
+        "diurnal" => missing(Kind::Variation, -5_000.0, 5_000.0),
+        "mag_1_igrf" | "anomaly_truth" => missing(Kind::Anomaly, -50_000.0, 50_000.0),
+        "igrf" | "mag_1_lag" | "mag_1_dc" => Some(TOTAL),
+        "year" => fault(Kind::Year, 1900.0, 2100.0),
+        "doy" => fault(Kind::Day, 1.0, 366.0),
+        _ if flight::is_scalar_reading(name) || flight::is_compensated(name) => Some(TOTAL),
+        _ => match flight::vector_part(name)? {
+            (_, 't') => Some(VECTOR),
+            _ => missing(Kind::FieldComponent, -150_000.0, 150_000.0),
+        },
+    }
+}
+
+/// What a value outside its limits probably is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Likely {
+    /// The same reading in another unit: the unit, and the value in the canonical one.
+    Unit(&'static str, f64),
+    /// Degrees and minutes as receivers write them (NMEA `ddmm.mm`): the value in degrees.
+    DegreesMinutes(f64),
+    /// Seconds of a GPS week: the day from Sunday as 0, and the second of that day.
+    GpsWeek(u32, f64),
+    /// Seconds since 1970: the second of the day.
+    Unix(f64),
+}
+
+/// What `value`, which is outside `limits`, would be if it were not in `declared` (the unit that the file or the spec
+/// says; the canonical one where neither does).
+pub fn likely(limits: &Limits, value: f64, declared: &str) -> Option<Likely> {
+    let canonical = *limits.kind.units().first()?;
+    let declared = if declared.is_empty() { canonical } else { declared };
+    let reading = value / convert(declared, canonical)?;
+    let in_unit = |unit: &&'static str| {
+        let factor = convert(unit, canonical)?;
+        let other = convert(declared, canonical) != Some(factor);
+        (other && limits.holds(reading * factor)).then_some((*unit, reading * factor))
+    };
+    let mut fitting = limits.kind.units().iter().filter_map(in_unit);
+    let (first, second) = (fitting.next(), fitting.next());
+    let unit = first.map(|(unit, value)| Likely::Unit(unit, value));
+    match limits.kind {
+        // The time of day has room for small units, of which the largest is meant.
+        Kind::Time => seconds(reading).or(unit),
+        Kind::Latitude | Kind::Longitude => unit.or_else(|| degrees(limits, reading)),
+        _ => unit.filter(|_| second.is_none()),
+    }
+}
+
+fn degrees(limits: &Limits, x: f64) -> Option<Likely> {
+    let (whole, minutes) = ((x.abs() / 100.0).trunc(), x.abs() % 100.0);
+    let value = (whole + minutes / 60.0).copysign(x);
+    (minutes < 60.0 && limits.holds(value)).then_some(Likely::DegreesMinutes(value))
+}
+
+fn seconds(x: f64) -> Option<Likely> {
+    const DAY: f64 = 86_400.0;
+    if (0.0..7.0 * DAY).contains(&x) {
+        return Some(Likely::GpsWeek((x / DAY) as u32, x % DAY));
+    }
+    // 1980 to 2100.
+    (3.1e8..4.1e9).contains(&x).then_some(Likely::Unix(x % DAY))
+}
+
+/// A number as people write it: thousands apart, no more digits than it needs.
+pub fn shown(x: f64) -> String {
+    // Six digits, or four behind the point, tell all that a message is for.
+    let six = || format!("{x:.5e}").parse().unwrap_or(x);
+    if x != 0.0 && !(1e-3..1e15).contains(&x.abs()) {
+        return format!("{:e}", six());
+    }
+    let rounded = if x.abs() < 1.0 { six() } else { (x * 1e4).round() / 1e4 };
+    let text = rounded.abs().to_string();
+    let (whole, rest) = text.split_once('.').map_or((text.as_str(), None), |(w, r)| (w, Some(r)));
+    let mut out = String::new();
+    for (i, digit) in whole.chars().enumerate() {
+        if i > 0 && (whole.len() - i) % 3 == 0 && whole.len() > 4 {
+            out.push(',');
+        }
+        out.push(digit);
+    }
+    let sign = if x < 0.0 { "-" } else { "" };
+    rest.map_or_else(|| format!("{sign}{out}"), |r| format!("{sign}{out}.{r}"))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn r10_columns_have_the_limits_of_what_they_measure() {
+        for (name, inside, outside) in [
+            ("lat", vec![-90.0, 45.0, 90.0], vec![95.0, -100.0, 2603.0, 1e300]),
+            ("lon", vec![-180.0, 359.9], vec![-181.0, 500.0]),
+            ("mag_3_uc", vec![22_000.0, 67_000.0], vec![5.4e-5, 54.0, 5.4e7]),
+            ("mag_1_c", vec![54_000.0], vec![0.0]),
+            ("mag_1_igrf", vec![-3_000.0, 0.0], vec![54_000.0]),
+            ("diurnal", vec![-500.0, 30.0], vec![54_000.0]),
+            ("flux_a_x", vec![-70_000.0, 0.0], vec![5.4e6]),
+            ("flux_a_t", vec![54_000.0], vec![54.0]),
+            ("yaw", vec![-180.0, 360.0], vec![400.0]),
+            ("ins_pitch", vec![-90.0], vec![91.0]),
+            ("alt", vec![-400.0, 20_000.0], vec![200_000.0]),
+            ("year", vec![2020.0], vec![20.0]),
+            ("tt", vec![0.0, 90_000.0], vec![1.6e9]),
+        ] {
+            let limits = limits(name).unwrap();
+            assert!(inside.iter().all(|x| limits.holds(*x)), "{name}");
+            assert!(outside.iter().all(|x| !limits.holds(*x)), "{name}");
+        }
+        assert_eq!(limits("cur_flap"), None);
+        assert_eq!(limits("mag_3_uc_bp"), None);
+    }
+
+    #[test]
+    fn r10_an_impossible_value_is_possible_in_one_unit() {
+        let of = |name: &str, value: f64, unit: &str| likely(&limits(name).unwrap(), value, unit);
+        assert_eq!(of("mag_3_uc", 5.4e7, "uT"), Some(Likely::Unit("nT", 54_000.0)));
+        assert_eq!(of("mag_3_uc", 54.0, ""), Some(Likely::Unit("uT", 54_000.0)));
+        assert!(matches!(of("mag_3_uc", 5.4e-5, ""), Some(Likely::Unit("T", x)) if (x - 54_000.0).abs() < 1e-6));
+        assert_eq!(of("mag_3_uc", 1e300, ""), None);
+        assert!(
+            matches!(of("lat", 45.0f64.to_degrees(), "rad"), Some(Likely::Unit("deg", x)) if (x - 45.0).abs() < 1e-9)
+        );
+        assert!(matches!(of("lat", 2603.0, ""), Some(Likely::DegreesMinutes(x)) if (x - 26.05).abs() < 1e-9));
+        assert_eq!(of("lat", 95.0, ""), None);
+        assert_eq!(of("tt", 300_000.0, ""), Some(Likely::GpsWeek(3, 40_800.0)));
+    }
+
+    #[test]
+    fn law_only_values_that_vary_like_none_are_no_total_field() {
+        let total = limits("mag_4_uc").unwrap();
+        let wave = |offset: f64, scale: f64| (0..500).map(|i| offset + scale * f64::from(i).sin()).collect::<Vec<_>>();
+        assert!(residual(&total, &wave(0.0, 200.0)).is_some());
+        assert!(residual(&total, &wave(150.0, 100.0)).is_some());
+        assert!(residual(&total, &wave(-300.0, 2.0)).is_some());
+        for other in [wave(54_000.0, 900.0), wave(54.0, 0.9), wave(5.4e-5, 2e-7), wave(5_400.0, 20.0)] {
+            assert!(residual(&total, &other).is_none());
+        }
+        // A total field with some bad samples is still one.
+        let mut spiked = wave(54_000.0, 200.0);
+        spiked.iter_mut().step_by(20).for_each(|x| *x = -5.0);
+        assert!(residual(&total, &spiked).is_none());
+        assert!(residual(&limits("diurnal").unwrap(), &wave(0.0, 20.0)).is_none());
+    }
+
+    #[test]
+    fn gold_numbers_in_messages() {
+        let said = [54_000_000.0, 2603.0, -95.5, 5.4e-5, 1e300, 0.0, 26.05, 12_345.678_91].map(shown);
+        assert_eq!(said, ["54,000,000", "2603", "-95.5", "5.4e-5", "1e300", "0", "26.05", "12,345.6789"]);
+    }
+}
