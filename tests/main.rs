@@ -15,6 +15,7 @@ mod maps;
 mod memory;
 mod models;
 mod queries;
+mod readers;
 mod reuse;
 mod support;
 mod versions;

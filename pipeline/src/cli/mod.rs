@@ -1,6 +1,7 @@
 //! The command line: arguments in, text and exit status out. Results go to standard output, all else to standard error.
 
 mod answer;
+mod interrupt;
 mod map;
 mod progress;
 
@@ -8,7 +9,6 @@ use std::{
     io::{IsTerminal, Write},
     path::PathBuf,
     process::ExitCode,
-    sync::atomic::Ordering,
 };
 
 use clap::{Args, Parser, Subcommand};
@@ -16,7 +16,7 @@ use pipeline::{
     catalogue,
     plan::{Graph, Plan},
     read_spec,
-    run::{self, INTERRUPTED, Summary},
+    run::{self, Summary},
     spec::{Faults, Spec},
     store::Store,
     views::{self, scores},
@@ -179,8 +179,8 @@ pub fn main() -> ExitCode {
             ExitCode::from(2)
         }
         Err(Stop::Interrupted) => {
-            eprintln!("interrupted; what was finished is kept, and the same command goes on from there");
-            ExitCode::from(130)
+            eprintln!("{}", interrupt::SAID);
+            ExitCode::from(interrupt::STATUS)
         }
     }
 }
@@ -253,8 +253,7 @@ fn run_spec(args: &RunArgs) -> Result<(), Stop> {
         );
         return Err(Stop::Wrong(what));
     }
-    // Where no handler can be set, an interrupt ends the process at once; the store stays whole.
-    let _ = ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Relaxed));
+    interrupt::listen();
     let plan = plan(&args.spec)?;
     let store = open(&plan.spec)?;
     let threads = args.threads.map_or(0, usize::from);

@@ -324,6 +324,7 @@ impl Builder<'_> {
             })
         } else {
             Flights::open(decl, &self.spec.folder).map(|f| {
+                self.notes.extend(f.notes.iter().cloned());
                 self.flights.push(f);
                 Ref::Flights(self.flights.len() - 1)
             })

@@ -14,7 +14,11 @@ use schemas::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Bytes, Flights, Lines, VERSION, fingerprint};
+use super::{
+    Bytes, Flights, Lines, VERSION,
+    assemble::{Assembly, MISSING, Whole},
+    fingerprint, midnight,
+};
 use crate::{keys::Key, store::Store};
 
 /// One line of a table of flights.
@@ -60,6 +64,12 @@ struct IndexFault {
     row: Option<u64>,
 }
 
+impl IndexFault {
+    fn of(fault: Fault) -> IndexFault {
+        IndexFault { what: fault.what, help: fault.help, column: fault.place.column, row: fault.place.row }
+    }
+}
+
 /// The lines of all files, ingesting those that are new.
 pub fn lines(flights: &Flights, store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Lines, Vec<Fault>> {
     let done = std::sync::atomic::AtomicUsize::new(0);
@@ -97,6 +107,11 @@ fn once_each(lines: Vec<LineRecord>, files: &[Bytes]) -> Vec<LineRecord> {
         match kept.last_mut() {
             Some(last) if (&last.flight, &last.line) == (&line.flight, &line.line) => {
                 let name = |i: usize| files.get(i).map(|f: &Bytes| f.path.display().to_string()).unwrap_or_default();
+                if [&line.flight, &line.line].contains(&&MISSING.to_owned()) {
+                    // Rows of no line in several files: all of them are named.
+                    last.fault.get_or_insert_default().what += &format!("; there are more in {}", name(line.file));
+                    continue;
+                }
                 let what = if last.file == line.file {
                     "the line's samples do not stand together".to_owned()
                 } else {
@@ -165,25 +180,18 @@ fn index(store: &Store, path: &Path, options: &FlightOptions) -> Result<(Bytes, 
 
 /// Reads a file once, one line in memory at a time.
 fn ingest(store: &Store, path: &Path, options: &FlightOptions) -> Result<Index, Fault> {
-    let reader = open_flight(path, options).map_err(Fault::from)?;
+    let mut reader = open_flight(path, options).map_err(Fault::from)?;
     let canonical = Canonical::new(reader.schema()).map_err(|f| f.into_iter().next().unwrap_or_default())?;
     let mut index = Index { lines: vec![] };
-    let mut open: Option<(String, String, Vec<RecordBatch>)> = None;
-    for batch in reader {
-        let batch = canonical.apply(&batch.map_err(Fault::from)?)?;
-        for (flight, line, part) in runs(&batch)? {
-            match &mut open {
-                Some((f, l, parts)) if *f == flight && *l == line => parts.push(part),
-                _ => {
-                    if let Some(done) = open.replace((flight, line, vec![part])) {
-                        index.lines.push(settle(store, done)?);
-                    }
-                }
-            }
+    let mut assembly = Assembly::new(options);
+    while let Some(part) = reader.next_part() {
+        let part = part.map_err(Fault::from)?;
+        for whole in assembly.add(&canonical.apply(&part.batch)?, &part.faults) {
+            index.lines.push(put(store, whole)?);
         }
     }
-    if let Some(done) = open {
-        index.lines.push(settle(store, done)?);
+    for whole in assembly.finish() {
+        index.lines.push(put(store, whole)?);
     }
     if index.lines.is_empty() {
         return Err(Fault::data("the file holds no samples"));
@@ -191,26 +199,26 @@ fn ingest(store: &Store, path: &Path, options: &FlightOptions) -> Result<Index, 
     Ok(index)
 }
 
-/// The runs of rows of one flight and line.
-fn runs(batch: &RecordBatch) -> Result<Vec<(String, String, RecordBatch)>, Fault> {
-    let (flights, lines) = (batch.column(0).as_string::<i32>(), batch.column(1).as_string::<i32>());
-    for (name, keys) in [("flight", flights), ("line", lines)] {
-        if let Some(row) = (0..keys.len()).find(|&i| keys.is_null(i) || keys.value(i).is_empty()) {
-            return Err(Fault::data("the identifier is missing").in_column(name).in_row(row as u64));
-        }
+/// Settles a line, after midnight is taken out of its time. What the reader found wrong with a row comes first.
+fn put(store: &Store, whole: Whole) -> Result<IndexLine, Fault> {
+    let Whole { flight, line, parts, rows, mut fault } = whole;
+    let Some(schema) = parts.first().map(RecordBatch::schema) else {
+        // Rows of no line: there is nothing to keep of them but that they are there.
+        let object = Key::of(["no line", &flight, &line]).to_string();
+        let fault = fault.map(IndexFault::of);
+        return Ok(IndexLine { flight, line, rows, object, columns: BTreeMap::new(), fault });
+    };
+    let mut batch = concat_batches(&schema, &parts).map_err(|e| Fault::data(e.to_string()))?;
+    match midnight::unwrapped(&batch) {
+        Ok(Some(unwrapped)) => batch = unwrapped,
+        Ok(None) => {}
+        Err(wrong) => fault = fault.or(Some(wrong)),
     }
-    let mut found = vec![];
-    let mut start = 0;
-    for i in 1..=batch.num_rows() {
-        let ends =
-            i == batch.num_rows() || flights.value(i) != flights.value(start) || lines.value(i) != lines.value(start);
-        if ends {
-            let part = batch.slice(start, i - start);
-            found.push((flights.value(start).to_owned(), lines.value(start).to_owned(), part));
-            start = i;
-        }
+    let mut settled = settle(store, (flight, line, vec![batch]))?;
+    if let Some(fault) = fault {
+        settled.fault = Some(IndexFault::of(fault));
     }
-    Ok(found)
+    Ok(settled)
 }
 
 /// Checks one whole line, hashes its columns, and puts it into the store.
@@ -229,7 +237,7 @@ fn settle(store: &Store, (flight, line, parts): (String, String, Vec<RecordBatch
     if fault.is_none() && !store.has(object) {
         store.put(object, &batch)?;
     }
-    let fault = fault.map(|f| IndexFault { what: f.what, help: f.help, column: f.place.column, row: f.place.row });
+    let fault = fault.map(IndexFault::of);
     let columns = columns.into_iter().map(|(n, k)| (n, k.to_string())).collect();
     Ok(IndexLine { flight, line, rows: batch.num_rows(), object: object.to_string(), columns, fault })
 }
