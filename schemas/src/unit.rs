@@ -23,13 +23,12 @@ enum Dimension {
 
 use Dimension as D;
 
-/// Every unit: its spellings in lower case (the first is the usual one), what it measures, and how many base units it
-/// is.
+/// Every unit: its spellings, the usual one first, what it measures, and how many base units it is.
 const UNITS: &[(&[&str], Dimension, f64)] = &[
-    (&["nt", "gamma", "gammas", "nanotesla"], D::Field, 1.0),
-    (&["ut", "µt", "μt", "microtesla"], D::Field, 1e3),
-    (&["mt", "millitesla"], D::Field, 1e6),
-    (&["t", "tesla"], D::Field, 1e9),
+    (&["nT", "gamma", "gammas", "nanotesla"], D::Field, 1.0),
+    (&["uT", "µt", "μt", "microtesla"], D::Field, 1e3),
+    (&["mT", "millitesla"], D::Field, 1e6),
+    (&["T", "tesla"], D::Field, 1e9),
     (&["mgauss", "mg", "milligauss"], D::Field, 1e2),
     (&["gauss", "g"], D::Field, 1e5),
     (&["deg", "degs", "degree", "degrees", "°"], D::Angle, 1.0),
@@ -37,7 +36,7 @@ const UNITS: &[(&[&str], Dimension, f64)] = &[
     (&["mrad"], D::Angle, 0.18 / PI),
     (&["arcmin"], D::Angle, 1.0 / 60.0),
     (&["arcsec"], D::Angle, 1.0 / 3600.0),
-    (&["dege7"], D::Angle, 1e-7),
+    (&["degE7"], D::Angle, 1e-7),
     (&["deg/s", "degps", "°/s", "dps"], D::AngularRate, 1.0),
     (&["rad/s", "radps"], D::AngularRate, 180.0 / PI),
     (&["deg/h", "deg/hr", "°/h"], D::AngularRate, 1.0 / 3600.0),
@@ -63,18 +62,18 @@ const UNITS: &[(&[&str], Dimension, f64)] = &[
     (&["m/s2", "m/s^2", "m/s²", "m/s/s", "mps2", "m s-2"], D::Acceleration, 1.0),
     // `g` alone is gauss or standard gravity, whichever is asked for.
     (&["standard gravity", "g0", "gn", "g"], D::Acceleration, 9.80665),
-    (&["mgal"], D::Acceleration, 1e-5),
-    (&["a", "amp", "amps", "ampere", "amperes"], D::Current, 1.0),
-    (&["ma"], D::Current, 1e-3),
-    (&["v", "volt", "volts"], D::Voltage, 1.0),
-    (&["mv"], D::Voltage, 1e-3),
-    (&["pa"], D::Pressure, 1.0),
-    (&["hpa", "mbar"], D::Pressure, 1e2),
-    (&["kpa"], D::Pressure, 1e3),
-    (&["hz"], D::Frequency, 1.0),
-    (&["khz"], D::Frequency, 1e3),
-    (&["k", "kelvin"], D::Kelvin, 1.0),
-    (&["degc", "°c", "c", "celsius"], D::Celsius, 1.0),
+    (&["mGal"], D::Acceleration, 1e-5),
+    (&["A", "amp", "amps", "ampere", "amperes"], D::Current, 1.0),
+    (&["mA"], D::Current, 1e-3),
+    (&["V", "volt", "volts"], D::Voltage, 1.0),
+    (&["mV"], D::Voltage, 1e-3),
+    (&["Pa"], D::Pressure, 1.0),
+    (&["hPa", "mbar"], D::Pressure, 1e2),
+    (&["kPa"], D::Pressure, 1e3),
+    (&["Hz"], D::Frequency, 1.0),
+    (&["kHz"], D::Frequency, 1e3),
+    (&["K", "kelvin"], D::Kelvin, 1.0),
+    (&["degC", "°c", "c", "celsius"], D::Celsius, 1.0),
 ];
 
 /// The factor that turns a value in `from` into one in `to`, where both measure the same thing.
@@ -93,6 +92,12 @@ pub fn is_unit(unit: &str) -> bool {
     measures(unit).next().is_some()
 }
 
+/// The usual spelling of a unit; `None` where it is unknown, or may be one of two.
+pub fn usual_spelling(unit: &str) -> Option<&'static str> {
+    let mut all = found(unit).filter_map(|(spellings, ..)| spellings.first().copied());
+    all.next().filter(|_| all.next().is_none())
+}
+
 /// The usual spellings of the units that convert to `unit`.
 pub fn convertible_to(unit: &str) -> Vec<&'static str> {
     let Some((dimension, _)) = measures(unit).next() else { return vec![] };
@@ -101,8 +106,13 @@ pub fn convertible_to(unit: &str) -> Vec<&'static str> {
 
 /// What a unit measures, and how many base units it is; more than one for a spelling that two units share.
 fn measures(unit: &str) -> impl Iterator<Item = (Dimension, f64)> + Clone {
+    found(unit).map(|(_, d, f)| (*d, *f))
+}
+
+/// The units of a spelling; case does not matter.
+fn found(unit: &str) -> impl Iterator<Item = &'static (&'static [&'static str], Dimension, f64)> + Clone {
     let unit = unit.trim().to_lowercase();
-    UNITS.iter().filter(move |(spellings, ..)| spellings.contains(&unit.as_str())).map(|(_, d, f)| (*d, *f))
+    UNITS.iter().filter(move |(spellings, ..)| spellings.iter().any(|s| s.to_lowercase() == unit))
 }
 
 #[cfg(test)]
@@ -122,13 +132,14 @@ mod tests {
         assert_eq!(convert("nT", "deg"), None);
         assert_eq!(convert("furlong", "m"), None);
         assert_eq!(convert("degC", "K"), None);
+        assert_eq!((usual_spelling("nt"), usual_spelling("FEET"), usual_spelling("g")), (Some("nT"), Some("ft"), None));
     }
 
     #[test]
     fn ref_g_is_gauss_of_a_field_and_gravity_of_an_acceleration() {
         assert_eq!(convert("G", "nT"), Some(1e5));
         assert_eq!(convert("g", "m/s2"), Some(9.80665));
-        assert_eq!(convertible_to("m/s2"), ["m/s2", "standard gravity", "mgal"]);
+        assert_eq!(convertible_to("m/s2"), ["m/s2", "standard gravity", "mGal"]);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Units in the names of columns, in their usual spellings: `GPS Lat (rad)`, `Mag [nT]`, `GPS Alt ft`, `MagCabin_T`,
 //! `gyro_x_rad_s`.
 
-use schemas::{convert, flight, is_unit};
+use schemas::{convert, flight, is_unit, usual_spelling};
 
 /// What a name says of its unit.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -124,12 +124,13 @@ fn said_by_end(name: &str) -> Said {
 /// A unit as the converter spells it: `m_s2`, `m/s`, `rad_s` and `m_per_s` are the same sort of thing.
 fn spelt(unit: &str) -> String {
     let unit = unit.trim();
+    let usual = |unit: &str| usual_spelling(unit).unwrap_or(unit).to_owned();
     if is_unit(unit) {
-        return unit.to_owned();
+        return usual(unit);
     }
     let slashed = unit.replace("_per_", "/").replace(" per ", "/").replace(['_', ' '], "/");
     let slashed = slashed.strip_suffix("/2").map_or(slashed.clone(), |body| format!("{body}2"));
-    if is_unit(&slashed) { slashed } else { unit.to_owned() }
+    if is_unit(&slashed) { usual(&slashed) } else { unit.to_owned() }
 }
 
 /// Why a name does not settle the unit of the column that it becomes.
@@ -238,7 +239,7 @@ mod tests {
         assert_eq!(of("flux_a", "flux_a_x", "nT"), Ok(None));
         assert_eq!(of("vel_ns", "vn", "m/s"), Ok(None));
         assert_eq!(of("time_ut", "tt", "s"), Ok(None));
-        assert_eq!(of("mag_ut", "mag_4_uc", "nT"), Ok(Some("ut".into())));
+        assert_eq!(of("mag_ut", "mag_4_uc", "nT"), Ok(Some("uT".into())));
         assert_eq!(of("temp_degC", "mag_4_uc", "nT"), Err(Unsettled::Other("degC".into())));
         assert_eq!(of("Alt (fathoms)", "alt", "m"), Err(Unsettled::Other("fathoms".into())));
         assert_eq!(of("lat_m", "lat", "deg"), Err(Unsettled::Other("m".into())));

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use arrow_array::{
-    Array, ArrayRef, Float64Array, Int64Array, RecordBatch, cast::AsArray, types::Float64Type, types::Int64Type,
+    ArrayRef, Float64Array, Int64Array, RecordBatch, cast::AsArray, types::Float64Type, types::Int64Type,
 };
 use schemas::Fault;
 use stages::numerics::dates::days_in_year;
