@@ -16,6 +16,7 @@ mod memory;
 mod models;
 mod plausible;
 mod queries;
+mod readers;
 mod reuse;
 mod support;
 mod trust;

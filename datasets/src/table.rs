@@ -6,7 +6,7 @@ use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use schemas::{field, flight};
 
-use crate::ReadError;
+use crate::{ReadError, formats::RowFault};
 
 /// The values of a column.
 #[derive(Clone, Debug)]
@@ -105,13 +105,19 @@ pub(crate) fn array(values: Values) -> ArrayRef {
     }
 }
 
-/// Numbers that have to be whole, such as the year; NaN is missing.
-pub(crate) fn whole(path: &Path, name: &str, numbers: &[f64]) -> Result<Values, ReadError> {
-    let one = |(row, x): (usize, &f64)| match *x {
-        x if x.is_nan() => Ok(None),
+/// Numbers that have to be whole, such as the year; NaN is missing, and so are those that are not, each with its fault.
+pub(crate) fn whole(path: &Path, name: &str, numbers: &[f64]) -> (Values, Vec<RowFault>) {
+    let mut faults = vec![];
+    let mut one = |(row, x): (usize, &f64)| match *x {
+        x if x.is_nan() => None,
         // 2^53: beyond it not every whole number is a f64.
-        x if x.fract() == 0.0 && x.abs() < 9e15 => Ok(Some(x as i64)),
-        x => Err(ReadError::data(path, format!("must be a whole number, not {x}")).in_column(name).in_row(row as u64)),
+        x if x.fract() == 0.0 && x.abs() < 9e15 => Some(x as i64),
+        x => {
+            let fault = ReadError::data(path, format!("must be a whole number, not {x}"));
+            faults.push(RowFault { row, fault: fault.in_column(name).in_row(row as u64) });
+            None
+        }
     };
-    Ok(Values::Whole(numbers.iter().enumerate().map(one).collect::<Result<_, _>>()?))
+    let whole = numbers.iter().enumerate().map(&mut one).collect();
+    (Values::Whole(whole), faults)
 }

@@ -145,7 +145,7 @@ fn unit_factor(name: &str, given: &str, known: &Described) -> Result<f64, Fault>
     }
     convert(given, known.unit).ok_or_else(|| {
         let what = format!("is in `{given}`, which does not convert to {}", known.unit);
-        Fault::data(what).in_column(name).help("write the unit that the values have into the field's metadata")
+        Fault::data(what).in_column(name).help("say the unit that the values have in the table's `units`")
     })
 }
 
@@ -274,7 +274,7 @@ mod tests {
                 "column `tt`: a flight table needs a column `tt` (known here: flight, lines, lat, mag_2_uc)",
                 "column `lat`: must be numbers in deg, not Utf8 (convert the column before, or rename it)",
                 "column `mag_2_uc`: is in `V`, which does not convert to nT \
-                 (write the unit that the values have into the field's metadata)",
+                 (say the unit that the values have in the table's `units`)",
             ]
         );
     }

@@ -19,5 +19,5 @@ pub use stage::{
     Args, Build, Declared, Entry, Gather, Given, Grain, InputDecl, InputKind, LineIn, ParamDoc, Passes, Prepared,
     Stage, StageDyn, Table, Yield, collect_doc, read_param, unknown_keys,
 };
-pub use unit::convert;
+pub use unit::{convert, convertible_to, is_unit, usual_spelling};
 pub use value::{Literal, Rule, Value};

@@ -1,49 +1,123 @@
 //! Units: the few conversions that a reader makes, once.
 
+use std::f64::consts::PI;
+
+/// What a unit measures. Units of one dimension convert into each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Dimension {
+    Field,
+    Angle,
+    AngularRate,
+    Length,
+    Time,
+    Speed,
+    Acceleration,
+    Current,
+    Voltage,
+    Pressure,
+    Frequency,
+    // The two scales of temperature have different zeros, so no factor converts between them.
+    Kelvin,
+    Celsius,
+}
+
+use Dimension as D;
+
+/// Every unit: its spellings, the usual one first, what it measures, and how many base units it is.
+const UNITS: &[(&[&str], Dimension, f64)] = &[
+    (&["nT", "gamma", "gammas", "nanotesla"], D::Field, 1.0),
+    (&["uT", "µt", "μt", "microtesla"], D::Field, 1e3),
+    (&["mT", "millitesla"], D::Field, 1e6),
+    (&["T", "tesla"], D::Field, 1e9),
+    (&["mgauss", "mg", "milligauss"], D::Field, 1e2),
+    (&["gauss", "g"], D::Field, 1e5),
+    (&["deg", "degs", "degree", "degrees", "°"], D::Angle, 1.0),
+    (&["rad", "rads", "radian", "radians"], D::Angle, 180.0 / PI),
+    (&["mrad"], D::Angle, 0.18 / PI),
+    (&["arcmin"], D::Angle, 1.0 / 60.0),
+    (&["arcsec"], D::Angle, 1.0 / 3600.0),
+    (&["degE7"], D::Angle, 1e-7),
+    (&["deg/s", "degps", "°/s", "dps"], D::AngularRate, 1.0),
+    (&["rad/s", "radps"], D::AngularRate, 180.0 / PI),
+    (&["deg/h", "deg/hr", "°/h"], D::AngularRate, 1.0 / 3600.0),
+    (&["m", "metre", "meter", "metres", "meters"], D::Length, 1.0),
+    (&["km"], D::Length, 1e3),
+    (&["cm"], D::Length, 1e-2),
+    (&["mm"], D::Length, 1e-3),
+    (&["ft", "feet", "foot"], D::Length, 0.3048),
+    (&["nmi"], D::Length, 1852.0),
+    (&["s", "sec", "secs", "second", "seconds"], D::Time, 1.0),
+    (&["ms", "msec"], D::Time, 1e-3),
+    (&["us", "µs", "μs", "usec"], D::Time, 1e-6),
+    (&["ns", "nsec"], D::Time, 1e-9),
+    (&["min", "mins", "minutes"], D::Time, 60.0),
+    (&["h", "hr", "hrs", "hour", "hours"], D::Time, 3600.0),
+    (&["m/s", "mps", "m s-1", "m/sec"], D::Speed, 1.0),
+    (&["cm/s"], D::Speed, 1e-2),
+    (&["km/h", "kmh", "kph"], D::Speed, 1.0 / 3.6),
+    (&["kn", "kt", "kts", "knot", "knots"], D::Speed, 1852.0 / 3600.0),
+    (&["mph"], D::Speed, 0.44704),
+    (&["ft/s"], D::Speed, 0.3048),
+    (&["ft/min", "fpm"], D::Speed, 0.3048 / 60.0),
+    (&["m/s2", "m/s^2", "m/s²", "m/s/s", "mps2", "m s-2"], D::Acceleration, 1.0),
+    // `g` alone is gauss or standard gravity, whichever is asked for.
+    (&["standard gravity", "g0", "gn", "g"], D::Acceleration, 9.80665),
+    (&["mGal"], D::Acceleration, 1e-5),
+    (&["A", "amp", "amps", "ampere", "amperes"], D::Current, 1.0),
+    (&["mA"], D::Current, 1e-3),
+    (&["V", "volt", "volts"], D::Voltage, 1.0),
+    (&["mV"], D::Voltage, 1e-3),
+    (&["Pa"], D::Pressure, 1.0),
+    (&["hPa", "mbar"], D::Pressure, 1e2),
+    (&["kPa"], D::Pressure, 1e3),
+    (&["Hz"], D::Frequency, 1.0),
+    (&["kHz"], D::Frequency, 1e3),
+    (&["K", "kelvin"], D::Kelvin, 1.0),
+    (&["degC", "°c", "c", "celsius"], D::Celsius, 1.0),
+];
+
 /// The factor that turns a value in `from` into one in `to`, where both measure the same thing.
 ///
 /// Spellings are compared without case; an unknown unit gives `None`.
 pub fn convert(from: &str, to: &str) -> Option<f64> {
-    let (a, b) = (measure(from)?, measure(to)?);
-    (a.0 == b.0).then(|| if a.1 == b.1 { 1.0 } else { a.1 / b.1 })
+    let wanted = measures(to);
+    measures(from).find_map(|(dimension, a)| {
+        let (_, b) = wanted.clone().find(|(d, _)| *d == dimension)?;
+        Some(if a == b { 1.0 } else { a / b })
+    })
 }
 
-/// What a unit measures, and how many base units it is.
-fn measure(unit: &str) -> Option<(&'static str, f64)> {
-    let known = match unit.trim().to_ascii_lowercase().as_str() {
-        "nt" | "gamma" => ("field", 1.0),
-        "ut" | "µt" | "μt" => ("field", 1e3),
-        "mgauss" | "mg" => ("field", 1e2),
-        "g" | "gauss" => ("field", 1e5),
-        "mt" => ("field", 1e6),
-        "t" => ("field", 1e9),
-        "deg" | "degree" | "degrees" | "°" => ("angle", 1.0),
-        "rad" | "radian" | "radians" => ("angle", 180.0 / std::f64::consts::PI),
-        "deg/s" | "degps" | "°/s" => ("angular rate", 1.0),
-        "rad/s" | "radps" => ("angular rate", 180.0 / std::f64::consts::PI),
-        "m" | "metre" | "meter" | "metres" | "meters" => ("length", 1.0),
-        "km" => ("length", 1e3),
-        "ft" | "feet" | "foot" => ("length", 0.3048),
-        "s" | "sec" | "second" | "seconds" => ("time", 1.0),
-        "ms" => ("time", 1e-3),
-        "us" | "µs" => ("time", 1e-6),
-        "ns" => ("time", 1e-9),
-        "m/s" | "mps" | "m s-1" => ("speed", 1.0),
-        "km/h" => ("speed", 1.0 / 3.6),
-        "kn" | "kt" | "knot" | "knots" => ("speed", 1852.0 / 3600.0),
-        "m/s2" | "m/s^2" | "m/s²" => ("acceleration", 1.0),
-        "a" | "ampere" => ("current", 1.0),
-        "ma" => ("current", 1e-3),
-        "v" | "volt" => ("voltage", 1.0),
-        "mv" => ("voltage", 1e-3),
-        _ => return None,
-    };
-    Some(known)
+/// Whether a unit is known.
+pub fn is_unit(unit: &str) -> bool {
+    measures(unit).next().is_some()
+}
+
+/// The usual spelling of a unit; `None` where it is unknown, or may be one of two.
+pub fn usual_spelling(unit: &str) -> Option<&'static str> {
+    let mut all = found(unit).filter_map(|(spellings, ..)| spellings.first().copied());
+    all.next().filter(|_| all.next().is_none())
+}
+
+/// The usual spellings of the units that convert to `unit`.
+pub fn convertible_to(unit: &str) -> Vec<&'static str> {
+    let Some((dimension, _)) = measures(unit).next() else { return vec![] };
+    UNITS.iter().filter(|(_, d, _)| *d == dimension).filter_map(|(spellings, ..)| spellings.first().copied()).collect()
+}
+
+/// What a unit measures, and how many base units it is; more than one for a spelling that two units share.
+fn measures(unit: &str) -> impl Iterator<Item = (Dimension, f64)> + Clone {
+    found(unit).map(|(_, d, f)| (*d, *f))
+}
+
+/// The units of a spelling; case does not matter.
+fn found(unit: &str) -> impl Iterator<Item = &'static (&'static [&'static str], Dimension, f64)> + Clone {
+    let unit = unit.trim().to_lowercase();
+    UNITS.iter().filter(move |(spellings, ..)| spellings.iter().any(|s| s.to_lowercase() == unit))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::convert;
+    use super::*;
 
     #[test]
     fn law_conversion_there_and_back_is_one() {
@@ -53,7 +127,28 @@ mod tests {
             assert!((there * back - 1.0).abs() < 1e-15, "{a} {b}");
         }
         assert_eq!(convert("uT", "nT"), Some(1000.0));
+        assert_eq!(convert("µT", "nT"), Some(1000.0));
+        assert_eq!(convert("T", "nT"), Some(1e9));
         assert_eq!(convert("nT", "deg"), None);
         assert_eq!(convert("furlong", "m"), None);
+        assert_eq!(convert("degC", "K"), None);
+        assert_eq!((usual_spelling("nt"), usual_spelling("FEET"), usual_spelling("g")), (Some("nT"), Some("ft"), None));
+    }
+
+    #[test]
+    fn ref_g_is_gauss_of_a_field_and_gravity_of_an_acceleration() {
+        assert_eq!(convert("G", "nT"), Some(1e5));
+        assert_eq!(convert("g", "m/s2"), Some(9.80665));
+        assert_eq!(convertible_to("m/s2"), ["m/s2", "standard gravity", "mGal"]);
+    }
+
+    #[test]
+    fn law_a_spelling_means_one_unit_of_each_dimension() {
+        for (i, (spellings, dimension, _)) in UNITS.iter().enumerate() {
+            for (others, other, _) in UNITS.iter().skip(i + 1) {
+                let shared = spellings.iter().any(|s| others.contains(s));
+                assert!(!shared || dimension != other, "{spellings:?} {others:?}");
+            }
+        }
     }
 }

@@ -42,7 +42,8 @@ pub fn first_year(batch: &RecordBatch) -> Result<f64, Fault> {
 fn one(year: f64, day: f64, tt: f64) -> Result<f64, Fault> {
     // What is no such number becomes a day 0, which no year has.
     let (year, day) = (year as i32, if day >= 1.0 { day as u32 } else { 0 });
-    decimal_year(year, day, tt).map_err(|e| data(e).in_column("doy"))
+    // Over midnight `tt` goes on, and the date moves on with it: only the time of the day is left to add.
+    decimal_year(year, day, tt.rem_euclid(86_400.0)).map_err(|e| data(e).in_column("doy"))
 }
 
 /// Whole numbers kept as such or as floats; NaN where there is none.

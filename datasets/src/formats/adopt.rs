@@ -1,50 +1,129 @@
-//! Settles names and keys: what the options rename, and the flight and line that a file lacks.
+//! Settles names, units and keys: what the options rename and say, what names say, and the flight and line that a file
+//! lacks.
 
 use std::{path::Path, sync::Arc};
 
 use arrow_array::{ArrayRef, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema};
-use schemas::{convert, field, flight};
+use schemas::{convert, convertible_to, field, flight};
 
-use super::{FlightOptions, Raw};
+use super::{FlightOptions, Part, Raw, missing::Missing, unit_name};
 use crate::ReadError;
 
-/// Units that a column name may end in, longest first where one ends in another.
-const SUFFIXES: [(&str, &str); 21] = [
-    ("_m_s2", "m/s2"),
-    ("_rad_s", "rad/s"),
-    ("_m_s", "m/s"),
-    ("_mgauss", "mgauss"),
-    ("_gauss", "gauss"),
-    ("_nt", "nT"),
-    ("_ut", "uT"),
-    ("_mps", "m/s"),
-    ("_deg", "deg"),
-    ("_rad", "rad"),
-    ("_ft", "ft"),
-    ("_km", "km"),
-    ("_kn", "kn"),
-    ("_ms", "ms"),
-    ("_us", "us"),
-    ("_ns", "ns"),
-    ("_ma", "mA"),
-    ("_mv", "mV"),
-    ("_m", "m"),
-    ("_s", "s"),
-    ("_a", "A"),
-];
+/// What a column of the file becomes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Named {
+    /// Its name in the flight table.
+    pub(super) name: String,
+    /// The unit that its values have; empty where nothing says one, which is the canonical unit then.
+    pub(super) unit: String,
+}
 
-/// Applies `rename`, `flight` and `line`.
+/// The name and unit of a column.
+///
+/// `own` is what the file calls it, and what its format takes that for where it differs; `said` is the unit that the
+/// file gives it. The unit is the one that the options say, else the file, else the name.
 ///
 /// # Errors
-/// A name to change that the file does not have, two columns of one name, or no flight or line.
-pub(super) fn adopt(path: &Path, raw: Raw, options: &FlightOptions) -> Result<Raw, ReadError> {
-    let names: Vec<&str> = raw.schema.fields().iter().map(|f| f.name().as_str()).collect();
-    if let Some(missing) = options.rename.keys().find(|k| !names.contains(&k.as_str())) {
+/// A unit that does not convert to that of the column it becomes, and a name that says another unit than the file.
+pub(super) fn named(
+    path: &Path,
+    own: &[&str],
+    said: Option<&str>,
+    options: &FlightOptions,
+) -> Result<Named, ReadError> {
+    let first = own.first().copied().unwrap_or_default();
+    let renamed = own.iter().find_map(|n| options.rename.get(*n)).map(String::as_str);
+    let name = renamed.or(own.last().copied()).unwrap_or_default();
+    let wanted = flight::describe(name).unit;
+    let done = |unit: &str| Ok(Named { name: name.to_owned(), unit: unit.to_owned() });
+    let said = said.filter(|u| !u.is_empty());
+    if let Some(unit) = own.iter().find_map(|n| options.units.get(*n)) {
+        let fits = wanted.is_empty() || convert(unit, wanted).is_some();
+        return if fits { done(unit) } else { Err(other_unit(path, first, name, "`units` says", unit, wanted)) };
+    }
+    if renamed.is_none() {
+        doubted(path, name, wanted, said)?;
+        return done(&said.map(str::to_owned).or_else(|| unit_name::kept_unit(first)).unwrap_or_default());
+    }
+    if wanted.is_empty() {
+        return done(&said.map(str::to_owned).or_else(|| unit_name::kept_unit(first)).unwrap_or_default());
+    }
+    match (said, unit_name::unit_of_renamed(first, name, wanted)) {
+        (Some(said), _) if convert(said, wanted).is_none() => {
+            Err(other_unit(path, first, name, "the file says", said, wanted))
+        }
+        (Some(said), Ok(Some(unit))) if convert(said, &unit) != Some(1.0) => {
+            let what = format!("its name says `{unit}`, but the file says `{said}`");
+            Err(ReadError::options(path, what).in_column(first).help(way_out(first, wanted)))
+        }
+        (Some(said), _) => done(said),
+        (None, Ok(unit)) => done(&unit.unwrap_or_default()),
+        (None, Err(unit_name::Unsettled::Other(unit))) => {
+            Err(other_unit(path, first, name, "its name says", &unit, wanted))
+        }
+        (None, Err(unit_name::Unsettled::Ambiguous(unit))) => {
+            let what = format!("the `{unit}` at the end of its name may be a unit, while `{name}` is in {wanted}");
+            Err(ReadError::options(path, what).in_column(first).help(way_out(first, wanted)))
+        }
+    }
+}
+
+fn other_unit(path: &Path, own: &str, name: &str, who: &str, unit: &str, wanted: &str) -> ReadError {
+    let what = format!("{who} `{unit}`, which does not convert to {wanted}, the unit of `{name}`");
+    ReadError::options(path, what).in_column(own).help(way_out(own, wanted))
+}
+
+fn way_out(own: &str, wanted: &str) -> String {
+    let known = convertible_to(wanted).join(", ");
+    format!("say the unit that the values have: `units = {{ {own:?} = {wanted:?} }}`, where {known} are known")
+}
+
+/// A name such as `cur_heater_mA` is one of the contract's, in A, and says mA itself: nobody can tell which is right.
+fn doubted(path: &Path, name: &str, wanted: &str, said: Option<&str>) -> Result<(), ReadError> {
+    let listed = flight::COLUMNS.iter().any(|(known, _)| *known == name);
+    let Some((_, unit)) = name.rsplit_once('_').filter(|_| !listed && !wanted.is_empty()) else { return Ok(()) };
+    let in_earnest = unit.bytes().any(|b| b.is_ascii_lowercase()) && unit.bytes().any(|b| b.is_ascii_uppercase());
+    match convert(unit, wanted) {
+        // What the contract assumes of the name is no saying of the file's.
+        Some(factor) if in_earnest && factor != 1.0 && said.is_none_or(|s| s == wanted) => {
+            let what = format!("its name says `{unit}`, but a column of this name is in {wanted}");
+            Err(ReadError::options(path, what).in_column(name).help(way_out(name, wanted)))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Every name that `rename` and `units` mention must be one of the file's own.
+fn check_names(path: &Path, own: &[String], made: &[String], options: &FlightOptions) -> Result<(), ReadError> {
+    let names: Vec<&String> = own.iter().chain(made).collect();
+    if let Some(missing) = options.rename.keys().find(|k| !names.contains(k)) {
         let what = format!("there is no column `{missing}` to rename");
         return Err(ReadError::options(path, what).nearest(missing, &names));
     }
-    let mut fields: Vec<Field> = raw.schema.fields().iter().map(|f| renamed(f, options)).collect();
+    let Some(missing) = options.units.keys().find(|k| !own.contains(k)) else { return Ok(()) };
+    let fault = ReadError::options(path, format!("there is no column `{missing}` to give a unit"));
+    Err(match options.rename.iter().find(|(_, to)| *to == missing) {
+        Some((from, _)) => fault.help(format!("`units` takes the file's own name: `{from}`")),
+        None => fault.nearest(missing, own),
+    })
+}
+
+/// Applies `rename`, `units`, `flight` and `line`.
+///
+/// # Errors
+/// A name to change that the file does not have, units that do not convert, two columns of one name, or no flight or
+/// line.
+pub(super) fn adopt(path: &Path, raw: Raw, options: &FlightOptions) -> Result<Raw, ReadError> {
+    let names: Vec<String> = raw.schema.fields().iter().map(|f| f.name().clone()).collect();
+    check_names(path, raw.own.as_deref().unwrap_or(&names), &names, options)?;
+    let one = |f: &Arc<Field>| match &raw.own {
+        // What the format has derived can still be renamed.
+        Some(own) if own.contains(f.name()) => Ok(f.as_ref().clone()),
+        Some(_) => Ok(options.rename.get(f.name()).map_or(f.as_ref().clone(), |to| f.as_ref().clone().with_name(to))),
+        None => settled(path, f, options),
+    };
+    let mut fields: Vec<Field> = raw.schema.fields().iter().map(one).collect::<Result<_, _>>()?;
     let keys = added_keys(path, &fields, options)?;
     let front = keys.iter().map(|(name, _)| {
         let known = flight::describe(name);
@@ -58,13 +137,16 @@ pub(super) fn adopt(path: &Path, raw: Raw, options: &FlightOptions) -> Result<Ra
     }
     let schema = Arc::new(Schema::new(fields));
     let (to, path) = (schema.clone(), path.to_path_buf());
-    let batches = raw.batches.map(move |batch| {
-        let batch = batch?;
+    let missing = raw.fillers.then(|| Missing::of(options));
+    let parts = raw.parts.map(move |part| {
+        let Part { batch, faults } = part?;
         let constant = |v: &String| Arc::new(StringArray::from(vec![v.as_str(); batch.num_rows()])) as ArrayRef;
-        let columns = keys.iter().map(|(_, v)| constant(v)).chain(batch.columns().iter().cloned()).collect();
-        RecordBatch::try_new(to.clone(), columns).map_err(|e| ReadError::data(&path, e.to_string()))
+        let own = batch.columns().iter().map(|c| missing.as_ref().map_or(c.clone(), |m| m.nulled(c)));
+        let columns = keys.iter().map(|(_, v)| constant(v)).chain(own).collect();
+        let batch = RecordBatch::try_new(to.clone(), columns).map_err(|e| ReadError::data(&path, e.to_string()))?;
+        Ok(Part { batch, faults })
     });
-    Ok(Raw { schema, batches: Box::new(batches) })
+    Ok(Raw { schema, parts: Box::new(parts), ..raw })
 }
 
 /// The flight and line to add, where the file has none.
@@ -87,48 +169,47 @@ fn added_keys(
     Ok(added)
 }
 
-fn renamed(source: &Field, options: &FlightOptions) -> Field {
-    let Some(name) = options.rename.get(source.name()) else { return source.clone() };
-    let known = flight::describe(name);
-    let unit = source.metadata().get("unit").filter(|u| !u.is_empty()).cloned();
-    let unit = unit.or_else(|| suffix_unit(source.name(), known.unit).map(str::to_owned));
-    let unit = unit.unwrap_or_else(|| known.unit.to_owned());
-    field(name, source.data_type().clone(), &unit, known.role, known.description)
-}
-
-/// The unit that a column's name ends in. One letter can be anything (`flux_a`), so it counts only where
-/// it converts to the unit that is wanted.
-fn suffix_unit(name: &str, wanted: &str) -> Option<&'static str> {
-    let lower = name.to_ascii_lowercase();
-    let (suffix, unit) = SUFFIXES.iter().find(|(s, _)| lower.ends_with(s))?;
-    (suffix.len() > 2 || convert(unit, wanted).is_some()).then_some(*unit)
+/// The field that a column becomes; nullable, since values may be found missing.
+fn settled(path: &Path, source: &Field, options: &FlightOptions) -> Result<Field, ReadError> {
+    let metadata = source.metadata();
+    let Named { name, unit } = named(path, &[source.name()], metadata.get("unit").map(String::as_str), options)?;
+    if name == *source.name() && metadata.get("unit").map_or("", String::as_str) == unit {
+        return Ok(source.clone().with_nullable(true));
+    }
+    let known = flight::describe(&name);
+    let unit = if unit.is_empty() { known.unit } else { &unit };
+    let own = metadata.get("description").filter(|d| name == *source.name() && !d.is_empty());
+    let description = own.map_or(known.description, String::as_str);
+    Ok(field(&name, source.data_type().clone(), unit, known.role, description))
 }
 
 /// The unit that a name says by its end, where it cannot be read otherwise.
 pub(super) fn unit_of_name(name: &str) -> Option<String> {
-    let long = suffix_unit(name, "").map(str::to_owned);
-    long.or_else(|| name.to_ascii_lowercase().ends_with("_m").then(|| "m".to_owned()))
+    unit_name::kept_unit(name)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ref_units_at_the_end_of_names() {
-        let cases = [
-            ("mag_x_mgauss", Some("mgauss")),
-            ("ins_lat_rad", Some("rad")),
-            ("gyro_x_rad_s", Some("rad/s")),
-            ("accel_m_s2", Some("m/s2")),
-            ("flux_a_x_nt", Some("nT")),
-            ("time_s", Some("s")),
-            ("flux_a_x", None),
-            ("flux_a", None),
-        ];
-        for (name, unit) in cases {
-            let wanted = if name == "time_s" { "s" } else { "nT" };
-            assert_eq!(suffix_unit(name, wanted), unit, "{name}");
-        }
+/// The values of a column in the unit that its format counts on (`counted`; the canonical one where that is empty),
+/// and that unit.
+///
+/// # Errors
+/// A unit that does not convert.
+pub(super) fn in_counted_unit(
+    path: &Path,
+    own: &str,
+    named: &Named,
+    counted: &str,
+    values: Vec<f64>,
+) -> Result<(String, Vec<f64>), ReadError> {
+    let wanted = if counted.is_empty() { flight::describe(&named.name).unit } else { counted };
+    let unit = named.unit.as_str();
+    if unit.is_empty() || wanted.is_empty() {
+        let unit = if unit.is_empty() { counted } else { unit };
+        return Ok((unit.to_owned(), values));
     }
+    let factor = convert(unit, wanted);
+    // Units that no converter knows are those of the format itself.
+    let factor = if unit == wanted { Some(1.0) } else { factor };
+    let factor = factor.ok_or_else(|| other_unit(path, own, &named.name, "the column is in", unit, wanted))?;
+    let values = if factor == 1.0 { values } else { values.into_iter().map(|x| x * factor).collect() };
+    Ok((wanted.to_owned(), values))
 }

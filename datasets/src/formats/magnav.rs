@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::FlightOptions;
+use super::{FlightOptions, RowFault};
 use crate::{
     ReadError,
     motion::Track,
@@ -20,7 +20,14 @@ pub(super) const NEEDED: [&str; 3] = ["lat", "lon", "alt"];
 /// - `ins_fn`, `ins_fe`, `ins_fd` are differences of the INS velocity, with Coriolis and gravity.
 ///
 /// The truth's specific force (`fn`, `fe`, `fd`), where a file has it, is kept under its own name.
-pub(super) fn finish(path: &Path, mut table: Table, options: &FlightOptions) -> Result<Table, ReadError> {
+///
+/// What is wrong with single rows comes out beside the table.
+pub(super) fn finish(
+    path: &Path,
+    mut table: Table,
+    options: &FlightOptions,
+) -> Result<(Table, Vec<RowFault>), ReadError> {
+    let mut faults = vec![];
     for name in NEEDED {
         if !table.has(name) {
             return Err(ReadError::data(path, "a MagNav.jl flight needs this column").in_column(name));
@@ -33,20 +40,23 @@ pub(super) fn finish(path: &Path, mut table: Table, options: &FlightOptions) -> 
     }
     for name in ["year", "doy"] {
         if let Some(Values::Number(x)) = table.take(name) {
-            let values = whole(path, name, &x)?;
+            let (values, wrong) = whole(path, name, &x);
+            faults.extend(wrong);
             table.push(name, "", values);
         }
     }
     let rows = table.rows();
     for (name, given) in [("line", &options.line), ("flight", &options.flight)] {
         let values = match table.take(name) {
-            Some(Values::Number(x)) => x.iter().map(f64::to_string).collect(),
+            Some(Values::Number(x)) => {
+                x.iter().map(|x| if x.is_finite() { x.to_string() } else { String::new() }).collect()
+            }
             Some(Values::Text(x)) => x,
             _ => vec![given.clone().unwrap_or_else(|| "1".to_owned()); rows],
         };
         table.push_front(name, Values::Text(values));
     }
-    Ok(table)
+    Ok((table, faults))
 }
 
 /// Velocity from position, for the truth or with the prefix `ins_`.

@@ -6,7 +6,11 @@ use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type, types::
 use arrow_schema::DataType;
 use arrow_select::concat::concat_batches;
 
-use super::{FlightFormat, FlightOptions, Head, Raw, csv, magnav};
+use super::{
+    FlightFormat, FlightOptions, Head, Part, Raw, RowFault,
+    adopt::{in_counted_unit, named},
+    csv, magnav,
+};
 use crate::{
     ReadError,
     table::{Table, Values},
@@ -18,7 +22,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     extensions: &[],
     recognise: |head: &Head| {
         let header = head.first_line().unwrap_or_default();
-        let names: Vec<&str> = header.split(',').map(str::trim).collect();
+        let names: Vec<&str> = header.split(',').map(|n| head.renamed(n.trim())).collect();
         let has = |n: &str| names.contains(&n);
         magnav::NEEDED.iter().all(|n| has(n)) && has("ins_lat") && !has("flight") && !has("line") && !has("ins_vn")
     },
@@ -27,26 +31,48 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 
 fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
     let plain = (csv::FORMAT.open)(path, options)?;
-    let batches = plain.batches.collect::<Result<Vec<_>, _>>()?;
+    let (mut batches, mut faults, mut rows) = (vec![], vec![], 0);
+    for part in plain.parts {
+        let part = part?;
+        faults.extend(part.faults.into_iter().map(|f| RowFault { row: rows + f.row, ..f }));
+        rows += part.batch.num_rows();
+        batches.push(part.batch);
+    }
     let whole = concat_batches(&plain.schema, &batches).map_err(|e| ReadError::data(path, e.to_string()))?;
     if whole.num_rows() == 0 {
         return Err(ReadError::data(path, "holds a header and no rows"));
     }
-    let table = magnav::finish(path, table(&whole), options)?;
+    let own = plain.schema.fields().iter().map(|f| f.name().clone()).collect();
+    let (table, more) = magnav::finish(path, table(path, &whole, options)?, options)?;
+    faults.extend(more);
+    faults.sort_by_key(|f| f.row);
     let (schema, batch) = (table.schema(), table.into_batch(path)?);
-    Ok(Raw { schema, batches: Box::new(std::iter::once(Ok(batch))) })
+    let parts = Box::new(std::iter::once(Ok(Part { batch, faults })));
+    Ok(Raw { own: Some(own), notes: plain.notes, ..Raw::new(schema, parts) })
 }
 
-fn table(batch: &RecordBatch) -> Table {
+fn table(path: &Path, batch: &RecordBatch, options: &FlightOptions) -> Result<Table, ReadError> {
     let mut table = Table::default();
     for (field, column) in batch.schema().fields().iter().zip(batch.columns()) {
-        let values = match column.data_type() {
-            DataType::Float64 => Values::Number(column.as_primitive::<Float64Type>().values().to_vec()),
-            DataType::Int64 => Values::Whole(column.as_primitive::<Int64Type>().iter().collect()),
-            _ => Values::Text(column.as_string::<i32>().iter().map(|x| x.unwrap_or_default().to_owned()).collect()),
+        let own = field.name();
+        let named = named(path, &[own], None, options)?;
+        if table.has(&named.name) {
+            return Err(ReadError::options(path, "two columns would have this name").in_column(&named.name));
+        }
+        let counted = if named.name == "ins_tt" { "s" } else { "" };
+        let (unit, values) = match column.data_type() {
+            DataType::Float64 => {
+                let numbers = column.as_primitive::<Float64Type>().values().to_vec();
+                let (unit, numbers) = in_counted_unit(path, own, &named, counted, numbers)?;
+                (unit, Values::Number(numbers))
+            }
+            DataType::Int64 => (named.unit, Values::Whole(column.as_primitive::<Int64Type>().iter().collect())),
+            _ => {
+                let texts = column.as_string::<i32>().iter().map(|x| x.unwrap_or_default().to_owned());
+                (named.unit, Values::Text(texts.collect()))
+            }
         };
-        let unit = if field.name() == "ins_tt" { "s" } else { "" };
-        table.push(field.name(), unit, values);
+        table.push(&named.name, &unit, values);
     }
-    table
+    Ok(table)
 }

@@ -5,7 +5,13 @@
 
 use std::path::Path;
 
-use super::{FlightFormat, FlightOptions, Head, Raw, hdf5::Hdf5, magnav};
+use super::{
+    FlightFormat, FlightOptions, Head, Part, Raw,
+    adopt::{in_counted_unit, named},
+    hdf5::Hdf5,
+    magnav,
+    missing::Missing,
+};
 use crate::{
     ReadError,
     motion::Track,
@@ -28,11 +34,13 @@ const DEFAULT_DT_S: f64 = 0.1;
 
 fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
     let file = Hdf5::open(path)?;
-    let rows = file.need("lat")?.shape.first().copied().unwrap_or(0);
+    let latitude = options.rename.iter().find(|(own, to)| *to == "lat" && file.has(own)).map_or("lat", |(own, _)| own);
+    let rows = file.need(latitude)?.shape.first().copied().unwrap_or(0);
     if rows == 0 {
         return Err(ReadError::data(path, "holds no samples").in_column("lat"));
     }
-    let mut table = Table::default();
+    let (mut table, missing) = (Table::default(), Missing::of(options));
+    let mut own = vec![];
     for name in file.names() {
         let set = file.need(name)?;
         if set.shape.len() != 1 || !set.is_numeric() || (set.shape == [1] && rows != 1) {
@@ -41,8 +49,15 @@ fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
         if set.shape != [rows] {
             return Err(set.damaged(&format!("holds {} values where `lat` has {rows}", set.shape[0])));
         }
-        let unit = if name == "ins_tt" { "s" } else { "" };
-        table.push(name, unit, Values::Number(set.all()?));
+        let named = named(path, &[name], None, options)?;
+        let counted = if named.name == "ins_tt" { "s" } else { "" };
+        let values = set.all()?.into_iter().map(|x| missing.kept(x)).collect();
+        let (unit, values) = in_counted_unit(path, name, &named, counted, values)?;
+        if table.has(&named.name) {
+            return Err(ReadError::options(path, "two columns would have this name").in_column(&named.name));
+        }
+        table.push(&named.name, &unit, Values::Number(values));
+        own.push(name.clone());
     }
     if !table.has("tt") {
         let dt = if file.has("dt") { file.need("dt")?.scalar()? } else { DEFAULT_DT_S };
@@ -54,9 +69,9 @@ fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
         }
     }
     refuse_radians(path, &table)?;
-    let table = magnav::finish(path, table, options)?;
+    let (table, faults) = magnav::finish(path, table, options)?;
     let (schema, batch) = (table.schema(), table.into_batch(path)?);
-    Ok(Raw { schema, batches: Box::new(std::iter::once(Ok(batch))) })
+    Ok(Raw { own: Some(own), ..Raw::new(schema, Box::new(std::iter::once(Ok(Part { batch, faults })))) })
 }
 
 /// Roll, pitch and yaw from the direction cosines. Julia stores columns first, so that the 3 x 3 x N

@@ -39,6 +39,7 @@ mod map_surfer6;
 mod map_surfer7;
 mod map_surfer_text;
 mod map_xyz;
+mod missing;
 mod netcdf_write;
 mod output;
 mod parquet;
@@ -49,6 +50,7 @@ mod sgl_hdf5;
 mod sgl_xyz;
 mod synth;
 mod text_table;
+mod unit_name;
 
 pub use crate::grid::Map;
 pub use iaga2002::{ObservatoryRecord, read_iaga2002};
@@ -60,9 +62,14 @@ pub use points::{Extra, PointOptions, SurveyPoints, read_points};
 pub struct FlightOptions {
     /// The name of the format, where content and extension do not tell.
     pub format: Option<String>,
-    /// The file's column names to canonical ones. A unit at the end of the file's name (`_rad`,
-    /// `_mgauss`) is taken as the column's unit.
+    /// The file's column names to canonical ones. A unit in the file's name (`GPS Lat (rad)`, `Alt ft`,
+    /// `Mag_mgauss`) is taken as the column's unit, and one that does not convert is an error.
     pub rename: BTreeMap<String, String>,
+    /// The units of columns, by the file's own names. They are taken before what names and metadata say.
+    pub units: BTreeMap<String, String>,
+    /// Words and numbers that stand for a missing value, besides the usual ones (`N/A`, `NA`, `null`,
+    /// `none`, `NaN`, `-`, `*`, an empty cell, -99999 and Geosoft's -1e32).
+    pub missing: Vec<String>,
     /// The flight, for files that hold none.
     pub flight: Option<String>,
     /// The line, for files that hold none.
@@ -71,22 +78,68 @@ pub struct FlightOptions {
     pub accept: Vec<Accept>,
 }
 
-/// A flight log being read: its schema, and its batches in the file's order.
+/// A flight log being read: its schema, and its rows in the file's order.
 ///
 /// Columns have the contract's names; each field's metadata `unit` is the unit that its values have,
 /// which `schemas::canonical` converts. A missing number is NaN or null.
 pub struct FlightReader {
     format: &'static str,
     schema: SchemaRef,
-    batches: Batches,
+    notes: Vec<String>,
+    parts: Parts,
 }
 
-pub(crate) type Batches = Box<dyn Iterator<Item = Result<RecordBatch, ReadError>> + Send>;
+impl FlightOptions {
+    /// Whether a text, such as the identifier of a line, stands for a missing value.
+    pub fn is_missing(&self, text: &str) -> bool {
+        missing::Missing::of(self).is_text(text)
+    }
+}
+
+/// Some rows of a flight, and what is wrong with single ones of them.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// The rows. A value that could not be read is missing; a row that could not be split into columns has nothing
+    /// but missing values, in the flight and line of the row before.
+    pub batch: RecordBatch,
+    /// What could not be read, in the order of the rows.
+    pub faults: Vec<RowFault>,
+}
+
+/// What is wrong with one row.
+#[derive(Clone, Debug)]
+pub struct RowFault {
+    /// The row of the batch, from 0.
+    pub row: usize,
+    /// What is wrong; its row is that of the file.
+    pub fault: ReadError,
+}
+
+impl Part {
+    pub(crate) fn whole(batch: RecordBatch) -> Part {
+        Part { batch, faults: vec![] }
+    }
+}
+
+pub(crate) type Parts = Box<dyn Iterator<Item = Result<Part, ReadError>> + Send>;
 
 /// What a format yields before names and keys are settled.
 pub(crate) struct Raw {
     pub(crate) schema: SchemaRef,
-    pub(crate) batches: Batches,
+    pub(crate) parts: Parts,
+    /// What the file calls its columns, where the format has settled names and units itself.
+    pub(crate) own: Option<Vec<String>>,
+    /// Whether numbers that stand for missing values are still among the values.
+    pub(crate) fillers: bool,
+    /// What was noticed, in words.
+    pub(crate) notes: Vec<String>,
+}
+
+impl Raw {
+    /// Columns under the file's own names.
+    pub(crate) fn new(schema: SchemaRef, parts: Parts) -> Raw {
+        Raw { schema, parts, own: None, fillers: false, notes: vec![] }
+    }
 }
 
 impl FlightReader {
@@ -99,13 +152,31 @@ impl FlightReader {
     pub fn schema(&self) -> &SchemaRef {
         &self.schema
     }
+
+    /// What was noticed of the whole file that the user should know, in words.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// The next rows, with what is wrong with single ones, for a reader that can do without these.
+    ///
+    /// # Errors
+    /// Damage after which nothing more of the file can be read.
+    pub fn next_part(&mut self) -> Option<Result<Part, ReadError>> {
+        self.parts.next()
+    }
 }
 
+/// The batches of a file in which every row is right: the first that is not is an error.
 impl Iterator for FlightReader {
     type Item = Result<RecordBatch, ReadError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        self.batches.next()
+        let part = self.next_part()?;
+        Some(part.and_then(|part| match part.faults.into_iter().next() {
+            Some(wrong) => Err(wrong.fault),
+            None => Ok(part.batch),
+        }))
     }
 }
 
@@ -133,11 +204,13 @@ pub struct MapOptions {
 pub(crate) struct Head<'a> {
     path: &'a Path,
     bytes: Vec<u8>,
+    rename: Option<&'a BTreeMap<String, String>>,
 }
 
 impl Head<'_> {
     fn read(path: &Path) -> Result<Head<'_>, ReadError> {
         let mut bytes = vec![];
+        refuse_special(path)?;
         if !path.is_dir() {
             let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
             file.take(4096).read_to_end(&mut bytes).map_err(|e| ReadError::io(path, &e))?;
@@ -145,7 +218,7 @@ impl Head<'_> {
                 return Err(ReadError::data(path, "the file is empty"));
             }
         }
-        Ok(Head { path, bytes })
+        Ok(Head { path, bytes, rename: None })
     }
 
     fn starts_with(&self, magic: &[u8]) -> bool {
@@ -166,8 +239,24 @@ impl Head<'_> {
         if !self.starts_with(hdf5::MAGIC) {
             return vec![];
         }
-        hdf5::Hdf5::open(self.path).map(|f| f.names().to_vec()).unwrap_or_default()
+        let names = hdf5::Hdf5::open(self.path).map(|f| f.names().to_vec()).unwrap_or_default();
+        names.iter().map(|n| self.renamed(n).to_owned()).collect()
     }
+
+    /// The name that the options give a column.
+    fn renamed<'a>(&'a self, name: &'a str) -> &'a str {
+        self.rename.and_then(|r| r.get(name)).map_or(name, String::as_str)
+    }
+}
+
+/// Reading a pipe or a device may wait for ever, so it is refused.
+fn refuse_special(path: &Path) -> Result<(), ReadError> {
+    let about = std::fs::metadata(path).map_err(|e| ReadError::io(path, &e))?;
+    if about.is_file() || about.is_dir() {
+        return Ok(());
+    }
+    let what = "is a pipe, socket or device, not a regular file";
+    Err(ReadError::options(path, what).help("write what it yields into a file, and name that"))
 }
 
 /// A flight format: how it is called, recognised and opened.
@@ -238,12 +327,12 @@ pub const MAP_FORMATS: &[MapFormat] = &[
 /// A file that is missing, empty, damaged or in no known format, and options that do not fit it. What
 /// is wrong further on in the file comes out of the reader.
 pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader, ReadError> {
-    let head = Head::read(path)?;
+    let head = Head { rename: Some(&options.rename), ..Head::read(path)? };
     let entries: Vec<_> = FLIGHT_FORMATS.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
     let chosen = choose(&head, options.format.as_deref(), &entries, "flight")?;
     let format = &FLIGHT_FORMATS[chosen];
     let raw = adopt::adopt(path, (format.open)(path, options)?, options)?;
-    Ok(FlightReader { format: format.name, schema: raw.schema, batches: raw.batches })
+    Ok(FlightReader { format: format.name, schema: raw.schema, notes: raw.notes, parts: raw.parts })
 }
 
 /// Reads a map and brings it onto a regular grid of latitude and longitude.

@@ -4,7 +4,7 @@ use std::{fs::File, path::Path};
 
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
-use super::{FlightFormat, FlightOptions, Head, Raw, guarded};
+use super::{FlightFormat, FlightOptions, Head, Part, Raw, guarded};
 use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
@@ -29,18 +29,18 @@ fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
     })?;
     let path = path.to_path_buf();
     let mut reader = Some(reader);
-    let batches = std::iter::from_fn(move || {
+    let parts = std::iter::from_fn(move || {
         let inner = reader.as_mut()?;
         let next = guarded(&path, || inner.next().transpose().map_err(|e| damaged(&path, &e.to_string()))).transpose();
         // Nothing after a damaged page can be trusted.
         if matches!(next, None | Some(Err(_))) {
             reader = None;
         }
-        next
+        next.map(|batch| batch.map(Part::whole))
     });
     // The writer's own schema metadata (such as pandas') is dropped: it describes another table.
     let schema = std::sync::Arc::new(arrow_schema::Schema::new(schema.fields().clone()));
-    Ok(Raw { schema, batches: Box::new(batches) })
+    Ok(Raw { fillers: true, ..Raw::new(schema, Box::new(parts)) })
 }
 
 /// A Parquet file with its footer read.

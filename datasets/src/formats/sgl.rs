@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use super::RowFault;
 use crate::{
     ReadError,
     motion::Track,
@@ -124,7 +125,10 @@ pub(super) fn ins_angle(lat_deg: Option<f64>, ins_lat: Option<f64>) -> &'static 
 /// - `igrf` is `mag_1_dc - mag_1_igrf`.
 ///
 /// A column that the file lacks is absent, not filled in.
-pub(super) fn finish(path: &Path, mut table: Table) -> Result<Table, ReadError> {
+///
+/// What is wrong with single rows comes out beside the table.
+pub(super) fn finish(path: &Path, mut table: Table) -> Result<(Table, Vec<RowFault>), ReadError> {
+    let mut faults = vec![];
     for (from, to, sign) in [("utm_z", "alt", 1.0), ("ins_vw", "ins_ve", -1.0), ("ins_vu", "ins_vd", -1.0)] {
         if let Some(Values::Number(x)) = table.take(from) {
             table.push(to, "", Values::Number(x.iter().map(|x| sign * x).collect()));
@@ -138,23 +142,23 @@ pub(super) fn finish(path: &Path, mut table: Table) -> Result<Table, ReadError> 
     }
     for name in ["year", "doy"] {
         if let Some(Values::Number(x)) = table.take(name) {
-            let values = whole(path, name, &x)?;
+            let (values, wrong) = whole(path, name, &x);
+            faults.extend(wrong);
             table.push(name, "", values);
         }
     }
     for (name, spell) in [("line", line_text as fn(f64) -> String), ("flight", |x| x.to_string())] {
         match table.take(name) {
             Some(Values::Number(x)) => {
-                if let Some(row) = x.iter().position(|x| !x.is_finite()) {
-                    return Err(ReadError::data(path, "the identifier is missing").in_column(name).in_row(row as u64));
-                }
-                table.push_front(name, Values::Text(x.iter().map(|x| spell(*x)).collect()));
+                // A missing identifier is no text; whoever puts the lines together says so.
+                let text = |x: &f64| if x.is_finite() { spell(*x) } else { String::new() };
+                table.push_front(name, Values::Text(x.iter().map(text).collect()));
             }
             Some(values) => table.push_front(name, values),
             None => {}
         }
     }
-    Ok(table)
+    Ok((table, faults))
 }
 
 /// `1003.1` is line `1003.10`: the surveys number lines with two decimals.

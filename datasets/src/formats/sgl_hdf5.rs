@@ -1,11 +1,16 @@
 //! The HDF5 files of the SGL surveys of 2020 and 2021, as MagNav.jl writes them: one data set a field.
 //! One line of the survey at a time is in memory.
 
-use std::{ops::Range, path::Path};
+use std::{
+    ops::Range,
+    path::{Path, PathBuf},
+};
 
 use super::{
-    FlightFormat, FlightOptions, Head, Raw,
+    FlightFormat, FlightOptions, Head, Part, Raw,
+    adopt::{Named, in_counted_unit, named},
     hdf5::{Hdf5, Values as DataSet},
+    missing::Missing,
     sgl,
 };
 use crate::{
@@ -24,9 +29,17 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     open,
 };
 
-fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
+/// A data set, and the column it becomes.
+struct Column {
+    own: String,
+    named: Named,
+    set: DataSet,
+}
+
+fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
     let file = Hdf5::open(path)?;
-    let rows = file.need("tt")?.shape.first().copied().unwrap_or(0);
+    let time = options.rename.iter().find(|(own, to)| *to == "tt" && file.has(own)).map_or("tt", |(own, _)| own);
+    let rows = file.need(time)?.shape.first().copied().unwrap_or(0);
     if rows == 0 {
         return Err(ReadError::data(path, "holds no samples").in_column("tt"));
     }
@@ -42,26 +55,36 @@ fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
         }
         sets.push((name.clone(), set));
     }
+    let own = sets.iter().map(|(own, _)| own.clone()).collect();
     let first = |name: &str| -> Option<f64> {
-        let (_, set) = sets.iter().find(|(n, _)| n == name)?;
+        let (_, set) = sets.iter().find(|(own, _)| own == name)?;
         set.rows(0..1).ok()?.first().copied()
     };
     let ins_angle = sgl::ins_angle(first("lat"), first("ins_lat"));
+    let column = |(own, set): (String, DataSet)| {
+        let named = named(path, &[&own], Some(sgl::unit_of(&own, ins_angle)), options)?;
+        Ok(Column { own, named, set })
+    };
+    let sets = sets.into_iter().map(column).collect::<Result<Vec<_>, ReadError>>()?;
     let mut lines = lines(&sets, rows)?.into_iter();
-    let schema = sgl::finish(path, table(&sets, 0..0, ins_angle)?)?.schema();
-    let path = path.to_path_buf();
-    let next =
-        move || table(&sets, lines.next()?, ins_angle).and_then(|t| sgl::finish(&path, t)?.into_batch(&path)).into();
-    let batches = std::iter::from_fn(next);
-    Ok(Raw { schema, batches: Box::new(batches) })
+    let file = Sets { path: path.to_path_buf(), sets, ins_angle, missing: Missing::of(options) };
+    let schema = sgl::finish(path, file.table(0..0)?)?.0.schema();
+    let next = move || {
+        let part = file.table(lines.next()?).and_then(|t| {
+            let (table, faults) = sgl::finish(&file.path, t)?;
+            Ok(Part { batch: table.into_batch(&file.path)?, faults })
+        });
+        Some(part)
+    };
+    Ok(Raw { own: Some(own), ..Raw::new(schema, Box::new(std::iter::from_fn(next))) })
 }
 
 /// The rows of each line of the survey, in the file's order.
-fn lines(sets: &[(String, DataSet)], rows: u64) -> Result<Vec<Range<u64>>, ReadError> {
+fn lines(sets: &[Column], rows: u64) -> Result<Vec<Range<u64>>, ReadError> {
     let mut keys = vec![];
     for name in ["flight", "line"] {
-        if let Some((_, set)) = sets.iter().find(|(n, _)| n == name) {
-            keys.push(set.all()?);
+        if let Some(column) = sets.iter().find(|c| c.named.name == name) {
+            keys.push(column.set.all()?);
         }
     }
     let changes = (1..rows).filter(|r| {
@@ -73,11 +96,27 @@ fn lines(sets: &[(String, DataSet)], rows: u64) -> Result<Vec<Range<u64>>, ReadE
     Ok(starts.windows(2).map(|w| w[0]..w[1]).collect())
 }
 
-fn table(sets: &[(String, DataSet)], rows: Range<u64>, ins_angle: &'static str) -> Result<Table, ReadError> {
-    let mut table = Table::default();
-    for (name, set) in sets {
-        let values = if rows.is_empty() { vec![] } else { set.rows(rows.clone())? };
-        table.push(name, sgl::unit_of(name, ins_angle), Values::Number(values));
+/// The data sets of a file.
+struct Sets {
+    path: PathBuf,
+    sets: Vec<Column>,
+    ins_angle: &'static str,
+    missing: Missing,
+}
+
+impl Sets {
+    fn table(&self, rows: Range<u64>) -> Result<Table, ReadError> {
+        let mut table = Table::default();
+        for Column { own, named, set } in &self.sets {
+            let values = if rows.is_empty() { vec![] } else { set.rows(rows.clone())? };
+            let values = values.into_iter().map(|x| self.missing.kept(x)).collect();
+            let counted = sgl::unit_of(&named.name, self.ins_angle);
+            let (unit, values) = in_counted_unit(&self.path, own, named, counted, values)?;
+            if table.has(&named.name) {
+                return Err(ReadError::options(&self.path, "two columns would have this name").in_column(&named.name));
+            }
+            table.push(&named.name, &unit, Values::Number(values));
+        }
+        Ok(table)
     }
-    Ok(table)
 }

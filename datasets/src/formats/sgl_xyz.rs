@@ -8,7 +8,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{FlightFormat, FlightOptions, Head, Raw, csv::number, sgl};
+use super::{
+    FlightFormat, FlightOptions, Head, Part, Raw, RowFault,
+    adopt::{Named, in_counted_unit, named},
+    csv::ends_with_newline,
+    missing::Missing,
+    sgl,
+};
 use crate::{
     ReadError,
     table::{Table, Values},
@@ -22,37 +28,69 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     open,
 };
 
-fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
-    let mut rows = Rows::open(path)?;
+fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
+    let mut rows = Rows::open(path, options)?;
     rows.advance()?;
-    if rows.pending.is_none() {
+    let Some(first) = &rows.pending else {
         return Err(ReadError::data(path, "holds a header and no rows"));
-    }
-    let value = |name: &str| {
-        let at = rows.names.iter().position(|n| n == name)?;
-        number(rows.pending.as_ref()?.get(at)?)
     };
-    rows.ins_angle = sgl::ins_angle(value("lat"), value("ins_lat"));
-    let schema = sgl::finish(path, rows.table(vec![vec![]; rows.names.len()], 0)?)?.schema();
+    let value = |name: &str| {
+        let at = rows.columns.iter().position(|c| c.meant == name)?;
+        rows.missing.number(first.words.get(at)?)
+    };
+    let ins_angle = sgl::ins_angle(value("lat"), value("ins_lat"));
+    rows.name(ins_angle, options)?;
+    let own = rows.columns.iter().flat_map(|c| [c.header.clone(), c.meant.clone()]).collect();
+    let empty = rows.table(&[])?.0;
+    let schema = sgl::finish(path, empty)?.0.schema();
+    let notes = match ends_with_newline(path) {
+        Ok(false) => {
+            let file = path.display();
+            vec![format!("{file}: the file does not end with a newline, so it may be cut short inside its last value")]
+        }
+        _ => vec![],
+    };
     let (path, mut done) = (path.to_path_buf(), false);
-    let batches = std::iter::from_fn(move || {
+    let parts = std::iter::from_fn(move || {
         if done {
             return None;
         }
-        let batch = rows.line().transpose()?.and_then(|t| sgl::finish(&path, t)).and_then(|t| t.into_batch(&path));
-        done = batch.is_err();
-        Some(batch)
+        let part = rows.line().transpose()?.and_then(|(table, mut faults)| {
+            let (table, more) = sgl::finish(&path, table)?;
+            faults.extend(more);
+            faults.sort_by_key(|f| f.row);
+            Ok(Part { batch: table.into_batch(&path)?, faults })
+        });
+        done = part.is_err();
+        Some(part)
     });
-    Ok(Raw { schema, batches: Box::new(batches) })
+    Ok(Raw { own: Some(own), notes, ..Raw::new(schema, Box::new(parts)) })
+}
+
+/// A column of the file.
+struct Column {
+    /// As the header spells it.
+    header: String,
+    /// What the surveys mean by that.
+    meant: String,
+    named: Named,
+}
+
+/// A row of text.
+struct Row {
+    words: Vec<String>,
+    /// Of the file, from 1.
+    text_line: u64,
 }
 
 /// The rows of the file, one ahead.
 struct Rows {
     path: PathBuf,
     input: BufReader<File>,
-    names: Vec<String>,
+    columns: Vec<Column>,
+    missing: Missing,
     ins_angle: &'static str,
-    pending: Option<Vec<String>>,
+    pending: Option<Row>,
     /// Rows taken so far, and lines of text.
     row: u64,
     text_line: u64,
@@ -60,25 +98,48 @@ struct Rows {
 
 impl Rows {
     /// Opens the file and reads up to the header.
-    fn open(path: &Path) -> Result<Rows, ReadError> {
+    fn open(path: &Path, options: &FlightOptions) -> Result<Rows, ReadError> {
         let input = BufReader::new(File::open(path).map_err(|e| ReadError::io(path, &e))?);
-        let (names, pending) = (vec![], None);
-        let mut rows = Rows { path: path.to_path_buf(), input, names, ins_angle: "rad", pending, row: 0, text_line: 0 };
+        let (columns, pending, missing) = (vec![], None, Missing::of(options));
+        let path_buf = path.to_path_buf();
+        let mut rows =
+            Rows { path: path_buf, input, columns, missing, ins_angle: "rad", pending, row: 0, text_line: 0 };
         let mut header = None;
         while rows.input.fill_buf().map_err(|e| ReadError::io(path, &e))?.first() == Some(&b'/') {
             let Some(line) = rows.text()? else { break };
-            let words: Vec<String> = line.trim_start_matches('/').split_whitespace().map(sgl::name_of_header).collect();
+            let words: Vec<String> = line.trim_start_matches('/').split_whitespace().map(str::to_owned).collect();
             if words.len() > 1 {
                 header = Some(words);
             }
         }
-        rows.names = header.ok_or_else(|| ReadError::data(path, "no line after `/` names the columns"))?;
-        for (i, name) in rows.names.iter().enumerate() {
-            if rows.names.iter().take(i).any(|n| n == name) {
-                return Err(ReadError::data(path, "the header names the column twice").in_column(name));
+        let header = header.ok_or_else(|| ReadError::data(path, "no line after `/` names the columns"))?;
+        let column = |header: String| {
+            let meant = sgl::name_of_header(&header);
+            Column { header, named: Named { name: meant.clone(), unit: String::new() }, meant }
+        };
+        rows.columns = header.into_iter().map(column).collect();
+        for (i, column) in rows.columns.iter().enumerate() {
+            if rows.columns.iter().take(i).any(|c| c.meant == column.meant) {
+                return Err(ReadError::data(path, "the header names the column twice").in_column(&column.meant));
             }
         }
         Ok(rows)
+    }
+
+    /// Gives the columns the names and units of the options.
+    fn name(&mut self, ins_angle: &'static str, options: &FlightOptions) -> Result<(), ReadError> {
+        self.ins_angle = ins_angle;
+        for column in &mut self.columns {
+            let said = Some(sgl::unit_of(&column.meant, ins_angle));
+            column.named = named(&self.path, &[&column.header, &column.meant], said, options)?;
+        }
+        for (i, column) in self.columns.iter().enumerate() {
+            let name = &column.named.name;
+            if self.columns.iter().take(i).any(|c| c.named.name == *name) {
+                return Err(ReadError::options(&self.path, "two columns would have this name").in_column(name));
+            }
+        }
+        Ok(())
     }
 
     /// The next line of text.
@@ -101,57 +162,90 @@ impl Rows {
             if text.trim().is_empty() || text.starts_with('/') {
                 continue;
             }
-            let words: Vec<String> = text.split_whitespace().map(str::to_owned).collect();
-            if words.len() != self.names.len() {
-                let what = format!("the row has {} values where the header has {}", words.len(), self.names.len());
-                let help = format!("line {} of the file", self.text_line);
-                return Err(ReadError::data(&self.path, what).in_row(self.row).help(help));
-            }
+            let words = text.split_whitespace().map(str::to_owned).collect();
             self.row += 1;
-            self.pending = Some(words);
+            self.pending = Some(Row { words, text_line: self.text_line });
             break;
         }
         Ok(())
     }
 
-    /// What tells one line of the survey from the next.
-    fn key(&self) -> Option<Vec<String>> {
-        let row = self.pending.as_ref()?;
-        let one = |key: &str| self.names.iter().position(|n| n == key).and_then(|i| row.get(i).cloned());
-        Some(["flight", "line"].into_iter().filter_map(one).collect())
+    /// What tells one line of the survey from the next; a row that has not one value for each column belongs to the
+    /// line before it.
+    fn key(&self) -> Option<Vec<&str>> {
+        let row = self.pending.as_ref().filter(|r| r.words.len() == self.columns.len())?;
+        let at = |key: &str| self.columns.iter().position(|c| c.named.name == key);
+        Some(
+            ["flight", "line"]
+                .into_iter()
+                .filter_map(at)
+                .filter_map(|i| row.words.get(i).map(String::as_str))
+                .collect(),
+        )
     }
 
     /// All rows of the next line of the survey.
-    fn line(&mut self) -> Result<Option<Table>, ReadError> {
-        let Some(key) = self.key() else { return Ok(None) };
+    fn line(&mut self) -> Result<Option<(Table, Vec<RowFault>)>, ReadError> {
+        let mut key: Option<Vec<String>> = None;
         let first = self.row.saturating_sub(1);
-        let mut columns = vec![vec![]; self.names.len()];
-        while self.key().as_ref() == Some(&key) {
-            for (column, value) in columns.iter_mut().zip(self.pending.take().unwrap_or_default()) {
-                column.push(value);
+        let mut rows = vec![];
+        while self.pending.is_some() {
+            if let Some(next) = self.key() {
+                match &key {
+                    Some(key) if *key != next => break,
+                    Some(_) => {}
+                    None => key = Some(next.into_iter().map(str::to_owned).collect()),
+                }
             }
+            rows.extend(self.pending.take());
             self.advance()?;
         }
-        self.table(columns, first).map(Some)
+        if rows.is_empty() {
+            return Ok(None);
+        }
+        let (table, mut faults) = self.table(&rows)?;
+        for fault in &mut faults {
+            let row = first + fault.row as u64;
+            fault.fault = fault.fault.clone().in_row(row);
+        }
+        Ok(Some((table, faults)))
     }
 
-    /// Text columns as a table; `flight` and `line` stay as they are spelt.
-    fn table(&self, columns: Vec<Vec<String>>, first: u64) -> Result<Table, ReadError> {
-        let mut table = Table::default();
-        for (name, column) in self.names.iter().zip(columns) {
-            if name == "flight" || name == "line" {
-                table.push(name, "", Values::Text(column));
+    /// Rows of text as a table; `flight` and `line` stay as they are spelt.
+    fn table(&self, rows: &[Row]) -> Result<(Table, Vec<RowFault>), ReadError> {
+        let (mut table, mut faults) = (Table::default(), vec![]);
+        let width = self.columns.len();
+        for (row, Row { words, text_line }) in rows.iter().enumerate().filter(|(_, r)| r.words.len() != width) {
+            let what = format!("the row has {} values where the header has {width}", words.len());
+            let fault = ReadError::data(&self.path, what).help(format!("line {text_line} of the file"));
+            faults.push(RowFault { row, fault });
+        }
+        let whole = rows.iter().find(|r| r.words.len() == width);
+        for (i, Column { header, named, .. }) in self.columns.iter().enumerate() {
+            let word = |r: &Row| (r.words.len() == width).then(|| r.words.get(i).cloned()).flatten();
+            if named.name == "flight" || named.name == "line" {
+                // A row that cannot be read is of the line of the others.
+                let other = whole.and_then(word).unwrap_or_default();
+                let texts = rows.iter().map(|r| word(r).unwrap_or_else(|| other.clone())).collect();
+                table.push(&named.name, "", Values::Text(texts));
                 continue;
             }
-            let one = |(i, text): (usize, &String)| {
-                number(text).ok_or_else(|| {
-                    let what = format!("`{text}` is not a number");
-                    ReadError::data(&self.path, what).in_column(name).in_row(first + i as u64)
-                })
-            };
-            let numbers = column.iter().enumerate().map(one).collect::<Result<_, _>>()?;
-            table.push(name, sgl::unit_of(name, self.ins_angle), Values::Number(numbers));
+            let mut numbers = Vec::with_capacity(rows.len());
+            for (row, text) in rows.iter().enumerate() {
+                let word = text.words.get(i).filter(|_| text.words.len() == width);
+                let number = word.map_or(Some(f64::NAN), |w| self.missing.number(w));
+                if let (None, Some(word)) = (number, word) {
+                    let fault = ReadError::data(&self.path, format!("`{word}` is not a number")).in_column(header);
+                    let help = "a word for missing values goes into `missing`";
+                    let fault = fault.help(format!("line {} of the file; {help}", text.text_line));
+                    faults.push(RowFault { row, fault });
+                }
+                numbers.push(number.unwrap_or(f64::NAN));
+            }
+            let counted = sgl::unit_of(&named.name, self.ins_angle);
+            let (unit, numbers) = in_counted_unit(&self.path, header, named, counted, numbers)?;
+            table.push(&named.name, &unit, Values::Number(numbers));
         }
-        Ok(table)
+        Ok((table, faults))
     }
 }

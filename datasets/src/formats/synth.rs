@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{FlightFormat, FlightOptions, Head, Raw};
+use super::{FlightFormat, FlightOptions, Head, Part, Raw};
 use crate::{ReadError, simulate::Simulation};
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
@@ -18,13 +18,13 @@ fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
     let schema = simulation.schema();
     let (path, mut done) = (path.to_path_buf(), false);
     let mut lines = simulation.into_lines();
-    let batches = std::iter::from_fn(move || {
+    let parts = std::iter::from_fn(move || {
         if done {
             return None;
         }
         let batch = lines.next()?.and_then(|line| line.into_batch(&path));
         done = batch.is_err();
-        Some(batch)
+        Some(batch.map(Part::whole))
     });
-    Ok(Raw { schema, batches: Box::new(batches) })
+    Ok(Raw::new(schema, Box::new(parts)))
 }

@@ -152,6 +152,67 @@ fn law_renaming_takes_the_unit_from_the_name() {
 }
 
 #[test]
+fn r10_a_column_that_is_not_renamed_keeps_the_unit_that_its_name_says() {
+    let folder = TempDir::new().unwrap();
+    let text =
+        "flight,line,tt,MagCabin_T,GPS Alt ft,Gyro [rad/s],Flux_A,counter,mag_2_uc,cur_x\n1,1,0.5,5e-5,1,1,1,1,1,1\n";
+    let path = written(&folder, "f.csv", text);
+    let flight = read(&path, &FlightOptions::default()).unwrap();
+    for (name, said) in [
+        ("MagCabin_T", "T"),
+        ("GPS Alt ft", "ft"),
+        ("Gyro [rad/s]", "rad/s"),
+        ("Flux_A", ""),
+        ("counter", ""),
+        ("mag_2_uc", "nT"),
+        ("cur_x", "A"),
+    ] {
+        assert_eq!(unit(&flight, name), said, "{name}");
+    }
+    let mut options = FlightOptions::default();
+    options.units.insert("counter".into(), "V".into());
+    assert_eq!(unit(&read(&path, &options).unwrap(), "counter"), "V");
+    assert_eq!(numbers(&flight, "MagCabin_T"), [5e-5], "the values are kept as well");
+}
+
+#[test]
+fn r10_what_the_user_says_of_a_unit_is_taken_before_the_file_and_the_name() {
+    let folder = TempDir::new().unwrap();
+    let field = |unit: &str| {
+        Field::new("cabin_uT", DataType::Float64, true).with_metadata([("unit".to_owned(), unit.to_owned())].into())
+    };
+    let path = folder.path().join("f.parquet");
+    let write = |unit: &str| {
+        let keys = ["flight", "line", "tt"].map(|n| Field::new(n, DataType::Float64, true));
+        let schema = Arc::new(Schema::new([keys.to_vec(), vec![field(unit)]].concat()));
+        let columns = (0..4).map(|_| Arc::new(Float64Array::from(vec![1.0])) as ArrayRef).collect();
+        let mut writer = ArrowWriter::try_new(File::create(&path).unwrap(), schema.clone(), None).unwrap();
+        writer.write(&RecordBatch::try_new(schema, columns).unwrap()).unwrap();
+        writer.close().unwrap();
+    };
+    let mut options = FlightOptions::default();
+    options.rename.insert("cabin_uT".into(), "mag_4_uc".into());
+    write("");
+    assert_eq!(unit(&read(&path, &options).unwrap(), "mag_4_uc"), "uT");
+    write("nT");
+    let fault = read(&path, &options).unwrap_err().to_string();
+    assert!(fault.contains("column `cabin_uT`: its name says `uT`, but the file says `nT`"), "{fault}");
+    options.units.insert("cabin_uT".into(), "mgauss".into());
+    assert_eq!(unit(&read(&path, &options).unwrap(), "mag_4_uc"), "mgauss");
+}
+
+#[test]
+fn r10_a_contract_name_that_says_another_unit_itself_is_refused() {
+    let folder = TempDir::new().unwrap();
+    let path = written(&folder, "f.csv", "flight,line,tt,cur_heater_mA\n1,1,0.5,1200\n");
+    let fault = read(&path, &FlightOptions::default()).unwrap_err().to_string();
+    assert!(fault.contains("column `cur_heater_mA`: its name says `mA`, but a column of this name is in A"), "{fault}");
+    let mut options = FlightOptions::default();
+    options.units.insert("cur_heater_mA".into(), "mA".into());
+    assert_eq!(unit(&read(&path, &options).unwrap(), "cur_heater_mA"), "mA");
+}
+
+#[test]
 fn gold_a_table_without_keys_says_what_to_give() {
     let path = samples::path("magnavjl_tl/magnavjl_tl.parquet");
     let fault = read(&path, &FlightOptions::default()).unwrap_err();
@@ -222,7 +283,12 @@ fn gold_what_is_wrong_with_a_csv_is_said_with_its_place() {
     let head = "flight,line,tt,mag_1_uc\n7,1,0.0,1.5\n";
     for (name, tail, said) in [
         ("ragged", "7,1,0.1\n", "row 1: the row has 3 values where the header has 4 (line 3 of the file)"),
-        ("word", "7,1,0.1,high\n", "column `mag_1_uc`, row 1: `high` is not a number"),
+        (
+            "word",
+            "7,1,0.1,high\n",
+            "column `mag_1_uc`, row 1: `high` is not a number (line 3 of the file; a word for missing values goes into \
+             `missing`)",
+        ),
         ("comma", "7,1,0.1,1,5\n", "row 1: the row has 5 values where the header has 4 (line 3 of the file)"),
     ] {
         let path = written(&folder, &format!("{name}.csv"), &format!("{head}{tail}"));

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::csv::number;
+use super::{csv::number, missing};
 use crate::{ReadError, table::Values};
 
 /// A table of text.
@@ -228,11 +228,11 @@ fn is_header(words: &[&str]) -> bool {
     words.iter().all(|w| w.is_empty() || missing_or_number(w).is_none()) && words.iter().any(|w| !w.is_empty())
 }
 
-/// A number; `*`, nothing and NaN are missing, and so is what Geosoft writes for it.
+/// A number; nothing and the usual words are missing, and so are the usual fillers.
 fn missing_or_number(word: &str) -> Option<f64> {
     const DUMMY: f64 = 1e30;
     let value = number(word)?;
-    Some(if value.abs() >= DUMMY { f64::NAN } else { value })
+    Some(if value.abs() >= DUMMY || missing::NUMBERS.contains(&value) { f64::NAN } else { value })
 }
 
 #[cfg(test)]
@@ -251,6 +251,8 @@ mod tests {
             "# a survey\n\"x\"\t\"y\"\t\"mag\"\n1\t2\t3\n\n4\t5\tNaN\n",
             "/ flown in 1990\n/ X Y MAG\n 1  2 3\n 4  5 -1e32\n",
             "x;y;mag\r\n1;2;3\r\n4;5;\r\n",
+            "x y mag\n1 2 3\n4 5 N/A\n",
+            "x y mag\n1 2 3\n4 5 -99999\n",
         ];
         for text in spellings {
             let table = table(text);

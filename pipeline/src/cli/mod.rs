@@ -1,20 +1,21 @@
 //! The command line: arguments in, text and exit status out. Results go to standard output, all else to standard error.
 
 mod answer;
+mod interrupt;
 mod map;
 mod progress;
 mod say;
 mod sql;
 mod threads;
 
-use std::{io::IsTerminal, path::PathBuf, process::ExitCode, sync::atomic::Ordering};
+use std::{io::IsTerminal, path::PathBuf, process::ExitCode};
 
 use clap::{Args, Parser, Subcommand};
 use pipeline::{
     catalogue,
     plan::{Graph, Plan},
     read_spec,
-    run::{self, INTERRUPTED, Summary},
+    run::{self, Summary},
     sources::Flights,
     spec::{Faults, Spec},
     store::Store,
@@ -172,8 +173,8 @@ pub fn main() -> ExitCode {
             ended(2)
         }
         Err(Stop::Interrupted) => {
-            err!("interrupted; what was finished is kept, and the same command goes on from there");
-            ended(130)
+            err!("{}", interrupt::SAID);
+            ended(interrupt::STATUS)
         }
     }
 }
@@ -263,8 +264,7 @@ fn run_spec(args: &RunArgs) -> Result<(), Stop> {
         );
         return Err(Stop::Wrong(what));
     }
-    // Where no handler can be set, an interrupt ends the process at once; the store stays whole.
-    let _ = ctrlc::set_handler(|| INTERRUPTED.store(true, Ordering::Relaxed));
+    interrupt::listen();
     let plan = plan(&args.spec)?;
     let store = open(&plan.spec)?;
     let pool = threads::pool(args.threads)?;
@@ -281,7 +281,7 @@ fn run_spec(args: &RunArgs) -> Result<(), Stop> {
         say(table_of(&summary))?;
         if summary.quality > 0 {
             let (findings, lines) = (counted(summary.quality, "finding"), counted(summary.quality_lines, "line"));
-            eprintln!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name);
+            err!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name);
         }
         say(scores_of(&plan, &summary))?;
         for warning in views::warnings::warnings(&plan, &summary.folder)? {

@@ -356,6 +356,7 @@ impl Builder<'_> {
             })
         } else {
             Flights::open(decl, &self.spec.folder).map(|f| {
+                self.notes.extend(f.notes.iter().cloned());
                 self.shapes.push(Arc::new(Table::Lines(f.shape.clone())));
                 self.flights.push(f);
                 Ref::Flights(self.flights.len() - 1)

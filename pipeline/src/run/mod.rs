@@ -90,6 +90,9 @@ pub fn said_once(failures: &[Failure]) -> Vec<(&Failure, usize)> {
 /// Set to stop a run after what is under way.
 pub static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
+/// Whether the sources are read and units are being computed.
+pub static STARTED: AtomicBool = AtomicBool::new(false);
+
 /// What became of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
@@ -107,6 +110,7 @@ enum State {
 pub fn run(plan: &Plan, store: &Store, listener: &dyn Listener) -> Result<Summary, Faults> {
     let tick = |name: &str, done: usize, all: usize| listener.hear(&Event::Reading { table: name, done, all });
     let graph = Graph::new(plan, store, &tick)?;
+    STARTED.store(true, Ordering::SeqCst);
     let units: usize = (0..plan.tables.len()).map(|t| graph.units(t).len()).sum();
     listener.hear(&Event::Started { pipeline: &plan.spec.name, units });
     let mut runner =

@@ -33,15 +33,19 @@ pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, F
     }
     let full = folder.join(path);
     let mut found = vec![];
+    // A name with brackets is first taken as it is written.
     if full.is_file() {
         found.push(full.clone());
+    } else if full.exists() && !full.is_dir() {
+        let fault = Fault::new(format!("{} is a pipe, socket or device, not a regular file", full.display()));
+        return Err(fault.help("write what it yields into a file, and name that"));
     } else if full.is_dir() {
         walk(&full, &mut found).map_err(|e| Fault::machine(format!("cannot read {}: {e}", full.display())))?;
         if !any_name {
             found.retain(|f| is_flight(f));
         }
     } else if path.contains(['*', '?', '[']) {
-        let pattern = full.to_string_lossy().into_owned();
+        let pattern = pattern(path, folder);
         let paths = glob::glob(&pattern).map_err(|e| Fault::new(format!("`{path}` is not a pattern: {e}")))?;
         found = paths.filter_map(Result::ok).filter(|p| p.is_file()).collect();
         found.sort();
@@ -54,6 +58,15 @@ pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, F
         return Err(fault.help(format!("looked for names that end in {}", known.join(", "))));
     }
     Ok(found)
+}
+
+/// The pattern for the files that `path` means from `folder`, whose own name is no pattern.
+fn pattern(path: &str, folder: &Path) -> String {
+    if Path::new(path).is_absolute() {
+        return path.to_owned();
+    }
+    let folder = glob::Pattern::escape(&folder.to_string_lossy());
+    Path::new(&folder).join(path).to_string_lossy().into_owned()
 }
 
 fn is_flight(path: &Path) -> bool {
@@ -69,7 +82,12 @@ fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
         if entry.file_name().to_string_lossy().starts_with(['.', '_']) {
             continue;
         }
-        if entry.path().is_dir() { walk(&entry.path(), found)? } else { found.push(entry.path()) }
+        // A link that leads nowhere is kept: opening it says so. A pipe or a device is no file of data.
+        match fs::metadata(entry.path()) {
+            Ok(about) if about.is_dir() => walk(&entry.path(), found)?,
+            Ok(about) if !about.is_file() => {}
+            Ok(_) | Err(_) => found.push(entry.path()),
+        }
     }
     Ok(())
 }

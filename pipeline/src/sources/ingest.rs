@@ -16,7 +16,9 @@ use schemas::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Bytes, Flights, Lines, VERSION, fingerprint,
+    Bytes, Flights, Lines, VERSION,
+    assemble::{Assembly, MISSING, Whole},
+    fingerprint, midnight,
     quality::{Examined, Finding, Origins, examine},
 };
 use crate::{keys::Key, store::Store};
@@ -70,6 +72,12 @@ struct IndexFault {
     row: Option<u64>,
 }
 
+impl IndexFault {
+    fn of(fault: Fault) -> IndexFault {
+        IndexFault { what: fault.what, help: fault.help, column: fault.place.column, row: fault.place.row }
+    }
+}
+
 /// The lines of all files, ingesting those that are new.
 pub fn lines(flights: &Flights, store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Lines, Vec<Fault>> {
     let done = std::sync::atomic::AtomicUsize::new(0);
@@ -107,6 +115,11 @@ fn once_each(lines: Vec<LineRecord>, files: &[Bytes]) -> Vec<LineRecord> {
         match kept.last_mut() {
             Some(last) if (&last.flight, &last.line) == (&line.flight, &line.line) => {
                 let name = |i: usize| files.get(i).map(|f: &Bytes| f.path.display().to_string()).unwrap_or_default();
+                if [&line.flight, &line.line].contains(&&MISSING.to_owned()) {
+                    // Rows of no line in several files: all of them are named.
+                    last.fault.get_or_insert_default().what += &format!("; there are more in {}", name(line.file));
+                    continue;
+                }
                 let what = if last.file == line.file {
                     "the line's samples do not stand together".to_owned()
                 } else {
@@ -179,27 +192,20 @@ fn index(store: &Store, path: &Path, options: &FlightOptions) -> Result<(Bytes, 
 
 /// Reads a file once, one line in memory at a time.
 fn ingest(store: &Store, path: &Path, options: &FlightOptions) -> Result<Index, Fault> {
-    let reader = open_flight(path, options).map_err(Fault::from)?;
+    let mut reader = open_flight(path, options).map_err(Fault::from)?;
     let canonical = Canonical::new(reader.schema()).map_err(|f| f.into_iter().next().unwrap_or_default())?;
     let origins = Origins::new(reader.schema(), &options.rename);
-    let settle = |store: &Store, line: Samples| settle(store, line, &origins, &options.accept);
+    let put = |whole: Whole| put(store, whole, &origins, &options.accept);
     let mut index = Index { lines: vec![] };
-    let mut open: Option<Samples> = None;
-    for batch in reader {
-        let batch = canonical.apply_with_zeros(&batch.map_err(Fault::from)?)?;
-        for (flight, line, part) in runs(&batch)? {
-            match &mut open {
-                Some((f, l, parts)) if *f == flight && *l == line => parts.push(part),
-                _ => {
-                    if let Some(done) = open.replace((flight, line, vec![part])) {
-                        index.lines.push(settle(store, done)?);
-                    }
-                }
-            }
+    let mut assembly = Assembly::new(options);
+    while let Some(part) = reader.next_part() {
+        let part = part.map_err(Fault::from)?;
+        for whole in assembly.add(&canonical.apply_with_zeros(&part.batch)?, &part.faults) {
+            index.lines.push(put(whole)?);
         }
     }
-    if let Some(done) = open {
-        index.lines.push(settle(store, done)?);
+    for whole in assembly.finish() {
+        index.lines.push(put(whole)?);
     }
     if index.lines.is_empty() {
         return Err(Fault::data("the file holds no samples"));
@@ -207,40 +213,23 @@ fn ingest(store: &Store, path: &Path, options: &FlightOptions) -> Result<Index, 
     Ok(index)
 }
 
-/// The runs of rows of one flight and line.
-pub(super) fn runs(batch: &RecordBatch) -> Result<Vec<(String, String, RecordBatch)>, Fault> {
-    let (flights, lines) = (batch.column(0).as_string::<i32>(), batch.column(1).as_string::<i32>());
-    for (name, keys) in [("flight", flights), ("line", lines)] {
-        if let Some(row) = (0..keys.len()).find(|&i| keys.is_null(i) || keys.value(i).is_empty()) {
-            return Err(Fault::data("the identifier is missing").in_column(name).in_row(row as u64));
-        }
+/// Takes midnight out of a line's time, checks the line, hashes its columns, and puts it into the store. What the reader
+/// found wrong with a row comes first.
+fn put(store: &Store, whole: Whole, origins: &Origins, accept: &[Accept]) -> Result<IndexLine, Fault> {
+    let Whole { flight, line, parts, rows, mut fault } = whole;
+    let Some(schema) = parts.first().map(RecordBatch::schema) else {
+        // Rows of no line: there is nothing to keep of them but that they are there.
+        let object = Key::of(["no line", &flight, &line]).to_string();
+        let fault = fault.map(IndexFault::of);
+        let (columns, more_faults, findings) = (BTreeMap::new(), vec![], vec![]);
+        return Ok(IndexLine { flight, line, rows, object, columns, fault, more_faults, findings });
+    };
+    let mut batch = concat_batches(&schema, &parts).map_err(|e| Fault::data(e.to_string()))?;
+    match midnight::unwrapped(&batch) {
+        Ok(Some(unwrapped)) => batch = unwrapped,
+        Ok(None) => {}
+        Err(wrong) => fault = fault.or(Some(wrong)),
     }
-    let mut found = vec![];
-    let mut start = 0;
-    for i in 1..=batch.num_rows() {
-        let ends =
-            i == batch.num_rows() || flights.value(i) != flights.value(start) || lines.value(i) != lines.value(start);
-        if ends {
-            let part = batch.slice(start, i - start);
-            found.push((flights.value(start).to_owned(), lines.value(start).to_owned(), part));
-            start = i;
-        }
-    }
-    Ok(found)
-}
-
-/// A flight, a line, and its batches.
-type Samples = (String, String, Vec<RecordBatch>);
-
-/// Checks one whole line, hashes its columns, and puts it into the store.
-fn settle(
-    store: &Store,
-    (flight, line, parts): Samples,
-    origins: &Origins,
-    accept: &[Accept],
-) -> Result<IndexLine, Fault> {
-    let schema = parts[0].schema();
-    let batch = concat_batches(&schema, &parts).map_err(|e| Fault::data(e.to_string()))?;
     let Examined { batch, findings, faults } = examine(&batch, origins, accept)?;
     let mut columns = BTreeMap::new();
     for (field, array) in schema.fields().iter().zip(batch.columns()) {
@@ -250,19 +239,14 @@ fn settle(
     let spelt =
         described.flat_map(|c| [columns[&c.name].to_string(), c.unit, c.role.as_str().to_owned(), c.doc, c.name]);
     let object = Key::of(["line".to_owned(), VERSION.to_owned()].into_iter().chain(spelt));
-    let time = check_time(batch.column(2).as_primitive::<Float64Type>().values()).err();
-    let mut faults = time.into_iter().chain(faults).map(|f| IndexFault {
-        what: f.what,
-        help: f.help,
-        column: f.place.column,
-        row: f.place.row,
-    });
+    let fault = fault.or_else(|| check_time(batch.column(2).as_primitive::<Float64Type>().values()).err());
+    let mut faults = fault.into_iter().chain(faults).map(IndexFault::of);
     let (fault, more_faults) = (faults.next(), faults.collect());
     if fault.is_none() && !store.has(object) {
         store.put(object, &batch)?;
     }
     let columns = columns.into_iter().map(|(n, k)| (n, k.to_string())).collect();
-    let (rows, object) = (batch.num_rows(), object.to_string());
+    let object = object.to_string();
     Ok(IndexLine { flight, line, rows, object, columns, fault, more_faults, findings })
 }
 

@@ -1,8 +1,10 @@
 //! Tables read from files: found, fingerprinted, and brought into the store line by line.
 
+mod assemble;
 mod consistency;
 mod files;
 mod ingest;
+mod midnight;
 mod options;
 mod quality;
 mod sample;
@@ -32,6 +34,8 @@ pub struct Flights {
     pub shape: Shape,
     /// The fields of all files together.
     pub schema: SchemaRef,
+    /// What was noticed of its files that the user should know.
+    pub notes: Vec<String>,
     files: Vec<(PathBuf, FlightOptions)>,
 }
 
@@ -54,14 +58,13 @@ impl Flights {
         let found = find(&decl.path.0, folder, decl.options.contains_key("format")).map_err(|f| vec![placed(f)])?;
         let mut faults = vec![];
         let mut fields: Vec<arrow_schema::FieldRef> = vec![];
-        let mut files = vec![];
+        let (mut files, mut notes) = (vec![], vec![]);
         for path in found {
             let options = files::hive(&path, &options);
-            match open_flight(&path, &options)
-                .map_err(|e| vec![Fault::from(e)])
-                .and_then(|r| Canonical::new(r.schema()))
-            {
-                Ok(canonical) => {
+            let opened = open_flight(&path, &options).map_err(|e| vec![Fault::from(e)]);
+            match opened.and_then(|r| Ok((Canonical::new(r.schema())?, r.notes().to_vec()))) {
+                Ok((canonical, noted)) => {
+                    notes.extend(noted);
                     merge(&mut fields, canonical.schema(), &path, &mut faults);
                     files.push((path, options));
                 }
@@ -75,7 +78,7 @@ impl Flights {
         }
         let schema: SchemaRef = Arc::new(Schema::new(fields));
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
-        Ok(Flights { name: decl.name.clone(), shape: Shape { columns, rate_hz: None }, schema, files })
+        Ok(Flights { name: decl.name.clone(), shape: Shape { columns, rate_hz: None }, schema, notes, files })
     }
 
     /// Brings every line into the store that is not there yet. `tick` is told of each file done.

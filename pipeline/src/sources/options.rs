@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use datasets::{FlightOptions, MapOptions};
-use schemas::{Args, Fault, Value, plausible::Accept};
+use schemas::{Args, Fault, Literal, Value, plausible::Accept};
 
 use crate::spec::SourceDecl;
 
@@ -12,11 +12,18 @@ use crate::spec::SourceDecl;
 /// # Errors
 /// Unknown options and wrong types.
 pub fn flight_options(decl: &SourceDecl) -> Result<FlightOptions, Vec<Fault>> {
-    let mut read = Read::new(decl, &["format", "flight", "line", "rename", "accept"], "a table of flight lines");
-    let rename = read.renames();
-    let accept = read.accepted();
-    let (format, flight, line) = (read.get("format"), read.get("flight"), read.get("line"));
-    read.finish(FlightOptions { format, rename, flight, line, accept })
+    let known = ["format", "flight", "line", "rename", "units", "missing", "accept"];
+    let mut read = Read::new(decl, &known, "a table of flight lines");
+    let options = FlightOptions {
+        format: read.get("format"),
+        rename: read.table("rename"),
+        units: read.table("units"),
+        missing: read.words("missing"),
+        flight: read.get("flight"),
+        line: read.get("line"),
+        accept: read.accepted(),
+    };
+    read.finish(options)
 }
 
 /// The options of a map.
@@ -40,6 +47,13 @@ pub fn map_options(decl: &SourceDecl) -> Result<MapOptions, Vec<Fault>> {
 /// All options in one spelling, for keys.
 pub fn spelt(decl: &SourceDecl) -> String {
     decl.options.iter().map(|(k, v)| format!("{k}={};", v.value)).collect()
+}
+
+fn word(value: &Literal) -> Option<String> {
+    match value {
+        Literal::Text(_) | Literal::Int(_) | Literal::Float(_) => Some(value.to_string()),
+        Literal::Bool(_) | Literal::List(_) => None,
+    }
 }
 
 struct Read<'a> {
@@ -75,9 +89,14 @@ impl<'a> Read<'a> {
         value
     }
 
-    fn renames(&mut self) -> BTreeMap<String, String> {
-        let named: Vec<String> = self.args.keys().filter(|k| k.starts_with("rename.")).cloned().collect();
-        let one = |key: String| self.get::<String>(&key).map(|to| (key["rename.".len()..].to_owned(), to));
+    /// An option that is a table of texts, such as `rename`. Its keys are names of the file, with all their dots.
+    fn table(&mut self, option: &str) -> BTreeMap<String, String> {
+        if self.args.contains_key(option) {
+            self.wrong(option, format!("`{option}` must be a table: `{option} = {{ \"theirs\" = \"...\" }}`"));
+        }
+        let prefix = format!("{option}.");
+        let named: Vec<String> = self.args.keys().filter(|k| k.starts_with(&prefix)).cloned().collect();
+        let one = |key: String| self.get::<String>(&key).map(|to| (key[prefix.len()..].to_owned(), to));
         named.into_iter().filter_map(one).collect()
     }
 
@@ -92,6 +111,19 @@ impl<'a> Read<'a> {
             }
         }
         found
+    }
+
+    /// An option that is a list of words; numbers are taken as they are written.
+    fn words(&mut self, option: &str) -> Vec<String> {
+        let Some(given) = self.args.get(option) else { return vec![] };
+        let words: Option<Vec<String>> = match &given.value {
+            Literal::List(all) => all.iter().map(word).collect(),
+            one => word(one).map(|w| vec![w]),
+        };
+        if words.is_none() {
+            self.wrong(option, format!("`{option}` must be a list of texts, such as [\"N/A\", \"-99999\"]"));
+        }
+        words.unwrap_or_default()
     }
 
     fn finish<T>(self, options: T) -> Result<T, Vec<Fault>> {

@@ -2,14 +2,13 @@
 
 use std::path::Path;
 
-use arrow_array::RecordBatch;
 use datasets::{FlightOptions, open_flight};
 use rayon::prelude::*;
 use schemas::{Fault, canonical::Canonical};
 
 use super::{
     Flights,
-    ingest::runs,
+    assemble::Assembly,
     quality::{Origins, examine},
 };
 
@@ -26,26 +25,29 @@ impl Flights {
 }
 
 fn first_rows(path: &Path, options: &FlightOptions) -> Option<Vec<Fault>> {
-    let reader = open_flight(path, options).ok().filter(|r| r.format() != "synth")?;
+    let mut reader = open_flight(path, options).ok().filter(|r| r.format() != "synth")?;
     let canonical = Canonical::new(reader.schema()).ok()?;
     let origins = Origins::new(reader.schema(), &options.rename);
-    let mut found: Vec<Fault> = vec![];
+    let mut assembly = Assembly::new(options);
+    let mut lines = vec![];
     let mut left = ROWS;
-    for batch in reader {
-        let batch = batch.ok()?;
-        let batch: RecordBatch = batch.slice(0, batch.num_rows().min(left));
-        left -= batch.num_rows();
-        for (flight, line, part) in runs(&canonical.apply_with_zeros(&batch).ok()?).ok()? {
-            let examined = examine(&part, &origins, &options.accept).ok()?;
-            for fault in examined.faults {
+    while left > 0 {
+        let Some(part) = reader.next_part() else { break };
+        let part = part.ok()?;
+        let rows = part.batch.num_rows().min(left);
+        left -= rows;
+        lines.extend(assembly.add(&canonical.apply_with_zeros(&part.batch.slice(0, rows)).ok()?, &part.faults));
+    }
+    lines.extend(assembly.finish());
+    let mut found: Vec<Fault> = vec![];
+    for whole in lines {
+        for part in &whole.parts {
+            for fault in examine(part, &origins, &options.accept).ok()?.faults {
                 // The same column is the same mistake in every line.
                 if !found.iter().any(|f| f.place.column == fault.place.column) {
-                    found.push(fault.in_line(&flight, &line).in_file(&path.display().to_string()));
+                    found.push(fault.in_line(&whole.flight, &whole.line).in_file(&path.display().to_string()));
                 }
             }
-        }
-        if left == 0 {
-            break;
         }
     }
     Some(found)

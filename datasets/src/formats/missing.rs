@@ -1,0 +1,131 @@
+//! Words and numbers that stand for a missing value.
+
+use std::sync::Arc;
+
+use arrow_array::{
+    Array, ArrayRef, ArrowPrimitiveType, PrimitiveArray,
+    cast::AsArray,
+    types::{Float32Type, Float64Type, Int32Type, Int64Type},
+};
+use arrow_schema::DataType;
+
+use super::FlightOptions;
+
+/// Words that are missing values in every file; case does not matter. An empty cell is one too.
+pub(super) const WORDS: [&str; 9] = ["*", "-", "--", "n/a", "#n/a", "na", "nan", "null", "none"];
+
+/// Numbers that are missing values in every file: the usual filler of loggers, and Geosoft's. No column of a flight
+/// can have them: -99999 is below every length, angle and field. -9999 is not among them, since a component of the
+/// field may well be that.
+pub(super) const NUMBERS: [f64; 2] = [-99_999.0, -1e32];
+
+/// What stands for a missing value in one file: the usual words, and those of the options.
+#[derive(Clone, Debug)]
+pub(super) struct Missing {
+    words: Vec<String>,
+    numbers: Vec<f64>,
+}
+
+impl Missing {
+    pub(super) fn of(options: &FlightOptions) -> Missing {
+        let words = options.missing.iter().map(|w| w.trim().to_owned()).collect();
+        let given = options.missing.iter().filter_map(|w| w.trim().parse::<f64>().ok());
+        Missing { words, numbers: NUMBERS.into_iter().chain(given).filter(|x| !x.is_nan()).collect() }
+    }
+
+    /// A number, NaN for a missing one; nothing for a word that is neither.
+    pub(super) fn number(&self, text: &str) -> Option<f64> {
+        match text.parse::<f64>() {
+            Ok(x) if self.numbers.contains(&x) => Some(f64::NAN),
+            Ok(x) => Some(x),
+            Err(_) => self.is_word(text).then_some(f64::NAN),
+        }
+    }
+
+    /// A whole number; `Some(None)` is a missing one, and a number with a fraction is none.
+    pub(super) fn whole(&self, text: &str) -> Option<Option<i64>> {
+        let x = self.number(text)?;
+        if x.is_nan() {
+            return Some(None);
+        }
+        // 2^53: beyond it not every whole number is a f64.
+        (x.fract() == 0.0 && x.abs() < 9e15).then_some(Some(x as i64))
+    }
+
+    /// Whether a text stands for a missing value.
+    pub(super) fn is_text(&self, text: &str) -> bool {
+        self.number(text.trim()).is_some_and(f64::is_nan)
+    }
+
+    fn is_word(&self, text: &str) -> bool {
+        is_usual_word(text) || self.words.iter().any(|w| w == text)
+    }
+
+    /// The number, or NaN for one that stands for a missing value.
+    pub(super) fn kept(&self, x: f64) -> f64 {
+        if self.numbers.contains(&x) { f64::NAN } else { x }
+    }
+
+    /// A column of another writer, with nulls for the numbers that stand for missing values.
+    pub(super) fn nulled(&self, column: &ArrayRef) -> ArrayRef {
+        fn one<T: ArrowPrimitiveType>(column: &ArrayRef, is: impl Fn(T::Native) -> bool) -> ArrayRef {
+            let values = column.as_primitive::<T>();
+            if !values.values().iter().any(|x| is(*x)) {
+                return column.clone();
+            }
+            let kept: PrimitiveArray<T> = values.unary_opt(|x| (!is(x)).then_some(x));
+            Arc::new(kept)
+        }
+        let is = |x: f64| self.numbers.contains(&x);
+        match column.data_type() {
+            DataType::Float64 => one::<Float64Type>(column, is),
+            DataType::Float32 => one::<Float32Type>(column, |x| self.numbers.iter().any(|n| *n as f32 == x)),
+            DataType::Int64 => one::<Int64Type>(column, |x| is(x as f64)),
+            DataType::Int32 => one::<Int32Type>(column, |x| is(f64::from(x))),
+            _ => column.clone(),
+        }
+    }
+}
+
+/// Whether a word is a missing value whatever the options say.
+pub(super) fn is_usual_word(text: &str) -> bool {
+    text.is_empty() || WORDS.iter().any(|w| w.eq_ignore_ascii_case(text))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use arrow_array::{Float64Array, Int32Array};
+
+    use super::*;
+
+    #[test]
+    fn ref_usual_words_and_those_of_the_options() {
+        let usual = Missing::of(&FlightOptions::default());
+        for word in ["", "*", "-", "N/A", "n/a", "NA", "null", "None", "NaN", "-99999", "-99999.00", "-1e32"] {
+            assert!(usual.number(word).is_some_and(f64::is_nan), "{word}");
+        }
+        for (word, number) in [("-9999", Some(-9999.0)), ("0", Some(0.0)), ("high", None), ("-1.5e2", Some(-150.0))] {
+            assert_eq!(usual.number(word), number, "{word}");
+        }
+        let given = FlightOptions { missing: vec!["-9999".into(), "dropout".into()], ..FlightOptions::default() };
+        let given = Missing::of(&given);
+        for word in ["-9999", "-9999.0", "dropout", "N/A", "-99999"] {
+            assert!(given.is_text(word), "{word}");
+        }
+        assert_eq!(
+            (given.whole("2020"), given.whole("-9999"), given.whole("1.5")),
+            (Some(Some(2020)), Some(None), None)
+        );
+    }
+
+    #[test]
+    fn law_fillers_of_other_writers_are_missing_too() {
+        let missing = Missing::of(&FlightOptions::default());
+        let floats = missing.nulled(&(Arc::new(Float64Array::from(vec![1.0, -99_999.0])) as ArrayRef));
+        let whole = missing.nulled(&(Arc::new(Int32Array::from(vec![-99_999, 7])) as ArrayRef));
+        assert_eq!((floats.is_null(0), floats.is_null(1)), (false, true));
+        assert_eq!((whole.is_null(0), whole.is_null(1)), (true, false));
+    }
+}

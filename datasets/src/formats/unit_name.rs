@@ -1,0 +1,251 @@
+//! Units in the names of columns, in their usual spellings: `GPS Lat (rad)`, `Mag [nT]`, `GPS Alt ft`, `MagCabin_T`,
+//! `gyro_x_rad_s`.
+
+use schemas::{convert, flight, is_unit, usual_spelling};
+
+/// What a name says of its unit.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Said {
+    /// Nothing.
+    Nothing,
+    /// A unit that is meant as one: in brackets, or of several letters at the end.
+    Unit(String),
+    /// One or two letters at the end that are a unit, or an abbreviation of something else.
+    Perhaps(String),
+    /// In brackets, something that is no known unit.
+    Unknown(String),
+}
+
+/// Words in brackets or after the unit that say which quantity it is, and nothing of the unit.
+const QUALIFIERS: &[&str] = &[
+    "msl",
+    "agl",
+    "amsl",
+    "asl",
+    "hae",
+    "wgs84",
+    "wgs-84",
+    "ellipsoid",
+    "ellipsoidal",
+    "geoid",
+    "gps",
+    "gnss",
+    "ins",
+    "utc",
+    "true",
+    "raw",
+    "x",
+    "y",
+    "z",
+    "north",
+    "east",
+    "down",
+    "up",
+    "filtered",
+    "smoothed",
+];
+
+/// Letters at the end of a name that are as often something else: `Flux_A` is a sensor, `vel_ns` a direction.
+const AMBIGUOUS: &[&str] =
+    &["ns", "us", "ma", "mg", "mt", "mv", "ut", "min", "hr", "kn", "kt", "dps", "mm", "cm", "fpm", "mph", "pa"];
+
+/// What the name of a column says of the unit of its values. A name of the contract says nothing: the `t` of
+/// `flux_a_t` and the `a` of `flux_a` are no units.
+pub(super) fn said_by(name: &str) -> Said {
+    if is_canonical(name) {
+        return Said::Nothing;
+    }
+    let name = name.trim();
+    if let Some(inside) = bracketed(name) {
+        return match inside {
+            _ if is_unit(&spelt(inside)) => Said::Unit(spelt(inside)),
+            _ if is_qualifier(inside) => {
+                said_by_end(name.get(..name.len() - inside.len() - 2).unwrap_or("").trim_end())
+            }
+            _ => Said::Unknown(inside.to_owned()),
+        };
+    }
+    said_by_end(name)
+}
+
+/// Whether the contract gives the name its unit.
+pub(super) fn is_canonical(name: &str) -> bool {
+    flight::COLUMNS.iter().any(|(known, _)| *known == name) || !flight::describe(name).unit.is_empty()
+}
+
+/// The unit that an unrenamed column keeps: one that can hardly be anything else.
+pub(super) fn kept_unit(name: &str) -> Option<String> {
+    match said_by(name) {
+        Said::Unit(unit) => Some(unit),
+        Said::Perhaps(unit) => ["m", "s", "T"].contains(&unit.as_str()).then_some(unit),
+        Said::Nothing | Said::Unknown(_) => None,
+    }
+}
+
+/// What stands in brackets at the end.
+fn bracketed(name: &str) -> Option<&str> {
+    [('(', ')'), ('[', ']'), ('{', '}')].into_iter().find_map(|(open, close)| {
+        let body = name.strip_suffix(close)?;
+        body.get(body.rfind(open)? + 1..)
+    })
+}
+
+fn is_qualifier(word: &str) -> bool {
+    let word = word.trim().to_ascii_lowercase();
+    word.is_empty() || word.bytes().all(|b| b.is_ascii_digit()) || QUALIFIERS.contains(&word.as_str())
+}
+
+/// The longest end of the name that is a unit, after words such as `MSL` and numbers are taken off.
+fn said_by_end(name: &str) -> Said {
+    const BETWEEN: [char; 5] = ['_', ' ', '-', ',', '.'];
+    let mut name = name.trim_end_matches(BETWEEN);
+    while let Some(at) = name.rfind(BETWEEN) {
+        if !is_qualifier(name.get(at + 1..).unwrap_or("")) {
+            break;
+        }
+        name = name.get(..at).unwrap_or("").trim_end_matches(BETWEEN);
+    }
+    let ends =
+        name.char_indices().filter(|(_, c)| BETWEEN.contains(c)).filter_map(|(i, c)| name.get(i + c.len_utf8()..));
+    // The name itself is no end of it: a column `m` or `a` says nothing.
+    let found = ends.filter(|end| end.len() < name.len()).find(|end| is_unit(&spelt(end)));
+    let Some(end) = found else { return Said::Nothing };
+    let unit = spelt(end);
+    if end.len() > 1 {
+        // `uT` and `mA` in both cases are written by somebody who means the unit.
+        let one_case = !(end.chars().any(char::is_lowercase) && end.chars().any(char::is_uppercase));
+        let ambiguous = one_case && AMBIGUOUS.contains(&unit.to_ascii_lowercase().as_str());
+        return if ambiguous { Said::Perhaps(unit) } else { Said::Unit(unit) };
+    }
+    // One letter is a unit only as it is written in earnest: `t`, `a`, `v`, `g`, `c` are other things.
+    if ["T", "G", "A", "V", "m", "s", "g"].contains(&end) { Said::Perhaps(unit) } else { Said::Nothing }
+}
+
+/// A unit as the converter spells it: `m_s2`, `m/s`, `rad_s` and `m_per_s` are the same sort of thing.
+fn spelt(unit: &str) -> String {
+    let unit = unit.trim();
+    let usual = |unit: &str| usual_spelling(unit).unwrap_or(unit).to_owned();
+    if is_unit(unit) {
+        return usual(unit);
+    }
+    let slashed = unit.replace("_per_", "/").replace(" per ", "/").replace(['_', ' '], "/");
+    let slashed = slashed.strip_suffix("/2").map_or(slashed.clone(), |body| format!("{body}2"));
+    if is_unit(&slashed) { usual(&slashed) } else { unit.to_owned() }
+}
+
+/// Why a name does not settle the unit of the column that it becomes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Unsettled {
+    /// It says a unit of another dimension, or one that is not known.
+    Other(String),
+    /// Its last letter may be a unit or not, and the values differ.
+    Ambiguous(String),
+}
+
+/// The unit that the values of the column `name` have when it becomes `ours`, of unit `wanted`; `None` where the
+/// name does not say.
+///
+/// # Errors
+/// A name that says a unit which does not convert, or one that may mean two things.
+pub(super) fn unit_of_renamed(name: &str, ours: &str, wanted: &str) -> Result<Option<String>, Unsettled> {
+    let factor = |unit: &str| convert(unit, wanted);
+    match said_by(name) {
+        Said::Nothing => Ok(None),
+        _ if wanted.is_empty() => Ok(None),
+        Said::Unknown(word) => Err(Unsettled::Other(word)),
+        Said::Unit(unit) if factor(&unit).is_none() => Err(Unsettled::Other(unit)),
+        Said::Unit(unit) => Ok(Some(unit)),
+        Said::Perhaps(unit) => match factor(&unit) {
+            None if unit == "m" => Err(Unsettled::Other(unit)),
+            None => Ok(None),
+            // Small `g` is a gravity; of a field it is as likely a name.
+            Some(_) if unit == "g" && wanted != "m/s2" => Ok(None),
+            Some(factor) if factor != 1.0 && is_doubtful(name, ours, &unit) => Err(Unsettled::Ambiguous(unit)),
+            Some(_) => Ok(Some(unit)),
+        },
+    }
+}
+
+/// In capitals throughout, `FLUXB_T` may be in tesla or a total; so may any name of a vector's magnitude.
+fn is_doubtful(name: &str, ours: &str, unit: &str) -> bool {
+    unit.len() == 1 && (!name.bytes().any(|b| b.is_ascii_lowercase()) || (unit == "T" && ours.ends_with("_t")))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::panic)]
+
+    use super::*;
+
+    fn unit(word: &str) -> Said {
+        Said::Unit(word.to_owned())
+    }
+
+    #[test]
+    fn ref_usual_spellings_of_units_in_names() {
+        for (name, said) in [
+            ("GPS Lat (rad)", "rad"),
+            ("GPS Alt ft", "ft"),
+            ("GPS Alt ft MSL", "ft"),
+            ("alt_ft_1", "ft"),
+            ("Alt ft (WGS84)", "ft"),
+            ("Altitude[m]", "m"),
+            ("Mag [nT]", "nT"),
+            ("mag_uT", "uT"),
+            ("mag µT", "µT"),
+            ("mag_x_mgauss", "mgauss"),
+            ("ins_lat_rad", "rad"),
+            ("roll_deg", "deg"),
+            ("gyro_x_rad_s", "rad/s"),
+            ("accel_m_s2", "m/s2"),
+            ("speed m/s", "m/s"),
+            ("vn_m_s", "m/s"),
+            ("vn_mps", "m/s"),
+            ("flux_a_x_nt", "nT"),
+            ("lat_degE7", "degE7"),
+        ] {
+            let Said::Unit(found) = said_by(name) else { panic!("{name}: {:?}", said_by(name)) };
+            assert_eq!(convert(&found, said), Some(1.0), "{name}: {found}");
+        }
+        assert_eq!(said_by("MagCabin_T"), Said::Perhaps("T".into()));
+        assert_eq!(said_by("Mag (counts)"), Said::Unknown("counts".into()));
+        assert_eq!(said_by("Mag [T]"), unit("T"));
+    }
+
+    #[test]
+    fn law_names_of_the_contract_are_never_read_as_units() {
+        let families = ["mag_2_uc", "mag_1_c", "flux_a_x", "flux_a_t", "cur_x", "cur_ac_hi", "vol_bat_1", "vol_back_n"];
+        let all = flight::COLUMNS.iter().map(|(name, _)| *name).chain(families);
+        for name in all {
+            assert_eq!((said_by(name), kept_unit(name)), (Said::Nothing, None), "{name}");
+        }
+        for name in
+            ["flux_a", "flux_a_t", "m", "counter", "mag_c", "Mag A", "vel_ns", "event", "Flux_V", "mag_t", "time_ut"]
+        {
+            assert_eq!(kept_unit(name), None, "{name}");
+        }
+        for (name, unit) in [("tie_m", "m"), ("time_s", "s"), ("MagCabin_T", "T"), ("GPS Alt ft", "ft")] {
+            assert_eq!(kept_unit(name).as_deref(), Some(unit), "{name}");
+        }
+    }
+
+    #[test]
+    fn law_a_renamed_column_is_converted_or_refused() {
+        let of = |name, ours, wanted| unit_of_renamed(name, ours, wanted);
+        assert_eq!(of("MagCabin_T", "mag_4_uc", "nT"), Ok(Some("T".into())));
+        assert_eq!(of("acc_x_g", "ins_fn", "m/s2"), Ok(Some("g".into())));
+        assert_eq!(of("mag_g", "mag_4_uc", "nT"), Ok(None));
+        assert_eq!(of("Flux A", "flux_a_x", "nT"), Ok(None));
+        assert_eq!(of("flux_a", "flux_a_x", "nT"), Ok(None));
+        assert_eq!(of("vel_ns", "vn", "m/s"), Ok(None));
+        assert_eq!(of("time_ut", "tt", "s"), Ok(None));
+        assert_eq!(of("mag_ut", "mag_4_uc", "nT"), Ok(Some("uT".into())));
+        assert_eq!(of("temp_degC", "mag_4_uc", "nT"), Err(Unsettled::Other("degC".into())));
+        assert_eq!(of("Alt (fathoms)", "alt", "m"), Err(Unsettled::Other("fathoms".into())));
+        assert_eq!(of("lat_m", "lat", "deg"), Err(Unsettled::Other("m".into())));
+        assert_eq!(of("FLUXB_T", "flux_b_t", "nT"), Err(Unsettled::Ambiguous("T".into())));
+        assert_eq!(of("MAG_T", "mag_4_uc", "nT"), Err(Unsettled::Ambiguous("T".into())));
+        assert_eq!(of("TIME_S", "tt", "s"), Ok(None));
+        assert_eq!(of("Event (left)", "event", ""), Ok(None));
+    }
+}
