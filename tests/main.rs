@@ -18,3 +18,4 @@ mod queries;
 mod reuse;
 mod support;
 mod versions;
+mod warnings;

@@ -68,6 +68,9 @@ struct Builder<'a> {
     predicates: HashMap<(String, Option<Ref>), Predicate>,
 }
 
+/// The tables that a run writes beside those of the stages.
+const BESIDE: [(&str, &str); 2] = [("failures", "what failed"), ("warnings", "what is not to be trusted as it is")];
+
 impl Builder<'_> {
     /// Every table has one name.
     fn names(&mut self) {
@@ -77,9 +80,9 @@ impl Builder<'_> {
             if seen.contains(&name.as_str()) {
                 self.faults.push(Fault::new(format!("two tables are called `{name}`")).at(at.clone()));
             }
-            if name == "failures" {
-                self.faults
-                    .push(Fault::new("`failures` is the table of what failed; choose another name").at(at.clone()));
+            if let Some((_, what)) = BESIDE.iter().find(|(taken, _)| name == taken) {
+                let fault = Fault::new(format!("`{name}` is the table of {what}; choose another name"));
+                self.faults.push(fault.at(at.clone()));
             }
             seen.push(name);
         }
