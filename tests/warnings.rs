@@ -138,6 +138,39 @@ fn r10_a_fit_warns_even_where_its_table_is_not_published() {
 }
 
 #[test]
+fn r10_a_report_counts_points_and_shows_summary_and_map() {
+    let more = r#"
+[[stages]]
+name    = "coarse"
+stage   = "resample"
+input   = "flights"
+rate_hz = "$rate"
+
+[[stages]]
+name  = "along"
+stage = "map_value"
+input = "clean"
+map   = "anomaly"
+
+[[stages]]
+name  = "pooled"
+stage = "summary"
+input = "scores"
+"#;
+    let spec = consistent().replace("lambda = [0.0, 0.025]", "lambda = [0.0, 0.025]\nrate   = [2.0, 5.0, 10.0]");
+    let (bench, ..) = ran(&format!("{spec}{more}"));
+    let report = bench.magline(&["report", "spec.toml", "-o", "report.html"]);
+    assert!(report.status.success(), "{}", stderr(&report));
+    let page = std::fs::read_to_string(bench.path("report.html")).unwrap();
+    // Three axes make eight points, and no table has the fourth one beside them.
+    assert!(page.contains("<strong>8</strong>sweep points"), "{}", &page[page.find("<header>").unwrap()..][..600]);
+    assert!(page.contains("id=\"summary-pooled\"") && page.contains("class=\"intervals\""));
+    let drms = page.split("drms: pooled values with their intervals").nth(1).unwrap();
+    assert_eq!(drms[..drms.find("</svg>").unwrap()].matches("class=\"arm\"").count(), 8);
+    assert!(page.contains("<h4>The map along the line</h4>") && page.contains("mag_c differs from it by"));
+}
+
+#[test]
 fn r10_warnings_is_no_name_for_a_table() {
     let bench = Bench::new();
     bench.spec(&SPEC.replace("name  = \"scores\"", "name  = \"warnings\""));

@@ -77,14 +77,6 @@ impl Progress {
         self.change(|state, _| (state.parts, state.at) = (parts.to_owned(), at.to_owned()));
     }
 
-    /// Writes a line of its own above the bar.
-    pub fn above(&self, text: &str) {
-        match self.0.as_ref().and_then(|s| s.bar.as_ref()) {
-            Some(bar) => bar.suspend(|| super::tell(text)),
-            None => super::tell(text),
-        }
-    }
-
     fn change(&self, how: impl FnOnce(&mut State, Duration)) {
         let Some(shown) = &self.0 else { return };
         let now = shown.shared.begun.elapsed();
@@ -93,7 +85,10 @@ impl Progress {
         if let Some(bar) = &shown.bar {
             bar.set_length(state.all as u64);
             bar.set_position(state.done as u64);
-            bar.set_style(style(state.all > 0));
+            if state.measured != (state.all > 0) {
+                state.measured = state.all > 0;
+                bar.set_style(style(state.measured));
+            }
             bar.set_message(state.text(now));
         }
     }
@@ -146,6 +141,8 @@ struct State {
     at: String,
     done: usize,
     all: usize,
+    /// Whether the bar that is shown has a length.
+    measured: bool,
     interval: Duration,
     next: Duration,
     over: bool,
@@ -157,6 +154,7 @@ impl State {
             *self = State {
                 what: what.to_owned(),
                 begun: now,
+                measured: self.measured,
                 interval: self.interval,
                 next: self.next,
                 over: self.over,
@@ -222,7 +220,7 @@ impl Listener for Progress {
                     self.set(step.lines, step.of_lines.unwrap_or(0));
                 } else {
                     self.stage(&format!("reading {table}"));
-                    let at = if step.lines > 0 { format!("{file} line {}", step.lines) } else { file.into_owned() };
+                    let at = if step.lines > 0 { format!("{file}, line {}", step.lines) } else { file.into_owned() };
                     self.detail(if step.all == 1 { "file" } else { "files" }, &at);
                     self.set(step.done, step.all);
                 }
@@ -311,6 +309,20 @@ mod tests {
         let lines = text.lines().count();
         std::thread::sleep(Duration::from_millis(20));
         assert_eq!(String::from_utf8(kept.0.lock().unwrap().clone()).unwrap().lines().count(), lines, "it has ended");
+    }
+
+    #[test]
+    fn r10_what_is_read_or_simulated_is_named() {
+        use pipeline::sources::ReadStep;
+        let progress = Progress::lines(seconds(60), Kept::default());
+        let text = || progress.0.as_ref().map(|s| s.shared.lock().text(Duration::ZERO)).unwrap_or_default();
+        let file = std::path::Path::new("flights/osborne.synth.toml");
+        let step = ReadStep { simulated: true, lines: 3, of_lines: Some(9), ..ReadStep::of_file(file, 0, 1) };
+        progress.hear(&Event::Reading { table: "flights", step: &step });
+        assert_eq!(text(), "simulating flights, osborne.synth.toml: 3 of 9 lines");
+        let step = ReadStep { lines: 12, ..ReadStep::of_file(std::path::Path::new("a/1003.csv"), 1, 4) };
+        progress.hear(&Event::Reading { table: "flights", step: &step });
+        assert_eq!(text(), "reading flights, 1003.csv, line 12: 1 of 4 files");
     }
 
     #[test]

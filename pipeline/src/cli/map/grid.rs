@@ -13,7 +13,7 @@ use stages::numerics::{
     levelling::{CrossoverOptions, LevelOptions, Levelled, Merit, find_crossovers, level_lines},
 };
 
-use super::{Bounds, OutputArgs, Stop, ThreadArgs, note, say, write_to, wrong};
+use super::{Bounds, OutputArgs, Stop, ThreadArgs, say, write_to, wrong};
 
 #[derive(Args)]
 pub struct GridArgs {
@@ -180,7 +180,7 @@ fn read(args: &GridArgs) -> Result<SurveyPoints, Stop> {
     let mut all: Option<SurveyPoints> = None;
     for path in &args.points {
         let points = read_points(path, &options).map_err(Fault::from)?;
-        points.notes.iter().for_each(|n| note(&format!("{}: {n}", path.display())));
+        points.notes.iter().for_each(|n| eprintln!("note: {}: {n}", path.display()));
         match &mut all {
             None => {
                 options.to_epsg = Some(points.crs.code());

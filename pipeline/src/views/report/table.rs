@@ -44,7 +44,7 @@ fn table(board: &Board) -> Markup {
     let marked = (0..board.scores.rows.len()).any(|r| board.marked(r) > 0);
     let several = board.scores.rows.len() > 1;
     html! {
-        div.scroll {
+        div.scroll.wide {
             table.sortable.scores {
                 thead { tr {
                     @for axis in &board.scores.axes { th scope="col" { button { (axis) } } }

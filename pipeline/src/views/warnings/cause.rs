@@ -53,14 +53,18 @@ impl<'a> Facts<'a> {
         let Some((t, i)) = navigation(graph.plan, inputs) else { return Ok(Facts { row, settings: None }) };
         let it = graph.plan.instance(t, i);
         let number = |name: &str| param(it, name).and_then(|v| v.parse::<f64>().ok());
+        // `auto` is no number: it takes what the calibration left, which is a column of what is navigated.
+        let sigma_nt = match (number("measurement_sigma_nt"), it.inputs.first()) {
+            (None, Some(input)) => first(graph, store, *input, line, "mag_sigma")?,
+            (given, _) => given,
+        };
         let said = number("decimal_year").filter(|_| param(it, "core_field") == Some("true"));
         let flown = match said {
             Some(_) => flight_date(graph, store, it, line)?,
             None => None,
         };
         let settings = Settings {
-            // `auto` is no number; the sigma that was used is then a score, where the stage tells it.
-            sigma_nt: number("measurement_sigma_nt").or_else(|| row.get("measurement_sigma")),
+            sigma_nt,
             offset_window_s: number("offset_window_s").unwrap_or(0.0),
             levels: param(it, "map_levels_m").is_some_and(|v| v != "none"),
             compensated: graph.plan.upstream(&it.inputs, "compensate").is_some(),

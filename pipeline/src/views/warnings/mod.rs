@@ -277,7 +277,10 @@ fn group_told(group: &[&Warning]) -> String {
     let place = if worst.place().is_empty() { String::new() } else { format!(" ({})", worst.place()) };
     let mut text = match group.len() {
         1 => format!("{}{place}: {}", worst.stage, worst.text),
-        n => format!("{}: {} at {n} places, worst{place}: {}", worst.stage, worst.kind.of_many(), worst.text),
+        n => {
+            let which = if worst.value.is_some() { "worst" } else { "first" };
+            format!("{}: {} at {n} places, {which}{place}: {}", worst.stage, worst.kind.of_many(), worst.text)
+        }
     };
     if let Some(cause) = &worst.cause {
         text.push_str(&format!("\n  likely cause: {cause}"));
