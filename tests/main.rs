@@ -21,3 +21,4 @@ mod reuse;
 mod support;
 mod trust;
 mod versions;
+mod warnings;

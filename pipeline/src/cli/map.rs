@@ -7,13 +7,16 @@ mod grid;
 mod info;
 mod plot;
 
-use std::path::{Path, PathBuf};
+use std::{
+    path::{Path, PathBuf},
+    sync::atomic::Ordering,
+};
 
 use clap::{Args, Subcommand};
 use datasets::{GridMap, MapOptions, read_grid, write_grid};
 use schemas::Fault;
 
-use super::{Stop, say, threads};
+use super::{Stop, note, say, tell, threads};
 
 /// Anomaly maps.
 #[derive(Subcommand)]
@@ -73,7 +76,7 @@ impl InputArgs {
         let options =
             MapOptions { format: self.format.clone(), epsg: self.epsg, alt_m: self.alt, unit: self.unit.clone() };
         let map = read_grid(path, &options).map_err(Fault::from)?;
-        map.notes.iter().for_each(|n| eprintln!("note: {}: {n}", path.display()));
+        map.notes.iter().for_each(|n| note(&format!("{}: {n}", path.display())));
         Ok(map)
     }
 }
@@ -120,8 +123,9 @@ fn wrong(path: &Path, e: &dyn std::fmt::Display) -> Stop {
     Stop::from(Fault::new(e.to_string()).in_file(&path.display().to_string()))
 }
 
-/// Runs the command.
-pub fn run(command: &MapCommand) -> Result<(), Stop> {
+/// Runs the command; a quiet one says nothing but errors and warnings.
+pub fn run(command: &MapCommand, quiet: bool) -> Result<(), Stop> {
+    super::QUIET.store(quiet, Ordering::Relaxed);
     match command {
         MapCommand::Info(args) => info::run(args),
         MapCommand::Grid(args) => grid::run(args),

@@ -1,6 +1,7 @@
 //! The command line: arguments in, text and exit status out. Results go to standard output, all else to standard error.
 
 mod answer;
+mod events;
 mod interrupt;
 mod map;
 mod progress;
@@ -8,23 +9,29 @@ mod say;
 mod sql;
 mod threads;
 
-use std::{io::IsTerminal, path::PathBuf, process::ExitCode};
+use std::{
+    path::PathBuf,
+    process::ExitCode,
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 use clap::{Args, Parser, Subcommand};
 use pipeline::{
     catalogue,
     plan::{Graph, Plan},
     read_spec,
-    run::{self, Summary},
+    run::{self, Event, Listener, Summary},
     sources::Flights,
     spec::{Faults, Spec},
     store::Store,
-    views::{self, scores},
+    views::{self, score_table, scores, warnings},
 };
+use progress::Progress;
 use say::err;
 use schemas::{Fault, Owner, render};
 
-/// Declarative dataflow pipelines for aeromagnetic compensation and magnetic navigation.
+/// Compensates aeromagnetic flights and navigates by the magnetic anomaly: a TOML file names tables and stages, a run
+/// computes what is not yet in its store, and every result is Parquet.
 #[derive(Parser)]
 #[command(name = "magline", version, about, max_term_width = 100)]
 struct Cli {
@@ -35,6 +42,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     /// Run what is not yet in the store.
+    #[command(after_long_help = JSON_HELP)]
     Run(RunArgs),
     /// Check a spec; nothing is run.
     Check(SpecArgs),
@@ -78,6 +86,9 @@ enum Command {
     },
     /// Work on anomaly maps.
     Map {
+        /// Nothing on standard error but errors: no progress, no notes.
+        #[arg(short, long, global = true)]
+        quiet: bool,
         #[command(subcommand)]
         command: map::MapCommand,
     },
@@ -88,6 +99,9 @@ enum Command {
         /// The folder the flights are written to.
         #[arg(long)]
         to: PathBuf,
+        /// Nothing on standard error but errors.
+        #[arg(short, long)]
+        quiet: bool,
     },
 }
 
@@ -110,10 +124,32 @@ struct RunArgs {
     /// Where it runs.
     #[arg(long, default_value = "local")]
     engine: String,
-    /// One JSON event per line on standard output.
+    /// One JSON event per line on standard output; `magline run --help` says what they hold.
     #[arg(long)]
     json: bool,
+    /// No progress, no notes and no tables: only errors, and one line where results are marked.
+    #[arg(short, long)]
+    quiet: bool,
 }
+
+const JSON_HELP: &str = "\
+Scores are marked where a filter is worse than its INS alone (worse_than_ins), where its NEES is outside of 0.2 to 20 (its \
+law is 2) or its NIS outside of 0.25 to 4 (its law is 1). These, maps at another height than the flight (map_height), \
+lines that are mostly off the map (off_map) and what fits say against themselves (fit) are rows of the table \
+<name>.warnings, with the likely cause. They do not change the exit status.
+
+Events of --json, one object per line, each with the key `event`:
+  reading     table, file, simulated, lines, of_lines, done, all: a file is begun or done, or has one more line
+  started     pipeline, version, run, time, units, notes
+  computing   table, units: how many of its units (a line at a sweep point, or a fit) are computed now
+  unit        table, axes, flight, line, status (computed, reused, failed, skipped), error
+  publishing  table
+  table       table, seconds, computed, reused, failed, skipped
+  finished    computed, reused, failed, skipped; version, run, time, seconds, folder; tables (the same counts and the \
+seconds of each); failures; notes; warnings (stage, axes, flight, line, kind, value, limit, unit, text, cause); scores \
+(stage, axes, lines, marked, metrics: pooled over the lines, null where there is none); interrupted
+
+`run` is a hash of what is asked and of the data it is asked of: the same for the same spec and inputs. `time` is UTC.";
 
 /// Something that ends the command, with its exit status.
 enum Stop {
@@ -159,8 +195,8 @@ pub fn main() -> ExitCode {
         }
         Command::Stages { name, markdown } => stages(name.as_deref(), markdown),
         Command::Report { spec, output } => report(&spec, &output),
-        Command::Map { command } => map::run(&command),
-        Command::Synth { spec, to } => synth(&spec, &to),
+        Command::Map { quiet, command } => map::run(&command, quiet),
+        Command::Synth { spec, to, quiet } => synth(&spec, &to, quiet),
     };
     match done {
         Ok(()) => ended(0),
@@ -197,6 +233,28 @@ fn say(text: String) -> Result<(), Stop> {
     Ok(())
 }
 
+/// Whether notes are left unsaid.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// Whether notes and progress are left unsaid.
+fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Something worth knowing, on standard error.
+fn note(text: &str) {
+    if !is_quiet() {
+        tell(&format!("note: {text}"));
+    }
+}
+
+/// Writes a line to standard error, unless it is empty.
+fn tell(text: &str) {
+    if !text.is_empty() {
+        err!("{text}");
+    }
+}
+
 fn plan(args: &SpecArgs) -> Result<Plan, Faults> {
     Plan::new(read_spec(&args.spec, &args.sets)?, &catalogue())
 }
@@ -216,8 +274,8 @@ fn check(args: &SpecArgs) -> Result<(), Stop> {
         return Err(plan.spec.faults(wrong).into());
     }
     let points: usize = plan.tables.iter().map(|t| t.instances.len()).sum();
-    for note in &plan.notes {
-        err!("note: {note}");
+    for text in &plan.notes {
+        note(text);
     }
     say(format!("{} is fine: {} tables, {points} points\n", plan.spec.file, plan.tables.len()))
 }
@@ -225,9 +283,9 @@ fn check(args: &SpecArgs) -> Result<(), Stop> {
 fn with_graph(args: &SpecArgs, view: impl Fn(&Graph, &Store) -> Result<String, Stop>) -> Result<(), Stop> {
     let plan = plan(args)?;
     let store = open(&plan.spec)?;
-    let bar = progress::Reading::new();
-    let graph = Graph::new(&plan, &store, &|name, done, all| bar.show(name, done, all))?;
-    bar.clear();
+    let progress = Progress::new(false);
+    let graph = Graph::new(&plan, &store, &|table, step| progress.hear(&Event::Reading { table, step }))?;
+    drop(progress);
     say(view(&graph, &store)?)
 }
 
@@ -249,10 +307,14 @@ fn stages(name: Option<&str>, markdown: bool) -> Result<(), Stop> {
     }
 }
 
-fn synth(spec: &std::path::Path, to: &std::path::Path) -> Result<(), Stop> {
-    let bar = progress::Lines::new(std::io::stderr().is_terminal());
-    let written = datasets::synthesise_with(spec, to, &|done, all| bar.set(done, all)).map_err(Fault::from)?;
-    drop(bar);
+fn synth(spec: &std::path::Path, to: &std::path::Path, quiet: bool) -> Result<(), Stop> {
+    let progress = Progress::new(quiet);
+    progress.stage("simulating flights");
+    progress.detail("lines", "");
+    let simulation = datasets::simulate::Simulation::open(spec).map_err(Fault::from)?;
+    progress.set(0, simulation.spec().flights.iter().map(|f| f.lines.len()).sum());
+    let written = datasets::synthesise_with(spec, to, &|done, all| progress.set(done, all)).map_err(Fault::from)?;
+    drop(progress);
     say(written.iter().map(|p| format!("{}\n", p.display())).collect())
 }
 
@@ -269,24 +331,13 @@ fn run_spec(args: &RunArgs) -> Result<(), Stop> {
     let store = open(&plan.spec)?;
     let pool = threads::pool(args.threads)?;
     let summary = if args.json {
-        pool.install(|| run::run(&plan, &store, &progress::Json))?
+        pool.install(|| run::run(&plan, &store, &events::Json::new()))?
     } else {
-        let bar = progress::Bar::new(std::io::stderr().is_terminal());
-        pool.install(|| run::run(&plan, &store, &bar))?
+        let progress = Progress::new(args.quiet);
+        pool.install(|| run::run(&plan, &store, &progress))?
     };
     if !args.json {
-        for note in &plan.notes {
-            err!("note: {note}");
-        }
-        say(table_of(&summary))?;
-        if summary.quality > 0 {
-            let (findings, lines) = (counted(summary.quality, "finding"), counted(summary.quality_lines, "line"));
-            err!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name);
-        }
-        say(scores_of(&plan, &summary))?;
-        for warning in views::warnings::warnings(&plan, &summary.folder)? {
-            err!("note: {warning}");
-        }
+        conclude(&plan, &summary, args.quiet)?;
     }
     ending(&summary, args.json)
 }
@@ -294,6 +345,27 @@ fn run_spec(args: &RunArgs) -> Result<(), Stop> {
 /// A number of things: `1 line`, `2 lines`.
 fn counted(n: usize, thing: &str) -> String {
     format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
+}
+
+/// What a run without `--json` says at its end.
+fn conclude(plan: &Plan, summary: &Summary, quiet: bool) -> Result<(), Stop> {
+    let table = format!("{}.warnings", plan.spec.name);
+    let warned = warnings::told(&summary.warnings, &table);
+    if quiet {
+        warned.last().into_iter().for_each(|line| tell(&format!("warning: {line}")));
+        return Ok(());
+    }
+    for text in &plan.notes {
+        note(text);
+    }
+    say(table_of(summary))?;
+    if summary.quality > 0 {
+        let (findings, lines) = (counted(summary.quality, "finding"), counted(summary.quality_lines, "line"));
+        tell(&format!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name));
+    }
+    say(scores_of(summary))?;
+    warned.iter().for_each(|line| tell(&format!("warning: {line}")));
+    Ok(())
 }
 
 /// What happened to each table.
@@ -312,23 +384,15 @@ fn table_of(summary: &Summary) -> String {
     scores::columns(&rows, 1) + &format!("\ntables are in {}\n", summary.folder.display())
 }
 
-/// The pooled scores of each score table.
-fn scores_of(plan: &Plan, summary: &Summary) -> String {
-    let mut out = String::new();
-    for node in plan.tables.iter().filter(|t| t.entry.name == "score") {
-        let axes: Vec<String> = node.axes.iter().map(|i| plan.spec.axes[*i].name.clone()).collect();
-        if let Ok(found) = scores::scores(&summary.folder.join(&node.name), &axes)
-            && !found.rows.is_empty()
-        {
-            out.push_str(&format!(
-                "\n{}, pooled over {} lines\n{}",
-                node.name,
-                found.lines,
-                scores::render(&found, 100)
-            ));
-        }
-    }
-    out
+/// The pooled scores of each table of scores, as wide as the terminal.
+fn scores_of(summary: &Summary) -> String {
+    const ROWS: usize = 100;
+    let width = console::Term::stdout().size_checked().map_or(score_table::WIDTH, |(_, columns)| usize::from(columns));
+    let one = |(name, found): &(String, scores::Scores)| {
+        let lines = if found.lines == 1 { "one line".to_owned() } else { format!("pooled over {} lines", found.lines) };
+        format!("\n{name}, {lines}\n{}", score_table::render(found, width, ROWS))
+    };
+    summary.scores.iter().map(one).collect()
 }
 
 fn ending(summary: &Summary, json: bool) -> Result<(), Stop> {

@@ -1,161 +1,335 @@
-//! What a run shows while it goes on: a bar on a terminal, or one JSON event per line.
+//! What a command says of its progress: a bar on a terminal, else a plain line every ten seconds.
 
-use std::time::Duration;
+use std::{
+    io::{IsTerminal, Write},
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError},
+    thread::JoinHandle,
+    time::{Duration, Instant},
+};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use pipeline::run::{Count, Event, Listener};
-use serde_json::{Value, json};
+use pipeline::run::{Event, Listener};
 
-use super::say::out;
+/// How often a line is written where there is no terminal.
+const INTERVAL: Duration = Duration::from_secs(10);
+/// An estimate from less time than this is none.
+const KNOWN_AFTER: Duration = Duration::from_secs(1);
 
-/// A bar on standard error.
-pub struct Bar(ProgressBar);
+/// Progress on standard error, until it is dropped. All methods may be called from several threads at once.
+pub struct Progress(Option<Shown>);
 
-impl Bar {
-    /// Shown only where somebody can see it.
-    pub fn new(visible: bool) -> Bar {
-        let bar = ProgressBar::with_draw_target(
-            Some(0),
-            if visible { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() },
-        );
-        let style = ProgressStyle::with_template("{elapsed_precise} {wide_bar} {pos}/{len} {msg} (about {eta} left)");
-        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        bar.enable_steady_tick(Duration::from_millis(200));
-        Bar(bar)
+struct Shown {
+    shared: Arc<Shared>,
+    bar: Option<ProgressBar>,
+    writer: Option<JoinHandle<()>>,
+}
+
+struct Shared {
+    begun: Instant,
+    state: Mutex<State>,
+    over: Condvar,
+}
+
+impl Progress {
+    /// Progress on standard error; none at all where `quiet`.
+    pub fn new(quiet: bool) -> Progress {
+        if quiet {
+            return Progress(None);
+        }
+        if std::io::stderr().is_terminal() {
+            return Progress(Some(Shown { shared: Shared::new(INTERVAL), bar: Some(bar()), writer: None }));
+        }
+        Progress::lines(INTERVAL, std::io::stderr())
+    }
+
+    /// A line on `out` every `interval`, whether something happened or not.
+    fn lines(interval: Duration, mut out: impl Write + Send + 'static) -> Progress {
+        let shared = Shared::new(interval);
+        let of_thread = shared.clone();
+        let write = move || {
+            let mut state = of_thread.lock();
+            while !state.over {
+                if let Some(line) = state.due(of_thread.begun.elapsed()) {
+                    // Whoever reads may have gone away.
+                    let _ = writeln!(out, "{line}").and_then(|()| out.flush());
+                }
+                let wait = state.next.saturating_sub(of_thread.begun.elapsed());
+                state = of_thread.over.wait_timeout(state, wait).unwrap_or_else(PoisonError::into_inner).0;
+            }
+        };
+        // A machine that has no thread to spare goes on without a word.
+        let writer = std::thread::Builder::new().name("progress".to_owned()).spawn(write).ok();
+        Progress(Some(Shown { shared, bar: None, writer }))
+    }
+
+    /// Something else begins. What is said of the time left starts anew; the same again changes nothing.
+    pub fn stage(&self, what: &str) {
+        self.change(|state, now| state.stage(now, what));
+    }
+
+    /// `done` of `all` parts of the stage are done; an `all` of 0 is not known yet.
+    pub fn set(&self, done: usize, all: usize) {
+        self.change(|state, _| (state.done, state.all) = (done, all));
+    }
+
+    /// What the parts are called (`lines`), and which one it is at.
+    pub fn detail(&self, parts: &str, at: &str) {
+        self.change(|state, _| (state.parts, state.at) = (parts.to_owned(), at.to_owned()));
+    }
+
+    fn change(&self, how: impl FnOnce(&mut State, Duration)) {
+        let Some(shown) = &self.0 else { return };
+        let now = shown.shared.begun.elapsed();
+        let mut state = shown.shared.lock();
+        how(&mut state, now);
+        if let Some(bar) = &shown.bar {
+            bar.set_length(state.all as u64);
+            bar.set_position(state.done as u64);
+            if state.measured != (state.all > 0) {
+                state.measured = state.all > 0;
+                bar.set_style(style(state.measured));
+            }
+            bar.set_message(state.text(now));
+        }
     }
 }
 
-impl Listener for Bar {
+impl Drop for Progress {
+    fn drop(&mut self) {
+        let Some(shown) = &mut self.0 else { return };
+        shown.shared.lock().over = true;
+        shown.shared.over.notify_all();
+        if let Some(bar) = &shown.bar {
+            bar.finish_and_clear();
+        }
+        if let Some(writer) = shown.writer.take() {
+            // It only writes; what it may have died of is not worth a word.
+            let _ = writer.join();
+        }
+    }
+}
+
+impl Shared {
+    fn new(interval: Duration) -> Arc<Shared> {
+        let state = Mutex::new(State { interval, next: interval, ..State::default() });
+        Arc::new(Shared { begun: Instant::now(), state, over: Condvar::new() })
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn bar() -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr()).with_style(style(false));
+    bar.enable_steady_tick(Duration::from_millis(200));
+    bar
+}
+
+/// A bar only where it is known how long it is.
+fn style(measured: bool) -> ProgressStyle {
+    let template = if measured { "{elapsed_precise} {bar:24} {msg}" } else { "{elapsed_precise} {spinner} {msg}" };
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+/// What is being done, and since when. It knows no clock: the time since the beginning is handed in.
+#[derive(Debug, Default)]
+struct State {
+    what: String,
+    begun: Duration,
+    parts: String,
+    at: String,
+    done: usize,
+    all: usize,
+    /// Whether the bar that is shown has a length.
+    measured: bool,
+    interval: Duration,
+    next: Duration,
+    over: bool,
+}
+
+impl State {
+    fn stage(&mut self, now: Duration, what: &str) {
+        if self.what != what {
+            *self = State {
+                what: what.to_owned(),
+                begun: now,
+                measured: self.measured,
+                interval: self.interval,
+                next: self.next,
+                over: self.over,
+                ..State::default()
+            };
+        }
+    }
+
+    /// The line that is to be written now, if one is.
+    fn due(&mut self, now: Duration) -> Option<String> {
+        if now < self.next {
+            return None;
+        }
+        self.next = now + self.interval;
+        let seconds = now.as_secs();
+        (!self.what.is_empty()).then(|| format!("{}:{:02} {}", seconds / 60, seconds % 60, self.text(now)))
+    }
+
+    fn text(&self, now: Duration) -> String {
+        let mut text = self.what.clone();
+        if !self.at.is_empty() {
+            text.push_str(&format!(", {}", self.at));
+        }
+        if self.all > 0 {
+            text.push_str(&format!(": {} of {}", self.done, self.all));
+            if !self.parts.is_empty() {
+                text.push_str(&format!(" {}", self.parts));
+            }
+        }
+        if let Some(left) = self.left(now) {
+            text.push_str(&format!(" (about {} left)", spelt(left)));
+        }
+        text
+    }
+
+    /// The time that is left of the stage, once there is something to tell it from.
+    fn left(&self, now: Duration) -> Option<Duration> {
+        let passed = now.saturating_sub(self.begun);
+        if self.done == 0 || self.done >= self.all || passed < KNOWN_AFTER {
+            return None;
+        }
+        Some(passed.mul_f64((self.all - self.done) as f64 / self.done as f64))
+    }
+}
+
+/// A time as it is said.
+fn spelt(time: Duration) -> String {
+    match time.as_secs() {
+        s @ 0..90 => format!("{} s", s.max(1)),
+        s @ 90..5400 => format!("{} min", (s + 30) / 60),
+        s => format!("{:.1} h", s as f64 / 3600.0),
+    }
+}
+
+impl Listener for Progress {
     fn hear(&self, event: &Event) {
         match event {
-            Event::Reading { table, done, all } => self.0.set_message(format!("reading {table} {done}/{all}")),
-            Event::Started { units, .. } => self.0.set_length(*units as u64),
-            Event::Unit { table, .. } => {
-                self.0.set_message((*table).to_owned());
-                self.0.inc(1);
+            Event::Reading { table, step } => {
+                let file = step.file.file_name().unwrap_or_default().to_string_lossy();
+                if step.simulated {
+                    self.stage(&format!("simulating {table}"));
+                    self.detail("lines", &file);
+                    self.set(step.lines, step.of_lines.unwrap_or(0));
+                } else {
+                    self.stage(&format!("reading {table}"));
+                    let at = if step.lines > 0 { format!("{file}, line {}", step.lines) } else { file.into_owned() };
+                    self.detail(if step.all == 1 { "file" } else { "files" }, &at);
+                    self.set(step.done, step.all);
+                }
             }
-            Event::Table { .. } => {}
-            Event::Finished { .. } => self.0.finish_and_clear(),
+            Event::Started { .. } => self.stage("looking up what is in the store"),
+            Event::Computing { table, units } => {
+                self.stage(&format!("computing {table}"));
+                self.set(0, *units);
+            }
+            Event::Unit { outcome: pipeline::run::Outcome::Computed | pipeline::run::Outcome::Failed, .. } => {
+                self.change(|state, _| state.done = (state.done + 1).min(state.all));
+            }
+            Event::Unit { .. } => {}
+            Event::Publishing { table } => self.stage(&format!("publishing {table}")),
+            Event::Table { .. } | Event::Finished { .. } => {}
         }
     }
 }
 
-/// The reading of sources, where nothing is run.
-pub struct Reading(ProgressBar);
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
 
-impl Reading {
-    /// On standard error, where that is a terminal.
-    pub fn new() -> Reading {
-        let bar = ProgressBar::new_spinner();
-        bar.enable_steady_tick(Duration::from_millis(200));
-        Reading(bar)
+    use super::*;
+
+    fn seconds(s: u64) -> Duration {
+        Duration::from_secs(s)
     }
 
-    /// One more file is read.
-    pub fn show(&self, name: &str, done: usize, all: usize) {
-        self.0.set_message(format!("reading {name} {done}/{all}"));
+    #[test]
+    fn r10_no_estimate_before_there_is_one() {
+        let mut state = State { interval: seconds(10), next: seconds(10), ..State::default() };
+        state.stage(seconds(0), "simulating flights");
+        assert_eq!(state.text(seconds(60)), "simulating flights");
+        (state.done, state.all, state.parts) = (0, 9, "lines".to_owned());
+        assert_eq!(state.text(seconds(60)), "simulating flights: 0 of 9 lines");
+        state.done = 3;
+        assert_eq!(state.text(seconds(60)), "simulating flights: 3 of 9 lines (about 2 min left)");
+        // Another stage knows nothing of the time that the first one took.
+        state.stage(seconds(60), "computing even");
+        (state.done, state.all) = (1, 2);
+        assert_eq!(state.text(seconds(60)), "computing even: 1 of 2");
+        state.done = 2;
+        assert_eq!(state.text(seconds(90)), "computing even: 2 of 2");
     }
 
-    /// All are read.
-    pub fn clear(&self) {
-        self.0.finish_and_clear();
+    #[test]
+    fn r10_a_line_is_due_every_ten_seconds() {
+        let mut state = State { interval: seconds(10), next: seconds(10), ..State::default() };
+        assert_eq!(state.due(seconds(10)), None, "there is nothing to say yet");
+        state.stage(seconds(10), "gridding");
+        let told: Vec<u64> = (10..=75).filter(|s| state.due(seconds(*s)).is_some()).collect();
+        assert_eq!(told, [20, 30, 40, 50, 60, 70]);
+        assert_eq!(state.due(seconds(85)).unwrap(), "1:25 gridding");
     }
-}
 
-/// JSON events on standard output.
-pub struct Json;
+    #[derive(Clone, Default)]
+    struct Kept(Arc<Mutex<Vec<u8>>>);
 
-impl Listener for Json {
-    fn hear(&self, event: &Event) {
-        let value = as_json(event);
-        // A reader that has gone away does not stop the run; a full disk shows in its exit status.
-        out!("{value}\n");
-    }
-}
-
-fn counts(c: &Count) -> Value {
-    json!({ "computed": c.computed, "reused": c.reused, "failed": c.failed, "skipped": c.skipped })
-}
-
-fn merged(mut base: Value, more: Value) -> Value {
-    if let (Some(base), Value::Object(more)) = (base.as_object_mut(), more) {
-        base.extend(more);
-    }
-    base
-}
-
-fn point_json(point: &pipeline::plan::Point) -> Value {
-    point.iter().map(|(k, v)| (k.clone(), literal(v))).collect::<serde_json::Map<_, _>>().into()
-}
-
-fn literal(value: &schemas::Literal) -> Value {
-    use schemas::Literal as L;
-    match value {
-        L::Bool(x) => json!(x),
-        L::Int(x) => json!(x),
-        L::Float(x) => json!(x),
-        L::Text(x) => json!(x),
-        L::List(xs) => xs.iter().map(literal).collect(),
-    }
-}
-
-fn as_json(event: &Event) -> Value {
-    match event {
-        Event::Reading { table, done, all } => json!({ "event": "reading", "table": table, "done": done, "all": all }),
-        Event::Started { pipeline, units } => json!({ "event": "started", "pipeline": pipeline, "units": units }),
-        Event::Unit { table, point, line, outcome, fault } => json!({
-            "event": "unit",
-            "table": table,
-            "axes": point_json(point),
-            "flight": line.map(|l| &l.0),
-            "line": line.map(|l| &l.1),
-            "status": outcome.as_str(),
-            "error": fault.map(ToString::to_string),
-        }),
-        Event::Table { table, count, seconds } => {
-            merged(json!({ "event": "table", "table": table, "seconds": seconds }), counts(count))
+    impl Write for Kept {
+        fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+            self.0.lock().unwrap().extend_from_slice(bytes);
+            Ok(bytes.len())
         }
-        Event::Finished { summary } => {
-            let tables: serde_json::Map<_, _> = summary.tables.iter().map(|(n, c)| (n.clone(), counts(c))).collect();
-            let failures: Vec<Value> = summary.failures.iter().map(failure).collect();
-            let more = json!({ "tables": tables, "failures": failures, "quality": summary.quality, "interrupted": summary.interrupted });
-            merged(merged(json!({ "event": "finished" }), counts(&summary.total())), more)
+
+        fn flush(&mut self) -> std::io::Result<()> {
+            Ok(())
         }
     }
-}
 
-fn failure(f: &pipeline::run::Failure) -> Value {
-    json!({
-        "stage": f.table,
-        "axes": point_json(&f.point),
-        "flight": f.line.as_ref().map(|l| &l.0),
-        "line": f.line.as_ref().map(|l| &l.1),
-        "error": f.fault.to_string(),
-    })
-}
-
-/// The simulation of lines.
-pub struct Lines(ProgressBar);
-
-impl Lines {
-    /// Shown only where somebody can see it.
-    pub fn new(visible: bool) -> Lines {
-        let target = if visible { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-        let bar = ProgressBar::with_draw_target(Some(0), target);
-        let style = ProgressStyle::with_template("{elapsed_precise} {wide_bar} {pos}/{len} lines (about {eta} left)");
-        bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        Lines(bar)
+    #[test]
+    fn r10_lines_come_by_themselves_and_are_plain() {
+        let kept = Kept::default();
+        let progress = Progress::lines(Duration::from_millis(5), kept.clone());
+        progress.stage("computing track");
+        progress.set(1, 4);
+        // Nothing is said to the helper while it waits, as by a stage that works for minutes.
+        let begun = Instant::now();
+        while kept.0.lock().unwrap().is_empty() && begun.elapsed() < seconds(20) {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        drop(progress);
+        let text = String::from_utf8(kept.0.lock().unwrap().clone()).unwrap();
+        assert!(text.starts_with("0:00 computing track"), "{text:?}");
+        assert!(!text.contains(['\u{1b}', '\r']), "{text:?}");
+        let lines = text.lines().count();
+        std::thread::sleep(Duration::from_millis(20));
+        assert_eq!(String::from_utf8(kept.0.lock().unwrap().clone()).unwrap().lines().count(), lines, "it has ended");
     }
 
-    /// `done` of `all` lines are simulated.
-    pub fn set(&self, done: usize, all: usize) {
-        self.0.set_length(all as u64);
-        self.0.set_position(done as u64);
+    #[test]
+    fn r10_what_is_read_or_simulated_is_named() {
+        use pipeline::sources::ReadStep;
+        let progress = Progress::lines(seconds(60), Kept::default());
+        let text = || progress.0.as_ref().map(|s| s.shared.lock().text(Duration::ZERO)).unwrap_or_default();
+        let file = std::path::Path::new("flights/osborne.synth.toml");
+        let step = ReadStep { simulated: true, lines: 3, of_lines: Some(9), ..ReadStep::of_file(file, 0, 1) };
+        progress.hear(&Event::Reading { table: "flights", step: &step });
+        assert_eq!(text(), "simulating flights, osborne.synth.toml: 3 of 9 lines");
+        let step = ReadStep { lines: 12, ..ReadStep::of_file(std::path::Path::new("a/1003.csv"), 1, 4) };
+        progress.hear(&Event::Reading { table: "flights", step: &step });
+        assert_eq!(text(), "reading flights, 1003.csv, line 12: 1 of 4 files");
     }
-}
 
-impl Drop for Lines {
-    fn drop(&mut self) {
-        self.0.finish_and_clear();
+    #[test]
+    fn law_quiet_says_nothing() {
+        let progress = Progress::new(true);
+        progress.stage("x");
+        progress.set(1, 2);
+        assert!(progress.0.is_none());
     }
 }

@@ -72,7 +72,11 @@ struct Builder<'a> {
 }
 
 /// The tables that a run writes beside those of the stages.
-const BESIDE: [(&str, &str); 2] = [("failures", "what failed"), ("quality", "the quality of the data")];
+const BESIDE: [(&str, &str); 3] = [
+    ("failures", "what failed"),
+    ("quality", "the quality of the data"),
+    ("warnings", "what is not to be trusted as it is"),
+];
 
 impl Builder<'_> {
     /// Every table has one name.

@@ -10,7 +10,7 @@ use schemas::{Fault, Grain, InputKind};
 use super::{Instance, Plan, Ref};
 use crate::{
     keys::Key,
-    sources::{Bytes, LineRecord, Lines},
+    sources::{Bytes, LineRecord, Lines, ReadStep},
     spec::Faults,
     store::Store,
 };
@@ -64,17 +64,18 @@ impl<'a> Graph<'a> {
     ///
     /// # Errors
     /// Files that cannot be read.
-    pub fn new(plan: &'a Plan, store: &Store, tick: &(dyn Fn(&str, usize, usize) + Sync)) -> Result<Graph<'a>, Faults> {
+    pub fn new(plan: &'a Plan, store: &Store, tick: &(dyn Fn(&str, &ReadStep) + Sync)) -> Result<Graph<'a>, Faults> {
         let mut faults = vec![];
         let mut sources: Vec<Lines> = vec![];
         for flights in &plan.flights {
-            match flights.lines(store, &|done, all| tick(&flights.name, done, all)) {
+            match flights.lines(store, &|step| tick(&flights.name, step)) {
                 Ok(lines) => sources.push(lines),
                 Err(wrong) => faults.extend(wrong),
             }
         }
         let (mut maps, mut map_bytes) = (vec![], vec![]);
         for map in &plan.maps {
+            tick(&map.name, &ReadStep::of_file(&map.path, 0, 1));
             match map.load(store) {
                 Ok((key, bytes)) => {
                     maps.push(key);

@@ -6,7 +6,7 @@ mod axes;
 mod build;
 mod keys;
 
-use std::sync::Arc;
+use std::{collections::BTreeSet, sync::Arc};
 
 use schemas::{Column, Entry, Fault, Literal, StageDyn, Table, Yield};
 
@@ -98,6 +98,25 @@ impl Plan {
         let known: Vec<&str> = self.tables.iter().map(|t| t.name.as_str()).collect();
         let found = known.iter().position(|n| *n == name);
         found.ok_or_else(|| Fault::new(format!("there is no table `{name}`")).nearest(name, &known))
+    }
+
+    /// The nearest table above `from`, itself among them, that `stage` made.
+    pub fn upstream(&self, from: &[Ref], stage: &str) -> Option<Ref> {
+        let mut queue: Vec<Ref> = from.to_vec();
+        let mut seen: BTreeSet<Ref> = BTreeSet::new();
+        let mut next = 0;
+        while let Some(r) = queue.get(next).copied() {
+            next += 1;
+            let Ref::Stage(t, i) = r else { continue };
+            if !seen.insert(r) {
+                continue;
+            }
+            if self.tables[t].entry.name == stage {
+                return Some(r);
+            }
+            queue.extend(self.instance(t, i).inputs.iter().copied());
+        }
+        None
     }
 
     /// The name by which a reference is known in the spec.

@@ -5,7 +5,7 @@ use std::ops::Add;
 use schemas::Fault;
 
 use super::Summary;
-use crate::plan::Point;
+use crate::{plan::Point, sources::ReadStep};
 
 /// How many units of a table had which fate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -60,20 +60,29 @@ impl Outcome {
 
 /// Something that happened.
 pub enum Event<'a> {
-    /// A file of a source has been read.
+    /// A file of a source is being read, or a line of it is there.
     Reading {
         /// The source.
         table: &'a str,
-        /// Files read.
-        done: usize,
-        /// Files there are.
-        all: usize,
+        /// How far it has come.
+        step: &'a ReadStep<'a>,
     },
     /// The run begins.
     Started {
         /// The pipeline.
         pipeline: &'a str,
         /// Units there are.
+        units: usize,
+        /// What is asked, and of which data: the same for the same spec and inputs.
+        run: &'a str,
+        /// Choices made for the user.
+        notes: &'a [String],
+    },
+    /// What is missing of a table is computed now.
+    Computing {
+        /// The table.
+        table: &'a str,
+        /// Units that are neither there nor beyond computing.
         units: usize,
     },
     /// A unit is settled.
@@ -88,6 +97,11 @@ pub enum Event<'a> {
         outcome: Outcome,
         /// Why it failed.
         fault: Option<&'a Fault>,
+    },
+    /// A table is written as a data set.
+    Publishing {
+        /// The table.
+        table: &'a str,
     },
     /// A table is complete and published.
     Table {

@@ -19,9 +19,14 @@ pub use events::{Count, Event, Listener, Outcome, Quiet};
 use crate::{
     keys::Key,
     plan::{Graph, LineId, Plan, Ref, Unit},
+    sources::ReadStep,
     spec::Faults,
     store::Store,
-    views,
+    views::{
+        self,
+        scores::{self, Scores},
+        warnings::{self, Warning},
+    },
 };
 use work::{Task, Worker};
 
@@ -35,6 +40,16 @@ pub struct Summary {
     pub quality: usize,
     /// Lines that have any.
     pub quality_lines: usize,
+    /// What is not to be trusted as it is; none of an interrupted run.
+    pub warnings: Vec<Warning>,
+    /// The pooled scores of each table of scores.
+    pub scores: Vec<(String, Scores)>,
+    /// Choices made for the user.
+    pub notes: Vec<String>,
+    /// How long each table took, s, in the order of `tables`.
+    pub seconds: Vec<f64>,
+    /// What was asked, and of which data: the same for the same spec and inputs.
+    pub run: String,
     /// Whether it was interrupted.
     pub interrupted: bool,
     /// Where the tables are.
@@ -108,11 +123,12 @@ enum State {
 /// # Errors
 /// When a source cannot be read or the store cannot be written; nothing has been run then.
 pub fn run(plan: &Plan, store: &Store, listener: &dyn Listener) -> Result<Summary, Faults> {
-    let tick = |name: &str, done: usize, all: usize| listener.hear(&Event::Reading { table: name, done, all });
+    let tick = |table: &str, step: &ReadStep| listener.hear(&Event::Reading { table, step });
     let graph = Graph::new(plan, store, &tick)?;
     STARTED.store(true, Ordering::SeqCst);
     let units: usize = (0..plan.tables.len()).map(|t| graph.units(t).len()).sum();
-    listener.hear(&Event::Started { pipeline: &plan.spec.name, units });
+    let run = run_id(&graph);
+    listener.hear(&Event::Started { pipeline: &plan.spec.name, units, run: &run, notes: &plan.notes });
     let mut runner =
         Runner { graph: &graph, store, listener, states: HashMap::new(), failures: vec![], seconds: vec![] };
     runner.sources();
@@ -125,6 +141,7 @@ pub fn run(plan: &Plan, store: &Store, listener: &dyn Listener) -> Result<Summar
         let started = Instant::now();
         let count = runner.table(t);
         runner.seconds.push((count.computed, started.elapsed().as_secs_f64()));
+        listener.hear(&Event::Publishing { table: &node.name });
         if !INTERRUPTED.load(Ordering::Relaxed)
             && let Err(fault) = publish::table(&graph, store, t, &|u| runner.states.get(&u) == Some(&State::Done))
         {
@@ -134,26 +151,60 @@ pub fn run(plan: &Plan, store: &Store, listener: &dyn Listener) -> Result<Summar
         tables.push((node.name.clone(), count));
     }
     let interrupted = INTERRUPTED.load(Ordering::Relaxed);
-    let Runner { mut failures, seconds, .. } = runner;
+    let Runner { mut failures, seconds, states, .. } = runner;
     failures.extend(trouble.into_iter().map(|fault| Failure {
         table: "publish".into(),
         point: Default::default(),
         line: None,
         fault,
     }));
+    let mut warnings = vec![];
     if !interrupted {
-        let last = publish::failures(plan, store, &failures)
-            .and_then(|()| quality::publish(&graph, store))
-            .and_then(|()| views::record(&graph, store, &seconds));
+        let there = |unit: Unit| states.get(&unit) == Some(&State::Done);
+        let last = warnings::find(&graph, store, &there).and_then(|found| {
+            publish::warnings(plan, store, &found)?;
+            warnings = found;
+            publish::failures(plan, store, &failures)?;
+            quality::publish(&graph, store)?;
+            views::record(&graph, store, &seconds)
+        });
         if let Err(fault) = last {
             failures.push(Failure { table: "publish".into(), point: Default::default(), line: None, fault });
         }
     }
     let (quality, quality_lines) = quality::count(&graph);
     let folder = store.root().join("tables").join(&plan.spec.name);
-    let summary = Summary { tables, failures, quality, quality_lines, interrupted, folder };
+    let scores = if interrupted { vec![] } else { scores::all(plan, &folder, &warnings) };
+    let seconds = seconds.into_iter().map(|(_, s)| s).collect();
+    let notes = plan.notes.clone();
+    let summary = Summary {
+        tables,
+        failures,
+        quality,
+        quality_lines,
+        warnings,
+        scores,
+        notes,
+        seconds,
+        run,
+        interrupted,
+        folder,
+    };
     listener.hear(&Event::Finished { summary: &summary });
     Ok(summary)
+}
+
+/// What is asked of which data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of every table. A
+/// comment in the spec, the number of threads and what the store already holds do not change it.
+fn run_id(graph: &Graph) -> String {
+    let spec = &graph.plan.spec;
+    let mut parts = vec!["run".to_owned(), spec.name.clone(), spec.seed.to_string()];
+    for (t, node) in graph.plan.tables.iter().enumerate() {
+        parts.push(node.name.clone());
+        let key = |unit: Unit| graph.key(unit).map_or_else(|_| "none".to_owned(), |key| key.to_string());
+        parts.extend(graph.units(t).into_iter().map(key));
+    }
+    Key::of(parts).to_string().chars().take(16).collect()
 }
 
 struct Runner<'a> {
@@ -204,6 +255,8 @@ impl Runner<'_> {
                 Looked::Need(key) => pending.push((unit, key)),
             }
         }
+        let table = &self.graph.plan.tables[t].name;
+        self.listener.hear(&Event::Computing { table, units: pending.len() });
         let worker = Worker::new(self.graph, self.store, t);
         let tasks = match self.graph.plan.tables[t].entry.grain {
             Grain::Line => worker.by_line(pending),

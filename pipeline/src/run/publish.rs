@@ -16,8 +16,9 @@ use schemas::{Column, Fault, Literal, Role, field};
 use super::Failure;
 use crate::{
     keys::Key,
-    plan::{Graph, LineId, Plan, Ref, TableNode, Unit},
+    plan::{Graph, LineId, Plan, Point, Ref, TableNode, Unit},
     store::{Piece, RowGroup, Store, splice, write_parquet},
+    views::warnings::Warning,
 };
 
 /// Writes the table `t` as far as `done` says that its units are there; one with `publish = false` is removed.
@@ -216,13 +217,60 @@ fn tidy(graph: &Graph, store: &Store, t: usize, done: &(dyn Fn(Unit) -> bool + S
 /// # Errors
 /// When the store cannot be written.
 pub fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<(), Fault> {
+    let text = |f: &dyn Fn(&Failure) -> Option<String>| -> ArrayRef {
+        Arc::new(failures.iter().map(f).collect::<StringArray>())
+    };
+    let points: Vec<&Point> = failures.iter().map(|f| &f.point).collect();
+    let columns = vec![
+        ("flight", text(&|f| f.line.as_ref().map(|l| l.0.clone())), "flight identifier"),
+        ("line", text(&|f| f.line.as_ref().map(|l| l.1.clone())), "line identifier"),
+        ("stage", text(&|f| Some(f.table.clone())), "the table that could not be computed"),
+        ("error", text(&|f| Some(f.fault.to_string())), "why"),
+    ];
+    beside(plan, store, "failures", &points, columns)
+}
+
+/// Writes what is not to be trusted as it is, also when there is nothing of the kind.
+///
+/// # Errors
+/// When the store cannot be written.
+pub fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<(), Fault> {
+    let text = |f: &dyn Fn(&Warning) -> Option<String>| -> ArrayRef {
+        Arc::new(warnings.iter().map(f).collect::<StringArray>())
+    };
+    let number =
+        |f: fn(&Warning) -> Option<f64>| -> ArrayRef { Arc::new(warnings.iter().map(f).collect::<Float64Array>()) };
+    let points: Vec<&Point> = warnings.iter().map(|w| &w.point).collect();
+    let columns = vec![
+        ("flight", text(&|w| w.line.as_ref().map(|l| l.0.clone())), "flight identifier; null for a fit"),
+        ("line", text(&|w| w.line.as_ref().map(|l| l.1.clone())), "line identifier; null for a fit"),
+        ("stage", text(&|w| Some(w.stage.clone())), "the table of scores or models"),
+        ("kind", text(&|w| Some(w.kind.as_str().to_owned())), "what it is about"),
+        ("value", number(|w| w.value), "the figure that gave rise to it; null for a fit"),
+        ("limit", number(|w| w.limit), "what the figure is held against"),
+        ("unit", text(&|w| Some(w.unit.to_owned())), "the unit of both"),
+        ("text", text(&|w| Some(w.text.clone())), "what is wrong"),
+        ("cause", text(&|w| w.cause.clone()), "what is likely to be behind it; null where that is not known"),
+    ];
+    beside(plan, store, "warnings", &points, columns)
+}
+
+/// A table beside those of the stages: the axes of the whole sweep (null where a row has no value of one), then `columns`
+/// of name, values and meaning. An axis has its name before a column.
+fn beside(
+    plan: &Plan,
+    store: &Store,
+    name: &str,
+    points: &[&Point],
+    columns: Vec<(&str, ArrayRef, &str)>,
+) -> Result<(), Fault> {
     let mut fields = vec![];
-    let mut columns: Vec<ArrayRef> = vec![];
+    let mut arrays: Vec<ArrayRef> = vec![];
     for axis in &plan.spec.axes {
         let kind = axis_type(&axis.values[0]);
-        let cells: Vec<ArrayRef> = failures
+        let cells: Vec<ArrayRef> = points
             .iter()
-            .map(|f| f.point.get(&axis.name).map_or_else(|| new_null_array(&kind, 1), |v| axis_values(v, 1)))
+            .map(|p| p.get(&axis.name).map_or_else(|| new_null_array(&kind, 1), |v| axis_values(v, 1)))
             .collect();
         let cells: Vec<&dyn arrow_array::Array> = cells.iter().map(AsRef::as_ref).collect();
         let all = if cells.is_empty() {
@@ -231,27 +279,19 @@ pub fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<(), 
             arrow_select::concat::concat(&cells).map_err(|e| Fault::machine(e.to_string()))?
         };
         fields.push(field(&axis.name, kind, "", Role::Key, "axis of the sweep"));
-        columns.push(all);
+        arrays.push(all);
     }
-    let text = |f: &dyn Fn(&Failure) -> Option<String>| -> ArrayRef {
-        Arc::new(failures.iter().map(f).collect::<StringArray>())
-    };
-    let more: [(&str, ArrayRef, &str); 4] = [
-        ("flight", text(&|f| f.line.as_ref().map(|l| l.0.clone())), "flight identifier"),
-        ("line", text(&|f| f.line.as_ref().map(|l| l.1.clone())), "line identifier"),
-        ("stage", text(&|f| Some(f.table.clone())), "the table that could not be computed"),
-        ("error", text(&|f| Some(f.fault.to_string())), "why"),
-    ];
-    for (name, array, about) in more {
+    for (name, array, about) in columns {
         if fields.iter().any(|f: &Field| f.name() == name) {
             continue;
         }
-        fields.push(field(name, DataType::Utf8, "", Role::Key, about));
-        columns.push(array);
+        let role = if array.data_type() == &DataType::Float64 { Role::Derived } else { Role::Key };
+        fields.push(field(name, array.data_type().clone(), "", role, about));
+        arrays.push(array);
     }
     let batch =
-        RecordBatch::try_new(Arc::new(Schema::new(fields)), columns).map_err(|e| Fault::machine(e.to_string()))?;
-    let to = inside(store, &plan.spec.name, "failures")?.join("part-0.parquet");
+        RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))?;
+    let to = inside(store, &plan.spec.name, name)?.join("part-0.parquet");
     let tmp = store.temporary();
     write_parquet(&tmp, &batch)?;
     store.settle(&tmp, &to)

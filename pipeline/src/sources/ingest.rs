@@ -1,6 +1,14 @@
 //! From flight files to one object a line, with the hash of every column.
 
-use std::{collections::BTreeMap, fs, path::Path, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+    },
+};
 
 use arrow_array::{Array, ArrayRef, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::DataType;
@@ -16,7 +24,7 @@ use schemas::{
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Bytes, Flights, Lines, VERSION,
+    Bytes, Flights, Lines, ReadStep, VERSION,
     assemble::{Assembly, MISSING, Whole},
     fingerprint, midnight,
     quality::{Examined, Finding, Origins, examine},
@@ -79,15 +87,20 @@ impl IndexFault {
 }
 
 /// The lines of all files, ingesting those that are new.
-pub fn lines(flights: &Flights, store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Lines, Vec<Fault>> {
-    let done = std::sync::atomic::AtomicUsize::new(0);
+pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<Fault>> {
+    let done = AtomicUsize::new(0);
     let total = flights.files.len();
     let read: Vec<Result<(Bytes, Index), Fault>> = flights
         .files
         .par_iter()
         .map(|(path, options)| {
-            let read = index(store, path, options).map_err(|f| f.in_file(&path.display().to_string()));
-            tick(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, total);
+            let at = |done| ReadStep::of_file(path, done, total);
+            tick(&at(done.load(Ordering::Relaxed)));
+            let lines = |simulated, lines, of_lines| {
+                tick(&ReadStep { simulated, lines, of_lines, ..at(done.load(Ordering::Relaxed)) });
+            };
+            let read = index(store, path, options, &lines).map_err(|f| f.in_file(&path.display().to_string()));
+            tick(&at(done.fetch_add(1, Ordering::Relaxed) + 1));
             read
         })
         .collect();
@@ -161,8 +174,13 @@ fn record(line: IndexLine, file: usize, path: &Path) -> Option<LineRecord> {
     })
 }
 
+/// Is told of every step of the reading.
+type Tick<'a> = &'a (dyn Fn(&ReadStep) + Sync);
+/// Is told of the lines of one file: whether they are simulated, how many are there, and of how many.
+type LineTick<'a> = &'a dyn Fn(bool, usize, Option<usize>);
+
 /// What the file holds, from the store where it was read before.
-fn index(store: &Store, path: &Path, options: &FlightOptions) -> Result<(Bytes, Index), Fault> {
+fn index(store: &Store, path: &Path, options: &FlightOptions, tick: LineTick) -> Result<(Bytes, Index), Fault> {
     let bytes = fingerprint(store, path)?;
     let mut parts = vec![
         "flights".to_owned(),
@@ -171,11 +189,13 @@ fn index(store: &Store, path: &Path, options: &FlightOptions) -> Result<(Bytes, 
         format!("{options:?}"),
         bytes.hash.to_string(),
     ];
+    let (mut simulated, mut of_lines) = (false, None);
     if options.format.as_deref() == Some("synth") || path.to_string_lossy().ends_with(".synth.toml") {
         let simulation = datasets::simulate::Simulation::open(path).map_err(Fault::from)?;
         for other in simulation.inputs() {
             parts.push(fingerprint(store, other)?.hash.to_string());
         }
+        (simulated, of_lines) = (true, Some(simulation.spec().flights.iter().map(|f| f.lines.len()).sum()));
     }
     let note = store.root().join("sources").join(format!("{}.json", Key::of(parts.iter().map(String::as_bytes))));
     let known: Option<Index> = fs::read(&note).ok().and_then(|b| serde_json::from_slice(&b).ok());
@@ -184,14 +204,15 @@ fn index(store: &Store, path: &Path, options: &FlightOptions) -> Result<(Bytes, 
     if let Some(index) = known.filter(whole) {
         return Ok((bytes, index));
     }
-    let index = ingest(store, path, options)?;
+    tick(simulated, 0, of_lines);
+    let index = ingest(store, path, options, &|lines| tick(simulated, lines, of_lines))?;
     let text = serde_json::to_vec_pretty(&index).map_err(|e| Fault::machine(e.to_string()))?;
     store.write(&note, &text)?;
     Ok((bytes, index))
 }
 
 /// Reads a file once, one line in memory at a time.
-fn ingest(store: &Store, path: &Path, options: &FlightOptions) -> Result<Index, Fault> {
+fn ingest(store: &Store, path: &Path, options: &FlightOptions, tick: &dyn Fn(usize)) -> Result<Index, Fault> {
     let mut reader = open_flight(path, options).map_err(Fault::from)?;
     let canonical = Canonical::new(reader.schema()).map_err(|f| f.into_iter().next().unwrap_or_default())?;
     let origins = Origins::new(reader.schema(), &options.rename);
@@ -202,6 +223,7 @@ fn ingest(store: &Store, path: &Path, options: &FlightOptions) -> Result<Index, 
         let part = part.map_err(Fault::from)?;
         for whole in assembly.add(&canonical.apply_with_zeros(&part.batch)?, &part.faults) {
             index.lines.push(put(whole)?);
+            tick(index.lines.len());
         }
     }
     for whole in assembly.finish() {

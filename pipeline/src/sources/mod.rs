@@ -47,6 +47,30 @@ pub struct Lines {
     pub files: Vec<Bytes>,
 }
 
+/// How far the reading of a table has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReadStep<'a> {
+    /// The file that is read.
+    pub file: &'a std::path::Path,
+    /// Whether it is the spec of a simulation, whose lines are simulated.
+    pub simulated: bool,
+    /// Lines of the file that are there.
+    pub lines: usize,
+    /// Lines that the file has, where that is known before it is read.
+    pub of_lines: Option<usize>,
+    /// Files of the table that are done.
+    pub done: usize,
+    /// Files that the table has.
+    pub all: usize,
+}
+
+impl<'a> ReadStep<'a> {
+    /// A file that is begun or done.
+    pub fn of_file(file: &'a std::path::Path, done: usize, all: usize) -> ReadStep<'a> {
+        ReadStep { file, simulated: false, lines: 0, of_lines: None, done, all }
+    }
+}
+
 impl Flights {
     /// Finds the files and reads their schemas.
     ///
@@ -81,11 +105,12 @@ impl Flights {
         Ok(Flights { name: decl.name.clone(), shape: Shape { columns, rate_hz: None }, schema, notes, files })
     }
 
-    /// Brings every line into the store that is not there yet. `tick` is told of each file done.
+    /// Brings every line into the store that is not there yet. `tick` is called when a file is begun, after each of its
+    /// lines, and when it is done; from several threads.
     ///
     /// # Errors
     /// A file that cannot be read. What is wrong with single lines stands in their records.
-    pub fn lines(&self, store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Lines, Vec<Fault>> {
+    pub fn lines(&self, store: &Store, tick: &(dyn Fn(&ReadStep) + Sync)) -> Result<Lines, Vec<Fault>> {
         ingest::lines(self, store, tick)
     }
 }

@@ -1,10 +1,16 @@
 //! The table of scores as a person reads it: one row a sweep point, one column a metric, lines pooled.
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 use polars::prelude::{Column, DataFrame, DataType, GroupsIndicator, ParquetReader, PolarsError, SerReader};
-use schemas::Fault;
+use schemas::{Fault, Literal};
 use stages::numerics::statistics::Pool;
+
+use super::{
+    ranking::{RANKING, better},
+    warnings::Warning,
+};
+use crate::plan::Plan;
 
 /// The metrics worth a column, in their order.
 const SHOWN: [&str; 15] = [
@@ -35,6 +41,68 @@ pub struct Scores {
     pub rows: Vec<(Vec<String>, Vec<Option<f64>>)>,
     /// How many lines went into them.
     pub lines: usize,
+    /// How many lines of each row are marked: their filter diverged, or is wrong about itself.
+    pub marks: Vec<usize>,
+}
+
+impl Scores {
+    /// Marks the rows of the table `name` that `warnings` speaks of.
+    pub fn mark(&mut self, name: &str, warnings: &[Warning]) {
+        let spoilt: Vec<&Warning> = warnings.iter().filter(|w| w.stage == name && w.kind.spoils()).collect();
+        let marks = self.rows.iter().map(|(key, _)| {
+            let here = |w: &&&Warning| {
+                let same = |(axis, text): (&String, &String)| w.point.get(axis).is_some_and(|v| is_value(text, v));
+                self.axes.iter().zip(key).all(same)
+            };
+            spoilt.iter().filter(here).filter_map(|w| w.line.as_ref()).collect::<BTreeSet<_>>().len()
+        });
+        self.marks = marks.collect();
+    }
+
+    /// The position of a metric.
+    pub fn metric(&self, name: &str) -> Option<usize> {
+        self.metrics.iter().position(|(m, _)| m == name)
+    }
+
+    /// The value of a metric at a row.
+    pub fn value(&self, row: usize, metric: usize) -> Option<f64> {
+        self.rows.get(row).and_then(|(_, values)| values.get(metric).copied().flatten())
+    }
+
+    /// The metric that ranks the points: the first of the usual ones that has a value.
+    pub fn headline(&self) -> Option<usize> {
+        let has = |m: &usize| (0..self.rows.len()).any(|r| self.value(r, *m).is_some());
+        RANKING.iter().filter_map(|m| self.metric(m)).find(has)
+    }
+
+    /// Whether a row is marked.
+    pub fn is_marked(&self, row: usize) -> bool {
+        self.marks.get(row).is_some_and(|n| *n > 0)
+    }
+
+    /// The rows by a metric, best first, those with a mark after all others; those without a value are left out.
+    pub fn ranked(&self, metric: usize) -> Vec<usize> {
+        let Some((name, _)) = self.metrics.get(metric) else { return vec![] };
+        let cost =
+            |r: usize| self.value(r, metric).and_then(|v| better(name).cost(v)).map(|c| (self.is_marked(r), c, r));
+        let mut all: Vec<(bool, f64, usize)> = (0..self.rows.len()).filter_map(cost).collect();
+        all.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
+        all.into_iter().map(|(_, _, r)| r).collect()
+    }
+
+    /// The best row by a metric; a marked one is never it.
+    pub fn best(&self, metric: usize) -> Option<usize> {
+        self.ranked(metric).first().copied().filter(|r| !self.is_marked(*r))
+    }
+}
+
+/// Whether a text that another program made of an axis value means `value`: `0.0` and `0` are one number.
+pub fn is_value(text: &str, value: &Literal) -> bool {
+    let spelt = value.to_string();
+    match value {
+        Literal::Int(_) | Literal::Float(_) => text == spelt || text.parse::<f64>().ok() == spelt.parse().ok(),
+        _ => text == spelt,
+    }
 }
 
 /// Reads the score table in `folder`, whose axes are `axes`.
@@ -46,6 +114,20 @@ pub struct Scores {
 /// When the table cannot be read.
 pub fn scores(folder: &Path, axes: &[String]) -> Result<Scores, Fault> {
     pool(folder, axes).map_err(|e| Fault::machine(format!("cannot read the scores in {}: {e}", folder.display())))
+}
+
+/// The scores of all published tables of scores of `plan`, whose tables are in `folder`, with the rows marked that
+/// `warnings` speaks of. A table that is not there or cannot be read is left out, as is one without a row.
+pub fn all(plan: &Plan, folder: &Path, warnings: &[Warning]) -> Vec<(String, Scores)> {
+    let of_score = plan.tables.iter().filter(|t| t.entry.name == "score");
+    let read = of_score.filter_map(|node| {
+        let axes: Vec<String> =
+            node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
+        let mut found = scores(&folder.join(&node.name), &axes).ok().filter(|s| !s.rows.is_empty())?;
+        found.mark(&node.name, warnings);
+        Some((node.name.clone(), found))
+    });
+    read.collect()
 }
 
 fn pool(folder: &Path, axes: &[String]) -> Result<Scores, PolarsError> {
@@ -97,7 +179,8 @@ fn gather(groups: &DataFrame, pooled: &[Option<f64>], axes: &[String], lines: us
         };
         rows[row].1[at] = pooled.get(i).copied().flatten();
     }
-    Ok(Scores { axes: axes.to_vec(), metrics, rows, lines })
+    let marks = vec![0; rows.len()];
+    Ok(Scores { axes: axes.to_vec(), metrics, rows, lines, marks })
 }
 
 /// A number as it is read: four significant digits.
@@ -110,22 +193,6 @@ pub fn number(x: Option<f64>) -> String {
             format!("{x:.*}", usize::try_from(digits).unwrap_or(0))
         }
     }
-}
-
-/// The scores as text, at most `most` rows.
-pub fn render(scores: &Scores, most: usize) -> String {
-    let header = scores.axes.iter().cloned();
-    let header =
-        header.chain(scores.metrics.iter().map(|(m, u)| if u == "1" { m.clone() } else { format!("{m} [{u}]") }));
-    let mut table = vec![header.collect::<Vec<String>>()];
-    for (key, values) in scores.rows.iter().take(most) {
-        table.push(key.iter().cloned().chain(values.iter().map(|v| number(*v))).collect());
-    }
-    let mut out = columns(&table, scores.axes.len());
-    if scores.rows.len() > most {
-        out.push_str(&format!("and {} more points; `magline sql` shows them all\n", scores.rows.len() - most));
-    }
-    out
 }
 
 /// Rows of words in columns: the first `left` flush left, the others flush right.

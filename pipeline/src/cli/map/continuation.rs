@@ -16,7 +16,7 @@ use stages::numerics::{
 
 use pipeline::views::plot::{CurveLabels, curve_svg};
 
-use super::{InputArgs, Stop, ThreadArgs, write_to, wrong};
+use super::{InputArgs, Stop, ThreadArgs, note, tell, write_to, wrong};
 
 #[derive(Args)]
 pub struct ContinueArgs {
@@ -120,7 +120,7 @@ fn filled(path: &Path, original: &PlaneGrid) -> Result<PlaneGrid, Stop> {
     if gaps == 0 {
         return Ok(original.clone());
     }
-    eprintln!("note: {gaps} unknown nodes are filled from their surroundings for the transform");
+    note(&format!("{gaps} unknown nodes are filled from their surroundings for the transform"));
     fill::smooth(original, &fill::SmoothFill::default()).map(|(full, _)| full).map_err(|e| wrong(path, &e))
 }
 
@@ -139,9 +139,9 @@ impl Job<'_> {
 
     fn warn_if_far(&self, distance_m: f64) {
         if is_far(&self.plane, distance_m) {
-            eprintln!(
+            tell(&format!(
                 "warning: {distance_m:.0} m is more than 1/50 of the map's shorter side; what lies past its edges matters"
-            );
+            ));
         }
     }
 
@@ -174,11 +174,11 @@ impl Job<'_> {
         let padding = Padding::default();
         let (plane, alpha) = if up_m < 0.0 {
             let down = downward(&self.plane, -up_m, self.alpha()?, &padding).map_err(|e| self.wrong(e))?;
-            eprintln!(
-                "note: continued downward by {:.1} m with alpha = {:.3e} m2: back at its own height it differs from the \
+            note(&format!(
+                "continued downward by {:.1} m with alpha = {:.3e} m2: back at its own height it differs from the \
                  map by {:.3} nT rms",
                 -up_m, down.alpha_m2, down.regularisation_error_nt
-            );
+            ));
             if let Some(path) = &self.args.l_curve {
                 std::fs::write(path, l_curve(&down.curve)).map_err(|e| unwritable(path, &e))?;
             }
@@ -199,10 +199,10 @@ impl Job<'_> {
 
     fn estimate_error(&self, up_m: f64, alpha: f64) -> Result<(), Stop> {
         let Ok(error) = edge_error(&self.plane, up_m, alpha, &Padding::default()) else { return Ok(()) };
-        eprintln!(
-            "note: the unknown field past the map's edges makes an error of about {:.3} nT rms over the map",
+        note(&format!(
+            "the unknown field past the map's edges makes an error of about {:.3} nT rms over the map",
             error.rms_nt
-        );
+        ));
         match &self.args.error {
             Some(path) => {
                 let map = self.map.with_plane_values(error.map.values).map_err(Fault::from)?;

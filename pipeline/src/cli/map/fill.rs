@@ -12,7 +12,7 @@ use stages::numerics::{
     plane_grid::{EvenAxis, PlaneGrid},
 };
 
-use super::{InputArgs, OutputArgs, Stop, ThreadArgs, wrong};
+use super::{InputArgs, OutputArgs, Stop, ThreadArgs, note, tell, wrong};
 
 #[derive(Args)]
 pub struct FillArgs {
@@ -81,7 +81,7 @@ pub fn run(args: &FillArgs) -> Result<(), Stop> {
         let before = map.plane().unknown();
         let map = if args.with.is_empty() { map } else { combined(args, &map)? };
         let filled = from_surroundings(args, &map.plane())?;
-        eprintln!("note: {before} unknown nodes before, {} after", filled.unknown());
+        note(&format!("{before} unknown nodes before, {} after", filled.unknown()));
         args.output.write(&map.with_plane_values(filled.values).map_err(Fault::from)?)
     })
 }
@@ -133,15 +133,15 @@ fn combined(args: &FillArgs, map: &GridMap) -> Result<GridMap, Stop> {
     let options = CombineOptions { blend: Blend::Priority, feather_m: args.feather, bias };
     let pieces: Vec<Piece> = planes.iter().map(|grid| Piece { grid, weight: 1.0 }).collect();
     let done = combine(&pieces, east_m, north_m, &options).map_err(|e| wrong(&args.map, &e))?;
-    tell(args, &done);
+    compare(args, &done);
     Ok(map.with_plane(done.grid, Height::Level(level_m)).map_err(Fault::from)?)
 }
 
-fn tell(args: &FillArgs, done: &Combined) {
+fn compare(args: &FillArgs, done: &Combined) {
     let name = |i: usize| i.checked_sub(1).and_then(|i| args.with.get(i)).unwrap_or(&args.map).display().to_string();
     for o in &done.overlaps {
-        eprintln!(
-            "note: {} less {} at {} nodes: median {:.2} nT, rms {:.2} nT; after levelling {:.2} and {:.2} nT",
+        note(&format!(
+            "{} less {} at {} nodes: median {:.2} nT, rms {:.2} nT; after levelling {:.2} and {:.2} nT",
             name(o.first),
             name(o.second),
             o.before.count,
@@ -149,7 +149,7 @@ fn tell(args: &FillArgs, done: &Combined) {
             o.before.rms,
             o.after.median,
             o.after.rms
-        );
+        ));
     }
 }
 
@@ -160,7 +160,7 @@ fn at_level(path: &Path, plane: PlaneGrid, height: &Height, level_m: f64) -> Res
     };
     let up_m = level_m - from_m;
     if up_m.is_nan() {
-        eprintln!("warning: a height is unknown; {} is taken to be as high as the map", path.display());
+        tell(&format!("warning: a height is unknown; {} is taken to be as high as the map", path.display()));
         return Ok(plane);
     }
     if up_m < 0.0 {
@@ -171,7 +171,7 @@ fn at_level(path: &Path, plane: PlaneGrid, height: &Height, level_m: f64) -> Res
     if up_m == 0.0 {
         return Ok(plane);
     }
-    eprintln!("note: {} is continued upward by {up_m:.1} m", path.display());
+    note(&format!("{} is continued upward by {up_m:.1} m", path.display()));
     let (full, _) = smooth(&plane, &SmoothFill::default()).map_err(|e| wrong(path, &e))?;
     let up = upward(&full, up_m, &Padding::default()).map_err(|e| wrong(path, &e))?;
     Ok(stages::numerics::continuation::masked_like(up, &plane))

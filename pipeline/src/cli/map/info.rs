@@ -7,7 +7,7 @@ use datasets::grid::Figure;
 use schemas::Fault;
 use serde_json::{Map as Object, Value, json};
 
-use super::{InputArgs, Stop, say};
+use super::{InputArgs, Stop, say, tell};
 
 #[derive(Args)]
 pub struct InfoArgs {
@@ -51,7 +51,7 @@ pub fn run(args: &InfoArgs) -> Result<(), Stop> {
                 // The last error is told on the way out.
                 let before = std::mem::replace(&mut last, Err(stop));
                 if let Err(Stop::Wrong(text) | Stop::Failed(text)) = before {
-                    eprintln!("{text}");
+                    tell(&text);
                 }
             }
         }

@@ -3,55 +3,10 @@
 use schemas::{Fault, Literal};
 
 use super::source::Source;
-use crate::views::scores::{self, Scores};
-
-/// Which values of a metric are good.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Better {
-    /// Small ones.
-    Lower,
-    /// Large ones.
-    Higher,
-    /// Those near a target, by ratio.
-    Near(f64),
-    /// It describes the data, not the answer.
-    Neither,
-}
-
-/// Which values of `metric` are good.
-pub fn better(metric: &str) -> Better {
-    match metric {
-        "std_error" | "figure_of_merit" | "figure_of_merit_crossings" | "drms" | "map_std_error" => Better::Lower,
-        "improvement_ratio" | "improvement_ratio_band" | "snr" => Better::Higher,
-        "nees" => Better::Near(2.0),
-        "nis" | "anomaly_retention" => Better::Near(1.0),
-        _ => Better::Neither,
-    }
-}
-
-/// The metrics that points are ranked by, the most telling first.
-const RANKING: [&str; 7] = [
-    "drms",
-    "std_error",
-    "improvement_ratio_band",
-    "improvement_ratio",
-    "figure_of_merit_crossings",
-    "map_std_error",
-    "nis",
-];
-
-impl Better {
-    /// A cost that is smaller for the better of two values; `None` where there is no better.
-    pub fn cost(self, value: f64) -> Option<f64> {
-        let cost = match self {
-            Better::Lower => value,
-            Better::Higher => -value,
-            Better::Near(target) => (value / target).ln().abs(),
-            Better::Neither => return None,
-        };
-        cost.is_finite().then_some(cost)
-    }
-}
+use crate::views::{
+    scores::{self, Scores, is_value},
+    warnings::Warning,
+};
 
 /// The pooled scores of one score table.
 pub struct Board {
@@ -68,7 +23,7 @@ impl Board {
     ///
     /// # Errors
     /// When one cannot be read.
-    pub fn all(source: &Source) -> Result<Vec<Board>, Fault> {
+    pub fn all(source: &Source, warnings: &[Warning]) -> Result<Vec<Board>, Fault> {
         let plan = source.graph.plan;
         let mut found = vec![];
         for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "score") {
@@ -78,7 +33,8 @@ impl Board {
             }
             let axes: Vec<String> =
                 node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
-            let board = Board::new(source, table, scores::scores(&folder, &axes)?);
+            let mut board = Board::new(source, table, scores::scores(&folder, &axes)?);
+            board.scores.mark(&node.name, warnings);
             if !board.scores.rows.is_empty() {
                 found.push(board);
             }
@@ -105,22 +61,22 @@ impl Board {
 
     /// The position of a metric.
     pub fn metric(&self, name: &str) -> Option<usize> {
-        self.scores.metrics.iter().position(|(m, _)| m == name)
+        self.scores.metric(name)
     }
 
     /// The metric that ranks the points: the first of the usual ones that has a value.
     pub fn headline(&self) -> Option<usize> {
-        let has = |m: &usize| self.scores.rows.iter().any(|(_, v)| v.get(*m).copied().flatten().is_some());
-        RANKING.iter().filter_map(|m| self.metric(m)).find(has)
+        self.scores.headline()
     }
 
-    /// The rows by a metric, best first; those without a value are left out.
+    /// The rows by a metric, best first, those with a mark after all others; those without a value are left out.
     pub fn ranked(&self, metric: usize) -> Vec<usize> {
-        let Some((name, _)) = self.scores.metrics.get(metric) else { return vec![] };
-        let cost = |r: usize| self.value(r, metric).and_then(|v| better(name).cost(v)).map(|c| (c, r));
-        let mut all: Vec<(f64, usize)> = (0..self.scores.rows.len()).filter_map(cost).collect();
-        all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        all.into_iter().map(|(_, r)| r).collect()
+        self.scores.ranked(metric)
+    }
+
+    /// How many lines of a row are marked.
+    pub fn marked(&self, row: usize) -> usize {
+        self.scores.marks.get(row).copied().unwrap_or(0)
     }
 
     /// The value of a metric at a row.
@@ -133,15 +89,6 @@ impl Board {
         let key = self.scores.rows.get(row).map(|(k, _)| k.as_slice()).unwrap_or_default();
         let words = self.scores.axes.iter().zip(key).map(|(a, v)| format!("{a} = {v}"));
         words.collect::<Vec<_>>().join(", ")
-    }
-}
-
-/// Whether a text that another program made of an axis value means `value`: `0.0` and `0` are one number.
-fn is_value(text: &str, value: &Literal) -> bool {
-    let spelt = value.to_string();
-    match value {
-        Literal::Int(_) | Literal::Float(_) => text == spelt || text.parse::<f64>().ok() == spelt.parse().ok(),
-        _ => text == spelt,
     }
 }
 
@@ -163,7 +110,8 @@ pub mod tests {
             row("mag_3_uc", "0.025", [7.0, 30.0, 0.2]),
         ];
         let axes = vec!["mag".to_owned(), "lambda".to_owned()];
-        Board { table: 0, scores: Scores { axes, metrics, rows, lines: 6 }, instances: vec![0, 1, 2, 3] }
+        let marks = vec![0; rows.len()];
+        Board { table: 0, scores: Scores { axes, metrics, rows, lines: 6, marks }, instances: vec![0, 1, 2, 3] }
     }
 
     #[test]
@@ -178,11 +126,19 @@ pub mod tests {
     }
 
     #[test]
+    fn r10_a_marked_point_is_never_the_best() {
+        let mut board = example();
+        board.scores.marks[1] = 1;
+        assert_eq!(board.ranked(1), [3, 0, 1]);
+        assert_eq!(board.scores.best(1), Some(3));
+        board.scores.marks = vec![1; 4];
+        assert_eq!(board.scores.best(1), None);
+    }
+
+    #[test]
     fn law_a_number_is_known_in_every_spelling() {
         assert!(is_value("0.0", &Literal::Float(0.0)) && is_value("1e-3", &Literal::Float(0.001)));
         assert!(is_value("true", &Literal::Bool(true)) && !is_value("0.02", &Literal::Float(0.025)));
         assert!(!is_value("1.0", &Literal::Text("1".into())));
-        assert_eq!(better("ins_drms").cost(1.0), None);
-        assert_eq!(Better::Lower.cost(f64::NAN), None);
     }
 }

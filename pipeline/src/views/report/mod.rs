@@ -9,6 +9,8 @@ mod canvas;
 mod decimate;
 mod errors;
 mod flow;
+mod intervals;
+mod known;
 mod model;
 mod page;
 mod published;
@@ -26,7 +28,7 @@ use std::{fs, path::Path};
 use maud::{Markup, html};
 use schemas::Fault;
 
-use super::{chart, palette, png_file, ticks};
+use super::{chart, palette, png_file, ticks, warnings};
 use crate::{
     plan::{Graph, Ref},
     spec::Spec,
@@ -61,8 +63,11 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
         return Err(not_run(&graph.plan.spec));
     }
     let current = published::is_current(&source);
-    let boards = if current { Board::all(&source)? } else { vec![] };
+    // Read by key from what is there, so they are of this plan even where the published tables are not.
+    let warnings = warnings::present(graph, store)?;
+    let boards = if current { Board::all(&source, &warnings)? } else { vec![] };
     let mut sections: Vec<Markup> = boards.iter().map(|b| table::section(&source, b)).collect();
+    sections.extend(intervals::sections(&source)?);
     let subjects = subject::subjects(&source, &boards);
     let lines = match subjects.first() {
         Some(first) => subject::lines(&source, first)?,
@@ -77,7 +82,7 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
     sections.extend(variation::section(&source, subjects.first().and_then(|s| s.fit))?);
     // What failed is published too.
     let failures = if current { source.failures()? } else { vec![] };
-    let trouble = page::Trouble { failures, outdated: !current };
+    let trouble = page::Trouble { failures, warnings, outdated: !current };
     let defs = atlas.as_ref().map_or_else(|| html! {}, Atlas::defs);
     Ok(page::page(&source, &trouble, defs, &sections))
 }
@@ -149,6 +154,7 @@ fn detail(
 /// The plots of one line.
 fn line(source: &Source, subject: &Subject, shown: &Shown, atlas: Option<&Atlas>) -> Result<Vec<Markup>, Fault> {
     let mut plots = signal::plots(source, subject, shown.line)?;
+    plots.extend(known::plots(source, subject, shown.line)?);
     if let Some(flown) = Flown::read(source, subject, shown.line)? {
         plots.extend(atlas.map(|a| a.plots(&flown)));
         let fates = match subject.navigate {

@@ -5,7 +5,9 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use super::{
     flow,
     source::{Failed, Source},
+    warnings::Warning,
 };
+use crate::views::scores::number;
 
 /// The most failures listed.
 const MOST: usize = 50;
@@ -14,6 +16,8 @@ const MOST: usize = 50;
 pub struct Trouble {
     /// What could not be computed.
     pub failures: Vec<Failed>,
+    /// What is not to be trusted as it is.
+    pub warnings: Vec<Warning>,
     /// Whether the published tables are of another version of the spec or its data.
     pub outdated: bool,
 }
@@ -50,7 +54,8 @@ pub fn page(source: &Source, trouble: &Trouble, defs: Markup, sections: &[Markup
 fn heading(source: &Source) -> Markup {
     let plan = source.graph.plan;
     let axes = &plan.spec.axes;
-    let points: usize = axes.iter().map(|a| a.values.len()).product();
+    // No table need have all axes: the largest one tells how many points were computed.
+    let points = plan.tables.iter().map(|t| t.instances.len()).max().unwrap_or(0);
     let mut flights: Vec<&str> = source.graph.lines.iter().map(|l| l.0.as_str()).collect();
     flights.dedup();
     let samples: usize = source.graph.records.iter().flat_map(|r| r.values()).map(|r| r.rows).sum();
@@ -104,7 +109,7 @@ fn grouped(n: usize) -> String {
 }
 
 /// What failed or is not there, where there is something.
-fn troubles(source: &Source, Trouble { failures, outdated }: &Trouble) -> Markup {
+fn troubles(source: &Source, Trouble { failures, warnings, outdated }: &Trouble) -> Markup {
     let plan = source.graph.plan;
     let missing: Vec<(&str, usize, usize)> = plan
         .tables
@@ -127,6 +132,7 @@ fn troubles(source: &Source, Trouble { failures, outdated }: &Trouble) -> Markup
                 @if failures.len() > MOST { p.note { "and " (failures.len() - MOST) " more reasons" } }
             }
         }
+        (warned(&plan.spec.name, warnings))
         @if *outdated {
             section.trouble id="outdated" {
                 h2 { "The spec or its data changed since the last run" }
@@ -139,6 +145,35 @@ fn troubles(source: &Source, Trouble { failures, outdated }: &Trouble) -> Markup
                 h2 { "Not everything is in the store" }
                 p { @for (i, (name, n, all)) in missing.iter().enumerate() { @if i > 0 { ", " } code { (name) } ": " (n) " of " (all) " missing" } "." }
                 @if !failures.is_empty() { p { "What rests on a failure is left out with it." } }
+            }
+        }
+    }
+}
+
+/// What is not to be trusted as it is, the worst of each kind first.
+fn warned(pipeline: &str, warnings: &[Warning]) -> Markup {
+    let mut worst: Vec<&Warning> = warnings.iter().collect();
+    worst.sort_by(|a, b| (a.kind).cmp(&b.kind).then(b.excess().total_cmp(&a.excess())));
+    let figure = |w: &Warning, of: Option<f64>| match of {
+        Some(x) if w.unit == "1" => number(Some(x)),
+        Some(x) => format!("{} {}", number(Some(x)), w.unit),
+        None => String::new(),
+    };
+    html! {
+        @if !warnings.is_empty() {
+            section.trouble id="warnings" {
+                h2 { "Warnings" }
+                p { (warnings.len()) (if warnings.len() == 1 { " result is" } else { " results are" })
+                    " not to be trusted as it is. The table " code { (pipeline) ".warnings" } " lists all." }
+                div.scroll { table {
+                    thead { tr { @for head in ["where", "what", "likely cause"] { th scope="col" { (head) } } th.n scope="col" { "value" } th.n scope="col" { "limit" } } }
+                    tbody { @for w in worst.iter().take(MOST) { tr data-kind=(w.kind.as_str()) {
+                        td { (w.stage) @if !w.place().is_empty() { ": " (w.place()) } }
+                        td { (w.text) } td { (w.cause.as_deref().unwrap_or("")) }
+                        td.n { (figure(w, w.value)) } td.n { (figure(w, w.limit)) }
+                    } } }
+                } }
+                @if worst.len() > MOST { p.note { "and " (worst.len() - MOST) " more" } }
             }
         }
     }

@@ -1,17 +1,12 @@
 //! Which sweep points and which lines are shown in detail.
 
-use std::collections::BTreeSet;
-
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
 use schemas::Fault;
 
-use super::{
-    board::{Board, better},
-    source::Source,
-};
+use super::{board::Board, source::Source};
 use crate::{
     plan::{LineId, Ref, Unit},
-    views::scores::number,
+    views::{ranking::better, scores::number},
 };
 
 /// A sweep point that is shown in detail: the stages that it went through.
@@ -28,6 +23,8 @@ pub struct Subject {
     pub compensate: Option<Ref>,
     /// The table with the track.
     pub navigate: Option<Ref>,
+    /// The table with the map's values along the line.
+    pub map_value: Option<Ref>,
     /// The model.
     pub fit: Option<Ref>,
     /// The column of the true field, where the scores name one.
@@ -74,7 +71,12 @@ pub fn subjects(source: &Source, boards: &[Board]) -> Vec<Subject> {
             *best,
         )];
     }
-    vec![one("best", "The best point in detail", *best), one("worst", "The worst point in detail", *worst)]
+    // Marked points come last in the ranking: is the first one marked, all are.
+    let first = match board.marked(*best) {
+        0 => "The best point in detail",
+        _ => "The least bad point in detail: every point is marked",
+    };
+    vec![one("best", first, *best), one("worst", "The worst point in detail", *worst)]
 }
 
 /// The board and metric that points are ranked by.
@@ -89,7 +91,11 @@ fn subject(source: &Source, board: &Board, metric: usize, id: &'static str, titl
     let chosen = Chosen { at: (board.table, instance), metric: metric_name, unit };
     let lines = board.scores.lines;
     let pooled = if lines > 1 { format!(", pooled over {lines} lines") } else { String::new() };
-    let why = chosen.words(board.value(row, metric)) + &pooled;
+    let marked = match board.marked(row) {
+        0 => String::new(),
+        n => format!("; marked on {n} of {lines} lines, see the warnings"),
+    };
+    let why = chosen.words(board.value(row, metric)) + &pooled + &marked;
     let truth = it.params.iter().find(|(n, _)| *n == "truth").and_then(|(_, v)| word(v));
     let stages = stages_of(source, &it.inputs, truth);
     Subject { id, title: title.to_owned(), point: board.point(row), why, chosen: Some(chosen), ..stages }
@@ -108,34 +114,18 @@ fn unscored(source: &Source) -> Option<Subject> {
 }
 
 fn stages_of(source: &Source, from: &[Ref], truth: Option<String>) -> Subject {
-    let find = |stage: &str| upstream(source, from, stage);
+    let plan = source.graph.plan;
+    let find = |stage: &str| plan.upstream(from, stage);
     let compensate = find("compensate");
     // The model of this compensation, not one that some other branch fitted.
-    let model = compensate.and_then(|r| upstream(source, &[r], "fit"));
+    let model = compensate.and_then(|r| plan.upstream(&[r], "fit"));
     let fit = model.or_else(|| find("fit"));
     let navigate = find("navigate");
+    // It need not be scored to be worth a look.
+    let elsewhere = || plan.tables.iter().position(|t| t.entry.name == "map_value").map(|t| Ref::Stage(t, 0));
+    let map_value = find("map_value").or_else(elsewhere);
     let (title, point, why) = (String::new(), String::new(), String::new());
-    Subject { id: "", title, point, why, compensate, navigate, fit, truth, chosen: None }
-}
-
-/// The nearest table above `from`, itself among them, that `stage` made.
-fn upstream(source: &Source, from: &[Ref], stage: &str) -> Option<Ref> {
-    let plan = source.graph.plan;
-    let mut queue: Vec<Ref> = from.to_vec();
-    let mut seen: BTreeSet<Ref> = BTreeSet::new();
-    let mut next = 0;
-    while let Some(r) = queue.get(next).copied() {
-        next += 1;
-        let Ref::Stage(t, i) = r else { continue };
-        if !seen.insert(r) {
-            continue;
-        }
-        if plan.tables[t].entry.name == stage {
-            return Some(r);
-        }
-        queue.extend(plan.instance(t, i).inputs.iter().copied());
-    }
-    None
+    Subject { id: "", title, point, why, compensate, navigate, map_value, fit, truth, chosen: None }
 }
 
 /// The text in the one spelling that parameters have.
@@ -206,7 +196,7 @@ fn scored_lines(source: &Source, subject: &Subject) -> Result<Vec<LineId>, Fault
 
 /// The line with the most samples.
 fn longest(source: &Source, subject: &Subject) -> Vec<Shown> {
-    let Some(Ref::Stage(t, i)) = subject.navigate.or(subject.compensate) else { return vec![] };
+    let Some(Ref::Stage(t, i)) = subject.navigate.or(subject.compensate).or(subject.map_value) else { return vec![] };
     let rows = |l: &LineId| source.graph.records.iter().filter_map(|r| r.get(l)).map(|r| r.rows).max().unwrap_or(0);
     let lines = source.graph.lines_of(t, i).iter();
     let best = lines.copied().max_by_key(|l| (rows(l), std::cmp::Reverse(*l)));

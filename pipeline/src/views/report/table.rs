@@ -3,11 +3,14 @@
 use maud::{Markup, html};
 
 use super::{
-    board::{Better, Board, better},
+    board::Board,
     palette::{Palette, hex, ink_on},
     source::Source,
 };
-use crate::views::scores::number;
+use crate::views::{
+    ranking::{Better, better},
+    scores::number,
+};
 
 /// The most rows of the table: more are no longer looked through.
 const MOST: usize = 1000;
@@ -26,7 +29,8 @@ pub fn section(source: &Source, board: &Board) -> Markup {
             h2 { "Scores" @if name != "scores" { ": " (name) } }
             p.lead { (points) (if points == 1 { " point of the sweep" } else { " points of the sweep" }) " over " (over)
                 ". Errors are root mean squares weighted by samples, ratios are means weighted likewise."
-                @if points > 1 { " The best value of each metric is marked; click a heading to sort." } }
+                @if points > 1 { " The best value of each metric is coloured; click a heading to sort." }
+                @if (0..points).any(|r| board.marked(r) > 0) { " Rows with a " strong { "!" } " are not to be trusted: on as many of their lines the filter is worse than the INS alone, or its NEES or NIS is far from its law. None of them counts as best." } }
             (table(board))
             @if points > MOST { p.note { "The best " (MOST) " of " (points) " points are shown; " code { "magline sql" } " shows them all." } }
             (glossary(board))
@@ -36,21 +40,25 @@ pub fn section(source: &Source, board: &Board) -> Markup {
 }
 
 fn table(board: &Board) -> Markup {
-    let best: Vec<Option<usize>> = (0..board.scores.metrics.len()).map(|m| board.ranked(m).first().copied()).collect();
+    let best: Vec<Option<usize>> = (0..board.scores.metrics.len()).map(|m| board.scores.best(m)).collect();
+    let marked = (0..board.scores.rows.len()).any(|r| board.marked(r) > 0);
     let several = board.scores.rows.len() > 1;
     html! {
-        div.scroll {
-            table.sortable {
+        div.scroll.wide {
+            table.sortable.scores {
                 thead { tr {
                     @for axis in &board.scores.axes { th scope="col" { button { (axis) } } }
+                    @if marked { th scope="col" { button { "marked" } } }
                     @for (metric, unit) in &board.scores.metrics {
                         th.n scope="col" { button { (spaced(metric)) @if unit != "1" { " [" (unit) "]" } } }
                     }
                 } }
                 tbody { @for row in shown(board) {
                     @let (key, values) = &board.scores.rows[row];
-                    tr {
+                    @let marks = board.marked(row);
+                    tr.bad[marks > 0] {
                         @for word in key { td { (word) } }
+                        @if marked { td data-v=(marks) { @if marks > 0 { "! " (marks) " of " (board.scores.lines) } } }
                         @for (m, value) in values.iter().enumerate() {
                             @let wins = several && best.get(m).copied().flatten() == Some(row);
                             td.n.best[wins] data-v=[value.map(|v| v.to_string())] title=[wins.then_some("best")] { (number(*value)) }
@@ -134,8 +142,8 @@ struct Heat {
     axes: (usize, usize),
     /// The values of each.
     values: (Vec<String>, Vec<String>),
-    /// By rows, then columns.
-    cells: Vec<Option<f64>>,
+    /// By rows, then columns: the row of the scores.
+    cells: Vec<Option<usize>>,
 }
 
 fn heat_maps(board: &Board) -> Vec<Markup> {
@@ -165,7 +173,7 @@ fn heat(board: &Board, metric: usize) -> Option<Heat> {
         let (key, _) = &board.scores.rows[row];
         let place = |axis: usize, of: &[String]| key.get(axis).and_then(|v| of.iter().position(|o| o == v));
         if let (Some(i), Some(k)) = (place(a, &rows), place(b, &columns)) {
-            cells[i * columns.len() + k] = board.value(row, metric);
+            cells[i * columns.len() + k] = Some(row);
         }
     }
     Some(Heat { metric, axes: (a, b), values: (rows, columns), cells })
@@ -176,7 +184,9 @@ fn drawn(board: &Board, heat: &Heat) -> Markup {
     let axis = |i: usize| board.scores.axes[i].as_str();
     let others: Vec<&str> =
         (0..board.scores.axes.len()).filter(|i| *i != heat.axes.0 && *i != heat.axes.1).map(axis).collect();
-    let (low, high) = ends(&heat.cells);
+    let good = heat.cells.iter().flatten().filter(|r| board.marked(**r) == 0);
+    let (low, high) = ends(good.filter_map(|r| board.value(*r, heat.metric)));
+    let marked = heat.cells.iter().flatten().any(|r| board.marked(*r) > 0);
     let width = heat.values.1.len();
     html! {
         figure {
@@ -187,22 +197,29 @@ fn drawn(board: &Board, heat: &Heat) -> Markup {
                     tr { th.corner scope="col" { (axis(heat.axes.0)) } @for v in &heat.values.1 { th scope="col" { (v) } } }
                 }
                 tbody { @for (v, cells) in heat.values.0.iter().zip(heat.cells.chunks(width.max(1))) {
-                    tr { th scope="row" { (v) } @for cell in cells { (tile(*cell, low, high)) } }
+                    tr { th scope="row" { (v) } @for cell in cells { (tile(board, heat.metric, *cell, (low, high))) } }
                 } }
             } }
-            figcaption { "Yellow is good, purple is bad, on a logarithmic scale from " (number(Some(low))) " to " (number(Some(high))) " " (unit) "."
-                @if !others.is_empty() { " Each cell is the best over " (others.join(" and ")) "." } }
+            figcaption {
+                @if low <= high { "Yellow is good, purple is bad, on a logarithmic scale from " (number(Some(low))) " to " (number(Some(high))) " " (unit) "." }
+                @if marked { " Hatched cells with a ! are not to be trusted and have no colour." }
+                @if !others.is_empty() { " Each cell is the best over " (others.join(" and ")) "." }
+            }
         }
     }
 }
 
-fn ends(cells: &[Option<f64>]) -> (f64, f64) {
-    let known = cells.iter().flatten().filter(|v| **v > 0.0);
-    known.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)))
+fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.filter(|v| *v > 0.0).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
 }
 
-fn tile(cell: Option<f64>, low: f64, high: f64) -> Markup {
-    let Some(value) = cell else { return html! { td { "-" } } };
+fn tile(board: &Board, metric: usize, cell: Option<usize>, (low, high): (f64, f64)) -> Markup {
+    let Some((row, value)) = cell.and_then(|r| board.value(r, metric).map(|v| (r, v))) else {
+        return html! { td { "-" } };
+    };
+    if board.marked(row) > 0 {
+        return html! { td.bad title="not to be trusted" { "! " (number(Some(value))) } };
+    }
     let part = if high > low { 1.0 - (value / low).ln() / (high / low).ln() } else { 1.0 };
     let shade = Palette::Viridis.colour(part);
     html! { td style=(format!("background:{};color:{}", hex(shade), ink_on(shade))) { (number(Some(value))) } }
@@ -234,10 +251,30 @@ mod tests {
             r.1[1] = r.1[1].map(|v| v / 2.0);
         });
         board.scores.rows.extend(more);
+        board.scores.marks = vec![0; board.scores.rows.len()];
         // The first two axes with several values are `twice` and `mag`; the best is over `lambda`.
         let heat = heat(&board, 1).unwrap();
         assert_eq!(heat.axes, (0, 1));
-        assert_eq!(heat.cells, [Some(12.0), Some(30.0), Some(6.0), Some(15.0)]);
+        let values: Vec<_> = heat.cells.iter().map(|r| r.and_then(|r| board.value(r, 1))).collect();
+        assert_eq!(values, [Some(12.0), Some(30.0), Some(6.0), Some(15.0)]);
+    }
+
+    #[test]
+    fn r10_a_marked_row_is_neither_coloured_nor_best() {
+        let mut board = example();
+        board.scores.marks[1] = 2;
+        let text = table(&board).into_string();
+        assert_eq!(text.matches("<tr class=\"bad\">").count(), 1);
+        assert!(text.contains("<td data-v=\"2\">! 2 of 6</td>"), "{text}");
+        // It had the least drms; the best of the others is it now.
+        assert!(!text.contains("data-v=\"12\" title=\"best\""), "{text}");
+        assert!(text.contains("data-v=\"30\" title=\"best\""), "{text}");
+        let map = drawn(&board, &heat(&board, 1).unwrap()).into_string();
+        assert!(map.contains("<td class=\"bad\" title=\"not to be trusted\">! 12.00</td>"), "{map}");
+        assert_eq!(map.matches("<td style=").count(), 2, "{map}");
+        board.scores.marks = vec![1; 4];
+        let (text, map) = (table(&board).into_string(), drawn(&board, &heat(&board, 1).unwrap()).into_string());
+        assert!(!text.contains("best") && !map.contains("style="), "{text} {map}");
     }
 
     #[test]

@@ -1,0 +1,198 @@
+//! `--json`: one event per line on standard output.
+
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+use pipeline::{
+    plan::Point,
+    run::{Count, Event, Failure, Listener, Summary},
+    views::{scores::Scores, warnings::Warning},
+};
+use serde_json::{Map, Value, json};
+
+use super::say::out;
+
+/// JSON events on standard output.
+pub struct Json {
+    begun: Instant,
+}
+
+impl Json {
+    /// Begins to count the time.
+    pub fn new() -> Json {
+        Json { begun: Instant::now() }
+    }
+}
+
+impl Listener for Json {
+    fn hear(&self, event: &Event) {
+        // A reader that has gone away does not stop the run; a full disk shows in its exit status.
+        out!("{}\n", self.as_json(event));
+    }
+}
+
+impl Json {
+    fn as_json(&self, event: &Event) -> Value {
+        match event {
+            Event::Reading { table, step } => json!({
+                "event": "reading",
+                "table": table,
+                "file": step.file.display().to_string(),
+                "simulated": step.simulated,
+                "lines": step.lines,
+                "of_lines": step.of_lines,
+                "done": step.done,
+                "all": step.all,
+            }),
+            Event::Started { pipeline, units, run, notes } => json!({
+                "event": "started",
+                "pipeline": pipeline,
+                "version": env!("CARGO_PKG_VERSION"),
+                "run": run,
+                "time": now(),
+                "units": units,
+                "notes": notes,
+            }),
+            Event::Computing { table, units } => json!({ "event": "computing", "table": table, "units": units }),
+            Event::Publishing { table } => json!({ "event": "publishing", "table": table }),
+            Event::Unit { table, point, line, outcome, fault } => json!({
+                "event": "unit",
+                "table": table,
+                "axes": point_json(point),
+                "flight": line.map(|l| &l.0),
+                "line": line.map(|l| &l.1),
+                "status": outcome.as_str(),
+                "error": fault.map(ToString::to_string),
+            }),
+            Event::Table { table, count, seconds } => {
+                merged(json!({ "event": "table", "table": table, "seconds": seconds }), counts(count))
+            }
+            Event::Finished { summary } => {
+                // `event` and `computed` come first: scripts look for them as text.
+                let head = merged(json!({ "event": "finished" }), counts(&summary.total()));
+                merged(head, self.finished(summary))
+            }
+        }
+    }
+
+    fn finished(&self, summary: &Summary) -> Value {
+        let tables = summary.tables.iter().zip(&summary.seconds);
+        let tables: Map<_, _> = tables
+            .map(|((name, count), seconds)| (name.clone(), merged(counts(count), json!({ "seconds": seconds }))))
+            .collect();
+        json!({
+            "version": env!("CARGO_PKG_VERSION"),
+            "run": summary.run,
+            "time": now(),
+            "seconds": self.begun.elapsed().as_secs_f64(),
+            "folder": summary.folder.display().to_string(),
+            "tables": tables,
+            "failures": summary.failures.iter().map(failure).collect::<Vec<_>>(),
+            "notes": summary.notes,
+            "warnings": summary.warnings.iter().map(warning).collect::<Vec<_>>(),
+            "scores": summary.scores.iter().flat_map(|(name, s)| scores(name, s)).collect::<Vec<_>>(),
+            "quality": summary.quality,
+            "interrupted": summary.interrupted,
+        })
+    }
+}
+
+fn counts(c: &Count) -> Value {
+    json!({ "computed": c.computed, "reused": c.reused, "failed": c.failed, "skipped": c.skipped })
+}
+
+fn merged(mut base: Value, more: Value) -> Value {
+    if let (Some(base), Value::Object(more)) = (base.as_object_mut(), more) {
+        base.extend(more);
+    }
+    base
+}
+
+fn point_json(point: &Point) -> Value {
+    point.iter().map(|(k, v)| (k.clone(), literal(v))).collect::<Map<_, _>>().into()
+}
+
+fn literal(value: &schemas::Literal) -> Value {
+    use schemas::Literal as L;
+    match value {
+        L::Bool(x) => json!(x),
+        L::Int(x) => json!(x),
+        L::Float(x) => json!(x),
+        L::Text(x) => json!(x),
+        L::List(xs) => xs.iter().map(literal).collect(),
+    }
+}
+
+fn failure(f: &Failure) -> Value {
+    json!({
+        "stage": f.table,
+        "axes": point_json(&f.point),
+        "flight": f.line.as_ref().map(|l| &l.0),
+        "line": f.line.as_ref().map(|l| &l.1),
+        "error": f.fault.to_string(),
+    })
+}
+
+fn warning(w: &Warning) -> Value {
+    json!({
+        "stage": w.stage,
+        "axes": point_json(&w.point),
+        "flight": w.line.as_ref().map(|l| &l.0),
+        "line": w.line.as_ref().map(|l| &l.1),
+        "kind": w.kind.as_str(),
+        "value": w.value,
+        "limit": w.limit,
+        "unit": w.unit,
+        "text": w.text,
+        "cause": w.cause,
+    })
+}
+
+/// One object a sweep point: its axes as text, the pooled value of each metric, and how many lines are marked.
+fn scores(table: &str, scores: &Scores) -> Vec<Value> {
+    let one = |(row, (key, values)): (usize, &(Vec<String>, Vec<Option<f64>>))| {
+        let axes: Map<_, _> = scores.axes.iter().cloned().zip(key.iter().map(|k| json!(k))).collect();
+        let metrics: Map<_, _> =
+            scores.metrics.iter().zip(values).map(|((metric, _), value)| (metric.clone(), json!(value))).collect();
+        json!({
+            "stage": table,
+            "axes": axes,
+            "lines": scores.lines,
+            "marked": scores.marks.get(row),
+            "metrics": metrics,
+        })
+    };
+    scores.rows.iter().enumerate().map(one).collect()
+}
+
+/// The time of day, UTC, as `2026-01-31T23:59:59Z`.
+fn now() -> String {
+    utc(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()))
+}
+
+/// Seconds since 1970 as a date and a time. [Hinnant, chrono-compatible low-level date algorithms, `civil_from_days`]
+fn utc(seconds: u64) -> String {
+    let (days, of_day) = (seconds / 86_400 + 719_468, seconds % 86_400);
+    let (era, of_era) = (days / 146_097, days % 146_097);
+    let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    // Years begin in March, so that the leap day is their last.
+    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * shifted + 2) / 5 + 1;
+    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    let (hour, minute, second) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
+    format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ref_dates_of_the_unix_time() {
+        assert_eq!(utc(0), "1970-01-01T00:00:00Z");
+        // The last second of a leap day, and the moment of 2038.
+        assert_eq!(utc(1_709_251_199), "2024-02-29T23:59:59Z");
+        assert_eq!(utc(2_147_483_647), "2038-01-19T03:14:07Z");
+    }
+}

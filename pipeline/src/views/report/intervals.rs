@@ -1,0 +1,211 @@
+//! The figures of `summary`: a dot for each sweep point, with its confidence interval.
+
+use arrow_array::{
+    Array, RecordBatch,
+    cast::AsArray,
+    types::{Float64Type, Int64Type},
+};
+use maud::{Markup, html};
+use schemas::Fault;
+
+use super::{source::Source, ticks};
+use crate::{
+    plan::Unit,
+    views::{chart::px, scores::number, warnings::limits},
+};
+
+/// The most points of a plot.
+const MOST: usize = 40;
+const WIDTH: f64 = 460.0;
+const ROW: f64 = 20.0;
+const BOTTOM: f64 = 22.0;
+
+/// One metric over the points of a sweep.
+#[derive(Debug, Default)]
+struct Metric {
+    name: String,
+    unit: String,
+    dots: Vec<Dot>,
+}
+
+/// A pooled figure.
+#[derive(Debug)]
+struct Dot {
+    point: String,
+    value: f64,
+    /// None of a single line.
+    interval: Option<(f64, f64)>,
+    lines: i64,
+}
+
+/// A section for each table of `summary`.
+///
+/// # Errors
+/// When the store is damaged.
+pub fn sections(source: &Source) -> Result<Vec<Markup>, Fault> {
+    let plan = source.graph.plan;
+    let mut out = vec![];
+    for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "summary") {
+        let mut metrics: Vec<Metric> = vec![];
+        for (instance, it) in node.instances.iter().enumerate() {
+            let unit = Unit { table, instance, line: None };
+            let columns = ["metric", "value", "low", "high", "unit", "lines"];
+            let Some(batch) = source.tidy(unit, &columns)? else { continue };
+            let point = node.axis_columns(it, &plan.spec).iter().map(|(_, v)| v.to_string()).collect::<Vec<_>>();
+            add(&mut metrics, &point.join(", "), &batch);
+        }
+        if !metrics.is_empty() {
+            let axes: Vec<&str> =
+                node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.as_str()).collect();
+            out.push(section(&node.name, &axes, &metrics));
+        }
+    }
+    Ok(out)
+}
+
+/// Adds the figures of one point. Numbers of samples are no scores.
+fn add(metrics: &mut Vec<Metric>, point: &str, batch: &RecordBatch) {
+    let text = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
+    let floats = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
+    let lines = batch.column_by_name("lines").and_then(|a| a.as_primitive_opt::<Int64Type>());
+    let (Some(names), Some(units), Some(values), Some(lines)) = (text("metric"), text("unit"), floats("value"), lines)
+    else {
+        return;
+    };
+    let end = |name: &str, i: usize| floats(name).filter(|a| a.is_valid(i)).map(|a| a.value(i));
+    for i in (0..batch.num_rows()).filter(|i| values.is_valid(*i) && values.value(*i).is_finite()) {
+        let name = names.value(i);
+        if name.starts_with("samples_") {
+            continue;
+        }
+        let interval = end("low", i).zip(end("high", i)).filter(|(a, b)| a.is_finite() && b.is_finite());
+        let dot = Dot { point: point.to_owned(), value: values.value(i), interval, lines: lines.value(i) };
+        match metrics.iter_mut().find(|m| m.name == name) {
+            Some(metric) => metric.dots.push(dot),
+            None => metrics.push(Metric { name: name.to_owned(), unit: units.value(i).to_owned(), dots: vec![dot] }),
+        }
+    }
+}
+
+fn section(name: &str, axes: &[&str], metrics: &[Metric]) -> Markup {
+    let longest = metrics.iter().map(|m| m.dots.len()).max().unwrap_or(0);
+    html! {
+        section id=(format!("summary-{name}")) {
+            h2 { "Summary" @if name != "summary" { ": " (name) } }
+            p.lead { "Each dot is a score pooled over the lines, the bar through it its bootstrap interval over whole lines; a figure of a single line has none."
+                @if !axes.is_empty() { " Rows are the points of " (axes.join(", ")) "." }
+                @if longest > MOST { " The first " (MOST) " of " (longest) " points are drawn; " code { "magline sql" } " shows them all." } }
+            div.heat { @for metric in metrics { (metric.drawn()) } }
+        }
+    }
+}
+
+impl Metric {
+    /// What a mean of it is for an honest filter.
+    fn law(&self) -> Option<&'static limits::Law> {
+        match self.name.as_str() {
+            "nees" => Some(&limits::NEES),
+            "nis" => Some(&limits::NIS),
+            _ => None,
+        }
+    }
+
+    fn drawn(&self) -> Markup {
+        let dots = &self.dots[..self.dots.len().min(MOST)];
+        let law = self.law();
+        let ends = dots
+            .iter()
+            .flat_map(|d| d.interval.map_or([d.value; 2], |(low, high)| [low.min(d.value), high.max(d.value)]));
+        let ends = ends.chain(law.map(|l| l.mean));
+        let (low, high) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        let pad = if high > low { 0.06 * (high - low) } else { 0.1 * high.abs().max(1e-9) };
+        let (low, high) = (low - pad, high + pad);
+        let left = 12.0 + 6.2 * dots.iter().map(|d| d.point.chars().count().min(34)).max().unwrap_or(0) as f64;
+        let at = |v: f64| left + (WIDTH - 90.0 - left) * (v - low) / (high - low);
+        let bottom = ROW * dots.len() as f64 + 6.0;
+        let row = |i: usize| 3.0 + ROW * (i as f64 + 0.5);
+        html! {
+            figure {
+                h4 { (self.name) @if self.unit != "1" && !self.unit.is_empty() { ", " (self.unit) } }
+                svg.intervals viewBox=(format!("0 0 {WIDTH} {}", px(bottom + BOTTOM))) role="img" aria-label=(format!("{}: pooled values with their intervals", self.name)) {
+                    @for tick in ticks::linear(low, high, 4) {
+                        line.grid x1=(px(at(tick.at))) x2=(px(at(tick.at))) y1="0" y2=(px(bottom)) {}
+                        text.tick x=(px(at(tick.at))) y=(px(bottom + 15.0)) text-anchor="middle" { (tick.label) }
+                    }
+                    @if let Some(law) = law { line.level x1=(px(at(law.mean))) x2=(px(at(law.mean))) y1="0" y2=(px(bottom)) {} }
+                    @for (i, dot) in dots.iter().enumerate() {
+                        g.bad[law.is_some_and(|l| l.is_far(dot.value))] {
+                            title { (dot.words()) }
+                            text x=(px(left - 8.0)) y=(px(row(i) + 4.0)) text-anchor="end" { (shortened(&dot.point)) }
+                            @if let Some((low, high)) = dot.interval { line.arm x1=(px(at(low))) x2=(px(at(high))) y1=(px(row(i))) y2=(px(row(i))) {} }
+                            circle.dot cx=(px(at(dot.value))) cy=(px(row(i))) r="3.5" {}
+                            text.value x=(px(WIDTH - 4.0)) y=(px(row(i) + 4.0)) text-anchor="end" { (number(Some(dot.value))) }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Dot {
+    fn words(&self) -> String {
+        let lines = if self.lines == 1 { "one line".to_owned() } else { format!("{} lines", self.lines) };
+        let value = number(Some(self.value));
+        match self.interval {
+            Some((low, high)) => {
+                format!("{}: {value}, {} to {}, {lines}", self.point, number(Some(low)), number(Some(high)))
+            }
+            None => format!("{}: {value}, {lines}", self.point),
+        }
+    }
+}
+
+fn shortened(point: &str) -> String {
+    const MOST: usize = 34;
+    if point.chars().count() <= MOST { point.to_owned() } else { point.chars().take(MOST - 1).chain(['…']).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::sync::Arc;
+
+    use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray};
+
+    use super::*;
+
+    fn batch(nees: f64) -> RecordBatch {
+        let text = |v: [&str; 3]| Arc::new(StringArray::from(v.to_vec())) as ArrayRef;
+        let float = |v: [Option<f64>; 3]| Arc::new(Float64Array::from(v.to_vec())) as ArrayRef;
+        RecordBatch::try_from_iter_with_nullable([
+            ("metric", text(["drms", "nees", "samples_used"]), true),
+            ("value", float([Some(20.0), Some(nees), Some(9.0)]), true),
+            ("low", float([Some(15.0), None, None]), true),
+            ("high", float([Some(30.0), None, None]), true),
+            ("unit", text(["m", "1", "1"]), true),
+            ("lines", Arc::new(Int64Array::from(vec![4, 1, 4])) as ArrayRef, true),
+        ])
+        .unwrap()
+    }
+
+    #[test]
+    fn r10_a_summary_is_dots_with_their_intervals() {
+        let mut metrics = vec![];
+        add(&mut metrics, "mag_4_uc", &batch(2.0));
+        add(&mut metrics, "mag_5_uc", &batch(400.0));
+        assert_eq!(metrics.iter().map(|m| m.name.as_str()).collect::<Vec<_>>(), ["drms", "nees"]);
+        let drms = metrics[0].drawn().into_string();
+        assert_eq!((drms.matches("class=\"arm\"").count(), drms.matches("class=\"dot\"").count()), (2, 2), "{drms}");
+        assert!(drms.contains("<title>mag_4_uc: 20.00, 15.00 to 30.00, 4 lines</title>"), "{drms}");
+        // No interval of one line; a value far from its law is marked, and the law is drawn.
+        let nees = metrics[1].drawn().into_string();
+        assert_eq!(
+            (nees.matches("class=\"arm\"").count(), nees.matches("<g class=\"bad\">").count()),
+            (0, 1),
+            "{nees}"
+        );
+        assert!(nees.contains("class=\"level\""), "{nees}");
+    }
+}

@@ -1,0 +1,128 @@
+//! The map along a line, beside what was measured there and what is known to be there.
+
+use maud::Markup;
+use schemas::Fault;
+use stages::numerics::statistics;
+
+use super::{
+    chart::{Chart, Line},
+    decimate::{MOST, extremes},
+    signal::{minutes, time_axis},
+    source::Source,
+    subject::Subject,
+};
+use crate::{
+    plan::{LineId, Ref},
+    views::{chart::Dim, scores::number},
+};
+
+/// The map's value along a line of a table of `map_value`, with the measured anomaly and the true one where they are
+/// there; none where no such table is.
+///
+/// # Errors
+/// When the store is damaged.
+pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Option<Markup>, Fault> {
+    let Some(r) = subject.map_value else { return Ok(None) };
+    let column = |name: &str| source.floats(r, line, name);
+    let (Some(tt), Some(map)) = (column("tt")?, column("map_anomaly")?) else { return Ok(None) };
+    let mut found = Along { tt, map, measured: None, truth: column("anomaly_truth")? };
+    found.measured = measured(source, subject, r, line, found.tt.len())?;
+    Ok(found.chart().draw())
+}
+
+/// A signal less core field and temporal variation, and what it is called.
+fn measured(
+    source: &Source,
+    subject: &Subject,
+    r: Ref,
+    line: LineId,
+    rows: usize,
+) -> Result<Option<(String, Vec<f64>)>, Fault> {
+    let names = std::iter::once("mag_c").chain(subject.truth.as_deref());
+    for (from, name) in
+        [Some(r), subject.compensate].into_iter().flatten().flat_map(|r| names.clone().map(move |n| (r, n)))
+    {
+        // Another table has other samples where it was cut or resampled.
+        let Some(mut signal) = source.floats(from, line, name)?.filter(|x| x.len() == rows) else { continue };
+        for known in ["igrf", "diurnal"] {
+            if let Some(field) = source.floats(from, line, known)?.filter(|x| x.len() == rows) {
+                signal.iter_mut().zip(&field).for_each(|(x, f)| *x -= f);
+            }
+        }
+        return Ok(Some((name.to_owned(), signal)));
+    }
+    Ok(None)
+}
+
+struct Along {
+    tt: Vec<f64>,
+    map: Vec<f64>,
+    measured: Option<(String, Vec<f64>)>,
+    truth: Option<Vec<f64>>,
+}
+
+impl Along {
+    fn chart(&self) -> Chart {
+        let time = minutes(&self.tt);
+        let line = |name: &str, class, y: &[f64]| Line { name: name.into(), class, points: extremes(&time, y, MOST) };
+        let mut caption = "The anomaly of the map at the places of the line.".to_owned();
+        let mut lines = vec![];
+        if let Some((name, signal)) = &self.measured {
+            let (shifted, constant) = on_the_map(signal, &self.map);
+            lines.push(line(&format!("{name}, less core field and temporal variation"), "before", &shifted));
+            caption.push_str(&format!(
+                " {name} differs from it by {} nT standard deviation about a constant of {} nT, which is taken off: \
+                 compensation leaves it open.",
+                number(Some(difference(signal, &self.map))),
+                number(Some(constant)),
+            ));
+        }
+        if let Some(truth) = &self.truth {
+            lines.push(line("true anomaly", "reference", truth));
+            let off = number(Some(difference(&self.map, truth)));
+            caption.push_str(&format!(" The map differs from the true anomaly by {off} nT standard deviation."));
+        }
+        lines.push(line("map", "after", &self.map));
+        Chart {
+            title: "The map along the line".into(),
+            caption,
+            x: time_axis(),
+            y: Dim::new("anomaly, nT"),
+            lines,
+            height: 260.0,
+            ..Chart::default()
+        }
+    }
+}
+
+/// The signal with the mean difference from the map taken off, and that difference.
+fn on_the_map(signal: &[f64], map: &[f64]) -> (Vec<f64>, f64) {
+    let constant = statistics::error_summary(signal, map).mean;
+    (signal.iter().map(|x| x - constant).collect(), constant)
+}
+
+fn difference(a: &[f64], b: &[f64]) -> f64 {
+    statistics::error_summary(a, b).std
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn law_a_constant_is_no_difference_from_the_map() {
+        let map: Vec<f64> = (0..600).map(|i| (f64::from(i) / 50.0).sin() * 40.0).collect();
+        let signal = map.iter().map(|x| x - 350.0).collect();
+        let tt = (0..600).map(|i| 100.0 + f64::from(i)).collect();
+        let along = Along { tt, measured: Some(("mag_c".into(), signal)), truth: Some(map.clone()), map };
+        let chart = along.chart();
+        assert_eq!(chart.lines.len(), 3);
+        assert!(chart.caption.contains("about a constant of -350 nT"), "{}", chart.caption);
+        for (a, b) in chart.lines[0].points.iter().zip(&chart.lines[2].points) {
+            assert!((a.1 - b.1).abs() < 1e-9);
+        }
+        assert!(chart.draw().is_some());
+    }
+}

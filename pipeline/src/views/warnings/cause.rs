@@ -1,0 +1,222 @@
+//! What is likely to be behind a warning, from the scores of the same line and the parameters of its navigation.
+
+use arrow_array::{
+    Array,
+    cast::AsArray,
+    types::{Float64Type, Int64Type},
+};
+use schemas::Fault;
+use stages::numerics::dates::decimal_year;
+
+use super::{Kind, limits, navigation, row::Row};
+use crate::{
+    plan::{Graph, Instance, LineId, Ref},
+    store::Store,
+    views::scores::number,
+};
+
+/// The parameters of a navigation that explain its errors.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Settings {
+    /// The measurement sigma, nT; none where it is taken from the data.
+    pub sigma_nt: Option<f64>,
+    /// How long a constant is estimated for, s.
+    pub offset_window_s: f64,
+    /// Whether the map is continued to the heights flown.
+    pub levels: bool,
+    /// Whether the measurement was compensated, which leaves a constant open.
+    pub compensated: bool,
+    /// The date that the spec gives the core field, and that of the flight.
+    pub dates: Option<(f64, f64)>,
+}
+
+/// Everything known of one line's scores.
+pub struct Facts<'a> {
+    /// Its scores.
+    pub row: &'a Row,
+    /// How it was navigated; none where there is no track.
+    pub settings: Option<Settings>,
+}
+
+impl<'a> Facts<'a> {
+    /// Looks up what is known of `line` above the tables `inputs` of a score.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub fn gather(
+        graph: &Graph,
+        store: &Store,
+        inputs: &[Ref],
+        line: LineId,
+        row: &'a Row,
+    ) -> Result<Facts<'a>, Fault> {
+        let Some((t, i)) = navigation(graph.plan, inputs) else { return Ok(Facts { row, settings: None }) };
+        let it = graph.plan.instance(t, i);
+        let number = |name: &str| param(it, name).and_then(|v| v.parse::<f64>().ok());
+        // `auto` is no number: it takes what the calibration left, which is a column of what is navigated.
+        let sigma_nt = match (number("measurement_sigma_nt"), it.inputs.first()) {
+            (None, Some(input)) => first(graph, store, *input, line, "mag_sigma")?,
+            (given, _) => given,
+        };
+        let said = number("decimal_year").filter(|_| param(it, "core_field") == Some("true"));
+        let flown = match said {
+            Some(_) => flight_date(graph, store, it, line)?,
+            None => None,
+        };
+        let settings = Settings {
+            sigma_nt,
+            offset_window_s: number("offset_window_s").unwrap_or(0.0),
+            levels: param(it, "map_levels_m").is_some_and(|v| v != "none"),
+            compensated: graph.plan.upstream(&it.inputs, "compensate").is_some(),
+            dates: said.zip(flown),
+        };
+        Ok(Facts { row, settings: Some(settings) })
+    }
+
+    /// The measurement sigma, nT.
+    pub fn sigma_nt(&self) -> Option<f64> {
+        self.settings.as_ref().and_then(|s| s.sigma_nt)
+    }
+
+    /// What is likely to be behind a warning; `None` where nothing that is known explains it.
+    pub fn cause(&self, kind: Kind) -> Option<String> {
+        let settings = self.settings.as_ref()?;
+        let found = match kind {
+            Kind::WorseThanIns | Kind::NeesHigh | Kind::NisHigh => self.too_sure(settings, kind),
+            Kind::NeesLow | Kind::NisLow => self.too_cautious(settings),
+            Kind::OffMap => vec!["the map does not cover the line, or has unknown cells below it".to_owned()],
+            Kind::MapHeight if settings.levels => vec!["the flight leaves the heights of `map_levels_m`".to_owned()],
+            Kind::MapHeight => vec!["`navigate` has no `map_levels_m`: name heights about those flown".to_owned()],
+            Kind::Fit => vec![],
+        };
+        (!found.is_empty()).then(|| found.join("; "))
+    }
+
+    fn too_sure(&self, settings: &Settings, kind: Kind) -> Vec<String> {
+        let row = self.row;
+        let shown = |x: f64| number(Some(x));
+        let sigma = settings.sigma_nt;
+        let mut found = vec![];
+        if let Some(share) = row.off_map().filter(|s| *s >= limits::OFF_MAP_CAUSE) {
+            found.push(format!("{:.0} % of the samples are off the map", 100.0 * share));
+        }
+        if settings.offset_window_s == 0.0 {
+            let large = |bias: &f64| bias.abs() > limits::BIAS_SIGMAS * sigma.unwrap_or(5.0);
+            match row.get("bias_error") {
+                Some(bias) if large(&bias) => found.push(format!(
+                    "the measurement is off by a constant (bias_error {} nT) and `offset_window_s` is 0",
+                    shown(bias)
+                )),
+                Some(_) => {}
+                None if settings.compensated => {
+                    found.push("compensation leaves a constant undetermined and `offset_window_s` is 0".to_owned());
+                }
+                None => {}
+            }
+        }
+        if let Some(error) = row.get("map_height_error").filter(|e| *e > limits::map_height_nt(sigma)) {
+            found.push(format!("the map is at another height than the flight ({} nT rms)", shown(error)));
+        }
+        if let Some((said, flown)) = settings.dates.filter(|(a, b)| (a - b).abs() > limits::DATE_A) {
+            found.push(format!("`decimal_year` is {said:.2}, but the flight's own date is {flown:.2}"));
+        }
+        found.extend(self.sigma_too_small(sigma));
+        if found.is_empty() {
+            found.extend(self.otherwise(kind));
+        }
+        found
+    }
+
+    fn sigma_too_small(&self, sigma: Option<f64>) -> Option<String> {
+        let sigma = sigma?;
+        let shown = |x: f64| number(Some(x));
+        let left = self.row.get("std_error").filter(|left| *left > limits::LEFT_OVER_SIGMA * sigma);
+        let nis = self.row.get("nis").filter(|nis| *nis > limits::NIS.high());
+        match (left, nis) {
+            (Some(left), _) => Some(format!(
+                "compensation left {} nT (std_error), but `measurement_sigma_nt` is {}",
+                shown(left),
+                shown(sigma)
+            )),
+            (None, Some(nis)) => Some(format!(
+                "the innovations are {} times as large as predicted: `measurement_sigma_nt` of {} is too small for what map, \
+                 temporal variation and compensation leave",
+                shown(nis.sqrt()),
+                shown(sigma)
+            )),
+            (None, None) => None,
+        }
+    }
+
+    /// Where nothing in particular is out of order.
+    fn otherwise(&self, kind: Kind) -> Option<String> {
+        let within =
+            |metric: &str, law: &limits::Law| self.row.get(metric).is_some_and(|v| v >= law.low() && v <= law.high());
+        if kind == Kind::WorseThanIns && within("nees", &limits::NEES) {
+            return Some("the filter knows its error: along this line the map says too little".to_owned());
+        }
+        within("nis", &limits::NIS).then(|| {
+            "the innovations are of the predicted size, so errors that last (of the map, of what compensation left) are \
+             taken for independent noise: a larger `measurement_sigma_nt` or `fogm_sigma_nt`"
+                .to_owned()
+        })
+    }
+
+    fn too_cautious(&self, settings: &Settings) -> Vec<String> {
+        let shown = |x: f64| number(Some(x));
+        let low = self.row.get("nis").filter(|nis| *nis < limits::NIS.low());
+        match (low, settings.sigma_nt) {
+            (Some(nis), Some(sigma)) => {
+                let left = self.row.get("std_error");
+                let left = left.map_or(String::new(), |l| format!(", compensation left {} nT (std_error)", shown(l)));
+                let what = "is too large: about";
+                vec![format!(
+                    "`measurement_sigma_nt` of {} {what} {} would agree with the innovations{left}",
+                    shown(sigma),
+                    shown(sigma * nis.sqrt())
+                )]
+            }
+            (Some(_), None) => {
+                vec!["the sigma that was estimated is larger than what the line's measurements show".to_owned()]
+            }
+            (None, _) => {
+                vec!["initial sigmas or process noise are larger than the errors of this INS".to_owned()]
+            }
+        }
+    }
+}
+
+/// A parameter in its one spelling.
+fn param<'a>(it: &'a Instance, name: &str) -> Option<&'a str> {
+    it.params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str())
+}
+
+/// The date at the first sample of the line, where the flight has columns for it.
+fn flight_date(graph: &Graph, store: &Store, it: &Instance, line: LineId) -> Result<Option<f64>, Fault> {
+    let Some(flights) = it.inputs.first().copied() else { return Ok(None) };
+    let (year, doy) = (first(graph, store, flights, line, "year")?, first(graph, store, flights, line, "doy")?);
+    Ok(year.zip(doy).and_then(|(year, doy)| decimal_year(year as i32, doy as u32, 0.0).ok()))
+}
+
+/// The first value of a column of a line; `None` where there is none.
+fn first(graph: &Graph, store: &Store, r: Ref, line: LineId, name: &str) -> Result<Option<f64>, Fault> {
+    let has = |r: Ref| match r {
+        Ref::Flights(i) => {
+            graph.records.get(i).and_then(|r| r.get(&line)).is_some_and(|l| l.columns.contains_key(name))
+        }
+        Ref::Stage(t, i) => graph.plan.instance(t, i).makes(name).is_some(),
+        Ref::Map(_) => false,
+    };
+    let origin = graph.origin(r, name);
+    if !has(origin.made_by) {
+        return Ok(None);
+    }
+    let Ok(key) = graph.object(origin.made_by, line) else { return Ok(None) };
+    if !store.has(key) {
+        return Ok(None);
+    }
+    let batch = store.get(key, &[name])?;
+    let Some(array) = batch.columns().first().filter(|a| !a.is_empty() && a.is_valid(0)) else { return Ok(None) };
+    let float = array.as_primitive_opt::<Float64Type>().map(|a| a.value(0));
+    Ok(float.or_else(|| array.as_primitive_opt::<Int64Type>().map(|a| a.value(0) as f64)).filter(|v| v.is_finite()))
+}

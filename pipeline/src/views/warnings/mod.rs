@@ -1,0 +1,300 @@
+//! What a run says against its own results: filters that are worse than their INS, covariances that are far from the
+//! errors, maps at the wrong height, weak fits. One warning is one row of the table `warnings`.
+
+mod cause;
+pub mod limits;
+mod row;
+
+use std::collections::BTreeMap;
+
+use arrow_array::{Array, cast::AsArray};
+use rayon::prelude::*;
+use schemas::Fault;
+
+use crate::{
+    plan::{Graph, LineId, Plan, Point, Ref, Unit},
+    store::Store,
+    views::scores::number,
+};
+use cause::Facts;
+pub use row::Row;
+
+/// What a warning is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// The track's horizontal error is larger than that of the INS alone.
+    WorseThanIns,
+    /// The position errors are far larger than the filter's covariance says.
+    NeesHigh,
+    /// They are far smaller.
+    NeesLow,
+    /// The innovations are far larger than the filter predicts.
+    NisHigh,
+    /// They are far smaller.
+    NisLow,
+    /// Most of the line is off the map, where the filter only predicts.
+    OffMap,
+    /// The map is at another height than the flight and is not continued to it.
+    MapHeight,
+    /// What a fit says against itself.
+    Fit,
+}
+
+impl Kind {
+    /// The word for it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Kind::WorseThanIns => "worse_than_ins",
+            Kind::NeesHigh => "nees_high",
+            Kind::NeesLow => "nees_low",
+            Kind::NisHigh => "nis_high",
+            Kind::NisLow => "nis_low",
+            Kind::OffMap => "off_map",
+            Kind::MapHeight => "map_height",
+            Kind::Fit => "fit",
+        }
+    }
+
+    /// Whether a score with this warning can be called good: a filter that diverged, or whose covariance is not its
+    /// error's, is not the best of a sweep whatever its other figures.
+    pub fn spoils(self) -> bool {
+        match self {
+            Kind::WorseThanIns | Kind::NeesHigh | Kind::NeesLow | Kind::NisHigh | Kind::NisLow => true,
+            Kind::OffMap | Kind::MapHeight | Kind::Fit => false,
+        }
+    }
+
+    /// What is said of all rows with this warning together.
+    pub fn of_many(self) -> &'static str {
+        match self {
+            Kind::WorseThanIns => "the filter is worse than the INS alone",
+            Kind::NeesHigh => "the position errors are far larger than the filter's covariance says",
+            Kind::NeesLow => "the position errors are far smaller than the filter's covariance says",
+            Kind::NisHigh => "the innovations are far larger than the filter predicts",
+            Kind::NisLow => "the innovations are far smaller than the filter predicts",
+            Kind::OffMap => "most samples are off the map",
+            Kind::MapHeight => "the map is at another height than the flight",
+            Kind::Fit => "the fit warns",
+        }
+    }
+}
+
+/// Something that is not to be trusted as it is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Warning {
+    /// The table of scores or models.
+    pub stage: String,
+    /// The sweep point.
+    pub point: Point,
+    /// Flight and line; none for a fit.
+    pub line: Option<(String, String)>,
+    /// What it is about.
+    pub kind: Kind,
+    /// The figure that gave rise to it.
+    pub value: Option<f64>,
+    /// What the figure is held against.
+    pub limit: Option<f64>,
+    /// The unit of both.
+    pub unit: &'static str,
+    /// What is wrong, in a sentence.
+    pub text: String,
+    /// What is likely to be behind it, from what is known.
+    pub cause: Option<String>,
+}
+
+impl Warning {
+    /// How far the figure is beyond its limit, as a factor of at least 1; 1 where there is no figure.
+    pub fn excess(&self) -> f64 {
+        match (self.value, self.limit) {
+            (Some(value), Some(limit)) if limit != 0.0 && value != 0.0 => (value / limit).ln().abs().exp(),
+            (Some(_), Some(_)) => f64::INFINITY,
+            _ => 1.0,
+        }
+    }
+
+    /// Where it is: axis values, flight and line; empty for the fit of a pipeline without axes.
+    pub fn place(&self) -> String {
+        let point = self.point.iter().map(|(name, value)| format!("{name} = {value}"));
+        let line = self.line.iter().map(|(flight, line)| format!("flight {flight}, line {line}"));
+        point.chain(line).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// The warnings of all scores and fits that `done` says are there: score tables in the plan's order, then fits, each in
+/// the order of the sweep and of the lines.
+///
+/// # Errors
+/// When the store cannot be read.
+pub fn find(graph: &Graph, store: &Store, done: &(dyn Fn(Unit) -> bool + Sync)) -> Result<Vec<Warning>, Fault> {
+    let plan = graph.plan;
+    let tables = |stage: &'static str| (0..plan.tables.len()).filter(move |t| plan.tables[*t].entry.name == stage);
+    let units = |stage| tables(stage).flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect::<Vec<Unit>>();
+    let scores = units("score").into_par_iter().map(|unit| of_score(graph, store, unit));
+    let fits = units("fit").into_par_iter().map(|unit| of_fit(graph, store, unit));
+    let found: Vec<Vec<Warning>> = scores.chain(fits).collect::<Result<_, Fault>>()?;
+    Ok(found.into_iter().flatten().collect())
+}
+
+/// Those that are in the store now, whatever the last run did.
+///
+/// # Errors
+/// When the store cannot be read.
+pub fn present(graph: &Graph, store: &Store) -> Result<Vec<Warning>, Fault> {
+    find(graph, store, &|unit| graph.key(unit).is_ok_and(|key| store.has(key)))
+}
+
+/// The warnings of one line's scores.
+fn of_score(graph: &Graph, store: &Store, unit: Unit) -> Result<Vec<Warning>, Fault> {
+    let batch = store.get(graph.key(unit)?, &Row::COLUMNS)?;
+    let row = Row::read(&batch);
+    let Some(line) = unit.line else { return Ok(vec![]) };
+    let inputs = &graph.plan.instance(unit.table, unit.instance).inputs;
+    let facts = Facts::gather(graph, store, inputs, line, &row)?;
+    Ok(judge(&facts).into_iter().map(|found| found.at(graph, unit)).collect())
+}
+
+/// A warning whose place is not filled in yet.
+struct Found {
+    kind: Kind,
+    value: f64,
+    limit: f64,
+    unit: &'static str,
+    text: String,
+    cause: Option<String>,
+}
+
+impl Found {
+    fn at(self, graph: &Graph, unit: Unit) -> Warning {
+        let (stage, point, line) = place(graph, unit);
+        let Found { kind, value, limit, unit, text, cause } = self;
+        Warning { stage, point, line, kind, value: Some(value), limit: Some(limit), unit, text, cause }
+    }
+}
+
+fn place(graph: &Graph, unit: Unit) -> (String, Point, Option<(String, String)>) {
+    let node = &graph.plan.tables[unit.table];
+    let line = unit.line.and_then(|l: LineId| graph.lines.get(l).cloned());
+    (node.name.clone(), node.instances[unit.instance].point.clone(), line)
+}
+
+/// Holds the scores of one line against their laws.
+fn judge(facts: &Facts) -> Vec<Found> {
+    let (row, shown) = (facts.row, |x: f64| number(Some(x)));
+    let mut found = vec![];
+    let mut add = |kind: Kind, (value, limit, unit): (f64, f64, &'static str), text: String| {
+        found.push(Found { kind, value, limit, unit, text, cause: facts.cause(kind) });
+    };
+    if let (Some(drms), Some(ins)) = (row.get("drms"), row.get("ins_drms"))
+        && drms > ins
+    {
+        let text = format!("the filter is worse than the INS alone: drms {} m against {} m", shown(drms), shown(ins));
+        add(Kind::WorseThanIns, (drms, ins, "m"), text);
+    }
+    let laws =
+        [("nees", &limits::NEES, Kind::NeesLow, Kind::NeesHigh), ("nis", &limits::NIS, Kind::NisLow, Kind::NisHigh)];
+    for (metric, law, low, high) in laws {
+        let Some(value) = row.get(metric) else { continue };
+        let (kind, limit) = if value > law.high() {
+            (high, law.high())
+        } else if value < law.low() {
+            (low, law.low())
+        } else {
+            continue;
+        };
+        let text = format!("{}: {metric} {}, where {} is its law", kind.of_many(), shown(value), law.mean);
+        add(kind, (value, limit, "1"), text);
+    }
+    if let Some(share) = row.off_map()
+        && share > limits::OFF_MAP
+    {
+        let text = format!("{:.0} % of the samples are off the map, where the filter only predicts", 100.0 * share);
+        add(Kind::OffMap, (share, limits::OFF_MAP, "1"), text);
+    }
+    if let Some(error_nt) = row.get("map_height_error")
+        && error_nt > limits::map_height_nt(facts.sigma_nt())
+    {
+        let limit = limits::map_height_nt(facts.sigma_nt());
+        let what = "the map is at another height than the flight and is not continued to it: an error of";
+        add(Kind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms is to be expected", shown(error_nt)));
+    }
+    found
+}
+
+/// The warning of one fit: each row of a model bears it, and it is told once.
+fn of_fit(graph: &Graph, store: &Store, unit: Unit) -> Result<Vec<Warning>, Fault> {
+    let node = &graph.plan.tables[unit.table];
+    if node.instances[unit.instance].makes("warning").is_none() {
+        return Ok(vec![]);
+    }
+    let batch = store.get(graph.key(unit)?, &["warning"])?;
+    let texts = batch.column_by_name("warning").and_then(|a| a.as_string_opt::<i32>());
+    let mut told: Vec<String> = vec![];
+    for text in texts.iter().flat_map(|a| (0..a.len()).filter(|i| a.is_valid(*i)).map(|i| a.value(i))) {
+        if !text.is_empty() && !told.iter().any(|t| t == text) {
+            told.push(text.to_owned());
+        }
+    }
+    let (stage, point, line) = place(graph, unit);
+    let one = |text| Warning {
+        stage: stage.clone(),
+        point: point.clone(),
+        line: line.clone(),
+        kind: Kind::Fit,
+        value: None,
+        limit: None,
+        unit: "",
+        text,
+        cause: None,
+    };
+    Ok(told.into_iter().map(one).collect())
+}
+
+/// As many kinds are told one by one.
+const TOLD: usize = 10;
+
+/// All warnings for the end of a run: those of one kind and table together, the worst of them with its place and cause.
+/// `table` is where they all are.
+pub fn told(warnings: &[Warning], table: &str) -> Vec<String> {
+    let mut groups: BTreeMap<(&str, Kind), Vec<&Warning>> = BTreeMap::new();
+    for warning in warnings {
+        groups.entry((&warning.stage, warning.kind)).or_default().push(warning);
+    }
+    let mut out: Vec<String> = groups.values().take(TOLD).map(|group| group_told(group)).collect();
+    if groups.len() > TOLD {
+        out.push(format!("and {} more kinds of warnings", groups.len() - TOLD));
+    }
+    if !out.is_empty() {
+        let n = warnings.len();
+        out.push(format!("{n} {}; the table `{table}` has each", if n == 1 { "warning" } else { "warnings" }));
+    }
+    out
+}
+
+/// The first of the worst speaks for all.
+fn group_told(group: &[&Warning]) -> String {
+    let worst = group.iter().copied().reduce(|a, b| if b.excess() > a.excess() { b } else { a });
+    let Some(worst) = worst else { return String::new() };
+    let place = if worst.place().is_empty() { String::new() } else { format!(" ({})", worst.place()) };
+    let mut text = match group.len() {
+        1 => format!("{}{place}: {}", worst.stage, worst.text),
+        n => {
+            let which = if worst.value.is_some() { "worst" } else { "first" };
+            format!("{}: {} at {n} places, {which}{place}: {}", worst.stage, worst.kind.of_many(), worst.text)
+        }
+    };
+    if let Some(cause) = &worst.cause {
+        text.push_str(&format!("\n  likely cause: {cause}"));
+    }
+    text
+}
+
+/// The navigation behind some tables, where there is one.
+fn navigation(plan: &Plan, inputs: &[Ref]) -> Option<(usize, usize)> {
+    match plan.upstream(inputs, "navigate") {
+        Some(Ref::Stage(t, i)) => Some((t, i)),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests;

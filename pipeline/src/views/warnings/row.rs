@@ -1,0 +1,55 @@
+//! The scores of one line at one sweep point.
+
+use std::collections::BTreeMap;
+
+use arrow_array::{
+    Array, RecordBatch,
+    cast::AsArray,
+    types::{Float64Type, Int64Type},
+};
+
+/// The scores of one line: value and number of samples of each metric that has a value.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Row(BTreeMap<String, (f64, i64)>);
+
+impl Row {
+    /// The columns it is read from.
+    pub const COLUMNS: [&'static str; 3] = ["metric", "value", "n"];
+
+    /// Reads the rows of one line's scores. Values that are null or not a number are left out; infinite ones are kept.
+    pub fn read(batch: &RecordBatch) -> Row {
+        let names = batch.column_by_name("metric").and_then(|a| a.as_string_opt::<i32>());
+        let values = batch.column_by_name("value").and_then(|a| a.as_primitive_opt::<Float64Type>());
+        let n = batch.column_by_name("n").and_then(|a| a.as_primitive_opt::<Int64Type>());
+        let (Some(names), Some(values), Some(n)) = (names, values, n) else { return Row::default() };
+        let there = (0..batch.num_rows()).filter(|i| values.is_valid(*i) && !values.value(*i).is_nan());
+        Row(there.map(|i| (names.value(i).to_owned(), (values.value(i), n.value(i)))).collect())
+    }
+
+    /// The value of a metric.
+    pub fn get(&self, metric: &str) -> Option<f64> {
+        self.0.get(metric).map(|(value, _)| *value)
+    }
+
+    /// The share of samples off the map.
+    pub fn off_map(&self) -> Option<f64> {
+        self.0.get("samples_off_map").filter(|(_, n)| *n > 0).map(|(off, n)| off / *n as f64)
+    }
+}
+
+#[cfg(test)]
+impl Row {
+    /// Sets a metric of 100 samples.
+    pub fn put(&mut self, metric: &str, value: f64) {
+        self.0.insert(metric.to_owned(), (value, 100));
+    }
+}
+
+#[cfg(test)]
+impl<const N: usize> From<[(&str, f64); N]> for Row {
+    fn from(figures: [(&str, f64); N]) -> Row {
+        let mut row = Row::default();
+        figures.iter().for_each(|(metric, value)| row.put(metric, *value));
+        row
+    }
+}

@@ -1,0 +1,148 @@
+#![allow(clippy::unwrap_used)]
+
+use std::collections::BTreeMap;
+
+use schemas::Literal;
+
+use super::{cause::Settings, *};
+
+fn facts<'a>(row: &'a Row, settings: Settings) -> Facts<'a> {
+    Facts { row, settings: Some(settings) }
+}
+
+fn given(sigma_nt: f64) -> Settings {
+    Settings { sigma_nt: Some(sigma_nt), ..Settings::default() }
+}
+
+fn kinds(found: &[Found]) -> Vec<&'static str> {
+    found.iter().map(|f| f.kind.as_str()).collect()
+}
+
+#[test]
+fn r10_the_figures_of_the_issue_are_marked() {
+    // mag_4 of the main example, and a filter that is 300 times too cautious.
+    let row = Row::from([("drms", 8199.0), ("ins_drms", 967.0), ("nees", 161_284.0), ("nis", 22.0)]);
+    let found = judge(&facts(&row, given(5.0)));
+    assert_eq!(kinds(&found), ["worse_than_ins", "nees_high", "nis_high"]);
+    assert_eq!(found[0].text, "the filter is worse than the INS alone: drms 8199 m against 967.0 m");
+    assert_eq!((found[1].value, found[1].limit), (161_284.0, 20.0));
+    let row = Row::from([("drms", 90.0), ("ins_drms", 967.0), ("nees", 1.1), ("nis", 0.004)]);
+    let found = judge(&facts(&row, given(100.0)));
+    assert_eq!(kinds(&found), ["nis_low"]);
+    let cause = found[0].cause.as_deref().unwrap();
+    assert!(cause.contains("`measurement_sigma_nt` of 100.0 is too large: about 6.325"), "{cause}");
+}
+
+#[test]
+fn law_what_is_within_its_law_is_not_remarked() {
+    for (nees, nis) in [(2.0, 1.0), (0.21, 0.26), (19.9, 3.9)] {
+        let row = Row::from([("drms", 10.0), ("ins_drms", 10.0), ("nees", nees), ("nis", nis)]);
+        assert!(judge(&facts(&row, given(5.0))).is_empty(), "{nees} {nis}");
+    }
+    assert!(judge(&Facts { row: &Row::default(), settings: None }).is_empty());
+}
+
+#[test]
+fn law_ten_times_the_law_is_hardly_chance() {
+    // NEES/2 of a single sample is exponentially distributed with mean 1.
+    let exceeded = (-limits::NEES.high() / 2.0).exp();
+    assert!(exceeded < 1.0 / 22_000.0, "{exceeded}");
+    // Of three, NEES·3/2 is gamma of shape 3: 1 − e^(−x)(1 + x + x²/2).
+    let x = 3.0 * limits::NEES.low() / 2.0;
+    let undercut = 1.0 - (-x).exp() * (1.0 + x + x * x / 2.0);
+    assert!(undercut < 0.004, "{undercut}");
+}
+
+#[test]
+fn r10_a_cause_is_named_from_what_is_known() {
+    let bad = |more: &[(&str, f64)]| {
+        let base = [("drms", 300.0), ("ins_drms", 100.0), ("nees", 90.0), ("nis", 1.0)];
+        let all: BTreeMap<&str, f64> = base.iter().chain(more).copied().collect();
+        all
+    };
+    let cause = |more: &[(&str, f64)], settings: Settings| {
+        let figures = bad(more);
+        let mut row = Row::default();
+        figures.iter().for_each(|(m, v)| row.put(m, *v));
+        judge(&facts(&row, settings))[0].cause.clone().unwrap_or_default()
+    };
+    let off = cause(&[("bias_error", -353.0)], given(5.0));
+    assert!(off.contains("bias_error -353.0 nT) and `offset_window_s` is 0"), "{off}");
+    let taken = Settings { offset_window_s: 60.0, ..given(5.0) };
+    assert!(!cause(&[("bias_error", -353.0)], taken).contains("offset_window_s"));
+    let left = cause(&[("std_error", 14.0)], given(5.0));
+    assert!(left.contains("compensation left 14.00 nT (std_error), but `measurement_sigma_nt` is 5"), "{left}");
+    let height = cause(&[("map_height_error", 12.0)], given(5.0));
+    assert!(height.contains("at another height than the flight (12.00 nT rms)"), "{height}");
+    let map = cause(&[("samples_off_map", 40.0)], given(5.0));
+    assert!(map.contains("40 % of the samples are off the map"), "{map}");
+    let date = cause(&[], Settings { dates: Some((2015.5, 2020.4)), ..given(5.0) });
+    assert!(date.contains("`decimal_year` is 2015.50, but the flight's own date is 2020.40"), "{date}");
+    let lasting = cause(&[], given(5.0));
+    assert!(lasting.contains("errors that last"), "{lasting}");
+}
+
+#[test]
+fn r10_a_map_at_another_height_is_a_warning_of_its_own() {
+    let row = Row::from([("map_height_error", 3.0)]);
+    // Half of 5 nT is 2.5; of 20 nT the 5 nT of a good map count.
+    assert_eq!(kinds(&judge(&facts(&row, given(5.0)))), ["map_height"]);
+    assert!(judge(&facts(&row, given(20.0))).is_empty());
+    assert_eq!(limits::map_height_nt(None), 5.0);
+    assert!(!Kind::MapHeight.spoils() && Kind::NisLow.spoils());
+}
+
+fn warning(kind: Kind, value: f64, limit: f64, line: &str) -> Warning {
+    Warning {
+        stage: "scores".into(),
+        point: [("mag".to_owned(), Literal::Text("mag_4_uc".into()))].into(),
+        line: Some(("1".into(), line.into())),
+        kind,
+        value: Some(value),
+        limit: Some(limit),
+        unit: "m",
+        text: format!("drms {value}"),
+        cause: Some("a cause".into()),
+    }
+}
+
+#[test]
+fn gold_many_warnings_are_told_by_the_worst_of_each_kind() {
+    let all = [
+        warning(Kind::WorseThanIns, 20.0, 10.0, "1.01"),
+        warning(Kind::NisLow, 0.004, 0.25, "1.01"),
+        warning(Kind::WorseThanIns, 90.0, 10.0, "1.02"),
+    ];
+    let told = told(&all, "p.warnings");
+    assert_eq!(
+        told,
+        [
+            "scores: the filter is worse than the INS alone at 2 places, worst (mag = mag_4_uc, flight 1, line 1.02): \
+             drms 90\n  likely cause: a cause",
+            "scores (mag = mag_4_uc, flight 1, line 1.01): drms 0.004\n  likely cause: a cause",
+            "3 warnings; the table `p.warnings` has each",
+        ]
+    );
+    assert!(super::told(&[], "p.warnings").is_empty());
+}
+
+#[test]
+fn law_only_what_spoils_a_score_marks_its_row() {
+    use crate::views::scores::Scores;
+    let rows = vec![(vec!["mag_4_uc".to_owned()], vec![]), (vec!["mag_5_uc".to_owned()], vec![])];
+    let mut scores = Scores { axes: vec!["mag".into()], metrics: vec![], rows, lines: 2, marks: vec![] };
+    let map = warning(Kind::MapHeight, 9.0, 2.5, "1.03");
+    scores.mark(
+        "scores",
+        &[
+            warning(Kind::WorseThanIns, 20.0, 10.0, "1.01"),
+            warning(Kind::NeesHigh, 90.0, 20.0, "1.01"),
+            warning(Kind::NisLow, 0.004, 0.25, "1.02"),
+            map,
+        ],
+    );
+    // Two lines, one of them for two reasons.
+    assert_eq!(scores.marks, [2, 0]);
+    scores.mark("other", &[warning(Kind::WorseThanIns, 20.0, 10.0, "1.01")]);
+    assert_eq!(scores.marks, [0, 0]);
+}
