@@ -19,4 +19,4 @@ pub use stage::{
     Stage, StageDyn, Table, Yield, collect_doc, read_param, unknown_keys,
 };
 pub use unit::convert;
-pub use value::{Literal, Rule, Value};
+pub use value::{Literal, OrAuto, Rule, Value};
