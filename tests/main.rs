@@ -14,6 +14,7 @@ mod killed;
 mod maps;
 mod memory;
 mod models;
+mod navigation;
 mod plausible;
 mod queries;
 mod readers;

@@ -20,4 +20,4 @@ pub use stage::{
     Stage, StageDyn, Table, Yield, collect_doc, read_param, unknown_keys,
 };
 pub use unit::{convert, convertible_to, is_unit, usual_spelling};
-pub use value::{Literal, Rule, Value};
+pub use value::{Literal, OrAuto, Rule, Value};

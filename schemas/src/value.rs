@@ -146,6 +146,50 @@ impl Value for f64 {
     }
 }
 
+/// A number, or `"auto"`: what is found from the data.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum OrAuto {
+    /// Found from the data.
+    Auto,
+    /// This number.
+    Given(f64),
+}
+
+impl OrAuto {
+    /// The number, where one is given.
+    pub fn given(self) -> Option<f64> {
+        match self {
+            OrAuto::Auto => None,
+            OrAuto::Given(x) => Some(x),
+        }
+    }
+}
+
+impl From<f64> for OrAuto {
+    fn from(x: f64) -> OrAuto {
+        OrAuto::Given(x)
+    }
+}
+
+impl Value for OrAuto {
+    const TYPE: &'static str = "number or `auto`";
+
+    fn read(literal: &Literal) -> Option<OrAuto> {
+        match literal {
+            Literal::Text(word) => (word == "auto").then_some(OrAuto::Auto),
+            number => f64::read(number).map(OrAuto::Given),
+        }
+    }
+
+    fn check(&self, rule: &Rule) -> Result<(), Fault> {
+        self.given().map_or(Ok(()), |x| x.check(rule))
+    }
+
+    fn canonical(&self) -> String {
+        self.given().map_or("auto".to_owned(), |x| x.canonical())
+    }
+}
+
 impl Value for usize {
     const TYPE: &'static str = "whole number";
 
@@ -245,6 +289,16 @@ mod tests {
         assert_eq!(canonical(Literal::Int(1)), canonical(Literal::Float(1.0)));
         assert_eq!(canonical(Literal::Float(-0.0)), canonical(Literal::Float(0.0)));
         assert_eq!(canonical(Literal::Text("1".into())), None);
+    }
+
+    #[test]
+    fn law_auto_is_a_word_and_a_number_keeps_its_spelling() {
+        let read = |l: Literal| OrAuto::read(&l);
+        assert_eq!(read(Literal::Text("auto".into())), Some(OrAuto::Auto));
+        assert_eq!(read(Literal::Text("atuo".into())), None);
+        assert_eq!(read(Literal::Int(5)).map(|x| x.canonical()), Some(5.0.canonical()));
+        assert!(OrAuto::Given(0.0).check(&Rule::Positive).is_err() && OrAuto::Auto.check(&Rule::Positive).is_ok());
+        assert_ne!(OrAuto::Auto.canonical(), OrAuto::Given(0.0).canonical());
     }
 
     #[test]

@@ -18,8 +18,11 @@ stage! {
     /// A model fitted on band-passed data does not know the constant part of the aircraft's field. With `detrend` the
     /// mean of the prediction over the line is not taken off, as MagNav.jl's examples do.
     ///
+    /// `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` are the noise of `mag_c` that the calibration saw: what the model
+    /// left on the lines that it was fitted on, the same for all samples. `navigate` takes them where its own are `"auto"`.
+    ///
     /// Source: thesis 000, (3.22).
-    Compensate = "compensate", version 1, grain Line, inputs [input: Lines, model: Model];
+    Compensate = "compensate", version 2, grain Line, inputs [input: Lines, model: Model];
     /// The scalar magnetometer, such as `mag_4_uc`.
     mag: String, unit "nT";
     /// What the model was fitted to predict: the `aircraft`'s field; or the `anomaly`, to which core field `igrf` and
@@ -67,10 +70,11 @@ impl Stage for Compensate {
         reads.extend(EARTH.iter().filter(|_| self.predicts == "anomaly").map(|name| (*name).to_owned()));
         reads.extend(features.iter().cloned());
         let made = |name, doc| Column::float(name, "nT", doc).from(0, &reads).from(1, &["term", "value"]);
-        let columns =
+        let mut columns =
             vec![made("mag_c", "compensated field"), made("mag_aircraft", "aircraft field that was taken off")];
+        columns.extend(noise_columns(&RESIDUAL));
         let mut yields = Yield::append(columns, &reads);
-        yields.reads.push(vec!["term".to_owned(), "value".to_owned()]);
+        yields.reads.push(["term", "value"].into_iter().chain(RESIDUAL).map(str::to_owned).collect());
         Ok(yields)
     }
 
@@ -81,6 +85,7 @@ impl Stage for Compensate {
             .as_ref()
             .and_then(|p| p.downcast_ref::<Model>())
             .ok_or_else(|| Fault::data("the model is missing"))?;
+        let noise = model.noise.map(|x| array(vec![x; mag.len()]));
         let mut aircraft = predict(&line.inputs[0], model, mag.len())?;
         if self.predicts != "aircraft" {
             let mut field = aircraft;
@@ -88,14 +93,14 @@ impl Stage for Compensate {
                 field.iter_mut().zip(floats(&line.inputs[0], name)?).for_each(|(f, x)| *f += x);
             }
             let off = mag.iter().zip(&field).map(|(m, f)| m - f).collect();
-            return Ok(vec![array(field), array(off)]);
+            return Ok([array(field), array(off)].into_iter().chain(noise).collect());
         }
         if self.detrend {
             let mean = statistics::mean(&aircraft).value;
             aircraft.iter_mut().for_each(|x| *x -= mean);
         }
         let clean: Vec<f64> = mag.iter().zip(&aircraft).map(|(m, a)| m - a).collect();
-        Ok(vec![array(clean), array(aircraft)])
+        Ok([array(clean), array(aircraft)].into_iter().chain(noise).collect())
     }
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
@@ -108,7 +113,11 @@ impl Stage for Compensate {
             return Err(Fault::data(format!("the model has no term `{name}` to leave out")).of_param("without"));
         }
         let (terms, values) = terms.into_iter().zip(values).filter(|(t, _)| !self.without.contains(t)).unzip();
-        Ok(Some(std::sync::Arc::new(Model { terms, values })))
+        let mut noise = [f64::NAN; 3];
+        for (to, name) in noise.iter_mut().zip(RESIDUAL) {
+            *to = floats(table, name)?.first().copied().unwrap_or(f64::NAN);
+        }
+        Ok(Some(std::sync::Arc::new(Model { terms, values, noise })))
     }
 
     fn prepare_key(&self) -> String {
@@ -119,9 +128,27 @@ impl Stage for Compensate {
 /// What is added to an anomaly to get the field.
 const EARTH: [&str; 2] = ["igrf", "diurnal"];
 
+/// The noise of a compensated signal: the columns that hold it, with their units.
+pub(crate) const NOISE: [(&str, &str); 3] = [("mag_sigma", "nT"), ("mag_fogm_sigma", "nT"), ("mag_fogm_tau", "s")];
+
+/// The same as a model table calls them: what a fit left on its lines.
+pub(crate) const RESIDUAL: [&str; 3] = ["residual_sigma", "residual_fogm_sigma", "residual_fogm_tau"];
+
+/// The columns of [`NOISE`], made of these columns of the model.
+pub(crate) fn noise_columns(model: &[&str]) -> Vec<Column> {
+    let docs = [
+        "white part of the noise of the signal, one sigma of a sample",
+        "part of the noise that lasts, one sigma of its first-order Gauss-Markov process",
+        "time constant of that process",
+    ];
+    NOISE.iter().zip(docs).map(|((name, unit), doc)| Column::float(*name, *unit, doc).from(1, model)).collect()
+}
+
 struct Model {
     terms: Vec<String>,
     values: Vec<f64>,
+    /// As [`NOISE`].
+    noise: [f64; 3],
 }
 
 /// Where a term's values are: an entry of a list column, or a column of its own.

@@ -27,17 +27,31 @@ pub fn years(batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
     .collect()
 }
 
-/// The decimal year of the line's first dated sample.
+/// The decimal year of the line's first sample that has both a year and a day.
 ///
 /// # Errors
-/// A line without a date, or a day that its year does not have.
+/// A line without such a sample, or a day that its year does not have, with its row.
 pub fn first_year(batch: &RecordBatch) -> Result<f64, Fault> {
-    let first = |name: &str| {
-        let known = numbers(batch, name)?.into_iter().find(|x| x.is_finite());
-        known.ok_or_else(|| Fault::data("has no value").in_column(name))
+    let known = |name: &str| match batch.column_by_name(name) {
+        Some(_) => numbers(batch, name).map(Some),
+        None => Ok(None),
     };
-    one(first("year")?, first("doy")?, floats(batch, "tt")?.first().copied().unwrap_or(0.0))
+    let (Some(year), Some(day)) = (known("year")?, known("doy")?) else {
+        return Err(no_date("has no `year` and `doy`"));
+    };
+    let tt = floats(batch, "tt")?;
+    let dated = |row: &usize| year[*row].is_finite() && day[*row].is_finite() && tt[*row].is_finite();
+    let row = (0..tt.len()).find(dated).ok_or_else(|| no_date("has no sample with both `year` and `doy`"))?;
+    one(year[row], day[row], tt[row]).map_err(|fault| fault.in_row(row as u64))
 }
+
+fn no_date(what: &str) -> Fault {
+    Fault::data(format!("the core field needs a date, but the line {what}")).help(WAYS_OUT)
+}
+
+/// What to do where the core field is wanted and there is no date.
+pub const WAYS_OUT: &str = "say `decimal_year`, such as 2020.5; or give the flight the columns `year` and `doy`; or say \
+                            `core_field = false` where the measurement is an anomaly, without the core field";
 
 fn one(year: f64, day: f64, tt: f64) -> Result<f64, Fault> {
     // What is no such number becomes a day 0, which no year has.

@@ -2,6 +2,7 @@
 
 mod components;
 mod models;
+mod residual;
 mod rows;
 
 use std::{any::Any, collections::BTreeMap, sync::Arc};
@@ -15,6 +16,7 @@ use crate::{
     numerics::least_squares::Scaling,
 };
 use models::{Problem, Solved};
+use residual::{EARTH, residual_noise};
 use rows::Part;
 
 stage! {
@@ -60,8 +62,16 @@ stage! {
     /// is worked out from the permanent and induced coefficients for the worst attitude; null where the terms or the
     /// target, which must be a total field, do not give it.
     ///
+    /// `residual_sigma`, `residual_fogm_sigma` and `residual_fogm_tau` are the noise of what the model compensates, over all
+    /// frequencies: the white and the first-order Gauss-Markov part, the least that bound the Allan variance of the unfiltered
+    /// target less the model on the lines of the fit. Of a total field the columns `igrf` and `diurnal` are taken off where
+    /// the line has them; without `igrf` the core field is that at the positions of the INS and the line's date. Geology
+    /// is not known here and counts as noise, so that calibrating low over it makes these figures larger than they need be;
+    /// a time constant beyond the length of the lines cannot be told from that length. They are null where the lines are
+    /// too short, less than 16 s.
+    ///
     /// Source: thesis 000, (3.19) to (3.43); thesis 004, sections 2.2 to 2.4, 4.2.1 and Figure 4.2.
-    Fit = "fit", version 3, grain Survey, inputs [input: Lines];
+    Fit = "fit", version 4, grain Survey, inputs [input: Lines];
     /// The model.
     model: String, unit "", rule Rule::OneOf(&[
         "tolles_lawson", "extended_tolles_lawson", "ridge", "elastic_net", "pls", "truncated_svd", "robust",
@@ -290,6 +300,9 @@ impl Stage for Fit {
         let mut reads = vec!["tt".to_owned()];
         reads.extend(self.targets());
         reads.extend(self.features.iter().cloned());
+        let earth = EARTH.into_iter().filter(|name| shape.get(name).is_some());
+        let more: Vec<String> = earth.map(str::to_owned).filter(|name| !reads.contains(name)).collect();
+        reads.extend(more);
         let made = |c: Column| c.from(0, &reads);
         let columns = vec![
             made(Column::text("model", "the model").role(Role::Key)),
@@ -312,6 +325,9 @@ impl Stage for Fit {
                 "what the linear form of the model misses at most, in any attitude",
             )),
             made(Column::text("warning", "what is wrong with the fit; empty where nothing is")),
+            made(Column::float("residual_sigma", "nT", "white part of the noise that the model leaves, a sample")),
+            made(Column::float("residual_fogm_sigma", "nT", "Gauss-Markov part of that noise")),
+            made(Column::float("residual_fogm_tau", "s", "time constant of that part")),
         ];
         let mut yields = Yield::append(columns, &reads);
         yields.passes = Passes::None;
@@ -435,7 +451,7 @@ impl Gather for FitGather {
             .collect();
         let mut tables: Vec<_> = self.points.iter().map(|_| Err(Fault::machine("a fit was lost"))).collect();
         for (i, answer) in solved {
-            tables[i] = answer.map(|s| s.table(&self.points[i]));
+            tables[i] = answer.map(|s| s.table(&self.points[i], residual_noise(&parts, &self.points[i], &s)));
         }
         tables
     }
@@ -445,7 +461,7 @@ impl Gather for FitGather {
 pub(crate) const INTERCEPT: &str = "intercept";
 
 impl Solved {
-    fn table(&self, point: &Fit) -> Vec<ArrayRef> {
+    fn table(&self, point: &Fit, [white, lasting, tau]: [f64; 3]) -> Vec<ArrayRef> {
         let constant = point.intercept();
         let rows = self.terms.len() + usize::from(constant);
         let with = |values: &[f64], last: f64| -> ArrayRef {
@@ -468,6 +484,9 @@ impl Solved {
             number(self.trivial_share),
             number(self.approximation_bound_nt),
             text(&self.warning),
+            number(white),
+            number(lasting),
+            number(tau),
         ]
     }
 }

@@ -15,9 +15,11 @@ mod dates;
 mod features;
 mod fit;
 mod magnitude;
+mod map_errors;
 mod map_value;
 mod maps;
 mod navigate;
+mod noise;
 mod resample;
 mod score;
 mod summary;
@@ -37,6 +39,8 @@ pub fn catalogue() -> Vec<Entry> {
         target::Target::entry(),
         fit::Fit::entry(),
         compensate::Compensate::entry(),
+        noise::ResidualNoise::entry(),
+        noise::AssumeNoise::entry(),
         navigate::Navigate::entry(),
         map_value::MapValue::entry(),
         score::Score::entry(),

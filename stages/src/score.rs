@@ -8,6 +8,7 @@ use schemas::{Column, Fault, LineIn, Passes, Role, Rule, Shape, Stage, Table, Yi
 use crate::{
     bandpass::design,
     columns::{data, faults_of, floats, shape},
+    navigate::MAP_HEIGHT_ERROR,
     numerics::{
         anomaly_retention::{RetentionError, anomaly_retention},
         crossings::figure_of_merit_crossings,
@@ -22,7 +23,7 @@ use crate::{
 type Metric = (&'static str, &'static str, Need, &'static str);
 
 /// What can be scored.
-const METRICS: [Metric; 24] = [
+const METRICS: [Metric; 25] = [
     ("std_error", "nT", Need::Truth, "standard deviation of compensated minus truth"),
     ("bias_error", "nT", Need::Truth, "mean of compensated minus truth"),
     ("rms_error", "nT", Need::Truth, "root mean square of compensated minus truth"),
@@ -64,6 +65,12 @@ const METRICS: [Metric; 24] = [
     ("samples_off_map", "1", Need::Innovation, "samples off the map or in an unknown cell"),
     ("samples_gated", "1", Need::Innovation, "measurements that the innovation gate left out"),
     (
+        "map_height_error",
+        "nT",
+        Need::Height,
+        "error to expect because the map was taken at another height than the line's; 0 with `map_levels_m`",
+    ),
+    (
         "map_std_error",
         "nT",
         Need::MapError,
@@ -79,7 +86,7 @@ const METRICS: [Metric; 24] = [
     ),
 ];
 
-const NAMES: [&str; 24] = {
+const NAMES: [&str; 25] = {
     let mut names = [""; 24];
     let mut i = 0;
     while i < names.len() {
@@ -108,6 +115,8 @@ enum Need {
     Ins,
     /// A track's innovations.
     Innovation,
+    /// A track with the error of the map's height.
+    Height,
     /// The map's value and slopes at the samples.
     Map,
     /// These, the compensated signal and the core field.
@@ -132,7 +141,7 @@ stage! {
     /// do, make it worse.
     ///
     /// Source: thesis 000, (3.45), (3.46); thesis 001, (66); thesis 004, (2.39) to (2.41).
-    Score = "score", version 2, grain Line, inputs [input: ManyLines];
+    Score = "score", version 3, grain Line, inputs [input: ManyLines];
     /// The column that the compensated signal is held against, such as `mag_1_c`.
     truth: Option<String>, unit "nT";
     /// What to score.
@@ -171,6 +180,7 @@ impl Score {
             position: at("lat", Some(Role::Truth)).zip(at("lon", Some(Role::Truth))).map(|(a, b)| (a.0, [a.1, b.1])),
             ins: at("ins_lat", None).zip(at("ins_lon", None)).map(|(a, b)| (a.0, [a.1, b.1])),
             track,
+            height: at(MAP_HEIGHT_ERROR, None),
             map: find(shapes, named(MAP[0], None)).filter(|i| MAP.iter().all(|n| shapes[*i].get(n).is_some())),
             anomaly: at(ANOMALY, None),
             attitude: attitude(shapes, ["roll", "pitch", "yaw"])
@@ -202,6 +212,7 @@ impl Score {
             Need::Track => track().or_else(position),
             Need::Ins => position().or_else(|| places.ins.is_none().then(|| "`ins_lat` and `ins_lon`".to_owned())),
             Need::Innovation => track(),
+            Need::Height => track().or_else(|| places.height.is_none().then(|| format!("`{MAP_HEIGHT_ERROR}`"))),
         }
     }
 
@@ -219,6 +230,7 @@ struct Places {
     position: Option<(usize, [String; 2])>,
     ins: Option<(usize, [String; 2])>,
     track: Option<usize>,
+    height: Option<(usize, String)>,
     map: Option<usize>,
     anomaly: Option<(usize, String)>,
     attitude: Option<(usize, [&'static str; 3])>,
@@ -265,8 +277,8 @@ impl Stage for Score {
                 reads[i].push(name.to_owned());
             }
         };
-        let Places { mag, aircraft, truth, core, diurnal, anomaly, .. } = &places;
-        for (i, name) in [mag, aircraft, truth].into_iter().flatten() {
+        let Places { mag, aircraft, truth, core, diurnal, anomaly, height, .. } = &places;
+        for (i, name) in [mag, aircraft, truth, height].into_iter().flatten() {
             add(*i, name);
         }
         let chosen = self.chosen(&places);
@@ -404,6 +416,7 @@ impl Scored<'_> {
             }
             "nees" => self.nees(),
             "nis" => Ok(statistics::mean(self.track("nis")?)),
+            "map_height_error" => Ok(statistics::mean(self.at(&self.places.height)?)),
             "map_std_error" => self.map_error().map(|s| Figure { value: s.std, n: s.n }),
             "map_bias_error" => self.map_error().map(|s| Figure { value: s.mean, n: s.n }),
             "map_gradient_along_track" => self.map_gradient(),

@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, ops::Range};
 use arrow_array::RecordBatch;
 use schemas::{Fault, LineIn};
 
-use super::{Matrix, Question, Targets};
+use super::{Matrix, Question, Targets, residual::Wide};
 use crate::{
     bandpass::design,
     columns::{data, floats, matrix},
@@ -31,12 +31,19 @@ pub struct Share {
     pub selected: usize,
 }
 
+/// The unfiltered rows of a line in short, and the questions that they belong to.
+pub struct Unfiltered {
+    pub asked: Vec<(Matrix, Targets)>,
+    pub wide: Wide,
+}
+
 /// One line's shares, by matrix and targets, with the names of each matrix' terms.
 #[derive(Default)]
 pub struct Part {
     pub flight: String,
     pub shares: BTreeMap<(Matrix, Targets), Share>,
     pub terms: BTreeMap<Matrix, Vec<String>>,
+    pub wide: Vec<Unfiltered>,
 }
 
 /// A column of a table, or a list of columns, still where it is.
@@ -162,6 +169,7 @@ fn fold(
     let filter = design(low_hz, high_hz, order, rate_hz)?;
     let least = filter.as_ref().map_or(1, |f| f.least_rows()).max(2 * first.trim + 1);
     let runs: Vec<Range<usize>> = group.runs.iter().filter(|r| r.len() >= least).cloned().collect();
+    part.wide.push(unfiltered(batch, blocks, group, &runs, rate_hz)?);
     let (packed, kept) = packed(&runs, first.trim);
     let (sheet, places) = features(blocks, group, &runs);
     let names = targets(group);
@@ -211,6 +219,27 @@ fn fold(
         }
     }
     Ok(())
+}
+
+/// What the noise of the group's models is found from.
+fn unfiltered(
+    batch: &RecordBatch,
+    blocks: &BTreeMap<&str, Block>,
+    group: &Group,
+    runs: &[Range<usize>],
+    rate_hz: f64,
+) -> Result<Unfiltered, Fault> {
+    let mut wide = Wide::new(batch, runs, rate_hz);
+    for name in group.asked.iter().flat_map(|(key, _)| &key.features) {
+        if let Some(block) = blocks.get(name.as_str()) {
+            wide.feature(name, block.values, block.names.len());
+        }
+    }
+    for name in targets(group) {
+        wide.target(&name, floats(batch, &name)?);
+    }
+    let asked = group.asked.iter().flat_map(|(key, all)| all.iter().map(|t| ((*key).clone(), t.clone())));
+    Ok(Unfiltered { asked: asked.collect(), wide })
 }
 
 /// The runs one behind the other, whole and without their ends.

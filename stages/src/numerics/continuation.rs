@@ -17,6 +17,7 @@ mod drape;
 mod edge_error;
 mod extension;
 mod l_curve;
+mod radial_power;
 mod spectrum;
 mod transform;
 mod trend;
@@ -28,6 +29,7 @@ pub use drape::{Drape, HeightInterpolation, drape_to_level, level_to_drape};
 pub use edge_error::{EdgeError, SideError, edge_error};
 pub use extension::{AxisLayout, Edge, Layout, MOST_PADDING, Padding, Trend, Width, expand, seven_smooth};
 pub use l_curve::{LCurve, LCurvePoint};
+pub use radial_power::RadialPower;
 pub use spectrum::Spectrum;
 pub use upward::{Downward, Regularisation, continued, downward, stack, upward};
 

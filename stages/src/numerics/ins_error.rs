@@ -4,7 +4,7 @@ use super::gauss_markov::GaussMarkov;
 use super::geodesy::EarthModel;
 use super::ins_series::{InsSeries, SeriesError};
 use super::pinson::{
-    A_HAT, ACC, ALT, GYRO, HA, LAT, LON, PinsonForm, S, STATES, StateMatrix, StateVector, TILT_N, TimeConstants, VN,
+    A_HAT, ACC, ALT, GYRO, HA, LAT, LON, PinsonForm, S, STATES, StateMatrix, StateVector, TILT_D, TILT_N, TimeConstants, VN,
     pinson_matrix,
 };
 use super::transition::{NoiseDiscretisation, diagonal, propagate_state, transition_matrix};
@@ -33,6 +33,9 @@ pub struct InsErrorModel {
     pub init_velocity_sigma_mps: f64,
     /// Initial tilt uncertainty about each axis, in degrees.
     pub init_attitude_sigma_deg: f64,
+    /// Initial heading uncertainty, the tilt about the down axis, in degrees; `None` for that of the other axes. An INS
+    /// levels itself by gravity and finds north by the earth's turning, which is far weaker.
+    pub init_heading_sigma_deg: Option<f64>,
     /// Velocity random walk, in m/s^1.5.
     pub vrw_sigma: f64,
     /// Angular random walk, in rad/s^0.5.
@@ -72,6 +75,7 @@ impl Default for InsErrorModel {
             init_altitude_sigma_m: 0.001,
             init_velocity_sigma_mps: 0.01,
             init_attitude_sigma_deg: 0.01,
+            init_heading_sigma_deg: None,
             vrw_sigma: 0.000_238,
             arw_sigma: 0.000_000_581,
             baro_sigma_m: 1.0,
@@ -133,6 +137,7 @@ impl InsErrorModel {
             ("init_altitude_sigma_m", self.init_altitude_sigma_m),
             ("init_velocity_sigma_mps", self.init_velocity_sigma_mps),
             ("init_attitude_sigma_deg", self.init_attitude_sigma_deg),
+            ("init_heading_sigma_deg", self.init_heading_sigma_deg.unwrap_or(self.init_attitude_sigma_deg)),
             ("vrw_sigma", self.vrw_sigma),
             ("arw_sigma", self.arw_sigma),
             ("baro_sigma_m", self.baro_sigma_m),
@@ -176,6 +181,7 @@ impl InsErrorModel {
         sigmas[ALT] = self.init_altitude_sigma_m;
         sigmas[VN..TILT_N].fill(self.init_velocity_sigma_mps);
         sigmas[TILT_N..ACC].fill(self.init_attitude_sigma_deg.to_radians());
+        sigmas[TILT_D] = self.init_heading_sigma_deg.unwrap_or(self.init_attitude_sigma_deg).to_radians();
         sigmas[ACC..GYRO].fill(self.acc_sigma_mps2);
         sigmas[GYRO..HA].fill(self.gyro_sigma_radps);
         sigmas[HA] = self.ha_sigma_m;

@@ -35,6 +35,7 @@ pub mod map_stack;
 pub mod mechanisation;
 pub mod model_terms;
 pub mod natural_cubic;
+pub mod noise;
 pub mod pinson;
 pub mod plane_grid;
 pub mod pls;

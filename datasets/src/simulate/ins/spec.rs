@@ -55,7 +55,8 @@ pub struct InitialErrors {
 /// Every key has a default:
 /// - `grade`: `magnav`, `navigation`, `tactical` or `commercial`; the defaults of the error sources.
 /// - `init_position_sigma_m`, `init_altitude_sigma_m`, `init_velocity_sigma_mps`,
-///   `init_attitude_sigma_deg`: standard deviations of the initial errors.
+///   `init_attitude_sigma_deg`: standard deviations of the initial errors; `init_heading_sigma_deg`: that of the heading,
+///   by default the attitude's.
 /// - `vrw_sigma` (m/s^1.5), `arw_sigma` (rad/s^0.5): random walks.
 /// - `acc_sigma_mps2` and `acc_tau_s`, `gyro_sigma_radps` and `gyro_tau_s`, `baro_sigma_m` and
 ///   `baro_tau_s`: biases as Gauss-Markov processes; `ha_sigma_m` and `a_hat_sigma_mps2`: initial
@@ -156,6 +157,7 @@ fn model(s: &Section, grade: InsGrade) -> InsErrorModel {
     for (key, value) in sigmas {
         *value = s.number(key, *value, Need::NotNegative);
     }
+    m.init_heading_sigma_deg = s.optional("init_heading_sigma_deg", Need::NotNegative);
     for (key, value) in
         [("baro_tau_s", &mut m.baro_tau_s), ("acc_tau_s", &mut m.acc_tau_s), ("gyro_tau_s", &mut m.gyro_tau_s)]
     {

@@ -59,6 +59,19 @@ impl Spectrum {
         self.answer(Factor::Radial(&factor), &trend)
     }
 
+    /// The magnitude of each wave's wavenumber, in rad/m, and its share of the sum of squares, in any unit. Waves that
+    /// half a spectrum does not hold are counted with those that it does.
+    pub(super) fn each_wave(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        let half = self.transform.half();
+        let (rows, columns) = (self.transform.layout.rows.padded, self.transform.layout.columns.padded);
+        self.values.chunks_exact(2).enumerate().map(move |(i, wave)| {
+            let (row, column) = (i / half, i % half);
+            let k = self.transform.k_north(row.min(rows - row)).hypot(self.transform.k_east(column));
+            let both = if column == 0 || 2 * column == columns { 1.0 } else { 2.0 };
+            (k, both * (wave[0] * wave[0] + wave[1] * wave[1]))
+        })
+    }
+
     pub(super) fn answer(&self, factor: Factor, trend: &Plane) -> PlaneGrid {
         let values = self.transform.filtered(&self.values, factor, trend);
         PlaneGrid { east_m: self.east_m, north_m: self.north_m, values }

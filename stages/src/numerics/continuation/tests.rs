@@ -3,6 +3,7 @@
 mod against_others;
 mod by_closed_form;
 mod fields;
+mod heights;
 mod laws;
 
 use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};

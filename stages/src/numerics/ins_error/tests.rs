@@ -122,3 +122,51 @@ fn law_no_uncertainty_and_no_noise_make_no_error() {
     let message = simulate_ins_error(&broken.series(), &quiet, || 1.0).unwrap_err().to_string();
     assert!(message.starts_with("column `ins_vn` is NaN in row 7"), "{message}");
 }
+
+#[test]
+fn r10_the_heading_starts_with_an_uncertainty_of_its_own() {
+    use super::super::pinson::{TILT_D, TILT_E};
+    let (tilt, heading) = (0.01_f64.to_radians(), 0.1_f64.to_radians());
+    let model = InsErrorModel { init_heading_sigma_deg: Some(0.1), ..InsErrorModel::default() };
+    let p = model.initial_covariance(0.5, 300.0);
+    assert_eq!([p[TILT_N][TILT_N], p[TILT_E][TILT_E]], [tilt * tilt; 2]);
+    assert_eq!(p[TILT_D][TILT_D], heading * heading);
+    let usual = InsErrorModel::default().initial_covariance(0.5, 300.0);
+    assert_eq!(usual[TILT_D][TILT_D], tilt * tilt);
+    assert!((0..STATES).all(|state| state == TILT_D || p[state] == usual[state]));
+    let refused = InsErrorModel { init_heading_sigma_deg: Some(-1.0), ..InsErrorModel::default() }.check();
+    assert!(refused.unwrap_err().to_string().starts_with("`init_heading_sigma_deg` is -1"));
+    // Half a minute north at 60 m/s, then a turn to the east: a heading that is wrong by an angle puts the change of
+    // velocity wrong by that angle, sideways.
+    let flight = Flight::new();
+    let quiet = InsErrorModel {
+        init_position_sigma_m: 0.0,
+        init_altitude_sigma_m: 0.0,
+        init_velocity_sigma_mps: 0.0,
+        init_attitude_sigma_deg: 0.0,
+        init_heading_sigma_deg: Some(1.0),
+        vrw_sigma: 0.0,
+        arw_sigma: 0.0,
+        baro_sigma_m: 0.0,
+        ha_sigma_m: 0.0,
+        a_hat_sigma_mps2: 0.0,
+        acc_sigma_mps2: 0.0,
+        gyro_sigma_radps: 0.0,
+        fogm_sigma_nt: 0.0,
+        ..InsErrorModel::default()
+    };
+    let mut draws = 0;
+    // One sigma of heading, nothing of all else.
+    let one = |state: usize| if state == TILT_D { 1.0 } else { 0.0 };
+    let errors = simulate_ins_error(&flight.series(), &quiet, || {
+        draws += 1;
+        if draws <= STATES { one(draws - 1) } else { 0.0 }
+    })
+    .unwrap();
+    // After 78 s of 0.02 rad/s the velocity has turned from north to east: it changed by (-60, +60) m/s, of which one
+    // degree is 1.05 m/s in each component.
+    let row = 39;
+    let expected = 60.0 * 1.0_f64.to_radians();
+    let got = [errors[row][VN].abs(), errors[row][VN + 1].abs()];
+    assert!(got.iter().all(|v| (v / expected - 1.0).abs() < 0.1), "{got:?} {expected}");
+}

@@ -1,0 +1,79 @@
+//! What a map's heights are worth: the mean square of a map by wavenumber, and how far it is off at another height.
+
+use crate::numerics::plane_grid::PlaneGrid;
+
+use super::spectrum::Spectrum;
+use super::{ContinuationError, MAGNAV_ALPHA_M2, Padding};
+
+/// Bins of equal ratio between the longest wave of a padded map and its shortest.
+const BINS: usize = 96;
+/// Of a larger map the middle is taken, so many nodes a side: it stands for the rest.
+const MOST_NODES: usize = 2048;
+
+/// The mean square of a map, less its mean and trend, by wavenumber.
+#[derive(Clone, Debug)]
+pub struct RadialPower {
+    /// Mean wavenumber (rad/m) and mean square (nT²) of each bin that holds a wave.
+    bins: Vec<(f64, f64)>,
+}
+
+impl RadialPower {
+    /// Of a map; unknown nodes (NaN) take the mean of the known ones and are made up for in the whole.
+    ///
+    /// # Errors
+    /// As [`Spectrum::new`].
+    pub fn of(map: &PlaneGrid) -> Result<Self, ContinuationError> {
+        let mut map = middle(map);
+        let known: Vec<f64> = map.values.iter().copied().filter(|x| x.is_finite()).collect();
+        let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
+        map.values.iter_mut().filter(|x| !x.is_finite()).for_each(|x| *x = mean);
+        let spectrum = Spectrum::new(&map, 0.0, &Padding::default())?;
+        let mut bins = vec![(0.0, 0.0); BINS];
+        let longest = spectrum.each_wave().map(|(k, _)| k).filter(|k| *k > 0.0).fold(f64::INFINITY, f64::min);
+        let shortest = spectrum.each_wave().map(|(k, _)| k).fold(0.0, f64::max);
+        let per_bin = (shortest / longest).ln() / BINS as f64;
+        for (k, square) in spectrum.each_wave().filter(|(k, _)| *k > 0.0) {
+            let at = (((k / longest).ln() / per_bin) as usize).min(BINS - 1);
+            bins[at].0 += k * square;
+            bins[at].1 += square;
+        }
+        // The padding holds its share of the waves: the whole is that of the known nodes.
+        let trend = spectrum.trend;
+        let columns = map.columns();
+        let flat = |(i, x): (usize, &f64)| x - trend.at(i / columns, i % columns);
+        let flat: Vec<f64> = map.values.iter().enumerate().map(flat).collect();
+        let middle = flat.iter().sum::<f64>() / flat.len() as f64;
+        let whole = flat.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / known.len().max(1) as f64;
+        let sum: f64 = bins.iter().map(|b| b.1).sum();
+        let scale = if sum > 0.0 { whole / sum } else { 0.0 };
+        let kept = bins.into_iter().filter(|b| b.1 > 0.0);
+        Ok(Self { bins: kept.map(|(k, square)| (k / square, square * scale)).collect() })
+    }
+
+    /// The root mean square over the map, in nT, of the difference between it and the same field `up_m` metres above it
+    /// (below it where negative, with the regularisation of downward continuation).
+    pub fn height_error_nt(&self, up_m: f64) -> f64 {
+        let factor = |k: f64| {
+            let grown = (-k * up_m).exp();
+            if up_m >= 0.0 { grown } else { grown / (1.0 + MAGNAV_ALPHA_M2 * k * k * grown) }
+        };
+        self.bins.iter().map(|(k, square)| square * (1.0 - factor(*k)).powi(2)).sum::<f64>().sqrt()
+    }
+}
+
+/// The map, or the middle of a large one.
+fn middle(map: &PlaneGrid) -> PlaneGrid {
+    let (rows, columns) = (map.rows(), map.columns());
+    if rows.max(columns) <= MOST_NODES {
+        return map.clone();
+    }
+    let cut = |n: usize| (n.saturating_sub(MOST_NODES) / 2, n.min(MOST_NODES));
+    let ((row, high), (column, wide)) = (cut(rows), cut(columns));
+    let values = (row..row + high)
+        .flat_map(|r| map.values[r * columns + column..r * columns + column + wide].to_vec())
+        .collect();
+    let (mut east_m, mut north_m) = (map.east_m, map.north_m);
+    (east_m.first, east_m.len) = (east_m.at(column as f64), wide);
+    (north_m.first, north_m.len) = (north_m.at(row as f64), high);
+    PlaneGrid { east_m, north_m, values }
+}

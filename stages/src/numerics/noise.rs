@@ -1,0 +1,218 @@
+//! How large the noise of a line is and how long it lasts: a white part and a first-order Gauss-Markov part.
+//!
+//! The noise is judged by its Allan variance: half the mean square of the difference between the means over two
+//! neighbouring spans of time. It knows no constant, so that a line whose mean means nothing is judged like any other, and
+//! gaps only end a run. The two parts that are returned are the least whose Allan variance is nowhere, within the
+//! uncertainty of its estimate, below that of the line: noise with more than one time scale, which two parts cannot
+//! follow, is made too large and never too small.
+//!
+//! [Allan 1966, Proc. IEEE 54(2); IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8; Langel, García Crespillo &
+//! Joerger 2021, NAVIGATION 68(2), on models that bound a process of unknown correlation]
+
+use std::ops::Range;
+
+use super::gauss_markov::GaussMarkov;
+use thiserror::Error;
+
+/// Means are taken over about so many seconds; what is faster is known by the steps from sample to sample.
+const BLOCK_S: f64 = 1.0;
+/// Independent differences that the Allan variance of a span must at least be made of.
+const LEAST_PAIRS: f64 = 3.0;
+/// The correlation times that are tried.
+const TAUS: usize = 60;
+/// No magnetometer is trusted beyond this, nT.
+const FLOOR_NT: f64 = 0.01;
+
+/// The noise of a measurement, sampled at the rate of the line that it was found on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Noise {
+    /// Standard deviation of the white part, sample by sample, in nT.
+    pub white_nt: f64,
+    /// The part that lasts, in nT and s. A correlation time longer than a line cannot be told from any other such time:
+    /// it is then at most the longest line's length, and only the growth 2 sigma²/tau is known.
+    pub lasting: GaussMarkov,
+}
+
+/// Why there is no estimate.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum NoiseError {
+    /// No run is long enough.
+    #[error("the noise takes a run of at least {least_s} s without a gap, and the longest is {longest_s:.1} s")]
+    TooShort {
+        /// What is needed, s.
+        least_s: f64,
+        /// What there is, s.
+        longest_s: f64,
+    },
+}
+
+/// What is kept of one or several lines: means over blocks of about a second, run by run, and steps between neighbours.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Blocks {
+    /// The length of a block, s.
+    pub block_s: f64,
+    /// The time between samples, s.
+    pub step_s: f64,
+    /// The means over the blocks of each run, nT.
+    pub runs: Vec<Vec<f64>>,
+    /// Differences of neighbouring samples, nT; empty where a block is one sample.
+    pub steps: Vec<f64>,
+}
+
+/// How many samples a block has.
+pub fn samples_a_block(rate_hz: f64) -> usize {
+    ((BLOCK_S * rate_hz).round() as usize).max(1)
+}
+
+impl Blocks {
+    /// The blocks of the rows `runs` of `x` (nT, evenly sampled at `rate_hz` within a run). What is left at a run's end is
+    /// in no block.
+    pub fn of(x: &[f64], runs: &[Range<usize>], rate_hz: f64) -> Self {
+        let n = samples_a_block(rate_hz);
+        let run = |r: &Range<usize>| x.get(r.clone()).unwrap_or_default();
+        let mean = |block: &[f64]| block.iter().sum::<f64>() / n as f64;
+        Self {
+            block_s: n as f64 / rate_hz,
+            step_s: 1.0 / rate_hz,
+            runs: runs.iter().map(|r| run(r).chunks_exact(n).map(mean).collect()).collect(),
+            steps: match n {
+                1 => vec![],
+                _ => runs.iter().flat_map(|r| run(r).windows(2).map(|pair| pair[1] - pair[0])).collect(),
+            },
+        }
+    }
+
+    fn longest_s(&self) -> f64 {
+        self.runs.iter().map(Vec::len).max().unwrap_or(0) as f64 * self.block_s
+    }
+}
+
+/// The Allan variance for one span.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AllanPoint {
+    /// The span over which means are taken, s.
+    pub span_s: f64,
+    /// The variance, nT².
+    pub variance_nt2: f64,
+    /// The independent differences that it is made of.
+    pub pairs: f64,
+    /// Whether it is of single samples, not of means.
+    sampled: bool,
+}
+
+/// The Allan variance of all lines together, for the step between samples and for spans of 1, 2, 4, ... blocks as long as
+/// three independent differences are left. All lines must have been sampled alike; the rate is that of the first.
+pub fn allan_variance(lines: &[Blocks]) -> Vec<AllanPoint> {
+    let Some(first) = lines.first() else { return vec![] };
+    let mut points = vec![];
+    let steps = || lines.iter().flat_map(|l| &l.steps);
+    let count = steps().count() as f64;
+    if count >= LEAST_PAIRS {
+        let variance_nt2 = 0.5 * steps().map(|s| s * s).sum::<f64>() / count;
+        points.push(AllanPoint { span_s: first.step_s, variance_nt2, pairs: count, sampled: true });
+    }
+    let mut m = 1;
+    loop {
+        let (mut sum, mut terms, mut pairs) = (0.0, 0.0, 0.0);
+        for run in lines.iter().flat_map(|l| &l.runs).filter(|run| run.len() >= 2 * m) {
+            let mean = |at: usize| run[at..at + m].iter().sum::<f64>() / m as f64;
+            // Overlapping spans, but no more than thirty-two starts a span: the others say nothing new.
+            let stride = m.div_ceil(32);
+            for at in (0..=run.len() - 2 * m).step_by(stride) {
+                sum += 0.5 * (mean(at + m) - mean(at)).powi(2);
+                terms += 1.0;
+            }
+            pairs += run.len() as f64 / m as f64 - 1.0;
+        }
+        if pairs < LEAST_PAIRS {
+            return points;
+        }
+        let sampled = first.steps.is_empty() && m == 1;
+        points.push(AllanPoint { span_s: m as f64 * first.block_s, variance_nt2: sum / terms, pairs, sampled });
+        m *= 2;
+    }
+}
+
+/// The Allan variance of a stationary Gauss-Markov process over its variance, for means over `span_s`.
+/// [IEEE Std 952-1997, (C.20)]
+pub fn gauss_markov_allan(span_s: f64, tau_s: f64) -> f64 {
+    let u = span_s / tau_s;
+    if u < 1e-3 {
+        // The terms below cancel; 2u/3 - u²/2 + ... is what they leave.
+        return u * (2.0 / 3.0 - 0.5 * u);
+    }
+    2.0 / u * (1.0 - (3.0 - 4.0 * (-u).exp() + (-2.0 * u).exp()) / (2.0 * u))
+}
+
+/// The least white and Gauss-Markov noise that bounds the Allan variance of the lines.
+///
+/// # Errors
+/// Lines that are all too short for a Gauss-Markov process to be seen: less than sixteen blocks in a run.
+pub fn noise(lines: &[Blocks]) -> Result<Noise, NoiseError> {
+    let block_s = lines.iter().map(|l| l.block_s).fold(BLOCK_S, f64::max);
+    let longest_s = lines.iter().map(Blocks::longest_s).fold(0.0, f64::max);
+    let least_s = 16.0 * block_s;
+    let points = allan_variance(lines);
+    if longest_s < least_s || points.len() < 4 {
+        return Err(NoiseError::TooShort { least_s, longest_s });
+    }
+    let step_s = lines.first().map_or(block_s, |l| l.step_s);
+    let tau = |i: usize| 2.0 * block_s * (longest_s / (2.0 * block_s)).powf(i as f64 / (TAUS - 1) as f64);
+    let bounds = (0..TAUS).map(|i| (tau(i), bound(&points, step_s, tau(i))));
+    let best = bounds.min_by(|a, b| a.1.excess.total_cmp(&b.1.excess));
+    let (tau_s, best) = best.unwrap_or((longest_s, Bound::default()));
+    Ok(Noise {
+        white_nt: best.white_nt2.max(FLOOR_NT * FLOOR_NT).sqrt(),
+        lasting: GaussMarkov { sigma: best.lasting_nt2.sqrt(), tau_s },
+    })
+}
+
+/// Variances of the two parts, and by how much they exceed the Allan variance of the lines.
+#[derive(Clone, Copy, Debug, Default)]
+struct Bound {
+    white_nt2: f64,
+    lasting_nt2: f64,
+    excess: f64,
+}
+
+/// The variances that bound the points for one correlation time, with the least mean of their ratio to the points: a
+/// linear programme in two unknowns, whose answer is a corner.
+fn bound(points: &[AllanPoint], step_s: f64, tau_s: f64) -> Bound {
+    // Of each point: what a unit of each part gives, what is to be bounded, and what is compared.
+    let row = |p: &AllanPoint| {
+        let lasting = match p.sampled {
+            true => -(-p.span_s / tau_s).exp_m1(),
+            false => gauss_markov_allan(p.span_s, tau_s),
+        };
+        let value = p.variance_nt2.max(FLOOR_NT * FLOOR_NT * step_s / p.span_s);
+        ([step_s / p.span_s, lasting], value / (1.0 + (2.0 / p.pairs).sqrt()), value)
+    };
+    let rows: Vec<([f64; 2], f64, f64)> = points.iter().map(row).collect();
+    let mut best = Bound { excess: f64::INFINITY, ..Bound::default() };
+    let mut corner = |white_nt2: f64, lasting_nt2: f64| {
+        let of = |unit: &[f64; 2]| white_nt2 * unit[0] + lasting_nt2 * unit[1];
+        // A corner lies on two of the bounds but for rounding.
+        let holds = rows.iter().all(|(unit, least, _)| of(unit) >= least * (1.0 - 1e-9));
+        let excess = rows.iter().map(|(unit, _, value)| of(unit) / value).sum::<f64>() / rows.len() as f64;
+        if white_nt2 >= 0.0 && lasting_nt2 >= 0.0 && holds && excess < best.excess {
+            best = Bound { white_nt2, lasting_nt2, excess };
+        }
+    };
+    for (i, (unit, least, _)) in rows.iter().enumerate() {
+        corner(least / unit[0], 0.0);
+        corner(0.0, least / unit[1]);
+        for (other, bound, _) in &rows[..i] {
+            let determinant = unit[0] * other[1] - unit[1] * other[0];
+            if determinant != 0.0 {
+                corner(
+                    (least * other[1] - bound * unit[1]) / determinant,
+                    (bound * unit[0] - least * other[0]) / determinant,
+                );
+            }
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests;
