@@ -38,15 +38,16 @@ stage! {
     /// `used`; `missing`, where it is NaN; `off_map`, where the predicted position is off the map or in an unknown cell;
     /// `gated`. Whatever is not used leaves the filter predicting, with NaN in `residual` and `nis`, and goes on.
     ///
-    /// A flat map only moves the temporal variation. An INS value that is NaN is an error that names the row. Velocities,
+    /// A flat map without a core field only moves the temporal variation; with one, the slope of the core field corrects
+    /// the position too, however little. An INS value that is NaN is an error that names the row. Velocities,
     /// specific forces and attitude that the flight lacks are derived from the INS positions (attitude: level, along the
     /// course). The map is taken as it is, at its own height, unless `map_levels_m` has it
-    /// continued to the heights flown.
+    /// continued to the heights flown. A map in eastings and northings is looked up between its own nodes.
     ///
     /// The core field (IGRF-14) is taken at the flight's `year` and `doy`, else at `decimal_year`.
     ///
     /// Source: thesis 000, section 5.3, with F and H checked against finite differences and the process noise discretised.
-    Navigate = "navigate", version 1, grain Line, inputs [input: Lines, map: Map];
+    Navigate = "navigate", version 2, grain Line, inputs [input: Lines, map: Map];
     /// The filter.
     filter: String, unit "", default "ekf", rule Rule::OneOf(&["ekf"]);
     /// The measured field.
