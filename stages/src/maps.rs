@@ -162,3 +162,133 @@ pub fn check_levels(levels_m: Option<&Vec<f64>>, param: &str) -> Option<Fault> {
     }
     None
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::sync::Arc;
+
+    use arrow_array::{ArrayRef, Float64Array};
+    use arrow_schema::Schema;
+
+    use super::*;
+
+    const STEP_M: f64 = 250.0;
+    const UTM: &str = "+proj=utm +zone=54 +south +datum=WGS84 +units=m +no_defs";
+    const ALT_M: f64 = 500.0;
+
+    fn axis(first: f64, len: usize) -> EvenAxis {
+        EvenAxis { first, step: STEP_M, len }
+    }
+
+    fn axes() -> [EvenAxis; 2] {
+        [axis(448_000.0, 61), axis(7_560_000.0, 41)]
+    }
+
+    /// A map of 15 by 10 km in UTM zone 54 south whose values are those of `of` (easting, northing).
+    fn table(of: impl Fn(f64, f64) -> f64) -> RecordBatch {
+        let [columns, rows] = axes();
+        let nodes: Vec<(f64, f64)> =
+            rows.coordinates().iter().flat_map(|y| columns.coordinates().into_iter().map(|x| (x, *y))).collect();
+        let own = OwnGrid {
+            epsg: 32754,
+            definition: UTM.to_owned(),
+            unit_m: [1.0, 1.0],
+            lat_deg: [-22.1, -21.9],
+            lon_deg: [140.4, 140.7],
+        };
+        let column = |of: &dyn Fn(&(f64, f64)) -> f64| -> ArrayRef {
+            Arc::new(nodes.iter().map(of).map(Some).collect::<Float64Array>())
+        };
+        let columns = vec![column(&|n| n.1), column(&|n| n.0), column(&|_| ALT_M), column(&|n| of(n.0, n.1))];
+        RecordBatch::try_new(Arc::new(Schema::new(own.fields())), columns).unwrap()
+    }
+
+    fn hills(easting: f64, northing: f64) -> f64 {
+        300.0 * (easting / 900.0).sin() * (northing / 700.0).cos() + 0.01 * (easting - 448_000.0)
+    }
+
+    /// Places of the map in degrees, away from lines of nodes.
+    fn places() -> Vec<(f64, f64)> {
+        let system = Projection::new(UTM).unwrap();
+        let [columns, rows] = axes();
+        let at = |(x, y): (f64, f64)| system.unproject(columns.at(x), rows.at(y)).unwrap();
+        [(0.3, 0.4), (7.7, 31.2), (30.4, 20.6), (59.8, 39.7), (12.21, 3.65)].map(at).to_vec()
+    }
+
+    #[test]
+    fn law_a_projected_map_is_its_own_bilinear_surface() {
+        // Bilinear in easting and northing, so what lies between the nodes is known.
+        let plane = |x: f64, y: f64| 3.0 + 0.02 * (x - 450_000.0) - 0.05 * (y - 7.56e6) + 1e-6 * (x - 4.5e5) * (y - 7.56e6);
+        let map = field_map(&table(plane), Interpolation::Linear, None).unwrap();
+        let system = Projection::new(UTM).unwrap();
+        let [columns, rows] = axes();
+        let corners = [(0.0, 0.0), (60.0, 0.0), (0.0, 40.0), (60.0, 40.0), (60.0, 17.5), (22.5, 40.0)];
+        let edge = corners.map(|(x, y)| system.unproject(columns.at(x), rows.at(y)).unwrap());
+        for (lat, lon) in places().into_iter().chain(edge) {
+            let (easting, northing) = system.project(lat, lon).unwrap();
+            let found = map.at(lat, lon, ALT_M).unwrap();
+            // Northings of 7.6e6 m are rounded by 1e-9 m, at 0.05 nT/m.
+            assert!((found.value_nt - plane(easting, northing)).abs() < 1e-9, "{lat} {lon}: {found:?}");
+            let turned = map.at(lat, lon - 360.0, ALT_M).unwrap();
+            assert!((turned.value_nt - found.value_nt).abs() < 1e-6, "{turned:?} {found:?}");
+        }
+        for (x, y) in [(-0.01, 20.0), (60.01, 20.0), (30.0, -0.01), (30.0, 40.01), (-359.5, 20.0), (400.0, 20.0)] {
+            let (lat, lon) = system.unproject(columns.at(x), rows.at(y)).unwrap();
+            assert!(map.at(lat, lon, ALT_M).is_none(), "off the map at column {x}, row {y}");
+        }
+        assert!(map.at(f64::NAN, 140.5, ALT_M).is_none());
+    }
+
+    #[test]
+    fn jac_slopes_of_a_projected_map_are_those_of_its_values() {
+        for interpolation in [Interpolation::Linear, Interpolation::Cubic] {
+            for levels in [None, Some(&[ALT_M, ALT_M + 40.0][..])] {
+                let map = field_map(&table(hills), interpolation, levels).unwrap();
+                for (lat, lon) in places() {
+                    let alt_m = ALT_M + 13.0;
+                    let at = |d_lat: f64, d_lon: f64, d_alt: f64| {
+                        map.at(lat + d_lat, lon + d_lon, alt_m + d_alt).unwrap().value_nt
+                    };
+                    let found = map.at(lat, lon, alt_m).unwrap();
+                    // A centimetre: rounding of 300 nT over 2e-2 m is 1e-12 nT/m, the third derivative less.
+                    let h = 1e-7;
+                    let per_rad = (2.0 * h).to_radians();
+                    let lat_slope = (at(h, 0.0, 0.0) - at(-h, 0.0, 0.0)) / per_rad;
+                    let lon_slope = (at(0.0, h, 0.0) - at(0.0, -h, 0.0)) / per_rad;
+                    let alt_slope = (at(0.0, 0.0, 0.01) - at(0.0, 0.0, -0.01)) / 0.02;
+                    // Slopes of 0.4 nT/m, 2.5e6 nT/rad; the place is rounded by 1e-9 m.
+                    assert!((found.d_lat_nt_per_rad - lat_slope).abs() < 2.0, "{found:?} {lat_slope}");
+                    assert!((found.d_lon_nt_per_rad - lon_slope).abs() < 2.0, "{found:?} {lon_slope}");
+                    assert!((found.d_alt_nt_per_m - alt_slope).abs() < 1e-6, "{found:?} {alt_slope}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn law_many_places_are_looked_up_as_one_is() {
+        let map = field_map(&table(hills), Interpolation::Cubic, None).unwrap();
+        let (lat, lon): (Vec<f64>, Vec<f64>) = places().into_iter().chain([(0.0, 0.0)]).unzip();
+        let mut many = crate::numerics::map_grid::FieldColumns::default();
+        map.at_many(&lat, &lon, &vec![ALT_M; lat.len()], &mut many).unwrap();
+        for i in 0..lat.len() {
+            match map.at(lat[i], lon[i], ALT_M) {
+                Some(one) => assert_eq!((one.value_nt, one.d_lat_nt_per_rad), (many.value_nt[i], many.d_lat_nt_per_rad[i])),
+                None => assert!(many.value_nt[i].is_nan() && i + 1 == lat.len()),
+            }
+        }
+    }
+
+    #[test]
+    fn gold_what_is_no_own_grid() {
+        let whole = table(hills);
+        let cut = whole.slice(0, whole.num_rows() - 1);
+        let fault = field_map(&cut, Interpolation::Linear, None).unwrap_err().to_string();
+        assert_eq!(fault, "column `northing`: the rows of the map are no complete grid");
+        let one_row = whole.slice(0, 61);
+        let fault = field_map(&one_row, Interpolation::Linear, None).unwrap_err().to_string();
+        assert!(fault.contains("at least two"), "{fault}");
+    }
+}

@@ -53,11 +53,11 @@ impl GridMap {
             let lon = lon.min(0.5 * (360.0 - (east - west)).max(0.0));
             return Ok([[(south - lat).max(-90.0), (north + lat).min(90.0)], [west - lon, east + lon]]);
         }
-        let border = self.outline().into_iter().map(|(x, y)| {
-            let place = self.crs.unproject(x, y).ok_or_else(|| self.no_place(x, y, &self.crs))?;
-            Ok(place.0)
-        });
-        let lat = border.collect::<Result<Vec<f64>, ReadError>>()?;
+        let latitude = |(x, y): (f64, f64)| match self.crs.unproject(x, y) {
+            Some((lat, _)) => Ok(lat),
+            None => Err(self.no_place(x, y, &self.crs)),
+        };
+        let lat = self.outline().into_iter().map(latitude).collect::<Result<Vec<f64>, ReadError>>()?;
         let (south, north) = lat.iter().fold((90.0_f64, -90.0_f64), |ends, lat| (ends.0.min(*lat), ends.1.max(*lat)));
         let margin = MARGIN * (north - south);
         let south = if poles[0] { -90.0 } else { (south - margin).max(-90.0) };
@@ -98,4 +98,54 @@ pub fn geographic(table: &RecordBatch) -> Result<Map, ReadError> {
     let level = alt.iter().all(|a| *a == level_m || a.is_nan() && level_m.is_nan());
     let height = if level { Height::Level(level_m) } else { Height::Cells(alt) };
     GridMap::new(x, y, crs, column("anomaly")?, height)?.to_geographic()
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::{MapOptions, read_grid, read_map, samples};
+
+    #[test]
+    fn law_a_projected_map_goes_to_the_stages_as_it_is() {
+        let path = samples::path("osborne/osborne_anomaly_100m_at_500m.tif");
+        let grid = read_grid(&path, &MapOptions::default()).unwrap();
+        let table = grid.table().unwrap();
+        let column = |name: &str| {
+            let column = table.column_by_name(name).unwrap().as_any().downcast_ref::<Float64Array>().unwrap();
+            column.values().to_vec()
+        };
+        assert_eq!(column("anomaly").len(), grid.anomaly_nt.len());
+        let same = |a: &f64, b: &f64| a == b || a.is_nan() && b.is_nan();
+        assert!(column("anomaly").iter().zip(&grid.anomaly_nt).all(|(a, b)| same(a, b)));
+        assert!(column("alt").iter().all(|a| *a == 500.0));
+        assert_eq!((column("easting")[1], column("northing")[1]), (grid.x.at(1.0), grid.y.first));
+        let own = OwnGrid::of(&table.schema()).unwrap().unwrap();
+        assert_eq!((own.epsg, own.unit_m), (32754, [1.0, 1.0]));
+        for (x, y) in grid.outline() {
+            let (lat, lon) = grid.crs.unproject(x, y).unwrap();
+            assert!(own.lat_deg[0] < lat && lat < own.lat_deg[1] && own.lon_deg[0] < lon && lon < own.lon_deg[1]);
+        }
+        // And back to what is drawn, the contract's table.
+        assert_eq!(geographic(&table).unwrap().batch, read_map(&path, &MapOptions::default()).unwrap().batch);
+    }
+
+    #[test]
+    fn law_a_map_in_degrees_stays_the_contracts_table() {
+        let path = samples::path("simple_magnav/map.h5");
+        let (grid, map) = (read_grid(&path, &MapOptions::default()).unwrap(), read_map(&path, &MapOptions::default()).unwrap());
+        assert_eq!(grid.table().unwrap(), map.batch);
+        assert_eq!(geographic(&map.batch).unwrap().batch, map.batch);
+    }
+
+    #[test]
+    fn law_a_map_around_a_pole_goes_to_the_stages_too() {
+        let crs = Crs::from_epsg(std::path::Path::new("map"), 3413).unwrap();
+        let axis = EvenAxis { first: -300_000.0, step: 50_000.0, len: 13 };
+        let grid = GridMap::new(axis, axis, crs, vec![1.0; 169], Height::Level(1000.0)).unwrap();
+        let own = OwnGrid::of(&grid.table().unwrap().schema()).unwrap().unwrap();
+        assert_eq!((own.lat_deg[1], own.lon_deg), (90.0, [-180.0, 180.0]));
+        assert!(own.lat_deg[0] < 87.0 && own.lat_deg[0] > 84.0, "{:?}", own.lat_deg);
+        assert!(grid.to_geographic().is_err());
+    }
 }

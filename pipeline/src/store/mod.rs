@@ -277,9 +277,10 @@ pub fn read_columns<S: AsRef<str>>(path: &Path, columns: &[S]) -> Result<RecordB
     let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::new()).map_err(|e| fail(&e))?;
     let rows = usize::try_from(metadata.metadata().file_metadata().num_rows()).unwrap_or(0);
     let builder = ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata);
-    let wanted = columns.iter().map(AsRef::as_ref);
-    let mask = ProjectionMask::columns(builder.parquet_schema(), wanted);
     let schema = builder.schema().clone();
+    // By position: a mask of names takes the dots of a name for a path.
+    let wanted = columns.iter().filter_map(|c| schema.index_of(c.as_ref()).ok());
+    let mask = ProjectionMask::roots(builder.parquet_schema(), wanted);
     let reader = builder.with_projection(mask).with_batch_size(rows.max(1)).build().map_err(|e| fail(&e))?;
     let batches = reader.collect::<Result<Vec<_>, _>>().map_err(|e| fail(&e))?;
     let whole = match batches.as_slice() {

@@ -104,8 +104,11 @@ impl Part {
         for group in &groups {
             // What is wrong with the filter of one question is nothing to the others.
             if let Err(fault) = fold(&mut part, batch, &blocks, group, questions, rate_hz) {
-                let asked = group.asked.iter().flat_map(|(k, all)| all.iter().map(|t| ((*k).clone(), t.clone())));
-                part.refused.extend(asked.map(|at| (at, fault.clone())));
+                let asked = group.asked.iter().flat_map(|(k, all)| all.iter().map(move |t| ((*k).clone(), t.clone())));
+                for at in asked {
+                    part.shares.remove(&at);
+                    part.refused.insert(at, fault.clone());
+                }
             }
         }
         Ok(part)

@@ -102,7 +102,7 @@ impl GridProjection {
         if !(height > 0.0 && width > 0.0 && width <= 360.0 && lat_deg[0] >= -90.0 && lat_deg[1] <= 90.0) {
             return Err(ProjectionError::Area { lat_deg, lon_deg });
         }
-        let place = |lat: f64, lon: f64| {
+        let place = |lat: f64, lon: f64| -> Result<[f64; 2], ProjectionError> {
             let (easting, northing) =
                 project(lat, lon).ok_or(ProjectionError::Nowhere { lat_deg: lat, lon_deg: lon })?;
             Ok([rows.node(northing), columns.node(easting)])
@@ -134,13 +134,15 @@ impl GridProjection {
         let extents = [area.lat_deg[1] - area.lat_deg[0], area.lon_deg[1] - area.lon_deg[0]];
         let per_deg = [counts[0] as f64 / extents[0], counts[1] as f64 / extents[1]];
         let basis = Basis::new();
-        let at = |i: usize, t: f64, first: f64, d: usize| first + (i as f64 + 0.5 * (1.0 + t)) / per_deg[d];
+        let ends = [area.lat_deg, area.lon_deg];
+        // Rounding must not go beyond a pole.
+        let at = |d: usize, i: usize, t: f64| (ends[d][0] + (i as f64 + 0.5 * (1.0 + t)) / per_deg[d]).min(ends[d][1]);
         let mut patches = Vec::with_capacity(counts[0] * counts[1]);
         for (i, j) in (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j))) {
             let mut samples = [[[0.0; 2]; SAMPLES]; SAMPLES];
             for (row, t) in samples.iter_mut().zip(basis.nodes) {
                 for (sample, u) in row.iter_mut().zip(basis.nodes) {
-                    *sample = place(at(i, t, area.lat_deg[0], 0), at(j, u, area.lon_deg[0], 1))?;
+                    *sample = place(at(0, i, t), at(1, j, u))?;
                 }
             }
             patches.push(basis.polynomial(&samples));
@@ -150,7 +152,7 @@ impl GridProjection {
         const CHECKS: [f64; 5] = [-1.0, -0.6, 0.1, 0.7, 1.0];
         for (i, j) in (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j))) {
             for (t, u) in CHECKS.into_iter().flat_map(|t| CHECKS.map(|u| (t, u))) {
-                let exact = place(at(i, t, area.lat_deg[0], 0), at(j, u, area.lon_deg[0], 1))?;
+                let exact = place(at(0, i, t), at(1, j, u))?;
                 let found = projection.in_patch([i, j], [t, u]);
                 let off = (found.row - exact[0]).abs().max((found.column - exact[1]).abs());
                 projection.departure_steps = projection.departure_steps.max(off);
