@@ -23,5 +23,5 @@ pub use formats::{
     FlightOptions, FlightReader, Map, MapOptions, Part, PointOptions, RowFault, SurveyPoints, map_files, open_flight,
     read_grid, read_map, read_points, write_grid,
 };
-pub use grid::{Crs, Figure, GridMap, Height, MapSummary, Registration};
+pub use grid::{Crs, Figure, GridMap, Height, MapSummary, Registration, geographic};
 pub use simulate::{synthesise, synthesise_with};

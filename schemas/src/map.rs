@@ -1,6 +1,12 @@
 //! The map table: a regular grid, one row per cell, sorted by latitude then longitude.
+//!
+//! A map in another coordinate system goes to the stages on its own grid, so that it is interpolated between the values
+//! it has: the same table with northing and easting in the place of latitude and longitude, which say in the metadata
+//! of their fields what they are.
 
-use crate::{Column, Described, Role, Shape};
+use arrow_schema::{DataType, Field, Schema};
+
+use crate::{Column, Described, Fault, Role, Shape, field};
 
 /// The version of the map table's contract.
 pub const VERSION: u32 = 1;
@@ -17,4 +23,104 @@ pub const COLUMNS: [(&str, Described); 4] = [
 pub fn shape() -> Shape {
     let columns = COLUMNS.iter().map(|(name, d)| Column::float(*name, d.unit, d.description).role(d.role));
     Shape { columns: columns.collect(), rate_hz: None }
+}
+
+/// The columns of a map on the grid of its own coordinate system, in the unit of that system.
+pub const OWN_COLUMNS: [&str; 4] = ["northing", "easting", "alt", "anomaly"];
+
+/// What the fields `northing` and `easting` of a map on its own grid say beside unit, role and description.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OwnGrid {
+    /// The EPSG code of the coordinate system.
+    pub epsg: u16,
+    /// Its definition in PROJ's words.
+    pub definition: String,
+    /// Metres to a unit of easting and of northing.
+    pub unit_m: [f64; 2],
+    /// The southern and the northern edge of an area that holds the map, in WGS-84 degrees.
+    pub lat_deg: [f64; 2],
+    /// Its western and its eastern edge; it may go on beyond 180.
+    pub lon_deg: [f64; 2],
+}
+
+impl OwnGrid {
+    /// The fields of the table.
+    pub fn fields(&self) -> Vec<Field> {
+        let of = |name: &str, unit: &str, text: &str| field(name, DataType::Float64, unit, Role::Key, text);
+        let places = ["northing of the cell's centre", "easting of the cell's centre"];
+        let mut fields: Vec<Field> = OWN_COLUMNS.iter().zip(places).map(|(name, text)| of(name, "", text)).collect();
+        for (field, (unit_m, ends)) in
+            fields.iter_mut().zip([(self.unit_m[1], self.lat_deg), (self.unit_m[0], self.lon_deg)])
+        {
+            // Numbers are written so that they are read back to the last bit.
+            let more = [
+                ("epsg", self.epsg.to_string()),
+                ("definition", self.definition.clone()),
+                ("unit_m", unit_m.to_string()),
+                ("from_deg", ends[0].to_string()),
+                ("to_deg", ends[1].to_string()),
+            ];
+            let mut metadata = field.metadata().clone();
+            metadata.extend(more.map(|(key, value)| (key.to_owned(), value)));
+            field.set_metadata(metadata);
+        }
+        fields.extend(shape().columns.iter().filter(|c| OWN_COLUMNS.contains(&c.name.as_str())).map(Column::field));
+        fields
+    }
+
+    /// What a map's table says of its own grid; `None` for a map in latitude and longitude.
+    ///
+    /// # Errors
+    /// A table that says it in part, or not in numbers.
+    pub fn of(schema: &Schema) -> Result<Option<OwnGrid>, Fault> {
+        let [Ok(northing), Ok(easting)] = ["northing", "easting"].map(|name| schema.field_with_name(name)) else {
+            return Ok(None);
+        };
+        let text = |field: &Field, key: &str| {
+            let wrong = || Fault::machine(format!("the map does not say its `{key}`")).in_column(field.name());
+            field.metadata().get(key).cloned().ok_or_else(wrong)
+        };
+        let number = |field: &Field, key: &str| {
+            let value: String = text(field, key)?;
+            let wrong = || Fault::machine(format!("`{value}` of the map's `{key}` is no number")).in_column(field.name());
+            value.parse::<f64>().map_err(|_| wrong())
+        };
+        let ends = |field: &Field| -> Result<[f64; 2], Fault> {
+            Ok([number(field, "from_deg")?, number(field, "to_deg")?])
+        };
+        let code = text(northing, "epsg")?;
+        Ok(Some(OwnGrid {
+            epsg: code.parse().map_err(|_| Fault::machine(format!("`{code}` is no EPSG code")))?,
+            definition: text(northing, "definition")?,
+            unit_m: [number(easting, "unit_m")?, number(northing, "unit_m")?],
+            lat_deg: ends(northing)?,
+            lon_deg: ends(easting)?,
+        }))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_what_a_table_says_of_its_grid_is_read_back_to_the_last_bit() {
+        let own = OwnGrid {
+            epsg: 32754,
+            definition: "+proj=utm +zone=54 +south".to_owned(),
+            unit_m: [0.1 + 0.2, 1.0 / 3.0],
+            lat_deg: [-22.123_456_789_012_345, -21.1],
+            lon_deg: [179.9, 181.3],
+        };
+        let schema = Schema::new(own.fields());
+        let names: Vec<&str> = schema.fields().iter().map(|f| f.name().as_str()).collect();
+        assert_eq!(names, OWN_COLUMNS);
+        assert_eq!(OwnGrid::of(&schema).unwrap().unwrap(), own);
+        let geographic: Vec<Field> = shape().columns.iter().map(Column::field).collect();
+        assert_eq!(OwnGrid::of(&Schema::new(geographic)).unwrap(), None);
+        let bare: Vec<Field> =
+            schema.fields().iter().map(|f| f.as_ref().clone().with_metadata(Default::default())).collect();
+        assert!(OwnGrid::of(&Schema::new(bare)).unwrap_err().to_string().contains("`epsg`"));
+    }
 }

@@ -150,6 +150,12 @@ pub trait Gather: Send + Sync {
     /// When the line cannot be used; the others go on without it.
     fn map(&self, line: &LineIn) -> Result<Box<dyn Any + Send>, Fault>;
 
+    /// Which points cannot use a line that was mapped, by their place, and why. They go on without it, as those of all
+    /// points do without a line that [`Gather::map`] refused.
+    fn refused(&self, _part: &(dyn Any + Send)) -> Vec<(usize, Fault)> {
+        vec![]
+    }
+
     /// The table of each point, in the points' order.
     fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>>;
 }
@@ -291,6 +297,8 @@ pub struct Entry {
     pub inputs: &'static [InputDecl],
     /// What it does, when you want it, what it refuses, source.
     pub doc: fn() -> String,
+    /// What the reference shows besides, such as a table of metrics; empty for most.
+    pub more: fn() -> String,
     /// Its parameters.
     pub params: fn() -> Vec<ParamDoc>,
     /// Makes the stage from its parameters, or says all that is wrong with them.
@@ -414,6 +422,7 @@ macro_rules! stage {
                     grain: $crate::Grain::$grain,
                     inputs: &[$($crate::InputDecl { name: stringify!($inp), kind: $crate::InputKind::$kind }),*],
                     doc,
+                    more: String::new,
                     params,
                     build,
                 }

@@ -11,9 +11,11 @@ use std::time::Instant;
 
 use stages::numerics::field_value::FieldValue;
 use stages::numerics::fill::{NearestFill, SmoothFill, nearest, smooth};
+use stages::numerics::grid_projection::{Area, GridProjection};
 use stages::numerics::map_grid::{AnomalyMap, FieldColumns, Interpolation, MapGrid, VerticalDerivative};
-use stages::numerics::map_stack::{MapStack, StackOptions};
+use stages::numerics::map_stack::{MapStack, ProjectedMap, StackOptions};
 use stages::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use stages::projection::Projection;
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -146,6 +148,43 @@ fn stacks() -> Result<(), Failure> {
     Ok(())
 }
 
+/// The small map in UTM zone 54 south, looked up between its own nodes; and what the projection alone takes, by the
+/// polynomials and by the projection itself.
+fn projected() -> Result<(), Failure> {
+    let (_, rows, columns) = MAPS[0];
+    let (lat, lon) = places(rows, columns, true);
+    let system = Projection::new("+proj=utm +zone=54 +south +datum=WGS84 +units=m +no_defs")?;
+    let (easting, northing) = system.project(SOUTH_DEG, WEST_DEG).ok_or("no place")?;
+    let even = |first: f64, len: usize| EvenAxis { first: first - 2_000.0, step: 100.0, len };
+    let (y, x) = (even(northing, 3 * rows / 2), even(easting, 3 * columns / 2));
+    let far = |n: usize| STEP_DEG * n as f64;
+    let area =
+        Area { lat_deg: [SOUTH_DEG, SOUTH_DEG + far(rows)], lon_deg: [WEST_DEG, WEST_DEG + far(columns)] };
+    let projection = GridProjection::new(|lat, lon| system.project(lat, lon), area, &y, &x)?;
+    println!("projection: off by {:.1e} of a step", projection.departure_steps());
+    let exact = fastest_s(|| {
+        let all = lat.iter().zip(&lon).filter_map(|(lat, lon)| system.project(*lat, *lon));
+        black_box(all.map(|(x, y)| x + y).sum::<f64>());
+    });
+    print("projection by itself", exact);
+    let polynomials = fastest_s(|| {
+        let all = lat.iter().zip(&lon).filter_map(|(lat, lon)| projection.at(*lat, *lon));
+        black_box(all.map(|p| p.row + p.column + p.row_per_deg[0] + p.column_per_deg[1]).sum::<f64>());
+    });
+    print("projection by polynomials, with slopes", polynomials);
+    let values: Vec<f64> = (0..y.len).flat_map(|r| (0..x.len).map(move |c| field(r as f64, c as f64))).collect();
+    let grid = MapGrid::of_nodes(y.len, x.len, &values)?;
+    for interpolation in [Interpolation::Linear, Interpolation::Cubic] {
+        let map = ProjectedMap::flat(projection.clone(), AnomalyMap::new(&grid, interpolation));
+        let seconds = fastest_s(|| {
+            let all = lat.iter().zip(&lon).filter_map(|(lat, lon)| map.at(*lat, *lon, 0.0));
+            black_box(all.map(|f| f.value_nt + f.d_lat_nt_per_rad + f.d_lon_nt_per_rad).sum::<f64>());
+        });
+        print(&format!("projected {interpolation:?} track one by one"), seconds);
+    }
+    Ok(())
+}
+
 /// A large map with a wide gap, the corners cut off, and single nodes missing: 39 % unknown.
 fn gappy() -> PlaneGrid {
     let (_, rows, columns) = MAPS[1];
@@ -195,6 +234,7 @@ fn filling() -> Result<(), Failure> {
 fn main() -> Result<(), Failure> {
     let only = std::env::args().nth(1).unwrap_or_default();
     if only != "fill" {
+        projected()?;
         look_ups()?;
         stacks()?;
     }

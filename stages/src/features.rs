@@ -42,7 +42,7 @@ stage! {
     ///
     /// Source: thesis 000, section 4.8 and appendix C; thesis 004, sections 2.2.2 and 2.3; thesis 001, appendix B; names
     /// of MagNav.jl.
-    Features = "features", version 1, grain Line, inputs [input: Lines];
+    Features = "features", version 2, grain Line, inputs [input: Lines];
     /// The features, in the order of the list.
     features: Vec<String>, unit "";
     /// The groups of Tolles-Lawson terms behind `TL_A_...`; left out, permanent, induced and eddy, and with a set of the
@@ -79,7 +79,8 @@ enum Recipe {
     Plain(String),
     Difference(String, Scheme),
     Lag(String, usize),
-    Between(String, String),
+    /// Its name, and the two columns.
+    Between(String, [String; 2]),
     LowPass(String),
     Dcm(usize),
     Product(String),
@@ -102,7 +103,7 @@ impl Recipe {
         let own = |names: [&str; 3]| names.map(str::to_owned).to_vec();
         match self {
             Recipe::Plain(c) | Recipe::Difference(c, _) | Recipe::Lag(c, _) | Recipe::LowPass(c) => vec![c.clone()],
-            Recipe::Between(a, b) => vec![a.clone(), b.clone()],
+            Recipe::Between(_, pair) => pair.to_vec(),
             Recipe::Dcm(_) | Recipe::Product(_) => own(ATTITUDE),
             Recipe::TollesLawson(v) => vector_axes(v).to_vec(),
             Recipe::Extended(c, group) => {
@@ -120,7 +121,7 @@ impl Recipe {
             Recipe::Difference(c, Scheme::Fourth) => vec![format!("{c}_dot4")],
             Recipe::Difference(c, _) => vec![format!("{c}_dot")],
             Recipe::Lag(c, n) => vec![format!("{c}_lag_{n}")],
-            Recipe::Between(a, b) => vec![format!("{a}-{b}")],
+            Recipe::Between(name, _) => vec![name.clone()],
             Recipe::LowPass(c) => vec![format!("lpf_{c}")],
             Recipe::Dcm(k) => vec![format!("dcm_{k}")],
             Recipe::Product(name) => vec![name.clone()],
@@ -223,7 +224,7 @@ impl Features {
             return vec![Recipe::Lag(column.to_owned(), n)];
         }
         match gradient(name).filter(|(a, b)| has(a) && has(b)) {
-            Some((a, b)) => vec![Recipe::Between(a, b)],
+            Some((a, b)) => vec![Recipe::Between(name.to_owned(), [a, b])],
             None => plain(),
         }
     }
@@ -323,7 +324,7 @@ impl Samples<'_> {
             Recipe::Plain(c) => one(column(c)?.to_vec()),
             Recipe::Difference(c, scheme) => one(self.in_runs(column(c)?, |x| difference(x, *scheme))?),
             Recipe::Lag(c, n) => one(self.in_runs(column(c)?, |x| Some(lagged(x, *n)))?),
-            Recipe::Between(a, b) => one(column(a)?.iter().zip(column(b)?).map(|(a, b)| a - b).collect()),
+            Recipe::Between(_, [a, b]) => one(column(a)?.iter().zip(column(b)?).map(|(a, b)| a - b).collect()),
             Recipe::LowPass(c) => one(self.low_passed(c)?),
             Recipe::Dcm(k) => {
                 let made = self.attitude()?.direction_cosine(*k);

@@ -41,8 +41,9 @@ stage! {
     /// `choose` finds `lambda` or the number of components: by generalised cross-validation, at the corner of the L-curve,
     /// or by leaving each line, or each flight with all its lines, out in turn and predicting it. Lines are left out whole,
     /// so that no sample of a line helps to predict its neighbours; flights whole, so that what lasts from take-off to
-    /// landing, such as a magnetisation or a temperature, does not help either. What was found stands in the column
-    /// `chosen`.
+    /// landing, such as a magnetisation or a temperature, does not help either. A line left out is scored by the variance
+    /// (over n) of what the prediction misses: its mean does not count, for a filter takes constants off and compensation
+    /// leaves them undetermined; all lines count alike. What was found stands in the column `chosen`.
     ///
     /// A sweep is solved together: of each line one triangular factor is made, never normal equations, which square the
     /// condition number; every lambda, number of components and line left out is solved on these. Coefficients are in the
@@ -51,11 +52,13 @@ stage! {
     /// A filter takes the mean of the target off, so the constant part of the aircraft's field stays unknown.
     ///
     /// Rows with a NaN in a feature or the target, and rows that `where` leaves out, end a run; each run is filtered by
-    /// itself, and one too short for filter and trim is left out. `left_out` counts such rows, `n` those used, and
+    /// itself, and one too short for filter and trim is left out. `left_out` counts such rows, `n` those used, `lines`
+    /// names the lines that these are of, and
     /// `condition` is the condition number of the filtered matrix: with a large one single coefficients mean little.
     /// With `lambda = 0` terms that the flight does not excite are an error that names them. `trivial_share` is the part of
     /// the total field that the fit calls the aircraft's, 1 for the trivial solution of band-passed fits; `warning` says
-    /// what is wrong with a fit, and is empty where nothing is. A line that failed before, or lacks a column, is left out.
+    /// what is wrong with a fit, and is empty where nothing is. A line that failed before, or lacks a column, is left out;
+    /// so is one that is not evenly sampled or whose rate the filter does not fit, which the table `failures` then names.
     ///
     /// `approximation_bound` is what the model's form alone can miss at most: it takes the aircraft's field along the
     /// earth's for the change of the magnitude, which leaves out up to b^2/2 of the field, b being the ratio of the two. It
@@ -103,7 +106,8 @@ stage! {
     /// The part of the elastic net's penalty that is on absolute values.
     l1_ratio: f64, unit "1", default 0.99, rule Rule::Between(0.0, 1.0);
     /// What columns are divided by before they are penalised; left out, `none` for `tolles_lawson` and `robust`, otherwise
-    /// `standardise`.
+    /// `standardise`: the standard deviation over n - 1, as in MagNav.jl and in the partial least squares and whitened
+    /// components of scikit-learn. Its `StandardScaler` divides by that over n: the same ridge takes `lambda` n / (n - 1) there.
     scaling: Option<String>, unit "", rule Rule::OneOf(&["none", "standardise", "max_abs", "min_max"]);
     /// Fit to the whitened principal components of the features in place of the features: how many of them, or below 1 the
     /// part of the variance that they hold. Coefficients are still those of the features.
@@ -119,7 +123,10 @@ stage! {
     threshold: f64, unit "1", default 1.345, rule Rule::Positive;
     /// Degrees of freedom of Student's t.
     degrees_of_freedom: f64, unit "1", default 4.0, rule Rule::Positive;
-    /// By how much a row counts less with each that follows it, in `recursive_least_squares`.
+    /// By how much a row counts less with each that follows it, in `recursive_least_squares`. It begins with coefficients of
+    /// zero and the ridge `lambda`. What is forgotten is given back as a ridge about the coefficients of that moment, so that
+    /// a direction which the flight does not excite for long keeps its value; the recursion of textbooks (Haykin 2002,
+    /// chapter 9) forgets its beginning too. With 1 nothing is forgotten, and both are the ridge.
     forgetting: f64, unit "1", default 1.0, rule Rule::Between(0.9, 1.0);
     /// The lower corner of the filter; 0 leaves it off.
     low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
@@ -324,6 +331,7 @@ impl Stage for Fit {
                 "nT",
                 "what the linear form of the model misses at most, in any attitude",
             )),
+            made(Column::text("lines", "the lines whose rows were used, as flight/line, separated by `, `")),
             made(Column::text("warning", "what is wrong with the fit; empty where nothing is")),
             made(Column::float("residual_sigma", "nT", "white part of the noise that the model leaves, a sample")),
             made(Column::float("residual_fogm_sigma", "nT", "Gauss-Markov part of that noise")),
@@ -427,6 +435,12 @@ impl Gather for FitGather {
         Ok(Box::new(Part::new(line, &self.questions)?))
     }
 
+    fn refused(&self, part: &(dyn Any + Send)) -> Vec<(usize, Fault)> {
+        let Some(part) = part.downcast_ref::<Part>() else { return vec![] };
+        let why = |point: &Fit| part.refused.get(&(point.matrix(), point.targets())).cloned();
+        self.points.iter().enumerate().filter_map(|(i, point)| Some((i, why(point)?))).collect()
+    }
+
     fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {
         let parts: Vec<&Part> = parts.iter().filter_map(|p| p.downcast_ref::<Part>()).collect();
         type At = (Matrix, Targets);
@@ -483,6 +497,7 @@ impl Solved {
             number(self.chosen),
             number(self.trivial_share),
             number(self.approximation_bound_nt),
+            text(&self.lines),
             text(&self.warning),
             number(white),
             number(lasting),

@@ -5,6 +5,7 @@
 //! and one line in [`catalogue`].
 
 pub mod numerics;
+pub mod projection;
 
 mod a_matrix;
 mod bandpass;
@@ -43,7 +44,7 @@ pub fn catalogue() -> Vec<Entry> {
         noise::AssumeNoise::entry(),
         navigate::Navigate::entry(),
         map_value::MapValue::entry(),
-        score::Score::entry(),
+        Entry { more: score::metrics_table, ..score::Score::entry() },
         summary::Summary::entry(),
     ]
 }

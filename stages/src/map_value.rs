@@ -17,14 +17,15 @@ stage! {
     /// `map_grad_u` (per metre north, east and up).
     ///
     /// Use it to hold a signal against the map, or to see what a map is worth for navigation before flying on it. A sample
-    /// off the map, in a cell with an unknown node or without a position has NaN.
+    /// off the map, in a cell with an unknown node or without a position has NaN. A map in eastings and northings is
+    /// looked up between its own nodes: the position is projected, and the slopes are brought back.
     ///
     /// The map is taken at its own height, where it has no slope upwards. With `map_levels_m` it is continued to these
     /// heights and interpolated between them, so that climbs and descents are followed; a sample further below or above
     /// the levels than half a step has NaN. Downward continuation amplifies what is short: keep levels at or above the map.
     ///
     /// Source: thesis 000, section 2.3; Blakely 1996, chapter 12.
-    MapValue = "map_value", version 1, grain Line, inputs [input: Lines, map: Map];
+    MapValue = "map_value", version 2, grain Line, inputs [input: Lines, map: Map];
     /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS.
     position: String, unit "", default "truth", rule Rule::OneOf(&["truth", "ins"]);
     /// How the map is interpolated: bilinear, or by a natural cubic spline.

@@ -1,16 +1,19 @@
 //! A map as stages look it up: at its own height, or continued to the heights flown.
 
 use arrow_array::RecordBatch;
-use schemas::Fault;
+use schemas::{Fault, map::OwnGrid};
 
 use crate::{
     columns::{data, floats},
     numerics::{
         continuation::{Derivative, MAGNAV_ALPHA_M2, Padding, Spectrum, masked_like},
         fill,
+        grid_projection::{Area, GridProjection},
         map_grid::{AnomalyMap, Interpolation, MapGrid, VerticalDerivative},
-        map_stack::{FieldMap, MapStack, StackOptions},
+        map_stack::{FieldMap, MapStack, ProjectedMap, StackOptions},
+        plane_grid::{EvenAxis, PlaneGrid},
     },
+    projection::Projection,
 };
 
 /// The interpolation that a parameter names.
@@ -19,33 +22,104 @@ pub fn interpolation(word: &str) -> Interpolation {
 }
 
 /// The map of a table: as it is, or with `levels_m` continued to these heights (metres above the ellipsoid, ascending)
-/// and interpolated between them, value and slopes in all three directions.
+/// and interpolated between them, value and slopes in all three directions. A table of the map's own grid
+/// ([`OwnGrid`]) is looked up between the nodes of that.
 ///
 /// # Errors
-/// A table that is no grid; levels of a map that is draped or whose height is unknown, and levels that do not ascend.
+/// A table that is no grid; a coordinate system that cannot be used; levels of a map that is draped or whose height is
+/// unknown, and levels that do not ascend.
 pub fn field_map(
     table: &RecordBatch,
     interpolation: Interpolation,
     levels_m: Option<&[f64]>,
 ) -> Result<FieldMap, Fault> {
-    let grid = MapGrid::from_rows(floats(table, "lat")?, floats(table, "lon")?, floats(table, "anomaly")?);
-    let grid = grid.map_err(data)?;
-    let Some(levels_m) = levels_m else { return Ok(FieldMap::Flat(AnomalyMap::new(&grid, interpolation))) };
+    let anomaly = floats(table, "anomaly")?;
+    let Some(own) = OwnGrid::of(&table.schema())? else {
+        let grid = MapGrid::from_rows(floats(table, "lat")?, floats(table, "lon")?, anomaly).map_err(data)?;
+        return Ok(match looked_up(table, &grid, || grid.plane(), interpolation, levels_m)? {
+            Looked::Flat(map) => FieldMap::Flat(map),
+            Looked::Stack(stack) => FieldMap::Stack(stack),
+        });
+    };
+    let [columns, rows] = own_axes(table)?;
+    let grid = MapGrid::of_nodes(rows.len, columns.len, anomaly).map_err(data)?;
+    let projection = projected(&own, &rows, &columns)?;
+    let in_metres = |axis: &EvenAxis, unit_m: f64| EvenAxis { first: 0.0, step: axis.step * unit_m, len: axis.len };
+    let plane = || PlaneGrid {
+        east_m: in_metres(&columns, own.unit_m[0]),
+        north_m: in_metres(&rows, own.unit_m[1]),
+        values: anomaly.to_vec(),
+    };
+    Ok(FieldMap::Projected(Box::new(match looked_up(table, &grid, plane, interpolation, levels_m)? {
+        Looked::Flat(map) => ProjectedMap::flat(projection, map),
+        Looked::Stack(stack) => ProjectedMap::stack(projection, stack),
+    })))
+}
+
+/// A map at one height, or at several.
+enum Looked {
+    Flat(AnomalyMap),
+    Stack(MapStack),
+}
+
+fn looked_up(
+    table: &RecordBatch,
+    grid: &MapGrid,
+    plane: impl Fn() -> PlaneGrid,
+    interpolation: Interpolation,
+    levels_m: Option<&[f64]>,
+) -> Result<Looked, Fault> {
+    let Some(levels_m) = levels_m else { return Ok(Looked::Flat(AnomalyMap::new(grid, interpolation))) };
     let up_m = above(table, levels_m)?;
-    let (maps, slopes) = continued(&grid, &up_m)?;
+    let (maps, slopes) = continued(grid, &plane(), &up_m)?;
     match maps.as_slice() {
-        [only] => AnomalyMap::with_vertical(
-            only,
-            VerticalDerivative { d_alt_nt_per_m: &slopes[0], alt_m: levels_m[0] },
-            interpolation,
-        )
-        .map(FieldMap::Flat)
-        .map_err(data),
+        [only] => {
+            let vertical = VerticalDerivative { d_alt_nt_per_m: &slopes[0], alt_m: levels_m[0] };
+            AnomalyMap::with_vertical(only, vertical, interpolation).map(Looked::Flat).map_err(data)
+        }
         _ => {
             let options = StackOptions { interpolation, ..StackOptions::default() };
-            MapStack::with_vertical(levels_m, &maps, &slopes, options).map(FieldMap::Stack).map_err(data)
+            MapStack::with_vertical(levels_m, &maps, &slopes, options).map(Looked::Stack).map_err(data)
         }
     }
+}
+
+/// The axes of a map on its own grid, eastward and northward, from its rows.
+fn own_axes(table: &RecordBatch) -> Result<[EvenAxis; 2], Fault> {
+    let (northing, easting) = (floats(table, "northing")?, floats(table, "easting")?);
+    let width = northing.iter().take_while(|y| Some(*y) == northing.first()).count();
+    let height = northing.len().checked_div(width).unwrap_or(0);
+    let axis = |values: &[f64], last: usize, len: usize, name: &str| match (values.first(), values.get(last)) {
+        (Some(first), Some(last)) if len > 1 && last > first => {
+            Ok(EvenAxis { first: *first, step: (last - first) / (len - 1) as f64, len })
+        }
+        _ => Err(Fault::data("a map takes at least two rows and two columns that ascend").in_column(name)),
+    };
+    if width * height != northing.len() || easting.len() != northing.len() {
+        return Err(Fault::data("the rows of the map are no complete grid").in_column("northing"));
+    }
+    Ok([
+        axis(easting, width.saturating_sub(1), width, "easting")?,
+        axis(northing, northing.len().saturating_sub(1), height, "northing")?,
+    ])
+}
+
+/// Where latitudes and longitudes are on a map's own grid.
+fn projected(own: &OwnGrid, rows: &EvenAxis, columns: &EvenAxis) -> Result<GridProjection, Fault> {
+    let system = Projection::new(&own.definition)
+        .map_err(|e| Fault::data(format!("the map's coordinate system EPSG:{} cannot be used: {e}", own.epsg)))?;
+    let middle_deg = 0.5 * (columns.first + columns.last());
+    let project = |lat: f64, lon: f64| {
+        let (easting, northing) = system.project(lat, lon)?;
+        // Longitudes of another datum go on beyond 180 as the map's do.
+        let rounds = if system.is_geographic() { ((middle_deg - easting) / 360.0).round() } else { 0.0 };
+        Some((easting + 360.0 * rounds, northing))
+    };
+    let area = Area { lat_deg: own.lat_deg, lon_deg: own.lon_deg };
+    GridProjection::new(project, area, rows, columns).map_err(|e| {
+        let help = "bring the map to a UTM zone or to latitude and longitude with `magline map convert`";
+        data(e).help(help)
+    })
 }
 
 /// How far the levels are above the map.
@@ -62,10 +136,9 @@ fn above(table: &RecordBatch, levels_m: &[f64]) -> Result<Vec<f64>, Fault> {
 }
 
 /// The map at each height above itself, and its vertical derivative there.
-fn continued(grid: &MapGrid, up_m: &[f64]) -> Result<(Vec<MapGrid>, Vec<Vec<f64>>), Fault> {
-    let plane = grid.plane();
+fn continued(grid: &MapGrid, plane: &PlaneGrid, up_m: &[f64]) -> Result<(Vec<MapGrid>, Vec<Vec<f64>>), Fault> {
     let full = if plane.unknown() > 0 {
-        fill::smooth(&plane, &fill::SmoothFill::default()).map_err(data)?.0
+        fill::smooth(plane, &fill::SmoothFill::default()).map_err(data)?.0
     } else {
         plane.clone()
     };
@@ -74,7 +147,7 @@ fn continued(grid: &MapGrid, up_m: &[f64]) -> Result<(Vec<MapGrid>, Vec<Vec<f64>
     drop(full);
     let (mut maps, mut slopes) = (vec![], vec![]);
     for up in up_m {
-        let level = masked_like(spectrum.at_height(*up, MAGNAV_ALPHA_M2).map_err(data)?, &plane);
+        let level = masked_like(spectrum.at_height(*up, MAGNAV_ALPHA_M2).map_err(data)?, plane);
         maps.push(grid.with_values(level.values).map_err(data)?);
         slopes.push(spectrum.derivative(Derivative::Up, *up, MAGNAV_ALPHA_M2).map_err(data)?.values);
     }
@@ -88,4 +161,134 @@ pub fn check_levels(levels_m: Option<&Vec<f64>>, param: &str) -> Option<Fault> {
         return Some(Fault::new("the heights must be one or more numbers that ascend").of_param(param));
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::sync::Arc;
+
+    use arrow_array::{ArrayRef, Float64Array};
+    use arrow_schema::Schema;
+
+    use super::*;
+
+    const STEP_M: f64 = 250.0;
+    const UTM: &str = "+proj=utm +zone=54 +south +datum=WGS84 +units=m +no_defs";
+    const ALT_M: f64 = 500.0;
+
+    fn axis(first: f64, len: usize) -> EvenAxis {
+        EvenAxis { first, step: STEP_M, len }
+    }
+
+    fn axes() -> [EvenAxis; 2] {
+        [axis(448_000.0, 61), axis(7_560_000.0, 41)]
+    }
+
+    /// A map of 15 by 10 km in UTM zone 54 south whose values are those of `of` (easting, northing).
+    fn table(of: impl Fn(f64, f64) -> f64) -> RecordBatch {
+        let [columns, rows] = axes();
+        let nodes: Vec<(f64, f64)> =
+            rows.coordinates().iter().flat_map(|y| columns.coordinates().into_iter().map(|x| (x, *y))).collect();
+        let own = OwnGrid {
+            epsg: 32754,
+            definition: UTM.to_owned(),
+            unit_m: [1.0, 1.0],
+            lat_deg: [-22.1, -21.9],
+            lon_deg: [140.4, 140.7],
+        };
+        let column = |of: &dyn Fn(&(f64, f64)) -> f64| -> ArrayRef {
+            Arc::new(nodes.iter().map(of).map(Some).collect::<Float64Array>())
+        };
+        let columns = vec![column(&|n| n.1), column(&|n| n.0), column(&|_| ALT_M), column(&|n| of(n.0, n.1))];
+        RecordBatch::try_new(Arc::new(Schema::new(own.fields())), columns).unwrap()
+    }
+
+    fn hills(easting: f64, northing: f64) -> f64 {
+        300.0 * (easting / 900.0).sin() * (northing / 700.0).cos() + 0.01 * (easting - 448_000.0)
+    }
+
+    /// Places of the map in degrees, away from lines of nodes.
+    fn places() -> Vec<(f64, f64)> {
+        let system = Projection::new(UTM).unwrap();
+        let [columns, rows] = axes();
+        let at = |(x, y): (f64, f64)| system.unproject(columns.at(x), rows.at(y)).unwrap();
+        [(0.3, 0.4), (7.7, 31.2), (30.4, 20.6), (59.8, 39.7), (12.21, 3.65)].map(at).to_vec()
+    }
+
+    #[test]
+    fn law_a_projected_map_is_its_own_bilinear_surface() {
+        // Bilinear in easting and northing, so what lies between the nodes is known.
+        let plane = |x: f64, y: f64| 3.0 + 0.02 * (x - 450_000.0) - 0.05 * (y - 7.56e6) + 1e-6 * (x - 4.5e5) * (y - 7.56e6);
+        let map = field_map(&table(plane), Interpolation::Linear, None).unwrap();
+        let system = Projection::new(UTM).unwrap();
+        let [columns, rows] = axes();
+        let corners = [(0.0, 0.0), (60.0, 0.0), (0.0, 40.0), (60.0, 40.0), (60.0, 17.5), (22.5, 40.0)];
+        let edge = corners.map(|(x, y)| system.unproject(columns.at(x), rows.at(y)).unwrap());
+        for (lat, lon) in places().into_iter().chain(edge) {
+            let (easting, northing) = system.project(lat, lon).unwrap();
+            let found = map.at(lat, lon, ALT_M).unwrap();
+            // Northings of 7.6e6 m are rounded by 1e-9 m, at 0.05 nT/m.
+            assert!((found.value_nt - plane(easting, northing)).abs() < 1e-9, "{lat} {lon}: {found:?}");
+            let turned = map.at(lat, lon - 360.0, ALT_M).unwrap();
+            assert!((turned.value_nt - found.value_nt).abs() < 1e-6, "{turned:?} {found:?}");
+        }
+        for (x, y) in [(-0.01, 20.0), (60.01, 20.0), (30.0, -0.01), (30.0, 40.01), (-359.5, 20.0), (400.0, 20.0)] {
+            let (lat, lon) = system.unproject(columns.at(x), rows.at(y)).unwrap();
+            assert!(map.at(lat, lon, ALT_M).is_none(), "off the map at column {x}, row {y}");
+        }
+        assert!(map.at(f64::NAN, 140.5, ALT_M).is_none());
+    }
+
+    #[test]
+    fn jac_slopes_of_a_projected_map_are_those_of_its_values() {
+        for interpolation in [Interpolation::Linear, Interpolation::Cubic] {
+            for levels in [None, Some(&[ALT_M, ALT_M + 40.0][..])] {
+                let map = field_map(&table(hills), interpolation, levels).unwrap();
+                for (lat, lon) in places() {
+                    let alt_m = ALT_M + 13.0;
+                    let at = |d_lat: f64, d_lon: f64, d_alt: f64| {
+                        map.at(lat + d_lat, lon + d_lon, alt_m + d_alt).unwrap().value_nt
+                    };
+                    let found = map.at(lat, lon, alt_m).unwrap();
+                    // A centimetre: rounding of 300 nT over 2e-2 m is 1e-12 nT/m, the third derivative less.
+                    let h = 1e-7;
+                    let per_rad = (2.0 * h).to_radians();
+                    let lat_slope = (at(h, 0.0, 0.0) - at(-h, 0.0, 0.0)) / per_rad;
+                    let lon_slope = (at(0.0, h, 0.0) - at(0.0, -h, 0.0)) / per_rad;
+                    let alt_slope = (at(0.0, 0.0, 0.01) - at(0.0, 0.0, -0.01)) / 0.02;
+                    // Slopes of 0.4 nT/m, 2.5e6 nT/rad; the place is rounded by 1e-9 m.
+                    assert!((found.d_lat_nt_per_rad - lat_slope).abs() < 2.0, "{found:?} {lat_slope}");
+                    assert!((found.d_lon_nt_per_rad - lon_slope).abs() < 2.0, "{found:?} {lon_slope}");
+                    assert!((found.d_alt_nt_per_m - alt_slope).abs() < 1e-6, "{found:?} {alt_slope}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn law_many_places_are_looked_up_as_one_is() {
+        let map = field_map(&table(hills), Interpolation::Cubic, None).unwrap();
+        let (lat, lon): (Vec<f64>, Vec<f64>) = places().into_iter().chain([(0.0, 0.0)]).unzip();
+        let mut many = crate::numerics::map_grid::FieldColumns::default();
+        map.at_many(&lat, &lon, &vec![ALT_M; lat.len()], &mut many).unwrap();
+        for i in 0..lat.len() {
+            match map.at(lat[i], lon[i], ALT_M) {
+                Some(one) => assert_eq!((one.value_nt, one.d_lat_nt_per_rad), (many.value_nt[i], many.d_lat_nt_per_rad[i])),
+                None => assert!(many.value_nt[i].is_nan() && i + 1 == lat.len()),
+            }
+        }
+    }
+
+    #[test]
+    fn gold_what_is_no_own_grid() {
+        let whole = table(hills);
+        let cut = whole.slice(0, whole.num_rows() - 1);
+        let fault = field_map(&cut, Interpolation::Linear, None).unwrap_err().to_string();
+        assert_eq!(fault, "column `northing`: the rows of the map are no complete grid");
+        let one_row = whole.slice(0, 61);
+        let fault = field_map(&one_row, Interpolation::Linear, None).unwrap_err().to_string();
+        assert!(fault.contains("at least two"), "{fault}");
+    }
 }

@@ -37,11 +37,13 @@ stage! {
     /// `used`; `missing`, where it is NaN; `off_map`, where the predicted position is off the map or in an unknown cell;
     /// `gated`. Whatever is not used leaves the filter predicting, with NaN in `residual` and `nis`, and goes on.
     ///
-    /// A flat map only moves the temporal variation. An INS value that is NaN is an error that names the row. Velocities,
+    /// A flat map without a core field only moves the temporal variation; with one, the slope of the core field corrects
+    /// the position too, however little. An INS value that is NaN is an error that names the row. Velocities,
     /// specific forces and attitude that the flight lacks are derived from the INS positions (attitude: level, along the
     /// course). The map is taken as it is, at its own height, unless `map_levels_m` has it continued to the heights flown;
     /// `map_height_error` is the rms error to expect of that over the whole map, from its spectrum, at the mean height of
-    /// the line: 0 with `map_levels_m`, NaN where the map's height is unknown.
+    /// the line: 0 with `map_levels_m`, NaN where the map's height is unknown. A map in eastings and northings is looked up
+    /// between its own nodes.
     ///
     /// The core field (IGRF-14) is that of one date a line: `decimal_year` where it is given, else the flight's first
     /// sample with both `year` and `doy`. It refuses a flight whose date neither says, unless `core_field = false`.

@@ -22,44 +22,75 @@ use crate::{
 /// Name, unit, what it needs, meaning.
 type Metric = (&'static str, &'static str, Need, &'static str);
 
-/// What can be scored.
+/// What can be scored. Deviations are about the mean, over n - 1, as MagNav.jl's are.
 const METRICS: [Metric; 25] = [
-    ("std_error", "nT", Need::Truth, "standard deviation of compensated minus truth"),
+    ("std_error", "nT", Need::Truth, "standard deviation (n - 1) of compensated minus truth: a constant does not count"),
     ("bias_error", "nT", Need::Truth, "mean of compensated minus truth"),
-    ("rms_error", "nT", Need::Truth, "root mean square of compensated minus truth"),
+    ("rms_error", "nT", Need::Truth, "root mean square (n) of compensated minus truth: a constant counts"),
     (
         "std_uncompensated",
         "nT",
         Need::Aircraft,
-        "standard deviation of uncompensated minus truth, or of the uncompensated signal",
+        "standard deviation (n - 1) of uncompensated minus truth or, without `truth`, of the uncompensated signal itself",
     ),
-    ("improvement_ratio", "1", Need::Aircraft, "std_uncompensated over the same of the compensated signal"),
-    ("improvement_ratio_band", "1", Need::Aircraft, "the same after a band-pass"),
-    ("snr", "1", Need::Truth, "standard deviation of the truth over that of the error"),
+    (
+        "improvement_ratio",
+        "1",
+        Need::Aircraft,
+        "std_uncompensated over the same of the compensated signal: above 1 is better than nothing",
+    ),
+    ("improvement_ratio_band", "1", Need::Aircraft, "the same after a band-pass from `low_hz` to `high_hz`"),
+    (
+        "snr",
+        "1",
+        Need::Truth,
+        "standard deviation of the true anomaly (truth less `igrf` and `diurnal`; without `igrf`, truth less its straight \
+         line over time) over that of compensated minus truth",
+    ),
     (
         "anomaly_retention",
         "1",
         Need::Anomaly,
-        "slope of the compensated signal, less core field and diurnal variation, over the true anomaly",
+        "slope of the compensated signal, less core field and diurnal variation, over the true anomaly: 1 keeps the \
+         geology whole",
     ),
     (
         "figure_of_merit",
         "nT",
         Need::Box,
-        "Noriega's index: the sum over the twelve manoeuvres of a box of the mean peak-to-peak amplitude that is left",
+        "Noriega's index of a calibration box: the sum over its twelve manoeuvres (pitch, roll and yaw on four headings) of \
+         the mean peak-to-peak amplitude of the band-passed compensated signal; null without all twelve",
     ),
-    ("figure_of_merit_crossings", "nT", Need::Position, "rms difference where the track crosses itself"),
-    ("drms", "m", Need::Track, "root mean square horizontal error of the track"),
+    (
+        "figure_of_merit_crossings",
+        "nT",
+        Need::Position,
+        "thesis 001's: root mean square difference of the compensated signal between samples that are at most 1 m apart and \
+         more than 1 s, where the track crosses itself; n counts pairs",
+    ),
+    (
+        "drms",
+        "m",
+        Need::Track,
+        "distance root mean square: the root of the mean squared horizontal error of the track, about the truth",
+    ),
     ("rms_north", "m", Need::Track, "root mean square error north"),
     ("rms_east", "m", Need::Track, "root mean square error east"),
-    ("ins_drms", "m", Need::Ins, "root mean square horizontal error of the INS alone"),
+    ("ins_drms", "m", Need::Ins, "drms of the INS alone: what the filter must be better than"),
     (
         "nees",
         "1",
         Need::Track,
-        "mean normalised estimation error squared of the horizontal position; 2 for an honest filter",
+        "mean normalised estimation error squared e'P^-1e of the horizontal position; 2 for a consistent filter, more for \
+         one that trusts itself too much, less for one that is too cautious",
     ),
-    ("nis", "1", Need::Innovation, "mean normalised innovation squared; 1 for an honest filter"),
+    (
+        "nis",
+        "1",
+        Need::Innovation,
+        "mean normalised innovation squared; 1 for a consistent filter, more for one that trusts itself too much, less for \
+         one that is too cautious",
+    ),
     ("samples_used", "1", Need::Innovation, "measurements that the filter used"),
     ("samples_missing", "1", Need::Innovation, "samples without a measurement"),
     ("samples_off_map", "1", Need::Innovation, "samples off the map or in an unknown cell"),
@@ -74,7 +105,7 @@ const METRICS: [Metric; 25] = [
         "map_std_error",
         "nT",
         Need::MapError,
-        "standard deviation of the compensated signal, less core field and diurnal variation, minus the map",
+        "standard deviation (n - 1) of the compensated signal, less core field and diurnal variation, minus the map",
     ),
     ("map_bias_error", "nT", Need::MapError, "mean of the same"),
     ("map_gradient_along_track", "nT/m", Need::Map, "root mean square slope of the map along the track"),
@@ -86,8 +117,15 @@ const METRICS: [Metric; 25] = [
     ),
 ];
 
+/// The metrics as a table of the reference: name, unit and meaning.
+pub fn metrics_table() -> String {
+    let row = |(name, unit, _, meaning): &Metric| format!("| `{name}` | {unit} | {meaning} |\n");
+    let rows: String = METRICS.iter().map(row).collect();
+    format!("| metric | unit | meaning |\n|---|---|---|\n{rows}")
+}
+
 const NAMES: [&str; 25] = {
-    let mut names = [""; 24];
+    let mut names = [""; 25];
     let mut i = 0;
     while i < names.len() {
         names[i] = METRICS[i].0;
@@ -283,6 +321,9 @@ impl Stage for Score {
         }
         let chosen = self.chosen(&places);
         let scored = |need: Need| chosen.iter().any(|m| m.2 == need);
+        if chosen.iter().any(|m| m.0 == "snr") {
+            [core, diurnal].into_iter().flatten().for_each(|(i, name)| add(*i, name));
+        }
         if scored(Need::Anomaly) {
             [anomaly, core, diurnal].into_iter().flatten().for_each(|(i, name)| add(*i, name));
         }
@@ -398,7 +439,10 @@ impl Scored<'_> {
             "std_uncompensated" => Ok(statistics::std(&self.signals()?.0)),
             "improvement_ratio" => self.signals().map(|(before, after)| statistics::improvement_ratio(&before, &after)),
             "improvement_ratio_band" => self.band_ratio(),
-            "snr" => Ok(statistics::signal_to_noise(self.at(&self.places.mag)?, self.at(&self.places.truth)?)),
+            "snr" => {
+                let (mag, truth) = (self.at(&self.places.mag)?, self.at(&self.places.truth)?);
+                Ok(statistics::signal_to_noise(mag, truth, &self.true_anomaly()?))
+            }
             "anomaly_retention" => self.anomaly_retention(),
             "figure_of_merit" => self.figure_of_merit(),
             "figure_of_merit_crossings" => self.crossings(),
@@ -432,12 +476,26 @@ impl Scored<'_> {
         floats(&self.line.inputs[i], name)
     }
 
-    /// The compensated signal less core field and, where there is one, diurnal variation.
-    fn measured_anomaly(&self) -> Result<Vec<f64>, Fault> {
-        let (mag, core) = (self.at(&self.places.mag)?, self.at(&self.places.core)?);
+    /// A total field less core field and, where there is one, diurnal variation.
+    fn anomaly_of(&self, field: &[f64]) -> Result<Vec<f64>, Fault> {
+        let core = self.at(&self.places.core)?;
         let diurnal = if self.places.diurnal.is_some() { Some(self.at(&self.places.diurnal)?) } else { None };
-        let anomaly = |(i, (mag, core)): (usize, (&f64, &f64))| mag - core - diurnal.map_or(0.0, |d| d[i]);
-        Ok(mag.iter().zip(core).enumerate().map(anomaly).collect())
+        let anomaly = |(i, (field, core)): (usize, (&f64, &f64))| field - core - diurnal.map_or(0.0, |d| d[i]);
+        Ok(field.iter().zip(core).enumerate().map(anomaly).collect())
+    }
+
+    /// The same of the compensated signal.
+    fn measured_anomaly(&self) -> Result<Vec<f64>, Fault> {
+        self.anomaly_of(self.at(&self.places.mag)?)
+    }
+
+    /// The same of the truth. Where the core field is not known, its gradient is taken for the straight line of the truth.
+    fn true_anomaly(&self) -> Result<Vec<f64>, Fault> {
+        let truth = self.at(&self.places.truth)?;
+        if self.places.core.is_some() {
+            return self.anomaly_of(truth);
+        }
+        Ok(statistics::less_straight_line(floats(&self.line.inputs[0], "tt")?, truth))
     }
 
     /// The compensated anomaly against the map.

@@ -2,7 +2,7 @@
 
 use std::{fmt, path::Path, sync::Arc};
 
-use proj4rs::{Proj, transform::transform};
+use stages::projection::Projection;
 
 use crate::ReadError;
 
@@ -14,12 +14,8 @@ pub const WGS84: u16 = 4326;
 pub struct Crs {
     code: u16,
     wkt: &'static str,
-    systems: Arc<Systems>,
-}
-
-struct Systems {
-    own: Proj,
-    wgs84: Proj,
+    definition: &'static str,
+    projection: Arc<Projection>,
 }
 
 impl Crs {
@@ -43,9 +39,8 @@ impl Crs {
         if let Some(why) = refusal(code, known.proj4, known.wkt) {
             return Err(unknown(format!("cannot be used: {why}")));
         }
-        let made = |text: &str| Proj::from_proj_string(text).map_err(|e| unknown(format!("cannot be used: {e}")));
-        let systems = Systems { own: made(known.proj4)?, wgs84: made("+proj=longlat +datum=WGS84 +no_defs")? };
-        Ok(Crs { code, wkt: known.wkt, systems: Arc::new(systems) })
+        let projection = Projection::new(known.proj4).map_err(|e| unknown(format!("cannot be used: {e}")))?;
+        Ok(Crs { code, wkt: known.wkt, definition: known.proj4, projection: Arc::new(projection) })
     }
 
     /// WGS-84 latitude and longitude in degrees, EPSG:4326.
@@ -85,31 +80,30 @@ impl Crs {
         self.wkt
     }
 
+    /// Its definition in PROJ's words.
+    pub fn definition(&self) -> &'static str {
+        self.definition
+    }
+
     /// Whether its coordinates are degrees already.
     pub fn is_geographic(&self) -> bool {
-        self.systems.own.is_latlong()
+        self.projection.is_geographic()
     }
 
     /// Metres to a unit of its coordinates: 1 for metres, 0.3048 for feet; 1 for degrees.
     pub fn unit_m(&self) -> f64 {
-        if self.is_geographic() { 1.0 } else { self.systems.own.to_meter() }
+        self.projection.unit_m()
     }
 
     /// Easting and northing (or, of degrees, longitude and latitude) of a WGS-84 latitude and longitude in
     /// degrees; `None` where the projection has none.
     pub fn project(&self, lat_deg: f64, lon_deg: f64) -> Option<(f64, f64)> {
-        let mut point = (lon_deg.to_radians(), lat_deg.to_radians(), 0.0);
-        transform(&self.systems.wgs84, &self.systems.own, &mut point).ok()?;
-        let degrees = |x: f64| if self.is_geographic() { x.to_degrees() } else { x };
-        finite(degrees(point.0), degrees(point.1))
+        self.projection.project(lat_deg, lon_deg)
     }
 
     /// WGS-84 latitude and longitude in degrees of an easting and northing (or longitude and latitude).
     pub fn unproject(&self, easting: f64, northing: f64) -> Option<(f64, f64)> {
-        let radians = |x: f64| if self.is_geographic() { x.to_radians() } else { x };
-        let mut point = (radians(easting), radians(northing), 0.0);
-        transform(&self.systems.own, &self.systems.wgs84, &mut point).ok()?;
-        finite(point.1.to_degrees(), point.0.to_degrees())
+        self.projection.unproject(easting, northing)
     }
 
     /// Whether its coordinates at a place are degrees of WGS-84 within about a metre.
@@ -198,10 +192,6 @@ pub(crate) fn epsg_of_name(name: &str) -> Option<u16> {
         (rest.is_empty() || rest.starts_with(' ')).then(|| format!("{to}{rest}"))
     });
     find(&plain).or_else(|| find(&respelt?))
-}
-
-fn finite(a: f64, b: f64) -> Option<(f64, f64)> {
-    (a.is_finite() && b.is_finite()).then_some((a, b))
 }
 
 impl PartialEq for Crs {

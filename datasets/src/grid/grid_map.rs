@@ -134,6 +134,23 @@ impl GridMap {
         }
     }
 
+    /// The heights of all nodes, in metres.
+    pub(super) fn heights(&self) -> Vec<f64> {
+        match &self.height {
+            Height::Level(alt_m) => vec![*alt_m; self.nodes()],
+            Height::Cells(cells) => cells.clone(),
+        }
+    }
+
+    /// Refuses a map of something else than the anomaly.
+    pub(super) fn check_anomaly(&self) -> Result<(), ReadError> {
+        if self.value_unit == NANOTESLA {
+            return Ok(());
+        }
+        let what = format!("the map is a derivative in {}, not an anomaly in nT", self.value_unit);
+        Err(self.fault(what).in_column("anomaly"))
+    }
+
     /// WGS-84 latitude and longitude of the middle of the map, in degrees.
     pub fn middle_deg(&self) -> Option<(f64, f64)> {
         let (x, y) = self.middle();

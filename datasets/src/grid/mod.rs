@@ -15,6 +15,7 @@ mod grid_map;
 mod interpolate;
 mod longitude;
 mod nodes;
+mod own;
 mod resample;
 mod summary;
 
@@ -24,6 +25,7 @@ pub(crate) use crs::{epsg_of_name, epsg_of_wkt};
 pub(crate) use draft::{Draft, System};
 pub use grid_map::{GridMap, Height, Registration};
 pub(crate) use nodes::from_nodes;
+pub use own::geographic;
 pub use summary::{Figure, MapSummary, PERCENTILES};
 
 /// An anomaly map on a regular grid, the contract's map table.
@@ -44,15 +46,9 @@ impl Map {
     /// The table of a map in degrees of WGS-84.
     fn of(map: &GridMap) -> Result<Map, ReadError> {
         map.check()?;
-        if map.value_unit != grid_map::NANOTESLA {
-            let what = format!("the map is a derivative in {}, not an anomaly in nT", map.value_unit);
-            return Err(map.fault(what).in_column("anomaly"));
-        }
+        map.check_anomaly()?;
         let (n_lat, n_lon) = (map.y.len, map.x.len);
-        let alt = match &map.height {
-            Height::Level(alt_m) => vec![*alt_m; n_lat * n_lon],
-            Height::Cells(cells) => cells.clone(),
-        };
+        let alt = map.heights();
         let lat: Vec<f64> = map.y.coordinates().iter().flat_map(|lat| std::iter::repeat_n(*lat, n_lon)).collect();
         let lon = map.x.coordinates().repeat(n_lat);
         let columns = [lat, lon, alt, map.anomaly_nt.clone()].map(|c| Arc::new(Float64Array::from(c)) as ArrayRef);

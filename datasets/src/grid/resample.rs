@@ -215,12 +215,12 @@ impl GridMap {
         Ok((x_ends, y_ends))
     }
 
-    fn no_place(&self, x: f64, y: f64, crs: &Crs) -> ReadError {
+    pub(super) fn no_place(&self, x: f64, y: f64, crs: &Crs) -> ReadError {
         self.fault(format!("({x}, {y}) is no place in EPSG:{}", crs.code())).help("check the EPSG code")
     }
 
     /// The border's nodes, once round and back to the first.
-    fn outline(&self) -> Vec<(f64, f64)> {
+    pub(super) fn outline(&self) -> Vec<(f64, f64)> {
         let (e, n) = (self.x.coordinates(), self.y.coordinates());
         let (west, east) = (self.x.first, self.x.last());
         let (south, north) = (self.y.first, self.y.last());

@@ -1,6 +1,7 @@
 //! Running a plan: what is not in the store is computed, the rest is reused, and what fails stays apart.
 
 mod events;
+mod left_out;
 mod publish;
 mod quality;
 mod work;
@@ -28,7 +29,7 @@ use crate::{
         warnings::{self, Warning},
     },
 };
-use work::{Task, Worker};
+use work::{Done, Task, Worker};
 
 /// How a run ended.
 pub struct Summary {
@@ -244,9 +245,10 @@ impl Runner<'_> {
                     count.skipped += 1;
                     self.note(unit, State::Missing, Outcome::Skipped, None);
                 }
-                Looked::Have => {
+                Looked::Have(key) => {
                     count.reused += 1;
                     self.note(unit, State::Done, Outcome::Reused, None);
+                    self.went_on_without(unit, key);
                 }
                 Looked::Fault(fault) => {
                     count.failed += 1;
@@ -269,14 +271,15 @@ impl Runner<'_> {
                 return vec![];
             }
             let done = worker.run(task, &usable);
-            for (unit, fault) in &done {
+            for Done { unit, fault, .. } in &done {
                 let outcome = if fault.is_none() { Outcome::Computed } else { Outcome::Failed };
                 tell(listener, self.graph, *unit, outcome, fault.as_ref());
             }
             done
         };
-        let results: Vec<Vec<(Unit, Option<Fault>)>> = tasks.par_iter().with_max_len(1).map(work).collect();
-        for (unit, fault) in results.into_iter().flatten() {
+        let results: Vec<Vec<Done>> = tasks.par_iter().with_max_len(1).map(work).collect();
+        for Done { unit, fault, left_out } in results.into_iter().flatten() {
+            self.left_out(unit, left_out);
             match fault {
                 None => {
                     count.computed += 1;
@@ -299,6 +302,27 @@ impl Runner<'_> {
     fn fail(&mut self, unit: Unit, fault: Fault) {
         tell(self.listener, self.graph, unit, Outcome::Failed, Some(&fault));
         self.record(unit, fault);
+    }
+
+    /// Lists the lines that a survey stage went on without.
+    fn left_out(&mut self, unit: Unit, faults: Vec<Fault>) {
+        let node = &self.graph.plan.tables[unit.table];
+        let point = &node.instances[unit.instance].point;
+        self.failures.extend(faults.into_iter().map(|fault| {
+            let line = fault.place.flight.clone().zip(fault.place.line.clone());
+            Failure { table: node.name.clone(), point: point.clone(), line, fault }
+        }));
+    }
+
+    /// The same of an answer that is reused.
+    fn went_on_without(&mut self, unit: Unit, key: Key) {
+        if unit.line.is_some() {
+            return;
+        }
+        match left_out::kept(self.store, key) {
+            Ok(faults) => self.left_out(unit, faults),
+            Err(fault) => self.record(unit, fault),
+        }
     }
 
     fn record(&mut self, unit: Unit, fault: Fault) {
@@ -327,7 +351,7 @@ impl Runner<'_> {
             }
         }
         match self.graph.key(unit) {
-            Ok(key) if self.store.has(key) => Looked::Have,
+            Ok(key) if self.store.has(key) => Looked::Have(key),
             Ok(key) => Looked::Need(key),
             Err(fault) => Looked::Fault(fault),
         }
@@ -378,7 +402,7 @@ impl Runner<'_> {
 }
 
 enum Looked {
-    Have,
+    Have(Key),
     Need(Key),
     Skip,
     Fault(Fault),

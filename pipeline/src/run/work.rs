@@ -10,8 +10,9 @@ use std::{
 use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, RecordBatchOptions, new_null_array};
 use arrow_schema::{DataType, Field, Schema};
 use rayon::prelude::*;
-use schemas::{Fault, InputKind, LineIn, Prepared, Shape, StageDyn};
+use schemas::{Fault, InputKind, LineIn, Owner, Prepared, Shape, StageDyn};
 
+use super::left_out;
 use crate::{
     keys::Key,
     plan::{Graph, Instance, LineId, Ref, Unit},
@@ -22,6 +23,22 @@ use crate::{
 /// Units that are computed together.
 pub struct Task {
     units: Vec<(Unit, Key)>,
+}
+
+/// What became of a unit.
+pub struct Done {
+    /// Which.
+    pub unit: Unit,
+    /// Why it could not be computed.
+    pub fault: Option<Fault>,
+    /// Of a survey stage: the lines it went on without, and why.
+    pub left_out: Vec<Fault>,
+}
+
+impl Done {
+    fn failed(unit: Unit, fault: Fault) -> Done {
+        Done { unit, fault: Some(fault), left_out: vec![] }
+    }
 }
 
 /// Points of a sweep that share the reading of one line.
@@ -82,13 +99,17 @@ impl<'a> Worker<'a> {
     }
 
     /// Computes the units of `task`; each comes back with what went wrong, if anything did.
-    pub fn run(&self, task: &Task, usable: &(dyn Fn(LineId, Unit) -> bool + Sync)) -> Vec<(Unit, Option<Fault>)> {
+    pub fn run(&self, task: &Task, usable: &(dyn Fn(LineId, Unit) -> bool + Sync)) -> Vec<Done> {
         match task.units.first() {
             None => vec![],
             Some((first, _)) if first.line.is_none() => self.survey(task, usable),
             Some(_) => {
                 let mut held = Held::new(self.graph, self.store);
-                task.units.iter().map(|(unit, key)| (*unit, self.line(*unit, *key, &mut held).err())).collect()
+                let one = |(unit, key): &(Unit, Key)| {
+                    let fault = self.line(*unit, *key, &mut held).err();
+                    Done { unit: *unit, fault, left_out: vec![] }
+                };
+                task.units.iter().map(one).collect()
             }
         }
     }
@@ -161,8 +182,9 @@ impl<'a> Worker<'a> {
         self.store.get(self.graph.object(r, usize::MAX)?, &columns)
     }
 
-    fn survey(&self, task: &Task, usable: &(dyn Fn(LineId, Unit) -> bool + Sync)) -> Vec<(Unit, Option<Fault>)> {
-        let all = |fault: Fault| task.units.iter().map(|(u, _)| (*u, Some(fault.clone()))).collect();
+    /// A line that cannot be used is left out and named; the others are gathered.
+    fn survey(&self, task: &Task, usable: &(dyn Fn(LineId, Unit) -> bool + Sync)) -> Vec<Done> {
+        let all = |fault: Fault| task.units.iter().map(|(u, _)| Done::failed(*u, fault.clone())).collect();
         let stages: Vec<&dyn StageDyn> = task.units.iter().map(|(u, _)| self.instance(*u).stage.as_ref()).collect();
         let Some(gather) = stages.first().and_then(|s| s.gather(&stages)) else {
             return all(Fault::machine("a survey stage that gathers nothing: an error in magline"));
@@ -170,7 +192,7 @@ impl<'a> Worker<'a> {
         let first = task.units[0].0;
         let lines: Vec<LineId> =
             self.graph.lines_of(first.table, first.instance).iter().copied().filter(|l| usable(*l, first)).collect();
-        let parts: Vec<Result<Box<dyn Any + Send>, Fault>> = lines
+        let mapped: Vec<Result<Box<dyn Any + Send>, Fault>> = lines
             .par_iter()
             .with_max_len(1)
             .map(|line| {
@@ -179,21 +201,43 @@ impl<'a> Worker<'a> {
                 guarded(|| gather.map(&input)).map_err(|f| f.in_line(&input.flight, &input.line))
             })
             .collect();
-        let parts = match parts.into_iter().collect::<Result<Vec<_>, Fault>>() {
-            Ok(parts) => parts,
-            Err(fault) => return all(fault),
-        };
-        let tables = match guarded(|| Ok(gather.finish(parts))) {
+        if let Some(fault) = mapped.iter().filter_map(|m| m.as_ref().err()).find(|f| f.owner == Owner::Machine) {
+            return all(fault.clone());
+        }
+        let mut left_out: Vec<Vec<Fault>> = task.units.iter().map(|_| vec![]).collect();
+        let mut parts = vec![];
+        for (line, part) in lines.iter().zip(mapped) {
+            let (flight, name) = &self.graph.lines[*line];
+            match part {
+                Ok(part) => {
+                    for (point, fault) in gather.refused(part.as_ref()) {
+                        left_out[point].push(fault.in_line(flight, name));
+                    }
+                    parts.push(part);
+                }
+                Err(fault) => {
+                    let fault = fault.in_line(flight, name);
+                    left_out.iter_mut().for_each(|faults| faults.push(fault.clone()));
+                }
+            }
+        }
+        let mut tables = match guarded(|| Ok(gather.finish(parts))) {
             Ok(tables) => tables,
             Err(fault) => return all(fault),
         };
-        let put = |((unit, key), table): (&(Unit, Key), Result<Vec<ArrayRef>, Fault>)| {
+        for (table, left_out) in tables.iter_mut().zip(&left_out).filter(|(_, l)| l.len() == lines.len()) {
+            *table = Err(nothing_left(left_out));
+        }
+        let put = |((unit, key), (left_out, table)): (&(Unit, Key), (Vec<Fault>, Result<Vec<ArrayRef>, Fault>))| {
             let done = table
                 .and_then(|arrays| self.batch(self.instance(*unit), arrays))
-                .and_then(|b| self.store.put(*key, &b));
-            (*unit, done.err())
+                .and_then(|batch| {
+                    left_out::keep(self.store, *key, &left_out)?;
+                    self.store.put(*key, &batch)
+                });
+            Done { unit: *unit, fault: done.err(), left_out }
         };
-        task.units.par_iter().zip(tables).map(put).collect()
+        task.units.par_iter().zip(left_out.into_par_iter().zip(tables)).map(put).collect()
     }
 
     /// One line as all points of a survey task see it: the columns of all of them.
@@ -251,6 +295,12 @@ fn filled(batch: RecordBatch, columns: &[String], shape: Option<Shape>) -> Resul
         arrays.push(array);
     }
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))
+}
+
+/// Why a survey stage has nothing to go on with.
+fn nothing_left(faults: &[Fault]) -> Fault {
+    let Some(first) = faults.first() else { return Fault::data("no selected line could be computed") };
+    Fault::data(format!("none of the {} selected lines can be used; the first: {first}", faults.len()))
 }
 
 fn empty() -> RecordBatch {

@@ -13,7 +13,7 @@ use std::{path::PathBuf, sync::Arc};
 
 use arrow_array::RecordBatch;
 use arrow_schema::{Schema, SchemaRef};
-use datasets::{FlightOptions, MapOptions, map_files, open_flight, read_map};
+use datasets::{FlightOptions, MapOptions, map_files, open_flight, read_grid};
 use schemas::{Column, Fault, Shape, canonical::Canonical, describe_field};
 
 pub use files::{Bytes, find, fingerprint};
@@ -25,6 +25,9 @@ use crate::{keys::Key, spec::SourceDecl, store::Store};
 
 /// Raised when what ingest writes changes.
 const VERSION: &str = "ingest 2";
+
+/// Raised when what is kept of a map changes.
+const MAP_VERSION: &str = "map 2";
 
 /// A table of flights whose columns are known and whose lines are not read yet.
 pub struct Flights {
@@ -169,21 +172,20 @@ impl MapSource {
         // The cells of a map may lie beside its header.
         let files = map_files(&self.path).map_err(Fault::from)?;
         let bytes: Vec<Bytes> = files.iter().map(|file| fingerprint(store, file)).collect::<Result<_, _>>()?;
-        let fixed = ["map", VERSION, datasets::VERSION, &self.spelt].map(str::to_owned);
+        let fixed = ["map", MAP_VERSION, datasets::VERSION, &self.spelt].map(str::to_owned);
         let key = Key::of(fixed.into_iter().chain(bytes.iter().map(|b| b.hash.to_string())));
         if !store.has(key) {
-            let map = read_map(&self.path, &self.options).map_err(Fault::from)?;
-            store.put(key, &map.batch)?;
+            let map = read_grid(&self.path, &self.options).and_then(|grid| grid.table()).map_err(Fault::from)?;
+            store.put(key, &map)?;
         }
         Ok((key, bytes))
     }
 }
 
-/// The whole map `key`.
+/// The whole map `key`, on its own grid.
 ///
 /// # Errors
 /// When the store cannot be read.
 pub fn map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
-    let names: Vec<&str> = schemas::map::COLUMNS.iter().map(|(n, _)| *n).collect();
-    store.get(key, &names)
+    store.whole(key)
 }

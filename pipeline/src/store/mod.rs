@@ -159,7 +159,23 @@ impl Store {
     pub fn get<S: AsRef<str>>(&self, key: Key, columns: &[S]) -> Result<RecordBatch, Fault> {
         read_columns(&self.object(key), columns)
     }
+
+    /// All columns of the object `key`, as one contiguous batch, with what their fields say.
+    ///
+    /// # Errors
+    /// When the object is missing or damaged.
+    pub fn whole(&self, key: Key) -> Result<RecordBatch, Fault> {
+        let path = self.object(key);
+        let fail = |e: &dyn std::fmt::Display| trouble("read", &path, e).help(DAMAGED);
+        let file = File::open(&path).map_err(|e| fail(&e))?;
+        let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::new()).map_err(|e| fail(&e))?;
+        let names: Vec<String> = metadata.schema().fields().iter().map(|f| f.name().clone()).collect();
+        read_columns(&path, &names)
+    }
 }
+
+/// The way out of a damaged store.
+const DAMAGED: &str = "the store is damaged; remove the file, and it is computed again";
 
 impl Drop for Store {
     fn drop(&mut self) {
@@ -255,15 +271,16 @@ fn properties(schema: &Schema) -> WriterProperties {
 /// When the file is missing or damaged, or lacks a column.
 pub fn read_columns<S: AsRef<str>>(path: &Path, columns: &[S]) -> Result<RecordBatch, Fault> {
     let fail = |e: &dyn std::fmt::Display| {
-        trouble("read", path, e).help("the store is damaged; remove the file, and it is computed again")
+        trouble("read", path, e).help(DAMAGED)
     };
     let file = File::open(path).map_err(|e| fail(&e))?;
     let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::new()).map_err(|e| fail(&e))?;
     let rows = usize::try_from(metadata.metadata().file_metadata().num_rows()).unwrap_or(0);
     let builder = ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata);
-    let wanted = columns.iter().map(AsRef::as_ref);
-    let mask = ProjectionMask::columns(builder.parquet_schema(), wanted);
     let schema = builder.schema().clone();
+    // By position: a mask of names takes the dots of a name for a path.
+    let wanted = columns.iter().filter_map(|c| schema.index_of(c.as_ref()).ok());
+    let mask = ProjectionMask::roots(builder.parquet_schema(), wanted);
     let reader = builder.with_projection(mask).with_batch_size(rows.max(1)).build().map_err(|e| fail(&e))?;
     let batches = reader.collect::<Result<Vec<_>, _>>().map_err(|e| fail(&e))?;
     let whole = match batches.as_slice() {

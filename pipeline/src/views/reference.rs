@@ -54,6 +54,10 @@ fn section(entry: &Entry) -> String {
             p.doc.replace("\n\n", " ")
         );
     }
+    let more = (entry.more)();
+    if !more.is_empty() {
+        let _ = write!(out, "\n{more}");
+    }
     out
 }
 

@@ -53,6 +53,8 @@ pub struct Solved {
     pub trivial_share: f64,
     /// What the linear form misses at most; NaN where the terms cannot tell.
     pub approximation_bound_nt: f64,
+    /// The lines whose rows were used.
+    pub lines: String,
     /// What the user should know before he trusts it.
     pub warning: String,
 }
@@ -70,6 +72,9 @@ pub struct Problem<'a> {
     shares: Vec<&'a Share>,
     /// The flight of each share.
     flights: Vec<String>,
+    /// The lines used, and what is said of those of which nothing is.
+    lines: Vec<String>,
+    unused: String,
     /// Which of the matrix' columns are used; `None` for all of them.
     places: Option<Vec<usize>>,
     pub(super) merged: Moments,
@@ -88,25 +93,40 @@ impl<'a> Problem<'a> {
     pub fn new(parts: &[&'a Part], at: &(Matrix, Targets)) -> Result<Self, Fault> {
         let terms = parts.iter().find_map(|p| p.terms.get(&at.0));
         let terms = terms.ok_or_else(|| Fault::data("no selected line has the features of the fit"))?;
-        let all: Vec<(&String, &Share)> =
-            parts.iter().filter_map(|p| p.shares.get(at).map(|s| (&p.flight, s))).collect();
+        let all: Vec<(&Part, &Share)> = parts.iter().filter_map(|p| p.shares.get(at).map(|s| (*p, s))).collect();
         let selected = all.iter().map(|(_, s)| s.selected).sum();
-        let (flights, shares): (Vec<String>, Vec<&Share>) =
-            all.into_iter().filter(|(_, s)| s.moments.rows() > 0).map(|(f, s)| (f.clone(), s)).unzip();
-        if shares.is_empty() {
+        let (used, unused): (Vec<_>, Vec<_>) = all.into_iter().partition(|(_, s)| s.moments.rows() > 0);
+        let unused = too_short(&unused);
+        if used.is_empty() {
             let what = format!(
-                "no run of samples with `{}` and all features is long enough to be filtered and trimmed",
+                "no run of samples with `{}` and all features is long enough to be filtered and trimmed: {unused}",
                 at.1.join("`, `")
             );
             return Err(Fault::data(what).help("select longer lines, or take a smaller `trim` or `order`"));
         }
-        let lines: Vec<Moments> = shares.iter().map(|s| s.moments.clone()).collect();
-        let merged = Moments::merged(&lines).map_err(data)?;
+        let lines = used.iter().map(|(p, _)| format!("{}/{}", p.flight, p.line)).collect();
+        let (flights, shares): (Vec<String>, Vec<&Share>) = used.into_iter().map(|(p, s)| (p.flight.clone(), s)).unzip();
+        let moments: Vec<Moments> = shares.iter().map(|s| s.moments.clone()).collect();
+        let merged = Moments::merged(&moments).map_err(data)?;
         let unfiltered: Vec<Moments> = shares.iter().filter_map(|s| s.unfiltered.clone()).collect();
         let unfiltered = Moments::merged(&unfiltered).ok();
         let (prepared, paths) = (BTreeMap::new(), BTreeMap::new());
         let (terms, components) = (terms.clone(), None);
-        Ok(Self { shares, flights, places: None, merged, unfiltered, terms, selected, prepared, paths, components })
+        let places = None;
+        Ok(Self {
+            shares,
+            flights,
+            lines,
+            unused,
+            places,
+            merged,
+            unfiltered,
+            terms,
+            selected,
+            prepared,
+            paths,
+            components,
+        })
     }
 
     /// What is left out one after the other: the lines, or all lines of a flight together.
@@ -134,9 +154,20 @@ impl<'a> Problem<'a> {
             Some(places) => places.iter().filter_map(|&i| self.terms.get(i).cloned()).collect(),
             None => self.terms.clone(),
         };
-        let (shares, flights) = (self.shares.clone(), self.flights.clone());
-        let (selected, prepared, paths) = (self.selected, BTreeMap::new(), BTreeMap::new());
-        Ok(Problem { shares, flights, places, merged, unfiltered, terms, selected, prepared, paths, components: None })
+        Ok(Problem {
+            shares: self.shares.clone(),
+            flights: self.flights.clone(),
+            lines: self.lines.clone(),
+            unused: self.unused.clone(),
+            places,
+            merged,
+            unfiltered,
+            terms,
+            selected: self.selected,
+            prepared: BTreeMap::new(),
+            paths: BTreeMap::new(),
+            components: None,
+        })
     }
 
     /// The moments of each line.
@@ -220,7 +251,8 @@ impl<'a> Problem<'a> {
             chosen: answer.chosen,
             approximation_bound_nt,
             trivial_share: trivial.as_ref().map_or(f64::NAN, |t| t.share),
-            warning: warning(point, &excited, trivial.as_ref()),
+            lines: self.lines.join(", "),
+            warning: warning(point, &excited, trivial.as_ref(), &self.unused),
         })
     }
 
@@ -439,7 +471,25 @@ fn lines_needed(error: crate::numerics::least_squares::LeastSquaresError) -> Fau
     data(error).help("leaving one out needs two or more lines, or flights: select more, or choose otherwise")
 }
 
-fn warning(point: &Fit, excited: &Excitation, trivial: Option<&TrivialSolution>) -> String {
+/// As many lines are named one by one.
+const NAMED: usize = 5;
+
+/// Of which selected lines nothing can be used, and why; empty where there are none.
+fn too_short(lines: &[(&Part, &Share)]) -> String {
+    let lines: Vec<&(&Part, &Share)> = lines.iter().filter(|(_, s)| s.selected > 0).collect();
+    let one = |(part, share): &&(&Part, &Share)| {
+        let (has, least) = share.longest;
+        format!("flight {}, line {} has {has} samples in its longest run and takes {least}", part.flight, part.line)
+    };
+    let mut named: Vec<String> = lines.iter().take(NAMED).map(one).collect();
+    let more = lines.len().saturating_sub(NAMED);
+    if more > 0 {
+        named.push(format!("and {more} more"));
+    }
+    named.join("; ")
+}
+
+fn warning(point: &Fit, excited: &Excitation, trivial: Option<&TrivialSolution>, unused: &str) -> String {
     let nothing_given = point.choose == "given" && point.lambda == 0.0;
     let weak = excited.message().filter(|_| nothing_given);
     let trivial = trivial.filter(|t| t.is_trivial()).map(|t| {
@@ -448,5 +498,6 @@ fn warning(point: &Fit, excited: &Excitation, trivial: Option<&TrivialSolution>)
             100.0 * t.share
         )
     });
-    weak.into_iter().chain(trivial).collect::<Vec<_>>().join("; ")
+    let unused = (!unused.is_empty()).then(|| format!("too short for filter and trim, so not used: {unused}"));
+    weak.into_iter().chain(trivial).chain(unused).collect::<Vec<_>>().join("; ")
 }

@@ -29,6 +29,8 @@ pub struct Share {
     pub rows: Option<(Vec<f64>, Vec<f64>)>,
     /// Rows of the line that `where` selects.
     pub selected: usize,
+    /// Rows of the longest run, and how many filter and trim take at least.
+    pub longest: (usize, usize),
 }
 
 /// The unfiltered rows of a line in short, and the questions that they belong to.
@@ -41,7 +43,10 @@ pub struct Unfiltered {
 #[derive(Default)]
 pub struct Part {
     pub flight: String,
+    pub line: String,
     pub shares: BTreeMap<(Matrix, Targets), Share>,
+    /// Why a question has no answer from this line.
+    pub refused: BTreeMap<(Matrix, Targets), Fault>,
     pub terms: BTreeMap<Matrix, Vec<String>>,
     pub wide: Vec<Unfiltered>,
 }
@@ -81,7 +86,7 @@ impl Part {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
         let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
-        let mut part = Part { flight: line.flight.clone(), ..Part::default() };
+        let mut part = Part { flight: line.flight.clone(), line: line.line.clone(), ..Part::default() };
         let mut blocks: BTreeMap<&str, Block> = BTreeMap::new();
         let mut groups: Vec<Group> = vec![];
         for (key, question) in questions {
@@ -104,7 +109,14 @@ impl Part {
             }
         }
         for group in &groups {
-            fold(&mut part, batch, &blocks, group, questions, rate_hz)?;
+            // What is wrong with the filter of one question is nothing to the others.
+            if let Err(fault) = fold(&mut part, batch, &blocks, group, questions, rate_hz) {
+                let asked = group.asked.iter().flat_map(|(k, all)| all.iter().map(move |t| ((*k).clone(), t.clone())));
+                for at in asked {
+                    part.shares.remove(&at);
+                    part.refused.insert(at, fault.clone());
+                }
+            }
         }
         Ok(part)
     }
@@ -214,6 +226,7 @@ fn fold(
                 unfiltered: unfiltered.transpose().map_err(data)?,
                 rows,
                 selected: group.selected,
+                longest: (group.runs.iter().map(Range::len).max().unwrap_or(0), least),
             };
             part.shares.insert(((*key).clone(), together.clone()), share);
         }

@@ -9,7 +9,7 @@
 //!
 //! - a measurement that is NaN or infinite: no update, `residual` and `nis` are NaN;
 //! - a predicted position off the map or in an unknown cell: the same;
-//! - a flat map: the update only moves S;
+//! - a flat map: without a core field the update only moves S, with one its slope corrects the position too;
 //! - an INS value that is not finite, time that does not ascend, a covariance that is no longer
 //!   finite and non-negative: an error that names the row.
 

@@ -6,6 +6,7 @@
 
 mod drape;
 mod levels;
+mod projected;
 
 use super::field_value::FieldValue;
 use super::map_grid::{
@@ -13,6 +14,7 @@ use super::map_grid::{
 };
 pub use drape::DrapeMap;
 use levels::{natural_slopes, union_of_unknown};
+pub use projected::ProjectedMap;
 use thiserror::Error;
 
 /// How a value between two levels is made.
@@ -329,6 +331,8 @@ pub enum FieldMap {
     Stack(MapStack),
     /// A map that follows the ground.
     Drape(DrapeMap),
+    /// A map on the grid of its own projection.
+    Projected(Box<ProjectedMap>),
 }
 
 impl FieldMap {
@@ -340,6 +344,7 @@ impl FieldMap {
             Self::Flat(map) => map.at_height(lat_deg, lon_deg, alt_m),
             Self::Stack(stack) => stack.at(lat_deg, lon_deg, alt_m),
             Self::Drape(drape) => drape.at_height(lat_deg, lon_deg, alt_m),
+            Self::Projected(map) => map.at(lat_deg, lon_deg, alt_m),
         }
     }
 
@@ -355,6 +360,7 @@ impl FieldMap {
             Self::Flat(map) => map.at_heights(lat_deg, lon_deg, alt_m, out),
             Self::Stack(stack) => stack.at_many(lat_deg, lon_deg, alt_m, out),
             Self::Drape(drape) => drape.at_heights(lat_deg, lon_deg, alt_m, out),
+            Self::Projected(map) => map.at_many(lat_deg, lon_deg, alt_m, out),
         }
     }
 }

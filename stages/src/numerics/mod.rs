@@ -23,6 +23,7 @@ pub mod fill;
 pub mod filter;
 pub mod gauss_markov;
 pub mod geodesy;
+pub mod grid_projection;
 pub mod gridding;
 pub mod ins_error;
 pub mod ins_series;

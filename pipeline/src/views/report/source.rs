@@ -101,18 +101,15 @@ impl Source<'_> {
         }
     }
 
-    /// The map `i` of the plan.
+    /// The map `i` of the plan in latitude and longitude, to be drawn.
     ///
     /// # Errors
     /// When the store is damaged.
     pub fn map(&self, i: usize) -> Result<Option<MapGrid>, Fault> {
         let Some(key) = self.graph.maps.get(i).copied().filter(|k| self.store.has(*k)) else { return Ok(None) };
-        let batch = map_batch(self.store, key)?;
-        let column = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
-        let (Some(lat), Some(lon), Some(nt)) = (column("lat"), column("lon"), column("anomaly")) else {
-            return Ok(None);
-        };
-        Ok(MapGrid::from_rows(lat.values(), lon.values(), nt.values()).ok())
+        // A map that no grid of latitude and longitude can hold, around a pole, has no picture.
+        let Ok(map) = datasets::geographic(&map_batch(self.store, key)?) else { return Ok(None) };
+        Ok(MapGrid::from_rows(map.column("lat"), map.column("lon"), map.column("anomaly")).ok())
     }
 
     /// How many units of the table `t` are in the store, and how many there are.

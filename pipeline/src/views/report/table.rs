@@ -110,7 +110,7 @@ fn meaning(metric: &str) -> Option<&'static str> {
         "std_error" => "standard deviation of the compensated signal less the truth",
         "improvement_ratio" => "std_uncompensated over the same of the compensated signal",
         "improvement_ratio_band" => "the same after a band-pass of both",
-        "snr" => "standard deviation of the truth over that of the error",
+        "snr" => "standard deviation of the true anomaly over that of the error",
         "anomaly_retention" => {
             "how much of the known geology the compensated signal still has: 1 where it is kept, 0 where it went with the aircraft"
         }

@@ -27,11 +27,20 @@ impl FieldColumns {
         self.value_nt.is_empty()
     }
 
-    fn resize(&mut self, n: usize) {
+    pub(in crate::numerics) fn resize(&mut self, n: usize) {
         let Self { value_nt, d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m } = self;
         for column in [value_nt, d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m] {
             column.resize(n, 0.0);
         }
+    }
+
+    /// The place `i` has this field; NaN where there is none.
+    pub(in crate::numerics) fn set(&mut self, i: usize, field: Option<FieldValue>) {
+        let field = field.unwrap_or(NOWHERE);
+        self.value_nt[i] = field.value_nt;
+        self.d_lat_nt_per_rad[i] = field.d_lat_nt_per_rad;
+        self.d_lon_nt_per_rad[i] = field.d_lon_nt_per_rad;
+        self.d_alt_nt_per_m[i] = field.d_alt_nt_per_m;
     }
 
     /// The columns in blocks of at most [`BLOCK`] places.

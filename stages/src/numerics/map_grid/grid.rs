@@ -153,13 +153,15 @@ pub enum MapError {
     },
 }
 
-/// An even, ascending axis in degrees.
+/// An even, ascending axis in degrees; of a projected grid its nodes are numbered, and a degree stands for a node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
     first_deg: f64,
     step_deg: f64,
     steps_per_deg: f64,
     len: usize,
+    /// How far apart two coordinates of one place are: a full turn, or infinitely on a plane.
+    round_deg: f64,
 }
 
 impl Axis {
@@ -183,7 +185,15 @@ impl Axis {
             return Err(MapError::Range { axis, first_deg: *first, last_deg: *last });
         }
         let steps_per_deg = (nodes_deg.len() - 1) as f64 / (last - first);
-        Ok(Self { first_deg: *first, step_deg, steps_per_deg, len: nodes_deg.len() })
+        Ok(Self { first_deg: *first, step_deg, steps_per_deg, len: nodes_deg.len(), round_deg: 360.0 })
+    }
+
+    /// The nodes of a plane, numbered from 0.
+    fn of_nodes(axis: &'static str, len: usize) -> Result<Self, MapError> {
+        if len < 2 {
+            return Err(MapError::TooSmall { axis, count: len });
+        }
+        Ok(Self { first_deg: 0.0, step_deg: 1.0, steps_per_deg: 1.0, len, round_deg: f64::INFINITY })
     }
 
     /// The number of nodes, at least two.
@@ -227,7 +237,8 @@ impl Axis {
     /// As `locate`, a full turn away if need be.
     #[inline(always)]
     pub(super) fn locate_turning(&self, deg: f64) -> Option<(usize, f64)> {
-        self.locate(deg).or_else(|| self.locate(deg - 360.0)).or_else(|| self.locate(deg + 360.0))
+        let round_deg = self.round_deg;
+        self.locate(deg).or_else(|| self.locate(deg - round_deg)).or_else(|| self.locate(deg + round_deg))
     }
 }
 
@@ -262,6 +273,16 @@ impl MapGrid {
         if first_deg < -90.0 - EVENNESS * lat.step_deg || last_deg > 90.0 + EVENNESS * lat.step_deg {
             return Err(MapError::Range { axis: "latitude", first_deg, last_deg });
         }
+        Self::of_axes(lat, lon, anomaly_nt)
+    }
+
+    /// A grid on a plane whose rows and columns are numbered from 0: what stands for degrees in it, and in look-ups of
+    /// its maps, is rows and columns. Its values are by rows, the first row first.
+    pub fn of_nodes(rows: usize, columns: usize, anomaly_nt: &[f64]) -> Result<Self, MapError> {
+        Self::of_axes(Axis::of_nodes("row", rows)?, Axis::of_nodes("column", columns)?, anomaly_nt)
+    }
+
+    fn of_axes(lat: Axis, lon: Axis, anomaly_nt: &[f64]) -> Result<Self, MapError> {
         let (latitudes, longitudes) = (lat.len, lon.len);
         if anomaly_nt.len() != latitudes * longitudes {
             return Err(MapError::Size { values: anomaly_nt.len(), latitudes, longitudes });

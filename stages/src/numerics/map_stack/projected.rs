@@ -1,0 +1,64 @@
+//! A map on its own grid of eastings and northings, looked up at latitudes and longitudes.
+
+use super::MapStack;
+use crate::numerics::field_value::FieldValue;
+use crate::numerics::grid_projection::GridProjection;
+use crate::numerics::map_grid::{AnomalyMap, FieldColumns, MapError, Places};
+
+/// A map, or a stack of maps, on the grid of a projection ([`MapGrid::of_nodes`](super::MapGrid::of_nodes)).
+///
+/// A place is projected, the value is interpolated between the nodes as they are, and the slopes go back to latitude
+/// and longitude by the projection's derivatives, with its scale and its convergence of meridians.
+#[derive(Clone, Debug)]
+pub struct ProjectedMap {
+    projection: GridProjection,
+    nodes: OnNodes,
+}
+
+/// Maps whose latitudes and longitudes are rows and columns.
+#[derive(Clone, Debug)]
+enum OnNodes {
+    Flat(AnomalyMap),
+    Stack(MapStack),
+}
+
+impl ProjectedMap {
+    /// A map of one height.
+    pub fn flat(projection: GridProjection, map: AnomalyMap) -> Self {
+        Self { projection, nodes: OnNodes::Flat(map) }
+    }
+
+    /// Maps at several heights.
+    pub fn stack(projection: GridProjection, stack: MapStack) -> Self {
+        Self { projection, nodes: OnNodes::Stack(stack) }
+    }
+
+    /// The anomaly and its gradient at a place in degrees and metres; `None` where the map has none.
+    pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
+        let place = self.projection.at(lat_deg, lon_deg)?;
+        let on_nodes = match &self.nodes {
+            OnNodes::Flat(map) => map.at_height(place.row, place.column, alt_m)?,
+            OnNodes::Stack(stack) => stack.at(place.row, place.column, alt_m)?,
+        };
+        // A row stands for a degree there, so rows per degree are without unit here.
+        let (per_row, per_column) = (on_nodes.d_lat_nt_per_rad, on_nodes.d_lon_nt_per_rad);
+        let along = |d: usize| per_row * place.row_per_deg[d] + per_column * place.column_per_deg[d];
+        Some(FieldValue { d_lat_nt_per_rad: along(0), d_lon_nt_per_rad: along(1), ..on_nodes })
+    }
+
+    /// [`Self::at`] for many places; places without a value are NaN.
+    pub fn at_many(
+        &self,
+        lat_deg: &[f64],
+        lon_deg: &[f64],
+        alt_m: &[f64],
+        out: &mut FieldColumns,
+    ) -> Result<(), MapError> {
+        Places { lat_deg, lon_deg, alt_m }.check(true)?;
+        out.resize(lat_deg.len());
+        for (i, ((lat, lon), alt)) in lat_deg.iter().zip(lon_deg).zip(alt_m).enumerate() {
+            out.set(i, self.at(*lat, *lon, *alt));
+        }
+        Ok(())
+    }
+}
