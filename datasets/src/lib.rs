@@ -16,11 +16,11 @@ mod table;
 
 /// Changes whenever a reader or the simulator makes other values of the same bytes: part of the key of
 /// whatever is kept of what they gave.
-pub const VERSION: &str = "3";
+pub const VERSION: &str = "4";
 
 pub use error::ReadError;
 pub use formats::{
-    FlightOptions, FlightReader, Map, MapOptions, PointOptions, SurveyPoints, map_files, open_flight, read_grid,
+    FlightOptions, FlightReader, Map, MapOptions, PointOptions, SurveyPoints, check_output, map_files, open_flight, read_grid,
     read_map, read_points, write_grid,
 };
 pub use grid::{Crs, Figure, GridMap, Height, MapSummary, Registration};

@@ -5,12 +5,13 @@ mod convert;
 mod fill;
 mod grid;
 mod info;
+mod phases;
 mod plot;
 
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use datasets::{GridMap, MapOptions, read_grid, write_grid};
+use datasets::{GridMap, MapOptions, check_output, read_grid, write_grid};
 use schemas::Fault;
 
 use super::{Stop, say};
@@ -79,6 +80,11 @@ impl InputArgs {
 }
 
 impl OutputArgs {
+    /// Whether a map can be written there, before it is made.
+    fn check(&self) -> Result<(), Stop> {
+        Ok(check_output(&self.output, self.output_format.as_deref()).map_err(Fault::from)?)
+    }
+
     fn write(&self, map: &GridMap) -> Result<(), Stop> {
         write_to(&self.output, map, self.output_format.as_deref())
     }
