@@ -253,7 +253,20 @@ impl<'a> Found<'a> {
         let height_m = height_m.map_or_else(|| vec![f64::NAN; kept.len()], |h| pick(&h));
         let extra = self.extra(path, &pick)?;
         let row = kept.iter().map(|row| *row as u64).collect();
-        Ok(SurveyPoints { crs, easting_m, northing_m, lat_deg, lon_deg, height_m, value_nt, line, lines, extra, row, notes })
+        Ok(SurveyPoints {
+            crs,
+            easting_m,
+            northing_m,
+            lat_deg,
+            lon_deg,
+            height_m,
+            value_nt,
+            line,
+            lines,
+            extra,
+            row,
+            notes,
+        })
     }
 
     fn degrees(&self, path: &Path, x: &[f64], y: &[f64], rows: &[usize]) -> Result<(Vec<f64>, Vec<f64>), ReadError> {

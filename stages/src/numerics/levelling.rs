@@ -58,15 +58,7 @@ impl Default for LevelOptions {
     /// Tested constants, a ridge of 0.001 of a crossover, Huber's 1.345 sigmas, the level of the steadier group, five
     /// folds.
     fn default() -> Self {
-        Self {
-            order: 0,
-            tested: true,
-            ridge: 1e-3,
-            huber_sigmas: 1.345,
-            gauge: Gauge::Steadiest,
-            ties: None,
-            folds: 5,
-        }
+        Self { order: 0, tested: true, ridge: 1e-3, huber_sigmas: 1.345, gauge: Gauge::Steadiest, ties: None, folds: 5 }
     }
 }
 

@@ -123,12 +123,7 @@ fn rates(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<Vec<Vector3
 }
 
 /// Core field, crustal field and temporal variation (north, east, down; nT), `by_s` farther on the tangent of the track.
-fn parts(
-    scene: &Scene,
-    truth: &Trajectory,
-    field: &Field,
-    by_s: f64,
-) -> Result<[Vec<Vector3<f64>>; 3], ReadError> {
+fn parts(scene: &Scene, truth: &Trajectory, field: &Field, by_s: f64) -> Result<[Vec<Vector3<f64>>; 3], ReadError> {
     let at = Places::of(truth, by_s);
     let core_ned_nt = core(scene, field, &at)?;
     let anomaly_ned_nt = anomaly(scene, field, &at, &core_ned_nt)?;

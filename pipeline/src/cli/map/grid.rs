@@ -9,9 +9,7 @@ use stages::numerics::{
     core_field::{CoreModel, CoreTrack},
     dates::decimal_year,
     gridding::{self, Folds, GridError, GridOptions, Gridded, Method, Region, Spread},
-    levelling::{
-        CrossoverOptions, LevelOptions, Levelled, LineCorrection, Merit, find_crossovers, level_lines,
-    },
+    levelling::{CrossoverOptions, LevelOptions, Levelled, LineCorrection, Merit, find_crossovers, level_lines},
 };
 
 use super::{Bounds, OutputArgs, Stop, ThreadArgs, phases::Phases, say, write_to, wrong};
@@ -199,10 +197,9 @@ fn refused(args: &GridArgs, error: &GridError) -> Stop {
             let flag = name.trim_end_matches("_m");
             Fault::new(error.to_string().replace(&format!("`{name}`"), &format!("`--{flag}`"))).into()
         }
-        GridError::NoPoints
-        | GridError::Lengths { .. }
-        | GridError::NotFinite { .. }
-        | GridError::TooLarge { .. } => wrong(&args.points[0], error),
+        GridError::NoPoints | GridError::Lengths { .. } | GridError::NotFinite { .. } | GridError::TooLarge { .. } => {
+            wrong(&args.points[0], error)
+        }
     }
 }
 

@@ -132,8 +132,7 @@ impl EquivalentSources {
         let plane = Plane::fitted([&points.east, &points.north], value_nt);
         let near = NearestPoints::of(&points.east, &points.north);
         let placed = layers.iter().map(|layer| (layer, source_places(&points, &near, layer)));
-        let layers =
-            placed.filter(|(_, at)| at.len() > 0).map(|(layer, at)| FittedLayer::at(&at, *layer)).collect();
+        let layers = placed.filter(|(_, at)| at.len() > 0).map(|(layer, at)| FittedLayer::at(&at, *layer)).collect();
         Ok(Self { origin_m, plane, layers })
     }
 

@@ -116,17 +116,11 @@ fn slope(points: SurveyPoints, i: usize, gap_m: f64) -> f64 {
 fn gradient_size(ways: [[f64; 2]; 2], slopes: [f64; 2]) -> f64 {
     let [a, b] = ways.map(|[e, n]| [e / e.hypot(n), n / e.hypot(n)]);
     let sine = a[0] * b[1] - a[1] * b[0];
-    let [east, north] =
-        [(slopes[0] * b[1] - slopes[1] * a[1]) / sine, (slopes[1] * a[0] - slopes[0] * b[0]) / sine];
+    let [east, north] = [(slopes[0] * b[1] - slopes[1] * a[1]) / sine, (slopes[1] * a[0] - slopes[0] * b[0]) / sine];
     east.hypot(north)
 }
 
-fn crossing(
-    points: SurveyPoints,
-    [i, j]: [usize; 2],
-    gap_m: f64,
-    options: &CrossoverOptions,
-) -> Option<Crossover> {
+fn crossing(points: SurveyPoints, [i, j]: [usize; 2], gap_m: f64, options: &CrossoverOptions) -> Option<Crossover> {
     if points.line[i] == points.line[j] {
         return None;
     }

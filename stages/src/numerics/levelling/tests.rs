@@ -65,7 +65,8 @@ fn law_known_offsets_are_recovered() {
     assert!((levelled.correction_nt[150] - offset(1)).abs() < 1e-5);
     // Ties on the mean, or the steadier group, which the ties are: the same but for what the ties take over, nothing.
     for gauge in [Gauge::TiesMean, Gauge::Steadiest] {
-        let mean = level_lines(points.borrow(), &found, &LevelOptions { gauge, ridge: 1e-9, ..LevelOptions::default() });
+        let mean =
+            level_lines(points.borrow(), &found, &LevelOptions { gauge, ridge: 1e-9, ..LevelOptions::default() });
         assert!(mean.lines.iter().all(|l| (l.coefficients_nt[0] - offset(l.line)).abs() < 1e-5), "{:?}", mean.lines);
         assert!(mean.spread_nt[0] > 3.0 && mean.spread_nt[1] == 0.0, "{:?}", mean.spread_nt);
     }
@@ -178,12 +179,8 @@ fn r10_what_is_level_stays_level_and_only_the_ties_are_shifted() {
 fn r10_lines_that_are_out_are_corrected_in_spite_of_uncertain_crossovers() {
     let (points, found) = uncertain(0.0, 2.0);
     let levelled = level_lines(points.borrow(), &found, &LevelOptions::default());
-    let left: Vec<f64> = levelled
-        .lines
-        .iter()
-        .filter(|l| !l.tie)
-        .map(|l| l.coefficients_nt[0] - 2.0 * offset(l.line))
-        .collect();
+    let left: Vec<f64> =
+        levelled.lines.iter().filter(|l| !l.tie).map(|l| l.coefficients_nt[0] - 2.0 * offset(l.line)).collect();
     let rms = (left.iter().map(|d| d * d).sum::<f64>() / left.len() as f64).sqrt();
     // Offsets of 10 nT rms; each line has four crossovers, one of them in a flat field, with an error of 1 nT.
     assert!(rms < 2.0, "{rms} {left:?}");

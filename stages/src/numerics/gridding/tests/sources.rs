@@ -121,9 +121,8 @@ fn law_below_the_sources_there_is_no_field() {
 fn r10_a_level_below_the_sources_is_refused_before_the_fit() {
     let told = std::sync::Mutex::new(vec![]);
     let progress = |what: &str, _: usize, _: usize| told.lock().unwrap().push(what.to_owned());
-    let options = |level_m| {
-        GridOptions::of(Method::EquivalentSources { layers: None, damping: 1.0, level_m: Some(level_m) })
-    };
+    let options =
+        |level_m| GridOptions::of(Method::EquivalentSources { layers: None, damping: 1.0, level_m: Some(level_m) });
     let refused = grid(survey().borrow(), &options(230.0), &progress).unwrap_err();
     let GridError::BelowSources { lowest_m, .. } = refused else { panic!("{refused}") };
     let told = told.into_inner().unwrap();
