@@ -219,6 +219,130 @@ fn law_a_survey_of_dipoles_becomes_their_field_and_lines_are_levelled() {
     assert!(bench.path("error.parquet").exists());
 }
 
+/// East-west lines 200 m apart over 4 by 4 km and four ties, over a smooth field.
+fn points_of(bench: &Bench, change: impl Fn(usize, &mut [f64; 5])) {
+    let mut rows: Vec<[f64; 5]> = vec![];
+    let mut push = |e: f64, n: f64, line: f64| {
+        let value = 300.0 * (e / 900.0).sin() * (n / 1100.0).cos();
+        let mut row = [500_000.0 + e, 5_000_000.0 + n, 80.0 + 20.0 * (e / 800.0).sin(), value, line];
+        change(rows.len(), &mut row);
+        rows.push(row);
+    };
+    for line in 0..21 {
+        (0..201).for_each(|k| push(20.0 * f64::from(k), 200.0 * f64::from(line), f64::from(line)));
+    }
+    for tie in 0..4 {
+        (0..201).for_each(|k| push(1000.0 * f64::from(tie) + 7.0, 20.0 * f64::from(k), 100.0 + f64::from(tie)));
+    }
+    let names = ["easting_m", "northing_m", "height_m", "anomaly_nt", "line"];
+    let columns: Vec<(&str, Vec<f64>)> =
+        names.iter().enumerate().map(|(k, name)| (*name, rows.iter().map(|r| r[k]).collect())).collect();
+    write(&bench.path("points.parquet"), &[batch(&columns)]);
+}
+
+const GRID: [&str; 6] = ["map", "grid", "points.parquet", "--epsg", "32632", "--spacing"];
+
+fn grid(bench: &Bench, more: &[&str]) -> Output {
+    bench.magline(&[&GRID[..], &["100"], more].concat())
+}
+
+#[test]
+fn r10_points_far_away_are_left_out_and_named() {
+    let bench = Bench::new();
+    // A place of zeros, and swapped coordinates.
+    points_of(&bench, |i, row| match i {
+        300 => (row[0], row[1]) = (0.0, 0.0),
+        777 => (row[0], row[1]) = (row[1], row[0]),
+        _ => {}
+    });
+    let begun = std::time::Instant::now();
+    let output = grid(&bench, &["-o", "grid.parquet"]);
+    let report = fine(&output);
+    let told = stderr(&output);
+    assert!(told.contains("note: 2 points are far from all others and left out"), "{told}");
+    assert!(told.contains("points.parquet: row 300, line 1,") && told.contains("row 777, line 3,"), "{told}");
+    assert!(told.contains("--keep-outliers"), "{told}");
+    assert!(report.contains("left out: 2 far away, 0 not finite"), "{report}");
+    let first = info(bench.folder.path(), "grid.parquet");
+    assert_eq!((first["columns"].as_u64(), first["rows"].as_u64()), (Some(41), Some(41)), "{first}");
+    // A second or two here; without, a grid of 5000 km.
+    assert!(begun.elapsed().as_secs() < 60, "{:?}", begun.elapsed());
+    let kept = bench.magline(&[&GRID[..], &["1", "-o", "kept.parquet", "--keep-outliers"]].concat());
+    assert_eq!(kept.status.code(), Some(2), "{}", stderr(&kept));
+    assert!(stderr(&kept).contains("nodes, more than"), "{}", stderr(&kept));
+}
+
+#[test]
+fn r10_what_cannot_be_is_refused_before_work() {
+    let bench = Bench::new();
+    points_of(&bench, |_, _| ());
+    for (args, says) in [
+        (&["-o", "grid.xyzzy"][..], "the extension stands for no map format"),
+        (&["-o", "none/grid.parquet"], "the folder `none` is not there"),
+        (&["-o", "grid.parquet", "--spacing", "0"], "`--spacing` is 0, but must be above zero"),
+        (&["-o", "grid.parquet", "--damping", "-1"], "`--damping` is -1"),
+        (&["-o", "grid.parquet", "--mask", "-1"], "`--mask` is -1"),
+        (&["-o", "grid.parquet", "--tension", "0.5"], "`--tension` is of `--method minimum-curvature` alone"),
+        (&["-o", "grid.parquet", "--level", "90", "--method", "minimum-curvature"], "`--level` is of `--method equi"),
+    ] {
+        // The points are not even looked for.
+        let output = bench.magline(&[&["map", "grid", "none.parquet"], args].concat());
+        assert_eq!(output.status.code(), Some(2), "{args:?}: {}", stderr(&output));
+        assert!(stderr(&output).contains(says), "{args:?}: {}", stderr(&output));
+    }
+    let low = grid(&bench, &["-o", "grid.parquet", "--level", "20"]);
+    assert_eq!(low.status.code(), Some(2));
+    let said = stderr(&low);
+    assert!(said.contains("the field is asked for at 20 m") && said.contains("say `--level "), "{said}");
+    let least = said.split("say `--level ").nth(1).and_then(|t| t.split('`').next()).unwrap().to_owned();
+    fine(&grid(&bench, &["-o", "grid.parquet", "--level", &least]));
+}
+
+#[test]
+fn r10_levelling_shifts_ties_and_leaves_level_lines_alone() {
+    let bench = Bench::new();
+    // Ties 25 nT too high, and values of ties from 15 m beside where they are said to be.
+    points_of(&bench, |i, row| {
+        if row[4] >= 100.0 {
+            let beside = 15.0 * ((i / 7) as f64).sin();
+            row[3] = 25.0 + 300.0 * ((row[0] - 500_000.0 + beside) / 900.0).sin() * ((row[1] - 5e6) / 1100.0).cos();
+        }
+    });
+    let output = grid(&bench, &["-o", "levelled.parquet", "--level", "140", "--level-lines"]);
+    let report = fine(&output);
+    assert!(report.contains("lines: level within what their crossings tell, left as they are"), "{report}");
+    assert!(report.contains("ties: all shifted by -2"), "{report}");
+    points_of(&bench, |_, _| ());
+    fine(&grid(&bench, &["-o", "level.parquet", "--level", "140"]));
+    let [levelled, level] = ["levelled.parquet", "level.parquet"].map(|n| numbers(&file(&bench, n), "anomaly"));
+    let squares: f64 = levelled.iter().zip(&level).map(|(a, b)| (a - b) * (a - b)).sum();
+    let rms = (squares / level.len() as f64).sqrt();
+    // Along the ties the values are wrong by up to 5 nT.
+    assert!(rms < 2.0, "{rms}");
+}
+
+#[test]
+fn r10_an_interrupt_ends_gridding_at_once_and_leaves_no_file() {
+    let bench = Bench::new();
+    points_of(&bench, |_, _| ());
+    let args = [&GRID[..], &["5", "-o", "grid.parquet", "--cross-validate", "20", "--block", "0"]].concat();
+    let mut running = std::process::Command::new(env!("CARGO_BIN_EXE_magline"))
+        .args(args)
+        .current_dir(bench.folder.path())
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(1500));
+    assert!(running.try_wait().unwrap().is_none(), "it was too fast to be interrupted");
+    let stopped = std::time::Instant::now();
+    std::process::Command::new("kill").args(["-INT", &running.id().to_string()]).status().unwrap();
+    running.wait().unwrap();
+    assert!(stopped.elapsed().as_secs() < 2, "{:?}", stopped.elapsed());
+    let left: Vec<_> = fs::read_dir(bench.folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert!(!left.iter().any(|name| name.to_string_lossy().contains("grid")), "{left:?}");
+}
+
 #[test]
 fn law_pictures_are_what_their_names_say() {
     let bench = Bench::new();

@@ -54,7 +54,7 @@ mod unit_name;
 
 pub use crate::grid::Map;
 pub use iaga2002::{ObservatoryRecord, read_iaga2002};
-pub use output::write_grid;
+pub use output::{check_output, write_grid};
 pub use points::{Extra, PointOptions, SurveyPoints, read_points};
 
 /// How to read a flight log.

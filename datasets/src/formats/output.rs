@@ -42,6 +42,21 @@ pub fn write_grid(path: &Path, map: &GridMap, format: Option<&str>) -> Result<()
     outputs.commit()
 }
 
+/// Whether a map can be written to a file, before it is made: what [`write_grid`] would refuse whatever the map.
+///
+/// # Errors
+/// A format that is not known or not written, and a folder that is not there.
+pub fn check_output(path: &Path, format: Option<&str>) -> Result<(), ReadError> {
+    let chosen = writer_for(path, format)?;
+    if chosen.write.is_none() {
+        return Err(not_written(path, chosen.name));
+    }
+    match path.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
+        Some(folder) => Err(ReadError::options(path, format!("the folder `{}` is not there", folder.display()))),
+        None => Ok(()),
+    }
+}
+
 /// The formats that name the unit of the values.
 const KEEP_UNIT: [&str; 5] = ["parquet", "geotiff", "netcdf", "er_mapper", "xyz"];
 

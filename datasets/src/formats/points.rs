@@ -58,6 +58,8 @@ pub struct SurveyPoints {
     pub lines: Vec<String>,
     /// What else the file has of the columns that a reduction needs.
     pub extra: Extra,
+    /// The row of the file that each point comes from, the first being 0.
+    pub row: Vec<u64>,
     /// What was found and done, in words.
     pub notes: Vec<String>,
 }
@@ -235,11 +237,11 @@ impl<'a> Found<'a> {
         let (x, y) = (pick(&x), pick(&y));
         let (lat_deg, lon_deg) = self.degrees(path, &x, &y, &kept)?;
         let crs = self.plane(path, options, &lat_deg, &lon_deg)?;
-        let (easting_m, northing_m) = self.metres(path, &crs, (&x, &y), (&lat_deg, &lon_deg), &kept)?;
+        let mut notes = vec![];
+        let (easting_m, northing_m) = self.metres(path, &crs, (&x, &y), (&lat_deg, &lon_deg), &kept, &mut notes)?;
         let height_m = self.height.map(|c| c.in_unit(path, "m")).transpose()?;
         let mut value_nt = pick(&self.value.in_unit(path, "nT")?);
         let (line, lines) = self.lines(&kept);
-        let mut notes = vec![];
         if kept.len() < self.table.rows {
             notes.push(format!("{} points without a place are left out", self.table.rows - kept.len()));
         }
@@ -250,7 +252,21 @@ impl<'a> Found<'a> {
         }
         let height_m = height_m.map_or_else(|| vec![f64::NAN; kept.len()], |h| pick(&h));
         let extra = self.extra(path, &pick)?;
-        Ok(SurveyPoints { crs, easting_m, northing_m, lat_deg, lon_deg, height_m, value_nt, line, lines, extra, notes })
+        let row = kept.iter().map(|row| *row as u64).collect();
+        Ok(SurveyPoints {
+            crs,
+            easting_m,
+            northing_m,
+            lat_deg,
+            lon_deg,
+            height_m,
+            value_nt,
+            line,
+            lines,
+            extra,
+            row,
+            notes,
+        })
     }
 
     fn degrees(&self, path: &Path, x: &[f64], y: &[f64], rows: &[usize]) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
@@ -295,6 +311,7 @@ impl<'a> Found<'a> {
         (x, y): (&[f64], &[f64]),
         (lat, lon): (&[f64], &[f64]),
         rows: &[usize],
+        notes: &mut Vec<String>,
     ) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
         let unit_m = crs.unit_m();
         let scaled = |values: &[f64]| values.iter().map(|v| v * unit_m).collect();
@@ -302,13 +319,24 @@ impl<'a> Found<'a> {
             return Ok((scaled(x), scaled(y)));
         }
         let mut places = (Vec::with_capacity(lat.len()), Vec::with_capacity(lat.len()));
+        let mut nowhere = None;
         for ((lat, lon), row) in lat.iter().zip(lon).zip(rows) {
-            let (easting, northing) = crs.project(*lat, *lon).ok_or_else(|| {
-                let what = format!("latitude {lat}, longitude {lon} is no place in EPSG:{}", crs.code());
-                ReadError::data(path, what).in_row(*row as u64)
-            })?;
+            let place = crs.project(*lat, *lon);
+            if place.is_none() {
+                let (first, count) = nowhere.unwrap_or(((*lat, *lon, *row), 0_usize));
+                nowhere = Some((first, count + 1));
+            }
+            let (easting, northing) = place.unwrap_or((f64::NAN, f64::NAN));
             places.0.push(easting * unit_m);
             places.1.push(northing * unit_m);
+        }
+        if let Some(((lat, lon, row), count)) = nowhere {
+            let what = format!("latitude {lat}, longitude {lon} is no place in EPSG:{}", crs.code());
+            // A few are places gone wrong, which can be left out; many are the wrong projection.
+            if 100 * count > places.0.len() && count > 1 {
+                return Err(ReadError::data(path, what).in_row(row as u64).help("check the EPSG codes"));
+            }
+            notes.push(format!("row {row}: {what}; {count} such points are left out"));
         }
         Ok(places)
     }

@@ -5,6 +5,7 @@ mod convert;
 mod fill;
 mod grid;
 mod info;
+mod phases;
 mod plot;
 
 use std::{
@@ -13,7 +14,7 @@ use std::{
 };
 
 use clap::{Args, Subcommand};
-use datasets::{GridMap, MapOptions, read_grid, write_grid};
+use datasets::{GridMap, MapOptions, check_output, read_grid, write_grid};
 use schemas::Fault;
 
 use super::{Stop, note, say, tell, threads};
@@ -82,6 +83,11 @@ impl InputArgs {
 }
 
 impl OutputArgs {
+    /// Whether a map can be written there, before it is made.
+    fn check(&self) -> Result<(), Stop> {
+        Ok(check_output(&self.output, self.output_format.as_deref()).map_err(Fault::from)?)
+    }
+
     fn write(&self, map: &GridMap) -> Result<(), Stop> {
         write_to(&self.output, map, self.output_format.as_deref())
     }

@@ -9,6 +9,7 @@ mod block;
 mod clusters;
 mod cross_validation;
 mod equivalent;
+mod far;
 mod far_field;
 mod kernel;
 mod minimum_curvature;
@@ -27,6 +28,7 @@ pub use automatic::{block_m, layers, line_spacing_m};
 pub use block::{BlockValue, Blocks, median, reduce_blocks};
 pub use cross_validation::{CrossValidation, Folds, Spread, cross_validate, expected_error};
 pub use equivalent::{EquivalentSources, FieldAt, FitOptions, Layer, LayerReport};
+pub use far::far_points;
 pub use minimum_curvature::{Relaxation, Relaxed, minimum_curvature};
 pub use nearest::NearestPoints;
 pub use surface::{Fitted, Surface, fit};
@@ -76,13 +78,16 @@ pub enum GridError {
     },
     /// A place lies below the equivalent sources or hardly above them.
     #[error(
-        "the field is asked for at {height_m} m, but must be above the equivalent sources, which reach up to {sources_m} m"
+        "the field is asked for at {height_m} m at easting {:.0} m, northing {:.0} m, but is known only above the \
+         equivalent sources beneath the points: from {lowest_m:.1} m up for all places that are asked for", at_m[0], at_m[1]
     )]
     BelowSources {
         /// The place's height, metres.
         height_m: f64,
-        /// The highest source, metres.
-        sources_m: f64,
+        /// The place's easting and northing, metres.
+        at_m: [f64; 2],
+        /// The lowest height that is high enough at all places, metres.
+        lowest_m: f64,
     },
 }
 
@@ -210,6 +215,7 @@ pub struct Gridded {
 
 /// Cleans and grids the points of a survey.
 pub fn grid(points: SurveyPoints, options: &GridOptions, progress: Progress) -> Result<Gridded, GridError> {
+    check(options)?;
     progress("cleaning", 0, 1);
     let cleaned = clean(points, &options.clean);
     let kept = points.pick(&cleaned.kept);
@@ -232,6 +238,32 @@ pub fn grid(points: SurveyPoints, options: &GridOptions, progress: Progress) -> 
     let cross_validation = crossed.map(|crossed| crossed.spread);
     let report = fitted.report(cleaned, masked, level, cross_validation);
     Ok(Gridded { grid: map, error, report })
+}
+
+/// Refuses options that cannot be, whatever the points: to be asked before they are read.
+pub fn check(options: &GridOptions) -> Result<(), GridError> {
+    let must = |good: bool, name, value, must| if good { Ok(()) } else { Err(GridError::Option { name, value, must }) };
+    let spacing = options.spacing_m.unwrap_or(1.0);
+    must(spacing > 0.0 && spacing.is_finite(), "spacing_m", spacing, "above zero")?;
+    let block_m = options.block_m.unwrap_or(0.0);
+    must(block_m >= 0.0 && block_m.is_finite(), "block_m", block_m, "zero or above")?;
+    let mask_m = options.mask_m.unwrap_or(0.0);
+    must(mask_m >= 0.0, "mask_m", mask_m, "zero or above")?;
+    match &options.method {
+        Method::MinimumCurvature(r) => {
+            must((0.0..=1.0).contains(&r.tension), "tension", r.tension, "from 0 to 1")?;
+            must(r.tolerance_nt > 0.0, "tolerance_nt", r.tolerance_nt, "above zero")
+        }
+        Method::EquivalentSources { layers, damping, level_m } => {
+            must(*damping > 0.0 && damping.is_finite(), "damping", *damping, "above zero")?;
+            let level_m = level_m.unwrap_or(0.0);
+            must(level_m.is_finite(), "level_m", level_m, "a finite number")?;
+            let of = |f: fn(&Layer) -> f64| layers.iter().flatten().map(f).fold(1.0, f64::min);
+            let (depth, spacing) = (of(|l| l.depth_m), of(|l| l.spacing_m));
+            must(depth > 0.0, "depth_m", depth, "above zero")?;
+            must(spacing > 0.0, "spacing_m", spacing, "above zero")
+        }
+    }
 }
 
 /// Makes nodes unknown that are farther than `limit_m` from every point, and says how many.

@@ -1,16 +1,19 @@
 //! Lines brought to one level by what they measure where they cross.
 //!
 //! Each line gets a correction, a polynomial of low order along the line, that makes the differences at the
-//! crossovers small: least squares, reweighted so that a crossover in a steep field or with a wrong position does
-//! not decide. [Luyendyk 1997, "Processing of airborne magnetic data"] The normal equations are kept sparse and
-//! solved by conjugate gradients.
+//! crossovers small: least squares, weighted by the gradient of the field and reweighted so that a crossover in a
+//! steep field or with a wrong position does not decide. [Luyendyk 1997, "Processing of airborne magnetic data"] What
+//! the crossovers do not show to be out of level stays as it is, see [`LevelOptions::tested`]. The normal equations are
+//! kept sparse and solved by conjugate gradients.
 
 mod adjustment;
 mod crossovers;
+mod noise;
 #[cfg(test)]
 mod tests;
 
 pub use crossovers::{Crossover, CrossoverOptions, find_crossovers};
+pub use noise::CrossoverNoise;
 
 use super::gridding::{SurveyPoints, median};
 use adjustment::Adjustment;
@@ -19,6 +22,9 @@ use std::collections::BTreeMap;
 /// What holds the common level, which crossovers do not determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gauge {
+    /// The group, ties or the other lines, whose corrections scatter less keeps its median at nothing: ties where the
+    /// lines are out of level, the lines where the ties are. Where both are alike, the lines.
+    Steadiest,
     /// The mean of the tie lines' corrections is nothing; without ties that of all lines.
     TiesMean,
     /// Tie lines are not corrected.
@@ -30,11 +36,15 @@ pub enum Gauge {
 pub struct LevelOptions {
     /// Order of the corrections along a line: 0 a constant, 1 linear, ...
     pub order: usize,
+    /// Whether corrections are held against chance. Then a group, ties or the other lines, is corrected only as far as
+    /// its corrections scatter beyond their standard errors, and single lines that are out by themselves are; else every
+    /// line is brought to whatever its crossovers say.
+    pub tested: bool,
     /// What it costs to correct, as a part of the weight of one crossover: above zero, so that a line with fewer
     /// crossovers than coefficients is corrected as little as possible.
     pub ridge: f64,
-    /// Differences larger than so many robust standard deviations weigh less the larger they are (Huber); infinity
-    /// weighs all alike.
+    /// Differences larger than so many standard deviations weigh less the larger they are (Huber); infinity weighs
+    /// them by the gradient alone.
     pub huber_sigmas: f64,
     /// What holds the common level.
     pub gauge: Gauge,
@@ -45,9 +55,10 @@ pub struct LevelOptions {
 }
 
 impl Default for LevelOptions {
-    /// Constants, a ridge of 0.01 of a crossover, Huber's 1.345 sigmas, mean of the ties, five folds.
+    /// Tested constants, a ridge of 0.001 of a crossover, Huber's 1.345 sigmas, the level of the steadier group, five
+    /// folds.
     fn default() -> Self {
-        Self { order: 0, ridge: 0.01, huber_sigmas: 1.345, gauge: Gauge::TiesMean, ties: None, folds: 5 }
+        Self { order: 0, tested: true, ridge: 1e-3, huber_sigmas: 1.345, gauge: Gauge::Steadiest, ties: None, folds: 5 }
     }
 }
 
@@ -83,6 +94,8 @@ pub struct LineCorrection {
     pub crossovers: usize,
     /// Coefficients in nT of Legendre's polynomials, from -1 at the line's first point to 1 at its last.
     pub coefficients_nt: Vec<f64>,
+    /// Whether the line is out by itself, whatever the others are.
+    pub alone: bool,
 }
 
 /// Levelled lines.
@@ -92,6 +105,11 @@ pub struct Levelled {
     pub correction_nt: Vec<f64>,
     /// The lines' corrections, by line.
     pub lines: Vec<LineCorrection>,
+    /// What makes lines differ at their crossovers that are level.
+    pub noise: CrossoverNoise,
+    /// By how much the constants of lines, and of ties about their common one, scatter beyond their standard errors, nT;
+    /// nothing where the group stays as it is.
+    pub spread_nt: [f64; 2],
     /// Agreement before.
     pub before: Merit,
     /// Agreement after.
@@ -105,28 +123,30 @@ pub fn level_lines(points: SurveyPoints, crossovers: &[Crossover], options: &Lev
     let lines = points.lines();
     let ties = options.ties.clone().unwrap_or_else(|| tie_lines(points));
     let adjustment = Adjustment::of(points, &lines, crossovers, &ties, options);
-    let coefficients = adjustment.solve(|_| true);
+    let solution = adjustment.solve();
     let before: Vec<f64> = crossovers.iter().map(Crossover::difference_nt).collect();
     let left_out = (options.folds > 1).then(|| {
         let fold = |f: usize| {
-            let without = adjustment.solve(|k| k % options.folds != f);
-            adjustment.differences(&without).into_iter().enumerate().filter(move |(k, _)| k % options.folds == f)
+            let without = adjustment.solve_with(&solution, |k| k % options.folds != f);
+            let left = adjustment.differences(&without.coefficients);
+            left.into_iter().enumerate().filter(move |(k, _)| k % options.folds == f)
         };
         Merit::of(&(0..options.folds).flat_map(fold).map(|(_, d)| d).collect::<Vec<f64>>())
     });
     let mut count = BTreeMap::<usize, usize>::new();
     crossovers.iter().flat_map(|c| c.lines).for_each(|line| *count.entry(line).or_default() += 1);
-    let correction = |&line: &usize| LineCorrection {
-        line,
-        tie: ties.contains(&line),
-        crossovers: count.get(&line).copied().unwrap_or(0),
-        coefficients_nt: adjustment.of_line(&coefficients, line),
+    let correction = |&line: &usize| {
+        let (coefficients_nt, alone) = adjustment.of_line(&solution, line);
+        let crossovers = count.get(&line).copied().unwrap_or(0);
+        LineCorrection { line, tie: ties.contains(&line), crossovers, coefficients_nt, alone }
     };
     Levelled {
-        correction_nt: (0..points.len()).map(|i| adjustment.correction(&coefficients, i, 0.0)).collect(),
+        correction_nt: (0..points.len()).map(|i| adjustment.correction(&solution, i, 0.0)).collect(),
         lines: lines.iter().map(correction).collect(),
+        noise: solution.noise,
+        spread_nt: solution.spread_nt.each_ref().map(|orders| orders[0]),
         before: Merit::of(&before),
-        after: Merit::of(&adjustment.differences(&coefficients)),
+        after: Merit::of(&adjustment.differences(&solution.coefficients)),
         left_out,
     }
 }

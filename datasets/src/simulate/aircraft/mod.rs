@@ -3,7 +3,6 @@
 use nalgebra::Vector3;
 
 use super::{earth::Along, line::Scene, trajectory::Trajectory};
-use crate::motion::derivative;
 use field::{Drive, FIELD_PARTS, Field};
 use motion::Motion;
 use sensors::{Bench, FieldParts, SCALAR_PARTS, VECTOR_PARTS};
@@ -50,8 +49,6 @@ struct Surroundings<'a> {
     motion: Motion,
     /// The earth's field in the body frame in nT: core, anomaly, variation.
     body_nt: [Vec<Vector3<f64>>; 3],
-    /// Rate of the earth's field in the body frame, in nT/s.
-    rate_ntps: [Vec<f64>; 3],
     /// True currents in A: one column each.
     amperes: Vec<Vec<f64>>,
     /// How long the flight has lasted at the line's end, in seconds.
@@ -62,19 +59,15 @@ impl<'a> Surroundings<'a> {
     fn new(scene: &'a Scene, truth: &'a Trajectory, earth: &'a Along) -> Self {
         let start_tt_s = scene.flight.lines.first().map_or(0.0, |l| l.start_tt_s);
         let motion = Motion::of(truth, start_tt_s);
-        let rate = |k: usize| {
-            let component: Vec<f64> = earth.body_nt.iter().map(|b| b[k]).collect();
-            derivative(&truth.tt_s, &component)
-        };
         let to_body: Vec<_> = (0..truth.tt_s.len()).map(|i| truth.attitude(i).transpose()).collect();
         let body_nt = [&earth.core_ned_nt, &earth.anomaly_ned_nt, &earth.diurnal_ned_nt]
             .map(|part| to_body.iter().zip(part).map(|(turn, b)| turn * b).collect());
         let aircraft = &scene.spec.aircraft;
         let currents = aircraft.currents.iter();
         let amperes = currents.map(|c| c.amperes(&motion, &aircraft.temperature, &mut scene.random(&c.name)));
-        let (amperes, rate_ntps) = (amperes.collect(), [rate(0), rate(1), rate(2)]);
+        let amperes = amperes.collect();
         let until_s = motion.since_s.last().copied().unwrap_or(0.0);
-        Self { scene, truth, earth, motion, body_nt, rate_ntps, amperes, until_s }
+        Self { scene, truth, earth, motion, body_nt, amperes, until_s }
     }
 
     /// The parts of the field at a sensor, sample by sample.
@@ -88,7 +81,7 @@ impl<'a> Surroundings<'a> {
     fn parts(&self, field: &Field, i: usize) -> FieldParts {
         let drive = Drive {
             earth_nt: self.earth.body_nt[i],
-            rate_ntps: Vector3::from_fn(|k, _| self.rate_ntps[k][i]),
+            rate_ntps: self.earth.body_rate_ntps[i],
             amperes: &self.amperes,
             row: i,
             since_s: self.motion.since_s[i],

@@ -3,10 +3,9 @@
 use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
-use stages::numerics::geodesy::unwrapped_deg;
 
 use super::{super::trajectory::Trajectory, spec::Temperature};
-use crate::motion::{derivative, normal_gravity_mps2};
+use crate::motion::normal_gravity_mps2;
 
 /// The motion along a line, as those on board feel it.
 pub(super) struct Motion {
@@ -33,7 +32,7 @@ impl Motion {
         let [north, east, down] = &truth.velocity_mps;
         Motion {
             since_s: truth.tt_s.iter().map(|tt| tt - start_tt_s).collect(),
-            rates_dps: truth.attitude_deg.each_ref().map(|a| derivative(&truth.tt_s, &unwrapped_deg(a))),
+            rates_dps: truth.attitude_rates_degps.clone(),
             speed_mps: rows.clone().map(|i| Vector3::new(north[i], east[i], down[i]).norm()).collect(),
             climb_mps: down.iter().map(|v| -v).collect(),
             lift_mps2: rows.clone().map(|i| -(truth.attitude(i).transpose() * force(i)).z - gravity(i)).collect(),

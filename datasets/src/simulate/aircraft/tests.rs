@@ -12,6 +12,8 @@ use super::{
 };
 use crate::samples;
 
+mod eddy;
+
 /// A flight over Osborne of two lines: a box, and a survey with turns. `aircraft` are the aircraft's tables.
 fn lines_of(top: &str, aircraft: &str, flights: &str) -> Vec<RecordBatch> {
     let folder = TempDir::new().unwrap();
@@ -214,15 +216,17 @@ fn law_exact_sources_give_the_field_of_tolles_and_lawson() {
                 [[vector_magnetometers]]\nname = 'flux_b'\npermanent = [100.0, -50.0, 20.0]\n\
                 induced = [[0.002, 0.001, 0.0], [-0.004, 0.003, 0.0], [0.0, 0.0, 0.001]]\n\
                 eddy = [[0.01, 0.0, 0.0], [0.0, 0.0, 0.02], [0.0, 0.0, 0.0]]\n";
-    let line = &lines_of("", only, SURVEY)[0];
+    let line = &lines_of("rate_hz = 1000.0", only, &SURVEY.replace("120.0", "20.0"))[0];
     let at = |name: &str, i: usize| Vector3::from(["x", "y", "z"].map(|a| column(line, &format!("{name}_{a}"))[i]));
-    for i in (1..line.num_rows() - 1).step_by(7) {
-        let (b, rate) = (at("flux_a", i), (at("flux_a", i + 1) - at("flux_a", i - 1)) / 0.2);
+    // The jerk jumps at the nodes, every 50 samples.
+    for i in (2..line.num_rows() - 2).step_by(7).filter(|i| (2..=48).contains(&(i % 50))) {
+        let change = |by: usize| at("flux_a", i + by) - at("flux_a", i - by);
+        let (b, rate) = (at("flux_a", i), (8.0 * change(1) - change(2)) / 0.012);
         let induced = Vector3::new(0.002 * b.x + 0.001 * b.y, -0.004 * b.x + 0.003 * b.y, 0.001 * b.z);
         let eddy = Vector3::new(0.01 * rate.x, 0.02 * rate.z, 0.0);
         let expected = b + Vector3::new(100.0, -50.0, 20.0) + induced + eddy;
-        // Rounding, and time differences of 36000 s rounded to 7e-12: 4e-11 of the rate.
-        assert!((at("flux_b", i) - expected).norm() < 1e-6, "{i}");
+        // Rounding of 5e4 nT over a millisecond, 1e-8 nT/s, of which 2 % are felt; the fourth power of the step.
+        assert!((at("flux_b", i) - expected).norm() < 1e-7, "{i}: {}", at("flux_b", i) - expected);
     }
 }
 
@@ -400,10 +404,17 @@ fn law_currents_keep_their_schedules() {
 fn law_servos_follow_the_attitude() {
     let current = "[[currents]]\nname = 'cur_r'\nkind = 'servo'\naxes = [1.0, 0.0, 0.0]\nfull_dps = 30.0\non_a = 6.0\nsigned = true\n";
     let line = &lines_of("", current, SURVEY)[0];
+    let angle = |name: &str, i: usize| column(line, name)[i].to_radians();
     let roll = column(line, "roll");
-    for i in 1..roll.len() - 1 {
-        let rate = (roll[i + 1] - roll[i - 1]) / 0.2;
-        assert!((column(line, "cur_r")[i] - 6.0 * rate / 30.0).abs() < 1e-6, "{i}");
+    for i in 1..line.num_rows() - 1 {
+        // The rate of roll of the rates about the body's axes. [Titterton & Weston 2004, (3.44)]
+        let across = column(line, "pitch_rate")[i] * angle("roll", i).sin();
+        let down = column(line, "yaw_rate")[i] * angle("roll", i).cos();
+        let rate = column(line, "roll_rate")[i] + (across + down) * angle("pitch", i).tan();
+        assert!((column(line, "cur_r")[i] - 6.0 * rate / 30.0).abs() < 1e-9, "{i}");
+        let difference = (roll[i + 1] - roll[i - 1]) / 0.2;
+        // h²/6 of the third derivative, of 1.5 degrees that sway at up to 3 rad/s: 0.07 deg/s.
+        assert!((rate - difference).abs() < 0.2, "{i}: {rate} {difference}");
     }
 }
 

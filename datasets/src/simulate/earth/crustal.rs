@@ -148,6 +148,8 @@ impl CrustalMap {
     }
 
     /// The crustal field (north, east, down; nT) at places in degrees and metres where the core field is `core_ned_nt`.
+    /// Each is `moved` by a few decimetres at most (degrees of latitude and longitude, metres up), which may lead past the
+    /// edge of the map: the splines of the place's own cell go on there.
     ///
     /// Places of one height are on a level of their own. Else the field is a cubic of height between levels that are
     /// half a spacing apart near the map and a quarter of their height above it farther up; its slopes are those
@@ -158,9 +160,8 @@ impl CrustalMap {
     /// The first place without a field, or a map that cannot be continued.
     pub(super) fn along(
         &self,
-        lat_deg: &[f64],
-        lon_deg: &[f64],
-        alt_m: &[f64],
+        [lat_deg, lon_deg, alt_m]: [&[f64]; 3],
+        moved: &[[f64; 3]],
         core_ned_nt: &[Vector3<f64>],
     ) -> Result<Result<Vec<Vector3<f64>>, Nowhere>, ReadError> {
         let Some(first_m) = alt_m.first() else { return Ok(Ok(vec![])) };
@@ -171,9 +172,11 @@ impl CrustalMap {
         let level = alt_m.iter().all(|alt| alt == first_m) && *first_m >= self.level_m;
         let tower = if level { Tower::of(self, &[*first_m - self.level_m])? } else { self.tower(alt_m)? };
         let mut out = Vec::with_capacity(alt_m.len());
-        for (i, core) in core_ned_nt.iter().enumerate() {
-            let Some(cell) = self.cell(lat_deg[i], lon_deg[i]) else { return Ok(Err(Nowhere::Off(i))) };
-            let [east, north, up, rest] = tower.at(cell, alt_m[i] - self.level_m, self.steps_m);
+        for (i, (core, moved)) in core_ned_nt.iter().zip(moved).enumerate() {
+            let Some(mut cell) = self.cell(lat_deg[i], lon_deg[i]) else { return Ok(Err(Nowhere::Off(i))) };
+            cell.up += moved[0] / self.lat.step_deg;
+            cell.right += moved[1] / self.lon.step_deg;
+            let [east, north, up, rest] = tower.at(cell, alt_m[i] + moved[2] - self.level_m, self.steps_m);
             out.push(Vector3::new(north, east, -up) + core.normalize() * rest);
         }
         Ok(Ok(out))

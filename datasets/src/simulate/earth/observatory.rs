@@ -9,8 +9,8 @@ use crate::{ReadError, formats::ObservatoryRecord};
 
 /// Hours of local day whose mean is the quiet value.
 const QUIET_H: std::ops::Range<f64> = 0.0..3.0;
-/// Steps by which a time on an end of a run may miss it.
-const ROUNDING: f64 = 1e-6;
+/// Seconds by which a time may miss the end of a run; the spline goes on there.
+const SLACK_S: f64 = 5e-3;
 
 /// The departure of a record from its base, by time of day.
 pub(super) struct Observatory {
@@ -66,14 +66,15 @@ impl Observatory {
     /// In words, a time without a sample before and after it.
     pub(super) fn at(&self, tt_s: f64) -> Result<Vector3<f64>, String> {
         let place = (tt_s - self.start_tt_s) / self.step_s;
-        let run = self.runs.partition_point(|(start, _)| *start as f64 <= place + ROUNDING).checked_sub(1);
+        let slack = SLACK_S / self.step_s;
+        let run = self.runs.partition_point(|(start, _)| *start as f64 <= place + slack).checked_sub(1);
         let Some((start, run)) = run.and_then(|k| self.runs.get(k)) else { return Err(self.missing(tt_s)) };
-        let (within, last) = ((place - *start as f64).max(0.0), run.len() - 1);
-        if within > last as f64 + ROUNDING {
+        let (within, last) = (place - *start as f64, run.len() - 1);
+        if within > last as f64 + slack {
             return Err(self.missing(tt_s));
         }
-        let cell = (within as usize).min(last.saturating_sub(1));
-        let weights = natural_cubic::weights((within - cell as f64).min(1.0));
+        let cell = (within.max(0.0) as usize).min(last.saturating_sub(1));
+        let weights = natural_cubic::weights(within - cell as f64);
         let at = |k: usize| match k.checked_sub(1) {
             _ if last == 0 => run[0],
             None => past(run[0], run[1]),

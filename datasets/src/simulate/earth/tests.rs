@@ -67,7 +67,8 @@ fn fields(map: &CrustalMap, places: &[(f64, f64, f64)]) -> Vec<Vector3<f64>> {
     let core: Vec<_> =
         places.iter().map(|(lat, lon, alt)| field_at(CoreModel::Igrf14, 2020.5, *lat, *lon, *alt)).collect();
     let column = |of: fn(&(f64, f64, f64)) -> f64| places.iter().map(of).collect::<Vec<f64>>();
-    map.along(&column(|p| p.0), &column(|p| p.1), &column(|p| p.2), &core).unwrap().unwrap()
+    let at = [column(|p| p.0), column(|p| p.1), column(|p| p.2)];
+    map.along(at.each_ref().map(Vec::as_slice), &vec![[0.0; 3]; places.len()], &core).unwrap().unwrap()
 }
 
 fn rms<'a>(vectors: impl Iterator<Item = &'a Vector3<f64>>) -> f64 {
@@ -324,7 +325,7 @@ fn law_the_lines_of_a_flight_and_the_flights_of_a_day_see_one_variation() {
         let variation = Variation { diurnal, observatory: None, seed: 5, flight, start_tt_s: 36_000.0 };
         let core = vec![Vector3::new(20_000.0, 1000.0, 40_000.0); n];
         let (lat, lon) = (vec![45.0; n], vec![10.0; n]);
-        variation.along(&Places { tt_s, lat_deg: &lat, lon_deg: &lon, core_ned_nt: &core }).unwrap()
+        variation.along(&Moments { tt_s, lat_deg: &lat, lon_deg: &lon, core_ned_nt: &core }).unwrap()
     };
     let tt: Vec<f64> = (0..20_000).map(|k| 36_000.0 + 0.1 * f64::from(k)).collect();
     let whole = see("1", &diurnal, &tt);
@@ -532,7 +533,7 @@ fn law_twenty_hours_take_seconds() {
     let core = track.field(&lat, &lon, &alt, &vec![2020.5; SAMPLES]).unwrap();
     let cored = start.elapsed();
     let core: Vec<_> = (0..SAMPLES).map(|i| Vector3::new(core.north_nt[i], core.east_nt[i], core.down_nt[i])).collect();
-    let field = map.along(&lat, &lon, &alt, &core).unwrap().unwrap();
+    let field = map.along([&lat, &lon, &alt], &vec![[0.0; 3]; lat.len()], &core).unwrap().unwrap();
     println!("map {prepared:?}, core field {:?}, crustal field {:?}", cored - prepared, start.elapsed() - cored);
     assert!(field.iter().all(|b| b.norm() < 1e4));
     // Ten times what it takes here, for a machine that is busy.

@@ -38,7 +38,7 @@ pub(super) struct Variation<'a> {
 }
 
 /// Where and when.
-pub(super) struct Places<'a> {
+pub(super) struct Moments<'a> {
     pub(super) tt_s: &'a [f64],
     pub(super) lat_deg: &'a [f64],
     pub(super) lon_deg: &'a [f64],
@@ -51,7 +51,7 @@ impl Variation<'_> {
     ///
     /// # Errors
     /// In words, a time at which the observatory has no value.
-    pub(super) fn along(&self, at: &Places) -> Result<Vec<Vector3<f64>>, String> {
+    pub(super) fn along(&self, at: &Moments) -> Result<Vec<Vector3<f64>>, String> {
         let mut out = vec![Vector3::zeros(); at.tt_s.len()];
         if self.diurnal.quiet_nt > 0.0 {
             let quiet = QuietDay::new(self.diurnal.quiet_nt);
@@ -222,8 +222,8 @@ impl Knots {
     }
 
     fn at(&self, tt_s: f64) -> f64 {
-        let place = ((tt_s - self.start_s) / self.step_s).max(0.0);
-        let knot = (place as usize).min(self.values.len() - 2);
+        let place = (tt_s - self.start_s) / self.step_s;
+        let knot = (place.max(0.0) as usize).min(self.values.len() - 2);
         let part = place - knot as f64;
         (1.0 - part) * self.values[knot] + part * self.values[knot + 1]
     }

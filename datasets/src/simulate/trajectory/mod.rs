@@ -54,6 +54,8 @@ pub(super) struct Trajectory {
     pub(super) force_mps2: [Vec<f64>; 3],
     /// Roll, pitch, yaw.
     pub(super) attitude_deg: [Vec<f64>; 3],
+    /// How fast roll, pitch and yaw change, in deg/s.
+    pub(super) attitude_rates_degps: [Vec<f64>; 3],
     /// Rates of turn of the body against north-east-down, about the body's axes: nose, right, down, in deg/s.
     pub(super) rates_degps: [Vec<f64>; 3],
 }
@@ -63,6 +65,18 @@ impl Trajectory {
     pub(super) fn attitude(&self, i: usize) -> Matrix3<f64> {
         let [roll, pitch, yaw] = self.attitude_deg.each_ref().map(|a| a[i].to_radians());
         body_to_ned(roll, pitch, yaw)
+    }
+
+    /// Latitudes, longitudes (deg) and heights (m).
+    pub(super) fn places(&self) -> [&[f64]; 3] {
+        [&self.lat_deg, &self.lon_deg, &self.alt_m]
+    }
+
+    /// How fast a vector changes in the body frame at a sample: Cᵀ v' − ω × (Cᵀ v), from the rate v' of its components
+    /// north, east and down, and from its components `body` in the body frame.
+    pub(super) fn rate_in_body(&self, i: usize, rate_ned: &Vector3<f64>, body: &Vector3<f64>) -> Vector3<f64> {
+        let turning = Vector3::from(self.rates_degps.each_ref().map(|rate| rate[i].to_radians()));
+        self.attitude(i).transpose() * rate_ned - turning.cross(body)
     }
 }
 
@@ -204,6 +218,9 @@ impl Curves {
             out.velocity_mps[axis].push(velocity[axis]);
             out.force_mps2[axis].push(force[axis]);
             out.rates_degps[axis].push(rates[axis].to_degrees());
+        }
+        for (column, angle) in out.attitude_rates_degps.iter_mut().zip([roll, pitch, yaw]) {
+            column.push(angle[1].to_degrees());
         }
         out.attitude_deg[0].push(wrap_deg(roll[0].to_degrees()));
         out.attitude_deg[1].push(pitch[0].to_degrees());

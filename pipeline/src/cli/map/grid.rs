@@ -1,19 +1,20 @@
 //! `magline map grid`: a map of survey points.
 
-use std::{io::IsTerminal, path::PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use datasets::{Height, PointOptions, SurveyPoints, read_points};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use datasets::{Height, PointOptions, SurveyPoints, check_output, read_points};
 use schemas::Fault;
 use stages::numerics::{
     core_field::{CoreModel, CoreTrack},
     dates::decimal_year,
-    gridding::{self, Folds, GridOptions, Gridded, Method, Region, Spread},
-    levelling::{CrossoverOptions, LevelOptions, Levelled, Merit, find_crossovers, level_lines},
+    gridding::{self, Folds, GridError, GridOptions, Gridded, Method, Region, Spread},
+    levelling::{CrossoverOptions, LevelOptions, Levelled, LineCorrection, Merit, find_crossovers, level_lines},
 };
 
-use super::{Bounds, OutputArgs, Stop, ThreadArgs, say, write_to, wrong};
+use super::{Bounds, OutputArgs, Stop, ThreadArgs, phases::Phases, say, write_to, wrong};
+
+mod cleaning;
 
 #[derive(Args)]
 pub struct GridArgs {
@@ -51,7 +52,7 @@ pub struct GridArgs {
     /// left out, `inf` for none.
     #[arg(long)]
     mask: Option<f64>,
-    /// Keep points that stand out from their line.
+    /// Keep points that stand out from their line, and those that are far from all others.
     #[arg(long)]
     keep_outliers: bool,
     /// Leave out every N-th line in turn and predict it from the others.
@@ -134,29 +135,26 @@ enum Core {
 }
 
 pub fn run(args: &GridArgs) -> Result<(), Stop> {
+    validate(args)?;
+    let phases = Phases::new();
     args.threads.run(|| {
-        let mut points = read(args)?;
+        let progress = |what: &str, done: usize, all: usize| phases.at(what, done, all);
+        let (mut points, far) = read(args, &progress)?;
         reduce(args, &mut points)?;
         let line: Vec<usize> = points.line.iter().map(|l| *l as usize).collect();
         if let Some(order) = args.reduction.level_lines {
+            progress("levelling lines", 0, 1);
             let levelled = level(args, &points, &line, usize::from(order));
             say(told(&levelled, &points.lines))?;
             points.value_nt.iter_mut().zip(&levelled.correction_nt).for_each(|(v, c)| *v -= c);
         }
-        let bar = bar();
-        let progress = |what: &str, done: usize, all: usize| {
-            bar.set_length(all as u64);
-            bar.set_position(done as u64);
-            bar.set_message(what.to_owned());
-        };
         let gridded = gridding::grid(survey(&points, &line), &options(args), &progress);
-        let gridded = gridded.map_err(|e| wrong(&args.points[0], &e))?;
+        let gridded = gridded.map_err(|e| refused(args, &e))?;
         let height = match gridded.report.level_m {
             Some(level_m) => Height::Level(level_m),
             None => flown(args, &points, &line, &gridded, &progress)?,
         };
-        bar.finish_and_clear();
-        say(reported(&gridded, &points))?;
+        say(reported(&gridded, &points, far))?;
         if let (Some(path), Some(error)) = (&args.error, &gridded.error) {
             write_to(path, &points.grid(error.clone(), height.clone()).map_err(Fault::from)?, None)?;
         }
@@ -164,8 +162,49 @@ pub fn run(args: &GridArgs) -> Result<(), Stop> {
     })
 }
 
-/// All points, on the plane of the first file.
-fn read(args: &GridArgs) -> Result<SurveyPoints, Stop> {
+/// Refuses what cannot be, before anything is read.
+fn validate(args: &GridArgs) -> Result<(), Stop> {
+    args.output.check()?;
+    if let Some(path) = &args.error {
+        check_output(path, None).map_err(Fault::from)?;
+    }
+    let other = |flag: &str, method: &str| {
+        let fault = Fault::new(format!("`{flag}` is of `--method {method}` alone"));
+        Stop::from(fault.help(format!("leave `{flag}` out, or say `--method {method}`")))
+    };
+    match args.method {
+        Surface::EquivalentSources if args.tension.is_some() => return Err(other("--tension", "minimum-curvature")),
+        Surface::MinimumCurvature if args.level.is_some() => return Err(other("--level", "equivalent-sources")),
+        Surface::MinimumCurvature if args.damping.is_some() => return Err(other("--damping", "equivalent-sources")),
+        Surface::EquivalentSources | Surface::MinimumCurvature => {}
+    }
+    if args.reduction.crossing_height.is_nan() || args.reduction.crossing_height < 0.0 {
+        let what = format!("`--crossing-height` is {}, but must be zero or above", args.reduction.crossing_height);
+        return Err(Fault::new(what).into());
+    }
+    gridding::check(&options(args)).map_err(|e| refused(args, &e))
+}
+
+/// What the options or the points do not allow, and the way out.
+fn refused(args: &GridArgs, error: &GridError) -> Stop {
+    match error {
+        GridError::BelowSources { lowest_m, .. } => {
+            let fault = Fault::new(error.to_string()).in_file(&args.points[0].display().to_string());
+            let help = "or leave `--level` out for the height of the highest point";
+            Stop::from(fault.help(format!("say `--level {:.0}` or higher, {help}", lowest_m.ceil())))
+        }
+        GridError::Option { name, .. } => {
+            let flag = name.trim_end_matches("_m");
+            Fault::new(error.to_string().replace(&format!("`{name}`"), &format!("`--{flag}`"))).into()
+        }
+        GridError::NoPoints | GridError::Lengths { .. } | GridError::NotFinite { .. } | GridError::TooLarge { .. } => {
+            wrong(&args.points[0], error)
+        }
+    }
+}
+
+/// All points, on the plane of the first file, and how many of them are far from all others.
+fn read(args: &GridArgs, progress: gridding::Progress) -> Result<(SurveyPoints, usize), Stop> {
     let c = &args.columns;
     let mut options = PointOptions {
         format: c.format.clone(),
@@ -178,9 +217,12 @@ fn read(args: &GridArgs) -> Result<SurveyPoints, Stop> {
         to_epsg: c.to_epsg,
     };
     let mut all: Option<SurveyPoints> = None;
-    for path in &args.points {
+    let mut starts = vec![];
+    for (done, path) in args.points.iter().enumerate() {
+        progress("reading points", done, args.points.len());
         let points = read_points(path, &options).map_err(Fault::from)?;
         points.notes.iter().for_each(|n| eprintln!("note: {}: {n}", path.display()));
+        starts.push(all.as_ref().map_or(0, SurveyPoints::len));
         match &mut all {
             None => {
                 options.to_epsg = Some(points.crs.code());
@@ -189,7 +231,9 @@ fn read(args: &GridArgs) -> Result<SurveyPoints, Stop> {
             Some(all) => append(all, points),
         }
     }
-    all.ok_or_else(|| Fault::new("there are no survey points").into())
+    let mut all = all.ok_or_else(|| Stop::from(Fault::new("there are no survey points")))?;
+    let far = if args.keep_outliers { 0 } else { cleaning::without_far(&mut all, &args.points, &starts) };
+    Ok((all, far))
 }
 
 /// Adds the points of another file; a line of one name is one line.
@@ -209,6 +253,7 @@ fn append(all: &mut SurveyPoints, more: SurveyPoints) {
     all.lon_deg.extend(more.lon_deg);
     all.height_m.extend(more.height_m);
     all.value_nt.extend(more.value_nt);
+    all.row.extend(more.row);
     // What only some of the files have is of no use.
     let both = |a: &mut Option<Vec<f64>>, b: Option<Vec<f64>>| match (a.as_mut(), b) {
         (Some(a), Some(b)) => a.extend(b),
@@ -294,6 +339,7 @@ fn options(args: &GridArgs) -> GridOptions {
     }
     if args.keep_outliers {
         options.clean.sigmas = 0.0;
+        options.clean.without_far = false;
     }
     options
 }
@@ -323,13 +369,6 @@ fn flown(
     Ok(Height::Cells(heights.grid.values))
 }
 
-fn bar() -> ProgressBar {
-    let style = ProgressStyle::with_template("{msg:28} {wide_bar} {percent:>3}% {elapsed:>4}");
-    let target =
-        if std::io::stderr().is_terminal() { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    ProgressBar::with_draw_target(Some(1), target).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
-}
-
 /// What levelling did.
 fn told(levelled: &Levelled, names: &[String]) -> String {
     let row = |name: &str, m: &Merit| {
@@ -341,35 +380,47 @@ fn told(levelled: &Levelled, names: &[String]) -> String {
     if let Some(left_out) = &levelled.left_out {
         text += &row("left out in turn", left_out);
     }
-    let largest = levelled.lines.iter().max_by(|a, b| size(a).total_cmp(&size(b)));
-    if let Some(line) = largest {
-        let ties = levelled.lines.iter().filter(|l| l.tie).count();
-        let name = names.get(line.line).map_or("", String::as_str);
-        text += &format!(
-            "{} lines, {ties} of them ties; the largest correction is {:.2} nT, of line {name}\n\n",
-            levelled.lines.len(),
-            size(line)
-        );
+    let ties = levelled.lines.iter().filter(|l| l.tie).count();
+    let noise = &levelled.noise;
+    text += &format!(
+        "{} lines, {ties} of them ties; where level, they differ by {:.2} nT and {:.0} m of the gradient\n",
+        levelled.lines.len(),
+        noise.sigma_nt,
+        noise.position_m
+    );
+    for (group, tie, spread_nt) in [("lines", false, levelled.spread_nt[0]), ("ties", true, levelled.spread_nt[1])] {
+        let of: Vec<&LineCorrection> = levelled.lines.iter().filter(|l| l.tie == tie).collect();
+        let alone = of.iter().filter(|l| l.alone).count();
+        let Some(largest) = of.iter().max_by(|a, b| size(a).total_cmp(&size(b))) else { continue };
+        let name = names.get(largest.line).map_or("", String::as_str);
+        text += &match (size(largest) > 0.0, spread_nt > 0.0 || alone > 0) {
+            (false, _) => format!("{group}: level within what their crossings tell, left as they are\n"),
+            (true, false) => format!("{group}: all shifted by {:.2} nT\n", -largest.coefficients_nt[0]),
+            (true, true) => {
+                let most = -largest.coefficients_nt[0];
+                format!("{group}: corrected by up to {most:.2} nT (line {name}), {alone} of them out by themselves\n")
+            }
+        };
     }
-    text
+    text + "\n"
 }
 
-fn size(line: &stages::numerics::levelling::LineCorrection) -> f64 {
+fn size(line: &LineCorrection) -> f64 {
     line.coefficients_nt.first().map_or(0.0, |c| c.abs())
 }
 
 /// What gridding did.
-fn reported(gridded: &Gridded, points: &SurveyPoints) -> String {
+fn reported(gridded: &Gridded, points: &SurveyPoints, far: usize) -> String {
     let r = &gridded.report;
     let c = &r.cleaned;
     let spread = |s: &Spread| {
         format!("median {:.2} nT, rms {:.2} nT, 95 % below {:.2} nT, at {}", s.median_nt, s.rms_nt, s.p95_nt, s.n)
     };
     let mut text = format!(
-        "points       {} of {} kept; left out: {} not finite, {} repeated, {} outliers, {} of short lines\n",
+        "points       {} of {} kept; left out: {far} far away, {} not finite, {} repeated, {} outliers, {} of short lines\n",
         c.kept.len(),
         points.len(),
-        c.not_finite.len(),
+        c.not_finite.len() - far,
         c.duplicates.len(),
         c.outliers.len(),
         c.of_short_lines.len()

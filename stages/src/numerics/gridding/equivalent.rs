@@ -113,6 +113,16 @@ impl EquivalentSources {
         options: &FitOptions,
         progress: Progress,
     ) -> Result<(Self, Vec<LayerReport>), GridError> {
+        let mut sources = Self::place(at_m, value_nt, &options.layers)?;
+        let reports = sources.solve(at_m, value_nt, options, progress)?;
+        Ok((sources, reports))
+    }
+
+    /// Puts sources beneath `value_nt` measured at eastings, northings and heights in metres, for [`Self::solve`] to fit:
+    /// their field is nothing but the values' plane until then.
+    ///
+    /// Fails without points, and when columns are not equally long or hold what is not finite.
+    pub fn place(at_m: [&[f64]; 3], value_nt: &[f64], layers: &[Layer]) -> Result<Self, GridError> {
         check_columns(&[at_m[0], at_m[1], at_m[2], value_nt])?;
         if value_nt.is_empty() {
             return Err(GridError::NoPoints);
@@ -120,19 +130,29 @@ impl EquivalentSources {
         let origin_m = [middle(at_m[0]), middle(at_m[1])];
         let points = relative(at_m, origin_m);
         let plane = Plane::fitted([&points.east, &points.north], value_nt);
-        let places = Clusters::of(&points, LEAF);
         let near = NearestPoints::of(&points.east, &points.north);
-        let off_plane = |i: usize| value_nt[i] - plane.at(points.east[i], points.north[i]);
+        let placed = layers.iter().map(|layer| (layer, source_places(&points, &near, layer)));
+        let layers = placed.filter(|(_, at)| at.len() > 0).map(|(layer, at)| FittedLayer::at(&at, *layer)).collect();
+        Ok(Self { origin_m, plane, layers })
+    }
+
+    /// Fits the sources to the values beneath which [`Self::place`] put them.
+    ///
+    /// Fails when columns are not equally long or hold what is not finite.
+    pub fn solve(
+        &mut self,
+        at_m: [&[f64]; 3],
+        value_nt: &[f64],
+        options: &FitOptions,
+        progress: Progress,
+    ) -> Result<Vec<LayerReport>, GridError> {
+        check_columns(&[at_m[0], at_m[1], at_m[2], value_nt])?;
+        let points = relative(at_m, self.origin_m);
+        let places = Clusters::of(&points, LEAF);
+        let off_plane = |i: usize| value_nt[i] - self.plane.at(points.east[i], points.north[i]);
         let mut rest: Vec<f64> = (0..points.len()).map(off_plane).collect();
-        let mut layers: Vec<FittedLayer> = Vec::new();
-        for layer in &options.layers {
-            let sources = source_places(&points, &near, layer);
-            if sources.len() > 0 {
-                layers.push(FittedLayer::at(&sources, *layer));
-            }
-        }
-        let count = layers.len();
-        for (at, fitted) in layers.iter_mut().enumerate() {
+        let count = self.layers.len();
+        for (at, fitted) in self.layers.iter_mut().enumerate() {
             progress("equivalent sources", at, count);
             fitted.report.iterations = fitted.solve(&points, &rest, options);
             let explained = fitted.spread(PREDICT_FAR).values(&places, 1.0);
@@ -140,8 +160,25 @@ impl EquivalentSources {
             fitted.report.rms_nt = (squares(&rest) / rest.len() as f64).sqrt();
         }
         progress("equivalent sources", count, count);
-        let reports = layers.iter().map(|layer| layer.report).collect();
-        Ok((Self { origin_m, plane, layers }, reports))
+        Ok(self.layers.iter().map(|layer| layer.report).collect())
+    }
+
+    /// Whether the field is defined at eastings, northings and heights in metres: above the sources near each place.
+    ///
+    /// Fails at the first place that is not, with the lowest height that would be high enough at all of them.
+    pub fn check_above(&self, at_m: [&[f64]; 3]) -> Result<(), GridError> {
+        check_columns(&at_m)?;
+        self.check_points(&relative(at_m, self.origin_m))
+    }
+
+    fn check_points(&self, points: &Positions) -> Result<(), GridError> {
+        let least = self.layers.iter().map(|layer| layer.least_m(points)).filter(|layer| !layer.is_empty());
+        let higher = |a: Vec<f64>, b: Vec<f64>| a.into_iter().zip(b).map(|(a, b)| f64::max(a, b)).collect();
+        let least = least.reduce(higher).unwrap_or_default();
+        let Some(i) = least.iter().zip(&points.up).position(|(least, up)| least > up) else { return Ok(()) };
+        let lowest_m = least.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
+        let at_m = [points.east[i] + self.origin_m[0], points.north[i] + self.origin_m[1]];
+        Err(GridError::BelowSources { height_m: points.up[i], at_m, lowest_m })
     }
 
     /// The field in nT at eastings, northings and heights in metres.
@@ -231,11 +268,7 @@ impl EquivalentSources {
     fn targets(&self, at_m: [&[f64]; 3]) -> Result<Clusters, GridError> {
         check_columns(&at_m)?;
         let points = relative(at_m, self.origin_m);
-        for layer in &self.layers {
-            if let Some(i) = layer.above(&points).iter().position(|above| !above) {
-                return Err(GridError::BelowSources { height_m: points.up[i], sources_m: self.top_m() });
-            }
-        }
+        self.check_points(&points)?;
         Ok(Clusters::of(&points, LEAF))
     }
 }
@@ -273,16 +306,23 @@ impl FittedLayer {
 
     /// Whether each target is at least half the layer's depth above the source nearest to it.
     fn above(&self, targets: &Positions) -> Vec<bool> {
+        let least = self.least_m(targets);
+        (0..targets.len()).map(|i| least.get(i).is_none_or(|least| *least <= targets.up[i])).collect()
+    }
+
+    /// The least height at each target, half the layer's depth above the source nearest to it; empty where all targets
+    /// are above all sources by that much.
+    fn least_m(&self, targets: &Positions) -> Vec<f64> {
         let sources = &self.clusters.points;
         if range(&sources.up)[1] + CLEAR * self.depth_m <= range(&targets.up)[0] {
-            return vec![true; targets.len()];
+            return vec![];
         }
         let near = NearestPoints::of(&sources.east, &sources.north);
-        let clear = |i: usize| {
+        let least = |i: usize| {
             let found = near.nearest([targets.east[i], targets.north[i]], 1, f64::INFINITY, |_| true);
-            found.iter().all(|f| sources.up[f.1] + CLEAR * self.depth_m <= targets.up[i])
+            found.first().map_or(f64::NEG_INFINITY, |f| sources.up[f.1] + CLEAR * self.depth_m)
         };
-        (0..targets.len()).into_par_iter().map(clear).collect()
+        (0..targets.len()).into_par_iter().map(least).collect()
     }
 }
 

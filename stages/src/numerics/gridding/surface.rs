@@ -7,7 +7,7 @@ use super::equivalent::{EquivalentSources, FitOptions, LayerReport};
 use super::minimum_curvature::{Relaxed, minimum_curvature};
 use super::nearest::{NearestPoints, range};
 use super::survey::{Cleaned, SurveyPoints};
-use super::{GridError, GridOptions, GridReport, Method, Progress, Region, axes, check_columns};
+use super::{GridError, GridOptions, GridReport, Method, Progress, Region, axes, check, check_columns};
 use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
@@ -45,10 +45,10 @@ pub fn fit(points: SurveyPoints, options: &GridOptions, progress: Progress) -> R
     if points.is_empty() {
         return Err(GridError::NoPoints);
     }
+    check(options)?;
     check_columns(&[points.easting_m, points.northing_m, points.height_m, points.value_nt])?;
     let spacing = line_spacing_m(points);
     let block = options.block_m.unwrap_or_else(|| block_m(spacing));
-    check(options, block)?;
     let n = points.len();
     let columns = [points.easting_m, points.northing_m, points.height_m, points.value_nt].map(|c| &c[..n]);
     let node_m = options.spacing_m.unwrap_or(0.5 * spacing);
@@ -78,26 +78,6 @@ pub fn fit(points: SurveyPoints, options: &GridOptions, progress: Progress) -> R
     Ok(fitted)
 }
 
-fn check(options: &GridOptions, block_m: f64) -> Result<(), GridError> {
-    let must = |good: bool, name, value, must| if good { Ok(()) } else { Err(GridError::Option { name, value, must }) };
-    let spacing = options.spacing_m.unwrap_or(1.0);
-    must(spacing > 0.0 && spacing.is_finite(), "spacing_m", spacing, "above zero")?;
-    must(block_m >= 0.0 && block_m.is_finite(), "block_m", block_m, "zero or above")?;
-    match &options.method {
-        Method::MinimumCurvature(r) => {
-            must((0.0..=1.0).contains(&r.tension), "tension", r.tension, "from 0 to 1")?;
-            must(r.tolerance_nt > 0.0, "tolerance_nt", r.tolerance_nt, "above zero")
-        }
-        Method::EquivalentSources { layers, damping, .. } => {
-            must(*damping > 0.0 && damping.is_finite(), "damping", *damping, "above zero")?;
-            let of = |f: fn(&super::Layer) -> f64| layers.iter().flatten().map(f).fold(1.0, f64::min);
-            let (depth, spacing) = (of(|l| l.depth_m), of(|l| l.spacing_m));
-            must(depth > 0.0, "depth_m", depth, "above zero")?;
-            must(spacing > 0.0, "spacing_m", spacing, "above zero")
-        }
-    }
-}
-
 impl Fitted {
     /// Fits to the blocks and returns what is left of their values.
     fn again(&mut self, options: &GridOptions, progress: Progress) -> Result<Vec<f64>, GridError> {
@@ -119,8 +99,14 @@ impl Fitted {
                 let layers = given.clone().unwrap_or_else(|| layers(self.block_m, self.line_spacing_m, extent));
                 let options = FitOptions { layers, damping: *damping, iterations: 20, tolerance: 0.01 };
                 let at = [&b.easting_m[..], &b.northing_m, &b.height_m];
-                let (sources, reports) = EquivalentSources::fit(at, &b.value_nt, &options, progress)?;
-                self.layers = reports;
+                progress("placing equivalent sources", 0, 1);
+                let mut sources = EquivalentSources::place(at, &b.value_nt, &options.layers)?;
+                if let Some(level_m) = level_m {
+                    // Whether the level can be is known before the fit, which takes long.
+                    let [east, north] = nodes(self.axes);
+                    sources.check_above([&east, &north, &vec![*level_m; east.len()]])?;
+                }
+                self.layers = sources.solve(at, &b.value_nt, &options, progress)?;
                 let values = sources.predict(at)?;
                 self.surface = Surface::Sources(sources, level_m.unwrap_or(range(&b.height_m)[1]));
                 values
@@ -161,10 +147,8 @@ impl Fitted {
         match &self.surface {
             Surface::Grid(grid) => Ok((grid.clone(), None)),
             Surface::Sources(sources, level_m) => {
-                let count = east_m.len * north_m.len;
-                let east: Vec<f64> = (0..count).map(|k| east_m.at((k % east_m.len) as f64)).collect();
-                let north: Vec<f64> = (0..count).map(|k| north_m.at((k / east_m.len) as f64)).collect();
-                let at = [&east[..], &north, &vec![*level_m; count]];
+                let [east, north] = nodes(self.axes);
+                let at = [&east[..], &north, &vec![*level_m; east.len()]];
                 let values = sources.predict(at)?;
                 let error = sources.summation_error_nt(at, &values, 100);
                 Ok((PlaneGrid { east_m, north_m, values }, Some([*level_m, error])))
@@ -194,6 +178,14 @@ impl Fitted {
             cross_validation,
         }
     }
+}
+
+/// Eastings and northings of a grid's nodes, by rows.
+fn nodes([east_m, north_m]: [EvenAxis; 2]) -> [Vec<f64>; 2] {
+    let count = east_m.len * north_m.len;
+    let east = (0..count).map(|k| east_m.at((k % east_m.len) as f64)).collect();
+    let north = (0..count).map(|k| north_m.at((k / east_m.len) as f64)).collect();
+    [east, north]
 }
 
 /// Blocks, ascending, that the surface misses by far more than their neighbours.

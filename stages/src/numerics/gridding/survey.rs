@@ -1,6 +1,7 @@
 //! The points of a survey, and what cleaning leaves of them.
 
 use super::block::median;
+use super::far::far_points;
 
 /// Points of a survey, the points of a line following each other in the order they were flown.
 #[derive(Clone, Copy, Debug)]
@@ -106,12 +107,14 @@ pub struct CleanOptions {
     pub half_window: usize,
     /// Lines with fewer points are left out.
     pub shortest_line: usize,
+    /// Leave out points that are far from all others, see [`far_points`].
+    pub without_far: bool,
 }
 
 impl Default for CleanOptions {
     /// Ten robust standard deviations among 51 points, and at least 10 nT: what no rock does between two points.
     fn default() -> Self {
-        Self { sigmas: 10.0, floor_nt: 10.0, half_window: 25, shortest_line: 5 }
+        Self { sigmas: 10.0, floor_nt: 10.0, half_window: 25, shortest_line: 5, without_far: true }
     }
 }
 
@@ -122,6 +125,8 @@ pub struct Cleaned {
     pub kept: Vec<usize>,
     /// A coordinate or the value is not a finite number.
     pub not_finite: Vec<usize>,
+    /// Far from all others.
+    pub far: Vec<usize>,
     /// The line's previous point is at the same place.
     pub duplicates: Vec<usize>,
     /// Outliers along their line.
@@ -133,6 +138,9 @@ pub struct Cleaned {
 /// Sorts the points of a survey into those to keep and those to leave out.
 pub fn clean(points: SurveyPoints, options: &CleanOptions) -> Cleaned {
     let mut cleaned = Cleaned::default();
+    if options.without_far {
+        cleaned.far = far_points(points.easting_m, points.northing_m);
+    }
     for run in points.runs() {
         let mut kept: Vec<usize> = Vec::with_capacity(run.len());
         for i in run {
@@ -141,6 +149,7 @@ pub fn clean(points: SurveyPoints, options: &CleanOptions) -> Cleaned {
                 .last()
                 .is_some_and(|&last| points.apart_m(i, last) == 0.0 && points.height_m[i] == points.height_m[last]);
             match () {
+                () if cleaned.far.binary_search(&i).is_ok() => {}
                 () if !sum.is_finite() => cleaned.not_finite.push(i),
                 () if again => cleaned.duplicates.push(i),
                 () => kept.push(i),

@@ -1,141 +1,370 @@
-//! The least-squares adjustment of lines by their crossovers.
+//! The adjustment of lines by their crossovers.
+//!
+//! A difference at a crossover is what both lines lack of the level, plus noise that grows with the gradient
+//! ([`CrossoverNoise`]). Corrections are what a survey's crossovers make likely, no more: those of the lines, and those
+//! of the ties about a shift that all ties have in common, are taken as drawn from a distribution whose width is
+//! estimated from how much the corrections scatter beyond their own standard errors (the method of moments of DerSimonian
+//! and Laird 1986). Where they do not, the width is zero and the group stays as it is: what noise there is at the crossovers
+//! of a survey that is level already does not become stripes. A line that is out by itself is corrected without regard
+//! to the others.
 
 use super::super::gridding::{SurveyPoints, median};
+use super::noise::CrossoverNoise;
 use super::{Crossover, Gauge, LevelOptions};
 use std::collections::BTreeMap;
 
-/// Rounds of reweighting: a wrong crossover's pull falls to about a third in each.
-const ROUNDS: usize = 20;
-
-/// Differences are not told apart more finely than this, nT: weights stay well above the ridge.
-const RESOLUTION_NT: f64 = 0.01;
+/// Rounds in which noise and widths are estimated anew.
+const ROUNDS: usize = 16;
+/// Rounds of reweighting in each of these.
+const REWEIGHTED: usize = 4;
+/// The chance that one of all the lines is taken to be out by itself when none is.
+const BY_CHANCE: f64 = 0.05;
+/// Standard deviations by which a group must scatter more than its errors do.
+const BEYOND: f64 = 1.645;
+/// Crossovers that a line needs to be out by itself: one or two may be wrong.
+const LEAST_CROSSOVERS: usize = 3;
 
 /// The equations: one a crossover, few coefficients each.
 pub(super) struct Adjustment<'a> {
     points: SurveyPoints<'a>,
-    /// The first point and the last of each line, and the place of its coefficients.
+    crossovers: &'a [Crossover],
+    /// The first point and the last of each line, and its place among the lines.
     lines: BTreeMap<usize, (usize, usize, usize)>,
     terms: usize,
+    /// Factors of the coefficients: those of the lines, line by line, and at last the shift of all ties.
     rows: Vec<Vec<(usize, f64)>>,
     right: Vec<f64>,
-    held: Vec<bool>,
-    gauge: Vec<usize>,
+    is_tie: Vec<bool>,
     options: &'a LevelOptions,
+}
+
+/// What the corrections are drawn from, and the corrections.
+#[derive(Clone, Debug)]
+pub(super) struct Solution {
+    /// By line, in nT; the common shift of the ties is in their constants.
+    pub coefficients: Vec<f64>,
+    /// Of the crossovers.
+    pub noise: CrossoverNoise,
+    /// Widths of the corrections of lines and of ties, by order, nT.
+    pub spread_nt: [Vec<f64>; 2],
+    /// Which lines are out by themselves.
+    pub alone: Vec<bool>,
+    /// Standard deviations of the differences, nT.
+    sd_nt: Vec<f64>,
+}
+
+/// A line's own coefficients as its crossovers have them, the others as they are.
+struct Own {
+    value_nt: Vec<f64>,
+    /// Standard errors.
+    error_nt: Vec<f64>,
+    /// How much larger the line's differences are than they should be, squared; 1 or more.
+    excess: f64,
+    crossovers: usize,
 }
 
 impl<'a> Adjustment<'a> {
     pub fn of(
         points: SurveyPoints<'a>,
         lines: &[usize],
-        crossovers: &[Crossover],
+        crossovers: &'a [Crossover],
         ties: &[usize],
         options: &'a LevelOptions,
     ) -> Self {
         let terms = options.order + 1;
         let mut ends: BTreeMap<usize, (usize, usize, usize)> =
-            lines.iter().enumerate().map(|(k, &line)| (line, (usize::MAX, 0, k * terms))).collect();
+            lines.iter().enumerate().map(|(k, &line)| (line, (usize::MAX, 0, k))).collect();
         for run in points.runs() {
             if let Some(end) = ends.get_mut(&points.line[run.start]) {
                 (end.0, end.1) = (end.0.min(run.start), end.1.max(run.end - 1));
             }
         }
-        let is_tie = |line: &usize| ties.contains(line);
-        let held = lines.iter().flat_map(|l| vec![options.gauge == Gauge::TiesHeld && is_tie(l); terms]).collect();
-        let tied: Vec<usize> = (0..lines.len()).filter(|&k| is_tie(&lines[k])).collect();
-        let gauge = if tied.is_empty() { (0..lines.len()).collect() } else { tied };
-        let mut made = Self { points, lines: ends, terms, rows: Vec::new(), right: Vec::new(), held, gauge, options };
+        let is_tie = lines.iter().map(|line| ties.contains(line)).collect();
+        let (rows, right) = (Vec::new(), crossovers.iter().map(Crossover::difference_nt).collect());
+        let mut made = Self { points, crossovers, lines: ends, terms, rows, right, is_tie, options };
         made.rows = crossovers.iter().map(|c| made.row(c)).collect();
-        made.right = crossovers.iter().map(Crossover::difference_nt).collect();
         made
     }
 
-    /// Where a point lies along its line, -1 to 1, `part` of the way to the next, and its line's coefficients.
+    /// Where a point lies along its line, -1 to 1, `part` of the way to the next, and its line's place.
     fn place(&self, point: usize, part: f64) -> (f64, usize) {
-        let (first, last, at) =
+        let (first, last, line) =
             self.points.line.get(point).and_then(|line| self.lines.get(line)).copied().unwrap_or((0, 0, 0));
         let whole = last.saturating_sub(first).max(1) as f64;
-        (2.0 * (point.saturating_sub(first) as f64 + part) / whole - 1.0, at)
+        (2.0 * (point.saturating_sub(first) as f64 + part) / whole - 1.0, line)
+    }
+
+    /// Where the common shift of the ties is.
+    fn shift(&self) -> usize {
+        self.is_tie.len() * self.terms
     }
 
     fn row(&self, crossover: &Crossover) -> Vec<(usize, f64)> {
         let side = |k: usize| {
-            let (along, at) = self.place(crossover.points[k], crossover.parts[k]);
+            let (along, line) = self.place(crossover.points[k], crossover.parts[k]);
             let sign = if k == 0 { 1.0 } else { -1.0 };
-            legendre(along, self.terms).into_iter().enumerate().map(move |(j, p)| (at + j, sign * p))
+            let own = legendre(along, self.terms).into_iter().enumerate();
+            let shift = self.is_tie[line].then_some((self.shift(), sign));
+            own.map(move |(j, p)| (line * self.terms + j, sign * p)).chain(shift)
         };
-        side(0).chain(side(1)).filter(|(j, _)| !self.held[*j]).collect()
+        side(0).chain(side(1)).collect()
     }
 
     /// The correction at a point, `part` of the way to the next, nT.
-    pub fn correction(&self, coefficients: &[f64], point: usize, part: f64) -> f64 {
-        let (along, at) = self.place(point, part);
-        legendre(along, self.terms).iter().zip(&coefficients[at..]).map(|(p, c)| p * c).sum()
+    pub fn correction(&self, solution: &Solution, point: usize, part: f64) -> f64 {
+        let (along, line) = self.place(point, part);
+        legendre(along, self.terms).iter().zip(self.of_place(solution, line)).map(|(p, c)| p * c).sum()
     }
 
-    pub fn of_line(&self, coefficients: &[f64], line: usize) -> Vec<f64> {
-        let at = self.lines.get(&line).map_or(0, |l| l.2);
-        coefficients[at..at + self.terms].to_vec()
+    /// A line's coefficients and whether it is out by itself.
+    pub fn of_line(&self, solution: &Solution, line: usize) -> (Vec<f64>, bool) {
+        let place = self.lines.get(&line).map_or(0, |l| l.2);
+        (self.of_place(solution, place).to_vec(), solution.alone[place])
+    }
+
+    fn of_place<'s>(&self, solution: &'s Solution, place: usize) -> &'s [f64] {
+        &solution.coefficients[place * self.terms..][..self.terms]
     }
 
     /// The differences that corrections leave, nT.
     pub fn differences(&self, coefficients: &[f64]) -> Vec<f64> {
-        let left =
-            |(row, d): (&Vec<(usize, f64)>, &f64)| d - row.iter().map(|(j, p)| p * coefficients[*j]).sum::<f64>();
+        // The shift of the ties is in their constants when the coefficients are a solution's.
+        let of = |j: usize| coefficients.get(j).copied().unwrap_or(0.0);
+        let left = |(row, d): (&Vec<(usize, f64)>, &f64)| d - row.iter().map(|(j, p)| p * of(*j)).sum::<f64>();
         self.rows.iter().zip(&self.right).map(left).collect()
     }
 
-    /// The coefficients from the crossovers that `used` takes.
-    pub fn solve(&self, used: impl Fn(usize) -> bool) -> Vec<f64> {
-        let mut weights: Vec<f64> = (0..self.rows.len()).map(|k| f64::from(u8::from(used(k)))).collect();
-        let mut coefficients = vec![0.0; self.held.len()];
+    /// The corrections from all crossovers.
+    pub fn solve(&self) -> Solution {
+        let lines = self.is_tie.len();
+        let mut found = Solution {
+            coefficients: vec![0.0; self.shift() + 1],
+            noise: CrossoverNoise::default(),
+            spread_nt: [vec![0.0; self.terms], vec![0.0; self.terms]],
+            alone: vec![false; lines],
+            sd_nt: vec![1.0; self.rows.len()],
+        };
+        if self.rows.is_empty() {
+            found.coefficients.truncate(self.shift());
+            return found;
+        }
+        if !self.options.tested {
+            found.spread_nt = [vec![f64::INFINITY; self.terms], vec![f64::INFINITY; self.terms]];
+        }
+        let mut spent = 1.0;
         for _ in 0..ROUNDS {
-            coefficients = self.weighted(&weights, coefficients);
-            if !self.options.huber_sigmas.is_finite() {
-                break;
+            let left = self.differences(&found.coefficients);
+            found.noise = CrossoverNoise::fitted(self.crossovers, &left, spent);
+            found.sd_nt = self.crossovers.iter().map(|c| found.noise.of(c)).collect();
+            found.coefficients = self.weighted(&found, |_| true);
+            if self.options.tested {
+                spent = self.estimate(&mut found);
             }
-            let left = self.differences(&coefficients);
-            let mut sizes: Vec<f64> = (0..left.len()).filter(|&k| used(k)).map(|k| left[k].abs()).collect();
-            let limit = self.options.huber_sigmas * (1.4826 * median(&mut sizes)).max(RESOLUTION_NT);
-            let weigh = |(k, d): (usize, &f64)| if used(k) { (limit / d.abs()).min(1.0) } else { 0.0 };
-            weights = left.iter().enumerate().map(weigh).collect();
         }
-        self.centred(coefficients)
+        found.coefficients = self.weighted(&found, |_| true);
+        self.levelled(found)
     }
 
-    /// Takes the gauge lines' mean off all constants; where ties are held there is nothing to take off.
-    fn centred(&self, mut coefficients: Vec<f64>) -> Vec<f64> {
-        if self.held.contains(&true) || self.gauge.is_empty() {
-            return coefficients;
-        }
-        let mean = self.gauge.iter().map(|k| coefficients[k * self.terms]).sum::<f64>() / self.gauge.len() as f64;
-        coefficients.iter_mut().step_by(self.terms).for_each(|c| *c -= mean);
-        coefficients
+    /// The corrections from some of the crossovers, with the noise and the widths that all have.
+    pub fn solve_with(&self, whole: &Solution, used: impl Fn(usize) -> bool) -> Solution {
+        let coefficients = if self.rows.is_empty() { whole.coefficients.clone() } else { self.weighted(whole, used) };
+        self.levelled(Solution { coefficients, ..whole.clone() })
     }
 
-    /// Weighted least squares with the ridge, by conjugate gradients from a start.
-    fn weighted(&self, weights: &[f64], start: Vec<f64>) -> Vec<f64> {
+    /// Widths and the lines that are out by themselves; says how many differences' worth the corrections take up.
+    fn estimate(&self, found: &mut Solution) -> f64 {
+        let own: Vec<Own> = self.own(found);
+        let crossed: Vec<usize> = (0..own.len()).filter(|&k| own[k].crossovers > 0 && !self.is_held(k)).collect();
+        let limit = (2.0 * (crossed.len().max(1) as f64 / BY_CHANCE).ln()).sqrt();
+        let group = |tie: bool| crossed.iter().copied().filter(|&k| self.is_tie[k] == tie).collect::<Vec<usize>>();
+        let mut spent = 1.0;
+        for (tie, spread) in [false, true].into_iter().zip(&mut found.spread_nt) {
+            let members = group(tie);
+            for (order, width) in spread.iter_mut().enumerate() {
+                let of = |k: &usize| (own[*k].value_nt[order], own[*k].error_nt[order]);
+                let usual: Vec<(f64, f64)> = members.iter().filter(|k| !found.alone[**k]).map(of).collect();
+                *width = beyond_errors(&usual);
+                let taken = |(_, error): (f64, f64)| *width * *width / (*width * *width + error * error);
+                spent += usual.into_iter().map(taken).filter(|t| t.is_finite()).sum::<f64>();
+            }
+            for &k in &members {
+                let out = |order: usize| {
+                    let error = own[k].error_nt[order].powi(2) * own[k].excess + spread[order].powi(2);
+                    own[k].value_nt[order].abs() > limit * error.sqrt()
+                };
+                found.alone[k] = own[k].crossovers >= LEAST_CROSSOVERS && (0..self.terms).any(out);
+                spent += if found.alone[k] { self.terms as f64 } else { 0.0 };
+            }
+        }
+        spent
+    }
+
+    /// Whether the gauge keeps a line as it is.
+    fn is_held(&self, line: usize) -> bool {
+        self.options.gauge == Gauge::TiesHeld && self.is_tie[line]
+    }
+
+    fn own(&self, found: &Solution) -> Vec<Own> {
+        let left = self.differences(&found.coefficients);
+        let weights = self.weights(found, &left);
+        let mut normal = vec![(vec![0.0; self.terms * self.terms], vec![0.0; self.terms], 0.0, 0); self.is_tie.len()];
+        for (k, c) in self.crossovers.iter().enumerate() {
+            for side in 0..2 {
+                let (along, line) = self.place(c.points[side], c.parts[side]);
+                let sign = if side == 0 { 1.0 } else { -1.0 };
+                let p: Vec<f64> = legendre(along, self.terms).into_iter().map(|p| sign * p).collect();
+                let correction: f64 = p.iter().zip(&found.coefficients[line * self.terms..]).map(|(p, c)| p * c).sum();
+                let (a, b, squares, n) = &mut normal[line];
+                for i in 0..self.terms {
+                    b[i] += weights[k] * p[i] * (left[k] + correction);
+                    (0..self.terms).for_each(|j| a[i * self.terms + j] += weights[k] * p[i] * p[j]);
+                }
+                *squares += weights[k] * left[k] * left[k];
+                *n += 1;
+            }
+        }
+        let least = self.ridge(found);
+        let one = |(a, b, squares, n): (Vec<f64>, Vec<f64>, f64, usize)| {
+            let inverse = inverse(a, self.terms, least);
+            let row = |i: usize| &inverse[i * self.terms..][..self.terms];
+            let value_nt = (0..self.terms).map(|i| row(i).iter().zip(&b).map(|(x, b)| x * b).sum()).collect();
+            let error_nt = (0..self.terms).map(|i| row(i)[i].max(0.0).sqrt()).collect();
+            let free = n.saturating_sub(self.terms).max(1) as f64;
+            Own { value_nt, error_nt, excess: (squares / free).max(1.0), crossovers: n }
+        };
+        normal.into_iter().map(one).collect()
+    }
+
+    /// What it costs to correct, 1/nT².
+    fn ridge(&self, found: &Solution) -> f64 {
+        self.options.ridge / found.noise.sigma_nt.powi(2)
+    }
+
+    /// One over the variances, less for what is larger than usual.
+    fn weights(&self, found: &Solution, left: &[f64]) -> Vec<f64> {
+        let weigh = |(d, sd): (&f64, &f64)| (self.options.huber_sigmas * sd / d.abs()).min(1.0) / (sd * sd);
+        left.iter().zip(&found.sd_nt).map(weigh).collect()
+    }
+
+    /// What each coefficient costs, 1/nT²; infinity holds it at nothing.
+    fn costs(&self, found: &Solution) -> Vec<f64> {
+        let ridge = self.ridge(found);
+        let of = |line: usize, order: usize| match self.is_held(line) {
+            true => f64::INFINITY,
+            false if found.alone[line] => ridge,
+            false => ridge + found.spread_nt[usize::from(self.is_tie[line])][order].powi(-2),
+        };
+        let lines = (0..self.is_tie.len()).flat_map(|line| (0..self.terms).map(move |order| (line, order)));
+        let shift = if self.options.gauge == Gauge::TiesHeld { f64::INFINITY } else { ridge };
+        lines.map(|(line, order)| of(line, order)).chain([shift]).collect()
+    }
+
+    /// The most likely coefficients, reweighted.
+    fn weighted(&self, found: &Solution, used: impl Fn(usize) -> bool) -> Vec<f64> {
+        let costs = self.costs(found);
+        let mut x = found.coefficients.clone();
+        x.resize(self.shift() + 1, 0.0);
+        for _ in 0..REWEIGHTED {
+            let mut weights = self.weights(found, &self.differences(&x));
+            weights.iter_mut().enumerate().filter(|(k, _)| !used(*k)).for_each(|(_, w)| *w = 0.0);
+            x = self.least_squares(&weights, &costs, x);
+        }
+        x
+    }
+
+    fn least_squares(&self, weights: &[f64], costs: &[f64], mut start: Vec<f64>) -> Vec<f64> {
+        let free = |j: usize| costs[j].is_finite();
         let normal = |x: &[f64]| {
-            let mut out: Vec<f64> = x.iter().map(|v| self.options.ridge * v).collect();
+            let mut out: Vec<f64> = x.iter().zip(costs).map(|(v, c)| if c.is_finite() { c * v } else { *v }).collect();
             for (row, w) in self.rows.iter().zip(weights) {
-                let along = w * row.iter().map(|(j, p)| p * x[*j]).sum::<f64>();
-                row.iter().for_each(|(j, p)| out[*j] += along * p);
+                let along = w * row.iter().filter(|(j, _)| free(*j)).map(|(j, p)| p * x[*j]).sum::<f64>();
+                row.iter().filter(|(j, _)| free(*j)).for_each(|(j, p)| out[*j] += along * p);
             }
             out
         };
         let mut right = vec![0.0; start.len()];
+        let mut diagonal: Vec<f64> = costs.iter().map(|c| if c.is_finite() { *c } else { 1.0 }).collect();
         for ((row, w), d) in self.rows.iter().zip(weights).zip(&self.right) {
-            row.iter().for_each(|(j, p)| right[*j] += w * d * p);
+            for (j, p) in row.iter().filter(|(j, _)| free(*j)) {
+                right[*j] += w * d * p;
+                diagonal[*j] += w * p * p;
+            }
         }
-        conjugate_gradients(normal, &right, start)
+        start.iter_mut().enumerate().filter(|(j, _)| !free(*j)).for_each(|(_, x)| *x = 0.0);
+        conjugate_gradients(normal, &right, &diagonal, start)
+    }
+
+    /// Puts the shift of the ties into their constants and the level where the gauge has it.
+    fn levelled(&self, mut found: Solution) -> Solution {
+        let x = &mut found.coefficients;
+        let shift = x.get(self.shift()).copied().unwrap_or(0.0);
+        x.truncate(self.shift());
+        let constants = |tie: bool| (0..self.is_tie.len()).filter(move |&k| self.is_tie[k] == tie);
+        constants(true).for_each(|k| x[k * self.terms] += shift);
+        let some_ties = self.is_tie.contains(&true);
+        let level = match self.options.gauge {
+            Gauge::TiesHeld if some_ties => 0.0,
+            Gauge::TiesHeld | Gauge::TiesMean => {
+                let of: Vec<f64> = constants(some_ties).map(|k| x[k * self.terms]).collect();
+                if of.is_empty() { 0.0 } else { of.iter().sum::<f64>() / of.len() as f64 }
+            }
+            Gauge::Steadiest => {
+                let [lines, ties] = found.spread_nt.each_ref().map(|s| s[0]);
+                let mut of: Vec<f64> = constants(some_ties && ties < lines).map(|k| x[k * self.terms]).collect();
+                if of.is_empty() { 0.0 } else { median(&mut of) }
+            }
+        };
+        x.iter_mut().step_by(self.terms).for_each(|c| *c -= level);
+        found
     }
 }
 
-fn conjugate_gradients(apply: impl Fn(&[f64]) -> Vec<f64>, right: &[f64], mut x: Vec<f64>) -> Vec<f64> {
+/// By how much values about nothing scatter beyond their standard errors; nothing where they do not, or where chance may
+/// have made it.
+fn beyond_errors(values: &[(f64, f64)]) -> f64 {
+    let n = values.len() as f64;
+    let weight = |error: f64| 1.0 / (error * error);
+    let squares: f64 = values.iter().map(|(value, error)| value * value * weight(*error)).sum();
+    let weights: f64 = values.iter().map(|(_, error)| weight(*error)).sum();
+    if values.is_empty() || squares <= n + BEYOND * (2.0 * n).sqrt() { 0.0 } else { ((squares - n) / weights).sqrt() }
+}
+
+/// The inverse of a symmetric matrix by rows, with `least` added to its diagonal.
+fn inverse(mut a: Vec<f64>, n: usize, least: f64) -> Vec<f64> {
+    (0..n).for_each(|i| a[i * n + i] += least.max(f64::MIN_POSITIVE));
+    let mut out = vec![0.0; n * n];
+    (0..n).for_each(|i| out[i * n + i] = 1.0);
+    for k in 0..n {
+        // Positive definite: no pivoting.
+        let pivot = a[k * n + k];
+        for j in 0..n {
+            a[k * n + j] /= pivot;
+            out[k * n + j] /= pivot;
+        }
+        for i in (0..n).filter(|i| *i != k) {
+            let factor = a[i * n + k];
+            for j in 0..n {
+                a[i * n + j] -= factor * a[k * n + j];
+                out[i * n + j] -= factor * out[k * n + j];
+            }
+        }
+    }
+    out
+}
+
+fn conjugate_gradients(
+    apply: impl Fn(&[f64]) -> Vec<f64>,
+    right: &[f64],
+    diagonal: &[f64],
+    mut x: Vec<f64>,
+) -> Vec<f64> {
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    let scaled = |a: &[f64]| a.iter().zip(diagonal).map(|(a, d)| a / d).collect::<Vec<f64>>();
     let mut rest: Vec<f64> = right.iter().zip(apply(&x)).map(|(b, a)| b - a).collect();
-    let mut direction = rest.clone();
-    let mut size = dot(&rest, &rest);
-    let enough = 1e-24 * dot(right, right);
+    let mut better = scaled(&rest);
+    let mut direction = better.clone();
+    let mut size = dot(&rest, &better);
+    let enough = 1e-24 * dot(right, &scaled(right));
     for _ in 0..20 * x.len().max(10) {
         if size <= enough {
             break;
@@ -144,8 +373,9 @@ fn conjugate_gradients(apply: impl Fn(&[f64]) -> Vec<f64>, right: &[f64], mut x:
         let step = size / dot(&direction, &moved);
         x.iter_mut().zip(&direction).for_each(|(x, d)| *x += step * d);
         rest.iter_mut().zip(&moved).for_each(|(r, m)| *r -= step * m);
-        let next = dot(&rest, &rest);
-        direction.iter_mut().zip(&rest).for_each(|(d, r)| *d = r + next / size * *d);
+        better = scaled(&rest);
+        let next = dot(&rest, &better);
+        direction.iter_mut().zip(&better).for_each(|(d, b)| *d = b + next / size * *d);
         size = next;
     }
     x

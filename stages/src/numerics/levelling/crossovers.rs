@@ -39,7 +39,12 @@ pub struct Crossover {
     pub height_m: [f64; 2],
     /// Values of the two lines there, nT.
     pub value_nt: [f64; 2],
+    /// The size of the field's horizontal gradient there, from its slopes along both lines, nT/m.
+    pub gradient_nt_per_m: f64,
 }
+
+/// Points on either side of a crossing that tell the slope along a line.
+const BESIDE: usize = 3;
 
 impl Crossover {
     /// The first line's value minus the second's, nT.
@@ -70,7 +75,7 @@ pub fn find_crossovers(points: SurveyPoints, options: &CrossoverOptions) -> Vec<
     let groups: Vec<&[([i64; 2], usize)]> = cells.chunk_by(|a, b| a.0 == b.0).collect();
     let mut found: Vec<Crossover> = groups
         .par_iter()
-        .flat_map_iter(|group| pairs(group).filter_map(|(i, j)| crossing(points, i, j, options)))
+        .flat_map_iter(|group| pairs(group).filter_map(|(i, j)| crossing(points, [i, j], gap, options)))
         .collect();
     found.sort_by_key(|c| c.points);
     found.dedup_by_key(|c| c.points);
@@ -96,7 +101,26 @@ fn length(points: SurveyPoints, i: usize) -> f64 {
     e.hypot(n)
 }
 
-fn crossing(points: SurveyPoints, i: usize, j: usize, options: &CrossoverOptions) -> Option<Crossover> {
+/// The field's slope along a line about the stretch that begins at point `i`, nT/m, from points not more than `gap_m`
+/// apart.
+fn slope(points: SurveyPoints, i: usize, gap_m: f64) -> f64 {
+    let linked = |k: &usize| *k + 1 < points.len() && joined(points, *k) && length(points, *k) <= gap_m;
+    let before = (i.saturating_sub(BESIDE)..i).rev().take_while(linked).count();
+    let after = (i + 1..i + 1 + BESIDE).take_while(linked).count();
+    let (from, to) = (i - before, i + 1 + after);
+    let apart_m = (from..to).map(|k| length(points, k)).sum::<f64>();
+    (points.value_nt[to] - points.value_nt[from]) / apart_m
+}
+
+/// The size of a gradient whose slopes along two directions that are not parallel are known.
+fn gradient_size(ways: [[f64; 2]; 2], slopes: [f64; 2]) -> f64 {
+    let [a, b] = ways.map(|[e, n]| [e / e.hypot(n), n / e.hypot(n)]);
+    let sine = a[0] * b[1] - a[1] * b[0];
+    let [east, north] = [(slopes[0] * b[1] - slopes[1] * a[1]) / sine, (slopes[1] * a[0] - slopes[0] * b[0]) / sine];
+    east.hypot(north)
+}
+
+fn crossing(points: SurveyPoints, [i, j]: [usize; 2], gap_m: f64, options: &CrossoverOptions) -> Option<Crossover> {
     if points.line[i] == points.line[j] {
         return None;
     }
@@ -126,5 +150,6 @@ fn crossing(points: SurveyPoints, i: usize, j: usize, options: &CrossoverOptions
         at_m: [points.easting_m[i] + parts[0] * a[0], points.northing_m[i] + parts[0] * a[1]],
         height_m,
         value_nt: [value[0] - raise, value[1] + raise],
+        gradient_nt_per_m: gradient_size([a, b], [i, j].map(|k| slope(points, k, gap_m))),
     })
 }

@@ -108,14 +108,16 @@ fn law_cleaning_finds_what_was_spoilt_and_keeps_a_steep_anomaly() {
     points.value_nt[701] -= 80.0;
     (points.easting_m[901], points.northing_m[901]) = (points.easting_m[900], points.northing_m[900]);
     points.height_m[901] = points.height_m[900];
+    points.northing_m[400] = 0.0;
     points.line[1690..].fill(900);
     points.line[1699..].fill(901);
     let cleaned = clean(points.borrow(), &CleanOptions::default());
     assert_eq!(cleaned.not_finite, [100, 200]);
+    assert_eq!(cleaned.far, [400]);
     assert_eq!(cleaned.duplicates, [901]);
     assert!(cleaned.outliers.contains(&300), "{:?}", cleaned.outliers);
     assert_eq!(cleaned.of_short_lines, [1699, 1700]);
-    let count = cleaned.kept.len() + cleaned.outliers.len() + 5;
+    let count = cleaned.kept.len() + cleaned.outliers.len() + 6;
     assert_eq!(count, points.line.len());
     let off = clean(points.borrow(), &CleanOptions { sigmas: 0.0, ..CleanOptions::default() });
     assert!(off.outliers.is_empty() && off.kept.contains(&300));

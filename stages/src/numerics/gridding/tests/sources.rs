@@ -108,10 +108,26 @@ fn law_below_the_sources_there_is_no_field() {
     let sources = fitted(&points, 0.1);
     let low = [vec![502_000.0], vec![7_002_000.0], vec![230.0]];
     let refused = sources.predict([&low[0], &low[1], &low[2]]).unwrap_err();
-    assert!(matches!(refused, GridError::BelowSources { height_m: 230.0, .. }), "{refused}");
+    let GridError::BelowSources { height_m: 230.0, at_m, lowest_m } = refused else { panic!("{refused}") };
+    assert_eq!(at_m, [502_000.0, 7_002_000.0]);
+    let at = |height_m: f64| sources.check_above([&low[0], &low[1], &[height_m]]);
+    assert!(at(lowest_m).is_ok() && at(lowest_m - 0.01).is_err(), "{lowest_m}");
     assert!(sources.predict_above([&low[0], &low[1], &low[2]]).unwrap()[0].is_nan());
     let at = [&points.easting_m[..], &points.northing_m, &points.height_m];
     assert!(sources.predict_above(at).unwrap().iter().all(|v| v.is_finite()));
+}
+
+#[test]
+fn r10_a_level_below_the_sources_is_refused_before_the_fit() {
+    let told = std::sync::Mutex::new(vec![]);
+    let progress = |what: &str, _: usize, _: usize| told.lock().unwrap().push(what.to_owned());
+    let options =
+        |level_m| GridOptions::of(Method::EquivalentSources { layers: None, damping: 1.0, level_m: Some(level_m) });
+    let refused = grid(survey().borrow(), &options(230.0), &progress).unwrap_err();
+    let GridError::BelowSources { lowest_m, .. } = refused else { panic!("{refused}") };
+    let told = told.into_inner().unwrap();
+    assert!(!told.iter().any(|what| what == "equivalent sources"), "{told:?}");
+    assert!(grid(survey().borrow(), &options(lowest_m.ceil()), QUIET).is_ok(), "{lowest_m}");
 }
 
 #[test]

@@ -1,0 +1,60 @@
+//! How far values may differ where lines cross without either line being wrong.
+
+use super::super::gridding::median;
+use super::Crossover;
+
+/// Differences are not told apart more finely than this, nT.
+const RESOLUTION_NT: f64 = 0.01;
+/// The mean size of a normal error of standard deviation 1 is one over this.
+const MEAN_SIZE: f64 = 1.253_314_137_315_5;
+/// The largest difference that says something about the usual ones, in standard deviations.
+const FAR: f64 = 4.0;
+
+/// What makes two lines differ at a crossing though both are level: an error of the values, and a distance between where
+/// the values were taken and where they are said to be, which a gradient turns into a difference.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CrossoverNoise {
+    /// Standard deviation of a difference where the field is flat, nT.
+    pub sigma_nt: f64,
+    /// The distance that stands for errors of position, height and timing, m: the standard deviation of a difference
+    /// grows by it times the horizontal gradient.
+    pub position_m: f64,
+}
+
+impl CrossoverNoise {
+    /// The two that make the remaining differences, of which `spent` are taken up by what was fitted to them, most
+    /// likely as errors with exponential tails: differences in steep fields are many, and not normal.
+    pub(super) fn fitted(crossovers: &[Crossover], left_nt: &[f64], spent: f64) -> Self {
+        let mut sizes: Vec<f64> = left_nt.iter().map(|d| d.abs()).collect();
+        let usual = median(&mut sizes).max(RESOLUTION_NT);
+        let mut best = (f64::INFINITY, Self { sigma_nt: usual, position_m: 0.0 });
+        for position in 0..=32 {
+            let position_m = if position == 0 { 0.0 } else { 0.25 * 2f64.powf(0.4 * f64::from(position)) };
+            for share in 0..=20 {
+                let sigma_nt = (2.0 * usual * 2f64.powf(-0.4 * f64::from(share))).max(RESOLUTION_NT);
+                let noise = Self { sigma_nt, position_m };
+                let cost = |(c, d): (&Crossover, &f64)| {
+                    let size = noise.of(c) / MEAN_SIZE;
+                    d.abs() / size + size.ln()
+                };
+                let cost: f64 = crossovers.iter().zip(left_nt).map(cost).sum();
+                if cost < best.0 {
+                    best = (cost, noise);
+                }
+            }
+        }
+        let n = left_nt.len() as f64;
+        let sizes = crossovers.iter().zip(left_nt).map(|(c, d)| (d.abs() / best.1.of(c)).min(FAR));
+        let free = (n / (n - spent).max(1.0)).sqrt();
+        let scale = free * MEAN_SIZE * sizes.sum::<f64>() / n.max(1.0);
+        let Self { sigma_nt, position_m } = best.1;
+        Self { sigma_nt: (scale * sigma_nt).max(RESOLUTION_NT), position_m: scale * position_m }
+    }
+
+    /// The standard deviation of the difference at a crossing, nT. What lines at different heights make of the vertical
+    /// gradient, which is as large as the horizontal one on average, is part of it.
+    pub fn of(&self, crossover: &Crossover) -> f64 {
+        let above_m = crossover.height_m[0] - crossover.height_m[1];
+        self.sigma_nt.hypot(self.position_m.hypot(above_m) * crossover.gradient_nt_per_m)
+    }
+}
