@@ -182,7 +182,7 @@ impl fmt::Display for Column {
 }
 
 /// The columns on one edge of the plan, and what is known of its sampling.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shape {
     /// In the table's order.
     pub columns: Vec<Column>,

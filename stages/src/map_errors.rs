@@ -5,7 +5,8 @@ use schemas::Fault;
 
 use crate::{
     columns::{data, floats},
-    numerics::{continuation::RadialPower, map_grid::MapGrid, plane_grid::PlaneGrid},
+    maps::plane,
+    numerics::{continuation::RadialPower, plane_grid::PlaneGrid},
 };
 
 /// The errors of a map that are known from the map itself.
@@ -22,8 +23,7 @@ impl MapErrors {
     /// # Errors
     /// A table that is no grid.
     pub fn of(map: &RecordBatch, continued: bool, bilinear: bool) -> Result<Self, Fault> {
-        let grid = MapGrid::from_rows(floats(map, "lat")?, floats(map, "lon")?, floats(map, "anomaly")?);
-        let plane = grid.map_err(data)?.plane();
+        let plane = plane(map)?;
         let height = if continued {
             None
         } else {

@@ -44,16 +44,34 @@ pub fn field_map(
     let [columns, rows] = own_axes(table)?;
     let grid = MapGrid::of_nodes(rows.len, columns.len, anomaly).map_err(data)?;
     let projection = projected(&own, &rows, &columns)?;
-    let in_metres = |axis: &EvenAxis, unit_m: f64| EvenAxis { first: 0.0, step: axis.step * unit_m, len: axis.len };
-    let plane = || PlaneGrid {
-        east_m: in_metres(&columns, own.unit_m[0]),
-        north_m: in_metres(&rows, own.unit_m[1]),
-        values: anomaly.to_vec(),
-    };
+    let plane = || own_plane(&own, &rows, &columns, anomaly);
     Ok(FieldMap::Projected(Box::new(match looked_up(table, &grid, plane, interpolation, levels_m)? {
         Looked::Flat(map) => ProjectedMap::flat(projection, map),
         Looked::Stack(stack) => ProjectedMap::stack(projection, stack),
     })))
+}
+
+/// The map of a table on a plane, in metres from its south-west corner.
+///
+/// # Errors
+/// A table that is no grid.
+pub fn plane(table: &RecordBatch) -> Result<PlaneGrid, Fault> {
+    let anomaly = floats(table, "anomaly")?;
+    let Some(own) = OwnGrid::of(&table.schema())? else {
+        let grid = MapGrid::from_rows(floats(table, "lat")?, floats(table, "lon")?, anomaly);
+        return Ok(grid.map_err(data)?.plane());
+    };
+    let [columns, rows] = own_axes(table)?;
+    Ok(own_plane(&own, &rows, &columns, anomaly))
+}
+
+fn own_plane(own: &OwnGrid, rows: &EvenAxis, columns: &EvenAxis, anomaly: &[f64]) -> PlaneGrid {
+    let in_metres = |axis: &EvenAxis, unit_m: f64| EvenAxis { first: 0.0, step: axis.step * unit_m, len: axis.len };
+    PlaneGrid {
+        east_m: in_metres(columns, own.unit_m[0]),
+        north_m: in_metres(rows, own.unit_m[1]),
+        values: anomaly.to_vec(),
+    }
 }
 
 /// A map at one height, or at several.
