@@ -39,8 +39,10 @@ pub fn deep<T: Send>(work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
     })
 }
 
-/// More levels than this are refused before anything is planned.
-const DEEPEST: usize = 10_000;
+/// A query may be nested this deep; the time to plan it grows with the square and more.
+pub const QUERY: usize = 1_000;
+/// A `where` may be, before its chains of `and` and `or` are balanced.
+pub const PREDICATE: usize = 5_000;
 /// More tables and queries than this in one text are refused too: each is a level of the plan.
 const MOST_PARTS: usize = 1_000;
 
@@ -50,12 +52,12 @@ pub fn too_deep() -> Fault {
         .help("write `x in (1, 2, 3)` for a chain of comparisons, and shorter sums and fewer brackets")
 }
 
-/// Refuses parsed SQL that is nested deeper than anything written by hand.
+/// Refuses parsed SQL that is nested deeper than `deepest`; a chain `a or b or c` is a level for each of its terms.
 ///
 /// # Errors
 /// When it is.
-pub fn check(tree: &impl Visit) -> Result<(), Fault> {
-    let mut depth = Depth { now: 0, parts: 0 };
+pub fn check(tree: &impl Visit, deepest: usize) -> Result<(), Fault> {
+    let mut depth = Depth { deepest, now: 0, parts: 0 };
     match tree.visit(&mut depth) {
         ControlFlow::Continue(()) => Ok(()),
         ControlFlow::Break(fault) => Err(*fault),
@@ -63,6 +65,7 @@ pub fn check(tree: &impl Visit) -> Result<(), Fault> {
 }
 
 struct Depth {
+    deepest: usize,
     now: usize,
     parts: usize,
 }
@@ -83,7 +86,7 @@ impl Visitor for Depth {
 
     fn pre_visit_expr(&mut self, _: &Expr) -> ControlFlow<Self::Break> {
         self.now += 1;
-        if self.now > DEEPEST { ControlFlow::Break(Box::new(too_deep())) } else { ControlFlow::Continue(()) }
+        if self.now > self.deepest { ControlFlow::Break(Box::new(too_deep())) } else { ControlFlow::Continue(()) }
     }
 
     fn post_visit_expr(&mut self, _: &Expr) -> ControlFlow<Self::Break> {

@@ -56,7 +56,7 @@ impl Predicate {
         let df = DFSchema::try_from(schema.as_ref().clone()).map_err(|e| wrong(&e, shape))?;
         let dialect = SQL.config().options().sql_parser.dialect;
         let parsed = SQL.sql_to_expr_with_alias(sql, &dialect).map_err(|e| wrong(&e, shape))?;
-        deep::check(&parsed.expr)?;
+        deep::check(&parsed.expr, deep::PREDICATE)?;
         let expr = SQL.create_logical_expr_from_sql_expr(parsed, &df).map_err(|e| wrong(&e, shape))?;
         expression::check(&expr)?;
         let physical = |e: Expr, df: &DFSchema| {

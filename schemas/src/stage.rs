@@ -43,7 +43,7 @@ pub struct InputDecl {
 }
 
 /// What a table is, seen from the plan.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub enum Table {
     /// Flight lines with these columns.
     Lines(Shape),

@@ -117,7 +117,9 @@ fn subsets(name: &str, table: &DeTable, at: std::ops::Range<usize>) -> Result<Ve
     }
     if faults.is_empty() {
         let of = |k: usize| binomial(n as u128, k as u128);
-        let sum = |each: &dyn Fn(usize) -> u128| (least..=most).try_fold(0, |all, k| below(all + each(k)));
+        let sum = |each: &dyn Fn(usize) -> u128| {
+            (least..=most).try_fold(0, |all, k| below(u128::saturating_add(all, each(k))))
+        };
         let (many, entries) = (sum(&of), sum(&|k| (k as u128).saturating_mul(of(k))));
         if many.is_none_or(|m| m > MOST_VALUES) || entries.is_none_or(|e| e > MOST_ENTRIES) {
             let number = many.map_or("more than 10^30".to_owned(), |m| m.to_string());

@@ -47,7 +47,7 @@ impl Assignment {
     pub fn put<'i>(&'i self, root: &mut DeTable<'i>) -> Result<(), Fault> {
         let path = self.path()?;
         let value = self.value(&path)?;
-        let names: Vec<&str> = path.iter().map(|k| k.get_ref().as_ref()).collect();
+        let names: Vec<&str> = path.iter().map(word).collect();
         match names.as_slice() {
             ["name" | "seed" | "store"] => {
                 put(root, &path, value);
@@ -95,7 +95,7 @@ impl Assignment {
     fn value(&self, path: &[Spanned<DeString>]) -> Result<Spanned<DeValue<'_>>, Fault> {
         let raw = &self.whole[self.value.clone()];
         let text = || Ok(Spanned::new(self.value.clone(), DeValue::String(Cow::Borrowed(raw))));
-        let keeps_text = path.last().is_some_and(|k| TEXT_KEYS.contains(&k.get_ref().as_ref()));
+        let keeps_text = path.last().is_some_and(|k| TEXT_KEYS.contains(&word(k)));
         match DeTable::parse(&self.whole) {
             Ok(root) => match leaf(root.into_inner(), path) {
                 Some(value) => match value.get_ref() {
@@ -112,6 +112,10 @@ impl Assignment {
             Err(_) => text(),
         }
     }
+}
+
+fn word<'a>(key: &'a Spanned<DeString>) -> &'a str {
+    key.get_ref()
 }
 
 /// Where the first `=` outside of quotes stands.
@@ -157,7 +161,7 @@ fn table<'a, 'i>(value: Option<&'a mut Spanned<DeValue<'i>>>) -> Option<&'a mut 
 }
 
 fn unknown(kind: &str, key: &Spanned<DeString>, known: &[&str]) -> Fault {
-    let name = key.get_ref();
+    let name = word(key);
     Fault::new(format!("there is no {kind} `{name}`")).nearest(name, known).at(key.span())
 }
 
@@ -169,8 +173,8 @@ fn inside<'i>(
     kind: &str,
 ) -> Result<(), Fault> {
     let Some(first) = path.first() else { return Ok(()) };
-    if !of.contains_key(first.get_ref().as_ref()) {
-        let known: Vec<&str> = of.keys().map(|k| k.get_ref().as_ref()).collect();
+    if !of.contains_key(word(first)) {
+        let known: Vec<&str> = of.keys().map(word).collect();
         return Err(unknown(kind, first, &known));
     }
     put(of, path, value);
@@ -189,7 +193,7 @@ fn stage<'i>(root: &mut DeTable<'i>, path: &[Spanned<DeString<'i>>], value: Span
         name.and_then(|n| n.get_ref().as_str()).map(str::to_owned)
     };
     let known: Vec<Option<String>> = stages.iter().map(called).collect();
-    match known.iter().position(|n| n.as_deref() == Some(name.get_ref().as_ref())) {
+    match known.iter().position(|n| n.as_deref() == Some(word(name))) {
         Some(i) => {
             if let Some(stage) = table(stages.get_mut(i)) {
                 put(stage, rest, value);
@@ -203,7 +207,7 @@ fn stage<'i>(root: &mut DeTable<'i>, path: &[Spanned<DeString<'i>>], value: Span
 /// Sets the value at `path`, with the tables on the way to it.
 fn put<'i>(of: &mut DeTable<'i>, path: &[Spanned<DeString<'i>>], value: Spanned<DeValue<'i>>) {
     let Some((first, rest)) = path.split_first() else { return };
-    let name = first.get_ref().as_ref();
+    let name = word(first);
     if rest.is_empty() {
         match of.get_mut(name) {
             Some(there) => *there = value,

@@ -28,7 +28,6 @@ use datafusion::{
     },
     prelude::{SQLOptions, SessionConfig, SessionContext},
 };
-use futures::Stream;
 use schemas::Fault;
 
 use crate::deep;

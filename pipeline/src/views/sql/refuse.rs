@@ -16,7 +16,7 @@ use crate::deep;
 pub fn statement(statement: &Statement) -> Result<(), Fault> {
     match statement {
         Statement::Statement(sql) => match sql.as_ref() {
-            Sql::Query(query) => deep::check(query),
+            Sql::Query(query) => deep::check(query, deep::QUERY),
             // DataFusion turns these into queries of its own tables about tables.
             Sql::ExplainTable { .. }
             | Sql::ShowTables { .. }
@@ -24,7 +24,7 @@ pub fn statement(statement: &Statement) -> Result<(), Fault> {
             | Sql::ShowFunctions { .. }
             | Sql::ShowVariable { .. } => Ok(()),
             Sql::Explain { statement, .. } => match statement.as_ref() {
-                Sql::Query(query) => deep::check(query),
+                Sql::Query(query) => deep::check(query, deep::QUERY),
                 other => Err(refused(&other.to_string())),
             },
             other => Err(refused(&other.to_string())),
