@@ -338,7 +338,7 @@ impl Rows {
 
 /// A number; an empty cell and the usual words are missing values.
 pub(super) fn number(text: &str) -> Option<f64> {
-    if missing::is_usual_word(text) { Some(f64::NAN) } else { text.parse().ok() }
+    text.parse().ok().or_else(|| missing::is_usual_word(text).then_some(f64::NAN))
 }
 
 /// An error of the CSV layer, with the row it is in.

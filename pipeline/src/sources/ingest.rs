@@ -128,7 +128,7 @@ fn once_each(lines: Vec<LineRecord>, files: &[Bytes]) -> Vec<LineRecord> {
         match kept.last_mut() {
             Some(last) if (&last.flight, &last.line) == (&line.flight, &line.line) => {
                 let name = |i: usize| files.get(i).map(|f: &Bytes| f.path.display().to_string()).unwrap_or_default();
-                if [&line.flight, &line.line].contains(&&MISSING.to_owned()) {
+                if line.flight == MISSING || line.line == MISSING {
                     // Rows of no line in several files: all of them are named.
                     last.fault.get_or_insert_default().what += &format!("; there are more in {}", name(line.file));
                     continue;

@@ -67,7 +67,8 @@ impl<'a> Read<'a> {
         all.extend(known);
         let unknown = |k: &&String| !known.contains(&k.split('.').next().unwrap_or(k));
         let faults = decl.options.iter().filter(|(k, _)| unknown(k)).map(|(k, given)| {
-            Fault::new(format!("{what} has no option `{k}`")).nearest(k, &all).at(given.key_at.clone())
+            let option = k.split('.').next().unwrap_or(k);
+            Fault::new(format!("{what} has no option `{option}`")).nearest(option, &all).at(given.key_at.clone())
         });
         Self { args: &decl.options, faults: faults.collect() }
     }
