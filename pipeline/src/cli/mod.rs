@@ -33,7 +33,7 @@ use schemas::{Fault, Owner, render};
 /// Compensates aeromagnetic flights and navigates by the magnetic anomaly: a TOML file names tables and stages, a run
 /// computes what is not yet in its store, and every result is Parquet.
 #[derive(Parser)]
-#[command(name = "magline", version, about, max_term_width = 100)]
+#[command(name = "magline", version, max_term_width = 100)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

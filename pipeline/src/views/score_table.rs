@@ -117,7 +117,8 @@ fn legend(scores: &Scores, best: Option<usize>, left_out: &[&str], most: usize) 
         out.push_str(&format!("and {} more points; `magline sql` shows them all\n", scores.rows.len() - most));
     }
     if let (Some(_), Some((metric, _))) = (best, scores.headline().and_then(|m| scores.metrics.get(m))) {
-        out.push_str(&format!("* best {metric} of the points without a mark\n"));
+        let of = if scores.marks.iter().any(|n| *n > 0) { " of the points without a mark" } else { "" };
+        out.push_str(&format!("* best {metric}{of}\n"));
     }
     if scores.marks.iter().any(|n| *n > 0) {
         out.push_str("! marked: worse than the INS alone, or NEES or NIS far from its law (2 and 1)\n");

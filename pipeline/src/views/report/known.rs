@@ -119,7 +119,7 @@ mod tests {
         let along = Along { tt, measured: Some(("mag_c".into(), signal)), truth: Some(map.clone()), map };
         let chart = along.chart();
         assert_eq!(chart.lines.len(), 3);
-        assert!(chart.caption.contains("about a constant of -350 nT"), "{}", chart.caption);
+        assert!(chart.caption.contains("about a constant of -350.0 nT"), "{}", chart.caption);
         for (a, b) in chart.lines[0].points.iter().zip(&chart.lines[2].points) {
             assert!((a.1 - b.1).abs() < 1e-9);
         }

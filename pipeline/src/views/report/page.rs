@@ -150,32 +150,55 @@ fn troubles(source: &Source, Trouble { failures, warnings, outdated }: &Trouble)
     }
 }
 
-/// What is not to be trusted as it is, the worst of each kind first.
+/// As many warnings of each kind are in sight.
+const OF_EACH: usize = 3;
+
+/// What is not to be trusted as it is: the worst of each kind, the others folded.
 fn warned(pipeline: &str, warnings: &[Warning]) -> Markup {
     let mut worst: Vec<&Warning> = warnings.iter().collect();
-    worst.sort_by(|a, b| (a.kind).cmp(&b.kind).then(b.excess().total_cmp(&a.excess())));
+    worst.sort_by(|a, b| a.kind.cmp(&b.kind).then(b.excess().total_cmp(&a.excess())));
+    let mut kinds: Vec<Vec<&Warning>> = vec![];
+    for warning in worst {
+        match kinds.last_mut() {
+            Some(same) if same.first().is_some_and(|w| w.kind == warning.kind) => same.push(warning),
+            _ => kinds.push(vec![warning]),
+        }
+    }
+    let seen: Vec<&Warning> = kinds.iter().flat_map(|k| k.iter().take(OF_EACH)).copied().collect();
+    let folded: Vec<&Warning> = kinds.iter().flat_map(|k| k.iter().skip(OF_EACH)).copied().collect();
+    html! {
+        @if !warnings.is_empty() {
+            section.trouble id="warnings" {
+                h2 { "Warnings" }
+                p { @for (i, kind) in kinds.iter().enumerate() { @if i > 0 { ", " } (kind.len()) " " code { (kind[0].kind.as_str()) } }
+                    ". The table " code { (pipeline) ".warnings" } " has each of them with its likely cause." }
+                (listed_warnings(&seen))
+                @if !folded.is_empty() {
+                    details { summary { (folded.len()) " more" }
+                        (listed_warnings(&folded[..folded.len().min(MOST)]))
+                        @if folded.len() > MOST { p.note { "and " (folded.len() - MOST) " more" } }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn listed_warnings(warnings: &[&Warning]) -> Markup {
     let figure = |w: &Warning, of: Option<f64>| match of {
         Some(x) if w.unit == "1" => number(Some(x)),
         Some(x) => format!("{} {}", number(Some(x)), w.unit),
         None => String::new(),
     };
     html! {
-        @if !warnings.is_empty() {
-            section.trouble id="warnings" {
-                h2 { "Warnings" }
-                p { (warnings.len()) (if warnings.len() == 1 { " result is" } else { " results are" })
-                    " not to be trusted as it is. The table " code { (pipeline) ".warnings" } " lists all." }
-                div.scroll { table {
-                    thead { tr { @for head in ["where", "what", "likely cause"] { th scope="col" { (head) } } th.n scope="col" { "value" } th.n scope="col" { "limit" } } }
-                    tbody { @for w in worst.iter().take(MOST) { tr data-kind=(w.kind.as_str()) {
-                        td { (w.stage) @if !w.place().is_empty() { ": " (w.place()) } }
-                        td { (w.text) } td { (w.cause.as_deref().unwrap_or("")) }
-                        td.n { (figure(w, w.value)) } td.n { (figure(w, w.limit)) }
-                    } } }
-                } }
-                @if worst.len() > MOST { p.note { "and " (worst.len() - MOST) " more" } }
-            }
-        }
+        div.scroll { table {
+            thead { tr { @for head in ["where", "what", "likely cause"] { th scope="col" { (head) } } th.n scope="col" { "value" } th.n scope="col" { "limit" } } }
+            tbody { @for w in warnings { tr data-kind=(w.kind.as_str()) {
+                td { (w.stage) @if !w.place().is_empty() { ": " (w.place()) } }
+                td { (w.text) } td { (w.cause.as_deref().unwrap_or("")) }
+                td.n { (figure(w, w.value)) } td.n { (figure(w, w.limit)) }
+            } } }
+        } }
     }
 }
 

@@ -78,12 +78,17 @@ impl<'a> Facts<'a> {
         self.settings.as_ref().and_then(|s| s.sigma_nt)
     }
 
+    fn diverged(&self) -> bool {
+        self.row.get("drms").zip(self.row.get("ins_drms")).is_some_and(|(drms, ins)| drms > ins)
+    }
+
     /// What is likely to be behind a warning; `None` where nothing that is known explains it.
     pub fn cause(&self, kind: Kind) -> Option<String> {
         let settings = self.settings.as_ref()?;
         let found = match kind {
             Kind::WorseThanIns | Kind::NeesHigh | Kind::NisHigh => self.too_sure(settings, kind),
             Kind::NeesLow | Kind::NisLow => self.too_cautious(settings),
+            Kind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
             Kind::OffMap => vec!["the map does not cover the line, or has unknown cells below it".to_owned()],
             Kind::MapHeight if settings.levels => vec!["the flight leaves the heights of `map_levels_m`".to_owned()],
             Kind::MapHeight => vec!["`navigate` has no `map_levels_m`: name heights about those flown".to_owned()],
@@ -97,9 +102,6 @@ impl<'a> Facts<'a> {
         let shown = |x: f64| number(Some(x));
         let sigma = settings.sigma_nt;
         let mut found = vec![];
-        if let Some(share) = row.off_map().filter(|s| *s >= limits::OFF_MAP_CAUSE) {
-            found.push(format!("{:.0} % of the samples are off the map", 100.0 * share));
-        }
         if settings.offset_window_s == 0.0 {
             let large = |bias: &f64| bias.abs() > limits::BIAS_SIGMAS * sigma.unwrap_or(5.0);
             match row.get("bias_error") {
@@ -121,6 +123,10 @@ impl<'a> Facts<'a> {
             found.push(format!("`decimal_year` is {said:.2}, but the flight's own date is {flown:.2}"));
         }
         found.extend(self.sigma_too_small(sigma));
+        if let Some(share) = row.off_map().filter(|s| *s >= limits::OFF_MAP_CAUSE) {
+            // A filter that diverged has left the map for that reason; which came first is not known.
+            found.push(format!("{:.0} % of the samples are off the map", 100.0 * share));
+        }
         if found.is_empty() {
             found.extend(self.otherwise(kind));
         }
@@ -168,10 +174,13 @@ impl<'a> Facts<'a> {
         match (low, settings.sigma_nt) {
             (Some(nis), Some(sigma)) => {
                 let left = self.row.get("std_error");
-                let left = left.map_or(String::new(), |l| format!(", compensation left {} nT (std_error)", shown(l)));
-                let what = "is too large: about";
+                let left = left.map_or(String::new(), |left| {
+                    let lasts = "std_error; what of it lasts belongs into `fogm_sigma_nt`";
+                    format!(", compensation left {} nT ({lasts})", shown(left))
+                });
+                let what = "is too large: the innovations show about";
                 vec![format!(
-                    "`measurement_sigma_nt` of {} {what} {} would agree with the innovations{left}",
+                    "`measurement_sigma_nt` of {} {what} {} nT{left}",
                     shown(sigma),
                     shown(sigma * nis.sqrt())
                 )]

@@ -279,7 +279,10 @@ fn group_told(group: &[&Warning]) -> String {
         1 => format!("{}{place}: {}", worst.stage, worst.text),
         n => {
             let which = if worst.value.is_some() { "worst" } else { "first" };
-            format!("{}: {} at {n} places, {which}{place}: {}", worst.stage, worst.kind.of_many(), worst.text)
+            let what = worst.kind.of_many();
+            // What is said of all need not be said of the worst again.
+            let figures = worst.text.strip_prefix(what).and_then(|t| t.strip_prefix(": ")).unwrap_or(&worst.text);
+            format!("{}: {what} at {n} places, {which}{place}: {figures}", worst.stage)
         }
     };
     if let Some(cause) = &worst.cause {

@@ -30,7 +30,10 @@ fn r10_the_figures_of_the_issue_are_marked() {
     let found = judge(&facts(&row, given(100.0)));
     assert_eq!(kinds(&found), ["nis_low"]);
     let cause = found[0].cause.as_deref().unwrap();
-    assert!(cause.contains("`measurement_sigma_nt` of 100.0 is too large: about 6.325"), "{cause}");
+    assert!(
+        cause.contains("`measurement_sigma_nt` of 100.0 is too large: the innovations show about 6.325"),
+        "{cause}"
+    );
 }
 
 #[test]
@@ -55,12 +58,12 @@ fn law_ten_times_the_law_is_hardly_chance() {
 
 #[test]
 fn r10_a_cause_is_named_from_what_is_known() {
-    let bad = |more: &[(&str, f64)]| {
+    let bad = |more: &[(&'static str, f64)]| {
         let base = [("drms", 300.0), ("ins_drms", 100.0), ("nees", 90.0), ("nis", 1.0)];
-        let all: BTreeMap<&str, f64> = base.iter().chain(more).copied().collect();
+        let all: BTreeMap<&'static str, f64> = base.iter().chain(more).copied().collect();
         all
     };
-    let cause = |more: &[(&str, f64)], settings: Settings| {
+    let cause = |more: &[(&'static str, f64)], settings: Settings| {
         let figures = bad(more);
         let mut row = Row::default();
         figures.iter().for_each(|(m, v)| row.put(m, *v));
@@ -101,7 +104,7 @@ fn warning(kind: Kind, value: f64, limit: f64, line: &str) -> Warning {
         value: Some(value),
         limit: Some(limit),
         unit: "m",
-        text: format!("drms {value}"),
+        text: format!("{}: drms {value}", kind.of_many()),
         cause: Some("a cause".into()),
     }
 }
@@ -119,7 +122,8 @@ fn gold_many_warnings_are_told_by_the_worst_of_each_kind() {
         [
             "scores: the filter is worse than the INS alone at 2 places, worst (mag = mag_4_uc, flight 1, line 1.02): \
              drms 90\n  likely cause: a cause",
-            "scores (mag = mag_4_uc, flight 1, line 1.01): drms 0.004\n  likely cause: a cause",
+            "scores (mag = mag_4_uc, flight 1, line 1.01): the innovations are far smaller than the filter predicts: \
+             drms 0.004\n  likely cause: a cause",
             "3 warnings; the table `p.warnings` has each",
         ]
     );
