@@ -6,7 +6,7 @@ use arrow_array::{ArrayRef, Int64Array, RecordBatch};
 use schemas::{Column, Fault, Gather, LineIn, Passes, Prepared, Shape, Stage, Table, Yield, stage};
 
 use crate::{
-    columns::{array, data, faults_of, floats, shape},
+    columns::{array, data, floats, shape},
     compensate::{RESIDUAL, noise_columns},
     numerics::{
         noise::{Blocks, noise},

@@ -117,6 +117,7 @@ const METRICS: [Metric; 25] = [
     ),
 ];
 
+<<<<<<< ours
 /// The metrics as a table of the reference: name, unit and meaning.
 pub fn metrics_table() -> String {
     let row = |(name, unit, _, meaning): &Metric| format!("| `{name}` | {unit} | {meaning} |\n");
@@ -126,6 +127,10 @@ pub fn metrics_table() -> String {
 
 const NAMES: [&str; 25] = {
     let mut names = [""; 25];
+=======
+const NAMES: [&str; METRICS.len()] = {
+    let mut names = [""; METRICS.len()];
+>>>>>>> theirs
     let mut i = 0;
     while i < names.len() {
         names[i] = METRICS[i].0;
