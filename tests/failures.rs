@@ -94,7 +94,10 @@ fn r10_a_difference_of_magnetometers_is_an_entry() {
     let spec = FIT
         .replace("[[stages]]\nname     = \"coefficients\"", MADE)
         .replace("input    = \"flights\"\nmodel", "input    = \"made\"\nmodel")
-        .replace("[\"flux_a_x\", \"flux_a_y\", \"flux_a_z\"]", "[\"features\"]\nentries  = [\"mag_5_4_uc\", \"flux_a\"]");
+        .replace(
+            "[\"flux_a_x\", \"flux_a_y\", \"flux_a_z\"]",
+            "[\"features\"]\nentries  = [\"mag_5_4_uc\", \"flux_a\"]",
+        );
     bench.spec(&spec);
     let run = bench.run(&[]);
     assert_eq!(run.code, 0, "{}", run.stderr);
@@ -121,7 +124,10 @@ fn r10_columns_with_a_dot_in_their_name_go_through_all_stages() {
         RecordBatch::try_new(std::sync::Arc::new(arrow_schema::Schema::new(fields)), line.columns().to_vec()).unwrap()
     };
     for flight in ["1", "2"] {
-        write(&bench.path(&format!("flights/{flight}.parquet")), &[dotted(line_of(flight, &format!("{flight}.01"), 700))]);
+        write(
+            &bench.path(&format!("flights/{flight}.parquet")),
+            &[dotted(line_of(flight, &format!("{flight}.01"), 700))],
+        );
     }
     let spec = FIT
         .replace("[[stages]]\nname     = \"coefficients\"", DOTTED)

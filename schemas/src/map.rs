@@ -82,12 +82,12 @@ impl OwnGrid {
         };
         let number = |field: &Field, key: &str| {
             let value: String = text(field, key)?;
-            let wrong = || Fault::machine(format!("`{value}` of the map's `{key}` is no number")).in_column(field.name());
+            let wrong =
+                || Fault::machine(format!("`{value}` of the map's `{key}` is no number")).in_column(field.name());
             value.parse::<f64>().map_err(|_| wrong())
         };
-        let ends = |field: &Field| -> Result<[f64; 2], Fault> {
-            Ok([number(field, "from_deg")?, number(field, "to_deg")?])
-        };
+        let ends =
+            |field: &Field| -> Result<[f64; 2], Fault> { Ok([number(field, "from_deg")?, number(field, "to_deg")?]) };
         let code = text(northing, "epsg")?;
         Ok(Some(OwnGrid {
             epsg: code.parse().map_err(|_| Fault::machine(format!("`{code}` is no EPSG code")))?,

@@ -158,8 +158,7 @@ fn projected() -> Result<(), Failure> {
     let even = |first: f64, len: usize| EvenAxis { first: first - 2_000.0, step: 100.0, len };
     let (y, x) = (even(northing, 3 * rows / 2), even(easting, 3 * columns / 2));
     let far = |n: usize| STEP_DEG * n as f64;
-    let area =
-        Area { lat_deg: [SOUTH_DEG, SOUTH_DEG + far(rows)], lon_deg: [WEST_DEG, WEST_DEG + far(columns)] };
+    let area = Area { lat_deg: [SOUTH_DEG, SOUTH_DEG + far(rows)], lon_deg: [WEST_DEG, WEST_DEG + far(columns)] };
     let projection = GridProjection::new(|lat, lon| system.project(lat, lon), area, &y, &x)?;
     println!("projection: off by {:.1e} of a step", projection.departure_steps());
     let exact = fastest_s(|| {

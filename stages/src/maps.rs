@@ -238,7 +238,8 @@ mod tests {
     #[test]
     fn law_a_projected_map_is_its_own_bilinear_surface() {
         // Bilinear in easting and northing, so what lies between the nodes is known.
-        let plane = |x: f64, y: f64| 3.0 + 0.02 * (x - 450_000.0) - 0.05 * (y - 7.56e6) + 1e-6 * (x - 4.5e5) * (y - 7.56e6);
+        let plane =
+            |x: f64, y: f64| 3.0 + 0.02 * (x - 450_000.0) - 0.05 * (y - 7.56e6) + 1e-6 * (x - 4.5e5) * (y - 7.56e6);
         let map = field_map(&table(plane), Interpolation::Linear, None).unwrap();
         let system = Projection::new(UTM).unwrap();
         let [columns, rows] = axes();
@@ -293,7 +294,9 @@ mod tests {
         map.at_many(&lat, &lon, &vec![ALT_M; lat.len()], &mut many).unwrap();
         for i in 0..lat.len() {
             match map.at(lat[i], lon[i], ALT_M) {
-                Some(one) => assert_eq!((one.value_nt, one.d_lat_nt_per_rad), (many.value_nt[i], many.d_lat_nt_per_rad[i])),
+                Some(one) => {
+                    assert_eq!((one.value_nt, one.d_lat_nt_per_rad), (many.value_nt[i], many.d_lat_nt_per_rad[i]))
+                }
                 None => assert!(many.value_nt[i].is_nan() && i + 1 == lat.len()),
             }
         }

@@ -23,8 +23,18 @@ use crate::{
 type Metric = (&'static str, &'static str, Need, &'static str);
 
 /// What can be scored. Deviations are about the mean, over n - 1, as MagNav.jl's are.
+<<<<<<< ours
 const METRICS: [Metric; 25] = [
     ("std_error", "nT", Need::Truth, "standard deviation (n - 1) of compensated minus truth: a constant does not count"),
+=======
+const METRICS: [Metric; 24] = [
+    (
+        "std_error",
+        "nT",
+        Need::Truth,
+        "standard deviation (n - 1) of compensated minus truth: a constant does not count",
+    ),
+>>>>>>> theirs
     ("bias_error", "nT", Need::Truth, "mean of compensated minus truth"),
     ("rms_error", "nT", Need::Truth, "root mean square (n) of compensated minus truth: a constant counts"),
     (

@@ -133,7 +133,8 @@ mod tests {
     #[test]
     fn law_a_map_in_degrees_stays_the_contracts_table() {
         let path = samples::path("simple_magnav/map.h5");
-        let (grid, map) = (read_grid(&path, &MapOptions::default()).unwrap(), read_map(&path, &MapOptions::default()).unwrap());
+        let (grid, map) =
+            (read_grid(&path, &MapOptions::default()).unwrap(), read_map(&path, &MapOptions::default()).unwrap());
         assert_eq!(grid.table().unwrap(), map.batch);
         assert_eq!(geographic(&map.batch).unwrap().batch, map.batch);
     }

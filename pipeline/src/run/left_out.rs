@@ -2,11 +2,7 @@
 
 use std::sync::Arc;
 
-use arrow_array::{
-    Array, ArrayRef, Int64Array, RecordBatch, StringArray,
-    cast::AsArray,
-    types::Int64Type,
-};
+use arrow_array::{Array, ArrayRef, Int64Array, RecordBatch, StringArray, cast::AsArray, types::Int64Type};
 use schemas::{Fault, Owner, Place};
 
 use crate::{keys::Key, store::Store};
@@ -26,7 +22,8 @@ pub fn keep(store: &Store, answer: Key, faults: &[Fault]) -> Result<(), Fault> {
     if faults.is_empty() {
         return Ok(());
     }
-    let text = |of: fn(&Fault) -> Option<&str>| -> ArrayRef { Arc::new(faults.iter().map(of).collect::<StringArray>()) };
+    let text =
+        |of: fn(&Fault) -> Option<&str>| -> ArrayRef { Arc::new(faults.iter().map(of).collect::<StringArray>()) };
     let columns = [
         text(|f| f.place.flight.as_deref()),
         text(|f| f.place.line.as_deref()),

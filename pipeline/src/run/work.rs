@@ -229,12 +229,10 @@ impl<'a> Worker<'a> {
             *table = Err(nothing_left(left_out));
         }
         let put = |((unit, key), (left_out, table)): (&(Unit, Key), (Vec<Fault>, Result<Vec<ArrayRef>, Fault>))| {
-            let done = table
-                .and_then(|arrays| self.batch(self.instance(*unit), arrays))
-                .and_then(|batch| {
-                    left_out::keep(self.store, *key, &left_out)?;
-                    self.store.put(*key, &batch)
-                });
+            let done = table.and_then(|arrays| self.batch(self.instance(*unit), arrays)).and_then(|batch| {
+                left_out::keep(self.store, *key, &left_out)?;
+                self.store.put(*key, &batch)
+            });
             Done { unit: *unit, fault: done.err(), left_out }
         };
         task.units.par_iter().zip(left_out.into_par_iter().zip(tables)).map(put).collect()

@@ -270,9 +270,7 @@ fn properties(schema: &Schema) -> WriterProperties {
 /// # Errors
 /// When the file is missing or damaged, or lacks a column.
 pub fn read_columns<S: AsRef<str>>(path: &Path, columns: &[S]) -> Result<RecordBatch, Fault> {
-    let fail = |e: &dyn std::fmt::Display| {
-        trouble("read", path, e).help(DAMAGED)
-    };
+    let fail = |e: &dyn std::fmt::Display| trouble("read", path, e).help(DAMAGED);
     let file = File::open(path).map_err(|e| fail(&e))?;
     let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::new()).map_err(|e| fail(&e))?;
     let rows = usize::try_from(metadata.metadata().file_metadata().num_rows()).unwrap_or(0);

@@ -105,7 +105,8 @@ impl<'a> Problem<'a> {
             return Err(Fault::data(what).help("select longer lines, or take a smaller `trim` or `order`"));
         }
         let lines = used.iter().map(|(p, _)| format!("{}/{}", p.flight, p.line)).collect();
-        let (flights, shares): (Vec<String>, Vec<&Share>) = used.into_iter().map(|(p, s)| (p.flight.clone(), s)).unzip();
+        let (flights, shares): (Vec<String>, Vec<&Share>) =
+            used.into_iter().map(|(p, s)| (p.flight.clone(), s)).unzip();
         let moments: Vec<Moments> = shares.iter().map(|s| s.moments.clone()).collect();
         let merged = Moments::merged(&moments).map_err(data)?;
         let unfiltered: Vec<Moments> = shares.iter().filter_map(|s| s.unfiltered.clone()).collect();

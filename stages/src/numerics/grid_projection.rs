@@ -306,10 +306,9 @@ mod tests {
                 [(ahead.1 - back.1) / (2.0 * h * STEP_M), (ahead.0 - back.0) / (2.0 * h * STEP_M)]
             };
             let (per_lat, per_lon) = (slope(h, 0.0), slope(0.0, h));
-            for (exact, expected) in [
-                (at.row_per_deg, [per_lat[0], per_lon[0]]),
-                (at.column_per_deg, [per_lat[1], per_lon[1]]),
-            ] {
+            for (exact, expected) in
+                [(at.row_per_deg, [per_lat[0], per_lon[0]]), (at.column_per_deg, [per_lat[1], per_lon[1]])]
+            {
                 for (a, b) in exact.iter().zip(expected) {
                     // Some 1000 rows a degree; the differences are rounded by 1e-9 m / 2e-4 / 100 m.
                     assert!((a - b).abs() < 1e-5, "{lat} {lon}: {a} {b}");
