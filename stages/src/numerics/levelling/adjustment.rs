@@ -21,6 +21,8 @@ const REWEIGHTED: usize = 4;
 const BY_CHANCE: f64 = 0.05;
 /// Standard deviations by which a group must scatter more than its errors do.
 const BEYOND: f64 = 1.645;
+/// Crossovers for each coefficient with which all corrections can be free at first.
+const ENOUGH: usize = 2;
 /// Crossovers that a line needs to be out by itself: one or two may be wrong.
 const LEAST_CROSSOVERS: usize = 3;
 
@@ -148,18 +150,21 @@ impl<'a> Adjustment<'a> {
             found.coefficients.truncate(self.shift());
             return found;
         }
-        if !self.options.tested {
-            found.spread_nt = [vec![f64::INFINITY; self.terms], vec![f64::INFINITY; self.terms]];
-        }
+        // Begun with free corrections where there are crossovers enough to tell them from noise, else with none.
+        let free = !self.options.tested || self.rows.len() >= ENOUGH * self.shift();
         let mut spent = 1.0;
+        if free {
+            found.spread_nt = [vec![f64::INFINITY; self.terms], vec![f64::INFINITY; self.terms]];
+            found.noise.sigma_nt = 1.0;
+            found.coefficients = self.weighted(&found, |_| true);
+            spent = self.shift() as f64;
+        }
         for _ in 0..ROUNDS {
             let left = self.differences(&found.coefficients);
             found.noise = CrossoverNoise::fitted(self.crossovers, &left, spent);
             found.sd_nt = self.crossovers.iter().map(|c| found.noise.of(c)).collect();
             found.coefficients = self.weighted(&found, |_| true);
-            if self.options.tested {
-                spent = self.estimate(&mut found);
-            }
+            spent = if self.options.tested { self.estimate(&mut found) } else { spent };
         }
         found.coefficients = self.weighted(&found, |_| true);
         self.levelled(found)
@@ -180,20 +185,24 @@ impl<'a> Adjustment<'a> {
         let mut spent = 1.0;
         for (tie, spread) in [false, true].into_iter().zip(&mut found.spread_nt) {
             let members = group(tie);
-            for (order, width) in spread.iter_mut().enumerate() {
-                let of = |k: &usize| (own[*k].value_nt[order], own[*k].error_nt[order]);
-                let usual: Vec<(f64, f64)> = members.iter().filter(|k| !found.alone[**k]).map(of).collect();
-                *width = beyond_errors(&usual);
-                let taken = |(_, error): (f64, f64)| *width * *width / (*width * *width + error * error);
-                spent += usual.into_iter().map(taken).filter(|t| t.is_finite()).sum::<f64>();
-            }
+            let of = |k: &usize, order: usize| (own[*k].value_nt[order], own[*k].error_nt[order]);
+            // Lines that are out by themselves must not make the width that they are judged by.
+            let usual: Vec<f64> =
+                (0..self.terms).map(|order| robust_width(members.iter().map(|k| of(k, order)))).collect();
             for &k in &members {
                 let out = |order: usize| {
-                    let error = own[k].error_nt[order].powi(2) * own[k].excess + spread[order].powi(2);
-                    own[k].value_nt[order].abs() > limit * error.sqrt()
+                    let (value, error) = of(&k, order);
+                    value.abs() > limit * (error * error * own[k].excess + usual[order].powi(2)).sqrt()
                 };
                 found.alone[k] = own[k].crossovers >= LEAST_CROSSOVERS && (0..self.terms).any(out);
                 spent += if found.alone[k] { self.terms as f64 } else { 0.0 };
+            }
+            for (order, width) in spread.iter_mut().enumerate() {
+                let rest: Vec<(f64, f64)> =
+                    members.iter().filter(|k| !found.alone[**k]).map(|k| of(k, order)).collect();
+                *width = beyond_errors(&rest);
+                let taken = |(_, error): (f64, f64)| *width * *width / (*width * *width + error * error);
+                spent += rest.into_iter().map(taken).filter(|t| t.is_finite()).sum::<f64>();
             }
         }
         spent
@@ -317,6 +326,15 @@ impl<'a> Adjustment<'a> {
         x.iter_mut().step_by(self.terms).for_each(|c| *c -= level);
         found
     }
+}
+
+/// About how much most of the values scatter beyond their standard errors.
+fn robust_width(values: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let (mut sizes, mut errors): (Vec<f64>, Vec<f64>) = values.map(|(value, error)| (value.abs(), error)).unzip();
+    if sizes.is_empty() {
+        return 0.0;
+    }
+    ((1.4826 * median(&mut sizes)).powi(2) - median(&mut errors).powi(2)).max(0.0).sqrt()
 }
 
 /// By how much values about nothing scatter beyond their standard errors; nothing where they do not, or where chance may
