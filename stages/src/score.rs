@@ -23,18 +23,13 @@ use crate::{
 type Metric = (&'static str, &'static str, Need, &'static str);
 
 /// What can be scored. Deviations are about the mean, over n - 1, as MagNav.jl's are.
-<<<<<<< ours
 const METRICS: [Metric; 25] = [
-    ("std_error", "nT", Need::Truth, "standard deviation (n - 1) of compensated minus truth: a constant does not count"),
-=======
-const METRICS: [Metric; 24] = [
     (
         "std_error",
         "nT",
         Need::Truth,
         "standard deviation (n - 1) of compensated minus truth: a constant does not count",
     ),
->>>>>>> theirs
     ("bias_error", "nT", Need::Truth, "mean of compensated minus truth"),
     ("rms_error", "nT", Need::Truth, "root mean square (n) of compensated minus truth: a constant counts"),
     (
@@ -127,7 +122,6 @@ const METRICS: [Metric; 24] = [
     ),
 ];
 
-<<<<<<< ours
 /// The metrics as a table of the reference: name, unit and meaning.
 pub fn metrics_table() -> String {
     let row = |(name, unit, _, meaning): &Metric| format!("| `{name}` | {unit} | {meaning} |\n");
@@ -135,12 +129,8 @@ pub fn metrics_table() -> String {
     format!("| metric | unit | meaning |\n|---|---|---|\n{rows}")
 }
 
-const NAMES: [&str; 25] = {
-    let mut names = [""; 25];
-=======
 const NAMES: [&str; METRICS.len()] = {
     let mut names = [""; METRICS.len()];
->>>>>>> theirs
     let mut i = 0;
     while i < names.len() {
         names[i] = METRICS[i].0;

@@ -275,12 +275,6 @@ pub fn read_columns<S: AsRef<str>>(path: &Path, columns: &[S]) -> Result<RecordB
     let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::new()).map_err(|e| fail(&e))?;
     let rows = usize::try_from(metadata.metadata().file_metadata().num_rows()).unwrap_or(0);
     let builder = ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata);
-<<<<<<< ours
-=======
-    // By position: a mask of names takes a dot for the way into a nested column.
-    let wanted = columns.iter().filter_map(|c| builder.schema().index_of(c.as_ref()).ok());
-    let mask = ProjectionMask::roots(builder.parquet_schema(), wanted);
->>>>>>> theirs
     let schema = builder.schema().clone();
     // By position: a mask of names takes the dots of a name for a path.
     let wanted = columns.iter().filter_map(|c| schema.index_of(c.as_ref()).ok());
