@@ -26,6 +26,8 @@ use super::{
 use crate::simulate::random::Random;
 
 const DAY_S: f64 = 86_400.0;
+/// Seconds by which a moment may lie before the flight's start; the first stretch between knots goes on there.
+const SLACK_S: f64 = 5e-3;
 
 /// The temporal variation of one flight.
 pub(super) struct Variation<'a> {
@@ -214,7 +216,8 @@ impl Knots {
     /// Knots from the start of the flight to the end of `tt_s`: as many times as it is asked, the same ones.
     fn new(process: GaussMarkov, start_tt_s: f64, tt_s: &[f64], random: &mut Random) -> Knots {
         let step_s = (process.tau_s / 20.0).clamp(0.01, 1.0);
-        let start_s = start_tt_s.min(tt_s.first().copied().unwrap_or(start_tt_s)).floor();
+        // Moments just before the first sample must not move the knots.
+        let start_s = start_tt_s.min(tt_s.first().map_or(start_tt_s, |tt| tt + SLACK_S)).floor();
         let end_s = tt_s.last().copied().unwrap_or(start_s);
         let count = ((end_s - start_s) / step_s).ceil().max(0.0) as usize + 2;
         let times: Vec<f64> = (0..count).map(|k| k as f64 * step_s).collect();
