@@ -91,12 +91,18 @@ fn law_the_main_job_compensates_and_navigates() {
         assert_eq!(after.len(), 12);
         assert!(after.iter().zip(&before).all(|(a, b)| a < b), "{mag}");
     }
-    // The stinger and the best of the cabin find their way; magnetometer 4 is left with 35 nT, which no filter that
-    // expects 10 gets along with.
-    for mag in ["mag_1_uc", "mag_5_uc"] {
-        let (drms, ins) = (of(mag, "drms"), of(mag, "ins_drms"));
-        assert!(drms.iter().zip(&ins).all(|(d, i)| d < i), "{mag}: {drms:?} {ins:?}");
-        assert!(drms.iter().all(|d| *d < 120.0), "{mag}: {drms:?}");
+    // Each filter is better than its INS, and as sure of itself as it may be: NEES has the law 2, NIS the law 1.
+    let all = |metric: &str| -> Vec<f64> {
+        (0..values.len()).filter(|i| metrics[*i] == metric).map(|i| values[i]).collect()
+    };
+    let (drms, ins) = (all("drms"), all("ins_drms"));
+    assert_eq!(drms.len(), 27 * 4);
+    assert!(drms.iter().zip(&ins).all(|(d, i)| d < i), "{drms:?} {ins:?}");
+    assert!(all("nees").iter().all(|x| (0.2..20.0).contains(x)), "{:?}", all("nees"));
+    assert!(all("nis").iter().all(|x| (0.25..4.0).contains(x)), "{:?}", all("nis"));
+    assert_eq!(last["warnings"].as_array().map(Vec::len), Some(0), "{}", last["warnings"]);
+    for (mag, most_m) in [("mag_1_uc", 60.0), ("mag_4_uc", 600.0), ("mag_5_uc", 130.0)] {
+        assert!(of(mag, "drms").iter().all(|d| *d < most_m), "{mag}: {:?}", of(mag, "drms"));
     }
 }
 
@@ -137,8 +143,9 @@ fn law_a_map_at_the_height_flown_follows_the_stinger() {
         };
         (0..values.len()).filter(wanted).map(|i| values[i]).fold(0.0, f64::max)
     };
-    // The stinger's noise is 0.02 nT; the simulated field is the map's cubic spline.
-    assert!(std("scores_level", "cubic", false) < 0.03);
+    // The stinger's noise is 0.02 nT. The simulated field is the spline of the map in latitude and longitude, the stage's
+    // that of the map on its own grid: they agree at the map's nodes.
+    assert!(std("scores_level", "cubic", false) < 0.1);
     assert!(std("scores_level", "linear", false) > 0.3);
     // The boxes are flown 2500 m above the map: there the level map is off by all of the short anomalies, the
     // continued one by what the levels 700 m apart leave and the edges do.

@@ -22,7 +22,6 @@ name  = "place"
 stage = "map_value"
 input = "flights"
 map   = "anomaly"
-carry = ["lat", "lon"]
 "#;
 
 /// The levelled grid of Osborne, in UTM zone 54 south, 100 m from node to node.

@@ -222,7 +222,10 @@ pub fn likely(limits: &Limits, value: f64, declared: &str) -> Option<Likely> {
     let in_unit = |unit: &&'static str| {
         let factor = convert(unit, canonical)?;
         let other = convert(declared, canonical) != Some(factor);
-        (other && limits.holds(reading * factor)).then_some((*unit, reading * factor))
+        let value = reading * factor;
+        // A kilometre about the origin: a small unit makes any number fit there.
+        let origin = matches!(limits.kind, Kind::Latitude | Kind::Longitude) && value.abs() < 0.01;
+        (other && !origin && limits.holds(value)).then_some((*unit, value))
     };
     let mut fitting = limits.kind.units().iter().filter_map(in_unit);
     let (first, second) = (fitting.next(), fitting.next());

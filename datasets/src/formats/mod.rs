@@ -240,7 +240,8 @@ impl Head<'_> {
             return vec![];
         }
         let names = hdf5::Hdf5::open(self.path).map(|f| f.names().to_vec()).unwrap_or_default();
-        names.iter().map(|n| self.renamed(n).to_owned()).collect()
+        // A format is known by its own names too, whatever the options make of them.
+        names.iter().flat_map(|n| [n.clone(), self.renamed(n).to_owned()]).collect()
     }
 
     /// The name that the options give a column.

@@ -5,7 +5,6 @@ mod convert;
 mod fill;
 mod grid;
 mod info;
-mod phases;
 mod plot;
 
 use std::{

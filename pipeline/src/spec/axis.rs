@@ -198,7 +198,7 @@ mod tests {
         let names = |n: usize| (0..n).map(|i| format!("'x{i}'")).collect::<Vec<_>>().join(", ");
         for (n, rest, says) in [
             (30, "", "1073741823 values"),
-            (30, ", at_least = 10, up_to = 12", "171080040 values"),
+            (30, ", at_least = 10, up_to = 12", "171165540 values"),
             (200, "", "more than 10^30 values"),
             (5000, ", at_least = 2500", "more than 10^30 values"),
             (5000, ", at_least = 4999", "5001 values"),

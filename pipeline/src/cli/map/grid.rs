@@ -12,7 +12,8 @@ use stages::numerics::{
     levelling::{CrossoverOptions, LevelOptions, Levelled, LineCorrection, Merit, find_crossovers, level_lines},
 };
 
-use super::{Bounds, OutputArgs, Stop, ThreadArgs, phases::Phases, say, write_to, wrong};
+use super::{Bounds, OutputArgs, Stop, ThreadArgs, say, write_to, wrong};
+use crate::cli::{is_quiet, note, progress::Progress};
 
 mod cleaning;
 
@@ -136,9 +137,12 @@ enum Core {
 
 pub fn run(args: &GridArgs) -> Result<(), Stop> {
     validate(args)?;
-    let phases = Phases::new();
+    let shown = Progress::new(is_quiet());
     args.threads.run(|| {
-        let progress = |what: &str, done: usize, all: usize| phases.at(what, done, all);
+        let progress = |what: &str, done: usize, all: usize| {
+            shown.stage(what);
+            shown.set(done, all);
+        };
         let (mut points, far) = read(args, &progress)?;
         reduce(args, &mut points)?;
         let line: Vec<usize> = points.line.iter().map(|l| *l as usize).collect();
@@ -221,7 +225,7 @@ fn read(args: &GridArgs, progress: gridding::Progress) -> Result<(SurveyPoints, 
     for (done, path) in args.points.iter().enumerate() {
         progress("reading points", done, args.points.len());
         let points = read_points(path, &options).map_err(Fault::from)?;
-        points.notes.iter().for_each(|n| eprintln!("note: {}: {n}", path.display()));
+        points.notes.iter().for_each(|n| note(&format!("{}: {n}", path.display())));
         starts.push(all.as_ref().map_or(0, SurveyPoints::len));
         match &mut all {
             None => {

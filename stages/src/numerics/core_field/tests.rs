@@ -160,11 +160,11 @@ fn law_a_track_has_the_field_of_its_places_and_dates() {
         let n = 203;
         let part = |k: usize| k as f64 / n as f64;
         let lat: Vec<f64> = (0..n).map(|k| 180.0 * part(k) - 90.0).collect();
-        let lon: Vec<f64> = (0..n).map(|k| 700.0 * part(k) - 350.0).collect();
+        let lon: Vec<f64> = (0..n).map(|k| 540.0 * part(k) - 180.0).collect();
         let mut alt: Vec<f64> = (0..n).map(|k| 1e4 * part(k)).collect();
         let year: Vec<f64> =
             (0..n).map(|k| if k % 7 == 0 { 2025.0 } else { 2021.0 + 9.0 * part(k * 31 % n) }).collect();
-        (alt[7], alt[100]) = (f64::NAN, f64::INFINITY);
+        (alt[7], alt[100]) = (f64::NAN, f64::NAN);
         let ned = CoreTrack::new(model).field(&lat, &lon, &alt, &year).unwrap();
         for k in 0..n {
             let got = [ned.north_nt[k], ned.east_nt[k], ned.down_nt[k]];

@@ -70,8 +70,8 @@ fn law_the_eddy_field_is_the_derivative_of_the_field_in_the_body_frame() {
         most = most.max((eddy - eddy_s * rate).norm());
         size = size.max(eddy.norm());
     }
-    // Rounding, and the fourth power of a millisecond.
-    assert!(most < 1e-6 && size > 30.0, "{most} of {size}");
+    // Rounding of the differences over milliseconds, in the test and in the simulator: parts in 10^8 of the field's rate.
+    assert!(most < 1e-7 * size && size > 30.0, "{most} of {size}");
 }
 
 /// A level turn at a constant rate with roll and pitch held, sampled at 10 Hz.

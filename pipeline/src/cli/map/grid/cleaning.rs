@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use datasets::SurveyPoints;
 use stages::numerics::gridding::far_points;
 
+use crate::cli::note;
+
 /// Points that are named one by one.
 const NAMED: usize = 5;
 /// Metres of a degree of latitude.
@@ -19,21 +21,21 @@ pub fn without_far(points: &mut SurveyPoints, files: &[PathBuf], starts: &[usize
         return 0;
     }
     let many = if far.len() == 1 { "1 point is".to_owned() } else { format!("{} points are", far.len()) };
-    eprintln!("note: {many} far from all others and left out; `--keep-outliers` keeps such points");
+    note(&format!("{many} far from all others and left out; `--keep-outliers` keeps such points"));
     for &i in far.iter().take(NAMED) {
         let file = starts.partition_point(|start| *start <= i).saturating_sub(1);
         let line = points.lines.get(points.line[i] as usize).filter(|name| !name.is_empty());
-        eprintln!(
-            "note: {}: row {}{} is at latitude {:.5}, longitude {:.5}",
+        note(&format!(
+            "{}: row {}{} is at latitude {:.5}, longitude {:.5}",
             files.get(file).map_or(String::new(), |f| f.display().to_string()),
             points.row[i],
             line.map_or(String::new(), |name| format!(", line {name},")),
             points.lat_deg[i],
             points.lon_deg[i],
-        );
+        ));
     }
     if far.len() > NAMED {
-        eprintln!("note: and {} more", far.len() - NAMED);
+        note(&format!("and {} more", far.len() - NAMED));
     }
     for i in &far {
         (points.easting_m[*i], points.northing_m[*i]) = (f64::NAN, f64::NAN);
