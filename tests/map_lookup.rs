@@ -61,7 +61,8 @@ fn bilinear(map: &GridMap, easting: f64, northing: f64) -> (f64, f64, f64) {
     (low + v * (high - low), across / map.x.step, (high - low) / map.y.step)
 }
 
-fn looked_up(spec: &str) -> (Vec<RecordBatch>, GridMap, Crs) {
+/// The lines as they were flown, what was looked up along them, and the map.
+fn looked_up(spec: &str) -> (Vec<RecordBatch>, Vec<RecordBatch>, GridMap, Crs) {
     let (path, map, crs) = osborne();
     let bench = Bench::new();
     let (west, south) = (map.x.first, map.y.first);
@@ -77,14 +78,14 @@ fn looked_up(spec: &str) -> (Vec<RecordBatch>, GridMap, Crs) {
     bench.spec(&spec.replace("MAP", path.to_str().unwrap()));
     let run = bench.run(&[]);
     assert_eq!(run.code, 0, "{}", run.stderr);
-    (read(&bench.path("store/tables/look/place")), map, crs)
+    (lines.to_vec(), read(&bench.path("store/tables/look/place")), map, crs)
 }
 
 #[test]
 fn r10_linear_is_bilinear_on_the_nodes_of_a_projected_map_and_keeps_its_edges() {
-    let (rows, map, crs) = looked_up(SPEC);
-    let [lat, lon, found, north, east] =
-        ["lat", "lon", "map_anomaly", "map_grad_n", "map_grad_e"].map(|name| numbers(&rows, name));
+    let (flown, rows, map, crs) = looked_up(SPEC);
+    let [lat, lon] = ["lat", "lon"].map(|name| numbers(&flown, name));
+    let [found, north, east] = ["map_anomaly", "map_grad_n", "map_grad_e"].map(|name| numbers(&rows, name));
     let (mut most, mut squares, mut lost, mut steepest) = (0.0_f64, 0.0, 0, 0.0_f64);
     for i in 0..lat.len() {
         let (easting, northing) = crs.project(lat[i], lon[i]).unwrap();
@@ -108,15 +109,16 @@ fn r10_linear_is_bilinear_on_the_nodes_of_a_projected_map_and_keeps_its_edges() 
     let rms = (squares / lat.len() as f64).sqrt();
     println!("against bilinear on its nodes: rms {rms:e} nT, most {most:e} nT, {lost} lost, steepest {steepest} nT/m");
     assert_eq!(lost, 0, "samples on the edge of the map are lost");
-    // Northings of 7.6e6 m are rounded by 1e-9 m, which is as many nT where the map is steep by 1 nT/m.
-    assert!(most < 1e-9 + 5e-9 * steepest && rms < 1e-9, "{most} {rms}");
+    // Northings of 7.6e6 m are rounded by 1e-9 m, and these lines cross slopes of up to 0.13 nT/m.
+    assert!(steepest > 0.1 && most < 1e-9, "{most} {rms} {steepest}");
 }
 
 #[test]
 fn r10_levels_of_a_projected_map_are_continued_on_its_own_nodes() {
     let lines = "map_levels_m = [500.0, 600.0]\n";
-    let (rows, map, crs) = looked_up(&format!("{SPEC}{lines}"));
-    let [lat, lon, found, up] = ["lat", "lon", "map_anomaly", "map_grad_u"].map(|name| numbers(&rows, name));
+    let (flown, rows, map, crs) = looked_up(&format!("{SPEC}{lines}"));
+    let [lat, lon] = ["lat", "lon"].map(|name| numbers(&flown, name));
+    let [found, up] = ["map_anomaly", "map_grad_u"].map(|name| numbers(&rows, name));
     let (mut most, mut n) = (0.0_f64, 0);
     for i in (0..lat.len()).filter(|i| found[*i].is_finite()) {
         let (easting, northing) = crs.project(lat[i], lon[i]).unwrap();

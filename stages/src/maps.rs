@@ -272,8 +272,8 @@ mod tests {
                     };
                     let found = map.at(lat, lon, alt_m).unwrap();
                     // A centimetre: rounding of 300 nT over 2e-2 m is 1e-12 nT/m, the third derivative less.
-                    let h = 1e-7;
-                    let per_rad = (2.0_f64 * h).to_radians();
+                    let h: f64 = 1e-7;
+                    let per_rad = (2.0 * h).to_radians();
                     let lat_slope = (at(h, 0.0, 0.0) - at(-h, 0.0, 0.0)) / per_rad;
                     let lon_slope = (at(0.0, h, 0.0) - at(0.0, -h, 0.0)) / per_rad;
                     let alt_slope = (at(0.0, 0.0, 0.01) - at(0.0, 0.0, -0.01)) / 0.02;
