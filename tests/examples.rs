@@ -92,9 +92,8 @@ fn law_the_main_job_compensates_and_navigates() {
         assert!(after.iter().zip(&before).all(|(a, b)| a < b), "{mag}");
     }
     // Each filter is better than its INS, and as sure of itself as it may be: NEES has the law 2, NIS the law 1.
-    let all = |metric: &str| -> Vec<f64> {
-        (0..values.len()).filter(|i| metrics[*i] == metric).map(|i| values[i]).collect()
-    };
+    let all =
+        |metric: &str| -> Vec<f64> { (0..values.len()).filter(|i| metrics[*i] == metric).map(|i| values[i]).collect() };
     let (drms, ins) = (all("drms"), all("ins_drms"));
     assert_eq!(drms.len(), 27 * 4);
     assert!(drms.iter().zip(&ins).all(|(d, i)| d < i), "{drms:?} {ins:?}");

@@ -141,10 +141,7 @@ fn r10_columns_with_a_dot_in_their_name_go_through_all_stages() {
     assert_eq!(run.code, 0, "{}", run.stderr);
     let terms = texts(&read(&bench.path("store/tables/whole/coefficients")), "term");
     assert_eq!(terms, ["flux.a.x_dot", "flux_a_y", "flux.a.x", "flux.a.x_bp", "intercept"]);
-    for query in [
-        "select count(mag_c) from whole.clean",
-        "select avg(\"flux.a.x_bp\") from whole.filtered",
-    ] {
+    for query in ["select count(mag_c) from whole.clean", "select avg(\"flux.a.x_bp\") from whole.filtered"] {
         let output = bench.magline(&["sql", query, "--store", "store", "--format", "csv"]);
         assert_eq!(output.status.code(), Some(0), "{query}: {}", crate::support::stderr(&output));
     }

@@ -442,7 +442,9 @@ fn r10_rename_and_units_apply_to_hdf5() {
     sample(&plain, "magnavjl_sample/sgl_2020.h5");
     finished(&plain);
     let wanted = even(&plain, "mag_3_uc, alt");
-    let changed = bench("rename = { mag_3_uc = \"mag_8_uc\", utm_z = \"alt\" }\nunits = { utm_z = \"ft\" }\naccept = [\"range\"]");
+    let changed = bench(
+        "rename = { mag_3_uc = \"mag_8_uc\", utm_z = \"alt\" }\nunits = { utm_z = \"ft\" }\naccept = [\"range\"]",
+    );
     sample(&changed, "magnavjl_sample/sgl_2020.h5");
     finished(&changed);
     let found = even(&changed, "mag_8_uc, alt");

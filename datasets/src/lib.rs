@@ -21,8 +21,7 @@ pub const VERSION: &str = "4";
 pub use error::ReadError;
 pub use formats::{
     FlightOptions, FlightReader, Map, MapOptions, Part, PointOptions, RowFault, SurveyPoints, check_output, map_files,
-    open_flight,
-    read_grid, read_map, read_points, write_grid,
+    open_flight, read_grid, read_map, read_points, write_grid,
 };
 pub use grid::{Crs, Figure, GridMap, Height, MapSummary, Registration, geographic};
 pub use simulate::{synthesise, synthesise_with};

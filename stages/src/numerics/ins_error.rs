@@ -4,8 +4,8 @@ use super::gauss_markov::GaussMarkov;
 use super::geodesy::EarthModel;
 use super::ins_series::{InsSeries, SeriesError};
 use super::pinson::{
-    A_HAT, ACC, ALT, GYRO, HA, LAT, LON, PinsonForm, S, STATES, StateMatrix, StateVector, TILT_D, TILT_N, TimeConstants, VN,
-    pinson_matrix,
+    A_HAT, ACC, ALT, GYRO, HA, LAT, LON, PinsonForm, S, STATES, StateMatrix, StateVector, TILT_D, TILT_N,
+    TimeConstants, VN, pinson_matrix,
 };
 use super::transition::{NoiseDiscretisation, diagonal, propagate_state, transition_matrix};
 use thiserror::Error;
