@@ -72,6 +72,12 @@ fn ref_simple_magnav_flight_navigates_as_printed() {
     assert!((of("cubic", "drms") - 7.35).abs() < 0.5, "{}", of("cubic", "drms"));
     assert!((of("linear", "drms") - 2.00).abs() < 0.3, "{}", of("linear", "drms"));
     assert!((of("linear", "ins_drms") - 1.98).abs() < 0.05, "{}", of("linear", "ins_drms"));
+    // On the longer flight the filter holds the position that the INS loses, and knows how well.
+    let held = read(&folder.path().join("store/tables/navigation/held_scores"));
+    let (metrics, values) = (texts(&held, "metric"), numbers(&held, "value"));
+    let of = |metric: &str| values[metrics.iter().position(|m| m == metric).unwrap()];
+    assert!(of("drms") < 40.0 && of("ins_drms") > 500.0, "{} {}", of("drms"), of("ins_drms"));
+    assert!((0.2..20.0).contains(&of("nees")) && (0.25..4.0).contains(&of("nis")), "{} {}", of("nees"), of("nis"));
 }
 
 #[test]

@@ -201,7 +201,7 @@ fn law_noise_found_on_other_lines_makes_an_honest_filter() {
         let calibration: Vec<Blocks> = (0..2)
             .map(|_| {
                 let left = left_by_compensation(900, &mut normals);
-                Blocks::of(&left, &[0..left.len()], 1.0 / DT_S)
+                Blocks::of(&left, std::slice::from_ref(&(0..left.len())), 1.0 / DT_S)
             })
             .collect();
         let found = noise(&calibration).unwrap();

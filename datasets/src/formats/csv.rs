@@ -179,7 +179,7 @@ impl Scan {
 }
 
 fn record_text(record: &ByteRecord) -> String {
-    record.iter().last().map(|cell| String::from_utf8_lossy(cell).into_owned()).unwrap_or_default()
+    record.iter().next_back().map(|cell| String::from_utf8_lossy(cell).into_owned()).unwrap_or_default()
 }
 
 /// Whether the last byte of a text ends a line.

@@ -47,7 +47,7 @@ type Out = Box<dyn Write + Send>;
 enum Writer {
     /// The columns are as wide as their widest cell, so all rows are kept.
     Table(Out, Vec<RecordBatch>),
-    Csv(arrow_csv::Writer<Out>),
+    Csv(Box<arrow_csv::Writer<Out>>),
     Json(arrow_json::LineDelimitedWriter<Out>),
     Parquet(Box<ArrowWriter<Out>>),
 }
@@ -91,7 +91,7 @@ impl Answer {
         let out = self.out()?;
         Ok(match self.format {
             Format::Table => Writer::Table(out, vec![]),
-            Format::Csv => Writer::Csv(arrow_csv::WriterBuilder::new().with_header(true).build(out)),
+            Format::Csv => Writer::Csv(Box::new(arrow_csv::WriterBuilder::new().with_header(true).build(out))),
             Format::Json => Writer::Json(arrow_json::LineDelimitedWriter::new(out)),
             Format::Parquet => {
                 let properties = WriterProperties::builder()

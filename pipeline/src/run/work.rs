@@ -49,6 +49,9 @@ const HELD_BYTES: usize = 256 << 20;
 
 type Once = Arc<OnceLock<Result<Prepared, Fault>>>;
 
+/// What a survey stage gives for a point: the lines that it left out, and its table.
+type Gathered = (Vec<Fault>, Result<Vec<ArrayRef>, Fault>);
+
 /// Computes units of one table.
 pub struct Worker<'a> {
     graph: &'a Graph<'a>,
@@ -228,7 +231,7 @@ impl<'a> Worker<'a> {
         for (table, left_out) in tables.iter_mut().zip(&left_out).filter(|(_, l)| l.len() == lines.len()) {
             *table = Err(nothing_left(left_out));
         }
-        let put = |((unit, key), (left_out, table)): (&(Unit, Key), (Vec<Fault>, Result<Vec<ArrayRef>, Fault>))| {
+        let put = |((unit, key), (left_out, table)): (&(Unit, Key), Gathered)| {
             let done = table.and_then(|arrays| self.batch(self.instance(*unit), arrays)).and_then(|batch| {
                 left_out::keep(self.store, *key, &left_out)?;
                 self.store.put(*key, &batch)

@@ -96,9 +96,7 @@ mod tests {
         (east[500], north[500]) = (north[500] - 4e4, east[500]);
         (east[900], north[900]) = (1e300, -1e300);
         (east[901], north[901]) = (f64::NAN, f64::INFINITY);
-        for k in 3000..3100 {
-            east[k] += 2e5;
-        }
+        east[3000..3100].iter_mut().for_each(|x| *x += 2e5);
         let expected: Vec<usize> = [77, 500, 900].into_iter().chain(3000..3100).collect();
         assert_eq!(far_points(&east, &north), expected);
         // Few points: a tenth of them may be wrong.

@@ -16,7 +16,7 @@ fn flown(process: GaussMarkov, white_nt: f64, seconds: f64, normals: &mut Normal
 }
 
 fn whole(x: &[f64]) -> Blocks {
-    Blocks::of(x, &[0..x.len()], RATE_HZ)
+    Blocks::of(x, std::slice::from_ref(&(0..x.len())), RATE_HZ)
 }
 
 #[test]
