@@ -47,6 +47,7 @@ fn peak_kb(lines: usize) -> u64 {
 #[cfg(target_os = "linux")]
 fn law_the_peak_of_memory_does_not_grow_with_the_number_of_lines() {
     let (few, many) = (peak_kb(4), peak_kb(40));
-    // 36 more lines are 36 * 20,000 * 36 columns * 8 bytes = 207 MB; a tenth of that is room for the plan and for chance.
-    assert!(many < few + 20_000, "{few} kB for 4 lines, {many} kB for 40");
+    // 36 more lines are 36 * 20,000 * 39 columns * 8 bytes = 225 MB. A seventh of that is room for the plan, for the
+    // warnings of a thousand diverged filters, which the run holds until its end, and for chance.
+    assert!(many < few + 30_000, "{few} kB for 4 lines, {many} kB for 40");
 }
