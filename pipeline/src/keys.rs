@@ -24,6 +24,11 @@ impl Key {
         Key(short)
     }
 
+    /// The key of these bytes.
+    pub fn from_bytes(bytes: [u8; 16]) -> Key {
+        Key(bytes)
+    }
+
     /// The key spelt by [`fmt::Display`].
     pub fn parse(hex: &str) -> Option<Key> {
         let mut bytes = [0; 16];

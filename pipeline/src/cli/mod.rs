@@ -44,6 +44,8 @@ enum Command {
     /// Run what is not yet in the store.
     #[command(after_long_help = JSON_HELP)]
     Run(RunArgs),
+    /// Put the files of a sweep that has grown together, as if it had been run at once; what is missing is run.
+    Compact(RunArgs),
     /// Check a spec; nothing is run.
     Check(SpecArgs),
     /// Print the plan: tables, axes, what is in the store, what each stage costs.
@@ -124,6 +126,9 @@ struct RunArgs {
     /// Where it runs.
     #[arg(long, default_value = "local")]
     engine: String,
+    /// Wait for another run of the same pipeline in the same store, instead of saying that there is one.
+    #[arg(long)]
+    wait: bool,
     /// One JSON event per line on standard output; `magline run --help` says what they hold.
     #[arg(long)]
     json: bool,
@@ -185,7 +190,8 @@ pub fn main() -> ExitCode {
         }
     };
     let done = match command {
-        Command::Run(args) => run_spec(&args),
+        Command::Run(args) => run_spec(&args, false),
+        Command::Compact(args) => run_spec(&args, true),
         Command::Check(args) => check(&args),
         Command::Explain(args) => with_graph(&args, |graph, store| Ok(views::explain(graph, store))),
         Command::Why { spec, table } => with_graph(&spec, |graph, store| Ok(views::why(graph, store, &table)?)),
@@ -318,7 +324,7 @@ fn synth(spec: &std::path::Path, to: &std::path::Path, quiet: bool) -> Result<()
     say(written.iter().map(|p| format!("{}\n", p.display())).collect())
 }
 
-fn run_spec(args: &RunArgs) -> Result<(), Stop> {
+fn run_spec(args: &RunArgs, compact: bool) -> Result<(), Stop> {
     if args.engine != "local" {
         let what = format!(
             "error: there is no engine at `{}`\n  help: this version runs on this machine: `--engine local`",
@@ -330,11 +336,12 @@ fn run_spec(args: &RunArgs) -> Result<(), Stop> {
     let plan = plan(&args.spec)?;
     let store = open(&plan.spec)?;
     let pool = threads::pool(args.threads)?;
+    let options = run::Options { wait: args.wait, compact };
     let summary = if args.json {
-        pool.install(|| run::run(&plan, &store, &events::Json::new()))?
+        pool.install(|| run::run(&plan, &store, options, &events::Json::new()))?
     } else {
         let progress = Progress::new(args.quiet);
-        pool.install(|| run::run(&plan, &store, &progress))?
+        pool.install(|| run::run(&plan, &store, options, &progress))?
     };
     if !args.json {
         conclude(&plan, &summary, args.quiet)?;

@@ -197,7 +197,7 @@ impl Builder<'_> {
                 self.notes.push(note);
             }
         }
-        let node = TableNode { name: decl.name.clone(), at: decl.at.clone(), entry, axes, instances };
+        let node = TableNode { name: decl.name.clone(), at: decl.at.clone(), entry, axes, carry: vec![], instances };
         self.axis_columns(&node);
         self.tables.push(node);
         Some(())

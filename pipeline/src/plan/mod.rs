@@ -43,6 +43,8 @@ pub struct TableNode {
     pub entry: Entry,
     /// The axes it depends on, as positions in the spec.
     pub axes: Vec<usize>,
+    /// Columns that pass through and stand in its files all the same.
+    pub carry: Vec<String>,
     /// One for each point of those axes.
     pub instances: Vec<Instance>,
 }

@@ -1,9 +1,12 @@
 //! Running a plan: what is not in the store is computed, the rest is reused, and what fails stays apart.
 
+mod cut;
 mod events;
-mod left_out;
+mod layout;
+mod logical;
 mod publish;
 mod quality;
+mod table;
 mod work;
 
 use std::{
@@ -12,24 +15,23 @@ use std::{
     time::Instant,
 };
 
-use rayon::prelude::*;
 use schemas::{Fault, Grain, Owner};
 
 pub use events::{Count, Event, Listener, Outcome, Quiet};
+pub use logical::{PATTERNS, SCHEMA};
 
 use crate::{
     keys::Key,
     plan::{Graph, LineId, Plan, Ref, Unit},
     sources::ReadStep,
     spec::Faults,
-    store::Store,
+    store::{Publisher, Store},
     views::{
         self,
         scores::{self, Scores},
         warnings::{self, Warning},
     },
 };
-use work::{Done, Task, Worker};
 
 /// How a run ended.
 pub struct Summary {
@@ -119,66 +121,103 @@ enum State {
     Missing,
 }
 
-/// Runs `plan` in `store`, on rayon's current thread pool.
+/// How a run goes about it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Options {
+    /// Wait for another run of the pipeline, where there is one.
+    pub wait: bool,
+    /// Put the packs of a sweep that has grown together, as if it had been run at once.
+    pub compact: bool,
+}
+
+/// How often a run starts again when it finds a part of the store damaged.
+const HEALINGS: usize = 5;
+
+/// Runs `plan` in `store`, on rayon's current thread pool. What is found damaged is set aside and computed again.
 ///
 /// # Errors
-/// When a source cannot be read or the store cannot be written; nothing has been run then.
-pub fn run(plan: &Plan, store: &Store, listener: &dyn Listener) -> Result<Summary, Faults> {
+/// When a source cannot be read, the store cannot be written, or another run of the pipeline is at work; nothing has been
+/// run then.
+pub fn run(plan: &Plan, store: &Store, options: Options, listener: &dyn Listener) -> Result<Summary, Faults> {
+    let publisher =
+        store.publisher(&plan.spec.name, options.wait).map_err(|f| plan.spec.faults(vec![f]))?;
+    let mut healings = 0;
+    let mut summary = loop {
+        let before = store.damaged().len();
+        let summary = once(plan, store, options, &publisher, listener)?;
+        healings += 1;
+        if summary.interrupted || store.damaged().len() == before || healings > HEALINGS {
+            break summary;
+        }
+    };
+    let healed = |what| format!("{what}; it is set aside in {}, and was computed again", store.root().join("damaged").display());
+    summary.notes.extend(store.damaged().into_iter().map(healed));
+    if let Err(fault) = store.write_index() {
+        summary.failures.push(unpublished(fault));
+    }
+    listener.hear(&Event::Finished { summary: &summary });
+    Ok(summary)
+}
+
+fn unpublished(fault: Fault) -> Failure {
+    Failure { table: "publish".into(), point: Default::default(), line: None, fault }
+}
+
+/// One run, as far as the store is whole.
+fn once(
+    plan: &Plan,
+    store: &Store,
+    options: Options,
+    publisher: &Publisher,
+    listener: &dyn Listener,
+) -> Result<Summary, Faults> {
+    let damaged = store.damaged().len();
     let tick = |table: &str, step: &ReadStep| listener.hear(&Event::Reading { table, step });
     let graph = Graph::new(plan, store, &tick)?;
     STARTED.store(true, Ordering::SeqCst);
     let units: usize = (0..plan.tables.len()).map(|t| graph.units(t).len()).sum();
     let run = run_id(&graph);
     listener.hear(&Event::Started { pipeline: &plan.spec.name, units, run: &run, notes: &plan.notes });
-    let mut runner =
-        Runner { graph: &graph, store, listener, states: HashMap::new(), failures: vec![], seconds: vec![] };
+    let states = States::new(&graph);
+    let compact = options.compact;
+    let mut runner = Runner { graph: &graph, store, listener, compact, states, failures: vec![], seconds: vec![] };
     runner.sources();
-    let mut tables = vec![];
-    let mut trouble = vec![];
+    let (mut tables, mut packs) = (vec![], vec![]);
     for (t, node) in plan.tables.iter().enumerate() {
         if INTERRUPTED.load(Ordering::Relaxed) {
             break;
         }
         let started = Instant::now();
-        let count = runner.table(t);
-        runner.seconds.push((count.computed, started.elapsed().as_secs_f64()));
-        listener.hear(&Event::Publishing { table: &node.name });
-        if !INTERRUPTED.load(Ordering::Relaxed)
-            && let Err(fault) = publish::table(&graph, store, t, &|u| runner.states.get(&u) == Some(&State::Done))
-        {
-            trouble.push(fault);
-        }
-        listener.hear(&Event::Table { table: &node.name, count, seconds: started.elapsed().as_secs_f64() });
+        let (count, found) = runner.table(t);
+        packs.push(found);
+        let seconds = started.elapsed().as_secs_f64();
+        runner.seconds.push((count.computed, seconds));
+        listener.hear(&Event::Table { table: &node.name, count, seconds });
         tables.push((node.name.clone(), count));
     }
     let interrupted = INTERRUPTED.load(Ordering::Relaxed);
     let Runner { mut failures, seconds, states, .. } = runner;
-    failures.extend(trouble.into_iter().map(|fault| Failure {
-        table: "publish".into(),
-        point: Default::default(),
-        line: None,
-        fault,
-    }));
     let mut warnings = vec![];
-    if !interrupted {
-        let there = |unit: Unit| states.get(&unit) == Some(&State::Done);
+    if !interrupted && store.damaged().len() == damaged {
+        let there = |unit: Unit| states.get(unit) == State::Done;
         let last = warnings::find(&graph, store, &there).and_then(|found| {
-            publish::warnings(plan, store, &found)?;
             warnings = found;
-            publish::failures(plan, store, &failures)?;
-            quality::publish(&graph, store)?;
+            if store.damaged().len() > damaged {
+                return Ok(());
+            }
+            plan.tables.iter().for_each(|node| listener.hear(&Event::Publishing { table: &node.name }));
+            let publication = publish::Publication { graph: &graph, store, run: &run, packs: &packs, there: &there };
+            publication.publish(publisher, &failures, &warnings)?;
             views::record(&graph, store, &seconds)
         });
-        if let Err(fault) = last {
-            failures.push(Failure { table: "publish".into(), point: Default::default(), line: None, fault });
-        }
+        failures.extend(last.err().map(unpublished));
     }
     let (quality, quality_lines) = quality::count(&graph);
     let folder = store.root().join("tables").join(&plan.spec.name);
     let scores = if interrupted { vec![] } else { scores::all(plan, &folder, &warnings) };
     let seconds = seconds.into_iter().map(|(_, s)| s).collect();
     let notes = plan.notes.clone();
-    let summary = Summary {
+    Ok(Summary {
         tables,
         failures,
         quality,
@@ -190,9 +229,7 @@ pub fn run(plan: &Plan, store: &Store, listener: &dyn Listener) -> Result<Summar
         run,
         interrupted,
         folder,
-    };
-    listener.hear(&Event::Finished { summary: &summary });
-    Ok(summary)
+    })
 }
 
 /// What is asked of which data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of every table. A
@@ -208,11 +245,50 @@ fn run_id(graph: &Graph) -> String {
     Key::of(parts).to_string().chars().take(16).collect()
 }
 
+/// What became of every unit.
+struct States {
+    /// By table, point and place of the line.
+    of: Vec<Vec<Vec<State>>>,
+    lines: Vec<Vec<Vec<LineId>>>,
+}
+
+impl States {
+    fn new(graph: &Graph) -> States {
+        let tables = 0..graph.plan.tables.len();
+        let lines = |t: usize| match graph.plan.tables[t].entry.grain {
+            Grain::Survey => vec![vec![]; graph.plan.tables[t].instances.len()],
+            Grain::Line => (0..graph.plan.tables[t].instances.len()).map(|i| graph.lines_of(t, i).to_vec()).collect(),
+        };
+        let lines: Vec<Vec<Vec<LineId>>> = tables.map(lines).collect();
+        let missing = |lines: &Vec<LineId>| vec![State::Missing; lines.len().max(1)];
+        States { of: lines.iter().map(|t| t.iter().map(missing).collect()).collect(), lines }
+    }
+
+    fn place(&self, unit: Unit) -> Option<usize> {
+        match unit.line {
+            None => Some(0),
+            Some(line) => self.lines.get(unit.table)?.get(unit.instance)?.binary_search(&line).ok(),
+        }
+    }
+
+    fn get(&self, unit: Unit) -> State {
+        let found = self.place(unit).and_then(|i| self.of.get(unit.table)?.get(unit.instance)?.get(i));
+        found.copied().unwrap_or(State::Missing)
+    }
+
+    fn set(&mut self, unit: Unit, state: State) {
+        let Some(i) = self.place(unit) else { return };
+        let found = self.of.get_mut(unit.table).and_then(|t| t.get_mut(unit.instance)).and_then(|l| l.get_mut(i));
+        found.into_iter().for_each(|s| *s = state);
+    }
+}
+
 struct Runner<'a> {
     graph: &'a Graph<'a>,
     store: &'a Store,
     listener: &'a dyn Listener,
-    states: HashMap<Unit, State>,
+    compact: bool,
+    states: States,
     failures: Vec<Failure>,
     seconds: Vec<(usize, f64)>,
 }
@@ -235,67 +311,8 @@ impl Runner<'_> {
         }
     }
 
-    /// Computes what is missing of one table.
-    fn table(&mut self, t: usize) -> Count {
-        let mut count = Count::default();
-        let mut pending: Vec<(Unit, Key)> = vec![];
-        for unit in self.graph.units(t) {
-            match self.look(unit) {
-                Looked::Skip => {
-                    count.skipped += 1;
-                    self.note(unit, State::Missing, Outcome::Skipped, None);
-                }
-                Looked::Have(key) => {
-                    count.reused += 1;
-                    self.note(unit, State::Done, Outcome::Reused, None);
-                    self.went_on_without(unit, key);
-                }
-                Looked::Fault(fault) => {
-                    count.failed += 1;
-                    self.fail(unit, fault);
-                }
-                Looked::Need(key) => pending.push((unit, key)),
-            }
-        }
-        let table = &self.graph.plan.tables[t].name;
-        self.listener.hear(&Event::Computing { table, units: pending.len() });
-        let worker = Worker::new(self.graph, self.store, t);
-        let tasks = match self.graph.plan.tables[t].entry.grain {
-            Grain::Line => worker.by_line(pending),
-            Grain::Survey => worker.by_lines_seen(pending),
-        };
-        let usable = |line: LineId, unit: Unit| self.line_is_there(line, unit) != State::Failed;
-        let listener = self.listener;
-        let work = |task: &Task| {
-            if INTERRUPTED.load(Ordering::Relaxed) {
-                return vec![];
-            }
-            let done = worker.run(task, &usable);
-            for Done { unit, fault, .. } in &done {
-                let outcome = if fault.is_none() { Outcome::Computed } else { Outcome::Failed };
-                tell(listener, self.graph, *unit, outcome, fault.as_ref());
-            }
-            done
-        };
-        let results: Vec<Vec<Done>> = tasks.par_iter().with_max_len(1).map(work).collect();
-        for Done { unit, fault, left_out } in results.into_iter().flatten() {
-            self.left_out(unit, left_out);
-            match fault {
-                None => {
-                    count.computed += 1;
-                    self.states.insert(unit, State::Done);
-                }
-                Some(fault) => {
-                    count.failed += 1;
-                    self.record(unit, fault);
-                }
-            }
-        }
-        count
-    }
-
     fn note(&mut self, unit: Unit, state: State, outcome: Outcome, fault: Option<&Fault>) {
-        self.states.insert(unit, state);
+        self.states.set(unit, state);
         tell(self.listener, self.graph, unit, outcome, fault);
     }
 
@@ -319,7 +336,7 @@ impl Runner<'_> {
         if unit.line.is_some() {
             return;
         }
-        match left_out::kept(self.store, key) {
+        match self.store.left_out(key) {
             Ok(faults) => self.left_out(unit, faults),
             Err(fault) => self.record(unit, fault),
         }
@@ -327,7 +344,7 @@ impl Runner<'_> {
 
     fn record(&mut self, unit: Unit, fault: Fault) {
         let state = if fault.owner == Owner::Machine { State::Missing } else { State::Failed };
-        self.states.insert(unit, state);
+        self.states.set(unit, state);
         let node = &self.graph.plan.tables[unit.table];
         let line = unit.line.map(|l| self.graph.lines[l].clone());
         let point = node.instances[unit.instance].point.clone();
@@ -351,8 +368,15 @@ impl Runner<'_> {
             }
         }
         match self.graph.key(unit) {
-            Ok(key) if self.store.has(key) => Looked::Have(key),
-            Ok(key) => Looked::Need(key),
+            Ok(key) => match self.store.find(key).map(|place| place.rows) {
+                Some(Some(_)) => Looked::Have(key),
+                Some(None) => match self.store.failed(key) {
+                    Ok(Some(fault)) => Looked::Failed(key, fault),
+                    Ok(None) => Looked::Need(key),
+                    Err(fault) => Looked::Fault(fault),
+                },
+                None => Looked::Need(key),
+            },
             Err(fault) => Looked::Fault(fault),
         }
     }
@@ -394,15 +418,15 @@ impl Runner<'_> {
                 Some(record) if record.fault.is_none() => State::Done,
                 _ => State::Failed,
             },
-            Ref::Stage(table, instance) => {
-                self.states.get(&Unit { table, instance, line }).copied().unwrap_or(State::Missing)
-            }
+            Ref::Stage(table, instance) => self.states.get(Unit { table, instance, line }),
         }
     }
 }
 
 enum Looked {
     Have(Key),
+    /// It was tried before, and the data cannot give it.
+    Failed(Key, Fault),
     Need(Key),
     Skip,
     Fault(Fault),

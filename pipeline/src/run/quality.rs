@@ -9,7 +9,7 @@ use schemas::{Fault, Role, field};
 use crate::{
     plan::Graph,
     sources::{Finding, LineRecord},
-    store::{Store, write_parquet},
+    store::{Beside, Store},
 };
 
 /// One row: the table of flights, the line, and what was found.
@@ -32,7 +32,7 @@ pub fn count(graph: &Graph) -> (usize, usize) {
 ///
 /// # Errors
 /// When the store cannot be written.
-pub fn publish(graph: &Graph, store: &Store) -> Result<(), Fault> {
+pub fn table(graph: &Graph, store: &Store) -> Result<Beside, Fault> {
     let rows = rows(graph);
     let text =
         |f: &dyn Fn(&Row) -> String| -> ArrayRef { Arc::new(rows.iter().map(|r| Some(f(r))).collect::<StringArray>()) };
@@ -58,7 +58,7 @@ pub fn publish(graph: &Graph, store: &Store) -> Result<(), Fault> {
     let arrays = columns.into_iter().map(|(_, array, ..)| array).collect();
     let batch =
         RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))?;
-    let tmp = store.temporary();
-    write_parquet(&tmp, &batch)?;
-    store.settle(&tmp, &store.table(&graph.plan.spec.name, "quality").join("part-0.parquet"))
+    let file = store.temporary();
+    store.write_table(&file, &batch, &[])?;
+    Ok(Beside { name: "quality".to_owned(), file })
 }

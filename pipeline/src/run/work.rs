@@ -1,18 +1,20 @@
-//! The work itself: a task reads what its units need, runs the stage, and puts the answers into the store.
+//! The work itself: what some units need is read, and their stage is run.
 
 use std::{
     any::Any,
     collections::HashMap,
     panic::{AssertUnwindSafe, catch_unwind},
-    sync::{Arc, Mutex, OnceLock},
+    sync::{Arc, Mutex, OnceLock, atomic::Ordering},
 };
 
-use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, RecordBatchOptions, new_null_array};
-use arrow_schema::{DataType, Field, Schema};
+use arrow_array::{
+    Array, ArrayRef, FixedSizeListArray, Float64Array, RecordBatch, RecordBatchOptions, cast::AsArray, new_null_array,
+};
+use arrow_schema::{DataType, Field, FieldRef, Schema};
 use rayon::prelude::*;
-use schemas::{Fault, InputKind, LineIn, Owner, Prepared, Shape, StageDyn};
+use schemas::{Fault, Grain, InputKind, LineIn, Owner, Prepared, Shape, StageDyn};
 
-use super::left_out;
+use super::INTERRUPTED;
 use crate::{
     keys::Key,
     plan::{Graph, Instance, LineId, Ref, Unit},
@@ -20,37 +22,35 @@ use crate::{
     store::Store,
 };
 
-/// Units that are computed together.
-pub struct Task {
-    units: Vec<(Unit, Key)>,
-}
-
-/// What became of a unit.
-pub struct Done {
+/// What became of a unit that was computed.
+pub struct Made {
     /// Which.
     pub unit: Unit,
-    /// Why it could not be computed.
-    pub fault: Option<Fault>,
+    /// The columns that its stage made, or why it could not.
+    pub rows: Result<RecordBatch, Fault>,
     /// Of a survey stage: the lines it went on without, and why.
     pub left_out: Vec<Fault>,
 }
 
-impl Done {
-    fn failed(unit: Unit, fault: Fault) -> Done {
-        Done { unit, fault: Some(fault), left_out: vec![] }
+impl Made {
+    fn failed(unit: Unit, fault: Fault) -> Made {
+        Made { unit, rows: Err(fault), left_out: vec![] }
     }
 }
 
-/// Points of a sweep that share the reading of one line.
-const POINTS_A_TASK: usize = 12;
+/// Points of a sweep that are computed together on one line, as wide as the widest vectors of numbers.
+const POINTS_A_GROUP: usize = 8;
 
-/// What a task may hold of columns it has read, in bytes, before it lets go of them.
+/// What a group may hold of columns it has read, in bytes, before it lets go of them.
 const HELD_BYTES: usize = 256 << 20;
 
 type Once = Arc<OnceLock<Result<Prepared, Fault>>>;
 
 /// What a survey stage gives for a point: the lines that it left out, and its table.
 type Gathered = (Vec<Fault>, Result<Vec<ArrayRef>, Fault>);
+
+/// Says whether a line can be used by a unit.
+pub type Usable<'a> = dyn Fn(LineId, Unit) -> bool + Sync + 'a;
 
 /// Computes units of one table.
 pub struct Worker<'a> {
@@ -66,63 +66,63 @@ impl<'a> Worker<'a> {
         Worker { graph, store, table, prepared: Mutex::default() }
     }
 
-    /// Tasks of a line stage: some points of one line.
-    pub fn by_line(&self, pending: Vec<(Unit, Key)>) -> Vec<Task> {
-        let mut lines: Vec<Vec<(Unit, Key)>> = vec![];
-        let mut at: HashMap<Option<LineId>, usize> = HashMap::new();
-        for (unit, key) in pending {
-            let i = *at.entry(unit.line).or_insert_with(|| {
-                lines.push(vec![]);
-                lines.len() - 1
-            });
-            lines[i].push((unit, key));
-        }
-        let tasks =
-            lines.into_iter().flat_map(|units| units.chunks(POINTS_A_TASK).map(<[_]>::to_vec).collect::<Vec<_>>());
-        tasks.map(|units| Task { units }).collect()
+    /// Computes `units`, in their order, in parallel; `done` is told of each group that is finished. What an interrupt
+    /// leaves is not among the answers.
+    pub fn compute(&self, units: &[Unit], usable: &Usable, done: &(dyn Fn(&[Made]) + Sync)) -> Vec<Made> {
+        let groups = match self.graph.plan.tables[self.table].entry.grain {
+            Grain::Line => by_line(units),
+            Grain::Survey => self.by_lines_seen(units),
+        };
+        let one = |group: &Vec<Unit>| {
+            if INTERRUPTED.load(Ordering::Relaxed) {
+                return vec![];
+            }
+            let made = match group.first() {
+                Some(first) if first.line.is_none() => self.survey(group, usable),
+                _ => self.lines(group),
+            };
+            done(&made);
+            made
+        };
+        let made: Vec<Vec<Made>> = groups.par_iter().with_max_len(1).map(one).collect();
+        let mut of: HashMap<Unit, Made> = made.into_iter().flatten().map(|m| (m.unit, m)).collect();
+        units.iter().filter_map(|u| of.remove(u)).collect()
     }
 
-    /// Tasks of a survey stage: all points that see the same lines of the same tables.
-    pub fn by_lines_seen(&self, pending: Vec<(Unit, Key)>) -> Vec<Task> {
-        let mut groups: Vec<(String, Vec<(Unit, Key)>)> = vec![];
-        for (unit, key) in pending {
-            let it = self.instance(unit);
+    /// All points that see the same lines of the same tables.
+    fn by_lines_seen(&self, units: &[Unit]) -> Vec<Vec<Unit>> {
+        let mut groups: Vec<Vec<Unit>> = vec![];
+        let mut at: HashMap<String, usize> = HashMap::new();
+        for unit in units {
+            let it = self.instance(*unit);
             let rows = it.predicate.as_ref().map(|p| p.canonical.clone());
             let seen = format!("{:?} {rows:?} {:?}", it.inputs, self.graph.lines_of(unit.table, unit.instance));
-            match groups.iter_mut().find(|(s, _)| *s == seen) {
-                Some((_, units)) => units.push((unit, key)),
-                None => groups.push((seen, vec![(unit, key)])),
-            }
+            let group = *at.entry(seen).or_insert_with(|| {
+                groups.push(vec![]);
+                groups.len() - 1
+            });
+            groups[group].push(*unit);
         }
-        groups.into_iter().map(|(_, units)| Task { units }).collect()
+        groups
     }
 
     fn instance(&self, unit: Unit) -> &Instance {
         self.graph.plan.instance(unit.table, unit.instance)
     }
 
-    /// Computes the units of `task`; each comes back with what went wrong, if anything did.
-    pub fn run(&self, task: &Task, usable: &(dyn Fn(LineId, Unit) -> bool + Sync)) -> Vec<Done> {
-        match task.units.first() {
-            None => vec![],
-            Some((first, _)) if first.line.is_none() => self.survey(task, usable),
-            Some(_) => {
-                let mut held = Held::new(self.graph, self.store);
-                let one = |(unit, key): &(Unit, Key)| {
-                    let fault = self.line(*unit, *key, &mut held).err();
-                    Done { unit: *unit, fault, left_out: vec![] }
-                };
-                task.units.iter().map(one).collect()
-            }
-        }
+    /// Some points of one line.
+    fn lines(&self, units: &[Unit]) -> Vec<Made> {
+        let mut held = Held::new(self.graph, self.store);
+        let one = |unit: &Unit| Made { unit: *unit, rows: self.line(*unit, &mut held), left_out: vec![] };
+        units.iter().map(one).collect()
     }
 
-    fn line(&self, unit: Unit, key: Key, held: &mut Held) -> Result<(), Fault> {
+    fn line(&self, unit: Unit, held: &mut Held) -> Result<RecordBatch, Fault> {
         let line = unit.line.ok_or_else(|| Fault::machine("a line stage without a line"))?;
         let input = self.line_in(unit, line, held)?;
         let it = self.instance(unit);
         let arrays = guarded(|| it.stage.run(&input)).map_err(|f| f.in_line(&input.flight, &input.line))?;
-        self.store.put(key, &self.batch(it, arrays)?)
+        self.batch(it, arrays)
     }
 
     /// What the stage sees of one line.
@@ -186,13 +186,13 @@ impl<'a> Worker<'a> {
     }
 
     /// A line that cannot be used is left out and named; the others are gathered.
-    fn survey(&self, task: &Task, usable: &(dyn Fn(LineId, Unit) -> bool + Sync)) -> Vec<Done> {
-        let all = |fault: Fault| task.units.iter().map(|(u, _)| Done::failed(*u, fault.clone())).collect();
-        let stages: Vec<&dyn StageDyn> = task.units.iter().map(|(u, _)| self.instance(*u).stage.as_ref()).collect();
+    fn survey(&self, units: &[Unit], usable: &Usable) -> Vec<Made> {
+        let all = |fault: Fault| units.iter().map(|u| Made::failed(*u, fault.clone())).collect();
+        let stages: Vec<&dyn StageDyn> = units.iter().map(|u| self.instance(*u).stage.as_ref()).collect();
         let Some(gather) = stages.first().and_then(|s| s.gather(&stages)) else {
             return all(Fault::machine("a survey stage that gathers nothing: an error in magline"));
         };
-        let first = task.units[0].0;
+        let first = units[0];
         let lines: Vec<LineId> =
             self.graph.lines_of(first.table, first.instance).iter().copied().filter(|l| usable(*l, first)).collect();
         let mapped: Vec<Result<Box<dyn Any + Send>, Fault>> = lines
@@ -200,14 +200,14 @@ impl<'a> Worker<'a> {
             .with_max_len(1)
             .map(|line| {
                 let mut held = Held::new(self.graph, self.store);
-                let input = self.gathered(task, *line, &mut held)?;
+                let input = self.gathered(units, *line, &mut held)?;
                 guarded(|| gather.map(&input)).map_err(|f| f.in_line(&input.flight, &input.line))
             })
             .collect();
         if let Some(fault) = mapped.iter().filter_map(|m| m.as_ref().err()).find(|f| f.owner == Owner::Machine) {
             return all(fault.clone());
         }
-        let mut left_out: Vec<Vec<Fault>> = task.units.iter().map(|_| vec![]).collect();
+        let mut left_out: Vec<Vec<Fault>> = units.iter().map(|_| vec![]).collect();
         let mut parts = vec![];
         for (line, part) in lines.iter().zip(mapped) {
             let (flight, name) = &self.graph.lines[*line];
@@ -231,23 +231,20 @@ impl<'a> Worker<'a> {
         for (table, left_out) in tables.iter_mut().zip(&left_out).filter(|(_, l)| l.len() == lines.len()) {
             *table = Err(nothing_left(left_out));
         }
-        let put = |((unit, key), (left_out, table)): (&(Unit, Key), Gathered)| {
-            let done = table.and_then(|arrays| self.batch(self.instance(*unit), arrays)).and_then(|batch| {
-                left_out::keep(self.store, *key, &left_out)?;
-                self.store.put(*key, &batch)
-            });
-            Done { unit: *unit, fault: done.err(), left_out }
+        let made = |(unit, (left_out, table)): (&Unit, Gathered)| {
+            let rows = table.and_then(|arrays| self.batch(self.instance(*unit), arrays));
+            Made { unit: *unit, rows, left_out }
         };
-        task.units.par_iter().zip(left_out.into_par_iter().zip(tables)).map(put).collect()
+        units.iter().zip(left_out.into_iter().zip(tables)).map(made).collect()
     }
 
     /// One line as all points of a survey task see it: the columns of all of them.
-    fn gathered(&self, task: &Task, line: LineId, held: &mut Held) -> Result<LineIn, Fault> {
-        let first = task.units[0].0;
+    fn gathered(&self, units: &[Unit], line: LineId, held: &mut Held) -> Result<LineIn, Fault> {
+        let first = units[0];
         let mut input = self.line_in(first, line, held)?;
         for (i, r) in self.instance(first).inputs.iter().enumerate() {
             let mut columns: Vec<String> = vec![];
-            for (unit, _) in &task.units {
+            for unit in units {
                 for c in self.instance(*unit).yields.reads.get(i).into_iter().flatten() {
                     if !columns.contains(c) {
                         columns.push(c.clone());
@@ -316,8 +313,38 @@ fn guarded<T>(work: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
     })
 }
 
-/// Columns that a task has read, so that its points share them.
-struct Held<'a> {
+/// Some points of one line each, in the order of the units.
+fn by_line(units: &[Unit]) -> Vec<Vec<Unit>> {
+    let mut lines: Vec<Vec<Unit>> = vec![];
+    let mut at: HashMap<Option<LineId>, usize> = HashMap::new();
+    for unit in units {
+        let i = *at.entry(unit.line).or_insert_with(|| {
+            lines.push(vec![]);
+            lines.len() - 1
+        });
+        lines[i].push(*unit);
+    }
+    lines.iter().flat_map(|line| line.chunks(POINTS_A_GROUP).map(<[_]>::to_vec)).collect()
+}
+
+/// Lists of one length as such.
+fn fixed(array: &ArrayRef, item: &FieldRef, n: i32) -> Result<ArrayRef, Fault> {
+    let wrong = || Fault::machine(format!("a list has not its {n} entries: an error in magline"));
+    let lists = array.as_list_opt::<i32>().ok_or_else(wrong)?;
+    let offsets = lists.value_offsets();
+    let (first, last) = (offsets.first().copied().unwrap_or(0), offsets.last().copied().unwrap_or(0));
+    if offsets.windows(2).any(|w| w[1] - w[0] != n) {
+        return Err(wrong());
+    }
+    let values = lists.values().slice(first as usize, (last - first) as usize);
+    let values = if values.data_type() == item.data_type() { values } else { return Err(wrong()) };
+    FixedSizeListArray::try_new(item.clone(), n, values, lists.nulls().cloned())
+        .map(|array| Arc::new(array) as ArrayRef)
+        .map_err(|e| Fault::machine(e.to_string()))
+}
+
+/// Columns that were read, so that the points of a line share them.
+pub struct Held<'a> {
     graph: &'a Graph<'a>,
     store: &'a Store,
     columns: HashMap<(Key, String), ArrayRef>,
@@ -325,13 +352,17 @@ struct Held<'a> {
 }
 
 impl<'a> Held<'a> {
-    fn new(graph: &'a Graph<'a>, store: &'a Store) -> Held<'a> {
+    /// Nothing is read yet.
+    pub fn new(graph: &'a Graph<'a>, store: &'a Store) -> Held<'a> {
         Held { graph, store, columns: HashMap::new(), bytes: 0 }
     }
 
     /// The columns `names` of one line of `r`, each from the object that holds it. A column that the line lacks is
     /// left out.
-    fn batch(&mut self, r: Ref, line: LineId, names: &[String]) -> Result<RecordBatch, Fault> {
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    pub fn batch(&mut self, r: Ref, line: LineId, names: &[String]) -> Result<RecordBatch, Fault> {
         let mut wanted: Vec<(String, Key, String)> = vec![];
         for name in names {
             let origin = self.graph.origin(r, name);
@@ -348,8 +379,15 @@ impl<'a> Held<'a> {
         for (name, object, column) in wanted {
             let Some(array) = self.columns.get(&(object, column)) else { continue };
             let described = shape.as_ref().and_then(|s| s.get(&name)).map(schemas::Column::field);
-            fields.push(described.unwrap_or_else(|| Field::new(&name, array.data_type().clone(), true)));
-            arrays.push(array.clone());
+            let field = described.unwrap_or_else(|| Field::new(&name, array.data_type().clone(), true));
+            // A file holds lists of several lengths where the points of a sweep have them.
+            arrays.push(match (array.data_type(), field.data_type()) {
+                (DataType::List(_), DataType::FixedSizeList(item, n)) => {
+                    fixed(array, item, *n).map_err(|f| f.in_column(&name))?
+                }
+                _ => array.clone(),
+            });
+            fields.push(field);
         }
         let rows = arrays.first().map_or(0, |a| a.len());
         let options = RecordBatchOptions::new().with_row_count(Some(rows));

@@ -10,7 +10,7 @@ use super::{
     ranking::{RANKING, better},
     warnings::Warning,
 };
-use crate::plan::Plan;
+use crate::{plan::Plan, store::parts};
 
 /// The metrics worth a column, in their order.
 const SHOWN: [&str; 15] = [
@@ -131,8 +131,15 @@ pub fn all(plan: &Plan, folder: &Path, warnings: &[Warning]) -> Vec<(String, Sco
 }
 
 fn pool(folder: &Path, axes: &[String]) -> Result<Scores, PolarsError> {
-    let file = std::fs::File::open(folder.join("part-0.parquet"))?;
-    let all = ParquetReader::new(file).finish()?;
+    let mut all: Option<DataFrame> = None;
+    for file in parts(folder) {
+        let part = ParquetReader::new(std::fs::File::open(file)?).finish()?;
+        all = Some(match all {
+            Some(before) => before.vstack(&part)?,
+            None => part,
+        });
+    }
+    let all = all.ok_or_else(|| PolarsError::NoData("the table was not published".into()))?;
     let lines = all.group_by_stable(["flight", "line"])?.get_groups().len();
     let (value, n) = (all.column("value")?.f64()?.clone(), all.column("n")?.i64()?.clone());
     let (metric, unit) = (all.column("metric")?.str()?.clone(), all.column("unit")?.str()?.clone());

@@ -8,6 +8,7 @@ mod explain;
 mod functions;
 pub mod memory;
 mod refuse;
+mod scan;
 mod tables;
 
 use std::{
@@ -83,16 +84,15 @@ pub fn sql(question: &Question, sink: &mut dyn Sink) -> Result<(), Fault> {
 async fn ask(question: &Question<'_>, sink: &mut dyn Sink) -> Result<(), Fault> {
     let pool: Arc<dyn MemoryPool> = Arc::new(FairSpillPool::new(question.memory));
     let disk = DiskManagerBuilder::default().with_mode(DiskManagerMode::Directories(vec![question.spill.clone()]));
-    let (registry, root) = tables::registry(question.store)?;
     let runtime = RuntimeEnvBuilder::new()
         .with_memory_pool(pool.clone())
         .with_disk_manager_builder(disk)
-        .with_object_store_registry(registry)
+        .with_object_store_registry(Arc::new(tables::Nowhere))
         .build_arc()
         .map_err(|e| Fault::machine(e.to_string()))?;
     let context = SessionContext::new_with_config_rt(SessionConfig::new().with_information_schema(true), runtime);
     functions::register(&context);
-    let known = tables::register(&context, root.as_deref()).await?;
+    let known = tables::register(&context, question.store)?;
     let wrong = |e: DataFusionError| explain::fault(&e, &known, question, &context);
     let frame = plan(&context, question.query, &known, question).await?;
     let schema: SchemaRef = Arc::new(frame.schema().as_arrow().clone());

@@ -3,9 +3,12 @@
 use schemas::{Fault, Literal};
 
 use super::source::Source;
-use crate::views::{
-    scores::{self, Scores, is_value},
-    warnings::Warning,
+use crate::{
+    store::parts,
+    views::{
+        scores::{self, Scores, is_value},
+        warnings::Warning,
+    },
 };
 
 /// The pooled scores of one score table.
@@ -28,7 +31,7 @@ impl Board {
         let mut found = vec![];
         for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "score") {
             let folder = source.store.table(&plan.spec.name, &node.name);
-            if !folder.join("part-0.parquet").is_file() {
+            if parts(&folder).is_empty() {
                 continue;
             }
             let axes: Vec<String> =

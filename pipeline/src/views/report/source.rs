@@ -8,7 +8,7 @@ use schemas::{Fault, Shape};
 use crate::{
     plan::{Graph, LineId, Ref, Unit},
     sources::map_batch,
-    store::{Store, read_columns},
+    store::{Store, published},
 };
 use stages::numerics::map_grid::MapGrid;
 
@@ -125,13 +125,10 @@ impl Source<'_> {
     /// When the table of failures cannot be read.
     pub fn failures(&self) -> Result<Vec<Failed>, Fault> {
         let spec = &self.graph.plan.spec;
-        let file = self.store.table(&spec.name, "failures").join("part-0.parquet");
-        if !file.is_file() {
-            return Ok(vec![]);
-        }
+        let folder = self.store.table(&spec.name, "failures");
         let axes: Vec<&str> = spec.axes.iter().map(|a| a.name.as_str()).collect();
         let names: Vec<&str> = axes.iter().copied().chain(["flight", "line", "stage", "error"]).collect();
-        grouped(&read_columns(&file, &names)?, &axes)
+        published(&folder, &names)?.map_or(Ok(vec![]), |failures| grouped(&failures, &axes))
     }
 }
 

@@ -8,7 +8,7 @@ use datafusion::{
 };
 use schemas::Fault;
 
-use super::{Question, memory, tables::Known};
+use super::{scan::Unreadable, Question, memory, tables::Known};
 use crate::deep;
 
 /// What to say of `e`.
@@ -28,6 +28,10 @@ pub fn fault(e: &DataFusionError, known: &Known, question: &Question, context: &
                 Fault::new(format!("there is no column `{}`", field.name)).nearest(&field.name, &have)
             }
             other => Fault::new(format!("the query cannot be answered: {other}")),
+        },
+        DataFusionError::External(inner) if inner.is::<Unreadable>() => match inner.downcast_ref::<Unreadable>() {
+            Some(Unreadable(fault)) => fault.clone(),
+            None => Fault::machine(inner.to_string()),
         },
         root => {
             let text = root.strip_backtrace();

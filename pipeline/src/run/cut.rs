@@ -1,0 +1,238 @@
+//! What a table's files hold: the keys (axes, flight, line, tt), the columns that the stage made, and those it carries
+//! along. What only passes through stays in the table that made it.
+
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, StringArray, new_null_array};
+use arrow_schema::{DataType, Field, Schema, SchemaRef};
+use schemas::{Column, Fault, Literal, Role, Yield, field};
+
+use super::work::Held;
+use crate::{
+    keys::Key,
+    plan::{Graph, Ref, Unit},
+    store::{Packed, row_bytes},
+};
+
+/// The identifiers and the time, which every table of flight lines holds.
+const KEYS: [&str; 3] = ["flight", "line", "tt"];
+
+/// The files of one table, seen from its units.
+pub struct Cut<'a> {
+    graph: &'a Graph<'a>,
+    table: usize,
+    /// The columns of its files.
+    pub schema: SchemaRef,
+    /// The hash of these columns.
+    pub kind: Key,
+    /// Columns that are not made at every point: `tt` and what is carried.
+    passed: Vec<String>,
+}
+
+impl<'a> Cut<'a> {
+    /// Of the table `table`.
+    ///
+    /// # Errors
+    /// When a column has types at different points of the sweep that one file cannot hold.
+    pub fn new(graph: &'a Graph<'a>, table: usize) -> Result<Cut<'a>, Fault> {
+        let plan = graph.plan;
+        let node = &plan.tables[table];
+        let axes = node.axes.iter().filter_map(|i| plan.spec.axes.get(*i));
+        let mut fields: Vec<Field> =
+            axes.map(|a| field(&a.name, axis_type(&a.values[0]), "", Role::Key, "axis of the sweep")).collect();
+        let mut yields: Vec<&Yield> = vec![];
+        for it in &node.instances {
+            if yields.last().is_none_or(|y| !std::ptr::eq(*y, it.yields.as_ref())) {
+                yields.push(it.yields.as_ref());
+            }
+        }
+        let mut passed = vec![];
+        for column in node.columns() {
+            if fields.iter().any(|f| f.name() == &column.name) {
+                continue;
+            }
+            let makers: Vec<&Column> =
+                yields.iter().filter_map(|y| y.columns.iter().find(|c| c.name == column.name)).collect();
+            let identifier = KEYS.contains(&column.name.as_str());
+            let carried = node.carry.contains(&column.name);
+            if makers.is_empty() && !identifier && !carried {
+                continue;
+            }
+            if makers.len() < yields.len() && column.name != "flight" && column.name != "line" {
+                passed.push(column.name.clone());
+            }
+            fields.push(one_type(&column, &makers)?);
+        }
+        let schema: SchemaRef = Arc::new(Schema::new(fields));
+        let spelt = schema.fields().iter().flat_map(|f| {
+            let mut about: Vec<(&String, &String)> = f.metadata().iter().collect();
+            about.sort();
+            [f.name().clone(), f.data_type().to_string(), format!("{about:?}")]
+        });
+        let stage = [node.entry.name.to_owned(), node.entry.version.to_string()];
+        let kind = Key::of(stage.into_iter().chain(spelt));
+        Ok(Cut { graph, table, schema, kind, passed })
+    }
+
+    /// What a unit takes in memory, in bytes, as far as that can be told before it is computed.
+    pub fn bytes(&self, unit: Unit) -> usize {
+        /// Rows of a model or of the scores of a line.
+        const TIDY_ROWS: usize = 32;
+        let node = &self.graph.plan.tables[self.table];
+        let rows = match unit.line.filter(|_| !node.is_tidy()) {
+            Some(line) => {
+                let of = |records: &std::collections::BTreeMap<usize, crate::sources::LineRecord>| {
+                    records.get(&line).map_or(0, |l| l.rows)
+                };
+                self.graph.records.iter().map(of).max().unwrap_or(0)
+            }
+            None => TIDY_ROWS,
+        };
+        rows * row_bytes(&self.schema)
+    }
+
+    /// A hash of what stands in a unit's rows beside what its stage made of them.
+    pub fn dress(&self, unit: Unit) -> u64 {
+        let plan = self.graph.plan;
+        let it = plan.instance(unit.table, unit.instance);
+        let mut parts: Vec<String> = vec![];
+        for (name, value) in plan.tables[unit.table].axis_columns(it, &plan.spec) {
+            parts.extend([name, value.to_string()]);
+        }
+        for name in &self.passed {
+            if let Some(line) = unit.line.filter(|_| it.makes(name).is_none()) {
+                let key = self.graph.column(Ref::Stage(unit.table, unit.instance), line, name);
+                parts.extend([name.clone(), key.map_or_else(|_| "none".to_owned(), |k| k.to_string())]);
+            }
+        }
+        let key = Key::of(parts);
+        let bytes: [u8; 8] = key.as_ref()[..8].try_into().unwrap_or_default();
+        u64::from_le_bytes(bytes)
+    }
+
+    /// The rows of a unit as they stand in a file, from `made`, the columns that its stage made.
+    ///
+    /// # Errors
+    /// When what is carried along cannot be read.
+    pub fn rows(&self, unit: Unit, made: &RecordBatch, held: &mut Held) -> Result<RecordBatch, Fault> {
+        let plan = self.graph.plan;
+        let it = plan.instance(unit.table, unit.instance);
+        let axes = plan.tables[unit.table].axis_columns(it, &plan.spec);
+        let rows = made.num_rows();
+        let wanted: Vec<String> =
+            self.passed.iter().filter(|n| it.makes(n).is_none() && it.table.shape().get(n).is_some()).cloned().collect();
+        let passed = match unit.line.filter(|_| !wanted.is_empty()) {
+            Some(line) => Some(held.batch(Ref::Stage(unit.table, unit.instance), line, &wanted)?),
+            None => None,
+        };
+        let identifier = |name: &str| {
+            let (flight, line) = unit.line.and_then(|l| self.graph.lines.get(l))?;
+            match name {
+                "flight" => Some(flight),
+                "line" => Some(line),
+                _ => None,
+            }
+        };
+        let column = |f: &Arc<Field>| -> Result<ArrayRef, Fault> {
+            if let Some((_, value)) = axes.iter().find(|(n, _)| n == f.name()) {
+                return Ok(axis_values(value, rows));
+            }
+            let found = made.column_by_name(f.name()).or_else(|| passed.as_ref()?.column_by_name(f.name()));
+            match (found, identifier(f.name())) {
+                (Some(array), _) if array.data_type() == f.data_type() => Ok(array.clone()),
+                (Some(array), _) => {
+                    arrow_cast::cast(array, f.data_type()).map_err(|e| Fault::machine(e.to_string()).in_column(f.name()))
+                }
+                (None, Some(text)) => Ok(Arc::new(StringArray::from(vec![text.as_str(); rows]))),
+                (None, None) => Ok(new_null_array(f.data_type(), rows)),
+            }
+        };
+        let columns = self.schema.fields().iter().map(column).collect::<Result<Vec<_>, Fault>>()?;
+        RecordBatch::try_new(self.schema.clone(), columns).map_err(|e| Fault::machine(e.to_string()))
+    }
+
+    /// The name of a pack of these units.
+    pub fn id(&self, units: &[Packed]) -> Key {
+        let spelt = units.iter().flat_map(|u| [u.key.to_string(), format!("{:x}", u.dress)]);
+        Key::of([self.kind.to_string()].into_iter().chain(spelt))
+    }
+
+    /// What a pack of these units says of itself, for whoever finds the file alone.
+    pub fn about(&self, id: Key, units: &[Unit]) -> Vec<(String, String)> {
+        let node = &self.graph.plan.tables[self.table];
+        let mut questions: Vec<String> = vec![];
+        for unit in units {
+            let it = self.graph.plan.instance(unit.table, unit.instance);
+            let asked = format!("{:?} {:?}", it.params, it.predicate.as_ref().map(|p| &p.canonical));
+            if questions.last() != Some(&asked) {
+                questions.push(asked);
+            }
+        }
+        let described = |f: &Arc<Field>| {
+            let about = |key: &str| f.metadata().get(key).cloned().unwrap_or_default();
+            let text = serde_json::json!({
+                "unit": about("unit"), "role": about("role"), "description": about("description"),
+            });
+            (f.name().clone(), text)
+        };
+        let columns: serde_json::Map<String, serde_json::Value> = self.schema.fields().iter().map(described).collect();
+        let pairs = [
+            ("magline.stage", node.entry.name.to_owned()),
+            ("magline.stage_version", node.entry.version.to_string()),
+            ("magline.spec_hash", Key::of(questions).to_string()),
+            ("magline.key", id.to_string()),
+            ("magline.columns", serde_json::Value::Object(columns).to_string()),
+        ];
+        pairs.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+    }
+}
+
+/// The field of a column that may have several types at the points of a sweep: lists of different lengths.
+///
+/// # Errors
+/// When the types are of different kinds.
+pub fn one_type(column: &Column, makers: &[&Column]) -> Result<Field, Fault> {
+    let first = column.field();
+    let types: Vec<DataType> = makers.iter().map(|c| c.column_type.data_type()).collect();
+    if types.iter().all(|t| t == first.data_type()) {
+        return Ok(first);
+    }
+    let item = |t: &DataType| match t {
+        DataType::FixedSizeList(item, _) => Some(item.clone()),
+        _ => None,
+    };
+    match (item(first.data_type()), types.iter().all(|t| item(t).is_some())) {
+        (Some(inner), true) => {
+            let mut about = first.metadata().clone();
+            about.remove("terms");
+            Ok(Field::new(first.name(), DataType::List(inner), true).with_metadata(about))
+        }
+        _ => {
+            let what = format!("`{}` has another type at other points of the sweep", column.name);
+            Err(Fault::new(what).help("make it by two stages, each with points of one type"))
+        }
+    }
+}
+
+/// The Arrow type of an axis column.
+pub fn axis_type(value: &Literal) -> DataType {
+    match value {
+        Literal::Bool(_) => DataType::Boolean,
+        Literal::Int(_) => DataType::Int64,
+        Literal::Float(_) => DataType::Float64,
+        Literal::Text(_) | Literal::List(_) => DataType::Utf8,
+    }
+}
+
+/// An axis value, once for each row.
+pub fn axis_values(value: &Literal, rows: usize) -> ArrayRef {
+    match value {
+        Literal::Bool(x) => Arc::new(BooleanArray::from(vec![*x; rows])),
+        Literal::Int(x) => Arc::new(Int64Array::from(vec![*x; rows])),
+        Literal::Float(x) => Arc::new(Float64Array::from(vec![*x; rows])),
+        Literal::Text(_) | Literal::List(_) => {
+            let text = value.to_string();
+            Arc::new(StringArray::from(vec![text.as_str(); rows]))
+        }
+    }
+}

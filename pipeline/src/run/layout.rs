@@ -1,0 +1,101 @@
+//! How the units of a table are put into packs.
+//!
+//! The units stand in one order, which the plan and the lines give, and are cut into chunks of about as many bytes. A
+//! chunk is computed together and becomes one pack, so that the packs of a run do not depend on threads, on time or on
+//! where an earlier run was killed. A sweep that grows writes packs for what is new; when these become many they are
+//! put together, as `compact` does at once.
+
+use std::{collections::HashMap, ops::Range};
+
+use schemas::Grain;
+
+use super::cut::Cut;
+use crate::{
+    keys::Key,
+    plan::{Graph, Unit},
+    store::{Catalogue, Packed},
+};
+
+/// The bytes of a chunk in memory.
+const CHUNK_BYTES: usize = 8 << 20;
+
+/// The units of a table in the order of its rows, in chunks.
+pub struct Layout {
+    /// The units.
+    pub units: Vec<Unit>,
+    /// The chunks.
+    pub chunks: Vec<Range<usize>>,
+}
+
+impl Layout {
+    /// Of the table of `cut`.
+    pub fn new(graph: &Graph, table: usize, cut: &Cut) -> Layout {
+        let node = &graph.plan.tables[table];
+        let mut units: Vec<Unit> = graph.units(table);
+        if node.entry.grain == Grain::Line && !node.is_tidy() {
+            // Line by line: the points of a sweep share the reading of a line.
+            units.sort_by_key(|u| (u.line, u.instance));
+        }
+        let (mut chunks, mut start, mut bytes) = (vec![], 0, 0);
+        for (i, unit) in units.iter().enumerate() {
+            let own = cut.bytes(*unit);
+            if i > start && bytes + own > CHUNK_BYTES {
+                chunks.push(start..i);
+                (start, bytes) = (i, 0);
+            }
+            bytes += own;
+        }
+        if start < units.len() {
+            chunks.push(start..units.len());
+        }
+        Layout { units, chunks }
+    }
+}
+
+/// Which packs of the store hold rows of a table just as they are wanted.
+pub struct Cover {
+    /// The packs, in the order of the rows.
+    pub packs: Vec<Key>,
+    /// Whether each unit is in one of them.
+    pub covered: Vec<bool>,
+}
+
+/// Finds packs of units that are all wanted, none twice. `wanted` has, for each unit of `layout`, what its pack says of
+/// it, where it was computed or has failed; `rows` is not looked at. With `strict` only packs that are whole chunks count.
+pub fn cover(catalogue: &Catalogue, kind: Key, layout: &Layout, wanted: &[Option<Packed>], strict: bool) -> Cover {
+    let at: HashMap<(Key, u64), usize> =
+        wanted.iter().enumerate().filter_map(|(i, w)| w.as_ref().map(|w| ((w.key, w.dress), i))).collect();
+    // One chunk alone is small; it is always one pack, so that small tables have the same bytes whatever came before.
+    let strict = strict || layout.chunks.len() <= 1;
+    let mut found: Vec<(bool, usize, usize, Key, Vec<usize>)> = vec![];
+    for pack in catalogue.packs().filter(|p| p.kind == kind) {
+        let places: Option<Vec<usize>> = pack.units.iter().map(|u| at.get(&(u.key, u.dress)).copied()).collect();
+        let Some(places) = places.filter(|p| !p.is_empty()) else { continue };
+        let (first, last) = (places[0], places[places.len() - 1]);
+        let chunk = layout.chunks.get(layout.chunks.partition_point(|c| c.end <= first));
+        // A chunk without the units that have nothing to show for themselves.
+        let exact = chunk.is_some_and(|c| {
+            c.contains(&last)
+                && c.clone().filter(|i| wanted[*i].is_some()).eq(places.iter().copied())
+        });
+        if exact || !strict {
+            found.push((!exact, usize::MAX - places.len(), first, pack.id, places));
+        }
+    }
+    found.sort();
+    let mut covered = vec![false; wanted.len()];
+    let mut packs = vec![];
+    for (_, _, first, id, places) in found {
+        if places.iter().all(|i| !covered[*i]) {
+            places.iter().for_each(|i| covered[*i] = true);
+            packs.push((first, id));
+        }
+    }
+    packs.sort();
+    Cover { packs: packs.into_iter().map(|(_, id)| id).collect(), covered }
+}
+
+/// Whether so many packs are more than a table of so many chunks should have.
+pub fn scattered(packs: usize, chunks: usize) -> bool {
+    packs > 2 * chunks + 16
+}

@@ -1,0 +1,173 @@
+//! Where each row of a table's whole, logical form comes from: the units that hold its columns.
+//!
+//! A published table holds the keys and what its stage made. A column that passes through lies in the unit of a table
+//! further up, row by row: the stage that made it is some steps up the chain of first inputs. This file has a row for each
+//! unit, with the keys of the units on its chain; which column lies how many steps up stands in its metadata, once for
+//! each pattern that occurs.
+
+use std::{
+    collections::{BTreeMap, HashMap},
+    path::PathBuf,
+    sync::Arc,
+};
+
+use arrow_array::{ArrayRef, FixedSizeBinaryArray, Int64Array, RecordBatch, StringArray, new_null_array};
+use arrow_ipc::convert::IpcSchemaEncoder;
+use arrow_schema::{Field, Schema, SchemaRef};
+use schemas::{Column, Fault, Role, Table, field};
+
+use super::{
+    cut::{Cut, axis_type, axis_values, one_type},
+    layout::Layout,
+};
+use crate::{
+    plan::{Graph, LineId, Ref, TableNode, Unit},
+    store::Store,
+};
+
+/// The schema of the logical table, in hexadecimal digits of an Arrow message.
+pub const SCHEMA: &str = "magline.logical_schema";
+/// For each pattern the steps up to each column.
+pub const PATTERNS: &str = "magline.patterns";
+
+/// The columns of a logical table: axes, then all that the stages above hand on.
+///
+/// # Errors
+/// When a column has types at different points of the sweep that one table cannot have.
+pub fn schema(graph: &Graph, node: &TableNode) -> Result<SchemaRef, Fault> {
+    let spec = &graph.plan.spec;
+    let axes = node.axes.iter().filter_map(|i| spec.axes.get(*i));
+    let axes: Vec<Field> =
+        axes.map(|a| field(&a.name, axis_type(&a.values[0]), "", Role::Key, "axis of the sweep")).collect();
+    let mut shapes: Vec<&Table> = vec![];
+    for it in &node.instances {
+        if shapes.last().is_none_or(|s| !std::ptr::eq(*s, it.table.as_ref())) {
+            shapes.push(&it.table);
+        }
+    }
+    let mut fields = axes;
+    for column in node.columns() {
+        if !fields.iter().any(|f| f.name() == &column.name) {
+            let all: Vec<&Column> = shapes.iter().filter_map(|s| s.shape().get(&column.name)).collect();
+            fields.push(one_type(&column, &all)?);
+        }
+    }
+    Ok(Arc::new(Schema::new(fields)))
+}
+
+/// A point of a table and what is above it through first inputs, itself first.
+fn chain(graph: &Graph, t: usize, instance: usize) -> Vec<Ref> {
+    let mut chain = vec![Ref::Stage(t, instance)];
+    while let Some(Ref::Stage(t, i)) = chain.last().copied() {
+        match graph.plan.instance(t, i).inputs.first() {
+            Some(up @ (Ref::Stage(..) | Ref::Flights(_))) => chain.push(*up),
+            Some(Ref::Map(_)) | None => break,
+        }
+    }
+    chain
+}
+
+/// How many steps up each column of a point lies.
+fn pattern(graph: &Graph, chain: &[Ref], names: &[String]) -> BTreeMap<String, usize> {
+    let Some(Ref::Stage(t, i)) = chain.first().copied() else { return BTreeMap::new() };
+    let own = graph.plan.instance(t, i);
+    let depth = |name: &String| {
+        own.table.shape().get(name)?;
+        chain.iter().position(|r| match r {
+            Ref::Stage(t, i) => graph.plan.instance(*t, *i).makes(name).is_some(),
+            Ref::Flights(_) => true,
+            Ref::Map(_) => false,
+        })
+    };
+    names.iter().filter_map(|n| Some((n.clone(), depth(n)?))).collect()
+}
+
+/// Writes the file for the table of `cut`; none where the published table is all there is.
+///
+/// # Errors
+/// When the store cannot be written.
+pub fn write(
+    graph: &Graph,
+    store: &Store,
+    cut: &Cut,
+    t: usize,
+    there: &(dyn Fn(Unit) -> bool + Sync),
+) -> Result<Option<PathBuf>, Fault> {
+    let plan = graph.plan;
+    let node = &plan.tables[t];
+    let logical = schema(graph, node)?;
+    if node.is_tidy() || logical.fields().len() == cut.schema.fields().len() {
+        return Ok(None);
+    }
+    let units: Vec<Unit> = Layout::new(graph, t, cut).units.into_iter().filter(|u| there(*u)).collect();
+    let names: Vec<String> = logical.fields().iter().map(|f| f.name().clone()).collect();
+    let mut patterns: Vec<BTreeMap<String, usize>> = vec![];
+    // Points whose chains have the same shapes have the same pattern.
+    let mut known: HashMap<Vec<(Ref, *const schemas::Table)>, usize> = HashMap::new();
+    let mut of_point: HashMap<usize, (usize, Vec<Ref>)> = HashMap::new();
+    for unit in &units {
+        of_point.entry(unit.instance).or_insert_with(|| {
+            let chain = chain(graph, t, unit.instance);
+            let shape = |r: &Ref| match r {
+                Ref::Stage(t, i) => (Ref::Stage(*t, 0), Arc::as_ptr(&graph.plan.instance(*t, *i).table)),
+                other => (*other, std::ptr::null()),
+            };
+            let of = *known.entry(chain.iter().map(shape).collect()).or_insert_with(|| {
+                patterns.push(pattern(graph, &chain, &names));
+                patterns.len() - 1
+            });
+            (of, chain)
+        });
+    }
+    let depth = of_point.values().map(|(_, chain)| chain.len()).max().unwrap_or(0);
+    let mut fields = vec![
+        field("pattern", arrow_schema::DataType::Int64, "", Role::Key, "which columns lie where"),
+        field("flight", arrow_schema::DataType::Utf8, "", Role::Key, "flight identifier"),
+        field("line", arrow_schema::DataType::Utf8, "", Role::Key, "line identifier"),
+    ];
+    let of = |u: &Unit| of_point.get(&u.instance);
+    let text = |f: fn(&(String, String)) -> &String| -> ArrayRef {
+        Arc::new(units.iter().map(|u| u.line.and_then(|l| graph.lines.get(l)).map(f)).collect::<StringArray>())
+    };
+    let mut columns: Vec<ArrayRef> = vec![
+        Arc::new(units.iter().map(|u| of(u).and_then(|(p, _)| i64::try_from(*p).ok())).collect::<Int64Array>()),
+        text(|l| &l.0),
+        text(|l| &l.1),
+    ];
+    for i in &node.axes {
+        let Some(axis) = plan.spec.axes.get(*i) else { continue };
+        let kind = axis_type(&axis.values[0]);
+        let value = |u: &Unit| match plan.instance(t, u.instance).point.get(&axis.name) {
+            Some(value) => axis_values(value, 1),
+            None => new_null_array(&kind, 1),
+        };
+        let cells: Vec<ArrayRef> = units.iter().map(value).collect();
+        let cells: Vec<&dyn arrow_array::Array> = cells.iter().map(AsRef::as_ref).collect();
+        columns.push(if cells.is_empty() {
+            new_null_array(&kind, 0)
+        } else {
+            arrow_select::concat::concat(&cells).map_err(|e| Fault::machine(e.to_string()))?
+        });
+        // The columns of a unit may have the name of an axis.
+        fields.push(field(&format!("axis {}", axis.name), kind, "", Role::Key, "axis of the sweep"));
+    }
+    for step in 0..depth {
+        let key = |u: &Unit, line: LineId| {
+            let r = of(u).and_then(|(_, chain)| chain.get(step))?;
+            graph.object(*r, line).ok()
+        };
+        let keys = units.iter().map(|u| u.line.and_then(|l| key(u, l)));
+        let array = FixedSizeBinaryArray::try_from_sparse_iter_with_size(keys, 16);
+        columns.push(Arc::new(array.map_err(|e| Fault::machine(e.to_string()))?));
+        let kind = arrow_schema::DataType::FixedSizeBinary(16);
+        fields.push(field(&format!("key {step}"), kind, "", Role::Key, "the unit so many steps up"));
+    }
+    let batch =
+        RecordBatch::try_new(Arc::new(Schema::new(fields)), columns).map_err(|e| Fault::machine(e.to_string()))?;
+    let message = IpcSchemaEncoder::new().schema_to_fb(&logical);
+    let spelt: String = message.finished_data().iter().map(|b| format!("{b:02x}")).collect();
+    let patterns = serde_json::to_string(&patterns).map_err(|e| Fault::machine(e.to_string()))?;
+    let file = store.temporary();
+    store.write_table(&file, &batch, &[(SCHEMA.to_owned(), spelt), (PATTERNS.to_owned(), patterns)])?;
+    Ok(Some(file))
+}

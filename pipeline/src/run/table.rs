@@ -1,0 +1,220 @@
+//! One table of a run: what is there is found, what is not is computed, and both are put into packs.
+
+use arrow_array::RecordBatch;
+use rayon::prelude::*;
+use schemas::{Fault, Owner};
+
+use super::{
+    Looked, Outcome, Runner, State,
+    cut::Cut,
+    layout::{Cover, Layout, cover, scattered},
+    tell,
+    work::{Held, Made, Worker},
+};
+use crate::{
+    keys::Key,
+    plan::{LineId, Unit},
+    run::{Count, Event},
+    store::{FAILED, NewUnit, Packed},
+};
+
+/// A unit of a chunk and what is known of it before the chunk is computed.
+#[derive(Clone, Copy)]
+enum Known {
+    /// Nothing to show: it waits for something that is not there, or cannot even be asked.
+    Nothing,
+    /// It is in the store.
+    There(Packed),
+    /// It is to be computed.
+    Pending(Key),
+}
+
+/// What a chunk came to.
+#[derive(Default)]
+struct Answer {
+    made: Vec<Made>,
+    /// Why its pack could not be written.
+    lost: Option<Fault>,
+}
+
+impl Runner<'_> {
+    /// Computes what is missing of the table `t`, and says which packs hold it.
+    pub(super) fn table(&mut self, t: usize) -> (Count, Vec<Key>) {
+        let mut count = Count::default();
+        let cut = match Cut::new(self.graph, t) {
+            Ok(cut) => cut,
+            Err(fault) => {
+                let units: Vec<Unit> = self.graph.units(t);
+                count.failed = units.len();
+                units.into_iter().for_each(|unit| self.fail(unit, fault.clone()));
+                return (count, vec![]);
+            }
+        };
+        let layout = Layout::new(self.graph, t, &cut);
+        let known: Vec<Known> = layout.units.iter().map(|u| self.known(*u, &cut, &mut count)).collect();
+        let wanted = |known: &[Known]| -> Vec<Option<Packed>> {
+            let packed = |k: &Known| match k {
+                Known::There(packed) => Some(*packed),
+                Known::Nothing | Known::Pending(_) => None,
+            };
+            known.iter().map(packed).collect()
+        };
+        let find = |known: &[Known], strict| cover(&self.store.catalogue(), cut.kind, &layout, &wanted(known), strict);
+        let mut before = find(&known, self.compact);
+        if scattered(before.packs.len(), layout.chunks.len()) {
+            before = find(&known, true);
+        }
+        let pending = known.iter().filter(|k| matches!(k, Known::Pending(_))).count();
+        let table = &self.graph.plan.tables[t].name;
+        self.listener.hear(&Event::Computing { table, units: pending });
+        let worker = Worker::new(self.graph, self.store, t);
+        // A table of one chunk is always one pack.
+        let whole = layout.chunks.len() <= 1 || self.compact;
+        let this = &*self;
+        let chunk = |range: &std::ops::Range<usize>| this.chunk(&cut, &layout, range, &known, &before, whole, &worker);
+        let answers: Vec<Answer> = layout.chunks.par_iter().with_max_len(1).map(chunk).collect();
+        let mut known = known;
+        for (range, answer) in layout.chunks.iter().zip(answers) {
+            let mut made = answer.made.into_iter().peekable();
+            for i in range.clone() {
+                let Known::Pending(key) = known[i] else { continue };
+                let Some(Made { unit, rows, left_out }) = made.next_if(|m| m.unit == layout.units[i]) else { continue };
+                self.left_out(unit, left_out);
+                match rows.map(|_| ()).and(answer.lost.clone().map_or(Ok(()), Err)) {
+                    Ok(()) => {
+                        count.computed += 1;
+                        self.states.set(unit, State::Done);
+                        known[i] = Known::There(Packed { key, dress: cut.dress(unit), rows: 0 });
+                    }
+                    Err(fault) => {
+                        count.failed += 1;
+                        if fault.owner != Owner::Machine {
+                            known[i] = Known::There(Packed { key, dress: 0, rows: FAILED });
+                        }
+                        self.record(unit, fault);
+                    }
+                }
+            }
+        }
+        let find = |known: &[Known], strict| cover(&self.store.catalogue(), cut.kind, &layout, &wanted(known), strict);
+        let strict = find(&known, true);
+        let lacking = |c: &Cover| c.covered.iter().zip(&known).any(|(c, k)| !c && matches!(k, Known::There(_)));
+        let after = if lacking(&strict) { find(&known, false) } else { strict };
+        (count, after.packs)
+    }
+
+    /// What is known of a unit; it is noted and told of.
+    fn known(&mut self, unit: Unit, cut: &Cut, count: &mut Count) -> Known {
+        match self.look(unit) {
+            Looked::Skip => {
+                count.skipped += 1;
+                self.note(unit, State::Missing, Outcome::Skipped, None);
+                Known::Nothing
+            }
+            Looked::Have(key) => {
+                count.reused += 1;
+                self.note(unit, State::Done, Outcome::Reused, None);
+                self.went_on_without(unit, key);
+                Known::There(Packed { key, dress: cut.dress(unit), rows: 0 })
+            }
+            Looked::Failed(key, fault) => {
+                count.failed += 1;
+                self.fail(unit, fault);
+                Known::There(Packed { key, dress: 0, rows: FAILED })
+            }
+            Looked::Fault(fault) => {
+                count.failed += 1;
+                self.fail(unit, fault);
+                Known::Nothing
+            }
+            Looked::Need(key) => Known::Pending(key),
+        }
+    }
+
+    /// Computes what is pending of a chunk and writes its pack. Where `whole`, the pack holds all of the chunk; else what
+    /// is new, and what stands in no pack as it is wanted.
+    #[allow(clippy::too_many_arguments)]
+    fn chunk(
+        &self,
+        cut: &Cut,
+        layout: &Layout,
+        range: &std::ops::Range<usize>,
+        known: &[Known],
+        cover: &Cover,
+        whole: bool,
+        worker: &Worker,
+    ) -> Answer {
+        let is_pending = |i: &usize| matches!(known[*i], Known::Pending(_));
+        let pending: Vec<Unit> = range.clone().filter(is_pending).map(|i| layout.units[i]).collect();
+        let stale = |i: &usize| matches!(known[*i], Known::There(_)) && !cover.covered[*i];
+        if pending.is_empty() && !range.clone().any(|i| stale(&i)) {
+            return Answer::default();
+        }
+        let usable = |line: LineId, unit: Unit| self.line_is_there(line, unit) != State::Failed;
+        let done = |made: &[Made]| {
+            for Made { unit, rows, .. } in made {
+                let outcome = if rows.is_ok() { Outcome::Computed } else { Outcome::Failed };
+                tell(self.listener, self.graph, *unit, outcome, rows.as_ref().err());
+            }
+        };
+        let mut made = worker.compute(&pending, &usable, &done);
+        let lost = self.write(cut, layout, range, known, &mut made, &|i| whole || stale(&i)).err();
+        Answer { made, lost }
+    }
+
+    /// Writes the pack of a chunk: what was made, and what is there already as far as `also` says. The rows in `made` are
+    /// moved out.
+    fn write(
+        &self,
+        cut: &Cut,
+        layout: &Layout,
+        range: &std::ops::Range<usize>,
+        known: &[Known],
+        made: &mut [Made],
+        also: &dyn Fn(usize) -> bool,
+    ) -> Result<(), Fault> {
+        let mut held = Held::new(self.graph, self.store);
+        let mut next = made.iter_mut().peekable();
+        let (mut units, mut packed, mut written) = (vec![], vec![], vec![]);
+        for i in range.clone() {
+            let unit = layout.units[i];
+            let new = match known[i] {
+                Known::Nothing => continue,
+                Known::There(Packed { key, rows: FAILED, .. }) if also(i) => {
+                    let Some(fault) = self.store.failed(key)? else { continue };
+                    NewUnit { key, dress: 0, rows: Err(fault), left_out: vec![] }
+                }
+                Known::There(Packed { key, dress, .. }) if also(i) => {
+                    let it = self.graph.plan.instance(unit.table, unit.instance);
+                    let names: Vec<&str> = it.yields.columns.iter().map(|c| c.name.as_str()).collect();
+                    let rows = cut.rows(unit, &self.store.get(key, &names)?, &mut held)?;
+                    let left_out = if unit.line.is_none() { self.store.left_out(key)? } else { vec![] };
+                    NewUnit { key, dress, rows: Ok(rows), left_out }
+                }
+                Known::There(_) => continue,
+                Known::Pending(key) => {
+                    let Some(own) = next.next_if(|m| m.unit == unit) else { continue };
+                    match &mut own.rows {
+                        Ok(rows) => {
+                            let whole = cut.rows(unit, rows, &mut held)?;
+                            // The pack has them now.
+                            *rows = RecordBatch::new_empty(rows.schema());
+                            let (dress, left_out) = (cut.dress(unit), own.left_out.clone());
+                            NewUnit { key, dress, rows: Ok(whole), left_out }
+                        }
+                        Err(fault) if fault.owner == Owner::Machine => continue,
+                        Err(fault) => NewUnit { key, dress: 0, rows: Err(fault.clone()), left_out: vec![] },
+                    }
+                }
+            };
+            written.push(unit);
+            packed.push(Packed { key: new.key, dress: new.dress, rows: 0 });
+            units.push(new);
+        }
+        if units.is_empty() {
+            return Ok(());
+        }
+        let id = cut.id(&packed);
+        self.store.pack(id, cut.kind, &cut.schema, &cut.about(id, &written), units)
+    }
+}

@@ -1,0 +1,273 @@
+//! Which packs there are, and which units each holds.
+//!
+//! A pack says itself what it holds, in its footer; the file `index` only saves reading all footers again. It is checked
+//! as a whole, and against size and time of each pack; whatever does not agree is read from the packs.
+
+use std::{
+    collections::{HashMap, HashSet},
+    fs,
+    path::{Path, PathBuf},
+    time::UNIX_EPOCH,
+};
+
+use crate::keys::Key;
+
+use super::sealed::{Sealed, Trouble, verify};
+
+/// What stands at the beginning of the index.
+const MARK: &[u8; 16] = b"magline index 2\n";
+
+/// The units of a pack, in its footer: the kind of pack, then a line of key, dress and rows for each.
+pub const UNITS: &str = "magline.units";
+
+/// In place of the rows of a unit that could not be computed.
+pub const FAILED: u32 = u32::MAX;
+
+/// A unit in a pack.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Packed {
+    /// What was computed.
+    pub key: Key,
+    /// What stands beside it in the pack: the values of the axes, the identifiers, the columns carried along.
+    pub dress: u64,
+    /// Its rows, or [`FAILED`].
+    pub rows: u32,
+}
+
+/// A pack: a file of the store that holds the rows of some units, one after another.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pack {
+    /// Its name.
+    pub id: Key,
+    /// Its bytes.
+    pub size: u64,
+    /// When it was written, ns since 1970; a pack is never written again.
+    pub modified_ns: u64,
+    /// The columns that it has.
+    pub kind: Key,
+    /// Its units, in the order of their rows.
+    pub units: Vec<Packed>,
+}
+
+/// Where the rows of a unit lie.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// The pack, as a position in the catalogue.
+    pub pack: usize,
+    /// The unit in it.
+    pub unit: usize,
+    /// Its first row.
+    pub first: usize,
+    /// How many rows; `None` where it could not be computed.
+    pub rows: Option<usize>,
+}
+
+/// All packs of a store.
+#[derive(Default)]
+pub struct Catalogue {
+    packs: Vec<Option<Pack>>,
+    by_id: HashMap<Key, usize>,
+    units: HashMap<Key, Place>,
+    /// Whether it differs from the index on the disk.
+    changed: bool,
+}
+
+/// Where the pack `id` lies below the store's folder.
+pub fn path(root: &Path, id: Key) -> PathBuf {
+    let name = id.to_string();
+    root.join("objects").join(&name[..2]).join(format!("{name}.parquet"))
+}
+
+/// Size and time of change, as the catalogue keeps them.
+pub fn stamp(about: &fs::Metadata) -> (u64, u64) {
+    let since = about.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
+    (about.len(), since.and_then(|d| u64::try_from(d.as_nanos()).ok()).unwrap_or(0))
+}
+
+impl Catalogue {
+    /// The packs in the store at `root`, and those that are not what was written.
+    ///
+    /// # Errors
+    /// When the folder cannot be read.
+    pub fn open(root: &Path) -> std::io::Result<(Catalogue, Vec<(Key, String)>)> {
+        let mut known: HashMap<Key, Pack> = load(root).unwrap_or_default().into_iter().map(|p| (p.id, p)).collect();
+        let indexed = known.len();
+        let (mut all, mut damaged, mut fresh) = (Catalogue::default(), vec![], 0);
+        let mut found = vec![];
+        for folder in fs::read_dir(root.join("objects")).into_iter().flatten() {
+            let folder = folder?;
+            if folder.file_type()?.is_dir() {
+                for file in fs::read_dir(folder.path())? {
+                    let file = file?;
+                    let name = file.file_name();
+                    let id = name.to_str().and_then(|n| n.strip_suffix(".parquet")).and_then(Key::parse);
+                    if let Some(id) = id.filter(|id| file.path() == path(root, *id)) {
+                        found.push((id, stamp(&file.metadata()?)));
+                    }
+                }
+            }
+        }
+        found.sort_unstable();
+        for (id, (size, modified_ns)) in found {
+            match known.remove(&id).filter(|p| (p.size, p.modified_ns) == (size, modified_ns)) {
+                Some(pack) => all.insert(pack),
+                None => {
+                    // Whatever was written to since, or by someone else, is looked at as a whole.
+                    fresh += 1;
+                    let file = path(root, id);
+                    match verify(&file).and_then(|()| Sealed::open(&file)).and_then(|s| units_of(&s)) {
+                        Ok((kind, units)) => all.insert(Pack { id, size, modified_ns, kind, units }),
+                        Err(Trouble::Damaged(why)) => damaged.push((id, why)),
+                        Err(Trouble::Machine(why)) => return Err(std::io::Error::other(why)),
+                        Err(Trouble::Gone) => {}
+                    }
+                }
+            }
+        }
+        all.changed = fresh > 0 || !known.is_empty() || (indexed == 0 && !all.packs.is_empty());
+        Ok((all, damaged))
+    }
+
+    /// Adds a pack, in place of one of the same name.
+    pub fn insert(&mut self, pack: Pack) {
+        let at = self.packs.len();
+        let mut first = 0;
+        for (unit, packed) in pack.units.iter().enumerate() {
+            let rows = packed.count();
+            self.units.insert(packed.key, Place { pack: at, unit, first, rows });
+            first += rows.unwrap_or(0);
+        }
+        if let Some(old) = self.by_id.insert(pack.id, at) {
+            self.packs[old] = None;
+        }
+        self.packs.push(Some(pack));
+        self.changed = true;
+    }
+
+    /// Forgets a pack; its units are found in other packs that hold them too.
+    pub fn remove(&mut self, id: Key) {
+        let Some(pack) = self.by_id.remove(&id).and_then(|at| self.packs.get_mut(at)).and_then(Option::take) else {
+            return;
+        };
+        self.changed = true;
+        let lost: HashSet<Key> = pack.units.iter().map(|u| u.key).collect();
+        self.units.retain(|key, place| !lost.contains(key) || self.packs.get(place.pack).is_some_and(Option::is_some));
+        for (at, pack) in self.packs.iter().enumerate() {
+            let mut first = 0;
+            for (unit, packed) in pack.iter().flat_map(|p| p.units.iter().enumerate()) {
+                let rows = packed.count();
+                if lost.contains(&packed.key) {
+                    self.units.entry(packed.key).or_insert(Place { pack: at, unit, first, rows });
+                }
+                first += rows.unwrap_or(0);
+            }
+        }
+    }
+
+    /// Where a unit lies.
+    pub fn find(&self, key: Key) -> Option<Place> {
+        self.units.get(&key).copied()
+    }
+
+    /// A pack by its place.
+    pub fn pack(&self, at: usize) -> Option<&Pack> {
+        self.packs.get(at).and_then(Option::as_ref)
+    }
+
+    /// A pack by its name.
+    pub fn by_id(&self, id: Key) -> Option<&Pack> {
+        self.by_id.get(&id).and_then(|at| self.pack(*at))
+    }
+
+    /// All packs.
+    pub fn packs(&self) -> impl Iterator<Item = &Pack> {
+        self.packs.iter().flatten()
+    }
+
+    /// The bytes of the index, where it is not the one on the disk.
+    pub fn to_write(&mut self) -> Option<Vec<u8>> {
+        if !std::mem::take(&mut self.changed) {
+            return None;
+        }
+        let mut packs: Vec<&Pack> = self.packs().collect();
+        packs.sort_unstable_by_key(|p| p.id);
+        let mut bytes = MARK.to_vec();
+        for pack in packs {
+            bytes.extend(pack.id.as_ref());
+            bytes.extend(pack.size.to_le_bytes());
+            bytes.extend(pack.modified_ns.to_le_bytes());
+            bytes.extend(pack.kind.as_ref());
+            bytes.extend((pack.units.len() as u64).to_le_bytes());
+            for unit in &pack.units {
+                bytes.extend(unit.key.as_ref());
+                bytes.extend(unit.dress.to_le_bytes());
+                bytes.extend(unit.rows.to_le_bytes());
+            }
+        }
+        let sum = blake3::hash(&bytes);
+        bytes.extend(sum.as_bytes());
+        Some(bytes)
+    }
+}
+
+/// What the index says, if it is whole.
+fn load(root: &Path) -> Option<Vec<Pack>> {
+    let bytes = fs::read(root.join("index")).ok()?;
+    let (body, sum) = bytes.split_at_checked(bytes.len().checked_sub(blake3::OUT_LEN)?)?;
+    if blake3::hash(body).as_bytes() != sum {
+        return None;
+    }
+    let mut rest = body.strip_prefix(MARK)?;
+    let mut packs = vec![];
+    while !rest.is_empty() {
+        let id = Key::from_bytes(take(&mut rest)?);
+        let size = u64::from_le_bytes(take(&mut rest)?);
+        let modified_ns = u64::from_le_bytes(take(&mut rest)?);
+        let kind = Key::from_bytes(take(&mut rest)?);
+        let count = u64::from_le_bytes(take(&mut rest)?);
+        let units = (0..count).map(|_| {
+            let key = Key::from_bytes(take(&mut rest)?);
+            Some(Packed { key, dress: u64::from_le_bytes(take(&mut rest)?), rows: u32::from_le_bytes(take(&mut rest)?) })
+        });
+        packs.push(Pack { id, size, modified_ns, kind, units: units.collect::<Option<Vec<_>>>()? });
+    }
+    Some(packs)
+}
+
+fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
+    let (head, tail) = rest.split_first_chunk::<N>()?;
+    *rest = tail;
+    Some(*head)
+}
+
+/// What a file says that it holds: its kind and its units.
+fn units_of(sealed: &Sealed) -> Result<(Key, Vec<Packed>), Trouble> {
+    let text = sealed.text(UNITS).ok_or_else(|| Trouble::Damaged("it does not say what it holds".to_owned()))?;
+    let read = || {
+        let (kind, lines) = text.split_once('\n')?;
+        let unit = |line: &str| {
+            let (key, rest) = line.split_once(' ')?;
+            let (dress, rows) = rest.split_once(' ')?;
+            let rows = if rows == "failed" { FAILED } else { rows.parse().ok()? };
+            Some(Packed { key: Key::parse(key)?, dress: u64::from_str_radix(dress, 16).ok()?, rows })
+        };
+        Some((Key::parse(kind)?, lines.lines().map(unit).collect::<Option<Vec<_>>>()?))
+    };
+    read().ok_or_else(|| Trouble::Damaged("what it says of its units cannot be read".to_owned()))
+}
+
+/// What a pack's footer says of its units.
+pub fn spell(kind: Key, units: &[Packed]) -> String {
+    let line = |Packed { key, dress, rows }: &Packed| match *rows {
+        FAILED => format!("{key} {dress:016x} failed\n"),
+        rows => format!("{key} {dress:016x} {rows}\n"),
+    };
+    format!("{kind}\n") + &units.iter().map(line).collect::<String>()
+}
+
+impl Packed {
+    /// Its rows; `None` where it could not be computed.
+    pub fn count(&self) -> Option<usize> {
+        (self.rows != FAILED).then_some(self.rows as usize)
+    }
+}

@@ -1,0 +1,326 @@
+//! What was computed, read back: columns of units, from the packs that hold them.
+//!
+//! Every byte that is decoded is held against its checksum. A pack that does not verify is set aside, in the folder
+//! `damaged`, and forgotten; its units are computed again.
+
+use std::{
+    collections::HashMap,
+    fs,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard},
+};
+
+use arrow_array::{Array, ArrayRef, RecordBatch, RecordBatchOptions};
+use arrow_schema::{Field, Schema, SchemaRef};
+use schemas::{Fault, Owner, Place as Where};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    catalogue::{self, Catalogue, Pack, Place},
+    sealed::{Sealed, Trouble},
+};
+use crate::keys::Key;
+
+/// What is kept of decoded columns, in bytes.
+const HELD_BYTES: usize = 64 << 20;
+/// Footers that are kept.
+const HELD_FOOTERS: usize = 256;
+/// What a pack's footer says of its units beside their rows.
+pub const NOTES: &str = "magline.notes";
+
+/// What there is to say of a unit, in the footer of its pack.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Note {
+    /// The unit, as a position in the pack.
+    pub unit: usize,
+    /// Why it could not be computed.
+    pub failed: Option<NoteFault>,
+    /// Of a survey stage: the lines it went on without, and why.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<NoteFault>,
+}
+
+/// A fault of the data.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct NoteFault {
+    what: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    help: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    file: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    flight: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    line: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    column: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    row: Option<u64>,
+}
+
+impl From<&Fault> for NoteFault {
+    fn from(fault: &Fault) -> NoteFault {
+        let Where { file, flight, line, column, row } = fault.place.clone();
+        NoteFault { what: fault.what.clone(), help: fault.help.clone(), file, flight, line, column, row }
+    }
+}
+
+impl From<NoteFault> for Fault {
+    fn from(note: NoteFault) -> Fault {
+        let NoteFault { what, help, file, flight, line, column, row } = note;
+        let place = Where { file, flight, line, column, row };
+        Fault { what, help, place, owner: Owner::Data, ..Fault::default() }
+    }
+}
+
+/// Decoded columns by pack, row group and column.
+#[derive(Default)]
+struct Held {
+    columns: HashMap<(Key, usize, usize), ArrayRef>,
+    bytes: usize,
+}
+
+/// A verified footer, and what it says of single units.
+struct Footer {
+    sealed: Sealed,
+    notes: HashMap<usize, Note>,
+}
+
+/// The packs of a store, to be read.
+pub struct Objects {
+    root: PathBuf,
+    catalogue: RwLock<Catalogue>,
+    footers: Mutex<HashMap<Key, Arc<Footer>>>,
+    held: Mutex<Held>,
+    damaged: Mutex<Vec<String>>,
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Objects {
+    /// The packs of the store at `root`.
+    ///
+    /// # Errors
+    /// When the folder cannot be read.
+    pub fn open(root: &Path) -> Result<Objects, Fault> {
+        let (catalogue, damaged) = Catalogue::open(root)
+            .map_err(|e| Fault::machine(format!("cannot read the store {}: {e}", root.display())))?;
+        let objects = Objects {
+            root: root.to_owned(),
+            catalogue: RwLock::new(catalogue),
+            footers: Mutex::default(),
+            held: Mutex::default(),
+            damaged: Mutex::default(),
+        };
+        damaged.into_iter().for_each(|(id, why)| objects.set_aside(id, &why));
+        Ok(objects)
+    }
+
+    /// The catalogue, to be read.
+    pub fn catalogue(&self) -> RwLockReadGuard<'_, Catalogue> {
+        self.catalogue.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The catalogue, to be changed.
+    pub(super) fn catalogue_mut(&self) -> RwLockWriteGuard<'_, Catalogue> {
+        self.catalogue.write().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The file of a pack.
+    pub fn file(&self, id: Key) -> PathBuf {
+        catalogue::path(&self.root, id)
+    }
+
+    /// Whether the unit `key` was computed and is there.
+    pub fn has(&self, key: Key) -> bool {
+        self.find(key).is_some_and(|p| p.rows.is_some())
+    }
+
+    /// Where the unit `key` lies.
+    pub fn find(&self, key: Key) -> Option<Place> {
+        self.catalogue().find(key)
+    }
+
+    /// What did not verify since the store was opened.
+    pub fn damaged(&self) -> Vec<String> {
+        locked(&self.damaged).clone()
+    }
+
+    /// Moves a pack out of the way, and forgets it.
+    pub fn set_aside(&self, id: Key, why: &str) {
+        let from = self.file(id);
+        let aside = self.root.join("damaged");
+        let moved = fs::create_dir_all(&aside).and_then(|()| fs::rename(&from, aside.join(format!("{id}.parquet"))));
+        self.catalogue_mut().remove(id);
+        locked(&self.footers).remove(&id);
+        locked(&self.held).columns.retain(|(pack, ..), _| *pack != id);
+        // Another thread may have found the same.
+        if moved.is_ok() || from.exists() {
+            locked(&self.damaged).push(format!("{}: {why}", from.display()));
+        }
+    }
+
+    /// The fault for a pack that cannot be read; one that is damaged or gone is forgotten.
+    fn fault(&self, id: Key, trouble: &Trouble) -> Fault {
+        let path = self.file(id);
+        match trouble {
+            Trouble::Damaged(why) => self.set_aside(id, why),
+            Trouble::Gone => {
+                self.catalogue_mut().remove(id);
+                locked(&self.damaged).push(format!("{}: {trouble}", path.display()));
+            }
+            Trouble::Machine(_) => {}
+        }
+        Fault::machine(format!("cannot read {}: {trouble}", path.display())).help("run again: what is damaged is computed again")
+    }
+
+    /// The footer of a pack.
+    fn footer(&self, id: Key) -> Result<Arc<Footer>, Fault> {
+        if let Some(known) = locked(&self.footers).get(&id) {
+            return Ok(known.clone());
+        }
+        let sealed = Sealed::open(&self.file(id)).map_err(|e| self.fault(id, &e))?;
+        let notes: Vec<Note> = match sealed.text(NOTES) {
+            Some(text) => serde_json::from_str(text).map_err(|e| Fault::machine(e.to_string()))?,
+            None => vec![],
+        };
+        let opened = Arc::new(Footer { sealed, notes: notes.into_iter().map(|n| (n.unit, n)).collect() });
+        let mut footers = locked(&self.footers);
+        if footers.len() >= HELD_FOOTERS {
+            footers.clear();
+        }
+        footers.insert(id, opened.clone());
+        Ok(opened)
+    }
+
+    /// The pack and place of a unit.
+    fn place(&self, key: Key) -> Result<(Key, Place), Fault> {
+        let catalogue = self.catalogue();
+        let found = catalogue.find(key).and_then(|p| Some((catalogue.pack(p.pack)?.id, p)));
+        found.ok_or_else(|| {
+            Fault::machine(format!("the store no longer holds {key}")).help("run again: what is gone is computed again")
+        })
+    }
+
+    fn column(&self, id: Key, sealed: &Sealed, group: usize, column: usize) -> Result<ArrayRef, Fault> {
+        if let Some(array) = locked(&self.held).columns.get(&(id, group, column)) {
+            return Ok(array.clone());
+        }
+        let array = sealed.column(group, column).map_err(|e| self.fault(id, &e))?;
+        self.hold(id, group, column, &array);
+        Ok(array)
+    }
+
+    /// Keeps a decoded column, so that it is not decoded again soon.
+    pub(super) fn hold(&self, id: Key, group: usize, column: usize, array: &ArrayRef) {
+        let mut held = locked(&self.held);
+        let bytes = array.get_array_memory_size();
+        if held.bytes + bytes > HELD_BYTES {
+            *held = Held::default();
+        }
+        if bytes <= HELD_BYTES {
+            held.bytes += bytes;
+            held.columns.insert((id, group, column), array.clone());
+        }
+    }
+
+    /// `rows` rows of a column of a pack, from `first` on.
+    fn rows(&self, id: Key, sealed: &Sealed, column: usize, first: usize, rows: usize) -> Result<ArrayRef, Fault> {
+        let starts = sealed.starts();
+        let mut parts = vec![];
+        let begin = starts.partition_point(|s| *s <= first).saturating_sub(1);
+        for (group, span) in starts.windows(2).enumerate().skip(begin) {
+            let (from, to) = (first.max(span[0]), (first + rows).min(span[1]));
+            if from < to {
+                parts.push(self.column(id, sealed, group, column)?.slice(from - span[0], to - from));
+            } else if span[0] >= first + rows {
+                break;
+            }
+        }
+        match parts.as_slice() {
+            [one] => Ok(one.clone()),
+            [] => Ok(arrow_array::new_empty_array(sealed.schema().field(column).data_type())),
+            many => {
+                let parts: Vec<&dyn Array> = many.iter().map(AsRef::as_ref).collect();
+                arrow_select::concat::concat(&parts).map_err(|e| Fault::machine(e.to_string()))
+            }
+        }
+    }
+
+    /// The columns `columns` of the unit `key`, each as one array.
+    ///
+    /// # Errors
+    /// When the unit is not there, is damaged or lacks a column.
+    pub fn get<S: AsRef<str>>(&self, key: Key, columns: &[S]) -> Result<RecordBatch, Fault> {
+        let (id, place) = self.place(key)?;
+        let footer = self.footer(id)?;
+        let sealed = &footer.sealed;
+        let names = columns.iter().map(|c| {
+            let at = sealed.schema().index_of(c.as_ref());
+            at.map_err(|_| Fault::machine(format!("{} has no column `{}`", self.file(id).display(), c.as_ref())))
+        });
+        self.batch(id, sealed, place, &names.collect::<Result<Vec<_>, _>>()?)
+    }
+
+    /// The columns of the pack that holds the unit `key`.
+    ///
+    /// # Errors
+    /// When the unit is not there or is damaged.
+    pub fn columns(&self, key: Key) -> Result<SchemaRef, Fault> {
+        let (id, _) = self.place(key)?;
+        Ok(self.footer(id)?.sealed.schema().clone())
+    }
+
+    /// All columns of the unit `key`, with what their fields say.
+    ///
+    /// # Errors
+    /// When the unit is not there or is damaged.
+    pub fn whole(&self, key: Key) -> Result<RecordBatch, Fault> {
+        let (id, place) = self.place(key)?;
+        let footer = self.footer(id)?;
+        let all: Vec<usize> = (0..footer.sealed.schema().fields().len()).collect();
+        self.batch(id, &footer.sealed, place, &all)
+    }
+
+    fn batch(&self, id: Key, sealed: &Sealed, place: Place, columns: &[usize]) -> Result<RecordBatch, Fault> {
+        let rows = place.rows.ok_or_else(|| Fault::machine("a unit that could not be computed has no rows"))?;
+        let fields: Vec<Arc<Field>> = columns.iter().map(|c| sealed.schema().fields()[*c].clone()).collect();
+        let arrays: Result<Vec<ArrayRef>, Fault> =
+            columns.iter().map(|c| self.rows(id, sealed, *c, place.first, rows)).collect();
+        let options = RecordBatchOptions::new().with_row_count(Some(rows));
+        RecordBatch::try_new_with_options(Arc::new(Schema::new(fields)), arrays?, &options)
+            .map_err(|e| Fault::machine(e.to_string()))
+    }
+
+    fn note(&self, key: Key) -> Result<Option<Note>, Fault> {
+        let (id, place) = self.place(key)?;
+        Ok(self.footer(id)?.notes.get(&place.unit).cloned())
+    }
+
+    /// Why the unit `key` cannot be computed, where that is known.
+    ///
+    /// # Errors
+    /// When the store is damaged.
+    pub fn failed(&self, key: Key) -> Result<Option<Fault>, Fault> {
+        match self.find(key) {
+            Some(Place { rows: None, .. }) => Ok(self.note(key)?.and_then(|n| n.failed).map(Fault::from)),
+            _ => Ok(None),
+        }
+    }
+
+    /// The lines that the unit `key` went on without.
+    ///
+    /// # Errors
+    /// When the store is damaged.
+    pub fn left_out(&self, key: Key) -> Result<Vec<Fault>, Fault> {
+        Ok(self.note(key)?.map(|n| n.left_out.into_iter().map(Fault::from).collect()).unwrap_or_default())
+    }
+
+    /// A pack that was just written.
+    pub(super) fn add(&self, pack: Pack) {
+        locked(&self.footers).remove(&pack.id);
+        self.catalogue_mut().insert(pack);
+    }
+}

@@ -1,0 +1,355 @@
+//! One file of the store: ordinary Parquet, with checksums that its reader holds its bytes against.
+//!
+//! The footer's metadata hold a CRC-32 of every column chunk (`magline.crc`). Between the last row group and the footer,
+//! where Parquet leaves bytes to nobody, stands the seal: a mark, a CRC-32 of all bytes before it and one of the footer.
+//! Whoever reads a column verifies the footer and the chunks that it decodes, and no other byte.
+
+use std::{
+    fmt::Display,
+    fs::File,
+    io::{self, Read, Seek, SeekFrom, Write},
+    path::{Path, PathBuf},
+};
+
+use arrow_array::{ArrayRef, RecordBatch};
+use arrow_schema::{DataType, Schema, SchemaRef};
+use bytes::{Buf, Bytes};
+use parquet::{
+    arrow::{
+        ArrowWriter, ProjectionMask,
+        arrow_reader::{ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReaderBuilder},
+    },
+    basic::Compression,
+    errors::ParquetError,
+    file::{
+        metadata::{KeyValue, RowGroupMetaData},
+        properties::{EnabledStatistics, WriterProperties},
+        reader::{ChunkReader, Length},
+    },
+    schema::types::{ColumnPath, SchemaDescriptor},
+};
+use schemas::Fault;
+
+/// The mark of a seal.
+const MARK: &[u8; 8] = b"MAGLSEAL";
+/// Mark, checksum of the data, checksum of the footer.
+const SEAL: usize = 16;
+/// The length of the footer and Parquet's own mark.
+const TAIL: usize = 8;
+/// The checksums of the column chunks.
+const CRC: &str = "magline.crc";
+
+/// Why a file of the store cannot be read.
+#[derive(Debug)]
+pub enum Trouble {
+    /// Its bytes are not those that were written.
+    Damaged(String),
+    /// It is there, and the machine does not give it.
+    Machine(String),
+    /// It is not there.
+    Gone,
+}
+
+impl Trouble {
+    fn io(error: &io::Error) -> Trouble {
+        match error.kind() {
+            io::ErrorKind::NotFound => Trouble::Gone,
+            io::ErrorKind::UnexpectedEof => Trouble::Damaged("it is cut short".to_owned()),
+            _ => Trouble::Machine(error.to_string()),
+        }
+    }
+
+    fn damaged(what: impl Display) -> Trouble {
+        Trouble::Damaged(what.to_string())
+    }
+}
+
+impl Display for Trouble {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Trouble::Damaged(what) | Trouble::Machine(what) => f.write_str(what),
+            Trouble::Gone => f.write_str("it is gone"),
+        }
+    }
+}
+
+/// How everything in the store is encoded, so that the default readers of all engines take it: what repeats (identifiers,
+/// axes, times that the points of a sweep share) by dictionary, measured numbers plain.
+fn properties(schema: &Schema) -> WriterProperties {
+    let mut properties = WriterProperties::builder()
+        .set_created_by("magline".to_owned())
+        .set_compression(Compression::SNAPPY)
+        .set_statistics_enabled(EnabledStatistics::Chunk)
+        .set_offset_index_disabled(true)
+        .set_max_row_group_row_count(None);
+    for field in schema.fields() {
+        let name = field.name();
+        let (leaf, repeats) = match field.data_type() {
+            DataType::Float64 => (ColumnPath::from(name.as_str()), repeats(field)),
+            DataType::FixedSizeList(item, _) | DataType::List(item) => {
+                let leaf = ColumnPath::new(vec![name.clone(), "list".into(), item.name().clone()]);
+                properties = properties.set_column_statistics_enabled(leaf.clone(), EnabledStatistics::None);
+                (leaf, false)
+            }
+            _ => continue,
+        };
+        properties = properties.set_column_dictionary_enabled(leaf, repeats);
+    }
+    properties.build()
+}
+
+/// Whether the values of a column of numbers recur: axes and times.
+fn repeats(field: &arrow_schema::Field) -> bool {
+    let role = field.metadata().get("role").map(String::as_str);
+    matches!(role, Some("key" | "time"))
+}
+
+/// Writes `groups`, each as one row group, and what `about` says, as a Parquet file; the same groups give the same bytes.
+/// The file is on the disk when this returns.
+///
+/// # Errors
+/// When a group cannot be made, or the file system refuses.
+pub fn write(
+    path: &Path,
+    schema: &SchemaRef,
+    about: &[(String, String)],
+    groups: impl IntoIterator<Item = Result<RecordBatch, Fault>>,
+) -> Result<(), Fault> {
+    let fail = |e: &dyn Display| Fault::machine(format!("cannot write {}: {e}", path.display()));
+    let mut file = File::create(path).map_err(|e| fail(&e))?;
+    let mut writer =
+        ArrowWriter::try_new(Vec::new(), schema.clone(), Some(properties(schema))).map_err(|e| fail(&e))?;
+    let (mut at, mut whole, mut chunks) = (0u64, crc32fast::Hasher::new(), String::new());
+    for group in groups {
+        writer.write(&group?).map_err(|e| fail(&e))?;
+        writer.flush().and_then(|()| Ok(writer.sync()?)).map_err(|e| fail(&e))?;
+        let bytes = std::mem::take(writer.inner_mut());
+        for chunk in writer.flushed_row_groups().last().into_iter().flat_map(|g| g.columns()) {
+            let (start, length) = chunk.byte_range();
+            let part = start.checked_sub(at).and_then(|from| slice(&bytes, from, length));
+            let part = part.ok_or_else(|| fail(&"a column chunk outside of its row group"))?;
+            chunks.push_str(&format!("{:08x}", crc32fast::hash(part)));
+        }
+        at += bytes.len() as u64;
+        whole.update(&bytes);
+        file.write_all(&bytes).map_err(|e| fail(&e))?;
+    }
+    for (key, value) in about {
+        writer.append_key_value_metadata(KeyValue::new(key.clone(), value.clone()));
+    }
+    writer.append_key_value_metadata(KeyValue::new(CRC.to_owned(), chunks));
+    let rest = writer.into_inner().map_err(|e| fail(&e))?;
+    let length = rest.len().checked_sub(TAIL).and_then(|i| rest.get(i..i + 4)).and_then(|b| b.try_into().ok());
+    let footer = length.map_or(0, |b| u32::from_le_bytes(b) as usize + TAIL);
+    let (data, footer) = rest.split_at_checked(rest.len().wrapping_sub(footer)).ok_or_else(|| fail(&"no footer"))?;
+    whole.update(data);
+    let mut seal = MARK.to_vec();
+    seal.extend(whole.finalize().to_le_bytes());
+    seal.extend(crc32fast::hash(footer).to_le_bytes());
+    [data, &seal, footer].into_iter().try_for_each(|part| file.write_all(part)).map_err(|e| fail(&e))?;
+    file.sync_all().map_err(|e| fail(&e))
+}
+
+fn slice(bytes: &[u8], from: u64, length: u64) -> Option<&[u8]> {
+    let from = usize::try_from(from).ok()?;
+    bytes.get(from..from.checked_add(usize::try_from(length).ok()?)?)
+}
+
+/// A file whose footer was verified.
+pub struct Sealed {
+    path: PathBuf,
+    metadata: ArrowReaderMetadata,
+    /// The checksum of each leaf of each row group.
+    crcs: Vec<u32>,
+    /// Where each row group begins, in rows, and the end.
+    starts: Vec<usize>,
+}
+
+impl Sealed {
+    /// Reads and verifies the footer.
+    ///
+    /// # Errors
+    /// When the file is not there, cannot be read, or is not what was written.
+    pub fn open(path: &Path) -> Result<Sealed, Trouble> {
+        let mut file = File::open(path).map_err(|e| Trouble::io(&e))?;
+        footer(&mut file)?;
+        let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::new()).map_err(Trouble::damaged)?;
+        let hex = text_of(&metadata, CRC).unwrap_or_default();
+        let crcs: Option<Vec<u32>> = (0..hex.len() / 8)
+            .map(|i| hex.get(8 * i..8 * i + 8).and_then(|h| u32::from_str_radix(h, 16).ok()))
+            .collect();
+        let groups = metadata.metadata().row_groups();
+        let leaves: usize = groups.iter().map(|g| g.columns().len()).sum();
+        let crcs = crcs.filter(|c| c.len() == leaves).ok_or_else(|| Trouble::damaged("its checksums are missing"))?;
+        let mut starts = vec![0];
+        for group in groups {
+            let rows = usize::try_from(group.num_rows()).map_err(Trouble::damaged)?;
+            starts.push(starts.last().copied().unwrap_or(0) + rows);
+        }
+        Ok(Sealed { path: path.to_owned(), metadata, crcs, starts })
+    }
+
+    /// The Arrow schema.
+    pub fn schema(&self) -> &SchemaRef {
+        self.metadata.schema()
+    }
+
+    /// What the footer says under `key`.
+    pub fn text(&self, key: &str) -> Option<&str> {
+        text_of(&self.metadata, key)
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What the footer says of each row group.
+    pub fn row_groups(&self) -> &[RowGroupMetaData] {
+        self.metadata.metadata().row_groups()
+    }
+
+    /// The Parquet schema.
+    pub fn parquet_schema(&self) -> &SchemaDescriptor {
+        self.metadata.metadata().file_metadata().schema_descr()
+    }
+
+    /// Where each row group begins, in rows, and the end.
+    pub fn starts(&self) -> &[usize] {
+        &self.starts
+    }
+
+    /// The values of one column of one row group, verified.
+    ///
+    /// # Errors
+    /// When the file cannot be read, or is not what was written.
+    pub fn column(&self, group: usize, column: usize) -> Result<ArrayRef, Trouble> {
+        let metadata = self.metadata.metadata();
+        let chunks = metadata.row_groups().get(group).ok_or_else(|| Trouble::damaged("a row group is missing"))?;
+        let descriptor = metadata.file_metadata().schema_descr();
+        let before: usize = metadata.row_groups().iter().take(group).map(|g| g.columns().len()).sum();
+        let mut file = File::open(&self.path).map_err(|e| Trouble::io(&e))?;
+        let mut windows = Windows { windows: vec![], size: file.metadata().map_err(|e| Trouble::io(&e))?.len() };
+        for (leaf, chunk) in chunks.columns().iter().enumerate() {
+            if descriptor.get_column_root_idx(leaf) != column {
+                continue;
+            }
+            let (start, length) = chunk.byte_range();
+            if start.checked_add(length).is_none_or(|end| end > windows.size) {
+                return Err(Trouble::damaged("it is cut short"));
+            }
+            let mut bytes = vec![0; usize::try_from(length).map_err(Trouble::damaged)?];
+            file.seek(SeekFrom::Start(start)).map_err(|e| Trouble::io(&e))?;
+            file.read_exact(&mut bytes).map_err(|e| Trouble::io(&e))?;
+            if self.crcs.get(before + leaf) != Some(&crc32fast::hash(&bytes)) {
+                return Err(Trouble::damaged(format!("the checksum of `{}` is wrong", chunk.column_path().string())));
+            }
+            windows.windows.push((start, bytes.into()));
+        }
+        let rows = usize::try_from(chunks.num_rows()).map_err(Trouble::damaged)?;
+        let mut reader = ParquetRecordBatchReaderBuilder::new_with_metadata(windows, self.metadata.clone())
+            .with_projection(ProjectionMask::roots(descriptor, [column]))
+            .with_row_groups(vec![group])
+            .with_batch_size(rows.max(1))
+            .build()
+            .map_err(Trouble::damaged)?;
+        match reader.next() {
+            Some(Ok(batch)) if batch.num_rows() == rows && batch.num_columns() == 1 => Ok(batch.column(0).clone()),
+            Some(Err(e)) => Err(Trouble::damaged(e)),
+            _ => Err(Trouble::damaged("a row group has other rows than it says")),
+        }
+    }
+}
+
+fn text_of<'a>(metadata: &'a ArrowReaderMetadata, key: &str) -> Option<&'a str> {
+    let pairs = metadata.metadata().file_metadata().key_value_metadata()?;
+    pairs.iter().find(|kv| kv.key == key)?.value.as_deref()
+}
+
+/// Verifies the footer, and says how many bytes lie before the seal and what their checksum is.
+fn footer(file: &mut File) -> Result<(u64, u32), Trouble> {
+    let io = |e: io::Error| Trouble::io(&e);
+    let size = file.metadata().map_err(io)?.len();
+    let cut = || Trouble::damaged(if size == 0 { "it is empty" } else { "it is cut short" });
+    let back = |n: usize| i64::try_from(n).map(|n| SeekFrom::End(-n)).map_err(Trouble::damaged);
+    if size < (SEAL + TAIL) as u64 {
+        return Err(cut());
+    }
+    let mut tail = [0; TAIL];
+    file.seek(back(TAIL)?).map_err(io)?;
+    file.read_exact(&mut tail).map_err(io)?;
+    let length = u32::from_le_bytes([tail[0], tail[1], tail[2], tail[3]]) as usize;
+    let whole = SEAL + length + TAIL;
+    if &tail[4..] != b"PAR1" || whole as u64 > size {
+        return Err(cut());
+    }
+    let mut bytes = vec![0; whole];
+    file.seek(back(whole)?).map_err(io)?;
+    file.read_exact(&mut bytes).map_err(io)?;
+    let (seal, footer) = bytes.split_at(SEAL);
+    let number = |i: usize| u32::from_le_bytes([seal[i], seal[i + 1], seal[i + 2], seal[i + 3]]);
+    if &seal[..8] != MARK || number(12) != crc32fast::hash(footer) {
+        return Err(Trouble::damaged("the checksum of its footer is wrong"));
+    }
+    Ok((size - whole as u64, number(8)))
+}
+
+/// Verifies every byte of a file.
+///
+/// # Errors
+/// When it is not there, cannot be read, or is not what was written.
+pub fn verify(path: &Path) -> Result<(), Trouble> {
+    let io = |e: io::Error| Trouble::io(&e);
+    let mut file = File::open(path).map_err(io)?;
+    let (data, expected) = footer(&mut file)?;
+    file.seek(SeekFrom::Start(0)).map_err(io)?;
+    let (mut hasher, mut left, mut buffer) = (crc32fast::Hasher::new(), data, vec![0; 1 << 20]);
+    while left > 0 {
+        let most = usize::try_from(left).unwrap_or(usize::MAX).min(buffer.len());
+        match file.read(&mut buffer[..most]).map_err(io)? {
+            0 => return Err(Trouble::damaged("it is cut short")),
+            n => {
+                hasher.update(&buffer[..n]);
+                left -= n as u64;
+            }
+        }
+    }
+    if hasher.finalize() == expected { Ok(()) } else { Err(Trouble::damaged("the checksum of its data is wrong")) }
+}
+
+/// Parts of a file that are in memory.
+struct Windows {
+    windows: Vec<(u64, Bytes)>,
+    size: u64,
+}
+
+impl Windows {
+    fn from(&self, start: u64) -> parquet::errors::Result<Bytes> {
+        let inside = |(from, bytes): &&(u64, Bytes)| (*from..=*from + bytes.len() as u64).contains(&start);
+        let found = self.windows.iter().rev().find(inside);
+        let (from, bytes) = found.ok_or_else(|| ParquetError::General(format!("byte {start} is in no column read")))?;
+        Ok(bytes.slice(usize::try_from(start - from).unwrap_or(usize::MAX).min(bytes.len())..))
+    }
+}
+
+impl Length for Windows {
+    fn len(&self) -> u64 {
+        self.size
+    }
+}
+
+impl ChunkReader for Windows {
+    type T = bytes::buf::Reader<Bytes>;
+
+    fn get_read(&self, start: u64) -> parquet::errors::Result<Self::T> {
+        Ok(self.from(start)?.reader())
+    }
+
+    fn get_bytes(&self, start: u64, length: usize) -> parquet::errors::Result<Bytes> {
+        let rest = self.from(start)?;
+        if rest.len() < length {
+            return Err(ParquetError::EOF(format!("{length} bytes at {start}")));
+        }
+        Ok(rest.slice(..length))
+    }
+}

@@ -1,0 +1,390 @@
+//! What is published: versions of a pipeline's tables, of which one is the newest.
+//!
+//! A version is made under another name, and is there as a whole when its folder is renamed; it is the newest when the
+//! link `tables/<pipeline>` points at it. Files that did not change are linked from the packs, so that they cost nothing.
+//! A reader that has resolved the link keeps its version until `gc` drops it. Where there are no links, as in an object
+//! store, the same holds of a prefix a version and a pointer that is put conditionally.
+
+use std::{
+    collections::HashSet,
+    fs::{self, File},
+    io,
+    os::unix,
+    path::{Component, Path, PathBuf},
+    sync::Arc,
+};
+
+use arrow_array::RecordBatch;
+use arrow_select::concat::concat_batches;
+use schemas::Fault;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Store,
+    catalogue::stamp,
+    make_folder,
+    sealed::{self, Sealed},
+    sync_folder, trouble,
+};
+use crate::keys::Key;
+
+/// The files of a table: packs, in the order of its rows.
+pub struct TableFiles {
+    /// The table.
+    pub name: String,
+    /// Its packs.
+    pub packs: Vec<Key>,
+    /// Where each row of the table comes from, as a file of the store; see `logical`.
+    pub units: Option<PathBuf>,
+}
+
+/// A table beside those of the stages, such as the failures.
+pub struct Beside {
+    /// The table.
+    pub name: String,
+    /// Its file, under a temporary name.
+    pub file: PathBuf,
+}
+
+/// What a version holds, as its folder says.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// The pipeline.
+    pub pipeline: String,
+    /// The run that made it.
+    pub run: String,
+    /// Its tables.
+    pub tables: Vec<ManifestTable>,
+    /// All packs that it rests on, published or not.
+    pub packs: Vec<String>,
+    /// A checksum of all this.
+    sum: String,
+}
+
+/// A table of a version.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ManifestTable {
+    /// Its name.
+    pub name: String,
+    /// Its files, in the order of its rows.
+    pub files: Vec<ManifestFile>,
+    /// The file that says where each row comes from.
+    pub units: Option<ManifestFile>,
+}
+
+/// A file of a version.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ManifestFile {
+    /// Its name, below the folder of the version.
+    pub name: String,
+    /// The pack that it is, if it is one.
+    pub pack: Option<String>,
+    /// The hash of its bytes, if it is no pack.
+    pub hash: Option<String>,
+    /// Its bytes.
+    pub size: u64,
+    /// When it was written, ns since 1970.
+    modified_ns: u64,
+}
+
+impl ManifestFile {
+    /// The same but for the time.
+    fn same(&self, other: &ManifestFile) -> bool {
+        (&self.name, &self.pack, &self.hash, self.size) == (&other.name, &other.pack, &other.hash, other.size)
+    }
+}
+
+/// A version that was published.
+pub struct Version {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// Its number, from 1.
+    pub number: u64,
+    /// What it holds.
+    pub manifest: Manifest,
+}
+
+impl Version {
+    /// The version in `folder`, whose name is its number.
+    pub fn open(folder: &Path) -> Option<Version> {
+        let number = folder.file_name()?.to_str()?.parse().ok()?;
+        let manifest: Manifest = serde_json::from_slice(&fs::read(folder.join("version.json")).ok()?).ok()?;
+        let sum = sum_of(&manifest)?;
+        (sum == manifest.sum).then(|| Version { folder: folder.to_owned(), number, manifest })
+    }
+}
+
+fn sum_of(manifest: &Manifest) -> Option<String> {
+    let plain = Manifest { sum: String::new(), ..manifest.clone() };
+    serde_json::to_vec(&plain).ok().map(|bytes| Key::of([bytes]).to_string())
+}
+
+/// The folder of the newest version of `pipeline` in the store at `root`.
+pub fn newest(root: &Path, pipeline: &str) -> Option<PathBuf> {
+    let link = fs::read_link(root.join("tables").join(pipeline)).ok()?;
+    let parts: Vec<&str> = link.components().filter_map(|c| c.as_os_str().to_str()).collect();
+    match parts.as_slice() {
+        ["..", "versions", name, number, "tables"] if *name == pipeline => {
+            Some(root.join("versions").join(name).join(number))
+        }
+        _ => None,
+    }
+}
+
+/// The newest version of `pipeline` in the store at `root`, if it is whole.
+pub fn current(root: &Path, pipeline: &str) -> Option<Version> {
+    Version::open(&newest(root, pipeline)?)
+}
+
+/// The files of a published table, in the order of its rows: those in its folder that a run wrote.
+pub fn parts(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path());
+    let ours = |p: &PathBuf| {
+        let name = p.file_name().and_then(|n| n.to_str());
+        name.is_some_and(|n| n.starts_with("part-") && n.ends_with(".parquet"))
+    };
+    let mut found: Vec<PathBuf> = entries.filter(ours).collect();
+    found.sort();
+    found
+}
+
+/// The columns `columns` of a small published table, verified; none where it is not there.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn published(folder: &Path, columns: &[&str]) -> Result<Option<RecordBatch>, Fault> {
+    let mut batches = vec![];
+    for file in parts(folder) {
+        let fail = |e: &dyn std::fmt::Display| trouble("read", &file, e);
+        let sealed = Sealed::open(&file).map_err(|e| fail(&e))?;
+        let at = columns.iter().map(|c| sealed.schema().index_of(c)).collect::<Result<Vec<_>, _>>();
+        let at = at.map_err(|e| fail(&e))?;
+        let schema = Arc::new(sealed.schema().project(&at).map_err(|e| fail(&e))?);
+        batches.push(RecordBatch::new_empty(schema.clone()));
+        for group in 0..sealed.starts().len() - 1 {
+            let arrays = at.iter().map(|c| sealed.column(group, *c)).collect::<Result<Vec<_>, _>>();
+            let batch = RecordBatch::try_new(schema.clone(), arrays.map_err(|e| fail(&e))?);
+            batches.push(batch.map_err(|e| fail(&e))?);
+        }
+    }
+    let Some(first) = batches.first() else { return Ok(None) };
+    let whole = concat_batches(&first.schema(), &batches).map_err(|e| trouble("read", folder, &e))?;
+    Ok(Some(whole))
+}
+
+/// All versions of `pipeline`, oldest first.
+pub fn versions(root: &Path, pipeline: &str) -> Vec<(u64, PathBuf)> {
+    let entries = fs::read_dir(root.join("versions").join(pipeline)).into_iter().flatten().flatten();
+    let mut found: Vec<(u64, PathBuf)> =
+        entries.filter_map(|e| Some((e.file_name().to_str()?.parse().ok()?, e.path()))).collect();
+    found.sort();
+    found
+}
+
+/// The right to publish the tables of one pipeline; one process has it at a time.
+pub struct Publisher {
+    pipeline: String,
+    _lock: File,
+}
+
+impl Store {
+    /// Takes the right to publish `pipeline`; where another process has it, waits for it or says so.
+    ///
+    /// # Errors
+    /// When another process has it, or the file system refuses.
+    pub fn publisher(&self, pipeline: &str, wait: bool) -> Result<Publisher, Fault> {
+        let path = self.root().join("locks").join(format!("{pipeline}.lock"));
+        let fail = |e: &dyn std::fmt::Display| trouble("lock", &path, e);
+        let lock = File::create(&path).map_err(|e| fail(&e))?;
+        match lock.try_lock() {
+            Ok(()) => {}
+            Err(fs::TryLockError::WouldBlock) if wait => lock.lock().map_err(|e| fail(&e))?,
+            Err(fs::TryLockError::WouldBlock) => {
+                let what = format!("another run of `{pipeline}` is at work in {}", self.root().display());
+                return Err(Fault::machine(what).help("wait for it with --wait, or name another store"));
+            }
+            Err(fs::TryLockError::Error(e)) => return Err(fail(&e)),
+        }
+        Ok(Publisher { pipeline: pipeline.to_owned(), _lock: lock })
+    }
+
+    /// Publishes `tables` and `beside` as the newest version, unless it is what the newest version holds already. Says
+    /// whether there is a new one.
+    ///
+    /// # Errors
+    /// When the file system refuses; the version before stays the newest then.
+    pub fn publish(
+        &self,
+        publisher: &Publisher,
+        run: &str,
+        tables: &[TableFiles],
+        beside: &[Beside],
+        rests_on: &[Key],
+    ) -> Result<bool, Fault> {
+        let pipeline = &publisher.pipeline;
+        inside(self.root(), pipeline)?;
+        let mut manifest = Manifest { pipeline: pipeline.clone(), run: run.to_owned(), ..Manifest::default() };
+        manifest.packs = rests_on.iter().map(Key::to_string).collect();
+        // Each file of the version, and where it is now.
+        let mut from: Vec<(PathBuf, String)> = vec![];
+        for table in tables {
+            let mut listed = ManifestTable { name: table.name.clone(), ..ManifestTable::default() };
+            for (i, id) in table.packs.iter().enumerate() {
+                let (file, spelt) = (self.file(*id), id.to_string());
+                let name = format!("tables/{}/part-{i:05}-{}.parquet", table.name, &spelt[..8]);
+                listed.files.push(described(&file, &name, Some(spelt))?);
+                from.push((file, name));
+            }
+            if let Some(units) = &table.units {
+                let name = format!("units/{}.parquet", table.name);
+                listed.units = Some(described(units, &name, None)?);
+                from.push((units.clone(), name));
+            }
+            manifest.tables.push(listed);
+        }
+        for one in beside {
+            let plain = described(&one.file, "", None)?;
+            let hash = plain.hash.clone().unwrap_or_default();
+            let name = format!("tables/{}/part-00000-{}.parquet", one.name, hash.get(..8).unwrap_or_default());
+            let file = ManifestFile { name: name.clone(), ..plain };
+            manifest.tables.push(ManifestTable { name: one.name.clone(), files: vec![file], units: None });
+            from.push((one.file.clone(), name));
+        }
+        let before = current(self.root(), pipeline);
+        for table in before.iter().flat_map(|v| v.manifest.tables.iter().map(|t| v.folder.join("tables").join(&t.name))) {
+            if fs::symlink_metadata(&table).is_ok_and(|m| m.is_symlink()) {
+                let what = format!("the folder of the table, {}, leads out of the store", table.display());
+                return Err(Fault::machine(what).help("remove the link; the table is published again"));
+            }
+        }
+        if before.as_ref().is_some_and(|v| holds(self, v, &manifest)) {
+            return Ok(false);
+        }
+        let folder = self.temporary();
+        self.build(&folder, &manifest, &from, before.as_ref())?;
+        let number = versions(self.root(), pipeline).last().map_or(1, |(n, _)| n + 1);
+        let to = self.root().join("versions").join(pipeline).join(number.to_string());
+        self.settle(&folder, &to)?;
+        let tables = self.root().join("tables");
+        let link = self.temporary();
+        let target = format!("../versions/{pipeline}/{number}/tables");
+        unix::fs::symlink(target, &link).map_err(|e| trouble("write", &link, &e))?;
+        self.settle(&link, &tables.join(pipeline))?;
+        Ok(true)
+    }
+
+    /// Makes the folder of a version, under a temporary name.
+    fn build(
+        &self,
+        folder: &Path,
+        manifest: &Manifest,
+        from: &[(PathBuf, String)],
+        before: Option<&Version>,
+    ) -> Result<(), Fault> {
+        let fail = |e: io::Error| trouble("write", folder, &e);
+        make_folder(&folder.join("units")).map_err(fail)?;
+        for table in &manifest.tables {
+            make_folder(&folder.join("tables").join(&table.name)).map_err(fail)?;
+        }
+        for (file, name) in from {
+            link(file, &folder.join(name)).map_err(|e| trouble("write", &folder.join(name), &e))?;
+        }
+        if let Some(before) = before {
+            carry(before, folder, manifest).map_err(fail)?;
+        }
+        let sum = sum_of(manifest).ok_or_else(|| Fault::machine("the version cannot be described"))?;
+        let bytes = serde_json::to_vec(&Manifest { sum, ..manifest.clone() });
+        let bytes = bytes.map_err(|e| Fault::machine(e.to_string()))?;
+        self.write(&folder.join("version.json"), &bytes)?;
+        let folders = manifest.tables.iter().map(|t| folder.join("tables").join(&t.name));
+        for one in folders.chain(["tables", "units", ""].map(|name| folder.join(name))) {
+            sync_folder(&one).map_err(fail)?;
+        }
+        Ok(())
+    }
+}
+
+/// One more name for the bytes of a file; a copy where the file system has no such thing.
+fn link(from: &Path, to: &Path) -> io::Result<()> {
+    match fs::hard_link(from, to) {
+        Ok(()) => Ok(()),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Err(e),
+        Err(_) => {
+            fs::copy(from, to)?;
+            let copy = File::options().append(true).open(to)?;
+            copy.set_modified(fs::metadata(from)?.modified()?)?;
+            copy.sync_all()
+        }
+    }
+}
+
+/// What a file is.
+fn described(file: &Path, name: &str, pack: Option<String>) -> Result<ManifestFile, Fault> {
+    let fail = |e: io::Error| trouble("read", file, &e);
+    let (size, modified_ns) = stamp(&fs::metadata(file).map_err(fail)?);
+    let hash = match &pack {
+        Some(_) => None,
+        None => Some(Key::of([fs::read(file).map_err(fail)?]).to_string()),
+    };
+    Ok(ManifestFile { name: name.to_owned(), pack, hash, size, modified_ns })
+}
+
+/// Whether a version holds just what `manifest` says, in files that are whole.
+fn holds(store: &Store, version: &Version, manifest: &Manifest) -> bool {
+    let old = &version.manifest;
+    let pairs = || old.tables.iter().zip(&manifest.tables);
+    let files = |t: &ManifestTable| t.files.iter().chain(&t.units).cloned().collect::<Vec<_>>();
+    let same = old.packs == manifest.packs
+        && old.tables.len() == manifest.tables.len()
+        && pairs().all(|(a, b)| {
+            let (x, y) = (files(a), files(b));
+            a.name == b.name && x.len() == y.len() && x.iter().zip(&y).all(|(x, y)| x.same(y))
+        });
+    let whole = |file: &ManifestFile| {
+        let path = version.folder.join(&file.name);
+        let Ok(about) = fs::metadata(&path) else { return false };
+        let now = stamp(&about);
+        match file.pack.as_deref().and_then(Key::parse) {
+            Some(id) => fs::metadata(store.file(id)).is_ok_and(|pack| stamp(&pack) == now),
+            None => now == (file.size, file.modified_ns) || sealed::verify(&path).is_ok(),
+        }
+    };
+    same && old.tables.iter().flat_map(files).all(|f| whole(&f))
+}
+
+/// Takes over what someone else put beside the files of the version before.
+fn carry(before: &Version, folder: &Path, manifest: &Manifest) -> io::Result<()> {
+    let ours: HashSet<PathBuf> = before
+        .manifest
+        .tables
+        .iter()
+        .flat_map(|t| &t.files)
+        .map(|f| before.folder.join(&f.name))
+        .chain(before.manifest.tables.iter().map(|t| before.folder.join("tables").join(&t.name)))
+        .collect();
+    let tables = manifest.tables.iter().map(|t| format!("tables/{}", t.name));
+    for part in tables.chain(["tables".to_owned()]) {
+        for entry in fs::read_dir(before.folder.join(&part)).into_iter().flatten().flatten() {
+            let to = folder.join(&part).join(entry.file_name());
+            if entry.file_type()?.is_file() && !ours.contains(&entry.path()) && !to.exists() {
+                link(&entry.path(), &to)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The name of a pipeline must lead to a link into the store, or to nothing.
+fn inside(root: &Path, pipeline: &str) -> Result<(), Fault> {
+    let path = root.join("tables").join(pipeline);
+    let parts: Vec<Component> = Path::new(pipeline).components().collect();
+    let plain = matches!(parts.as_slice(), [Component::Normal(part)] if *part == pipeline);
+    let free = fs::symlink_metadata(&path).is_err();
+    let folder = root.join("tables");
+    let real = fs::symlink_metadata(&folder).is_ok_and(|m| m.is_dir());
+    if plain && real && (free || newest(root, pipeline).is_some()) {
+        return Ok(());
+    }
+    let what = format!("{} is not a link to a version of its tables, or leads out of the store", path.display());
+    Err(Fault::machine(what).help("move it away; the tables are published again"))
+}
