@@ -5,6 +5,7 @@
 //! ```
 //! `explain`, `why`, `lineage`, `sql`, the reference and the report are views of the same plan and store.
 
+pub mod clock;
 pub mod deep;
 pub mod keys;
 pub mod plan;

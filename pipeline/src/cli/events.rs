@@ -1,8 +1,9 @@
 //! `--json`: one event per line on standard output.
 
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
+use std::time::Instant;
 
 use pipeline::{
+    clock,
     plan::Point,
     run::{Count, Event, Failure, Listener, Summary},
     views::{scores::Scores, warnings::Warning},
@@ -48,7 +49,7 @@ impl Json {
                 "pipeline": pipeline,
                 "version": env!("CARGO_PKG_VERSION"),
                 "run": run,
-                "time": now(),
+                "time": clock::now(),
                 "units": units,
                 "notes": notes,
             }),
@@ -82,7 +83,7 @@ impl Json {
         json!({
             "version": env!("CARGO_PKG_VERSION"),
             "run": summary.run,
-            "time": now(),
+            "time": clock::now(),
             "seconds": self.begun.elapsed().as_secs_f64(),
             "folder": summary.folder.display().to_string(),
             "tables": tables,
@@ -162,37 +163,4 @@ fn scores(table: &str, scores: &Scores) -> Vec<Value> {
         })
     };
     scores.rows.iter().enumerate().map(one).collect()
-}
-
-/// The time of day, UTC, as `2026-01-31T23:59:59Z`.
-fn now() -> String {
-    utc(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()))
-}
-
-/// Seconds since 1970 as a date and a time. [Hinnant, chrono-compatible low-level date algorithms, `civil_from_days`]
-fn utc(seconds: u64) -> String {
-    let (days, of_day) = (seconds / 86_400 + 719_468, seconds % 86_400);
-    let (era, of_era) = (days / 146_097, days % 146_097);
-    let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
-    // Years begin in March, so that the leap day is their last.
-    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted = (5 * of_year + 2) / 153;
-    let day = of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
-    let (hour, minute, second) = (of_day / 3600, of_day / 60 % 60, of_day % 60);
-    format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}Z")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ref_dates_of_the_unix_time() {
-        assert_eq!(utc(0), "1970-01-01T00:00:00Z");
-        // The last second of a leap day, and the moment of 2038.
-        assert_eq!(utc(1_709_251_199), "2024-02-29T23:59:59Z");
-        assert_eq!(utc(2_147_483_647), "2038-01-19T03:14:07Z");
-    }
 }

@@ -7,6 +7,7 @@ mod map;
 mod progress;
 mod say;
 mod sql;
+mod tend;
 mod threads;
 
 use std::{
@@ -59,6 +60,36 @@ enum Command {
     },
     /// Ask the tables of a store, named PIPELINE.TABLE, in SQL.
     Sql(sql::SqlArgs),
+    /// List the tables of a store.
+    Ls {
+        /// Only those of this pipeline.
+        pipeline: Option<String>,
+        #[command(flatten)]
+        store: tend::StoreArgs,
+    },
+    /// Remove a published pipeline, or one table of it; what was computed stays until `gc`.
+    Rm {
+        /// The pipeline, or the table as PIPELINE.TABLE.
+        name: String,
+        #[command(flatten)]
+        store: tend::StoreArgs,
+    },
+    /// Say what runs there were, or what changed between two runs of a pipeline.
+    Runs {
+        /// Only those of this pipeline.
+        pipeline: Option<String>,
+        /// One run, by its number.
+        #[arg(requires = "to")]
+        from: Option<u64>,
+        /// A later one.
+        to: Option<u64>,
+        #[command(flatten)]
+        store: tend::StoreArgs,
+    },
+    /// Say what of a store nobody refers to any more; `--yes` removes it.
+    Gc(tend::GcArgs),
+    /// Read every byte of a store, and set aside what is not what was written.
+    Verify(tend::StoreArgs),
     /// Say where a table's rows come from.
     Lineage {
         /// The table, as PIPELINE.TABLE.
@@ -196,6 +227,11 @@ pub fn main() -> ExitCode {
         Command::Explain(args) => with_graph(&args, |graph, store| Ok(views::explain(graph, store))),
         Command::Why { spec, table } => with_graph(&spec, |graph, store| Ok(views::why(graph, store, &table)?)),
         Command::Sql(args) => sql::run(&args),
+        Command::Ls { pipeline, store } => tend::ls(&store, pipeline.as_deref()),
+        Command::Rm { name, store } => tend::rm(&store, &name),
+        Command::Runs { pipeline, from, to, store } => tend::runs(&store, pipeline.as_deref(), from.zip(to)),
+        Command::Gc(args) => tend::gc(&args),
+        Command::Verify(store) => tend::verify(&store),
         Command::Lineage { table, store, format } => {
             views::lineage(&store, &table, format).map_err(Stop::from).and_then(say)
         }

@@ -21,13 +21,15 @@ pub use events::{Count, Event, Listener, Outcome, Quiet};
 pub use logical::{PATTERNS, SCHEMA};
 
 use crate::{
+    clock,
     keys::Key,
     plan::{Graph, LineId, Plan, Ref, Unit},
     sources::ReadStep,
     spec::Faults,
-    store::{Publisher, Store},
+    store::{Publisher, Store, current},
     views::{
         self,
+        history::{self, Past},
         scores::{self, Scores},
         warnings::{self, Warning},
     },
@@ -171,7 +173,7 @@ fn once(
     publisher: &Publisher,
     listener: &dyn Listener,
 ) -> Result<Summary, Faults> {
-    let damaged = store.damaged().len();
+    let (damaged, begun) = (store.damaged().len(), Instant::now());
     let tick = |table: &str, step: &ReadStep| listener.hear(&Event::Reading { table, step });
     let graph = Graph::new(plan, store, &tick)?;
     STARTED.store(true, Ordering::SeqCst);
@@ -208,7 +210,17 @@ fn once(
             plan.tables.iter().for_each(|node| listener.hear(&Event::Publishing { table: &node.name }));
             let publication = publish::Publication { graph: &graph, store, run: &run, packs: &packs, there: &there };
             publication.publish(publisher, &failures, &warnings)?;
-            views::record(&graph, store, &seconds)
+            let snapshot = views::record(&graph, store, &seconds)?;
+            let total = tables.iter().fold(Count::default(), |sum, (_, c)| sum + *c);
+            let past = Past {
+                time: clock::now(),
+                run: run.clone(),
+                version: env!("CARGO_PKG_VERSION").to_owned(),
+                tables: current(store.root(), &plan.spec.name).map_or(0, |v| v.number),
+                seconds: begun.elapsed().as_secs_f64(),
+                ..Past::default()
+            };
+            history::add(store, &plan.spec.name, past, total, &snapshot)
         });
         failures.extend(last.err().map(unpublished));
     }

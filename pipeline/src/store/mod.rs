@@ -20,6 +20,7 @@
 mod catalogue;
 mod objects;
 mod sealed;
+pub mod tend;
 mod version;
 
 use std::{
@@ -63,6 +64,8 @@ pub struct Store {
     objects: Objects,
     tmp: PathBuf,
     next: AtomicU64,
+    // Held together with all other processes that work in the store.
+    shared: File,
     // Held as long as the process lives; another process may then sweep the folder.
     _lock: File,
 }
@@ -84,6 +87,16 @@ pub struct NewUnit {
     pub rows: Result<RecordBatch, Fault>,
     /// Of a survey stage: the lines it went on without, and why.
     pub left_out: Vec<Fault>,
+}
+
+/// The right to a store of one process alone.
+pub struct Alone<'a>(&'a File);
+
+impl Drop for Alone<'_> {
+    fn drop(&mut self) {
+        // At worst it stays exclusive until the process ends.
+        let _ = self.0.lock_shared();
+    }
 }
 
 fn trouble(doing: &str, path: &Path, e: &dyn std::fmt::Display) -> Fault {
@@ -125,12 +138,30 @@ impl Store {
         }
         sweep(&root.join("tmp"));
         let (tmp, lock) = own_folder(&root.join("tmp")).map_err(fail)?;
+        let shared = File::create(root.join("locks").join("store")).and_then(|f| f.lock_shared().map(|()| f));
+        let shared = shared.map_err(fail)?;
         let objects = Objects::open(root)?;
-        let store = Store { root: root.to_owned(), objects, tmp, next: AtomicU64::new(0), _lock: lock };
+        let store = Store { root: root.to_owned(), objects, tmp, next: AtomicU64::new(0), shared, _lock: lock };
         if !marked {
             store.write(&mark, LAYOUT.as_bytes())?;
         }
         Ok(store)
+    }
+
+    /// The store to this process alone, as long as the answer lives; none where another one works in it.
+    ///
+    /// # Errors
+    /// When the file system refuses.
+    pub fn alone(&self) -> Result<Option<Alone<'_>>, Fault> {
+        // A lock that is held becomes an exclusive one, or is lost and taken back.
+        match self.shared.try_lock() {
+            Ok(()) => Ok(Some(Alone(&self.shared))),
+            Err(fs::TryLockError::WouldBlock) => {
+                self.shared.lock_shared().map_err(|e| trouble("lock", &self.root, &e))?;
+                Ok(None)
+            }
+            Err(fs::TryLockError::Error(e)) => Err(trouble("lock", &self.root, &e)),
+        }
     }
 
     /// The folder.

@@ -260,8 +260,33 @@ impl Store {
         if before.as_ref().is_some_and(|v| holds(self, v, &manifest)) {
             return Ok(false);
         }
+        self.switch(pipeline, &manifest, &from, before.as_ref())?;
+        Ok(true)
+    }
+
+    /// Publishes what `version` holds but for one table.
+    ///
+    /// # Errors
+    /// When the file system refuses.
+    pub(super) fn publish_without(&self, publisher: &Publisher, version: &Version, table: &str) -> Result<(), Fault> {
+        let mut manifest = version.manifest.clone();
+        manifest.tables.retain(|t| t.name != table);
+        manifest.sum = String::new();
+        let files = manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
+        let from: Vec<(PathBuf, String)> = files.map(|f| (version.folder.join(&f.name), f.name.clone())).collect();
+        self.switch(&publisher.pipeline, &manifest, &from, Some(version))
+    }
+
+    /// Makes a version and lets the pipeline's link lead to it.
+    fn switch(
+        &self,
+        pipeline: &str,
+        manifest: &Manifest,
+        from: &[(PathBuf, String)],
+        before: Option<&Version>,
+    ) -> Result<(), Fault> {
         let folder = self.temporary();
-        self.build(&folder, &manifest, &from, before.as_ref())?;
+        self.build(&folder, manifest, from, before)?;
         let number = versions(self.root(), pipeline).last().map_or(1, |(n, _)| n + 1);
         let to = self.root().join("versions").join(pipeline).join(number.to_string());
         self.settle(&folder, &to)?;
@@ -269,8 +294,7 @@ impl Store {
         let link = self.temporary();
         let target = format!("../versions/{pipeline}/{number}/tables");
         unix::fs::symlink(target, &link).map_err(|e| trouble("write", &link, &e))?;
-        self.settle(&link, &tables.join(pipeline))?;
-        Ok(true)
+        self.settle(&link, &tables.join(pipeline))
     }
 
     /// Makes the folder of a version, under a temporary name.

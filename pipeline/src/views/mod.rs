@@ -2,6 +2,7 @@
 
 mod chart;
 mod explain;
+pub mod history;
 mod lineage;
 pub mod palette;
 pub mod plot;

@@ -84,7 +84,7 @@ pub struct SnapshotColumn {
 ///
 /// # Errors
 /// When the store cannot be written.
-pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)]) -> Result<(), Fault> {
+pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)]) -> Result<Snapshot, Fault> {
     let plan = graph.plan;
     let before = snapshots(store.root()).into_iter().find(|s| s.pipeline == plan.spec.name);
     let flights = plan.flights.iter().enumerate().map(|(i, f)| SnapshotSource {
@@ -113,7 +113,11 @@ pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)]) -> Result<()
         tables: tables.collect(),
     };
     let text = serde_json::to_vec_pretty(&snapshot).map_err(|e| Fault::machine(e.to_string()))?;
-    store.write(&store.root().join("plans").join(format!("{}.json", plan.spec.name)), &text)
+    let file = store.root().join("plans").join(format!("{}.json", plan.spec.name));
+    if std::fs::read(&file).ok().as_ref() != Some(&text) {
+        store.write(&file, &text)?;
+    }
+    Ok(snapshot)
 }
 
 fn files(graph: &Graph, i: usize) -> Vec<(String, String)> {

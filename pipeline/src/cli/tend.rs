@@ -1,0 +1,159 @@
+//! `gc`, `ls`, `rm`, `runs` and `verify`: tending a store.
+
+use std::{path::PathBuf, time::Duration};
+
+use clap::Args;
+use pipeline::{
+    store::{Store, tend},
+    views::{history, scores},
+};
+use schemas::Fault;
+
+use super::{Stop, counted, progress::Progress, say};
+
+/// A store.
+#[derive(Args)]
+pub struct StoreArgs {
+    /// The store's folder.
+    #[arg(long, default_value = "store")]
+    store: PathBuf,
+}
+
+impl StoreArgs {
+    /// The store, which must be there.
+    fn open(&self) -> Result<Store, Fault> {
+        if !self.store.join("STORE").is_file() {
+            let fault = Fault::new(format!("there is no store {}", self.store.display()));
+            return Err(fault.help("name its folder with `--store`"));
+        }
+        Store::open(&self.store)
+    }
+}
+
+/// What to drop.
+#[derive(Args)]
+pub struct GcArgs {
+    #[command(flatten)]
+    store: StoreArgs,
+    /// How many versions of each pipeline are kept; the newest always is.
+    #[arg(long, default_value_t = 1)]
+    keep: usize,
+    /// Keep what is younger, such as 30m, 12h or 7d.
+    #[arg(long, value_name = "AGE", default_value = "0s", value_parser = age)]
+    older_than: Duration,
+    /// Only say what would go; so it is without `--yes`.
+    #[arg(long, conflicts_with = "yes")]
+    dry_run: bool,
+    /// Remove it.
+    #[arg(long)]
+    yes: bool,
+}
+
+/// A length of time: a number and s, m, h, d or w.
+fn age(text: &str) -> Result<Duration, String> {
+    let wrong = || format!("`{text}` is not a length of time: write 90s, 30m, 12h, 7d or 4w");
+    let (number, unit) = text.split_at(text.find(|c: char| !c.is_ascii_digit()).ok_or_else(wrong)?);
+    let seconds = match unit {
+        "s" => 1,
+        "m" => 60,
+        "h" => 3600,
+        "d" => 86_400,
+        "w" => 604_800,
+        _ => return Err(wrong()),
+    };
+    let number: u64 = number.parse().map_err(|_| wrong())?;
+    number.checked_mul(seconds).map(Duration::from_secs).ok_or_else(wrong)
+}
+
+/// Bytes as they are read.
+fn bytes(n: u64) -> String {
+    let n = n as f64;
+    match n {
+        n if n < 1e3 => format!("{n} B"),
+        n if n < 1e6 => format!("{:.1} kB", n / 1e3),
+        n if n < 1e9 => format!("{:.1} MB", n / 1e6),
+        n => format!("{:.2} GB", n / 1e9),
+    }
+}
+
+/// Drops what no version rests on.
+pub fn gc(args: &GcArgs) -> Result<(), Stop> {
+    let store = args.store.open()?;
+    let what = tend::Collect { keep: args.keep, older_than: args.older_than, dry: !args.yes };
+    let done = tend::collect(&store, what)?;
+    let verb = if args.yes { "removed" } else { "would remove" };
+    let packs = format!("{} of results that no version rests on ({})", counted(done.packs, "file"), bytes(done.bytes));
+    let mut text = format!("{verb} {}, {packs}", counted(done.versions.len(), "old version"));
+    if done.damaged > 0 {
+        text += &format!(", {}", counted(done.damaged, "damaged file"));
+    }
+    text += "\n";
+    for folder in &done.foreign {
+        text += &format!("left {}: it holds files that are not magline's\n", folder.display());
+    }
+    if done.busy {
+        text += "a run is at work in the store, so results are left alone\n";
+    }
+    if !args.yes {
+        text += "nothing was removed; `--yes` removes it\n";
+    }
+    say(text)
+}
+
+/// Lists the tables.
+pub fn ls(args: &StoreArgs, pipeline: Option<&str>) -> Result<(), Stop> {
+    let store = args.open()?;
+    let found = tend::list(store.root())?;
+    let names = tend::pipelines(store.root());
+    if let Some(name) = pipeline.filter(|p| !names.iter().any(|n| n == p)) {
+        return Err(Fault::new(format!("there is no pipeline `{name}` in the store")).nearest(name, &names).into());
+    }
+    let mut rows = vec![["table", "rows", "files", "size", "version"].map(str::to_owned).to_vec()];
+    for one in found.iter().filter(|f| pipeline.is_none_or(|p| p == f.pipeline)) {
+        rows.push(vec![
+            format!("{}.{}", one.pipeline, one.table),
+            one.rows.to_string(),
+            one.files.to_string(),
+            bytes(one.bytes),
+            one.version.to_string(),
+        ]);
+    }
+    say(scores::columns(&rows, 1))
+}
+
+/// Removes a pipeline or a table.
+pub fn rm(args: &StoreArgs, name: &str) -> Result<(), Stop> {
+    let store = args.open()?;
+    let (pipeline, table) = name.split_once('.').map_or((name, None), |(p, t)| (p, Some(t)));
+    tend::remove(&store, pipeline, table)?;
+    say(format!("removed {name}; what was computed stays until `magline gc --yes`\n"))
+}
+
+/// The history of runs, or what changed between two.
+pub fn runs(args: &StoreArgs, pipeline: Option<&str>, between: Option<(u64, u64)>) -> Result<(), Stop> {
+    let store = args.open()?;
+    say(match (pipeline, between) {
+        (Some(pipeline), Some((a, b))) => history::between(store.root(), pipeline, a, b)?,
+        _ => history::table(store.root(), pipeline)?,
+    })
+}
+
+/// Reads every byte.
+pub fn verify(args: &StoreArgs) -> Result<(), Stop> {
+    let store = args.open()?;
+    let progress = Progress::new(false);
+    progress.stage("reading the store");
+    progress.detail("files", "");
+    let found = tend::scrub(&store, &|i, all| progress.set(i, all))?;
+    drop(progress);
+    let read = format!("{}, {}", counted(found.files, "file"), bytes(found.bytes));
+    if found.damaged.is_empty() {
+        return say(format!("{read}: all as written\n"));
+    }
+    let mut text = format!("{read}: {} not as written", found.damaged.len());
+    for (path, why) in &found.damaged {
+        text += &format!("\n  {}: {why}", path.display());
+    }
+    text += "\nrun the specs again: what is damaged is computed and published again";
+    Err(Stop::Failed(text))
+}

@@ -1,0 +1,294 @@
+//! Tending a store: what it holds, what of it nobody refers to, and whether all of it is what was written.
+
+use std::{
+    collections::{BTreeMap, HashSet},
+    fs, io,
+    path::{Path, PathBuf},
+    time::{Duration, SystemTime},
+};
+
+use schemas::Fault;
+
+use super::{
+    Store, catalogue,
+    sealed::{Trouble, verify},
+    trouble,
+    version::{Version, current, newest, versions},
+};
+use crate::keys::Key;
+
+/// A published table, as `ls` shows it.
+pub struct Listed {
+    /// The pipeline.
+    pub pipeline: String,
+    /// The table.
+    pub table: String,
+    /// Its rows.
+    pub rows: u64,
+    /// Its files.
+    pub files: usize,
+    /// Their bytes.
+    pub bytes: u64,
+    /// The version that holds it.
+    pub version: u64,
+}
+
+/// The names of the pipelines that are published in the store at `root`.
+pub fn pipelines(root: &Path) -> Vec<String> {
+    let entries = fs::read_dir(root.join("tables")).into_iter().flatten().flatten();
+    let mut names: Vec<String> = entries.filter_map(|e| e.file_name().into_string().ok()).collect();
+    names.retain(|name| newest(root, name).is_some());
+    names.sort();
+    names
+}
+
+/// All published tables of the store at `root`.
+///
+/// # Errors
+/// When a file cannot be read.
+pub fn list(root: &Path) -> Result<Vec<Listed>, Fault> {
+    let mut found = vec![];
+    for pipeline in pipelines(root) {
+        let Some(version) = current(root, &pipeline) else { continue };
+        for table in &version.manifest.tables {
+            let mut rows = 0;
+            for file in &table.files {
+                let path = version.folder.join(&file.name);
+                let sealed = super::Sealed::open(&path).map_err(|e| trouble("read", &path, &e))?;
+                rows += sealed.starts().last().copied().unwrap_or(0) as u64;
+            }
+            found.push(Listed {
+                pipeline: pipeline.clone(),
+                table: table.name.clone(),
+                rows,
+                files: table.files.len(),
+                bytes: table.files.iter().map(|f| f.size).sum(),
+                version: version.number,
+            });
+        }
+    }
+    Ok(found)
+}
+
+/// What to drop.
+#[derive(Clone, Copy, Debug)]
+pub struct Collect {
+    /// Versions of each pipeline that are kept, the newest among them.
+    pub keep: usize,
+    /// What is younger is kept.
+    pub older_than: Duration,
+    /// Say it only.
+    pub dry: bool,
+}
+
+/// What was dropped, or would be.
+#[derive(Debug, Default)]
+pub struct Collected {
+    /// Packs.
+    pub packs: usize,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Versions, as `pipeline/number`.
+    pub versions: Vec<String>,
+    /// Files that did not verify.
+    pub damaged: usize,
+    /// Folders that are left because they hold something that magline did not write.
+    pub foreign: Vec<PathBuf>,
+    /// Whether packs are left alone because a run is at work.
+    pub busy: bool,
+}
+
+fn is_old(path: &Path, than: Duration) -> bool {
+    let written = fs::symlink_metadata(path).and_then(|m| m.modified());
+    written.is_ok_and(|t| SystemTime::now().duration_since(t).is_ok_and(|age| age >= than))
+}
+
+/// Drops versions that are not the newest, and packs that no version rests on.
+///
+/// A run at work may rest on any pack, so that packs are left alone beside it.
+///
+/// # Errors
+/// When the file system refuses.
+pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
+    let root = store.root();
+    let mut done = Collected::default();
+    let alone = store.alone()?;
+    done.busy = alone.is_none();
+    let mut live: HashSet<String> = HashSet::new();
+    let entries = fs::read_dir(root.join("versions")).into_iter().flatten().flatten();
+    let mut names: Vec<String> = entries.filter_map(|e| e.file_name().into_string().ok()).collect();
+    names.sort();
+    for name in names {
+        let now = newest(root, &name);
+        // Of a pipeline that was removed nothing is kept.
+        let kept = if now.is_some() { what.keep.max(1) } else { 0 };
+        let all = versions(root, &name);
+        let spare = all.len().saturating_sub(kept);
+        for (i, (number, folder)) in all.into_iter().enumerate() {
+            let goes = i < spare && now.as_deref() != Some(&folder) && is_old(&folder, what.older_than);
+            if !goes {
+                let version = Version::open(&folder);
+                live.extend(version.into_iter().flat_map(|v| v.manifest.packs));
+                continue;
+            }
+            done.versions.push(format!("{name}/{number}"));
+            if !what.dry && !drop_version(&folder).map_err(|e| trouble("remove", &folder, &e))? {
+                done.foreign.push(folder);
+            }
+        }
+    }
+    for file in fs::read_dir(root.join("damaged")).into_iter().flatten().flatten() {
+        if is_old(&file.path(), what.older_than) {
+            done.damaged += 1;
+            if !what.dry {
+                fs::remove_file(file.path()).map_err(|e| trouble("remove", &file.path(), &e))?;
+            }
+        }
+    }
+    if done.busy {
+        return Ok(done);
+    }
+    let dead: Vec<(Key, u64)> = {
+        let catalogue = store.catalogue();
+        let unused = catalogue.packs().filter(|p| !live.contains(&p.id.to_string()));
+        unused.map(|p| (p.id, p.size)).collect()
+    };
+    for (id, size) in dead {
+        let file = catalogue::path(root, id);
+        if !is_old(&file, what.older_than) {
+            continue;
+        }
+        done.packs += 1;
+        done.bytes += size;
+        if !what.dry {
+            fs::remove_file(&file).map_err(|e| trouble("remove", &file, &e))?;
+            store.catalogue_mut().remove(id);
+        }
+    }
+    if !what.dry {
+        store.write_index()?;
+    }
+    Ok(done)
+}
+
+/// Removes the files that a version says it has, and its folders if nothing else is in them.
+fn drop_version(folder: &Path) -> io::Result<bool> {
+    let Some(version) = Version::open(folder) else {
+        // Nobody knows what is in it; it was never whole.
+        return fs::remove_dir_all(folder).map(|()| true);
+    };
+    let files = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
+    for path in files.map(|f| folder.join(&f.name)).chain([folder.join("version.json")]) {
+        match fs::remove_file(&path) {
+            Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
+            _ => {}
+        }
+    }
+    let tables = version.manifest.tables.iter().map(|t| folder.join("tables").join(&t.name));
+    let folders: Vec<PathBuf> = tables.chain([folder.join("tables"), folder.join("units"), folder.to_owned()]).collect();
+    for one in &folders {
+        match fs::remove_dir(one) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => {}
+            Err(_) => return Ok(false),
+            Ok(()) => {}
+        }
+    }
+    Ok(true)
+}
+
+/// Removes a published pipeline, or one table of it; what was computed stays until `gc`.
+///
+/// # Errors
+/// When there is no such thing, a run of the pipeline is at work, or the file system refuses.
+pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), Fault> {
+    let root = store.root();
+    let publisher = store.publisher(pipeline, false)?;
+    let names = pipelines(root);
+    let Some(version) = current(root, pipeline) else {
+        return Err(Fault::new(format!("there is no pipeline `{pipeline}` in the store")).nearest(pipeline, &names));
+    };
+    let Some(table) = table else {
+        let link = root.join("tables").join(pipeline);
+        fs::remove_file(&link).map_err(|e| trouble("remove", &link, &e))?;
+        let plan = root.join("plans").join(format!("{pipeline}.json"));
+        return match fs::remove_file(&plan) {
+            Err(e) if e.kind() != io::ErrorKind::NotFound => Err(trouble("remove", &plan, &e)),
+            _ => Ok(()),
+        };
+    };
+    let known: Vec<&str> = version.manifest.tables.iter().map(|t| t.name.as_str()).collect();
+    if !known.contains(&table) {
+        return Err(Fault::new(format!("there is no table `{pipeline}.{table}`")).nearest(table, &known));
+    }
+    store.publish_without(&publisher, &version, table)
+}
+
+/// What a scrub of a store found.
+#[derive(Debug, Default)]
+pub struct Scrubbed {
+    /// Files that were read.
+    pub files: usize,
+    /// Their bytes.
+    pub bytes: u64,
+    /// Files that are not what was written, and why.
+    pub damaged: BTreeMap<PathBuf, String>,
+}
+
+/// Reads every byte of the store. Packs that do not verify are set aside; the next run computes them again, and
+/// publishes again what is damaged among its tables.
+///
+/// # Errors
+/// When a file cannot be read.
+pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scrubbed, Fault> {
+    let root = store.root();
+    let mut found = Scrubbed::default();
+    for text in store.damaged() {
+        let (path, why) = text.split_once(": ").unwrap_or((&text, ""));
+        found.damaged.insert(PathBuf::from(path), why.to_owned());
+    }
+    let packs: Vec<Key> = store.catalogue().packs().map(|p| p.id).collect();
+    let mut files: Vec<(PathBuf, Option<Key>)> = packs.iter().map(|id| (store.file(*id), Some(*id))).collect();
+    for pipeline in fs::read_dir(root.join("versions")).into_iter().flatten().flatten() {
+        let name = pipeline.file_name();
+        for (_, folder) in name.to_str().map(|n| versions(root, n)).unwrap_or_default() {
+            let Some(version) = Version::open(&folder) else {
+                found.damaged.insert(folder.join("version.json"), "its checksum is wrong".to_owned());
+                continue;
+            };
+            // Files that are packs are checked as such, unless they are copies.
+            let own = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
+            let is_link = |pack: &Option<String>, file: &Path| {
+                let id = pack.as_deref().and_then(Key::parse);
+                id.is_some_and(|id| same_file(file, &store.file(id)))
+            };
+            let own = own.map(|f| (folder.join(&f.name), &f.pack)).filter(|(file, pack)| !is_link(pack, file));
+            files.extend(own.map(|(file, _)| (file, None)));
+        }
+    }
+    let all = files.len();
+    for (i, (file, pack)) in files.into_iter().enumerate() {
+        tick(i, all);
+        found.files += 1;
+        found.bytes += fs::metadata(&file).map_or(0, |m| m.len());
+        match verify(&file) {
+            Ok(()) => {}
+            Err(Trouble::Machine(why)) => return Err(trouble("read", &file, &why)),
+            Err(other) => {
+                if let Some(id) = pack {
+                    store.set_aside(id, &other.to_string());
+                }
+                found.damaged.insert(file, other.to_string());
+            }
+        }
+    }
+    store.write_index()?;
+    Ok(found)
+}
+
+fn same_file(a: &Path, b: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    match (fs::metadata(a), fs::metadata(b)) {
+        (Ok(a), Ok(b)) => (a.dev(), a.ino()) == (b.dev(), b.ino()),
+        _ => false,
+    }
+}

@@ -1,0 +1,181 @@
+//! The history of runs: when each was, what it did, and what changed between two.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use schemas::Fault;
+use serde::{Deserialize, Serialize};
+
+use super::{record::Snapshot, scores};
+use crate::{keys::Key, run::Count, store::Store};
+
+/// One run of a pipeline.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Past {
+    /// Its number, from 1.
+    pub number: u64,
+    /// When it ended, UTC.
+    pub time: String,
+    /// What was asked of which data.
+    pub run: String,
+    /// The program's version.
+    pub version: String,
+    /// The version of the tables that it left.
+    pub tables: u64,
+    /// Units computed, reused, failed, skipped.
+    pub units: [usize; 4],
+    /// How long it took, s.
+    pub seconds: f64,
+    /// The file in `runs/` that says what the tables were computed from.
+    pub snapshot: String,
+    /// A checksum of all this.
+    #[serde(default)]
+    pub sum: String,
+}
+
+fn sum_of(past: &Past) -> String {
+    let plain = Past { sum: String::new(), ..past.clone() };
+    Key::of([serde_json::to_vec(&plain).unwrap_or_default()]).to_string()
+}
+
+fn file(root: &Path, pipeline: &str) -> PathBuf {
+    root.join("runs").join(format!("{pipeline}.jsonl"))
+}
+
+/// The runs of a pipeline, oldest first. A line that is not what was written is left out.
+pub fn past(root: &Path, pipeline: &str) -> Vec<Past> {
+    let text = fs::read(file(root, pipeline)).unwrap_or_default();
+    let lines = text.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<Past>(line).ok());
+    lines.filter(|p| p.sum == sum_of(p)).collect()
+}
+
+/// Adds a run; its number is the next.
+///
+/// # Errors
+/// When the store cannot be written.
+pub fn add(store: &Store, pipeline: &str, mut past_run: Past, count: Count, snapshot: &Snapshot) -> Result<(), Fault> {
+    let root = store.root();
+    // Costs change from run to run; what the tables are computed from does not.
+    let mut plain = snapshot.clone();
+    plain.tables.iter_mut().for_each(|t| t.cost = None);
+    let text = serde_json::to_vec(&plain).map_err(|e| Fault::machine(e.to_string()))?;
+    let name = format!("{}.json", Key::of([&text]));
+    if !root.join("runs").join(&name).is_file() {
+        store.write(&root.join("runs").join(&name), &text)?;
+    }
+    past_run.number = past(root, pipeline).last().map_or(1, |p| p.number + 1);
+    past_run.units = [count.computed, count.reused, count.failed, count.skipped];
+    past_run.snapshot = name;
+    past_run.sum = sum_of(&past_run);
+    let mut line = serde_json::to_vec(&past_run).map_err(|e| Fault::machine(e.to_string()))?;
+    // A line that a loss of power cut short ends here.
+    line.insert(0, b'\n');
+    let path = file(root, pipeline);
+    let written = fs::File::options().create(true).append(true).open(&path).and_then(|mut f| {
+        f.write_all(&line)?;
+        f.sync_all()
+    });
+    written.map_err(|e| Fault::machine(format!("cannot write {}: {e}", path.display())))
+}
+
+fn names(root: &Path) -> Vec<String> {
+    let entries = fs::read_dir(root.join("runs")).into_iter().flatten().flatten();
+    let named = entries.filter_map(|e| Some(e.file_name().to_str()?.strip_suffix(".jsonl")?.to_owned()));
+    let mut found: Vec<String> = named.collect();
+    found.sort();
+    found
+}
+
+/// The runs of one pipeline, or of all.
+///
+/// # Errors
+/// When there is no such pipeline.
+pub fn table(root: &Path, pipeline: Option<&str>) -> Result<String, Fault> {
+    let all = names(root);
+    if let Some(name) = pipeline.filter(|p| !all.iter().any(|n| n == p)) {
+        return Err(Fault::new(format!("no run of `{name}` is known")).nearest(name, &all));
+    }
+    let head = ["run", "time", "id", "tables", "computed", "reused", "failed", "skipped", "seconds", "magline"];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    for name in all.iter().filter(|n| pipeline.is_none_or(|p| p == *n)) {
+        for p in past(root, name) {
+            let mut row = vec![format!("{name} {}", p.number), p.time, p.run, p.tables.to_string()];
+            row.extend(p.units.iter().map(usize::to_string));
+            row.extend([format!("{:.1}", p.seconds), p.version]);
+            rows.push(row);
+        }
+    }
+    Ok(scores::columns(&rows, 3))
+}
+
+/// What changed between two runs of a pipeline.
+///
+/// # Errors
+/// When there are no such runs, or what they were computed from is not known any more.
+pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fault> {
+    let all = past(root, pipeline);
+    let open = |number: u64| -> Result<Snapshot, Fault> {
+        let known = || all.iter().map(|p| p.number.to_string()).collect::<Vec<_>>();
+        let no = || Fault::new(format!("no run {number} of `{pipeline}` is known")).nearest(&number.to_string(), &known());
+        let past = all.iter().find(|p| p.number == number).ok_or_else(no)?;
+        let bytes = fs::read(root.join("runs").join(&past.snapshot));
+        let snapshot = bytes.ok().filter(|b| format!("{}.json", Key::of([b])) == past.snapshot);
+        let snapshot = snapshot.and_then(|b| serde_json::from_slice(&b).ok());
+        snapshot.ok_or_else(|| Fault::machine(format!("what run {number} of `{pipeline}` was computed from is lost")))
+    };
+    let (one, other) = (open(a)?, open(b)?);
+    let mut text = String::new();
+    if one.seed != other.seed {
+        text += &format!("seed: {} -> {}\n", one.seed, other.seed);
+    }
+    let sources = |s: &Snapshot| -> BTreeMap<String, BTreeMap<String, String>> {
+        s.sources.iter().map(|x| (x.name.clone(), x.lines.clone())).collect()
+    };
+    differences(&mut text, "table of files", &sources(&one), &sources(&other), |text, name, x, y| {
+        differences(text, &format!("{name}: line"), x, y, |text, line, _, _| {
+            *text += &format!("{name}: line `{line}` holds other data\n");
+        });
+    });
+    let tables = |s: &Snapshot| -> BTreeMap<String, serde_json::Value> {
+        s.tables.iter().filter_map(|t| Some((t.name.clone(), serde_json::to_value(t).ok()?))).collect()
+    };
+    differences(&mut text, "table", &tables(&one), &tables(&other), |text, name, x, y| {
+        let keys = x.as_object().into_iter().flat_map(|o| o.keys());
+        for key in keys.filter(|k| x.get(k.as_str()) != y.get(k.as_str())) {
+            let (x, y) = (x.get(key).unwrap_or(&serde_json::Value::Null), y.get(key).unwrap_or(&serde_json::Value::Null));
+            let short = |v: &serde_json::Value| {
+                let text = v.to_string();
+                if text.chars().count() <= 100 { text } else { text.chars().take(97).collect::<String>() + "..." }
+            };
+            *text += &format!("{name}: {key}: {} -> {}\n", short(x), short(y));
+        }
+    });
+    if text.is_empty() {
+        text = format!("runs {a} and {b} of `{pipeline}` asked the same of the same data\n");
+    }
+    Ok(text)
+}
+
+/// What came, what went, and what is in both but not the same.
+fn differences<T: PartialEq>(
+    text: &mut String,
+    what: &str,
+    one: &BTreeMap<String, T>,
+    other: &BTreeMap<String, T>,
+    mut changed: impl FnMut(&mut String, &str, &T, &T),
+) {
+    for (name, x) in one {
+        match other.get(name) {
+            None => *text += &format!("{what} `{name}` is gone\n"),
+            Some(y) if x != y => changed(text, name, x, y),
+            Some(_) => {}
+        }
+    }
+    for name in other.keys().filter(|n| !one.contains_key(*n)) {
+        *text += &format!("{what} `{name}` is new\n");
+    }
+}
