@@ -127,7 +127,7 @@ pub fn run(plan: &Plan, store: &Store, listener: &dyn Listener) -> Result<Summar
     let tick = |table: &str, step: &ReadStep| listener.hear(&Event::Reading { table, step });
     let graph = Graph::new(plan, store, &tick)?;
     STARTED.store(true, Ordering::SeqCst);
-    let units: usize = (0..plan.tables.len()).map(|t| graph.units(t).len()).sum();
+    let units: usize = (0..plan.tables.len()).map(|t| graph.unit_count(t)).sum();
     let run = run_id(&graph);
     listener.hear(&Event::Started { pipeline: &plan.spec.name, units, run: &run, notes: &plan.notes });
     let mut runner =
@@ -203,7 +203,7 @@ fn run_id(graph: &Graph) -> String {
     for (t, node) in graph.plan.tables.iter().enumerate() {
         parts.push(node.name.clone());
         let key = |unit: Unit| graph.key(unit).map_or_else(|_| "none".to_owned(), |key| key.to_string());
-        parts.extend(graph.units(t).into_iter().map(key));
+        parts.extend(graph.units(t).map(key));
     }
     Key::of(parts).to_string().chars().take(16).collect()
 }
@@ -307,7 +307,7 @@ impl Runner<'_> {
     /// Lists the lines that a survey stage went on without.
     fn left_out(&mut self, unit: Unit, faults: Vec<Fault>) {
         let node = &self.graph.plan.tables[unit.table];
-        let point = &node.instances[unit.instance].point;
+        let point = self.graph.plan.instance(unit.table, unit.instance).point();
         self.failures.extend(faults.into_iter().map(|fault| {
             let line = fault.place.flight.clone().zip(fault.place.line.clone());
             Failure { table: node.name.clone(), point: point.clone(), line, fault }
@@ -330,7 +330,7 @@ impl Runner<'_> {
         self.states.insert(unit, state);
         let node = &self.graph.plan.tables[unit.table];
         let line = unit.line.map(|l| self.graph.lines[l].clone());
-        let point = node.instances[unit.instance].point.clone();
+        let point = self.graph.plan.instance(unit.table, unit.instance).point();
         self.failures.push(Failure { table: node.name.clone(), point, line, fault });
     }
 
@@ -338,8 +338,8 @@ impl Runner<'_> {
     fn look(&self, unit: Unit) -> Looked {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
-        let of_lines: Vec<usize> = self.graph.line_inputs(unit.table, it).into_iter().map(|(i, _)| i).collect();
-        for (i, r) in it.inputs.iter().enumerate() {
+        let of_lines: Vec<usize> = self.graph.line_inputs(&it).into_iter().map(|(i, _)| i).collect();
+        for (i, r) in it.inputs().iter().enumerate() {
             let line = if of_lines.contains(&i) { unit.line } else { None };
             let there = match (of_lines.contains(&i), unit.line) {
                 // A fit looks at its lines one by one and goes on without those that failed.
@@ -370,7 +370,7 @@ impl Runner<'_> {
     /// What became of `line` in all line inputs of `unit`.
     fn line_is_there(&self, line: LineId, unit: Unit) -> State {
         let it = self.graph.plan.instance(unit.table, unit.instance);
-        let inputs = self.graph.line_inputs(unit.table, it);
+        let inputs = self.graph.line_inputs(&it);
         let states: Vec<State> = inputs.iter().map(|(_, r)| self.root_state(*r, line)).collect();
         *states.iter().find(|s| **s != State::Done).unwrap_or(&State::Done)
     }
@@ -383,7 +383,7 @@ impl Runner<'_> {
         }
         let Ref::Stage(t, i) = r else { return own };
         let it = self.graph.plan.instance(t, i);
-        let up: Vec<State> = self.graph.line_inputs(t, it).iter().map(|(_, r)| self.root_state(*r, line)).collect();
+        let up: Vec<State> = self.graph.line_inputs(&it).iter().map(|(_, r)| self.root_state(*r, line)).collect();
         if up.contains(&State::Failed) && !up.contains(&State::Missing) { State::Failed } else { State::Missing }
     }
 
@@ -411,6 +411,6 @@ enum Looked {
 fn tell(listener: &dyn Listener, graph: &Graph, unit: Unit, outcome: Outcome, fault: Option<&Fault>) {
     let node = &graph.plan.tables[unit.table];
     let line = unit.line.map(|l| &graph.lines[l]);
-    let point = &node.instances[unit.instance].point;
+    let point = &graph.plan.instance(unit.table, unit.instance).point();
     listener.hear(&Event::Unit { table: &node.name, point, line, outcome, fault });
 }

@@ -35,7 +35,7 @@ pub fn table(graph: &Graph, store: &Store, t: usize, done: &(dyn Fn(Unit) -> boo
         tidy(graph, store, t, done)?
     } else {
         let mut lines: BTreeSet<LineId> = BTreeSet::new();
-        lines.extend((0..node.instances.len()).flat_map(|i| graph.lines_of(t, i).iter().copied()));
+        lines.extend(graph.all_lines_of(t));
         let lines: Vec<LineId> = lines.into_iter().collect();
         let files = lines.into_par_iter().with_max_len(1).map(|line| one_line(graph, store, t, line, done));
         files.collect::<Result<Vec<_>, Fault>>()?.into_iter().flatten().collect()
@@ -133,7 +133,7 @@ fn one_line(
     let node = &graph.plan.tables[t];
     let schema = schema(graph, node);
     let mut groups = vec![];
-    for (i, it) in node.instances.iter().enumerate() {
+    for (i, it) in graph.plan.instances(t).enumerate() {
         if !done(Unit { table: t, instance: i, line: Some(line) }) || !graph.lines_of(t, i).contains(&line) {
             continue;
         }
@@ -142,9 +142,9 @@ fn one_line(
         if rows == 0 {
             continue;
         }
-        let axes = node.axis_columns(it, &graph.plan.spec);
+        let axes = node.axis_columns(&it, &graph.plan.spec);
         let piece = |f: &Arc<Field>| -> Result<Piece, Fault> {
-            if let Some((_, value)) = axes.iter().find(|(n, _)| n == f.name()) {
+            if let Some((_, value)) = axes.iter().find(|(n, _)| *n == f.name()) {
                 return Ok(Piece::Values(axis_values(value, rows)));
             }
             let nothing = || Piece::Values(new_null_array(f.data_type(), rows));
@@ -189,12 +189,12 @@ fn tidy(graph: &Graph, store: &Store, t: usize, done: &(dyn Fn(Unit) -> bool + S
     let node = &graph.plan.tables[t];
     let schema = schema(graph, node);
     let mut batches = vec![];
-    for unit in graph.units(t).into_iter().filter(|u| done(*u)) {
-        let it = &node.instances[unit.instance];
+    for unit in graph.units(t).filter(|u| done(*u)) {
+        let it = graph.plan.instance(t, unit.instance);
         let names: Vec<&str> = it.yields.columns.iter().map(|c| c.name.as_str()).collect();
         let batch = store.get(graph.key(unit)?, &names)?;
-        let axes = node.axis_columns(it, &graph.plan.spec);
-        let column = |f: &Arc<Field>| match axes.iter().find(|(n, _)| n == f.name()) {
+        let axes = node.axis_columns(&it, &graph.plan.spec);
+        let column = |f: &Arc<Field>| match axes.iter().find(|(n, _)| *n == f.name()) {
             Some((_, value)) => axis_values(value, batch.num_rows()),
             None => batch
                 .column_by_name(f.name())
