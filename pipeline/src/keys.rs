@@ -29,6 +29,25 @@ impl Key {
         Key(bytes)
     }
 
+    /// The key of `bytes` as they are. They begin with a word that no other use begins with, and whoever joins parts
+    /// into them keeps the parts apart.
+    pub fn of_bytes(bytes: &[u8]) -> Key {
+        let mut short = [0; 16];
+        short.copy_from_slice(&blake3::hash(bytes).as_bytes()[..16]);
+        Key(short)
+    }
+
+    /// The key as two numbers.
+    pub fn words(self) -> [u64; 2] {
+        let bits = u128::from_le_bytes(self.0);
+        [bits as u64, (bits >> 64) as u64]
+    }
+
+    /// The key that [`Key::words`] makes these of.
+    pub fn from_words([low, high]: [u64; 2]) -> Key {
+        Key((u128::from(low) | u128::from(high) << 64).to_le_bytes())
+    }
+
     /// The key spelt by [`fmt::Display`].
     pub fn parse(hex: &str) -> Option<Key> {
         let mut bytes = [0; 16];
@@ -71,5 +90,6 @@ mod tests {
         let key = Key::of(["x"]);
         assert_eq!(Key::parse(&key.to_string()), Some(key));
         assert_eq!(Key::parse("xy"), None);
+        assert_eq!(Key::from_words(key.words()), key);
     }
 }

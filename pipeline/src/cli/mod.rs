@@ -315,7 +315,7 @@ fn check(args: &SpecArgs) -> Result<(), Stop> {
     if !wrong.is_empty() {
         return Err(plan.spec.faults(wrong).into());
     }
-    let points: usize = plan.tables.iter().map(|t| t.instances.len()).sum();
+    let points: usize = plan.tables.iter().map(|t| t.len()).sum();
     for text in &plan.notes {
         note(text);
     }

@@ -1,21 +1,9 @@
 //! `$axis`: where a stage mentions an axis, and its value put in.
 
-use std::collections::BTreeMap;
-
 use schemas::{Args, Fault, Given, Literal};
 
-use crate::spec::{Axis, Span, Spec, StageDecl};
-
-/// The values of the axes at one point of a sweep.
-pub type Point = BTreeMap<String, Literal>;
-
-/// One point of a sweep, with where it lies.
-pub struct At {
-    /// The values.
-    pub point: Point,
-    /// The axes it lies on, as positions in the spec, each with the position of its value.
-    pub place: Vec<(usize, usize)>,
-}
+use super::grid::Point;
+use crate::spec::{Span, Spec, StageDecl};
 
 /// The names after `$` in a text, with `$$` standing for the sign itself.
 fn mentions(text: &str) -> Vec<&str> {
@@ -73,31 +61,19 @@ pub fn mentioned(stage: &StageDecl, spec: &Spec) -> Result<Vec<usize>, Vec<Fault
 pub fn axes_of(value: &Literal, spec: &Spec) -> Vec<usize> {
     let mut names = vec![];
     mentions_in(value, &mut names);
+    known(names, spec)
+}
+
+/// The axes that a text mentions, likewise.
+pub fn axes_in(text: &str, spec: &Spec) -> Vec<usize> {
+    known(mentions(text), spec)
+}
+
+fn known(names: Vec<&str>, spec: &Spec) -> Vec<usize> {
     let mut axes: Vec<usize> = names.into_iter().filter_map(|n| spec.axis(n)).collect();
     axes.sort_unstable();
     axes.dedup();
     axes
-}
-
-/// How many points the sweep over `axes` has.
-pub fn count(axes: &[usize], spec: &Spec) -> usize {
-    axes.iter().filter_map(|i| spec.axes.get(*i)).fold(1, |n, a| n.saturating_mul(a.values.len()))
-}
-
-/// Every point of the sweep over `axes`, the last axis running fastest. They are made one by one: count them first.
-pub fn points(axes: &[usize], spec: &Spec) -> impl Iterator<Item = At> {
-    let all: Vec<(usize, &Axis)> = axes.iter().filter_map(|i| spec.axes.get(*i).map(|a| (*i, a))).collect();
-    (0..count(axes, spec)).map(move |n| {
-        let mut rest = n;
-        let mut place = vec![];
-        for (i, axis) in all.iter().rev() {
-            place.push((*i, rest % axis.values.len()));
-            rest /= axis.values.len();
-        }
-        place.reverse();
-        let value = |(i, at): &(usize, usize)| (spec.axes[*i].name.clone(), spec.axes[*i].values[*at].clone());
-        At { point: place.iter().map(value).collect(), place }
-    })
 }
 
 /// A value with the axes put in: `"$axis"` takes the value with its type, a mention inside of a text its spelling.
@@ -151,35 +127,9 @@ pub fn args_at(args: &Args, point: &Point) -> Args {
     args.iter().map(|(k, g)| (k.clone(), Given { value: put_in(&g.value, point), ..g.clone() })).collect()
 }
 
-/// Where, among the points over `axes`, the one lies that agrees with `at`.
-pub fn position(at: &At, axes: &[usize], all: &[Axis]) -> Option<usize> {
-    axes.iter().try_fold(0, |n, i| {
-        let own = at.place.iter().find(|(axis, _)| axis == i)?.1;
-        Some(n * all.get(*i)?.values.len() + own)
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn law_points_are_ordered_and_found_again() {
-        let text =
-            "name = 'a'\n[axes]\na = [1, 2]\nb = ['x']\nc = [0.5, 1.5, 2.5]\n[[stages]]\nname = 's'\nstage = 't'\n";
-        let Ok(spec) = Spec::parse("a.toml", ".".into(), text.to_owned(), &[]) else { panic!("the spec is fine") };
-        let all: Vec<At> = points(&[0, 1, 2], &spec).collect();
-        let shown = |p: &Point| p.values().map(Literal::to_string).collect::<Vec<_>>().join(" ");
-        let each: Vec<String> = all.iter().map(|at| shown(&at.point)).collect();
-        assert_eq!(each, ["1 x 0.5", "1 x 1.5", "1 x 2.5", "2 x 0.5", "2 x 1.5", "2 x 2.5"]);
-        assert_eq!(count(&[0, 1, 2], &spec), 6);
-        for (n, at) in all.iter().enumerate() {
-            assert_eq!(position(at, &[0, 1, 2], &spec.axes), Some(n));
-            assert_eq!(position(at, &[2], &spec.axes), Some(n % 3));
-            assert_eq!(position(at, &[], &spec.axes), Some(0));
-        }
-        assert_eq!(points(&[], &spec).count(), 1);
-    }
 
     #[test]
     fn law_a_mention_keeps_its_type_and_a_text_its_rest() {

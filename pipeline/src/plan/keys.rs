@@ -1,13 +1,16 @@
 //! The plan with its data: which lines each table has, and the key of every column and object.
 
-use std::{
-    collections::{BTreeMap, BTreeSet, HashMap},
-    sync::Mutex,
-};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use schemas::{Fault, Grain, InputKind};
 
-use super::{Instance, Plan, Ref};
+use super::{
+    Instance, Plan, Ref,
+    grid::{Grid, Onto},
+    lines::{LineSets, of_lines},
+    memo::Memo,
+    node::{TableNode, Target, Variant},
+};
 use crate::{
     keys::Key,
     sources::{Bytes, LineRecord, Lines, ReadStep},
@@ -18,8 +21,8 @@ use crate::{
 /// A line, as a position in [`Graph::lines`].
 pub type LineId = usize;
 
-/// Keys already made.
-type Memo<K> = Mutex<HashMap<K, Result<Key, Fault>>>;
+/// The name of a column, as a number.
+type Name = u32;
 
 /// A plan whose sources have been read.
 pub struct Graph<'a> {
@@ -33,10 +36,12 @@ pub struct Graph<'a> {
     pub bytes: Vec<Vec<Bytes>>,
     /// The key of each map.
     pub maps: Vec<Key>,
-    /// The lines of each instance of each table.
-    of: Vec<Vec<Vec<LineId>>>,
-    units: Memo<(Ref, LineId)>,
-    columns: Memo<(Ref, LineId, String)>,
+    sets: LineSets,
+    names: Names,
+    /// For each table of flights, the keys of each column that stages read, by line.
+    sources: Vec<HashMap<Name, Vec<Option<Key>>>>,
+    nodes: Vec<NodeKeys>,
+    memo: Memo,
 }
 
 /// One thing to compute: an instance of a table, on one line or on all of them.
@@ -44,7 +49,7 @@ pub struct Graph<'a> {
 pub struct Unit {
     /// The table.
     pub table: usize,
-    /// Its instance.
+    /// Its point.
     pub instance: usize,
     /// The line; `None` for a survey stage.
     pub line: Option<LineId>,
@@ -57,6 +62,75 @@ pub struct Origin {
     pub made_by: Ref,
     /// Its name there.
     pub column: String,
+}
+
+/// The names of columns that stages make or read.
+#[derive(Default)]
+struct Names {
+    words: Vec<String>,
+    known: HashMap<String, Name>,
+}
+
+impl Names {
+    fn number(&mut self, word: &str) -> Name {
+        if let Some(known) = self.known.get(word) {
+            return *known;
+        }
+        let next = self.words.len() as Name;
+        self.known.insert(word.to_owned(), next);
+        self.words.push(word.to_owned());
+        next
+    }
+}
+
+/// What the keys of a table need of it.
+struct NodeKeys {
+    variants: Vec<VariantKeys>,
+    /// The columns that it makes at any point.
+    makes: Vec<Name>,
+    /// From its points to those between which the data that are read differ.
+    to_data: Onto,
+    /// Lines of the point that has most; 1 for a survey stage.
+    width: u64,
+    /// Numbers for the memo: of units, of their data, of their columns.
+    units: u64,
+    data_units: Option<u64>,
+    columns: u64,
+}
+
+/// What the keys need of a variant.
+struct VariantKeys {
+    made: Vec<Name>,
+    /// What each of those was made from.
+    from: Vec<Vec<(usize, Name)>>,
+    /// What is read of each input.
+    reads: Vec<Vec<Name>>,
+    /// The rows it is restricted to.
+    rows: Key,
+}
+
+impl VariantKeys {
+    fn new(variant: &Variant, names: &mut Names) -> VariantKeys {
+        let columns = &variant.yields.columns;
+        let made = columns.iter().map(|c| names.number(&c.name)).collect();
+        let from = columns.iter().map(|c| c.from.iter().map(|(i, n)| (*i, names.number(n))).collect()).collect();
+        let inputs = variant.yields.reads.len().max(usize::from(variant.predicate.is_some()));
+        let reads = (0..inputs).map(|i| read(variant, i).iter().map(|n| names.number(n)).collect()).collect();
+        let rows = variant.predicate.as_ref().map(|p| p.canonical.as_str()).unwrap_or_default();
+        VariantKeys { made, from, reads, rows: Key::of(["rows", rows]) }
+    }
+}
+
+/// The columns handed over from input `i`, those of `where` among them.
+fn read(variant: &Variant, i: usize) -> Vec<String> {
+    let mut columns = variant.yields.reads.get(i).cloned().unwrap_or_default();
+    if i == 0
+        && let Some(p) = &variant.predicate
+    {
+        let more: Vec<String> = p.columns.iter().filter(|c| !columns.contains(c)).cloned().collect();
+        columns.extend(more);
+    }
+    columns
 }
 
 impl<'a> Graph<'a> {
@@ -87,102 +161,122 @@ impl<'a> Graph<'a> {
         if !faults.is_empty() {
             return Err(plan.spec.faults(faults));
         }
-        let names: BTreeSet<(String, String)> =
-            sources.iter().flat_map(|s| &s.lines).map(|l| (l.flight.clone(), l.line.clone())).collect();
-        let lines: Vec<(String, String)> = names.into_iter().collect();
-        let id = |l: &LineRecord| lines.binary_search(&(l.flight.clone(), l.line.clone())).unwrap_or(usize::MAX);
-        let records = sources.iter().map(|s| s.lines.iter().map(|l| (id(l), l.clone())).collect()).collect();
         let bytes = sources.iter().map(|s| s.files.clone()).chain(map_bytes).collect();
-        let mut graph =
-            Graph { plan, lines, records, bytes, maps, of: vec![], units: Mutex::default(), columns: Mutex::default() };
-        for table in 0..plan.tables.len() {
-            let each = (0..plan.tables[table].instances.len()).map(|i| graph.select(table, i));
-            let of = each.collect::<Result<Vec<_>, Fault>>().map_err(|f| {
-                let at = plan
-                    .spec
-                    .stages
-                    .iter()
-                    .find(|s| s.name == plan.tables[table].name)
-                    .and_then(|s| s.predicate.clone());
-                plan.spec.faults(vec![f.at(at.map_or(plan.tables[table].at.clone(), |(_, at)| at))])
-            })?;
-            graph.of.push(of);
-        }
-        Ok(graph)
+        Graph::of(plan, sources.into_iter().map(|s| s.lines).collect(), bytes, maps)
     }
 
-    /// The lines of an instance: those that all its inputs have and its `where` selects.
-    fn select(&self, table: usize, instance: usize) -> Result<Vec<LineId>, Fault> {
-        let it = self.plan.instance(table, instance);
-        let mut lines: Option<BTreeSet<LineId>> = None;
-        for (_, r) in self.line_inputs(table, it) {
-            let those: BTreeSet<LineId> = match r {
-                Ref::Flights(i) => self.records[i].keys().copied().collect(),
-                Ref::Stage(t, i) => self.of[t][i].iter().copied().collect(),
-                Ref::Map(_) => continue,
-            };
-            lines = Some(lines.map_or(those.clone(), |l| l.intersection(&those).copied().collect()));
+    /// The graph of what was read: the lines of each table of flights, and the key of each map.
+    fn of(
+        plan: &'a Plan,
+        sources: Vec<Vec<LineRecord>>,
+        bytes: Vec<Vec<Bytes>>,
+        maps: Vec<Key>,
+    ) -> Result<Graph<'a>, Faults> {
+        let names: BTreeSet<(String, String)> =
+            sources.iter().flatten().map(|l| (l.flight.clone(), l.line.clone())).collect();
+        let lines: Vec<(String, String)> = names.into_iter().collect();
+        let id = |l: &LineRecord| lines.binary_search(&(l.flight.clone(), l.line.clone())).unwrap_or(usize::MAX);
+        let records: Vec<BTreeMap<LineId, LineRecord>> =
+            sources.into_iter().map(|s| s.into_iter().map(|l| (id(&l), l)).collect()).collect();
+        let flights = records.iter().map(|r| r.keys().copied().collect()).collect();
+        let sets = LineSets::new(plan, flights, &lines).map_err(|(t, fault)| {
+            let at = plan.decl(t).and_then(|d| d.predicate.clone()).map_or(plan.tables[t].at.clone(), |(_, at)| at);
+            plan.spec.faults(vec![fault.at(at)])
+        })?;
+        let mut names = Names::default();
+        let mut numbers = 0;
+        let mut nodes: Vec<NodeKeys> = vec![];
+        for (t, node) in plan.tables.iter().enumerate() {
+            nodes.push(NodeKeys::new(plan, node, &sets, t, &mut names, &mut numbers));
         }
-        let lines: Vec<LineId> = lines.unwrap_or_default().into_iter().collect();
-        let Some(predicate) = &it.predicate else { return Ok(lines) };
-        let names: Vec<(String, String)> = lines.iter().map(|l| self.lines[*l].clone()).collect();
-        let selected = predicate.lines(&names)?;
-        let selected: Vec<LineId> = lines.into_iter().zip(selected).filter(|(_, s)| *s).map(|(l, _)| l).collect();
-        if selected.is_empty() {
-            let some: Vec<String> = self.lines.iter().take(12).map(|(f, l)| format!("{f}/{l}")).collect();
-            let fault = Fault::new("`where` selects no line");
-            return Err(fault.help(format!("there are, as flight/line: {}", some.join(", "))));
-        }
-        Ok(selected)
+        let sources = records.iter().map(|r| columns_of(r, lines.len(), &names)).collect();
+        Ok(Graph { plan, lines, records, bytes, maps, sets, names, sources, nodes, memo: Memo::new(numbers) })
     }
 
     /// The inputs that are tables of flight lines, with their positions.
-    pub fn line_inputs(&self, table: usize, instance: &Instance) -> Vec<(usize, Ref)> {
-        let kinds = self.kinds(table, instance);
-        let of_lines = |k: &InputKind| matches!(k, InputKind::Lines | InputKind::ManyLines | InputKind::Scores);
-        instance.inputs.iter().copied().enumerate().filter(|(i, _)| of_lines(&kinds[*i])).collect()
-    }
-
-    /// The kind of each of an instance's inputs.
-    pub fn kinds(&self, table: usize, instance: &Instance) -> Vec<InputKind> {
-        let declared = self.plan.tables[table].entry.inputs;
-        let many = instance.inputs.len() + 1 - declared.len();
-        let repeat = |k: InputKind| if k == InputKind::ManyLines { many } else { 1 };
-        declared.iter().flat_map(|d| std::iter::repeat_n(d.kind, repeat(d.kind))).collect()
+    pub fn line_inputs(&self, instance: &Instance) -> Vec<(usize, Ref)> {
+        let inputs = instance.node.inputs(instance.index).enumerate();
+        inputs.filter(|(_, (kind, _))| of_lines(*kind)).map(|(i, (_, r))| (i, r)).collect()
     }
 
     /// The lines of an instance.
     pub fn lines_of(&self, table: usize, instance: usize) -> &[LineId] {
-        &self.of[table][instance]
+        self.sets.of(table, instance)
+    }
+
+    /// The number of the set of lines of an instance: the same lines, the same number.
+    pub fn line_set(&self, table: usize, instance: usize) -> u32 {
+        self.sets.set(table, instance)
+    }
+
+    /// The lines that any point of a table has, sorted.
+    pub fn all_lines_of(&self, table: usize) -> Vec<LineId> {
+        let each: BTreeSet<LineId> = self.sets.each(table, 1).flat_map(|(set, _)| set).copied().collect();
+        each.into_iter().collect()
+    }
+
+    /// How many lines the point of a table has that has most.
+    pub fn most_lines_of(&self, table: usize) -> usize {
+        self.sets.each(table, 1).map(|(set, _)| set.len()).max().unwrap_or(0)
     }
 
     /// Everything there is to compute of one table.
-    pub fn units(&self, table: usize) -> Vec<Unit> {
+    pub fn units(&self, table: usize) -> impl Iterator<Item = Unit> + '_ {
         let node = &self.plan.tables[table];
-        let mut units = vec![];
-        for instance in 0..node.instances.len() {
-            match node.entry.grain {
-                Grain::Survey => units.push(Unit { table, instance, line: None }),
-                Grain::Line => {
-                    let lines = self.lines_of(table, instance).iter();
-                    units.extend(lines.map(|l| Unit { table, instance, line: Some(*l) }));
-                }
-            }
+        let grain = node.entry.grain;
+        (0..node.len()).flat_map(move |instance| {
+            let (survey, lines): (Option<Unit>, &[LineId]) = match grain {
+                Grain::Survey => (Some(Unit { table, instance, line: None }), &[]),
+                Grain::Line => (None, self.lines_of(table, instance)),
+            };
+            survey.into_iter().chain(lines.iter().map(move |l| Unit { table, instance, line: Some(*l) }))
+        })
+    }
+
+    /// How much there is to compute of one table.
+    pub fn unit_count(&self, table: usize) -> usize {
+        let node = &self.plan.tables[table];
+        match node.entry.grain {
+            Grain::Survey => node.len(),
+            Grain::Line => self.sets.each(table, node.len()).map(|(set, times)| set.len() * times).sum(),
         }
-        units
     }
 
     /// Where the column `column` of `r` lies: in what made it, at the end of all passing through.
     pub fn origin(&self, r: Ref, column: &str) -> Origin {
-        if let Ref::Stage(t, i) = r {
-            let it = self.plan.instance(t, i);
-            if it.makes(column).is_none()
-                && let Some(first) = it.inputs.first()
-            {
-                return self.origin(*first, column);
+        let made_by = match self.names.known.get(column) {
+            Some(name) => self.made_by(r, *name).0,
+            None => self.bottom(r),
+        };
+        Origin { made_by, column: column.to_owned() }
+    }
+
+    /// What made a column that `r` has, and the place of the column there.
+    fn made_by(&self, mut r: Ref, name: Name) -> (Ref, Option<usize>) {
+        while let Ref::Stage(t, i) = r {
+            let node = &self.plan.tables[t];
+            if self.nodes[t].makes.binary_search(&name).is_ok() {
+                let made = &self.nodes[t].variants[node.variant(i)].made;
+                if let Some(at) = made.iter().position(|n| *n == name) {
+                    return (r, Some(at));
+                }
+            }
+            match node.inputs(i).next() {
+                Some((_, first)) => r = first,
+                None => break,
             }
         }
-        Origin { made_by: r, column: column.to_owned() }
+        (r, None)
+    }
+
+    /// Where a column comes from that no stage makes.
+    fn bottom(&self, mut r: Ref) -> Ref {
+        while let Ref::Stage(t, i) = r
+            && let Some((_, first)) = self.plan.tables[t].inputs(i).next()
+        {
+            r = first;
+        }
+        r
     }
 
     /// The object that holds what `r` makes of `line`.
@@ -201,8 +295,29 @@ impl<'a> Graph<'a> {
     }
 
     fn no_line(&self, line: LineId) -> Fault {
-        let (flight, name) = &self.lines[line];
-        Fault::data("the line is not in this table").in_line(flight, name)
+        let fault = Fault::data("the line is not in this table");
+        match self.lines.get(line) {
+            Some((flight, name)) => fault.in_line(flight, name),
+            None => fault,
+        }
+    }
+
+    /// The place of a line among those of an instance; nothing is remembered of a line that is not there.
+    fn position(&self, t: usize, i: usize, line: Option<LineId>) -> Option<u64> {
+        match line {
+            None => Some(0),
+            Some(line) => self.lines_of(t, i).binary_search(&line).ok().map(|p| p as u64),
+        }
+    }
+
+    fn remembered(&self, number: Option<u64>, make: impl FnOnce() -> Result<Key, Fault>) -> Result<Key, Fault> {
+        let Some(number) = number else { return make() };
+        if let Some(known) = self.memo.get(number) {
+            return Ok(known);
+        }
+        let key = make()?;
+        self.memo.put(number, key);
+        Ok(key)
     }
 
     /// The key of a unit: stage, version, parameters and the keys of all it reads.
@@ -210,64 +325,73 @@ impl<'a> Graph<'a> {
     /// # Errors
     /// When a line lacks a column that is read.
     pub fn key(&self, unit: Unit) -> Result<Key, Fault> {
-        let at = (Ref::Stage(unit.table, unit.instance), unit.line.unwrap_or(usize::MAX));
-        if let Some(known) = self.units.lock().ok().and_then(|m| m.get(&at).cloned()) {
-            return known;
-        }
-        let key = self.make_key(unit);
-        if let Ok(mut memo) = self.units.lock() {
-            memo.insert(at, key.clone());
-        }
-        key
+        let Unit { table: t, instance: i, line } = unit;
+        let keys = &self.nodes[t];
+        let at = self.position(t, i, line);
+        self.remembered(at.map(|at| keys.units + i as u64 * keys.width + at), || {
+            let number = at.zip(keys.data_units).map(|(at, first)| first + keys.to_data.at(i) as u64 * keys.width + at);
+            let data = self.remembered(number, || self.data(t, i, line))?;
+            let node = &self.plan.tables[t];
+            let mut text = [0; 52];
+            text[..4].copy_from_slice(b"unit");
+            text[4..20].copy_from_slice(node.questions.at(i).as_ref());
+            text[20..36].copy_from_slice(keys.variants[node.variant(i)].rows.as_ref());
+            text[36..].copy_from_slice(data.as_ref());
+            Ok(Key::of_bytes(&text))
+        })
     }
 
-    fn make_key(&self, unit: Unit) -> Result<Key, Fault> {
-        let it = self.plan.instance(unit.table, unit.instance);
-        let mut parts = self.question(unit.table, it);
-        let lines: Vec<LineId> = match unit.line {
-            Some(line) => vec![line],
-            None => self.lines_of(unit.table, unit.instance).to_vec(),
+    /// The key of all that a unit reads.
+    fn data(&self, t: usize, i: usize, line: Option<LineId>) -> Result<Key, Fault> {
+        let node = &self.plan.tables[t];
+        let v = node.variant(i);
+        let keys = &self.nodes[t].variants[v];
+        let lenient = line.is_none() || node.variants[v].yields.lenient;
+        let lines: &[LineId] = match &line {
+            Some(line) => std::slice::from_ref(line),
+            None => self.lines_of(t, i),
         };
-        let of_lines: Vec<usize> = self.line_inputs(unit.table, it).into_iter().map(|(i, _)| i).collect();
+        let inputs: Vec<(InputKind, Ref)> = node.inputs(i).collect();
+        let mut text = b"data".to_vec();
         for line in lines {
-            let (flight, name) = &self.lines[line];
-            parts.extend([flight.clone(), name.clone()]);
-            for i in &of_lines {
-                for column in self.read(it, *i) {
-                    match self.column(it.inputs[*i], line, &column) {
-                        Ok(key) => parts.extend([column, key.to_string()]),
-                        // A fit goes on without a line that lacks a column; a line stage cannot.
-                        Err(_) if unit.line.is_none() || it.yields.lenient => parts.push(format!("without {column}")),
-                        Err(fault) => return Err(fault),
-                    }
+            let (flight, name) = &self.lines[*line];
+            word(&mut text, flight);
+            word(&mut text, name);
+            for ((_, r), reads) in inputs.iter().zip(&keys.reads).filter(|((kind, _), _)| of_lines(*kind)) {
+                for column in reads {
+                    // A fit goes on without a line that lacks a column; a line stage cannot.
+                    self.part(&mut text, *column, self.column_of(*r, *line, *column), lenient)?;
                 }
             }
         }
-        for (i, r) in it.inputs.iter().enumerate().filter(|(i, _)| !of_lines.contains(i)) {
-            parts.extend([format!("input {i}"), self.object(*r, usize::MAX)?.to_string()]);
+        for (n, (_, r)) in inputs.iter().enumerate().filter(|(_, (kind, _))| !of_lines(*kind)) {
+            word(&mut text, &format!("input {n}"));
+            text.extend(self.object(*r, usize::MAX)?.as_ref());
         }
-        Ok(Key::of(parts))
+        Ok(Key::of_bytes(&text))
     }
 
-    /// What is asked, without the data.
-    fn question(&self, table: usize, it: &Instance) -> Vec<String> {
-        let entry = &self.plan.tables[table].entry;
-        let mut parts = vec![entry.name.to_owned(), entry.version.to_string()];
-        parts.extend(it.params.iter().flat_map(|(k, v)| [(*k).to_owned(), v.clone()]));
-        parts.push(it.predicate.as_ref().map(|p| p.canonical.clone()).unwrap_or_default());
-        parts
+    /// One column among what something is made from.
+    fn part(&self, text: &mut Vec<u8>, column: Name, key: Result<Key, Fault>, lenient: bool) -> Result<(), Fault> {
+        let name = &self.names.words[column as usize];
+        match key {
+            Ok(key) => {
+                word(text, name);
+                text.extend(key.as_ref());
+                Ok(())
+            }
+            Err(_) if lenient => {
+                word(text, "without");
+                word(text, name);
+                Ok(())
+            }
+            Err(fault) => Err(fault),
+        }
     }
 
     /// The columns handed over from input `i`, those of `where` among them.
     pub fn read(&self, it: &Instance, i: usize) -> Vec<String> {
-        let mut columns = it.yields.reads.get(i).cloned().unwrap_or_default();
-        if i == 0
-            && let Some(p) = &it.predicate
-        {
-            let more: Vec<String> = p.columns.iter().filter(|c| !columns.contains(c)).cloned().collect();
-            columns.extend(more);
-        }
-        columns
+        read(it.variant, i)
     }
 
     /// The key of one column of one line.
@@ -275,55 +399,121 @@ impl<'a> Graph<'a> {
     /// # Errors
     /// When the line lacks it or something it is made from.
     pub fn column(&self, r: Ref, line: LineId, name: &str) -> Result<Key, Fault> {
-        let origin = self.origin(r, name);
-        match origin.made_by {
-            Ref::Flights(i) => {
+        match (self.names.known.get(name), self.bottom(r)) {
+            (Some(number), _) => self.column_of(r, line, *number),
+            (None, Ref::Flights(i)) => {
                 let record = self.records[i].get(&line).ok_or_else(|| self.no_line(line))?;
-                let place =
-                    || Fault::data(format!("the line has no column `{name}`")).in_line(&record.flight, &record.line);
-                record.columns.get(name).copied().ok_or_else(place)
+                record.columns.get(name).copied().ok_or_else(|| lacks(record, name))
             }
-            Ref::Map(i) => Ok(Key::of([self.maps[i].to_string(), name.to_owned()])),
-            Ref::Stage(t, i) => {
-                let at = (origin.made_by, line, origin.column);
-                if let Some(known) = self.columns.lock().ok().and_then(|m| m.get(&at).cloned()) {
-                    return known;
-                }
-                let key = self.made(t, i, line, name);
-                if let Ok(mut memo) = self.columns.lock() {
-                    memo.insert(at, key.clone());
-                }
-                key
-            }
+            (None, Ref::Map(i)) => Ok(Key::of([self.maps[i].as_ref(), name.as_bytes()])),
+            (None, r @ Ref::Stage(..)) => Ok(Key::of([self.object(r, line)?.as_ref(), name.as_bytes()])),
         }
     }
 
-    fn made(&self, t: usize, i: usize, line: LineId, name: &str) -> Result<Key, Fault> {
-        let it = self.plan.instance(t, i);
-        let from = it.makes(name).map(|c| c.from.clone()).unwrap_or_default();
-        let survey = self.plan.tables[t].entry.grain == Grain::Survey;
+    fn column_of(&self, r: Ref, line: LineId, name: Name) -> Result<Key, Fault> {
+        let (made_by, at) = self.made_by(r, name);
+        let word = || self.names.words[name as usize].as_str();
+        match made_by {
+            Ref::Flights(i) => {
+                let known = self.sources[i].get(&name).and_then(|lines| lines.get(line)).copied().flatten();
+                known.ok_or_else(|| match self.records[i].get(&line) {
+                    Some(record) => lacks(record, word()),
+                    None => self.no_line(line),
+                })
+            }
+            Ref::Map(i) => Ok(Key::of([self.maps[i].as_ref(), word().as_bytes()])),
+            Ref::Stage(t, i) => self.made(t, i, line, name, at),
+        }
+    }
+
+    fn made(&self, t: usize, i: usize, line: LineId, name: Name, at: Option<usize>) -> Result<Key, Fault> {
+        let node = &self.plan.tables[t];
+        let keys = &self.nodes[t];
+        let v = node.variant(i);
+        let from: &[(usize, Name)] = at.and_then(|at| keys.variants[v].from.get(at)).map_or(&[], Vec::as_slice);
+        let survey = node.entry.grain == Grain::Survey;
         if survey || from.is_empty() {
             let whole = self.key(Unit { table: t, instance: i, line: (!survey).then_some(line) })?;
-            return Ok(Key::of([whole.to_string(), name.to_owned()]));
+            return Ok(Key::of([whole.as_ref(), self.names.words[name as usize].as_bytes()]));
         }
-        let mut parts = self.question(t, it);
-        parts.extend(["column".to_owned(), name.to_owned()]);
-        for (input, column) in from {
-            let r = it
-                .inputs
-                .get(input)
-                .copied()
-                .ok_or_else(|| Fault::new("a column is made from an input that is not there"))?;
-            let key = match r {
-                Ref::Stage(..) | Ref::Flights(_) => self.column(r, line, &column),
-                Ref::Map(_) => self.object(r, line),
-            };
-            match key {
-                Ok(key) => parts.extend([column, key.to_string()]),
-                Err(_) if it.yields.lenient => parts.push(format!("without {column}")),
-                Err(fault) => return Err(fault),
+        let column = keys.makes.binary_search(&name).ok();
+        let number = column
+            .zip(self.position(t, i, Some(line)))
+            .map(|(column, at)| keys.columns + (column as u64 * node.len() as u64 + i as u64) * keys.width + at);
+        self.remembered(number, || {
+            let lenient = node.variants[v].yields.lenient;
+            let inputs: Vec<(InputKind, Ref)> = node.inputs(i).collect();
+            let mut text = b"column".to_vec();
+            text.extend(node.questions.at(i).as_ref());
+            text.extend(keys.variants[v].rows.as_ref());
+            word(&mut text, &self.names.words[name as usize]);
+            for (input, column) in from {
+                let (_, r) =
+                    inputs.get(*input).ok_or_else(|| Fault::new("a column is made from an input that is not there"))?;
+                let key = match r {
+                    Ref::Stage(..) | Ref::Flights(_) => self.column_of(*r, line, *column),
+                    Ref::Map(_) => self.object(*r, line),
+                };
+                self.part(&mut text, *column, key, lenient)?;
+            }
+            Ok(Key::of_bytes(&text))
+        })
+    }
+}
+
+impl NodeKeys {
+    /// Takes the numbers it needs from `numbers` on.
+    fn new(plan: &Plan, node: &TableNode, sets: &LineSets, t: usize, names: &mut Names, numbers: &mut u64) -> NodeKeys {
+        let variants: Vec<VariantKeys> = node.variants.iter().map(|v| VariantKeys::new(v, names)).collect();
+        let mut makes: Vec<Name> = variants.iter().flat_map(|v| v.made.iter().copied()).collect();
+        makes.sort_unstable();
+        makes.dedup();
+        let mut axes: Vec<usize> = node.variant.grid().axes().chain(sets.grid(t).axes()).collect();
+        for slot in &node.slots {
+            axes.extend(slot.targets.grid().axes());
+            for target in slot.targets.values().iter().flat_map(|t| t.iter()) {
+                if let Target::Stage(t, _) = target {
+                    axes.extend(plan.tables[*t].grid.axes());
+                }
             }
         }
-        Ok(Key::of(parts))
+        let data = Grid::new(&axes, &plan.spec);
+        let width = match node.entry.grain {
+            Grain::Survey => 1,
+            Grain::Line => sets.each(t, 1).map(|(set, _)| set.len() as u64).max().unwrap_or(0).max(1),
+        };
+        let mut take = |points: usize| {
+            let first = *numbers;
+            *numbers += points as u64 * width;
+            first
+        };
+        let units = take(node.len());
+        let data_units = (data.len() < node.len()).then(|| take(data.len()));
+        let columns = take(node.len().saturating_mul(makes.len()));
+        let to_data = node.grid.onto(&data);
+        NodeKeys { variants, makes, to_data, width, units, data_units, columns }
     }
+}
+
+/// The keys of the columns that stages read, by line.
+fn columns_of(records: &BTreeMap<LineId, LineRecord>, lines: usize, names: &Names) -> HashMap<Name, Vec<Option<Key>>> {
+    let mut found: HashMap<Name, Vec<Option<Key>>> = HashMap::new();
+    for (line, record) in records {
+        for (name, key) in &record.columns {
+            if let Some(number) = names.known.get(name) {
+                found.entry(*number).or_insert_with(|| vec![None; lines])[*line] = Some(*key);
+            }
+        }
+    }
+    found
+}
+
+fn lacks(record: &LineRecord, name: &str) -> Fault {
+    Fault::data(format!("the line has no column `{name}`")).in_line(&record.flight, &record.line)
+}
+
+/// A part of what is hashed, kept apart from the next by its length.
+fn word(text: &mut Vec<u8>, word: &str) {
+    text.extend((word.len() as u32).to_le_bytes());
+    text.extend(word.as_bytes());
 }

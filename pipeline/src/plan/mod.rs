@@ -1,22 +1,29 @@
 //! The plan: which tables there are, at which points of the sweep, and what each is made from.
 //!
-//! Everything that can be wrong with a spec is found here, before anything runs.
+//! Everything that can be wrong with a spec is found here, before anything runs. A sweep is counted, not listed: a table
+//! holds what is different between its points, and where a point lies is arithmetic on its number.
 
 mod axes;
 mod build;
+mod grid;
+mod inputs;
 mod keys;
+mod lines;
+mod memo;
+mod node;
+mod variants;
 
-use std::{collections::BTreeSet, sync::Arc};
+use std::collections::BTreeSet;
 
-use schemas::{Column, Entry, Fault, Literal, StageDyn, Table, Yield};
+use schemas::{Entry, Fault};
 
-pub use axes::Point;
-pub use keys::{Graph, LineId, Unit};
+pub use grid::{Grid, Point};
+pub use keys::{Graph, LineId, Origin, Unit};
+pub use node::{Instance, TableNode, Variant};
 
 use crate::{
-    predicate::Predicate,
     sources::{Flights, MapSource},
-    spec::{Faults, Span, Spec},
+    spec::{Faults, Spec, StageDecl},
 };
 
 /// A checked pipeline.
@@ -33,40 +40,6 @@ pub struct Plan {
     pub notes: Vec<String>,
 }
 
-/// One table: a stage at every point of the axes it depends on.
-pub struct TableNode {
-    /// Its name in the spec.
-    pub name: String,
-    /// Where it is declared.
-    pub at: Span,
-    /// The stage.
-    pub entry: Entry,
-    /// The axes it depends on, as positions in the spec.
-    pub axes: Vec<usize>,
-    /// Columns that pass through and stand in its files all the same.
-    pub carry: Vec<String>,
-    /// One for each point of those axes.
-    pub instances: Vec<Instance>,
-}
-
-/// A stage at one point of the sweep.
-pub struct Instance {
-    /// The values of the table's axes.
-    pub point: Point,
-    /// The stage with its parameters.
-    pub stage: Arc<dyn StageDyn>,
-    /// Its parameters in one spelling.
-    pub params: Vec<(&'static str, String)>,
-    /// What it is made from, in the order of the stage's inputs.
-    pub inputs: Vec<Ref>,
-    /// What it reads and makes.
-    pub yields: Arc<Yield>,
-    /// Its table as later stages see it.
-    pub table: Arc<Table>,
-    /// The rows it is restricted to.
-    pub predicate: Option<Predicate>,
-}
-
 /// What an input of a stage refers to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Ref {
@@ -74,7 +47,7 @@ pub enum Ref {
     Flights(usize),
     /// A map, as a position in [`Plan::maps`].
     Map(usize),
-    /// A stage at a point: positions in [`Plan::tables`] and [`TableNode::instances`].
+    /// A stage at a point: a position in [`Plan::tables`], and the number of the point.
     Stage(usize, usize),
 }
 
@@ -87,9 +60,20 @@ impl Plan {
         build::build(spec, catalogue)
     }
 
-    /// The instance that a reference points at.
-    pub fn instance(&self, table: usize, instance: usize) -> &Instance {
-        &self.tables[table].instances[instance]
+    /// The stage of the table `table` at its point `index`.
+    pub fn instance(&self, table: usize, index: usize) -> Instance<'_> {
+        let node = &self.tables[table];
+        Instance { plan: self, node, index, variant: &node.variants[node.variant(index)] }
+    }
+
+    /// The stage of the table `table` at each of its points.
+    pub fn instances(&self, table: usize) -> impl Iterator<Item = Instance<'_>> {
+        (0..self.tables[table].len()).map(move |i| self.instance(table, i))
+    }
+
+    /// How the table `table` is declared.
+    pub fn decl(&self, table: usize) -> Option<&StageDecl> {
+        self.spec.stages.get(self.tables.get(table)?.decl)
     }
 
     /// The position of the table `name`.
@@ -116,9 +100,25 @@ impl Plan {
             if self.tables[t].entry.name == stage {
                 return Some(r);
             }
-            queue.extend(self.instance(t, i).inputs.iter().copied());
+            queue.extend(self.instance(t, i).inputs());
         }
         None
+    }
+
+    /// The tables that `table` rests on, itself among them, sorted.
+    pub fn rests_on(&self, table: usize) -> Vec<usize> {
+        let mut found = BTreeSet::from([table]);
+        let mut queue = vec![table];
+        while let Some(t) = queue.pop() {
+            for r in self.tables[t].sources() {
+                if let Ref::Stage(s, _) = r
+                    && found.insert(s)
+                {
+                    queue.push(s);
+                }
+            }
+        }
+        found.into_iter().collect()
     }
 
     /// The name by which a reference is known in the spec.
@@ -128,43 +128,5 @@ impl Plan {
             Ref::Map(i) => &self.maps[i].name,
             Ref::Stage(t, _) => &self.tables[t].name,
         }
-    }
-}
-
-impl TableNode {
-    /// Whether it is one small file, such as models and scores.
-    pub fn is_tidy(&self) -> bool {
-        self.instances.first().is_some_and(|i| i.yields.tidy)
-    }
-
-    /// Names and values of the axis columns at one point.
-    pub fn axis_columns<'a>(&self, instance: &'a Instance, spec: &Spec) -> Vec<(String, &'a Literal)> {
-        let names = self.axes.iter().filter_map(|i| spec.axes.get(*i)).map(|a| a.name.clone());
-        names.filter_map(|n| instance.point.get(&n).map(|v| (n, v))).collect()
-    }
-
-    /// The columns of all its instances together, in order of first appearance.
-    pub fn columns(&self) -> Vec<Column> {
-        let mut all: Vec<Column> = vec![];
-        let mut before = None;
-        for instance in &self.instances {
-            // Most points of a sweep share the columns of the one before.
-            if before.replace(&instance.table).is_some_and(|b| Arc::ptr_eq(b, &instance.table)) {
-                continue;
-            }
-            for column in &instance.table.shape().columns {
-                if !all.iter().any(|c| c.name == column.name) {
-                    all.push(column.clone());
-                }
-            }
-        }
-        all
-    }
-}
-
-impl Instance {
-    /// The column `name` where this stage makes it.
-    pub fn makes(&self, name: &str) -> Option<&Column> {
-        self.yields.columns.iter().find(|c| c.name == name)
     }
 }

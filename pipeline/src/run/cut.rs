@@ -40,12 +40,7 @@ impl<'a> Cut<'a> {
         let axes = node.axes.iter().filter_map(|i| plan.spec.axes.get(*i));
         let mut fields: Vec<Field> =
             axes.map(|a| field(&a.name, axis_type(&a.values[0]), "", Role::Key, "axis of the sweep")).collect();
-        let mut yields: Vec<&Yield> = vec![];
-        for it in &node.instances {
-            if yields.last().is_none_or(|y| !std::ptr::eq(*y, it.yields.as_ref())) {
-                yields.push(it.yields.as_ref());
-            }
-        }
+        let yields: Vec<&Yield> = node.variants.iter().map(|v| &v.yields).collect();
         let mut passed = vec![];
         for column in node.columns() {
             if fields.iter().any(|f| f.name() == &column.name) {
@@ -96,8 +91,8 @@ impl<'a> Cut<'a> {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
         let mut parts: Vec<String> = vec![];
-        for (name, value) in plan.tables[unit.table].axis_columns(it, &plan.spec) {
-            parts.extend([name, value.to_string()]);
+        for (name, value) in plan.tables[unit.table].axis_columns(&it, &plan.spec) {
+            parts.extend([name.to_owned(), value.to_string()]);
         }
         for name in &self.passed {
             if let Some(line) = unit.line.filter(|_| it.makes(name).is_none()) {
@@ -117,7 +112,7 @@ impl<'a> Cut<'a> {
     pub fn rows(&self, unit: Unit, made: &RecordBatch, held: &mut Held) -> Result<RecordBatch, Fault> {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
-        let axes = plan.tables[unit.table].axis_columns(it, &plan.spec);
+        let axes = plan.tables[unit.table].axis_columns(&it, &plan.spec);
         let rows = made.num_rows();
         let wanted: Vec<String> =
             self.passed.iter().filter(|n| it.makes(n).is_none() && it.table.shape().get(n).is_some()).cloned().collect();
@@ -134,7 +129,7 @@ impl<'a> Cut<'a> {
             }
         };
         let column = |f: &Arc<Field>| -> Result<ArrayRef, Fault> {
-            if let Some((_, value)) = axes.iter().find(|(n, _)| n == f.name()) {
+            if let Some((_, value)) = axes.iter().find(|(n, _)| *n == f.name()) {
                 return Ok(axis_values(value, rows));
             }
             let found = made.column_by_name(f.name()).or_else(|| passed.as_ref()?.column_by_name(f.name()));
@@ -160,10 +155,9 @@ impl<'a> Cut<'a> {
     /// What a pack of these units says of itself, for whoever finds the file alone.
     pub fn about(&self, id: Key, units: &[Unit]) -> Vec<(String, String)> {
         let node = &self.graph.plan.tables[self.table];
-        let mut questions: Vec<String> = vec![];
+        let mut questions: Vec<Key> = vec![];
         for unit in units {
-            let it = self.graph.plan.instance(unit.table, unit.instance);
-            let asked = format!("{:?} {:?}", it.params, it.predicate.as_ref().map(|p| &p.canonical));
+            let asked = self.graph.plan.instance(unit.table, unit.instance).question();
             if questions.last() != Some(&asked) {
                 questions.push(asked);
             }

@@ -14,14 +14,14 @@ use std::{
 use arrow_array::{ArrayRef, FixedSizeBinaryArray, Int64Array, RecordBatch, StringArray, new_null_array};
 use arrow_ipc::convert::IpcSchemaEncoder;
 use arrow_schema::{Field, Schema, SchemaRef};
-use schemas::{Column, Fault, Role, Table, field};
+use schemas::{Column, Fault, Role, field};
 
 use super::{
     cut::{Cut, axis_type, axis_values, one_type},
     layout::Layout,
 };
 use crate::{
-    plan::{Graph, LineId, Ref, TableNode, Unit},
+    plan::{Graph, LineId, Ref, TableNode, Unit, Variant},
     store::Store,
 };
 
@@ -39,16 +39,10 @@ pub fn schema(graph: &Graph, node: &TableNode) -> Result<SchemaRef, Fault> {
     let axes = node.axes.iter().filter_map(|i| spec.axes.get(*i));
     let axes: Vec<Field> =
         axes.map(|a| field(&a.name, axis_type(&a.values[0]), "", Role::Key, "axis of the sweep")).collect();
-    let mut shapes: Vec<&Table> = vec![];
-    for it in &node.instances {
-        if shapes.last().is_none_or(|s| !std::ptr::eq(*s, it.table.as_ref())) {
-            shapes.push(&it.table);
-        }
-    }
     let mut fields = axes;
     for column in node.columns() {
         if !fields.iter().any(|f| f.name() == &column.name) {
-            let all: Vec<&Column> = shapes.iter().filter_map(|s| s.shape().get(&column.name)).collect();
+            let all: Vec<&Column> = node.variants.iter().filter_map(|v| v.table.shape().get(&column.name)).collect();
             fields.push(one_type(&column, &all)?);
         }
     }
@@ -59,8 +53,8 @@ pub fn schema(graph: &Graph, node: &TableNode) -> Result<SchemaRef, Fault> {
 fn chain(graph: &Graph, t: usize, instance: usize) -> Vec<Ref> {
     let mut chain = vec![Ref::Stage(t, instance)];
     while let Some(Ref::Stage(t, i)) = chain.last().copied() {
-        match graph.plan.instance(t, i).inputs.first() {
-            Some(up @ (Ref::Stage(..) | Ref::Flights(_))) => chain.push(*up),
+        match graph.plan.instance(t, i).first_input() {
+            Some(up @ (Ref::Stage(..) | Ref::Flights(_))) => chain.push(up),
             Some(Ref::Map(_)) | None => break,
         }
     }
@@ -103,13 +97,13 @@ pub fn write(
     let names: Vec<String> = logical.fields().iter().map(|f| f.name().clone()).collect();
     let mut patterns: Vec<BTreeMap<String, usize>> = vec![];
     // Points whose chains have the same shapes have the same pattern.
-    let mut known: HashMap<Vec<(Ref, *const schemas::Table)>, usize> = HashMap::new();
+    let mut known: HashMap<Vec<(Ref, *const Variant)>, usize> = HashMap::new();
     let mut of_point: HashMap<usize, (usize, Vec<Ref>)> = HashMap::new();
     for unit in &units {
         of_point.entry(unit.instance).or_insert_with(|| {
             let chain = chain(graph, t, unit.instance);
             let shape = |r: &Ref| match r {
-                Ref::Stage(t, i) => (Ref::Stage(*t, 0), Arc::as_ptr(&graph.plan.instance(*t, *i).table)),
+                Ref::Stage(t, i) => (Ref::Stage(*t, 0), std::ptr::from_ref(graph.plan.instance(*t, *i).variant)),
                 other => (*other, std::ptr::null()),
             };
             let of = *known.entry(chain.iter().map(shape).collect()).or_insert_with(|| {
@@ -137,7 +131,7 @@ pub fn write(
     for i in &node.axes {
         let Some(axis) = plan.spec.axes.get(*i) else { continue };
         let kind = axis_type(&axis.values[0]);
-        let value = |u: &Unit| match plan.instance(t, u.instance).point.get(&axis.name) {
+        let value = |u: &Unit| match plan.instance(t, u.instance).point().get(&axis.name) {
             Some(value) => axis_values(value, 1),
             None => new_null_array(&kind, 1),
         };

@@ -23,7 +23,7 @@ pub use logical::{PATTERNS, SCHEMA};
 use crate::{
     clock,
     keys::Key,
-    plan::{Graph, LineId, Plan, Ref, Unit},
+    plan::{Graph, LineId, Plan, Ref, TableNode, Unit},
     sources::ReadStep,
     spec::Faults,
     store::{Publisher, Store, current},
@@ -177,7 +177,7 @@ fn once(
     let tick = |table: &str, step: &ReadStep| listener.hear(&Event::Reading { table, step });
     let graph = Graph::new(plan, store, &tick)?;
     STARTED.store(true, Ordering::SeqCst);
-    let units: usize = (0..plan.tables.len()).map(|t| graph.units(t).len()).sum();
+    let units: usize = (0..plan.tables.len()).map(|t| graph.unit_count(t)).sum();
     let run = run_id(&graph);
     listener.hear(&Event::Started { pipeline: &plan.spec.name, units, run: &run, notes: &plan.notes });
     let states = States::new(&graph);
@@ -252,45 +252,47 @@ fn run_id(graph: &Graph) -> String {
     for (t, node) in graph.plan.tables.iter().enumerate() {
         parts.push(node.name.clone());
         let key = |unit: Unit| graph.key(unit).map_or_else(|_| "none".to_owned(), |key| key.to_string());
-        parts.extend(graph.units(t).into_iter().map(key));
+        parts.extend(graph.units(t).map(key));
     }
     Key::of(parts).to_string().chars().take(16).collect()
 }
 
 /// What became of every unit.
-struct States {
-    /// By table, point and place of the line.
-    of: Vec<Vec<Vec<State>>>,
-    lines: Vec<Vec<Vec<LineId>>>,
+struct States<'a> {
+    graph: &'a Graph<'a>,
+    /// By table; the lines of a point one after another, then those of the next.
+    of: Vec<Vec<State>>,
+    /// Room for the lines of a point, by table.
+    width: Vec<usize>,
 }
 
-impl States {
-    fn new(graph: &Graph) -> States {
-        let tables = 0..graph.plan.tables.len();
-        let lines = |t: usize| match graph.plan.tables[t].entry.grain {
-            Grain::Survey => vec![vec![]; graph.plan.tables[t].instances.len()],
-            Grain::Line => (0..graph.plan.tables[t].instances.len()).map(|i| graph.lines_of(t, i).to_vec()).collect(),
+impl<'a> States<'a> {
+    fn new(graph: &'a Graph<'a>) -> States<'a> {
+        let tables = &graph.plan.tables;
+        let width = |(t, node): (usize, &TableNode)| match node.entry.grain {
+            Grain::Survey => 1,
+            Grain::Line => graph.most_lines_of(t),
         };
-        let lines: Vec<Vec<Vec<LineId>>> = tables.map(lines).collect();
-        let missing = |lines: &Vec<LineId>| vec![State::Missing; lines.len().max(1)];
-        States { of: lines.iter().map(|t| t.iter().map(missing).collect()).collect(), lines }
+        let width: Vec<usize> = tables.iter().enumerate().map(width).collect();
+        let of = tables.iter().zip(&width).map(|(node, w)| vec![State::Missing; node.len() * w]).collect();
+        States { graph, of, width }
     }
 
     fn place(&self, unit: Unit) -> Option<usize> {
-        match unit.line {
-            None => Some(0),
-            Some(line) => self.lines.get(unit.table)?.get(unit.instance)?.binary_search(&line).ok(),
-        }
+        let own = match unit.line {
+            None => 0,
+            Some(line) => self.graph.lines_of(unit.table, unit.instance).binary_search(&line).ok()?,
+        };
+        Some(unit.instance * self.width.get(unit.table)? + own)
     }
 
     fn get(&self, unit: Unit) -> State {
-        let found = self.place(unit).and_then(|i| self.of.get(unit.table)?.get(unit.instance)?.get(i));
+        let found = self.place(unit).and_then(|i| self.of.get(unit.table)?.get(i));
         found.copied().unwrap_or(State::Missing)
     }
 
     fn set(&mut self, unit: Unit, state: State) {
-        let Some(i) = self.place(unit) else { return };
-        let found = self.of.get_mut(unit.table).and_then(|t| t.get_mut(unit.instance)).and_then(|l| l.get_mut(i));
+        let found = self.place(unit).and_then(|i| self.of.get_mut(unit.table)?.get_mut(i));
         found.into_iter().for_each(|s| *s = state);
     }
 }
@@ -300,7 +302,7 @@ struct Runner<'a> {
     store: &'a Store,
     listener: &'a dyn Listener,
     compact: bool,
-    states: States,
+    states: States<'a>,
     failures: Vec<Failure>,
     seconds: Vec<(usize, f64)>,
 }
@@ -336,7 +338,7 @@ impl Runner<'_> {
     /// Lists the lines that a survey stage went on without.
     fn left_out(&mut self, unit: Unit, faults: Vec<Fault>) {
         let node = &self.graph.plan.tables[unit.table];
-        let point = &node.instances[unit.instance].point;
+        let point = self.graph.plan.instance(unit.table, unit.instance).point();
         self.failures.extend(faults.into_iter().map(|fault| {
             let line = fault.place.flight.clone().zip(fault.place.line.clone());
             Failure { table: node.name.clone(), point: point.clone(), line, fault }
@@ -359,7 +361,7 @@ impl Runner<'_> {
         self.states.set(unit, state);
         let node = &self.graph.plan.tables[unit.table];
         let line = unit.line.map(|l| self.graph.lines[l].clone());
-        let point = node.instances[unit.instance].point.clone();
+        let point = self.graph.plan.instance(unit.table, unit.instance).point();
         self.failures.push(Failure { table: node.name.clone(), point, line, fault });
     }
 
@@ -367,8 +369,8 @@ impl Runner<'_> {
     fn look(&self, unit: Unit) -> Looked {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
-        let of_lines: Vec<usize> = self.graph.line_inputs(unit.table, it).into_iter().map(|(i, _)| i).collect();
-        for (i, r) in it.inputs.iter().enumerate() {
+        let of_lines: Vec<usize> = self.graph.line_inputs(&it).into_iter().map(|(i, _)| i).collect();
+        for (i, r) in it.inputs().iter().enumerate() {
             let line = if of_lines.contains(&i) { unit.line } else { None };
             let there = match (of_lines.contains(&i), unit.line) {
                 // A fit looks at its lines one by one and goes on without those that failed.
@@ -406,7 +408,7 @@ impl Runner<'_> {
     /// What became of `line` in all line inputs of `unit`.
     fn line_is_there(&self, line: LineId, unit: Unit) -> State {
         let it = self.graph.plan.instance(unit.table, unit.instance);
-        let inputs = self.graph.line_inputs(unit.table, it);
+        let inputs = self.graph.line_inputs(&it);
         let states: Vec<State> = inputs.iter().map(|(_, r)| self.root_state(*r, line)).collect();
         *states.iter().find(|s| **s != State::Done).unwrap_or(&State::Done)
     }
@@ -419,7 +421,7 @@ impl Runner<'_> {
         }
         let Ref::Stage(t, i) = r else { return own };
         let it = self.graph.plan.instance(t, i);
-        let up: Vec<State> = self.graph.line_inputs(t, it).iter().map(|(_, r)| self.root_state(*r, line)).collect();
+        let up: Vec<State> = self.graph.line_inputs(&it).iter().map(|(_, r)| self.root_state(*r, line)).collect();
         if up.contains(&State::Failed) && !up.contains(&State::Missing) { State::Failed } else { State::Missing }
     }
 
@@ -447,6 +449,6 @@ enum Looked {
 fn tell(listener: &dyn Listener, graph: &Graph, unit: Unit, outcome: Outcome, fault: Option<&Fault>) {
     let node = &graph.plan.tables[unit.table];
     let line = unit.line.map(|l| &graph.lines[l]);
-    let point = &node.instances[unit.instance].point;
+    let point = &graph.plan.instance(unit.table, unit.instance).point();
     listener.hear(&Event::Unit { table: &node.name, point, line, outcome, fault });
 }

@@ -44,7 +44,7 @@ impl Runner<'_> {
         let cut = match Cut::new(self.graph, t) {
             Ok(cut) => cut,
             Err(fault) => {
-                let units: Vec<Unit> = self.graph.units(t);
+                let units: Vec<Unit> = self.graph.units(t).collect();
                 count.failed = units.len();
                 units.into_iter().for_each(|unit| self.fail(unit, fault.clone()));
                 return (count, vec![]);

@@ -96,7 +96,7 @@ impl<'a> Worker<'a> {
         for unit in units {
             let it = self.instance(*unit);
             let rows = it.predicate.as_ref().map(|p| p.canonical.clone());
-            let seen = format!("{:?} {rows:?} {:?}", it.inputs, self.graph.lines_of(unit.table, unit.instance));
+            let seen = format!("{:?} {rows:?} {:?}", it.inputs(), self.graph.line_set(unit.table, unit.instance));
             let group = *at.entry(seen).or_insert_with(|| {
                 groups.push(vec![]);
                 groups.len() - 1
@@ -106,7 +106,7 @@ impl<'a> Worker<'a> {
         groups
     }
 
-    fn instance(&self, unit: Unit) -> &Instance {
+    fn instance(&self, unit: Unit) -> Instance<'a> {
         self.graph.plan.instance(unit.table, unit.instance)
     }
 
@@ -121,17 +121,17 @@ impl<'a> Worker<'a> {
         let line = unit.line.ok_or_else(|| Fault::machine("a line stage without a line"))?;
         let input = self.line_in(unit, line, held)?;
         let it = self.instance(unit);
-        let arrays = guarded(|| it.stage.run(&input)).map_err(|f| f.in_line(&input.flight, &input.line))?;
-        self.batch(it, arrays)
+        let arrays = guarded(|| it.stage()?.run(&input)).map_err(|f| f.in_line(&input.flight, &input.line))?;
+        self.batch(&it, arrays)
     }
 
     /// What the stage sees of one line.
     fn line_in(&self, unit: Unit, line: LineId, held: &mut Held) -> Result<LineIn, Fault> {
         let it = self.instance(unit);
         let (flight, name) = self.graph.lines[line].clone();
-        let kinds = self.graph.kinds(unit.table, it);
+        let kinds = it.kinds();
         let mut inputs = vec![];
-        for (i, (r, kind)) in it.inputs.iter().zip(kinds).enumerate() {
+        for (i, (r, kind)) in it.inputs().iter().zip(kinds).enumerate() {
             let columns = it.yields.reads.get(i).cloned().unwrap_or_default();
             inputs.push(match kind {
                 InputKind::Map => empty(),
@@ -139,9 +139,9 @@ impl<'a> Worker<'a> {
                 _ => held.batch(*r, line, &columns)?,
             });
         }
-        let keep = match (&it.predicate, it.inputs.first()) {
+        let keep = match (&it.predicate, it.first_input()) {
             (Some(p), Some(r)) if !p.is_of_lines() => {
-                let batch = held.batch(*r, line, &p.columns)?;
+                let batch = held.batch(r, line, &p.columns)?;
                 // SQL: what is asked of a column that is not there is unknown, so no row is selected.
                 let whole = batch.num_columns() == p.columns.len();
                 if whole { p.rows(&batch)? } else { Some(vec![false; inputs[0].num_rows()]) }
@@ -154,10 +154,11 @@ impl<'a> Worker<'a> {
     /// What is built once for all lines, by whoever needs it first.
     fn prepare(&self, unit: Unit) -> Result<Prepared, Fault> {
         let it = self.instance(unit);
-        let kinds = self.graph.kinds(unit.table, it);
+        let kinds = it.kinds();
         let whole = |k: &InputKind| matches!(k, InputKind::Map | InputKind::Model);
-        let mut name = it.stage.prepare_key();
-        for (r, _) in it.inputs.iter().zip(&kinds).filter(|(_, k)| whole(k)) {
+        let stage = it.stage()?;
+        let mut name = stage.prepare_key();
+        for (r, _) in it.inputs().iter().zip(&kinds).filter(|(_, k)| whole(k)) {
             name.push_str(&format!(" {}", self.graph.object(*r, usize::MAX)?));
         }
         let once = match self.prepared.lock() {
@@ -166,14 +167,14 @@ impl<'a> Worker<'a> {
         };
         once.get_or_init(|| {
             let mut inputs = vec![];
-            for (r, kind) in it.inputs.iter().zip(&kinds) {
+            for (r, kind) in it.inputs().iter().zip(&kinds) {
                 inputs.push(match kind {
                     InputKind::Map => map_batch(self.store, self.graph.object(*r, usize::MAX)?)?,
                     InputKind::Model => self.model(*r)?,
                     _ => empty(),
                 });
             }
-            guarded(|| it.stage.prepare(&inputs))
+            guarded(|| stage.prepare(&inputs))
         })
         .clone()
     }
@@ -181,14 +182,18 @@ impl<'a> Worker<'a> {
     fn model(&self, r: Ref) -> Result<RecordBatch, Fault> {
         let Ref::Stage(t, i) = r else { return Ok(empty()) };
         let columns: Vec<&str> =
-            self.graph.plan.instance(t, i).yields.columns.iter().map(|c| c.name.as_str()).collect();
+            self.graph.plan.instance(t, i).variant.yields.columns.iter().map(|c| c.name.as_str()).collect();
         self.store.get(self.graph.object(r, usize::MAX)?, &columns)
     }
 
     /// A line that cannot be used is left out and named; the others are gathered.
     fn survey(&self, units: &[Unit], usable: &Usable) -> Vec<Made> {
         let all = |fault: Fault| units.iter().map(|u| Made::failed(*u, fault.clone())).collect();
-        let stages: Vec<&dyn StageDyn> = units.iter().map(|u| self.instance(*u).stage.as_ref()).collect();
+        let stages = match units.iter().map(|u| self.instance(*u).stage()).collect::<Result<Vec<_>, Fault>>() {
+            Ok(stages) => stages,
+            Err(fault) => return all(fault),
+        };
+        let stages: Vec<&dyn StageDyn> = stages.iter().map(AsRef::as_ref).collect();
         let Some(gather) = stages.first().and_then(|s| s.gather(&stages)) else {
             return all(Fault::machine("a survey stage that gathers nothing: an error in magline"));
         };
@@ -232,7 +237,7 @@ impl<'a> Worker<'a> {
             *table = Err(nothing_left(left_out));
         }
         let made = |(unit, (left_out, table)): (&Unit, Gathered)| {
-            let rows = table.and_then(|arrays| self.batch(self.instance(*unit), arrays));
+            let rows = table.and_then(|arrays| self.batch(&self.instance(*unit), arrays));
             Made { unit: *unit, rows, left_out }
         };
         units.iter().zip(left_out.into_iter().zip(tables)).map(made).collect()
@@ -242,10 +247,10 @@ impl<'a> Worker<'a> {
     fn gathered(&self, units: &[Unit], line: LineId, held: &mut Held) -> Result<LineIn, Fault> {
         let first = units[0];
         let mut input = self.line_in(first, line, held)?;
-        for (i, r) in self.instance(first).inputs.iter().enumerate() {
+        for (i, r) in self.instance(first).inputs().iter().enumerate() {
             let mut columns: Vec<String> = vec![];
             for unit in units {
-                for c in self.instance(*unit).yields.reads.get(i).into_iter().flatten() {
+                for c in self.instance(*unit).variant.yields.reads.get(i).into_iter().flatten() {
                     if !columns.contains(c) {
                         columns.push(c.clone());
                     }

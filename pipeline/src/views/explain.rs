@@ -6,7 +6,7 @@ use schemas::{Column, Passes};
 
 use super::snapshots;
 use crate::{
-    plan::{Graph, Instance, TableNode},
+    plan::{Graph, TableNode},
     store::Store,
 };
 
@@ -49,57 +49,57 @@ pub fn explain(graph: &Graph, store: &Store) -> String {
 fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<(usize, f64)>) -> String {
     let mut out = String::new();
     let plan = graph.plan;
-    let Some(first) = node.instances.first() else { return out };
-    let mut inputs: Vec<&str> = vec![];
-    for r in node.instances.iter().flat_map(|i| &i.inputs) {
-        if !inputs.contains(&plan.name_of(*r)) {
-            inputs.push(plan.name_of(*r));
-        }
-    }
+    let first = plan.instance(t, 0);
+    let inputs: Vec<&str> = node.sources().into_iter().map(|r| plan.name_of(r)).collect();
     let _ = writeln!(out, "{}  {} v{} <- {}", node.name, node.entry.name, node.entry.version, inputs.join(", "));
     let sizes: Vec<String> = node
         .axes
         .iter()
         .map(|i| format!("{} ({})", plan.spec.axes[*i].name, plan.spec.axes[*i].values.len()))
         .collect();
-    let over = if sizes.is_empty() {
-        "once".to_owned()
-    } else {
-        format!("at {} points: {}", node.instances.len(), sizes.join(" x "))
-    };
-    let lines = (0..node.instances.len()).map(|i| graph.lines_of(t, i).len()).max().unwrap_or(0);
+    let over =
+        if sizes.is_empty() { "once".to_owned() } else { format!("at {} points: {}", node.len(), sizes.join(" x ")) };
+    let lines = graph.most_lines_of(t);
     let _ = writeln!(out, "  runs     {over}; {lines} lines");
-    if let Some(decl) = plan.spec.stages.iter().find(|s| s.name == node.name)
-        && let Some((text, _)) = &decl.predicate
-    {
+    if let Some((text, _)) = plan.decl(t).and_then(|d| d.predicate.as_ref()) {
         let _ = writeln!(out, "  where    {text}");
     }
-    let _ = writeln!(out, "  with     {}", parameters(node, first));
+    let _ = writeln!(out, "  with     {}", parameters(graph, t));
     let reads: Vec<String> = first
         .yields
         .reads
         .iter()
-        .zip(&first.inputs)
+        .zip(first.inputs())
         .filter(|(r, _)| !r.is_empty())
-        .map(|(r, i)| format!("{}({})", plan.name_of(*i), r.join(", ")))
+        .map(|(r, i)| format!("{}({})", plan.name_of(i), r.join(", ")))
         .collect();
     let _ = writeln!(out, "  reads    {}", reads.join("; "));
     let made: Vec<String> = first.yields.columns.iter().map(Column::to_string).collect();
     let verb = if first.yields.passes == Passes::All { "appends" } else { "yields " };
     let _ = writeln!(out, "  {verb}  {}", made.join(", "));
-    let units = graph.units(t);
-    let there = units.iter().filter(|u| graph.key(**u).is_ok_and(|k| store.has(k))).count();
+    let units = graph.unit_count(t);
+    let there = graph.units(t).filter(|u| graph.key(*u).is_ok_and(|k| store.has(k))).count();
     let price = cost.map(|(n, s)| format!("; {:.3} s each when last computed", s / n as f64)).unwrap_or_default();
-    let _ = writeln!(out, "  store    {there} of {} are there, {} to compute{price}", units.len(), units.len() - there);
+    let _ = writeln!(out, "  store    {there} of {units} are there, {} to compute{price}", units - there);
     out
 }
 
+/// So many combinations of parameters are looked at one by one to see which of them vary.
+const LOOKED_AT: usize = 10_000;
+
 /// Parameters, with the axis in place of a value that varies.
-fn parameters(node: &TableNode, first: &Instance) -> String {
-    let value = |i: usize, name: &str, v: &str| {
-        let same = node.instances.iter().all(|x| x.params.get(i).is_some_and(|(_, o)| o == v));
-        if same { format!("{name}={v}") } else { format!("{name}=(varies)") }
+fn parameters(graph: &Graph, t: usize) -> String {
+    let first = graph.plan.instance(t, 0).params();
+    let mut same = vec![true; first.len()];
+    for i in graph.plan.tables[t].parameter_points(LOOKED_AT) {
+        let here = graph.plan.instance(t, i).params();
+        for (same, (at, (_, value))) in same.iter_mut().zip(first.iter().enumerate()) {
+            *same &= here.get(at).is_some_and(|(_, other)| other == value);
+        }
+    }
+    let word = |((name, value), same): (&(&str, String), &bool)| {
+        if *same { format!("{name}={value}") } else { format!("{name}=(varies)") }
     };
-    let all: Vec<String> = first.params.iter().enumerate().map(|(i, (n, v))| value(i, n, v)).collect();
+    let all: Vec<String> = first.iter().zip(&same).map(word).collect();
     if all.is_empty() { "no parameters".to_owned() } else { all.join(" ") }
 }

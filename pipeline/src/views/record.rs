@@ -126,23 +126,11 @@ fn files(graph: &Graph, i: usize) -> Vec<(String, String)> {
 
 fn table(graph: &Graph, t: usize, node: &TableNode, cost: Option<(usize, f64)>) -> SnapshotTable {
     let plan = graph.plan;
-    let points = node.instances.iter().map(|i| {
-        let point = i.point.iter().map(|(k, v)| (k.clone(), v.to_string())).collect();
-        (point, i.params.iter().map(|(k, v)| ((*k).to_owned(), v.clone())).collect())
+    let points = plan.instances(t).map(|i| {
+        let point = i.point().iter().map(|(k, v)| (k.clone(), v.to_string())).collect();
+        (point, i.params().into_iter().map(|(k, v)| (k.to_owned(), v)).collect())
     });
-    let mut inputs: Vec<String> =
-        node.instances.iter().flat_map(|i| &i.inputs).map(|r| plan.name_of(*r).to_owned()).collect();
-    let mut seen = vec![];
-    inputs.retain(|n| {
-        !seen.contains(n) && {
-            seen.push(n.clone());
-            true
-        }
-    });
-    let decl = plan.spec.stages.iter().find(|s| s.name == node.name);
-    let mut lines: Vec<usize> = (0..node.instances.len()).flat_map(|i| graph.lines_of(t, i).iter().copied()).collect();
-    lines.sort_unstable();
-    lines.dedup();
+    let inputs: Vec<String> = node.sources().into_iter().map(|r| plan.name_of(r).to_owned()).collect();
     SnapshotTable {
         name: node.name.clone(),
         stage: node.entry.name.to_owned(),
@@ -150,18 +138,19 @@ fn table(graph: &Graph, t: usize, node: &TableNode, cost: Option<(usize, f64)>) 
         tidy: node.is_tidy(),
         axes: node.axes.iter().map(|i| plan.spec.axes[*i].name.clone()).collect(),
         inputs,
-        predicate: decl.and_then(|d| d.predicate.clone()).map(|(text, _)| text),
+        predicate: plan.decl(t).and_then(|d| d.predicate.clone()).map(|(text, _)| text),
         points: points.collect(),
-        columns: columns(graph, node),
-        lines: lines.len(),
+        columns: columns(graph, t, node),
+        lines: graph.all_lines_of(t).len(),
         cost,
     }
 }
 
-fn columns(graph: &Graph, node: &TableNode) -> Vec<SnapshotColumn> {
+fn columns(graph: &Graph, t: usize, node: &TableNode) -> Vec<SnapshotColumn> {
+    let examples: Vec<Instance> = node.examples(&graph.plan.spec).map(|i| graph.plan.instance(t, i)).collect();
     let described = node.columns().into_iter().map(|c| {
         let mut from: Vec<(String, String)> = vec![];
-        for it in &node.instances {
+        for it in &examples {
             for pair in made_from(graph, it, &c.name) {
                 if !from.contains(&pair) {
                     from.push(pair);
@@ -179,9 +168,10 @@ fn columns(graph: &Graph, node: &TableNode) -> Vec<SnapshotColumn> {
 
 fn made_from(graph: &Graph, it: &Instance, name: &str) -> Vec<(String, String)> {
     let named = |r: &Ref, c: &str| (graph.plan.name_of(*r).to_owned(), c.to_owned());
+    let inputs = it.inputs();
     match it.makes(name) {
-        Some(c) => c.from.iter().filter_map(|(i, c)| it.inputs.get(*i).map(|r| named(r, c))).collect(),
-        None if it.table.shape().get(name).is_some() => it.inputs.first().map(|r| named(r, name)).into_iter().collect(),
+        Some(c) => c.from.iter().filter_map(|(i, c)| inputs.get(*i).map(|r| named(r, c))).collect(),
+        None if it.table.shape().get(name).is_some() => inputs.first().map(|r| named(r, name)).into_iter().collect(),
         None => vec![],
     }
 }

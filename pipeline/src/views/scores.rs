@@ -1,6 +1,9 @@
 //! The table of scores as a person reads it: one row a sweep point, one column a metric, lines pooled.
 
-use std::{collections::BTreeSet, path::Path};
+use std::{
+    collections::{BTreeSet, HashMap},
+    path::Path,
+};
 
 use polars::prelude::{Column, DataFrame, DataType, GroupsIndicator, ParquetReader, PolarsError, SerReader};
 use schemas::{Fault, Literal};
@@ -49,12 +52,21 @@ impl Scores {
     /// Marks the rows of the table `name` that `warnings` speaks of.
     pub fn mark(&mut self, name: &str, warnings: &[Warning]) {
         let spoilt: Vec<&Warning> = warnings.iter().filter(|w| w.stage == name && w.kind.spoils()).collect();
+        let mut lines: HashMap<Vec<Word>, BTreeSet<&(String, String)>> = HashMap::new();
+        for warning in &spoilt {
+            let point = self.axes.iter().map(|a| warning.point.get(a).map(Word::of_value)).collect::<Option<Vec<_>>>();
+            if let Some(point) = point {
+                lines.entry(point).or_default().extend(&warning.line);
+            }
+        }
+        let number = |axis: &String| {
+            matches!(spoilt.first()?.point.get(axis)?, Literal::Int(_) | Literal::Float(_)).then_some(())
+        };
+        let numbers: Vec<bool> = self.axes.iter().map(|a| number(a).is_some()).collect();
+        let word = |(text, number): (&String, &bool)| Word::of(text, *number);
         let marks = self.rows.iter().map(|(key, _)| {
-            let here = |w: &&&Warning| {
-                let same = |(axis, text): (&String, &String)| w.point.get(axis).is_some_and(|v| is_value(text, v));
-                self.axes.iter().zip(key).all(same)
-            };
-            spoilt.iter().filter(here).filter_map(|w| w.line.as_ref()).collect::<BTreeSet<_>>().len()
+            let point: Vec<Word> = key.iter().zip(&numbers).map(word).collect();
+            lines.get(&point).map_or(0, BTreeSet::len)
         });
         self.marks = marks.collect();
     }
@@ -96,12 +108,44 @@ impl Scores {
     }
 }
 
-/// Whether a text that another program made of an axis value means `value`: `0.0` and `0` are one number.
-pub fn is_value(text: &str, value: &Literal) -> bool {
-    let spelt = value.to_string();
-    match value {
-        Literal::Int(_) | Literal::Float(_) => text == spelt || text.parse::<f64>().ok() == spelt.parse().ok(),
-        _ => text == spelt,
+/// A value of an axis in a form that all its spellings share: `0.0` and `0` are one number.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+enum Word {
+    Number(u64),
+    Text(String),
+}
+
+impl Word {
+    /// What another program wrote for a value of an axis; of numbers or not.
+    fn of(text: &str, number: bool) -> Word {
+        match text.parse::<f64>() {
+            // Minus nought is nought.
+            Ok(x) if number => Word::Number((x + 0.0).to_bits()),
+            _ => Word::Text(text.to_owned()),
+        }
+    }
+
+    fn of_value(value: &Literal) -> Word {
+        Word::of(&value.to_string(), matches!(value, Literal::Int(_) | Literal::Float(_)))
+    }
+}
+
+/// The values of an axis, to be found by what another program made of them.
+pub struct Values {
+    number: bool,
+    known: HashMap<Word, usize>,
+}
+
+impl Values {
+    /// For the values of one axis.
+    pub fn new(values: &[Literal]) -> Values {
+        let number = values.iter().all(|v| matches!(v, Literal::Int(_) | Literal::Float(_)));
+        Values { number, known: values.iter().enumerate().map(|(i, v)| (Word::of_value(v), i)).collect() }
+    }
+
+    /// The position of the value that `text` means.
+    pub fn position(&self, text: &str) -> Option<usize> {
+        self.known.get(&Word::of(text, self.number)).copied()
     }
 }
 
@@ -174,16 +218,14 @@ fn gather(groups: &DataFrame, pooled: &[Option<f64>], axes: &[String], lines: us
     let present = SHOWN.iter().filter_map(|m| has_value(m).map(|i| ((*m).to_owned(), units[i].clone())));
     let metrics: Vec<(String, String)> = present.collect();
     let mut rows: Vec<(Vec<String>, Vec<Option<f64>>)> = vec![];
+    let mut places: HashMap<Vec<String>, usize> = HashMap::new();
     for i in 0..groups.height() {
         let Some(at) = metrics.iter().position(|(m, _)| *m == names[i]) else { continue };
         let key: Vec<String> = keys.iter().map(|k| k[i].clone()).collect();
-        let row = match rows.iter().position(|(k, _)| *k == key) {
-            Some(r) => r,
-            None => {
-                rows.push((key, vec![None; metrics.len()]));
-                rows.len() - 1
-            }
-        };
+        let row = *places.entry(key).or_insert_with_key(|key| {
+            rows.push((key.clone(), vec![None; metrics.len()]));
+            rows.len() - 1
+        });
         rows[row].1[at] = pooled.get(i).copied().flatten();
     }
     let marks = vec![0; rows.len()];
@@ -214,4 +256,20 @@ pub fn columns(table: &[Vec<String>], left: usize) -> String {
         row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n"
     };
     table.iter().map(line).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_a_number_is_known_in_every_spelling() {
+        let numbers = Values::new(&[Literal::Float(0.0), Literal::Float(0.001), Literal::Float(0.025)]);
+        let found = ["0", "-0.0", "1e-3", "0.0250", "0.02", "none"].map(|text| numbers.position(text));
+        assert_eq!(found, [Some(0), Some(0), Some(1), Some(2), None, None]);
+        let words = Values::new(&[Literal::Text("1".into()), Literal::Text("x+y".into())]);
+        assert_eq!(["1", "1.0", "x+y"].map(|text| words.position(text)), [Some(0), None, Some(1)]);
+        let truths = Values::new(&[Literal::Bool(true)]);
+        assert_eq!(truths.position("true"), Some(0));
+    }
 }

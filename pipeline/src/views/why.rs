@@ -17,17 +17,17 @@ use crate::{
 pub fn why(graph: &Graph, store: &Store, table: &str) -> Result<String, Fault> {
     let plan = graph.plan;
     let t = plan.table(table)?;
-    let units = graph.units(t);
-    let missing = units.iter().filter(|u| !graph.key(**u).is_ok_and(|k| store.has(k))).count();
+    let units = graph.unit_count(t);
+    let missing = graph.units(t).filter(|u| !graph.key(*u).is_ok_and(|k| store.has(k))).count();
     if missing == 0 {
-        return Ok(format!("{table}: nothing to compute, all {} are in the store\n", units.len()));
+        return Ok(format!("{table}: nothing to compute, all {units} are in the store\n"));
     }
-    let mut out = format!("{table}: {missing} of {} to compute\n", units.len());
+    let mut out = format!("{table}: {missing} of {units} to compute\n");
     let Some(before) = snapshots(store.root()).into_iter().find(|s| s.pipeline == plan.spec.name) else {
         return Ok(out + "  the pipeline was not run in this store before\n");
     };
     let mut reasons = vec![];
-    for node in rests_on(graph, t) {
+    for node in plan.rests_on(t) {
         let now = &plan.tables[node];
         let Some(old) = before.tables.iter().find(|o| o.name == now.name) else {
             reasons.push(format!("{} is new", now.name));
@@ -39,20 +39,20 @@ pub fn why(graph: &Graph, store: &Store, table: &str) -> Result<String, Fault> {
                 now.name, old.stage, old.version, now.entry.name, now.entry.version
             ));
         }
-        let predicate =
-            plan.spec.stages.iter().find(|s| s.name == now.name).and_then(|s| s.predicate.clone()).map(|p| p.0);
+        let predicate = plan.decl(node).and_then(|d| d.predicate.clone()).map(|p| p.0);
         if predicate != old.predicate {
             let word = |p: &Option<String>| p.clone().unwrap_or_else(|| "(all)".to_owned());
             reasons.push(format!("{}: where {} -> {}", now.name, word(&old.predicate), word(&predicate)));
         }
-        for it in &now.instances {
-            let point: BTreeMap<String, String> = it.point.iter().map(|(k, v)| (k.clone(), v.to_string())).collect();
+        let known: BTreeMap<_, _> = old.points.iter().map(|(point, params)| (point, params)).collect();
+        for it in plan.instances(node) {
+            let point: BTreeMap<String, String> = it.point().iter().map(|(k, v)| (k.clone(), v.to_string())).collect();
             let spelt: Vec<String> = point.iter().map(|(k, v)| format!("{k}={v}")).collect();
-            match old.points.iter().find(|(p, _)| *p == point) {
+            match known.get(&point) {
                 None => reasons.push(format!("{}: the point {} is new", now.name, spelt.join(" "))),
-                Some((_, params)) => {
-                    for (name, value) in &it.params {
-                        let was = params.get(*name).map_or("(not there)", String::as_str);
+                Some(params) => {
+                    for (name, value) in it.params() {
+                        let was = params.get(name).map_or("(not there)", String::as_str);
                         if was != value {
                             reasons.push(format!("{}: {name} {was} -> {value}", now.name));
                         }
@@ -76,31 +76,10 @@ pub fn why(graph: &Graph, store: &Store, table: &str) -> Result<String, Fault> {
     Ok(out)
 }
 
-/// The tables that `t` rests on, sources first, itself last.
-fn rests_on(graph: &Graph, t: usize) -> Vec<usize> {
-    let mut found = vec![t];
-    let mut i = 0;
-    while i < found.len() {
-        for r in graph.plan.tables[found[i]].instances.iter().flat_map(|x| &x.inputs) {
-            if let Ref::Stage(s, _) = r
-                && !found.contains(s)
-            {
-                found.push(*s);
-            }
-        }
-        i += 1;
-    }
-    found.sort_unstable();
-    found
-}
-
 /// Lines and maps whose bytes are others than before.
 fn sources(graph: &Graph, t: usize, before: &super::Snapshot) -> Vec<String> {
-    let mut used: Vec<Ref> = rests_on(graph, t)
-        .iter()
-        .flat_map(|n| &graph.plan.tables[*n].instances)
-        .flat_map(|i| i.inputs.clone())
-        .collect();
+    let plan = graph.plan;
+    let mut used: Vec<Ref> = plan.rests_on(t).into_iter().flat_map(|n| plan.tables[n].sources()).collect();
     used.sort();
     used.dedup();
     let mut reasons = vec![];

@@ -58,14 +58,14 @@ fn nodes(source: &Source) -> Vec<Node> {
         Ref::Stage(t, _) => sources + t,
     };
     for (t, table) in plan.tables.iter().enumerate() {
-        let mut inputs: Vec<usize> = table.instances.iter().flat_map(|i| &i.inputs).map(position).collect();
+        let mut inputs: Vec<usize> = table.sources().iter().map(position).collect();
         inputs.sort_unstable();
         inputs.dedup();
         let axes: Vec<&str> =
             table.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.as_str()).collect();
         let (there, all) = source.present(t);
         let mut lines = vec![table.entry.name.to_owned()];
-        lines.extend((!axes.is_empty()).then(|| plural(table.instances.len(), "point") + " of"));
+        lines.extend((!axes.is_empty()).then(|| plural(table.len(), "point") + " of"));
         lines.extend((!axes.is_empty()).then(|| axes.join(", ")));
         lines.push(format!("{there} of {all} computed"));
         nodes.push(Node { name: table.name.clone(), lines, inputs, source: false, incomplete: there < all });

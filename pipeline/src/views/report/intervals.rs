@@ -47,11 +47,11 @@ pub fn sections(source: &Source) -> Result<Vec<Markup>, Fault> {
     let mut out = vec![];
     for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "summary") {
         let mut metrics: Vec<Metric> = vec![];
-        for (instance, it) in node.instances.iter().enumerate() {
+        for (instance, it) in plan.instances(table).enumerate() {
             let unit = Unit { table, instance, line: None };
             let columns = ["metric", "value", "low", "high", "unit", "lines"];
             let Some(batch) = source.tidy(unit, &columns)? else { continue };
-            let point = node.axis_columns(it, &plan.spec).iter().map(|(_, v)| v.to_string()).collect::<Vec<_>>();
+            let point = node.axis_columns(&it, &plan.spec).iter().map(|(_, v)| v.to_string()).collect::<Vec<_>>();
             add(&mut metrics, &point.join(", "), &batch);
         }
         if !metrics.is_empty() {

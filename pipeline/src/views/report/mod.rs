@@ -113,7 +113,7 @@ fn atlas(source: &Source, subjects: &[Subject], lines: &[Shown]) -> Result<Optio
             tracks.push(flown.truth.or(flown.ins).unwrap_or(flown.estimate));
         }
     }
-    let inputs = &source.graph.plan.instance(t, i).inputs;
+    let inputs = source.graph.plan.instance(t, i).inputs();
     let map = inputs.iter().find_map(|r| if let Ref::Map(i) = r { Some(*i) } else { None });
     Atlas::new(source, map, &tracks)
 }

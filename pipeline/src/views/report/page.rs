@@ -55,7 +55,7 @@ fn heading(source: &Source) -> Markup {
     let plan = source.graph.plan;
     let axes = &plan.spec.axes;
     // No table need have all axes: the largest one tells how many points were computed.
-    let points = plan.tables.iter().map(|t| t.instances.len()).max().unwrap_or(0);
+    let points = plan.tables.iter().map(|t| t.len()).max().unwrap_or(0);
     let mut flights: Vec<&str> = source.graph.lines.iter().map(|l| l.0.as_str()).collect();
     flights.dedup();
     let samples: usize = source.graph.records.iter().flat_map(|r| r.values()).map(|r| r.rows).sum();

@@ -3,10 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::source::Source;
-use crate::{
-    plan::TableNode,
-    views::{Snapshot, SnapshotTable, snapshots},
-};
+use crate::views::{Snapshot, SnapshotTable, snapshots};
 
 /// Whether the last run was of this very plan and data: else the published tables may hold other scores under the
 /// same axis values.
@@ -30,24 +27,26 @@ fn same_sources(source: &Source, old: &Snapshot) -> bool {
 
 fn same_tables(source: &Source, old: &Snapshot) -> bool {
     let plan = source.graph.plan;
-    let same =
-        |node: &TableNode| old.tables.iter().find(|t| t.name == node.name).is_some_and(|t| same_table(source, node, t));
-    plan.tables.iter().all(same)
+    let same = |t: usize| {
+        let old = old.tables.iter().find(|o| o.name == plan.tables[t].name);
+        old.is_some_and(|old| same_table(source, t, old))
+    };
+    (0..plan.tables.len()).all(same)
 }
 
-fn same_table(source: &Source, node: &TableNode, old: &SnapshotTable) -> bool {
+fn same_table(source: &Source, t: usize, old: &SnapshotTable) -> bool {
     let plan = source.graph.plan;
-    let mut inputs: Vec<&str> = node.instances.iter().flat_map(|i| &i.inputs).map(|r| plan.name_of(*r)).collect();
+    let node = &plan.tables[t];
+    let mut inputs: Vec<&str> = node.sources().into_iter().map(|r| plan.name_of(r)).collect();
     let mut before: Vec<&str> = old.inputs.iter().map(String::as_str).collect();
     for names in [&mut inputs, &mut before] {
         names.sort_unstable();
         names.dedup();
     }
-    let decl = plan.spec.stages.iter().find(|s| s.name == node.name);
-    let predicate = decl.and_then(|d| d.predicate.as_ref()).map(|(text, _)| text);
-    let points = node.instances.iter().map(|i| {
-        let point: BTreeMap<String, String> = i.point.iter().map(|(k, v)| (k.clone(), v.to_string())).collect();
-        (point, i.params.iter().map(|(k, v)| ((*k).to_owned(), v.clone())).collect())
+    let predicate = plan.decl(t).and_then(|d| d.predicate.as_ref()).map(|(text, _)| text);
+    let points = plan.instances(t).map(|i| {
+        let point: BTreeMap<String, String> = i.point().iter().map(|(k, v)| (k.clone(), v.to_string())).collect();
+        (point, i.params().into_iter().map(|(k, v)| (k.to_owned(), v)).collect())
     });
     (node.entry.name, node.entry.version) == (old.stage.as_str(), old.version)
         && inputs == before

@@ -142,7 +142,7 @@ struct PassBand {
 /// The pass band of the model's fit, where it has both corners.
 fn pass_band(source: &Source, subject: &Subject) -> Option<PassBand> {
     let Some(Ref::Stage(t, i)) = subject.fit else { return None };
-    let params = &source.graph.plan.instance(t, i).params;
+    let params = source.graph.plan.instance(t, i).params();
     let value = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
     let hz = |name: &str| value(name).and_then(|v| v.parse::<f64>().ok());
     let band = PassBand {

@@ -39,7 +39,7 @@ impl Source<'_> {
         let plan = self.graph.plan;
         match r {
             Ref::Flights(i) => plan.flights.get(i).map(|f| &f.shape),
-            Ref::Stage(t, i) => Some(plan.instance(t, i).table.shape()),
+            Ref::Stage(t, i) => Some(plan.instance(t, i).variant.table.shape()),
             Ref::Map(_) => None,
         }
     }
@@ -115,8 +115,8 @@ impl Source<'_> {
     /// How many units of the table `t` are in the store, and how many there are.
     pub fn present(&self, t: usize) -> (usize, usize) {
         let units = self.graph.units(t);
-        let there = units.iter().filter(|u| self.graph.key(**u).is_ok_and(|k| self.store.has(k))).count();
-        (there, units.len())
+        let there = units.filter(|u| self.graph.key(*u).is_ok_and(|k| self.store.has(k))).count();
+        (there, self.graph.unit_count(t))
     }
 
     /// What the last run could not compute, the same reason of the same table once.

@@ -55,7 +55,7 @@ fn flights(source: &Source, r: Ref) -> Option<Ref> {
     let plan = source.graph.plan;
     let mut at = r;
     while let Ref::Stage(t, i) = at {
-        at = *plan.instance(t, i).inputs.first()?;
+        at = plan.instance(t, i).first_input()?;
     }
     matches!(at, Ref::Flights(_)).then_some(at)
 }

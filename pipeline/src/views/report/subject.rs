@@ -96,8 +96,8 @@ fn subject(source: &Source, board: &Board, metric: usize, id: &'static str, titl
         n => format!("; marked on {n} of {lines} lines, see the warnings"),
     };
     let why = chosen.words(board.value(row, metric)) + &pooled + &marked;
-    let truth = it.params.iter().find(|(n, _)| *n == "truth").and_then(|(_, v)| word(v));
-    let stages = stages_of(source, &it.inputs, truth);
+    let truth = it.params().iter().find(|(n, _)| *n == "truth").and_then(|(_, v)| word(v));
+    let stages = stages_of(source, &it.inputs(), truth);
     Subject { id, title: title.to_owned(), point: board.point(row), why, chosen: Some(chosen), ..stages }
 }
 

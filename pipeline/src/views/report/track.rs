@@ -68,7 +68,7 @@ impl Flown {
     /// When the store is damaged.
     pub fn read(source: &Source, subject: &Subject, line: LineId) -> Result<Option<Flown>, Fault> {
         let Some(r @ Ref::Stage(t, i)) = subject.navigate else { return Ok(None) };
-        let Some(flights) = source.graph.plan.instance(t, i).inputs.first().copied() else { return Ok(None) };
+        let Some(flights) = source.graph.plan.instance(t, i).first_input() else { return Ok(None) };
         let column = |name: &str| source.floats(r, line, name);
         let estimate = Track::read(source, r, line, ["lat", "lon"])?;
         let (Some(tt), Some(estimate)) = (column("tt")?, estimate) else { return Ok(None) };

@@ -65,7 +65,7 @@ fn of_table(source: &Source, table: usize, instance: usize, of_rows: bool) -> Re
     for one in calibrations(source, table, instance).iter().filter(|c| c.of_rows == of_rows) {
         let Some(found) = Coefficients::read(source, table, one)? else { continue };
         let chart = if of_rows { over_lambda(source, table, instance, one)? } else { None };
-        let others = node.axis_columns(&node.instances[instance], &source.graph.plan.spec);
+        let others = node.axis_columns(&source.graph.plan.instance(table, instance), &source.graph.plan.spec);
         let others = others.iter().filter(|(name, _)| *name != one.axis).map(|(name, v)| format!("{name} = {v}"));
         let title = std::iter::once(format!("Table {}", node.name)).chain(others).collect::<Vec<_>>().join(", ");
         parts.push(found.drawn(&title, one, chart)?);
@@ -75,26 +75,23 @@ fn of_table(source: &Source, table: usize, instance: usize, of_rows: bool) -> Re
 
 /// The value of an axis at a point, as text.
 fn spelt(instance: &Instance, axis: &str) -> String {
-    instance.point.get(axis).map(ToString::to_string).unwrap_or_default()
+    instance.point().get(axis).map(ToString::to_string).unwrap_or_default()
 }
 
 /// For each axis of the table, the models that differ from that at `instance` in this axis alone.
 fn calibrations(source: &Source, table: usize, instance: usize) -> Vec<Calibrations> {
     let plan = source.graph.plan;
     let node = &plan.tables[table];
-    let here = &node.instances[instance];
-    let names = || node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone());
-    let beside = |axis: String| {
-        let same = |other: &Instance| names().all(|n| n == axis || other.point.get(&n) == here.point.get(&n));
-        let members: Vec<usize> = (0..node.instances.len()).filter(|i| same(&node.instances[*i])).collect();
+    let beside = |axis: &usize| {
+        let members: Vec<usize> = node.grid().along(instance, *axis).collect();
         let rows = |i: &usize| {
-            let of_rows = node.instances[*i].predicate.as_ref().map(|p| p.canonical.clone());
-            (source.graph.lines_of(table, *i).to_vec(), of_rows)
+            let of_rows = plan.instance(table, *i).predicate.as_ref().map(|p| p.canonical.clone());
+            (source.graph.line_set(table, *i), of_rows)
         };
         let of_rows = members.iter().any(|i| rows(i) != rows(&instance));
-        Calibrations { axis, of_rows, members }
+        Calibrations { axis: plan.spec.axes[*axis].name.clone(), of_rows, members }
     };
-    names().map(beside).filter(|c| c.members.len() > 1).collect()
+    node.axes.iter().map(beside).filter(|c| c.members.len() > 1).collect()
 }
 
 impl Coefficients {
@@ -115,7 +112,7 @@ impl Coefficients {
             } else if found.terms != terms {
                 return Ok(None);
             }
-            let label = spelt(source.graph.plan.instance(table, *instance), &of.axis);
+            let label = spelt(&source.graph.plan.instance(table, *instance), &of.axis);
             found.models.push((label, values.iter().map(|v| v.unwrap_or(f64::NAN)).collect()));
         }
         Ok((found.models.len() > 1).then_some(found))
@@ -169,9 +166,8 @@ fn mean_of(spread: &[Variation]) -> Option<f64> {
 
 /// The mean coefficient of variation over the ridge parameter, where the sweep has several. [thesis 000, Figure 3-8]
 fn over_lambda(source: &Source, table: usize, instance: usize, of: &Calibrations) -> Result<Option<Markup>, Fault> {
-    let node = &source.graph.plan.tables[table];
     let lambda = |i: usize| {
-        let params = &node.instances[i].params;
+        let params = source.graph.plan.instance(table, i).params();
         params.iter().find(|(name, _)| *name == "lambda").and_then(|(_, v)| v.parse::<f64>().ok())
     };
     let others = calibrations(source, table, instance);

@@ -52,22 +52,24 @@ impl<'a> Facts<'a> {
     ) -> Result<Facts<'a>, Fault> {
         let Some((t, i)) = navigation(graph.plan, inputs) else { return Ok(Facts { row, settings: None }) };
         let it = graph.plan.instance(t, i);
-        let number = |name: &str| param(it, name).and_then(|v| v.parse::<f64>().ok());
+        let params = it.params();
+        let param = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
+        let number = |name: &str| param(name).and_then(|v| v.parse::<f64>().ok());
         // `auto` is no number: it takes what the calibration left, which is a column of what is navigated.
-        let sigma_nt = match (number("measurement_sigma_nt"), it.inputs.first()) {
-            (None, Some(input)) => first(graph, store, *input, line, "mag_sigma")?,
+        let sigma_nt = match (number("measurement_sigma_nt"), it.first_input()) {
+            (None, Some(input)) => first(graph, store, input, line, "mag_sigma")?,
             (given, _) => given,
         };
-        let said = number("decimal_year").filter(|_| param(it, "core_field") == Some("true"));
+        let said = number("decimal_year").filter(|_| param("core_field") == Some("true"));
         let flown = match said {
-            Some(_) => flight_date(graph, store, it, line)?,
+            Some(_) => flight_date(graph, store, &it, line)?,
             None => None,
         };
         let settings = Settings {
             sigma_nt,
             offset_window_s: number("offset_window_s").unwrap_or(0.0),
-            levels: param(it, "map_levels_m").is_some_and(|v| v != "none"),
-            compensated: graph.plan.upstream(&it.inputs, "compensate").is_some(),
+            levels: param("map_levels_m").is_some_and(|v| v != "none"),
+            compensated: graph.plan.upstream(&it.inputs(), "compensate").is_some(),
             dates: said.zip(flown),
         };
         Ok(Facts { row, settings: Some(settings) })
@@ -195,14 +197,9 @@ impl<'a> Facts<'a> {
     }
 }
 
-/// A parameter in its one spelling.
-fn param<'a>(it: &'a Instance, name: &str) -> Option<&'a str> {
-    it.params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str())
-}
-
 /// The date at the first sample of the line, where the flight has columns for it.
 fn flight_date(graph: &Graph, store: &Store, it: &Instance, line: LineId) -> Result<Option<f64>, Fault> {
-    let Some(flights) = it.inputs.first().copied() else { return Ok(None) };
+    let Some(flights) = it.first_input() else { return Ok(None) };
     let (year, doy) = (first(graph, store, flights, line, "year")?, first(graph, store, flights, line, "doy")?);
     Ok(year.zip(doy).and_then(|(year, doy)| decimal_year(year as i32, doy as u32, 0.0).ok()))
 }

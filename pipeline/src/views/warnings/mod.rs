@@ -148,8 +148,8 @@ fn of_score(graph: &Graph, store: &Store, unit: Unit) -> Result<Vec<Warning>, Fa
     let batch = store.get(graph.key(unit)?, &Row::COLUMNS)?;
     let row = Row::read(&batch);
     let Some(line) = unit.line else { return Ok(vec![]) };
-    let inputs = &graph.plan.instance(unit.table, unit.instance).inputs;
-    let facts = Facts::gather(graph, store, inputs, line, &row)?;
+    let inputs = graph.plan.instance(unit.table, unit.instance).inputs();
+    let facts = Facts::gather(graph, store, &inputs, line, &row)?;
     Ok(judge(&facts).into_iter().map(|found| found.at(graph, unit)).collect())
 }
 
@@ -174,7 +174,7 @@ impl Found {
 fn place(graph: &Graph, unit: Unit) -> (String, Point, Option<(String, String)>) {
     let node = &graph.plan.tables[unit.table];
     let line = unit.line.and_then(|l: LineId| graph.lines.get(l).cloned());
-    (node.name.clone(), node.instances[unit.instance].point.clone(), line)
+    (node.name.clone(), graph.plan.instance(unit.table, unit.instance).point(), line)
 }
 
 /// Holds the scores of one line against their laws.
@@ -222,8 +222,7 @@ fn judge(facts: &Facts) -> Vec<Found> {
 
 /// The warning of one fit: each row of a model bears it, and it is told once.
 fn of_fit(graph: &Graph, store: &Store, unit: Unit) -> Result<Vec<Warning>, Fault> {
-    let node = &graph.plan.tables[unit.table];
-    if node.instances[unit.instance].makes("warning").is_none() {
+    if graph.plan.instance(unit.table, unit.instance).makes("warning").is_none() {
         return Ok(vec![]);
     }
     let batch = store.get(graph.key(unit)?, &["warning"])?;

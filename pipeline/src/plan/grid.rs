@@ -1,0 +1,232 @@
+//! The points of a sweep as numbers: a table of a million points is planned without a list of them.
+
+use std::collections::BTreeMap;
+
+use schemas::Literal;
+
+use crate::spec::Spec;
+
+/// The values of the axes at one point of a sweep.
+pub type Point = BTreeMap<String, Literal>;
+
+/// The points over some axes, the last axis running fastest.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Grid {
+    sides: Vec<Side>,
+    len: usize,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Side {
+    /// The axis, as a position in the spec.
+    axis: usize,
+    /// How many values it has.
+    length: usize,
+    /// From one of its values to the next.
+    stride: usize,
+}
+
+impl Grid {
+    /// The points over `axes`, which are positions in the spec; the order they are given in does not matter.
+    pub fn new(axes: &[usize], spec: &Spec) -> Grid {
+        let mut axes = axes.to_vec();
+        axes.sort_unstable();
+        axes.dedup();
+        Grid::over(axes.into_iter().filter_map(|i| spec.axes.get(i).map(|a| (i, a.values.len()))).collect())
+    }
+
+    fn over(axes: Vec<(usize, usize)>) -> Grid {
+        let mut len = 1usize;
+        let mut sides = vec![];
+        for (axis, length) in axes.into_iter().rev() {
+            sides.push(Side { axis, length, stride: len });
+            len = len.saturating_mul(length);
+        }
+        sides.reverse();
+        Grid { sides, len }
+    }
+
+    /// How many points there are; the largest number where it is larger than any.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// The axes, as positions in the spec, sorted.
+    pub fn axes(&self) -> impl Iterator<Item = usize> + '_ {
+        self.sides.iter().map(|s| s.axis)
+    }
+
+    /// Each axis of the point `i`, with the position of its value.
+    pub fn place(&self, i: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
+        self.sides.iter().map(move |s| (s.axis, i / s.stride % s.length))
+    }
+
+    /// The values of the point `i`.
+    pub fn point(&self, i: usize, spec: &Spec) -> Point {
+        let value = |(axis, at): (usize, usize)| {
+            let axis = spec.axes.get(axis)?;
+            Some((axis.name.clone(), axis.values.get(at)?.clone()))
+        };
+        self.place(i).filter_map(value).collect()
+    }
+
+    /// The point whose values have these positions, in the order of the axes; none where there is no such value.
+    pub fn number(&self, place: &[usize]) -> Option<usize> {
+        let fits = place.len() == self.sides.len() && place.iter().zip(&self.sides).all(|(at, s)| *at < s.length);
+        fits.then(|| place.iter().zip(&self.sides).map(|(at, s)| at * s.stride).sum())
+    }
+
+    /// The points that differ from the point `i` in the axis `axis` alone, itself among them.
+    pub fn along(&self, i: usize, axis: usize) -> impl Iterator<Item = usize> + '_ {
+        let side = self.sides.iter().copied().find(move |s| s.axis == axis);
+        let (length, stride) = side.map_or((1, 0), |s| (s.length, s.stride));
+        let first = side.map_or(i, |s| i - i / s.stride % s.length * s.stride);
+        (0..length).map(move |k| first + k * stride)
+    }
+
+    /// Where the points of this grid lie in `other`; an axis that only `other` has is taken at its first value.
+    pub fn onto(&self, other: &Grid) -> Onto {
+        let mut steps: Vec<Step> = vec![];
+        for own in &self.sides {
+            let Some(there) = other.sides.iter().find(|s| s.axis == own.axis) else { continue };
+            let step = Step { own: own.stride, length: own.length, there: there.stride };
+            // Axes that follow each other in both are as one.
+            match steps.last_mut() {
+                Some(l) if l.own == step.own * step.length && l.there == step.there * step.length => {
+                    *l = Step { length: l.length * step.length, ..step };
+                }
+                _ => steps.push(step),
+            }
+        }
+        Onto { steps }
+    }
+
+    /// The axes that this grid does not share with `other`.
+    pub fn without(&self, other: &Grid) -> Grid {
+        let own = self.sides.iter().filter(|s| !other.axes().any(|a| a == s.axis));
+        Grid::over(own.map(|s| (s.axis, s.length)).collect())
+    }
+}
+
+/// The way from the points of one grid to those of another.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Onto {
+    steps: Vec<Step>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Step {
+    own: usize,
+    length: usize,
+    there: usize,
+}
+
+impl Onto {
+    /// The point there of the point `i` here.
+    pub fn at(&self, i: usize) -> usize {
+        self.steps.iter().map(|s| i / s.own % s.length * s.there).sum()
+    }
+}
+
+/// What depends on the place of a point on some of its axes.
+#[derive(Clone, Debug)]
+pub struct Over<T> {
+    grid: Grid,
+    onto: Onto,
+    values: Vec<T>,
+}
+
+impl<T: Clone + PartialEq> Over<T> {
+    /// `values` for the points of `grid`, asked for by the points of `whole`. Axes that change nothing are let go of.
+    pub fn new(whole: &Grid, grid: Grid, values: Vec<T>) -> Over<T> {
+        let (grid, values) = reduced(grid, values);
+        Over { onto: whole.onto(&grid), grid, values }
+    }
+
+    /// The axes it depends on.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// What it is at each point of [`Over::grid`].
+    pub fn values(&self) -> &[T] {
+        &self.values
+    }
+
+    /// What it is at the point `i` of the whole.
+    pub fn at(&self, i: usize) -> &T {
+        &self.values[self.onto.at(i)]
+    }
+}
+
+fn reduced<T: Clone + PartialEq>(mut grid: Grid, mut values: Vec<T>) -> (Grid, Vec<T>) {
+    let axes: Vec<usize> = grid.axes().collect();
+    for axis in axes {
+        let Some(side) = grid.sides.iter().copied().find(|s| s.axis == axis) else { continue };
+        let first = |i: usize| i - i / side.stride % side.length * side.stride;
+        if (0..values.len()).all(|i| values[i] == values[first(i)]) {
+            values = (0..values.len()).filter(|i| first(*i) == *i).map(|i| values[i].clone()).collect();
+            let rest = grid.sides.iter().filter(|s| s.axis != axis);
+            grid = Grid::over(rest.map(|s| (s.axis, s.length)).collect());
+        }
+    }
+    values.shrink_to_fit();
+    (grid, values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grid(axes: &[usize]) -> Grid {
+        Grid::over(axes.iter().map(|a| (*a, [2, 1, 3, 4][*a])).collect())
+    }
+
+    #[test]
+    fn law_points_are_ordered_and_found_again() {
+        let all = grid(&[0, 1, 2, 3]);
+        assert_eq!((all.len(), grid(&[]).len()), (24, 1));
+        let places: Vec<Vec<usize>> = (0..5).map(|i| all.place(i).map(|(_, at)| at).collect()).collect();
+        assert_eq!(places, [[0, 0, 0, 0], [0, 0, 0, 1], [0, 0, 0, 2], [0, 0, 0, 3], [0, 0, 1, 0]]);
+        for some in [vec![], vec![0], vec![1, 3], vec![0, 2], vec![2, 3], vec![0, 1, 2, 3]] {
+            let part = grid(&some);
+            let (there, back) = (all.onto(&part), part.onto(&all));
+            for i in 0..all.len() {
+                let digits: Vec<(usize, usize)> = all.place(i).filter(|(a, _)| some.contains(a)).collect();
+                assert_eq!(part.place(there.at(i)).collect::<Vec<_>>(), digits);
+            }
+            // What is left out is added: every point is a point of the one plus a point of the other.
+            let rest = all.without(&part);
+            let rest_back = rest.onto(&all);
+            let mut seen: Vec<usize> = (0..part.len())
+                .flat_map(|p| (0..rest.len()).map(move |r| (p, r)))
+                .map(|(p, r)| back.at(p) + rest_back.at(r))
+                .collect();
+            seen.sort_unstable();
+            assert_eq!(seen, (0..all.len()).collect::<Vec<_>>());
+        }
+        assert!((0..24).all(|i| all.number(&all.place(i).map(|(_, at)| at).collect::<Vec<_>>()) == Some(i)));
+        assert_eq!((all.number(&[0, 1, 0, 0]), all.number(&[0])), (None, None));
+        assert_eq!(all.along(13, 2).collect::<Vec<_>>(), [13, 17, 21]);
+        assert_eq!(all.along(13, 7).collect::<Vec<_>>(), [13]);
+    }
+
+    #[test]
+    fn law_axes_that_change_nothing_are_let_go_of() {
+        let all = grid(&[0, 1, 2, 3]);
+        let part = grid(&[0, 1, 2]);
+        let values: Vec<usize> = (0..part.len()).map(|i| i % 3).collect();
+        let over = Over::new(&all, part, values);
+        assert_eq!(over.grid().axes().collect::<Vec<_>>(), [2]);
+        assert_eq!(over.values(), [0, 1, 2]);
+        assert!((0..all.len()).all(|i| *over.at(i) == i / 4 % 3));
+        let same = Over::new(&all, grid(&[2, 3]), vec!["x"; 12]);
+        assert_eq!((same.grid().len(), *same.at(17)), (1, "x"));
+    }
+
+    #[test]
+    fn law_more_points_than_any_number_are_counted_as_the_largest() {
+        let wide = Grid::over((0..40).map(|a| (a, 1000)).collect());
+        assert_eq!(wide.len(), usize::MAX);
+    }
+}

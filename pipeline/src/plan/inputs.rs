@@ -1,0 +1,211 @@
+//! The inputs of a stage: from names in the spec to tables, and where the points of a sweep find them.
+
+use std::{
+    collections::{BTreeSet, HashMap},
+    sync::Arc,
+};
+
+use schemas::{Entry, Fault, Given, Grain, InputDecl, InputKind, Literal, Table};
+
+use super::{
+    axes::{axes_of, put_in},
+    build::{Builder, MOST_FAULTS},
+    grid::{Grid, Over},
+    node::{Slot, Target},
+};
+use crate::{
+    sources::{Flights, MapSource},
+    spec::StageDecl,
+};
+
+/// More names than this one text cannot stand for: there are not so many tables.
+const MOST_NAMES: usize = 1_000_000;
+
+impl Builder<'_> {
+    /// The names a stage takes its inputs from, at any point of the sweep.
+    pub fn inputs_of(&self, decl: &StageDecl) -> Vec<String> {
+        let Some(entry) = self.catalogue.iter().find(|e| e.name == decl.stage.0) else { return vec![] };
+        let mut names = BTreeSet::new();
+        for item in entry.inputs.iter().filter_map(|i| decl.args.get(i.name)).flat_map(|g| items(&g.value)) {
+            let grid = Grid::new(&axes_of(item, self.spec), self.spec);
+            // A stage with more of them is refused later.
+            for i in 0..grid.len().min(MOST_NAMES) {
+                names.extend(texts(&put_in(item, &grid.point(i, self.spec))));
+            }
+        }
+        names.into_iter().collect()
+    }
+
+    /// What each input refers to, at every point of `grid`.
+    pub fn slots(&mut self, decl: &StageDecl, entry: &Entry, grid: &Grid) -> Option<Vec<Slot>> {
+        let mut slots = vec![];
+        let mut fine = true;
+        for input in entry.inputs {
+            let Some(given) = decl.args.get(input.name) else {
+                let what = format!("`{}` needs `{}`, the name of {}", entry.name, input.name, kind_words(input.kind));
+                self.faults.push(Fault::new(what).at(decl.at.clone()));
+                fine = false;
+                continue;
+            };
+            let many = input.kind == InputKind::ManyLines;
+            let one_or_many = many || !matches!(given.value, Literal::List(_));
+            if !one_or_many || !items(&given.value).iter().all(|item| self.is_right(item, many)) {
+                self.faults.push(wrong_name(input, given));
+                fine = false;
+                continue;
+            }
+            let mut fewest = 0;
+            let mut found = true;
+            for item in items(&given.value) {
+                let slot = self.slot(item, input, given, grid);
+                found &= slot.is_some();
+                if let Some((slot, tables)) = slot {
+                    fewest += tables;
+                    slots.push(slot);
+                }
+            }
+            if found && fewest == 0 {
+                self.faults.push(wrong_name(input, given));
+            }
+            fine &= found && fewest > 0;
+        }
+        fine.then_some(slots)
+    }
+
+    /// Whether an entry of an input stands for names everywhere; a list of names only where there may be several.
+    fn is_right(&self, item: &Literal, many: bool) -> bool {
+        let Literal::Text(_) = item else { return false };
+        let grid = Grid::new(&axes_of(item, self.spec), self.spec);
+        (0..grid.len().min(MOST_NAMES)).all(|i| match put_in(item, &grid.point(i, self.spec)) {
+            Literal::Text(_) => true,
+            Literal::List(names) => many && names.iter().all(|n| n.as_text().is_some()),
+            _ => false,
+        })
+    }
+
+    /// What one entry of an input refers to, and the fewest tables that it stands for at a point.
+    fn slot(&mut self, item: &Literal, input: &InputDecl, given: &Given, grid: &Grid) -> Option<(Slot, usize)> {
+        let spec = self.spec;
+        let names = Grid::new(&axes_of(item, spec), spec);
+        let mut known: HashMap<String, Option<Target>> = HashMap::new();
+        let mut choices: Vec<Arc<[Target]>> = vec![];
+        let before = self.faults.len();
+        for i in 0..names.len() {
+            let mut targets = vec![];
+            for name in texts(&put_in(item, &names.point(i, spec))) {
+                let found = match known.get(&name) {
+                    Some(found) => found.clone(),
+                    None => {
+                        let found = self.refer(&name, input, given, grid);
+                        known.insert(name, found.clone());
+                        found
+                    }
+                };
+                targets.extend(found);
+            }
+            choices.push(targets.into());
+            if self.faults.len() > before + MOST_FAULTS {
+                break;
+            }
+        }
+        if known.values().any(Option::is_none) {
+            return None;
+        }
+        let fewest = choices.iter().map(|c| c.len()).min().unwrap_or(0);
+        Some((Slot { kind: input.kind, targets: Over::new(grid, names, choices) }, fewest))
+    }
+
+    fn refer(&mut self, name: &str, input: &InputDecl, given: &Given, grid: &Grid) -> Option<Target> {
+        let spec = self.spec;
+        if let Some(t) = self.tables.iter().position(|t| t.name == name) {
+            let node = &self.tables[t];
+            let table = node.tables.first()?.as_ref();
+            let fits = match table {
+                Table::Lines(_) if node.is_tidy() => input.kind == InputKind::Scores,
+                Table::Lines(_) => matches!(input.kind, InputKind::Lines | InputKind::ManyLines),
+                Table::Model { .. } => input.kind == InputKind::Model,
+                Table::Map(_) => input.kind == InputKind::Map,
+            };
+            if !fits {
+                let kind =
+                    if node.is_tidy() && node.entry.grain == Grain::Line { "a table of scores" } else { table.kind() };
+                let what = format!("`{}` needs {}, but `{name}` is {kind}", input.name, kind_words(input.kind));
+                self.faults.push(Fault::new(what).at(given.at.clone()));
+                return None;
+            }
+            return Some(Target::Stage(t, Arc::new(grid.onto(&node.grid))));
+        }
+        if spec.tables.iter().any(|t| t.name == name) {
+            return self.source(name, input, given);
+        }
+        let known: Vec<&str> = spec
+            .tables
+            .iter()
+            .map(|t| &t.name)
+            .chain(spec.stages.iter().map(|s| &s.name))
+            .map(String::as_str)
+            .collect();
+        self.faults.push(Fault::new(format!("there is no table `{name}`")).nearest(name, &known).at(given.at.clone()));
+        None
+    }
+
+    /// A table of files, opened at its first use.
+    fn source(&mut self, name: &str, input: &InputDecl, given: &Given) -> Option<Target> {
+        let is_map = input.kind == InputKind::Map;
+        if matches!(input.kind, InputKind::Model | InputKind::Scores) {
+            let what = format!("`{}` needs {}, but `{name}` is read from files", input.name, kind_words(input.kind));
+            self.faults.push(Fault::new(what).at(given.at.clone()));
+            return None;
+        }
+        if let Some(known) = self.sources.get(&(name.to_owned(), is_map)) {
+            return known.clone();
+        }
+        let decl = self.spec.tables.iter().find(|t| t.name == name)?;
+        let opened = if is_map {
+            MapSource::open(decl, &self.spec.folder).map(|m| {
+                self.maps.push(m);
+                Target::Map(self.maps.len() - 1)
+            })
+        } else {
+            Flights::open(decl, &self.spec.folder).map(|f| {
+                self.notes.extend(f.notes.iter().cloned());
+                self.shapes.push(Arc::new(Table::Lines(f.shape.clone())));
+                self.flights.push(f);
+                Target::Flights(self.flights.len() - 1)
+            })
+        };
+        let found = opened.map_err(|faults| self.faults.extend(faults)).ok();
+        self.sources.insert((name.to_owned(), is_map), found.clone());
+        found
+    }
+}
+
+fn wrong_name(input: &InputDecl, given: &Given) -> Fault {
+    Fault::new(format!("`{}` must be the name of {}", input.name, kind_words(input.kind))).at(given.at.clone())
+}
+
+/// The entries of an input; one value is one entry.
+fn items(value: &Literal) -> &[Literal] {
+    match value {
+        Literal::List(items) => items,
+        one => std::slice::from_ref(one),
+    }
+}
+
+fn texts(value: &Literal) -> Vec<String> {
+    match value {
+        Literal::Text(text) => vec![text.clone()],
+        Literal::List(items) => items.iter().filter_map(|v| v.as_text().map(str::to_owned)).collect(),
+        _ => vec![],
+    }
+}
+
+fn kind_words(kind: InputKind) -> &'static str {
+    match kind {
+        InputKind::Lines => "a table of flight lines",
+        InputKind::ManyLines => "one or several tables of flight lines",
+        InputKind::Model => "a model table",
+        InputKind::Map => "a map",
+        InputKind::Scores => "a table of scores",
+    }
+}

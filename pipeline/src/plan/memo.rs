@@ -1,0 +1,70 @@
+//! Keys already made, in a bounded amount of memory.
+
+use std::sync::Mutex;
+
+use crate::keys::Key;
+
+/// So many keys are remembered at most: 100 MB of them.
+const MOST: u64 = 1 << 22;
+/// Threads hardly ever wait for each other.
+const SHARDS: u64 = 64;
+
+/// Keys by a number. Where there are more numbers than room, a key takes the place of one remembered long before: it is
+/// made again when it is asked for.
+pub struct Memo {
+    shards: Vec<Mutex<Vec<[u64; 3]>>>,
+    room: u64,
+}
+
+impl Memo {
+    /// For numbers below `numbers`.
+    pub fn new(numbers: u64) -> Memo {
+        Memo::with_room(numbers.min(MOST))
+    }
+
+    fn with_room(keys: u64) -> Memo {
+        Memo { shards: (0..SHARDS).map(|_| Mutex::default()).collect(), room: keys.div_ceil(SHARDS).max(1) }
+    }
+
+    fn place(&self, number: u64) -> (&Mutex<Vec<[u64; 3]>>, usize) {
+        (&self.shards[(number % SHARDS) as usize], (number / SHARDS % self.room) as usize)
+    }
+
+    /// The key of `number`, if it is remembered.
+    pub fn get(&self, number: u64) -> Option<Key> {
+        let (shard, at) = self.place(number);
+        let keys = shard.lock().ok()?;
+        let [owner, low, high] = *keys.get(at)?;
+        (owner == number + 1).then(|| Key::from_words([low, high]))
+    }
+
+    /// Remembers the key of `number`.
+    pub fn put(&self, number: u64, key: Key) {
+        let (shard, at) = self.place(number);
+        let Ok(mut keys) = shard.lock() else { return };
+        if keys.is_empty() {
+            // Zeros of the operating system: no memory before they are written to.
+            *keys = vec![[0; 3]; self.room as usize];
+        }
+        let [low, high] = key.words();
+        keys[at] = [number + 1, low, high];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_a_memo_forgets_but_never_mistakes() {
+        let memo = Memo::with_room(100);
+        let key = |n: u64| Key::of([n.to_string()]);
+        assert_eq!(memo.get(3), None);
+        (0..1000).for_each(|n| memo.put(n, key(n)));
+        let known = (0..1000).filter(|n| memo.get(*n).is_some()).count();
+        assert!((100..=128).contains(&known), "{known}");
+        assert!((0..1000).all(|n| memo.get(n).is_none_or(|k| k == key(n))));
+        // The last ones are there.
+        assert!((900..1000).all(|n| memo.get(n) == Some(key(n))));
+    }
+}

@@ -1,0 +1,244 @@
+//! One table of the plan: a stage over some axes. What is the same at many points is held once.
+
+use std::{collections::HashSet, ops::Deref, sync::Arc};
+
+use schemas::{Args, Column, Entry, Fault, InputKind, Literal, StageDyn, Table, Yield};
+
+use super::{
+    Plan, Ref,
+    axes::args_at,
+    grid::{Grid, Onto, Over, Point},
+};
+use crate::{
+    keys::Key,
+    predicate::Predicate,
+    spec::{Span, Spec, StageDecl},
+};
+
+/// One table: a stage at every point of the axes it depends on.
+pub struct TableNode {
+    /// Its name in the spec.
+    pub name: String,
+    /// Where it is declared.
+    pub at: Span,
+    /// Its declaration, as a position in the spec's stages.
+    pub decl: usize,
+    /// The stage.
+    pub entry: Entry,
+    /// The axes it depends on, as positions in the spec.
+    pub axes: Vec<usize>,
+    /// What it reads and makes: one for all points at which that is the same, in order of first appearance.
+    pub variants: Vec<Variant>,
+    /// The columns that pass through the stage and that its published table is to hold too.
+    pub carry: Vec<String>,
+    /// Whether its results are kept; otherwise they are made again where they are needed.
+    pub keep: bool,
+    pub(super) grid: Grid,
+    pub(super) slots: Vec<Slot>,
+    /// A position in `variants`.
+    pub(super) variant: Over<u32>,
+    /// A position in `tables`.
+    pub(super) table: Over<u32>,
+    /// The different tables that it yields.
+    pub(super) tables: Vec<Arc<Table>>,
+    /// What is asked at a point: the stage, its version and its parameters.
+    pub(super) questions: Over<Key>,
+}
+
+/// What a stage reads and makes at some points of the sweep.
+pub struct Variant {
+    /// What it reads and makes.
+    pub yields: Yield,
+    /// Its table as later stages see it.
+    pub table: Arc<Table>,
+    /// The rows it is restricted to.
+    pub predicate: Option<Arc<Predicate>>,
+}
+
+impl Variant {
+    /// The column `name` where this stage makes it.
+    pub fn makes(&self, name: &str) -> Option<&Column> {
+        self.yields.columns.iter().find(|c| c.name == name)
+    }
+}
+
+/// One name, or list of names, among the inputs of a stage.
+pub(super) struct Slot {
+    /// What stands behind it.
+    pub kind: InputKind,
+    /// What it refers to; the name may depend on axes.
+    pub targets: Over<Arc<[Target]>>,
+}
+
+/// What an input refers to, seen from the points of the stage that takes it.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Target {
+    Flights(usize),
+    Map(usize),
+    Stage(usize, Arc<Onto>),
+}
+
+impl Target {
+    /// What is referred to at the point `i` of the stage.
+    pub fn at(&self, i: usize) -> Ref {
+        match self {
+            Target::Flights(t) => Ref::Flights(*t),
+            Target::Map(m) => Ref::Map(*m),
+            Target::Stage(t, onto) => Ref::Stage(*t, onto.at(i)),
+        }
+    }
+}
+
+impl TableNode {
+    /// How many points of the sweep it has.
+    pub fn len(&self) -> usize {
+        self.grid.len()
+    }
+
+    /// Whether it has none; a table has at least one point.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Its points, as numbers.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// Whether it is one small file, such as models and scores.
+    pub fn is_tidy(&self) -> bool {
+        self.variants.first().is_some_and(|v| v.yields.tidy)
+    }
+
+    /// The position in [`TableNode::variants`] of the point `i`.
+    pub fn variant(&self, i: usize) -> usize {
+        *self.variant.at(i) as usize
+    }
+
+    /// What the inputs are at the point `i`, each with its kind, in the order of the stage's inputs.
+    pub fn inputs(&self, i: usize) -> impl Iterator<Item = (InputKind, Ref)> + '_ {
+        self.slots.iter().flat_map(move |s| s.targets.at(i).iter().map(move |t| (s.kind, t.at(i))))
+    }
+
+    /// The tables that it is made from at any point, each once, a stage's at its first point.
+    pub fn sources(&self) -> Vec<Ref> {
+        let mut found = vec![];
+        for target in self.slots.iter().flat_map(|s| s.targets.values()).flat_map(|t| t.iter()) {
+            let r = match target.at(0) {
+                Ref::Stage(t, _) => Ref::Stage(t, 0),
+                other => other,
+            };
+            if !found.contains(&r) {
+                found.push(r);
+            }
+        }
+        found
+    }
+
+    /// Names and values of the axis columns at one point.
+    pub fn axis_columns<'a>(&self, instance: &Instance, spec: &'a Spec) -> Vec<(&'a str, &'a Literal)> {
+        let value = |(axis, at): (usize, usize)| {
+            let axis = spec.axes.get(axis)?;
+            Some((axis.name.as_str(), axis.values.get(at)?))
+        };
+        self.grid.place(instance.index).filter_map(value).collect()
+    }
+
+    /// The columns of all its points together, in order of first appearance.
+    pub fn columns(&self) -> Vec<Column> {
+        let mut seen: HashSet<&str> = HashSet::new();
+        let all = self.tables.iter().flat_map(|t| &t.shape().columns);
+        all.filter(|c| seen.insert(c.name.as_str())).cloned().collect()
+    }
+
+    /// Points that show all that it is made from: one for each variant with each choice of names among its inputs.
+    pub fn examples(&self, spec: &Spec) -> impl Iterator<Item = usize> + '_ {
+        let names = self.slots.iter().flat_map(|s| s.targets.grid().axes());
+        let axes: Vec<usize> = self.variant.grid().axes().chain(names).collect();
+        let grid = Grid::new(&axes, spec);
+        let back = grid.onto(&self.grid);
+        (0..grid.len()).map(move |i| back.at(i))
+    }
+
+    /// A point for each combination of the axes that its parameters depend on. Where there are more than `most`, a point
+    /// for each value of each of these axes.
+    pub fn parameter_points(&self, most: usize) -> Vec<usize> {
+        let own = self.questions.grid();
+        let back = own.onto(&self.grid);
+        if own.len() <= most {
+            return (0..own.len()).map(|p| back.at(p)).collect();
+        }
+        own.axes().flat_map(|axis| own.along(0, axis)).map(|p| back.at(p)).collect()
+    }
+}
+
+/// A stage at one point of the sweep. It is made on demand and costs nothing to copy.
+#[derive(Clone, Copy)]
+pub struct Instance<'p> {
+    /// The plan it belongs to.
+    pub plan: &'p Plan,
+    /// Its table.
+    pub node: &'p TableNode,
+    /// The point, counted with the last axis running fastest.
+    pub index: usize,
+    /// What it reads and makes there.
+    pub variant: &'p Variant,
+}
+
+impl Deref for Instance<'_> {
+    type Target = Variant;
+
+    fn deref(&self) -> &Variant {
+        self.variant
+    }
+}
+
+impl<'p> Instance<'p> {
+    /// The values of the table's axes.
+    pub fn point(&self) -> Point {
+        self.node.grid.point(self.index, &self.plan.spec)
+    }
+
+    /// What it is made from, in the order of the stage's inputs.
+    pub fn inputs(&self) -> Vec<Ref> {
+        self.node.inputs(self.index).map(|(_, r)| r).collect()
+    }
+
+    /// What its first input is.
+    pub fn first_input(&self) -> Option<Ref> {
+        self.node.inputs(self.index).next().map(|(_, r)| r)
+    }
+
+    /// The kind of each of its inputs.
+    pub fn kinds(&self) -> Vec<InputKind> {
+        self.node.inputs(self.index).map(|(k, _)| k).collect()
+    }
+
+    /// The stage with its parameters, made anew.
+    ///
+    /// # Errors
+    /// Never of a plan that was checked.
+    pub fn stage(&self) -> Result<Arc<dyn StageDyn>, Fault> {
+        let decl =
+            self.plan.spec.stages.get(self.node.decl).ok_or_else(|| Fault::machine("a table without a stage"))?;
+        let own = own_args(decl, &self.node.entry);
+        let made = (self.node.entry.build)(&args_at(&own, &self.point()));
+        made.map_err(|faults| faults.into_iter().next().unwrap_or_else(|| Fault::machine("a stage that is refused")))
+    }
+
+    /// Its parameters in one spelling.
+    pub fn params(&self) -> Vec<(&'static str, String)> {
+        self.stage().map(|s| s.canonical()).unwrap_or_default()
+    }
+
+    /// What is asked here, without the data: the same for the same stage, version and parameters.
+    pub fn question(&self) -> Key {
+        *self.node.questions.at(self.index)
+    }
+}
+
+/// The parameters among the arguments of a stage.
+pub(super) fn own_args(decl: &StageDecl, entry: &Entry) -> Args {
+    let is_input = |name: &str| entry.inputs.iter().any(|i| i.name == name);
+    decl.args.iter().filter(|(k, _)| !is_input(k)).map(|(k, g)| (k.clone(), g.clone())).collect()
+}

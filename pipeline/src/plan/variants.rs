@@ -1,0 +1,357 @@
+//! What a stage asks, reads and makes over a sweep: parameters are checked once for each combination of the axes that
+//! they mention, columns once for each combination with the tables that reach the stage.
+
+use std::{
+    collections::HashMap,
+    hash::{DefaultHasher, Hash, Hasher},
+    sync::Arc,
+};
+
+use schemas::{Args, Column, Entry, Fault, Grain, Passes, Shape, StageDyn, Table, Yield};
+
+use super::{
+    axes::{args_at, axes_in, axes_of, spelt_in},
+    build::{Builder, MOST_FAULTS},
+    grid::{Grid, Onto, Over},
+    node::{Slot, Target, Variant, own_args},
+};
+use crate::{keys::Key, predicate::Predicate, spec::StageDecl};
+
+/// What is different between the points of a table.
+pub struct Variants {
+    pub variants: Vec<Variant>,
+    pub variant: Over<u32>,
+    pub tables: Vec<Arc<Table>>,
+    pub table: Over<u32>,
+    pub questions: Over<Key>,
+}
+
+/// The tables that reach a stage, and the rows it is restricted to.
+struct Situation {
+    tables: Vec<Arc<Table>>,
+    predicate: Option<Arc<Predicate>>,
+}
+
+/// The situations of a stage over the axes that they depend on.
+struct Reach {
+    grid: Grid,
+    at: Vec<u32>,
+    all: Vec<Situation>,
+}
+
+impl Builder<'_> {
+    /// The axes that the parameters of a stage mention.
+    fn own_axes(&self, own: &Args) -> Grid {
+        let axes: Vec<usize> = own.values().flat_map(|g| axes_of(&g.value, self.spec)).collect();
+        Grid::new(&axes, self.spec)
+    }
+
+    /// Checks the parameters where nothing else can be.
+    pub fn parameters(&mut self, decl: &StageDecl, entry: &Entry) {
+        let own = own_args(decl, entry);
+        let grid = self.own_axes(&own);
+        let before = self.faults.len();
+        for p in 0..grid.len() {
+            self.made(decl, entry, &own, &grid, p);
+            if self.faults.len() > before + MOST_FAULTS {
+                return;
+            }
+        }
+    }
+
+    fn made(
+        &mut self,
+        decl: &StageDecl,
+        entry: &Entry,
+        own: &Args,
+        grid: &Grid,
+        p: usize,
+    ) -> Option<Arc<dyn StageDyn>> {
+        let made = if grid.len() == 1 && grid.axes().next().is_none() {
+            (entry.build)(own)
+        } else {
+            (entry.build)(&args_at(own, &grid.point(p, self.spec)))
+        };
+        made.map_err(|faults| self.faults.extend(faults.into_iter().map(|f| f.at(decl.at.clone())))).ok()
+    }
+
+    /// What is different between the points of `whole`; `None` where something is wrong.
+    pub fn variants(&mut self, decl: &StageDecl, entry: &Entry, whole: &Grid, slots: &[Slot]) -> Option<Variants> {
+        let before = self.faults.len();
+        let own = own_args(decl, entry);
+        let grid = self.own_axes(&own);
+        let reach = self.reach(decl, entry, slots);
+        let rest = reach.grid.without(&grid);
+        let axes: Vec<usize> = grid.axes().chain(rest.axes()).collect();
+        let vary = Grid::new(&axes, self.spec);
+        let (own_reach, rest_reach) = (grid.onto(&reach.grid), rest.onto(&reach.grid));
+        let (own_vary, rest_vary) = (grid.onto(&vary), rest.onto(&vary));
+        let mut questions = vec![];
+        let mut values = vec![0u32; vary.len()];
+        let mut found = Found::default();
+        let mut here: HashMap<u32, Option<u32>> = HashMap::new();
+        for p in 0..grid.len() {
+            // What is wrong at each of thousands of points need not be said of each.
+            if self.faults.len() > before + MOST_FAULTS {
+                return None;
+            }
+            let Some(stage) = self.made(decl, entry, &own, &grid, p) else { continue };
+            questions.push(question(entry, stage.as_ref()));
+            here.clear();
+            for r in 0..rest.len() {
+                let situation = reach.at[own_reach.at(p) + rest_reach.at(r)];
+                let variant = match here.get(&situation) {
+                    Some(known) => *known,
+                    None => {
+                        let variant = self.variant(decl, entry, stage.as_ref(), &reach, situation, &mut found);
+                        here.insert(situation, variant);
+                        variant
+                    }
+                };
+                values[own_vary.at(p) + rest_vary.at(r)] = variant.unwrap_or_default();
+            }
+        }
+        if self.faults.len() > before {
+            return None;
+        }
+        let Found { variants, tables, table, .. } = found.in_order(&mut values);
+        let of: Vec<u32> = values.iter().map(|v| table[*v as usize]).collect();
+        Some(Variants {
+            variants,
+            variant: Over::new(whole, vary.clone(), values),
+            tables,
+            table: Over::new(whole, vary, of),
+            questions: Over::new(whole, grid, questions),
+        })
+    }
+
+    /// The tables and rows that reach a stage.
+    fn reach(&mut self, decl: &StageDecl, entry: &Entry, slots: &[Slot]) -> Reach {
+        let spec = self.spec;
+        let of_where = decl.predicate.as_ref().map(|(text, _)| axes_in(text, spec)).unwrap_or_default();
+        let mut axes = of_where.clone();
+        for slot in slots {
+            axes.extend(slot.targets.grid().axes());
+            for target in slot.targets.values().iter().flat_map(|t| t.iter()) {
+                if let Target::Stage(t, _) = target {
+                    axes.extend(self.tables[*t].table.grid().axes());
+                }
+            }
+        }
+        let grid = Grid::new(&axes, spec);
+        let of_where = Grid::new(&of_where, spec);
+        let to_where = grid.onto(&of_where);
+        let to_slots: Vec<Onto> = slots.iter().map(|s| grid.onto(s.targets.grid())).collect();
+        let to_tables: Vec<Onto> = self.tables.iter().map(|t| grid.onto(t.table.grid())).collect();
+        let before = self.faults.len();
+        let mut known: HashMap<(Vec<usize>, usize), u32> = HashMap::new();
+        let mut reach = Reach { at: Vec::with_capacity(grid.len()), grid, all: vec![] };
+        for w in 0..reach.grid.len() {
+            if self.faults.len() > before + MOST_FAULTS {
+                break;
+            }
+            let mut tables: Vec<Arc<Table>> = vec![];
+            for (slot, to) in slots.iter().zip(&to_slots) {
+                for target in slot.targets.values()[to.at(w)].iter() {
+                    tables.push(match target {
+                        Target::Flights(i) => self.shapes[*i].clone(),
+                        Target::Map(_) => self.map_shape.clone(),
+                        Target::Stage(t, _) => {
+                            let node = &self.tables[*t];
+                            node.tables[node.table.values()[to_tables[*t].at(w)] as usize].clone()
+                        }
+                    });
+                }
+            }
+            let addresses = tables.iter().map(|t| Arc::as_ptr(t) as usize).collect();
+            let next = reach.all.len() as u32;
+            let situation = *known.entry((addresses, to_where.at(w))).or_insert(next);
+            if situation == next {
+                let point = of_where.point(to_where.at(w), spec);
+                let text = decl.predicate.as_ref().map(|(text, at)| (spelt_in(text, &point), at.clone()));
+                let predicate = text.and_then(|(text, at)| {
+                    let found = self.predicate(&text, entry, tables.first());
+                    found.map_err(|fault| self.faults.push(fault.at(at))).ok()
+                });
+                reach.all.push(Situation { tables, predicate });
+            }
+            reach.at.push(situation);
+        }
+        reach
+    }
+
+    fn predicate(&mut self, text: &str, entry: &Entry, seen: Option<&Arc<Table>>) -> Result<Arc<Predicate>, Fault> {
+        let key = (text.to_owned(), seen.map(Arc::as_ptr));
+        if let Some(known) = self.predicates.get(&key) {
+            return Ok(known.clone());
+        }
+        let shape = seen.map(|t| t.shape().clone()).unwrap_or_default();
+        let predicate = Predicate::new(text, &shape)?;
+        if entry.grain == Grain::Line && !predicate.is_of_lines() {
+            let what =
+                format!("`{}` works on whole lines, so its `where` may only name `flight` and `line`", entry.name);
+            return Err(Fault::new(what));
+        }
+        let predicate = Arc::new(predicate);
+        self.predicates.insert(key, predicate.clone());
+        Ok(predicate)
+    }
+
+    /// What a stage reads and makes of one situation.
+    fn variant(
+        &mut self,
+        decl: &StageDecl,
+        entry: &Entry,
+        stage: &dyn StageDyn,
+        reach: &Reach,
+        situation: u32,
+        found: &mut Found,
+    ) -> Option<u32> {
+        let Situation { tables, predicate } = reach.all.get(situation as usize)?;
+        let seen: Vec<&Table> = tables.iter().map(AsRef::as_ref).collect();
+        match stage.yields(&seen) {
+            Ok(yields) => Some(found.add(entry, yields, tables.first(), predicate.as_ref())),
+            Err(faults) => {
+                self.faults.extend(faults.into_iter().map(|f| placed(f, decl)));
+                None
+            }
+        }
+    }
+}
+
+/// Variants found so far, the same ones once.
+#[derive(Default)]
+struct Found {
+    variants: Vec<Variant>,
+    /// The first table that each of them sees.
+    first: Vec<Option<usize>>,
+    /// The position of the table of each of them.
+    table: Vec<u32>,
+    tables: Vec<Arc<Table>>,
+    /// Those with the same fingerprint.
+    alike: HashMap<u64, Vec<u32>>,
+    tables_alike: HashMap<u64, Vec<u32>>,
+}
+
+impl Found {
+    fn add(
+        &mut self,
+        entry: &Entry,
+        yields: Yield,
+        first: Option<&Arc<Table>>,
+        predicate: Option<&Arc<Predicate>>,
+    ) -> u32 {
+        let address = first.map(|t| Arc::as_ptr(t) as usize);
+        let rows = predicate.map(Arc::as_ptr);
+        let fingerprint = of_yield(&yields, address, rows.map(|p| p as usize));
+        let same = |v: &&u32| {
+            let known = &self.variants[**v as usize];
+            self.first[**v as usize] == address
+                && known.predicate.as_ref().map(Arc::as_ptr) == rows
+                && known.yields == yields
+        };
+        if let Some(known) = self.alike.get(&fingerprint).and_then(|all| all.iter().find(same)) {
+            return *known;
+        }
+        let table = self.table(outcome(entry, &yields, first.map(AsRef::as_ref)));
+        let next = self.variants.len() as u32;
+        self.alike.entry(fingerprint).or_default().push(next);
+        self.variants.push(Variant {
+            yields,
+            table: self.tables[table as usize].clone(),
+            predicate: predicate.cloned(),
+        });
+        self.first.push(address);
+        self.table.push(table);
+        next
+    }
+
+    fn table(&mut self, table: Table) -> u32 {
+        let mut hasher = DefaultHasher::new();
+        table.shape().columns.iter().for_each(|c| (&c.name, &c.unit, &c.doc).hash(&mut hasher));
+        let alike = self.tables_alike.entry(hasher.finish()).or_default();
+        if let Some(known) = alike.iter().find(|i| same_table(&self.tables[**i as usize], &table)) {
+            return *known;
+        }
+        let next = self.tables.len() as u32;
+        alike.push(next);
+        self.tables.push(Arc::new(table));
+        next
+    }
+
+    /// The variants and their tables in the order in which `values` first names them, which is the order of the sweep.
+    fn in_order(self, values: &mut [u32]) -> Found {
+        let mut place: Vec<Option<u32>> = vec![None; self.variants.len()];
+        let mut order: Vec<u32> = vec![];
+        for value in values.iter_mut() {
+            let old = *value;
+            *value = *place[old as usize].get_or_insert_with(|| {
+                order.push(old);
+                order.len() as u32 - 1
+            });
+        }
+        let mut all: Vec<Option<Variant>> = self.variants.into_iter().map(Some).collect();
+        let mut found = Found::default();
+        let mut tables: HashMap<u32, u32> = HashMap::new();
+        for old in order {
+            let old_table = self.table[old as usize];
+            let next = found.tables.len() as u32;
+            let table = *tables.entry(old_table).or_insert(next);
+            if table == next {
+                found.tables.push(self.tables[old_table as usize].clone());
+            }
+            found.table.push(table);
+            found.variants.extend(all[old as usize].take());
+        }
+        found
+    }
+}
+
+/// A number that two equal yields share, and hardly two others.
+fn of_yield(yields: &Yield, first: Option<usize>, rows: Option<usize>) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    (first, rows, &yields.reads, &yields.features).hash(&mut hasher);
+    yields.columns.iter().for_each(|c| (&c.name, &c.unit, &c.doc, &c.from).hash(&mut hasher));
+    hasher.finish()
+}
+
+fn same_table(one: &Table, other: &Table) -> bool {
+    let features = match (one, other) {
+        (Table::Lines(_), Table::Lines(_)) | (Table::Map(_), Table::Map(_)) => true,
+        (Table::Model { features: a, .. }, Table::Model { features: b, .. }) => a == b,
+        _ => false,
+    };
+    features && one.shape() == other.shape()
+}
+
+/// What is asked of the data.
+fn question(entry: &Entry, stage: &dyn StageDyn) -> Key {
+    let params = stage.canonical();
+    let version = entry.version.to_string();
+    let words = params.iter().flat_map(|(k, v)| [*k, v.as_str()]);
+    Key::of(["question", entry.name, version.as_str()].into_iter().chain(words))
+}
+
+/// The table that later stages see. What its columns were made from is the business of the stage that made them.
+fn outcome(entry: &Entry, yields: &Yield, first: Option<&Table>) -> Table {
+    let made = yields.columns.iter().map(|c| Column { from: vec![], ..c.clone() });
+    let from = first.map(|t| t.shape().columns.as_slice()).unwrap_or_default();
+    let passed: Vec<Column> = match &yields.passes {
+        Passes::All => from.iter().filter(|c| !yields.columns.iter().any(|m| m.name == c.name)).cloned().collect(),
+        Passes::Only(names) => names.iter().filter_map(|n| from.iter().find(|c| c.name == *n).cloned()).collect(),
+        Passes::None => vec![],
+    };
+    let rate_hz = yields.rate_hz.or_else(|| first.and_then(|t| t.shape().rate_hz));
+    let shape = Shape { columns: passed.into_iter().chain(made).collect(), rate_hz };
+    match entry.grain {
+        Grain::Line => Table::Lines(shape),
+        Grain::Survey => Table::Model { shape, features: yields.features.clone() },
+    }
+}
+
+/// A stage's fault, at the parameter it concerns.
+fn placed(fault: Fault, decl: &StageDecl) -> Fault {
+    let given = fault.param.as_ref().and_then(|p| decl.args.get(p));
+    let at = given.map_or(decl.at.clone(), |g| g.at.clone());
+    Fault { what: format!("`{}`: {}", decl.name, fault.what), ..fault }.at(at)
+}
