@@ -398,7 +398,7 @@ fn conclude(plan: &Plan, summary: &Summary, quiet: bool) -> Result<(), Stop> {
         warned.last().into_iter().for_each(|line| tell(&format!("warning: {line}")));
         return Ok(());
     }
-    for text in &plan.notes {
+    for text in &summary.notes {
         note(text);
     }
     say(table_of(summary))?;

@@ -1,13 +1,16 @@
 //! `magline sql`: a question and its answer.
 
 use std::{
+    io::{IsTerminal, Read},
     path::{Path, PathBuf},
     process::exit,
     sync::Mutex,
 };
 
+use arrow_array::RecordBatch;
+use arrow_schema::SchemaRef;
 use clap::Args;
-use pipeline::views::sql::{Question, memory, sql};
+use pipeline::views::sql::{Question, Sink, memory, sql};
 use schemas::Fault;
 
 use super::{Stop, answer, say::err};
@@ -15,8 +18,12 @@ use super::{Stop, answer, say::err};
 /// A question.
 #[derive(Args)]
 pub struct SqlArgs {
-    /// The query.
-    query: String,
+    /// The query; `-` or nothing reads it from standard input.
+    #[arg(conflicts_with = "file")]
+    query: Option<String>,
+    /// A file that holds the query.
+    #[arg(short, long)]
+    file: Option<PathBuf>,
     /// The store's folder.
     #[arg(long, default_value = "store")]
     store: PathBuf,
@@ -26,6 +33,9 @@ pub struct SqlArgs {
     /// The file it is written to.
     #[arg(short, long)]
     output: Option<PathBuf>,
+    /// End the answer after so many rows, and say so on standard error.
+    #[arg(long, value_name = "N")]
+    max_rows: Option<usize>,
     /// How much memory the query may take, such as 4GB; more goes to temporary files. A quarter of the machine's when
     /// left out, at most 8 GB.
     #[arg(long, value_name = "SIZE", value_parser = memory::size)]
@@ -77,15 +87,72 @@ pub fn run(args: &SqlArgs) -> Result<(), Stop> {
     if let Some(output) = &args.output {
         outside(output, &args.store)?;
     }
+    let query = query(args)?;
     let spill = Temporary::new(std::env::temp_dir().join(format!("magline-sql-{}", std::process::id())));
     let question = Question {
         store: &args.store,
-        query: &args.query,
+        query: &query,
         memory: args.memory_limit.unwrap_or_else(memory::by_default),
         spill: spill.path().to_owned(),
     };
-    let mut answer = answer::Answer::new(args.format, args.output.as_deref())?;
-    Ok(sql(&question, &mut answer)?)
+    let answer = answer::Answer::new(args.format, args.output.as_deref())?;
+    let Some(most) = args.max_rows else {
+        let mut answer = answer;
+        return Ok(sql(&question, &mut answer)?);
+    };
+    let mut first = First { answer, left: most, cut: None };
+    sql(&question, &mut first)?;
+    if let Some(schema) = first.cut.take() {
+        first.answer.finish(&schema)?;
+        err!("note: the answer has more than {most} rows; `--max-rows` ends it there");
+    }
+    Ok(())
+}
+
+/// The query: an argument, a file, or standard input.
+fn query(args: &SqlArgs) -> Result<String, Fault> {
+    match (&args.query, &args.file) {
+        (Some(query), _) if query != "-" => Ok(query.clone()),
+        (_, Some(file)) if file.as_os_str() != "-" => std::fs::read_to_string(file)
+            .map_err(|e| Fault::new(format!("cannot read the query in {}: {e}", file.display()))),
+        (None, None) if std::io::stdin().is_terminal() => {
+            Err(Fault::new("there is no query").help("write it as an argument, in a file (`-f FILE`) or to standard input"))
+        }
+        _ => {
+            let mut text = String::new();
+            let read = std::io::stdin().read_to_string(&mut text);
+            read.map_err(|e| Fault::new(format!("cannot read the query from standard input: {e}")))?;
+            Ok(text)
+        }
+    }
+}
+
+/// The first rows of an answer.
+struct First {
+    answer: answer::Answer,
+    left: usize,
+    /// The schema, once there are more.
+    cut: Option<SchemaRef>,
+}
+
+impl Sink for First {
+    fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
+        let rows = batch.num_rows().min(self.left);
+        self.left -= rows;
+        let wanted = self.answer.take(batch.slice(0, rows))?;
+        if wanted && rows < batch.num_rows() {
+            self.cut = Some(batch.schema());
+        }
+        Ok(wanted && self.cut.is_none())
+    }
+
+    fn keeps(&self, batch: &RecordBatch) -> usize {
+        self.answer.keeps(batch)
+    }
+
+    fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault> {
+        self.answer.finish(schema)
+    }
 }
 
 /// An answer is not written over what the store holds.
