@@ -52,6 +52,7 @@ stage             = "map_value"
 input             = "core"
 map               = "anomaly"
 map_interpolation = "cubic"
+carry             = ["lat", "lon", "alt"]
 
 [[stages]]
 name  = "scores"

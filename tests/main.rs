@@ -21,6 +21,7 @@ mod plausible;
 mod queries;
 mod readers;
 mod reuse;
+mod store;
 mod support;
 mod trust;
 mod versions;

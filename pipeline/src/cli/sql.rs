@@ -116,7 +116,8 @@ fn query(args: &SqlArgs) -> Result<String, Fault> {
         (_, Some(file)) if file.as_os_str() != "-" => std::fs::read_to_string(file)
             .map_err(|e| Fault::new(format!("cannot read the query in {}: {e}", file.display()))),
         (None, None) if std::io::stdin().is_terminal() => {
-            Err(Fault::new("there is no query").help("write it as an argument, in a file (`-f FILE`) or to standard input"))
+            Err(Fault::new("there is no query")
+                .help("write it as an argument, in a file (`-f FILE`) or to standard input"))
         }
         _ => {
             let mut text = String::new();

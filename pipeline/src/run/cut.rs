@@ -114,8 +114,12 @@ impl<'a> Cut<'a> {
         let it = plan.instance(unit.table, unit.instance);
         let axes = plan.tables[unit.table].axis_columns(&it, &plan.spec);
         let rows = made.num_rows();
-        let wanted: Vec<String> =
-            self.passed.iter().filter(|n| it.makes(n).is_none() && it.table.shape().get(n).is_some()).cloned().collect();
+        let wanted: Vec<String> = self
+            .passed
+            .iter()
+            .filter(|n| it.makes(n).is_none() && it.table.shape().get(n).is_some())
+            .cloned()
+            .collect();
         let passed = match unit.line.filter(|_| !wanted.is_empty()) {
             Some(line) => Some(held.batch(Ref::Stage(unit.table, unit.instance), line, &wanted)?),
             None => None,
@@ -135,9 +139,8 @@ impl<'a> Cut<'a> {
             let found = made.column_by_name(f.name()).or_else(|| passed.as_ref()?.column_by_name(f.name()));
             match (found, identifier(f.name())) {
                 (Some(array), _) if array.data_type() == f.data_type() => Ok(array.clone()),
-                (Some(array), _) => {
-                    arrow_cast::cast(array, f.data_type()).map_err(|e| Fault::machine(e.to_string()).in_column(f.name()))
-                }
+                (Some(array), _) => arrow_cast::cast(array, f.data_type())
+                    .map_err(|e| Fault::machine(e.to_string()).in_column(f.name())),
                 (None, Some(text)) => Ok(Arc::new(StringArray::from(vec![text.as_str(); rows]))),
                 (None, None) => Ok(new_null_array(f.data_type(), rows)),
             }

@@ -75,8 +75,7 @@ pub fn cover(catalogue: &Catalogue, kind: Key, layout: &Layout, wanted: &[Option
         let chunk = layout.chunks.get(layout.chunks.partition_point(|c| c.end <= first));
         // A chunk without the units that have nothing to show for themselves.
         let exact = chunk.is_some_and(|c| {
-            c.contains(&last)
-                && c.clone().filter(|i| wanted[*i].is_some()).eq(places.iter().copied())
+            c.contains(&last) && c.clone().filter(|i| wanted[*i].is_some()).eq(places.iter().copied())
         });
         if exact || !strict {
             found.push((!exact, usize::MAX - places.len(), first, pack.id, places));

@@ -141,8 +141,7 @@ const HEALINGS: usize = 5;
 /// When a source cannot be read, the store cannot be written, or another run of the pipeline is at work; nothing has been
 /// run then.
 pub fn run(plan: &Plan, store: &Store, options: Options, listener: &dyn Listener) -> Result<Summary, Faults> {
-    let publisher =
-        store.publisher(&plan.spec.name, options.wait).map_err(|f| plan.spec.faults(vec![f]))?;
+    let publisher = store.publisher(&plan.spec.name, options.wait).map_err(|f| plan.spec.faults(vec![f]))?;
     let mut healings = 0;
     let mut summary = loop {
         let before = store.damaged().len();
@@ -152,7 +151,8 @@ pub fn run(plan: &Plan, store: &Store, options: Options, listener: &dyn Listener
             break summary;
         }
     };
-    let healed = |what| format!("{what}; it is set aside in {}, and was computed again", store.root().join("damaged").display());
+    let healed =
+        |what| format!("{what}; it is set aside in {}, and was computed again", store.root().join("damaged").display());
     summary.notes.extend(store.damaged().into_iter().map(healed));
     if let Err(fault) = store.write_index() {
         summary.failures.push(unpublished(fault));
@@ -229,19 +229,7 @@ fn once(
     let scores = if interrupted { vec![] } else { scores::all(plan, &folder, &warnings) };
     let seconds = seconds.into_iter().map(|(_, s)| s).collect();
     let notes = plan.notes.clone();
-    Ok(Summary {
-        tables,
-        failures,
-        quality,
-        quality_lines,
-        warnings,
-        scores,
-        notes,
-        seconds,
-        run,
-        interrupted,
-        folder,
-    })
+    Ok(Summary { tables, failures, quality, quality_lines, warnings, scores, notes, seconds, run, interrupted, folder })
 }
 
 /// What is asked of which data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of every table. A

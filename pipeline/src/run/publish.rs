@@ -70,7 +70,8 @@ impl Publication<'_> {
         let graph = self.graph;
         let catalogue = self.store.catalogue();
         let lines = graph.records.iter().flat_map(|r| r.values()).map(|l| l.object);
-        let sources = lines.chain(graph.maps.iter().copied()).filter_map(|k| Some(catalogue.pack(catalogue.find(k)?.pack)?.id));
+        let sources =
+            lines.chain(graph.maps.iter().copied()).filter_map(|k| Some(catalogue.pack(catalogue.find(k)?.pack)?.id));
         let all: BTreeSet<Key> = self.packs.iter().flatten().copied().chain(sources).collect();
         all.into_iter().collect()
     }

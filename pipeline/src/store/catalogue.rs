@@ -227,7 +227,11 @@ fn load(root: &Path) -> Option<Vec<Pack>> {
         let count = u64::from_le_bytes(take(&mut rest)?);
         let units = (0..count).map(|_| {
             let key = Key::from_bytes(take(&mut rest)?);
-            Some(Packed { key, dress: u64::from_le_bytes(take(&mut rest)?), rows: u32::from_le_bytes(take(&mut rest)?) })
+            Some(Packed {
+                key,
+                dress: u64::from_le_bytes(take(&mut rest)?),
+                rows: u32::from_le_bytes(take(&mut rest)?),
+            })
         });
         packs.push(Pack { id, size, modified_ns, kind, units: units.collect::<Option<Vec<_>>>()? });
     }

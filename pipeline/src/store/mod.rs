@@ -40,12 +40,14 @@ use arrow_select::concat::concat_batches;
 use schemas::Fault;
 
 use crate::keys::Key;
-use catalogue::{UNITS, stamp};
 pub use catalogue::{Catalogue, FAILED, Pack, Packed};
-use objects::{NOTES, Note};
+use catalogue::{UNITS, stamp};
 pub use objects::Objects;
+use objects::{NOTES, Note};
 pub use sealed::{Sealed, verify};
-pub use version::{Beside, Manifest, ManifestTable, Publisher, TableFiles, Version, current, parts, published, versions};
+pub use version::{
+    Beside, Manifest, ManifestTable, Publisher, TableFiles, Version, current, parts, published, versions,
+};
 
 /// The layout of the store; a store of another layout is refused.
 const LAYOUT: &str = "magline store 2\n";
@@ -228,8 +230,11 @@ impl Store {
     /// When the file system refuses.
     pub fn put_all(&self, batches: &[(Key, RecordBatch)]) -> Result<(), Fault> {
         let Some((_, first)) = batches.first() else { return Ok(()) };
-        let unit = |(key, batch): &(Key, RecordBatch)| {
-            NewUnit { key: *key, dress: 0, rows: Ok(batch.clone()), left_out: vec![] }
+        let unit = |(key, batch): &(Key, RecordBatch)| NewUnit {
+            key: *key,
+            dress: 0,
+            rows: Ok(batch.clone()),
+            left_out: vec![],
         };
         let id = Key::of(std::iter::once("source".to_owned()).chain(batches.iter().map(|(key, _)| key.to_string())));
         self.pack(id, Key::of(["source"]), &first.schema(), &[], batches.iter().map(unit).collect())

@@ -173,7 +173,8 @@ impl Objects {
             }
             Trouble::Machine(_) => {}
         }
-        Fault::machine(format!("cannot read {}: {trouble}", path.display())).help("run again: what is damaged is computed again")
+        Fault::machine(format!("cannot read {}: {trouble}", path.display()))
+            .help("run again: what is damaged is computed again")
     }
 
     /// The footer of a pack.

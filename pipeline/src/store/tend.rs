@@ -185,7 +185,8 @@ fn drop_version(folder: &Path) -> io::Result<bool> {
         }
     }
     let tables = version.manifest.tables.iter().map(|t| folder.join("tables").join(&t.name));
-    let folders: Vec<PathBuf> = tables.chain([folder.join("tables"), folder.join("units"), folder.to_owned()]).collect();
+    let folders: Vec<PathBuf> =
+        tables.chain([folder.join("tables"), folder.join("units"), folder.to_owned()]).collect();
     for one in &folders {
         match fs::remove_dir(one) {
             Err(e) if e.kind() == io::ErrorKind::NotFound => {}

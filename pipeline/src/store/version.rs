@@ -251,7 +251,8 @@ impl Store {
             from.push((one.file.clone(), name));
         }
         let before = current(self.root(), pipeline);
-        for table in before.iter().flat_map(|v| v.manifest.tables.iter().map(|t| v.folder.join("tables").join(&t.name))) {
+        for table in before.iter().flat_map(|v| v.manifest.tables.iter().map(|t| v.folder.join("tables").join(&t.name)))
+        {
             if fs::symlink_metadata(&table).is_ok_and(|m| m.is_symlink()) {
                 let what = format!("the folder of the table, {}, leads out of the store", table.display());
                 return Err(Fault::machine(what).help("remove the link; the table is published again"));

@@ -120,7 +120,8 @@ pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fa
     let all = past(root, pipeline);
     let open = |number: u64| -> Result<Snapshot, Fault> {
         let known = || all.iter().map(|p| p.number.to_string()).collect::<Vec<_>>();
-        let no = || Fault::new(format!("no run {number} of `{pipeline}` is known")).nearest(&number.to_string(), &known());
+        let no =
+            || Fault::new(format!("no run {number} of `{pipeline}` is known")).nearest(&number.to_string(), &known());
         let past = all.iter().find(|p| p.number == number).ok_or_else(no)?;
         let bytes = fs::read(root.join("runs").join(&past.snapshot));
         let snapshot = bytes.ok().filter(|b| format!("{}.json", Key::of([b])) == past.snapshot);
@@ -146,7 +147,8 @@ pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fa
     differences(&mut text, "table", &tables(&one), &tables(&other), |text, name, x, y| {
         let keys = x.as_object().into_iter().flat_map(|o| o.keys());
         for key in keys.filter(|k| x.get(k.as_str()) != y.get(k.as_str())) {
-            let (x, y) = (x.get(key).unwrap_or(&serde_json::Value::Null), y.get(key).unwrap_or(&serde_json::Value::Null));
+            let (x, y) =
+                (x.get(key).unwrap_or(&serde_json::Value::Null), y.get(key).unwrap_or(&serde_json::Value::Null));
             let short = |v: &serde_json::Value| {
                 let text = v.to_string();
                 if text.chars().count() <= 100 { text } else { text.chars().take(97).collect::<String>() + "..." }

@@ -8,7 +8,7 @@ use datafusion::{
 };
 use schemas::Fault;
 
-use super::{scan::Unreadable, Question, memory, tables::Known};
+use super::{Question, memory, scan::Unreadable, tables::Known};
 use crate::deep;
 
 /// What to say of `e`.

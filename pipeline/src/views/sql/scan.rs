@@ -11,8 +11,8 @@ use std::{
 };
 
 use arrow_array::{
-    Array, ArrayRef, BooleanArray, RecordBatch, RecordBatchOptions, UInt64Array, cast::AsArray,
-    new_null_array, types::Int64Type,
+    Array, ArrayRef, BooleanArray, RecordBatch, RecordBatchOptions, UInt64Array, cast::AsArray, new_null_array,
+    types::Int64Type,
 };
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use async_trait::async_trait;
@@ -91,7 +91,8 @@ impl Published {
         let (mut schema, mut logical) = (stored.clone(), None);
         if let Some(units) = &table.units {
             let file = open(&units.name)?;
-            (schema, logical) = Logical::read(&file).map(|(s, l)| (s, Some(l))).map_err(|e| damaged(&path(&units.name), &e))?;
+            (schema, logical) =
+                Logical::read(&file).map(|(s, l)| (s, Some(l))).map_err(|e| damaged(&path(&units.name), &e))?;
         }
         let groups = files.iter().enumerate().flat_map(|(i, f)| (0..f.starts().len() - 1).map(move |g| (i, g)));
         let groups = groups.collect();
@@ -372,15 +373,13 @@ impl PartitionStream for Part {
 
     fn execute(&self, _: Arc<TaskContext>) -> SendableRecordBatchStream {
         let (source, schema) = (self.source.clone(), self.schema.clone());
-        let pieces = self.pieces.clone().into_iter().flat_map(move |piece| {
-            match source.read(piece, &schema) {
-                Ok(batch) => {
-                    let starts = (0..batch.num_rows()).step_by(BATCH_ROWS);
-                    let cut = |from| Ok(batch.slice(from, BATCH_ROWS.min(batch.num_rows() - from)));
-                    starts.map(cut).collect::<Vec<_>>()
-                }
-                Err(fault) => vec![Err(DataFusionError::External(Box::new(Unreadable(fault))))],
+        let pieces = self.pieces.clone().into_iter().flat_map(move |piece| match source.read(piece, &schema) {
+            Ok(batch) => {
+                let starts = (0..batch.num_rows()).step_by(BATCH_ROWS);
+                let cut = |from| Ok(batch.slice(from, BATCH_ROWS.min(batch.num_rows() - from)));
+                starts.map(cut).collect::<Vec<_>>()
             }
+            Err(fault) => vec![Err(DataFusionError::External(Box::new(Unreadable(fault))))],
         });
         Box::pin(RecordBatchStreamAdapter::new(self.schema.clone(), futures::stream::iter(pieces)))
     }

@@ -1,0 +1,390 @@
+//! The store: plain for every reader, whole at every moment, and no larger than what it holds.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    os::unix::fs::MetadataExt,
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    thread::sleep,
+    time::{Duration, Instant},
+};
+
+use parquet::{
+    basic::{Compression, Encoding},
+    file::{metadata::ParquetMetaData, reader::FileReader, serialized_reader::SerializedFileReader},
+};
+use serde_json::Value;
+
+use crate::support::{Bench, SPEC, line_of, numbers, read, stderr, stdout, texts, write};
+
+fn ran() -> Bench {
+    let bench = Bench::new();
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    bench
+}
+
+/// Every file below `folder`.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let mut found = vec![];
+    let mut folders = vec![folder.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap().flatten() {
+            if entry.path().is_dir() { folders.push(entry.path()) } else { found.push(entry.path()) }
+        }
+    }
+    found.sort();
+    found
+}
+
+fn query(bench: &Bench, store: &str, query: &str) -> Vec<Value> {
+    let output = bench.magline(&["sql", query, "--store", store, "--format", "json"]);
+    assert!(output.status.success(), "{query}: {}", stderr(&output));
+    stdout(&output).lines().map(|l| serde_json::from_str(l).unwrap()).collect()
+}
+
+fn metadata(file: &Path) -> ParquetMetaData {
+    SerializedFileReader::new(fs::File::open(file).unwrap()).unwrap().metadata().clone()
+}
+
+/// The rows that parquet-mr reads of a file in splits of `split` bytes: it takes a row group with the split that the middle
+/// of its bytes lies in, and reckons these from the offset of the first chunk and the sizes of all.
+fn rows_in_splits(file: &Path, split: i64) -> i64 {
+    let metadata = metadata(file);
+    let size = fs::metadata(file).unwrap().len() as i64;
+    let mut rows = 0;
+    for start in (0..size).step_by(split as usize) {
+        for group in metadata.row_groups() {
+            let first = group.column(0);
+            let from =
+                first.dictionary_page_offset().map_or(first.data_page_offset(), |d| d.min(first.data_page_offset()));
+            let middle = from + group.compressed_size() / 2;
+            if (start..start + split).contains(&middle) {
+                rows += group.num_rows();
+            }
+        }
+    }
+    rows
+}
+
+#[test]
+fn r11_every_published_file_is_plain_to_the_strictest_reader() {
+    let bench = ran();
+    let mut seen = 0;
+    for file in files(&bench.path("store/tables/small")) {
+        let metadata = metadata(&file);
+        let rows = metadata.file_metadata().num_rows();
+        for split in [1 << 10, 100_000, 128 << 20] {
+            assert_eq!(rows_in_splits(&file, split), rows, "{} in splits of {split}", file.display());
+        }
+        // No byte belongs to two chunks, and the chunks of a row group stand together.
+        let mut end = 4;
+        for group in metadata.row_groups() {
+            for chunk in group.columns() {
+                let (start, length) = chunk.byte_range();
+                assert_eq!(start, end, "{}", file.display());
+                end = start + length;
+                let plain = |e| matches!(e, Encoding::PLAIN | Encoding::RLE | Encoding::RLE_DICTIONARY);
+                assert!(chunk.encodings().all(plain), "{:?}", chunk.encodings().collect::<Vec<_>>());
+                assert_eq!(chunk.compression(), Compression::SNAPPY);
+            }
+        }
+        let said: BTreeMap<&str, &str> = metadata
+            .file_metadata()
+            .key_value_metadata()
+            .unwrap()
+            .iter()
+            .filter_map(|kv| Some((kv.key.as_str(), kv.value.as_deref()?)))
+            .collect();
+        let beside =
+            ["failures", "warnings", "quality"].iter().any(|t| file.to_string_lossy().contains(&format!("/{t}/")));
+        if !beside {
+            for key in ["stage", "stage_version", "spec_hash", "key", "units", "columns"] {
+                assert!(said.contains_key(format!("magline.{key}").as_str()), "{key} {}", file.display());
+            }
+            let columns: Value = serde_json::from_str(said["magline.columns"]).unwrap();
+            assert!(columns.as_object().unwrap().values().all(|c| c["role"].is_string() && c["unit"].is_string()));
+        }
+        seen += 1;
+    }
+    assert_eq!(seen, 9);
+}
+
+#[test]
+fn r11_a_table_holds_keys_and_what_its_stage_made_and_sql_the_rest() {
+    let bench = Bench::new();
+    bench.spec(&SPEC.replace("mag   = \"$mag\"\n", "mag   = \"$mag\"\ncarry = [\"lat\", \"mag_1_c\"]\n"));
+    assert_eq!(bench.run(&[]).code, 0);
+    let names = |table: &str| -> Vec<String> {
+        let batch = read(&bench.path("store/tables/small").join(table)).remove(0);
+        batch.schema().fields().iter().map(|f| f.name().clone()).collect()
+    };
+    assert_eq!(names("terms"), ["vector", "flight", "line", "tt", "tl"]);
+    let made = ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau"];
+    let clean: BTreeSet<String> = names("clean").into_iter().collect();
+    let expected = ["mag", "vector", "lambda", "flight", "line", "tt", "lat", "mag_1_c"].iter().chain(&made);
+    assert_eq!(clean, expected.map(|n| (*n).to_owned()).collect());
+    // The logical table has all columns, and those that pass through are the ones of the table that made them.
+    let sum = |table: &str, column: &str| {
+        query(
+            &bench,
+            "store",
+            &format!(
+                "SELECT count(*) AS n, sum({column}) AS s, count({column}) AS c FROM small.{table} WHERE line = '1.01'"
+            ),
+        )
+        .remove(0)
+    };
+    for column in ["lon", "flux_a_x", "mag_4_uc", "lat"] {
+        let (even, clean) = (sum("even", column), sum("clean", column));
+        assert_eq!(clean["n"].as_i64().unwrap(), 8 * even["n"].as_i64().unwrap());
+        assert_eq!(clean["c"].as_i64().unwrap(), 8 * even["c"].as_i64().unwrap());
+        let (one, eight) = (even["s"].as_f64().unwrap(), clean["s"].as_f64().unwrap());
+        assert!((eight / (8.0 * one) - 1.0).abs() < 1e-12, "{column}: {one} {eight}");
+    }
+    let joined = "SELECT count(*) AS n FROM small.clean c JOIN small.even e ON c.flight = e.flight AND c.line = e.line \
+                  AND c.tt = e.tt WHERE c.lon = e.lon AND c.lat = e.lat AND c.mag_4_uc = e.mag_4_uc";
+    assert_eq!(query(&bench, "store", joined)[0]["n"], 19_200);
+    // Units are ruled out by their keys, and the answer stays the same.
+    let by_key = "SELECT count(*) AS n, avg(lon) AS lon FROM small.clean WHERE mag = 'mag_5_uc' AND lambda < 0.01 AND line = '2.02'";
+    assert_eq!(query(&bench, "store", by_key)[0]["n"], 2 * 500);
+}
+
+/// Everything that is in a store, with what tells whether it was written again.
+fn stamps(folder: &Path) -> BTreeMap<PathBuf, (u64, i64, i64)> {
+    let stamp = |p: PathBuf| {
+        let m = fs::metadata(&p).unwrap();
+        (p, (m.ino(), m.mtime(), m.mtime_nsec()))
+    };
+    let parts = ["objects", "versions", "sources", "plans", "index"].map(|p| folder.join(p));
+    parts.iter().flat_map(|p| if p.is_dir() { files(p) } else { vec![p.clone()] }).map(stamp).collect()
+}
+
+#[test]
+fn r11_an_unchanged_run_writes_nothing_but_its_history() {
+    let bench = ran();
+    let before = stamps(&bench.path("store"));
+    let version = fs::read_link(bench.path("store/tables/small")).unwrap();
+    let done = bench.run(&[]);
+    assert_eq!((done.code, done.total("computed")), (0, 0));
+    assert_eq!(fs::read_link(bench.path("store/tables/small")).unwrap(), version);
+    assert!(stamps(&bench.path("store")) == before, "something was written again");
+    let runs = stdout(&bench.magline(&["runs", "small", "--store", "store"]));
+    assert_eq!(runs.lines().count(), 3, "{runs}");
+    let same = bench.magline(&["runs", "small", "1", "2", "--store", "store"]);
+    assert!(stdout(&same).contains("asked the same of the same data"), "{}", stdout(&same));
+}
+
+#[test]
+fn r11_the_store_is_as_large_as_what_it_holds() {
+    let bench = ran();
+    let mut seen = BTreeSet::new();
+    let mut bytes = |part: &str| -> u64 {
+        let all = files(&bench.path("store").join(part));
+        let fresh = all.iter().map(|f| fs::metadata(f).unwrap()).filter(|m| seen.insert(m.ino()));
+        fresh.map(|m| m.len()).sum()
+    };
+    let objects = bytes("objects");
+    let rest: u64 = ["versions", "sources", "plans", "runs"].iter().map(|p| bytes(p)).sum();
+    assert!(rest < objects / 2, "{rest} bytes beside {objects}");
+    // 4 lines of 9 tables at 8 points: no file a unit.
+    assert!(files(&bench.path("store/objects")).len() < 12);
+}
+
+#[test]
+fn r11_a_thousand_points_do_with_256_open_files() {
+    let bench = Bench::new();
+    let lambdas: Vec<String> = (0..1000).map(|i| format!("{}", f64::from(i) * 1e-4)).collect();
+    let spec = SPEC
+        .replace("lambda = [0.0, 0.025]", &format!("lambda = [{}]", lambdas.join(", ")))
+        .replace("[\"mag_4_uc\", \"mag_5_uc\"]", "[\"mag_4_uc\"]")
+        .replace("[\"flux_a\", \"flux_d\"]", "[\"flux_a\"]");
+    let (track, scores) = (spec.find("[[stages]]\nname            = \"track\"").unwrap(), "[\"clean\", \"track\"]");
+    let end = spec[track..].find("[[stages]]\nname  = \"scores\"").unwrap() + track;
+    bench.spec(&(spec[..track].to_owned() + &spec[end..].replace(scores, "[\"clean\"]")));
+    let line = format!("ulimit -n 256; '{}' run spec.toml -q --threads 4", env!("CARGO_BIN_EXE_magline"));
+    let output = Command::new("sh").args(["-c", &line]).current_dir(bench.folder.path()).output().unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    let counted = query(&bench, "store", "SELECT count(*) AS n, count(DISTINCT lambda) AS points FROM small.clean");
+    assert_eq!((&counted[0]["n"], &counted[0]["points"]), (&2_400_000.into(), &1000.into()));
+    assert!(files(&bench.path("store/objects")).len() < 100, "a file a point");
+}
+
+#[test]
+fn r11_one_run_of_a_pipeline_at_a_time() {
+    let bench = Bench::new();
+    let start = |args: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_magline"));
+        command.args(["run", "spec.toml", "-q"]).args(args).current_dir(bench.folder.path());
+        command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+    };
+    let held = fs::File::create({
+        fs::create_dir_all(bench.path("store/locks")).unwrap();
+        bench.path("store/locks/small.lock")
+    })
+    .unwrap();
+    held.lock().unwrap();
+    let told = start(&[]).wait_with_output().unwrap();
+    assert_eq!(told.status.code(), Some(1));
+    assert!(
+        stderr(&told).contains("another run of `small` is at work") && stderr(&told).contains("--wait"),
+        "{}",
+        stderr(&told)
+    );
+    let mut waits = start(&["--wait"]);
+    sleep(Duration::from_millis(400));
+    assert!(waits.try_wait().unwrap().is_none(), "it did not wait");
+    held.unlock().unwrap();
+    assert!(waits.wait().unwrap().success());
+    // Many at once: each waits for the one before, and the tables are those of one of them.
+    let all: Vec<_> =
+        ["0.0", "0.5", "0.9"].iter().map(|l| start(&["--wait", "--set", &format!("axes.lambda=[{l}]")])).collect();
+    for child in all {
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+    }
+    let one = |table: &str| query(&bench, "store", &format!("SELECT DISTINCT lambda FROM small.{table}"));
+    assert_eq!(one("clean").len(), 1);
+    assert!(["coefficients", "track", "scores"].iter().all(|t| one(t) == one("clean")));
+}
+
+#[test]
+fn r11_tables_change_together_and_a_reader_keeps_what_it_opened() {
+    let bench = ran();
+    let folder = bench.path("store/tables/small").canonicalize().unwrap();
+    let opened = read(&folder.join("scores"));
+    fs::write(bench.path("store/tables/small/clean/notes.txt"), "mine").unwrap();
+    fs::write(bench.path("store/tables/small/clean/mine.parquet"), "mine too").unwrap();
+    let smaller = SPEC.replace("lambda = [0.0, 0.025]", "lambda = [0.5]");
+    let smaller = smaller.replace("name  = \"scores\"", "name  = \"marks\"");
+    bench.spec(&smaller);
+    assert_eq!(bench.run(&[]).code, 0);
+    // The version before is as it was; the new one has neither the stage that went nor another point.
+    assert_eq!(texts(&read(&folder.join("scores")), "metric"), texts(&opened, "metric"));
+    assert!(!bench.path("store/tables/small/scores").exists() && bench.path("store/tables/small/marks").is_dir());
+    for file in ["notes.txt", "mine.parquet"] {
+        assert!(bench.path("store/tables/small/clean").join(file).is_file(), "{file} is lost");
+    }
+    assert_eq!(
+        query(&bench, "store", "SELECT DISTINCT lambda FROM small.clean"),
+        [serde_json::json!({ "lambda": 0.5 })]
+    );
+    assert!(bench.magline(&["gc", "--store", "store"]).status.success());
+    assert!(folder.join("scores").is_dir(), "a dry run removed something");
+    let output = bench.magline(&["gc", "--store", "store", "--older-than", "1d", "--yes"]);
+    assert!(output.status.success() && folder.join("scores").is_dir());
+    let output = bench.magline(&["gc", "--store", "store", "--yes"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(!folder.join("scores").exists());
+    // What someone else put there stays, in the version that it was put into too.
+    assert!(
+        folder.join("clean/notes.txt").is_file() && stdout(&output).contains("not magline's"),
+        "{}",
+        stdout(&output)
+    );
+    let again = bench.run(&[]);
+    assert_eq!((again.code, again.total("computed")), (0, 0));
+    bench.spec(SPEC);
+    let back = bench.run(&[]);
+    assert!(back.code == 0 && back.computed("clean") == 32, "{}", back.last);
+}
+
+#[test]
+fn r11_tables_are_listed_and_removed() {
+    let bench = ran();
+    let listed = stdout(&bench.magline(&["ls", "--store", "store"]));
+    assert!(listed.lines().any(|l| l.split_whitespace().take(2).eq(["small.clean", "19200"])), "{listed}");
+    assert_eq!(bench.magline(&["rm", "small.clearn", "--store", "store"]).status.code(), Some(2));
+    assert!(bench.magline(&["rm", "small.clean", "--store", "store"]).status.success());
+    assert!(!bench.path("store/tables/small/clean").exists() && bench.path("store/tables/small/scores").is_dir());
+    let again = bench.run(&[]);
+    assert_eq!((again.code, again.total("computed")), (0, 0));
+    assert_eq!(numbers(&read(&bench.path("store/tables/small/clean")), "mag_c").len(), 19_200);
+    assert!(bench.magline(&["rm", "small", "--store", "store"]).status.success());
+    assert!(!bench.path("store/tables/small").exists());
+    assert!(bench.magline(&["gc", "--store", "store", "--yes"]).status.success());
+    assert_eq!(files(&bench.path("store/objects")).len(), 0);
+    let first = bench.run(&[]);
+    assert!(first.code == 0 && first.total("reused") == 0);
+}
+
+#[test]
+fn r11_a_line_that_is_added_costs_its_own_bytes() {
+    let bench = Bench::new();
+    for i in 0..60 {
+        let name = format!("9{i:02}");
+        write(&bench.path(&format!("flights/{name}.parquet")), &[line_of(&name, &format!("{name}.01"), 3000)]);
+    }
+    assert_eq!(bench.run(&["--set", "axes.lambda=[0.1]"]).code, 0);
+    let before = stamps(&bench.path("store"));
+    write(&bench.path("flights/990.parquet"), &[line_of("990", "990.01", 3000)]);
+    let done = bench.run(&["--set", "axes.lambda=[0.1]"]);
+    assert_eq!((done.code, done.computed("clean")), (0, 4), "{}", done.stderr);
+    let packs = |s: &BTreeMap<PathBuf, (u64, i64, i64)>| -> BTreeMap<u64, u64> {
+        let of = s.iter().filter(|(p, _)| p.to_string_lossy().contains("/objects/"));
+        of.map(|(p, (inode, ..))| (*inode, fs::metadata(p).map_or(0, |m| m.len()))).collect()
+    };
+    let (old, new) = (packs(&before), packs(&stamps(&bench.path("store"))));
+    let added: u64 = new.iter().filter(|(inode, _)| !old.contains_key(inode)).map(|(_, size)| size).sum();
+    let all: u64 = old.values().sum();
+    // A sixtieth is the line's own; the small tables are written whole.
+    assert!(added < all / 15, "{added} of {all} bytes");
+    // Put together, the files are those of a run at once.
+    let compact = bench.magline(&["compact", "spec.toml", "--set", "axes.lambda=[0.1]", "-q"]);
+    assert!(compact.status.success(), "{}", stderr(&compact));
+    assert_eq!(bench.run(&["--set", "axes.lambda=[0.1]", "--set", "store=\"whole\""]).code, 0);
+    assert!(bench.tables("store") == bench.tables("whole"), "compacted tables differ from those of one run");
+}
+
+#[test]
+fn r11_what_failed_is_known_and_not_tried_again() {
+    let bench = Bench::new();
+    write(&bench.path("flights/8.parquet"), &[line_of("8", "8.01", 8)]);
+    let first = bench.run(&[]);
+    assert_eq!(first.code, 1);
+    let failures = texts(&read(&bench.path("store/tables/small/failures")), "error");
+    assert!(!failures.is_empty());
+    let version = fs::read_link(bench.path("store/tables/small")).unwrap();
+    let again = bench.run(&[]);
+    assert_eq!((again.code, again.total("computed"), again.total("failed")), (1, 0, first.total("failed")));
+    assert_eq!(texts(&read(&bench.path("store/tables/small/failures")), "error"), failures);
+    assert_eq!(fs::read_link(bench.path("store/tables/small")).unwrap(), version);
+}
+
+#[test]
+fn r11_queries_come_from_files_and_standard_input_and_end_when_told() {
+    let bench = ran();
+    fs::write(bench.path("q.sql"), "SELECT count(*) AS n\nFROM small.clean").unwrap();
+    let output = bench.magline(&["sql", "-f", "q.sql", "--format", "csv"]);
+    assert_eq!(stdout(&output), "n\n19200\n");
+    let line = format!("'{}' sql --format csv < q.sql", env!("CARGO_BIN_EXE_magline"));
+    let output = Command::new("sh").args(["-c", &line]).current_dir(bench.folder.path()).output().unwrap();
+    assert_eq!(stdout(&output), "n\n19200\n", "{}", stderr(&output));
+    let output = bench.magline(&["sql", "SELECT tt FROM small.clean", "--format", "csv", "--max-rows", "3"]);
+    assert_eq!(stdout(&output).lines().count(), 4);
+    assert!(output.status.success() && stderr(&output).contains("more than 3 rows"), "{}", stderr(&output));
+    let output = bench.magline(&["sql", "SELECT 1 AS one", "--format", "csv", "--max-rows", "3"]);
+    assert_eq!((stdout(&output).as_str(), stderr(&output).as_str()), ("one\n1\n", ""));
+}
+
+#[test]
+fn r11_a_question_opens_only_what_it_names() {
+    let bench = ran();
+    let started = Instant::now();
+    // Every other table is unreadable, and nobody notices.
+    for table in ["even", "terms", "coefficients", "clean", "track"] {
+        for file in files(&bench.path("store/versions/small/1/tables").join(table)) {
+            fs::remove_file(&file).unwrap();
+            fs::write(file, "no Parquet").unwrap();
+        }
+    }
+    assert_eq!(query(&bench, "store", "SELECT count(DISTINCT mag) AS n FROM small.scores")[0]["n"], 2);
+    let broken = bench.magline(&["sql", "SELECT count(mag_c) FROM small.clean"]);
+    assert_eq!(broken.status.code(), Some(1));
+    assert!(stderr(&broken).contains("run the spec again"), "{}", stderr(&broken));
+    assert!(started.elapsed() < Duration::from_secs(20));
+    let healed = bench.run(&[]);
+    assert_eq!((healed.code, healed.total("computed")), (0, 0));
+    assert_eq!(query(&bench, "store", "SELECT count(mag_c) AS n FROM small.clean")[0]["n"], 19_200);
+}
