@@ -180,6 +180,17 @@ pub trait Stage: Declared + Any + Send + Sync + Sized {
     /// When this line cannot be computed; the other lines go on.
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault>;
 
+    /// [`Stage::run`] of several points of a sweep over one line, for a stage that has something to share between them.
+    ///
+    /// All belong to the same flight and line, in the order of the plan; each has what it declared to read, so the
+    /// columns need not be the same. One answer a point, in their order, and with the bits of [`Stage::run`]: what
+    /// comes of a point does not depend on its company, and the fault of one leaves the others. All answers are in
+    /// memory together. A panic takes the whole call with it: a caller that wants the other points catches it and runs
+    /// them one at a time.
+    fn run_points(points: &[(&Self, &LineIn)]) -> Vec<Result<Vec<ArrayRef>, Fault>> {
+        points.iter().map(|(stage, line)| stage.run(line)).collect()
+    }
+
     /// What is the same for all lines, built once. `inputs` holds models and maps; line tables are empty batches.
     ///
     /// # Errors
@@ -213,6 +224,9 @@ pub trait StageDyn: Send + Sync {
     /// # Errors
     /// As there.
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault>;
+    /// See [`Stage::run_points`]; `self` stands for the type only. A point that is not of this stage's type is run by
+    /// itself.
+    fn run_points(&self, points: &[(&dyn StageDyn, &LineIn)]) -> Vec<Result<Vec<ArrayRef>, Fault>>;
     /// See [`Stage::prepare`].
     ///
     /// # Errors
@@ -235,6 +249,16 @@ impl<S: Stage> StageDyn for S {
     }
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
         Stage::run(self, line)
+    }
+    fn run_points(&self, points: &[(&dyn StageDyn, &LineIn)]) -> Vec<Result<Vec<ArrayRef>, Fault>> {
+        let ours: Vec<(&S, &LineIn)> =
+            points.iter().filter_map(|(stage, line)| Some((stage.as_any().downcast_ref::<S>()?, *line))).collect();
+        let mut answers = S::run_points(&ours).into_iter();
+        let mut answer = |stage: &dyn StageDyn, line: &LineIn| match stage.as_any().is::<S>() {
+            true => answers.next().unwrap_or_else(|| stage.run(line)),
+            false => stage.run(line),
+        };
+        points.iter().map(|(stage, line)| answer(*stage, line)).collect()
     }
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
         Stage::prepare(self, inputs)
@@ -458,4 +482,60 @@ pub fn read_param<T: crate::Value>(
         return None;
     }
     Some(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use arrow_array::{Array, Float64Array};
+
+    use super::*;
+
+    crate::stage! {
+        /// A number.
+        Number = "number", version 1, grain Line, inputs [input: Lines];
+        /// The number; a negative one is a fault.
+        value: f64, unit "1";
+    }
+
+    crate::stage! {
+        /// Another stage.
+        Other = "other", version 1, grain Line, inputs [input: Lines];
+        /// The number of its columns: none.
+        columns: usize, unit "1";
+    }
+
+    impl Stage for Number {
+        fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
+            Ok(Yield::append::<&str>(vec![], &[]))
+        }
+        fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+            let values = vec![self.value; line.line.len()];
+            if self.value < 0.0 { Err(Fault::data("negative")) } else { Ok(vec![Arc::new(Float64Array::from(values))]) }
+        }
+    }
+
+    impl Stage for Other {
+        fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
+            Ok(Yield::append::<&str>(vec![], &[]))
+        }
+        fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+            Ok(vec![])
+        }
+    }
+
+    #[test]
+    fn law_points_are_run_each_by_itself_unless_the_stage_knows_better() {
+        let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![], keep: None, prepared: None };
+        let (one, bad, two) = (Number { value: 1.0 }, Number { value: -1.0 }, Number { value: 2.0 });
+        let points: [(&dyn StageDyn, &LineIn); 4] =
+            [(&one, &line), (&bad, &line), (&Other { columns: 0 }, &line), (&two, &line)];
+        assert_eq!([Number::entry().name, Other::entry().name], [Number::NAME, Other::NAME]);
+        for first in [&one as &dyn StageDyn, &Other { columns: 0 }] {
+            let answers = first.run_points(&points);
+            let columns: Vec<Option<usize>> = answers.iter().map(|a| a.as_ref().ok().map(Vec::len)).collect();
+            assert_eq!(columns, [Some(1), None, Some(0), Some(1)]);
+            let expected: ArrayRef = Arc::new(Float64Array::from(vec![2.0; 4]));
+            assert!(answers[3].as_ref().is_ok_and(|arrays| arrays[0].to_data() == expected.to_data()));
+        }
+    }
 }
