@@ -10,7 +10,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::support::{Bench, SPEC, stderr, stdout};
+use crate::support::{Bench, SPEC, read, stderr, stdout};
 
 fn ran() -> Bench {
     let bench = Bench::new();

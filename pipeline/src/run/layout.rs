@@ -18,6 +18,8 @@ use crate::{
 
 /// The bytes of a chunk in memory.
 const CHUNK_BYTES: usize = 8 << 20;
+/// The points of one line that a chunk holds all the same, so that they share what is computed of the line.
+const POINTS_TOGETHER: usize = 8;
 
 /// The units of a table in the order of its rows, in chunks.
 pub struct Layout {
@@ -39,7 +41,8 @@ impl Layout {
         let (mut chunks, mut start, mut bytes) = (vec![], 0, 0);
         for (i, unit) in units.iter().enumerate() {
             let own = cut.bytes(*unit);
-            if i > start && bytes + own > CHUNK_BYTES {
+            let together = unit.line.is_some() && units[start].line == unit.line && i - start < POINTS_TOGETHER;
+            if i > start && bytes + own > CHUNK_BYTES && !together {
                 chunks.push(start..i);
                 (start, bytes) = (i, 0);
             }

@@ -110,19 +110,35 @@ impl<'a> Worker<'a> {
         self.graph.plan.instance(unit.table, unit.instance)
     }
 
-    /// Some points of one line.
+    /// Some points of one line, run together.
     fn lines(&self, units: &[Unit]) -> Vec<Made> {
         let mut held = Held::new(self.graph, self.store);
-        let one = |unit: &Unit| Made { unit: *unit, rows: self.line(*unit, &mut held), left_out: vec![] };
-        units.iter().map(one).collect()
-    }
-
-    fn line(&self, unit: Unit, held: &mut Held) -> Result<RecordBatch, Fault> {
-        let line = unit.line.ok_or_else(|| Fault::machine("a line stage without a line"))?;
-        let input = self.line_in(unit, line, held)?;
-        let it = self.instance(unit);
-        let arrays = guarded(|| it.stage()?.run(&input)).map_err(|f| f.in_line(&input.flight, &input.line))?;
-        self.batch(&it, arrays)
+        let mut input = |unit: &Unit| -> Result<(Arc<dyn StageDyn>, LineIn), Fault> {
+            let line = unit.line.ok_or_else(|| Fault::machine("a line stage without a line"))?;
+            Ok((self.instance(*unit).stage()?, self.line_in(*unit, line, &mut held)?))
+        };
+        let inputs: Vec<Result<(Arc<dyn StageDyn>, LineIn), Fault>> = units.iter().map(&mut input).collect();
+        let points: Vec<(&dyn StageDyn, &LineIn)> = inputs.iter().flatten().map(|(s, l)| (s.as_ref(), l)).collect();
+        let together = match points.first() {
+            Some((stage, _)) => guarded(|| Ok(stage.run_points(&points))),
+            None => Ok(vec![]),
+        };
+        // One that panics takes the others with it: they are run again, each by itself.
+        let alone = |(stage, line): &(&dyn StageDyn, &LineIn)| guarded(|| stage.run(line));
+        let answers = together.unwrap_or_else(|_| points.iter().map(alone).collect());
+        let mut answers = answers.into_iter();
+        let one = |(unit, input): (&Unit, &Result<(Arc<dyn StageDyn>, LineIn), Fault>)| {
+            let rows = match input {
+                Ok((_, line)) => {
+                    let answer = answers.next().unwrap_or_else(|| Err(Fault::machine("a point without an answer")));
+                    let answer = answer.and_then(|arrays| self.batch(&self.instance(*unit), arrays));
+                    answer.map_err(|f| f.in_line(&line.flight, &line.line))
+                }
+                Err(fault) => Err(fault.clone()),
+            };
+            Made { unit: *unit, rows, left_out: vec![] }
+        };
+        units.iter().zip(&inputs).map(one).collect()
     }
 
     /// What the stage sees of one line.

@@ -22,9 +22,9 @@ use super::{
 use crate::keys::Key;
 
 /// What is kept of decoded columns, in bytes.
-const HELD_BYTES: usize = 64 << 20;
+const HELD_BYTES: usize = 16 << 20;
 /// Footers that are kept.
-const HELD_FOOTERS: usize = 256;
+const HELD_FOOTERS: usize = 64;
 /// What a pack's footer says of its units beside their rows.
 pub const NOTES: &str = "magline.notes";
 

@@ -8,6 +8,7 @@ use std::{
     fmt::Display,
     fs::File,
     io::{self, Read, Seek, SeekFrom, Write},
+    os::unix::fs::FileExt,
     path::{Path, PathBuf},
 };
 
@@ -116,43 +117,75 @@ pub fn write(
     groups: impl IntoIterator<Item = Result<RecordBatch, Fault>>,
 ) -> Result<(), Fault> {
     let fail = |e: &dyn Display| Fault::machine(format!("cannot write {}: {e}", path.display()));
-    let mut file = File::create(path).map_err(|e| fail(&e))?;
+    let file = File::options().create(true).truncate(true).read(true).write(true).open(path).map_err(|e| fail(&e))?;
     let mut writer =
-        ArrowWriter::try_new(Vec::new(), schema.clone(), Some(properties(schema))).map_err(|e| fail(&e))?;
-    let (mut at, mut whole, mut chunks) = (0u64, crc32fast::Hasher::new(), String::new());
+        ArrowWriter::try_new(Out::File(&file), schema.clone(), Some(properties(schema))).map_err(|e| fail(&e))?;
+    let mut chunks = String::new();
     for group in groups {
         writer.write(&group?).map_err(|e| fail(&e))?;
         writer.flush().and_then(|()| Ok(writer.sync()?)).map_err(|e| fail(&e))?;
-        let bytes = std::mem::take(writer.inner_mut());
         for chunk in writer.flushed_row_groups().last().into_iter().flat_map(|g| g.columns()) {
             let (start, length) = chunk.byte_range();
-            let part = start.checked_sub(at).and_then(|from| slice(&bytes, from, length));
-            let part = part.ok_or_else(|| fail(&"a column chunk outside of its row group"))?;
-            chunks.push_str(&format!("{:08x}", crc32fast::hash(part)));
+            let sum = sum_of(&file, start, length).map_err(|e| fail(&e))?;
+            chunks.push_str(&format!("{sum:08x}"));
         }
-        at += bytes.len() as u64;
-        whole.update(&bytes);
-        file.write_all(&bytes).map_err(|e| fail(&e))?;
     }
     for (key, value) in about {
         writer.append_key_value_metadata(KeyValue::new(key.clone(), value.clone()));
     }
     writer.append_key_value_metadata(KeyValue::new(CRC.to_owned(), chunks));
-    let rest = writer.into_inner().map_err(|e| fail(&e))?;
+    // What comes now is the footer, which the seal stands before.
+    writer.sync().map_err(|e| fail(&e))?;
+    let before = std::mem::replace(writer.inner_mut(), Out::Memory(vec![]));
+    drop(before);
+    let Out::Memory(rest) = writer.into_inner().map_err(|e| fail(&e))? else { return Err(fail(&"no footer")) };
     let length = rest.len().checked_sub(TAIL).and_then(|i| rest.get(i..i + 4)).and_then(|b| b.try_into().ok());
     let footer = length.map_or(0, |b| u32::from_le_bytes(b) as usize + TAIL);
     let (data, footer) = rest.split_at_checked(rest.len().wrapping_sub(footer)).ok_or_else(|| fail(&"no footer"))?;
-    whole.update(data);
+    let mut file = file;
+    file.write_all(data).map_err(|e| fail(&e))?;
+    let end = file.stream_position().map_err(|e| fail(&e))?;
+    let whole = sum_of(&file, 0, end).map_err(|e| fail(&e))?;
     let mut seal = MARK.to_vec();
-    seal.extend(whole.finalize().to_le_bytes());
+    seal.extend(whole.to_le_bytes());
     seal.extend(crc32fast::hash(footer).to_le_bytes());
-    [data, &seal, footer].into_iter().try_for_each(|part| file.write_all(part)).map_err(|e| fail(&e))?;
+    [&seal, footer].into_iter().try_for_each(|part| file.write_all(part)).map_err(|e| fail(&e))?;
     file.sync_all().map_err(|e| fail(&e))
 }
 
-fn slice(bytes: &[u8], from: u64, length: u64) -> Option<&[u8]> {
-    let from = usize::try_from(from).ok()?;
-    bytes.get(from..from.checked_add(usize::try_from(length).ok()?)?)
+/// Where a Parquet writer writes: row groups to the file, the footer to memory.
+enum Out<'a> {
+    File(&'a File),
+    Memory(Vec<u8>),
+}
+
+impl Write for Out<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Out::File(file) => file.write(bytes),
+            Out::Memory(all) => all.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// The checksum of a part of a file.
+fn sum_of(file: &File, start: u64, length: u64) -> io::Result<u32> {
+    let (mut hasher, mut at, mut buffer) = (crc32fast::Hasher::new(), start, vec![0; 1 << 16]);
+    while at < start + length {
+        let most = usize::try_from(start + length - at).unwrap_or(usize::MAX).min(buffer.len());
+        match file.read_at(&mut buffer[..most], at)? {
+            0 => return Err(io::ErrorKind::UnexpectedEof.into()),
+            n => {
+                hasher.update(&buffer[..n]);
+                at += n as u64;
+            }
+        }
+    }
+    Ok(hasher.finalize())
 }
 
 /// A file whose footer was verified.
@@ -302,19 +335,7 @@ pub fn verify(path: &Path) -> Result<(), Trouble> {
     let io = |e: io::Error| Trouble::io(&e);
     let mut file = File::open(path).map_err(io)?;
     let (data, expected) = footer(&mut file)?;
-    file.seek(SeekFrom::Start(0)).map_err(io)?;
-    let (mut hasher, mut left, mut buffer) = (crc32fast::Hasher::new(), data, vec![0; 1 << 20]);
-    while left > 0 {
-        let most = usize::try_from(left).unwrap_or(usize::MAX).min(buffer.len());
-        match file.read(&mut buffer[..most]).map_err(io)? {
-            0 => return Err(Trouble::damaged("it is cut short")),
-            n => {
-                hasher.update(&buffer[..n]);
-                left -= n as u64;
-            }
-        }
-    }
-    if hasher.finalize() == expected { Ok(()) } else { Err(Trouble::damaged("the checksum of its data is wrong")) }
+    if sum_of(&file, 0, data).map_err(io)? == expected { Ok(()) } else { Err(Trouble::damaged("the checksum of its data is wrong")) }
 }
 
 /// Parts of a file that are in memory.

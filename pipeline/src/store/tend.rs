@@ -187,14 +187,15 @@ fn drop_version(folder: &Path) -> io::Result<bool> {
     let tables = version.manifest.tables.iter().map(|t| folder.join("tables").join(&t.name));
     let folders: Vec<PathBuf> =
         tables.chain([folder.join("tables"), folder.join("units"), folder.to_owned()]).collect();
+    let mut empty = true;
     for one in &folders {
         match fs::remove_dir(one) {
             Err(e) if e.kind() == io::ErrorKind::NotFound => {}
-            Err(_) => return Ok(false),
+            Err(_) => empty = false,
             Ok(()) => {}
         }
     }
-    Ok(true)
+    Ok(empty)
 }
 
 /// Removes a published pipeline, or one table of it; what was computed stays until `gc`.

@@ -16,7 +16,7 @@ fn page(example: &str, ran: &[&str], asked: &[&str]) -> Result<String, Fault> {
     };
     let (first, second) = (plan(ran), plan(asked));
     let held = Store::open(store.path()).unwrap();
-    run::run(&first, &held, &run::Quiet).unwrap();
+    run::run(&first, &held, run::Options::default(), &run::Quiet).unwrap();
     let graph = Graph::new(&second, &held, &|_, _| ()).unwrap();
     let html = report(&graph, &held)?;
     assert!(!html.contains(&store.path().display().to_string()), "the page names a folder of this machine");
