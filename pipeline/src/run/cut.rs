@@ -49,7 +49,13 @@ impl<'a> Cut<'a> {
             let makers: Vec<&Column> =
                 yields.iter().filter_map(|y| y.columns.iter().find(|c| c.name == column.name)).collect();
             let identifier = KEYS.contains(&column.name.as_str());
-            let carried = node.carry.contains(&column.name);
+            // What is made again wherever it is needed would be nowhere to be read.
+            let unkept = makers.is_empty()
+                && node.examples(&plan.spec).any(|i| {
+                    let made_by = graph.origin(Ref::Stage(table, i), &column.name).made_by;
+                    matches!(made_by, Ref::Stage(t, _) if !plan.tables[t].keep)
+                });
+            let carried = unkept || node.carry.contains(&column.name);
             if makers.is_empty() && !identifier && !carried {
                 continue;
             }

@@ -20,6 +20,8 @@ use schemas::{Fault, Grain, Owner};
 pub use events::{Count, Event, Listener, Outcome, Quiet};
 pub use logical::{PATTERNS, SCHEMA};
 
+use work::Worker;
+
 use crate::{
     clock,
     keys::Key,
@@ -182,7 +184,17 @@ fn once(
     listener.hear(&Event::Started { pipeline: &plan.spec.name, units, run: &run, notes: &plan.notes });
     let states = States::new(&graph);
     let compact = options.compact;
-    let mut runner = Runner { graph: &graph, store, listener, compact, states, failures: vec![], seconds: vec![] };
+    let worker = Worker::new(&graph, store);
+    let mut runner = Runner {
+        graph: &graph,
+        store,
+        listener,
+        compact,
+        worker: &worker,
+        states,
+        failures: vec![],
+        seconds: vec![],
+    };
     runner.sources();
     let (mut tables, mut packs) = (vec![], vec![]);
     for (t, node) in plan.tables.iter().enumerate() {
@@ -290,6 +302,7 @@ struct Runner<'a> {
     store: &'a Store,
     listener: &'a dyn Listener,
     compact: bool,
+    worker: &'a Worker<'a>,
     states: States<'a>,
     failures: Vec<Failure>,
     seconds: Vec<(usize, f64)>,
@@ -353,8 +366,8 @@ impl Runner<'_> {
         self.failures.push(Failure { table: node.name.clone(), point, line, fault });
     }
 
-    /// Whether a unit is to be computed, is there, or cannot be.
-    fn look(&self, unit: Unit) -> Looked {
+    /// Whether all that a unit is made from is there.
+    fn rests_on_what_is_there(&self, unit: Unit) -> bool {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
         let of_lines: Vec<usize> = self.graph.line_inputs(&it).into_iter().map(|(i, _)| i).collect();
@@ -366,8 +379,16 @@ impl Runner<'_> {
                 _ => self.state(*r, line),
             };
             if there != State::Done {
-                return Looked::Skip;
+                return false;
             }
+        }
+        true
+    }
+
+    /// Whether a unit is to be computed, is there, or cannot be.
+    fn look(&self, unit: Unit) -> Looked {
+        if !self.rests_on_what_is_there(unit) {
+            return Looked::Skip;
         }
         match self.graph.key(unit) {
             Ok(key) => match self.store.find(key).map(|place| place.rows) {

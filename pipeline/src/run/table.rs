@@ -41,6 +41,10 @@ impl Runner<'_> {
     /// Computes what is missing of the table `t`, and says which packs hold it.
     pub(super) fn table(&mut self, t: usize) -> (Count, Vec<Key>) {
         let mut count = Count::default();
+        if !self.graph.plan.tables[t].keep {
+            self.passed_over(t);
+            return (count, vec![]);
+        }
         let cut = match Cut::new(self.graph, t) {
             Ok(cut) => cut,
             Err(fault) => {
@@ -67,11 +71,11 @@ impl Runner<'_> {
         let pending = known.iter().filter(|k| matches!(k, Known::Pending(_))).count();
         let table = &self.graph.plan.tables[t].name;
         self.listener.hear(&Event::Computing { table, units: pending });
-        let worker = Worker::new(self.graph, self.store, t);
+        let worker = self.worker;
         // A table of one chunk is always one pack.
         let whole = layout.chunks.len() <= 1 || self.compact;
         let this = &*self;
-        let chunk = |range: &std::ops::Range<usize>| this.chunk(&cut, &layout, range, &known, &before, whole, &worker);
+        let chunk = |range: &std::ops::Range<usize>| this.chunk(&cut, &layout, range, &known, &before, whole, worker);
         let answers: Vec<Answer> = layout.chunks.par_iter().with_max_len(1).map(chunk).collect();
         let mut known = known;
         for (range, answer) in layout.chunks.iter().zip(answers) {
@@ -100,7 +104,17 @@ impl Runner<'_> {
         let strict = find(&known, true);
         let lacking = |c: &Cover| c.covered.iter().zip(&known).any(|(c, k)| !c && matches!(k, Known::There(_)));
         let after = if lacking(&strict) { find(&known, false) } else { strict };
+        worker.forget(t);
         (count, after.packs)
+    }
+
+    /// A table whose results are not kept: each unit is made where it is needed, if what it rests on is there.
+    fn passed_over(&mut self, t: usize) {
+        let units: Vec<Unit> = self.graph.units(t).collect();
+        for unit in units {
+            let state = if self.rests_on_what_is_there(unit) { State::Done } else { State::Missing };
+            self.states.set(unit, state);
+        }
     }
 
     /// What is known of a unit; it is noted and told of.
@@ -173,7 +187,7 @@ impl Runner<'_> {
         made: &mut [Made],
         also: &dyn Fn(usize) -> bool,
     ) -> Result<(), Fault> {
-        let mut held = Held::new(self.graph, self.store);
+        let mut held = Held::new(self.worker);
         let mut next = made.iter_mut().peekable();
         let (mut units, mut packed, mut written) = (vec![], vec![], vec![]);
         for i in range.clone() {

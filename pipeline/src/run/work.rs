@@ -52,24 +52,32 @@ type Gathered = (Vec<Fault>, Result<Vec<ArrayRef>, Fault>);
 /// Says whether a line can be used by a unit.
 pub type Usable<'a> = dyn Fn(LineId, Unit) -> bool + Sync + 'a;
 
-/// Computes units of one table.
+/// Computes units.
 pub struct Worker<'a> {
     graph: &'a Graph<'a>,
     store: &'a Store,
-    table: usize,
-    prepared: Mutex<HashMap<String, Once>>,
+    /// By table, and by what it depends on.
+    prepared: Mutex<HashMap<(usize, String), Once>>,
 }
 
 impl<'a> Worker<'a> {
-    /// For the table `table`.
-    pub fn new(graph: &'a Graph<'a>, store: &'a Store, table: usize) -> Worker<'a> {
-        Worker { graph, store, table, prepared: Mutex::default() }
+    /// For all tables of a run.
+    pub fn new(graph: &'a Graph<'a>, store: &'a Store) -> Worker<'a> {
+        Worker { graph, store, prepared: Mutex::default() }
     }
 
-    /// Computes `units`, in their order, in parallel; `done` is told of each group that is finished. What an interrupt
+    /// Lets go of what was built for the lines of a table.
+    pub fn forget(&self, table: usize) {
+        if let Ok(mut prepared) = self.prepared.lock() {
+            prepared.retain(|(t, _), _| *t != table);
+        }
+    }
+
+    /// Computes `units` of one table, in their order, in parallel; `done` is told of each group that is finished. What an interrupt
     /// leaves is not among the answers.
     pub fn compute(&self, units: &[Unit], usable: &Usable, done: &(dyn Fn(&[Made]) + Sync)) -> Vec<Made> {
-        let groups = match self.graph.plan.tables[self.table].entry.grain {
+        let Some(first) = units.first() else { return vec![] };
+        let groups = match self.graph.plan.tables[first.table].entry.grain {
             Grain::Line => by_line(units),
             Grain::Survey => self.by_lines_seen(units),
         };
@@ -112,7 +120,7 @@ impl<'a> Worker<'a> {
 
     /// Some points of one line, run together.
     fn lines(&self, units: &[Unit]) -> Vec<Made> {
-        let mut held = Held::new(self.graph, self.store);
+        let mut held = Held::new(self);
         let mut input = |unit: &Unit| -> Result<(Arc<dyn StageDyn>, LineIn), Fault> {
             let line = unit.line.ok_or_else(|| Fault::machine("a line stage without a line"))?;
             Ok((self.instance(*unit).stage()?, self.line_in(*unit, line, &mut held)?))
@@ -139,6 +147,14 @@ impl<'a> Worker<'a> {
             Made { unit: *unit, rows, left_out: vec![] }
         };
         units.iter().zip(&inputs).map(one).collect()
+    }
+
+    /// The columns that one unit of a line stage makes.
+    fn alone(&self, unit: Unit, line: LineId, held: &mut Held) -> Result<RecordBatch, Fault> {
+        let it = self.instance(unit);
+        let input = self.line_in(unit, line, held)?;
+        let arrays = guarded(|| it.stage()?.run(&input)).map_err(|f| f.in_line(&input.flight, &input.line))?;
+        self.batch(&it, arrays)
     }
 
     /// What the stage sees of one line.
@@ -178,7 +194,7 @@ impl<'a> Worker<'a> {
             name.push_str(&format!(" {}", self.graph.object(*r, usize::MAX)?));
         }
         let once = match self.prepared.lock() {
-            Ok(mut all) => all.entry(name).or_default().clone(),
+            Ok(mut all) => all.entry((unit.table, name)).or_default().clone(),
             Err(_) => return Err(Fault::machine("another thread failed while preparing the stage")),
         };
         once.get_or_init(|| {
@@ -220,7 +236,7 @@ impl<'a> Worker<'a> {
             .par_iter()
             .with_max_len(1)
             .map(|line| {
-                let mut held = Held::new(self.graph, self.store);
+                let mut held = Held::new(self);
                 let input = self.gathered(units, *line, &mut held)?;
                 guarded(|| gather.map(&input)).map_err(|f| f.in_line(&input.flight, &input.line))
             })
@@ -283,7 +299,7 @@ impl<'a> Worker<'a> {
         let fits =
             fields.len() == arrays.len() && fields.iter().zip(&arrays).all(|(f, a)| f.data_type() == a.data_type());
         if !fits {
-            let name = self.graph.plan.tables[self.table].entry.name;
+            let name = it.node.entry.name;
             return Err(Fault::machine(format!(
                 "`{name}` yields other columns than it declares: an error in the stage"
             )));
@@ -366,16 +382,16 @@ fn fixed(array: &ArrayRef, item: &FieldRef, n: i32) -> Result<ArrayRef, Fault> {
 
 /// Columns that were read, so that the points of a line share them.
 pub struct Held<'a> {
+    worker: &'a Worker<'a>,
     graph: &'a Graph<'a>,
-    store: &'a Store,
     columns: HashMap<(Key, String), ArrayRef>,
     bytes: usize,
 }
 
 impl<'a> Held<'a> {
     /// Nothing is read yet.
-    pub fn new(graph: &'a Graph<'a>, store: &'a Store) -> Held<'a> {
-        Held { graph, store, columns: HashMap::new(), bytes: 0 }
+    pub fn new(worker: &'a Worker<'a>) -> Held<'a> {
+        Held { worker, graph: worker.graph, columns: HashMap::new(), bytes: 0 }
     }
 
     /// The columns `names` of one line of `r`, each from the object that holds it. A column that the line lacks is
@@ -384,7 +400,7 @@ impl<'a> Held<'a> {
     /// # Errors
     /// When the store cannot be read.
     pub fn batch(&mut self, r: Ref, line: LineId, names: &[String]) -> Result<RecordBatch, Fault> {
-        let mut wanted: Vec<(String, Key, String)> = vec![];
+        let mut wanted: Vec<Wanted> = vec![];
         for name in names {
             let origin = self.graph.origin(r, name);
             if let Ref::Flights(i) = origin.made_by
@@ -392,15 +408,21 @@ impl<'a> Held<'a> {
             {
                 continue;
             }
-            wanted.push((name.clone(), self.graph.object(origin.made_by, line)?, origin.column));
+            let object = self.graph.object(origin.made_by, line)?;
+            wanted.push(Wanted { made_by: origin.made_by, object, column: origin.column });
         }
-        self.fetch(&wanted)?;
+        self.fetch(&wanted, line)?;
         let (mut fields, mut arrays) = (vec![], vec![]);
-        let shape = self.shape(r);
-        for (name, object, column) in wanted {
-            let Some(array) = self.columns.get(&(object, column)) else { continue };
-            let described = shape.as_ref().and_then(|s| s.get(&name)).map(schemas::Column::field);
-            let field = described.unwrap_or_else(|| Field::new(&name, array.data_type().clone(), true));
+        let plan = self.graph.plan;
+        let described = |name: &str| match r {
+            Ref::Flights(i) => plan.flights[i].shape.get(name),
+            Ref::Stage(t, i) => plan.instance(t, i).variant.table.shape().get(name),
+            Ref::Map(_) => None,
+        };
+        for Wanted { object, column: name, .. } in wanted {
+            let Some(array) = self.columns.get(&(object, name.clone())) else { continue };
+            let field = described(&name).map(schemas::Column::field);
+            let field = field.unwrap_or_else(|| Field::new(&name, array.data_type().clone(), true));
             // A file holds lists of several lengths where the points of a sweep have them.
             arrays.push(match (array.data_type(), field.data_type()) {
                 (DataType::List(_), DataType::FixedSizeList(item, n)) => {
@@ -424,27 +446,46 @@ impl<'a> Held<'a> {
         }
     }
 
-    /// Reads what is not held yet, each object once.
-    fn fetch(&mut self, wanted: &[(String, Key, String)]) -> Result<(), Fault> {
+    /// Reads what is not held yet, each object once; what is not kept is made again.
+    fn fetch(&mut self, wanted: &[Wanted], line: LineId) -> Result<(), Fault> {
         if self.bytes > HELD_BYTES {
             self.columns.clear();
             self.bytes = 0;
         }
-        let mut objects: Vec<(Key, Vec<String>)> = vec![];
-        for (_, object, column) in wanted.iter().filter(|(_, o, c)| !self.columns.contains_key(&(*o, c.clone()))) {
-            match objects.iter_mut().find(|(o, _)| o == object) {
-                Some((_, columns)) if columns.contains(column) => {}
-                Some((_, columns)) => columns.push(column.clone()),
-                None => objects.push((*object, vec![column.clone()])),
+        let mut objects: Vec<(Key, Ref, Vec<String>)> = vec![];
+        for Wanted { made_by, object, column } in wanted {
+            if self.columns.contains_key(&(*object, column.clone())) {
+                continue;
+            }
+            match objects.iter_mut().find(|(o, ..)| o == object) {
+                Some((.., columns)) if columns.contains(column) => {}
+                Some((.., columns)) => columns.push(column.clone()),
+                None => objects.push((*object, *made_by, vec![column.clone()])),
             }
         }
-        for (object, columns) in objects {
-            let batch = self.store.get(object, &columns)?;
-            for (name, array) in columns.into_iter().zip(batch.columns()) {
+        for (object, made_by, columns) in objects {
+            let batch = match made_by {
+                Ref::Stage(table, instance) if !self.graph.plan.tables[table].keep => {
+                    let worker = self.worker;
+                    let node = &self.graph.plan.tables[table].name;
+                    let unit = Unit { table, instance, line: Some(line) };
+                    let named = |f: Fault| Fault { what: format!("`{node}`: {}", f.what), ..f };
+                    worker.alone(unit, line, self).map_err(named)?
+                }
+                _ => self.worker.store.get(object, &columns)?,
+            };
+            for (field, array) in batch.schema().fields().iter().zip(batch.columns()) {
                 self.bytes += array.get_array_memory_size();
-                self.columns.insert((object, name), array.clone());
+                self.columns.insert((object, field.name().clone()), array.clone());
             }
         }
         Ok(())
     }
+}
+
+/// A column to be read.
+struct Wanted {
+    made_by: Ref,
+    object: Key,
+    column: String,
 }
