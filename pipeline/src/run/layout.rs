@@ -101,3 +101,52 @@ pub fn cover(catalogue: &Catalogue, kind: Key, layout: &Layout, wanted: &[Option
 pub fn scattered(packs: usize, chunks: usize) -> bool {
     packs > 2 * chunks + 16
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::store::Pack;
+
+    fn packed(name: usize) -> Packed {
+        Packed { key: Key::of([name.to_string()]), dress: name as u64, rows: 5 }
+    }
+
+    fn catalogue(packs: &[&[usize]]) -> Catalogue {
+        let mut catalogue = Catalogue::default();
+        for units in packs {
+            let id = Key::of(units.iter().map(usize::to_string));
+            let units = units.iter().map(|u| packed(*u)).collect();
+            catalogue.insert(Pack { id, size: 1, modified_ns: 1, kind: Key::of(["kind"]), units });
+        }
+        catalogue
+    }
+
+    /// The first units of the packs that cover six units in chunks of three, and how many units are covered.
+    fn covered(packs: &[&[usize]], strict: bool) -> (Vec<usize>, usize) {
+        let unit = |instance| Unit { table: 0, instance, line: None };
+        let layout = Layout { units: (0..6).map(unit).collect(), chunks: vec![0..3, 3..6] };
+        let wanted: Vec<Option<Packed>> = (0..6).map(|i| Some(packed(i))).collect();
+        let catalogue = catalogue(packs);
+        let found = cover(&catalogue, Key::of(["kind"]), &layout, &wanted, strict);
+        let first = |id: &Key| {
+            let units = &catalogue.by_id(*id).unwrap().units;
+            units.first().map_or(99, |u| u.dress as usize)
+        };
+        (found.packs.iter().map(first).collect(), found.covered.iter().filter(|c| **c).count())
+    }
+
+    #[test]
+    fn law_a_pack_counts_if_all_of_it_is_wanted_and_no_unit_counts_twice() {
+        assert_eq!(covered(&[&[0, 1, 2], &[3, 4, 5]], true), (vec![0, 3], 6));
+        // Whole chunks come first; what overlaps them is left out.
+        assert_eq!(covered(&[&[0, 1, 2, 3], &[0, 1, 2], &[3, 4], &[5]], false), (vec![0, 3, 5], 6));
+        assert_eq!(covered(&[&[0, 1, 2], &[3, 4], &[5]], true), (vec![0], 3));
+        // A pack with a unit that is not wanted any more is no pack of this table.
+        assert_eq!(covered(&[&[0, 1, 2], &[3, 4, 5, 7]], false), (vec![0], 3));
+        assert_eq!(covered(&[], false), (vec![], 0));
+        let other = catalogue(&[&[0, 1, 2]]);
+        let layout = Layout { units: vec![], chunks: vec![] };
+        assert!(cover(&other, Key::of(["other"]), &layout, &[], false).packs.is_empty());
+    }
+}

@@ -185,16 +185,8 @@ fn once(
     let states = States::new(&graph);
     let compact = options.compact;
     let worker = Worker::new(&graph, store);
-    let mut runner = Runner {
-        graph: &graph,
-        store,
-        listener,
-        compact,
-        worker: &worker,
-        states,
-        failures: vec![],
-        seconds: vec![],
-    };
+    let mut runner =
+        Runner { graph: &graph, store, listener, compact, worker: &worker, states, failures: vec![], seconds: vec![] };
     runner.sources();
     let (mut tables, mut packs) = (vec![], vec![]);
     for (t, node) in plan.tables.iter().enumerate() {

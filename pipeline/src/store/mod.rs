@@ -21,6 +21,8 @@ mod catalogue;
 mod objects;
 mod sealed;
 pub mod tend;
+#[cfg(test)]
+mod tests;
 mod version;
 
 use std::{

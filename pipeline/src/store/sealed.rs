@@ -335,7 +335,11 @@ pub fn verify(path: &Path) -> Result<(), Trouble> {
     let io = |e: io::Error| Trouble::io(&e);
     let mut file = File::open(path).map_err(io)?;
     let (data, expected) = footer(&mut file)?;
-    if sum_of(&file, 0, data).map_err(io)? == expected { Ok(()) } else { Err(Trouble::damaged("the checksum of its data is wrong")) }
+    if sum_of(&file, 0, data).map_err(io)? == expected {
+        Ok(())
+    } else {
+        Err(Trouble::damaged("the checksum of its data is wrong"))
+    }
 }
 
 /// Parts of a file that are in memory.
