@@ -71,6 +71,11 @@ impl Runner<'_> {
         let pending = known.iter().filter(|k| matches!(k, Known::Pending(_))).count();
         let table = &self.graph.plan.tables[t].name;
         self.listener.hear(&Event::Computing { table, units: pending });
+        let lacking =
+            |c: &Cover, known: &[Known]| c.covered.iter().zip(known).any(|(c, k)| !c && matches!(k, Known::There(_)));
+        if pending == 0 && !lacking(&before, &known) {
+            return (count, before.packs);
+        }
         let worker = self.worker;
         // A table of one chunk is always one pack.
         let whole = layout.chunks.len() <= 1 || self.compact;
@@ -102,8 +107,7 @@ impl Runner<'_> {
         }
         let find = |known: &[Known], strict| cover(&self.store.catalogue(), cut.kind, &layout, &wanted(known), strict);
         let strict = find(&known, true);
-        let lacking = |c: &Cover| c.covered.iter().zip(&known).any(|(c, k)| !c && matches!(k, Known::There(_)));
-        let after = if lacking(&strict) { find(&known, false) } else { strict };
+        let after = if lacking(&strict, &known) { find(&known, false) } else { strict };
         worker.forget(t);
         (count, after.packs)
     }
