@@ -1,24 +1,24 @@
 //! Navigates by the magnetic anomaly.
 
+mod ins;
+mod sweep;
+
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, RecordBatch, StringArray};
 use schemas::{Column, Fault, LineIn, OrAuto, Passes, Prepared, Rule, Shape, Stage, Table, Yield, stage};
 
 use crate::{
-    columns::{array, data, faults_of, floats, list, shape},
+    columns::{array, faults_of, floats, list, shape},
     compensate::NOISE,
     dates::{WAYS_OUT, dated_by_flight, first_year},
     map_errors::MapErrors,
     maps::{check_levels, field_map, interpolation},
     numerics::{
-        core_field::CoreField,
-        ekf::{self, EkfOutput, EkfParameters},
+        ekf::{EkfOutput, EkfParameters},
         ins_error::InsErrorModel,
-        ins_series::InsSeries,
         map_stack::FieldMap,
         pinson::STATES,
-        strapdown,
         transition::NoiseDiscretisation,
     },
 };
@@ -55,7 +55,7 @@ stage! {
     /// white part comes what bilinear interpolation misses between the map's nodes.
     ///
     /// Source: thesis 000, section 5.3, with F and H checked against finite differences and the process noise discretised.
-    Navigate = "navigate", version 2, grain Line, inputs [input: Lines, map: Map];
+    Navigate = "navigate", version 3, grain Line, inputs [input: Lines, map: Map];
     /// The filter.
     filter: String, unit "", default "ekf", rule Rule::OneOf(&["ekf"]);
     /// The measured field.
@@ -139,13 +139,6 @@ struct PreparedMap {
     errors: MapErrors,
 }
 
-/// The mean way from one sample to the next, in metres.
-fn step_m(tt: &[f64], vn_mps: &[f64], ve_mps: &[f64]) -> f64 {
-    let speed_mps = vn_mps.iter().zip(ve_mps).map(|(n, e)| n.hypot(*e)).sum::<f64>() / vn_mps.len() as f64;
-    let duration_s = tt.last().zip(tt.first()).map_or(0.0, |(last, first)| last - first);
-    (speed_mps * duration_s / (tt.len() as f64 - 1.0)).max(0.1)
-}
-
 /// The error to expect of a map at another height, for `score`.
 pub(crate) const MAP_HEIGHT_ERROR: &str = "map_height_error";
 
@@ -181,6 +174,7 @@ impl Navigate {
             measurement_sigma_nt: noise.sigma_nt,
             offset_window_s: self.offset_window_s,
             gate_nis: self.gate_nis,
+            keep_states: self.save_state,
             keep_covariance: self.save_state,
         }
     }
@@ -280,15 +274,13 @@ impl Navigate {
         notes
     }
 
-    fn core(&self, batch: &RecordBatch) -> Result<Option<CoreField>, Fault> {
-        if !self.core_field {
-            return Ok(None);
+    /// The date of the core field, where it is part of the measurement.
+    fn core_year(&self, batch: &RecordBatch) -> Result<Option<f64>, Fault> {
+        match self.decimal_year {
+            _ if !self.core_field => Ok(None),
+            Some(year) => Ok(Some(year)),
+            None => first_year(batch).map(Some),
         }
-        let year = match self.decimal_year {
-            Some(year) => year,
-            None => first_year(batch)?,
-        };
-        CoreField::at(year).map(Some).map_err(data)
     }
 }
 
@@ -350,59 +342,12 @@ impl Stage for Navigate {
     }
 
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        let batch = &line.inputs[0];
-        let map = line
-            .prepared
-            .as_ref()
-            .and_then(|p| p.downcast_ref::<PreparedMap>())
-            .ok_or_else(|| Fault::data("the map is missing"))?;
-        let tt = floats(batch, "tt")?;
-        let three = |names: [&str; 3]| -> Result<[&[f64]; 3], Fault> {
-            Ok([floats(batch, names[0])?, floats(batch, names[1])?, floats(batch, names[2])?])
-        };
-        let there = |names: [&str; 3]| batch.column_by_name(names[0]).is_some();
-        let [lat_deg, lon_deg, alt_m] = three(POSITION)?;
-        let velocity = if there(VELOCITY) {
-            three(VELOCITY)?.map(<[f64]>::to_vec)
-        } else {
-            strapdown::velocity_ned_mps(tt, lat_deg, lon_deg, alt_m).map_err(data)?
-        };
-        let [vn_mps, ve_mps, vd_mps] = [&velocity[0][..], &velocity[1], &velocity[2]];
-        let force = if there(FORCE) {
-            three(FORCE)?.map(<[f64]>::to_vec)
-        } else {
-            strapdown::specific_force_ned_mps2(tt, vn_mps, ve_mps, vd_mps).map_err(data)?
-        };
-        let attitude = if there(ATTITUDE) {
-            three(ATTITUDE)?.map(<[f64]>::to_vec)
-        } else {
-            strapdown::level_attitude_deg(vn_mps, ve_mps).map_err(data)?
-        };
-        let ([fn_mps2, fe_mps2, fd_mps2], [roll, pitch, yaw]) = (&force, &attitude);
-        let ins = InsSeries::of([
-            tt, lat_deg, lon_deg, alt_m, vn_mps, ve_mps, vd_mps, fn_mps2, fe_mps2, fd_mps2, roll, pitch, yaw,
-        ]);
-        let measured = self.measured(batch)?;
-        let core = self.core(batch)?;
-        let mut noise = self.expected(batch)?;
-        if self.measurement_sigma_nt == OrAuto::Auto {
-            noise.sigma_nt = noise.sigma_nt.hypot(map.errors.of_interpolation_nt(step_m(tt, vn_mps, ve_mps)));
-        }
-        let parameters = self.parameters(noise);
-        let output = ekf::run(&parameters, &ins, &measured, &map.field, core.as_ref()).map_err(data)?;
-        if output.report.updates == 0 {
-            let what = format!(
-                "no sample could be used: {} without a measurement, {} off the map",
-                output.report.missing_measurements, output.report.off_map
-            );
-            return Err(Fault::data(what).help("does the map cover the flight?"));
-        }
-        if self.offset_window_s > 0.0 && output.report.offset_samples == 0 {
-            return Err(Fault::data(
-                "no sample within `offset_window_s` has a measurement and a map value, so the offset is unknown",
-            ));
-        }
-        self.arrays(output, &measured, map.errors.of_height_nt(alt_m))
+        // One point has one answer.
+        Self::run_points(&[(self, line)]).pop().unwrap_or_else(|| Ok(vec![]))
+    }
+
+    fn run_points(points: &[(&Self, &LineIn)]) -> Vec<Result<Vec<ArrayRef>, Fault>> {
+        sweep::run(points)
     }
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
@@ -454,8 +399,9 @@ impl Navigate {
             array(vec![height_error_nt; rows]),
         ];
         if self.save_state {
-            arrays.push(list(out.x.into_iter().flatten().collect(), STATES)?);
-            arrays.push(list(out.p.into_iter().flatten().flatten().collect(), STATES * STATES)?);
+            // The filter's own memory: a long flight's covariances take half a gigabyte.
+            arrays.push(list(out.x.into_flattened(), STATES)?);
+            arrays.push(list(out.p.into_flattened().into_flattened(), STATES * STATES)?);
         }
         Ok(arrays)
     }

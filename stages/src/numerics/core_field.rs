@@ -11,6 +11,8 @@
 mod coefficients;
 mod track;
 
+use std::sync::Arc;
+
 use super::field_value::FieldValue;
 use super::geodesy::{EarthModel, ecef_m};
 pub use coefficients::{Coordinate, CoreFieldError, CoreModel};
@@ -110,7 +112,7 @@ impl CoreField {
 /// there. The field's curvature is below 5e-9 nT/m², so the error stays below 0.001 nT.
 #[derive(Clone, Debug)]
 pub struct LinearisedCoreField {
-    field: CoreField,
+    field: Arc<CoreField>,
     place: Option<Expansion>,
 }
 
@@ -129,8 +131,8 @@ const REACH_VERTICAL_M: f64 = 50.0;
 
 impl LinearisedCoreField {
     /// Starts without a place; the first query sets it.
-    pub fn new(field: CoreField) -> Self {
-        Self { field, place: None }
+    pub fn new(field: impl Into<Arc<CoreField>>) -> Self {
+        Self { field: field.into(), place: None }
     }
 
     /// The magnitude and gradient near a geodetic position (degrees, degrees, metres), the

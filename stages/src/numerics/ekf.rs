@@ -12,25 +12,32 @@
 //! - a flat map: without a core field the update only moves S, with one its slope corrects the position too;
 //! - an INS value that is not finite, time that does not ascend, a covariance that is no longer
 //!   finite and non-negative: an error that names the row.
+//!
+//! Filters over one line run side by side in the lanes of a vector register and share the transition matrices. A filter
+//! alone is one lane of the same code, and the lanes do not touch: its bits are the same in any company.
 
 mod measurement;
 mod output;
+mod pack;
 mod parameters;
+mod steps;
 
-use super::core_field::{CoreField, LinearisedCoreField};
-use super::field_value::FieldValue;
+use std::sync::Arc;
+
+use pulp::{Simd, WithSimd};
+
+use super::core_field::CoreField;
 use super::ins_series::{InsSeries, SeriesError};
 use super::map_stack::FieldMap;
-use super::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector, pinson_matrix};
-use super::transition::{propagate_state, step_covariance, transition_matrix};
-use measurement::Sensitivity;
 pub use output::{EkfOutput, EkfReport};
+use pack::{Filter, Pack};
 pub use parameters::{EkfError, EkfParameters};
+use steps::StepModel;
 
 /// Filters one line.
 ///
 /// `measurement_nt` is the compensated field at each sample of `ins`; it holds the core field if,
-/// and only if, `core` is given. Costs about 3 microseconds a sample and allocates the output only.
+/// and only if, `core` is given. Costs about 3 microseconds a sample and allocates little but the output.
 pub fn run(
     parameters: &EkfParameters,
     ins: &InsSeries<'_>,
@@ -38,45 +45,105 @@ pub fn run(
     map: &FieldMap,
     core: Option<&CoreField>,
 ) -> Result<EkfOutput, EkfError> {
-    parameters.check()?;
-    ins.check()?;
-    if measurement_nt.len() != ins.len() {
-        let (column, rows, expected) = ("measurement", measurement_nt.len(), ins.len());
-        return Err(SeriesError::Length { column, rows, expected }.into());
+    let core = core.map(|core| Arc::new(core.clone()));
+    let point = EkfPoint { parameters, measurement_nt, map, core: core.as_ref() };
+    // One point has one answer.
+    run_together(ins, &[point]).pop().unwrap_or_else(|| Ok(EkfOutput::default()))
+}
+
+/// One of several filters over the same line.
+#[derive(Clone, Copy, Debug)]
+pub struct EkfPoint<'a> {
+    /// The parameters.
+    pub parameters: &'a EkfParameters,
+    /// The compensated field at each sample; it holds the core field if, and only if, `core` is given.
+    pub measurement_nt: &'a [f64],
+    /// The map.
+    pub map: &'a FieldMap,
+    /// The core field.
+    pub core: Option<&'a Arc<CoreField>>,
+}
+
+/// Filters one line by several points, whose answers come in their order and have the bits of [`run`].
+///
+/// Points of equal time constants (but for that of the temporal variation), discretisation and, for
+/// [`VanLoan`](super::transition::NoiseDiscretisation::VanLoan), process noise share the transition matrices. All
+/// answers are in memory together.
+pub fn run_together(ins: &InsSeries<'_>, points: &[EkfPoint<'_>]) -> Vec<Result<EkfOutput, EkfError>> {
+    let series = ins.check();
+    let mut answers: Vec<Option<Result<EkfOutput, EkfError>>> = vec![];
+    let mut groups: Vec<(StepModel, Vec<usize>)> = vec![];
+    for (place, point) in points.iter().enumerate() {
+        let refused = point.check(ins, &series).err();
+        if refused.is_none() {
+            let model = StepModel::of(&point.parameters.errors);
+            match groups.iter_mut().find(|(of, _)| *of == model) {
+                Some((_, places)) => places.push(place),
+                None => groups.push((model, vec![place])),
+            }
+        }
+        answers.push(refused.map(Err));
     }
-    let mut filter = Filter::new(parameters, ins, map, core);
-    let (offset_nt, offset_samples) = filter.offset(measurement_nt);
-    let mut output = EkfOutput::with_capacity(ins.len(), parameters.keep_covariance);
-    output.report.offset_nt = offset_nt;
-    output.report.offset_samples = offset_samples;
-    let line = Line { filter, measurement_nt, offset_nt, output };
-    pulp::Arch::new().dispatch(line)
+    for (model, places) in groups {
+        let filters = places.iter().map(|place| Filter::new(points[*place], ins)).collect();
+        let filtered = pulp::Arch::new().dispatch(Group { ins, model, filters });
+        for (place, filter) in places.into_iter().zip(filtered) {
+            answers[place] = Some(filter.finish());
+        }
+    }
+    // Every point was refused or is of a group.
+    answers.into_iter().flatten().collect()
 }
 
-/// A line to be filtered, as the work that is dispatched to the machine's vector unit.
-struct Line<'a> {
-    filter: Filter<'a>,
-    measurement_nt: &'a [f64],
-    offset_nt: f64,
-    output: EkfOutput,
+impl EkfPoint<'_> {
+    fn check(&self, ins: &InsSeries<'_>, series: &Result<(), SeriesError>) -> Result<(), EkfError> {
+        self.parameters.check()?;
+        series.clone()?;
+        if self.measurement_nt.len() != ins.len() {
+            let (column, rows, expected) = ("measurement", self.measurement_nt.len(), ins.len());
+            return Err(SeriesError::Length { column, rows, expected }.into());
+        }
+        Ok(())
+    }
 }
 
-impl pulp::NullaryFnOnce for Line<'_> {
-    type Output = Result<EkfOutput, EkfError>;
+/// Steps that are made before the filters take them, one pack after the other: the covariances of a pack stay in the
+/// innermost cache meanwhile, and the steps in the one behind it.
+const BLOCK: usize = 32;
+
+/// Filters that share their steps, as the work that is dispatched to the machine's vector unit.
+struct Group<'a> {
+    ins: &'a InsSeries<'a>,
+    model: StepModel,
+    filters: Vec<Filter<'a>>,
+}
+
+impl<'a> WithSimd for Group<'a> {
+    type Output = Vec<Filter<'a>>;
 
     #[inline(always)]
-    fn call(self) -> Self::Output {
-        let Self { mut filter, measurement_nt, offset_nt, mut output } = self;
-        let (ins, earth) = (filter.ins, filter.parameters.errors.earth);
-        for (row, measured_nt) in measurement_nt.iter().enumerate() {
-            if row > 0 {
-                filter.propagate(row);
-            }
-            let innovation = filter.update(row, measured_nt - offset_nt, &mut output.report);
-            filter.check(row)?;
-            output.push(ins, row, &filter.x, &filter.p, innovation, earth);
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let Self { ins, model, filters } = self;
+        let mut packs = vec![];
+        let mut filters = filters.into_iter().peekable();
+        while filters.peek().is_some() {
+            let few = filters.by_ref().take(S::F64_LANES).collect();
+            packs.push(Pack::new(simd, few, model.noise(), ins));
         }
-        Ok(output)
+        for pack in &mut packs {
+            pack.start(simd, ins);
+        }
+        let mut steps = Vec::with_capacity(BLOCK);
+        for first in (1..ins.len()).step_by(BLOCK) {
+            steps.clear();
+            for row in first..(first + BLOCK).min(ins.len()) {
+                steps.push(model.step(ins, row));
+            }
+            for pack in &mut packs {
+                pack.advance(simd, ins, first, &steps);
+            }
+        }
+        packs.into_iter().flat_map(Pack::into_filters).collect()
     }
 }
 
@@ -91,114 +158,7 @@ impl Innovation {
     const NONE: Self = Self { residual_nt: f64::NAN, nis: f64::NAN };
 }
 
-struct Filter<'a> {
-    parameters: &'a EkfParameters,
-    ins: &'a InsSeries<'a>,
-    map: &'a FieldMap,
-    core: Option<LinearisedCoreField>,
-    noise_density: StateVector,
-    x: StateVector,
-    p: StateMatrix,
-}
-
-impl<'a> Filter<'a> {
-    /// No error, and the initial covariance at the first sample.
-    fn new(parameters: &'a EkfParameters, ins: &'a InsSeries<'a>, map: &'a FieldMap, core: Option<&CoreField>) -> Self {
-        let (lat_rad, alt_m) = (ins.lat_deg[0].to_radians(), ins.alt_m[0]);
-        Self {
-            parameters,
-            ins,
-            map,
-            core: core.map(|core| LinearisedCoreField::new(core.clone())),
-            noise_density: parameters.errors.noise_density(),
-            x: [0.0; STATES],
-            p: parameters.errors.initial_covariance(lat_rad, alt_m),
-        }
-    }
-
-    /// The field and its gradient at an error `x` from the INS; `None` where the map has none.
-    fn field(&mut self, row: usize, x: &StateVector) -> Option<FieldValue> {
-        let lat_deg = self.ins.lat_deg[row] + x[LAT].to_degrees();
-        let lon_deg = self.ins.lon_deg[row] + x[LON].to_degrees();
-        let alt_m = self.ins.alt_m[row] + x[ALT];
-        let anomaly = self.map.at(lat_deg, lon_deg, alt_m)?;
-        Some(match &mut self.core {
-            Some(core) => anomaly + core.magnitude_and_gradient(lat_deg, lon_deg, alt_m),
-            None => anomaly,
-        })
-    }
-
-    /// The mean of measurement minus prediction at the INS position over the first seconds, and
-    /// from how many samples; nothing for a window of zero.
-    fn offset(&mut self, measurement_nt: &[f64]) -> (f64, usize) {
-        let window_s = self.parameters.offset_window_s;
-        if window_s <= 0.0 {
-            return (0.0, 0);
-        }
-        let (mut sum_nt, mut samples) = (0.0, 0_usize);
-        for (row, measured_nt) in measurement_nt.iter().enumerate() {
-            if self.ins.tt_s[row] - self.ins.tt_s[0] > window_s {
-                break;
-            }
-            if let Some(field) = self.field(row, &[0.0; STATES])
-                && measured_nt.is_finite()
-            {
-                sum_nt += measured_nt - field.value_nt;
-                samples += 1;
-            }
-        }
-        if samples == 0 { (0.0, 0) } else { (sum_nt / samples as f64, samples) }
-    }
-
-    /// Brings state and covariance from the sample before `row` to `row`.
-    #[inline(always)]
-    fn propagate(&mut self, row: usize) {
-        let errors = &self.parameters.errors;
-        let dt_s = self.ins.tt_s[row] - self.ins.tt_s[row - 1];
-        let ins = self.ins.point(row - 1);
-        let f = pinson_matrix(&ins, &errors.time_constants(), errors.pinson);
-        let phi = transition_matrix(&f, dt_s);
-        self.x = propagate_state(&phi, &self.x);
-        self.p = step_covariance(&self.p, &f, &phi, &self.noise_density, dt_s, errors.noise);
-    }
-
-    /// Corrects state and covariance by the measurement of `row`, if there is one to use.
-    #[inline(always)]
-    fn update(&mut self, row: usize, measured_nt: f64, report: &mut EkfReport) -> Innovation {
-        if !measured_nt.is_finite() {
-            report.missing_measurements += 1;
-            return Innovation::NONE;
-        }
-        let x = self.x;
-        let Some(field) = self.field(row, &x) else {
-            report.off_map += 1;
-            return Innovation::NONE;
-        };
-        let sensitivity = Sensitivity::of(&field);
-        let variance = self.parameters.measurement_sigma_nt.powi(2);
-        let gain = sensitivity.gain(&self.p, variance);
-        let residual_nt = measured_nt - (field.value_nt + x[S]);
-        let nis = residual_nt * residual_nt / gain.innovation_variance;
-        if self.parameters.gate_nis.is_some_and(|gate| nis > gate) {
-            report.gated += 1;
-            return Innovation { residual_nt, nis };
-        }
-        report.updates += 1;
-        for (x, gain) in self.x.iter_mut().zip(&gain.gain) {
-            *x += gain * residual_nt;
-        }
-        sensitivity.update_covariance(&mut self.p, &gain, variance);
-        Innovation { residual_nt, nis }
-    }
-
-    /// Refuses to go on with a state or covariance that means nothing.
-    fn check(&self, row: usize) -> Result<(), EkfError> {
-        let variances = self.p.iter().enumerate().map(|(state, p)| p[state]);
-        let sound =
-            self.x.iter().zip(variances).all(|(x, variance)| x.is_finite() && variance.is_finite() && variance >= 0.0);
-        if sound { Ok(()) } else { Err(EkfError::Diverged { row, tt_s: self.ins.tt_s[row] }) }
-    }
-}
-
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod together_tests;

@@ -53,6 +53,20 @@ impl EarthModel {
         radius_m * lat_rad.cos()
     }
 
+    /// Metres north and east per radian of latitude and longitude, by one sine and one root for both.
+    pub fn north_east_m_per_rad(self, lat_rad: f64, alt_m: f64) -> (f64, f64) {
+        let (sin_lat, cos_lat) = lat_rad.sin_cos();
+        let w_squared = 1.0 - ECCENTRICITY_SQUARED * (sin_lat * sin_lat);
+        let transverse_m = SEMI_MAJOR_AXIS_M / w_squared.sqrt();
+        match self {
+            Self::Wgs84 => {
+                let meridian_m = transverse_m * (1.0 - ECCENTRICITY_SQUARED) / w_squared;
+                (meridian_m + alt_m, (transverse_m + alt_m) * cos_lat)
+            }
+            Self::Compatible => (transverse_m, transverse_m * cos_lat),
+        }
+    }
+
     /// Radians of latitude that `north_m` metres make.
     pub fn north_m_to_lat_rad(self, north_m: f64, lat_rad: f64, alt_m: f64) -> f64 {
         north_m / self.north_m_per_rad(lat_rad, alt_m)
@@ -149,6 +163,9 @@ mod tests {
             |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt() / (2.0 * step);
         let north = distance(ecef_m(lat + step, lon, alt), ecef_m(lat - step, lon, alt));
         let east = distance(ecef_m(lat, lon + step, alt), ecef_m(lat, lon - step, alt));
+        let (north_too, east_too) = earth.north_east_m_per_rad(lat, alt);
+        assert!((north_too / earth.north_m_per_rad(lat, alt) - 1.0).abs() < 1e-15);
+        assert!((east_too / earth.east_m_per_rad(lat, alt) - 1.0).abs() < 1e-15);
         // Cancellation: 1e-9 m of rounding over a chord of 13 m.
         assert!((north / earth.north_m_per_rad(lat, alt) - 1.0).abs() < 1e-9);
         assert!((east / earth.east_m_per_rad(lat, alt) - 1.0).abs() < 1e-9);

@@ -3,6 +3,8 @@
 //! Everything here is inlined into the filter's loop, which is compiled for each kind of vector
 //! unit. No product is fused with a sum, so all of them give the same bits.
 
+pub(super) mod lanes;
+
 use super::pinson::{
     A_HAT, ACC, ALT, GYRO, HA, LAT, LON, S, STATES, StateMatrix, StateVector, TILT_D, TILT_E, TILT_N, VD, VE, VN,
 };
@@ -73,8 +75,9 @@ const LARGEST: f64 = 0.5;
 /// θ above one half (several seconds) is made of halves.
 #[inline(always)]
 pub fn transition_matrix(f: &StateMatrix, dt_s: f64) -> StateMatrix {
-    let halvings = halvings(scaled_norm(f) * dt_s.abs());
-    let mut phi = series(f, dt_s / f64::from(1_u32 << halvings));
+    let norm = scaled_norm(f);
+    let halvings = halvings(norm * dt_s.abs());
+    let mut phi = series(f, norm, dt_s / f64::from(1_u32 << halvings));
     for _ in 0..halvings {
         phi = product(&phi, &phi);
     }
@@ -109,15 +112,17 @@ fn halvings(theta: f64) -> u32 {
     halvings
 }
 
-/// The Taylor series of exp(F Δt) over the pattern of F.
+/// The Taylor series of exp(F Δt) over the pattern of F, whose scaled size is `norm`, in 1/s.
 #[inline(always)]
-fn series(f: &StateMatrix, dt_s: f64) -> StateMatrix {
-    let theta = scaled_norm(f) * dt_s.abs();
+fn series(f: &StateMatrix, norm: f64, dt_s: f64) -> StateMatrix {
+    let theta = norm * dt_s.abs();
     let mut phi = identity();
-    let mut term = identity();
+    // Two terms in turn: what the pattern leaves out of them is zero from the start, and stays.
+    let (mut term, mut next) = (&mut identity(), &mut [[0.0; STATES]; STATES]);
     let mut bound = theta.exp();
     for order in 1..40_u32 {
-        term = next_term(f, &term, dt_s / f64::from(order));
+        next_term(f, term, dt_s / f64::from(order), next);
+        std::mem::swap(&mut term, &mut next);
         for (row, _) in COUPLED {
             add_scaled(&mut phi[row], 1.0, &term[row]);
         }
@@ -132,10 +137,9 @@ fn series(f: &StateMatrix, dt_s: f64) -> StateMatrix {
     phi
 }
 
-/// F times a term of the series times `factor`.
+/// F times a term of the series times `factor`, over the pattern.
 #[inline(always)]
-fn next_term(f: &StateMatrix, term: &StateMatrix, factor: f64) -> StateMatrix {
-    let mut next = [[0.0; STATES]; STATES];
+fn next_term(f: &StateMatrix, term: &StateMatrix, factor: f64, next: &mut StateMatrix) {
     for (row, columns) in COUPLED {
         let mut sum = [0.0; STATES];
         for column in columns {
@@ -151,7 +155,6 @@ fn next_term(f: &StateMatrix, term: &StateMatrix, factor: f64) -> StateMatrix {
     for state in DECAYING {
         next[state][state] = factor * f[state][state] * term[state][state];
     }
-    next
 }
 
 /// The identity matrix.
@@ -178,6 +181,7 @@ pub(super) fn add_scaled(to: &mut StateVector, factor: f64, from: &StateVector) 
     }
 }
 
+#[inline(always)]
 fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
     let mut out = [[0.0; STATES]; STATES];
     for (out, row) in out.iter_mut().zip(a) {
@@ -204,63 +208,9 @@ pub fn propagate_state(phi: &StateMatrix, x: &StateVector) -> StateVector {
 /// Φ P Φᵀ of a symmetric P, exactly symmetric: one triangle is computed and mirrored.
 #[inline(always)]
 pub fn propagate_covariance(phi: &StateMatrix, p: &StateMatrix) -> StateMatrix {
-    // P is its own transpose, so the columns of Y = Φ P, which the second product needs by rows,
-    // are built as the rows of P Φᵀ.
-    let mut y = [[0.0; STATES]; STATES];
-    for (row, _) in COUPLED {
-        y[row] = combined(&phi[row], p);
-    }
-    for state in DECAYING {
-        y[state] = p[state].map(|entry| phi[state][state] * entry);
-    }
-    let y_columns = transposed(&y);
-    let mut out = [[0.0; STATES]; STATES];
-    for (row, _) in COUPLED {
-        out[row] = combined(&phi[row], &y_columns);
-    }
-    for state in DECAYING {
-        for column in DECAYING {
-            out[state][column] = y[state][column] * phi[column][column];
-        }
-        // Coupled columns of a decaying row are filled from the coupled rows.
-        for (row, _) in COUPLED {
-            out[state][row] = out[row][state];
-        }
-    }
-    mirror_upper(&mut out);
+    let mut out = *p;
+    lanes::propagate_covariances(pulp::Scalar, &lanes::Transition::of(phi), phi[S][S], &mut out);
     out
-}
-
-/// The rows of a matrix, all but the last, combined by a coupled row of Φ (S drives nothing).
-#[inline(always)]
-fn combined(factors: &StateVector, rows: &StateMatrix) -> StateVector {
-    let mut sum = [0.0; STATES];
-    for (factor, row) in factors.iter().zip(rows).take(S) {
-        add_scaled(&mut sum, *factor, row);
-    }
-    sum
-}
-
-#[inline(always)]
-fn transposed(m: &StateMatrix) -> StateMatrix {
-    let mut out = [[0.0; STATES]; STATES];
-    for row in 0..STATES {
-        for column in 0..STATES {
-            out[row][column] = m[column][row];
-        }
-    }
-    out
-}
-
-/// Makes a matrix exactly symmetric by what stands above its diagonal.
-#[inline(always)]
-pub fn mirror_upper(m: &mut StateMatrix) {
-    for row in 1..STATES {
-        let (above, here) = m.split_at_mut(row);
-        for (entry, upper) in here[0].iter_mut().zip(above.iter()) {
-            *entry = upper[row];
-        }
-    }
 }
 
 /// The covariance that white noise of spectral density `q` (per state, per second) adds over a
@@ -268,6 +218,7 @@ pub fn mirror_upper(m: &mut StateMatrix) {
 ///
 /// Four-point Gauss-Legendre quadrature over pieces of at most one half in scaled size: its weights
 /// are positive, so every answer is positive semidefinite.
+#[inline(always)]
 pub fn van_loan(f: &StateMatrix, q: &StateVector, dt_s: f64) -> StateMatrix {
     const NODES: [(f64, f64); 4] = [
         (0.069_431_844_202_973_71, 0.173_927_422_568_726_93),
@@ -275,16 +226,17 @@ pub fn van_loan(f: &StateMatrix, q: &StateVector, dt_s: f64) -> StateMatrix {
         (0.669_990_521_792_428_1, 0.326_072_577_431_273_07),
         (0.930_568_155_797_026_3, 0.173_927_422_568_726_93),
     ];
-    let halvings = halvings(scaled_norm(f) * dt_s.abs());
+    let norm = scaled_norm(f);
+    let halvings = halvings(norm * dt_s.abs());
     let piece_s = dt_s / f64::from(1_u32 << halvings);
     let mut sum = [[0.0; STATES]; STATES];
     for (node, weight) in NODES {
-        let phi = series(f, node * piece_s);
+        let phi = series(f, norm, node * piece_s);
         let noise = diagonal(&q.map(|density| density * weight * piece_s));
         let part = propagate_covariance(&phi, &noise);
         add(&mut sum, &part);
     }
-    let mut phi = series(f, piece_s);
+    let mut phi = series(f, norm, piece_s);
     for _ in 0..halvings {
         let earlier = propagate_covariance(&phi, &sum);
         add(&mut sum, &earlier);
@@ -294,6 +246,7 @@ pub fn van_loan(f: &StateMatrix, q: &StateVector, dt_s: f64) -> StateMatrix {
 }
 
 /// Adds a matrix to a matrix.
+#[inline(always)]
 pub(super) fn add(to: &mut StateMatrix, from: &StateMatrix) {
     for (to, from) in to.iter_mut().zip(from) {
         add_scaled(to, 1.0, from);

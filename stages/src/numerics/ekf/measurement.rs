@@ -1,59 +1,84 @@
-//! The scalar measurement: its Jacobian, the gain, and the covariance after it.
+//! The scalar measurements of the filters in the lanes of a register: Jacobians, gains, and the covariances after them.
 
-use crate::numerics::field_value::FieldValue;
-use crate::numerics::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
-use crate::numerics::transition::{add_scaled, mirror_upper};
+use pulp::Simd;
 
-/// The row H of the measurement, which has entries for position and S only.
+use crate::numerics::pinson::{ALT, LAT, LON, S, STATES};
+use crate::numerics::transition::lanes::{Matrices, Vectors};
+
+/// The row H of each measurement, which has entries for position and S only.
 /// [thesis 000 (5.37), with the 1 of S that is missing in print]
-pub(super) struct Sensitivity {
-    d_lat: f64,
-    d_lon: f64,
-    d_alt: f64,
+pub(super) struct Sensitivities<V> {
+    pub(super) d_lat: V,
+    pub(super) d_lon: V,
+    pub(super) d_alt: V,
 }
 
-/// The gain K = P Hᵀ / (H P Hᵀ + R) and what it came from.
-pub(super) struct Gain {
-    pub(super) gain: StateVector,
-    pub(super) innovation_variance: f64,
+/// What a measurement that is used does to state and covariance.
+pub(super) struct Correction<S: Simd> {
+    /// Measurement minus prediction, in nT.
+    pub(super) residual_nt: S::f64s,
+    /// One over the variance of the residual, in 1/nT².
+    pub(super) weight: S::f64s,
+    /// The variance of the measurement, in nT².
+    pub(super) variance: S::f64s,
+    /// The lanes whose measurement is used; the others keep their bits.
+    pub(super) used: S::m64s,
+}
+
+impl<V: Copy> Sensitivities<V> {
+    /// H times a vector of which the entries for position and S are given.
+    #[inline(always)]
+    fn dot<S: Simd<f64s = V>>(&self, simd: S, [lat, lon, alt, s]: [V; 4]) -> V {
+        let horizontal = simd.add_f64s(simd.mul_f64s(self.d_lat, lat), simd.mul_f64s(self.d_lon, lon));
+        simd.add_f64s(simd.add_f64s(horizontal, simd.mul_f64s(self.d_alt, alt)), s)
+    }
+
     /// P Hᵀ.
-    covariance_with_measurement: StateVector,
-}
-
-impl Sensitivity {
-    pub(super) fn of(field: &FieldValue) -> Self {
-        Self { d_lat: field.d_lat_nt_per_rad, d_lon: field.d_lon_nt_per_rad, d_alt: field.d_alt_nt_per_m }
-    }
-
-    /// H v.
     #[inline(always)]
-    fn dot(&self, v: &StateVector) -> f64 {
-        self.d_lat * v[LAT] + self.d_lon * v[LON] + self.d_alt * v[ALT] + v[S]
-    }
-
-    #[inline(always)]
-    pub(super) fn gain(&self, p: &StateMatrix, variance: f64) -> Gain {
-        let mut ph = [0.0; STATES];
-        add_scaled(&mut ph, self.d_lat, &p[LAT]);
-        add_scaled(&mut ph, self.d_lon, &p[LON]);
-        add_scaled(&mut ph, self.d_alt, &p[ALT]);
-        add_scaled(&mut ph, 1.0, &p[S]);
-        let innovation_variance = self.dot(&ph) + variance;
-        let gain = ph.map(|entry| entry / innovation_variance);
-        Gain { gain, innovation_variance, covariance_with_measurement: ph }
-    }
-
-    /// Joseph's form (I - K H) P (I - K H)ᵀ + K R Kᵀ, as A = P - K (P Hᵀ)ᵀ and then
-    /// A + (R K - A Hᵀ) Kᵀ, made exactly symmetric.
-    #[inline(always)]
-    pub(super) fn update_covariance(&self, p: &mut StateMatrix, gain: &Gain, variance: f64) {
-        for (row, factor) in p.iter_mut().zip(&gain.gain) {
-            add_scaled(row, -factor, &gain.covariance_with_measurement);
+    pub(super) fn covariances<S: Simd<f64s = V>>(&self, simd: S, p: &Matrices<S>) -> Vectors<S> {
+        let mut ph = p[S];
+        for state in 0..STATES {
+            ph[state] = self.dot(simd, [p[LAT][state], p[LON][state], p[ALT][state], p[S][state]]);
         }
-        for (row, factor) in p.iter_mut().zip(&gain.gain) {
-            let correction = variance * factor - self.dot(row);
-            add_scaled(row, correction, &gain.gain);
+        ph
+    }
+
+    /// H P Hᵀ + R of P Hᵀ and R.
+    #[inline(always)]
+    pub(super) fn innovation_variances<S: Simd<f64s = V>>(&self, simd: S, ph: &Vectors<S>, variance: V) -> V {
+        simd.add_f64s(self.dot(simd, [ph[LAT], ph[LON], ph[ALT], ph[S]]), variance)
+    }
+
+    /// x + K r, and Joseph's form (I - K H) P (I - K H)ᵀ + K R Kᵀ, as A = P - K (P Hᵀ)ᵀ and then A + (R K - A Hᵀ) Kᵀ,
+    /// of which one triangle is computed and mirrored. K = P Hᵀ / (H P Hᵀ + R), and `ph` is P Hᵀ.
+    #[inline(always)]
+    pub(super) fn correct<S: Simd<f64s = V>>(
+        &self,
+        simd: S,
+        correction: &Correction<S>,
+        ph: &Vectors<S>,
+        x: &mut Vectors<S>,
+        p: &mut Matrices<S>,
+    ) {
+        let Correction { residual_nt, weight, variance, used } = *correction;
+        let mut gain = *ph;
+        let mut rest = *ph;
+        for state in 0..STATES {
+            gain[state] = simd.mul_f64s(ph[state], weight);
+            let corrected = simd.add_f64s(x[state], simd.mul_f64s(gain[state], residual_nt));
+            x[state] = simd.select_f64s(used, corrected, x[state]);
+            let after = |column: usize| simd.sub_f64s(p[column][state], simd.mul_f64s(gain[state], ph[column]));
+            let a_h = self.dot(simd, [after(LAT), after(LON), after(ALT), after(S)]);
+            rest[state] = simd.sub_f64s(simd.mul_f64s(variance, gain[state]), a_h);
         }
-        mirror_upper(p);
+        for row in 0..STATES {
+            for column in row..STATES {
+                let a = simd.sub_f64s(p[row][column], simd.mul_f64s(gain[row], ph[column]));
+                let corrected = simd.add_f64s(a, simd.mul_f64s(rest[row], gain[column]));
+                let entry = simd.select_f64s(used, corrected, p[row][column]);
+                p[row][column] = entry;
+                p[column][row] = entry;
+            }
+        }
     }
 }

@@ -27,7 +27,7 @@ pub struct EkfReport {
 /// sample.
 #[derive(Clone, Debug, Default)]
 pub struct EkfOutput {
-    /// The error states, in the order of `pinson`.
+    /// The error states, in the order of `pinson`; empty unless `keep_states` asked for them.
     pub x: Vec<StateVector>,
     /// Their covariance; empty unless `keep_covariance` asked for it.
     pub p: Vec<StateMatrix>,
@@ -55,14 +55,15 @@ pub struct EkfOutput {
     pub cov_ne_m2: Vec<f64>,
     /// How the samples were used.
     pub report: EkfReport,
+    keep_states: bool,
     keep_covariance: bool,
 }
 
 impl EkfOutput {
-    pub(super) fn with_capacity(rows: usize, keep_covariance: bool) -> Self {
+    pub(super) fn with_capacity(rows: usize, keep_states: bool, keep_covariance: bool) -> Self {
         let column = || Vec::with_capacity(rows);
         Self {
-            x: Vec::with_capacity(rows),
+            x: Vec::with_capacity(if keep_states { rows } else { 0 }),
             p: Vec::with_capacity(if keep_covariance { rows } else { 0 }),
             residual_nt: column(),
             nis: column(),
@@ -76,37 +77,41 @@ impl EkfOutput {
             sd_e_m: column(),
             cov_ne_m2: column(),
             report: EkfReport::default(),
+            keep_states,
             keep_covariance,
         }
     }
 
+    /// Appends a row of the state `x` and its covariance `p`, by their entries.
+    #[inline(always)]
     pub(super) fn push(
         &mut self,
         ins: &InsSeries<'_>,
         row: usize,
-        x: &StateVector,
-        p: &StateMatrix,
+        x: impl Fn(usize) -> f64,
+        p: impl Fn(usize, usize) -> f64,
         innovation: Innovation,
         earth: EarthModel,
     ) {
-        let lat_deg = ins.lat_deg[row] + x[LAT].to_degrees();
-        let alt_m = ins.alt_m[row] + x[ALT];
-        let north = earth.north_m_per_rad(lat_deg.to_radians(), alt_m);
-        let east = earth.east_m_per_rad(lat_deg.to_radians(), alt_m);
-        self.x.push(*x);
+        let lat_deg = ins.lat_deg[row] + x(LAT).to_degrees();
+        let alt_m = ins.alt_m[row] + x(ALT);
+        let (north, east) = earth.north_east_m_per_rad(lat_deg.to_radians(), alt_m);
+        if self.keep_states {
+            self.x.push(std::array::from_fn(&x));
+        }
         if self.keep_covariance {
-            self.p.push(*p);
+            self.p.push(std::array::from_fn(|row| std::array::from_fn(|column| p(row, column))));
         }
         self.residual_nt.push(innovation.residual_nt);
         self.nis.push(innovation.nis);
         self.lat_deg.push(lat_deg);
-        self.lon_deg.push(ins.lon_deg[row] + x[LON].to_degrees());
+        self.lon_deg.push(ins.lon_deg[row] + x(LON).to_degrees());
         self.alt_m.push(alt_m);
-        self.vn_mps.push(ins.vn_mps[row] + x[VN]);
-        self.ve_mps.push(ins.ve_mps[row] + x[VE]);
-        self.vd_mps.push(ins.vd_mps[row] + x[VD]);
-        self.sd_n_m.push(north * p[LAT][LAT].sqrt());
-        self.sd_e_m.push(east * p[LON][LON].sqrt());
-        self.cov_ne_m2.push(north * east * p[LAT][LON]);
+        self.vn_mps.push(ins.vn_mps[row] + x(VN));
+        self.ve_mps.push(ins.ve_mps[row] + x(VE));
+        self.vd_mps.push(ins.vd_mps[row] + x(VD));
+        self.sd_n_m.push(north * p(LAT, LAT).sqrt());
+        self.sd_e_m.push(east * p(LON, LON).sqrt());
+        self.cov_ne_m2.push(north * east * p(LAT, LON));
     }
 }

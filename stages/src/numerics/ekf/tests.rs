@@ -3,7 +3,7 @@ use super::super::ins_error::InsErrorModel;
 use super::super::map_grid::tests::golden_grid;
 use super::super::map_grid::{AnomalyMap, Interpolation, MapGrid};
 use super::super::pinson::tests::{golden, golden_entries};
-use super::super::pinson::{MAGNAV_POSITION, VN};
+use super::super::pinson::{ALT, LAT, LON, MAGNAV_POSITION, S, STATES, StateVector, VN};
 use super::super::transition::NoiseDiscretisation;
 use super::*;
 use nalgebra::SMatrix;

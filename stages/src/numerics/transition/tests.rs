@@ -131,8 +131,7 @@ fn full_covariance() -> StateMatrix {
             p[row][column] = sum;
         }
     }
-    mirror_upper(&mut p);
-    p
+    std::array::from_fn(|row| std::array::from_fn(|column| p[row.min(column)][row.max(column)]))
 }
 
 fn dense(m: &StateMatrix) -> SMatrix<f64, STATES, STATES> {

@@ -1,0 +1,92 @@
+//! The INS of a line, with what it lacks derived.
+
+use std::borrow::Cow;
+
+use arrow_array::RecordBatch;
+use schemas::Fault;
+
+use super::{ATTITUDE, FORCE, POSITION, VELOCITY};
+use crate::{
+    columns::{data, floats},
+    numerics::{ins_series::InsSeries, strapdown},
+};
+
+type Three<'a> = [Cow<'a, [f64]>; 3];
+
+/// The columns of an INS.
+pub(super) struct Ins<'a> {
+    tt_s: &'a [f64],
+    position: [&'a [f64]; 3],
+    velocity: Three<'a>,
+    force: Three<'a>,
+    attitude: Three<'a>,
+}
+
+fn three<'a>(batch: &'a RecordBatch, names: [&str; 3]) -> Result<[&'a [f64]; 3], Fault> {
+    Ok([floats(batch, names[0])?, floats(batch, names[1])?, floats(batch, names[2])?])
+}
+
+impl<'a> Ins<'a> {
+    /// Borrows the columns that are there, and derives the others.
+    pub(super) fn of(batch: &'a RecordBatch) -> Result<Self, Fault> {
+        let tt_s = floats(batch, "tt")?;
+        let position = three(batch, POSITION)?;
+        let [lat_deg, lon_deg, alt_m] = position;
+        let read = |names: [&str; 3]| -> Result<Option<Three<'a>>, Fault> {
+            let there = batch.column_by_name(names[0]).is_some();
+            there.then(|| Ok(three(batch, names)?.map(Cow::Borrowed))).transpose()
+        };
+        let derived = |columns: [Vec<f64>; 3]| columns.map(Cow::Owned);
+        let velocity = match read(VELOCITY)? {
+            Some(velocity) => velocity,
+            None => derived(strapdown::velocity_ned_mps(tt_s, lat_deg, lon_deg, alt_m).map_err(data)?),
+        };
+        let [vn_mps, ve_mps, vd_mps] = velocity.each_ref().map(|c| &**c);
+        let force = match read(FORCE)? {
+            Some(force) => force,
+            None => derived(strapdown::specific_force_ned_mps2(tt_s, vn_mps, ve_mps, vd_mps).map_err(data)?),
+        };
+        let attitude = match read(ATTITUDE)? {
+            Some(attitude) => attitude,
+            None => derived(strapdown::level_attitude_deg(vn_mps, ve_mps).map_err(data)?),
+        };
+        Ok(Self { tt_s, position, velocity, force, attitude })
+    }
+
+    /// The columns as the filter takes them.
+    pub(super) fn series(&self) -> InsSeries<'_> {
+        let ([lat, lon, alt], [vn, ve, vd]) = (self.position, self.velocity.each_ref().map(|c| &**c));
+        let ([force_n, force_e, force_d], [roll, pitch, yaw]) =
+            (self.force.each_ref().map(|c| &**c), self.attitude.each_ref().map(|c| &**c));
+        InsSeries::of([self.tt_s, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw])
+    }
+
+    /// The heights above the ellipsoid, in metres.
+    pub(super) fn alt_m(&self) -> &[f64] {
+        self.position[2]
+    }
+
+    /// The mean way from one sample to the next, in metres.
+    pub(super) fn step_m(&self) -> f64 {
+        let [vn_mps, ve_mps, _] = &self.velocity;
+        let speed_mps = vn_mps.iter().zip(ve_mps.iter()).map(|(n, e)| n.hypot(*e)).sum::<f64>() / vn_mps.len() as f64;
+        let duration_s = self.tt_s.last().zip(self.tt_s.first()).map_or(0.0, |(last, first)| last - first);
+        (speed_mps * duration_s / (self.tt_s.len() as f64 - 1.0)).max(0.1)
+    }
+}
+
+/// Whether two batches have the same INS: the same columns, bit by bit.
+pub(super) fn same(a: &RecordBatch, b: &RecordBatch) -> bool {
+    let names = ["tt"].into_iter().chain(POSITION).chain(VELOCITY).chain(FORCE).chain(ATTITUDE);
+    names.into_iter().all(|name| match (a.column_by_name(name), b.column_by_name(name)) {
+        (Some(one), Some(other)) if std::sync::Arc::ptr_eq(one, other) => true,
+        (Some(_), Some(_)) => match (floats(a, name), floats(b, name)) {
+            (Ok(one), Ok(other)) => {
+                std::ptr::eq(one, other)
+                    || one.len() == other.len() && one.iter().zip(other).all(|(a, b)| a.to_bits() == b.to_bits())
+            }
+            _ => false,
+        },
+        (one, other) => one.is_none() && other.is_none(),
+    })
+}

@@ -1,0 +1,273 @@
+//! Filters side by side in the lanes of a vector register.
+
+use pulp::Simd;
+
+use super::measurement::{Correction, Sensitivities};
+use super::steps::Step;
+use super::{EkfError, EkfOutput, EkfPoint, Innovation};
+use crate::numerics::core_field::LinearisedCoreField;
+use crate::numerics::field_value::FieldValue;
+use crate::numerics::gauss_markov::GaussMarkov;
+use crate::numerics::ins_series::InsSeries;
+use crate::numerics::pinson::{ALT, LAT, LON, S, STATES};
+use crate::numerics::transition::NoiseDiscretisation;
+use crate::numerics::transition::lanes::{
+    Matrices, Vectors, add_diagonals, add_to_all, from_lanes, lane, propagate_covariances, propagate_states,
+};
+
+/// The most lanes that a register has.
+const MOST_LANES: usize = 8;
+
+/// What a filter has to itself, but for state and covariance.
+pub(super) struct Filter<'a> {
+    point: EkfPoint<'a>,
+    core: Option<LinearisedCoreField>,
+    /// The temporal variation.
+    fogm: GaussMarkov,
+    offset_nt: f64,
+    output: EkfOutput,
+    fault: Option<EkfError>,
+}
+
+impl<'a> Filter<'a> {
+    pub(super) fn new(point: EkfPoint<'a>, ins: &InsSeries<'_>) -> Self {
+        let (parameters, errors) = (point.parameters, &point.parameters.errors);
+        let mut filter = Self {
+            core: point.core.map(|core| LinearisedCoreField::new(core.clone())),
+            fogm: GaussMarkov { sigma: errors.fogm_sigma_nt, tau_s: errors.fogm_tau_s },
+            offset_nt: 0.0,
+            output: EkfOutput::with_capacity(ins.len(), parameters.keep_states, parameters.keep_covariance),
+            fault: None,
+            point,
+        };
+        let (offset_nt, samples) = filter.offset(ins);
+        filter.offset_nt = offset_nt;
+        filter.output.report.offset_nt = offset_nt;
+        filter.output.report.offset_samples = samples;
+        filter
+    }
+
+    /// What came of it.
+    pub(super) fn finish(self) -> Result<EkfOutput, EkfError> {
+        self.fault.map_or(Ok(self.output), Err)
+    }
+
+    /// The field and its gradient at an error in latitude and longitude (rad) and height (m) from the INS; `None` where
+    /// the map has none.
+    fn field(&mut self, ins: &InsSeries<'_>, row: usize, error: [f64; 3]) -> Option<FieldValue> {
+        let lat_deg = ins.lat_deg[row] + error[0].to_degrees();
+        let lon_deg = ins.lon_deg[row] + error[1].to_degrees();
+        let alt_m = ins.alt_m[row] + error[2];
+        let anomaly = self.point.map.at(lat_deg, lon_deg, alt_m)?;
+        Some(match &mut self.core {
+            Some(core) => anomaly + core.magnitude_and_gradient(lat_deg, lon_deg, alt_m),
+            None => anomaly,
+        })
+    }
+
+    /// The mean of measurement minus prediction at the INS position over the first seconds, and
+    /// from how many samples; nothing for a window of zero.
+    fn offset(&mut self, ins: &InsSeries<'_>) -> (f64, usize) {
+        let window_s = self.point.parameters.offset_window_s;
+        if window_s <= 0.0 {
+            return (0.0, 0);
+        }
+        let (mut sum_nt, mut samples) = (0.0, 0_usize);
+        for (row, measured_nt) in self.point.measurement_nt.iter().enumerate() {
+            if ins.tt_s[row] - ins.tt_s[0] > window_s {
+                break;
+            }
+            if let Some(field) = self.field(ins, row, [0.0; 3])
+                && measured_nt.is_finite()
+            {
+                sum_nt += measured_nt - field.value_nt;
+                samples += 1;
+            }
+        }
+        if samples == 0 { (0.0, 0) } else { (sum_nt / samples as f64, samples) }
+    }
+
+    /// The measurement of a row and the field that is expected there; `None`, and counted, without either.
+    fn expected(&mut self, ins: &InsSeries<'_>, row: usize, error: [f64; 3]) -> Option<(f64, FieldValue)> {
+        let measured_nt = self.point.measurement_nt[row] - self.offset_nt;
+        if !measured_nt.is_finite() {
+            self.output.report.missing_measurements += 1;
+            return None;
+        }
+        let field = self.field(ins, row, error);
+        if field.is_none() {
+            self.output.report.off_map += 1;
+        }
+        field.map(|field| (measured_nt, field))
+    }
+
+    /// Whether a measurement with this innovation is used; counted.
+    fn uses(&mut self, innovation: Innovation) -> bool {
+        let gated = self.point.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate);
+        let report = &mut self.output.report;
+        *(if gated { &mut report.gated } else { &mut report.updates }) += 1;
+        !gated
+    }
+}
+
+/// As many filters as a register has lanes, or fewer: a lane without a filter does as the last that has one, and
+/// nobody looks.
+pub(super) struct Pack<'a, S: Simd> {
+    filters: Vec<Filter<'a>>,
+    noise: NoiseDiscretisation,
+    /// Spectral densities of the process noise.
+    density: Vectors<S>,
+    /// Variances of the measurements, in nT².
+    variance: S::f64s,
+    x: Vectors<S>,
+    p: Matrices<S>,
+}
+
+impl<'a, S: Simd> Pack<'a, S> {
+    /// No error, and the initial covariances at the first sample. There is at least one filter, and no more than lanes.
+    pub(super) fn new(simd: S, filters: Vec<Filter<'a>>, noise: NoiseDiscretisation, ins: &InsSeries<'_>) -> Self {
+        let (lat_rad, alt_m) = (ins.lat_deg[0].to_radians(), ins.alt_m[0]);
+        let zero = simd.splat_f64s(0.0);
+        let (mut density, mut p) = ([zero; STATES], [[zero; STATES]; STATES]);
+        let parameters = |lane: usize| filters[lane.min(filters.len() - 1)].point.parameters;
+        for state in 0..STATES {
+            density[state] = from_lanes(simd, |lane| parameters(lane).errors.noise_density()[state]);
+            p[state][state] =
+                from_lanes(simd, |lane| parameters(lane).errors.initial_covariance(lat_rad, alt_m)[state][state]);
+        }
+        let variance = from_lanes(simd, |lane| parameters(lane).measurement_sigma_nt.powi(2));
+        Self { filters, noise, density, variance, x: [zero; STATES], p }
+    }
+
+    /// The filters at the end of the line.
+    pub(super) fn into_filters(self) -> Vec<Filter<'a>> {
+        self.filters
+    }
+
+    /// The first sample.
+    #[inline(always)]
+    pub(super) fn start(&mut self, simd: S, ins: &InsSeries<'_>) {
+        self.measure(simd, ins, 0);
+    }
+
+    /// The samples from `first` on, each after a step.
+    #[inline(always)]
+    pub(super) fn advance(&mut self, simd: S, ins: &InsSeries<'_>, first: usize, steps: &[Step]) {
+        if self.filters.iter().all(|filter| filter.fault.is_some()) {
+            return;
+        }
+        for (step, row) in steps.iter().zip(first..) {
+            self.propagate(simd, step);
+            self.measure(simd, ins, row);
+        }
+    }
+
+    /// A number of every filter; those that are alike one after the other are computed once.
+    #[inline(always)]
+    fn of_fogm(&self, simd: S, of: impl Fn(GaussMarkov) -> f64) -> S::f64s {
+        let mut last = self.filters[0].fogm;
+        let mut value = of(last);
+        from_lanes(simd, |lane| {
+            if let Some(filter) = self.filters.get(lane)
+                && filter.fogm != last
+            {
+                last = filter.fogm;
+                value = of(last);
+            }
+            value
+        })
+    }
+
+    #[inline(always)]
+    fn propagate(&mut self, simd: S, step: &Step) {
+        let dt_s = step.dt_s;
+        let decay = self.of_fogm(simd, |fogm| fogm.decay(dt_s));
+        propagate_states(simd, &step.phi, decay, &mut self.x);
+        // The part of the noise that comes before the step, and that after it.
+        let (before_s, after_s) = match self.noise {
+            NoiseDiscretisation::Rectangular => (0.0, dt_s),
+            NoiseDiscretisation::Trapezoidal => (0.5 * dt_s, 0.5 * dt_s),
+            NoiseDiscretisation::VanLoan => (0.0, 0.0),
+        };
+        if before_s > 0.0 {
+            add_diagonals(simd, &mut self.p, before_s, &self.density);
+        }
+        propagate_covariances(simd, &step.phi, decay, &mut self.p);
+        if after_s > 0.0 {
+            add_diagonals(simd, &mut self.p, after_s, &self.density);
+        }
+        if let Some(noise) = &step.noise {
+            add_to_all(simd, &mut self.p, noise);
+            let fogm = self.of_fogm(simd, |fogm| fogm.step_variance(dt_s));
+            self.p[S][S] = simd.add_f64s(self.p[S][S], fogm);
+        }
+    }
+
+    /// Corrects states and covariances by the measurements of `row`, where there are any to use, and hands them out.
+    #[inline(always)]
+    fn measure(&mut self, simd: S, ins: &InsSeries<'_>, row: usize) {
+        let innovations = self.update(simd, ins, row);
+        // Anything times zero is zero, unless it is not finite; a NaN is not equal to anything.
+        let zero = simd.splat_f64s(0.0);
+        let (mut finite, mut least) = (zero, zero);
+        for state in 0..STATES {
+            let variance = self.p[state][state];
+            let both = simd.add_f64s(simd.mul_f64s(self.x[state], zero), simd.mul_f64s(variance, zero));
+            finite = simd.add_f64s(finite, both);
+            least = simd.min_f64s(least, variance);
+        }
+        for (at, (filter, innovation)) in self.filters.iter_mut().zip(innovations).enumerate() {
+            if filter.fault.is_some() {
+                continue;
+            }
+            if lane::<S>(&finite, at) != 0.0 || lane::<S>(&least, at) < 0.0 {
+                filter.fault = Some(EkfError::Diverged { row, tt_s: ins.tt_s[row] });
+                filter.output = EkfOutput::default();
+                continue;
+            }
+            let x = |state: usize| lane::<S>(&self.x[state], at);
+            let p = |row: usize, column: usize| lane::<S>(&self.p[row][column], at);
+            filter.output.push(ins, row, x, p, innovation, filter.point.parameters.errors.earth);
+        }
+    }
+
+    #[inline(always)]
+    fn update(&mut self, simd: S, ins: &InsSeries<'_>, row: usize) -> [Innovation; MOST_LANES] {
+        let mut innovations = [Innovation::NONE; MOST_LANES];
+        let mut fields = [None; MOST_LANES];
+        for (at, (filter, field)) in self.filters.iter_mut().zip(&mut fields).enumerate() {
+            if filter.fault.is_none() {
+                let error = [LAT, LON, ALT].map(|state| lane::<S>(&self.x[state], at));
+                *field = filter.expected(ins, row, error);
+            }
+        }
+        if fields.iter().all(Option::is_none) {
+            return innovations;
+        }
+        let slope = |at: usize, of: fn(&FieldValue) -> f64| fields[at].as_ref().map_or(0.0, |(_, field)| of(field));
+        let h = Sensitivities {
+            d_lat: from_lanes(simd, |at| slope(at, |field| field.d_lat_nt_per_rad)),
+            d_lon: from_lanes(simd, |at| slope(at, |field| field.d_lon_nt_per_rad)),
+            d_alt: from_lanes(simd, |at| slope(at, |field| field.d_alt_nt_per_m)),
+        };
+        let ph = h.covariances(simd, &self.p);
+        let variances = h.innovation_variances(simd, &ph, self.variance);
+        let mut used = [0.0; MOST_LANES];
+        for (at, (filter, field)) in self.filters.iter_mut().zip(&fields).enumerate() {
+            if let Some((measured_nt, field)) = field {
+                let residual_nt = measured_nt - (field.value_nt + lane::<S>(&self.x[S], at));
+                let nis = residual_nt * residual_nt / lane::<S>(&variances, at);
+                innovations[at] = Innovation { residual_nt, nis };
+                used[at] = if filter.uses(innovations[at]) { 1.0 } else { 0.0 };
+            }
+        }
+        let correction = Correction {
+            residual_nt: from_lanes(simd, |at| innovations[at].residual_nt),
+            weight: simd.div_f64s(simd.splat_f64s(1.0), variances),
+            variance: self.variance,
+            used: simd.less_than_f64s(simd.splat_f64s(0.0), from_lanes(simd, |at| used[at])),
+        };
+        h.correct(simd, &correction, &ph, &mut self.x, &mut self.p);
+        innovations
+    }
+}

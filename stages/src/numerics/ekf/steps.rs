@@ -1,0 +1,54 @@
+//! The steps from sample to sample, which filters of the same error model share.
+
+use crate::numerics::ins_error::InsErrorModel;
+use crate::numerics::ins_series::InsSeries;
+use crate::numerics::pinson::{PinsonForm, S, StateMatrix, StateVector, TimeConstants, pinson_matrix};
+use crate::numerics::transition::lanes::Transition;
+use crate::numerics::transition::{NoiseDiscretisation, transition_matrix, van_loan};
+
+/// All that the steps along a line depend on besides the line. The temporal variation is left out: it drives nothing
+/// and decays by itself, so every filter has its own.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct StepModel {
+    times: TimeConstants,
+    form: PinsonForm,
+    noise: NoiseDiscretisation,
+    /// Spectral densities of the process noise, where its integral is shared too.
+    density: Option<StateVector>,
+}
+
+/// One step.
+pub(super) struct Step {
+    pub(super) dt_s: f64,
+    pub(super) phi: Transition,
+    /// The process noise of the step where it is integrated, but for that of the temporal variation.
+    pub(super) noise: Option<Box<StateMatrix>>,
+}
+
+impl StepModel {
+    pub(super) fn of(errors: &InsErrorModel) -> Self {
+        let mut density = errors.noise_density();
+        density[S] = 0.0;
+        Self {
+            times: TimeConstants { fogm_s: f64::INFINITY, ..errors.time_constants() },
+            form: errors.pinson,
+            noise: errors.noise,
+            density: (errors.noise == NoiseDiscretisation::VanLoan).then_some(density),
+        }
+    }
+
+    /// How the process noise of a step is made.
+    pub(super) fn noise(&self) -> NoiseDiscretisation {
+        self.noise
+    }
+
+    /// The step from the sample before `row` to `row`.
+    #[inline(always)]
+    pub(super) fn step(&self, ins: &InsSeries<'_>, row: usize) -> Step {
+        let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
+        let f = pinson_matrix(&ins.point(row - 1), &self.times, self.form);
+        let phi = Transition::of(&transition_matrix(&f, dt_s));
+        let noise = self.density.map(|density| Box::new(van_loan(&f, &density, dt_s)));
+        Step { dt_s, phi, noise }
+    }
+}
