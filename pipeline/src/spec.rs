@@ -80,6 +80,10 @@ pub struct StageDecl {
     pub predicate: Option<(String, Span)>,
     /// Whether its table is written out for others to read; later stages see it in any case.
     pub publish: bool,
+    /// Columns that pass through it and that its published table is to hold too, each with where it stands.
+    pub carry: Vec<(String, Span)>,
+    /// Whether what it computes is kept in the store; otherwise it is made again where it is needed.
+    pub keep: (bool, Span),
     /// Inputs and parameters, axes not yet put in.
     pub args: Args,
 }
@@ -91,6 +95,28 @@ const LONGEST_FOLDER: usize = 255;
 
 /// More stages than this are made by a program that should use an axis; each may be a level of the plan.
 const MOST_STAGES: usize = 1_000;
+
+/// The keys of a stage that are neither inputs nor parameters, and what they say.
+pub const STAGE_KEYS: [(&str, &str); 6] = [
+    ("name", "the name of the table it yields; must be given"),
+    ("stage", "the kind of stage, one of those below; must be given"),
+    (
+        "where",
+        "a SQL predicate that selects the rows it sees, such as `line = '1003.02'`; a stage that works on one line at a \
+         time may only name `flight` and `line`",
+    ),
+    ("publish", "`false` keeps its table in the store alone; later stages see it in any case (`true`)"),
+    (
+        "carry",
+        "columns that pass through it and that its published table is to hold beside the keys and the columns it makes, \
+         such as `[\"lat\", \"lon\"]`; for tables of flight lines (none)",
+    ),
+    (
+        "keep",
+        "`false` for results that are not kept, but made again where they are needed; for tables of flight lines with \
+         `publish = false` (`true`)",
+    ),
+];
 
 const TOP: [&str; 6] = ["name", "seed", "store", "tables", "axes", "stages"];
 
@@ -324,18 +350,40 @@ impl Reading {
         let name = need("name", "the name of the table it yields");
         let stage = need("stage", "the kind of stage");
         let predicate = self.text(table, "where");
-        let publish = match table.get("publish").map(|v| (v.get_ref().as_bool(), v.span())) {
-            None => true,
-            Some((Some(publish), _)) => publish,
-            Some((None, at)) => {
-                self.faults.push(Fault::new("`publish` must be true or false").at(at));
-                true
-            }
-        };
-        let args = self.args(table, &["name", "stage", "where", "publish"]);
+        let (publish, _) = self.choice(table, "publish");
+        let keep = self.choice(table, "keep");
+        let carry = self.carry(table);
+        let args = self.args(table, &STAGE_KEYS.map(|(key, _)| key));
         let (name, at) = name?;
         self.identifier(&name, at.clone());
-        Some(StageDecl { name, at, stage: stage?, predicate, publish, args })
+        Some(StageDecl { name, at, stage: stage?, predicate, publish, carry, keep, args })
+    }
+
+    /// The key `key` of a stage, which is true unless it is given.
+    fn choice(&mut self, table: &DeTable, key: &str) -> (bool, Span) {
+        let Some(value) = table.get(key) else { return (true, 0..0) };
+        let chosen = value.get_ref().as_bool();
+        if chosen.is_none() {
+            self.faults.push(Fault::new(format!("`{key}` must be true or false")).at(value.span()));
+        }
+        (chosen.unwrap_or(true), value.span())
+    }
+
+    /// The names of a stage's `carry`.
+    fn carry(&mut self, table: &DeTable) -> Vec<(String, Span)> {
+        let Some(value) = table.get("carry") else { return vec![] };
+        let items = value.get_ref().as_array();
+        let names = items.and_then(|items| {
+            items
+                .iter()
+                .map(|v| v.get_ref().as_str().map(|name| (name.to_owned(), v.span())))
+                .collect::<Option<Vec<_>>>()
+        });
+        names.unwrap_or_else(|| {
+            let fault = Fault::new("`carry` must be a list of names of columns").at(value.span());
+            self.faults.push(fault.help("such as `carry = [\"lat\", \"lon\"]`"));
+            vec![]
+        })
     }
 
     fn args(&mut self, table: &DeTable, but: &[&str]) -> Args {

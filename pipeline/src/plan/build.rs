@@ -183,6 +183,7 @@ impl Builder<'_> {
             }
         }
         let Variants { variants, variant, tables, table, questions } = made;
+        let carry = self.carry(decl, &entry, &axes, &variants, &tables)?;
         let (name, at) = (decl.name.clone(), decl.at.clone());
         let node = TableNode {
             name,
@@ -191,8 +192,8 @@ impl Builder<'_> {
             entry,
             axes,
             variants,
-            carry: vec![],
-            keep: true,
+            carry,
+            keep: decl.keep.0,
             grid,
             slots,
             variant,

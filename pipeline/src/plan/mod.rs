@@ -5,6 +5,7 @@
 
 mod axes;
 mod build;
+mod carry;
 mod grid;
 mod inputs;
 mod keys;
@@ -25,6 +26,9 @@ use crate::{
     sources::{Flights, MapSource},
     spec::{Faults, Spec, StageDecl},
 };
+
+#[cfg(test)]
+mod tests;
 
 /// A checked pipeline.
 pub struct Plan {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use schemas::{Column, Passes};
+use schemas::{Column, Literal, Passes};
 
 use super::snapshots;
 use crate::{
@@ -17,8 +17,7 @@ pub fn explain(graph: &Graph, store: &Store) -> String {
     // Writing into a String cannot fail.
     let _ = writeln!(out, "pipeline {}  seed {}", plan.spec.name, plan.spec.seed);
     for axis in &plan.spec.axes {
-        let values: Vec<String> = axis.values.iter().map(ToString::to_string).collect();
-        let _ = writeln!(out, "axis {} = {}", axis.name, values.join(" | "));
+        let _ = writeln!(out, "axis {} = {}", axis.name, listed(&axis.values));
     }
     for (flights, records) in plan.flights.iter().zip(&graph.records) {
         let rows: usize = records.values().map(|r| r.rows).sum();
@@ -44,6 +43,16 @@ pub fn explain(graph: &Graph, store: &Store) -> String {
         let _ = writeln!(out, "\nnote: {note}");
     }
     out
+}
+
+/// The values of an axis; of very many the first ones and the last.
+fn listed(values: &[Literal]) -> String {
+    const SHOWN: usize = 40;
+    let words: Vec<String> = values.iter().take(SHOWN).map(ToString::to_string).collect();
+    match values.last() {
+        Some(last) if values.len() > SHOWN => format!("{} | ... | {last} ({} values)", words.join(" | "), values.len()),
+        _ => words.join(" | "),
+    }
 }
 
 fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<(usize, f64)>) -> String {

@@ -4,6 +4,8 @@ use std::fmt::Write;
 
 use schemas::{Entry, Fault, Grain, InputKind};
 
+use crate::spec::STAGE_KEYS;
+
 /// One line a stage.
 pub fn overview(catalogue: &[Entry]) -> String {
     let wide = catalogue.iter().map(|e| e.name.len()).max().unwrap_or(0);
@@ -25,6 +27,12 @@ pub fn one(catalogue: &[Entry], name: &str) -> Result<String, Fault> {
 pub fn page(catalogue: &[Entry]) -> String {
     let mut out =
         "# Stages\n\nMade from the stages' declarations by `magline stages --markdown`; do not edit.\n\n".to_owned();
+    out.push_str("Beside its inputs and parameters, a stage of a spec says:\n\n| key | meaning |\n|---|---|\n");
+    for (key, meaning) in STAGE_KEYS {
+        // Writing into a String cannot fail.
+        let _ = writeln!(out, "| `{key}` | {meaning} |");
+    }
+    out.push('\n');
     for entry in catalogue {
         out.push_str(&section(entry));
         out.push('\n');

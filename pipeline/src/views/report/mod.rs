@@ -58,13 +58,14 @@ fn not_run(spec: &Spec) -> Fault {
 /// # Errors
 /// When nothing of the plan is there, or the store is damaged.
 pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
-    let source = Source { graph, store };
+    let source = Source::new(graph, store);
     if (0..graph.plan.tables.len()).all(|t| source.present(t).0 == 0) && source.failures()?.is_empty() {
         return Err(not_run(&graph.plan.spec));
     }
     let current = published::is_current(&source);
-    // Read by key from what is there, so they are of this plan even where the published tables are not.
-    let warnings = warnings::present(graph, store)?;
+    let written = if current { warnings::written(graph.plan, store)? } else { None };
+    // Read by key from what is there, they are of this plan even where the published tables are not.
+    let warnings = written.map_or_else(|| warnings::present(graph, store), Ok)?;
     let boards = if current { Board::all(&source, &warnings)? } else { vec![] };
     let mut sections: Vec<Markup> = boards.iter().map(|b| table::section(&source, b)).collect();
     sections.extend(intervals::sections(&source)?);

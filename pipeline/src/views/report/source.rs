@@ -1,6 +1,9 @@
 //! What the page is made from: single columns of single lines, read from the store one at a time.
 
-use std::collections::BTreeMap;
+use std::{
+    collections::{BTreeMap, HashMap},
+    sync::{Mutex, PoisonError},
+};
 
 use arrow_array::{Array, RecordBatch, StringArray, cast::AsArray, types::Float64Type};
 use schemas::{Fault, Shape};
@@ -18,6 +21,8 @@ pub struct Source<'a> {
     pub graph: &'a Graph<'a>,
     /// Where the columns are.
     pub store: &'a Store,
+    /// How much is there of each table that was asked for.
+    counted: Mutex<HashMap<usize, usize>>,
 }
 
 /// Something that could not be computed, as often as it happened.
@@ -33,7 +38,12 @@ pub struct Failed {
     pub times: usize,
 }
 
-impl Source<'_> {
+impl<'a> Source<'a> {
+    /// The columns of `graph` that are in `store`.
+    pub fn new(graph: &'a Graph<'a>, store: &'a Store) -> Source<'a> {
+        Source { graph, store, counted: Mutex::default() }
+    }
+
     /// The columns of a table.
     pub fn shape(&self, r: Ref) -> Option<&Shape> {
         let plan = self.graph.plan;
@@ -114,8 +124,10 @@ impl Source<'_> {
 
     /// How many units of the table `t` are in the store, and how many there are.
     pub fn present(&self, t: usize) -> (usize, usize) {
-        let units = self.graph.units(t);
-        let there = units.filter(|u| self.graph.key(*u).is_ok_and(|k| self.store.has(k))).count();
+        let mut counted = self.counted.lock().unwrap_or_else(PoisonError::into_inner);
+        let there = *counted.entry(t).or_insert_with(|| {
+            self.graph.units(t).filter(|u| self.graph.key(*u).is_ok_and(|k| self.store.has(k))).count()
+        });
         (there, self.graph.unit_count(t))
     }
 
@@ -136,13 +148,16 @@ impl Source<'_> {
 fn grouped(batch: &RecordBatch, axes: &[&str]) -> Result<Vec<Failed>, Fault> {
     let unreadable = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot read the failures: {e}"));
     let mut found: Vec<Failed> = vec![];
+    let mut known: HashMap<(String, String), usize> = HashMap::new();
     let cell = |row: usize, name: &str| -> Result<Option<String>, Fault> {
         let array = batch.column_by_name(name).filter(|a| a.is_valid(row));
         array.map(|a| arrow_cast::display::array_value_to_string(a, row).map_err(|e| unreadable(&e))).transpose()
     };
     for row in 0..batch.num_rows() {
         let (stage, error) = (cell(row, "stage")?.unwrap_or_default(), cell(row, "error")?.unwrap_or_default());
-        if let Some(known) = found.iter_mut().find(|f| f.stage == stage && f.error == error) {
+        let next = found.len();
+        let at = *known.entry((stage.clone(), error.clone())).or_insert(next);
+        if let Some(known) = found.get_mut(at) {
             known.times += 1;
             continue;
         }

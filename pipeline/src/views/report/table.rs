@@ -160,6 +160,10 @@ fn heat(board: &Board, metric: usize) -> Option<Heat> {
             if let Some(v) = key.get(axis).filter(|v| !seen.contains(v)) {
                 seen.push(v.clone());
             }
+            // Too many for a map, and the more of them the longer to look for.
+            if seen.len() > SIDE {
+                break;
+            }
         }
         seen
     };

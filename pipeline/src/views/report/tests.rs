@@ -139,3 +139,16 @@ fn law_models_beside_each_other_are_compared() {
     assert!(html.contains("id=\"variation\"") && html.contains("over lambda, 4 models"));
     assert_eq!(html.matches("coefficient of variation is").count(), 1);
 }
+
+#[test]
+fn law_the_warnings_of_a_run_are_read_back_as_they_were() {
+    let store = tempfile::tempdir().unwrap();
+    let sets = [format!("store={}", store.path().display())];
+    let spec = read_spec(Path::new("../datasets/examples/tolles_lawson.toml"), &sets).unwrap();
+    let plan = Plan::new(spec, &catalogue()).unwrap();
+    let held = Store::open(store.path()).unwrap();
+    run::run(&plan, &held, &run::Quiet).unwrap();
+    let graph = Graph::new(&plan, &held, &|_, _| ()).unwrap();
+    let written = warnings::written(&plan, &held).unwrap().unwrap();
+    assert_eq!(written, warnings::present(&graph, &held).unwrap());
+}

@@ -23,8 +23,10 @@ struct Calibrations {
     axis: String,
     /// Whether it changes what rows a model sees; otherwise something else.
     of_rows: bool,
-    /// Their places in the table.
+    /// Their places in the table; of very many some, evenly spread.
     members: Vec<usize>,
+    /// How many there are.
+    all: usize,
 }
 
 /// The coefficients of some models with the same terms.
@@ -33,6 +35,9 @@ struct Coefficients {
     /// The value of the axis, and a coefficient for each term.
     models: Vec<(String, Vec<f64>)>,
 }
+
+/// More models than this are not read to say how they vary.
+const MEMBERS: usize = 200;
 
 /// As many tables of models are shown.
 const TABLES: usize = 4;
@@ -83,13 +88,14 @@ fn calibrations(source: &Source, table: usize, instance: usize) -> Vec<Calibrati
     let plan = source.graph.plan;
     let node = &plan.tables[table];
     let beside = |axis: &usize| {
-        let members: Vec<usize> = node.grid().along(instance, *axis).collect();
+        let all = node.grid().along(instance, *axis).count();
+        let members: Vec<usize> = node.grid().along(instance, *axis).step_by(all.div_ceil(MEMBERS).max(1)).collect();
         let rows = |i: &usize| {
             let of_rows = plan.instance(table, *i).predicate.as_ref().map(|p| p.canonical.clone());
             (source.graph.line_set(table, *i), of_rows)
         };
         let of_rows = members.iter().any(|i| rows(i) != rows(&instance));
-        Calibrations { axis: plan.spec.axes[*axis].name.clone(), of_rows, members }
+        Calibrations { axis: plan.spec.axes[*axis].name.clone(), of_rows, members, all }
     };
     node.axes.iter().map(beside).filter(|c| c.members.len() > 1).collect()
 }
@@ -128,7 +134,7 @@ impl Coefficients {
         let single = self.models.len() <= COLUMNS;
         let what = if of.of_rows { "calibrations" } else { "models" };
         Ok(html! {
-            h3 { (title) ": over " (of.axis) ", " (self.models.len()) " " (what) }
+            h3 { (title) ": over " (of.axis) ", " (self.models.len()) @if of.all > of.members.len() { " of " (of.all) } " " (what) }
             p.lead {
                 "The coefficient of variation is the standard deviation over the size of the mean; averaged over all terms it is "
                 strong { (number(mean_of(&spread))) }
@@ -212,7 +218,7 @@ mod tests {
             terms: vec!["x".into(), "yz".into()],
             models: models.map(|(line, c)| (line.to_owned(), c.to_vec())).to_vec(),
         };
-        let of = Calibrations { axis: "calibration".into(), of_rows: true, members: vec![0, 1, 2] };
+        let of = Calibrations { axis: "calibration".into(), of_rows: true, members: vec![0, 1, 2], all: 3 };
         let text = found.drawn("Table fits", &of, None).unwrap().into_string();
         assert!(text.contains("3 calibrations") && text.contains("1672") && text.contains("1006.04 [nT]"), "{text}");
         let spread = found.variation().unwrap();

@@ -4,6 +4,7 @@
 mod cause;
 pub mod limits;
 mod row;
+mod written;
 
 use std::collections::BTreeMap;
 
@@ -18,6 +19,7 @@ use crate::{
 };
 use cause::Facts;
 pub use row::Row;
+pub use written::written;
 
 /// What a warning is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -41,6 +43,18 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// All of them.
+    pub const ALL: [Kind; 8] = [
+        Kind::WorseThanIns,
+        Kind::NeesHigh,
+        Kind::NeesLow,
+        Kind::NisHigh,
+        Kind::NisLow,
+        Kind::OffMap,
+        Kind::MapHeight,
+        Kind::Fit,
+    ];
+
     /// The word for it.
     pub fn as_str(self) -> &'static str {
         match self {

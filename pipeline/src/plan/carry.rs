@@ -1,0 +1,64 @@
+//! `carry` and `keep`: what of a table of flight lines is written out and kept beside the columns it makes.
+
+use std::{collections::HashSet, sync::Arc};
+
+use schemas::{Entry, Fault, Grain, Role, Table};
+
+use super::{build::Builder, node::Variant};
+use crate::spec::StageDecl;
+
+impl Builder<'_> {
+    /// The columns of `carry` that only pass through; the others are written in any case.
+    pub fn carry(
+        &mut self,
+        decl: &StageDecl,
+        entry: &Entry,
+        axes: &[usize],
+        variants: &[Variant],
+        tables: &[Arc<Table>],
+    ) -> Option<Vec<String>> {
+        let before = self.faults.len();
+        let of_lines = entry.grain == Grain::Line && !variants.iter().any(|v| v.yields.tidy);
+        if !decl.keep.0 {
+            self.faults.extend(kept(decl, of_lines).map(|fault| fault.at(decl.keep.1.clone())));
+        }
+        if let (false, Some((_, at))) = (of_lines, decl.carry.first()) {
+            let what =
+                format!("`{}` is no table of flight lines: `carry` names columns that pass through one", decl.name);
+            self.faults.push(Fault::new(what).at(at.clone()).help("remove `carry`; the table holds all its columns"));
+            return None;
+        }
+        let columns: Vec<&schemas::Column> = tables.iter().flat_map(|t| &t.shape().columns).collect();
+        let axes: HashSet<&str> = axes.iter().filter_map(|a| self.spec.axes.get(*a)).map(|a| a.name.as_str()).collect();
+        let made: HashSet<&str> = variants.iter().flat_map(|v| &v.yields.columns).map(|c| c.name.as_str()).collect();
+        let mut carried: Vec<String> = vec![];
+        for (name, at) in &decl.carry {
+            let own = axes.contains(name.as_str()) || made.contains(name.as_str());
+            match columns.iter().find(|c| c.name == *name) {
+                _ if own || carried.contains(name) => {}
+                Some(c) if matches!(c.role, Role::Key | Role::Time) => {}
+                Some(_) => carried.push(name.clone()),
+                None => {
+                    let mut known: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
+                    known.sort_unstable();
+                    known.dedup();
+                    let fault = Fault::new(format!("`{}` has no column `{name}` to carry", decl.name));
+                    self.faults.push(fault.nearest(name, &known).at(at.clone()));
+                }
+            }
+        }
+        (self.faults.len() == before).then_some(carried)
+    }
+}
+
+/// What is wrong with `keep = false`.
+fn kept(decl: &StageDecl, of_lines: bool) -> Option<Fault> {
+    if !of_lines {
+        let what = format!("`{}` is no table of flight lines: it is small, and always kept", decl.name);
+        return Some(Fault::new(what).help("remove `keep`"));
+    }
+    decl.publish.then(|| {
+        let what = format!("`{}` is written out for others to read, so what it holds must be kept", decl.name);
+        Fault::new(what).help("add `publish = false`, or remove `keep`")
+    })
+}
