@@ -147,7 +147,7 @@ fn law_the_warnings_of_a_run_are_read_back_as_they_were() {
     let spec = read_spec(Path::new("../datasets/examples/tolles_lawson.toml"), &sets).unwrap();
     let plan = Plan::new(spec, &catalogue()).unwrap();
     let held = Store::open(store.path()).unwrap();
-    run::run(&plan, &held, &run::Quiet).unwrap();
+    run::run(&plan, &held, run::Options::default(), &run::Quiet).unwrap();
     let graph = Graph::new(&plan, &held, &|_, _| ()).unwrap();
     let written = warnings::written(&plan, &held).unwrap().unwrap();
     assert_eq!(written, warnings::present(&graph, &held).unwrap());

@@ -6,7 +6,7 @@ use schemas::Fault;
 use super::{Kind, Warning};
 use crate::{
     plan::{Plan, Point},
-    store::{Store, read_columns},
+    store::{Store, published},
     views::scores::Values,
 };
 
@@ -19,13 +19,12 @@ const UNITS: [&str; 3] = ["m", "nT", "1"];
 /// # Errors
 /// When it is there and cannot be read.
 pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<Warning>>, Fault> {
-    let file = store.table(&plan.spec.name, "warnings").join("part-0.parquet");
     let axes = &plan.spec.axes;
-    if !file.is_file() || axes.iter().any(|a| COLUMNS.contains(&a.name.as_str())) {
+    if axes.iter().any(|a| COLUMNS.contains(&a.name.as_str())) {
         return Ok(None);
     }
     let names: Vec<&str> = axes.iter().map(|a| a.name.as_str()).chain(COLUMNS).collect();
-    let batch = read_columns(&file, &names)?;
+    let Some(batch) = published(&store.table(&plan.spec.name, "warnings"), &names)? else { return Ok(None) };
     let known: Vec<Values> = axes.iter().map(|a| Values::new(&a.values)).collect();
     let cell = |row: usize, name: &str| -> Option<String> {
         let array = batch.column_by_name(name).filter(|a| a.is_valid(row))?;
