@@ -77,7 +77,7 @@ fn points(maps: &[FieldMap], core: &Arc<CoreField>, ins: &InsSeries<'_>) -> Vec<
         ][k % 4];
         let errors = InsErrorModel {
             init_position_sigma_m: 3.0 + f,
-            vrw_sigma: 2.38e-4 * if k % 3 == 0 { 2.0 } else { 1.0 },
+            vrw_sigma: 2.38e-4 * [2.0, 1.0, 1.0][k % 3],
             fogm_sigma_nt: 1.0 + (k % 5) as f64,
             fogm_tau_s: 60.0 + 20.0 * (k % 6) as f64,
             acc_tau_s: if k % 7 == 6 { 900.0 } else { 3600.0 },

@@ -66,8 +66,8 @@ fn coupled<S: Simd, const PLACES: usize>(simd: S, phi: &Transition, x: &Vectors<
     let mut sums = [simd.splat_f64s(0.0); PLACES];
     sums[LON_PLACE] = x[LON];
     add_column(simd, &mut sums, &phi.columns[LAT], x[LAT]);
-    for state in ALT..S {
-        add_column(simd, &mut sums, &phi.columns[state], x[state]);
+    for (column, x) in phi.columns[ALT..S].iter().zip(&x[ALT..S]) {
+        add_column(simd, &mut sums, column, *x);
     }
     sums
 }
