@@ -18,6 +18,7 @@ mod memory;
 mod models;
 mod navigation;
 mod plausible;
+mod power_loss;
 mod queries;
 mod readers;
 mod reuse;

@@ -112,6 +112,17 @@ struct Seen {
     size: u64,
     modified_ns: u128,
     hash: String,
+    /// A checksum of all this.
+    #[serde(default)]
+    sum: String,
+}
+
+impl Seen {
+    fn new(size: u64, modified_ns: u128, key: Key) -> Seen {
+        let hash = key.to_string();
+        let sum = Key::of([&size.to_string(), &modified_ns.to_string(), &hash]).to_string();
+        Seen { size, modified_ns, hash, sum }
+    }
 }
 
 /// The key of all bytes of a file or folder. A file whose size and time of change are those of last time is not read
@@ -142,13 +153,14 @@ fn one(store: &Store, path: &Path) -> std::io::Result<Key> {
     let full = path.canonicalize()?;
     let note = store.root().join("sources").join(format!("{}.seen", Key::of([full.to_string_lossy().as_bytes()])));
     let seen: Option<Seen> = fs::read(&note).ok().and_then(|b| serde_json::from_slice(&b).ok());
-    if let Some(seen) = seen.filter(|s| s.size == about.len() && s.modified_ns == modified_ns)
+    if let Some(seen) = seen
         && let Some(key) = Key::parse(&seen.hash)
+        && seen == Seen::new(about.len(), modified_ns, key)
     {
         return Ok(key);
     }
     let key = hash_file(path)?;
-    let seen = Seen { size: about.len(), modified_ns, hash: key.to_string() };
+    let seen = Seen::new(about.len(), modified_ns, key);
     // Only saves reading the file again, so a failure to write it costs nothing but time.
     let _ = store.write(&note, &serde_json::to_vec(&seen).unwrap_or_default());
     Ok(key)

@@ -58,6 +58,13 @@ pub struct LineRecord {
 #[derive(Serialize, Deserialize)]
 struct Index {
     lines: Vec<IndexLine>,
+    /// A checksum of all this.
+    #[serde(default)]
+    sum: String,
+}
+
+fn sum_of(lines: &[IndexLine]) -> String {
+    Key::of([serde_json::to_vec(lines).unwrap_or_default()]).to_string()
 }
 
 #[derive(Serialize, Deserialize)]
@@ -201,7 +208,7 @@ fn index(store: &Store, path: &Path, options: &FlightOptions, tick: LineTick) ->
     let known: Option<Index> = fs::read(&note).ok().and_then(|b| serde_json::from_slice(&b).ok());
     let whole =
         |i: &Index| i.lines.iter().all(|l| l.fault.is_some() || Key::parse(&l.object).is_some_and(|k| store.has(k)));
-    if let Some(index) = known.filter(whole) {
+    if let Some(index) = known.filter(|i| i.sum == sum_of(&i.lines)).filter(whole) {
         return Ok((bytes, index));
     }
     tick(simulated, 0, of_lines);
@@ -217,7 +224,7 @@ fn ingest(store: &Store, path: &Path, options: &FlightOptions, tick: &dyn Fn(usi
     let canonical = Canonical::new(reader.schema()).map_err(|f| f.into_iter().next().unwrap_or_default())?;
     let origins = Origins::new(reader.schema(), &options.rename);
     let put = |whole: Whole| put(store, whole, &origins, &options.accept);
-    let mut index = Index { lines: vec![] };
+    let mut index = Index { lines: vec![], sum: String::new() };
     let mut assembly = Assembly::new(options);
     while let Some(part) = reader.next_part() {
         let part = part.map_err(Fault::from)?;
@@ -232,6 +239,7 @@ fn ingest(store: &Store, path: &Path, options: &FlightOptions, tick: &dyn Fn(usi
     if index.lines.is_empty() {
         return Err(Fault::data("the file holds no samples"));
     }
+    index.sum = sum_of(&index.lines);
     Ok(index)
 }
 

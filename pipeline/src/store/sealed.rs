@@ -10,6 +10,7 @@ use std::{
     io::{self, Read, Seek, SeekFrom, Write},
     os::unix::fs::FileExt,
     path::{Path, PathBuf},
+    time::SystemTime,
 };
 
 use arrow_array::{ArrayRef, RecordBatch};
@@ -63,6 +64,16 @@ impl Trouble {
     fn damaged(what: impl Display) -> Trouble {
         Trouble::Damaged(what.to_string())
     }
+}
+
+/// What is wrong with a file. One that is damaged looks changed from now on: whoever goes by size and time, as a run does,
+/// reads all of it then and finds the same.
+fn doubted(path: &Path, trouble: Trouble) -> Trouble {
+    if matches!(trouble, Trouble::Damaged(_)) {
+        // A store that may only be read stays as it is.
+        let _ = File::options().append(true).open(path).and_then(|file| file.set_modified(SystemTime::now()));
+    }
+    trouble
 }
 
 impl Display for Trouble {
@@ -204,6 +215,10 @@ impl Sealed {
     /// # Errors
     /// When the file is not there, cannot be read, or is not what was written.
     pub fn open(path: &Path) -> Result<Sealed, Trouble> {
+        Sealed::opened(path).map_err(|e| doubted(path, e))
+    }
+
+    fn opened(path: &Path) -> Result<Sealed, Trouble> {
         let mut file = File::open(path).map_err(|e| Trouble::io(&e))?;
         footer(&mut file)?;
         let metadata = ArrowReaderMetadata::load(&file, ArrowReaderOptions::new()).map_err(Trouble::damaged)?;
@@ -257,6 +272,10 @@ impl Sealed {
     /// # Errors
     /// When the file cannot be read, or is not what was written.
     pub fn column(&self, group: usize, column: usize) -> Result<ArrayRef, Trouble> {
+        self.values(group, column).map_err(|e| doubted(&self.path, e))
+    }
+
+    fn values(&self, group: usize, column: usize) -> Result<ArrayRef, Trouble> {
         let metadata = self.metadata.metadata();
         let chunks = metadata.row_groups().get(group).ok_or_else(|| Trouble::damaged("a row group is missing"))?;
         let descriptor = metadata.file_metadata().schema_descr();
@@ -332,6 +351,10 @@ fn footer(file: &mut File) -> Result<(u64, u32), Trouble> {
 /// # Errors
 /// When it is not there, cannot be read, or is not what was written.
 pub fn verify(path: &Path) -> Result<(), Trouble> {
+    verified(path).map_err(|e| doubted(path, e))
+}
+
+fn verified(path: &Path) -> Result<(), Trouble> {
     let io = |e: io::Error| Trouble::io(&e);
     let mut file = File::open(path).map_err(io)?;
     let (data, expected) = footer(&mut file)?;

@@ -225,6 +225,9 @@ pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), 
     store.publish_without(&publisher, &version, table)
 }
 
+/// What there is to say of a damaged file that no run makes whole.
+const OLDER: &str = "; it is of an older version, which `magline gc --yes` drops";
+
 /// What a scrub of a store found.
 #[derive(Debug, Default)]
 pub struct Scrubbed {
@@ -249,12 +252,18 @@ pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scru
         found.damaged.insert(PathBuf::from(path), why.to_owned());
     }
     let packs: Vec<Key> = store.catalogue().packs().map(|p| p.id).collect();
-    let mut files: Vec<(PathBuf, Option<Key>)> = packs.iter().map(|id| (store.file(*id), Some(*id))).collect();
+    // Each file, the pack that it is, and what else there is to say of it.
+    let mut files: Vec<(PathBuf, Option<Key>, &str)> =
+        packs.iter().map(|id| (store.file(*id), Some(*id), "")).collect();
     for pipeline in fs::read_dir(root.join("versions")).into_iter().flatten().flatten() {
         let name = pipeline.file_name();
-        for (_, folder) in name.to_str().map(|n| versions(root, n)).unwrap_or_default() {
+        let Some(name) = name.to_str() else { continue };
+        let now = newest(root, name);
+        for (_, folder) in versions(root, name) {
+            // No run publishes an older version again.
+            let more = if now.as_ref() == Some(&folder) { "" } else { OLDER };
             let Some(version) = Version::open(&folder) else {
-                found.damaged.insert(folder.join("version.json"), "its checksum is wrong".to_owned());
+                found.damaged.insert(folder.join("version.json"), format!("its checksum is wrong{more}"));
                 continue;
             };
             // Files that are packs are checked as such, unless they are copies.
@@ -264,11 +273,11 @@ pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scru
                 id.is_some_and(|id| same_file(file, &store.file(id)))
             };
             let own = own.map(|f| (folder.join(&f.name), &f.pack)).filter(|(file, pack)| !is_link(pack, file));
-            files.extend(own.map(|(file, _)| (file, None)));
+            files.extend(own.map(|(file, _)| (file, None, more)));
         }
     }
     let all = files.len();
-    for (i, (file, pack)) in files.into_iter().enumerate() {
+    for (i, (file, pack, more)) in files.into_iter().enumerate() {
         tick(i, all);
         found.files += 1;
         found.bytes += fs::metadata(&file).map_or(0, |m| m.len());
@@ -279,7 +288,7 @@ pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scru
                 if let Some(id) = pack {
                     store.set_aside(id, &other.to_string());
                 }
-                found.damaged.insert(file, other.to_string());
+                found.damaged.insert(file, format!("{other}{more}"));
             }
         }
     }

@@ -64,8 +64,9 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: Past, count: Count, snap
     plain.tables.iter_mut().for_each(|t| t.cost = None);
     let text = serde_json::to_vec(&plain).map_err(|e| Fault::machine(e.to_string()))?;
     let name = format!("{}.json", Key::of([&text]));
-    if !root.join("runs").join(&name).is_file() {
-        store.write(&root.join("runs").join(&name), &text)?;
+    let kept = root.join("runs").join(&name);
+    if fs::read(&kept).ok().as_ref() != Some(&text) {
+        store.write(&kept, &text)?;
     }
     past_run.number = past(root, pipeline).last().map_or(1, |p| p.number + 1);
     past_run.units = [count.computed, count.reused, count.failed, count.skipped];
@@ -75,6 +76,10 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: Past, count: Count, snap
     // A line that a loss of power cut short ends here.
     line.insert(0, b'\n');
     let path = file(root, pipeline);
+    if !path.exists() {
+        // Its name has to come to the disk as well as its lines.
+        store.write(&path, &[])?;
+    }
     let written = fs::File::options().create(true).append(true).open(&path).and_then(|mut f| {
         f.write_all(&line)?;
         f.sync_all()
