@@ -292,7 +292,7 @@ pub fn write(path: &Path, batches: &[RecordBatch]) {
 /// All rows of a published table.
 pub fn read(folder: &Path) -> Vec<RecordBatch> {
     let mut files: Vec<PathBuf> = fs::read_dir(folder).unwrap().flatten().map(|e| e.path()).collect();
-    files.retain(|f| f.file_name().is_some_and(|n| n.to_string_lossy().starts_with("part-")));
+    files.retain(|f| f.extension().is_some_and(|e| e == "parquet"));
     files.sort();
     let open =
         |f: &PathBuf| ParquetRecordBatchReaderBuilder::try_new(fs::File::open(f).unwrap()).unwrap().build().unwrap();

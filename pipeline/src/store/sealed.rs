@@ -203,6 +203,7 @@ fn sum_of(file: &File, start: u64, length: u64) -> io::Result<u32> {
 pub struct Sealed {
     path: PathBuf,
     metadata: ArrowReaderMetadata,
+    schema: SchemaRef,
     /// The checksum of each leaf of each row group.
     crcs: Vec<u32>,
     /// Where each row group begins, in rows, and the end.
@@ -234,12 +235,14 @@ impl Sealed {
             let rows = usize::try_from(group.num_rows()).map_err(Trouble::damaged)?;
             starts.push(starts.last().copied().unwrap_or(0) + rows);
         }
-        Ok(Sealed { path: path.to_owned(), metadata, crcs, starts })
+        // What the footer says besides is not of the columns.
+        let schema = Schema::new(metadata.schema().fields().clone()).into();
+        Ok(Sealed { path: path.to_owned(), metadata, schema, crcs, starts })
     }
 
     /// The Arrow schema.
     pub fn schema(&self) -> &SchemaRef {
-        self.metadata.schema()
+        &self.schema
     }
 
     /// What the footer says under `key`.
