@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{FlightFormat, FlightOptions, Head, Part, Raw};
+use super::{FlightFormat, FlightOptions, Head, Part, Raw, Reading};
 use crate::{ReadError, simulate::Simulation};
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
@@ -13,7 +13,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     open,
 };
 
-fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
+fn open(path: &Path, _: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
     let simulation = Simulation::open(path)?;
     let schema = simulation.schema();
     let (path, mut done) = (path.to_path_buf(), false);
