@@ -13,11 +13,11 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     open,
 };
 
-fn open(path: &Path, _: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
+fn open(path: &Path, _: &FlightOptions, reading: &Reading) -> Result<Raw, ReadError> {
     let simulation = Simulation::open(path)?;
     let schema = simulation.schema();
     let (path, mut done) = (path.to_path_buf(), false);
-    let mut lines = simulation.into_lines();
+    let mut lines = simulation.into_lines(reading.threads);
     let parts = std::iter::from_fn(move || {
         if done {
             return None;
