@@ -157,7 +157,7 @@ fn stamps(folder: &Path) -> BTreeMap<PathBuf, (u64, i64, i64)> {
         let m = fs::metadata(&p).unwrap();
         (p, (m.ino(), m.mtime(), m.mtime_nsec()))
     };
-    let parts = ["objects", "versions", "sources", "plans", "index"].map(|p| folder.join(p));
+    let parts = ["objects", "versions", "plans", "index"].map(|p| folder.join(p));
     parts.iter().flat_map(|p| if p.is_dir() { files(p) } else { vec![p.clone()] }).map(stamp).collect()
 }
 

@@ -20,8 +20,8 @@ pub const VERSION: &str = "4";
 
 pub use error::ReadError;
 pub use formats::{
-    FlightOptions, FlightReader, Map, MapOptions, Part, PointOptions, RowFault, SurveyPoints, check_output, map_files,
-    open_flight, read_grid, read_map, read_points, write_grid,
+    FlightOptions, FlightReader, Map, MapOptions, Part, PointOptions, Reading, RowFault, SurveyPoints, check_output,
+    map_files, open_flight, open_flight_with, read_grid, read_map, read_points, write_grid,
 };
 pub use grid::{Crs, Figure, GridMap, Height, MapSummary, Registration, geographic};
 pub use simulate::{synthesise, synthesise_with};

@@ -41,6 +41,9 @@ pub struct Spec {
     pub axes: Vec<Axis>,
     /// The stages.
     pub stages: Vec<StageDecl>,
+    /// Whether the bytes of every input are read, however much it looks like the one that was read last; not part of
+    /// the file.
+    pub verify_inputs: bool,
 }
 
 /// A table read from files.
@@ -211,6 +214,7 @@ impl Reading {
             tables,
             axes,
             stages,
+            verify_inputs: false,
         })
     }
 

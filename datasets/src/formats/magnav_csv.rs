@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type, types::Int64Type};
-use arrow_schema::DataType;
+use arrow_schema::{DataType, SchemaRef};
 use arrow_select::concat::concat_batches;
 
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw, RowFault,
+    FlightFormat, FlightOptions, Head, Part, Parts, Raw, Reading, RowFault,
     adopt::{in_counted_unit, named},
     csv, magnav,
 };
@@ -29,26 +29,35 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     open,
 };
 
-fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
-    let plain = (csv::FORMAT.open)(path, options)?;
+fn open(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<Raw, ReadError> {
+    let plain = (csv::FORMAT.open)(path, options, reading)?;
+    let own = plain.schema.fields().iter().map(|f| f.name().clone()).collect();
+    let none = RecordBatch::new_empty(plain.schema.clone());
+    let schema = magnav::finish(path, table(path, &none, options)?, options)?.0.schema();
+    let Raw { schema: in_file, parts, notes, found, .. } = plain;
+    let (path, options) = (path.to_path_buf(), options.clone());
+    let mut parts = Some((in_file, parts));
+    let whole = std::iter::from_fn(move || parts.take().map(|(schema, parts)| flight(&path, &schema, parts, &options)));
+    Ok(Raw { own: Some(own), notes, found, ..Raw::new(schema, Box::new(whole)) })
+}
+
+/// The whole flight: what is derived looks along all of it.
+fn flight(path: &Path, schema: &SchemaRef, parts: Parts, options: &FlightOptions) -> Result<Part, ReadError> {
     let (mut batches, mut faults, mut rows) = (vec![], vec![], 0);
-    for part in plain.parts {
+    for part in parts {
         let part = part?;
         faults.extend(part.faults.into_iter().map(|f| RowFault { row: rows + f.row, ..f }));
         rows += part.batch.num_rows();
         batches.push(part.batch);
     }
-    let whole = concat_batches(&plain.schema, &batches).map_err(|e| ReadError::data(path, e.to_string()))?;
+    let whole = concat_batches(schema, &batches).map_err(|e| ReadError::data(path, e.to_string()))?;
     if whole.num_rows() == 0 {
         return Err(ReadError::data(path, "holds a header and no rows"));
     }
-    let own = plain.schema.fields().iter().map(|f| f.name().clone()).collect();
     let (table, more) = magnav::finish(path, table(path, &whole, options)?, options)?;
     faults.extend(more);
     faults.sort_by_key(|f| f.row);
-    let (schema, batch) = (table.schema(), table.into_batch(path)?);
-    let parts = Box::new(std::iter::once(Ok(Part { batch, faults })));
-    Ok(Raw { own: Some(own), notes: plain.notes, ..Raw::new(schema, parts) })
+    Ok(Part { batch: table.into_batch(path)?, faults })
 }
 
 fn table(path: &Path, batch: &RecordBatch, options: &FlightOptions) -> Result<Table, ReadError> {

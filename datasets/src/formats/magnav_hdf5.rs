@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw,
+    FlightFormat, FlightOptions, Head, Part, Raw, Reading,
     adopt::{in_counted_unit, named},
     hdf5::Hdf5,
     magnav,
@@ -32,7 +32,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 /// What MagNav.jl takes where a file says no step of time.
 const DEFAULT_DT_S: f64 = 0.1;
 
-fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
+fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
     let file = Hdf5::open(path)?;
     let latitude = options.rename.iter().find(|(own, to)| *to == "lat" && file.has(own)).map_or("lat", |(own, _)| own);
     let rows = file.need(latitude)?.shape.first().copied().unwrap_or(0);

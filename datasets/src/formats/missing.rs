@@ -66,6 +66,11 @@ impl Missing {
         if self.numbers.contains(&x) { f64::NAN } else { x }
     }
 
+    /// The highest number that stands for a missing value.
+    pub(super) fn highest(&self) -> f64 {
+        self.numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+    }
+
     /// A column of another writer, with nulls for the numbers that stand for missing values.
     pub(super) fn nulled(&self, column: &ArrayRef) -> ArrayRef {
         fn one<T: ArrowPrimitiveType>(column: &ArrayRef, is: impl Fn(T::Native) -> bool) -> ArrayRef {

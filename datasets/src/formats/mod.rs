@@ -19,6 +19,7 @@ use crate::{ReadError, grid::GridMap};
 
 mod adopt;
 mod csv;
+mod decimal;
 mod grid_bytes;
 mod hdf5;
 mod iaga2002;
@@ -78,6 +79,22 @@ pub struct FlightOptions {
     pub accept: Vec<Accept>,
 }
 
+/// What helps to read a flight log, and makes no difference to what comes out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Reading {
+    /// What [`FlightReader::found`] said when the same file was opened with the same options: then it need not be gone
+    /// through for that again. Of a file that has changed since, it gives wrong values.
+    pub found: Option<String>,
+    /// So many threads of the pool may work on the file at once.
+    pub threads: usize,
+}
+
+impl Default for Reading {
+    fn default() -> Reading {
+        Reading { found: None, threads: 1 }
+    }
+}
+
 /// A flight log being read: its schema, and its rows in the file's order.
 ///
 /// Columns have the contract's names; each field's metadata `unit` is the unit that its values have,
@@ -86,6 +103,7 @@ pub struct FlightReader {
     format: &'static str,
     schema: SchemaRef,
     notes: Vec<String>,
+    found: Option<String>,
     parts: Parts,
 }
 
@@ -133,12 +151,14 @@ pub(crate) struct Raw {
     pub(crate) fillers: bool,
     /// What was noticed, in words.
     pub(crate) notes: Vec<String>,
+    /// What the whole file had to be gone through for.
+    pub(crate) found: Option<String>,
 }
 
 impl Raw {
     /// Columns under the file's own names.
     pub(crate) fn new(schema: SchemaRef, parts: Parts) -> Raw {
-        Raw { schema, parts, own: None, fillers: false, notes: vec![] }
+        Raw { schema, parts, own: None, fillers: false, notes: vec![], found: None }
     }
 }
 
@@ -156,6 +176,12 @@ impl FlightReader {
     /// What was noticed of the whole file that the user should know, in words.
     pub fn notes(&self) -> &[String] {
         &self.notes
+    }
+
+    /// What the whole file was gone through for when it was opened, for [`Reading::found`]; nothing where that was not
+    /// needed.
+    pub fn found(&self) -> Option<&str> {
+        self.found.as_deref()
     }
 
     /// The next rows, with what is wrong with single ones, for a reader that can do without these.
@@ -269,7 +295,7 @@ pub struct FlightFormat {
     /// What its files end in.
     pub extensions: &'static [&'static str],
     recognise: fn(&Head) -> bool,
-    open: fn(&Path, &FlightOptions) -> Result<Raw, ReadError>,
+    open: fn(&Path, &FlightOptions, &Reading) -> Result<Raw, ReadError>,
 }
 
 /// Writes a map into the files that it begins.
@@ -328,12 +354,21 @@ pub const MAP_FORMATS: &[MapFormat] = &[
 /// A file that is missing, empty, damaged or in no known format, and options that do not fit it. What
 /// is wrong further on in the file comes out of the reader.
 pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader, ReadError> {
+    open_flight_with(path, options, &Reading::default())
+}
+
+/// [`open_flight`] with what helps.
+///
+/// # Errors
+/// As [`open_flight`].
+pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<FlightReader, ReadError> {
     let head = Head { rename: Some(&options.rename), ..Head::read(path)? };
     let entries: Vec<_> = FLIGHT_FORMATS.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
     let chosen = choose(&head, options.format.as_deref(), &entries, "flight")?;
     let format = &FLIGHT_FORMATS[chosen];
-    let raw = adopt::adopt(path, (format.open)(path, options)?, options)?;
-    Ok(FlightReader { format: format.name, schema: raw.schema, notes: raw.notes, parts: raw.parts })
+    let raw = adopt::adopt(path, (format.open)(path, options, reading)?, options)?;
+    let Raw { schema, notes, found, parts, .. } = raw;
+    Ok(FlightReader { format: format.name, schema, notes, found, parts })
 }
 
 /// Reads a map and brings it onto a regular grid of latitude and longitude.

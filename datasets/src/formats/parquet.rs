@@ -4,7 +4,7 @@ use std::{fs::File, path::Path};
 
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
-use super::{FlightFormat, FlightOptions, Head, Part, Raw, guarded};
+use super::{FlightFormat, FlightOptions, Head, Part, Raw, Reading, guarded};
 use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
@@ -20,7 +20,7 @@ pub(super) const MAGIC: &[u8] = b"PAR1";
 /// Rows to a batch: 64 k rows of 100 columns are 50 MB.
 const BATCH_ROWS: usize = 65_536;
 
-fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
+fn open(path: &Path, _: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
     let builder = builder(path)?;
     let schema = builder.schema().clone();
     let reader = guarded(path, || {

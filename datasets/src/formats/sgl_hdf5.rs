@@ -7,7 +7,7 @@ use std::{
 };
 
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw,
+    FlightFormat, FlightOptions, Head, Part, Raw, Reading,
     adopt::{Named, in_counted_unit, named},
     hdf5::{Hdf5, Values as DataSet},
     missing::Missing,
@@ -36,7 +36,7 @@ struct Column {
     set: DataSet,
 }
 
-fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
+fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
     let file = Hdf5::open(path)?;
     let time = options.rename.iter().find(|(own, to)| *to == "tt" && file.has(own)).map_or("tt", |(own, _)| own);
     let rows = file.need(time)?.shape.first().copied().unwrap_or(0);

@@ -9,9 +9,10 @@ use std::{
 };
 
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw, RowFault,
+    FlightFormat, FlightOptions, Head, Part, Raw, Reading, RowFault,
     adopt::{Named, in_counted_unit, named},
     csv::ends_with_newline,
+    decimal,
     missing::Missing,
     sgl,
 };
@@ -28,7 +29,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     open,
 };
 
-fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
+fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
     let mut rows = Rows::open(path, options)?;
     rows.advance()?;
     let Some(first) = &rows.pending else {
@@ -36,12 +37,12 @@ fn open(path: &Path, options: &FlightOptions) -> Result<Raw, ReadError> {
     };
     let value = |name: &str| {
         let at = rows.columns.iter().position(|c| c.meant == name)?;
-        rows.missing.number(first.words.get(at)?)
+        rows.missing.number(first.word(at)?)
     };
     let ins_angle = sgl::ins_angle(value("lat"), value("ins_lat"));
     rows.name(ins_angle, options)?;
     let own = rows.columns.iter().flat_map(|c| [c.header.clone(), c.meant.clone()]).collect();
-    let empty = rows.table(&[])?.0;
+    let empty = rows.table(Gathered::new(rows.columns.len()))?;
     let schema = sgl::finish(path, empty)?.0.schema();
     let notes = match ends_with_newline(path) {
         Ok(false) => {
@@ -77,10 +78,56 @@ struct Column {
 }
 
 /// A row of text.
+#[derive(Default)]
 struct Row {
-    words: Vec<String>,
+    text: String,
+    /// Where each word begins and ends.
+    words: Vec<(usize, usize)>,
     /// Of the file, from 1.
     text_line: u64,
+}
+
+impl Row {
+    fn word(&self, i: usize) -> Option<&str> {
+        self.words.get(i).and_then(|(start, end)| self.text.get(*start..*end))
+    }
+
+    /// Finds the words of the text, which is not empty.
+    fn split(&mut self) {
+        self.words.clear();
+        if self.text.is_ascii() {
+            let mut start = None;
+            for (at, byte) in self.text.bytes().chain([b' ']).enumerate() {
+                match (start, matches!(byte, b' ' | b'\t'..=b'\r')) {
+                    (None, false) => start = Some(at),
+                    (Some(begun), true) => {
+                        self.words.push((begun, at));
+                        start = None;
+                    }
+                    _ => {}
+                }
+            }
+            return;
+        }
+        let begins = |word: &str| word.as_ptr() as usize - self.text.as_ptr() as usize;
+        self.words.extend(self.text.split_whitespace().map(|w| (begins(w), begins(w) + w.len())));
+    }
+}
+
+/// The rows of one line of the survey, by column.
+struct Gathered {
+    rows: usize,
+    /// None for flight and line.
+    numbers: Vec<Vec<f64>>,
+    /// Flight and line, as they are spelt.
+    key: Option<Vec<String>>,
+    faults: Vec<RowFault>,
+}
+
+impl Gathered {
+    fn new(columns: usize) -> Gathered {
+        Gathered { rows: 0, numbers: vec![vec![]; columns], key: None, faults: vec![] }
+    }
 }
 
 /// The rows of the file, one ahead.
@@ -90,7 +137,11 @@ struct Rows {
     columns: Vec<Column>,
     missing: Missing,
     ins_angle: &'static str,
+    /// The columns `flight` and `line`, as far as there are any.
+    keys: Vec<usize>,
     pending: Option<Row>,
+    /// The row before, whose room is used again.
+    spare: Row,
     /// Rows taken so far, and lines of text.
     row: u64,
     text_line: u64,
@@ -99,14 +150,15 @@ struct Rows {
 impl Rows {
     /// Opens the file and reads up to the header.
     fn open(path: &Path, options: &FlightOptions) -> Result<Rows, ReadError> {
-        let input = BufReader::new(File::open(path).map_err(|e| ReadError::io(path, &e))?);
+        let input = BufReader::with_capacity(1 << 20, File::open(path).map_err(|e| ReadError::io(path, &e))?);
         let (columns, pending, missing) = (vec![], None, Missing::of(options));
-        let path_buf = path.to_path_buf();
+        let (path_buf, keys, spare) = (path.to_path_buf(), vec![], Row::default());
+        let ins_angle = "rad";
         let mut rows =
-            Rows { path: path_buf, input, columns, missing, ins_angle: "rad", pending, row: 0, text_line: 0 };
+            Rows { path: path_buf, input, columns, missing, ins_angle, keys, pending, spare, row: 0, text_line: 0 };
         let mut header = None;
         while rows.input.fill_buf().map_err(|e| ReadError::io(path, &e))?.first() == Some(&b'/') {
-            let Some(line) = rows.text()? else { break };
+            let Some(line) = rows.text(String::new())? else { break };
             let words: Vec<String> = line.trim_start_matches('/').split_whitespace().map(str::to_owned).collect();
             if words.len() > 1 {
                 header = Some(words);
@@ -139,12 +191,15 @@ impl Rows {
                 return Err(ReadError::options(&self.path, "two columns would have this name").in_column(name));
             }
         }
+        let at = |key: &str| self.columns.iter().position(|c| c.named.name == key);
+        self.keys = ["flight", "line"].into_iter().filter_map(at).collect();
         Ok(())
     }
 
-    /// The next line of text.
-    fn text(&mut self) -> Result<Option<String>, ReadError> {
-        let mut bytes = vec![];
+    /// The next line of text, in the room of another.
+    fn text(&mut self, room: String) -> Result<Option<String>, ReadError> {
+        let mut bytes = room.into_bytes();
+        bytes.clear();
         let read = self.input.read_until(b'\n', &mut bytes).map_err(|e| ReadError::io(&self.path, &e))?;
         self.text_line += 1;
         let at = self.text_line;
@@ -158,13 +213,16 @@ impl Rows {
     /// Takes the next row of data, if there is one, into `pending`.
     fn advance(&mut self) -> Result<(), ReadError> {
         self.pending = None;
-        while let Some(text) = self.text()? {
-            if text.trim().is_empty() || text.starts_with('/') {
+        let mut row = std::mem::take(&mut self.spare);
+        while let Some(text) = self.text(row.text)? {
+            row.text = text;
+            row.split();
+            if row.words.is_empty() || row.text.starts_with('/') {
                 continue;
             }
-            let words = text.split_whitespace().map(str::to_owned).collect();
             self.row += 1;
-            self.pending = Some(Row { words, text_line: self.text_line });
+            row.text_line = self.text_line;
+            self.pending = Some(row);
             break;
         }
         Ok(())
@@ -172,80 +230,86 @@ impl Rows {
 
     /// What tells one line of the survey from the next; a row that has not one value for each column belongs to the
     /// line before it.
-    fn key(&self) -> Option<Vec<&str>> {
+    fn key(&self) -> Option<impl Iterator<Item = &str>> {
         let row = self.pending.as_ref().filter(|r| r.words.len() == self.columns.len())?;
-        let at = |key: &str| self.columns.iter().position(|c| c.named.name == key);
-        Some(
-            ["flight", "line"]
-                .into_iter()
-                .filter_map(at)
-                .filter_map(|i| row.words.get(i).map(String::as_str))
-                .collect(),
-        )
+        Some(self.keys.iter().filter_map(|i| row.word(*i)))
     }
 
     /// All rows of the next line of the survey.
     fn line(&mut self) -> Result<Option<(Table, Vec<RowFault>)>, ReadError> {
-        let mut key: Option<Vec<String>> = None;
         let first = self.row.saturating_sub(1);
-        let mut rows = vec![];
+        let mut gathered = Gathered::new(self.columns.len());
         while self.pending.is_some() {
             if let Some(next) = self.key() {
-                match &key {
-                    Some(key) if *key != next => break,
-                    Some(_) => {}
-                    None => key = Some(next.into_iter().map(str::to_owned).collect()),
+                match &gathered.key {
+                    Some(key) => {
+                        if !next.eq(key.iter()) {
+                            break;
+                        }
+                    }
+                    None => gathered.key = Some(next.map(str::to_owned).collect()),
                 }
             }
-            rows.extend(self.pending.take());
+            if let Some(row) = self.pending.take() {
+                self.gather(&row, &mut gathered, first);
+                self.spare = row;
+            }
             self.advance()?;
         }
-        if rows.is_empty() {
+        if gathered.rows == 0 {
             return Ok(None);
         }
-        let (table, mut faults) = self.table(&rows)?;
-        for fault in &mut faults {
-            let row = first + fault.row as u64;
-            fault.fault = fault.fault.clone().in_row(row);
-        }
-        Ok(Some((table, faults)))
+        let faults = std::mem::take(&mut gathered.faults);
+        Ok(Some((self.table(gathered)?, faults)))
     }
 
-    /// Rows of text as a table; `flight` and `line` stay as they are spelt.
-    fn table(&self, rows: &[Row]) -> Result<(Table, Vec<RowFault>), ReadError> {
-        let (mut table, mut faults) = (Table::default(), vec![]);
+    /// Adds the values of a row; `first` is the first row of the line.
+    fn gather(&self, row: &Row, to: &mut Gathered, first: u64) {
         let width = self.columns.len();
-        for (row, Row { words, text_line }) in rows.iter().enumerate().filter(|(_, r)| r.words.len() != width) {
-            let what = format!("the row has {} values where the header has {width}", words.len());
-            let fault = ReadError::data(&self.path, what).help(format!("line {text_line} of the file"));
-            faults.push(RowFault { row, fault });
+        let whole = row.words.len() == width;
+        let mut wrong = |fault: ReadError| {
+            let fault = fault.in_row(first + to.rows as u64);
+            to.faults.push(RowFault { row: to.rows, fault });
+        };
+        if !whole {
+            let what = format!("the row has {} values where the header has {width}", row.words.len());
+            wrong(ReadError::data(&self.path, what).help(format!("line {} of the file", row.text_line)));
         }
-        let whole = rows.iter().find(|r| r.words.len() == width);
-        for (i, Column { header, named, .. }) in self.columns.iter().enumerate() {
-            let word = |r: &Row| (r.words.len() == width).then(|| r.words.get(i).cloned()).flatten();
-            if named.name == "flight" || named.name == "line" {
-                // A row that cannot be read is of the line of the others.
-                let other = whole.and_then(word).unwrap_or_default();
-                let texts = rows.iter().map(|r| word(r).unwrap_or_else(|| other.clone())).collect();
-                table.push(&named.name, "", Values::Text(texts));
+        let text = row.text.as_bytes();
+        for (i, numbers) in to.numbers.iter_mut().enumerate().filter(|(i, _)| !self.keys.contains(i)) {
+            let Some((start, end)) = row.words.get(i).copied().filter(|_| whole) else {
+                numbers.push(f64::NAN);
                 continue;
+            };
+            let number = match decimal::number(text, start) {
+                Some((x, after)) if after == end => Some(self.missing.kept(x)),
+                _ => row.word(i).and_then(|word| self.missing.number(word)),
+            };
+            if let (None, Some(word), Some(column)) = (number, row.word(i), self.columns.get(i)) {
+                let fault = ReadError::data(&self.path, format!("`{word}` is not a number")).in_column(&column.header);
+                let help = "a word for missing values goes into `missing`";
+                wrong(fault.help(format!("line {} of the file; {help}", row.text_line)));
             }
-            let mut numbers = Vec::with_capacity(rows.len());
-            for (row, text) in rows.iter().enumerate() {
-                let word = text.words.get(i).filter(|_| text.words.len() == width);
-                let number = word.map_or(Some(f64::NAN), |w| self.missing.number(w));
-                if let (None, Some(word)) = (number, word) {
-                    let fault = ReadError::data(&self.path, format!("`{word}` is not a number")).in_column(header);
-                    let help = "a word for missing values goes into `missing`";
-                    let fault = fault.help(format!("line {} of the file; {help}", text.text_line));
-                    faults.push(RowFault { row, fault });
-                }
-                numbers.push(number.unwrap_or(f64::NAN));
+            numbers.push(number.unwrap_or(f64::NAN));
+        }
+        to.rows += 1;
+    }
+
+    /// The rows as a table; `flight` and `line` stay as they are spelt.
+    fn table(&self, gathered: Gathered) -> Result<Table, ReadError> {
+        let mut table = Table::default();
+        // A row that cannot be read is of the line of the others.
+        let key = gathered.key.unwrap_or_default();
+        for (i, (Column { header, named, .. }, numbers)) in self.columns.iter().zip(gathered.numbers).enumerate() {
+            if let Some(k) = self.keys.iter().position(|at| *at == i) {
+                let text = key.get(k).cloned().unwrap_or_default();
+                table.push(&named.name, "", Values::Text(vec![text; gathered.rows]));
+                continue;
             }
             let counted = sgl::unit_of(&named.name, self.ins_angle);
             let (unit, numbers) = in_counted_unit(&self.path, header, named, counted, numbers)?;
             table.push(&named.name, &unit, Values::Number(numbers));
         }
-        Ok((table, faults))
+        Ok(table)
     }
 }

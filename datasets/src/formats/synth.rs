@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{FlightFormat, FlightOptions, Head, Part, Raw};
+use super::{FlightFormat, FlightOptions, Head, Part, Raw, Reading};
 use crate::{ReadError, simulate::Simulation};
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
@@ -13,11 +13,11 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     open,
 };
 
-fn open(path: &Path, _: &FlightOptions) -> Result<Raw, ReadError> {
+fn open(path: &Path, _: &FlightOptions, reading: &Reading) -> Result<Raw, ReadError> {
     let simulation = Simulation::open(path)?;
     let schema = simulation.schema();
     let (path, mut done) = (path.to_path_buf(), false);
-    let mut lines = simulation.into_lines();
+    let mut lines = simulation.into_lines(reading.threads);
     let parts = std::iter::from_fn(move || {
         if done {
             return None;

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::{csv::number, missing};
+use super::{csv::number, decimal, missing};
 use crate::{ReadError, table::Values};
 
 /// A table of text.
@@ -23,6 +23,8 @@ pub(super) struct TextTable {
 
 /// What a line is of.
 enum Line<'t, 'w> {
+    /// Any line after the first row of names or values; whoever has no use for it as it is gets what it is of.
+    Text(&'t str),
     Comment(&'t str),
     Record(String),
     Names(&'w [&'t str]),
@@ -47,9 +49,22 @@ fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
     let mut table = TextTable { names: vec![], named: false, columns: vec![], comments: vec![], records: vec![] };
     // The numbers of each column; `None` from the first word on that is none.
     let mut columns: Vec<Option<Vec<f64>>> = vec![];
-    let mut rows = 0;
+    let (mut rows, mut numbers) = (0, vec![]);
     scan(text, |line| {
         match line {
+            Line::Text(line) => {
+                let width = columns.len();
+                if rows == 0 || !plain_numbers(line.as_bytes(), &mut numbers) || numbers.len() != width {
+                    return Ok(false);
+                }
+                if columns.iter().any(Option::is_none) {
+                    return Ok(false);
+                }
+                for (column, x) in columns.iter_mut().flatten().zip(&numbers) {
+                    column.push(known(*x));
+                }
+                rows += 1;
+            }
             Line::Comment(comment) => table.comments.push(comment.to_owned()),
             Line::Record(name) => table.records.push((rows, name)),
             Line::Names(names) => table.names = names.iter().map(|n| (*n).to_owned()).collect(),
@@ -65,7 +80,7 @@ fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
                 rows += 1;
             }
         }
-        Ok(())
+        Ok(true)
     })?;
     if rows == 0 || columns.is_empty() {
         return Err(ReadError::data(path, "the table has no rows"));
@@ -90,10 +105,10 @@ fn unequal(path: &Path, words: usize, width: usize, row: usize, at: usize) -> Re
 
 /// Appends a number to a column of numbers.
 fn put(column: &mut Option<Vec<f64>>, word: &str) {
-    match (column.as_mut(), missing_or_number(word)) {
-        (Some(numbers), Some(number)) => numbers.push(number),
-        (Some(_), None) => *column = None,
-        (None, _) => {}
+    let Some(numbers) = column else { return };
+    match missing_or_number(word) {
+        Some(number) => numbers.push(number),
+        None => *column = None,
     }
 }
 
@@ -103,19 +118,21 @@ fn texts(text: &str, column: usize, rows: usize) -> Result<Vec<String>, ReadErro
     scan(text, |line| {
         if let Line::Row(words, _) = line {
             out.push(words.get(column).copied().unwrap_or_default().to_owned());
+        } else if let Line::Text(_) = line {
+            return Ok(false);
         }
-        Ok(())
+        Ok(true)
     })?;
     Ok(out)
 }
 
-/// Goes through the lines that are not blank.
-fn scan<'t>(text: &'t str, mut visit: impl FnMut(Line<'t, '_>) -> Result<(), ReadError>) -> Result<(), ReadError> {
+/// Goes through the lines that are not blank. `visit` says whether it has taken the line.
+fn scan<'t>(text: &'t str, mut visit: impl FnMut(Line<'t, '_>) -> Result<bool, ReadError>) -> Result<(), ReadError> {
     let mut words: Vec<&'t str> = vec![];
     let mut begun = false;
     for (at, line) in text.lines().enumerate() {
         let line = line.trim();
-        if line.is_empty() {
+        if line.is_empty() || (begun && visit(Line::Text(line))?) {
             continue;
         }
         if line.starts_with(MARKS) {
@@ -230,9 +247,38 @@ fn is_header(words: &[&str]) -> bool {
 
 /// A number; nothing and the usual words are missing, and so are the usual fillers.
 fn missing_or_number(word: &str) -> Option<f64> {
+    number(word).map(known)
+}
+
+/// The number, or NaN for one that is a filler.
+fn known(value: f64) -> f64 {
     const DUMMY: f64 = 1e30;
-    let value = number(word)?;
-    Some(if value.abs() >= DUMMY || missing::NUMBERS.contains(&value) { f64::NAN } else { value })
+    if value.abs() >= DUMMY || missing::NUMBERS.contains(&value) { f64::NAN } else { value }
+}
+
+/// The numbers of a line that has nothing but plain ones between separators of one kind, or blanks.
+fn plain_numbers(line: &[u8], numbers: &mut Vec<f64>) -> bool {
+    numbers.clear();
+    let (mut at, mut separator) = (0, None);
+    loop {
+        let Some((number, end)) = decimal::number(line, at) else { return false };
+        numbers.push(number);
+        let blanks = line.get(end..).unwrap_or_default().iter().take_while(|b| **b == b' ').count();
+        at = end + blanks;
+        let found = match line.get(at) {
+            None => return true,
+            Some(found @ (b',' | b';' | b'\t')) => *found,
+            Some(_) if blanks > 0 => b' ',
+            Some(_) => return false,
+        };
+        if *separator.get_or_insert(found) != found {
+            return false;
+        }
+        if found != b' ' {
+            at += 1;
+            at += line.get(at..).unwrap_or_default().iter().take_while(|b| **b == b' ').count();
+        }
+    }
 }
 
 #[cfg(test)]

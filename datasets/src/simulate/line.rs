@@ -21,6 +21,12 @@ pub(super) struct Scene<'a> {
     pub(super) line: &'a Line,
 }
 
+/// The earth's field along a line and what the sensors read of it, by column.
+pub(super) struct Around {
+    earth: [(&'static str, Vec<f64>); 3],
+    readings: Vec<(String, Vec<f64>)>,
+}
+
 impl Scene<'_> {
     /// The stream of random numbers of one thing on this line.
     pub(super) fn random(&self, what: &str) -> Random {
@@ -39,21 +45,24 @@ impl Scene<'_> {
         self.line.fly_on(spec.components.on("turbulence"), spec.rate_hz, gusts_deg, &mut self.random("gusts"))
     }
 
-    /// Simulates the line in the earth's field, with the INS of its flight.
-    pub(super) fn simulate(&self, field: &earth::Field, ins: &mut ins::Run) -> Result<Table, ReadError> {
-        let truth = self.fly();
-        let mut table = self.truth(&truth);
-        for (name, column) in ins::COLUMNS.into_iter().zip(ins.line(self, &truth)?) {
+    /// What hangs on the line's own truth alone.
+    pub(super) fn around(&self, truth: &Trajectory, field: &earth::Field) -> Result<Around, ReadError> {
+        let earth = earth::along(self, truth, field)?;
+        let readings = aircraft::readings(self, truth, &earth);
+        let earth = [("diurnal", earth.diurnal_nt), ("igrf", earth.core_nt), ("anomaly_truth", earth.anomaly_nt)];
+        Ok(Around { earth, readings })
+    }
+
+    /// All columns of the line.
+    pub(super) fn table(&self, truth: &Trajectory, ins: [Vec<f64>; 12], around: Around) -> Table {
+        let mut table = self.truth(truth);
+        for (name, column) in ins::COLUMNS.into_iter().zip(ins).chain(around.earth) {
             table.push(name, "", Values::Number(column));
         }
-        let earth = earth::along(self, &truth, field)?;
-        table.push("diurnal", "", Values::Number(earth.diurnal_nt.clone()));
-        table.push("igrf", "", Values::Number(earth.core_nt.clone()));
-        table.push("anomaly_truth", "", Values::Number(earth.anomaly_nt.clone()));
-        for (name, column) in aircraft::readings(self, &truth, &earth) {
+        for (name, column) in around.readings {
             table.push(&name, "", Values::Number(column));
         }
-        Ok(table)
+        table
     }
 
     fn truth(&self, truth: &Trajectory) -> Table {

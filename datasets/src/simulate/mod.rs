@@ -3,7 +3,7 @@
 //! A synth spec (TOML) names a map, the INS, the aircraft's sensors and the flights. Every number is
 //! computed from the spec alone: each random draw has a stream of its own, found by hashing the seed and
 //! the names of flight, line and sensor, so that the same spec gives the same bytes, and adding a flight
-//! or a sensor changes no other. Flights are simulated beside each other, with one line of each in memory.
+//! or a sensor changes no other. Flights and lines are simulated beside each other, with few lines in memory.
 //!
 //! Heights are above the WGS-84 ellipsoid throughout; a map whose height is above sea level is taken as
 //! if that were above the ellipsoid, in the simulation as in navigation.
@@ -26,12 +26,14 @@ use parquet::{
 use rayon::prelude::*;
 use schemas::{field, flight};
 
+use self::lines::Lines;
 use crate::{ReadError, table::Table};
 
 mod aircraft;
 mod earth;
 mod ins;
 mod line;
+mod lines;
 mod random;
 mod spec;
 mod trajectory;
@@ -93,9 +95,10 @@ impl Simulation {
         Arc::new(Schema::new(fields.collect::<Vec<_>>()))
     }
 
-    /// The lines of all flights, each simulated when it is asked for.
-    pub(crate) fn into_lines(self) -> Lines {
-        Lines { flight: Arc::new(World::new(self)).flight(0) }
+    /// The lines of all flights, simulated when they are asked for, so many at once.
+    pub(crate) fn into_lines(self, at_once: usize) -> Lines {
+        let flights = 0..self.spec.flights.len();
+        Lines::new(Arc::new(World::new(self)), flights, at_once)
     }
 }
 
@@ -132,11 +135,6 @@ impl World {
         World { simulation, field: Mutex::default() }
     }
 
-    /// The lines of a flight, in time.
-    fn flight(self: Arc<Self>, flight: usize) -> FlightLines {
-        FlightLines { world: self, flight, next: 0, ins: None }
-    }
-
     /// The earth's field, made by whoever needs it first.
     fn field(&self) -> Result<Arc<earth::Field>, ReadError> {
         // What a thread that panicked left is whole: the field is made before it is put in.
@@ -150,62 +148,8 @@ impl World {
     }
 }
 
-/// The lines of one flight being simulated, and what they hand on to each other.
-struct FlightLines {
-    world: Arc<World>,
-    flight: usize,
-    next: usize,
-    ins: Option<ins::Run>,
-}
-
-impl FlightLines {
-    fn simulate(&mut self, line: usize) -> Result<Table, ReadError> {
-        let Simulation { path, spec } = &self.world.simulation;
-        let flight = &spec.flights[self.flight];
-        let field = self.world.field()?;
-        let ins = match &mut self.ins {
-            Some(ins) => ins,
-            none => none.insert(ins::Run::of(path, spec, flight)?),
-        };
-        line::Scene { path, spec, flight, line: &flight.lines[line] }.simulate(&field, ins)
-    }
-}
-
-impl Iterator for FlightLines {
-    type Item = Result<Table, ReadError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        let line = self.next;
-        self.world.simulation.spec.flights.get(self.flight)?.lines.get(line)?;
-        self.next += 1;
-        Some(self.simulate(line))
-    }
-}
-
-/// Lines being simulated, flight by flight.
-pub(crate) struct Lines {
-    flight: FlightLines,
-}
-
-impl Iterator for Lines {
-    type Item = Result<Table, ReadError>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            if let Some(line) = self.flight.next() {
-                return Some(line);
-            }
-            let (world, next) = (self.flight.world.clone(), self.flight.flight + 1);
-            if next >= world.simulation.spec.flights.len() {
-                return None;
-            }
-            self.flight = world.flight(next);
-        }
-    }
-}
-
 /// Simulates a spec into flight tables: in the folder `to` one Parquet file a flight, one row group a
-/// line. Flights are simulated beside each other, on the threads of the pool that this is called in; each file
+/// line. Flights and lines are simulated beside each other, on the threads of the pool that this is called in; each file
 /// is written beside and all are renamed when the last is whole. Returns the files.
 ///
 /// # Errors
@@ -233,13 +177,15 @@ pub fn synthesise_with(
     }
     std::fs::create_dir_all(to).map_err(|e| ReadError::io(to, &e))?;
     let all = simulation.spec.flights.iter().map(|f| f.lines.len()).sum();
+    let threads = rayon::current_num_threads();
+    let at_once = if names.len() >= threads { 1 } else { threads.div_ceil(names.len().max(1)) };
     let (world, done, failed) = (Arc::new(World::new(simulation)), AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
     let files: Vec<_> =
         names.iter().map(|n| (to.join(format!(".{n}.parquet.partial")), to.join(format!("{n}.parquet")))).collect();
     let one = |(flight, (partial, _)): (usize, &(PathBuf, PathBuf))| {
         // Flights after one that failed are for nothing; those before it may yet have the fault to tell.
         let wanted = || flight <= failed.load(Ordering::Relaxed);
-        let lines = world.clone().flight(flight).take_while(|_| wanted());
+        let lines = Lines::new(world.clone(), flight..flight + 1, at_once).take_while(|_| wanted());
         let told = lines.inspect(|_| progress(done.fetch_add(1, Ordering::Relaxed) + 1, all));
         let written = if wanted() { write(spec, partial, &schema, told) } else { Ok(()) };
         if written.is_err() {

@@ -64,7 +64,7 @@ fn written(folder: &TempDir, text: &str) -> PathBuf {
 fn lines(path: &std::path::Path) -> Vec<RecordBatch> {
     let simulation = Simulation::open(path).unwrap();
     let schema = simulation.schema();
-    let lines: Vec<_> = simulation.into_lines().map(|l| l.unwrap().into_batch(path).unwrap()).collect();
+    let lines: Vec<_> = simulation.into_lines(1).map(|l| l.unwrap().into_batch(path).unwrap()).collect();
     assert!(lines.iter().all(|l| l.schema() == schema), "the schema is known before a line is flown");
     lines
 }
@@ -372,7 +372,7 @@ fn gold_lines_that_cannot_be_flown() {
     let folder = TempDir::new().unwrap();
     let first = |text: &str| {
         let simulation = Simulation::open(&written(&folder, text)).unwrap();
-        simulation.into_lines().find_map(Result::err).unwrap().to_string()
+        simulation.into_lines(1).find_map(Result::err).unwrap().to_string()
     };
     let low = first(&spec_text("", &SHORT.replace("alt_m = 500.0", "alt_m = 100.0")));
     assert!(low.ends_with("the map is 500 m high, above the line's 100 m (fly at the map's height or above)"), "{low}");
@@ -415,4 +415,21 @@ fn law_files_are_the_same_bytes_on_any_number_of_threads() {
     let one = bytes(1);
     assert_eq!(one.len(), 3);
     assert!(one == bytes(2) && one == bytes(3));
+}
+
+#[test]
+fn law_lines_are_the_same_however_many_are_simulated_at_once() {
+    let folder = TempDir::new().unwrap();
+    let second = SHORT.split_once("[[flights]]").unwrap().1;
+    let flights = ["B", "C"].map(|n| format!("[[flights]]{}", second.replace("'A", &format!("'{n}")))).concat();
+    let path = written(&folder, &spec_text("gusts_deg = [1.0, 1.0, 1.0]", &format!("{SHORT}{flights}")));
+    let of = |at_once: usize| {
+        let lines = Simulation::open(&path).unwrap().into_lines(at_once);
+        lines.map(|l| l.unwrap().into_batch(&path).unwrap()).collect::<Vec<_>>()
+    };
+    let one = of(1);
+    assert_eq!(one.len(), 6);
+    for at_once in [2, 3, 4, 100] {
+        assert!(of(at_once) == one, "{at_once}");
+    }
 }

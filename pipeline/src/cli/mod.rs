@@ -157,6 +157,9 @@ struct RunArgs {
     /// Where it runs.
     #[arg(long, default_value = "local")]
     engine: String,
+    /// Read the bytes of every input, however much it looks like the one that was read last.
+    #[arg(long)]
+    verify_inputs: bool,
     /// Wait for another run of the same pipeline in the same store, instead of saying that there is one.
     #[arg(long)]
     wait: bool,
@@ -369,7 +372,9 @@ fn run_spec(args: &RunArgs, compact: bool) -> Result<(), Stop> {
         return Err(Stop::Wrong(what));
     }
     interrupt::listen();
-    let plan = plan(&args.spec)?;
+    let mut spec = read_spec(&args.spec.spec, &args.spec.sets)?;
+    spec.verify_inputs = args.verify_inputs;
+    let plan = Plan::new(spec, &catalogue())?;
     let store = open(&plan.spec)?;
     let pool = threads::pool(args.threads)?;
     let options = run::Options { wait: args.wait, compact };

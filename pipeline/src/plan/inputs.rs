@@ -14,7 +14,7 @@ use super::{
     node::{Slot, Target},
 };
 use crate::{
-    sources::{Flights, MapSource},
+    sources::{Flights, MapSource, Trust},
     spec::StageDecl,
 };
 
@@ -162,12 +162,15 @@ impl Builder<'_> {
         }
         let decl = self.spec.tables.iter().find(|t| t.name == name)?;
         let opened = if is_map {
-            MapSource::open(decl, &self.spec.folder).map(|m| {
+            let read_all = self.spec.verify_inputs;
+            MapSource::open(decl, &self.spec.folder).map(|mut m| {
+                m.read_all = read_all;
                 self.maps.push(m);
                 Target::Map(self.maps.len() - 1)
             })
         } else {
-            Flights::open(decl, &self.spec.folder).map(|f| {
+            let trust = Trust { store: Some(&self.spec.store), read_all: self.spec.verify_inputs };
+            Flights::open_trusting(decl, &self.spec.folder, trust).map(|f| {
                 self.notes.extend(f.notes.iter().cloned());
                 self.shapes.push(Arc::new(Table::Lines(f.shape.clone())));
                 self.flights.push(f);

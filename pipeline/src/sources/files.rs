@@ -1,26 +1,12 @@
-//! Which files a path means, and what their bytes are known by.
+//! Which files a path means.
 
 use std::{
     fs,
-    io::Read,
     path::{Path, PathBuf},
-    time::UNIX_EPOCH,
 };
 
 use datasets::FlightOptions;
 use schemas::Fault;
-use serde::{Deserialize, Serialize};
-
-use crate::{keys::Key, store::Store};
-
-/// A file or folder, and the key of its bytes.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Bytes {
-    /// As the spec names it.
-    pub path: PathBuf,
-    /// Of all its bytes.
-    pub hash: Key,
-}
 
 /// The files that `path` means: a file, a folder (all files in it, sorted, hidden ones left out) or a glob.
 ///
@@ -75,7 +61,8 @@ fn is_flight(path: &Path) -> bool {
     datasets::formats::FLIGHT_FORMATS.iter().flat_map(|f| f.extensions).any(ends)
 }
 
-fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
+/// Adds the files in a folder and the folders in it, in the order of their names.
+pub(super) fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
     let mut entries = fs::read_dir(folder)?.collect::<Result<Vec<_>, _>>()?;
     entries.sort_by_key(fs::DirEntry::file_name);
     for entry in entries {
@@ -104,76 +91,4 @@ pub fn hive(path: &Path, options: &FlightOptions) -> FlightOptions {
         }
     }
     options
-}
-
-/// What a file was when its bytes were last read.
-#[derive(Serialize, Deserialize, PartialEq)]
-struct Seen {
-    size: u64,
-    modified_ns: u128,
-    hash: String,
-    /// A checksum of all this.
-    #[serde(default)]
-    sum: String,
-}
-
-impl Seen {
-    fn new(size: u64, modified_ns: u128, key: Key) -> Seen {
-        let hash = key.to_string();
-        let sum = Key::of([&size.to_string(), &modified_ns.to_string(), &hash]).to_string();
-        Seen { size, modified_ns, hash, sum }
-    }
-}
-
-/// The key of all bytes of a file or folder. A file whose size and time of change are those of last time is not read
-/// again.
-///
-/// # Errors
-/// When it cannot be read.
-pub fn fingerprint(store: &Store, path: &Path) -> Result<Bytes, Fault> {
-    let fail = |e: std::io::Error| Fault::machine(format!("cannot read {}: {e}", path.display()));
-    let hash = if path.is_dir() {
-        let mut files = vec![];
-        walk(path, &mut files).map_err(fail)?;
-        let mut parts = vec![];
-        for file in files {
-            parts.push(file.strip_prefix(path).unwrap_or(&file).to_string_lossy().into_owned());
-            parts.push(one(store, &file).map_err(fail)?.to_string());
-        }
-        Key::of(parts)
-    } else {
-        one(store, path).map_err(fail)?
-    };
-    Ok(Bytes { path: path.to_owned(), hash })
-}
-
-fn one(store: &Store, path: &Path) -> std::io::Result<Key> {
-    let about = fs::metadata(path)?;
-    let modified_ns = about.modified()?.duration_since(UNIX_EPOCH).map_or(0, |d| d.as_nanos());
-    let full = path.canonicalize()?;
-    let note = store.root().join("sources").join(format!("{}.seen", Key::of([full.to_string_lossy().as_bytes()])));
-    let seen: Option<Seen> = fs::read(&note).ok().and_then(|b| serde_json::from_slice(&b).ok());
-    if let Some(seen) = seen
-        && let Some(key) = Key::parse(&seen.hash)
-        && seen == Seen::new(about.len(), modified_ns, key)
-    {
-        return Ok(key);
-    }
-    let key = hash_file(path)?;
-    let seen = Seen::new(about.len(), modified_ns, key);
-    // Only saves reading the file again, so a failure to write it costs nothing but time.
-    let _ = store.write(&note, &serde_json::to_vec(&seen).unwrap_or_default());
-    Ok(key)
-}
-
-fn hash_file(path: &Path) -> std::io::Result<Key> {
-    let mut hasher = blake3::Hasher::new();
-    let mut file = fs::File::open(path)?;
-    let mut buffer = vec![0; 1 << 20];
-    loop {
-        match file.read(&mut buffer)? {
-            0 => return Ok(Key::finish(&hasher)),
-            n => hasher.update(&buffer[..n]),
-        };
-    }
 }

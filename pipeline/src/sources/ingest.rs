@@ -1,7 +1,7 @@
 //! From flight files to one object a line, with the hash of every column.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, VecDeque},
     fs,
     path::Path,
     sync::{
@@ -13,7 +13,6 @@ use std::{
 use arrow_array::{Array, ArrayRef, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::DataType;
 use arrow_select::concat::concat_batches;
-use datasets::{FlightOptions, open_flight};
 use rayon::prelude::*;
 use schemas::{
     Fault, Owner, Place,
@@ -26,8 +25,13 @@ use serde::{Deserialize, Serialize};
 use super::{
     Bytes, Flights, Lines, ReadStep, VERSION,
     assemble::{Assembly, MISSING, Whole},
-    fingerprint, midnight,
+    fingerprint,
+    flight_file::FlightFile,
+    in_order::in_order,
+    midnight,
+    packer::Packer,
     quality::{Examined, Finding, Origins, examine},
+    record, threads_in_each,
 };
 use crate::{keys::Key, store::Store};
 
@@ -58,13 +62,6 @@ pub struct LineRecord {
 #[derive(Serialize, Deserialize)]
 struct Index {
     lines: Vec<IndexLine>,
-    /// A checksum of all this.
-    #[serde(default)]
-    sum: String,
-}
-
-fn sum_of(lines: &[IndexLine]) -> String {
-    Key::of([serde_json::to_vec(lines).unwrap_or_default()]).to_string()
 }
 
 #[derive(Serialize, Deserialize)]
@@ -97,16 +94,18 @@ impl IndexFault {
 pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<Fault>> {
     let done = AtomicUsize::new(0);
     let total = flights.files.len();
+    let how = How { threads: threads_in_each(total), read_all: flights.read_all };
     let read: Vec<Result<(Bytes, Index), Fault>> = flights
         .files
         .par_iter()
-        .map(|(path, options)| {
+        .map(|file| {
+            let path = &file.path;
             let at = |done| ReadStep::of_file(path, done, total);
             tick(&at(done.load(Ordering::Relaxed)));
             let lines = |simulated, lines, of_lines| {
                 tick(&ReadStep { simulated, lines, of_lines, ..at(done.load(Ordering::Relaxed)) });
             };
-            let read = index(store, path, options, &lines).map_err(|f| f.in_file(&path.display().to_string()));
+            let read = index(store, file, &how, &lines).map_err(|f| f.in_file(&path.display().to_string()));
             tick(&at(done.fetch_add(1, Ordering::Relaxed) + 1));
             read
         })
@@ -186,9 +185,18 @@ type Tick<'a> = &'a (dyn Fn(&ReadStep) + Sync);
 /// Is told of the lines of one file: whether they are simulated, how many are there, and of how many.
 type LineTick<'a> = &'a dyn Fn(bool, usize, Option<usize>);
 
+/// How the files of a table are read.
+struct How {
+    /// So many lines of a file are worked on at once.
+    threads: usize,
+    /// Whether the bytes of each file are read, whatever is known of it.
+    read_all: bool,
+}
+
 /// What the file holds, from the store where it was read before.
-fn index(store: &Store, path: &Path, options: &FlightOptions, tick: LineTick) -> Result<(Bytes, Index), Fault> {
-    let bytes = fingerprint(store, path)?;
+fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<(Bytes, Index), Fault> {
+    let FlightFile { path, options, .. } = file;
+    let bytes = fingerprint(store, path, how.read_all)?;
     let mut parts = vec![
         "flights".to_owned(),
         VERSION.to_owned(),
@@ -200,52 +208,58 @@ fn index(store: &Store, path: &Path, options: &FlightOptions, tick: LineTick) ->
     if options.format.as_deref() == Some("synth") || path.to_string_lossy().ends_with(".synth.toml") {
         let simulation = datasets::simulate::Simulation::open(path).map_err(Fault::from)?;
         for other in simulation.inputs() {
-            parts.push(fingerprint(store, other)?.hash.to_string());
+            parts.push(fingerprint(store, other, how.read_all)?.hash.to_string());
         }
         (simulated, of_lines) = (true, Some(simulation.spec().flights.iter().map(|f| f.lines.len()).sum()));
     }
     let note = store.root().join("sources").join(format!("{}.json", Key::of(parts.iter().map(String::as_bytes))));
-    let known: Option<Index> = fs::read(&note).ok().and_then(|b| serde_json::from_slice(&b).ok());
+    let known: Option<Index> = fs::read(&note).ok().and_then(|b| record::unsealed(&b));
+    file.keep(store);
     let whole =
         |i: &Index| i.lines.iter().all(|l| l.fault.is_some() || Key::parse(&l.object).is_some_and(|k| store.has(k)));
-    if let Some(index) = known.filter(|i| i.sum == sum_of(&i.lines)).filter(whole) {
+    if let Some(index) = known.filter(whole) {
         return Ok((bytes, index));
     }
     tick(simulated, 0, of_lines);
-    let index = ingest(store, path, options, &|lines| tick(simulated, lines, of_lines))?;
-    let text = serde_json::to_vec_pretty(&index).map_err(|e| Fault::machine(e.to_string()))?;
-    store.write(&note, &text)?;
+    let index = ingest(store, file, how.threads, &|lines| tick(simulated, lines, of_lines))?;
+    store.write(&note, &record::sealed(&index)?)?;
     Ok((bytes, index))
 }
 
-/// Reads a file once, one line in memory at a time.
-fn ingest(store: &Store, path: &Path, options: &FlightOptions, tick: &dyn Fn(usize)) -> Result<Index, Fault> {
-    let mut reader = open_flight(path, options).map_err(Fault::from)?;
+/// Reads a file once, with as many lines in memory as are worked on.
+fn ingest(store: &Store, file: &FlightFile, threads: usize, tick: &dyn Fn(usize)) -> Result<Index, Fault> {
+    let mut reader = file.read(threads).map_err(Fault::from)?;
     let canonical = Canonical::new(reader.schema()).map_err(|f| f.into_iter().next().unwrap_or_default())?;
-    let origins = Origins::new(reader.schema(), &options.rename);
-    let put = |whole: Whole| put(store, whole, &origins, &options.accept);
-    let mut index = Index { lines: vec![], sum: String::new() };
-    let mut assembly = Assembly::new(options);
-    while let Some(part) = reader.next_part() {
-        let part = part.map_err(Fault::from)?;
-        for whole in assembly.add(&canonical.apply_with_zeros(&part.batch)?, &part.faults) {
-            index.lines.push(put(whole)?);
-            tick(index.lines.len());
+    let origins = Origins::new(reader.schema(), &file.options.rename);
+    let mut assembly = Some(Assembly::new(&file.options));
+    let mut whole = VecDeque::new();
+    let next = || loop {
+        if let Some(line) = whole.pop_front() {
+            return Some(Ok(line));
         }
-    }
-    for whole in assembly.finish() {
-        index.lines.push(put(whole)?);
-    }
-    if index.lines.is_empty() {
+        let assembled = assembly.as_mut()?;
+        match reader.next_part().map(|part| part.map_err(Fault::from)) {
+            Some(Ok(part)) => match canonical.apply_with_zeros(&part.batch) {
+                Ok(batch) => whole.extend(assembled.add(&batch, &part.faults)),
+                Err(fault) => return Some(Err(fault)),
+            },
+            Some(Err(fault)) => return Some(Err(fault)),
+            None => whole.extend(assembly.take()?.finish()),
+        }
+    };
+    let packer = Packer::new(store);
+    let put = |line: Whole| put(&packer, line, &origins, &file.options.accept);
+    let lines = in_order(threads, next, put, tick)?;
+    packer.finish()?;
+    if lines.is_empty() {
         return Err(Fault::data("the file holds no samples"));
     }
-    index.sum = sum_of(&index.lines);
-    Ok(index)
+    Ok(Index { lines })
 }
 
 /// Takes midnight out of a line's time, checks the line, hashes its columns, and puts it into the store. What the reader
 /// found wrong with a row comes first.
-fn put(store: &Store, whole: Whole, origins: &Origins, accept: &[Accept]) -> Result<IndexLine, Fault> {
+fn put(packer: &Packer, whole: Whole, origins: &Origins, accept: &[Accept]) -> Result<IndexLine, Fault> {
     let Whole { flight, line, parts, rows, mut fault } = whole;
     let Some(schema) = parts.first().map(RecordBatch::schema) else {
         // Rows of no line: there is nothing to keep of them but that they are there.
@@ -272,8 +286,8 @@ fn put(store: &Store, whole: Whole, origins: &Origins, accept: &[Accept]) -> Res
     let fault = fault.or_else(|| check_time(batch.column(2).as_primitive::<Float64Type>().values()).err());
     let mut faults = fault.into_iter().chain(faults).map(IndexFault::of);
     let (fault, more_faults) = (faults.next(), faults.collect());
-    if fault.is_none() && !store.has(object) {
-        store.put(object, &batch)?;
+    if fault.is_none() {
+        packer.put(object, batch)?;
     }
     let columns = columns.into_iter().map(|(n, k)| (n, k.to_string())).collect();
     let object = object.to_string();

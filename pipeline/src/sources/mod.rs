@@ -1,22 +1,29 @@
 //! Tables read from files: found, fingerprinted, and brought into the store line by line.
 
 mod assemble;
+mod bytes;
 mod consistency;
 mod files;
+mod flight_file;
+mod in_order;
 mod ingest;
 mod midnight;
 mod options;
+mod packer;
 mod quality;
+mod record;
 mod sample;
 
 use std::{path::PathBuf, sync::Arc};
 
 use arrow_array::RecordBatch;
 use arrow_schema::{Schema, SchemaRef};
-use datasets::{FlightOptions, MapOptions, map_files, open_flight, read_grid};
+use datasets::{MapOptions, map_files, read_grid};
 use schemas::{Column, Fault, Shape, canonical::Canonical, describe_field};
 
-pub use files::{Bytes, find, fingerprint};
+pub use bytes::{Bytes, Trust, fingerprint};
+pub use files::find;
+use flight_file::FlightFile;
 pub use ingest::LineRecord;
 use options::{flight_options, map_options, spelt};
 pub use quality::{Check, Finding};
@@ -39,7 +46,9 @@ pub struct Flights {
     pub schema: SchemaRef,
     /// What was noticed of its files that the user should know.
     pub notes: Vec<String>,
-    files: Vec<(PathBuf, FlightOptions)>,
+    /// Whether the bytes of its files are read even where they look like those read last.
+    pub read_all: bool,
+    files: Vec<FlightFile>,
 }
 
 /// The lines of a table of flights, in the order of their names.
@@ -80,20 +89,29 @@ impl Flights {
     /// # Errors
     /// Options, files, columns and units that cannot be used, with their place in the spec.
     pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<Flights, Vec<Fault>> {
+        Flights::open_trusting(decl, folder, Trust::default())
+    }
+
+    /// [`Flights::open`], without going through files that a store knows and that are trusted to be the same.
+    ///
+    /// # Errors
+    /// As [`Flights::open`].
+    pub fn open_trusting(decl: &SourceDecl, folder: &std::path::Path, trust: Trust) -> Result<Flights, Vec<Fault>> {
         let placed = |f: Fault| f.at(decl.path.1.clone());
         let options = flight_options(decl)?;
         let found = find(&decl.path.0, folder, decl.options.contains_key("format")).map_err(|f| vec![placed(f)])?;
         let mut faults = vec![];
         let mut fields: Vec<arrow_schema::FieldRef> = vec![];
         let (mut files, mut notes) = (vec![], vec![]);
+        let threads = threads_in_each(found.len());
         for path in found {
-            let options = files::hive(&path, &options);
-            let opened = open_flight(&path, &options).map_err(|e| vec![Fault::from(e)]);
-            match opened.and_then(|r| Ok((Canonical::new(r.schema())?, r.notes().to_vec()))) {
-                Ok((canonical, noted)) => {
+            let opened = FlightFile::open(&path, files::hive(&path, &options), threads, trust);
+            let opened = opened.map_err(|e| vec![Fault::from(e)]);
+            match opened.and_then(|(file, r)| Ok((Canonical::new(r.schema())?, r.notes().to_vec(), file))) {
+                Ok((canonical, noted, file)) => {
                     notes.extend(noted);
                     merge(&mut fields, canonical.schema(), &path, &mut faults);
-                    files.push((path, options));
+                    files.push(file);
                 }
                 Err(wrong) => {
                     faults.extend(wrong.into_iter().map(|f| placed(f.in_file(&path.display().to_string()))));
@@ -105,7 +123,8 @@ impl Flights {
         }
         let schema: SchemaRef = Arc::new(Schema::new(fields));
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
-        Ok(Flights { name: decl.name.clone(), shape: Shape { columns, rate_hz: None }, schema, notes, files })
+        let (name, shape) = (decl.name.clone(), Shape { columns, rate_hz: None });
+        Ok(Flights { name, shape, schema, notes, read_all: trust.read_all, files })
     }
 
     /// Brings every line into the store that is not there yet. `tick` is called when a file is begun, after each of its
@@ -116,6 +135,13 @@ impl Flights {
     pub fn lines(&self, store: &Store, tick: &(dyn Fn(&ReadStep) + Sync)) -> Result<Lines, Vec<Fault>> {
         ingest::lines(self, store, tick)
     }
+}
+
+/// How many threads may work on one of so many files that are read at once.
+fn threads_in_each(files: usize) -> usize {
+    let threads = rayon::current_num_threads();
+    // With a file for each thread, a thread that waits for others at its file would begin another.
+    if files >= threads { 1 } else { threads.div_ceil(files.max(1)) }
 }
 
 /// Adds the columns of one more file; a column must have one type in all of them.
@@ -144,6 +170,8 @@ pub struct MapSource {
     pub name: String,
     /// Its file or folder.
     pub path: PathBuf,
+    /// Whether its bytes are read even where they look like those read last.
+    pub read_all: bool,
     options: MapOptions,
     spelt: String,
 }
@@ -161,7 +189,7 @@ impl MapSource {
             return Err(vec![fault]);
         }
         let spelt = spelt(decl);
-        Ok(MapSource { name: decl.name.clone(), path, options, spelt })
+        Ok(MapSource { name: decl.name.clone(), path, read_all: false, options, spelt })
     }
 
     /// The key of its content, and the bytes it was read from; the grid itself is put into the store.
@@ -171,7 +199,8 @@ impl MapSource {
     pub fn load(&self, store: &Store) -> Result<(Key, Vec<Bytes>), Fault> {
         // The cells of a map may lie beside its header.
         let files = map_files(&self.path).map_err(Fault::from)?;
-        let bytes: Vec<Bytes> = files.iter().map(|file| fingerprint(store, file)).collect::<Result<_, _>>()?;
+        let bytes: Vec<Bytes> =
+            files.iter().map(|file| fingerprint(store, file, self.read_all)).collect::<Result<_, _>>()?;
         let fixed = ["map", MAP_VERSION, datasets::VERSION, &self.spelt].map(str::to_owned);
         let key = Key::of(fixed.into_iter().chain(bytes.iter().map(|b| b.hash.to_string())));
         if !store.has(key) {
@@ -189,3 +218,6 @@ impl MapSource {
 pub fn map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
     store.whole(key)
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,14 +1,12 @@
 //! The first rows of each file, examined before anything runs.
 
-use std::path::Path;
-
-use datasets::{FlightOptions, open_flight};
 use rayon::prelude::*;
 use schemas::{Fault, canonical::Canonical};
 
 use super::{
     Flights,
     assemble::Assembly,
+    flight_file::FlightFile,
     quality::{Origins, examine},
 };
 
@@ -19,13 +17,14 @@ impl Flights {
     /// What makes the first 10,000 rows of each file unusable, one fault for each mistake of a file. Simulated flights are
     /// left out, as they would have to be simulated; so is what cannot be read, which is reported where it is read.
     pub fn implausible(&self) -> Vec<Fault> {
-        let of = |(path, options): &(std::path::PathBuf, FlightOptions)| first_rows(path, options).unwrap_or_default();
+        let of = |file: &FlightFile| first_rows(file).unwrap_or_default();
         self.files.par_iter().map(of).collect::<Vec<_>>().into_iter().flatten().collect()
     }
 }
 
-fn first_rows(path: &Path, options: &FlightOptions) -> Option<Vec<Fault>> {
-    let mut reader = open_flight(path, options).ok().filter(|r| r.format() != "synth")?;
+fn first_rows(file: &FlightFile) -> Option<Vec<Fault>> {
+    let mut reader = file.read(1).ok().filter(|r| r.format() != "synth")?;
+    let FlightFile { path, options, .. } = file;
     let canonical = Canonical::new(reader.schema()).ok()?;
     let origins = Origins::new(reader.schema(), &options.rename);
     let mut assembly = Assembly::new(options);

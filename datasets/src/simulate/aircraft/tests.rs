@@ -20,7 +20,7 @@ fn lines_of(top: &str, aircraft: &str, flights: &str) -> Vec<RecordBatch> {
     let path = spec(&folder, top, aircraft, flights);
     let simulation = Simulation::open(&path).unwrap();
     let schema = simulation.schema();
-    let lines: Vec<_> = simulation.into_lines().map(|l| l.unwrap().into_batch(&path).unwrap()).collect();
+    let lines: Vec<_> = simulation.into_lines(1).map(|l| l.unwrap().into_batch(&path).unwrap()).collect();
     assert!(lines.iter().all(|l| l.schema() == schema), "the schema is known before a line is flown");
     lines
 }

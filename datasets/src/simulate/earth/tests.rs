@@ -209,7 +209,7 @@ fn try_flown(text: &str) -> Result<Vec<RecordBatch>, String> {
     let path = folder.path().join("s.synth.toml");
     fs::write(&path, text).unwrap();
     let simulation = Simulation::open(&path).map_err(|e| e.to_string())?;
-    let lines = simulation.into_lines().map(|l| l.and_then(|l| l.into_batch(&path)));
+    let lines = simulation.into_lines(1).map(|l| l.and_then(|l| l.into_batch(&path)));
     lines.collect::<Result<_, _>>().map_err(|e| e.to_string())
 }
 

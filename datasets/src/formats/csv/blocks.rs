@@ -1,0 +1,122 @@
+//! A text in blocks that begin and end with its records.
+
+use std::io::{self, Read};
+
+use super::{
+    super::decimal::PAD,
+    cells::{Cells, ends_record, last_end},
+};
+
+/// The bytes of a block, more or less.
+pub(super) const BLOCK: usize = 1 << 21;
+
+/// A record longer than this is none: a quote is open, or the file is no table.
+const LONGEST: usize = 1 << 28;
+
+const MARK: &[u8] = "\u{feff}".as_bytes();
+
+/// Whole records.
+pub(super) struct Block {
+    /// The records, then newlines.
+    text: Vec<u8>,
+    len: usize,
+    /// Where the first record begins, and the newlines before it.
+    pub(super) start: usize,
+    /// Whether it is the last of a file that does not end with a newline.
+    pub(super) cut: bool,
+}
+
+impl Block {
+    /// The records, each of them ended, and some newlines more.
+    pub(super) fn text(&self) -> &[u8] {
+        &self.text
+    }
+
+    /// The position after the last record.
+    pub(super) fn end(&self) -> usize {
+        self.len
+    }
+
+    /// The newlines between two positions.
+    pub(super) fn newlines(&self, from: usize, to: usize) -> u64 {
+        let text = self.text.get(from..to.min(self.len)).unwrap_or_default();
+        text.iter().filter(|b| **b == b'\n').count() as u64
+    }
+}
+
+/// The blocks of a text, without its header.
+pub(super) struct Blocks<R> {
+    input: R,
+    size: usize,
+    /// What was read behind the last block.
+    rest: Vec<u8>,
+    begun: bool,
+    done: bool,
+}
+
+impl<R: Read> Blocks<R> {
+    pub(super) fn new(input: R, size: usize) -> Blocks<R> {
+        Blocks { input, size, rest: vec![], begun: false, done: false }
+    }
+
+    /// Up to `most` blocks, and why there are no more where that is an error.
+    pub(super) fn some(&mut self, most: usize) -> (Vec<Block>, Option<io::Error>) {
+        let mut some = vec![];
+        while some.len() < most.max(1) {
+            match self.next() {
+                Ok(Some(block)) => some.push(block),
+                Ok(None) => break,
+                Err(error) => return (some, Some(error)),
+            }
+        }
+        (some, None)
+    }
+
+    /// The next block.
+    ///
+    /// # Errors
+    /// What the input says, and a record without an end.
+    fn next(&mut self) -> io::Result<Option<Block>> {
+        if self.done {
+            return Ok(None);
+        }
+        let mut text = std::mem::take(&mut self.rest);
+        let mut wanted = self.size.max(1);
+        let end = loop {
+            let missing = wanted.saturating_sub(text.len());
+            text.reserve(missing + PAD + 1);
+            let read = self.input.by_ref().take(missing as u64).read_to_end(&mut text)?;
+            if read < missing {
+                self.done = true;
+                break text.len();
+            }
+            match last_end(&text) {
+                Some(end) => break end,
+                None if text.len() > LONGEST => {
+                    let what = "a row is longer than 256 MB: a quote is not closed, or this is no table";
+                    return Err(io::Error::new(io::ErrorKind::InvalidData, what));
+                }
+                None => wanted = text.len() * 2,
+            }
+        };
+        self.rest = text.get(end..).unwrap_or_default().to_vec();
+        text.truncate(end);
+        let cut = self.done && !text.last().is_none_or(|b| ends_record(*b));
+        let len = text.len();
+        text.resize(len + PAD + 1, b'\n');
+        let header = if self.begun { Some(0) } else { after_header(&text, len) };
+        // Empty lines before the header may fill a block.
+        self.begun |= header.is_some();
+        let start = header.unwrap_or(len);
+        Ok(Some(Block { text, len: len + usize::from(cut), start, cut }))
+    }
+}
+
+/// Where the first record behind the header begins; nothing if the header is not there yet.
+fn after_header(text: &[u8], len: usize) -> Option<usize> {
+    let mut at = if text.starts_with(MARK) { MARK.len() } else { 0 };
+    while at < len && ends_record(text[at]) {
+        at += 1;
+    }
+    (at < len).then(|| Cells::default().take(text, at).min(len))
+}

@@ -1,0 +1,96 @@
+//! Where the records of a text end, and the cells of one of them: comma between cells, quotes around those that hold
+//! commas, newlines or (doubled) quotes, a carriage return or a newline after each record.
+
+/// Whether a byte ends a record.
+pub(super) fn ends_record(byte: u8) -> bool {
+    matches!(byte, b'\n' | b'\r')
+}
+
+/// The cells of one record, without their quotes.
+#[derive(Default)]
+pub(super) struct Cells {
+    bytes: Vec<u8>,
+    /// Where each cell ends.
+    ends: Vec<usize>,
+}
+
+impl Cells {
+    /// Takes the cells of the record at `start`, and says where the next one begins. A quote that is never closed, and a
+    /// record that no newline ends, go on to the end of the text.
+    pub(super) fn take(&mut self, text: &[u8], start: usize) -> usize {
+        self.bytes.clear();
+        self.ends.clear();
+        let mut at = start;
+        loop {
+            at = cell(text, at, |part| self.bytes.extend_from_slice(part));
+            self.ends.push(self.bytes.len());
+            if text.get(at) != Some(&b',') {
+                return (at + 1).min(text.len());
+            }
+            at += 1;
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.ends.len()
+    }
+
+    /// A cell without the blanks around it.
+    pub(super) fn get(&self, i: usize) -> &[u8] {
+        let start = i.checked_sub(1).and_then(|before| self.ends.get(before)).copied().unwrap_or(0);
+        let end = self.ends.get(i).copied().unwrap_or(start);
+        self.bytes.get(start..end).unwrap_or_default().trim_ascii()
+    }
+
+    pub(super) fn iter(&self) -> impl Iterator<Item = &[u8]> {
+        (0..self.len()).map(|i| self.get(i))
+    }
+}
+
+/// Gives `put` what the cell at `start` holds, in parts; the position after it.
+fn cell(text: &[u8], start: usize, mut put: impl FnMut(&[u8])) -> usize {
+    let mut at = start;
+    if text.get(at) == Some(&b'"') {
+        at += 1;
+        loop {
+            let rest = text.get(at..).unwrap_or_default();
+            let Some(quote) = rest.iter().position(|b| *b == b'"') else {
+                put(rest);
+                return text.len();
+            };
+            at += quote + 1;
+            if text.get(at) != Some(&b'"') {
+                put(&rest[..quote]);
+                break;
+            }
+            put(&rest[..=quote]);
+            at += 1;
+        }
+    }
+    // Behind a closing quote, as without quotes, a quote is a character like others.
+    let rest = text.get(at..).unwrap_or_default();
+    let length = rest.iter().position(|b| *b == b',' || ends_record(*b)).unwrap_or(rest.len());
+    put(&rest[..length]);
+    at + length
+}
+
+/// Where the last record ends that is whole, with what ends it; `None` if there is none.
+pub(super) fn last_end(text: &[u8]) -> Option<usize> {
+    if !text.contains(&b'"') {
+        let last = |end: u8| text.iter().rposition(|b| *b == end).map(|at| at + 1);
+        // A file has carriage returns alone, or before each newline.
+        return last(b'\n').or_else(|| last(b'\r'));
+    }
+    let (mut at, mut whole) = (0, None);
+    loop {
+        at = cell(text, at, |_| ());
+        match text.get(at) {
+            Some(b',') => at += 1,
+            Some(_) => {
+                at += 1;
+                whole = Some(at);
+            }
+            None => return whole,
+        }
+    }
+}

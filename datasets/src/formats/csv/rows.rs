@@ -1,0 +1,363 @@
+//! From the text of some rows to columns of values.
+
+use std::{path::Path, sync::Arc};
+
+use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
+use arrow_schema::SchemaRef;
+
+use super::{
+    super::{decimal, missing, missing::Missing},
+    Kind,
+    blocks::Block,
+    cells::{Cells, ends_record},
+};
+use crate::ReadError;
+
+/// What is known of the columns of a file.
+pub(super) struct Layout {
+    pub(super) names: Vec<String>,
+    pub(super) kinds: Vec<Kind>,
+    pub(super) missing: Missing,
+    /// No number above this stands for a missing value.
+    pub(super) fillers_to: f64,
+    /// Whether the row where the file ends is left out.
+    pub(super) drops_last: bool,
+}
+
+/// The values of one column of some rows.
+enum Column {
+    Number(Vec<f64>),
+    Whole(Vec<Option<i64>>),
+    Text(Texts),
+}
+
+/// Texts one after another.
+#[derive(Default)]
+struct Texts {
+    all: String,
+    /// Where each ends.
+    ends: Vec<usize>,
+}
+
+impl Texts {
+    fn push(&mut self, text: &str) {
+        self.all.push_str(text);
+        self.ends.push(self.all.len());
+    }
+
+    fn get(&self, row: usize) -> &str {
+        let start = row.checked_sub(1).and_then(|before| self.ends.get(before)).copied().unwrap_or(0);
+        self.ends.get(row).and_then(|end| self.all.get(start..*end)).unwrap_or_default()
+    }
+
+    fn truncate(&mut self, rows: usize) {
+        self.ends.truncate(rows);
+        self.all.truncate(self.ends.last().copied().unwrap_or(0));
+    }
+}
+
+impl Column {
+    fn truncate(&mut self, rows: usize) {
+        match self {
+            Column::Number(out) => out.truncate(rows),
+            Column::Whole(out) => out.truncate(rows),
+            Column::Text(out) => out.truncate(rows),
+        }
+    }
+}
+
+/// What is wrong with a row.
+pub(super) struct Wrong {
+    /// Of the block, from 0.
+    pub(super) row: usize,
+    /// Newlines of the block before it.
+    pub(super) newlines: u64,
+    what: What,
+}
+
+enum What {
+    /// So many values.
+    Ragged(usize),
+    /// The row where the file ends.
+    Cut(usize),
+    OtherHeader,
+    /// The column and what stands there.
+    NoNumber(usize, Vec<u8>),
+}
+
+impl Wrong {
+    /// Whether nothing after it can be read.
+    pub(super) fn is_fatal(&self) -> bool {
+        matches!(self.what, What::OtherHeader)
+    }
+
+    /// The fault of the row `row` in the line `line` of the file.
+    pub(super) fn fault(&self, path: &Path, layout: &Layout, row: u64, line: u64) -> ReadError {
+        let of_row = |what: String| ReadError::data(path, what).in_row(row);
+        let ragged = |n: usize| of_row(format!("the row has {n} values where the header has {}", layout.names.len()));
+        match &self.what {
+            What::Ragged(n) => ragged(*n).help(format!("line {line} of the file")),
+            What::Cut(n) => ragged(*n)
+                .help(format!("line {line} of the file, where the file ends without a newline: it is cut short")),
+            What::OtherHeader => {
+                let what = "the row looks like another header: the file is several tables, one after another";
+                of_row(what.to_owned()).help(format!("line {line} of the file; put each table into a file"))
+            }
+            What::NoNumber(column, cell) => {
+                let (what, help) = match std::str::from_utf8(cell) {
+                    Ok(text) if layout.kinds[*column] == Kind::Whole && layout.missing.number(text).is_some() => {
+                        (format!("`{text}` is not a whole number"), format!("line {line} of the file"))
+                    }
+                    Ok(text) => {
+                        let help = format!("line {line} of the file; a word for missing values goes into `missing`");
+                        (format!("`{text}` is not a number"), help)
+                    }
+                    Err(error) => (format!("is not UTF-8 text: {error}"), format!("line {line} of the file")),
+                };
+                ReadError::data(path, what).in_column(&layout.names[*column]).in_row(row).help(help)
+            }
+        }
+    }
+}
+
+/// The rows of a block.
+pub(super) struct Rows<'a> {
+    layout: &'a Layout,
+    columns: Vec<Column>,
+    cells: Cells,
+    pub(super) rows: usize,
+    pub(super) wrong: Vec<Wrong>,
+    /// Rows at the start whose flight and line are those of the row before the block.
+    orphans: usize,
+    /// Newlines of the block.
+    pub(super) newlines: u64,
+}
+
+impl<'a> Rows<'a> {
+    /// Reads the rows of a block, up to one after which nothing can be read.
+    pub(super) fn of(layout: &'a Layout, block: &Block) -> Rows<'a> {
+        let text = block.text();
+        let room = room(text, block).min(block.end() / layout.kinds.len().max(1) + 8);
+        let column = |kind: &Kind| match kind {
+            Kind::Number => Column::Number(Vec::with_capacity(room)),
+            Kind::Whole => Column::Whole(Vec::with_capacity(room)),
+            Kind::Text | Kind::Key => Column::Text(Texts::default()),
+        };
+        let columns = layout.kinds.iter().map(column).collect();
+        let mut rows =
+            Rows { layout, columns, cells: Cells::default(), rows: 0, wrong: vec![], orphans: 0, newlines: 0 };
+        let (mut at, mut counted) = (block.start, 0);
+        while at < block.end() {
+            if ends_record(text[at]) {
+                at += 1;
+                continue;
+            }
+            let start = at;
+            let plain = if may_repeat(text, start, &layout.names) { None } else { rows.plain_row(text, start) };
+            at = plain.unwrap_or_else(|| rows.cells.take(text, start));
+            let ends_file = block.cut && at >= block.end();
+            if plain.is_none() || (ends_file && layout.drops_last) {
+                rows.columns.iter_mut().for_each(|c| c.truncate(rows.rows));
+            }
+            if ends_file && layout.drops_last {
+                break;
+            }
+            if plain.is_some() {
+                rows.rows += 1;
+                continue;
+            }
+            if repeats(&rows.cells, &layout.names) {
+                continue;
+            }
+            if let Some(what) = rows.any_row(ends_file) {
+                rows.newlines += block.newlines(counted, start);
+                counted = start;
+                let wrong = Wrong { row: rows.rows, newlines: rows.newlines, what };
+                let fatal = wrong.is_fatal();
+                rows.wrong.push(wrong);
+                if fatal {
+                    break;
+                }
+            }
+            rows.rows += 1;
+        }
+        rows.newlines += block.newlines(counted, block.end());
+        rows
+    }
+
+    /// Appends the row at `start` and says where it ends, if it has a value for each column, no quotes and no fault; else
+    /// some of its values are left behind.
+    #[inline]
+    fn plain_row(&mut self, text: &[u8], start: usize) -> Option<usize> {
+        let last = self.columns.len().checked_sub(1)?;
+        let mut at = start;
+        for (i, column) in self.columns.iter_mut().enumerate() {
+            let end = match column {
+                Column::Number(out) => {
+                    let (x, end) = plain_number(text, at, self.layout)?;
+                    out.push(x);
+                    end
+                }
+                Column::Whole(out) => {
+                    let (cell, end) = plain_cell(text, at)?;
+                    out.push(self.layout.missing.whole(cell)?);
+                    end
+                }
+                Column::Text(out) => {
+                    let (cell, end) = plain_cell(text, at)?;
+                    out.push(cell);
+                    end
+                }
+            };
+            match text.get(end)? {
+                b',' if i < last => at = end + 1,
+                b'\n' | b'\r' if i == last => return Some(end + 1),
+                _ => return None,
+            }
+        }
+        None
+    }
+
+    /// Appends the row in `cells`, and says what is wrong with it.
+    fn any_row(&mut self, cut: bool) -> Option<What> {
+        let layout = self.layout;
+        let whole = self.cells.len() == layout.names.len();
+        let mut wrong = None;
+        for (i, (column, kind)) in self.columns.iter_mut().zip(&layout.kinds).enumerate() {
+            let text = if whole { std::str::from_utf8(self.cells.get(i)) } else { Ok("") };
+            let read = match (column, &text) {
+                (Column::Number(out), text) => {
+                    let number = text.as_ref().ok().and_then(|t| layout.missing.number(t));
+                    out.push(number.unwrap_or(f64::NAN));
+                    number.is_some()
+                }
+                (Column::Whole(out), text) => {
+                    let number = text.as_ref().ok().and_then(|t| layout.missing.whole(t));
+                    out.push(number.unwrap_or(None));
+                    number.is_some()
+                }
+                (Column::Text(out), _) if !whole && *kind == Kind::Key => {
+                    let before = self.rows.checked_sub(1).map(|row| out.get(row).to_owned());
+                    out.push(&before.unwrap_or_default());
+                    true
+                }
+                (Column::Text(out), text) => {
+                    out.push(text.as_ref().copied().unwrap_or_default());
+                    text.is_ok()
+                }
+            };
+            if !read && wrong.is_none() {
+                wrong = Some(i);
+            }
+        }
+        if !whole {
+            self.orphans += usize::from(self.orphans == self.rows);
+            let n = self.cells.len();
+            return Some(if cut { What::Cut(n) } else { What::Ragged(n) });
+        }
+        let column = wrong?;
+        if self.is_other_header() {
+            return Some(What::OtherHeader);
+        }
+        Some(What::NoNumber(column, self.cells.get(column).to_vec()))
+    }
+
+    /// Whether no number of the row in `cells` is one, nor a missing value.
+    fn is_other_header(&self) -> bool {
+        let Layout { kinds, missing, .. } = self.layout;
+        let number = |(kind, _): &(&Kind, &[u8])| matches!(kind, Kind::Number | Kind::Whole);
+        let (mut words, mut numbers) = (0, 0);
+        for (_, cell) in kinds.iter().zip(self.cells.iter()).filter(number) {
+            let is_word = |t: &str| !missing::is_usual_word(t) && missing.number(t).is_none();
+            words += usize::from(std::str::from_utf8(cell).is_ok_and(is_word));
+            numbers += 1;
+        }
+        words > 1 && words == numbers
+    }
+
+    /// All of them. `keys` has the last flight and line before the block, and those after it then.
+    pub(super) fn into_batch(
+        self,
+        path: &Path,
+        schema: &SchemaRef,
+        keys: &mut [String],
+    ) -> Result<RecordBatch, ReadError> {
+        let rows = self.rows;
+        let mut arrays: Vec<ArrayRef> = Vec::with_capacity(self.columns.len());
+        for (i, column) in self.columns.into_iter().enumerate() {
+            arrays.push(match column {
+                Column::Number(values) => Arc::new(Float64Array::from(values)),
+                Column::Whole(values) => Arc::new(Int64Array::from(values)),
+                Column::Text(texts) => {
+                    let is_key = self.layout.kinds.get(i) == Some(&Kind::Key);
+                    let orphans = if is_key { self.orphans.min(rows) } else { 0 };
+                    let before = keys.get(i).cloned().unwrap_or_default();
+                    let one = |row| if row < orphans { before.as_str() } else { texts.get(row) };
+                    let array = StringArray::from_iter_values((0..rows).map(one));
+                    if let (Some(key), Some(last)) = (keys.get_mut(i), rows.checked_sub(1)) {
+                        array.value(last).clone_into(key);
+                    }
+                    Arc::new(array)
+                }
+            });
+        }
+        RecordBatch::try_new(schema.clone(), arrays).map_err(|e| ReadError::data(path, e.to_string()))
+    }
+}
+
+/// A guess at the rows of a block, by its first row.
+fn room(text: &[u8], block: &Block) -> usize {
+    let first = text.get(block.start..block.end()).unwrap_or_default();
+    let length = first.iter().position(|b| *b == b'\n').unwrap_or(first.len()).max(1);
+    first.len() / length + first.len() / length / 8 + 8
+}
+
+/// Whether the row at `start` may be the header again, which its first cell settles for nearly every row.
+pub(super) fn may_repeat(text: &[u8], start: usize, names: &[String]) -> bool {
+    let row = text.get(start..).unwrap_or_default();
+    let blank = row.iter().take_while(|b| matches!(b, b' ' | b'\t' | b'\x0C')).count();
+    let (row, name) = (&row[blank..], names.first().map_or("", String::as_str));
+    row.starts_with(name.as_bytes()) || row.first() == Some(&b'"')
+}
+
+/// Whether a row repeats the header.
+pub(super) fn repeats(cells: &Cells, names: &[String]) -> bool {
+    cells.len() == names.len() && cells.iter().zip(names).all(|(cell, name)| cell == name.as_bytes())
+}
+
+/// The number in the cell at `start` and the position after the cell; nothing for a cell with quotes or without a number.
+#[inline(always)]
+fn plain_number(text: &[u8], start: usize, layout: &Layout) -> Option<(f64, usize)> {
+    let mut at = start;
+    while text.get(at) == Some(&b' ') {
+        at += 1;
+    }
+    if let Some((x, mut end)) = decimal::number(text, at) {
+        while text.get(end) == Some(&b' ') {
+            end += 1;
+        }
+        if matches!(text.get(end), Some(b',' | b'\n' | b'\r')) {
+            return Some((if x > layout.fillers_to { x } else { layout.missing.kept(x) }, end));
+        }
+    }
+    other_number(text, start, layout)
+}
+
+/// A number of many digits, or a word or an empty cell for a missing one.
+#[inline(never)]
+fn other_number(text: &[u8], start: usize, layout: &Layout) -> Option<(f64, usize)> {
+    let (cell, end) = plain_cell(text, start)?;
+    Some((layout.missing.number(cell)?, end))
+}
+
+/// The cell at `start` without the blanks around it and the position after it; nothing for one with quotes.
+#[inline]
+pub(super) fn plain_cell(text: &[u8], start: usize) -> Option<(&str, usize)> {
+    let rest = text.get(start..)?;
+    let length = rest.iter().position(|b| matches!(b, b',' | b'\n' | b'\r'))?;
+    let cell = &rest[..length];
+    if cell.first() == Some(&b'"') {
+        return None;
+    }
+    Some((std::str::from_utf8(cell.trim_ascii()).ok()?, start + length))
+}

@@ -1,0 +1,322 @@
+//! What must be known of a whole file before its first row: of which type each column is, and what of it is left out. No
+//! value is made; columns whose type is settled are passed over.
+
+use std::{fs::File, path::Path};
+
+use rayon::prelude::*;
+
+use super::{
+    super::{FlightOptions, decimal, missing::Missing},
+    Kind,
+    blocks::{Block, Blocks},
+    cells::{Cells, ends_record},
+    ends_with_newline,
+    rows::{may_repeat, plain_cell, repeats},
+    settled_kind,
+};
+use crate::ReadError;
+
+/// What the first reading finds.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Scan {
+    pub(super) kinds: Vec<Kind>,
+    /// Rows that repeat the header, and the line of the first.
+    repeated: (u64, u64),
+    cut: Option<Cut>,
+}
+
+/// The last value of a file that does not end with a newline: it may be cut.
+#[derive(Clone, Debug, PartialEq)]
+struct Cut {
+    value: String,
+    line: u64,
+    /// Whether it is shorter than all others of its column.
+    short: bool,
+}
+
+/// The columns to be looked at.
+struct Question<'a> {
+    names: &'a [String],
+    missing: &'a Missing,
+    /// Columns that have nothing but numbers as yet, and may have something else.
+    open: Vec<bool>,
+    /// Whether the lengths of the last values matter.
+    widths: bool,
+}
+
+/// What one block says.
+struct Answer {
+    /// Columns with something other than numbers.
+    words: Vec<usize>,
+    /// Rows that repeat the header, and newlines of the block before the first.
+    repeated: (u64, u64),
+    newlines: u64,
+    /// The shortest last value, but for that of a row where the file ends.
+    shortest: usize,
+    /// The last value of a row where the file ends, and newlines before it.
+    last: Option<(Vec<u8>, u64)>,
+}
+
+impl Scan {
+    /// Reads a file for it, some blocks at once.
+    ///
+    /// # Errors
+    /// What the machine says.
+    pub(super) fn of(
+        path: &Path,
+        names: &[String],
+        options: &FlightOptions,
+        (block, threads): (usize, usize),
+    ) -> Result<Scan, ReadError> {
+        let io = |e: std::io::Error| ReadError::io(path, &e);
+        let missing = Missing::of(options);
+        let settled: Vec<Option<Kind>> = names.iter().map(|n| settled_kind(n, options)).collect();
+        let mut kinds: Vec<Kind> = settled.iter().map(|k| k.unwrap_or(Kind::Number)).collect();
+        let open = settled.iter().map(Option::is_none).collect();
+        let widths = !ends_with_newline(path).unwrap_or(true);
+        let mut question = Question { names, missing: &missing, open, widths };
+        let mut blocks = Blocks::new(File::open(path).map_err(io)?, block);
+        let (mut repeated, mut line, mut shortest, mut last) = ((0, 0), 1, usize::MAX, None);
+        loop {
+            let (some, failed) = blocks.some(threads);
+            if some.is_empty() && failed.is_none() {
+                break;
+            }
+            for answer in at_once(&some, |block| Look::of(&question, block)) {
+                for column in answer.words {
+                    kinds[column] = Kind::Text;
+                    question.open[column] = false;
+                }
+                if repeated.0 == 0 {
+                    repeated.1 = line + answer.repeated.1;
+                }
+                repeated.0 += answer.repeated.0;
+                shortest = shortest.min(answer.shortest);
+                last = answer.last.map(|(value, newlines)| (value, line + newlines));
+                line += answer.newlines;
+            }
+            if let Some(error) = failed {
+                return Err(io(error));
+            }
+        }
+        let numeric = matches!(kinds.last(), Some(Kind::Number | Kind::Whole));
+        let cut = last.map(|(value, line)| Cut {
+            line,
+            short: numeric && value.len() < shortest && shortest < usize::MAX,
+            value: String::from_utf8_lossy(&value).into_owned(),
+        });
+        Ok(Scan { kinds, repeated, cut })
+    }
+
+    /// Whether the last row is left out, since its last number is cut.
+    pub(super) fn drops_last(&self) -> bool {
+        self.cut.as_ref().is_some_and(|c| c.short)
+    }
+
+    /// In one spelling, for [`Scan::parse`].
+    pub(super) fn spelt(&self) -> String {
+        let kinds: String = self.kinds.iter().map(|k| k.letter()).collect();
+        let (count, line) = self.repeated;
+        let mut text = format!("csv 1\n{kinds}\n{count} {line}\n");
+        if let Some(Cut { value, line, short }) = &self.cut {
+            text += &format!("{line} {short} {value}");
+        }
+        text
+    }
+
+    /// From what [`Scan::spelt`] says of a file with so many columns.
+    pub(super) fn parse(text: &str, columns: usize) -> Option<Scan> {
+        let (kinds, rest) = text.strip_prefix("csv 1\n")?.split_once('\n')?;
+        let (repeated, cut) = rest.split_once('\n')?;
+        let kinds: Vec<Kind> = kinds.chars().map(Kind::of_letter).collect::<Option<_>>()?;
+        let (count, line) = repeated.split_once(' ')?;
+        let repeated = (count.parse().ok()?, line.parse().ok()?);
+        let cut = match cut {
+            "" => None,
+            cut => {
+                let mut words = cut.splitn(3, ' ');
+                let (line, short) = (words.next()?.parse().ok()?, words.next()?.parse().ok()?);
+                Some(Cut { line, short, value: words.next()?.to_owned() })
+            }
+        };
+        (kinds.len() == columns).then_some(Scan { kinds, repeated, cut })
+    }
+
+    pub(super) fn notes(&self, path: &Path, names: &[String]) -> Vec<String> {
+        let mut notes = vec![];
+        let file = path.display();
+        let (repeated, line) = self.repeated;
+        if repeated > 0 {
+            let rows = if repeated == 1 { "a row repeats".to_owned() } else { format!("{repeated} rows repeat") };
+            notes.push(format!("{file}: {rows} the header (first in line {line} of the file); left out"));
+        }
+        if let (Some(cut), Some(column)) = (&self.cut, names.last()) {
+            let (value, line) = (&cut.value, cut.line);
+            let ends = format!("{file}: the file does not end with a newline, so it may be cut short");
+            notes.push(if cut.short {
+                format!(
+                    "{ends}; the last value `{value}` of `{column}` (line {line} of the file) is shorter than all \
+                     others of its column, and its row is left out"
+                )
+            } else {
+                format!("{ends} inside the last value `{value}` of `{column}` (line {line} of the file)")
+            });
+        }
+        notes
+    }
+}
+
+/// One answer for each of some blocks, found at once.
+pub(super) fn at_once<T: Send>(blocks: &[Block], one: impl Fn(&Block) -> T + Send + Sync) -> Vec<T> {
+    match blocks {
+        // A pool would have no other work for this thread than work that is not ours.
+        [block] => vec![one(block)],
+        blocks => blocks.par_iter().map(one).collect(),
+    }
+}
+
+impl Answer {
+    /// Notes the last value of the whole row from `start` to `end`.
+    fn width(&mut self, value: &[u8], (block, start): (&Block, usize), end: usize) {
+        if block.cut && end >= block.end() {
+            self.last = Some((value.to_vec(), block.newlines(0, start)));
+        } else {
+            self.shortest = self.shortest.min(value.len());
+        }
+    }
+}
+
+/// A block being looked through.
+struct Look<'a> {
+    question: &'a Question<'a>,
+    /// Columns without words in this block.
+    open: Vec<bool>,
+    cells: Cells,
+    /// Columns of the row at hand that have words.
+    doubts: Vec<usize>,
+    /// Where the last value of that row begins and ends.
+    last: (usize, usize),
+    answer: Answer,
+}
+
+impl Look<'_> {
+    fn of(question: &Question, block: &Block) -> Answer {
+        let text = block.text();
+        let answer = Answer { words: vec![], repeated: (0, 0), newlines: 0, shortest: usize::MAX, last: None };
+        let (cells, doubts, open) = (Cells::default(), vec![], question.open.clone());
+        let mut look = Look { question, open, cells, doubts, last: (0, 0), answer };
+        let all_settled = !question.widths && !question.open.contains(&true) && !text.contains(&b'"');
+        let mut at = block.start;
+        while at < block.end() {
+            if ends_record(text[at]) {
+                at += 1;
+                continue;
+            }
+            let start = at;
+            let plain = if may_repeat(text, start, question.names) {
+                None
+            } else if all_settled {
+                text[start..].iter().position(|b| ends_record(*b)).map(|length| start + length)
+            } else {
+                look.plain_row(text, start)
+            };
+            at = plain.unwrap_or_else(|| look.any_row(block, start));
+            if plain.is_some() && question.widths {
+                let (from, to) = look.last;
+                let value = text.get(from..to).unwrap_or_default().trim_ascii();
+                // The record's end is not behind it yet.
+                look.answer.width(value, (block, start), at + 1);
+            }
+        }
+        look.answer.newlines = block.newlines(0, block.end());
+        look.answer
+    }
+
+    /// Looks at the row at `start` and says where it ends, if it has a value for each column and no quotes.
+    #[inline]
+    fn plain_row(&mut self, text: &[u8], start: usize) -> Option<usize> {
+        let last = self.open.len().checked_sub(1)?;
+        let mut at = start;
+        self.doubts.clear();
+        for (i, open) in self.open.iter().enumerate() {
+            let end = if *open {
+                match number_end(text, at) {
+                    Some(end) => end,
+                    None => {
+                        let (cell, end) = plain_cell(text, at)?;
+                        if self.question.missing.number(cell).is_none() {
+                            self.doubts.push(i);
+                        }
+                        end
+                    }
+                }
+            } else {
+                let rest = text.get(at..)?;
+                if rest.first() == Some(&b'"') {
+                    return None;
+                }
+                at + rest.iter().position(|b| matches!(b, b',' | b'\n' | b'\r'))?
+            };
+            match text.get(end)? {
+                b',' if i < last => at = end + 1,
+                b'\n' | b'\r' if i == last => {
+                    self.last = (at, end);
+                    self.settle();
+                    return Some(end);
+                }
+                _ => return None,
+            }
+        }
+        None
+    }
+
+    /// Columns with words in a whole row are columns of words.
+    fn settle(&mut self) {
+        for column in self.doubts.drain(..) {
+            self.open[column] = false;
+            self.answer.words.push(column);
+        }
+    }
+
+    /// Looks at any row, and says where the next one begins.
+    #[inline(never)]
+    fn any_row(&mut self, block: &Block, start: usize) -> usize {
+        let Question { names, missing, widths, .. } = self.question;
+        let end = self.cells.take(block.text(), start);
+        if repeats(&self.cells, names) {
+            if self.answer.repeated.0 == 0 {
+                self.answer.repeated.1 = block.newlines(0, start);
+            }
+            self.answer.repeated.0 += 1;
+            return end;
+        }
+        if self.cells.len() != names.len() {
+            return end;
+        }
+        self.doubts.clear();
+        for (i, cell) in self.cells.iter().enumerate().filter(|(i, _)| self.open[*i]) {
+            if !std::str::from_utf8(cell).is_ok_and(|text| missing.number(text).is_some()) {
+                self.doubts.push(i);
+            }
+        }
+        self.settle();
+        if *widths {
+            self.answer.width(self.cells.get(names.len() - 1), (block, start), end);
+        }
+        end
+    }
+}
+
+/// The position after the cell at `start`, if it is a plain number.
+#[inline(always)]
+fn number_end(text: &[u8], start: usize) -> Option<usize> {
+    let mut at = start;
+    while text.get(at) == Some(&b' ') {
+        at += 1;
+    }
+    let mut end = decimal::end(text, at)?;
+    while text.get(end) == Some(&b' ') {
+        end += 1;
+    }
+    matches!(text.get(end), Some(b',' | b'\n' | b'\r')).then_some(end)
+}

@@ -1,0 +1,270 @@
+//! What the bytes of a file are known by, and when that need not be found again.
+
+use std::{
+    fs,
+    io::{self, Read},
+    path::{Path, PathBuf},
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+use schemas::Fault;
+use serde::{Deserialize, Serialize};
+
+use super::{files::walk, record};
+use crate::{keys::Key, store::Store};
+
+/// A file or folder, and the key of its bytes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Bytes {
+    /// As the spec names it.
+    pub path: PathBuf,
+    /// Of all its bytes.
+    pub hash: Key,
+}
+
+/// How far files are taken for what they were when they were last read.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Trust<'a> {
+    /// The store that may know the files.
+    pub store: Option<&'a Path>,
+    /// Whether the bytes of every file are read, however much it looks like the one that was read last.
+    pub read_all: bool,
+}
+
+/// What tells a file from what it was before, without reading it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Stamp {
+    size: u64,
+    modified_ns: i64,
+    /// When the file system last wrote the file or what it says of it, which no program can set.
+    changed_ns: i64,
+    inode: u64,
+}
+
+/// What was found out of a file, and when.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Seen {
+    stamp: Stamp,
+    /// The time when its reading began.
+    at_ns: i64,
+    /// Its hash, or what else was found.
+    pub(super) found: String,
+}
+
+/// A file changed so short a time before it was read may have been changed after that with the same time of change: the
+/// clocks of file systems stand for up to two seconds.
+const RACY_NS: i64 = 2_000_000_000;
+
+impl Stamp {
+    #[cfg(unix)]
+    pub(super) fn of(path: &Path) -> io::Result<Stamp> {
+        use std::os::unix::fs::MetadataExt;
+        let about = fs::metadata(path)?;
+        let ns = |s: i64, ns: i64| s.saturating_mul(1_000_000_000).saturating_add(ns);
+        Ok(Stamp {
+            size: about.len(),
+            modified_ns: ns(about.mtime(), about.mtime_nsec()),
+            changed_ns: ns(about.ctime(), about.ctime_nsec()),
+            inode: about.ino(),
+        })
+    }
+
+    #[cfg(not(unix))]
+    pub(super) fn of(path: &Path) -> io::Result<Stamp> {
+        let about = fs::metadata(path)?;
+        let modified_ns = ns_of(about.modified()?);
+        Ok(Stamp { size: about.len(), modified_ns, changed_ns: modified_ns, inode: 0 })
+    }
+}
+
+fn ns_of(time: SystemTime) -> i64 {
+    time.duration_since(UNIX_EPOCH).map_or(0, |d| i64::try_from(d.as_nanos()).unwrap_or(i64::MAX))
+}
+
+impl Seen {
+    /// What `find` finds out of a file; nothing of one that changes meanwhile is to be kept.
+    pub(super) fn by<T, E>(
+        path: &Path,
+        find: impl FnOnce() -> Result<T, E>,
+        found: impl FnOnce(&T) -> Option<String>,
+    ) -> Result<(T, Option<Seen>), E> {
+        let (at_ns, before) = (ns_of(SystemTime::now()), Stamp::of(path).ok());
+        let value = find()?;
+        let stamp = before.filter(|stamp| Stamp::of(path).is_ok_and(|after| after == *stamp));
+        let seen = stamp.zip(found(&value)).map(|(stamp, found)| Seen { stamp, at_ns, found });
+        Ok((value, seen))
+    }
+
+    /// Whether the file is the one that was read, as far as that can be told without reading it.
+    pub(super) fn is_of(&self, path: &Path) -> bool {
+        Stamp::of(path).is_ok_and(|now| now == self.stamp)
+    }
+
+    /// The same of a note that an earlier process left.
+    fn still_is_of(&self, path: &Path) -> bool {
+        self.is_of(path) && self.stamp.changed_ns.saturating_add(RACY_NS) <= self.at_ns
+    }
+
+    /// What is known under `key` of a file that is the same still.
+    pub(super) fn known(store: &Path, key: Key, path: &Path) -> Option<Seen> {
+        let seen: Seen = fs::read(note(store, key)).ok().and_then(|bytes| record::unsealed(&bytes))?;
+        seen.still_is_of(path).then_some(seen)
+    }
+
+    /// As if the file had been read much later.
+    #[cfg(test)]
+    pub(super) fn older(mut self) -> Seen {
+        self.at_ns += 10 * RACY_NS;
+        self
+    }
+
+    /// Keeps it under `key`. It only saves reading the file again, so a failure to write it costs nothing but time.
+    pub(super) fn keep(&self, store: &Store, key: Key) {
+        if let Ok(text) = record::sealed(self) {
+            let _ = store.write(&note(store.root(), key), &text);
+        }
+    }
+}
+
+fn note(store: &Path, key: Key) -> PathBuf {
+    store.join("sources").join(format!("{key}.seen"))
+}
+
+/// The key of all bytes of a file or folder. A file that is plainly the one that was read last is not read again, unless
+/// `read_all` says so.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn fingerprint(store: &Store, path: &Path, read_all: bool) -> Result<Bytes, Fault> {
+    let fail = |e: io::Error| Fault::machine(format!("cannot read {}: {e}", path.display()));
+    let hash = if path.is_dir() {
+        let mut files = vec![];
+        walk(path, &mut files).map_err(fail)?;
+        let mut parts = vec![];
+        for file in files {
+            parts.push(file.strip_prefix(path).unwrap_or(&file).to_string_lossy().into_owned());
+            parts.push(one(store, &file, read_all).map_err(fail)?.to_string());
+        }
+        Key::of(parts)
+    } else {
+        one(store, path, read_all).map_err(fail)?
+    };
+    Ok(Bytes { path: path.to_owned(), hash })
+}
+
+fn one(store: &Store, path: &Path, read_all: bool) -> io::Result<Key> {
+    let full = path.canonicalize()?;
+    let key = Key::of([full.to_string_lossy().as_bytes()]);
+    let known = if read_all { None } else { Seen::known(store.root(), key, path) };
+    if let Some(hash) = known.and_then(|seen| Key::parse(&seen.found)) {
+        return Ok(hash);
+    }
+    let (hash, seen) = Seen::by(path, || hash_file(path), |hash| Some(hash.to_string()))?;
+    if let Some(seen) = seen {
+        seen.keep(store, key);
+    }
+    Ok(hash)
+}
+
+fn hash_file(path: &Path) -> io::Result<Key> {
+    let mut hasher = blake3::Hasher::new();
+    let mut file = fs::File::open(path)?;
+    let mut buffer = vec![0; 1 << 20];
+    loop {
+        match file.read(&mut buffer)? {
+            0 => return Ok(Key::finish(&hasher)),
+            n => hasher.update(&buffer[..n]),
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::time::Duration;
+
+    use tempfile::TempDir;
+
+    use super::*;
+
+    fn aged(path: &Path) {
+        // Not to wait for two seconds, the note is made to say that the file was read later.
+        for entry in fs::read_dir(path.join("sources")).unwrap().flatten() {
+            let seen: Seen = record::unsealed(&fs::read(entry.path()).unwrap()).unwrap();
+            fs::write(entry.path(), record::sealed(&seen.older()).unwrap()).unwrap();
+        }
+    }
+
+    fn touched(path: &Path, time: SystemTime) {
+        fs::File::options().write(true).open(path).unwrap().set_modified(time).unwrap();
+    }
+
+    #[test]
+    fn law_a_file_of_the_same_size_and_time_is_not_taken_for_the_old_one() {
+        let folder = TempDir::new().unwrap();
+        let store = Store::open(&folder.path().join("store")).unwrap();
+        let path = folder.path().join("a.csv");
+        let hash = |read_all| fingerprint(&store, &path, read_all).unwrap().hash;
+        for trial in 0..5 {
+            fs::write(&path, format!("old {trial}")).unwrap();
+            let time = fs::metadata(&path).unwrap().modified().unwrap();
+            let old = hash(false);
+            if trial % 2 == 0 {
+                // Long after it was written: the time of change tells them apart.
+                aged(store.root());
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            if trial == 4 {
+                let other = folder.path().join("b.csv");
+                fs::write(&other, format!("new {trial}")).unwrap();
+                fs::rename(&other, &path).unwrap();
+            } else {
+                fs::write(&path, format!("new {trial}")).unwrap();
+            }
+            touched(&path, time);
+            assert_ne!(hash(false), old, "{trial}");
+        }
+    }
+
+    #[test]
+    fn law_an_unchanged_file_is_read_again_only_when_it_is_young_or_that_is_asked_for() {
+        let folder = TempDir::new().unwrap();
+        let store = Store::open(&folder.path().join("store")).unwrap();
+        let path = folder.path().join("a.csv");
+        fs::write(&path, "text").unwrap();
+        let right = fingerprint(&store, &path, false).unwrap().hash;
+        let note = fs::read_dir(store.root().join("sources")).unwrap().flatten().next().unwrap().path();
+        let wrong = Key::of(["wrong"]);
+        let lie = |later_ns: i64| {
+            let mut seen: Seen = record::unsealed(&fs::read(&note).unwrap()).unwrap();
+            (seen.found, seen.at_ns) = (wrong.to_string(), seen.at_ns + later_ns);
+            fs::write(&note, record::sealed(&seen).unwrap()).unwrap();
+        };
+        lie(0);
+        assert_eq!(fingerprint(&store, &path, false).unwrap().hash, right, "too young to be trusted");
+        lie(2 * RACY_NS);
+        assert_eq!(fingerprint(&store, &path, false).unwrap().hash, wrong, "known, and not read");
+        assert_eq!(fingerprint(&store, &path, true).unwrap().hash, right, "read, as asked for");
+    }
+
+    #[test]
+    fn law_a_damaged_note_is_as_good_as_none() {
+        let folder = TempDir::new().unwrap();
+        let store = Store::open(&folder.path().join("store")).unwrap();
+        let path = folder.path().join("a.csv");
+        fs::write(&path, "text").unwrap();
+        let right = fingerprint(&store, &path, false).unwrap().hash;
+        aged(store.root());
+        let note = fs::read_dir(store.root().join("sources")).unwrap().flatten().next().unwrap().path();
+        let whole = fs::read(&note).unwrap();
+        for at in 0..whole.len() {
+            let mut flipped = whole.clone();
+            flipped[at] ^= 1 << (at % 8);
+            fs::write(&note, flipped).unwrap();
+            assert_eq!(fingerprint(&store, &path, false).unwrap().hash, right, "{at}");
+        }
+        fs::write(&note, "").unwrap();
+        assert_eq!(fingerprint(&store, &path, false).unwrap().hash, right);
+    }
+}

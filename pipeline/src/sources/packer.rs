@@ -1,0 +1,59 @@
+//! Lines on their way into the store: several short ones into one pack.
+
+use std::sync::{Mutex, PoisonError};
+
+use arrow_array::RecordBatch;
+use schemas::Fault;
+
+use crate::{keys::Key, store::Store};
+
+/// The bytes of a pack in memory.
+const PACK_BYTES: usize = 4 << 20;
+
+/// What waits to be written.
+#[derive(Default)]
+struct Waiting {
+    lines: Vec<(Key, RecordBatch)>,
+    bytes: usize,
+}
+
+/// Puts the lines of a file into packs, from several threads.
+pub(super) struct Packer<'a> {
+    store: &'a Store,
+    waiting: Mutex<Waiting>,
+}
+
+impl<'a> Packer<'a> {
+    /// Into `store`.
+    pub fn new(store: &'a Store) -> Packer<'a> {
+        Packer { store, waiting: Mutex::default() }
+    }
+
+    /// Takes a line, and writes a pack where that is enough for one.
+    ///
+    /// # Errors
+    /// When the store cannot be written.
+    pub fn put(&self, key: Key, batch: RecordBatch) -> Result<(), Fault> {
+        let full = {
+            let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+            if self.store.has(key) || waiting.lines.iter().any(|(known, _)| *known == key) {
+                return Ok(());
+            }
+            let other = waiting.lines.first().is_some_and(|(_, first)| first.schema() != batch.schema());
+            let before = if other { std::mem::take(&mut *waiting).lines } else { vec![] };
+            waiting.bytes += batch.get_array_memory_size();
+            waiting.lines.push((key, batch));
+            let now = if waiting.bytes >= PACK_BYTES { std::mem::take(&mut *waiting).lines } else { vec![] };
+            [before, now]
+        };
+        full.iter().try_for_each(|lines| self.store.put_all(lines))
+    }
+
+    /// Writes what waits.
+    ///
+    /// # Errors
+    /// When the store cannot be written.
+    pub fn finish(self) -> Result<(), Fault> {
+        self.store.put_all(&self.waiting.into_inner().unwrap_or_else(PoisonError::into_inner).lines)
+    }
+}

@@ -1,0 +1,66 @@
+//! Small notes in the store that say themselves whether they are whole: JSON whose first entry is a checksum of the rest.
+//! A note that does not verify is as good as none, since all of them can be made again.
+
+use schemas::Fault;
+use serde::{Serialize, de::DeserializeOwned};
+
+use crate::keys::Key;
+
+const OPENING: &str = "{\n";
+
+fn first_entry(rest: &str) -> String {
+    format!("  \"checksum\": \"{}\",\n", Key::of(["note", rest]))
+}
+
+/// The text of a note.
+///
+/// # Errors
+/// A value that is no JSON object, which is a mistake of the program.
+pub(super) fn sealed<T: Serialize>(note: &T) -> Result<Vec<u8>, Fault> {
+    let text = serde_json::to_string_pretty(note).map_err(|e| Fault::machine(e.to_string()))?;
+    let rest = text.strip_prefix(OPENING).ok_or_else(|| Fault::machine("a note of the store has no entries"))?;
+    Ok(format!("{OPENING}{}{rest}", first_entry(rest)).into_bytes())
+}
+
+/// The note in a text, if that is whole.
+pub(super) fn unsealed<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
+    let text = std::str::from_utf8(bytes).ok()?.strip_prefix(OPENING)?;
+    let (_, rest) = text.split_once('\n')?;
+    if text.strip_suffix(rest)? != first_entry(rest) {
+        return None;
+    }
+    serde_json::from_str(&format!("{OPENING}{rest}")).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Serialize, Deserialize, PartialEq, Debug)]
+    struct Note {
+        size: u64,
+        text: String,
+        list: Vec<Option<f64>>,
+    }
+
+    #[test]
+    fn law_a_note_with_any_bit_flipped_or_any_part_missing_is_none() {
+        let note = Note { size: 7, text: "Übung\n\"{\n".to_owned(), list: vec![Some(0.1), None] };
+        let whole = sealed(&note).unwrap();
+        assert_eq!(unsealed::<Note>(&whole), Some(note));
+        assert!(serde_json::from_slice::<serde_json::Value>(&whole).is_ok(), "it is JSON still");
+        for at in 0..whole.len() {
+            assert_eq!(unsealed::<Note>(&whole[..at]), None);
+            for bit in 0..8 {
+                let mut flipped = whole.clone();
+                flipped[at] ^= 1 << bit;
+                assert_eq!(unsealed::<Note>(&flipped), None, "byte {at}, bit {bit}");
+            }
+        }
+        assert_eq!(unsealed::<Note>(b"{\n  \"size\": 7\n}"), None, "a note without a checksum");
+    }
+}

@@ -1,0 +1,124 @@
+//! Files read into a store: once, whatever the threads, and again when the store's notes of them are damaged.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::{fmt::Write, fs, path::Path, sync::Mutex};
+
+use tempfile::TempDir;
+
+use super::*;
+
+/// A table of the files in `logs`, of a spec in the folder.
+fn decl() -> SourceDecl {
+    SourceDecl {
+        name: "flights".to_owned(),
+        at: 0..0,
+        path: ("logs".to_owned(), 0..0),
+        options: schemas::Args::default(),
+    }
+}
+
+/// A flight log of some lines, of which one has a bad cell.
+fn written(folder: &Path, flight: &str, lines: usize) {
+    let mut text = "flight,line,tt,lat,lon,note\n".to_owned();
+    for line in 0..lines {
+        for row in 0..(50 + 37 * line % 90) {
+            let (tt, lat) = (1000 * line + row, 45.0 + row as f64 / 1e5);
+            let lat = if line == 3 && row == 7 { "oops".to_owned() } else { lat.to_string() };
+            writeln!(text, "{flight},{flight}.{line:02},{tt},{lat},-75.{row:03},{}", row % 3).unwrap();
+        }
+    }
+    fs::create_dir_all(folder.join("logs")).unwrap();
+    fs::write(folder.join("logs").join(format!("{flight}.csv")), text).unwrap();
+}
+
+/// What comes of the lines, and what was told of the last file meanwhile.
+fn ingested(folder: &Path, store: &Store, threads: usize) -> (String, Vec<usize>) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| {
+        let flights = Flights::open_trusting(&decl(), folder, Trust { store: Some(store.root()), read_all: false });
+        let told = Mutex::new(vec![]);
+        let tick = |step: &ReadStep| {
+            if step.lines > 0 {
+                told.lock().unwrap().push(step.lines);
+            }
+        };
+        let lines = flights.unwrap().lines(store, &tick).unwrap();
+        assert!(lines.lines.iter().all(|l| l.fault.is_some() || store.has(l.object)));
+        (format!("{:?} {:?}", lines.lines, lines.files), told.into_inner().unwrap())
+    })
+}
+
+#[test]
+fn law_the_lines_of_a_file_are_the_same_on_any_number_of_threads() {
+    let folder = TempDir::new().unwrap();
+    written(folder.path(), "1", 20);
+    let of = |threads: usize| {
+        let store = Store::open(&folder.path().join(format!("store{threads}"))).unwrap();
+        let (lines, told) = ingested(folder.path(), &store, threads);
+        assert_eq!(told, (1..=20).collect::<Vec<_>>(), "each line is told of once, in order");
+        lines
+    };
+    let one = of(1);
+    assert_eq!(one.matches("`oops` is not a number").count(), 1);
+    assert!(one == of(2) && one == of(7));
+    // With several files too.
+    written(folder.path(), "2", 5);
+    written(folder.path(), "3", 9);
+    let of = |threads: usize| {
+        let store = Store::open(&folder.path().join(format!("more{threads}"))).unwrap();
+        ingested(folder.path(), &store, threads).0
+    };
+    let one = of(1);
+    assert!(one == of(2) && one == of(7));
+}
+
+#[test]
+fn law_a_damaged_note_of_what_a_file_holds_is_made_again() {
+    let folder = TempDir::new().unwrap();
+    written(folder.path(), "1", 5);
+    let store = Store::open(&folder.path().join("store")).unwrap();
+    let (first, told) = ingested(folder.path(), &store, 2);
+    assert_eq!(told.len(), 5);
+    assert_eq!(ingested(folder.path(), &store, 2), (first.clone(), vec![]), "known, and not read");
+    let notes: Vec<_> = fs::read_dir(store.root().join("sources")).unwrap().map(|e| e.unwrap().path()).collect();
+    let index = notes.iter().find(|n| n.extension().is_some_and(|e| e == "json")).unwrap();
+    for damage in 0..40 {
+        let mut bytes = fs::read(index).unwrap();
+        let at = damage * 7919 % bytes.len();
+        bytes[at] ^= 1 << (damage % 8);
+        fs::write(index, &bytes).unwrap();
+        let (again, told) = ingested(folder.path(), &store, 2);
+        assert_eq!((&again, told.len()), (&first, 5), "byte {at}");
+    }
+    for note in &notes {
+        fs::write(note, "{").unwrap();
+    }
+    assert_eq!(ingested(folder.path(), &store, 2).0, first);
+}
+
+#[test]
+fn law_what_opening_a_file_has_found_is_kept_for_as_long_as_the_file_is_the_same() {
+    let folder = TempDir::new().unwrap();
+    written(folder.path(), "1", 2);
+    let store = Store::open(&folder.path().join("store")).unwrap();
+    ingested(folder.path(), &store, 1);
+    let types = |read_all: bool| {
+        let trust = Trust { store: Some(store.root()), read_all };
+        let flights = Flights::open_trusting(&decl(), folder.path(), trust).unwrap();
+        flights.schema.field_with_name("note").unwrap().data_type().clone()
+    };
+    // A note that says otherwise shows whether the file was gone through.
+    for entry in fs::read_dir(store.root().join("sources")).unwrap().flatten() {
+        let text = fs::read_to_string(entry.path()).unwrap();
+        if let Some(mut seen) = record::unsealed::<bytes::Seen>(text.as_bytes()).filter(|s| s.found.starts_with("csv"))
+        {
+            seen.found = seen.found.replace("kknnnn", "kknnnt");
+            fs::write(entry.path(), record::sealed(&seen.older()).unwrap()).unwrap();
+        }
+    }
+    let (text, number) = (arrow_schema::DataType::Utf8, arrow_schema::DataType::Float64);
+    assert_eq!((types(false), types(true)), (text, number.clone()));
+    written(folder.path(), "1", 3);
+    assert_eq!(types(false), number, "the file has changed");
+}
