@@ -198,7 +198,7 @@ impl Scene {
 }
 
 /// Some ends of a run of `points` points: every `step`-th point, by turns killed and without power, with the seeds one
-/// after another; where `step` is 1, all of it at every point.
+/// after another, and more of them at the end; where `step` is 1, all of it at every point.
 fn ends(points: usize, step: usize, first: usize) -> Vec<End> {
     const SEEDS: usize = 4;
     if step == 1 {
@@ -210,9 +210,13 @@ fn ends(points: usize, step: usize, first: usize) -> Vec<End> {
     }
     let one = |(i, point)| {
         let mode = if i % 4 == 3 { "kill" } else { "power" };
-        End { point, mode, seed: i % 4 % SEEDS + if i % 8 < 4 { 0 } else { SEEDS } }
+        End { point, mode, seed: i % (2 * SEEDS) }
     };
-    (first..=points).step_by(step).enumerate().map(one).collect()
+    // The last points come after the new version is in place, which must stay as a whole.
+    let last = [10, 7, 3]
+        .into_iter()
+        .flat_map(|back| (1..SEEDS).map(move |seed| End { point: points - back, mode: "power", seed: seed + back }));
+    (first..=points).step_by(step).enumerate().map(one).chain(last).collect()
 }
 
 fn none_of(faults: Vec<String>) {
@@ -259,12 +263,12 @@ fn end_second_runs(step: usize) {
 
 #[test]
 fn law_power_may_fail_at_any_moment() {
-    end_first_runs(6);
+    end_first_runs(8);
 }
 
 #[test]
 fn law_power_may_fail_while_tables_change() {
-    end_second_runs(5);
+    end_second_runs(7);
 }
 
 /// Before the first fsync nothing is on the disk.
