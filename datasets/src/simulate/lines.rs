@@ -108,12 +108,11 @@ impl Iterator for Lines {
     type Item = Result<Table, ReadError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.ready.is_empty() && !self.left.is_empty() {
-            if let Err(fault) = self.advance() {
+        if self.ready.is_empty() && !self.left.is_empty()
+            && let Err(fault) = self.advance() {
                 self.left.clear();
                 self.ready.push_back(Err(fault));
             }
-        }
         self.ready.pop_front()
     }
 }

@@ -46,6 +46,9 @@ const HELD_BYTES: usize = 256 << 20;
 
 type Once = Arc<OnceLock<Result<Prepared, Fault>>>;
 
+/// A point and what it sees of a line.
+type Input = (Arc<dyn StageDyn>, LineIn);
+
 /// What a survey stage gives for a point: the lines that it left out, and its table.
 type Gathered = (Vec<Fault>, Result<Vec<ArrayRef>, Fault>);
 
@@ -121,11 +124,11 @@ impl<'a> Worker<'a> {
     /// Some points of one line, run together.
     fn lines(&self, units: &[Unit]) -> Vec<Made> {
         let mut held = Held::new(self);
-        let mut input = |unit: &Unit| -> Result<(Arc<dyn StageDyn>, LineIn), Fault> {
+        let mut input = |unit: &Unit| -> Result<Input, Fault> {
             let line = unit.line.ok_or_else(|| Fault::machine("a line stage without a line"))?;
             Ok((self.instance(*unit).stage()?, self.line_in(*unit, line, &mut held)?))
         };
-        let inputs: Vec<Result<(Arc<dyn StageDyn>, LineIn), Fault>> = units.iter().map(&mut input).collect();
+        let inputs: Vec<Result<Input, Fault>> = units.iter().map(&mut input).collect();
         let points: Vec<(&dyn StageDyn, &LineIn)> = inputs.iter().flatten().map(|(s, l)| (s.as_ref(), l)).collect();
         let together = match points.first() {
             Some((stage, _)) => guarded(|| Ok(stage.run_points(&points))),
@@ -135,7 +138,7 @@ impl<'a> Worker<'a> {
         let alone = |(stage, line): &(&dyn StageDyn, &LineIn)| guarded(|| stage.run(line));
         let answers = together.unwrap_or_else(|_| points.iter().map(alone).collect());
         let mut answers = answers.into_iter();
-        let one = |(unit, input): (&Unit, &Result<(Arc<dyn StageDyn>, LineIn), Fault>)| {
+        let one = |(unit, input): (&Unit, &Result<Input, Fault>)| {
             let rows = match input {
                 Ok((_, line)) => {
                     let answer = answers.next().unwrap_or_else(|| Err(Fault::machine("a point without an answer")));

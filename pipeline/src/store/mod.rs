@@ -270,14 +270,13 @@ impl Store {
         let batches: Vec<RecordBatch> = units.into_iter().filter_map(|u| u.rows.ok()).collect();
         let tmp = self.temporary();
         let mut group = 0;
-        let groups = grouped(schema, batches).map(|batch: Result<RecordBatch, Fault>| {
-            if let Ok(batch) = &batch {
+        let groups = grouped(schema, batches).inspect(|batch: &Result<RecordBatch, Fault>| {
+            if let Ok(batch) = batch {
                 for (column, array) in batch.columns().iter().enumerate() {
                     self.objects.hold(id, group, column, array);
                 }
                 group += 1;
             }
-            batch
         });
         sealed::write(&tmp, schema, &about, groups)?;
         let to = self.objects.file(id);
