@@ -389,3 +389,35 @@ fn r11_a_question_opens_only_what_it_names() {
     assert_eq!((healed.code, healed.total("computed")), (0, 0));
     assert_eq!(query(&bench, "store", "SELECT count(mag_c) AS n FROM small.clean")[0]["n"], 19_200);
 }
+
+#[test]
+fn r11_what_is_not_kept_is_made_again_with_the_same_answer() {
+    let bench = ran();
+    let even = "input   = \"flights\"\nrate_hz = 10.0\n";
+    let spec = SPEC.replace(even, &format!("{even}publish = false\nkeep = false\n"));
+    bench.spec(&spec.replace(
+        "input  = \"even\"\nvector = \"$vector\"\n",
+        "input  = \"even\"\nvector = \"$vector\"\npublish = false\nkeep = false\n",
+    ));
+    let done = bench.run(&["--set", "store=lean"]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    for (table, column) in [("clean", "mag_c"), ("track", "lat"), ("scores", "value"), ("coefficients", "value")] {
+        let [all, lean] =
+            ["store", "lean"].map(|s| numbers(&read(&bench.path(s).join("tables/small").join(table)), column));
+        assert_eq!(
+            all.iter().map(|x| x.to_bits()).collect::<Vec<_>>(),
+            lean.iter().map(|x| x.to_bits()).collect::<Vec<_>>(),
+            "{table}"
+        );
+    }
+    assert!(!bench.path("lean/tables/small/even").exists());
+    // What passes through from there can be asked all the same.
+    let sum = |store: &str| {
+        query(&bench, store, "SELECT sum(mag_4_uc) AS s, count(lon) AS n FROM small.clean WHERE flight = '2'")
+    };
+    let (all, lean) = (sum("store"), sum("lean"));
+    assert_eq!(all[0]["n"], lean[0]["n"]);
+    assert!((all[0]["s"].as_f64().unwrap() / lean[0]["s"].as_f64().unwrap() - 1.0).abs() < 1e-12, "{all:?} {lean:?}");
+    let again = bench.run(&["--set", "store=lean"]);
+    assert_eq!((again.code, again.total("computed")), (0, 0));
+}

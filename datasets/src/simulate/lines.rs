@@ -108,11 +108,13 @@ impl Iterator for Lines {
     type Item = Result<Table, ReadError>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.ready.is_empty() && !self.left.is_empty()
-            && let Err(fault) = self.advance() {
-                self.left.clear();
-                self.ready.push_back(Err(fault));
-            }
+        if self.ready.is_empty()
+            && !self.left.is_empty()
+            && let Err(fault) = self.advance()
+        {
+            self.left.clear();
+            self.ready.push_back(Err(fault));
+        }
         self.ready.pop_front()
     }
 }
