@@ -135,16 +135,15 @@ impl World {
         World { simulation, field: Mutex::default() }
     }
 
-    /// The earth's field, made by whoever needs it first.
+    /// The earth's field. It is made without the lock: a thread that waits for its own transform may take up another
+    /// flight meanwhile, which asks for the field too.
     fn field(&self) -> Result<Arc<earth::Field>, ReadError> {
-        // What a thread that panicked left is whole: the field is made before it is put in.
-        let mut known = self.field.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(field) = &*known {
+        let known = || self.field.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(field) = &*known() {
             return Ok(field.clone());
         }
         let field = Arc::new(earth::Field::new(&self.simulation.path, &self.simulation.spec)?);
-        *known = Some(field.clone());
-        Ok(field)
+        Ok(known().get_or_insert(field).clone())
     }
 }
 
@@ -180,6 +179,8 @@ pub fn synthesise_with(
     let threads = rayon::current_num_threads();
     let at_once = if names.len() >= threads { 1 } else { threads.div_ceil(names.len().max(1)) };
     let (world, done, failed) = (Arc::new(World::new(simulation)), AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
+    // Once, before the flights ask for it side by side.
+    world.field()?;
     let files: Vec<_> =
         names.iter().map(|n| (to.join(format!(".{n}.parquet.partial")), to.join(format!("{n}.parquet")))).collect();
     let one = |(flight, (partial, _)): (usize, &(PathBuf, PathBuf))| {

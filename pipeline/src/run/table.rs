@@ -77,6 +77,8 @@ impl Runner<'_> {
             return (count, before.packs);
         }
         let worker = self.worker;
+        let to_do = layout.units.iter().zip(&known).filter(|(_, k)| matches!(k, Known::Pending(_))).map(|(u, _)| *u);
+        worker.prepare_all(to_do);
         // A table of one chunk is always one pack.
         let whole = layout.chunks.len() <= 1 || self.compact;
         let this = &*self;

@@ -2,9 +2,9 @@
 
 use std::{
     any::Any,
-    collections::HashMap,
+    collections::{BTreeMap, HashMap, HashSet},
     panic::{AssertUnwindSafe, catch_unwind},
-    sync::{Arc, Mutex, OnceLock, atomic::Ordering},
+    sync::{Arc, Mutex, atomic::Ordering},
 };
 
 use arrow_array::{
@@ -44,7 +44,8 @@ const POINTS_A_GROUP: usize = 8;
 /// What a group may hold of columns it has read, in bytes, before it lets go of them.
 const HELD_BYTES: usize = 256 << 20;
 
-type Once = Arc<OnceLock<Result<Prepared, Fault>>>;
+/// What a stage's preparation depends on: its table, and what of its parameters, models and maps goes into it.
+type Basis = (usize, String);
 
 /// A point and what it sees of a line.
 type Input = (Arc<dyn StageDyn>, LineIn);
@@ -59,8 +60,7 @@ pub type Usable<'a> = dyn Fn(LineId, Unit) -> bool + Sync + 'a;
 pub struct Worker<'a> {
     graph: &'a Graph<'a>,
     store: &'a Store,
-    /// By table, and by what it depends on.
-    prepared: Mutex<HashMap<(usize, String), Once>>,
+    prepared: Mutex<HashMap<Basis, Result<Prepared, Fault>>>,
 }
 
 impl<'a> Worker<'a> {
@@ -186,32 +186,71 @@ impl<'a> Worker<'a> {
         Ok(LineIn { flight, line: name, inputs, keep, prepared: self.prepare(unit)? })
     }
 
-    /// What is built once for all lines, by whoever needs it first.
-    fn prepare(&self, unit: Unit) -> Result<Prepared, Fault> {
-        let it = self.instance(unit);
-        let kinds = it.kinds();
-        let whole = |k: &InputKind| matches!(k, InputKind::Map | InputKind::Model);
-        let stage = it.stage()?;
-        let mut name = stage.prepare_key();
-        for (r, _) in it.inputs().iter().zip(&kinds).filter(|(_, k)| whole(k)) {
-            name.push_str(&format!(" {}", self.graph.object(*r, usize::MAX)?));
+    /// Builds what the stages of `units`, all of one table, need of their models and maps, each once. Later it is there for
+    /// every line.
+    pub fn prepare_all(&self, units: impl Iterator<Item = Unit>) {
+        let mut seen = HashSet::new();
+        let mut bases: BTreeMap<Basis, Unit> = BTreeMap::new();
+        let mut waiting: Vec<Unit> = units.collect();
+        while let Some(unit) = waiting.pop() {
+            if !seen.insert((unit.table, unit.instance)) {
+                continue;
+            }
+            if let Ok(basis) = self.basis(unit) {
+                bases.entry(basis).or_insert(unit);
+            }
+            // What is not kept is made again on the way.
+            let made_again = self.instance(unit).inputs().into_iter().filter_map(|r| match r {
+                Ref::Stage(table, instance) if !self.graph.plan.tables[table].keep => {
+                    Some(Unit { table, instance, line: None })
+                }
+                Ref::Stage(..) | Ref::Flights(_) | Ref::Map(_) => None,
+            });
+            waiting.extend(made_again);
         }
-        let once = match self.prepared.lock() {
-            Ok(mut all) => all.entry((unit.table, name)).or_default().clone(),
-            Err(_) => return Err(Fault::machine("another thread failed while preparing the stage")),
-        };
-        once.get_or_init(|| {
+        bases.into_values().collect::<Vec<_>>().par_iter().with_max_len(1).for_each(|unit| {
+            // What is wrong with it is said by each unit that needs it.
+            let _ = self.prepare(*unit);
+        });
+    }
+
+    fn basis(&self, unit: Unit) -> Result<Basis, Fault> {
+        let it = self.instance(unit);
+        let mut name = it.stage()?.prepare_key();
+        for (r, kind) in it.inputs().iter().zip(it.kinds()) {
+            match kind {
+                InputKind::Map | InputKind::Model => {
+                    name.push_str(&format!(" {}", self.graph.object(*r, usize::MAX)?));
+                }
+                InputKind::Lines | InputKind::ManyLines | InputKind::Scores => {}
+            }
+        }
+        Ok((unit.table, name))
+    }
+
+    /// What was built for all lines of a table. It is built without a lock: a thread that waits for its own parallel work takes up
+    /// other lines meanwhile, which may come to the same place.
+    fn prepare(&self, unit: Unit) -> Result<Prepared, Fault> {
+        let basis = self.basis(unit)?;
+        let failed = || Fault::machine("another thread failed while preparing the stage");
+        if let Some(known) = self.prepared.lock().map_err(|_| failed())?.get(&basis) {
+            return known.clone();
+        }
+        let build = || {
+            let it = self.instance(unit);
             let mut inputs = vec![];
-            for (r, kind) in it.inputs().iter().zip(&kinds) {
+            for (r, kind) in it.inputs().iter().zip(it.kinds()) {
                 inputs.push(match kind {
                     InputKind::Map => map_batch(self.store, self.graph.object(*r, usize::MAX)?)?,
                     InputKind::Model => self.model(*r)?,
-                    _ => empty(),
+                    InputKind::Lines | InputKind::ManyLines | InputKind::Scores => empty(),
                 });
             }
+            let stage = it.stage()?;
             guarded(|| stage.prepare(&inputs))
-        })
-        .clone()
+        };
+        let built = build();
+        self.prepared.lock().map_err(|_| failed())?.entry(basis).or_insert(built).clone()
     }
 
     fn model(&self, r: Ref) -> Result<RecordBatch, Fault> {
