@@ -1,6 +1,7 @@
 //! One table of a run: what is there is found, what is not is computed, and both are put into packs.
 
 use arrow_array::RecordBatch;
+use arrow_schema::Schema;
 use rayon::prelude::*;
 use schemas::{Fault, Owner};
 
@@ -195,6 +196,7 @@ impl Runner<'_> {
     ) -> Result<(), Fault> {
         let mut held = Held::new(self.worker);
         let mut next = made.iter_mut().peekable();
+        let nothing = RecordBatch::new_empty(Schema::empty().into());
         let (mut units, mut packed, mut written) = (vec![], vec![], vec![]);
         for i in range.clone() {
             let unit = layout.units[i];
@@ -217,8 +219,8 @@ impl Runner<'_> {
                     match &mut own.rows {
                         Ok(rows) => {
                             let whole = cut.rows(unit, rows, &mut held)?;
-                            // The pack has them now.
-                            *rows = RecordBatch::new_empty(rows.schema());
+                            // The pack has them now; a schema for each unit would be a large part of what a sweep holds.
+                            *rows = nothing.clone();
                             let (dress, left_out) = (cut.dress(unit), own.left_out.clone());
                             NewUnit { key, dress, rows: Ok(whole), left_out }
                         }
