@@ -11,7 +11,7 @@ const TERMS: [&str; 8] = ["a0", "a1", "a2", "a3", "a4", "a5", "a6", "a7"];
 
 /// The columns of a committed reference table.
 fn reference(name: &str) -> BTreeMap<String, Vec<f64>> {
-    let text = fs::read_to_string(repository().join("stages/reference/models").join(name)).unwrap();
+    let text = fs::read_to_string(repository().join("stages/numerics/reference/models").join(name)).unwrap();
     let mut lines = text.lines().filter(|l| !l.starts_with('#'));
     let names: Vec<&str> = lines.next().unwrap().split(',').collect();
     let rows: Vec<Vec<f64>> = lines.map(|l| l.split(',').map(|x| x.parse().unwrap()).collect()).collect();

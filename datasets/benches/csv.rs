@@ -1,4 +1,4 @@
-//! Reads flight logs in text as fast as it can: `cargo bench -p datasets --bench csv --profile dev [megabytes [path]]`. The
+//! Reads flight logs in text as fast as it can: `cargo bench -p magline-datasets --bench csv --profile dev [megabytes [path]]`. The
 //! files are written first, the CSV to `path` where that is given, so that another program can read the same.
 
 use std::{

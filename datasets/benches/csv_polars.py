@@ -3,7 +3,7 @@
     python3 -m venv venv && venv/bin/pip install polars pandas
     venv/bin/python datasets/benches/csv_polars.py BENCH [MEGABYTES]
 
-BENCH is the program that `cargo bench -p datasets --bench csv --profile dev --no-run` names.
+BENCH is the program that `cargo bench -p magline-datasets --bench csv --profile dev --no-run` names.
 """
 
 import os

@@ -1,7 +1,7 @@
 //! Velocity and specific force of a track, for files that hold positions only and for the simulator.
 
-use stages::numerics::geodesy::{EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, unwrapped_deg};
-pub(crate) use stages::numerics::mechanisation::normal_gravity_mps2;
+use numerics::earth::geodesy::{EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, unwrapped_deg};
+pub(crate) use numerics::navigation::mechanisation::normal_gravity_mps2;
 
 /// The derivative of `x` with respect to `t` at each sample: central, one-sided at the ends, NaN where
 /// time does not run forward or a neighbour is missing.
@@ -76,7 +76,7 @@ pub(crate) fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [
 
 #[cfg(test)]
 mod tests {
-    use stages::numerics::geodesy::wrap_deg;
+    use numerics::earth::geodesy::wrap_deg;
 
     use super::*;
 

@@ -1,15 +1,13 @@
 //! Builds the matrix of a Tolles-Lawson model.
 
 use arrow_array::ArrayRef;
+use numerics::{
+    compensation::tolles_lawson::{Field, Terms, matrix_in_runs},
+    signal::segments::{STEP_TOLERANCE, Usable, sample_rate},
+};
 use schemas::{Column, Fault, LineIn, Rule, Stage, Table, Yield, stage};
 
-use crate::{
-    columns::{data, faults_of, floats, list, no_truth, shape, vector_axes},
-    numerics::{
-        segments::{STEP_TOLERANCE, Usable, sample_rate},
-        tolles_lawson::{Field, Terms, matrix_in_runs},
-    },
-};
+use crate::columns::{data, faults_of, floats, list, no_truth, shape, vector_axes};
 
 stage! {
     /// Builds the Tolles-Lawson terms of a vector magnetometer and appends them as the list column `tl`.

@@ -1,15 +1,13 @@
 //! Band-pass filters columns.
 
 use arrow_array::ArrayRef;
+use numerics::signal::{
+    filter::{Band, ZeroPhase},
+    segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+};
 use schemas::{Column, Fault, LineIn, Role, Rule, Stage, Table, Yield, stage};
 
-use crate::{
-    columns::{array, band, data, faults_of, floats, shape},
-    numerics::{
-        filter::{Band, ZeroPhase},
-        segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
-    },
-};
+use crate::columns::{array, band, data, faults_of, floats, shape};
 
 stage! {
     /// Removes what is slower or faster than the pass band, without lag, and appends `<column>_bp`.

@@ -1,12 +1,12 @@
 //! Takes the aircraft's field off a magnetometer.
 
 use arrow_array::{ArrayRef, RecordBatch, cast::AsArray};
+use numerics::regression::statistics;
 use schemas::{Column, ColumnType, Fault, LineIn, Prepared, Rule, Stage, Table, Yield, stage};
 
 use crate::{
     columns::{array, faults_of, floats, matrix, no_truth, shape},
     fit::INTERCEPT,
-    numerics::statistics,
 };
 
 stage! {

@@ -2,15 +2,15 @@
 
 use arrow_array::{ArrayRef, RecordBatch};
 use nalgebra::Vector3;
+use numerics::earth::{
+    attitude::body_to_ned,
+    core_field::{Coordinate, CoreFieldError, CoreModel, CoreTrack, Ned},
+};
 use schemas::{Column, Fault, LineIn, Rule, Shape, Stage, Table, Yield, stage};
 
 use crate::{
     columns::{array, data, faults_of, floats, shape},
     dates::{dated_by_flight, years},
-    numerics::{
-        attitude::body_to_ned,
-        core_field::{Coordinate, CoreFieldError, CoreModel, CoreTrack, Ned},
-    },
 };
 
 stage! {

@@ -1,12 +1,10 @@
 //! The date of a flight's samples, from its columns `year`, `doy` and `tt`.
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Int64Type};
+use numerics::earth::dates::decimal_year;
 use schemas::{Fault, Shape};
 
-use crate::{
-    columns::{data, floats},
-    numerics::dates::decimal_year,
-};
+use crate::columns::{data, floats};
 
 /// Whether the flight says when it was.
 pub fn dated_by_flight(shape: &Shape) -> bool {

@@ -3,18 +3,22 @@
 use std::cell::OnceCell;
 
 use arrow_array::{ArrayRef, RecordBatch};
+use numerics::{
+    compensation::{
+        attitude_terms::{Attitude, PRODUCTS},
+        model_terms::{CORE_TERMS, Group, Slope, core_term_names, core_terms, cosines, extended_terms},
+        tolles_lawson::{Field, Terms, matrix_in_runs},
+    },
+    signal::{
+        difference::{Scheme, difference},
+        segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+    },
+};
 use schemas::{Column, ColumnType, Fault, LineIn, Rule, Shape, Stage, Table, Yield, stage};
 
 use crate::{
     bandpass::design,
     columns::{data, floats, list, no_truth, shape, vector_axes},
-    numerics::{
-        attitude_terms::{Attitude, PRODUCTS},
-        difference::{Scheme, difference},
-        model_terms::{CORE_TERMS, Group, Slope, core_term_names, core_terms, cosines, extended_terms},
-        segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
-        tolles_lawson::{Field, Terms, matrix_in_runs},
-    },
 };
 
 stage! {

@@ -8,16 +8,14 @@ mod rows;
 use std::{any::Any, collections::BTreeMap, sync::Arc};
 
 use arrow_array::{ArrayRef, Int64Array, StringArray};
-use rayon::prelude::*;
-use schemas::{Column, ColumnType, Fault, Gather, LineIn, Passes, Role, Rule, Shape, Stage, Table, Yield, stage};
-
-use crate::{
-    columns::{array, band, faults_of, no_truth, shape},
-    numerics::least_squares::Scaling,
-};
 use models::{Problem, Solved};
+use numerics::regression::least_squares::Scaling;
+use rayon::prelude::*;
 use residual::{EARTH, residual_noise};
 use rows::Part;
+use schemas::{Column, ColumnType, Fault, Gather, LineIn, Passes, Role, Rule, Shape, Stage, Table, Yield, stage};
+
+use crate::columns::{array, band, faults_of, no_truth, shape};
 
 stage! {
     /// Fits the coefficients of a compensation model on all lines that `where` selects together.

@@ -1,11 +1,8 @@
-//! Every built-in stage of magline, one file each, and the numerics below them.
+//! Every built-in stage of magline, one file each.
 //!
 //! A stage file reads top to bottom: declaration, the columns it reads and makes, the run, tests. The mathematics is
-//! in [`numerics`]; the stage borrows columns, calls one routine, and wraps the answer. A new stage is one file here
+//! in the crate `numerics`; the stage borrows columns, calls one routine, and wraps the answer. A new stage is one file here
 //! and one line in [`catalogue`].
-
-pub mod numerics;
-pub mod projection;
 
 mod a_matrix;
 mod bandpass;

@@ -1,12 +1,12 @@
 //! What is wrong with a map where it is looked up: at another height than its own, and between its nodes.
 
 use arrow_array::RecordBatch;
+use numerics::maps::{continuation::RadialPower, plane_grid::PlaneGrid};
 use schemas::Fault;
 
 use crate::{
     columns::{data, floats},
     maps::plane,
-    numerics::{continuation::RadialPower, plane_grid::PlaneGrid},
 };
 
 /// The errors of a map that are known from the map itself.
@@ -72,7 +72,7 @@ fn bilinear_error_nt(map: &PlaneGrid) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numerics::plane_grid::EvenAxis;
+    use numerics::maps::plane_grid::EvenAxis;
 
     #[test]
     fn law_bilinear_interpolation_misses_the_curvature_of_a_wave() {

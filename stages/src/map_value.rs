@@ -3,13 +3,13 @@
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, RecordBatch};
+use numerics::{earth::geodesy::EarthModel, maps::map_stack::FieldMap};
 use schemas::{Column, Fault, LineIn, Prepared, Rule, Stage, Table, Yield, stage};
 
 use crate::{
     columns::{array, faults_of, floats, shape},
     core_field::place_columns,
     maps::{check_levels, field_map, interpolation},
-    numerics::{geodesy::EarthModel, map_stack::FieldMap},
 };
 
 stage! {

@@ -1,20 +1,18 @@
 //! A map as stages look it up: at its own height, or continued to the heights flown.
 
 use arrow_array::RecordBatch;
-use schemas::{Fault, map::OwnGrid};
-
-use crate::{
-    columns::{data, floats},
-    numerics::{
-        continuation::{Derivative, MAGNAV_ALPHA_M2, Padding, Spectrum, masked_like},
-        fill,
-        grid_projection::{Area, GridProjection},
-        map_grid::{AnomalyMap, Interpolation, MapGrid, VerticalDerivative},
-        map_stack::{FieldMap, MapStack, ProjectedMap, StackOptions},
-        plane_grid::{EvenAxis, PlaneGrid},
-    },
+use numerics::maps::{
+    continuation::{Derivative, MAGNAV_ALPHA_M2, Padding, Spectrum, masked_like},
+    fill,
+    grid_projection::{Area, GridProjection},
+    map_grid::{AnomalyMap, Interpolation, MapGrid, VerticalDerivative},
+    map_stack::{FieldMap, MapStack, ProjectedMap, StackOptions},
+    plane_grid::{EvenAxis, PlaneGrid},
     projection::Projection,
 };
+use schemas::{Fault, map::OwnGrid};
+
+use crate::columns::{data, floats};
 
 /// The interpolation that a parameter names.
 pub fn interpolation(word: &str) -> Interpolation {
@@ -290,7 +288,7 @@ mod tests {
     fn law_many_places_are_looked_up_as_one_is() {
         let map = field_map(&table(hills), Interpolation::Cubic, None).unwrap();
         let (lat, lon): (Vec<f64>, Vec<f64>) = places().into_iter().chain([(0.0, 0.0)]).unzip();
-        let mut many = crate::numerics::map_grid::FieldColumns::default();
+        let mut many = numerics::maps::map_grid::FieldColumns::default();
         map.at_many(&lat, &lon, &vec![ALT_M; lat.len()], &mut many).unwrap();
         for i in 0..lat.len() {
             match map.at(lat[i], lon[i], ALT_M) {

@@ -6,6 +6,15 @@ mod sweep;
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, RecordBatch, StringArray};
+use numerics::{
+    maps::map_stack::FieldMap,
+    navigation::{
+        ekf::{EkfOutput, EkfParameters},
+        ins_error::InsErrorModel,
+        pinson::STATES,
+        transition::NoiseDiscretisation,
+    },
+};
 use schemas::{Column, Fault, LineIn, OrAuto, Passes, Prepared, Rule, Shape, Stage, Table, Yield, stage};
 
 use crate::{
@@ -14,13 +23,6 @@ use crate::{
     dates::{WAYS_OUT, dated_by_flight, first_year},
     map_errors::MapErrors,
     maps::{check_levels, field_map, interpolation},
-    numerics::{
-        ekf::{EkfOutput, EkfParameters},
-        ins_error::InsErrorModel,
-        map_stack::FieldMap,
-        pinson::STATES,
-        transition::NoiseDiscretisation,
-    },
 };
 
 /// The states, in the order of thesis 000 (5.14).

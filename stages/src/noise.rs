@@ -3,15 +3,15 @@
 use std::any::Any;
 
 use arrow_array::{ArrayRef, Int64Array, RecordBatch};
+use numerics::signal::{
+    noise::{Blocks, noise},
+    segments::{STEP_TOLERANCE, Usable, sample_rate},
+};
 use schemas::{Column, Fault, Gather, LineIn, Passes, Prepared, Shape, Stage, Table, Yield, stage};
 
 use crate::{
     columns::{array, data, floats, shape},
     compensate::{RESIDUAL, noise_columns},
-    numerics::{
-        noise::{Blocks, noise},
-        segments::{STEP_TOLERANCE, Usable, sample_rate},
-    },
 };
 
 stage! {

@@ -4,12 +4,10 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, RecordBatch, StringArray, UInt64Array};
 use arrow_select::take::take;
+use numerics::signal::resample::{Method, Plan};
 use schemas::{Column, ColumnType, Fault, LineIn, Passes, Rule, Stage, Table, Yield, stage};
 
-use crate::{
-    columns::{array, data, floats, list, matrix, shape},
-    numerics::resample::{Method, Plan},
-};
+use crate::columns::{array, data, floats, list, matrix, shape};
 
 stage! {
     /// Brings every column of a line onto evenly spaced times, whole multiples of 1/`rate_hz`.

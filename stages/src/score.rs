@@ -3,20 +3,22 @@
 use std::sync::Arc;
 
 use arrow_array::{Array, ArrayRef, Int64Array, StringArray, cast::AsArray};
+use numerics::{
+    compensation::figure_of_merit::{figure_of_merit, manoeuvres},
+    earth::geodesy::EarthModel,
+    maps::{
+        anomaly_retention::{RetentionError, anomaly_retention},
+        crossings::figure_of_merit_crossings,
+    },
+    regression::statistics::{self, Figure},
+    signal::segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+};
 use schemas::{Column, Fault, LineIn, Passes, Role, Rule, Shape, Stage, Table, Yield, stage};
 
 use crate::{
     bandpass::design,
     columns::{data, faults_of, floats, shape},
     navigate::MAP_HEIGHT_ERROR,
-    numerics::{
-        anomaly_retention::{RetentionError, anomaly_retention},
-        crossings::figure_of_merit_crossings,
-        figure_of_merit::{figure_of_merit, manoeuvres},
-        geodesy::EarthModel,
-        segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
-        statistics::{self, Figure},
-    },
 };
 
 /// Name, unit, what it needs, meaning.

@@ -7,15 +7,13 @@ use arrow_array::{
     cast::AsArray,
     types::{Float64Type, Int64Type},
 };
+use numerics::regression::{
+    bootstrap::{Interval, Resamples},
+    statistics::Pool,
+};
 use schemas::{Column, Fault, Gather, LineIn, Passes, Role, Rule, Stage, Table, Yield, stage};
 
-use crate::{
-    columns::{array, shape},
-    numerics::{
-        bootstrap::{Interval, Resamples},
-        statistics::Pool,
-    },
-};
+use crate::columns::{array, shape};
 
 stage! {
     /// Pools the scores of all lines, each figure with a confidence interval.

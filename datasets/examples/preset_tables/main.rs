@@ -1,7 +1,7 @@
 //! The presets beside the theses: what Tolles-Lawson compensation leaves of their readings, as the tables of
 //! `datasets/presets/README.md`.
 //!
-//! `cargo run -p datasets --example preset_tables`
+//! `cargo run -p magline-datasets --example preset_tables`
 
 use std::path::Path;
 

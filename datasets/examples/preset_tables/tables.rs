@@ -5,14 +5,14 @@ use std::path::Path;
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use datasets::{FlightOptions, ReadError, open_flight};
 use nalgebra::{Matrix3, Vector3};
-use stages::numerics::{
-    attitude::body_to_ned,
-    core_field::CoreField,
-    dates::decimal_year,
-    difference::{Scheme, difference},
-    filter::{Band, ConstantColumns, ZeroPhase},
-    least_squares::QrAccumulator,
-    tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix},
+use numerics::{
+    compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix},
+    earth::{attitude::body_to_ned, core_field::CoreField, dates::decimal_year},
+    regression::least_squares::QrAccumulator,
+    signal::{
+        difference::{Scheme, difference},
+        filter::{Band, ConstantColumns, ZeroPhase},
+    },
 };
 
 /// What can go wrong: the spec's faults, or those of the numbers.

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use stages::numerics::dates::{day_of_year, days_in_year};
+use numerics::earth::dates::{day_of_year, days_in_year};
 
 use crate::ReadError;
 

@@ -2,7 +2,7 @@
 
 use std::{fs, path::PathBuf};
 
-use stages::numerics::plane_grid::EvenAxis;
+use numerics::maps::plane_grid::EvenAxis;
 use tempfile::TempDir;
 
 use super::*;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use stages::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use numerics::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 use super::{
     grid_bytes::without_dummy,

@@ -2,7 +2,7 @@
 
 use std::{fmt, path::Path, sync::Arc};
 
-use stages::projection::Projection;
+use numerics::maps::projection::Projection;
 
 use crate::ReadError;
 

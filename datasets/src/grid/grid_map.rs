@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use stages::numerics::{
-    geodesy::{meridian_radius_m, transverse_radius_m},
-    plane_grid::{EvenAxis, PlaneGrid},
+use numerics::{
+    earth::geodesy::{meridian_radius_m, transverse_radius_m},
+    maps::plane_grid::{EvenAxis, PlaneGrid},
 };
 
 use super::Crs;

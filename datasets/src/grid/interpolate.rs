@@ -1,7 +1,7 @@
 //! Interpolation between the nodes of a projected grid, local so that unknown nodes do no harm beyond
 //! their neighbourhood.
 
-use stages::numerics::plane_grid::EvenAxis;
+use numerics::maps::plane_grid::EvenAxis;
 
 /// The value at a place given in fractions of nodes, or NaN.
 ///

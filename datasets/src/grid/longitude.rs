@@ -1,6 +1,6 @@
 //! Longitudes of 0 to 360 degrees, brought to -180 to 180 without tearing the axis.
 
-use stages::numerics::plane_grid::EvenAxis;
+use numerics::maps::plane_grid::EvenAxis;
 
 /// How far, in steps, a round of the earth may be from a whole number of them.
 const SLACK: f64 = 1e-3;

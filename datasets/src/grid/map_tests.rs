@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use stages::numerics::plane_grid::EvenAxis;
+use numerics::maps::plane_grid::EvenAxis;
 
 use super::*;
 

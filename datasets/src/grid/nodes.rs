@@ -2,7 +2,7 @@
 
 use std::{collections::HashSet, path::Path};
 
-use stages::numerics::plane_grid::EvenAxis;
+use numerics::maps::plane_grid::EvenAxis;
 
 use super::axis::{FileAxis, node_on};
 use crate::ReadError;

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch};
 use arrow_schema::Schema;
+use numerics::maps::plane_grid::EvenAxis;
 use schemas::map::OwnGrid;
-use stages::numerics::plane_grid::EvenAxis;
 
 use super::{Crs, GridMap, Height, Map};
 use crate::ReadError;

@@ -1,10 +1,10 @@
 //! A map in another coordinate system, by polynomials between its nodes.
 
-use rayon::prelude::*;
-use stages::numerics::{
-    geodesy::{meridian_radius_m, transverse_radius_m},
-    plane_grid::EvenAxis,
+use numerics::{
+    earth::geodesy::{meridian_radius_m, transverse_radius_m},
+    maps::plane_grid::EvenAxis,
 };
+use rayon::prelude::*;
 
 use super::{
     Crs, GridMap, Height, Map,

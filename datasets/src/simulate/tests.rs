@@ -4,17 +4,18 @@ use std::{fs, path::PathBuf};
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use nalgebra::Vector3;
-use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
-use stages::numerics::{
-    attitude::body_to_ned,
-    core_field::CoreField,
-    dates::decimal_year,
-    ekf::{self, EkfParameters},
-    geodesy::EarthModel,
-    ins_series::InsSeries,
-    map_grid::{AnomalyMap, Interpolation, MapGrid},
-    map_stack::FieldMap,
+use numerics::{
+    earth::{attitude::body_to_ned, core_field::CoreField, dates::decimal_year, geodesy::EarthModel},
+    maps::{
+        map_grid::{AnomalyMap, Interpolation, MapGrid},
+        map_stack::FieldMap,
+    },
+    navigation::{
+        ekf::{self, EkfParameters},
+        ins_series::InsSeries,
+    },
 };
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use tempfile::TempDir;
 
 use super::*;

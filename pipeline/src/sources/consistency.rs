@@ -4,11 +4,11 @@
 //! Only what cannot be is reported: a limit is crossed by far, or another unit makes columns agree that do not.
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
-use schemas::{Fault, plausible::shown};
-use stages::numerics::{
-    geodesy::{EarthModel, wrap_deg},
-    gridding,
+use numerics::{
+    earth::geodesy::{EarthModel, wrap_deg},
+    maps::gridding,
 };
+use schemas::{Fault, plausible::shown};
 
 use super::quality::{Check, Finding, Origins};
 

@@ -3,10 +3,12 @@
 use std::sync::Arc;
 
 use arrow_array::{
-    ArrayRef, Float64Array, Int64Array, RecordBatch, cast::AsArray, types::Float64Type, types::Int64Type,
+    ArrayRef, Float64Array, Int64Array, RecordBatch,
+    cast::AsArray,
+    types::{Float64Type, Int64Type},
 };
+use numerics::earth::dates::days_in_year;
 use schemas::Fault;
-use stages::numerics::dates::days_in_year;
 
 const DAY_S: f64 = 86_400.0;
 

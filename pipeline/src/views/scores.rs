@@ -5,9 +5,9 @@ use std::{
     path::Path,
 };
 
+use numerics::regression::statistics::Pool;
 use polars::prelude::{Column, DataFrame, DataType, GroupsIndicator, ParquetReader, PolarsError, SerReader};
 use schemas::{Fault, Literal};
-use stages::numerics::statistics::Pool;
 
 use super::{
     ranking::{RANKING, better},

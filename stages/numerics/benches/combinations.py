@@ -1,6 +1,6 @@
 """The table of combinations: subsets of magnetometers and of vector magnetometers by models, beside scikit-learn.
 
-    cargo build && python3 stages/benches/combinations.py [--folder DIR] [--all] [--no-sklearn]
+    cargo build && python3 stages/numerics/benches/combinations.py [--folder DIR] [--all] [--no-sklearn]
 
 Simulates 12 flights of an hour at 10 Hz over Osborne with the Cessna preset, fits all subsets of up to two of four scalar
 magnetometers (with their differences) by up to two of three vector magnetometers (Tolles-Lawson terms) by six models, then

@@ -1,15 +1,17 @@
 //! Tolles-Lawson matrix, band-pass and ridge fit of 144,668 samples x 18 terms for 5 magnetometers
 //! and 20 lambdas: as many samples as the compensated flights of thesis 000 hold.
 //!
-//! `cargo bench -p stages --bench compensation --profile dev` prints the fastest of several runs on
+//! `cargo bench -p magline-numerics --bench compensation --profile dev` prints the fastest of several runs on
 //! one and on two threads, and checks the coefficients against those that `compensation_numpy.py`
 //! found for the same input. `compensation_numpy.py` prints its own times and the ratio.
 
 use std::time::Instant;
 
-use stages::numerics::filter::{Band, ConstantColumns, ZeroPhase};
-use stages::numerics::least_squares::{QrAccumulator, RidgePath};
-use stages::numerics::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix};
+use numerics::{
+    compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix},
+    regression::least_squares::{QrAccumulator, RidgePath},
+    signal::filter::{Band, ConstantColumns, ZeroPhase},
+};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 

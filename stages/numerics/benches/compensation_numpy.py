@@ -1,7 +1,7 @@
 """The work of `compensation.rs` in numpy and scipy, to be timed beside it.
 
-    python3 stages/benches/compensation_numpy.py            # times, and the ratio to the Rust bench
-    python3 stages/benches/compensation_numpy.py --write    # also writes the reference coefficients
+    python3 stages/numerics/benches/compensation_numpy.py            # times, and the ratio to the Rust bench
+    python3 stages/numerics/benches/compensation_numpy.py --write    # also writes the reference coefficients
 
 Three ways to write the fit, all on the same band-passed columns:
   loop    normal equations solved for each magnetometer and lambda, as MagNav.jl's `linreg` does
@@ -112,7 +112,7 @@ def main():
     if "--write" in sys.argv:
         with open(REFERENCE, "w") as file:
             file.write(f"# lambda, magnetometer, 18 coefficients; numpy {np.__version__}, scipy {scipy.__version__}: ")
-            file.write("python3 stages/benches/compensation_numpy.py --write\n")
+            file.write("python3 stages/numerics/benches/compensation_numpy.py --write\n")
             for row in (0, len(LAMBDAS) - 1):
                 for mag, coefficients in enumerate(answers["svd"][row], start=1):
                     file.write(",".join(repr(float(v)) for v in (LAMBDAS[row], mag, *coefficients)) + "\n")

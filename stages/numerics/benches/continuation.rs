@@ -1,15 +1,17 @@
 //! Upward continuation of a map of 3195 x 7279 nodes, padded to 3840 x 8748.
 //!
-//! `cargo bench -p stages --bench continuation --profile dev` prints the fastest of several runs on one and on two
+//! `cargo bench -p magline-numerics --bench continuation --profile dev` prints the fastest of several runs on one and on two
 //! threads and the most memory that the process ever held, and checks the answer against the closed form of the
 //! field and against the nodes that `continuation_harmonica.py` found for the same padded map.
 //! `continuation_harmonica.py` prints its own times and the ratio.
 
 use std::time::Instant;
 
+use numerics::maps::{
+    continuation::{Edge, Padding, Spectrum, Trend, Width, upward},
+    plane_grid::{EvenAxis, PlaneGrid},
+};
 use rayon::prelude::*;
-use stages::numerics::continuation::{Edge, Padding, Spectrum, Trend, Width, upward};
-use stages::numerics::plane_grid::{EvenAxis, PlaneGrid};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 

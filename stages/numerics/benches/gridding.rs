@@ -6,9 +6,9 @@
 
 #![allow(clippy::unwrap_used)]
 
-use stages::numerics::gridding::*;
-use stages::numerics::levelling::*;
 use std::time::Instant;
+
+use numerics::maps::{gridding::*, levelling::*};
 
 struct Survey {
     name: &'static str,

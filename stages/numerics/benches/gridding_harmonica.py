@@ -1,10 +1,10 @@
 """Gridding side by side: verde and harmonica, then magline, on the same points of the samples.
 
-    python3 stages/benches/gridding_harmonica.py [osborne|britain] [--time-only] [--magline-only]
+    python3 stages/numerics/benches/gridding_harmonica.py [osborne|britain] [--time-only] [--magline-only]
 
 Writes the points of datasets/samples as flat little-endian f64 columns (easting, northing, height, value, number of
 the line among the sorted lines) into a temporary folder, times BlockReduce and EquivalentSourcesGB with the settings of
-the samples' maps, fit and grid, predicts every 7th line from the others, and runs `cargo bench -p stages --bench
+the samples' maps, fit and grid, predicts every 7th line from the others, and runs `cargo bench -p magline-numerics --bench
 gridding` on that folder. `--time-only` leaves out harmonica's predictions at
 left-out lines, `--magline-only` all of harmonica. Needs numpy, pyarrow, verde 1.9 and harmonica 0.7.
 """

@@ -1,21 +1,23 @@
 //! Look-ups of an anomaly map: value and gradient along a flight and at random places, of a map that fits the cache
 //! and one that does not, one at a time and many at once; gaps of a large map filled; all beside scipy.
 //!
-//! `cargo bench -p stages --bench interpolation --profile dev` prints the fastest of several runs on one thread and
+//! `cargo bench -p magline-numerics --bench interpolation --profile dev` prints the fastest of several runs on one thread and
 //! checks each against a formula; `interpolation_scipy.py` times scipy on the same work, runs this, and prints the
 //! ratios.
 
-use std::hint::black_box;
-use std::sync::OnceLock;
-use std::time::Instant;
+use std::{hint::black_box, sync::OnceLock, time::Instant};
 
-use stages::numerics::field_value::FieldValue;
-use stages::numerics::fill::{NearestFill, SmoothFill, nearest, smooth};
-use stages::numerics::grid_projection::{Area, GridProjection};
-use stages::numerics::map_grid::{AnomalyMap, FieldColumns, Interpolation, MapGrid, VerticalDerivative};
-use stages::numerics::map_stack::{MapStack, ProjectedMap, StackOptions};
-use stages::numerics::plane_grid::{EvenAxis, PlaneGrid};
-use stages::projection::Projection;
+use numerics::{
+    earth::field_value::FieldValue,
+    maps::{
+        fill::{NearestFill, SmoothFill, nearest, smooth},
+        grid_projection::{Area, GridProjection},
+        map_grid::{AnomalyMap, FieldColumns, Interpolation, MapGrid, VerticalDerivative},
+        map_stack::{MapStack, ProjectedMap, StackOptions},
+        plane_grid::{EvenAxis, PlaneGrid},
+        projection::Projection,
+    },
+};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 

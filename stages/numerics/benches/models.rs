@@ -1,15 +1,18 @@
 //! Linear models of 432,000 samples (12 hours at 10 Hz in 24 lines) x 60 terms: the factor of each line, a path of 100
 //! elastic nets, its cross-validation by line, 100 ridges, all numbers of components of partial least squares.
 //!
-//! `cargo bench -p stages --bench models --profile dev` prints the fastest of several runs and checks the coefficients
+//! `cargo bench -p magline-numerics --bench models --profile dev` prints the fastest of several runs and checks the coefficients
 //! against those that `models_sklearn.py --write` found for the same input. `models_sklearn.py` prints its own times.
 
 use std::time::Instant;
 
+use numerics::regression::{
+    choose_lambda,
+    elastic_net::ElasticNet,
+    least_squares::{LineScore, Moments, Scaling},
+    pls,
+};
 use rayon::prelude::*;
-use stages::numerics::elastic_net::ElasticNet;
-use stages::numerics::least_squares::{LineScore, Moments, Scaling};
-use stages::numerics::{choose_lambda, pls};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 

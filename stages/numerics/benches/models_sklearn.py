@@ -1,7 +1,7 @@
 """The work of `models.rs` in scikit-learn, to be timed beside it.
 
-    python3 stages/benches/models_sklearn.py            # times, then the Rust bench
-    python3 stages/benches/models_sklearn.py --write    # also writes the reference coefficients
+    python3 stages/numerics/benches/models_sklearn.py            # times, then the Rust bench
+    python3 stages/numerics/benches/models_sklearn.py --write    # also writes the reference coefficients
 
 Two ways to make the path: `enet_path` on the rows, as it is usually called, and `enet_path` with a Gram matrix made
 once, its fastest. Cross-validation by line is `ElasticNetCV` with one fold a line; `--folds` times it (minutes).
@@ -58,7 +58,7 @@ def main():
         alphas, coefs, _ = with_gram(tol=1e-12, max_iter=1_000_000)
         with open(REFERENCE, "w") as file:
             file.write(f"# place on the path, alpha, 60 coefficients; scikit-learn {sklearn.__version__}: ")
-            file.write("python3 stages/benches/models_sklearn.py --write\n")
+            file.write("python3 stages/numerics/benches/models_sklearn.py --write\n")
             for k in (5, 50, 99):
                 file.write(",".join(repr(float(v)) for v in (k, alphas[k], *(coefs[:, k] / deviation))) + "\n")
         return

@@ -1,4 +1,4 @@
-//! Standard normals for tests: SplitMix64 [Steele, Lea & Flood 2014] and Box-Muller.
+//! Reproducible random numbers: SplitMix64 [Steele, Lea & Flood 2014], and standard normals by Box and Muller.
 
 /// A reproducible source of standard normals.
 pub struct Normals {

@@ -24,7 +24,7 @@ pub(crate) struct ModelLine {
 
 /// The four lines of the samples in `reference/models/samples.csv`.
 pub(crate) fn model_lines() -> Vec<ModelLine> {
-    let table = columns(include_str!("../../reference/models/samples.csv"));
+    let table = columns(include_str!("../reference/models/samples.csv"));
     let of = |line: f64| {
         let rows: Vec<usize> = (0..table["line"].len()).filter(|&i| table["line"][i] == line).collect();
         let y = |name: &str| rows.iter().map(|&i| table[name][i]).collect();

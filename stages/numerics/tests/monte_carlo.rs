@@ -2,23 +2,29 @@
 //! says, and does it hold an INS that drifts by hundreds of metres to tens of metres?
 #![allow(clippy::unwrap_used)]
 
-#[path = "../src/numerics/test_normals.rs"]
-mod normals;
 mod osborne;
 
 use std::sync::OnceLock;
 
-use normals::Normals;
+use numerics::{
+    earth::geodesy::EarthModel,
+    maps::{
+        map_grid::{AnomalyMap, Interpolation},
+        map_stack::FieldMap,
+    },
+    navigation::{
+        ekf::{EkfOutput, EkfParameters, run},
+        ins_error::{InsErrorModel, simulate_ins_error},
+        pinson::{LAT, LON, S, STATES, StateMatrix},
+        transition::NoiseDiscretisation,
+    },
+    random::Normals,
+    signal::{
+        gauss_markov::GaussMarkov,
+        noise::{Blocks, noise},
+    },
+};
 use osborne::{Line, core_field, grid, temporal_nt};
-use stages::numerics::ekf::{EkfOutput, EkfParameters, run};
-use stages::numerics::gauss_markov::GaussMarkov;
-use stages::numerics::geodesy::EarthModel;
-use stages::numerics::ins_error::{InsErrorModel, simulate_ins_error};
-use stages::numerics::map_grid::{AnomalyMap, Interpolation};
-use stages::numerics::map_stack::FieldMap;
-use stages::numerics::noise::{Blocks, noise};
-use stages::numerics::pinson::{LAT, LON, S, STATES, StateMatrix};
-use stages::numerics::transition::NoiseDiscretisation;
 
 const RUNS: u64 = 100;
 const SAMPLES: u32 = 3600;

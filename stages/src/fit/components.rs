@@ -1,15 +1,13 @@
 //! Principal components in place of the features of a fit.
 
+use numerics::regression::{
+    least_squares::{LinearFit, Moments, Scaling},
+    principal_components::{Kept, PrincipalComponents},
+};
 use schemas::Fault;
 
 use super::models::Problem;
-use crate::{
-    columns::data,
-    numerics::{
-        least_squares::{LinearFit, Moments, Scaling},
-        principal_components::{Kept, PrincipalComponents},
-    },
-};
+use crate::columns::data;
 
 /// The components that a fit is made of, and the features that they are made of.
 pub struct Components {

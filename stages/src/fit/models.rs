@@ -2,18 +2,10 @@
 
 use std::{borrow::Cow, collections::BTreeMap, sync::Arc};
 
-use schemas::Fault;
-
-use super::components::Components;
-use super::{
-    Fit, Matrix, Targets,
-    rows::{Part, Share},
-};
-use crate::{
-    columns::data,
-    numerics::{
+use numerics::{
+    compensation::diagnostics::{Excitation, TrivialSolution, approximation_bound_nt, excitation, trivial_solution},
+    regression::{
         choose_lambda::{self, by_generalised_cross_validation, by_l_curve, by_lines, curve},
-        diagnostics::{Excitation, TrivialSolution, approximation_bound_nt, excitation, trivial_solution},
         elastic_net::ElasticNet,
         least_squares::{LineScore, LineScores, LinearFit, Moments, Prepared, RidgePath, Scaling},
         pls,
@@ -22,6 +14,14 @@ use crate::{
         truncated_svd,
     },
 };
+use schemas::Fault;
+
+use super::{
+    Fit, Matrix, Targets,
+    components::Components,
+    rows::{Part, Share},
+};
+use crate::columns::data;
 
 /// Values on the grid of ridge parameters where the spec gives none, over so many decades below the largest.
 const GRID: (usize, f64) = (81, 1e-12);
@@ -468,7 +468,7 @@ fn own(moments: &Moments, places: Option<&[usize]>) -> Result<Moments, Fault> {
     }
 }
 
-fn lines_needed(error: crate::numerics::least_squares::LeastSquaresError) -> Fault {
+fn lines_needed(error: numerics::regression::least_squares::LeastSquaresError) -> Fault {
     data(error).help("leaving one out needs two or more lines, or flights: select more, or choose otherwise")
 }
 

@@ -7,16 +7,16 @@
 use std::{collections::BTreeMap, ops::Range};
 
 use arrow_array::RecordBatch;
+use numerics::{
+    earth::core_field::{CoreModel, CoreTrack},
+    signal::noise::{Blocks, Noise, noise, samples_a_block},
+};
 
 use super::{Fit, models::Solved, rows::Part};
 use crate::{
     columns::floats,
     compensate::RESIDUAL,
     dates::{first_year, years},
-    numerics::{
-        core_field::{CoreModel, CoreTrack},
-        noise::{Blocks, Noise, noise, samples_a_block},
-    },
 };
 
 /// Steps between neighbours that are kept of a line, evenly spread.

@@ -3,17 +3,19 @@
 use std::{collections::BTreeMap, ops::Range};
 
 use arrow_array::RecordBatch;
+use numerics::{
+    regression::least_squares::{Moments, MomentsAccumulator},
+    signal::{
+        filter::ConstantColumns,
+        segments::{STEP_TOLERANCE, Usable, filter_matrix, sample_rate},
+    },
+};
 use schemas::{Fault, LineIn};
 
 use super::{Matrix, Question, Targets, residual::Wide};
 use crate::{
     bandpass::design,
     columns::{data, floats, matrix},
-    numerics::{
-        filter::ConstantColumns,
-        least_squares::{Moments, MomentsAccumulator},
-        segments::{STEP_TOLERANCE, Usable, filter_matrix, sample_rate},
-    },
 };
 
 /// Rows kept of a line's unfiltered terms, evenly spread: enough to tell a total field from an aircraft's.

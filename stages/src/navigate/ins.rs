@@ -3,13 +3,11 @@
 use std::borrow::Cow;
 
 use arrow_array::RecordBatch;
+use numerics::navigation::{ins_series::InsSeries, strapdown};
 use schemas::Fault;
 
 use super::{ATTITUDE, FORCE, POSITION, VELOCITY};
-use crate::{
-    columns::{data, floats},
-    numerics::{ins_series::InsSeries, strapdown},
-};
+use crate::columns::{data, floats};
 
 type Three<'a> = [Cow<'a, [f64]>; 3];
 

@@ -3,19 +3,17 @@
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, RecordBatch};
+use numerics::{
+    earth::core_field::CoreField,
+    navigation::ekf::{EkfOutput, EkfParameters, EkfPoint, run_together},
+};
 use schemas::{Fault, LineIn, OrAuto};
 
 use super::{
     Navigate, PreparedMap,
     ins::{self, Ins},
 };
-use crate::{
-    columns::data,
-    numerics::{
-        core_field::CoreField,
-        ekf::{EkfOutput, EkfParameters, EkfPoint, run_together},
-    },
-};
+use crate::columns::data;
 
 type Answer = Result<Vec<ArrayRef>, Fault>;
 

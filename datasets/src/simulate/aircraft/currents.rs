@@ -1,6 +1,6 @@
 //! The currents on board along a line.
 
-use stages::numerics::gauss_markov::GaussMarkov;
+use numerics::signal::gauss_markov::GaussMarkov;
 
 use super::{
     super::random::Random,

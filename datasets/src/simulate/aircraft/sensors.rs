@@ -83,7 +83,7 @@ impl Bench<'_> {
         reading.add(self.wanted, clock.spread(|_| sigma_nt * random.normal()));
     }
 
-    fn drift(&self, reading: &mut Reading, drift: Option<stages::numerics::gauss_markov::GaussMarkov>, name: &str) {
+    fn drift(&self, reading: &mut Reading, drift: Option<numerics::signal::gauss_markov::GaussMarkov>, name: &str) {
         let mut random = self.random("drift", name);
         let drift = drift.filter(|_| self.on("drift")).map(|d| d.realisation(self.tt_s, || random.normal()));
         reading.add(self.wanted, drift.unwrap_or_else(|| vec![0.0; self.tt_s.len()]));

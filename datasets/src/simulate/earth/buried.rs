@@ -1,10 +1,9 @@
 //! Dipoles and prisms in the ground, at their places on the ellipsoid: an exact crustal field at any height.
 
 use nalgebra::{Matrix3, Vector3};
-use stages::numerics::{
-    core_field::CoreField,
-    geodesy::ecef_m,
-    magnetic_sources::{Dipole, Prism, Source, direction},
+use numerics::{
+    earth::{core_field::CoreField, geodesy::ecef_m},
+    maps::magnetic_sources::{Dipole, Prism, Source, direction},
 };
 
 use super::spec::{Body, Buried};

@@ -17,13 +17,15 @@ use std::{
 };
 
 use nalgebra::Vector3;
-use stages::numerics::{
-    continuation::{Padding, Spectrum, upward},
-    core_field::CoreTrack,
-    fill::{SmoothFill, smooth},
-    map_grid::MapGrid,
-    natural_cubic,
-    plane_grid::PlaneGrid,
+use numerics::{
+    earth::core_field::CoreTrack,
+    maps::{
+        continuation::{Padding, Spectrum, upward},
+        fill::{SmoothFill, smooth},
+        map_grid::MapGrid,
+        plane_grid::PlaneGrid,
+    },
+    signal::natural_cubic,
 };
 
 use crate::{Map, ReadError};
@@ -216,7 +218,7 @@ impl CrustalMap {
             return Ok(level);
         }
         // Made without the lock: a thread that waits for its own transform may take up another flight meanwhile.
-        let wrong = |e: stages::numerics::continuation::ContinuationError| ReadError::data(&self.path, e.to_string());
+        let wrong = |e: numerics::maps::continuation::ContinuationError| ReadError::data(&self.path, e.to_string());
         let spectrum = Spectrum::new(&self.corrected, up_m, &Padding::default()).map_err(wrong)?;
         let field = spectrum.components(self.direction, up_m, 0.0).map_err(wrong)?;
         let rest = upward(&self.rest, up_m, &Padding::default()).map_err(wrong)?;
@@ -237,7 +239,7 @@ fn corrected(
     map: &PlaneGrid,
     direction: [f64; 3],
     core_nt: &[Vector3<f64>],
-) -> Result<(PlaneGrid, PlaneGrid), stages::numerics::continuation::ContinuationError> {
+) -> Result<(PlaneGrid, PlaneGrid), numerics::maps::continuation::ContinuationError> {
     let mut corrected = map.clone();
     let mut correction = 0;
     loop {

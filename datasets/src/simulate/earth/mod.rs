@@ -3,18 +3,18 @@
 //! The core field is a model's at the date of every sample. The crustal field is that of a map, of sources in the
 //! ground, or of both; see [`crustal`] and [`buried`]. The temporal variation is in [`variation`].
 
+use buried::{Placed, field_ned_nt};
+use crustal::{CrustalMap, Nowhere, change_of_magnitude};
 use nalgebra::Vector3;
-use stages::numerics::{
+use numerics::earth::{
     core_field::{CoreField, CoreTrack},
     dates::decimal_year,
 };
+use observatory::Observatory;
+use places::Places;
 
 use super::{line::Scene, spec::Spec, trajectory::Trajectory};
 use crate::{ReadError, read_map};
-use buried::{Placed, field_ned_nt};
-use crustal::{CrustalMap, Nowhere, change_of_magnitude};
-use observatory::Observatory;
-use places::Places;
 pub use spec::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
 use variation::{Moments, Variation};
 

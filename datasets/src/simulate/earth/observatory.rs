@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
-use stages::numerics::natural_cubic;
+use numerics::signal::natural_cubic;
 
 use crate::{ReadError, formats::ObservatoryRecord};
 

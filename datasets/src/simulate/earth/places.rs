@@ -1,6 +1,6 @@
 //! Where and when the field is asked for along a line.
 
-use stages::numerics::geodesy::EarthModel;
+use numerics::earth::geodesy::EarthModel;
 
 use crate::simulate::trajectory::Trajectory;
 

@@ -43,7 +43,7 @@
 
 use std::path::{Path, PathBuf};
 
-use stages::numerics::{core_field::CoreModel, gauss_markov::GaussMarkov};
+use numerics::{earth::core_field::CoreModel, signal::gauss_markov::GaussMarkov};
 
 use super::super::spec::{
     Components,

@@ -3,12 +3,16 @@
 use std::{fs, path::Path};
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
-use stages::numerics::{
-    core_field::CoreModel,
-    gauss_markov::GaussMarkov,
-    map_grid::{AnomalyMap, Interpolation, MapGrid},
-    plane_grid::EvenAxis,
-    spectrum::{Window, welch},
+use numerics::{
+    earth::core_field::CoreModel,
+    maps::{
+        map_grid::{AnomalyMap, Interpolation, MapGrid},
+        plane_grid::EvenAxis,
+    },
+    signal::{
+        gauss_markov::GaussMarkov,
+        spectrum::{Window, welch},
+    },
 };
 use tempfile::TempDir;
 
@@ -119,7 +123,7 @@ fn law_a_climb_is_continuous_and_meets_the_exact_levels() {
 fn law_the_field_is_a_gradient_without_sources() {
     let (_, map) = known(-22.0);
     let map = crustal(&map);
-    let earth = stages::numerics::geodesy::EarthModel::Wgs84;
+    let earth = numerics::earth::geodesy::EarthModel::Wgs84;
     const H: f64 = 60.0;
     let mut worst: [f64; 2] = [0.0, 0.0];
     let mut gradients: f64 = 0.0;
@@ -180,7 +184,7 @@ fn law_sources_have_no_curl_and_a_vertical_dipole_is_twice_as_strong_above_it() 
     assert!((induced - Vector3::new(-100.0 * f.x, -100.0 * f.y, 200.0 * f.z)).norm() < 1e-6);
     // Round a circle of 2 km about the prism, tilted: the work is none.
     let prism = [Placed::new(&Buried { lat_deg: 50.0, lon_deg: 9.0, ..prism(50.0, 9.0, 300.0, 2.0) }, &core)];
-    let earth = stages::numerics::geodesy::EarthModel::Wgs84;
+    let earth = numerics::earth::geodesy::EarthModel::Wgs84;
     let rad = 50f64.to_radians();
     let (mut work, mut length) = (0.0, 0.0);
     const STEPS: usize = 2000;

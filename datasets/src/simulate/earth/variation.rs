@@ -17,7 +17,7 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::Vector3;
-use stages::numerics::gauss_markov::GaussMarkov;
+use numerics::signal::gauss_markov::GaussMarkov;
 
 use super::{
     observatory::Observatory,

@@ -6,15 +6,20 @@
 use std::path::Path;
 
 use nalgebra::Vector3;
-use stages::numerics::{
-    attitude::{euler_rad, tilted},
-    geodesy::wrap_deg,
-    ins_error::{
-        Draws, InsErrorEnsemble, InsErrorFault, MechanisedExtras, errors_along, horizontal_m, mechanised_errors_along,
+use numerics::{
+    earth::{
+        attitude::{euler_rad, tilted},
+        geodesy::wrap_deg,
     },
-    ins_series::InsSeries,
-    mechanisation::Earth,
-    pinson::{ACC, ALT, LAT, LON, StateVector, TILT_N, VN},
+    navigation::{
+        ins_error::{
+            Draws, InsErrorEnsemble, InsErrorFault, MechanisedExtras, errors_along, horizontal_m,
+            mechanised_errors_along,
+        },
+        ins_series::InsSeries,
+        mechanisation::Earth,
+        pinson::{ACC, ALT, LAT, LON, StateVector, TILT_N, VN},
+    },
 };
 
 use self::{

@@ -1,6 +1,6 @@
 //! The flight between two lines, of which nothing is recorded but the errors of the INS run on.
 
-use stages::numerics::geodesy::{EarthModel, wrap_deg};
+use numerics::earth::geodesy::{EarthModel, wrap_deg};
 
 use super::super::trajectory::Trajectory;
 use crate::motion::specific_force_mps2;

@@ -2,7 +2,7 @@
 //!
 //! An initial error and a bias that are given are INS minus truth, and measured minus true.
 
-use stages::numerics::{
+use numerics::navigation::{
     ins_error::{InsErrorModel, InsGrade},
     pinson::{ACC, ALT, GYRO, HA, LAT, LON, STATES, StateVector, TILT_N, VN},
 };

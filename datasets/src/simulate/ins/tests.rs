@@ -2,10 +2,10 @@
 
 use std::fs;
 
-use stages::numerics::{
-    geodesy::EarthModel,
-    ins_error::{InsErrorModel, InsGrade},
-    statistics,
+use numerics::{
+    earth::geodesy::EarthModel,
+    navigation::ins_error::{InsErrorModel, InsGrade},
+    regression::statistics,
 };
 use tempfile::TempDir;
 

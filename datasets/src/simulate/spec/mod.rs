@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use numerics::{earth::dates, signal::gauss_markov::GaussMarkov};
 use schemas::Fault;
-use stages::numerics::{dates, gauss_markov::GaussMarkov};
 use toml::de::DeTable;
 
 use super::{

@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use stages::numerics::geodesy::{FLATTENING, SEMI_MAJOR_AXIS_M, meridian_radius_m, transverse_radius_m};
+use numerics::earth::geodesy::{FLATTENING, SEMI_MAJOR_AXIS_M, meridian_radius_m, transverse_radius_m};
 
 /// A place on the ellipsoid and the direction of the track there, in radians.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

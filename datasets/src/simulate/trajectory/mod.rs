@@ -9,7 +9,7 @@
 //! time in which they would move the aircraft. Turbulence moves both.
 
 use nalgebra::{Matrix3, Vector3};
-use stages::numerics::{
+use numerics::earth::{
     attitude::body_to_ned,
     geodesy::{ECCENTRICITY_SQUARED, meridian_radius_m, transverse_radius_m, wrap_deg},
 };

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use stages::numerics::geodesy::transverse_radius_m;
+use numerics::earth::geodesy::transverse_radius_m;
 
 use super::{
     air::Air,

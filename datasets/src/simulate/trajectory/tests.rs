@@ -2,7 +2,7 @@
 
 use std::{f64::consts::TAU, fs};
 
-use stages::numerics::spectrum::{Window, welch};
+use numerics::signal::spectrum::{Window, welch};
 
 use super::{
     super::{Simulation, random::Random},
@@ -49,7 +49,7 @@ const CLOVERLEAF: &str = "kind = 'cloverleaf'\ncenter = [-22.0, 140.5]\nheading_
 
 fn ned_m(flown: &Trajectory, i: usize, from: (f64, f64)) -> (f64, f64) {
     let place = (flown.lat_deg[i], flown.lon_deg[i]);
-    stages::numerics::geodesy::EarthModel::Wgs84.offset_ne_m(from, place, flown.alt_m[i])
+    numerics::earth::geodesy::EarthModel::Wgs84.offset_ne_m(from, place, flown.alt_m[i])
 }
 
 #[test]
@@ -60,7 +60,7 @@ fn law_what_is_said_of_the_motion_is_the_derivative_of_position_and_attitude() {
         let flown = fly(&line, 250.0);
         let rows = flown.tt_s.len().min(40_000);
         let t = &flown.tt_s[..rows];
-        let earth = stages::numerics::geodesy::EarthModel::Wgs84;
+        let earth = numerics::earth::geodesy::EarthModel::Wgs84;
         let slope = |x: &[f64]| derivative(t, &x[..rows]);
         let (dlat, dlon, dalt) = (slope(&flown.lat_deg), slope(&flown.lon_deg), slope(&flown.alt_m));
         let dv = flown.velocity_mps.each_ref().map(|v| slope(v));

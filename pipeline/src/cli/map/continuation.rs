@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use datasets::{GridMap, Height};
-use schemas::Fault;
-use stages::numerics::{
+use numerics::maps::{
     continuation::{
         self, Derivative, Drape, LCurve, MAGNAV_ALPHA_M2, Padding, Regularisation, Spectrum, downward, drape_to_level,
         edge_error, is_far, level_to_drape, masked_like,
@@ -13,8 +12,8 @@ use stages::numerics::{
     fill,
     plane_grid::PlaneGrid,
 };
-
 use pipeline::views::plot::{CurveLabels, curve_svg};
+use schemas::Fault;
 
 use super::{InputArgs, Stop, ThreadArgs, note, tell, write_to, wrong};
 

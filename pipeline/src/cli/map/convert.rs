@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use datasets::{GridMap, Height};
+use numerics::maps::{continuation::expand, plane_grid::EvenAxis};
 use schemas::Fault;
-use stages::numerics::{continuation::expand, plane_grid::EvenAxis};
 
 use super::{Bounds, InputArgs, OutputArgs, Stop, ThreadArgs, wrong};
 

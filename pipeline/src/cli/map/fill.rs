@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use datasets::{GridMap, Height};
-use schemas::Fault;
-use stages::numerics::{
+use numerics::maps::{
     combine::{BiasModel, Blend, CombineOptions, Combined, Piece, combine},
     continuation::{Padding, upward},
     fill::{NearestFill, SmoothFill, Weights, nearest, smooth},
     plane_grid::{EvenAxis, PlaneGrid},
 };
+use schemas::Fault;
 
 use super::{InputArgs, OutputArgs, Stop, ThreadArgs, note, tell, wrong};
 
@@ -174,7 +174,7 @@ fn at_level(path: &Path, plane: PlaneGrid, height: &Height, level_m: f64) -> Res
     note(&format!("{} is continued upward by {up_m:.1} m", path.display()));
     let (full, _) = smooth(&plane, &SmoothFill::default()).map_err(|e| wrong(path, &e))?;
     let up = upward(&full, up_m, &Padding::default()).map_err(|e| wrong(path, &e))?;
-    Ok(stages::numerics::continuation::masked_like(up, &plane))
+    Ok(numerics::maps::continuation::masked_like(up, &plane))
 }
 
 fn in_metres(axis: &EvenAxis, unit_m: f64) -> EvenAxis {

@@ -4,13 +4,17 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use datasets::{Height, PointOptions, SurveyPoints, check_output, read_points};
-use schemas::Fault;
-use stages::numerics::{
-    core_field::{CoreModel, CoreTrack},
-    dates::decimal_year,
-    gridding::{self, Folds, GridError, GridOptions, Gridded, Method, Region, Spread},
-    levelling::{CrossoverOptions, LevelOptions, Levelled, LineCorrection, Merit, find_crossovers, level_lines},
+use numerics::{
+    earth::{
+        core_field::{CoreModel, CoreTrack},
+        dates::decimal_year,
+    },
+    maps::{
+        gridding::{self, Folds, GridError, GridOptions, Gridded, Method, Region, Spread},
+        levelling::{CrossoverOptions, LevelOptions, Levelled, LineCorrection, Merit, find_crossovers, level_lines},
+    },
 };
+use schemas::Fault;
 
 use super::{Bounds, OutputArgs, Stop, ThreadArgs, say, write_to, wrong};
 use crate::cli::{is_quiet, note, progress::Progress};

@@ -1,6 +1,6 @@
 //! Geometry on the globe for KML: maps in parts that do not cross the date line, tracks thinned to the metre.
 
-use stages::numerics::geodesy::{EarthModel, wrap_deg};
+use numerics::earth::geodesy::{EarthModel, wrap_deg};
 
 use super::{
     sheet::Window,

@@ -1,6 +1,6 @@
 //! Where the map lies on the paper, and the coordinates around it.
 
-use stages::numerics::geodesy::{EarthModel, wrap_deg};
+use numerics::earth::geodesy::{EarthModel, wrap_deg};
 
 use super::{
     MapPicture, Plane,

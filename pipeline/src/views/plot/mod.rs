@@ -22,8 +22,8 @@ mod svg;
 mod thin;
 mod tracks;
 
+use numerics::maps::plane_grid::EvenAxis;
 use schemas::Fault;
-use stages::numerics::plane_grid::EvenAxis;
 
 pub use super::palette::Palette;
 pub use curve::{CurveLabels, curve_svg};

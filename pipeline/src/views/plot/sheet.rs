@@ -1,6 +1,6 @@
 //! Values of a map at the pixels of a picture: cells smaller than a pixel are averaged by area, larger ones enlarged.
 
-use stages::numerics::plane_grid::EvenAxis;
+use numerics::maps::plane_grid::EvenAxis;
 
 use super::MapPicture;
 

@@ -1,7 +1,7 @@
 //! Tracks on the map.
 
+use numerics::earth::geodesy::wrap_deg;
 use schemas::Fault;
-use stages::numerics::geodesy::wrap_deg;
 
 use super::{
     Plane, TrackLine, check_lengths,

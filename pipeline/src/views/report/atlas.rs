@@ -1,8 +1,8 @@
 //! The map with the tracks on it: the whole line, and a close look where the INS is farthest off.
 
 use maud::{Markup, html};
+use numerics::earth::geodesy::{EarthModel, wrap_deg};
 use schemas::Fault;
-use stages::numerics::geodesy::{EarthModel, wrap_deg};
 
 use super::{
     canvas::{Canvas, LEFT, SIDE},

@@ -1,7 +1,7 @@
 //! A drawing area of latitude and longitude, with its frame, scale bar and north arrow.
 
 use maud::{Markup, html};
-use stages::numerics::geodesy::{EarthModel, wrap_deg};
+use numerics::earth::geodesy::{EarthModel, wrap_deg};
 
 use super::{
     chart::px,

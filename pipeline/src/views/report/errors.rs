@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use maud::Markup;
-use stages::numerics::statistics;
+use numerics::regression::statistics;
 
 use super::{
     chart::{Band, Chart, Dim, Line},

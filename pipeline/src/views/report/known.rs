@@ -1,8 +1,8 @@
 //! The map along a line, beside what was measured there and what is known to be there.
 
 use maud::Markup;
+use numerics::regression::statistics;
 use schemas::Fault;
-use stages::numerics::statistics;
 
 use super::{
     chart::{Chart, Line},

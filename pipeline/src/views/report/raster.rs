@@ -1,7 +1,7 @@
 //! A part of an anomaly map as a picture: equal areas get equal shares of the colour scale.
 
+use numerics::maps::map_grid::MapGrid;
 use schemas::Fault;
-use stages::numerics::map_grid::MapGrid;
 
 use super::{
     palette::Palette,

@@ -1,13 +1,15 @@
 //! The compensated signal of one line: its error over time and over frequency.
 
 use maud::Markup;
-use schemas::Fault;
-use stages::numerics::{
-    filter::{Band, ZeroPhase},
-    segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
-    spectrum::{Window, welch},
-    statistics::{self, summary},
+use numerics::{
+    regression::statistics::{self, summary},
+    signal::{
+        filter::{Band, ZeroPhase},
+        segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+        spectrum::{Window, welch},
+    },
 };
+use schemas::Fault;
 
 use super::{
     chart::{Chart, Dim, Line},

@@ -6,6 +6,7 @@ use std::{
 };
 
 use arrow_array::{Array, RecordBatch, StringArray, cast::AsArray, types::Float64Type};
+use numerics::maps::map_grid::MapGrid;
 use schemas::{Fault, Shape};
 
 use crate::{
@@ -13,7 +14,6 @@ use crate::{
     sources::map_batch,
     store::{Store, published},
 };
-use stages::numerics::map_grid::MapGrid;
 
 /// Reads columns by what they are keyed with, so that only what belongs to this spec is ever shown.
 pub struct Source<'a> {

@@ -2,11 +2,11 @@
 //! observatory, the band of manoeuvres.
 
 use maud::Markup;
-use schemas::{Column, Fault};
-use stages::numerics::{
+use numerics::signal::{
     segments::{STEP_TOLERANCE, sample_rate},
     spectrum::{Window, welch},
 };
+use schemas::{Column, Fault};
 
 use super::{
     chart::{Chart, Dim, Line},

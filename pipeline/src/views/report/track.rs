@@ -1,7 +1,7 @@
 //! What a line's navigation is judged by: true, INS and estimated track with the filter's own opinion of its error.
 
+use numerics::{earth::geodesy::EarthModel, regression::statistics::position_nees};
 use schemas::{Fault, Role};
-use stages::numerics::{geodesy::EarthModel, statistics::position_nees};
 
 use super::{source::Source, subject::Subject};
 use crate::plan::{LineId, Ref};

@@ -2,8 +2,8 @@
 
 use arrow_array::{cast::AsArray, types::Float64Type};
 use maud::{Markup, html};
+use numerics::compensation::diagnostics::{Variation, variation};
 use schemas::Fault;
-use stages::numerics::diagnostics::{Variation, variation};
 
 use super::source::Source;
 use crate::{

@@ -10,7 +10,7 @@ use datafusion::{
     logical_expr::{ColumnarValue, ScalarFunctionArgs, ScalarUDF, ScalarUDFImpl, Signature, Volatility},
     prelude::SessionContext,
 };
-use stages::numerics::core_field::{CoreModel, CoreTrack};
+use numerics::earth::core_field::{CoreModel, CoreTrack};
 
 /// Makes the functions known:
 /// `igrf(lat, lon, alt, decimal_year)` and `wmm(...)`, the magnitude of the core field in nT at a place in degrees and

@@ -5,8 +5,8 @@ use arrow_array::{
     cast::AsArray,
     types::{Float64Type, Int64Type},
 };
+use numerics::earth::dates::decimal_year;
 use schemas::Fault;
-use stages::numerics::dates::decimal_year;
 
 use super::{Kind, limits, navigation, row::Row};
 use crate::{

@@ -1,6 +1,6 @@
 """The WMM2025 test places evaluated by the textbook sum over Schmidt semi-normalised Legendre functions.
 
-    python3 stages/reference/core_field/make_exact.py > stages/reference/core_field/wmm2025_exact.csv
+    python3 stages/numerics/reference/core_field/make_exact.py > stages/numerics/reference/core_field/wmm2025_exact.csv
 
 The official high-precision values agree with this sum in the east component to their last digit, but differ in the north
 component by up to 0.0007 nT without a pattern (as one-sided numerical derivatives of the Legendre functions would); down

@@ -1,6 +1,6 @@
 """Makes the reference tables of the linear models with scikit-learn, statsmodels and scipy.
 
-    python3 stages/reference/models/make_reference.py
+    python3 stages/numerics/reference/models/make_reference.py
 
 Versions are written into each table. The tests never run this; they read the tables beside it.
 """
@@ -20,7 +20,7 @@ from sklearn.preprocessing import MaxAbsScaler, MinMaxScaler
 
 HERE = Path(__file__).resolve().parent
 SKLEARN = f"scikit-learn {sklearn.__version__}, numpy {np.__version__}"
-COMMAND = "python3 stages/reference/models/make_reference.py"
+COMMAND = "python3 stages/numerics/reference/models/make_reference.py"
 P = 8
 NAMES = [f"a{j}" for j in range(P)]
 

@@ -1,6 +1,6 @@
 """Takes the filter and Tolles-Lawson cases out of the golden values that MagNav.jl 1.3.3 produced.
 
-    python3 stages/reference/signal/from_magnav.py magnav_golden.json
+    python3 stages/numerics/reference/signal/from_magnav.py magnav_golden.json
 
 The input of each case is a formula that the tests repeat; only the values are kept here.
 """
@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-SOURCE = "# MagNav.jl 1.3.3 (golden case `{}`); python3 stages/reference/signal/from_magnav.py magnav_golden.json\n"
+SOURCE = "# MagNav.jl 1.3.3 (golden case `{}`); python3 stages/numerics/reference/signal/from_magnav.py magnav_golden.json\n"
 CASES = {
     "bpf_default": "magnav_bpf_default.csv",
     "lpf_0.2": "magnav_lpf_02.csv",

@@ -1,6 +1,6 @@
 """Makes the reference tables of the signal and regression numerics with scipy and scikit-learn.
 
-    python3 stages/reference/signal/make_reference.py
+    python3 stages/numerics/reference/signal/make_reference.py
 
 Versions are written into each table. The tests never run this; they read the tables beside it.
 """
@@ -15,7 +15,7 @@ from sklearn.linear_model import Ridge
 
 HERE = Path(__file__).resolve().parent
 SCIPY = f"scipy {scipy.__version__}, numpy {np.__version__}"
-COMMAND = "python3 stages/reference/signal/make_reference.py"
+COMMAND = "python3 stages/numerics/reference/signal/make_reference.py"
 
 
 def write(name, source, **columns):

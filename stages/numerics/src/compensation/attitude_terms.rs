@@ -1,6 +1,6 @@
 //! Features made of the attitude: direction cosines and products of sines and cosines, by MagNav.jl's names.
 
-use super::attitude::body_to_ned;
+use crate::earth::attitude::body_to_ned;
 
 /// The products of sines and cosines of roll, pitch and yaw that go by a name of their own: `c` and `s` for cosine and
 /// sine, `r`, `p` and `y` for the angle.

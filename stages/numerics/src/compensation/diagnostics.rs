@@ -1,7 +1,7 @@
 //! Whether a calibration can be trusted: what the flight did not excite, whether the fit is the trivial one, and how
 //! far calibrations differ.
 
-use super::least_squares::{LeastSquaresError, LinearFit, Moments, Prepared, expect, setting};
+use crate::regression::least_squares::{LeastSquaresError, LinearFit, Moments, Prepared, expect, setting};
 
 /// The least part of a direction for a term to be named with it.
 const NAMED_FROM: f64 = 0.1;
@@ -29,7 +29,7 @@ pub struct Excitation {
 
 /// Which combinations of terms have a singular value below `weak_below` times the largest.
 ///
-/// Take a factor with all columns on one scale ([`super::least_squares::Scaling::Standardise`]): the result
+/// Take a factor with all columns on one scale ([`crate::regression::least_squares::Scaling::Standardise`]): the result
 /// is about the flight, not about units. Errors: a list of names of another length, no convergence.
 pub fn excitation<S: AsRef<str>>(
     prepared: &Prepared,
@@ -53,7 +53,7 @@ pub fn excitation<S: AsRef<str>>(
 }
 
 /// (Rᵀ R)⁻¹ⱼⱼ (Rᵀ R)ⱼⱼ, by the decomposition.
-fn variance_inflation(prepared: &Prepared, singular: &super::least_squares::Singular) -> Vec<f64> {
+fn variance_inflation(prepared: &Prepared, singular: &crate::regression::least_squares::Singular) -> Vec<f64> {
     let p = prepared.terms();
     let rounding = singular.values.first().copied().unwrap_or(0.0) * p as f64 * f64::EPSILON;
     let of = |j: usize| {
@@ -136,7 +136,7 @@ pub fn trivial_solution<S: AsRef<str>>(
     lambda: f64,
     scale_nt: f64,
 ) -> Result<Option<TrivialSolution>, LeastSquaresError> {
-    use super::least_squares::Scaling;
+    use crate::regression::least_squares::Scaling;
     for (what, given) in [
         ("the list of term names", names.len()),
         ("the list of unfiltered terms", unfiltered.terms()),
@@ -211,7 +211,7 @@ pub fn variation(calibrations: &[&[f64]]) -> Result<Vec<Variation>, LeastSquares
     }
     let of = |j: usize| {
         let values: Vec<f64> = calibrations.iter().map(|c| c[j]).collect();
-        let summary = super::statistics::summary(&values);
+        let summary = crate::regression::statistics::summary(&values);
         Variation { mean: summary.mean, std: summary.std, coefficient_of_variation: summary.std / summary.mean.abs() }
     };
     Ok((0..terms).map(of).collect())
@@ -221,10 +221,10 @@ pub fn variation(calibrations: &[&[f64]]) -> Result<Vec<Variation>, LeastSquares
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::numerics::filter::{Band, ConstantColumns, ZeroPhase};
-    use crate::numerics::least_squares::Scaling;
-    use crate::numerics::test_normals::Normals;
-    use crate::numerics::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix};
+    use crate::compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field, Terms, matrix};
+    use crate::random::Normals;
+    use crate::regression::least_squares::Scaling;
+    use crate::signal::filter::{Band, ConstantColumns, ZeroPhase};
 
     #[test]
     fn ref_variation_is_that_of_table_3_1() {
@@ -302,7 +302,7 @@ mod tests {
             let t = f64::from(k) / rate;
             let (roll, pitch, yaw) =
                 (0.17 * (1.1 * t).sin(), 0.09 * (1.7 * t).sin(), 0.0157 * t + 0.09 * (2.3 * t).sin());
-            let down = crate::numerics::attitude::body_to_ned(roll, pitch, yaw).transpose();
+            let down = crate::earth::attitude::body_to_ned(roll, pitch, yaw).transpose();
             let earth = down * nalgebra::Vector3::new(18_000.0, -2000.0, 48_000.0);
             let aircraft = nalgebra::Vector3::new(150.0, -90.0, 200.0) + 2e-3 * earth;
             let total = earth + aircraft;

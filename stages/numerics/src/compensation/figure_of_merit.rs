@@ -6,9 +6,9 @@
 
 use std::ops::Range;
 
-use super::{
-    geodesy::{unwrapped_deg, wrap_deg},
-    statistics::Figure,
+use crate::{
+    earth::geodesy::{unwrapped_deg, wrap_deg},
+    regression::statistics::Figure,
 };
 
 /// Swings below this, in degrees from one extreme to the next, are no manoeuvre.
@@ -244,7 +244,7 @@ mod tests {
     #[test]
     fn law_gusts_and_turns_are_no_manoeuvres() {
         let (tt, mut attitude, _) = square([0.0; 3], [0.0; 3]);
-        let mut normals = super::super::test_normals::Normals::new(5);
+        let mut normals = crate::random::Normals::new(5);
         // Gusts of 1.5 degrees whose rate is continuous, as an airframe's inertia makes it: two poles at 2 s.
         let (mut force, mut gust) = (0.0, 0.0);
         for roll in &mut attitude[0] {

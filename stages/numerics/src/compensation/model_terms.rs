@@ -1,9 +1,9 @@
 //! Terms of compensation models beside the Tolles-Lawson matrix: inputs on the direction of the field, the core field
 //! in the body frame, and the slope of the geology.
 
-use super::{
-    difference::{Scheme, difference},
-    geodesy::EarthModel,
+use crate::{
+    earth::geodesy::EarthModel,
+    signal::difference::{Scheme, difference},
 };
 
 /// Number of terms of [`core_terms`].

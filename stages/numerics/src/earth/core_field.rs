@@ -13,8 +13,8 @@ mod track;
 
 use std::sync::Arc;
 
-use super::field_value::FieldValue;
-use super::geodesy::{EarthModel, ecef_m};
+use crate::earth::field_value::FieldValue;
+use crate::earth::geodesy::{EarthModel, ecef_m};
 pub use coefficients::{Coordinate, CoreFieldError, CoreModel};
 use coefficients::{REFERENCE_RADIUS_M, TERMS, derivative, index};
 pub use track::{CoreTrack, Ned};

@@ -167,9 +167,9 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-    use super::super::gauss_markov::GaussMarkov;
-    use super::super::test_normals::Normals;
     use super::*;
+    use crate::random::Normals;
+    use crate::signal::gauss_markov::GaussMarkov;
 
     const ROWS: usize = 3000;
 

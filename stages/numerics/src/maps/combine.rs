@@ -7,7 +7,7 @@ mod bias;
 mod distance;
 mod resample;
 
-use super::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 pub use bias::{Bias, BiasModel};
 use bias::{Pair, estimate, pairs};
 use distance::distance_to_unknown;

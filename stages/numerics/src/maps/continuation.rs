@@ -33,7 +33,7 @@ pub use radial_power::RadialPower;
 pub use spectrum::Spectrum;
 pub use upward::{Downward, Regularisation, continued, downward, stack, upward};
 
-use super::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 /// The α of MagNav.jl, in m².
 pub const MAGNAV_ALPHA_M2: f64 = 200.0;

@@ -1,6 +1,6 @@
 //! How well a line agrees with itself where its track crosses its track.
 
-use super::statistics::Figure;
+use crate::regression::statistics::Figure;
 
 /// Two samples belong to one crossing when they are at most this far apart horizontally, m.
 pub const NEAR_M: f64 = 1.0;

@@ -15,7 +15,7 @@ pub use nearest::{NearestFill, Weights, nearest};
 pub use smooth::{SmoothFill, SmoothReport, smooth};
 use thiserror::Error;
 
-use super::plane_grid::PlaneGrid;
+use crate::maps::plane_grid::PlaneGrid;
 
 /// Why a map cannot be filled or cut.
 #[derive(Clone, Debug, Error, PartialEq)]

@@ -7,7 +7,7 @@
 
 use thiserror::Error;
 
-use super::plane_grid::EvenAxis;
+use crate::maps::plane_grid::EvenAxis;
 
 /// Samples a patch in each direction; the degree of its polynomials is one less.
 const SAMPLES: usize = 7;

@@ -34,7 +34,7 @@ pub use nearest::NearestPoints;
 pub use surface::{Fitted, Surface, fit};
 pub use survey::{CleanOptions, Cleaned, OwnedPoints, SurveyPoints, clean};
 
-use super::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
 /// Told what is being done, how much of it is done, and out of how much.

@@ -1,7 +1,7 @@
 //! Magnetic fields in closed form: the dipole and the uniformly magnetised rectangular prism.
 //!
 //! Everything is in a right-handed frame of easting, northing and up in metres, the frame of
-//! [`PlaneGrid`](super::plane_grid::PlaneGrid) with heights: a vector is `[east, north, up]`, so that
+//! [`PlaneGrid`](crate::maps::plane_grid::PlaneGrid) with heights: a vector is `[east, north, up]`, so that
 //! the main field of the northern hemisphere has a negative third component. Fields are in nT.
 //!
 //! A dipole of moment m (A m²) makes B = µ0/4π (3 (m·r̂) r̂ − m)/r³ [Blakely 1996, eq. 4.14]. A prism of

@@ -12,13 +12,13 @@ mod holes;
 mod quadratic;
 mod surface;
 
-use super::field_value::FieldValue;
+use crate::earth::field_value::FieldValue;
 pub use batch::FieldColumns;
-pub(in crate::numerics) use batch::{LookUp, Places, look_up_many};
+pub(crate) use batch::{LookUp, Places, look_up_many};
 use grid::Axis;
 pub use grid::{MapError, MapGrid};
-pub(in crate::numerics) use holes::Shape;
-pub(in crate::numerics) use surface::{Cell, Jet, Surface};
+pub(crate) use holes::Shape;
+pub(crate) use surface::{Cell, Jet, Surface};
 
 /// How a value between the nodes is made.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -59,19 +59,19 @@ pub struct Curvature {
 
 /// Where a latitude and a longitude are in a grid.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::numerics) struct Axes {
+pub(crate) struct Axes {
     lat: Axis,
     lon: Axis,
 }
 
 impl Axes {
-    pub(in crate::numerics) fn of(grid: &MapGrid) -> Self {
+    pub(crate) fn of(grid: &MapGrid) -> Self {
         Self { lat: *grid.lat(), lon: *grid.lon() }
     }
 
     /// The cell of a place in degrees; `None` off the map or where the place is not a number.
     #[inline(always)]
-    pub(in crate::numerics) fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
+    pub(crate) fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell> {
         let (row, up) = self.lat.locate(lat_deg)?;
         let (column, right) = self.lon.locate_turning(lon_deg)?;
         Some(Cell { row, column, up, right })
@@ -79,7 +79,7 @@ impl Axes {
 
     /// A field of its value, its slopes per step and its slope per metre.
     #[inline(always)]
-    pub(in crate::numerics) fn field(&self, value_nt: f64, per_row: f64, per_column: f64, d_alt: f64) -> FieldValue {
+    pub(crate) fn field(&self, value_nt: f64, per_row: f64, per_column: f64, d_alt: f64) -> FieldValue {
         FieldValue {
             value_nt,
             d_lat_nt_per_rad: per_row * self.lat.steps_per_rad(),

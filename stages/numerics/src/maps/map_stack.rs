@@ -8,8 +8,8 @@ mod drape;
 mod levels;
 mod projected;
 
-use super::field_value::FieldValue;
-use super::map_grid::{
+use crate::earth::field_value::FieldValue;
+use crate::maps::map_grid::{
     AnomalyMap, Axes, Cell, FieldColumns, Interpolation, Jet, LookUp, MapError, MapGrid, Places, Surface, look_up_many,
 };
 pub use drape::DrapeMap;

@@ -26,9 +26,9 @@ use std::sync::Arc;
 
 use pulp::{Simd, WithSimd};
 
-use super::core_field::CoreField;
-use super::ins_series::{InsSeries, SeriesError};
-use super::map_stack::FieldMap;
+use crate::earth::core_field::CoreField;
+use crate::maps::map_stack::FieldMap;
+use crate::navigation::ins_series::{InsSeries, SeriesError};
 pub use output::{EkfOutput, EkfReport};
 use pack::{Filter, Pack};
 pub use parameters::{EkfError, EkfParameters};
@@ -67,7 +67,7 @@ pub struct EkfPoint<'a> {
 /// Filters one line by several points, whose answers come in their order and have the bits of [`run`].
 ///
 /// Points of equal time constants (but for that of the temporal variation), discretisation and, for
-/// [`VanLoan`](super::transition::NoiseDiscretisation::VanLoan), process noise share the transition matrices. All
+/// [`VanLoan`](crate::navigation::transition::NoiseDiscretisation::VanLoan), process noise share the transition matrices. All
 /// answers are in memory together.
 pub fn run_together(ins: &InsSeries<'_>, points: &[EkfPoint<'_>]) -> Vec<Result<EkfOutput, EkfError>> {
     let series = ins.check();

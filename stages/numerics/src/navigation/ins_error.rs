@@ -1,13 +1,13 @@
 //! How wrong an inertial navigation system is: its error sources, and a simulation of them.
 
-use super::gauss_markov::GaussMarkov;
-use super::geodesy::EarthModel;
-use super::ins_series::{InsSeries, SeriesError};
-use super::pinson::{
+use crate::earth::geodesy::EarthModel;
+use crate::navigation::ins_series::{InsSeries, SeriesError};
+use crate::navigation::pinson::{
     A_HAT, ACC, ALT, GYRO, HA, LAT, LON, PinsonForm, S, STATES, StateMatrix, StateVector, TILT_D, TILT_N,
     TimeConstants, VN, pinson_matrix,
 };
-use super::transition::{NoiseDiscretisation, diagonal, propagate_state, transition_matrix};
+use crate::navigation::transition::{NoiseDiscretisation, diagonal, propagate_state, transition_matrix};
+use crate::signal::gauss_markov::GaussMarkov;
 use thiserror::Error;
 
 mod along;

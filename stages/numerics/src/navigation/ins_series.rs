@@ -1,6 +1,6 @@
 //! What an inertial navigation system puts out along a line, as columns.
 
-use super::pinson::InsPoint;
+use crate::navigation::pinson::InsPoint;
 use thiserror::Error;
 
 /// An INS's output along one line, one value a sample in every column.

@@ -11,11 +11,11 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::geodesy::{
+use crate::earth::geodesy::{
     EARTH_RATE_RADPS, ECCENTRICITY_SQUARED, FLATTENING, SEMI_MAJOR_AXIS_M, STANDARD_GRAVITY_MPS2, meridian_radius_m,
     transverse_radius_m,
 };
-use super::pinson::{K1, K2, K3};
+use crate::navigation::pinson::{K1, K2, K3};
 pub use imu::ImuErrors;
 pub use readings::Readings;
 

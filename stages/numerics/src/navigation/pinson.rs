@@ -6,8 +6,8 @@
 //! (m/s²); temporal variation S (nT). An error is truth minus INS. The earth is the thesis' sphere
 //! of radius 6378137 m and gravity does not change with height.
 
-use super::attitude::body_to_ned;
-use super::geodesy::{EARTH_RATE_RADPS, SEMI_MAJOR_AXIS_M};
+use crate::earth::attitude::body_to_ned;
+use crate::earth::geodesy::{EARTH_RATE_RADPS, SEMI_MAJOR_AXIS_M};
 
 /// The number of states.
 pub const STATES: usize = 18;

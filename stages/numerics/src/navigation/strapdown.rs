@@ -3,8 +3,8 @@
 //!
 //! These are stand-ins for the error model's coefficients, which need them to a few per cent only.
 
-use super::geodesy::{EarthModel, STANDARD_GRAVITY_MPS2, unwrapped_deg};
-use super::ins_series::{SeriesError, check_column, check_latitudes, check_time};
+use crate::earth::geodesy::{EarthModel, STANDARD_GRAVITY_MPS2, unwrapped_deg};
+use crate::navigation::ins_series::{SeriesError, check_column, check_latitudes, check_time};
 
 /// Three columns: north, east, down; or roll, pitch, yaw.
 pub type Triple = [Vec<f64>; 3];
@@ -93,7 +93,7 @@ fn check_length(column: &'static str, values: &[f64], like: &[f64]) -> Result<()
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::numerics::geodesy::wrap_deg;
+    use crate::earth::geodesy::wrap_deg;
 
     #[test]
     fn law_a_parabola_is_differentiated_exactly_on_uneven_steps() {

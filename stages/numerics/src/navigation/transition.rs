@@ -5,7 +5,7 @@
 
 pub(super) mod lanes;
 
-use super::pinson::{
+use crate::navigation::pinson::{
     A_HAT, ACC, ALT, GYRO, HA, LAT, LON, S, STATES, StateMatrix, StateVector, TILT_D, TILT_E, TILT_N, VD, VE, VN,
 };
 

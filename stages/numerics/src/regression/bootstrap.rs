@@ -63,8 +63,8 @@ fn quantile(sorted: &[f64], at: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
-    use super::super::test_normals::Normals;
     use super::*;
+    use crate::random::Normals;
 
     #[test]
     fn law_the_interval_of_a_mean_is_the_normal_one() {

@@ -4,8 +4,8 @@
 //! ‖r‖² = ‖z − R b‖² + unexplained = Σ (λ c/(s² + λ))² + unexplained, ‖b‖² = Σ (s c/(s² + λ))², and the
 //! number of parameters Σ s²/(s² + λ).
 
-use super::l_curve::log_curvature;
-use super::least_squares::{
+use crate::regression::l_curve::log_curvature;
+use crate::regression::least_squares::{
     LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Prepared, Scaling, leave_line_out, setting,
 };
 
@@ -137,8 +137,8 @@ pub fn fits(prepared: &Prepared, target: usize, lambdas: &[f64]) -> Result<Vec<L
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::numerics::reference_csv::{TERMS, model_lines};
-    use crate::numerics::test_normals::Normals;
+    use crate::random::Normals;
+    use crate::reference_csv::{TERMS, model_lines};
     use nalgebra::{DMatrix, DVector};
 
     fn lines() -> Vec<(Vec<f64>, Vec<f64>)> {

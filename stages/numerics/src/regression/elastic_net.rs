@@ -14,7 +14,7 @@ mod descent;
 
 use rayon::prelude::*;
 
-use super::least_squares::{
+use crate::regression::least_squares::{
     LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Prepared, Scaling, leave_line_out, setting,
 };
 use descent::Descent;

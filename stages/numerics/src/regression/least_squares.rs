@@ -10,7 +10,7 @@
 //! by the number of rows) and penalises every term alike, as in MagNav.jl.
 //!
 //! ```
-//! use stages::numerics::least_squares::QrAccumulator;
+//! use numerics::regression::least_squares::QrAccumulator;
 //!
 //! let a = [1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 2.0, 1.0]; // four rows of two terms
 //! let y: Vec<f64> = a.chunks(2).map(|row| 3.0 * row[0] - row[1]).collect();
@@ -18,7 +18,7 @@
 //! qr.push(&a, &[&y])?;
 //! let path = qr.solve(&[0.0, 0.025], &["x", "y"])?;
 //! assert!((path.solutions[0].coefficients[0][0] - 3.0).abs() < 1e-12);
-//! # Ok::<(), stages::numerics::least_squares::LeastSquaresError>(())
+//! # Ok::<(), numerics::regression::least_squares::LeastSquaresError>(())
 //! ```
 
 mod moments;

@@ -13,7 +13,7 @@
 
 use faer::Mat;
 
-use super::least_squares::{
+use crate::regression::least_squares::{
     LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Scaling, leave_line_out, setting,
 };
 
@@ -173,7 +173,7 @@ fn deflate(x: &mut [Vec<f64>], score: &[f64], loading: &[f64]) {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::numerics::reference_csv::{TERMS, columns, model_lines};
+    use crate::reference_csv::{TERMS, columns, model_lines};
 
     fn lines() -> Vec<Moments> {
         model_lines().iter().map(|line| Moments::of(&line.a, 8, &[&line.y0, &line.y1]).unwrap()).collect()

@@ -1,6 +1,6 @@
 //! Principal components of many columns, with whitening.
 
-use super::least_squares::{LeastSquaresError, LinearFit, Moments, Scaling, setting};
+use crate::regression::least_squares::{LeastSquaresError, LinearFit, Moments, Scaling, setting};
 
 /// How many components are kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -103,7 +103,7 @@ impl PrincipalComponents {
     pub fn transform(&self, a: &[f64]) -> Result<Vec<f64>, LeastSquaresError> {
         let columns = self.means.len();
         let rows = a.len() / columns.max(1);
-        crate::numerics::least_squares::expect("the matrix of columns", a.len(), rows * columns)?;
+        crate::regression::least_squares::expect("the matrix of columns", a.len(), rows * columns)?;
         let mut out = Vec::with_capacity(rows * self.len());
         for row in a.chunks_exact(columns.max(1)) {
             let scaled: Vec<f64> =
@@ -121,7 +121,7 @@ impl PrincipalComponents {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::numerics::reference_csv::columns;
+    use crate::reference_csv::columns;
 
     fn near(one: f64, other: f64, tolerance: f64) {
         assert!((one - other).abs() <= tolerance, "{one} {other}");
@@ -174,7 +174,7 @@ mod tests {
         }
         // Ridge of whitened components is least squares on them, each drawn in alike: n - 1 over n - 1 + lambda.
         let plain =
-            crate::numerics::truncated_svd::path(&moments.prepare(Scaling::Standardise, true).unwrap(), 0).unwrap();
+            crate::regression::truncated_svd::path(&moments.prepare(Scaling::Standardise, true).unwrap(), 0).unwrap();
         let drawn = found.original(&LinearFit { coefficients: fit(&by_moments), intercept: 0.0 });
         for (one, other) in drawn.coefficients.iter().zip(&plain[3].fit.coefficients) {
             near(*one, other * 119.0 / 119.3, 1e-9 * other.abs());

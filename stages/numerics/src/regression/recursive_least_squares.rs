@@ -6,7 +6,7 @@
 //! Theory", QR-RLS; Bierman 1977, square-root information filter]: nothing is ever subtracted, so that the
 //! covariance cannot lose its sign, as that of the textbook recursion does after some 1e5 rows.
 
-use super::least_squares::{LeastSquaresError, expect, setting};
+use crate::regression::least_squares::{LeastSquaresError, expect, setting};
 
 /// Coefficients that follow the rows.
 #[derive(Debug, Clone)]
@@ -135,8 +135,8 @@ impl RecursiveLeastSquares {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::numerics::least_squares::QrAccumulator;
-    use crate::numerics::test_normals::Normals;
+    use crate::random::Normals;
+    use crate::regression::least_squares::QrAccumulator;
 
     fn near(one: &[f64], other: &[f64], relative: f64) {
         for (one, other) in one.iter().zip(other) {

@@ -7,7 +7,7 @@
 
 use rayon::prelude::*;
 
-use super::least_squares::{LeastSquaresError, LinearFit, QrAccumulator, expect, setting};
+use crate::regression::least_squares::{LeastSquaresError, LinearFit, QrAccumulator, expect, setting};
 
 /// The quarter point of the normal distribution: the median of |r|/σ.
 const MEDIAN_OF_NORMALS: f64 = 0.674_489_750_196_081_7;
@@ -252,8 +252,8 @@ fn huber_scale(left: &[Vec<f64>], threshold: f64) -> f64 {
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::numerics::reference_csv::{TERMS, columns, model_lines};
-    use crate::numerics::test_normals::Normals;
+    use crate::random::Normals;
+    use crate::reference_csv::{TERMS, columns, model_lines};
 
     fn lines() -> Vec<(Vec<f64>, Vec<f64>)> {
         model_lines().into_iter().map(|line| (line.a, line.y1)).collect()

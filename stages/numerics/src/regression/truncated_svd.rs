@@ -5,7 +5,7 @@
 //! the k largest singular values. [Hansen 1987, "The truncated SVD as a method for regularization",
 //! BIT 27; principal component analysis of the Tolles-Lawson terms: thesis 000 section 3.5, ref. 58]
 
-use super::least_squares::{
+use crate::regression::least_squares::{
     LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Prepared, leave_line_out, setting,
 };
 
@@ -59,7 +59,7 @@ pub fn choose_components(
     lines: &[Moments],
     target: usize,
     components: usize,
-    scaling: super::least_squares::Scaling,
+    scaling: crate::regression::least_squares::Scaling,
     intercept: bool,
     score: LineScore,
 ) -> Result<LineScores, LeastSquaresError> {
@@ -73,8 +73,8 @@ pub fn choose_components(
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::numerics::least_squares::Scaling;
-    use crate::numerics::test_normals::Normals;
+    use crate::random::Normals;
+    use crate::regression::least_squares::Scaling;
 
     fn near(one: f64, other: f64, relative: f64) {
         assert!((one - other).abs() <= relative * (other.abs() + 1e-3), "{one} {other}");

@@ -57,8 +57,8 @@ impl GaussMarkov {
 
 #[cfg(test)]
 mod tests {
-    use super::super::test_normals::Normals;
     use super::*;
+    use crate::random::Normals;
 
     const PROCESS: GaussMarkov = GaussMarkov { sigma: 3.0, tau_s: 2.0 };
 

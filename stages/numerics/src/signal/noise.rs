@@ -11,7 +11,7 @@
 
 use std::ops::Range;
 
-use super::gauss_markov::GaussMarkov;
+use crate::signal::gauss_markov::GaussMarkov;
 use thiserror::Error;
 
 /// Means are taken over about so many seconds; what is faster is known by the steps from sample to sample.

@@ -18,7 +18,7 @@ mod anti_alias;
 pub use angle::{AngleRange, unwrap_degrees};
 pub use anti_alias::{ANTI_ALIAS_FRACTION, ANTI_ALIAS_ORDER, AntiAliasError, anti_alias};
 
-use super::segments::{TimeError, check_increasing};
+use crate::signal::segments::{TimeError, check_increasing};
 
 /// The most rows a grid may have.
 pub const MOST_ROWS: usize = 50_000_000;

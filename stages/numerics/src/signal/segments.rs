@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use super::filter::{ConstantColumns, FilterError, ZeroPhase};
+use crate::signal::filter::{ConstantColumns, FilterError, ZeroPhase};
 
 /// What is wrong with a time column.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -255,7 +255,7 @@ pub fn filter_matrix(
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
     use super::*;
-    use crate::numerics::filter::Band;
+    use crate::signal::filter::Band;
 
     fn filter() -> ZeroPhase {
         let band = Band::Band { low_hz: 0.1, high_hz: 0.9 };

@@ -1,12 +1,18 @@
 //! Flights over the real Osborne map, with known truth: shared by the Monte Carlo test and the
 //! navigation bench. The map's origin and licence are in `reference/navigation/README.md`.
 
-use stages::numerics::core_field::{CoreField, CoreFieldError};
-use stages::numerics::geodesy::EarthModel;
-use stages::numerics::ins_series::{InsSeries, SeriesError};
-use stages::numerics::map_grid::{MapError, MapGrid};
-use stages::numerics::pinson::{ALT, LAT, LON, S, STATES, VD, VE, VN};
-use stages::numerics::strapdown::{level_attitude_deg, specific_force_ned_mps2, velocity_ned_mps};
+use numerics::{
+    earth::{
+        core_field::{CoreField, CoreFieldError},
+        geodesy::EarthModel,
+    },
+    maps::map_grid::{MapError, MapGrid},
+    navigation::{
+        ins_series::{InsSeries, SeriesError},
+        pinson::{ALT, LAT, LON, S, STATES, VD, VE, VN},
+        strapdown::{level_attitude_deg, specific_force_ned_mps2, velocity_ned_mps},
+    },
+};
 
 const SOUTH_DEG: f64 = -22.166;
 const WEST_DEG: f64 = 140.501;

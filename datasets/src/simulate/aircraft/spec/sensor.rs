@@ -1,7 +1,7 @@
 //! What the spec says of the magnetometers.
 
 use nalgebra::Vector3;
-use stages::numerics::gauss_markov::GaussMarkov;
+use numerics::signal::gauss_markov::GaussMarkov;
 
 use super::{
     super::super::spec::{

@@ -1,8 +1,8 @@
 //! The eddy field is the exact derivative of the field in the body frame, however often the flight is sampled.
 
-use stages::numerics::{
-    least_squares::QrAccumulator,
-    tolles_lawson::{DEFAULT_SCALE_NT, Field as Flux, Terms, matrix},
+use numerics::{
+    compensation::tolles_lawson::{DEFAULT_SCALE_NT, Field as Flux, Terms, matrix},
+    regression::least_squares::QrAccumulator,
 };
 
 use super::{super::super::trajectory::Trajectory, *};
@@ -124,7 +124,7 @@ fn law_a_circle_in_the_core_field_has_the_rate_of_a_steady_turn() {
                   eddy = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]\n";
     let line = &lines_of("", sensor, circle)[0];
     let at = |name: &str, i: usize| Vector3::from(["x", "y", "z"].map(|a| column(line, &format!("{name}_{a}"))[i]));
-    let core = stages::numerics::core_field::CoreField::at(2020.503).unwrap().field_ned_nt(-22.0, 140.6, 500.0);
+    let core = numerics::earth::core_field::CoreField::at(2020.503).unwrap().field_ned_nt(-22.0, 140.6, 500.0);
     let expected = core[0].hypot(core[1]) * 60.0 / 1000.0;
     let mut within = 0;
     for i in 0..line.num_rows() {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use datasets::SurveyPoints;
-use stages::numerics::gridding::far_points;
+use numerics::maps::gridding::far_points;
 
 use crate::cli::note;
 

@@ -1,6 +1,6 @@
 """Takes the continuation cases out of the golden values that MagNav.jl 1.3.3 produced.
 
-    python3 stages/reference/maps/continuation/from_magnav.py magnav_golden.json
+    python3 stages/numerics/reference/maps/continuation/from_magnav.py magnav_golden.json
 
 The input of each case is a formula that the tests repeat; only the values are kept here, by rows.
 """
@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-COMMAND = "python3 stages/reference/maps/continuation/from_magnav.py magnav_golden.json"
+COMMAND = "python3 stages/numerics/reference/maps/continuation/from_magnav.py magnav_golden.json"
 CASES = [
     "upward_fft_noexpand",
     "upward_fft_expand",

@@ -1,6 +1,6 @@
 """Makes the reference tables of the magnetic sources and of the padded transform with harmonica and xrft.
 
-    python3 stages/reference/maps/continuation/make_reference.py
+    python3 stages/numerics/reference/maps/continuation/make_reference.py
 
 Versions are written into each table. The tests never run this; they read the tables beside it.
 """
@@ -15,7 +15,7 @@ import xrft
 
 warnings.simplefilter("ignore")
 HERE = Path(__file__).resolve().parent
-COMMAND = "python3 stages/reference/maps/continuation/make_reference.py"
+COMMAND = "python3 stages/numerics/reference/maps/continuation/make_reference.py"
 MADE_BY = ", ".join(f"{name} {version(name)}" for name in ("harmonica", "choclo", "xrft", "numpy"))
 
 DIPOLE = ((120.0, -80.0, -310.0), (4.0e6, -2.5e6, 7.0e6))

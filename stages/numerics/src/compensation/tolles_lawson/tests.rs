@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::numerics::filter::{Band, ConstantColumns, ZeroPhase};
-use crate::numerics::least_squares::QrAccumulator;
-use crate::numerics::reference_csv::columns;
+use crate::reference_csv::columns;
+use crate::regression::least_squares::QrAccumulator;
+use crate::signal::filter::{Band, ConstantColumns, ZeroPhase};
 
 /// The input of MagNav.jl's golden cases.
 fn flight() -> ([Vec<f64>; 3], Vec<f64>) {

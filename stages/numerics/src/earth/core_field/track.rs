@@ -5,7 +5,7 @@ use super::{
     coefficients::{REFERENCE_RADIUS_M, Span, Table, index},
     dot3,
 };
-use crate::numerics::geodesy::ecef_m;
+use crate::earth::geodesy::ecef_m;
 
 /// Places at a time.
 const LANES: usize = 4;

@@ -1,6 +1,6 @@
 //! The level of maps to each other, from what they say where they overlap.
 
-use crate::numerics::plane_grid::PlaneGrid;
+use crate::maps::plane_grid::PlaneGrid;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 

@@ -1,6 +1,6 @@
 //! How far a known node is from the edge of what is known.
 
-use crate::numerics::plane_grid::PlaneGrid;
+use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 
 /// The distance in metres from each node to the nearest unknown one; infinite where all are known. The border of the
@@ -62,7 +62,7 @@ fn lower_envelope(heights: &[f64], east_m: f64, out: &mut [f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numerics::plane_grid::EvenAxis;
+    use crate::maps::plane_grid::EvenAxis;
 
     #[test]
     fn law_the_distance_is_that_of_the_nearest_unknown_node() {

@@ -1,7 +1,7 @@
 //! A map at the nodes of another grid.
 
-use crate::numerics::map_grid::{Cell, Interpolation, Shape, Surface};
-use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::map_grid::{Cell, Interpolation, Shape, Surface};
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
 /// Nodes closer than this fraction of a step are one.

@@ -2,7 +2,7 @@
 
 use realfft::num_complex::Complex;
 
-use crate::numerics::plane_grid::PlaneGrid;
+use crate::maps::plane_grid::PlaneGrid;
 
 use super::spectrum::Spectrum;
 use super::transform::Factor;

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::numerics::plane_grid::PlaneGrid;
+use crate::maps::plane_grid::PlaneGrid;
 
 use super::extension::Padding;
 use super::spectrum::Spectrum;

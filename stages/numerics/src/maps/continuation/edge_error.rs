@@ -1,6 +1,6 @@
 //! What the unknown field past the edges of a map does to its continuation, measured on the map itself.
 
-use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 use super::extension::{Edge, MOST_PADDING, Padding, Trend, Width};
 use super::{ContinuationError, continued, rms};

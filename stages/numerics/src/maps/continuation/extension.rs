@@ -1,6 +1,6 @@
 //! How a map goes on past its edges, so that a periodic transform can be used on it.
 
-use crate::numerics::plane_grid::PlaneGrid;
+use crate::maps::plane_grid::PlaneGrid;
 
 use super::ContinuationError;
 

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::spectrum::Spectrum;
 use super::transform::Transform;
 use super::upward::gain;
-use crate::numerics::l_curve::log_curvature;
+use crate::regression::l_curve::log_curvature;
 
 /// Rings of wavenumbers, narrow enough for the factor to be the same all over one.
 const RINGS: usize = 4096;

@@ -1,6 +1,6 @@
 //! What a map's heights are worth: the mean square of a map by wavenumber, and how far it is off at another height.
 
-use crate::numerics::plane_grid::PlaneGrid;
+use crate::maps::plane_grid::PlaneGrid;
 
 use super::spectrum::Spectrum;
 use super::{ContinuationError, MAGNAV_ALPHA_M2, Padding};

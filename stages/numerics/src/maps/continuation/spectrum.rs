@@ -2,7 +2,7 @@
 
 use realfft::num_complex::Complex;
 
-use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 use super::ContinuationError;
 use super::extension::{Layout, Padding};

@@ -6,7 +6,7 @@ mod fields;
 mod heights;
 mod laws;
 
-use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 /// A map of a formula of row and column, both from 1.
 fn formula(rows: usize, columns: usize, steps: [f64; 2], value: impl Fn(f64, f64) -> f64) -> PlaneGrid {

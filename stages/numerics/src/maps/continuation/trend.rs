@@ -1,6 +1,6 @@
 //! The level or plane that a map has along its edge.
 
-use crate::numerics::plane_grid::PlaneGrid;
+use crate::maps::plane_grid::PlaneGrid;
 
 use super::extension::Trend;
 

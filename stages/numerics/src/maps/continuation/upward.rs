@@ -1,6 +1,6 @@
 //! Upward and downward continuation, and stacks of levels.
 
-use crate::numerics::plane_grid::PlaneGrid;
+use crate::maps::plane_grid::PlaneGrid;
 
 use super::extension::Padding;
 use super::l_curve::LCurve;

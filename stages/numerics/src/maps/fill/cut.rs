@@ -1,7 +1,7 @@
 //! Cuts a map to what is known or wanted.
 
 use super::{FillError, check};
-use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use std::ops::Range;
 
 /// Limits of a map on the plane, in metres; a side without a limit is infinite.

@@ -1,6 +1,6 @@
 //! The known nodes that can be a neighbour of an unknown one.
 
-use crate::numerics::plane_grid::PlaneGrid;
+use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 
 /// How many rows and columns around an unknown node a known one may lie and still be among the `neighbours` nearest

@@ -2,7 +2,7 @@
 
 use super::edge::edge_nodes;
 use super::{FillError, check};
-use crate::numerics::plane_grid::PlaneGrid;
+use crate::maps::plane_grid::PlaneGrid;
 use kiddo::{ImmutableKdTree, QueryResultItem, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZeroUsize;

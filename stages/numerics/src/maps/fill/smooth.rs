@@ -3,7 +3,7 @@
 use super::cut::bounding_box;
 use super::multigrid::{Cycle, Frame, Level};
 use super::{FillError, check};
-use crate::numerics::plane_grid::PlaneGrid;
+use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 use std::ops::Range;
 

@@ -4,7 +4,7 @@ use super::block::median;
 use super::nearest::NearestPoints;
 use super::survey::SurveyPoints;
 use super::{GridError, GridOptions, Progress, fit};
-use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
 /// Measured values that make the expected error of a node.

@@ -7,7 +7,7 @@
 
 use super::plane::Plane;
 use super::sheet::{Constraint, Sheet};
-use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 /// How a surface is relaxed.
 #[derive(Clone, Copy, Debug, PartialEq)]

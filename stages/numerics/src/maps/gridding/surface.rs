@@ -8,7 +8,7 @@ use super::minimum_curvature::{Relaxed, minimum_curvature};
 use super::nearest::{NearestPoints, range};
 use super::survey::{Cleaned, SurveyPoints};
 use super::{GridError, GridOptions, GridReport, Method, Progress, Region, axes, check, check_columns};
-use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
 /// Blocks around one that say how large a misfit is usual there.

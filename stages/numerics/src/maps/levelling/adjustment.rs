@@ -8,9 +8,9 @@
 //! of a survey that is level already does not become stripes. A line that is out by itself is corrected without regard
 //! to the others.
 
-use super::super::gridding::{SurveyPoints, median};
 use super::noise::CrossoverNoise;
 use super::{Crossover, Gauge, LevelOptions};
+use crate::maps::gridding::{SurveyPoints, median};
 use std::collections::BTreeMap;
 
 /// Rounds in which noise and widths are estimated anew.

@@ -1,6 +1,6 @@
 //! Where survey lines cross each other.
 
-use super::super::gridding::{SurveyPoints, median};
+use crate::maps::gridding::{SurveyPoints, median};
 use rayon::prelude::*;
 
 /// Which crossings count.

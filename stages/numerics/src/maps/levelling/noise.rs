@@ -1,7 +1,7 @@
 //! How far values may differ where lines cross without either line being wrong.
 
-use super::super::gridding::median;
 use super::Crossover;
+use crate::maps::gridding::median;
 
 /// Differences are not told apart more finely than this, nT.
 const RESOLUTION_NT: f64 = 0.01;

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use super::super::gridding::OwnedPoints;
 use super::*;
+use crate::maps::gridding::OwnedPoints;
 
 /// East-west lines 200 m apart and three ties over a smooth field, each with its own error at a part of its way.
 fn survey(error: impl Fn(usize, f64) -> f64) -> OwnedPoints {

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use super::*;
-use crate::numerics::reference_csv::columns;
+use crate::reference_csv::columns;
 
 const DIPOLE: Dipole = Dipole { at_m: [120.0, -80.0, -310.0], moment_am2: [4.0e6, -2.5e6, 7.0e6] };
 const PRISM: Prism =

@@ -1,7 +1,7 @@
 //! Look-ups of many places at once.
 
 use super::{AnomalyMap, Cell, MapError};
-use crate::numerics::field_value::FieldValue;
+use crate::earth::field_value::FieldValue;
 
 /// Values and gradients of many places, a column each; NaN where the map has none.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,7 +27,7 @@ impl FieldColumns {
         self.value_nt.is_empty()
     }
 
-    pub(in crate::numerics) fn resize(&mut self, n: usize) {
+    pub(crate) fn resize(&mut self, n: usize) {
         let Self { value_nt, d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m } = self;
         for column in [value_nt, d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m] {
             column.resize(n, 0.0);
@@ -35,7 +35,7 @@ impl FieldColumns {
     }
 
     /// The place `i` has this field; NaN where there is none.
-    pub(in crate::numerics) fn set(&mut self, i: usize, field: Option<FieldValue>) {
+    pub(crate) fn set(&mut self, i: usize, field: Option<FieldValue>) {
         let field = field.unwrap_or(NOWHERE);
         self.value_nt[i] = field.value_nt;
         self.d_lat_nt_per_rad[i] = field.d_lat_nt_per_rad;
@@ -60,14 +60,14 @@ const NOWHERE: FieldValue =
 
 /// The places of a batch, in degrees and metres; `alt_m` is empty where none is asked for.
 #[derive(Clone, Copy)]
-pub(in crate::numerics) struct Places<'a> {
-    pub(in crate::numerics) lat_deg: &'a [f64],
-    pub(in crate::numerics) lon_deg: &'a [f64],
-    pub(in crate::numerics) alt_m: &'a [f64],
+pub(crate) struct Places<'a> {
+    pub(crate) lat_deg: &'a [f64],
+    pub(crate) lon_deg: &'a [f64],
+    pub(crate) alt_m: &'a [f64],
 }
 
 impl Places<'_> {
-    pub(in crate::numerics) fn check(&self, with_alt: bool) -> Result<(), MapError> {
+    pub(crate) fn check(&self, with_alt: bool) -> Result<(), MapError> {
         let (lat, lon) = (self.lat_deg.len(), self.lon_deg.len());
         let alt = if with_alt { self.alt_m.len() } else { lat };
         if lat != lon || lat != alt { Err(MapError::Places { lat, lon, alt }) } else { Ok(()) }
@@ -75,7 +75,7 @@ impl Places<'_> {
 }
 
 /// What is looked up in a batch; heights are 0 where the places have none.
-pub(in crate::numerics) trait LookUp {
+pub(crate) trait LookUp {
     /// The cell of a place in degrees.
     fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell>;
     /// Reads a little of all that [`Self::field`] will read, so that it is on its way from memory.
@@ -85,7 +85,7 @@ pub(in crate::numerics) trait LookUp {
 }
 
 /// Looks many places up; what `out` held before is dropped, its memory kept.
-pub(in crate::numerics) fn look_up_many(
+pub(crate) fn look_up_many(
     map: &impl LookUp,
     places: Places<'_>,
     with_alt: bool,

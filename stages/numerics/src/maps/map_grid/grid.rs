@@ -1,8 +1,8 @@
 //! The grid itself: even, ascending axes and the node values.
 
 use super::holes::Shape;
-use crate::numerics::geodesy::EarthModel;
-use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use crate::earth::geodesy::EarthModel;
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use thiserror::Error;
 
 /// Largest departure of a node from its even place, as a fraction of the step. Coordinates kept
@@ -365,7 +365,7 @@ impl MapGrid {
     }
 
     /// Whether a companion has a finite value at every known node.
-    pub(in crate::numerics) fn check_companion(&self, companion: &'static str, values: &[f64]) -> Result<(), MapError> {
+    pub(crate) fn check_companion(&self, companion: &'static str, values: &[f64]) -> Result<(), MapError> {
         if values.len() != self.values.len() {
             return Err(MapError::CompanionSize { companion, nodes: self.values.len(), values: values.len() });
         }
@@ -376,7 +376,7 @@ impl MapGrid {
         }
     }
 
-    pub(in crate::numerics) fn shape(&self) -> Shape {
+    pub(crate) fn shape(&self) -> Shape {
         Shape { rows: self.lat.len, columns: self.lon.len }
     }
 

@@ -2,9 +2,9 @@
 
 /// The rows and columns of a grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::numerics) struct Shape {
-    pub(in crate::numerics) rows: usize,
-    pub(in crate::numerics) columns: usize,
+pub(crate) struct Shape {
+    pub(crate) rows: usize,
+    pub(crate) columns: usize,
 }
 
 /// Which cells have an unknown node, a bit each; without words where every node is known.

@@ -4,24 +4,24 @@
 use super::Interpolation;
 use super::holes::{Shape, UnknownCells, filled};
 use super::quadratic;
-use crate::numerics::natural_cubic;
+use crate::signal::natural_cubic;
 use rayon::prelude::*;
 
 /// A cell of the grid and the place in it, as fractions of a step northward and eastward.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::numerics) struct Cell {
-    pub(in crate::numerics) row: usize,
-    pub(in crate::numerics) column: usize,
-    pub(in crate::numerics) up: f64,
-    pub(in crate::numerics) right: f64,
+pub(crate) struct Cell {
+    pub(crate) row: usize,
+    pub(crate) column: usize,
+    pub(crate) up: f64,
+    pub(crate) right: f64,
 }
 
 /// Values of all quantities at a place and their slopes per step northward and eastward.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::numerics) struct Jet<const QUANTITIES: usize> {
-    pub(in crate::numerics) value: [f64; QUANTITIES],
-    pub(in crate::numerics) per_row: [f64; QUANTITIES],
-    pub(in crate::numerics) per_column: [f64; QUANTITIES],
+pub(crate) struct Jet<const QUANTITIES: usize> {
+    pub(crate) value: [f64; QUANTITIES],
+    pub(crate) per_row: [f64; QUANTITIES],
+    pub(crate) per_column: [f64; QUANTITIES],
 }
 
 /// Second derivatives per step northward twice, northward and eastward, eastward twice.
@@ -34,7 +34,7 @@ pub(super) struct Bend {
 
 /// A grid of interleaved quantities; where the first is unknown, all are.
 #[derive(Clone, Debug)]
-pub(in crate::numerics) struct Surface<const QUANTITIES: usize> {
+pub(crate) struct Surface<const QUANTITIES: usize> {
     interpolation: Interpolation,
     /// Nodes in a row of the table.
     width: usize,
@@ -47,7 +47,7 @@ pub(in crate::numerics) struct Surface<const QUANTITIES: usize> {
 
 impl<const QUANTITIES: usize> Surface<QUANTITIES> {
     /// Each quantity has one value a node, by rows; the grid has at least two rows and columns.
-    pub(in crate::numerics) fn new(shape: Shape, values: [&[f64]; QUANTITIES], interpolation: Interpolation) -> Self {
+    pub(crate) fn new(shape: Shape, values: [&[f64]; QUANTITIES], interpolation: Interpolation) -> Self {
         if interpolation == Interpolation::Linear {
             let table = interleaved(shape.rows * shape.columns, values);
             return Self { interpolation, width: shape.columns, table, unknown: UnknownCells::default() };
@@ -59,13 +59,13 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
         Self { interpolation, width: shape.columns + 2, table, unknown }
     }
 
-    pub(in crate::numerics) fn interpolation(&self) -> Interpolation {
+    pub(crate) fn interpolation(&self) -> Interpolation {
         self.interpolation
     }
 
     /// All quantities at a place; `None` in a cell with an unknown node.
     #[inline(always)]
-    pub(in crate::numerics) fn at(&self, cell: Cell) -> Option<Jet<QUANTITIES>> {
+    pub(crate) fn at(&self, cell: Cell) -> Option<Jet<QUANTITIES>> {
         match self.interpolation {
             Interpolation::Linear => self.bilinear(cell),
             Interpolation::Cubic => self.spline(cell, natural_cubic_weights, natural_cubic_slopes),
@@ -76,7 +76,7 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
     /// Reads the first and the last node of each row that [`Self::at`] reads, so that all of their cache lines are on
     /// the way from memory; the sum is of no use.
     #[inline(always)]
-    pub(in crate::numerics) fn touch(&self, cell: Cell) -> f64 {
+    pub(crate) fn touch(&self, cell: Cell) -> f64 {
         match self.interpolation {
             Interpolation::Linear => self.touch_rows::<2>(cell),
             Interpolation::Quadratic | Interpolation::Cubic => self.touch_rows::<4>(cell),
@@ -183,7 +183,7 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
 
 impl Surface<1> {
     /// One quantity with a value everywhere: in a gap that of its filling, which is for the caller to hide.
-    pub(in crate::numerics) fn over_gaps(shape: Shape, values: &[f64], interpolation: Interpolation) -> Self {
+    pub(crate) fn over_gaps(shape: Shape, values: &[f64], interpolation: Interpolation) -> Self {
         let values = filled(shape, values);
         Self::new(shape, [values.as_slice()], interpolation)
     }

@@ -1,8 +1,8 @@
 //! A map that was flown or computed at a height that follows the ground.
 
 use super::MapStack;
-use crate::numerics::field_value::FieldValue;
-use crate::numerics::map_grid::{
+use crate::earth::field_value::FieldValue;
+use crate::maps::map_grid::{
     Axes, Cell, FieldColumns, Interpolation, Jet, LookUp, MapError, MapGrid, Places, Surface, look_up_many,
 };
 

@@ -1,6 +1,6 @@
 //! What a stack is made of, node by node.
 
-use crate::numerics::map_grid::MapGrid;
+use crate::maps::map_grid::MapGrid;
 use rayon::prelude::*;
 
 /// The values of each map, NaN at every level where one level is unknown.

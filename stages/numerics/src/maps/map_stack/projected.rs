@@ -1,9 +1,9 @@
 //! A map on its own grid of eastings and northings, looked up at latitudes and longitudes.
 
 use super::MapStack;
-use crate::numerics::field_value::FieldValue;
-use crate::numerics::grid_projection::GridProjection;
-use crate::numerics::map_grid::{AnomalyMap, FieldColumns, MapError, Places};
+use crate::earth::field_value::FieldValue;
+use crate::maps::grid_projection::GridProjection;
+use crate::maps::map_grid::{AnomalyMap, FieldColumns, MapError, Places};
 
 /// A map, or a stack of maps, on the grid of a projection ([`MapGrid::of_nodes`](super::MapGrid::of_nodes)).
 ///

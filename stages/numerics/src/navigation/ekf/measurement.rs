@@ -2,8 +2,8 @@
 
 use pulp::Simd;
 
-use crate::numerics::pinson::{ALT, LAT, LON, S, STATES};
-use crate::numerics::transition::lanes::{Matrices, Vectors};
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
+use crate::navigation::transition::lanes::{Matrices, Vectors};
 
 /// The row H of each measurement, which has entries for position and S only.
 /// [thesis 000 (5.37), with the 1 of S that is missing in print]

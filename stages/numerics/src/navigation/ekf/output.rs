@@ -1,9 +1,9 @@
 //! What the filter hands out.
 
 use super::Innovation;
-use crate::numerics::geodesy::EarthModel;
-use crate::numerics::ins_series::InsSeries;
-use crate::numerics::pinson::{ALT, LAT, LON, StateMatrix, StateVector, VD, VE, VN};
+use crate::earth::geodesy::EarthModel;
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::pinson::{ALT, LAT, LON, StateMatrix, StateVector, VD, VE, VN};
 
 /// How the samples of a line were used; the first four add up to the number of samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -5,15 +5,15 @@ use pulp::Simd;
 use super::measurement::{Correction, Sensitivities};
 use super::steps::Step;
 use super::{EkfError, EkfOutput, EkfPoint, Innovation};
-use crate::numerics::core_field::LinearisedCoreField;
-use crate::numerics::field_value::FieldValue;
-use crate::numerics::gauss_markov::GaussMarkov;
-use crate::numerics::ins_series::InsSeries;
-use crate::numerics::pinson::{ALT, LAT, LON, S, STATES};
-use crate::numerics::transition::NoiseDiscretisation;
-use crate::numerics::transition::lanes::{
+use crate::earth::core_field::LinearisedCoreField;
+use crate::earth::field_value::FieldValue;
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
+use crate::navigation::transition::NoiseDiscretisation;
+use crate::navigation::transition::lanes::{
     Matrices, Vectors, add_diagonals, add_to_all, from_lanes, lane, propagate_covariances, propagate_states,
 };
+use crate::signal::gauss_markov::GaussMarkov;
 
 /// The most lanes that a register has.
 const MOST_LANES: usize = 8;

@@ -1,7 +1,7 @@
 //! What the filter is told, and why it may refuse.
 
-use crate::numerics::ins_error::{InsErrorModel, ParameterError, require};
-use crate::numerics::ins_series::SeriesError;
+use crate::navigation::ins_error::{InsErrorModel, ParameterError, require};
+use crate::navigation::ins_series::SeriesError;
 use thiserror::Error;
 
 /// The parameters of the filter.

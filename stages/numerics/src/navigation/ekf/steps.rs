@@ -1,10 +1,10 @@
 //! The steps from sample to sample, which filters of the same error model share.
 
-use crate::numerics::ins_error::InsErrorModel;
-use crate::numerics::ins_series::InsSeries;
-use crate::numerics::pinson::{PinsonForm, S, StateMatrix, StateVector, TimeConstants, pinson_matrix};
-use crate::numerics::transition::lanes::Transition;
-use crate::numerics::transition::{NoiseDiscretisation, transition_matrix, van_loan};
+use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::pinson::{PinsonForm, S, StateMatrix, StateVector, TimeConstants, pinson_matrix};
+use crate::navigation::transition::lanes::Transition;
+use crate::navigation::transition::{NoiseDiscretisation, transition_matrix, van_loan};
 
 /// All that the steps along a line depend on besides the line. The temporal variation is left out: it drives nothing
 /// and decays by itself, so every filter has its own.

@@ -1,11 +1,11 @@
 #![allow(clippy::unwrap_used)]
-use super::super::ins_error::InsErrorModel;
-use super::super::map_grid::tests::golden_grid;
-use super::super::map_grid::{AnomalyMap, Interpolation, MapGrid};
-use super::super::pinson::tests::{golden, golden_entries};
-use super::super::pinson::{ALT, LAT, LON, MAGNAV_POSITION, S, STATES, StateVector, VN};
-use super::super::transition::NoiseDiscretisation;
 use super::*;
+use crate::maps::map_grid::tests::golden_grid;
+use crate::maps::map_grid::{AnomalyMap, Interpolation, MapGrid};
+use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::pinson::tests::{golden, golden_entries};
+use crate::navigation::pinson::{ALT, LAT, LON, MAGNAV_POSITION, S, STATES, StateVector, VN};
+use crate::navigation::transition::NoiseDiscretisation;
 use nalgebra::SMatrix;
 
 /// A line with its columns owned.

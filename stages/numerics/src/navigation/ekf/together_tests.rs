@@ -1,8 +1,8 @@
 #![allow(clippy::unwrap_used)]
-use super::super::ins_error::InsErrorModel;
-use super::super::map_grid::{AnomalyMap, Interpolation, MapGrid};
-use super::super::transition::NoiseDiscretisation;
 use super::*;
+use crate::maps::map_grid::{AnomalyMap, Interpolation, MapGrid};
+use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::transition::NoiseDiscretisation;
 
 const ROWS: usize = 230;
 
@@ -197,10 +197,10 @@ fn law_a_step_in_lanes_is_the_step_of_one_matrix() {
         owned.measurement_nt.fill(f64::NAN);
         let output = alone(&ins, &borrowed(&owned, &maps, &core)).unwrap();
         let errors = owned.parameters.errors;
-        let f = super::super::pinson::pinson_matrix(&ins.point(0), &errors.time_constants(), errors.pinson);
-        let phi = super::super::transition::transition_matrix(&f, 0.1);
+        let f = crate::navigation::pinson::pinson_matrix(&ins.point(0), &errors.time_constants(), errors.pinson);
+        let phi = crate::navigation::transition::transition_matrix(&f, 0.1);
         let density = errors.noise_density();
-        let step = super::super::transition::step_covariance(&output.p[0], &f, &phi, &density, 0.1, errors.noise);
+        let step = crate::navigation::transition::step_covariance(&output.p[0], &f, &phi, &density, 0.1, errors.noise);
         for (ours, theirs) in output.p[1].iter().flatten().zip(step.iter().flatten()) {
             assert!((ours - theirs).abs() <= 1e-12 * theirs.abs(), "{place} {ours:e} {theirs:e}");
         }

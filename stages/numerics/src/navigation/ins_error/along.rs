@@ -2,10 +2,10 @@
 
 use super::driving::{Draws, Driving, blocks};
 use super::{InsErrorFault, InsErrorModel};
-use crate::numerics::geodesy::EarthModel;
-use crate::numerics::ins_series::InsSeries;
-use crate::numerics::pinson::{LAT, LON, STATES, StateMatrix, StateVector, pinson_matrix};
-use crate::numerics::transition::{propagate_state, transition_matrix};
+use crate::earth::geodesy::EarthModel;
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector, pinson_matrix};
+use crate::navigation::transition::{propagate_state, transition_matrix};
 
 impl InsErrorModel {
     /// An error drawn from the initial covariance at a latitude (rad) and altitude (m): 18 draws.

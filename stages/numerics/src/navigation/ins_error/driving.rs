@@ -5,7 +5,7 @@
 //! the same realisation as who runs in steps of 4 ms.
 
 use super::InsErrorModel;
-use crate::numerics::pinson::{A_HAT, STATES, StateVector, VN};
+use crate::navigation::pinson::{A_HAT, STATES, StateVector, VN};
 
 /// How long a block is, in seconds; a longer step is a block of its own.
 const BLOCK_S: f64 = 1.0;

@@ -5,12 +5,12 @@ use std::f64::consts::TAU;
 
 use nalgebra::{SMatrix, SVector};
 
-use super::super::geodesy::{EARTH_RATE_RADPS, EarthModel, SEMI_MAJOR_AXIS_M, STANDARD_GRAVITY_MPS2};
-use super::super::mechanisation::Earth;
-use super::super::pinson::TILT_D;
-use super::super::test_normals::Normals;
-use super::super::transition::step_covariance;
 use super::*;
+use crate::earth::geodesy::{EARTH_RATE_RADPS, EarthModel, SEMI_MAJOR_AXIS_M, STANDARD_GRAVITY_MPS2};
+use crate::navigation::mechanisation::Earth;
+use crate::navigation::pinson::TILT_D;
+use crate::navigation::transition::step_covariance;
+use crate::random::Normals;
 
 /// A level flight of 60 m/s on the error model's own sphere at height 0, that weaves by `weave_rad`
 /// about 30 degrees in two minutes.

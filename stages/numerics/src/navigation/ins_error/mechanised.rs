@@ -5,11 +5,11 @@ use nalgebra::Vector3;
 use super::along::steps_s;
 use super::driving::{Draws, Driving, blocks};
 use super::{InsErrorFault, InsErrorModel};
-use crate::numerics::attitude::{body_to_ned, tilt_between, tilted};
-use crate::numerics::gauss_markov::GaussMarkov;
-use crate::numerics::ins_series::InsSeries;
-use crate::numerics::mechanisation::{Earth, ImuErrors, Mechanisation, Motion, Reading, Readings, quaternion};
-use crate::numerics::pinson::{A_HAT, ACC, ALT, GYRO, HA, LAT, LON, S, STATES, StateVector, TILT_N, VN};
+use crate::earth::attitude::{body_to_ned, tilt_between, tilted};
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::mechanisation::{Earth, ImuErrors, Mechanisation, Motion, Reading, Readings, quaternion};
+use crate::navigation::pinson::{A_HAT, ACC, ALT, GYRO, HA, LAT, LON, S, STATES, StateVector, TILT_N, VN};
+use crate::signal::gauss_markov::GaussMarkov;
 
 /// What the mechanisation knows beyond the error model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -1,9 +1,9 @@
 #![allow(clippy::unwrap_used)]
-use super::super::pinson::MAGNAV_POSITION;
-use super::super::pinson::tests::golden;
-use super::super::test_normals::Normals;
-use super::super::transition::step_covariance;
 use super::*;
+use crate::navigation::pinson::MAGNAV_POSITION;
+use crate::navigation::pinson::tests::golden;
+use crate::navigation::transition::step_covariance;
+use crate::random::Normals;
 
 /// MagNav.jl's numbers where the contract's defaults are rounded.
 fn magnav() -> InsErrorModel {
@@ -125,7 +125,7 @@ fn law_no_uncertainty_and_no_noise_make_no_error() {
 
 #[test]
 fn r10_the_heading_starts_with_an_uncertainty_of_its_own() {
-    use super::super::pinson::{TILT_D, TILT_E};
+    use crate::navigation::pinson::{TILT_D, TILT_E};
     let (tilt, heading) = (0.01_f64.to_radians(), 0.1_f64.to_radians());
     let model = InsErrorModel { init_heading_sigma_deg: Some(0.1), ..InsErrorModel::default() };
     let p = model.initial_covariance(0.5, 300.0);

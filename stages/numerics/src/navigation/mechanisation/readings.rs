@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::{Earth, Motion, REPETITIONS, Reading, surroundings};
-use crate::numerics::attitude::skew;
+use crate::earth::attitude::skew;
 
 /// What error-free sensors read along a motion that is given by velocities and attitudes.
 ///

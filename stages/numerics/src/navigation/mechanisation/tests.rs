@@ -1,7 +1,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::*;
-use crate::numerics::attitude::{body_to_ned, tilt_between};
+use crate::earth::attitude::{body_to_ned, tilt_between};
 
 const NOT_ROTATING: Earth = Earth::Sphere { rate_radps: 0.0 };
 const R: f64 = SEMI_MAJOR_AXIS_M;

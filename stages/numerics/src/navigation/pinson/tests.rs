@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
-use super::super::attitude::{tilt_between, tilted};
-use super::super::geodesy::STANDARD_GRAVITY_MPS2;
 use super::*;
+use crate::earth::attitude::{tilt_between, tilted};
+use crate::earth::geodesy::STANDARD_GRAVITY_MPS2;
 use nalgebra::{Matrix3, Vector3};
 
 /// The values that MagNav.jl 1.3.3 computed, by name: row, column and value.

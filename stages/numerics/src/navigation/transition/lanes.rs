@@ -7,12 +7,12 @@
 use pulp::{Simd, bytemuck};
 
 use super::{DECAYING, STATES, StateMatrix, StateVector};
-use crate::numerics::pinson::{A_HAT, ALT, LAT, LON, S, TILT_D, TILT_E, TILT_N, VD, VE, VN};
+use crate::navigation::pinson::{A_HAT, ALT, LAT, LON, S, TILT_D, TILT_E, TILT_N, VD, VE, VN};
 
 /// A vector over the states, in every lane one.
-pub(in crate::numerics) type Vectors<S> = [<S as Simd>::f64s; STATES];
+pub(crate) type Vectors<S> = [<S as Simd>::f64s; STATES];
 /// A matrix over the states, in every lane one.
-pub(in crate::numerics) type Matrices<S> = [Vectors<S>; STATES];
+pub(crate) type Matrices<S> = [Vectors<S>; STATES];
 
 /// The states that depend on others.
 const COUPLED: [usize; COUPLED_STATES] = [LAT, LON, ALT, VN, VE, VD, TILT_N, TILT_E, TILT_D, A_HAT];
@@ -22,7 +22,7 @@ const LON_PLACE: usize = 1;
 
 /// What is not zero of a transition matrix.
 #[derive(Clone, Debug)]
-pub(in crate::numerics) struct Transition {
+pub(crate) struct Transition {
     /// By column, the entries of the coupled rows.
     columns: [[f64; COUPLED_STATES]; STATES],
     /// Of the rows of the Gauss-Markov states, the diagonal.
@@ -31,7 +31,7 @@ pub(in crate::numerics) struct Transition {
 
 impl Transition {
     #[inline(always)]
-    pub(in crate::numerics) fn of(phi: &StateMatrix) -> Self {
+    pub(crate) fn of(phi: &StateMatrix) -> Self {
         let (mut columns, mut decay) = ([[0.0; COUPLED_STATES]; STATES], [0.0; STATES]);
         for (place, row) in COUPLED.into_iter().enumerate() {
             for (column, entry) in columns.iter_mut().zip(&phi[row]) {
@@ -47,13 +47,13 @@ impl Transition {
 
 /// One lane of a register.
 #[inline(always)]
-pub(in crate::numerics) fn lane<S: Simd>(values: &S::f64s, lane: usize) -> f64 {
+pub(crate) fn lane<S: Simd>(values: &S::f64s, lane: usize) -> f64 {
     bytemuck::cast_slice::<S::f64s, f64>(std::slice::from_ref(values)).get(lane).copied().unwrap_or(f64::NAN)
 }
 
 /// A register of a number a lane.
 #[inline(always)]
-pub(in crate::numerics) fn from_lanes<S: Simd>(simd: S, mut of: impl FnMut(usize) -> f64) -> S::f64s {
+pub(crate) fn from_lanes<S: Simd>(simd: S, mut of: impl FnMut(usize) -> f64) -> S::f64s {
     let mut values = simd.splat_f64s(0.0);
     let lanes = bytemuck::cast_slice_mut::<S::f64s, f64>(std::slice::from_mut(&mut values));
     lanes.iter_mut().enumerate().for_each(|(lane, value)| *value = of(lane));
@@ -98,12 +98,7 @@ fn decays<S: Simd>(simd: S, phi: &Transition, fogm_decay: S::f64s) -> [S::f64s; 
 
 /// x ← Φ x. `fogm_decay` stands for the diagonal entry of the temporal variation.
 #[inline(always)]
-pub(in crate::numerics) fn propagate_states<S: Simd>(
-    simd: S,
-    phi: &Transition,
-    fogm_decay: S::f64s,
-    x: &mut Vectors<S>,
-) {
+pub(crate) fn propagate_states<S: Simd>(simd: S, phi: &Transition, fogm_decay: S::f64s, x: &mut Vectors<S>) {
     let moved: [S::f64s; COUPLED_STATES] = coupled(simd, phi, x);
     for (state, moved) in COUPLED.into_iter().zip(moved) {
         x[state] = moved;
@@ -115,12 +110,7 @@ pub(in crate::numerics) fn propagate_states<S: Simd>(
 
 /// P ← Φ P Φᵀ of a symmetric P, exactly symmetric. `fogm_decay` stands for the diagonal entry of the temporal variation.
 #[inline(always)]
-pub(in crate::numerics) fn propagate_covariances<S: Simd>(
-    simd: S,
-    phi: &Transition,
-    fogm_decay: S::f64s,
-    p: &mut Matrices<S>,
-) {
+pub(crate) fn propagate_covariances<S: Simd>(simd: S, phi: &Transition, fogm_decay: S::f64s, p: &mut Matrices<S>) {
     // The coupled rows of Y = Φ P. P is its own transpose, so a column of it lies in a row.
     let mut y = [[simd.splat_f64s(0.0); STATES]; COUPLED_STATES];
     for (state, p) in p.iter().enumerate() {
@@ -164,7 +154,7 @@ fn fill<V: Copy>(p: &mut [[V; STATES]; STATES], place: usize, entries: &[V]) {
 
 /// Adds a multiple of a vector to the diagonal.
 #[inline(always)]
-pub(in crate::numerics) fn add_diagonals<S: Simd>(simd: S, p: &mut Matrices<S>, factor: f64, entries: &Vectors<S>) {
+pub(crate) fn add_diagonals<S: Simd>(simd: S, p: &mut Matrices<S>, factor: f64, entries: &Vectors<S>) {
     let factor = simd.splat_f64s(factor);
     for (state, entry) in entries.iter().enumerate() {
         p[state][state] = simd.add_f64s(p[state][state], simd.mul_f64s(*entry, factor));
@@ -173,7 +163,7 @@ pub(in crate::numerics) fn add_diagonals<S: Simd>(simd: S, p: &mut Matrices<S>, 
 
 /// Adds the same matrix in every lane.
 #[inline(always)]
-pub(in crate::numerics) fn add_to_all<S: Simd>(simd: S, p: &mut Matrices<S>, matrix: &StateMatrix) {
+pub(crate) fn add_to_all<S: Simd>(simd: S, p: &mut Matrices<S>, matrix: &StateMatrix) {
     for (p, row) in p.iter_mut().zip(matrix) {
         for (p, entry) in p.iter_mut().zip(row) {
             *p = simd.add_f64s(*p, simd.splat_f64s(*entry));

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
-use super::super::pinson::tests::{GOLDEN_POINT, GOLDEN_TIMES, golden_in_our_order};
-use super::super::pinson::{InsPoint, PinsonForm, TimeConstants, pinson_matrix};
 use super::*;
+use crate::navigation::pinson::tests::{GOLDEN_POINT, GOLDEN_TIMES, golden_in_our_order};
+use crate::navigation::pinson::{InsPoint, PinsonForm, TimeConstants, pinson_matrix};
 use nalgebra::SMatrix;
 
 fn cases() -> [(&'static str, StateMatrix); 2] {
@@ -20,7 +20,7 @@ fn cases() -> [(&'static str, StateMatrix); 2] {
 
 /// Spectral densities of the reference's process noise: MagNav.jl's defaults.
 fn density() -> StateVector {
-    super::super::ins_error::InsErrorModel { vrw_sigma: 2.38e-4, arw_sigma: 5.81e-7, ..Default::default() }
+    crate::navigation::ins_error::InsErrorModel { vrw_sigma: 2.38e-4, arw_sigma: 5.81e-7, ..Default::default() }
         .noise_density()
 }
 

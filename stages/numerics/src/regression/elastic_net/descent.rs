@@ -1,6 +1,6 @@
 //! Coordinate descent on covariances, with exact steps over the terms that take part.
 
-use crate::numerics::least_squares::{LeastSquaresError, Prepared, Triangular};
+use crate::regression::least_squares::{LeastSquaresError, Prepared, Triangular};
 
 /// How a descent ended.
 pub(super) struct End {

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::numerics::reference_csv::{TERMS, columns, model_lines};
-use crate::numerics::test_normals::Normals;
+use crate::random::Normals;
+use crate::reference_csv::{TERMS, columns, model_lines};
 
 fn lines() -> Vec<Moments> {
     model_lines().iter().map(|line| Moments::of(&line.a, 8, &[&line.y0]).unwrap()).collect()

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::numerics::reference_csv::{TERMS, columns, model_lines};
-use crate::numerics::test_normals::Normals;
+use crate::random::Normals;
+use crate::reference_csv::{TERMS, columns, model_lines};
 
 /// The four lines of the reference samples: row-major terms, and two targets.
 fn lines() -> Vec<(Vec<f64>, Vec<f64>, Vec<f64>)> {

@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::numerics::reference_csv::columns;
+use crate::reference_csv::columns;
 
 const NAMES: [&str; 5] = ["a0", "a1", "a2", "a3", "a4"];
 

@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::numerics::reference_csv::columns;
+use crate::reference_csv::columns;
 
 fn band(low_hz: f64, high_hz: f64) -> Band {
     Band::Band { low_hz, high_hz }

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
-use super::super::test_normals::Normals;
 use super::*;
+use crate::random::Normals;
 
 const RATE_HZ: f64 = 10.0;
 

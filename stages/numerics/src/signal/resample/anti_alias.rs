@@ -1,7 +1,7 @@
 //! The low-pass that goes before a resampling to a lower rate.
 
-use super::super::filter::{Band, FilterError, ZeroPhase};
-use super::super::segments::{FilterReport, STEP_TOLERANCE, TimeError, Usable, filter_column, sample_rate};
+use crate::signal::filter::{Band, FilterError, ZeroPhase};
+use crate::signal::segments::{FilterReport, STEP_TOLERANCE, TimeError, Usable, filter_column, sample_rate};
 
 /// The corner of the low-pass as a fraction of half of the new rate.
 pub const ANTI_ALIAS_FRACTION: f64 = 0.8;

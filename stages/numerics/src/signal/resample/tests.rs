@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::numerics::reference_csv::columns;
+use crate::reference_csv::columns;
 
 const METHODS: [Method; 3] = [Method::Linear, Method::Nearest, Method::Cubic];
 

@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 use super::*;
-use crate::numerics::reference_csv::columns;
+use crate::reference_csv::columns;
 
 fn samples() -> Vec<f64> {
     columns(include_str!("../../../reference/signal/spectrum_samples.csv"))["x"].clone()

@@ -1,7 +1,7 @@
 //! The values of MagNav.jl and of harmonica.
 
-use crate::numerics::continuation::*;
-use crate::numerics::reference_csv::columns;
+use crate::maps::continuation::*;
+use crate::reference_csv::columns;
 
 use super::{formula, worst};
 

@@ -1,7 +1,7 @@
 //! Against dipoles and prisms, whose field is known everywhere.
 
-use crate::numerics::continuation::*;
-use crate::numerics::magnetic_sources::direction;
+use crate::maps::continuation::*;
+use crate::maps::magnetic_sources::direction;
 
 use super::fields::*;
 

@@ -1,7 +1,7 @@
 //! Maps of dipoles and prisms with their closed form at any point.
 
-use crate::numerics::magnetic_sources::*;
-use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::magnetic_sources::*;
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 /// Where sources are.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,8 +1,8 @@
 //! What a map is off by at another height.
 
 use super::fields::{Field, Scene, minus, rms_where};
-use crate::numerics::continuation::RadialPower;
-use crate::numerics::plane_grid::{EvenAxis, PlaneGrid};
+use crate::maps::continuation::RadialPower;
+use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 #[test]
 fn law_the_error_of_a_height_is_that_of_the_field_in_closed_form() {

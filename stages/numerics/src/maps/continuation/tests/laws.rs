@@ -2,7 +2,7 @@
 
 use realfft::num_complex::Complex;
 
-use crate::numerics::continuation::*;
+use crate::maps::continuation::*;
 
 use super::fields::{Field, Random, Scene, depth, minus, rms_where};
 use super::{formula, worst};

@@ -6,7 +6,7 @@ mod sources;
 mod whole;
 
 use super::*;
-use crate::numerics::reference_csv::columns;
+use crate::reference_csv::columns;
 use std::collections::BTreeMap;
 
 /// No progress is shown.
