@@ -414,7 +414,7 @@ macro_rules! stage {
                         },
                         rule: {
                             #[allow(unused_mut, unused_assignments)]
-                            let mut r = $crate::Rule::Any;
+                            let mut r = $crate::words_rule::<$pt>();
                             $( r = $rule; )?
                             r.words()
                         },
@@ -455,6 +455,12 @@ macro_rules! stage {
     };
 }
 
+/// The words that a type allows by itself.
+#[doc(hidden)]
+pub fn words_rule<T: crate::Value>() -> crate::Rule {
+    if T::WORDS.is_empty() { crate::Rule::Any } else { crate::Rule::OneOf(T::WORDS) }
+}
+
 /// Reads one parameter for the [`stage!`](crate::stage!) declaration.
 #[doc(hidden)]
 pub fn read_param<T: crate::Value>(
@@ -473,6 +479,10 @@ pub fn read_param<T: crate::Value>(
         return absent;
     };
     let Some(value) = T::read(literal) else {
+        if let (Some(word), false) = (literal.as_text(), T::WORDS.is_empty()) {
+            faults.push(Fault::new(format!("`{name}` cannot be `{word}`")).nearest(word, T::WORDS).at(at.clone()));
+            return None;
+        }
         let what = format!("`{name}` of `{stage}` must be a {}, not a {}", T::TYPE, literal.type_name());
         faults.push(Fault::new(what).at(at.clone()));
         return None;

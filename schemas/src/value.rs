@@ -106,6 +106,9 @@ pub trait Value: Sized {
     /// Whether it may be left out without a default.
     const OPTIONAL: bool = false;
 
+    /// The words that it can be, of a [`choice!`](crate::choice!); empty for other types.
+    const WORDS: &'static [&'static str] = &[];
+
     /// The value of a literal, or `None` where the type does not fit.
     fn read(literal: &Literal) -> Option<Self>;
 
@@ -260,6 +263,7 @@ impl<T: Value> Value for Vec<T> {
 impl<T: Value> Value for Option<T> {
     const TYPE: &'static str = T::TYPE;
     const OPTIONAL: bool = true;
+    const WORDS: &'static [&'static str] = T::WORDS;
 
     fn read(literal: &Literal) -> Option<Option<T>> {
         T::read(literal).map(Some)
@@ -276,6 +280,60 @@ impl<T: Value> Value for Option<T> {
     fn canonical(&self) -> String {
         self.as_ref().map_or("none".to_owned(), T::canonical)
     }
+}
+
+/// Declares a choice among words: an `enum` that is read from its word in the spec, so that no text is left to compare
+/// later.
+///
+/// ```
+/// use schemas::{Literal, Value, choice};
+/// choice! {
+///     /// What is between the nodes.
+///     pub enum Between {
+///         /// A straight line.
+///         Linear = "linear",
+///         /// A polynomial of third degree.
+///         Cubic = "cubic",
+///     }
+/// }
+/// assert_eq!(Between::read(&Literal::Text("cubic".into())), Some(Between::Cubic));
+/// assert_eq!(Between::Linear.word(), "linear");
+/// ```
+#[macro_export]
+macro_rules! choice {
+    (
+        $(#[doc = $d:literal])*
+        $v:vis enum $Ty:ident { $( $(#[doc = $vd:literal])* $V:ident = $word:literal ),+ $(,)? }
+    ) => {
+        $(#[doc = $d])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+        $v enum $Ty { $( $(#[doc = $vd])* $V, )+ }
+
+        impl $Ty {
+            /// The word in a spec.
+            pub const fn word(self) -> &'static str {
+                match self { $( $Ty::$V => $word, )+ }
+            }
+        }
+
+        impl $crate::Value for $Ty {
+            const TYPE: &'static str = "text";
+            const WORDS: &'static [&'static str] = &[$($word),+];
+
+            fn read(literal: &$crate::Literal) -> Option<$Ty> {
+                let word = literal.as_text()?;
+                [$($Ty::$V),+].into_iter().find(|choice| choice.word() == word)
+            }
+
+            fn check(&self, _: &$crate::Rule) -> Result<(), $crate::Fault> {
+                Ok(())
+            }
+
+            fn canonical(&self) -> String {
+                format!("{:?}", self.word())
+            }
+        }
+    };
 }
 
 #[cfg(test)]
