@@ -125,7 +125,7 @@ fn val_partial_least_squares_of_two_targets_is_scikit_learns() {
         near(&bench, &format!("alone{k}"), &pls, k - 1, 1e-8);
     }
     let refused = small_case(&fit("no", "mag_4_uc", "model = \"ridge\"\nwith_targets = [\"mag_5_uc\"]")).run(&[]);
-    assert!(refused.code == 2 && refused.stderr.contains("only `pls` explains several targets"), "{}", refused.stderr);
+    assert!(refused.code == 2 && refused.stderr.contains("`with_targets` belongs to `pls`"), "{}", refused.stderr);
 }
 
 #[test]
@@ -433,4 +433,40 @@ fn law_errors_from_noise_are_as_large_as_predicted() {
     // Together: squares of unit mean. Terms of one flight go together, so that they count as 240 at least.
     let mean = squares.iter().sum::<f64>() / squares.len() as f64;
     assert!((mean - 1.0).abs() < 3.5 * (2.0f64 / 240.0).sqrt(), "{mean}");
+}
+
+#[test]
+fn gold_a_key_of_another_model_is_refused_and_names_its_owner() {
+    let refused = |more: &str| {
+        let done = small_case(&fit("bad", "mag_4_uc", more)).run(&[]);
+        assert_eq!(done.code, 2, "{}", done.stderr);
+        done.stderr
+    };
+    let text = refused("model = \"tolles_lawson\"\nl1_ratio = 0.5");
+    assert!(text.contains("`l1_ratio` belongs to `elastic_net`") && text.contains("| ^^^^^^^^"), "{text}");
+    assert!(refused("model = \"ridge\"\ncomponents = 3").contains("belongs to `pls` and `truncated_svd`"));
+    assert!(refused("model = \"pls\"\nlambda = 0.5").contains("`lambda` belongs to `tolles_lawson`, "));
+    let text = refused("model = \"robust\"\ndegrees_of_freedom = 4.0");
+    assert!(text.contains("`degrees_of_freedom` belongs to the loss `student_t`"), "{text}");
+    let text = refused("model = \"ridge\"\none_standard_error = true");
+    assert!(text.contains("`one_standard_error` is for leaving lines or flights out"), "{text}");
+    let text = refused("model = \"ridge\"\nlambda = 0.5\nchoose = \"gcv\"");
+    assert!(text.contains("`lambda` is found by `choose = \"gcv\"`"), "{text}");
+    // Misspelt words of a choice have the nearest.
+    assert!(refused("model = \"rigde\"").contains("did you mean `ridge`?"));
+    assert!(refused("model = \"ridge\"\nscaling = \"max_ab\"").contains("did you mean `max_abs`?"));
+}
+
+#[test]
+fn law_a_key_that_a_model_of_the_sweep_takes_may_be_given() {
+    let spec = |models: &str| {
+        let stage = fit("swept", "mag_4_uc", "model = \"$kind\"\ncomponents = 2\nlambda = \"$lambda\"");
+        small_case(&format!("[axes]\nkind = [{models}]\nlambda = [0.1, 1.0]\n{stage}")).magline(&["check", "spec.toml"])
+    };
+    assert!(spec("\"ridge\", \"pls\"").status.success());
+    // The values of an axis are there for other models; what is given outright to none of them is a slip.
+    assert!(spec("\"pls\"").status.success());
+    let none = spec("\"ridge\", \"robust\"");
+    assert_eq!(none.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&none.stderr).contains("`components` belongs to `pls` and `truncated_svd`"));
 }

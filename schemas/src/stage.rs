@@ -174,6 +174,13 @@ pub trait Stage: Declared + Any + Send + Sync + Sized {
     /// All that is wrong with the parameters or the tables, before anything runs.
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>>;
 
+    /// Why the parameter `key` has no say beside the others, such as that it belongs to another model than the one that is
+    /// fitted; `None` where it has. What has no say is left out of the key, so that points of a sweep which differ in
+    /// nothing else are computed once; given outright it is a fault.
+    fn idle(&self, _key: &str) -> Option<Fault> {
+        None
+    }
+
     /// Arrays for the columns of [`Stage::yields`], in that order, for one line.
     ///
     /// # Errors
@@ -212,8 +219,10 @@ pub trait Stage: Declared + Any + Send + Sync + Sized {
 
 /// A [`Stage`] whose type is forgotten.
 pub trait StageDyn: Send + Sync {
-    /// See [`Declared::canonical`].
+    /// See [`Declared::canonical`]; without the parameters that are [idle](Stage::idle).
     fn canonical(&self) -> Vec<(&'static str, String)>;
+    /// See [`Stage::idle`].
+    fn idle(&self, key: &str) -> Option<Fault>;
     /// See [`Stage::yields`].
     ///
     /// # Errors
@@ -242,7 +251,10 @@ pub trait StageDyn: Send + Sync {
 
 impl<S: Stage> StageDyn for S {
     fn canonical(&self) -> Vec<(&'static str, String)> {
-        Declared::canonical(self)
+        Declared::canonical(self).into_iter().filter(|(key, _)| Stage::idle(self, key).is_none()).collect()
+    }
+    fn idle(&self, key: &str) -> Option<Fault> {
+        Stage::idle(self, key)
     }
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         Stage::yields(self, inputs)
@@ -528,9 +540,19 @@ mod tests {
         fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
             Ok(Yield::append::<&str>(vec![], &[]))
         }
+        fn idle(&self, key: &str) -> Option<Fault> {
+            (key == "columns" && self.columns == 0).then(|| Fault::new("none"))
+        }
         fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
             Ok(vec![])
         }
+    }
+
+    #[test]
+    fn law_what_has_no_say_is_not_in_the_key() {
+        let canonical = |columns| StageDyn::canonical(&Other { columns });
+        assert_eq!(canonical(0), []);
+        assert_eq!(canonical(2), [("columns", "2".to_owned())]);
     }
 
     #[test]

@@ -1,19 +1,35 @@
 //! Fits a compensation model to the lines that `where` selects.
 
 mod components;
-mod models;
+mod elastic_net;
+mod extended_tolles_lawson;
+mod model;
+mod pls;
+mod point;
+mod problem;
+mod recursive_least_squares;
 mod residual;
+mod ridge;
+mod robust;
 mod rows;
+#[cfg(test)]
+mod testing;
+mod tolles_lawson;
+mod truncated_svd;
 
 use std::{any::Any, collections::BTreeMap, sync::Arc};
 
 use arrow_array::{ArrayRef, Int64Array, StringArray};
-use models::{Problem, Solved};
-use numerics::regression::least_squares::Scaling;
+use model::{Choose, Divisor, MadeOf, Model, Settings};
+use point::{Matrix, Point, Targets};
+use problem::{Problem, Solved};
 use rayon::prelude::*;
 use residual::{EARTH, residual_noise};
+use robust::{Loss, Scale};
 use rows::Part;
 use schemas::{Column, ColumnType, Fault, Gather, LineIn, Passes, Role, Rule, Shape, Stage, Table, Yield, stage};
+
+pub use model::reference;
 
 use crate::columns::{array, band, faults_of, no_truth, shape};
 
@@ -21,17 +37,8 @@ stage! {
     /// Fits the coefficients of a compensation model on all lines that `where` selects together.
     ///
     /// Terms and target are band-passed by the same zero-phase filter (`low_hz = 0` and `high_hz = 0` leave it off),
-    /// `trim` samples are left out at each end of every run, and the model is fitted to what remains:
-    ///
-    /// | model | minimises | takes |
-    /// |---|---|---|
-    /// | `tolles_lawson` | \|y - A b\|^2 + `lambda` \|b\|^2, of columns as they are | `lambda` |
-    /// | `ridge`, `extended_tolles_lawson` | the same, of standardised columns | `lambda` |
-    /// | `elastic_net` | \|y - A b\|^2 / 2n + `lambda` (r \|b\|_1 + (1 - r) \|b\|^2 / 2), r = `l1_ratio` | `lambda`, `l1_ratio` |
-    /// | `pls` | partial least squares | `components` |
-    /// | `truncated_svd` | least squares on the first principal components | `components` |
-    /// | `robust` | a loss that spikes do not spoil | `loss`, `scale`, `threshold`, `degrees_of_freedom`, `lambda` |
-    /// | `recursive_least_squares` | row by row in time, older rows forgotten | `forgetting`, `lambda` |
+    /// `trim` samples are left out at each end of every run, and the model is fitted to what remains. Each of the models below
+    /// has keys of its own; a key of another model is refused.
     ///
     /// The model of Tolles and Lawson has the feature `tl`, of `a_matrix`; those of all other names are made by `features`.
     /// The two-step model of thesis 004 is two fits with a `compensate` between them, the second with target `mag_c`.
@@ -74,10 +81,7 @@ stage! {
     /// Source: thesis 000, (3.19) to (3.43); thesis 004, sections 2.2 to 2.4, 4.2.1 and Figure 4.2.
     Fit = "fit", version 4, grain Survey, inputs [input: Lines];
     /// The model.
-    model: String, unit "", rule Rule::OneOf(&[
-        "tolles_lawson", "extended_tolles_lawson", "ridge", "elastic_net", "pls", "truncated_svd", "robust",
-        "recursive_least_squares",
-    ]);
+    model: &'static Model, unit "";
     /// The column to explain, such as `mag_4_uc`, or `target` of the stage of that name.
     target: String, unit "nT";
     /// Further columns that `pls` explains together with `target`, by common components; the table holds the coefficients
@@ -91,10 +95,8 @@ stage! {
     entries: Option<Vec<String>>, unit "";
     /// The strength of the penalty.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
-    /// How `lambda` or `components` is found.
-    choose: String, unit "", default "given", rule Rule::OneOf(&[
-        "given", "gcv", "l_curve", "leave_one_line_out", "leave_one_flight_out",
-    ]);
+    /// How `lambda` or `components` is found; what it may be depends on the model.
+    choose: Choose, unit "", default Choose::Given;
     /// The values of `lambda` to choose among; left out, a grid that fits the features.
     lambdas: Option<Vec<f64>>, unit "";
     /// Where lines or flights are left out: take the simplest model whose error is within one standard error of the least.
@@ -103,28 +105,24 @@ stage! {
     components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
     /// The part of the elastic net's penalty that is on absolute values.
     l1_ratio: f64, unit "1", default 0.99, rule Rule::Between(0.0, 1.0);
-    /// What columns are divided by before they are penalised; left out, `none` for `tolles_lawson` and `robust`, otherwise
-    /// `standardise`: the standard deviation over n - 1, as in MagNav.jl and in the partial least squares and whitened
-    /// components of scikit-learn. Its `StandardScaler` divides by that over n: the same ridge takes `lambda` n / (n - 1) there.
-    scaling: Option<String>, unit "", rule Rule::OneOf(&["none", "standardise", "max_abs", "min_max"]);
+    /// What columns are divided by before they are penalised; left out, what suits the model. `standardise` is by the
+    /// standard deviation over n - 1, as in MagNav.jl and in the partial least squares and whitened components of
+    /// scikit-learn. Its `StandardScaler` divides by that over n: the same ridge takes `lambda` n / (n - 1) there.
+    scaling: Option<Divisor>, unit "";
     /// Fit to the whitened principal components of the features in place of the features: how many of them, or below 1 the
     /// part of the variance that they hold. Coefficients are still those of the features.
     whiten: Option<f64>, unit "", rule Rule::Positive;
-    /// Whether a constant is fitted too, without a penalty; left out, not for `recursive_least_squares` and, unless
-    /// whitened, `tolles_lawson`.
+    /// Whether a constant is fitted too, without a penalty; left out, what suits the model, and with `whiten` always.
     intercept: Option<bool>, unit "";
     /// The loss of `robust`.
-    loss: String, unit "", default "huber", rule Rule::OneOf(&["huber", "student_t"]);
+    loss: Loss, unit "", default Loss::Huber;
     /// How `robust` finds the size of ordinary residuals: by their median, or together with the coefficients.
-    scale: String, unit "", default "mad", rule Rule::OneOf(&["mad", "joint"]);
+    scale: Scale, unit "", default Scale::Mad;
     /// Where Huber's loss turns from squares to straight lines, in sizes of ordinary residuals.
     threshold: f64, unit "1", default 1.345, rule Rule::Positive;
     /// Degrees of freedom of Student's t.
     degrees_of_freedom: f64, unit "1", default 4.0, rule Rule::Positive;
-    /// By how much a row counts less with each that follows it, in `recursive_least_squares`. It begins with coefficients of
-    /// zero and the ridge `lambda`. What is forgotten is given back as a ridge about the coefficients of that moment, so that
-    /// a direction which the flight does not excite for long keeps its value; the recursion of textbooks (Haykin 2002,
-    /// chapter 9) forgets its beginning too. With 1 nothing is forgotten, and both are the ridge.
+    /// By how much a row counts less with each that follows it; with 1 nothing is forgotten.
     forgetting: f64, unit "1", default 1.0, rule Rule::Between(0.9, 1.0);
     /// The lower corner of the filter; 0 leaves it off.
     low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
@@ -138,99 +136,40 @@ stage! {
     allow_truth: bool, unit "", default false;
 }
 
-/// What `choose` may be for a model.
-fn choices(model: &str) -> &'static [&'static str] {
-    match model {
-        "tolles_lawson" | "extended_tolles_lawson" | "ridge" => {
-            &["given", "gcv", "l_curve", "leave_one_line_out", "leave_one_flight_out"]
-        }
-        "elastic_net" | "pls" | "truncated_svd" => &["given", "leave_one_line_out", "leave_one_flight_out"],
-        _ => &["given"],
-    }
-}
-
 impl Fit {
-    /// Whether a choice is made by leaving lines or flights out.
-    fn leaves_out(&self) -> bool {
-        self.choose.starts_with("leave_one_")
-    }
-
-    fn is_ridge(&self) -> bool {
-        choices(&self.model).contains(&"gcv")
-    }
-
-    /// Whether the model is made of rows and not of moments.
-    fn needs_rows(&self) -> bool {
-        matches!(self.model.as_str(), "robust" | "recursive_least_squares")
-    }
-
-    fn scaling(&self) -> Scaling {
-        match self.scaling.as_deref() {
-            Some("none") => Scaling::None,
-            Some("max_abs") => Scaling::MaxAbs,
-            Some("min_max") => Scaling::MinMax,
-            None if matches!(self.model.as_str(), "tolles_lawson" | "robust") => Scaling::None,
-            _ => Scaling::Standardise,
-        }
-    }
-
-    fn intercept(&self) -> bool {
-        let usual = !matches!(self.model.as_str(), "tolles_lawson" | "recursive_least_squares");
-        self.intercept.unwrap_or(usual || self.whiten.is_some())
+    /// The fit with its words resolved.
+    fn point(&self) -> Point {
+        Point::new(self)
     }
 
     /// What is wrong with the parameters among themselves.
     fn contradictions(&self) -> Vec<Fault> {
-        let mut faults = vec![];
+        let (point, mut faults) = (self.point(), vec![]);
         let mut wrong = |what: String, param: &'static str| faults.push(Fault::new(what).of_param(param));
-        let known = choices(&self.model);
-        if !known.contains(&self.choose.as_str()) {
-            let words = known.iter().map(|c| format!("`{c}`")).collect::<Vec<_>>().join(", ");
-            wrong(format!("`choose` of the model `{}` can be {words}", self.model), "choose");
+        if !self.model.choose.contains(&self.choose) {
+            let words = self.model.choose.iter().map(|c| format!("`{}`", c.word())).collect::<Vec<_>>().join(", ");
+            wrong(format!("`choose` of the model `{}` can be {words}", self.model.name), "choose");
         }
-        if self.lambdas.is_some() && (self.choose == "given" || matches!(self.model.as_str(), "pls" | "truncated_svd"))
-        {
-            wrong("`lambdas` are for choosing a `lambda` among them: say how in `choose`".to_owned(), "lambdas");
-        }
-        if self.lambdas.as_ref().is_some_and(|l| l.len() < 3 || l.iter().any(|x| !(*x > 0.0 && x.is_finite()))) {
-            wrong("`lambdas` must be three or more numbers above 0".to_owned(), "lambdas");
-        }
-        if !self.with_targets.is_empty() && self.model != "pls" {
-            wrong("only `pls` explains several targets together".to_owned(), "with_targets");
-        }
-        if self.targets().iter().enumerate().any(|(i, t)| self.targets()[..i].contains(t)) {
+        let targets = point.targets();
+        if targets.iter().enumerate().any(|(i, t)| targets[..i].contains(t)) {
             wrong("a target is there twice".to_owned(), "with_targets");
         }
-        if self.model == "pls" && self.intercept == Some(false) {
-            wrong("partial least squares always takes means off".to_owned(), "intercept");
+        if point.settings.whiten.is_some() && self.intercept == Some(false) {
+            wrong("`whiten` goes with an intercept".to_owned(), "whiten");
         }
-        if self.model == "recursive_least_squares" {
-            if self.intercept == Some(true) {
-                wrong(
-                    "`recursive_least_squares` has no intercept: make `bias` one of the terms".to_owned(),
-                    "intercept",
-                );
-            }
-            if self.lambda == 0.0 {
-                wrong("`recursive_least_squares` begins with a ridge: `lambda` must be above 0".to_owned(), "lambda");
-            }
-        }
-        if self.whiten.is_some() && (self.needs_rows() || self.intercept == Some(false)) {
-            wrong("`whiten` goes with an intercept, and not with models that are made row by row".to_owned(), "whiten");
-        }
-        if self.whiten.is_some_and(|w| w > 1.0 && w.fract() != 0.0) {
+        if point.settings.whiten.is_some_and(|w| w > 1.0 && w.fract() != 0.0) {
             wrong("`whiten` is a whole number of components, or a part of the variance below 1".to_owned(), "whiten");
         }
-        if self.model == "robust" && self.scaling().ne(&Scaling::None) {
-            wrong("`robust` penalises columns as they are: `scaling` can only be `none`".to_owned(), "scaling");
-        }
+        faults.extend(point.model.faults(&point.settings));
         faults
     }
 
     /// Everything that is wrong with the columns.
     fn column_faults(&self, shape: &Shape) -> Vec<Fault> {
+        let point = self.point();
+        let more = point.model.with_targets();
         let mut faults = faults_of([shape.number(&self.target, "nT")], "target");
-        faults.extend(faults_of(self.with_targets.iter().map(|name| shape.number(name, "nT")), "with_targets"));
+        faults.extend(faults_of(more.iter().map(|name| shape.number(name, "nT")), "with_targets"));
         for name in &self.features {
             let fine = shape.need(name).and_then(|c| match c.column_type {
                 ColumnType::Float | ColumnType::List(_) => no_truth(c, "features", self.allow_truth),
@@ -244,7 +183,7 @@ impl Fit {
                     None => fault.of_param("features"),
                 });
             }
-            if self.targets().contains(name) {
+            if point.targets().contains(name) {
                 faults.push(
                     Fault::new(format!("`{name}` is the target, so it cannot be a feature")).of_param("features"),
                 );
@@ -255,7 +194,7 @@ impl Fit {
         }
         if faults.is_empty() {
             let terms: Vec<String> = self.features.iter().filter_map(|n| shape.get(n)).flat_map(terms_of).collect();
-            faults.extend(self.places(&terms).err().map(|f| f.of_param("entries")));
+            faults.extend(point.places(&terms).err().map(|f| f.of_param("entries")));
         }
         faults
     }
@@ -269,31 +208,11 @@ fn terms_of(column: &Column) -> Vec<String> {
     }
 }
 
-impl Fit {
-    /// Where the chosen entries lie among all terms; `None` where all are used as they are.
-    fn places(&self, terms: &[String]) -> Result<Option<Vec<usize>>, Fault> {
-        let Some(entries) = &self.entries else { return Ok(None) };
-        let mut places = vec![];
-        for entry in entries {
-            let one = terms.iter().position(|t| t == entry);
-            let begins = |t: &String| t.strip_prefix(entry.as_str()).is_some_and(|rest| rest.starts_with('_'));
-            let found: Vec<usize> = match one {
-                Some(at) => vec![at],
-                None => terms.iter().enumerate().filter(|(_, t)| begins(t)).map(|(i, _)| i).collect(),
-            };
-            if found.is_empty() {
-                return Err(Fault::new(format!("the features have no entry `{entry}`")).nearest(entry, terms));
-            }
-            if let Some(twice) = found.iter().find(|i| places.contains(*i)) {
-                return Err(Fault::new(format!("the entry `{}` is there twice", terms[*twice])));
-            }
-            places.extend(found);
-        }
-        if places.is_empty() { Err(Fault::new("there is nothing to fit with")) } else { Ok(Some(places)) }
-    }
-}
-
 impl Stage for Fit {
+    fn idle(&self, key: &str) -> Option<Fault> {
+        self.model.idle(self, key)
+    }
+
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = self.column_faults(shape);
@@ -303,7 +222,7 @@ impl Stage for Fit {
             return Err(faults);
         }
         let mut reads = vec!["tt".to_owned()];
-        reads.extend(self.targets());
+        reads.extend(self.point().targets());
         reads.extend(self.features.iter().cloned());
         let earth = EARTH.into_iter().filter(|name| shape.get(name).is_some());
         let more: Vec<String> = earth.map(str::to_owned).filter(|name| !reads.contains(name)).collect();
@@ -347,52 +266,32 @@ impl Stage for Fit {
     }
 
     fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
-        let points: Vec<Fit> = points.into_iter().cloned().collect();
+        let points: Vec<Point> = points.into_iter().map(Fit::point).collect();
         Some(Box::new(FitGather { questions: questions(&points), points }))
     }
 }
 
-/// What the points of a sweep share: the same matrix, filtered in the same way.
-#[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
-struct Matrix {
-    features: Vec<String>,
-    filter: (u64, u64, usize),
-    trim: usize,
-}
-
 /// What is asked of a matrix: its targets, and those of them whose rows are needed as well.
 #[derive(Default)]
-struct Question {
-    targets: Vec<Targets>,
-    keeps_rows: Vec<Targets>,
-}
-
-/// Columns that are explained together; one but for partial least squares of several.
-type Targets = Vec<String>;
-
-impl Fit {
-    fn targets(&self) -> Targets {
-        std::iter::once(&self.target).chain(&self.with_targets).cloned().collect()
-    }
-
-    fn matrix(&self) -> Matrix {
-        let filter = (self.low_hz.to_bits(), self.high_hz.to_bits(), self.order);
-        Matrix { features: self.features.clone(), filter, trim: self.trim }
-    }
+pub struct Question {
+    /// All of them.
+    pub targets: Vec<Targets>,
+    /// Those whose rows are needed.
+    pub keeps_rows: Vec<Targets>,
 }
 
 struct FitGather {
-    points: Vec<Fit>,
+    points: Vec<Point>,
     questions: BTreeMap<Matrix, Question>,
 }
 
 /// The questions to each line.
-fn questions(points: &[Fit]) -> BTreeMap<Matrix, Question> {
+fn questions(points: &[Point]) -> BTreeMap<Matrix, Question> {
     let mut all: BTreeMap<Matrix, Question> = BTreeMap::new();
     for point in points {
         let question = all.entry(point.matrix()).or_default();
         let targets = point.targets();
-        if point.needs_rows() && !question.keeps_rows.contains(&targets) {
+        if point.fit.model.made_of == MadeOf::Rows && !question.keeps_rows.contains(&targets) {
             question.keeps_rows.push(targets.clone());
         }
         if !question.targets.contains(&targets) {
@@ -407,19 +306,18 @@ impl FitGather {
     fn solved(&self, whole: &Result<Problem, Fault>, places: &[usize]) -> Vec<Result<Solved, Fault>> {
         let Some(first) = places.first().map(|i| &self.points[*i]) else { return vec![] };
         let problem = whole.as_ref().map_err(Clone::clone).and_then(|whole| whole.cut(first));
-        let mut problem = match problem.and_then(|p| p.whitened(first.whiten)) {
+        let mut problem = match problem.and_then(|p| p.whitened(first.settings.whiten)) {
             Ok(problem) => problem,
             Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
         };
-        let ridges: Vec<&Fit> =
-            places.iter().map(|i| &self.points[*i]).filter(|p| p.is_ridge() && p.choose == "given").collect();
-        let mut done: Vec<(Scaling, bool)> = vec![];
-        for point in &ridges {
-            let kind = (point.scaling(), point.intercept());
-            if !done.contains(&kind) {
-                done.push(kind);
-                let same = ridges.iter().filter(|p| (p.scaling(), p.intercept()) == kind);
-                if let Err(fault) = problem.solve_ridges(point, &same.map(|p| p.lambda).collect::<Vec<_>>()) {
+        let ridge = |i: &usize| Some((self.points[*i].settings, self.points[*i].given_ridge()?));
+        let ridges: Vec<(Settings, f64)> = places.iter().filter_map(ridge).collect();
+        let mut done: Vec<Settings> = vec![];
+        for (settings, _) in &ridges {
+            if !done.iter().any(|d| d.same_scale(settings)) {
+                done.push(*settings);
+                let same = ridges.iter().filter(|(s, _)| s.same_scale(settings)).map(|(_, lambda)| *lambda);
+                if let Err(fault) = problem.solve_ridges(settings, &same.collect::<Vec<_>>()) {
                     return places.iter().map(|_| Err(fault.clone())).collect();
                 }
             }
@@ -435,7 +333,7 @@ impl Gather for FitGather {
 
     fn refused(&self, part: &(dyn Any + Send)) -> Vec<(usize, Fault)> {
         let Some(part) = part.downcast_ref::<Part>() else { return vec![] };
-        let why = |point: &Fit| part.refused.get(&(point.matrix(), point.targets())).cloned();
+        let why = |point: &Point| part.refused.get(&(point.matrix(), point.targets())).cloned();
         self.points.iter().enumerate().filter_map(|(i, point)| Some((i, why(point)?))).collect()
     }
 
@@ -446,7 +344,7 @@ impl Gather for FitGather {
         let mut problems: BTreeMap<At, BTreeMap<Kind, Vec<usize>>> = BTreeMap::new();
         for (i, point) in self.points.iter().enumerate() {
             let of_matrix = problems.entry((point.matrix(), point.targets())).or_default();
-            of_matrix.entry((point.entries.clone(), point.whiten.map(f64::to_bits))).or_default().push(i);
+            of_matrix.entry((point.fit.entries.clone(), point.settings.whiten.map(f64::to_bits))).or_default().push(i);
         }
         let problems: Vec<(At, Vec<Vec<usize>>)> =
             problems.into_iter().map(|(at, cuts)| (at, cuts.into_values().collect())).collect();
@@ -473,8 +371,8 @@ impl Gather for FitGather {
 pub(crate) const INTERCEPT: &str = "intercept";
 
 impl Solved {
-    fn table(&self, point: &Fit, [white, lasting, tau]: [f64; 3]) -> Vec<ArrayRef> {
-        let constant = point.intercept();
+    fn table(&self, point: &Point, [white, lasting, tau]: [f64; 3]) -> Vec<ArrayRef> {
+        let constant = point.settings.intercept;
         let rows = self.terms.len() + usize::from(constant);
         let with = |values: &[f64], last: f64| -> ArrayRef {
             array(values.iter().copied().chain(constant.then_some(last)).collect())
@@ -484,7 +382,7 @@ impl Solved {
         let number = |x: f64| -> ArrayRef { array(vec![x; rows]) };
         let names = self.terms.iter().map(String::as_str).chain(constant.then_some(INTERCEPT));
         vec![
-            text(&point.model),
+            text(point.fit.model.name),
             Arc::new(names.map(Some).collect::<StringArray>()),
             with(&self.fit.coefficients, self.fit.intercept),
             with(&self.std, f64::NAN),

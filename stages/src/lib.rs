@@ -35,7 +35,7 @@ pub fn catalogue() -> Vec<Entry> {
         a_matrix::AMatrix::entry(),
         features::Features::entry(),
         target::Target::entry(),
-        fit::Fit::entry(),
+        Entry { more: fit::reference, ..fit::Fit::entry() },
         compensate::Compensate::entry(),
         noise::ResidualNoise::entry(),
         noise::AssumeNoise::entry(),

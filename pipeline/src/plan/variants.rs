@@ -7,7 +7,7 @@ use std::{
     sync::Arc,
 };
 
-use schemas::{Args, Column, Entry, Fault, Grain, Passes, Shape, StageDyn, Table, Yield};
+use schemas::{Args, Column, Entry, Fault, Given, Grain, Passes, Shape, StageDyn, Table, Yield};
 
 use super::{
     axes::{args_at, axes_in, axes_of, spelt_in},
@@ -15,7 +15,11 @@ use super::{
     grid::{Grid, Onto, Over},
     node::{Slot, Target, Variant, own_args},
 };
-use crate::{keys::Key, predicate::Predicate, spec::StageDecl};
+use crate::{
+    keys::Key,
+    predicate::Predicate,
+    spec::{Spec, StageDecl},
+};
 
 /// What is different between the points of a table.
 pub struct Variants {
@@ -51,12 +55,14 @@ impl Builder<'_> {
         let own = own_args(decl, entry);
         let grid = self.own_axes(&own);
         let before = self.faults.len();
+        let mut silent = Silent::new(&own, self.spec);
         for p in 0..grid.len() {
-            self.made(decl, entry, &own, &grid, p);
+            silent.hear(self.made(decl, entry, &own, &grid, p).as_deref());
             if self.faults.len() > before + MOST_FAULTS {
                 return;
             }
         }
+        self.faults.extend(silent.faults());
     }
 
     fn made(
@@ -90,12 +96,15 @@ impl Builder<'_> {
         let mut values = vec![0u32; vary.len()];
         let mut found = Found::default();
         let mut here: HashMap<u32, Option<u32>> = HashMap::new();
+        let mut silent = Silent::new(&own, self.spec);
         for p in 0..grid.len() {
             // What is wrong at each of thousands of points need not be said of each.
             if self.faults.len() > before + MOST_FAULTS {
                 return None;
             }
-            let Some(stage) = self.made(decl, entry, &own, &grid, p) else { continue };
+            let stage = self.made(decl, entry, &own, &grid, p);
+            silent.hear(stage.as_deref());
+            let Some(stage) = stage else { continue };
             questions.push(question(entry, stage.as_ref()));
             here.clear();
             for r in 0..rest.len() {
@@ -111,6 +120,7 @@ impl Builder<'_> {
                 values[own_vary.at(p) + rest_vary.at(r)] = variant.unwrap_or_default();
             }
         }
+        self.faults.extend(silent.faults());
         if self.faults.len() > before {
             return None;
         }
@@ -216,6 +226,42 @@ impl Builder<'_> {
                 None
             }
         }
+    }
+}
+
+/// Parameters that the spec gives outright and that have had no say at any point so far. Of the values of an axis that is
+/// nothing wrong: the axis is there for other points, or for another model.
+struct Silent<'a> {
+    keys: Vec<(&'a str, &'a Given, Option<Fault>)>,
+    /// Whether a point was refused, so that nobody knows what would have had a say there.
+    refused: bool,
+}
+
+impl<'a> Silent<'a> {
+    fn new(own: &'a Args, spec: &Spec) -> Silent<'a> {
+        let outright = own.iter().filter(|(_, given)| axes_of(&given.value, spec).is_empty());
+        Silent { keys: outright.map(|(key, given)| (key.as_str(), given, None)).collect(), refused: false }
+    }
+
+    /// What has a say at one more point is silent no longer.
+    fn hear(&mut self, stage: Option<&dyn StageDyn>) {
+        let Some(stage) = stage else {
+            self.refused = true;
+            return;
+        };
+        self.keys.retain_mut(|(key, _, why)| {
+            let idle = stage.idle(key);
+            let silent = idle.is_some();
+            *why = why.take().or(idle);
+            silent
+        });
+    }
+
+    fn faults(self) -> Vec<Fault> {
+        if self.refused {
+            return vec![];
+        }
+        self.keys.into_iter().filter_map(|(_, given, why)| Some(why?.at(given.key_at.clone()))).collect()
     }
 }
 

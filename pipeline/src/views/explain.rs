@@ -96,19 +96,18 @@ fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<
 /// So many combinations of parameters are looked at one by one to see which of them vary.
 const LOOKED_AT: usize = 10_000;
 
-/// Parameters, with the axis in place of a value that varies.
+/// Parameters of any point, with a word in place of a value that is not the same at all points that have it.
 fn parameters(graph: &Graph, t: usize) -> String {
-    let first = graph.plan.instance(t, 0).params();
-    let mut same = vec![true; first.len()];
+    let mut all: Vec<(&str, Option<String>)> = vec![];
     for i in graph.plan.tables[t].parameter_points(LOOKED_AT) {
-        let here = graph.plan.instance(t, i).params();
-        for (same, (at, (_, value))) in same.iter_mut().zip(first.iter().enumerate()) {
-            *same &= here.get(at).is_some_and(|(_, other)| other == value);
+        for (name, value) in graph.plan.instance(t, i).params() {
+            match all.iter_mut().find(|(known, _)| *known == name) {
+                Some((_, same)) => *same = same.take().filter(|same| *same == value),
+                None => all.push((name, Some(value))),
+            }
         }
     }
-    let word = |((name, value), same): (&(&str, String), &bool)| {
-        if *same { format!("{name}={value}") } else { format!("{name}=(varies)") }
-    };
-    let all: Vec<String> = first.iter().zip(&same).map(word).collect();
+    let word = |(name, same): &(&str, Option<String>)| format!("{name}={}", same.as_deref().unwrap_or("(varies)"));
+    let all: Vec<String> = all.iter().map(word).collect();
     if all.is_empty() { "no parameters".to_owned() } else { all.join(" ") }
 }

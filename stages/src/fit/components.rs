@@ -6,7 +6,7 @@ use numerics::regression::{
 };
 use schemas::Fault;
 
-use super::models::Problem;
+use super::problem::Problem;
 use crate::columns::data;
 
 /// The components that a fit is made of, and the features that they are made of.

@@ -12,7 +12,7 @@ use numerics::{
     signal::noise::{Blocks, Noise, noise, samples_a_block},
 };
 
-use super::{Fit, models::Solved, rows::Part};
+use super::{point::Point, problem::Solved, rows::Part};
 use crate::{
     columns::floats,
     compensate::RESIDUAL,
@@ -113,9 +113,9 @@ impl Wide {
     }
 
     /// What the model leaves of the target.
-    fn residual(&self, point: &Fit, terms: &[String], solved: &Solved) -> Option<Blocks> {
-        let all: Vec<&Values> = point.features.iter().filter_map(|f| self.features.get(f)).flatten().collect();
-        let mut left = self.targets.get(&point.target)?.clone();
+    fn residual(&self, point: &Point, terms: &[String], solved: &Solved) -> Option<Blocks> {
+        let all: Vec<&Values> = point.fit.features.iter().filter_map(|f| self.features.get(f)).flatten().collect();
+        let mut left = self.targets.get(&point.fit.target)?.clone();
         let blocks = left.len() - self.layout.steps.len();
         let mean = left[..blocks].iter().sum::<f64>() / blocks as f64;
         if TOTAL_NT.contains(&mean) {
@@ -141,7 +141,7 @@ fn computed(batch: &RecordBatch, layout: &Layout) -> Option<Values> {
 
 /// The noise of a model on the lines that it was fitted on, in the order of the model table's columns; NaN where the lines
 /// are too short to tell.
-pub fn residual_noise(parts: &[&Part], point: &Fit, solved: &Solved) -> [f64; RESIDUAL.len()] {
+pub fn residual_noise(parts: &[&Part], point: &Point, solved: &Solved) -> [f64; RESIDUAL.len()] {
     let at = (point.matrix(), point.targets());
     let one = |part: &&Part| {
         let terms = part.terms.get(&at.0)?;

@@ -12,7 +12,11 @@ use numerics::{
 };
 use schemas::{Fault, LineIn};
 
-use super::{Matrix, Question, Targets, residual::Wide};
+use super::{
+    Question,
+    point::{Matrix, Targets},
+    residual::Wide,
+};
 use crate::{
     bandpass::design,
     columns::{data, floats, matrix},

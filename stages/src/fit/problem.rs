@@ -4,29 +4,18 @@ use std::{borrow::Cow, collections::BTreeMap, sync::Arc};
 
 use numerics::{
     compensation::diagnostics::{Excitation, TrivialSolution, approximation_bound_nt, excitation, trivial_solution},
-    regression::{
-        choose_lambda::{self, by_generalised_cross_validation, by_l_curve, by_lines, curve},
-        elastic_net::ElasticNet,
-        least_squares::{LineScore, LineScores, LinearFit, Moments, Prepared, RidgePath, Scaling},
-        pls,
-        recursive_least_squares::RecursiveLeastSquares,
-        robust::{LineRows, Loss, Robust, Scale},
-        truncated_svd,
-    },
+    regression::least_squares::{LeastSquaresError, LinearFit, Moments, Prepared, RidgePath},
 };
 use schemas::Fault;
 
 use super::{
-    Fit, Matrix, Targets,
     components::Components,
+    model::{Answer, Choose, Settings},
+    point::{Matrix, Point, Targets},
     rows::{Part, Share},
 };
 use crate::columns::data;
 
-/// Values on the grid of ridge parameters where the spec gives none, over so many decades below the largest.
-const GRID: (usize, f64) = (81, 1e-12);
-/// Values on a path of the elastic net, and its smallest as a part of its largest.
-const PATH: (usize, f64) = (100, 1e-4);
 /// Directions with less than this part of the strongest's excitation are named.
 const WEAK: f64 = 1e-4;
 
@@ -59,14 +48,6 @@ pub struct Solved {
     pub warning: String,
 }
 
-/// What is left of a target, what the coefficients' errors are, and what was chosen.
-struct Answer {
-    fit: LinearFit,
-    std: Vec<f64>,
-    residual_std: f64,
-    chosen: f64,
-}
-
 /// All lines of one matrix and target.
 pub struct Problem<'a> {
     shares: Vec<&'a Share>,
@@ -77,10 +58,12 @@ pub struct Problem<'a> {
     unused: String,
     /// Which of the matrix' columns are used; `None` for all of them.
     places: Option<Vec<usize>>,
-    pub(super) merged: Moments,
+    /// Of all lines together.
+    pub merged: Moments,
     /// Of some rows of all lines as they were before the filter.
     pub(super) unfiltered: Option<Moments>,
-    pub(super) terms: Vec<String>,
+    /// The names of the columns.
+    pub terms: Vec<String>,
     selected: usize,
     prepared: BTreeMap<(u8, bool), (Arc<Prepared>, Arc<Excitation>)>,
     paths: BTreeMap<(u8, bool), Arc<RidgePath>>,
@@ -131,9 +114,9 @@ impl<'a> Problem<'a> {
     }
 
     /// What is left out one after the other: the lines, or all lines of a flight together.
-    fn groups(&self, point: &Fit) -> Result<Vec<Moments>, Fault> {
+    pub fn groups(&self, settings: &Settings) -> Result<Vec<Moments>, Fault> {
         let lines = self.lines()?;
-        if point.choose != "leave_one_flight_out" {
+        if settings.choose != Choose::LeaveOneFlightOut {
             return Ok(lines);
         }
         let mut flights: Vec<(&String, Vec<Moments>)> = vec![];
@@ -147,7 +130,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The same with the entries of `point` alone, from the factor of all.
-    pub fn cut(&self, point: &Fit) -> Result<Problem<'a>, Fault> {
+    pub fn cut(&self, point: &Point) -> Result<Problem<'a>, Fault> {
         let places = point.places(&self.terms)?;
         let own = |moments: &Moments| own(moments, places.as_deref());
         let (merged, unfiltered) = (own(&self.merged)?, self.unfiltered.as_ref().map(own).transpose()?);
@@ -184,7 +167,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The rows of each line: terms row-major, and the target.
-    fn rows(&self) -> Vec<(Cow<'a, [f64]>, &'a [f64])> {
+    pub fn rows(&self) -> Vec<(Cow<'a, [f64]>, &'a [f64])> {
         let own = |share: &'a Share| {
             let (a, y) = share.rows.as_ref()?;
             let a = match &self.places {
@@ -201,8 +184,8 @@ impl<'a> Problem<'a> {
     }
 
     /// The columns on one scale, and which of their directions the flight excites.
-    fn prepared(&mut self, point: &Fit) -> Result<(Arc<Prepared>, Arc<Excitation>), Fault> {
-        let (scaling, intercept) = (point.scaling(), point.intercept());
+    fn prepared(&mut self, settings: &Settings) -> Result<(Arc<Prepared>, Arc<Excitation>), Fault> {
+        let (scaling, intercept) = (settings.scaling, settings.intercept);
         let key = (scaling as u8, intercept);
         if let Some(known) = self.prepared.get(&key) {
             return Ok(known.clone());
@@ -215,26 +198,24 @@ impl<'a> Problem<'a> {
     }
 
     /// Solves for ridge parameters of all points of a kind at once: `lambdas` are those of the sweep.
-    pub fn solve_ridges(&mut self, point: &Fit, lambdas: &[f64]) -> Result<(), Fault> {
-        let (prepared, _) = self.prepared(point)?;
+    pub fn solve_ridges(&mut self, settings: &Settings, lambdas: &[f64]) -> Result<(), Fault> {
+        let (prepared, _) = self.prepared(settings)?;
         // Where one cannot be solved, such as 0 with terms that nothing excites, each is tried by itself later.
         if let Ok(path) = prepared.ridge(lambdas, &self.terms) {
-            self.paths.insert((point.scaling() as u8, point.intercept()), Arc::new(path));
+            self.paths.insert((settings.scaling as u8, settings.intercept), Arc::new(path));
         }
         Ok(())
     }
 
+    /// What [`Problem::solve_ridges`] found for these settings.
+    pub fn path(&self, settings: &Settings) -> Option<&Arc<RidgePath>> {
+        self.paths.get(&(settings.scaling as u8, settings.intercept))
+    }
+
     /// The model of one point.
-    pub fn solve(&mut self, point: &Fit) -> Result<Solved, Fault> {
-        let (prepared, excited) = self.prepared(point)?;
-        let answer = match point.model.as_str() {
-            "elastic_net" => self.elastic_net(point),
-            "pls" => self.pls(point),
-            "truncated_svd" => self.truncated(point, &prepared),
-            "robust" => self.robust(point),
-            "recursive_least_squares" => self.recursive(point),
-            _ => self.ridge(point, &prepared),
-        }?;
+    pub fn solve(&mut self, point: &Point) -> Result<Solved, Fault> {
+        let (prepared, excited) = self.prepared(&point.settings)?;
+        let answer = point.model.fit(self, &point.settings, &prepared)?;
         let trivial = self.trivial(&answer)?;
         let approximation_bound_nt = self.approximation_bound_nt(&answer);
         let used = self.merged.rows();
@@ -257,175 +238,9 @@ impl<'a> Problem<'a> {
         })
     }
 
-    fn ridge(&self, point: &Fit, prepared: &Prepared) -> Result<Answer, Fault> {
-        let lambda = match point.choose.as_str() {
-            "given" => point.lambda,
-            how => self.best_lambda(point, prepared, how)?,
-        };
-        let known = self.paths.get(&(point.scaling() as u8, point.intercept()));
-        let found = |path: &RidgePath| path.solutions.iter().position(|s| s.lambda.to_bits() == lambda.to_bits());
-        let (path, at) = match known.and_then(|path| found(path).map(|at| (path.clone(), at))) {
-            Some(known) => known,
-            None => (Arc::new(prepared.ridge(&[lambda], &self.terms).map_err(data)?), 0),
-        };
-        let solution = path.solutions.get(at).ok_or_else(|| Fault::machine("a fit was lost"))?;
-        let values = solution.coefficients.first().cloned().unwrap_or_default();
-        let covariance = path.covariance(at, 0).unwrap_or_default();
-        let p = values.len();
-        let std = (0..p).map(|i| covariance.get(i * p + i).map_or(f64::NAN, |v| v.sqrt())).collect();
-        let scaled = prepared.scaled(&values);
-        let residual_std = solution.residual_variances.first().map_or(f64::NAN, |v| v.sqrt());
-        let intercept = prepared.original(0, &scaled).intercept;
-        Ok(Answer { fit: LinearFit { coefficients: values, intercept }, std, residual_std, chosen: lambda })
-    }
-
-    fn best_lambda(&self, point: &Fit, prepared: &Prepared, how: &str) -> Result<f64, Fault> {
-        let grid = match &point.lambdas {
-            Some(given) => {
-                let mut grid = given.clone();
-                grid.sort_by(f64::total_cmp);
-                grid
-            }
-            None => {
-                let singular = prepared.singular().map_err(data)?;
-                let largest = singular.values.first().copied().unwrap_or(1.0).powi(2);
-                choose_lambda::grid(GRID.1 * largest, largest, GRID.0).map_err(data)?
-            }
-        };
-        if point.leaves_out() {
-            let falling: Vec<f64> = grid.iter().rev().copied().collect();
-            let scores =
-                by_lines(&self.groups(point)?, 0, &falling, point.scaling(), point.intercept(), LineScore::Variance);
-            let at = self.pick(point, &scores.map_err(lines_needed)?);
-            return falling.get(at).copied().ok_or_else(|| Fault::data("there is no ridge parameter to choose"));
-        }
-        let points = curve(prepared, 0, &grid).map_err(data)?;
-        let (at, none) = if how == "gcv" {
-            (
-                by_generalised_cross_validation(&points),
-                "generalised cross-validation is not defined: there are too few rows",
-            )
-        } else {
-            (by_l_curve(&points), "the L-curve has no corner")
-        };
-        let at = at.ok_or_else(|| Fault::data(none).help("give `lambda`, or `lambdas` over another range"))?;
-        Ok(points[at].lambda)
-    }
-
-    fn pick(&self, point: &Fit, scores: &LineScores) -> usize {
-        if point.one_standard_error { scores.within_one_error } else { scores.best }
-    }
-
-    fn elastic_net(&self, point: &Fit) -> Result<Answer, Fault> {
-        let net = ElasticNet {
-            l1_ratio: point.l1_ratio,
-            scaling: point.scaling(),
-            intercept: point.intercept(),
-            ..ElasticNet::default()
-        };
-        let found = if point.leaves_out() {
-            let alphas = match &point.lambdas {
-                Some(given) => {
-                    let mut falling = given.clone();
-                    falling.sort_by(|a, b| b.total_cmp(a));
-                    falling
-                }
-                None => net.alphas(&self.merged, 0, PATH.0, PATH.1).map_err(data)?,
-            };
-            let choice = net.choose(&self.groups(point)?, 0, &alphas, LineScore::Variance).map_err(lines_needed)?;
-            let at = self.pick(point, &choice.scores);
-            choice.path.into_iter().nth(at)
-        } else {
-            net.path(&self.merged, 0, &[point.lambda]).map_err(data)?.pop()
-        };
-        let found = found.ok_or_else(|| Fault::machine("a fit was lost"))?;
-        let free = self.free(found.active.len(), point);
-        Ok(self.answer(found.fit, (found.residual_squares / free).sqrt(), found.alpha))
-    }
-
-    fn pls(&self, point: &Fit) -> Result<Answer, Fault> {
-        let targets: Vec<usize> = (0..self.merged.targets()).collect();
-        let most = point.components.min(self.terms.len());
-        let count = if point.leaves_out() {
-            let scores =
-                pls::choose_components(&self.groups(point)?, &targets, 0, most, point.scaling(), LineScore::Variance);
-            1 + self.pick(point, &scores.map_err(lines_needed)?)
-        } else {
-            most
-        };
-        let mut path = pls::fit(&self.merged, &targets, count, point.scaling()).map_err(data)?;
-        let squares = path.residual_squares.pop().and_then(|s| s.first().copied()).unwrap_or(f64::NAN);
-        let used = path.fits.len();
-        let fit = path.fits.pop().and_then(|f| f.into_iter().next());
-        let fit = fit.ok_or_else(|| Fault::data("the target has no covariance with any feature"))?;
-        Ok(self.answer(fit, (squares / self.free(used, point)).sqrt(), used as f64))
-    }
-
-    fn truncated(&self, point: &Fit, prepared: &Prepared) -> Result<Answer, Fault> {
-        let most = point.components.min(self.terms.len());
-        let count = if point.leaves_out() {
-            let scores = truncated_svd::choose_components(
-                &self.groups(point)?,
-                0,
-                most,
-                point.scaling(),
-                point.intercept(),
-                LineScore::Variance,
-            );
-            1 + self.pick(point, &scores.map_err(lines_needed)?)
-        } else {
-            most
-        };
-        let fits = truncated_svd::path(prepared, 0).map_err(data)?;
-        let fit = fits.into_iter().take(count).next_back().ok_or_else(|| Fault::data("no feature varies"))?;
-        let free = self.free(fit.components, point);
-        Ok(self.answer(fit.fit, (fit.residual_squares / free).sqrt(), fit.components as f64))
-    }
-
-    fn robust(&self, point: &Fit) -> Result<Answer, Fault> {
-        let loss = if point.loss == "huber" {
-            Loss::Huber { threshold: point.threshold }
-        } else {
-            Loss::StudentT { degrees: point.degrees_of_freedom }
-        };
-        let scale = if point.scale == "mad" { Scale::Mad } else { Scale::Joint };
-        let robust = Robust { loss, scale, lambda: point.lambda, intercept: point.intercept(), ..Robust::default() };
-        let rows = self.rows();
-        let rows: Vec<LineRows> = rows.iter().map(|(a, y)| LineRows { a, y }).collect();
-        let found = robust.fit(&rows, &self.terms).map_err(data)?;
-        if !found.converged {
-            let what = format!("the robust fit did not settle within {} passes over the rows", found.passes);
-            return Err(Fault::data(what).help("give `lambda` above 0, or leave features out"));
-        }
-        Ok(self.answer(found.fit, found.scale, point.lambda))
-    }
-
-    fn recursive(&self, point: &Fit) -> Result<Answer, Fault> {
-        let p = self.terms.len();
-        let deviations = self.merged.term_deviations();
-        // A ridge of scaled columns: the prior's sigma of a coefficient goes with one over the column's deviation.
-        let sigma = |d: &f64| {
-            1.0 / (point.lambda.sqrt() * if point.scaling() == Scaling::None || *d == 0.0 { 1.0 } else { *d })
-        };
-        let sigma: Vec<f64> = deviations.iter().map(sigma).collect();
-        let mut filter = RecursiveLeastSquares::new(&vec![0.0; p], &sigma, point.forgetting, true).map_err(data)?;
-        for (a, y) in self.rows() {
-            for (row, y) in a.chunks_exact(p.max(1)).zip(y) {
-                filter.update(row, *y).map_err(data)?;
-            }
-        }
-        let fit = LinearFit { coefficients: filter.coefficients(), intercept: 0.0 };
-        let squares = self.merged.residuals(0, &fit).map_err(data)?.squares;
-        Ok(self.answer(fit, (squares / self.free(p, point)).sqrt(), point.lambda))
-    }
-
     /// Rows that are left for the residuals' variance.
-    fn free(&self, parameters: usize, point: &Fit) -> f64 {
-        self.merged.rows() as f64 - parameters as f64 - f64::from(u8::from(point.intercept()))
-    }
-
-    fn answer(&self, fit: LinearFit, residual_std: f64, chosen: f64) -> Answer {
-        Answer { std: vec![f64::NAN; fit.coefficients.len()], fit, residual_std, chosen }
+    pub fn free(&self, parameters: usize, settings: &Settings) -> f64 {
+        self.merged.rows() as f64 - parameters as f64 - f64::from(u8::from(settings.intercept))
     }
 
     /// The size of the total field and the scale of the induced terms, of rows that were not filtered: these terms add
@@ -468,7 +283,8 @@ fn own(moments: &Moments, places: Option<&[usize]>) -> Result<Moments, Fault> {
     }
 }
 
-fn lines_needed(error: numerics::regression::least_squares::LeastSquaresError) -> Fault {
+/// What was wrong where lines or flights were left out.
+pub fn lines_needed(error: LeastSquaresError) -> Fault {
     data(error).help("leaving one out needs two or more lines, or flights: select more, or choose otherwise")
 }
 
@@ -490,8 +306,8 @@ fn too_short(lines: &[(&Part, &Share)]) -> String {
     named.join("; ")
 }
 
-fn warning(point: &Fit, excited: &Excitation, trivial: Option<&TrivialSolution>, unused: &str) -> String {
-    let nothing_given = point.choose == "given" && point.lambda == 0.0;
+fn warning(point: &Point, excited: &Excitation, trivial: Option<&TrivialSolution>, unused: &str) -> String {
+    let nothing_given = point.settings.choose == Choose::Given && point.model.lambda() == Some(0.0);
     let weak = excited.message().filter(|_| nothing_given);
     let trivial = trivial.filter(|t| t.is_trivial()).map(|t| {
         format!(

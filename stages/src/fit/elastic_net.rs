@@ -1,0 +1,97 @@
+//! The elastic net.
+
+use numerics::regression::{
+    elastic_net::{self, ElasticNetFit},
+    least_squares::{LineScore, Prepared},
+};
+use schemas::Fault;
+
+use super::{
+    model::{Answer, FitModel, Settings, model},
+    problem::{Problem, lines_needed},
+    ridge::lambdas_faults,
+};
+use crate::columns::data;
+
+/// Values on a path of the elastic net, and its smallest as a part of its largest.
+const PATH: (usize, f64) = (100, 1e-4);
+
+model! {
+    /// Minimises \|y - A b\|^2 / 2n + `lambda` (r \|b\|_1 + (1 - r) \|b\|^2 / 2) of standardised columns, r being `l1_ratio`:
+    /// coefficients that are worth less than their penalty are exactly 0.
+    ///
+    /// Source: Zou and Hastie 2005; thesis 000, (3.19) to (3.43).
+    ElasticNet = "elastic_net", scaling Standardise, intercept true, made of Moments,
+    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten];
+    lambda: f64,
+    lambdas: Option<Vec<f64>>,
+    l1_ratio: f64,
+}
+
+impl FitModel for ElasticNet {
+    fn fit(&self, problem: &Problem, settings: &Settings, _: &Prepared) -> Result<Answer, Fault> {
+        let net = elastic_net::ElasticNet {
+            l1_ratio: self.l1_ratio,
+            scaling: settings.scaling,
+            intercept: settings.intercept,
+            ..elastic_net::ElasticNet::default()
+        };
+        let found = if settings.choose.leaves_out() {
+            self.chosen(&net, problem, settings)?
+        } else {
+            net.path(&problem.merged, 0, &[self.lambda]).map_err(data)?.pop()
+        };
+        let found = found.ok_or_else(|| Fault::machine("a fit was lost"))?;
+        let free = problem.free(found.active.len(), settings);
+        Ok(Answer::without_errors(found.fit, (found.residual_squares / free).sqrt(), found.alpha))
+    }
+
+    fn faults(&self, _: &Settings) -> Vec<Fault> {
+        lambdas_faults(self.lambdas.as_deref())
+    }
+
+    fn lambda(&self) -> Option<f64> {
+        Some(self.lambda)
+    }
+}
+
+impl ElasticNet {
+    fn chosen(
+        &self,
+        net: &elastic_net::ElasticNet,
+        problem: &Problem,
+        settings: &Settings,
+    ) -> Result<Option<ElasticNetFit>, Fault> {
+        let falling = match &self.lambdas {
+            Some(given) => {
+                let mut falling = given.clone();
+                falling.sort_by(|a, b| b.total_cmp(a));
+                falling
+            }
+            None => net.alphas(&problem.merged, 0, PATH.0, PATH.1).map_err(data)?,
+        };
+        let choice = net.choose(&problem.groups(settings)?, 0, &falling, LineScore::Variance).map_err(lines_needed)?;
+        let at = settings.pick(&choice.scores);
+        Ok(choice.path.into_iter().nth(at))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::fit::testing::{COEFFICIENTS, fitted, number};
+
+    #[test]
+    fn law_a_small_penalty_leaves_the_truth_and_a_large_one_exactly_nothing() {
+        let found = fitted("elastic_net", &[number("lambda", 1e-9)]).value;
+        // The path ends at a gap of the objective, so coefficients have half its digits.
+        assert!(found.iter().zip(COEFFICIENTS).all(|(a, b)| (a - b).abs() < 1e-4 * b.abs()), "{found:?}");
+        assert_eq!(fitted("elastic_net", &[number("lambda", 1e9), number("l1_ratio", 1.0)]).value[..3], [0.0; 3]);
+    }
+
+    #[test]
+    fn law_without_absolute_values_it_is_a_ridge_of_n_times_the_penalty() {
+        let net = fitted("elastic_net", &[number("lambda", 0.01), number("l1_ratio", 0.0)]);
+        let ridge = fitted("ridge", &[number("lambda", 0.01 * net.rows)]).value;
+        assert!(net.value.iter().zip(&ridge).all(|(a, b)| (a - b).abs() < 1e-4 * b.abs()), "{:?} {ridge:?}", net.value);
+    }
+}

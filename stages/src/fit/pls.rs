@@ -1,0 +1,73 @@
+//! Partial least squares.
+
+use numerics::regression::{
+    least_squares::{LineScore, Prepared},
+    pls,
+};
+use schemas::Fault;
+
+use super::{
+    model::{Answer, FitModel, Settings, model},
+    problem::{Problem, lines_needed},
+};
+use crate::columns::data;
+
+model! {
+    /// Partial least squares: ordinary least squares on `components` sums of the features, those that vary most together
+    /// with the target, of columns without their means. Together with `with_targets` the components are common ones.
+    ///
+    /// Source: Wold, Sjöström and Eriksson 2001; thesis 000, (3.19) to (3.43).
+    PartialLeastSquares = "pls", scaling Standardise, intercept true, made of Moments,
+    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten];
+    components: usize,
+    with_targets: Vec<String>,
+}
+
+impl FitModel for PartialLeastSquares {
+    fn fit(&self, problem: &Problem, settings: &Settings, _: &Prepared) -> Result<Answer, Fault> {
+        let targets: Vec<usize> = (0..problem.merged.targets()).collect();
+        let most = self.components.min(problem.terms.len());
+        let count = if settings.choose.leaves_out() {
+            let groups = problem.groups(settings)?;
+            let scores = pls::choose_components(&groups, &targets, 0, most, settings.scaling, LineScore::Variance);
+            1 + settings.pick(&scores.map_err(lines_needed)?)
+        } else {
+            most
+        };
+        let mut path = pls::fit(&problem.merged, &targets, count, settings.scaling).map_err(data)?;
+        let squares = path.residual_squares.pop().and_then(|s| s.first().copied()).unwrap_or(f64::NAN);
+        let used = path.fits.len();
+        let fit = path.fits.pop().and_then(|f| f.into_iter().next());
+        let fit = fit.ok_or_else(|| Fault::data("the target has no covariance with any feature"))?;
+        Ok(Answer::without_errors(fit, (squares / problem.free(used, settings)).sqrt(), used as f64))
+    }
+
+    fn faults(&self, settings: &Settings) -> Vec<Fault> {
+        let centred = "partial least squares always takes means off";
+        (!settings.intercept).then(|| Fault::new(centred).of_param("intercept")).into_iter().collect()
+    }
+
+    fn with_targets(&self) -> &[String] {
+        &self.with_targets
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::fit::testing::{COEFFICIENTS, INTERCEPT_NT, fitted, whole};
+
+    #[test]
+    fn law_with_all_components_the_truth_is_recovered() {
+        let found = fitted("pls", &[whole("components", 3)]);
+        let truth = COEFFICIENTS.into_iter().chain([INTERCEPT_NT]);
+        assert!(found.value.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-8 * b.abs()), "{:?}", found.value);
+        assert_eq!(found.chosen, 3.0);
+    }
+
+    #[test]
+    fn law_the_first_component_is_along_the_covariances() {
+        let one = fitted("pls", &[whole("components", 1)]);
+        let fewer = fitted("pls", &[whole("components", 2)]);
+        assert!(one.residual_std > fewer.residual_std && fewer.residual_std > 0.0);
+    }
+}

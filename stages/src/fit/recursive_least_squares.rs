@@ -1,0 +1,84 @@
+//! Least squares row by row in time.
+
+use numerics::regression::{
+    least_squares::{LinearFit, Prepared, Scaling},
+    recursive_least_squares,
+};
+use schemas::Fault;
+
+use super::{
+    model::{Answer, FitModel, Settings, model},
+    problem::Problem,
+};
+use crate::columns::data;
+
+model! {
+    /// Least squares row by row in time, older rows `forgetting`. It begins with coefficients of zero and the ridge `lambda`,
+    /// of columns over their standard deviations.
+    ///
+    /// What is forgotten is given back as a ridge about the coefficients of that moment, so that a direction which the
+    /// flight does not excite for long keeps its value; the recursion of textbooks forgets its beginning too. With
+    /// `forgetting = 1.0` nothing is forgotten, and both are the ridge.
+    ///
+    /// Source: Haykin 2002, "Adaptive Filter Theory", chapter 9.
+    RecursiveLeastSquares = "recursive_least_squares", scaling Standardise, intercept false, made of Rows,
+    choose [Given], takes [];
+    lambda: f64,
+    forgetting: f64,
+}
+
+impl FitModel for RecursiveLeastSquares {
+    fn fit(&self, problem: &Problem, settings: &Settings, _: &Prepared) -> Result<Answer, Fault> {
+        let p = problem.terms.len();
+        let mut filter = recursive_least_squares::RecursiveLeastSquares::new(
+            &vec![0.0; p],
+            &self.sigma(problem, settings),
+            self.forgetting,
+            true,
+        )
+        .map_err(data)?;
+        for (a, y) in problem.rows() {
+            for (row, y) in a.chunks_exact(p.max(1)).zip(y) {
+                filter.update(row, *y).map_err(data)?;
+            }
+        }
+        let fit = LinearFit { coefficients: filter.coefficients(), intercept: 0.0 };
+        let squares = problem.merged.residuals(0, &fit).map_err(data)?.squares;
+        Ok(Answer::without_errors(fit, (squares / problem.free(p, settings)).sqrt(), self.lambda))
+    }
+
+    fn faults(&self, settings: &Settings) -> Vec<Fault> {
+        let constant = "`recursive_least_squares` has no intercept: make `bias` one of the terms";
+        let penalty = "`recursive_least_squares` begins with a ridge: `lambda` must be above 0";
+        let mut faults = vec![];
+        faults.extend(settings.intercept.then(|| Fault::new(constant).of_param("intercept")));
+        faults.extend((self.lambda == 0.0).then(|| Fault::new(penalty).of_param("lambda")));
+        faults
+    }
+
+    fn lambda(&self) -> Option<f64> {
+        Some(self.lambda)
+    }
+}
+
+impl RecursiveLeastSquares {
+    /// The prior sigma of each coefficient: of a ridge of scaled columns it goes with one over the column's deviation.
+    fn sigma(&self, problem: &Problem, settings: &Settings) -> Vec<f64> {
+        let scaled = |d: f64| if settings.scaling == Scaling::None || d == 0.0 { 1.0 } else { d };
+        problem.merged.term_deviations().iter().map(|d| 1.0 / (self.lambda.sqrt() * scaled(*d))).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::fit::testing::{COEFFICIENTS, fitted_to, number, plain, word};
+
+    #[test]
+    fn law_the_truth_is_recovered_from_a_weak_beginning_with_and_without_forgetting() {
+        for forgetting in [1.0, 0.99] {
+            let keys = [number("lambda", 1e-6), number("forgetting", forgetting), word("scaling", "none")];
+            let found = fitted_to(&plain(0.0), "recursive_least_squares", &keys).value;
+            assert!(found.iter().zip(COEFFICIENTS).all(|(a, b)| (a - b).abs() < 1e-4 * b.abs()), "{found:?}");
+        }
+    }
+}

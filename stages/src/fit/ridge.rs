@@ -1,0 +1,147 @@
+//! The ridge, and what the models of Tolles and Lawson share with it.
+
+use std::sync::Arc;
+
+use numerics::regression::{
+    choose_lambda::{self, by_generalised_cross_validation, by_l_curve, by_lines, curve},
+    least_squares::{LineScore, LinearFit, Prepared, RidgePath},
+};
+use schemas::Fault;
+
+use super::{
+    model::{Answer, Choose, FitModel, Settings, model},
+    problem::{Problem, lines_needed},
+};
+use crate::columns::data;
+
+/// Values on the grid of ridge parameters where the spec gives none, over so many decades below the largest.
+const GRID: (usize, f64) = (81, 1e-12);
+
+model! {
+    /// Minimises \|y - A b\|^2 + `lambda` \|b\|^2 of standardised columns.
+    Ridge = "ridge", scaling Standardise, intercept true, made of Moments,
+    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten];
+    lambda: f64,
+    lambdas: Option<Vec<f64>>,
+}
+
+impl FitModel for Ridge {
+    fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
+        Penalty { lambda: self.lambda, among: self.lambdas.as_deref() }.fit(problem, settings, prepared)
+    }
+
+    fn faults(&self, _: &Settings) -> Vec<Fault> {
+        lambdas_faults(self.lambdas.as_deref())
+    }
+
+    fn lambda(&self) -> Option<f64> {
+        Some(self.lambda)
+    }
+
+    fn is_ridge(&self) -> bool {
+        true
+    }
+}
+
+/// A penalty on the squares of coefficients.
+pub struct Penalty<'a> {
+    /// Its strength, where that is given.
+    pub lambda: f64,
+    /// The strengths to choose among; `None` for a grid that fits the features.
+    pub among: Option<&'a [f64]>,
+}
+
+impl Penalty<'_> {
+    /// The ridge of the strength that is given or chosen.
+    ///
+    /// # Errors
+    /// When the columns do not determine it, or there is nothing to choose by.
+    pub fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
+        let lambda = match settings.choose {
+            Choose::Given => self.lambda,
+            _ => self.chosen(problem, settings, prepared)?,
+        };
+        let found = |path: &RidgePath| path.solutions.iter().position(|s| s.lambda.to_bits() == lambda.to_bits());
+        let (path, at) = match problem.path(settings).and_then(|path| found(path).map(|at| (path.clone(), at))) {
+            Some(known) => known,
+            None => (Arc::new(prepared.ridge(&[lambda], &problem.terms).map_err(data)?), 0),
+        };
+        let solution = path.solutions.get(at).ok_or_else(|| Fault::machine("a fit was lost"))?;
+        let coefficients = solution.coefficients.first().cloned().unwrap_or_default();
+        let covariance = path.covariance(at, 0).unwrap_or_default();
+        let p = coefficients.len();
+        let std = (0..p).map(|i| covariance.get(i * p + i).map_or(f64::NAN, |v| v.sqrt())).collect();
+        let residual_std = solution.residual_variances.first().map_or(f64::NAN, |v| v.sqrt());
+        let intercept = prepared.original(0, &prepared.scaled(&coefficients)).intercept;
+        Ok(Answer { fit: LinearFit { coefficients, intercept }, std, residual_std, chosen: lambda })
+    }
+
+    fn chosen(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<f64, Fault> {
+        let grid = self.grid(prepared)?;
+        if settings.choose.leaves_out() {
+            return by_leaving_out(&grid, problem, settings);
+        }
+        let points = curve(prepared, 0, &grid).map_err(data)?;
+        let (at, none) = if settings.choose == Choose::Gcv {
+            (
+                by_generalised_cross_validation(&points),
+                "generalised cross-validation is not defined: there are too few rows",
+            )
+        } else {
+            (by_l_curve(&points), "the L-curve has no corner")
+        };
+        let at = at.ok_or_else(|| Fault::data(none).help("give `lambda`, or `lambdas` over another range"))?;
+        Ok(points[at].lambda)
+    }
+
+    /// The strengths to choose among, rising.
+    fn grid(&self, prepared: &Prepared) -> Result<Vec<f64>, Fault> {
+        let Some(given) = self.among else {
+            let singular = prepared.singular().map_err(data)?;
+            let largest = singular.values.first().copied().unwrap_or(1.0).powi(2);
+            return choose_lambda::grid(GRID.1 * largest, largest, GRID.0).map_err(data);
+        };
+        let mut grid = given.to_vec();
+        grid.sort_by(f64::total_cmp);
+        Ok(grid)
+    }
+}
+
+fn by_leaving_out(grid: &[f64], problem: &Problem, settings: &Settings) -> Result<f64, Fault> {
+    let falling: Vec<f64> = grid.iter().rev().copied().collect();
+    let groups = problem.groups(settings)?;
+    let scores = by_lines(&groups, 0, &falling, settings.scaling, settings.intercept, LineScore::Variance);
+    let at = settings.pick(&scores.map_err(lines_needed)?);
+    falling.get(at).copied().ok_or_else(|| Fault::data("there is no ridge parameter to choose"))
+}
+
+/// What is wrong with the strengths to choose among.
+pub fn lambdas_faults(lambdas: Option<&[f64]>) -> Vec<Fault> {
+    match lambdas {
+        Some(l) if l.len() < 3 || l.iter().any(|x| !(*x > 0.0 && x.is_finite())) => {
+            vec![Fault::new("`lambdas` must be three or more numbers above 0").of_param("lambdas")]
+        }
+        _ => vec![],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::fit::testing::{COEFFICIENTS, INTERCEPT_NT, fitted, number, word};
+
+    #[test]
+    fn law_without_a_penalty_the_truth_is_recovered_on_every_scale() {
+        for scaling in ["none", "standardise", "max_abs", "min_max"] {
+            let found = fitted("ridge", &[number("lambda", 0.0), word("scaling", scaling)]).value;
+            let truth = COEFFICIENTS.into_iter().chain([INTERCEPT_NT]);
+            assert!(found.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-9 * b.abs()), "{scaling}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn law_a_strong_penalty_leaves_the_mean_alone() {
+        let found = fitted("ridge", &[number("lambda", 1e15)]);
+        assert!(found.value[..3].iter().all(|b| b.abs() < 1e-6), "{:?}", found.value);
+        assert_eq!(found.chosen, 1e15);
+    }
+}

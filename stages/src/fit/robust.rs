@@ -1,0 +1,113 @@
+//! Regression that spikes do not spoil.
+
+use numerics::regression::{
+    least_squares::{Prepared, Scaling},
+    robust::{self, LineRows},
+};
+use schemas::{Fault, choice};
+
+use super::{
+    model::{Answer, FitModel, Settings, model},
+    problem::Problem,
+};
+use crate::columns::data;
+
+choice! {
+    /// How a residual is weighed.
+    pub enum Loss {
+        /// Squares, and straight lines beyond a threshold.
+        Huber = "huber",
+        /// The likelihood of Student's t distribution.
+        StudentT = "student_t",
+    }
+}
+
+choice! {
+    /// How the size of ordinary residuals is found.
+    pub enum Scale {
+        /// By their median.
+        Mad = "mad",
+        /// Together with the coefficients.
+        Joint = "joint",
+    }
+}
+
+model! {
+    /// Minimises a loss that grows more slowly than squares, of columns as they are, row by row: spikes do not spoil it.
+    /// `threshold` is of the loss `huber`, `degrees_of_freedom` of `student_t`.
+    ///
+    /// Source: Huber 1981, "Robust Statistics"; Lange, Little and Taylor 1989.
+    Robust = "robust", scaling None, intercept true, made of Rows, choose [Given], takes [];
+    lambda: f64,
+    loss: Loss,
+    scale: Scale,
+    threshold: f64,
+    degrees_of_freedom: f64,
+}
+
+impl FitModel for Robust {
+    fn fit(&self, problem: &Problem, settings: &Settings, _: &Prepared) -> Result<Answer, Fault> {
+        let rows = problem.rows();
+        let rows: Vec<LineRows> = rows.iter().map(|(a, y)| LineRows { a, y }).collect();
+        let found = self.numeric(settings).fit(&rows, &problem.terms).map_err(data)?;
+        if !found.converged {
+            let what = format!("the robust fit did not settle within {} passes over the rows", found.passes);
+            return Err(Fault::data(what).help("give `lambda` above 0, or leave features out"));
+        }
+        Ok(Answer::without_errors(found.fit, found.scale, self.lambda))
+    }
+
+    fn faults(&self, settings: &Settings) -> Vec<Fault> {
+        let unscaled = "`robust` penalises columns as they are: `scaling` can only be `none`";
+        let wrong = settings.scaling != Scaling::None;
+        wrong.then(|| Fault::new(unscaled).of_param("scaling")).into_iter().collect()
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        let of = [("threshold", Loss::Huber), ("degrees_of_freedom", Loss::StudentT)];
+        let (_, loss) = of.into_iter().find(|(k, loss)| *k == key && *loss != self.loss)?;
+        let help = format!("the loss is `{}`: leave it out", self.loss.word());
+        Some(Fault::new(format!("`{key}` belongs to the loss `{}`", loss.word())).help(help))
+    }
+
+    fn lambda(&self) -> Option<f64> {
+        Some(self.lambda)
+    }
+}
+
+impl Robust {
+    fn numeric(&self, settings: &Settings) -> robust::Robust {
+        let loss = match self.loss {
+            Loss::Huber => robust::Loss::Huber { threshold: self.threshold },
+            Loss::StudentT => robust::Loss::StudentT { degrees: self.degrees_of_freedom },
+        };
+        let scale = match self.scale {
+            Scale::Mad => robust::Scale::Mad,
+            Scale::Joint => robust::Scale::Joint,
+        };
+        robust::Robust { loss, scale, lambda: self.lambda, intercept: settings.intercept, ..robust::Robust::default() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::fit::testing::{COEFFICIENTS, INTERCEPT_NT, fitted, fitted_to, number, spiked, word};
+
+    #[test]
+    fn law_spikes_do_not_move_it_as_they_move_least_squares() {
+        let truth = || COEFFICIENTS.into_iter().chain([INTERCEPT_NT]);
+        let off = |found: &[f64]| found.iter().zip(truth()).map(|(a, b)| ((a - b) / b).abs()).fold(0.0, f64::max);
+        let squares = fitted_to(&spiked(), "ridge", &[number("lambda", 0.0)]).value;
+        for loss in ["huber", "student_t"] {
+            let found = fitted_to(&spiked(), "robust", &[number("lambda", 0.0), word("loss", loss)]).value;
+            assert!(off(&found) < 0.02 * off(&squares), "{loss}: {found:?} {squares:?}");
+        }
+    }
+
+    #[test]
+    fn law_without_spikes_a_wide_threshold_is_least_squares() {
+        let wide = [number("lambda", 0.0), number("threshold", 1e6), word("scale", "joint")];
+        let [one, other] = [fitted("robust", &wide), fitted("ridge", &[number("lambda", 0.0)])];
+        assert!(one.value.iter().zip(&other.value).all(|(a, b)| (a - b).abs() < 1e-6 * b.abs()), "{:?}", one.value);
+    }
+}

@@ -1,0 +1,102 @@
+//! A small fit for the tests of models: two lines of three features whose coefficients are known.
+
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
+use schemas::{Args, Fault, Given, LineIn, Literal, StageDyn};
+
+use super::Fit;
+
+/// What the target is made of.
+pub const COEFFICIENTS: [f64; 3] = [12.0, -7.0, 3.5];
+/// The constant in the target, in nT.
+pub const INTERCEPT_NT: f64 = 40.0;
+/// Rows of a line.
+const ROWS: usize = 200;
+
+/// What a fit says.
+pub struct Found {
+    /// The coefficients, the intercept last where there is one.
+    pub value: Vec<f64>,
+    pub residual_std: f64,
+    pub chosen: f64,
+    /// How many rows were used.
+    pub rows: f64,
+}
+
+pub fn number(key: &str, value: f64) -> (String, Literal) {
+    (key.to_owned(), Literal::Float(value))
+}
+
+pub fn whole(key: &str, value: i64) -> (String, Literal) {
+    (key.to_owned(), Literal::Int(value))
+}
+
+pub fn word(key: &str, value: &str) -> (String, Literal) {
+    (key.to_owned(), Literal::Text(value.to_owned()))
+}
+
+pub fn flag(key: &str, value: bool) -> (String, Literal) {
+    (key.to_owned(), Literal::Bool(value))
+}
+
+/// Two lines whose target is exactly the sum of features and `constant_nt`.
+pub fn plain(constant_nt: f64) -> Vec<RecordBatch> {
+    lines(&|_, exact| exact + constant_nt)
+}
+
+/// The same with a spike of 500 nT in every twentieth row.
+pub fn spiked() -> Vec<RecordBatch> {
+    lines(&|row, exact| exact + INTERCEPT_NT + if row % 20 == 7 { 500.0 } else { 0.0 })
+}
+
+fn lines(target: &dyn Fn(usize, f64) -> f64) -> Vec<RecordBatch> {
+    [0.0, 5.0].map(|phase| line(phase, target)).to_vec()
+}
+
+fn line(phase: f64, target: &dyn Fn(usize, f64) -> f64) -> RecordBatch {
+    let t = |row: usize| 0.1 * row as f64;
+    let features = |row: usize| {
+        let t = t(row) + phase;
+        [(1.3 * t).sin(), 2.0 * (0.7 * t).cos() + 0.3 * (1.3 * t).sin(), (0.41 * t).sin() + 0.2]
+    };
+    let exact = |row: usize| features(row).iter().zip(COEFFICIENTS).map(|(a, b)| a * b).sum::<f64>();
+    let column = |of: &dyn Fn(usize) -> f64| -> ArrayRef { Arc::new((0..ROWS).map(of).collect::<Float64Array>()) };
+    RecordBatch::try_from_iter([
+        ("tt", column(&t)),
+        ("y", column(&|row| target(row, exact(row)))),
+        ("a", column(&|row| features(row)[0])),
+        ("b", column(&|row| features(row)[1])),
+        ("c", column(&|row| features(row)[2])),
+    ])
+    .unwrap()
+}
+
+/// The stage `fit` with `model` and `keys`, of the features `a`, `b` and `c`, without a filter.
+pub fn stage(model: &str, keys: &[(String, Literal)]) -> Result<Arc<dyn StageDyn>, Vec<Fault>> {
+    let features = Literal::List(["a", "b", "c"].map(|name| Literal::Text(name.to_owned())).to_vec());
+    let usual = [word("model", model), word("target", "y"), ("features".to_owned(), features)];
+    let unfiltered = [number("low_hz", 0.0), number("high_hz", 0.0), whole("trim", 0)];
+    let given = usual.into_iter().chain(unfiltered).chain(keys.iter().cloned());
+    let args: Args = given.map(|(name, value)| (name, Given { value, key_at: 0..0, at: 0..0 })).collect();
+    (Fit::entry().build)(&args)
+}
+
+/// A fit to [`plain`] lines.
+pub fn fitted(model: &str, keys: &[(String, Literal)]) -> Found {
+    fitted_to(&plain(INTERCEPT_NT), model, keys)
+}
+
+/// A fit to these lines.
+pub fn fitted_to(lines: &[RecordBatch], model: &str, keys: &[(String, Literal)]) -> Found {
+    let stage = stage(model, keys).unwrap();
+    let gather = stage.gather(&[stage.as_ref()]).unwrap();
+    let part = |(i, line): (usize, &RecordBatch)| {
+        let (flight, name, inputs) = ("1".to_owned(), format!("1.{i}"), vec![line.clone()]);
+        gather.map(&LineIn { flight, line: name, inputs, keep: None, prepared: None }).unwrap()
+    };
+    let table = gather.finish(lines.iter().enumerate().map(part).collect()).remove(0).unwrap();
+    let column = |i: usize| table[i].as_primitive::<Float64Type>().values().to_vec();
+    let rows = table[4].as_primitive::<arrow_array::types::Int64Type>().value(0);
+    Found { value: column(2), residual_std: column(7)[0], chosen: column(8)[0], rows: rows as f64 }
+}

@@ -1,0 +1,58 @@
+//! The model of Tolles and Lawson: the ridge of columns as they are.
+
+use numerics::regression::least_squares::Prepared;
+use schemas::Fault;
+
+use super::{
+    model::{Answer, FitModel, Settings, model},
+    problem::Problem,
+    ridge::{Penalty, lambdas_faults},
+};
+
+model! {
+    /// Minimises \|y - A b\|^2 + `lambda` \|b\|^2 of columns as they are, without a constant. Its feature is `tl`, of
+    /// `a_matrix`. Without a penalty it is ordinary least squares.
+    ///
+    /// Source: Tolles and Lawson 1950; Leliak 1961; thesis 000, (3.19) to (3.43).
+    TollesLawson = "tolles_lawson", scaling None, intercept false, made of Moments,
+    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten];
+    lambda: f64,
+    lambdas: Option<Vec<f64>>,
+}
+
+impl FitModel for TollesLawson {
+    fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
+        Penalty { lambda: self.lambda, among: self.lambdas.as_deref() }.fit(problem, settings, prepared)
+    }
+
+    fn faults(&self, _: &Settings) -> Vec<Fault> {
+        lambdas_faults(self.lambdas.as_deref())
+    }
+
+    fn lambda(&self) -> Option<f64> {
+        Some(self.lambda)
+    }
+
+    fn is_ridge(&self) -> bool {
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::fit::testing::{COEFFICIENTS, fitted, flag, number, word};
+
+    #[test]
+    fn law_the_truth_is_recovered_with_a_constant_which_is_left_out_unless_asked_for() {
+        let found = fitted("tolles_lawson", &[number("lambda", 0.0), flag("intercept", true)]).value;
+        assert!(found.iter().zip(COEFFICIENTS).all(|(a, b)| (a - b).abs() < 1e-9 * b.abs()), "{found:?}");
+        assert_eq!(fitted("tolles_lawson", &[number("lambda", 0.0)]).value.len(), 3);
+    }
+
+    #[test]
+    fn law_it_is_the_ridge_of_columns_as_they_are() {
+        let one = fitted("tolles_lawson", &[number("lambda", 0.3)]);
+        let other = fitted("ridge", &[number("lambda", 0.3), word("scaling", "none"), flag("intercept", false)]);
+        assert_eq!(one.value, other.value);
+    }
+}

@@ -1,0 +1,60 @@
+//! Least squares on the first principal components.
+
+use numerics::regression::{
+    least_squares::{LineScore, Prepared},
+    truncated_svd,
+};
+use schemas::Fault;
+
+use super::{
+    model::{Answer, FitModel, Settings, model},
+    problem::{Problem, lines_needed},
+};
+use crate::columns::data;
+
+model! {
+    /// Least squares on the first `components` principal components of standardised columns: directions that the flight
+    /// excites least are left out.
+    ///
+    /// Source: Hansen 1987, "The truncated SVD as a method for regularization".
+    TruncatedSvd = "truncated_svd", scaling Standardise, intercept true, made of Moments,
+    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten];
+    components: usize,
+}
+
+impl FitModel for TruncatedSvd {
+    fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
+        let most = self.components.min(problem.terms.len());
+        let count = if settings.choose.leaves_out() { chosen(problem, settings, most)? } else { most };
+        let fits = truncated_svd::path(prepared, 0).map_err(data)?;
+        let fit = fits.into_iter().take(count).next_back().ok_or_else(|| Fault::data("no feature varies"))?;
+        let free = problem.free(fit.components, settings);
+        Ok(Answer::without_errors(fit.fit, (fit.residual_squares / free).sqrt(), fit.components as f64))
+    }
+}
+
+/// The number of components that predicts lines or flights best.
+fn chosen(problem: &Problem, settings: &Settings, most: usize) -> Result<usize, Fault> {
+    let (scaling, intercept) = (settings.scaling, settings.intercept);
+    let groups = problem.groups(settings)?;
+    let scores = truncated_svd::choose_components(&groups, 0, most, scaling, intercept, LineScore::Variance);
+    Ok(1 + settings.pick(&scores.map_err(lines_needed)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::fit::testing::{COEFFICIENTS, INTERCEPT_NT, fitted, whole};
+
+    #[test]
+    fn law_with_all_components_the_truth_is_recovered() {
+        let found = fitted("truncated_svd", &[whole("components", 3)]);
+        let truth = COEFFICIENTS.into_iter().chain([INTERCEPT_NT]);
+        assert!(found.value.iter().zip(truth).all(|(a, b)| (a - b).abs() < 1e-9 * b.abs()), "{:?}", found.value);
+    }
+
+    #[test]
+    fn law_more_components_than_features_are_all_of_them() {
+        let [all, more] = [3, 50].map(|n| fitted("truncated_svd", &[whole("components", n)]));
+        assert_eq!((all.value, more.chosen), (more.value, 3.0));
+    }
+}
