@@ -470,3 +470,67 @@ fn law_a_key_that_a_model_of_the_sweep_takes_may_be_given() {
     assert_eq!(none.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&none.stderr).contains("`components` belongs to `pls` and `truncated_svd`"));
 }
+
+/// A sweep of two models over the ridge parameter, which only one of them takes.
+fn two_models(more: &str) -> Bench {
+    let stage = fit("swept", "mag_4_uc", &format!("model = \"$kind\"\nlambda = \"$lambda\"\ncomponents = 2\n{more}"));
+    small_case(&format!(
+        "[axes]\nkind = [\"ridge\", \"pls\"]\nlambda = [0.1, 1.0, 10.0]\n{stage}\
+         [[stages]]\nname = \"clean\"\nstage = \"compensate\"\ninput = \"flights\"\nmodel = \"swept\"\n\
+         mag = \"mag_4_uc\"\n"
+    ))
+}
+
+#[test]
+fn law_points_that_differ_in_a_key_of_another_model_are_computed_once_and_each_is_published() {
+    let bench = two_models("");
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let counted = |table: &str, what: &str| done.last["tables"][table][what].as_u64().unwrap();
+    // Three ridges and one partial least squares, and what is compensated with them on four lines.
+    assert_eq!((done.computed("swept"), counted("swept", "reused")), (4, 2));
+    assert_eq!((done.computed("clean"), counted("clean", "reused")), (16, 8));
+    let table = read(&bench.path("store/tables/small/swept"));
+    let (kinds, lambdas, values) = (texts(&table, "kind"), numbers(&table, "lambda"), numbers(&table, "value"));
+    assert_eq!(values.len(), 6 * 9);
+    let of = |kind: &str, lambda: f64| -> Vec<f64> {
+        let rows = (0..values.len()).filter(|i| kinds[*i] == kind && lambdas[*i] == lambda);
+        rows.map(|i| values[i]).collect()
+    };
+    assert_eq!(of("pls", 0.1).len(), 9);
+    assert!(of("pls", 0.1) == of("pls", 1.0) && of("pls", 0.1) == of("pls", 10.0));
+    assert!(of("ridge", 0.1) != of("ridge", 1.0));
+    let clean = read(&bench.path("store/tables/small/clean"));
+    let rows = |lambda: f64| numbers(&clean, "lambda").iter().filter(|l| **l == lambda).count();
+    assert!(rows(0.1) > 0 && rows(0.1) == rows(1.0) && rows(0.1) == rows(10.0));
+    // All of it is there now, also what stands for another point.
+    let again = bench.run(&[]);
+    assert_eq!((again.code, again.total("computed")), (0, 0), "{}", again.last);
+    // And it has the same bytes with one thread, and grown in steps.
+    for more in [&["--set", "store=one", "--threads", "1"][..], &["--set", "store=grown", "--set", "axes.lambda=[1.0]"]]
+    {
+        assert_eq!(bench.run(more).code, 0);
+    }
+    let grown = bench.run(&["--set", "store=grown"]);
+    assert_eq!(grown.computed("swept"), 2, "{}", grown.last);
+    let tables = bench.tables("store");
+    for store in ["one", "grown"] {
+        assert!(bench.tables(store) == tables, "{store}");
+    }
+}
+
+#[test]
+fn law_points_that_fail_alike_are_each_named_and_asked_no_more() {
+    let bench = two_models("trim = 100000");
+    let spec = fs::read_to_string(bench.path("spec.toml")).unwrap().replacen("trim = 0\n", "", 1);
+    bench.spec(&spec);
+    let first = bench.run(&[]);
+    assert_eq!((first.code, first.total("failed")), (1, 6), "{}", first.stderr);
+    let stages = |bench: &Bench| texts(&read(&bench.path("store/tables/small/failures")), "stage");
+    assert_eq!(stages(&bench).iter().filter(|s| *s == "swept").count(), 6);
+    let packs = || fs::read_dir(bench.path("store/objects")).unwrap().count();
+    let before = packs();
+    let again = bench.run(&[]);
+    assert_eq!((again.code, again.total("computed"), again.total("failed")), (1, 0, 6), "{}", again.last);
+    assert_eq!(packs(), before);
+}

@@ -1,5 +1,7 @@
 //! One table of a run: what is there is found, what is not is computed, and both are put into packs.
 
+use std::collections::{HashMap, HashSet};
+
 use arrow_array::RecordBatch;
 use arrow_schema::Schema;
 use rayon::prelude::*;
@@ -36,6 +38,39 @@ struct Answer {
     made: Vec<Made>,
     /// Why its pack could not be written.
     lost: Option<Fault>,
+}
+
+/// The units of a chunk that are to be computed. Points of a sweep that differ in nothing that their stage looks at have
+/// one key: the first of them is computed, and its answer is the others' too.
+struct Pending {
+    units: Vec<(Unit, Key)>,
+    /// The first unit of each key, in their order.
+    first: Vec<Unit>,
+    of_key: HashMap<Key, Unit>,
+}
+
+impl Pending {
+    fn new(units: Vec<(Unit, Key)>) -> Pending {
+        let mut of_key = HashMap::new();
+        let is_first = |(unit, key): &(Unit, Key)| *of_key.entry(*key).or_insert(*unit) == *unit;
+        let first = units.iter().copied().filter(is_first).map(|(unit, _)| unit).collect();
+        Pending { units, first, of_key }
+    }
+
+    /// The units whose answer is another's.
+    fn repeats(&self) -> HashSet<Unit> {
+        self.units.iter().filter(|(unit, key)| self.of_key.get(key) != Some(unit)).map(|(unit, _)| *unit).collect()
+    }
+
+    /// What was made of the first units, for all of them.
+    fn spread(&self, made: Vec<Made>) -> Vec<Made> {
+        if self.first.len() == self.units.len() {
+            return made;
+        }
+        let of: HashMap<Unit, Made> = made.into_iter().map(|m| (m.unit, m)).collect();
+        let one = |(unit, key): &(Unit, Key)| Some(Made { unit: *unit, ..of.get(self.of_key.get(key)?)?.clone() });
+        self.units.iter().filter_map(one).collect()
+    }
 }
 
 impl Runner<'_> {
@@ -88,20 +123,22 @@ impl Runner<'_> {
         let mut known = known;
         for (range, answer) in layout.chunks.iter().zip(answers) {
             let mut made = answer.made.into_iter().peekable();
+            let mut computed = HashSet::new();
             for i in range.clone() {
                 let Known::Pending(key) = known[i] else { continue };
                 let Some(Made { unit, rows, left_out }) = made.next_if(|m| m.unit == layout.units[i]) else { continue };
                 self.left_out(unit, left_out);
                 match rows.map(|_| ()).and(answer.lost.clone().map_or(Ok(()), Err)) {
                     Ok(()) => {
-                        count.computed += 1;
+                        let first = computed.insert(key);
+                        *(if first { &mut count.computed } else { &mut count.reused }) += 1;
                         self.states.set(unit, State::Done);
                         known[i] = Known::There(Packed { key, dress: cut.dress(unit), rows: 0 });
                     }
                     Err(fault) => {
                         count.failed += 1;
                         if fault.owner != Owner::Machine {
-                            known[i] = Known::There(Packed { key, dress: 0, rows: FAILED });
+                            known[i] = Known::There(Packed { key, dress: cut.dress(unit), rows: FAILED });
                         }
                         self.record(unit, fault);
                     }
@@ -141,7 +178,7 @@ impl Runner<'_> {
             Looked::Failed(key, fault) => {
                 count.failed += 1;
                 self.fail(unit, fault);
-                Known::There(Packed { key, dress: 0, rows: FAILED })
+                Known::There(Packed { key, dress: cut.dress(unit), rows: FAILED })
             }
             Looked::Fault(fault) => {
                 count.failed += 1;
@@ -152,7 +189,8 @@ impl Runner<'_> {
         }
     }
 
-    /// Computes what is pending of a chunk and writes its pack. Where `whole`, the pack holds all of the chunk; else what
+    /// Computes what is pending of a chunk and writes its pack; points that ask the same of the same data are computed once.
+    /// Where `whole`, the pack holds all of the chunk; else what
     /// is new, and what stands in no pack as it is wanted.
     #[allow(clippy::too_many_arguments)]
     fn chunk(
@@ -165,10 +203,13 @@ impl Runner<'_> {
         whole: bool,
         worker: &Worker,
     ) -> Answer {
-        let is_pending = |i: &usize| matches!(known[*i], Known::Pending(_));
-        let pending: Vec<Unit> = range.clone().filter(is_pending).map(|i| layout.units[i]).collect();
+        let key = |i: usize| match known[i] {
+            Known::Pending(key) => Some((layout.units[i], key)),
+            Known::Nothing | Known::There(_) => None,
+        };
+        let pending = Pending::new(range.clone().filter_map(key).collect());
         let stale = |i: &usize| matches!(known[*i], Known::There(_)) && !cover.covered[*i];
-        if pending.is_empty() && !range.clone().any(|i| stale(&i)) {
+        if pending.units.is_empty() && !range.clone().any(|i| stale(&i)) {
             return Answer::default();
         }
         let usable = |line: LineId, unit: Unit| self.line_is_there(line, unit) != State::Failed;
@@ -178,7 +219,12 @@ impl Runner<'_> {
                 tell(self.listener, self.graph, *unit, outcome, rows.as_ref().err());
             }
         };
-        let mut made = worker.compute(&pending, &usable, &done);
+        let mut made = pending.spread(worker.compute(&pending.first, &usable, &done));
+        let repeats = pending.repeats();
+        for Made { unit, rows, .. } in made.iter().filter(|m| repeats.contains(&m.unit)) {
+            let outcome = if rows.is_ok() { Outcome::Reused } else { Outcome::Failed };
+            tell(self.listener, self.graph, *unit, outcome, rows.as_ref().err());
+        }
         let lost = self.write(cut, layout, range, known, &mut made, &|i| whole || stale(&i)).err();
         Answer { made, lost }
     }
@@ -202,9 +248,9 @@ impl Runner<'_> {
             let unit = layout.units[i];
             let new = match known[i] {
                 Known::Nothing => continue,
-                Known::There(Packed { key, rows: FAILED, .. }) if also(i) => {
+                Known::There(Packed { key, dress, rows: FAILED }) if also(i) => {
                     let Some(fault) = self.store.failed(key)? else { continue };
-                    NewUnit { key, dress: 0, rows: Err(fault), left_out: vec![] }
+                    NewUnit { key, dress, rows: Err(fault), left_out: vec![] }
                 }
                 Known::There(Packed { key, dress, .. }) if also(i) => {
                     let it = self.graph.plan.instance(unit.table, unit.instance);
@@ -225,7 +271,9 @@ impl Runner<'_> {
                             NewUnit { key, dress, rows: Ok(whole), left_out }
                         }
                         Err(fault) if fault.owner == Owner::Machine => continue,
-                        Err(fault) => NewUnit { key, dress: 0, rows: Err(fault.clone()), left_out: vec![] },
+                        Err(fault) => {
+                            NewUnit { key, dress: cut.dress(unit), rows: Err(fault.clone()), left_out: vec![] }
+                        }
                     }
                 }
             };

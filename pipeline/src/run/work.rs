@@ -23,6 +23,7 @@ use crate::{
 };
 
 /// What became of a unit that was computed.
+#[derive(Clone)]
 pub struct Made {
     /// Which.
     pub unit: Unit,
