@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_first_component_is_along_the_covariances() {
+    fn law_more_components_leave_less() {
         let one = fitted("pls", &[whole("components", 1)]);
         let fewer = fitted("pls", &[whole("components", 2)]);
         assert!(one.residual_std > fewer.residual_std && fewer.residual_std > 0.0);
