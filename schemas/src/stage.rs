@@ -199,9 +199,10 @@ pub trait Stage: Declared + Any + Send + Sync + Sized {
         Ok(None)
     }
 
-    /// The parameters that [`Stage::prepare`] depends on, in one spelling.
+    /// The parameters that [`Stage::prepare`] depends on, in one spelling: all, unless a stage narrows them to share
+    /// what it prepares between the points of a sweep.
     fn prepare_key(&self) -> String {
-        String::new()
+        self.canonical().iter().map(|(name, value)| format!("{name}={value};")).collect()
     }
 
     /// For survey stages: the points of a sweep that see the same lines, solved together.
@@ -283,8 +284,10 @@ pub struct ParamDoc {
     pub type_name: &'static str,
     /// The unit; empty for none.
     pub unit: &'static str,
-    /// The default in its canonical spelling; `None` where it must be given.
+    /// The default in its canonical spelling; `None` where it must be given or may be left out.
     pub default: Option<String>,
+    /// What happens where a parameter without a default is left out; `None` where it must be given.
+    pub absent: Option<&'static str>,
     /// What values are allowed, in words.
     pub rule: String,
     /// What it does.
@@ -321,6 +324,10 @@ pub struct Entry {
     pub inputs: &'static [InputDecl],
     /// What it does, when you want it, what it refuses, source.
     pub doc: fn() -> String,
+    /// A fragment of a spec that uses it, the table named like the stage. The examples of the catalogue, in its order,
+    /// make one spec over a table of flights `flights` and a map `anomaly`; the reference prints them, and the test of
+    /// the versions runs them.
+    pub example: &'static str,
     /// What the reference shows besides, such as a table of metrics; empty for most.
     pub more: fn() -> String,
     /// Its parameters.
@@ -356,13 +363,20 @@ pub fn unknown_keys(args: &Args, stage: &str, params: &[&str], plan: &[&str]) ->
         .collect()
 }
 
-/// Declares a stage once: name, version, grain, inputs, parameters with unit, default, rule and documentation.
+/// Declares a stage once: name, version, grain, inputs, an example, parameters with unit, default, rule and
+/// documentation. A parameter of a type `Option` says what happens where it is left out (`absent`).
 ///
 /// ```
 /// use schemas::{stage, Fault, LineIn, Rule, Stage, Table, Yield};
 /// stage! {
 ///     /// Multiplies a column.
-///     Scale = "scale", version 1, grain Line, inputs [input: Lines];
+///     Scale = "scale", version 1, grain Line, inputs [input: Lines], example r#"
+/// [[stages]]
+/// name   = "scale"
+/// stage  = "scale"
+/// input  = "flights"
+/// column = "mag_1_c"
+/// "#;
 ///     /// The column.
 ///     column: String, unit "";
 ///     /// The factor.
@@ -382,8 +396,12 @@ pub fn unknown_keys(args: &Args, stage: &str, params: &[&str], plan: &[&str]) ->
 macro_rules! stage {
     (
         $(#[doc = $d:literal])*
-        $Ty:ident = $name:literal, version $v:literal, grain $grain:ident, inputs [$($inp:ident : $kind:ident),* $(,)?];
-        $( $(#[doc = $pd:literal])* $p:ident : $pt:ty, unit $unit:literal $(, default $def:expr)? $(, rule $rule:expr)? ; )*
+        $Ty:ident = $name:literal, version $v:literal, grain $grain:ident, inputs [$($inp:ident : $kind:ident),* $(,)?],
+        example $example:literal;
+        $(
+            $(#[doc = $pd:literal])* $p:ident : $pt:ty, unit $unit:literal
+            $(, default $def:expr)? $(, absent $absent:literal)? $(, rule $rule:expr)? ;
+        )*
     ) => {
         $(#[doc = $d])*
         #[derive(Clone, Debug)]
@@ -408,9 +426,16 @@ macro_rules! stage {
                         unit: $unit,
                         default: {
                             #[allow(unused_mut, unused_assignments)]
-                            let mut x: Option<$pt> = <$pt as $crate::Value>::absent();
+                            let mut x: Option<$pt> = None;
                             $( x = Some(<$pt>::from($def)); )?
                             x.as_ref().map($crate::Value::canonical)
+                        },
+                        absent: {
+                            #[allow(unused_mut, unused_assignments)]
+                            let mut text = <$pt as $crate::Value>::absent().map(|_: $pt| "");
+                            $( let _ = stringify!($def); text = None; )?
+                            $( text = Some($absent); )?
+                            text
                         },
                         rule: {
                             #[allow(unused_mut, unused_assignments)]
@@ -446,6 +471,7 @@ macro_rules! stage {
                     grain: $crate::Grain::$grain,
                     inputs: &[$($crate::InputDecl { name: stringify!($inp), kind: $crate::InputKind::$kind }),*],
                     doc,
+                    example: $example,
                     more: String::new,
                     params,
                     build,
@@ -492,14 +518,14 @@ mod tests {
 
     crate::stage! {
         /// A number.
-        Number = "number", version 1, grain Line, inputs [input: Lines];
+        Number = "number", version 1, grain Line, inputs [input: Lines], example "";
         /// The number; a negative one is a fault.
         value: f64, unit "1";
     }
 
     crate::stage! {
         /// Another stage.
-        Other = "other", version 1, grain Line, inputs [input: Lines];
+        Other = "other", version 1, grain Line, inputs [input: Lines], example "";
         /// The number of its columns: none.
         columns: usize, unit "1";
     }

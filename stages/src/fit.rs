@@ -72,7 +72,17 @@ stage! {
     /// too short, less than 16 s.
     ///
     /// Source: thesis 000, (3.19) to (3.43); thesis 004, sections 2.2 to 2.4, 4.2.1 and Figure 4.2.
-    Fit = "fit", version 4, grain Survey, inputs [input: Lines];
+    Fit = "fit", version 4, grain Survey, inputs [input: Lines],
+    example r#"
+[[stages]]
+name   = "fit"
+stage  = "fit"
+input  = "a_matrix"
+where  = "line like '%.01'"
+model  = "tolles_lawson"
+target = "mag_4_uc"
+lambda = 0.025
+"#;
     /// The model.
     model: String, unit "", rule Rule::OneOf(&[
         "tolles_lawson", "extended_tolles_lawson", "ridge", "elastic_net", "pls", "truncated_svd", "robust",

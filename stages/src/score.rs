@@ -186,11 +186,18 @@ stage! {
     /// do, make it worse.
     ///
     /// Source: thesis 000, (3.45), (3.46); thesis 001, (66); thesis 004, (2.39) to (2.41).
-    Score = "score", version 3, grain Line, inputs [input: ManyLines];
+    Score = "score", version 3, grain Line, inputs [input: ManyLines],
+    example r#"
+[[stages]]
+name  = "score"
+stage = "score"
+input = ["compensate", "navigate"]
+truth = "mag_1_c"
+"#;
     /// The column that the compensated signal is held against, such as `mag_1_c`.
-    truth: Option<String>, unit "nT";
+    truth: Option<String>, unit "nT", absent "metrics that need the truth are not scored";
     /// What to score.
-    metrics: Option<Vec<String>>, unit "", rule Rule::OneOf(&NAMES);
+    metrics: Option<Vec<String>>, unit "", absent "all metrics that the inputs allow", rule Rule::OneOf(&NAMES);
     /// The compensated signal.
     mag: String, unit "nT", default "mag_c";
     /// The lower corner for `improvement_ratio_band` and `figure_of_merit`.

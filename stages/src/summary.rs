@@ -28,9 +28,15 @@ stage! {
     /// other lines are drawn each among themselves.
     ///
     /// Source: thesis 004, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
-    Summary = "summary", version 1, grain Survey, inputs [input: Scores];
-    /// What to pool; everything that was scored when left out.
-    metrics: Option<Vec<String>>, unit "";
+    Summary = "summary", version 1, grain Survey, inputs [input: Scores],
+    example r#"
+[[stages]]
+name  = "summary"
+stage = "summary"
+input = "score"
+"#;
+    /// What to pool.
+    metrics: Option<Vec<String>>, unit "", absent "everything that was scored";
     /// The lines that a model was fitted on, for `overfitting_ratio`.
     train: Vec<String>, unit "", default Vec::<String>::new();
     /// The probability that the interval shall hold.

@@ -51,7 +51,11 @@ fn section(entry: &Entry) -> String {
     let _ = writeln!(out, "Works on {grain}. Inputs: {}.\n", inputs.join(", "));
     let _ = writeln!(out, "| parameter | type | unit | default | allowed | meaning |\n|---|---|---|---|---|---|");
     for p in (entry.params)() {
-        let default = p.default.as_deref().map_or("must be given".to_owned(), |d| format!("`{d}`"));
+        let default = match (p.default.as_deref(), p.absent) {
+            (Some(default), _) => format!("`{default}`"),
+            (None, Some(text)) => format!("left out: {text}"),
+            (None, None) => "must be given".to_owned(),
+        };
         let _ = writeln!(
             out,
             "| `{}` | {} | {} | {default} | {} | {} |",
@@ -62,6 +66,7 @@ fn section(entry: &Entry) -> String {
             p.doc.replace("\n\n", " ")
         );
     }
+    let _ = write!(out, "\n```toml\n{}```\n", entry.example.trim_start());
     let more = (entry.more)();
     if !more.is_empty() {
         let _ = write!(out, "\n{more}");
