@@ -115,7 +115,7 @@ impl Stage for ResidualNoise {
     }
 
     fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        Err(Fault::machine("the noise is found on all lines together"))
+        Err(Fault::bug("the noise is found on all lines together"))
     }
 
     fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {

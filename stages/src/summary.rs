@@ -74,7 +74,7 @@ impl Stage for Summary {
     }
 
     fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        Err(Fault::machine("a summary works on all lines together"))
+        Err(Fault::bug("a summary works on all lines together"))
     }
 
     fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {

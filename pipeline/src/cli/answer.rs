@@ -7,6 +7,7 @@ use std::{
     sync::Arc,
 };
 
+use crate::views::sql::Sink;
 use arrow_array::{Array, RecordBatch};
 use arrow_cast::pretty::pretty_format_batches;
 use arrow_schema::SchemaRef;
@@ -15,7 +16,6 @@ use parquet::{
     basic::Compression,
     file::properties::{WriterProperties, WriterVersion},
 };
-use pipeline::views::sql::Sink;
 use schemas::Fault;
 
 use super::{say, sql::Temporary};

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use pipeline::{
+use crate::{
     clock,
     plan::Point,
     run::{Count, Event, Failure, Listener, Summary},

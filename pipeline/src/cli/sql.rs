@@ -7,10 +7,10 @@ use std::{
     sync::Mutex,
 };
 
+use crate::views::sql::{Question, Sink, memory, sql};
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 use clap::Args;
-use pipeline::views::sql::{Question, Sink, memory, sql};
 use schemas::Fault;
 
 use super::{Stop, answer, say::err};

@@ -2,11 +2,11 @@
 
 use std::{path::PathBuf, time::Duration};
 
-use clap::Args;
-use pipeline::{
+use crate::{
     store::{Store, tend},
     views::{history, scores},
 };
+use clap::Args;
 use schemas::Fault;
 
 use super::{Stop, counted, progress::Progress, say};

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::views::plot::{CurveLabels, curve_svg};
 use clap::{Args, ValueEnum};
 use datasets::{GridMap, Height};
 use numerics::maps::{
@@ -12,7 +13,6 @@ use numerics::maps::{
     fill,
     plane_grid::PlaneGrid,
 };
-use pipeline::views::plot::{CurveLabels, curve_svg};
 use schemas::Fault;
 
 use super::{InputArgs, Stop, ThreadArgs, note, tell, write_to, wrong};

@@ -8,7 +8,7 @@ use datasets::{FlightOptions, GridMap, open_flight};
 use schemas::{Fault, canonical::Canonical};
 
 use super::{InputArgs, Stop, ThreadArgs, say, wrong};
-use pipeline::views::plot::{self, EarthTrack, Look, MapPicture, Palette, Plane, Scale, Shade, TrackLine};
+use crate::views::plot::{self, EarthTrack, Look, MapPicture, Palette, Plane, Scale, Shade, TrackLine};
 
 #[derive(Args)]
 pub struct PlotArgs {
