@@ -220,7 +220,7 @@ impl<'a> Worker<'a> {
         for (r, kind) in it.inputs().iter().zip(it.kinds()) {
             match kind {
                 InputKind::Map | InputKind::Model => {
-                    name.push_str(&format!(" {}", self.graph.object(*r, usize::MAX)?));
+                    name.push_str(&format!(" {}", self.graph.whole(*r)?));
                 }
                 InputKind::Lines | InputKind::ManyLines | InputKind::Scores => {}
             }
@@ -241,7 +241,7 @@ impl<'a> Worker<'a> {
             let mut inputs = vec![];
             for (r, kind) in it.inputs().iter().zip(it.kinds()) {
                 inputs.push(match kind {
-                    InputKind::Map => map_batch(self.store, self.graph.object(*r, usize::MAX)?)?,
+                    InputKind::Map => map_batch(self.store, self.graph.whole(*r)?)?,
                     InputKind::Model => self.model(*r)?,
                     InputKind::Lines | InputKind::ManyLines | InputKind::Scores => empty(),
                 });
@@ -257,7 +257,7 @@ impl<'a> Worker<'a> {
         let Ref::Stage(t, i) = r else { return Ok(empty()) };
         let columns: Vec<&str> =
             self.graph.plan.instance(t, i).variant.yields.columns.iter().map(|c| c.name.as_str()).collect();
-        self.store.get(self.graph.object(r, usize::MAX)?, &columns)
+        self.store.get(self.graph.whole(r)?, &columns)
     }
 
     /// A line that cannot be used is left out and named; the others are gathered.
