@@ -1,7 +1,7 @@
 //! Velocity and specific force of a track, for files that hold positions only and for the simulator.
 
-use numerics::earth::geodesy::{EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, unwrapped_deg};
-pub(crate) use numerics::navigation::mechanisation::normal_gravity_mps2;
+use numerics::earth::geodesy::{EarthModel, unwrapped_deg};
+pub(crate) use numerics::navigation::{mechanisation::normal_gravity_mps2, strapdown::specific_force_mps2};
 
 /// The derivative of `x` with respect to `t` at each sample: central, one-sided at the ends, NaN where
 /// time does not run forward or a neighbour is missing.
@@ -61,22 +61,9 @@ impl Track<'_> {
     }
 }
 
-/// f = dv/dt + (2 ω_ie + ω_en) × v − g, all north-east-down. [Titterton & Weston 2004, (3.29)]
-pub(crate) fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]) -> [f64; 3] {
-    let (sin, cos) = lat_rad.sin_cos();
-    let (meridian_m, transverse_m) = (meridian_radius_m(lat_rad) + alt_m, transverse_radius_m(lat_rad) + alt_m);
-    let w = [
-        2.0 * EARTH_RATE_RADPS * cos + v[1] / transverse_m,
-        -v[0] / meridian_m,
-        -2.0 * EARTH_RATE_RADPS * sin - v[1] * sin / cos / transverse_m,
-    ];
-    let cross = [w[1] * v[2] - w[2] * v[1], w[2] * v[0] - w[0] * v[2], w[0] * v[1] - w[1] * v[0]];
-    [rate[0] + cross[0], rate[1] + cross[1], rate[2] + cross[2] - normal_gravity_mps2(lat_rad, alt_m)]
-}
-
 #[cfg(test)]
 mod tests {
-    use numerics::earth::geodesy::wrap_deg;
+    use numerics::earth::geodesy::{meridian_radius_m, transverse_radius_m, wrap_deg};
 
     use super::*;
 
@@ -97,11 +84,5 @@ mod tests {
         let expected = step.to_radians() * (transverse_radius_m(lat0.to_radians()) + 1000.0) * lat0.to_radians().cos();
         // Across the date line too.
         assert!(ve.iter().all(|v| (v - expected).abs() < 1e-6));
-    }
-
-    #[test]
-    fn law_at_rest_the_specific_force_is_minus_gravity() {
-        let f = specific_force_mps2(0.7, 300.0, [0.0; 3], [0.0; 3]);
-        assert_eq!(f, [0.0, 0.0, -normal_gravity_mps2(0.7, 300.0)]);
     }
 }

@@ -57,7 +57,7 @@ stage! {
     /// white part comes what bilinear interpolation misses between the map's nodes.
     ///
     /// Source: thesis 000, section 5.3, with F and H checked against finite differences and the process noise discretised.
-    Navigate = "navigate", version 3, grain Line, inputs [input: Lines, map: Map],
+    Navigate = "navigate", version 4, grain Line, inputs [input: Lines, map: Map],
     example r#"
 [[stages]]
 name            = "navigate"
