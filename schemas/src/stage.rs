@@ -38,7 +38,7 @@ pub enum InputKind {
 pub struct InputDecl {
     /// The key, such as `input` or `map`.
     pub name: &'static str,
-    /// What stands behind it.
+    /// Its kind.
     pub kind: InputKind,
 }
 
@@ -104,7 +104,7 @@ pub struct Yield {
     pub lenient: bool,
     /// Whether the table is small and belongs into one file (models, scores).
     pub tidy: bool,
-    /// What the user should know of a choice made for him.
+    /// What the user should know of a choice made automatically.
     pub notes: Vec<String>,
 }
 

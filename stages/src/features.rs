@@ -281,7 +281,7 @@ impl Stage for Features {
         let names: Vec<String> = terms.iter().flat_map(|t| recipes.iter().flat_map(|r| r.names(t))).collect();
         for (i, name) in names.iter().enumerate() {
             if names.iter().take(i).any(|n| n == name) {
-                faults.push(Fault::new(format!("the feature `{name}` is there twice")).of_param("features"));
+                faults.push(Fault::new(format!("duplicate feature `{name}`")).of_param("features"));
             }
         }
         if !faults.is_empty() {

@@ -173,7 +173,7 @@ struct RunArgs {
 const JSON_HELP: &str = "\
 Scores are marked where a filter is worse than its INS alone (worse_than_ins), where its NEES is outside of 0.2 to 20 (its \
 law is 2) or its NIS outside of 0.25 to 4 (its law is 1). These, maps at another height than the flight (map_height), \
-lines that are mostly off the map (off_map) and what fits say against themselves (fit) are rows of the table \
+lines that are mostly off the map (off_map) and warnings of a fit (fit) are rows of the table \
 <name>.warnings, with the likely cause. They do not change the exit status.
 
 Events of --json, one object per line, each with the key `event`:

@@ -64,7 +64,7 @@ impl Variant {
 
 /// One name, or list of names, among the inputs of a stage.
 pub(super) struct Slot {
-    /// What stands behind it.
+    /// Its kind.
     pub kind: InputKind,
     /// What it refers to; the name may depend on axes.
     pub targets: Over<Arc<[Target]>>,

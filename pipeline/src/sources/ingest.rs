@@ -127,7 +127,7 @@ pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<
     Ok(Lines { lines: once_each(lines, &files), files })
 }
 
-/// A line that is there twice cannot be put in order, so neither part is used.
+/// A duplicate line cannot be put in order, so neither part is used.
 fn once_each(lines: Vec<LineRecord>, files: &[Bytes]) -> Vec<LineRecord> {
     let mut kept: Vec<LineRecord> = vec![];
     for line in lines {
