@@ -49,7 +49,6 @@ mod points_table;
 mod sgl;
 mod sgl_hdf5;
 mod sgl_xyz;
-mod synth;
 mod text_table;
 mod unit_name;
 
@@ -134,30 +133,34 @@ pub struct RowFault {
 }
 
 impl Part {
-    pub(crate) fn whole(batch: RecordBatch) -> Part {
+    /// Rows in which nothing is wrong.
+    pub fn whole(batch: RecordBatch) -> Part {
         Part { batch, faults: vec![] }
     }
 }
 
-pub(crate) type Parts = Box<dyn Iterator<Item = Result<Part, ReadError>> + Send>;
+/// The rows of a file, as they are read.
+pub type Parts = Box<dyn Iterator<Item = Result<Part, ReadError>> + Send>;
 
 /// What a format yields before names and keys are settled.
-pub(crate) struct Raw {
-    pub(crate) schema: SchemaRef,
-    pub(crate) parts: Parts,
+pub struct Raw {
+    /// The schema of every batch.
+    pub schema: SchemaRef,
+    /// The rows.
+    pub parts: Parts,
     /// What the file calls its columns, where the format has settled names and units itself.
-    pub(crate) own: Option<Vec<String>>,
+    pub own: Option<Vec<String>>,
     /// Whether numbers that stand for missing values are still among the values.
-    pub(crate) fillers: bool,
+    pub fillers: bool,
     /// What was noticed, in words.
-    pub(crate) notes: Vec<String>,
+    pub notes: Vec<String>,
     /// What the whole file had to be gone through for.
-    pub(crate) found: Option<String>,
+    pub found: Option<String>,
 }
 
 impl Raw {
     /// Columns under the file's own names.
-    pub(crate) fn new(schema: SchemaRef, parts: Parts) -> Raw {
+    pub fn new(schema: SchemaRef, parts: Parts) -> Raw {
         Raw { schema, parts, own: None, fillers: false, notes: vec![], found: None }
     }
 }
@@ -227,7 +230,7 @@ pub struct MapOptions {
 }
 
 /// The start of a file, by which it is recognised.
-pub(crate) struct Head<'a> {
+pub struct Head<'a> {
     path: &'a Path,
     bytes: Vec<u8>,
     rename: Option<&'a BTreeMap<String, String>>,
@@ -247,12 +250,18 @@ impl Head<'_> {
         Ok(Head { path, bytes, rename: None })
     }
 
-    fn starts_with(&self, magic: &[u8]) -> bool {
+    /// The file.
+    pub fn path(&self) -> &Path {
+        self.path
+    }
+
+    /// Whether the file starts with these bytes.
+    pub fn starts_with(&self, magic: &[u8]) -> bool {
         self.bytes.starts_with(magic)
     }
 
     /// The first line that is not blank, where the start of the file is text.
-    fn first_line(&self) -> Option<String> {
+    pub fn first_line(&self) -> Option<String> {
         if self.bytes.contains(&0) {
             return None;
         }
@@ -287,6 +296,7 @@ fn refuse_special(path: &Path) -> Result<(), ReadError> {
 }
 
 /// A flight format: how it is called, recognised and opened.
+#[derive(Clone, Copy)]
 pub struct FlightFormat {
     /// The name for [`FlightOptions::format`].
     pub name: &'static str,
@@ -294,8 +304,10 @@ pub struct FlightFormat {
     pub about: &'static str,
     /// What its files end in.
     pub extensions: &'static [&'static str],
-    recognise: fn(&Head) -> bool,
-    open: fn(&Path, &FlightOptions, &Reading) -> Result<Raw, ReadError>,
+    /// Whether a file is of this format, by its start.
+    pub recognise: fn(&Head) -> bool,
+    /// Opens a file.
+    pub open: fn(&Path, &FlightOptions, &Reading) -> Result<Raw, ReadError>,
 }
 
 /// Writes a map into the files that it begins.
@@ -321,16 +333,16 @@ impl MapFormat {
     }
 }
 
-/// The flight formats, in the order in which a file is tried.
-pub const FLIGHT_FORMATS: &[FlightFormat] = &[
-    parquet::FORMAT,
-    synth::FORMAT,
-    sgl_hdf5::FORMAT,
-    magnav_hdf5::FORMAT,
-    sgl_xyz::FORMAT,
-    magnav_csv::FORMAT,
-    csv::FORMAT,
-];
+/// The flight formats of files, in the order in which a file is tried.
+pub const FLIGHT_FORMATS: &[FlightFormat] =
+    &[parquet::FORMAT, sgl_hdf5::FORMAT, magnav_hdf5::FORMAT, sgl_xyz::FORMAT, magnav_csv::FORMAT, csv::FORMAT];
+
+/// The formats of files with `further` ones, in the order in which a file is tried: these come after Parquet, whose files
+/// say what they are, and before those that are known by the words in them.
+pub fn flight_formats(further: &[FlightFormat]) -> Vec<FlightFormat> {
+    let (parquet, others) = FLIGHT_FORMATS.split_at(1);
+    [parquet, further, others].concat()
+}
 
 /// The map formats, in the order in which a file is tried.
 pub const MAP_FORMATS: &[MapFormat] = &[
@@ -362,10 +374,23 @@ pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader,
 /// # Errors
 /// As [`open_flight`].
 pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<FlightReader, ReadError> {
+    open_flight_among(FLIGHT_FORMATS, path, options, reading)
+}
+
+/// [`open_flight_with`] in one of `formats`, such as those of [`flight_formats`].
+///
+/// # Errors
+/// As [`open_flight`].
+pub fn open_flight_among(
+    formats: &[FlightFormat],
+    path: &Path,
+    options: &FlightOptions,
+    reading: &Reading,
+) -> Result<FlightReader, ReadError> {
     let head = Head { rename: Some(&options.rename), ..Head::read(path)? };
-    let entries: Vec<_> = FLIGHT_FORMATS.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
+    let entries: Vec<_> = formats.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
     let chosen = choose(&head, options.format.as_deref(), &entries, "flight")?;
-    let format = &FLIGHT_FORMATS[chosen];
+    let format = &formats[chosen];
     let raw = adopt::adopt(path, (format.open)(path, options, reading)?, options)?;
     let Raw { schema, notes, found, parts, .. } = raw;
     Ok(FlightReader { format: format.name, schema, notes, found, parts })

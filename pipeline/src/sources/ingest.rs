@@ -206,7 +206,7 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
     ];
     let (mut simulated, mut of_lines) = (false, None);
     if options.format.as_deref() == Some("synth") || path.to_string_lossy().ends_with(".synth.toml") {
-        let simulation = datasets::simulate::Simulation::open(path).map_err(Fault::from)?;
+        let simulation = simulate::Simulation::open(path).map_err(Fault::from)?;
         for other in simulation.inputs() {
             parts.push(fingerprint(store, other, how.read_all)?.hash.to_string());
         }

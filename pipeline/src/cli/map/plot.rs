@@ -4,11 +4,14 @@ use std::path::{Path, PathBuf};
 
 use arrow_array::{cast::AsArray, types::Float64Type};
 use clap::{Args, ValueEnum};
-use datasets::{FlightOptions, GridMap, open_flight};
+use datasets::{FlightOptions, GridMap, Reading};
 use schemas::{Fault, canonical::Canonical};
 
 use super::{InputArgs, Stop, ThreadArgs, say, wrong};
-use pipeline::views::plot::{self, EarthTrack, Look, MapPicture, Palette, Plane, Scale, Shade, TrackLine};
+use pipeline::{
+    sources::open_flight,
+    views::plot::{self, EarthTrack, Look, MapPicture, Palette, Plane, Scale, Shade, TrackLine},
+};
 
 #[derive(Args)]
 pub struct PlotArgs {
@@ -209,7 +212,7 @@ fn earth(args: &PlotArgs, map: &GridMap, tracks: &[Track], zipped: bool) -> Resu
 /// The lines of a flight file that are to be drawn.
 fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<Track>, Stop> {
     let in_file = |fault: Fault| Stop::from(fault.in_file(&path.display().to_string()));
-    let reader = open_flight(path, &FlightOptions::default()).map_err(Fault::from)?;
+    let reader = open_flight(path, &FlightOptions::default(), &Reading::default()).map_err(Fault::from)?;
     let rules = Canonical::new(reader.schema()).map_err(|faults| {
         let first = faults.into_iter().next().unwrap_or_else(|| Fault::data("is no flight table"));
         in_file(first)
