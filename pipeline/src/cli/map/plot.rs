@@ -5,13 +5,11 @@ use std::path::{Path, PathBuf};
 use arrow_array::{cast::AsArray, types::Float64Type};
 use clap::{Args, ValueEnum};
 use datasets::{FlightOptions, GridMap, Reading};
+use figures::{EarthTrack, Look, MapPicture, Palette, Plane, Scale, Shade, TrackLine};
+use pipeline::sources::open_flight;
 use schemas::{Fault, canonical::Canonical};
 
 use super::{InputArgs, Stop, ThreadArgs, say, wrong};
-use pipeline::{
-    sources::open_flight,
-    views::plot::{self, EarthTrack, Look, MapPicture, Palette, Plane, Scale, Shade, TrackLine},
-};
 
 #[derive(Args)]
 pub struct PlotArgs {
@@ -81,8 +79,8 @@ pub fn run(args: &PlotArgs) -> Result<(), Stop> {
         }
         let ending = args.output.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         match ending.as_str() {
-            "png" => write(&args.output, &flat(args, &map, &tracks, plot::png)?),
-            "svg" => write(&args.output, flat(args, &map, &tracks, plot::svg)?.as_bytes()),
+            "png" => write(&args.output, &flat(args, &map, &tracks, figures::png)?),
+            "svg" => write(&args.output, flat(args, &map, &tracks, figures::svg)?.as_bytes()),
             "kml" | "kmz" => earth(args, &map, &tracks, ending == "kmz"),
             _ => {
                 let fault = Fault::new(format!("`{}` is no kind of picture", args.output.display()));
@@ -199,7 +197,7 @@ fn earth(args: &PlotArgs, map: &GridMap, tracks: &[Track], zipped: bool) -> Resu
         })
         .collect();
     let stem = args.output.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-    let made = plot::kml(&picture, &look(args)?, &drawn, &stem)?;
+    let made = figures::kml(&picture, &look(args)?, &drawn, &stem)?;
     if zipped {
         return write(&args.output, &made.kmz()?);
     }

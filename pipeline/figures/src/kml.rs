@@ -20,7 +20,7 @@ use super::{
     thin::runs,
     track_colour,
 };
-use crate::views::png_file::{Kind, encode};
+use crate::png_file::{Kind, encode};
 
 /// A track for Google Earth. A NaN of any of its columns breaks it.
 #[derive(Clone, Copy, Debug)]

@@ -1,33 +1,41 @@
-//! `magline map plot`: an anomaly map as a figure (PNG or SVG), and for Google Earth (KML or KMZ).
+//! Drawing: an anomaly map as a figure (PNG or SVG) and for Google Earth (KML or KMZ), the charts of a report, and what they
+//! share. Nothing here knows a plan or a store.
 //!
 //! A figure is laid out once, as marks on a sheet of paper; two painters put the marks down, one in pixels, one as SVG.
 //! Nothing in a picture depends on a clock, a font of the system or the number of threads.
 
 mod bar;
+pub mod canvas;
+pub mod chart;
 mod colours;
 mod contours;
 mod curve;
+pub mod decimate;
 mod earth;
 mod figure;
 mod footer;
 mod frame;
 mod glyphs;
 mod kml;
+pub mod palette;
 mod pixels;
+pub mod png_file;
+pub mod raster;
 mod relief;
 mod scale;
 mod scene;
 mod sheet;
 mod svg;
 mod thin;
+pub mod ticks;
 mod tracks;
 
 use numerics::maps::plane_grid::EvenAxis;
 use schemas::Fault;
 
-pub use super::palette::Palette;
 pub use curve::{CurveLabels, curve_svg};
 pub use kml::{EarthTrack, Kml, kml};
+pub use palette::Palette;
 pub use relief::Shade;
 pub use scale::Scale;
 

@@ -10,7 +10,7 @@ use super::{
     scene::{Ink, Mark, Spot},
     sheet::{Sheet, sheet},
 };
-use crate::views::ticks;
+use crate::ticks;
 
 /// The most lines of different values.
 const MOST: f64 = 400.0;
@@ -133,7 +133,7 @@ fn crossing(sheet: &Sheet, edge: usize, level: f64) -> Spot {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::views::plot::{sheet::Window, tests::picture};
+    use crate::{sheet::Window, tests::picture};
 
     fn drawn(columns: usize, values: &[f64], level: f64) -> Vec<Vec<Spot>> {
         let map = picture(columns, values.len() / columns, values);

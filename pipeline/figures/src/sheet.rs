@@ -157,7 +157,7 @@ fn between(axis: &EvenAxis, at: f64, blend: bool) -> Between {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::views::plot::tests::picture;
+    use crate::tests::picture;
 
     fn drawn(map: &MapPicture, size: (usize, usize), blend: bool) -> Vec<f64> {
         let window = Window::of(map);

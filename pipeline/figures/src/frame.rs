@@ -7,7 +7,7 @@ use super::{
     scene::{Anchor, BLACK, Mark, Rect, Spot, shortened, text_width},
     sheet::Window,
 };
-use crate::views::ticks::{self, Tick};
+use crate::ticks::{self, Tick};
 
 /// Size of the letters at ticks.
 pub const TICK: f64 = 12.0;

@@ -4,7 +4,7 @@ use super::{
     scene::{Anchor, BLACK, Ink, Mark, Rect, Spot, shortened, text_width},
     tracks,
 };
-use crate::views::ticks;
+use crate::ticks;
 
 /// Size of the letters.
 const SIZE: f64 = 12.0;

@@ -1,7 +1,7 @@
 //! Hill-shading: the map as a landscape in low light, which shows lineaments that colours alone hide.
 
 use super::sheet::Sheet;
-use crate::views::palette::Palette;
+use crate::palette::Palette;
 
 /// Where the light comes from and how much it counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -139,7 +139,7 @@ fn srgb([lightness, a, b]: [f64; 3]) -> [u8; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::views::plot::{
+    use crate::{
         sheet::{Window, sheet},
         tests::picture,
     };

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use super::*;
-use crate::views::png_file::decode;
+use crate::png_file::decode;
 
 /// A map of `columns` by `rows` metres, a node at each whole one.
 pub fn picture(columns: usize, rows: usize, values: &[f64]) -> MapPicture<'_> {

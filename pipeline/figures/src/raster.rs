@@ -109,7 +109,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
-    use crate::views::png_file::decode;
+    use crate::png_file::decode;
 
     fn grid() -> MapGrid {
         let (lat, lon): (Vec<f64>, Vec<f64>) = ((0..4).map(f64::from).collect(), (10..15).map(f64::from).collect());

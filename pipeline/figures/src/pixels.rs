@@ -9,7 +9,7 @@ use super::{
     glyphs,
     scene::{Ink, Mark, Rect, Scene, Spot},
 };
-use crate::views::png_file::{Kind, encode};
+use crate::png_file::{Kind, encode};
 
 /// The most pixels of a picture.
 const MOST: f64 = 200e6;

@@ -1,7 +1,7 @@
 //! A curve over two logarithmic axes, such as the L-curve of a regularisation.
 
 use super::svg::{XML, clean};
-use crate::views::chart::{Chart, Dim, Line};
+use crate::chart::{Chart, Dim, Line};
 
 /// What a curve is called.
 #[derive(Clone, Copy, Debug, Default)]

@@ -4,7 +4,7 @@ use maud::{Markup, html};
 use schemas::Fault;
 
 use super::scene::{Anchor, BLACK, Ink, Mark, Rect, Scene, Spot};
-use crate::views::{
+use crate::{
     chart,
     palette::hex,
     png_file::{Kind, data_url, encode},

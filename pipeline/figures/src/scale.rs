@@ -2,7 +2,7 @@
 
 use schemas::Fault;
 
-use crate::views::{
+use crate::{
     palette::Palette,
     ticks::{self, Tick},
 };
