@@ -310,6 +310,9 @@ pub struct FlightFormat {
     pub open: fn(&Path, &FlightOptions, &Reading) -> Result<Raw, ReadError>,
 }
 
+/// Says which other files a map is made of.
+type Beside = fn(&Path) -> Result<Vec<PathBuf>, ReadError>;
+
 /// Writes a map into the files that it begins.
 type Write = fn(&GridMap, &mut output::Outputs) -> Result<(), ReadError>;
 
@@ -322,6 +325,8 @@ pub struct MapFormat {
     /// What its files end in.
     pub extensions: &'static [&'static str],
     recognise: fn(&Head) -> bool,
+    /// The other files that a map of one file is made of, where there may be some.
+    beside: Option<Beside>,
     read: fn(&Path, &MapOptions) -> Result<GridMap, ReadError>,
     write: Option<Write>,
 }
@@ -418,18 +423,21 @@ pub fn read_grid(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError
     Ok(GridMap { format: format.name, ..map })
 }
 
-/// The files that a map is made of: its own, or all of a folder's, and the cells that lie beside a header.
+/// The files that a map is made of: its own, or all of a folder's, and what lies beside it: the cells of a header, the
+/// coordinate system.
 ///
 /// # Errors
 /// A header that cannot be read.
 pub fn map_files(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
     let mut files = vec![path.to_path_buf()];
-    if !path.is_dir() && (map_ers::FORMAT.recognise)(&Head::read(path)?) {
-        files.push(map_ers::cells_of(path)?);
+    if path.is_dir() {
+        return Ok(files);
     }
-    let prj = path.with_extension("prj");
-    if !path.is_dir() && (map_esri::FORMAT.recognise)(&Head::read(path)?) && prj.is_file() {
-        files.push(prj);
+    let head = Head::read(path)?;
+    for format in MAP_FORMATS {
+        if let Some(beside) = format.beside.filter(|_| (format.recognise)(&head)) {
+            files.extend(beside(path)?);
+        }
     }
     Ok(files)
 }
