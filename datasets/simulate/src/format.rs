@@ -4,7 +4,7 @@ use std::path::Path;
 
 use datasets::{
     ReadError,
-    formats::{FlightFormat, FlightOptions, Head, Part, Raw, Reading},
+    formats::{FlightFormat, FlightOptions, Head, MadeFrom, Part, Raw, Reading},
 };
 
 use crate::Simulation;
@@ -16,7 +16,14 @@ pub const FORMAT: FlightFormat = FlightFormat {
     extensions: &["synth.toml"],
     recognise: |head: &Head| head.path().to_string_lossy().ends_with(".synth.toml"),
     open,
+    made_from: Some(made_from),
 };
+
+fn made_from(path: &Path) -> Result<MadeFrom, ReadError> {
+    let simulation = Simulation::open(path)?;
+    let files = simulation.inputs().into_iter().map(Path::to_path_buf).collect();
+    Ok(MadeFrom { files, lines: simulation.spec().flights.iter().map(|f| f.lines.len()).sum() })
+}
 
 fn open(path: &Path, _: &FlightOptions, reading: &Reading) -> Result<Raw, ReadError> {
     let simulation = Simulation::open(path)?;
@@ -58,6 +65,24 @@ mod tests {
         schemas::canonical::Canonical::new(reader.schema()).unwrap();
         let schema = Schema::new(vec![Field::new("x", DataType::Float64, true)]);
         assert_ne!(reader.schema().as_ref(), &schema);
+    }
+
+    #[test]
+    fn law_a_synth_spec_says_what_it_is_made_from_and_how_many_lines_come_out() {
+        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../examples/osborne.synth.toml");
+        let formats = flight_formats(&[FORMAT]);
+        let reader = open_flight_among(&formats, &path, &FlightOptions::default(), &Reading::default()).unwrap();
+        let said = reader.made_from().unwrap()(&path).unwrap();
+        let mut lines: Vec<String> = vec![];
+        for batch in reader {
+            let batch = batch.unwrap();
+            let of = |name: &str| batch.column_by_name(name).unwrap().as_string::<i32>().value(0).to_owned();
+            lines.push(of("flight") + "/" + &of("line"));
+        }
+        lines.dedup();
+        assert_eq!(said.lines, lines.len());
+        assert_eq!(said.files[0], path);
+        assert!(said.files[1..].iter().any(|f| f.ends_with("osborne_anomaly_100m_at_500m.tif")), "{:?}", said.files);
     }
 
     #[test]

@@ -99,7 +99,7 @@ impl Default for Reading {
 /// Columns have the contract's names; each field's metadata `unit` is the unit that its values have,
 /// which `schemas::canonical` converts. A missing number is NaN or null.
 pub struct FlightReader {
-    format: &'static str,
+    format: FlightFormat,
     schema: SchemaRef,
     notes: Vec<String>,
     found: Option<String>,
@@ -168,7 +168,12 @@ impl Raw {
 impl FlightReader {
     /// The name of the format it was read in.
     pub fn format(&self) -> &'static str {
-        self.format
+        self.format.name
+    }
+
+    /// Says what the flight is made from, where that is not its file alone.
+    pub fn made_from(&self) -> Option<SayMadeFrom> {
+        self.format.made_from
     }
 
     /// The schema of every batch.
@@ -211,7 +216,7 @@ impl Iterator for FlightReader {
 
 impl std::fmt::Debug for FlightReader {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.debug_struct("FlightReader").field("format", &self.format).field("schema", &self.schema).finish()
+        f.debug_struct("FlightReader").field("format", &self.format.name).field("schema", &self.schema).finish()
     }
 }
 
@@ -295,6 +300,18 @@ fn refuse_special(path: &Path) -> Result<(), ReadError> {
     Err(ReadError::options(path, what).help("write what it yields into a file, and name that"))
 }
 
+/// What a flight is made from that its file does not hold but names, as a simulation is from its spec and a map.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MadeFrom {
+    /// The files that its values depend on, its own first.
+    pub files: Vec<PathBuf>,
+    /// How many lines come out.
+    pub lines: usize,
+}
+
+/// Says what a flight is made from.
+pub type SayMadeFrom = fn(&Path) -> Result<MadeFrom, ReadError>;
+
 /// A flight format: how it is called, recognised and opened.
 #[derive(Clone, Copy)]
 pub struct FlightFormat {
@@ -308,6 +325,9 @@ pub struct FlightFormat {
     pub recognise: fn(&Head) -> bool,
     /// Opens a file.
     pub open: fn(&Path, &FlightOptions, &Reading) -> Result<Raw, ReadError>,
+    /// Where reading a file makes its values instead of finding them there: what from. That takes far less time than
+    /// reading.
+    pub made_from: Option<SayMadeFrom>,
 }
 
 /// Says which other files a map is made of.
@@ -398,7 +418,7 @@ pub fn open_flight_among(
     let format = &formats[chosen];
     let raw = adopt::adopt(path, (format.open)(path, options, reading)?, options)?;
     let Raw { schema, notes, found, parts, .. } = raw;
-    Ok(FlightReader { format: format.name, schema, notes, found, parts })
+    Ok(FlightReader { format: *format, schema, notes, found, parts })
 }
 
 /// Reads a map and brings it onto a regular grid of latitude and longitude.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use datasets::{FlightOptions, FlightReader, ReadError, Reading};
+use datasets::{FlightOptions, FlightReader, ReadError, Reading, formats::SayMadeFrom};
 
 use super::{
     bytes::{Seen, Trust},
@@ -14,6 +14,8 @@ use crate::{keys::Key, store::Store};
 pub(super) struct FlightFile {
     pub(super) path: PathBuf,
     pub(super) options: FlightOptions,
+    /// Says what it is made from, where its values are not in it.
+    pub(super) made_from: Option<SayMadeFrom>,
     /// What its format had to go through it for, such as the types of columns; good as long as the file is the same.
     found: Option<Seen>,
     /// Whether that came from a store.
@@ -33,8 +35,8 @@ impl FlightFile {
         let reading = Reading { found: known.as_ref().map(|seen| seen.found.clone()), threads };
         let open = || open_flight(path, &options, &reading);
         let (reader, seen) = Seen::by(path, open, |reader| reader.found().map(str::to_owned))?;
-        let kept = known.is_some();
-        Ok((FlightFile { path: path.to_owned(), options, found: known.or(seen), kept }, reader))
+        let (kept, made_from) = (known.is_some(), reader.made_from());
+        Ok((FlightFile { path: path.to_owned(), options, made_from, found: known.or(seen), kept }, reader))
     }
 
     /// Opens it again, for its rows.
