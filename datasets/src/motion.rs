@@ -1,11 +1,11 @@
 //! Velocity and specific force of a track, for files that hold positions only and for the simulator.
 
 use numerics::earth::geodesy::{EarthModel, unwrapped_deg};
-pub(crate) use numerics::navigation::{mechanisation::normal_gravity_mps2, strapdown::specific_force_mps2};
+use numerics::navigation::strapdown::specific_force_mps2;
 
 /// The derivative of `x` with respect to `t` at each sample: central, one-sided at the ends, NaN where
 /// time does not run forward or a neighbour is missing.
-pub(crate) fn derivative(t: &[f64], x: &[f64]) -> Vec<f64> {
+pub fn derivative(t: &[f64], x: &[f64]) -> Vec<f64> {
     let n = t.len().min(x.len());
     let one = |i: usize| {
         let (before, after) = (i.saturating_sub(1), (i + 1).min(n - 1));
@@ -17,22 +17,26 @@ pub(crate) fn derivative(t: &[f64], x: &[f64]) -> Vec<f64> {
 
 /// A track: time in seconds, geodetic latitude and longitude in degrees, height above WGS-84 in metres.
 #[derive(Clone, Copy)]
-pub(crate) struct Track<'a> {
-    pub(crate) tt: &'a [f64],
-    pub(crate) lat_deg: &'a [f64],
-    pub(crate) lon_deg: &'a [f64],
-    pub(crate) alt_m: &'a [f64],
+pub struct Track<'a> {
+    /// Seconds.
+    pub tt: &'a [f64],
+    /// Geodetic latitude.
+    pub lat_deg: &'a [f64],
+    /// Longitude.
+    pub lon_deg: &'a [f64],
+    /// Height above WGS-84.
+    pub alt_m: &'a [f64],
 }
 
 /// North, east and down, each a column.
-pub(crate) type Ned = [Vec<f64>; 3];
+pub type Ned = [Vec<f64>; 3];
 
 impl Track<'_> {
     /// Velocity in m/s, north-east-down, by differences of the positions on the ellipsoid.
     ///
     /// True north, both radii of curvature and the height are used, unlike differences of grid
     /// coordinates, which take grid north and the projection's scale for the real ones.
-    pub(crate) fn velocity_mps(&self) -> Ned {
+    pub fn velocity_mps(&self) -> Ned {
         let (dlat, dlon) = (derivative(self.tt, self.lat_deg), derivative(self.tt, &unwrapped_deg(self.lon_deg)));
         let earth = EarthModel::Wgs84;
         let at = |i: usize| (self.lat_deg[i].to_radians(), self.alt_m[i]);
@@ -44,7 +48,7 @@ impl Track<'_> {
     }
 
     /// Specific force in m/s², north-east-down, of a body that moves with `velocity_mps` along the track.
-    pub(crate) fn specific_force_mps2(&self, velocity_mps: &Ned) -> Ned {
+    pub fn specific_force_mps2(&self, velocity_mps: &Ned) -> Ned {
         let rates = velocity_mps.each_ref().map(|v| derivative(self.tt, v));
         let rows = 0..self.tt.len();
         let forces = rows.map(|i| {

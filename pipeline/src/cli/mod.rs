@@ -366,9 +366,9 @@ fn synth(spec: &std::path::Path, to: &std::path::Path, quiet: bool) -> Result<()
     let progress = Progress::new(quiet);
     progress.stage("simulating flights");
     progress.detail("lines", "");
-    let simulation = datasets::simulate::Simulation::open(spec).map_err(Fault::from)?;
+    let simulation = simulate::Simulation::open(spec).map_err(Fault::from)?;
     progress.set(0, simulation.spec().flights.iter().map(|f| f.lines.len()).sum());
-    let written = datasets::synthesise_with(spec, to, &|done, all| progress.set(done, all)).map_err(Fault::from)?;
+    let written = simulate::synthesise_with(spec, to, &|done, all| progress.set(done, all)).map_err(Fault::from)?;
     drop(progress);
     say(written.iter().map(|p| format!("{}\n", p.display())).collect())
 }

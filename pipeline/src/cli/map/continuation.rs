@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::views::plot::{CurveLabels, curve_svg};
 use clap::{Args, ValueEnum};
 use datasets::{GridMap, Height};
+use figures::{CurveLabels, curve_svg};
 use numerics::maps::{
     continuation::{
         self, Derivative, Drape, LCurve, MAGNAV_ALPHA_M2, Padding, Regularisation, Spectrum, downward, drape_to_level,

@@ -5,13 +5,14 @@ use arrow_array::{
     cast::AsArray,
     types::{Float64Type, Int64Type},
 };
+use figures::{chart::px, ticks};
 use maud::{Markup, html};
 use schemas::Fault;
 
-use super::{source::Source, ticks};
+use super::source::Source;
 use crate::{
     plan::Unit,
-    views::{chart::px, scores::number, warnings::limits},
+    views::{scores::number, warnings::limits},
 };
 
 /// The most points of a plot.

@@ -1,12 +1,9 @@
 //! The pooled scores as a table, and over two axes as heat maps.
 
+use figures::palette::{Palette, hex, ink_on};
 use maud::{Markup, html};
 
-use super::{
-    board::Board,
-    palette::{Palette, hex, ink_on},
-    source::Source,
-};
+use super::{board::Board, source::Source};
 use crate::views::{
     ranking::{Better, better},
     scores::number,
