@@ -7,7 +7,6 @@ use std::{
     sync::Arc,
 };
 
-use crate::views::sql::Sink;
 use arrow_array::{Array, RecordBatch};
 use arrow_cast::pretty::pretty_format_batches;
 use arrow_schema::SchemaRef;
@@ -19,6 +18,7 @@ use parquet::{
 use schemas::Fault;
 
 use super::{say, sql::Temporary};
+use crate::views::sql::Sink;
 
 /// How an answer is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]

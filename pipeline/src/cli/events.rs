@@ -2,15 +2,15 @@
 
 use std::time::Instant;
 
+use serde_json::{Map, Value, json};
+
+use super::say::out;
 use crate::{
     clock,
     plan::Point,
     run::{Count, Event, Failure, Listener, Summary},
     views::{scores::Scores, warnings::Warning},
 };
-use serde_json::{Map, Value, json};
-
-use super::say::out;
 
 /// JSON events on standard output.
 pub struct Json {

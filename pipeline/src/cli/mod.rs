@@ -16,6 +16,11 @@ use std::{
     sync::atomic::{AtomicBool, Ordering},
 };
 
+use clap::{Args, Parser, Subcommand};
+use progress::Progress;
+use say::err;
+use schemas::{Entry, Fault, render};
+
 use crate::{
     plan::{Graph, Plan},
     read_spec,
@@ -25,10 +30,6 @@ use crate::{
     store::Store,
     views::{self, score_table, scores, warnings},
 };
-use clap::{Args, Parser, Subcommand};
-use progress::Progress;
-use say::err;
-use schemas::{Entry, Fault, render};
 
 /// Compensates aeromagnetic flights and navigates by the magnetic anomaly: a TOML file names tables and stages, a run
 /// computes what is not yet in its store, and every result is Parquet.

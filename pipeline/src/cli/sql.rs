@@ -7,13 +7,13 @@ use std::{
     sync::Mutex,
 };
 
-use crate::views::sql::{Question, Sink, memory, sql};
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 use clap::Args;
 use schemas::Fault;
 
 use super::{Stop, answer, say::err};
+use crate::views::sql::{Question, Sink, memory, sql};
 
 /// A question.
 #[derive(Args)]

@@ -2,14 +2,14 @@
 
 use std::{path::PathBuf, time::Duration};
 
-use crate::{
-    store::{Store, tend},
-    views::{history, scores},
-};
 use clap::Args;
 use schemas::Fault;
 
 use super::{Stop, counted, progress::Progress, say};
+use crate::{
+    store::{Store, tend},
+    views::{history, scores},
+};
 
 /// A store.
 #[derive(Args)]

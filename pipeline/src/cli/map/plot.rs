@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::sources::open_flight;
 use arrow_array::{cast::AsArray, types::Float64Type};
 use clap::{Args, ValueEnum};
 use datasets::{FlightOptions, GridMap, Reading};
@@ -10,6 +9,7 @@ use figures::{EarthTrack, Look, MapPicture, Palette, Plane, Scale, Shade, TrackL
 use schemas::{Fault, canonical::Canonical};
 
 use super::{InputArgs, Stop, ThreadArgs, say, wrong};
+use crate::sources::open_flight;
 
 #[derive(Args)]
 pub struct PlotArgs {
