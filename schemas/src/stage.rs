@@ -7,7 +7,7 @@ use std::{any::Any, collections::BTreeMap, ops::Range, sync::Arc};
 
 use arrow_array::{ArrayRef, RecordBatch};
 
-use crate::{Column, Fault, Literal, Shape};
+use crate::{Column, Fault, Literal, Shape, metric::Metric};
 
 /// How much of a survey a stage must see at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -321,8 +321,10 @@ pub struct Entry {
     pub inputs: &'static [InputDecl],
     /// What it does, when you want it, what it refuses, source.
     pub doc: fn() -> String,
-    /// What the reference shows besides, such as a table of metrics; empty for most.
+    /// What the reference shows besides; empty for most.
     pub more: fn() -> String,
+    /// What a line is scored by, for a stage that makes a table of scores; empty for others.
+    pub metrics: &'static [Metric],
     /// Its parameters.
     pub params: fn() -> Vec<ParamDoc>,
     /// Makes the stage from its parameters, or says all that is wrong with them.
@@ -447,6 +449,7 @@ macro_rules! stage {
                     inputs: &[$($crate::InputDecl { name: stringify!($inp), kind: $crate::InputKind::$kind }),*],
                     doc,
                     more: String::new,
+                    metrics: &[],
                     params,
                     build,
                 }
