@@ -7,7 +7,6 @@ mod lineage;
 pub mod palette;
 pub mod plot;
 mod png_file;
-mod ranking;
 mod record;
 mod reference;
 pub mod report;
