@@ -7,7 +7,7 @@ use std::{any::Any, collections::BTreeMap, ops::Range, sync::Arc};
 
 use arrow_array::{ArrayRef, RecordBatch};
 
-use crate::{Column, Fault, Literal, Shape};
+use crate::{Column, Fault, Literal, Shape, metric::Metric};
 
 /// How much of a survey a stage must see at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -328,8 +328,10 @@ pub struct Entry {
     /// make one spec over a table of flights `flights` and a map `anomaly`; the reference prints them, and the test of
     /// the versions runs them.
     pub example: &'static str,
-    /// What the reference shows besides, such as a table of metrics; empty for most.
+    /// What the reference shows besides; empty for most.
     pub more: fn() -> String,
+    /// What a line is scored by, for a stage that makes a table of scores; empty for others.
+    pub metrics: &'static [Metric],
     /// Its parameters.
     pub params: fn() -> Vec<ParamDoc>,
     /// Makes the stage from its parameters, or says all that is wrong with them.
@@ -473,6 +475,7 @@ macro_rules! stage {
                     doc,
                     example: $example,
                     more: String::new,
+                    metrics: &[],
                     params,
                     build,
                 }

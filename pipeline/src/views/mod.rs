@@ -3,7 +3,6 @@
 mod explain;
 pub mod history;
 mod lineage;
-mod ranking;
 mod record;
 mod reference;
 pub mod report;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use schemas::{Entry, Fault, Grain, InputKind};
+use schemas::{Entry, Fault, Grain, InputKind, metric::Metric};
 
 use crate::spec::STAGE_KEYS;
 
@@ -71,7 +71,20 @@ fn section(entry: &Entry) -> String {
     if !more.is_empty() {
         let _ = write!(out, "\n{more}");
     }
+    if !entry.metrics.is_empty() {
+        let _ = write!(out, "\n{}", metrics(entry));
+    }
     out
+}
+
+fn metrics(entry: &Entry) -> String {
+    let row = |Metric { name, unit, meaning, pool, better, .. }: &Metric| {
+        // What a survey stage makes is of all lines already.
+        let pool = if entry.grain == Grain::Line { pool.words() } else { "" };
+        format!("| `{name}` | {unit} | {pool} | {} | {meaning} |\n", better.words())
+    };
+    let rows: String = entry.metrics.iter().map(row).collect();
+    format!("| metric | unit | lines pooled by | better | meaning |\n|---|---|---|---|---|\n{rows}")
 }
 
 fn kind(kind: InputKind) -> &'static str {
