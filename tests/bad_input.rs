@@ -40,7 +40,7 @@ fn gold_unknown_stage_axis_table_column_and_key() {
         ("where  = \"line like '%.01'\"", "where  = \"lin like '%.01'\"", "did you mean `line`?"),
         ("rate_hz = 10.0", "rate_hz = \"ten\"", "`rate_hz` of `resample` must be a number, not a text"),
         ("rate_hz = 10.0", "rate_hz = -10.0", "`rate_hz` must be above 0, not -10"),
-        ("rate_hz = 10.0", "rate_hz = 1.0", "a corner of 0.9 Hz cannot be had at 1 samples per second"),
+        ("rate_hz = 10.0", "rate_hz = 1.0", "a corner of 0.9 Hz is not below the Nyquist frequency of 0.5 Hz"),
         (
             "model = \"coefficients\"",
             "model = \"terms\"",
@@ -113,7 +113,7 @@ fn failures(bench: &Bench) -> Vec<(String, String, String)> {
 #[test]
 fn gold_repeated_and_backward_time_fail_their_line_only() {
     for (at, from, says) in [
-        (50usize, 49usize, "row 50: the time 36004.9 s is there twice"),
+        (50usize, 49usize, "row 50: duplicate time 36004.9 s"),
         (50, 47, "row 50: time goes back from 36004.9 s to 36004.7 s"),
     ] {
         let good = line_of("1", "1.02", 500);

@@ -1,18 +1,17 @@
-//! Where magline gets its bytes: foreign formats, the simulator, the embedded samples.
+//! Where magline gets its bytes: foreign formats and the embedded samples.
 //!
 //! A flight, in any format that is known by its content or its name, becomes batches with the
 //! contract's column names ([`open_flight`]); a map becomes an even grid in its own coordinates
 //! ([`read_grid`]) or of latitude and longitude ([`read_map`]), and goes out again in any of a dozen
-//! formats ([`write_grid`]); survey points come from any table ([`read_points`]). A synth spec is a
-//! flight format like any other ([`simulate`]).
+//! formats ([`write_grid`]); survey points come from any table ([`read_points`]). Other crates may add flight
+//! formats ([`formats::flight_formats`]), as that of the simulator does.
 
 mod error;
 pub mod formats;
 pub mod grid;
-mod motion;
+pub mod motion;
 pub mod samples;
-pub mod simulate;
-mod table;
+pub mod table;
 
 /// Changes whenever a reader or the simulator makes other values of the same bytes: part of the key of
 /// whatever is kept of what they gave.
@@ -21,7 +20,6 @@ pub const VERSION: &str = "4";
 pub use error::ReadError;
 pub use formats::{
     FlightOptions, FlightReader, Map, MapOptions, Part, PointOptions, Reading, RowFault, SurveyPoints, check_output,
-    map_files, open_flight, open_flight_with, read_grid, read_map, read_points, write_grid,
+    map_files, open_flight, open_flight_among, open_flight_with, read_grid, read_map, read_points, write_grid,
 };
 pub use grid::{Crs, Figure, GridMap, Height, MapSummary, Registration, geographic};
-pub use simulate::{synthesise, synthesise_with};

@@ -1,11 +1,11 @@
 //! Velocity and specific force of a track, for files that hold positions only and for the simulator.
 
-use numerics::earth::geodesy::{EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, unwrapped_deg};
-pub(crate) use numerics::navigation::mechanisation::normal_gravity_mps2;
+use numerics::earth::geodesy::{EarthModel, unwrapped_deg};
+use numerics::navigation::strapdown::specific_force_mps2;
 
 /// The derivative of `x` with respect to `t` at each sample: central, one-sided at the ends, NaN where
 /// time does not run forward or a neighbour is missing.
-pub(crate) fn derivative(t: &[f64], x: &[f64]) -> Vec<f64> {
+pub fn derivative(t: &[f64], x: &[f64]) -> Vec<f64> {
     let n = t.len().min(x.len());
     let one = |i: usize| {
         let (before, after) = (i.saturating_sub(1), (i + 1).min(n - 1));
@@ -17,22 +17,26 @@ pub(crate) fn derivative(t: &[f64], x: &[f64]) -> Vec<f64> {
 
 /// A track: time in seconds, geodetic latitude and longitude in degrees, height above WGS-84 in metres.
 #[derive(Clone, Copy)]
-pub(crate) struct Track<'a> {
-    pub(crate) tt: &'a [f64],
-    pub(crate) lat_deg: &'a [f64],
-    pub(crate) lon_deg: &'a [f64],
-    pub(crate) alt_m: &'a [f64],
+pub struct Track<'a> {
+    /// Seconds.
+    pub tt: &'a [f64],
+    /// Geodetic latitude.
+    pub lat_deg: &'a [f64],
+    /// Longitude.
+    pub lon_deg: &'a [f64],
+    /// Height above WGS-84.
+    pub alt_m: &'a [f64],
 }
 
 /// North, east and down, each a column.
-pub(crate) type Ned = [Vec<f64>; 3];
+pub type Ned = [Vec<f64>; 3];
 
 impl Track<'_> {
     /// Velocity in m/s, north-east-down, by differences of the positions on the ellipsoid.
     ///
     /// True north, both radii of curvature and the height are used, unlike differences of grid
     /// coordinates, which take grid north and the projection's scale for the real ones.
-    pub(crate) fn velocity_mps(&self) -> Ned {
+    pub fn velocity_mps(&self) -> Ned {
         let (dlat, dlon) = (derivative(self.tt, self.lat_deg), derivative(self.tt, &unwrapped_deg(self.lon_deg)));
         let earth = EarthModel::Wgs84;
         let at = |i: usize| (self.lat_deg[i].to_radians(), self.alt_m[i]);
@@ -44,7 +48,7 @@ impl Track<'_> {
     }
 
     /// Specific force in m/s², north-east-down, of a body that moves with `velocity_mps` along the track.
-    pub(crate) fn specific_force_mps2(&self, velocity_mps: &Ned) -> Ned {
+    pub fn specific_force_mps2(&self, velocity_mps: &Ned) -> Ned {
         let rates = velocity_mps.each_ref().map(|v| derivative(self.tt, v));
         let rows = 0..self.tt.len();
         let forces = rows.map(|i| {
@@ -61,22 +65,9 @@ impl Track<'_> {
     }
 }
 
-/// f = dv/dt + (2 ω_ie + ω_en) × v − g, all north-east-down. [Titterton & Weston 2004, (3.29)]
-pub(crate) fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]) -> [f64; 3] {
-    let (sin, cos) = lat_rad.sin_cos();
-    let (meridian_m, transverse_m) = (meridian_radius_m(lat_rad) + alt_m, transverse_radius_m(lat_rad) + alt_m);
-    let w = [
-        2.0 * EARTH_RATE_RADPS * cos + v[1] / transverse_m,
-        -v[0] / meridian_m,
-        -2.0 * EARTH_RATE_RADPS * sin - v[1] * sin / cos / transverse_m,
-    ];
-    let cross = [w[1] * v[2] - w[2] * v[1], w[2] * v[0] - w[0] * v[2], w[0] * v[1] - w[1] * v[0]];
-    [rate[0] + cross[0], rate[1] + cross[1], rate[2] + cross[2] - normal_gravity_mps2(lat_rad, alt_m)]
-}
-
 #[cfg(test)]
 mod tests {
-    use numerics::earth::geodesy::wrap_deg;
+    use numerics::earth::geodesy::{meridian_radius_m, transverse_radius_m, wrap_deg};
 
     use super::*;
 
@@ -97,11 +88,5 @@ mod tests {
         let expected = step.to_radians() * (transverse_radius_m(lat0.to_radians()) + 1000.0) * lat0.to_radians().cos();
         // Across the date line too.
         assert!(ve.iter().all(|v| (v - expected).abs() < 1e-6));
-    }
-
-    #[test]
-    fn law_at_rest_the_specific_force_is_minus_gravity() {
-        let f = specific_force_mps2(0.7, 300.0, [0.0; 3], [0.0; 3]);
-        assert_eq!(f, [0.0, 0.0, -normal_gravity_mps2(0.7, 300.0)]);
     }
 }

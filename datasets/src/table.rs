@@ -10,7 +10,7 @@ use crate::{ReadError, formats::RowFault};
 
 /// The values of a column.
 #[derive(Clone, Debug)]
-pub(crate) enum Values {
+pub enum Values {
     /// Numbers; NaN is missing.
     Number(Vec<f64>),
     /// Whole numbers, such as the year.
@@ -31,18 +31,18 @@ impl Values {
 
 /// Named columns in the file's order, each with the unit its values have.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Table {
+pub struct Table {
     columns: Vec<(Field, Values)>,
 }
 
 impl Table {
     /// Appends a column; an empty unit leaves the canonical one to be assumed.
-    pub(crate) fn push(&mut self, name: &str, unit: &str, values: Values) {
+    pub fn push(&mut self, name: &str, unit: &str, values: Values) {
         self.push_described(name, unit, flight::describe(name).description, values);
     }
 
     /// Appends a column with its own description.
-    pub(crate) fn push_described(&mut self, name: &str, unit: &str, description: &str, values: Values) {
+    pub fn push_described(&mut self, name: &str, unit: &str, description: &str, values: Values) {
         let known = flight::describe(name);
         let unit = if unit.is_empty() { known.unit } else { unit };
         let data_type = match values {
@@ -54,13 +54,13 @@ impl Table {
     }
 
     /// Puts a column in front of all others.
-    pub(crate) fn push_front(&mut self, name: &str, values: Values) {
+    pub fn push_front(&mut self, name: &str, values: Values) {
         self.push(name, "", values);
         self.columns.rotate_right(1);
     }
 
     /// The numbers of the column `name`, if it is there and has numbers.
-    pub(crate) fn numbers(&self, name: &str) -> Option<&[f64]> {
+    pub fn numbers(&self, name: &str) -> Option<&[f64]> {
         self.columns.iter().find(|(f, _)| f.name() == name).and_then(|(_, v)| match v {
             Values::Number(x) => Some(x.as_slice()),
             _ => None,
@@ -68,28 +68,28 @@ impl Table {
     }
 
     /// Whether there is a column `name`.
-    pub(crate) fn has(&self, name: &str) -> bool {
+    pub fn has(&self, name: &str) -> bool {
         self.columns.iter().any(|(f, _)| f.name() == name)
     }
 
     /// Takes the column `name` out.
-    pub(crate) fn take(&mut self, name: &str) -> Option<Values> {
+    pub fn take(&mut self, name: &str) -> Option<Values> {
         let at = self.columns.iter().position(|(f, _)| f.name() == name)?;
         Some(self.columns.remove(at).1)
     }
 
     /// Rows of the first column.
-    pub(crate) fn rows(&self) -> usize {
+    pub fn rows(&self) -> usize {
         self.columns.first().map_or(0, |(_, v)| v.len())
     }
 
     /// The Arrow schema.
-    pub(crate) fn schema(&self) -> SchemaRef {
+    pub fn schema(&self) -> SchemaRef {
         Arc::new(Schema::new(self.columns.iter().map(|(f, _)| f.clone()).collect::<Vec<_>>()))
     }
 
     /// The columns as one batch.
-    pub(crate) fn into_batch(self, path: &Path) -> Result<RecordBatch, ReadError> {
+    pub fn into_batch(self, path: &Path) -> Result<RecordBatch, ReadError> {
         let schema = self.schema();
         let columns = self.columns.into_iter().map(|(_, v)| array(v)).collect();
         RecordBatch::try_new(schema, columns).map_err(|e| ReadError::data(path, e.to_string()))

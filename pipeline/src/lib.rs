@@ -4,7 +4,10 @@
 //! spec (text with positions) -> plan (tables, axes, points, everything checked) -> graph (lines and keys) -> run
 //! ```
 //! `explain`, `why`, `lineage`, `sql`, the reference and the report are views of the same plan and store.
+//!
+//! [`main`] is the command line over a catalogue of stages: [`catalogue`], or that with stages of one's own.
 
+mod cli;
 pub mod clock;
 pub mod deep;
 pub mod keys;
@@ -38,7 +41,9 @@ pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, Faults> {
     Spec::parse(&file, folder, text, sets)
 }
 
-/// Every stage there is.
+pub use cli::main;
+
+/// The built-in stages.
 pub fn catalogue() -> Vec<Entry> {
     stages::catalogue()
 }

@@ -1,7 +1,5 @@
 //! The `magline` command.
 
-mod cli;
-
 use std::process::ExitCode;
 
 // Columns of many megabytes come and go on all threads; this allocator gives their memory back.
@@ -9,5 +7,5 @@ use std::process::ExitCode;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
-    cli::main()
+    pipeline::main(&pipeline::catalogue())
 }

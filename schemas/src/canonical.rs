@@ -44,7 +44,7 @@ impl Canonical {
             .collect();
         for (i, name) in names.iter().enumerate() {
             if names[..i].contains(name) {
-                faults.push(Fault::data("the column is there twice").in_column(name));
+                faults.push(Fault::data("duplicate column").in_column(name));
             }
         }
         let keys = flight::KEYS.iter().filter_map(|k| names.iter().position(|n| n == k));
@@ -205,7 +205,7 @@ pub fn check_time(tt: &[f64]) -> Result<(), Fault> {
             return row(i, "the time is missing".to_owned());
         }
         if i > 0 && *t == tt[i - 1] {
-            return row(i, format!("the time {t} s is there twice"));
+            return row(i, format!("duplicate time {t} s"));
         }
         if i > 0 && *t < tt[i - 1] {
             return row(i, format!("time goes back from {} s to {t} s", tt[i - 1]));

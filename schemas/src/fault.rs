@@ -12,6 +12,18 @@ pub enum Owner {
     Data,
     /// The machine: a disk, a permission, memory. Trying again may help, so nothing is concluded from it.
     Machine,
+    /// magline or a stage: its author corrects it. Another version may do better, so nothing is concluded from it.
+    Bug,
+}
+
+impl Owner {
+    /// Whether the same work ends in the same fault again, on any machine and in any version.
+    pub fn is_lasting(self) -> bool {
+        match self {
+            Owner::Spec | Owner::Data => true,
+            Owner::Machine | Owner::Bug => false,
+        }
+    }
 }
 
 /// Where in the data a fault lies. Every part is optional.
@@ -60,6 +72,12 @@ impl Fault {
     /// A fault of the machine, such as a full disk.
     pub fn machine(what: impl Into<String>) -> Self {
         Self { what: what.into(), owner: Owner::Machine, ..Self::default() }
+    }
+
+    /// An error in the program: what cannot be if it is right.
+    pub fn bug(what: impl Into<String>) -> Self {
+        let what = format!("{}: an error in magline", what.into());
+        Self { what, owner: Owner::Bug, ..Self::default() }.help("please report it, with the spec")
     }
 
     /// Says what to do next.

@@ -8,6 +8,7 @@ mod column;
 mod fault;
 pub mod flight;
 pub mod map;
+pub mod metric;
 pub mod plausible;
 mod stage;
 mod unit;

@@ -83,7 +83,7 @@ impl OwnGrid {
         let number = |field: &Field, key: &str| {
             let value: String = text(field, key)?;
             let wrong =
-                || Fault::machine(format!("`{value}` of the map's `{key}` is no number")).in_column(field.name());
+                || Fault::machine(format!("`{value}` of the map's `{key}` is not a number")).in_column(field.name());
             value.parse::<f64>().map_err(|_| wrong())
         };
         let ends =

@@ -7,7 +7,7 @@ use std::{any::Any, collections::BTreeMap, ops::Range, sync::Arc};
 
 use arrow_array::{ArrayRef, RecordBatch};
 
-use crate::{Column, Fault, Literal, Shape};
+use crate::{Column, Fault, Literal, Shape, metric::Metric};
 
 /// How much of a survey a stage must see at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,7 +38,7 @@ pub enum InputKind {
 pub struct InputDecl {
     /// The key, such as `input` or `map`.
     pub name: &'static str,
-    /// What stands behind it.
+    /// Its kind.
     pub kind: InputKind,
 }
 
@@ -104,7 +104,7 @@ pub struct Yield {
     pub lenient: bool,
     /// Whether the table is small and belongs into one file (models, scores).
     pub tidy: bool,
-    /// What the user should know of a choice made for him.
+    /// What the user should know of a choice made automatically.
     pub notes: Vec<String>,
 }
 
@@ -206,9 +206,10 @@ pub trait Stage: Declared + Any + Send + Sync + Sized {
         Ok(None)
     }
 
-    /// The parameters that [`Stage::prepare`] depends on, in one spelling.
+    /// The parameters that [`Stage::prepare`] depends on, in one spelling: all, unless a stage narrows them to share
+    /// what it prepares between the points of a sweep.
     fn prepare_key(&self) -> String {
-        String::new()
+        self.canonical().iter().map(|(name, value)| format!("{name}={value};")).collect()
     }
 
     /// For survey stages: the points of a sweep that see the same lines, solved together.
@@ -295,8 +296,10 @@ pub struct ParamDoc {
     pub type_name: &'static str,
     /// The unit; empty for none.
     pub unit: &'static str,
-    /// The default in its canonical spelling; `None` where it must be given.
+    /// The default in its canonical spelling; `None` where it must be given or may be left out.
     pub default: Option<String>,
+    /// What happens where a parameter without a default is left out; `None` where it must be given.
+    pub absent: Option<&'static str>,
     /// What values are allowed, in words.
     pub rule: String,
     /// What it does.
@@ -333,8 +336,14 @@ pub struct Entry {
     pub inputs: &'static [InputDecl],
     /// What it does, when you want it, what it refuses, source.
     pub doc: fn() -> String,
-    /// What the reference shows besides, such as a table of metrics; empty for most.
+    /// A fragment of a spec that uses it, the table named like the stage. The examples of the catalogue, in its order,
+    /// make one spec over a table of flights `flights` and a map `anomaly`; the reference prints them, and the test of
+    /// the versions runs them.
+    pub example: &'static str,
+    /// What the reference shows besides; empty for most.
     pub more: fn() -> String,
+    /// What a line is scored by, for a stage that makes a table of scores; empty for others.
+    pub metrics: &'static [Metric],
     /// Its parameters.
     pub params: fn() -> Vec<ParamDoc>,
     /// Makes the stage from its parameters, or says all that is wrong with them.
@@ -368,13 +377,20 @@ pub fn unknown_keys(args: &Args, stage: &str, params: &[&str], plan: &[&str]) ->
         .collect()
 }
 
-/// Declares a stage once: name, version, grain, inputs, parameters with unit, default, rule and documentation.
+/// Declares a stage once: name, version, grain, inputs, an example, parameters with unit, default, rule and
+/// documentation. A parameter of a type `Option` says what happens where it is left out (`absent`).
 ///
 /// ```
 /// use schemas::{stage, Fault, LineIn, Rule, Stage, Table, Yield};
 /// stage! {
 ///     /// Multiplies a column.
-///     Scale = "scale", version 1, grain Line, inputs [input: Lines];
+///     Scale = "scale", version 1, grain Line, inputs [input: Lines], example r#"
+/// [[stages]]
+/// name   = "scale"
+/// stage  = "scale"
+/// input  = "flights"
+/// column = "mag_1_c"
+/// "#;
 ///     /// The column.
 ///     column: String, unit "";
 ///     /// The factor.
@@ -394,8 +410,12 @@ pub fn unknown_keys(args: &Args, stage: &str, params: &[&str], plan: &[&str]) ->
 macro_rules! stage {
     (
         $(#[doc = $d:literal])*
-        $Ty:ident = $name:literal, version $v:literal, grain $grain:ident, inputs [$($inp:ident : $kind:ident),* $(,)?];
-        $( $(#[doc = $pd:literal])* $p:ident : $pt:ty, unit $unit:literal $(, default $def:expr)? $(, rule $rule:expr)? ; )*
+        $Ty:ident = $name:literal, version $v:literal, grain $grain:ident, inputs [$($inp:ident : $kind:ident),* $(,)?],
+        example $example:literal;
+        $(
+            $(#[doc = $pd:literal])* $p:ident : $pt:ty, unit $unit:literal
+            $(, default $def:expr)? $(, absent $absent:literal)? $(, rule $rule:expr)? ;
+        )*
     ) => {
         $(#[doc = $d])*
         #[derive(Clone, Debug)]
@@ -420,9 +440,16 @@ macro_rules! stage {
                         unit: $unit,
                         default: {
                             #[allow(unused_mut, unused_assignments)]
-                            let mut x: Option<$pt> = <$pt as $crate::Value>::absent();
+                            let mut x: Option<$pt> = None;
                             $( x = Some(<$pt>::from($def)); )?
                             x.as_ref().map($crate::Value::canonical)
+                        },
+                        absent: {
+                            #[allow(unused_mut, unused_assignments)]
+                            let mut text = <$pt as $crate::Value>::absent().map(|_: $pt| "");
+                            $( let _ = stringify!($def); text = None; )?
+                            $( text = Some($absent); )?
+                            text
                         },
                         rule: {
                             #[allow(unused_mut, unused_assignments)]
@@ -458,7 +485,9 @@ macro_rules! stage {
                     grain: $crate::Grain::$grain,
                     inputs: &[$($crate::InputDecl { name: stringify!($inp), kind: $crate::InputKind::$kind }),*],
                     doc,
+                    example: $example,
                     more: String::new,
+                    metrics: &[],
                     params,
                     build,
                 }
@@ -514,14 +543,14 @@ mod tests {
 
     crate::stage! {
         /// A number.
-        Number = "number", version 1, grain Line, inputs [input: Lines];
+        Number = "number", version 1, grain Line, inputs [input: Lines], example "";
         /// The number; a negative one is a fault.
         value: f64, unit "1";
     }
 
     crate::stage! {
         /// Another stage.
-        Other = "other", version 1, grain Line, inputs [input: Lines];
+        Other = "other", version 1, grain Line, inputs [input: Lines], example "";
         /// The number of its columns: none.
         columns: usize, unit "1";
     }

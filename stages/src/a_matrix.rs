@@ -20,14 +20,21 @@ stage! {
     /// gives a row of NaN. Groups with differences need evenly spaced samples, otherwise the line is an error.
     ///
     /// Source: W. E. Tolles and J. D. Lawson 1950; thesis 000, (3.13) to (3.20) with the scale of its Tables 3.1 and 3.2.
-    AMatrix = "a_matrix", version 1, grain Line, inputs [input: Lines];
+    AMatrix = "a_matrix", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name   = "a_matrix"
+stage  = "a_matrix"
+input  = "resample"
+vector = "flux_a"
+"#;
     /// The vector magnetometer, such as `flux_a` for the columns `flux_a_x`, `flux_a_y` and `flux_a_z`.
     vector: String, unit "";
     /// The groups of terms: `permanent`, `induced` (or `induced5`, `induced3`), `eddy` (or `eddy8`, `eddy3`),
     /// `derivative`, `bias`.
     terms: Vec<String>, unit "", default ["permanent", "induced", "eddy"].map(String::from);
     /// A scalar magnetometer whose reading stands for Bt: the modified model.
-    scalar: Option<String>, unit "";
+    scalar: Option<String>, unit "", absent "the magnitude of `vector`";
     /// The scale s of the induced and eddy terms, about the field's strength, so that all terms are of one size.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
     /// Whether a truth column may be used.

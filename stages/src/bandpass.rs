@@ -21,7 +21,14 @@ stage! {
     ///
     /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996; the defaults are
     /// those of thesis 000, section 3.4.
-    Bandpass = "bandpass", version 1, grain Line, inputs [input: Lines];
+    Bandpass = "bandpass", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name    = "bandpass"
+stage   = "bandpass"
+input   = "resample"
+columns = ["mag_4_uc"]
+"#;
     /// The columns to filter.
     columns: Vec<String>, unit "";
     /// The lower corner; 0 leaves it off, which makes a low-pass.

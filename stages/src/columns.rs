@@ -75,8 +75,9 @@ pub fn band(low_hz: f64, high_hz: f64, rate_hz: Option<f64>) -> Vec<Fault> {
     if let Some(rate_hz) = rate_hz {
         for (name, corner_hz) in [("low_hz", low_hz), ("high_hz", high_hz)] {
             if corner_hz >= 0.5 * rate_hz {
-                let what = format!("a corner of {corner_hz} Hz cannot be had at {rate_hz} samples per second");
-                let help = format!("it must be below {} Hz; 0 leaves this corner off", 0.5 * rate_hz);
+                let what =
+                    format!("a corner of {corner_hz} Hz is not below the Nyquist frequency of {} Hz", 0.5 * rate_hz);
+                let help = "lower the corner, or resample at a higher rate; 0 leaves this corner off";
                 faults.push(Fault::new(what).of_param(name).help(help));
             }
         }

@@ -22,7 +22,15 @@ stage! {
     /// left on the lines that it was fitted on, the same for all samples. `navigate` takes them where its own are `"auto"`.
     ///
     /// Source: thesis 000, (3.22).
-    Compensate = "compensate", version 2, grain Line, inputs [input: Lines, model: Model];
+    Compensate = "compensate", version 2, grain Line, inputs [input: Lines, model: Model],
+    example r#"
+[[stages]]
+name  = "compensate"
+stage = "compensate"
+input = "a_matrix"
+model = "fit"
+mag   = "mag_4_uc"
+"#;
     /// The scalar magnetometer, such as `mag_4_uc`.
     mag: String, unit "nT";
     /// What the model was fitted to predict: the `aircraft`'s field; or the `anomaly`, to which core field `igrf` and

@@ -26,18 +26,24 @@ stage! {
     /// 2,000 km).
     ///
     /// Source: IGRF-14 (IAGA, doi:10.5281/zenodo.14012302); WMM2020 and WMM2025 (NOAA NCEI and BGS).
-    CoreFieldStage = "core_field", version 1, grain Line, inputs [input: Lines];
+    CoreFieldStage = "core_field", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name         = "core_field"
+stage        = "core_field"
+input        = "resample"
+decimal_year = 2020.5
+"#;
     /// The model: `igrf` (IGRF-14, 1900 to 2030) or `wmm` (the World Magnetic Model, 2020 to 2030).
     model: String, unit "", default "igrf", rule Rule::OneOf(&["igrf", "wmm"]);
     /// The name of the magnitude, from which the others are made.
     column: String, unit "", default "igrf";
     /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS.
     position: String, unit "", default "truth", rule Rule::OneOf(&["truth", "ins"]);
-    /// Whose attitude turns the field into the body frame; left out, that of the INS, else the true one, where the flight
-    /// has it.
-    attitude: Option<String>, unit "", rule Rule::OneOf(&["truth", "ins", "none"]);
-    /// The date of all samples, before the flight's own.
-    decimal_year: Option<f64>, unit "a", rule Rule::Between(1900.0, 2030.0);
+    /// Whose attitude turns the field into the body frame.
+    attitude: Option<String>, unit "", absent "that of the INS, else the true one, where the flight has it", rule Rule::OneOf(&["truth", "ins", "none"]);
+    /// The date of all samples, in place of the flight's own.
+    decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
 }
 
 const PLACES: [(&str, [&str; 3]); 2] = [("truth", ["lat", "lon", "alt"]), ("ins", ["ins_lat", "ins_lon", "ins_alt"])];

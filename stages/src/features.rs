@@ -46,22 +46,28 @@ stage! {
     ///
     /// Source: thesis 000, section 4.8 and appendix C; thesis 004, sections 2.2.2 and 2.3; thesis 001, appendix B; names
     /// of MagNav.jl.
-    Features = "features", version 2, grain Line, inputs [input: Lines];
+    Features = "features", version 2, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name     = "features"
+stage    = "features"
+input    = "resample"
+features = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
+"#;
     /// The features, in the order of the list.
     features: Vec<String>, unit "";
-    /// The groups of Tolles-Lawson terms behind `TL_A_...`; left out, permanent, induced and eddy, and with a set of the
-    /// thesis permanent, induced and derivative.
-    terms: Option<Vec<String>>, unit "";
+    /// The groups of Tolles-Lawson terms behind `TL_A_...`.
+    terms: Option<Vec<String>>, unit "", absent "permanent, induced and eddy; with a set of the thesis permanent, induced and derivative";
     /// The scale of induced, eddy and core-field terms.
     bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
     /// The vector magnetometer whose direction projects the inputs of `ETL_...`, and that of the small sets.
-    vector: Option<String>, unit "";
+    vector: Option<String>, unit "", absent "`ETL_...` and the small sets are errors";
     /// The magnetometer of the small sets.
-    mag: Option<String>, unit "nT";
+    mag: Option<String>, unit "nT", absent "the small sets are errors";
     /// The groups of the extended model: 1 raw, 2 projected on the field's direction, 3 the change projected.
     groups: Vec<usize>, unit "", default [1usize, 2, 3];
-    /// Latitude and longitude, in degrees, that `slope` counts from; the line's first sample when left out.
-    origin: Option<Vec<f64>>, unit "deg";
+    /// Latitude and longitude, in degrees, that `slope` counts from.
+    origin: Option<Vec<f64>>, unit "deg", absent "the line's first sample";
     /// Where `slope` takes the position from.
     position: String, unit "", default "ins", rule Rule::OneOf(&["ins", "truth"]);
     /// Whether a truth column may be a feature.
@@ -275,7 +281,7 @@ impl Stage for Features {
         let names: Vec<String> = terms.iter().flat_map(|t| recipes.iter().flat_map(|r| r.names(t))).collect();
         for (i, name) in names.iter().enumerate() {
             if names.iter().take(i).any(|n| n == name) {
-                faults.push(Fault::new(format!("the feature `{name}` is there twice")).of_param("features"));
+                faults.push(Fault::new(format!("duplicate feature `{name}`")).of_param("features"));
             }
         }
         if !faults.is_empty() {

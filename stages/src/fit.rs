@@ -79,7 +79,17 @@ stage! {
     /// too short, less than 16 s.
     ///
     /// Source: thesis 000, (3.19) to (3.43); thesis 004, sections 2.2 to 2.4, 4.2.1 and Figure 4.2.
-    Fit = "fit", version 4, grain Survey, inputs [input: Lines];
+    Fit = "fit", version 4, grain Survey, inputs [input: Lines],
+    example r#"
+[[stages]]
+name   = "fit"
+stage  = "fit"
+input  = "a_matrix"
+where  = "line like '%.01'"
+model  = "tolles_lawson"
+target = "mag_4_uc"
+lambda = 0.025
+"#;
     /// The model.
     model: &'static Model, unit "";
     /// The column to explain, such as `mag_4_uc`, or `target` of the stage of that name.
@@ -90,30 +100,30 @@ stage! {
     /// The columns that explain it: lists such as `tl` and `features`, or single columns.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
     /// Which entries of the lists among `features` are used, in this order: their names, or what several names have before
-    /// a `_`, such as `TL_A_flux_a`; left out, all. A row must be finite in the whole lists. The lists are factored once
+    /// a `_`, such as `TL_A_flux_a`. A row must be finite in the whole lists. The lists are factored once
     /// for all such choices, so that a sweep over them costs next to nothing.
-    entries: Option<Vec<String>>, unit "";
+    entries: Option<Vec<String>>, unit "", absent "all";
     /// The strength of the penalty.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// How `lambda` or `components` is found; what it may be depends on the model.
     choose: Choose, unit "", default Choose::Given;
-    /// The values of `lambda` to choose among; left out, a grid that fits the features.
-    lambdas: Option<Vec<f64>>, unit "";
+    /// The values of `lambda` to choose among.
+    lambdas: Option<Vec<f64>>, unit "", absent "a grid that fits the features";
     /// Where lines or flights are left out: take the simplest model whose error is within one standard error of the least.
     one_standard_error: bool, unit "", default false;
     /// How many components, the most of them where they are chosen.
     components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
     /// The part of the elastic net's penalty that is on absolute values.
     l1_ratio: f64, unit "1", default 0.99, rule Rule::Between(0.0, 1.0);
-    /// What columns are divided by before they are penalised; left out, what suits the model. `standardise` is by the
+    /// What columns are divided by before they are penalised. `standardise` is by the
     /// standard deviation over n - 1, as in MagNav.jl and in the partial least squares and whitened components of
     /// scikit-learn. Its `StandardScaler` divides by that over n: the same ridge takes `lambda` n / (n - 1) there.
-    scaling: Option<Divisor>, unit "";
+    scaling: Option<Divisor>, unit "", absent "that of the model";
     /// Fit to the whitened principal components of the features in place of the features: how many of them, or below 1 the
     /// part of the variance that they hold. Coefficients are still those of the features.
-    whiten: Option<f64>, unit "", rule Rule::Positive;
-    /// Whether a constant is fitted too, without a penalty; left out, what suits the model, and with `whiten` always.
-    intercept: Option<bool>, unit "";
+    whiten: Option<f64>, unit "", absent "the features themselves", rule Rule::Positive;
+    /// Whether a constant is fitted too, without a penalty.
+    intercept: Option<bool>, unit "", absent "that of the model, and true with `whiten`";
     /// The loss of `robust`.
     loss: Loss, unit "", default Loss::Huber;
     /// How `robust` finds the size of ordinary residuals: by their median, or together with the coefficients.

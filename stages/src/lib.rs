@@ -41,7 +41,7 @@ pub fn catalogue() -> Vec<Entry> {
         noise::AssumeNoise::entry(),
         navigate::Navigate::entry(),
         map_value::MapValue::entry(),
-        Entry { more: score::metrics_table, ..score::Score::entry() },
-        summary::Summary::entry(),
+        Entry { metrics: score::METRICS, ..score::Score::entry() },
+        Entry { metrics: summary::METRICS, ..summary::Summary::entry() },
     ]
 }

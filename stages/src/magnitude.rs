@@ -12,7 +12,14 @@ stage! {
     /// A column of that name that the flight has is replaced. A sample that lacks a component has NaN.
     ///
     /// Source: thesis 004, section 4.2.2 (its Tables 4.3 and 4.5).
-    Magnitude = "magnitude", version 1, grain Line, inputs [input: Lines];
+    Magnitude = "magnitude", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name   = "magnitude"
+stage  = "magnitude"
+input  = "resample"
+vector = "flux_a"
+"#;
     /// The vector magnetometer, such as `flux_a` for the columns `flux_a_x`, `flux_a_y` and `flux_a_z`.
     vector: String, unit "";
     /// Whether a truth column may be used.

@@ -25,13 +25,21 @@ stage! {
     /// the levels than half a step has NaN. Downward continuation amplifies what is short: keep levels at or above the map.
     ///
     /// Source: thesis 000, section 2.3; Blakely 1996, chapter 12.
-    MapValue = "map_value", version 2, grain Line, inputs [input: Lines, map: Map];
+    MapValue = "map_value", version 2, grain Line, inputs [input: Lines, map: Map],
+    example r#"
+[[stages]]
+name         = "map_value"
+stage        = "map_value"
+input        = "resample"
+map          = "anomaly"
+map_levels_m = [300.0, 400.0]
+"#;
     /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS.
     position: String, unit "", default "truth", rule Rule::OneOf(&["truth", "ins"]);
     /// How the map is interpolated: bilinear, or by a natural cubic spline.
     map_interpolation: String, unit "", default "linear", rule Rule::OneOf(&["linear", "cubic"]);
     /// The heights above the ellipsoid, ascending, to which the map is continued.
-    map_levels_m: Option<Vec<f64>>, unit "m";
+    map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is taken at its own height";
 }
 
 impl Stage for MapValue {

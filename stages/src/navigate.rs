@@ -57,30 +57,38 @@ stage! {
     /// white part comes what bilinear interpolation misses between the map's nodes.
     ///
     /// Source: thesis 000, section 5.3, with F and H checked against finite differences and the process noise discretised.
-    Navigate = "navigate", version 3, grain Line, inputs [input: Lines, map: Map];
+    Navigate = "navigate", version 4, grain Line, inputs [input: Lines, map: Map],
+    example r#"
+[[stages]]
+name            = "navigate"
+stage           = "navigate"
+input           = "assume_noise"
+map             = "anomaly"
+offset_window_s = 1.0
+core_field      = false
+"#;
     /// The filter.
     filter: String, unit "", default "ekf", rule Rule::OneOf(&["ekf"]);
     /// The measured field.
     mag: String, unit "nT", default "mag_c";
     /// Whether the measurement holds the core field, which is then part of the prediction.
     core_field: bool, unit "", default true;
-    /// Whether the column `diurnal` is taken off the measurement, so that the temporal variation need not be estimated;
-    /// left out, where the flight has it. A sample without it has no measurement.
-    remove_diurnal: Option<bool>, unit "";
-    /// The date of the core field, before the flight's own.
-    decimal_year: Option<f64>, unit "a", rule Rule::Between(1900.0, 2030.0);
+    /// Whether the column `diurnal` is taken off the measurement, so that the temporal variation need not be estimated. A
+    /// sample without it has no measurement.
+    remove_diurnal: Option<bool>, unit "", absent "true where the flight has the column";
+    /// The date of the core field, in place of the flight's own.
+    decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
     /// How the map is interpolated: bilinear, or by a natural cubic spline.
     map_interpolation: String, unit "", default "linear", rule Rule::OneOf(&["linear", "cubic"]);
-    /// The heights above the ellipsoid, ascending, to which the map is continued; between them it is interpolated. Left
-    /// out, the map is taken at its own height, whatever that of the flight.
-    map_levels_m: Option<Vec<f64>>, unit "m";
+    /// The heights above the ellipsoid, ascending, to which the map is continued; between them it is interpolated.
+    map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is taken at its own height, whatever that of the flight";
     /// Append the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
     /// The mean of measurement minus prediction over the first seconds of a line, taken off before filtering; 0 takes
     /// nothing off. Compensation leaves a constant undetermined.
     offset_window_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
-    /// A measurement whose squared innovation over its variance is above this is not used; left out, all are used.
-    gate_nis: Option<f64>, unit "1", rule Rule::Positive;
+    /// A measurement whose squared innovation over its variance is above this is not used.
+    gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
     /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
     discretisation: String, unit "", default "trapezoidal", rule Rule::OneOf(&["trapezoidal", "rectangular", "van_loan"]);
     /// Measurement noise, sample by sample: sensor, map and what compensation left; or `"auto"`.
@@ -93,8 +101,8 @@ stage! {
     init_velocity_sigma_mps: f64, unit "m/s", default 0.01, rule Rule::NotNegative;
     /// Initial tilt error, each axis.
     init_attitude_sigma_deg: f64, unit "deg", default 0.01, rule Rule::NotNegative;
-    /// Initial heading error; left out, the tilt's. An INS levels itself far better than it finds north.
-    init_heading_sigma_deg: Option<f64>, unit "deg", rule Rule::NotNegative;
+    /// Initial heading error. An INS levels itself far better than it finds north.
+    init_heading_sigma_deg: Option<f64>, unit "deg", absent "the initial tilt error", rule Rule::NotNegative;
     /// Velocity random walk.
     vrw_sigma: f64, unit "m/s^1.5", default 0.000238, rule Rule::NotNegative;
     /// Angular random walk.

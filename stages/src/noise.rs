@@ -28,18 +28,31 @@ stage! {
     /// refuses lines without a run of 16 s.
     ///
     /// Source: Allan 1966; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8.
-    ResidualNoise = "residual_noise", version 1, grain Survey, inputs [input: Lines];
+    ResidualNoise = "residual_noise", version 1, grain Survey, inputs [input: Lines],
+    example r#"
+[[stages]]
+name  = "residual_noise"
+stage = "residual_noise"
+input = "compensate"
+truth = "mag_1_c"
+"#;
     /// The compensated signal.
     mag: String, unit "nT", default "mag_c";
-    /// The column of the true field, such as `mag_1_c`; left out, the sum of `igrf`, `map_anomaly` (of `map_value`) and,
-    /// where there is one, `diurnal`.
-    truth: Option<String>, unit "nT";
+    /// The column of the true field, such as `mag_1_c`.
+    truth: Option<String>, unit "nT", absent "the sum of `igrf`, `map_anomaly` (of `map_value`) and, where there is one, `diurnal`";
 }
 
 stage! {
     /// Appends a noise that was found elsewhere, by `residual_noise`: `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau`, the
     /// same for all samples. They take the place of those of `compensate`.
-    AssumeNoise = "assume_noise", version 1, grain Line, inputs [input: Lines, noise: Model];
+    AssumeNoise = "assume_noise", version 1, grain Line, inputs [input: Lines, noise: Model],
+    example r#"
+[[stages]]
+name  = "assume_noise"
+stage = "assume_noise"
+input = "compensate"
+noise = "residual_noise"
+"#;
 }
 
 const DIURNAL: &str = "diurnal";
@@ -102,7 +115,7 @@ impl Stage for ResidualNoise {
     }
 
     fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        Err(Fault::machine("the noise is found on all lines together"))
+        Err(Fault::bug("the noise is found on all lines together"))
     }
 
     fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {

@@ -21,7 +21,14 @@ stage! {
     /// missing throughout. Repeated or backward time is an error.
     ///
     /// Nothing is filtered: when going to a lower rate, what is faster than half of it folds back. Use `bandpass` before.
-    Resample = "resample", version 1, grain Line, inputs [input: Lines];
+    Resample = "resample", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name    = "resample"
+stage   = "resample"
+input   = "flights"
+rate_hz = 10.0
+"#;
     /// Samples per second of the new grid.
     rate_hz: f64, unit "Hz", rule Rule::Positive;
     /// How values between samples are found; `cubic` is Akima's.

@@ -7,13 +7,17 @@ use arrow_array::{
     cast::AsArray,
     types::{Float64Type, Int64Type},
 };
-use numerics::regression::{
-    bootstrap::{Interval, Resamples},
-    statistics::Pool,
+use numerics::regression::bootstrap::{Interval, Resamples};
+use schemas::{
+    Column, Fault, Gather, LineIn, Passes, Role, Rule, Stage, Table, Yield,
+    metric::{Better, Metric, Pool, Shown},
+    stage,
 };
-use schemas::{Column, Fault, Gather, LineIn, Passes, Role, Rule, Stage, Table, Yield, stage};
 
-use crate::columns::{array, shape};
+use crate::{
+    columns::{array, shape},
+    score,
+};
 
 stage! {
     /// Pools the scores of all lines, each figure with a confidence interval.
@@ -28,9 +32,15 @@ stage! {
     /// other lines are drawn each among themselves.
     ///
     /// Source: thesis 004, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
-    Summary = "summary", version 1, grain Survey, inputs [input: Scores];
-    /// What to pool; everything that was scored when left out.
-    metrics: Option<Vec<String>>, unit "";
+    Summary = "summary", version 1, grain Survey, inputs [input: Scores],
+    example r#"
+[[stages]]
+name  = "summary"
+stage = "summary"
+input = "score"
+"#;
+    /// What to pool.
+    metrics: Option<Vec<String>>, unit "", absent "everything that was scored";
     /// The lines that a model was fitted on, for `overfitting_ratio`.
     train: Vec<String>, unit "", default Vec::<String>::new();
     /// The probability that the interval shall hold.
@@ -41,9 +51,19 @@ stage! {
     seed: usize, unit "", default 0usize;
 }
 
-const READS: [&str; 4] = ["metric", "value", "unit", "n"];
+const READS: [&str; 3] = ["metric", "value", "n"];
 /// Errors whose ratio between new and training lines is the overfitting ratio, the first that there is.
-const OVERFITTING: [&str; 2] = ["std_error", "map_std_error"];
+const OVERFITTING: [&Metric; 2] = [&score::STD_ERROR.metric, &score::MAP_STD_ERROR.metric];
+/// What is scored over all lines only.
+pub const METRICS: &[Metric] = &[OVERFITTING_RATIO];
+const OVERFITTING_RATIO: Metric = Metric {
+    name: "overfitting_ratio",
+    unit: "1",
+    meaning: "error of all other lines over that of the lines that the model was fitted on",
+    pool: Pool::Mean,
+    better: Better::Lower,
+    shown: Shown::NOWHERE,
+};
 
 impl Stage for Summary {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
@@ -68,7 +88,7 @@ impl Stage for Summary {
     }
 
     fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        Err(Fault::machine("a summary works on all lines together"))
+        Err(Fault::bug("a summary works on all lines together"))
     }
 
     fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
@@ -79,13 +99,18 @@ impl Stage for Summary {
 /// One score of one line.
 #[derive(Clone, Debug)]
 struct Score {
-    metric: String,
-    unit: String,
+    metric: &'static Metric,
     value: f64,
     n: i64,
 }
 
 impl Score {
+    fn new(metric: &str, value: f64, n: i64) -> Result<Self, Fault> {
+        let declared = score::METRICS.iter().find(|m| m.name == metric);
+        let undeclared = || Fault::data(format!("`{metric}` is no metric of `score`")).in_column("metric");
+        Ok(Self { metric: declared.ok_or_else(undeclared)?, value, n })
+    }
+
     /// Its value and its weight.
     fn weighed(&self) -> (f64, f64) {
         (self.value, self.n as f64)
@@ -108,14 +133,12 @@ impl Gather for SummaryGather {
         let text = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
         let value = batch.column_by_name("value").and_then(|a| a.as_primitive_opt::<Float64Type>());
         let n = batch.column_by_name("n").and_then(|a| a.as_primitive_opt::<Int64Type>());
-        let (Some(metric), Some(unit), Some(value), Some(n)) = (text("metric"), text("unit"), value, n) else {
+        let (Some(metric), Some(value), Some(n)) = (text("metric"), value, n) else {
             return Err(Fault::data("the line's scores lack a column"));
         };
-        let scores = metric.iter().zip(unit.iter()).zip(value.iter().zip(n.iter()));
-        let scores = scores.filter_map(|((metric, unit), (value, n))| {
-            Some(Score { metric: metric?.to_owned(), unit: unit?.to_owned(), value: value?, n: n? })
-        });
-        Ok(Box::new(Part { line: line.line.clone(), scores: scores.collect() }))
+        let scores = metric.iter().zip(value.iter().zip(n.iter()));
+        let scores = scores.filter_map(|(metric, (value, n))| Some(Score::new(metric?, value?, n?)));
+        Ok(Box::new(Part { line: line.line.clone(), scores: scores.collect::<Result<_, _>>()? }))
     }
 
     fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {
@@ -126,8 +149,7 @@ impl Gather for SummaryGather {
 
 /// A pooled figure.
 struct Pooled {
-    metric: String,
-    unit: String,
+    metric: &'static Metric,
     value: f64,
     interval: Option<Interval>,
     lines: usize,
@@ -142,10 +164,8 @@ impl Summary {
                 return Err(Fault::data(what).help("name lines of the table of scores"));
             }
         }
-        let mut rows: Vec<Pooled> = vec![];
-        for (metric, unit) in self.metrics_of(parts) {
-            rows.push(self.pooled(&metric, &unit, parts));
-        }
+        let mut rows: Vec<Pooled> =
+            self.metrics_of(parts).into_iter().map(|metric| self.pooled(metric, parts)).collect();
         if !self.train.is_empty() {
             rows.extend(self.overfitting(parts));
         }
@@ -156,37 +176,35 @@ impl Summary {
             Arc::new(rows.iter().map(|r| Some(of(r))).collect::<StringArray>())
         };
         Ok(vec![
-            text(|r| &r.metric),
+            text(|r| r.metric.name),
             array(rows.iter().map(|r| r.value).collect()),
             ends(|i| i.low),
             ends(|i| i.high),
-            text(|r| &r.unit),
+            text(|r| r.metric.unit),
             Arc::new(rows.iter().map(|r| Some(r.lines as i64)).collect::<Int64Array>()),
             Arc::new(rows.iter().map(|r| Some(r.n)).collect::<Int64Array>()),
         ])
     }
 
-    /// The metrics to pool with their units, in the order in which they first appear.
-    fn metrics_of(&self, parts: &[&Part]) -> Vec<(String, String)> {
-        let mut found: Vec<(String, String)> = vec![];
-        for score in parts.iter().flat_map(|p| &p.scores) {
-            let wanted = self.metrics.as_ref().is_none_or(|m| m.contains(&score.metric));
-            if wanted && !found.iter().any(|(m, _)| *m == score.metric) {
-                found.push((score.metric.clone(), score.unit.clone()));
+    /// The metrics to pool, in the order in which they first appear.
+    fn metrics_of(&self, parts: &[&Part]) -> Vec<&'static Metric> {
+        let mut found: Vec<&'static Metric> = vec![];
+        for Score { metric, .. } in parts.iter().flat_map(|p| &p.scores) {
+            let wanted = self.metrics.as_ref().is_none_or(|m| m.iter().any(|name| name == metric.name));
+            if wanted && !found.iter().any(|m| m.name == metric.name) {
+                found.push(metric);
             }
         }
         found
     }
 
-    fn pooled(&self, metric: &str, unit: &str, parts: &[&Part]) -> Pooled {
+    fn pooled(&self, metric: &'static Metric, parts: &[&Part]) -> Pooled {
         let scores = scores_of(metric, parts);
-        let how = Pool::of(metric, unit);
         let draws = Resamples::new(scores.len(), self.draws, self.seed as u64);
-        let drawn = draws.values(|chosen| how.value(chosen.map(|i| scores[i].weighed())));
+        let drawn = draws.values(|chosen| metric.pool.value(chosen.map(|i| scores[i].weighed())));
         Pooled {
-            metric: metric.to_owned(),
-            unit: unit.to_owned(),
-            value: how.value(scores.iter().map(|s| s.weighed())),
+            metric,
+            value: metric.pool.value(scores.iter().map(|s| s.weighed())),
             interval: of_several(scores.len(), drawn, self.level),
             lines: scores.len(),
             n: scores.iter().map(|s| s.n).sum(),
@@ -200,15 +218,14 @@ impl Summary {
         let (train, test) = (scores_of(metric, &train), scores_of(metric, &test));
         let drawn = |scores: &[&Score], seed: u64| {
             let draws = Resamples::new(scores.len(), self.draws, seed);
-            draws.values(|chosen| Pool::Rms.value(chosen.map(|i| scores[i].weighed())))
+            draws.values(|chosen| metric.pool.value(chosen.map(|i| scores[i].weighed())))
         };
-        let all = |scores: &[&Score]| Pool::Rms.value(scores.iter().map(|s| s.weighed()));
+        let all = |scores: &[&Score]| metric.pool.value(scores.iter().map(|s| s.weighed()));
         // Both sides are drawn by their own streams, the second beginning where no seed of a user's does.
         let (new, own) = (drawn(&test, self.seed as u64), drawn(&train, !(self.seed as u64)));
         let ratios = new.iter().zip(&own).map(|(new, own)| new / own).collect();
         Some(Pooled {
-            metric: "overfitting_ratio".to_owned(),
-            unit: "1".to_owned(),
+            metric: &OVERFITTING_RATIO,
             value: all(&test) / all(&train),
             interval: of_several(test.len(), ratios, self.level),
             lines: train.len() + test.len(),
@@ -222,9 +239,9 @@ fn of_several(lines: usize, drawn: Vec<f64>, level: f64) -> Option<Interval> {
     if lines < 2 { None } else { Interval::central(drawn, level) }
 }
 
-fn scores_of<'a>(metric: &str, parts: &[&'a Part]) -> Vec<&'a Score> {
+fn scores_of<'a>(metric: &Metric, parts: &[&'a Part]) -> Vec<&'a Score> {
     let scores = parts.iter().flat_map(|p| &p.scores);
-    scores.filter(|s| s.metric == metric && s.value.is_finite() && s.n > 0).collect()
+    scores.filter(|s| s.metric.name == metric.name && s.value.is_finite() && s.n > 0).collect()
 }
 
 #[cfg(test)]
@@ -243,8 +260,8 @@ mod tests {
     }
 
     fn part(line: &str, std_nt: f64, n: i64) -> Part {
-        let score = |metric: &str, unit: &str, value| Score { metric: metric.into(), unit: unit.into(), value, n };
-        let scores = vec![score("std_error", "nT", std_nt), score("nees", "1", 2.0), score("samples_used", "1", 10.0)];
+        let scores = [("std_error", std_nt), ("nees", 2.0), ("samples_used", 10.0)];
+        let scores = scores.map(|(metric, value)| Score::new(metric, value, n).unwrap()).to_vec();
         Part { line: line.into(), scores }
     }
 
@@ -260,6 +277,11 @@ mod tests {
         let (low, high) = (column(&table, 2), column(&table, 3));
         assert_eq!((low[0], high[0]), (3.0, 4.0));
         assert_eq!((low[1], high[1]), (2.0, 2.0));
+    }
+
+    #[test]
+    fn law_what_no_stage_declares_is_not_pooled_by_a_guess() {
+        assert!(Score::new("std_eror", 1.0, 1).unwrap_err().to_string().contains("`std_eror`"));
     }
 
     #[test]

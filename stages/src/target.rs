@@ -22,11 +22,20 @@ stage! {
     /// The column's role is truth: it may be a target, and no feature. A sample that lacks one of its parts is NaN.
     ///
     /// Source: thesis 000, section 3.7.
-    Target = "target", version 1, grain Line, inputs [input: Lines];
+    Target = "target", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name  = "target"
+stage = "target"
+input = "features"
+kind  = "d"
+mag   = "mag_4_uc"
+truth = "mag_1_c"
+"#;
     /// The type.
     kind: String, unit "", default "d", rule Rule::OneOf(&["a", "b", "c", "d", "e"]);
     /// The scalar magnetometer that is to be compensated, for `c`, `d` and `e`.
-    mag: Option<String>, unit "nT";
+    mag: Option<String>, unit "nT", absent "`c`, `d` and `e` are errors";
     /// The column of the true field, for `a` and `d`.
     truth: String, unit "nT", default "mag_1_c";
     /// Take the core field `igrf` off, for `a`, `c` and `e`.

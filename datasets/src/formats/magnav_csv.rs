@@ -27,6 +27,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
         magnav::NEEDED.iter().all(|n| has(n)) && has("ins_lat") && !has("flight") && !has("line") && !has("ins_vn")
     },
     open,
+    made_from: None,
 };
 
 fn open(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<Raw, ReadError> {

@@ -27,6 +27,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
         magnav::NEEDED.iter().all(|n| names.iter().any(|m| m == n))
     },
     open,
+    made_from: None,
 };
 
 /// What MagNav.jl takes where a file says no step of time.

@@ -206,7 +206,7 @@ fn gold_awkward_texts() {
             "easting northing anomaly\n0 0 1\n1 0 1\n3 0 1\n0 1 1\n",
             "the axis is not even: 1 stands where 1.5 is expected",
         ),
-        ("easting northing anomaly\n0 0 1\n1 0 1\n0 1 1\n0 1 1\n", "row 3: the node is there twice"),
+        ("easting northing anomaly\n0 0 1\n1 0 1\n0 1 1\n0 1 1\n", "row 3: duplicate node"),
         (
             "easting northing anomaly\n0 0 1\n1 0 1\n2 0 1\n3 0 1\n",
             "a map needs two or more values along the axis, not 1",

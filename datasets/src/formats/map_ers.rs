@@ -27,6 +27,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     recognise: |head: &Head| {
         head.first_line().is_some_and(|l| l.trim_start().to_ascii_lowercase().starts_with("datasetheader begin"))
     },
+    beside: Some(|path| cells_of(path).map(|cells| vec![cells])),
     read,
     write: Some(write),
 };
@@ -35,7 +36,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 ///
 /// # Errors
 /// A header that cannot be read.
-pub(super) fn cells_of(path: &Path) -> Result<PathBuf, ReadError> {
+fn cells_of(path: &Path) -> Result<PathBuf, ReadError> {
     let header = Header::of(path, &text_of(path)?);
     // A name in the header is one beside it: what lies elsewhere is not looked for.
     let named = header.text("datafile").and_then(|n| n.rsplit(['/', '\\']).next().map(str::to_owned));

@@ -20,6 +20,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "GeoTIFF with one band of float or integer values",
     extensions: &["tif", "tiff"],
     recognise: |head: &Head| MAGICS.iter().any(|m| head.starts_with(m)),
+    beside: None,
     read,
     write: Some(map_geotiff_write::write),
 };

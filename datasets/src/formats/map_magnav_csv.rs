@@ -20,6 +20,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     recognise: |head: &Head| {
         folder(head.path).is_some_and(|f| f.join("xx.csv").is_file() && f.join("yy.csv").is_file())
     },
+    beside: None,
     read,
     write: None,
 };

@@ -24,6 +24,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "Apache Parquet, one row a node",
     extensions: &["parquet", "pq"],
     recognise: |head: &Head| head.starts_with(parquet::MAGIC),
+    beside: None,
     read,
     write: Some(write),
 };

@@ -21,6 +21,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "Surfer 6 grid, binary (DSBB), single precision",
     extensions: &["grd"],
     recognise: |head: &Head| head.starts_with(b"DSBB"),
+    beside: None,
     read,
     write: Some(write),
 };

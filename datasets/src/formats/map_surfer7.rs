@@ -20,6 +20,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "Surfer 7 grid (DSRB), double precision",
     extensions: &["grd"],
     recognise: |head: &Head| head.starts_with(b"DSRB"),
+    beside: None,
     read,
     write: Some(write),
 };

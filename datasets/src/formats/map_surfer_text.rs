@@ -20,6 +20,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "Surfer 6 grid, text (DSAA)",
     extensions: &["grd"],
     recognise: |head: &Head| head.starts_with(b"DSAA"),
+    beside: None,
     read,
     write: Some(write),
 };

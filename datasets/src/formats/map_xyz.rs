@@ -23,6 +23,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     about: "columns of text, one row a node",
     extensions: &["xyz", "csv", "txt", "dat"],
     recognise,
+    beside: None,
     read,
     write: Some(write),
 };

@@ -49,7 +49,6 @@ mod points_table;
 mod sgl;
 mod sgl_hdf5;
 mod sgl_xyz;
-mod synth;
 mod text_table;
 mod unit_name;
 
@@ -100,7 +99,7 @@ impl Default for Reading {
 /// Columns have the contract's names; each field's metadata `unit` is the unit that its values have,
 /// which `schemas::canonical` converts. A missing number is NaN or null.
 pub struct FlightReader {
-    format: &'static str,
+    format: FlightFormat,
     schema: SchemaRef,
     notes: Vec<String>,
     found: Option<String>,
@@ -134,30 +133,34 @@ pub struct RowFault {
 }
 
 impl Part {
-    pub(crate) fn whole(batch: RecordBatch) -> Part {
+    /// Rows in which nothing is wrong.
+    pub fn whole(batch: RecordBatch) -> Part {
         Part { batch, faults: vec![] }
     }
 }
 
-pub(crate) type Parts = Box<dyn Iterator<Item = Result<Part, ReadError>> + Send>;
+/// The rows of a file, as they are read.
+pub type Parts = Box<dyn Iterator<Item = Result<Part, ReadError>> + Send>;
 
 /// What a format yields before names and keys are settled.
-pub(crate) struct Raw {
-    pub(crate) schema: SchemaRef,
-    pub(crate) parts: Parts,
+pub struct Raw {
+    /// The schema of every batch.
+    pub schema: SchemaRef,
+    /// The rows.
+    pub parts: Parts,
     /// What the file calls its columns, where the format has settled names and units itself.
-    pub(crate) own: Option<Vec<String>>,
+    pub own: Option<Vec<String>>,
     /// Whether numbers that stand for missing values are still among the values.
-    pub(crate) fillers: bool,
+    pub fillers: bool,
     /// What was noticed, in words.
-    pub(crate) notes: Vec<String>,
+    pub notes: Vec<String>,
     /// What the whole file had to be gone through for.
-    pub(crate) found: Option<String>,
+    pub found: Option<String>,
 }
 
 impl Raw {
     /// Columns under the file's own names.
-    pub(crate) fn new(schema: SchemaRef, parts: Parts) -> Raw {
+    pub fn new(schema: SchemaRef, parts: Parts) -> Raw {
         Raw { schema, parts, own: None, fillers: false, notes: vec![], found: None }
     }
 }
@@ -165,7 +168,12 @@ impl Raw {
 impl FlightReader {
     /// The name of the format it was read in.
     pub fn format(&self) -> &'static str {
-        self.format
+        self.format.name
+    }
+
+    /// Says what the flight is made from, where that is not its file alone.
+    pub fn made_from(&self) -> Option<SayMadeFrom> {
+        self.format.made_from
     }
 
     /// The schema of every batch.
@@ -208,7 +216,7 @@ impl Iterator for FlightReader {
 
 impl std::fmt::Debug for FlightReader {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.debug_struct("FlightReader").field("format", &self.format).field("schema", &self.schema).finish()
+        f.debug_struct("FlightReader").field("format", &self.format.name).field("schema", &self.schema).finish()
     }
 }
 
@@ -227,7 +235,7 @@ pub struct MapOptions {
 }
 
 /// The start of a file, by which it is recognised.
-pub(crate) struct Head<'a> {
+pub struct Head<'a> {
     path: &'a Path,
     bytes: Vec<u8>,
     rename: Option<&'a BTreeMap<String, String>>,
@@ -247,12 +255,18 @@ impl Head<'_> {
         Ok(Head { path, bytes, rename: None })
     }
 
-    fn starts_with(&self, magic: &[u8]) -> bool {
+    /// The file.
+    pub fn path(&self) -> &Path {
+        self.path
+    }
+
+    /// Whether the file starts with these bytes.
+    pub fn starts_with(&self, magic: &[u8]) -> bool {
         self.bytes.starts_with(magic)
     }
 
     /// The first line that is not blank, where the start of the file is text.
-    fn first_line(&self) -> Option<String> {
+    pub fn first_line(&self) -> Option<String> {
         if self.bytes.contains(&0) {
             return None;
         }
@@ -286,7 +300,20 @@ fn refuse_special(path: &Path) -> Result<(), ReadError> {
     Err(ReadError::options(path, what).help("write what it yields into a file, and name that"))
 }
 
+/// What a flight is made from that its file does not hold but names, as a simulation is from its spec and a map.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MadeFrom {
+    /// The files that its values depend on, its own first.
+    pub files: Vec<PathBuf>,
+    /// How many lines come out.
+    pub lines: usize,
+}
+
+/// Says what a flight is made from.
+pub type SayMadeFrom = fn(&Path) -> Result<MadeFrom, ReadError>;
+
 /// A flight format: how it is called, recognised and opened.
+#[derive(Clone, Copy)]
 pub struct FlightFormat {
     /// The name for [`FlightOptions::format`].
     pub name: &'static str,
@@ -294,9 +321,17 @@ pub struct FlightFormat {
     pub about: &'static str,
     /// What its files end in.
     pub extensions: &'static [&'static str],
-    recognise: fn(&Head) -> bool,
-    open: fn(&Path, &FlightOptions, &Reading) -> Result<Raw, ReadError>,
+    /// Whether a file is of this format, by its start.
+    pub recognise: fn(&Head) -> bool,
+    /// Opens a file.
+    pub open: fn(&Path, &FlightOptions, &Reading) -> Result<Raw, ReadError>,
+    /// Where reading a file makes its values instead of finding them there: what from. That takes far less time than
+    /// reading.
+    pub made_from: Option<SayMadeFrom>,
 }
+
+/// Says which other files a map is made of.
+type Beside = fn(&Path) -> Result<Vec<PathBuf>, ReadError>;
 
 /// Writes a map into the files that it begins.
 type Write = fn(&GridMap, &mut output::Outputs) -> Result<(), ReadError>;
@@ -310,6 +345,8 @@ pub struct MapFormat {
     /// What its files end in.
     pub extensions: &'static [&'static str],
     recognise: fn(&Head) -> bool,
+    /// The other files that a map of one file is made of, where there may be some.
+    beside: Option<Beside>,
     read: fn(&Path, &MapOptions) -> Result<GridMap, ReadError>,
     write: Option<Write>,
 }
@@ -321,16 +358,16 @@ impl MapFormat {
     }
 }
 
-/// The flight formats, in the order in which a file is tried.
-pub const FLIGHT_FORMATS: &[FlightFormat] = &[
-    parquet::FORMAT,
-    synth::FORMAT,
-    sgl_hdf5::FORMAT,
-    magnav_hdf5::FORMAT,
-    sgl_xyz::FORMAT,
-    magnav_csv::FORMAT,
-    csv::FORMAT,
-];
+/// The flight formats of files, in the order in which a file is tried.
+pub const FLIGHT_FORMATS: &[FlightFormat] =
+    &[parquet::FORMAT, sgl_hdf5::FORMAT, magnav_hdf5::FORMAT, sgl_xyz::FORMAT, magnav_csv::FORMAT, csv::FORMAT];
+
+/// The formats of files with `further` ones, in the order in which a file is tried: these come after Parquet, whose files
+/// say what they are, and before those that are known by the words in them.
+pub fn flight_formats(further: &[FlightFormat]) -> Vec<FlightFormat> {
+    let (parquet, others) = FLIGHT_FORMATS.split_at(1);
+    [parquet, further, others].concat()
+}
 
 /// The map formats, in the order in which a file is tried.
 pub const MAP_FORMATS: &[MapFormat] = &[
@@ -362,13 +399,26 @@ pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader,
 /// # Errors
 /// As [`open_flight`].
 pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<FlightReader, ReadError> {
+    open_flight_among(FLIGHT_FORMATS, path, options, reading)
+}
+
+/// [`open_flight_with`] in one of `formats`, such as those of [`flight_formats`].
+///
+/// # Errors
+/// As [`open_flight`].
+pub fn open_flight_among(
+    formats: &[FlightFormat],
+    path: &Path,
+    options: &FlightOptions,
+    reading: &Reading,
+) -> Result<FlightReader, ReadError> {
     let head = Head { rename: Some(&options.rename), ..Head::read(path)? };
-    let entries: Vec<_> = FLIGHT_FORMATS.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
+    let entries: Vec<_> = formats.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
     let chosen = choose(&head, options.format.as_deref(), &entries, "flight")?;
-    let format = &FLIGHT_FORMATS[chosen];
+    let format = &formats[chosen];
     let raw = adopt::adopt(path, (format.open)(path, options, reading)?, options)?;
     let Raw { schema, notes, found, parts, .. } = raw;
-    Ok(FlightReader { format: format.name, schema, notes, found, parts })
+    Ok(FlightReader { format: *format, schema, notes, found, parts })
 }
 
 /// Reads a map and brings it onto a regular grid of latitude and longitude.
@@ -393,18 +443,21 @@ pub fn read_grid(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError
     Ok(GridMap { format: format.name, ..map })
 }
 
-/// The files that a map is made of: its own, or all of a folder's, and the cells that lie beside a header.
+/// The files that a map is made of: its own, or all of a folder's, and what lies beside it: the cells of a header, the
+/// coordinate system.
 ///
 /// # Errors
 /// A header that cannot be read.
 pub fn map_files(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
     let mut files = vec![path.to_path_buf()];
-    if !path.is_dir() && (map_ers::FORMAT.recognise)(&Head::read(path)?) {
-        files.push(map_ers::cells_of(path)?);
+    if path.is_dir() {
+        return Ok(files);
     }
-    let prj = path.with_extension("prj");
-    if !path.is_dir() && (map_esri::FORMAT.recognise)(&Head::read(path)?) && prj.is_file() {
-        files.push(prj);
+    let head = Head::read(path)?;
+    for format in MAP_FORMATS {
+        if let Some(beside) = format.beside.filter(|_| (format.recognise)(&head)) {
+            files.extend(beside(path)?);
+        }
     }
     Ok(files)
 }

@@ -27,6 +27,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
         ["tt", "lat", "utm_z"].iter().all(|n| names.iter().any(|m| m == n))
     },
     open,
+    made_from: None,
 };
 
 /// A data set, and the column it becomes.

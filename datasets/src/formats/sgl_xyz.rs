@@ -27,6 +27,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     extensions: &["xyz"],
     recognise: |head: &Head| head.first_line().is_some_and(|l| l.starts_with('/')),
     open,
+    made_from: None,
 };
 
 fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {

@@ -319,7 +319,7 @@ fn gold_files_that_no_format_knows() {
     let default = FlightOptions::default();
     let said = |path: &Path, options: &FlightOptions| open_flight(path, options).unwrap_err().to_string();
     let path = written(&folder, "a.bin", "\0\u{1}\u{2}");
-    let known = "known here: parquet, synth, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, csv; name one with `format`";
+    let known = "known here: parquet, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, csv; name one with `format`";
     assert_eq!(said(&path, &default), format!("{}: is in no known flight format ({known})", path.display()));
     let named = FlightOptions { format: Some("parqet".into()), ..default.clone() };
     let expected = format!("{}: there is no flight format `parqet` (did you mean `parquet`?)", path.display());
@@ -436,17 +436,4 @@ fn law_flipped_bytes_never_panic() {
         }
         assert!(faults > 0, "{name}: no damage was noticed");
     }
-}
-
-#[test]
-fn law_the_synth_spec_is_a_format() {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("examples/osborne.synth.toml");
-    let mut reader = open_flight(&path, &FlightOptions::default()).unwrap();
-    assert_eq!(reader.format(), "synth");
-    let first = reader.next().unwrap().unwrap();
-    assert_eq!(&first.schema(), reader.schema());
-    assert_eq!(texts(&first, "line")[0], "1.01");
-    schemas::canonical::Canonical::new(reader.schema()).unwrap();
-    let schema = Schema::new(vec![Field::new("x", DataType::Float64, true)]);
-    assert_ne!(reader.schema().as_ref(), &schema);
 }

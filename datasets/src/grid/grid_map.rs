@@ -101,7 +101,7 @@ impl GridMap {
             Height::Cells(cells) if cells.len() != self.nodes() || cells.iter().any(|a| a.is_infinite()) => {}
             _ => return Ok(()),
         }
-        Err(self.fault("the map has a height that is no number").in_column("alt"))
+        Err(self.fault("the map has a height that is not a number").in_column("alt"))
     }
 
     fn check_range(&self, name: &str, axis: &EvenAxis, most: f64) -> Result<(), ReadError> {

@@ -121,7 +121,7 @@ fn gold_what_makes_no_map() {
     assert_eq!(said, "column `anomaly`: the grid has 4 cells and 3 values");
     assert_eq!(new(x, y, 4326, vec![f64::NAN; 4], level), "column `anomaly`: no cell has a value");
     let said = new(x, y, 4326, four, Height::Cells(vec![0.0; 3]));
-    assert_eq!(said, "column `alt`: the map has a height that is no number");
+    assert_eq!(said, "column `alt`: the map has a height that is not a number");
     let map = made(32630, axis(300_000.0, 1000.0, 5), axis(5_500_000.0, 1000.0, 5));
     assert_eq!(map.to_crs(32630, Some(-1.0)).unwrap_err().to_string(), "-1 is no spacing");
     assert!(map.to_crs(27700, Some(1e-3)).unwrap_err().to_string().contains("nodes is too large"));

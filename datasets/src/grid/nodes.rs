@@ -14,7 +14,7 @@ const SPARSEST: usize = 64;
 /// coordinate comes with the name that the file has for it. Nodes left out are NaN.
 ///
 /// # Errors
-/// Coordinates that make no regular grid, or a node that is there twice.
+/// Coordinates that make no regular grid, or a duplicate node.
 pub(crate) fn from_nodes(
     path: &Path,
     (x_name, x): (&str, &[f64]),
@@ -34,7 +34,7 @@ pub(crate) fn from_nodes(
         let (Some(i), Some(j)) = (node(&x_even, *x), node(&y_even, *y)) else { continue };
         let cell = j * x_even.len + i;
         if filled.get_mut(cell).is_some_and(|f| std::mem::replace(f, true)) {
-            return Err(ReadError::data(path, "the node is there twice").in_row(row as u64));
+            return Err(ReadError::data(path, "duplicate node").in_row(row as u64));
         }
         for (out, column) in values.iter_mut().zip(columns) {
             if let (Some(out), Some(value)) = (out.get_mut(cell), column.get(row)) {

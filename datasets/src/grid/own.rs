@@ -79,7 +79,7 @@ pub fn geographic(table: &RecordBatch) -> Result<Map, ReadError> {
     let own = OwnGrid::of(&table.schema()).map_err(|e| wrong(e.to_string()))?;
     let column = |name: &str| {
         let found = table.column_by_name(name).and_then(|c| c.as_any().downcast_ref::<Float64Array>());
-        found.map(|c| c.values().to_vec()).ok_or_else(|| wrong("is no column of numbers".to_owned()).in_column(name))
+        found.map(|c| c.values().to_vec()).ok_or_else(|| wrong("is not a column of numbers".to_owned()).in_column(name))
     };
     let names = if own.is_some() { ["northing", "easting"] } else { ["lat", "lon"] };
     let (y, x) = (column(names[0])?, column(names[1])?);

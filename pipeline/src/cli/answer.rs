@@ -15,10 +15,10 @@ use parquet::{
     basic::Compression,
     file::properties::{WriterProperties, WriterVersion},
 };
-use pipeline::views::sql::Sink;
 use schemas::Fault;
 
 use super::{say, sql::Temporary};
+use crate::views::sql::Sink;
 
 /// How an answer is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]

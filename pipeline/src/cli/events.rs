@@ -2,15 +2,15 @@
 
 use std::time::Instant;
 
-use pipeline::{
+use serde_json::{Map, Value, json};
+
+use super::say::out;
+use crate::{
     clock,
     plan::Point,
     run::{Count, Event, Failure, Listener, Summary},
     views::{scores::Scores, warnings::Warning},
 };
-use serde_json::{Map, Value, json};
-
-use super::say::out;
 
 /// JSON events on standard output.
 pub struct Json {
@@ -153,7 +153,7 @@ fn scores(table: &str, scores: &Scores) -> Vec<Value> {
     let one = |(row, (key, values)): (usize, &(Vec<String>, Vec<Option<f64>>))| {
         let axes: Map<_, _> = scores.axes.iter().cloned().zip(key.iter().map(|k| json!(k))).collect();
         let metrics: Map<_, _> =
-            scores.metrics.iter().zip(values).map(|((metric, _), value)| (metric.clone(), json!(value))).collect();
+            scores.metrics.iter().zip(values).map(|(metric, value)| (metric.name.to_owned(), json!(value))).collect();
         json!({
             "stage": table,
             "axes": axes,

@@ -2,7 +2,7 @@
 
 use std::{io::Write, process::exit, sync::atomic::Ordering};
 
-use pipeline::run::{INTERRUPTED, STARTED};
+use crate::run::{INTERRUPTED, STARTED};
 
 /// What is said of an interrupted run.
 pub const SAID: &str = "interrupted; what was finished is kept, and the same command goes on from there";

@@ -17,8 +17,11 @@ use std::{
 };
 
 use clap::{Args, Parser, Subcommand};
-use pipeline::{
-    catalogue,
+use progress::Progress;
+use say::err;
+use schemas::{Entry, Fault, render};
+
+use crate::{
     plan::{Graph, Plan},
     read_spec,
     run::{self, Event, Listener, Summary},
@@ -27,9 +30,6 @@ use pipeline::{
     store::Store,
     views::{self, score_table, scores, warnings},
 };
-use progress::Progress;
-use say::err;
-use schemas::{Fault, Owner, render};
 
 /// Compensates aeromagnetic flights and navigates by the magnetic anomaly: a TOML file names tables and stages, a run
 /// computes what is not yet in its store, and every result is Parquet.
@@ -174,7 +174,7 @@ struct RunArgs {
 const JSON_HELP: &str = "\
 Scores are marked where a filter is worse than its INS alone (worse_than_ins), where its NEES is outside of 0.2 to 20 (its \
 law is 2) or its NIS outside of 0.25 to 4 (its law is 1). These, maps at another height than the flight (map_height), \
-lines that are mostly off the map (off_map) and what fits say against themselves (fit) are rows of the table \
+lines that are mostly off the map (off_map) and warnings of a fit (fit) are rows of the table \
 <name>.warnings, with the likely cause. They do not change the exit status.
 
 Events of --json, one object per line, each with the key `event`:
@@ -202,20 +202,26 @@ enum Stop {
 
 impl From<Faults> for Stop {
     fn from(faults: Faults) -> Stop {
-        let machine = faults.faults.iter().any(|f| f.owner == Owner::Machine);
-        if machine { Stop::Failed(faults.to_string()) } else { Stop::Wrong(faults.to_string()) }
+        let passing = faults.faults.iter().any(|f| !f.owner.is_lasting());
+        if passing { Stop::Failed(faults.to_string()) } else { Stop::Wrong(faults.to_string()) }
     }
 }
 
 impl From<Fault> for Stop {
     fn from(fault: Fault) -> Stop {
         let text = render(&fault, "", "");
-        if fault.owner == Owner::Machine { Stop::Failed(text) } else { Stop::Wrong(text) }
+        if fault.owner.is_lasting() { Stop::Wrong(text) } else { Stop::Failed(text) }
     }
 }
 
-/// Runs the command.
-pub fn main() -> ExitCode {
+/// Runs the command with the stages of `catalogue`.
+pub fn main(catalogue: &[Entry]) -> ExitCode {
+    let mut names: Vec<&str> = catalogue.iter().map(|e| e.name).collect();
+    names.sort_unstable();
+    if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+        err!("error: the catalogue has two stages `{}`\n  help: give one of them another name", pair[0]);
+        return ended(2);
+    }
     let command = match Cli::try_parse() {
         Ok(cli) => cli.command,
         Err(e) => {
@@ -224,11 +230,13 @@ pub fn main() -> ExitCode {
         }
     };
     let done = match command {
-        Command::Run(args) => run_spec(&args, false),
-        Command::Compact(args) => run_spec(&args, true),
-        Command::Check(args) => check(&args),
-        Command::Explain(args) => with_graph(&args, |graph, store| Ok(views::explain(graph, store))),
-        Command::Why { spec, table } => with_graph(&spec, |graph, store| Ok(views::why(graph, store, &table)?)),
+        Command::Run(args) => run_spec(catalogue, &args, false),
+        Command::Compact(args) => run_spec(catalogue, &args, true),
+        Command::Check(args) => check(catalogue, &args),
+        Command::Explain(args) => with_graph(catalogue, &args, |graph, store| Ok(views::explain(graph, store))),
+        Command::Why { spec, table } => {
+            with_graph(catalogue, &spec, |graph, store| Ok(views::why(graph, store, &table)?))
+        }
         Command::Sql(args) => sql::run(&args),
         Command::Ls { pipeline, store } => tend::ls(&store, pipeline.as_deref()),
         Command::Rm { name, store } => tend::rm(&store, &name),
@@ -238,8 +246,8 @@ pub fn main() -> ExitCode {
         Command::Lineage { table, store, format } => {
             views::lineage(&store, &table, format).map_err(Stop::from).and_then(say)
         }
-        Command::Stages { name, markdown } => stages(name.as_deref(), markdown),
-        Command::Report { spec, output } => report(&spec, &output),
+        Command::Stages { name, markdown } => stages(catalogue, name.as_deref(), markdown),
+        Command::Report { spec, output } => report(catalogue, &spec, &output),
         Command::Map { quiet, command } => map::run(&command, quiet),
         Command::Synth { spec, to, quiet } => synth(&spec, &to, quiet),
     };
@@ -300,16 +308,16 @@ fn tell(text: &str) {
     }
 }
 
-fn plan(args: &SpecArgs) -> Result<Plan, Faults> {
-    Plan::new(read_spec(&args.spec, &args.sets)?, &catalogue())
+fn plan(catalogue: &[Entry], args: &SpecArgs) -> Result<Plan, Faults> {
+    Plan::new(read_spec(&args.spec, &args.sets)?, catalogue)
 }
 
 fn open(spec: &Spec) -> Result<Store, Faults> {
     Store::open(&spec.store).map_err(|f| spec.faults(vec![f]))
 }
 
-fn check(args: &SpecArgs) -> Result<(), Stop> {
-    let plan = plan(args)?;
+fn check(catalogue: &[Entry], args: &SpecArgs) -> Result<(), Stop> {
+    let plan = plan(catalogue, args)?;
     let implausible = |f: &Flights| {
         let at = plan.spec.tables.iter().find(|t| t.name == f.name).map(|t| t.path.1.clone());
         f.implausible().into_iter().map(move |fault| at.clone().map_or(fault.clone(), |at| fault.at(at)))
@@ -325,8 +333,12 @@ fn check(args: &SpecArgs) -> Result<(), Stop> {
     say(format!("{} is fine: {} tables, {points} points\n", plan.spec.file, plan.tables.len()))
 }
 
-fn with_graph(args: &SpecArgs, view: impl Fn(&Graph, &Store) -> Result<String, Stop>) -> Result<(), Stop> {
-    let plan = plan(args)?;
+fn with_graph(
+    catalogue: &[Entry],
+    args: &SpecArgs,
+    view: impl Fn(&Graph, &Store) -> Result<String, Stop>,
+) -> Result<(), Stop> {
+    let plan = plan(catalogue, args)?;
     let store = open(&plan.spec)?;
     let progress = Progress::new(false);
     let graph = Graph::new(&plan, &store, &|table, step| progress.hear(&Event::Reading { table, step }))?;
@@ -334,21 +346,20 @@ fn with_graph(args: &SpecArgs, view: impl Fn(&Graph, &Store) -> Result<String, S
     say(view(&graph, &store)?)
 }
 
-fn report(args: &SpecArgs, output: &std::path::Path) -> Result<(), Stop> {
+fn report(catalogue: &[Entry], args: &SpecArgs, output: &std::path::Path) -> Result<(), Stop> {
     // Looked at before anything is opened: a report makes no store.
     views::report::was_run(&read_spec(&args.spec, &args.sets)?)?;
-    with_graph(args, |graph, store| {
+    with_graph(catalogue, args, |graph, store| {
         views::report::write(output, &views::report::report(graph, store)?)?;
         Ok(format!("{}\n", output.display()))
     })
 }
 
-fn stages(name: Option<&str>, markdown: bool) -> Result<(), Stop> {
-    let all = catalogue();
+fn stages(all: &[Entry], name: Option<&str>, markdown: bool) -> Result<(), Stop> {
     match name {
-        Some(name) => say(views::stage_page(&all, name)?),
-        None if markdown => say(views::reference_page(&all)),
-        None => say(views::stages_overview(&all)),
+        Some(name) => say(views::stage_page(all, name)?),
+        None if markdown => say(views::reference_page(all)),
+        None => say(views::stages_overview(all)),
     }
 }
 
@@ -356,14 +367,14 @@ fn synth(spec: &std::path::Path, to: &std::path::Path, quiet: bool) -> Result<()
     let progress = Progress::new(quiet);
     progress.stage("simulating flights");
     progress.detail("lines", "");
-    let simulation = datasets::simulate::Simulation::open(spec).map_err(Fault::from)?;
+    let simulation = simulate::Simulation::open(spec).map_err(Fault::from)?;
     progress.set(0, simulation.spec().flights.iter().map(|f| f.lines.len()).sum());
-    let written = datasets::synthesise_with(spec, to, &|done, all| progress.set(done, all)).map_err(Fault::from)?;
+    let written = simulate::synthesise_with(spec, to, &|done, all| progress.set(done, all)).map_err(Fault::from)?;
     drop(progress);
     say(written.iter().map(|p| format!("{}\n", p.display())).collect())
 }
 
-fn run_spec(args: &RunArgs, compact: bool) -> Result<(), Stop> {
+fn run_spec(catalogue: &[Entry], args: &RunArgs, compact: bool) -> Result<(), Stop> {
     if args.engine != "local" {
         let what = format!(
             "error: there is no engine at `{}`\n  help: this version runs on this machine: `--engine local`",
@@ -374,7 +385,7 @@ fn run_spec(args: &RunArgs, compact: bool) -> Result<(), Stop> {
     interrupt::listen();
     let mut spec = read_spec(&args.spec.spec, &args.spec.sets)?;
     spec.verify_inputs = args.verify_inputs;
-    let plan = Plan::new(spec, &catalogue())?;
+    let plan = Plan::new(spec, catalogue)?;
     let store = open(&plan.spec)?;
     let pool = threads::pool(args.threads)?;
     let options = run::Options { wait: args.wait, compact };

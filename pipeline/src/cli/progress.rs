@@ -8,7 +8,8 @@ use std::{
 };
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use pipeline::run::{Event, Listener};
+
+use crate::run::{Event, Listener};
 
 /// How often a line is written where there is no terminal.
 const INTERVAL: Duration = Duration::from_secs(10);
@@ -230,7 +231,7 @@ impl Listener for Progress {
                 self.stage(&format!("computing {table}"));
                 self.set(0, *units);
             }
-            Event::Unit { outcome: pipeline::run::Outcome::Computed | pipeline::run::Outcome::Failed, .. } => {
+            Event::Unit { outcome: crate::run::Outcome::Computed | crate::run::Outcome::Failed, .. } => {
                 self.change(|state, _| state.done = (state.done + 1).min(state.all));
             }
             Event::Unit { .. } => {}
@@ -313,7 +314,7 @@ mod tests {
 
     #[test]
     fn r10_what_is_read_or_simulated_is_named() {
-        use pipeline::sources::ReadStep;
+        use crate::sources::ReadStep;
         let progress = Progress::lines(seconds(60), Kept::default());
         let text = || progress.0.as_ref().map(|s| s.shared.lock().text(Duration::ZERO)).unwrap_or_default();
         let file = std::path::Path::new("flights/osborne.synth.toml");

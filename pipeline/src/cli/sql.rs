@@ -10,10 +10,10 @@ use std::{
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 use clap::Args;
-use pipeline::views::sql::{Question, Sink, memory, sql};
 use schemas::Fault;
 
 use super::{Stop, answer, say::err};
+use crate::views::sql::{Question, Sink, memory, sql};
 
 /// A question.
 #[derive(Args)]

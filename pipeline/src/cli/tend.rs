@@ -3,13 +3,13 @@
 use std::{path::PathBuf, time::Duration};
 
 use clap::Args;
-use pipeline::{
-    store::{Store, tend},
-    views::{history, scores},
-};
 use schemas::Fault;
 
 use super::{Stop, counted, progress::Progress, say};
+use crate::{
+    store::{Store, tend},
+    views::{history, scores},
+};
 
 /// A store.
 #[derive(Args)]

@@ -24,7 +24,7 @@ impl Builder<'_> {
         }
         if let (false, Some((_, at))) = (of_lines, decl.carry.first()) {
             let what =
-                format!("`{}` is no table of flight lines: `carry` names columns that pass through one", decl.name);
+                format!("`{}` is not a table of flight lines: `carry` names columns that pass through one", decl.name);
             self.faults.push(Fault::new(what).at(at.clone()).help("remove `carry`; the table holds all its columns"));
             return None;
         }
@@ -54,7 +54,7 @@ impl Builder<'_> {
 /// What is wrong with `keep = false`.
 fn kept(decl: &StageDecl, of_lines: bool) -> Option<Fault> {
     if !of_lines {
-        let what = format!("`{}` is no table of flight lines: it is small, and always kept", decl.name);
+        let what = format!("`{}` is not a table of flight lines: it is small, and always kept", decl.name);
         return Some(Fault::new(what).help("remove `keep`"));
     }
     decl.publish.then(|| {

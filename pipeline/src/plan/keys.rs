@@ -175,9 +175,10 @@ impl<'a> Graph<'a> {
         let names: BTreeSet<(String, String)> =
             sources.iter().flatten().map(|l| (l.flight.clone(), l.line.clone())).collect();
         let lines: Vec<(String, String)> = names.into_iter().collect();
-        let id = |l: &LineRecord| lines.binary_search(&(l.flight.clone(), l.line.clone())).unwrap_or(usize::MAX);
+        // Every record is among the lines, which are made of them.
+        let known = |l: LineRecord| Some((lines.binary_search(&(l.flight.clone(), l.line.clone())).ok()?, l));
         let records: Vec<BTreeMap<LineId, LineRecord>> =
-            sources.into_iter().map(|s| s.into_iter().map(|l| (id(&l), l)).collect()).collect();
+            sources.into_iter().map(|s| s.into_iter().filter_map(known).collect()).collect();
         let flights = records.iter().map(|r| r.keys().copied().collect()).collect();
         let sets = LineSets::new(plan, flights, &lines).map_err(|(t, fault)| {
             let at = plan.decl(t).and_then(|d| d.predicate.clone()).map_or(plan.tables[t].at.clone(), |(_, at)| at);
@@ -294,6 +295,20 @@ impl<'a> Graph<'a> {
         }
     }
 
+    /// The object that holds the model or map `r`, which has no lines.
+    ///
+    /// # Errors
+    /// When something is lacking that it is made from, or when `r` has lines.
+    pub fn whole(&self, r: Ref) -> Result<Key, Fault> {
+        match r {
+            Ref::Map(i) => Ok(self.maps[i]),
+            Ref::Stage(t, i) if self.plan.tables[t].entry.grain == Grain::Survey => {
+                self.key(Unit { table: t, instance: i, line: None })
+            }
+            Ref::Stage(..) | Ref::Flights(_) => Err(Fault::bug("a table of lines where a model or a map is needed")),
+        }
+    }
+
     fn no_line(&self, line: LineId) -> Fault {
         let fault = Fault::data("the line is not in this table");
         match self.lines.get(line) {
@@ -366,7 +381,7 @@ impl<'a> Graph<'a> {
         }
         for (n, (_, r)) in inputs.iter().enumerate().filter(|(_, (kind, _))| !of_lines(*kind)) {
             word(&mut text, &format!("input {n}"));
-            text.extend(self.object(*r, usize::MAX)?.as_ref());
+            text.extend(self.whole(*r)?.as_ref());
         }
         Ok(Key::of_bytes(&text))
     }

@@ -16,7 +16,7 @@ mod variants;
 
 use std::collections::BTreeSet;
 
-use schemas::{Entry, Fault};
+use schemas::{Entry, Fault, metric::Metric};
 
 pub use grid::{Grid, Point};
 pub use keys::{Graph, LineId, Origin, Unit};
@@ -88,6 +88,11 @@ impl Plan {
         let known: Vec<&str> = self.tables.iter().map(|t| t.name.as_str()).collect();
         let found = known.iter().position(|n| *n == name);
         found.ok_or_else(|| Fault::new(format!("there is no table `{name}`")).nearest(name, &known))
+    }
+
+    /// The metric `name` of one of the plan's stages.
+    pub fn metric(&self, name: &str) -> Option<&'static Metric> {
+        self.tables.iter().flat_map(|t| t.entry.metrics).find(|m| m.name == name)
     }
 
     /// The nearest table above `from`, itself among them, that `stage` made.

@@ -64,7 +64,7 @@ impl Variant {
 
 /// One name, or list of names, among the inputs of a stage.
 pub(super) struct Slot {
-    /// What stands behind it.
+    /// Its kind.
     pub kind: InputKind,
     /// What it refers to; the name may depend on axes.
     pub targets: Over<Arc<[Target]>>,
@@ -219,11 +219,10 @@ impl<'p> Instance<'p> {
     /// # Errors
     /// Never of a plan that was checked.
     pub fn stage(&self) -> Result<Arc<dyn StageDyn>, Fault> {
-        let decl =
-            self.plan.spec.stages.get(self.node.decl).ok_or_else(|| Fault::machine("a table without a stage"))?;
+        let decl = self.plan.spec.stages.get(self.node.decl).ok_or_else(|| Fault::bug("a table without a stage"))?;
         let own = own_args(decl, &self.node.entry);
         let made = (self.node.entry.build)(&args_at(&own, &self.point()));
-        made.map_err(|faults| faults.into_iter().next().unwrap_or_else(|| Fault::machine("a stage that is refused")))
+        made.map_err(|faults| faults.into_iter().next().unwrap_or_else(|| Fault::bug("a stage that is refused")))
     }
 
     /// Its parameters in one spelling.

@@ -15,7 +15,7 @@ use std::{
     time::Instant,
 };
 
-use schemas::{Fault, Grain, Owner};
+use schemas::{Fault, Grain};
 
 pub use events::{Count, Event, Listener, Outcome, Quiet};
 pub use logical::{PATTERNS, SCHEMA};
@@ -350,7 +350,7 @@ impl Runner<'_> {
     }
 
     fn record(&mut self, unit: Unit, fault: Fault) {
-        let state = if fault.owner == Owner::Machine { State::Missing } else { State::Failed };
+        let state = if fault.owner.is_lasting() { State::Failed } else { State::Missing };
         self.states.set(unit, state);
         let node = &self.graph.plan.tables[unit.table];
         let line = unit.line.map(|l| self.graph.lines[l].clone());

@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use arrow_array::RecordBatch;
 use arrow_schema::Schema;
 use rayon::prelude::*;
-use schemas::{Fault, Owner};
+use schemas::Fault;
 
 use super::{
     Looked, Outcome, Runner, State,
@@ -137,7 +137,7 @@ impl Runner<'_> {
                     }
                     Err(fault) => {
                         count.failed += 1;
-                        if fault.owner != Owner::Machine {
+                        if fault.owner.is_lasting() {
                             known[i] = Known::There(Packed { key, dress: cut.dress(unit), rows: FAILED });
                         }
                         self.record(unit, fault);
@@ -270,7 +270,7 @@ impl Runner<'_> {
                             let (dress, left_out) = (cut.dress(unit), own.left_out.clone());
                             NewUnit { key, dress, rows: Ok(whole), left_out }
                         }
-                        Err(fault) if fault.owner == Owner::Machine => continue,
+                        Err(fault) if !fault.owner.is_lasting() => continue,
                         Err(fault) => {
                             NewUnit { key, dress: cut.dress(unit), rows: Err(fault.clone()), left_out: vec![] }
                         }

@@ -12,7 +12,7 @@ use arrow_array::{
 };
 use arrow_schema::{DataType, Field, FieldRef, Schema};
 use rayon::prelude::*;
-use schemas::{Fault, Grain, InputKind, LineIn, Owner, Prepared, Shape, StageDyn};
+use schemas::{Fault, Grain, InputKind, LineIn, Prepared, Shape, StageDyn};
 
 use super::INTERRUPTED;
 use crate::{
@@ -126,7 +126,7 @@ impl<'a> Worker<'a> {
     fn lines(&self, units: &[Unit]) -> Vec<Made> {
         let mut held = Held::new(self);
         let mut input = |unit: &Unit| -> Result<Input, Fault> {
-            let line = unit.line.ok_or_else(|| Fault::machine("a line stage without a line"))?;
+            let line = unit.line.ok_or_else(|| Fault::bug("a line stage without a line"))?;
             Ok((self.instance(*unit).stage()?, self.line_in(*unit, line, &mut held)?))
         };
         let inputs: Vec<Result<Input, Fault>> = units.iter().map(&mut input).collect();
@@ -142,7 +142,7 @@ impl<'a> Worker<'a> {
         let one = |(unit, input): (&Unit, &Result<Input, Fault>)| {
             let rows = match input {
                 Ok((_, line)) => {
-                    let answer = answers.next().unwrap_or_else(|| Err(Fault::machine("a point without an answer")));
+                    let answer = answers.next().unwrap_or_else(|| Err(Fault::bug("a point without an answer")));
                     let answer = answer.and_then(|arrays| self.batch(&self.instance(*unit), arrays));
                     answer.map_err(|f| f.in_line(&line.flight, &line.line))
                 }
@@ -221,7 +221,7 @@ impl<'a> Worker<'a> {
         for (r, kind) in it.inputs().iter().zip(it.kinds()) {
             match kind {
                 InputKind::Map | InputKind::Model => {
-                    name.push_str(&format!(" {}", self.graph.object(*r, usize::MAX)?));
+                    name.push_str(&format!(" {}", self.graph.whole(*r)?));
                 }
                 InputKind::Lines | InputKind::ManyLines | InputKind::Scores => {}
             }
@@ -233,7 +233,7 @@ impl<'a> Worker<'a> {
     /// other lines meanwhile, which may come to the same place.
     fn prepare(&self, unit: Unit) -> Result<Prepared, Fault> {
         let basis = self.basis(unit)?;
-        let failed = || Fault::machine("another thread failed while preparing the stage");
+        let failed = || Fault::bug("another thread failed while preparing the stage");
         if let Some(known) = self.prepared.lock().map_err(|_| failed())?.get(&basis) {
             return known.clone();
         }
@@ -242,7 +242,7 @@ impl<'a> Worker<'a> {
             let mut inputs = vec![];
             for (r, kind) in it.inputs().iter().zip(it.kinds()) {
                 inputs.push(match kind {
-                    InputKind::Map => map_batch(self.store, self.graph.object(*r, usize::MAX)?)?,
+                    InputKind::Map => map_batch(self.store, self.graph.whole(*r)?)?,
                     InputKind::Model => self.model(*r)?,
                     InputKind::Lines | InputKind::ManyLines | InputKind::Scores => empty(),
                 });
@@ -258,7 +258,7 @@ impl<'a> Worker<'a> {
         let Ref::Stage(t, i) = r else { return Ok(empty()) };
         let columns: Vec<&str> =
             self.graph.plan.instance(t, i).variant.yields.columns.iter().map(|c| c.name.as_str()).collect();
-        self.store.get(self.graph.object(r, usize::MAX)?, &columns)
+        self.store.get(self.graph.whole(r)?, &columns)
     }
 
     /// A line that cannot be used is left out and named; the others are gathered.
@@ -270,7 +270,7 @@ impl<'a> Worker<'a> {
         };
         let stages: Vec<&dyn StageDyn> = stages.iter().map(AsRef::as_ref).collect();
         let Some(gather) = stages.first().and_then(|s| s.gather(&stages)) else {
-            return all(Fault::machine("a survey stage that gathers nothing: an error in magline"));
+            return all(Fault::bug("a survey stage that gathers nothing"));
         };
         let first = units[0];
         let lines: Vec<LineId> =
@@ -284,7 +284,7 @@ impl<'a> Worker<'a> {
                 guarded(|| gather.map(&input)).map_err(|f| f.in_line(&input.flight, &input.line))
             })
             .collect();
-        if let Some(fault) = mapped.iter().filter_map(|m| m.as_ref().err()).find(|f| f.owner == Owner::Machine) {
+        if let Some(fault) = mapped.iter().filter_map(|m| m.as_ref().err()).find(|f| !f.owner.is_lasting()) {
             return all(fault.clone());
         }
         let mut left_out: Vec<Vec<Fault>> = units.iter().map(|_| vec![]).collect();
@@ -343,9 +343,7 @@ impl<'a> Worker<'a> {
             fields.len() == arrays.len() && fields.iter().zip(&arrays).all(|(f, a)| f.data_type() == a.data_type());
         if !fits {
             let name = it.node.entry.name;
-            return Err(Fault::machine(format!(
-                "`{name}` yields other columns than it declares: an error in the stage"
-            )));
+            return Err(Fault::bug(format!("`{name}` yields other columns than it declares")));
         }
         RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))
     }
@@ -389,7 +387,7 @@ fn empty() -> RecordBatch {
 fn guarded<T>(work: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|cause| {
         let text = cause.downcast_ref::<String>().map(String::as_str).or_else(|| cause.downcast_ref::<&str>().copied());
-        Err(Fault::machine(format!("an error in the stage: {}", text.unwrap_or("no message"))).help("please report it"))
+        Err(Fault::bug(format!("the stage ended with a panic ({})", text.unwrap_or("no message"))))
     })
 }
 
@@ -409,7 +407,7 @@ fn by_line(units: &[Unit]) -> Vec<Vec<Unit>> {
 
 /// Lists of one length as such.
 fn fixed(array: &ArrayRef, item: &FieldRef, n: i32) -> Result<ArrayRef, Fault> {
-    let wrong = || Fault::machine(format!("a list has not its {n} entries: an error in magline"));
+    let wrong = || Fault::bug(format!("a list has not its {n} entries"));
     let lists = array.as_list_opt::<i32>().ok_or_else(wrong)?;
     let offsets = lists.value_offsets();
     let (first, last) = (offsets.first().copied().unwrap_or(0), offsets.last().copied().unwrap_or(0));

@@ -8,6 +8,8 @@ use std::{
 use datasets::FlightOptions;
 use schemas::Fault;
 
+use super::flight_formats;
+
 /// The files that `path` means: a file, a folder (all files in it, sorted, hidden ones left out) or a glob.
 ///
 /// # Errors
@@ -39,7 +41,7 @@ pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, F
         return Err(Fault::new(format!("there is no file or folder {}", full.display())));
     }
     if found.is_empty() {
-        let known: Vec<&str> = datasets::formats::FLIGHT_FORMATS.iter().flat_map(|f| f.extensions).copied().collect();
+        let known: Vec<&str> = flight_formats().iter().flat_map(|f| f.extensions).copied().collect();
         let fault = Fault::new(format!("there are no flight files in {}", full.display()));
         return Err(fault.help(format!("looked for names that end in {}", known.join(", "))));
     }
@@ -58,7 +60,7 @@ fn pattern(path: &str, folder: &Path) -> String {
 fn is_flight(path: &Path) -> bool {
     let name = path.to_string_lossy().to_ascii_lowercase();
     let ends = |e: &&str| name.ends_with(&format!(".{e}"));
-    datasets::formats::FLIGHT_FORMATS.iter().flat_map(|f| f.extensions).any(ends)
+    flight_formats().iter().flat_map(|f| f.extensions).any(ends)
 }
 
 /// Adds the files in a folder and the folders in it, in the order of their names.

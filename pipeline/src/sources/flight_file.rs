@@ -2,15 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
-use datasets::{FlightOptions, FlightReader, ReadError, Reading, open_flight_with};
+use datasets::{FlightOptions, FlightReader, ReadError, Reading, formats::SayMadeFrom};
 
-use super::bytes::{Seen, Trust};
+use super::{
+    bytes::{Seen, Trust},
+    open_flight,
+};
 use crate::{keys::Key, store::Store};
 
 /// A file and how it is read.
 pub(super) struct FlightFile {
     pub(super) path: PathBuf,
     pub(super) options: FlightOptions,
+    /// Says what it is made from, where its values are not in it.
+    pub(super) made_from: Option<SayMadeFrom>,
     /// What its format had to go through it for, such as the types of columns; good as long as the file is the same.
     found: Option<Seen>,
     /// Whether that came from a store.
@@ -28,16 +33,16 @@ impl FlightFile {
         let store = trust.store.filter(|_| !trust.read_all);
         let known = store.zip(key(path, &options)).and_then(|(store, key)| Seen::known(store, key, path));
         let reading = Reading { found: known.as_ref().map(|seen| seen.found.clone()), threads };
-        let open = || open_flight_with(path, &options, &reading);
+        let open = || open_flight(path, &options, &reading);
         let (reader, seen) = Seen::by(path, open, |reader| reader.found().map(str::to_owned))?;
-        let kept = known.is_some();
-        Ok((FlightFile { path: path.to_owned(), options, found: known.or(seen), kept }, reader))
+        let (kept, made_from) = (known.is_some(), reader.made_from());
+        Ok((FlightFile { path: path.to_owned(), options, made_from, found: known.or(seen), kept }, reader))
     }
 
     /// Opens it again, for its rows.
     pub(super) fn read(&self, threads: usize) -> Result<FlightReader, ReadError> {
         let found = self.found.as_ref().filter(|seen| seen.is_of(&self.path)).map(|seen| seen.found.clone());
-        open_flight_with(&self.path, &self.options, &Reading { found, threads })
+        open_flight(&self.path, &self.options, &Reading { found, threads })
     }
 
     /// Keeps what was found for the next time.

@@ -127,7 +127,7 @@ pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<
     Ok(Lines { lines: once_each(lines, &files), files })
 }
 
-/// A line that is there twice cannot be put in order, so neither part is used.
+/// A duplicate line cannot be put in order, so neither part is used.
 fn once_each(lines: Vec<LineRecord>, files: &[Bytes]) -> Vec<LineRecord> {
     let mut kept: Vec<LineRecord> = vec![];
     for line in lines {
@@ -204,14 +204,11 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
         format!("{options:?}"),
         bytes.hash.to_string(),
     ];
-    let (mut simulated, mut of_lines) = (false, None);
-    if options.format.as_deref() == Some("synth") || path.to_string_lossy().ends_with(".synth.toml") {
-        let simulation = datasets::simulate::Simulation::open(path).map_err(Fault::from)?;
-        for other in simulation.inputs() {
-            parts.push(fingerprint(store, other, how.read_all)?.hash.to_string());
-        }
-        (simulated, of_lines) = (true, Some(simulation.spec().flights.iter().map(|f| f.lines.len()).sum()));
+    let made_from = file.made_from.map(|say| say(path)).transpose().map_err(Fault::from)?;
+    for other in made_from.iter().flat_map(|m| &m.files) {
+        parts.push(fingerprint(store, other, how.read_all)?.hash.to_string());
     }
+    let (simulated, of_lines) = (made_from.is_some(), made_from.map(|m| m.lines));
     let note = store.root().join("sources").join(format!("{}.json", Key::of(parts.iter().map(String::as_bytes))));
     let known: Option<Index> = fs::read(&note).ok().and_then(|b| record::unsealed(&b));
     file.keep(store);

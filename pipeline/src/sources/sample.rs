@@ -23,8 +23,11 @@ impl Flights {
 }
 
 fn first_rows(file: &FlightFile) -> Option<Vec<Fault>> {
-    let mut reader = file.read(1).ok().filter(|r| r.format() != "synth")?;
-    let FlightFile { path, options, .. } = file;
+    let FlightFile { path, options, made_from, .. } = file;
+    if made_from.is_some() {
+        return None;
+    }
+    let mut reader = file.read(1).ok()?;
     let canonical = Canonical::new(reader.schema()).ok()?;
     let origins = Origins::new(reader.schema(), &options.rename);
     let mut assembly = Assembly::new(options);

@@ -286,7 +286,7 @@ impl Objects {
     }
 
     fn batch(&self, id: Key, sealed: &Sealed, place: Place, columns: &[usize]) -> Result<RecordBatch, Fault> {
-        let rows = place.rows.ok_or_else(|| Fault::machine("a unit that could not be computed has no rows"))?;
+        let rows = place.rows.ok_or_else(|| Fault::bug("a unit that could not be computed has no rows"))?;
         let fields: Vec<Arc<Field>> = columns.iter().map(|c| sealed.schema().fields()[*c].clone()).collect();
         let arrays: Result<Vec<ArrayRef>, Fault> =
             columns.iter().map(|c| self.rows(id, sealed, *c, place.first, rows)).collect();

@@ -1,20 +1,14 @@
 //! Views of a plan and of what a run left: explain, lineage, why, the reference, SQL.
 
-mod chart;
 mod explain;
 pub mod history;
 mod lineage;
-pub mod palette;
-pub mod plot;
-mod png_file;
-mod ranking;
 mod record;
 mod reference;
 pub mod report;
 pub mod score_table;
 pub mod scores;
 pub mod sql;
-mod ticks;
 pub mod warnings;
 mod why;
 

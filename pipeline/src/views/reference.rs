@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use schemas::{Entry, Fault, Grain, InputKind};
+use schemas::{Entry, Fault, Grain, InputKind, metric::Metric};
 
 use crate::spec::STAGE_KEYS;
 
@@ -51,7 +51,11 @@ fn section(entry: &Entry) -> String {
     let _ = writeln!(out, "Works on {grain}. Inputs: {}.\n", inputs.join(", "));
     let _ = writeln!(out, "| parameter | type | unit | default | allowed | meaning |\n|---|---|---|---|---|---|");
     for p in (entry.params)() {
-        let default = p.default.as_deref().map_or("must be given".to_owned(), |d| format!("`{d}`"));
+        let default = match (p.default.as_deref(), p.absent) {
+            (Some(default), _) => format!("`{default}`"),
+            (None, Some(text)) => format!("left out: {text}"),
+            (None, None) => "must be given".to_owned(),
+        };
         let _ = writeln!(
             out,
             "| `{}` | {} | {} | {default} | {} | {} |",
@@ -62,11 +66,25 @@ fn section(entry: &Entry) -> String {
             p.doc.replace("\n\n", " ")
         );
     }
+    let _ = write!(out, "\n```toml\n{}```\n", entry.example.trim_start());
     let more = (entry.more)();
     if !more.is_empty() {
         let _ = write!(out, "\n{more}");
     }
+    if !entry.metrics.is_empty() {
+        let _ = write!(out, "\n{}", metrics(entry));
+    }
     out
+}
+
+fn metrics(entry: &Entry) -> String {
+    let row = |Metric { name, unit, meaning, pool, better, .. }: &Metric| {
+        // What a survey stage makes is of all lines already.
+        let pool = if entry.grain == Grain::Line { pool.words() } else { "" };
+        format!("| `{name}` | {unit} | {pool} | {} | {meaning} |\n", better.words())
+    };
+    let rows: String = entry.metrics.iter().map(row).collect();
+    format!("| metric | unit | lines pooled by | better | meaning |\n|---|---|---|---|---|\n{rows}")
 }
 
 fn kind(kind: InputKind) -> &'static str {

@@ -1,25 +1,8 @@
 //! The scores as text that fits a terminal.
 
-use super::scores::{Scores, columns, number};
+use schemas::metric::Metric;
 
-/// The order in which metrics give way where the terminal is too narrow, the first of these first. One that is not
-/// named gives way before all of them.
-const DROPPED: [&str; 14] = [
-    "map_gradient_along_track",
-    "std_uncompensated",
-    "snr",
-    "figure_of_merit",
-    "figure_of_merit_crossings",
-    "improvement_ratio_band",
-    "map_position_bound",
-    "anomaly_retention",
-    "improvement_ratio",
-    "map_std_error",
-    "nees",
-    "nis",
-    "std_error",
-    "ins_drms",
-];
+use super::scores::{Scores, columns, number};
 
 /// The width of a table where there is no terminal.
 pub const WIDTH: usize = 120;
@@ -39,7 +22,7 @@ pub fn render(scores: &Scores, width: usize, most: usize) -> String {
     let mut text = view.text();
     while widest(&text) > width {
         match view.least() {
-            Some(at) => left_out.push(&scores.metrics[view.metrics.remove(at)].0),
+            Some(at) => left_out.push(scores.metrics[view.metrics.remove(at)].name),
             None if view.axis_width > AXIS_WIDTH => view.axis_width = AXIS_WIDTH,
             None => break,
         }
@@ -61,8 +44,8 @@ impl View<'_> {
     fn text(&self) -> String {
         let scores = self.scores;
         let named = |m: &usize| {
-            let (metric, unit) = &scores.metrics[*m];
-            if unit == "1" { metric.clone() } else { format!("{metric} [{unit}]") }
+            let Metric { name, unit, .. } = scores.metrics[*m];
+            if *unit == "1" { (*name).to_owned() } else { format!("{name} [{unit}]") }
         };
         let any_mark = self.best.is_some() || scores.marks.iter().any(|n| *n > 0);
         let counted = scores.marks.iter().any(|n| *n > 0);
@@ -100,10 +83,9 @@ impl View<'_> {
     /// The place of the metric that gives way next; the leading one stays.
     fn least(&self) -> Option<usize> {
         let lead = self.scores.headline();
-        let rank = |m: usize| DROPPED.iter().position(|d| *d == self.scores.metrics[m].0).map_or(0, |p| p + 1);
         let free = (0..self.metrics.len()).filter(|i| Some(self.metrics[*i]) != lead);
-        // Of two of one rank the one further right goes first.
-        free.min_by_key(|i| (rank(self.metrics[*i]), std::cmp::Reverse(*i)))
+        // Of two of one weight the one further right goes first.
+        free.min_by_key(|i| (self.scores.metrics[self.metrics[*i]].shown.weight, std::cmp::Reverse(*i)))
     }
 }
 
@@ -116,9 +98,9 @@ fn legend(scores: &Scores, best: Option<usize>, left_out: &[&str], most: usize) 
     if scores.rows.len() > most {
         out.push_str(&format!("and {} more points; `magline sql` shows them all\n", scores.rows.len() - most));
     }
-    if let (Some(_), Some((metric, _))) = (best, scores.headline().and_then(|m| scores.metrics.get(m))) {
+    if let (Some(_), Some(metric)) = (best, scores.headline().and_then(|m| scores.metrics.get(m))) {
         let of = if scores.marks.iter().any(|n| *n > 0) { " of the points without a mark" } else { "" };
-        out.push_str(&format!("* best {metric}{of}\n"));
+        out.push_str(&format!("* best {}{of}\n", metric.name));
     }
     if scores.marks.iter().any(|n| *n > 0) {
         out.push_str("! marked: worse than the INS alone, or NEES or NIS far from its law (2 and 1)\n");
@@ -132,24 +114,25 @@ fn legend(scores: &Scores, best: Option<usize>, left_out: &[&str], most: usize) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::views::scores::declared;
 
     fn scores(points: usize) -> Scores {
-        let metrics = [
-            ("std_uncompensated", "nT"),
-            ("std_error", "nT"),
-            ("improvement_ratio", "1"),
-            ("improvement_ratio_band", "1"),
-            ("snr", "1"),
-            ("figure_of_merit_crossings", "nT"),
-            ("ins_drms", "m"),
-            ("drms", "m"),
-            ("nees", "1"),
-            ("nis", "1"),
-        ];
+        let metrics = declared([
+            "std_uncompensated",
+            "std_error",
+            "improvement_ratio",
+            "improvement_ratio_band",
+            "snr",
+            "figure_of_merit_crossings",
+            "ins_drms",
+            "drms",
+            "nees",
+            "nis",
+        ]);
         let row = |i: usize| (vec![format!("mag_{i}_uc"), "flux_a".to_owned()], vec![Some(1.0 + i as f64); 10]);
         Scores {
             axes: vec!["mag".to_owned(), "vector".to_owned()],
-            metrics: metrics.map(|(m, u)| (m.to_owned(), u.to_owned())).to_vec(),
+            metrics: metrics.to_vec(),
             rows: (0..points).map(row).collect(),
             lines: 9,
             marks: vec![0; points],

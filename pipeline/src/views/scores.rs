@@ -5,41 +5,18 @@ use std::{
     path::Path,
 };
 
-use numerics::regression::statistics::Pool;
 use polars::prelude::{Column, DataFrame, DataType, GroupsIndicator, ParquetReader, PolarsError, SerReader};
-use schemas::{Fault, Literal};
+use schemas::{Fault, Literal, metric::Metric};
 
-use super::{
-    ranking::{RANKING, better},
-    warnings::Warning,
-};
+use super::warnings::Warning;
 use crate::{plan::Plan, store::parts};
-
-/// The metrics worth a column, in their order.
-const SHOWN: [&str; 15] = [
-    "std_uncompensated",
-    "std_error",
-    "improvement_ratio",
-    "improvement_ratio_band",
-    "snr",
-    "anomaly_retention",
-    "figure_of_merit",
-    "figure_of_merit_crossings",
-    "ins_drms",
-    "drms",
-    "nees",
-    "nis",
-    "map_std_error",
-    "map_gradient_along_track",
-    "map_position_bound",
-];
 
 /// Scores of all lines together, by sweep point.
 pub struct Scores {
     /// The axes, in the sweep's order.
     pub axes: Vec<String>,
-    /// (metric, unit) of each column.
-    pub metrics: Vec<(String, String)>,
+    /// The metric of each column.
+    pub metrics: Vec<&'static Metric>,
     /// One row a sweep point: the axis values as text, then a value for each metric.
     pub rows: Vec<(Vec<String>, Vec<Option<f64>>)>,
     /// How many lines went into them.
@@ -73,7 +50,7 @@ impl Scores {
 
     /// The position of a metric.
     pub fn metric(&self, name: &str) -> Option<usize> {
-        self.metrics.iter().position(|(m, _)| m == name)
+        self.metrics.iter().position(|m| m.name == name)
     }
 
     /// The value of a metric at a row.
@@ -81,10 +58,12 @@ impl Scores {
         self.rows.get(row).and_then(|(_, values)| values.get(metric).copied().flatten())
     }
 
-    /// The metric that ranks the points: the first of the usual ones that has a value.
+    /// The metric that ranks the points: the most telling one that has a value.
     pub fn headline(&self) -> Option<usize> {
         let has = |m: &usize| (0..self.rows.len()).any(|r| self.value(r, *m).is_some());
-        RANKING.iter().filter_map(|m| self.metric(m)).find(has)
+        let rank = |m: usize| self.metrics[m].shown.rank.map(|rank| (rank, m));
+        let ranking = (0..self.metrics.len()).filter(has).filter_map(rank);
+        ranking.min().map(|(_, m)| m)
     }
 
     /// Whether a row is marked.
@@ -94,9 +73,8 @@ impl Scores {
 
     /// The rows by a metric, best first, those with a mark after all others; those without a value are left out.
     pub fn ranked(&self, metric: usize) -> Vec<usize> {
-        let Some((name, _)) = self.metrics.get(metric) else { return vec![] };
-        let cost =
-            |r: usize| self.value(r, metric).and_then(|v| better(name).cost(v)).map(|c| (self.is_marked(r), c, r));
+        let Some(Metric { better, .. }) = self.metrics.get(metric) else { return vec![] };
+        let cost = |r: usize| self.value(r, metric).and_then(|v| better.cost(v)).map(|c| (self.is_marked(r), c, r));
         let mut all: Vec<(bool, f64, usize)> = (0..self.rows.len()).filter_map(cost).collect();
         all.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
         all.into_iter().map(|(_, _, r)| r).collect()
@@ -149,15 +127,13 @@ impl Values {
     }
 }
 
-/// Reads the score table in `folder`, whose axes are `axes`.
-///
-/// Errors in nT and m are pooled over the lines as root mean squares weighted by samples, ratios as means weighted
-/// likewise.
+/// Reads the score table in `folder`, whose axes are `axes`, and pools its `declared` metrics over the lines.
 ///
 /// # Errors
 /// When the table cannot be read.
-pub fn scores(folder: &Path, axes: &[String]) -> Result<Scores, Fault> {
-    pool(folder, axes).map_err(|e| Fault::machine(format!("cannot read the scores in {}: {e}", folder.display())))
+pub fn scores(folder: &Path, axes: &[String], declared: &'static [Metric]) -> Result<Scores, Fault> {
+    pool(folder, axes, declared)
+        .map_err(|e| Fault::machine(format!("cannot read the scores in {}: {e}", folder.display())))
 }
 
 /// The scores of all published tables of scores of `plan`, whose tables are in `folder`, with the rows marked that
@@ -167,14 +143,15 @@ pub fn all(plan: &Plan, folder: &Path, warnings: &[Warning]) -> Vec<(String, Sco
     let read = of_score.filter_map(|node| {
         let axes: Vec<String> =
             node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
-        let mut found = scores(&folder.join(&node.name), &axes).ok().filter(|s| !s.rows.is_empty())?;
+        let mut found =
+            scores(&folder.join(&node.name), &axes, node.entry.metrics).ok().filter(|s| !s.rows.is_empty())?;
         found.mark(&node.name, warnings);
         Some((node.name.clone(), found))
     });
     read.collect()
 }
 
-fn pool(folder: &Path, axes: &[String]) -> Result<Scores, PolarsError> {
+fn pool(folder: &Path, axes: &[String], declared: &'static [Metric]) -> Result<Scores, PolarsError> {
     let mut all: Option<DataFrame> = None;
     for file in parts(folder) {
         let part = ParquetReader::new(std::fs::File::open(file)?).finish()?;
@@ -186,17 +163,19 @@ fn pool(folder: &Path, axes: &[String]) -> Result<Scores, PolarsError> {
     let all = all.ok_or_else(|| PolarsError::NoData("the table was not published".into()))?;
     let lines = all.group_by_stable(["flight", "line"])?.get_groups().len();
     let (value, n) = (all.column("value")?.f64()?.clone(), all.column("n")?.i64()?.clone());
-    let (metric, unit) = (all.column("metric")?.str()?.clone(), all.column("unit")?.str()?.clone());
-    let by = all.group_by_stable(axes.iter().map(String::as_str).chain(["metric", "unit"]))?;
+    let metric = all.column("metric")?.str()?.clone();
+    let by = all.group_by_stable(axes.iter().map(String::as_str).chain(["metric"]))?;
     let one = |rows: Vec<usize>| {
-        let first = rows.first().copied().unwrap_or(0);
-        let how = Pool::of(metric.get(first).unwrap_or_default(), unit.get(first).unwrap_or_default());
+        let name = rows.first().and_then(|first| metric.get(*first))?;
+        let pool = declared.iter().find(|m| m.name == name)?.pool;
         let figures = rows.iter().filter_map(|i| Some((value.get(*i)?, n.get(*i)? as f64)));
-        Some(how.value(figures)).filter(|v| !v.is_nan())
+        Some(pool.value(figures)).filter(|v| !v.is_nan())
     };
     let pooled: Vec<Option<f64>> = by.get_groups().iter().map(|g| one(rows_of(g))).collect();
     let keys = DataFrame::new_infer_height(by.keys())?;
-    gather(&keys, &pooled, axes, lines)
+    let mut shown: Vec<&Metric> = declared.iter().filter(|m| m.shown.column.is_some()).collect();
+    shown.sort_by_key(|m| m.shown.column);
+    gather(&keys, &pooled, &shown, Scores { axes: axes.to_vec(), metrics: vec![], rows: vec![], lines, marks: vec![] })
 }
 
 fn rows_of(group: GroupsIndicator) -> Vec<usize> {
@@ -206,30 +185,34 @@ fn rows_of(group: GroupsIndicator) -> Vec<usize> {
     }
 }
 
-/// Long to wide, in the order in which points and metrics first appear.
-fn gather(groups: &DataFrame, pooled: &[Option<f64>], axes: &[String], lines: usize) -> Result<Scores, PolarsError> {
+/// Long to wide: points in the order in which they first appear, of the metrics to be `shown` those that have a value.
+fn gather(
+    groups: &DataFrame,
+    pooled: &[Option<f64>],
+    shown: &[&'static Metric],
+    mut scores: Scores,
+) -> Result<Scores, PolarsError> {
     let text = |name: &str| -> Result<Vec<String>, PolarsError> {
         let column: Column = groups.column(name)?.cast(&DataType::String)?;
         Ok(column.str()?.iter().map(|x| x.unwrap_or_default().to_owned()).collect())
     };
-    let keys = axes.iter().map(|a| text(a)).collect::<Result<Vec<_>, _>>()?;
-    let (names, units) = (text("metric")?, text("unit")?);
-    let has_value = |m: &str| (0..names.len()).find(|i| names[*i] == m && pooled.get(*i).copied().flatten().is_some());
-    let present = SHOWN.iter().filter_map(|m| has_value(m).map(|i| ((*m).to_owned(), units[i].clone())));
-    let metrics: Vec<(String, String)> = present.collect();
-    let mut rows: Vec<(Vec<String>, Vec<Option<f64>>)> = vec![];
+    let keys = scores.axes.iter().map(|a| text(a)).collect::<Result<Vec<_>, _>>()?;
+    let names = text("metric")?;
+    let value = |i: usize| pooled.get(i).copied().flatten();
+    let has_value = |m: &Metric| (0..names.len()).any(|i| names[i] == m.name && value(i).is_some());
+    scores.metrics = shown.iter().copied().filter(|m| has_value(m)).collect();
     let mut places: HashMap<Vec<String>, usize> = HashMap::new();
-    for i in 0..groups.height() {
-        let Some(at) = metrics.iter().position(|(m, _)| *m == names[i]) else { continue };
+    for (i, name) in names.iter().enumerate() {
+        let Some(at) = scores.metric(name) else { continue };
         let key: Vec<String> = keys.iter().map(|k| k[i].clone()).collect();
         let row = *places.entry(key).or_insert_with_key(|key| {
-            rows.push((key.clone(), vec![None; metrics.len()]));
-            rows.len() - 1
+            scores.rows.push((key.clone(), vec![None; scores.metrics.len()]));
+            scores.rows.len() - 1
         });
-        rows[row].1[at] = pooled.get(i).copied().flatten();
+        scores.rows[row].1[at] = value(i);
     }
-    let marks = vec![0; rows.len()];
-    Ok(Scores { axes: axes.to_vec(), metrics, rows, lines, marks })
+    scores.marks = vec![0; scores.rows.len()];
+    Ok(scores)
 }
 
 /// A number as it is read: four significant digits.
@@ -256,6 +239,13 @@ pub fn columns(table: &[Vec<String>], left: usize) -> String {
         row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n"
     };
     table.iter().map(line).collect()
+}
+
+/// Metrics of the stage `score`, for tests.
+#[cfg(test)]
+pub fn declared<const N: usize>(names: [&str; N]) -> [&'static Metric; N] {
+    let known = crate::catalogue().into_iter().flat_map(|e| e.metrics).collect::<Vec<_>>();
+    names.map(|name| known.iter().copied().find(|m| m.name == name).unwrap_or_else(|| panic!("no metric {name}")))
 }
 
 #[cfg(test)]

@@ -153,7 +153,7 @@ fn gold_what_cannot_be_made_is_told_with_its_parameter() {
     assert!(said(&features(&["cur_fan_dot"])).contains("there is no column `cur_fan`"));
     assert!(said(&Features { vector: None, ..features(&["ETL_cur_strb"]) }).contains("say which in `vector`"));
     assert!(said(&Features { mag: None, ..features(&["small_1"]) }).contains("needs `mag`"));
-    assert!(said(&features(&["baro", "baro"])).contains("`baro` is there twice"));
+    assert!(said(&features(&["baro", "baro"])).contains("duplicate feature `baro`"));
     assert!(said(&Features { groups: vec![4], ..features(&["baro"]) }).contains("no group 4"));
     assert!(said(&features(&[])).contains("no feature"));
 }

@@ -42,7 +42,10 @@ impl<'a> Ins<'a> {
         let [vn_mps, ve_mps, vd_mps] = velocity.each_ref().map(|c| &**c);
         let force = match read(FORCE)? {
             Some(force) => force,
-            None => derived(strapdown::specific_force_ned_mps2(tt_s, vn_mps, ve_mps, vd_mps).map_err(data)?),
+            None => {
+                let velocity = [vn_mps, ve_mps, vd_mps];
+                derived(strapdown::specific_force_ned_mps2(tt_s, [lat_deg, alt_m], velocity).map_err(data)?)
+            }
         };
         let attitude = match read(ATTITUDE)? {
             Some(attitude) => attitude,

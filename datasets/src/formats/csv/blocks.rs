@@ -93,7 +93,7 @@ impl<R: Read> Blocks<R> {
             match last_end(&text) {
                 Some(end) => break end,
                 None if text.len() > LONGEST => {
-                    let what = "a row is longer than 256 MB: a quote is not closed, or this is no table";
+                    let what = "a row is longer than 256 MB: a quote is not closed, or this is not a table";
                     return Err(io::Error::new(io::ErrorKind::InvalidData, what));
                 }
                 None => wanted = text.len() * 2,

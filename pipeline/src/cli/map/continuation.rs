@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use datasets::{GridMap, Height};
+use figures::{CurveLabels, curve_svg};
 use numerics::maps::{
     continuation::{
         self, Derivative, Drape, LCurve, MAGNAV_ALPHA_M2, Padding, Regularisation, Spectrum, downward, drape_to_level,
@@ -12,7 +13,6 @@ use numerics::maps::{
     fill,
     plane_grid::PlaneGrid,
 };
-use pipeline::views::plot::{CurveLabels, curve_svg};
 use schemas::Fault;
 
 use super::{InputArgs, Stop, ThreadArgs, note, tell, write_to, wrong};

@@ -41,7 +41,7 @@ pub struct FillArgs {
     /// Over how many metres a map fades into the next at its edge.
     #[arg(long, default_value_t = 1000.0)]
     feather: f64,
-    /// What the others are freed of, as the overlap with the map shows it.
+    /// Which difference to the map, found in the overlap, is removed from the others.
     #[arg(long, value_enum, default_value_t = Level::Constant)]
     level: Level,
     /// Make the map as large as all maps together.
@@ -64,7 +64,7 @@ enum Method {
     None,
 }
 
-/// What other maps are freed of.
+/// What is removed from other maps.
 #[derive(Clone, Copy, ValueEnum)]
 enum Level {
     /// Nothing.

@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 
 use arrow_array::{cast::AsArray, types::Float64Type};
 use clap::{Args, ValueEnum};
-use datasets::{FlightOptions, GridMap, open_flight};
+use datasets::{FlightOptions, GridMap, Reading};
+use figures::{EarthTrack, Look, MapPicture, Palette, Plane, Scale, Shade, TrackLine};
 use schemas::{Fault, canonical::Canonical};
 
 use super::{InputArgs, Stop, ThreadArgs, say, wrong};
-use pipeline::views::plot::{self, EarthTrack, Look, MapPicture, Palette, Plane, Scale, Shade, TrackLine};
+use crate::sources::open_flight;
 
 #[derive(Args)]
 pub struct PlotArgs {
@@ -78,8 +79,8 @@ pub fn run(args: &PlotArgs) -> Result<(), Stop> {
         }
         let ending = args.output.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         match ending.as_str() {
-            "png" => write(&args.output, &flat(args, &map, &tracks, plot::png)?),
-            "svg" => write(&args.output, flat(args, &map, &tracks, plot::svg)?.as_bytes()),
+            "png" => write(&args.output, &flat(args, &map, &tracks, figures::png)?),
+            "svg" => write(&args.output, flat(args, &map, &tracks, figures::svg)?.as_bytes()),
             "kml" | "kmz" => earth(args, &map, &tracks, ending == "kmz"),
             _ => {
                 let fault = Fault::new(format!("`{}` is no kind of picture", args.output.display()));
@@ -196,7 +197,7 @@ fn earth(args: &PlotArgs, map: &GridMap, tracks: &[Track], zipped: bool) -> Resu
         })
         .collect();
     let stem = args.output.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
-    let made = plot::kml(&picture, &look(args)?, &drawn, &stem)?;
+    let made = figures::kml(&picture, &look(args)?, &drawn, &stem)?;
     if zipped {
         return write(&args.output, &made.kmz()?);
     }
@@ -209,7 +210,7 @@ fn earth(args: &PlotArgs, map: &GridMap, tracks: &[Track], zipped: bool) -> Resu
 /// The lines of a flight file that are to be drawn.
 fn lines(args: &PlotArgs, path: &Path) -> Result<Vec<Track>, Stop> {
     let in_file = |fault: Fault| Stop::from(fault.in_file(&path.display().to_string()));
-    let reader = open_flight(path, &FlightOptions::default()).map_err(Fault::from)?;
+    let reader = open_flight(path, &FlightOptions::default(), &Reading::default()).map_err(Fault::from)?;
     let rules = Canonical::new(reader.schema()).map_err(|faults| {
         let first = faults.into_iter().next().unwrap_or_else(|| Fault::data("is no flight table"));
         in_file(first)

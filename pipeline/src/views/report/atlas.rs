@@ -1,18 +1,20 @@
 //! The map with the tracks on it: the whole line, and a close look where the INS is farthest off.
 
-use maud::{Markup, html};
-use numerics::earth::geodesy::{EarthModel, wrap_deg};
-use schemas::Fault;
-
-use super::{
+use figures::{
     canvas::{Canvas, LEFT, SIDE},
     chart::{path, px},
     decimate::{MOST, thinned},
     palette::{Palette, hex},
     png_file::data_url,
     raster::{Bounds, Raster, raster},
-    source::Source,
     ticks::fixed,
+};
+use maud::{Markup, html};
+use numerics::earth::geodesy::{EarthModel, wrap_deg};
+use schemas::Fault;
+
+use super::{
+    source::Source,
     track::{Flown, Track},
 };
 use crate::views::scores::number;

@@ -38,7 +38,7 @@ impl Board {
             }
             let axes: Vec<String> =
                 node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
-            let mut board = Board::new(source, table, scores::scores(&folder, &axes)?);
+            let mut board = Board::new(source, table, scores::scores(&folder, &axes, node.entry.metrics)?);
             board.scores.mark(&node.name, warnings);
             if !board.scores.rows.is_empty() {
                 found.push(board);
@@ -66,12 +66,7 @@ impl Board {
         Board { table, scores, instances }
     }
 
-    /// The position of a metric.
-    pub fn metric(&self, name: &str) -> Option<usize> {
-        self.scores.metric(name)
-    }
-
-    /// The metric that ranks the points: the first of the usual ones that has a value.
+    /// The metric that ranks the points: the most telling one that has a value.
     pub fn headline(&self) -> Option<usize> {
         self.scores.headline()
     }
@@ -108,8 +103,7 @@ pub mod tests {
         let row = |a: &str, b: &str, v: [f64; 3]| {
             (vec![a.to_owned(), b.to_owned()], v.map(|x| x.is_finite().then_some(x)).to_vec())
         };
-        let metrics =
-            [("std_error", "nT"), ("drms", "m"), ("nees", "1")].map(|(m, u)| (m.to_owned(), u.to_owned())).to_vec();
+        let metrics = scores::declared(["std_error", "drms", "nees"]).to_vec();
         let rows = vec![
             row("mag_2_uc", "0", [5.0, 90.0, 9.0]),
             row("mag_2_uc", "0.025", [4.0, 12.0, 2.5]),

@@ -2,12 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use figures::{
+    chart::{Band, Chart, Dim, Line},
+    decimate::{MOST, envelope, extremes},
+};
 use maud::Markup;
 use numerics::regression::statistics;
 
 use super::{
-    chart::{Band, Chart, Dim, Line},
-    decimate::{MOST, envelope, extremes},
     signal::{minutes, time_axis},
     track::{Flown, Offsets, nees},
 };

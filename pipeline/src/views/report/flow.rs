@@ -1,8 +1,9 @@
 //! The plan as a drawing: tables as boxes from left to right, an arrow for each input.
 
+use figures::chart::px;
 use maud::{Markup, html};
 
-use super::{chart::px, source::Source};
+use super::source::Source;
 use crate::plan::Ref;
 
 const BOX_W: f64 = 140.0;

@@ -5,13 +5,17 @@ use arrow_array::{
     cast::AsArray,
     types::{Float64Type, Int64Type},
 };
+use figures::{chart::px, ticks};
 use maud::{Markup, html};
-use schemas::Fault;
+use schemas::{
+    Fault,
+    metric::{Metric, Pool},
+};
 
-use super::{source::Source, ticks};
+use super::source::Source;
 use crate::{
     plan::Unit,
-    views::{chart::px, scores::number, warnings::limits},
+    views::{scores::number, warnings::limits},
 };
 
 /// The most points of a plot.
@@ -21,10 +25,9 @@ const ROW: f64 = 20.0;
 const BOTTOM: f64 = 22.0;
 
 /// One metric over the points of a sweep.
-#[derive(Debug, Default)]
-struct Metric {
-    name: String,
-    unit: String,
+#[derive(Debug)]
+struct Row {
+    metric: &'static Metric,
     dots: Vec<Dot>,
 }
 
@@ -46,13 +49,13 @@ pub fn sections(source: &Source) -> Result<Vec<Markup>, Fault> {
     let plan = source.graph.plan;
     let mut out = vec![];
     for (table, node) in plan.tables.iter().enumerate().filter(|(_, t)| t.entry.name == "summary") {
-        let mut metrics: Vec<Metric> = vec![];
+        let mut metrics: Vec<Row> = vec![];
         for (instance, it) in plan.instances(table).enumerate() {
             let unit = Unit { table, instance, line: None };
-            let columns = ["metric", "value", "low", "high", "unit", "lines"];
+            let columns = ["metric", "value", "low", "high", "lines"];
             let Some(batch) = source.tidy(unit, &columns)? else { continue };
             let point = node.axis_columns(&it, &plan.spec).iter().map(|(_, v)| v.to_string()).collect::<Vec<_>>();
-            add(&mut metrics, &point.join(", "), &batch);
+            add(&mut metrics, &point.join(", "), &batch, |name| plan.metric(name));
         }
         if !metrics.is_empty() {
             let axes: Vec<&str> =
@@ -63,31 +66,25 @@ pub fn sections(source: &Source) -> Result<Vec<Markup>, Fault> {
     Ok(out)
 }
 
-/// Adds the figures of one point. Numbers of samples are no scores.
-fn add(metrics: &mut Vec<Metric>, point: &str, batch: &RecordBatch) {
+/// Adds the figures of one point, of metrics that are `declared`. Numbers of samples are no scores.
+fn add(metrics: &mut Vec<Row>, point: &str, batch: &RecordBatch, declared: impl Fn(&str) -> Option<&'static Metric>) {
     let text = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
     let floats = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
     let lines = batch.column_by_name("lines").and_then(|a| a.as_primitive_opt::<Int64Type>());
-    let (Some(names), Some(units), Some(values), Some(lines)) = (text("metric"), text("unit"), floats("value"), lines)
-    else {
-        return;
-    };
+    let (Some(names), Some(values), Some(lines)) = (text("metric"), floats("value"), lines) else { return };
     let end = |name: &str, i: usize| floats(name).filter(|a| a.is_valid(i)).map(|a| a.value(i));
     for i in (0..batch.num_rows()).filter(|i| values.is_valid(*i) && values.value(*i).is_finite()) {
-        let name = names.value(i);
-        if name.starts_with("samples_") {
-            continue;
-        }
+        let Some(metric) = declared(names.value(i)).filter(|m| m.pool != Pool::Sum) else { continue };
         let interval = end("low", i).zip(end("high", i)).filter(|(a, b)| a.is_finite() && b.is_finite());
         let dot = Dot { point: point.to_owned(), value: values.value(i), interval, lines: lines.value(i) };
-        match metrics.iter_mut().find(|m| m.name == name) {
-            Some(metric) => metric.dots.push(dot),
-            None => metrics.push(Metric { name: name.to_owned(), unit: units.value(i).to_owned(), dots: vec![dot] }),
+        match metrics.iter_mut().find(|row| row.metric.name == metric.name) {
+            Some(row) => row.dots.push(dot),
+            None => metrics.push(Row { metric, dots: vec![dot] }),
         }
     }
 }
 
-fn section(name: &str, axes: &[&str], metrics: &[Metric]) -> Markup {
+fn section(name: &str, axes: &[&str], metrics: &[Row]) -> Markup {
     let longest = metrics.iter().map(|m| m.dots.len()).max().unwrap_or(0);
     html! {
         section id=(format!("summary-{name}")) {
@@ -95,15 +92,15 @@ fn section(name: &str, axes: &[&str], metrics: &[Metric]) -> Markup {
             p.lead { "Each dot is a score pooled over the lines, the bar through it its bootstrap interval over whole lines; a figure of a single line has none."
                 @if !axes.is_empty() { " Rows are the points of " (axes.join(", ")) "." }
                 @if longest > MOST { " The first " (MOST) " of " (longest) " points are drawn; " code { "magline sql" } " shows them all." } }
-            div.heat { @for metric in metrics { (metric.drawn()) } }
+            div.heat { @for row in metrics { (row.drawn()) } }
         }
     }
 }
 
-impl Metric {
+impl Row {
     /// What a mean of it is for an honest filter.
     fn law(&self) -> Option<&'static limits::Law> {
-        match self.name.as_str() {
+        match self.metric.name {
             "nees" => Some(&limits::NEES),
             "nis" => Some(&limits::NIS),
             _ => None,
@@ -111,6 +108,7 @@ impl Metric {
     }
 
     fn drawn(&self) -> Markup {
+        let Metric { name, unit, .. } = self.metric;
         let dots = &self.dots[..self.dots.len().min(MOST)];
         let law = self.law();
         let ends = dots
@@ -126,8 +124,8 @@ impl Metric {
         let row = |i: usize| 3.0 + ROW * (i as f64 + 0.5);
         html! {
             figure {
-                h4 { (self.name) @if self.unit != "1" && !self.unit.is_empty() { ", " (self.unit) } }
-                svg.intervals viewBox=(format!("0 0 {WIDTH} {}", px(bottom + BOTTOM))) role="img" aria-label=(format!("{}: pooled values with their intervals", self.name)) {
+                h4 { (name) @if *unit != "1" { ", " (unit) } }
+                svg.intervals viewBox=(format!("0 0 {WIDTH} {}", px(bottom + BOTTOM))) role="img" aria-label=(format!("{name}: pooled values with their intervals")) {
                     @for tick in ticks::linear(low, high, 4) {
                         line.grid x1=(px(at(tick.at))) x2=(px(at(tick.at))) y1="0" y2=(px(bottom)) {}
                         text.tick x=(px(at(tick.at))) y=(px(bottom + 15.0)) text-anchor="middle" { (tick.label) }
@@ -175,6 +173,7 @@ mod tests {
     use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray};
 
     use super::*;
+    use crate::views::scores::declared;
 
     fn batch(nees: f64) -> RecordBatch {
         let text = |v: [&str; 3]| Arc::new(StringArray::from(v.to_vec())) as ArrayRef;
@@ -192,10 +191,11 @@ mod tests {
 
     #[test]
     fn r10_a_summary_is_dots_with_their_intervals() {
+        let known = |name: &str| Some(declared([name])[0]);
         let mut metrics = vec![];
-        add(&mut metrics, "mag_4_uc", &batch(2.0));
-        add(&mut metrics, "mag_5_uc", &batch(400.0));
-        assert_eq!(metrics.iter().map(|m| m.name.as_str()).collect::<Vec<_>>(), ["drms", "nees"]);
+        add(&mut metrics, "mag_4_uc", &batch(2.0), known);
+        add(&mut metrics, "mag_5_uc", &batch(400.0), known);
+        assert_eq!(metrics.iter().map(|row| row.metric.name).collect::<Vec<_>>(), ["drms", "nees"]);
         let drms = metrics[0].drawn().into_string();
         assert_eq!((drms.matches("class=\"arm\"").count(), drms.matches("class=\"dot\"").count()), (2, 2), "{drms}");
         assert!(drms.contains("<title>mag_4_uc: 20.00, 15.00 to 30.00, 4 lines</title>"), "{drms}");

@@ -1,19 +1,21 @@
 //! The map along a line, beside what was measured there and what is known to be there.
 
+use figures::{
+    chart::{Chart, Dim, Line},
+    decimate::{MOST, extremes},
+};
 use maud::Markup;
 use numerics::regression::statistics;
 use schemas::Fault;
 
 use super::{
-    chart::{Chart, Line},
-    decimate::{MOST, extremes},
     signal::{minutes, time_axis},
     source::Source,
     subject::Subject,
 };
 use crate::{
     plan::{LineId, Ref},
-    views::{chart::Dim, scores::number},
+    views::scores::number,
 };
 
 /// The map's value along a line of a table of `map_value`, with the measured anomaly and the true one where they are

@@ -5,8 +5,6 @@
 
 mod atlas;
 mod board;
-mod canvas;
-mod decimate;
 mod errors;
 mod flow;
 mod intervals;
@@ -14,7 +12,6 @@ mod known;
 mod model;
 mod page;
 mod published;
-mod raster;
 mod signal;
 mod source;
 mod spectra;
@@ -28,7 +25,7 @@ use std::{fs, path::Path};
 use maud::{Markup, html};
 use schemas::Fault;
 
-use super::{chart, palette, png_file, ticks, warnings};
+use super::warnings;
 use crate::{
     plan::{Graph, Ref},
     spec::Spec,

@@ -1,5 +1,9 @@
 //! The compensated signal of one line: its error over time and over frequency.
 
+use figures::{
+    chart::{Chart, Dim, Line},
+    decimate::{MOST, extremes},
+};
 use maud::Markup;
 use numerics::{
     regression::statistics::{self, summary},
@@ -11,12 +15,7 @@ use numerics::{
 };
 use schemas::Fault;
 
-use super::{
-    chart::{Chart, Dim, Line},
-    decimate::{MOST, extremes},
-    source::Source,
-    subject::Subject,
-};
+use super::{source::Source, subject::Subject};
 use crate::{
     plan::{LineId, Ref},
     views::scores::number,

@@ -1,6 +1,7 @@
 //! The recorded signals of one line over frequency, beside published ones: noise floors of sensors, the spectrum of an
 //! observatory, the band of manoeuvres.
 
+use figures::chart::{Chart, Dim, Line};
 use maud::Markup;
 use numerics::signal::{
     segments::{STEP_TOLERANCE, sample_rate},
@@ -8,11 +9,7 @@ use numerics::signal::{
 };
 use schemas::{Column, Fault};
 
-use super::{
-    chart::{Chart, Dim, Line},
-    source::Source,
-    subject::Subject,
-};
+use super::{source::Source, subject::Subject};
 use crate::plan::{LineId, Ref};
 
 /// The spectrum of Boulder's record, made by `datasets/reference/make_observatory_spectrum.py`.

@@ -1,12 +1,12 @@
 //! Which sweep points and which lines are shown in detail.
 
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
-use schemas::Fault;
+use schemas::{Fault, metric::Metric};
 
 use super::{board::Board, source::Source};
 use crate::{
     plan::{LineId, Ref, Unit},
-    views::{ranking::better, scores::number},
+    views::scores::number,
 };
 
 /// A sweep point that is shown in detail: the stages that it went through.
@@ -46,15 +46,15 @@ pub struct Shown {
 pub struct Chosen {
     /// The score table and its instance at the point.
     at: (usize, usize),
-    metric: String,
-    unit: String,
+    metric: &'static Metric,
 }
 
 impl Chosen {
     /// A value of the metric in words.
     fn words(&self, value: Option<f64>) -> String {
-        let unit = if self.unit == "1" { String::new() } else { format!(" {}", self.unit) };
-        format!("{} {}{unit}", self.metric, number(value))
+        let Metric { name, unit, .. } = self.metric;
+        let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
+        format!("{name} {}{unit}", number(value))
     }
 }
 
@@ -87,8 +87,7 @@ fn ranking(boards: &[Board]) -> Option<(&Board, usize)> {
 fn subject(source: &Source, board: &Board, metric: usize, id: &'static str, title: &str, row: usize) -> Subject {
     let instance = board.instances.get(row).copied().unwrap_or(0);
     let it = source.graph.plan.instance(board.table, instance);
-    let (metric_name, unit) = board.scores.metrics[metric].clone();
-    let chosen = Chosen { at: (board.table, instance), metric: metric_name, unit };
+    let chosen = Chosen { at: (board.table, instance), metric: board.scores.metrics[metric] };
     let lines = board.scores.lines;
     let pooled = if lines > 1 { format!(", pooled over {lines} lines") } else { String::new() };
     let marked = match board.marked(row) {
@@ -178,7 +177,7 @@ fn score(source: &Source, chosen: &Chosen, line: LineId) -> Result<Option<f64>, 
     else {
         return Ok(None);
     };
-    let at = names.iter().position(|n| n == Some(chosen.metric.as_str()));
+    let at = names.iter().position(|n| n == Some(chosen.metric.name));
     Ok(at.filter(|i| values.is_valid(*i)).map(|i| values.value(i)))
 }
 
@@ -188,7 +187,7 @@ fn scored_lines(source: &Source, subject: &Subject) -> Result<Vec<LineId>, Fault
     let mut found: Vec<(f64, LineId)> = vec![];
     for line in source.graph.lines_of(chosen.at.0, chosen.at.1) {
         let value = score(source, chosen, *line)?;
-        found.extend(value.and_then(|v| better(&chosen.metric).cost(v)).map(|cost| (cost, *line)));
+        found.extend(value.and_then(|v| chosen.metric.better.cost(v)).map(|cost| (cost, *line)));
     }
     found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     Ok(found.into_iter().map(|(_, line)| line).collect())

@@ -1,22 +1,14 @@
 //! The pooled scores as a table, and over two axes as heat maps.
 
+use figures::palette::{Palette, hex, ink_on};
 use maud::{Markup, html};
+use schemas::metric::{Better, Metric};
 
-use super::{
-    board::Board,
-    palette::{Palette, hex, ink_on},
-    source::Source,
-};
-use crate::views::{
-    ranking::{Better, better},
-    scores::number,
-};
+use super::{board::Board, source::Source};
+use crate::views::scores::number;
 
 /// The most rows of the table: more are no longer looked through.
 const MOST: usize = 1000;
-
-/// The metrics that a heat map is worth.
-const MAPPED: [&str; 2] = ["std_error", "drms"];
 
 /// One board: table and heat maps.
 pub fn section(source: &Source, board: &Board) -> Markup {
@@ -49,8 +41,8 @@ fn table(board: &Board) -> Markup {
                 thead { tr {
                     @for axis in &board.scores.axes { th scope="col" { button { (axis) } } }
                     @if marked { th scope="col" { button { "marked" } } }
-                    @for (metric, unit) in &board.scores.metrics {
-                        th.n scope="col" { button { (spaced(metric)) @if unit != "1" { " [" (unit) "]" } } }
+                    @for metric in &board.scores.metrics {
+                        th.n scope="col" { button { (spaced(metric.name)) @if metric.unit != "1" { " [" (metric.unit) "]" } } }
                     }
                 } }
                 tbody { @for row in shown(board) {
@@ -91,11 +83,10 @@ fn spaced(name: &str) -> Markup {
 
 /// What each metric means, folded.
 fn glossary(board: &Board) -> Markup {
-    let known = board.scores.metrics.iter().filter_map(|(m, _)| meaning(m).map(|text| (m, text)));
     html! {
         details { summary { "What the columns mean" }
-            dl { @for (metric, text) in known { dt { (metric) } dd { (text)
-                (match better(metric) {
+            dl { @for metric in &board.scores.metrics { dt { (metric.name) } dd { (spelt(metric.meaning))
+                (match metric.better {
                     Better::Lower => "; smaller is better",
                     Better::Higher => "; larger is better",
                     Better::Near(_) | Better::Neither => "",
@@ -104,35 +95,9 @@ fn glossary(board: &Board) -> Markup {
     }
 }
 
-fn meaning(metric: &str) -> Option<&'static str> {
-    Some(match metric {
-        "std_uncompensated" => "standard deviation of the uncompensated signal less the truth, where there is one",
-        "std_error" => "standard deviation of the compensated signal less the truth",
-        "improvement_ratio" => "std_uncompensated over the same of the compensated signal",
-        "improvement_ratio_band" => "the same after a band-pass of both",
-        "snr" => "standard deviation of the true anomaly over that of the error",
-        "anomaly_retention" => {
-            "how much of the known geology the compensated signal still has: 1 where it is kept, 0 where it went with the aircraft"
-        }
-        "figure_of_merit" => {
-            "Noriega's index: the sum over the twelve manoeuvres of a box of the mean peak-to-peak amplitude that is left"
-        }
-        "figure_of_merit_crossings" => {
-            "root mean square difference of the compensated signal where the flight crosses its own track"
-        }
-        "ins_drms" => "root mean square horizontal error of the INS alone: what navigation has to beat",
-        "drms" => "root mean square horizontal error of the track",
-        "nees" => {
-            "mean squared position error in units of the filter's own covariance: 2 for an honest filter, more when it is too sure of itself"
-        }
-        "nis" => "mean squared innovation in units of its predicted variance: 1 for an honest filter",
-        "map_std_error" => {
-            "standard deviation of the compensated signal, less core field and diurnal variation, minus the map"
-        }
-        "map_gradient_along_track" => "root mean square slope of the map along the track",
-        "map_position_bound" => "least error with which a constant offset of the line can be found on the map",
-        _ => return None,
-    })
+/// A text in which code stands between backticks.
+fn spelt(text: &str) -> Markup {
+    html! { @for (i, part) in text.split('`').enumerate() { @if i % 2 == 1 { code { (part) } } @else { (part) } } }
 }
 
 /// A metric over two axes: the best over all others in each cell.
@@ -147,8 +112,8 @@ struct Heat {
 }
 
 fn heat_maps(board: &Board) -> Vec<Markup> {
-    let found = MAPPED.iter().filter_map(|m| board.metric(m)).filter_map(|m| heat(board, m));
-    found.map(|h| drawn(board, &h)).collect()
+    let worth = (0..board.scores.metrics.len()).filter(|m| board.scores.metrics[*m].shown.heat_map);
+    worth.filter_map(|m| heat(board, m)).map(|h| drawn(board, &h)).collect()
 }
 
 /// Over the first two axes that have several values.
@@ -184,7 +149,7 @@ fn heat(board: &Board, metric: usize) -> Option<Heat> {
 }
 
 fn drawn(board: &Board, heat: &Heat) -> Markup {
-    let (name, unit) = &board.scores.metrics[heat.metric];
+    let Metric { name, unit, .. } = board.scores.metrics[heat.metric];
     let axis = |i: usize| board.scores.axes[i].as_str();
     let others: Vec<&str> =
         (0..board.scores.axes.len()).filter(|i| *i != heat.axes.0 && *i != heat.axes.1).map(axis).collect();

@@ -1,6 +1,7 @@
 //! How the coefficients of a model differ from one calibration to the next. [thesis 000, Tables 3.1, 3.2, Figure 3-8]
 
 use arrow_array::{cast::AsArray, types::Float64Type};
+use figures::chart::{Chart, Dim, Line};
 use maud::{Markup, html};
 use numerics::compensation::diagnostics::{Variation, variation};
 use schemas::Fault;
@@ -8,10 +9,7 @@ use schemas::Fault;
 use super::source::Source;
 use crate::{
     plan::{Instance, Ref, Unit},
-    views::{
-        chart::{Chart, Dim, Line},
-        scores::number,
-    },
+    views::scores::number,
 };
 
 /// Up to so many calibrations have a column each.

@@ -171,7 +171,7 @@ impl Source {
     }
 
     fn group(&self, i: usize, schema: &SchemaRef) -> Result<Vec<ArrayRef>, Fault> {
-        let Some((file, group)) = self.groups.get(i) else { return Err(Fault::machine("a row group is missing")) };
+        let Some((file, group)) = self.groups.get(i) else { return Err(Fault::bug("a row group is missing")) };
         let file = &self.files[*file];
         let column = |field: &Arc<Field>| {
             let at = file.schema().index_of(field.name()).map_err(|e| damaged(file.path(), &e))?;
@@ -182,8 +182,8 @@ impl Source {
     }
 
     fn unit(&self, i: usize, schema: &SchemaRef) -> Result<(Vec<ArrayRef>, usize), Fault> {
-        let logical = self.logical.as_ref().ok_or_else(|| Fault::machine("a table without units"))?;
-        let own = logical.key(i, 0).ok_or_else(|| Fault::machine("a unit without a key"))?;
+        let logical = self.logical.as_ref().ok_or_else(|| Fault::bug("a table without units"))?;
+        let own = logical.key(i, 0).ok_or_else(|| Fault::bug("a unit without a key"))?;
         let rows = self.objects.find(own).and_then(|p| p.rows);
         let rows = rows.ok_or_else(|| {
             Fault::machine(format!("the store no longer holds {own}")).help("run the spec again: it is computed again")

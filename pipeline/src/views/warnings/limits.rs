@@ -66,3 +66,17 @@ pub const DATE_A: f64 = 0.25;
 pub fn map_height_nt(sigma_nt: Option<f64>) -> f64 {
     sigma_nt.map_or(5.0, |sigma| (0.5 * sigma).min(5.0))
 }
+
+#[cfg(test)]
+mod tests {
+    use schemas::metric::Better;
+
+    use super::*;
+    use crate::views::scores::declared;
+
+    #[test]
+    fn law_the_law_of_a_mean_is_what_its_metric_is_to_be_near() {
+        let near = declared(["nees", "nis"]).map(|m| m.better);
+        assert_eq!(near, [Better::Near(NEES.mean), Better::Near(NIS.mean)]);
+    }
+}

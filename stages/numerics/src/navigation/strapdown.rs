@@ -3,8 +3,13 @@
 //!
 //! These are stand-ins for the error model's coefficients, which need them to a few per cent only.
 
-use crate::earth::geodesy::{EarthModel, STANDARD_GRAVITY_MPS2, unwrapped_deg};
-use crate::navigation::ins_series::{SeriesError, check_column, check_latitudes, check_time};
+use crate::{
+    earth::geodesy::{EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, unwrapped_deg},
+    navigation::{
+        ins_series::{SeriesError, check_column, check_latitudes, check_time},
+        mechanisation::normal_gravity_mps2,
+    },
+};
 
 /// Three columns: north, east, down; or roll, pitch, yaw.
 pub type Triple = [Vec<f64>; 3];
@@ -46,21 +51,45 @@ pub fn velocity_ned_mps(tt_s: &[f64], lat_deg: &[f64], lon_deg: &[f64], alt_m: &
     Ok([north.collect(), east.collect(), alt_rate.iter().map(|rate| -rate).collect()])
 }
 
-/// Specific force north, east and down, in m/s², of velocities in m/s: the derivative of the
-/// velocity, less gravity (9.80665 m/s²) in the vertical. The Coriolis and transport terms, below
-/// 0.05 m/s² at 300 m/s, are left out, as MagNav.jl does.
+/// Specific force north, east and down, in m/s², along a track of latitudes (degrees) and heights above the ellipsoid (m)
+/// that is flown with these velocities (m/s): [`specific_force_mps2`] of their derivatives.
+///
+/// MagNav.jl leaves the Coriolis and transport terms out and takes 9.80665 m/s² for gravity.
+///
+/// # Errors
+/// As [`velocity_ned_mps`].
 pub fn specific_force_ned_mps2(
     tt_s: &[f64],
-    vn_mps: &[f64],
-    ve_mps: &[f64],
-    vd_mps: &[f64],
+    [lat_deg, alt_m]: [&[f64]; 2],
+    velocity_ned_mps: [&[f64]; 3],
 ) -> Result<Triple, SeriesError> {
-    let down = derivative(tt_s, vd_mps)?;
-    Ok([
-        derivative(tt_s, vn_mps)?,
-        derivative(tt_s, ve_mps)?,
-        down.iter().map(|rate| rate - STANDARD_GRAVITY_MPS2).collect(),
-    ])
+    for (column, values) in [("lat", lat_deg), ("alt", alt_m)] {
+        check_column(column, values, tt_s.len())?;
+    }
+    check_latitudes("lat", lat_deg)?;
+    let [north, east, down] = velocity_ned_mps.map(|v| derivative(tt_s, v));
+    let rates = [north?, east?, down?];
+    let mut out = Triple::default();
+    for row in 0..tt_s.len() {
+        let (v, rate) = (velocity_ned_mps.map(|v| v[row]), rates.each_ref().map(|r| r[row]));
+        let force = specific_force_mps2(lat_deg[row].to_radians(), alt_m[row], v, rate);
+        out.iter_mut().zip(force).for_each(|(column, f)| column.push(f));
+    }
+    Ok(out)
+}
+
+/// f = dv/dt + (2 ω_ie + ω_en) × v − g, all north-east-down: m/s² of a latitude in rad, a height above the ellipsoid in m, a
+/// velocity in m/s and its rate in m/s², with the ellipsoid's normal gravity. [Titterton & Weston 2004, (3.29)]
+pub fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]) -> [f64; 3] {
+    let (sin, cos) = lat_rad.sin_cos();
+    let (meridian_m, transverse_m) = (meridian_radius_m(lat_rad) + alt_m, transverse_radius_m(lat_rad) + alt_m);
+    let w = [
+        2.0 * EARTH_RATE_RADPS * cos + v[1] / transverse_m,
+        -v[0] / meridian_m,
+        -2.0 * EARTH_RATE_RADPS * sin - v[1] * sin / cos / transverse_m,
+    ];
+    let cross = [w[1] * v[2] - w[2] * v[1], w[2] * v[0] - w[0] * v[2], w[0] * v[1] - w[1] * v[0]];
+    [rate[0] + cross[0], rate[1] + cross[1], rate[2] + cross[2] - normal_gravity_mps2(lat_rad, alt_m)]
 }
 
 /// Roll, pitch and yaw, in degrees, of an aircraft that flies level with its nose along the course
@@ -130,9 +159,28 @@ mod tests {
         assert!(vn.iter().all(|v| (v - speed_n).abs() < 1e-3));
         assert!(ve.iter().all(|v| (v - speed_e).abs() < 1e-2), "{ve:?}");
         assert!(vd.iter().all(|v| (v + 2.0).abs() < 1e-9));
-        let [f_n, _, f_d] = specific_force_ned_mps2(&tt, &vn, &ve, &vd).unwrap();
-        assert!(f_n.iter().all(|f| f.abs() < 1e-3));
-        assert!(f_d.iter().all(|f| (f + STANDARD_GRAVITY_MPS2).abs() < 1e-9));
+        let [f_n, f_e, f_d] = specific_force_ned_mps2(&tt, [&lats, &alts], [&vn, &ve, &vd]).unwrap();
+        // Coriolis and transport: (2 ω sin φ + ve tan φ/R) turns the velocity, the vertical has Eötvös' term.
+        let (lat, radius) = (50.0_f64.to_radians(), transverse_radius_m(50.0_f64.to_radians()) + 305.0);
+        let turn = 2.0 * EARTH_RATE_RADPS * lat.sin() + speed_e * lat.tan() / radius;
+        let eotvos = 2.0 * EARTH_RATE_RADPS * lat.cos() + speed_e / radius;
+        assert!((f_n[25] - turn * speed_e).abs() < 1e-4);
+        assert!((f_e[25] + turn * speed_n - 2.0 * eotvos).abs() < 1e-4);
+        let lift = eotvos * speed_e + speed_n * speed_n / radius;
+        assert!((f_d[25] - lift + normal_gravity_mps2(lat, 305.0)).abs() < 1e-4);
+    }
+
+    #[test]
+    fn law_a_body_at_rest_feels_gravity_and_one_in_orbit_nothing() {
+        let f = specific_force_mps2(0.7, 300.0, [0.0; 3], [0.0; 3]);
+        assert_eq!(f, [0.0, 0.0, -normal_gravity_mps2(0.7, 300.0)]);
+        // Over the equator gravity is attraction less ω²R; a circle at v seen from space takes v²/R.
+        let alt = 2000.0;
+        let radius = transverse_radius_m(0.0) + alt;
+        let attraction = normal_gravity_mps2(0.0, alt) + EARTH_RATE_RADPS.powi(2) * radius;
+        let speed = (attraction * radius).sqrt() - EARTH_RATE_RADPS * radius;
+        let f = specific_force_mps2(0.0, alt, [0.0, speed, 0.0], [0.0; 3]);
+        assert!(f.iter().all(|f| f.abs() < 1e-12), "{f:?}");
     }
 
     #[test]

@@ -13,47 +13,6 @@ pub struct Figure {
     pub n: usize,
 }
 
-/// How the figures of several lines become one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Pool {
-    /// As a root mean square: errors.
-    Rms,
-    /// As a mean: ratios.
-    Mean,
-    /// As a sum: numbers of samples.
-    Sum,
-}
-
-impl Pool {
-    /// The way of a metric in a unit.
-    pub fn of(metric: &str, unit: &str) -> Self {
-        match unit {
-            _ if metric.starts_with("samples_") => Self::Sum,
-            "1" => Self::Mean,
-            _ => Self::Rms,
-        }
-    }
-
-    /// The figure of all, of pairs of value and weight (a sum has no weights); NaN of no weight.
-    pub fn value(self, figures: impl Iterator<Item = (f64, f64)>) -> f64 {
-        let (mut sum, mut weight) = (0.0, 0.0);
-        for (value, n) in figures {
-            weight += n;
-            sum += match self {
-                Self::Rms => n * value * value,
-                Self::Mean => n * value,
-                Self::Sum => value,
-            };
-        }
-        match self {
-            _ if weight == 0.0 => f64::NAN,
-            Self::Rms => (sum / weight).sqrt(),
-            Self::Mean => sum / weight,
-            Self::Sum => sum,
-        }
-    }
-}
-
 /// The moments of one series.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Summary {

@@ -60,7 +60,7 @@ impl Line {
         let lon = of(&|t| middle_lon + degrees_east * (0.004_37 * t + 2.0 * phase_rad + 0.6).sin());
         let alt = of(&|t| 500.0 + 20.0 * (0.01 * t).sin());
         let [vn, ve, vd] = velocity_ned_mps(&tt, &lat, &lon, &alt)?;
-        let [force_n, force_e, force_d] = specific_force_ned_mps2(&tt, &vn, &ve, &vd)?;
+        let [force_n, force_e, force_d] = specific_force_ned_mps2(&tt, [&lat, &alt], [&vn, &ve, &vd])?;
         let [roll, pitch, yaw] = level_attitude_deg(&vn, &ve)?;
         Ok(Self { columns: [tt, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw] })
     }

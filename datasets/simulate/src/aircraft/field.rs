@@ -1,0 +1,155 @@
+//! The aircraft's field at one magnetometer, part by part.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::{
+    super::random::Random,
+    spec::{Aircraft, Drawn, Source},
+};
+use crate::spec::Components;
+
+/// The field strength that the sizes of induced terms refer to, in nT.
+const SCALE_NT: f64 = 50_000.0;
+
+/// Between the steps of the permanent field's random walk, in seconds; within them it goes straight.
+const WALK_STEP_S: f64 = 10.0;
+
+/// The parts of the field at a magnetometer, in the order in which they are added.
+pub(super) const FIELD_PARTS: [&str; 10] =
+    ["core", "anomaly", "diurnal", "permanent", "induced", "eddy", "currents", "landing", "walk", "flex"];
+
+/// What makes the aircraft's field at one magnetometer in one flight, in the body frame:
+/// P + M B + E dB/dt + the sum of I_k D_k, the landing's shift and a walk of P, and the bending of the wings.
+/// [Tolles & Lawson 1950; thesis 000 (3.9)-(3.12)]
+pub(super) struct Field {
+    permanent_nt: Vector3<f64>,
+    induced: Matrix3<f64>,
+    eddy_s: Matrix3<f64>,
+    currents_nt_per_a: Vec<(usize, Vector3<f64>)>,
+    landing_nt: Vector3<f64>,
+    flex_nt_per_mps2: Vector3<f64>,
+    flex_limit_mps2: f64,
+    /// The walk at multiples of its step after the flight's start.
+    walk_nt: Vec<Vector3<f64>>,
+}
+
+/// What drives the aircraft's field at one moment.
+pub(super) struct Drive<'a> {
+    /// The earth's field, in nT.
+    pub(super) earth_nt: Vector3<f64>,
+    /// Its rate, in nT/s.
+    pub(super) rate_ntps: Vector3<f64>,
+    /// The true currents along the line, in A.
+    pub(super) amperes: &'a [Vec<f64>],
+    /// The sample.
+    pub(super) row: usize,
+    /// Seconds after the flight's start.
+    pub(super) since_s: f64,
+    /// Upward specific force beyond that of level flight, in m/s².
+    pub(super) lift_mps2: f64,
+}
+
+impl Field {
+    /// Draws what the spec leaves open for the sensor `name`: the same on all flights but for the landing's shift and
+    /// the walk, which is known up to `until_s` after the flight's start. What is switched off is nothing.
+    pub(super) fn draw(
+        seed: u64,
+        (flight, until_s): (&str, f64),
+        (name, source): (&str, &Source),
+        aircraft: &Aircraft,
+        components: &Components,
+    ) -> Field {
+        let on = |component: &str| if components.on(component) { 1.0 } else { 0.0 };
+        let mut random = Random::of(seed, &["aircraft", name]);
+        let permanent_nt = vector(source.permanent, &mut random);
+        let m = Matrix3::from_fn(|_, _| random.normal());
+        let induced = match source.induced {
+            Drawn::Exact(tensor) => tensor,
+            // Symmetric, as an induced tensor of isotropic iron is; each element keeps its standard deviation.
+            Drawn::Size(nt) if source.induced_symmetric => {
+                Matrix3::from_fn(|i, j| m[(i.min(j), i.max(j))]) * (nt / SCALE_NT)
+            }
+            Drawn::Size(nt) => m * (nt / SCALE_NT),
+        };
+        let e = Matrix3::from_fn(|_, _| random.normal());
+        let eddy_s = match source.eddy {
+            Drawn::Exact(matrix) => matrix,
+            Drawn::Size(s) => e * s,
+        };
+        let flex_nt_per_mps2 = vector(source.flex, &mut Random::of(seed, &["aircraft", name, "flex"]));
+        let landing = Random::of(seed, &["flight", flight, "landing", name]);
+        Field {
+            permanent_nt: permanent_nt * on("permanent"),
+            induced: induced * on("induced"),
+            eddy_s: eddy_s * on("eddy"),
+            currents_nt_per_a: couplings(seed, name, source, aircraft, on("currents")),
+            landing_nt: normals(landing) * (source.shift_nt * on("landing")),
+            flex_nt_per_mps2: flex_nt_per_mps2 * on("flex"),
+            flex_limit_mps2: source.flex_limit_mps2,
+            walk_nt: walk(
+                source.walk_nt_per_sqrt_h * on("walk"),
+                until_s,
+                Random::of(seed, &["flight", flight, "walk", name]),
+            ),
+        }
+    }
+
+    /// The aircraft's parts in nT, in the order of [`FIELD_PARTS`] from the permanent field on.
+    pub(super) fn parts_nt(&self, drive: &Drive) -> [Vector3<f64>; 7] {
+        let amperes = |k: usize| drive.amperes.get(k).and_then(|c| c.get(drive.row)).copied().unwrap_or(0.0);
+        let lift = drive.lift_mps2.clamp(-self.flex_limit_mps2, self.flex_limit_mps2);
+        [
+            self.permanent_nt,
+            self.induced * drive.earth_nt,
+            self.eddy_s * drive.rate_ntps,
+            self.currents_nt_per_a.iter().map(|(k, d)| d * amperes(*k)).sum(),
+            self.landing_nt,
+            self.walk_at(drive.since_s),
+            self.flex_nt_per_mps2 * lift,
+        ]
+    }
+
+    fn walk_at(&self, since_s: f64) -> Vector3<f64> {
+        let place = (since_s / WALK_STEP_S).max(0.0);
+        let (k, share) = (place.floor() as usize, place.fract());
+        match (self.walk_nt.get(k), self.walk_nt.get(k + 1)) {
+            (Some(a), Some(b)) => a + (b - a) * share,
+            (Some(a), None) => *a,
+            _ => Vector3::zeros(),
+        }
+    }
+}
+
+fn vector(drawn: Drawn<Vector3<f64>>, random: &mut Random) -> Vector3<f64> {
+    let direction = random.direction();
+    match drawn {
+        Drawn::Exact(v) => v,
+        Drawn::Size(size) => direction * size,
+    }
+}
+
+fn normals(mut random: Random) -> Vector3<f64> {
+    Vector3::from_fn(|_, _| random.normal())
+}
+
+fn couplings(seed: u64, name: &str, source: &Source, aircraft: &Aircraft, on: f64) -> Vec<(usize, Vector3<f64>)> {
+    let given = source.currents.iter().map(|(index, amount)| {
+        let current = aircraft.currents.get(*index).map_or("", |c| c.name.as_str());
+        (*index, vector(*amount, &mut Random::of(seed, &["aircraft", name, current])) * on)
+    });
+    let at = |at_m: Vector3<f64>| aircraft.wires.iter().map(move |w| (w.current, w.nt_per_a(&at_m) * on));
+    given.chain(source.position_m.into_iter().flat_map(at)).collect()
+}
+
+fn walk(nt_per_sqrt_h: f64, until_s: f64, mut random: Random) -> Vec<Vector3<f64>> {
+    if nt_per_sqrt_h == 0.0 {
+        return vec![];
+    }
+    let step_nt = nt_per_sqrt_h * (WALK_STEP_S / 3600.0).sqrt();
+    let steps = (until_s / WALK_STEP_S).ceil().max(0.0) as usize + 1;
+    let mut out = vec![Vector3::zeros()];
+    for k in 0..steps {
+        out.push(out[k] + Vector3::from_fn(|_, _| random.normal()) * step_nt);
+    }
+    out
+}

@@ -1,0 +1,215 @@
+//! The earth's field along a track: core field, crustal field and temporal variation, each a vector.
+//!
+//! The core field is a model's at the date of every sample. The crustal field is that of a map, of sources in the
+//! ground, or of both; see [`crustal`] and [`buried`]. The temporal variation is in [`variation`].
+
+use buried::{Placed, field_ned_nt};
+use crustal::{CrustalMap, Nowhere, change_of_magnitude};
+use datasets::{ReadError, read_map};
+use nalgebra::Vector3;
+use numerics::earth::{
+    core_field::{CoreField, CoreTrack},
+    dates::decimal_year,
+};
+use observatory::Observatory;
+use places::Places;
+
+use super::{line::Scene, spec::Spec, trajectory::Trajectory};
+pub use spec::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
+use variation::{Moments, Variation};
+
+mod buried;
+mod crustal;
+mod observatory;
+mod places;
+pub(super) mod spec;
+mod variation;
+
+/// What all lines share: the map's field, the sources, the observatory's record. Lines may ask it at the same time;
+/// the answers do not depend on who asks first.
+pub(super) struct Field {
+    core: CoreTrack,
+    map: Option<CrustalMap>,
+    sources: Vec<Placed>,
+    observatory: Option<Observatory>,
+}
+
+impl Field {
+    /// Reads and prepares what is switched on.
+    ///
+    /// # Errors
+    /// A map that cannot be read or is not level, a record that cannot be read, a date that the core model does not cover.
+    pub(super) fn new(spec_path: &std::path::Path, spec: &Spec) -> Result<Field, ReadError> {
+        let wrong = |e: &dyn std::fmt::Display| ReadError::options(spec_path, e.to_string());
+        let (earth, (year, doy)) = (&spec.earth, spec.date);
+        let date = decimal_year(year, doy, 0.0).map_err(|e| wrong(&e))?;
+        let at_date = CoreField::of(earth.core, date).map_err(|e| wrong(&e))?;
+        let core = CoreTrack::new(earth.core);
+        let anomaly = spec.components.on("anomaly");
+        let map = match earth.map.as_ref().filter(|_| anomaly) {
+            Some((path, options)) => Some(CrustalMap::new(path, &read_map(path, options)?, &core, date)?),
+            None => None,
+        };
+        let sources = earth.sources.iter().filter(|_| anomaly).map(|s| Placed::new(s, &at_date)).collect();
+        let record = earth.diurnal.observatory.as_ref().filter(|_| spec.components.on("diurnal"));
+        let observatory = match record {
+            Some((path, quiet_base)) => Some(Observatory::read(path, *quiet_base)?),
+            None => None,
+        };
+        Ok(Field { core, map, sources, observatory })
+    }
+}
+
+/// The earth's field along a line, in nT; vectors are north, east, down unless they say otherwise.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Along {
+    /// The core field.
+    pub(super) core_ned_nt: Vec<Vector3<f64>>,
+    /// The crustal field.
+    pub(super) anomaly_ned_nt: Vec<Vector3<f64>>,
+    /// The temporal variation.
+    pub(super) diurnal_ned_nt: Vec<Vector3<f64>>,
+    /// The magnitude of the core field.
+    pub(super) core_nt: Vec<f64>,
+    /// The temporal variation along the core field, as a base station gives it.
+    pub(super) diurnal_nt: Vec<f64>,
+    /// By how much the crustal field changes the magnitude of the core field.
+    pub(super) anomaly_nt: Vec<f64>,
+    /// The whole field in the body frame.
+    pub(super) body_nt: Vec<Vector3<f64>>,
+    /// Its rate of change in the body frame, in nT/s.
+    pub(super) body_rate_ntps: Vec<Vector3<f64>>,
+}
+
+/// Half the time over which the change of the field along the track is taken, in seconds.
+const STEP_S: f64 = 1e-3;
+
+/// The earth's field along a line: the exact sum of its three vectors, and how fast it changes there.
+///
+/// The rate in the body frame is Cᵀ dB/dt − ω × (Cᵀ B), with the attitude C, the exact rates of turn ω of the body
+/// against north-east-down, and dB/dt = (v·∇)B + ∂B/∂t of the components north, east, down: the difference of the
+/// field a millisecond ahead and behind on the tangent of the track. Nothing of it depends on how often the flight is
+/// sampled. The difference errs by (k v h)²/6 of a wave of wavenumber k, 1e-6 of one of 150 m at 60 m/s. The core
+/// field's secular variation, below 1e-5 nT/s, is left out of the rate.
+///
+/// # Errors
+/// A line that leaves the known map, goes below it or through a source; a time without a value of the observatory; a
+/// date that the core model does not cover.
+pub(super) fn along(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<Along, ReadError> {
+    let [core_ned_nt, anomaly_ned_nt, diurnal_ned_nt] = parts(scene, truth, field, 0.0)?;
+    let rates_ned_ntps = rates(scene, truth, field)?;
+    let mut out = Along { core_ned_nt, anomaly_ned_nt, diurnal_ned_nt, ..Along::default() };
+    for (i, rate_ned_ntps) in rates_ned_ntps.iter().enumerate() {
+        let (core, anomaly, diurnal) = (out.core_ned_nt[i], out.anomaly_ned_nt[i], out.diurnal_ned_nt[i]);
+        let magnitude = core.norm();
+        out.core_nt.push(magnitude);
+        out.diurnal_nt.push(core.dot(&diurnal) / magnitude);
+        out.anomaly_nt.push(change_of_magnitude(&core, &anomaly));
+        let body_nt = truth.attitude(i).transpose() * (core + anomaly + diurnal);
+        out.body_rate_ntps.push(truth.rate_in_body(i, rate_ned_ntps, &body_nt));
+        out.body_nt.push(body_nt);
+    }
+    Ok(out)
+}
+
+/// The rate of the field's components north, east and down along the track, in nT/s.
+fn rates(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<Vec<Vector3<f64>>, ReadError> {
+    let whole = |by_s: f64| -> Result<Vec<Vector3<f64>>, ReadError> {
+        let [core, anomaly, diurnal] = parts(scene, truth, field, by_s)?;
+        Ok(core.iter().zip(anomaly).zip(diurnal).map(|((core, anomaly), diurnal)| core + anomaly + diurnal).collect())
+    };
+    let (behind, ahead) = (whole(-STEP_S)?, whole(STEP_S)?);
+    Ok(ahead.iter().zip(behind).map(|(ahead, behind)| (ahead - behind) / (2.0 * STEP_S)).collect())
+}
+
+/// Core field, crustal field and temporal variation (north, east, down; nT), `by_s` farther on the tangent of the track.
+fn parts(scene: &Scene, truth: &Trajectory, field: &Field, by_s: f64) -> Result<[Vec<Vector3<f64>>; 3], ReadError> {
+    let at = Places::of(truth, by_s);
+    let core_ned_nt = core(scene, field, &at)?;
+    let anomaly_ned_nt = anomaly(scene, field, &at, &core_ned_nt)?;
+    let diurnal_ned_nt = diurnal(scene, field, &at, &core_ned_nt)?;
+    Ok([core_ned_nt, anomaly_ned_nt, diurnal_ned_nt])
+}
+
+/// The core field at the dates of the samples.
+fn core(scene: &Scene, field: &Field, at: &Places) -> Result<Vec<Vector3<f64>>, ReadError> {
+    let (year, doy) = scene.spec.date;
+    let dates: Result<Vec<f64>, _> = at.own.tt_s.iter().map(|tt| decimal_year(year, doy, *tt)).collect();
+    let dates = dates.map_err(|e| scene.fault(e.to_string()))?;
+    let ned = field.core.field(&at.lat_deg, &at.lon_deg, &at.alt_m, &dates);
+    let ned = ned.map_err(|e| scene.fault(e.to_string()))?;
+    let both = ned.north_nt.iter().zip(&ned.east_nt).zip(&ned.down_nt);
+    Ok(both.map(|((north, east), down)| Vector3::new(*north, *east, *down)).collect())
+}
+
+fn anomaly(
+    scene: &Scene,
+    field: &Field,
+    at: &Places,
+    core_ned_nt: &[Vector3<f64>],
+) -> Result<Vec<Vector3<f64>>, ReadError> {
+    let (lat, lon, alt) = (&at.lat_deg, &at.lon_deg, &at.alt_m);
+    let mut out = match &field.map {
+        None => vec![Vector3::zeros(); alt.len()],
+        Some(map) => match map.along(at.own.places(), &at.moved, core_ned_nt)? {
+            Ok(found) => found,
+            Err(nowhere) => return Err(off_the_map(scene, at.own, map, nowhere)),
+        },
+    };
+    if !field.sources.is_empty() {
+        for (i, sum) in out.iter_mut().enumerate() {
+            *sum += field_ned_nt(&field.sources, lat[i], lon[i], alt[i]);
+        }
+    }
+    match out.iter().position(|b| !b.iter().all(|x| x.is_finite())) {
+        None => Ok(out),
+        Some(i) => {
+            let what = format!("goes through a source at {:.5}, {:.5}, {} m", lat[i], lon[i], at.own.alt_m[i]);
+            Err(scene.fault(what).help("put the source deeper or fly higher"))
+        }
+    }
+}
+
+fn off_the_map(scene: &Scene, truth: &Trajectory, map: &CrustalMap, nowhere: Nowhere) -> ReadError {
+    match nowhere {
+        Nowhere::Off(i) => {
+            let since = truth.tt_s[i] - truth.tt_s[0];
+            let (lat, lon) = (truth.lat_deg[i], truth.lon_deg[i]);
+            scene
+                .fault(format!("leaves the known map after {since:.1} s, at {lat:.5}, {lon:.5}"))
+                .help("move the waypoints inwards or shorten the line")
+        }
+        Nowhere::Below(i) => {
+            let (level_m, alt_m) = (map.level_m(), truth.alt_m[i]);
+            scene
+                .fault(format!("the map is {level_m} m high, above the line's {alt_m} m"))
+                .help("fly at the map's height or above")
+        }
+    }
+}
+
+fn diurnal(
+    scene: &Scene,
+    field: &Field,
+    at: &Places,
+    core_ned_nt: &[Vector3<f64>],
+) -> Result<Vec<Vector3<f64>>, ReadError> {
+    if !scene.spec.components.on("diurnal") {
+        return Ok(vec![Vector3::zeros(); core_ned_nt.len()]);
+    }
+    let starts = scene.flight.lines.iter().map(|line| line.start_tt_s);
+    let variation = Variation {
+        diurnal: &scene.spec.earth.diurnal,
+        observatory: field.observatory.as_ref(),
+        seed: scene.spec.seed,
+        flight: &scene.flight.name,
+        start_tt_s: starts.fold(f64::INFINITY, f64::min),
+    };
+    let (tt_s, lat_deg, lon_deg) = (&at.tt_s, &at.lat_deg, &at.lon_deg);
+    variation
+        .along(&Moments { tt_s, lat_deg, lon_deg, core_ned_nt })
+        .map_err(|what| scene.fault(what).help("fly at a time that the record covers, or take another record"))
+}
+
+#[cfg(test)]
+mod tests;

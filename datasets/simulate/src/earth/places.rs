@@ -1,0 +1,44 @@
+//! Where and when the field is asked for along a line.
+
+use numerics::earth::geodesy::EarthModel;
+
+use crate::trajectory::Trajectory;
+
+/// Times and places, one a sample.
+pub(super) struct Places<'a> {
+    /// The places of the samples themselves.
+    pub(super) own: &'a Trajectory,
+    /// What of latitude and longitude (deg) and height (m) is beyond these.
+    pub(super) moved: Vec<[f64; 3]>,
+    pub(super) tt_s: Vec<f64>,
+    pub(super) lat_deg: Vec<f64>,
+    pub(super) lon_deg: Vec<f64>,
+    pub(super) alt_m: Vec<f64>,
+}
+
+impl Places<'_> {
+    /// The places `by_s` seconds farther on the tangent of a track at each of its samples.
+    pub(super) fn of(truth: &Trajectory, by_s: f64) -> Places<'_> {
+        let earth = EarthModel::Wgs84;
+        let step = |i: usize| {
+            let (lat_rad, alt_m) = (truth.lat_deg[i].to_radians(), truth.alt_m[i]);
+            let [north_mps, east_mps, down_mps] = truth.velocity_mps.each_ref().map(|v| v[i]);
+            [
+                by_s * (north_mps / earth.north_m_per_rad(lat_rad, alt_m)).to_degrees(),
+                by_s * (east_mps / earth.east_m_per_rad(lat_rad, alt_m)).to_degrees(),
+                -by_s * down_mps,
+            ]
+        };
+        let still = by_s == 0.0;
+        let moved: Vec<_> = (0..truth.tt_s.len()).map(|i| if still { [0.0; 3] } else { step(i) }).collect();
+        let on = |from: &[f64], k: usize| from.iter().zip(&moved).map(|(x, by)| x + by[k]).collect();
+        Places {
+            own: truth,
+            tt_s: truth.tt_s.iter().map(|tt| tt + by_s).collect(),
+            lat_deg: on(&truth.lat_deg, 0),
+            lon_deg: on(&truth.lon_deg, 1),
+            alt_m: on(&truth.alt_m, 2),
+            moved,
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! A synth spec as a flight format: reading it simulates, so that nothing large has to be kept.
+
+use std::path::Path;
+
+use datasets::{
+    ReadError,
+    formats::{FlightFormat, FlightOptions, Head, MadeFrom, Part, Raw, Reading},
+};
+
+use crate::Simulation;
+
+/// Synth specs among the flight formats.
+pub const FORMAT: FlightFormat = FlightFormat {
+    name: "synth",
+    about: "a synth spec: simulated flights with known truth",
+    extensions: &["synth.toml"],
+    recognise: |head: &Head| head.path().to_string_lossy().ends_with(".synth.toml"),
+    open,
+    made_from: Some(made_from),
+};
+
+fn made_from(path: &Path) -> Result<MadeFrom, ReadError> {
+    let simulation = Simulation::open(path)?;
+    let files = simulation.inputs().into_iter().map(Path::to_path_buf).collect();
+    Ok(MadeFrom { files, lines: simulation.spec().flights.iter().map(|f| f.lines.len()).sum() })
+}
+
+fn open(path: &Path, _: &FlightOptions, reading: &Reading) -> Result<Raw, ReadError> {
+    let simulation = Simulation::open(path)?;
+    let schema = simulation.schema();
+    let (path, mut done) = (path.to_path_buf(), false);
+    let mut lines = simulation.into_lines(reading.threads);
+    let parts = std::iter::from_fn(move || {
+        if done {
+            return None;
+        }
+        let batch = lines.next()?.and_then(|line| line.into_batch(&path));
+        done = batch.is_err();
+        Some(batch.map(Part::whole))
+    });
+    Ok(Raw::new(schema, Box::new(parts)))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use std::path::PathBuf;
+
+    use arrow_array::cast::AsArray;
+    use arrow_schema::{DataType, Field, Schema};
+    use datasets::{formats::flight_formats, open_flight_among};
+
+    use super::*;
+
+    #[test]
+    fn law_the_synth_spec_is_a_format() {
+        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../examples/osborne.synth.toml");
+        let formats = flight_formats(&[FORMAT]);
+        let mut reader = open_flight_among(&formats, &path, &FlightOptions::default(), &Reading::default()).unwrap();
+        assert_eq!(reader.format(), "synth");
+        let first = reader.next().unwrap().unwrap();
+        assert_eq!(&first.schema(), reader.schema());
+        assert_eq!(first.column_by_name("line").unwrap().as_string::<i32>().value(0), "1.01");
+        schemas::canonical::Canonical::new(reader.schema()).unwrap();
+        let schema = Schema::new(vec![Field::new("x", DataType::Float64, true)]);
+        assert_ne!(reader.schema().as_ref(), &schema);
+    }
+
+    #[test]
+    fn law_a_synth_spec_says_what_it_is_made_from_and_how_many_lines_come_out() {
+        let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../examples/osborne.synth.toml");
+        let formats = flight_formats(&[FORMAT]);
+        let reader = open_flight_among(&formats, &path, &FlightOptions::default(), &Reading::default()).unwrap();
+        let said = reader.made_from().unwrap()(&path).unwrap();
+        let mut lines: Vec<String> = vec![];
+        for batch in reader {
+            let batch = batch.unwrap();
+            let of = |name: &str| batch.column_by_name(name).unwrap().as_string::<i32>().value(0).to_owned();
+            lines.push(of("flight") + "/" + &of("line"));
+        }
+        lines.dedup();
+        assert_eq!(said.lines, lines.len());
+        assert_eq!(said.files[0], path);
+        assert!(said.files[1..].iter().any(|f| f.ends_with("osborne_anomaly_100m_at_500m.tif")), "{:?}", said.files);
+    }
+
+    #[test]
+    fn gold_where_a_file_is_in_no_format_synth_specs_are_listed() {
+        let folder = tempfile::TempDir::new().unwrap();
+        let path = folder.path().join("a.bin");
+        std::fs::write(&path, "\0\u{1}\u{2}").unwrap();
+        let formats = flight_formats(&[FORMAT]);
+        let said = open_flight_among(&formats, &path, &FlightOptions::default(), &Reading::default()).unwrap_err();
+        let known =
+            "known here: parquet, synth, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, csv; name one with `format`";
+        assert_eq!(said.to_string(), format!("{}: is in no known flight format ({known})", path.display()));
+    }
+}

@@ -1,0 +1,285 @@
+//! What the INS of the aircraft says: truth less one realisation of its error.
+//!
+//! The errors run on from line to line of a flight, so that the lines of a flight have to be simulated in
+//! their order by one [`Run`]; flights know nothing of each other.
+
+use std::path::Path;
+
+use datasets::ReadError;
+use nalgebra::Vector3;
+use numerics::{
+    earth::{
+        attitude::{euler_rad, tilted},
+        geodesy::wrap_deg,
+    },
+    navigation::{
+        ins_error::{
+            Draws, InsErrorEnsemble, InsErrorFault, MechanisedExtras, errors_along, horizontal_m,
+            mechanised_errors_along,
+        },
+        ins_series::InsSeries,
+        mechanisation::Earth,
+        pinson::{ACC, ALT, LAT, LON, StateVector, TILT_N, VN},
+    },
+};
+
+use self::{
+    pause::{Place, between},
+    spec::{Align, Ins, Method},
+};
+use super::{
+    line::Scene,
+    random::Random,
+    spec::Spec,
+    trajectory::{Flight, Trajectory},
+};
+
+mod pause;
+pub(super) mod spec;
+
+/// The columns of the INS, in their order.
+pub(super) const COLUMNS: [&str; 12] = [
+    "ins_lat",
+    "ins_lon",
+    "ins_alt",
+    "ins_vn",
+    "ins_ve",
+    "ins_vd",
+    "ins_roll",
+    "ins_pitch",
+    "ins_yaw",
+    "ins_fn",
+    "ins_fe",
+    "ins_fd",
+];
+
+/// The INS of one flight, carried from line to line.
+pub(super) struct Run {
+    member: usize,
+    carried: Option<Carried>,
+}
+
+/// What is kept between two lines.
+struct Carried {
+    streams: Streams,
+    extras: MechanisedExtras,
+    error: StateVector,
+    place: Place,
+}
+
+impl Run {
+    /// The INS of a flight before its first line. Of an ensemble the member to fly is chosen here, for
+    /// which all lines are flown once, one at a time in memory.
+    ///
+    /// The members are ranked by the error model in steps of a second, whatever the method is.
+    ///
+    /// # Errors
+    /// A trajectory or a parameter that the error model cannot take.
+    pub(super) fn of(path: &Path, spec: &Spec, flight: &Flight) -> Result<Run, ReadError> {
+        let on = spec.components.on("ins");
+        let member = if on && spec.ins.ensemble > 1 { chosen(path, spec, flight)? } else { 0 };
+        Ok(Run { member, carried: None })
+    }
+
+    /// What the INS says along the next line, one column each of [`COLUMNS`]. With the component `ins` off
+    /// it is the truth.
+    ///
+    /// # Errors
+    /// A trajectory or a parameter that the error model cannot take; an INS that runs away.
+    pub(super) fn line(&mut self, scene: &Scene, truth: &Trajectory) -> Result<[Vec<f64>; 12], ReadError> {
+        if !scene.spec.components.on("ins") {
+            return Ok(exact(truth));
+        }
+        let wrong = |e: InsErrorFault| scene.fault(e.to_string());
+        let ins = &scene.spec.ins;
+        let mut state = match self.carried.take() {
+            Some(carried) if ins.align == Align::Flight => carried.wait(ins, truth).map_err(wrong)?,
+            _ => Carried::aligned(scene, truth, self.member),
+        };
+        let errors = state.errors_along(ins, &series(truth)).map_err(wrong)?;
+        refuse_runaway(scene, truth, &errors)?;
+        if let (Some(error), Some(place)) = (errors.last(), Place::last(truth)) {
+            (state.error, state.place) = (*error, place);
+        }
+        let columns = columns(truth, &errors, &state.extras);
+        self.carried = Some(state);
+        Ok(columns)
+    }
+}
+
+/// The streams of random numbers of one realisation.
+struct Streams {
+    block: Random,
+    within: Random,
+}
+
+impl Streams {
+    fn of(scene: &Scene, member: usize) -> Streams {
+        Streams { block: stream(scene, member, "ins"), within: stream(scene, member, "ins within a second") }
+    }
+
+    fn draw<T>(&mut self, f: impl FnOnce(&mut Draws) -> T) -> T {
+        f(&mut Draws { block: &mut || self.block.normal(), within: &mut || self.within.normal() })
+    }
+}
+
+/// The random numbers of a member of the ensemble: of the flight, or of the line where that is aligned anew.
+fn stream(scene: &Scene, member: usize, what: &str) -> Random {
+    let (flight, member) = (scene.flight.name.as_str(), member.to_string());
+    match scene.spec.ins.align {
+        Align::Flight => Random::of(scene.spec.seed, &["flight", flight, what, &member]),
+        Align::Line => Random::of(scene.spec.seed, &["line", flight, &scene.line.name, what, &member]),
+    }
+}
+
+/// The error at the first sample after an alignment.
+fn initial_error(ins: &Ins, truth: &Trajectory, block: &mut Random) -> StateVector {
+    let place = Place::first(truth).unwrap_or_default();
+    let (lat_rad, alt_m) = (place.lat_deg.to_radians(), place.alt_m);
+    let mut error = ins.model.initial_error(lat_rad, alt_m, &mut || block.normal());
+    ins.initial.replace(&mut error, &ins.model, lat_rad, alt_m);
+    error
+}
+
+impl Carried {
+    fn aligned(scene: &Scene, truth: &Trajectory, member: usize) -> Carried {
+        let ins = &scene.spec.ins;
+        let mut streams = Streams::of(scene, member);
+        let mut scales = stream(scene, member, "ins scale");
+        let [acc_scale, gyro_scale] = ins.scale_ppm.map(|ppm| [(); 3].map(|()| 1e-6 * ppm * scales.normal()));
+        let extras = MechanisedExtras { earth: Earth::Wgs84, acc_scale, gyro_scale };
+        let error = initial_error(ins, truth, &mut streams.block);
+        Carried { streams, extras, error, place: Place::default() }
+    }
+
+    /// After the pause before a line.
+    fn wait(mut self, ins: &Ins, next: &Trajectory) -> Result<Carried, InsErrorFault> {
+        let next = Place::first(next).unwrap_or_default();
+        if let Some(pause) = between(&self.place, &next) {
+            let errors = self.errors_along(ins, &series(&pause))?;
+            self.error = errors.last().copied().unwrap_or(self.error);
+        }
+        Ok(self)
+    }
+
+    fn errors_along(&mut self, ins: &Ins, truth: &InsSeries) -> Result<Vec<StateVector>, InsErrorFault> {
+        let (start, extras) = (self.error, &self.extras);
+        self.streams.draw(|draws| match ins.method {
+            Method::ErrorModel => errors_along(truth, &ins.model, &start, draws),
+            Method::Mechanisation => mechanised_errors_along(truth, &ins.model, extras, &start, draws),
+        })
+    }
+}
+
+/// The member of the ensemble that has the rank asked for.
+fn chosen(path: &Path, spec: &Spec, flight: &Flight) -> Result<usize, ReadError> {
+    let ins = &spec.ins;
+    let mut blocks: Vec<Random> = vec![];
+    let mut ensemble = InsErrorEnsemble::new(vec![]);
+    let mut before: Option<Place> = None;
+    for line in &flight.lines {
+        let scene = Scene { path, spec, flight, line };
+        let truth = scene.fly();
+        let advance = |ensemble: &mut InsErrorEnsemble, blocks: &mut [Random], along: &Trajectory, counts| {
+            let normal = &mut |member: usize| blocks.get_mut(member).map_or(0.0, Random::normal);
+            ensemble.advance(&series(along), &ins.model, counts, normal).map_err(|e| scene.fault(e.to_string()))
+        };
+        match before.filter(|_| ins.align == Align::Flight).zip(Place::first(&truth)) {
+            Some((end, start)) => {
+                if let Some(pause) = between(&end, &start) {
+                    advance(&mut ensemble, &mut blocks, &pause, false)?;
+                }
+            }
+            None => {
+                blocks = (0..ins.ensemble).map(|member| stream(&scene, member, "ins")).collect();
+                ensemble.restart(blocks.iter_mut().map(|block| initial_error(ins, &truth, block)).collect());
+            }
+        }
+        advance(&mut ensemble, &mut blocks, &truth, true)?;
+        before = Place::last(&truth);
+    }
+    Ok(ensemble.ranked(ins.take).unwrap_or(0))
+}
+
+/// Refuses a line on which the INS is too far off to be of any use.
+fn refuse_runaway(scene: &Scene, truth: &Trajectory, errors: &[StateVector]) -> Result<(), ReadError> {
+    let limit_m = scene.spec.ins.error_limit_m;
+    let off_m = |row: usize| horizontal_m(&errors[row], truth.lat_deg[row].to_radians(), truth.alt_m[row]);
+    let beyond = |row: &usize| off_m(*row).is_nan() || off_m(*row) > limit_m;
+    let Some(row) = (0..errors.len()).find(beyond) else { return Ok(()) };
+    let since = truth.tt_s[row] - scene.line.start_tt_s;
+    let what = format!("the INS has run away: {:.0} km off after {since:.0} s", off_m(row) / 1e3);
+    Err(scene.fault(what).help(
+        "shorten the flight, align = \"line\", take a better grade or, for errors without sense, a larger `error_limit_m`",
+    ))
+}
+
+/// INS = truth - error. Whatever the error is, latitude and longitude are places on the globe and the
+/// attitude is a rotation: an error beyond a pole comes down on the other side of it.
+fn columns(truth: &Trajectory, errors: &[StateVector], extras: &MechanisedExtras) -> [Vec<f64>; 12] {
+    let mut columns: [Vec<f64>; 12] = Default::default();
+    for (i, e) in errors.iter().enumerate() {
+        let c = truth.attitude(i);
+        let c_ins = tilted(&c, &-Vector3::new(e[TILT_N], e[TILT_N + 1], e[TILT_N + 2]));
+        let f = c.transpose() * Vector3::from_fn(|k, _| truth.force_mps2[k][i]);
+        // The accelerometers' error is truth minus measurement, too.
+        let f_ins = c_ins * Vector3::from_fn(|k, _| f[k] * (1.0 - extras.acc_scale[k]) - e[ACC + k]);
+        let (roll, pitch, yaw) = euler_rad(&c_ins);
+        let (lat_deg, lon_deg) =
+            on_the_globe(truth.lat_deg[i] - e[LAT].to_degrees(), truth.lon_deg[i] - e[LON].to_degrees());
+        let row = [
+            lat_deg,
+            lon_deg,
+            truth.alt_m[i] - e[ALT],
+            truth.velocity_mps[0][i] - e[VN],
+            truth.velocity_mps[1][i] - e[VN + 1],
+            truth.velocity_mps[2][i] - e[VN + 2],
+            roll.to_degrees(),
+            pitch.to_degrees(),
+            yaw.to_degrees(),
+            f_ins.x,
+            f_ins.y,
+            f_ins.z,
+        ];
+        columns.iter_mut().zip(row).for_each(|(column, x)| column.push(x));
+    }
+    columns
+}
+
+/// An INS without errors: the truth, bit by bit.
+fn exact(truth: &Trajectory) -> [Vec<f64>; 12] {
+    let series = series(truth);
+    [
+        series.lat_deg,
+        series.lon_deg,
+        series.alt_m,
+        series.vn_mps,
+        series.ve_mps,
+        series.vd_mps,
+        series.roll_deg,
+        series.pitch_deg,
+        series.yaw_deg,
+        series.fn_mps2,
+        series.fe_mps2,
+        series.fd_mps2,
+    ]
+    .map(<[f64]>::to_vec)
+}
+
+/// The latitude (-90 to 90) and longitude (-180 to 180) of angles of any size, in degrees.
+fn on_the_globe(lat_deg: f64, lon_deg: f64) -> (f64, f64) {
+    if lat_deg.abs() <= 90.0 {
+        return (lat_deg, wrap_deg(lon_deg));
+    }
+    let round = (lat_deg + 90.0).rem_euclid(360.0);
+    if round <= 180.0 { (round - 90.0, wrap_deg(lon_deg)) } else { (270.0 - round, wrap_deg(lon_deg + 180.0)) }
+}
+
+fn series(truth: &Trajectory) -> InsSeries<'_> {
+    let Trajectory { tt_s, lat_deg, lon_deg, alt_m, velocity_mps, force_mps2, attitude_deg, .. } = truth;
+    let ([vn, ve, vd], [f_n, f_e, f_d], [roll, pitch, yaw]) = (velocity_mps, force_mps2, attitude_deg);
+    InsSeries::of([tt_s, lat_deg, lon_deg, alt_m, vn, ve, vd, f_n, f_e, f_d, roll, pitch, yaw])
+}
+
+#[cfg(test)]
+mod tests;

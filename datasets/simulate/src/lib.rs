@@ -1,0 +1,243 @@
+//! Simulated flights with known truth over a real map.
+//!
+//! A synth spec (TOML) names a map, the INS, the aircraft's sensors and the flights. Every number is
+//! computed from the spec alone: each random draw has a stream of its own, found by hashing the seed and
+//! the names of flight, line and sensor, so that the same spec gives the same bytes, and adding a flight
+//! or a sensor changes no other. Flights and lines are simulated beside each other, with few lines in memory.
+//!
+//! Heights are above the WGS-84 ellipsoid throughout; a map whose height is above sea level is taken as
+//! if that were above the ellipsoid, in the simulation as in navigation.
+
+use std::{
+    fs::File,
+    path::{Path, PathBuf},
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicUsize, Ordering},
+    },
+};
+
+use arrow_schema::{DataType, Schema, SchemaRef};
+use datasets::{ReadError, table::Table};
+use parquet::{
+    arrow::ArrowWriter,
+    basic::{Compression, ZstdLevel},
+    file::properties::WriterProperties,
+};
+use rayon::prelude::*;
+use schemas::{field, flight};
+
+use self::lines::Lines;
+
+mod aircraft;
+mod earth;
+mod format;
+mod ins;
+mod line;
+mod lines;
+mod random;
+mod spec;
+mod trajectory;
+
+pub use aircraft::{
+    Aircraft, Current, Drawn, Engine, Heading, Input, Kind, Sampling, Scalar, Signal, Source, Temperature, Thermostat,
+    Vector, Voltage, Wire,
+};
+pub use earth::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
+pub use format::FORMAT;
+pub use ins::spec::{Align, InitialErrors, Ins, Method};
+pub use spec::{COMPONENTS, Components, PRESETS, Spec};
+pub use trajectory::{Air, Dynamics, Flight, Grid, Heights, Line, Orbit, Path2d, Turbulence, Wind};
+
+/// A spec about to be simulated.
+#[derive(Debug)]
+pub struct Simulation {
+    path: PathBuf,
+    spec: Spec,
+}
+
+impl Simulation {
+    /// Reads a spec.
+    ///
+    /// # Errors
+    /// All that is wrong with the spec, and a map that is not there.
+    pub fn open(path: &Path) -> Result<Simulation, ReadError> {
+        let spec = Spec::read(path)?;
+        if let Some((what, file)) = spec.earth.files().into_iter().find(|(_, file)| !file.exists()) {
+            return Err(ReadError::options(path, format!("the {what} `{}` is not there", file.display())));
+        }
+        Ok(Simulation { path: path.to_path_buf(), spec })
+    }
+
+    /// What is simulated.
+    pub fn spec(&self) -> &Spec {
+        &self.spec
+    }
+
+    /// The files that what comes out depends on: the spec, the map and the observatory's record.
+    pub fn inputs(&self) -> Vec<&Path> {
+        let others = self.spec.earth.files();
+        std::iter::once(self.path.as_path()).chain(others.into_iter().map(|(_, file)| file)).collect()
+    }
+
+    /// The schema of every line.
+    pub fn schema(&self) -> SchemaRef {
+        let before = TRUTH.iter().chain(&ins::COLUMNS).chain(&FIELD);
+        let mut names: Vec<String> = before.map(|&name| name.to_owned()).collect();
+        names.extend(aircraft::columns(&self.spec.aircraft));
+        let fields = names.iter().map(|name| {
+            let known = flight::describe(name);
+            let data_type = match name.as_str() {
+                "flight" | "line" => DataType::Utf8,
+                "year" | "doy" => DataType::Int64,
+                _ => DataType::Float64,
+            };
+            field(name, data_type, known.unit, known.role, known.description)
+        });
+        Arc::new(Schema::new(fields.collect::<Vec<_>>()))
+    }
+
+    /// The lines of all flights, simulated when they are asked for, so many at once.
+    pub(crate) fn into_lines(self, at_once: usize) -> Lines {
+        let flights = 0..self.spec.flights.len();
+        Lines::new(Arc::new(World::new(self)), flights, at_once)
+    }
+}
+
+const TRUTH: [&str; 17] = [
+    "flight",
+    "line",
+    "year",
+    "doy",
+    "tt",
+    "lat",
+    "lon",
+    "alt",
+    "vn",
+    "ve",
+    "vd",
+    "roll",
+    "pitch",
+    "yaw",
+    "roll_rate",
+    "pitch_rate",
+    "yaw_rate",
+];
+
+const FIELD: [&str; 3] = ["diurnal", "igrf", "anomaly_truth"];
+
+/// What all flights share.
+struct World {
+    simulation: Simulation,
+    field: Mutex<Option<Arc<earth::Field>>>,
+}
+
+impl World {
+    fn new(simulation: Simulation) -> World {
+        World { simulation, field: Mutex::default() }
+    }
+
+    /// The earth's field. It is made without the lock: a thread that waits for its own transform may take up another
+    /// flight meanwhile, which asks for the field too.
+    fn field(&self) -> Result<Arc<earth::Field>, ReadError> {
+        let known = || self.field.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(field) = &*known() {
+            return Ok(field.clone());
+        }
+        let field = Arc::new(earth::Field::new(&self.simulation.path, &self.simulation.spec)?);
+        Ok(known().get_or_insert(field).clone())
+    }
+}
+
+/// Simulates a spec into flight tables: in the folder `to` one Parquet file a flight, one row group a
+/// line. Flights and lines are simulated beside each other, on the threads of the pool that this is called in; each file
+/// is written beside and all are renamed when the last is whole. Returns the files.
+///
+/// # Errors
+/// All that is wrong with the spec, a line that leaves the map, and what the machine says of the files. Then there
+/// is no new file.
+pub fn synthesise(spec: &Path, to: &Path) -> Result<Vec<PathBuf>, ReadError> {
+    synthesise_with(spec, to, &|_, _| ())
+}
+
+/// [`synthesise`], telling `progress` after each line how many lines are done, and of how many. It is called from
+/// several threads, at once and not always in order.
+///
+/// # Errors
+/// As [`synthesise`].
+pub fn synthesise_with(
+    spec: &Path,
+    to: &Path,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Vec<PathBuf>, ReadError> {
+    let simulation = Simulation::open(spec)?;
+    let schema = simulation.schema();
+    let names: Vec<_> = simulation.spec.flights.iter().map(|f| f.name.clone()).collect();
+    if let Some(name) = names.iter().find(|n| !n.chars().all(|c| c.is_alphanumeric() || "._-".contains(c))) {
+        return Err(ReadError::options(spec, format!("the flight `{name}` cannot be the name of a file")));
+    }
+    std::fs::create_dir_all(to).map_err(|e| ReadError::io(to, &e))?;
+    let all = simulation.spec.flights.iter().map(|f| f.lines.len()).sum();
+    let threads = rayon::current_num_threads();
+    let at_once = if names.len() >= threads { 1 } else { threads.div_ceil(names.len().max(1)) };
+    let (world, done, failed) = (Arc::new(World::new(simulation)), AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
+    // Once, before the flights ask for it side by side.
+    world.field()?;
+    let files: Vec<_> =
+        names.iter().map(|n| (to.join(format!(".{n}.parquet.partial")), to.join(format!("{n}.parquet")))).collect();
+    let one = |(flight, (partial, _)): (usize, &(PathBuf, PathBuf))| {
+        // Flights after one that failed are for nothing; those before it may yet have the fault to tell.
+        let wanted = || flight <= failed.load(Ordering::Relaxed);
+        let lines = Lines::new(world.clone(), flight..flight + 1, at_once).take_while(|_| wanted());
+        let told = lines.inspect(|_| progress(done.fetch_add(1, Ordering::Relaxed) + 1, all));
+        let written = if wanted() { write(spec, partial, &schema, told) } else { Ok(()) };
+        if written.is_err() {
+            failed.fetch_min(flight, Ordering::Relaxed);
+        }
+        written
+    };
+    let written: Vec<_> = files.par_iter().enumerate().with_max_len(1).map(one).collect();
+    let renamed = written.into_iter().collect::<Result<Vec<()>, _>>().and_then(|_| rename(&files));
+    if let Err(error) = renamed {
+        for (partial, _) in &files {
+            // Best effort: the first error is the one to tell.
+            let _ = std::fs::remove_file(partial);
+        }
+        return Err(error);
+    }
+    Ok(files.into_iter().map(|(_, file)| file).collect())
+}
+
+fn rename(files: &[(PathBuf, PathBuf)]) -> Result<(), ReadError> {
+    files.iter().try_for_each(|(from, to)| std::fs::rename(from, to).map_err(|e| ReadError::io(to, &e)))
+}
+
+fn write(
+    spec: &Path,
+    to: &Path,
+    schema: &SchemaRef,
+    lines: impl Iterator<Item = Result<Table, ReadError>>,
+) -> Result<(), ReadError> {
+    let file = File::create(to).map_err(|e| ReadError::io(to, &e))?;
+    let failed = |e: parquet::errors::ParquetError| ReadError::io(to, &std::io::Error::other(e));
+    let mut writer = ArrowWriter::try_new(file, schema.clone(), Some(properties(schema))).map_err(failed)?;
+    for line in lines {
+        writer.write(&line?.into_batch(spec)?).map_err(failed)?;
+        writer.flush().map_err(failed)?;
+    }
+    let file = writer.into_inner().map_err(failed)?;
+    file.sync_all().map_err(|e| ReadError::io(to, &e))
+}
+
+/// How the files are written: numbers as they are, since hardly two are the same.
+fn properties(schema: &Schema) -> WriterProperties {
+    let builder = WriterProperties::builder()
+        .set_compression(Compression::ZSTD(ZstdLevel::default()))
+        // Row groups end where lines do.
+        .set_max_row_group_row_count(None);
+    let numbers = schema.fields().iter().filter(|f| f.data_type() == &DataType::Float64);
+    numbers.fold(builder, |b, f| b.set_column_dictionary_enabled(f.name().as_str().into(), false)).build()
+}
+
+#[cfg(test)]
+mod tests;

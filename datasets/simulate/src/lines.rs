@@ -1,0 +1,120 @@
+//! Lines being simulated in their order, some of them at once.
+//!
+//! Of a line only the INS hangs on the lines before it in its flight. So the truth of the next lines comes first, then the
+//! field and the sensors of each beside the INS of each flight: the numbers are those of one line after another.
+
+use std::{collections::VecDeque, sync::Arc};
+
+use datasets::{ReadError, table::Table};
+use rayon::prelude::*;
+
+use super::{World, ins, line::Scene, trajectory::Trajectory};
+
+/// What the INS says along some lines of a flight, up to the first that it fails on.
+type Said = Vec<Result<[Vec<f64>; 12], ReadError>>;
+
+/// Lines being simulated.
+pub(crate) struct Lines {
+    world: Arc<World>,
+    /// Flight and line of those that are not begun.
+    left: VecDeque<(usize, usize)>,
+    /// So many are simulated at once.
+    at_once: usize,
+    /// The flight under way, and its INS.
+    ins: Option<(usize, ins::Run)>,
+    ready: VecDeque<Result<Table, ReadError>>,
+}
+
+impl Lines {
+    pub(super) fn new(world: Arc<World>, flights: std::ops::Range<usize>, at_once: usize) -> Lines {
+        let all = &world.simulation.spec.flights;
+        let lines = |flight: usize| all.get(flight).map_or(0, |f| f.lines.len());
+        let left = flights.flat_map(|flight| (0..lines(flight)).map(move |line| (flight, line))).collect();
+        Lines { world, left, at_once: at_once.max(1), ins: None, ready: VecDeque::new() }
+    }
+
+    /// Simulates the next lines. Nothing comes after one that fails.
+    fn advance(&mut self) -> Result<(), ReadError> {
+        let world = self.world.clone();
+        let (path, spec) = (&world.simulation.path, &world.simulation.spec);
+        let next: Vec<(usize, usize)> = self.left.drain(..self.at_once.min(self.left.len())).collect();
+        let field = world.field()?;
+        let scene = |&(flight, line): &(usize, usize)| {
+            let flight = &spec.flights[flight];
+            Scene { path, spec, flight, line: &flight.lines[line] }
+        };
+        let scenes: Vec<Scene> = next.iter().map(scene).collect();
+        let lines: Vec<(&Scene, Trajectory)> = scenes.iter().zip(each(scenes.iter().collect(), Scene::fly)).collect();
+        let mut flights = vec![];
+        for (flight, lines) in next.iter().map(|(flight, _)| *flight).zip(&lines) {
+            match flights.last_mut() {
+                Some((last, _, of_flight)) if *last == flight => Vec::push(of_flight, lines),
+                _ => flights.push((flight, self.ins.take_if(|(known, _)| *known == flight).map(|i| i.1), vec![lines])),
+            }
+        }
+        let around = || each(lines.iter().collect(), |(scene, truth)| scene.around(truth, &field));
+        let along = || each(flights, |(flight, run, lines)| (flight, navigate(run, &lines)));
+        let (around, along) = if next.len() == 1 {
+            let along = along();
+            (around(), along)
+        } else {
+            rayon::join(around, along)
+        };
+        let (mut said, mut last) = (vec![], None);
+        for (flight, (of_flight, run)) in along {
+            said.extend(of_flight);
+            last = run.map(|run| (flight, run));
+        }
+        self.ins = last;
+        for ((scene, truth), (said, around)) in lines.into_iter().zip(said.into_iter().zip(around)) {
+            let table = scene.table(&truth, said?, around?);
+            self.ready.push_back(Ok(table));
+        }
+        Ok(())
+    }
+}
+
+/// Goes on with the INS of a flight along its next lines.
+fn navigate(run: Option<ins::Run>, lines: &[&(&Scene, Trajectory)]) -> (Said, Option<ins::Run>) {
+    let Some((first, _)) = lines.first() else { return (vec![], run) };
+    let begun = run.map_or_else(|| ins::Run::of(first.path, first.spec, first.flight), Ok);
+    let mut run = match begun {
+        Ok(run) => run,
+        Err(fault) => return (vec![Err(fault)], None),
+    };
+    let mut said = vec![];
+    for (scene, truth) in lines {
+        said.push(run.line(scene, truth));
+        if said.last().is_some_and(Result::is_err) {
+            // The flights after it are not asked for, as the lines stop at the first that fails.
+            break;
+        }
+    }
+    (said, Some(run))
+}
+
+/// What `one` makes of each, at once where there are several.
+fn each<T: Send, R: Send>(mut all: Vec<T>, one: impl Fn(T) -> R + Send + Sync) -> Vec<R> {
+    match (all.len(), all.pop()) {
+        (1, Some(only)) => vec![one(only)],
+        (_, last) => {
+            all.extend(last);
+            all.into_par_iter().map(one).collect()
+        }
+    }
+}
+
+impl Iterator for Lines {
+    type Item = Result<Table, ReadError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.ready.is_empty()
+            && !self.left.is_empty()
+            && let Err(fault) = self.advance()
+        {
+            self.left.clear();
+            self.ready.push_back(Err(fault));
+        }
+        self.ready.pop_front()
+    }
+}

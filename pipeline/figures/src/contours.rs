@@ -1,0 +1,191 @@
+//! Contour lines.
+
+use std::collections::BTreeMap;
+
+use schemas::Fault;
+
+use super::{
+    footer::Entry,
+    frame::Frame,
+    scene::{Ink, Mark, Spot},
+    sheet::{Sheet, sheet},
+};
+use crate::ticks;
+
+/// The most lines of different values.
+const MOST: f64 = 400.0;
+/// Every so manieth line is heavier.
+const HEAVY: i64 = 5;
+/// Length on the paper of a cell on which lines are drawn; finer ones are averaged, noise makes no lines.
+const CELL: f64 = 2.5;
+
+/// The lines at multiples of `step`, and their entry in the legend.
+///
+/// # Errors
+/// When `step` is not above zero or makes too many lines.
+pub fn marks(frame: &Frame, step: f64) -> Result<(Vec<Mark>, Entry), Fault> {
+    if !(step > 0.0 && step.is_finite()) {
+        return Err(Fault::new(format!("contour lines every {step} cannot be drawn")).help("give a step above zero"));
+    }
+    let size = ((frame.rect.w / CELL).ceil() as usize, (frame.rect.h / CELL).ceil() as usize);
+    let sheet = sheet(frame.picture, &frame.window, size);
+    let known = || sheet.values.iter().copied().filter(|v| v.is_finite());
+    let (low, high) = known().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+    let (first, last) = ((low / step).ceil(), (high / step).floor());
+    if last - first >= MOST {
+        let unit = frame.picture.unit;
+        return Err(Fault::new(format!("contour lines every {step} {unit} would be {} lines", last - first + 1.0))
+            .help(format!("from {low:.1} to {high:.1} {unit}, at most {MOST} lines are drawn")));
+    }
+    let (mut light, mut heavy) = (vec![], vec![]);
+    for k in first as i64..=last as i64 {
+        let lines = lines(&sheet, k as f64 * step).into_iter();
+        let lines = lines.map(|line| line.into_iter().map(|(x, y)| frame.spot(x, y)).collect());
+        if k % HEAVY == 0 { heavy.extend(lines) } else { light.extend::<Vec<Vec<Spot>>>(lines.collect()) }
+    }
+    let pen = |lines: Vec<Vec<Spot>>, width: f64, opacity: f64| {
+        let ink = Ink { rgb: [0, 0, 0], opacity };
+        (!lines.is_empty()).then_some(Mark::Stroke { lines, width, ink, within: Some(frame.rect) })
+    };
+    let marks = [pen(light, 0.5, 0.5), pen(heavy, 1.0, 0.65)].into_iter().flatten().collect();
+    Ok((marks, Entry::Contours(name(step, frame.picture.unit))))
+}
+
+fn name(step: f64, unit: &str) -> String {
+    let heavy = ticks::fixed(step * HEAVY as f64, 6);
+    let heavy = heavy.trim_end_matches('0').trim_end_matches('.');
+    format!("contours every {step} {unit}, heavy every {heavy}")
+}
+
+/// The lines of one value, in the map's coordinates: marching squares, a saddle cut by its mean.
+fn lines(sheet: &Sheet, level: f64) -> Vec<Vec<Spot>> {
+    let mut links: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for row in 0..sheet.y.len.saturating_sub(1) {
+        for column in 0..sheet.x.len.saturating_sub(1) {
+            for (a, b) in cuts(sheet, row, column, level) {
+                links.entry(a).or_default().push(b);
+                links.entry(b).or_default().push(a);
+            }
+        }
+    }
+    let mut out = vec![];
+    // Open lines begin at an end, closed ones anywhere.
+    let ends: Vec<usize> = links.iter().filter(|(_, to)| to.len() == 1).map(|(at, _)| *at).collect();
+    let all: Vec<usize> = links.keys().copied().collect();
+    for start in ends.into_iter().chain(all) {
+        let line = walk(&mut links, start);
+        if line.len() > 1 {
+            out.push(line.into_iter().map(|edge| crossing(sheet, edge, level)).collect());
+        }
+    }
+    out
+}
+
+/// The edges from `start` on, taken out of `links` on the way.
+fn walk(links: &mut BTreeMap<usize, Vec<usize>>, start: usize) -> Vec<usize> {
+    let mut line = vec![start];
+    let mut at = start;
+    while let Some(next) = links.get_mut(&at).and_then(Vec::pop) {
+        if let Some(back) = links.get_mut(&next)
+            && let Some(k) = back.iter().position(|b| *b == at)
+        {
+            back.remove(k);
+        }
+        line.push(next);
+        at = next;
+    }
+    line
+}
+
+/// The pairs of edges of a cell that a line joins. Edge 2k runs east from node k, edge 2k + 1 north.
+fn cuts(sheet: &Sheet, row: usize, column: usize, level: f64) -> Vec<(usize, usize)> {
+    let width = sheet.x.len;
+    let node = row * width + column;
+    let corners =
+        [node, node + 1, node + width + 1, node + width].map(|k| sheet.values.get(k).copied().unwrap_or(f64::NAN));
+    if corners.iter().any(|v| !v.is_finite()) {
+        return vec![];
+    }
+    let above = corners.map(|v| v >= level);
+    let edges = [2 * node, 2 * (node + 1) + 1, 2 * (node + width), 2 * node + 1];
+    let crossed: Vec<usize> = (0..4).filter(|k| above[*k] != above[(k + 1) % 4]).map(|k| edges[k]).collect();
+    match crossed[..] {
+        [a, b] => vec![(a, b)],
+        [south, east, north, west] => {
+            let mean_above = corners.iter().sum::<f64>() >= 4.0 * level;
+            // The south-west corner is cut off where it is not on the side of the middle.
+            if above[0] == mean_above { vec![(south, east), (north, west)] } else { vec![(south, west), (east, north)] }
+        }
+        _ => vec![],
+    }
+}
+
+/// Where the level crosses an edge.
+fn crossing(sheet: &Sheet, edge: usize, level: f64) -> Spot {
+    let (node, upward) = (edge / 2, edge % 2 == 1);
+    let other = node + if upward { sheet.x.len } else { 1 };
+    let value = |k: usize| sheet.values.get(k).copied().unwrap_or(f64::NAN);
+    let part = (level - value(node)) / (value(other) - value(node));
+    let (row, column) = ((node / sheet.x.len) as f64, (node % sheet.x.len) as f64);
+    if upward { (sheet.x.at(column), sheet.y.at(row + part)) } else { (sheet.x.at(column + part), sheet.y.at(row)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{sheet::Window, tests::picture};
+
+    fn drawn(columns: usize, values: &[f64], level: f64) -> Vec<Vec<Spot>> {
+        let map = picture(columns, values.len() / columns, values);
+        lines(&sheet(&map, &Window::of(&map), (1000, 1000)), level)
+    }
+
+    #[test]
+    fn law_a_cone_has_circles_and_a_plane_straight_lines() {
+        let cone: Vec<f64> = (0..41 * 41).map(|k| f64::from(k % 41 - 20).hypot(f64::from(k / 41 - 20))).collect();
+        let circle = drawn(41, &cone, 12.5);
+        assert_eq!(circle.len(), 1);
+        assert_eq!(circle[0].first(), circle[0].last());
+        // The cone is curved between nodes: by 1/8 of its curvature 1/12.
+        assert!(circle[0].iter().all(|(x, y)| ((x - 20.0).hypot(y - 20.0) - 12.5).abs() < 0.02));
+        let plane: Vec<f64> = (0..30).map(|k| f64::from(k % 6) + 0.25).collect();
+        let line = drawn(6, &plane, 2.0);
+        assert_eq!(line.len(), 1);
+        assert!(line[0].len() == 5 && line[0].iter().all(|(x, _)| (x - 1.75).abs() < 1e-12));
+    }
+
+    #[test]
+    fn law_a_saddle_is_cut_on_the_side_of_its_mean() {
+        let saddle = [1.0, 0.0, 0.0, 1.0];
+        let joined = |level: f64| {
+            let mut ends: Vec<Spot> = drawn(2, &saddle, level).into_iter().map(|l| l[0]).collect();
+            ends.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+            (drawn(2, &saddle, level).len(), ends)
+        };
+        // Below the mean the two high corners are one area: the low ones, south-east and north-west, are cut off.
+        let (count, _) = joined(0.4);
+        assert_eq!(count, 2);
+        for line in drawn(2, &saddle, 0.4) {
+            let (x, y) = (0.5 * (line[0].0 + line[1].0), 0.5 * (line[0].1 + line[1].1));
+            assert!((x - 0.5) * (y - 0.5) < 0.0, "{line:?}");
+        }
+        for line in drawn(2, &saddle, 0.6) {
+            let (x, y) = (0.5 * (line[0].0 + line[1].0), 0.5 * (line[0].1 + line[1].1));
+            assert!((x - 0.5) * (y - 0.5) > 0.0, "{line:?}");
+        }
+    }
+
+    #[test]
+    fn law_lines_end_at_gaps() {
+        let mut plane: Vec<f64> = (0..35).map(|k| f64::from(k % 5)).collect();
+        plane[17] = f64::NAN;
+        let broken = drawn(5, &plane, 1.5);
+        assert_eq!(broken.iter().map(Vec::len).collect::<Vec<_>>(), [3, 3]);
+    }
+
+    #[test]
+    fn gold_what_the_legend_says() {
+        assert_eq!(name(25.0, "nT"), "contours every 25 nT, heavy every 125");
+        assert_eq!(name(0.1, "nT"), "contours every 0.1 nT, heavy every 0.5");
+    }
+}

@@ -1,0 +1,38 @@
+//! A curve over two logarithmic axes, such as the L-curve of a regularisation.
+
+use super::svg::{XML, clean};
+use crate::chart::{Chart, Dim, Line};
+
+/// What a curve is called.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct CurveLabels<'a> {
+    /// What it shows, for those who cannot see it.
+    pub title: &'a str,
+    /// Quantity and unit of the horizontal axis.
+    pub x: &'a str,
+    /// Quantity and unit of the vertical axis.
+    pub y: &'a str,
+    /// What stands at the marked point.
+    pub marked: &'a str,
+}
+
+const STYLE: &str = "svg{background:#fff;font:12px 'Helvetica Neue',Helvetica,Arial,'Noto Sans','DejaVu Sans',sans-serif}\
+text{fill:#1a1a1a}.name{font-size:13px}.grid{stroke:#e3e6ea}.frame{fill:none;stroke:#1a1a1a}\
+.line{fill:none;stroke:#0072b2;stroke-width:2;stroke-linejoin:round}\
+circle.mark{fill:#fff;stroke:#d55e00;stroke-width:2.5}text.mark{font-size:13px;paint-order:stroke;stroke:#fff;stroke-width:4px}";
+
+/// The curve through `points`, both axes logarithmic, with `marked` (an index) ringed and named, as an SVG file. Points
+/// that are not finite and above zero break it; `None` where no point is left.
+pub fn curve_svg(points: &[(f64, f64)], marked: Option<usize>, labels: &CurveLabels) -> Option<String> {
+    let mark = marked.and_then(|k| points.get(k)).map(|(x, y)| (clean(labels.marked), *x, *y));
+    let chart = Chart {
+        title: clean(labels.title),
+        x: Dim::new(clean(labels.x)).log(),
+        y: Dim::new(clean(labels.y)).log(),
+        lines: vec![Line { name: String::new(), class: "curve", points: points.to_vec() }],
+        marks: mark.into_iter().collect(),
+        height: 560.0,
+        ..Chart::default()
+    };
+    Some(format!("{XML}{}\n", chart.file(STYLE)?.into_string()))
+}

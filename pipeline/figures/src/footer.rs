@@ -1,0 +1,162 @@
+//! What stands below the map: scale bar, north arrow, and what lines and hatching mean.
+
+use super::{
+    scene::{Anchor, BLACK, Ink, Mark, Rect, Spot, shortened, text_width},
+    tracks,
+};
+use crate::ticks;
+
+/// Size of the letters.
+const SIZE: f64 = 12.0;
+/// Height of a row.
+pub const ROW: f64 = 21.0;
+/// Between two entries.
+const BETWEEN: f64 = 22.0;
+/// The most tracks that are named.
+const NAMED: usize = 24;
+
+/// An entry of the legend.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Entry {
+    /// A length on the paper and what it is on the ground, m.
+    Scale(f64, f64),
+    /// The arrow to the north.
+    North,
+    /// The line of a track.
+    Track([u8; 3], String),
+    /// More tracks than are named.
+    More(usize),
+    /// Hatching.
+    Unknown,
+    /// Contour lines, with what they are.
+    Contours(String),
+}
+
+impl Entry {
+    /// A round length of at most `most` on the paper.
+    pub fn scale(metres_per_unit: f64, most: f64) -> Entry {
+        let metres = ticks::round_below(most * metres_per_unit);
+        Entry::Scale(metres / metres_per_unit, metres)
+    }
+
+    /// The tracks, the first ones by name.
+    pub fn tracks(drawn: &[tracks::Drawn]) -> impl Iterator<Item = Entry> + '_ {
+        let named = if drawn.len() > NAMED { NAMED - 1 } else { drawn.len() };
+        let more = (drawn.len() > named).then(|| Entry::More(drawn.len() - named));
+        drawn.iter().take(named).map(|d| Entry::Track(d.colour, d.name.clone())).chain(more)
+    }
+
+    fn text(&self) -> String {
+        match self {
+            Entry::Scale(_, metres) if *metres >= 1000.0 => format!("{} km", metres / 1000.0),
+            Entry::Scale(_, metres) => format!("{metres} m"),
+            Entry::North => "N".to_owned(),
+            Entry::Track(_, name) | Entry::Contours(name) => name.clone(),
+            Entry::More(count) => format!("and {count} more"),
+            Entry::Unknown => "no data".to_owned(),
+        }
+    }
+
+    fn key_width(&self) -> f64 {
+        match self {
+            Entry::Scale(length, _) => *length,
+            Entry::North => 9.0,
+            Entry::More(_) => 0.0,
+            _ => 26.0,
+        }
+    }
+
+    /// What comes before the text.
+    fn before_text(&self) -> f64 {
+        let key = self.key_width();
+        if key > 0.0 { key + 7.0 } else { 0.0 }
+    }
+
+    /// The drawing beside the text, on a row whose middle is at `y`.
+    fn key(&self, (x, y): Spot) -> Vec<Mark> {
+        let line = |width: f64, ink: Ink| Mark::Stroke {
+            lines: vec![vec![(x, y), (x + self.key_width(), y)]],
+            width,
+            ink,
+            within: None,
+        };
+        match self {
+            Entry::Scale(length, _) => scale_bar(x, y, *length),
+            Entry::North => vec![Mark::Fill {
+                points: vec![(x + 4.5, y - 8.0), (x + 9.0, y + 7.0), (x + 4.5, y + 3.5), (x, y + 7.0)],
+                ink: BLACK,
+            }],
+            Entry::Track(colour, _) => {
+                let start = Mark::Disc {
+                    at: (x + tracks::START, y),
+                    radius: tracks::START,
+                    fill: super::scene::WHITE,
+                    rim: Ink::full(*colour),
+                };
+                vec![line(tracks::WIDTH, Ink::full(*colour)), start]
+            }
+            Entry::More(_) => vec![],
+            Entry::Unknown => {
+                let swatch = Rect { x, y: y - 6.0, w: self.key_width(), h: 12.0 };
+                Mark::hatch(swatch).into_iter().chain([Mark::frame(&swatch, 0.75)]).collect()
+            }
+            Entry::Contours(_) => vec![line(0.8, BLACK)],
+        }
+    }
+}
+
+fn scale_bar(x: f64, y: f64, length: f64) -> Vec<Mark> {
+    let bar = Rect { x, y: y - 3.0, w: length, h: 6.0 };
+    let half = Rect { w: 0.5 * length, ..bar };
+    vec![Mark::Fill { points: half.corners(), ink: BLACK }, Mark::frame(&bar, 1.0)]
+}
+
+/// Where the legend stands.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// The left end of its rows.
+    pub left: f64,
+    /// Where they end at the latest.
+    pub right: f64,
+    /// Its upper edge.
+    pub top: f64,
+    /// What its rows are centred on, where they do not begin at the left.
+    pub centre: Option<f64>,
+}
+
+/// The entries in rows, and how high they are.
+pub fn footer(entries: &[Entry], place: &Place) -> (Vec<Mark>, f64) {
+    let rows = rows(entries, place.right - place.left);
+    let mut out = vec![];
+    for (k, (row, width)) in rows.iter().enumerate() {
+        let middle = place.top + ROW * (k as f64 + 0.5);
+        let centred = |centre: f64| (centre - 0.5 * width).min(place.right - width).max(place.left);
+        let from = place.centre.map_or(place.left, centred);
+        for (entry, text, at) in row {
+            out.extend(entry.key((from + at, middle)));
+            let at = from + at + entry.before_text();
+            out.push(Mark::text((at, middle + 0.36 * SIZE), text.clone(), SIZE, Anchor::Start));
+        }
+    }
+    (out, ROW * rows.len() as f64)
+}
+
+/// Entry, its text and where it begins; and the width of the row.
+type Row<'a> = (Vec<(&'a Entry, String, f64)>, f64);
+
+fn rows(entries: &[Entry], room: f64) -> Vec<Row<'_>> {
+    let mut rows: Vec<Row> = vec![];
+    for entry in entries {
+        let text = shortened(&entry.text(), SIZE, room - entry.before_text());
+        let width = entry.before_text() + text_width(&text, SIZE);
+        match rows.last_mut().filter(|row| row.1 + BETWEEN + width <= room) {
+            Some(row) => {
+                let at = row.1 + BETWEEN;
+                row.0.push((entry, text, at));
+                row.1 = at + width;
+            }
+            None => rows.push((vec![(entry, text, 0.0)], width)),
+        }
+    }
+    rows
+}

@@ -1,0 +1,197 @@
+//! Drawing: an anomaly map as a figure (PNG or SVG) and for Google Earth (KML or KMZ), the charts of a report, and what they
+//! share. Nothing here knows a plan or a store.
+//!
+//! A figure is laid out once, as marks on a sheet of paper; two painters put the marks down, one in pixels, one as SVG.
+//! Nothing in a picture depends on a clock, a font of the system or the number of threads.
+
+mod bar;
+pub mod canvas;
+pub mod chart;
+mod colours;
+mod contours;
+mod curve;
+pub mod decimate;
+mod earth;
+mod figure;
+mod footer;
+mod frame;
+mod glyphs;
+mod kml;
+pub mod palette;
+mod pixels;
+pub mod png_file;
+pub mod raster;
+mod relief;
+mod scale;
+mod scene;
+mod sheet;
+mod svg;
+mod thin;
+pub mod ticks;
+mod tracks;
+
+use numerics::maps::plane_grid::EvenAxis;
+use schemas::Fault;
+
+pub use curve::{CurveLabels, curve_svg};
+pub use kml::{EarthTrack, Kml, kml};
+pub use palette::Palette;
+pub use relief::Shade;
+pub use scale::Scale;
+
+/// What the axes of a map measure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Plane {
+    /// Longitude and latitude, in degrees.
+    Degrees,
+    /// Easting and northing, in metres.
+    Metres,
+}
+
+/// A map to be drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct MapPicture<'a> {
+    /// Longitudes or eastings of the columns. A map over the date line goes on past 180 degrees.
+    pub x: EvenAxis,
+    /// Latitudes or northings of the rows.
+    pub y: EvenAxis,
+    /// Values by rows, the southernmost row first, each from west to east; NaN where unknown.
+    pub values: &'a [f64],
+    /// What the axes measure.
+    pub plane: Plane,
+    /// What stands above the map; long titles are broken into lines.
+    pub title: &'a str,
+    /// What is drawn, such as `Magnetic anomaly`; stands at the colour bar, before the unit.
+    pub quantity: &'a str,
+    /// The unit of the values, such as `nT`.
+    pub unit: &'a str,
+    /// What stands at the horizontal axis; `None` for longitudes (the ticks say it) and `Easting (km)`.
+    pub x_label: Option<&'a str>,
+    /// What stands at the vertical axis; `None` for latitudes (the ticks say it) and `Northing (km)`.
+    pub y_label: Option<&'a str>,
+}
+
+/// How a map is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look {
+    /// Width of the picture in pixels, 200 to 10,000. The letters grow with it from 800 pixels on.
+    pub width_px: usize,
+    /// Its colours.
+    pub palette: Palette,
+    /// How values are spread over the colours.
+    pub scale: Scale,
+    /// Hill-shading; `None` for flat colours.
+    pub shade: Option<Shade>,
+    /// Draws a contour line at each multiple of this, in the map's unit.
+    pub contours: Option<f64>,
+    /// Whether there is a colour bar.
+    pub colour_bar: bool,
+    /// Whether there is a scale bar.
+    pub scale_bar: bool,
+    /// Whether there is a north arrow.
+    pub north: bool,
+    /// Whether cells larger than a pixel are blended (bilinearly) or kept as even patches.
+    pub blend: bool,
+}
+
+impl Default for Look {
+    fn default() -> Self {
+        Self {
+            width_px: 1600,
+            palette: Palette::Turbo,
+            scale: Scale::Equalised,
+            shade: Some(Shade::default()),
+            contours: None,
+            colour_bar: true,
+            scale_bar: true,
+            north: true,
+            blend: true,
+        }
+    }
+}
+
+/// A line flown over the map, in the map's coordinates. NaN breaks it.
+#[derive(Clone, Copy, Debug)]
+pub struct TrackLine<'a> {
+    /// What the legend calls it.
+    pub name: &'a str,
+    /// Longitudes or eastings; a longitude may be a full turn away from the map's.
+    pub x: &'a [f64],
+    /// Latitudes or northings, as many.
+    pub y: &'a [f64],
+    /// Its colour; `None` for the next one of a fixed order.
+    pub colour: Option<[u8; 3]>,
+}
+
+/// Colours for tracks that have none: told apart by eyes that see no red or green, and on every palette, since each
+/// line has a white rim.
+const TRACK_COLOURS: [[u8; 3]; 6] =
+    [[0, 0, 0], [214, 39, 160], [0, 114, 110], [110, 60, 230], [168, 84, 0], [0, 140, 210]];
+
+fn track_colour(given: Option<[u8; 3]>, index: usize) -> [u8; 3] {
+    given.unwrap_or(TRACK_COLOURS[index % TRACK_COLOURS.len()])
+}
+
+/// The map as a PNG file.
+///
+/// # Errors
+/// When the map has no known value or its sizes disagree, or `look` cannot be satisfied.
+pub fn png(picture: &MapPicture, look: &Look, tracks: &[TrackLine]) -> Result<Vec<u8>, Fault> {
+    let scene = figure::scene(picture, look, tracks)?;
+    pixels::png(&scene)
+}
+
+/// The map as an SVG file: real text and lines, the colours as an embedded picture.
+///
+/// # Errors
+/// As [`png()`].
+pub fn svg(picture: &MapPicture, look: &Look, tracks: &[TrackLine]) -> Result<String, Fault> {
+    let scene = figure::scene(picture, look, tracks)?;
+    svg::document(&scene)
+}
+
+/// Says what makes a picture or a track impossible to draw.
+fn check(picture: &MapPicture, look: &Look) -> Result<(), Fault> {
+    let (x, y) = (&picture.x, &picture.y);
+    for (axis, name) in [(x, "columns"), (y, "rows")] {
+        let (from, to) = (axis.at(-0.5), axis.at(axis.len as f64 - 0.5));
+        if !(axis.step > 0.0 && axis.len > 0 && from < to && (to - from).is_finite()) {
+            return Err(Fault::data(format!("the {name} of the map are not an even, ascending axis")));
+        }
+    }
+    if x.len.checked_mul(y.len) != Some(picture.values.len()) {
+        let (n, rows, columns) = (picture.values.len(), y.len, x.len);
+        return Err(Fault::data(format!("the map has {n} values for {rows} rows of {columns} columns")));
+    }
+    if !picture.values.iter().any(|v| v.is_finite()) {
+        return Err(Fault::data("the map has no known value: there is nothing to draw"));
+    }
+    if !(200..=10_000).contains(&look.width_px) {
+        return Err(Fault::new(format!("a picture {} pixels wide cannot be drawn", look.width_px))
+            .help("give a width of 200 to 10000 pixels"));
+    }
+    let lit = |s: Shade| {
+        s.azimuth_deg.is_finite()
+            && s.elevation_deg > 0.0
+            && s.elevation_deg <= 90.0
+            && (0.0..=1.0).contains(&s.strength)
+    };
+    match look.shade.filter(|s| !lit(*s)) {
+        Some(Shade { azimuth_deg, elevation_deg, strength }) => {
+            let light = format!("azimuth {azimuth_deg}, elevation {elevation_deg}, strength {strength}");
+            Err(Fault::new(format!("hill-shading with {light} cannot be drawn"))
+                .help("give an elevation above 0 up to 90 degrees and a strength of 0 to 1"))
+        }
+        None => Ok(()),
+    }
+}
+
+fn check_lengths(name: &str, lengths: &[usize]) -> Result<(), Fault> {
+    if lengths.windows(2).all(|w| w[0] == w[1]) {
+        return Ok(());
+    }
+    Err(Fault::data(format!("the coordinates of track `{name}` have different lengths: {lengths:?}")))
+}
+
+#[cfg(test)]
+mod tests;

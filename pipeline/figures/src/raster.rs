@@ -1,0 +1,154 @@
+//! A part of an anomaly map as a picture: equal areas get equal shares of the colour scale.
+
+use numerics::maps::map_grid::MapGrid;
+use schemas::Fault;
+
+use super::{
+    palette::Palette,
+    png_file::{Kind, encode},
+};
+
+/// The most pixels of a picture each way.
+const MOST: usize = 720;
+
+/// Colours of the scale; one more stands for unknown cells.
+const COLOURS: usize = 255;
+
+/// A rectangle of latitudes and longitudes, in degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// South, north.
+    pub lat: (f64, f64),
+    /// West, east.
+    pub lon: (f64, f64),
+}
+
+/// A picture of a map.
+pub struct Raster {
+    /// Where its edges are.
+    pub bounds: Bounds,
+    /// Its size in pixels.
+    pub size: (usize, usize),
+    /// The picture as a PNG file.
+    pub png: Vec<u8>,
+    /// Values at even places of the colour scale, from first to last, nT.
+    pub scale: Vec<f64>,
+}
+
+/// Values by rows from north to south, as many as pixels.
+struct Pixels {
+    values: Vec<f64>,
+    width: usize,
+    bounds: Bounds,
+}
+
+/// The part of `grid` within `bounds`; `None` where they share no known cell.
+///
+/// # Errors
+/// When the picture cannot be encoded.
+pub fn raster(grid: &MapGrid, bounds: &Bounds) -> Result<Option<Raster>, Fault> {
+    let Some(pixels) = cut(grid, bounds) else { return Ok(None) };
+    let mut known: Vec<f64> = pixels.values.iter().copied().filter(|v| v.is_finite()).collect();
+    if known.is_empty() {
+        return Ok(None);
+    }
+    known.sort_by(f64::total_cmp);
+    let rank = |part: f64| known[((part * (known.len() - 1) as f64).round() as usize).min(known.len() - 1)];
+    let limits: Vec<f64> = (1..COLOURS).map(|k| rank(k as f64 / COLOURS as f64)).collect();
+    let index = |v: &f64| if v.is_finite() { limits.partition_point(|l| l <= v) as u8 } else { COLOURS as u8 };
+    let indices: Vec<u8> = pixels.values.iter().map(index).collect();
+    let size = (pixels.width, pixels.values.len() / pixels.width);
+    let png = encode(&colours(), size, &indices)?;
+    let scale = (0..=10).map(|k| rank(f64::from(k) / 10.0)).collect();
+    Ok(Some(Raster { bounds: pixels.bounds, size, png, scale }))
+}
+
+/// The nodes of one axis that lie within `range`: first, past the last.
+fn within(first: f64, step: f64, len: usize, range: (f64, f64)) -> (usize, usize) {
+    let place = |x: f64| (x - first) / step;
+    let low = (place(range.0) - 0.5).ceil().clamp(0.0, len as f64) as usize;
+    let high = (place(range.1) + 0.5).floor().clamp(-1.0, len as f64 - 1.0) + 1.0;
+    (low, (high as usize).max(low))
+}
+
+fn cut(grid: &MapGrid, bounds: &Bounds) -> Option<Pixels> {
+    let (lat, lon) = (grid.lat(), grid.lon());
+    let (r0, r1) = within(lat.first_deg(), lat.step_deg(), lat.len(), bounds.lat);
+    let (c0, c1) = within(lon.first_deg(), lon.step_deg(), lon.len(), bounds.lon);
+    let block = (r1 - r0).max(c1 - c0).div_ceil(MOST).max(1);
+    let (height, width) = ((r1 - r0) / block, (c1 - c0) / block);
+    if height == 0 || width == 0 {
+        return None;
+    }
+    let mean = |row: usize, column: usize| {
+        let cells = (0..block).flat_map(|i| (0..block).map(move |j| (r0 + row * block + i, c0 + column * block + j)));
+        let known = cells.filter_map(|(r, c)| grid.values().get(r * lon.len() + c).filter(|v| v.is_finite()));
+        let (sum, n) = known.fold((0.0, 0usize), |(sum, n), v| (sum + v, n + 1));
+        if n > 0 { sum / n as f64 } else { f64::NAN }
+    };
+    let values = (0..height).rev().flat_map(|row| (0..width).map(move |column| (row, column)));
+    let edge = |first: f64, step: f64, node: usize| first + step * (node as f64 - 0.5);
+    let edges =
+        |first: f64, step: f64, from: usize, n: usize| (edge(first, step, from), edge(first, step, from + n * block));
+    let bounds = Bounds {
+        lat: edges(lat.first_deg(), lat.step_deg(), r0, height),
+        lon: edges(lon.first_deg(), lon.step_deg(), c0, width),
+    };
+    Some(Pixels { values: values.map(|(r, c)| mean(r, c)).collect(), width, bounds })
+}
+
+/// The colours of the scale, and a transparent one for unknown cells.
+fn colours() -> Kind {
+    let shade = |k: usize| Palette::Viridis.colour(k as f64 / (COLOURS - 1) as f64);
+    let shades = (0..COLOURS).map(shade).map(|[r, g, b]| [r, g, b, 255]);
+    Kind::Indexed(shades.chain([[0; 4]]).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::png_file::decode;
+
+    fn grid() -> MapGrid {
+        let (lat, lon): (Vec<f64>, Vec<f64>) = ((0..4).map(f64::from).collect(), (10..15).map(f64::from).collect());
+        let mut values: Vec<f64> = (0..20).map(f64::from).collect();
+        values[19] = f64::NAN;
+        MapGrid::new(&lat, &lon, &values).unwrap()
+    }
+
+    #[test]
+    fn law_north_is_up_and_edges_are_half_a_cell_out() {
+        let all = Bounds { lat: (-9.0, 9.0), lon: (0.0, 99.0) };
+        let pixels = cut(&grid(), &all).unwrap();
+        assert_eq!(pixels.bounds, Bounds { lat: (-0.5, 3.5), lon: (9.5, 14.5) });
+        assert_eq!(pixels.width, 5);
+        assert_eq!(pixels.values[0], 15.0);
+        assert!(pixels.values[4].is_nan());
+        assert_eq!(pixels.values[15], 0.0);
+    }
+
+    #[test]
+    fn law_a_part_holds_the_cells_it_touches() {
+        let part = Bounds { lat: (0.9, 2.2), lon: (11.0, 12.9) };
+        let pixels = cut(&grid(), &part).unwrap();
+        assert_eq!(pixels.bounds, Bounds { lat: (0.5, 2.5), lon: (10.5, 13.5) });
+        assert_eq!(pixels.values, [11.0, 12.0, 13.0, 6.0, 7.0, 8.0]);
+        assert!(cut(&grid(), &Bounds { lat: (20.0, 30.0), lon: (11.0, 12.0) }).is_none());
+    }
+
+    #[test]
+    fn law_equal_areas_have_equal_shares_of_the_colours() {
+        let lat: Vec<f64> = (0..16).map(f64::from).collect();
+        // A long tail, as anomalies have: without equalisation nearly all of it would be one colour.
+        let values: Vec<f64> = (0..256).map(|k| (f64::from(k) / 20.0).exp()).collect();
+        let grid = MapGrid::new(&lat, &lat, &values).unwrap();
+        let drawn = raster(&grid, &Bounds { lat: (-1.0, 17.0), lon: (-1.0, 17.0) }).unwrap().unwrap();
+        let (_, pixels) = decode(&drawn.png).unwrap();
+        let mut counts = [0usize; 256];
+        pixels.iter().for_each(|p| counts[usize::from(*p)] += 1);
+        assert!(counts[..COLOURS].iter().all(|n| (1..=2).contains(n)), "{counts:?}");
+        assert_eq!((drawn.scale[0], drawn.scale[10]), (values[0], values[255]));
+    }
+}

@@ -1,0 +1,300 @@
+//! How values are spread over the colours of a palette.
+
+use schemas::Fault;
+
+use crate::{
+    palette::Palette,
+    ticks::{self, Tick},
+};
+
+/// How values are spread over the colours.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Scale {
+    /// Evenly from the smallest to the largest value.
+    Linear,
+    /// By rank: each colour covers the same area, so that long tails leave colours for the rest.
+    #[default]
+    Equalised,
+    /// Evenly between two percentiles, 0 to 100; what is beyond has the colours of the ends.
+    Percentile(f64, f64),
+    /// Evenly between two values; what is beyond has the colours of the ends.
+    Range(f64, f64),
+}
+
+/// Parts into which an equalised scale is divided.
+const QUANTILES: usize = 256;
+
+/// Colours of values.
+#[derive(Clone, Debug)]
+pub struct ColourScale {
+    /// Value and part of the palette, both ascending; straight in between. Two at least.
+    knots: Vec<(f64, f64)>,
+    palette: Palette,
+    equalised: bool,
+    /// Whether there are values below the first and above the last one.
+    pub beyond: (bool, bool),
+}
+
+impl ColourScale {
+    /// The scale for `values`, of which those that are not finite do not count.
+    ///
+    /// # Errors
+    /// When no value is known, or percentiles or range are not in order.
+    pub fn new(values: &[f64], scale: Scale, palette: Palette) -> Result<ColourScale, Fault> {
+        let mut known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+        known.sort_unstable_by(f64::total_cmp);
+        let (Some(least), Some(most)) = (known.first().copied(), known.last().copied()) else {
+            return Err(Fault::data("the map has no known value: there is nothing to draw"));
+        };
+        let equalised = scale == Scale::Equalised && most > least;
+        let knots = match scale {
+            Scale::Equalised if equalised => equal_areas(known, palette),
+            Scale::Equalised | Scale::Linear => even(least, most, palette),
+            Scale::Percentile(low, high) => {
+                in_order("percentiles", low, high, (0.0, 100.0))?;
+                even(quantile(&known, low / 100.0), quantile(&known, high / 100.0), palette)
+            }
+            Scale::Range(low, high) => {
+                in_order("ends of the colour scale", low, high, (f64::MIN, f64::MAX))?;
+                fixed(low, high, palette)
+            }
+        };
+        let mut made = ColourScale { knots, palette, equalised, beyond: (false, false) };
+        made.beyond = (least < made.low(), most > made.high());
+        Ok(made)
+    }
+
+    /// The value of the first colour.
+    pub fn low(&self) -> f64 {
+        self.knots.first().map_or(f64::NAN, |k| k.0)
+    }
+
+    /// The value of the last colour.
+    pub fn high(&self) -> f64 {
+        self.knots.last().map_or(f64::NAN, |k| k.0)
+    }
+
+    /// The part of the palette, 0 to 1, that a value has.
+    pub fn part(&self, value: f64) -> f64 {
+        follow(&self.knots, value, |k| *k)
+    }
+
+    /// Where a value lies on the colour bar, from 0 to 1.
+    pub fn along(&self, value: f64) -> f64 {
+        let (first, last) = self.parts();
+        (self.part(value) - first) / (last - first)
+    }
+
+    /// The value at a place on the colour bar, 0 to 1.
+    pub fn value_at(&self, along: f64) -> f64 {
+        let (first, last) = self.parts();
+        follow(&self.knots, first + along * (last - first), |k| (k.1, k.0))
+    }
+
+    /// The colour at a place on the colour bar, 0 to 1.
+    pub fn colour_at(&self, along: f64) -> [u8; 3] {
+        let (first, last) = self.parts();
+        self.palette.colour(first + along * (last - first))
+    }
+
+    /// The palette.
+    pub fn palette(&self) -> Palette {
+        self.palette
+    }
+
+    /// Whether values are spread by rank.
+    pub fn by_rank(&self) -> bool {
+        self.equalised
+    }
+
+    fn parts(&self) -> (f64, f64) {
+        (self.knots.first().map_or(0.0, |k| k.1), self.knots.last().map_or(1.0, |k| k.1))
+    }
+
+    /// At most `most` values to write at the colour bar: round ones of an even scale, those at even places of an
+    /// equalised one.
+    pub fn ticks(&self, most: usize) -> Vec<Tick> {
+        if !self.equalised {
+            return ticks::linear(self.low(), self.high(), most);
+        }
+        let gaps = most.saturating_sub(1).clamp(1, 10);
+        let values: Vec<f64> = (0..=gaps).map(|k| self.value_at(k as f64 / gaps as f64)).collect();
+        let narrowest = values.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
+        let decimals = (-narrowest.log10().floor()).clamp(0.0, 6.0) as usize;
+        values.into_iter().map(|at| Tick { at, label: ticks::fixed(at, decimals) }).collect()
+    }
+}
+
+fn in_order(what: &str, low: f64, high: f64, within: (f64, f64)) -> Result<(), Fault> {
+    if low < high && low >= within.0 && high <= within.1 {
+        return Ok(());
+    }
+    let help =
+        if within.1 == 100.0 { "give two of 0 to 100, the smaller one first" } else { "give the smaller one first" };
+    Err(Fault::new(format!("{low} and {high} are no {what}")).help(help))
+}
+
+/// Evenly from `low` to `high`; about zero where the palette is.
+fn even(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
+    let largest = low.abs().max(high.abs());
+    if palette == Palette::Diverging && largest > 0.0 {
+        return vec![(-largest, 0.0), (largest, 1.0)];
+    }
+    if high - low > 1e-12 * largest {
+        return vec![(low, 0.0), (high, 1.0)];
+    }
+    // A map of one value: a scale around it, so that it has a colour and a label.
+    let around = if low == 0.0 { 1.0 } else { 1e-3 * low.abs() };
+    vec![(low - around, 0.0), (low + around, 1.0)]
+}
+
+/// Evenly between ends that were asked for: a palette about zero keeps its white there.
+fn fixed(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
+    if palette != Palette::Diverging {
+        return vec![(low, 0.0), (high, 1.0)];
+    }
+    let largest = low.abs().max(high.abs());
+    [low, high].map(|v| (v, 0.5 + 0.5 * v / largest)).to_vec()
+}
+
+/// Equal areas for equal parts of the palette; of its two halves by magnitude where it is about zero.
+fn equal_areas(mut sorted: Vec<f64>, palette: Palette) -> Vec<(f64, f64)> {
+    if palette != Palette::Diverging {
+        return ranks(&sorted);
+    }
+    sorted.iter_mut().for_each(|v| *v = v.abs());
+    sorted.sort_unstable_by(f64::total_cmp);
+    let mut half = ranks(&sorted);
+    half.retain(|k| k.0 > 0.0);
+    let mirrored = half.iter().rev().map(|(v, p)| (-v, 0.5 - 0.5 * p));
+    mirrored.chain([(0.0, 0.5)]).chain(half.iter().map(|(v, p)| (*v, 0.5 + 0.5 * p))).collect()
+}
+
+/// Value and rank at even ranks, ties once at their middle.
+fn ranks(sorted: &[f64]) -> Vec<(f64, f64)> {
+    let mut knots: Vec<(f64, f64)> = vec![];
+    let mut tied_from = 0.0;
+    for k in 0..=QUANTILES {
+        let part = k as f64 / QUANTILES as f64;
+        let value = quantile(sorted, part);
+        match knots.last_mut() {
+            Some(last) if value <= last.0 => last.1 = 0.5 * (tied_from + part),
+            _ => {
+                tied_from = part;
+                knots.push((value, part));
+            }
+        }
+    }
+    if let [(only, _)] = knots[..] { even(only, only, Palette::Viridis) } else { knots }
+}
+
+/// The value below which `part` of the sorted values lie, between neighbours in proportion.
+fn quantile(sorted: &[f64], part: f64) -> f64 {
+    let place = part * sorted.len().saturating_sub(1) as f64;
+    let low = sorted.get(place.floor() as usize).copied().unwrap_or(f64::NAN);
+    let high = sorted.get(place.ceil() as usize).copied().unwrap_or(low);
+    low + (place - place.floor()) * (high - low)
+}
+
+/// The second coordinate at the first one on the broken line through `knots`, held at its ends.
+fn follow(knots: &[(f64, f64)], at: f64, sides: impl Fn(&(f64, f64)) -> (f64, f64)) -> f64 {
+    let next = knots.partition_point(|k| sides(k).0 <= at);
+    let before = next.checked_sub(1).and_then(|k| knots.get(k)).map(&sides);
+    match (before, knots.get(next).map(&sides)) {
+        (Some((a, from)), Some((b, to))) => from + (at - a) / (b - a) * (to - from),
+        (Some((_, end)), None) | (None, Some((_, end))) => end,
+        (None, None) => f64::NAN,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn tailed() -> Vec<f64> {
+        (0..2000).map(|k| (f64::from(k) / 200.0).exp() - 50.0).chain([f64::NAN]).collect()
+    }
+
+    #[test]
+    fn law_equal_areas_have_equal_parts() {
+        let values = tailed();
+        let scale = ColourScale::new(&values, Scale::Equalised, Palette::Turbo).unwrap();
+        let mut counts = [0; 10];
+        values.iter().filter(|v| v.is_finite()).for_each(|v| counts[((scale.part(*v) * 10.0) as usize).min(9)] += 1);
+        // 2000 values, ten parts: knots between values may move one or two over an edge.
+        assert!(counts.iter().all(|n| (197..=203).contains(n)), "{counts:?}");
+    }
+
+    #[test]
+    fn law_the_bar_is_the_scale_turned_round() {
+        for (scale, palette) in [
+            (Scale::Linear, Palette::Viridis),
+            (Scale::Equalised, Palette::Diverging),
+            (Scale::Equalised, Palette::Turbo),
+            (Scale::Percentile(2.0, 98.0), Palette::Diverging),
+            (Scale::Range(-10.0, 300.0), Palette::Diverging),
+        ] {
+            let made = ColourScale::new(&tailed(), scale, palette).unwrap();
+            for k in 0..=20 {
+                let along = f64::from(k) / 20.0;
+                let value = made.value_at(along);
+                assert!((made.along(value) - along).abs() < 1e-9, "{scale:?} {along}");
+                // Rounding may decide between two whole colours.
+                let (there, back) = (made.colour_at(along), palette.colour(made.part(value)));
+                assert!(there.iter().zip(back).all(|(a, b)| a.abs_diff(b) <= 1), "{scale:?} {along}");
+            }
+            assert_eq!((made.value_at(0.0), made.value_at(1.0)), (made.low(), made.high()));
+        }
+    }
+
+    #[test]
+    fn law_the_diverging_palette_has_white_at_zero() {
+        for scale in [Scale::Linear, Scale::Equalised, Scale::Percentile(1.0, 90.0), Scale::Range(-7.0, 900.0)] {
+            let made = ColourScale::new(&tailed(), scale, Palette::Diverging).unwrap();
+            assert!((made.part(0.0) - 0.5).abs() < 1e-12, "{scale:?}");
+            assert!((made.part(5.0) + made.part(-5.0) - 1.0).abs() < 1e-12, "{scale:?}");
+        }
+    }
+
+    #[test]
+    fn law_one_value_has_a_scale_around_it() {
+        for value in [0.0, -3.5, 48_000.0] {
+            for scale in [Scale::Linear, Scale::Equalised, Scale::Percentile(2.0, 98.0)] {
+                let made = ColourScale::new(&[value; 4], scale, Palette::Viridis).unwrap();
+                assert!(made.low() < value && value < made.high());
+                assert!((made.part(value) - 0.5).abs() < 1e-9 && !made.ticks(6).is_empty());
+            }
+        }
+    }
+
+    #[test]
+    fn law_values_beyond_the_ends_are_known_to_be_there() {
+        let made = |scale| ColourScale::new(&[0.0, 1.0, 2.0, 10.0], scale, Palette::Viridis).unwrap().beyond;
+        assert_eq!(made(Scale::Linear), (false, false));
+        assert_eq!(made(Scale::Range(-1.0, 5.0)), (false, true));
+        assert_eq!(made(Scale::Range(0.5, 50.0)), (true, false));
+        assert_eq!(made(Scale::Percentile(10.0, 90.0)), (true, true));
+    }
+
+    #[test]
+    fn law_plateaus_and_wrong_ends() {
+        // Nine tenths zeros: their colour is the middle of what they cover, and the scale still ascends.
+        let values: Vec<f64> = (0..100).map(|k| if k < 90 { 0.0 } else { f64::from(k) }).collect();
+        let made = ColourScale::new(&values, Scale::Equalised, Palette::Viridis).unwrap();
+        assert!(made.knots.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 < w[1].1));
+        assert_eq!(made.low(), 0.0);
+        for scale in [Scale::Range(2.0, 2.0), Scale::Range(f64::NAN, 1.0), Scale::Percentile(-1.0, 50.0)] {
+            assert!(ColourScale::new(&values, scale, Palette::Viridis).is_err());
+        }
+        assert!(ColourScale::new(&[f64::NAN], Scale::Linear, Palette::Viridis).is_err());
+    }
+
+    #[test]
+    fn gold_labels_of_an_equalised_scale() {
+        let made = ColourScale::new(&tailed(), Scale::Equalised, Palette::Viridis).unwrap();
+        let labels: Vec<String> = made.ticks(5).into_iter().map(|t| t.label).collect();
+        assert_eq!(labels, ["\u{2212}49", "\u{2212}38", "98", "1751", "21867"]);
+    }
+}

@@ -1,0 +1,236 @@
+//! Values of a map at the pixels of a picture: cells smaller than a pixel are averaged by area, larger ones enlarged.
+
+use numerics::maps::plane_grid::EvenAxis;
+
+use super::MapPicture;
+
+/// A part of a map, by its edges, in the map's coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Window {
+    /// West and east.
+    pub x: (f64, f64),
+    /// South and north.
+    pub y: (f64, f64),
+}
+
+impl Window {
+    /// The whole map: half a step beyond its outermost nodes.
+    pub fn of(picture: &MapPicture) -> Window {
+        let edges = |a: &EvenAxis| (a.at(-0.5), a.at(a.len as f64 - 0.5));
+        Window { x: edges(&picture.x), y: edges(&picture.y) }
+    }
+}
+
+/// Values on nodes that are no denser than the pixels they are for, rows from the south.
+#[derive(Clone, Debug)]
+pub struct Sheet {
+    /// Coordinates of the columns.
+    pub x: EvenAxis,
+    /// Coordinates of the rows.
+    pub y: EvenAxis,
+    /// By rows; NaN where unknown.
+    pub values: Vec<f64>,
+}
+
+/// Consecutive nodes and what each counts.
+struct Share {
+    first: usize,
+    weights: Vec<f64>,
+}
+
+/// The values of `window` for a picture of `size` pixels (width, height). Along an axis with more than one node a pixel
+/// the nodes are averaged, each by the area of its cell that the pixel covers; along others they stay.
+pub fn sheet(picture: &MapPicture, window: &Window, size: (usize, usize)) -> Sheet {
+    let (x, across) = shares(&picture.x, window.x, size.0);
+    let (y, up) = shares(&picture.y, window.y, size.1);
+    let row = |r: usize| picture.values.get(r * picture.x.len..(r + 1) * picture.x.len).unwrap_or_default();
+    let mut values = Vec::with_capacity(x.len * y.len);
+    let mut sums = vec![(0.0, 0.0); x.len];
+    for share in &up {
+        sums.fill((0.0, 0.0));
+        for (k, weight) in share.weights.iter().enumerate() {
+            add(row(share.first + k), &across, *weight, &mut sums);
+        }
+        values.extend(sums.iter().map(|(sum, weight)| if *weight > 0.0 { sum / weight } else { f64::NAN }));
+    }
+    Sheet { x, y, values }
+}
+
+fn add(row: &[f64], across: &[Share], weight: f64, sums: &mut [(f64, f64)]) {
+    for (share, sum) in across.iter().zip(sums) {
+        for (value, part) in row.iter().skip(share.first).zip(&share.weights).filter(|(v, _)| v.is_finite()) {
+            sum.0 += weight * part * value;
+            sum.1 += weight * part;
+        }
+    }
+}
+
+/// The axis of a sheet, and of which nodes each of its nodes is made.
+fn shares(axis: &EvenAxis, range: (f64, f64), pixels: usize) -> (EvenAxis, Vec<Share>) {
+    let place = |x: f64| (axis.node(x) + 0.5).clamp(0.0, axis.len as f64);
+    let (from, to) = (place(range.0), place(range.1));
+    let per_pixel = (to - from) / pixels as f64;
+    if per_pixel > 1.0 {
+        let step = (range.1 - range.0) / pixels as f64;
+        let sheet = EvenAxis { first: range.0 + 0.5 * step, step, len: pixels };
+        let pixel = |k: usize| covered(from + per_pixel * k as f64, from + per_pixel * (k + 1) as f64, axis.len);
+        return (sheet, (0..pixels).map(pixel).collect());
+    }
+    // A node more on either side, to blend with.
+    let first = (from.floor() as usize).saturating_sub(1).min(axis.len - 1);
+    let last = (to.ceil() as usize).clamp(first, axis.len - 1);
+    let sheet = EvenAxis { first: axis.at(first as f64), step: axis.step, len: last - first + 1 };
+    (sheet, (first..=last).map(|first| Share { first, weights: vec![1.0] }).collect())
+}
+
+/// The cells from `from` to `to`, where cell k lies from k to k + 1.
+fn covered(from: f64, to: f64, len: usize) -> Share {
+    let first = (from.floor() as usize).min(len - 1);
+    let last = (to.ceil() as usize).clamp(first + 1, len);
+    let share = |k: usize| (to.min((k + 1) as f64) - from.max(k as f64)).max(0.0);
+    Share { first, weights: (first..last).map(share).collect() }
+}
+
+/// Two neighbouring nodes and how far a place is from the first towards the second.
+#[derive(Clone, Copy)]
+struct Between {
+    low: usize,
+    high: usize,
+    part: f64,
+}
+
+/// Where the pixels of a picture lie on a sheet.
+pub struct Enlarged<'a> {
+    sheet: &'a Sheet,
+    across: Vec<Between>,
+    down: Vec<Between>,
+    known: Vec<bool>,
+}
+
+impl<'a> Enlarged<'a> {
+    /// A picture of `size` pixels of `window`, its cells blended or as even patches.
+    pub fn new(sheet: &'a Sheet, window: &Window, size: (usize, usize), blend: bool) -> Enlarged<'a> {
+        let centre = |ends: (f64, f64), k: usize, n: usize| ends.0 + (ends.1 - ends.0) * (k as f64 + 0.5) / n as f64;
+        let across = (0..size.0).map(|k| between(&sheet.x, centre(window.x, k, size.0), blend)).collect();
+        let down = (0..size.1).map(|k| between(&sheet.y, centre((window.y.1, window.y.0), k, size.1), blend)).collect();
+        let known = sheet.values.iter().map(|v| v.is_finite()).collect();
+        Enlarged { sheet, across, down, known }
+    }
+
+    /// At each pixel, rows from the north, what `values` (one a node of the sheet) have there: NaN where the nearest
+    /// part of the sheet is unknown, the known nodes alone where only some are.
+    pub fn of(&self, values: &[f64]) -> Vec<f64> {
+        let pixels = self.down.iter().flat_map(|down| self.across.iter().map(move |across| (down, across)));
+        pixels.map(|(down, across)| self.blended(values, down, across)).collect()
+    }
+
+    fn blended(&self, values: &[f64], down: &Between, across: &Between) -> f64 {
+        let corners = [
+            (down.low, across.low, (1.0 - down.part) * (1.0 - across.part)),
+            (down.low, across.high, (1.0 - down.part) * across.part),
+            (down.high, across.low, down.part * (1.0 - across.part)),
+            (down.high, across.high, down.part * across.part),
+        ];
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for (row, column, part) in corners {
+            let node = row * self.sheet.x.len + column;
+            if part > 0.0 && self.known.get(node) == Some(&true) {
+                sum += part * values.get(node).copied().unwrap_or(f64::NAN);
+                weight += part;
+            }
+        }
+        // Half known is the edge of a cell. The rounding of a pixel's place must not decide.
+        if weight > 0.5 - 1e-9 { sum / weight } else { f64::NAN }
+    }
+}
+
+fn between(axis: &EvenAxis, at: f64, blend: bool) -> Between {
+    let node = axis.node(at).clamp(0.0, (axis.len - 1) as f64);
+    if !blend {
+        let nearest = node.round() as usize;
+        return Between { low: nearest, high: nearest, part: 0.0 };
+    }
+    let low = (node.floor() as usize).min(axis.len - 1);
+    Between { low, high: (low + 1).min(axis.len - 1), part: node - low as f64 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::picture;
+
+    fn drawn(map: &MapPicture, size: (usize, usize), blend: bool) -> Vec<f64> {
+        let window = Window::of(map);
+        let sheet = sheet(map, &window, size);
+        Enlarged::new(&sheet, &window, size, blend).of(&sheet.values)
+    }
+
+    #[test]
+    fn law_reduction_keeps_the_mean() {
+        // 7 x 5 cells on 3 x 2 pixels: no edge but the outer ones meets, and the mean of areas is the same.
+        let values: Vec<f64> = (0..35).map(|k| f64::from(k * k % 17)).collect();
+        let map = picture(7, 5, &values);
+        let few = drawn(&map, (3, 2), true);
+        let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+        assert!((mean(&few) - mean(&values)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn law_reduction_skips_what_is_unknown_and_keeps_single_spikes() {
+        let mut values = vec![f64::NAN; 10_000];
+        values[5_050] = 12.0;
+        let few = drawn(&picture(100, 100, &values), (10, 10), true);
+        assert_eq!(few.iter().filter(|v| v.is_finite()).copied().collect::<Vec<f64>>(), [12.0]);
+    }
+
+    #[test]
+    fn law_north_is_up_and_corners_are_corners() {
+        let values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+        let map = picture(3, 2, &values);
+        assert_eq!(drawn(&map, (3, 2), true), [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]);
+        let large = drawn(&map, (6, 4), false);
+        assert_eq!(large[..6], [4.0, 4.0, 5.0, 5.0, 6.0, 6.0]);
+        assert_eq!(large[18..], [1.0, 1.0, 2.0, 2.0, 3.0, 3.0]);
+    }
+
+    #[test]
+    fn law_blending_is_exact_for_a_plane_between_the_nodes() {
+        let values: Vec<f64> = (0..12).map(|k| f64::from(k % 4) + 10.0 * f64::from(k / 4)).collect();
+        let map = picture(4, 3, &values);
+        let (w, h) = (40, 30);
+        for (k, value) in drawn(&map, (w, h), true).into_iter().enumerate() {
+            let column = ((k % w) as f64 + 0.5) / 10.0 - 0.5;
+            let row = ((h - 1 - k / w) as f64 + 0.5) / 10.0 - 0.5;
+            let exact = column.clamp(0.0, 3.0) + 10.0 * row.clamp(0.0, 2.0);
+            // Some twenty roundings of numbers up to 23.
+            assert!((value - exact).abs() < 1e-12, "{k}: {value} {exact}");
+        }
+    }
+
+    #[test]
+    fn law_an_unknown_cell_is_unknown_to_its_edges_and_no_further() {
+        let mut values = [5.0; 9];
+        values[4] = f64::NAN;
+        for blend in [false, true] {
+            let large = drawn(&picture(3, 3, &values), (30, 30), blend);
+            let row: Vec<bool> = large[15 * 30..16 * 30].iter().map(|v| v.is_nan()).collect();
+            assert!((0..30).all(|k| row[k] == (10..20).contains(&k)), "{row:?}");
+            assert!(large.iter().all(|v| v.is_nan() || (v - 5.0).abs() < 1e-12));
+        }
+    }
+
+    #[test]
+    fn law_a_part_is_the_same_part_of_the_whole() {
+        let values: Vec<f64> = (0..24).map(|k| f64::from(k * 7 % 11)).collect();
+        let map = picture(6, 4, &values);
+        let all = Window::of(&map);
+        let half = Window { x: (all.x.0, 0.5 * (all.x.0 + all.x.1)), ..all };
+        let part = sheet(&map, &half, (30, 40));
+        let part = Enlarged::new(&part, &half, (30, 40), true).of(&part.values);
+        let whole = drawn(&map, (60, 40), true);
+        for (k, value) in part.iter().enumerate() {
+            // The same place computed from another edge.
+            assert!((value - whole[k / 30 * 60 + k % 30]).abs() < 1e-10);
+        }
+    }
+}

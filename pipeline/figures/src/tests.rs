@@ -1,0 +1,484 @@
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use super::*;
+use crate::png_file::decode;
+
+/// A map of `columns` by `rows` metres, a node at each whole one.
+pub fn picture(columns: usize, rows: usize, values: &[f64]) -> MapPicture<'_> {
+    let axis = |len| EvenAxis { first: 0.0, step: 1.0, len };
+    MapPicture {
+        x: axis(columns),
+        y: axis(rows),
+        values,
+        plane: Plane::Metres,
+        title: "",
+        quantity: "Magnetic anomaly",
+        unit: "nT",
+        x_label: None,
+        y_label: None,
+    }
+}
+
+/// Colours alone: no shading, nothing around it that could be left out.
+pub fn bare() -> Look {
+    Look {
+        width_px: 400,
+        palette: Palette::Viridis,
+        scale: Scale::Linear,
+        shade: None,
+        colour_bar: false,
+        scale_bar: false,
+        north: false,
+        ..Look::default()
+    }
+}
+
+/// Dipole-like anomalies with a hole, 40 x 30.
+fn anomalies() -> Vec<f64> {
+    let bump = |x: f64, y: f64, at: (f64, f64)| (-((x - at.0).powi(2) + (y - at.1).powi(2)) / 30.0).exp();
+    (0..1200u32)
+        .map(|k| (f64::from(k % 40), f64::from(k / 40)))
+        .map(|(x, y)| {
+            let hole = (24.0..28.0).contains(&x) && (5.0..9.0).contains(&y);
+            let value = 900.0 * bump(x, y, (12.0, 20.0)) - 400.0 * bump(x, y, (12.0, 12.0)) + 3.0 * x;
+            if hole { f64::NAN } else { value }
+        })
+        .collect()
+}
+
+fn marks(picture: &MapPicture, look: &Look, tracks: &[TrackLine]) -> Vec<scene::Mark> {
+    figure::scene(picture, look, tracks).unwrap().marks
+}
+
+fn map_of(marks: &[scene::Mark]) -> (scene::Rect, (usize, usize), Vec<u8>) {
+    let found = marks.iter().find_map(|m| match m {
+        scene::Mark::Picture { rect, size, pixels } => Some((*rect, *size, pixels.clone())),
+        _ => None,
+    });
+    found.unwrap()
+}
+
+fn texts(marks: &[scene::Mark]) -> Vec<String> {
+    let text = |m: &scene::Mark| if let scene::Mark::Text { text, .. } = m { Some(text.clone()) } else { None };
+    marks.iter().filter_map(text).collect()
+}
+
+/// Says where a text is not well-formed XML: tags that do not close, an attribute without quotes, a stray `<` or `&`.
+fn well_formed(xml: &str) -> Result<usize, String> {
+    let mut open: Vec<&str> = vec![];
+    let mut elements = 0;
+    let mut rest = xml.strip_prefix(svg::XML).ok_or("no declaration")?;
+    while let Some(at) = rest.find('<') {
+        entities(&rest[..at])?;
+        let end = rest[at..].find('>').ok_or("an open tag")? + at;
+        let tag = &rest[at + 1..end];
+        rest = &rest[end + 1..];
+        if let Some(name) = tag.strip_prefix('/') {
+            if open.pop() != Some(name) {
+                return Err(format!("</{name}> closes something else"));
+            }
+            continue;
+        }
+        elements += 1;
+        let name = tag.split_whitespace().next().unwrap_or_default();
+        let attributes = tag[name.len()..].trim();
+        let quoted: Vec<&str> = attributes.split('"').collect();
+        if tag.contains('<')
+            || quoted.len().is_multiple_of(2)
+            || !quoted.iter().step_by(2).all(|q| q.is_empty() || q.ends_with('='))
+        {
+            return Err(format!("<{tag}>"));
+        }
+        entities(attributes)?;
+        open.push(name);
+    }
+    let control = xml.chars().find(|c| c.is_control() && *c != '\n');
+    if open.is_empty() && rest.trim().is_empty() && control.is_none() {
+        Ok(elements)
+    } else {
+        Err(format!("{open:?} {control:?}"))
+    }
+}
+
+fn entities(text: &str) -> Result<(), String> {
+    let known = ["amp;", "lt;", "gt;", "quot;"];
+    let stray = text.split('&').skip(1).find(|after| !known.iter().any(|e| after.starts_with(e)));
+    stray.map_or(Ok(()), |s| Err(format!("stray & before {s:.20}")))
+}
+
+#[test]
+fn law_the_check_of_xml_refuses_what_is_not() {
+    let of = |body: &str| well_formed(&format!("{}{body}", svg::XML));
+    assert_eq!(of("<a b=\"1\" c=\"&lt;\"><d></d>&amp;</a>\n"), Ok(2));
+    for wrong in [
+        "<a><b></a></b>",
+        "<a>",
+        "<a b=1></a>",
+        "<a>&</a>",
+        "<a>&nbsp;</a>",
+        "<a b=\"<\"></a>",
+        "<a>\u{1}</a>",
+        "<a></a>x",
+    ] {
+        assert!(of(wrong).is_err(), "{wrong}");
+    }
+}
+
+#[test]
+fn law_every_known_cell_has_its_colour_and_north_is_up() {
+    let values = anomalies();
+    let map = picture(40, 30, &values);
+    for palette in [Palette::Viridis, Palette::Turbo, Palette::Diverging] {
+        for scale in [Scale::Linear, Scale::Equalised, Scale::Percentile(2.0, 98.0), Scale::Range(-100.0, 300.0)] {
+            let look = Look { palette, scale, blend: false, ..bare() };
+            let colours = colours::colour_scale(&map, &look).unwrap();
+            let (_, (w, h), pixels) = map_of(&marks(&map, &look, &[]));
+            for (k, value) in values.iter().enumerate() {
+                // The middle of the cell, rows from the north.
+                let column = ((k % 40) as f64 + 0.5) / 40.0 * w as f64;
+                let row = (29.5 - (k / 40) as f64) / 30.0 * h as f64;
+                let at = 4 * (row as usize * w + column as usize);
+                let expected = if value.is_finite() {
+                    let [r, g, b] = palette.colour(colours.part(*value));
+                    [r, g, b, 255]
+                } else {
+                    [0; 4]
+                };
+                assert_eq!(pixels[at..at + 4], expected, "{palette:?} {scale:?} cell {k}");
+            }
+        }
+    }
+}
+
+#[test]
+fn law_the_png_holds_the_map_at_its_place() {
+    let values = [-1.0, 0.0, 1.0, 2.0];
+    let png = png(&picture(2, 2, &values), &bare(), &[]).unwrap();
+    let ((w, _), pixels) = decode(&png).unwrap();
+    assert_eq!(w, 400);
+    let (rect, ..) = map_of(&marks(&picture(2, 2, &values), &bare(), &[]));
+    let at = |x: f64, y: f64| {
+        let k = 3 * (y as usize * w + x as usize);
+        [pixels[k], pixels[k + 1], pixels[k + 2]]
+    };
+    // Two pixels inside of the frame's own line, the corners have the colours of the outer nodes.
+    let corners = [
+        (at(rect.x + 2.0, rect.bottom() - 3.0), 0.0),
+        (at(rect.right() - 3.0, rect.bottom() - 3.0), 1.0 / 3.0),
+        (at(rect.x + 2.0, rect.y + 2.0), 2.0 / 3.0),
+        (at(rect.right() - 3.0, rect.y + 2.0), 1.0),
+    ];
+    for (colour, part) in corners {
+        assert_eq!(colour, Palette::Viridis.colour(part));
+    }
+    assert_eq!(at(1.0, 1.0), [255; 3]);
+}
+
+#[test]
+fn law_the_colour_bar_ends_where_the_scale_ends() {
+    let values = anomalies();
+    let map = picture(40, 30, &values);
+    for (scale, palette) in [
+        (Scale::Linear, Palette::Turbo),
+        (Scale::Equalised, Palette::Viridis),
+        (Scale::Percentile(5.0, 95.0), Palette::Diverging),
+        (Scale::Range(-50.0, 700.0), Palette::Diverging),
+    ] {
+        let look = Look { scale, palette, colour_bar: true, ..bare() };
+        let made = colours::colour_scale(&map, &look).unwrap();
+        let drawn = marks(&map, &look, &[]);
+        let stops = drawn
+            .iter()
+            .find_map(|m| if let scene::Mark::Fade { colours, .. } = m { Some(colours.clone()) } else { None });
+        let stops = stops.unwrap();
+        assert_eq!(stops.first(), Some(&palette.colour(made.part(made.low()))));
+        assert_eq!(stops.last(), Some(&palette.colour(made.part(made.high()))));
+        if scale == Scale::Equalised {
+            let known = || values.iter().copied().filter(|v| v.is_finite());
+            let ends = [known().fold(f64::INFINITY, f64::min), known().fold(f64::NEG_INFINITY, f64::max)];
+            for end in ends {
+                let near =
+                    |text: &String| text.replace('\u{2212}', "-").parse::<f64>().is_ok_and(|v| (v - end).abs() <= 0.5);
+                assert!(texts(&drawn).iter().any(near), "{end}: {:?}", texts(&drawn));
+            }
+        }
+    }
+}
+
+#[test]
+fn law_the_same_map_gives_the_same_bytes() {
+    let values = anomalies();
+    let map = picture(40, 30, &values);
+    let (x, y) = ([2.0, 30.0, f64::NAN, 12.0, 13.0], [3.0, 25.0, 4.0, 4.0, 20.0]);
+    let line = TrackLine { name: "1003.02", x: &x, y: &y, colour: None };
+    let look = Look { width_px: 500, contours: Some(100.0), ..Look::default() };
+    let drawn = || (png(&map, &look, &[line]).unwrap(), svg(&map, &look, &[line]).unwrap());
+    assert_eq!(drawn(), drawn());
+}
+
+#[test]
+fn law_svg_is_well_formed_whatever_the_names() {
+    let values = anomalies();
+    let wild = "a <b> & \"c\" \u{0}\u{7} 'd' ]]> \u{fffe}";
+    let map = MapPicture {
+        title: wild,
+        quantity: wild,
+        unit: wild,
+        x_label: Some(wild),
+        y_label: Some(wild),
+        ..picture(40, 30, &values)
+    };
+    let line = TrackLine { name: wild, x: &[1.0, 9.0], y: &[1.0, 9.0], colour: None };
+    let drawn = svg(&map, &Look { contours: Some(50.0), ..Look::default() }, &[line]).unwrap();
+    assert!(well_formed(&drawn).unwrap() > 150);
+    let chart =
+        curve_svg(&[(1.0, 2.0), (3.0, 1.0)], Some(0), &CurveLabels { title: wild, x: wild, y: wild, marked: wild });
+    well_formed(&chart.unwrap()).unwrap();
+}
+
+#[test]
+fn law_a_gap_of_a_track_breaks_its_line_and_lines_end_at_the_frame() {
+    let values = vec![1.0; 100];
+    let map = picture(10, 10, &values);
+    let (x, y) = ([-50.0, 2.0, f64::NAN, 5.0, 60.0], [5.0; 5]);
+    let drawn = marks(&map, &bare(), &[TrackLine { name: "t", x: &x, y: &y, colour: Some([1, 2, 3]) }]);
+    let rect = map_of(&drawn).0;
+    let own = drawn.iter().find_map(|m| match m {
+        scene::Mark::Stroke { lines, ink, within: Some(w), .. } if ink.rgb == [1, 2, 3] && *w == rect => {
+            Some(lines.clone())
+        }
+        _ => None,
+    });
+    let lines = own.unwrap();
+    assert_eq!(lines.len(), 2);
+    assert!(lines.iter().flatten().all(|s| rect.grown(4.01).holds(*s)));
+    // It begins off the map, so that no beginning is marked there: only in the legend.
+    let discs = drawn.iter().filter(|m| matches!(m, scene::Mark::Disc { .. })).count();
+    assert_eq!(discs, 1);
+}
+
+#[test]
+fn law_a_longitude_of_another_turn_is_the_same_track() {
+    let values = vec![1.0; 100];
+    let axis = |first| EvenAxis { first, step: 1.0, len: 10 };
+    let map = MapPicture { x: axis(175.0), y: axis(-5.0), plane: Plane::Degrees, ..picture(10, 10, &values) };
+    let drawn =
+        |x: [f64; 3]| marks(&map, &bare(), &[TrackLine { name: "t", x: &x, y: &[0.0, 1.0, 3.0], colour: None }]);
+    assert_eq!(drawn([178.0, 180.5, 183.0]), drawn([178.0, -179.5, -177.0]));
+    assert!(texts(&drawn([0.0, 1.0, 2.0])).iter().any(|t| t == "t (off the map)"));
+}
+
+#[test]
+fn law_maps_of_all_shapes_stay_on_the_paper() {
+    let title = "a very long title that goes on and on ".repeat(12) + &"x".repeat(300);
+    for (columns, rows, width_px) in
+        [(2, 2, 1600), (1, 1, 200), (300, 2, 800), (2, 300, 800), (400, 40, 200), (40, 400, 300), (1000, 3, 1600)]
+    {
+        for (plane, step) in [(Plane::Metres, 500.0), (Plane::Degrees, 0.05), (Plane::Metres, 1e-3)] {
+            let values: Vec<f64> = (0..columns * rows).map(|k| (k % 7) as f64 - 3.0).collect();
+            let axis = |len| EvenAxis { first: 47.0, step, len };
+            let map =
+                MapPicture { x: axis(columns), y: axis(rows), plane, title: &title, ..picture(columns, rows, &values) };
+            let look = Look { width_px, ..Look::default() };
+            let scene = figure::scene(&map, &look, &[]).unwrap();
+            assert!(scene.height < 4.0 * scene.width, "{columns} x {rows}: {} high", scene.height);
+            for mark in &scene.marks {
+                let (from, to) = extent(mark);
+                let inside =
+                    from.0 >= -0.5 && from.1 >= -0.5 && to.0 <= scene.width + 0.5 && to.1 <= scene.height + 0.5;
+                assert!(inside, "{columns} x {rows} {plane:?} {step} at {width_px}: {mark:?}");
+            }
+            assert_eq!(overlap(&scene.marks), None, "{columns} x {rows} {plane:?} {step} at {width_px}");
+        }
+    }
+}
+
+/// The rectangle around a mark, from its upper left to its lower right corner.
+fn extent(mark: &scene::Mark) -> (scene::Spot, scene::Spot) {
+    let around = |spots: Vec<scene::Spot>| {
+        let fold =
+            |f: fn(f64, f64) -> f64, start: f64| spots.iter().fold((start, start), |a, s| (f(a.0, s.0), f(a.1, s.1)));
+        (fold(f64::min, f64::INFINITY), fold(f64::max, f64::NEG_INFINITY))
+    };
+    match mark {
+        scene::Mark::Fill { points, .. } => around(points.clone()),
+        scene::Mark::Stroke { within: Some(rect), .. } => around(rect.corners()),
+        scene::Mark::Stroke { lines, .. } => around(lines.concat()),
+        scene::Mark::Disc { at, .. } => (*at, *at),
+        scene::Mark::Picture { rect, .. } | scene::Mark::Fade { rect, .. } => around(rect.corners()),
+        scene::Mark::Text { at, text, size, anchor, turned } => {
+            let long = scene::text_width(text, *size);
+            let back = match anchor {
+                scene::Anchor::Start => 0.0,
+                scene::Anchor::Middle => 0.5 * long,
+                scene::Anchor::End => long,
+            };
+            if *turned {
+                ((at.0 - 0.75 * size, at.1 + back - long), (at.0 + 0.2 * size, at.1 + back))
+            } else {
+                ((at.0 - back, at.1 - 0.75 * size), (at.0 - back + long, at.1 + 0.2 * size))
+            }
+        }
+    }
+}
+
+/// Two texts that lie on each other, or a text on the map.
+fn overlap(marks: &[scene::Mark]) -> Option<(String, String)> {
+    let solid = |m: &&scene::Mark| {
+        matches!(m, scene::Mark::Text { .. } | scene::Mark::Picture { .. } | scene::Mark::Fade { .. })
+    };
+    let boxes: Vec<_> = marks.iter().filter(solid).map(|m| (format!("{m:.0?}"), extent(m))).collect();
+    for (k, (a, (from, to))) in boxes.iter().enumerate() {
+        for (b, (from_b, to_b)) in &boxes[k + 1..] {
+            if from.0 < to_b.0 && from_b.0 < to.0 && from.1 < to_b.1 && from_b.1 < to.1 {
+                return Some((a.chars().take(200).collect(), b.chars().take(200).collect()));
+            }
+        }
+    }
+    None
+}
+
+#[test]
+fn law_what_cannot_be_drawn_is_a_fault() {
+    let nan = [f64::NAN; 4];
+    let what = |map: &MapPicture, look: &Look| png(map, look, &[]).unwrap_err().what;
+    assert!(what(&picture(2, 2, &nan), &bare()).contains("no known value"));
+    assert!(what(&picture(2, 3, &nan), &bare()).contains("4 values for 3 rows of 2 columns"));
+    assert!(what(&picture(2, 2, &[1.0; 4]), &Look { width_px: 3, ..bare() }).contains("3 pixels"));
+    for shade in [Shade { elevation_deg: 0.0, ..Shade::default() }, Shade { strength: f64::NAN, ..Shade::default() }] {
+        assert!(what(&picture(2, 2, &[1.0; 4]), &Look { shade: Some(shade), ..bare() }).contains("hill-shading"));
+    }
+    let no_step = MapPicture { x: EvenAxis { first: 1e6, step: 1e-12, len: 2 }, ..picture(2, 2, &[1.0; 4]) };
+    assert!(what(&no_step, &bare()).contains("columns"));
+    let backwards = MapPicture { x: EvenAxis { first: 0.0, step: -1.0, len: 2 }, ..picture(2, 2, &[1.0; 4]) };
+    assert!(what(&backwards, &bare()).contains("columns"));
+    let values = anomalies();
+    let map = picture(40, 30, &values);
+    assert!(what(&map, &Look { contours: Some(0.0), ..bare() }).contains("every 0"));
+    assert!(what(&map, &Look { contours: Some(0.01), ..bare() }).contains("lines"));
+    let line = TrackLine { name: "t", x: &[1.0], y: &[], colour: None };
+    assert!(svg(&map, &bare(), &[line]).unwrap_err().what.contains("`t`"));
+}
+
+#[test]
+fn law_a_map_of_one_value_is_drawn() {
+    let values = [48_000.0; 12];
+    let map = picture(4, 3, &values);
+    let (_, _, pixels) = map_of(&marks(&map, &Look { width_px: 300, ..Look::default() }, &[]));
+    let [r, g, b] = Palette::Turbo.colour(0.5);
+    // The middle of the scale lies between two whole colours, which rounding decides.
+    assert!(pixels.chunks_exact(4).all(|p| p.iter().zip([r, g, b, 255]).all(|(a, b)| a.abs_diff(b) <= 1)));
+}
+
+#[test]
+fn law_unknown_cells_are_hatched_and_named_only_where_there_are_any() {
+    let mut values = anomalies();
+    let named = |values: &[f64]| texts(&marks(&picture(40, 30, values), &bare(), &[])).iter().any(|t| t == "no data");
+    assert!(named(&values));
+    values.iter_mut().filter(|v| v.is_nan()).for_each(|v| *v = 0.0);
+    assert!(!named(&values));
+}
+
+#[test]
+fn gold_a_small_svg() {
+    let map = MapPicture { title: "Two by two", ..picture(2, 2, &[0.0, 1.0, 2.0, f64::NAN]) };
+    let look = Look { width_px: 240, ..bare() };
+    let line = TrackLine { name: "1003.02", x: &[0.0, 1.0], y: &[0.0, 0.5], colour: None };
+    let drawn = svg(&map, &look, &[line]).unwrap();
+    let (head, tail) = drawn.split_once("data:image/png;base64,").unwrap();
+    let (_, tail) = tail.split_once('"').unwrap();
+    assert_eq!([head, tail].concat(), include_str!("two_by_two.svg.txt"));
+}
+
+/// A map of 2 x 2 degrees that crosses the date line.
+fn at_the_date_line(values: &[f64]) -> MapPicture<'_> {
+    let axis = |first| EvenAxis { first, step: 0.1, len: 20 };
+    MapPicture { x: axis(179.05), y: axis(-1.0), plane: Plane::Degrees, title: "A & B", ..picture(20, 20, values) }
+}
+
+#[test]
+fn law_kml_lies_where_the_map_lies() {
+    let values: Vec<f64> = (0..400).map(|k| f64::from(k % 20)).collect();
+    let made = kml(&at_the_date_line(&values), &Look { width_px: 400, ..Look::default() }, &[], "rio").unwrap();
+    well_formed(&made.document).unwrap();
+    let names: Vec<&str> = made.files.iter().map(|f| f.0.as_str()).collect();
+    assert_eq!(names, ["rio_map_1.png", "rio_map_2.png", "rio_bar.png"]);
+    assert!(names.iter().all(|n| made.document.contains(&format!("<href>{n}</href>"))));
+    // Half a step beyond the nodes at 179.05 to 180.95 and -1 to 0.9.
+    let boxes: Vec<&str> =
+        made.document.split("<LatLonBox>").skip(1).filter_map(|b| b.split("</LatLonBox>").next()).collect();
+    assert_eq!(
+        boxes,
+        [
+            "<north>0.95</north><south>-1.05</south><east>180</east><west>179</west>",
+            "<north>0.95</north><south>-1.05</south><east>-179</east><west>-180</west>",
+        ]
+    );
+    let west = decode(&made.files[0].1).unwrap();
+    let east = decode(&made.files[1].1).unwrap();
+    assert_eq!((west.0, east.0.0), ((200, 400), 200));
+    // Values rise to the east: the two pictures meet without a step.
+    assert!(west.1.chunks_exact(4).chain(east.1.chunks_exact(4)).all(|p| p[3] == 255));
+    let (last, first) = (&west.1[4 * 199..4 * 200], &east.1[..4]);
+    assert!(last.iter().zip(first).all(|(a, b)| a.abs_diff(*b) < 12), "{last:?} {first:?}");
+}
+
+#[test]
+fn law_kml_tracks_are_broken_wrapped_and_timed() {
+    let values = vec![1.0; 400];
+    let map = at_the_date_line(&values);
+    let lon = [179.5, 180.5, f64::NAN, 181.0, 182.0];
+    let (lat, alt) = ([0.0, 0.5, 0.5, 0.5, 0.7], [300.0, 300.0, 300.0, 310.5, 300.0]);
+    let times = [0.0, 10.0, 20.0, 30.0, 40.0];
+    let track = EarthTrack {
+        name: "<1>",
+        lat_deg: &lat,
+        lon_deg: &lon,
+        alt_m: &alt,
+        time_unix_s: None,
+        colour: Some([255, 0, 128]),
+    };
+    let look = Look { width_px: 200, colour_bar: false, ..Look::default() };
+    let plain = kml(&map, &look, &[track], "m").unwrap().document;
+    well_formed(&plain).unwrap();
+    let lines: Vec<&str> = plain.split("<coordinates>").skip(1).filter_map(|c| c.split('<').next()).collect();
+    assert_eq!(lines, ["179.5,0,300 180,0.25,300", "-180,0.25,300 -179.5,0.5,300", "-179,0.5,310.5 -178,0.7,300"]);
+    assert!(plain.contains("<name>&lt;1&gt;</name>") && plain.contains("<color>ff8000ff</color>"));
+    let timed = kml(&map, &look, &[EarthTrack { time_unix_s: Some(&times), ..track }], "m").unwrap().document;
+    well_formed(&timed).unwrap();
+    assert_eq!(timed.matches("<gx:Track>").count(), 3);
+    assert!(
+        timed.contains("<when>1970-01-01T00:00:05.000Z</when>")
+            && timed.contains("<gx:coord>-179 0.5 310.5</gx:coord>")
+    );
+    let short = EarthTrack { alt_m: &alt[1..], ..track };
+    assert!(kml(&map, &look, &[short], "m").is_err());
+    let flat = picture(20, 20, &values);
+    assert!(kml(&flat, &look, &[], "m").unwrap_err().what.contains("latitudes"));
+}
+
+#[test]
+fn law_kmz_holds_the_document_and_its_pictures_and_no_clock() {
+    let values = vec![1.0; 400];
+    let made = kml(&at_the_date_line(&values), &Look { width_px: 200, ..Look::default() }, &[], "m").unwrap();
+    let zipped = made.kmz().unwrap();
+    assert_eq!(zipped, made.kmz().unwrap());
+    let mut archive = zip::ZipArchive::new(std::io::Cursor::new(&zipped)).unwrap();
+    let names: Vec<String> = archive.file_names().map(|n| n.unwrap().into_owned()).collect();
+    assert_eq!(names, ["doc.kml", "m_map_1.png", "m_map_2.png", "m_bar.png"]);
+    let mut document = String::new();
+    std::io::Read::read_to_string(&mut archive.by_name("doc.kml").unwrap(), &mut document).unwrap();
+    assert_eq!(document, made.document);
+    assert_eq!(archive.by_name("doc.kml").unwrap().compression(), zip::CompressionMethod::Stored);
+}
+
+#[test]
+fn law_a_curve_has_its_corner_marked() {
+    let points: Vec<(f64, f64)> = (-6..=6).map(|k| (10f64.powi(k), 10f64.powi(-k) + 1.0)).collect();
+    let labels = CurveLabels { title: "L-curve", x: "misfit (nT)", y: "norm (nT)", marked: "alpha = 1" };
+    let drawn = curve_svg(&points, Some(6), &labels).unwrap();
+    well_formed(&drawn).unwrap();
+    assert!(drawn.contains("<circle class=\"mark\"") && drawn.contains(">alpha = 1</text>"));
+    assert!(!curve_svg(&points, None, &labels).unwrap().contains("<circle"));
+    assert_eq!(curve_svg(&[(0.0, 1.0), (f64::NAN, 1.0)], None, &labels), None);
+}

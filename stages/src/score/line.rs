@@ -1,0 +1,164 @@
+//! The line that is scored: its columns, and what several metrics are made of.
+
+use std::cell::OnceCell;
+
+use arrow_array::{StringArray, cast::AsArray};
+use numerics::{
+    earth::geodesy::EarthModel,
+    regression::statistics::{self, Summary},
+};
+use schemas::{Fault, LineIn};
+
+use super::{
+    Score,
+    source::{Place, Places, Source},
+};
+use crate::columns::floats;
+
+/// Computed when the first metric asks for it.
+pub type Lazy<T> = OnceCell<Result<T, Fault>>;
+
+/// A signal before and after compensation, in nT.
+pub struct Signals {
+    /// Before.
+    pub before_nt: Vec<f64>,
+    /// After.
+    pub after_nt: Vec<f64>,
+}
+
+/// Offsets of positions from the true ones.
+pub struct Offsets {
+    /// Northward.
+    pub north_m: Vec<f64>,
+    /// Eastward.
+    pub east_m: Vec<f64>,
+}
+
+/// One line of the tables to score.
+pub struct Line<'a> {
+    /// The parameters.
+    pub stage: &'a Score,
+    line: &'a LineIn,
+    places: &'a Places,
+    error: Lazy<Summary>,
+    signals: Lazy<Signals>,
+    track_error: Lazy<Offsets>,
+    map_error: Lazy<Summary>,
+}
+
+impl<'a> Line<'a> {
+    /// The columns of `line`, of which `places` says where they are.
+    pub fn new(stage: &'a Score, line: &'a LineIn, places: &'a Places) -> Line<'a> {
+        let (error, signals) = (Lazy::new(), Lazy::new());
+        Line { stage, line, places, error, signals, track_error: Lazy::new(), map_error: Lazy::new() }
+    }
+
+    /// The times of the samples, in s.
+    pub fn tt(&self) -> Result<&[f64], Fault> {
+        floats(&self.line.inputs[0], "tt")
+    }
+
+    /// The columns of a source, in its order.
+    pub fn columns(&self, source: Source) -> Result<Vec<&[f64]>, Fault> {
+        let Place { table, columns } = self.place(source)?;
+        columns.iter().map(|name| floats(&self.line.inputs[*table], name)).collect()
+    }
+
+    /// A source of one column.
+    pub fn column(&self, source: Source) -> Result<&[f64], Fault> {
+        let place = self.place(source)?;
+        let name = place.columns.first().ok_or_else(|| self.without(source))?;
+        floats(&self.line.inputs[place.table], name)
+    }
+
+    /// The same, where there is one.
+    pub fn optional(&self, source: Source) -> Result<Option<&[f64]>, Fault> {
+        self.places.get(source).map(|_| self.column(source)).transpose()
+    }
+
+    /// One of the columns of a source.
+    pub fn named(&self, source: Source, name: &str) -> Result<&[f64], Fault> {
+        floats(&self.line.inputs[self.place(source)?.table], name)
+    }
+
+    /// What became of the measurements of the track.
+    pub fn fates(&self) -> Result<&StringArray, Fault> {
+        let track = &self.line.inputs[self.place(Source::Track)?.table];
+        let fates = track.column_by_name("update").and_then(|a| a.as_string_opt::<i32>());
+        fates.ok_or_else(|| Fault::data("the track does not say what became of its measurements").in_column("update"))
+    }
+
+    fn place(&self, source: Source) -> Result<&Place, Fault> {
+        self.places.get(source).ok_or_else(|| self.without(source))
+    }
+
+    fn without(&self, source: Source) -> Fault {
+        Fault::data(format!("the line lacks {}", source.words(self.stage)))
+    }
+
+    /// Compensated minus truth.
+    pub fn error(&self) -> Result<&Summary, Fault> {
+        known(&self.error, || Ok(statistics::error_summary(self.column(Source::Signal)?, self.column(Source::Truth)?)))
+    }
+
+    /// The signal before and after compensation, less the truth where there is one.
+    pub fn signals(&self) -> Result<&Signals, Fault> {
+        known(&self.signals, || {
+            let (mag, aircraft) = (self.column(Source::Signal)?, self.column(Source::Aircraft)?);
+            let truth = self.optional(Source::Truth)?;
+            let after = |(i, m): (usize, &f64)| m - truth.map_or(0.0, |t| t[i]);
+            let after_nt: Vec<f64> = mag.iter().enumerate().map(after).collect();
+            let before_nt = after_nt.iter().zip(aircraft).map(|(m, a)| m + a).collect();
+            Ok(Signals { before_nt, after_nt })
+        })
+    }
+
+    /// The compensated signal less core field and, where there is one, diurnal variation, in nT.
+    pub fn measured_anomaly(&self) -> Result<Vec<f64>, Fault> {
+        self.anomaly_of(self.column(Source::Signal)?)
+    }
+
+    /// The same of the truth. Where the core field is not known, its gradient is taken for the straight line of the truth.
+    pub fn true_anomaly(&self) -> Result<Vec<f64>, Fault> {
+        let truth = self.column(Source::Truth)?;
+        match self.places.get(Source::Core) {
+            Some(_) => self.anomaly_of(truth),
+            None => Ok(statistics::less_straight_line(self.tt()?, truth)),
+        }
+    }
+
+    fn anomaly_of(&self, field: &[f64]) -> Result<Vec<f64>, Fault> {
+        let (core, diurnal) = (self.column(Source::Core)?, self.optional(Source::Diurnal)?);
+        let anomaly = |(i, (field, core)): (usize, (&f64, &f64))| field - core - diurnal.map_or(0.0, |d| d[i]);
+        Ok(field.iter().zip(core).enumerate().map(anomaly).collect())
+    }
+
+    /// The measured anomaly minus the map.
+    pub fn map_error(&self) -> Result<&Summary, Fault> {
+        known(&self.map_error, || {
+            Ok(statistics::error_summary(&self.measured_anomaly()?, self.named(Source::Map, "map_anomaly")?))
+        })
+    }
+
+    /// The track minus the true positions.
+    pub fn track_error(&self) -> Result<&Offsets, Fault> {
+        known(&self.track_error, || self.offsets(self.named(Source::Track, "lat")?, self.named(Source::Track, "lon")?))
+    }
+
+    /// Positions minus the true ones.
+    pub fn offsets(&self, lat: &[f64], lon: &[f64]) -> Result<Offsets, Fault> {
+        let (true_lat, true_lon) = self.position()?;
+        let offset = |i: usize| EarthModel::default().offset_ne_m((true_lat[i], true_lon[i]), (lat[i], lon[i]), 0.0);
+        let (north_m, east_m) = (0..lat.len()).map(offset).unzip();
+        Ok(Offsets { north_m, east_m })
+    }
+
+    /// True latitudes and longitudes, in degrees.
+    pub fn position(&self) -> Result<(&[f64], &[f64]), Fault> {
+        Ok((self.named(Source::Position, "lat")?, self.named(Source::Position, "lon")?))
+    }
+}
+
+fn known<T>(cell: &Lazy<T>, compute: impl FnOnce() -> Result<T, Fault>) -> Result<&T, Fault> {
+    cell.get_or_init(compute).as_ref().map_err(Clone::clone)
+}

@@ -1,0 +1,95 @@
+//! Metrics of a map along the line.
+
+use numerics::{
+    earth::geodesy::EarthModel,
+    regression::statistics::{self, Figure},
+};
+use schemas::{Fault, metric::Shown};
+
+use super::{line::Line, metric::metric, source::Source};
+
+metric! {
+    /// error to expect because the map was taken at another height than the line's; 0 with `map_levels_m`
+    MAP_HEIGHT_ERROR = "map_height_error", unit "nT", pool Rms, better Neither, needs [Track, MapHeight];
+    |line| Ok(statistics::mean(line.column(Source::MapHeight)?))
+}
+
+metric! {
+    /// standard deviation (n - 1) of the compensated signal, less core field and diurnal variation, minus the map
+    MAP_STD_ERROR = "map_std_error", unit "nT", pool Rms, better Lower,
+    shown Shown::column(130, 100).rank(60), needs [Map, Signal, Core], uses [Diurnal];
+    |line| line.map_error().map(|e| Figure { value: e.std, n: e.n })
+}
+
+metric! {
+    /// mean of the compensated signal, less core field and diurnal variation, minus the map
+    MAP_BIAS_ERROR = "map_bias_error", unit "nT", pool Rms, better Neither,
+    needs [Map, Signal, Core], uses [Diurnal];
+    |line| line.map_error().map(|e| Figure { value: e.mean, n: e.n })
+}
+
+metric! {
+    /// root mean square slope of the map along the track
+    MAP_GRADIENT_ALONG_TRACK = "map_gradient_along_track", unit "nT/m", pool Rms, better Neither,
+    shown Shown::column(140, 10), needs [Map, Position];
+    gradient_along_track
+}
+
+metric! {
+    /// least root mean square horizontal error with which a constant offset of the line can be found on the map
+    MAP_POSITION_BOUND = "map_position_bound", unit "m", pool Rms, better Neither,
+    shown Shown::column(150, 70), needs [Map, Position];
+    |line| {
+        let (north, east) = slopes(line)?;
+        Ok(statistics::offset_bound(north, east, line.stage.map_sigma_nt))
+    }
+}
+
+/// The slopes of the map, north and east, in nT/m.
+fn slopes<'a>(line: &'a Line) -> Result<(&'a [f64], &'a [f64]), Fault> {
+    Ok((line.named(Source::Map, "map_grad_n")?, line.named(Source::Map, "map_grad_e")?))
+}
+
+/// From one sample to the next.
+fn gradient_along_track(line: &Line) -> Result<Figure, Fault> {
+    let (lat, lon) = line.position()?;
+    let (north, east) = slopes(line)?;
+    let along = (1..lat.len()).map(|i| {
+        let (n, e) = EarthModel::default().offset_ne_m((lat[i - 1], lon[i - 1]), (lat[i], lon[i]), 0.0);
+        (north[i] * n + east[i] * e) / n.hypot(e)
+    });
+    Ok(statistics::rms(&along.collect::<Vec<_>>()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::score::testing::{FLOWN, seconds, value};
+
+    #[test]
+    fn law_a_map_that_slopes_north_is_level_for_who_flies_east() {
+        let (still, along) = (|| seconds(10, |_| 50.0), || seconds(10, |t| 50.0 + 0.001 * t));
+        let table = |lat, lon| {
+            let slope = [("map_grad_n", seconds(10, |_| 0.03)), ("map_grad_e", seconds(10, |_| 0.0))];
+            [[(FLOWN[0], lat), (FLOWN[1], lon), ("map_anomaly", still())].into_iter().chain(slope).collect::<Vec<_>>()]
+        };
+        let (north, east) = (table(along(), still()), table(still(), along()));
+        assert!((value(&MAP_GRADIENT_ALONG_TRACK, &north).value - 0.03).abs() < 1e-15);
+        // A parallel is no straight line: from sample to sample it turns by a part of its 70 m.
+        assert!(value(&MAP_GRADIENT_ALONG_TRACK, &east).value < 1e-6);
+        // Nowhere along a slope that does not change can a constant offset be told from a constant of the map.
+        assert!(value(&MAP_POSITION_BOUND, &north).value.is_nan());
+    }
+
+    #[test]
+    fn law_what_is_left_of_core_field_and_map_is_the_error_of_the_map() {
+        let map = seconds(10, |t| 5.0 * t);
+        let core = seconds(10, |t| 52_000.0 + t);
+        let mag = map.iter().zip(&core).map(|(m, c)| m + c - 7.0).collect();
+        let slopes = [("map_grad_n", seconds(10, |_| 0.0)), ("map_grad_e", seconds(10, |_| 0.0))];
+        let table = [("mag_c", mag), ("igrf", core), ("map_anomaly", map)].into_iter().chain(slopes).collect();
+        let tables = [table];
+        assert_eq!(value(&MAP_BIAS_ERROR, &tables), Figure { value: -7.0, n: 10 });
+        assert_eq!(value(&MAP_STD_ERROR, &tables), Figure { value: 0.0, n: 10 });
+    }
+}

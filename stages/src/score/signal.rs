@@ -1,0 +1,203 @@
+//! Metrics of a compensated signal.
+
+use numerics::{
+    compensation::figure_of_merit::{figure_of_merit, manoeuvres},
+    earth::geodesy::EarthModel,
+    maps::{
+        anomaly_retention::{RetentionError, anomaly_retention},
+        crossings::figure_of_merit_crossings,
+    },
+    regression::statistics::{self, Figure},
+    signal::segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+};
+use schemas::{Fault, metric::Shown};
+
+use super::{
+    line::{Line, Signals},
+    metric::metric,
+    source::Source,
+};
+use crate::{bandpass::design, columns::data};
+
+metric! {
+    /// standard deviation (n - 1) of compensated minus truth: a constant does not count
+    STD_ERROR = "std_error", unit "nT", pool Rms, better Lower,
+    shown Shown::column(20, 130).rank(20).heat_map(), needs [Signal, Truth];
+    |line| line.error().map(|e| Figure { value: e.std, n: e.n })
+}
+
+metric! {
+    /// mean of compensated minus truth
+    BIAS_ERROR = "bias_error", unit "nT", pool Rms, better Neither, needs [Signal, Truth];
+    |line| line.error().map(|e| Figure { value: e.mean, n: e.n })
+}
+
+metric! {
+    /// root mean square (n) of compensated minus truth: a constant counts
+    RMS_ERROR = "rms_error", unit "nT", pool Rms, better Lower, needs [Signal, Truth];
+    |line| line.error().map(|e| Figure { value: e.rms, n: e.n })
+}
+
+metric! {
+    /// standard deviation (n - 1) of uncompensated minus truth or, without `truth`, of the uncompensated signal itself
+    STD_UNCOMPENSATED = "std_uncompensated", unit "nT", pool Rms, better Neither,
+    shown Shown::column(10, 20), needs [Signal, Aircraft], uses [Truth];
+    |line| Ok(statistics::std(&line.signals()?.before_nt))
+}
+
+metric! {
+    /// `std_uncompensated` over the same of the compensated signal: above 1 is better than nothing
+    IMPROVEMENT_RATIO = "improvement_ratio", unit "1", pool Mean, better Higher,
+    shown Shown::column(30, 90).rank(40), needs [Signal, Aircraft], uses [Truth];
+    |line| line.signals().map(|s| statistics::improvement_ratio(&s.before_nt, &s.after_nt))
+}
+
+metric! {
+    /// `improvement_ratio` of both signals after a band-pass from `low_hz` to `high_hz`
+    IMPROVEMENT_RATIO_BAND = "improvement_ratio_band", unit "1", pool Mean, better Higher,
+    shown Shown::column(40, 60).rank(30), needs [Signal, Aircraft], uses [Truth];
+    improvement_ratio_band
+}
+
+metric! {
+    /// standard deviation of the true anomaly (truth less `igrf` and `diurnal`; without `igrf`, truth less its straight
+    /// line over time) over that of compensated minus truth
+    SNR = "snr", unit "1", pool Mean, better Higher,
+    shown Shown::column(50, 30), needs [Signal, Truth], uses [Core, Diurnal];
+    |line| {
+        let (mag, truth) = (line.column(Source::Signal)?, line.column(Source::Truth)?);
+        Ok(statistics::signal_to_noise(mag, truth, &line.true_anomaly()?))
+    }
+}
+
+metric! {
+    /// slope of the compensated signal, less core field and diurnal variation, over the true anomaly: 1 keeps the
+    /// geology whole
+    ANOMALY_RETENTION = "anomaly_retention", unit "1", pool Mean, better Near(1.0),
+    shown Shown::column(60, 80), needs [Signal, Anomaly, Core], uses [Diurnal];
+    retention
+}
+
+metric! {
+    /// Noriega's index of a calibration box: the sum over its twelve manoeuvres (pitch, roll and yaw on four headings) of
+    /// the mean peak-to-peak amplitude of the band-passed compensated signal; null without all twelve
+    FIGURE_OF_MERIT = "figure_of_merit", unit "nT", pool Rms, better Lower,
+    shown Shown::column(70, 40), needs [Signal, Attitude];
+    of_manoeuvres
+}
+
+metric! {
+    /// thesis 001's: root mean square difference of the compensated signal between samples that are at most 1 m apart and
+    /// more than 1 s, where the track crosses itself; n counts pairs
+    FIGURE_OF_MERIT_CROSSINGS = "figure_of_merit_crossings", unit "nT", pool Rms, better Lower,
+    shown Shown::column(80, 50).rank(50), needs [Signal, Position];
+    at_crossings
+}
+
+fn rate_hz(tt: &[f64]) -> Result<f64, Fault> {
+    sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))
+}
+
+fn improvement_ratio_band(line: &Line) -> Result<Figure, Fault> {
+    let tt = line.tt()?;
+    let Signals { before_nt, after_nt } = line.signals()?;
+    let rate_hz = rate_hz(tt)?;
+    let Some(filter) = design(line.stage.low_hz, line.stage.high_hz, line.stage.order, rate_hz)? else {
+        return Ok(statistics::improvement_ratio(before_nt, after_nt));
+    };
+    let runs = Usable::all(tt.len()).and_finite(before_nt).and_finite(after_nt).runs_in_time(tt, rate_hz);
+    let banded = |x: &[f64]| filter_column(&filter, x, &runs).map(|(y, _)| y).map_err(data);
+    Ok(statistics::improvement_ratio(&banded(before_nt)?, &banded(after_nt)?))
+}
+
+fn retention(line: &Line) -> Result<Figure, Fault> {
+    let anomaly = line.column(Source::Anomaly)?;
+    // Less core field and diurnal variation the true reading is the anomaly itself.
+    match anomaly_retention(&line.measured_anomaly()?, anomaly, anomaly) {
+        Ok(found) => Ok(Figure { value: found.slope, n: found.n }),
+        Err(RetentionError::TooFew { n }) => Ok(Figure { value: f64::NAN, n }),
+        Err(RetentionError::NoAnomaly { .. }) => Ok(Figure { value: f64::NAN, n: 0 }),
+        Err(other) => Err(data(other)),
+    }
+}
+
+fn of_manoeuvres(line: &Line) -> Result<Figure, Fault> {
+    let (tt, angles) = (line.tt()?, line.columns(Source::Attitude)?);
+    let found = manoeuvres(tt, [angles[0], angles[1], angles[2]]);
+    if found.len() < 12 {
+        return Ok(Figure { value: f64::NAN, n: found.len() });
+    }
+    let mag = line.column(Source::Signal)?;
+    let rate_hz = rate_hz(tt)?;
+    let runs = Usable::all(tt.len()).and_finite(mag).runs_in_time(tt, rate_hz);
+    match design(line.stage.low_hz, line.stage.high_hz, line.stage.order, rate_hz)? {
+        None => Ok(figure_of_merit(mag, &found)),
+        Some(filter) => Ok(figure_of_merit(&filter_column(&filter, mag, &runs).map_err(data)?.0, &found)),
+    }
+}
+
+fn at_crossings(line: &Line) -> Result<Figure, Fault> {
+    let (lat, lon) = line.position()?;
+    let Some(start) = (0..lat.len()).find(|i| lat[*i].is_finite() && lon[*i].is_finite()) else {
+        return Ok(Figure { value: f64::NAN, n: 0 });
+    };
+    let place = |i: usize| EarthModel::default().offset_ne_m((lat[start], lon[start]), (lat[i], lon[i]), 0.0);
+    let (north, east): (Vec<f64>, Vec<f64>) = (0..lat.len()).map(place).unzip();
+    Ok(figure_of_merit_crossings(&north, &east, line.column(Source::Signal)?, line.tt()?).figure)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::score::testing::{FLOWN, seconds, value};
+
+    const TURN: [f64; 4] = [1.0, -1.0, -1.0, 1.0];
+
+    #[test]
+    fn law_a_constant_error_is_bias_and_no_deviation() {
+        let truth = seconds(40, |t| 52_000.0 + t);
+        let mag = seconds(40, |t| 52_003.0 + t);
+        let tables = [vec![("mag_c", mag), ("mag_1_c", truth)]];
+        assert_eq!(value(&BIAS_ERROR, &tables), Figure { value: 3.0, n: 40 });
+        assert_eq!(value(&RMS_ERROR, &tables), Figure { value: 3.0, n: 40 });
+        assert_eq!(value(&STD_ERROR, &tables), Figure { value: 0.0, n: 40 });
+    }
+
+    #[test]
+    fn law_a_signal_with_a_fifth_of_its_error_left_is_five_times_better() {
+        // The error has no mean and no slope over four samples, so that nothing of it is taken for truth.
+        let error = |scale: f64| seconds(40, move |t| scale * TURN[t as usize % 4]);
+        let truth = seconds(40, |t| 52_000.0 + 10.0 * TURN[t as usize / 10]);
+        let mag = truth.iter().zip(error(1.0)).map(|(t, e)| t + e).collect();
+        let tables = [vec![("mag_c", mag), ("mag_1_c", truth), ("mag_aircraft", error(4.0))]];
+        assert!((value(&IMPROVEMENT_RATIO, &tables).value - 5.0).abs() < 1e-12);
+        assert!((value(&STD_UNCOMPENSATED, &tables).value / value(&STD_ERROR, &tables).value - 5.0).abs() < 1e-12);
+        // Ten of anomaly over one of error; the straight line of the truth is level.
+        assert!((value(&SNR, &tables).value - 10.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn law_half_of_the_geology_is_a_retention_of_one_half() {
+        let anomaly = seconds(200, |t| 30.0 * (0.2 * t).sin());
+        let core = seconds(200, |t| 52_000.0 + 0.1 * t);
+        let mag = anomaly.iter().zip(&core).map(|(a, c)| c + 0.5 * a).collect();
+        let tables = [vec![("mag_c", mag), ("igrf", core), ("anomaly_truth", anomaly)]];
+        // Rounding of 52,000 nT.
+        assert!((value(&ANOMALY_RETENTION, &tables).value - 0.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn law_a_line_that_is_flown_twice_differs_by_what_its_signal_does() {
+        let there = seconds(40, |t| 0.0001 * (t % 20.0));
+        let mag = seconds(40, |t| if t < 20.0 { 52_000.0 } else { 52_004.0 });
+        let tables = [vec![("mag_c", mag), (FLOWN[0], there), (FLOWN[1], seconds(40, |_| 8.0))]];
+        assert_eq!(value(&FIGURE_OF_MERIT_CROSSINGS, &tables), Figure { value: 4.0, n: 20 });
+    }
+
+    #[test]
+    fn law_without_all_manoeuvres_there_is_no_figure_of_merit() {
+        let level = || seconds(40, |_| 0.0);
+        let tables = [vec![("mag_c", level()), ("roll", level()), ("pitch", level()), ("yaw", level())]];
+        assert!(value(&FIGURE_OF_MERIT, &tables).value.is_nan());
+    }
+}

@@ -1,0 +1,79 @@
+//! Lines to score, for the tests of the metrics.
+
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray};
+use arrow_schema::{DataType, Field, Schema};
+use numerics::regression::statistics::Figure;
+use schemas::{LineIn, Role, Shape};
+
+use super::{Score, line::Line, metric::Scorer, source::Places};
+
+/// The columns of a table.
+pub type Columns = Vec<(&'static str, Vec<f64>)>;
+
+/// True latitude and longitude: in the table without the prefix, and with the role of a truth.
+pub const FLOWN: [&str; 2] = ["true lat", "true lon"];
+
+/// Every metric, of `mag_c` against `mag_1_c`.
+pub fn score() -> Score {
+    Score {
+        truth: Some("mag_1_c".into()),
+        metrics: None,
+        mag: "mag_c".into(),
+        low_hz: 0.1,
+        high_hz: 0.4,
+        order: 4,
+        map_sigma_nt: 5.0,
+    }
+}
+
+/// A function of the time at `n` samples, one a second.
+pub fn seconds(n: u32, f: impl Fn(f64) -> f64) -> Vec<f64> {
+    (0..n).map(|k| f(f64::from(k))).collect()
+}
+
+/// A track of these positions: ten metres of sigma in each direction, and fates that repeat every ten samples.
+pub fn track(lat: Vec<f64>, lon: Vec<f64>) -> Columns {
+    let all = |value: f64| vec![value; lat.len()];
+    let rest = [("alt", 300.0), ("sd_n", 10.0), ("sd_e", 10.0), ("cov_ne", 0.0), ("nis", 0.5)];
+    let rest: Columns = rest.into_iter().map(|(name, value)| (name, all(value))).collect();
+    [("lat", lat.clone()), ("lon", lon)].into_iter().chain(rest).collect()
+}
+
+/// The line of these tables, each with its times, and a track with the fates of its measurements.
+pub fn line(tables: &[Columns]) -> LineIn {
+    let inputs = tables.iter().map(batch).collect();
+    LineIn { flight: "1".into(), line: "1.01".into(), inputs, keep: None, prepared: None }
+}
+
+fn batch(columns: &Columns) -> RecordBatch {
+    let rows = columns[0].1.len();
+    let mut fields = vec![schemas::field("tt", DataType::Float64, "s", Role::Derived, "")];
+    let mut arrays: Vec<ArrayRef> = vec![Arc::new(Float64Array::from_iter_values((0..rows).map(|k| k as f64)))];
+    for (name, values) in columns {
+        let (name, role) = name.strip_prefix("true ").map_or((*name, Role::Derived), |name| (name, Role::Truth));
+        fields.push(schemas::field(name, DataType::Float64, "", role, ""));
+        arrays.push(Arc::new(Float64Array::from(values.clone())));
+    }
+    if columns.iter().any(|(name, _)| *name == "nis") {
+        let fates = ["used", "missing", "off_map", "gated", "used", "missing", "off_map", "gated", "used", "missing"];
+        fields.push(Field::new("update", DataType::Utf8, true));
+        arrays.push(Arc::new((0..rows).map(|k| Some(fates[k % fates.len()])).collect::<StringArray>()));
+    }
+    RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap()
+}
+
+/// The shapes of the tables of a line.
+pub fn shapes(line: &LineIn) -> Vec<Shape> {
+    let columns = |b: &RecordBatch| b.schema().fields().iter().map(|f| schemas::describe_field(f)).collect();
+    line.inputs.iter().map(|b| Shape { columns: columns(b), rate_hz: None }).collect()
+}
+
+/// One metric of these tables.
+pub fn value(scorer: &Scorer, tables: &[Columns]) -> Figure {
+    let (stage, line) = (score(), line(tables));
+    let shapes = shapes(&line);
+    let places = Places::find(&stage, &shapes.iter().collect::<Vec<_>>());
+    (scorer.score)(&Line::new(&stage, &line, &places)).unwrap()
+}
