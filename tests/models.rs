@@ -305,7 +305,7 @@ fn gold_entries_that_are_not_there() {
     assert_eq!(done.code, 2);
     assert!(done.stderr.contains("the features have no entry `b7`"), "{}", done.stderr);
     let bench = small_case(&fit("bad", "mag_4_uc", "model = \"ridge\"\nentries = [\"a0\", \"a0\"]"));
-    assert!(bench.run(&[]).stderr.contains("the entry `a0` is there twice"));
+    assert!(bench.run(&[]).stderr.contains("duplicate entry `a0`"));
 }
 
 /// Numbers from a standard normal distribution, from a fixed seed: Box and Muller on splitmix64.

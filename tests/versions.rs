@@ -1,11 +1,13 @@
 //! The version gate: when a stage's answer moves, its version has to.
 //!
-//! Each stage has, on the small flights of these tests, a fingerprint of what its example gives, rounded to seven
+//! Each stage, and each model and filter, has, on the small flights of these tests, a fingerprint of what its example gives, rounded to seven
 //! significant digits, so that another processor's rounding does not count as a change.
+//! Metrics have theirs beside them, in `stages/src/score/metric.rs`.
 
 use std::fmt::Write;
 
 use arrow_array::{Array, FixedSizeListArray, Float64Array, RecordBatch};
+use schemas::{Entry, KindDoc};
 
 use crate::support::{Bench, SPEC, read, stdout};
 
@@ -30,12 +32,23 @@ fn head() -> &'static str {
     SPEC.split("[axes]").next().unwrap()
 }
 
-/// A table for each model of `fit`, with the stage's version.
-fn models(fit: &schemas::Entry) -> Vec<(String, String)> {
-    let parameter = (fit.params)().into_iter().find(|p| p.name == "model").unwrap();
-    let words = parameter.rule.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>();
-    assert!(words.len() > 5, "{}", parameter.rule);
-    words.iter().map(|model| (format!("fit_{model}"), format!("v{}", fit.version))).collect()
+/// The name of the table of a kind.
+fn table_of(entry: &Entry, kind: &KindDoc) -> String {
+    format!("{}_{}", entry.name, kind.name)
+}
+
+/// The example of a stage with one of the kinds that its key chooses, in place of the one that the example has.
+fn example_of(entry: &Entry, kind: &KindDoc) -> String {
+    let is_of_kinds = |key: &str| key == kind.key || entry.params.iter().any(|p| p.name == key && !p.owners.is_empty());
+    let key = |line: &str| line.split('=').next().unwrap().trim().to_owned();
+    let mut text = String::new();
+    for line in entry.example.lines().filter(|line| !is_of_kinds(&key(line))) {
+        match key(line).as_str() {
+            "name" => writeln!(text, "name = \"{}\"", table_of(entry, kind)).unwrap(),
+            _ => writeln!(text, "{line}").unwrap(),
+        }
+    }
+    format!("{text}{} = \"{}\"\n{}\n", kind.key, kind.name, kind.example)
 }
 
 #[test]
@@ -43,27 +56,19 @@ fn gold_an_answer_that_moves_needs_a_new_version() {
     let bench = Bench::new();
     let catalogue = stages::catalogue();
     let examples: String = catalogue.iter().map(|e| e.example).collect();
-    let fit = catalogue.iter().find(|e| e.name == "fit").unwrap();
-    let of_model = |(name, _): &(String, String)| {
-        let own =
-            fit.example.replace("name   = \"fit\"", &format!("name   = \"{name}\"")).replace("lambda = 0.025\n", "");
-        let own = own.replace("\"tolles_lawson\"", &format!("\"{}\"", name.trim_start_matches("fit_")));
-        // All of them together are least squares.
-        own + if ["fit_pls", "fit_truncated_svd"].contains(&name.as_str()) { "components = 6\n" } else { "" }
-    };
-    let models = models(fit);
-    let each: String = models.iter().map(of_model).collect();
+    let kinds: Vec<(&Entry, &KindDoc)> = catalogue.iter().flat_map(|e| e.kinds.iter().map(move |k| (e, k))).collect();
+    let each: String = kinds.iter().map(|(entry, kind)| example_of(entry, kind)).collect();
     bench.spec(&(head().to_owned() + &examples + &each));
     let checked = bench.magline(&["check", "spec.toml"]);
     assert!(checked.status.success(), "{}{}", stdout(&checked), crate::support::stderr(&checked));
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     let mut now = String::new();
-    let stages = catalogue.iter().map(|e| (e.name.to_owned(), format!("v{}", e.version)));
-    for (table, version) in stages.chain(models) {
-        let batches = read(&bench.path("store/tables/small").join(&table));
-        assert!(batches.iter().any(|b| b.num_rows() > 0), "the example of `{table}` gives no rows");
-        writeln!(now, "{table} {version} {}", fingerprint(&batches)).unwrap();
+    let tables = catalogue.iter().map(|e| (e.name.to_owned(), e));
+    for (name, entry) in tables.chain(kinds.iter().map(|(entry, kind)| (table_of(entry, kind), *entry))) {
+        let batches = read(&bench.path("store/tables/small").join(&name));
+        assert!(batches.iter().any(|b| b.num_rows() > 0), "the example of `{name}` gives no rows");
+        writeln!(now, "{name} v{} {}", entry.version, fingerprint(&batches)).unwrap();
     }
     let kept = include_str!("versions.txt");
     assert!(now == kept, "an answer moved: raise the stage's version and write into tests/versions.txt\n{now}");
@@ -72,7 +77,7 @@ fn gold_an_answer_that_moves_needs_a_new_version() {
 #[test]
 fn every_stage_says_what_happens_without_a_parameter() {
     for entry in stages::catalogue() {
-        for parameter in (entry.params)() {
+        for parameter in &entry.params {
             let silent = parameter.default.is_none() && parameter.absent == Some("");
             assert!(
                 !silent,

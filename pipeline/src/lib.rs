@@ -42,6 +42,7 @@ pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, Faults> {
 }
 
 pub use cli::main;
+pub use stages::Catalogue;
 
 /// The built-in stages.
 pub fn catalogue() -> Vec<Entry> {

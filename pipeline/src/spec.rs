@@ -247,7 +247,7 @@ impl Reading {
 
     fn seed(&mut self, root: &DeTable) -> u64 {
         let Some(value) = root.get("seed") else { return 0 };
-        match literal(value.get_ref()) {
+        match literal(value) {
             Ok(Literal::Int(n)) if n >= 0 => n.unsigned_abs(),
             _ => {
                 self.faults.push(Fault::new("`seed` must be a whole number, 0 or above").at(value.span()));
@@ -393,12 +393,12 @@ impl Reading {
     fn args(&mut self, table: &DeTable, but: &[&str]) -> Args {
         let mut args: Args = BTreeMap::new();
         for (key, value) in table.iter().filter(|(k, _)| !but.contains(&k.get_ref().as_ref())) {
-            match literal(value.get_ref()) {
+            match literal(value) {
                 Ok(x) => {
                     args.insert(key.get_ref().to_string(), given(x, key.span(), value.span()));
                 }
                 Err(_) if value.get_ref().is_table() => self.flatten(key.get_ref(), value, &mut args),
-                Err(what) => self.faults.push(Fault::new(what).at(value.span())),
+                Err(fault) => self.faults.push(fault),
             }
         }
         args
@@ -407,11 +407,11 @@ impl Reading {
     /// `rename = { a = "b" }` becomes the option `rename.a`.
     fn flatten(&mut self, prefix: &str, value: &Spanned<DeValue>, args: &mut Args) {
         for (key, value) in value.get_ref().as_table().into_iter().flat_map(|t| t.iter()) {
-            match literal(value.get_ref()) {
+            match literal(value) {
                 Ok(x) => {
                     args.insert(format!("{prefix}.{}", key.get_ref()), given(x, key.span(), value.span()));
                 }
-                Err(what) => self.faults.push(Fault::new(what).at(value.span())),
+                Err(fault) => self.faults.push(fault),
             }
         }
     }
@@ -424,22 +424,14 @@ fn plain(text: &str) -> String {
     if text.chars().count() > SHOWN { format!("{line}...") } else { line }
 }
 
-/// A TOML value as a literal; tables and dates are none.
-fn literal(value: &DeValue) -> Result<Literal, String> {
-    match value {
-        DeValue::String(s) => Ok(Literal::Text(s.to_string())),
-        DeValue::Boolean(b) => Ok(Literal::Bool(*b)),
-        DeValue::Integer(n) => i64::from_str_radix(n.as_str(), n.radix())
-            .map(Literal::Int)
-            .map_err(|_| format!("the number {} is out of range", n.as_str())),
-        DeValue::Float(x) => match x.as_str().parse::<f64>() {
-            Ok(x) if !x.is_nan() => Ok(Literal::Float(x)),
-            _ => Err(format!("{} is not a number that can be used here", x.as_str())),
-        },
-        DeValue::Array(items) => {
-            items.iter().map(|v| literal(v.get_ref())).collect::<Result<_, _>>().map(Literal::List)
-        }
-        DeValue::Datetime(_) => Err("a date cannot stand here; write it as text".to_owned()),
-        DeValue::Table(_) => Err("a table cannot stand here".to_owned()),
-    }
+/// A TOML value as a literal; a table cannot stand where one is read.
+fn literal(value: &Spanned<DeValue>) -> Result<Literal, Fault> {
+    let first = |faults: Vec<Fault>| faults.into_iter().next().unwrap_or_else(|| Fault::bug("a value is refused"));
+    let read = schemas::literal(value).map_err(first)?;
+    let is_table = |value: &Literal| matches!(value, Literal::Section(_));
+    let holds_table = match &read {
+        Literal::List(items) => items.iter().any(is_table),
+        one => is_table(one),
+    };
+    if holds_table { Err(Fault::new("a table cannot stand here").at(value.span())) } else { Ok(read) }
 }

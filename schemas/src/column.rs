@@ -2,7 +2,7 @@
 
 use std::{collections::HashMap, fmt};
 
-use arrow_schema::{DataType, Field};
+use arrow_schema::{DataType, Field, Schema};
 
 use crate::Fault;
 
@@ -191,6 +191,11 @@ pub struct Shape {
 }
 
 impl Shape {
+    /// Of a table as Arrow describes it, whose rate is not known.
+    pub fn of(schema: &Schema) -> Shape {
+        Shape { columns: schema.fields().iter().map(|field| describe_field(field)).collect(), rate_hz: None }
+    }
+
     /// The column `name`, if the table has it.
     pub fn get(&self, name: &str) -> Option<&Column> {
         self.columns.iter().find(|c| c.name == name)

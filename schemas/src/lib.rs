@@ -5,20 +5,21 @@
 
 pub mod canonical;
 mod column;
-mod fault;
 pub mod flight;
 pub mod map;
 pub mod metric;
 pub mod plausible;
 mod stage;
 mod unit;
-mod value;
 
 pub use column::{Column, ColumnType, Described, Role, Shape, describe_field, field};
-pub use fault::{Fault, Owner, Place, nearest, render};
+pub use params::{
+    Args, Chosen, Fault, Given, Kind, Kinds, Lists, Literal, Nested, OrAuto, Own, Owner, Param, ParamDoc, Params,
+    Place, Reader, Rule, Section, Sections, Several, Value, choice, collect_doc, first, literal, nearest, no_text,
+    obeys, params, render, words_rule,
+};
 pub use stage::{
-    Args, Build, Declared, Entry, Gather, Given, Grain, InputDecl, InputKind, LineIn, ParamDoc, Passes, Prepared,
-    Stage, StageDyn, Table, Yield, collect_doc, read_param, unknown_keys, words_rule,
+    Build, Entry, Gather, Grain, Head, InputDecl, InputKind, KindDoc, LineIn, Passes, Prepared, Stage, StageDyn, Table,
+    Yield,
 };
 pub use unit::{convert, convertible_to, is_unit, usual_spelling};
-pub use value::{Literal, OrAuto, Rule, Value};

@@ -3,11 +3,11 @@
 //! From one [`stage!`](crate::stage!) declaration derive: spec parsing and its messages, plan validation, `explain`,
 //! lineage, cache keys, column pruning, `magline stages` and the reference pages.
 
-use std::{any::Any, collections::BTreeMap, ops::Range, sync::Arc};
+use std::{any::Any, sync::Arc};
 
 use arrow_array::{ArrayRef, RecordBatch};
 
-use crate::{Column, Fault, Literal, Shape, metric::Metric};
+use crate::{Args, Column, Fault, Lists, ParamDoc, Params, Reader, Shape, collect_doc, metric::Metric};
 
 /// How much of a survey a stage must see at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -160,14 +160,8 @@ pub trait Gather: Send + Sync {
     fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>>;
 }
 
-/// What the [`stage!`](crate::stage!) declaration writes for a stage.
-pub trait Declared {
-    /// Every parameter in its one spelling.
-    fn canonical(&self) -> Vec<(&'static str, String)>;
-}
-
 /// What the author of a stage writes.
-pub trait Stage: Declared + Any + Send + Sync + Sized {
+pub trait Stage: Params + Any + Send + Sync {
     /// The columns it reads and makes, given the tables that reach it.
     ///
     /// # Errors
@@ -209,7 +203,9 @@ pub trait Stage: Declared + Any + Send + Sync + Sized {
     /// The parameters that [`Stage::prepare`] depends on, in one spelling: all, unless a stage narrows them to share
     /// what it prepares between the points of a sweep.
     fn prepare_key(&self) -> String {
-        self.canonical().iter().map(|(name, value)| format!("{name}={value};")).collect()
+        let mut pairs = vec![];
+        self.spell(&mut pairs);
+        pairs.iter().map(|(name, value)| format!("{name}={value};")).collect()
     }
 
     /// For survey stages: the points of a sweep that see the same lines, solved together.
@@ -220,7 +216,7 @@ pub trait Stage: Declared + Any + Send + Sync + Sized {
 
 /// A [`Stage`] whose type is forgotten.
 pub trait StageDyn: Send + Sync {
-    /// See [`Declared::canonical`]; without the parameters that are [idle](Stage::idle).
+    /// Every parameter in its one spelling, without those that are [idle](Stage::idle).
     fn canonical(&self) -> Vec<(&'static str, String)>;
     /// See [`Stage::idle`].
     fn idle(&self, key: &str) -> Option<Fault>;
@@ -252,7 +248,10 @@ pub trait StageDyn: Send + Sync {
 
 impl<S: Stage> StageDyn for S {
     fn canonical(&self) -> Vec<(&'static str, String)> {
-        Declared::canonical(self).into_iter().filter(|(key, _)| Stage::idle(self, key).is_none()).collect()
+        let mut pairs = vec![];
+        self.spell(&mut pairs);
+        pairs.retain(|(key, _)| Stage::idle(self, key).is_none());
+        pairs
     }
     fn idle(&self, key: &str) -> Option<Fault> {
         Stage::idle(self, key)
@@ -287,44 +286,11 @@ impl<S: Stage> StageDyn for S {
     }
 }
 
-/// A parameter as the reference shows it.
-#[derive(Clone, Debug)]
-pub struct ParamDoc {
-    /// The key in the spec.
-    pub name: &'static str,
-    /// The type in a word.
-    pub type_name: &'static str,
-    /// The unit; empty for none.
-    pub unit: &'static str,
-    /// The default in its canonical spelling; `None` where it must be given or may be left out.
-    pub default: Option<String>,
-    /// What happens where a parameter without a default is left out; `None` where it must be given.
-    pub absent: Option<&'static str>,
-    /// What values are allowed, in words.
-    pub rule: String,
-    /// What it does.
-    pub doc: String,
-}
-
-/// One key of a stage as the spec gives it, with where it stands.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Given {
-    /// Its value.
-    pub value: Literal,
-    /// The bytes of the key.
-    pub key_at: Range<usize>,
-    /// The bytes of the value.
-    pub at: Range<usize>,
-}
-
-/// The parameters of a stage as the spec gives them.
-pub type Args = BTreeMap<String, Given>;
-
-/// How a stage is made from its parameters.
-pub type Build = fn(&Args) -> Result<Arc<dyn StageDyn>, Vec<Fault>>;
+/// How a stage is made from its parameters: all that is wrong with them, where they are.
+pub type Build = Arc<dyn Fn(&Args) -> Result<Arc<dyn StageDyn>, Vec<Fault>> + Send + Sync>;
 
 /// One row of the catalogue: all that the planner, `explain`, lineage, keys and docs read of a stage.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub struct Entry {
     /// The word after `stage =`.
     pub name: &'static str,
@@ -335,46 +301,70 @@ pub struct Entry {
     /// Its inputs.
     pub inputs: &'static [InputDecl],
     /// What it does, when you want it, what it refuses, source.
-    pub doc: fn() -> String,
+    pub doc: String,
     /// A fragment of a spec that uses it, the table named like the stage. The examples of the catalogue, in its order,
     /// make one spec over a table of flights `flights` and a map `anomaly`; the reference prints them, and the test of
     /// the versions runs them.
     pub example: &'static str,
-    /// What the reference shows besides; empty for most.
-    pub more: fn() -> String,
+    /// What can be chosen by one of its keys, such as the models of a fit.
+    pub kinds: Vec<KindDoc>,
     /// What a line is scored by, for a stage that makes a table of scores; empty for others.
-    pub metrics: &'static [Metric],
+    pub metrics: Vec<Metric>,
     /// Its parameters.
-    pub params: fn() -> Vec<ParamDoc>,
+    pub params: Vec<ParamDoc>,
     /// Makes the stage from its parameters, or says all that is wrong with them.
     pub build: Build,
 }
 
-/// Joins `///` lines the way rustdoc does, keeping paragraphs and the rows of tables.
-pub fn collect_doc(lines: &[&str]) -> String {
-    let mut text = String::new();
-    for line in lines.iter().map(|l| l.trim()) {
-        if line.is_empty() {
-            text.push_str("\n\n");
-        } else {
-            if !text.is_empty() && !text.ends_with('\n') {
-                text.push(if line.starts_with('|') { '\n' } else { ' ' });
-            }
-            text.push_str(line);
-        }
-    }
-    text
+/// One of several things that a key of a stage chooses by name, as the reference shows it.
+#[derive(Clone, Debug)]
+pub struct KindDoc {
+    /// The key that chooses it.
+    pub key: &'static str,
+    /// Its name.
+    pub name: &'static str,
+    /// What it does, when you want it, source.
+    pub doc: String,
+    /// Facts beside its keys, one a line, such as the default of a setting.
+    pub facts: Vec<String>,
+    /// Its own keys.
+    pub params: Vec<ParamDoc>,
+    /// Keys, one a line, that the example of the stage takes for this one; may be empty.
+    pub example: &'static str,
 }
 
-/// Faults for keys that are neither parameters of the stage nor of the plan.
-pub fn unknown_keys(args: &Args, stage: &str, params: &[&str], plan: &[&str]) -> Vec<Fault> {
-    let known: Vec<&str> = params.iter().chain(plan).copied().collect();
-    args.iter()
-        .filter(|(name, _)| !params.contains(&name.as_str()))
-        .map(|(name, given)| {
-            Fault::new(format!("`{stage}` has no parameter `{name}`")).nearest(name, &known).at(given.key_at.clone())
-        })
-        .collect()
+/// What a [`stage!`](crate::stage!) declaration says beside the parameters.
+#[doc(hidden)]
+pub struct Head {
+    pub name: &'static str,
+    pub version: u32,
+    pub grain: Grain,
+    pub inputs: &'static [InputDecl],
+    pub doc: &'static [&'static str],
+    pub example: &'static str,
+}
+
+impl Entry {
+    /// The row of a stage `S` whose choices among kinds are made from `lists`.
+    #[doc(hidden)]
+    pub fn of<S: Stage + Params>(head: Head, lists: Lists) -> Entry {
+        let Head { name, version, grain, inputs, doc, example } = head;
+        let params = S::docs(&lists);
+        let known: Vec<&str> = params.iter().map(|p| p.name).collect();
+        let build = move |args: &Args| -> Result<Arc<dyn StageDyn>, Vec<Fault>> {
+            let mut reader = Reader::new(name, args, None, &lists);
+            let stage = S::read(&mut reader, None);
+            let inputs: Vec<&str> = inputs.iter().map(|input| input.name).collect();
+            reader.unknown_keys(&known, &inputs);
+            let faults = reader.into_faults();
+            match stage {
+                Some(stage) if faults.is_empty() => Ok(Arc::new(stage)),
+                _ => Err(faults),
+            }
+        };
+        let (doc, build) = (collect_doc(doc), Arc::new(build));
+        Entry { name, version, grain, inputs, doc, example, kinds: vec![], metrics: vec![], params, build }
+    }
 }
 
 /// Declares a stage once: name, version, grain, inputs, an example, parameters with unit, default, rule and
@@ -411,20 +401,19 @@ macro_rules! stage {
     (
         $(#[doc = $d:literal])*
         $Ty:ident = $name:literal, version $v:literal, grain $grain:ident, inputs [$($inp:ident : $kind:ident),* $(,)?],
-        example $example:literal;
+        $(groups [$($g:ident : $gt:ty),* $(,)?],)? example $example:literal;
         $(
             $(#[doc = $pd:literal])* $p:ident : $pt:ty, unit $unit:literal
             $(, default $def:expr)? $(, absent $absent:literal)? $(, rule $rule:expr)? ;
         )*
     ) => {
-        $(#[doc = $d])*
-        #[derive(Clone, Debug)]
-        pub struct $Ty { $( $(#[doc = $pd])* pub $p: $pt, )* }
-
-        impl $crate::Declared for $Ty {
-            fn canonical(&self) -> Vec<(&'static str, String)> {
-                vec![ $( (stringify!($p), $crate::Value::canonical(&self.$p)), )* ]
-            }
+        $crate::params! {
+            $(#[doc = $d])*
+            pub struct $Ty $(, groups [$($g: $gt),*])?;
+            $(
+                $(#[doc = $pd])* $p: $pt, unit $unit
+                $(, default $def)? $(, absent $absent)? $(, rule $rule)?;
+            )*
         }
 
         impl $Ty {
@@ -433,170 +422,24 @@ macro_rules! stage {
 
             /// The row of the catalogue.
             pub fn entry() -> $crate::Entry {
-                fn params() -> Vec<$crate::ParamDoc> {
-                    vec![ $( $crate::ParamDoc {
-                        name: stringify!($p),
-                        type_name: <$pt as $crate::Value>::TYPE,
-                        unit: $unit,
-                        default: {
-                            #[allow(unused_mut, unused_assignments)]
-                            let mut x: Option<$pt> = None;
-                            $( x = Some(<$pt>::from($def)); )?
-                            x.as_ref().map($crate::Value::canonical)
-                        },
-                        absent: {
-                            #[allow(unused_mut, unused_assignments)]
-                            let mut text = <$pt as $crate::Value>::absent().map(|_: $pt| "");
-                            $( let _ = stringify!($def); text = None; )?
-                            $( text = Some($absent); )?
-                            text
-                        },
-                        rule: {
-                            #[allow(unused_mut, unused_assignments)]
-                            let mut r = $crate::words_rule::<$pt>();
-                            $( r = $rule; )?
-                            r.words()
-                        },
-                        doc: $crate::collect_doc(&[$($pd),*]),
-                    }, )* ]
-                }
-                fn build(args: &$crate::Args) -> Result<std::sync::Arc<dyn $crate::StageDyn>, Vec<$crate::Fault>> {
-                    let mut faults = $crate::unknown_keys(args, $name, &[$(stringify!($p)),*], &[$(stringify!($inp)),*]);
-                    $(
-                        let $p: Option<$pt> = {
-                            #[allow(unused_mut, unused_assignments)]
-                            let mut given: Option<$pt> = <$pt as $crate::Value>::absent();
-                            $( given = Some(<$pt>::from($def)); )?
-                            #[allow(unused_mut, unused_assignments)]
-                            let mut rule = $crate::Rule::Any;
-                            $( rule = $rule; )?
-                            $crate::read_param($name, stringify!($p), args, given, rule, &[$($pd),*], &mut faults)
-                        };
-                    )*
-                    match ( $($p,)* ) {
-                        ( $(Some($p),)* ) if faults.is_empty() => Ok(std::sync::Arc::new($Ty { $($p,)* })),
-                        _ => Err(faults),
-                    }
-                }
-                fn doc() -> String { $crate::collect_doc(&[$($d),*]) }
-                $crate::Entry {
+                Self::entry_with($crate::Lists::default())
+            }
+
+            /// The row of the catalogue, with what its keys choose from.
+            pub fn entry_with(lists: $crate::Lists) -> $crate::Entry {
+                let head = $crate::Head {
                     name: $name,
                     version: $v,
                     grain: $crate::Grain::$grain,
                     inputs: &[$($crate::InputDecl { name: stringify!($inp), kind: $crate::InputKind::$kind }),*],
-                    doc,
+                    doc: &[$($d),*],
                     example: $example,
-                    more: String::new,
-                    metrics: &[],
-                    params,
-                    build,
-                }
+                };
+                $crate::Entry::of::<Self>(head, lists)
             }
         }
     };
 }
 
-/// The words that a type allows by itself.
-#[doc(hidden)]
-pub fn words_rule<T: crate::Value>() -> crate::Rule {
-    if T::WORDS.is_empty() { crate::Rule::Any } else { crate::Rule::OneOf(T::WORDS) }
-}
-
-/// Reads one parameter for the [`stage!`](crate::stage!) declaration.
-#[doc(hidden)]
-pub fn read_param<T: crate::Value>(
-    stage: &str,
-    name: &str,
-    args: &Args,
-    absent: Option<T>,
-    rule: crate::Rule,
-    doc: &[&str],
-    faults: &mut Vec<Fault>,
-) -> Option<T> {
-    let Some(Given { value: literal, at, .. }) = args.get(name) else {
-        if absent.is_none() {
-            faults.push(Fault::new(format!("`{stage}` needs `{name}`")).help(collect_doc(doc)));
-        }
-        return absent;
-    };
-    let Some(value) = T::read(literal) else {
-        if let (Some(word), false) = (literal.as_text(), T::WORDS.is_empty()) {
-            faults.push(Fault::new(format!("`{name}` cannot be `{word}`")).nearest(word, T::WORDS).at(at.clone()));
-            return None;
-        }
-        let what = format!("`{name}` of `{stage}` must be a {}, not a {}", T::TYPE, literal.type_name());
-        faults.push(Fault::new(what).at(at.clone()));
-        return None;
-    };
-    if let Err(fault) = value.check(&rule) {
-        faults.push(Fault { what: format!("`{name}` {}", fault.what), ..fault }.at(at.clone()));
-        return None;
-    }
-    Some(value)
-}
-
 #[cfg(test)]
-mod tests {
-    use arrow_array::{Array, Float64Array};
-
-    use super::*;
-
-    crate::stage! {
-        /// A number.
-        Number = "number", version 1, grain Line, inputs [input: Lines], example "";
-        /// The number; a negative one is a fault.
-        value: f64, unit "1";
-    }
-
-    crate::stage! {
-        /// Another stage.
-        Other = "other", version 1, grain Line, inputs [input: Lines], example "";
-        /// The number of its columns: none.
-        columns: usize, unit "1";
-    }
-
-    impl Stage for Number {
-        fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
-            Ok(Yield::append::<&str>(vec![], &[]))
-        }
-        fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-            let values = vec![self.value; line.line.len()];
-            if self.value < 0.0 { Err(Fault::data("negative")) } else { Ok(vec![Arc::new(Float64Array::from(values))]) }
-        }
-    }
-
-    impl Stage for Other {
-        fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
-            Ok(Yield::append::<&str>(vec![], &[]))
-        }
-        fn idle(&self, key: &str) -> Option<Fault> {
-            (key == "columns" && self.columns == 0).then(|| Fault::new("none"))
-        }
-        fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-            Ok(vec![])
-        }
-    }
-
-    #[test]
-    fn law_what_has_no_say_is_not_in_the_key() {
-        let canonical = |columns| StageDyn::canonical(&Other { columns });
-        assert_eq!(canonical(0), []);
-        assert_eq!(canonical(2), [("columns", "2".to_owned())]);
-    }
-
-    #[test]
-    fn law_points_are_run_each_by_itself_unless_the_stage_knows_better() {
-        let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![], keep: None, prepared: None };
-        let (one, bad, two) = (Number { value: 1.0 }, Number { value: -1.0 }, Number { value: 2.0 });
-        let points: [(&dyn StageDyn, &LineIn); 4] =
-            [(&one, &line), (&bad, &line), (&Other { columns: 0 }, &line), (&two, &line)];
-        assert_eq!([Number::entry().name, Other::entry().name], [Number::NAME, Other::NAME]);
-        for first in [&one as &dyn StageDyn, &Other { columns: 0 }] {
-            let answers = first.run_points(&points);
-            let columns: Vec<Option<usize>> = answers.iter().map(|a| a.as_ref().ok().map(Vec::len)).collect();
-            assert_eq!(columns, [Some(1), None, Some(0), Some(1)]);
-            let expected: ArrayRef = Arc::new(Float64Array::from(vec![2.0; 4]));
-            assert!(answers[3].as_ref().is_ok_and(|arrays| arrays[0].to_data() == expected.to_data()));
-        }
-    }
-}
+mod tests;

@@ -8,13 +8,16 @@
 mod flight;
 #[path = "../numerics/tests/osborne/mod.rs"]
 mod osborne;
+#[path = "../numerics/benches/processor/mod.rs"]
+mod processor;
 
-use std::{hint::black_box, sync::Arc, time::Instant};
+use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch};
 use flight::{Flight, flight};
 use numerics::maps::map_grid::{AnomalyMap, Interpolation, MapGrid};
 use osborne::{core_field, grid};
+use processor::processor_s;
 use schemas::{Args, Given, LineIn, Literal, StageDyn};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
@@ -142,19 +145,6 @@ fn sweep(grid: &MapGrid, flight: &Flight) -> Result<(), Failure> {
         }
     }
     Ok(())
-}
-
-/// The time that this thread had the processor, in seconds, for `work` (that on the clock where the system does not
-/// tell), and its answer.
-fn processor_s<T>(work: impl FnOnce() -> T) -> (f64, T) {
-    let on_processor_s = || -> Option<f64> {
-        let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
-        Some(told.split_whitespace().next()?.parse::<f64>().ok()? * 1e-9)
-    };
-    let (clock, before) = (Instant::now(), on_processor_s());
-    let answer = black_box(work());
-    let time_s = before.zip(on_processor_s()).map_or_else(|| clock.elapsed().as_secs_f64(), |(a, b)| b - a);
-    (time_s, answer)
 }
 
 fn main() -> Result<(), Failure> {

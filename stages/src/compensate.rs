@@ -2,12 +2,24 @@
 
 use arrow_array::{ArrayRef, RecordBatch, cast::AsArray};
 use numerics::regression::statistics;
-use schemas::{Column, ColumnType, Fault, LineIn, Prepared, Rule, Stage, Table, Yield, stage};
+use schemas::{Column, ColumnType, Fault, LineIn, Prepared, Stage, Table, Yield, choice, stage};
 
 use crate::{
     columns::{array, faults_of, floats, matrix, no_truth, shape},
     fit::INTERCEPT,
 };
+
+choice! {
+    /// What a model predicts.
+    pub enum Predicts {
+        /// The field of the aircraft.
+        Aircraft = "aircraft",
+        /// The anomaly, without core field and diurnal variation.
+        Anomaly = "anomaly",
+        /// The whole field.
+        Field = "field",
+    }
+}
 
 stage! {
     /// Takes the field that a fitted model predicts for the aircraft off a scalar magnetometer.
@@ -35,7 +47,7 @@ mag   = "mag_4_uc"
     mag: String, unit "nT";
     /// What the model was fitted to predict: the `aircraft`'s field; or the `anomaly`, to which core field `igrf` and
     /// diurnal variation `diurnal` are added (targets `a` and `b`); or the whole `field`.
-    predicts: String, unit "", default "aircraft", rule Rule::OneOf(&["aircraft", "anomaly", "field"]);
+    predicts: Predicts, unit "", default Predicts::Aircraft;
     /// Terms of the model that are no part of the aircraft and are left out, such as `easting` and `northing`.
     without: Vec<String>, unit "", default Vec::<String>::new();
     /// Leave the mean of the predicted aircraft field in the signal.
@@ -65,17 +77,17 @@ impl Stage for Compensate {
                 );
             }
         }
-        if self.predicts == "anomaly" {
+        if self.predicts == Predicts::Anomaly {
             faults.extend(faults_of(EARTH.iter().map(|name| lines.number(name, "nT")), "predicts"));
         }
-        if self.predicts != "aircraft" && self.detrend {
+        if self.predicts != Predicts::Aircraft && self.detrend {
             faults.push(Fault::new("only an aircraft's field is detrended").of_param("detrend"));
         }
         if !faults.is_empty() {
             return Err(faults);
         }
         let mut reads = vec![self.mag.clone()];
-        reads.extend(EARTH.iter().filter(|_| self.predicts == "anomaly").map(|name| (*name).to_owned()));
+        reads.extend(EARTH.iter().filter(|_| self.predicts == Predicts::Anomaly).map(|name| (*name).to_owned()));
         reads.extend(features.iter().cloned());
         let made = |name, doc| Column::float(name, "nT", doc).from(0, &reads).from(1, &["term", "value"]);
         let mut columns =
@@ -95,9 +107,9 @@ impl Stage for Compensate {
             .ok_or_else(|| Fault::data("the model is missing"))?;
         let noise = model.noise.map(|x| array(vec![x; mag.len()]));
         let mut aircraft = predict(&line.inputs[0], model, mag.len())?;
-        if self.predicts != "aircraft" {
+        if self.predicts != Predicts::Aircraft {
             let mut field = aircraft;
-            for name in EARTH.iter().filter(|_| self.predicts == "anomaly") {
+            for name in EARTH.iter().filter(|_| self.predicts == Predicts::Anomaly) {
                 field.iter_mut().zip(floats(&line.inputs[0], name)?).for_each(|(f, x)| *f += x);
             }
             let off = mag.iter().zip(&field).map(|(m, f)| m - f).collect();

@@ -6,7 +6,7 @@ use numerics::earth::{
     attitude::body_to_ned,
     core_field::{Coordinate, CoreFieldError, CoreModel, CoreTrack, Ned},
 };
-use schemas::{Column, Fault, LineIn, Rule, Shape, Stage, Table, Yield, stage};
+use schemas::{Column, Fault, LineIn, Rule, Shape, Stage, Table, Yield, choice, stage};
 
 use crate::{
     columns::{array, data, faults_of, floats, shape},
@@ -35,44 +35,75 @@ input        = "resample"
 decimal_year = 2020.5
 "#;
     /// The model: `igrf` (IGRF-14, 1900 to 2030) or `wmm` (the World Magnetic Model, 2020 to 2030).
-    model: String, unit "", default "igrf", rule Rule::OneOf(&["igrf", "wmm"]);
+    model: CoreModel, unit "", default CoreModel::Igrf14;
     /// The name of the magnitude, from which the others are made.
     column: String, unit "", default "igrf";
     /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS.
-    position: String, unit "", default "truth", rule Rule::OneOf(&["truth", "ins"]);
+    position: PositionOf, unit "", default PositionOf::Truth;
     /// Whose attitude turns the field into the body frame.
-    attitude: Option<String>, unit "", absent "that of the INS, else the true one, where the flight has it", rule Rule::OneOf(&["truth", "ins", "none"]);
+    attitude: Option<AttitudeOf>, unit "", absent "that of the INS, else the true one, where the flight has it";
     /// The date of all samples, in place of the flight's own.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
 }
 
-const PLACES: [(&str, [&str; 3]); 2] = [("truth", ["lat", "lon", "alt"]), ("ins", ["ins_lat", "ins_lon", "ins_alt"])];
-const ATTITUDES: [(&str, [&str; 3]); 2] =
-    [("ins", ["ins_roll", "ins_pitch", "ins_yaw"]), ("truth", ["roll", "pitch", "yaw"])];
-
-/// The columns that a word in a parameter stands for.
-pub(crate) fn named(of: &[(&str, [&'static str; 3])], word: &str) -> [&'static str; 3] {
-    of.iter().find(|(name, _)| *name == word).map_or([""; 3], |(_, columns)| *columns)
+choice! {
+    /// Whose position.
+    pub enum PositionOf {
+        /// The true one.
+        Truth = "truth",
+        /// That of the INS.
+        Ins = "ins",
+    }
 }
 
-/// Position columns of `truth` or `ins`.
-pub(crate) fn place_columns(word: &str) -> [&'static str; 3] {
-    named(&PLACES, word)
+impl PositionOf {
+    /// Latitude, longitude and height.
+    pub(crate) fn columns(self) -> [&'static str; 3] {
+        match self {
+            PositionOf::Truth => ["lat", "lon", "alt"],
+            PositionOf::Ins => ["ins_lat", "ins_lon", "ins_alt"],
+        }
+    }
+}
+
+choice! {
+    /// Whose attitude.
+    pub enum AttitudeOf {
+        /// The true one.
+        Truth = "truth",
+        /// That of the INS.
+        Ins = "ins",
+        /// None: no body frame.
+        None = "none",
+    }
+}
+
+impl AttitudeOf {
+    /// Roll, pitch and yaw.
+    fn columns(self) -> Option<[&'static str; 3]> {
+        match self {
+            AttitudeOf::Truth => Some(["roll", "pitch", "yaw"]),
+            AttitudeOf::Ins => Some(["ins_roll", "ins_pitch", "ins_yaw"]),
+            AttitudeOf::None => None,
+        }
+    }
 }
 
 impl CoreFieldStage {
     /// The attitude's columns; `None` where there is to be no body frame.
     fn attitude_columns(&self, shape: &Shape) -> Option<[&'static str; 3]> {
-        match self.attitude.as_deref() {
-            Some("none") => None,
-            Some(word) => Some(named(&ATTITUDES, word)),
-            None => ATTITUDES.iter().map(|(_, c)| *c).find(|c| c.iter().all(|n| shape.get(n).is_some())),
+        match self.attitude {
+            Some(whose) => whose.columns(),
+            None => [AttitudeOf::Ins, AttitudeOf::Truth]
+                .into_iter()
+                .filter_map(AttitudeOf::columns)
+                .find(|c| c.iter().all(|n| shape.get(n).is_some())),
         }
     }
 
     /// Names the column, and the row of a place that does not exist.
     fn placed(&self, e: CoreFieldError) -> Fault {
-        let [lat, lon, alt] = place_columns(&self.position);
+        let [lat, lon, alt] = self.position.columns();
         match e {
             CoreFieldError::Position { coordinate, row, .. } => {
                 let column = match coordinate {
@@ -108,7 +139,7 @@ impl CoreFieldStage {
 impl Stage for CoreFieldStage {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
-        let place = place_columns(&self.position);
+        let place = self.position.columns();
         let units = ["deg", "deg", "m"];
         let mut faults = faults_of(place.iter().zip(units).map(|(c, unit)| shape.number(c, unit)), "position");
         let attitude = self.attitude_columns(shape);
@@ -130,18 +161,14 @@ impl Stage for CoreFieldStage {
 
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
         let batch = &line.inputs[0];
-        let [lat, lon, alt] = place_columns(&self.position);
+        let [lat, lon, alt] = self.position.columns();
         let (lat, lon, alt) = (floats(batch, lat)?, floats(batch, lon)?, floats(batch, alt)?);
         let year = match self.decimal_year {
             Some(year) => vec![year; lat.len()],
             None => years(batch)?,
         };
-        let model = if self.model == "wmm" { CoreModel::Wmm } else { CoreModel::Igrf14 };
-        let field = CoreTrack::new(model).field(lat, lon, alt, &year).map_err(|e| self.placed(e))?;
-        let shape = Shape {
-            columns: batch.schema().fields().iter().map(|f| schemas::describe_field(f)).collect(),
-            rate_hz: None,
-        };
+        let field = CoreTrack::new(self.model).field(lat, lon, alt, &year).map_err(|e| self.placed(e))?;
+        let shape = Shape::of(&batch.schema());
         let body = self.attitude_columns(&shape).map(|attitude| in_body_frame(batch, attitude, &field)).transpose()?;
         let magnitude = field.magnitude_nt();
         let mut arrays = vec![array(magnitude), array(field.north_nt), array(field.east_nt), array(field.down_nt)];

@@ -19,6 +19,7 @@ use schemas::{Column, ColumnType, Fault, LineIn, Rule, Shape, Stage, Table, Yiel
 use crate::{
     bandpass::design,
     columns::{data, floats, list, no_truth, shape, vector_axes},
+    core_field::PositionOf,
 };
 
 stage! {
@@ -69,7 +70,7 @@ features = ["mag_4_uc", "mag_4_uc_dot", "TL_A_flux_a"]
     /// Latitude and longitude, in degrees, that `slope` counts from.
     origin: Option<Vec<f64>>, unit "deg", absent "the line's first sample";
     /// Where `slope` takes the position from.
-    position: String, unit "", default "ins", rule Rule::OneOf(&["ins", "truth"]);
+    position: PositionOf, unit "", default PositionOf::Ins;
     /// Whether a truth column may be a feature.
     allow_truth: bool, unit "", default false;
 }
@@ -145,7 +146,8 @@ impl Recipe {
 
 impl Features {
     fn place(&self) -> [&'static str; 2] {
-        if self.position == "truth" { ["lat", "lon"] } else { ["ins_lat", "ins_lon"] }
+        let [lat, lon, _] = self.position.columns();
+        [lat, lon]
     }
 
     fn terms(&self) -> Result<Terms, Fault> {

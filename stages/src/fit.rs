@@ -20,16 +20,20 @@ mod truncated_svd;
 use std::{any::Any, collections::BTreeMap, sync::Arc};
 
 use arrow_array::{ArrayRef, Int64Array, StringArray};
-use model::{Choose, Divisor, MadeOf, Model, Settings};
 use point::{Matrix, Point, Targets};
-use problem::{Problem, Solved};
+use problem::Solved;
 use rayon::prelude::*;
 use residual::{EARTH, residual_noise};
-use robust::{Loss, Scale};
 use rows::Part;
-use schemas::{Column, ColumnType, Fault, Gather, LineIn, Passes, Role, Rule, Shape, Stage, Table, Yield, stage};
+use schemas::{
+    Chosen, Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Role, Rule, Shape, Stage, Table, Yield,
+    stage,
+};
 
-pub use model::reference;
+pub use model::{Answer, Choose, Divisor, FitModel, MODELS, MadeOf, Model, Settings, model};
+pub use numerics::regression::least_squares::{LinearFit, Prepared};
+pub use problem::Problem;
+pub use ridge::ridge;
 
 use crate::columns::{array, band, faults_of, no_truth, shape};
 
@@ -91,30 +95,19 @@ target = "mag_4_uc"
 lambda = 0.025
 "#;
     /// The model.
-    model: &'static Model, unit "";
+    model: Chosen<Model>, unit "";
     /// The column to explain, such as `mag_4_uc`, or `target` of the stage of that name.
     target: String, unit "nT";
-    /// Further columns that `pls` explains together with `target`, by common components; the table holds the coefficients
-    /// of `target`.
-    with_targets: Vec<String>, unit "nT", default Vec::<String>::new();
     /// The columns that explain it: lists such as `tl` and `features`, or single columns.
     features: Vec<String>, unit "", default ["tl"].map(String::from);
     /// Which entries of the lists among `features` are used, in this order: their names, or what several names have before
     /// a `_`, such as `TL_A_flux_a`. A row must be finite in the whole lists. The lists are factored once
     /// for all such choices, so that a sweep over them costs next to nothing.
     entries: Option<Vec<String>>, unit "", absent "all";
-    /// The strength of the penalty.
-    lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// How `lambda` or `components` is found; what it may be depends on the model.
     choose: Choose, unit "", default Choose::Given;
-    /// The values of `lambda` to choose among.
-    lambdas: Option<Vec<f64>>, unit "", absent "a grid that fits the features";
     /// Where lines or flights are left out: take the simplest model whose error is within one standard error of the least.
     one_standard_error: bool, unit "", default false;
-    /// How many components, the most of them where they are chosen.
-    components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
-    /// The part of the elastic net's penalty that is on absolute values.
-    l1_ratio: f64, unit "1", default 0.99, rule Rule::Between(0.0, 1.0);
     /// What columns are divided by before they are penalised. `standardise` is by the
     /// standard deviation over n - 1, as in MagNav.jl and in the partial least squares and whitened components of
     /// scikit-learn. Its `StandardScaler` divides by that over n: the same ridge takes `lambda` n / (n - 1) there.
@@ -124,16 +117,6 @@ lambda = 0.025
     whiten: Option<f64>, unit "", absent "the features themselves", rule Rule::Positive;
     /// Whether a constant is fitted too, without a penalty.
     intercept: Option<bool>, unit "", absent "that of the model, and true with `whiten`";
-    /// The loss of `robust`.
-    loss: Loss, unit "", default Loss::Huber;
-    /// How `robust` finds the size of ordinary residuals: by their median, or together with the coefficients.
-    scale: Scale, unit "", default Scale::Mad;
-    /// Where Huber's loss turns from squares to straight lines, in sizes of ordinary residuals.
-    threshold: f64, unit "1", default 1.345, rule Rule::Positive;
-    /// Degrees of freedom of Student's t.
-    degrees_of_freedom: f64, unit "1", default 4.0, rule Rule::Positive;
-    /// By how much a row counts less with each that follows it; with 1 nothing is forgotten.
-    forgetting: f64, unit "1", default 1.0, rule Rule::Between(0.9, 1.0);
     /// The lower corner of the filter; 0 leaves it off.
     low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
     /// The upper corner of the filter; 0 leaves it off.
@@ -146,7 +129,26 @@ lambda = 0.025
     allow_truth: bool, unit "", default false;
 }
 
+/// The row of the catalogue, with `models` to choose from.
+pub fn entry(models: Vec<&'static Model>) -> Entry {
+    let kinds = models.iter().map(|model| model.document()).collect();
+    Entry { kinds, ..Fit::entry_with(Lists::default().with(models)) }
+}
+
 impl Fit {
+    /// The defaults of the model put in.
+    fn settings(&self) -> Settings {
+        let (model, whiten) = (self.model.kind, self.whiten.filter(|_| self.model.takes("whiten")));
+        Settings {
+            scaling: self.scaling.unwrap_or(model.scaling).scaling(),
+            // Components are made of columns without their means, so a constant belongs to them.
+            intercept: self.intercept.unwrap_or(model.intercept || whiten.is_some()),
+            choose: self.choose,
+            one_standard_error: self.one_standard_error,
+            whiten,
+        }
+    }
+
     /// The fit with its words resolved.
     fn point(&self) -> Point {
         Point::new(self)
@@ -156,13 +158,13 @@ impl Fit {
     fn contradictions(&self) -> Vec<Fault> {
         let (point, mut faults) = (self.point(), vec![]);
         let mut wrong = |what: String, param: &'static str| faults.push(Fault::new(what).of_param(param));
-        if !self.model.choose.contains(&self.choose) {
-            let words = self.model.choose.iter().map(|c| format!("`{}`", c.word())).collect::<Vec<_>>().join(", ");
-            wrong(format!("`choose` of the model `{}` can be {words}", self.model.name), "choose");
+        if !self.model.kind.choose.contains(&self.choose) {
+            let words = self.model.kind.choose.iter().map(|c| format!("`{}`", c.word())).collect::<Vec<_>>().join(", ");
+            wrong(format!("`choose` of the model `{}` can be {words}", self.model.kind.name), "choose");
         }
         let targets = point.targets();
         if targets.iter().enumerate().any(|(i, t)| targets[..i].contains(t)) {
-            wrong("a target is there twice".to_owned(), "with_targets");
+            wrong("duplicate target".to_owned(), "with_targets");
         }
         if point.settings.whiten.is_some() && self.intercept == Some(false) {
             wrong("`whiten` goes with an intercept".to_owned(), "whiten");
@@ -183,12 +185,13 @@ impl Fit {
         for name in &self.features {
             let fine = shape.need(name).and_then(|c| match c.column_type {
                 ColumnType::Float | ColumnType::List(_) => no_truth(c, "features", self.allow_truth),
-                _ => Err(Fault::new(format!("column `{name}` does not hold numbers"))),
+                ColumnType::Text | ColumnType::Other(_) => {
+                    Err(Fault::new(format!("column `{name}` does not hold numbers")))
+                }
             });
             if let Err(fault) = fine {
                 let maker = [("tl", "a_matrix"), ("features", "features")].iter().find(|(n, _)| n == name);
-                let maker = maker.filter(|_| fault.what.starts_with("there is no column"));
-                faults.push(match maker {
+                faults.push(match maker.filter(|_| shape.get(name).is_none()) {
                     Some((_, stage)) => fault.help(format!("build it first, with `{stage}`")).of_param("input"),
                     None => fault.of_param("features"),
                 });
@@ -220,7 +223,8 @@ fn terms_of(column: &Column) -> Vec<String> {
 
 impl Stage for Fit {
     fn idle(&self, key: &str) -> Option<Fault> {
-        self.model.idle(self, key)
+        let own = || self.model.keys.idle(key);
+        self.model.foreign(key).or_else(|| self.model.kind.unchosen(self.choose, key)).or_else(own)
     }
 
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
@@ -272,7 +276,7 @@ impl Stage for Fit {
     }
 
     fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        Err(Fault::machine("a fit works on all lines together"))
+        Err(Fault::bug("a fit works on all lines together"))
     }
 
     fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
@@ -301,7 +305,7 @@ fn questions(points: &[Point]) -> BTreeMap<Matrix, Question> {
     for point in points {
         let question = all.entry(point.matrix()).or_default();
         let targets = point.targets();
-        if point.fit.model.made_of == MadeOf::Rows && !question.keeps_rows.contains(&targets) {
+        if point.fit.model.kind.made_of == MadeOf::Rows && !question.keeps_rows.contains(&targets) {
             question.keeps_rows.push(targets.clone());
         }
         if !question.targets.contains(&targets) {
@@ -369,7 +373,7 @@ impl Gather for FitGather {
                 cuts.into_par_iter().with_max_len(1).flat_map_iter(answers).collect::<Vec<_>>()
             })
             .collect();
-        let mut tables: Vec<_> = self.points.iter().map(|_| Err(Fault::machine("a fit was lost"))).collect();
+        let mut tables: Vec<_> = self.points.iter().map(|_| Err(Fault::bug("a fit was lost"))).collect();
         for (i, answer) in solved {
             tables[i] = answer.map(|s| s.table(&self.points[i], residual_noise(&parts, &self.points[i], &s)));
         }
@@ -392,7 +396,7 @@ impl Solved {
         let number = |x: f64| -> ArrayRef { array(vec![x; rows]) };
         let names = self.terms.iter().map(String::as_str).chain(constant.then_some(INTERCEPT));
         vec![
-            text(point.fit.model.name),
+            text(point.fit.model.kind.name),
             Arc::new(names.map(Some).collect::<StringArray>()),
             with(&self.fit.coefficients, self.fit.intercept),
             with(&self.std, f64::NAN),

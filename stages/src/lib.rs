@@ -11,37 +11,74 @@ mod compensate;
 mod core_field;
 mod dates;
 mod features;
-mod fit;
+pub mod fit;
 mod magnitude;
 mod map_errors;
 mod map_value;
 mod maps;
-mod navigate;
+pub mod navigate;
 mod noise;
 mod resample;
-mod score;
+pub mod score;
 mod summary;
 mod target;
 
 use schemas::Entry;
 
+/// What a program computes by: every stage, and what the keys of stages choose from. [`Catalogue::default`] holds all that
+/// is built in; a program of your own adds to it, and passes [`Catalogue::entries`] on.
+///
+/// ```
+/// let catalogue = stages::Catalogue::default();
+/// assert!(catalogue.entries().iter().any(|entry| entry.name == "navigate"));
+/// ```
+pub struct Catalogue {
+    /// Models of `fit`.
+    pub models: Vec<&'static fit::Model>,
+    /// Filters of `navigate`.
+    pub filters: Vec<&'static navigate::Filter>,
+    /// Metrics of `score`.
+    pub metrics: Vec<&'static score::Scorer>,
+    /// Stages besides those that are built in.
+    pub stages: Vec<Entry>,
+}
+
+impl Default for Catalogue {
+    fn default() -> Catalogue {
+        Catalogue {
+            models: fit::MODELS.to_vec(),
+            filters: navigate::FILTERS.to_vec(),
+            metrics: score::SCORERS.to_vec(),
+            stages: vec![],
+        }
+    }
+}
+
+impl Catalogue {
+    /// Every stage, in the order of the reference.
+    pub fn entries(&self) -> Vec<Entry> {
+        let built_in = [
+            resample::Resample::entry(),
+            core_field::CoreFieldStage::entry(),
+            bandpass::Bandpass::entry(),
+            magnitude::Magnitude::entry(),
+            a_matrix::AMatrix::entry(),
+            features::Features::entry(),
+            target::Target::entry(),
+            fit::entry(self.models.clone()),
+            compensate::Compensate::entry(),
+            noise::ResidualNoise::entry(),
+            noise::AssumeNoise::entry(),
+            navigate::entry(self.filters.clone()),
+            map_value::MapValue::entry(),
+            score::entry(self.metrics.clone()),
+            summary::entry(self.metrics.clone()),
+        ];
+        built_in.into_iter().chain(self.stages.iter().cloned()).collect()
+    }
+}
+
 /// Every built-in stage, in the order of the reference.
 pub fn catalogue() -> Vec<Entry> {
-    vec![
-        resample::Resample::entry(),
-        core_field::CoreFieldStage::entry(),
-        bandpass::Bandpass::entry(),
-        magnitude::Magnitude::entry(),
-        a_matrix::AMatrix::entry(),
-        features::Features::entry(),
-        target::Target::entry(),
-        Entry { more: fit::reference, ..fit::Fit::entry() },
-        compensate::Compensate::entry(),
-        noise::ResidualNoise::entry(),
-        noise::AssumeNoise::entry(),
-        navigate::Navigate::entry(),
-        map_value::MapValue::entry(),
-        Entry { metrics: score::METRICS, ..score::Score::entry() },
-        Entry { metrics: summary::METRICS, ..summary::Summary::entry() },
-    ]
+    Catalogue::default().entries()
 }

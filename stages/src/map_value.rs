@@ -3,13 +3,16 @@
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, RecordBatch};
-use numerics::{earth::geodesy::EarthModel, maps::map_stack::FieldMap};
-use schemas::{Column, Fault, LineIn, Prepared, Rule, Stage, Table, Yield, stage};
+use numerics::{
+    earth::geodesy::EarthModel,
+    maps::{map_grid::Interpolation, map_stack::FieldMap},
+};
+use schemas::{Column, Fault, LineIn, Prepared, Stage, Table, Yield, stage};
 
 use crate::{
     columns::{array, faults_of, floats, shape},
-    core_field::place_columns,
-    maps::{check_levels, field_map, interpolation},
+    core_field::PositionOf,
+    maps::{check_levels, field_map},
 };
 
 stage! {
@@ -35,9 +38,9 @@ map          = "anomaly"
 map_levels_m = [300.0, 400.0]
 "#;
     /// Where: at the true position (`lat`, `lon`, `alt`) or that of the INS.
-    position: String, unit "", default "truth", rule Rule::OneOf(&["truth", "ins"]);
+    position: PositionOf, unit "", default PositionOf::Truth;
     /// How the map is interpolated: bilinear, or by a natural cubic spline.
-    map_interpolation: String, unit "", default "linear", rule Rule::OneOf(&["linear", "cubic"]);
+    map_interpolation: Interpolation, unit "", default Interpolation::Linear;
     /// The heights above the ellipsoid, ascending, to which the map is continued.
     map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is taken at its own height";
 }
@@ -45,7 +48,7 @@ map_levels_m = [300.0, 400.0]
 impl Stage for MapValue {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
-        let place = place_columns(&self.position);
+        let place = self.position.columns();
         let units = ["deg", "deg", "m"];
         let mut faults = faults_of(place.iter().zip(units).map(|(c, unit)| shape.number(c, unit)), "position");
         faults.extend(check_levels(self.map_levels_m.as_ref(), "map_levels_m"));
@@ -68,7 +71,7 @@ impl Stage for MapValue {
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
         let map = line.prepared.as_ref().and_then(|p| p.downcast_ref::<FieldMap>());
         let map = map.ok_or_else(|| Fault::data("the map is missing"))?;
-        let [lat, lon, alt] = place_columns(&self.position);
+        let [lat, lon, alt] = self.position.columns();
         let batch = &line.inputs[0];
         let (lat, lon, alt) = (floats(batch, lat)?, floats(batch, lon)?, floats(batch, alt)?);
         let earth = EarthModel::Wgs84;
@@ -93,11 +96,11 @@ impl Stage for MapValue {
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
         let map = inputs.get(1).ok_or_else(|| Fault::data("the map is missing"))?;
-        let map = field_map(map, interpolation(&self.map_interpolation), self.map_levels_m.as_deref())?;
+        let map = field_map(map, self.map_interpolation, self.map_levels_m.as_deref())?;
         Ok(Some(Arc::new(map)))
     }
 
     fn prepare_key(&self) -> String {
-        format!("{} {:?}", self.map_interpolation, self.map_levels_m)
+        format!("{} {:?}", self.map_interpolation.word(), self.map_levels_m)
     }
 }

@@ -14,11 +14,6 @@ use schemas::{Fault, map::OwnGrid};
 
 use crate::columns::{data, floats};
 
-/// The interpolation that a parameter names.
-pub fn interpolation(word: &str) -> Interpolation {
-    if word == "cubic" { Interpolation::Cubic } else { Interpolation::Linear }
-}
-
 /// The map of a table: as it is, or with `levels_m` continued to these heights (metres above the ellipsoid, ascending)
 /// and interpolated between them, value and slopes in all three directions. A table of the map's own grid
 /// ([`OwnGrid`]) is looked up between the nodes of that.

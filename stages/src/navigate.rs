@@ -1,38 +1,45 @@
 //! Navigates by the magnetic anomaly.
 
+mod ekf;
+mod filter;
+mod flown;
 mod ins;
-mod sweep;
 
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, RecordBatch, StringArray};
 use numerics::{
-    maps::map_stack::FieldMap,
-    navigation::{
-        ekf::{EkfOutput, EkfParameters},
-        ins_error::InsErrorModel,
-        pinson::STATES,
-        transition::NoiseDiscretisation,
-    },
+    maps::{map_grid::Interpolation, map_stack::FieldMap},
+    navigation::ins_error::InsErrors,
 };
-use schemas::{Column, Fault, LineIn, OrAuto, Passes, Prepared, Rule, Shape, Stage, Table, Yield, stage};
+use schemas::{
+    Chosen, Column, Entry, Fault, LineIn, Lists, OrAuto, Passes, Prepared, Rule, Shape, Stage, Table, Yield, params,
+    stage,
+};
+
+pub use filter::{FILTERS, Filter, Flown, NavigationFilter, Point, Track, Update, filter, navigate_points};
 
 use crate::{
-    columns::{array, faults_of, floats, list, shape},
+    columns::{array, faults_of, floats, shape},
     compensate::NOISE,
     dates::{WAYS_OUT, dated_by_flight, first_year},
     map_errors::MapErrors,
-    maps::{check_levels, field_map, interpolation},
+    maps::{check_levels, field_map},
 };
 
-/// The states, in the order of thesis 000 (5.14).
-const STATE_NAMES: [&str; STATES] = [
-    "lat", "lon", "alt", "vn", "ve", "vd", "tilt_n", "tilt_e", "tilt_d", "acc_1", "acc_2", "acc_3", "gyro_1", "gyro_2",
-    "gyro_3", "ha", "a_hat", "s",
-];
+params! {
+    /// The noise of the measurement that a filter expects.
+    pub struct MeasurementNoise;
+    /// Measurement noise, sample by sample: sensor, map and what compensation left; or `"auto"`.
+    measurement_sigma_nt: OrAuto, unit "nT", default 5.0, rule Rule::Positive;
+    /// Temporal variation, and whatever else of the measurement's error lasts; or `"auto"`.
+    fogm_sigma_nt: OrAuto, unit "nT", default 3.0, rule Rule::NotNegative;
+    /// Time constant of the temporal variation; or `"auto"`.
+    fogm_tau_s: OrAuto, unit "s", default 600.0, rule Rule::Positive;
+}
 
 stage! {
-    /// Corrects an INS by matching the compensated field to an anomaly map with an 18-state extended Kalman filter.
+    /// Corrects an INS by matching the compensated field to an anomaly map, by one of the filters below.
     ///
     /// The states are the errors of the INS (truth - INS) and the temporal variation; the estimate is INS plus state.
     /// Each row holds the state after the measurement of its sample. `update` says what became of the measurement:
@@ -55,10 +62,8 @@ stage! {
     /// `residual_noise` and `assume_noise` of lines that were flown over a known field. Where an offset is taken off (`offset_window_s`), it
     /// holds the lasting part of its first seconds, and what remains has twice the variance and correlation time. To the
     /// white part comes what bilinear interpolation misses between the map's nodes.
-    ///
-    /// Source: thesis 000, section 5.3, with F and H checked against finite differences and the process noise discretised.
     Navigate = "navigate", version 4, grain Line, inputs [input: Lines, map: Map],
-    example r#"
+    groups [noise: MeasurementNoise, ins: InsErrors], example r#"
 [[stages]]
 name            = "navigate"
 stage           = "navigate"
@@ -68,7 +73,7 @@ offset_window_s = 1.0
 core_field      = false
 "#;
     /// The filter.
-    filter: String, unit "", default "ekf", rule Rule::OneOf(&["ekf"]);
+    filter: Chosen<Filter>, unit "";
     /// The measured field.
     mag: String, unit "nT", default "mag_c";
     /// Whether the measurement holds the core field, which is then part of the prediction.
@@ -79,54 +84,12 @@ core_field      = false
     /// The date of the core field, in place of the flight's own.
     decimal_year: Option<f64>, unit "a", absent "the flight's own date", rule Rule::Between(1900.0, 2030.0);
     /// How the map is interpolated: bilinear, or by a natural cubic spline.
-    map_interpolation: String, unit "", default "linear", rule Rule::OneOf(&["linear", "cubic"]);
+    map_interpolation: Interpolation, unit "", default Interpolation::Linear;
     /// The heights above the ellipsoid, ascending, to which the map is continued; between them it is interpolated.
     map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is taken at its own height, whatever that of the flight";
-    /// Append the state `x` and its covariance `p` (row-major).
-    save_state: bool, unit "", default false;
     /// The mean of measurement minus prediction over the first seconds of a line, taken off before filtering; 0 takes
     /// nothing off. Compensation leaves a constant undetermined.
     offset_window_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
-    /// A measurement whose squared innovation over its variance is above this is not used.
-    gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
-    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
-    discretisation: String, unit "", default "trapezoidal", rule Rule::OneOf(&["trapezoidal", "rectangular", "van_loan"]);
-    /// Measurement noise, sample by sample: sensor, map and what compensation left; or `"auto"`.
-    measurement_sigma_nt: OrAuto, unit "nT", default 5.0, rule Rule::Positive;
-    /// Initial horizontal position error, each axis.
-    init_position_sigma_m: f64, unit "m", default 3.0, rule Rule::NotNegative;
-    /// Initial height error.
-    init_altitude_sigma_m: f64, unit "m", default 0.001, rule Rule::NotNegative;
-    /// Initial velocity error, each axis.
-    init_velocity_sigma_mps: f64, unit "m/s", default 0.01, rule Rule::NotNegative;
-    /// Initial tilt error, each axis.
-    init_attitude_sigma_deg: f64, unit "deg", default 0.01, rule Rule::NotNegative;
-    /// Initial heading error. An INS levels itself far better than it finds north.
-    init_heading_sigma_deg: Option<f64>, unit "deg", absent "the initial tilt error", rule Rule::NotNegative;
-    /// Velocity random walk.
-    vrw_sigma: f64, unit "m/s^1.5", default 0.000238, rule Rule::NotNegative;
-    /// Angular random walk.
-    arw_sigma: f64, unit "rad/s^0.5", default 0.000000581, rule Rule::NotNegative;
-    /// Barometer error.
-    baro_sigma_m: f64, unit "m", default 1.0, rule Rule::NotNegative;
-    /// Initial error of the barometric-aiding altitude.
-    ha_sigma_m: f64, unit "m", default 0.001, rule Rule::NotNegative;
-    /// Initial error of the barometric-aiding vertical acceleration.
-    a_hat_sigma_mps2: f64, unit "m/s2", default 0.01, rule Rule::NotNegative;
-    /// Accelerometer bias.
-    acc_sigma_mps2: f64, unit "m/s2", default 0.000245, rule Rule::NotNegative;
-    /// Gyro bias.
-    gyro_sigma_radps: f64, unit "rad/s", default 0.00000000727, rule Rule::NotNegative;
-    /// Temporal variation, and whatever else of the measurement's error lasts; or `"auto"`.
-    fogm_sigma_nt: OrAuto, unit "nT", default 3.0, rule Rule::NotNegative;
-    /// Time constant of the barometer error.
-    baro_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Time constant of the accelerometer bias.
-    acc_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Time constant of the gyro bias.
-    gyro_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
-    /// Time constant of the temporal variation; or `"auto"`.
-    fogm_tau_s: OrAuto, unit "s", default 600.0, rule Rule::Positive;
 }
 
 const POSITION: [&str; 3] = ["ins_lat", "ins_lon", "ins_alt"];
@@ -152,50 +115,20 @@ struct PreparedMap {
 /// The error to expect of a map at another height, for `score`.
 pub(crate) const MAP_HEIGHT_ERROR: &str = "map_height_error";
 
-impl Navigate {
-    fn parameters(&self, noise: Expected) -> EkfParameters {
-        let errors = InsErrorModel {
-            init_position_sigma_m: self.init_position_sigma_m,
-            init_altitude_sigma_m: self.init_altitude_sigma_m,
-            init_velocity_sigma_mps: self.init_velocity_sigma_mps,
-            init_attitude_sigma_deg: self.init_attitude_sigma_deg,
-            init_heading_sigma_deg: self.init_heading_sigma_deg,
-            vrw_sigma: self.vrw_sigma,
-            arw_sigma: self.arw_sigma,
-            baro_sigma_m: self.baro_sigma_m,
-            ha_sigma_m: self.ha_sigma_m,
-            a_hat_sigma_mps2: self.a_hat_sigma_mps2,
-            acc_sigma_mps2: self.acc_sigma_mps2,
-            gyro_sigma_radps: self.gyro_sigma_radps,
-            fogm_sigma_nt: noise.fogm_sigma_nt,
-            baro_tau_s: self.baro_tau_s,
-            acc_tau_s: self.acc_tau_s,
-            gyro_tau_s: self.gyro_tau_s,
-            fogm_tau_s: noise.fogm_tau_s,
-            noise: match self.discretisation.as_str() {
-                "rectangular" => NoiseDiscretisation::Rectangular,
-                "van_loan" => NoiseDiscretisation::VanLoan,
-                _ => NoiseDiscretisation::Trapezoidal,
-            },
-            ..InsErrorModel::default()
-        };
-        EkfParameters {
-            errors,
-            measurement_sigma_nt: noise.sigma_nt,
-            offset_window_s: self.offset_window_s,
-            gate_nis: self.gate_nis,
-            keep_states: self.save_state,
-            keep_covariance: self.save_state,
-        }
-    }
+/// The row of the catalogue, with `filters` to choose from.
+pub fn entry(filters: Vec<&'static Filter>) -> Entry {
+    let kinds = filters.iter().map(|filter| filter.document()).collect();
+    Entry { kinds, ..Navigate::entry_with(Lists::default().with(filters)) }
+}
 
+impl Navigate {
     /// The parameters that may be found from the data, each with the column that holds it.
     fn found(&self) -> [(OrAuto, &'static str, &'static str, &'static str); 3] {
         let [sigma, fogm_sigma, fogm_tau] = NOISE;
         [
-            (self.measurement_sigma_nt, "measurement_sigma_nt", sigma.0, sigma.1),
-            (self.fogm_sigma_nt, "fogm_sigma_nt", fogm_sigma.0, fogm_sigma.1),
-            (self.fogm_tau_s, "fogm_tau_s", fogm_tau.0, fogm_tau.1),
+            (self.noise.measurement_sigma_nt, "measurement_sigma_nt", sigma.0, sigma.1),
+            (self.noise.fogm_sigma_nt, "fogm_sigma_nt", fogm_sigma.0, fogm_sigma.1),
+            (self.noise.fogm_tau_s, "fogm_tau_s", fogm_tau.0, fogm_tau.1),
         ]
     }
 
@@ -231,10 +164,10 @@ impl Navigate {
         }
         let [sigma_nt, mut fogm_sigma_nt, mut fogm_tau_s] = values;
         if self.offset_window_s > 0.0 {
-            if self.fogm_sigma_nt == OrAuto::Auto {
+            if self.noise.fogm_sigma_nt == OrAuto::Auto {
                 fogm_sigma_nt *= std::f64::consts::SQRT_2;
             }
-            if self.fogm_tau_s == OrAuto::Auto {
+            if self.noise.fogm_tau_s == OrAuto::Auto {
                 fogm_tau_s *= 2.0;
             }
         }
@@ -295,6 +228,10 @@ impl Navigate {
 }
 
 impl Stage for Navigate {
+    fn idle(&self, key: &str) -> Option<Fault> {
+        self.filter.foreign(key).or_else(|| self.filter.keys.idle(key))
+    }
+
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         let mut faults = faults_of([shape.number(&self.mag, "nT")], "mag");
@@ -333,17 +270,7 @@ impl Stage for Navigate {
         let height =
             "rms error to expect because the map is at another height than the line; NaN where its own is unknown";
         columns.push(made(Column::float(MAP_HEIGHT_ERROR, "nT", height)));
-        if self.save_state {
-            let states: Vec<String> = STATE_NAMES.map(str::to_owned).to_vec();
-            let pairs = STATE_NAMES.iter().flat_map(|a| STATE_NAMES.iter().map(move |b| format!("{a}*{b}"))).collect();
-            columns.push(made(Column::list(
-                "x",
-                "",
-                "error state, truth - INS, thesis 000 (5.14); rad, m, s, nT",
-                states,
-            )));
-            columns.push(made(Column::list("p", "", "covariance of x, row-major", pairs)));
-        }
+        columns.extend(self.filter.keys.columns().into_iter().map(made));
         let mut yields = Yield::append(columns, &reads);
         yields.reads.push(vec!["anomaly".to_owned(), "alt".to_owned()]);
         yields.passes = Passes::Only(schemas::flight::KEYS.map(str::to_owned).to_vec());
@@ -357,18 +284,18 @@ impl Stage for Navigate {
     }
 
     fn run_points(points: &[(&Self, &LineIn)]) -> Vec<Result<Vec<ArrayRef>, Fault>> {
-        sweep::run(points)
+        flown::run(points)
     }
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
         let map = inputs.get(1).ok_or_else(|| Fault::data("the map is missing"))?;
-        let field = field_map(map, interpolation(&self.map_interpolation), self.map_levels_m.as_deref())?;
-        let errors = MapErrors::of(map, self.map_levels_m.is_some(), self.map_interpolation == "linear")?;
+        let field = field_map(map, self.map_interpolation, self.map_levels_m.as_deref())?;
+        let errors = MapErrors::of(map, self.map_levels_m.is_some(), self.map_interpolation == Interpolation::Linear)?;
         Ok(Some(Arc::new(PreparedMap { field, errors })))
     }
 
     fn prepare_key(&self) -> String {
-        format!("{} {:?}", self.map_interpolation, self.map_levels_m)
+        format!("{} {:?}", self.map_interpolation.word(), self.map_levels_m)
     }
 }
 
@@ -383,35 +310,29 @@ impl Navigate {
         Ok(measured)
     }
 
-    fn arrays(&self, out: EkfOutput, measured: &[f64], height_error_nt: f64) -> Result<Vec<ArrayRef>, Fault> {
-        let rows = measured.len();
-        let fate = |(residual, (nis, m)): (&f64, (&f64, &f64))| match self.gate_nis {
-            _ if !m.is_finite() => "missing",
-            _ if residual.is_nan() => "off_map",
-            Some(gate) if *nis > gate => "gated",
-            _ => "used",
-        };
-        let fates =
-            out.residual_nt.iter().zip(out.nis.iter().zip(measured)).map(fate).map(Some).collect::<StringArray>();
+    /// The track as arrays; every column must have `rows` values.
+    fn arrays(&self, track: Track, rows: usize, height_error_nt: f64) -> Result<Vec<ArrayRef>, Fault> {
+        let update = track.update.iter().map(|update| Some(update.word())).collect::<StringArray>();
         let mut arrays: Vec<ArrayRef> = vec![
-            array(out.lat_deg),
-            array(out.lon_deg),
-            array(out.alt_m),
-            array(out.vn_mps),
-            array(out.ve_mps),
-            array(out.vd_mps),
-            array(out.sd_n_m),
-            array(out.sd_e_m),
-            array(out.cov_ne_m2),
-            array(out.residual_nt),
-            array(out.nis),
-            Arc::new(fates),
+            array(track.lat_deg),
+            array(track.lon_deg),
+            array(track.alt_m),
+            array(track.vn_mps),
+            array(track.ve_mps),
+            array(track.vd_mps),
+            array(track.sd_n_m),
+            array(track.sd_e_m),
+            array(track.cov_ne_m2),
+            array(track.residual_nt),
+            array(track.nis),
+            Arc::new(update),
             array(vec![height_error_nt; rows]),
         ];
-        if self.save_state {
-            // The filter's own memory: a long flight's covariances take half a gigabyte.
-            arrays.push(list(out.x.into_flattened(), STATES)?);
-            arrays.push(list(out.p.into_flattened().into_flattened(), STATES * STATES)?);
+        arrays.extend(track.more);
+        if arrays.iter().any(|array| arrow_array::Array::len(array) != rows) {
+            let what =
+                format!("the filter `{}` hands out columns of other lengths than the line", self.filter.kind.name);
+            return Err(Fault::bug(what));
         }
         Ok(arrays)
     }

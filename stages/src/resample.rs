@@ -32,7 +32,7 @@ rate_hz = 10.0
     /// Samples per second of the new grid.
     rate_hz: f64, unit "Hz", rule Rule::Positive;
     /// How values between samples are found; `cubic` is Akima's.
-    method: String, unit "", default "linear", rule Rule::OneOf(&["linear", "nearest", "cubic"]);
+    method: Method, unit "", default Method::Linear;
     /// The longest gap that is bridged.
     max_gap_s: f64, unit "s", default 1.0, rule Rule::Positive;
 }
@@ -67,14 +67,6 @@ impl Stage for Resample {
 }
 
 impl Resample {
-    fn method(&self) -> Method {
-        match self.method.as_str() {
-            "nearest" => Method::Nearest,
-            "cubic" => Method::Cubic,
-            _ => Method::Linear,
-        }
-    }
-
     fn column(&self, batch: &RecordBatch, plan: &Plan, column: &Column, line: &LineIn) -> Result<ArrayRef, Fault> {
         let rows = plan.grid().len();
         let same = |text: &str| -> ArrayRef { Arc::new(StringArray::from(vec![text; rows])) };
@@ -83,9 +75,9 @@ impl Resample {
             ("flight", _) => Ok(same(&line.flight)),
             ("line", _) => Ok(same(&line.line)),
             (name, ColumnType::Float) if column.unit == "deg" => {
-                plan.angle_deg(floats(batch, name)?, self.method()).map(array).map_err(data)
+                plan.angle_deg(floats(batch, name)?, self.method).map(array).map_err(data)
             }
-            (name, ColumnType::Float) => plan.column(floats(batch, name)?, self.method()).map(array).map_err(data),
+            (name, ColumnType::Float) => plan.column(floats(batch, name)?, self.method).map(array).map_err(data),
             (name, ColumnType::List(_)) => self.entries(batch, plan, name),
             (name, _) => {
                 let at: UInt64Array = plan.nearest_rows().into_iter().map(|r| r.map(|r| r as u64)).collect();
@@ -102,7 +94,7 @@ impl Resample {
         let mut out = vec![0.0; plan.grid().len() * width];
         for at in 0..width {
             let one: Vec<f64> = values.iter().skip(at).step_by(width).copied().collect();
-            let even = plan.column(&one, self.method()).map_err(data)?;
+            let even = plan.column(&one, self.method).map_err(data)?;
             out.iter_mut().skip(at).step_by(width).zip(even).for_each(|(o, x)| *o = x);
         }
         list(out, width)

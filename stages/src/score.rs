@@ -14,15 +14,19 @@ mod track;
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray};
-use numerics::regression::statistics::Figure;
-use schemas::{Column, Fault, LineIn, Passes, Role, Rule, Shape, Stage, Table, Yield, metric::Metric, stage};
-
-use self::{
-    line::Line,
-    metric::{NAMES, SCORERS, Scorer},
-    source::Places,
+pub use numerics::regression::statistics::Figure;
+use schemas::{
+    Column, Entry, Fault, LineIn, Lists, Passes, Role, Rule, Several, Shape, Stage, Table, Yield, metric::Metric, stage,
 };
-pub use self::{map::MAP_STD_ERROR, metric::METRICS, signal::STD_ERROR};
+
+use self::source::Places;
+pub use self::{
+    line::{Line, Offsets, Signals},
+    map::MAP_STD_ERROR,
+    metric::{SCORERS, Scorer, metric},
+    signal::STD_ERROR,
+    source::Source,
+};
 use crate::columns::{faults_of, floats, shape};
 
 stage! {
@@ -54,7 +58,7 @@ truth = "mag_1_c"
     /// The column that the compensated signal is held against, such as `mag_1_c`.
     truth: Option<String>, unit "nT", absent "metrics that need the truth are not scored";
     /// What to score.
-    metrics: Option<Vec<String>>, unit "", absent "all metrics that the inputs allow", rule Rule::OneOf(&NAMES);
+    metrics: Several<Scorer>, unit "", absent "all metrics that the inputs allow";
     /// The compensated signal.
     mag: String, unit "nT", default "mag_c";
     /// The lower corner for `improvement_ratio_band` and `figure_of_merit`.
@@ -67,6 +71,12 @@ truth = "mag_1_c"
     map_sigma_nt: f64, unit "nT", default 5.0, rule Rule::Positive;
 }
 
+/// The row of the catalogue, with `scorers` to score by.
+pub fn entry(scorers: Vec<&'static Scorer>) -> Entry {
+    let metrics = scorers.iter().map(|scorer| scorer.metric).collect();
+    Entry { metrics, ..Score::entry_with(Lists::default().with(scorers)) }
+}
+
 impl Score {
     /// What a metric lacks, in words.
     fn lacks(&self, places: &Places, scorer: &Scorer) -> Option<String> {
@@ -75,8 +85,7 @@ impl Score {
 
     /// The metrics that are wanted and can be had.
     fn chosen(&self, places: &Places) -> Vec<&'static Scorer> {
-        let wanted = |name: &str| self.metrics.as_ref().is_none_or(|m| m.iter().any(|n| n == name));
-        SCORERS.iter().filter(|s| wanted(s.metric.name) && self.lacks(places, s).is_none()).collect()
+        self.metrics.wanted().filter(|s| self.lacks(places, s).is_none()).collect()
     }
 
     /// All that is wrong with what is asked of these tables.
@@ -86,10 +95,9 @@ impl Score {
             let all: Shape = Shape { columns: shapes.iter().flat_map(|s| s.columns.clone()).collect(), rate_hz: None };
             faults.extend(faults_of([all.number(truth, "nT")], "truth"));
         }
-        for name in self.metrics.iter().flatten() {
-            let scorer = SCORERS.iter().find(|s| s.metric.name == name);
-            if let Some(lack) = scorer.and_then(|s| self.lacks(places, s)) {
-                faults.push(Fault::new(format!("`{name}` needs {lack}")).of_param("metrics"));
+        for scorer in self.metrics.named() {
+            if let Some(lack) = self.lacks(places, scorer) {
+                faults.push(Fault::new(format!("`{}` needs {lack}", scorer.metric.name)).of_param("metrics"));
             }
         }
         if faults.is_empty() && self.chosen(places).is_empty() {
@@ -146,11 +154,7 @@ impl Stage for Score {
 
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
         same_samples(line)?;
-        let described = |b: &arrow_array::RecordBatch| Shape {
-            columns: b.schema().fields().iter().map(|f| schemas::describe_field(f)).collect(),
-            rate_hz: None,
-        };
-        let shapes: Vec<Shape> = line.inputs.iter().map(described).collect();
+        let shapes: Vec<Shape> = line.inputs.iter().map(|batch| Shape::of(&batch.schema())).collect();
         let places = Places::find(self, &shapes.iter().collect::<Vec<_>>());
         let columns = Line::new(self, line, &places);
         let mut rows: Vec<(&Metric, Figure)> = vec![];

@@ -9,14 +9,14 @@ use arrow_array::{
 };
 use numerics::regression::bootstrap::{Interval, Resamples};
 use schemas::{
-    Column, Fault, Gather, LineIn, Passes, Role, Rule, Stage, Table, Yield,
+    Column, Entry, Fault, Gather, LineIn, Lists, Passes, Role, Rule, Several, Stage, Table, Yield,
     metric::{Better, Metric, Pool, Shown},
     stage,
 };
 
 use crate::{
     columns::{array, shape},
-    score,
+    score::{self, Scorer},
 };
 
 stage! {
@@ -28,7 +28,7 @@ stage! {
     ///
     /// With `train`, the lines that the model was fitted on, there is one more metric: `overfitting_ratio`, the pooled
     /// `std_error` (without it, the rms of `map_std_error`) of all other lines over that of these; 1 for a model that is
-    /// as good on new lines as on its own, more for one that learnt its own by heart. In its resamples training lines and
+    /// as good on new lines as on its own, more for one that overfits. In its resamples training lines and
     /// other lines are drawn each among themselves.
     ///
     /// Source: thesis 004, (2.42) and section 4.1; Efron & Tibshirani 1993, chapter 13.
@@ -40,10 +40,10 @@ stage = "summary"
 input = "score"
 "#;
     /// What to pool.
-    metrics: Option<Vec<String>>, unit "", absent "everything that was scored";
+    metrics: Several<Scorer>, unit "", absent "everything that was scored";
     /// The lines that a model was fitted on, for `overfitting_ratio`.
     train: Vec<String>, unit "", default Vec::<String>::new();
-    /// The probability that the interval shall hold.
+    /// The confidence level of the interval.
     level: f64, unit "1", default 0.95, rule Rule::Between(0.5, 0.999);
     /// How many resamples.
     draws: usize, unit "", default 1000usize, rule Rule::Between(10.0, 100000.0);
@@ -51,11 +51,16 @@ input = "score"
     seed: usize, unit "", default 0usize;
 }
 
+/// The row of the catalogue, with `scorers` to pool.
+pub fn entry(scorers: Vec<&'static Scorer>) -> Entry {
+    Entry { metrics: METRICS.to_vec(), ..Summary::entry_with(Lists::default().with(scorers)) }
+}
+
 const READS: [&str; 3] = ["metric", "value", "n"];
 /// Errors whose ratio between new and training lines is the overfitting ratio, the first that there is.
 const OVERFITTING: [&Metric; 2] = [&score::STD_ERROR.metric, &score::MAP_STD_ERROR.metric];
 /// What is scored over all lines only.
-pub const METRICS: &[Metric] = &[OVERFITTING_RATIO];
+const METRICS: [Metric; 1] = [OVERFITTING_RATIO];
 const OVERFITTING_RATIO: Metric = Metric {
     name: "overfitting_ratio",
     unit: "1",
@@ -69,7 +74,7 @@ impl Stage for Summary {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
         if READS.iter().any(|name| shape.get(name).is_none()) {
-            return Err(vec![Fault::new("`input` is no table of scores").of_param("input")]);
+            return Err(vec![Fault::new("`input` is not a score table").of_param("input")]);
         }
         let made = |c: Column| c.from(0, &READS);
         let columns = vec![
@@ -105,9 +110,9 @@ struct Score {
 }
 
 impl Score {
-    fn new(metric: &str, value: f64, n: i64) -> Result<Self, Fault> {
-        let declared = score::METRICS.iter().find(|m| m.name == metric);
-        let undeclared = || Fault::data(format!("`{metric}` is no metric of `score`")).in_column("metric");
+    fn new(known: &[&'static Scorer], metric: &str, value: f64, n: i64) -> Result<Self, Fault> {
+        let declared = known.iter().map(|scorer| &scorer.metric).find(|m| m.name == metric);
+        let undeclared = || Fault::data(format!("`{metric}` is not a metric of `score`")).in_column("metric");
         Ok(Self { metric: declared.ok_or_else(undeclared)?, value, n })
     }
 
@@ -136,8 +141,10 @@ impl Gather for SummaryGather {
         let (Some(metric), Some(value), Some(n)) = (text("metric"), value, n) else {
             return Err(Fault::data("the line's scores lack a column"));
         };
+        // All points choose from one list.
+        let known = self.points.first().map(|point| point.metrics.all()).unwrap_or_default();
         let scores = metric.iter().zip(value.iter().zip(n.iter()));
-        let scores = scores.filter_map(|(metric, (value, n))| Some(Score::new(metric?, value?, n?)));
+        let scores = scores.filter_map(|(metric, (value, n))| Some(Score::new(known, metric?, value?, n?)));
         Ok(Box::new(Part { line: line.line.clone(), scores: scores.collect::<Result<_, _>>()? }))
     }
 
@@ -190,7 +197,7 @@ impl Summary {
     fn metrics_of(&self, parts: &[&Part]) -> Vec<&'static Metric> {
         let mut found: Vec<&'static Metric> = vec![];
         for Score { metric, .. } in parts.iter().flat_map(|p| &p.scores) {
-            let wanted = self.metrics.as_ref().is_none_or(|m| m.iter().any(|name| name == metric.name));
+            let wanted = self.metrics.wanted().any(|scorer| scorer.metric.name == metric.name);
             if wanted && !found.iter().any(|m| m.name == metric.name) {
                 found.push(metric);
             }
@@ -247,11 +254,14 @@ fn scores_of<'a>(metric: &Metric, parts: &[&'a Part]) -> Vec<&'a Score> {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
+    use schemas::Kinds;
+
     use super::*;
+    use crate::score::SCORERS;
 
     fn summary(train: &[&str]) -> Summary {
         Summary {
-            metrics: None,
+            metrics: Several::new(Arc::new(Kinds::new(SCORERS.to_vec())), None),
             train: train.iter().map(ToString::to_string).collect(),
             level: 0.9,
             draws: 500,
@@ -261,7 +271,7 @@ mod tests {
 
     fn part(line: &str, std_nt: f64, n: i64) -> Part {
         let scores = [("std_error", std_nt), ("nees", 2.0), ("samples_used", 10.0)];
-        let scores = scores.map(|(metric, value)| Score::new(metric, value, n).unwrap()).to_vec();
+        let scores = scores.map(|(metric, value)| Score::new(SCORERS, metric, value, n).unwrap()).to_vec();
         Part { line: line.into(), scores }
     }
 
@@ -281,7 +291,7 @@ mod tests {
 
     #[test]
     fn law_what_no_stage_declares_is_not_pooled_by_a_guess() {
-        assert!(Score::new("std_eror", 1.0, 1).unwrap_err().to_string().contains("`std_eror`"));
+        assert!(Score::new(SCORERS, "std_eror", 1.0, 1).unwrap_err().to_string().contains("`std_eror`"));
     }
 
     #[test]

@@ -1,9 +1,25 @@
 //! Makes the signal that a compensation model is to explain.
 
 use arrow_array::ArrayRef;
-use schemas::{Column, Fault, LineIn, Role, Rule, Shape, Stage, Table, Yield, stage};
+use schemas::{Column, Fault, LineIn, Role, Shape, Stage, Table, Yield, choice, stage};
 
 use crate::columns::{array, floats, shape};
+
+choice! {
+    /// A type of target of thesis 000, section 3.7.
+    pub enum TargetType {
+        /// The truth less core field and diurnal variation.
+        A = "a",
+        /// The value of the map.
+        B = "b",
+        /// The magnetometer less core field, diurnal variation and map.
+        C = "c",
+        /// The magnetometer less the truth.
+        D = "d",
+        /// The magnetometer less core field and diurnal variation.
+        E = "e",
+    }
+}
 
 stage! {
     /// Appends `target`, one of the five signals that the theses fit models to.
@@ -33,7 +49,7 @@ mag   = "mag_4_uc"
 truth = "mag_1_c"
 "#;
     /// The type.
-    kind: String, unit "", default "d", rule Rule::OneOf(&["a", "b", "c", "d", "e"]);
+    kind: TargetType, unit "", default TargetType::D;
     /// The scalar magnetometer that is to be compensated, for `c`, `d` and `e`.
     mag: Option<String>, unit "nT", absent "`c`, `d` and `e` are errors";
     /// The column of the true field, for `a` and `d`.
@@ -51,23 +67,17 @@ impl Target {
     /// The column to begin with, and those to take off it.
     fn parts(&self) -> Result<(String, Vec<String>), Fault> {
         let mag = || {
-            let missing = || Fault::new(format!("type `{}` needs `mag`", self.kind)).of_param("kind");
+            let missing = || Fault::new(format!("type `{}` needs `mag`", self.kind.word())).of_param("kind");
             self.mag.clone().ok_or_else(missing)
         };
-        let mut less: Vec<String> = vec![];
-        if matches!(self.kind.as_str(), "a" | "c" | "e") {
-            less.extend(self.remove_core.then(|| "igrf".to_owned()));
-            less.extend(self.remove_diurnal.then(|| "diurnal".to_owned()));
-        }
-        match self.kind.as_str() {
-            "a" => Ok((self.truth.clone(), less)),
-            "b" => Ok((MAP.to_owned(), less)),
-            "c" => {
-                less.push(MAP.to_owned());
-                Ok((mag()?, less))
-            }
-            "d" => Ok((mag()?, vec![self.truth.clone()])),
-            _ => Ok((mag()?, less)),
+        let core = self.remove_core.then(|| "igrf".to_owned());
+        let earth = || core.clone().into_iter().chain(self.remove_diurnal.then(|| "diurnal".to_owned()));
+        match self.kind {
+            TargetType::A => Ok((self.truth.clone(), earth().collect())),
+            TargetType::B => Ok((MAP.to_owned(), vec![])),
+            TargetType::C => Ok((mag()?, earth().chain([MAP.to_owned()]).collect())),
+            TargetType::D => Ok((mag()?, vec![self.truth.clone()])),
+            TargetType::E => Ok((mag()?, earth().collect())),
         }
     }
 
@@ -89,13 +99,13 @@ impl Stage for Target {
         let (from, less) = self.parts().map_err(|f| vec![f])?;
         let reads: Vec<String> = std::iter::once(from).chain(less).collect();
         let mut faults: Vec<Fault> = reads.iter().filter_map(|name| self.needs(shape, name).err()).collect();
-        if self.kind == "e" && reads.first() == Some(&self.truth) {
+        if self.kind == TargetType::E && reads.first() == Some(&self.truth) {
             faults.push(Fault::new("`mag` is the truth, which needs no compensation").of_param("mag"));
         }
         if !faults.is_empty() {
             return Err(faults);
         }
-        let doc = format!("what a model is to explain: type {} of thesis 000, section 3.7", self.kind);
+        let doc = format!("what a model is to explain: type {} of thesis 000, section 3.7", self.kind.word());
         let column = Column::float("target", "nT", doc).role(Role::Truth).from(0, &reads);
         Ok(Yield::append(vec![column], &reads))
     }
@@ -118,11 +128,13 @@ mod tests {
 
     use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 
+    use schemas::Value;
+
     use super::*;
 
     fn target(kind: &str) -> Target {
         Target {
-            kind: kind.into(),
+            kind: TargetType::read(&schemas::Literal::Text(kind.to_owned())).unwrap(),
             mag: Some("mag_4_uc".into()),
             truth: "mag_1_c".into(),
             remove_core: true,

@@ -36,6 +36,7 @@ mod ins;
 mod line;
 mod lines;
 mod random;
+mod reference;
 mod spec;
 mod trajectory;
 
@@ -46,6 +47,7 @@ pub use aircraft::{
 pub use earth::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
 pub use format::FORMAT;
 pub use ins::spec::{Align, InitialErrors, Ins, Method};
+pub use reference::reference;
 pub use spec::{COMPONENTS, Components, PRESETS, Spec};
 pub use trajectory::{Air, Dynamics, Flight, Grid, Heights, Line, Orbit, Path2d, Turbulence, Wind};
 

@@ -120,6 +120,9 @@ fn literal(value: &schemas::Literal) -> Value {
         L::Float(x) => json!(x),
         L::Text(x) => json!(x),
         L::List(xs) => xs.iter().map(literal).collect(),
+        L::Section(section) => {
+            section.keys.iter().map(|(k, g)| (k.clone(), literal(&g.value))).collect::<Map<_, _>>().into()
+        }
     }
 }
 

@@ -103,7 +103,7 @@ enum Command {
     },
     /// Say what stages there are, or all about one.
     Stages {
-        /// The stage.
+        /// The stage, or `synth` for every key of a simulation's spec.
         name: Option<String>,
         /// The reference page of all stages.
         #[arg(long)]
@@ -357,6 +357,8 @@ fn report(catalogue: &[Entry], args: &SpecArgs, output: &std::path::Path) -> Res
 
 fn stages(all: &[Entry], name: Option<&str>, markdown: bool) -> Result<(), Stop> {
     match name {
+        // The simulator is no stage, and its spec has a reference of the same kind.
+        Some("synth") => say(simulate::reference()),
         Some(name) => say(views::stage_page(all, name)?),
         None if markdown => say(views::reference_page(all)),
         None => say(views::stages_overview(all)),

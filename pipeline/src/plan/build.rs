@@ -134,7 +134,7 @@ impl Builder<'_> {
             return None;
         }
         let names: Vec<&str> = self.catalogue.iter().map(|e| e.name).collect();
-        let Some(entry) = self.catalogue.iter().find(|e| e.name == decl.stage.0).copied() else {
+        let Some(entry) = self.catalogue.iter().find(|e| e.name == decl.stage.0) else {
             let fault = Fault::new(format!("there is no stage `{}`", decl.stage.0)).nearest(&decl.stage.0, &names);
             self.faults.push(fault.at(decl.stage.1.clone()));
             return None;
@@ -189,7 +189,7 @@ impl Builder<'_> {
             name,
             at,
             decl: position,
-            entry,
+            entry: entry.clone(),
             axes,
             variants,
             carry,

@@ -91,8 +91,8 @@ impl Plan {
     }
 
     /// The metric `name` of one of the plan's stages.
-    pub fn metric(&self, name: &str) -> Option<&'static Metric> {
-        self.tables.iter().flat_map(|t| t.entry.metrics).find(|m| m.name == name)
+    pub fn metric(&self, name: &str) -> Option<&Metric> {
+        self.tables.iter().flat_map(|t| &t.entry.metrics).find(|m| m.name == name)
     }
 
     /// The nearest table above `from`, itself among them, that `stage` made.

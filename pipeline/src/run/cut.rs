@@ -223,7 +223,7 @@ pub fn axis_type(value: &Literal) -> DataType {
         Literal::Bool(_) => DataType::Boolean,
         Literal::Int(_) => DataType::Int64,
         Literal::Float(_) => DataType::Float64,
-        Literal::Text(_) | Literal::List(_) => DataType::Utf8,
+        Literal::Text(_) | Literal::List(_) | Literal::Section(_) => DataType::Utf8,
     }
 }
 
@@ -233,7 +233,7 @@ pub fn axis_values(value: &Literal, rows: usize) -> ArrayRef {
         Literal::Bool(x) => Arc::new(BooleanArray::from(vec![*x; rows])),
         Literal::Int(x) => Arc::new(Int64Array::from(vec![*x; rows])),
         Literal::Float(x) => Arc::new(Float64Array::from(vec![*x; rows])),
-        Literal::Text(_) | Literal::List(_) => {
+        Literal::Text(_) | Literal::List(_) | Literal::Section(_) => {
             let text = value.to_string();
             Arc::new(StringArray::from(vec![text.as_str(); rows]))
         }

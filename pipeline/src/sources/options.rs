@@ -52,7 +52,7 @@ pub fn spelt(decl: &SourceDecl) -> String {
 fn word(value: &Literal) -> Option<String> {
     match value {
         Literal::Text(_) | Literal::Int(_) | Literal::Float(_) => Some(value.to_string()),
-        Literal::Bool(_) | Literal::List(_) => None,
+        Literal::Bool(_) | Literal::List(_) | Literal::Section(_) => None,
     }
 }
 

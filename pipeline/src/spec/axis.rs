@@ -59,7 +59,7 @@ pub fn values(name: &str, value: &Spanned<DeValue>) -> Result<Vec<Literal>, Vec<
 
 /// One value: a list only of what is no list.
 fn one(name: &str, value: &Spanned<DeValue>) -> Result<Literal, Fault> {
-    let found = literal(value.get_ref()).map_err(|what| Fault::new(what).at(value.span()))?;
+    let found = literal(value)?;
     let Some(items) = value.get_ref().as_array() else { return Ok(found) };
     let deeper = items.iter().find(|v| v.get_ref().is_array());
     match deeper {
@@ -103,7 +103,7 @@ fn subsets(name: &str, table: &DeTable, at: std::ops::Range<usize>) -> Result<Ve
     let n = entries.len();
     let mut count = |key: &str, default: usize| match table.get(key) {
         None => default,
-        Some(v) => match literal(v.get_ref()) {
+        Some(v) => match literal(v) {
             Ok(Literal::Int(k)) if k >= 0 && (n == 0 || k.unsigned_abs() <= n as u64) => k.unsigned_abs() as usize,
             _ => {
                 faults.push(Fault::new(format!("`{key}` must be a whole number from 0 to {n}")).at(v.span()));

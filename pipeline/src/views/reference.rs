@@ -2,14 +2,14 @@
 
 use std::fmt::Write;
 
-use schemas::{Entry, Fault, Grain, InputKind, metric::Metric};
+use schemas::{Entry, Fault, Grain, InputKind, ParamDoc, metric::Metric};
 
 use crate::spec::STAGE_KEYS;
 
 /// One line a stage.
 pub fn overview(catalogue: &[Entry]) -> String {
     let wide = catalogue.iter().map(|e| e.name.len()).max().unwrap_or(0);
-    let first = |e: &Entry| (e.doc)().split("\n\n").next().unwrap_or_default().to_owned();
+    let first = |e: &Entry| e.doc.split("\n\n").next().unwrap_or_default().to_owned();
     catalogue.iter().map(|e| format!("{:<wide$}  v{}  {}\n", e.name, e.version, first(e))).collect()
 }
 
@@ -41,7 +41,7 @@ pub fn page(catalogue: &[Entry]) -> String {
 }
 
 fn section(entry: &Entry) -> String {
-    let mut out = format!("## `{}` (version {})\n\n{}\n\n", entry.name, entry.version, (entry.doc)());
+    let mut out = format!("## `{}` (version {})\n\n{}\n\n", entry.name, entry.version, entry.doc);
     let grain = match entry.grain {
         Grain::Line => "one line at a time",
         Grain::Survey => "all lines that its `where` selects",
@@ -49,32 +49,43 @@ fn section(entry: &Entry) -> String {
     let inputs: Vec<String> = entry.inputs.iter().map(|i| format!("`{}` ({})", i.name, kind(i.kind))).collect();
     // Writing into a String cannot fail.
     let _ = writeln!(out, "Works on {grain}. Inputs: {}.\n", inputs.join(", "));
-    let _ = writeln!(out, "| parameter | type | unit | default | allowed | meaning |\n|---|---|---|---|---|---|");
-    for p in (entry.params)() {
-        let default = match (p.default.as_deref(), p.absent) {
-            (Some(default), _) => format!("`{default}`"),
-            (None, Some(text)) => format!("left out: {text}"),
-            (None, None) => "must be given".to_owned(),
-        };
-        let _ = writeln!(
-            out,
-            "| `{}` | {} | {} | {default} | {} | {} |",
-            p.name,
-            p.type_name,
-            p.unit,
-            p.rule,
-            p.doc.replace("\n\n", " ")
-        );
-    }
+    let common: Vec<&ParamDoc> = entry.params.iter().filter(|p| p.owners.is_empty()).collect();
+    out.push_str(&params(&common));
     let _ = write!(out, "\n```toml\n{}```\n", entry.example.trim_start());
-    let more = (entry.more)();
-    if !more.is_empty() {
-        let _ = write!(out, "\n{more}");
+    for kind in &entry.kinds {
+        let _ = write!(out, "\n### The {} `{}`\n\n{}\n", kind.key, kind.name, kind.doc);
+        if !kind.facts.is_empty() {
+            let _ = writeln!(out);
+        }
+        for fact in &kind.facts {
+            let _ = writeln!(out, "- {fact}");
+        }
+        if !kind.params.is_empty() {
+            let _ = write!(out, "\n{}", params(&kind.params.iter().collect::<Vec<_>>()));
+        }
+        if !kind.example.is_empty() {
+            let _ = write!(out, "\n```toml\n{} = \"{}\"\n{}\n```\n", kind.key, kind.name, kind.example);
+        }
     }
     if !entry.metrics.is_empty() {
         let _ = write!(out, "\n{}", metrics(entry));
     }
     out
+}
+
+/// The table of parameters.
+fn params(all: &[&ParamDoc]) -> String {
+    let row = |p: &&ParamDoc| {
+        let default = match (p.default.as_deref(), p.absent) {
+            (Some(default), _) => format!("`{default}`"),
+            (None, Some(text)) => format!("left out: {text}"),
+            (None, None) => "must be given".to_owned(),
+        };
+        let doc = p.doc.replace("\n\n", " ");
+        format!("| `{}` | {} | {} | {default} | {} | {doc} |\n", p.name, p.type_name, p.unit, p.rule)
+    };
+    let rows: String = all.iter().map(row).collect();
+    format!("| parameter | type | unit | default | allowed | meaning |\n|---|---|---|---|---|---|\n{rows}")
 }
 
 fn metrics(entry: &Entry) -> String {

@@ -45,7 +45,7 @@ impl View<'_> {
         let scores = self.scores;
         let named = |m: &usize| {
             let Metric { name, unit, .. } = scores.metrics[*m];
-            if *unit == "1" { (*name).to_owned() } else { format!("{name} [{unit}]") }
+            if unit == "1" { (*name).to_owned() } else { format!("{name} [{unit}]") }
         };
         let any_mark = self.best.is_some() || scores.marks.iter().any(|n| *n > 0);
         let counted = scores.marks.iter().any(|n| *n > 0);

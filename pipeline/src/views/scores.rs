@@ -5,18 +5,20 @@ use std::{
     path::Path,
 };
 
-use polars::prelude::{Column, DataFrame, DataType, GroupsIndicator, ParquetReader, PolarsError, SerReader};
+use arrow_array::{Array, Float64Array, StringArray, cast::AsArray, types::Float64Type};
+use arrow_cast::cast;
+use arrow_schema::DataType;
 use schemas::{Fault, Literal, metric::Metric};
 
 use super::warnings::Warning;
-use crate::{plan::Plan, store::parts};
+use crate::{plan::Plan, store::published};
 
 /// Scores of all lines together, by sweep point.
 pub struct Scores {
     /// The axes, in the sweep's order.
     pub axes: Vec<String>,
     /// The metric of each column.
-    pub metrics: Vec<&'static Metric>,
+    pub metrics: Vec<Metric>,
     /// One row a sweep point: the axis values as text, then a value for each metric.
     pub rows: Vec<(Vec<String>, Vec<Option<f64>>)>,
     /// How many lines went into them.
@@ -131,9 +133,12 @@ impl Values {
 ///
 /// # Errors
 /// When the table cannot be read.
-pub fn scores(folder: &Path, axes: &[String], declared: &'static [Metric]) -> Result<Scores, Fault> {
-    pool(folder, axes, declared)
-        .map_err(|e| Fault::machine(format!("cannot read the scores in {}: {e}", folder.display())))
+pub fn scores(folder: &Path, axes: &[String], declared: &[Metric]) -> Result<Scores, Fault> {
+    let where_it_is = |fault: Fault| Fault {
+        what: format!("cannot read the scores in {}: {}", folder.display(), fault.what),
+        ..fault
+    };
+    pool(folder, axes, declared).map_err(where_it_is)
 }
 
 /// The scores of all published tables of scores of `plan`, whose tables are in `folder`, with the rows marked that
@@ -144,75 +149,81 @@ pub fn all(plan: &Plan, folder: &Path, warnings: &[Warning]) -> Vec<(String, Sco
         let axes: Vec<String> =
             node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
         let mut found =
-            scores(&folder.join(&node.name), &axes, node.entry.metrics).ok().filter(|s| !s.rows.is_empty())?;
+            scores(&folder.join(&node.name), &axes, &node.entry.metrics).ok().filter(|s| !s.rows.is_empty())?;
         found.mark(&node.name, warnings);
         Some((node.name.clone(), found))
     });
     read.collect()
 }
 
-fn pool(folder: &Path, axes: &[String], declared: &'static [Metric]) -> Result<Scores, PolarsError> {
-    let mut all: Option<DataFrame> = None;
-    for file in parts(folder) {
-        let part = ParquetReader::new(std::fs::File::open(file)?).finish()?;
-        all = Some(match all {
-            Some(before) => before.vstack(&part)?,
-            None => part,
-        });
-    }
-    let all = all.ok_or_else(|| PolarsError::NoData("the table was not published".into()))?;
-    let lines = all.group_by_stable(["flight", "line"])?.get_groups().len();
-    let (value, n) = (all.column("value")?.f64()?.clone(), all.column("n")?.i64()?.clone());
-    let metric = all.column("metric")?.str()?.clone();
-    let by = all.group_by_stable(axes.iter().map(String::as_str).chain(["metric"]))?;
-    let one = |rows: Vec<usize>| {
-        let name = rows.first().and_then(|first| metric.get(*first))?;
-        let pool = declared.iter().find(|m| m.name == name)?.pool;
-        let figures = rows.iter().filter_map(|i| Some((value.get(*i)?, n.get(*i)? as f64)));
-        Some(pool.value(figures)).filter(|v| !v.is_nan())
-    };
-    let pooled: Vec<Option<f64>> = by.get_groups().iter().map(|g| one(rows_of(g))).collect();
-    let keys = DataFrame::new_infer_height(by.keys())?;
-    let mut shown: Vec<&Metric> = declared.iter().filter(|m| m.shown.column.is_some()).collect();
-    shown.sort_by_key(|m| m.shown.column);
-    gather(&keys, &pooled, &shown, Scores { axes: axes.to_vec(), metrics: vec![], rows: vec![], lines, marks: vec![] })
+/// The groups of a long table, in the order in which they first appear.
+struct Groups {
+    /// The text of the columns in each.
+    keys: Vec<Vec<String>>,
+    /// Its rows.
+    rows: Vec<Vec<usize>>,
 }
 
-fn rows_of(group: GroupsIndicator) -> Vec<usize> {
-    match group {
-        GroupsIndicator::Idx((_, rows)) => rows.iter().map(|i| *i as usize).collect(),
-        GroupsIndicator::Slice([first, count]) => (first as usize..first as usize + count as usize).collect(),
+impl Groups {
+    /// By the text of `columns`.
+    fn by(columns: &[StringArray]) -> Groups {
+        let mut groups = Groups { keys: vec![], rows: vec![] };
+        let mut places: HashMap<Vec<&str>, usize> = HashMap::new();
+        for row in 0..columns.first().map_or(0, Array::len) {
+            let key: Vec<&str> = columns.iter().map(|c| if c.is_null(row) { "" } else { c.value(row) }).collect();
+            let place = *places.entry(key).or_insert_with_key(|key| {
+                groups.keys.push(key.iter().map(|word| (*word).to_owned()).collect());
+                groups.rows.push(vec![]);
+                groups.rows.len() - 1
+            });
+            groups.rows[place].push(row);
+        }
+        groups
     }
+}
+
+fn pool(folder: &Path, axes: &[String], declared: &[Metric]) -> Result<Scores, Fault> {
+    let names: Vec<&str> = axes.iter().map(String::as_str).chain(["metric", "flight", "line", "value", "n"]).collect();
+    let all = published(folder, &names)?.ok_or_else(|| Fault::machine("the table was not published"))?;
+    let column = |name: &str, as_type: &DataType| {
+        let lacking = || Fault::machine(format!("there is no column `{name}` of {as_type}"));
+        cast(all.column_by_name(name).ok_or_else(lacking)?, as_type).map_err(|_| lacking())
+    };
+    let text = |name: &str| Ok::<StringArray, Fault>(column(name, &DataType::Utf8)?.as_string::<i32>().clone());
+    let number =
+        |name: &str| Ok::<Float64Array, Fault>(column(name, &DataType::Float64)?.as_primitive::<Float64Type>().clone());
+    let lines = Groups::by(&[text("flight")?, text("line")?]).rows.len();
+    let points = names[..=axes.len()].iter().map(|name| text(name)).collect::<Result<Vec<_>, _>>()?;
+    let (groups, value, n) = (Groups::by(&points), number("value")?, number("n")?);
+    let one = |(key, rows): (&Vec<String>, &Vec<usize>)| {
+        let pool = declared.iter().find(|m| key.last().is_some_and(|name| m.name == name))?.pool;
+        let given = rows.iter().filter(|i| value.is_valid(**i) && n.is_valid(**i));
+        Some(pool.value(given.map(|i| (value.value(*i), n.value(*i))))).filter(|v| !v.is_nan())
+    };
+    let pooled: Vec<Option<f64>> = groups.keys.iter().zip(&groups.rows).map(one).collect();
+    let mut shown: Vec<Metric> = declared.iter().copied().filter(|m| m.shown.column.is_some()).collect();
+    shown.sort_by_key(|m| m.shown.column);
+    let empty = Scores { axes: axes.to_vec(), metrics: vec![], rows: vec![], lines, marks: vec![] };
+    Ok(gather(&groups.keys, &pooled, &shown, empty))
 }
 
 /// Long to wide: points in the order in which they first appear, of the metrics to be `shown` those that have a value.
-fn gather(
-    groups: &DataFrame,
-    pooled: &[Option<f64>],
-    shown: &[&'static Metric],
-    mut scores: Scores,
-) -> Result<Scores, PolarsError> {
-    let text = |name: &str| -> Result<Vec<String>, PolarsError> {
-        let column: Column = groups.column(name)?.cast(&DataType::String)?;
-        Ok(column.str()?.iter().map(|x| x.unwrap_or_default().to_owned()).collect())
-    };
-    let keys = scores.axes.iter().map(|a| text(a)).collect::<Result<Vec<_>, _>>()?;
-    let names = text("metric")?;
-    let value = |i: usize| pooled.get(i).copied().flatten();
-    let has_value = |m: &Metric| (0..names.len()).any(|i| names[i] == m.name && value(i).is_some());
-    scores.metrics = shown.iter().copied().filter(|m| has_value(m)).collect();
+/// The last word of each group is its metric.
+fn gather(groups: &[Vec<String>], pooled: &[Option<f64>], shown: &[Metric], mut scores: Scores) -> Scores {
+    let found = || groups.iter().filter_map(|key| key.split_last()).zip(pooled);
+    let has_value = |m: &Metric| found().any(|((name, _), value)| name == m.name && value.is_some());
+    scores.metrics = shown.iter().copied().filter(has_value).collect();
     let mut places: HashMap<Vec<String>, usize> = HashMap::new();
-    for (i, name) in names.iter().enumerate() {
+    for ((name, key), value) in found() {
         let Some(at) = scores.metric(name) else { continue };
-        let key: Vec<String> = keys.iter().map(|k| k[i].clone()).collect();
-        let row = *places.entry(key).or_insert_with_key(|key| {
+        let row = *places.entry(key.to_vec()).or_insert_with_key(|key| {
             scores.rows.push((key.clone(), vec![None; scores.metrics.len()]));
             scores.rows.len() - 1
         });
-        scores.rows[row].1[at] = value(i);
+        scores.rows[row].1[at] = *value;
     }
     scores.marks = vec![0; scores.rows.len()];
-    Ok(scores)
+    scores
 }
 
 /// A number as it is read: four significant digits.
@@ -243,7 +254,7 @@ pub fn columns(table: &[Vec<String>], left: usize) -> String {
 
 /// Metrics of the stage `score`, for tests.
 #[cfg(test)]
-pub fn declared<const N: usize>(names: [&str; N]) -> [&'static Metric; N] {
+pub fn declared<const N: usize>(names: [&str; N]) -> [Metric; N] {
     let known = crate::catalogue().into_iter().flat_map(|e| e.metrics).collect::<Vec<_>>();
     names.map(|name| known.iter().copied().find(|m| m.name == name).unwrap_or_else(|| panic!("no metric {name}")))
 }

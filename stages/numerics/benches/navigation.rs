@@ -8,8 +8,7 @@
 mod flight;
 #[path = "../tests/osborne/mod.rs"]
 mod osborne;
-
-use std::{hint::black_box, time::Instant};
+mod processor;
 
 use flight::{Flight, flight};
 use numerics::{
@@ -28,6 +27,7 @@ use numerics::{
     },
 };
 use osborne::{Line, core_field, grid};
+use processor::processor_s;
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -137,19 +137,6 @@ fn core_evaluations(core: &CoreField, line: &Line) {
     });
     assert!((near / LOOK_UPS as f64 - 50_900.0).abs() < 500.0);
     println!("the same, linearised along the track: {:.1} million/s", LOOK_UPS as f64 / time_s / 1e6);
-}
-
-/// The time that this thread had the processor, in seconds, for `work` (that on the clock where the system does not
-/// tell), and its answer.
-fn processor_s<T>(work: impl FnOnce() -> T) -> (f64, T) {
-    let on_processor_s = || -> Option<f64> {
-        let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
-        Some(told.split_whitespace().next()?.parse::<f64>().ok()? * 1e-9)
-    };
-    let (clock, before) = (Instant::now(), on_processor_s());
-    let answer = black_box(work());
-    let time_s = before.zip(on_processor_s()).map_or_else(|| clock.elapsed().as_secs_f64(), |(a, b)| b - a);
-    (time_s, answer)
 }
 
 fn main() -> Result<(), Failure> {

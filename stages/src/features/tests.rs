@@ -14,7 +14,7 @@ fn features(names: &[&str]) -> Features {
         mag: Some("mag_3_uc".into()),
         groups: vec![1, 2, 3],
         origin: None,
-        position: "ins".into(),
+        position: PositionOf::Ins,
         allow_truth: false,
     }
 }

@@ -4,12 +4,12 @@ use numerics::regression::{
     elastic_net::{self, ElasticNetFit},
     least_squares::{LineScore, Prepared},
 };
-use schemas::Fault;
+use schemas::{Fault, Rule};
 
 use super::{
     model::{Answer, FitModel, Settings, model},
     problem::{Problem, lines_needed},
-    ridge::lambdas_faults,
+    ridge::Penalty,
 };
 use crate::columns::data;
 
@@ -21,11 +21,10 @@ model! {
     /// coefficients that are worth less than their penalty are exactly 0.
     ///
     /// Source: Zou and Hastie 2005; thesis 000, (3.19) to (3.43).
-    ElasticNet = "elastic_net", scaling Standardise, intercept true, made of Moments,
-    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten];
-    lambda: f64,
-    lambdas: Option<Vec<f64>>,
-    l1_ratio: f64,
+    ElasticNet = "elastic_net", version 1, scaling Standardise, intercept true, made of Moments,
+    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: Penalty], example "lambda = 0.025";
+    /// The part of the penalty that is on absolute values.
+    l1_ratio: f64, unit "1", default 0.99, rule Rule::Between(0.0, 1.0);
 }
 
 impl FitModel for ElasticNet {
@@ -39,19 +38,19 @@ impl FitModel for ElasticNet {
         let found = if settings.choose.leaves_out() {
             self.chosen(&net, problem, settings)?
         } else {
-            net.path(&problem.merged, 0, &[self.lambda]).map_err(data)?.pop()
+            net.path(&problem.merged, 0, &[self.penalty.lambda]).map_err(data)?.pop()
         };
-        let found = found.ok_or_else(|| Fault::machine("a fit was lost"))?;
+        let found = found.ok_or_else(|| Fault::bug("a fit was lost"))?;
         let free = problem.free(found.active.len(), settings);
         Ok(Answer::without_errors(found.fit, (found.residual_squares / free).sqrt(), found.alpha))
     }
 
     fn faults(&self, _: &Settings) -> Vec<Fault> {
-        lambdas_faults(self.lambdas.as_deref())
+        self.penalty.faults()
     }
 
     fn lambda(&self) -> Option<f64> {
-        Some(self.lambda)
+        Some(self.penalty.lambda)
     }
 }
 
@@ -62,7 +61,7 @@ impl ElasticNet {
         problem: &Problem,
         settings: &Settings,
     ) -> Result<Option<ElasticNetFit>, Fault> {
-        let falling = match &self.lambdas {
+        let falling = match &self.penalty.lambdas {
             Some(given) => {
                 let mut falling = given.clone();
                 falling.sort_by(|a, b| b.total_cmp(a));

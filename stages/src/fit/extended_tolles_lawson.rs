@@ -1,12 +1,8 @@
 //! The extended model of Tolles and Lawson: the ridge, of the terms of currents and voltages as well.
 
-use numerics::regression::least_squares::Prepared;
-use schemas::Fault;
-
 use super::{
-    model::{Answer, FitModel, Settings, model},
-    problem::Problem,
-    ridge::{Penalty, lambdas_faults},
+    model::model,
+    ridge::{Penalty, Ridged},
 };
 
 model! {
@@ -14,27 +10,13 @@ model! {
     /// among its features, which `features` makes.
     ///
     /// Source: thesis 004, sections 2.2 to 2.4 and 4.2.1.
-    ExtendedTollesLawson = "extended_tolles_lawson", scaling Standardise, intercept true, made of Moments,
-    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten];
-    lambda: f64,
-    lambdas: Option<Vec<f64>>,
+    ExtendedTollesLawson = "extended_tolles_lawson", version 1, scaling Standardise, intercept true, made of Moments,
+    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: Penalty], example "lambda = 0.025";
 }
 
-impl FitModel for ExtendedTollesLawson {
-    fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
-        Penalty { lambda: self.lambda, among: self.lambdas.as_deref() }.fit(problem, settings, prepared)
-    }
-
-    fn faults(&self, _: &Settings) -> Vec<Fault> {
-        lambdas_faults(self.lambdas.as_deref())
-    }
-
-    fn lambda(&self) -> Option<f64> {
-        Some(self.lambda)
-    }
-
-    fn is_ridge(&self) -> bool {
-        true
+impl Ridged for ExtendedTollesLawson {
+    fn penalty(&self) -> &Penalty {
+        &self.penalty
     }
 }
 

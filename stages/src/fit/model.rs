@@ -1,17 +1,15 @@
 //! What a fit model declares of itself, and the list of all models.
 //!
-//! A model is one file: its declaration by [`model!`], its fit, its tests; and one line in [`MODELS`]. The struct of a
-//! model holds the keys that it declares and nothing else, so that it cannot depend on a key of another model.
-
-use std::{fmt::Write, sync::Arc};
+//! A model is one file: its declaration by [`model!`](crate::model!), its fit, its tests; and one line in [`MODELS`]. The
+//! struct of a model holds the keys that it declares and nothing else, so that it cannot depend on a key of another model.
 
 use numerics::regression::least_squares::{LineScores, LinearFit, Prepared, Scaling};
-use schemas::{Entry, Fault, Literal, Rule, Value, choice};
+use schemas::{Fault, Kind, KindDoc, Own, ParamDoc, Reader, choice, collect_doc};
 
 use super::{
-    Fit, elastic_net::ElasticNet, extended_tolles_lawson::ExtendedTollesLawson, pls::PartialLeastSquares,
-    problem::Problem, recursive_least_squares::RecursiveLeastSquares, ridge::Ridge, robust::Robust,
-    tolles_lawson::TollesLawson, truncated_svd::TruncatedSvd,
+    elastic_net::ElasticNet, extended_tolles_lawson::ExtendedTollesLawson, pls::PartialLeastSquares, problem::Problem,
+    recursive_least_squares::RecursiveLeastSquares, ridge::Ridge, robust::Robust, tolles_lawson::TollesLawson,
+    truncated_svd::TruncatedSvd,
 };
 
 /// Every model, in the order of the reference.
@@ -25,16 +23,6 @@ pub const MODELS: &[&Model] = &[
     &Robust::MODEL,
     &RecursiveLeastSquares::MODEL,
 ];
-
-const NAMES: [&str; MODELS.len()] = {
-    let mut names = [""; MODELS.len()];
-    let mut i = 0;
-    while i < names.len() {
-        names[i] = MODELS[i].name;
-        i += 1;
-    }
-    names
-};
 
 choice! {
     /// How `lambda` or the number of components is found.
@@ -99,8 +87,10 @@ pub enum MadeOf {
 pub struct Model {
     /// The word after `model =`.
     pub name: &'static str,
-    /// What it minimises, when you want it, source.
-    pub doc: fn() -> String,
+    /// Raised whenever its answer changes.
+    pub version: u32,
+    /// What it minimises, when you want it, source: the lines of its documentation.
+    pub doc: &'static [&'static str],
     /// What columns are divided by where `scaling` is left out.
     pub scaling: Divisor,
     /// Whether a constant is fitted where `intercept` is left out.
@@ -109,10 +99,39 @@ pub struct Model {
     pub made_of: MadeOf,
     /// What `choose` may be.
     pub choose: &'static [Choose],
-    /// The keys that it takes, beside those that every model takes.
-    pub keys: &'static [&'static str],
-    /// The model with its keys.
-    pub make: fn(&Fit) -> Arc<dyn FitModel>,
+    /// The settings of the stage that it takes and some models do not.
+    pub takes: &'static [&'static str],
+    /// Keys, one a line, for the example of the stage with this model.
+    pub example: &'static str,
+    /// Its own keys.
+    pub docs: fn() -> Vec<ParamDoc>,
+    /// Reads its own keys.
+    pub read: fn(&mut Reader) -> Option<Own<dyn FitModel>>,
+}
+
+impl Kind for Model {
+    type Keys = dyn FitModel;
+    const DEFAULT: Option<&'static str> = None;
+
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn version(&self) -> u32 {
+        self.version
+    }
+
+    fn docs(&self) -> Vec<ParamDoc> {
+        (self.docs)()
+    }
+
+    fn takes(&self) -> &'static [&'static str] {
+        self.takes
+    }
+
+    fn read(&self, reader: &mut Reader) -> Option<Own<dyn FitModel>> {
+        (self.read)(reader)
+    }
 }
 
 /// What most models have in common, with the defaults of the model put in.
@@ -196,163 +215,112 @@ pub trait FitModel: Send + Sync {
 }
 
 impl Model {
-    /// Whether `key` is not another model's alone.
-    pub fn takes(&self, key: &str) -> bool {
-        self.keys.contains(&key) || owners(key).next().is_none()
-    }
-
-    /// Why `key` has no say in `fit`, a fit of this model; `None` where it has.
-    pub fn idle(&self, fit: &Fit, key: &str) -> Option<Fault> {
-        if !self.takes(key) {
-            return Some(self.foreign(key));
-        }
-        let own = || self.keys.contains(&key).then(|| (self.make)(fit).idle(key)).flatten();
-        self.unchosen(fit.choose, key).or_else(own)
-    }
-
-    /// The fault of giving a key of other models.
-    fn foreign(&self, key: &str) -> Fault {
-        let names: Vec<String> = owners(key).map(|m| format!("`{}`", m.name)).collect();
-        let names = match names.split_last() {
-            Some((last, rest)) if !rest.is_empty() => format!("{} and {last}", rest.join(", ")),
-            _ => names.concat(),
-        };
-        Fault::new(format!("`{key}` belongs to {names}"))
-            .help(format!("`{}` does not take it: leave it out", self.name))
-    }
-
     /// Why a key has no say with this `choose`.
-    fn unchosen(&self, choose: Choose, key: &str) -> Option<Fault> {
+    pub(super) fn unchosen(&self, choose: Choose, key: &str) -> Option<Fault> {
         // What the model does not know is a fault of its own.
         if !self.choose.contains(&choose) {
             return None;
         }
-        let what = match (key, choose) {
-            ("lambda", Choose::Given) => return None,
-            ("lambda", _) => format!("`lambda` is found by `choose = \"{}\"`: give one of them", choose.word()),
-            ("lambdas", Choose::Given) => {
-                "`lambdas` are for choosing a `lambda` among them: say how in `choose`".to_owned()
-            }
-            ("one_standard_error", _) if !choose.leaves_out() => {
-                "`one_standard_error` is for leaving lines or flights out: say so in `choose`".to_owned()
-            }
-            _ => return None,
-        };
-        Some(Fault::new(what))
+        let given = choose == Choose::Given;
+        let lambda = (key == "lambda" && !given)
+            .then(|| format!("`lambda` is found by `choose = \"{}\"`: give one of them", choose.word()));
+        let lambdas = (key == "lambdas" && given)
+            .then(|| "`lambdas` are for choosing a `lambda` among them: say how in `choose`".to_owned());
+        let error = (key == "one_standard_error" && !choose.leaves_out())
+            .then(|| "`one_standard_error` is for leaving lines or flights out: say so in `choose`".to_owned());
+        lambda.or(lambdas).or(error).map(Fault::new)
     }
 
-    /// The settings of a fit with this model.
-    pub fn settings(&self, fit: &Fit) -> Settings {
-        let whiten = fit.whiten.filter(|_| self.takes("whiten"));
-        Settings {
-            scaling: fit.scaling.unwrap_or(self.scaling).scaling(),
-            // Components are made of columns without their means, so a constant belongs to them.
-            intercept: fit.intercept.unwrap_or(self.intercept || whiten.is_some()),
-            choose: fit.choose,
-            one_standard_error: fit.one_standard_error,
-            whiten,
-        }
-    }
-
-    /// Its part of the reference; `all` is the stage's entry, which knows the defaults of keys.
-    fn section(&self, all: &Entry) -> String {
-        let params = (all.params)();
-        let default = |key: &&str| params.iter().find(|p| p.name == *key).and_then(|p| p.default.clone());
-        let key = |key: &&str| match default(key).filter(|d| d != "none") {
-            Some(default) => format!("`{key}` ({default})"),
-            None => format!("`{key}`"),
-        };
-        let keys: Vec<String> = self.keys.iter().map(key).collect();
+    /// What the reference says of it.
+    pub(super) fn document(&self) -> KindDoc {
         let choose: Vec<String> = self.choose.iter().map(|c| format!("`{}`", c.word())).collect();
-        format!(
-            "### The model `{}`\n\n{}\n\n- its keys: {}\n- `scaling` left out: `{}`\n- `intercept` left out: `{}`\n\
-             - `choose`: {}\n",
-            self.name,
-            (self.doc)(),
-            keys.join(", "),
-            self.scaling.word(),
-            self.intercept,
-            choose.join(", ")
-        )
+        let takes: Vec<String> = self.takes.iter().map(|key| format!("`{key}`")).collect();
+        let mut facts = vec![
+            format!("`scaling` left out: `{}`", self.scaling.word()),
+            format!("`intercept` left out: `{}`", self.intercept),
+            format!("`choose`: {}", choose.join(", ")),
+        ];
+        if !takes.is_empty() {
+            facts.push(format!("also takes {}", takes.join(", ")));
+        }
+        let (doc, params) = (collect_doc(self.doc), (self.docs)());
+        KindDoc { key: "model", name: self.name, doc, facts, params, example: self.example }
     }
 }
 
-/// The models that declare `key` as theirs.
-fn owners(key: &str) -> impl Iterator<Item = &'static Model> + '_ {
-    MODELS.iter().copied().filter(move |m| m.keys.contains(&key))
-}
-
-/// The models, for the reference.
-pub fn reference() -> String {
-    let mut out = String::new();
-    for model in MODELS {
-        // Writing into a String cannot fail.
-        let _ = writeln!(out, "{}", model.section(&Fit::entry()));
-    }
-    out.trim_end().to_owned() + "\n"
-}
-
-impl Value for &'static Model {
-    const TYPE: &'static str = "text";
-    const WORDS: &'static [&'static str] = &NAMES;
-
-    fn read(literal: &Literal) -> Option<&'static Model> {
-        let name = literal.as_text()?;
-        MODELS.iter().copied().find(|m| m.name == name)
-    }
-
-    fn check(&self, _: &Rule) -> Result<(), Fault> {
-        Ok(())
-    }
-
-    fn canonical(&self) -> String {
-        format!("{:?}", self.name)
-    }
-}
-
-/// Declares a model: its documentation and name, the defaults of settings, what `choose` may be, which settings it takes
-/// that some models do not, and its own keys with their types. The keys themselves, with unit, default and rule, are
-/// declared by the stage, as several models share most of them.
+/// Declares a model: its documentation, name and version, the defaults of settings, what `choose` may be, which settings it
+/// takes that some models do not, keys for an example, and its own keys as in [`params!`](schemas::params!).
+///
+/// ```
+/// use schemas::{Fault, Rule};
+/// use stages::fit::{Answer, FitModel, Prepared, Problem, Settings, model};
+/// model! {
+///     /// Least squares with coefficients that are made smaller.
+///     Shrunk = "shrunk", version 1, scaling None, intercept false, made of Moments, choose [Given], takes [], example "factor = 0.9";
+///     /// What coefficients are multiplied by.
+///     factor: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
+/// }
+/// impl FitModel for Shrunk {
+///     fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
+///         let mut answer = stages::fit::ridge(problem, settings, prepared, 0.0)?;
+///         answer.fit.coefficients.iter_mut().for_each(|b| *b *= self.factor);
+///         Ok(answer)
+///     }
+/// }
+/// assert_eq!(Shrunk::MODEL.name, "shrunk");
+/// ```
+#[macro_export]
 macro_rules! model {
     (
         $(#[doc = $d:literal])*
-        $Ty:ident = $name:literal, scaling $scaling:ident, intercept $intercept:literal, made of $of:ident,
-        choose [$($choose:ident),+ $(,)?], takes [$($setting:ident),* $(,)?];
-        $( $key:ident : $kt:ty ),* $(,)?
+        $Ty:ident = $name:literal, version $v:literal, scaling $scaling:ident, intercept $intercept:literal, made of $of:ident,
+        choose [$($choose:ident),+ $(,)?], takes [$($setting:ident),* $(,)?],
+        $(groups [$($g:ident : $gt:ty),* $(,)?],)? example $example:literal;
+        $($keys:tt)*
     ) => {
-        $(#[doc = $d])*
-        #[derive(Clone, Debug)]
-        pub struct $Ty { $( $key: $kt, )* }
+        schemas::params! {
+            $(#[doc = $d])*
+            pub struct $Ty $(, groups [$($g: $gt),*])?;
+            $($keys)*
+        }
 
         impl $Ty {
             /// The declaration.
-            pub const MODEL: $crate::fit::model::Model = {
-                fn doc() -> String {
-                    schemas::collect_doc(&[$($d),*])
-                }
-                fn make(fit: &$crate::fit::Fit) -> std::sync::Arc<dyn $crate::fit::model::FitModel> {
+            pub const MODEL: $crate::fit::Model = {
+                fn docs() -> Vec<schemas::ParamDoc> {
                     // A name in `takes` that is no key of the stage does not compile.
-                    $( let _ = &fit.$setting; )*
-                    std::sync::Arc::new($Ty { $( $key: fit.$key.clone(), )* })
+                    let _ = |fit: &$crate::fit::Fit| { let _ = fit; $( let _ = &fit.$setting; )* };
+                    <$Ty as schemas::Params>::docs(&schemas::Lists::default())
                 }
-                $crate::fit::model::Model {
+                fn read(reader: &mut schemas::Reader) -> Option<schemas::Own<dyn $crate::fit::FitModel>> {
+                    let model = <$Ty as schemas::Params>::read(reader, None)?;
+                    let mut spelt = vec![];
+                    schemas::Params::spell(&model, &mut spelt);
+                    Some(schemas::Own { keys: std::sync::Arc::new(model), spelt })
+                }
+                $crate::fit::Model {
                     name: $name,
-                    doc,
-                    scaling: $crate::fit::model::Divisor::$scaling,
+                    version: $v,
+                    doc: &[$($d),*],
+                    scaling: $crate::fit::Divisor::$scaling,
                     intercept: $intercept,
-                    made_of: $crate::fit::model::MadeOf::$of,
-                    choose: &[$($crate::fit::model::Choose::$choose),+],
-                    keys: &[$(stringify!($key),)* $(stringify!($setting)),*],
-                    make,
+                    made_of: $crate::fit::MadeOf::$of,
+                    choose: &[$($crate::fit::Choose::$choose),+],
+                    takes: &[$(stringify!($setting)),*],
+                    example: $example,
+                    docs,
+                    read,
                 }
             };
         }
     };
 }
-pub(super) use model;
+pub use model;
 
 #[cfg(test)]
 mod tests {
+    use schemas::Literal;
+
     use super::*;
     use crate::fit::testing::{fitted, number, stage, word};
 
@@ -362,10 +330,12 @@ mod tests {
 
     #[test]
     fn law_every_model_is_read_by_its_name_and_declares_keys_of_the_stage() {
-        let params: Vec<&str> = (Fit::entry().params)().iter().map(|p| p.name).collect();
+        let entry = crate::fit::entry(MODELS.to_vec());
+        let params: Vec<&str> = entry.params.iter().map(|p| p.name).collect();
         for model in MODELS {
-            assert_eq!(<&Model>::read(&Literal::Text(model.name.to_owned())).map(|m| m.name), Some(model.name));
-            assert!(model.keys.iter().all(|k| params.contains(k)), "{}", model.name);
+            assert!(stage(model.name, &[]).is_ok(), "{}", model.name);
+            assert!((model.docs)().iter().all(|doc| params.contains(&doc.name)), "{}", model.name);
+            assert!(model.takes.iter().all(|k| params.contains(k)), "{}", model.name);
             assert!(model.choose.contains(&Choose::Given), "{}", model.name);
         }
     }

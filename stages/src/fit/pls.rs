@@ -4,7 +4,7 @@ use numerics::regression::{
     least_squares::{LineScore, Prepared},
     pls,
 };
-use schemas::Fault;
+use schemas::{Fault, Rule};
 
 use super::{
     model::{Answer, FitModel, Settings, model},
@@ -17,10 +17,13 @@ model! {
     /// with the target, of columns without their means. Together with `with_targets` the components are common ones.
     ///
     /// Source: Wold, Sjöström and Eriksson 2001; thesis 000, (3.19) to (3.43).
-    PartialLeastSquares = "pls", scaling Standardise, intercept true, made of Moments,
-    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten];
-    components: usize,
-    with_targets: Vec<String>,
+    PartialLeastSquares = "pls", version 1, scaling Standardise, intercept true, made of Moments,
+    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], example "components = 6";
+    /// How many components, the most of them where they are chosen.
+    components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
+    /// Further columns that are explained together with `target`, by common components; the table holds the coefficients
+    /// of `target`.
+    with_targets: Vec<String>, unit "nT", default Vec::<String>::new();
 }
 
 impl FitModel for PartialLeastSquares {

@@ -36,7 +36,7 @@ pub type Targets = Vec<String>;
 impl Point {
     /// Of a stage.
     pub fn new(fit: &Fit) -> Point {
-        Point { model: (fit.model.make)(fit), settings: fit.model.settings(fit), fit: fit.clone() }
+        Point { model: fit.model.keys.clone(), settings: fit.settings(), fit: fit.clone() }
     }
 }
 
@@ -56,7 +56,7 @@ impl Point {
                 return Err(Fault::new(format!("the features have no entry `{entry}`")).nearest(entry, terms));
             }
             if let Some(twice) = found.iter().find(|i| places.contains(*i)) {
-                return Err(Fault::new(format!("the entry `{}` is there twice", terms[*twice])));
+                return Err(Fault::new(format!("duplicate entry `{}`", terms[*twice])));
             }
             places.extend(found);
         }

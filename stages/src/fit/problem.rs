@@ -44,7 +44,7 @@ pub struct Solved {
     pub approximation_bound_nt: f64,
     /// The lines whose rows were used.
     pub lines: String,
-    /// What the user should know before he trusts it.
+    /// What to know before the fit is trusted.
     pub warning: String,
 }
 

@@ -4,7 +4,7 @@ use numerics::regression::{
     least_squares::{LinearFit, Prepared, Scaling},
     recursive_least_squares,
 };
-use schemas::Fault;
+use schemas::{Fault, Rule};
 
 use super::{
     model::{Answer, FitModel, Settings, model},
@@ -21,10 +21,12 @@ model! {
     /// `forgetting = 1.0` nothing is forgotten, and both are the ridge.
     ///
     /// Source: Haykin 2002, "Adaptive Filter Theory", chapter 9.
-    RecursiveLeastSquares = "recursive_least_squares", scaling Standardise, intercept false, made of Rows,
-    choose [Given], takes [];
-    lambda: f64,
-    forgetting: f64,
+    RecursiveLeastSquares = "recursive_least_squares", version 1, scaling Standardise, intercept false, made of Rows,
+    choose [Given], takes [], example "forgetting = 1.0";
+    /// The strength of the penalty.
+    lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
+    /// By how much a row counts less with each that follows it; with 1 nothing is forgotten.
+    forgetting: f64, unit "1", default 1.0, rule Rule::Between(0.9, 1.0);
 }
 
 impl FitModel for RecursiveLeastSquares {

@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use numerics::regression::{
-    choose_lambda::{self, by_generalised_cross_validation, by_l_curve, by_lines, curve},
+    choose_lambda::{self, LambdaPoint, by_generalised_cross_validation, by_l_curve, by_lines, curve},
     least_squares::{LineScore, LinearFit, Prepared, RidgePath},
 };
-use schemas::Fault;
+use schemas::{Fault, Rule, params};
 
 use super::{
     model::{Answer, Choose, FitModel, Settings, model},
@@ -14,28 +14,49 @@ use super::{
 };
 use crate::columns::data;
 
-/// Values on the grid of ridge parameters where the spec gives none, over so many decades below the largest.
+/// Values on the grid of ridge parameters where the spec gives none, from the largest squared singular value down to this
+/// part of it.
 const GRID: (usize, f64) = (81, 1e-12);
 
 model! {
     /// Minimises \|y - A b\|^2 + `lambda` \|b\|^2 of standardised columns.
-    Ridge = "ridge", scaling Standardise, intercept true, made of Moments,
-    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten];
-    lambda: f64,
-    lambdas: Option<Vec<f64>>,
+    Ridge = "ridge", version 1, scaling Standardise, intercept true, made of Moments,
+    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: Penalty], example "lambda = 0.025";
 }
 
-impl FitModel for Ridge {
+impl Ridged for Ridge {
+    fn penalty(&self) -> &Penalty {
+        &self.penalty
+    }
+}
+
+params! {
+    /// A penalty on the size of coefficients.
+    pub struct Penalty;
+    /// The strength of the penalty.
+    lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
+    /// The values of `lambda` to choose among.
+    lambdas: Option<Vec<f64>>, unit "", absent "a grid that fits the features";
+}
+
+/// A model that is a ridge: the columns it is given and the name are its own, the fit is the same.
+pub trait Ridged: Send + Sync {
+    /// Its penalty.
+    fn penalty(&self) -> &Penalty;
+}
+
+impl<M: Ridged> FitModel for M {
     fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
-        Penalty { lambda: self.lambda, among: self.lambdas.as_deref() }.fit(problem, settings, prepared)
+        let lambda = self.penalty().found(problem, settings, prepared)?;
+        ridge(problem, settings, prepared, lambda)
     }
 
     fn faults(&self, _: &Settings) -> Vec<Fault> {
-        lambdas_faults(self.lambdas.as_deref())
+        self.penalty().faults()
     }
 
     fn lambda(&self) -> Option<f64> {
-        Some(self.lambda)
+        Some(self.penalty().lambda)
     }
 
     fn is_ridge(&self) -> bool {
@@ -43,65 +64,66 @@ impl FitModel for Ridge {
     }
 }
 
-/// A penalty on the squares of coefficients.
-pub struct Penalty<'a> {
-    /// Its strength, where that is given.
-    pub lambda: f64,
-    /// The strengths to choose among; `None` for a grid that fits the features.
-    pub among: Option<&'a [f64]>,
+/// The ridge of the strength `lambda`, of `problem` whose columns on the scale of `settings` are `prepared`.
+///
+/// # Errors
+/// When the columns do not determine it.
+pub fn ridge(problem: &Problem, settings: &Settings, prepared: &Prepared, lambda: f64) -> Result<Answer, Fault> {
+    let found = |path: &RidgePath| path.solutions.iter().position(|s| s.lambda.to_bits() == lambda.to_bits());
+    let (path, at) = match problem.path(settings).and_then(|path| found(path).map(|at| (path.clone(), at))) {
+        Some(known) => known,
+        None => (Arc::new(prepared.ridge(&[lambda], &problem.terms).map_err(data)?), 0),
+    };
+    let solution = path.solutions.get(at).ok_or_else(|| Fault::bug("a fit was lost"))?;
+    let coefficients = solution.coefficients.first().cloned().unwrap_or_default();
+    let covariance = path.covariance(at, 0).unwrap_or_default();
+    let p = coefficients.len();
+    let std = (0..p).map(|i| covariance.get(i * p + i).map_or(f64::NAN, |v| v.sqrt())).collect();
+    let residual_std = solution.residual_variances.first().map_or(f64::NAN, |v| v.sqrt());
+    let intercept = prepared.original(0, &prepared.scaled(&coefficients)).intercept;
+    Ok(Answer { fit: LinearFit { coefficients, intercept }, std, residual_std, chosen: lambda })
 }
 
-impl Penalty<'_> {
-    /// The ridge of the strength that is given or chosen.
-    ///
-    /// # Errors
-    /// When the columns do not determine it, or there is nothing to choose by.
-    pub fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
-        let lambda = match settings.choose {
-            Choose::Given => self.lambda,
-            _ => self.chosen(problem, settings, prepared)?,
-        };
-        let found = |path: &RidgePath| path.solutions.iter().position(|s| s.lambda.to_bits() == lambda.to_bits());
-        let (path, at) = match problem.path(settings).and_then(|path| found(path).map(|at| (path.clone(), at))) {
-            Some(known) => known,
-            None => (Arc::new(prepared.ridge(&[lambda], &problem.terms).map_err(data)?), 0),
-        };
-        let solution = path.solutions.get(at).ok_or_else(|| Fault::machine("a fit was lost"))?;
-        let coefficients = solution.coefficients.first().cloned().unwrap_or_default();
-        let covariance = path.covariance(at, 0).unwrap_or_default();
-        let p = coefficients.len();
-        let std = (0..p).map(|i| covariance.get(i * p + i).map_or(f64::NAN, |v| v.sqrt())).collect();
-        let residual_std = solution.residual_variances.first().map_or(f64::NAN, |v| v.sqrt());
-        let intercept = prepared.original(0, &prepared.scaled(&coefficients)).intercept;
-        Ok(Answer { fit: LinearFit { coefficients, intercept }, std, residual_std, chosen: lambda })
+impl Penalty {
+    /// What is wrong with the strengths to choose among.
+    pub fn faults(&self) -> Vec<Fault> {
+        let wrong = |l: &Vec<f64>| l.len() < 3 || l.iter().any(|x| !(*x > 0.0 && x.is_finite()));
+        let fault = || Fault::new("`lambdas` must be three or more numbers above 0").of_param("lambdas");
+        self.lambdas.as_ref().filter(|l| wrong(l)).map(|_| fault()).into_iter().collect()
     }
 
-    fn chosen(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<f64, Fault> {
-        let grid = self.grid(prepared)?;
-        if settings.choose.leaves_out() {
-            return by_leaving_out(&grid, problem, settings);
-        }
-        let points = curve(prepared, 0, &grid).map_err(data)?;
-        let (at, none) = if settings.choose == Choose::Gcv {
-            (
-                by_generalised_cross_validation(&points),
-                "generalised cross-validation is not defined: there are too few rows",
-            )
-        } else {
-            (by_l_curve(&points), "the L-curve has no corner")
+    /// The strength that is given or chosen.
+    fn found(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<f64, Fault> {
+        let curve = || curve(prepared, 0, &self.grid(prepared)?).map_err(data);
+        let chosen = |points: &[LambdaPoint], at: Option<usize>, none: &str| {
+            let at = at.ok_or_else(|| Fault::data(none).help("give `lambda`, or `lambdas` over another range"))?;
+            Ok(points[at].lambda)
         };
-        let at = at.ok_or_else(|| Fault::data(none).help("give `lambda`, or `lambdas` over another range"))?;
-        Ok(points[at].lambda)
+        match settings.choose {
+            Choose::Given => Ok(self.lambda),
+            Choose::Gcv => {
+                let points = curve()?;
+                let none = "generalised cross-validation is not defined: there are too few rows";
+                chosen(&points, by_generalised_cross_validation(&points), none)
+            }
+            Choose::LCurve => {
+                let points = curve()?;
+                chosen(&points, by_l_curve(&points), "the L-curve has no corner")
+            }
+            Choose::LeaveOneLineOut | Choose::LeaveOneFlightOut => {
+                by_leaving_out(&self.grid(prepared)?, problem, settings)
+            }
+        }
     }
 
     /// The strengths to choose among, rising.
     fn grid(&self, prepared: &Prepared) -> Result<Vec<f64>, Fault> {
-        let Some(given) = self.among else {
+        let Some(given) = &self.lambdas else {
             let singular = prepared.singular().map_err(data)?;
             let largest = singular.values.first().copied().unwrap_or(1.0).powi(2);
             return choose_lambda::grid(GRID.1 * largest, largest, GRID.0).map_err(data);
         };
-        let mut grid = given.to_vec();
+        let mut grid = given.clone();
         grid.sort_by(f64::total_cmp);
         Ok(grid)
     }
@@ -113,16 +135,6 @@ fn by_leaving_out(grid: &[f64], problem: &Problem, settings: &Settings) -> Resul
     let scores = by_lines(&groups, 0, &falling, settings.scaling, settings.intercept, LineScore::Variance);
     let at = settings.pick(&scores.map_err(lines_needed)?);
     falling.get(at).copied().ok_or_else(|| Fault::data("there is no ridge parameter to choose"))
-}
-
-/// What is wrong with the strengths to choose among.
-pub fn lambdas_faults(lambdas: Option<&[f64]>) -> Vec<Fault> {
-    match lambdas {
-        Some(l) if l.len() < 3 || l.iter().any(|x| !(*x > 0.0 && x.is_finite())) => {
-            vec![Fault::new("`lambdas` must be three or more numbers above 0").of_param("lambdas")]
-        }
-        _ => vec![],
-    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use numerics::regression::{
     least_squares::{Prepared, Scaling},
     robust::{self, LineRows},
 };
-use schemas::{Fault, choice};
+use schemas::{Fault, Rule, choice};
 
 use super::{
     model::{Answer, FitModel, Settings, model},
@@ -37,12 +37,17 @@ model! {
     /// `threshold` is of the loss `huber`, `degrees_of_freedom` of `student_t`.
     ///
     /// Source: Huber 1981, "Robust Statistics"; Lange, Little and Taylor 1989.
-    Robust = "robust", scaling None, intercept true, made of Rows, choose [Given], takes [];
-    lambda: f64,
-    loss: Loss,
-    scale: Scale,
-    threshold: f64,
-    degrees_of_freedom: f64,
+    Robust = "robust", version 1, scaling None, intercept true, made of Rows, choose [Given], takes [], example "loss = \"huber\"";
+    /// The strength of the penalty.
+    lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
+    /// The loss.
+    loss: Loss, unit "", default Loss::Huber;
+    /// How the size of ordinary residuals is found: by their median, or together with the coefficients.
+    scale: Scale, unit "", default Scale::Mad;
+    /// Where Huber's loss turns from squares to straight lines, in sizes of ordinary residuals.
+    threshold: f64, unit "1", default 1.345, rule Rule::Positive;
+    /// Degrees of freedom of Student's t.
+    degrees_of_freedom: f64, unit "1", default 4.0, rule Rule::Positive;
 }
 
 impl FitModel for Robust {

@@ -5,8 +5,6 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use schemas::{Args, Fault, Given, LineIn, Literal, StageDyn};
 
-use super::Fit;
-
 /// What the target is made of.
 pub const COEFFICIENTS: [f64; 3] = [12.0, -7.0, 3.5];
 /// The constant in the target, in nT.
@@ -79,7 +77,7 @@ pub fn stage(model: &str, keys: &[(String, Literal)]) -> Result<Arc<dyn StageDyn
     let unfiltered = [number("low_hz", 0.0), number("high_hz", 0.0), whole("trim", 0)];
     let given = usual.into_iter().chain(unfiltered).chain(keys.iter().cloned());
     let args: Args = given.map(|(name, value)| (name, Given { value, key_at: 0..0, at: 0..0 })).collect();
-    (Fit::entry().build)(&args)
+    (super::entry(super::MODELS.to_vec()).build)(&args)
 }
 
 /// A fit to [`plain`] lines.

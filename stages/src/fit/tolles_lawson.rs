@@ -1,12 +1,8 @@
 //! The model of Tolles and Lawson: the ridge of columns as they are.
 
-use numerics::regression::least_squares::Prepared;
-use schemas::Fault;
-
 use super::{
-    model::{Answer, FitModel, Settings, model},
-    problem::Problem,
-    ridge::{Penalty, lambdas_faults},
+    model::model,
+    ridge::{Penalty, Ridged},
 };
 
 model! {
@@ -14,27 +10,13 @@ model! {
     /// `a_matrix`. Without a penalty it is ordinary least squares.
     ///
     /// Source: Tolles and Lawson 1950; Leliak 1961; thesis 000, (3.19) to (3.43).
-    TollesLawson = "tolles_lawson", scaling None, intercept false, made of Moments,
-    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten];
-    lambda: f64,
-    lambdas: Option<Vec<f64>>,
+    TollesLawson = "tolles_lawson", version 1, scaling None, intercept false, made of Moments,
+    choose [Given, Gcv, LCurve, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], groups [penalty: Penalty], example "lambda = 0.025";
 }
 
-impl FitModel for TollesLawson {
-    fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
-        Penalty { lambda: self.lambda, among: self.lambdas.as_deref() }.fit(problem, settings, prepared)
-    }
-
-    fn faults(&self, _: &Settings) -> Vec<Fault> {
-        lambdas_faults(self.lambdas.as_deref())
-    }
-
-    fn lambda(&self) -> Option<f64> {
-        Some(self.lambda)
-    }
-
-    fn is_ridge(&self) -> bool {
-        true
+impl Ridged for TollesLawson {
+    fn penalty(&self) -> &Penalty {
+        &self.penalty
     }
 }
 

@@ -4,7 +4,7 @@ use numerics::regression::{
     least_squares::{LineScore, Prepared},
     truncated_svd,
 };
-use schemas::Fault;
+use schemas::{Fault, Rule};
 
 use super::{
     model::{Answer, FitModel, Settings, model},
@@ -17,9 +17,10 @@ model! {
     /// excites least are left out.
     ///
     /// Source: Hansen 1987, "The truncated SVD as a method for regularization".
-    TruncatedSvd = "truncated_svd", scaling Standardise, intercept true, made of Moments,
-    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten];
-    components: usize,
+    TruncatedSvd = "truncated_svd", version 1, scaling Standardise, intercept true, made of Moments,
+    choose [Given, LeaveOneLineOut, LeaveOneFlightOut], takes [one_standard_error, whiten], example "components = 6";
+    /// How many components, the most of them where they are chosen.
+    components: usize, unit "", default 18usize, rule Rule::Between(1.0, 10000.0);
 }
 
 impl FitModel for TruncatedSvd {

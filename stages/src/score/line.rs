@@ -82,10 +82,10 @@ impl<'a> Line<'a> {
     }
 
     /// What became of the measurements of the track.
-    pub fn fates(&self) -> Result<&StringArray, Fault> {
+    pub fn updates(&self) -> Result<&StringArray, Fault> {
         let track = &self.line.inputs[self.place(Source::Track)?.table];
-        let fates = track.column_by_name("update").and_then(|a| a.as_string_opt::<i32>());
-        fates.ok_or_else(|| Fault::data("the track does not say what became of its measurements").in_column("update"))
+        let updates = track.column_by_name("update").and_then(|a| a.as_string_opt::<i32>());
+        updates.ok_or_else(|| Fault::data("the track does not say what became of its measurements").in_column("update"))
     }
 
     fn place(&self, source: Source) -> Result<&Place, Fault> {

@@ -1,21 +1,42 @@
 //! What a metric is made of, and the list of all.
 
+use std::sync::Arc;
+
 use numerics::regression::statistics::Figure;
-use schemas::{Fault, metric::Metric};
+use schemas::{Fault, Kind, Own, Reader, metric::Metric};
 
 use super::{line::Line, map, signal, source::Source, track};
 
 /// A metric and how a line is scored by it.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Scorer {
     /// What is known of it without a line.
     pub metric: Metric,
+    /// Raised whenever its value changes, for a metric that is not built in; those share the version of `score`.
+    pub version: u32,
     /// What it cannot do without.
     pub needs: &'static [Source],
     /// What it takes into account where it is there.
     pub uses: &'static [Source],
     /// Its value.
     pub score: fn(&Line) -> Result<Figure, Fault>,
+}
+
+impl Kind for Scorer {
+    type Keys = ();
+    const DEFAULT: Option<&'static str> = None;
+
+    fn name(&self) -> &'static str {
+        self.metric.name
+    }
+
+    fn version(&self) -> u32 {
+        self.version
+    }
+
+    fn read(&self, _: &mut Reader) -> Option<Own<()>> {
+        Some(Own { keys: Arc::new(()), spelt: vec![] })
+    }
 }
 
 impl Scorer {
@@ -27,15 +48,17 @@ impl Scorer {
 
 /// Declares a [`Scorer`]: its meaning (a sentence without its full stop), name, unit, how lines are pooled, which values
 /// are good, where it is shown (nowhere, when left out), what it needs and uses, and its value.
+#[macro_export]
 macro_rules! metric {
     (
         $(#[doc = $doc:literal])+
-        $NAME:ident = $name:literal, unit $unit:literal, pool $pool:ident, better $better:ident $(($target:literal))?,
-        $(shown $shown:expr,)? needs [$($need:ident),+] $(, uses [$($use:ident),+])?;
+        $NAME:ident = $name:literal, $(version $v:literal,)? unit $unit:literal, pool $pool:ident, better $better:ident $(($target:literal))?,
+        $(shown $shown:expr,)? needs [$($need:ident $(($need_column:literal))?),+]
+        $(, uses [$($use:ident $(($use_column:literal))?),+])?;
         $score:expr
     ) => {
         $(#[doc = $doc])+
-        pub const $NAME: $crate::score::metric::Scorer = $crate::score::metric::Scorer {
+        pub const $NAME: $crate::score::Scorer = $crate::score::Scorer {
             metric: schemas::metric::Metric {
                 name: $name,
                 unit: $unit,
@@ -44,52 +67,42 @@ macro_rules! metric {
                 better: schemas::metric::Better::$better $(($target))?,
                 shown: [$($shown,)? schemas::metric::Shown::NOWHERE][0],
             },
-            needs: &[$($crate::score::source::Source::$need),+],
-            uses: &[$($($crate::score::source::Source::$use),+)?],
+            version: [$($v,)? 1][0],
+            needs: &[$($crate::score::Source::$need $(($need_column))?),+],
+            uses: &[$($($crate::score::Source::$use $(($use_column))?),+)?],
             score: $score,
         };
     };
 }
-pub(crate) use metric;
+pub use metric;
 
-/// The list of all metrics, and what is read off it.
-macro_rules! list {
-    ($($scorer:expr),+ $(,)?) => {
-        /// All metrics, in the order of the table of scores.
-        pub const SCORERS: &[Scorer] = &[$($scorer),+];
-        /// What is known of them without a line.
-        pub const METRICS: &[Metric] = &[$($scorer.metric),+];
-        /// Their names.
-        pub const NAMES: [&str; SCORERS.len()] = [$($scorer.metric.name),+];
-    };
-}
-
-list![
-    signal::STD_ERROR,
-    signal::BIAS_ERROR,
-    signal::RMS_ERROR,
-    signal::STD_UNCOMPENSATED,
-    signal::IMPROVEMENT_RATIO,
-    signal::IMPROVEMENT_RATIO_BAND,
-    signal::SNR,
-    signal::ANOMALY_RETENTION,
-    signal::FIGURE_OF_MERIT,
-    signal::FIGURE_OF_MERIT_CROSSINGS,
-    track::DRMS,
-    track::RMS_NORTH,
-    track::RMS_EAST,
-    track::INS_DRMS,
-    track::NEES,
-    track::NIS,
-    track::SAMPLES_USED,
-    track::SAMPLES_MISSING,
-    track::SAMPLES_OFF_MAP,
-    track::SAMPLES_GATED,
-    map::MAP_HEIGHT_ERROR,
-    map::MAP_STD_ERROR,
-    map::MAP_BIAS_ERROR,
-    map::MAP_GRADIENT_ALONG_TRACK,
-    map::MAP_POSITION_BOUND,
+/// All metrics, in the order of the table of scores.
+pub const SCORERS: &[&Scorer] = &[
+    &signal::STD_ERROR,
+    &signal::BIAS_ERROR,
+    &signal::RMS_ERROR,
+    &signal::STD_UNCOMPENSATED,
+    &signal::IMPROVEMENT_RATIO,
+    &signal::IMPROVEMENT_RATIO_BAND,
+    &signal::SNR,
+    &signal::ANOMALY_RETENTION,
+    &signal::FIGURE_OF_MERIT,
+    &signal::FIGURE_OF_MERIT_CROSSINGS,
+    &track::DRMS,
+    &track::RMS_NORTH,
+    &track::RMS_EAST,
+    &track::INS_DRMS,
+    &track::NEES,
+    &track::NIS,
+    &track::SAMPLES_USED,
+    &track::SAMPLES_MISSING,
+    &track::SAMPLES_OFF_MAP,
+    &track::SAMPLES_GATED,
+    &map::MAP_HEIGHT_ERROR,
+    &map::MAP_STD_ERROR,
+    &map::MAP_BIAS_ERROR,
+    &map::MAP_GRADIENT_ALONG_TRACK,
+    &map::MAP_POSITION_BOUND,
 ];
 
 #[cfg(test)]
@@ -102,15 +115,15 @@ mod tests {
     use crate::score::{
         Score,
         source::Places,
-        testing::{FLOWN, line, score, seconds, shapes, track},
+        testing::{FLOWN, line, only, score, seconds, shapes, track},
     };
 
     #[test]
     fn law_every_metric_has_its_own_name_a_known_unit_and_a_meaning() {
-        let names: BTreeSet<&str> = NAMES.into_iter().collect();
+        let names: BTreeSet<&str> = SCORERS.iter().map(|s| s.metric.name).collect();
         assert_eq!(names.len(), SCORERS.len());
-        for Metric { name, unit, meaning, .. } in METRICS {
-            assert!(is_unit(unit) || ["1", "nT/m"].contains(unit), "{name}: {unit}");
+        for Metric { name, unit, meaning, .. } in SCORERS.iter().map(|s| s.metric) {
+            assert!(is_unit(unit) || ["1", "nT/m"].contains(&unit), "{name}: {unit}");
             assert!(!meaning.is_empty() && !meaning.starts_with(' ') && !meaning.ends_with('.'), "{name}: {meaning}");
         }
     }
@@ -118,17 +131,17 @@ mod tests {
     #[test]
     fn law_every_place_is_taken_once_and_what_ranks_has_a_column() {
         for place in [|m: &Metric| m.shown.column, |m: &Metric| m.shown.rank] {
-            let taken: Vec<u16> = METRICS.iter().filter_map(place).collect();
+            let taken: Vec<u16> = SCORERS.iter().map(|s| &s.metric).filter_map(place).collect();
             assert_eq!(taken.iter().collect::<BTreeSet<_>>().len(), taken.len(), "{taken:?}");
         }
-        for m in METRICS.iter().filter(|m| m.shown.rank.is_some() || m.shown.heat_map) {
+        for m in SCORERS.iter().map(|s| &s.metric).filter(|m| m.shown.rank.is_some() || m.shown.heat_map) {
             assert!(m.shown.column.is_some() && m.better.cost(1.0).is_some(), "{}", m.name);
         }
     }
 
     #[test]
     fn law_errors_in_a_unit_pool_by_squares() {
-        for m in METRICS.iter().filter(|m| m.pool != Pool::Sum) {
+        for m in SCORERS.iter().map(|s| &s.metric).filter(|m| m.pool != Pool::Sum) {
             assert_eq!(m.pool == Pool::Rms, m.unit != "1", "{}", m.name);
         }
     }
@@ -183,11 +196,23 @@ mod tests {
     fn law_a_metric_is_the_same_alone_and_in_company() {
         let line = everything();
         let all = scored(&score(), &line);
-        assert_eq!(all.iter().map(|(name, _)| *name).collect::<Vec<_>>(), NAMES);
+        assert_eq!(all.len(), SCORERS.len());
+        assert!(all.iter().zip(SCORERS).all(|((name, _), scorer)| *name == scorer.metric.name));
         for (name, figure) in all {
-            let alone = scored(&Score { metrics: Some(vec![name.into()]), ..score() }, &line);
+            let alone = scored(&Score { metrics: only(name), ..score() }, &line);
             assert_eq!(alone.len(), 1, "{name}");
             assert_eq!((alone[0].1.value.to_bits(), alone[0].1.n), (figure.value.to_bits(), figure.n), "{name}");
         }
+    }
+
+    /// The value of every metric to seven digits: one that moves needs a new version of `score`.
+    #[test]
+    fn gold_a_metric_that_moves_needs_a_new_version() {
+        let mut now = format!("version {}\n", Score::entry().version);
+        for (name, Figure { value, n }) in scored(&score(), &everything()) {
+            now += &format!("{name} {value:.6e} {n}\n");
+        }
+        let kept = include_str!("versions.txt");
+        assert!(now == kept, "a metric moved: raise the version and write into stages/src/score/versions.txt\n{now}");
     }
 }

@@ -32,6 +32,8 @@ pub enum Source {
     Ins,
     /// The track of a filter.
     Track,
+    /// A column of this name.
+    Column(&'static str),
 }
 
 /// The known anomaly of a simulation.
@@ -47,7 +49,7 @@ pub struct Place {
 }
 
 impl Source {
-    /// All of them, in the order in which they are read.
+    /// All but single columns, in the order in which they are read.
     const ALL: [Source; 12] = [
         Source::Signal,
         Source::Aircraft,
@@ -83,6 +85,7 @@ impl Source {
             Source::Map => of(&["map_anomaly", "map_grad_n", "map_grad_e"]),
             Source::Position => of_role(&["lat", "lon"], Some(Role::Truth)),
             Source::Ins => of(&["ins_lat", "ins_lon"]),
+            Source::Column(name) => of(&[name]),
             Source::Track => of(&["lat", "lon", "alt", "sd_n", "sd_e", "cov_ne", "nis", "update"]),
         }
     }
@@ -101,6 +104,7 @@ impl Source {
             Source::Map => "a table of `map_value`".to_owned(),
             Source::Position => "true positions `lat` and `lon`".to_owned(),
             Source::Ins => "`ins_lat` and `ins_lon`".to_owned(),
+            Source::Column(name) => format!("a table with `{name}`"),
             Source::Track => "a track of `navigate`".to_owned(),
         }
     }
@@ -111,9 +115,15 @@ impl Source {
 pub struct Places(Vec<(Source, Place)>);
 
 impl Places {
-    /// Looks for all of them.
+    /// Looks for all of them, and for the single columns that metrics read.
     pub fn find(stage: &Score, shapes: &[&Shape]) -> Places {
-        Places(Source::ALL.iter().filter_map(|s| Some((*s, s.find(stage, shapes)?))).collect())
+        let mut sources = Source::ALL.to_vec();
+        for source in stage.metrics.all().iter().flat_map(|scorer| scorer.needs.iter().chain(scorer.uses)) {
+            if !sources.contains(source) {
+                sources.push(*source);
+            }
+        }
+        Places(sources.into_iter().filter_map(|s| Some((s, s.find(stage, shapes)?))).collect())
     }
 
     /// Where one is.

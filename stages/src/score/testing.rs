@@ -5,9 +5,14 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema};
 use numerics::regression::statistics::Figure;
-use schemas::{LineIn, Role, Shape};
+use schemas::{Kinds, LineIn, Role, Several, Shape};
 
-use super::{Score, line::Line, metric::Scorer, source::Places};
+use super::{
+    Score,
+    line::Line,
+    metric::{SCORERS, Scorer},
+    source::Places,
+};
 
 /// The columns of a table.
 pub type Columns = Vec<(&'static str, Vec<f64>)>;
@@ -19,7 +24,7 @@ pub const FLOWN: [&str; 2] = ["true lat", "true lon"];
 pub fn score() -> Score {
     Score {
         truth: Some("mag_1_c".into()),
-        metrics: None,
+        metrics: Several::new(kinds(), None),
         mag: "mag_c".into(),
         low_hz: 0.1,
         high_hz: 0.4,
@@ -28,12 +33,21 @@ pub fn score() -> Score {
     }
 }
 
+fn kinds() -> Arc<Kinds<Scorer>> {
+    Arc::new(Kinds::new(SCORERS.to_vec()))
+}
+
+/// The metric of this name alone.
+pub fn only(name: &str) -> Several<Scorer> {
+    Several::new(kinds(), Some(vec![kinds().find(name).unwrap()]))
+}
+
 /// A function of the time at `n` samples, one a second.
 pub fn seconds(n: u32, f: impl Fn(f64) -> f64) -> Vec<f64> {
     (0..n).map(|k| f(f64::from(k))).collect()
 }
 
-/// A track of these positions: ten metres of sigma in each direction, and fates that repeat every ten samples.
+/// A track of these positions: ten metres of sigma in each direction, and updates that repeat every ten samples.
 pub fn track(lat: Vec<f64>, lon: Vec<f64>) -> Columns {
     let all = |value: f64| vec![value; lat.len()];
     let rest = [("alt", 300.0), ("sd_n", 10.0), ("sd_e", 10.0), ("cov_ne", 0.0), ("nis", 0.5)];
@@ -41,7 +55,7 @@ pub fn track(lat: Vec<f64>, lon: Vec<f64>) -> Columns {
     [("lat", lat.clone()), ("lon", lon)].into_iter().chain(rest).collect()
 }
 
-/// The line of these tables, each with its times, and a track with the fates of its measurements.
+/// The line of these tables, each with its times, and a track with what became of its measurements.
 pub fn line(tables: &[Columns]) -> LineIn {
     let inputs = tables.iter().map(batch).collect();
     LineIn { flight: "1".into(), line: "1.01".into(), inputs, keep: None, prepared: None }
@@ -57,17 +71,16 @@ fn batch(columns: &Columns) -> RecordBatch {
         arrays.push(Arc::new(Float64Array::from(values.clone())));
     }
     if columns.iter().any(|(name, _)| *name == "nis") {
-        let fates = ["used", "missing", "off_map", "gated", "used", "missing", "off_map", "gated", "used", "missing"];
+        let updates = ["used", "missing", "off_map", "gated", "used", "missing", "off_map", "gated", "used", "missing"];
         fields.push(Field::new("update", DataType::Utf8, true));
-        arrays.push(Arc::new((0..rows).map(|k| Some(fates[k % fates.len()])).collect::<StringArray>()));
+        arrays.push(Arc::new((0..rows).map(|k| Some(updates[k % updates.len()])).collect::<StringArray>()));
     }
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap()
 }
 
 /// The shapes of the tables of a line.
 pub fn shapes(line: &LineIn) -> Vec<Shape> {
-    let columns = |b: &RecordBatch| b.schema().fields().iter().map(|f| schemas::describe_field(f)).collect();
-    line.inputs.iter().map(|b| Shape { columns: columns(b), rate_hz: None }).collect()
+    line.inputs.iter().map(|b| Shape::of(&b.schema())).collect()
 }
 
 /// One metric of these tables.

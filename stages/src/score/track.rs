@@ -4,6 +4,8 @@ use arrow_array::Array;
 use numerics::regression::statistics::{self, Figure};
 use schemas::{Fault, metric::Shown};
 
+use crate::navigate::Update;
+
 use super::{line::Line, metric::metric, source::Source};
 
 metric! {
@@ -58,32 +60,32 @@ metric! {
 metric! {
     /// measurements that the filter used
     SAMPLES_USED = "samples_used", unit "1", pool Sum, better Neither, needs [Track];
-    |line| count(line, "used")
+    |line| count(line, Update::Used)
 }
 
 metric! {
     /// samples without a measurement
     SAMPLES_MISSING = "samples_missing", unit "1", pool Sum, better Neither, needs [Track];
-    |line| count(line, "missing")
+    |line| count(line, Update::Missing)
 }
 
 metric! {
     /// samples off the map or in an unknown cell
     SAMPLES_OFF_MAP = "samples_off_map", unit "1", pool Sum, better Neither, needs [Track];
-    |line| count(line, "off_map")
+    |line| count(line, Update::OffMap)
 }
 
 metric! {
     /// measurements that the innovation gate left out
     SAMPLES_GATED = "samples_gated", unit "1", pool Sum, better Neither, needs [Track];
-    |line| count(line, "gated")
+    |line| count(line, Update::Gated)
 }
 
-/// The samples of one fate, as `navigate` spells it.
-fn count(line: &Line, fate: &str) -> Result<Figure, Fault> {
-    let fates = line.fates()?;
-    let n = fates.iter().filter(|f| *f == Some(fate)).count();
-    Ok(Figure { value: n as f64, n: fates.len() })
+/// The samples of which `navigate` says `update`.
+fn count(line: &Line, update: Update) -> Result<Figure, Fault> {
+    let updates = line.updates()?;
+    let n = updates.iter().filter(|word| *word == Some(update.word())).count();
+    Ok(Figure { value: n as f64, n: updates.len() })
 }
 
 #[cfg(test)]

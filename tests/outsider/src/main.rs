@@ -1,11 +1,17 @@
-//! magline with one more stage.
+//! magline with a stage, a model, a filter and a metric more.
 
+mod dead_reckoning;
 mod detrend;
+mod final_error;
+mod uniform_shrinkage;
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let mut catalogue = pipeline::catalogue();
-    catalogue.push(detrend::Detrend::entry());
-    pipeline::main(&catalogue)
+    let mut catalogue = pipeline::Catalogue::default();
+    catalogue.stages.push(detrend::Detrend::entry());
+    catalogue.models.push(&uniform_shrinkage::UniformShrinkage::MODEL);
+    catalogue.filters.push(&dead_reckoning::DeadReckoning::FILTER);
+    catalogue.metrics.push(&final_error::FINAL_ERROR);
+    pipeline::main(&catalogue.entries())
 }

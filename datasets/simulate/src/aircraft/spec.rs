@@ -6,8 +6,8 @@ pub use source::{Drawn, Source};
 
 use super::super::spec::{section::Section, unique};
 
-mod electric;
-mod sensor;
+pub(crate) mod electric;
+pub(crate) mod sensor;
 mod source;
 
 /// The aircraft.
@@ -31,22 +31,23 @@ pub struct Aircraft {
     pub vectors: Vec<Vector>,
 }
 
-/// Reads the aircraft's tables: `temperature`, `inputs`, `currents`, `wires`, `voltages`, `magnetometers`,
-/// `vector_magnetometers`, and the flag `component_columns` (false).
-pub(in super::super) fn aircraft(root: &Section) -> Aircraft {
-    let currents: Vec<Current> = root.sections("currents").iter().map(electric::current).collect();
-    let wires = root.sections("wires").iter().map(|s| electric::wire(s, &currents)).collect();
-    let voltages: Vec<_> = root.sections("voltages").iter().map(|s| electric::voltage(s, &currents)).collect();
-    let inputs: Vec<_> = root.sections("inputs").iter().map(|s| electric::input(s, &currents)).collect();
-    let scalars: Vec<_> = root.sections("magnetometers").iter().map(|s| sensor::scalar(s, &currents)).collect();
-    let vectors: Vec<_> = root.sections("vector_magnetometers").iter().map(|s| sensor::vector(s, &currents)).collect();
+/// Reads the aircraft's tables: `temperature`, `inputs`, `currents`, `wires`, `voltages`, `magnetometers` and
+/// `vector_magnetometers`.
+pub(in super::super) fn aircraft(root: &Section, component_columns: bool) -> Aircraft {
+    let currents: Vec<Current> = root.sections("currents").iter().filter_map(electric::current).collect();
+    let wires = root.sections("wires").iter().filter_map(|s| electric::wire(s, &currents)).collect();
+    let voltages: Vec<_> = root.sections("voltages").iter().filter_map(|s| electric::voltage(s, &currents)).collect();
+    let inputs: Vec<_> = root.sections("inputs").iter().filter_map(|s| electric::input(s, &currents)).collect();
+    let scalars: Vec<_> = root.sections("magnetometers").iter().filter_map(|s| sensor::scalar(s, &currents)).collect();
+    let vectors: Vec<_> =
+        root.sections("vector_magnetometers").iter().filter_map(|s| sensor::vector(s, &currents)).collect();
     unique(root, "current", currents.iter().map(|c| c.name.clone()));
     unique(root, "voltage", voltages.iter().map(|c| c.name.clone()));
     unique(root, "input", inputs.iter().map(|c| c.name.clone()));
     unique(root, "magnetometer", scalars.iter().map(|c| c.name.clone()));
     unique(root, "vector magnetometer", vectors.iter().map(|c| c.name.clone()));
     Aircraft {
-        component_columns: root.flag("component_columns", false),
+        component_columns,
         temperature: electric::temperature(root),
         inputs,
         currents,

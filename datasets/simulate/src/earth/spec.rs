@@ -1,55 +1,14 @@
 //! What the spec says of the earth's field: the core model, the map of the anomaly, sources in the ground, and
 //! the temporal variation.
-//!
-//! ```toml
-//! [core_field]
-//! model = "igrf"            # or "wmm", 2020 to 2030; always on
-//!
-//! [map]                     # may be left out where there are sources, or no anomaly
-//! path   = "anomaly.tif"    # relative to the spec
-//! format = "geotiff"        # where content and extension do not tell
-//! epsg   = 32654            # where the file names no system of coordinates
-//! alt_m  = 500.0            # where the file holds no height
-//! unit   = "nT"             # where the file names none
-//!
-//! [[sources]]               # dipoles and prisms, added to the map
-//! kind              = "prism"                  # or "dipole", the default
-//! lat               = -22.0                    # of its middle, degrees
-//! lon               = 140.65
-//! depth_m           = 300.0                    # of the dipole or the prism's top below the ellipsoid ...
-//! alt_m             = -300.0                   # ... or its height above it, one of the two
-//! size_m            = [2000.0, 500.0, 1000.0]  # prism: length along azimuth_deg, width, thickness
-//! azimuth_deg       = 0.0                      # prism: of its length, clockwise from north
-//! magnetisation_apm = 2.0                      # prism: A/m
-//! moment_am2        = 1.0e9                    # dipole: A m²
-//! inclination_deg   = -53.0                    # of the magnetisation; both left out: along the core field
-//! declination_deg   = 6.0
-//!
-//! [diurnal]                 # every part is 0 unless it is given
-//! sigma_nt             = 3.0       # Gauss-Markov along the core field: standard deviation ...
-//! tau_s                = 600.0     # ... and correlation time
-//! quiet_nt             = 30.0      # quiet-day curve: greatest departure from the night at 35 degrees of latitude
-//! pulsation_nt         = 0.5       # standard deviation of the northward part of the pulsations
-//! pulsation_period_s   = 30.0      # their middle period: Pc3 10 to 45 s, Pc4 to 150 s, Pc5 to 600 s
-//! pulsation_width      = 0.1       # standard deviation of their frequency, as a part of it
-//! storm_nt             = 150.0     # depth of a storm at the geomagnetic equator
-//! storm_start_tt_s     = 39600.0   # its sudden commencement, seconds past midnight UTC
-//! storm_main_s         = 21600.0   # from there to its deepest
-//! storm_recovery_s     = 57600.0   # from there until 1/e of it is left
-//! observatory          = "bou.min" # a real record (IAGA-2002), by time of day; relative to the spec
-//! observatory_base     = "mean"    # what its departure is counted from: "mean", or "quiet", its first three
-//!                                  # hours of local day
-//! ```
 
 use std::path::{Path, PathBuf};
 
 use datasets::MapOptions;
 use numerics::{earth::core_field::CoreModel, signal::gauss_markov::GaussMarkov};
 
-use super::super::spec::{
-    Components,
-    section::{Need, Section},
-};
+use schemas::{Rule, choice, params};
+
+use super::super::spec::{Components, section::Section};
 
 /// The earth's field.
 #[derive(Clone, Debug)]
@@ -146,95 +105,182 @@ pub struct Storm {
     pub recovery_s: f64,
 }
 
+params! {
+    /// The table `core_field`: the core field, which is always on.
+    pub struct CoreKeys;
+    /// The model; the World Magnetic Model is for 2020 to 2030.
+    model: CoreModel, unit "", default CoreModel::Igrf14;
+}
+
+params! {
+    /// The table `map`: the anomaly. It may be left out where there are `sources`, or no anomaly.
+    pub struct MapKeys;
+    /// The file, relative to the spec.
+    path: String, unit "";
+    /// Its format.
+    format: Option<String>, unit "", absent "by its content and extension";
+    /// The EPSG code of its coordinates.
+    epsg: Option<usize>, unit "", absent "as the file says", rule Rule::Between(1.0, 65535.0);
+    /// Its height above the ellipsoid.
+    alt_m: Option<f64>, unit "m", absent "as the file says", rule Rule::Finite;
+    /// The unit of its values.
+    unit: Option<String>, unit "", absent "as the file says, else nT";
+}
+
+choice! {
+    /// The kind of a source.
+    pub enum BodyKind {
+        /// A dipole.
+        Dipole = "dipole",
+        /// A rectangular prism.
+        Prism = "prism",
+    }
+}
+
+params! {
+    /// A table of `sources`: a dipole or prism in the ground, added to the map.
+    pub struct SourceKeys;
+    /// What it is.
+    kind: BodyKind, unit "", default BodyKind::Dipole;
+    /// The latitude of its middle.
+    lat: f64, unit "deg", rule Rule::Between(-90.0, 90.0);
+    /// The longitude of its middle.
+    lon: f64, unit "deg", rule Rule::Between(-360.0, 360.0);
+    /// The depth of a dipole, or of a prism's top, below the ellipsoid; this or `alt_m`.
+    depth_m: Option<f64>, unit "m", absent "`alt_m` is given", rule Rule::Finite;
+    /// Its height above the ellipsoid; this or `depth_m`.
+    alt_m: Option<f64>, unit "m", absent "`depth_m` is given", rule Rule::Finite;
+    /// The moment of a dipole, which needs it.
+    moment_am2: Option<f64>, unit "A m2", absent "it is a prism", rule Rule::Finite;
+    /// The magnetisation of a prism, which needs it.
+    magnetisation_apm: Option<f64>, unit "A/m", absent "it is a dipole", rule Rule::Finite;
+    /// Length along `azimuth_deg`, width and thickness of a prism, which needs them.
+    size_m: Option<[f64; 3]>, unit "m", absent "it is a dipole", rule Rule::Positive;
+    /// The direction of a prism's length, clockwise from north.
+    azimuth_deg: Option<f64>, unit "deg", absent "north", rule Rule::Between(-360.0, 360.0);
+    /// The inclination of the magnetisation, down from the horizontal.
+    inclination_deg: Option<f64>, unit "deg", absent "along the core field", rule Rule::Between(-90.0, 90.0);
+    /// Its declination.
+    declination_deg: Option<f64>, unit "deg", absent "0 with `inclination_deg`", rule Rule::Between(-360.0, 360.0);
+}
+
+choice! {
+    /// What the departure of an observatory's record is counted from.
+    pub enum Base {
+        /// Its mean.
+        Mean = "mean",
+        /// Its first three hours of local day.
+        Quiet = "quiet",
+    }
+}
+
+params! {
+    /// The table `diurnal`: the temporal variation. Every part is 0 unless it is given.
+    pub struct DiurnalKeys, all default;
+    /// Standard deviation of a Gauss-Markov process along the core field, drawn for each flight.
+    sigma_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+    /// Its correlation time.
+    tau_s: f64, unit "s", default 600.0, rule Rule::Positive;
+    /// The greatest departure of the quiet-day curve from the night, at 35 degrees of latitude.
+    quiet_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+    /// Standard deviation of the northward part of the pulsations.
+    pulsation_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+    /// Their middle period: Pc3 10 to 45 s, Pc4 to 150 s, Pc5 to 600 s.
+    pulsation_period_s: f64, unit "s", default 30.0, rule Rule::Between(0.1, 3600.0);
+    /// Standard deviation of their frequency, as a part of it.
+    pulsation_width: f64, unit "1", default 0.1, rule Rule::Between(0.001, 0.3);
+    /// The depth of a storm at the geomagnetic equator.
+    storm_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+    /// Its sudden commencement, in seconds past midnight UTC.
+    storm_start_tt_s: Option<f64>, unit "s", default None, absent "there is no storm", rule Rule::Finite;
+    /// From there to its deepest.
+    storm_main_s: f64, unit "s", default 21_600.0, rule Rule::Positive;
+    /// From there until 1/e of it is left.
+    storm_recovery_s: f64, unit "s", default 57_600.0, rule Rule::Positive;
+    /// A record of an observatory (IAGA-2002), by time of day; relative to the spec.
+    observatory: Option<String>, unit "", default None, absent "there is no record";
+    /// What the departure of the record is counted from.
+    observatory_base: Base, unit "", default Base::Mean;
+}
+
 /// Reads the tables `core_field`, `map`, `sources` and `diurnal`; paths are relative to `folder`.
 pub(in super::super) fn earth(root: &Section, folder: &Path, components: &Components) -> Earth {
     let sources: Vec<Buried> = root.sections("sources").iter().filter_map(buried).collect();
-    let map = root.section("map").map(|s| map(&s, folder));
+    let map = root.section("map");
     if map.is_none() && sources.is_empty() && components.on("anomaly") {
         root.fault("the spec needs a table `map` or `sources`, or `anomaly = false` in `components`".to_owned());
     }
-    let diurnal = root.section("diurnal").map(|s| diurnal(&s, folder)).unwrap_or_default();
-    Earth { core: core(root), map, sources, diurnal }
+    let core = root.section("core_field").and_then(|s| s.group::<CoreKeys>(None)).map(|keys| keys.model);
+    let diurnal = root.section("diurnal").and_then(|s| diurnal(&s, folder)).unwrap_or_default();
+    Earth { core: core.unwrap_or_default(), map: map.and_then(|s| self::map(&s, folder)), sources, diurnal }
 }
 
-fn core(root: &Section) -> CoreModel {
-    let Some(s) = root.section("core_field") else { return CoreModel::default() };
-    let model = if s.word("model", &["igrf", "wmm"]) == 1 { CoreModel::Wmm } else { CoreModel::Igrf14 };
-    s.finish();
-    model
-}
-
-fn map(s: &Section, folder: &Path) -> (PathBuf, MapOptions) {
-    let options = MapOptions {
-        format: s.optional_text("format"),
-        epsg: s.optional("epsg", Need::Between(1.0, 65535.0)).map(|x| x as u16),
-        alt_m: s.optional("alt_m", Need::Any),
-        unit: s.optional_text("unit"),
-    };
-    let path = folder.join(s.text("path"));
-    s.finish();
-    (path, options)
+fn map(s: &Section, folder: &Path) -> Option<(PathBuf, MapOptions)> {
+    let MapKeys { path, format, epsg, alt_m, unit } = s.group(None)?;
+    let epsg = epsg.and_then(|code| u16::try_from(code).ok());
+    Some((folder.join(path), MapOptions { format, epsg, alt_m, unit }))
 }
 
 fn buried(s: &Section) -> Option<Buried> {
-    let lat_deg = s.needed("lat", Need::Between(-90.0, 90.0));
-    let lon_deg = s.needed("lon", Need::Between(-360.0, 360.0));
-    let (depth_m, alt_m) = (s.optional("depth_m", Need::Any), s.optional("alt_m", Need::Any));
-    if depth_m.is_some() == alt_m.is_some() {
+    let keys: SourceKeys = s.group(None)?;
+    if keys.depth_m.is_some() == keys.alt_m.is_some() {
         s.fault("a source needs `depth_m` or `alt_m`, one of the two".to_owned());
     }
-    let inclination = s.optional("inclination_deg", Need::Between(-90.0, 90.0));
-    let declination = s.optional("declination_deg", Need::Between(-360.0, 360.0));
-    if declination.is_some() && inclination.is_none() {
+    if keys.declination_deg.is_some() && keys.inclination_deg.is_none() {
         s.fault_at("declination_deg", "a source with `declination_deg` needs `inclination_deg` too".to_owned());
     }
-    let body = if s.word("kind", &["dipole", "prism"]) == 1 {
-        let size_m = s.numbers("size_m", [f64::NAN; 3], Need::Positive);
-        if size_m.iter().any(|x| x.is_nan()) {
-            s.fault("a prism needs `size_m`, its length, width and thickness".to_owned());
+    let foreign = |given: [(&'static str, bool); 3], kind: BodyKind| {
+        for (key, _) in given.into_iter().filter(|(_, given)| *given) {
+            s.fault_at(key, format!("`{key}` belongs to the kind `{}`", kind.word()));
         }
-        Body::Prism {
-            magnetisation_apm: s.needed("magnetisation_apm", Need::Any),
-            size_m,
-            azimuth_deg: s.number("azimuth_deg", 0.0, Need::Between(-360.0, 360.0)),
-        }
-    } else {
-        Body::Dipole { moment_am2: s.needed("moment_am2", Need::Any) }
     };
-    s.finish();
-    let inclination_declination_deg = inclination.map(|i| (i, declination.unwrap_or(0.0)));
-    let alt_m = alt_m.or(depth_m.map(|d| -d))?;
-    Some(Buried { lat_deg, lon_deg, alt_m, inclination_declination_deg, body })
+    let body = match keys.kind {
+        BodyKind::Dipole => {
+            let given = [
+                ("magnetisation_apm", keys.magnetisation_apm.is_some()),
+                ("size_m", keys.size_m.is_some()),
+                ("azimuth_deg", keys.azimuth_deg.is_some()),
+            ];
+            foreign(given, BodyKind::Prism);
+            if keys.moment_am2.is_none() {
+                s.fault("a dipole needs `moment_am2`, its moment in A m2".to_owned());
+            }
+            Body::Dipole { moment_am2: keys.moment_am2? }
+        }
+        BodyKind::Prism => {
+            foreign([("moment_am2", keys.moment_am2.is_some()), ("", false), ("", false)], BodyKind::Dipole);
+            if keys.size_m.is_none() {
+                s.fault("a prism needs `size_m`, its length, width and thickness".to_owned());
+            }
+            if keys.magnetisation_apm.is_none() {
+                s.fault("a prism needs `magnetisation_apm`, its magnetisation in A/m".to_owned());
+            }
+            let azimuth_deg = keys.azimuth_deg.unwrap_or(0.0);
+            Body::Prism { magnetisation_apm: keys.magnetisation_apm?, size_m: keys.size_m?, azimuth_deg }
+        }
+    };
+    let inclination_declination_deg = keys.inclination_deg.map(|i| (i, keys.declination_deg.unwrap_or(0.0)));
+    let alt_m = keys.alt_m.or(keys.depth_m.map(|depth_m| -depth_m))?;
+    Some(Buried { lat_deg: keys.lat, lon_deg: keys.lon, alt_m, inclination_declination_deg, body })
 }
 
-fn diurnal(s: &Section, folder: &Path) -> Diurnal {
-    let size = |key: &'static str| s.number(key, 0.0, Need::NotNegative);
-    let irregular = GaussMarkov { sigma: size("sigma_nt"), tau_s: s.number("tau_s", 600.0, Need::Positive) };
-    let pulsations = Pulsations {
-        sigma_nt: size("pulsation_nt"),
-        period_s: s.number("pulsation_period_s", 30.0, Need::Between(0.1, 3600.0)),
-        width: s.number("pulsation_width", 0.1, Need::Between(0.001, 0.3)),
-    };
-    let observatory = s.optional_text("observatory").map(|file| folder.join(file));
-    let quiet_base = s.word("observatory_base", &["mean", "quiet"]) == 1;
-    let diurnal = Diurnal {
-        irregular: (irregular.sigma > 0.0).then_some(irregular),
-        quiet_nt: size("quiet_nt"),
-        pulsations: (pulsations.sigma_nt > 0.0).then_some(pulsations),
-        storm: storm(s),
-        observatory: observatory.map(|path| (path, quiet_base)),
-    };
-    s.finish();
-    diurnal
-}
-
-fn storm(s: &Section) -> Option<Storm> {
-    let depth_nt = s.number("storm_nt", 0.0, Need::NotNegative);
-    let start = s.optional("storm_start_tt_s", Need::Any);
-    let main_s = s.number("storm_main_s", 21_600.0, Need::Positive);
-    let recovery_s = s.number("storm_recovery_s", 57_600.0, Need::Positive);
-    if depth_nt > 0.0 && start.is_none() {
+fn diurnal(s: &Section, folder: &Path) -> Option<Diurnal> {
+    let keys: DiurnalKeys = s.group(None)?;
+    let irregular = GaussMarkov { sigma: keys.sigma_nt, tau_s: keys.tau_s };
+    let (sigma_nt, period_s, width) = (keys.pulsation_nt, keys.pulsation_period_s, keys.pulsation_width);
+    if keys.storm_nt > 0.0 && keys.storm_start_tt_s.is_none() {
         s.fault_at("storm_nt", "a storm needs `storm_start_tt_s`, when it begins".to_owned());
     }
-    start.filter(|_| depth_nt > 0.0).map(|start_tt_s| Storm { depth_nt, start_tt_s, main_s, recovery_s })
+    let storm = |start_tt_s| {
+        let (main_s, recovery_s) = (keys.storm_main_s, keys.storm_recovery_s);
+        Storm { depth_nt: keys.storm_nt, start_tt_s, main_s, recovery_s }
+    };
+    let quiet_base = keys.observatory_base == Base::Quiet;
+    Some(Diurnal {
+        irregular: (irregular.sigma > 0.0).then_some(irregular),
+        quiet_nt: keys.quiet_nt,
+        pulsations: (sigma_nt > 0.0).then_some(Pulsations { sigma_nt, period_s, width }),
+        storm: keys.storm_start_tt_s.filter(|_| keys.storm_nt > 0.0).map(storm),
+        observatory: keys.observatory.map(|file| (folder.join(file), quiet_base)),
+    })
 }

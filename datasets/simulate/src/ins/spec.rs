@@ -3,32 +3,69 @@
 //! An initial error and a bias that are given are INS minus truth, and measured minus true.
 
 use numerics::navigation::{
-    ins_error::{InsErrorModel, InsGrade},
+    ins_error::{InsErrorModel, InsErrors, InsGrade},
     pinson::{ACC, ALT, GYRO, HA, LAT, LON, STATES, StateVector, TILT_N, VN},
 };
 
-use super::super::spec::section::{Need, Section};
+use schemas::{Rule, choice, params};
 
-/// When the INS is aligned.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Align {
-    /// Once, at the beginning of the first line; its errors run on from line to line and through the
-    /// pauses between them, which are taken as straight level flight.
-    #[default]
-    Flight,
-    /// Anew at the beginning of each line.
-    Line,
+use super::super::spec::section::Section;
+
+choice! {
+    /// When the INS is aligned.
+    pub enum Align {
+        /// Once, at the beginning of the first line; its errors run on from line to line and through the
+        /// pauses between them, which are taken as straight level flight.
+        Flight = "flight",
+        /// Anew at the beginning of each line.
+        Line = "line",
+    }
 }
 
-/// What carries the errors along.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Method {
-    /// The linear error model of thesis 000 (5.15).
-    #[default]
-    ErrorModel,
-    /// A strapdown mechanisation of faulty gyroscope and accelerometer readings, which is right for
-    /// errors of any size.
-    Mechanisation,
+choice! {
+    /// What carries the errors along.
+    pub enum Method {
+        /// The linear error model of thesis 000 (5.15).
+        ErrorModel = "error_model",
+        /// A strapdown mechanisation of faulty gyroscope and accelerometer readings, which is right for
+        /// errors of any size.
+        Mechanisation = "mechanisation",
+    }
+}
+
+params! {
+    /// The table `ins`.
+    pub struct Keys, groups [errors: InsErrors];
+    /// The grade of the INS: the defaults of its error sources.
+    grade: InsGrade, unit "", default InsGrade::Magnav;
+    /// When it is aligned: once a flight, or anew at each line.
+    align: Align, unit "", default Align::Flight;
+    /// What carries the errors along: the linear error model, or a strapdown mechanisation.
+    method: Method, unit "", default Method::ErrorModel;
+    /// Error of the position at alignment, north and east, INS minus truth.
+    init_position_error_m: Option<[f64; 2]>, unit "m", absent "drawn", rule Rule::Finite;
+    /// Error of the height at alignment.
+    init_altitude_error_m: Option<f64>, unit "m", absent "drawn", rule Rule::Finite;
+    /// Error of the velocity at alignment, north, east and down.
+    init_velocity_error_mps: Option<[f64; 3]>, unit "m/s", absent "drawn", rule Rule::Finite;
+    /// How the attitude of the INS is turned about north, east and down at alignment.
+    init_tilt_error_deg: Option<[f64; 3]>, unit "deg", absent "drawn", rule Rule::Finite;
+    /// The accelerometers' biases x, y, z at first, measured minus true.
+    init_acc_bias_mps2: Option<[f64; 3]>, unit "m/s2", absent "drawn", rule Rule::Finite;
+    /// The gyroscopes' biases x, y, z at first, measured minus true.
+    init_gyro_bias_radps: Option<[f64; 3]>, unit "rad/s", absent "drawn", rule Rule::Finite;
+    /// The barometer's error at first, up.
+    init_baro_error_m: Option<f64>, unit "m", absent "drawn", rule Rule::Finite;
+    /// Standard deviation of the accelerometers' constant scale errors, in parts per million; of `mechanisation` alone.
+    acc_scale_ppm: f64, unit "1", default 0.0, rule Rule::Between(0.0, 1e5);
+    /// Standard deviation of the gyroscopes' constant scale errors, in parts per million; of `mechanisation` alone.
+    gyro_scale_ppm: f64, unit "1", default 0.0, rule Rule::Between(0.0, 1e5);
+    /// How many realisations are drawn.
+    ensemble: usize, unit "", default 1usize, rule Rule::Between(1.0, 10_000.0);
+    /// Which one is flown: its rank by the DRMS over the lines of the flight, the largest being 1.
+    take: Option<usize>, unit "", absent "the tenth largest of a hundred", rule Rule::Between(1.0, 10_000.0);
+    /// The largest position error that is simulated. Beyond it neither a linear error model nor a map applies.
+    error_limit_m: f64, unit "m", default 1e6, rule Rule::Positive;
 }
 
 /// The errors at alignment that the spec gives; the others are drawn.
@@ -50,26 +87,7 @@ pub struct InitialErrors {
     pub baro_m: Option<f64>,
 }
 
-/// The INS of a simulation: the table `ins`.
-///
-/// Every key has a default:
-/// - `grade`: `magnav`, `navigation`, `tactical` or `commercial`; the defaults of the error sources.
-/// - `init_position_sigma_m`, `init_altitude_sigma_m`, `init_velocity_sigma_mps`,
-///   `init_attitude_sigma_deg`: standard deviations of the initial errors; `init_heading_sigma_deg`: that of the heading,
-///   by default the attitude's.
-/// - `vrw_sigma` (m/s^1.5), `arw_sigma` (rad/s^0.5): random walks.
-/// - `acc_sigma_mps2` and `acc_tau_s`, `gyro_sigma_radps` and `gyro_tau_s`, `baro_sigma_m` and
-///   `baro_tau_s`: biases as Gauss-Markov processes; `ha_sigma_m` and `a_hat_sigma_mps2`: initial
-///   standard deviations of the barometer loop.
-/// - `init_position_error_m`, `init_altitude_error_m`, `init_velocity_error_mps`,
-///   `init_tilt_error_deg`, `init_acc_bias_mps2`, `init_gyro_bias_radps`, `init_baro_error_m`: initial
-///   errors in place of drawn ones.
-/// - `align`: `flight` or `line`.
-/// - `method`: `error_model` or `mechanisation`; the latter also takes `acc_scale_ppm` and
-///   `gyro_scale_ppm`, standard deviations of constant scale errors.
-/// - `ensemble` and `take`: how many realisations are drawn, and which one is flown by the rank of its
-///   DRMS over the lines of the flight.
-/// - `error_limit_m`: from what position error on the INS has run away, which is refused.
+/// The INS of a simulation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ins {
     /// The error sources.
@@ -90,21 +108,17 @@ pub struct Ins {
     pub error_limit_m: f64,
 }
 
-/// Position errors above it are refused unless the spec says otherwise: beyond it neither a
-/// linear error model nor a map has anything to say.
-const ERROR_LIMIT_M: f64 = 1e6;
-
 impl Default for Ins {
     fn default() -> Self {
         Self {
             model: InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::default() },
-            align: Align::default(),
-            method: Method::default(),
+            align: Align::Flight,
+            method: Method::ErrorModel,
             initial: InitialErrors::default(),
             scale_ppm: [0.0; 2],
             ensemble: 1,
             take: 1,
-            error_limit_m: ERROR_LIMIT_M,
+            error_limit_m: 1e6,
         }
     }
 }
@@ -112,75 +126,42 @@ impl Default for Ins {
 /// The INS; its temporal variation is the spec's own `diurnal`.
 pub(in super::super) fn ins(root: &Section) -> Ins {
     let Some(s) = root.section("ins") else { return Ins::default() };
-    let grade = InsGrade::ALL[s.word("grade", &InsGrade::ALL.map(InsGrade::name))];
-    let ensemble = s.whole("ensemble", 1, 1, 10_000);
-    let ins = Ins {
-        model: model(&s, grade),
-        align: [Align::Flight, Align::Line][s.word("align", &["flight", "line"])],
-        method: [Method::ErrorModel, Method::Mechanisation][s.word("method", &["error_model", "mechanisation"])],
-        initial: initial(&s),
-        scale_ppm: ["acc_scale_ppm", "gyro_scale_ppm"].map(|key| s.number(key, 0.0, Need::Between(0.0, 1e5))),
-        ensemble: ensemble as usize,
-        // The tenth largest of a hundred, as thesis 001 has it.
-        take: s.whole("take", (ensemble + 9) / 10, 1, ensemble) as usize,
-        error_limit_m: s.number("error_limit_m", ERROR_LIMIT_M, Need::Positive),
-    };
-    if ins.method == Method::ErrorModel {
-        for (key, ppm) in ["acc_scale_ppm", "gyro_scale_ppm"].into_iter().zip(ins.scale_ppm) {
+    // The grade decides what the error sources are where they are left out.
+    let base = |keys: Keys| Keys { errors: keys.grade.errors(), ..keys };
+    let Some(graded) = s.group::<Keys>(None) else { return Ins::default() };
+    let Some(keys) = s.group(Some(&base(graded))) else { return Ins::default() };
+    // The tenth largest of a hundred, as thesis 001 has it.
+    let take = keys.take.unwrap_or(keys.ensemble.div_ceil(10));
+    if take > keys.ensemble {
+        s.fault_at("take", format!("`take` of `ins` must be at most `ensemble`, {}", keys.ensemble));
+    }
+    let scale_ppm = [keys.acc_scale_ppm, keys.gyro_scale_ppm];
+    if keys.method == Method::ErrorModel {
+        for (key, ppm) in ["acc_scale_ppm", "gyro_scale_ppm"].into_iter().zip(scale_ppm) {
             if ppm > 0.0 {
-                s.fault_at(
-                    key,
-                    format!("`{key}` of `ins` needs method = \"mechanisation\": the error model has no scale errors"),
-                );
+                let what = "needs method = \"mechanisation\": the error model has no scale errors";
+                s.fault_at(key, format!("`{key}` of `ins` {what}"));
             }
         }
     }
-    s.finish();
-    ins
-}
-
-fn model(s: &Section, grade: InsGrade) -> InsErrorModel {
-    let mut m = InsErrorModel { fogm_sigma_nt: 0.0, ..grade.model() };
-    let sigmas: [(&'static str, &mut f64); 11] = [
-        ("init_position_sigma_m", &mut m.init_position_sigma_m),
-        ("init_altitude_sigma_m", &mut m.init_altitude_sigma_m),
-        ("init_velocity_sigma_mps", &mut m.init_velocity_sigma_mps),
-        ("init_attitude_sigma_deg", &mut m.init_attitude_sigma_deg),
-        ("vrw_sigma", &mut m.vrw_sigma),
-        ("arw_sigma", &mut m.arw_sigma),
-        ("baro_sigma_m", &mut m.baro_sigma_m),
-        ("ha_sigma_m", &mut m.ha_sigma_m),
-        ("a_hat_sigma_mps2", &mut m.a_hat_sigma_mps2),
-        ("acc_sigma_mps2", &mut m.acc_sigma_mps2),
-        ("gyro_sigma_radps", &mut m.gyro_sigma_radps),
-    ];
-    for (key, value) in sigmas {
-        *value = s.number(key, *value, Need::NotNegative);
+    Ins {
+        model: InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::of(keys.errors) },
+        align: keys.align,
+        method: keys.method,
+        initial: InitialErrors {
+            position_m: keys.init_position_error_m,
+            altitude_m: keys.init_altitude_error_m,
+            velocity_mps: keys.init_velocity_error_mps,
+            tilt_deg: keys.init_tilt_error_deg,
+            acc_bias_mps2: keys.init_acc_bias_mps2,
+            gyro_bias_radps: keys.init_gyro_bias_radps,
+            baro_m: keys.init_baro_error_m,
+        },
+        scale_ppm,
+        ensemble: keys.ensemble,
+        take,
+        error_limit_m: keys.error_limit_m,
     }
-    m.init_heading_sigma_deg = s.optional("init_heading_sigma_deg", Need::NotNegative);
-    for (key, value) in
-        [("baro_tau_s", &mut m.baro_tau_s), ("acc_tau_s", &mut m.acc_tau_s), ("gyro_tau_s", &mut m.gyro_tau_s)]
-    {
-        *value = s.number(key, *value, Need::Positive);
-    }
-    m
-}
-
-fn initial(s: &Section) -> InitialErrors {
-    InitialErrors {
-        position_m: given(s, "init_position_error_m"),
-        altitude_m: s.optional("init_altitude_error_m", Need::Any),
-        velocity_mps: given(s, "init_velocity_error_mps"),
-        tilt_deg: given(s, "init_tilt_error_deg"),
-        acc_bias_mps2: given(s, "init_acc_bias_mps2"),
-        gyro_bias_radps: given(s, "init_gyro_bias_radps"),
-        baro_m: s.optional("init_baro_error_m", Need::Any),
-    }
-}
-
-/// A list that may be left out.
-fn given<const N: usize>(s: &Section, key: &'static str) -> Option<[f64; N]> {
-    Some(s.numbers(key, [f64::NAN; N], Need::Any)).filter(|list| !list.iter().any(|x| x.is_nan()))
 }
 
 impl InitialErrors {

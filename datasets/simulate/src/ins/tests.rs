@@ -4,7 +4,7 @@ use std::fs;
 
 use numerics::{
     earth::geodesy::EarthModel,
-    navigation::ins_error::{InsErrorModel, InsGrade},
+    navigation::ins_error::{InsErrorModel, InsErrors, InsGrade},
     regression::statistics,
 };
 use tempfile::TempDir;
@@ -94,8 +94,11 @@ fn law_an_ins_that_is_off_is_the_truth_bit_by_bit() {
 #[test]
 fn law_the_grade_sets_what_the_keys_do_not() {
     let spec = read("", "grade = 'tactical'\ngyro_sigma_radps = 1e-7\nbaro_tau_s = 100.0").unwrap();
-    let expected =
-        InsErrorModel { gyro_sigma_radps: 1e-7, baro_tau_s: 100.0, fogm_sigma_nt: 0.0, ..InsGrade::Tactical.model() };
+    let expected = InsErrorModel {
+        sources: InsErrors { gyro_sigma_radps: 1e-7, baro_tau_s: 100.0, ..InsGrade::Tactical.model().sources },
+        fogm_sigma_nt: 0.0,
+        ..InsGrade::Tactical.model()
+    };
     assert_eq!(spec.ins.model, expected);
     assert_eq!(read("", "").unwrap().ins, Ins::default());
     assert_eq!(read("", "grade = 'magnav'").unwrap().ins, Ins::default());

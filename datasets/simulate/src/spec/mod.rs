@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use datasets::ReadError;
-use numerics::{earth::dates, signal::gauss_markov::GaussMarkov};
-use schemas::Fault;
+use numerics::earth::dates;
+use schemas::{Fault, Rule, params};
 use toml::de::DeTable;
 
 use super::{
@@ -15,11 +15,12 @@ use super::{
 };
 pub use components::{COMPONENTS, Components};
 pub use preset::PRESETS;
-use section::{Faults, Need, Section};
+use section::{Faults, Section};
 
 mod components;
 mod preset;
 pub(super) mod section;
+pub(crate) mod variant;
 
 /// A synth spec, checked.
 #[derive(Clone, Debug)]
@@ -67,18 +68,36 @@ impl Spec {
     }
 }
 
+params! {
+    /// The keys of the spec itself.
+    pub struct RootKeys, all default;
+    /// Where every random draw begins.
+    seed: usize, unit "", default 0usize;
+    /// Calendar year, UTC.
+    year: usize, unit "", default 2020usize, rule Rule::Between(1900.0, 2030.0);
+    /// Day of the year.
+    doy: usize, unit "", default 1usize, rule Rule::Between(1.0, 366.0);
+    /// Samples a second.
+    rate_hz: f64, unit "Hz", default 10.0, rule Rule::Between(0.1, 1000.0);
+    /// Standard deviation of the attitude's small motions in roll, pitch and yaw.
+    gusts_deg: [f64; 3], unit "deg", default [0.0; 3], rule Rule::Between(0.0, 20.0);
+    /// Whether each part of each reading is a column of its own, `part_<part>_<column>`.
+    component_columns: bool, unit "", default false;
+}
+
 fn spec(root: &Section, folder: &Path) -> Spec {
+    let keys: RootKeys = root.some_keys().unwrap_or_default();
     let components = Components::read(root);
     let air = trajectory::air::air(root);
     Spec {
-        seed: root.whole("seed", 0, 0, i64::MAX) as u64,
-        date: date(root),
-        rate_hz: root.number("rate_hz", 10.0, Need::Between(0.1, 1000.0)),
-        gusts_deg: root.numbers("gusts_deg", [0.0; 3], Need::Between(0.0, 20.0)),
+        seed: keys.seed as u64,
+        date: date(root, &keys),
+        rate_hz: keys.rate_hz,
+        gusts_deg: keys.gusts_deg,
         air,
         ins: ins::spec::ins(root),
         earth: earth::spec::earth(root, folder, &components),
-        aircraft: aircraft::spec::aircraft(root),
+        aircraft: aircraft::spec::aircraft(root, keys.component_columns),
         flights: trajectory::spec::flights(root, &air),
         components,
     }
@@ -94,16 +113,11 @@ pub(super) fn unique(root: &Section, kind: &str, names: impl Iterator<Item = Str
     }
 }
 
-fn date(root: &Section) -> (i32, u32) {
-    let year = root.whole("year", 2020, 1900, 2030) as i32;
-    let doy = root.whole("doy", 1, 1, i64::from(dates::days_in_year(year))) as u32;
+fn date(root: &Section, keys: &RootKeys) -> (i32, u32) {
+    let (year, doy) = (keys.year as i32, keys.doy as u32);
+    let days = dates::days_in_year(year);
+    if doy > days {
+        root.fault_at("doy", format!("`doy` must be 1 to {days} in {year}, not {doy}"));
+    }
     (year, doy)
-}
-
-/// Reads a Gauss-Markov process: its standard deviation under the key `sigma`, its correlation time under `tau`.
-pub(super) fn gauss_markov(s: &Section, sigma: &'static str, tau: &'static str, tau_s: f64) -> Option<GaussMarkov> {
-    let process =
-        GaussMarkov { sigma: s.needed(sigma, Need::NotNegative), tau_s: s.number(tau, tau_s, Need::Positive) };
-    s.finish();
-    (process.sigma > 0.0).then_some(process)
 }

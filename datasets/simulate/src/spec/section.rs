@@ -3,47 +3,14 @@
 
 use std::{cell::RefCell, ops::Range, rc::Rc};
 
-use schemas::Fault;
+use schemas::{Chosen, Fault, Kind, Lists, Params, Reader};
 use toml::{
     Spanned,
     de::{DeTable, DeValue},
 };
 
-pub(in super::super) use lists::Amount;
-
-mod lists;
-
 /// The faults found so far.
 pub(in super::super) type Faults = Rc<RefCell<Vec<Fault>>>;
-
-/// What a number has to be.
-#[derive(Clone, Copy)]
-pub(in super::super) enum Need {
-    Any,
-    Positive,
-    NotNegative,
-    Between(f64, f64),
-}
-
-impl Need {
-    fn holds(self, x: f64) -> bool {
-        match self {
-            Need::Any => x.is_finite(),
-            Need::Positive => x.is_finite() && x > 0.0,
-            Need::NotNegative => x.is_finite() && x >= 0.0,
-            Need::Between(a, b) => (a..=b).contains(&x),
-        }
-    }
-
-    fn words(self) -> String {
-        match self {
-            Need::Any => "a number".to_owned(),
-            Need::Positive => "above 0".to_owned(),
-            Need::NotNegative => "0 or above".to_owned(),
-            Need::Between(a, b) => format!("{a} to {b}"),
-        }
-    }
-}
 
 /// One table of the spec.
 pub(in super::super) struct Section<'a> {
@@ -62,6 +29,56 @@ impl<'a> Section<'a> {
         faults: &Faults,
     ) -> Self {
         Self { name, table, span, asked: RefCell::default(), faults: faults.clone() }
+    }
+
+    /// Reads all keys of the table as a group of parameters, with the values of `base` as defaults where one is given.
+    pub(in super::super) fn group<T: Params>(&self, base: Option<&T>) -> Option<T> {
+        self.group_of(base, &Lists::default())
+    }
+
+    /// The same, with the lists that keys choose kinds from.
+    pub(in super::super) fn group_of<T: Params>(&self, base: Option<&T>, lists: &Lists) -> Option<T> {
+        let section = match schemas::Section::of(self.table, self.span.clone()) {
+            Ok(section) => section,
+            Err(faults) => {
+                self.faults.borrow_mut().extend(faults);
+                return None;
+            }
+        };
+        let mut reader = Reader::new(self.name, &section.keys, Some(self.span.clone()), lists);
+        let group = T::read(&mut reader, base);
+        let known: Vec<&str> = T::docs(lists).iter().map(|doc| doc.name).collect();
+        reader.unknown_keys(&known, &[]);
+        self.faults.borrow_mut().extend(reader.into_faults());
+        group
+    }
+
+    /// Reads a group whose keys stand among those of others, which are read after it.
+    pub(in super::super) fn some_keys<T: Params>(&self) -> Option<T> {
+        let lists = Lists::default();
+        let names: Vec<&'static str> = T::docs(&lists).iter().map(|doc| doc.name).collect();
+        let mut own = DeTable::new();
+        for (key, value) in self.table.iter().filter(|(key, _)| names.contains(&key.get_ref().as_ref())) {
+            own.insert(key.clone(), value.clone());
+        }
+        self.asked.borrow_mut().extend(names);
+        Section::new(self.name, &own, self.span.clone(), &self.faults).group(None)
+    }
+
+    /// Refuses the keys of other kinds than the one that was chosen.
+    pub(in super::super) fn refuse_foreign<K: Kind>(&self, chosen: &Chosen<K>) {
+        for key in self.table.keys() {
+            if let Some(fault) = chosen.foreign(key.get_ref()) {
+                self.push(fault.at(key.span()));
+            }
+        }
+    }
+
+    /// The bytes of the key `name` of the table `table` in this one.
+    pub(in super::super) fn key_at(&self, table: &str, name: &str) -> Range<usize> {
+        let inner = self.table.get(table).and_then(|value| value.get_ref().as_table());
+        let key = inner.and_then(|inner| inner.keys().find(|key| key.get_ref() == name));
+        key.map_or(self.span.clone(), Spanned::span)
     }
 
     /// Notes a fault about the whole table.
@@ -85,33 +102,6 @@ impl<'a> Section<'a> {
         self.faults.borrow_mut().push(Fault::new(what).at(value.span()));
     }
 
-    fn missing(&self, key: &str) {
-        self.fault(format!("`{}` needs `{key}`", self.name));
-    }
-
-    /// A number that may be left out.
-    pub(in super::super) fn optional(&self, key: &'static str, need: Need) -> Option<f64> {
-        let value = self.get(key)?;
-        let number = number(value.get_ref()).filter(|x| need.holds(*x));
-        if number.is_none() {
-            self.wrong(key, value, &need.words());
-        }
-        number
-    }
-
-    /// A number with a default.
-    pub(in super::super) fn number(&self, key: &'static str, default: f64, need: Need) -> f64 {
-        self.optional(key, need).unwrap_or(default)
-    }
-
-    /// A number that must be there; NaN stands for one that is not, beside its fault.
-    pub(in super::super) fn needed(&self, key: &'static str, need: Need) -> f64 {
-        if self.get(key).is_none() {
-            self.missing(key);
-        }
-        self.optional(key, need).unwrap_or(f64::NAN)
-    }
-
     /// True or false, with a default.
     pub(in super::super) fn flag(&self, key: &'static str, default: bool) -> bool {
         let Some(value) = self.get(key) else { return default };
@@ -121,105 +111,9 @@ impl<'a> Section<'a> {
         })
     }
 
-    /// A whole number with a range.
-    pub(in super::super) fn whole(&self, key: &'static str, default: i64, least: i64, most: i64) -> i64 {
-        let Some(value) = self.get(key) else { return default };
-        let found = match value.get_ref() {
-            DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix()).ok(),
-            _ => None,
-        };
-        found.filter(|x| (least..=most).contains(x)).unwrap_or_else(|| {
-            self.wrong(key, value, &format!("a whole number, {least} to {most}"));
-            default
-        })
-    }
-
-    /// A list of numbers of a given length, with a default.
-    pub(in super::super) fn numbers<const N: usize>(
-        &self,
-        key: &'static str,
-        default: [f64; N],
-        need: Need,
-    ) -> [f64; N] {
-        let Some(value) = self.get(key) else { return default };
-        let found: Option<Vec<f64>> = value
-            .get_ref()
-            .as_array()
-            .and_then(|list| list.iter().map(|v| number(v.get_ref()).filter(|x| need.holds(*x))).collect());
-        found.and_then(|list| <[f64; N]>::try_from(list).ok()).unwrap_or_else(|| {
-            self.wrong(key, value, &format!("a list of {N} numbers, each {}", need.words()));
-            default
-        })
-    }
-
-    /// A list of numbers that may be left out.
-    pub(in super::super) fn list(&self, key: &'static str, need: Need) -> Option<Vec<f64>> {
-        let value = self.get(key)?;
-        let one = |v: &Spanned<DeValue>| number(v.get_ref()).filter(|x| need.holds(*x));
-        let found: Option<Vec<f64>> = value
-            .get_ref()
-            .as_array()
-            .and_then(|list| list.iter().map(one).collect())
-            .filter(|l: &Vec<_>| !l.is_empty());
-        if found.is_none() {
-            self.wrong(key, value, &format!("a list of numbers, each {}", need.words()));
-        }
-        found
-    }
-
     /// How many faults the spec has so far.
     pub(in super::super) fn faults(&self) -> usize {
         self.faults.borrow().len()
-    }
-
-    /// Text that must be there.
-    pub(in super::super) fn text(&self, key: &'static str) -> String {
-        let Some(value) = self.get(key) else {
-            self.missing(key);
-            return String::new();
-        };
-        match value.get_ref() {
-            DeValue::String(s) if !s.is_empty() => s.to_string(),
-            _ => {
-                self.wrong(key, value, "text");
-                String::new()
-            }
-        }
-    }
-
-    /// Text that may be left out.
-    pub(in super::super) fn optional_text(&self, key: &'static str) -> Option<String> {
-        self.get(key).map(|_| self.text(key))
-    }
-
-    /// One of some words, by position; the first where it is left out.
-    pub(in super::super) fn word(&self, key: &'static str, known: &[&str]) -> usize {
-        let Some(value) = self.get(key) else { return 0 };
-        let given = value.get_ref().as_str().unwrap_or_default();
-        known.iter().position(|k| *k == given).unwrap_or_else(|| {
-            let fault = Fault::new(format!("`{key}` of `{}` cannot be `{given}`", self.name));
-            self.faults.borrow_mut().push(fault.at(value.span()).nearest(given, known));
-            0
-        })
-    }
-
-    /// Places as a list of pairs, latitude and longitude in degrees.
-    pub(in super::super) fn places(&self, key: &'static str) -> Vec<(f64, f64)> {
-        let Some(value) = self.get(key) else {
-            self.missing(key);
-            return vec![];
-        };
-        let pair = |v: &Spanned<DeValue>| {
-            let list = v.get_ref().as_array().filter(|l| l.len() == 2)?;
-            let mut numbers = list.iter().filter_map(|x| number(x.get_ref()));
-            let place = (numbers.next()?, numbers.next()?);
-            (place.0.abs() < 89.0 && place.1.abs() <= 360.0).then_some(place)
-        };
-        let found: Option<Vec<_>> = value.get_ref().as_array().and_then(|list| list.iter().map(pair).collect());
-        found.filter(|list| list.len() > 1).unwrap_or_else(|| {
-            self.wrong(key, value, "a list of two or more [latitude, longitude] in degrees");
-            vec![]
-        })
     }
 
     /// A table inside this one.
@@ -251,16 +145,10 @@ impl<'a> Section<'a> {
         list.iter().filter_map(one).collect()
     }
 
-    /// All keys with numbers: for tables whose keys are names, such as currents.
-    pub(in super::super) fn entries(&self) -> Vec<(String, f64, Range<usize>)> {
-        let mut out = vec![];
-        for (key, value) in self.table {
-            match number(value.get_ref()).filter(|x| x.is_finite()) {
-                Some(x) => out.push((key.get_ref().to_string(), x, key.span())),
-                None => self.wrong(key.get_ref(), value, "a number"),
-            }
-        }
-        out
+    /// Notes a fault at the value of `key`.
+    pub(in super::super) fn push_at(&self, key: &'static str, fault: Fault) {
+        let at = self.get(key).map_or(self.span.clone(), Spanned::span);
+        self.push(fault.at(at));
     }
 
     /// Notes a fault at bytes of the spec.
@@ -278,13 +166,5 @@ impl<'a> Section<'a> {
             let what = format!("`{}` has no key `{}`", self.name, key.get_ref());
             self.push(Fault::new(what).at(key.span()).nearest(key.get_ref(), &known));
         }
-    }
-}
-
-fn number(value: &DeValue) -> Option<f64> {
-    match value {
-        DeValue::Float(x) => x.as_str().parse().ok(),
-        DeValue::Integer(x) => i64::from_str_radix(x.as_str(), x.radix()).ok().map(|x| x as f64),
-        _ => None,
     }
 }

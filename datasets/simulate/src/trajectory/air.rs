@@ -1,27 +1,30 @@
 //! The air that is flown through, and what the aircraft can.
 
-use super::super::spec::section::{Need, Section};
+use schemas::{Rule, choice, params};
+
+use super::super::spec::section::Section;
 
 /// One foot, in metres.
 const FOOT_M: f64 = 0.3048;
 /// Standard gravity, for the design of turns, in m/s².
 pub(super) const GRAVITY_MPS2: f64 = 9.806_65;
 
-/// The table `wind`: a horizontal wind that may change with height. Without it the air is still.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Wind {
-    /// `speed_mps`: speed at the height `at_alt_m`, in m/s; 0 to 100, 0 where left out.
-    pub speed_mps: f64,
-    /// `from_deg`: where it comes from there, clockwise from true north, in degrees; 0 where left out.
-    pub from_deg: f64,
-    /// `at_alt_m`: the height above the ellipsoid that speed and direction hold at, in metres; 0 where left out.
-    pub at_alt_m: f64,
-    /// `shear_mps_per_km`: how much stronger it is for each kilometre higher, in m/s; -50 to 50, 0 where left out.
-    /// A wind that would blow backwards is none.
-    pub shear_mps_per_km: f64,
-    /// `veer_deg_per_km`: how much it turns clockwise for each kilometre higher, in degrees; 0 where left out.
-    pub veer_deg_per_km: f64,
+params! {
+    /// The table `wind`: a horizontal wind that may change with height. Without it the air is still.
+    pub struct Wind, all default;
+    /// Speed at the height `at_alt_m`.
+    speed_mps: f64, unit "m/s", default 0.0, rule Rule::Between(0.0, 100.0);
+    /// Where it comes from there, clockwise from true north.
+    from_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
+    /// The height above the ellipsoid that speed and direction hold at.
+    at_alt_m: f64, unit "m", default 0.0, rule Rule::Finite;
+    /// How much stronger it is for each kilometre higher; a wind that would blow backwards is none.
+    shear_mps_per_km: f64, unit "m/s", default 0.0, rule Rule::Between(-50.0, 50.0);
+    /// How much it turns clockwise for each kilometre higher.
+    veer_deg_per_km: f64, unit "deg", default 0.0, rule Rule::Between(-180.0, 180.0);
 }
+
+impl Copy for Wind {}
 
 impl Wind {
     /// The air's velocity where it is the same at all heights.
@@ -44,10 +47,9 @@ impl Wind {
 /// The table `turbulence`: the continuous random gusts of Dryden. Without it the air is smooth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turbulence {
-    /// `wind_20ft_mps`: wind 20 feet above the ground, in m/s; 0 to 40. Or `level`: `none`, `light` (15 knots),
-    /// `moderate` (30 knots), `severe` (45 knots).
+    /// Wind 20 feet above the ground, in m/s.
     pub wind_20ft_mps: f64,
-    /// `ground_m`: height of the ground above the ellipsoid, in metres; 0 where left out.
+    /// Height of the ground above the ellipsoid, in metres.
     pub ground_m: f64,
 }
 
@@ -122,43 +124,29 @@ fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
 /// Wind at 20 feet of light turbulence, 15 knots, in m/s; moderate has twice, severe three times as much.
 const LEVEL_MPS: f64 = 15.0 * 1852.0 / 3600.0;
 
-/// The table `dynamics`: what the aircraft can, and how it answers gusts. The defaults are those of a light
-/// survey aircraft.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Dynamics {
-    /// `bank_deg`: steepest bank of a turn, in degrees; 3 to 70, 25 where left out. Turns without a radius of their
-    /// own are as tight as it allows downwind.
-    pub bank_deg: f64,
-    /// `roll_rate_degps`: fastest roll into and out of a turn, in deg/s; 1 to 180, 10 where left out.
-    pub roll_rate_degps: f64,
-    /// `climb_mps`: fastest climb and descent, in m/s; 0.1 to 50, 5 where left out.
-    pub climb_mps: f64,
-    /// `trim_deg`: angle of attack in straight level flight at `cruise_mps`, in degrees; -5 to 15, 2 where left out.
-    pub trim_deg: f64,
-    /// `cruise_mps`: airspeed that the trim holds at, in m/s; each line's own where left out. The angle of
-    /// attack is in proportion to the load factor and to the inverse square of the airspeed.
-    pub cruise_mps: Option<f64>,
-    /// `response_s`: how slowly the airframe answers gusts: its time constants in units of those of a light
-    /// survey aircraft (roll 0.4 s, heave 1 s, pitch oscillation 2.1 s, yaw oscillation 3.1 s); 0.05 to 5, 1 where
-    /// left out; about 0.3 for a small drone.
-    pub response_s: f64,
-    /// `span_m`: wing span, in metres, over which gusts roll the aircraft; 0.3 to 100, 11 where left out.
-    pub span_m: f64,
+params! {
+    /// The table `dynamics`: what the aircraft can, and how it answers gusts. The defaults are those of a light
+    /// survey aircraft.
+    pub struct Dynamics, all default;
+    /// Steepest bank of a turn. Turns without a radius of their own are as tight as it allows downwind.
+    bank_deg: f64, unit "deg", default 25.0, rule Rule::Between(3.0, 70.0);
+    /// Fastest roll into and out of a turn.
+    roll_rate_degps: f64, unit "deg/s", default 10.0, rule Rule::Between(1.0, 180.0);
+    /// Fastest climb and descent.
+    climb_mps: f64, unit "m/s", default 5.0, rule Rule::Between(0.1, 50.0);
+    /// Angle of attack in straight level flight at `cruise_mps`. It is in proportion to the load factor and to the inverse
+    /// square of the airspeed.
+    trim_deg: f64, unit "deg", default 2.0, rule Rule::Between(-5.0, 15.0);
+    /// Airspeed that the trim holds at.
+    cruise_mps: Option<f64>, unit "m/s", default None, absent "that of each line", rule Rule::Between(1.0, 1000.0);
+    /// How slowly the airframe answers gusts: its time constants in units of those of a light survey aircraft (roll 0.4 s,
+    /// heave 1 s, pitch oscillation 2.1 s, yaw oscillation 3.1 s); about 0.3 for a small drone.
+    response_s: f64, unit "s", default 1.0, rule Rule::Between(0.05, 5.0);
+    /// Wing span, over which gusts roll the aircraft.
+    span_m: f64, unit "m", default 11.0, rule Rule::Between(0.3, 100.0);
 }
 
-impl Default for Dynamics {
-    fn default() -> Self {
-        Self {
-            bank_deg: 25.0,
-            roll_rate_degps: 10.0,
-            climb_mps: 5.0,
-            trim_deg: 2.0,
-            cruise_mps: None,
-            response_s: 1.0,
-            span_m: 11.0,
-        }
-    }
-}
+impl Copy for Dynamics {}
 
 impl Dynamics {
     /// The bank, in radians, of a turn of this radius at this speed over ground.
@@ -190,47 +178,52 @@ pub struct Air {
     pub dynamics: Dynamics,
 }
 
-/// Reads the three tables.
-pub(in super::super) fn air(root: &Section) -> Air {
-    Air { wind: wind(root), turbulence: turbulence(root), dynamics: dynamics(root) }
+choice! {
+    /// How strong turbulence is, by the wind 20 feet above the ground.
+    pub enum Level {
+        /// None.
+        None = "none",
+        /// 15 knots.
+        Light = "light",
+        /// 30 knots.
+        Moderate = "moderate",
+        /// 45 knots.
+        Severe = "severe",
+    }
 }
 
-fn wind(root: &Section) -> Wind {
-    let Some(s) = root.section("wind") else { return Wind::default() };
-    let wind = Wind {
-        speed_mps: s.number("speed_mps", 0.0, Need::Between(0.0, 100.0)),
-        from_deg: s.number("from_deg", 0.0, Need::Between(-360.0, 360.0)),
-        at_alt_m: s.number("at_alt_m", 0.0, Need::Any),
-        shear_mps_per_km: s.number("shear_mps_per_km", 0.0, Need::Between(-50.0, 50.0)),
-        veer_deg_per_km: s.number("veer_deg_per_km", 0.0, Need::Between(-180.0, 180.0)),
-    };
-    s.finish();
-    wind
+impl Level {
+    /// The wind 20 feet above the ground, in m/s.
+    fn wind_20ft_mps(self) -> f64 {
+        match self {
+            Level::None => 0.0,
+            Level::Light => LEVEL_MPS,
+            Level::Moderate => 2.0 * LEVEL_MPS,
+            Level::Severe => 3.0 * LEVEL_MPS,
+        }
+    }
+}
+
+params! {
+    /// The table `turbulence`: the continuous random gusts of Dryden (MIL-F-8785C). Without it the air is smooth.
+    pub struct TurbulenceKeys, all default;
+    /// How strong it is.
+    level: Level, unit "", default Level::None;
+    /// Wind 20 feet above the ground, in place of `level`.
+    wind_20ft_mps: Option<f64>, unit "m/s", default None, absent "that of `level`", rule Rule::Between(0.0, 40.0);
+    /// Height of the ground above the ellipsoid.
+    ground_m: f64, unit "m", default 0.0, rule Rule::Finite;
+}
+
+/// Reads the three tables.
+pub(in super::super) fn air(root: &Section) -> Air {
+    let wind = root.section("wind").and_then(|s| s.group(None)).unwrap_or_default();
+    let dynamics = root.section("dynamics").and_then(|s| s.group(None)).unwrap_or_default();
+    Air { wind, turbulence: turbulence(root), dynamics }
 }
 
 fn turbulence(root: &Section) -> Option<Turbulence> {
-    let s = root.section("turbulence")?;
-    let level = s.word("level", &["none", "light", "moderate", "severe"]) as f64 * LEVEL_MPS;
-    let turbulence = Turbulence {
-        wind_20ft_mps: s.number("wind_20ft_mps", level, Need::Between(0.0, 40.0)),
-        ground_m: s.number("ground_m", 0.0, Need::Any),
-    };
-    s.finish();
-    (turbulence.wind_20ft_mps > 0.0).then_some(turbulence)
-}
-
-fn dynamics(root: &Section) -> Dynamics {
-    let d = Dynamics::default();
-    let Some(s) = root.section("dynamics") else { return d };
-    let dynamics = Dynamics {
-        bank_deg: s.number("bank_deg", d.bank_deg, Need::Between(3.0, 70.0)),
-        roll_rate_degps: s.number("roll_rate_degps", d.roll_rate_degps, Need::Between(1.0, 180.0)),
-        climb_mps: s.number("climb_mps", d.climb_mps, Need::Between(0.1, 50.0)),
-        trim_deg: s.number("trim_deg", d.trim_deg, Need::Between(-5.0, 15.0)),
-        cruise_mps: s.optional("cruise_mps", Need::Between(1.0, 1000.0)),
-        response_s: s.number("response_s", d.response_s, Need::Between(0.05, 5.0)),
-        span_m: s.number("span_m", d.span_m, Need::Between(0.3, 100.0)),
-    };
-    s.finish();
-    dynamics
+    let keys: TurbulenceKeys = root.section("turbulence")?.group(None)?;
+    let wind_20ft_mps = keys.wind_20ft_mps.unwrap_or(keys.level.wind_20ft_mps());
+    (wind_20ft_mps > 0.0).then_some(Turbulence { wind_20ft_mps, ground_m: keys.ground_m })
 }

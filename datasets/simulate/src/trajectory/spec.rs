@@ -1,9 +1,12 @@
 //! What the spec says of the flights: their lines, where these go, and how.
 
+use schemas::{Chosen, Lists, Rule, choice, params};
+
 use super::{
     super::spec::{
-        section::{Need, Section},
+        section::Section,
         unique,
+        variant::{Variant, Varied, variant},
     },
     air::Air,
     kinds::{Grid, Orbit, Path2d},
@@ -14,7 +17,7 @@ use super::{
 /// A flight: a table of `flights`.
 #[derive(Clone, Debug)]
 pub struct Flight {
-    /// `name`: its identifier.
+    /// Its identifier.
     pub name: String,
     /// Its lines, in time: the tables `flights.lines`, of which some are several lines.
     pub lines: Vec<Line>,
@@ -23,16 +26,16 @@ pub struct Flight {
 /// A line of a flight.
 #[derive(Clone, Debug)]
 pub struct Line {
-    /// `name`: its identifier.
+    /// Its identifier.
     pub name: String,
-    /// `start_tt_s`: when it begins, in seconds past midnight UTC; a minute after the end of the line before it
+    /// When it begins, in seconds past midnight UTC; a minute after the end of the line before it
     /// where left out, the flight's `start_tt_s` for the first.
     pub start_tt_s: f64,
-    /// `alt_m`: height above the WGS-84 ellipsoid, in metres.
+    /// Height above the WGS-84 ellipsoid, in metres.
     pub alt_m: f64,
-    /// `speed_mps`: airspeed, in m/s, which without wind is the speed over ground; 1 to 1000, 60 where left out.
+    /// Airspeed, in m/s, which without wind is the speed over ground; 1 to 1000, 60 where left out.
     pub speed_mps: f64,
-    /// `radius_m`: of its turns and circles, in metres; as tight as `bank_deg` of `dynamics` allows where left out.
+    /// Of its turns and circles, in metres; as tight as `bank_deg` of `dynamics` allows where left out.
     pub radius_m: Option<f64>,
     /// Its heights, where it has more than one.
     pub heights: Heights,
@@ -44,11 +47,12 @@ pub struct Line {
 
 /// Reads the flights.
 pub(in super::super) fn flights(root: &Section, air: &Air) -> Vec<Flight> {
-    let flights: Vec<_> = root.sections("flights").iter().map(|s| flight(s, air)).collect();
+    let before = root.faults();
+    let flights: Vec<_> = root.sections("flights").iter().filter_map(|s| flight(s, air)).collect();
     let of_lines = |f: &Flight| f.lines.iter().map(|l| format!("{}/{}", f.name, l.name)).collect::<Vec<_>>();
     unique(root, "flight", flights.iter().map(|c| c.name.clone()));
     unique(root, "line", flights.iter().flat_map(of_lines));
-    if flights.iter().all(|f| f.lines.is_empty()) {
+    if flights.iter().all(|f| f.lines.is_empty()) && root.faults() == before {
         root.fault("the spec has no flight with a line".to_owned());
     }
     flights
@@ -57,9 +61,9 @@ pub(in super::super) fn flights(root: &Section, air: &Air) -> Vec<Flight> {
 /// Seconds from the end of a line to the start of the next, where the spec does not say.
 const PAUSE_S: f64 = 60.0;
 
-fn flight(s: &Section, air: &Air) -> Flight {
-    let name = s.text("name");
-    let mut next_s = s.number("start_tt_s", 0.0, Need::NotNegative);
+fn flight(s: &Section, air: &Air) -> Option<Flight> {
+    let keys: FlightKeys = s.some_keys()?;
+    let mut next_s = keys.start_tt_s;
     let mut lines: Vec<Line> = vec![];
     for one in s.sections("lines") {
         let found = self::lines(&one, next_s, air);
@@ -72,58 +76,290 @@ fn flight(s: &Section, air: &Air) -> Flight {
         lines.extend(found);
     }
     s.finish();
-    Flight { name, lines }
+    Some(Flight { name: keys.name, lines })
 }
 
-const KINDS: [&str; 9] = ["survey", "box", "free", "grid", "circle", "looping", "loiter", "figure_eight", "cloverleaf"];
+/// Where a line goes: its kind, with the keys of that.
+#[derive(Clone, Debug)]
+pub enum Way {
+    /// See [`SURVEY`].
+    Survey(SurveyKeys),
+    /// See [`BOX`].
+    Box(BoxKeys),
+    /// See [`FREE`].
+    Free(FreeKeys),
+    /// See [`GRID`].
+    Grid(GridKeys),
+    /// See [`CIRCLE`].
+    Circle(CircleKeys),
+    /// See [`LOOPING`].
+    Looping(LoopingKeys),
+    /// See [`LOITER`].
+    Loiter(LoiterKeys),
+    /// See [`FIGURE_EIGHT`].
+    FigureEight(FigureEightKeys),
+    /// See [`CLOVERLEAF`].
+    Cloverleaf(CloverleafKeys),
+}
+
+impl Varied for Way {
+    const DEFAULT: &'static str = "survey";
+}
+
+choice! {
+    /// A side.
+    pub enum Side {
+        /// To the right, clockwise.
+        Right = "right",
+        /// To the left, anticlockwise.
+        Left = "left",
+    }
+}
+
+variant! {
+    /// From waypoint to waypoint, and round again until the time is up.
+    SURVEY: Way = "survey", |keys| Way::Survey(keys);
+    struct SurveyKeys;
+    /// Two or more of [latitude, longitude].
+    waypoints: Vec<[f64; 2]>, unit "deg", rule Rule::Between(-360.0, 360.0);
+    /// How long.
+    duration_s: f64, unit "s", rule Rule::Between(1.0, 1e5);
+    /// Amplitude of the course's swing about each leg.
+    weave_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 45.0);
+    /// Period of that.
+    weave_period_s: f64, unit "s", default 120.0, rule Rule::Positive;
+    /// A height for each waypoint, in place of `alt_m`.
+    alts_m: Option<Vec<f64>>, unit "m", absent "`alt_m` everywhere", rule Rule::Between(-1000.0, 30_000.0);
+    /// Whether `alts_m` are those of a surface that is followed as far as the aircraft can climb.
+    drape: bool, unit "", default false;
+}
+
+variant! {
+    /// The waypoints once, to the last one.
+    FREE: Way = "free", |keys| Way::Free(keys);
+    struct FreeKeys;
+    /// Two or more of [latitude, longitude].
+    waypoints: Vec<[f64; 2]>, unit "deg", rule Rule::Between(-360.0, 360.0);
+    /// A height for each waypoint, in place of `alt_m`.
+    alts_m: Option<Vec<f64>>, unit "m", absent "`alt_m` everywhere", rule Rule::Between(-1000.0, 30_000.0);
+    /// Whether `alts_m` are those of a surface that is followed as far as the aircraft can climb.
+    drape: bool, unit "", default false;
+}
+
+variant! {
+    /// Legs along the sides of a square, on each a pitch, a roll and a yaw manoeuvre.
+    BOX: Way = "box", |keys| Way::Box(keys);
+    struct BoxKeys;
+    /// Where it begins, [latitude, longitude].
+    start: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
+    /// The first course; the others follow to the right.
+    heading_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
+    /// Amplitudes of roll, pitch and yaw; an angle of 0 has no manoeuvre (thesis 000, figure 3-7).
+    amplitude_deg: [f64; 3], unit "deg", default [9.0, 4.5, 5.0], rule Rule::Between(0.0, 40.0);
+    /// Period of a manoeuvre.
+    period_s: f64, unit "s", default 6.0, rule Rule::Between(1.0, 60.0);
+    /// Periods to a manoeuvre.
+    cycles: usize, unit "", default 3usize, rule Rule::Between(1.0, 100.0);
+    /// Sides flown.
+    legs: usize, unit "", default 4usize, rule Rule::Between(1.0, 64.0);
+    /// First and last of the sets of thesis 000, table 5.7, one line each, in place of `amplitude_deg` and `cycles`.
+    sets: Option<[usize; 2]>, unit "", absent "one line, of `amplitude_deg` and `cycles`", rule Rule::Between(1.0, 18.0);
+}
+
+variant! {
+    /// Survey lines to and fro and the tie lines across them. With `split` each survey line is a line `NAME.01`,
+    /// `NAME.02`... and each tie line `NAME.T01`..., in the order and at the times that they are flown, the turns left out.
+    GRID: Way = "grid", |keys| Way::Grid(keys);
+    struct GridKeys;
+    /// Where the first line begins, [latitude, longitude].
+    origin: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
+    /// The course of the first line.
+    heading_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
+    /// Length of a line.
+    line_m: f64, unit "m", rule Rule::Between(1.0, 1e6);
+    /// From line to line.
+    spacing_m: f64, unit "m", rule Rule::Between(0.1, 1e5);
+    /// How many lines.
+    count: usize, unit "", default 1usize, rule Rule::Between(1.0, 10_000.0);
+    /// From tie line to tie line.
+    tie_spacing_m: Option<f64>, unit "m", absent "no tie lines", rule Rule::Between(1.0, 1e6);
+    /// On which side of the first line the others are.
+    side: Side, unit "", default Side::Right;
+    /// Whether each line is one by itself.
+    split: bool, unit "", default true;
+}
+
+variant! {
+    /// Round a position.
+    CIRCLE: Way = "circle", |keys| Way::Circle(keys);
+    struct CircleKeys;
+    /// The middle, [latitude, longitude].
+    center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
+    /// Where it begins, seen from the middle.
+    from_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
+    /// Which way it turns.
+    direction: Side, unit "", default Side::Right;
+    /// How often.
+    turns: f64, unit "1", default 1.0, rule Rule::Between(0.01, 1000.0);
+}
+
+variant! {
+    /// Round a position while climbing, and again while descending.
+    LOOPING: Way = "looping", |keys| Way::Looping(keys);
+    struct LoopingKeys;
+    /// The middle, [latitude, longitude].
+    center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
+    /// Where it begins, seen from the middle.
+    from_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
+    /// Which way it turns.
+    direction: Side, unit "", default Side::Right;
+    /// Orbits up, and as many down.
+    turns: f64, unit "1", default 1.0, rule Rule::Between(0.1, 100.0);
+    /// How often up and down.
+    rounds: usize, unit "", default 1usize, rule Rule::Between(1.0, 100.0);
+    /// Height at the top above the ellipsoid.
+    top_m: f64, unit "m", rule Rule::Between(-1000.0, 30_000.0);
+}
+
+variant! {
+    /// A racetrack of two straights and two half circles.
+    LOITER: Way = "loiter", |keys| Way::Loiter(keys);
+    struct LoiterKeys;
+    /// Where the first straight begins, [latitude, longitude].
+    start: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
+    /// The course of the first straight.
+    heading_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
+    /// Length of a straight.
+    leg_m: f64, unit "m", default 2000.0, rule Rule::Between(0.0, 1e6);
+    /// How often.
+    rounds: usize, unit "", default 1usize, rule Rule::Between(1.0, 1000.0);
+    /// Which way it turns.
+    direction: Side, unit "", default Side::Right;
+}
+
+variant! {
+    /// Two loops that cross at a right angle, one to the right and one to the left.
+    FIGURE_EIGHT: Way = "figure_eight", |keys| Way::FigureEight(keys);
+    struct FigureEightKeys;
+    /// Where the legs cross, [latitude, longitude].
+    center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
+    /// Course of the first crossing.
+    heading_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
+    /// How often.
+    rounds: usize, unit "", default 1usize, rule Rule::Between(1.0, 1000.0);
+}
+
+variant! {
+    /// Over one position on four courses, a right angle apart.
+    CLOVERLEAF: Way = "cloverleaf", |keys| Way::Cloverleaf(keys);
+    struct CloverleafKeys;
+    /// The position, [latitude, longitude].
+    center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
+    /// Course of the first crossing.
+    heading_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
+    /// How often over it.
+    crossings: usize, unit "", default 4usize, rule Rule::Between(1.0, 1000.0);
+    /// Which way it turns.
+    direction: Side, unit "", default Side::Right;
+}
+
+/// What a line can be.
+pub(in super::super) fn kinds() -> Lists {
+    let all = vec![&SURVEY, &BOX, &FREE, &GRID, &CIRCLE, &LOOPING, &LOITER, &FIGURE_EIGHT, &CLOVERLEAF];
+    Lists::default().with(all)
+}
+
+params! {
+    /// A table of `flights.lines`: a line, or several.
+    pub struct LineKeys;
+    /// Its identifier.
+    name: String, unit "";
+    /// Where it goes.
+    kind: Chosen<Variant<Way>>, unit "";
+    /// When it begins, in seconds past midnight UTC.
+    start_tt_s: Option<f64>, unit "s", absent "a minute after the end of the line before it; the flight's for the first", rule Rule::NotNegative;
+    /// Height above the WGS-84 ellipsoid.
+    alt_m: f64, unit "m", rule Rule::Between(-1000.0, 30_000.0);
+    /// Airspeed, which without wind is the speed over ground.
+    speed_mps: f64, unit "m/s", default 60.0, rule Rule::Between(1.0, 1000.0);
+    /// Radius of its turns and circles.
+    radius_m: Option<f64>, unit "m", absent "as tight as `bank_deg` of `dynamics` allows", rule Rule::Between(1.0, 1e6);
+}
+
+params! {
+    /// A table of `flights`: a flight. Its lines are its tables `lines`.
+    pub struct FlightKeys;
+    /// Its identifier.
+    name: String, unit "";
+    /// When its first line begins, in seconds past midnight UTC.
+    start_tt_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
+}
 
 /// The lines of one table.
 fn lines(s: &Section, next_s: f64, air: &Air) -> Vec<Line> {
-    let kind = s.word("kind", &KINDS);
+    let faults = s.faults();
+    let Some(keys) = s.group_of::<LineKeys>(None, &kinds()) else { return vec![] };
+    s.refuse_foreign(&keys.kind);
     let common = Line {
-        name: s.text("name"),
-        start_tt_s: s.number("start_tt_s", next_s, Need::NotNegative),
-        alt_m: s.needed("alt_m", Need::Between(-1000.0, 30_000.0)),
-        speed_mps: s.number("speed_mps", 60.0, Need::Between(1.0, 1000.0)),
+        name: keys.name,
+        start_tt_s: keys.start_tt_s.unwrap_or(next_s),
+        alt_m: keys.alt_m,
+        speed_mps: keys.speed_mps,
         // The radius of survey lines and free flights is the aircraft's own, too.
-        radius_m: s.optional("radius_m", Need::Between(1.0, 1e6)),
+        radius_m: keys.radius_m,
         heights: Heights::default(),
         path: Path2d::Free { waypoints: vec![] },
         plan: Plan::default(),
     };
-    let faults = s.faults();
     let one = |path: Path2d| vec![Line { path, ..common.clone() }];
-    let heading_deg = || s.number("heading_deg", 0.0, Need::Between(-360.0, 360.0));
-    let rounds = || s.whole("rounds", 1, 1, 1000) as u32;
-    let found = match kind {
-        0 | 2 => vec![waypoints(s, kind == 0, &common)],
-        1 => boxes(s, &common),
-        3 => return grid(s, &common, air),
-        4 => one(Path2d::Circle { orbit: orbit(s), turns: s.number("turns", 1.0, Need::Between(0.01, 1000.0)) }),
-        5 => one(Path2d::Looping {
-            orbit: orbit(s),
-            turns: s.number("turns", 1.0, Need::Between(0.1, 100.0)),
-            rounds: s.whole("rounds", 1, 1, 100) as u32,
-            top_m: s.needed("top_m", Need::Between(-1000.0, 30_000.0)),
+    let orbit = |center, from_deg, direction| Orbit {
+        center: position(s, "center", center),
+        from_deg,
+        right: direction == Side::Right,
+    };
+    let found = match &*keys.kind.keys {
+        Way::Survey(keys) => {
+            let (waypoints, heights) = waypoints(s, &keys.waypoints, keys.alts_m.as_ref(), keys.drape);
+            let weave_deg_s = (keys.weave_deg, keys.weave_period_s);
+            let path = Path2d::Survey { waypoints, duration_s: keys.duration_s, weave_deg_s };
+            vec![Line { path, heights, ..common.clone() }]
+        }
+        Way::Free(keys) => {
+            let (waypoints, heights) = waypoints(s, &keys.waypoints, keys.alts_m.as_ref(), keys.drape);
+            vec![Line { path: Path2d::Free { waypoints }, heights, ..common.clone() }]
+        }
+        Way::Box(keys) => boxes(s, keys, &common),
+        Way::Grid(keys) => return grid(s, keys, &common, air, faults),
+        Way::Circle(keys) => {
+            one(Path2d::Circle { orbit: orbit(keys.center, keys.from_deg, keys.direction), turns: keys.turns })
+        }
+        Way::Looping(keys) => one(Path2d::Looping {
+            orbit: orbit(keys.center, keys.from_deg, keys.direction),
+            turns: keys.turns,
+            rounds: keys.rounds as u32,
+            top_m: keys.top_m,
         }),
-        6 => one(Path2d::Loiter {
-            start: place(s, "start"),
-            heading_deg: heading_deg(),
-            leg_m: s.number("leg_m", 2000.0, Need::Between(0.0, 1e6)),
-            rounds: rounds(),
-            right: right(s, "direction"),
+        Way::Loiter(keys) => one(Path2d::Loiter {
+            start: position(s, "start", keys.start),
+            heading_deg: keys.heading_deg,
+            leg_m: keys.leg_m,
+            rounds: keys.rounds as u32,
+            right: keys.direction == Side::Right,
         }),
-        7 => one(Path2d::FigureEight { center: place(s, "center"), heading_deg: heading_deg(), rounds: rounds() }),
-        _ => one(Path2d::Cloverleaf {
-            center: place(s, "center"),
-            heading_deg: heading_deg(),
-            crossings: s.whole("crossings", 4, 1, 1000) as u32,
-            right: right(s, "direction"),
+        Way::FigureEight(keys) => one(Path2d::FigureEight {
+            center: position(s, "center", keys.center),
+            heading_deg: keys.heading_deg,
+            rounds: keys.rounds as u32,
+        }),
+        Way::Cloverleaf(keys) => one(Path2d::Cloverleaf {
+            center: position(s, "center", keys.center),
+            heading_deg: keys.heading_deg,
+            crossings: keys.crossings as u32,
+            right: keys.direction == Side::Right,
         }),
     };
-    s.finish();
-    // A line whose numbers are wrong is not flown, nor complained of twice.
-    if s.faults() > faults || common.alt_m.is_nan() { found } else { planned(s, found, air) }
+    // A line whose numbers are wrong is not flown, and is reported once.
+    if s.faults() > faults { found } else { planned(s, found, air) }
 }
 
 /// Plans lines that follow each other.
@@ -153,25 +389,18 @@ impl Line {
     }
 }
 
-fn waypoints(s: &Section, again: bool, common: &Line) -> Line {
-    let waypoints = s.places("waypoints");
-    let alts_m = s.list("alts_m", Need::Between(-1000.0, 30_000.0));
-    if alts_m.as_ref().is_some_and(|alts| !waypoints.is_empty() && alts.len() != waypoints.len()) {
-        s.fault_at("alts_m", format!("`alts_m` must have one height for each of the {} waypoints", waypoints.len()));
+fn waypoints(s: &Section, given: &[[f64; 2]], alts_m: Option<&Vec<f64>>, drape: bool) -> (Vec<(f64, f64)>, Heights) {
+    if given.len() < 2 || given.iter().any(|[lat, _]| lat.abs() >= 89.0) {
+        let what = "`waypoints` of `lines` must be a list of two or more [latitude, longitude] in degrees";
+        s.fault_at("waypoints", what.to_owned());
     }
-    let drape = s.flag("drape", false);
+    if alts_m.is_some_and(|alts| alts.len() != given.len()) {
+        s.fault_at("alts_m", format!("`alts_m` must have one height for each of the {} waypoints", given.len()));
+    }
     if drape && alts_m.is_none() {
         s.fault_at("drape", "`drape` needs `alts_m`, the heights of the surface at the waypoints".to_owned());
     }
-    let path = if again {
-        let duration_s = s.needed("duration_s", Need::Between(1.0, 1e5));
-        let weave_deg = s.number("weave_deg", 0.0, Need::Between(0.0, 45.0));
-        let weave_deg_s = (weave_deg, s.number("weave_period_s", 120.0, Need::Positive));
-        Path2d::Survey { waypoints, duration_s, weave_deg_s }
-    } else {
-        Path2d::Free { waypoints }
-    };
-    Line { path, heights: Heights { alts_m, drape }, ..common.clone() }
+    (given.iter().map(|[lat, lon]| (*lat, *lon)).collect(), Heights { alts_m: alts_m.cloned(), drape })
 }
 
 /// Table 5.7 of thesis 000: amplitudes of roll, pitch and yaw, in degrees, and manoeuvres per leg, of its
@@ -183,20 +412,14 @@ fn set(number: usize) -> ([f64; 3], u32) {
 }
 
 /// `kind = "box"`. `sets = [first, last]` are those of thesis 000, table 5.7, one line each.
-fn boxes(s: &Section, common: &Line) -> Vec<Line> {
-    let start = place(s, "start");
-    let heading_deg = s.number("heading_deg", 0.0, Need::Between(-360.0, 360.0));
-    let period_s = s.number("period_s", 6.0, Need::Between(1.0, 60.0));
-    let legs = s.whole("legs", 4, 1, 64) as u32;
+fn boxes(s: &Section, keys: &BoxKeys, common: &Line) -> Vec<Line> {
+    let start = position(s, "start", keys.start);
+    let (heading_deg, period_s, legs) = (keys.heading_deg, keys.period_s, keys.legs as u32);
     let path = |amplitude_deg, cycles| Path2d::Box { start, heading_deg, amplitude_deg, period_s, cycles, legs };
-    let [first, last] = s.numbers("sets", [0.0; 2], Need::Between(1.0, 18.0));
-    if first == 0.0 {
-        // Figure 3-7 of the thesis: 4.5 degrees of pitch, 9 of roll, 5 of yaw, 6 s.
-        let amplitude_deg = s.numbers("amplitude_deg", [9.0, 4.5, 5.0], Need::Between(0.0, 40.0));
-        let cycles = s.whole("cycles", 3, 1, 100) as u32;
-        return vec![Line { path: path(amplitude_deg, cycles), ..common.clone() }];
-    }
-    if first.fract() != 0.0 || last.fract() != 0.0 || first > last {
+    let Some([first, last]) = keys.sets else {
+        return vec![Line { path: path(keys.amplitude_deg, keys.cycles as u32), ..common.clone() }];
+    };
+    if first > last {
         s.fault_at("sets", "`sets` must be two whole numbers in order, such as [1, 18]".to_owned());
     }
     let several = first < last;
@@ -205,30 +428,26 @@ fn boxes(s: &Section, common: &Line) -> Vec<Line> {
         let name = if several { format!("{}.{number:02}", common.name) } else { common.name.clone() };
         Line { name, path: path(amplitude_deg, cycles), ..common.clone() }
     };
-    (first as usize..=last as usize).map(one).collect()
+    (first..=last).map(one).collect()
 }
 
-/// `kind = "grid"`: with `split = true`, which is the default, each survey line is a line `NAME.01`, `NAME.02`...
-/// and each tie line `NAME.T01`..., in the order and at the times that they are flown, the turns left out.
-fn grid(s: &Section, common: &Line, air: &Air) -> Vec<Line> {
-    let faults = s.faults();
+/// `kind = "grid"`; `faults` is how many faults there were before the table.
+fn grid(s: &Section, keys: &GridKeys, common: &Line, air: &Air, faults: usize) -> Vec<Line> {
     let grid = Grid {
-        origin: place(s, "origin"),
-        heading_deg: s.number("heading_deg", 0.0, Need::Between(-360.0, 360.0)),
-        line_m: s.needed("line_m", Need::Between(1.0, 1e6)),
-        spacing_m: s.needed("spacing_m", Need::Between(0.1, 1e5)),
-        count: s.whole("count", 1, 1, 10_000) as u32,
-        tie_spacing_m: s.optional("tie_spacing_m", Need::Between(1.0, 1e6)),
-        right: right(s, "side"),
+        origin: position(s, "origin", keys.origin),
+        heading_deg: keys.heading_deg,
+        line_m: keys.line_m,
+        spacing_m: keys.spacing_m,
+        count: keys.count as u32,
+        tie_spacing_m: keys.tie_spacing_m,
+        right: keys.side == Side::Right,
     };
-    let split = s.flag("split", true);
-    s.finish();
     let whole = Line { path: Path2d::Grid(grid), ..common.clone() };
-    if s.faults() > faults || common.alt_m.is_nan() {
+    if s.faults() > faults {
         return vec![whole];
     }
     let whole = planned(s, vec![whole], air);
-    let Some(flown) = whole.first().filter(|_| split) else { return whole };
+    let Some(flown) = whole.first().filter(|_| keys.split) else { return whole };
     let (mut numbers, mut lines) = ([0, 0], vec![]);
     for (stretch, start_s) in grid.stretches().iter().zip(&flown.plan.marks_s) {
         let number = &mut numbers[usize::from(stretch.tie)];
@@ -242,23 +461,13 @@ fn grid(s: &Section, common: &Line, air: &Air) -> Vec<Line> {
     lines
 }
 
-fn orbit(s: &Section) -> Orbit {
-    Orbit {
-        center: place(s, "center"),
-        from_deg: s.number("from_deg", 0.0, Need::Between(-360.0, 360.0)),
-        right: right(s, "direction"),
-    }
-}
-
-fn right(s: &Section, key: &'static str) -> bool {
-    s.word(key, &["right", "left"]) == 0
-}
-
-/// A place that must be there, in degrees.
-fn place(s: &Section, key: &'static str) -> (f64, f64) {
-    let [lat, lon] = s.numbers(key, [f64::NAN; 2], Need::Between(-360.0, 360.0));
-    if lat.is_nan() || lat.abs() >= 89.0 {
-        s.fault_at(key, format!("`lines` of this kind needs `{key}`, its [latitude, longitude] in degrees"));
+/// A position in degrees, which must not be at a pole.
+fn position(s: &Section, key: &'static str, [lat, lon]: [f64; 2]) -> (f64, f64) {
+    if lat.abs() >= 89.0 {
+        s.fault_at(
+            key,
+            format!("`{key}` of `lines` must be [latitude, longitude] in degrees, not within a degree of a pole"),
+        );
     }
     (lat, lon)
 }

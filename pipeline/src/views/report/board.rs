@@ -38,7 +38,7 @@ impl Board {
             }
             let axes: Vec<String> =
                 node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone()).collect();
-            let mut board = Board::new(source, table, scores::scores(&folder, &axes, node.entry.metrics)?);
+            let mut board = Board::new(source, table, scores::scores(&folder, &axes, &node.entry.metrics)?);
             board.scores.mark(&node.name, warnings);
             if !board.scores.rows.is_empty() {
                 found.push(board);

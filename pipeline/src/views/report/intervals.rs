@@ -27,7 +27,7 @@ const BOTTOM: f64 = 22.0;
 /// One metric over the points of a sweep.
 #[derive(Debug)]
 struct Row {
-    metric: &'static Metric,
+    metric: Metric,
     dots: Vec<Dot>,
 }
 
@@ -55,7 +55,7 @@ pub fn sections(source: &Source) -> Result<Vec<Markup>, Fault> {
             let columns = ["metric", "value", "low", "high", "lines"];
             let Some(batch) = source.tidy(unit, &columns)? else { continue };
             let point = node.axis_columns(&it, &plan.spec).iter().map(|(_, v)| v.to_string()).collect::<Vec<_>>();
-            add(&mut metrics, &point.join(", "), &batch, |name| plan.metric(name));
+            add(&mut metrics, &point.join(", "), &batch, |name| plan.metric(name).copied());
         }
         if !metrics.is_empty() {
             let axes: Vec<&str> =
@@ -67,7 +67,7 @@ pub fn sections(source: &Source) -> Result<Vec<Markup>, Fault> {
 }
 
 /// Adds the figures of one point, of metrics that are `declared`. Numbers of samples are no scores.
-fn add(metrics: &mut Vec<Row>, point: &str, batch: &RecordBatch, declared: impl Fn(&str) -> Option<&'static Metric>) {
+fn add(metrics: &mut Vec<Row>, point: &str, batch: &RecordBatch, declared: impl Fn(&str) -> Option<Metric>) {
     let text = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
     let floats = |name: &str| batch.column_by_name(name).and_then(|a| a.as_primitive_opt::<Float64Type>());
     let lines = batch.column_by_name("lines").and_then(|a| a.as_primitive_opt::<Int64Type>());
@@ -124,7 +124,7 @@ impl Row {
         let row = |i: usize| 3.0 + ROW * (i as f64 + 0.5);
         html! {
             figure {
-                h4 { (name) @if *unit != "1" { ", " (unit) } }
+                h4 { (name) @if unit != "1" { ", " (unit) } }
                 svg.intervals viewBox=(format!("0 0 {WIDTH} {}", px(bottom + BOTTOM))) role="img" aria-label=(format!("{name}: pooled values with their intervals")) {
                     @for tick in ticks::linear(low, high, 4) {
                         line.grid x1=(px(at(tick.at))) x2=(px(at(tick.at))) y1="0" y2=(px(bottom)) {}

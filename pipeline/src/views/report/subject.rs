@@ -46,14 +46,14 @@ pub struct Shown {
 pub struct Chosen {
     /// The score table and its instance at the point.
     at: (usize, usize),
-    metric: &'static Metric,
+    metric: Metric,
 }
 
 impl Chosen {
     /// A value of the metric in words.
     fn words(&self, value: Option<f64>) -> String {
         let Metric { name, unit, .. } = self.metric;
-        let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
+        let unit = if unit == "1" { String::new() } else { format!(" {unit}") };
         format!("{name} {}{unit}", number(value))
     }
 }

@@ -18,22 +18,29 @@ pub(crate) use batch::{LookUp, Places, look_up_many};
 use grid::Axis;
 pub use grid::{MapError, MapGrid};
 pub(crate) use holes::Shape;
+use params::choice;
 pub(crate) use surface::{Cell, Jet, Surface};
 
-/// How a value between the nodes is made.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Interpolation {
-    /// Bilinear: continuous, with a gradient that jumps from cell to cell.
-    #[default]
-    Linear,
-    /// The quadratic B-spline through the nodes with its pieces centred on them (MagNav.jl's
-    /// `quad`): value and gradient are continuous. Gaps as with `Cubic`.
-    Quadratic,
-    /// The natural cubic spline in both directions (MagNav.jl's `cubic`): value, gradient and
-    /// curvature are continuous. The gaps of a map are filled from their edges before the spline
-    /// is solved, so that a hole is felt in the cells next to it and dies out by a factor of 4 a
-    /// cell.
-    Cubic,
+choice! {
+    /// How a value between the nodes is made.
+    pub enum Interpolation {
+        /// Bilinear: continuous, with a gradient that jumps from cell to cell.
+        Linear = "linear",
+        /// The quadratic B-spline through the nodes with its pieces centred on them (MagNav.jl's
+        /// `quad`): value and gradient are continuous. Gaps as with `Cubic`.
+        Quadratic = "quadratic",
+        /// The natural cubic spline in both directions (MagNav.jl's `cubic`): value, gradient and
+        /// curvature are continuous. The gaps of a map are filled from their edges before the spline
+        /// is solved, so that a hole is felt in the cells next to it and dies out by a factor of 4 a
+        /// cell.
+        Cubic = "cubic",
+    }
+}
+
+impl Default for Interpolation {
+    fn default() -> Self {
+        Self::Linear
+    }
 }
 
 /// How a map changes with height, at its own nodes.

@@ -8,6 +8,7 @@ use crate::navigation::pinson::{
 };
 use crate::navigation::transition::{NoiseDiscretisation, diagonal, propagate_state, transition_matrix};
 use crate::signal::gauss_markov::GaussMarkov;
+use params::{Fault, Params, Rule, obeys, params};
 use thiserror::Error;
 
 mod along;
@@ -20,44 +21,52 @@ pub use driving::Draws;
 pub use grade::InsGrade;
 pub use mechanised::{MechanisedExtras, mechanised_errors_along};
 
-/// The error sources of an INS and of the field's temporal variation: initial uncertainties,
-/// noise densities, correlation times. The defaults are MagNav.jl's (a navigation-grade INS).
-/// [thesis 000 (5.35); MagNav.jl `create_model`]
+params! {
+    /// The error sources of an INS: initial uncertainties, noise densities, correlation times. The defaults are
+    /// MagNav.jl's, of a navigation-grade INS. [thesis 000 (5.35); MagNav.jl `create_model`]
+    pub struct InsErrors, all default;
+    /// Initial horizontal position error, each axis.
+    init_position_sigma_m: f64, unit "m", default 3.0, rule Rule::NotNegative;
+    /// Initial height error.
+    init_altitude_sigma_m: f64, unit "m", default 0.001, rule Rule::NotNegative;
+    /// Initial velocity error, each axis.
+    init_velocity_sigma_mps: f64, unit "m/s", default 0.01, rule Rule::NotNegative;
+    /// Initial tilt error, each axis.
+    init_attitude_sigma_deg: f64, unit "deg", default 0.01, rule Rule::NotNegative;
+    /// Initial heading error, the tilt about the down axis. An INS levels itself by gravity and finds north by the earth's
+    /// rotation, which is far weaker.
+    init_heading_sigma_deg: Option<f64>, unit "deg", default None, absent "the initial tilt error", rule Rule::NotNegative;
+    /// Velocity random walk.
+    vrw_sigma: f64, unit "m/s^1.5", default 0.000238, rule Rule::NotNegative;
+    /// Angular random walk.
+    arw_sigma: f64, unit "rad/s^0.5", default 0.000000581, rule Rule::NotNegative;
+    /// Barometer error.
+    baro_sigma_m: f64, unit "m", default 1.0, rule Rule::NotNegative;
+    /// Initial error of the barometric-aiding altitude.
+    ha_sigma_m: f64, unit "m", default 0.001, rule Rule::NotNegative;
+    /// Initial error of the barometric-aiding vertical acceleration.
+    a_hat_sigma_mps2: f64, unit "m/s2", default 0.01, rule Rule::NotNegative;
+    /// Accelerometer bias.
+    acc_sigma_mps2: f64, unit "m/s2", default 0.000245, rule Rule::NotNegative;
+    /// Gyro bias.
+    gyro_sigma_radps: f64, unit "rad/s", default 0.00000000727, rule Rule::NotNegative;
+    /// Time constant of the barometer error.
+    baro_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
+    /// Time constant of the accelerometer bias.
+    acc_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
+    /// Time constant of the gyro bias.
+    gyro_tau_s: f64, unit "s", default 3600.0, rule Rule::Positive;
+}
+
+impl Copy for InsErrors {}
+
+/// The error sources of an INS and of the field's temporal variation, and the form of the error model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InsErrorModel {
-    /// Initial position uncertainty north and east, in m.
-    pub init_position_sigma_m: f64,
-    /// Initial altitude uncertainty, in m.
-    pub init_altitude_sigma_m: f64,
-    /// Initial velocity uncertainty of each component, in m/s.
-    pub init_velocity_sigma_mps: f64,
-    /// Initial tilt uncertainty about each axis, in degrees.
-    pub init_attitude_sigma_deg: f64,
-    /// Initial heading uncertainty, the tilt about the down axis, in degrees; `None` for that of the other axes. An INS
-    /// levels itself by gravity and finds north by the earth's turning, which is far weaker.
-    pub init_heading_sigma_deg: Option<f64>,
-    /// Velocity random walk, in m/s^1.5.
-    pub vrw_sigma: f64,
-    /// Angular random walk, in rad/s^0.5.
-    pub arw_sigma: f64,
-    /// Standard deviation of the barometer's drift, in m.
-    pub baro_sigma_m: f64,
-    /// Initial uncertainty of the barometer-aiding altitude, in m.
-    pub ha_sigma_m: f64,
-    /// Initial uncertainty of the barometer-aiding vertical acceleration, in m/s².
-    pub a_hat_sigma_mps2: f64,
-    /// Standard deviation of each accelerometer's bias, in m/s².
-    pub acc_sigma_mps2: f64,
-    /// Standard deviation of each gyroscope's bias, in rad/s.
-    pub gyro_sigma_radps: f64,
+    /// The error sources of the INS.
+    pub sources: InsErrors,
     /// Standard deviation of the temporal variation, in nT.
     pub fogm_sigma_nt: f64,
-    /// Correlation time of the barometer's drift, in s.
-    pub baro_tau_s: f64,
-    /// Correlation time of the accelerometer biases, in s.
-    pub acc_tau_s: f64,
-    /// Correlation time of the gyroscope biases, in s.
-    pub gyro_tau_s: f64,
     /// Correlation time of the temporal variation, in s.
     pub fogm_tau_s: f64,
     /// What turns metres into radians and back.
@@ -70,42 +79,14 @@ pub struct InsErrorModel {
 
 impl Default for InsErrorModel {
     fn default() -> Self {
-        Self {
-            init_position_sigma_m: 3.0,
-            init_altitude_sigma_m: 0.001,
-            init_velocity_sigma_mps: 0.01,
-            init_attitude_sigma_deg: 0.01,
-            init_heading_sigma_deg: None,
-            vrw_sigma: 0.000_238,
-            arw_sigma: 0.000_000_581,
-            baro_sigma_m: 1.0,
-            ha_sigma_m: 0.001,
-            a_hat_sigma_mps2: 0.01,
-            acc_sigma_mps2: 0.000_245,
-            gyro_sigma_radps: 0.000_000_007_27,
-            fogm_sigma_nt: 3.0,
-            baro_tau_s: 3600.0,
-            acc_tau_s: 3600.0,
-            gyro_tau_s: 3600.0,
-            fogm_tau_s: 600.0,
-            earth: EarthModel::default(),
-            pinson: PinsonForm::default(),
-            noise: NoiseDiscretisation::default(),
-        }
+        Self::of(InsErrors::default())
     }
 }
 
 /// A parameter that makes no model.
 #[derive(Clone, Debug, Error, PartialEq)]
-#[error("`{name}` is {value}; it must be {need}")]
-pub struct ParameterError {
-    /// The parameter.
-    pub name: &'static str,
-    /// Its value.
-    pub value: f64,
-    /// What it has to be.
-    pub need: &'static str,
-}
+#[error("{}", .0.what)]
+pub struct ParameterError(pub Fault);
 
 /// Why there is no simulation.
 #[derive(Clone, Debug, Error, PartialEq)]
@@ -119,6 +100,18 @@ pub enum InsErrorFault {
 }
 
 impl InsErrorModel {
+    /// The model of these error sources, with MagNav.jl's temporal variation.
+    pub fn of(sources: InsErrors) -> Self {
+        Self {
+            sources,
+            fogm_sigma_nt: 3.0,
+            fogm_tau_s: 600.0,
+            earth: EarthModel::default(),
+            pinson: PinsonForm::default(),
+            noise: NoiseDiscretisation::default(),
+        }
+    }
+
     /// The model with everything as MagNav.jl 1.3.3 computes it: its conversions, its element of
     /// the Pinson matrix, its process noise.
     pub fn compatible() -> Self {
@@ -132,42 +125,17 @@ impl InsErrorModel {
 
     /// Refuses negative or missing uncertainties and time constants that are not positive.
     pub fn check(&self) -> Result<(), ParameterError> {
-        let sigmas = [
-            ("init_position_sigma_m", self.init_position_sigma_m),
-            ("init_altitude_sigma_m", self.init_altitude_sigma_m),
-            ("init_velocity_sigma_mps", self.init_velocity_sigma_mps),
-            ("init_attitude_sigma_deg", self.init_attitude_sigma_deg),
-            ("init_heading_sigma_deg", self.init_heading_sigma_deg.unwrap_or(self.init_attitude_sigma_deg)),
-            ("vrw_sigma", self.vrw_sigma),
-            ("arw_sigma", self.arw_sigma),
-            ("baro_sigma_m", self.baro_sigma_m),
-            ("ha_sigma_m", self.ha_sigma_m),
-            ("a_hat_sigma_mps2", self.a_hat_sigma_mps2),
-            ("acc_sigma_mps2", self.acc_sigma_mps2),
-            ("gyro_sigma_radps", self.gyro_sigma_radps),
-            ("fogm_sigma_nt", self.fogm_sigma_nt),
-        ];
-        let times = [
-            ("baro_tau_s", self.baro_tau_s),
-            ("acc_tau_s", self.acc_tau_s),
-            ("gyro_tau_s", self.gyro_tau_s),
-            ("fogm_tau_s", self.fogm_tau_s),
-        ];
-        for (name, value) in sigmas {
-            require(name, value, "zero or a positive number", value >= 0.0)?;
-        }
-        for (name, value) in times {
-            require(name, value, "a positive number of seconds", value > 0.0)?;
-        }
-        Ok(())
+        self.sources.check().map_err(ParameterError)?;
+        require("fogm_sigma_nt", self.fogm_sigma_nt, Rule::NotNegative)?;
+        require("fogm_tau_s", self.fogm_tau_s, Rule::Positive)
     }
 
     /// The correlation times of the Gauss-Markov states.
     pub fn time_constants(&self) -> TimeConstants {
         TimeConstants {
-            baro_s: self.baro_tau_s,
-            acc_s: self.acc_tau_s,
-            gyro_s: self.gyro_tau_s,
+            baro_s: self.sources.baro_tau_s,
+            acc_s: self.sources.acc_tau_s,
+            gyro_s: self.sources.gyro_tau_s,
             fogm_s: self.fogm_tau_s,
         }
     }
@@ -175,17 +143,18 @@ impl InsErrorModel {
     /// Initial standard deviations of the states at a latitude (rad) and altitude (m).
     pub fn initial_sigmas(&self, lat_rad: f64, alt_m: f64) -> StateVector {
         let mut sigmas = [0.0; STATES];
-        let position_m = self.init_position_sigma_m;
+        let position_m = self.sources.init_position_sigma_m;
         sigmas[LAT] = self.earth.north_m_to_lat_rad(position_m, lat_rad, alt_m);
         sigmas[LON] = self.earth.east_m_to_lon_rad(position_m, lat_rad, alt_m);
-        sigmas[ALT] = self.init_altitude_sigma_m;
-        sigmas[VN..TILT_N].fill(self.init_velocity_sigma_mps);
-        sigmas[TILT_N..ACC].fill(self.init_attitude_sigma_deg.to_radians());
-        sigmas[TILT_D] = self.init_heading_sigma_deg.unwrap_or(self.init_attitude_sigma_deg).to_radians();
-        sigmas[ACC..GYRO].fill(self.acc_sigma_mps2);
-        sigmas[GYRO..HA].fill(self.gyro_sigma_radps);
-        sigmas[HA] = self.ha_sigma_m;
-        sigmas[A_HAT] = self.a_hat_sigma_mps2;
+        sigmas[ALT] = self.sources.init_altitude_sigma_m;
+        sigmas[VN..TILT_N].fill(self.sources.init_velocity_sigma_mps);
+        sigmas[TILT_N..ACC].fill(self.sources.init_attitude_sigma_deg.to_radians());
+        sigmas[TILT_D] =
+            self.sources.init_heading_sigma_deg.unwrap_or(self.sources.init_attitude_sigma_deg).to_radians();
+        sigmas[ACC..GYRO].fill(self.sources.acc_sigma_mps2);
+        sigmas[GYRO..HA].fill(self.sources.gyro_sigma_radps);
+        sigmas[HA] = self.sources.ha_sigma_m;
+        sigmas[A_HAT] = self.sources.a_hat_sigma_mps2;
         sigmas[S] = self.fogm_sigma_nt;
         sigmas
     }
@@ -200,19 +169,19 @@ impl InsErrorModel {
     pub fn noise_density(&self) -> StateVector {
         let of = |sigma: f64, tau_s: f64| GaussMarkov { sigma, tau_s }.noise_density();
         let mut q = [1e-30; STATES];
-        q[VN..TILT_N].fill(self.vrw_sigma * self.vrw_sigma);
-        q[TILT_N..ACC].fill(self.arw_sigma * self.arw_sigma);
-        q[ACC..GYRO].fill(of(self.acc_sigma_mps2, self.acc_tau_s));
-        q[GYRO..HA].fill(of(self.gyro_sigma_radps, self.gyro_tau_s));
-        q[HA] = of(self.baro_sigma_m, self.baro_tau_s);
+        q[VN..TILT_N].fill(self.sources.vrw_sigma * self.sources.vrw_sigma);
+        q[TILT_N..ACC].fill(self.sources.arw_sigma * self.sources.arw_sigma);
+        q[ACC..GYRO].fill(of(self.sources.acc_sigma_mps2, self.sources.acc_tau_s));
+        q[GYRO..HA].fill(of(self.sources.gyro_sigma_radps, self.sources.gyro_tau_s));
+        q[HA] = of(self.sources.baro_sigma_m, self.sources.baro_tau_s);
         q[S] = of(self.fogm_sigma_nt, self.fogm_tau_s);
         q
     }
 }
 
-/// Accepts a finite parameter that satisfies a condition.
-pub(super) fn require(name: &'static str, value: f64, need: &'static str, holds: bool) -> Result<(), ParameterError> {
-    if value.is_finite() && holds { Ok(()) } else { Err(ParameterError { name, value, need }) }
+/// Accepts a parameter that obeys a rule.
+pub(super) fn require(name: &'static str, value: f64, rule: Rule) -> Result<(), ParameterError> {
+    obeys(&value, name, rule).map_err(ParameterError)
 }
 
 /// One realisation of the error states along a true trajectory: what to take off the truth to get

@@ -5,22 +5,30 @@
 
 pub(super) mod lanes;
 
+use params::choice;
+
 use crate::navigation::pinson::{
     A_HAT, ACC, ALT, GYRO, HA, LAT, LON, S, STATES, StateMatrix, StateVector, TILT_D, TILT_E, TILT_N, VD, VE, VN,
 };
 
-/// How the white driving noise becomes the covariance that a step adds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum NoiseDiscretisation {
-    /// q Δt added after the step (MagNav.jl): first order.
-    Rectangular,
-    /// Half of q Δt before the step and half after it: second order, positive semidefinite as it
-    /// stands, at no cost. At 1 s steps the filter's NEES is that of Van Loan's to five digits.
-    #[default]
-    Trapezoidal,
-    /// The integral of Φ(s) Q Φ(s)ᵀ over the step, to rounding; a filter with it takes five times
-    /// as long. [Van Loan 1978]
-    VanLoan,
+choice! {
+    /// How the white driving noise becomes the covariance that a step adds.
+    pub enum NoiseDiscretisation {
+        /// Half of q Δt before the step and half after it: second order, positive semidefinite as it
+        /// stands, at no cost. At 1 s steps the filter's NEES is that of Van Loan's to five digits.
+        Trapezoidal = "trapezoidal",
+        /// q Δt added after the step (MagNav.jl): first order.
+        Rectangular = "rectangular",
+        /// The integral of Φ(s) Q Φ(s)ᵀ over the step, to rounding; a filter with it takes five times
+        /// as long. [Van Loan 1978]
+        VanLoan = "van_loan",
+    }
+}
+
+impl Default for NoiseDiscretisation {
+    fn default() -> Self {
+        Self::Trapezoidal
+    }
 }
 
 /// The states that depend on each other, with the coupled states each depends on.

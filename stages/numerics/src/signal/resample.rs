@@ -19,6 +19,7 @@ pub use angle::{AngleRange, unwrap_degrees};
 pub use anti_alias::{ANTI_ALIAS_FRACTION, ANTI_ALIAS_ORDER, AntiAliasError, anti_alias};
 
 use crate::signal::segments::{TimeError, check_increasing};
+use params::choice;
 
 /// The most rows a grid may have.
 pub const MOST_ROWS: usize = 50_000_000;
@@ -26,17 +27,23 @@ pub const MOST_ROWS: usize = 50_000_000;
 /// What fraction of a step a grid time may be off a sample and still take it as it is.
 const SNAP: f64 = 1e-6;
 
-/// How values between samples are found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Method {
-    /// On the straight line between the samples before and after.
-    #[default]
-    Linear,
-    /// The nearest sample, the earlier of two equally near.
-    Nearest,
-    /// Akima's piecewise cubic: smooth, and without the overshoot of a spline. [Akima 1970, "A new
-    /// method of interpolation and smooth curve fitting based on local procedures", J. ACM 17(4)]
-    Cubic,
+choice! {
+    /// How values between samples are found.
+    pub enum Method {
+        /// On the straight line between the samples before and after.
+        Linear = "linear",
+        /// The nearest sample, the earlier of two equally near.
+        Nearest = "nearest",
+        /// Akima's piecewise cubic: smooth, and without the overshoot of a spline. [Akima 1970, "A new
+        /// method of interpolation and smooth curve fitting based on local procedures", J. ACM 17(4)]
+        Cubic = "cubic",
+    }
+}
+
+impl Default for Method {
+    fn default() -> Self {
+        Self::Linear
+    }
 }
 
 /// What is wrong with a request for resampling.

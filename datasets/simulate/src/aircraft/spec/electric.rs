@@ -1,42 +1,47 @@
 //! What the spec says of the electronics on board: currents, the wires they flow in, voltages, control signals and
 //! the temperature.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector3;
+use schemas::{Chosen, Lists, Rule, params};
 
 use super::{
-    super::super::spec::section::{Need, Section},
+    super::super::spec::{
+        section::Section,
+        variant::{Variant, Varied, variant},
+    },
     source::index_of,
 };
 
 /// A current on board, and its sensor.
 #[derive(Clone, Debug)]
 pub struct Current {
-    /// The column, `cur_*`. Key `name`.
+    /// The column, `cur_*`.
     pub name: String,
-    /// What decides when it is on. Key `kind`, `switched`.
+    /// What decides when it is on.
     pub kind: Kind,
-    /// Amperes while off, and while fully on. Keys `off_a`, 0, and `on_a`.
+    /// Amperes while off, and while fully on.
     pub off_on_a: (f64, f64),
     /// How long it takes to come and to go, linearly, in seconds: for `switched`, `schedule`, `periodic`.
-    /// Key `ramp_s`, 0.
     pub ramp_s: f64,
-    /// White noise of the sensor, in A. Key `noise_a`, 0.
+    /// White noise of the sensor, in A.
     pub noise_a: f64,
-    /// What the sensor reads for an ampere. Key `scale`, 1.
+    /// What the sensor reads for an ampere.
     pub scale: f64,
-    /// Whether there is a sensor: without it the current flows and no column tells. Key `measured`, true.
+    /// Whether there is a sensor: without it the current flows and no column tells.
     pub measured: bool,
 }
 
 /// When a current flows: a level from 0 (off) to 1 (fully on).
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
-    /// On and off at random, both durations exponential. Keys `mean_off_s` and `mean_on_s`, 20.
+    /// On and off at random, both durations exponential.
     Switched {
         /// Mean durations of off and on, in seconds.
         mean_off_on_s: (f64, f64),
     },
-    /// On from `t_on` to `t_off`, in seconds after the flight's start. Key `schedule = [[t_on, t_off], ...]`.
+    /// On from `t_on` to `t_off`, in seconds after the flight's start.
     Schedule {
         /// The times, in order.
         on_off_s: Vec<[f64; 2]>,
@@ -56,12 +61,12 @@ pub enum Kind {
     Engine(Engine),
     /// As the rates of the attitude, in which servos move the control surfaces.
     Servo {
-        /// The shares of the rates of roll, pitch and yaw. Key `axes`, [1, 1, 1].
+        /// The shares of the rates of roll, pitch and yaw.
         axes: Vector3<f64>,
-        /// The rate at which the level is 1, in degrees per second. Key `full_dps`, 20.
+        /// The rate at which the level is 1, in degrees per second.
         full_dps: f64,
         /// Whether the direction of the motion counts, as with a deflected surface's own iron; else the rates'
-        /// magnitudes add up. Key `signed`, false.
+        /// magnitudes add up.
         signed: bool,
     },
     /// As a thermostat's heater.
@@ -73,76 +78,75 @@ pub enum Kind {
 pub struct Engine {
     /// Throttle in level flight at `cruise_mps`, with the cube of the speed. Key `cruise`, 0.5.
     pub cruise: f64,
-    /// The speed that belongs to it, in m/s. Key `cruise_mps`, 60.
+    /// The speed that belongs to it, in m/s.
     pub cruise_mps: f64,
     /// More throttle for a climb of 1 m/s. Key `per_climb_mps`, 0.05.
     pub per_climb_mps: f64,
     /// More throttle for the drag of lift: times the square of the load factor less 1. Key `per_load`, 0.2.
     pub per_load: f64,
-    /// Standard deviation of the throttle's small corrections. Key `ripple`, 0.
+    /// Standard deviation of the throttle's small corrections.
     pub ripple: f64,
-    /// How long a correction lasts, in seconds. Key `ripple_s`, 3.
+    /// How long a correction lasts, in seconds.
     pub ripple_s: f64,
 }
 
 /// A heater that keeps a temperature: on below `keep - band / 2`, off above `keep + band / 2`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thermostat {
-    /// The temperature to keep. Key `keep_degc`, 60.
+    /// The temperature to keep.
     pub keep_degc: f64,
-    /// Width of the band. Key `band_degc`, 2.
+    /// Width of the band.
     pub band_degc: f64,
-    /// How much warmer than the surroundings the heater can make it. Key `power_degc`, 80.
+    /// How much warmer than the surroundings the heater can make it.
     pub power_degc: f64,
-    /// How fast it warms and cools, in seconds. Key `warm_tau_s`, 300.
+    /// How fast it warms and cools, in seconds.
     pub tau_s: f64,
 }
 
 /// A wire that a current flows in: what it gives at a magnetometer is the law of Biot and Savart.
 #[derive(Clone, Debug)]
 pub struct Wire {
-    /// Which of the currents. Key `current`.
+    /// Which of the currents.
     pub current: usize,
-    /// Corners of the wire in the order of the current, in metres: nose, right, down. Key `path`.
+    /// Corners of the wire in the order of the current, in metres: nose, right, down.
     pub path_m: Vec<Vector3<f64>>,
-    /// Whether it goes back from the last to the first. Key `closed`, false.
+    /// Whether it goes back from the last to the first.
     pub closed: bool,
-    /// How many times it goes that way. Key `turns`, 1.
+    /// How many times it goes that way.
     pub turns: f64,
     /// Instead of a path a small coil: its place in metres and its moment in m² (A m² per ampere).
-    /// Keys `place_m` and `moment_m2`.
     pub dipole: Option<(Vector3<f64>, Vector3<f64>)>,
 }
 
 /// A voltage that is recorded: the supply's less what the currents take off.
 #[derive(Clone, Debug)]
 pub struct Voltage {
-    /// The column, `vol_*`. Key `name`.
+    /// The column, `vol_*`.
     pub name: String,
-    /// Volts without load at the flight's start. Key `volts`.
+    /// Volts without load at the flight's start.
     pub volts: f64,
     /// Resistance that each current sees, in ohms. Table `ohm`.
     pub ohm: Vec<(usize, f64)>,
-    /// How much the battery loses in an hour, in volts. Key `discharge_v_per_h`, 0.
+    /// How much the battery loses in an hour, in volts.
     pub discharge_v_per_h: f64,
-    /// White noise of the sensor, in V. Key `noise_v`, 0.
+    /// White noise of the sensor, in V.
     pub noise_v: f64,
 }
 
 /// A control signal that is recorded: `offset + gain * signal`, with noise, rounded to `resolution`.
 #[derive(Clone, Debug)]
 pub struct Input {
-    /// The column. Key `name`.
+    /// The column.
     pub name: String,
-    /// What it tells. Key `kind`.
+    /// What it tells.
     pub signal: Signal,
-    /// Added to it. Key `offset`, 0.
+    /// Added to it.
     pub offset: f64,
-    /// Times the signal. Key `gain`, 1.
+    /// Times the signal.
     pub gain: f64,
-    /// White noise. Key `noise`, 0.
+    /// White noise.
     pub noise: f64,
-    /// Step of the recorded values; 0 is none. Key `resolution`, 0.
+    /// Step of the recorded values; 0 is none.
     pub resolution: f64,
 }
 
@@ -162,184 +166,353 @@ pub enum Signal {
 /// The temperature on board: from the ground's to the one it settles at, and a slow swing about that.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Temperature {
-    /// At the flight's start. Key `start_degc`, 20.
+    /// At the flight's start.
     pub start_degc: f64,
-    /// Later on. Key `settled_degc`, that of the start.
+    /// Later on.
     pub settled_degc: f64,
-    /// How fast it settles, in seconds. Key `tau_s`, 1200.
+    /// How fast it settles, in seconds.
     pub tau_s: f64,
-    /// Amplitude of the swing. Key `swing_degc`, 0.
+    /// Amplitude of the swing.
     pub swing_degc: f64,
-    /// Period of the swing, in seconds. Key `swing_s`, 900.
+    /// Period of the swing, in seconds.
     pub swing_s: f64,
-    /// Where sensors are calibrated. Key `reference_degc`, 20.
+    /// Where sensors are calibrated.
     pub reference_degc: f64,
 }
 
-const KINDS: [&str; 7] = ["switched", "schedule", "periodic", "steady", "engine", "servo", "heater"];
+impl Varied for Kind {
+    const DEFAULT: &'static str = "switched";
+}
 
-pub(super) fn current(s: &Section) -> Current {
-    let name = s.text("name");
-    if !name.is_empty() && !name.starts_with("cur_") {
-        s.fault_at("name", format!("a current is called `cur_...`, not `{name}`"));
-    }
-    let kind = match s.word("kind", &KINDS) {
-        0 => Kind::Switched {
-            mean_off_on_s: (s.number("mean_off_s", 20.0, Need::Positive), s.number("mean_on_s", 20.0, Need::Positive)),
-        },
-        1 => Kind::Schedule { on_off_s: schedule(s) },
-        2 => periodic(s),
-        3 => Kind::Steady,
-        4 => Kind::Engine(engine(s)),
-        5 => Kind::Servo {
-            axes: s.vector("axes").map_or(Vector3::repeat(1.0), Vector3::from),
-            full_dps: s.number("full_dps", 20.0, Need::Positive),
-            signed: s.flag("signed", false),
-        },
-        _ => Kind::Heater(Thermostat {
-            keep_degc: s.number("keep_degc", 60.0, Need::Any),
-            band_degc: s.number("band_degc", 2.0, Need::Positive),
-            power_degc: s.number("power_degc", 80.0, Need::Positive),
-            tau_s: s.number("warm_tau_s", 300.0, Need::Positive),
-        }),
+variant! {
+    /// On and off at random, both durations exponential.
+    SWITCHED: Kind = "switched", |keys| Kind::Switched { mean_off_on_s: (keys.mean_off_s, keys.mean_on_s) };
+    struct SwitchedKeys;
+    /// Mean duration of off.
+    mean_off_s: f64, unit "s", default 20.0, rule Rule::Positive;
+    /// Mean duration of on.
+    mean_on_s: f64, unit "s", default 20.0, rule Rule::Positive;
+}
+
+variant! {
+    /// On from `t_on` to `t_off`, in seconds after the flight's start.
+    SCHEDULE: Kind = "schedule", |keys| Kind::Schedule { on_off_s: keys.schedule };
+    struct ScheduleKeys;
+    /// The times, in order: `[[t_on, t_off], ...]`.
+    schedule: Vec<[f64; 2]>, unit "s", rule Rule::Finite;
+}
+
+variant! {
+    /// On for `for_s` every `every_s`, such as a strobe.
+    PERIODIC: Kind = "periodic",
+    |keys| Kind::Periodic { every_s: keys.every_s, for_s: keys.for_s, first_s: keys.first_s };
+    struct PeriodicKeys;
+    /// From one beginning to the next.
+    every_s: f64, unit "s", rule Rule::Positive;
+    /// How long it is on.
+    for_s: f64, unit "s", rule Rule::Positive;
+    /// The first beginning, after the flight's start.
+    first_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
+}
+
+variant! {
+    /// Always on.
+    STEADY: Kind = "steady", |_| Kind::Steady;
+    struct SteadyKeys;
+}
+
+variant! {
+    /// As the engine's throttle: what holds the speed and the climb, between 0 and 1.
+    ENGINE: Kind = "engine", |keys| {
+        let EngineKeys { cruise, cruise_mps, per_climb_mps, per_load, ripple, ripple_s } = keys;
+        Kind::Engine(Engine { cruise, cruise_mps, per_climb_mps, per_load, ripple, ripple_s })
     };
-    let current = Current {
-        name,
-        kind,
-        off_on_a: (s.number("off_a", 0.0, Need::Any), s.needed("on_a", Need::Any)),
-        ramp_s: s.number("ramp_s", 0.0, Need::NotNegative),
-        noise_a: s.number("noise_a", 0.0, Need::NotNegative),
-        scale: s.number("scale", 1.0, Need::Any),
-        measured: s.flag("measured", true),
+    struct EngineKeys;
+    /// Throttle in level flight at `cruise_mps`, with the cube of the speed.
+    cruise: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
+    /// The speed that belongs to it.
+    cruise_mps: f64, unit "m/s", default 60.0, rule Rule::Positive;
+    /// More throttle for a climb of 1 m/s.
+    per_climb_mps: f64, unit "1", default 0.05, rule Rule::NotNegative;
+    /// More throttle for the drag of lift: times the square of the load factor less 1.
+    per_load: f64, unit "1", default 0.2, rule Rule::NotNegative;
+    /// Standard deviation of the throttle's small corrections.
+    ripple: f64, unit "1", default 0.0, rule Rule::NotNegative;
+    /// How long a correction lasts.
+    ripple_s: f64, unit "s", default 3.0, rule Rule::Positive;
+}
+
+variant! {
+    /// As the rates of the attitude, in which servos move the control surfaces.
+    SERVO: Kind = "servo", |keys| {
+        Kind::Servo { axes: Vector3::from(keys.axes), full_dps: keys.full_dps, signed: keys.signed }
     };
-    s.finish();
-    current
+    struct ServoKeys;
+    /// How much each of roll, pitch and yaw counts.
+    axes: [f64; 3], unit "1", default [1.0; 3], rule Rule::Finite;
+    /// The rate at which the level is 1.
+    full_dps: f64, unit "deg/s", default 20.0, rule Rule::Positive;
+    /// Whether the direction of the motion counts, as with a deflected surface's own iron; else the magnitudes of the
+    /// rates add up.
+    signed: bool, unit "", default false;
 }
 
-fn schedule(s: &Section) -> Vec<[f64; 2]> {
-    let Some(on_off_s) = s.rows("schedule") else {
-        s.fault("`currents` of kind `schedule` needs `schedule`, a list of [on, off] in seconds".to_owned());
-        return vec![];
+variant! {
+    /// As a thermostat's heater: on below `keep - band / 2`, off above `keep + band / 2`.
+    HEATER: Kind = "heater", |keys| {
+        let HeaterKeys { keep_degc, band_degc, power_degc, warm_tau_s } = keys;
+        Kind::Heater(Thermostat { keep_degc, band_degc, power_degc, tau_s: warm_tau_s })
     };
-    let times: Vec<f64> = on_off_s.iter().flatten().copied().collect();
-    if times.windows(2).any(|w| w[0] > w[1]) {
-        s.fault_at("schedule", "the times of `schedule` must not go back".to_owned());
-    }
-    on_off_s
+    struct HeaterKeys;
+    /// The temperature to keep.
+    keep_degc: f64, unit "degC", default 60.0, rule Rule::Finite;
+    /// Width of the band.
+    band_degc: f64, unit "degC", default 2.0, rule Rule::Positive;
+    /// How much warmer than the surroundings the heater can make it.
+    power_degc: f64, unit "degC", default 80.0, rule Rule::Positive;
+    /// How fast it warms and cools.
+    warm_tau_s: f64, unit "s", default 300.0, rule Rule::Positive;
 }
 
-fn periodic(s: &Section) -> Kind {
-    let every_s = s.needed("every_s", Need::Positive);
-    let for_s = s.needed("for_s", Need::Positive);
-    if for_s > every_s {
-        s.fault_at("for_s", format!("it cannot be on for {for_s} s every {every_s} s"));
-    }
-    Kind::Periodic { every_s, for_s, first_s: s.number("first_s", 0.0, Need::NotNegative) }
+params! {
+    /// A table of `currents`: a current on board, and its sensor.
+    pub struct CurrentKeys;
+    /// The column, `cur_*`.
+    name: String, unit "";
+    /// What decides when it is on.
+    kind: Chosen<Variant<Kind>>, unit "";
+    /// Amperes while off.
+    off_a: f64, unit "A", default 0.0, rule Rule::Finite;
+    /// Amperes while fully on.
+    on_a: f64, unit "A", rule Rule::Finite;
+    /// How long it takes to come and to go, linearly: for `switched`, `schedule`, `periodic`.
+    ramp_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
+    /// White noise of the sensor.
+    noise_a: f64, unit "A", default 0.0, rule Rule::NotNegative;
+    /// What the sensor reads for an ampere.
+    scale: f64, unit "1", default 1.0, rule Rule::Finite;
+    /// Whether there is a sensor: without it the current flows and no column holds it.
+    measured: bool, unit "", default true;
 }
 
-fn engine(s: &Section) -> Engine {
-    Engine {
-        cruise: s.number("cruise", 0.5, Need::Between(0.0, 1.0)),
-        cruise_mps: s.number("cruise_mps", 60.0, Need::Positive),
-        per_climb_mps: s.number("per_climb_mps", 0.05, Need::NotNegative),
-        per_load: s.number("per_load", 0.2, Need::NotNegative),
-        ripple: s.number("ripple", 0.0, Need::NotNegative),
-        ripple_s: s.number("ripple_s", 3.0, Need::Positive),
-    }
+/// What a current can be.
+pub(in super::super::super) fn kinds() -> Lists {
+    Lists::default().with(vec![&SWITCHED, &SCHEDULE, &PERIODIC, &STEADY, &ENGINE, &SERVO, &HEATER])
 }
 
-/// The current that `key` names; a name that is wrong is a fault.
-fn current_of(s: &Section, key: &'static str, currents: &[Current]) -> usize {
-    let name = s.text(key);
-    index_of(currents, &name).unwrap_or_else(|fault| {
-        if !name.is_empty() {
-            s.push_at(key, fault);
+pub(super) fn current(s: &Section) -> Option<Current> {
+    let keys: CurrentKeys = s.group_of(None, &kinds())?;
+    s.refuse_foreign(&keys.kind);
+    if !keys.name.starts_with("cur_") {
+        s.fault_at("name", format!("a current is called `cur_...`, not `{}`", keys.name));
+    }
+    match &*keys.kind.keys {
+        Kind::Schedule { on_off_s } => {
+            let times: Vec<f64> = on_off_s.iter().flatten().copied().collect();
+            if times.windows(2).any(|w| w[0] > w[1]) {
+                s.fault_at("schedule", "the times of `schedule` must not go back".to_owned());
+            }
         }
-        0
+        Kind::Periodic { every_s, for_s, .. } if for_s > every_s => {
+            s.fault_at("for_s", format!("it cannot be on for {for_s} s every {every_s} s"));
+        }
+        Kind::Switched { .. }
+        | Kind::Periodic { .. }
+        | Kind::Steady
+        | Kind::Engine(_)
+        | Kind::Servo { .. }
+        | Kind::Heater(_) => {}
+    }
+    Some(Current {
+        kind: Kind::clone(&keys.kind.keys),
+        name: keys.name,
+        off_on_a: (keys.off_a, keys.on_a),
+        ramp_s: keys.ramp_s,
+        noise_a: keys.noise_a,
+        scale: keys.scale,
+        measured: keys.measured,
     })
 }
 
-pub(super) fn wire(s: &Section, currents: &[Current]) -> Wire {
-    let current = current_of(s, "current", currents);
-    let path_m: Vec<Vector3<f64>> = s.rows("path").unwrap_or_default().into_iter().map(Vector3::from).collect();
-    let dipole = s.vector("place_m").zip(s.vector("moment_m2")).map(|(p, m)| (Vector3::from(p), Vector3::from(m)));
+/// The current called `name`, which `key` names; a name that is wrong is a fault.
+fn current_of(s: &Section, key: &'static str, name: &str, currents: &[Current]) -> Option<usize> {
+    index_of(currents, name).map_err(|fault| s.push_at(key, fault)).ok()
+}
+
+params! {
+    /// A table of `wires`: a wire that a current flows in. What it gives at a magnetometer is the law of Biot and Savart.
+    pub struct WireKeys;
+    /// Which of the currents.
+    current: String, unit "";
+    /// Corners of the wire in the order of the current: nose, right, down.
+    path: Option<Vec<[f64; 3]>>, unit "m", absent "a small coil, `place_m` and `moment_m2`", rule Rule::Finite;
+    /// Whether it goes back from the last to the first.
+    closed: bool, unit "", default false;
+    /// How many times it goes that way.
+    turns: f64, unit "1", default 1.0, rule Rule::Finite;
+    /// The position of a small coil, in place of a path.
+    place_m: Option<[f64; 3]>, unit "m", absent "a `path`", rule Rule::Finite;
+    /// The moment of the coil, in A m² per ampere.
+    moment_m2: Option<[f64; 3]>, unit "m2", absent "a `path`", rule Rule::Finite;
+}
+
+pub(super) fn wire(s: &Section, currents: &[Current]) -> Option<Wire> {
+    let keys: WireKeys = s.group(None)?;
+    let path_m: Vec<Vector3<f64>> = keys.path.unwrap_or_default().into_iter().map(Vector3::from).collect();
+    let dipole = keys.place_m.zip(keys.moment_m2).map(|(p, m)| (Vector3::from(p), Vector3::from(m)));
     if (path_m.len() < 2) == dipole.is_none() {
         s.fault("a wire needs either a `path` of two corners or more, or `place_m` and `moment_m2`".to_owned());
     }
-    let (closed, turns) = (s.flag("closed", false), s.number("turns", 1.0, Need::Any));
-    s.finish();
-    Wire { current, path_m, closed, turns, dipole }
+    let current = current_of(s, "current", &keys.current, currents)?;
+    Some(Wire { current, path_m, closed: keys.closed, turns: keys.turns, dipole })
 }
 
-pub(super) fn voltage(s: &Section, currents: &[Current]) -> Voltage {
-    let name = s.text("name");
-    if !name.is_empty() && !name.starts_with("vol_") {
-        s.fault_at("name", format!("a voltage is called `vol_...`, not `{name}`"));
+params! {
+    /// A table of `voltages`: a voltage that is recorded, the supply's less what the currents take off.
+    pub struct VoltageKeys;
+    /// The column, `vol_*`.
+    name: String, unit "";
+    /// Volts without load at the flight's start.
+    volts: f64, unit "V", rule Rule::Finite;
+    /// Resistance in ohms that each current sees, by the names of currents.
+    ohm: Option<BTreeMap<String, f64>>, unit "", absent "no current takes anything off", rule Rule::Finite;
+    /// How much the battery loses in an hour.
+    discharge_v_per_h: f64, unit "V", default 0.0, rule Rule::Finite;
+    /// White noise of the sensor.
+    noise_v: f64, unit "V", default 0.0, rule Rule::NotNegative;
+}
+
+pub(super) fn voltage(s: &Section, currents: &[Current]) -> Option<Voltage> {
+    let keys: VoltageKeys = s.group(None)?;
+    if !keys.name.starts_with("vol_") {
+        s.fault_at("name", format!("a voltage is called `vol_...`, not `{}`", keys.name));
     }
     let mut ohm = vec![];
-    for (current, value, at) in s.section("ohm").map(|o| o.entries()).unwrap_or_default() {
+    for (current, value) in keys.ohm.unwrap_or_default() {
         match index_of(currents, &current) {
             Ok(index) => ohm.push((index, value)),
-            Err(fault) => s.push(fault.at(at)),
+            Err(fault) => s.push(fault.at(s.key_at("ohm", &current))),
         }
     }
-    let voltage = Voltage {
-        name,
-        volts: s.needed("volts", Need::Any),
-        ohm,
-        discharge_v_per_h: s.number("discharge_v_per_h", 0.0, Need::Any),
-        noise_v: s.number("noise_v", 0.0, Need::NotNegative),
-    };
-    s.finish();
-    voltage
+    let VoltageKeys { name, volts, discharge_v_per_h, noise_v, .. } = keys;
+    Some(Voltage { name, volts, ohm, discharge_v_per_h, noise_v })
 }
 
-const SIGNALS: [&str; 6] = ["current", "aileron", "elevator", "rudder", "speed", "temperature"];
+/// What a control signal tells, the current by its name.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Told {
+    /// The level of a current.
+    Level(String),
+    /// What needs no name.
+    Other(Signal),
+}
 
-pub(super) fn input(s: &Section, currents: &[Current]) -> Input {
-    let name = s.text("name");
-    let described = schemas::flight::describe(&name);
-    if !name.is_empty() && (!described.description.is_empty() || described.role != schemas::Role::Aux) {
-        s.fault_at("name", format!("`{name}` is the name of another column"));
+impl Varied for Told {
+    const DEFAULT: &'static str = "current";
+}
+
+variant! {
+    /// The level of a current, 0 to 1, such as the throttle.
+    LEVEL: Told = "current", |keys| Told::Level(keys.of);
+    struct LevelKeys;
+    /// Which of the currents.
+    of: String, unit "";
+}
+
+variant! {
+    /// Rate of roll, in degrees per second.
+    AILERON: Told = "aileron", |_| Told::Other(Signal::Rate(0));
+    struct AileronKeys;
+}
+
+variant! {
+    /// Rate of pitch, in degrees per second.
+    ELEVATOR: Told = "elevator", |_| Told::Other(Signal::Rate(1));
+    struct ElevatorKeys;
+}
+
+variant! {
+    /// Rate of yaw, in degrees per second.
+    RUDDER: Told = "rudder", |_| Told::Other(Signal::Rate(2));
+    struct RudderKeys;
+}
+
+variant! {
+    /// Speed, in m/s.
+    SPEED: Told = "speed", |_| Told::Other(Signal::Speed);
+    struct SpeedKeys;
+}
+
+variant! {
+    /// Temperature on board, in degrees Celsius.
+    TEMPERATURE: Told = "temperature", |_| Told::Other(Signal::Temperature);
+    struct TemperatureSignalKeys;
+}
+
+/// What a control signal can be.
+pub(in super::super::super) fn signals() -> Lists {
+    Lists::default().with(vec![&LEVEL, &AILERON, &ELEVATOR, &RUDDER, &SPEED, &TEMPERATURE])
+}
+
+params! {
+    /// A table of `inputs`: a control signal that is recorded, `offset + gain * signal`, with noise, rounded to
+    /// `resolution`.
+    pub struct InputKeys;
+    /// The column.
+    name: String, unit "";
+    /// What it tells.
+    kind: Chosen<Variant<Told>>, unit "";
+    /// Added to it.
+    offset: f64, unit "", default 0.0, rule Rule::Finite;
+    /// Times the signal.
+    gain: f64, unit "1", default 1.0, rule Rule::Finite;
+    /// White noise.
+    noise: f64, unit "", default 0.0, rule Rule::NotNegative;
+    /// Step of the recorded values; 0 is none.
+    resolution: f64, unit "", default 0.0, rule Rule::NotNegative;
+}
+
+pub(super) fn input(s: &Section, currents: &[Current]) -> Option<Input> {
+    let keys: InputKeys = s.group_of(None, &signals())?;
+    s.refuse_foreign(&keys.kind);
+    let described = schemas::flight::describe(&keys.name);
+    if !described.description.is_empty() || described.role != schemas::Role::Aux {
+        s.fault_at("name", format!("`{}` is the name of another column", keys.name));
     }
-    let signal = match s.word("kind", &SIGNALS) {
-        0 => Signal::Level(current_of(s, "of", currents)),
-        axis @ 1..=3 => Signal::Rate(axis - 1),
-        4 => Signal::Speed,
-        _ => Signal::Temperature,
+    let signal = match &*keys.kind.keys {
+        Told::Level(of) => Signal::Level(current_of(s, "of", of, currents)?),
+        Told::Other(signal) => signal.clone(),
     };
-    let input = Input {
-        name,
-        signal,
-        offset: s.number("offset", 0.0, Need::Any),
-        gain: s.number("gain", 1.0, Need::Any),
-        noise: s.number("noise", 0.0, Need::NotNegative),
-        resolution: s.number("resolution", 0.0, Need::NotNegative),
-    };
-    s.finish();
-    input
+    let InputKeys { name, offset, gain, noise, resolution, .. } = keys;
+    Some(Input { name, signal, offset, gain, noise, resolution })
+}
+
+params! {
+    /// The table `temperature`: the temperature on board, from the ground's to the one it settles at, and a slow swing
+    /// about that.
+    pub struct TemperatureKeys, all default;
+    /// At the flight's start.
+    start_degc: f64, unit "degC", default 20.0, rule Rule::Between(-90.0, 90.0);
+    /// Later on.
+    settled_degc: Option<f64>, unit "degC", default None, absent "that of the start", rule Rule::Between(-90.0, 90.0);
+    /// How fast it settles.
+    tau_s: f64, unit "s", default 1200.0, rule Rule::Positive;
+    /// Amplitude of the swing.
+    swing_degc: f64, unit "degC", default 0.0, rule Rule::NotNegative;
+    /// Period of the swing.
+    swing_s: f64, unit "s", default 900.0, rule Rule::Positive;
+    /// Where sensors are calibrated.
+    reference_degc: f64, unit "degC", default 20.0, rule Rule::Between(-90.0, 90.0);
 }
 
 pub(super) fn temperature(root: &Section) -> Temperature {
-    let Some(s) = root.section("temperature") else {
-        return Temperature {
-            start_degc: 20.0,
-            settled_degc: 20.0,
-            tau_s: 1200.0,
-            swing_degc: 0.0,
-            swing_s: 900.0,
-            reference_degc: 20.0,
-        };
-    };
-    let start_degc = s.number("start_degc", 20.0, Need::Between(-90.0, 90.0));
-    let temperature = Temperature {
-        start_degc,
-        settled_degc: s.number("settled_degc", start_degc, Need::Between(-90.0, 90.0)),
-        tau_s: s.number("tau_s", 1200.0, Need::Positive),
-        swing_degc: s.number("swing_degc", 0.0, Need::NotNegative),
-        swing_s: s.number("swing_s", 900.0, Need::Positive),
-        reference_degc: s.number("reference_degc", 20.0, Need::Between(-90.0, 90.0)),
-    };
-    s.finish();
-    temperature
+    let keys: TemperatureKeys = root.section("temperature").and_then(|s| s.group(None)).unwrap_or_default();
+    Temperature {
+        start_degc: keys.start_degc,
+        settled_degc: keys.settled_degc.unwrap_or(keys.start_degc),
+        tau_s: keys.tau_s,
+        swing_degc: keys.swing_degc,
+        swing_s: keys.swing_s,
+        reference_degc: keys.reference_degc,
+    }
 }

@@ -2,44 +2,39 @@
 
 use nalgebra::Vector3;
 use numerics::signal::gauss_markov::GaussMarkov;
+use schemas::{Nested, Rule, choice, params};
 
 use super::{
-    super::super::spec::{
-        gauss_markov,
-        section::{Need, Section},
-    },
+    super::super::spec::section::Section,
     Current, Source,
-    source::source,
+    source::{SourceKeys, source},
 };
 
 /// A scalar magnetometer: it reads the exact magnitude of the field, and its own errors.
 #[derive(Clone, Debug)]
 pub struct Scalar {
-    /// The column, `mag_N_uc` or `mag_1_c`. Key `name`.
+    /// The column, `mag_N_uc` or `mag_1_c`.
     pub name: String,
     /// The aircraft's field there.
     pub source: Source,
-    /// White noise, in nT. Key `noise_nt`, 0.
+    /// White noise, in nT.
     pub noise_nt: f64,
-    /// Its own slow drift. Table `drift` with `sigma_nt` and `tau_s` (600).
+    /// Its own slow drift.
     pub drift: Option<GaussMarkov>,
-    /// How its reading depends on where the field comes from. Keys `heading_nt`, 0, and `axis`.
+    /// How its reading depends on where the field comes from.
     pub heading: Heading,
     /// It reads nothing while the field is nearer to the optical axis than this, in degrees.
-    /// Key `dead_polar_deg`, 0.
     pub dead_polar_deg: f64,
     /// It reads nothing while the field is nearer to the plane across the optical axis than this, in degrees.
-    /// Key `dead_equatorial_deg`, 0.
     pub dead_equatorial_deg: f64,
     /// Bursts in which it reads nothing: from one's end to the next and how long, means of exponential
-    /// distributions in seconds. Table `dropouts` with `mean_s` and `for_s` (1).
+    /// distributions in seconds.
     pub dropouts: Option<(f64, f64)>,
-    /// What is recorded while it reads nothing: NaN, or 0 as some recorders write. Key `lost`, `nan` or `zero`.
+    /// What is recorded while it reads nothing: NaN, or 0 as some recorders write.
     pub lost_is_zero: bool,
     /// Single wrong samples: mean time between them in seconds, and their standard deviation in nT.
-    /// Table `spikes` with `mean_s` and `sigma_nt`.
     pub spikes: Option<(f64, f64)>,
-    /// Step of its readings, in nT; 0 is none. Key `resolution_nt`, 0.
+    /// Step of its readings, in nT; 0 is none.
     pub resolution_nt: f64,
     /// When it reads.
     pub sampling: Sampling,
@@ -51,7 +46,7 @@ pub struct Scalar {
 pub struct Heading {
     /// The largest error, in nT: 0.15 for a split-beam caesium magnetometer, 30 for a small single-beam one.
     pub amplitude_nt: f64,
-    /// Direction of the light in the body frame, of length 1. Key `axis`, half to the right and half down.
+    /// Direction of the light in the body frame, of length 1.
     pub axis: Vector3<f64>,
 }
 
@@ -61,111 +56,194 @@ pub struct Heading {
 /// recorder does or as processing does afterwards. A sensor that is as fast as the table is read at its times.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Sampling {
-    /// Readings a second. Key `rate_hz`, the table's.
+    /// Readings a second.
     pub rate_hz: Option<f64>,
-    /// How old what it reads is, in seconds. Key `lag_s`, 0.
+    /// How old what it reads is, in seconds.
     pub lag_s: f64,
-    /// Whether the last reading is held. Key `hold`, false.
+    /// Whether the last reading is held.
     pub hold: bool,
 }
 
 /// A vector magnetometer, such as a fluxgate.
 #[derive(Clone, Debug)]
 pub struct Vector {
-    /// The columns without `_x`, `_y`, `_z`. Key `name`.
+    /// The columns without `_x`, `_y`, `_z`.
     pub name: String,
     /// The aircraft's field there.
     pub source: Source,
-    /// White noise of each axis, in nT. Key `noise_nt`, 0.
+    /// White noise of each axis, in nT.
     pub noise_nt: f64,
-    /// Standard deviation of each axis' offset, in nT. Key `offset_nt`, 0.
+    /// Standard deviation of each axis' offset, in nT.
     pub offset_nt: f64,
-    /// Standard deviation of each axis' relative scale error. Key `scale`, 0.
+    /// Standard deviation of each axis' relative scale error.
     pub scale: f64,
     /// Standard deviation of the three angles by which the axes are not square, in degrees.
-    /// Key `non_orthogonal_deg`, 0.
     pub non_orthogonal_deg: f64,
     /// Standard deviation of the three angles by which it is turned against the body, in degrees.
-    /// Key `misaligned_deg`, 0.
     pub misaligned_deg: f64,
     /// Standard deviation of each axis' drift with the temperature, in nT per degree from the reference.
-    /// Key `temperature_nt_per_degc`, 0.
     pub temperature_nt_per_degc: f64,
-    /// The slow drift of each axis. Table `drift` with `sigma_nt` and `tau_s` (600).
+    /// The slow drift of each axis.
     pub drift: Option<GaussMarkov>,
-    /// Step of its readings, in nT; 0 is none. Key `resolution_nt`, 0.
+    /// Step of its readings, in nT; 0 is none.
     pub resolution_nt: f64,
     /// When it reads.
     pub sampling: Sampling,
 }
 
-pub(super) fn scalar(s: &Section, currents: &[Current]) -> Scalar {
-    let name = s.text("name");
-    let known = schemas::flight::describe(&name);
-    if !name.is_empty() && (known.unit != "nT" || !name.starts_with("mag_")) {
-        s.fault_at("name", format!("a scalar magnetometer is called `mag_N_uc` or `mag_1_c`, not `{name}`"));
-    }
-    let sensor = Scalar {
-        name,
-        source: source(s, currents),
-        noise_nt: s.number("noise_nt", 0.0, Need::NotNegative),
-        drift: s.section("drift").and_then(|d| gauss_markov(&d, "sigma_nt", "tau_s", 600.0)),
-        heading: heading(s),
-        dead_polar_deg: s.number("dead_polar_deg", 0.0, Need::Between(0.0, 90.0)),
-        dead_equatorial_deg: s.number("dead_equatorial_deg", 0.0, Need::Between(0.0, 90.0)),
-        dropouts: bursts(s, "dropouts", |d| d.number("for_s", 1.0, Need::Positive)),
-        lost_is_zero: s.word("lost", &["nan", "zero"]) == 1,
-        spikes: bursts(s, "spikes", |d| d.needed("sigma_nt", Need::NotNegative)),
-        resolution_nt: s.number("resolution_nt", 0.0, Need::NotNegative),
-        sampling: sampling(s),
-    };
-    s.finish();
-    sensor
+params! {
+    /// A drift as a Gauss-Markov process.
+    pub struct DriftKeys;
+    /// Standard deviation.
+    sigma_nt: f64, unit "nT", rule Rule::NotNegative;
+    /// Correlation time.
+    tau_s: f64, unit "s", default 600.0, rule Rule::Positive;
 }
 
-fn heading(s: &Section) -> Heading {
-    let amplitude_nt = s.number("heading_nt", 0.0, Need::NotNegative);
-    let axis = s.vector("axis").map_or(Vector3::new(0.0, 1.0, 1.0), Vector3::from);
+params! {
+    /// Bursts in which a sensor reads nothing; both times are means of exponential distributions.
+    pub struct DropoutKeys;
+    /// From the end of one to the next.
+    mean_s: f64, unit "s", rule Rule::Positive;
+    /// How long one lasts.
+    for_s: f64, unit "s", default 1.0, rule Rule::Positive;
+}
+
+params! {
+    /// Single wrong samples.
+    pub struct SpikeKeys;
+    /// Mean time between them.
+    mean_s: f64, unit "s", rule Rule::Positive;
+    /// Standard deviation.
+    sigma_nt: f64, unit "nT", rule Rule::NotNegative;
+}
+
+choice! {
+    /// What is recorded while a sensor reads nothing.
+    pub enum Lost {
+        /// NaN.
+        Nan = "nan",
+        /// 0, as some recorders write.
+        Zero = "zero",
+    }
+}
+
+params! {
+    /// When a sensor reads: at its own rate where that is below the table's, and late.
+    pub struct SamplingKeys;
+    /// Readings a second.
+    rate_hz: Option<f64>, unit "Hz", absent "that of the table", rule Rule::Positive;
+    /// How old what it reads is.
+    lag_s: f64, unit "s", default 0.0, rule Rule::Between(0.0, 60.0);
+    /// Whether the last reading is held between its own readings, else the straight line from one to the next.
+    hold: bool, unit "", default false;
+}
+
+impl SamplingKeys {
+    fn sampling(&self) -> Sampling {
+        Sampling { rate_hz: self.rate_hz, lag_s: self.lag_s, hold: self.hold }
+    }
+}
+
+params! {
+    /// A table of `magnetometers`: a scalar magnetometer. It reads the exact magnitude of the field, and its own errors.
+    pub struct ScalarKeys, groups [source: SourceKeys, sampling: SamplingKeys];
+    /// The column, `mag_N_uc` or `mag_1_c`.
+    name: String, unit "";
+    /// White noise.
+    noise_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+    /// Its own slow drift.
+    drift: Option<Nested<DriftKeys>>, unit "", absent "none";
+    /// Heading error, the largest over all headings: 0.15 for a split-beam caesium magnetometer, 30 for a small
+    /// single-beam one.
+    heading_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+    /// The optical axis in the body frame: direction of the light, of any length.
+    axis: [f64; 3], unit "1", default [0.0, 1.0, 1.0], rule Rule::Finite;
+    /// It reads nothing while the field is nearer to the optical axis than this.
+    dead_polar_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 90.0);
+    /// It reads nothing while the field is nearer to the plane across the optical axis than this.
+    dead_equatorial_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 90.0);
+    /// Bursts in which it reads nothing.
+    dropouts: Option<Nested<DropoutKeys>>, unit "", absent "none";
+    /// What is recorded while it reads nothing.
+    lost: Lost, unit "", default Lost::Nan;
+    /// Single wrong samples.
+    spikes: Option<Nested<SpikeKeys>>, unit "", absent "none";
+    /// Step of its readings; 0 is none.
+    resolution_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+}
+
+params! {
+    /// A table of `vector_magnetometers`: a vector magnetometer, such as a fluxgate.
+    pub struct VectorKeys, groups [source: SourceKeys, sampling: SamplingKeys];
+    /// The columns without `_x`, `_y`, `_z`: `flux_X`.
+    name: String, unit "";
+    /// White noise of each axis.
+    noise_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+    /// Standard deviation of each axis' offset.
+    offset_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+    /// Standard deviation of each axis' relative scale error.
+    scale: f64, unit "1", default 0.0, rule Rule::Between(0.0, 0.5);
+    /// Standard deviation of the three angles by which the axes are not square.
+    non_orthogonal_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 10.0);
+    /// Standard deviation of the three angles by which it is turned against the body.
+    misaligned_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 30.0);
+    /// Standard deviation of each axis' drift with the temperature, per degree from the reference.
+    temperature_nt_per_degc: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+    /// The slow drift of each axis.
+    drift: Option<Nested<DriftKeys>>, unit "", absent "none";
+    /// Step of its readings; 0 is none.
+    resolution_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+}
+
+fn drift(keys: Option<Nested<DriftKeys>>) -> Option<GaussMarkov> {
+    let process = keys.map(|Nested(keys)| GaussMarkov { sigma: keys.sigma_nt, tau_s: keys.tau_s });
+    process.filter(|process| process.sigma > 0.0)
+}
+
+pub(super) fn scalar(s: &Section, currents: &[Current]) -> Option<Scalar> {
+    let keys: ScalarKeys = s.group(None)?;
+    let known = schemas::flight::describe(&keys.name);
+    if known.unit != "nT" || !keys.name.starts_with("mag_") {
+        s.fault_at("name", format!("a scalar magnetometer is called `mag_N_uc` or `mag_1_c`, not `{}`", keys.name));
+    }
+    let axis = Vector3::from(keys.axis);
     if axis.norm() < 1e-9 {
         s.fault_at("axis", "`axis` has no direction".to_owned());
-        return Heading { amplitude_nt, axis: Vector3::z() };
     }
-    Heading { amplitude_nt, axis: axis.normalize() }
+    let heading = Heading { amplitude_nt: keys.heading_nt, axis: axis.try_normalize(1e-9).unwrap_or(Vector3::z()) };
+    Some(Scalar {
+        source: source(s, keys.source, currents),
+        sampling: keys.sampling.sampling(),
+        name: keys.name,
+        noise_nt: keys.noise_nt,
+        drift: drift(keys.drift),
+        heading,
+        dead_polar_deg: keys.dead_polar_deg,
+        dead_equatorial_deg: keys.dead_equatorial_deg,
+        dropouts: keys.dropouts.map(|Nested(d)| (d.mean_s, d.for_s)),
+        lost_is_zero: keys.lost == Lost::Zero,
+        spikes: keys.spikes.map(|Nested(d)| (d.mean_s, d.sigma_nt)),
+        resolution_nt: keys.resolution_nt,
+    })
 }
 
-fn bursts(s: &Section, key: &'static str, second: impl Fn(&Section) -> f64) -> Option<(f64, f64)> {
-    let table = s.section(key)?;
-    let found = (table.needed("mean_s", Need::Positive), second(&table));
-    table.finish();
-    Some(found)
-}
-
-fn sampling(s: &Section) -> Sampling {
-    Sampling {
-        rate_hz: s.optional("rate_hz", Need::Positive),
-        lag_s: s.number("lag_s", 0.0, Need::Between(0.0, 60.0)),
-        hold: s.flag("hold", false),
+pub(super) fn vector(s: &Section, currents: &[Current]) -> Option<Vector> {
+    let keys: VectorKeys = s.group(None)?;
+    if keys.name.strip_prefix("flux_").is_none_or(str::is_empty) {
+        s.fault_at("name", format!("a vector magnetometer is called `flux_X`, not `{}`", keys.name));
     }
-}
-
-pub(super) fn vector(s: &Section, currents: &[Current]) -> Vector {
-    let name = s.text("name");
-    if !name.is_empty() && name.strip_prefix("flux_").is_none_or(str::is_empty) {
-        s.fault_at("name", format!("a vector magnetometer is called `flux_X`, not `{name}`"));
-    }
-    let sensor = Vector {
-        name,
-        source: source(s, currents),
-        noise_nt: s.number("noise_nt", 0.0, Need::NotNegative),
-        offset_nt: s.number("offset_nt", 0.0, Need::NotNegative),
-        scale: s.number("scale", 0.0, Need::Between(0.0, 0.5)),
-        non_orthogonal_deg: s.number("non_orthogonal_deg", 0.0, Need::Between(0.0, 10.0)),
-        misaligned_deg: s.number("misaligned_deg", 0.0, Need::Between(0.0, 30.0)),
-        temperature_nt_per_degc: s.number("temperature_nt_per_degc", 0.0, Need::NotNegative),
-        drift: s.section("drift").and_then(|d| gauss_markov(&d, "sigma_nt", "tau_s", 600.0)),
-        resolution_nt: s.number("resolution_nt", 0.0, Need::NotNegative),
-        sampling: sampling(s),
-    };
-    s.finish();
-    sensor
+    Some(Vector {
+        source: source(s, keys.source, currents),
+        sampling: keys.sampling.sampling(),
+        name: keys.name,
+        noise_nt: keys.noise_nt,
+        offset_nt: keys.offset_nt,
+        scale: keys.scale,
+        non_orthogonal_deg: keys.non_orthogonal_deg,
+        misaligned_deg: keys.misaligned_deg,
+        temperature_nt_per_degc: keys.temperature_nt_per_degc,
+        drift: drift(keys.drift),
+        resolution_nt: keys.resolution_nt,
+    })
 }

@@ -58,7 +58,10 @@ fn law_the_spec_wins_over_its_preset() {
     .unwrap();
     assert_eq!((plain.rate_hz, spec.rate_hz), (10.0, 20.0));
     assert_eq!(spec.gusts_deg, plain.gusts_deg);
-    assert_eq!((spec.ins.model.init_position_sigma_m, spec.ins.model.init_attitude_sigma_deg), (50.0, 0.01));
+    assert_eq!(
+        (spec.ins.model.sources.init_position_sigma_m, spec.ins.model.sources.init_attitude_sigma_deg),
+        (50.0, 0.01)
+    );
     let names: Vec<&str> = spec.aircraft.scalars.iter().map(|m| m.name.as_str()).collect();
     assert_eq!(names, ["mag_1_c", "mag_1_uc", "mag_2_uc", "mag_3_uc", "mag_4_uc", "mag_9_uc"]);
     let (before, after) = (&plain.aircraft.scalars[4], &spec.aircraft.scalars[4]);

@@ -2,6 +2,7 @@
 
 use crate::navigation::ins_error::{InsErrorModel, ParameterError, require};
 use crate::navigation::ins_series::SeriesError;
+use params::Rule;
 use thiserror::Error;
 
 /// The parameters of the filter.
@@ -41,10 +42,10 @@ impl EkfParameters {
     /// Refuses parameters that make no filter.
     pub fn check(&self) -> Result<(), ParameterError> {
         let (sigma, window) = (self.measurement_sigma_nt, self.offset_window_s);
-        require("measurement_sigma_nt", sigma, "a positive number", sigma > 0.0)?;
-        require("offset_window_s", window, "zero or a positive number", window >= 0.0)?;
+        require("measurement_sigma_nt", sigma, Rule::Positive)?;
+        require("offset_window_s", window, Rule::NotNegative)?;
         if let Some(gate) = self.gate_nis {
-            require("gate_nis", gate, "a positive number", gate > 0.0)?;
+            require("gate_nis", gate, Rule::Positive)?;
         }
         self.errors.check()
     }

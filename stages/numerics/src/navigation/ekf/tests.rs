@@ -308,5 +308,5 @@ fn law_bad_lines_are_refused_in_words() {
     assert!(message(&line).starts_with("the filter diverged at row 12 (tt = 1.2"), "{}", message(&line));
     let sigma = EkfParameters { measurement_sigma_nt: 0.0, ..EkfParameters::default() };
     let refused = Line::golden().run(&sigma, &map).unwrap_err().to_string();
-    assert_eq!(refused, "`measurement_sigma_nt` is 0; it must be a positive number");
+    assert_eq!(refused, "`measurement_sigma_nt` must be above 0, not 0");
 }

@@ -1,7 +1,7 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
 use crate::maps::map_grid::{AnomalyMap, Interpolation, MapGrid};
-use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::transition::NoiseDiscretisation;
 
 const ROWS: usize = 230;
@@ -76,11 +76,14 @@ fn points(maps: &[FieldMap], core: &Arc<CoreField>, ins: &InsSeries<'_>) -> Vec<
             NoiseDiscretisation::VanLoan,
         ][k % 4];
         let errors = InsErrorModel {
-            init_position_sigma_m: 3.0 + f,
-            vrw_sigma: 2.38e-4 * [2.0, 1.0, 1.0][k % 3],
+            sources: InsErrors {
+                init_position_sigma_m: 3.0 + f,
+                vrw_sigma: 2.38e-4 * [2.0, 1.0, 1.0][k % 3],
+                acc_tau_s: if k % 7 == 6 { 900.0 } else { 3600.0 },
+                ..InsErrors::default()
+            },
             fogm_sigma_nt: 1.0 + (k % 5) as f64,
             fogm_tau_s: 60.0 + 20.0 * (k % 6) as f64,
-            acc_tau_s: if k % 7 == 6 { 900.0 } else { 3600.0 },
             noise,
             ..InsErrorModel::default()
         };
@@ -162,9 +165,9 @@ fn law_a_fault_of_one_point_leaves_the_others() {
     let mut owned: Vec<Owned> = points(&maps, &core, &ins).into_iter().take(10).collect();
     let whole: Vec<EkfPoint<'_>> = owned.iter().map(|point| borrowed(point, &maps, &core)).collect();
     let expected: Vec<Vec<u64>> = whole.iter().map(|point| bits(&alone(&ins, point).unwrap())).collect();
-    owned[1].parameters.errors.init_velocity_sigma_mps = 1e160;
+    owned[1].parameters.errors.sources.init_velocity_sigma_mps = 1e160;
     // The largest number is reached after some 200 steps.
-    owned[4].parameters.errors.vrw_sigma = 3e153;
+    owned[4].parameters.errors.sources.vrw_sigma = 3e153;
     owned[5].parameters.measurement_sigma_nt = -1.0;
     owned[8].measurement_nt.pop();
     let all: Vec<EkfPoint<'_>> = owned.iter().map(|point| borrowed(point, &maps, &core)).collect();
@@ -175,7 +178,7 @@ fn law_a_fault_of_one_point_leaves_the_others() {
                 assert!(matches!(fault, EkfError::Diverged { row: 1.., .. }), "{fault}");
                 assert_eq!(alone(&ins, &all[4]).unwrap_err(), fault);
             }
-            (5, Err(EkfError::Parameter(fault))) => assert_eq!(fault.name, "measurement_sigma_nt"),
+            (5, Err(EkfError::Parameter(fault))) => assert_eq!(fault.0.param.as_deref(), Some("measurement_sigma_nt")),
             (8, Err(EkfError::Series(SeriesError::Length { rows, .. }))) => assert_eq!(rows, ROWS - 1),
             (_, answer) => assert!(bits(&answer.unwrap()) == expected[place], "{place}"),
         }

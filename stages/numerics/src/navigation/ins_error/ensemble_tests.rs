@@ -103,18 +103,23 @@ fn ref_grades_of_thesis_001() {
     for (grade, [vrw, acc, arw, gyro]) in printed {
         let model = grade.model();
         assert_eq!(
-            [model.vrw_sigma, model.acc_sigma_mps2, model.arw_sigma, model.gyro_sigma_radps],
+            [
+                model.sources.vrw_sigma,
+                model.sources.acc_sigma_mps2,
+                model.sources.arw_sigma,
+                model.sources.gyro_sigma_radps
+            ],
             [vrw, acc, arw, gyro]
         );
         let sigmas = model.initial_sigmas(0.5, 0.0);
         assert_eq!((sigmas[LAT], sigmas[ALT], sigmas[VN], sigmas[ACC], sigmas[GYRO]), (0.0, 5.0, acc, acc, gyro));
         assert!((sigmas[TILT_N] / gyro - 1.0).abs() < 1e-15);
-        assert_eq!((model.acc_tau_s, model.gyro_tau_s), (3600.0, 3600.0));
+        assert_eq!((model.sources.acc_tau_s, model.sources.gyro_tau_s), (3600.0, 3600.0));
         // Navigation grade by the usual words: 25 micro-g and 0.003 degrees an hour.
     }
     let navigation = InsGrade::Navigation.model();
-    assert!((navigation.gyro_sigma_radps.to_degrees() * 3600.0 - 0.003).abs() < 1e-6);
-    assert!((navigation.acc_sigma_mps2 / 9.81 - 25e-6).abs() < 1e-9);
+    assert!((navigation.sources.gyro_sigma_radps.to_degrees() * 3600.0 - 0.003).abs() < 1e-6);
+    assert!((navigation.sources.acc_sigma_mps2 / 9.81 - 25e-6).abs() < 1e-9);
     assert_eq!(InsGrade::default().model(), InsErrorModel::default());
 }
 
@@ -196,7 +201,7 @@ fn law_200_realisations_of_each_grade_have_the_propagated_covariance() {
         let starts = normals.iter_mut().map(|n| model.initial_error(-0.4, 0.0, &mut || n.draw())).collect();
         let mut ensemble = InsErrorEnsemble::new(starts);
         ensemble.advance(&truth, &model, true, &mut |member| normals[member].draw()).unwrap();
-        assert_covariance(grade.name(), ensemble.errors(), &propagated(&truth, &model));
+        assert_covariance(grade.word(), ensemble.errors(), &propagated(&truth, &model));
     }
 }
 
@@ -207,7 +212,7 @@ fn law_mechanised_realisations_have_the_propagated_covariance() {
         let flight = Flight::new(60.0 * minutes, 2.0, 0.6);
         let (truth, model) = (flight.series(), grade.model());
         let errors: Vec<_> = (0..200).map(|seed| last_error(&truth, &model, 20_000 + seed, true)).collect();
-        assert_covariance(&format!("{} mechanised", grade.name()), &errors, &propagated(&truth, &model));
+        assert_covariance(&format!("{} mechanised", grade.word()), &errors, &propagated(&truth, &model));
     }
 }
 
@@ -238,11 +243,14 @@ fn start_error(size: f64) -> StateVector {
 /// and what makes a metre in five minutes.
 fn both_after(flight: &Flight, size: f64) -> (SVector<f64, 9>, SVector<f64, 9>) {
     let quiet = InsErrorModel {
-        vrw_sigma: 0.0,
-        arw_sigma: 0.0,
-        baro_sigma_m: 0.0,
-        acc_sigma_mps2: 0.0,
-        gyro_sigma_radps: 0.0,
+        sources: InsErrors {
+            vrw_sigma: 0.0,
+            arw_sigma: 0.0,
+            baro_sigma_m: 0.0,
+            acc_sigma_mps2: 0.0,
+            gyro_sigma_radps: 0.0,
+            ..InsErrors::default()
+        },
         fogm_sigma_nt: 0.0,
         ..InsErrorModel::default()
     };
@@ -302,14 +310,21 @@ fn law_on_the_ellipsoid_the_error_model_is_right_to_what_its_sphere_is() {
 fn law_each_source_alone_does_the_same_to_the_mechanisation_as_to_the_error_model() {
     let flight = Flight::new(120.0, 20.0, 0.6);
     let truth = flight.series();
-    let quiet = InsErrorModel { vrw_sigma: 0.0, arw_sigma: 0.0, baro_sigma_m: 0.0, ..InsErrorModel::default() };
-    let quiet = InsErrorModel { acc_sigma_mps2: 0.0, gyro_sigma_radps: 0.0, fogm_sigma_nt: 0.0, ..quiet };
+    let quiet = InsErrorModel {
+        sources: InsErrors { vrw_sigma: 0.0, arw_sigma: 0.0, baro_sigma_m: 0.0, ..InsErrors::default() },
+        ..InsErrorModel::default()
+    };
+    let quiet = InsErrorModel {
+        sources: InsErrors { acc_sigma_mps2: 0.0, gyro_sigma_radps: 0.0, ..quiet.sources },
+        fogm_sigma_nt: 0.0,
+        ..quiet
+    };
     let alone = [
-        InsErrorModel { vrw_sigma: 0.003, ..quiet },
-        InsErrorModel { arw_sigma: 1e-5, ..quiet },
-        InsErrorModel { baro_sigma_m: 30.0, ..quiet },
-        InsErrorModel { acc_sigma_mps2: 0.01, ..quiet },
-        InsErrorModel { gyro_sigma_radps: 1e-5, ..quiet },
+        InsErrorModel { sources: InsErrors { vrw_sigma: 0.003, ..quiet.sources }, ..quiet },
+        InsErrorModel { sources: InsErrors { arw_sigma: 1e-5, ..quiet.sources }, ..quiet },
+        InsErrorModel { sources: InsErrors { baro_sigma_m: 30.0, ..quiet.sources }, ..quiet },
+        InsErrorModel { sources: InsErrors { acc_sigma_mps2: 0.01, ..quiet.sources }, ..quiet },
+        InsErrorModel { sources: InsErrors { gyro_sigma_radps: 1e-5, ..quiet.sources }, ..quiet },
     ];
     let extras = &SPHERE;
     for (source, model) in alone.into_iter().enumerate() {
@@ -334,8 +349,15 @@ fn law_each_source_alone_does_the_same_to_the_mechanisation_as_to_the_error_mode
 #[test]
 fn law_an_ins_without_errors_is_exact() {
     let flight = Flight::new(30.0, 10.0, 0.6);
-    let quiet = InsErrorModel { vrw_sigma: 0.0, arw_sigma: 0.0, baro_sigma_m: 0.0, ..InsErrorModel::default() };
-    let quiet = InsErrorModel { acc_sigma_mps2: 0.0, gyro_sigma_radps: 0.0, fogm_sigma_nt: 0.0, ..quiet };
+    let quiet = InsErrorModel {
+        sources: InsErrors { vrw_sigma: 0.0, arw_sigma: 0.0, baro_sigma_m: 0.0, ..InsErrors::default() },
+        ..InsErrorModel::default()
+    };
+    let quiet = InsErrorModel {
+        sources: InsErrors { acc_sigma_mps2: 0.0, gyro_sigma_radps: 0.0, ..quiet.sources },
+        fogm_sigma_nt: 0.0,
+        ..quiet
+    };
     let zero = [0.0; STATES];
     let truth = flight.series();
     let linear = drawn(0, |draws| errors_along(&truth, &quiet, &zero, draws).unwrap());
@@ -414,7 +436,7 @@ fn val_drift_of_each_grade_beside_an_independent_implementation() {
         of_100.sort_by(f64::total_cmp);
         drms.sort_by(f64::total_cmp);
         let mean = drms.iter().sum::<f64>() / 400.0;
-        let (name, low, high) = (grade.name(), drms[20], drms[380]);
+        let (name, low, high) = (grade.word(), drms[20], drms[380]);
         println!("{name:12} {minutes:3} {mean:10.0} m {low:8.0} to {high:5.0} m {:16.0} m {theirs:?}", of_100[90]);
         if let Some(theirs) = theirs {
             let deviation = (drms.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 399.0).sqrt();

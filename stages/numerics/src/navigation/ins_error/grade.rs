@@ -1,36 +1,39 @@
 //! Grades of inertial navigation systems, by the parameters that were printed for them.
 
-use super::InsErrorModel;
+use params::choice;
 
-/// How good an INS is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum InsGrade {
-    /// The defaults of MagNav.jl: a navigation-grade INS after a good alignment.
-    #[default]
-    Magnav,
-    /// Honeywell HG9900. [thesis 001, Tables 9 and 10]
-    Navigation,
-    /// Honeywell HG1700. [thesis 001, Tables 9 and 10]
-    Tactical,
-    /// Micro-mechanical sensors. [thesis 001, Tables 9 and 10]
-    ///
-    /// Its gyroscopes drift by half a degree a second, so that the position is off by thousands of
-    /// kilometres within a quarter of an hour: it makes sense for a minute or two.
-    Commercial,
+use super::{InsErrorModel, InsErrors};
+
+choice! {
+    /// How good an INS is.
+    pub enum InsGrade {
+        /// The defaults of MagNav.jl: a navigation-grade INS after a good alignment.
+        Magnav = "magnav",
+        /// Honeywell HG9900. [thesis 001, Tables 9 and 10]
+        Navigation = "navigation",
+        /// Honeywell HG1700. [thesis 001, Tables 9 and 10]
+        Tactical = "tactical",
+        /// Micro-mechanical sensors. [thesis 001, Tables 9 and 10]
+        ///
+        /// Its gyroscopes drift by half a degree a second, so that the position is off by thousands of
+        /// kilometres within a quarter of an hour: it makes sense for a minute or two.
+        Commercial = "commercial",
+    }
+}
+
+impl Default for InsGrade {
+    fn default() -> Self {
+        Self::Magnav
+    }
 }
 
 impl InsGrade {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Magnav, Self::Navigation, Self::Tactical, Self::Commercial];
 
-    /// The name in a spec.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Magnav => "magnav",
-            Self::Navigation => "navigation",
-            Self::Tactical => "tactical",
-            Self::Commercial => "commercial",
-        }
+    /// The error model of an INS of this grade.
+    pub fn model(self) -> InsErrorModel {
+        InsErrorModel::of(self.errors())
     }
 
     /// The error sources of an INS of this grade.
@@ -40,9 +43,9 @@ impl InsGrade {
     /// (m/s) and tilt (rad); the position is known at first, the height to 5 m. Angular random walk and
     /// gyroscope bias are in rad/√s and rad/s, whatever the printed units say. The barometer, on which
     /// the tables are silent, is MagNav.jl's for all grades.
-    pub fn model(self) -> InsErrorModel {
+    pub fn errors(self) -> InsErrors {
         match self {
-            Self::Magnav => InsErrorModel::default(),
+            Self::Magnav => InsErrors::default(),
             Self::Navigation => of_table_9([1e-12, 2.4525e-4, 5.8178e-7, 1.4544e-8]),
             Self::Tactical => of_table_9([0.003_302, 9.81e-3, 3.6361e-5, 4.8481e-6]),
             Self::Commercial => of_table_9([0.0043, 0.1960, 6.5e-4, 0.0087]),
@@ -51,8 +54,8 @@ impl InsGrade {
 }
 
 /// Velocity random walk, accelerometer bias, angular random walk, gyroscope bias.
-fn of_table_9([vrw_sigma, acc_sigma_mps2, arw_sigma, gyro_sigma_radps]: [f64; 4]) -> InsErrorModel {
-    InsErrorModel {
+fn of_table_9([vrw_sigma, acc_sigma_mps2, arw_sigma, gyro_sigma_radps]: [f64; 4]) -> InsErrors {
+    InsErrors {
         init_position_sigma_m: 0.0,
         init_altitude_sigma_m: 5.0,
         init_velocity_sigma_mps: acc_sigma_mps2,
@@ -63,6 +66,6 @@ fn of_table_9([vrw_sigma, acc_sigma_mps2, arw_sigma, gyro_sigma_radps]: [f64; 4]
         gyro_sigma_radps,
         acc_tau_s: 3600.0,
         gyro_tau_s: 3600.0,
-        ..InsErrorModel::default()
+        ..InsErrors::default()
     }
 }

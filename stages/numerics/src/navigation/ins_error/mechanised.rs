@@ -95,9 +95,9 @@ struct Processes {
 impl Processes {
     fn new(model: &InsErrorModel) -> Self {
         let mut taus_s = [f64::INFINITY; STATES];
-        taus_s[ACC..GYRO].fill(model.acc_tau_s);
-        taus_s[GYRO..HA].fill(model.gyro_tau_s);
-        taus_s[HA] = model.baro_tau_s;
+        taus_s[ACC..GYRO].fill(model.sources.acc_tau_s);
+        taus_s[GYRO..HA].fill(model.sources.gyro_tau_s);
+        taus_s[HA] = model.sources.baro_tau_s;
         taus_s[S] = model.fogm_tau_s;
         Self { taus_s }
     }

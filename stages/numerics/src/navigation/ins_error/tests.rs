@@ -7,7 +7,10 @@ use crate::random::Normals;
 
 /// MagNav.jl's numbers where the contract's defaults are rounded.
 fn magnav() -> InsErrorModel {
-    InsErrorModel { vrw_sigma: 2.38e-4, arw_sigma: 5.81e-7, ..InsErrorModel::compatible() }
+    InsErrorModel {
+        sources: InsErrors { vrw_sigma: 2.38e-4, arw_sigma: 5.81e-7, ..InsErrors::default() },
+        ..InsErrorModel::compatible()
+    }
 }
 
 #[test]
@@ -23,9 +26,14 @@ fn val_magnav_initial_covariance_and_process_noise() {
 
 #[test]
 fn law_bad_parameters_are_refused_in_words() {
-    let model = InsErrorModel { acc_tau_s: 0.0, ..InsErrorModel::default() };
-    assert_eq!(model.check().unwrap_err().to_string(), "`acc_tau_s` is 0; it must be a positive number of seconds");
-    assert!(InsErrorModel { vrw_sigma: -1.0, ..InsErrorModel::default() }.check().is_err());
+    let model =
+        InsErrorModel { sources: InsErrors { acc_tau_s: 0.0, ..InsErrors::default() }, ..InsErrorModel::default() };
+    assert_eq!(model.check().unwrap_err().to_string(), "`acc_tau_s` must be above 0, not 0");
+    assert!(
+        InsErrorModel { sources: InsErrors { vrw_sigma: -1.0, ..InsErrors::default() }, ..InsErrorModel::default() }
+            .check()
+            .is_err()
+    );
     assert!(InsErrorModel { fogm_sigma_nt: f64::NAN, ..InsErrorModel::default() }.check().is_err());
     assert!(InsErrorModel::default().check().is_ok());
 }
@@ -100,17 +108,20 @@ fn law_simulated_errors_have_the_predicted_covariance() {
 fn law_no_uncertainty_and_no_noise_make_no_error() {
     let flight = Flight::new();
     let quiet = InsErrorModel {
-        init_position_sigma_m: 0.0,
-        init_altitude_sigma_m: 0.0,
-        init_velocity_sigma_mps: 0.0,
-        init_attitude_sigma_deg: 0.0,
-        vrw_sigma: 0.0,
-        arw_sigma: 0.0,
-        baro_sigma_m: 0.0,
-        ha_sigma_m: 0.0,
-        a_hat_sigma_mps2: 0.0,
-        acc_sigma_mps2: 0.0,
-        gyro_sigma_radps: 0.0,
+        sources: InsErrors {
+            init_position_sigma_m: 0.0,
+            init_altitude_sigma_m: 0.0,
+            init_velocity_sigma_mps: 0.0,
+            init_attitude_sigma_deg: 0.0,
+            vrw_sigma: 0.0,
+            arw_sigma: 0.0,
+            baro_sigma_m: 0.0,
+            ha_sigma_m: 0.0,
+            a_hat_sigma_mps2: 0.0,
+            acc_sigma_mps2: 0.0,
+            gyro_sigma_radps: 0.0,
+            ..InsErrors::default()
+        },
         fogm_sigma_nt: 0.0,
         ..InsErrorModel::default()
     };
@@ -127,31 +138,41 @@ fn law_no_uncertainty_and_no_noise_make_no_error() {
 fn r10_the_heading_starts_with_an_uncertainty_of_its_own() {
     use crate::navigation::pinson::{TILT_D, TILT_E};
     let (tilt, heading) = (0.01_f64.to_radians(), 0.1_f64.to_radians());
-    let model = InsErrorModel { init_heading_sigma_deg: Some(0.1), ..InsErrorModel::default() };
+    let model = InsErrorModel {
+        sources: InsErrors { init_heading_sigma_deg: Some(0.1), ..InsErrors::default() },
+        ..InsErrorModel::default()
+    };
     let p = model.initial_covariance(0.5, 300.0);
     assert_eq!([p[TILT_N][TILT_N], p[TILT_E][TILT_E]], [tilt * tilt; 2]);
     assert_eq!(p[TILT_D][TILT_D], heading * heading);
     let usual = InsErrorModel::default().initial_covariance(0.5, 300.0);
     assert_eq!(usual[TILT_D][TILT_D], tilt * tilt);
     assert!((0..STATES).all(|state| state == TILT_D || p[state] == usual[state]));
-    let refused = InsErrorModel { init_heading_sigma_deg: Some(-1.0), ..InsErrorModel::default() }.check();
-    assert!(refused.unwrap_err().to_string().starts_with("`init_heading_sigma_deg` is -1"));
+    let refused = InsErrorModel {
+        sources: InsErrors { init_heading_sigma_deg: Some(-1.0), ..InsErrors::default() },
+        ..InsErrorModel::default()
+    }
+    .check();
+    assert!(refused.unwrap_err().to_string().starts_with("`init_heading_sigma_deg` must be 0 or above"));
     // Half a minute north at 60 m/s, then a turn to the east: a heading that is wrong by an angle puts the change of
     // velocity wrong by that angle, sideways.
     let flight = Flight::new();
     let quiet = InsErrorModel {
-        init_position_sigma_m: 0.0,
-        init_altitude_sigma_m: 0.0,
-        init_velocity_sigma_mps: 0.0,
-        init_attitude_sigma_deg: 0.0,
-        init_heading_sigma_deg: Some(1.0),
-        vrw_sigma: 0.0,
-        arw_sigma: 0.0,
-        baro_sigma_m: 0.0,
-        ha_sigma_m: 0.0,
-        a_hat_sigma_mps2: 0.0,
-        acc_sigma_mps2: 0.0,
-        gyro_sigma_radps: 0.0,
+        sources: InsErrors {
+            init_position_sigma_m: 0.0,
+            init_altitude_sigma_m: 0.0,
+            init_velocity_sigma_mps: 0.0,
+            init_attitude_sigma_deg: 0.0,
+            init_heading_sigma_deg: Some(1.0),
+            vrw_sigma: 0.0,
+            arw_sigma: 0.0,
+            baro_sigma_m: 0.0,
+            ha_sigma_m: 0.0,
+            a_hat_sigma_mps2: 0.0,
+            acc_sigma_mps2: 0.0,
+            gyro_sigma_radps: 0.0,
+            ..InsErrors::default()
+        },
         fogm_sigma_nt: 0.0,
         ..InsErrorModel::default()
     };

@@ -20,8 +20,12 @@ fn cases() -> [(&'static str, StateMatrix); 2] {
 
 /// Spectral densities of the reference's process noise: MagNav.jl's defaults.
 fn density() -> StateVector {
-    crate::navigation::ins_error::InsErrorModel { vrw_sigma: 2.38e-4, arw_sigma: 5.81e-7, ..Default::default() }
-        .noise_density()
+    crate::navigation::ins_error::InsErrorModel::of(crate::navigation::ins_error::InsErrors {
+        vrw_sigma: 2.38e-4,
+        arw_sigma: 5.81e-7,
+        ..Default::default()
+    })
+    .noise_density()
 }
 
 /// A matrix that scipy computed, by case, step and name.

@@ -42,7 +42,7 @@ fn point(params: &[(&str, Literal)]) -> Arc<dyn StageDyn> {
         .chain(params)
         .map(|(name, value)| ((*name).to_owned(), Given { value: value.clone(), key_at: 0..0, at: 0..0 }))
         .collect();
-    (Navigate::entry().build)(&args).unwrap()
+    (super::super::entry(super::super::FILTERS.to_vec()).build)(&args).unwrap()
 }
 
 fn on(point: &dyn StageDyn, line: &RecordBatch) -> LineIn {

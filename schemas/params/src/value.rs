@@ -1,8 +1,8 @@
 //! Values of parameters and axes: how they are read, checked and spelt in a key.
 
-use std::fmt;
+use std::{collections::BTreeMap, fmt};
 
-use crate::Fault;
+use crate::{Fault, Lists, Param, ParamDoc, Reader, Section};
 
 /// A value as the spec gives it, with its type.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,6 +17,8 @@ pub enum Literal {
     Text(String),
     /// A list of values.
     List(Vec<Literal>),
+    /// A table.
+    Section(Section),
 }
 
 impl Literal {
@@ -28,6 +30,7 @@ impl Literal {
             Literal::Float(_) => "number",
             Literal::Text(_) => "text",
             Literal::List(_) => "list",
+            Literal::Section(_) => "table",
         }
     }
 
@@ -48,6 +51,10 @@ impl fmt::Display for Literal {
                 let words: Vec<String> = xs.iter().map(Literal::to_string).collect();
                 write!(f, "{}", words.join("+"))
             }
+            Literal::Section(section) => {
+                let pairs: Vec<String> = section.keys.iter().map(|(key, g)| format!("{key} = {}", g.value)).collect();
+                write!(f, "{{{}}}", pairs.join(", "))
+            }
         }
     }
 }
@@ -57,6 +64,8 @@ impl fmt::Display for Literal {
 pub enum Rule {
     /// Anything of the type.
     Any,
+    /// Finite.
+    Finite,
     /// Finite and above zero.
     Positive,
     /// Finite and not below zero.
@@ -72,6 +81,7 @@ impl Rule {
     pub fn words(&self) -> String {
         match self {
             Rule::Any => String::new(),
+            Rule::Finite => "finite".to_owned(),
             Rule::Positive => "above 0".to_owned(),
             Rule::NotNegative => "0 or above".to_owned(),
             Rule::Between(a, b) => format!("{a} to {b}"),
@@ -81,6 +91,7 @@ impl Rule {
 
     fn number(&self, x: f64) -> Result<(), Fault> {
         let fine = match self {
+            Rule::Finite => x.is_finite(),
             Rule::Positive => x.is_finite() && x > 0.0,
             Rule::NotNegative => x.is_finite() && x >= 0.0,
             Rule::Between(a, b) => (*a..=*b).contains(&x),
@@ -125,6 +136,22 @@ pub trait Value: Sized {
 
     /// The one spelling that goes into the key, so `0.10` and `0.1` are one, `1` and `"1"` are two.
     fn canonical(&self) -> String;
+
+    /// Reads the parameter `param` of the group at hand. `None` where it is wrong or missing, which is then among the
+    /// reader's faults.
+    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+        reader.plain(param)
+    }
+
+    /// What the reference says of it: one entry, unless the value brings keys of its own.
+    fn document(doc: ParamDoc, _lists: &Lists) -> Vec<ParamDoc> {
+        vec![doc]
+    }
+
+    /// Its spelling in a key: one pair, unless the value brings keys of its own.
+    fn spell(&self, name: &'static str, out: &mut Vec<(&'static str, String)>) {
+        out.push((name, self.canonical()));
+    }
 }
 
 impl Value for f64 {
@@ -280,13 +307,66 @@ impl<T: Value> Value for Option<T> {
     fn canonical(&self) -> String {
         self.as_ref().map_or("none".to_owned(), T::canonical)
     }
+
+    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+        if reader.given(param.name).is_none() {
+            return param.absent.or(Some(None));
+        }
+        T::obtain(reader, Param { name: param.name, rule: param.rule, doc: param.doc, absent: None }).map(Some)
+    }
+
+    fn document(doc: ParamDoc, lists: &Lists) -> Vec<ParamDoc> {
+        T::document(doc, lists)
+    }
+
+    fn spell(&self, name: &'static str, out: &mut Vec<(&'static str, String)>) {
+        match self {
+            Some(value) => value.spell(name, out),
+            None => out.push((name, self.canonical())),
+        }
+    }
+}
+
+impl<T: Value, const N: usize> Value for [T; N] {
+    const TYPE: &'static str = "list";
+
+    fn read(literal: &Literal) -> Option<[T; N]> {
+        let Literal::List(items) = literal else { return None };
+        items.iter().map(T::read).collect::<Option<Vec<T>>>()?.try_into().ok()
+    }
+
+    fn check(&self, rule: &Rule) -> Result<(), Fault> {
+        self.iter().try_for_each(|x| x.check(rule))
+    }
+
+    fn canonical(&self) -> String {
+        format!("[{}]", self.iter().map(T::canonical).collect::<Vec<_>>().join(","))
+    }
+}
+
+/// Values by names that are not known beforehand, such as currents.
+impl<T: Value> Value for BTreeMap<String, T> {
+    const TYPE: &'static str = "table";
+
+    fn read(literal: &Literal) -> Option<Self> {
+        let Literal::Section(section) = literal else { return None };
+        section.keys.iter().map(|(key, given)| Some((key.clone(), T::read(&given.value)?))).collect()
+    }
+
+    fn check(&self, rule: &Rule) -> Result<(), Fault> {
+        self.values().try_for_each(|x| x.check(rule))
+    }
+
+    fn canonical(&self) -> String {
+        format!("{{{}}}", self.iter().map(|(k, x)| format!("{k:?}:{}", x.canonical())).collect::<Vec<_>>().join(","))
+    }
 }
 
 /// Declares a choice among words: an `enum` that is read from its word in the spec, so that no text is left to compare
 /// later.
 ///
 /// ```
-/// use schemas::{Literal, Value, choice};
+/// use params::{Literal, Value, choice};
 /// choice! {
 ///     /// What is between the nodes.
 ///     pub enum Between {
@@ -306,7 +386,7 @@ macro_rules! choice {
         $v:vis enum $Ty:ident { $( $(#[doc = $vd:literal])* $V:ident = $word:literal ),+ $(,)? }
     ) => {
         $(#[doc = $d])*
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         $v enum $Ty { $( $(#[doc = $vd])* $V, )+ }
 
         impl $Ty {

@@ -1,0 +1,73 @@
+//! Tables of which one key chooses the kind, with keys of its own beside those of all kinds.
+
+use std::sync::Arc;
+
+use schemas::{Kind, Own, ParamDoc, Reader};
+
+/// A kind that a table can be, and how its own keys become a `T`.
+pub struct Variant<T: 'static> {
+    /// Its name in a spec.
+    pub name: &'static str,
+    /// What it is: the lines of its documentation.
+    pub doc: &'static [&'static str],
+    /// Its own keys.
+    pub docs: fn() -> Vec<ParamDoc>,
+    /// Reads its own keys.
+    pub read: fn(&mut Reader) -> Option<T>,
+}
+
+/// What is made of the keys of a kind.
+pub trait Varied: Send + Sync + Sized + 'static {
+    /// The kind that is meant where none is given.
+    const DEFAULT: &'static str;
+}
+
+impl<T: Varied> Kind for Variant<T> {
+    type Keys = T;
+    const DEFAULT: Option<&'static str> = Some(T::DEFAULT);
+
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn version(&self) -> u32 {
+        1
+    }
+
+    fn docs(&self) -> Vec<ParamDoc> {
+        (self.docs)()
+    }
+
+    fn read(&self, reader: &mut Reader) -> Option<Own<T>> {
+        Some(Own { keys: Arc::new((self.read)(reader)?), spelt: vec![] })
+    }
+}
+
+/// Declares a [`Variant`]: its documentation, its name, the struct of its own keys as in `params!`, and what is made of
+/// them.
+macro_rules! variant {
+    (
+        $(#[doc = $d:literal])*
+        $NAME:ident : $T:ty = $name:literal, $make:expr;
+        struct $Keys:ident;
+        $($keys:tt)*
+    ) => {
+        schemas::params! {
+            $(#[doc = $d])*
+            pub struct $Keys;
+            $($keys)*
+        }
+
+        $(#[doc = $d])*
+        pub(crate) const $NAME: $crate::spec::variant::Variant<$T> = $crate::spec::variant::Variant {
+            name: $name,
+            doc: &[$($d),*],
+            docs: || <$Keys as schemas::Params>::docs(&schemas::Lists::default()),
+            read: |reader| {
+                let make: fn($Keys) -> $T = $make;
+                <$Keys as schemas::Params>::read(reader, None).map(make)
+            },
+        };
+    };
+}
+pub(crate) use variant;

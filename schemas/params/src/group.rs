@@ -1,0 +1,523 @@
+//! Groups of parameters, and how they are read.
+
+use std::ops::Range;
+
+use crate::{Args, Fault, Given, Lists, Literal, Rule, Section, Value};
+
+/// A parameter as the reference shows it.
+#[derive(Clone, Debug)]
+pub struct ParamDoc {
+    /// The key in the spec.
+    pub name: &'static str,
+    /// The type in a word.
+    pub type_name: &'static str,
+    /// The unit; empty for none.
+    pub unit: &'static str,
+    /// The default in its canonical spelling; `None` where it must be given or may be left out.
+    pub default: Option<String>,
+    /// What happens where a parameter without a default is left out; `None` where it must be given.
+    pub absent: Option<&'static str>,
+    /// What values are allowed, in words.
+    pub rule: String,
+    /// What it does.
+    pub doc: String,
+    /// The [kinds](crate::Kind) whose key it is; empty for a key of all.
+    pub owners: Vec<&'static str>,
+    /// The keys inside it, for a table or a list of tables.
+    pub keys: Vec<ParamDoc>,
+}
+
+/// One parameter of a group, as its value is read.
+pub struct Param<'a, T> {
+    /// The key.
+    pub name: &'static str,
+    /// What its value must satisfy.
+    pub rule: Rule,
+    /// Its documentation, which helps where it is missing.
+    pub doc: &'a [&'a str],
+    /// The value where it is left out; `None` where it must be given.
+    pub absent: Option<T>,
+}
+
+/// A group of parameters, as [`params!`](crate::params!) declares it.
+pub trait Params: Sized {
+    /// Reads the group, with the values of `base` as defaults where one is given. `None` where something is wrong, which
+    /// is then among the reader's faults.
+    fn read(reader: &mut Reader, base: Option<&Self>) -> Option<Self>;
+
+    /// Its parameters, for the reference.
+    fn docs(lists: &Lists) -> Vec<ParamDoc>;
+
+    /// Adds every parameter in its one spelling.
+    fn spell(&self, out: &mut Vec<(&'static str, String)>);
+
+    /// Whether every value obeys its rule, for a group that was not read.
+    ///
+    /// # Errors
+    /// The first one that does not.
+    fn check(&self) -> Result<(), Fault>;
+}
+
+/// Reads the keys of one table, and keeps all that is wrong with them.
+pub struct Reader<'a> {
+    /// What takes the keys, as messages call it: a stage, or a table.
+    pub owner: &'a str,
+    /// The lists of [kinds](crate::Kind) that values are chosen from.
+    pub lists: &'a Lists,
+    args: &'a Args,
+    at: Option<Range<usize>>,
+    faults: Vec<Fault>,
+}
+
+impl<'a> Reader<'a> {
+    /// Of the keys `args` of a table at the bytes `at`.
+    pub fn new(owner: &'a str, args: &'a Args, at: Option<Range<usize>>, lists: &'a Lists) -> Reader<'a> {
+        Reader { owner, lists, args, at, faults: vec![] }
+    }
+
+    /// The key as it is given.
+    pub fn given(&self, name: &str) -> Option<&'a Given> {
+        self.args.get(name)
+    }
+
+    /// Notes a fault about the whole table.
+    pub fn push(&mut self, fault: Fault) {
+        self.faults.push(self.at.iter().cloned().fold(fault, Fault::at));
+    }
+
+    /// Notes a fault about the value of a key, or about the table where the key is left out.
+    pub fn push_of(&mut self, name: &str, fault: Fault) {
+        let at = self.given(name).map(|given| given.at.clone()).or(self.at.clone());
+        self.faults.push(at.into_iter().fold(fault, Fault::at));
+    }
+
+    /// How many faults there are.
+    pub fn count(&self) -> usize {
+        self.faults.len()
+    }
+
+    /// All that is wrong.
+    pub fn into_faults(self) -> Vec<Fault> {
+        self.faults
+    }
+
+    /// The fault of a key that must be given.
+    pub fn missing(&mut self, name: &str, doc: &[&str]) {
+        self.push(Fault::new(format!("`{}` needs `{name}`", self.owner)).help(collect_doc(doc)));
+    }
+
+    /// The fault of a value of another type.
+    pub fn wrong_type(&mut self, name: &str, wanted: &str, given: &Given) {
+        let article = if wanted.starts_with(['a', 'e', 'i', 'o']) { "an" } else { "a" };
+        let what =
+            format!("`{name}` of `{}` must be {article} {wanted}, not a {}", self.owner, given.value.type_name());
+        self.faults.push(Fault::new(what).at(given.at.clone()));
+    }
+
+    /// The fault of a word that is not among `known`.
+    pub fn wrong_word(&mut self, name: &str, word: &str, known: &[&str], given: &Given) {
+        self.faults.push(Fault::new(format!("`{name}` cannot be `{word}`")).nearest(word, known).at(given.at.clone()));
+    }
+
+    /// Reads a value that brings no keys of its own.
+    pub fn plain<T: Value>(&mut self, param: Param<T>) -> Option<T> {
+        let Param { name, rule, doc, absent } = param;
+        let Some(given) = self.given(name) else {
+            if absent.is_none() {
+                self.missing(name, doc);
+            }
+            return absent;
+        };
+        let Some(value) = T::read(&given.value) else {
+            match given.value.as_text() {
+                Some(word) if !T::WORDS.is_empty() => self.wrong_word(name, word, T::WORDS, given),
+                _ => self.wrong_type(name, T::TYPE, given),
+            }
+            return None;
+        };
+        match obeys(&value, name, rule) {
+            Ok(()) => Some(value),
+            Err(fault) => {
+                self.faults.push(fault.at(given.at.clone()));
+                None
+            }
+        }
+    }
+
+    /// Notes the keys that are not among `known`; `more` are keys of others that are suggested as well.
+    pub fn unknown_keys(&mut self, known: &[&str], more: &[&str]) {
+        for (name, given) in self.args.iter().filter(|(name, _)| !known.contains(&name.as_str())) {
+            let all: Vec<&str> = known.iter().chain(more).copied().collect();
+            let what = format!("`{}` has no parameter `{name}`", self.owner);
+            self.faults.push(Fault::new(what).nearest(name, &all).at(given.key_at.clone()));
+        }
+    }
+
+    /// Reads a table inside this one as a group, with its unknown keys as faults.
+    fn inside<T: Params>(&mut self, name: &str, section: &Section, base: Option<&T>) -> Option<T> {
+        let at = Some(section.at.clone()).filter(|at| !at.is_empty()).or(self.at.clone());
+        let mut reader = Reader::new(name, &section.keys, at, self.lists);
+        let value = T::read(&mut reader, base);
+        let known: Vec<&str> = T::docs(self.lists).iter().map(|doc| doc.name).collect();
+        reader.unknown_keys(&known, &[]);
+        let fine = reader.faults.is_empty();
+        self.faults.append(&mut reader.faults);
+        value.filter(|_| fine)
+    }
+}
+
+/// A group in a table of its own; one that is left out is a table without keys.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Nested<T>(pub T);
+
+/// Groups in a list of tables.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sections<T>(pub Vec<T>);
+
+impl<T> From<T> for Nested<T> {
+    fn from(group: T) -> Self {
+        Self(group)
+    }
+}
+
+impl<T> From<Vec<T>> for Sections<T> {
+    fn from(groups: Vec<T>) -> Self {
+        Self(groups)
+    }
+}
+
+fn spelt<T: Params>(group: &T) -> String {
+    let mut pairs = vec![];
+    group.spell(&mut pairs);
+    format!("{{{}}}", pairs.iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<_>>().join(","))
+}
+
+impl<T: Params> Value for Nested<T> {
+    const TYPE: &'static str = "table";
+
+    fn read(_: &Literal) -> Option<Self> {
+        None
+    }
+
+    fn check(&self, _: &Rule) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn canonical(&self) -> String {
+        spelt(&self.0)
+    }
+
+    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+        let base = param.absent.as_ref().map(|nested| &nested.0);
+        match reader.given(param.name) {
+            None => reader.inside(param.name, &Section::default(), base).map(Nested),
+            Some(Given { value: Literal::Section(section), .. }) => {
+                reader.inside(param.name, section, base).map(Nested)
+            }
+            Some(given) => {
+                reader.wrong_type(param.name, Self::TYPE, given);
+                None
+            }
+        }
+    }
+
+    fn document(doc: ParamDoc, lists: &Lists) -> Vec<ParamDoc> {
+        let absent = doc.absent.filter(|text| !text.is_empty()).or(Some("a table without keys"));
+        vec![ParamDoc { keys: T::docs(lists), default: None, absent, ..doc }]
+    }
+}
+
+impl<T: Params> Value for Sections<T> {
+    const TYPE: &'static str = "list of tables";
+
+    fn read(_: &Literal) -> Option<Self> {
+        None
+    }
+
+    fn check(&self, _: &Rule) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn canonical(&self) -> String {
+        format!("[{}]", self.0.iter().map(spelt).collect::<Vec<_>>().join(","))
+    }
+
+    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+        let Some(given) = reader.given(param.name) else {
+            if param.absent.is_none() {
+                reader.missing(param.name, param.doc);
+            }
+            return param.absent;
+        };
+        let items = match &given.value {
+            Literal::List(items) => items.as_slice(),
+            one => std::slice::from_ref(one),
+        };
+        let mut groups = vec![];
+        for item in items {
+            match item {
+                Literal::Section(section) => groups.push(reader.inside(param.name, section, None)),
+                _ => {
+                    reader.wrong_type(param.name, Self::TYPE, given);
+                    return None;
+                }
+            }
+        }
+        groups.into_iter().collect::<Option<Vec<T>>>().map(Sections)
+    }
+
+    fn document(doc: ParamDoc, lists: &Lists) -> Vec<ParamDoc> {
+        vec![ParamDoc { keys: T::docs(lists), ..doc }]
+    }
+}
+
+/// Joins `///` lines the way rustdoc does, keeping paragraphs and the rows of tables.
+pub fn collect_doc(lines: &[&str]) -> String {
+    let mut text = String::new();
+    for line in lines.iter().map(|l| l.trim()) {
+        if line.is_empty() {
+            text.push_str("\n\n");
+        } else {
+            if !text.is_empty() && !text.ends_with('\n') {
+                text.push(if line.starts_with('|') { '\n' } else { ' ' });
+            }
+            text.push_str(line);
+        }
+    }
+    text
+}
+
+/// The words that a type allows by itself.
+#[doc(hidden)]
+pub fn words_rule<T: Value>() -> Rule {
+    if T::WORDS.is_empty() { Rule::Any } else { Rule::OneOf(T::WORDS) }
+}
+
+/// Whether the value of the parameter `name` obeys its rule.
+#[doc(hidden)]
+pub fn obeys<T: Value>(value: &T, name: &str, rule: Rule) -> Result<(), Fault> {
+    value.check(&rule).map_err(|fault| Fault { what: format!("`{name}` {}", fault.what), ..fault }.of_param(name))
+}
+
+/// The first of a list.
+#[doc(hidden)]
+pub fn first<T, const N: usize>(list: [T; N]) -> Option<T> {
+    list.into_iter().next()
+}
+
+/// What is said of a parameter that has the default `_default` where it is left out: nothing more.
+#[doc(hidden)]
+pub const fn no_text(_default: &str) -> Option<&'static str> {
+    None
+}
+
+/// Declares a group of parameters: a struct whose fields say unit, default, rule and documentation. `groups` are other
+/// groups whose keys stand among its own. A parameter of a type `Option` says what happens where it is left out
+/// (`absent`). With `all default;` every parameter has a default, and the group is [`Default`].
+///
+/// ```
+/// use params::{Args, Lists, Params, Reader, Rule, params};
+/// params! {
+///     /// A Butterworth filter.
+///     pub struct Band;
+///     /// The lower corner.
+///     low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
+///     /// The order of the prototype.
+///     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
+/// }
+/// let (args, lists) = (Args::new(), Lists::default());
+/// let band = Band::read(&mut Reader::new("bandpass", &args, None, &lists), None);
+/// assert_eq!(band.map(|b| (b.low_hz, b.order)), Some((0.1, 4)));
+/// ```
+#[macro_export]
+macro_rules! params {
+    (
+        $(#[doc = $d:literal])*
+        $v:vis struct $Ty:ident, all default;
+        $(
+            $(#[doc = $pd:literal])* $p:ident : $pt:ty, unit $unit:literal, default $def:expr
+            $(, absent $absent:literal)? $(, rule $rule:expr)? ;
+        )*
+    ) => {
+        $crate::params! {
+            $(#[doc = $d])*
+            $v struct $Ty;
+            $( $(#[doc = $pd])* $p : $pt, unit $unit, default $def $(, absent $absent)? $(, rule $rule)? ; )*
+        }
+
+        impl Default for $Ty {
+            fn default() -> Self {
+                Self { $( $p: <$pt>::from($def), )* }
+            }
+        }
+    };
+    (
+        $(#[doc = $d:literal])*
+        $v:vis struct $Ty:ident $(, groups [$($(#[doc = $gd:literal])* $g:ident : $gt:ty),* $(,)?])? ;
+        $(
+            $(#[doc = $pd:literal])* $p:ident : $pt:ty, unit $unit:literal
+            $(, default $def:expr)? $(, absent $absent:literal)? $(, rule $rule:expr)? ;
+        )*
+    ) => {
+        $(#[doc = $d])*
+        #[derive(Clone, Debug, PartialEq)]
+        $v struct $Ty {
+            $( $(#[doc = $pd])* pub $p: $pt, )*
+            $($( #[doc = concat!("The parameters of [`", stringify!($gt), "`].")] pub $g: $gt, )*)?
+        }
+
+        impl $crate::Params for $Ty {
+            fn read(reader: &mut $crate::Reader, base: Option<&Self>) -> Option<Self> {
+                let _ = (&reader, base);
+                $(
+                    let $p: Option<$pt> = {
+                        let left_out = || {
+                            $crate::first([$(Some(<$pt>::from($def)),)? <$pt as $crate::Value>::absent()]).flatten()
+                        };
+                        let absent = base.map(|base| base.$p.clone()).or_else(left_out);
+                        let rule = $crate::first([$($rule,)? $crate::Rule::Any]).unwrap_or($crate::Rule::Any);
+                        let param = $crate::Param { name: stringify!($p), rule, doc: &[$($pd),*], absent };
+                        <$pt as $crate::Value>::obtain(reader, param)
+                    };
+                )*
+                $($( let $g = <$gt as $crate::Params>::read(reader, base.map(|base| &base.$g)); )*)?
+                Some($Ty { $( $p: $p?, )* $($( $g: $g?, )*)? })
+            }
+
+            fn docs(lists: &$crate::Lists) -> Vec<$crate::ParamDoc> {
+                #[allow(unused_mut)]
+                let mut docs: Vec<$crate::ParamDoc> = vec![];
+                let _ = lists;
+                $( docs.extend(<$pt as $crate::Value>::document($crate::ParamDoc {
+                    name: stringify!($p),
+                    type_name: <$pt as $crate::Value>::TYPE,
+                    unit: $unit,
+                    default: {
+                        let default: Option<$pt> = $crate::first([$(Some(<$pt>::from($def)),)? None]).flatten();
+                        let said: Option<&str> = $crate::first([$(Some($absent),)? None]).flatten();
+                        default.as_ref().filter(|_| said.is_none()).map($crate::Value::canonical)
+                    },
+                    absent: $crate::first([
+                        $(Some($absent),)?
+                        $($crate::no_text(stringify!($def)),)?
+                        <$pt as $crate::Value>::absent().map(|_: $pt| ""),
+                    ]).flatten(),
+                    rule: $crate::first([$($rule,)? $crate::words_rule::<$pt>()])
+                        .map(|rule| rule.words())
+                        .unwrap_or_default(),
+                    doc: $crate::collect_doc(&[$($pd),*]),
+                    owners: vec![],
+                    keys: vec![],
+                }, lists)); )*
+                $($( docs.extend(<$gt as $crate::Params>::docs(lists)); )*)?
+                docs
+            }
+
+            fn check(&self) -> Result<(), $crate::Fault> {
+                $(
+                    let rule = $crate::first([$($rule,)? $crate::Rule::Any]).unwrap_or($crate::Rule::Any);
+                    $crate::obeys(&self.$p, stringify!($p), rule)?;
+                )*
+                $($( $crate::Params::check(&self.$g)?; )*)?
+                Ok(())
+            }
+
+            fn spell(&self, out: &mut Vec<(&'static str, String)>) {
+                let _ = &out;
+                $( $crate::Value::spell(&self.$p, stringify!($p), out); )*
+                $($( $crate::Params::spell(&self.$g, out); )*)?
+            }
+        }
+    };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::choice;
+
+    choice! {
+        /// A grade.
+        pub enum Grade {
+            /// Good.
+            Navigation = "navigation",
+            /// Poor.
+            Tactical = "tactical",
+        }
+    }
+
+    params! {
+        /// Errors.
+        pub struct Errors, all default;
+        /// A bias.
+        bias_m: f64, unit "m", default 3.0, rule Rule::NotNegative;
+        /// A heading.
+        heading_deg: Option<f64>, unit "deg", default None, absent "that of the tilt";
+    }
+
+    params! {
+        /// An INS.
+        pub struct Ins, groups [errors: Errors];
+        /// Its grade.
+        grade: Grade, unit "", default Grade::Navigation;
+    }
+
+    params! {
+        /// A document.
+        pub struct Root;
+        /// The INS.
+        ins: Nested<Ins>, unit "";
+        /// The lines.
+        lines: Sections<Errors>, unit "", default Vec::<Errors>::new();
+    }
+
+    fn read(text: &str) -> Result<Root, Vec<Fault>> {
+        let (document, lists) = (Section::document(text)?, Lists::default());
+        let mut reader = Reader::new("spec", &document.keys, None, &lists);
+        let root = Root::read(&mut reader, None);
+        reader.unknown_keys(&["ins", "lines"], &[]);
+        let faults = reader.into_faults();
+        root.filter(|_| faults.is_empty()).ok_or(faults)
+    }
+
+    #[test]
+    fn unit_groups_nest_and_lists_keep_their_order() {
+        let root = read("[ins]\ngrade = \"tactical\"\nbias_m = 2\n[[lines]]\nbias_m = 1.0\n[[lines]]\n").unwrap();
+        assert_eq!((root.ins.0.grade, root.ins.0.errors.bias_m), (Grade::Tactical, 2.0));
+        assert_eq!(root.lines.0.iter().map(|l| l.bias_m).collect::<Vec<_>>(), [1.0, 3.0]);
+        assert_eq!(read("").unwrap().ins.0.errors, Errors::default());
+    }
+
+    #[test]
+    fn unit_every_fault_is_said_at_once_with_its_position() {
+        let text = "[ins]\ngrad = 1\nbias_m = -1\n[[lines]]\nbias_m = \"x\"\n";
+        let faults = read(text).unwrap_err();
+        let said: Vec<&str> = faults.iter().map(|f| f.what.as_str()).collect();
+        assert_eq!(
+            said,
+            [
+                "`bias_m` must be 0 or above, not -1",
+                "`ins` has no parameter `grad`",
+                "`bias_m` of `lines` must be a number, not a text"
+            ]
+        );
+        assert_eq!(faults[1].help.as_deref(), Some("did you mean `grade`?"));
+        assert_eq!(&text[faults[1].at.clone().unwrap()], "grad");
+    }
+
+    #[test]
+    fn unit_a_base_takes_the_place_of_the_defaults() {
+        let (args, lists) = (Args::new(), Lists::default());
+        let base = Errors { bias_m: 7.0, heading_deg: Some(1.0) };
+        let read = Errors::read(&mut Reader::new("ins", &args, None, &lists), Some(&base));
+        assert_eq!(read, Some(base));
+    }
+
+    #[test]
+    fn unit_the_reference_shows_defaults_once_and_groups_in_place() {
+        let docs = Ins::docs(&Lists::default());
+        assert_eq!(docs.iter().map(|d| d.name).collect::<Vec<_>>(), ["grade", "bias_m", "heading_deg"]);
+        assert_eq!(docs[1].default.as_deref(), Some("3.0"));
+        assert_eq!((docs[2].default.as_deref(), docs[2].absent), (None, Some("that of the tilt")));
+    }
+}

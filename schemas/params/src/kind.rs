@@ -1,0 +1,409 @@
+//! Choices among things that have a name and keys of their own, such as the models of a fit.
+
+use std::{any::Any, fmt, sync::Arc};
+
+use crate::{Fault, Literal, Param, ParamDoc, Reader, Rule, Value};
+
+/// One of several things that a key chooses by name, with the keys that are its own. The keys stand beside the key that
+/// chooses it; a key of another one is refused, or has no say where it comes from an axis.
+pub trait Kind: Send + Sync + 'static {
+    /// What a chosen one is, with its keys.
+    type Keys: ?Sized + Send + Sync + 'static;
+
+    /// The one that is meant where the key is left out; `None` where it must be given.
+    const DEFAULT: Option<&'static str>;
+
+    /// Its name in a spec.
+    fn name(&self) -> &'static str;
+
+    /// Raised whenever its answer changes.
+    fn version(&self) -> u32;
+
+    /// Its own keys, for the reference.
+    fn docs(&self) -> Vec<ParamDoc> {
+        vec![]
+    }
+
+    /// Keys of the table at hand that it takes and others do not.
+    fn takes(&self) -> &'static [&'static str] {
+        &[]
+    }
+
+    /// Reads its own keys. `None` where one is wrong, which is then among the reader's faults.
+    fn read(&self, reader: &mut Reader) -> Option<Own<Self::Keys>>;
+}
+
+/// A kind in a key: its name, and its version beyond the first.
+fn spelt<K: Kind>(kind: &K) -> String {
+    match kind.version() {
+        1 => format!("{:?}", kind.name()),
+        version => format!("{:?} version {version}", kind.name()),
+    }
+}
+
+/// The keys of a chosen one.
+pub struct Own<T: ?Sized> {
+    /// As it works with them.
+    pub keys: Arc<T>,
+    /// In their one spelling.
+    pub spelt: Vec<(&'static str, String)>,
+}
+
+/// All that can be chosen, with the keys of each.
+pub struct Kinds<K: 'static> {
+    all: Vec<&'static K>,
+    names: Vec<&'static str>,
+    keys: Vec<Vec<&'static str>>,
+}
+
+impl<K: Kind> Kinds<K> {
+    /// Of a list.
+    pub fn new(all: Vec<&'static K>) -> Kinds<K> {
+        let names = all.iter().map(|kind| kind.name()).collect();
+        let own = |kind: &&K| kind.docs().iter().map(|d| d.name).chain(kind.takes().iter().copied()).collect();
+        Kinds { names, keys: all.iter().map(own).collect(), all }
+    }
+
+    /// In the order of the reference.
+    pub fn all(&self) -> &[&'static K] {
+        &self.all
+    }
+
+    /// The one of this name.
+    pub fn find(&self, name: &str) -> Option<&'static K> {
+        self.all.iter().copied().find(|kind| kind.name() == name)
+    }
+
+    /// Names of those whose key it is.
+    pub fn owners(&self, key: &str) -> Vec<&'static str> {
+        self.names.iter().zip(&self.keys).filter(|(_, keys)| keys.contains(&key)).map(|(name, _)| *name).collect()
+    }
+
+    /// Why `key` has no say with `kind`; `None` where it has.
+    fn foreign(&self, kind: &K, key: &str) -> Option<Fault> {
+        let takes = self.names.iter().position(|name| *name == kind.name()).map(|i| &self.keys[i]);
+        if takes.is_some_and(|keys| keys.contains(&key)) || !self.keys.iter().any(|keys| keys.contains(&key)) {
+            return None;
+        }
+        let names: Vec<String> = self.owners(key).iter().map(|name| format!("`{name}`")).collect();
+        let names = match names.split_last() {
+            Some((last, rest)) if !rest.is_empty() => format!("{} and {last}", rest.join(", ")),
+            _ => names.concat(),
+        };
+        let what = format!("`{key}` belongs to {names}");
+        Some(Fault::new(what).help(format!("`{}` does not take it: leave it out", kind.name())))
+    }
+}
+
+/// The lists that a catalogue chooses from, each by its type.
+#[derive(Clone, Default)]
+pub struct Lists(Vec<Arc<dyn Any + Send + Sync>>);
+
+impl Lists {
+    /// With a list more.
+    pub fn with<K: Kind>(mut self, all: Vec<&'static K>) -> Lists {
+        self.0.push(Arc::new(Kinds::new(all)));
+        self
+    }
+
+    /// The list of a type.
+    pub fn get<K: Kind>(&self) -> Option<Arc<Kinds<K>>> {
+        self.0.iter().find_map(|list| list.clone().downcast::<Kinds<K>>().ok())
+    }
+}
+
+/// The one that was chosen, with its keys.
+pub struct Chosen<K: Kind> {
+    /// Its declaration.
+    pub kind: &'static K,
+    /// Its keys.
+    pub keys: Arc<K::Keys>,
+    spelt: Vec<(&'static str, String)>,
+    kinds: Arc<Kinds<K>>,
+}
+
+impl<K: Kind> Chosen<K> {
+    /// Why `key` has no say with the one that was chosen: it belongs to others. `None` where it has.
+    pub fn foreign(&self, key: &str) -> Option<Fault> {
+        self.kinds.foreign(self.kind, key)
+    }
+
+    /// Whether it takes `key`, or all do.
+    pub fn takes(&self, key: &str) -> bool {
+        self.foreign(key).is_none()
+    }
+}
+
+impl<K: Kind> Clone for Chosen<K> {
+    fn clone(&self) -> Self {
+        Self { kind: self.kind, keys: self.keys.clone(), spelt: self.spelt.clone(), kinds: self.kinds.clone() }
+    }
+}
+
+impl<K: Kind> fmt::Debug for Chosen<K> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{} {:?}", self.kind.name(), self.spelt)
+    }
+}
+
+impl<K: Kind> PartialEq for Chosen<K> {
+    fn eq(&self, other: &Self) -> bool {
+        (self.kind.name(), &self.spelt) == (other.kind.name(), &other.spelt)
+    }
+}
+
+impl<K: Kind> Value for Chosen<K> {
+    const TYPE: &'static str = "text";
+
+    fn read(_: &Literal) -> Option<Self> {
+        None
+    }
+
+    fn check(&self, _: &Rule) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn canonical(&self) -> String {
+        spelt(self.kind)
+    }
+
+    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+        let Some(kinds) = reader.lists.get::<K>() else {
+            reader.push(Fault::bug(format!("`{}` of `{}` has no list", param.name, reader.owner)));
+            return None;
+        };
+        let name = match (reader.given(param.name), K::DEFAULT) {
+            (None, Some(default)) => default,
+            (None, None) => {
+                reader.missing(param.name, param.doc);
+                return None;
+            }
+            (Some(given), _) => match given.value.as_text() {
+                Some(word) => word,
+                None => {
+                    reader.wrong_type(param.name, Self::TYPE, given);
+                    return None;
+                }
+            },
+        };
+        let Some(kind) = kinds.find(name) else {
+            if let Some(given) = reader.given(param.name) {
+                reader.wrong_word(param.name, name, &kinds.names, given);
+            } else {
+                reader.push(Fault::bug(format!("`{}` has no `{name}`", param.name)));
+            }
+            return None;
+        };
+        let own = kind.read(reader)?;
+        Some(Chosen { kind, keys: own.keys, spelt: own.spelt, kinds })
+    }
+
+    fn document(doc: ParamDoc, lists: &crate::Lists) -> Vec<ParamDoc> {
+        let Some(kinds) = lists.get::<K>() else { return vec![doc] };
+        let rule = kinds.names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+        let default = K::DEFAULT.map(|name| format!("{name:?}"));
+        let mut docs = vec![ParamDoc { rule, default, ..doc }];
+        for own in kinds.all.iter().flat_map(|kind| kind.docs()) {
+            if !docs.iter().any(|known| known.name == own.name) {
+                docs.push(ParamDoc { owners: kinds.owners(own.name), ..own });
+            }
+        }
+        docs
+    }
+
+    fn spell(&self, name: &'static str, out: &mut Vec<(&'static str, String)>) {
+        out.push((name, self.canonical()));
+        out.extend(self.spelt.iter().cloned());
+    }
+}
+
+/// Several of a list, by their names, without keys of their own; all where they are left out.
+pub struct Several<K: Kind> {
+    named: Option<Vec<&'static K>>,
+    kinds: Arc<Kinds<K>>,
+}
+
+impl<K: Kind> Several<K> {
+    /// Of a list, all or those that are `named`.
+    pub fn new(kinds: Arc<Kinds<K>>, named: Option<Vec<&'static K>>) -> Several<K> {
+        Several { named, kinds }
+    }
+
+    /// Those that are wanted, in the order of the list.
+    pub fn wanted(&self) -> impl Iterator<Item = &'static K> + '_ {
+        let is_wanted = |kind: &&'static K| {
+            self.named.as_ref().is_none_or(|named| named.iter().any(|named| named.name() == kind.name()))
+        };
+        self.kinds.all.iter().copied().filter(is_wanted)
+    }
+
+    /// Those that are named, as they are named; none where they are left out.
+    pub fn named(&self) -> &[&'static K] {
+        self.named.as_deref().unwrap_or_default()
+    }
+
+    /// All that there are.
+    pub fn all(&self) -> &[&'static K] {
+        &self.kinds.all
+    }
+}
+
+impl<K: Kind> Clone for Several<K> {
+    fn clone(&self) -> Self {
+        Self { named: self.named.clone(), kinds: self.kinds.clone() }
+    }
+}
+
+impl<K: Kind> fmt::Debug for Several<K> {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&self.canonical())
+    }
+}
+
+impl<K: Kind> PartialEq for Several<K> {
+    fn eq(&self, other: &Self) -> bool {
+        self.canonical() == other.canonical()
+    }
+}
+
+impl<K: Kind> Value for Several<K> {
+    const TYPE: &'static str = "list";
+
+    fn read(_: &Literal) -> Option<Self> {
+        None
+    }
+
+    fn check(&self, _: &Rule) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn canonical(&self) -> String {
+        // All are spelt as well, so that one more in the list is another question.
+        let all = self.named.as_ref().unwrap_or(&self.kinds.all);
+        format!("[{}]", all.iter().map(|kind| spelt(*kind)).collect::<Vec<_>>().join(","))
+    }
+
+    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+        let Some(kinds) = reader.lists.get::<K>() else {
+            reader.push(Fault::bug(format!("`{}` of `{}` has no list", param.name, reader.owner)));
+            return None;
+        };
+        let Some(given) = reader.given(param.name) else { return Some(Several { named: None, kinds }) };
+        let Some(words) = Vec::<String>::read(&given.value) else {
+            reader.wrong_type(param.name, Self::TYPE, given);
+            return None;
+        };
+        let find = |word: &String| {
+            let found = kinds.find(word);
+            if found.is_none() {
+                reader.wrong_word(param.name, word, &kinds.names, given);
+            }
+            found
+        };
+        let named: Vec<Option<&'static K>> = words.iter().map(find).collect();
+        Some(Several { named: Some(named.into_iter().collect::<Option<_>>()?), kinds })
+    }
+
+    fn document(doc: ParamDoc, lists: &crate::Lists) -> Vec<ParamDoc> {
+        let Some(kinds) = lists.get::<K>() else { return vec![doc] };
+        vec![ParamDoc {
+            rule: kinds.names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", "),
+            ..doc
+        }]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Args, Given, Params, params};
+
+    params! {
+        /// Fits.
+        struct Straight;
+        /// The degree.
+        degree: usize, unit "", default 1usize;
+    }
+
+    struct Curve(&'static str);
+
+    impl Kind for Curve {
+        type Keys = dyn Any + Send + Sync;
+        const DEFAULT: Option<&'static str> = Some("straight");
+
+        fn name(&self) -> &'static str {
+            self.0
+        }
+
+        fn version(&self) -> u32 {
+            if self.0 == "flat" { 2 } else { 1 }
+        }
+
+        fn docs(&self) -> Vec<ParamDoc> {
+            if self.0 == "straight" { Straight::docs(&Lists::default()) } else { vec![] }
+        }
+
+        fn read(&self, reader: &mut Reader) -> Option<Own<Self::Keys>> {
+            if self.0 != "straight" {
+                return Some(Own { keys: Arc::new(()), spelt: vec![] });
+            }
+            let (keys, mut spelt) = (Straight::read(reader, None)?, vec![]);
+            keys.spell(&mut spelt);
+            Some(Own { keys: Arc::new(keys), spelt })
+        }
+    }
+
+    params! {
+        /// A stage.
+        struct Stage;
+        /// The curve.
+        curve: Chosen<Curve>, unit "";
+        /// More curves.
+        curves: Several<Curve>, unit "", absent "all";
+    }
+
+    fn read(given: &[(&str, Literal)]) -> Result<Stage, Vec<Fault>> {
+        let lists = Lists::default().with(vec![&Curve("straight"), &Curve("flat")]);
+        let one = |(key, value): &(&str, Literal)| {
+            ((*key).to_owned(), Given { value: value.clone(), key_at: 0..0, at: 0..0 })
+        };
+        let args: Args = given.iter().map(one).collect();
+        let mut reader = Reader::new("stage", &args, None, &lists);
+        let stage = Stage::read(&mut reader, None);
+        let known: Vec<&str> = Stage::docs(&lists).iter().map(|d| d.name).collect();
+        reader.unknown_keys(&known, &[]);
+        let faults = reader.into_faults();
+        stage.filter(|_| faults.is_empty()).ok_or(faults)
+    }
+
+    fn text(word: &str) -> Literal {
+        Literal::Text(word.to_owned())
+    }
+
+    #[test]
+    fn unit_the_chosen_one_owns_its_keys_and_the_key_of_another_has_no_say() {
+        let stage = read(&[("curve", text("flat")), ("degree", Literal::Int(3))]).unwrap();
+        let mut spelt = vec![];
+        stage.spell(&mut spelt);
+        assert_eq!(
+            spelt,
+            [("curve", "\"flat\" version 2".to_owned()), ("curves", "[\"straight\",\"flat\" version 2]".to_owned())]
+        );
+        assert_eq!(stage.curve.foreign("degree").unwrap().what, "`degree` belongs to `straight`");
+        assert!(stage.curve.takes("curves") && read(&[]).unwrap().curve.takes("degree"));
+    }
+
+    #[test]
+    fn unit_names_that_are_not_in_the_list_are_said_with_the_nearest() {
+        let faults = read(&[("curve", text("flut")), ("curves", text("straigth"))]).unwrap_err();
+        assert_eq!(
+            faults.iter().map(|f| f.what.as_str()).collect::<Vec<_>>(),
+            ["`curve` cannot be `flut`", "`curves` cannot be `straigth`"]
+        );
+        assert!(faults.iter().all(|f| f.help.as_deref().is_some_and(|h| h.starts_with("did you mean"))));
+        assert_eq!(
+            read(&[("curves", text("flat"))]).unwrap().curves.wanted().map(|c| c.0).collect::<Vec<_>>(),
+            ["flat"]
+        );
+    }
+}

@@ -1,0 +1,113 @@
+//! Keys and values as a TOML document gives them, with their positions.
+
+use std::{collections::BTreeMap, ops::Range};
+
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue},
+};
+
+use crate::{Fault, Literal};
+
+/// One key as the spec gives it, with where it stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Given {
+    /// Its value.
+    pub value: Literal,
+    /// The bytes of the key.
+    pub key_at: Range<usize>,
+    /// The bytes of the value.
+    pub at: Range<usize>,
+}
+
+/// Keys as the spec gives them.
+pub type Args = BTreeMap<String, Given>;
+
+/// A table of a spec.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Section {
+    /// Its keys.
+    pub keys: Args,
+    /// The bytes of the table.
+    pub at: Range<usize>,
+}
+
+impl Section {
+    /// A whole document.
+    ///
+    /// # Errors
+    /// Text that is not TOML, and values that cannot stand in a spec, each with its position.
+    pub fn document(text: &str) -> Result<Section, Vec<Fault>> {
+        let root = DeTable::parse(text).map_err(|e| {
+            let fault = Fault::new(e.message());
+            vec![e.span().into_iter().fold(fault, Fault::at)]
+        })?;
+        Section::of(root.get_ref(), root.span())
+    }
+
+    /// A parsed table.
+    ///
+    /// # Errors
+    /// Values that cannot stand in a spec, each with its position.
+    pub fn of(table: &DeTable, at: Range<usize>) -> Result<Section, Vec<Fault>> {
+        let (mut keys, mut faults) = (Args::new(), vec![]);
+        for (key, value) in table {
+            match literal(value) {
+                Ok(read) => {
+                    let given = Given { value: read, key_at: key.span(), at: value.span() };
+                    keys.insert(key.get_ref().to_string(), given);
+                }
+                Err(more) => faults.extend(more),
+            }
+        }
+        if faults.is_empty() { Ok(Section { keys, at }) } else { Err(faults) }
+    }
+}
+
+/// A parsed value.
+///
+/// # Errors
+/// Dates, NaN, integers beyond 64 bits: what cannot stand in a spec.
+pub fn literal(value: &Spanned<DeValue>) -> Result<Literal, Vec<Fault>> {
+    let wrong = |what: String| vec![Fault::new(what).at(value.span())];
+    match value.get_ref() {
+        DeValue::String(s) => Ok(Literal::Text(s.to_string())),
+        DeValue::Boolean(b) => Ok(Literal::Bool(*b)),
+        DeValue::Integer(n) => i64::from_str_radix(n.as_str(), n.radix())
+            .map(Literal::Int)
+            .map_err(|_| wrong(format!("the number {} is out of range", n.as_str()))),
+        DeValue::Float(x) => match x.as_str().parse::<f64>() {
+            Ok(x) if !x.is_nan() => Ok(Literal::Float(x)),
+            _ => Err(wrong(format!("{} is not a number that can be used here", x.as_str()))),
+        },
+        DeValue::Array(items) => {
+            let mut faults = vec![];
+            let read = items.iter().filter_map(|v| literal(v).map_err(|more| faults.extend(more)).ok()).collect();
+            if faults.is_empty() { Ok(Literal::List(read)) } else { Err(faults) }
+        }
+        DeValue::Datetime(_) => Err(wrong("a date cannot stand here; write it as text".to_owned())),
+        DeValue::Table(table) => Section::of(table, value.span()).map(Literal::Section),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_every_value_keeps_its_position() {
+        let text = "a = 1\n[ins]\ngrade = \"tactical\"\n[[flights]]\nname = \"1\"\n";
+        let root = Section::document(text).unwrap();
+        let Literal::Section(ins) = &root.keys["ins"].value else { panic!("{root:?}") };
+        assert_eq!(&text[ins.keys["grade"].at.clone()], "\"tactical\"");
+        let Literal::List(flights) = &root.keys["flights"].value else { panic!("{root:?}") };
+        assert!(matches!(&flights[0], Literal::Section(s) if s.keys.contains_key("name")));
+    }
+
+    #[test]
+    fn unit_all_that_cannot_stand_is_said_at_once() {
+        let faults = Section::document("a = nan\nb = [1, 99999999999999999999]\nc = 2020-01-01\n").unwrap_err();
+        assert_eq!(faults.len(), 3, "{faults:?}");
+        assert!(faults.iter().all(|f| f.at.is_some()));
+    }
+}

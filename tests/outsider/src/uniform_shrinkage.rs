@@ -1,0 +1,23 @@
+//! A model of one's own: least squares, and all coefficients made smaller by one factor.
+
+use schemas::{Fault, Rule};
+use stages::fit::{Answer, FitModel, Prepared, Problem, Settings, model, ridge};
+
+model! {
+    /// Least squares whose coefficients are all multiplied by `shrinkage`.
+    ///
+    /// Source: van Houwelingen & le Cessie 1990, "Predictive value of statistical models", uniform shrinkage.
+    UniformShrinkage = "uniform_shrinkage", version 1, scaling None, intercept false, made of Moments, choose [Given],
+    takes [], example "shrinkage = 0.9";
+    /// What the coefficients are multiplied by.
+    shrinkage: f64, unit "1", default 1.0, rule Rule::Between(0.0, 1.0);
+}
+
+impl FitModel for UniformShrinkage {
+    fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault> {
+        let mut answer = ridge(problem, settings, prepared, 0.0)?;
+        answer.fit.coefficients.iter_mut().for_each(|coefficient| *coefficient *= self.shrinkage);
+        answer.std.iter_mut().for_each(|std| *std *= self.shrinkage);
+        Ok(answer)
+    }
+}
