@@ -18,7 +18,7 @@ pub use column::{Column, ColumnType, Described, Role, Shape, describe_field, fie
 pub use fault::{Fault, Owner, Place, nearest, render};
 pub use stage::{
     Args, Build, Declared, Entry, Gather, Given, Grain, InputDecl, InputKind, LineIn, ParamDoc, Passes, Prepared,
-    Stage, StageDyn, Table, Yield, collect_doc, read_param, unknown_keys, words_rule,
+    Stage, StageDyn, Table, TableKind, Yield, collect_doc, is_optional, read_param, unknown_keys, words_rule,
 };
 pub use unit::{convert, convertible_to, is_unit, usual_spelling};
 pub use value::{Literal, OrAuto, Rule, Value};

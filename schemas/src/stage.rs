@@ -16,6 +16,30 @@ pub enum Grain {
     Line,
     /// Every line that its `where` selects.
     Survey,
+    /// Whole maps, and no flight lines.
+    Map,
+}
+
+impl Grain {
+    /// What a stage of this grain yields that does not say so.
+    pub const fn usually_yields(self) -> TableKind {
+        match self {
+            Grain::Line => TableKind::Lines,
+            Grain::Survey => TableKind::Model,
+            Grain::Map => TableKind::Map,
+        }
+    }
+}
+
+/// The kind of table that a stage yields.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TableKind {
+    /// Flight lines.
+    Lines,
+    /// A model, or another small table of a whole survey.
+    Model,
+    /// A map with the columns of [`crate::map::made_columns`].
+    Map,
 }
 
 /// What a stage reads through one of its inputs.
@@ -29,6 +53,8 @@ pub enum InputKind {
     Model,
     /// An anomaly map.
     Map,
+    /// One or several anomaly maps.
+    ManyMaps,
     /// A table of scores.
     Scores,
 }
@@ -40,6 +66,8 @@ pub struct InputDecl {
     pub name: &'static str,
     /// Its kind.
     pub kind: InputKind,
+    /// Whether it may be left out.
+    pub optional: bool,
 }
 
 /// What a table is, seen from the plan.
@@ -185,7 +213,18 @@ pub trait Stage: Declared + Any + Send + Sync + Sized {
     ///
     /// # Errors
     /// When this line cannot be computed; the other lines go on.
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault>;
+    fn run(&self, _line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+        Err(Fault::bug("the stage does not work on single lines"))
+    }
+
+    /// Arrays for the columns of [`Stage::yields`], in that order, of a stage of [`Grain::Map`]. `maps` are the whole
+    /// maps, each on its own grid ([`crate::map`]), in the order of the inputs.
+    ///
+    /// # Errors
+    /// When the map cannot be computed.
+    fn run_maps(&self, _maps: &[RecordBatch]) -> Result<Vec<ArrayRef>, Fault> {
+        Err(Fault::bug("the stage does not work on maps"))
+    }
 
     /// [`Stage::run`] of several points of a sweep over one line, for a stage that has something to share between them.
     ///
@@ -234,6 +273,11 @@ pub trait StageDyn: Send + Sync {
     /// # Errors
     /// As there.
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault>;
+    /// See [`Stage::run_maps`].
+    ///
+    /// # Errors
+    /// As there.
+    fn run_maps(&self, maps: &[RecordBatch]) -> Result<Vec<ArrayRef>, Fault>;
     /// See [`Stage::run_points`]; `self` stands for the type only. A point that is not of this stage's type is run by
     /// itself.
     fn run_points(&self, points: &[(&dyn StageDyn, &LineIn)]) -> Vec<Result<Vec<ArrayRef>, Fault>>;
@@ -262,6 +306,9 @@ impl<S: Stage> StageDyn for S {
     }
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
         Stage::run(self, line)
+    }
+    fn run_maps(&self, maps: &[RecordBatch]) -> Result<Vec<ArrayRef>, Fault> {
+        Stage::run_maps(self, maps)
     }
     fn run_points(&self, points: &[(&dyn StageDyn, &LineIn)]) -> Vec<Result<Vec<ArrayRef>, Fault>> {
         let ours: Vec<(&S, &LineIn)> =
@@ -332,6 +379,8 @@ pub struct Entry {
     pub version: u32,
     /// How much it must see at once.
     pub grain: Grain,
+    /// The kind of table that it yields.
+    pub yields: TableKind,
     /// Its inputs.
     pub inputs: &'static [InputDecl],
     /// What it does, when you want it, what it refuses, source.
@@ -378,7 +427,9 @@ pub fn unknown_keys(args: &Args, stage: &str, params: &[&str], plan: &[&str]) ->
 }
 
 /// Declares a stage once: name, version, grain, inputs, an example, parameters with unit, default, rule and
-/// documentation. A parameter of a type `Option` says what happens where it is left out (`absent`).
+/// documentation. A parameter of a type `Option` says what happens where it is left out (`absent`). A stage that yields
+/// another kind of table than is usual for its grain says so after the grain: `grain Survey, yields Map`. An input that
+/// may be left out is the last: `inputs [map: Map, with: ManyMaps optional]`.
 ///
 /// ```
 /// use schemas::{stage, Fault, LineIn, Rule, Stage, Table, Yield};
@@ -410,7 +461,8 @@ pub fn unknown_keys(args: &Args, stage: &str, params: &[&str], plan: &[&str]) ->
 macro_rules! stage {
     (
         $(#[doc = $d:literal])*
-        $Ty:ident = $name:literal, version $v:literal, grain $grain:ident, inputs [$($inp:ident : $kind:ident),* $(,)?],
+        $Ty:ident = $name:literal, version $v:literal, grain $grain:ident, $(yields $kind_of_table:ident,)?
+        inputs [$($inp:ident : $kind:ident $($optional:ident)?),* $(,)?],
         example $example:literal;
         $(
             $(#[doc = $pd:literal])* $p:ident : $pt:ty, unit $unit:literal
@@ -483,7 +535,17 @@ macro_rules! stage {
                     name: $name,
                     version: $v,
                     grain: $crate::Grain::$grain,
-                    inputs: &[$($crate::InputDecl { name: stringify!($inp), kind: $crate::InputKind::$kind }),*],
+                    yields: {
+                        #[allow(unused_mut, unused_assignments)]
+                        let mut kind = $crate::Grain::$grain.usually_yields();
+                        $( kind = $crate::TableKind::$kind_of_table; )?
+                        kind
+                    },
+                    inputs: const { &[$($crate::InputDecl {
+                        name: stringify!($inp),
+                        kind: $crate::InputKind::$kind,
+                        optional: $crate::is_optional(&[$(stringify!($optional))?]),
+                    }),*] },
                     doc,
                     example: $example,
                     more: String::new,
@@ -494,6 +556,12 @@ macro_rules! stage {
             }
         }
     };
+}
+
+/// Whether an input is followed by a word; the only one there is says that it may be left out.
+#[doc(hidden)]
+pub const fn is_optional(words: &[&str]) -> bool {
+    !words.is_empty()
 }
 
 /// The words that a type allows by itself.

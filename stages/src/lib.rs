@@ -12,8 +12,12 @@ mod core_field;
 mod dates;
 mod features;
 mod fit;
+mod made_map;
 mod magnitude;
+pub mod map_continue;
+pub mod map_convert;
 mod map_errors;
+pub mod map_fill;
 mod map_value;
 mod maps;
 mod navigate;
@@ -41,6 +45,9 @@ pub fn catalogue() -> Vec<Entry> {
         noise::AssumeNoise::entry(),
         navigate::Navigate::entry(),
         map_value::MapValue::entry(),
+        map_fill::MapFill::entry(),
+        map_continue::MapContinue::entry(),
+        map_convert::MapConvert::entry(),
         Entry { metrics: score::METRICS, ..score::Score::entry() },
         Entry { metrics: summary::METRICS, ..summary::Summary::entry() },
     ]

@@ -262,7 +262,7 @@ impl<'a> States<'a> {
     fn new(graph: &'a Graph<'a>) -> States<'a> {
         let tables = &graph.plan.tables;
         let width = |(t, node): (usize, &TableNode)| match node.entry.grain {
-            Grain::Survey => 1,
+            Grain::Survey | Grain::Map => 1,
             Grain::Line => graph.most_lines_of(t),
         };
         let width: Vec<usize> = tables.iter().enumerate().map(width).collect();

@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use arrow_array::RecordBatch;
 use arrow_schema::Schema;
 use rayon::prelude::*;
-use schemas::Fault;
+use schemas::{Fault, Grain};
 
 use super::{
     Looked, Outcome, Runner, State,
@@ -114,7 +114,9 @@ impl Runner<'_> {
         }
         let worker = self.worker;
         let to_do = layout.units.iter().zip(&known).filter(|(_, k)| matches!(k, Known::Pending(_))).map(|(u, _)| *u);
-        worker.prepare_all(to_do);
+        if self.graph.plan.tables[t].entry.grain != Grain::Map {
+            worker.prepare_all(to_do);
+        }
         // A table of one chunk is always one pack.
         let whole = layout.chunks.len() <= 1 || self.compact;
         let this = &*self;
