@@ -18,6 +18,7 @@ pub mod map_continue;
 pub mod map_convert;
 mod map_errors;
 pub mod map_fill;
+pub mod map_grid;
 mod map_value;
 mod maps;
 mod navigate;
@@ -45,6 +46,7 @@ pub fn catalogue() -> Vec<Entry> {
         noise::AssumeNoise::entry(),
         navigate::Navigate::entry(),
         map_value::MapValue::entry(),
+        map_grid::MapGrid::entry(),
         map_fill::MapFill::entry(),
         map_continue::MapContinue::entry(),
         map_convert::MapConvert::entry(),

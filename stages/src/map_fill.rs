@@ -58,6 +58,7 @@ stage! {
 name   = "map_fill"
 stage  = "map_fill"
 map    = "anomaly"
+with   = ["map_grid"]
 method = "minimum_curvature"
 "#;
     /// How gaps are filled from their surroundings: by the mean of the nearest known nodes, by a harmonic surface (never
@@ -89,6 +90,21 @@ pub struct Filled {
 }
 
 impl MapFill {
+    /// Refuses parameters that do not go together; `others` says whether there are other maps.
+    ///
+    /// # Errors
+    /// The parameter and the way out.
+    pub fn check(&self, others: bool) -> Result<(), Fault> {
+        if others || !(self.extend || self.method == Method::None) {
+            return Ok(());
+        }
+        let (param, help) = match self.extend {
+            true => ("extend", "name them as `with`"),
+            false => ("method", "name them as `with`, or choose another method"),
+        };
+        Err(Fault::new("there are no other maps to fill from").help(help).of_param(param))
+    }
+
     /// Fills the gaps of `map`, first from `others`, each with its name for messages.
     ///
     /// # Errors
@@ -215,13 +231,7 @@ fn extended(planes: &[PlaneGrid], of: impl Fn(&PlaneGrid) -> EvenAxis) -> EvenAx
 
 impl Stage for MapFill {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
-        if inputs.len() < 2 && (self.extend || self.method == Method::None) {
-            let (param, help) = match self.extend {
-                true => ("extend", "name them as `with`"),
-                false => ("method", "name them as `with`, or choose another method"),
-            };
-            return Err(vec![Fault::new("there are no other maps to fill from").help(help).of_param(param)]);
-        }
+        self.check(inputs.len() > 1).map_err(|fault| vec![fault])?;
         Ok(schemas::map::yields(schemas::map::ANOMALY_UNIT, vec![whole_map(); inputs.len()]))
     }
 
