@@ -110,7 +110,7 @@ fn law_a_spec_goes_from_survey_points_to_a_map_to_navigation() {
         (0..values.len()).filter(inside).map(|i| (values[i] - anomaly(lat[i], lon[i])).powi(2)).collect();
     let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
     // Points 160 m by 220 m apart of waves of 2.2 km and more.
-    assert!(squares.len() > 5000 && rms < 3.0, "{} {rms}", squares.len());
+    assert!(squares.len() > 3000 && rms < 3.0, "{} {rms}", squares.len());
     let held = read(&folder.join("held"));
     assert!(numbers(&held, "map_anomaly").iter().filter(|v| v.is_finite()).count() > 1000);
     let scores = read(&folder.join("scores"));
@@ -238,7 +238,8 @@ fn law_a_map_that_fails_is_reported_and_what_rests_on_it_is_skipped() {
     let failures = read(&bench.path("store/tables/maps/failures"));
     assert!(texts(&failures, "stage").iter().all(|t| t == "gridded"));
     assert!(texts(&failures, "error")[0].contains("the field is asked for at -2000 m"), "{failures:?}");
-    assert!(done.stderr.contains("say `level_m = "), "{}", done.stderr);
+    let told = bench.magline(&["run", "spec.toml"]);
+    assert!(stderr(&told).contains("say `level_m = "), "{}", stderr(&told));
 }
 
 #[test]

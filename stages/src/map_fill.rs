@@ -57,8 +57,8 @@ stage! {
 [[stages]]
 name   = "map_fill"
 stage  = "map_fill"
-map    = "anomaly"
-with   = ["map_grid"]
+map    = "map_grid"
+with   = ["anomaly"]
 method = "minimum_curvature"
 "#;
     /// How gaps are filled from their surroundings: by the mean of the nearest known nodes, by a harmonic surface (never
@@ -150,7 +150,7 @@ impl MapFill {
         let mut planes = vec![map.plane()];
         let (unit_x, unit_y) = map.unit_m();
         for (name, other) in others {
-            let other = other.to_crs(map.crs.code(), None)?;
+            let other = other.to_crs(map.crs.code(), None).map_err(|e| Fault::from(e).in_file(name))?;
             let Height::Level(from_m) = other.height else { return Err(draped().in_file(name)) };
             let (east_m, north_m) = (in_metres(&other.x, unit_x), in_metres(&other.y, unit_y));
             let plane = PlaneGrid { east_m, north_m, values: other.anomaly_nt };

@@ -166,6 +166,7 @@ impl MapGrid {
             points.value_nt.iter_mut().zip(&levelled.correction_nt).for_each(|(v, c)| *v -= c);
         }
         let survey = points::survey(points, &line);
+        self.fits(survey)?;
         let gridded = gridding::grid(survey, &options, progress).map_err(|e| match e {
             GridError::NoPoints => points::nothing_left(survey, &options.clean),
             e => refused(&e),
@@ -191,6 +192,24 @@ impl MapGrid {
         };
         let error = error.map(|error| points.grid(error, height.clone())).transpose()?;
         Ok(Mapped { map: points.grid(grid, height)?, error, report, levelled })
+    }
+
+    /// Refuses a spacing that is wider than the area of the points.
+    fn fits(&self, survey: gridding::SurveyPoints) -> Result<(), Fault> {
+        let Some(spacing_m) = self.spacing_m else { return Ok(()) };
+        let extent_m = |values: &[f64]| {
+            let known = values.iter().filter(|x| x.is_finite());
+            let (low, high) = known.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+            high - low
+        };
+        let (east_m, north_m) = (extent_m(survey.easting_m), extent_m(survey.northing_m));
+        // A line is as long as it is, and has no width; a point has neither.
+        if !(east_m > 0.0 || north_m > 0.0) || spacing_m < east_m.max(north_m) {
+            return Ok(());
+        }
+        let what =
+            format!("a spacing of {spacing_m} m is wider than the area of the points, {east_m:.0} by {north_m:.0} m");
+        Err(Fault::data(what).help("choose a `spacing_m` below the extent of the points").of_param("spacing_m"))
     }
 
     fn levelled(
