@@ -222,6 +222,11 @@ level_m   = 320.0
     }
 }
 
+fn fine_or_failed(output: &std::process::Output) -> String {
+    assert!(matches!(output.status.code(), Some(0 | 1)), "{}", stderr(output));
+    stdout(output)
+}
+
 #[test]
 fn law_a_map_that_fails_is_reported_and_what_rests_on_it_is_skipped() {
     let bench = Bench::new();
@@ -238,6 +243,9 @@ fn law_a_map_that_fails_is_reported_and_what_rests_on_it_is_skipped() {
     let failures = read(&bench.path("store/tables/maps/failures"));
     assert!(texts(&failures, "stage").iter().all(|t| t == "gridded"));
     assert!(texts(&failures, "error")[0].contains("the field is asked for at -2000 m"), "{failures:?}");
+    let events = fine_or_failed(&bench.magline(&["run", "spec.toml", "--json"]));
+    let skipped = events.lines().find(|e| e.contains("\"skipped\"") && e.contains("\"table\":\"level\""));
+    assert!(skipped.is_some_and(|e| e.contains("it is made from `gridded`, which could not be computed")), "{events}");
     let told = bench.magline(&["run", "spec.toml"]);
     assert!(stderr(&told).contains("say `level_m = "), "{}", stderr(&told));
 }

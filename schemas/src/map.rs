@@ -4,8 +4,8 @@
 //! it has: the same table with northing and easting in the place of latitude and longitude, which say in the metadata
 //! of their fields what they are.
 //!
-//! A map that a stage yields has both, and the code of its coordinate system, in columns ([`made_columns`]): the rows of
-//! one table can then be maps in several systems, such as those of the points of a sweep.
+//! A map that a stage yields has both, and the code of its coordinate system, in columns ([`made_columns`]): the rows
+//! of one table can then be maps in several systems, such as those of the points of a sweep.
 
 use arrow_schema::{DataType, Field, Schema};
 
@@ -34,9 +34,9 @@ pub const MADE_COLUMNS: [&str; 7] = ["lat", "lon", "alt", "anomaly", "easting", 
 /// The unit of the anomaly.
 pub const ANOMALY_UNIT: &str = "nT";
 
-/// The columns of a map that a stage yields, row by row from the south and each row from west to east: [`COLUMNS`], then
-/// the node on the map's own grid. `easting` and `northing` are in the unit of the coordinate system `epsg`; both are
-/// null in a map whose rows and columns are latitudes and longitudes. The anomaly of a derivative has another unit
+/// The columns of a map that a stage yields, row by row from the south and each row from west to east: [`COLUMNS`],
+/// then the node on the map's own grid. `easting` and `northing` are in the unit of the coordinate system `epsg`; both
+/// are null in a map whose rows and columns are latitudes and longitudes. The anomaly of a derivative has another unit
 /// than nT.
 pub fn made_columns(unit: &str) -> Vec<Column> {
     let mut columns = shape().columns;

@@ -29,8 +29,8 @@ pub fn made(map: &GridMap) -> Result<Vec<ArrayRef>, Fault> {
     map.made().map_err(Fault::from)
 }
 
-/// A map without unknown nodes, as transforms of the whole map need it: the unknown ones filled by the surface of minimum
-/// curvature.
+/// A map without unknown nodes, as transforms of the whole map need it: the unknown ones filled by the surface of
+/// minimum curvature.
 ///
 /// # Errors
 /// A map of which too little is known.

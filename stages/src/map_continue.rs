@@ -31,17 +31,17 @@ choice! {
 }
 
 stage! {
-    /// Continues a map to another height, or differentiates it: one level to another, a draped map to a level, or a level to
-    /// the heights of another map on the same grid (`drape`).
+    /// Continues a map to another height, or differentiates it: one level to another, a draped map to a level, or a
+    /// level to the heights of another map on the same grid (`drape`).
     ///
-    /// Use it to bring a map to the height that is flown, or above the highest of several maps before they are combined.
-    /// Upward is a smoothing and safe. Downward amplifies what is short, noise first, so it is damped by `alpha_m2`; what
-    /// the damping takes off is lost. Unknown nodes are filled by the surface of minimum curvature for the transform, and
-    /// are unknown again in the answer. What lies past the map's edges is unknown: keep the distance below 1/50 of the
-    /// shorter side, or cut the edges afterwards.
+    /// Use it to bring a map to the height that is flown, or above the highest of several maps before they are
+    /// combined. Upward is a smoothing and safe. Downward amplifies what is short, noise first, so it is damped by
+    /// `alpha_m2`; what the damping takes off is lost. Unknown nodes are filled by the surface of minimum curvature for
+    /// the transform, and are unknown again in the answer. What lies past the map's edges is unknown: keep the distance
+    /// below 1/50 of the shorter side, or cut the edges afterwards.
     ///
-    /// It refuses a map whose height is unknown, a derivative of a draped map, and a `drape` that is on another grid or has
-    /// one height for all nodes.
+    /// It refuses a map whose height is unknown, a derivative of a draped map, and a `drape` that is on another grid or
+    /// has one height for all nodes.
     ///
     /// Source: Blakely 1996, sections 12.1 and 12.2; thesis 000, section 2.3 (downward).
     MapContinue = "map_continue", version 1, grain Map, inputs [map: Map, drape: Map optional],

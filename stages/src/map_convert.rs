@@ -13,12 +13,13 @@ use crate::{
 };
 
 stage! {
-    /// Resamples a map to another coordinate system or spacing, cuts it, or wraps it around. What is asked for is done in the
-    /// order of the parameters.
+    /// Resamples a map to another coordinate system or spacing, cuts it, or wraps it around. What is asked for is done
+    /// in the order of the parameters.
     ///
-    /// Use it to bring maps onto one grid, or to cut the edges of a map that was continued. Resampling is by polynomials of
-    /// ninth degree, or lower near edges and unknown nodes; a node within two nodes of an unknown one becomes unknown.
-    /// Stages that look a map up project positions themselves, so that a map need not be converted for them.
+    /// Use it to bring maps onto one grid, or to cut the edges of a map that was continued. Resampling is by
+    /// polynomials of ninth degree, or lower near edges and unknown nodes; a node within two nodes of an unknown one
+    /// becomes unknown. Stages that look a map up project positions themselves, so that a map need not be converted for
+    /// them.
     ///
     /// It refuses bounds outside the map, and to wrap a map around that is draped or has gaps.
     MapConvert = "map_convert", version 1, grain Map, inputs [map: Map],
@@ -39,7 +40,8 @@ trim    = true
     bounds: Option<Vec<f64>>, unit "", absent "all of the map is kept";
     /// Cuts rows and columns at the edges that hold no value.
     trim: bool, unit "", default false;
-    /// Wraps the map around: at least this number of nodes more on each side, and sizes that have no prime factor above 7.
+    /// Wraps the map around: at least this number of nodes more on each side, and sizes that have no prime factor above
+    /// 7.
     expand_nodes: Option<usize>, unit "1", absent "it is not wrapped around";
 }
 

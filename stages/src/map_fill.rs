@@ -42,16 +42,16 @@ choice! {
 }
 
 stage! {
-    /// Fills the unknown nodes of a map: first from other maps of the field, in the order in which `with` names them, then
-    /// from their surroundings.
+    /// Fills the unknown nodes of a map: first from other maps of the field, in the order in which `with` names them,
+    /// then from their surroundings.
     ///
     /// Other maps are brought into the coordinate system of the map and, where they are lower, up to its height; their
     /// difference to it in the overlap (`bias`) is removed. What is filled from the surroundings is a guess, without
-    /// anything of the geology there: `minimum_curvature` is good for gaps of a few nodes, none is for large ones.
+    /// anything of the geology there: `minimum_curvature` is good for gaps of a few nodes, no method for large ones.
     ///
     /// It refuses another map that is higher than the one to be filled, and a draped map together with other maps.
     ///
-    /// Source: Briggs 1974, doi:10.1190/1.1440410 (`minimum_curvature`); Blakely 1996, section 12.1 (upward continuation).
+    /// Source: Briggs 1974 (`minimum_curvature`); Blakely 1996, section 12.1 (upward continuation).
     MapFill = "map_fill", version 1, grain Map, inputs [map: Map, with: ManyMaps optional],
     example r#"
 [[stages]]
@@ -61,9 +61,9 @@ map    = "map_grid"
 with   = ["anomaly"]
 method = "minimum_curvature"
 "#;
-    /// How gaps are filled from their surroundings: by the mean of the nearest known nodes, by a harmonic surface (never
-    /// above or below what is around the gap), by the surface of minimum curvature (which keeps the slope at the gap's
-    /// edge), or not at all.
+    /// How gaps are filled from their surroundings: by the mean of the nearest known nodes, by a harmonic surface
+    /// (never above or below what is around the gap), by the surface of minimum curvature (which keeps the slope at the
+    /// gap's edge), or not at all.
     method: Method, unit "", default Method::Knn;
     /// How many neighbours a value is the mean of.
     neighbours: usize, unit "1", default 3usize, rule Rule::Positive;

@@ -46,25 +46,26 @@ choice! {
 }
 
 stage! {
-    /// Grids survey lines to a map: takes the core field and the diurnal variation off, levels the lines where they cross,
-    /// leaves outliers out, and makes a surface through what remains.
+    /// Grids survey lines to a map: takes the core field and the diurnal variation off, levels the lines where they
+    /// cross, leaves outliers out, and makes a surface through what remains.
     ///
     /// Use it to make the map that is navigated on from the survey it came of, with the lines that `where` selects.
-    /// `equivalent_sources` gives a potential field on a level, above all points where it is not told otherwise, and can be
-    /// continued; `minimum_curvature` interpolates at the heights flown and needs none. Lines are levelled here, not by a
-    /// stage of their own, because their crossings are found among the very points that are gridded, on the plane of the map
-    /// and after the reduction. A map made of the lines that are then navigated on is known to the filter: select
-    /// other lines for it.
+    /// `equivalent_sources` gives a potential field on a level, above all points where it is not told otherwise, and
+    /// can be continued; `minimum_curvature` interpolates at the heights flown and needs none. Lines are levelled here,
+    /// not by a stage of their own, because their crossings are found among the very points that are gridded, on the
+    /// plane of the map and after the reduction. A map made of the lines that are then navigated on is known to the
+    /// filter: select other lines for it.
     ///
-    /// Points without a position, a value or, for equivalent sources, a height are left out; so are duplicates, outliers along
-    /// a line, points far from all others, and lines of fewer than five points. It refuses a level below the points, a
-    /// spacing wider than the area, levelling of lines that do not cross, and the core field of points without a date.
+    /// Points without a position, a value or, for equivalent sources, a height are left out; so are duplicates,
+    /// outliers along a line, points far from all others, and lines of fewer than five points. It refuses a level below
+    /// the points, a spacing wider than the area, levelling of lines that do not cross, and the core field of points
+    /// without a date.
     ///
-    /// With `cross_validate` every line is predicted from others; the column `error` then holds the error to be expected at
-    /// each node.
+    /// With `cross_validate` every line is predicted from others; the column `error` then holds the error to be
+    /// expected at each node.
     ///
-    /// Source: Dampney 1969, doi:10.1190/1.1440078 (equivalent sources); Smith and Wessel 1990, doi:10.1190/1.1442837
-    /// (minimum curvature with tension); Luyendyk 1997 (levelling).
+    /// Source: Soler and Uieda 2021, "Gradient-boosted equivalent sources"; Briggs 1974, Smith and Wessel 1990 (minimum
+    /// curvature with tension); Luyendyk 1997, "Processing of airborne magnetic data" (levelling).
     MapGrid = "map_grid", version 1, grain Survey, yields Map, inputs [input: Lines],
     example r#"
 [[stages]]

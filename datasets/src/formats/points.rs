@@ -417,8 +417,8 @@ fn place_columns<'a>(
 }
 
 impl SurveyPoints {
-    /// Points at WGS-84 latitudes and longitudes, all finite, on the plane of `to_epsg` or else of their UTM zone. They have
-    /// no values, no heights, one line without a name and nothing else: whoever has these puts them in.
+    /// Points at WGS-84 latitudes and longitudes, all finite, on the plane of `to_epsg` or else of their UTM zone. They
+    /// have no values, no heights, one line without a name and nothing else: whoever has these puts them in.
     ///
     /// # Errors
     /// No point, an unknown system or one in degrees, no UTM zone, and points that are no place in the system.

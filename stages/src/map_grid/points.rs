@@ -92,8 +92,8 @@ pub fn nothing_left(points: gridding::SurveyPoints, options: &CleanOptions) -> F
     Fault::data(format!("none of {} points is left to grid: {}", points.len(), left_out.join(", "))).help(help)
 }
 
-/// Takes away the positions of points that are far from all others, so that what follows leaves these out; says which they
-/// are.
+/// Takes away the positions of points that are far from all others, so that what follows leaves these out; says which
+/// they are.
 pub fn without_far(points: &mut SurveyPoints) -> Vec<usize> {
     let [east_m, north_m] = positions(points);
     let far = far_points(&east_m, &north_m);
