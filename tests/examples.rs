@@ -257,3 +257,15 @@ fn ref_a_drone_is_compensated_as_in_thesis_004() {
     assert!(ratio("left", "flux_a_t") > ratio("left", "mag_1_uc"));
     assert!(ratio("right", "flux_b_t") > ratio("right", "mag_2_uc"));
 }
+
+#[test]
+fn val_navigation_on_a_map_made_of_survey_points() {
+    let (folder, last) = run_with("survey_to_map.toml", &["axes.spacing=[200.0]"]);
+    assert_eq!(last["tables"]["gridded"]["computed"], 1);
+    let mean = |metric: &str| {
+        let values = values(folder.path(), "survey_to_map", metric);
+        values.iter().sum::<f64>() / values.len() as f64
+    };
+    // The flights are over the map that others made of the same points; the INS alone drifts by more than a kilometre.
+    assert!(mean("drms") < 150.0 && mean("ins_drms") > 500.0, "{} {}", mean("drms"), mean("ins_drms"));
+}

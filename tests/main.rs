@@ -13,6 +13,7 @@ mod failures;
 mod field;
 mod killed;
 mod map_lookup;
+mod map_stages;
 mod maps;
 mod memory;
 mod models;

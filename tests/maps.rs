@@ -279,11 +279,14 @@ fn r10_what_cannot_be_is_refused_before_work() {
     for (args, says) in [
         (&["-o", "grid.xyzzy"][..], "the extension stands for no map format"),
         (&["-o", "none/grid.parquet"], "the folder `none` is not there"),
-        (&["-o", "grid.parquet", "--spacing", "0"], "`--spacing` is 0, but must be above zero"),
-        (&["-o", "grid.parquet", "--damping=-1"], "`--damping` is -1"),
-        (&["-o", "grid.parquet", "--mask=-1"], "`--mask` is -1"),
-        (&["-o", "grid.parquet", "--tension", "0.5"], "`--tension` is of `--method minimum-curvature` alone"),
-        (&["-o", "grid.parquet", "--level", "90", "--method", "minimum-curvature"], "`--level` is of `--method equi"),
+        (&["-o", "grid.parquet", "--spacing", "0"], "`--spacing-m` must be above 0, not 0"),
+        (&["-o", "grid.parquet", "--damping=-1"], "`--damping` must be above 0, not -1"),
+        (&["-o", "grid.parquet", "--mask=-1"], "`--mask-m` is -1"),
+        (&["-o", "grid.parquet", "--tension", "0.5"], "`--tension` has a say only with `--method minimum_curvature`"),
+        (
+            &["-o", "grid.parquet", "--level", "90", "--method", "minimum-curvature"],
+            "`--level-m` has a say only with `--method equi",
+        ),
     ] {
         // The points are not even looked for.
         let output = bench.magline(&[&["map", "grid", "none.parquet"], args].concat());
@@ -293,8 +296,8 @@ fn r10_what_cannot_be_is_refused_before_work() {
     let low = grid(&bench, &["-o", "grid.parquet", "--level", "20"]);
     assert_eq!(low.status.code(), Some(2));
     let said = stderr(&low);
-    assert!(said.contains("the field is asked for at 20 m") && said.contains("say `--level "), "{said}");
-    let least = said.split("say `--level ").nth(1).and_then(|t| t.split('`').next()).unwrap().to_owned();
+    assert!(said.contains("the field is asked for at 20 m") && said.contains("say `--level-m "), "{said}");
+    let least = said.split("say `--level-m ").nth(1).and_then(|t| t.split('`').next()).unwrap().to_owned();
     fine(&grid(&bench, &["-o", "grid.parquet", "--level", &least]));
 }
 

@@ -20,6 +20,6 @@ pub use params::{
 };
 pub use stage::{
     Build, Entry, Gather, Grain, Head, InputDecl, InputKind, KindDoc, LineIn, Passes, Prepared, Stage, StageDyn, Table,
-    Yield,
+    TableKind, Yield, is_optional,
 };
 pub use unit::{convert, convertible_to, is_unit, usual_spelling};

@@ -3,10 +3,13 @@
 //! A map in another coordinate system goes to the stages on its own grid, so that it is interpolated between the values
 //! it has: the same table with northing and easting in the place of latitude and longitude, which say in the metadata
 //! of their fields what they are.
+//!
+//! A map that a stage yields has both, and the code of its coordinate system, in columns ([`made_columns`]): the rows
+//! of one table can then be maps in several systems, such as those of the points of a sweep.
 
 use arrow_schema::{DataType, Field, Schema};
 
-use crate::{Column, Described, Fault, Role, Shape, field};
+use crate::{Column, Described, Fault, Passes, Role, Shape, Yield, field};
 
 /// The version of the map table's contract.
 pub const VERSION: u32 = 1;
@@ -23,6 +26,55 @@ pub const COLUMNS: [(&str, Described); 4] = [
 pub fn shape() -> Shape {
     let columns = COLUMNS.iter().map(|(name, d)| Column::float(*name, d.unit, d.description).role(d.role));
     Shape { columns: columns.collect(), rate_hz: None }
+}
+
+/// The columns of a map that a stage yields, in their order, beside those that the stage adds.
+pub const MADE_COLUMNS: [&str; 7] = ["lat", "lon", "alt", "anomaly", "easting", "northing", "epsg"];
+
+/// The unit of the anomaly.
+pub const ANOMALY_UNIT: &str = "nT";
+
+/// The columns of a map that a stage yields, row by row from the south and each row from west to east: [`COLUMNS`],
+/// then the node on the map's own grid. `easting` and `northing` are in the unit of the coordinate system `epsg`; both
+/// are null in a map whose rows and columns are latitudes and longitudes. The anomaly of a derivative has another unit
+/// than nT.
+pub fn made_columns(unit: &str) -> Vec<Column> {
+    let mut columns = shape().columns;
+    for column in columns.iter_mut().filter(|c| c.name == "anomaly") {
+        if unit != ANOMALY_UNIT {
+            column.doc = "derivative of the magnetic anomaly; NaN where unknown".to_owned();
+        }
+        column.unit = unit.to_owned();
+    }
+    let own = |name: &str, doc: &str| Column::float(name, "", doc).role(Role::Key);
+    columns.push(own("easting", "easting in the map's coordinate system; null where that is latitude and longitude"));
+    columns.push(own("northing", "northing in the map's coordinate system; null where that is latitude and longitude"));
+    columns.push(Column::integer("epsg", "", "EPSG code of the map's coordinate system").role(Role::Key));
+    columns
+}
+
+/// What a stage yields that makes a map of the columns `reads` of each of its inputs; `unit` is that of its values.
+pub fn yields(unit: &str, reads: Vec<Vec<String>>) -> Yield {
+    let among = |names: &[String], wanted: &[&str]| -> Vec<String> {
+        names.iter().filter(|n| wanted.contains(&n.as_str())).cloned().collect()
+    };
+    let from = |column: Column| {
+        reads.iter().enumerate().fold(column, |c, (i, names)| match c.name.as_str() {
+            "anomaly" => c.from(i, names),
+            "alt" => c.from(i, &among(names, &["alt"])),
+            _ => c.from(i, &among(names, &["lat", "lon"])),
+        })
+    };
+    Yield {
+        columns: made_columns(unit).into_iter().map(from).collect(),
+        passes: Passes::None,
+        reads,
+        rate_hz: None,
+        features: vec![],
+        lenient: false,
+        tidy: false,
+        notes: vec![],
+    }
 }
 
 /// The columns of a map on the grid of its own coordinate system, in the unit of that system.

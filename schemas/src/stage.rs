@@ -16,6 +16,30 @@ pub enum Grain {
     Line,
     /// Every line that its `where` selects.
     Survey,
+    /// Whole maps, and no flight lines.
+    Map,
+}
+
+impl Grain {
+    /// What a stage of this grain yields that does not say so.
+    pub const fn usually_yields(self) -> TableKind {
+        match self {
+            Grain::Line => TableKind::Lines,
+            Grain::Survey => TableKind::Model,
+            Grain::Map => TableKind::Map,
+        }
+    }
+}
+
+/// The kind of table that a stage yields.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TableKind {
+    /// Flight lines.
+    Lines,
+    /// A model, or another small table of a whole survey.
+    Model,
+    /// A map with the columns of [`crate::map::made_columns`].
+    Map,
 }
 
 /// What a stage reads through one of its inputs.
@@ -29,6 +53,8 @@ pub enum InputKind {
     Model,
     /// An anomaly map.
     Map,
+    /// One or several anomaly maps.
+    ManyMaps,
     /// A table of scores.
     Scores,
 }
@@ -40,6 +66,8 @@ pub struct InputDecl {
     pub name: &'static str,
     /// Its kind.
     pub kind: InputKind,
+    /// Whether it may be left out.
+    pub optional: bool,
 }
 
 /// What a table is, seen from the plan.
@@ -179,7 +207,18 @@ pub trait Stage: Params + Any + Send + Sync {
     ///
     /// # Errors
     /// When this line cannot be computed; the other lines go on.
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault>;
+    fn run(&self, _line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+        Err(Fault::bug("the stage does not work on single lines"))
+    }
+
+    /// Arrays for the columns of [`Stage::yields`], in that order, of a stage of [`Grain::Map`]. `maps` are the whole
+    /// maps, each on its own grid ([`crate::map`]), in the order of the inputs.
+    ///
+    /// # Errors
+    /// When the map cannot be computed.
+    fn run_maps(&self, _maps: &[RecordBatch]) -> Result<Vec<ArrayRef>, Fault> {
+        Err(Fault::bug("the stage does not work on maps"))
+    }
 
     /// [`Stage::run`] of several points of a sweep over one line, for a stage that has something to share between them.
     ///
@@ -230,6 +269,11 @@ pub trait StageDyn: Send + Sync {
     /// # Errors
     /// As there.
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault>;
+    /// See [`Stage::run_maps`].
+    ///
+    /// # Errors
+    /// As there.
+    fn run_maps(&self, maps: &[RecordBatch]) -> Result<Vec<ArrayRef>, Fault>;
     /// See [`Stage::run_points`]; `self` stands for the type only. A point that is not of this stage's type is run by
     /// itself.
     fn run_points(&self, points: &[(&dyn StageDyn, &LineIn)]) -> Vec<Result<Vec<ArrayRef>, Fault>>;
@@ -261,6 +305,9 @@ impl<S: Stage> StageDyn for S {
     }
     fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
         Stage::run(self, line)
+    }
+    fn run_maps(&self, maps: &[RecordBatch]) -> Result<Vec<ArrayRef>, Fault> {
+        Stage::run_maps(self, maps)
     }
     fn run_points(&self, points: &[(&dyn StageDyn, &LineIn)]) -> Vec<Result<Vec<ArrayRef>, Fault>> {
         let ours: Vec<(&S, &LineIn)> =
@@ -298,6 +345,8 @@ pub struct Entry {
     pub version: u32,
     /// How much it must see at once.
     pub grain: Grain,
+    /// The kind of table that it yields.
+    pub yields: TableKind,
     /// Its inputs.
     pub inputs: &'static [InputDecl],
     /// What it does, when you want it, what it refuses, source.
@@ -339,6 +388,7 @@ pub struct Head {
     pub name: &'static str,
     pub version: u32,
     pub grain: Grain,
+    pub yields: TableKind,
     pub inputs: &'static [InputDecl],
     pub doc: &'static [&'static str],
     pub example: &'static str,
@@ -348,7 +398,7 @@ impl Entry {
     /// The row of a stage `S` whose choices among kinds are made from `lists`.
     #[doc(hidden)]
     pub fn of<S: Stage + Params>(head: Head, lists: Lists) -> Entry {
-        let Head { name, version, grain, inputs, doc, example } = head;
+        let Head { name, version, grain, yields, inputs, doc, example } = head;
         let params = S::docs(&lists);
         let known: Vec<&str> = params.iter().map(|p| p.name).collect();
         let build = move |args: &Args| -> Result<Arc<dyn StageDyn>, Vec<Fault>> {
@@ -363,12 +413,14 @@ impl Entry {
             }
         };
         let (doc, build) = (collect_doc(doc), Arc::new(build));
-        Entry { name, version, grain, inputs, doc, example, kinds: vec![], metrics: vec![], params, build }
+        Entry { name, version, grain, yields, inputs, doc, example, kinds: vec![], metrics: vec![], params, build }
     }
 }
 
 /// Declares a stage once: name, version, grain, inputs, an example, parameters with unit, default, rule and
-/// documentation. A parameter of a type `Option` says what happens where it is left out (`absent`).
+/// documentation. A parameter of a type `Option` says what happens where it is left out (`absent`). A stage that yields
+/// another kind of table than is usual for its grain says so after the grain: `grain Survey, yields Map`. An input that
+/// may be left out is the last: `inputs [map: Map, with: ManyMaps optional]`.
 ///
 /// ```
 /// use schemas::{stage, Fault, LineIn, Rule, Stage, Table, Yield};
@@ -400,7 +452,8 @@ impl Entry {
 macro_rules! stage {
     (
         $(#[doc = $d:literal])*
-        $Ty:ident = $name:literal, version $v:literal, grain $grain:ident, inputs [$($inp:ident : $kind:ident),* $(,)?],
+        $Ty:ident = $name:literal, version $v:literal, grain $grain:ident, $(yields $kind_of_table:ident,)?
+        inputs [$($inp:ident : $kind:ident $($optional:ident)?),* $(,)?],
         $(groups [$($g:ident : $gt:ty),* $(,)?],)? example $example:literal;
         $(
             $(#[doc = $pd:literal])* $p:ident : $pt:ty, unit $unit:literal
@@ -431,7 +484,15 @@ macro_rules! stage {
                     name: $name,
                     version: $v,
                     grain: $crate::Grain::$grain,
-                    inputs: &[$($crate::InputDecl { name: stringify!($inp), kind: $crate::InputKind::$kind }),*],
+                    yields: $crate::first([
+                        $($crate::TableKind::$kind_of_table,)?
+                        $crate::Grain::$grain.usually_yields(),
+                    ]).unwrap_or($crate::Grain::$grain.usually_yields()),
+                    inputs: const { &[$($crate::InputDecl {
+                        name: stringify!($inp),
+                        kind: $crate::InputKind::$kind,
+                        optional: $crate::is_optional(&[$(stringify!($optional))?]),
+                    }),*] },
                     doc: &[$($d),*],
                     example: $example,
                 };
@@ -439,6 +500,12 @@ macro_rules! stage {
             }
         }
     };
+}
+
+/// Whether an input is followed by a word; the only one there is says that it may be left out.
+#[doc(hidden)]
+pub const fn is_optional(words: &[&str]) -> bool {
+    !words.is_empty()
 }
 
 #[cfg(test)]

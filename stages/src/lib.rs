@@ -12,8 +12,13 @@ mod core_field;
 mod dates;
 mod features;
 pub mod fit;
+mod made_map;
 mod magnitude;
+pub mod map_continue;
+pub mod map_convert;
 mod map_errors;
+pub mod map_fill;
+pub mod map_grid;
 mod map_value;
 mod maps;
 pub mod navigate;
@@ -71,6 +76,10 @@ impl Catalogue {
             noise::AssumeNoise::entry(),
             navigate::entry(self.filters.clone()),
             map_value::MapValue::entry(),
+            map_grid::MapGrid::entry(),
+            map_fill::MapFill::entry(),
+            map_continue::MapContinue::entry(),
+            map_convert::MapConvert::entry(),
             score::entry(self.metrics.clone()),
             summary::entry(self.metrics.clone()),
         ];

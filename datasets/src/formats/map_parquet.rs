@@ -56,6 +56,11 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
         let reader = reader.map_err(|e| parquet::damaged(path, &e.to_string()))?;
         reader.collect::<Result<_, _>>().map_err(|e| parquet::damaged(path, &e.to_string()))
     })?;
+    let made = of_stage(path, &names, &batches)?;
+    let (x, y, code) = match made {
+        Some(made) if made != WGS84 => ("easting".to_owned(), "northing".to_owned(), Some(made)),
+        Some(_) | None => (x, y, code),
+    };
     let (xs, ys) = (numbers(path, &batches, &x)?, numbers(path, &batches, &y)?);
     let (x, y) = ((x.as_str(), xs.as_slice()), (y.as_str(), ys.as_slice()));
     let values = numbers(path, &batches, &anomaly)?;
@@ -72,6 +77,24 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     draft.unit = unit;
     draft.heights = heights;
     draft.finish(options)
+}
+
+/// The coordinate system of a map that a stage has made ([`schemas::map::MADE_COLUMNS`]); `None` of another table.
+///
+/// # Errors
+/// Several maps in one table, such as those of the points of a sweep.
+fn of_stage(path: &Path, names: &[String], batches: &[RecordBatch]) -> Result<Option<u16>, ReadError> {
+    if schemas::map::MADE_COLUMNS.iter().any(|made| !names.iter().any(|name| name == made)) {
+        return Ok(None);
+    }
+    let codes = numbers(path, batches, "epsg")?;
+    let first = codes.first().copied().unwrap_or(f64::NAN);
+    if codes.iter().any(|code| *code != first) {
+        let what = "holds several coordinate systems: the table has a map for each point of a sweep";
+        return Err(ReadError::data(path, what).in_column("epsg"));
+    }
+    // What is no code of a system is refused as such later.
+    Ok(Some(first as u16))
 }
 
 /// Nodes to a batch that is written.

@@ -45,6 +45,7 @@ mod netcdf_write;
 mod output;
 mod parquet;
 mod points;
+mod points_flight;
 mod points_table;
 mod sgl;
 mod sgl_hdf5;
@@ -74,6 +75,8 @@ pub struct FlightOptions {
     pub flight: Option<String>,
     /// The line, for files that hold none.
     pub line: Option<String>,
+    /// The EPSG code of the eastings and northings of survey points.
+    pub epsg: Option<u16>,
     /// What is accepted although it looks impossible; readers take no notice, whoever checks their values does.
     pub accept: Vec<Accept>,
 }
@@ -359,8 +362,15 @@ impl MapFormat {
 }
 
 /// The flight formats of files, in the order in which a file is tried.
-pub const FLIGHT_FORMATS: &[FlightFormat] =
-    &[parquet::FORMAT, sgl_hdf5::FORMAT, magnav_hdf5::FORMAT, sgl_xyz::FORMAT, magnav_csv::FORMAT, csv::FORMAT];
+pub const FLIGHT_FORMATS: &[FlightFormat] = &[
+    parquet::FORMAT,
+    sgl_hdf5::FORMAT,
+    magnav_hdf5::FORMAT,
+    sgl_xyz::FORMAT,
+    magnav_csv::FORMAT,
+    csv::FORMAT,
+    points_flight::FORMAT,
+];
 
 /// The formats of files with `further` ones, in the order in which a file is tried: these come after Parquet, whose files
 /// say what they are, and before those that are known by the words in them.

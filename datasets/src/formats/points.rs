@@ -236,9 +236,21 @@ impl<'a> Found<'a> {
             |values: &[f64]| -> Vec<f64> { kept.iter().map(|i| values.get(*i).copied().unwrap_or(f64::NAN)).collect() };
         let (x, y) = (pick(&x), pick(&y));
         let (lat_deg, lon_deg) = self.degrees(path, &x, &y, &kept)?;
-        let crs = self.plane(path, options, &lat_deg, &lon_deg)?;
+        let crs = match options.to_epsg {
+            None if !self.system.is_geographic() => self.system.clone(),
+            to_epsg => plane(path, to_epsg, &lat_deg, &lon_deg)?,
+        };
+        if crs.is_geographic() {
+            return Err(no_metres(path, &crs));
+        }
         let mut notes = vec![];
-        let (easting_m, northing_m) = self.metres(path, &crs, (&x, &y), (&lat_deg, &lon_deg), &kept, &mut notes)?;
+        let (easting_m, northing_m) = if crs == self.system {
+            let scaled = |values: &[f64]| values.iter().map(|v| v * crs.unit_m()).collect();
+            (scaled(&x), scaled(&y))
+        } else {
+            let rows: Vec<u64> = kept.iter().map(|row| *row as u64).collect();
+            metres(path, &crs, (&lat_deg, &lon_deg), &rows, &mut notes)?
+        };
         let height_m = self.height.map(|c| c.in_unit(path, "m")).transpose()?;
         let mut value_nt = pick(&self.value.in_unit(path, "nT")?);
         let (line, lines) = self.lines(&kept);
@@ -279,64 +291,7 @@ impl<'a> Found<'a> {
                 ReadError::data(path, what).in_column(&self.x.name).in_row(*row as u64).help("check the EPSG code")
             })?;
             places.0.push(lat);
-            places.1.push(lon - 360.0 * ((lon + 180.0) / 360.0).floor());
-        }
-        Ok(places)
-    }
-
-    /// The projection of the result.
-    fn plane(&self, path: &Path, options: &PointOptions, lat: &[f64], lon: &[f64]) -> Result<Crs, ReadError> {
-        let crs = match options.to_epsg {
-            Some(code) => Crs::from_epsg(path, code)?,
-            None if !self.system.is_geographic() => self.system.clone(),
-            None => {
-                // The mean direction, so that a survey across the date line has its middle there.
-                let (sin, cos) =
-                    lon.iter().fold((0.0, 0.0), |(s, c), l| (s + l.to_radians().sin(), c + l.to_radians().cos()));
-                let middle = lat.iter().sum::<f64>() / lat.len() as f64;
-                Crs::utm_zone_of(middle, sin.atan2(cos).to_degrees())?
-            }
-        };
-        if crs.is_geographic() {
-            let what = format!("EPSG:{} has degrees, not metres", crs.code());
-            return Err(ReadError::options(path, what).help("give a projected system for the points to come on"));
-        }
-        Ok(crs)
-    }
-
-    fn metres(
-        &self,
-        path: &Path,
-        crs: &Crs,
-        (x, y): (&[f64], &[f64]),
-        (lat, lon): (&[f64], &[f64]),
-        rows: &[usize],
-        notes: &mut Vec<String>,
-    ) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
-        let unit_m = crs.unit_m();
-        let scaled = |values: &[f64]| values.iter().map(|v| v * unit_m).collect();
-        if *crs == self.system {
-            return Ok((scaled(x), scaled(y)));
-        }
-        let mut places = (Vec::with_capacity(lat.len()), Vec::with_capacity(lat.len()));
-        let mut nowhere = None;
-        for ((lat, lon), row) in lat.iter().zip(lon).zip(rows) {
-            let place = crs.project(*lat, *lon);
-            if place.is_none() {
-                let (first, count) = nowhere.unwrap_or(((*lat, *lon, *row), 0_usize));
-                nowhere = Some((first, count + 1));
-            }
-            let (easting, northing) = place.unwrap_or((f64::NAN, f64::NAN));
-            places.0.push(easting * unit_m);
-            places.1.push(northing * unit_m);
-        }
-        if let Some(((lat, lon, row), count)) = nowhere {
-            let what = format!("latitude {lat}, longitude {lon} is no place in EPSG:{}", crs.code());
-            // A few are places gone wrong, which can be left out; many are the wrong projection.
-            if 100 * count > places.0.len() && count > 1 {
-                return Err(ReadError::data(path, what).in_row(row as u64).help("check the EPSG codes"));
-            }
-            notes.push(format!("row {row}: {what}; {count} such points are left out"));
+            places.1.push(turned(lon));
         }
         Ok(places)
     }
@@ -382,6 +337,62 @@ impl<'a> Found<'a> {
     }
 }
 
+fn no_metres(path: &Path, crs: &Crs) -> ReadError {
+    let what = format!("EPSG:{} has degrees, not metres", crs.code());
+    ReadError::options(path, what).help("give a projected system for the points to come on")
+}
+
+/// The projection that points in degrees come on: the one that is asked for, else their UTM zone.
+fn plane(path: &Path, to_epsg: Option<u16>, lat: &[f64], lon: &[f64]) -> Result<Crs, ReadError> {
+    let crs = match to_epsg {
+        Some(code) => Crs::from_epsg(path, code)?,
+        None => {
+            // The mean direction, so that a survey across the date line has its middle there.
+            let (sin, cos) =
+                lon.iter().fold((0.0, 0.0), |(s, c), l| (s + l.to_radians().sin(), c + l.to_radians().cos()));
+            let middle = lat.iter().sum::<f64>() / lat.len() as f64;
+            Crs::utm_zone_of(middle, sin.atan2(cos).to_degrees())?
+        }
+    };
+    if crs.is_geographic() { Err(no_metres(path, &crs)) } else { Ok(crs) }
+}
+
+/// Eastings and northings in metres of points in degrees.
+fn metres(
+    path: &Path,
+    crs: &Crs,
+    (lat, lon): (&[f64], &[f64]),
+    rows: &[u64],
+    notes: &mut Vec<String>,
+) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
+    let unit_m = crs.unit_m();
+    let mut places = (Vec::with_capacity(lat.len()), Vec::with_capacity(lat.len()));
+    let mut nowhere = None;
+    for ((lat, lon), row) in lat.iter().zip(lon).zip(rows) {
+        let place = crs.project(*lat, *lon);
+        if place.is_none() {
+            let (first, count) = nowhere.unwrap_or(((*lat, *lon, *row), 0_usize));
+            nowhere = Some((first, count + 1));
+        }
+        let (easting, northing) = place.unwrap_or((f64::NAN, f64::NAN));
+        places.0.push(easting * unit_m);
+        places.1.push(northing * unit_m);
+    }
+    if let Some(((lat, lon, row), count)) = nowhere {
+        let what = format!("latitude {lat}, longitude {lon} is no place in EPSG:{}", crs.code());
+        // A few are places gone wrong, which can be left out; many are the wrong projection.
+        if 100 * count > places.0.len() && count > 1 {
+            return Err(ReadError::data(path, what).in_row(row).help("check the EPSG codes"));
+        }
+        notes.push(format!("row {row}: {what}; {count} such points are left out"));
+    }
+    Ok(places)
+}
+
+fn turned(lon_deg: f64) -> f64 {
+    lon_deg - 360.0 * ((lon_deg + 180.0) / 360.0).floor()
+}
+
 /// The columns of places: those that are named, else latitude and longitude, else eastings and northings (first where
 /// a projected system is given).
 fn place_columns<'a>(
@@ -406,6 +417,38 @@ fn place_columns<'a>(
 }
 
 impl SurveyPoints {
+    /// Points at WGS-84 latitudes and longitudes, all finite, on the plane of `to_epsg` or else of their UTM zone. They
+    /// have no values, no heights, one line without a name and nothing else: whoever has these puts them in.
+    ///
+    /// # Errors
+    /// No point, an unknown system or one in degrees, no UTM zone, and points that are no place in the system.
+    pub fn at(lat_deg: Vec<f64>, lon_deg: Vec<f64>, to_epsg: Option<u16>) -> Result<SurveyPoints, ReadError> {
+        let nowhere = Path::new("");
+        if lat_deg.is_empty() {
+            return Err(ReadError::data(nowhere, "no point has a place"));
+        }
+        let lon_deg: Vec<f64> = lon_deg.into_iter().map(turned).collect();
+        let crs = plane(nowhere, to_epsg, &lat_deg, &lon_deg)?;
+        let row: Vec<u64> = (0..lat_deg.len() as u64).collect();
+        let mut notes = vec![];
+        let (easting_m, northing_m) = metres(nowhere, &crs, (&lat_deg, &lon_deg), &row, &mut notes)?;
+        let unknown = vec![f64::NAN; lat_deg.len()];
+        Ok(SurveyPoints {
+            crs,
+            easting_m,
+            northing_m,
+            lat_deg,
+            lon_deg,
+            height_m: unknown.clone(),
+            value_nt: unknown,
+            line: vec![0; row.len()],
+            lines: vec![String::new()],
+            extra: Extra::default(),
+            row,
+            notes,
+        })
+    }
+
     /// A map on a grid that lies on the points' plane.
     ///
     /// # Errors

@@ -13,6 +13,9 @@ use crate::{
     table::{Values, array},
 };
 
+/// The flight format of survey points, which is any of the others.
+pub(super) const POINTS: &str = "points";
+
 /// A column of a table of points.
 pub(super) struct Column {
     pub(super) name: String,
@@ -39,7 +42,8 @@ pub(super) fn load(path: &Path, format: Option<&str>) -> Result<Table, ReadError
         Some("parquet") => from_parquet(path),
         Some("text") => from_text(path),
         Some(name) => {
-            let names: Vec<&str> = FLIGHT_FORMATS.iter().map(|f| f.name).chain(["text"]).collect();
+            let names: Vec<&str> =
+                FLIGHT_FORMATS.iter().map(|f| f.name).filter(|n| *n != POINTS).chain(["text"]).collect();
             if !names.contains(&name) {
                 return Err(
                     ReadError::options(path, format!("there is no point format `{name}`")).nearest(name, &names)

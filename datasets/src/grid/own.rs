@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use arrow_array::{ArrayRef, Float64Array, RecordBatch};
+use arrow_array::{Array, ArrayRef, Float64Array, Int64Array, RecordBatch};
 use arrow_schema::Schema;
 use numerics::maps::plane_grid::EvenAxis;
+use rayon::prelude::*;
 use schemas::map::OwnGrid;
 
-use super::{Crs, GridMap, Height, Map};
+use super::{Crs, GridMap, Height, Map, WGS84};
 use crate::ReadError;
 
 /// How much of its extent an area is wider than its border's nodes: a parallel bulges between them, and a place on the
@@ -75,29 +76,84 @@ fn within(axis: &EvenAxis, coordinate: f64) -> bool {
 /// # Errors
 /// A table that is no map, and what [`GridMap::to_geographic`] refuses.
 pub fn geographic(table: &RecordBatch) -> Result<Map, ReadError> {
-    let wrong = |e: String| ReadError::data(std::path::Path::new("map"), e);
-    let own = OwnGrid::of(&table.schema()).map_err(|e| wrong(e.to_string()))?;
+    GridMap::of_table(table)?.to_geographic()
+}
+
+impl GridMap {
+    /// The map of a table that [`GridMap::table`] made.
+    ///
+    /// # Errors
+    /// A table that is no map.
+    pub fn of_table(table: &RecordBatch) -> Result<GridMap, ReadError> {
+        let own = OwnGrid::of(&table.schema()).map_err(|e| wrong(e.to_string()))?;
+        let (names, epsg) = match &own {
+            Some(own) => (["easting", "northing"], own.epsg),
+            None => (["lon", "lat"], WGS84),
+        };
+        of_nodes(table, names, epsg)
+    }
+
+    /// The map of the rows that [`GridMap::made`] gave to one map.
+    ///
+    /// # Errors
+    /// Rows that are no map.
+    pub fn of_made(rows: &RecordBatch) -> Result<GridMap, ReadError> {
+        let codes = rows.column_by_name("epsg").and_then(|c| c.as_any().downcast_ref::<Int64Array>());
+        let epsg = codes.filter(|c| !c.is_empty()).and_then(|c| u16::try_from(c.value(0)).ok());
+        let epsg = epsg.ok_or_else(|| wrong("is not the code of a coordinate system").in_column("epsg"))?;
+        let own = rows.column_by_name("easting").is_some_and(|c| c.null_count() == 0);
+        of_nodes(rows, if own { ["easting", "northing"] } else { ["lon", "lat"] }, epsg)
+    }
+
+    /// The columns of a map that a stage yields ([`schemas::map::made_columns`]).
+    ///
+    /// # Errors
+    /// What [`GridMap::new`] refuses.
+    pub fn made(&self) -> Result<Vec<ArrayRef>, ReadError> {
+        self.check()?;
+        let width = self.x.len;
+        let x = self.x.coordinates().repeat(self.y.len);
+        let y: Vec<f64> = self.y.coordinates().iter().flat_map(|y| std::iter::repeat_n(*y, width)).collect();
+        let in_degrees = self.crs.is_wgs84_at(self.middle().1, self.middle().0);
+        let place = |(x, y): (&f64, &f64)| self.crs.unproject(*x, *y).unwrap_or((f64::NAN, f64::NAN));
+        let (lat, lon): (Vec<f64>, Vec<f64>) = match in_degrees {
+            true => (y.clone(), x.clone()),
+            false => x.par_iter().zip(&y).map(place).unzip(),
+        };
+        let numbers = |values: Vec<f64>| Arc::new(Float64Array::from(values)) as ArrayRef;
+        let own = |values: Vec<f64>| {
+            if in_degrees { Arc::new(Float64Array::new_null(values.len())) } else { numbers(values) }
+        };
+        let epsg = i64::from(if in_degrees { WGS84 } else { self.crs.code() });
+        let epsg = Arc::new(Int64Array::from(vec![epsg; self.nodes()]));
+        let (alt, anomaly) = (self.heights(), self.anomaly_nt.clone());
+        Ok(vec![numbers(lat), numbers(lon), numbers(alt), numbers(anomaly), own(x), own(y), epsg])
+    }
+}
+
+/// The map of a table's rows: its nodes by columns of these names, eastward and northward, in the system `epsg`.
+fn of_nodes(table: &RecordBatch, [x, y]: [&str; 2], epsg: u16) -> Result<GridMap, ReadError> {
     let column = |name: &str| {
         let found = table.column_by_name(name).and_then(|c| c.as_any().downcast_ref::<Float64Array>());
-        found.map(|c| c.values().to_vec()).ok_or_else(|| wrong("is not a column of numbers".to_owned()).in_column(name))
+        found.map(|c| c.values().to_vec()).ok_or_else(|| wrong("is not a column of numbers").in_column(name))
     };
-    let names = if own.is_some() { ["northing", "easting"] } else { ["lat", "lon"] };
-    let (y, x) = (column(names[0])?, column(names[1])?);
+    let (x, y) = (column(x)?, column(y)?);
     let width = y.iter().take_while(|value| Some(*value) == y.first()).count().max(1);
-    let Some(own) = own else {
-        return Ok(Map { batch: table.clone(), n_lat: y.len() / width, n_lon: width, notes: vec![] });
-    };
     let axis = |first: Option<&f64>, last: Option<&f64>, len: usize| {
         let (first, last) = (first.copied().unwrap_or(f64::NAN), last.copied().unwrap_or(f64::NAN));
         EvenAxis { first, step: (last - first) / (len.max(2) - 1) as f64, len }
     };
-    let crs = Crs::from_epsg(std::path::Path::new("map"), own.epsg)?;
+    let crs = Crs::from_epsg(std::path::Path::new("map"), epsg)?;
     let (x, y) = (axis(x.first(), x.get(width - 1), width), axis(y.first(), y.last(), y.len() / width));
     let alt = column("alt")?;
     let level_m = alt.first().copied().unwrap_or(f64::NAN);
     let level = alt.iter().all(|a| *a == level_m || a.is_nan() && level_m.is_nan());
     let height = if level { Height::Level(level_m) } else { Height::Cells(alt) };
-    GridMap::new(x, y, crs, column("anomaly")?, height)?.to_geographic()
+    GridMap::new(x, y, crs, column("anomaly")?, height)
+}
+
+fn wrong(what: impl Into<String>) -> ReadError {
+    ReadError::data(std::path::Path::new("map"), what)
 }
 
 #[cfg(test)]
@@ -128,6 +184,27 @@ mod tests {
         }
         // And back to what is drawn, the contract's table.
         assert_eq!(geographic(&table).unwrap().batch, read_map(&path, &MapOptions::default()).unwrap().batch);
+    }
+
+    #[test]
+    fn law_what_a_stage_yields_is_read_back_as_the_same_map() {
+        for (sample, own) in [("osborne/osborne_anomaly_100m_at_500m.tif", true), ("simple_magnav/map.h5", false)] {
+            let grid = read_grid(&samples::path(sample), &MapOptions::default()).unwrap();
+            let fields: Vec<_> = schemas::map::made_columns("nT").iter().map(schemas::Column::field).collect();
+            let rows = RecordBatch::try_new(Arc::new(Schema::new(fields)), grid.made().unwrap()).unwrap();
+            let names: Vec<String> = rows.schema().fields().iter().map(|f| f.name().clone()).collect();
+            assert_eq!(names, schemas::map::MADE_COLUMNS);
+            assert_eq!(rows.column_by_name("easting").unwrap().null_count() == 0, own);
+            let back = GridMap::of_made(&rows).unwrap();
+            assert_eq!((back.crs.code(), back.x.len, back.y.len), (grid.crs.code(), grid.x.len, grid.y.len));
+            let same = |a: &f64, b: &f64| a == b || a.is_nan() && b.is_nan();
+            assert!(back.anomaly_nt.iter().zip(&grid.anomaly_nt).all(|(a, b)| same(a, b)));
+            let ends = [(back.x, grid.x), (back.y, grid.y)];
+            assert!(
+                ends.iter().all(|(a, b)| a.first == b.first && (a.last() - b.last()).abs() < 1e-9 * b.last().abs())
+            );
+            assert_eq!(back.height_at(7), grid.height_at(7));
+        }
     }
 
     #[test]

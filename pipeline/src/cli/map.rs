@@ -3,6 +3,7 @@
 mod continuation;
 mod convert;
 mod fill;
+mod flags;
 mod grid;
 mod info;
 mod plot;
@@ -30,7 +31,7 @@ pub enum MapCommand {
     /// Continue a map to other heights, or differentiate it.
     Continue(continuation::ContinueArgs),
     /// Write a map in another format or coordinate system, cut or expanded.
-    Convert(convert::ConvertArgs),
+    Convert(Box<convert::ConvertArgs>),
     /// Draw a map, with tracks on it.
     Plot(plot::PlotArgs),
 }
@@ -103,29 +104,18 @@ impl ThreadArgs {
     }
 }
 
-/// Four coordinates with commas between them.
-fn bounds(text: &str) -> Result<Bounds, String> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|word| word.trim().parse().ok()).collect();
-    let numbers = numbers.and_then(|n| <[f64; 4]>::try_from(n).ok());
-    match numbers {
-        Some([west, south, east, north]) if west < east && south < north => Ok(Bounds { west, south, east, north }),
-        Some(_) => Err("the west and the south must be below the east and the north".to_owned()),
-        None => Err("say four numbers: WEST,SOUTH,EAST,NORTH".to_owned()),
-    }
-}
-
-/// A rectangle.
-#[derive(Clone, Copy)]
-struct Bounds {
-    west: f64,
-    south: f64,
-    east: f64,
-    north: f64,
-}
-
 /// What is wrong with a map or with what is asked of it.
 fn wrong(path: &Path, e: &dyn std::fmt::Display) -> Stop {
     Stop::from(Fault::new(e.to_string()).in_file(&path.display().to_string()))
+}
+
+/// What a stage says of a file's data, which the user named.
+fn of_file(path: &Path, fault: Fault) -> Stop {
+    Stop::from(fault.in_file(&path.display().to_string()))
+}
+
+fn warn(text: &str) {
+    tell(&format!("warning: {text}"));
 }
 
 /// Runs the command; a quiet one says nothing but errors and warnings.

@@ -5,7 +5,7 @@ use std::{
     sync::Arc,
 };
 
-use schemas::{Entry, Fault, Table};
+use schemas::{Entry, Fault, Grain, Table};
 
 use super::{Plan, TableNode, axes::mentioned, grid::Grid, node::Target, variants::Variants};
 use crate::{
@@ -163,6 +163,10 @@ impl Builder<'_> {
             return None;
         }
         let before = self.faults.len();
+        if let (Grain::Map, Some((_, at))) = (entry.grain, &decl.predicate) {
+            let fault = Fault::new(format!("`{}` works on maps, which have no lines to select", entry.name));
+            self.faults.push(fault.at(at.clone()).help("remove `where`"));
+        }
         let slots = self.slots(decl, &entry, &grid);
         let made = match &slots {
             Some(slots) => self.variants(decl, &entry, &grid, slots),

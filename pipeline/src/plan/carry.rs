@@ -54,7 +54,7 @@ impl Builder<'_> {
 /// What is wrong with `keep = false`.
 fn kept(decl: &StageDecl, of_lines: bool) -> Option<Fault> {
     if !of_lines {
-        let what = format!("`{}` is not a table of flight lines: it is small, and always kept", decl.name);
+        let what = format!("`{}` is not a table of flight lines: it is always kept", decl.name);
         return Some(Fault::new(what).help("remove `keep`"));
     }
     decl.publish.then(|| {

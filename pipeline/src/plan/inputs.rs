@@ -5,7 +5,7 @@ use std::{
     sync::Arc,
 };
 
-use schemas::{Entry, Fault, Given, Grain, InputDecl, InputKind, Literal, Table};
+use schemas::{Entry, Fault, Given, Grain, InputDecl, InputKind, Literal, Table, map::ANOMALY_UNIT};
 
 use super::{
     axes::{axes_of, put_in},
@@ -42,12 +42,15 @@ impl Builder<'_> {
         let mut fine = true;
         for input in entry.inputs {
             let Some(given) = decl.args.get(input.name) else {
+                if input.optional {
+                    continue;
+                }
                 let what = format!("`{}` needs `{}`, the name of {}", entry.name, input.name, kind_words(input.kind));
                 self.faults.push(Fault::new(what).at(decl.at.clone()));
                 fine = false;
                 continue;
             };
-            let many = input.kind == InputKind::ManyLines;
+            let many = matches!(input.kind, InputKind::ManyLines | InputKind::ManyMaps);
             let one_or_many = many || !matches!(given.value, Literal::List(_));
             if !one_or_many || !items(&given.value).iter().all(|item| self.is_right(item, many)) {
                 self.faults.push(wrong_name(input, given));
@@ -124,13 +127,17 @@ impl Builder<'_> {
                 Table::Lines(_) if node.is_tidy() => input.kind == InputKind::Scores,
                 Table::Lines(_) => matches!(input.kind, InputKind::Lines | InputKind::ManyLines),
                 Table::Model { .. } => input.kind == InputKind::Model,
-                Table::Map(_) => input.kind == InputKind::Map,
+                Table::Map(_) => matches!(input.kind, InputKind::Map | InputKind::ManyMaps),
             };
             if !fits {
                 let kind =
                     if node.is_tidy() && node.entry.grain == Grain::Line { "a table of scores" } else { table.kind() };
                 let what = format!("`{}` needs {}, but `{name}` is {kind}", input.name, kind_words(input.kind));
                 self.faults.push(Fault::new(what).at(given.at.clone()));
+                return None;
+            }
+            if let Some(fault) = node.tables.iter().find_map(|table| derivative(name, table)) {
+                self.faults.push(fault.at(given.at.clone()));
                 return None;
             }
             return Some(Target::Stage(t, Arc::new(grid.onto(&node.grid))));
@@ -151,7 +158,7 @@ impl Builder<'_> {
 
     /// A table of files, opened at its first use.
     fn source(&mut self, name: &str, input: &InputDecl, given: &Given) -> Option<Target> {
-        let is_map = input.kind == InputKind::Map;
+        let is_map = matches!(input.kind, InputKind::Map | InputKind::ManyMaps);
         if matches!(input.kind, InputKind::Model | InputKind::Scores) {
             let what = format!("`{}` needs {}, but `{name}` is read from files", input.name, kind_words(input.kind));
             self.faults.push(Fault::new(what).at(given.at.clone()));
@@ -183,6 +190,14 @@ impl Builder<'_> {
     }
 }
 
+/// A map of something else than the anomaly, which no stage takes.
+fn derivative(name: &str, table: &Table) -> Option<Fault> {
+    let Table::Map(shape) = table else { return None };
+    let unit = &shape.get("anomaly")?.unit;
+    let what = format!("`{name}` is a derivative in {unit}, but a map of the anomaly in {ANOMALY_UNIT} is needed");
+    (unit != ANOMALY_UNIT).then(|| Fault::new(what))
+}
+
 fn wrong_name(input: &InputDecl, given: &Given) -> Fault {
     Fault::new(format!("`{}` must be the name of {}", input.name, kind_words(input.kind))).at(given.at.clone())
 }
@@ -209,6 +224,7 @@ fn kind_words(kind: InputKind) -> &'static str {
         InputKind::ManyLines => "one or several tables of flight lines",
         InputKind::Model => "a model table",
         InputKind::Map => "a map",
+        InputKind::ManyMaps => "one or several maps",
         InputKind::Scores => "a table of scores",
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
+use arrow_array::RecordBatch;
 use schemas::{Fault, Grain, InputKind};
 
 use super::{
@@ -13,7 +14,7 @@ use super::{
 };
 use crate::{
     keys::Key,
-    sources::{Bytes, LineRecord, Lines, ReadStep},
+    sources::{Bytes, LineRecord, Lines, ReadStep, made_map_batch, map_batch},
     spec::Faults,
     store::Store,
 };
@@ -51,7 +52,7 @@ pub struct Unit {
     pub table: usize,
     /// Its point.
     pub instance: usize,
-    /// The line; `None` for a survey stage.
+    /// The line; `None` for a stage of a whole survey or of maps.
     pub line: Option<LineId>,
 }
 
@@ -227,7 +228,7 @@ impl<'a> Graph<'a> {
         let grain = node.entry.grain;
         (0..node.len()).flat_map(move |instance| {
             let (survey, lines): (Option<Unit>, &[LineId]) = match grain {
-                Grain::Survey => (Some(Unit { table, instance, line: None }), &[]),
+                Grain::Survey | Grain::Map => (Some(Unit { table, instance, line: None }), &[]),
                 Grain::Line => (None, self.lines_of(table, instance)),
             };
             survey.into_iter().chain(lines.iter().map(move |l| Unit { table, instance, line: Some(*l) }))
@@ -238,7 +239,7 @@ impl<'a> Graph<'a> {
     pub fn unit_count(&self, table: usize) -> usize {
         let node = &self.plan.tables[table];
         match node.entry.grain {
-            Grain::Survey => node.len(),
+            Grain::Survey | Grain::Map => node.len(),
             Grain::Line => self.sets.each(table, node.len()).map(|(set, times)| set.len() * times).sum(),
         }
     }
@@ -289,8 +290,8 @@ impl<'a> Graph<'a> {
             Ref::Flights(i) => self.records[i].get(&line).map(|l| l.object).ok_or_else(|| self.no_line(line)),
             Ref::Map(i) => Ok(self.maps[i]),
             Ref::Stage(t, i) => {
-                let survey = self.plan.tables[t].entry.grain == Grain::Survey;
-                self.key(Unit { table: t, instance: i, line: (!survey).then_some(line) })
+                let of_lines = self.plan.tables[t].entry.grain == Grain::Line;
+                self.key(Unit { table: t, instance: i, line: of_lines.then_some(line) })
             }
         }
     }
@@ -302,10 +303,22 @@ impl<'a> Graph<'a> {
     pub fn whole(&self, r: Ref) -> Result<Key, Fault> {
         match r {
             Ref::Map(i) => Ok(self.maps[i]),
-            Ref::Stage(t, i) if self.plan.tables[t].entry.grain == Grain::Survey => {
+            Ref::Stage(t, i) if self.plan.tables[t].entry.grain != Grain::Line => {
                 self.key(Unit { table: t, instance: i, line: None })
             }
             Ref::Stage(..) | Ref::Flights(_) => Err(Fault::bug("a table of lines where a model or a map is needed")),
+        }
+    }
+
+    /// The map `r`, on its own grid: that of a file, or what a stage made.
+    ///
+    /// # Errors
+    /// When it is not in the store, or is no map.
+    pub fn map(&self, store: &Store, r: Ref) -> Result<RecordBatch, Fault> {
+        let key = self.whole(r)?;
+        match r {
+            Ref::Stage(..) => made_map_batch(store, key),
+            Ref::Map(_) | Ref::Flights(_) => map_batch(store, key),
         }
     }
 
@@ -446,9 +459,9 @@ impl<'a> Graph<'a> {
         let keys = &self.nodes[t];
         let v = node.variant(i);
         let from: &[(usize, Name)] = at.and_then(|at| keys.variants[v].from.get(at)).map_or(&[], Vec::as_slice);
-        let survey = node.entry.grain == Grain::Survey;
-        if survey || from.is_empty() {
-            let whole = self.key(Unit { table: t, instance: i, line: (!survey).then_some(line) })?;
+        let of_lines = node.entry.grain == Grain::Line;
+        if !of_lines || from.is_empty() {
+            let whole = self.key(Unit { table: t, instance: i, line: of_lines.then_some(line) })?;
             return Ok(Key::of([whole.as_ref(), self.names.words[name as usize].as_bytes()]));
         }
         let column = keys.makes.binary_search(&name).ok();
@@ -494,7 +507,7 @@ impl NodeKeys {
         }
         let data = Grid::new(&axes, &plan.spec);
         let width = match node.entry.grain {
-            Grain::Survey => 1,
+            Grain::Survey | Grain::Map => 1,
             Grain::Line => sets.each(t, 1).map(|(set, _)| set.len() as u64).max().unwrap_or(0).max(1),
         };
         let mut take = |points: usize| {

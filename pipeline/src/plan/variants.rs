@@ -7,7 +7,7 @@ use std::{
     sync::Arc,
 };
 
-use schemas::{Args, Column, Entry, Fault, Given, Grain, Passes, Shape, StageDyn, Table, Yield};
+use schemas::{Args, Column, Entry, Fault, Given, Grain, Passes, Shape, StageDyn, Table, TableKind, Yield};
 
 use super::{
     axes::{args_at, axes_in, axes_of, spelt_in},
@@ -389,9 +389,10 @@ fn outcome(entry: &Entry, yields: &Yield, first: Option<&Table>) -> Table {
     };
     let rate_hz = yields.rate_hz.or_else(|| first.and_then(|t| t.shape().rate_hz));
     let shape = Shape { columns: passed.into_iter().chain(made).collect(), rate_hz };
-    match entry.grain {
-        Grain::Line => Table::Lines(shape),
-        Grain::Survey => Table::Model { shape, features: yields.features.clone() },
+    match entry.yields {
+        TableKind::Lines => Table::Lines(shape),
+        TableKind::Model => Table::Model { shape, features: yields.features.clone() },
+        TableKind::Map => Table::Map(shape),
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, StringArray, new_null_array};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
-use schemas::{Column, Fault, Literal, Role, Yield, field};
+use schemas::{Column, Fault, Literal, Role, TableKind, Yield, field};
 
 use super::work::Held;
 use crate::{
@@ -79,6 +79,8 @@ impl<'a> Cut<'a> {
     pub fn bytes(&self, unit: Unit) -> usize {
         /// Rows of a model or of the scores of a line.
         const TIDY_ROWS: usize = 32;
+        /// Rows of a map, which is as large as its data make it: enough for a chunk of its own.
+        const MAP_ROWS: usize = 1 << 20;
         let node = &self.graph.plan.tables[self.table];
         let rows = match unit.line.filter(|_| !node.is_tidy()) {
             Some(line) => {
@@ -87,6 +89,7 @@ impl<'a> Cut<'a> {
                 };
                 self.graph.records.iter().map(of).max().unwrap_or(0)
             }
+            None if node.entry.yields == TableKind::Map => MAP_ROWS,
             None => TIDY_ROWS,
         };
         rows * row_bytes(&self.schema)

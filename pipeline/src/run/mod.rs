@@ -262,7 +262,7 @@ impl<'a> States<'a> {
     fn new(graph: &'a Graph<'a>) -> States<'a> {
         let tables = &graph.plan.tables;
         let width = |(t, node): (usize, &TableNode)| match node.entry.grain {
-            Grain::Survey => 1,
+            Grain::Survey | Grain::Map => 1,
             Grain::Line => graph.most_lines_of(t),
         };
         let width: Vec<usize> = tables.iter().enumerate().map(width).collect();
@@ -358,29 +358,27 @@ impl Runner<'_> {
         self.failures.push(Failure { table: node.name.clone(), point, line, fault });
     }
 
-    /// Whether all that a unit is made from is there.
-    fn rests_on_what_is_there(&self, unit: Unit) -> bool {
+    /// The first of what a unit is made from that is not there.
+    fn missing_input(&self, unit: Unit) -> Option<Ref> {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
         let of_lines: Vec<usize> = self.graph.line_inputs(&it).into_iter().map(|(i, _)| i).collect();
-        for (i, r) in it.inputs().iter().enumerate() {
-            let line = if of_lines.contains(&i) { unit.line } else { None };
-            let there = match (of_lines.contains(&i), unit.line) {
+        let missing = |(i, r): &(usize, Ref)| {
+            let line = if of_lines.contains(i) { unit.line } else { None };
+            let there = match (of_lines.contains(i), unit.line) {
                 // A fit looks at its lines one by one and goes on without those that failed.
                 (true, None) => self.survey_state(unit),
                 _ => self.state(*r, line),
             };
-            if there != State::Done {
-                return false;
-            }
-        }
-        true
+            there != State::Done
+        };
+        it.inputs().into_iter().enumerate().find(missing).map(|(_, r)| r)
     }
 
     /// Whether a unit is to be computed, is there, or cannot be.
     fn look(&self, unit: Unit) -> Looked {
-        if !self.rests_on_what_is_there(unit) {
-            return Looked::Skip;
+        if let Some(r) = self.missing_input(unit) {
+            return Looked::Skip(r);
         }
         match self.graph.key(unit) {
             Ok(key) => match self.store.find(key).map(|place| place.rows) {
@@ -443,7 +441,8 @@ enum Looked {
     /// It was tried before, and the data cannot give it.
     Failed(Key, Fault),
     Need(Key),
-    Skip,
+    /// It is made from something that is not there.
+    Skip(Ref),
     Fault(Fault),
 }
 

@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use arrow_array::RecordBatch;
 use arrow_schema::Schema;
 use rayon::prelude::*;
-use schemas::Fault;
+use schemas::{Fault, Grain};
 
 use super::{
     Looked, Outcome, Runner, State,
@@ -114,7 +114,9 @@ impl Runner<'_> {
         }
         let worker = self.worker;
         let to_do = layout.units.iter().zip(&known).filter(|(_, k)| matches!(k, Known::Pending(_))).map(|(u, _)| *u);
-        worker.prepare_all(to_do);
+        if self.graph.plan.tables[t].entry.grain != Grain::Map {
+            worker.prepare_all(to_do);
+        }
         // A table of one chunk is always one pack.
         let whole = layout.chunks.len() <= 1 || self.compact;
         let this = &*self;
@@ -156,7 +158,7 @@ impl Runner<'_> {
     fn passed_over(&mut self, t: usize) {
         let units: Vec<Unit> = self.graph.units(t).collect();
         for unit in units {
-            let state = if self.rests_on_what_is_there(unit) { State::Done } else { State::Missing };
+            let state = if self.missing_input(unit).is_none() { State::Done } else { State::Missing };
             self.states.set(unit, state);
         }
     }
@@ -164,9 +166,11 @@ impl Runner<'_> {
     /// What is known of a unit; it is noted and told of.
     fn known(&mut self, unit: Unit, cut: &Cut, count: &mut Count) -> Known {
         match self.look(unit) {
-            Looked::Skip => {
+            Looked::Skip(r) => {
                 count.skipped += 1;
-                self.note(unit, State::Missing, Outcome::Skipped, None);
+                let name = self.graph.plan.name_of(r);
+                let why = Fault::data(format!("it is made from `{name}`, which could not be computed"));
+                self.note(unit, State::Missing, Outcome::Skipped, Some(&why));
                 Known::Nothing
             }
             Looked::Have(key) => {

@@ -18,7 +18,6 @@ use super::INTERRUPTED;
 use crate::{
     keys::Key,
     plan::{Graph, Instance, LineId, Ref, Unit},
-    sources::map_batch,
     store::Store,
 };
 
@@ -81,17 +80,20 @@ impl<'a> Worker<'a> {
     /// leaves is not among the answers.
     pub fn compute(&self, units: &[Unit], usable: &Usable, done: &(dyn Fn(&[Made]) + Sync)) -> Vec<Made> {
         let Some(first) = units.first() else { return vec![] };
-        let groups = match self.graph.plan.tables[first.table].entry.grain {
+        let grain = self.graph.plan.tables[first.table].entry.grain;
+        let groups = match grain {
             Grain::Line => by_line(units),
             Grain::Survey => self.by_lines_seen(units),
+            Grain::Map => units.iter().map(|unit| vec![*unit]).collect(),
         };
         let one = |group: &Vec<Unit>| {
             if INTERRUPTED.load(Ordering::Relaxed) {
                 return vec![];
             }
-            let made = match group.first() {
-                Some(first) if first.line.is_none() => self.survey(group, usable),
-                _ => self.lines(group),
+            let made = match grain {
+                Grain::Line => self.lines(group),
+                Grain::Survey => self.survey(group, usable),
+                Grain::Map => group.iter().map(|unit| self.map(*unit)).collect(),
             };
             done(&made);
             made
@@ -170,7 +172,7 @@ impl<'a> Worker<'a> {
         for (i, (r, kind)) in it.inputs().iter().zip(kinds).enumerate() {
             let columns = it.yields.reads.get(i).cloned().unwrap_or_default();
             inputs.push(match kind {
-                InputKind::Map => empty(),
+                InputKind::Map | InputKind::ManyMaps => empty(),
                 _ if it.yields.lenient => filled(held.batch(*r, line, &columns)?, &columns, held.shape(*r))?,
                 _ => held.batch(*r, line, &columns)?,
             });
@@ -220,7 +222,7 @@ impl<'a> Worker<'a> {
         let mut name = it.stage()?.prepare_key();
         for (r, kind) in it.inputs().iter().zip(it.kinds()) {
             match kind {
-                InputKind::Map | InputKind::Model => {
+                InputKind::Map | InputKind::ManyMaps | InputKind::Model => {
                     name.push_str(&format!(" {}", self.graph.whole(*r)?));
                 }
                 InputKind::Lines | InputKind::ManyLines | InputKind::Scores => {}
@@ -242,7 +244,7 @@ impl<'a> Worker<'a> {
             let mut inputs = vec![];
             for (r, kind) in it.inputs().iter().zip(it.kinds()) {
                 inputs.push(match kind {
-                    InputKind::Map => map_batch(self.store, self.graph.whole(*r)?)?,
+                    InputKind::Map | InputKind::ManyMaps => self.graph.map(self.store, *r)?,
                     InputKind::Model => self.model(*r)?,
                     InputKind::Lines | InputKind::ManyLines | InputKind::Scores => empty(),
                 });
@@ -259,6 +261,18 @@ impl<'a> Worker<'a> {
         let columns: Vec<&str> =
             self.graph.plan.instance(t, i).variant.yields.columns.iter().map(|c| c.name.as_str()).collect();
         self.store.get(self.graph.whole(r)?, &columns)
+    }
+
+    /// One point of a stage that works on maps.
+    fn map(&self, unit: Unit) -> Made {
+        let made = || {
+            let it = self.instance(unit);
+            let maps: Vec<RecordBatch> =
+                it.inputs().iter().map(|r| self.graph.map(self.store, *r)).collect::<Result<_, Fault>>()?;
+            let stage = it.stage()?;
+            self.batch(&it, guarded(|| stage.run_maps(&maps))?)
+        };
+        Made { unit, rows: made(), left_out: vec![] }
     }
 
     /// A line that cannot be used is left out and named; the others are gathered.

@@ -19,7 +19,7 @@ use std::{path::PathBuf, sync::Arc};
 
 use arrow_array::RecordBatch;
 use arrow_schema::{Schema, SchemaRef};
-use datasets::{MapOptions, map_files, read_grid};
+use datasets::{GridMap, MapOptions, map_files, read_grid};
 use schemas::{Column, Fault, Shape, canonical::Canonical, describe_field};
 
 pub use bytes::{Bytes, Trust, fingerprint};
@@ -219,6 +219,15 @@ impl MapSource {
 /// When the store cannot be read.
 pub fn map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
     store.whole(key)
+}
+
+/// The whole map `key` that a stage made, on its own grid.
+///
+/// # Errors
+/// When the store cannot be read.
+pub fn made_map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
+    let rows = store.get(key, &schemas::map::MADE_COLUMNS)?;
+    GridMap::of_made(&rows).and_then(|map| map.table()).map_err(Fault::from)
 }
 
 #[cfg(test)]

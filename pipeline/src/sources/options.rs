@@ -12,10 +12,15 @@ use crate::spec::SourceDecl;
 /// # Errors
 /// Unknown options and wrong types.
 pub fn flight_options(decl: &SourceDecl) -> Result<FlightOptions, Vec<Fault>> {
-    let known = ["format", "flight", "line", "rename", "units", "missing", "accept"];
+    let known = ["format", "flight", "line", "rename", "units", "missing", "accept", "epsg"];
     let mut read = Read::new(decl, &known, "a table of flight lines");
+    let (format, epsg): (Option<String>, Option<u16>) = (read.get("format"), read.epsg());
+    if epsg.is_some() && format.as_deref() != Some("points") {
+        read.wrong("epsg", "`epsg` is of survey points alone: say `format = \"points\"`".to_owned());
+    }
     let options = FlightOptions {
-        format: read.get("format"),
+        format,
+        epsg,
         rename: read.table("rename"),
         units: read.table("units"),
         missing: read.words("missing"),
@@ -32,14 +37,7 @@ pub fn flight_options(decl: &SourceDecl) -> Result<FlightOptions, Vec<Fault>> {
 /// Unknown options and wrong types.
 pub fn map_options(decl: &SourceDecl) -> Result<MapOptions, Vec<Fault>> {
     let mut read = Read::new(decl, &["format", "epsg", "alt_m", "unit"], "a map");
-    let epsg: Option<usize> = read.get("epsg");
-    let epsg = epsg.and_then(|code| {
-        let fits = u16::try_from(code).ok();
-        if fits.is_none() {
-            read.wrong("epsg", format!("there is no EPSG code {code}"));
-        }
-        fits
-    });
+    let epsg = read.epsg();
     let options = MapOptions { format: read.get("format"), epsg, alt_m: read.get("alt_m"), unit: read.get("unit") };
     read.finish(options)
 }
@@ -88,6 +86,15 @@ impl<'a> Read<'a> {
             self.wrong(key, format!("`{key}` must be a {}, not a {}", T::TYPE, given.value.type_name()));
         }
         value
+    }
+
+    fn epsg(&mut self) -> Option<u16> {
+        let code: usize = self.get("epsg")?;
+        let fits = u16::try_from(code).ok();
+        if fits.is_none() {
+            self.wrong("epsg", format!("there is no EPSG code {code}"));
+        }
+        fits
     }
 
     /// An option that is a table of texts, such as `rename`. Its keys are names of the file, with all their dots.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use schemas::{Column, Literal, Passes};
+use schemas::{Column, Grain, Literal, Passes};
 
 use super::snapshots;
 use crate::{
@@ -68,8 +68,11 @@ fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<
         .collect();
     let over =
         if sizes.is_empty() { "once".to_owned() } else { format!("at {} points: {}", node.len(), sizes.join(" x ")) };
-    let lines = graph.most_lines_of(t);
-    let _ = writeln!(out, "  runs     {over}; {lines} lines");
+    let of = match node.entry.grain {
+        Grain::Line | Grain::Survey => format!("; {} lines", graph.most_lines_of(t)),
+        Grain::Map => String::new(),
+    };
+    let _ = writeln!(out, "  runs     {over}{of}");
     if let Some((text, _)) = plan.decl(t).and_then(|d| d.predicate.as_ref()) {
         let _ = writeln!(out, "  where    {text}");
     }

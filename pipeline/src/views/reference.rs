@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use schemas::{Entry, Fault, Grain, InputKind, ParamDoc, metric::Metric};
+use schemas::{Entry, Fault, Grain, InputDecl, InputKind, ParamDoc, TableKind, metric::Metric};
 
 use crate::spec::STAGE_KEYS;
 
@@ -45,10 +45,19 @@ fn section(entry: &Entry) -> String {
     let grain = match entry.grain {
         Grain::Line => "one line at a time",
         Grain::Survey => "all lines that its `where` selects",
+        Grain::Map => "whole maps",
     };
-    let inputs: Vec<String> = entry.inputs.iter().map(|i| format!("`{}` ({})", i.name, kind(i.kind))).collect();
+    let input = |i: &InputDecl| {
+        let optional = if i.optional { ", may be left out" } else { "" };
+        format!("`{}` ({}{optional})", i.name, kind(i.kind))
+    };
+    let inputs: Vec<String> = entry.inputs.iter().map(input).collect();
     // Writing into a String cannot fail.
-    let _ = writeln!(out, "Works on {grain}. Inputs: {}.\n", inputs.join(", "));
+    let yields = match entry.yields {
+        TableKind::Map => " Yields a map.",
+        TableKind::Lines | TableKind::Model => "",
+    };
+    let _ = writeln!(out, "Works on {grain}. Inputs: {}.{yields}\n", inputs.join(", "));
     let common: Vec<&ParamDoc> = entry.params.iter().filter(|p| p.owners.is_empty()).collect();
     out.push_str(&params(&common));
     let _ = write!(out, "\n```toml\n{}```\n", entry.example.trim_start());
@@ -105,5 +114,6 @@ fn kind(kind: InputKind) -> &'static str {
         InputKind::ManyLines => "one or several tables of flight lines",
         InputKind::Model => "model",
         InputKind::Map => "map",
+        InputKind::ManyMaps => "one or several maps",
     }
 }

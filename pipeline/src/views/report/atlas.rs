@@ -17,7 +17,7 @@ use super::{
     source::Source,
     track::{Flown, Track},
 };
-use crate::views::scores::number;
+use crate::{plan::Ref, views::scores::number};
 
 /// Radius of the ellipse that holds 95 % of a two-dimensional normal distribution, in sigma.
 const ELLIPSE_95: f64 = 2.447_746_8;
@@ -29,13 +29,13 @@ pub struct Atlas {
 }
 
 impl Atlas {
-    /// The part of the map `i` that `tracks` lie on; `None` where there is no place.
+    /// The part of the map `map` that `tracks` lie on; `None` where there is no place.
     ///
     /// # Errors
     /// When the store is damaged.
-    pub fn new(source: &Source, i: Option<usize>, tracks: &[Track]) -> Result<Option<Atlas>, Fault> {
+    pub fn new(source: &Source, map: Option<Ref>, tracks: &[Track]) -> Result<Option<Atlas>, Fault> {
         let Some(around) = around(tracks) else { return Ok(None) };
-        let picture = match i.map(|i| source.map(i)).transpose()?.flatten() {
+        let picture = match map.map(|r| source.map(r)).transpose()?.flatten() {
             Some(grid) => {
                 // Maps may count longitudes from 0 to 360.
                 let middle = 0.5 * (grid.lon().first_deg() + grid.lon().last_deg());

@@ -23,7 +23,7 @@ mod variation;
 use std::{fs, path::Path};
 
 use maud::{Markup, html};
-use schemas::Fault;
+use schemas::{Fault, InputKind};
 
 use super::warnings;
 use crate::{
@@ -111,8 +111,8 @@ fn atlas(source: &Source, subjects: &[Subject], lines: &[Shown]) -> Result<Optio
             tracks.push(flown.truth.or(flown.ins).unwrap_or(flown.estimate));
         }
     }
-    let inputs = source.graph.plan.instance(t, i).inputs();
-    let map = inputs.iter().find_map(|r| if let Ref::Map(i) = r { Some(*i) } else { None });
+    let node = &source.graph.plan.tables[t];
+    let map = node.inputs(i).find(|(kind, _)| *kind == InputKind::Map).map(|(_, r)| r);
     Atlas::new(source, map, &tracks)
 }
 

@@ -10,8 +10,8 @@ use numerics::maps::map_grid::MapGrid;
 use schemas::{Fault, Shape};
 
 use crate::{
+    keys::Key,
     plan::{Graph, LineId, Ref, Unit},
-    sources::map_batch,
     store::{Store, published},
 };
 
@@ -111,14 +111,17 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// The map `i` of the plan in latitude and longitude, to be drawn.
+    /// The map `r` in latitude and longitude, to be drawn; `None` where it is not there.
     ///
     /// # Errors
     /// When the store is damaged.
-    pub fn map(&self, i: usize) -> Result<Option<MapGrid>, Fault> {
-        let Some(key) = self.graph.maps.get(i).copied().filter(|k| self.store.has(*k)) else { return Ok(None) };
+    pub fn map(&self, r: Ref) -> Result<Option<MapGrid>, Fault> {
+        let there = |key: Key| self.store.find(key).is_some_and(|place| place.rows.is_some());
+        if !self.graph.whole(r).is_ok_and(there) {
+            return Ok(None);
+        }
         // A map that no grid of latitude and longitude can hold, around a pole, has no picture.
-        let Ok(map) = datasets::geographic(&map_batch(self.store, key)?) else { return Ok(None) };
+        let Ok(map) = datasets::geographic(&self.graph.map(self.store, r)?) else { return Ok(None) };
         Ok(MapGrid::from_rows(map.column("lat"), map.column("lon"), map.column("anomaly")).ok())
     }
 

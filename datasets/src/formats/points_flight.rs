@@ -1,0 +1,110 @@
+//! Survey points as a flight log: their lines one after another, each point a sample.
+
+use std::{path::Path, sync::Arc};
+
+use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray};
+use arrow_schema::{DataType, Field, Schema};
+use schemas::{Role, field, flight};
+
+use super::{FlightFormat, FlightOptions, Part, PointOptions, Raw, Reading, points_table, read_points};
+use crate::ReadError;
+
+pub(super) const FORMAT: FlightFormat = FlightFormat {
+    name: points_table::POINTS,
+    about: "survey points in any table: places, values and lines, where `format` says so",
+    extensions: &[],
+    // Any table of numbers could be points: only the user can tell.
+    recognise: |_| false,
+    open,
+    made_from: None,
+};
+
+/// The columns that a name of the file may be renamed to, to say where they are.
+const ROLES: [&str; 7] = ["lon", "easting", "lat", "northing", "alt", "anomaly", "line"];
+
+fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
+    let named = |roles: &[&str]| {
+        let found = options.rename.iter().find(|(_, to)| roles.contains(&to.as_str()));
+        found.map(|(theirs, _)| theirs.clone())
+    };
+    let points = read_points(
+        path,
+        &PointOptions {
+            x: named(&ROLES[..2]),
+            y: named(&ROLES[2..4]),
+            height: named(&["alt"]),
+            value: named(&["anomaly"]),
+            line: named(&["line"]),
+            epsg: options.epsg,
+            ..PointOptions::default()
+        },
+    )?;
+    // The points of a line follow each other, in the order of the file.
+    let mut order: Vec<usize> = (0..points.len()).collect();
+    order.sort_by_key(|i| points.line[*i]);
+    let pick =
+        |values: &[f64]| -> ArrayRef { Arc::new(order.iter().map(|i| Some(values[*i])).collect::<Float64Array>()) };
+    let mut notes = points.notes.clone();
+    let tt = match &points.extra.tt_s {
+        Some(tt_s) => pick(tt_s),
+        None => {
+            notes.push("the points have no time: `tt` counts the points of a line".to_owned());
+            let counted = order.iter().enumerate().map(|(k, i)| {
+                let first = order.partition_point(|j| points.line[*j] < points.line[*i]);
+                Some((k - first) as f64)
+            });
+            Arc::new(counted.collect::<Float64Array>())
+        }
+    };
+    let known = |name: &str| {
+        let known = flight::describe(name);
+        field(name, DataType::Float64, known.unit, known.role, known.description)
+    };
+    let mut columns: Vec<(Field, ArrayRef)> = vec![
+        (known("tt"), tt),
+        (known("lat"), pick(&points.lat_deg)),
+        (known("lon"), pick(&points.lon_deg)),
+        (known("alt"), pick(&points.height_m)),
+        (
+            field("anomaly", DataType::Float64, "nT", Role::Aux, "magnetic anomaly of the survey"),
+            pick(&points.value_nt),
+        ),
+    ];
+    let extra = &points.extra;
+    for (name, values) in
+        [("diurnal", &extra.diurnal_nt), ("igrf", &extra.igrf_nt), ("year", &extra.year), ("doy", &extra.doy)]
+    {
+        columns.extend(values.as_ref().map(|values| (known(name), pick(values))));
+    }
+    let names = points.lines.len() > 1 || points.lines.iter().any(|name| !name.is_empty());
+    if names && options.line.is_none() {
+        let line: StringArray = order.iter().map(|i| points.lines.get(points.line[*i] as usize)).collect();
+        columns.push((field("line", DataType::Utf8, "", Role::Key, "line identifier"), Arc::new(line)));
+    }
+    let (fields, arrays): (Vec<Field>, Vec<ArrayRef>) = columns.into_iter().unzip();
+    let schema = Arc::new(Schema::new(fields));
+    let batch = RecordBatch::try_new(schema.clone(), arrays).map_err(|e| ReadError::data(path, e.to_string()))?;
+    let parts = Box::new(std::iter::once(Ok(Part::whole(batch))));
+    // What says where a column is has been used; what else is renamed keeps its own name here.
+    let own = options.rename.iter().filter(|(_, to)| ROLES.contains(&to.as_str())).map(|(from, _)| from.clone());
+    Ok(Raw { own: Some(own.collect()), notes, ..Raw::new(schema, parts) })
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use crate::{FlightOptions, open_flight, samples};
+
+    #[test]
+    fn law_survey_points_are_lines_of_a_flight() {
+        let path = samples::path("britain/britain_sw_survey_points.parquet");
+        let options =
+            FlightOptions { format: Some("points".into()), flight: Some("gb".into()), ..FlightOptions::default() };
+        let reader = open_flight(&path, &options).unwrap();
+        let names: Vec<String> = reader.schema().fields().iter().map(|f| f.name().clone()).collect();
+        assert_eq!(names, ["flight", "tt", "lat", "lon", "alt", "anomaly", "year", "line"]);
+        assert!(reader.notes().iter().any(|n| n.contains("no time")), "{:?}", reader.notes());
+        let wrong = FlightOptions { rename: [("nowhere".into(), "anomaly".into())].into(), ..options };
+        assert!(open_flight(&path, &wrong).err().unwrap().to_string().contains("nowhere"));
+    }
+}

@@ -1,0 +1,252 @@
+//! The parameters of a stage as flags of a command: names, defaults and texts are those of the stage's declaration.
+
+use std::marker::PhantomData;
+
+use clap::{Arg, ArgAction, ArgMatches, Command, FromArgMatches, parser::ValueSource};
+use schemas::{Args, Entry, Fault, Given, Literal, ParamDoc, Stage, StageDyn};
+use stages::{map_continue::MapContinue, map_convert::MapConvert, map_fill::MapFill, map_grid::MapGrid};
+
+use super::Stop;
+
+/// A stage whose parameters are flags.
+pub trait Flagged: Stage + Clone {
+    /// Its declaration.
+    fn declared() -> Entry;
+    /// Flags that have other spellings too, or stand for a value by themselves.
+    const SPELLINGS: &'static [Spelling] = &[];
+    /// Parameters that the command asks for in its own way.
+    const OWN: &'static [&'static str] = &[];
+}
+
+/// How else a flag is spelt.
+pub struct Spelling {
+    /// The parameter.
+    param: &'static str,
+    /// Other names of the flag.
+    names: &'static [&'static str],
+    /// The value of the flag without one.
+    bare: Option<&'static str>,
+}
+
+const fn also(param: &'static str, names: &'static [&'static str]) -> Spelling {
+    Spelling { param, names, bare: None }
+}
+
+impl Flagged for MapGrid {
+    fn declared() -> Entry {
+        MapGrid::entry()
+    }
+    const SPELLINGS: &'static [Spelling] = &[
+        also("spacing_m", &["spacing"]),
+        also("level_m", &["level"]),
+        also("block_m", &["block"]),
+        also("mask_m", &["mask"]),
+        also("remove_diurnal", &["diurnal"]),
+        also("crossing_height_m", &["crossing-height"]),
+        Spelling { param: "level_order", names: &["level-lines"], bare: Some("0") },
+    ];
+    // The file's own name of the column.
+    const OWN: &'static [&'static str] = &["value"];
+}
+
+impl Flagged for MapFill {
+    fn declared() -> Entry {
+        MapFill::entry()
+    }
+    const SPELLINGS: &'static [Spelling] =
+        &[also("within_m", &["within"]), also("feather_m", &["feather"]), also("bias", &["level"])];
+}
+
+impl Flagged for MapContinue {
+    fn declared() -> Entry {
+        MapContinue::entry()
+    }
+    const SPELLINGS: &'static [Spelling] = &[also("alpha_m2", &["alpha"])];
+    // Of which there may be several.
+    const OWN: &'static [&'static str] = &["to_m"];
+}
+
+impl Flagged for MapConvert {
+    fn declared() -> Entry {
+        MapConvert::entry()
+    }
+    const SPELLINGS: &'static [Spelling] = &[also("expand_nodes", &["expand"])];
+}
+
+/// The parameters that a user gave to the stage `S`.
+#[derive(Clone)]
+pub struct StageFlags<S> {
+    given: Args,
+    of: PhantomData<S>,
+}
+
+fn params<S: Flagged>() -> impl Iterator<Item = ParamDoc> {
+    S::declared().params.into_iter().filter(|p| !S::OWN.contains(&p.name))
+}
+
+/// The flag of a parameter, without its dashes.
+fn flag(param: &str) -> String {
+    param.replace('_', "-")
+}
+
+/// The words that a parameter can be.
+fn words(param: &ParamDoc) -> Vec<&str> {
+    if param.type_name == "text" { param.rule.split('`').skip(1).step_by(2).collect() } else { vec![] }
+}
+
+fn arg<S: Flagged>(param: &ParamDoc) -> Arg {
+    let mut help = param.doc.replace("\n\n", " ").replace('`', "");
+    let unit = if param.unit.is_empty() || param.unit == "1" { String::new() } else { format!(" {}", param.unit) };
+    let words = words(param);
+    help += &match (&param.default, param.absent) {
+        (Some(default), _) if param.type_name != "boolean" => {
+            format!(" [default: {}{unit}]", default.trim_matches('"'))
+        }
+        (None, Some(absent)) if !absent.is_empty() => format!(" [left out: {}]", absent.replace('`', "")),
+        _ => String::new(),
+    };
+    if !words.is_empty() {
+        help += &format!(" [one of: {}]", words.join(", "));
+    }
+    let name = if param.unit.is_empty() || param.unit == "1" { param.type_name } else { param.unit };
+    let arg = Arg::new(format!("stage.{}", param.name))
+        .long(flag(param.name))
+        .help(help)
+        .value_name(name.replace(' ', "-").replace('`', "").to_uppercase())
+        .action(ArgAction::Set)
+        .allow_hyphen_values(param.type_name == "list")
+        .allow_negative_numbers(true);
+    let spelling = S::SPELLINGS.iter().find(|s| s.param == param.name);
+    let arg = spelling.map_or(arg.clone(), |s| arg.visible_aliases(s.names.iter().copied()));
+    match spelling.and_then(|s| s.bare) {
+        Some(bare) => arg.num_args(0..=1).default_missing_value(bare),
+        // The word after such a flag is the next argument, not its value.
+        None if param.type_name == "boolean" => arg.num_args(0..=1).default_missing_value("true").require_equals(true),
+        None => arg,
+    }
+}
+
+/// A value as a spec would give it. What is of another type than the parameter is refused by the stage.
+fn literal(text: &str, param: &ParamDoc) -> Literal {
+    let number = |text: &str| {
+        let whole = text.parse().map(Literal::Int);
+        whole.or_else(|_| text.parse().map(Literal::Float)).unwrap_or_else(|_| Literal::Text(text.to_owned()))
+    };
+    match param.type_name {
+        "text" => {
+            // Words in a command may have dashes.
+            let word = text.replace('-', "_");
+            Literal::Text(if words(param).contains(&word.as_str()) { word } else { text.to_owned() })
+        }
+        "boolean" => text.parse().map_or(Literal::Text(text.to_owned()), Literal::Bool),
+        "list" => Literal::List(text.split(',').map(|one| number(one.trim())).collect()),
+        _ => number(text),
+    }
+}
+
+impl<S: Flagged> clap::Args for StageFlags<S> {
+    fn augment_args(command: Command) -> Command {
+        command.args(params::<S>().map(|param| arg::<S>(&param)))
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl<S: Flagged> FromArgMatches for StageFlags<S> {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let mut given = Args::new();
+        for param in params::<S>() {
+            let id = format!("stage.{}", param.name);
+            if matches.value_source(&id) == Some(ValueSource::CommandLine)
+                && let Some(text) = matches.get_one::<String>(&id)
+            {
+                given.insert(param.name.to_owned(), Given { value: literal(text, &param), key_at: 0..0, at: 0..0 });
+            }
+        }
+        Ok(StageFlags { given, of: PhantomData })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+impl<S: Flagged> StageFlags<S> {
+    /// The stage with these parameters.
+    ///
+    /// # Errors
+    /// What the stage refuses, in the words of the command.
+    pub fn stage(&self) -> Result<S, Stop> {
+        let first = |faults: Vec<Fault>| faults.into_iter().next().map_or_else(Fault::default, in_flags::<S>);
+        let built = (S::declared().build)(&self.given).map_err(first)?;
+        let stage = built.as_any().downcast_ref::<S>().ok_or_else(|| Fault::bug("a stage of another type"))?;
+        let idle = self.given.keys().find_map(|key| StageDyn::idle(stage, key));
+        idle.map_or(Ok(stage.clone()), |fault| Err(in_flags::<S>(fault).into()))
+    }
+}
+
+/// What a spec says in another way than a command.
+const TERMS: [(&str, &str); 6] = [
+    ("`map_fill`", "`magline map fill`"),
+    ("`map_continue`", "`magline map continue`"),
+    ("`alt_m`", "`--alt`"),
+    ("`with`", "`--with`"),
+    ("`drape`", "`--to-drape`"),
+    ("\"", ""),
+];
+
+/// A fault of the stage `S` with flags in the place of parameters.
+pub fn in_flags<S: Flagged>(fault: Fault) -> Fault {
+    let said = |text: &str| {
+        let mut text = text.to_owned();
+        for param in S::declared().params {
+            let flag = flag(param.name);
+            text = text.replace(&format!("`{} = ", param.name), &format!("`--{flag} "));
+            text = text.replace(&format!("`{}`", param.name), &format!("`--{flag}`"));
+        }
+        TERMS.iter().fold(text, |text, (spec, command)| text.replace(spec, command))
+    };
+    Fault { what: said(&fault.what), help: fault.help.as_deref().map(said), at: None, ..fault }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn parsed(args: &[&str]) -> Result<MapGrid, String> {
+        let command = <StageFlags<MapGrid> as clap::Args>::augment_args(Command::new("grid"));
+        let matches = command.try_get_matches_from(["grid"].iter().chain(args)).map_err(|e| e.to_string())?;
+        let flags = StageFlags::<MapGrid>::from_arg_matches(&matches).map_err(|e| e.to_string())?;
+        flags.stage().map_err(|stop| match stop {
+            Stop::Wrong(text) | Stop::Failed(text) => text,
+            _ => String::new(),
+        })
+    }
+
+    #[test]
+    fn law_flags_are_the_parameters_of_the_stage() {
+        let plain = parsed(&[]).unwrap();
+        assert_eq!((plain.crossing_height_m, plain.damping, plain.keep_outliers), (50.0, 1.0, false));
+        let grid = parsed(&["--spacing-m", "250", "--level=-20", "--keep-outliers", "--bounds", "-1,-2,3,4"]).unwrap();
+        assert_eq!((grid.spacing_m, grid.level_m, grid.keep_outliers), (Some(250.0), Some(-20.0), true));
+        assert_eq!(grid.bounds, Some(vec![-1.0, -2.0, 3.0, 4.0]));
+        assert_eq!(parsed(&["--spacing", "250", "--level-lines"]).unwrap().level_order, Some(0));
+        assert_eq!(parsed(&["--level-order", "2", "--mask", "inf"]).unwrap().mask_m, Some(f64::INFINITY));
+        let curved = parsed(&["--method", "minimum-curvature", "--tension", "0.5"]).unwrap();
+        assert_eq!(curved.tension, 0.5);
+    }
+
+    #[test]
+    fn gold_faults_name_flags() {
+        let wrong = |args: &[&str]| parsed(args).err().unwrap();
+        assert!(wrong(&["--spacing", "0"]).contains("`--spacing-m` must be above 0"), "{}", wrong(&["--spacing", "0"]));
+        let tension = wrong(&["--tension", "0.5"]);
+        assert!(tension.contains("`--tension` has a say only with `--method minimum_curvature`"), "{tension}");
+        let word = wrong(&["--method", "kriging"]);
+        assert!(word.contains("`--method` cannot be `kriging`"), "{word}");
+    }
+}

@@ -1,0 +1,83 @@
+//! Maps as stages of maps take and yield them.
+
+use arrow_array::{ArrayRef, RecordBatch};
+use datasets::GridMap;
+use numerics::maps::{
+    fill::{FillError, SmoothFill, smooth},
+    plane_grid::PlaneGrid,
+};
+use schemas::Fault;
+
+/// The columns of a map that a stage reads.
+pub fn whole_map() -> Vec<String> {
+    schemas::map::COLUMNS.iter().map(|(name, _)| (*name).to_owned()).collect()
+}
+
+/// The maps of a stage's inputs, each on its own grid.
+///
+/// # Errors
+/// A table that is no map.
+pub fn grids(maps: &[RecordBatch]) -> Result<Vec<GridMap>, Fault> {
+    maps.iter().map(|table| GridMap::of_table(table).map_err(Fault::from)).collect()
+}
+
+/// The columns of a map that a stage yields.
+///
+/// # Errors
+/// A map without a known value.
+pub fn made(map: &GridMap) -> Result<Vec<ArrayRef>, Fault> {
+    map.made().map_err(Fault::from)
+}
+
+/// A map without unknown nodes, as transforms of the whole map need it: the unknown ones filled by the surface of
+/// minimum curvature.
+///
+/// # Errors
+/// A map of which too little is known.
+pub fn without_gaps(map: &PlaneGrid) -> Result<PlaneGrid, FillError> {
+    if map.unknown() == 0 { Ok(map.clone()) } else { smooth(map, &SmoothFill::default()).map(|(full, _)| full) }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+pub mod testing {
+    //! A small map for the tests of the stages of maps.
+
+    use std::path::Path;
+
+    use datasets::{Crs, Height};
+    use numerics::maps::plane_grid::EvenAxis;
+
+    use super::*;
+
+    /// Nodes along each side.
+    pub const NODES: usize = 48;
+    /// Between nodes, in metres.
+    pub const STEP_M: f64 = 100.0;
+    /// The height of the map, in metres.
+    pub const LEVEL_M: f64 = 300.0;
+    /// Of the waves eastward and northward, in 1/m.
+    pub const K: [f64; 2] = [2.0 * std::f64::consts::PI / 1600.0, 2.0 * std::f64::consts::PI / 1200.0];
+
+    /// A harmonic field of whole periods over the map, at the height `up_m` above it, in nT.
+    pub fn field_nt(east_m: f64, north_m: f64, up_m: f64) -> f64 {
+        100.0 * (K[0] * east_m).sin() * (K[1] * north_m).cos() * (-K[0].hypot(K[1]) * up_m).exp()
+    }
+
+    /// The field on a grid of UTM zone 32.
+    pub fn map() -> GridMap {
+        let axis = |first: f64| EvenAxis { first, step: STEP_M, len: NODES };
+        let values = (0..NODES * NODES)
+            .map(|i| field_nt(STEP_M * (i % NODES) as f64, STEP_M * (i / NODES) as f64, 0.0))
+            .collect();
+        let crs = Crs::from_epsg(Path::new(""), 32632).unwrap();
+        GridMap::new(axis(500_000.0), axis(5_000_000.0), crs, values, Height::Level(LEVEL_M)).unwrap()
+    }
+
+    /// The values of the middle third of a map, with their distances from its south-west corner.
+    pub fn middle(map: &GridMap) -> Vec<(f64, f64, f64)> {
+        let inside = NODES / 3..2 * NODES / 3;
+        let nodes = inside.clone().flat_map(|j| inside.clone().map(move |i| (i, j)));
+        nodes.map(|(i, j)| (STEP_M * i as f64, STEP_M * j as f64, map.anomaly_nt[j * NODES + i])).collect()
+    }
+}

@@ -1,0 +1,351 @@
+//! Brings a map to another height.
+
+use arrow_array::{ArrayRef, RecordBatch};
+use datasets::{GridMap, Height};
+use numerics::maps::{
+    continuation::{
+        Derivative, Drape, LCurve, MAGNAV_ALPHA_M2, Padding, Regularisation, Spectrum, downward, drape_to_level,
+        edge_error, is_far, level_to_drape, masked_like, upward,
+    },
+    plane_grid::PlaneGrid,
+};
+use schemas::{Fault, OrAuto, Rule, Stage, Table, Yield, choice, stage};
+
+use crate::{
+    columns::data,
+    made_map::{grids, made, whole_map, without_gaps},
+};
+
+choice! {
+    /// A direction of differentiation.
+    pub enum Along {
+        /// Upwards.
+        Up = "up",
+        /// Northwards, along the map's northing.
+        North = "north",
+        /// Eastwards, along the map's easting.
+        East = "east",
+        /// Upwards, twice.
+        Up2 = "up2",
+    }
+}
+
+stage! {
+    /// Continues a map to another height, or differentiates it: one level to another, a draped map to a level, or a
+    /// level to the heights of another map on the same grid (`drape`).
+    ///
+    /// Use it to bring a map to the height that is flown, or above the highest of several maps before they are
+    /// combined. Upward is a smoothing and safe. Downward amplifies what is short, noise first, so it is damped by
+    /// `alpha_m2`; what the damping takes off is lost. Unknown nodes are filled by the surface of minimum curvature for
+    /// the transform, and are unknown again in the answer. What lies past the map's edges is unknown: keep the distance
+    /// below 1/50 of the shorter side, or cut the edges afterwards.
+    ///
+    /// It refuses a map whose height is unknown, a derivative of a draped map, and a `drape` that is on another grid or
+    /// has one height for all nodes.
+    ///
+    /// Source: Blakely 1996, sections 12.1 and 12.2; thesis 000, section 2.3 (downward).
+    MapContinue = "map_continue", version 1, grain Map, inputs [map: Map, drape: Map optional],
+    example r#"
+[[stages]]
+name  = "map_continue"
+stage = "map_continue"
+map   = "map_fill"
+to_m  = 400.0
+"#;
+    /// The height above the ellipsoid to which the map is continued.
+    to_m: Option<f64>, unit "m", absent "the map's own height, or the heights of `drape`";
+    /// Yields a derivative in nT/m (`up2`: nT/m2) in the place of the field.
+    derivative: Option<Along>, unit "", absent "the field itself";
+    /// The damping of a downward continuation; `auto` is the corner of its L-curve.
+    alpha_m2: OrAuto, unit "m2", default OrAuto::Auto, rule Rule::NotNegative;
+    /// Keeps values at nodes where the map has none.
+    keep_filled: bool, unit "", default false;
+}
+
+/// What became of a map that was continued.
+pub struct Continued {
+    /// The map.
+    pub map: GridMap,
+    /// What was done, in words.
+    pub notes: Vec<String>,
+    /// What is not to be trusted as it is.
+    pub warnings: Vec<String>,
+    /// The L-curve of a downward continuation.
+    pub curve: Option<LCurve>,
+    /// The error at each node that the unknown field past the map's edges makes, in nT, where it was estimated.
+    pub edge_error: Option<PlaneGrid>,
+}
+
+/// A map at work.
+struct Job<'a> {
+    stage: &'a MapContinue,
+    map: &'a GridMap,
+    /// As it is, with gaps.
+    original: PlaneGrid,
+    /// Without gaps.
+    plane: PlaneGrid,
+    notes: Vec<String>,
+    warnings: Vec<String>,
+    curve: Option<LCurve>,
+    edge_error: Option<PlaneGrid>,
+}
+
+impl MapContinue {
+    /// Refuses parameters that do not go together; `draped` says whether there are the heights of another map.
+    ///
+    /// # Errors
+    /// The parameter and the way out.
+    pub fn check(&self, draped: bool) -> Result<(), Fault> {
+        match (draped, self.to_m, self.derivative) {
+            (false, None, None) => {
+                let help = "say `to_m`, a `derivative`, or the map whose heights are taken as `drape`";
+                Err(Fault::new("nothing is asked of the map").help(help))
+            }
+            (true, Some(_), _) => {
+                Err(Fault::new("`to_m` and the heights of `drape` exclude each other").of_param("to_m"))
+            }
+            (true, _, Some(_)) => {
+                let fault = Fault::new("a derivative is of a level, not of the heights of `drape`");
+                Err(fault.of_param("derivative"))
+            }
+            (_, Some(to_m), _) if !to_m.is_finite() => {
+                Err(Fault::new(format!("`to_m` is {to_m}, but must be a finite number")).of_param("to_m"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Continues a map, to the heights of `drape` where there is one.
+    ///
+    /// # Errors
+    /// See [`MapContinue`].
+    pub fn apply(&self, map: &GridMap, drape: Option<&GridMap>) -> Result<Continued, Fault> {
+        self.check(drape.is_some())?;
+        let original = map.plane();
+        let plane = without_gaps(&original).map_err(data)?;
+        let (notes, warnings) = (vec![], vec![]);
+        let mut job = Job { stage: self, map, original, plane, notes, warnings, curve: None, edge_error: None };
+        let gaps = job.original.unknown();
+        if gaps > 0 {
+            job.notes.push(format!("{gaps} unknown nodes are filled from their surroundings for the transform"));
+        }
+        let (plane, height) = match (drape, &map.height) {
+            (Some(drape), Height::Level(level_m)) => job.onto(*level_m, drape)?,
+            (Some(_), Height::Cells(_)) => {
+                return Err(Fault::data("the map is draped itself").help("continue it to a level with `to_m` first"));
+            }
+            (None, Height::Cells(_)) if self.derivative.is_some() => {
+                let fault = Fault::data("a draped map has no derivative");
+                return Err(fault.help("continue it to a level with `to_m` first"));
+            }
+            (None, Height::Cells(heights)) => job.drape_to(heights, self.to_m.unwrap_or(f64::NAN))?,
+            (None, Height::Level(level_m)) => job.level_to(*level_m)?,
+        };
+        job.finish(plane, height)
+    }
+}
+
+impl Job<'_> {
+    fn known_level(&self, level_m: f64) -> Result<f64, Fault> {
+        let help = "give its height as `alt_m`, in metres above the WGS-84 ellipsoid";
+        let fault = || Fault::data("the map does not say how high it is").help(help);
+        if level_m.is_finite() { Ok(level_m) } else { Err(fault()) }
+    }
+
+    fn warn_if_far(&mut self, distance_m: f64) {
+        if is_far(&self.plane, distance_m) {
+            self.warnings.push(format!(
+                "{distance_m:.0} m is more than 1/50 of the map's shorter side; what lies past its edges matters"
+            ));
+        }
+    }
+
+    fn regularisation(&self) -> Regularisation {
+        self.stage.alpha_m2.given().map_or(Regularisation::LCurve, Regularisation::Alpha)
+    }
+
+    /// The damping in m2 of what is continued downward by `down_m` at most.
+    fn alpha_m2(&self, down_m: f64) -> Result<f64, Fault> {
+        Ok(match self.regularisation() {
+            Regularisation::Alpha(alpha_m2) => alpha_m2,
+            Regularisation::LCurve if down_m <= 0.0 => MAGNAV_ALPHA_M2,
+            Regularisation::LCurve => {
+                downward(&self.plane, down_m, Regularisation::LCurve, &Padding::default()).map_err(data)?.alpha_m2
+            }
+        })
+    }
+
+    /// From one level to another, or a derivative at either.
+    fn level_to(&mut self, level_m: f64) -> Result<(PlaneGrid, Height), Fault> {
+        let padding = Padding::default();
+        let Some(to_m) = self.stage.to_m else {
+            let along = self.stage.derivative.map_or(Derivative::Up, which);
+            let spectrum = Spectrum::new(&self.plane, 0.0, &padding).map_err(data)?;
+            return Ok((spectrum.derivative(along, 0.0, 0.0).map_err(data)?, Height::Level(level_m)));
+        };
+        let up_m = to_m - self.known_level(level_m)?;
+        self.warn_if_far(up_m);
+        let (plane, alpha_m2) = if up_m < 0.0 {
+            let down = downward(&self.plane, -up_m, self.regularisation(), &padding).map_err(data)?;
+            self.notes.push(format!(
+                "continued downward by {:.1} m with alpha = {:.3e} m2: back at its own height it differs from the \
+                 map by {:.3} nT rms",
+                -up_m, down.alpha_m2, down.regularisation_error_nt
+            ));
+            self.curve = Some(down.curve);
+            (down.map, down.alpha_m2)
+        } else {
+            (upward(&self.plane, up_m, &padding).map_err(data)?, 0.0)
+        };
+        let plane = match self.stage.derivative {
+            Some(along) => {
+                let spectrum = Spectrum::new(&self.plane, up_m, &padding).map_err(data)?;
+                spectrum.derivative(which(along), up_m, alpha_m2).map_err(data)?
+            }
+            None => plane,
+        };
+        if let Ok(error) = edge_error(&self.plane, up_m, alpha_m2, &padding) {
+            self.notes.push(format!(
+                "the unknown field past the map's edges makes an error of about {:.3} nT rms over the map",
+                error.rms_nt
+            ));
+            self.edge_error = Some(error.map);
+        }
+        Ok((plane, Height::Level(to_m)))
+    }
+
+    fn drape_to(&mut self, heights: &[f64], to_m: f64) -> Result<(PlaneGrid, Height), Fault> {
+        let heights = self.complete(heights)?;
+        self.warn_if_far(heights.iter().map(|h| (to_m - h).abs()).fold(0.0, f64::max));
+        let alpha_m2 = self.alpha_m2(heights.iter().map(|h| h - to_m).fold(0.0, f64::max))?;
+        let drape = Drape { alpha_m2, ..Drape::default() };
+        let plane = drape_to_level(&self.plane, &heights, to_m, &drape).map_err(data)?;
+        Ok((plane, Height::Level(to_m)))
+    }
+
+    fn onto(&mut self, level_m: f64, drape: &GridMap) -> Result<(PlaneGrid, Height), Fault> {
+        let level_m = self.known_level(level_m)?;
+        let Height::Cells(heights) = &drape.height else {
+            let fault = Fault::data("the map `drape` has one height for all nodes");
+            return Err(fault.help("say that height as `to_m`"));
+        };
+        // Grids that went through different files agree but for rounding.
+        let near = |a: f64, b: f64, step: f64| (a - b).abs() < 1e-3 * step;
+        let same = [(&drape.x, &self.map.x), (&drape.y, &self.map.y)]
+            .iter()
+            .all(|(a, b)| a.len == b.len && near(a.first, b.first, b.step) && near(a.last(), b.last(), b.step));
+        if !same || drape.crs != self.map.crs {
+            return Err(Fault::data("the map `drape` with the heights is not on the same grid"));
+        }
+        let heights = self.complete(heights)?;
+        self.warn_if_far(heights.iter().map(|h| (level_m - h).abs()).fold(0.0, f64::max));
+        let alpha_m2 = self.alpha_m2(heights.iter().map(|h| level_m - h).fold(0.0, f64::max))?;
+        let drape = Drape { alpha_m2, ..Drape::default() };
+        let plane = level_to_drape(&self.plane, level_m, &heights, &drape).map_err(data)?;
+        Ok((plane, Height::Cells(heights)))
+    }
+
+    /// Heights of all nodes, those that are unknown from their surroundings.
+    fn complete(&self, heights: &[f64]) -> Result<Vec<f64>, Fault> {
+        let heights = without_gaps(&self.original.with(heights.to_vec()));
+        heights.map(|grid| grid.values).map_err(data)
+    }
+
+    fn finish(self, plane: PlaneGrid, height: Height) -> Result<Continued, Fault> {
+        let plane = if self.stage.keep_filled { plane } else { masked_like(plane, &self.original) };
+        let value_unit = unit(self.stage.derivative);
+        let map = GridMap { height, value_unit, ..self.map.with_plane_values(plane.values)? };
+        let Job { notes, warnings, curve, edge_error, .. } = self;
+        Ok(Continued { map, notes, warnings, curve, edge_error })
+    }
+}
+
+fn which(along: Along) -> Derivative {
+    match along {
+        Along::Up => Derivative::Up,
+        Along::North => Derivative::North,
+        Along::East => Derivative::East,
+        Along::Up2 => Derivative::UpTwice,
+    }
+}
+
+/// The unit of the values of a map, or of its derivative.
+fn unit(derivative: Option<Along>) -> &'static str {
+    match derivative {
+        None => schemas::map::ANOMALY_UNIT,
+        Some(Along::Up | Along::North | Along::East) => "nT/m",
+        Some(Along::Up2) => "nT/m2",
+    }
+}
+
+impl Stage for MapContinue {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        self.check(inputs.len() > 1).map_err(|fault| vec![fault])?;
+        Ok(schemas::map::yields(unit(self.derivative), vec![whole_map(); inputs.len()]))
+    }
+
+    fn run_maps(&self, maps: &[RecordBatch]) -> Result<Vec<ArrayRef>, Fault> {
+        match grids(maps)?.as_slice() {
+            [map] => made(&self.apply(map, None)?.map),
+            [map, drape, ..] => made(&self.apply(map, Some(drape))?.map),
+            [] => Err(Fault::bug("a stage of maps without a map")),
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::made_map::testing::{K, LEVEL_M, NODES, STEP_M, field_nt, map, middle};
+
+    fn continued(to_m: Option<f64>, derivative: Option<Along>) -> MapContinue {
+        MapContinue { to_m, derivative, alpha_m2: OrAuto::Auto, keep_filled: false }
+    }
+
+    #[test]
+    fn law_a_wave_decays_upward_and_its_slope_is_known() {
+        let up = continued(Some(LEVEL_M + 100.0), None).apply(&map(), None).unwrap();
+        assert_eq!((up.map.height.clone(), up.map.value_unit), (Height::Level(400.0), "nT"));
+        let slope = continued(None, Some(Along::Up)).apply(&map(), None).unwrap();
+        assert_eq!((slope.map.height.clone(), slope.map.value_unit), (Height::Level(300.0), "nT/m"));
+        let k = K[0].hypot(K[1]);
+        for ((east, north, value), (_, _, slope)) in middle(&up.map).into_iter().zip(middle(&slope.map)) {
+            // What lies past the edges is guessed, which tells a part in thirty at 100 m.
+            assert!((value - field_nt(east, north, 100.0)).abs() < 3.0, "{east} {north} {value}");
+            assert!((slope + k * field_nt(east, north, 0.0)).abs() < 0.03, "{east} {north} {slope}");
+        }
+        assert_eq!(up.warnings.len(), 1, "{:?}", up.warnings);
+    }
+
+    #[test]
+    fn law_unknown_nodes_stay_unknown_unless_they_are_kept() {
+        let mut holed = map();
+        let hole = 20 * NODES + 20;
+        holed.anomaly_nt[hole] = f64::NAN;
+        let stage = continued(Some(310.0), None);
+        assert!(stage.apply(&holed, None).unwrap().map.anomaly_nt[hole].is_nan());
+        let kept = MapContinue { keep_filled: true, ..stage }.apply(&holed, None).unwrap();
+        let expected = field_nt(20.0 * STEP_M, 20.0 * STEP_M, 10.0);
+        assert!((kept.map.anomaly_nt[hole] - expected).abs() < 5.0);
+    }
+
+    #[test]
+    fn gold_what_cannot_be_continued_says_why() {
+        let refused = |stage: MapContinue, map: &GridMap, drape: Option<&GridMap>| {
+            stage.apply(map, drape).err().map(|f| f.to_string()).unwrap_or_default()
+        };
+        let unknown = GridMap { height: Height::Level(f64::NAN), ..map() };
+        assert!(refused(continued(Some(400.0), None), &unknown, None).contains("how high"));
+        assert!(refused(continued(None, None), &map(), None).contains("nothing is asked"));
+        assert!(refused(continued(None, None), &map(), Some(&map())).contains("one height"));
+        let draped = GridMap { height: Height::Cells(vec![LEVEL_M; NODES * NODES]), ..map() };
+        assert!(refused(continued(None, Some(Along::Up)), &draped, None).contains("no derivative"));
+        assert!(refused(continued(None, None), &draped, Some(&draped)).contains("draped itself"));
+        assert!(refused(continued(Some(1.0), None), &map(), Some(&draped)).contains("exclude"));
+        let mut shifted = draped.clone();
+        shifted.x.first += STEP_M;
+        assert!(refused(continued(None, None), &map(), Some(&shifted)).contains("same grid"));
+        assert_eq!(refused(continued(None, None), &map(), Some(&draped)), "");
+    }
+}

@@ -1,0 +1,304 @@
+//! Fills the gaps of a map, from other maps and from its surroundings.
+
+use arrow_array::{ArrayRef, RecordBatch};
+use datasets::{GridMap, Height};
+use numerics::maps::{
+    combine::{BiasModel, Blend, CombineOptions, Combined, Piece, combine},
+    continuation::{Padding, masked_like, upward},
+    fill::{NearestFill, SmoothFill, Weights, nearest, smooth},
+    plane_grid::{EvenAxis, PlaneGrid},
+};
+use schemas::{Fault, Rule, Stage, Table, Yield, choice, stage};
+
+use crate::{
+    columns::data,
+    made_map::{grids, made, whole_map, without_gaps},
+};
+
+choice! {
+    /// How gaps are filled from their surroundings.
+    pub enum Method {
+        /// The mean of the nearest known nodes.
+        Knn = "knn",
+        /// A harmonic surface: never above or below what is around the gap.
+        Harmonic = "harmonic",
+        /// The surface of minimum curvature, which keeps the slope at the gap's edge.
+        MinimumCurvature = "minimum_curvature",
+        /// Not at all: only from other maps.
+        None = "none",
+    }
+}
+
+choice! {
+    /// Which difference to the map, found in the overlap, is removed from other maps.
+    pub enum Bias {
+        /// Nothing.
+        Nothing = "nothing",
+        /// A constant.
+        Constant = "constant",
+        /// A plane.
+        Plane = "plane",
+    }
+}
+
+stage! {
+    /// Fills the unknown nodes of a map: first from other maps of the field, in the order in which `with` names them,
+    /// then from their surroundings.
+    ///
+    /// Other maps are brought into the coordinate system of the map and, where they are lower, up to its height; their
+    /// difference to it in the overlap (`bias`) is removed. What is filled from the surroundings is a guess, without
+    /// anything of the geology there: `minimum_curvature` is good for gaps of a few nodes, no method for large ones.
+    ///
+    /// It refuses another map that is higher than the one to be filled, and a draped map together with other maps.
+    ///
+    /// Source: Briggs 1974 (`minimum_curvature`); Blakely 1996, section 12.1 (upward continuation).
+    MapFill = "map_fill", version 1, grain Map, inputs [map: Map, with: ManyMaps optional],
+    example r#"
+[[stages]]
+name   = "map_fill"
+stage  = "map_fill"
+map    = "map_grid"
+with   = ["anomaly"]
+method = "minimum_curvature"
+"#;
+    /// How gaps are filled from their surroundings: by the mean of the nearest known nodes, by a harmonic surface
+    /// (never above or below what is around the gap), by the surface of minimum curvature (which keeps the slope at the
+    /// gap's edge), or not at all.
+    method: Method, unit "", default Method::Knn;
+    /// How many neighbours a value is the mean of.
+    neighbours: usize, unit "1", default 3usize, rule Rule::Positive;
+    /// Weighs neighbours by the distance to minus this power.
+    power: Option<f64>, unit "1", absent "all weigh the same", rule Rule::Positive;
+    /// Leaves nodes unknown that are farther than this from a known one.
+    within_m: Option<f64>, unit "m", absent "all are filled", rule Rule::Positive;
+    /// Over how many metres a map fades into the next at its edge.
+    feather_m: f64, unit "m", default 1000.0, rule Rule::NotNegative;
+    /// Which difference to the map, found in the overlap, is removed from the others.
+    bias: Bias, unit "", default Bias::Constant;
+    /// Makes the map as large as all maps together.
+    extend: bool, unit "", default false;
+}
+
+/// A map after filling.
+pub struct Filled {
+    /// The map.
+    pub map: GridMap,
+    /// What was done, in words.
+    pub notes: Vec<String>,
+    /// What is not to be trusted as it is.
+    pub warnings: Vec<String>,
+}
+
+impl MapFill {
+    /// Refuses parameters that do not go together; `others` says whether there are other maps.
+    ///
+    /// # Errors
+    /// The parameter and the way out.
+    pub fn check(&self, others: bool) -> Result<(), Fault> {
+        if others || !(self.extend || self.method == Method::None) {
+            return Ok(());
+        }
+        let (param, help) = match self.extend {
+            true => ("extend", "name them as `with`"),
+            false => ("method", "name them as `with`, or choose another method"),
+        };
+        Err(Fault::new("there are no other maps to fill from").help(help).of_param(param))
+    }
+
+    /// Fills the gaps of `map`, first from `others`, each with its name for messages.
+    ///
+    /// # Errors
+    /// See [`MapFill`].
+    pub fn apply(&self, map: &GridMap, others: &[(String, GridMap)]) -> Result<Filled, Fault> {
+        let (mut notes, mut warnings) = (vec![], vec![]);
+        let before = map.plane().unknown();
+        let mut map = map.clone();
+        if !others.is_empty() {
+            map = self.combined(&map, others, &mut notes, &mut warnings)?;
+        }
+        let filled = self.from_surroundings(&map.plane())?;
+        notes.push(format!("{before} unknown nodes before, {} after", filled.unknown()));
+        Ok(Filled { map: map.with_plane_values(filled.values)?, notes, warnings })
+    }
+
+    fn from_surroundings(&self, plane: &PlaneGrid) -> Result<PlaneGrid, Fault> {
+        let surface = |keep_slope: bool| {
+            let options = SmoothFill { keep_slope, ..SmoothFill::default() };
+            smooth(plane, &options).map(|(grid, _)| grid).map_err(data)
+        };
+        match self.method {
+            Method::None => Ok(plane.clone()),
+            Method::Harmonic => surface(false),
+            Method::MinimumCurvature => surface(true),
+            Method::Knn => {
+                let weights = self.power.map_or(Weights::Equal, Weights::InverseDistance);
+                let options = NearestFill { neighbours: self.neighbours, weights, max_distance_m: self.within_m };
+                nearest(plane, &options).map_err(data)
+            }
+        }
+    }
+
+    /// The map with what the others know.
+    fn combined(
+        &self,
+        map: &GridMap,
+        others: &[(String, GridMap)],
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<GridMap, Fault> {
+        let Height::Level(level_m) = map.height else { return Err(draped()) };
+        let mut planes = vec![map.plane()];
+        let (unit_x, unit_y) = map.unit_m();
+        for (name, other) in others {
+            let other = other.to_crs(map.crs.code(), None).map_err(|e| Fault::from(e).in_file(name))?;
+            let Height::Level(from_m) = other.height else { return Err(draped().in_file(name)) };
+            let (east_m, north_m) = (in_metres(&other.x, unit_x), in_metres(&other.y, unit_y));
+            let plane = PlaneGrid { east_m, north_m, values: other.anomaly_nt };
+            let up_m = level_m - from_m;
+            if up_m.is_nan() {
+                warnings.push(format!("a height is unknown; {name} is taken to be as high as the map"));
+            } else if up_m > 0.0 {
+                notes.push(format!("{name} is continued upward by {up_m:.1} m"));
+            }
+            planes.push(at_level(plane, up_m).map_err(|fault| fault.in_file(name))?);
+        }
+        let (east_m, north_m) = match self.extend {
+            true => (extended(&planes, |p| p.east_m), extended(&planes, |p| p.north_m)),
+            false => (planes[0].east_m, planes[0].north_m),
+        };
+        let bias = match self.bias {
+            Bias::Nothing => BiasModel::Nothing,
+            Bias::Constant => BiasModel::Constant,
+            Bias::Plane => BiasModel::Plane,
+        };
+        let options = CombineOptions { blend: Blend::Priority, feather_m: self.feather_m, bias };
+        let pieces: Vec<Piece> = planes.iter().map(|grid| Piece { grid, weight: 1.0 }).collect();
+        let done = combine(&pieces, east_m, north_m, &options).map_err(data)?;
+        notes.extend(compared(others, &done));
+        Ok(map.with_plane(done.grid, Height::Level(level_m))?)
+    }
+}
+
+fn draped() -> Fault {
+    let help = "continue it to a level first, with `map_continue`";
+    Fault::data("a draped map cannot be combined with others").help(help)
+}
+
+fn compared(others: &[(String, GridMap)], done: &Combined) -> Vec<String> {
+    let name = |i: usize| i.checked_sub(1).and_then(|i| others.get(i)).map_or("the map", |(name, _)| name.as_str());
+    let one = |o: &numerics::maps::combine::Overlap| {
+        format!(
+            "{} less {} at {} nodes: median {:.2} nT, rms {:.2} nT; after levelling {:.2} and {:.2} nT",
+            name(o.first),
+            name(o.second),
+            o.before.count,
+            o.before.median,
+            o.before.rms,
+            o.after.median,
+            o.after.rms
+        )
+    };
+    done.overlaps.iter().map(one).collect()
+}
+
+/// A map brought up to the height of another, which is `up_m` higher; as it is where that is not known.
+fn at_level(plane: PlaneGrid, up_m: f64) -> Result<PlaneGrid, Fault> {
+    if up_m < 0.0 {
+        let fault = Fault::data(format!("the map is {:.0} m above the one it is to fill", -up_m));
+        return Err(fault.help("continue it down yourself with `map_continue`, or fill the higher map"));
+    }
+    if up_m.is_nan() || up_m == 0.0 {
+        return Ok(plane);
+    }
+    let full = without_gaps(&plane).map_err(data)?;
+    let up = upward(&full, up_m, &Padding::default()).map_err(data)?;
+    Ok(masked_like(up, &plane))
+}
+
+fn in_metres(axis: &EvenAxis, unit_m: f64) -> EvenAxis {
+    EvenAxis { first: axis.first * unit_m, step: axis.step * unit_m, len: axis.len }
+}
+
+/// The first map's axis, continued to where the farthest of all maps ends.
+fn extended(planes: &[PlaneGrid], of: impl Fn(&PlaneGrid) -> EvenAxis) -> EvenAxis {
+    let own = of(&planes[0]);
+    let first = planes.iter().map(|p| of(p).first).fold(own.first, f64::min);
+    let last = planes.iter().map(|p| of(p).last()).fold(own.last(), f64::max);
+    let before = ((own.first - first) / own.step).floor();
+    let after = ((last - own.last()) / own.step).floor();
+    EvenAxis { first: own.at(-before), step: own.step, len: own.len + before as usize + after as usize }
+}
+
+impl Stage for MapFill {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        self.check(inputs.len() > 1).map_err(|fault| vec![fault])?;
+        Ok(schemas::map::yields(schemas::map::ANOMALY_UNIT, vec![whole_map(); inputs.len()]))
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        let of_knn = ["neighbours", "power", "within_m"].contains(&key) && self.method != Method::Knn;
+        let what = format!("`{key}` belongs to the method `knn`, not to `{}`", self.method.word());
+        of_knn.then(|| Fault::new(what).help(format!("leave `{key}` out, or say `method = \"knn\"`")))
+    }
+
+    fn run_maps(&self, maps: &[RecordBatch]) -> Result<Vec<ArrayRef>, Fault> {
+        let mut all = grids(maps)?.into_iter();
+        let map = all.next().ok_or_else(|| Fault::bug("a stage of maps without a map"))?;
+        let others: Vec<(String, GridMap)> =
+            all.enumerate().map(|(i, other)| (format!("map {} of `with`", i + 1), other)).collect();
+        made(&self.apply(&map, &others)?.map)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::made_map::testing::{NODES, field_nt, map, middle};
+
+    fn fill(method: Method) -> MapFill {
+        MapFill {
+            method,
+            neighbours: 3,
+            power: None,
+            within_m: None,
+            feather_m: 0.0,
+            bias: Bias::Constant,
+            extend: false,
+        }
+    }
+
+    fn holed() -> GridMap {
+        let mut map = map();
+        (20..23).for_each(|row| (24..27).for_each(|column| map.anomaly_nt[row * NODES + column] = f64::NAN));
+        map
+    }
+
+    fn worst(map: &GridMap) -> f64 {
+        middle(map).iter().map(|(e, n, v)| (v - field_nt(*e, *n, 0.0)).abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn law_a_small_gap_is_filled_best_by_a_smooth_surface() {
+        let curvature = worst(&fill(Method::MinimumCurvature).apply(&holed(), &[]).unwrap().map);
+        let harmonic = worst(&fill(Method::Harmonic).apply(&holed(), &[]).unwrap().map);
+        // The field of 100 nT has a fifth of a wave in the gap.
+        assert!(curvature < 8.0 && curvature < harmonic, "{curvature} {harmonic}");
+        let near = MapFill { within_m: Some(100.0), ..fill(Method::Knn) }.apply(&holed(), &[]).unwrap();
+        assert!(near.map.anomaly_nt[21 * NODES + 25].is_nan() && !near.map.anomaly_nt[20 * NODES + 24].is_nan());
+    }
+
+    #[test]
+    fn law_another_map_fills_a_gap_at_the_level_of_the_map() {
+        let mut other = map();
+        other.anomaly_nt.iter_mut().for_each(|v| *v += 40.0);
+        let filled = fill(Method::None).apply(&holed(), &[("other".to_owned(), other.clone())]).unwrap();
+        assert!(worst(&filled.map) < 1e-6, "{}", worst(&filled.map));
+        let kept = MapFill { bias: Bias::Nothing, ..fill(Method::None) };
+        let kept = kept.apply(&holed(), &[("other".to_owned(), other.clone())]).unwrap();
+        assert!((worst(&kept.map) - 40.0).abs() < 1e-6);
+        let higher = GridMap { height: Height::Level(900.0), ..other };
+        let refused = fill(Method::None).apply(&holed(), &[("other".to_owned(), higher)]).err().unwrap();
+        assert!(refused.to_string().contains("600 m above"), "{refused}");
+    }
+}

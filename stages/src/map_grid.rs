@@ -1,0 +1,377 @@
+//! Makes a map of survey points.
+
+mod gather;
+mod points;
+#[cfg(test)]
+mod tests;
+
+use std::path::Path;
+
+use arrow_array::ArrayRef;
+use datasets::{Crs, GridMap, Height, SurveyPoints};
+use numerics::maps::{
+    gridding::{self, CleanOptions, Folds, GridError, GridOptions, GridReport, Gridded, Method, Region},
+    levelling::{CrossoverOptions, LevelOptions, Levelled, find_crossovers, level_lines},
+    plane_grid::PlaneGrid,
+};
+use schemas::{Column, ColumnType, Fault, Gather, Place, Rule, Shape, Stage, Table, Yield, choice, stage};
+
+use crate::{
+    columns::{data, shape},
+    map_convert::bounds_of,
+};
+
+choice! {
+    /// How a surface is made of points.
+    pub enum Surface {
+        /// A layer of sources below the points that makes the same field: a potential field, at any height.
+        EquivalentSources = "equivalent_sources",
+        /// The surface of minimum curvature, at the heights flown.
+        MinimumCurvature = "minimum_curvature",
+    }
+}
+
+choice! {
+    /// Where the core field comes from that is taken off.
+    pub enum Core {
+        /// It is not taken off.
+        None = "none",
+        /// IGRF-14.
+        Igrf = "igrf",
+        /// The World Magnetic Model.
+        Wmm = "wmm",
+        /// The column `igrf`.
+        Column = "column",
+    }
+}
+
+stage! {
+    /// Grids survey lines to a map: takes the core field and the diurnal variation off, levels the lines where they
+    /// cross, leaves outliers out, and makes a surface through what remains.
+    ///
+    /// Use it to make the map that is navigated on from the survey it came of, with the lines that `where` selects.
+    /// `equivalent_sources` gives a potential field on a level, above all points where it is not told otherwise, and
+    /// can be continued; `minimum_curvature` interpolates at the heights flown and needs none. Lines are levelled here,
+    /// not by a stage of their own, because their crossings are found among the very points that are gridded, on the
+    /// plane of the map and after the reduction. A map made of the lines that are then navigated on is known to the
+    /// filter: select other lines for it.
+    ///
+    /// Points without a position, a value or, for equivalent sources, a height are left out; so are duplicates,
+    /// outliers along a line, points far from all others, and lines of fewer than five points. It refuses a level below
+    /// the points, a spacing wider than the area, levelling of lines that do not cross, and the core field of points
+    /// without a date.
+    ///
+    /// With `cross_validate` every line is predicted from others; the column `error` then holds the error to be
+    /// expected at each node.
+    ///
+    /// Source: Soler and Uieda 2021, "Gradient-boosted equivalent sources"; Briggs 1974, Smith and Wessel 1990 (minimum
+    /// curvature with tension); Luyendyk 1997, "Processing of airborne magnetic data" (levelling).
+    MapGrid = "map_grid", version 1, grain Survey, yields Map, inputs [input: Lines],
+    example r#"
+[[stages]]
+name      = "map_grid"
+stage     = "map_grid"
+input     = "resample"
+value     = "mag_1_c"
+spacing_m = 200.0
+level_m   = 300.0
+"#;
+    /// The column of the values.
+    value: String, unit "nT", default "anomaly";
+    /// The magnitude of the core field that is taken off: of IGRF-14, the World Magnetic Model, or the column `igrf`.
+    core_field: Core, unit "", default Core::None;
+    /// The date of the core field, in place of the points' own.
+    decimal_year: Option<f64>, unit "a", absent "the points' own date, of `year`, `doy` and `tt`", rule Rule::Between(1900.0, 2030.0);
+    /// Takes the column `diurnal` off.
+    remove_diurnal: bool, unit "", default false;
+    /// Levels the lines by their crossings: with a constant for each line (0), a linear correction (1), and so on.
+    level_order: Option<usize>, unit "", absent "the lines are not levelled", rule Rule::Between(0.0, 8.0);
+    /// Lines count as crossing where their heights differ by no more than this.
+    crossing_height_m: f64, unit "m", default 50.0, rule Rule::NotNegative;
+    /// How the surface between the points is made.
+    method: Surface, unit "", default Surface::EquivalentSources;
+    /// The distance between nodes.
+    spacing_m: Option<f64>, unit "m", absent "half the distance between lines", rule Rule::Positive;
+    /// The height of the map above the ellipsoid, for equivalent sources.
+    level_m: Option<f64>, unit "m", absent "the height of the highest point";
+    /// Damping of the equivalent sources.
+    damping: f64, unit "1", default 1.0, rule Rule::Positive;
+    /// Tension of the minimum-curvature surface.
+    tension: f64, unit "1", default 0.25, rule Rule::Between(0.0, 1.0);
+    /// West, south, east and north of the map: eastings and northings in metres.
+    bounds: Option<Vec<f64>>, unit "m", absent "all points";
+    /// The side of the blocks that points are reduced to; 0 keeps every point.
+    block_m: Option<f64>, unit "m", absent "a quarter of the distance between lines, at most 200 m", rule Rule::NotNegative;
+    /// Leaves nodes unknown that are farther than this from any point; `inf` for none.
+    mask_m: Option<f64>, unit "m", absent "twice the distance between lines";
+    /// Keeps points that stand out from their line, and those that are far from all others.
+    keep_outliers: bool, unit "", default false;
+    /// Leaves out every n-th line in turn and predicts it from the others.
+    cross_validate: Option<usize>, unit "1", absent "no line is left out", rule Rule::Between(2.0, 65535.0);
+    /// The EPSG code of the map's coordinate system.
+    to_epsg: Option<usize>, unit "", absent "that of the points, or their UTM zone", rule Rule::Between(1.0, 65535.0);
+}
+
+/// A map of a survey.
+pub struct Mapped {
+    /// The map.
+    pub map: GridMap,
+    /// The error to be expected at each node, in nT, where lines were left out in turn.
+    pub error: Option<GridMap>,
+    /// What gridding did.
+    pub report: GridReport,
+    /// What levelling did.
+    pub levelled: Option<Levelled>,
+}
+
+pub use points::without_far;
+
+/// Told what is done, how much of it, and of how much.
+pub type Progress<'a> = gridding::Progress<'a>;
+
+impl MapGrid {
+    /// Refuses parameters that cannot be, whatever the points.
+    ///
+    /// # Errors
+    /// The parameter and why.
+    pub fn check(&self) -> Result<(), Fault> {
+        gridding::check(&self.options()?).map_err(|e| refused(&e))?;
+        let Some(code) = self.epsg()? else { return Ok(()) };
+        let of_param = |fault: Fault| Fault { place: Place::default(), ..fault }.of_param("to_epsg");
+        let crs = Crs::from_epsg(Path::new(""), code).map_err(|e| of_param(e.into()))?;
+        match crs.is_geographic() {
+            true => Err(of_param(Fault::new(format!("EPSG:{code} has degrees, but a survey is gridded in metres")))),
+            false => Ok(()),
+        }
+    }
+
+    /// The EPSG code of the map's coordinate system, where it is given.
+    ///
+    /// # Errors
+    /// What is no such code.
+    pub fn epsg(&self) -> Result<Option<u16>, Fault> {
+        let wrong = |code: usize| Fault::new(format!("there is no EPSG code {code}")).of_param("to_epsg");
+        self.to_epsg.map(|code| u16::try_from(code).map_err(|_| wrong(code))).transpose()
+    }
+
+    /// Reduces, levels and grids points. Takes core field and levelling corrections off their values.
+    ///
+    /// # Errors
+    /// See [`MapGrid`].
+    pub fn apply(&self, points: &mut SurveyPoints, progress: Progress) -> Result<Mapped, Fault> {
+        let options = self.options()?;
+        points::reduce(self, points)?;
+        let line: Vec<usize> = points.line.iter().map(|l| *l as usize).collect();
+        let levelled = self.level_order.map(|order| self.levelled(points, &line, order, progress)).transpose()?;
+        if let Some(levelled) = &levelled {
+            points.value_nt.iter_mut().zip(&levelled.correction_nt).for_each(|(v, c)| *v -= c);
+        }
+        let survey = points::survey(points, &line);
+        self.fits(survey)?;
+        let gridded = gridding::grid(survey, &options, progress).map_err(|e| match e {
+            GridError::NoPoints => points::nothing_left(survey, &options.clean),
+            e => refused(&e),
+        })?;
+        let Gridded { grid, error, report } = gridded;
+        if grid.rows() < 2 || grid.columns() < 2 {
+            let what = format!(
+                "the map would have {} x {} nodes, {:.0} m apart",
+                grid.rows(),
+                grid.columns(),
+                grid.east_m.step
+            );
+            let help = "choose a `spacing_m` below the extent of the points, or wider `bounds`";
+            return Err(Fault::data(what).help(help).of_param("spacing_m"));
+        }
+        if grid.unknown() == grid.values.len() {
+            let fault = Fault::data("no node of the map is near enough to a point");
+            return Err(fault.help("choose a larger `mask_m`, or `bounds` around the points").of_param("mask_m"));
+        }
+        let height = match report.level_m {
+            Some(level_m) => Height::Level(level_m),
+            None => flown(points, &line, &grid, progress)?,
+        };
+        let error = error.map(|error| points.grid(error, height.clone())).transpose()?;
+        Ok(Mapped { map: points.grid(grid, height)?, error, report, levelled })
+    }
+
+    /// Refuses a spacing that is wider than the area of the points.
+    fn fits(&self, survey: gridding::SurveyPoints) -> Result<(), Fault> {
+        let Some(spacing_m) = self.spacing_m else { return Ok(()) };
+        let extent_m = |values: &[f64]| {
+            let known = values.iter().filter(|x| x.is_finite());
+            let (low, high) = known.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+            high - low
+        };
+        let (east_m, north_m) = (extent_m(survey.easting_m), extent_m(survey.northing_m));
+        // A line is as long as it is, and has no width; a point has neither.
+        if !(east_m > 0.0 || north_m > 0.0) || spacing_m < east_m.max(north_m) {
+            return Ok(());
+        }
+        let what =
+            format!("a spacing of {spacing_m} m is wider than the area of the points, {east_m:.0} by {north_m:.0} m");
+        Err(Fault::data(what).help("choose a `spacing_m` below the extent of the points").of_param("spacing_m"))
+    }
+
+    fn levelled(
+        &self,
+        points: &SurveyPoints,
+        line: &[usize],
+        order: usize,
+        progress: Progress,
+    ) -> Result<Levelled, Fault> {
+        progress("levelling lines", 0, 1);
+        let crossings = CrossoverOptions { most_height_m: self.crossing_height_m, ..CrossoverOptions::default() };
+        let found = find_crossovers(points::survey(points, line), &crossings);
+        if found.is_empty() {
+            let what =
+                format!("no lines cross within {} m of height, so they cannot be levelled", self.crossing_height_m);
+            let help = "leave `level_order` out, or raise `crossing_height_m`";
+            return Err(Fault::data(what).help(help).of_param("level_order"));
+        }
+        Ok(level_lines(points::survey(points, line), &found, &LevelOptions { order, ..LevelOptions::default() }))
+    }
+
+    fn options(&self) -> Result<GridOptions, Fault> {
+        let method = match self.method {
+            Surface::EquivalentSources => {
+                Method::EquivalentSources { layers: None, damping: self.damping, level_m: self.level_m }
+            }
+            Surface::MinimumCurvature => match Method::minimum_curvature() {
+                Method::MinimumCurvature(relaxation) => {
+                    Method::MinimumCurvature(gridding::Relaxation { tension: self.tension, ..relaxation })
+                }
+                other @ Method::EquivalentSources { .. } => other,
+            },
+        };
+        let region = |[west, south, east, north]: [f64; 4]| Region { east_m: [west, east], north_m: [south, north] };
+        let kept = CleanOptions { sigmas: 0.0, without_far: false, ..CleanOptions::default() };
+        Ok(GridOptions {
+            spacing_m: self.spacing_m,
+            block_m: self.block_m,
+            mask_m: self.mask_m,
+            folds: self.cross_validate.map(Folds::all),
+            region: self.bounds.as_deref().map(bounds_of).transpose()?.map(region),
+            clean: if self.keep_outliers { kept } else { CleanOptions::default() },
+            ..GridOptions::of(method)
+        })
+    }
+
+    /// The columns of lines that are read.
+    fn reads(&self) -> Vec<&str> {
+        let mut reads = vec!["lat", "lon", "alt", self.value.as_str()];
+        if self.remove_diurnal {
+            reads.push("diurnal");
+        }
+        match self.core_field {
+            Core::None => {}
+            Core::Column => reads.push("igrf"),
+            Core::Igrf | Core::Wmm if self.decimal_year.is_some() => {}
+            Core::Igrf | Core::Wmm => reads.extend(["year", "doy", "tt"]),
+        }
+        reads.dedup();
+        reads
+    }
+
+    /// What is wrong with the columns of the lines.
+    fn missing(&self, shape: &Shape) -> Vec<Fault> {
+        let mut faults: Vec<Fault> = [("lat", "deg"), ("lon", "deg"), ("alt", "m")]
+            .into_iter()
+            .filter_map(|(name, unit)| shape.number(name, unit).err())
+            .collect();
+        faults.extend(shape.number(&self.value, "nT").err().map(|f| f.of_param("value")));
+        if self.remove_diurnal {
+            faults.extend(shape.number("diurnal", "nT").err().map(|f| f.of_param("remove_diurnal")));
+        }
+        match self.core_field {
+            Core::Column => faults.extend(shape.number("igrf", "nT").err().map(|f| f.of_param("core_field"))),
+            Core::Igrf | Core::Wmm if self.decimal_year.is_none() => {
+                let dated = ["year", "doy"].iter().all(|name| {
+                    let known = |c: &Column| matches!(c.column_type, ColumnType::Float | ColumnType::Other(_));
+                    shape.get(name).is_some_and(known)
+                });
+                if !dated {
+                    let what = "the core field needs a date, but the points have no `year` and `doy`";
+                    faults.push(Fault::new(what).help("say `decimal_year`, such as 1990.5").of_param("core_field"));
+                }
+            }
+            Core::None | Core::Igrf | Core::Wmm => {}
+        }
+        faults
+    }
+}
+
+/// What the options or the points do not allow, and the way out.
+fn refused(error: &GridError) -> Fault {
+    match error {
+        GridError::BelowSources { lowest_m, .. } => {
+            let lowest_m = lowest_m.ceil();
+            let help = "or leave `level_m` out for the height of the highest point";
+            let fault = Fault::data(error.to_string()).of_param("level_m");
+            fault.help(format!("say `level_m = {lowest_m:.0}` or higher, {help}"))
+        }
+        GridError::Option { name, .. } => Fault::new(error.to_string()).of_param(name),
+        GridError::NoPoints | GridError::Lengths { .. } | GridError::NotFinite { .. } | GridError::TooLarge { .. } => {
+            data(error)
+        }
+    }
+}
+
+/// The heights flown at each node, where the surface is at these.
+fn flown(points: &SurveyPoints, line: &[usize], grid: &PlaneGrid, progress: Progress) -> Result<Height, Fault> {
+    if points.height_m.iter().all(|h| !h.is_finite()) {
+        return Ok(Height::Level(f64::NAN));
+    }
+    let heights = gridding::SurveyPoints { value_nt: &points.height_m, ..points::survey(points, line) };
+    let mut options = GridOptions::of(Method::minimum_curvature());
+    options.clean.sigmas = 0.0;
+    options.spacing_m = Some(grid.east_m.step);
+    options.region = Some(Region {
+        east_m: [grid.east_m.first, grid.east_m.last()],
+        north_m: [grid.north_m.first, grid.north_m.last()],
+    });
+    options.mask_m = Some(f64::INFINITY);
+    let heights = gridding::grid(heights, &options, progress).map_err(|e| refused(&e))?;
+    Ok(Height::Cells(heights.grid.values))
+}
+
+impl Stage for MapGrid {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let mut faults: Vec<Fault> = self.check().err().into_iter().collect();
+        faults.extend(self.missing(shape(inputs, 0)?));
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let reads: Vec<String> = self.reads().into_iter().map(str::to_owned).collect();
+        let mut yields = schemas::map::yields(schemas::map::ANOMALY_UNIT, vec![reads.clone()]);
+        if self.cross_validate.is_some() {
+            yields.columns.push(Column::float("error", "nT", "error to be expected of the anomaly").from(0, &reads));
+        }
+        Ok(yields)
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        let of = |param: &str, word: &str| {
+            let fault = Fault::new(format!("`{key}` has a say only with `{param} = {word}`"));
+            Some(fault.help(format!("leave `{key}` out, or say `{param} = {word}`")))
+        };
+        match (key, self.method, self.core_field) {
+            ("tension", Surface::EquivalentSources, _) => of("method", "\"minimum_curvature\""),
+            ("level_m" | "damping", Surface::MinimumCurvature, _) => of("method", "\"equivalent_sources\""),
+            ("decimal_year", _, Core::None | Core::Column) => of("core_field", "\"igrf\""),
+            ("crossing_height_m", _, _) if self.level_order.is_none() => of("level_order", "0"),
+            _ => None,
+        }
+    }
+
+    fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
+        Some(Box::new(gather::Survey::new(points)))
+    }
+}
+
+/// The columns of a map that a survey yields.
+fn columns(mapped: &Mapped) -> Result<Vec<ArrayRef>, Fault> {
+    let mut columns = crate::made_map::made(&mapped.map)?;
+    columns.extend(mapped.error.as_ref().map(|error| crate::columns::array(error.anomaly_nt.clone())));
+    Ok(columns)
+}

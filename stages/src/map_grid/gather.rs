@@ -1,0 +1,101 @@
+//! The lines of a survey, gathered for the points of a sweep.
+
+use std::{any::Any, collections::BTreeMap};
+
+use arrow_array::{ArrayRef, RecordBatch, cast::AsArray, types::Int64Type};
+use datasets::SurveyPoints;
+use schemas::{Fault, Gather, LineIn};
+
+use super::{MapGrid, columns, points};
+use crate::columns::floats;
+
+/// Gathers the lines for all points of a sweep.
+pub struct Survey {
+    stages: Vec<MapGrid>,
+}
+
+/// The rows of a line that are selected and have a position.
+struct Part {
+    name: String,
+    /// The rows of the line.
+    rows: Vec<u64>,
+    columns: BTreeMap<String, Vec<f64>>,
+}
+
+impl Survey {
+    /// For these points of a sweep.
+    pub fn new(stages: Vec<&MapGrid>) -> Survey {
+        Survey { stages: stages.into_iter().cloned().collect() }
+    }
+}
+
+impl Gather for Survey {
+    fn map(&self, line: &LineIn) -> Result<Box<dyn Any + Send>, Fault> {
+        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a survey without lines"))?;
+        let (lat, lon) = (floats(batch, "lat")?, floats(batch, "lon")?);
+        let kept = |row: &usize| {
+            let selected = line.keep.as_ref().is_none_or(|keep| keep.get(*row).copied().unwrap_or(false));
+            selected && lat[*row].is_finite() && lon[*row].is_finite()
+        };
+        let rows: Vec<usize> = (0..batch.num_rows()).filter(kept).collect();
+        let mut columns = BTreeMap::new();
+        for field in batch.schema().fields() {
+            let values = numbers(batch, field.name())?;
+            columns.insert(field.name().clone(), rows.iter().map(|row| values[*row]).collect());
+        }
+        let name = format!("{} {}", line.flight, line.line);
+        Ok(Box::new(Part { name, rows: rows.into_iter().map(|row| row as u64).collect(), columns }))
+    }
+
+    fn refused(&self, part: &(dyn Any + Send)) -> Vec<(usize, Fault)> {
+        let Some(part) = part.downcast_ref::<Part>() else { return vec![] };
+        let lacks = |stage: &MapGrid| {
+            let lacking = stage.reads().into_iter().find(|name| !part.columns.contains_key(*name))?;
+            Some(Fault::data(format!("the line has no column `{lacking}`")).in_column(lacking))
+        };
+        self.stages.iter().enumerate().filter_map(|(i, stage)| Some((i, lacks(stage)?))).collect()
+    }
+
+    fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {
+        let parts: Vec<&Part> = parts.iter().filter_map(|part| part.downcast_ref()).collect();
+        self.stages.iter().map(|stage| mapped(stage, &parts)).collect()
+    }
+}
+
+/// The map of one point of the sweep.
+fn mapped(stage: &MapGrid, parts: &[&Part]) -> Result<Vec<ArrayRef>, Fault> {
+    let reads = stage.reads();
+    let usable = |part: &&&Part| !part.rows.is_empty() && reads.iter().all(|name| part.columns.contains_key(*name));
+    let parts: Vec<&Part> = parts.iter().filter(usable).copied().collect();
+    let column = |name: &str| -> Option<Vec<f64>> {
+        let one = |part: &&Part| part.columns.get(name).cloned();
+        parts.iter().map(one).collect::<Option<Vec<Vec<f64>>>>().map(|all| all.concat())
+    };
+    let read = |name: &str| reads.contains(&name).then(|| column(name)).flatten();
+    let (lat, lon) = (column("lat").unwrap_or_default(), column("lon").unwrap_or_default());
+    let mut survey = SurveyPoints::at(lat, lon, stage.epsg()?)?;
+    let unknown = || vec![f64::NAN; survey.value_nt.len()];
+    let (height_m, value_nt) = (column("alt").unwrap_or_else(unknown), column(&stage.value).unwrap_or_else(unknown));
+    (survey.height_m, survey.value_nt) = (height_m, value_nt);
+    survey.lines = parts.iter().map(|part| part.name.clone()).collect();
+    survey.line = parts.iter().zip(0u32..).flat_map(|(part, i)| vec![i; part.rows.len()]).collect();
+    survey.row = parts.iter().flat_map(|part| part.rows.clone()).collect();
+    survey.extra.diurnal_nt = read("diurnal");
+    survey.extra.igrf_nt = read("igrf");
+    survey.extra.year = read("year");
+    survey.extra.doy = read("doy");
+    survey.extra.tt_s = read("tt");
+    if !stage.keep_outliers {
+        points::without_far(&mut survey);
+    }
+    columns(&stage.apply(&mut survey, &|_, _, _| ())?)
+}
+
+/// The numbers of a column, whole ones too; NaN for null.
+fn numbers(batch: &RecordBatch, name: &str) -> Result<Vec<f64>, Fault> {
+    let whole = batch.column_by_name(name).and_then(|array| array.as_primitive_opt::<Int64Type>());
+    match whole {
+        Some(whole) => Ok(whole.iter().map(|x| x.map_or(f64::NAN, |x| x as f64)).collect()),
+        None => floats(batch, name).map(<[f64]>::to_vec),
+    }
+}

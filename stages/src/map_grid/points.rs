@@ -1,0 +1,119 @@
+//! The points of a survey: what is taken off their values, and which are far from all others.
+
+use datasets::SurveyPoints;
+use numerics::{
+    earth::{
+        core_field::{CoreModel, CoreTrack},
+        dates::decimal_year,
+    },
+    maps::gridding::{self, CleanOptions, clean, far_points},
+};
+use schemas::Fault;
+
+use super::{Core, MapGrid};
+use crate::columns::data;
+
+/// Metres of a degree of latitude.
+const DEGREE_M: f64 = 111_195.0;
+
+/// The points as gridding takes them.
+pub fn survey<'a>(points: &'a SurveyPoints, line: &'a [usize]) -> gridding::SurveyPoints<'a> {
+    gridding::SurveyPoints {
+        easting_m: &points.easting_m,
+        northing_m: &points.northing_m,
+        height_m: &points.height_m,
+        value_nt: &points.value_nt,
+        line,
+    }
+}
+
+/// Takes core field and diurnal variation off.
+pub fn reduce(stage: &MapGrid, points: &mut SurveyPoints) -> Result<(), Fault> {
+    let lacks = |what: &str| Fault::data(format!("the points have no {what}"));
+    if stage.remove_diurnal {
+        let diurnal = points.extra.diurnal_nt.as_ref().ok_or_else(|| lacks("column `diurnal`"))?;
+        points.value_nt.iter_mut().zip(diurnal).for_each(|(v, d)| *v -= d);
+    }
+    let model = match stage.core_field {
+        Core::None => return Ok(()),
+        Core::Column => {
+            let core = points.extra.igrf_nt.as_ref().ok_or_else(|| lacks("column `igrf`"))?;
+            points.value_nt.iter_mut().zip(core).for_each(|(v, c)| *v -= c);
+            return Ok(());
+        }
+        Core::Igrf => CoreModel::Igrf14,
+        Core::Wmm => CoreModel::Wmm,
+    };
+    let years = match stage.decimal_year {
+        Some(year) => vec![year; points.len()],
+        None => dates(points)?.ok_or_else(|| {
+            lacks("date in columns `year`, `doy` and `tt`").help("say `decimal_year`, such as 1990.5")
+        })?,
+    };
+    let field = CoreTrack::new(model).field(&points.lat_deg, &points.lon_deg, &points.height_m, &years);
+    let magnitude = field.map_err(data)?.magnitude_nt();
+    if magnitude.iter().all(|m| m.is_nan()) {
+        return Err(lacks("heights or dates for the core field"));
+    }
+    points.value_nt.iter_mut().zip(magnitude).for_each(|(v, m)| *v -= m);
+    Ok(())
+}
+
+/// The decimal year of each point; NaN where it has no date.
+fn dates(points: &SurveyPoints) -> Result<Option<Vec<f64>>, Fault> {
+    let (Some(year), Some(doy)) = (points.extra.year.as_ref(), points.extra.doy.as_ref()) else { return Ok(None) };
+    let tt = points.extra.tt_s.as_ref();
+    let one = |i: usize| {
+        // Over midnight `tt` goes on, and the date moves on with it: only the time of the day is left to add.
+        let tt = tt.map_or(0.0, |tt| tt[i].rem_euclid(86_400.0));
+        if ![year[i], doy[i], tt].iter().all(|x| x.is_finite()) {
+            return Ok(f64::NAN);
+        }
+        let line = points.lines.get(points.line[i] as usize).map_or("", String::as_str);
+        decimal_year(year[i] as i32, doy[i] as u32, tt)
+            .map_err(|e| Fault::data(format!("line {line}: {e}")).in_column("doy").in_row(points.row[i]))
+    };
+    (0..points.len()).map(one).collect::<Result<Vec<f64>, Fault>>().map(Some)
+}
+
+/// Why nothing is left to grid.
+pub fn nothing_left(points: gridding::SurveyPoints, options: &CleanOptions) -> Fault {
+    let cleaned = clean(points, options);
+    let left_out = [
+        (cleaned.not_finite.len(), "without a finite position, height or value"),
+        (cleaned.far.len(), "far from all others"),
+        (cleaned.duplicates.len(), "duplicates"),
+        (cleaned.outliers.len(), "outliers"),
+        (cleaned.of_short_lines.len(), "of lines with too few points"),
+    ];
+    let left_out: Vec<String> =
+        left_out.iter().filter(|(n, _)| *n > 0).map(|(n, what)| format!("{n} {what}")).collect();
+    let help = "lines need five points or more; `minimum_curvature` needs no heights";
+    Fault::data(format!("none of {} points is left to grid: {}", points.len(), left_out.join(", "))).help(help)
+}
+
+/// Takes away the positions of points that are far from all others, so that what follows leaves these out; says which
+/// they are.
+pub fn without_far(points: &mut SurveyPoints) -> Vec<usize> {
+    let [east_m, north_m] = positions(points);
+    let far = far_points(&east_m, &north_m);
+    for i in &far {
+        (points.easting_m[*i], points.northing_m[*i]) = (f64::NAN, f64::NAN);
+    }
+    far
+}
+
+/// Metres east and north as the middle latitude has them: good enough to tell far from near, and defined where the
+/// points' own projection is not.
+fn positions(points: &SurveyPoints) -> [Vec<f64>; 2] {
+    let middle = |values: &[f64]| {
+        let mut known: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
+        let at = known.len() / 2;
+        if known.is_empty() { 0.0 } else { *known.select_nth_unstable_by(at, f64::total_cmp).1 }
+    };
+    let (lat, lon) = (middle(&points.lat_deg), middle(&points.lon_deg));
+    let round = |deg: f64| deg - 360.0 * (deg / 360.0).round();
+    let east = points.lon_deg.iter().map(|x| round(x - lon) * DEGREE_M * lat.to_radians().cos()).collect();
+    let north = points.lat_deg.iter().map(|x| (x - lat) * DEGREE_M).collect();
+    [east, north]
+}
