@@ -344,17 +344,16 @@ fn law_the_filter_finds_its_way_over_osborne() {
 fn gold_faults_of_a_spec_are_told_at_once_with_their_place() {
     let folder = TempDir::new().unwrap();
     let text = "seed = 1\nrate_hs = 10.0\n[map]\npath = 'none.tif'\n[[magnetometers]]\nname = 'mag_2_uc'\n\
-                permanent_n = 3.0\ncurrents = { cur_y = 1.0 }\n[[currents]]\nname = 'cur_x'\non_a = 'much'\n\
+                permanent_n = 3.0\n[[magnetometers]]\nname = 'mag_3_uc'\ncurrents = { cur_y = 1.0 }\n[[currents]]\nname = 'cur_x'\non_a = 1.0\n[[currents]]\nname = 'cur_z'\non_a = 'much'\n\
                 [[flights]]\nname = '1'\n[[flights.lines]]\nname = '1.1'\nkind = 'bok'\nalt_m = 500\n";
     let path = written(&folder, text);
     let said = Simulation::open(&path).unwrap_err().to_string();
     for (place, what) in [
         ("2:1", "`synth` has no key `rate_hs`"),
-        ("7:1", "`magnetometers` has no key `permanent_n`"),
-        ("8:14", "there is no current `cur_y`"),
-        ("11:8", "`on_a` of `currents` must be a number"),
-        ("16:8", "`kind` of `lines` cannot be `bok`"),
-        ("14:1", "`lines` needs `waypoints`"),
+        ("7:1", "`magnetometers` has no parameter `permanent_n`"),
+        ("10:14", "there is no current `cur_y`"),
+        ("16:8", "`on_a` of `currents` must be a number"),
+        ("21:8", "`kind` cannot be `bok`"),
     ] {
         assert!(said.contains(what), "{what} is not in\n{said}");
         assert!(said.contains(&format!("s.synth.toml:{place}\n")), "{place} is not in\n{said}");

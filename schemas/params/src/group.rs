@@ -131,7 +131,7 @@ impl<'a> Reader<'a> {
         let Some(value) = T::read(&given.value) else {
             match given.value.as_text() {
                 Some(word) if !T::WORDS.is_empty() => self.wrong_word(name, word, T::WORDS, given),
-                _ => self.wrong_type(name, T::TYPE, given),
+                _ => self.wrong_type(name, &T::type_words(), given),
             }
             return None;
         };

@@ -117,6 +117,11 @@ pub trait Value: Sized {
     /// Whether it may be left out without a default.
     const OPTIONAL: bool = false;
 
+    /// The type in words, with what is inside it.
+    fn type_words() -> String {
+        Self::TYPE.to_owned()
+    }
+
     /// The words that it can be, of a [`choice!`](crate::choice!); empty for other types.
     const WORDS: &'static [&'static str] = &[];
 
@@ -271,6 +276,13 @@ impl Value for String {
 impl<T: Value> Value for Vec<T> {
     const TYPE: &'static str = "list";
 
+    fn type_words() -> String {
+        match T::TYPE {
+            "list" => format!("list of {}", several(&T::type_words())),
+            _ => Self::TYPE.to_owned(),
+        }
+    }
+
     fn read(literal: &Literal) -> Option<Vec<T>> {
         match literal {
             Literal::List(items) => items.iter().map(T::read).collect(),
@@ -289,6 +301,11 @@ impl<T: Value> Value for Vec<T> {
 
 impl<T: Value> Value for Option<T> {
     const TYPE: &'static str = T::TYPE;
+
+    fn type_words() -> String {
+        T::type_words()
+    }
+
     const OPTIONAL: bool = true;
     const WORDS: &'static [&'static str] = T::WORDS;
 
@@ -330,6 +347,10 @@ impl<T: Value> Value for Option<T> {
 impl<T: Value, const N: usize> Value for [T; N] {
     const TYPE: &'static str = "list";
 
+    fn type_words() -> String {
+        format!("list of {N} {}", several(&T::type_words()))
+    }
+
     fn read(literal: &Literal) -> Option<[T; N]> {
         let Literal::List(items) = literal else { return None };
         items.iter().map(T::read).collect::<Option<Vec<T>>>()?.try_into().ok()
@@ -341,6 +362,14 @@ impl<T: Value, const N: usize> Value for [T; N] {
 
     fn canonical(&self) -> String {
         format!("[{}]", self.iter().map(T::canonical).collect::<Vec<_>>().join(","))
+    }
+}
+
+/// The plural of a type in words.
+fn several(words: &str) -> String {
+    match words.split_once(' ') {
+        Some((first, rest)) => format!("{first}s {rest}"),
+        None => format!("{words}s"),
     }
 }
 

@@ -218,7 +218,7 @@ fn a_model_a_filter_and_a_metric_of_ones_own_are_chosen_keyed_documented_and_rep
     for (set, said) in [
         ("shrunk.lambda=0.1", "`lambda` belongs to `tolles_lawson`"),
         ("squares.shrinkage=0.1", "`shrinkage` belongs to `uniform_shrinkage`"),
-        ("track.drift=0.1", "did you mean `drift_mps`"),
+        ("track.drift_mp=0.1", "did you mean `drift_mps`"),
         ("scores.metrics=final_eror", "did you mean `final_error`"),
     ] {
         let (wrong, text) = theirs(folder, &["check", "spec.toml", "--set", set]);

@@ -424,27 +424,28 @@ fn gold_faults_of_an_aircraft() {
     let path = spec(
         &folder,
         "",
-        "[[currents]]\nname = 'cur_x'\nkind = 'schedul'\non_a = 1.0\n[[wires]]\ncurrent = 'cur_y'\n\
+        "[[currents]]\nname = 'cur_x'\nkind = 'schedul'\non_a = 1.0\n[[wires]]\ncurrent = 'cur_x'\n\
          path = [[0.0, 0.0]]\n[[magnetometers]]\nname = 'mag_2_uc'\npermanent = [1.0, 2.0]\nheading_n = 3.0\n\
          [[magnetometers]]\nname = 'mag_3_uc'\npermanent = [1.0, 2.0, 3.0]\npermanent_nt = 4.0\n\
-         induced = [[1.0, 2.0, 3.0]]\n[[inputs]]\nname = 'lat'\nof = 'cur_x'\n",
+         [[wires]]\ncurrent = 'cur_y'\npath = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]\n[[magnetometers]]\nname = 'mag_4_uc'\n\
+         induced = [[1.0, 2.0, 3.0]]\n[[inputs]]\nname = 'lat'\nkind = 'speed'\n",
         SURVEY,
     );
     let said = Simulation::open(&path).unwrap_err().to_string();
     for (place, what) in [
-        ("10:8", "`kind` of `currents` cannot be `schedul`"),
-        ("13:11", "there is no current `cur_y`"),
+        ("10:8", "`kind` cannot be `schedul`"),
+        ("24:11", "there is no current `cur_y`"),
         ("14:8", "`path` of `wires` must be a list of lists of 3 numbers"),
-        ("17:13", "`permanent` of `magnetometers` must be a list of three numbers"),
-        ("18:1", "`magnetometers` has no key `heading_n`"),
+        ("17:13", "`permanent` of `magnetometers` must be a list of 3 numbers"),
+        ("18:1", "`magnetometers` has no parameter `heading_n`"),
         ("22:16", "`permanent` says exactly what `permanent_nt` would draw: keep one"),
-        ("23:11", "`induced` of `magnetometers` must have three rows of three numbers"),
-        ("25:8", "`lat` is the name of another column"),
+        ("28:11", "`induced` of `magnetometers` must be a list of 3 lists of 3 numbers"),
+        ("30:8", "`lat` is the name of another column"),
     ] {
         assert!(said.contains(what), "{what} is not in\n{said}");
         assert!(said.contains(&format!("a.synth.toml:{place}\n")), "{place} of {what} is not in\n{said}");
     }
-    for help in ["did you mean `schedule`?", "did you mean `cur_x`?", "did you mean `heading_nt`?"] {
+    for help in ["did you mean `schedule`?", "did you mean `heading_nt`?"] {
         assert!(said.contains(help), "{help} is not in\n{said}");
     }
 }

@@ -481,16 +481,16 @@ fn law_a_flight_sees_the_record_along_the_core_field() {
 fn gold_faults_of_the_earths_field() {
     let said = try_flown(&format!("{BARE}{LINE}")).unwrap_err();
     assert!(said.contains("needs a table `map` or `sources`, or `anomaly = false` in `components`"), "{said}");
-    let wrong = "[core_field]\nmodel = 'igfr'\n[[sources]]\nkind = 'prizm'\nlat = -22.0\nlon = 140.6\ndepth_m = 1.0\n\
-                 alt_m = -1.0\nmoment_am2 = 1.0\n[[sources]]\nkind = 'prism'\nlat = 99.0\nlon = 1.0\ndepth_m = 1.0\n\
-                 magnetisation_apm = 1.0\n[diurnal]\nstorm_nt = 3.0\nquite_nt = 1.0\n";
+    let wrong = "[core_field]\nmodel = 'igfr'\n[[sources]]\nkind = 'prizm'\nlat = 1.0\nlon = 1.0\n[[sources]]\nlat = -22.0\nlon = 140.6\ndepth_m = 1.0\n\
+                 alt_m = -1.0\nmoment_am2 = 1.0\n[[sources]]\nlat = 99.0\nlon = 1.0\ndepth_m = 1.0\n[[sources]]\nkind = 'prism'\n\
+                 lat = 9.0\nlon = 1.0\ndepth_m = 1.0\nmagnetisation_apm = 1.0\n[diurnal]\nstorm_nt = 3.0\nquite_nt = 1.0\n";
     let said = try_flown(&format!("{wrong}{LINE}")).unwrap_err();
     for what in [
-        "`model` of `core_field` cannot be `igfr`",
+        "`model` cannot be `igfr`",
         "did you mean `igrf`?",
-        "`kind` of `sources` cannot be `prizm`",
+        "`kind` cannot be `prizm`",
         "a source needs `depth_m` or `alt_m`, one of the two",
-        "`lat` of `sources` must be -90 to 90",
+        "`lat` must be -90 to 90",
         "a prism needs `size_m`, its length, width and thickness",
         "a storm needs `storm_start_tt_s`, when it begins",
         "did you mean `quiet_nt`?",

@@ -234,16 +234,16 @@ fn law_scale_errors_show_in_what_is_measured() {
 
 #[test]
 fn gold_faults_of_the_ins_are_told_with_their_place() {
-    let said = read("", "grade = 'navigatoin'\nensemble = 10\ntake = 11\ngyro_scale_ppm = 5.0\ninit_tilt_error_deg = [1.0]\nalgin = 'line'")
-        .unwrap_err()
-        .to_string();
+    let among = read("", "ensemble = 10\ntake = 11\ngyro_scale_ppm = 5.0").unwrap_err().to_string();
+    let said = read("", "grade = 'navigatoin'\ninit_tilt_error_deg = [1.0]\nalgin = 'line'").unwrap_err().to_string();
+    let said = among + &said;
     for what in [
-        "`grade` of `ins` cannot be `navigatoin`",
+        "`grade` cannot be `navigatoin`",
         "did you mean `navigation`?",
-        "`take` of `ins` must be a whole number, 1 to 10",
+        "`take` of `ins` must be at most `ensemble`, 10",
         "`gyro_scale_ppm` of `ins` needs method = \"mechanisation\"",
         "`init_tilt_error_deg` of `ins` must be a list of 3 numbers",
-        "`ins` has no key `algin`",
+        "`ins` has no parameter `algin`",
         "did you mean `align`?",
         "s.synth.toml:6:9",
     ] {

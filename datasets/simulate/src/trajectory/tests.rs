@@ -480,8 +480,8 @@ fn gold_what_cannot_be_flown_is_said_where_it_is_asked() {
             "one height for each of the 2",
         ),
         ("", "kind = 'grid'\norigin = [-22.0, 140.5]\nline_m = 500.0", "6:1", "`lines` needs `spacing_m`"),
-        ("[turbulence]\nlevel = 'lihgt'", EACH[4], "2:9", "`level` of `turbulence` cannot be `lihgt`"),
-        ("", "kind = 'box'\nstart = [-22.0, 140.5]\nsets = [3, 19]", "11:8", "each 1 to 18"),
+        ("[turbulence]\nlevel = 'lihgt'", EACH[4], "2:9", "`level` cannot be `lihgt`"),
+        ("", "kind = 'box'\nstart = [-22.0, 140.5]\nsets = [3, 19]", "11:8", "must be 1 to 18"),
     ] {
         let said = said(tables, keys);
         assert!(said.contains(what), "{what} is not in\n{said}");

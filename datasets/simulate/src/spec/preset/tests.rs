@@ -89,8 +89,8 @@ fn gold_faults_beside_a_preset_keep_their_places() {
     );
     for (place, what) in [
         ("2:12", "the preset `cessna` has no `mag_6_uc`"),
-        ("5:1", "`magnetometers` has no key `noise`"),
-        ("6:14", "`heading_nt` of `magnetometers` must be 0 or above"),
+        ("5:1", "`magnetometers` has no parameter `noise`"),
+        ("6:14", "`heading_nt` of `magnetometers` must be a number, not a text"),
     ] {
         assert!(wrong.contains(what) && wrong.contains(&format!("p.synth.toml:{place}\n")), "{what}\n{wrong}");
     }
