@@ -116,12 +116,12 @@ impl MapFill {
         if !others.is_empty() {
             map = self.combined(&map, others, &mut notes, &mut warnings)?;
         }
-        let filled = self.from_surroundings(&map.plane())?;
+        let filled = self.surroundings(&map.plane())?;
         notes.push(format!("{before} unknown nodes before, {} after", filled.unknown()));
         Ok(Filled { map: map.with_plane_values(filled.values)?, notes, warnings })
     }
 
-    fn from_surroundings(&self, plane: &PlaneGrid) -> Result<PlaneGrid, Fault> {
+    fn surroundings(&self, plane: &PlaneGrid) -> Result<PlaneGrid, Fault> {
         let surface = |keep_slope: bool| {
             let options = SmoothFill { keep_slope, ..SmoothFill::default() };
             smooth(plane, &options).map(|(grid, _)| grid).map_err(data)

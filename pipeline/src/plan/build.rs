@@ -159,7 +159,7 @@ impl Builder<'_> {
         }
         if inputs.iter().any(|name| self.broken.contains(name)) {
             // Its own parameters are still worth a look.
-            self.parameters(decl, &entry);
+            self.parameters(decl, entry);
             return None;
         }
         let before = self.faults.len();
@@ -167,11 +167,11 @@ impl Builder<'_> {
             let fault = Fault::new(format!("`{}` works on maps, which have no lines to select", entry.name));
             self.faults.push(fault.at(at.clone()).help("remove `where`"));
         }
-        let slots = self.slots(decl, &entry, &grid);
+        let slots = self.slots(decl, entry, &grid);
         let made = match &slots {
-            Some(slots) => self.variants(decl, &entry, &grid, slots),
+            Some(slots) => self.variants(decl, entry, &grid, slots),
             None => {
-                self.parameters(decl, &entry);
+                self.parameters(decl, entry);
                 None
             }
         };
@@ -187,7 +187,7 @@ impl Builder<'_> {
             }
         }
         let Variants { variants, variant, tables, table, questions } = made;
-        let carry = self.carry(decl, &entry, &axes, &variants, &tables)?;
+        let carry = self.carry(decl, entry, &axes, &variants, &tables)?;
         let (name, at) = (decl.name.clone(), decl.at.clone());
         let node = TableNode {
             name,

@@ -411,12 +411,12 @@ impl<T: Value> Value for BTreeMap<String, T> {
 #[macro_export]
 macro_rules! choice {
     (
-        $(#[doc = $d:literal])*
-        $v:vis enum $Ty:ident { $( $(#[doc = $vd:literal])* $V:ident = $word:literal ),+ $(,)? }
+        $(#[$d:meta])*
+        $v:vis enum $Ty:ident { $( $(#[$vd:meta])* $V:ident = $word:literal ),+ $(,)? }
     ) => {
-        $(#[doc = $d])*
+        $(#[$d])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-        $v enum $Ty { $( $(#[doc = $vd])* $V, )+ }
+        $v enum $Ty { $( $(#[$vd])* $V, )+ }
 
         impl $Ty {
             /// The word in a spec.

@@ -23,8 +23,10 @@ pub(crate) use surface::{Cell, Jet, Surface};
 
 choice! {
     /// How a value between the nodes is made.
+    #[derive(Default)]
     pub enum Interpolation {
         /// Bilinear: continuous, with a gradient that jumps from cell to cell.
+        #[default]
         Linear = "linear",
         /// The quadratic B-spline through the nodes with its pieces centred on them (MagNav.jl's
         /// `quad`): value and gradient are continuous. Gaps as with `Cubic`.
@@ -34,12 +36,6 @@ choice! {
         /// is solved, so that a hole is felt in the cells next to it and dies out by a factor of 4 a
         /// cell.
         Cubic = "cubic",
-    }
-}
-
-impl Default for Interpolation {
-    fn default() -> Self {
-        Self::Linear
     }
 }
 

@@ -13,21 +13,17 @@ use crate::navigation::pinson::{
 
 choice! {
     /// How the white driving noise becomes the covariance that a step adds.
+    #[derive(Default)]
     pub enum NoiseDiscretisation {
         /// Half of q Δt before the step and half after it: second order, positive semidefinite as it
         /// stands, at no cost. At 1 s steps the filter's NEES is that of Van Loan's to five digits.
+        #[default]
         Trapezoidal = "trapezoidal",
         /// q Δt added after the step (MagNav.jl): first order.
         Rectangular = "rectangular",
         /// The integral of Φ(s) Q Φ(s)ᵀ over the step, to rounding; a filter with it takes five times
         /// as long. [Van Loan 1978]
         VanLoan = "van_loan",
-    }
-}
-
-impl Default for NoiseDiscretisation {
-    fn default() -> Self {
-        Self::Trapezoidal
     }
 }
 

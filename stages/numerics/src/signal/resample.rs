@@ -29,20 +29,16 @@ const SNAP: f64 = 1e-6;
 
 choice! {
     /// How values between samples are found.
+    #[derive(Default)]
     pub enum Method {
         /// On the straight line between the samples before and after.
+        #[default]
         Linear = "linear",
         /// The nearest sample, the earlier of two equally near.
         Nearest = "nearest",
         /// Akima's piecewise cubic: smooth, and without the overshoot of a spline. [Akima 1970, "A new
         /// method of interpolation and smooth curve fitting based on local procedures", J. ACM 17(4)]
         Cubic = "cubic",
-    }
-}
-
-impl Default for Method {
-    fn default() -> Self {
-        Self::Linear
     }
 }
 

@@ -14,19 +14,15 @@ pub(super) const REFERENCE_RADIUS_M: f64 = 6_371_200.0;
 
 choice! {
     /// A model of the core field.
+    #[derive(Default)]
     pub enum CoreModel {
         /// The International Geomagnetic Reference Field, 14th generation, degree 13, with the definitive and provisional
         /// coefficients of 1900 to 2025 and the secular variation to 2030. [IAGA, doi:10.5281/zenodo.14012302]
+        #[default]
         Igrf14 = "igrf",
         /// The World Magnetic Model, degree 12: WMM2020 from 2020 to 2025, WMM2025 to 2030; a component jumps by
         /// up to 314 nT where one takes over from the other. [NOAA NCEI and BGS]
         Wmm = "wmm",
-    }
-}
-
-impl Default for CoreModel {
-    fn default() -> Self {
-        Self::Igrf14
     }
 }
 

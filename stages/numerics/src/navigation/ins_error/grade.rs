@@ -6,8 +6,10 @@ use super::{InsErrorModel, InsErrors};
 
 choice! {
     /// How good an INS is.
+    #[derive(Default)]
     pub enum InsGrade {
         /// The defaults of MagNav.jl: a navigation-grade INS after a good alignment.
+        #[default]
         Magnav = "magnav",
         /// Honeywell HG9900. [thesis 001, Tables 9 and 10]
         Navigation = "navigation",
@@ -18,12 +20,6 @@ choice! {
         /// Its gyroscopes drift by half a degree a second, so that the position is off by thousands of
         /// kilometres within a quarter of an hour: it makes sense for a minute or two.
         Commercial = "commercial",
-    }
-}
-
-impl Default for InsGrade {
-    fn default() -> Self {
-        Self::Magnav
     }
 }
 
