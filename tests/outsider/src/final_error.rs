@@ -9,8 +9,8 @@ metric! {
     shown Shown::column(105, 50), needs [Track, Position];
     |line| {
         let error = line.track_error()?;
-        let mut sizes = error.north_m.iter().zip(&error.east_m).map(|(north, east)| north.hypot(*east)).filter(|size| size.is_finite());
-        let last = sizes.next_back();
+        let sizes = error.north_m.iter().zip(&error.east_m).map(|(north, east)| north.hypot(*east));
+        let last = sizes.filter(|size| size.is_finite()).next_back();
         Ok::<Figure, Fault>(Figure { value: last.unwrap_or(f64::NAN), n: usize::from(last.is_some()) })
     }
 }
