@@ -9,8 +9,8 @@ metric! {
     shown Shown::column(105, 50), needs [Track, Position];
     |line| {
         let error = line.track_error()?;
-        let sizes = error.north_m.iter().zip(&error.east_m).map(|(north, east)| north.hypot(*east));
-        let last = sizes.filter(|size| size.is_finite()).next_back();
+        let mut sizes = error.north_m.iter().zip(&error.east_m).map(|(north, east)| north.hypot(*east));
+        let last = sizes.rfind(|size: &f64| size.is_finite());
         Ok::<Figure, Fault>(Figure { value: last.unwrap_or(f64::NAN), n: usize::from(last.is_some()) })
     }
 }
