@@ -275,10 +275,6 @@ impl Stage for Fit {
         Ok(yields)
     }
 
-    fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        Err(Fault::bug("a fit works on all lines together"))
-    }
-
     fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
         let points: Vec<Point> = points.into_iter().map(Fit::point).collect();
         Some(Box::new(FitGather { questions: questions(&points), points }))

@@ -16,7 +16,7 @@ pub fn whole_map() -> Vec<String> {
 /// The maps of a stage's inputs, each on its own grid.
 ///
 /// # Errors
-/// A table that is no map.
+/// A table that is not a map.
 pub fn grids(maps: &[RecordBatch]) -> Result<Vec<GridMap>, Fault> {
     maps.iter().map(|table| GridMap::of_table(table).map_err(Fault::from)).collect()
 }
@@ -33,7 +33,7 @@ pub fn made(map: &GridMap) -> Result<Vec<ArrayRef>, Fault> {
 /// minimum curvature.
 ///
 /// # Errors
-/// A map of which too little is known.
+/// A map with too few known nodes.
 pub fn without_gaps(map: &PlaneGrid) -> Result<PlaneGrid, FillError> {
     if map.unknown() == 0 { Ok(map.clone()) } else { smooth(map, &SmoothFill::default()).map(|(full, _)| full) }
 }

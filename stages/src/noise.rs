@@ -114,10 +114,6 @@ impl Stage for ResidualNoise {
         Ok(Yield { passes: Passes::None, tidy: true, ..Yield::append(columns, &reads) })
     }
 
-    fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        Err(Fault::bug("the noise is found on all lines together"))
-    }
-
     fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
         Some(Box::new(NoiseGather { points: points.into_iter().cloned().collect() }))
     }

@@ -92,10 +92,6 @@ impl Stage for Summary {
         Ok(yields)
     }
 
-    fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        Err(Fault::bug("a summary works on all lines together"))
-    }
-
     fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
         Some(Box::new(SummaryGather { points: points.into_iter().cloned().collect() }))
     }

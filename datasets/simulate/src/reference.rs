@@ -83,22 +83,9 @@ fn keys(docs: &[ParamDoc]) -> String {
 }
 
 fn row(out: &mut String, within: &str, doc: &ParamDoc) {
-    let default = match (doc.default.as_deref(), doc.absent) {
-        (Some(default), _) => format!("`{default}`"),
-        (None, Some(text)) => format!("left out: {text}"),
-        (None, None) => "must be given".to_owned(),
-    };
-    let name = format!("{within}{}", doc.name);
-    let _ = writeln!(
-        out,
-        "| `{name}` | {} | {} | {default} | {} | {} |",
-        doc.type_name,
-        doc.unit,
-        doc.rule,
-        doc.doc.replace("\n\n", " ")
-    );
+    out.push_str(&doc.row(within));
     for inner in &doc.keys {
-        row(out, &format!("{name}."), inner);
+        row(out, &format!("{within}{}.", doc.name), inner);
     }
 }
 

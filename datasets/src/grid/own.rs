@@ -74,7 +74,7 @@ fn within(axis: &EvenAxis, coordinate: f64) -> bool {
 /// The contract's map of a table that [`GridMap::table`] made: as it is, or resampled to latitude and longitude.
 ///
 /// # Errors
-/// A table that is no map, and what [`GridMap::to_geographic`] refuses.
+/// A table that is not a map, and what [`GridMap::to_geographic`] refuses.
 pub fn geographic(table: &RecordBatch) -> Result<Map, ReadError> {
     GridMap::of_table(table)?.to_geographic()
 }
@@ -83,7 +83,7 @@ impl GridMap {
     /// The map of a table that [`GridMap::table`] made.
     ///
     /// # Errors
-    /// A table that is no map.
+    /// A table that is not a map.
     pub fn of_table(table: &RecordBatch) -> Result<GridMap, ReadError> {
         let own = OwnGrid::of(&table.schema()).map_err(|e| wrong(e.to_string()))?;
         let (names, epsg) = match &own {

@@ -313,7 +313,7 @@ impl<'a> Graph<'a> {
     /// The map `r`, on its own grid: that of a file, or what a stage made.
     ///
     /// # Errors
-    /// When it is not in the store, or is no map.
+    /// When it is not in the store, or is not a map.
     pub fn map(&self, store: &Store, r: Ref) -> Result<RecordBatch, Fault> {
         let key = self.whole(r)?;
         match r {

@@ -84,16 +84,7 @@ fn section(entry: &Entry) -> String {
 
 /// The table of parameters.
 fn params(all: &[&ParamDoc]) -> String {
-    let row = |p: &&ParamDoc| {
-        let default = match (p.default.as_deref(), p.absent) {
-            (Some(default), _) => format!("`{default}`"),
-            (None, Some(text)) => format!("left out: {text}"),
-            (None, None) => "must be given".to_owned(),
-        };
-        let doc = p.doc.replace("\n\n", " ");
-        format!("| `{}` | {} | {} | {default} | {} | {doc} |\n", p.name, p.type_name, p.unit, p.rule)
-    };
-    let rows: String = all.iter().map(row).collect();
+    let rows: String = all.iter().map(|param| param.row("")).collect();
     format!("| parameter | type | unit | default | allowed | meaning |\n|---|---|---|---|---|---|\n{rows}")
 }
 

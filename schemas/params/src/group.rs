@@ -27,6 +27,21 @@ pub struct ParamDoc {
     pub keys: Vec<ParamDoc>,
 }
 
+impl ParamDoc {
+    /// Its row in a table of the reference: key, type, unit, default, allowed values and meaning. `within` stands before
+    /// the key.
+    pub fn row(&self, within: &str) -> String {
+        let default = match (self.default.as_deref(), self.absent) {
+            (Some(default), _) => format!("`{default}`"),
+            (None, Some(text)) => format!("left out: {text}"),
+            (None, None) => "must be given".to_owned(),
+        };
+        let ParamDoc { name, type_name, unit, rule, .. } = self;
+        let doc = self.doc.replace("\n\n", " ");
+        format!("| `{within}{name}` | {type_name} | {unit} | {default} | {rule} | {doc} |\n")
+    }
+}
+
 /// One parameter of a group, as its value is read.
 pub struct Param<'a, T> {
     /// The key.
@@ -83,17 +98,6 @@ impl<'a> Reader<'a> {
     /// Notes a fault about the whole table.
     pub fn push(&mut self, fault: Fault) {
         self.faults.push(self.at.iter().cloned().fold(fault, Fault::at));
-    }
-
-    /// Notes a fault about the value of a key, or about the table where the key is left out.
-    pub fn push_of(&mut self, name: &str, fault: Fault) {
-        let at = self.given(name).map(|given| given.at.clone()).or(self.at.clone());
-        self.faults.push(at.into_iter().fold(fault, Fault::at));
-    }
-
-    /// How many faults there are.
-    pub fn count(&self) -> usize {
-        self.faults.len()
     }
 
     /// All that is wrong.
@@ -153,16 +157,22 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Reads a table inside this one as a group, with its unknown keys as faults.
+    /// Reads all keys of the table as a group, with the values of `base` as defaults where one is given: the group, where
+    /// its own keys are right, and all that is wrong, unknown keys too.
+    pub fn group<T: Params>(mut self, base: Option<&T>) -> (Option<T>, Vec<Fault>) {
+        let group = T::read(&mut self, base);
+        let known: Vec<&str> = T::docs(self.lists).iter().map(|doc| doc.name).collect();
+        self.unknown_keys(&known, &[]);
+        (group, self.faults)
+    }
+
+    /// Reads a table inside this one as a group.
     fn inside<T: Params>(&mut self, name: &str, section: &Section, base: Option<&T>) -> Option<T> {
         let at = Some(section.at.clone()).filter(|at| !at.is_empty()).or(self.at.clone());
-        let mut reader = Reader::new(name, &section.keys, at, self.lists);
-        let value = T::read(&mut reader, base);
-        let known: Vec<&str> = T::docs(self.lists).iter().map(|doc| doc.name).collect();
-        reader.unknown_keys(&known, &[]);
-        let fine = reader.faults.is_empty();
-        self.faults.append(&mut reader.faults);
-        value.filter(|_| fine)
+        let (group, faults) = Reader::new(name, &section.keys, at, self.lists).group(base);
+        let fine = faults.is_empty();
+        self.faults.extend(faults);
+        group.filter(|_| fine)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::{any::Any, fmt, sync::Arc};
 
-use crate::{Fault, Literal, Param, ParamDoc, Reader, Rule, Value};
+use crate::{Fault, Literal, Param, ParamDoc, Params, Reader, Rule, Value};
 
 /// One of several things that a key chooses by name, with the keys that are its own. The keys stand beside the key that
 /// chooses it; a key of another one is refused, or has no say where it comes from an axis.
@@ -49,6 +49,15 @@ pub struct Own<T: ?Sized> {
     pub spelt: Vec<(&'static str, String)>,
 }
 
+impl<T: ?Sized> Own<T> {
+    /// Reads the group `P` of keys, which `keys` makes a `T` of.
+    pub fn of<P: Params>(reader: &mut Reader, keys: fn(P) -> Arc<T>) -> Option<Own<T>> {
+        let (group, mut spelt) = (P::read(reader, None)?, vec![]);
+        group.spell(&mut spelt);
+        Some(Own { keys: keys(group), spelt })
+    }
+}
+
 /// All that can be chosen, with the keys of each.
 pub struct Kinds<K: 'static> {
     all: Vec<&'static K>,
@@ -62,6 +71,20 @@ impl<K: Kind> Kinds<K> {
         let names = all.iter().map(|kind| kind.name()).collect();
         let own = |kind: &&K| kind.docs().iter().map(|d| d.name).chain(kind.takes().iter().copied()).collect();
         Kinds { names, keys: all.iter().map(own).collect(), all }
+    }
+
+    /// The list that the key `name` chooses from.
+    fn of(reader: &mut Reader, name: &str) -> Option<Arc<Kinds<K>>> {
+        let kinds = reader.lists.get();
+        if kinds.is_none() {
+            reader.push(Fault::bug(format!("`{name}` of `{}` has no list", reader.owner)));
+        }
+        kinds
+    }
+
+    /// What can be chosen, in words.
+    fn words(&self) -> String {
+        self.names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ")
     }
 
     /// In the order of the reference.
@@ -168,10 +191,7 @@ impl<K: Kind> Value for Chosen<K> {
     }
 
     fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
-        let Some(kinds) = reader.lists.get::<K>() else {
-            reader.push(Fault::bug(format!("`{}` of `{}` has no list", param.name, reader.owner)));
-            return None;
-        };
+        let kinds = Kinds::<K>::of(reader, param.name)?;
         let name = match (reader.given(param.name), K::DEFAULT) {
             (None, Some(default)) => default,
             (None, None) => {
@@ -200,7 +220,7 @@ impl<K: Kind> Value for Chosen<K> {
 
     fn document(doc: ParamDoc, lists: &crate::Lists) -> Vec<ParamDoc> {
         let Some(kinds) = lists.get::<K>() else { return vec![doc] };
-        let rule = kinds.names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+        let rule = kinds.words();
         let default = K::DEFAULT.map(|name| format!("{name:?}"));
         let mut docs = vec![ParamDoc { rule, default, ..doc }];
         for own in kinds.all.iter().flat_map(|kind| kind.docs()) {
@@ -284,10 +304,7 @@ impl<K: Kind> Value for Several<K> {
     }
 
     fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
-        let Some(kinds) = reader.lists.get::<K>() else {
-            reader.push(Fault::bug(format!("`{}` of `{}` has no list", param.name, reader.owner)));
-            return None;
-        };
+        let kinds = Kinds::<K>::of(reader, param.name)?;
         let Some(given) = reader.given(param.name) else { return Some(Several { named: None, kinds }) };
         let Some(words) = Vec::<String>::read(&given.value) else {
             reader.wrong_type(param.name, Self::TYPE, given);
@@ -306,17 +323,14 @@ impl<K: Kind> Value for Several<K> {
 
     fn document(doc: ParamDoc, lists: &crate::Lists) -> Vec<ParamDoc> {
         let Some(kinds) = lists.get::<K>() else { return vec![doc] };
-        vec![ParamDoc {
-            rule: kinds.names.iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", "),
-            ..doc
-        }]
+        vec![ParamDoc { rule: kinds.words(), ..doc }]
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Args, Given, Params, params};
+    use crate::{Args, Given, params};
 
     params! {
         /// Fits.
@@ -347,9 +361,7 @@ mod tests {
             if self.0 != "straight" {
                 return Some(Own { keys: Arc::new(()), spelt: vec![] });
             }
-            let (keys, mut spelt) = (Straight::read(reader, None)?, vec![]);
-            keys.spell(&mut spelt);
-            Some(Own { keys: Arc::new(keys), spelt })
+            Own::of::<Straight>(reader, |keys| Arc::new(keys))
         }
     }
 

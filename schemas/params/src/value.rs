@@ -114,9 +114,6 @@ pub trait Value: Sized {
     /// The word for the type, as the reference shows it.
     const TYPE: &'static str;
 
-    /// Whether it may be left out without a default.
-    const OPTIONAL: bool = false;
-
     /// The type in words, with what is inside it.
     fn type_words() -> String {
         Self::TYPE.to_owned()
@@ -306,7 +303,6 @@ impl<T: Value> Value for Option<T> {
         T::type_words()
     }
 
-    const OPTIONAL: bool = true;
     const WORDS: &'static [&'static str] = T::WORDS;
 
     fn read(literal: &Literal) -> Option<Option<T>> {

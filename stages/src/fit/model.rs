@@ -292,12 +292,6 @@ macro_rules! model {
                     let _ = |fit: &$crate::fit::Fit| { let _ = fit; $( let _ = &fit.$setting; )* };
                     <$Ty as schemas::Params>::docs(&schemas::Lists::default())
                 }
-                fn read(reader: &mut schemas::Reader) -> Option<schemas::Own<dyn $crate::fit::FitModel>> {
-                    let model = <$Ty as schemas::Params>::read(reader, None)?;
-                    let mut spelt = vec![];
-                    schemas::Params::spell(&model, &mut spelt);
-                    Some(schemas::Own { keys: std::sync::Arc::new(model), spelt })
-                }
                 $crate::fit::Model {
                     name: $name,
                     version: $v,
@@ -309,7 +303,7 @@ macro_rules! model {
                     takes: &[$(stringify!($setting)),*],
                     example: $example,
                     docs,
-                    read,
+                    read: |reader| schemas::Own::of::<$Ty>(reader, |model| std::sync::Arc::new(model)),
                 }
             };
         }

@@ -32,8 +32,8 @@ pub struct Flown<'a> {
     pub errors: InsErrorModel,
     /// The white part of the measurement's error, a sample, in nT.
     pub measurement_sigma_nt: f64,
-    /// The mean of measurement minus prediction over so many seconds from the first sample is taken off; 0 takes nothing
-    /// off.
+    /// The length of the window in s, from the first sample, whose mean of measurement minus prediction is taken off;
+    /// 0 takes nothing off.
     pub offset_window_s: f64,
 }
 
@@ -229,25 +229,14 @@ macro_rules! filter {
 
         impl $Ty {
             /// The declaration.
-            pub const FILTER: $crate::navigate::Filter = {
-                fn docs() -> Vec<schemas::ParamDoc> {
-                    <$Ty as schemas::Params>::docs(&schemas::Lists::default())
-                }
-                fn read(reader: &mut schemas::Reader) -> Option<schemas::Own<dyn $crate::navigate::NavigationFilter>> {
-                    let filter = <$Ty as schemas::Params>::read(reader, None)?;
-                    let mut spelt = vec![];
-                    schemas::Params::spell(&filter, &mut spelt);
-                    Some(schemas::Own { keys: std::sync::Arc::new(filter), spelt })
-                }
-                $crate::navigate::Filter {
-                    name: $name,
-                    version: $v,
-                    doc: &[$($d),*],
-                    example: $example,
-                    docs,
-                    read,
-                    navigate_points: $crate::navigate::navigate_points::<$Ty>,
-                }
+            pub const FILTER: $crate::navigate::Filter = $crate::navigate::Filter {
+                name: $name,
+                version: $v,
+                doc: &[$($d),*],
+                example: $example,
+                docs: || <$Ty as schemas::Params>::docs(&schemas::Lists::default()),
+                read: |reader| schemas::Own::of::<$Ty>(reader, |filter| std::sync::Arc::new(filter)),
+                navigate_points: $crate::navigate::navigate_points::<$Ty>,
             };
         }
     };

@@ -22,7 +22,7 @@ struct Flight<'a> {
     places: Vec<usize>,
 }
 
-/// Core fields by their dates, of which a sweep has few.
+/// Core fields by date: a sweep has few dates.
 #[derive(Default)]
 struct CoreFields(Vec<(f64, Arc<CoreField>)>);
 

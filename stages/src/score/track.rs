@@ -81,7 +81,7 @@ metric! {
     |line| count(line, Update::Gated)
 }
 
-/// The samples of which `navigate` says `update`.
+/// The number of samples whose `update` is this one.
 fn count(line: &Line, update: Update) -> Result<Figure, Fault> {
     let updates = line.updates()?;
     let n = updates.iter().filter(|word| *word == Some(update.word())).count();

@@ -1,5 +1,5 @@
 //! Reads one table of a spec: every value with its type and rule, every unknown key found, all faults
-//! kept so that they are told at once.
+//! kept so that they are reported at once.
 
 use std::{cell::RefCell, ops::Range, rc::Rc};
 
@@ -45,11 +45,8 @@ impl<'a> Section<'a> {
                 return None;
             }
         };
-        let mut reader = Reader::new(self.name, &section.keys, Some(self.span.clone()), lists);
-        let group = T::read(&mut reader, base);
-        let known: Vec<&str> = T::docs(lists).iter().map(|doc| doc.name).collect();
-        reader.unknown_keys(&known, &[]);
-        self.faults.borrow_mut().extend(reader.into_faults());
+        let (group, faults) = Reader::new(self.name, &section.keys, Some(self.span.clone()), lists).group(base);
+        self.faults.borrow_mut().extend(faults);
         group
     }
 
@@ -88,8 +85,7 @@ impl<'a> Section<'a> {
 
     /// Notes a fault about the value of `key`.
     pub(in super::super) fn fault_at(&self, key: &'static str, what: String) {
-        let at = self.get(key).map_or(self.span.clone(), Spanned::span);
-        self.faults.borrow_mut().push(Fault::new(what).at(at));
+        self.push_at(key, Fault::new(what));
     }
 
     fn get(&self, key: &'static str) -> Option<&'a Spanned<DeValue<'a>>> {

@@ -1,4 +1,4 @@
-//! Tables of which one key chooses the kind, with keys of its own beside those of all kinds.
+//! Tables with a key that chooses the kind. Each kind has keys of its own as well as those of all kinds.
 
 use std::sync::Arc;
 
@@ -49,12 +49,12 @@ macro_rules! variant {
     (
         $(#[doc = $d:literal])*
         $NAME:ident : $T:ty = $name:literal, $make:expr;
-        struct $Keys:ident;
+        struct $Keys:ident $(, groups [$($g:ident : $gt:ty),* $(,)?])?;
         $($keys:tt)*
     ) => {
         schemas::params! {
             $(#[doc = $d])*
-            pub struct $Keys;
+            pub struct $Keys $(, groups [$($g: $gt),*])?;
             $($keys)*
         }
 

@@ -116,34 +116,44 @@ choice! {
     }
 }
 
-variant! {
-    /// From waypoint to waypoint, and round again until the time is up.
-    SURVEY: Way = "survey", |keys| Way::Survey(keys);
-    struct SurveyKeys;
+params! {
+    /// Waypoints and their heights.
+    pub struct WaypointKeys;
     /// Two or more of [latitude, longitude].
     waypoints: Vec<[f64; 2]>, unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// How long.
-    duration_s: f64, unit "s", rule Rule::Between(1.0, 1e5);
-    /// Amplitude of the course's swing about each leg.
-    weave_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 45.0);
-    /// Period of that.
-    weave_period_s: f64, unit "s", default 120.0, rule Rule::Positive;
     /// A height for each waypoint, in place of `alt_m`.
     alts_m: Option<Vec<f64>>, unit "m", absent "`alt_m` everywhere", rule Rule::Between(-1000.0, 30_000.0);
     /// Whether `alts_m` are those of a surface that is followed as far as the aircraft can climb.
     drape: bool, unit "", default false;
 }
 
+params! {
+    /// A circle and where it begins.
+    pub struct OrbitKeys;
+    /// The middle, [latitude, longitude].
+    center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
+    /// Where it begins, seen from the middle.
+    from_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
+    /// Which way it turns.
+    direction: Side, unit "", default Side::Right;
+}
+
+variant! {
+    /// From waypoint to waypoint, and round again until the time is up.
+    SURVEY: Way = "survey", |keys| Way::Survey(keys);
+    struct SurveyKeys, groups [route: WaypointKeys];
+    /// How long.
+    duration_s: f64, unit "s", rule Rule::Between(1.0, 1e5);
+    /// Amplitude of the course's swing about each leg.
+    weave_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 45.0);
+    /// Period of that.
+    weave_period_s: f64, unit "s", default 120.0, rule Rule::Positive;
+}
+
 variant! {
     /// The waypoints once, to the last one.
     FREE: Way = "free", |keys| Way::Free(keys);
-    struct FreeKeys;
-    /// Two or more of [latitude, longitude].
-    waypoints: Vec<[f64; 2]>, unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// A height for each waypoint, in place of `alt_m`.
-    alts_m: Option<Vec<f64>>, unit "m", absent "`alt_m` everywhere", rule Rule::Between(-1000.0, 30_000.0);
-    /// Whether `alts_m` are those of a surface that is followed as far as the aircraft can climb.
-    drape: bool, unit "", default false;
+    struct FreeKeys, groups [route: WaypointKeys];
 }
 
 variant! {
@@ -192,13 +202,7 @@ variant! {
 variant! {
     /// Round a position.
     CIRCLE: Way = "circle", |keys| Way::Circle(keys);
-    struct CircleKeys;
-    /// The middle, [latitude, longitude].
-    center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// Where it begins, seen from the middle.
-    from_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
-    /// Which way it turns.
-    direction: Side, unit "", default Side::Right;
+    struct CircleKeys, groups [orbit: OrbitKeys];
     /// How often.
     turns: f64, unit "1", default 1.0, rule Rule::Between(0.01, 1000.0);
 }
@@ -206,13 +210,7 @@ variant! {
 variant! {
     /// Round a position while climbing, and again while descending.
     LOOPING: Way = "looping", |keys| Way::Looping(keys);
-    struct LoopingKeys;
-    /// The middle, [latitude, longitude].
-    center: [f64; 2], unit "deg", rule Rule::Between(-360.0, 360.0);
-    /// Where it begins, seen from the middle.
-    from_deg: f64, unit "deg", default 0.0, rule Rule::Between(-360.0, 360.0);
-    /// Which way it turns.
-    direction: Side, unit "", default Side::Right;
+    struct LoopingKeys, groups [orbit: OrbitKeys];
     /// Orbits up, and as many down.
     turns: f64, unit "1", default 1.0, rule Rule::Between(0.1, 100.0);
     /// How often up and down.
@@ -312,29 +310,27 @@ fn lines(s: &Section, next_s: f64, air: &Air) -> Vec<Line> {
         plan: Plan::default(),
     };
     let one = |path: Path2d| vec![Line { path, ..common.clone() }];
-    let orbit = |center, from_deg, direction| Orbit {
-        center: position(s, "center", center),
-        from_deg,
-        right: direction == Side::Right,
+    let orbit = |keys: &OrbitKeys| Orbit {
+        center: position(s, "center", keys.center),
+        from_deg: keys.from_deg,
+        right: keys.direction == Side::Right,
     };
     let found = match &*keys.kind.keys {
         Way::Survey(keys) => {
-            let (waypoints, heights) = waypoints(s, &keys.waypoints, keys.alts_m.as_ref(), keys.drape);
+            let (waypoints, heights) = waypoints(s, &keys.route);
             let weave_deg_s = (keys.weave_deg, keys.weave_period_s);
             let path = Path2d::Survey { waypoints, duration_s: keys.duration_s, weave_deg_s };
             vec![Line { path, heights, ..common.clone() }]
         }
         Way::Free(keys) => {
-            let (waypoints, heights) = waypoints(s, &keys.waypoints, keys.alts_m.as_ref(), keys.drape);
+            let (waypoints, heights) = waypoints(s, &keys.route);
             vec![Line { path: Path2d::Free { waypoints }, heights, ..common.clone() }]
         }
         Way::Box(keys) => boxes(s, keys, &common),
         Way::Grid(keys) => return grid(s, keys, &common, air, faults),
-        Way::Circle(keys) => {
-            one(Path2d::Circle { orbit: orbit(keys.center, keys.from_deg, keys.direction), turns: keys.turns })
-        }
+        Way::Circle(keys) => one(Path2d::Circle { orbit: orbit(&keys.orbit), turns: keys.turns }),
         Way::Looping(keys) => one(Path2d::Looping {
-            orbit: orbit(keys.center, keys.from_deg, keys.direction),
+            orbit: orbit(&keys.orbit),
             turns: keys.turns,
             rounds: keys.rounds as u32,
             top_m: keys.top_m,
@@ -389,18 +385,19 @@ impl Line {
     }
 }
 
-fn waypoints(s: &Section, given: &[[f64; 2]], alts_m: Option<&Vec<f64>>, drape: bool) -> (Vec<(f64, f64)>, Heights) {
+fn waypoints(s: &Section, keys: &WaypointKeys) -> (Vec<(f64, f64)>, Heights) {
+    let WaypointKeys { waypoints: given, alts_m, drape } = keys;
     if given.len() < 2 || given.iter().any(|[lat, _]| lat.abs() >= 89.0) {
         let what = "`waypoints` of `lines` must be a list of two or more [latitude, longitude] in degrees";
         s.fault_at("waypoints", what.to_owned());
     }
-    if alts_m.is_some_and(|alts| alts.len() != given.len()) {
+    if alts_m.as_ref().is_some_and(|alts| alts.len() != given.len()) {
         s.fault_at("alts_m", format!("`alts_m` must have one height for each of the {} waypoints", given.len()));
     }
-    if drape && alts_m.is_none() {
+    if *drape && alts_m.is_none() {
         s.fault_at("drape", "`drape` needs `alts_m`, the heights of the surface at the waypoints".to_owned());
     }
-    (given.iter().map(|[lat, lon]| (*lat, *lon)).collect(), Heights { alts_m: alts_m.cloned(), drape })
+    (given.iter().map(|[lat, lon]| (*lat, *lon)).collect(), Heights { alts_m: alts_m.clone(), drape: *drape })
 }
 
 /// Table 5.7 of thesis 000: amplitudes of roll, pitch and yaw, in degrees, and manoeuvres per leg, of its
