@@ -1,4 +1,4 @@
-//! A synth spec as a flight format: reading it simulates, so that nothing large has to be kept.
+//! A synth spec as a flight format: reading it simulates, so that no large file is stored.
 
 use std::path::Path;
 
@@ -93,7 +93,7 @@ mod tests {
         let formats = flight_formats(&[FORMAT]);
         let said = open_flight_among(&formats, &path, &FlightOptions::default(), &Reading::default()).unwrap_err();
         let known =
-            "known here: parquet, synth, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, csv; name one with `format`";
-        assert_eq!(said.to_string(), format!("{}: is in no known flight format ({known})", path.display()));
+            "known here: parquet, synth, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, csv; choose one with `format`";
+        assert_eq!(said.to_string(), format!("{}: is not in a known flight format ({known})", path.display()));
     }
 }

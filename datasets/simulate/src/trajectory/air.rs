@@ -1,4 +1,4 @@
-//! The air that is flown through, and what the aircraft can.
+//! The air, and the performance of the aircraft.
 
 use super::super::spec::section::{Need, Section};
 
@@ -12,12 +12,12 @@ pub(super) const GRAVITY_MPS2: f64 = 9.806_65;
 pub struct Wind {
     /// `speed_mps`: speed at the height `at_alt_m`, in m/s; 0 to 100, 0 where left out.
     pub speed_mps: f64,
-    /// `from_deg`: where it comes from there, clockwise from true north, in degrees; 0 where left out.
+    /// `from_deg`: its direction of origin there, clockwise from true north, in degrees; 0 where left out.
     pub from_deg: f64,
-    /// `at_alt_m`: the height above the ellipsoid that speed and direction hold at, in metres; 0 where left out.
+    /// `at_alt_m`: the height above the ellipsoid at which speed and direction apply, in metres; 0 where left out.
     pub at_alt_m: f64,
     /// `shear_mps_per_km`: how much stronger it is for each kilometre higher, in m/s; -50 to 50, 0 where left out.
-    /// A wind that would blow backwards is none.
+    /// A wind that would reverse is zero.
     pub shear_mps_per_km: f64,
     /// `veer_deg_per_km`: how much it turns clockwise for each kilometre higher, in degrees; 0 where left out.
     pub veer_deg_per_km: f64,
@@ -79,7 +79,7 @@ const HIGH: [(f64, [f64; 3]); 12] = [
 ];
 
 impl Turbulence {
-    /// What the gusts are like at a height. [MIL-F-8785C, 3.7.2 and 3.7.3.4]
+    /// The statistics of the gusts at a height. [MIL-F-8785C, 3.7.2 and 3.7.3.4]
     pub(super) fn at(&self, alt_m: f64) -> Gustiness {
         let h_ft = ((alt_m - self.ground_m) / FOOT_M).max(10.0);
         let w20_ftps = self.wind_20ft_mps / FOOT_M;
@@ -103,7 +103,7 @@ impl Turbulence {
     }
 }
 
-/// The standard deviation well above the ground of turbulence that has this wind at 20 feet, in ft/s: between the
+/// The standard deviation well above the ground of turbulence with this wind at 20 feet, in ft/s: between the
 /// three curves in proportion to the wind, as between calm and the first.
 fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
     let above = HIGH.iter().position(|(h, _)| *h >= h_ft).unwrap_or(HIGH.len() - 1).max(1);
@@ -119,10 +119,10 @@ fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
     }
 }
 
-/// Wind at 20 feet of light turbulence, 15 knots, in m/s; moderate has twice, severe three times as much.
+/// Wind at 20 feet of light turbulence, 15 knots, in m/s; twice that for moderate, three times for severe.
 const LEVEL_MPS: f64 = 15.0 * 1852.0 / 3600.0;
 
-/// The table `dynamics`: what the aircraft can, and how it answers gusts. The defaults are those of a light
+/// The table `dynamics`: the performance of the aircraft, and its response to gusts. The defaults are those of a light
 /// survey aircraft.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dynamics {
@@ -135,10 +135,10 @@ pub struct Dynamics {
     pub climb_mps: f64,
     /// `trim_deg`: angle of attack in straight level flight at `cruise_mps`, in degrees; -5 to 15, 2 where left out.
     pub trim_deg: f64,
-    /// `cruise_mps`: airspeed that the trim holds at, in m/s; each line's own where left out. The angle of
+    /// `cruise_mps`: airspeed at which the trim applies, in m/s; each line's own where left out. The angle of
     /// attack is in proportion to the load factor and to the inverse square of the airspeed.
     pub cruise_mps: Option<f64>,
-    /// `response_s`: how slowly the airframe answers gusts: its time constants in units of those of a light
+    /// `response_s`: the response of the airframe to gusts: its time constants in units of those of a light
     /// survey aircraft (roll 0.4 s, heave 1 s, pitch oscillation 2.1 s, yaw oscillation 3.1 s); 0.05 to 5, 1 where
     /// left out; about 0.3 for a small drone.
     pub response_s: f64,
@@ -171,7 +171,7 @@ impl Dynamics {
         speed_mps * speed_mps / (GRAVITY_MPS2 * self.bank_deg.to_radians().tan())
     }
 
-    /// How far the aircraft flies while it rolls into a turn, in metres: the roll rate of the smooth
+    /// The distance flown while rolling into a turn, in metres: the roll rate of the smooth
     /// step in between is 15/8 of the mean.
     pub(super) fn ramp_m(&self, radius_m: f64, speed_mps: f64) -> f64 {
         let roll_s = 1.875 * Self::bank_rad(radius_m, speed_mps) / self.roll_rate_degps.to_radians();
