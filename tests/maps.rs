@@ -277,8 +277,8 @@ fn r10_what_cannot_be_is_refused_before_work() {
     let bench = Bench::new();
     points_of(&bench, |_, _| ());
     for (args, says) in [
-        (&["-o", "grid.xyzzy"][..], "the extension stands for no map format"),
-        (&["-o", "none/grid.parquet"], "the folder `none` is not there"),
+        (&["-o", "grid.xyzzy"][..], "the extension is not that of a writable map format"),
+        (&["-o", "none/grid.parquet"], "the folder `none` does not exist"),
         (&["-o", "grid.parquet", "--spacing", "0"], "`--spacing` is 0, but must be above zero"),
         (&["-o", "grid.parquet", "--damping=-1"], "`--damping` is -1"),
         (&["-o", "grid.parquet", "--mask=-1"], "`--mask` is -1"),
@@ -293,7 +293,7 @@ fn r10_what_cannot_be_is_refused_before_work() {
     let low = grid(&bench, &["-o", "grid.parquet", "--level", "20"]);
     assert_eq!(low.status.code(), Some(2));
     let said = stderr(&low);
-    assert!(said.contains("the field is asked for at 20 m") && said.contains("say `--level "), "{said}");
+    assert!(said.contains("20 m high is not available") && said.contains("say `--level "), "{said}");
     let least = said.split("say `--level ").nth(1).and_then(|t| t.split('`').next()).unwrap().to_owned();
     fine(&grid(&bench, &["-o", "grid.parquet", "--level", &least]));
 }

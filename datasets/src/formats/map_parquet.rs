@@ -74,7 +74,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     draft.finish(options)
 }
 
-/// Nodes to a batch that is written.
+/// Nodes per written batch.
 const BATCH_NODES: usize = 1 << 20;
 
 fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {

@@ -319,8 +319,8 @@ fn gold_files_that_no_format_knows() {
     let default = FlightOptions::default();
     let said = |path: &Path, options: &FlightOptions| open_flight(path, options).unwrap_err().to_string();
     let path = written(&folder, "a.bin", "\0\u{1}\u{2}");
-    let known = "known here: parquet, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, csv; name one with `format`";
-    assert_eq!(said(&path, &default), format!("{}: is in no known flight format ({known})", path.display()));
+    let known = "known here: parquet, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, csv; choose one with `format`";
+    assert_eq!(said(&path, &default), format!("{}: is not in a known flight format ({known})", path.display()));
     let named = FlightOptions { format: Some("parqet".into()), ..default.clone() };
     let expected = format!("{}: there is no flight format `parqet` (did you mean `parquet`?)", path.display());
     assert_eq!(said(&path, &named), expected);
@@ -331,8 +331,8 @@ fn gold_files_that_no_format_knows() {
     let map = read_map(&written(&folder, "b.bin", "\0"), &MapOptions::default()).unwrap_err().to_string();
     assert!(
         map.ends_with(
-            "is in no known map format (known here: parquet, geotiff, magnav_hdf5, netcdf, surfer7, surfer6, surfer6_text, \
-             gxf, er_mapper, esri_ascii, magnav_csv, xyz; name one with `format`)"
+            "is not in a known map format (known here: parquet, geotiff, magnav_hdf5, netcdf, surfer7, surfer6, surfer6_text, \
+             gxf, er_mapper, esri_ascii, magnav_csv, xyz; choose one with `format`)"
         ),
         "{map}"
     );
