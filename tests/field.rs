@@ -167,5 +167,5 @@ fn gold_a_core_field_without_a_date_is_refused() {
     assert_eq!(failed.code, 1);
     assert!(failed.stderr.contains("2020") || failed.last.to_string().contains("failed"), "{}", failed.stderr);
     let reasons = texts(&read(&bench.path("store/tables/field/failures")), "error");
-    assert!(reasons.iter().any(|r| r.contains("WMM covers 2020 to 2030")), "{reasons:?}");
+    assert!(reasons.iter().any(|r| r.contains("WMM covers the years 2020 to 2030")), "{reasons:?}");
 }

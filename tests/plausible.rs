@@ -122,7 +122,7 @@ fn r10_a_field_in_another_unit_is_refused_with_that_unit() {
             "nT is not a total field of the earth (15,000 to 80,000 nT), nor are 300 of 300 values",
             "in nT it would be 4",
             "say `units = { \"cabin_uT\" = \"nT\" }`",
-            "`accept = [\"range\"]` takes the values as they are",
+            "`accept = [\"range\"]` accepts the values unchanged",
         ],
     );
     for (factor, unit) in [(1e-9, "T"), (1e-3, "uT"), (1e-2, "mgauss"), (1e-5, "gauss")] {
@@ -287,8 +287,8 @@ fn r10_sql_refuses_places_and_dates_that_do_not_exist() {
         ("igrf_n(45.0, 500.0, 0.0, 2020.0)", "500.0 is not a longitude: -180 to 360 deg"),
         ("igrf(45.0, 10.0, 1e300, 2020.0)", "1e300 is not a height"),
         ("igrf(45.0, 10.0, 0.0, 1200.0)", "1200"),
-        ("igrf(45.0, 10.0, 0.0, 2600.0)", "covers 1900 to 2030"),
-        ("wmm_d(45.0, 10.0, 0.0, 2015.0)", "WMM covers 2020 to 2030"),
+        ("igrf(45.0, 10.0, 0.0, 2600.0)", "covers the years 1900 to 2030"),
+        ("wmm_d(45.0, 10.0, 0.0, 2015.0)", "WMM covers the years 2020 to 2030"),
         ("igrf(45.0, 10.0, CAST('inf' AS DOUBLE), 2020.0)", "the height is infinite"),
     ] {
         let output = ask(call);

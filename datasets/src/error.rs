@@ -1,27 +1,27 @@
-//! What went wrong while reading, and in which file.
+//! Errors of reading and writing, with the file they occur in.
 
 use std::{fmt, path::Path};
 
 use schemas::{Fault, render};
 
-/// Why a file could not be read: the file, the row and column where they are known, and the way out.
+/// Why a file could not be read: the file, the row and column where they are known, and the remedy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadError(Box<Fault>);
 
 impl ReadError {
-    /// Something wrong in the bytes of `path`.
+    /// A fault in the bytes of `path`.
     pub fn data(path: &Path, what: impl Into<String>) -> Self {
         let fault = Fault::data(what);
-        // A map that was made is in no file.
+        // A computed map is not in a file.
         Self(Box::new(if path.as_os_str().is_empty() { fault } else { fault.in_file(&path.display().to_string()) }))
     }
 
-    /// Something wrong with the options given for `path`.
+    /// A fault in the options for `path`.
     pub fn options(path: &Path, what: impl Into<String>) -> Self {
         Self(Box::new(Fault::new(what).in_file(&path.display().to_string())))
     }
 
-    /// The machine could not read or write `path`: a missing file is the user's to mend.
+    /// An operating system error on `path`; a missing file is a fault of the user.
     pub fn io(path: &Path, error: &std::io::Error) -> Self {
         use std::io::ErrorKind::{InvalidData, NotFound, UnexpectedEof};
         match error.kind() {
@@ -31,7 +31,7 @@ impl ReadError {
         }
     }
 
-    /// The machine could not do it, whatever the file.
+    /// An operating system error that is not related to a file.
     pub fn machine(path: &Path, what: impl Into<String>) -> Self {
         Self(Box::new(Fault::machine(what).in_file(&path.display().to_string())))
     }
@@ -54,17 +54,17 @@ impl ReadError {
         Self(Box::new(self.0.in_column(column)))
     }
 
-    /// Says what to do next.
+    /// Adds advice on what to do.
     pub fn help(self, help: impl Into<String>) -> Self {
         Self(Box::new(self.0.help(help)))
     }
 
-    /// Suggests the nearest of `known` to `given`, or lists what there is.
+    /// Suggests the nearest of `known` to `given`, or lists all of them.
     pub fn nearest<S: AsRef<str>>(self, given: &str, known: &[S]) -> Self {
         Self(Box::new(self.0.nearest(given, known)))
     }
 
-    /// The fault, with its place and owner.
+    /// The fault, with its position and owner.
     pub fn fault(&self) -> &Fault {
         &self.0
     }

@@ -1,8 +1,8 @@
-//! Where magline gets its bytes: foreign formats and the embedded samples.
+//! The input and output of magline: foreign formats and the embedded samples.
 //!
 //! A flight, in any format that is known by its content or its name, becomes batches with the
 //! contract's column names ([`open_flight`]); a map becomes an even grid in its own coordinates
-//! ([`read_grid`]) or of latitude and longitude ([`read_map`]), and goes out again in any of a dozen
+//! ([`read_grid`]) or of latitude and longitude ([`read_map`]), and can be written in any of a dozen
 //! formats ([`write_grid`]); survey points come from any table ([`read_points`]). Other crates may add flight
 //! formats ([`formats::flight_formats`]), as that of the simulator does.
 
@@ -13,8 +13,8 @@ pub mod motion;
 pub mod samples;
 pub mod table;
 
-/// Changes whenever a reader or the simulator makes other values of the same bytes: part of the key of
-/// whatever is kept of what they gave.
+/// Changes whenever a reader or the simulator computes other values from the same bytes: part of the key of
+/// their cached results.
 pub const VERSION: &str = "4";
 
 pub use error::ReadError;

@@ -35,7 +35,7 @@ impl Track<'_> {
     /// Velocity in m/s, north-east-down, by differences of the positions on the ellipsoid.
     ///
     /// True north, both radii of curvature and the height are used, unlike differences of grid
-    /// coordinates, which take grid north and the projection's scale for the real ones.
+    /// coordinates, which treat grid north and the projection's scale as the true ones.
     pub fn velocity_mps(&self) -> Ned {
         let (dlat, dlon) = (derivative(self.tt, self.lat_deg), derivative(self.tt, &unwrapped_deg(self.lon_deg)));
         let earth = EarthModel::Wgs84;
@@ -80,7 +80,7 @@ mod tests {
         let lon = vec![179.99; 50];
         let [vn, ve, vd] = Track { tt: &tt, lat_deg: &lat, lon_deg: &lon, alt_m: &alt }.velocity_mps();
         let expected = step.to_radians() * (meridian_radius_m(lat[25].to_radians()) + 1000.0);
-        // Central differences of a linear latitude are exact but for rounding of degrees (1e-14 x 1e7 m).
+        // Central differences of a linear latitude are exact up to rounding of degrees (1e-14 x 1e7 m).
         assert!((vn[25] - expected).abs() < 1e-6 && ve[25] == 0.0 && vd[25] == 0.0);
         let lat = vec![lat0; 50];
         let lon: Vec<f64> = (0..50).map(|i| wrap_deg(179.99 + step * f64::from(i))).collect();

@@ -57,7 +57,7 @@ mod tests {
                 assert_eq!(entry["blake3"].as_str(), Some(blake3::hash(&bytes).to_hex().as_str()), "{file:?}");
                 assert_eq!(entry["sha256"].as_str().map(str::len), Some(64), "{file:?}");
             }
-            assert!(listed.is_empty(), "the manifest lists what is not there: {listed:?}");
+            assert!(listed.is_empty(), "the manifest lists missing files: {listed:?}");
         }
     }
 

@@ -1,4 +1,4 @@
-//! A few columns of one length, before they are Arrow arrays.
+//! A few columns of one length, before conversion to Arrow arrays.
 
 use std::{path::Path, sync::Arc};
 
@@ -72,7 +72,7 @@ impl Table {
         self.columns.iter().any(|(f, _)| f.name() == name)
     }
 
-    /// Takes the column `name` out.
+    /// Removes the column `name`.
     pub fn take(&mut self, name: &str) -> Option<Values> {
         let at = self.columns.iter().position(|(f, _)| f.name() == name)?;
         Some(self.columns.remove(at).1)
@@ -105,7 +105,7 @@ pub(crate) fn array(values: Values) -> ArrayRef {
     }
 }
 
-/// Numbers that have to be whole, such as the year; NaN is missing, and so are those that are not, each with its fault.
+/// Numbers that must be whole, such as the year; NaN is missing, as are fractions, each with its fault.
 pub(crate) fn whole(path: &Path, name: &str, numbers: &[f64]) -> (Values, Vec<RowFault>) {
     let mut faults = vec![];
     let mut one = |(row, x): (usize, &f64)| match *x {

@@ -1,4 +1,4 @@
-//! The time of day, for what a run says of itself; no result depends on it.
+//! The time of day, for the records of a run; results do not depend on it.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 

@@ -7,7 +7,7 @@ use schemas::Fault;
 
 /// Address space, not memory: a page is taken when it is first touched.
 pub const STACK: usize = 1 << 30;
-/// A text of SQL longer than this is refused. Together with [`STACK`] it bounds every recursion over it.
+/// A text of SQL longer than this is rejected. Together with [`STACK`] it bounds every recursion over it.
 const LONGEST: usize = 1 << 20;
 /// A text of SQL up to this length is nested too little to need more than an ordinary stack.
 const SHORT: usize = 2_000;
@@ -15,7 +15,7 @@ const SHORT: usize = 2_000;
 /// Runs `work`, which recurses over `sql`.
 ///
 /// # Errors
-/// When the text is too long, or the machine has no room for the stack.
+/// Fails when the text is too long, or there is no memory for the stack.
 pub fn over<T: Send>(sql: &str, work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
     if sql.len() > LONGEST {
         let what = format!("the SQL is {} bytes long; at most {LONGEST} can be read", sql.len());
@@ -27,7 +27,7 @@ pub fn over<T: Send>(sql: &str, work: impl FnOnce() -> T + Send) -> Result<T, Fa
 /// Runs `work` on a thread with a large stack.
 ///
 /// # Errors
-/// When the machine has no room for it.
+/// Fails when there is no memory for it.
 pub fn deep<T: Send>(work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
     thread::scope(|scope| {
         let thread = thread::Builder::new().stack_size(STACK).spawn_scoped(scope, work);
@@ -41,21 +41,21 @@ pub fn deep<T: Send>(work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
 
 /// A query may be nested this deep; the time to plan it grows with the square and more.
 pub const QUERY: usize = 1_000;
-/// A `where` may be, before its chains of `and` and `or` are balanced.
+/// The same for a `where`, before its chains of `and` and `or` are balanced.
 pub const PREDICATE: usize = 5_000;
-/// More tables and queries than this in one text are refused too: each is a level of the plan.
+/// More tables and queries than this in one text are rejected too: each is a level of the plan.
 const MOST_PARTS: usize = 1_000;
 
-/// What to say of SQL that is nested too deep.
+/// The fault of SQL that is nested too deep.
 pub fn too_deep() -> Fault {
     Fault::new("the SQL is nested too deep")
         .help("write `x in (1, 2, 3)` for a chain of comparisons, and shorter sums and fewer brackets")
 }
 
-/// Refuses parsed SQL that is nested deeper than `deepest`; a chain `a or b or c` is a level for each of its terms.
+/// Rejects parsed SQL that is nested deeper than `deepest`; a chain `a or b or c` is a level for each of its terms.
 ///
 /// # Errors
-/// When it is.
+/// Fails when it is nested deeper.
 pub fn check(tree: &impl Visit, deepest: usize) -> Result<(), Fault> {
     let mut depth = Depth { deepest, now: 0, parts: 0 };
     match tree.visit(&mut depth) {

@@ -1,4 +1,4 @@
-//! Keys: what is computed is addressed by what it was computed from.
+//! Keys: results are addressed by their inputs.
 
 use std::fmt;
 
@@ -29,8 +29,8 @@ impl Key {
         Key(bytes)
     }
 
-    /// The key of `bytes` as they are. They begin with a word that no other use begins with, and whoever joins parts
-    /// into them keeps the parts apart.
+    /// The key of `bytes` without framing. They begin with a word that is unique to their use, and the caller that
+    /// joins parts keeps the parts apart.
     pub fn of_bytes(bytes: &[u8]) -> Key {
         let mut short = [0; 16];
         short.copy_from_slice(&blake3::hash(bytes).as_bytes()[..16]);
@@ -43,7 +43,7 @@ impl Key {
         [bits as u64, (bits >> 64) as u64]
     }
 
-    /// The key that [`Key::words`] makes these of.
+    /// The key of these [`Key::words`].
     pub fn from_words([low, high]: [u64; 2]) -> Key {
         Key((u128::from(low) | u128::from(high) << 64).to_le_bytes())
     }

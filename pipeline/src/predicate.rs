@@ -1,8 +1,8 @@
 //! `where`: a SQL predicate over the columns of a table of flight lines, evaluated by DataFusion.
 //!
-//! What it says of flight and line alone is decided when the plan is made, so that the other lines are never read; the
-//! rest is evaluated on the rows of each line, reading only the columns it names. It is a function of one row and of
-//! nothing else: neither the clock nor chance, no other rows and no other tables.
+//! Its conditions on flight and line alone are decided when the plan is made, so that the other lines are never read;
+//! the rest is evaluated on the rows of each line, reading only the columns it names. It is a function of one row and
+//! of nothing else: neither the clock nor chance, no other rows and no other tables.
 
 mod expression;
 
@@ -25,7 +25,7 @@ use schemas::{Fault, Shape};
 
 use crate::deep;
 
-/// DataFusion with all its functions; it takes a millisecond to make, and a sweep may have a predicate a point.
+/// DataFusion with all its functions; building it takes a millisecond, and a sweep may have one predicate per point.
 static SQL: LazyLock<SessionState> = LazyLock::new(|| SessionContext::new().state());
 
 /// A `where` that has been checked against the columns it sees.
@@ -43,8 +43,8 @@ impl Predicate {
     /// Reads `sql` against the columns of `shape`.
     ///
     /// # Errors
-    /// When it is not SQL, not a predicate, names a column that is not there, is nested too deep, or is more than a
-    /// function of one row.
+    /// Fails when it is not SQL, not a predicate, refers to a column that does not exist, is nested too deep, or is
+    /// more than a function of one row.
     pub fn new(sql: &str, shape: &Shape) -> Result<Predicate, Fault> {
         deep::over(sql, || Self::read(sql, shape))?
     }
@@ -94,7 +94,7 @@ impl Predicate {
     /// For each (flight, line), whether any of its rows may be selected.
     ///
     /// # Errors
-    /// When the predicate cannot be evaluated.
+    /// Fails when the predicate cannot be evaluated.
     pub fn lines(&self, lines: &[(String, String)]) -> Result<Vec<bool>, Fault> {
         let Some(expr) = &self.lines else { return Ok(vec![true; lines.len()]) };
         let flights: StringArray = lines.iter().map(|l| Some(l.0.as_str())).collect();
@@ -106,7 +106,7 @@ impl Predicate {
     /// For each row of a line, whether it is selected. `batch` holds [`Predicate::columns`], in that order.
     ///
     /// # Errors
-    /// When the predicate cannot be evaluated on these values.
+    /// Fails when the predicate cannot be evaluated on these values.
     pub fn rows(&self, batch: &RecordBatch) -> Result<Option<Vec<bool>>, Fault> {
         self.rows.as_ref().map(|expr| evaluate(expr, batch)).transpose()
     }
@@ -126,7 +126,7 @@ fn evaluate(expr: &Arc<dyn PhysicalExpr>, batch: &RecordBatch) -> Result<Vec<boo
     Ok(mask.iter().map(|x| x.unwrap_or(false)).collect())
 }
 
-/// DataFusion's complaint in our words where it is about a name.
+/// Rewords DataFusion's error on an unknown name.
 fn wrong(e: &datafusion::error::DataFusionError, shape: &Shape) -> Fault {
     use datafusion::common::SchemaError;
     let have: Vec<&str> = shape.columns.iter().map(|c| c.name.as_str()).collect();

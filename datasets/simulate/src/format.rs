@@ -1,4 +1,4 @@
-//! A synth spec as a flight format: reading it simulates, so that nothing large has to be kept.
+//! A synth spec as a flight format: reading it simulates, so that no large file is stored.
 
 use std::path::Path;
 

@@ -1,12 +1,12 @@
 //! Simulated flights with known truth over a real map.
 //!
 //! A synth spec (TOML) names a map, the INS, the aircraft's sensors and the flights. Every number is
-//! computed from the spec alone: each random draw has a stream of its own, found by hashing the seed and
+//! computed from the spec alone: each random draw has its own stream, derived by hashing the seed and
 //! the names of flight, line and sensor, so that the same spec gives the same bytes, and adding a flight
-//! or a sensor changes no other. Flights and lines are simulated beside each other, with few lines in memory.
+//! or a sensor changes no other. Flights and lines are simulated in parallel, with few lines in memory.
 //!
-//! Heights are above the WGS-84 ellipsoid throughout; a map whose height is above sea level is taken as
-//! if that were above the ellipsoid, in the simulation as in navigation.
+//! Heights are above the WGS-84 ellipsoid throughout; a map whose height is above sea level is treated as
+//! if it were above the ellipsoid, in the simulation as in navigation.
 
 use std::{
     fs::File,
@@ -62,21 +62,21 @@ impl Simulation {
     /// Reads a spec.
     ///
     /// # Errors
-    /// All that is wrong with the spec, and a map that is not there.
+    /// Fails with all faults of the spec, and for a map that does not exist.
     pub fn open(path: &Path) -> Result<Simulation, ReadError> {
         let spec = Spec::read(path)?;
         if let Some((what, file)) = spec.earth.files().into_iter().find(|(_, file)| !file.exists()) {
-            return Err(ReadError::options(path, format!("the {what} `{}` is not there", file.display())));
+            return Err(ReadError::options(path, format!("the {what} `{}` does not exist", file.display())));
         }
         Ok(Simulation { path: path.to_path_buf(), spec })
     }
 
-    /// What is simulated.
+    /// The spec.
     pub fn spec(&self) -> &Spec {
         &self.spec
     }
 
-    /// The files that what comes out depends on: the spec, the map and the observatory's record.
+    /// The input files: the spec, the map and the observatory's record.
     pub fn inputs(&self) -> Vec<&Path> {
         let others = self.spec.earth.files();
         std::iter::once(self.path.as_path()).chain(others.into_iter().map(|(_, file)| file)).collect()
@@ -99,7 +99,7 @@ impl Simulation {
         Arc::new(Schema::new(fields.collect::<Vec<_>>()))
     }
 
-    /// The lines of all flights, simulated when they are asked for, so many at once.
+    /// The lines of all flights, simulated on demand, a number of them in parallel.
     pub(crate) fn into_lines(self, at_once: usize) -> Lines {
         let flights = 0..self.spec.flights.len();
         Lines::new(Arc::new(World::new(self)), flights, at_once)
@@ -128,7 +128,7 @@ const TRUTH: [&str; 17] = [
 
 const FIELD: [&str; 3] = ["diurnal", "igrf", "anomaly_truth"];
 
-/// What all flights share.
+/// The data that all flights share.
 struct World {
     simulation: Simulation,
     field: Mutex<Option<Arc<earth::Field>>>,
@@ -139,8 +139,8 @@ impl World {
         World { simulation, field: Mutex::default() }
     }
 
-    /// The earth's field. It is made without the lock: a thread that waits for its own transform may take up another
-    /// flight meanwhile, which asks for the field too.
+    /// The earth's field. It is computed without the lock: a thread that waits for its own transform may take up
+    /// another flight meanwhile, which needs the field too.
     fn field(&self) -> Result<Arc<earth::Field>, ReadError> {
         let known = || self.field.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(field) = &*known() {
@@ -151,22 +151,22 @@ impl World {
     }
 }
 
-/// Simulates a spec into flight tables: in the folder `to` one Parquet file a flight, one row group a
-/// line. Flights and lines are simulated beside each other, on the threads of the pool that this is called in; each file
-/// is written beside and all are renamed when the last is whole. Returns the files.
+/// Simulates a spec into flight tables: in the folder `to` one Parquet file per flight, one row group per
+/// line. Flights and lines are simulated in parallel, on the threads of the current pool; each file
+/// is written under a temporary name and all are renamed when the last is complete. Returns the files.
 ///
 /// # Errors
-/// All that is wrong with the spec, a line that leaves the map, and what the machine says of the files. Then there
+/// Fails with all faults of the spec, for a line that leaves the map, and when a file cannot be written. Then there
 /// is no new file.
 pub fn synthesise(spec: &Path, to: &Path) -> Result<Vec<PathBuf>, ReadError> {
     synthesise_with(spec, to, &|_, _| ())
 }
 
-/// [`synthesise`], telling `progress` after each line how many lines are done, and of how many. It is called from
-/// several threads, at once and not always in order.
+/// [`synthesise`], which calls `progress` after each line with the number of lines done and their total. It is called
+/// from several threads, concurrently and not always in order.
 ///
 /// # Errors
-/// As [`synthesise`].
+/// Fails as [`synthesise`].
 pub fn synthesise_with(
     spec: &Path,
     to: &Path,
@@ -183,12 +183,12 @@ pub fn synthesise_with(
     let threads = rayon::current_num_threads();
     let at_once = if names.len() >= threads { 1 } else { threads.div_ceil(names.len().max(1)) };
     let (world, done, failed) = (Arc::new(World::new(simulation)), AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
-    // Once, before the flights ask for it side by side.
+    // Once, before the flights need it in parallel.
     world.field()?;
     let files: Vec<_> =
         names.iter().map(|n| (to.join(format!(".{n}.parquet.partial")), to.join(format!("{n}.parquet")))).collect();
     let one = |(flight, (partial, _)): (usize, &(PathBuf, PathBuf))| {
-        // Flights after one that failed are for nothing; those before it may yet have the fault to tell.
+        // Flights after one that failed are skipped; those before it may have an earlier fault to report.
         let wanted = || flight <= failed.load(Ordering::Relaxed);
         let lines = Lines::new(world.clone(), flight..flight + 1, at_once).take_while(|_| wanted());
         let told = lines.inspect(|_| progress(done.fetch_add(1, Ordering::Relaxed) + 1, all));
@@ -202,7 +202,7 @@ pub fn synthesise_with(
     let renamed = written.into_iter().collect::<Result<Vec<()>, _>>().and_then(|_| rename(&files));
     if let Err(error) = renamed {
         for (partial, _) in &files {
-            // Best effort: the first error is the one to tell.
+            // Best effort: the first error is reported.
             let _ = std::fs::remove_file(partial);
         }
         return Err(error);
@@ -231,7 +231,7 @@ fn write(
     file.sync_all().map_err(|e| ReadError::io(to, &e))
 }
 
-/// How the files are written: numbers as they are, since hardly two are the same.
+/// The encoding of the files: plain numbers, since nearly all are distinct.
 fn properties(schema: &Schema) -> WriterProperties {
     let builder = WriterProperties::builder()
         .set_compression(Compression::ZSTD(ZstdLevel::default()))

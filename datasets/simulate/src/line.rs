@@ -1,4 +1,4 @@
-//! One line: truth, INS, the earth's field and what every sensor reads, as the columns of a table.
+//! One line: truth, INS, the earth's field and the readings of every sensor, as the columns of a table.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ use super::{
     trajectory::{Flight, Line, Trajectory},
 };
 
-/// A line about to be simulated.
+/// A line to simulate.
 pub(super) struct Scene<'a> {
     pub(super) path: &'a Path,
     pub(super) spec: &'a Spec,
@@ -22,14 +22,14 @@ pub(super) struct Scene<'a> {
     pub(super) line: &'a Line,
 }
 
-/// The earth's field along a line and what the sensors read of it, by column.
+/// The earth's field along a line and the readings of the sensors, by column.
 pub(super) struct Around {
     earth: [(&'static str, Vec<f64>); 3],
     readings: Vec<(String, Vec<f64>)>,
 }
 
 impl Scene<'_> {
-    /// The stream of random numbers of one thing on this line.
+    /// The stream of random numbers of one component of this line.
     pub(super) fn random(&self, what: &str) -> Random {
         Random::of(self.spec.seed, &["line", &self.flight.name, &self.line.name, what])
     }
@@ -39,14 +39,14 @@ impl Scene<'_> {
         ReadError::options(self.path, format!("flight {}, line {}: {what}", self.flight.name, self.line.name))
     }
 
-    /// Where the line leads.
+    /// The trajectory of the line.
     pub(super) fn fly(&self) -> Trajectory {
         let spec = self.spec;
         let gusts_deg = if spec.components.on("gusts") { spec.gusts_deg } else { [0.0; 3] };
         self.line.fly_on(spec.components.on("turbulence"), spec.rate_hz, gusts_deg, &mut self.random("gusts"))
     }
 
-    /// What hangs on the line's own truth alone.
+    /// The columns that depend on the line's own truth alone.
     pub(super) fn around(&self, truth: &Trajectory, field: &earth::Field) -> Result<Around, ReadError> {
         let earth = earth::along(self, truth, field)?;
         let readings = aircraft::readings(self, truth, &earth);

@@ -1,7 +1,8 @@
-//! Lines being simulated in their order, some of them at once.
+//! The simulation of lines in their order, some of them in parallel.
 //!
-//! Of a line only the INS hangs on the lines before it in its flight. So the truth of the next lines comes first, then the
-//! field and the sensors of each beside the INS of each flight: the numbers are those of one line after another.
+//! Only the INS of a line depends on the lines before it in its flight. So the truth of the next lines comes first,
+//! then the field and the sensors of each in parallel with the INS of each flight: the numbers are those of one line
+//! after another.
 
 use std::{collections::VecDeque, sync::Arc};
 
@@ -10,17 +11,17 @@ use rayon::prelude::*;
 
 use super::{World, ins, line::Scene, trajectory::Trajectory};
 
-/// What the INS says along some lines of a flight, up to the first that it fails on.
+/// The INS output along some lines of a flight, up to the first on which it fails.
 type Said = Vec<Result<[Vec<f64>; 12], ReadError>>;
 
-/// Lines being simulated.
+/// The state of the simulation of lines.
 pub(crate) struct Lines {
     world: Arc<World>,
-    /// Flight and line of those that are not begun.
+    /// Flight and line of those that are not started.
     left: VecDeque<(usize, usize)>,
-    /// So many are simulated at once.
+    /// The number of lines that are simulated in parallel.
     at_once: usize,
-    /// The flight under way, and its INS.
+    /// The current flight, and its INS.
     ins: Option<(usize, ins::Run)>,
     ready: VecDeque<Result<Table, ReadError>>,
 }
@@ -74,7 +75,7 @@ impl Lines {
     }
 }
 
-/// Goes on with the INS of a flight along its next lines.
+/// Advances the INS of a flight along its next lines.
 fn navigate(run: Option<ins::Run>, lines: &[&(&Scene, Trajectory)]) -> (Said, Option<ins::Run>) {
     let Some((first, _)) = lines.first() else { return (vec![], run) };
     let begun = run.map_or_else(|| ins::Run::of(first.path, first.spec, first.flight), Ok);
@@ -86,14 +87,14 @@ fn navigate(run: Option<ins::Run>, lines: &[&(&Scene, Trajectory)]) -> (Said, Op
     for (scene, truth) in lines {
         said.push(run.line(scene, truth));
         if said.last().is_some_and(Result::is_err) {
-            // The flights after it are not asked for, as the lines stop at the first that fails.
+            // The flights after it are not needed, as the lines stop at the first that fails.
             break;
         }
     }
     (said, Some(run))
 }
 
-/// What `one` makes of each, at once where there are several.
+/// Applies `one` to each, in parallel where there are several.
 fn each<T: Send, R: Send>(mut all: Vec<T>, one: impl Fn(T) -> R + Send + Sync) -> Vec<R> {
     match (all.len(), all.pop()) {
         (1, Some(only)) => vec![one(only)],

@@ -1,4 +1,4 @@
-//! Random numbers: one stream for each thing drawn, found by its names, so that adding a flight, a line
+//! Random numbers: one stream for each quantity, derived from its names, so that adding a flight, a line
 //! or a sensor changes no other's draws.
 
 use rand_chacha::{
@@ -13,7 +13,7 @@ pub(super) struct Random {
 }
 
 impl Random {
-    /// The stream of the thing that `names` single out.
+    /// The stream of the quantity identified by `names`.
     pub(super) fn of(seed: u64, names: &[&str]) -> Random {
         let mut hash = blake3::Hasher::new_derive_key("magline synth 1: streams of random numbers");
         hash.update(&seed.to_le_bytes());
@@ -46,7 +46,7 @@ impl Random {
         -mean * self.uniform().ln()
     }
 
-    /// A direction, all alike.
+    /// A uniformly distributed direction.
     pub(super) fn direction(&mut self) -> nalgebra::Vector3<f64> {
         loop {
             let v = nalgebra::Vector3::from_fn(|_, _| self.normal());

@@ -380,7 +380,7 @@ fn gold_lines_that_cannot_be_flown() {
     assert!(away.contains("flight A, line A.1: leaves the known map after 0.0 s, at -22.05000, 149.60000"), "{away}");
     let gone = spec_text("", SHORT).replace("osborne_anomaly_100m_at_500m.tif", "gone.tif");
     let gone = Simulation::open(&written(&folder, &gone)).unwrap_err().to_string();
-    assert!(gone.contains("gone.tif` is not there"), "{gone}");
+    assert!(gone.contains("gone.tif` does not exist"), "{gone}");
 }
 
 #[test]

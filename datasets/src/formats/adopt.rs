@@ -1,5 +1,5 @@
-//! Settles names, units and keys: what the options rename and say, what names say, and the flight and line that a file
-//! lacks.
+//! Settles names, units and keys: those that the options give, those that names imply, and the flight and line that a
+//! file lacks.
 
 use std::{path::Path, sync::Arc};
 
@@ -10,22 +10,23 @@ use schemas::{convert, convertible_to, field, flight};
 use super::{FlightOptions, Part, Raw, missing::Missing, unit_name};
 use crate::ReadError;
 
-/// What a column of the file becomes.
+/// The column of the flight table that a column of the file becomes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Named {
     /// Its name in the flight table.
     pub(super) name: String,
-    /// The unit that its values have; empty where nothing says one, which is the canonical unit then.
+    /// The unit that its values have; empty for the canonical unit, where none is given.
     pub(super) unit: String,
 }
 
 /// The name and unit of a column.
 ///
-/// `own` is what the file calls it, and what its format takes that for where it differs; `said` is the unit that the
-/// file gives it. The unit is the one that the options say, else the file, else the name.
+/// `own` is its name in the file, and the name that its format gives it where that differs; `said` is the unit that the
+/// file gives it. The unit is that of the options, otherwise that of the file, otherwise that of the name.
 ///
 /// # Errors
-/// A unit that does not convert to that of the column it becomes, and a name that says another unit than the file.
+/// Fails for a unit that does not convert to that of the column, and for a name that implies another unit than the
+/// file.
 pub(super) fn named(
     path: &Path,
     own: &[&str],
@@ -76,16 +77,16 @@ fn other_unit(path: &Path, own: &str, name: &str, who: &str, unit: &str, wanted:
 
 fn way_out(own: &str, wanted: &str) -> String {
     let known = convertible_to(wanted).join(", ");
-    format!("say the unit that the values have: `units = {{ {own:?} = {wanted:?} }}`, where {known} are known")
+    format!("give the unit of the values: `units = {{ {own:?} = {wanted:?} }}`, where {known} are known")
 }
 
-/// A name such as `cur_heater_mA` is one of the contract's, in A, and says mA itself: nobody can tell which is right.
+/// A name such as `cur_heater_mA` is a standard name, in A, but ends in mA: the unit is ambiguous.
 fn doubted(path: &Path, name: &str, wanted: &str, said: Option<&str>) -> Result<(), ReadError> {
     let listed = flight::COLUMNS.iter().any(|(known, _)| *known == name);
     let Some((_, unit)) = name.rsplit_once('_').filter(|_| !listed && !wanted.is_empty()) else { return Ok(()) };
     let in_earnest = unit.bytes().any(|b| b.is_ascii_lowercase()) && unit.bytes().any(|b| b.is_ascii_uppercase());
     match convert(unit, wanted) {
-        // What the contract assumes of the name is no saying of the file's.
+        // The unit that the standard name implies is not one that the file gives.
         Some(factor) if in_earnest && factor != 1.0 && said.is_none_or(|s| s == wanted) => {
             let what = format!("its name says `{unit}`, but a column of this name is in {wanted}");
             Err(ReadError::options(path, what).in_column(name).help(way_out(name, wanted)))
@@ -94,7 +95,7 @@ fn doubted(path: &Path, name: &str, wanted: &str, said: Option<&str>) -> Result<
     }
 }
 
-/// Every name that `rename` and `units` mention must be one of the file's own.
+/// Every name in `rename` and `units` must be a name in the file.
 fn check_names(path: &Path, own: &[String], made: &[String], options: &FlightOptions) -> Result<(), ReadError> {
     let names: Vec<&String> = own.iter().chain(made).collect();
     if let Some(missing) = options.rename.keys().find(|k| !names.contains(k)) {
@@ -112,13 +113,13 @@ fn check_names(path: &Path, own: &[String], made: &[String], options: &FlightOpt
 /// Applies `rename`, `units`, `flight` and `line`.
 ///
 /// # Errors
-/// A name to change that the file does not have, units that do not convert, two columns of one name, or no flight or
-/// line.
+/// Fails for a renamed column that the file does not have, units that do not convert, duplicate column names, or no
+/// flight or line.
 pub(super) fn adopt(path: &Path, raw: Raw, options: &FlightOptions) -> Result<Raw, ReadError> {
     let names: Vec<String> = raw.schema.fields().iter().map(|f| f.name().clone()).collect();
     check_names(path, raw.own.as_deref().unwrap_or(&names), &names, options)?;
     let one = |f: &Arc<Field>| match &raw.own {
-        // What the format has derived can still be renamed.
+        // Derived columns can also be renamed.
         Some(own) if own.contains(f.name()) => Ok(f.as_ref().clone()),
         Some(_) => Ok(options.rename.get(f.name()).map_or(f.as_ref().clone(), |to| f.as_ref().clone().with_name(to))),
         None => settled(path, f, options),
@@ -183,16 +184,16 @@ fn settled(path: &Path, source: &Field, options: &FlightOptions) -> Result<Field
     Ok(field(&name, source.data_type().clone(), unit, known.role, description))
 }
 
-/// The unit that a name says by its end, where it cannot be read otherwise.
+/// The unit that the end of a name implies, where it is not ambiguous.
 pub(super) fn unit_of_name(name: &str) -> Option<String> {
     unit_name::kept_unit(name)
 }
 
-/// The values of a column in the unit that its format counts on (`counted`; the canonical one where that is empty),
+/// The values of a column in the unit that its format expects (`counted`; the canonical one where that is empty),
 /// and that unit.
 ///
 /// # Errors
-/// A unit that does not convert.
+/// Fails for a unit that does not convert.
 pub(super) fn in_counted_unit(
     path: &Path,
     own: &str,

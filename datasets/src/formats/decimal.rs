@@ -1,9 +1,9 @@
-//! Decimal numbers in the bytes of a text, to the last bit what `str::parse` makes of them.
+//! Decimal numbers in the bytes of a text, bit-identical to `str::parse`.
 //!
-//! Digits up to 2^53 and a power of ten up to 10^22 are both exact as f64, so that one product or quotient of them rounds
-//! once, and rightly [Clinger 1990]. Every other spelling is left to `str::parse`.
+//! Digits up to 2^53 and a power of ten up to 10^22 are both exact as f64, so that one product or quotient of them
+//! rounds once, and rightly [Clinger 1990]. Every other spelling is left to `str::parse`.
 
-/// So many bytes after a number let it be read without looking at where the text ends.
+/// With this number of bytes after a number it can be read without bounds checks.
 pub(super) const PAD: usize = 8;
 
 /// The powers of ten that are exact.
@@ -12,8 +12,8 @@ const POWERS: [f64; 23] = [
     1e21, 1e22,
 ];
 
-/// The number that begins at `start` and the position after it, where it is plainly digits, with a sign, a point and an
-/// exponent or without, and exact. What stands behind it is the caller's to look at.
+/// The number that begins at `start` and the position after it, where it consists of digits, with a sign, a point and
+/// an exponent or without, and exact. The caller checks the character after it.
 #[inline(always)]
 pub(super) fn number(text: &[u8], start: usize) -> Option<(f64, usize)> {
     let Spelt { negative, digits, count, exponent, end } = spelt(text, start)?;
@@ -36,7 +36,7 @@ pub(super) fn end(text: &[u8], start: usize) -> Option<usize> {
     spelt(text, start).map(|s| s.end)
 }
 
-/// A number as it is written.
+/// A number as written.
 struct Spelt {
     negative: bool,
     /// Those before and after the point; right up to 19 of them.
@@ -70,7 +70,7 @@ fn spelt(text: &[u8], start: usize) -> Option<Spelt> {
         if after == first {
             return None;
         }
-        // Beyond that it is no exact power, whatever its digits are.
+        // A larger power is not exact, whatever the digits.
         let power = if after - first > 9 { i64::from(u32::MAX) } else { power as i64 };
         exponent += if sign == Some(&b'-') { -power } else { power };
         end = after;

@@ -1,4 +1,4 @@
-//! What the readers and writers of simple grids share: text by words, bytes by fields, and rows in either order.
+//! Shared by the readers and writers of simple grids: text by words, bytes by fields, and rows in either order.
 
 use std::{io::Write, path::Path};
 
@@ -8,13 +8,13 @@ use crate::{
     grid::{GridMap, Height},
 };
 
-/// What blank nodes are in Surfer's grids: this and all that is larger.
+/// The value of blank nodes in Surfer's grids, which is also any larger value.
 pub(super) const SURFER_BLANK: f64 = 1.701_41e38;
 
 /// The whole of a text file.
 ///
 /// # Errors
-/// A file that cannot be read or holds binary data.
+/// Fails for a file that cannot be read or holds binary data.
 pub(super) fn text_of(path: &Path) -> Result<String, ReadError> {
     let bytes = bytes_of(path)?;
     if bytes.contains(&0) {
@@ -26,15 +26,15 @@ pub(super) fn text_of(path: &Path) -> Result<String, ReadError> {
 /// The whole of a file.
 ///
 /// # Errors
-/// A file that cannot be read.
+/// Fails for a file that cannot be read.
 pub(super) fn bytes_of(path: &Path) -> Result<Vec<u8>, ReadError> {
     std::fs::read(path).map_err(|e| ReadError::io(path, &e))
 }
 
-/// The number of nodes, where a file of so many bytes can hold them with `least` bytes each.
+/// The number of nodes, where a file of this many bytes can hold them with at least `least` bytes each.
 ///
 /// # Errors
-/// Counts below two, or more nodes than there are bytes for.
+/// Fails for counts below two, or more nodes than there are bytes for.
 pub(super) fn nodes(path: &Path, columns: i64, rows: i64, least: u64, bytes: u64) -> Result<(usize, usize), ReadError> {
     let size = |n: i64| usize::try_from(n).ok().filter(|n| *n >= 2);
     let (Some(width), Some(height)) = (size(columns), size(rows)) else {
@@ -44,7 +44,7 @@ pub(super) fn nodes(path: &Path, columns: i64, rows: i64, least: u64, bytes: u64
     match needed.filter(|n| *n <= bytes) {
         Some(_) => Ok((width, height)),
         None => {
-            let what = format!("the file is cut short: {width} x {height} cells are declared, {bytes} bytes are there");
+            let what = format!("the file is cut short: {width} x {height} cells declared, {bytes} bytes found");
             Err(ReadError::data(path, what))
         }
     }
@@ -53,7 +53,7 @@ pub(super) fn nodes(path: &Path, columns: i64, rows: i64, least: u64, bytes: u64
 /// The next `count` numbers of a text.
 ///
 /// # Errors
-/// Fewer numbers, or a word that is none; `at` counts from 0.
+/// Fails for fewer numbers, or a word that is not a number; `at` counts from 0.
 pub(super) fn numbers<'a>(
     path: &Path,
     words: &mut impl Iterator<Item = &'a str>,
@@ -67,7 +67,7 @@ pub(super) fn numbers<'a>(
     if values.len() == count {
         return Ok(values);
     }
-    Err(ReadError::data(path, format!("the file is cut short: {} of {count} values are there", values.len())))
+    Err(ReadError::data(path, format!("the file is cut short: {} of {count} values found", values.len())))
 }
 
 fn not_a_number(path: &Path, word: &str, at: usize) -> ReadError {
@@ -86,7 +86,7 @@ impl<'a> Fields<'a> {
         Fields { path, bytes }
     }
 
-    /// How many bytes are left.
+    /// The number of bytes left.
     pub(super) fn left(&self) -> u64 {
         self.bytes.len() as u64
     }
@@ -99,7 +99,7 @@ impl<'a> Fields<'a> {
                 Ok(taken)
             }
             None => {
-                let what = format!("the file is cut short: {count} bytes are expected, {} are there", self.bytes.len());
+                let what = format!("the file is cut short: {count} bytes expected, {} found", self.bytes.len());
                 Err(ReadError::data(self.path, what))
             }
         }
@@ -132,10 +132,10 @@ pub(super) fn rows(map: &GridMap, north_first: bool) -> impl Iterator<Item = &[f
     })
 }
 
-/// Writes rows of numbers as text, at most `across` to a line; each row begins a line. `blank` stands for NaN.
+/// Writes rows of numbers as text, at most `across` per line; each row begins a line. `blank` represents NaN.
 ///
 /// # Errors
-/// A file that cannot be written.
+/// Fails for a file that cannot be written.
 pub(super) fn write_rows(
     outputs: &Outputs,
     sink: &mut Sink,
@@ -173,28 +173,28 @@ pub(super) fn range(values: &[f64]) -> (f64, f64) {
     (known().fold(f64::INFINITY, f64::min), known().fold(f64::NEG_INFINITY, f64::max))
 }
 
-/// The one height of a map, in a format that has no place for others.
+/// The one height of a map, in a format that stores only one.
 ///
 /// # Errors
-/// Heights that vary.
+/// Fails for heights that vary.
 pub(super) fn level_m(outputs: &Outputs, map: &GridMap, format: &str) -> Result<f64, ReadError> {
     match map.height {
         Height::Level(alt_m) => Ok(alt_m),
         Height::Cells(_) => {
             let what = format!("the map's height varies, which `{format}` cannot hold");
             Err(ReadError::options(outputs.path(), what)
-                .help("write parquet, netcdf, xyz or magnav_hdf5, or bring the map to one level before"))
+                .help("write parquet, netcdf, xyz or magnav_hdf5, or reduce the map to one level first"))
         }
     }
 }
 
-/// What tables of text are wont to have for an unknown value.
+/// The usual dummies for unknown values in tables of text.
 const USUAL_DUMMIES: [f64; 6] = [-9999.0, -99_999.0, -999_999.0, -9_999_999.0, -99_999_999.0, -32_768.0];
 
-/// How far below all others a usual dummy has to lie to be taken for one, in the unit of the values.
+/// The distance below all other values at which a usual dummy is recognised, in the unit of the values.
 const DUMMY_GAP: f64 = 1000.0;
 
-/// Makes what is plainly a dummy unknown, and says so: the lowest value of all, one of the usual ones, and far below
+/// Replaces an obvious dummy by NaN, with a note: the lowest value of all, one of the usual ones, and far below
 /// the next.
 pub(super) fn without_dummy(values: &mut [f64], notes: &mut Vec<String>) {
     let least = values.iter().copied().fold(f64::INFINITY, f64::min);

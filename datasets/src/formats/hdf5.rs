@@ -1,4 +1,4 @@
-//! Access to HDF5 files, with every damage an error: what the flight and map readers share.
+//! Access to HDF5 files, with every damage as an error; shared by the flight and map readers.
 
 use std::{
     ops::Range,
@@ -18,7 +18,7 @@ use crate::ReadError;
 /// What every HDF5 file starts with.
 pub(super) const MAGIC: &[u8] = b"\x89HDF\r\n\x1a\n";
 
-/// No deflated byte holds more than this many: a larger data set is a damaged header.
+/// The largest number of values per deflated byte: a larger data set indicates a damaged header.
 const MOST_INFLATION: u64 = 1032;
 
 /// An HDF5 file with data sets at its root.
@@ -42,7 +42,7 @@ impl Hdf5 {
             if declared > bytes {
                 return Err(ReadError::data(
                     path,
-                    format!("the file is cut short: {bytes} of {declared} bytes are there"),
+                    format!("the file is cut short: it has {bytes} of {declared} bytes"),
                 ));
             }
             let root = file.root_group().map_err(|e| damaged(path, &e))?;
@@ -72,7 +72,7 @@ impl Hdf5 {
         guarded(&self.path, || {
             let set = self.root.dataset(name).map_err(|e| damaged(&self.path, &e).in_column(name))?;
             let values = Values { path: self.path.clone(), name: name.to_owned(), shape: set.shape().to_vec(), set };
-            // A shape that multiplies past 64 bits is as damaged as one that is too large for the file.
+            // A shape that multiplies past 64 bits is as invalid as one that is too large for the file.
             let count = values.shape.iter().try_fold(1u64, |n, d| n.checked_mul(*d));
             let most = self.bytes.saturating_mul(MOST_INFLATION);
             match count.filter(|n| *n <= most) {

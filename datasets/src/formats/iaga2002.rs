@@ -1,5 +1,5 @@
 //! The IAGA-2002 exchange format of magnetic observatories: a header of labelled lines that end in `|`, then one line
-//! a sample with date, time, day of the year and four components. [IAGA Division V, IAGA-2002 Data Exchange Format]
+//! per sample with date, time, day of the year and four components. [IAGA Division V, IAGA-2002 Data Exchange Format]
 
 use std::path::Path;
 
@@ -7,9 +7,9 @@ use numerics::earth::dates::{day_of_year, days_in_year};
 
 use crate::ReadError;
 
-/// Values of this size and more stand for what is missing (99999) or was not observed (88888).
+/// Values of this size and more mark missing (99999) or not observed (88888) values.
 const MISSING: f64 = 88_880.0;
-/// Departure of a time stamp from its even place, as a part of the step.
+/// Departure of a time stamp from its even time, as a fraction of the step.
 const EVENNESS: f64 = 0.01;
 
 /// The record of an observatory at even times.
@@ -40,7 +40,7 @@ impl ObservatoryRecord {
     }
 }
 
-/// How four columns make a vector, by the column of each component.
+/// The conversion of four columns to a vector, by the column of each component.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     /// North, east, down.
@@ -66,7 +66,7 @@ impl Kind {
         xyz.or_else(hdz).or_else(hez).or_else(dif)
     }
 
-    /// North, east and down of a line's values; `baseline_rad` is the declination that the others are counted from.
+    /// North, east and down of a line's values; `baseline_rad` is the declination to which the others are relative.
     fn ned_nt(self, values: &[f64], baseline_rad: f64) -> [f64; 3] {
         let pick = |columns: [usize; 3]| columns.map(|c| values.get(c).copied().unwrap_or(f64::NAN));
         let minutes = |arc: f64| (arc / 60.0).to_radians();
@@ -95,7 +95,7 @@ impl Kind {
     }
 }
 
-/// What the header says.
+/// The header.
 struct Head {
     station: String,
     lat_deg: f64,
@@ -107,12 +107,13 @@ struct Head {
 
 /// Reads an IAGA-2002 file: samples a second, a minute or an hour apart, of one day or of days one after the other.
 ///
-/// Components may be XYZ, HDZ, HEZ or DIF, in any order, beside a scalar. The baseline declination (`DECBAS`, tenths
-/// of minutes east) is what D is counted from in data of the type `variation`, and the direction of H in HEZ. A
+/// Components may be XYZ, HDZ, HEZ or DIF, in any order, as well as a scalar. The baseline declination (`DECBAS`,
+/// tenths of minutes east) is the zero of D in data of the type `variation`, and the direction of H in HEZ. A
 /// sample that is missing, is marked as missing or lacks a component is NaN.
 ///
 /// # Errors
-/// A file that is no IAGA-2002 record, a line that cannot be read, and samples that are not at even times.
+/// Fails for a file that is not an IAGA-2002 record, for a line that cannot be read, and for samples that are not at
+/// even times.
 pub fn read_iaga2002(path: &Path) -> Result<ObservatoryRecord, ReadError> {
     let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, &e))?;
     parse(path, &String::from_utf8_lossy(&bytes))
@@ -136,7 +137,7 @@ fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
         }
         let wrong = |what: &str| ReadError::data(path, format!("{what} in line {}", row + 1));
         let Some((kind, _)) = &head.kind else {
-            return Err(ReadError::data(path, "this is no IAGA-2002 record: it has no line `DATE TIME DOY ...`"));
+            return Err(ReadError::data(path, "not an IAGA-2002 record: it has no line `DATE TIME DOY ...`"));
         };
         let (date, values) = sample(line).ok_or_else(|| wrong("a date, a time or a component cannot be read"))?;
         let (first_year, first_doy) = *first_day.get_or_insert((date.0, date.1));
@@ -176,7 +177,7 @@ impl Head {
             let letters: Vec<char> = names.iter().filter_map(|n| n.chars().last()).collect();
             let text: String = letters.iter().collect();
             let kind = Kind::of(&letters).ok_or_else(|| {
-                let what = format!("the components {text} make no vector");
+                let what = format!("the components {text} do not form a vector");
                 ReadError::data(path, what).help("a record needs XYZ, HDZ, HEZ or DIF")
             })?;
             self.kind = Some((kind, text));
@@ -315,8 +316,8 @@ mod tests {
         let twice = "2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n2024-01-01 00:01:00.000 001 1.0 2.0 3.0 4.0\n";
         assert!(said(twice).contains("do not ascend in time"));
         let scalar = record(["S", "F", "G", "F"], "").unwrap_err().to_string();
-        assert!(scalar.contains("the components SFGF make no vector") && scalar.contains("XYZ, HDZ, HEZ or DIF"));
+        assert!(scalar.contains("the components SFGF do not form a vector") && scalar.contains("XYZ, HDZ, HEZ or DIF"));
         let none = parse(Path::new("x.min"), "a,b\n1,2\n").unwrap_err().to_string();
-        assert!(none.contains("this is no IAGA-2002 record"), "{none}");
+        assert!(none.contains("not an IAGA-2002 record"), "{none}");
     }
 }

@@ -1,4 +1,4 @@
-//! The simple flights of MagNav.jl (`XYZ0`, `XYZ1`): what is derived where a file lacks it. Shared by
+//! The simple flights of MagNav.jl (`XYZ0`, `XYZ1`): the columns that are derived where a file lacks them. Shared by
 //! the HDF5 and the CSV reader.
 
 use std::path::Path;
@@ -10,18 +10,18 @@ use crate::{
     table::{Table, Values, whole},
 };
 
-/// What a file must hold.
+/// The required columns.
 pub(super) const NEEDED: [&str; 3] = ["lat", "lon", "alt"];
 
 /// The whole flight with the contract's columns. Where they are not in the file,
 ///
-/// - flight and line are `1`, as MagNav.jl has it,
+/// - flight and line are `1`, as in MagNav.jl,
 /// - `vn`, `ve`, `vd` and the same with `ins_` are differences of the positions on the ellipsoid,
 /// - `ins_fn`, `ins_fe`, `ins_fd` are differences of the INS velocity, with Coriolis and gravity.
 ///
 /// The truth's specific force (`fn`, `fe`, `fd`), where a file has it, is kept under its own name.
 ///
-/// What is wrong with single rows comes out beside the table.
+/// Faults of single rows are returned with the table.
 pub(super) fn finish(
     path: &Path,
     mut table: Table,

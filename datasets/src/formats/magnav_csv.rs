@@ -1,4 +1,4 @@
-//! Simple flights of MagNav.jl in CSV: the plain CSV reader's columns, with what is derived added.
+//! Simple flights of MagNav.jl in CSV: the plain CSV reader's columns, with the derived columns added.
 
 use std::path::Path;
 
@@ -42,7 +42,7 @@ fn open(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<Raw, 
     Ok(Raw { own: Some(own), notes, found, ..Raw::new(schema, Box::new(whole)) })
 }
 
-/// The whole flight: what is derived looks along all of it.
+/// The whole flight: derived columns depend on all of it.
 fn flight(path: &Path, schema: &SchemaRef, parts: Parts, options: &FlightOptions) -> Result<Part, ReadError> {
     let (mut batches, mut faults, mut rows) = (vec![], vec![], 0);
     for part in parts {
@@ -53,7 +53,7 @@ fn flight(path: &Path, schema: &SchemaRef, parts: Parts, options: &FlightOptions
     }
     let whole = concat_batches(schema, &batches).map_err(|e| ReadError::data(path, e.to_string()))?;
     if whole.num_rows() == 0 {
-        return Err(ReadError::data(path, "holds a header and no rows"));
+        return Err(ReadError::data(path, "has a header and no rows"));
     }
     let (table, more) = magnav::finish(path, table(path, &whole, options)?, options)?;
     faults.extend(more);

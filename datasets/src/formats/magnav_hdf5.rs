@@ -1,7 +1,7 @@
-//! Simple flights of MagNav.jl in HDF5: one data set a field, angles in degrees.
+//! Simple flights of MagNav.jl in HDF5: one data set per field, angles in degrees.
 //!
-//! MagNav.jl 1.3.3 writes simulated flights with angles in radians, which its own readers then take for
-//! degrees; such a file is recognised by its velocities and refused.
+//! MagNav.jl 1.3.3 writes simulated flights with angles in radians, which its own readers then interpret as
+//! degrees; such a file is recognised by its velocities and rejected.
 
 use std::path::Path;
 
@@ -30,7 +30,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     made_from: None,
 };
 
-/// What MagNav.jl takes where a file says no step of time.
+/// The default time step of MagNav.jl.
 const DEFAULT_DT_S: f64 = 0.1;
 
 fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
@@ -97,7 +97,7 @@ fn push_attitude(table: &mut Table, prefix: &str, file: &Hdf5, name: &str, rows:
     Ok(())
 }
 
-/// Positions in radians move 57 times too slowly for the velocities beside them.
+/// Positions in radians move 57 times too slowly for the velocities in the file.
 pub(super) fn refuse_radians(path: &Path, table: &Table) -> Result<(), ReadError> {
     let columns = ["tt", "lat", "lon", "alt", "vn", "ve"].map(|n| table.numbers(n));
     let [Some(tt), Some(lat_deg), Some(lon_deg), Some(alt_m), Some(vn), Some(ve)] = columns else { return Ok(()) };

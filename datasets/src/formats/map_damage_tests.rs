@@ -147,7 +147,7 @@ fn law_cells_cut_short_or_gone_are_an_error() {
     let cells = fs::read(reference().join("gdal")).unwrap();
     fs::write(folder.path().join("gdal"), &cells[..139]).unwrap();
     let fault = read_grid(&path, &MapOptions::default()).unwrap_err().to_string();
-    assert!(fault.contains("7 x 5 cells are declared, 139 bytes are there"), "{fault}");
+    assert!(fault.contains("7 x 5 cells declared, 139 bytes found"), "{fault}");
     assert_eq!(map_files(&path).unwrap(), [path.clone(), folder.path().join("gdal")]);
 }
 
@@ -184,10 +184,10 @@ fn gold_awkward_texts() {
     let surfer = |size: &str, x: &str, values: &str| format!("DSAA\n{size}\n{x}\n0 10\n0 1\n{values}\n");
     for (text, expected) in [
         (surfer("3 1", "0 20", "1 2 3"), "a map needs 2 x 2 cells or more, not 3 x 1"),
-        (surfer("2 2", "5 5", "1 2 3 4"), "the axis steps by 0, which makes no grid"),
-        (surfer("2 2", "0 inf", "1 2 3 4"), "the axis begins at 0 and steps by inf, which makes no grid"),
+        (surfer("2 2", "5 5", "1 2 3 4"), "the axis steps by 0, which does not define a grid"),
+        (surfer("2 2", "0 inf", "1 2 3 4"), "the axis begins at 0 and steps by inf, which does not define a grid"),
         (surfer("2 2", "0 10", "1 2 3 x"), "row 3: `x` is not a number"),
-        (surfer("2 2", "0 10", "1 2 3"), "the file is cut short: 3 of 4 values are there"),
+        (surfer("2 2", "0 10", "1 2 3"), "the file is cut short: 3 of 4 values found"),
         (surfer("2 2", "0 10", "2e38 2e38 2e38 2e38"), "column `anomaly`: no cell has a value"),
         (surfer("2 2", "0 10", "1 2 -inf 4"), "column `anomaly`, row 2: the value is infinite"),
     ] {
@@ -195,9 +195,7 @@ fn gold_awkward_texts() {
         assert!(fault.ends_with(expected), "{fault}");
     }
     let gxf = |more: &str| format!("#POINTS\n2\n#ROWS\n2\n{more}#GRID\n1 2\n3 4\n");
-    assert!(
-        said("a.gxf", &gxf("#ROTATION\n30\n")).contains("the grid is rotated (warp it to a grid that points north")
-    );
+    assert!(said("a.gxf", &gxf("#ROTATION\n30\n")).contains("the grid is rotated (warp it to a north-up grid"));
     assert!(said("a.gxf", &gxf("#SENSE\n7\n")).ends_with("#SENSE 7 is none"));
     assert!(said("a.gxf", "#POINTS\n2\n#ROWS\n2\n").ends_with("there is no #GRID"));
     assert!(said("a.gxf", "#POINTS\n2\n#ROWS\n2\n#GTYPE\n2\n#GRID\n\"\"~~%%\n").ends_with("is longer than the grid"));
@@ -211,7 +209,10 @@ fn gold_awkward_texts() {
             "easting northing anomaly\n0 0 1\n1 0 1\n2 0 1\n3 0 1\n",
             "a map needs two or more values along the axis, not 1",
         ),
-        ("easting northing anomaly\n0 0 1\n1 * 1\n2 0 1\n3 0 1\n", "column `northing`, row 1: the node has no place"),
+        (
+            "easting northing anomaly\n0 0 1\n1 * 1\n2 0 1\n3 0 1\n",
+            "column `northing`, row 1: the node has no position",
+        ),
         ("a b c d\n0 0 1 2\n1 0 1 2\n2 0 1 2\n", "easting, northing, anomaly)"),
         ("0 0 1 2\n1 0 1 2\n2 0 1 2\n", "lon, lat, anomaly or easting, northing, anomaly)"),
     ] {

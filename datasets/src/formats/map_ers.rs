@@ -1,7 +1,7 @@
-//! ER Mapper rasters: a header of nested `Begin`/`End` blocks in an `.ers` file, the cells in a binary file beside it,
+//! ER Mapper rasters: a header of nested `Begin`/`End` blocks in an `.ers` file, the cells in a binary file next to it,
 //! rows from the north. [Earth Resource Mapping, ER Mapper customisation guide, ch. 2]
 //!
-//! Written in double precision; the height has no place in it and is left out.
+//! Written in double precision; the format cannot store the height, which is omitted.
 
 use std::{
     collections::BTreeMap,
@@ -22,7 +22,7 @@ use crate::{
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "er_mapper",
-    about: "ER Mapper raster: .ers header and cells beside it",
+    about: "ER Mapper raster: .ers header with a binary file of cells",
     extensions: &["ers"],
     recognise: |head: &Head| {
         head.first_line().is_some_and(|l| l.trim_start().to_ascii_lowercase().starts_with("datasetheader begin"))
@@ -35,10 +35,10 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 /// The cells' file of a header.
 ///
 /// # Errors
-/// A header that cannot be read.
+/// Fails for a header that cannot be read.
 fn cells_of(path: &Path) -> Result<PathBuf, ReadError> {
     let header = Header::of(path, &text_of(path)?);
-    // A name in the header is one beside it: what lies elsewhere is not looked for.
+    // A name in the header refers to the folder of the header; other folders are not searched.
     let named = header.text("datafile").and_then(|n| n.rsplit(['/', '\\']).next().map(str::to_owned));
     Ok(match named.filter(|n| !n.is_empty()) {
         Some(name) => path.with_file_name(name),
@@ -57,7 +57,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     }
     let rotation = header.text("coordinatespace.rotation").map_or(Some(0.0), |t| angle(&t));
     if rotation != Some(0.0) {
-        return Err(ReadError::data(path, "the grid is rotated").help("warp it to a grid that points north before"));
+        return Err(ReadError::data(path, "the grid is rotated").help("warp it to a north-up grid first"));
     }
     let bytes = bytes_of(&cells)?;
     let kind = Cell::of(path, &header)?;

@@ -1,7 +1,7 @@
 //! Esri ASCII grids: a header of names and numbers, then rows from the north; the coordinate system in a `.prj` file
-//! beside it. [Esri, ASCII raster format]
+//! next to it. [Esri, ASCII raster format]
 //!
-//! The height and the unit have no place in it and are left out.
+//! The format cannot store the height and the unit, which are omitted.
 
 use std::{collections::BTreeMap, io::Write, path::Path};
 
@@ -65,7 +65,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     draft.finish(options)
 }
 
-/// What the file beside it says.
+/// The coordinate system of the `.prj` file.
 fn system(path: &Path) -> System {
     let wkt = std::fs::read_to_string(path.with_extension("prj")).unwrap_or_default();
     epsg_of_wkt(&wkt).map_or(System::Unknown, System::Epsg)
@@ -96,7 +96,7 @@ fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
     outputs.finish(prj)
 }
 
-/// A number that no value is.
+/// A number that is not one of the values.
 pub(super) fn unused(values: &[f64]) -> f64 {
     let mut candidate = -99_999.0;
     while values.contains(&candidate) {

@@ -28,7 +28,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 /// Little- and big-endian TIFF and BigTIFF.
 const MAGICS: [&[u8]; 4] = [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"];
 
-/// No compression that TIFF has makes more than this many bytes of one.
+/// The largest expansion factor of a TIFF compression.
 const MOST_INFLATION: u64 = 1100;
 
 type Reader = Decoder<BufReader<File>>;
@@ -61,7 +61,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
 fn decoder(path: &Path) -> Result<Reader, ReadError> {
     let file = File::open(path).map_err(|e| ReadError::io(path, &e))?;
     let bytes = file.metadata().map_err(|e| ReadError::io(path, &e))?.len();
-    // A damaged size must not take all memory: what the file cannot hold is refused.
+    // A damaged size must not exhaust memory: a size that the file cannot hold is rejected.
     let mut limits = Limits::default();
     let most = usize::try_from(bytes.saturating_mul(MOST_INFLATION).max(1 << 20)).unwrap_or(usize::MAX);
     limits.decoding_buffer_size = most;
@@ -104,7 +104,7 @@ fn values(path: &Path, decoder: &mut Reader) -> Result<Vec<f64>, ReadError> {
     })
 }
 
-/// Where the cells are.
+/// The positions of the cells.
 struct Georeference {
     /// Centres of the columns.
     x: FileAxis,
@@ -155,7 +155,7 @@ fn affine(path: &Path, decoder: &mut Reader) -> Result<[f64; 4], ReadError> {
     match matrix.as_slice() {
         [dx, xy, _, x, yx, dy, _, y, ..] if *xy == 0.0 && *yx == 0.0 => Ok([*x, *dx, *y, *dy]),
         [_, _, _, _, _, _, _, _, ..] => {
-            Err(ReadError::data(path, "the grid is rotated").help("warp it to a grid that points north before"))
+            Err(ReadError::data(path, "the grid is rotated").help("warp it to a north-up grid first"))
         }
         _ => Err(ReadError::data(path, "does not say where its cells are (no ModelPixelScale and ModelTiepoint)")),
     }
@@ -165,7 +165,7 @@ fn text(decoder: &mut Reader, tag: Tag) -> Option<String> {
     decoder.get_tag_ascii_string(tag).ok()
 }
 
-/// The height of the map: an item of GDAL's metadata that names one in metres.
+/// The height of the map: an item of GDAL's metadata with a height in metres.
 fn height_m(metadata: &str, notes: &mut Vec<String>) -> Option<f64> {
     const NAMES: [&str; 5] = ["level_height_m", "height_m", "altitude_m", "alt_m", "alt"];
     let (name, text) = item(metadata, &NAMES)?;

@@ -20,13 +20,13 @@ use crate::{
 /// Offsets of a TIFF file have 32 bits; a larger one is BigTIFF.
 const MOST_BYTES: usize = 4_000_000_000;
 
-/// Values to a strip: half a megabyte.
+/// Values per strip: half a megabyte.
 const STRIP_VALUES: usize = 65_536;
 
-/// The level height is an item of GDAL's metadata, as reading finds it.
+/// The level height is an item of GDAL's metadata, as expected by the reader.
 ///
 /// # Errors
-/// Heights that vary, more than 2^32 nodes a side, and a path that cannot be written.
+/// Fails for heights that vary, more than 2^32 nodes per side, and a path that cannot be written.
 pub(super) fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
     let level_m = level_m(outputs, map, "geotiff")?;
     let mut sink = outputs.create()?;

@@ -1,7 +1,7 @@
 //! Geosoft's Grid eXchange File, revision 3: labelled objects, then values as text or packed in base 90.
 //! [SEG Gravity and Magnetics Committee, GXF format revision 3.0, 2001]
 //!
-//! Written as text with the name of the coordinate system; the height has no place in it and is left out.
+//! Written as text with the name of the coordinate system; the format cannot store the height, which is omitted.
 
 use std::{collections::BTreeMap, io::Write, path::Path};
 
@@ -29,7 +29,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// A run packs a row of unknown nodes into nine characters; a file that declares more nodes than this to a character
+/// A run packs a row of unknown nodes into nine characters; a file that declares more nodes than this per character
 /// is damaged.
 const MOST_INFLATION: u64 = 10_000;
 
@@ -43,7 +43,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let text = text_of(path)?;
     let (objects, grid) = Objects::of(path, &text)?;
     if objects.number("ROTA", 0.0)? != 0.0 {
-        return Err(ReadError::data(path, "the grid is rotated").help("warp it to a grid that points north before"));
+        return Err(ReadError::data(path, "the grid is rotated").help("warp it to a north-up grid first"));
     }
     let packed = objects.number("GTYP", 0.0)? as usize;
     let bytes = (text.len() as u64 + 1).saturating_mul(if packed == 0 { 1 } else { MOST_INFLATION });
@@ -69,7 +69,7 @@ impl<'a> Objects<'a> {
             let line = line.trim();
             if let Some(rest) = line.strip_prefix('#').filter(|r| !r.starts_with('#')) {
                 let word = rest.split_whitespace().next().unwrap_or_default();
-                // A value may stand behind its label.
+                // A value may follow its label on the same line.
                 label = word.chars().take(4).collect::<String>().to_ascii_uppercase();
                 let behind = rest.get(word.len()..).unwrap_or_default().trim();
                 if label == "MAP_" {
@@ -112,10 +112,10 @@ impl<'a> Objects<'a> {
         Ok((scale, offset))
     }
 
-    /// Rows and columns as `#SENSE` lays them; the origin is the bottom left corner whatever the sense.
+    /// Rows and columns in the order of `#SENSE`; the origin is the bottom left corner for any sense.
     fn draft(&self, values: Vec<f64>, points: usize, lines: usize) -> Result<Draft<'a>, ReadError> {
         let sense = self.number("SENS", 1.0)?;
-        // Where the first point is, and whether the first row runs along x.
+        // The position of the first point, and whether the first row runs along x.
         let (from_east, from_north, across) = match sense as i64 {
             1 => (false, false, true),
             -1 => (false, false, false),
@@ -141,7 +141,7 @@ impl<'a> Objects<'a> {
         let y = axis("y", south, dy, height, from_north)?;
         let mut draft = Draft::new(self.path, x, y, values, self.system());
         if from_east || from_north {
-            draft.notes.push("the origin of the file is taken as its bottom left corner, as GXF has it".to_owned());
+            draft.notes.push("the origin of the file is taken as its bottom left corner, as in GXF".to_owned());
         }
         Ok(draft)
     }
@@ -181,10 +181,10 @@ fn unpacked(path: &Path, grid: &str, count: usize, digits: usize) -> Result<Vec<
     let mut packs = bytes.chunks_exact(digits);
     let broken = |what: String| ReadError::data(path, what);
     let mut values: Vec<f64> = vec![];
-    let short = |have: usize| broken(format!("the file is cut short: {have} of {count} values are there"));
+    let short = |have: usize| broken(format!("the file is cut short: {have} of {count} values found"));
     while values.len() < count {
         let pack = packs.next().ok_or_else(|| short(values.len()))?;
-        let bad = |pack: &[u8]| broken(format!("`{}` is no packed number", String::from_utf8_lossy(pack)));
+        let bad = |pack: &[u8]| broken(format!("`{}` is not a packed number", String::from_utf8_lossy(pack)));
         if !pack.starts_with(b"\"") {
             values.push(base_90(pack).ok_or_else(|| bad(pack))?);
             continue;
@@ -201,7 +201,7 @@ fn unpacked(path: &Path, grid: &str, count: usize, digits: usize) -> Result<Vec<
     Ok(values)
 }
 
-/// NaN for an unknown value; `None` for what is no number.
+/// NaN for an unknown value; `None` for text that is not a number.
 fn base_90(pack: &[u8]) -> Option<f64> {
     if pack.starts_with(b"!") {
         return Some(f64::NAN);
@@ -245,7 +245,7 @@ fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
     outputs.finish(sink)
 }
 
-/// The name of the system, by which it is known again.
+/// The name of the system, by which it is recognised.
 fn projection(map: &GridMap, kind: &str) -> String {
     let name = format!("\"{}\"", map.crs.name());
     if kind.is_empty() { name } else { format!("{name}\n\"{}\"\n\"{kind}\"", map.crs.name()) }

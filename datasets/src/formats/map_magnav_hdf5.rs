@@ -27,8 +27,8 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(map_magnav_write::write),
 };
 
-/// What is done to every map of MagNav.jl, for the notes.
-pub(super) const NOTE: &str = "cells that are exactly 0 are unknown, as MagNav.jl has it";
+/// The note on every map of MagNav.jl.
+pub(super) const NOTE: &str = "cells that are exactly 0 are unknown, as in MagNav.jl";
 
 fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let file = Hdf5::open(path)?;

@@ -10,14 +10,14 @@ use crate::{
 };
 
 /// Unknown cells are 0 with a mask of 0. A known value of exactly 0 would be unknown to MagNav.jl, so the smallest
-/// number that is not 0 stands for it.
+/// number that is not 0 is written instead.
 ///
 /// # Errors
-/// A map that is not of WGS-84 degrees, and a path that cannot be written.
+/// Fails for a map that is not of WGS-84 degrees, and a path that cannot be written.
 pub(super) fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
     if map.crs.code() != WGS84 {
         let what = format!("maps of MagNav.jl are of latitude and longitude, not {}", map.crs);
-        return Err(ReadError::options(outputs.path(), what).help("bring the map to EPSG:4326 before"));
+        return Err(ReadError::options(outputs.path(), what).help("convert the map to EPSG:4326 first"));
     }
     let path = outputs.path().to_path_buf();
     let bytes = guarded(&path, || encoded(map).map_err(|e| ReadError::machine(&path, e)))?;

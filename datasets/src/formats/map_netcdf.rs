@@ -1,5 +1,5 @@
 //! NetCDF grids: classic (CDF-1, 2 and 5) and NetCDF-4, with COARDS/CF coordinates as GMT, GDAL and xarray write them,
-//! and GMT's oldest grids with ranges in place of coordinates.
+//! and GMT's oldest grids with ranges instead of coordinates.
 //! [CF conventions 1.7; GMT technical reference, "The GMT-specific netCDF grid format"]
 
 use std::path::Path;
@@ -32,10 +32,10 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(netcdf_write::write),
 };
 
-/// No compression that is read makes more than this many bytes of one.
+/// The largest expansion factor of the supported compressions.
 const MOST_INFLATION: u64 = 1032;
 
-/// Values of this size and beyond are no field: NetCDF's own fill value is 9.97e36.
+/// Values of this size and more are not a field: NetCDF's own fill value is 9.97e36.
 const FILL: f64 = 1e30;
 
 /// Names of the grid, where there are several variables of two dimensions.
@@ -48,7 +48,7 @@ const HEIGHTS: [&str; 4] = ["alt", "height", "altitude", "alt_m"];
 fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let bytes = bytes_of(path)?;
     if bytes.starts_with(hdf5::MAGIC) {
-        // Says whether the file is whole.
+        // Whether the file is complete.
         hdf5::Hdf5::open(path)?;
     }
     let draft = guarded(path, || {
@@ -95,7 +95,7 @@ impl<'p, 'a> Grid<'p, 'a> {
             .ok_or_else(|| ReadError::data(self.path, format!("holds no variable `{name}`")).nearest(name, &names))
     }
 
-    /// The values as numbers, unpacked, with what is missing as NaN.
+    /// The values as numbers, unpacked, with missing values as NaN.
     fn numbers(&self, variable: &NcVariable) -> Result<Vec<f64>, ReadError> {
         let wrong = |what: &str| ReadError::data(self.path, what).in_column(variable.name());
         let count = variable.shape().iter().try_fold(1_u64, |n, d| n.checked_mul(*d));
@@ -164,7 +164,7 @@ impl<'p, 'a> Grid<'p, 'a> {
             return Err(ReadError::data(self.path, "the grid has other than two dimensions").in_column(map.name()));
         };
         let (outer, inner) = (self.need(outer)?, self.need(inner)?);
-        // Usually rows of one latitude each; the other way round where the coordinates say so.
+        // Usually rows of one latitude each; transposed where the coordinates are in the other order.
         let swapped = self.is_y(inner) && !self.is_y(outer) || self.is_x(outer) && !self.is_x(inner);
         let (x, y) = if swapped { (outer, inner) } else { (inner, outer) };
         let (unit_x, unit_y) = (self.text(Some(x), "units"), self.text(Some(y), "units"));
@@ -175,7 +175,7 @@ impl<'p, 'a> Grid<'p, 'a> {
         };
         let (x_axis, y_axis) = (axis(x, scale)?, axis(y, scale)?);
         if y_axis.descends() {
-            notes.push("the file's rows run from north to south; turned".to_owned());
+            notes.push("the file's rows run from north to south; reversed".to_owned());
         }
         let ordered = |values: Vec<f64>| if swapped { transposed(&values, y_axis.len()) } else { values };
         let values = ordered(self.numbers(map)?);
@@ -198,7 +198,7 @@ impl<'p, 'a> Grid<'p, 'a> {
         }
     }
 
-    /// What turns coordinates in kilometres into metres.
+    /// The factor and the note that convert coordinates in kilometres to metres.
     fn metres(&self, x: Option<&str>, y: Option<&str>) -> (f64, Vec<String>) {
         let kilometres = |u: Option<&str>| u.is_some_and(|u| schemas::convert(u, "m") == Some(1000.0));
         match kilometres(x) && kilometres(y) {
@@ -227,7 +227,8 @@ impl<'p, 'a> Grid<'p, 'a> {
             || self.text(Some(v), "units").is_some_and(|u| u.starts_with(unit))
     }
 
-    /// The coordinate system: of the grid mapping, else of the whole file, else as the coordinates' units are.
+    /// The coordinate system: of the grid mapping, otherwise of the whole file, otherwise that of the coordinates'
+    /// units.
     fn system(&self, map: &NcVariable, x: &NcVariable, y: &NcVariable) -> System {
         let mapping = self.text(Some(map), "grid_mapping").and_then(|n| self.find(n.split([':', ' ']).next()?));
         for from in [mapping, None].into_iter().skip(usize::from(mapping.is_none())) {

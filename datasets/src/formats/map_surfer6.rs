@@ -26,14 +26,14 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// The blank as it is written.
+/// The blank value as written.
 const BLANK: f32 = 1.701_41e38;
 
 fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let bytes = bytes_of(path)?;
     let mut fields = Fields::new(path, &bytes);
     if fields.take(4)? != b"DSBB" {
-        return Err(ReadError::data(path, "is no Surfer 6 binary grid: it does not begin with DSBB"));
+        return Err(ReadError::data(path, "is not a Surfer 6 binary grid: it does not begin with DSBB"));
     }
     let (columns, rows) = (fields.i16()?, fields.i16()?);
     let [west, east, south, north] = [fields.f64()?, fields.f64()?, fields.f64()?, fields.f64()?];
@@ -50,7 +50,7 @@ fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let size = |n: usize| {
         i16::try_from(n).map_err(|_| {
-            ReadError::options(outputs.path(), format!("a Surfer 6 grid has at most 32767 nodes a side, not {n}"))
+            ReadError::options(outputs.path(), format!("a Surfer 6 grid has at most 32767 nodes per side, not {n}"))
                 .help("write surfer7")
         })
     };

@@ -1,4 +1,4 @@
-//! Surfer 7 grids (`DSRB`): tagged sections, of which `GRID` has the place and `DATA` the double-precision rows from
+//! Surfer 7 grids (`DSRB`): tagged sections, of which `GRID` has the position and `DATA` the double-precision rows from
 //! the south. [Golden Software, Surfer 7 grid file format]
 //!
 //! The format has no coordinate system, unit or height: reading needs `epsg`, writing leaves them out.
@@ -25,7 +25,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// What the `GRID` section holds.
+/// The contents of the `GRID` section.
 struct Place {
     x: FileAxis,
     y: FileAxis,
@@ -47,8 +47,8 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
             (b"DSRB", None) => version = section.i32()?,
             (b"GRID", None) => place = Some(grid(path, &mut section, bytes.len() as u64)?),
             (b"DATA", Some(place)) => return data(path, options, place, version, &mut section),
-            (b"DATA", None) => return Err(ReadError::data(path, "the values come before the place of the grid")),
-            // Faults and whatever later versions have.
+            (b"DATA", None) => return Err(ReadError::data(path, "the values come before the position of the grid")),
+            // Faults and sections of later versions.
             _ => {}
         }
     }
@@ -60,7 +60,7 @@ fn grid(path: &Path, section: &mut Fields, bytes: u64) -> Result<Place, ReadErro
     let [_, _, rotation, blank] = [section.f64()?, section.f64()?, section.f64()?, section.f64()?];
     if rotation != 0.0 {
         return Err(ReadError::data(path, format!("the grid is rotated by {rotation} degrees"))
-            .help("warp it to a grid that points north before"));
+            .help("warp it to a north-up grid first"));
     }
     let (width, height) = nodes(path, columns.into(), rows.into(), 8, bytes)?;
     let x = FileAxis::new(path, "x", west, dx, width)?;

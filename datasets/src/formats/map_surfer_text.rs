@@ -29,13 +29,13 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let text = text_of(path)?;
     let mut words = text.split_whitespace();
     if words.next() != Some("DSAA") {
-        return Err(ReadError::data(path, "is no Surfer 6 text grid: it does not begin with DSAA"));
+        return Err(ReadError::data(path, "is not a Surfer 6 text grid: it does not begin with DSAA"));
     }
     let head = numbers(path, &mut words, 8)?;
     let [columns, rows, west, east, south, north, ..] = head.as_slice() else {
         return Err(ReadError::data(path, "the file is cut short"));
     };
-    // A value and a blank at least; the last needs none.
+    // At least a value and a blank; the last value needs no blank.
     let (width, height) = nodes(path, *columns as i64, *rows as i64, 2, text.len() as u64 + 1)?;
     let values = numbers(path, &mut words, width * height)?.into_iter().map(blanked).collect();
     let x = FileAxis::between(path, "x", *west, *east, width)?;

@@ -118,11 +118,14 @@ mod val_other_programs {
     #[test]
     fn gold_rasters_that_are_no_map() {
         for (name, expected) in [
-            ("gdal_rotated.tif", "the grid is rotated (warp it to a grid that points north before)"),
+            ("gdal_rotated.tif", "the grid is rotated (warp it to a north-up grid first)"),
             ("gdal_nowhere.tif", "does not say where its cells are (no ModelPixelScale and ModelTiepoint)"),
             ("gdal_two_bands.tif", "a map has one band; this is "),
             ("gdal_unknown.tif", "column `anomaly`: no cell has a value"),
-            ("gdal_uncoded.tif", "the file does not say what its eastings and northings are (give `epsg`, the code of"),
+            (
+                "gdal_uncoded.tif",
+                "the file does not give the system of its eastings and northings (give `epsg`, the code of",
+            ),
         ] {
             let fault = read_grid(&folder().join(name), &MapOptions::default()).unwrap_err().to_string();
             assert!(fault.contains(expected), "{name}: {fault}");
@@ -258,24 +261,24 @@ mod round_trips {
             fault.split_once(name).unwrap().1.to_owned()
         };
         let map = small(false);
-        let written = "written are parquet, geotiff, magnav_hdf5, netcdf, surfer7, surfer6, surfer6_text, gxf, er_mapper, \
-                       esri_ascii, xyz";
+        let written = "the formats that can be written are parquet, geotiff, magnav_hdf5, netcdf, surfer7, surfer6, \
+                       surfer6_text, gxf, er_mapper, esri_ascii, xyz";
         assert_eq!(
             said("a.bin", None, &map),
-            format!(": the extension stands for no map format that is written ({written})")
+            format!(": the extension is not that of a writable map format ({written})")
         );
         assert_eq!(
             said("a.grd", None, &map),
-            ": the extension stands for several map formats: netcdf, surfer7, surfer6, surfer6_text (name one with \
+            ": the extension belongs to several map formats: netcdf, surfer7, surfer6, surfer6_text (choose one with \
              `format`)"
         );
         assert_eq!(said("a.tif", Some("geotif"), &map), ": there is no map format `geotif` (did you mean `geotiff`?)");
         assert_eq!(
             said("map.csv", Some("magnav_csv"), &map),
-            format!(": the map format `magnav_csv` is read, not written ({written})")
+            format!(": the map format `magnav_csv` can be read, but not written ({written})")
         );
         assert!(
-            said("a.h5", None, &map).contains("not EPSG:32630 (WGS 84 / UTM zone 30N) (bring the map to EPSG:4326")
+            said("a.h5", None, &map).contains("not EPSG:32630 (WGS 84 / UTM zone 30N) (convert the map to EPSG:4326")
         );
         fs::create_dir(folder.path().join("taken.tif")).unwrap();
         said("taken.tif", None, &map);

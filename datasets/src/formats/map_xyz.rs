@@ -28,7 +28,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-/// Text whose first rows are of three numbers or more, but for a header.
+/// Text whose first rows are of three numbers or more, except for a header.
 fn recognise(head: &Head) -> bool {
     if head.bytes.contains(&0) {
         return false;
@@ -40,7 +40,7 @@ fn recognise(head: &Head) -> bool {
         words.len() >= 3 && words.iter().all(|w| number(w).is_some())
     };
     let rows: Vec<&str> = rows.take(3).collect();
-    // The last of them may be cut by the end of what was looked at.
+    // The last of them may be cut by the end of the inspected text.
     rows.len() == 3 && (numeric(rows[0]) || !numeric(rows[0]) && numeric(rows[1]))
 }
 
@@ -59,7 +59,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let heights = nodes.values.pop_if(|_| heights.is_some());
     let said = Said::of(&table.comments);
     if said.nodes.is_some_and(|n| n != values.len()) {
-        let what = format!("the file is cut short: {} rows of {} are there", values.len(), said.nodes.unwrap_or(0));
+        let what = format!("the file is cut short: {} of {} rows found", values.len(), said.nodes.unwrap_or(0));
         return Err(ReadError::data(path, what));
     }
     let system = match (said.epsg, geographic) {
@@ -95,7 +95,7 @@ fn columns(path: &Path, table: &TextTable) -> Result<(usize, usize, usize, bool)
     }
 }
 
-/// What the comments say.
+/// The information in the comments.
 #[derive(Debug, Default, PartialEq)]
 struct Said {
     epsg: Option<u16>,

@@ -1,4 +1,4 @@
-//! Words and numbers that stand for a missing value.
+//! Words and numbers that mark a missing value.
 
 use std::sync::Arc;
 
@@ -19,7 +19,7 @@ pub(super) const WORDS: [&str; 9] = ["*", "-", "--", "n/a", "#n/a", "na", "nan",
 /// field may well be that.
 pub(super) const NUMBERS: [f64; 2] = [-99_999.0, -1e32];
 
-/// What stands for a missing value in one file: the usual words, and those of the options.
+/// The marks of a missing value in one file: the usual words, and those of the options.
 #[derive(Clone, Debug)]
 pub(super) struct Missing {
     words: Vec<String>,
@@ -33,7 +33,7 @@ impl Missing {
         Missing { words, numbers: NUMBERS.into_iter().chain(given).filter(|x| !x.is_nan()).collect() }
     }
 
-    /// A number, NaN for a missing one; nothing for a word that is neither.
+    /// A number, NaN for a missing one; `None` for any other word.
     pub(super) fn number(&self, text: &str) -> Option<f64> {
         match text.parse::<f64>() {
             Ok(x) if self.numbers.contains(&x) => Some(f64::NAN),
@@ -42,7 +42,7 @@ impl Missing {
         }
     }
 
-    /// A whole number; `Some(None)` is a missing one, and a number with a fraction is none.
+    /// A whole number; `Some(None)` is a missing one; a number with a fraction gives `None`.
     pub(super) fn whole(&self, text: &str) -> Option<Option<i64>> {
         let x = self.number(text)?;
         if x.is_nan() {
@@ -52,7 +52,7 @@ impl Missing {
         (x.fract() == 0.0 && x.abs() < 9e15).then_some(Some(x as i64))
     }
 
-    /// Whether a text stands for a missing value.
+    /// Whether a text marks a missing value.
     pub(super) fn is_text(&self, text: &str) -> bool {
         self.number(text.trim()).is_some_and(f64::is_nan)
     }
@@ -61,17 +61,17 @@ impl Missing {
         is_usual_word(text) || self.words.iter().any(|w| w == text)
     }
 
-    /// The number, or NaN for one that stands for a missing value.
+    /// The number, or NaN for one that marks a missing value.
     pub(super) fn kept(&self, x: f64) -> f64 {
         if self.numbers.contains(&x) { f64::NAN } else { x }
     }
 
-    /// The highest number that stands for a missing value.
+    /// The highest number that marks a missing value.
     pub(super) fn highest(&self) -> f64 {
         self.numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// A column of another writer, with nulls for the numbers that stand for missing values.
+    /// A column of another writer, with nulls for the numbers that mark missing values.
     pub(super) fn nulled(&self, column: &ArrayRef) -> ArrayRef {
         fn one<T: ArrowPrimitiveType>(column: &ArrayRef, is: impl Fn(T::Native) -> bool) -> ArrayRef {
             let values = column.as_primitive::<T>();

@@ -1,7 +1,7 @@
 //! Foreign formats, one file each, and the registry that picks among them.
 //!
-//! A format is picked by its name in the options, else by the content of the file, else by its
-//! extension, so that a damaged file is still reported as what it was meant to be.
+//! A format is picked by its name in the options, otherwise by the content of the file, otherwise by its
+//! extension, so that a damaged file is still reported in its own format.
 
 use std::{
     collections::BTreeMap,
@@ -66,7 +66,7 @@ pub struct FlightOptions {
     /// The file's column names to canonical ones. A unit in the file's name (`GPS Lat (rad)`, `Alt ft`,
     /// `Mag_mgauss`) is taken as the column's unit, and one that does not convert is an error.
     pub rename: BTreeMap<String, String>,
-    /// The units of columns, by the file's own names. They are taken before what names and metadata say.
+    /// The units of columns, by the file's own names. They take precedence over names and metadata.
     pub units: BTreeMap<String, String>,
     /// Words and numbers that stand for a missing value, besides the usual ones (`N/A`, `NA`, `null`,
     /// `none`, `NaN`, `-`, `*`, an empty cell, -99999 and Geosoft's -1e32).
@@ -81,13 +81,13 @@ pub struct FlightOptions {
     pub accept: Vec<Accept>,
 }
 
-/// What helps to read a flight log, and makes no difference to what comes out.
+/// Hints for reading a flight log that do not affect the result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Reading {
-    /// What [`FlightReader::found`] said when the same file was opened with the same options: then it need not be gone
-    /// through for that again. Of a file that has changed since, it gives wrong values.
+    /// The result of [`FlightReader::found`] for the same file and options: the file is then not scanned
+    /// again. For a file that has changed since, it gives wrong values.
     pub found: Option<String>,
-    /// So many threads of the pool may work on the file at once.
+    /// The number of threads of the pool that may work on the file in parallel.
     pub threads: usize,
 }
 
@@ -97,7 +97,7 @@ impl Default for Reading {
     }
 }
 
-/// A flight log being read: its schema, and its rows in the file's order.
+/// An open flight log: its schema, and its rows in the file's order.
 ///
 /// Columns have the contract's names; each field's metadata `unit` is the unit that its values have,
 /// which `schemas::canonical` converts. A missing number is NaN or null.
@@ -110,33 +110,33 @@ pub struct FlightReader {
 }
 
 impl FlightOptions {
-    /// Whether a text, such as the identifier of a line, stands for a missing value.
+    /// Whether a text, such as the identifier of a line, marks a missing value.
     pub fn is_missing(&self, text: &str) -> bool {
         missing::Missing::of(self).is_text(text)
     }
 }
 
-/// Some rows of a flight, and what is wrong with single ones of them.
+/// Some rows of a flight, and the faults of single rows.
 #[derive(Clone, Debug)]
 pub struct Part {
     /// The rows. A value that could not be read is missing; a row that could not be split into columns has nothing
     /// but missing values, in the flight and line of the row before.
     pub batch: RecordBatch,
-    /// What could not be read, in the order of the rows.
+    /// The faults, in the order of the rows.
     pub faults: Vec<RowFault>,
 }
 
-/// What is wrong with one row.
+/// The fault of one row.
 #[derive(Clone, Debug)]
 pub struct RowFault {
     /// The row of the batch, from 0.
     pub row: usize,
-    /// What is wrong; its row is that of the file.
+    /// The fault; its row is that of the file.
     pub fault: ReadError,
 }
 
 impl Part {
-    /// Rows in which nothing is wrong.
+    /// Rows without faults.
     pub fn whole(batch: RecordBatch) -> Part {
         Part { batch, faults: vec![] }
     }
@@ -145,19 +145,19 @@ impl Part {
 /// The rows of a file, as they are read.
 pub type Parts = Box<dyn Iterator<Item = Result<Part, ReadError>> + Send>;
 
-/// What a format yields before names and keys are settled.
+/// The output of a format before names and keys are settled.
 pub struct Raw {
     /// The schema of every batch.
     pub schema: SchemaRef,
     /// The rows.
     pub parts: Parts,
-    /// What the file calls its columns, where the format has settled names and units itself.
+    /// The file's names of its columns, where the format has settled names and units itself.
     pub own: Option<Vec<String>>,
-    /// Whether numbers that stand for missing values are still among the values.
+    /// Whether numbers that mark missing values are still among the values.
     pub fillers: bool,
-    /// What was noticed, in words.
+    /// Notes for the user.
     pub notes: Vec<String>,
-    /// What the whole file had to be gone through for.
+    /// The result of scanning the whole file.
     pub found: Option<String>,
 }
 
@@ -174,7 +174,7 @@ impl FlightReader {
         self.format.name
     }
 
-    /// Says what the flight is made from, where that is not its file alone.
+    /// Sets the inputs of the flight, where they are not its file alone.
     pub fn made_from(&self) -> Option<SayMadeFrom> {
         self.format.made_from
     }
@@ -184,27 +184,27 @@ impl FlightReader {
         &self.schema
     }
 
-    /// What was noticed of the whole file that the user should know, in words.
+    /// Notes for the user on the whole file.
     pub fn notes(&self) -> &[String] {
         &self.notes
     }
 
-    /// What the whole file was gone through for when it was opened, for [`Reading::found`]; nothing where that was not
+    /// The result of scanning the whole file when it was opened, for [`Reading::found`]; `None` where that was not
     /// needed.
     pub fn found(&self) -> Option<&str> {
         self.found.as_deref()
     }
 
-    /// The next rows, with what is wrong with single ones, for a reader that can do without these.
+    /// The next rows, with the faults of single rows, for a reader that tolerates them.
     ///
     /// # Errors
-    /// Damage after which nothing more of the file can be read.
+    /// Fails for damage after which nothing more of the file can be read.
     pub fn next_part(&mut self) -> Option<Result<Part, ReadError>> {
         self.parts.next()
     }
 }
 
-/// The batches of a file in which every row is right: the first that is not is an error.
+/// The batches of a file in which every row is valid: the first fault is an error.
 impl Iterator for FlightReader {
     type Item = Result<RecordBatch, ReadError>;
 
@@ -228,12 +228,12 @@ impl std::fmt::Debug for FlightReader {
 pub struct MapOptions {
     /// The name of the format, where content and extension do not tell.
     pub format: Option<String>,
-    /// The EPSG code of the coordinates; needed for eastings and northings in a file that does not
-    /// say, and taken before what the file says.
+    /// The EPSG code of the coordinates; required for eastings and northings in a file that does not
+    /// give it; it takes precedence over the file.
     pub epsg: Option<u16>,
     /// The height of the map in metres above the WGS-84 ellipsoid, for files that hold none.
     pub alt_m: Option<f64>,
-    /// The unit of the anomaly; nT where neither this nor the file says.
+    /// The unit of the anomaly; nT where neither this nor the file gives it.
     pub unit: Option<String>,
 }
 
@@ -283,7 +283,7 @@ impl Head<'_> {
             return vec![];
         }
         let names = hdf5::Hdf5::open(self.path).map(|f| f.names().to_vec()).unwrap_or_default();
-        // A format is known by its own names too, whatever the options make of them.
+        // A format is known by its own names too, whatever the options rename.
         names.iter().flat_map(|n| [n.clone(), self.renamed(n).to_owned()]).collect()
     }
 
@@ -293,59 +293,59 @@ impl Head<'_> {
     }
 }
 
-/// Reading a pipe or a device may wait for ever, so it is refused.
+/// Reading a pipe or a device may block, so it is rejected.
 fn refuse_special(path: &Path) -> Result<(), ReadError> {
     let about = std::fs::metadata(path).map_err(|e| ReadError::io(path, &e))?;
     if about.is_file() || about.is_dir() {
         return Ok(());
     }
     let what = "is a pipe, socket or device, not a regular file";
-    Err(ReadError::options(path, what).help("write what it yields into a file, and name that"))
+    Err(ReadError::options(path, what).help("write its output to a file, and give that"))
 }
 
-/// What a flight is made from that its file does not hold but names, as a simulation is from its spec and a map.
+/// The inputs of a flight that its file refers to, as a simulation spec refers to a map.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MadeFrom {
     /// The files that its values depend on, its own first.
     pub files: Vec<PathBuf>,
-    /// How many lines come out.
+    /// The number of lines.
     pub lines: usize,
 }
 
-/// Says what a flight is made from.
+/// Returns the inputs of a flight.
 pub type SayMadeFrom = fn(&Path) -> Result<MadeFrom, ReadError>;
 
-/// A flight format: how it is called, recognised and opened.
+/// A flight format: its name, recognition and opening.
 #[derive(Clone, Copy)]
 pub struct FlightFormat {
     /// The name for [`FlightOptions::format`].
     pub name: &'static str,
     /// What it is, in a few words.
     pub about: &'static str,
-    /// What its files end in.
+    /// Its file extensions.
     pub extensions: &'static [&'static str],
     /// Whether a file is of this format, by its start.
     pub recognise: fn(&Head) -> bool,
     /// Opens a file.
     pub open: fn(&Path, &FlightOptions, &Reading) -> Result<Raw, ReadError>,
-    /// Where reading a file makes its values instead of finding them there: what from. That takes far less time than
+    /// Where the values are computed from a file instead of read: the inputs. That takes far less time than
     /// reading.
     pub made_from: Option<SayMadeFrom>,
 }
 
-/// Says which other files a map is made of.
+/// Returns the other files of a map.
 type Beside = fn(&Path) -> Result<Vec<PathBuf>, ReadError>;
 
 /// Writes a map into the files that it begins.
 type Write = fn(&GridMap, &mut output::Outputs) -> Result<(), ReadError>;
 
-/// A map format: how it is called, recognised, read and written.
+/// A map format: its name, recognition, reading and writing.
 pub struct MapFormat {
     /// The name for [`MapOptions::format`].
     pub name: &'static str,
     /// What it is, in a few words.
     pub about: &'static str,
-    /// What its files end in.
+    /// Its file extensions.
     pub extensions: &'static [&'static str],
     recognise: fn(&Head) -> bool,
     /// The other files that a map of one file is made of, where there may be some.
@@ -372,8 +372,8 @@ pub const FLIGHT_FORMATS: &[FlightFormat] = &[
     points_flight::FORMAT,
 ];
 
-/// The formats of files with `further` ones, in the order in which a file is tried: these come after Parquet, whose files
-/// say what they are, and before those that are known by the words in them.
+/// The formats of files with `further` ones, in the order in which a file is tried: these come after Parquet, whose
+/// files are self-describing, and before those that are recognised by their text.
 pub fn flight_formats(further: &[FlightFormat]) -> Vec<FlightFormat> {
     let (parquet, others) = FLIGHT_FORMATS.split_at(1);
     [parquet, further, others].concat()
@@ -398,16 +398,16 @@ pub const MAP_FORMATS: &[MapFormat] = &[
 /// Opens a flight log.
 ///
 /// # Errors
-/// A file that is missing, empty, damaged or in no known format, and options that do not fit it. What
-/// is wrong further on in the file comes out of the reader.
+/// Fails for a file that is missing, empty, damaged or in no known format, and options that do not fit it. Faults
+/// further on in the file are returned by the reader.
 pub fn open_flight(path: &Path, options: &FlightOptions) -> Result<FlightReader, ReadError> {
     open_flight_with(path, options, &Reading::default())
 }
 
-/// [`open_flight`] with what helps.
+/// [`open_flight`] with hints.
 ///
 /// # Errors
-/// As [`open_flight`].
+/// Fails as [`open_flight`].
 pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<FlightReader, ReadError> {
     open_flight_among(FLIGHT_FORMATS, path, options, reading)
 }
@@ -415,7 +415,7 @@ pub fn open_flight_with(path: &Path, options: &FlightOptions, reading: &Reading)
 /// [`open_flight_with`] in one of `formats`, such as those of [`flight_formats`].
 ///
 /// # Errors
-/// As [`open_flight`].
+/// Fails as [`open_flight`].
 pub fn open_flight_among(
     formats: &[FlightFormat],
     path: &Path,
@@ -434,7 +434,7 @@ pub fn open_flight_among(
 /// Reads a map and brings it onto a regular grid of latitude and longitude.
 ///
 /// # Errors
-/// A file that is missing, empty, damaged or in no known format, a grid that is not regular, and a
+/// Fails for a file that is missing, empty, damaged or in no known format, a grid that is not regular, and a
 /// height or coordinate system that neither the file nor the options give.
 pub fn read_map(path: &Path, options: &MapOptions) -> Result<Map, ReadError> {
     read_grid(path, options)?.to_geographic()
@@ -443,7 +443,7 @@ pub fn read_map(path: &Path, options: &MapOptions) -> Result<Map, ReadError> {
 /// Reads a map on its own grid, whatever its coordinates are: rows from the south, columns from the west, nT.
 ///
 /// # Errors
-/// As [`read_map`].
+/// Fails as [`read_map`].
 pub fn read_grid(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     let head = Head::read(path)?;
     let entries: Vec<_> = MAP_FORMATS.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
@@ -453,11 +453,11 @@ pub fn read_grid(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError
     Ok(GridMap { format: format.name, ..map })
 }
 
-/// The files that a map is made of: its own, or all of a folder's, and what lies beside it: the cells of a header, the
+/// The files that a map is made of: its own, or all of a folder's, and those next to it: the cells of a header, the
 /// coordinate system.
 ///
 /// # Errors
-/// A header that cannot be read.
+/// Fails for a header that cannot be read.
 pub fn map_files(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
     let mut files = vec![path.to_path_buf()];
     if path.is_dir() {
@@ -497,15 +497,15 @@ fn choose(head: &Head, named: Option<&str>, known: &[Choice], kind: &str) -> Res
     let by_extension = |c: &Choice| c.extensions.iter().any(|e| lower.ends_with(&format!(".{e}")));
     let found = known.iter().position(|c| (c.recognise)(head)).or_else(|| known.iter().position(by_extension));
     found.ok_or_else(|| {
-        ReadError::data(head.path, format!("is in no known {kind} format"))
-            .help(format!("known here: {}; name one with `format`", names.join(", ")))
+        ReadError::data(head.path, format!("is not in a known {kind} format"))
+            .help(format!("known here: {}; choose one with `format`", names.join(", ")))
     })
 }
 
-/// Runs a decoder that is not ours over bytes that may be damaged: should it panic, that is an error too.
+/// Runs a third-party decoder over bytes that may be damaged, and turns a panic into an error.
 pub(crate) fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T, ReadError>) -> Result<T, ReadError> {
     let outcome = catch_unwind(AssertUnwindSafe(decode));
-    outcome.unwrap_or_else(|_| Err(ReadError::data(path, "the file is damaged: its decoder gave up")))
+    outcome.unwrap_or_else(|_| Err(ReadError::data(path, "the file is damaged: its decoder failed")))
 }
 
 #[cfg(test)]

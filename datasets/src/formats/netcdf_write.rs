@@ -19,7 +19,7 @@ const CHAR: u32 = 2;
 const INT: u32 = 4;
 const DOUBLE: u32 = 6;
 
-/// A size that does not fit 32 bits is told as this; readers take it from the shape.
+/// The value for a size that does not fit 32 bits; readers derive it from the shape.
 const LARGE: u32 = u32::MAX;
 
 /// The value of an attribute.
@@ -122,7 +122,7 @@ fn variables(map: &GridMap) -> Vec<Variable> {
     all
 }
 
-/// What is said of the x axis (0) or the y axis (1).
+/// The attributes of the x axis (0) or the y axis (1).
 fn axis_attributes(map: &GridMap, which: usize) -> Vec<(&'static str, Value)> {
     let text = |t: &str| Value::Text(t.to_owned());
     let (names, unit) = match (map.is_geographic(), which) {
@@ -138,7 +138,7 @@ fn axis_attributes(map: &GridMap, which: usize) -> Vec<(&'static str, Value)> {
         degrees => degrees.to_owned(),
     };
     let axis = if which == 0 { &map.x } else { &map.y };
-    // GMT has the edges of cells here where they are what is registered.
+    // GMT has the edges of cells here where those are registered.
     let half = if map.registration == Registration::Pixel { 0.5 * axis.step } else { 0.0 };
     vec![
         ("standard_name", text(names[0])),
@@ -149,7 +149,7 @@ fn axis_attributes(map: &GridMap, which: usize) -> Vec<(&'static str, Value)> {
     ]
 }
 
-/// The header, for data that begins at `data`; its own length comes back.
+/// The header, for data that begins at `data`; returns its own length.
 fn encode(
     out: &mut Vec<u8>,
     map: &GridMap,

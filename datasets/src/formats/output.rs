@@ -1,4 +1,4 @@
-//! Writing maps: each file is made beside its place and renamed into it when whole.
+//! Writing maps: each file is written under a temporary name and renamed when complete.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -10,10 +10,11 @@ use std::{
 use super::{MAP_FORMATS, MapFormat};
 use crate::{ReadError, grid::GridMap};
 
-/// Writes a map, in the format that is named or that the path's extension stands for. What was at the path is
-/// replaced when the new file is whole; nothing half-written is left.
+/// Writes a map, in the format that is given or that of the path's extension. An existing file is
+/// replaced when the new file is complete; no partial file is left.
 ///
-/// Values are nT, or in the unit of a derivative where the format names one; unknown nodes are what the format has for them; notes are not kept. Beside the values
+/// Values are nT, or in the unit of a derivative where the format names one; unknown nodes have the format's own mark;
+/// notes are not kept. In addition to the values
 ///
 /// | format | keeps |
 /// |---|---|
@@ -24,8 +25,8 @@ use crate::{ReadError, grid::GridMap};
 /// | `surfer7`, `surfer6` (in single precision), `surfer6_text` | neither |
 ///
 /// # Errors
-/// A format that is unknown, not written, or not told by the extension, a map that it cannot hold, and a path that
-/// cannot be written.
+/// Fails for a format that is unknown, not written, or not determined by the extension, a map that it cannot store, and
+/// a path that cannot be written.
 pub fn write_grid(path: &Path, map: &GridMap, format: Option<&str>) -> Result<(), ReadError> {
     let chosen = writer_for(path, format)?;
     let Some(write) = chosen.write else {
@@ -42,17 +43,17 @@ pub fn write_grid(path: &Path, map: &GridMap, format: Option<&str>) -> Result<()
     outputs.commit()
 }
 
-/// Whether a map can be written to a file, before it is made: what [`write_grid`] would refuse whatever the map.
+/// Whether a map can be written to a file, before it is computed: the errors of [`write_grid`] for any map.
 ///
 /// # Errors
-/// A format that is not known or not written, and a folder that is not there.
+/// Fails for a format that is not known or not written, and a folder that does not exist.
 pub fn check_output(path: &Path, format: Option<&str>) -> Result<(), ReadError> {
     let chosen = writer_for(path, format)?;
     if chosen.write.is_none() {
         return Err(not_written(path, chosen.name));
     }
     match path.parent().filter(|folder| !folder.as_os_str().is_empty() && !folder.is_dir()) {
-        Some(folder) => Err(ReadError::options(path, format!("the folder `{}` is not there", folder.display()))),
+        Some(folder) => Err(ReadError::options(path, format!("the folder `{}` does not exist", folder.display()))),
         None => Ok(()),
     }
 }
@@ -61,12 +62,12 @@ pub fn check_output(path: &Path, format: Option<&str>) -> Result<(), ReadError> 
 const KEEP_UNIT: [&str; 5] = ["parquet", "geotiff", "netcdf", "er_mapper", "xyz"];
 
 fn not_written(path: &Path, name: &str) -> ReadError {
-    ReadError::options(path, format!("the map format `{name}` is read, not written")).help(writers())
+    ReadError::options(path, format!("the map format `{name}` can be read, but not written")).help(writers())
 }
 
 fn writers() -> String {
     let names: Vec<&str> = MAP_FORMATS.iter().filter(|f| f.write.is_some()).map(|f| f.name).collect();
-    format!("written are {}", names.join(", "))
+    format!("the formats that can be written are {}", names.join(", "))
 }
 
 fn writer_for(path: &Path, format: Option<&str>) -> Result<&'static MapFormat, ReadError> {
@@ -82,11 +83,11 @@ fn writer_for(path: &Path, format: Option<&str>) -> Result<&'static MapFormat, R
     let found: Vec<&MapFormat> = MAP_FORMATS.iter().filter(ends).collect();
     match found.as_slice() {
         [one] => Ok(one),
-        [] => Err(ReadError::options(path, "the extension stands for no map format that is written").help(writers())),
+        [] => Err(ReadError::options(path, "the extension is not that of a writable map format").help(writers())),
         several => {
             let names: Vec<&str> = several.iter().map(|f| f.name).collect();
-            let what = format!("the extension stands for several map formats: {}", names.join(", "));
-            Err(ReadError::options(path, what).help("name one with `format`"))
+            let what = format!("the extension belongs to several map formats: {}", names.join(", "));
+            Err(ReadError::options(path, what).help("choose one with `format`"))
         }
     }
 }
@@ -101,7 +102,7 @@ pub(crate) struct Outputs<'a> {
 pub(crate) type Sink = BufWriter<File>;
 
 impl Outputs<'_> {
-    /// Where the map goes.
+    /// The target of the map.
     pub(crate) fn path(&self) -> &Path {
         self.path
     }
@@ -116,7 +117,7 @@ impl Outputs<'_> {
         static COUNT: AtomicU64 = AtomicU64::new(0);
         let io = |e: &std::io::Error| ReadError::io(&path, e);
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned());
-        let Some(name) = name else { return Err(ReadError::options(&path, "is no name for a file")) };
+        let Some(name) = name else { return Err(ReadError::options(&path, "is not a file name")) };
         let count = COUNT.fetch_add(1, Ordering::Relaxed);
         let part = path.with_file_name(format!(".{name}.{}.{count}.part", std::process::id()));
         let file = OpenOptions::new().write(true).read(true).create_new(true).open(&part).map_err(|e| io(&e))?;
@@ -143,7 +144,7 @@ impl Outputs<'_> {
     }
 
     fn commit(mut self) -> Result<(), ReadError> {
-        // Backwards: what names other files comes first and is put in its place last.
+        // In reverse: a file that refers to others is the first and is renamed last.
         while let Some((part, path)) = self.made.pop() {
             if let Err(error) = fs::rename(&part, &path) {
                 self.made.push((part, path));
@@ -155,7 +156,7 @@ impl Outputs<'_> {
 }
 
 impl Drop for Outputs<'_> {
-    /// What was not put in its place is taken away.
+    /// Files that were not renamed are removed.
     fn drop(&mut self) {
         for (part, _) in &self.made {
             let _ = fs::remove_file(part);

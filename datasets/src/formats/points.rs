@@ -1,4 +1,4 @@
-//! Survey points: scattered values along lines, in whatever table they come, with their places in one projection.
+//! Survey points: scattered values along lines, in any table, with their positions in one projection.
 
 use std::path::Path;
 
@@ -30,7 +30,7 @@ pub struct PointOptions {
     pub line: Option<String>,
     /// The EPSG code of `x` and `y`; degrees of WGS-84 where their names are those of latitude and longitude.
     pub epsg: Option<u16>,
-    /// The EPSG code of the plane that the points come on; by default that of `x` and `y` where they are eastings and
+    /// The EPSG code of the plane of the points; by default that of `x` and `y` where they are eastings and
     /// northings, else the UTM zone of the middle of the points.
     pub to_epsg: Option<u16>,
 }
@@ -52,15 +52,15 @@ pub struct SurveyPoints {
     pub height_m: Vec<f64>,
     /// The values; NaN where missing.
     pub value_nt: Vec<f64>,
-    /// The line of each point, as a place in `lines`; all of one line where the file names none.
+    /// The line of each point, as an index into `lines`; all of one line where the file names none.
     pub line: Vec<u32>,
     /// The names of the lines, in the order in which they first occur.
     pub lines: Vec<String>,
-    /// What else the file has of the columns that a reduction needs.
+    /// Further columns of the file that a reduction needs.
     pub extra: Extra,
     /// The row of the file that each point comes from, the first being 0.
     pub row: Vec<u64>,
-    /// What was found and done, in words.
+    /// Notes on the file and its processing.
     pub notes: Vec<String>,
 }
 
@@ -150,10 +150,10 @@ const LINES: &[&str] = &[
 
 /// Reads survey points from Parquet, CSV, columns of text (Geosoft's XYZ with line records too) or any flight format.
 ///
-/// Points without a place are left out and counted in the notes; points without a value are kept, as NaN.
+/// Points without a position are skipped and counted in the notes; points without a value are kept, as NaN.
 ///
 /// # Errors
-/// A file that cannot be read, columns that are not there or hold no numbers, units that do not convert, and
+/// Fails for a file that cannot be read, columns that do not exist or hold no numbers, units that do not convert, and
 /// coordinates of no known system.
 pub fn read_points(path: &Path, options: &PointOptions) -> Result<SurveyPoints, ReadError> {
     let table = load(path, options.format.as_deref())?;
@@ -185,7 +185,7 @@ impl<'a> Found<'a> {
             Some(code) => code,
             None if degrees(x, LONGITUDES) && degrees(y, LATITUDES) => WGS84,
             None => {
-                let what = format!("nothing says what the coordinates `{}` and `{}` are", x.name, y.name);
+                let what = format!("the system of the coordinates `{}` and `{}` is not given", x.name, y.name);
                 let help = "give `epsg`, such as 32754 for UTM zone 54 south or 4326 for degrees";
                 return Err(ReadError::options(path, what).help(help));
             }
@@ -205,17 +205,17 @@ impl<'a> Found<'a> {
 
     fn notes(&self) -> Vec<String> {
         let mut notes =
-            vec![format!("places of `{}` and `{}`, values of `{}`", self.x.name, self.y.name, self.value.name)];
+            vec![format!("positions from `{}` and `{}`, values from `{}`", self.x.name, self.y.name, self.value.name)];
         match self.height {
             Some(height) if height.name.contains("orthometric") || height.name == "msl" => {
-                notes.push(format!("heights of `{}`, which are above sea level", height.name));
+                notes.push(format!("heights from `{}`, which are above sea level", height.name));
             }
-            Some(height) => notes.push(format!("heights of `{}`", height.name)),
+            Some(height) => notes.push(format!("heights from `{}`", height.name)),
             None => notes.push("the file has no heights".to_owned()),
         }
         match self.line {
-            Some(line) => notes.push(format!("lines of `{}`", line.name)),
-            None if !self.table.records.is_empty() => notes.push("lines of the file's line records".to_owned()),
+            Some(line) => notes.push(format!("lines from `{}`", line.name)),
+            None if !self.table.records.is_empty() => notes.push("lines from the file's line records".to_owned()),
             None => notes.push("the file names no lines".to_owned()),
         }
         notes
@@ -230,7 +230,7 @@ impl<'a> Found<'a> {
         let kept: Vec<usize> =
             x.iter().zip(&y).enumerate().filter(|(_, (x, y))| x.is_finite() && y.is_finite()).map(|(i, _)| i).collect();
         if kept.is_empty() {
-            return Err(ReadError::data(path, "no point has a place").in_column(&self.x.name));
+            return Err(ReadError::data(path, "no point has a position").in_column(&self.x.name));
         }
         let pick =
             |values: &[f64]| -> Vec<f64> { kept.iter().map(|i| values.get(*i).copied().unwrap_or(f64::NAN)).collect() };
@@ -255,7 +255,7 @@ impl<'a> Found<'a> {
         let mut value_nt = pick(&self.value.in_unit(path, "nT")?);
         let (line, lines) = self.lines(&kept);
         if kept.len() < self.table.rows {
-            notes.push(format!("{} points without a place are left out", self.table.rows - kept.len()));
+            notes.push(format!("{} points without a position are skipped", self.table.rows - kept.len()));
         }
         without_dummy(&mut value_nt, &mut notes);
         let unknown = value_nt.iter().filter(|v| v.is_nan()).count();
@@ -287,7 +287,7 @@ impl<'a> Found<'a> {
             let place = if self.system.code() == WGS84 { Some((*y, *x)) } else { self.system.unproject(*x, *y) };
             let place = place.filter(|(lat, lon)| lat.abs() <= 90.0 && lon.abs() <= 360.0);
             let (lat, lon) = place.ok_or_else(|| {
-                let what = format!("({x}, {y}) is no place in EPSG:{}", self.system.code());
+                let what = format!("({x}, {y}) is not a position in EPSG:{}", self.system.code());
                 ReadError::data(path, what).in_column(&self.x.name).in_row(*row as u64).help("check the EPSG code")
             })?;
             places.0.push(lat);
@@ -413,7 +413,7 @@ fn place_columns<'a>(
             return Ok((x, y));
         }
     }
-    Err(table.lacks(path, "places", "x", &["longitude and latitude", "easting and northing"]))
+    Err(table.lacks(path, "positions", "x", &["longitude and latitude", "easting and northing"]))
 }
 
 impl SurveyPoints {
@@ -452,19 +452,19 @@ impl SurveyPoints {
     /// A map on a grid that lies on the points' plane.
     ///
     /// # Errors
-    /// What [`GridMap::new`] refuses.
+    /// Fails as [`GridMap::new`].
     pub fn grid(&self, grid: PlaneGrid, height: Height) -> Result<GridMap, ReadError> {
         let unit_m = self.crs.unit_m();
         let axis = |a: EvenAxis| EvenAxis { first: a.first / unit_m, step: a.step / unit_m, len: a.len };
         GridMap::new(axis(grid.east_m), axis(grid.north_m), self.crs.clone(), grid.values, height)
     }
 
-    /// How many points there are.
+    /// The number of points.
     pub fn len(&self) -> usize {
         self.value_nt.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.value_nt.is_empty()
     }

@@ -1,4 +1,4 @@
-//! The table that survey points come in: Parquet, text or a flight log, as columns with their units.
+//! The table of survey points: Parquet, text or a flight log, as columns with their units.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ pub(super) const POINTS: &str = "points";
 /// A column of a table of points.
 pub(super) struct Column {
     pub(super) name: String,
-    /// The unit that the file says or the name ends in; empty where neither does.
+    /// The unit that the file gives or the name ends in; empty where neither does.
     unit: String,
     chunks: Vec<ArrayRef>,
 }
@@ -35,7 +35,7 @@ pub(super) struct Table {
 /// Loads a table, by its name or its content.
 ///
 /// # Errors
-/// A format that is unknown, and a file that cannot be read.
+/// Fails for a format that is unknown, and a file that cannot be read.
 pub(super) fn load(path: &Path, format: Option<&str>) -> Result<Table, ReadError> {
     let head = Head::read(path)?;
     match format {
@@ -81,7 +81,7 @@ fn from_flight(path: &Path, format: Option<&str>) -> Result<Table, ReadError> {
     let reader = open_flight(path, &options)?;
     let schema = reader.schema().clone();
     if reader.format() == "sgl_xyz" && !["lat", "lon"].iter().all(|n| schema.field_with_name(n).is_ok()) {
-        return Err(ReadError::data(path, "is no flight log"));
+        return Err(ReadError::data(path, "is not a flight log"));
     }
     let batches = reader.collect::<Result<Vec<_>, _>>()?;
     Ok(of_batches(&schema, &batches))
@@ -122,7 +122,7 @@ impl Table {
     /// The column that the options name, else the first of the usual names.
     ///
     /// # Errors
-    /// A named column that is not there.
+    /// Fails for a named column that does not exist.
     pub(super) fn named_or(
         &self,
         path: &Path,
@@ -142,12 +142,12 @@ impl Table {
         }
     }
 
-    /// An error that lists the columns there are.
+    /// An error that lists the columns.
     pub(super) fn lacks(&self, path: &Path, what: &str, option: &str, usual: &[&str]) -> ReadError {
         let names: Vec<&str> = self.columns.iter().map(|c| c.name.as_str()).collect();
         let usual: Vec<&str> = usual.iter().take(4).copied().collect();
         ReadError::options(path, format!("no column has the usual name for {what} ({}, ...)", usual.join(", ")))
-            .help(format!("name it with `{option}`; the columns are {}", names.join(", ")))
+            .help(format!("give it with `{option}`; the columns are {}", names.join(", ")))
     }
 
     /// The line of each row by the line records.
@@ -171,10 +171,10 @@ impl Column {
         convert(&self.unit, "deg").is_some()
     }
 
-    /// The numbers, in a unit; as they are where that is empty, or the file names none.
+    /// The numbers, in a unit; unchanged where that is empty, or the file gives none.
     ///
     /// # Errors
-    /// Values that are no numbers, and a unit that does not convert.
+    /// Fails for values that are no numbers, and a unit that does not convert.
     pub(super) fn in_unit(&self, path: &Path, wanted: &str) -> Result<Vec<f64>, ReadError> {
         let factor = match self.unit.as_str() {
             "" => 1.0,
@@ -191,7 +191,7 @@ impl Column {
             }
             let numbers = cast(chunk, &DataType::Float64).map_err(|e| ReadError::data(path, e.to_string()))?;
             let numbers = numbers.as_primitive::<Float64Type>();
-            // Geosoft's dummy, and others of its size, are no field, height or place.
+            // Geosoft's dummy, and others of its size, are not a field, height or position.
             let known = |x: f64| if x.abs() >= 1e30 { f64::NAN } else { x * factor };
             out.extend(numbers.iter().map(|x| x.map_or(f64::NAN, known)));
         }
@@ -213,7 +213,7 @@ impl Column {
 
 fn texts(chunk: &ArrayRef) -> Vec<String> {
     if let Some(numbers) = chunk.as_primitive_opt::<Float64Type>() {
-        // The shortest spelling: line 10 is no `10.0`.
+        // The shortest spelling: line 10 is not `10.0`.
         return numbers.iter().map(|x| x.map_or_else(String::new, |x| x.to_string())).collect();
     }
     let Ok(text) = cast(chunk, &DataType::Utf8) else { return vec![String::new(); chunk.len()] };

@@ -1,4 +1,4 @@
-//! The SGL surveys: what their fields mean, and what a reader makes of them. Shared by the HDF5 and
+//! The SGL surveys: the meaning of their fields, and their conversion. Shared by the HDF5 and
 //! the `.xyz` reader. [MagNav.jl, readmes/sgl_2020_fields_readme.txt]
 
 use std::path::Path;
@@ -106,8 +106,8 @@ pub(super) fn unit_of(name: &str, ins_angle: &'static str) -> &'static str {
     }
 }
 
-/// The unit of `ins_lat` and `ins_lon`, in which the readme and the files are not of one mind: the one
-/// that agrees with the GNSS latitude beside it, radians where there is none to compare with.
+/// The unit of `ins_lat` and `ins_lon`, on which the readme and the files disagree: the one
+/// that agrees with the GNSS latitude, radians where there is none to compare with.
 pub(super) fn ins_angle(lat_deg: Option<f64>, ins_lat: Option<f64>) -> &'static str {
     match (lat_deg, ins_lat) {
         // An INS is never a degree off; 1 rad and 1 deg of latitude differ by more beyond 1.02 degrees.
@@ -116,17 +116,17 @@ pub(super) fn ins_angle(lat_deg: Option<f64>, ins_lat: Option<f64>) -> &'static 
     }
 }
 
-/// One line of the survey with the contract's columns, of what the file holds.
+/// One line of the survey with the contract's columns, from the columns of the file.
 ///
 /// - `utm_z` is the height above the ellipsoid, `alt`.
 /// - `ins_vw` (west) and `ins_vu` (up) become `ins_ve` and `ins_vd`.
-/// - `ins_fn`, `ins_fe`, `ins_fd` are the accelerations, turned by the wander angle.
+/// - `ins_fn`, `ins_fe`, `ins_fd` are the accelerations, rotated by the wander angle.
 /// - `vn`, `ve`, `vd` are differences of the positions on the ellipsoid over the line.
 /// - `igrf` is `mag_1_dc - mag_1_igrf`.
 ///
 /// A column that the file lacks is absent, not filled in.
 ///
-/// What is wrong with single rows comes out beside the table.
+/// Faults of single rows are returned with the table.
 pub(super) fn finish(path: &Path, mut table: Table) -> Result<(Table, Vec<RowFault>), ReadError> {
     let mut faults = vec![];
     for (from, to, sign) in [("utm_z", "alt", 1.0), ("ins_vw", "ins_ve", -1.0), ("ins_vu", "ins_vd", -1.0)] {
@@ -150,7 +150,7 @@ pub(super) fn finish(path: &Path, mut table: Table) -> Result<(Table, Vec<RowFau
     for (name, spell) in [("line", line_text as fn(f64) -> String), ("flight", |x| x.to_string())] {
         match table.take(name) {
             Some(Values::Number(x)) => {
-                // A missing identifier is no text; whoever puts the lines together says so.
+                // A missing identifier is not text; the merge of the lines reports it.
                 let text = |x: &f64| if x.is_finite() { spell(*x) } else { String::new() };
                 table.push_front(name, Values::Text(x.iter().map(text).collect()));
             }

@@ -30,7 +30,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     made_from: None,
 };
 
-/// A data set, and the column it becomes.
+/// A data set, and its column of the flight table.
 struct Column {
     own: String,
     named: Named,
@@ -47,7 +47,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let mut sets = vec![];
     for name in file.names() {
         let set = file.need(name)?;
-        // `N`, `dt` and the like describe the file; 2-D sets have no place in a table of samples.
+        // `N`, `dt` and the like describe the file; 2-D sets do not belong in a table of samples.
         if set.shape.len() != 1 || !set.is_numeric() || (set.shape == [1] && rows != 1) {
             continue;
         }

@@ -34,7 +34,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let mut rows = Rows::open(path, options)?;
     rows.advance()?;
     let Some(first) = &rows.pending else {
-        return Err(ReadError::data(path, "holds a header and no rows"));
+        return Err(ReadError::data(path, "has a header and no rows"));
     };
     let value = |name: &str| {
         let at = rows.columns.iter().position(|c| c.meant == name)?;
@@ -211,7 +211,7 @@ impl Rows {
         }
     }
 
-    /// Takes the next row of data, if there is one, into `pending`.
+    /// Reads the next row of data, if there is one, into `pending`.
     fn advance(&mut self) -> Result<(), ReadError> {
         self.pending = None;
         let mut row = std::mem::take(&mut self.spare);
@@ -229,8 +229,8 @@ impl Rows {
         Ok(())
     }
 
-    /// What tells one line of the survey from the next; a row that has not one value for each column belongs to the
-    /// line before it.
+    /// The key that separates one line of the survey from the next; a row without one value for each column belongs to
+    /// the line before it.
     fn key(&self) -> Option<impl Iterator<Item = &str>> {
         let row = self.pending.as_ref().filter(|r| r.words.len() == self.columns.len())?;
         Some(self.keys.iter().filter_map(|i| row.word(*i)))

@@ -331,8 +331,8 @@ fn gold_files_that_no_format_knows() {
     let map = read_map(&written(&folder, "b.bin", "\0"), &MapOptions::default()).unwrap_err().to_string();
     assert!(
         map.ends_with(
-            "is in no known map format (known here: parquet, geotiff, magnav_hdf5, netcdf, surfer7, surfer6, surfer6_text, \
-             gxf, er_mapper, esri_ascii, magnav_csv, xyz; name one with `format`)"
+            "is not in a known map format (known here: parquet, geotiff, magnav_hdf5, netcdf, surfer7, surfer6, surfer6_text, \
+             gxf, er_mapper, esri_ascii, magnav_csv, xyz; choose one with `format`)"
         ),
         "{map}"
     );

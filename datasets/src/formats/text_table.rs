@@ -13,7 +13,7 @@ pub(super) struct TextTable {
     pub(super) names: Vec<String>,
     /// Whether the file names its columns.
     pub(super) named: bool,
-    /// Numbers where all values are, else text.
+    /// Numbers where all values are numbers, otherwise text.
     pub(super) columns: Vec<Values>,
     /// The comments, in order, without their mark.
     pub(super) comments: Vec<String>,
@@ -21,9 +21,9 @@ pub(super) struct TextTable {
     pub(super) records: Vec<(usize, String)>,
 }
 
-/// What a line is of.
+/// The kind of a line.
 enum Line<'t, 'w> {
-    /// Any line after the first row of names or values; whoever has no use for it as it is gets what it is of.
+    /// Any line after the first row of names or values, to be classified by the caller.
     Text(&'t str),
     Comment(&'t str),
     Record(String),
@@ -35,7 +35,7 @@ enum Line<'t, 'w> {
 /// Reads a whole table.
 ///
 /// # Errors
-/// A file that cannot be read or has no rows, and rows of unequal length.
+/// Fails for a file that cannot be read or has no rows, and rows of unequal length.
 pub(super) fn read(path: &Path) -> Result<TextTable, ReadError> {
     let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, &e))?;
     if bytes.contains(&0) {
@@ -47,7 +47,7 @@ pub(super) fn read(path: &Path) -> Result<TextTable, ReadError> {
 fn parse(path: &Path, text: &str) -> Result<TextTable, ReadError> {
     let text = text.trim_start_matches('\u{feff}');
     let mut table = TextTable { names: vec![], named: false, columns: vec![], comments: vec![], records: vec![] };
-    // The numbers of each column; `None` from the first word on that is none.
+    // The numbers of each column; `None` from the first word on that is not a number.
     let mut columns: Vec<Option<Vec<f64>>> = vec![];
     let (mut rows, mut numbers) = (0, vec![]);
     scan(text, |line| {
@@ -126,7 +126,7 @@ fn texts(text: &str, column: usize, rows: usize) -> Result<Vec<String>, ReadErro
     Ok(out)
 }
 
-/// Goes through the lines that are not blank. `visit` says whether it has taken the line.
+/// Visits the lines that are not blank. `visit` returns whether it has consumed the line.
 fn scan<'t>(text: &'t str, mut visit: impl FnMut(Line<'t, '_>) -> Result<bool, ReadError>) -> Result<(), ReadError> {
     let mut words: Vec<&'t str> = vec![];
     let mut begun = false;
@@ -167,7 +167,7 @@ impl TextTable {
         self.names = named.unwrap_or_else(|| (1..=width).map(|i| format!("column_{i}")).collect());
     }
 
-    /// Where a column of one of the names is, in the order of the names; case does not matter.
+    /// The index of the column of one of the names, in the order of the names; case does not matter.
     pub(super) fn find(&self, known: &[&str]) -> Option<usize> {
         known.iter().find_map(|k| self.names.iter().position(|n| lower(n) == *k))
     }
@@ -175,7 +175,7 @@ impl TextTable {
     /// The numbers of a column.
     ///
     /// # Errors
-    /// The first value that is none.
+    /// Fails for the first value that is none.
     pub(super) fn numbers(&self, path: &Path, column: usize) -> Result<&[f64], ReadError> {
         let name = self.names.get(column).map_or("", String::as_str);
         match self.columns.get(column) {
@@ -191,7 +191,7 @@ impl TextTable {
     }
 }
 
-/// Words by which a comment is known to name the columns.
+/// Words by which a comment is recognised as a list of column names.
 const KNOWN: [&str; 14] = [
     "x",
     "y",
@@ -213,7 +213,7 @@ pub(super) fn lower(name: &str) -> String {
     name.trim().trim_matches('"').to_ascii_lowercase()
 }
 
-/// What comments begin with.
+/// The marks of comments.
 const MARKS: [char; 5] = ['#', '/', '!', '%', '>'];
 
 /// The words of a line.
@@ -240,7 +240,7 @@ fn record(words: &[&str]) -> Option<String> {
     }
 }
 
-/// A row of names: none is a number, and one is a word that cannot be a missing value.
+/// Whether a row is one of names: none is a number, and one is a word that is not a missing value.
 fn is_header(words: &[&str]) -> bool {
     words.iter().all(|w| w.is_empty() || missing_or_number(w).is_none()) && words.iter().any(|w| !w.is_empty())
 }
@@ -256,7 +256,7 @@ fn known(value: f64) -> f64 {
     if value.abs() >= DUMMY || missing::NUMBERS.contains(&value) { f64::NAN } else { value }
 }
 
-/// The numbers of a line that has nothing but plain ones between separators of one kind, or blanks.
+/// The numbers of a line that has only plain ones between separators of one kind, or blanks.
 fn plain_numbers(line: &[u8], numbers: &mut Vec<f64>) -> bool {
     numbers.clear();
     let (mut at, mut separator) = (0, None);

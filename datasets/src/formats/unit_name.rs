@@ -3,16 +3,16 @@
 
 use schemas::{convert, flight, is_unit, usual_spelling};
 
-/// What a name says of its unit.
+/// The unit that a name implies.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Said {
-    /// Nothing.
+    /// No unit.
     Nothing,
-    /// A unit that is meant as one: in brackets, or of several letters at the end.
+    /// A definite unit: in brackets, or of several letters at the end.
     Unit(String),
     /// One or two letters at the end that are a unit, or an abbreviation of something else.
     Perhaps(String),
-    /// In brackets, something that is no known unit.
+    /// In brackets, something that is not a known unit.
     Unknown(String),
 }
 
@@ -49,8 +49,8 @@ const QUALIFIERS: &[&str] = &[
 const AMBIGUOUS: &[&str] =
     &["ns", "us", "ma", "mg", "mt", "mv", "ut", "min", "hr", "kn", "kt", "dps", "mm", "cm", "fpm", "mph", "pa"];
 
-/// What the name of a column says of the unit of its values. A name of the contract says nothing: the `t` of
-/// `flux_a_t` and the `a` of `flux_a` are no units.
+/// The unit that the name of a column implies. A standard name implies none: the `t` of
+/// `flux_a_t` and the `a` of `flux_a` are not units.
 pub(super) fn said_by(name: &str) -> Said {
     if is_canonical(name) {
         return Said::Nothing;
@@ -73,7 +73,7 @@ pub(super) fn is_canonical(name: &str) -> bool {
     flight::COLUMNS.iter().any(|(known, _)| *known == name) || !flight::describe(name).unit.is_empty()
 }
 
-/// The unit that an unrenamed column keeps: one that can hardly be anything else.
+/// The unit that an unrenamed column keeps: one that is not ambiguous.
 pub(super) fn kept_unit(name: &str) -> Option<String> {
     match said_by(name) {
         Said::Unit(unit) => Some(unit),
@@ -82,7 +82,7 @@ pub(super) fn kept_unit(name: &str) -> Option<String> {
     }
 }
 
-/// What stands in brackets at the end.
+/// The text in brackets at the end.
 fn bracketed(name: &str) -> Option<&str> {
     [('(', ')'), ('[', ']'), ('{', '}')].into_iter().find_map(|(open, close)| {
         let body = name.strip_suffix(close)?;
@@ -107,17 +107,17 @@ fn said_by_end(name: &str) -> Said {
     }
     let ends =
         name.char_indices().filter(|(_, c)| BETWEEN.contains(c)).filter_map(|(i, c)| name.get(i + c.len_utf8()..));
-    // The name itself is no end of it: a column `m` or `a` says nothing.
+    // The whole name is not an end of it: a column `m` or `a` implies no unit.
     let found = ends.filter(|end| end.len() < name.len()).find(|end| is_unit(&spelt(end)));
     let Some(end) = found else { return Said::Nothing };
     let unit = spelt(end);
     if end.len() > 1 {
-        // `uT` and `mA` in both cases are written by somebody who means the unit.
+        // `uT` and `mA` in both cases are definite units.
         let one_case = !(end.chars().any(char::is_lowercase) && end.chars().any(char::is_uppercase));
         let ambiguous = one_case && AMBIGUOUS.contains(&unit.to_ascii_lowercase().as_str());
         return if ambiguous { Said::Perhaps(unit) } else { Said::Unit(unit) };
     }
-    // One letter is a unit only as it is written in earnest: `t`, `a`, `v`, `g`, `c` are other things.
+    // One letter is a unit only in its exact case: `t`, `a`, `v`, `g`, `c` are other things.
     if ["T", "G", "A", "V", "m", "s", "g"].contains(&end) { Said::Perhaps(unit) } else { Said::Nothing }
 }
 
@@ -133,10 +133,10 @@ fn spelt(unit: &str) -> String {
     if is_unit(&slashed) { usual(&slashed) } else { unit.to_owned() }
 }
 
-/// Why a name does not settle the unit of the column that it becomes.
+/// Why a name does not determine the unit of its column.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Unsettled {
-    /// It says a unit of another dimension, or one that is not known.
+    /// It implies a unit of another dimension, or one that is not known.
     Other(String),
     /// Its last letter may be a unit or not, and the values differ.
     Ambiguous(String),
@@ -146,7 +146,7 @@ pub(super) enum Unsettled {
 /// name does not say.
 ///
 /// # Errors
-/// A name that says a unit which does not convert, or one that may mean two things.
+/// Fails for a name that says a unit which does not convert, or one that may mean two things.
 pub(super) fn unit_of_renamed(name: &str, ours: &str, wanted: &str) -> Result<Option<String>, Unsettled> {
     let factor = |unit: &str| convert(unit, wanted);
     match said_by(name) {

@@ -1,4 +1,4 @@
-//! Even axes: as a file has them, ascending or descending, and the way to the ascending one of a map.
+//! Even axes: as in a file, ascending or descending, and the way to the ascending one of a map.
 
 use std::path::Path;
 
@@ -6,14 +6,14 @@ use numerics::maps::plane_grid::EvenAxis;
 
 use crate::ReadError;
 
-/// Largest departure of a coordinate from its even place, as a fraction of the step. Single-precision
+/// Largest departure of a coordinate from its evenly spaced position, as a fraction of the step. Single-precision
 /// degrees depart by 0.8 % of a step of 0.001° at 140°.
 const EVENNESS: f64 = 0.01;
 
 /// The least step that single coordinates resolve, as a fraction of the largest coordinate.
 const RESOLUTION: f64 = 1e-12;
 
-/// An even axis as a file has it: `step` is below zero where the coordinates descend.
+/// An even axis as in a file: `step` is below zero where the coordinates descend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FileAxis {
     first: f64,
@@ -25,7 +25,7 @@ impl FileAxis {
     /// An axis from its first coordinate, its step and its length.
     ///
     /// # Errors
-    /// Fewer than two coordinates, and a step that makes no axis.
+    /// Fails for fewer than two coordinates, and a step that makes no axis.
     pub(crate) fn new(path: &Path, name: &str, first: f64, step: f64, len: usize) -> Result<FileAxis, ReadError> {
         let wrong = |what: String| Err(ReadError::data(path, what).in_column(name));
         if len < 2 {
@@ -33,10 +33,10 @@ impl FileAxis {
         }
         let last = first + step * (len - 1) as f64;
         if !(first.is_finite() && step.is_finite() && last.is_finite()) {
-            return wrong(format!("the axis begins at {first} and steps by {step}, which makes no grid"));
+            return wrong(format!("the axis begins at {first} and steps by {step}, which does not define a grid"));
         }
         if step.abs() <= RESOLUTION * first.abs().max(last.abs()) {
-            return wrong(format!("the axis steps by {step}, which makes no grid"));
+            return wrong(format!("the axis steps by {step}, which does not define a grid"));
         }
         Ok(FileAxis { first, step, len })
     }
@@ -44,15 +44,15 @@ impl FileAxis {
     /// The axis between its first and its last coordinate.
     ///
     /// # Errors
-    /// As [`FileAxis::new`].
+    /// Fails as [`FileAxis::new`].
     pub(crate) fn between(path: &Path, name: &str, first: f64, last: f64, len: usize) -> Result<FileAxis, ReadError> {
         FileAxis::new(path, name, first, (last - first) / (len.max(2) - 1) as f64, len)
     }
 
-    /// The axis that the coordinates make.
+    /// The axis of coordinates.
     ///
     /// # Errors
-    /// Coordinates that are fewer than two, repeat, or do not lie evenly.
+    /// Fails for coordinates that are fewer than two, repeat, or do not lie evenly.
     pub(crate) fn of(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, ReadError> {
         let first = coordinates.first().copied().unwrap_or(0.0);
         let last = coordinates.last().copied().unwrap_or(0.0);
@@ -65,14 +65,14 @@ impl FileAxis {
             let even = first + axis.step * i as f64;
             // NaN is not even either.
             if x.is_nan() || (x - even).abs() > EVENNESS * axis.step.abs() {
-                let what = format!("the axis is not even: {x} stands where {even} is expected");
+                let what = format!("the axis is not even: {x} is found where {even} is expected");
                 return Err(ReadError::data(path, what).in_column(name).in_row(i as u64));
             }
         }
         Ok(axis)
     }
 
-    /// How many coordinates there are.
+    /// The number of coordinates.
     pub(crate) fn len(&self) -> usize {
         self.len
     }
@@ -91,7 +91,7 @@ impl FileAxis {
 
 /// The node, as a fraction, of a coordinate; `None` off the axis.
 pub(crate) fn node_on(axis: &EvenAxis, coordinate: f64) -> Option<f64> {
-    // Rounding of a projection there and back must not lose the outermost nodes.
+    // Rounding of a projection forward and back must not lose the outermost nodes.
     const SLACK: f64 = 1e-6;
     let (node, last) = (axis.node(coordinate), axis.len.saturating_sub(1) as f64);
     (-SLACK..=last + SLACK).contains(&node).then(|| node.clamp(0.0, last))

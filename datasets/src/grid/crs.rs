@@ -21,19 +21,19 @@ pub struct Crs {
 impl Crs {
     /// The system with an EPSG code.
     ///
-    /// Projections agree with PROJ 9.5 within a millimetre (some 4800 codes were compared at one place each); the way
-    /// there and back closes within 1 cm, for a few datums hundreds of metres from WGS-84 within 25 cm. Datum shifts
-    /// are the three- or seven-parameter ones of the register: of the British National Grid within about 3 m of the
-    /// national grid-shift file, of modern continental datums, which drift apart from WGS-84, within 2 m, of old ones
-    /// by tens of metres in places.
+    /// Projections agree with PROJ 9.5 within a millimetre (some 4800 codes were compared at one position each); the
+    /// transformation forward and back closes within 1 cm, for a few datums hundreds of metres from WGS-84 within 25
+    /// cm. Datum shifts are the three- or seven-parameter ones of the register: of the British National Grid within
+    /// about 3 m of the national grid-shift file, of modern continental datums, which drift apart from WGS-84, within 2
+    /// m, of old ones by tens of metres in places.
     ///
     /// # Errors
-    /// A code that is unknown, whose projection is, or whose way to WGS-84 is: datums that are defined by a file of
+    /// Fails for an unknown code, projection or transformation to WGS-84: datums that are defined by a file of
     /// shifts (NAD27) or by none.
     pub fn from_epsg(path: &Path, code: u16) -> Result<Crs, ReadError> {
         let unknown = |why: String| {
             ReadError::options(path, format!("the coordinate system EPSG:{code} {why}"))
-                .help("project the map to a UTM zone or to latitude and longitude before")
+                .help("project the map to a UTM zone or to latitude and longitude first")
         };
         let known = crs_definitions::from_code(code).ok_or_else(|| unknown("is not known".to_owned()))?;
         if let Some(why) = refusal(code, known.proj4, known.wkt) {
@@ -46,15 +46,15 @@ impl Crs {
     /// WGS-84 latitude and longitude in degrees, EPSG:4326.
     ///
     /// # Errors
-    /// None: the code is known.
+    /// Never fails: the code is known.
     pub fn wgs84() -> Result<Crs, ReadError> {
         Crs::from_epsg(Path::new("EPSG:4326"), WGS84)
     }
 
-    /// The UTM zone of WGS-84 that a place lies in, by the zone's meridians alone (no exception for Norway).
+    /// The UTM zone of WGS-84 of a position, by the zone's meridians alone (no exception for Norway).
     ///
     /// # Errors
-    /// A place beyond 84 degrees north or south, where UTM ends.
+    /// Fails for a position beyond 84 degrees north or south, where UTM ends.
     pub fn utm_zone_of(lat_deg: f64, lon_deg: f64) -> Result<Crs, ReadError> {
         let nowhere = Path::new("UTM");
         if !(lat_deg.abs() <= 84.0 && lon_deg.is_finite()) {
@@ -80,7 +80,7 @@ impl Crs {
         self.wkt
     }
 
-    /// Its definition in PROJ's words.
+    /// Its PROJ definition.
     pub fn definition(&self) -> &'static str {
         self.definition
     }
@@ -106,7 +106,7 @@ impl Crs {
         self.projection.unproject(easting, northing)
     }
 
-    /// Whether its coordinates at a place are degrees of WGS-84 within about a metre.
+    /// Whether its coordinates at a position are degrees of WGS-84 within about a metre.
     pub(crate) fn is_wgs84_at(&self, lat_deg: f64, lon_deg: f64) -> bool {
         const METRE_DEG: f64 = 1e-5;
         let same = |(lat, lon): (f64, f64)| {
@@ -117,7 +117,7 @@ impl Crs {
     }
 }
 
-/// Systems whose axes or units the definitions do not tell rightly: kilometres off PROJ.
+/// Systems whose axes or units the definitions do not give correctly: kilometres off PROJ.
 const MISTAKEN: [u16; 5] = [2065, 3167, 5513, 8044, 8045];
 
 /// Why a system that is defined cannot be used.
@@ -127,12 +127,12 @@ fn refusal(code: u16, proj4: &str, wkt: &str) -> Option<&'static str> {
     let modern = ["GRS80", "WGS84"].iter().any(|e| value("+ellps") == Some(e));
     let sphere = value("+a").is_some() && value("+a") == value("+b");
     if MISTAKEN.contains(&code) {
-        return Some("its axes or units are not known rightly");
+        return Some("its axes or units are not known exactly");
     }
     if value("+proj") == Some("longlat") && !wkt.contains("UNIT[\"degree\"") {
         return Some("its angles are not degrees");
     }
-    (!shifted && !modern && !sphere).then_some("the way from its datum to WGS-84 is not known")
+    (!shifted && !modern && !sphere).then_some("the transformation from its datum to WGS-84 is not known")
 }
 
 /// The code of the coordinate system that well-known text defines, by its authority, else by its name.

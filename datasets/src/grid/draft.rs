@@ -1,4 +1,4 @@
-//! What a format found in its file, and how a [`GridMap`] is made of it: the rules that all formats share.
+//! The contents of a map file, and their conversion to a [`GridMap`]: the rules that all formats share.
 
 use std::path::Path;
 
@@ -19,37 +19,37 @@ pub(crate) struct Draft<'a> {
     /// The axis that runs fastest in `values`.
     pub(crate) x: FileAxis,
     pub(crate) y: FileAxis,
-    /// Row by row; what the file marks as unknown is NaN already.
+    /// Row by row; values that the file marks as unknown are already NaN.
     pub(crate) values: Vec<f64>,
     /// Heights in the same order, where the file has them.
     pub(crate) heights: Option<Vec<f64>>,
-    /// The one height of all nodes, where the file says it.
+    /// The one height of all nodes, where the file gives it.
     pub(crate) level_m: Option<f64>,
-    /// The unit of the values, where the file says it.
+    /// The unit of the values, where the file gives it.
     pub(crate) unit: Option<String>,
     pub(crate) system: System,
     pub(crate) registration: Registration,
     pub(crate) notes: Vec<String>,
 }
 
-/// What a file says about its coordinates.
+/// The coordinate system that a file gives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum System {
     /// A code.
     Epsg(u16),
-    /// Degrees, of no datum that is named.
+    /// Degrees, of an unnamed datum.
     Degrees,
     /// Eastings and northings of no known projection.
     Projected,
-    /// Nothing.
+    /// None.
     Unknown,
 }
 
-/// Said of a map whose height is unknown: nothing but a continuation needs it.
-pub(crate) const NO_HEIGHT: &str = "the file does not say how high the map is, so `alt` is NaN; `alt_m` gives it";
+/// The note on a map whose height is unknown: only a continuation needs it.
+pub(crate) const NO_HEIGHT: &str = "the file does not give the height of the map, so `alt` is NaN; set it with `alt_m`";
 
-/// Said of a map whose file names no unit.
-const NO_UNIT: &str = "the file names no unit; the values are taken as nT";
+/// The note on a map whose file gives no unit.
+const NO_UNIT: &str = "the file gives no unit; the values are taken as nT";
 
 impl<'a> Draft<'a> {
     /// A draft of axes and values alone.
@@ -71,7 +71,7 @@ impl<'a> Draft<'a> {
     /// The map: rows from the south, columns from the west, nT, longitudes around Greenwich.
     ///
     /// # Errors
-    /// A unit that is no field's, a coordinate system that is unknown, and what [`GridMap::new`] refuses.
+    /// Fails for a unit that is no field's, a coordinate system that is unknown, and as [`GridMap::new`].
     pub(crate) fn finish(mut self, options: &MapOptions) -> Result<GridMap, ReadError> {
         let nodes = self.x.len().saturating_mul(self.y.len());
         super::check_count(self.path, self.values.len(), nodes)?;
@@ -109,7 +109,7 @@ impl<'a> Draft<'a> {
             }
         }
         if x_down {
-            self.notes.push("the file's columns run from east to west; turned".to_owned());
+            self.notes.push("the file's columns run from east to west; reversed".to_owned());
         }
     }
 
@@ -134,7 +134,7 @@ impl<'a> Draft<'a> {
         Ok(NANOTESLA)
     }
 
-    /// A code given in the options is taken at its word; else the file's own is.
+    /// A code given in the options takes precedence over the file's own.
     fn crs(&self, options: &MapOptions) -> Result<Crs, ReadError> {
         let code = match (options.epsg, self.system) {
             (Some(code), _) | (None, System::Epsg(code)) => code,
@@ -149,11 +149,11 @@ impl<'a> Draft<'a> {
         let (x, y) = (self.x.ascending(), self.y.ascending());
         let degrees = x.first >= -180.0 && x.last() <= 360.0 && y.first >= -90.0 && y.last() <= 90.0;
         let help = if degrees {
-            "they could be degrees: give `epsg` = 4326 then, else the code of the coordinate system"
+            "they may be degrees: then give `epsg` = 4326, otherwise the code of the coordinate system"
         } else {
             "give `epsg`, the code of the coordinate system, such as 32754 for UTM zone 54 south"
         };
-        ReadError::options(self.path, "the file does not say what its coordinates are").help(help)
+        ReadError::options(self.path, "the file does not give its coordinate system").help(help)
     }
 
     fn height(&mut self, options: &MapOptions) -> Result<Height, ReadError> {
@@ -181,7 +181,7 @@ impl<'a> Draft<'a> {
 }
 
 pub(crate) fn no_epsg(path: &Path) -> ReadError {
-    ReadError::options(path, "the file does not say what its eastings and northings are")
+    ReadError::options(path, "the file does not give the system of its eastings and northings")
         .help("give `epsg`, the code of the coordinate system, such as 32754 for UTM zone 54 south")
 }
 

@@ -1,4 +1,4 @@
-//! A map on its own grid, as its file has it.
+//! A map on its own grid, as in its file.
 
 use std::path::PathBuf;
 
@@ -19,7 +19,7 @@ pub enum Height {
     Cells(Vec<f64>),
 }
 
-/// What the coordinates in a file stand for. Those of a [`GridMap`] are always those of the values themselves.
+/// The meaning of the coordinates in a file. Those of a [`GridMap`] are always those of the values themselves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Registration {
     /// The values are at the nodes, the outermost ones on the edge of the map.
@@ -39,17 +39,17 @@ pub struct GridMap {
     pub crs: Crs,
     /// The anomaly in nT by rows, the southernmost first, each from west to east; NaN where unknown.
     pub anomaly_nt: Vec<f64>,
-    /// What the values are in: `nT`, or for derivatives of the anomaly `nT/m` or `nT/m2`.
+    /// The unit of the values: `nT`, or for derivatives of the anomaly `nT/m` or `nT/m2`.
     pub value_unit: &'static str,
     /// The height above the WGS-84 ellipsoid.
     pub height: Height,
-    /// What the file's coordinates stood for.
+    /// The meaning of the file's coordinates.
     pub registration: Registration,
-    /// The name of the format it was read in; empty where it was made.
+    /// The name of the format it was read in; empty for a computed map.
     pub format: &'static str,
-    /// The file it was read from, for messages; empty where it was made.
+    /// The file it was read from, for messages; empty for a computed map.
     pub source: PathBuf,
-    /// What was done to the file's values on the way, in words.
+    /// Notes on the processing of the file's values.
     pub notes: Vec<String>,
 }
 
@@ -58,15 +58,15 @@ pub(crate) const NANOTESLA: &str = "nT";
 /// The units of its derivatives.
 pub(crate) const DERIVATIVES: [&str; 2] = ["nT/m", "nT/m2"];
 
-/// A scale of projection beyond this departure from 1 is taken off distances.
+/// A scale of projection beyond this departure from 1 is corrected in distances.
 const WORST_SCALE: f64 = 0.005;
 
 impl GridMap {
     /// A map of its axes and values, row by row from the south.
     ///
     /// # Errors
-    /// Axes of fewer than two nodes or that do not ascend, degrees that are not on the earth, values or heights of
-    /// another number than the nodes or infinite, and values of which none is known.
+    /// Fails for axes of fewer than two nodes or that do not ascend, degrees that are not on the earth, values or
+    /// heights of another number than the nodes or infinite, and values of which none is known.
     pub fn new(x: EvenAxis, y: EvenAxis, crs: Crs, anomaly_nt: Vec<f64>, height: Height) -> Result<GridMap, ReadError> {
         let (registration, source) = (Registration::Node, PathBuf::new());
         let value_unit = NANOTESLA;
@@ -76,7 +76,7 @@ impl GridMap {
         Ok(map)
     }
 
-    /// Refuses what [`GridMap::new`] does.
+    /// Makes the checks of [`GridMap::new`].
     pub(crate) fn check(&self) -> Result<(), ReadError> {
         let names = if self.crs.is_geographic() { ["lon", "lat"] } else { ["easting", "northing"] };
         for (axis, name) in [&self.x, &self.y].into_iter().zip(names) {
@@ -116,7 +116,7 @@ impl GridMap {
         }
     }
 
-    /// How many nodes there are.
+    /// The number of nodes.
     pub fn nodes(&self) -> usize {
         self.x.len.saturating_mul(self.y.len)
     }
@@ -142,7 +142,7 @@ impl GridMap {
         }
     }
 
-    /// Refuses a map of something else than the anomaly.
+    /// Rejects a map of any other quantity than the anomaly.
     pub(super) fn check_anomaly(&self) -> Result<(), ReadError> {
         if self.value_unit == NANOTESLA {
             return Ok(());
@@ -164,8 +164,8 @@ impl GridMap {
 
     /// Metres to a unit of `x` and of `y`, at the middle of the map.
     ///
-    /// Of eastings and northings that is the unit of the coordinate system; where the projection stretches by more
-    /// than 0.5 % there, as web Mercator does, it is metres on the ground. Of degrees it is the transverse radius of
+    /// For eastings and northings that is the unit of the coordinate system; where the projection stretches by more
+    /// than 0.5 % there, as web Mercator does, it is metres on the ground. For degrees it is the transverse radius of
     /// curvature times the cosine of the latitude, and the meridian radius [Torge & Müller, Geodesy, 4.1.3].
     pub fn unit_m(&self) -> (f64, f64) {
         if self.is_geographic() {
@@ -201,7 +201,7 @@ impl GridMap {
         }
     }
 
-    /// The map on a plane, in metres: what continuation, filling and gridding work on. The coordinates are those of
+    /// The map on a plane, in metres: the input of continuation, filling and gridding. The coordinates are those of
     /// the map times [`GridMap::unit_m`].
     pub fn plane(&self) -> PlaneGrid {
         let (x, y) = self.unit_m();
@@ -212,7 +212,7 @@ impl GridMap {
     /// The same map with other values, one a node, row by row from the south.
     ///
     /// # Errors
-    /// Values of another number than the nodes, infinite ones, and none that is known.
+    /// Fails for values of another number than the nodes, infinite ones, and none that is known.
     pub fn with_plane_values(&self, values: Vec<f64>) -> Result<GridMap, ReadError> {
         let map = GridMap { anomaly_nt: values, ..self.clone() };
         map.check()?;
@@ -223,7 +223,7 @@ impl GridMap {
     /// metres of [`GridMap::plane`]).
     ///
     /// # Errors
-    /// As [`GridMap::new`].
+    /// Fails as [`GridMap::new`].
     pub fn with_plane(&self, grid: PlaneGrid, height: Height) -> Result<GridMap, ReadError> {
         let (x, y) = self.unit_m();
         let (x, y) = (scaled(&grid.east_m, 1.0 / x), scaled(&grid.north_m, 1.0 / y));

@@ -1,9 +1,9 @@
-//! Interpolation between the nodes of a projected grid, local so that unknown nodes do no harm beyond
+//! Interpolation between the nodes of a projected grid, local so that unknown nodes have no effect beyond
 //! their neighbourhood.
 
 use numerics::maps::plane_grid::EvenAxis;
 
-/// The value at a place given in fractions of nodes, or NaN.
+/// The value at a position given in fractions of nodes, or NaN.
 ///
 /// A polynomial of ninth degree through the 10 x 10 nodes around the place; of fifth or third degree
 /// through 6 x 6 or 4 x 4 where one of those nodes is unknown or beyond the edge; NaN where one of the

@@ -1,11 +1,11 @@
-//! Longitudes of 0 to 360 degrees, brought to -180 to 180 without tearing the axis.
+//! Longitudes of 0 to 360 degrees, wrapped to -180 to 180 without splitting the axis.
 
 use numerics::maps::plane_grid::EvenAxis;
 
 /// How far, in steps, a round of the earth may be from a whole number of them.
 const SLACK: f64 = 1e-3;
 
-/// The axis and the column of the file that each of its columns is; `None` where all is as it should be.
+/// The axis and the column of the file that each of its columns is; `None` where no change is needed.
 ///
 /// A map round the earth begins at its first meridian from -180 degrees east. Any other map keeps its columns
 /// and is moved by whole rounds until its middle lies between -180 and 180 degrees: one that crosses the date

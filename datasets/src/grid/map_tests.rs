@@ -97,8 +97,11 @@ fn law_maps_across_the_date_line_stay_whole() {
 fn gold_a_map_around_a_pole() {
     let polar = made(3031, axis(-500_000.0, 50_000.0, 21), axis(-500_000.0, 50_000.0, 21));
     let said = polar.to_crs(4326, None).unwrap_err().to_string();
-    let help = "cut it, or keep it in its own coordinate system";
-    assert_eq!(said, format!("the map lies around a pole, which no grid of latitude and longitude can hold ({help})"));
+    let help = "trim it, or keep it in its own coordinate system";
+    assert_eq!(
+        said,
+        format!("the map contains a pole, which a grid of latitude and longitude cannot represent ({help})")
+    );
     assert_eq!(polar.summary().unwrap().lon_deg, None);
     // Beside the pole it is a map like any other.
     made(3031, axis(500_000.0, 50_000.0, 21), axis(-500_000.0, 50_000.0, 21)).to_crs(4326, None).unwrap();
@@ -123,7 +126,7 @@ fn gold_what_makes_no_map() {
     let said = new(x, y, 4326, four, Height::Cells(vec![0.0; 3]));
     assert_eq!(said, "column `alt`: the map has a height that is not a number");
     let map = made(32630, axis(300_000.0, 1000.0, 5), axis(5_500_000.0, 1000.0, 5));
-    assert_eq!(map.to_crs(32630, Some(-1.0)).unwrap_err().to_string(), "-1 is no spacing");
+    assert_eq!(map.to_crs(32630, Some(-1.0)).unwrap_err().to_string(), "-1 is not a valid spacing");
     assert!(map.to_crs(27700, Some(1e-3)).unwrap_err().to_string().contains("nodes is too large"));
     assert!(map.to_crs(27700, Some(1e6)).unwrap_err().to_string().contains("wider than the map"));
 }

@@ -34,11 +34,11 @@ pub struct Map {
     /// One row a cell, by latitude then longitude, both ascending: `lat`, `lon` (deg), `alt` (m above
     /// the WGS-84 ellipsoid), `anomaly` (nT, NaN where unknown).
     pub batch: RecordBatch,
-    /// How many latitudes there are.
+    /// The number of latitudes.
     pub n_lat: usize,
-    /// How many longitudes there are.
+    /// The number of longitudes.
     pub n_lon: usize,
-    /// What was done to the file's values on the way, in words.
+    /// Notes on the processing of the file's values.
     pub notes: Vec<String>,
 }
 
@@ -58,7 +58,7 @@ impl Map {
         Ok(Map { batch, n_lat, n_lon, notes: map.notes.clone() })
     }
 
-    /// The values of a column, one a cell; empty for a name that is none of the four.
+    /// The values of a column, one a cell; empty for any other name.
     pub fn column(&self, name: &str) -> &[f64] {
         let column = self.batch.column_by_name(name).and_then(|c| c.as_any().downcast_ref::<Float64Array>());
         column.map_or(&[], |c| c.values())
@@ -75,7 +75,7 @@ impl Map {
     }
 }
 
-/// Refuses values of another number than the nodes.
+/// Rejects values of another number than the nodes.
 pub(crate) fn check_count(path: &Path, values: usize, nodes: usize) -> Result<(), ReadError> {
     if values == nodes {
         return Ok(());
@@ -83,7 +83,7 @@ pub(crate) fn check_count(path: &Path, values: usize, nodes: usize) -> Result<()
     Err(ReadError::data(path, format!("the grid has {nodes} cells and {values} values")).in_column("anomaly"))
 }
 
-/// Refuses values of the wrong number, infinite ones, and a map without any.
+/// Rejects values of the wrong number, infinite ones, and a map without any.
 pub(crate) fn check_values(path: &Path, values: &[f64], nodes: usize) -> Result<(), ReadError> {
     check_count(path, values.len(), nodes)?;
     let wrong = |what: &str| ReadError::data(path, what).in_column("anomaly");

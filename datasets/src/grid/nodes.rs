@@ -1,4 +1,4 @@
-//! Maps that come as a list of nodes, in any order.
+//! Maps given as a list of nodes, in any order.
 
 use std::{collections::HashSet, path::Path};
 
@@ -7,14 +7,14 @@ use numerics::maps::plane_grid::EvenAxis;
 use super::axis::{FileAxis, node_on};
 use crate::ReadError;
 
-/// A list of nodes that lists fewer than one node in so many has no grid.
+/// A list with fewer than one node in this number of nodes has no grid.
 const SPARSEST: usize = 64;
 
 /// A scattered grid, one row a node in any order, as ascending axes and values by rows (`y`, then `x`). Each
 /// coordinate comes with the name that the file has for it. Nodes left out are NaN.
 ///
 /// # Errors
-/// Coordinates that make no regular grid, or a duplicate node.
+/// Fails for coordinates that make no regular grid, or a duplicate node.
 pub(crate) fn from_nodes(
     path: &Path,
     (x_name, x): (&str, &[f64]),
@@ -25,7 +25,7 @@ pub(crate) fn from_nodes(
     let (x_even, y_even) = (x_axis.ascending(), y_axis.ascending());
     let cells = x_even.len.checked_mul(y_even.len).filter(|n| *n <= x.len().saturating_mul(SPARSEST));
     let Some(cells) = cells else {
-        return Err(ReadError::data(path, "the coordinates make no regular grid").in_column(x_name));
+        return Err(ReadError::data(path, "the coordinates do not form a regular grid").in_column(x_name));
     };
     let mut filled = vec![false; cells];
     let mut values = vec![vec![f64::NAN; cells]; columns.len()];
@@ -48,7 +48,7 @@ pub(crate) fn from_nodes(
 /// The axis of the distinct coordinates.
 fn axis_of(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, ReadError> {
     if let Some(row) = coordinates.iter().position(|c| !c.is_finite()) {
-        return Err(ReadError::data(path, "the node has no place").in_column(name).in_row(row as u64));
+        return Err(ReadError::data(path, "the node has no position").in_column(name).in_row(row as u64));
     }
     // Few of many: the coordinates of a column are one in as many as there are rows.
     let mut seen = HashSet::new();
@@ -66,7 +66,7 @@ fn axis_of(path: &Path, name: &str, coordinates: &[f64]) -> Result<FileAxis, Rea
     FileAxis::of(path, name, &unique)
 }
 
-/// What [`from_nodes`] found.
+/// The result of [`from_nodes`].
 pub(crate) struct Nodes {
     pub(crate) x: FileAxis,
     pub(crate) y: FileAxis,

@@ -1,4 +1,4 @@
-//! A map on its own grid, as stages take it.
+//! A map on its own grid, as the input of stages.
 
 use std::sync::Arc;
 
@@ -16,11 +16,11 @@ use crate::ReadError;
 const MARGIN: f64 = 0.01;
 
 impl GridMap {
-    /// The map as stages look it up: the contract's table where its coordinates are degrees of WGS-84 (within a metre),
+    /// The map as stages use it: the map table where its coordinates are degrees of WGS-84 (within a metre),
     /// else its own nodes with their eastings and northings ([`OwnGrid`]). Nothing is interpolated.
     ///
     /// # Errors
-    /// Coordinates that are no place in their system, and what [`GridMap::new`] refuses.
+    /// Fails for coordinates that are no place in their system, and as [`GridMap::new`].
     pub fn table(&self) -> Result<RecordBatch, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
             return Ok(Map::of(self)?.batch);
@@ -71,7 +71,7 @@ fn within(axis: &EvenAxis, coordinate: f64) -> bool {
     (axis.first..=axis.last()).contains(&coordinate)
 }
 
-/// The contract's map of a table that [`GridMap::table`] made: as it is, or resampled to latitude and longitude.
+/// The contract's map of a table that [`GridMap::table`] made: unchanged, or resampled to latitude and longitude.
 ///
 /// # Errors
 /// A table that is not a map, and what [`GridMap::to_geographic`] refuses.

@@ -18,19 +18,19 @@ use crate::ReadError;
 /// The least grid that can be interpolated.
 const LEAST_NODES: usize = 4;
 
-/// More nodes than this are a spacing given in the wrong unit.
+/// The maximum number of nodes; more indicate a spacing in the wrong unit.
 const MOST_NODES: f64 = 1e9;
 
 /// The smallest and the largest coordinate.
 type Ends = (f64, f64);
 
 impl GridMap {
-    /// The contract's map: as it is where its coordinates are degrees of WGS-84 (within a metre), else resampled to
+    /// The map in degrees: unchanged where its coordinates are degrees of WGS-84 (within a metre), else resampled to
     /// a regular grid of latitude and longitude that covers it, with a spacing no wider than its own. Nodes outside
     /// the map, or within two nodes of an unknown one, are NaN then.
     ///
     /// # Errors
-    /// A map of fewer than 4 x 4 nodes, one around a pole, and coordinates that are no place in their system.
+    /// Fails for a map of fewer than 4 x 4 nodes, one around a pole, and coordinates that are no place in their system.
     pub fn to_geographic(&self) -> Result<Map, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
             return Map::of(self);
@@ -39,11 +39,11 @@ impl GridMap {
     }
 
     /// The map in another coordinate system, on a grid that covers it: the nodes are the whole multiples of
-    /// `spacing` (in units of that system, or degrees); without one the spacing is no wider than the map's own, and
+    /// `spacing` (in units of that system, or degrees); by default the spacing is no wider than the map's own, and
     /// the grid begins at its edge. Nodes outside the map, or within two nodes of an unknown one, are NaN.
     ///
     /// # Errors
-    /// An unknown system, a spacing that makes no grid, and what [`GridMap::to_geographic`] refuses.
+    /// Fails for an unknown system, a spacing that makes no grid, and as [`GridMap::to_geographic`].
     pub fn to_crs(&self, epsg: u16, spacing: Option<f64>) -> Result<GridMap, ReadError> {
         let target = Crs::from_epsg(&self.source, epsg)?;
         if self.crs == target && spacing.is_none() {
@@ -106,13 +106,13 @@ impl GridMap {
         (values.concat(), heights.concat())
     }
 
-    /// Column and row, as fractions, of a place in another system; `None` outside the map.
+    /// Column and row, as fractions, of a position in another system; `None` outside the map.
     fn place_of(&self, target: &Crs, x: f64, y: f64) -> Option<(f64, f64)> {
         let (lat, lon) = if target.code() == WGS84 { (y, x) } else { target.unproject(x, y)? };
         self.node_of(lat, lon)
     }
 
-    /// Column and row, as fractions, of a place in WGS-84 degrees; `None` outside the map.
+    /// Column and row, as fractions, of a position in WGS-84 degrees; `None` outside the map.
     pub(crate) fn node_of(&self, lat_deg: f64, lon_deg: f64) -> Option<(f64, f64)> {
         let (e, n) = self.crs.project(lat_deg, lon_deg)?;
         let row = node_on(&self.y, n)?;
@@ -127,13 +127,13 @@ impl GridMap {
         let (x, y) = if target.is_geographic() { (lon, lat) } else { self.bounds_in(target)? };
         let (x_step, y_step) = match spacing {
             Some(step) if step.is_finite() && step > 0.0 => (step, step),
-            Some(step) => return Err(self.fault(format!("{step} is no spacing"))),
+            Some(step) => return Err(self.fault(format!("{step} is not a valid spacing"))),
             None if target.is_geographic() => self.degrees_of_steps(lat),
             None => self.units_of_steps(target, (x.0 + x.1) / 2.0, (y.0 + y.1) / 2.0)?,
         };
         let nodes = ((x.1 - x.0) / x_step).abs() * ((y.1 - y.0) / y_step).abs();
         if nodes.is_nan() || nodes >= MOST_NODES {
-            return Err(self.fault(format!("a grid of {nodes:.0} nodes is too large")).help("give a wider spacing"));
+            return Err(self.fault(format!("a grid of {nodes:.0} nodes is too large")).help("widen the spacing"));
         }
         let axis = |ends: Ends, step: f64| match spacing {
             Some(_) => multiples(ends, step),
@@ -141,7 +141,7 @@ impl GridMap {
         };
         let (x, y) = (axis(x, x_step), axis(y, y_step));
         if x.len < 2 || y.len < 2 {
-            return Err(self.fault("the spacing is wider than the map").help("give a narrower one"));
+            return Err(self.fault("the spacing is wider than the map").help("narrow it"));
         }
         Ok((x, y))
     }
@@ -181,7 +181,7 @@ impl GridMap {
     /// 180 where the map crosses the date line.
     ///
     /// # Errors
-    /// A border that leaves the coordinate system, or that goes round a pole.
+    /// Fails for a border that leaves the coordinate system, or that goes round a pole.
     pub fn bounds_deg(&self) -> Result<(Ends, Ends), ReadError> {
         let (mut lat, mut lon) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
         let (mut before, mut first) = (None, None);
@@ -197,8 +197,8 @@ impl GridMap {
         }
         if !self.is_geographic() && before.zip(first).is_some_and(|(a, b)| (a - b).abs() > 180.0) {
             return Err(self
-                .fault("the map lies around a pole, which no grid of latitude and longitude can hold")
-                .help("cut it, or keep it in its own coordinate system"));
+                .fault("the map contains a pole, which a grid of latitude and longitude cannot represent")
+                .help("trim it, or keep it in its own coordinate system"));
         }
         let rounds = 360.0 * ((0.5 * (lon.0 + lon.1) + 180.0) / 360.0).floor();
         Ok((lat, (lon.0 - rounds, lon.1 - rounds)))
@@ -216,7 +216,7 @@ impl GridMap {
     }
 
     pub(super) fn no_place(&self, x: f64, y: f64, crs: &Crs) -> ReadError {
-        self.fault(format!("({x}, {y}) is no place in EPSG:{}", crs.code())).help("check the EPSG code")
+        self.fault(format!("({x}, {y}) is not a position in EPSG:{}", crs.code())).help("check the EPSG code")
     }
 
     /// The border's nodes, once round and back to the first.

@@ -1,4 +1,4 @@
-//! What a map is, in figures: its extent, spacing, height, gaps and statistics.
+//! The statistics of a map: its extent, spacing, height, gaps and statistics.
 
 use super::{GridMap, Height, Registration};
 use crate::ReadError;
@@ -12,10 +12,10 @@ pub enum Figure {
     Text(String),
 }
 
-/// What [`GridMap::summary`] tells. Coordinates are those of the outermost nodes.
+/// The result of [`GridMap::summary`]. Coordinates are those of the outermost nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapSummary {
-    /// The name of the format; empty for a map that was made.
+    /// The name of the format; empty for a computed map.
     pub format: String,
     /// The EPSG code of the coordinates.
     pub epsg: u16,
@@ -23,9 +23,9 @@ pub struct MapSummary {
     pub system: String,
     /// The unit of the coordinates: `deg`, `m`, `ft`, `us-ft`, or nothing for a rarer one.
     pub unit: &'static str,
-    /// What the file's coordinates stood for.
+    /// The meaning of the file's coordinates.
     pub registration: Registration,
-    /// How many columns and rows there are.
+    /// The number of columns and rows.
     pub nodes: (usize, usize),
     /// West and east end, in the unit of the system or in degrees.
     pub x: (f64, f64),
@@ -41,9 +41,9 @@ pub struct MapSummary {
     pub lon_deg: Option<(f64, f64)>,
     /// The lowest and the highest height, in metres above the ellipsoid; NaN where unknown.
     pub height_m: (f64, f64),
-    /// What the values are in: `nT`, or for derivatives `nT/m` or `nT/m2`.
+    /// The unit of the values: `nT`, or for derivatives `nT/m` or `nT/m2`.
     pub value_unit: &'static str,
-    /// How many nodes are unknown.
+    /// The number of unknown nodes.
     pub unknown: usize,
     /// Smallest, mean and largest known value, in nT.
     pub min_mean_max_nt: (f64, f64, f64),
@@ -53,7 +53,7 @@ pub struct MapSummary {
     pub percentiles_nt: [f64; 7],
     /// Mean absolute difference between neighbours along x and along y, both known, in nT.
     pub mean_step_nt: (f64, f64),
-    /// What was done to the file's values.
+    /// Notes on the processing of the file's values.
     pub notes: Vec<String>,
 }
 
@@ -61,10 +61,10 @@ pub struct MapSummary {
 pub const PERCENTILES: [f64; 7] = [1.0, 5.0, 25.0, 50.0, 75.0, 95.0, 99.0];
 
 impl GridMap {
-    /// What the map is, in figures.
+    /// The statistics of the map.
     ///
     /// # Errors
-    /// What [`GridMap::new`] refuses.
+    /// Fails as [`GridMap::new`].
     pub fn summary(&self) -> Result<MapSummary, ReadError> {
         self.check()?;
         let mut known: Vec<f64> = self.anomaly_nt.iter().copied().filter(|v| !v.is_nan()).collect();
@@ -127,7 +127,7 @@ fn percentile(sorted: &[f64], percent: f64) -> f64 {
 }
 
 impl MapSummary {
-    /// All of it as names, values and units, in the order to be shown in; what is unknown is left out.
+    /// All of it as names, values and units, in display order; unknown values are omitted.
     pub fn figures(&self) -> Vec<(String, Figure, &'static str)> {
         let (unit, number) = (self.unit, Figure::Number);
         let mut all = vec![

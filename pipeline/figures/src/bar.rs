@@ -8,16 +8,16 @@ use super::{
 
 /// Thickness of the bar.
 pub const THICK: f64 = 15.0;
-/// Length of the point at an end beyond which there are values.
+/// Length of the pointed end of a bar that is exceeded by values.
 const POINT: f64 = 9.0;
 /// Between the bar and its numbers.
 const GAP: f64 = 7.0;
-/// Colours that are set down; the painters blend them.
+/// The number of colour stops; the painters interpolate between them.
 const STOPS: usize = 129;
 
 /// A colour bar, with its name.
 pub struct Bar<'a> {
-    /// What it explains.
+    /// The scale that it shows.
     pub scale: &'a ColourScale,
     /// Quantity and unit.
     pub name: String,
@@ -26,7 +26,7 @@ pub struct Bar<'a> {
 }
 
 impl Bar<'_> {
-    /// What it takes across its length, with numbers and name.
+    /// Its total breadth, with numbers and name.
     pub fn breadth(&self) -> f64 {
         let apart = if self.upward { 8.0 } else { 4.0 };
         let name = if self.name.is_empty() { 0.0 } else { NAME + apart };
@@ -60,7 +60,7 @@ impl Bar<'_> {
         (if below { POINT } else { 0.0 }, if above { POINT } else { 0.0 })
     }
 
-    /// A place at `along` the bar, 0 to 1, and `across` it, 0 on the side without numbers.
+    /// A position at `along` the bar, 0 to 1, and `across` it, 0 on the side without numbers.
     fn at(&self, rect: &Rect, along: f64, across: f64) -> Spot {
         match self.upward {
             true => (rect.x + across * rect.w, rect.bottom() - along * rect.h),
@@ -82,7 +82,7 @@ impl Bar<'_> {
         around
     }
 
-    /// The colours of what is beyond the ends.
+    /// The colours beyond the ends.
     fn points(&self, rect: &Rect) -> Vec<Mark> {
         let length = if self.upward { rect.h } else { rect.w };
         let (below, above) = self.ends();
@@ -100,7 +100,7 @@ impl Bar<'_> {
         let ticks = self.scale.ticks((most as usize).clamp(2, 11));
         let length = if self.upward { rect.w } else { rect.h };
         let along = |k: usize, at: f64| {
-            // Labels of an equalised scale are at even places, even where values repeat.
+            // Labels of an equalised scale are evenly spaced, even where values repeat.
             if self.scale.by_rank() { k as f64 / (ticks.len() - 1) as f64 } else { self.scale.along(at) }
         };
         let mut out = vec![];

@@ -25,7 +25,7 @@ pub struct Canvas {
 }
 
 impl Canvas {
-    /// An area for `bounds`, as wide as high where they are.
+    /// An area for `bounds`, in their aspect ratio.
     pub fn new(bounds: Bounds) -> Canvas {
         let shrink = (0.5 * (bounds.lat.0 + bounds.lat.1)).to_radians().cos().max(0.01);
         let (wide, high) = ((bounds.lon.1 - bounds.lon.0) * shrink, bounds.lat.1 - bounds.lat.0);
@@ -38,22 +38,22 @@ impl Canvas {
         self.width / (self.bounds.lon.1 - self.bounds.lon.0)
     }
 
-    /// The place of a longitude, a full turn away if need be.
+    /// The x coordinate of a longitude, a full turn away if necessary.
     pub fn x(&self, lon: f64) -> f64 {
         let (west, east) = self.bounds.lon;
         let middle = 0.5 * (west + east);
         (middle + wrap_deg(lon - middle) - west) * self.per_degree_east()
     }
 
-    /// The place of a latitude; north is up.
+    /// The y coordinate of a latitude; north is up.
     pub fn y(&self, lat: f64) -> f64 {
         (self.bounds.lat.1 - lat) / (self.bounds.lat.1 - self.bounds.lat.0) * self.height
     }
 
-    /// The place of a latitude and longitude; `None` far outside.
+    /// The position of a latitude and longitude; `None` far outside.
     pub fn spot(&self, (lat, lon): (f64, f64)) -> Option<(f64, f64)> {
         let (x, y) = (self.x(lon), self.y(lat));
-        // Far outside a line is of no use; the neighbouring places keep its direction.
+        // Positions far outside are dropped; the neighbouring positions keep the direction of the line.
         let near = |v: f64, side: f64| (-side..2.0 * side).contains(&v);
         (near(x, self.width) && near(y, self.height)).then_some((x, y))
     }
@@ -66,12 +66,12 @@ impl Canvas {
         wide.abs() / self.width
     }
 
-    /// Where the area begins on the picture: it stands in the middle.
+    /// The left edge of the area on the picture, which is centred.
     fn left(&self) -> f64 {
         LEFT + 0.5 * (SIDE - LEFT - RIGHT - self.width).max(0.0)
     }
 
-    /// The whole picture: what is inside, cut off at the frame, and the degrees around it.
+    /// The whole picture: the contents, clipped at the frame, and the degrees around it.
     pub fn framed(&self, label: &str, inside: Markup) -> Markup {
         let (left, w, h) = (px(self.left()), px(self.width), px(self.height));
         html! {
@@ -105,7 +105,7 @@ impl Canvas {
         }
     }
 
-    /// Scale bar and north arrow, in the corners where they hide the least of `spots`.
+    /// Scale bar and north arrow, in the corners where they hide the fewest of `spots`.
     pub fn furniture(&self, spots: &[(f64, f64)]) -> Markup {
         let (metres, long) = self.scale();
         let bar = self.corner(spots, (long + 10.0, 25.0), None);

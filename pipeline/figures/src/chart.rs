@@ -17,7 +17,7 @@ pub struct Dim {
     pub label: String,
     /// Whether it is logarithmic.
     pub log: bool,
-    /// Its ends, where the data shall not choose them.
+    /// Its ends, where they do not follow the data.
     pub range: Option<(f64, f64)>,
 }
 
@@ -33,10 +33,10 @@ impl Dim {
     }
 }
 
-/// A line through points; a NaN breaks it.
+/// A line through points; NaN interrupts it.
 #[derive(Clone, Debug)]
 pub struct Line {
-    /// What it is.
+    /// Its name.
     pub name: String,
     /// Its class in the style sheet, which gives the colour.
     pub class: &'static str,
@@ -47,18 +47,18 @@ pub struct Line {
 /// The area between two curves.
 #[derive(Clone, Debug)]
 pub struct Band {
-    /// What it is.
+    /// Its name.
     pub name: String,
-    /// Place, lower and upper end.
+    /// Abscissa, lower and upper end.
     pub points: Vec<(f64, f64, f64)>,
 }
 
 /// A plot.
 #[derive(Clone, Debug, Default)]
 pub struct Chart {
-    /// What it shows.
+    /// Its title.
     pub title: String,
-    /// What is to be seen in it.
+    /// Its caption.
     pub caption: String,
     /// The horizontal axis.
     pub x: Dim,
@@ -68,17 +68,17 @@ pub struct Chart {
     pub bands: Vec<Band>,
     /// The lines, the first at the bottom.
     pub lines: Vec<Line>,
-    /// Values to compare with: name and height.
+    /// Reference values: name and value.
     pub levels: Vec<(String, f64)>,
-    /// A stretch of the horizontal axis to mark.
+    /// An interval of the horizontal axis to mark.
     pub stretch: Option<(String, f64, f64)>,
-    /// Places to mark: name and coordinates.
+    /// Points to mark: name and coordinates.
     pub marks: Vec<(String, f64, f64)>,
     /// Height of the picture.
     pub height: f64,
 }
 
-/// An axis as it lies on the picture.
+/// An axis on the picture.
 struct Side {
     low: f64,
     high: f64,
@@ -94,7 +94,7 @@ impl Side {
         } else {
             (value - self.low) / (self.high - self.low)
         };
-        // What is far outside is cut off by the frame anyway; huge coordinates upset some viewers.
+        // Coordinates far outside are clipped by the frame; huge ones break some viewers.
         self.from_px + part.clamp(-2.0, 3.0) * (self.to_px - self.from_px)
     }
 
@@ -143,7 +143,7 @@ impl Chart {
         let places = self.marks.iter().filter_map(|(name, at, value)| Some((name, spot(x, y, *at, *value)?)));
         html! {
             @for (name, (left, top)) in places {
-                // Beside the mark, on the side where there is room.
+                // Next to the mark, on the side where there is room.
                 @let (by, anchor) = if left < 0.5 * WIDTH { (12.0, "start") } else { (-12.0, "end") };
                 circle.mark cx=(px(left)) cy=(px(top)) r="5" {}
                 text.mark x=(px(left + by)) y=(px(top - 8.0)) text-anchor=(anchor) { (name) }
@@ -220,7 +220,7 @@ impl Chart {
     }
 }
 
-/// The ends of an axis, with a margin, and never both the same.
+/// The ends of an axis, with a margin, never equal.
 fn padded(low: f64, high: f64, log: bool, margin: f64) -> (f64, f64) {
     if log {
         let factor = (high / low).powf(margin).max(1.0 + 1e-6);
@@ -234,7 +234,7 @@ fn padded(low: f64, high: f64, log: bool, margin: f64) -> (f64, f64) {
     (low - margin * span, high + margin * span)
 }
 
-/// A place on the picture; `None` where it has none.
+/// A position on the picture; `None` where it is undefined.
 fn spot(x: &Side, y: &Side, at: f64, value: f64) -> Option<(f64, f64)> {
     let there = at.is_finite() && value.is_finite() && !(x.log && at <= 0.0) && !(y.log && value <= 0.0);
     there.then(|| (x.at(at), y.at(value)))
@@ -265,7 +265,7 @@ pub fn path(spots: impl Iterator<Item = Option<(f64, f64)>>) -> String {
     out
 }
 
-/// The outline of a band: one closed shape for each stretch without a gap.
+/// The outline of a band: one closed shape for each interval without a gap.
 fn area(band: &Band, x: &Side, y: &Side) -> String {
     let whole = |p: &(f64, f64, f64)| Some((spot(x, y, p.0, p.1)?, spot(x, y, p.0, p.2)?));
     let spots: Vec<Option<_>> = band.points.iter().map(whole).collect();

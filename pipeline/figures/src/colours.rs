@@ -14,13 +14,13 @@ const SCALE_NODES: usize = 1024;
 /// The colour scale of a map.
 ///
 /// # Errors
-/// As [`ColourScale::new`].
+/// Fails as [`ColourScale::new`].
 pub fn colour_scale(picture: &MapPicture, look: &Look) -> Result<ColourScale, Fault> {
     let reduced = sheet(picture, &Window::of(picture), (SCALE_NODES, SCALE_NODES));
     ColourScale::new(&reduced.values, look.scale, look.palette)
 }
 
-/// How much shorter a step of the map's x is on the ground than one of its y.
+/// The ratio on the ground of a step of the map's x to one of its y.
 pub fn shrink(picture: &MapPicture) -> f64 {
     match picture.plane {
         Plane::Metres => 1.0,
@@ -28,7 +28,7 @@ pub fn shrink(picture: &MapPicture) -> f64 {
     }
 }
 
-/// A map made ready for pictures of about one size.
+/// A map prepared for pictures of about one size.
 pub struct Coloured<'a> {
     sheet: Sheet,
     lights: Option<Vec<f64>>,

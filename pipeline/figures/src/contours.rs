@@ -12,17 +12,17 @@ use super::{
 };
 use crate::ticks;
 
-/// The most lines of different values.
+/// The maximum number of lines of different values.
 const MOST: f64 = 400.0;
-/// Every so manieth line is heavier.
+/// Every line of this multiple is heavier.
 const HEAVY: i64 = 5;
-/// Length on the paper of a cell on which lines are drawn; finer ones are averaged, noise makes no lines.
+/// Length on the paper of a cell on which lines are drawn; finer ones are averaged, so that noise gives no lines.
 const CELL: f64 = 2.5;
 
 /// The lines at multiples of `step`, and their entry in the legend.
 ///
 /// # Errors
-/// When `step` is not above zero or makes too many lines.
+/// Fails when `step` is not above zero or makes too many lines.
 pub fn marks(frame: &Frame, step: f64) -> Result<(Vec<Mark>, Entry), Fault> {
     if !(step > 0.0 && step.is_finite()) {
         return Err(Fault::new(format!("contour lines every {step} cannot be drawn")).help("give a step above zero"));
@@ -35,7 +35,7 @@ pub fn marks(frame: &Frame, step: f64) -> Result<(Vec<Mark>, Entry), Fault> {
     if last - first >= MOST {
         let unit = frame.picture.unit;
         return Err(Fault::new(format!("contour lines every {step} {unit} would be {} lines", last - first + 1.0))
-            .help(format!("from {low:.1} to {high:.1} {unit}, at most {MOST} lines are drawn")));
+            .help(format!("from {low:.1} to {high:.1} {unit}, the limit is {MOST} lines")));
     }
     let (mut light, mut heavy) = (vec![], vec![]);
     for k in first as i64..=last as i64 {
@@ -81,7 +81,7 @@ fn lines(sheet: &Sheet, level: f64) -> Vec<Vec<Spot>> {
     out
 }
 
-/// The edges from `start` on, taken out of `links` on the way.
+/// The edges from `start` on, removed from `links`.
 fn walk(links: &mut BTreeMap<usize, Vec<usize>>, start: usize) -> Vec<usize> {
     let mut line = vec![start];
     let mut at = start;
@@ -120,7 +120,7 @@ fn cuts(sheet: &Sheet, row: usize, column: usize, level: f64) -> Vec<(usize, usi
     }
 }
 
-/// Where the level crosses an edge.
+/// The crossing of the level and an edge.
 fn crossing(sheet: &Sheet, edge: usize, level: f64) -> Spot {
     let (node, upward) = (edge / 2, edge % 2 == 1);
     let other = node + if upward { sheet.x.len } else { 1 };

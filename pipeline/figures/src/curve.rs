@@ -3,16 +3,16 @@
 use super::svg::{XML, clean};
 use crate::chart::{Chart, Dim, Line};
 
-/// What a curve is called.
+/// The labels of a curve.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CurveLabels<'a> {
-    /// What it shows, for those who cannot see it.
+    /// Its description, for screen readers.
     pub title: &'a str,
     /// Quantity and unit of the horizontal axis.
     pub x: &'a str,
     /// Quantity and unit of the vertical axis.
     pub y: &'a str,
-    /// What stands at the marked point.
+    /// The label of the marked point.
     pub marked: &'a str,
 }
 

@@ -1,10 +1,10 @@
-//! Fewer points that look the same.
+//! Fewer points with the same appearance.
 
-/// The most points of one drawn line.
+/// The maximum number of points of one drawn line.
 pub const MOST: usize = 2000;
 
-/// A line of at most `most` points: of each stretch the smallest and the largest value, in their order, so that a
-/// single spike stays. A stretch without a finite value is a break, kept as a NaN.
+/// A line of at most `most` points: of each interval the smallest and the largest value, in their order, so that a
+/// single spike is kept. An interval without a finite value is a break, kept as a NaN.
 pub fn extremes(x: &[f64], y: &[f64], most: usize) -> Vec<(f64, f64)> {
     let all: Vec<(f64, f64)> = x.iter().copied().zip(y.iter().copied()).collect();
     if all.len() <= most {
@@ -25,7 +25,7 @@ pub fn extremes(x: &[f64], y: &[f64], most: usize) -> Vec<(f64, f64)> {
     out
 }
 
-/// A half-width of at most `most` points: of each stretch the largest.
+/// A half-width of at most `most` points: of each interval the largest.
 pub fn envelope(x: &[f64], half: &[f64], most: usize) -> Vec<(f64, f64)> {
     let all: Vec<(f64, f64)> = x.iter().copied().zip(half.iter().copied()).collect();
     let largest = |part: &[(f64, f64)]| {
@@ -41,7 +41,7 @@ fn stretches<T>(all: &[T], count: usize) -> impl Iterator<Item = &[T]> {
     (0..count).filter_map(move |k| all.get(k * all.len() / count..(k + 1) * all.len() / count))
 }
 
-/// Every so manieth of `points`, the last one too, so that at most `most` + 1 are left.
+/// Every n-th of `points` and the last one, so that at most `most` + 1 are left.
 pub fn thinned<T: Clone>(points: &[T], most: usize) -> Vec<T> {
     let every = points.len().div_ceil(most.max(1)).max(1);
     let last = points.len().checked_sub(1).filter(|n| n % every != 0).and_then(|n| points.get(n));

@@ -17,7 +17,7 @@ pub struct Patch {
 }
 
 /// The parts of a map with these edges: one, or more where it crosses the date line. What goes beyond a pole or once
-/// round the earth is left out.
+/// round the earth is omitted.
 pub fn patches(window: &Window) -> Vec<Patch> {
     let south_north = (window.y.0.max(-90.0), window.y.1.min(90.0));
     let (west, east) = (window.x.0, window.x.1.min(window.x.0 + 360.0));
@@ -26,7 +26,7 @@ pub fn patches(window: &Window) -> Vec<Patch> {
     while from < east && south_north.0 < south_north.1 {
         let turns = ((from + 180.0) / 360.0).floor();
         let to = east.min(360.0 * turns + 180.0);
-        // A sliver that only rounding makes is none.
+        // A sliver that is due to rounding is ignored.
         if to - from > 1e-9 * (east - west) {
             let lon = (from - 360.0 * turns, to - 360.0 * turns);
             out.push(Patch { window: Window { x: (from, to), y: south_north }, lon });
@@ -50,7 +50,7 @@ pub struct Fix {
 }
 
 /// Parts of an unbroken track that do not cross the date line, longitudes within -180 to 180 degrees; at a crossing
-/// both parts have the place on the line.
+/// both parts include the position on the date line.
 pub fn parts(run: &[Fix]) -> Vec<Vec<Fix>> {
     let mut out: Vec<Vec<Fix>> = vec![vec![]];
     let mut before: Option<Fix> = None;
@@ -73,7 +73,7 @@ pub fn parts(run: &[Fix]) -> Vec<Vec<Fix>> {
     out
 }
 
-/// The place where the straight way from `a` to `b` crosses the date line, from either side.
+/// The position where the straight line from `a` to `b` crosses the date line, from either side.
 fn crossing(a: &Fix, b: &Fix) -> (Fix, Fix) {
     let side = if a.lon > 0.0 { 180.0 } else { -180.0 };
     let beyond = b.lon + 2.0 * side;
@@ -88,8 +88,8 @@ fn crossing(a: &Fix, b: &Fix) -> (Fix, Fix) {
     (at(side), at(-side))
 }
 
-/// Fewer samples of an unbroken track: what is left out is within `tolerance_m` of the straight way between its kept
-/// neighbours; where times are known, of where one is on it at that time.
+/// Fewer samples of an unbroken track: dropped ones are within `tolerance_m` of the straight line between their kept
+/// neighbours; where times are known, of the position on it at that time.
 pub fn thinned(run: &[Fix], tolerance_m: f64) -> Vec<Fix> {
     let Some(first) = run.first() else { return vec![] };
     let earth = EarthModel::default();
@@ -175,7 +175,7 @@ mod tests {
         let circle = |k: i32| (f64::from(k) / 500.0).sin_cos();
         let run: Vec<Fix> = (0..3000).map(|k| fix(50.0 + 0.02 * circle(k).0, 0.02 * circle(k).1, None)).collect();
         let few = thinned(&run, 1.0);
-        // A chord of radius 2.2 km that is a metre off is 133 m long: of a 10 km way some 80 to 160 are needed.
+        // A chord of radius 2.2 km that is a metre off is 133 m long: a 10 km path needs 80 to 160 are needed.
         assert!((80..160).contains(&few.len()), "{}", few.len());
         assert_eq!((few[0], few[few.len() - 1]), (run[0], run[2999]));
     }

@@ -16,7 +16,7 @@ use super::{
     tracks,
 };
 
-/// The widest paper; more pixels than that are a finer picture of the same paper.
+/// The widest paper; more pixels give a finer picture of the same paper.
 const WIDEST: f64 = 800.0;
 /// White around everything.
 const PAD: f64 = 14.0;
@@ -33,7 +33,7 @@ const NARROWEST: f64 = 30.0;
 /// The highest frame, in widths of the paper.
 const HIGHEST: f64 = 1.3;
 
-/// Where everything lies.
+/// The layout.
 struct Layout {
     width: f64,
     frame: Rect,
@@ -46,7 +46,7 @@ struct Layout {
 /// The figure of a map.
 ///
 /// # Errors
-/// When there is nothing to draw, sizes disagree, or `look` cannot be satisfied.
+/// Fails when there is nothing to draw, sizes disagree, or `look` cannot be satisfied.
 pub fn scene(picture: &MapPicture, look: &Look, lines: &[TrackLine]) -> Result<Scene, Fault> {
     check(picture, look)?;
     let scale = colour_scale(picture, look)?;
@@ -96,7 +96,7 @@ fn layout<'a>(
     let bar = |upward| Bar { scale, name: bar_name(picture), upward };
     let right = |beside: bool| if beside { TO_BAR + bar(true).breadth() + PAD } else { PAD + 24.0 };
     let (frame, beside) = match fit(picture, shape, width, right(look.colour_bar)) {
-        // Beside a low map a colour bar is too short to be read.
+        // Next to a low map a colour bar is too short to be read.
         (_, size) if look.colour_bar && size.1 < LOW => (fit(picture, shape, width, right(false)), false),
         fits => (fits, look.colour_bar),
     };
@@ -127,7 +127,7 @@ fn fit(picture: &MapPicture, shape: f64, width: f64, right: f64) -> (f64, (f64, 
         let h = (w / shape).min(HIGHEST * width);
         ((h * shape).clamp(NARROWEST, w), h.max(NARROWEST))
     };
-    // The coordinates' width hangs on the height and the other way round: what the highest frame needs is enough.
+    // The width of the coordinates and the height depend on each other: the space for the highest frame is enough.
     let left = (0..2).fold(0.0f64, |left, _| left.max(left_margin(picture, &window, size(left).1)));
     (PAD + left, size(left))
 }
@@ -150,7 +150,7 @@ fn title(layout: &Layout) -> Vec<Mark> {
     layout.title.iter().enumerate().map(line).collect()
 }
 
-/// The map itself over the hatching, and whether any of that is seen.
+/// The map itself over the hatching, and whether any hatching is visible.
 fn map(frame: &Frame, look: &Look, scale: &ColourScale, fine: f64) -> (Vec<Mark>, bool) {
     let size = ((frame.rect.w * fine).round() as usize, (frame.rect.h * fine).round() as usize);
     let pixels = Coloured::new(frame.picture, look, scale, size).pixels(&frame.window, size);

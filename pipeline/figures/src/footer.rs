@@ -1,4 +1,4 @@
-//! What stands below the map: scale bar, north arrow, and what lines and hatching mean.
+//! The legend below the map: scale bar, north arrow, lines and hatching.
 
 use super::{
     scene::{Anchor, BLACK, Ink, Mark, Rect, Spot, shortened, text_width},
@@ -12,7 +12,7 @@ const SIZE: f64 = 12.0;
 pub const ROW: f64 = 21.0;
 /// Between two entries.
 const BETWEEN: f64 = 22.0;
-/// The most tracks that are named.
+/// The maximum number of tracks that are named.
 const NAMED: usize = 24;
 
 /// An entry of the legend.
@@ -24,11 +24,11 @@ pub enum Entry {
     North,
     /// The line of a track.
     Track([u8; 3], String),
-    /// More tracks than are named.
+    /// The number of further tracks.
     More(usize),
     /// Hatching.
     Unknown,
-    /// Contour lines, with what they are.
+    /// Contour lines, with their description.
     Contours(String),
 }
 
@@ -66,13 +66,13 @@ impl Entry {
         }
     }
 
-    /// What comes before the text.
+    /// The width of the symbol before the text.
     fn before_text(&self) -> f64 {
         let key = self.key_width();
         if key > 0.0 { key + 7.0 } else { 0.0 }
     }
 
-    /// The drawing beside the text, on a row whose middle is at `y`.
+    /// The symbol next to the text, on a row whose middle is at `y`.
     fn key(&self, (x, y): Spot) -> Vec<Mark> {
         let line = |width: f64, ink: Ink| Mark::Stroke {
             lines: vec![vec![(x, y), (x + self.key_width(), y)]],
@@ -111,16 +111,16 @@ fn scale_bar(x: f64, y: f64, length: f64) -> Vec<Mark> {
     vec![Mark::Fill { points: half.corners(), ink: BLACK }, Mark::frame(&bar, 1.0)]
 }
 
-/// Where the legend stands.
+/// The position of the legend.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
     /// The left end of its rows.
     pub left: f64,
-    /// Where they end at the latest.
+    /// Their right limit.
     pub right: f64,
     /// Its upper edge.
     pub top: f64,
-    /// What its rows are centred on, where they do not begin at the left.
+    /// The centre of its rows, where they do not begin at the left.
     pub centre: Option<f64>,
 }
 

@@ -1,4 +1,4 @@
-//! Where the map lies on the paper, and the coordinates around it.
+//! The position of the map on the paper, and the coordinates around it.
 
 use numerics::earth::geodesy::{EarthModel, wrap_deg};
 
@@ -25,18 +25,18 @@ pub enum Side {
     Up,
 }
 
-/// The frame of the map and what it shows.
+/// The frame of the map and its window.
 pub struct Frame<'a> {
     /// The map.
     pub picture: &'a MapPicture<'a>,
-    /// What of it.
+    /// The part of it.
     pub window: Window,
-    /// Where on the paper.
+    /// The position on the paper.
     pub rect: Rect,
 }
 
 impl Frame<'_> {
-    /// Where a place of the map lies on the paper; north is up.
+    /// The position of a point of the map on the paper; north is up.
     pub fn spot(&self, x: f64, y: f64) -> Spot {
         let (across, up) = (self.window.x, self.window.y);
         (
@@ -45,7 +45,7 @@ impl Frame<'_> {
         )
     }
 
-    /// Metres of a unit of length of the paper, along x in the middle of the map; `None` where that is no measure,
+    /// Metres of a unit of length of the paper, along x in the middle of the map; `None` where that is not defined,
     /// because it differs by more than a tenth from south to north.
     pub fn metres_per_unit(&self) -> Option<f64> {
         let across = self.window.x.1 - self.window.x.0;
@@ -90,20 +90,20 @@ impl Frame<'_> {
     }
 }
 
-/// What the coordinates, and the names of the axes, take to the left of the frame.
+/// The space of the coordinates and the names of the axes to the left of the frame.
 pub fn left_margin(picture: &MapPicture, window: &Window, height: f64) -> f64 {
     let widths = ticks(picture, window, Side::Up, height).into_iter().map(|t| text_width(&t.label, TICK));
     let name = if labels(picture, height).1.is_some() { NAME + 8.0 } else { 0.0 };
     LENGTH + 4.0 + widths.fold(0.0, f64::max) + name
 }
 
-/// What they take below it.
+/// The space below it.
 pub fn bottom_margin(picture: &MapPicture) -> f64 {
     LENGTH + TICK + 4.0 + if labels(picture, 0.0).0.is_some() { 20.0 } else { 0.0 }
 }
 
-/// Names of the axes: those given; for metres what and in which unit; none for degrees, whose ticks say it. The vertical
-/// one is left out beside a frame that is too low for it.
+/// Names of the axes: those given; for metres the quantity and unit; none for degrees, whose ticks include it. The
+/// vertical one is omitted next to a frame that is too low for it.
 fn labels(picture: &MapPicture, height: f64) -> (Option<String>, Option<String>) {
     let named = |given: Option<&str>, axis: &str, range: (f64, f64)| match (given, picture.plane) {
         (Some(given), _) => Some(given.to_owned()).filter(|g| !g.trim().is_empty()),
@@ -130,7 +130,7 @@ pub fn ticks(picture: &MapPicture, window: &Window, side: Side, length: f64) -> 
         }
         Plane::Metres => ticks::linear(range.0, range.1, most),
     };
-    // Room for a label, the widest one where they stand beside each other, and something between.
+    // Room for a label, the widest one where they are side by side, and a gap.
     let label = match side {
         Side::Up => TICK,
         Side::Across => made(8).iter().map(|t| text_width(&t.label, TICK)).fold(20.0, f64::max),
@@ -139,7 +139,7 @@ pub fn ticks(picture: &MapPicture, window: &Window, side: Side, length: f64) -> 
     made(((length / (label + 1.6 * TICK)) as usize).clamp(few, 8))
 }
 
-/// Degrees with the letter of their side instead of a sign, brought into a turn.
+/// Degrees with the letter of their side instead of a sign, wrapped to a full turn.
 fn degrees(range: (f64, f64), most: usize, side: Side) -> Vec<Tick> {
     let ticks = ticks::linear(range.0, range.1, most);
     let label = |tick: Tick| {

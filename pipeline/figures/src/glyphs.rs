@@ -103,7 +103,7 @@ fn strip(text: &str) -> Strip {
     Strip { width, ink }
 }
 
-/// What stands for a character that the font has not.
+/// The substitute for a character that the font does not have.
 fn plain(letter: char) -> Vec<char> {
     const ACCENTED: [(&str, char); 16] = [
         ("àáâãäå", 'a'),
@@ -137,7 +137,7 @@ fn glyph(letter: char) -> [[f32; CELL.0]; CELL.1] {
         '\u{b0}' => drawn(|x, y| 1.0 - ((x - 3.5).hypot(y - 6.0) - 1.9).abs() / 0.9),
         '\u{2212}' => minus(),
         _ => font(letter).unwrap_or_else(|| {
-            // An empty box, as fonts have it.
+            // An empty box, as in fonts.
             drawn(|x, y| {
                 if (x - 3.5).abs().max((y - 8.5).abs() * 0.6) > 1.9
                     && (1.0..6.0).contains(&x)

@@ -22,10 +22,10 @@ use super::{
 };
 use crate::png_file::{Kind, encode};
 
-/// A track for Google Earth. A NaN of any of its columns breaks it.
+/// A track for Google Earth. NaN in any of its columns interrupts it.
 #[derive(Clone, Copy, Debug)]
 pub struct EarthTrack<'a> {
-    /// What it is called.
+    /// Its name.
     pub name: &'a str,
     /// Latitudes, degrees.
     pub lat_deg: &'a [f64],
@@ -52,11 +52,11 @@ impl Kml {
     /// Document and pictures in one file.
     ///
     /// # Errors
-    /// When they do not fit into a zip file.
+    /// Fails when they do not fit into a zip file.
     pub fn kmz(&self) -> Result<Vec<u8>, Fault> {
         let zipped = || {
             let mut zip = ZipWriter::new(Cursor::new(vec![]));
-            // No clock in a picture: all files are of 1 January 1980.
+            // Files do not depend on the clock: all are dated 1 January 1980.
             let stored = SimpleFileOptions::default()
                 .compression_method(CompressionMethod::Stored)
                 .last_modified_time(DateTime::default());
@@ -73,16 +73,16 @@ impl Kml {
     }
 }
 
-/// The most pixels of an overlay each way: what all viewers can show.
+/// The most pixels of an overlay each way: the limit of common viewers.
 const MOST_PIXELS: f64 = 4096.0;
-/// How far a thinned track may be off, m.
+/// The tolerance of a thinned track, m.
 const TOLERANCE_M: f64 = 1.0;
 
 /// The map as an overlay of the ground, its colour bar on the screen, and the tracks at their heights. The pictures are
 /// called `<stem>_map.png` (`_map_1`, `_map_2` where the map crosses the date line) and `<stem>_bar.png`.
 ///
 /// # Errors
-/// When the map is not geographic or has nothing to draw, or columns of a track have different lengths.
+/// Fails when the map is not geographic or has nothing to draw, or columns of a track have different lengths.
 pub fn kml(picture: &MapPicture, look: &Look, tracks: &[EarthTrack], stem: &str) -> Result<Kml, Fault> {
     check(picture, look)?;
     if picture.plane != Plane::Degrees {
@@ -172,7 +172,7 @@ fn on_screen(file: &str) -> Markup {
     }
 }
 
-/// The colour bar on a plate that lets some of the ground through.
+/// The colour bar on a plate that is partly transparent.
 fn bar(picture: &MapPicture, scale: &ColourScale) -> Result<Vec<u8>, Fault> {
     const PAD: f64 = 10.0;
     let unit = picture.unit.trim();
@@ -215,7 +215,7 @@ fn placemark(track: &EarthTrack, index: usize) -> Result<Markup, Fault> {
     })
 }
 
-/// A sample; `None` where it breaks the track.
+/// A sample; `None` where it interrupts the track.
 fn fix(track: &EarthTrack, k: usize) -> Option<Fix> {
     let at = |column: &[f64]| column.get(k).copied().filter(|v| v.is_finite());
     let time_s = match track.time_unix_s {

@@ -1,7 +1,7 @@
-//! Drawing: an anomaly map as a figure (PNG or SVG) and for Google Earth (KML or KMZ), the charts of a report, and what they
-//! share. Nothing here knows a plan or a store.
+//! Drawing: an anomaly map as a figure (PNG or SVG) and for Google Earth (KML or KMZ), the charts of a report, and
+//! their shared parts. Nothing here depends on a plan or a store.
 //!
-//! A figure is laid out once, as marks on a sheet of paper; two painters put the marks down, one in pixels, one as SVG.
+//! A figure is laid out once, as marks on a sheet of paper; two painters draw the marks, one in pixels, one as SVG.
 //! Nothing in a picture depends on a clock, a font of the system or the number of threads.
 
 mod bar;
@@ -39,7 +39,7 @@ pub use palette::Palette;
 pub use relief::Shade;
 pub use scale::Scale;
 
-/// What the axes of a map measure.
+/// The quantity of the axes of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Plane {
     /// Longitude and latitude, in degrees.
@@ -48,7 +48,7 @@ pub enum Plane {
     Metres,
 }
 
-/// A map to be drawn.
+/// A map to draw.
 #[derive(Clone, Copy, Debug)]
 pub struct MapPicture<'a> {
     /// Longitudes or eastings of the columns. A map over the date line goes on past 180 degrees.
@@ -57,17 +57,17 @@ pub struct MapPicture<'a> {
     pub y: EvenAxis,
     /// Values by rows, the southernmost row first, each from west to east; NaN where unknown.
     pub values: &'a [f64],
-    /// What the axes measure.
+    /// The quantity of the axes.
     pub plane: Plane,
-    /// What stands above the map; long titles are broken into lines.
+    /// The title; long titles are broken into lines.
     pub title: &'a str,
-    /// What is drawn, such as `Magnetic anomaly`; stands at the colour bar, before the unit.
+    /// The quantity, such as `Magnetic anomaly`, the label of the colour bar before the unit.
     pub quantity: &'a str,
     /// The unit of the values, such as `nT`.
     pub unit: &'a str,
-    /// What stands at the horizontal axis; `None` for longitudes (the ticks say it) and `Easting (km)`.
+    /// The label of the horizontal axis; `None` for longitudes (as shown by the ticks) and `Easting (km)`.
     pub x_label: Option<&'a str>,
-    /// What stands at the vertical axis; `None` for latitudes (the ticks say it) and `Northing (km)`.
+    /// The label of the vertical axis; `None` for latitudes (as shown by the ticks) and `Northing (km)`.
     pub y_label: Option<&'a str>,
 }
 
@@ -78,7 +78,7 @@ pub struct Look {
     pub width_px: usize,
     /// Its colours.
     pub palette: Palette,
-    /// How values are spread over the colours.
+    /// The mapping of values to colours.
     pub scale: Scale,
     /// Hill-shading; `None` for flat colours.
     pub shade: Option<Shade>,
@@ -113,7 +113,7 @@ impl Default for Look {
 /// A line flown over the map, in the map's coordinates. NaN breaks it.
 #[derive(Clone, Copy, Debug)]
 pub struct TrackLine<'a> {
-    /// What the legend calls it.
+    /// Its name in the legend.
     pub name: &'a str,
     /// Longitudes or eastings; a longitude may be a full turn away from the map's.
     pub x: &'a [f64],
@@ -123,7 +123,7 @@ pub struct TrackLine<'a> {
     pub colour: Option<[u8; 3]>,
 }
 
-/// Colours for tracks that have none: told apart by eyes that see no red or green, and on every palette, since each
+/// Colours for tracks that have none: distinguishable without red-green vision, and on every palette, since each
 /// line has a white rim.
 const TRACK_COLOURS: [[u8; 3]; 6] =
     [[0, 0, 0], [214, 39, 160], [0, 114, 110], [110, 60, 230], [168, 84, 0], [0, 140, 210]];
@@ -144,13 +144,13 @@ pub fn png(picture: &MapPicture, look: &Look, tracks: &[TrackLine]) -> Result<Ve
 /// The map as an SVG file: real text and lines, the colours as an embedded picture.
 ///
 /// # Errors
-/// As [`png()`].
+/// Fails as [`png()`].
 pub fn svg(picture: &MapPicture, look: &Look, tracks: &[TrackLine]) -> Result<String, Fault> {
     let scene = figure::scene(picture, look, tracks)?;
     svg::document(&scene)
 }
 
-/// Says what makes a picture or a track impossible to draw.
+/// Checks that a picture and its tracks can be drawn.
 fn check(picture: &MapPicture, look: &Look) -> Result<(), Fault> {
     let (x, y) = (&picture.x, &picture.y);
     for (axis, name) in [(x, "columns"), (y, "rows")] {
@@ -164,7 +164,7 @@ fn check(picture: &MapPicture, look: &Look) -> Result<(), Fault> {
         return Err(Fault::data(format!("the map has {n} values for {rows} rows of {columns} columns")));
     }
     if !picture.values.iter().any(|v| v.is_finite()) {
-        return Err(Fault::data("the map has no known value: there is nothing to draw"));
+        return Err(Fault::data("the map has no known valueand cannot be drawn"));
     }
     if !(200..=10_000).contains(&look.width_px) {
         return Err(Fault::new(format!("a picture {} pixels wide cannot be drawn", look.width_px))

@@ -1,4 +1,4 @@
-//! Colour scales, each of even steps to the eye.
+//! Colour scales, perceptually uniform.
 
 use schemas::Fault;
 
@@ -65,13 +65,13 @@ pub enum Palette {
 }
 
 impl Palette {
-    /// The names that [`Palette::named`] knows.
+    /// The names accepted by [`Palette::named`].
     pub const NAMES: [&str; 3] = ["viridis", "turbo", "diverging"];
 
     /// The palette of a name.
     ///
     /// # Errors
-    /// When there is none of that name.
+    /// Fails when there is none of that name.
     pub fn named(name: &str) -> Result<Palette, Fault> {
         match name {
             "viridis" => Ok(Palette::Viridis),
@@ -81,7 +81,7 @@ impl Palette {
         }
     }
 
-    /// The colour at `part` of the scale, 0 to 1, as red, green and blue.
+    /// The colour at the fraction `part` of the scale, 0 to 1, as red, green and blue.
     pub fn colour(self, part: f64) -> [u8; 3] {
         match self {
             Palette::Viridis => between(&VIRIDIS, part),

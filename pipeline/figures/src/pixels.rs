@@ -11,13 +11,13 @@ use super::{
 };
 use crate::png_file::{Kind, encode};
 
-/// The most pixels of a picture.
+/// The maximum number of pixels of a picture.
 const MOST: f64 = 200e6;
 
-/// The scene as a PNG: without an opacity where there is paper.
+/// The scene as a PNG: opaque where there is paper.
 ///
 /// # Errors
-/// When it has too many pixels.
+/// Fails when it has too many pixels.
 pub fn png(scene: &Scene) -> Result<Vec<u8>, Fault> {
     let pixmap = paint(scene)?;
     let size = (pixmap.width() as usize, pixmap.height() as usize);

@@ -1,8 +1,8 @@
-//! PNG files in memory, and as addresses that hold the picture itself.
+//! PNG files in memory, and as data URLs.
 
 use schemas::Fault;
 
-/// What a byte or more of a pixel means.
+/// The meaning of the bytes of a pixel.
 pub enum Kind {
     /// Red, green, blue.
     Rgb,
@@ -15,7 +15,7 @@ pub enum Kind {
 /// A PNG of `size` (width, height) of the `pixels`, by rows from the top.
 ///
 /// # Errors
-/// When there is not one pixel for each place, or none at all.
+/// Fails when there is not one pixel for each place, or none at all.
 pub fn encode(kind: &Kind, size: (usize, usize), pixels: &[u8]) -> Result<Vec<u8>, Fault> {
     write(kind, size, pixels).map_err(|e| Fault::machine(format!("cannot draw the map: {e}")))
 }
@@ -42,7 +42,7 @@ fn write(kind: &Kind, size: (usize, usize), pixels: &[u8]) -> Result<Vec<u8>, Bo
     Ok(out)
 }
 
-/// The address of a PNG that holds the picture itself.
+/// A PNG as a data URL.
 pub fn data_url(png: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut out = String::from("data:image/png;base64,");

@@ -1,4 +1,4 @@
-//! A part of an anomaly map as a picture: equal areas get equal shares of the colour scale.
+//! A part of an anomaly map as a picture: equal areas get equal parts of the colour scale.
 
 use numerics::maps::map_grid::MapGrid;
 use schemas::Fault;
@@ -8,7 +8,7 @@ use super::{
     png_file::{Kind, encode},
 };
 
-/// The most pixels of a picture each way.
+/// The maximum number of pixels of a picture in each direction.
 const MOST: usize = 720;
 
 /// Colours of the scale; one more stands for unknown cells.
@@ -25,13 +25,13 @@ pub struct Bounds {
 
 /// A picture of a map.
 pub struct Raster {
-    /// Where its edges are.
+    /// The position of its edges.
     pub bounds: Bounds,
     /// Its size in pixels.
     pub size: (usize, usize),
     /// The picture as a PNG file.
     pub png: Vec<u8>,
-    /// Values at even places of the colour scale, from first to last, nT.
+    /// Values at even steps of the colour scale, from first to last, nT.
     pub scale: Vec<f64>,
 }
 
@@ -45,7 +45,7 @@ struct Pixels {
 /// The part of `grid` within `bounds`; `None` where they share no known cell.
 ///
 /// # Errors
-/// When the picture cannot be encoded.
+/// Fails when the picture cannot be encoded.
 pub fn raster(grid: &MapGrid, bounds: &Bounds) -> Result<Option<Raster>, Fault> {
     let Some(pixels) = cut(grid, bounds) else { return Ok(None) };
     let mut known: Vec<f64> = pixels.values.iter().copied().filter(|v| v.is_finite()).collect();

@@ -3,14 +3,14 @@
 use super::sheet::Sheet;
 use crate::palette::Palette;
 
-/// Where the light comes from and how much it counts.
+/// The direction and the strength of the light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shade {
     /// Direction of the light, degrees east of north.
     pub azimuth_deg: f64,
     /// Its height above the horizon, degrees, above 0 to 90.
     pub elevation_deg: f64,
-    /// 0 for no shading, 1 for the whole of it: then slopes that see no light are black.
+    /// 0 for no shading, 1 for full shading, where unlit slopes are black.
     pub strength: f64,
 }
 
@@ -75,7 +75,7 @@ fn rise(before: Option<f64>, here: f64, after: Option<f64>) -> f64 {
 const STEPS: usize = 1024;
 
 /// The colours of a palette in light and shade: below 1 the light multiplies the lightness (of Oklab, with its chroma,
-/// so that the hue stays and what gets dark is what a dimmer lamp would show), above 1 it moves towards white.
+/// so that the hue stays and shade looks like dimmer light), above 1 it moves towards white.
 pub struct Lit {
     palette: Palette,
     steps: Vec<[f64; 3]>,

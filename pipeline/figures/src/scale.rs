@@ -1,4 +1,4 @@
-//! How values are spread over the colours of a palette.
+//! The mapping of values to the colours of a palette.
 
 use schemas::Fault;
 
@@ -7,17 +7,17 @@ use crate::{
     ticks::{self, Tick},
 };
 
-/// How values are spread over the colours.
+/// The mapping of values to colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Scale {
-    /// Evenly from the smallest to the largest value.
+    /// Linear from the smallest to the largest value.
     Linear,
-    /// By rank: each colour covers the same area, so that long tails leave colours for the rest.
+    /// By rank: each colour covers the same area, so that long tails do not dominate.
     #[default]
     Equalised,
-    /// Evenly between two percentiles, 0 to 100; what is beyond has the colours of the ends.
+    /// Linear between two percentiles, 0 to 100; values beyond have the colours of the ends.
     Percentile(f64, f64),
-    /// Evenly between two values; what is beyond has the colours of the ends.
+    /// Linear between two values; values beyond have the colours of the ends.
     Range(f64, f64),
 }
 
@@ -36,15 +36,15 @@ pub struct ColourScale {
 }
 
 impl ColourScale {
-    /// The scale for `values`, of which those that are not finite do not count.
+    /// The scale for `values`, ignoring those that are not finite.
     ///
     /// # Errors
-    /// When no value is known, or percentiles or range are not in order.
+    /// Fails when no value is known, or percentiles or range are not in order.
     pub fn new(values: &[f64], scale: Scale, palette: Palette) -> Result<ColourScale, Fault> {
         let mut known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
         known.sort_unstable_by(f64::total_cmp);
         let (Some(least), Some(most)) = (known.first().copied(), known.last().copied()) else {
-            return Err(Fault::data("the map has no known value: there is nothing to draw"));
+            return Err(Fault::data("the map has no known valueand cannot be drawn"));
         };
         let equalised = scale == Scale::Equalised && most > least;
         let knots = match scale {
@@ -79,19 +79,19 @@ impl ColourScale {
         follow(&self.knots, value, |k| *k)
     }
 
-    /// Where a value lies on the colour bar, from 0 to 1.
+    /// The position of a value on the colour bar, from 0 to 1.
     pub fn along(&self, value: f64) -> f64 {
         let (first, last) = self.parts();
         (self.part(value) - first) / (last - first)
     }
 
-    /// The value at a place on the colour bar, 0 to 1.
+    /// The value at a position on the colour bar, 0 to 1.
     pub fn value_at(&self, along: f64) -> f64 {
         let (first, last) = self.parts();
         follow(&self.knots, first + along * (last - first), |k| (k.1, k.0))
     }
 
-    /// The colour at a place on the colour bar, 0 to 1.
+    /// The colour at a position on the colour bar, 0 to 1.
     pub fn colour_at(&self, along: f64) -> [u8; 3] {
         let (first, last) = self.parts();
         self.palette.colour(first + along * (last - first))
@@ -102,7 +102,7 @@ impl ColourScale {
         self.palette
     }
 
-    /// Whether values are spread by rank.
+    /// Whether values are mapped by rank.
     pub fn by_rank(&self) -> bool {
         self.equalised
     }
@@ -131,10 +131,10 @@ fn in_order(what: &str, low: f64, high: f64, within: (f64, f64)) -> Result<(), F
     }
     let help =
         if within.1 == 100.0 { "give two of 0 to 100, the smaller one first" } else { "give the smaller one first" };
-    Err(Fault::new(format!("{low} and {high} are no {what}")).help(help))
+    Err(Fault::new(format!("{low} and {high} are not valid {what}")).help(help))
 }
 
-/// Evenly from `low` to `high`; about zero where the palette is.
+/// Evenly from `low` to `high`; symmetric about zero where the palette is.
 fn even(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
     let largest = low.abs().max(high.abs());
     if palette == Palette::Diverging && largest > 0.0 {
@@ -148,7 +148,7 @@ fn even(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
     vec![(low - around, 0.0), (low + around, 1.0)]
 }
 
-/// Evenly between ends that were asked for: a palette about zero keeps its white there.
+/// Evenly between ends that were requested: a diverging palette keeps white at zero.
 fn fixed(low: f64, high: f64, palette: Palette) -> Vec<(f64, f64)> {
     if palette != Palette::Diverging {
         return vec![(low, 0.0), (high, 1.0)];
@@ -280,7 +280,7 @@ mod tests {
 
     #[test]
     fn law_plateaus_and_wrong_ends() {
-        // Nine tenths zeros: their colour is the middle of what they cover, and the scale still ascends.
+        // Nine tenths zeros: their colour is the middle of their range, and the scale still ascends.
         let values: Vec<f64> = (0..100).map(|k| if k < 90 { 0.0 } else { f64::from(k) }).collect();
         let made = ColourScale::new(&values, Scale::Equalised, Palette::Viridis).unwrap();
         assert!(made.knots.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 < w[1].1));

@@ -1,6 +1,6 @@
-//! A figure as marks on a sheet of paper: what both painters put down, in the same order.
+//! A figure as marks on a sheet of paper: which both painters draw in the same order.
 
-/// A place on the paper, from its upper left corner.
+/// A position on the paper, from its upper left corner.
 pub type Spot = (f64, f64);
 
 /// A rectangle.
@@ -32,7 +32,7 @@ impl Rect {
         vec![(self.x, self.y), (self.right(), self.y), (self.right(), self.bottom()), (self.x, self.bottom())]
     }
 
-    /// Whether a place is in it or on its edge.
+    /// Whether a position is in it or on its edge.
     pub fn holds(&self, (x, y): Spot) -> bool {
         (self.x..=self.right()).contains(&x) && (self.y..=self.bottom()).contains(&y)
     }
@@ -43,17 +43,17 @@ impl Rect {
     }
 }
 
-/// A colour and how much of it covers what lies below, 0 to 1.
+/// A colour and its opacity, 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ink {
     /// Red, green, blue.
     pub rgb: [u8; 3],
-    /// 1 for a colour that covers all.
+    /// The opacity.
     pub opacity: f64,
 }
 
 impl Ink {
-    /// A colour that covers all.
+    /// An opaque colour.
     pub const fn full(rgb: [u8; 3]) -> Ink {
         Ink { rgb, opacity: 1.0 }
     }
@@ -64,7 +64,7 @@ pub const BLACK: Ink = Ink::full([26, 26, 26]);
 /// Paper.
 pub const WHITE: Ink = Ink::full([255, 255, 255]);
 
-/// Which part of a text stands at its place.
+/// The part of a text that is at its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Anchor {
     /// Its beginning.
@@ -87,13 +87,13 @@ pub enum Mark {
     },
     /// Lines of one pen.
     Stroke {
-        /// Each with two places at least.
+        /// Each with at least two positions.
         lines: Vec<Vec<Spot>>,
         /// Width of the pen.
         width: f64,
         /// Its colour.
         ink: Ink,
-        /// What lies outside is cut off.
+        /// The clipping rectangle.
         within: Option<Rect>,
     },
     /// A circle with a rim.
@@ -109,16 +109,16 @@ pub enum Mark {
     },
     /// A picture.
     Picture {
-        /// Where it lies, on whole pixels.
+        /// Its position, on whole pixels.
         rect: Rect,
         /// Its size in pixels.
         size: (usize, usize),
         /// Red, green, blue and opacity (0 or 255) of each, rows from the top.
         pixels: Vec<u8>,
     },
-    /// Colours that go over into each other.
+    /// A colour gradient.
     Fade {
-        /// Where it lies.
+        /// Its position.
         rect: Rect,
         /// At even distances, from the bottom or the left.
         colours: Vec<[u8; 3]>,
@@ -127,15 +127,15 @@ pub enum Mark {
     },
     /// A line of text.
     Text {
-        /// Where its anchor stands, on the base line.
+        /// The position of its anchor, on the base line.
         at: Spot,
-        /// What it says.
+        /// Its text.
         text: String,
         /// Size of its letters.
         size: f64,
-        /// What stands at `at`.
+        /// The part of the text at `at`.
         anchor: Anchor,
-        /// Whether it is read from below to above.
+        /// Whether it is rotated to read upwards.
         turned: bool,
     },
 }
@@ -170,7 +170,7 @@ impl Mark {
 /// A figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
-    /// What it shows, for those who cannot see it.
+    /// Its description, for screen readers.
     pub name: String,
     /// Width of the paper.
     pub width: f64,
@@ -193,7 +193,7 @@ pub fn text_width(text: &str, size: f64) -> f64 {
     text.chars().count() as f64 * LETTER * size
 }
 
-/// `text` in at most `most` lines of at most `width`, broken at spaces where there are any; what is left over ends in
+/// `text` in at most `most` lines of at most `width`, broken at spaces where there are any; the rest is replaced by
 /// an ellipsis.
 pub fn wrapped(text: &str, size: f64, width: f64, most: usize) -> Vec<String> {
     let letters = ((width / (LETTER * size)) as usize).max(4);

@@ -32,14 +32,14 @@ pub struct Sheet {
     pub values: Vec<f64>,
 }
 
-/// Consecutive nodes and what each counts.
+/// Consecutive nodes and their weights.
 struct Share {
     first: usize,
     weights: Vec<f64>,
 }
 
 /// The values of `window` for a picture of `size` pixels (width, height). Along an axis with more than one node a pixel
-/// the nodes are averaged, each by the area of its cell that the pixel covers; along others they stay.
+/// the nodes are averaged, each by the area of its cell that the pixel covers; along other axes they are unchanged.
 pub fn sheet(picture: &MapPicture, window: &Window, size: (usize, usize)) -> Sheet {
     let (x, across) = shares(&picture.x, window.x, size.0);
     let (y, up) = shares(&picture.y, window.y, size.1);
@@ -65,7 +65,7 @@ fn add(row: &[f64], across: &[Share], weight: f64, sums: &mut [(f64, f64)]) {
     }
 }
 
-/// The axis of a sheet, and of which nodes each of its nodes is made.
+/// The axis of a sheet, and the nodes that each of its nodes averages.
 fn shares(axis: &EvenAxis, range: (f64, f64), pixels: usize) -> (EvenAxis, Vec<Share>) {
     let place = |x: f64| (axis.node(x) + 0.5).clamp(0.0, axis.len as f64);
     let (from, to) = (place(range.0), place(range.1));
@@ -91,7 +91,7 @@ fn covered(from: f64, to: f64, len: usize) -> Share {
     Share { first, weights: (first..last).map(share).collect() }
 }
 
-/// Two neighbouring nodes and how far a place is from the first towards the second.
+/// Two neighbouring nodes and the fraction of a position between them.
 #[derive(Clone, Copy)]
 struct Between {
     low: usize,
@@ -99,7 +99,7 @@ struct Between {
     part: f64,
 }
 
-/// Where the pixels of a picture lie on a sheet.
+/// The positions of the pixels of a picture on a sheet.
 pub struct Enlarged<'a> {
     sheet: &'a Sheet,
     across: Vec<Between>,
@@ -108,7 +108,7 @@ pub struct Enlarged<'a> {
 }
 
 impl<'a> Enlarged<'a> {
-    /// A picture of `size` pixels of `window`, its cells blended or as even patches.
+    /// A picture of `size` pixels of `window`, its cells interpolated or uniform.
     pub fn new(sheet: &'a Sheet, window: &Window, size: (usize, usize), blend: bool) -> Enlarged<'a> {
         let centre = |ends: (f64, f64), k: usize, n: usize| ends.0 + (ends.1 - ends.0) * (k as f64 + 0.5) / n as f64;
         let across = (0..size.0).map(|k| between(&sheet.x, centre(window.x, k, size.0), blend)).collect();
@@ -117,7 +117,7 @@ impl<'a> Enlarged<'a> {
         Enlarged { sheet, across, down, known }
     }
 
-    /// At each pixel, rows from the north, what `values` (one a node of the sheet) have there: NaN where the nearest
+    /// At each pixel, rows from the north, `values` (one per node of the sheet) there: NaN where the nearest
     /// part of the sheet is unknown, the known nodes alone where only some are.
     pub fn of(&self, values: &[f64]) -> Vec<f64> {
         let pixels = self.down.iter().flat_map(|down| self.across.iter().map(move |across| (down, across)));
@@ -139,7 +139,7 @@ impl<'a> Enlarged<'a> {
                 weight += part;
             }
         }
-        // Half known is the edge of a cell. The rounding of a pixel's place must not decide.
+        // Half known is the edge of a cell. The rounding of a pixel's position must not matter.
         if weight > 0.5 - 1e-9 { sum / weight } else { f64::NAN }
     }
 }

@@ -13,7 +13,7 @@ use crate::{
 /// The scene as an SVG file.
 ///
 /// # Errors
-/// When its picture cannot be encoded.
+/// Fails when its picture cannot be encoded.
 pub fn document(scene: &Scene) -> Result<String, Fault> {
     let marks: Result<Vec<Markup>, Fault> = scene.marks.iter().enumerate().map(|(k, mark)| element(mark, k)).collect();
     let (width, height) = (px(scene.width), px(scene.height));
@@ -29,10 +29,10 @@ pub fn document(scene: &Scene) -> Result<String, Fault> {
     Ok(format!("{XML}{}\n", svg.into_string()))
 }
 
-/// What an XML file begins with.
+/// The XML declaration.
 pub const XML: &str = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
 
-/// Text without the characters that XML cannot hold in any spelling.
+/// Text without the characters that XML cannot represent.
 pub fn clean(text: &str) -> String {
     text.chars().filter(|c| !c.is_control() && !matches!(c, '\u{fffe}' | '\u{ffff}')).collect()
 }

@@ -1,6 +1,6 @@
-//! Fewer points of a line that lie as close to it as asked.
+//! Fewer points of a line within a tolerance of it.
 
-/// Which of `count` points to keep so that `distance(from, to, point)`, of a point left out to the stretch between its
+/// Which of `count` points to keep so that `distance(from, to, point)`, of a dropped point to the segment between its
 /// kept neighbours, is nowhere above `tolerance`: ascending, with the first and the last. [Douglas and Peucker 1973]
 pub fn kept(count: usize, tolerance: f64, distance: impl Fn(usize, usize, usize) -> f64) -> Vec<usize> {
     let Some(last) = count.checked_sub(1) else { return vec![] };
@@ -18,7 +18,7 @@ pub fn kept(count: usize, tolerance: f64, distance: impl Fn(usize, usize, usize)
     (0..count).filter(|k| keep[*k]).collect()
 }
 
-/// The distance of `point` to the stretch from `a` to `b`.
+/// The distance of `point` to the segment from `a` to `b`.
 pub fn to_stretch<const N: usize>(a: &[f64; N], b: &[f64; N], point: &[f64; N]) -> f64 {
     let dot = |u: &[f64; N], v: &[f64; N]| u.iter().zip(v).map(|(p, q)| p * q).sum::<f64>();
     let minus = |u: &[f64; N], v: &[f64; N]| std::array::from_fn::<f64, N, _>(|k| u[k] - v[k]);

@@ -1,11 +1,11 @@
-//! Round places on an axis, and how they are written.
+//! Round values on an axis, and their labels.
 
-/// A place on an axis and its label; minor ticks of a logarithmic axis have none.
+/// A position on an axis and its label; minor ticks of a logarithmic axis have none.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tick {
     /// The value.
     pub at: f64,
-    /// How it is written.
+    /// Its label.
     pub label: String,
 }
 
@@ -25,13 +25,13 @@ pub fn linear(low: f64, high: f64, most: usize) -> Vec<Tick> {
     (first..=last).map(|k| k as f64 * step).map(|at| Tick { at, label: fixed(at, decimals) }).collect()
 }
 
-/// Decimals that tell multiples of `step` apart.
+/// Decimals that distinguish multiples of `step`.
 fn decimals_of(step: f64) -> usize {
     let needed = -(step.log10() + 1e-9).floor();
     needed.clamp(0.0, 12.0) as usize
 }
 
-/// A number with that many decimals, with a true minus sign and without a negative zero.
+/// A number with this number of decimals, with a true minus sign and without a negative zero.
 pub fn fixed(x: f64, decimals: usize) -> String {
     let text = format!("{x:.decimals$}");
     match text.strip_prefix('-') {

@@ -15,23 +15,23 @@ use super::{
 pub const WIDTH: f64 = 1.8;
 /// Width of the rim that sets it off from the map, on both sides together.
 pub const RIM: f64 = 1.8;
-/// Radius of the mark at the beginning.
+/// Radius of the mark at the start.
 pub const START: f64 = 4.2;
 
-/// What a track leaves on the map.
+/// A track drawn on the map.
 pub struct Drawn {
     /// Its marks.
     pub marks: Vec<Mark>,
     /// Its colour.
     pub colour: [u8; 3],
-    /// What the legend says.
+    /// Its legend.
     pub name: String,
 }
 
-/// A track, thinned to within `tolerance` on the paper and cut at the frame; its index gives the colour.
+/// A track, thinned to within `tolerance` on the paper and clipped at the frame; its index gives the colour.
 ///
 /// # Errors
-/// When its coordinates have different lengths.
+/// Fails when its coordinates have different lengths.
 pub fn drawn(track: &TrackLine, index: usize, frame: &Frame, tolerance: f64) -> Result<Drawn, Fault> {
     check_lengths(track.name, &[track.x.len(), track.y.len()])?;
     let colour = track_colour(track.colour, index);
@@ -54,7 +54,7 @@ pub fn drawn(track: &TrackLine, index: usize, frame: &Frame, tolerance: f64) -> 
     Ok(Drawn { marks, colour, name })
 }
 
-/// The places of a track on the paper. A longitude is taken a full turn to where the map is; where that makes it jump
+/// The positions of a track on the paper. A longitude is shifted by a full turn to the map; where it then jumps
 /// to the other side of the earth the line is broken.
 fn spots(track: &TrackLine, frame: &Frame) -> Vec<Option<Spot>> {
     let middle = 0.5 * (frame.window.x.0 + frame.window.x.1);

@@ -1,4 +1,4 @@
-//! The answer to a query, in the form that was asked for, written while it comes.
+//! The answer to a query, in the requested form, written as it is computed.
 
 use std::{
     fs::File,
@@ -20,10 +20,10 @@ use schemas::Fault;
 use super::{say, sql::Temporary};
 use crate::views::sql::Sink;
 
-/// How an answer is written.
+/// The form of an answer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Format {
-    /// For people.
+    /// An aligned table.
     #[default]
     Table,
     /// Comma-separated values.
@@ -45,7 +45,7 @@ pub struct Answer {
 type Out = Box<dyn Write + Send>;
 
 enum Writer {
-    /// The columns are as wide as their widest cell, so all rows are kept.
+    /// The columns are as wide as their widest cell, so all rows are buffered.
     Table(Out, Vec<RecordBatch>),
     Csv(Box<arrow_csv::Writer<Out>>),
     Json(arrow_json::LineDelimitedWriter<Out>),
@@ -56,7 +56,7 @@ impl Answer {
     /// An answer to `output`, or to standard output.
     ///
     /// # Errors
-    /// When it cannot be written there in this form.
+    /// Fails when it cannot be written there in this form.
     pub fn new(format: Format, output: Option<&Path>) -> Result<Answer, Fault> {
         if format == Format::Parquet && output.is_none() {
             let fault = Fault::new("a Parquet file cannot be written to the terminal");

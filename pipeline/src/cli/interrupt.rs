@@ -1,17 +1,17 @@
-//! What Ctrl-C does to a run.
+//! The effect of Ctrl-C on a run.
 
 use std::{io::Write, process::exit, sync::atomic::Ordering};
 
 use crate::run::{INTERRUPTED, STARTED};
 
-/// What is said of an interrupted run.
+/// The message on an interrupted run.
 pub const SAID: &str = "interrupted; what was finished is kept, and the same command goes on from there";
 
 /// The exit status of an interrupted run.
 pub const STATUS: u8 = 130;
 
 /// From now on an interrupt ends a run after the units that are being computed. While sources are read or simulated,
-/// which may take long for a single file, it ends the process at once: the store is whole at any moment, and the
+/// which may take long for a single file, it ends the process at once: the store is consistent at any moment, and the
 /// files that were read are kept in it.
 pub fn listen() {
     // Where no handler can be set, an interrupt ends the process at once.

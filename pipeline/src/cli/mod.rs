@@ -1,4 +1,5 @@
-//! The command line: arguments in, text and exit status out. Results go to standard output, all else to standard error.
+//! The command line: arguments in, text and exit status out. Results go to standard output, all other text to standard
+//! error.
 
 mod answer;
 mod events;
@@ -45,20 +46,20 @@ enum Command {
     /// Run what is not yet in the store.
     #[command(after_long_help = JSON_HELP)]
     Run(RunArgs),
-    /// Put the files of a sweep that has grown together, as if it had been run at once; what is missing is run.
+    /// Merge the files of a sweep that has grown, as if it had been run at once; missing results are computed.
     Compact(RunArgs),
     /// Check a spec; nothing is run.
     Check(SpecArgs),
     /// Print the plan: tables, axes, what is in the store, what each stage costs.
     Explain(SpecArgs),
-    /// Say what changed since a table was last computed.
+    /// Show what changed since a table was last computed.
     Why {
         #[command(flatten)]
         spec: SpecArgs,
         /// The table.
         table: String,
     },
-    /// Ask the tables of a store, named PIPELINE.TABLE, in SQL.
+    /// Query the tables of a store, named PIPELINE.TABLE, in SQL.
     Sql(sql::SqlArgs),
     /// List the tables of a store.
     Ls {
@@ -67,41 +68,41 @@ enum Command {
         #[command(flatten)]
         store: tend::StoreArgs,
     },
-    /// Remove a published pipeline, or one table of it; what was computed stays until `gc`.
+    /// Remove a published pipeline, or one table of it; computed results stay until `gc`.
     Rm {
         /// The pipeline, or the table as PIPELINE.TABLE.
         name: String,
         #[command(flatten)]
         store: tend::StoreArgs,
     },
-    /// Say what runs there were, or what changed between two runs of a pipeline.
+    /// List the runs, or show what changed between two runs of a pipeline.
     Runs {
         /// Only those of this pipeline.
         pipeline: Option<String>,
         /// One run, by its number.
         #[arg(requires = "to")]
         from: Option<u64>,
-        /// A later one.
+        /// A later run.
         to: Option<u64>,
         #[command(flatten)]
         store: tend::StoreArgs,
     },
-    /// Say what of a store nobody refers to any more; `--yes` removes it.
+    /// List the results in a store that are no longer referenced; `--yes` removes them.
     Gc(tend::GcArgs),
-    /// Read every byte of a store, and set aside what is not what was written.
+    /// Verify every byte of a store, and quarantine damaged files.
     Verify(tend::StoreArgs),
-    /// Say where a table's rows come from.
+    /// Show where a table's rows come from.
     Lineage {
         /// The table, as PIPELINE.TABLE.
         table: String,
         /// The store's folder.
         #[arg(long, default_value = "store")]
         store: PathBuf,
-        /// How it is written.
+        /// The output form.
         #[arg(long, value_enum, default_value_t)]
         format: views::Format,
     },
-    /// Say what stages there are, or all about one.
+    /// List the stages, or describe one.
     Stages {
         /// The stage, or `synth` for every key of a simulation's spec.
         name: Option<String>,
@@ -109,7 +110,7 @@ enum Command {
         #[arg(long)]
         markdown: bool,
     },
-    /// Write what a run found as one page of tables and plots.
+    /// Write the results of a run as one page of tables and plots.
     Report {
         #[command(flatten)]
         spec: SpecArgs,
@@ -119,7 +120,7 @@ enum Command {
     },
     /// Work on anomaly maps.
     Map {
-        /// Nothing on standard error but errors: no progress, no notes.
+        /// Only errors on standard error: no progress, no notes.
         #[arg(short, long, global = true)]
         quiet: bool,
         #[command(subcommand)]
@@ -132,7 +133,7 @@ enum Command {
         /// The folder the flights are written to.
         #[arg(long)]
         to: PathBuf,
-        /// Nothing on standard error but errors.
+        /// Only errors on standard error.
         #[arg(short, long)]
         quiet: bool,
     },
@@ -151,22 +152,22 @@ struct SpecArgs {
 struct RunArgs {
     #[command(flatten)]
     spec: SpecArgs,
-    /// How many threads; all cores when left out. The answers do not depend on it.
+    /// The number of threads; all cores by default. Results do not depend on it.
     #[arg(long, value_parser = threads::count)]
     threads: Option<usize>,
-    /// Where it runs.
+    /// The engine.
     #[arg(long, default_value = "local")]
     engine: String,
-    /// Read the bytes of every input, however much it looks like the one that was read last.
+    /// Read the bytes of every input, even where its size and time are unchanged.
     #[arg(long)]
     verify_inputs: bool,
-    /// Wait for another run of the same pipeline in the same store, instead of saying that there is one.
+    /// Wait for another run of the same pipeline in the same store, instead of failing.
     #[arg(long)]
     wait: bool,
-    /// One JSON event per line on standard output; `magline run --help` says what they hold.
+    /// One JSON event per line on standard output; `magline run --help` describes them.
     #[arg(long)]
     json: bool,
-    /// No progress, no notes and no tables: only errors, and one line where results are marked.
+    /// No progress, no notes and no tables: only errors, and one line if results are marked.
     #[arg(short, long)]
     quiet: bool,
 }
@@ -190,7 +191,7 @@ seconds of each); failures; notes; warnings (stage, axes, flight, line, kind, va
 
 `run` is a hash of what is asked and of the data it is asked of: the same for the same spec and inputs. `time` is UTC.";
 
-/// Something that ends the command, with its exit status.
+/// The reasons for which a command ends, with their exit status.
 enum Stop {
     /// The spec, an argument or an input is wrong; nothing was run.
     Wrong(String),
@@ -268,7 +269,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
     }
 }
 
-/// The exit status: success only where all that was said could be written.
+/// The exit status: success only if all output was written.
 fn ended(status: u8) -> ExitCode {
     match say::lost() {
         Some(why) if status == 0 => {
@@ -286,15 +287,15 @@ fn say(text: String) -> Result<(), Stop> {
     Ok(())
 }
 
-/// Whether notes are left unsaid.
+/// Whether notes are suppressed.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
-/// Whether notes and progress are left unsaid.
+/// Whether notes and progress are suppressed.
 fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// Something worth knowing, on standard error.
+/// A note on standard error.
 fn note(text: &str) {
     if !is_quiet() {
         tell(&format!("note: {text}"));
@@ -347,7 +348,7 @@ fn with_graph(
 }
 
 fn report(catalogue: &[Entry], args: &SpecArgs, output: &std::path::Path) -> Result<(), Stop> {
-    // Looked at before anything is opened: a report makes no store.
+    // Checked before anything is opened: a report does not create a store.
     views::report::was_run(&read_spec(&args.spec, &args.sets)?)?;
     with_graph(catalogue, args, |graph, store| {
         views::report::write(output, &views::report::report(graph, store)?)?;
@@ -403,12 +404,12 @@ fn run_spec(catalogue: &[Entry], args: &RunArgs, compact: bool) -> Result<(), St
     ending(&summary, args.json)
 }
 
-/// A number of things: `1 line`, `2 lines`.
+/// A count with its noun: `1 line`, `2 lines`.
 fn counted(n: usize, thing: &str) -> String {
     format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
 }
 
-/// What a run without `--json` says at its end.
+/// The summary of a run without `--json`.
 fn conclude(plan: &Plan, summary: &Summary, quiet: bool) -> Result<(), Stop> {
     let table = format!("{}.warnings", plan.spec.name);
     let warned = warnings::told(&summary.warnings, &table);
@@ -429,7 +430,7 @@ fn conclude(plan: &Plan, summary: &Summary, quiet: bool) -> Result<(), Stop> {
     Ok(())
 }
 
-/// What happened to each table.
+/// The outcome of each table.
 fn table_of(summary: &Summary) -> String {
     let words = |w: [&str; 5]| w.map(str::to_owned).to_vec();
     let mut rows = vec![words(["table", "computed", "reused", "failed", "skipped"])];

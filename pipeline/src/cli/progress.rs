@@ -1,4 +1,4 @@
-//! What a command says of its progress: a bar on a terminal, else a plain line every ten seconds.
+//! The progress display: a bar on a terminal, otherwise a plain line every ten seconds.
 
 use std::{
     io::{IsTerminal, Write},
@@ -11,12 +11,12 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::run::{Event, Listener};
 
-/// How often a line is written where there is no terminal.
+/// The interval of lines without a terminal.
 const INTERVAL: Duration = Duration::from_secs(10);
-/// An estimate from less time than this is none.
+/// The minimum time for an estimate.
 const KNOWN_AFTER: Duration = Duration::from_secs(1);
 
-/// Progress on standard error, until it is dropped. All methods may be called from several threads at once.
+/// Progress on standard error, until it is dropped. All methods may be called from several threads concurrently.
 pub struct Progress(Option<Shown>);
 
 struct Shown {
@@ -32,7 +32,7 @@ struct Shared {
 }
 
 impl Progress {
-    /// Progress on standard error; none at all where `quiet`.
+    /// Progress on standard error; none where `quiet`.
     pub fn new(quiet: bool) -> Progress {
         if quiet {
             return Progress(None);
@@ -43,7 +43,7 @@ impl Progress {
         Progress::lines(INTERVAL, std::io::stderr())
     }
 
-    /// A line on `out` every `interval`, whether something happened or not.
+    /// A line on `out` every `interval`, whether or not there is news.
     fn lines(interval: Duration, mut out: impl Write + Send + 'static) -> Progress {
         let shared = Shared::new(interval);
         let of_thread = shared.clone();
@@ -51,19 +51,19 @@ impl Progress {
             let mut state = of_thread.lock();
             while !state.over {
                 if let Some(line) = state.due(of_thread.begun.elapsed()) {
-                    // Whoever reads may have gone away.
+                    // The reader may have closed the stream.
                     let _ = writeln!(out, "{line}").and_then(|()| out.flush());
                 }
                 let wait = state.next.saturating_sub(of_thread.begun.elapsed());
                 state = of_thread.over.wait_timeout(state, wait).unwrap_or_else(PoisonError::into_inner).0;
             }
         };
-        // A machine that has no thread to spare goes on without a word.
+        // Without a spare thread there is no progress display.
         let writer = std::thread::Builder::new().name("progress".to_owned()).spawn(write).ok();
         Progress(Some(Shown { shared, bar: None, writer }))
     }
 
-    /// Something else begins. What is said of the time left starts anew; the same again changes nothing.
+    /// Starts another stage. The estimate of the time left restarts; repeating the current stage has no effect.
     pub fn stage(&self, what: &str) {
         self.change(|state, now| state.stage(now, what));
     }
@@ -104,7 +104,7 @@ impl Drop for Progress {
             bar.finish_and_clear();
         }
         if let Some(writer) = shown.writer.take() {
-            // It only writes; what it may have died of is not worth a word.
+            // It only writes; its failure is ignored.
             let _ = writer.join();
         }
     }
@@ -133,7 +133,7 @@ fn style(measured: bool) -> ProgressStyle {
     ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 
-/// What is being done, and since when. It knows no clock: the time since the beginning is handed in.
+/// The current stage and its start. It does not read a clock: the time since the beginning is an argument.
 #[derive(Debug, Default)]
 struct State {
     what: String,
@@ -164,7 +164,7 @@ impl State {
         }
     }
 
-    /// The line that is to be written now, if one is.
+    /// The line that is due now, if any.
     fn due(&mut self, now: Duration) -> Option<String> {
         if now < self.next {
             return None;
@@ -191,7 +191,7 @@ impl State {
         text
     }
 
-    /// The time that is left of the stage, once there is something to tell it from.
+    /// The time that is left of the stage, once there is a basis for an estimate.
     fn left(&self, now: Duration) -> Option<Duration> {
         let passed = now.saturating_sub(self.begun);
         if self.done == 0 || self.done >= self.all || passed < KNOWN_AFTER {
@@ -201,7 +201,7 @@ impl State {
     }
 }
 
-/// A time as it is said.
+/// A duration as text.
 fn spelt(time: Duration) -> String {
     match time.as_secs() {
         s @ 0..90 => format!("{} s", s.max(1)),
@@ -260,7 +260,7 @@ mod tests {
         assert_eq!(state.text(seconds(60)), "simulating flights: 0 of 9 lines");
         state.done = 3;
         assert_eq!(state.text(seconds(60)), "simulating flights: 3 of 9 lines (about 2 min left)");
-        // Another stage knows nothing of the time that the first one took.
+        // Another stage does not use the time of the first one.
         state.stage(seconds(60), "computing even");
         (state.done, state.all) = (1, 2);
         assert_eq!(state.text(seconds(60)), "computing even: 1 of 2");
@@ -298,7 +298,7 @@ mod tests {
         let progress = Progress::lines(Duration::from_millis(5), kept.clone());
         progress.stage("computing track");
         progress.set(1, 4);
-        // Nothing is said to the helper while it waits, as by a stage that works for minutes.
+        // The thread gets no messages while it waits, as from a stage that works for minutes.
         let begun = Instant::now();
         while kept.0.lock().unwrap().is_empty() && begun.elapsed() < seconds(20) {
             std::thread::sleep(Duration::from_millis(2));

@@ -1,8 +1,8 @@
-//! Text to standard output and standard error, whatever they are: a closed, full or abandoned stream panics nobody.
+//! Text to standard output and standard error, of any kind: a closed or full stream does not panic.
 //!
-//! Results go to standard output. A reader that has gone away (`| head -1`) ends the writing quietly; anything else that
-//! stops it, such as a full disk, is kept by [`lost`], and the command ends with an exit status that says so. What cannot
-//! be written to standard error is left out: there is nowhere else to say it.
+//! Results go to standard output. A closed reader (`| head -1`) ends the writing quietly; any other failure,
+//! such as a full disk, is kept by [`lost`], and sets the exit status. Text that cannot
+//! be written to standard error is dropped.
 
 use std::{
     fmt::Display,
@@ -25,14 +25,14 @@ macro_rules! out {
 
 pub(crate) use {err, out};
 
-/// Nobody reads standard output any longer.
+/// Whether standard output is closed.
 static GONE: AtomicBool = AtomicBool::new(false);
-/// Why standard output could not be written.
+/// The error of writing standard output.
 static LOST: OnceLock<String> = OnceLock::new();
 
 /// Writes one line to standard error.
 pub fn err_line(text: impl Display) {
-    // One write a line, so that lines of several threads do not mix.
+    // One write per line, so that lines of several threads do not mix.
     let _ = io::stderr().lock().write_all(format!("{text}\n").as_bytes());
 }
 
@@ -42,7 +42,7 @@ pub fn out_text(text: impl Display) {
     note(out.write_all(text.to_string().as_bytes()).and_then(|()| out.flush()));
 }
 
-/// Keeps what became of something written to standard output.
+/// Records the outcome of a write to standard output.
 pub fn note(written: io::Result<()>) {
     match written {
         Err(e) if e.kind() == io::ErrorKind::BrokenPipe => GONE.store(true, Ordering::Relaxed),
@@ -53,12 +53,12 @@ pub fn note(written: io::Result<()>) {
     }
 }
 
-/// Whether standard output has no reader any longer.
+/// Whether standard output is closed.
 pub fn gone() -> bool {
     GONE.load(Ordering::Relaxed)
 }
 
-/// Why standard output could not be written, if it could not.
+/// The error of writing standard output, if any.
 pub fn lost() -> Option<&'static str> {
     LOST.get().map(String::as_str)
 }

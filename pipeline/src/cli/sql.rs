@@ -1,4 +1,4 @@
-//! `magline sql`: a question and its answer.
+//! `magline sql`: a query and its result.
 
 use std::{
     io::{IsTerminal, Read},
@@ -15,37 +15,37 @@ use schemas::Fault;
 use super::{Stop, answer, say::err};
 use crate::views::sql::{Question, Sink, memory, sql};
 
-/// A question.
+/// The arguments of a query.
 #[derive(Args)]
 pub struct SqlArgs {
     /// The query; `-` or nothing reads it from standard input.
     #[arg(conflicts_with = "file")]
     query: Option<String>,
-    /// A file that holds the query.
+    /// A file that contains the query.
     #[arg(short, long)]
     file: Option<PathBuf>,
     /// The store's folder.
     #[arg(long, default_value = "store")]
     store: PathBuf,
-    /// How the answer is written.
+    /// The form of the result.
     #[arg(long, value_enum, default_value_t)]
     format: answer::Format,
-    /// The file it is written to.
+    /// The output file.
     #[arg(short, long)]
     output: Option<PathBuf>,
-    /// End the answer after so many rows, and say so on standard error.
+    /// End the result after this number of rows, with a note on standard error.
     #[arg(long, value_name = "N")]
     max_rows: Option<usize>,
-    /// How much memory the query may take, such as 4GB; more goes to temporary files. A quarter of the machine's when
-    /// left out, at most 8 GB.
+    /// The memory limit of the query, such as 4GB; more goes to temporary files. By default a quarter of the machine's,
+    /// at most 8 GB.
     #[arg(long, value_name = "SIZE", value_parser = memory::size)]
     memory_limit: Option<usize>,
 }
 
-/// What is removed when the command ends early.
+/// The files that are removed when the command ends early.
 static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(vec![]);
 
-/// Something temporary: removed when it goes out of scope, or when the command is interrupted.
+/// A temporary file: removed when it goes out of scope, or when the command is interrupted.
 pub struct Temporary(PathBuf);
 
 impl Temporary {
@@ -57,7 +57,7 @@ impl Temporary {
         Temporary(path)
     }
 
-    /// Where it is.
+    /// Its path.
     pub fn path(&self) -> &Path {
         &self.0
     }
@@ -70,13 +70,13 @@ impl Drop for Temporary {
 }
 
 fn remove(path: &Path) {
-    // Nothing may be there, and nothing can be done where it cannot be removed.
+    // It may not exist; a failure to remove it is ignored.
     let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
 }
 
-/// Answers the question.
+/// Runs the query.
 pub fn run(args: &SqlArgs) -> Result<(), Stop> {
-    // A query computes and writes on many threads, and none of them is worth waiting for.
+    // A query computes and writes on many threads, which are not waited for.
     let _ = ctrlc::set_handler(|| {
         if let Ok(list) = UNFINISHED.lock() {
             list.iter().for_each(|path| remove(path));
@@ -104,7 +104,7 @@ pub fn run(args: &SqlArgs) -> Result<(), Stop> {
     sql(&question, &mut first)?;
     if let Some(schema) = first.cut.take() {
         first.answer.finish(&schema)?;
-        err!("note: the answer has more than {most} rows; `--max-rows` ends it there");
+        err!("note: the result has more than {most} rows; `--max-rows` truncates it");
     }
     Ok(())
 }
@@ -132,7 +132,7 @@ fn query(args: &SqlArgs) -> Result<String, Fault> {
 struct First {
     answer: answer::Answer,
     left: usize,
-    /// The schema, once there are more.
+    /// The schema, once there are rows.
     cut: Option<SchemaRef>,
 }
 
@@ -156,13 +156,13 @@ impl Sink for First {
     }
 }
 
-/// An answer is not written over what the store holds.
+/// A result is not written into the store.
 fn outside(output: &Path, store: &Path) -> Result<(), Fault> {
     let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     match (folder.canonicalize(), store.canonicalize()) {
         (Ok(folder), Ok(store)) if folder.starts_with(&store) => {
-            let fault = Fault::new(format!("{} lies in the store, which a question does not change", output.display()));
-            Err(fault.help("name a file outside of it with `-o`"))
+            let fault = Fault::new(format!("{} is in the store, which a query does not change", output.display()));
+            Err(fault.help("give a file outside of it with `-o`"))
         }
         _ => Ok(()),
     }

@@ -30,18 +30,18 @@ impl StoreArgs {
     }
 }
 
-/// What to drop.
+/// The results to remove.
 #[derive(Args)]
 pub struct GcArgs {
     #[command(flatten)]
     store: StoreArgs,
-    /// How many versions of each pipeline are kept; the newest always is.
+    /// The number of versions of each pipeline to keep; the newest is always kept.
     #[arg(long, default_value_t = 1)]
     keep: usize,
-    /// Keep what is younger, such as 30m, 12h or 7d.
+    /// Keep newer results, such as 30m, 12h or 7d.
     #[arg(long, value_name = "AGE", default_value = "0s", value_parser = age)]
     older_than: Duration,
-    /// Only say what would go; so it is without `--yes`.
+    /// Only list what would be removed; the default without `--yes`.
     #[arg(long, conflicts_with = "yes")]
     dry_run: bool,
     /// Remove it.
@@ -65,7 +65,7 @@ fn age(text: &str) -> Result<Duration, String> {
     number.checked_mul(seconds).map(Duration::from_secs).ok_or_else(wrong)
 }
 
-/// Bytes as they are read.
+/// Bytes as readable text.
 fn bytes(n: u64) -> String {
     let n = n as f64;
     match n {
@@ -76,7 +76,7 @@ fn bytes(n: u64) -> String {
     }
 }
 
-/// Drops what no version rests on.
+/// Removes results that no version references.
 pub fn gc(args: &GcArgs) -> Result<(), Stop> {
     let store = args.store.open()?;
     let what = tend::Collect { keep: args.keep, older_than: args.older_than, dry: !args.yes };

@@ -1,4 +1,4 @@
-//! How many threads work.
+//! The number of threads.
 
 use std::thread::available_parallelism;
 
@@ -6,7 +6,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::Stop;
 
-/// So many threads are harmless on any machine, and a script made for a larger one still runs.
+/// This number of threads is accepted on any machine, so that a script for a larger one still runs.
 const ALWAYS: usize = 64;
 /// More threads than this for each core only take memory.
 const PER_CORE: usize = 4;
@@ -15,7 +15,7 @@ fn cores() -> usize {
     available_parallelism().map_or(1, usize::from)
 }
 
-/// The most threads that may be asked for.
+/// The maximum number of threads.
 fn most() -> usize {
     ALWAYS.max(PER_CORE * cores())
 }
@@ -23,7 +23,7 @@ fn most() -> usize {
 /// Reads the value of `--threads`.
 ///
 /// # Errors
-/// When it is no number from 1 to the most that make sense here.
+/// Fails when it is not a number from 1 to the maximum on this machine.
 pub fn count(text: &str) -> Result<usize, String> {
     match text.parse::<u64>() {
         Ok(0) => Err("it must be 1 or more; leave `--threads` out for all cores".to_owned()),
@@ -33,10 +33,10 @@ pub fn count(text: &str) -> Result<usize, String> {
     }
 }
 
-/// A pool of `threads`, all cores where nothing is said.
+/// A pool of `threads`, all cores by default.
 ///
 /// # Errors
-/// When the system refuses the threads.
+/// Fails when the system refuses the threads.
 pub fn pool(threads: Option<usize>) -> Result<ThreadPool, Stop> {
     let pool = ThreadPoolBuilder::new().num_threads(threads.unwrap_or_else(cores)).build();
     pool.map_err(|e| Stop::Failed(format!("error: cannot start threads: {e}")))

@@ -1,4 +1,4 @@
-//! `$axis`: where a stage mentions an axis, and its value put in.
+//! `$axis`: references to an axis in a stage, and the substitution of its value.
 
 use schemas::{Args, Fault, Given, Literal};
 
@@ -33,7 +33,7 @@ fn mentions_in<'a>(value: &'a Literal, found: &mut Vec<&'a str>) {
 /// The axes that a stage itself mentions, as positions in the spec.
 ///
 /// # Errors
-/// A mention of an axis that the spec does not have.
+/// Fails for a mention of an axis that the spec does not have.
 pub fn mentioned(stage: &StageDecl, spec: &Spec) -> Result<Vec<usize>, Vec<Fault>> {
     let mut found: Vec<(&str, Span)> = vec![];
     for given in stage.args.values() {
@@ -76,7 +76,8 @@ fn known(names: Vec<&str>, spec: &Spec) -> Vec<usize> {
     axes
 }
 
-/// A value with the axes put in: `"$axis"` takes the value with its type, a mention inside of a text its spelling.
+/// A value with the axes substituted: `"$axis"` gives the value with its type, a reference inside of a text its
+/// spelling.
 pub fn put_in(value: &Literal, point: &Point) -> Literal {
     match value {
         Literal::Text(text) => match text.strip_prefix('$').and_then(|name| point.get(name)) {

@@ -1,4 +1,4 @@
-//! `carry` and `keep`: what of a table of flight lines is written out and kept beside the columns it makes.
+//! `carry` and `keep`: the columns of a table of flight lines that are written in addition to those it computes.
 
 use std::{collections::HashSet, sync::Arc};
 
@@ -51,7 +51,7 @@ impl Builder<'_> {
     }
 }
 
-/// What is wrong with `keep = false`.
+/// The fault of `keep = false`.
 fn kept(decl: &StageDecl, of_lines: bool) -> Option<Fault> {
     if !of_lines {
         let what = format!("`{}` is not a table of flight lines: it is always kept", decl.name);

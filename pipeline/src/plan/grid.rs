@@ -1,4 +1,4 @@
-//! The points of a sweep as numbers: a table of a million points is planned without a list of them.
+//! The points of a sweep as numbers: a table of a million points is planned without listing them.
 
 use std::collections::BTreeMap;
 
@@ -20,14 +20,14 @@ pub struct Grid {
 struct Side {
     /// The axis, as a position in the spec.
     axis: usize,
-    /// How many values it has.
+    /// The number of its values.
     length: usize,
-    /// From one of its values to the next.
+    /// The stride of its values.
     stride: usize,
 }
 
 impl Grid {
-    /// The points over `axes`, which are positions in the spec; the order they are given in does not matter.
+    /// The points over `axes`, which are positions in the spec; in any order.
     pub fn new(axes: &[usize], spec: &Spec) -> Grid {
         let mut axes = axes.to_vec();
         axes.sort_unstable();
@@ -46,7 +46,7 @@ impl Grid {
         Grid { sides, len }
     }
 
-    /// How many points there are; the largest number where it is larger than any.
+    /// The number of points, saturating.
     #[allow(clippy::len_without_is_empty)] // It has at least one.
     pub fn len(&self) -> usize {
         self.len
@@ -71,7 +71,7 @@ impl Grid {
         self.place(i).filter_map(value).collect()
     }
 
-    /// The point whose values have these positions, in the order of the axes; none where there is no such value.
+    /// The point whose values have these positions, in the order of the axes; `None` where there is no such value.
     pub fn number(&self, place: &[usize]) -> Option<usize> {
         let fits = place.len() == self.sides.len() && place.iter().zip(&self.sides).all(|(at, s)| *at < s.length);
         fits.then(|| place.iter().zip(&self.sides).map(|(at, s)| at * s.stride).sum())
@@ -85,13 +85,13 @@ impl Grid {
         (0..length).map(move |k| first + k * stride)
     }
 
-    /// Where the points of this grid lie in `other`; an axis that only `other` has is taken at its first value.
+    /// The positions of the points of this grid in `other`; an axis that only `other` has is at its first value.
     pub fn onto(&self, other: &Grid) -> Onto {
         let mut steps: Vec<Step> = vec![];
         for own in &self.sides {
             let Some(there) = other.sides.iter().find(|s| s.axis == own.axis) else { continue };
             let step = Step { own: own.stride, length: own.length, there: there.stride };
-            // Axes that follow each other in both are as one.
+            // Axes that follow each other in both are merged.
             match steps.last_mut() {
                 Some(l) if l.own == step.own * step.length && l.there == step.there * step.length => {
                     *l = Step { length: l.length * step.length, ..step };
@@ -109,7 +109,7 @@ impl Grid {
     }
 }
 
-/// The way from the points of one grid to those of another.
+/// The mapping from the points of one grid to those of another.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Onto {
     steps: Vec<Step>,
@@ -129,7 +129,7 @@ impl Onto {
     }
 }
 
-/// What depends on the place of a point on some of its axes.
+/// Values that depend on the position of a point on some of its axes.
 #[derive(Clone, Debug)]
 pub struct Over<T> {
     grid: Grid,
@@ -138,7 +138,7 @@ pub struct Over<T> {
 }
 
 impl<T: Clone + PartialEq> Over<T> {
-    /// `values` for the points of `grid`, asked for by the points of `whole`. Axes that change nothing are let go of.
+    /// `values` for the points of `grid`, asked for by the points of `whole`. Axes without effect are dropped.
     pub fn new(whole: &Grid, grid: Grid, values: Vec<T>) -> Over<T> {
         let (grid, values) = reduced(grid, values);
         Over { onto: whole.onto(&grid), grid, values }
@@ -149,12 +149,12 @@ impl<T: Clone + PartialEq> Over<T> {
         &self.grid
     }
 
-    /// What it is at each point of [`Over::grid`].
+    /// The value at each point of [`Over::grid`].
     pub fn values(&self) -> &[T] {
         &self.values
     }
 
-    /// What it is at the point `i` of the whole.
+    /// The value at the point `i` of the whole.
     pub fn at(&self, i: usize) -> &T {
         &self.values[self.onto.at(i)]
     }

@@ -1,4 +1,4 @@
-//! The inputs of a stage: from names in the spec to tables, and where the points of a sweep find them.
+//! The inputs of a stage: from names in the spec to tables at the points of a sweep.
 
 use std::{
     collections::{BTreeSet, HashMap},
@@ -18,7 +18,7 @@ use crate::{
     spec::StageDecl,
 };
 
-/// More names than this one text cannot stand for: there are not so many tables.
+/// The maximum number of names that one text can expand to.
 const MOST_NAMES: usize = 1_000_000;
 
 impl Builder<'_> {
@@ -28,7 +28,7 @@ impl Builder<'_> {
         let mut names = BTreeSet::new();
         for item in entry.inputs.iter().filter_map(|i| decl.args.get(i.name)).flat_map(|g| items(&g.value)) {
             let grid = Grid::new(&axes_of(item, self.spec), self.spec);
-            // A stage with more of them is refused later.
+            // A stage with more of them is rejected later.
             for i in 0..grid.len().min(MOST_NAMES) {
                 names.extend(texts(&put_in(item, &grid.point(i, self.spec))));
             }
@@ -36,7 +36,7 @@ impl Builder<'_> {
         names.into_iter().collect()
     }
 
-    /// What each input refers to, at every point of `grid`.
+    /// The table of each input, at every point of `grid`.
     pub fn slots(&mut self, decl: &StageDecl, entry: &Entry, grid: &Grid) -> Option<Vec<Slot>> {
         let mut slots = vec![];
         let mut fine = true;
@@ -75,7 +75,7 @@ impl Builder<'_> {
         fine.then_some(slots)
     }
 
-    /// Whether an entry of an input stands for names everywhere; a list of names only where there may be several.
+    /// Whether an entry of an input refers to names everywhere; a list of names only where there may be several.
     fn is_right(&self, item: &Literal, many: bool) -> bool {
         let Literal::Text(_) = item else { return false };
         let grid = Grid::new(&axes_of(item, self.spec), self.spec);

@@ -56,10 +56,10 @@ pub struct Unit {
     pub line: Option<LineId>,
 }
 
-/// Where the values of a column lie.
+/// The location of the values of a column.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Origin {
-    /// What made it.
+    /// The stage that made it.
     pub made_by: Ref,
     /// Its name there.
     pub column: String,
@@ -84,7 +84,7 @@ impl Names {
     }
 }
 
-/// What the keys of a table need of it.
+/// The properties of a table that its keys need.
 struct NodeKeys {
     variants: Vec<VariantKeys>,
     /// The columns that it makes at any point.
@@ -99,12 +99,12 @@ struct NodeKeys {
     columns: u64,
 }
 
-/// What the keys need of a variant.
+/// The properties of a variant that keys need.
 struct VariantKeys {
     made: Vec<Name>,
-    /// What each of those was made from.
+    /// The inputs of each of those.
     from: Vec<Vec<(usize, Name)>>,
-    /// What is read of each input.
+    /// The columns that are read of each input.
     reads: Vec<Vec<Name>>,
     /// The rows it is restricted to.
     rows: Key,
@@ -135,10 +135,10 @@ fn read(variant: &Variant, i: usize) -> Vec<String> {
 }
 
 impl<'a> Graph<'a> {
-    /// Reads the sources of `plan` into `store`, as far as they are not there.
+    /// Reads the sources of `plan` into `store`, where they are missing.
     ///
     /// # Errors
-    /// Files that cannot be read.
+    /// Fails for files that cannot be read.
     pub fn new(plan: &'a Plan, store: &Store, tick: &(dyn Fn(&str, &ReadStep) + Sync)) -> Result<Graph<'a>, Faults> {
         let mut faults = vec![];
         let mut sources: Vec<Lines> = vec![];
@@ -206,7 +206,7 @@ impl<'a> Graph<'a> {
         self.sets.of(table, instance)
     }
 
-    /// The number of the set of lines of an instance: the same lines, the same number.
+    /// The number of the set of lines of an instance: equal sets have equal numbers.
     pub fn line_set(&self, table: usize, instance: usize) -> u32 {
         self.sets.set(table, instance)
     }
@@ -217,7 +217,7 @@ impl<'a> Graph<'a> {
         each.into_iter().collect()
     }
 
-    /// How many lines the point of a table has that has most.
+    /// The largest number of lines of a point of a table.
     pub fn most_lines_of(&self, table: usize) -> usize {
         self.sets.each(table, 1).map(|(set, _)| set.len()).max().unwrap_or(0)
     }
@@ -235,7 +235,7 @@ impl<'a> Graph<'a> {
         })
     }
 
-    /// How much there is to compute of one table.
+    /// The number of units of one table.
     pub fn unit_count(&self, table: usize) -> usize {
         let node = &self.plan.tables[table];
         match node.entry.grain {
@@ -244,7 +244,7 @@ impl<'a> Graph<'a> {
         }
     }
 
-    /// Where the column `column` of `r` lies: in what made it, at the end of all passing through.
+    /// The location of the column `column` of `r`: the stage that made it, at the end of the chain.
     pub fn origin(&self, r: Ref, column: &str) -> Origin {
         let made_by = match self.names.known.get(column) {
             Some(name) => self.made_by(r, *name).0,
@@ -253,7 +253,7 @@ impl<'a> Graph<'a> {
         Origin { made_by, column: column.to_owned() }
     }
 
-    /// What made a column that `r` has, and the place of the column there.
+    /// The stage that made a column of `r`, and the index of the column there.
     fn made_by(&self, mut r: Ref, name: Name) -> (Ref, Option<usize>) {
         while let Ref::Stage(t, i) = r {
             let node = &self.plan.tables[t];
@@ -271,7 +271,7 @@ impl<'a> Graph<'a> {
         (r, None)
     }
 
-    /// Where a column comes from that no stage makes.
+    /// The source of a column that no stage makes.
     fn bottom(&self, mut r: Ref) -> Ref {
         while let Ref::Stage(t, i) = r
             && let Some((_, first)) = self.plan.tables[t].inputs(i).next()
@@ -284,7 +284,7 @@ impl<'a> Graph<'a> {
     /// The object that holds what `r` makes of `line`.
     ///
     /// # Errors
-    /// When the line lacks a column that is needed for it.
+    /// Fails when the line lacks a column that is needed for it.
     pub fn object(&self, r: Ref, line: LineId) -> Result<Key, Fault> {
         match r {
             Ref::Flights(i) => self.records[i].get(&line).map(|l| l.object).ok_or_else(|| self.no_line(line)),
@@ -299,7 +299,7 @@ impl<'a> Graph<'a> {
     /// The object that holds the model or map `r`, which has no lines.
     ///
     /// # Errors
-    /// When something is lacking that it is made from, or when `r` has lines.
+    /// Fails when one of its inputs is missing, or when `r` has lines.
     pub fn whole(&self, r: Ref) -> Result<Key, Fault> {
         match r {
             Ref::Map(i) => Ok(self.maps[i]),
@@ -330,7 +330,7 @@ impl<'a> Graph<'a> {
         }
     }
 
-    /// The place of a line among those of an instance; nothing is remembered of a line that is not there.
+    /// The index of a line among those of an instance; absent lines are not cached.
     fn position(&self, t: usize, i: usize, line: Option<LineId>) -> Option<u64> {
         match line {
             None => Some(0),
@@ -351,7 +351,7 @@ impl<'a> Graph<'a> {
     /// The key of a unit: stage, version, parameters and the keys of all it reads.
     ///
     /// # Errors
-    /// When a line lacks a column that is read.
+    /// Fails when a line lacks a column that is read.
     pub fn key(&self, unit: Unit) -> Result<Key, Fault> {
         let Unit { table: t, instance: i, line } = unit;
         let keys = &self.nodes[t];
@@ -387,7 +387,7 @@ impl<'a> Graph<'a> {
             word(&mut text, name);
             for ((_, r), reads) in inputs.iter().zip(&keys.reads).filter(|((kind, _), _)| of_lines(*kind)) {
                 for column in reads {
-                    // A fit goes on without a line that lacks a column; a line stage cannot.
+                    // A fit skips a line that lacks a column; a line stage cannot.
                     self.part(&mut text, *column, self.column_of(*r, *line, *column), lenient)?;
                 }
             }
@@ -425,7 +425,7 @@ impl<'a> Graph<'a> {
     /// The key of one column of one line.
     ///
     /// # Errors
-    /// When the line lacks it or something it is made from.
+    /// Fails when the line lacks it or one of its inputs.
     pub fn column(&self, r: Ref, line: LineId, name: &str) -> Result<Key, Fault> {
         match (self.names.known.get(name), self.bottom(r)) {
             (Some(number), _) => self.column_of(r, line, *number),
@@ -476,8 +476,9 @@ impl<'a> Graph<'a> {
             text.extend(keys.variants[v].rows.as_ref());
             word(&mut text, &self.names.words[name as usize]);
             for (input, column) in from {
-                let (_, r) =
-                    inputs.get(*input).ok_or_else(|| Fault::new("a column is made from an input that is not there"))?;
+                let (_, r) = inputs
+                    .get(*input)
+                    .ok_or_else(|| Fault::new("a column is made from an input that does not exist"))?;
                 let key = match r {
                     Ref::Stage(..) | Ref::Flights(_) => self.column_of(*r, line, *column),
                     Ref::Map(_) => self.object(*r, line),
@@ -540,7 +541,7 @@ fn lacks(record: &LineRecord, name: &str) -> Fault {
     Fault::data(format!("the line has no column `{name}`")).in_line(&record.flight, &record.line)
 }
 
-/// A part of what is hashed, kept apart from the next by its length.
+/// A part of the hashed bytes, prefixed by its length.
 fn word(text: &mut Vec<u8>, word: &str) {
     text.extend((word.len() as u32).to_le_bytes());
     text.extend(word.as_bytes());

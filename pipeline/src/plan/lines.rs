@@ -1,4 +1,4 @@
-//! Which lines each point of each table has: a set of lines is held once, however many points share it.
+//! Which lines each point of each table has: a set of lines is stored once for all points that share it.
 
 use std::{collections::HashMap, sync::Arc};
 
@@ -33,7 +33,7 @@ impl LineSets {
         &self.sets[self.set(t, i) as usize]
     }
 
-    /// The set of the point `i` of the table `t`; two points with the same lines have the same.
+    /// The set of the point `i` of the table `t`; equal for points with the same lines.
     pub fn set(&self, t: usize, i: usize) -> u32 {
         *self.of[t].at(i)
     }
@@ -53,7 +53,7 @@ impl LineSets {
     /// Lines of each of the tables in turn, from those that each table of flights has.
     ///
     /// # Errors
-    /// A `where` that selects nothing, with the table it belongs to.
+    /// Fails for a `where` that selects nothing, with the table it belongs to.
     pub fn new(plan: &Plan, flights: Vec<Vec<LineId>>, lines: &[(String, String)]) -> Result<LineSets, (usize, Fault)> {
         let mut all = LineSets::default();
         let flights: Vec<u32> = flights.into_iter().map(|set| all.add(set)).collect();
@@ -129,7 +129,7 @@ impl LineSets {
         Ok(Over::new(&node.grid, grid, found))
     }
 
-    /// The lines that all of these sets have.
+    /// The intersection of these sets of lines.
     fn common(&self, sets: &[u32]) -> Vec<LineId> {
         let Some((first, others)) = sets.split_first() else { return vec![] };
         let others: Vec<&Vec<LineId>> = others.iter().map(|s| &self.sets[*s as usize]).collect();

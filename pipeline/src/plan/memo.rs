@@ -4,13 +4,13 @@ use std::sync::Mutex;
 
 use crate::keys::Key;
 
-/// So many keys are remembered at most: 100 MB of them.
+/// The maximum number of cached keys: 100 MB of them.
 const MOST: u64 = 1 << 22;
-/// Threads hardly ever wait for each other.
+/// Enough shards that threads rarely wait for each other.
 const SHARDS: u64 = 64;
 
-/// Keys by a number. Where there are more numbers than room, a key takes the place of one remembered long before: it is
-/// made again when it is asked for.
+/// Keys by a number. Where there are more numbers than room, a key replaces an older one, which is
+/// recomputed on demand.
 pub struct Memo {
     shards: Vec<Mutex<Vec<[u64; 3]>>>,
     room: u64,
@@ -30,7 +30,7 @@ impl Memo {
         (&self.shards[(number % SHARDS) as usize], (number / SHARDS % self.room) as usize)
     }
 
-    /// The key of `number`, if it is remembered.
+    /// The key of `number`, if it is cached.
     pub fn get(&self, number: u64) -> Option<Key> {
         let (shard, at) = self.place(number);
         let keys = shard.lock().ok()?;
@@ -38,7 +38,7 @@ impl Memo {
         (owner == number + 1).then(|| Key::from_words([low, high]))
     }
 
-    /// Remembers the key of `number`.
+    /// Caches the key of `number`.
     pub fn put(&self, number: u64, key: Key) {
         let (shard, at) = self.place(number);
         let Ok(mut keys) = shard.lock() else { return };
@@ -64,7 +64,7 @@ mod tests {
         let known = (0..1000).filter(|n| memo.get(*n).is_some()).count();
         assert!((100..=128).contains(&known), "{known}");
         assert!((0..1000).all(|n| memo.get(n).is_none_or(|k| k == key(n))));
-        // The last ones are there.
+        // The last ones are cached.
         assert!((900..1000).all(|n| memo.get(n) == Some(key(n))));
     }
 }

@@ -1,7 +1,7 @@
-//! The plan: which tables there are, at which points of the sweep, and what each is made from.
+//! The plan: the tables, their points of the sweep, and their inputs.
 //!
-//! Everything that can be wrong with a spec is found here, before anything runs. A sweep is counted, not listed: a table
-//! holds what is different between its points, and where a point lies is arithmetic on its number.
+//! All faults of a spec are found here, before anything runs. A sweep is counted, not listed: a table
+//! stores the differences between its points, and the position of a point is arithmetic on its index.
 
 mod axes;
 mod build;
@@ -38,13 +38,13 @@ pub struct Plan {
     pub flights: Vec<Flights>,
     /// The maps that it reads.
     pub maps: Vec<MapSource>,
-    /// The tables that its stages yield, each after those it is made from.
+    /// The tables of its stages, each after its inputs.
     pub tables: Vec<TableNode>,
-    /// Choices made for the user that he should know of.
+    /// Choices made automatically that the user should know.
     pub notes: Vec<String>,
 }
 
-/// What an input of a stage refers to.
+/// The target of an input of a stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Ref {
     /// A table of flights, as a position in [`Plan::flights`].
@@ -59,7 +59,7 @@ impl Plan {
     /// Plans `spec` with the stages of `catalogue`: opens its tables, checks everything, reads no samples.
     ///
     /// # Errors
-    /// All that is wrong, one message for one mistake.
+    /// Fails with all faults, one message per mistake.
     pub fn new(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
         build::build(spec, catalogue)
     }
@@ -75,7 +75,7 @@ impl Plan {
         (0..self.tables[table].len()).map(move |i| self.instance(table, i))
     }
 
-    /// How the table `table` is declared.
+    /// The declaration of the table `table`.
     pub fn decl(&self, table: usize) -> Option<&StageDecl> {
         self.spec.stages.get(self.tables.get(table)?.decl)
     }
@@ -83,7 +83,7 @@ impl Plan {
     /// The position of the table `name`.
     ///
     /// # Errors
-    /// When there is none; the fault suggests the nearest.
+    /// Fails when there is none; the fault suggests the nearest.
     pub fn table(&self, name: &str) -> Result<usize, Fault> {
         let known: Vec<&str> = self.tables.iter().map(|t| t.name.as_str()).collect();
         let found = known.iter().position(|n| *n == name);
@@ -95,7 +95,7 @@ impl Plan {
         self.tables.iter().flat_map(|t| &t.entry.metrics).find(|m| m.name == name)
     }
 
-    /// The nearest table above `from`, itself among them, that `stage` made.
+    /// The nearest table above `from`, or `from` itself, that `stage` made.
     pub fn upstream(&self, from: &[Ref], stage: &str) -> Option<Ref> {
         let mut queue: Vec<Ref> = from.to_vec();
         let mut seen: BTreeSet<Ref> = BTreeSet::new();
@@ -114,7 +114,7 @@ impl Plan {
         None
     }
 
-    /// The tables that `table` rests on, itself among them, sorted.
+    /// The tables that `table` depends on, including itself, sorted.
     pub fn rests_on(&self, table: usize) -> Vec<usize> {
         let mut found = BTreeSet::from([table]);
         let mut queue = vec![table];
@@ -130,7 +130,7 @@ impl Plan {
         found.into_iter().collect()
     }
 
-    /// The name by which a reference is known in the spec.
+    /// The name of a reference in the spec.
     pub fn name_of(&self, r: Ref) -> &str {
         match r {
             Ref::Flights(i) => &self.flights[i].name,

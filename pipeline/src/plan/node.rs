@@ -1,4 +1,4 @@
-//! One table of the plan: a stage over some axes. What is the same at many points is held once.
+//! One table of the plan: a stage over some axes. Data that many points share are stored once.
 
 use std::{collections::HashSet, ops::Deref, sync::Arc};
 
@@ -19,7 +19,7 @@ use crate::{
 pub struct TableNode {
     /// Its name in the spec.
     pub name: String,
-    /// Where it is declared.
+    /// The position of its declaration.
     pub at: Span,
     /// Its declaration, as a position in the spec's stages.
     pub decl: usize,
@@ -27,7 +27,7 @@ pub struct TableNode {
     pub entry: Entry,
     /// The axes it depends on, as positions in the spec.
     pub axes: Vec<usize>,
-    /// What it reads and makes: one for all points at which that is the same, in order of first appearance.
+    /// Its inputs and outputs: one for all points at which they are equal, in order of first appearance.
     pub variants: Vec<Variant>,
     /// The columns that pass through the stage and that its published table is to hold too.
     pub carry: Vec<String>,
@@ -41,13 +41,13 @@ pub struct TableNode {
     pub(super) table: Over<u32>,
     /// The different tables that it yields.
     pub(super) tables: Vec<Arc<Table>>,
-    /// What is asked at a point: the stage, its version and its parameters.
+    /// The computation at a point: the stage, its version and its parameters.
     pub(super) questions: Over<Key>,
 }
 
-/// What a stage reads and makes at some points of the sweep.
+/// The inputs and outputs of a stage at some points of the sweep.
 pub struct Variant {
-    /// What it reads and makes.
+    /// Its inputs and outputs.
     pub yields: Yield,
     /// Its table as later stages see it.
     pub table: Arc<Table>,
@@ -66,11 +66,11 @@ impl Variant {
 pub(super) struct Slot {
     /// Its kind.
     pub kind: InputKind,
-    /// What it refers to; the name may depend on axes.
+    /// Its target; the name may depend on axes.
     pub targets: Over<Arc<[Target]>>,
 }
 
-/// What an input refers to, seen from the points of the stage that takes it.
+/// The target of an input at the points of the stage that uses it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Target {
     Flights(usize),
@@ -79,7 +79,7 @@ pub(super) enum Target {
 }
 
 impl Target {
-    /// What is referred to at the point `i` of the stage.
+    /// The target at the point `i` of the stage.
     pub fn at(&self, i: usize) -> Ref {
         match self {
             Target::Flights(t) => Ref::Flights(*t),
@@ -90,7 +90,7 @@ impl Target {
 }
 
 impl TableNode {
-    /// How many points of the sweep it has.
+    /// The number of its points of the sweep.
     pub fn len(&self) -> usize {
         self.grid.len()
     }
@@ -115,7 +115,7 @@ impl TableNode {
         *self.variant.at(i) as usize
     }
 
-    /// What the inputs are at the point `i`, each with its kind, in the order of the stage's inputs.
+    /// The inputs at the point `i`, each with its kind, in the order of the stage's inputs.
     pub fn inputs(&self, i: usize) -> impl Iterator<Item = (InputKind, Ref)> + '_ {
         self.slots.iter().flat_map(move |s| s.targets.at(i).iter().map(move |t| (s.kind, t.at(i))))
     }
@@ -160,8 +160,8 @@ impl TableNode {
         (0..grid.len()).map(move |i| back.at(i))
     }
 
-    /// A point for each combination of the axes that its parameters depend on. Where there are more than `most`, a point
-    /// for each value of each of these axes.
+    /// A point for each combination of the axes that its parameters depend on. Where there are more than `most`, a
+    /// point for each value of each of these axes.
     pub fn parameter_points(&self, most: usize) -> Vec<usize> {
         let own = self.questions.grid();
         let back = own.onto(&self.grid);
@@ -181,7 +181,7 @@ pub struct Instance<'p> {
     pub node: &'p TableNode,
     /// The point, counted with the last axis running fastest.
     pub index: usize,
-    /// What it reads and makes there.
+    /// Its inputs and outputs there.
     pub variant: &'p Variant,
 }
 
@@ -199,12 +199,12 @@ impl<'p> Instance<'p> {
         self.node.grid.point(self.index, &self.plan.spec)
     }
 
-    /// What it is made from, in the order of the stage's inputs.
+    /// Its inputs, in the order of the stage's inputs.
     pub fn inputs(&self) -> Vec<Ref> {
         self.node.inputs(self.index).map(|(_, r)| r).collect()
     }
 
-    /// What its first input is.
+    /// Its first input.
     pub fn first_input(&self) -> Option<Ref> {
         self.node.inputs(self.index).next().map(|(_, r)| r)
     }
@@ -214,10 +214,10 @@ impl<'p> Instance<'p> {
         self.node.inputs(self.index).map(|(k, _)| k).collect()
     }
 
-    /// The stage with its parameters, made anew.
+    /// The stage with its parameters, newly built.
     ///
     /// # Errors
-    /// Never of a plan that was checked.
+    /// Never fails for a checked plan.
     pub fn stage(&self) -> Result<Arc<dyn StageDyn>, Fault> {
         let decl = self.plan.spec.stages.get(self.node.decl).ok_or_else(|| Fault::bug("a table without a stage"))?;
         let own = own_args(decl, &self.node.entry);
@@ -230,7 +230,7 @@ impl<'p> Instance<'p> {
         self.stage().map(|s| s.canonical()).unwrap_or_default()
     }
 
-    /// What is asked here, without the data: the same for the same stage, version and parameters.
+    /// The computation here, without the data: equal for the same stage, version and parameters.
     pub fn question(&self) -> Key {
         *self.node.questions.at(self.index)
     }

@@ -1,5 +1,5 @@
-//! What a stage asks, reads and makes over a sweep: parameters are checked once for each combination of the axes that
-//! they mention, columns once for each combination with the tables that reach the stage.
+//! The parameters, inputs and outputs of a stage over a sweep: parameters are checked once for each combination of the
+//! axes that they mention, columns once for each combination with the tables that reach the stage.
 
 use std::{
     collections::HashMap,
@@ -21,7 +21,7 @@ use crate::{
     spec::{Spec, StageDecl},
 };
 
-/// What is different between the points of a table.
+/// The differences between the points of a table.
 pub struct Variants {
     pub variants: Vec<Variant>,
     pub variant: Over<u32>,
@@ -81,7 +81,7 @@ impl Builder<'_> {
         made.map_err(|faults| self.faults.extend(faults.into_iter().map(|f| f.at(decl.at.clone())))).ok()
     }
 
-    /// What is different between the points of `whole`; `None` where something is wrong.
+    /// The differences between the points of `whole`; `None` where there is a fault.
     pub fn variants(&mut self, decl: &StageDecl, entry: &Entry, whole: &Grid, slots: &[Slot]) -> Option<Variants> {
         let before = self.faults.len();
         let own = own_args(decl, entry);
@@ -98,7 +98,7 @@ impl Builder<'_> {
         let mut here: HashMap<u32, Option<u32>> = HashMap::new();
         let mut silent = Silent::new(&own, self.spec);
         for p in 0..grid.len() {
-            // What is wrong at each of thousands of points need not be said of each.
+            // A fault that is repeated at thousands of points is reported once.
             if self.faults.len() > before + MOST_FAULTS {
                 return None;
             }
@@ -207,7 +207,7 @@ impl Builder<'_> {
         Ok(predicate)
     }
 
-    /// What a stage reads and makes of one situation.
+    /// The inputs and outputs of a stage in one situation.
     fn variant(
         &mut self,
         decl: &StageDecl,
@@ -229,11 +229,11 @@ impl Builder<'_> {
     }
 }
 
-/// Parameters that the spec gives outright and that have had no say at any point so far. Of the values of an axis that is
-/// nothing wrong: the axis is there for other points, or for another model.
+/// Parameters that the spec gives outright and that have had no effect at any point so far. For the values of an axis
+/// that is not a fault: the axis serves other points, or another model.
 struct Silent<'a> {
     keys: Vec<(&'a str, &'a Given, Option<Fault>)>,
-    /// Whether a point was refused, so that nobody knows what would have had a say there.
+    /// Whether a point was rejected, so that the effect of its parameters is unknown.
     refused: bool,
 }
 
@@ -243,7 +243,7 @@ impl<'a> Silent<'a> {
         Silent { keys: outright.map(|(key, given)| (key.as_str(), given, None)).collect(), refused: false }
     }
 
-    /// What has a say at one more point is silent no longer.
+    /// Parameters with an effect at another point are no longer without effect.
     fn hear(&mut self, stage: Option<&dyn StageDyn>) {
         let Some(stage) = stage else {
             self.refused = true;
@@ -353,7 +353,7 @@ impl Found {
     }
 }
 
-/// A number that two equal yields share, and hardly two others.
+/// A hash of a yield.
 fn of_yield(yields: &Yield, first: Option<usize>, rows: Option<usize>) -> u64 {
     let mut hasher = DefaultHasher::new();
     (first, rows, &yields.reads, &yields.features).hash(&mut hasher);
@@ -370,7 +370,7 @@ fn same_table(one: &Table, other: &Table) -> bool {
     features && one.shape() == other.shape()
 }
 
-/// What is asked of the data.
+/// The computation on the data.
 fn question(entry: &Entry, stage: &dyn StageDyn) -> Key {
     let params = stage.canonical();
     let version = entry.version.to_string();
@@ -378,7 +378,7 @@ fn question(entry: &Entry, stage: &dyn StageDyn) -> Key {
     Key::of(["question", entry.name, version.as_str()].into_iter().chain(words))
 }
 
-/// The table that later stages see. What its columns were made from is the business of the stage that made them.
+/// The table that later stages see. The inputs of its columns belong to the stage that made them.
 fn outcome(entry: &Entry, yields: &Yield, first: Option<&Table>) -> Table {
     let made = yields.columns.iter().map(|c| Column { from: vec![], ..c.clone() });
     let from = first.map(|t| t.shape().columns.as_slice()).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! What a `where` may be made of, and a form of it that is not nested deep.
+//! The allowed parts of a `where`, and a form of it without deep nesting.
 
 use datafusion::{
     common::tree_node::{Transformed, TreeNode, TreeNodeRecursion},
@@ -12,7 +12,7 @@ use crate::deep;
 /// A predicate is evaluated on the ordinary stacks of the threads that work, which have room for many times this.
 const DEEPEST: usize = 500;
 
-/// Refuses what is not a function of one row.
+/// Rejects expressions that are not a function of one row.
 pub fn check(expr: &Expr) -> Result<(), Fault> {
     let mut found = None;
     let visited = expr.apply(|e| {
@@ -48,7 +48,7 @@ fn objection(expr: &Expr) -> Option<Fault> {
             Some(Fault::new("`where` has no variables").help("`\"$axis\"` puts in the value of an axis"))
         }
         #[expect(deprecated)]
-        Expr::Wildcard { .. } => Some(Fault::new("`*` means nothing in `where`")),
+        Expr::Wildcard { .. } => Some(Fault::new("`*` has no meaning in `where`")),
         Expr::GroupingSet(_) | Expr::Unnest(_) | Expr::OuterReferenceColumn(..) => {
             Some(Fault::new("`where` sees one row of one table"))
         }
@@ -82,9 +82,9 @@ fn objection(expr: &Expr) -> Option<Fault> {
 /// The same predicate with long chains of `and` and of `or` as balanced trees: SQL reads them as nested to the left.
 ///
 /// # Errors
-/// None of its own.
+/// Fails only where the rewriting of the expression fails.
 pub fn balanced(expr: Expr) -> Result<Expr, DataFusionError> {
-    /// Shorter chains stay as they are written.
+    /// Shorter chains are unchanged.
     const LONG: usize = 64;
     let rebuild = |e: Expr| {
         let Expr::BinaryExpr(BinaryExpr { op, .. }) = &e else { return Ok(Transformed::no(e)) };
@@ -138,7 +138,7 @@ fn tree(mut terms: Vec<Expr>, op: Operator) -> Expr {
     terms.pop().unwrap_or_default()
 }
 
-/// Refuses what is nested too deep to be evaluated.
+/// Rejects expressions that are nested too deep to be evaluated.
 pub fn shallow(expr: &Expr) -> Result<(), Fault> {
     // Level by level, so that a large tree is not walked by recursion.
     let mut level = vec![expr];

@@ -1,5 +1,5 @@
-//! What a table's files hold: the keys (axes, flight, line, tt), the columns that the stage made, and those it carries
-//! along. What only passes through stays in the table that made it.
+//! The contents of a table's files: the keys (axes, flight, line, tt), the columns of the stage, and those it carries
+//! along. Columns that pass through stay in the table that made them.
 
 use std::sync::Arc;
 
@@ -33,7 +33,7 @@ impl<'a> Cut<'a> {
     /// Of the table `table`.
     ///
     /// # Errors
-    /// When a column has types at different points of the sweep that one file cannot hold.
+    /// Fails when a column has types at different points of the sweep that one file cannot hold.
     pub fn new(graph: &'a Graph<'a>, table: usize) -> Result<Cut<'a>, Fault> {
         let plan = graph.plan;
         let node = &plan.tables[table];
@@ -49,7 +49,7 @@ impl<'a> Cut<'a> {
             let makers: Vec<&Column> =
                 yields.iter().filter_map(|y| y.columns.iter().find(|c| c.name == column.name)).collect();
             let identifier = KEYS.contains(&column.name.as_str());
-            // What is made again wherever it is needed would be nowhere to be read.
+            // Results that are recomputed on demand have no file to read.
             let unkept = makers.is_empty()
                 && node.examples(&plan.spec).any(|i| {
                     let made_by = graph.origin(Ref::Stage(table, i), &column.name).made_by;
@@ -75,7 +75,7 @@ impl<'a> Cut<'a> {
         Ok(Cut { graph, table, schema, kind, passed })
     }
 
-    /// What a unit takes in memory, in bytes, as far as that can be told before it is computed.
+    /// The estimated memory of a unit, in bytes, before it is computed.
     pub fn bytes(&self, unit: Unit) -> usize {
         /// Rows of a model or of the scores of a line.
         const TIDY_ROWS: usize = 32;
@@ -95,7 +95,7 @@ impl<'a> Cut<'a> {
         rows * row_bytes(&self.schema)
     }
 
-    /// A hash of what stands in a unit's rows beside what its stage made of them.
+    /// A hash of the columns of a unit's rows that its stage did not make.
     pub fn dress(&self, unit: Unit) -> u64 {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
@@ -114,10 +114,10 @@ impl<'a> Cut<'a> {
         u64::from_le_bytes(bytes)
     }
 
-    /// The rows of a unit as they stand in a file, from `made`, the columns that its stage made.
+    /// The rows of a unit as in a file, from `made`, the columns that its stage made.
     ///
     /// # Errors
-    /// When what is carried along cannot be read.
+    /// Fails when the carried columns cannot be read.
     pub fn rows(&self, unit: Unit, made: &RecordBatch, held: &mut Held) -> Result<RecordBatch, Fault> {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
@@ -164,7 +164,7 @@ impl<'a> Cut<'a> {
         Key::of([self.kind.to_string()].into_iter().chain(spelt))
     }
 
-    /// What a pack of these units says of itself, for whoever finds the file alone.
+    /// The metadata of a pack of these units, which describe the file on its own.
     pub fn about(&self, id: Key, units: &[Unit]) -> Vec<(String, String)> {
         let node = &self.graph.plan.tables[self.table];
         let mut questions: Vec<Key> = vec![];
@@ -196,7 +196,7 @@ impl<'a> Cut<'a> {
 /// The field of a column that may have several types at the points of a sweep: lists of different lengths.
 ///
 /// # Errors
-/// When the types are of different kinds.
+/// Fails when the types are of different kinds.
 pub fn one_type(column: &Column, makers: &[&Column]) -> Result<Field, Fault> {
     let first = column.field();
     let types: Vec<DataType> = makers.iter().map(|c| c.column_type.data_type()).collect();

@@ -1,4 +1,4 @@
-//! What a run tells while it goes on.
+//! The events of a run.
 
 use std::ops::Add;
 
@@ -7,7 +7,7 @@ use schemas::Fault;
 use super::Summary;
 use crate::{plan::Point, sources::ReadStep};
 
-/// How many units of a table had which fate.
+/// The number of units of a table by outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Count {
     /// Computed now.
@@ -16,7 +16,7 @@ pub struct Count {
     pub reused: usize,
     /// Not computable.
     pub failed: usize,
-    /// Not tried, because something they rest on failed.
+    /// Not tried, because one of their inputs failed.
     pub skipped: usize,
 }
 
@@ -33,7 +33,7 @@ impl Add for Count {
     }
 }
 
-/// The fate of one unit.
+/// The outcome of one unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// Computed now.
@@ -58,42 +58,42 @@ impl Outcome {
     }
 }
 
-/// Something that happened.
+/// An event of a run.
 pub enum Event<'a> {
-    /// A file of a source is being read, or a line of it is there.
+    /// A file of a source is being read, or a line of it is complete.
     Reading {
         /// The source.
         table: &'a str,
-        /// How far it has come.
+        /// Its progress.
         step: &'a ReadStep<'a>,
     },
     /// The run begins.
     Started {
         /// The pipeline.
         pipeline: &'a str,
-        /// Units there are.
+        /// The number of units.
         units: usize,
-        /// What is asked, and of which data: the same for the same spec and inputs.
+        /// The hash of the computation and its data: equal for the same spec and inputs.
         run: &'a str,
-        /// Choices made for the user.
+        /// Choices made automatically.
         notes: &'a [String],
     },
-    /// What is missing of a table is computed now.
+    /// The missing part of a table is computed now.
     Computing {
         /// The table.
         table: &'a str,
-        /// Units that are neither there nor beyond computing.
+        /// Units that are missing and can be computed.
         units: usize,
     },
-    /// A unit is settled.
+    /// A unit is finished.
     Unit {
         /// The table.
         table: &'a str,
         /// The sweep point.
         point: &'a Point,
-        /// The line; none for a survey stage.
+        /// The line; `None` for a survey stage.
         line: Option<&'a (String, String)>,
-        /// Its fate.
+        /// Its outcome.
         outcome: Outcome,
         /// Why it failed.
         fault: Option<&'a Fault>,
@@ -107,25 +107,25 @@ pub enum Event<'a> {
     Table {
         /// The table.
         table: &'a str,
-        /// What happened to its units.
+        /// The outcome of its units.
         count: Count,
-        /// How long it took.
+        /// Its duration.
         seconds: f64,
     },
     /// The run is over.
     Finished {
-        /// What came of it.
+        /// Its summary.
         summary: &'a Summary,
     },
 }
 
-/// Somebody who wants to know.
+/// An observer of events.
 pub trait Listener: Sync {
-    /// Is told of an event, on whichever thread it happened.
+    /// Receives an event, on the thread where it occurred.
     fn hear(&self, event: &Event);
 }
 
-/// Nobody.
+/// No observer.
 pub struct Quiet;
 
 impl Listener for Quiet {

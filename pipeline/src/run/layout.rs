@@ -55,7 +55,7 @@ impl Layout {
     }
 }
 
-/// Which packs of the store hold rows of a table just as they are wanted.
+/// The packs of the store that contain rows of a table exactly as needed.
 pub struct Cover {
     /// The packs, in the order of the rows.
     pub packs: Vec<Key>,
@@ -63,12 +63,13 @@ pub struct Cover {
     pub covered: Vec<bool>,
 }
 
-/// Finds packs of units that are all wanted, none twice. `wanted` has, for each unit of `layout`, what its pack says of
-/// it, where it was computed or has failed; `rows` is not looked at. With `strict` only packs that are whole chunks count.
+/// Finds packs of units that are all needed, without duplicates. `wanted` has, for each unit of `layout`, its entry in
+/// its pack, where it was computed or has failed; `rows` is ignored. With `strict` only packs that are whole chunks
+/// count.
 pub fn cover(catalogue: &Catalogue, kind: Key, layout: &Layout, wanted: &[Option<Packed>], strict: bool) -> Cover {
     let at: HashMap<(Key, u64), usize> =
         wanted.iter().enumerate().filter_map(|(i, w)| w.as_ref().map(|w| ((w.key, w.dress), i))).collect();
-    // One chunk alone is small; it is always one pack, so that small tables have the same bytes whatever came before.
+    // One chunk alone is small; it is always one pack, so that small tables have the same bytes whatever the history.
     let strict = strict || layout.chunks.len() <= 1;
     let mut found: Vec<(bool, usize, usize, Key, Vec<usize>)> = vec![];
     for pack in catalogue.packs().filter(|p| p.kind == kind) {
@@ -76,7 +77,7 @@ pub fn cover(catalogue: &Catalogue, kind: Key, layout: &Layout, wanted: &[Option
         let Some(places) = places.filter(|p| !p.is_empty()) else { continue };
         let (first, last) = (places[0], places[places.len() - 1]);
         let chunk = layout.chunks.get(layout.chunks.partition_point(|c| c.end <= first));
-        // A chunk without the units that have nothing to show for themselves.
+        // A chunk without the units that have no rows.
         let exact = chunk.is_some_and(|c| {
             c.contains(&last) && c.clone().filter(|i| wanted[*i].is_some()).eq(places.iter().copied())
         });
@@ -97,7 +98,7 @@ pub fn cover(catalogue: &Catalogue, kind: Key, layout: &Layout, wanted: &[Option
     Cover { packs: packs.into_iter().map(|(_, id)| id).collect(), covered }
 }
 
-/// Whether so many packs are more than a table of so many chunks should have.
+/// Whether a number of packs is too large for a table of a number of chunks.
 pub fn scattered(packs: usize, chunks: usize) -> bool {
     packs > 2 * chunks + 16
 }
@@ -139,10 +140,10 @@ mod tests {
     #[test]
     fn law_a_pack_counts_if_all_of_it_is_wanted_and_no_unit_counts_twice() {
         assert_eq!(covered(&[&[0, 1, 2], &[3, 4, 5]], true), (vec![0, 3], 6));
-        // Whole chunks come first; what overlaps them is left out.
+        // Whole chunks come first; packs that overlap them are skipped.
         assert_eq!(covered(&[&[0, 1, 2, 3], &[0, 1, 2], &[3, 4], &[5]], false), (vec![0, 3, 5], 6));
         assert_eq!(covered(&[&[0, 1, 2], &[3, 4], &[5]], true), (vec![0], 3));
-        // A pack with a unit that is not wanted any more is no pack of this table.
+        // A pack with a unit that is no longer needed is not a pack of this table.
         assert_eq!(covered(&[&[0, 1, 2], &[3, 4, 5, 7]], false), (vec![0], 3));
         assert_eq!(covered(&[], false), (vec![], 0));
         let other = catalogue(&[&[0, 1, 2]]);

@@ -1,8 +1,8 @@
-//! Where each row of a table's whole, logical form comes from: the units that hold its columns.
+//! The origin of each row of a table's full, logical form: the units that contain its columns.
 //!
 //! A published table holds the keys and what its stage made. A column that passes through lies in the unit of a table
-//! further up, row by row: the stage that made it is some steps up the chain of first inputs. This file has a row for each
-//! unit, with the keys of the units on its chain; which column lies how many steps up stands in its metadata, once for
+//! further up, row by row: the stage that made it is some steps up the chain of first inputs. This file has a row for
+//! each unit, with the keys of the units on its chain; the steps up to each column are in its metadata, once for
 //! each pattern that occurs.
 
 use std::{
@@ -33,7 +33,7 @@ pub const PATTERNS: &str = "magline.patterns";
 /// The columns of a logical table: axes, then all that the stages above hand on.
 ///
 /// # Errors
-/// When a column has types at different points of the sweep that one table cannot have.
+/// Fails when a column has types at different points of the sweep that one table cannot have.
 pub fn schema(graph: &Graph, node: &TableNode) -> Result<SchemaRef, Fault> {
     let spec = &graph.plan.spec;
     let axes = node.axes.iter().filter_map(|i| spec.axes.get(*i));
@@ -49,7 +49,7 @@ pub fn schema(graph: &Graph, node: &TableNode) -> Result<SchemaRef, Fault> {
     Ok(Arc::new(Schema::new(fields)))
 }
 
-/// A point of a table and what is above it through first inputs, itself first.
+/// A point of a table and its ancestors through first inputs, itself first.
 fn chain(graph: &Graph, t: usize, instance: usize) -> Vec<Ref> {
     let mut chain = vec![Ref::Stage(t, instance)];
     while let Some(Ref::Stage(t, i)) = chain.last().copied() {
@@ -61,7 +61,7 @@ fn chain(graph: &Graph, t: usize, instance: usize) -> Vec<Ref> {
     chain
 }
 
-/// How many steps up each column of a point lies.
+/// The steps up to each column of a point.
 fn pattern(graph: &Graph, chain: &[Ref], names: &[String]) -> BTreeMap<String, usize> {
     let Some(Ref::Stage(t, i)) = chain.first().copied() else { return BTreeMap::new() };
     let own = graph.plan.instance(t, i);
@@ -76,10 +76,10 @@ fn pattern(graph: &Graph, chain: &[Ref], names: &[String]) -> BTreeMap<String, u
     names.iter().filter_map(|n| Some((n.clone(), depth(n)?))).collect()
 }
 
-/// Writes the file for the table of `cut`; none where the published table is all there is.
+/// Writes the file for the table of `cut`; none where the published table is complete.
 ///
 /// # Errors
-/// When the store cannot be written.
+/// Fails when the store cannot be written.
 pub fn write(
     graph: &Graph,
     store: &Store,

@@ -1,4 +1,4 @@
-//! Running a plan: what is not in the store is computed, the rest is reused, and what fails stays apart.
+//! Running a plan: missing results are computed, the rest is reused, and failures are isolated.
 
 mod cut;
 mod events;
@@ -37,29 +37,29 @@ use crate::{
     },
 };
 
-/// How a run ended.
+/// The summary of a run.
 pub struct Summary {
-    /// What happened to each table, in the plan's order.
+    /// The outcome of each table, in the plan's order.
     pub tables: Vec<(String, Count)>,
-    /// What failed, in a fixed order.
+    /// The failures, in a fixed order.
     pub failures: Vec<Failure>,
     /// Findings in the data: rows of the table `quality`.
     pub quality: usize,
-    /// Lines that have any.
+    /// Lines with findings.
     pub quality_lines: usize,
-    /// What is not to be trusted as it is; none of an interrupted run.
+    /// Warnings about results; none for an interrupted run.
     pub warnings: Vec<Warning>,
     /// The pooled scores of each table of scores.
     pub scores: Vec<(String, Scores)>,
-    /// Choices made for the user.
+    /// Choices made automatically.
     pub notes: Vec<String>,
-    /// How long each table took, s, in the order of `tables`.
+    /// The duration of each table, s, in the order of `tables`.
     pub seconds: Vec<f64>,
-    /// What was asked, and of which data: the same for the same spec and inputs.
+    /// The hash of the computation and its data: equal for the same spec and inputs.
     pub run: String,
     /// Whether it was interrupted.
     pub interrupted: bool,
-    /// Where the tables are.
+    /// The folder of the tables.
     pub folder: std::path::PathBuf,
 }
 
@@ -70,24 +70,24 @@ impl Summary {
     }
 }
 
-/// Something that could not be computed.
+/// A unit that could not be computed.
 #[derive(Clone, Debug)]
 pub struct Failure {
     /// The table, or the source.
     pub table: String,
     /// The sweep point.
     pub point: crate::plan::Point,
-    /// The line; none for a survey stage.
+    /// The line; `None` for a survey stage.
     pub line: Option<(String, String)>,
     /// Why.
     pub fault: Fault,
 }
 
-/// The failures as they are said: one message for a mistake that several lines of a file have, with the number of lines.
+/// The failures as reported: one message for a mistake that several lines of a file have, with the number of lines.
 pub fn said_once(failures: &[Failure]) -> Vec<(&Failure, usize)> {
     let shape = |f: &Failure| f.fault.what.chars().filter(|c| !c.is_ascii_digit() && !".,-e".contains(*c)).collect();
     let mistake = |f: &Failure| -> Option<(String, String, String)> {
-        // Only what is wrong with a source; a stage fails for reasons of its own.
+        // Only faults of a source are merged; stages fail separately.
         let file = f.fault.place.file.clone()?;
         Some((file, f.fault.place.column.clone()?, shape(f)))
     };
@@ -109,39 +109,39 @@ pub fn said_once(failures: &[Failure]) -> Vec<(&Failure, usize)> {
     said
 }
 
-/// Set to stop a run after what is under way.
+/// Set to stop a run after the current units.
 pub static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
 /// Whether the sources are read and units are being computed.
 pub static STARTED: AtomicBool = AtomicBool::new(false);
 
-/// What became of a unit.
+/// The state of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
     Done,
-    /// The data cannot give it; the same on every run.
+    /// It cannot be computed from the data; the same on every run.
     Failed,
-    /// The machine failed, or it rests on something that is not there.
+    /// The machine failed, or one of its inputs is missing.
     Missing,
 }
 
-/// How a run goes about it.
+/// The options of a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Options {
     /// Wait for another run of the pipeline, where there is one.
     pub wait: bool,
-    /// Put the packs of a sweep that has grown together, as if it had been run at once.
+    /// Merge the packs of a sweep that has grown, as if it had been run at once.
     pub compact: bool,
 }
 
 /// How often a run starts again when it finds a part of the store damaged.
 const HEALINGS: usize = 5;
 
-/// Runs `plan` in `store`, on rayon's current thread pool. What is found damaged is set aside and computed again.
+/// Runs `plan` in `store`, on rayon's current thread pool. Damaged files are quarantined and recomputed.
 ///
 /// # Errors
-/// When a source cannot be read, the store cannot be written, or another run of the pipeline is at work; nothing has been
-/// run then.
+/// Fails when a source cannot be read, the store cannot be written, or another run of the pipeline is at work; nothing
+/// has been run then.
 pub fn run(plan: &Plan, store: &Store, options: Options, listener: &dyn Listener) -> Result<Summary, Faults> {
     let publisher = store.publisher(&plan.spec.name, options.wait).map_err(|f| plan.spec.faults(vec![f]))?;
     let mut healings = 0;
@@ -167,7 +167,7 @@ fn unpublished(fault: Fault) -> Failure {
     Failure { table: "publish".into(), point: Default::default(), line: None, fault }
 }
 
-/// One run, as far as the store is whole.
+/// One run, while the store is intact.
 fn once(
     plan: &Plan,
     store: &Store,
@@ -236,8 +236,8 @@ fn once(
     Ok(Summary { tables, failures, quality, quality_lines, warnings, scores, notes, seconds, run, interrupted, folder })
 }
 
-/// What is asked of which data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of every table. A
-/// comment in the spec, the number of threads and what the store already holds do not change it.
+/// The hash of the computation and its data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of
+/// every table. A comment in the spec, the number of threads and what the store already holds do not change it.
 fn run_id(graph: &Graph) -> String {
     let spec = &graph.plan.spec;
     let mut parts = vec!["run".to_owned(), spec.name.clone(), spec.seed.to_string()];
@@ -249,7 +249,7 @@ fn run_id(graph: &Graph) -> String {
     Key::of(parts).to_string().chars().take(16).collect()
 }
 
-/// What became of every unit.
+/// The state of every unit.
 struct States<'a> {
     graph: &'a Graph<'a>,
     /// By table; the lines of a point one after another, then those of the next.
@@ -301,7 +301,7 @@ struct Runner<'a> {
 }
 
 impl Runner<'_> {
-    /// Lines that cannot be used at all.
+    /// Lines that cannot be used.
     fn sources(&mut self) {
         for (flights, records) in self.graph.plan.flights.iter().zip(&self.graph.records) {
             for record in records.values() {
@@ -328,7 +328,7 @@ impl Runner<'_> {
         self.record(unit, fault);
     }
 
-    /// Lists the lines that a survey stage went on without.
+    /// Lists the lines that a survey stage skipped.
     fn left_out(&mut self, unit: Unit, faults: Vec<Fault>) {
         let node = &self.graph.plan.tables[unit.table];
         let point = self.graph.plan.instance(unit.table, unit.instance).point();
@@ -338,7 +338,7 @@ impl Runner<'_> {
         }));
     }
 
-    /// The same of an answer that is reused.
+    /// The same for a reused result.
     fn went_on_without(&mut self, unit: Unit, key: Key) {
         if unit.line.is_some() {
             return;
@@ -375,7 +375,7 @@ impl Runner<'_> {
         it.inputs().into_iter().enumerate().find(missing).map(|(_, r)| r)
     }
 
-    /// Whether a unit is to be computed, is there, or cannot be.
+    /// Whether a unit must be computed, is available, or cannot be computed.
     fn look(&self, unit: Unit) -> Looked {
         if let Some(r) = self.missing_input(unit) {
             return Looked::Skip(r);
@@ -394,7 +394,7 @@ impl Runner<'_> {
         }
     }
 
-    /// A survey stage waits for lines that the machine failed on, and needs at least one that is there.
+    /// A survey stage waits for lines that the machine failed on, and needs at least one that is available.
     fn survey_state(&self, unit: Unit) -> State {
         let lines = self.graph.lines_of(unit.table, unit.instance);
         let states: Vec<State> = lines.iter().map(|l| self.line_is_there(*l, unit)).collect();
@@ -404,7 +404,7 @@ impl Runner<'_> {
         if states.contains(&State::Done) { State::Done } else { State::Missing }
     }
 
-    /// What became of `line` in all line inputs of `unit`.
+    /// The state of `line` in all line inputs of `unit`.
     fn line_is_there(&self, line: LineId, unit: Unit) -> State {
         let it = self.graph.plan.instance(unit.table, unit.instance);
         let inputs = self.graph.line_inputs(&it);
@@ -438,7 +438,7 @@ impl Runner<'_> {
 
 enum Looked {
     Have(Key),
-    /// It was tried before, and the data cannot give it.
+    /// It failed before, because of the data.
     Failed(Key, Fault),
     Need(Key),
     /// It is made from something that is not there.

@@ -19,7 +19,7 @@ use crate::{
     views::warnings::Warning,
 };
 
-/// What a run has to publish.
+/// The inputs of publishing.
 pub struct Publication<'a> {
     /// The plan with its data.
     pub graph: &'a Graph<'a>,
@@ -29,7 +29,7 @@ pub struct Publication<'a> {
     pub run: &'a str,
     /// The packs of each table.
     pub packs: &'a [Vec<Key>],
-    /// Whether a unit is there.
+    /// Whether a unit is available.
     pub there: &'a (dyn Fn(Unit) -> bool + Sync),
 }
 
@@ -37,7 +37,7 @@ impl Publication<'_> {
     /// Publishes all tables of the pipeline together.
     ///
     /// # Errors
-    /// When the store cannot be read or written; the tables before stay as they are then.
+    /// Fails when the store cannot be read or written; the tables before stay as they are then.
     pub fn publish(&self, publisher: &Publisher, failures: &[Failure], warnings: &[Warning]) -> Result<(), Fault> {
         let (graph, store) = (self.graph, self.store);
         let plan = graph.plan;
@@ -65,7 +65,7 @@ impl Publication<'_> {
         store.publish(publisher, self.run, &tables, &beside, &self.rests_on()).map(|_| ())
     }
 
-    /// All packs that the tables rest on: their own, and those of the sources.
+    /// All packs that the tables reference: their own, and those of the sources.
     fn rests_on(&self) -> Vec<Key> {
         let graph = self.graph;
         let catalogue = self.store.catalogue();
@@ -81,7 +81,7 @@ fn has_rows(store: &Store, id: Key) -> bool {
     store.catalogue().by_id(id).is_some_and(|p| p.units.iter().any(|u| u.count().is_some_and(|n| n > 0)))
 }
 
-/// Writes what failed, also when nothing did.
+/// Writes the failures, also when there are none.
 fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<Beside, Fault> {
     let text = |f: &dyn Fn(&Failure) -> Option<String>| -> ArrayRef {
         Arc::new(failures.iter().map(f).collect::<StringArray>())
@@ -96,7 +96,7 @@ fn failures(plan: &Plan, store: &Store, failures: &[Failure]) -> Result<Beside, 
     beside(plan, store, "failures", &points, columns)
 }
 
-/// Writes what is not to be trusted as it is, also when there is nothing of the kind.
+/// Writes the warnings, also when there are none.
 fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<Beside, Fault> {
     let text = |f: &dyn Fn(&Warning) -> Option<String>| -> ArrayRef {
         Arc::new(warnings.iter().map(f).collect::<StringArray>())
@@ -108,18 +108,18 @@ fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<Beside, 
         ("flight", text(&|w| w.line.as_ref().map(|l| l.0.clone())), "flight identifier; null for a fit"),
         ("line", text(&|w| w.line.as_ref().map(|l| l.1.clone())), "line identifier; null for a fit"),
         ("stage", text(&|w| Some(w.stage.clone())), "the table of scores or models"),
-        ("kind", text(&|w| Some(w.kind.as_str().to_owned())), "what it is about"),
-        ("value", number(|w| w.value), "the figure that gave rise to it; null for a fit"),
-        ("limit", number(|w| w.limit), "what the figure is held against"),
+        ("kind", text(&|w| Some(w.kind.as_str().to_owned())), "the kind of warning"),
+        ("value", number(|w| w.value), "the value that caused it; null for a fit"),
+        ("limit", number(|w| w.limit), "the limit that the value exceeds"),
         ("unit", text(&|w| Some(w.unit.to_owned())), "the unit of both"),
-        ("text", text(&|w| Some(w.text.clone())), "what is wrong"),
-        ("cause", text(&|w| w.cause.clone()), "what is likely to be behind it; null where that is not known"),
+        ("text", text(&|w| Some(w.text.clone())), "the message"),
+        ("cause", text(&|w| w.cause.clone()), "the likely cause; null where that is not known"),
     ];
     beside(plan, store, "warnings", &points, columns)
 }
 
-/// A table beside those of the stages: the axes of the whole sweep (null where a row has no value of one), then `columns`
-/// of name, values and meaning. An axis has its name before a column.
+/// A table in addition to those of the stages: the axes of the whole sweep (null where a row has no value of one), then
+/// `columns` of name, values and meaning. An axis has its name before a column.
 fn beside(
     plan: &Plan,
     store: &Store,

@@ -1,4 +1,4 @@
-//! The table of the quality of the data: what was found in the columns of each line when it was read.
+//! The table of the quality of the data: the findings in the columns of each line when it was read.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::{
     store::{Beside, Store},
 };
 
-/// One row: the table of flights, the line, and what was found.
+/// One row: the table of flights, the line, and the finding.
 type Row<'a> = (&'a str, &'a LineRecord, &'a Finding);
 
 fn rows<'a>(graph: &'a Graph) -> Vec<Row<'a>> {
@@ -31,7 +31,7 @@ pub fn count(graph: &Graph) -> (usize, usize) {
 /// Writes all findings, also when there are none.
 ///
 /// # Errors
-/// When the store cannot be written.
+/// Fails when the store cannot be written.
 pub fn table(graph: &Graph, store: &Store) -> Result<Beside, Fault> {
     let rows = rows(graph);
     let text =
@@ -45,7 +45,7 @@ pub fn table(graph: &Graph, store: &Store) -> Result<Beside, Fault> {
         ("flight", text(&|r| r.1.flight.clone()), Role::Key, "flight identifier"),
         ("line", text(&|r| r.1.line.clone()), Role::Key, "line identifier"),
         ("column_name", text(&|r| r.2.column.clone()), Role::Key, "the column, or the vector magnetometer"),
-        ("finding", text(&|r| r.2.check.as_str().to_owned()), Role::Key, "what was found"),
+        ("finding", text(&|r| r.2.check.as_str().to_owned()), Role::Key, "the finding"),
         ("n", whole(|f| f.n), Role::Derived, "the number of samples"),
         ("first_row", whole(|f| f.first_row), Role::Derived, "the first of them, as a row of the line, from 0"),
         ("value", value, Role::Derived, "its value; null where it is missing or infinite"),

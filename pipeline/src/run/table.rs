@@ -1,4 +1,4 @@
-//! One table of a run: what is there is found, what is not is computed, and both are put into packs.
+//! One table of a run: existing results are found, missing ones are computed, and both are written into packs.
 
 use std::collections::{HashMap, HashSet};
 
@@ -21,10 +21,10 @@ use crate::{
     store::{FAILED, NewUnit, Packed},
 };
 
-/// A unit of a chunk and what is known of it before the chunk is computed.
+/// A unit of a chunk and its state before the chunk is computed.
 #[derive(Clone, Copy)]
 enum Known {
-    /// Nothing to show: it waits for something that is not there, or cannot even be asked.
+    /// No rows: one of its inputs is missing, or it cannot be computed.
     Nothing,
     /// It is in the store.
     There(Packed),
@@ -32,16 +32,16 @@ enum Known {
     Pending(Key),
 }
 
-/// What a chunk came to.
+/// The result of a chunk.
 #[derive(Default)]
 struct Answer {
     made: Vec<Made>,
-    /// Why its pack could not be written.
+    /// The error of writing its pack.
     lost: Option<Fault>,
 }
 
-/// The units of a chunk that are to be computed. Points of a sweep that differ in nothing that their stage looks at have
-/// one key: the first of them is computed, and its answer is the others' too.
+/// The units of a chunk that are to be computed. Points of a sweep that are equal in all inputs of their stage have
+/// one key: the first of them is computed, and its result is shared by the others.
 struct Pending {
     units: Vec<(Unit, Key)>,
     /// The first unit of each key, in their order.
@@ -57,12 +57,12 @@ impl Pending {
         Pending { units, first, of_key }
     }
 
-    /// The units whose answer is another's.
+    /// The units whose result is shared.
     fn repeats(&self) -> HashSet<Unit> {
         self.units.iter().filter(|(unit, key)| self.of_key.get(key) != Some(unit)).map(|(unit, _)| *unit).collect()
     }
 
-    /// What was made of the first units, for all of them.
+    /// The results of the first units, for all units.
     fn spread(&self, made: Vec<Made>) -> Vec<Made> {
         if self.first.len() == self.units.len() {
             return made;
@@ -74,7 +74,7 @@ impl Pending {
 }
 
 impl Runner<'_> {
-    /// Computes what is missing of the table `t`, and says which packs hold it.
+    /// Computes what is missing of the table `t`, and returns the packs that contain it.
     pub(super) fn table(&mut self, t: usize) -> (Count, Vec<Key>) {
         let mut count = Count::default();
         if !self.graph.plan.tables[t].keep {
@@ -154,7 +154,7 @@ impl Runner<'_> {
         (count, after.packs)
     }
 
-    /// A table whose results are not kept: each unit is made where it is needed, if what it rests on is there.
+    /// A table whose results are not kept: each unit is made where it is needed, if its inputs are available.
     fn passed_over(&mut self, t: usize) {
         let units: Vec<Unit> = self.graph.units(t).collect();
         for unit in units {
@@ -163,7 +163,7 @@ impl Runner<'_> {
         }
     }
 
-    /// What is known of a unit; it is noted and told of.
+    /// Records the state of a unit and reports it as an event.
     fn known(&mut self, unit: Unit, cut: &Cut, count: &mut Count) -> Known {
         match self.look(unit) {
             Looked::Skip(r) => {
@@ -193,9 +193,9 @@ impl Runner<'_> {
         }
     }
 
-    /// Computes what is pending of a chunk and writes its pack; points that ask the same of the same data are computed once.
-    /// Where `whole`, the pack holds all of the chunk; else what
-    /// is new, and what stands in no pack as it is wanted.
+    /// Computes what is pending of a chunk and writes its pack; points with the same computation and data are computed
+    /// once. Where `whole`, the pack contains all of the chunk; otherwise what
+    /// is new, and what no pack contains in the needed form.
     #[allow(clippy::too_many_arguments)]
     fn chunk(
         &self,
@@ -233,7 +233,7 @@ impl Runner<'_> {
         Answer { made, lost }
     }
 
-    /// Writes the pack of a chunk: what was made, and what is there already as far as `also` says. The rows in `made` are
+    /// Writes the pack of a chunk: the new results, and the existing ones in `also`. The rows in `made` are
     /// moved out.
     fn write(
         &self,
@@ -269,7 +269,8 @@ impl Runner<'_> {
                     match &mut own.rows {
                         Ok(rows) => {
                             let whole = cut.rows(unit, rows, &mut held)?;
-                            // The pack has them now; a schema for each unit would be a large part of what a sweep holds.
+                            // The pack has them now; a schema for each unit would be a large part of the memory of a
+                            // sweep.
                             *rows = nothing.clone();
                             let (dress, left_out) = (cut.dress(unit), own.left_out.clone());
                             NewUnit { key, dress, rows: Ok(whole), left_out }

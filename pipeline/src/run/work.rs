@@ -1,4 +1,4 @@
-//! The work itself: what some units need is read, and their stage is run.
+//! The work itself: the inputs of some units are read, and their stage is run.
 
 use std::{
     any::Any,
@@ -21,14 +21,14 @@ use crate::{
     store::Store,
 };
 
-/// What became of a unit that was computed.
+/// The result of a computed unit.
 #[derive(Clone)]
 pub struct Made {
-    /// Which.
+    /// The unit.
     pub unit: Unit,
     /// The columns that its stage made, or why it could not.
     pub rows: Result<RecordBatch, Fault>,
-    /// Of a survey stage: the lines it went on without, and why.
+    /// Of a survey stage: the lines it skipped, and why.
     pub left_out: Vec<Fault>,
 }
 
@@ -41,16 +41,16 @@ impl Made {
 /// Points of a sweep that are computed together on one line, as wide as the widest vectors of numbers.
 const POINTS_A_GROUP: usize = 8;
 
-/// What a group may hold of columns it has read, in bytes, before it lets go of them.
+/// The limit of cached columns of a group, in bytes.
 const HELD_BYTES: usize = 256 << 20;
 
-/// What a stage's preparation depends on: its table, and what of its parameters, models and maps goes into it.
+/// What a stage's preparation depends on: its table, and the parameters, models and maps that it uses.
 type Basis = (usize, String);
 
-/// A point and what it sees of a line.
+/// A point and its inputs on a line.
 type Input = (Arc<dyn StageDyn>, LineIn);
 
-/// What a survey stage gives for a point: the lines that it left out, and its table.
+/// The result of a survey stage for a point: the lines that it left out, and its table.
 type Gathered = (Vec<Fault>, Result<Vec<ArrayRef>, Fault>);
 
 /// Says whether a line can be used by a unit.
@@ -69,15 +69,15 @@ impl<'a> Worker<'a> {
         Worker { graph, store, prepared: Mutex::default() }
     }
 
-    /// Lets go of what was built for the lines of a table.
+    /// Drops the preparations for the lines of a table.
     pub fn forget(&self, table: usize) {
         if let Ok(mut prepared) = self.prepared.lock() {
             prepared.retain(|(t, _), _| *t != table);
         }
     }
 
-    /// Computes `units` of one table, in their order, in parallel; `done` is told of each group that is finished. What an interrupt
-    /// leaves is not among the answers.
+    /// Computes `units` of one table, in their order, in parallel; `done` is called with each finished group. Units
+    /// that an interrupt leaves out are not among the results.
     pub fn compute(&self, units: &[Unit], usable: &Usable, done: &(dyn Fn(&[Made]) + Sync)) -> Vec<Made> {
         let Some(first) = units.first() else { return vec![] };
         let grain = self.graph.plan.tables[first.table].entry.grain;
@@ -163,7 +163,7 @@ impl<'a> Worker<'a> {
         self.batch(&it, arrays)
     }
 
-    /// What the stage sees of one line.
+    /// The inputs of the stage on one line.
     fn line_in(&self, unit: Unit, line: LineId, held: &mut Held) -> Result<LineIn, Fault> {
         let it = self.instance(unit);
         let (flight, name) = self.graph.lines[line].clone();
@@ -180,7 +180,7 @@ impl<'a> Worker<'a> {
         let keep = match (&it.predicate, it.first_input()) {
             (Some(p), Some(r)) if !p.is_of_lines() => {
                 let batch = held.batch(r, line, &p.columns)?;
-                // SQL: what is asked of a column that is not there is unknown, so no row is selected.
+                // SQL: a condition on a missing column is unknown, so no row is selected.
                 let whole = batch.num_columns() == p.columns.len();
                 if whole { p.rows(&batch)? } else { Some(vec![false; inputs[0].num_rows()]) }
             }
@@ -189,8 +189,8 @@ impl<'a> Worker<'a> {
         Ok(LineIn { flight, line: name, inputs, keep, prepared: self.prepare(unit)? })
     }
 
-    /// Builds what the stages of `units`, all of one table, need of their models and maps, each once. Later it is there for
-    /// every line.
+    /// Builds what the stages of `units`, all of one table, need from their models and maps, each once. It is then
+    /// shared by every line.
     pub fn prepare_all(&self, units: impl Iterator<Item = Unit>) {
         let mut seen = HashSet::new();
         let mut bases: BTreeMap<Basis, Unit> = BTreeMap::new();
@@ -202,7 +202,7 @@ impl<'a> Worker<'a> {
             if let Ok(basis) = self.basis(unit) {
                 bases.entry(basis).or_insert(unit);
             }
-            // What is not kept is made again on the way.
+            // Results that are not kept are recomputed on demand.
             let made_again = self.instance(unit).inputs().into_iter().filter_map(|r| match r {
                 Ref::Stage(table, instance) if !self.graph.plan.tables[table].keep => {
                     Some(Unit { table, instance, line: None })
@@ -212,7 +212,7 @@ impl<'a> Worker<'a> {
             waiting.extend(made_again);
         }
         bases.into_values().collect::<Vec<_>>().par_iter().with_max_len(1).for_each(|unit| {
-            // What is wrong with it is said by each unit that needs it.
+            // Its faults are reported by each unit that needs it.
             let _ = self.prepare(*unit);
         });
     }
@@ -231,8 +231,8 @@ impl<'a> Worker<'a> {
         Ok((unit.table, name))
     }
 
-    /// What was built for all lines of a table. It is built without a lock: a thread that waits for its own parallel work takes up
-    /// other lines meanwhile, which may come to the same place.
+    /// The preparations for all lines of a table. It is built without a lock: a thread that waits for its own parallel
+    /// work takes up other lines meanwhile, which may come to the same place.
     fn prepare(&self, unit: Unit) -> Result<Prepared, Fault> {
         let basis = self.basis(unit)?;
         let failed = || Fault::bug("another thread failed while preparing the stage");
@@ -350,7 +350,7 @@ impl<'a> Worker<'a> {
         Ok(input)
     }
 
-    /// The stage's arrays as a batch, held against what it declared.
+    /// The stage's arrays as a batch, checked against its declaration.
     fn batch(&self, it: &Instance, arrays: Vec<ArrayRef>) -> Result<RecordBatch, Fault> {
         let fields: Vec<Field> = it.yields.columns.iter().map(schemas::Column::field).collect();
         let fits =
@@ -387,7 +387,7 @@ fn filled(batch: RecordBatch, columns: &[String], shape: Option<Shape>) -> Resul
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))
 }
 
-/// Why a survey stage has nothing to go on with.
+/// The fault of a survey stage without usable lines.
 fn nothing_left(faults: &[Fault]) -> Fault {
     let Some(first) = faults.first() else { return Fault::data("no selected line could be computed") };
     Fault::data(format!("none of the {} selected lines can be used; the first: {first}", faults.len()))
@@ -421,7 +421,7 @@ fn by_line(units: &[Unit]) -> Vec<Vec<Unit>> {
 
 /// Lists of one length as such.
 fn fixed(array: &ArrayRef, item: &FieldRef, n: i32) -> Result<ArrayRef, Fault> {
-    let wrong = || Fault::bug(format!("a list has not its {n} entries"));
+    let wrong = || Fault::bug(format!("a list does not have its {n} entries"));
     let lists = array.as_list_opt::<i32>().ok_or_else(wrong)?;
     let offsets = lists.value_offsets();
     let (first, last) = (offsets.first().copied().unwrap_or(0), offsets.last().copied().unwrap_or(0));
@@ -444,7 +444,7 @@ pub struct Held<'a> {
 }
 
 impl<'a> Held<'a> {
-    /// Nothing is read yet.
+    /// An empty cache.
     pub fn new(worker: &'a Worker<'a>) -> Held<'a> {
         Held { worker, graph: worker.graph, columns: HashMap::new(), bytes: 0 }
     }
@@ -453,7 +453,7 @@ impl<'a> Held<'a> {
     /// left out.
     ///
     /// # Errors
-    /// When the store cannot be read.
+    /// Fails when the store cannot be read.
     pub fn batch(&mut self, r: Ref, line: LineId, names: &[String]) -> Result<RecordBatch, Fault> {
         let mut wanted: Vec<Wanted> = vec![];
         for name in names {
@@ -501,7 +501,7 @@ impl<'a> Held<'a> {
         }
     }
 
-    /// Reads what is not held yet, each object once; what is not kept is made again.
+    /// Reads what is not cached yet, each object once; results that are not kept are recomputed.
     fn fetch(&mut self, wanted: &[Wanted], line: LineId) -> Result<(), Fault> {
         if self.bytes > HELD_BYTES {
             self.columns.clear();
@@ -538,7 +538,7 @@ impl<'a> Held<'a> {
     }
 }
 
-/// A column to be read.
+/// A column to read.
 struct Wanted {
     made_by: Ref,
     object: Key,

@@ -1,4 +1,4 @@
-//! The rows of a file put together into lines: what is wrong with a row is the fault of its line alone.
+//! The assembly of the rows of a file into lines: a fault of a row is a fault of its line alone.
 
 use arrow_array::{Array, RecordBatch, StringArray, cast::AsArray};
 use datasets::{FlightOptions, RowFault};
@@ -13,7 +13,7 @@ pub(super) struct Whole {
     pub(super) line: String,
     pub(super) parts: Vec<RecordBatch>,
     pub(super) rows: usize,
-    /// The first thing that is wrong with it; its row counts within the line.
+    /// Its first fault; the row counts within the line.
     pub(super) fault: Option<Fault>,
 }
 
@@ -41,7 +41,7 @@ impl<'a> Assembly<'a> {
         Assembly { options, open: None, gap: None, gaps: vec![], row: 0 }
     }
 
-    /// Adds rows of the flight table; the lines that are whole now come out.
+    /// Adds rows of the flight table; returns the lines that are now complete.
     pub(super) fn add(&mut self, batch: &RecordBatch, faults: &[RowFault]) -> Vec<Whole> {
         let (flights, lines) = (batch.column(0).as_string::<i32>(), batch.column(1).as_string::<i32>());
         let mut done = vec![];
@@ -87,7 +87,7 @@ impl<'a> Assembly<'a> {
             let (flight, line) = (flight.to_owned(), line.to_owned());
             done = self.open.replace(Whole { flight, line, parts: vec![], rows: 0, fault: None });
         } else if let (Some(open), Some(gap)) = (&mut self.open, gap) {
-            // Rows of the same line on both sides: the line is not whole without those between.
+            // Rows of the same line on both sides: the line is incomplete without those between.
             let row = open.rows as u64;
             let fault = gap_fault(self.options, &gap).in_row(row);
             open.fault.get_or_insert(fault);
@@ -104,7 +104,7 @@ impl<'a> Assembly<'a> {
         done
     }
 
-    /// What is left when the file is read.
+    /// The remaining lines at the end of the file.
     pub(super) fn finish(mut self) -> Vec<Whole> {
         let mut done: Vec<Whole> = self.open.take().into_iter().collect();
         self.gaps.extend(self.gap.take());

@@ -1,4 +1,4 @@
-//! What the bytes of a file are known by, and when that need not be found again.
+//! The hash of the bytes of a file, and when it can be reused.
 
 use std::{
     fs,
@@ -22,32 +22,32 @@ pub struct Bytes {
     pub hash: Key,
 }
 
-/// How far files are taken for what they were when they were last read.
+/// The policy for reusing what is known of unchanged files.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Trust<'a> {
     /// The store that may know the files.
     pub store: Option<&'a Path>,
-    /// Whether the bytes of every file are read, however much it looks like the one that was read last.
+    /// Whether the bytes of every file are read, even where it looks unchanged.
     pub read_all: bool,
 }
 
-/// What tells a file from what it was before, without reading it.
+/// The properties that identify a version of a file without reading it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Stamp {
     size: u64,
     modified_ns: i64,
-    /// When the file system last wrote the file or what it says of it, which no program can set.
+    /// Fails when the file system last wrote the file or what it says of it, which no program can set.
     changed_ns: i64,
     inode: u64,
 }
 
-/// What was found out of a file, and when.
+/// A fact about a file, and its time.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Seen {
     stamp: Stamp,
     /// The time when its reading began.
     at_ns: i64,
-    /// Its hash, or what else was found.
+    /// Its hash, or another fact.
     pub(super) found: String,
 }
 
@@ -82,7 +82,7 @@ fn ns_of(time: SystemTime) -> i64 {
 }
 
 impl Seen {
-    /// What `find` finds out of a file; nothing of one that changes meanwhile is to be kept.
+    /// The result of `find` on a file; it is not cached where the file changes meanwhile.
     pub(super) fn by<T, E>(
         path: &Path,
         find: impl FnOnce() -> Result<T, E>,
@@ -95,7 +95,7 @@ impl Seen {
         Ok((value, seen))
     }
 
-    /// Whether the file is the one that was read, as far as that can be told without reading it.
+    /// Whether the file is unchanged, as far as can be determined without reading it.
     pub(super) fn is_of(&self, path: &Path) -> bool {
         Stamp::of(path).is_ok_and(|now| now == self.stamp)
     }
@@ -105,7 +105,7 @@ impl Seen {
         self.is_of(path) && self.stamp.changed_ns.saturating_add(RACY_NS) <= self.at_ns
     }
 
-    /// What is known under `key` of a file that is the same still.
+    /// The cached fact `key` of an unchanged file.
     pub(super) fn known(store: &Path, key: Key, path: &Path) -> Option<Seen> {
         let seen: Seen = fs::read(note(store, key)).ok().and_then(|bytes| record::unsealed(&bytes))?;
         seen.still_is_of(path).then_some(seen)
@@ -118,7 +118,7 @@ impl Seen {
         self
     }
 
-    /// Keeps it under `key`. It only saves reading the file again, so a failure to write it costs nothing but time.
+    /// Keeps it under `key`. It only saves reading the file again, so a failure to write it only costs time.
     pub(super) fn keep(&self, store: &Store, key: Key) {
         if let Ok(text) = record::sealed(self) {
             let _ = store.write(&note(store.root(), key), &text);
@@ -130,11 +130,11 @@ fn note(store: &Path, key: Key) -> PathBuf {
     store.join("sources").join(format!("{key}.seen"))
 }
 
-/// The key of all bytes of a file or folder. A file that is plainly the one that was read last is not read again, unless
-/// `read_all` says so.
+/// The key of all bytes of a file or folder. An unchanged file is not read again, unless
+/// `read_all` is set.
 ///
 /// # Errors
-/// When it cannot be read.
+/// Fails when it cannot be read.
 pub fn fingerprint(store: &Store, path: &Path, read_all: bool) -> Result<Bytes, Fault> {
     let fail = |e: io::Error| Fault::machine(format!("cannot read {}: {e}", path.display()));
     let hash = if path.is_dir() {

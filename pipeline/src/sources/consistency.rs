@@ -1,7 +1,7 @@
-//! Columns that contradict each other: an INS far from the truth, positions that do not move as the velocities say,
+//! Columns that contradict each other: an INS far from the truth, positions that do not move with the velocities,
 //! heights that agree only in other units.
 //!
-//! Only what cannot be is reported: a limit is crossed by far, or another unit makes columns agree that do not.
+//! Only impossible values are reported: a limit is crossed by far, or another unit makes columns agree that do not.
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use numerics::{
@@ -12,7 +12,7 @@ use schemas::{Fault, plausible::shown};
 
 use super::quality::{Check, Finding, Origins};
 
-/// No INS of a flight is off by more.
+/// The largest plausible error of an INS.
 const INS_KM: f64 = 500.0;
 /// A jump of a position from one sample to the next that no receiver makes, and the speed that no aircraft has.
 const JUMP_KM: f64 = 100.0;
@@ -21,9 +21,10 @@ const JUMP_MPS: f64 = 1_000.0;
 const CHORD_S: f64 = 10.0;
 /// A pause between samples that ends a chord.
 const PAUSE_S: f64 = 5.0;
-/// Below this mean speed the noise of positions says nothing of velocities.
+/// Below this mean speed the noise of positions gives no information on velocities.
 const MOVING_MPS: f64 = 3.0;
-/// Positions and velocities that disagree by this part of the distance flown, and agree to the other with another unit.
+/// Positions and velocities that disagree by this fraction of the distance flown, and agree to the other with another
+/// unit.
 const DISAGREE: f64 = 0.4;
 const AGREE: f64 = 0.15;
 /// Where nothing explains the disagreement, this ratio of the distances is still impossible.
@@ -77,7 +78,7 @@ impl<'a> Line<'a> {
 
     fn contradiction(&self, at: (&str, usize, f64, &str), n: usize, what: String, help: &str) -> (Fault, Finding) {
         let (column, row, value, unit) = at;
-        let help = format!("{help}; `accept = [\"range\"]` takes the values as they are");
+        let help = format!("{help}; `accept = [\"range\"]` accepts the values unchanged");
         let fault = Fault::data(what).in_column(column).in_row(row as u64).help(help);
         (fault, Finding::new(column, Check::Inconsistent, n, row, value, unit))
     }
@@ -87,7 +88,7 @@ impl<'a> Line<'a> {
     }
 }
 
-/// The middle of the values; NaN of none.
+/// The middle of the values; NaN without values.
 fn median(mut values: Vec<f64>) -> f64 {
     gridding::median(&mut values)
 }
@@ -199,7 +200,7 @@ fn disagreement(chords: &[Chord], turn: impl Fn([f64; 2]) -> [f64; 2]) -> f64 {
     apart / f64::max(moved, flown)
 }
 
-/// Positions that do not move as the velocities say.
+/// Positions that do not move with the velocities.
 fn motion(line: &Line, set: Set) -> Option<(Fault, Finding)> {
     let (tt, lat, lon) = (line.get("tt")?, line.get(set.lat)?, line.get(set.lon)?);
     let (vn, ve) = (line.get(set.vn)?, line.get(set.ve)?);
@@ -258,7 +259,7 @@ fn radians_at_the_equator(line: &Line, set: Set) -> Option<(Fault, Finding)> {
     }
     let all = chords(tt, lat, lon, None);
     let speed = all.iter().map(|c| length(c.moved)).sum::<f64>() / all.iter().map(|c| c.seconds).sum::<f64>();
-    // A standing aircraft is no question of units; 5 m/s in radians are 290 m/s.
+    // A standing aircraft is not a unit error; 5 m/s in radians are 290 m/s.
     if all.len() < 3 || !(0.05..5.0).contains(&speed) {
         return None;
     }

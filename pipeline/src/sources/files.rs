@@ -1,4 +1,4 @@
-//! Which files a path means.
+//! The files of a path.
 
 use std::{
     fs,
@@ -10,10 +10,10 @@ use schemas::Fault;
 
 use super::flight_formats;
 
-/// The files that `path` means: a file, a folder (all files in it, sorted, hidden ones left out) or a glob.
+/// The files that `path` means: a file, a folder (all files in it, sorted, without hidden ones) or a glob.
 ///
 /// # Errors
-/// When there are none.
+/// Fails when there are none.
 pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, Fault> {
     if path.contains("://") {
         let help = "copy the files into a folder; this version reads files, folders and globs";
@@ -21,12 +21,12 @@ pub fn find(path: &str, folder: &Path, any_name: bool) -> Result<Vec<PathBuf>, F
     }
     let full = folder.join(path);
     let mut found = vec![];
-    // A name with brackets is first taken as it is written.
+    // A name with brackets is first tried literally.
     if full.is_file() {
         found.push(full.clone());
     } else if full.exists() && !full.is_dir() {
         let fault = Fault::new(format!("{} is a pipe, socket or device, not a regular file", full.display()));
-        return Err(fault.help("write what it yields into a file, and name that"));
+        return Err(fault.help("write its output to a file, and give that"));
     } else if full.is_dir() {
         walk(&full, &mut found).map_err(|e| Fault::machine(format!("cannot read {}: {e}", full.display())))?;
         if !any_name {
@@ -71,7 +71,7 @@ pub(super) fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<(
         if entry.file_name().to_string_lossy().starts_with(['.', '_']) {
             continue;
         }
-        // A link that leads nowhere is kept: opening it says so. A pipe or a device is no file of data.
+        // A link that leads nowhere is kept: opening it reports the fault. A pipe or a device is no file of data.
         match fs::metadata(entry.path()) {
             Ok(about) if about.is_dir() => walk(&entry.path(), found)?,
             Ok(about) if !about.is_file() => {}

@@ -1,4 +1,4 @@
-//! One file of a table of flights, and what going through all of it has found.
+//! One file of a table of flights, and the result of scanning all of it.
 
 use std::path::{Path, PathBuf};
 
@@ -10,20 +10,20 @@ use super::{
 };
 use crate::{keys::Key, store::Store};
 
-/// A file and how it is read.
+/// A file and its options.
 pub(super) struct FlightFile {
     pub(super) path: PathBuf,
     pub(super) options: FlightOptions,
-    /// Says what it is made from, where its values are not in it.
+    /// Returns its inputs, where its values are computed from others.
     pub(super) made_from: Option<SayMadeFrom>,
-    /// What its format had to go through it for, such as the types of columns; good as long as the file is the same.
+    /// The result of scanning it, such as the types of columns; valid while the file is unchanged.
     found: Option<Seen>,
     /// Whether that came from a store.
     kept: bool,
 }
 
 impl FlightFile {
-    /// Opens a file for its schema; a reader of it comes out too.
+    /// Opens a file for its schema; also returns a reader of it.
     pub(super) fn open(
         path: &Path,
         options: FlightOptions,
@@ -45,7 +45,7 @@ impl FlightFile {
         open_flight(&self.path, &self.options, &Reading { found, threads })
     }
 
-    /// Keeps what was found for the next time.
+    /// Caches the result of scanning.
     pub(super) fn keep(&self, store: &Store) {
         if let (false, Some(seen), Some(key)) = (self.kept, &self.found, key(&self.path, &self.options)) {
             seen.keep(store, key);

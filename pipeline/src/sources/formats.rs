@@ -18,7 +18,7 @@ pub fn flight_formats() -> &'static [FlightFormat] {
 /// Opens a flight log, or a synth spec as one.
 ///
 /// # Errors
-/// As [`datasets::open_flight`].
+/// Fails as [`datasets::open_flight`].
 pub fn open_flight(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<FlightReader, ReadError> {
     open_flight_among(flight_formats(), path, options, reading)
 }

@@ -6,18 +6,18 @@ use std::{
     time::Duration,
 };
 
-/// What the threads share.
+/// The state that the threads share.
 struct State<O, E> {
     results: BTreeMap<usize, Result<O, E>>,
     failed: bool,
 }
 
-/// Does `work` with each item that `next` gives, with up to `most` of them at once on the threads of the pool. `next` is
-/// called on this thread, and has given no more than `most` items that are not done. `done` is told after each item how
-/// many are done.
+/// Does `work` with each item that `next` gives, with up to `most` of them at once on the threads of the pool. `next`
+/// is called on this thread, and has given no more than `most` items that are not done. `done` is called after each
+/// item with the number of finished items.
 ///
 /// # Errors
-/// The first in the order of the items, whichever came first in time.
+/// Fails for the first in the order of the items, whichever came first in time.
 pub(super) fn in_order<I: Send, O: Send, E: Send>(
     most: usize,
     mut next: impl FnMut() -> Option<Result<I, E>>,
@@ -57,7 +57,7 @@ pub(super) fn in_order<I: Send, O: Send, E: Send>(
                 if rayon::yield_now() != Some(rayon::Yield::Executed) {
                     let now = locked(&state);
                     if now.results.len() == results {
-                        // What others leave to be done may come from elsewhere too, so it does not sleep for long.
+                        // Work may also come from elsewhere, so it does not sleep for long.
                         drop(one_more.wait_timeout(now, Duration::from_millis(5)));
                     }
                 }

@@ -1,4 +1,4 @@
-//! From flight files to one object a line, with the hash of every column.
+//! From flight files to one object per line, with the hash of every column.
 
 use std::{
     collections::{BTreeMap, VecDeque},
@@ -42,23 +42,23 @@ pub struct LineRecord {
     pub flight: String,
     /// The line identifier.
     pub line: String,
-    /// How many samples.
+    /// The number of samples.
     pub rows: usize,
     /// The object that holds it.
     pub object: Key,
     /// The hash of each column's values.
     pub columns: BTreeMap<String, Key>,
-    /// Why it cannot be used.
+    /// The fault that makes it unusable.
     pub fault: Option<Fault>,
-    /// What else is wrong with it, where it cannot be used.
+    /// Its further faults, where it cannot be used.
     pub more_faults: Vec<Fault>,
-    /// What was found in its columns.
+    /// The findings in its columns.
     pub findings: Vec<Finding>,
     /// The file it came from.
     pub file: usize,
 }
 
-/// What a file was found to hold, as it stands in the store.
+/// The contents of a file, as recorded in the store.
 #[derive(Serialize, Deserialize)]
 struct Index {
     lines: Vec<IndexLine>,
@@ -140,7 +140,7 @@ fn once_each(lines: Vec<LineRecord>, files: &[Bytes]) -> Vec<LineRecord> {
                     continue;
                 }
                 let what = if last.file == line.file {
-                    "the line's samples do not stand together".to_owned()
+                    "the line's samples are not contiguous".to_owned()
                 } else {
                     format!("the line is also in {}", name(line.file))
                 };
@@ -180,20 +180,20 @@ fn record(line: IndexLine, file: usize, path: &Path) -> Option<LineRecord> {
     })
 }
 
-/// Is told of every step of the reading.
+/// Receives every step of the reading.
 type Tick<'a> = &'a (dyn Fn(&ReadStep) + Sync);
-/// Is told of the lines of one file: whether they are simulated, how many are there, and of how many.
+/// Receives the progress of one file: whether its lines are simulated, the number done, and their total.
 type LineTick<'a> = &'a dyn Fn(bool, usize, Option<usize>);
 
-/// How the files of a table are read.
+/// The options for reading the files of a table.
 struct How {
-    /// So many lines of a file are worked on at once.
+    /// The number of lines of a file that are processed in parallel.
     threads: usize,
-    /// Whether the bytes of each file are read, whatever is known of it.
+    /// Whether the bytes of each file are read, whatever is cached.
     read_all: bool,
 }
 
-/// What the file holds, from the store where it was read before.
+/// The contents of the file, from the store where it was read before.
 fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<(Bytes, Index), Fault> {
     let FlightFile { path, options, .. } = file;
     let bytes = fingerprint(store, path, how.read_all)?;
@@ -254,12 +254,12 @@ fn ingest(store: &Store, file: &FlightFile, threads: usize, tick: &dyn Fn(usize)
     Ok(Index { lines })
 }
 
-/// Takes midnight out of a line's time, checks the line, hashes its columns, and puts it into the store. What the reader
-/// found wrong with a row comes first.
+/// Takes midnight out of a line's time, checks the line, hashes its columns, and puts it into the store. Faults that
+/// the reader found in a row come first.
 fn put(packer: &Packer, whole: Whole, origins: &Origins, accept: &[Accept]) -> Result<IndexLine, Fault> {
     let Whole { flight, line, parts, rows, mut fault } = whole;
     let Some(schema) = parts.first().map(RecordBatch::schema) else {
-        // Rows of no line: there is nothing to keep of them but that they are there.
+        // Rows of no line: only their existence is recorded.
         let object = Key::of(["no line", &flight, &line]).to_string();
         let fault = fault.map(IndexFault::of);
         let (columns, more_faults, findings) = (BTreeMap::new(), vec![], vec![]);

@@ -1,4 +1,4 @@
-//! Lines over midnight UTC: time goes on past 86,400 s, and the date moves on.
+//! Lines over midnight UTC: time continues past 86,400 s, and the date moves on.
 
 use std::sync::Arc;
 
@@ -17,11 +17,11 @@ const DAY_S: f64 = 86_400.0;
 const NEAR_S: f64 = 3_600.0;
 
 /// A line of the flight table whose time falls from the end of the day to its start: `tt` keeps rising, and the
-/// columns `year` and `doy` name the day of each sample, whether or not the log moved them on itself. Nothing where
+/// columns `year` and `doy` name the day of each sample, whether or not the log moved them on itself. `None` where
 /// the line needs no change.
 ///
 /// # Errors
-/// A date that is not that of the first sample moved on by the midnights since.
+/// Fails for a date that is not that of the first sample moved on by the midnights since.
 pub(super) fn unwrapped(batch: &RecordBatch) -> Result<Option<RecordBatch>, Fault> {
     let Some(raw) = batch.column_by_name("tt").and_then(|c| c.as_primitive_opt::<Float64Type>()) else {
         return Ok(None);

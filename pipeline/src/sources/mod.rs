@@ -35,7 +35,7 @@ use crate::{keys::Key, spec::SourceDecl, store::Store};
 /// Raised when what ingest writes changes.
 const VERSION: &str = "ingest 2";
 
-/// Raised when what is kept of a map changes.
+/// Raised when the stored form of a map changes.
 const MAP_VERSION: &str = "map 2";
 
 /// A table of flights whose columns are known and whose lines are not read yet.
@@ -46,7 +46,7 @@ pub struct Flights {
     pub shape: Shape,
     /// The fields of all files together.
     pub schema: SchemaRef,
-    /// What was noticed of its files that the user should know.
+    /// Notes on its files for the user.
     pub notes: Vec<String>,
     /// Whether the bytes of its files are read even where they look like those read last.
     pub read_all: bool,
@@ -55,20 +55,20 @@ pub struct Flights {
 
 /// The lines of a table of flights, in the order of their names.
 pub struct Lines {
-    /// One record a line.
+    /// One record per line.
     pub lines: Vec<LineRecord>,
-    /// The files they came from, and what was read.
+    /// The files they came from, and their keys.
     pub files: Vec<Bytes>,
 }
 
-/// How far the reading of a table has come.
+/// The progress of reading a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReadStep<'a> {
     /// The file that is read.
     pub file: &'a std::path::Path,
     /// Whether it is the spec of a simulation, whose lines are simulated.
     pub simulated: bool,
-    /// Lines of the file that are there.
+    /// The number of lines of the file that are done.
     pub lines: usize,
     /// Lines that the file has, where that is known before it is read.
     pub of_lines: Option<usize>,
@@ -89,15 +89,15 @@ impl Flights {
     /// Finds the files and reads their schemas.
     ///
     /// # Errors
-    /// Options, files, columns and units that cannot be used, with their place in the spec.
+    /// Fails for options, files, columns and units that cannot be used, with their position in the spec.
     pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<Flights, Vec<Fault>> {
         Flights::open_trusting(decl, folder, Trust::default())
     }
 
-    /// [`Flights::open`], without going through files that a store knows and that are trusted to be the same.
+    /// [`Flights::open`], without scanning files that a store knows and that are unchanged.
     ///
     /// # Errors
-    /// As [`Flights::open`].
+    /// Fails as [`Flights::open`].
     pub fn open_trusting(decl: &SourceDecl, folder: &std::path::Path, trust: Trust) -> Result<Flights, Vec<Fault>> {
         let placed = |f: Fault| f.at(decl.path.1.clone());
         let options = flight_options(decl)?;
@@ -129,17 +129,17 @@ impl Flights {
         Ok(Flights { name, shape, schema, notes, read_all: trust.read_all, files })
     }
 
-    /// Brings every line into the store that is not there yet. `tick` is called when a file is begun, after each of its
+    /// Stores every line that is not in the store yet. `tick` is called when a file is begun, after each of its
     /// lines, and when it is done; from several threads.
     ///
     /// # Errors
-    /// A file that cannot be read. What is wrong with single lines stands in their records.
+    /// Fails for a file that cannot be read. What is wrong with single lines stands in their records.
     pub fn lines(&self, store: &Store, tick: &(dyn Fn(&ReadStep) + Sync)) -> Result<Lines, Vec<Fault>> {
         ingest::lines(self, store, tick)
     }
 }
 
-/// How many threads may work on one of so many files that are read at once.
+/// The number of threads for each of a number of files that are read in parallel.
 fn threads_in_each(files: usize) -> usize {
     let threads = rayon::current_num_threads();
     // With a file for each thread, a thread that waits for others at its file would begin another.
@@ -182,7 +182,7 @@ impl MapSource {
     /// Checks the options and that the file is there.
     ///
     /// # Errors
-    /// Options that a map does not have, and a file that is not there.
+    /// Fails for options that a map does not have, and for a file that does not exist.
     pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
         let options = map_options(decl)?;
         let path = folder.join(&decl.path.0);
@@ -197,9 +197,9 @@ impl MapSource {
     /// The key of its content, and the bytes it was read from; the grid itself is put into the store.
     ///
     /// # Errors
-    /// When it cannot be read.
+    /// Fails when it cannot be read.
     pub fn load(&self, store: &Store) -> Result<(Key, Vec<Bytes>), Fault> {
-        // The cells of a map may lie beside its header.
+        // The cells of a map may be next to its header.
         let files = map_files(&self.path).map_err(Fault::from)?;
         let bytes: Vec<Bytes> =
             files.iter().map(|file| fingerprint(store, file, self.read_all)).collect::<Result<_, _>>()?;
@@ -216,7 +216,7 @@ impl MapSource {
 /// The whole map `key`, on its own grid.
 ///
 /// # Errors
-/// When the store cannot be read.
+/// Fails when the store cannot be read.
 pub fn map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
     store.whole(key)
 }

@@ -1,4 +1,4 @@
-//! What a `[tables.NAME]` of the spec may say beside its path.
+//! The options of a `[tables.NAME]` of the spec in addition to its path.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use crate::spec::SourceDecl;
 /// The options of a table of flights.
 ///
 /// # Errors
-/// Unknown options and wrong types.
+/// Fails for unknown options and wrong types.
 pub fn flight_options(decl: &SourceDecl) -> Result<FlightOptions, Vec<Fault>> {
     let known = ["format", "flight", "line", "rename", "units", "missing", "accept", "epsg"];
     let mut read = Read::new(decl, &known, "a table of flight lines");
@@ -34,7 +34,7 @@ pub fn flight_options(decl: &SourceDecl) -> Result<FlightOptions, Vec<Fault>> {
 /// The options of a map.
 ///
 /// # Errors
-/// Unknown options and wrong types.
+/// Fails for unknown options and wrong types.
 pub fn map_options(decl: &SourceDecl) -> Result<MapOptions, Vec<Fault>> {
     let mut read = Read::new(decl, &["format", "epsg", "alt_m", "unit"], "a map");
     let epsg = read.epsg();

@@ -10,7 +10,7 @@ use crate::{keys::Key, store::Store};
 /// The bytes of a pack in memory.
 const PACK_BYTES: usize = 4 << 20;
 
-/// What waits to be written.
+/// The lines that are not written yet.
 #[derive(Default)]
 struct Waiting {
     lines: Vec<(Key, RecordBatch)>,
@@ -29,10 +29,10 @@ impl<'a> Packer<'a> {
         Packer { store, waiting: Mutex::default() }
     }
 
-    /// Takes a line, and writes a pack where that is enough for one.
+    /// Adds a line, and writes a pack when it is full.
     ///
     /// # Errors
-    /// When the store cannot be written.
+    /// Fails when the store cannot be written.
     pub fn put(&self, key: Key, batch: RecordBatch) -> Result<(), Fault> {
         let full = {
             let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
@@ -49,10 +49,10 @@ impl<'a> Packer<'a> {
         full.iter().try_for_each(|lines| self.store.put_all(lines))
     }
 
-    /// Writes what waits.
+    /// Writes the remaining lines.
     ///
     /// # Errors
-    /// When the store cannot be written.
+    /// Fails when the store cannot be written.
     pub fn finish(self) -> Result<(), Fault> {
         self.store.put_all(&self.waiting.into_inner().unwrap_or_else(PoisonError::into_inner).lines)
     }

@@ -1,5 +1,5 @@
-//! The quality of a line's data: what is missing, infinite, impossible or constant in each column, and what of it makes
-//! the line unusable.
+//! The quality of a line's data: what is missing, infinite, impossible or constant in each column, and the findings
+//! that make the line unusable.
 //!
 //! Infinities, readings of exactly 0 of a scalar magnetometer, and a few impossible values of a sensor become missing
 //! values; each kind is a finding. An impossible position, attitude or date, and a sensor that is impossible for more
@@ -24,10 +24,10 @@ use super::consistency;
 /// The largest part of a sensor's samples that can be impossible and still count as spikes.
 const SPIKES: f64 = 0.1;
 
-/// A line shorter than this is not remarked on for being constant.
+/// A line shorter than this is not reported as constant.
 const CONSTANT_ROWS: usize = 10;
 
-/// What was found.
+/// The kind of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Check {
@@ -39,8 +39,8 @@ pub enum Check {
     ZeroReading,
     /// Outside the limits of the column's role; taken as missing unless the table accepts it.
     Impossible,
-    /// A scalar magnetometer whose readings are not a total field but vary as only a residual does: the core field was taken
-    /// off before.
+    /// A scalar magnetometer whose readings are not a total field but vary as only a residual does: the core field was
+    /// already removed.
     NotTotalField,
     /// Contradicts another column.
     Inconsistent,
@@ -68,7 +68,7 @@ impl Check {
 pub struct Finding {
     /// The column; of a vector magnetometer's magnitude the vector.
     pub column: String,
-    /// What was found.
+    /// The kind.
     pub check: Check,
     /// The number of samples.
     pub n: u64,
@@ -109,7 +109,7 @@ impl Origins {
         self.0.get(ours).map_or(ours, |(name, _)| name)
     }
 
-    /// The unit that the file or the spec says; empty where neither does.
+    /// The unit that the file or the spec gives; empty where neither does.
     fn unit(&self, ours: &str) -> &str {
         self.0.get(ours).map_or("", |(_, unit)| unit)
     }
@@ -125,16 +125,16 @@ impl Origins {
 pub struct Examined {
     /// Its samples, with NaN for what is taken as missing.
     pub batch: RecordBatch,
-    /// What was found, in the order of the columns.
+    /// The findings, in the order of the columns.
     pub findings: Vec<Finding>,
-    /// Why it cannot be used, one fault for each mistake.
+    /// The faults that make it unusable, one for each mistake.
     pub faults: Vec<Fault>,
 }
 
 /// Examines a whole line.
 ///
 /// # Errors
-/// When the batch cannot be rebuilt, which no data can cause.
+/// Fails when the batch cannot be rebuilt, which data cannot cause.
 pub fn examine(batch: &RecordBatch, origins: &Origins, accept: &[Accept]) -> Result<Examined, Fault> {
     let mut line = Line { columns: batch.columns().to_vec(), findings: vec![], faults: vec![], origins };
     let accepted = accept.contains(&Accept::Range);
@@ -149,7 +149,7 @@ pub fn examine(batch: &RecordBatch, origins: &Origins, accept: &[Accept]) -> Res
     line.vectors(&schema, accepted);
     let Line { columns, mut findings, mut faults, .. } = line;
     let batch = RecordBatch::try_new(schema, columns).map_err(|e| Fault::data(e.to_string()))?;
-    // What is impossible by itself contradicts others as well: one mistake, one fault.
+    // A value that is impossible by itself also contradicts others: it is reported once.
     let faulty: Vec<String> = faults.iter().filter_map(|f| f.place.column.clone()).collect();
     for (fault, finding) in consistency::contradictions(&batch, &faulty, origins) {
         findings.push(finding);
@@ -339,7 +339,7 @@ fn vectors(schema: &Schema) -> Vec<([usize; 3], String)> {
     schema.fields().iter().filter_map(of).collect()
 }
 
-/// The fault of a column that has impossible values: the first of them, how many there are, and what they may be.
+/// The fault of a column that has impossible values: the first of them, their number, and the valid range.
 fn impossible(
     name: &str,
     limits: &Limits,
@@ -354,16 +354,16 @@ fn impossible(
     if outside.n > 1 {
         what += &format!(", nor are {} of {} values", outside.n, finite);
     }
-    // One wrong value among many is no question of units.
+    // One wrong value among many is not a unit error.
     let common = 2 * outside.n > finite;
     let hint = common.then(|| likely(limits, value, origins.unit(name))).flatten();
     let hint = hint.map(|l| described(name, &l, origins)).or_else(|| guessed(limits.kind, value));
-    let accept = "`accept = [\"range\"]` takes the values as they are";
+    let accept = "`accept = [\"range\"]` accepts the values unchanged";
     let help = hint.map_or_else(|| format!("correct the file; {accept}"), |hint| format!("{hint}; {accept}"));
     Fault::data(what).in_column(name).in_row(outside.first as u64).help(help)
 }
 
-/// What a value probably is, and what to write so that it is read as that.
+/// The probable meaning of a value, and how to declare it.
 fn described(name: &str, likely: &Likely, origins: &Origins) -> String {
     match likely {
         Likely::Unit(unit, value) => {
@@ -390,15 +390,15 @@ fn described(name: &str, likely: &Likely, origins: &Origins) -> String {
     }
 }
 
-/// What a value may be that no unit explains.
+/// The possible meaning of a value that no unit explains.
 fn guessed(kind: Kind, value: f64) -> Option<String> {
     let digits = value.abs().to_string();
     if digits.len() >= 3 && digits.bytes().all(|b| b == b'9') {
-        return Some(format!("if {value} stands for a missing value, say `missing = [\"{value}\"]`"));
+        return Some(format!("if {value} marks a missing value, set `missing = [\"{value}\"]`"));
     }
     match kind {
         Kind::Variation | Kind::Anomaly if (15_000.0..80_000.0).contains(&value) => {
-            Some("it looks like a total field: take its mean or the core field off".to_owned())
+            Some("it looks like a total field: subtract its mean or the core field".to_owned())
         }
         Kind::Year if (0.0..100.0).contains(&value) => Some(format!("the year in full is {}", 2000.0 + value)),
         _ => None,

@@ -1,5 +1,5 @@
-//! Small notes in the store that say themselves whether they are whole: JSON whose first entry is a checksum of the rest.
-//! A note that does not verify is as good as none, since all of them can be made again.
+//! Small notes in the store that say themselves whether they are whole: JSON whose first entry is a checksum of the
+//! rest. A note that does not verify is ignored, since all of them can be recomputed.
 
 use schemas::Fault;
 use serde::{Serialize, de::DeserializeOwned};
@@ -15,14 +15,14 @@ fn first_entry(rest: &str) -> String {
 /// The text of a note.
 ///
 /// # Errors
-/// A value that is no JSON object, which is a mistake of the program.
+/// Fails for a value that is not a JSON object, which is an internal error.
 pub(super) fn sealed<T: Serialize>(note: &T) -> Result<Vec<u8>, Fault> {
     let text = serde_json::to_string_pretty(note).map_err(|e| Fault::machine(e.to_string()))?;
     let rest = text.strip_prefix(OPENING).ok_or_else(|| Fault::machine("a note of the store has no entries"))?;
     Ok(format!("{OPENING}{}{rest}", first_entry(rest)).into_bytes())
 }
 
-/// The note in a text, if that is whole.
+/// The note in a text, if it is intact.
 pub(super) fn unsealed<T: DeserializeOwned>(bytes: &[u8]) -> Option<T> {
     let text = std::str::from_utf8(bytes).ok()?.strip_prefix(OPENING)?;
     let (_, rest) = text.split_once('\n')?;

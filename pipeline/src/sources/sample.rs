@@ -14,8 +14,9 @@ use super::{
 const ROWS: usize = 10_000;
 
 impl Flights {
-    /// What makes the first 10,000 rows of each file unusable, one fault for each mistake of a file. Simulated flights are
-    /// left out, as they would have to be simulated; so is what cannot be read, which is reported where it is read.
+    /// The faults that make the first 10,000 rows of each file unusable, one for each mistake of a file. Simulated
+    /// flights are skipped, as they would have to be simulated; so are unreadable files, which are reported when they
+    /// are read.
     pub fn implausible(&self) -> Vec<Fault> {
         let of = |file: &FlightFile| first_rows(file).unwrap_or_default();
         self.files.par_iter().map(of).collect::<Vec<_>>().into_iter().flatten().collect()

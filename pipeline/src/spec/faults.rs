@@ -1,10 +1,10 @@
-//! What is wrong with a spec, shown where it stands: in the file or on the command line.
+//! The faults of a spec, shown at their position in the file or on the command line.
 
 use schemas::{Fault, render};
 
 use super::Span;
 
-/// Everything that is wrong with a spec, ready to be shown.
+/// All faults of a spec, ready for display.
 #[derive(Clone, Debug)]
 pub struct Faults {
     /// The file, as the user named it.
@@ -13,7 +13,7 @@ pub struct Faults {
     pub text: String,
     /// The assignments of `--set`, whose bytes follow those of the text.
     pub sets: Vec<String>,
-    /// What is wrong.
+    /// The faults.
     pub faults: Vec<Fault>,
 }
 
@@ -26,7 +26,7 @@ impl std::fmt::Display for Faults {
 
 impl std::error::Error for Faults {}
 
-/// The first byte of each assignment: they stand behind the text, each after a line's end.
+/// The first byte of each assignment: they follow the text, each after a line's end.
 pub fn starts(text: &str, sets: &[String]) -> Vec<usize> {
     let next = |at: &mut usize, set: &String| {
         let start = *at;

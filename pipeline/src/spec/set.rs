@@ -1,4 +1,4 @@
-//! `--set KEY=VALUE`: values of the command line, put into the document before anything of it is checked.
+//! `--set KEY=VALUE`: values of the command line, inserted into the document before it is checked.
 
 use std::borrow::Cow;
 
@@ -29,7 +29,7 @@ impl Assignment {
     /// The assignment `text`, whose first byte is `start`.
     ///
     /// # Errors
-    /// When it has no `=`.
+    /// Fails when it has no `=`.
     pub fn new(text: &str, start: usize) -> Result<Assignment, Fault> {
         let at = start..start + text.len();
         let equals = equals(text).ok_or_else(|| form(&at))?;
@@ -43,7 +43,7 @@ impl Assignment {
     /// Puts the value into the document `root`.
     ///
     /// # Errors
-    /// When the key names nothing of the spec, or the value is no TOML where only TOML has a meaning.
+    /// Fails when the key does not exist in the spec, or the value is not TOML where TOML is required.
     pub fn put<'i>(&'i self, root: &mut DeTable<'i>) -> Result<(), Fault> {
         let path = self.path()?;
         let value = self.value(&path)?;
@@ -91,7 +91,7 @@ impl Assignment {
         path.first().map_or(self.at.start, |k| k.span().start)..path.last().map_or(self.at.end, |k| k.span().end)
     }
 
-    /// The value: TOML, or the text as it is.
+    /// The value: TOML, or the text unchanged.
     fn value(&self, path: &[Spanned<DeString>]) -> Result<Spanned<DeValue<'_>>, Fault> {
         let raw = &self.whole[self.value.clone()];
         let text = || Ok(Spanned::new(self.value.clone(), DeValue::String(Cow::Borrowed(raw))));
@@ -118,7 +118,7 @@ fn word<'a>(key: &'a Spanned<DeString>) -> &'a str {
     key.get_ref()
 }
 
-/// Where the first `=` outside of quotes stands.
+/// The position of the first `=` outside of quotes.
 fn equals(text: &str) -> Option<usize> {
     let mut quote = None;
     text.char_indices().find_map(|(i, c)| {
@@ -136,7 +136,7 @@ fn form(at: &Span) -> Fault {
     Fault::new("`--set` takes KEY=VALUE").at(at.clone()).help("such as `seed=7` or `clean.detrend=true`")
 }
 
-/// The value at `path`, where nothing stands beside it.
+/// The value at `path`, if it is the only one.
 fn leaf<'i>(root: DeTable<'i>, path: &[Spanned<DeString>]) -> Option<Spanned<DeValue<'i>>> {
     let (first, rest) = path.split_first()?;
     let mut entries = root.into_iter();
@@ -218,7 +218,7 @@ fn put<'i>(of: &mut DeTable<'i>, path: &[Spanned<DeString<'i>>], value: Spanned<
         return;
     }
     if table(of.get_mut(name)).is_none() {
-        // What is no table is replaced by one: the value of a longer key cannot stand beside it.
+        // A value that is not a table is replaced by one, to hold the longer key.
         let empty = Spanned::new(first.span(), DeValue::Table(DeTable::new()));
         match of.get_mut(name) {
             Some(there) => *there = empty,

@@ -1,6 +1,6 @@
-//! Which packs there are, and which units each holds.
+//! The packs of a store, and the units in each.
 //!
-//! A pack says itself what it holds, in its footer; the file `index` only saves reading all footers again. It is checked
+//! The footer of a pack lists its contents; the file `index` only saves reading all footers again. It is checked
 //! as a whole, and against size and time of each pack; whatever does not agree is read from the packs.
 
 use std::{
@@ -14,21 +14,21 @@ use crate::keys::Key;
 
 use super::sealed::{Sealed, Trouble, verify};
 
-/// What stands at the beginning of the index.
+/// The first bytes of the index.
 const MARK: &[u8; 16] = b"magline index 2\n";
 
 /// The units of a pack, in its footer: the kind of pack, then a line of key, dress and rows for each.
 pub const UNITS: &str = "magline.units";
 
-/// In place of the rows of a unit that could not be computed.
+/// Instead of the rows of a unit that could not be computed.
 pub const FAILED: u32 = u32::MAX;
 
 /// A unit in a pack.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Packed {
-    /// What was computed.
+    /// The key of the result.
     pub key: Key,
-    /// What stands beside it in the pack: the values of the axes, the identifiers, the columns carried along.
+    /// The hash of its other columns in the pack: the values of the axes, the identifiers, the columns carried along.
     pub dress: u64,
     /// Its rows, or [`FAILED`].
     pub rows: u32,
@@ -41,7 +41,7 @@ pub struct Pack {
     pub id: Key,
     /// Its bytes.
     pub size: u64,
-    /// When it was written, ns since 1970; a pack is never written again.
+    /// Fails when it was written, ns since 1970; a pack is never written again.
     pub modified_ns: u64,
     /// The columns that it has.
     pub kind: Key,
@@ -49,7 +49,7 @@ pub struct Pack {
     pub units: Vec<Packed>,
 }
 
-/// Where the rows of a unit lie.
+/// The location of the rows of a unit.
 #[derive(Clone, Copy, Debug)]
 pub struct Place {
     /// The pack, as a position in the catalogue.
@@ -58,7 +58,7 @@ pub struct Place {
     pub unit: usize,
     /// Its first row.
     pub first: usize,
-    /// How many rows; `None` where it could not be computed.
+    /// The number of rows; `None` where it could not be computed.
     pub rows: Option<usize>,
 }
 
@@ -72,7 +72,7 @@ pub struct Catalogue {
     changed: bool,
 }
 
-/// Where the pack `id` lies below the store's folder.
+/// The path of the pack `id` below the store's folder.
 pub fn path(root: &Path, id: Key) -> PathBuf {
     let name = id.to_string();
     root.join("objects").join(&name[..2]).join(format!("{name}.parquet"))
@@ -85,10 +85,10 @@ pub fn stamp(about: &fs::Metadata) -> (u64, u64) {
 }
 
 impl Catalogue {
-    /// The packs in the store at `root`, and those that are not what was written.
+    /// The packs in the store at `root`, and the damaged ones.
     ///
     /// # Errors
-    /// When the folder cannot be read.
+    /// Fails when the folder cannot be read.
     pub fn open(root: &Path) -> std::io::Result<(Catalogue, Vec<(Key, String)>)> {
         let mut known: HashMap<Key, Pack> = load(root).unwrap_or_default().into_iter().map(|p| (p.id, p)).collect();
         let indexed = known.len();
@@ -112,7 +112,7 @@ impl Catalogue {
             match known.remove(&id).filter(|p| (p.size, p.modified_ns) == (size, modified_ns)) {
                 Some(pack) => all.insert(pack),
                 None => {
-                    // Whatever was written to since, or by someone else, is looked at as a whole.
+                    // Packs that were modified since, or by others, are verified completely.
                     fresh += 1;
                     let file = path(root, id);
                     match verify(&file).and_then(|()| Sealed::open(&file)).and_then(|s| units_of(&s)) {
@@ -128,7 +128,7 @@ impl Catalogue {
         Ok((all, damaged))
     }
 
-    /// Adds a pack, in place of one of the same name.
+    /// Adds a pack, replacing one of the same name.
     pub fn insert(&mut self, pack: Pack) {
         let at = self.packs.len();
         let mut first = 0;
@@ -144,7 +144,7 @@ impl Catalogue {
         self.changed = true;
     }
 
-    /// Forgets a pack; its units are found in other packs that hold them too.
+    /// Removes a pack from the catalogue; its units are then found in other packs that contain them.
     pub fn remove(&mut self, id: Key) {
         let Some(pack) = self.by_id.remove(&id).and_then(|at| self.packs.get_mut(at)).and_then(Option::take) else {
             return;
@@ -164,12 +164,12 @@ impl Catalogue {
         }
     }
 
-    /// Where a unit lies.
+    /// The location of a unit.
     pub fn find(&self, key: Key) -> Option<Place> {
         self.units.get(&key).copied()
     }
 
-    /// A pack by its place.
+    /// A pack by its index.
     pub fn pack(&self, at: usize) -> Option<&Pack> {
         self.packs.get(at).and_then(Option::as_ref)
     }
@@ -210,7 +210,7 @@ impl Catalogue {
     }
 }
 
-/// What the index says, if it is whole.
+/// The contents of the index, if it is intact.
 fn load(root: &Path) -> Option<Vec<Pack>> {
     let bytes = fs::read(root.join("index")).ok()?;
     let (body, sum) = bytes.split_at_checked(bytes.len().checked_sub(blake3::OUT_LEN)?)?;
@@ -244,9 +244,9 @@ fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
     Some(*head)
 }
 
-/// What a file says that it holds: its kind and its units.
+/// The kind and the units of a file, from its footer.
 fn units_of(sealed: &Sealed) -> Result<(Key, Vec<Packed>), Trouble> {
-    let text = sealed.text(UNITS).ok_or_else(|| Trouble::Damaged("it does not say what it holds".to_owned()))?;
+    let text = sealed.text(UNITS).ok_or_else(|| Trouble::Damaged("its list of units is missing".to_owned()))?;
     let read = || {
         let (kind, lines) = text.split_once('\n')?;
         let unit = |line: &str| {
@@ -260,7 +260,7 @@ fn units_of(sealed: &Sealed) -> Result<(Key, Vec<Packed>), Trouble> {
     read().ok_or_else(|| Trouble::Damaged("what it says of its units cannot be read".to_owned()))
 }
 
-/// What a pack's footer says of its units.
+/// The units in a pack's footer.
 pub fn spell(kind: Key, units: &[Packed]) -> String {
     let line = |Packed { key, dress, rows }: &Packed| match *rows {
         FAILED => format!("{key} {dress:016x} failed\n"),

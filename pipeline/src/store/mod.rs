@@ -1,16 +1,16 @@
-//! The store: what was computed, addressed by what it was computed from, and the tables made of it.
+//! The store: results, addressed by their inputs, and the tables built from them.
 //!
 //! ```text
 //! objects/ab/<id>.parquet     packs: the rows of several units of one table, ordinary Parquet with checksums
-//! index                       which unit lies in which pack; only saves reading the packs' footers
-//! sources/<key>.json          what a file was found to hold: lines, columns, hashes, faults
-//! versions/<pipeline>/<n>/    what was published at one time: a folder a table, its files linked from the packs
+//! index                       the pack of each unit; only saves reading the packs' footers
+//! sources/<key>.json          the contents of a file: lines, columns, hashes, faults
+//! versions/<pipeline>/<n>/    one published state: a folder per table, its files linked from the packs
 //! tables/<pipeline>           a link to the newest version, replaced in one step
-//! plans/<pipeline>.json       what the tables were last computed from
+//! plans/<pipeline>.json       the inputs of the last computation of the tables
 //! runs/<pipeline>.jsonl       the history of its runs
 //! damaged/                    packs that did not verify
-//! locks/                      one file a pipeline, locked by its run
-//! tmp/                        files being written; renamed when they are whole
+//! locks/                      one file per pipeline, locked by its run
+//! tmp/                        files being written; renamed when complete
 //! ```
 //!
 //! A file appears under its final name only when it is complete and on the disk, so that neither a run killed at any
@@ -51,7 +51,7 @@ pub use version::{
     Beside, Manifest, ManifestTable, Publisher, TableFiles, Version, current, parts, published, versions,
 };
 
-/// The layout of the store; a store of another layout is refused.
+/// The layout of the store; a store of another layout is rejected.
 const LAYOUT: &str = "magline store 2\n";
 
 /// The folders of a store.
@@ -70,7 +70,7 @@ pub struct Store {
     next: AtomicU64,
     // Held together with all other processes that work in the store.
     shared: File,
-    // Held as long as the process lives; another process may then sweep the folder.
+    // Held as long as the process lives; another process may then remove the folder.
     _lock: File,
 }
 
@@ -81,19 +81,19 @@ impl Deref for Store {
     }
 }
 
-/// A unit as it goes into a pack.
+/// A unit to write into a pack.
 pub struct NewUnit {
     /// Its key.
     pub key: Key,
-    /// What stands beside what was computed: see [`Packed`].
+    /// The hash of its other columns: see [`Packed`].
     pub dress: u64,
     /// Its rows, in the schema of the pack; or why it cannot be computed.
     pub rows: Result<RecordBatch, Fault>,
-    /// Of a survey stage: the lines it went on without, and why.
+    /// Of a survey stage: the lines it skipped, and why.
     pub left_out: Vec<Fault>,
 }
 
-/// The right to a store of one process alone.
+/// The exclusive lock of one process on a store.
 pub struct Alone<'a>(&'a File);
 
 impl Drop for Alone<'_> {
@@ -108,10 +108,10 @@ fn trouble(doing: &str, path: &Path, e: &dyn std::fmt::Display) -> Fault {
 }
 
 impl Store {
-    /// Opens the store at `root`, making it where there is none.
+    /// Opens the store at `root`, creating it where there is none.
     ///
     /// # Errors
-    /// When the folder cannot be written or holds something else.
+    /// Fails when the folder cannot be written or holds something else.
     pub fn open(root: &Path) -> Result<Store, Fault> {
         let fail = |e: io::Error| trouble("open the store", root, &e);
         fs::create_dir_all(root).map_err(fail)?;
@@ -122,7 +122,7 @@ impl Store {
                 let fault = Fault::new(format!("{} is a store of another version of magline", root.display()));
                 return Err(fault.help("name another folder as `store`"));
             }
-            // A mark that is damaged is written again, if all else looks like a store.
+            // A damaged mark is rewritten, if everything else looks like a store.
             Ok(_) => false,
             Err(e) if e.kind() == io::ErrorKind::NotFound => false,
             Err(e) => return Err(fail(e)),
@@ -152,10 +152,10 @@ impl Store {
         Ok(store)
     }
 
-    /// The store to this process alone, as long as the answer lives; none where another one works in it.
+    /// The exclusive lock on the store, until the result is dropped; `None` where another process uses the store.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// Fails when the file system refuses.
     pub fn alone(&self) -> Result<Option<Alone<'_>>, Fault> {
         // A lock that is held becomes an exclusive one, or is lost and taken back.
         match self.shared.try_lock() {
@@ -183,10 +183,10 @@ impl Store {
         self.tmp.join(self.next.fetch_add(1, Ordering::Relaxed).to_string())
     }
 
-    /// Gives a file that is whole its final name, which is on the disk when this returns.
+    /// Renames a complete file to its final name, which is on the disk when this returns.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// Fails when the file system refuses.
     pub fn settle(&self, from: &Path, to: &Path) -> Result<(), Fault> {
         let fail = |e: io::Error| trouble("write", to, &e);
         if let Some(folder) = to.parent() {
@@ -197,10 +197,10 @@ impl Store {
         fs::rename(from, to).map_err(fail)
     }
 
-    /// Writes a small file whole.
+    /// Writes a small file atomically.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// Fails when the file system refuses.
     pub fn write(&self, to: &Path, bytes: &[u8]) -> Result<(), Fault> {
         let tmp = self.temporary();
         let written = File::create(&tmp).and_then(|mut f| f.write_all(bytes).and_then(|()| f.sync_all()));
@@ -211,7 +211,7 @@ impl Store {
     /// Writes one batch as a Parquet file at `to`, one row group for each [`GROUP_ROWS`].
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// Fails when the file system refuses.
     pub fn write_table(&self, to: &Path, batch: &RecordBatch, about: &[(String, String)]) -> Result<(), Fault> {
         let step = GROUP_ROWS;
         let groups = (0..batch.num_rows()).step_by(step).map(|i| Ok(batch.slice(i, step.min(batch.num_rows() - i))));
@@ -221,7 +221,7 @@ impl Store {
     /// Writes one batch as the unit `key`, in a pack of its own.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// Fails when the file system refuses.
     pub fn put(&self, key: Key, batch: &RecordBatch) -> Result<(), Fault> {
         self.put_all(&[(key, batch.clone())])
     }
@@ -229,7 +229,7 @@ impl Store {
     /// Writes some batches of one schema as units, in one pack of their own.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// Fails when the file system refuses.
     pub fn put_all(&self, batches: &[(Key, RecordBatch)]) -> Result<(), Fault> {
         let Some((_, first)) = batches.first() else { return Ok(()) };
         let unit = |(key, batch): &(Key, RecordBatch)| NewUnit {
@@ -245,7 +245,7 @@ impl Store {
     /// Writes a pack: the rows of its units one after another, in row groups that end with a unit where they can.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// Fails when the file system refuses.
     pub fn pack(
         &self,
         id: Key,
@@ -287,10 +287,10 @@ impl Store {
         Ok(())
     }
 
-    /// Writes the index, where packs came or went.
+    /// Writes the index, where packs were added or removed.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// Fails when the file system refuses.
     pub fn write_index(&self) -> Result<(), Fault> {
         let bytes = self.objects.catalogue_mut().to_write();
         bytes.map_or(Ok(()), |bytes| self.write(&self.root.join("index"), &bytes))
@@ -321,7 +321,7 @@ pub fn row_bytes(schema: &SchemaRef) -> usize {
     schema.fields().iter().map(|f| one(f.data_type())).sum::<usize>().max(1)
 }
 
-/// The batches, put together or cut into row groups.
+/// The batches, merged or split into row groups.
 fn grouped(schema: &SchemaRef, batches: Vec<RecordBatch>) -> impl Iterator<Item = Result<RecordBatch, Fault>> {
     let most = (GROUP_BYTES / row_bytes(schema)).clamp(1, GROUP_ROWS);
     let mut groups: Vec<Vec<RecordBatch>> = vec![];
@@ -360,14 +360,14 @@ fn make_folder(folder: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Brings the names in a folder to the disk.
+/// Syncs the names in a folder to the disk.
 fn sync_folder(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }
 
 impl Drop for Store {
     fn drop(&mut self) {
-        // What is left there was never given a name; a sweep by the next process does the same.
+        // Files left there never got a final name; the next process would remove them too.
         let _ = fs::remove_dir_all(&self.tmp);
     }
 }
@@ -392,7 +392,7 @@ fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
     Err(io::Error::other("no free name"))
 }
 
-/// Removes what killed processes left: folders whose lock nobody holds.
+/// Removes the folders of killed processes, whose locks are free.
 fn sweep(tmp: &Path) {
     for folder in fs::read_dir(tmp).into_iter().flatten().flatten() {
         match File::open(folder.path().join("lock")) {
@@ -400,7 +400,7 @@ fn sweep(tmp: &Path) {
                 let _ = fs::remove_dir_all(folder.path());
             }
             Ok(_) => {}
-            // Killed before it made the lock: the folder is empty, and only then it goes.
+            // Killed before it made the lock: the folder is removed only if empty.
             Err(_) => {
                 let _ = fs::remove_dir(folder.path());
             }

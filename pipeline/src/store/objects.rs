@@ -1,7 +1,7 @@
-//! What was computed, read back: columns of units, from the packs that hold them.
+//! Reading results back: columns of units, from the packs that hold them.
 //!
-//! Every byte that is decoded is held against its checksum. A pack that does not verify is set aside, in the folder
-//! `damaged`, and forgotten; its units are computed again.
+//! Every byte that is decoded is verified with its checksum. A pack that does not verify is moved to the folder
+//! `damaged` and removed from the catalogue; its units are recomputed.
 
 use std::{
     collections::HashMap,
@@ -21,21 +21,21 @@ use super::{
 };
 use crate::keys::Key;
 
-/// What is kept of decoded columns, in bytes.
+/// The size of the cache of decoded columns, in bytes.
 const HELD_BYTES: usize = 16 << 20;
-/// Footers that are kept.
+/// The number of cached footers.
 const HELD_FOOTERS: usize = 64;
-/// What a pack's footer says of its units beside their rows.
+/// The notes on units in a pack's footer, in addition to their rows.
 pub const NOTES: &str = "magline.notes";
 
-/// What there is to say of a unit, in the footer of its pack.
+/// The note on a unit, in the footer of its pack.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Note {
     /// The unit, as a position in the pack.
     pub unit: usize,
     /// Why it could not be computed.
     pub failed: Option<NoteFault>,
-    /// Of a survey stage: the lines it went on without, and why.
+    /// Of a survey stage: the lines it skipped, and why.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<NoteFault>,
 }
@@ -80,13 +80,13 @@ struct Held {
     bytes: usize,
 }
 
-/// A verified footer, and what it says of single units.
+/// A verified footer, and its notes on units.
 struct Footer {
     sealed: Sealed,
     notes: HashMap<usize, Note>,
 }
 
-/// The packs of a store, to be read.
+/// The packs of a store, for reading.
 pub struct Objects {
     root: PathBuf,
     catalogue: RwLock<Catalogue>,
@@ -103,7 +103,7 @@ impl Objects {
     /// The packs of the store at `root`.
     ///
     /// # Errors
-    /// When the folder cannot be read.
+    /// Fails when the folder cannot be read.
     pub fn open(root: &Path) -> Result<Objects, Fault> {
         let (catalogue, damaged) = Catalogue::open(root)
             .map_err(|e| Fault::machine(format!("cannot read the store {}: {e}", root.display())))?;
@@ -133,22 +133,22 @@ impl Objects {
         catalogue::path(&self.root, id)
     }
 
-    /// Whether the unit `key` was computed and is there.
+    /// Whether the unit `key` was computed and is available.
     pub fn has(&self, key: Key) -> bool {
         self.find(key).is_some_and(|p| p.rows.is_some())
     }
 
-    /// Where the unit `key` lies.
+    /// The location of the unit `key`.
     pub fn find(&self, key: Key) -> Option<Place> {
         self.catalogue().find(key)
     }
 
-    /// What did not verify since the store was opened.
+    /// The packs that did not verify since the store was opened.
     pub fn damaged(&self) -> Vec<String> {
         locked(&self.damaged).clone()
     }
 
-    /// Moves a pack out of the way, and forgets it.
+    /// Quarantines a pack, and removes it from the catalogue.
     pub fn set_aside(&self, id: Key, why: &str) {
         let from = self.file(id);
         let aside = self.root.join("damaged");
@@ -162,7 +162,7 @@ impl Objects {
         }
     }
 
-    /// The fault for a pack that cannot be read; one that is damaged or gone is forgotten.
+    /// The fault for a pack that cannot be read; a damaged or missing one is removed from the catalogue.
     fn fault(&self, id: Key, trouble: &Trouble) -> Fault {
         let path = self.file(id);
         match trouble {
@@ -174,7 +174,7 @@ impl Objects {
             Trouble::Machine(_) => {}
         }
         Fault::machine(format!("cannot read {}: {trouble}", path.display()))
-            .help("run again: what is damaged is computed again")
+            .help("run again: damaged results are recomputed")
     }
 
     /// The footer of a pack.
@@ -196,12 +196,13 @@ impl Objects {
         Ok(opened)
     }
 
-    /// The pack and place of a unit.
+    /// The pack and location of a unit.
     fn place(&self, key: Key) -> Result<(Key, Place), Fault> {
         let catalogue = self.catalogue();
         let found = catalogue.find(key).and_then(|p| Some((catalogue.pack(p.pack)?.id, p)));
         found.ok_or_else(|| {
-            Fault::machine(format!("the store no longer holds {key}")).help("run again: what is gone is computed again")
+            Fault::machine(format!("the store no longer contains {key}"))
+                .help("run again: missing results are recomputed")
         })
     }
 
@@ -214,7 +215,7 @@ impl Objects {
         Ok(array)
     }
 
-    /// Keeps a decoded column, so that it is not decoded again soon.
+    /// Caches a decoded column.
     pub(super) fn hold(&self, id: Key, group: usize, column: usize, array: &ArrayRef) {
         let mut held = locked(&self.held);
         let bytes = array.get_array_memory_size();
@@ -253,7 +254,7 @@ impl Objects {
     /// The columns `columns` of the unit `key`, each as one array.
     ///
     /// # Errors
-    /// When the unit is not there, is damaged or lacks a column.
+    /// Fails when the unit does not exist, is damaged or lacks a column.
     pub fn get<S: AsRef<str>>(&self, key: Key, columns: &[S]) -> Result<RecordBatch, Fault> {
         let (id, place) = self.place(key)?;
         let footer = self.footer(id)?;
@@ -268,16 +269,16 @@ impl Objects {
     /// The columns of the pack that holds the unit `key`.
     ///
     /// # Errors
-    /// When the unit is not there or is damaged.
+    /// Fails when the unit does not exist or is damaged.
     pub fn columns(&self, key: Key) -> Result<SchemaRef, Fault> {
         let (id, _) = self.place(key)?;
         Ok(self.footer(id)?.sealed.schema().clone())
     }
 
-    /// All columns of the unit `key`, with what their fields say.
+    /// All columns of the unit `key`, with their fields.
     ///
     /// # Errors
-    /// When the unit is not there or is damaged.
+    /// Fails when the unit does not exist or is damaged.
     pub fn whole(&self, key: Key) -> Result<RecordBatch, Fault> {
         let (id, place) = self.place(key)?;
         let footer = self.footer(id)?;
@@ -303,7 +304,7 @@ impl Objects {
     /// Why the unit `key` cannot be computed, where that is known.
     ///
     /// # Errors
-    /// When the store is damaged.
+    /// Fails when the store is damaged.
     pub fn failed(&self, key: Key) -> Result<Option<Fault>, Fault> {
         match self.find(key) {
             Some(Place { rows: None, .. }) => Ok(self.note(key)?.and_then(|n| n.failed).map(Fault::from)),
@@ -311,10 +312,10 @@ impl Objects {
         }
     }
 
-    /// The lines that the unit `key` went on without.
+    /// The lines that the unit `key` skipped.
     ///
     /// # Errors
-    /// When the store is damaged.
+    /// Fails when the store is damaged.
     pub fn left_out(&self, key: Key) -> Result<Vec<Fault>, Fault> {
         Ok(self.note(key)?.map(|n| n.left_out.into_iter().map(Fault::from).collect()).unwrap_or_default())
     }

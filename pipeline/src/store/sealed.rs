@@ -1,8 +1,8 @@
-//! One file of the store: ordinary Parquet, with checksums that its reader holds its bytes against.
+//! One file of the store: ordinary Parquet, with checksums that its reader verifies.
 //!
-//! The footer's metadata hold a CRC-32 of every column chunk (`magline.crc`). Between the last row group and the footer,
-//! where Parquet leaves bytes to nobody, stands the seal: a mark, a CRC-32 of all bytes before it and one of the footer.
-//! Whoever reads a column verifies the footer and the chunks that it decodes, and no other byte.
+//! The footer's metadata contain a CRC-32 of every column chunk (`magline.crc`). Between the last row group and the
+//! footer, in bytes that Parquet does not use, is the seal: a mark, a CRC-32 of all bytes before it and one of the
+//! footer. Reading a column verifies the footer and the decoded chunks, and no other byte.
 
 use std::{
     fmt::Display,
@@ -46,9 +46,9 @@ const CRC: &str = "magline.crc";
 pub enum Trouble {
     /// Its bytes are not those that were written.
     Damaged(String),
-    /// It is there, and the machine does not give it.
+    /// It exists, but cannot be read.
     Machine(String),
-    /// It is not there.
+    /// It does not exist.
     Gone,
 }
 
@@ -66,11 +66,11 @@ impl Trouble {
     }
 }
 
-/// What is wrong with a file. One that is damaged looks changed from now on: whoever goes by size and time, as a run does,
+/// The fault of a file. A damaged one looks modified from now on: a reader that checks size and time, as a run does,
 /// reads all of it then and finds the same.
 fn doubted(path: &Path, trouble: Trouble) -> Trouble {
     if matches!(trouble, Trouble::Damaged(_)) {
-        // A store that may only be read stays as it is.
+        // A read-only store stays unchanged.
         let _ = File::options().append(true).open(path).and_then(|file| file.set_modified(SystemTime::now()));
     }
     trouble
@@ -85,8 +85,8 @@ impl Display for Trouble {
     }
 }
 
-/// How everything in the store is encoded, so that the default readers of all engines take it: what repeats (identifiers,
-/// axes, times that the points of a sweep share) by dictionary, measured numbers plain.
+/// The encoding of all files in the store, which the default readers of all engines support: repeated values
+/// (identifiers, axes, times that the points of a sweep share) by dictionary, measured numbers plain.
 fn properties(schema: &Schema) -> WriterProperties {
     let mut properties = WriterProperties::builder()
         .set_created_by("magline".to_owned())
@@ -116,11 +116,11 @@ fn repeats(field: &arrow_schema::Field) -> bool {
     matches!(role, Some("key" | "time"))
 }
 
-/// Writes `groups`, each as one row group, and what `about` says, as a Parquet file; the same groups give the same bytes.
-/// The file is on the disk when this returns.
+/// Writes `groups`, each as one row group, and the metadata `about`, as a Parquet file; the same groups give the same
+/// bytes. The file is on the disk when this returns.
 ///
 /// # Errors
-/// When a group cannot be made, or the file system refuses.
+/// Fails when a group cannot be made, or the file system refuses.
 pub fn write(
     path: &Path,
     schema: &SchemaRef,
@@ -145,7 +145,7 @@ pub fn write(
         writer.append_key_value_metadata(KeyValue::new(key.clone(), value.clone()));
     }
     writer.append_key_value_metadata(KeyValue::new(CRC.to_owned(), chunks));
-    // What comes now is the footer, which the seal stands before.
+    // The next bytes are the footer, which follows the seal.
     writer.sync().map_err(|e| fail(&e))?;
     let before = std::mem::replace(writer.inner_mut(), Out::Memory(vec![]));
     drop(before);
@@ -164,7 +164,7 @@ pub fn write(
     file.sync_all().map_err(|e| fail(&e))
 }
 
-/// Where a Parquet writer writes: row groups to the file, the footer to memory.
+/// The target of a Parquet writer: row groups to the file, the footer to memory.
 enum Out<'a> {
     File(&'a File),
     Memory(Vec<u8>),
@@ -206,7 +206,7 @@ pub struct Sealed {
     schema: SchemaRef,
     /// The checksum of each leaf of each row group.
     crcs: Vec<u32>,
-    /// Where each row group begins, in rows, and the end.
+    /// The first row of each row group, and the end.
     starts: Vec<usize>,
 }
 
@@ -214,7 +214,7 @@ impl Sealed {
     /// Reads and verifies the footer.
     ///
     /// # Errors
-    /// When the file is not there, cannot be read, or is not what was written.
+    /// Fails when the file does not exist, cannot be read, or is damaged.
     pub fn open(path: &Path) -> Result<Sealed, Trouble> {
         Sealed::opened(path).map_err(|e| doubted(path, e))
     }
@@ -235,7 +235,7 @@ impl Sealed {
             let rows = usize::try_from(group.num_rows()).map_err(Trouble::damaged)?;
             starts.push(starts.last().copied().unwrap_or(0) + rows);
         }
-        // What the footer says besides is not of the columns.
+        // The other metadata of the footer do not concern the columns.
         let schema = Schema::new(metadata.schema().fields().clone()).into();
         Ok(Sealed { path: path.to_owned(), metadata, schema, crcs, starts })
     }
@@ -245,7 +245,7 @@ impl Sealed {
         &self.schema
     }
 
-    /// What the footer says under `key`.
+    /// The metadata `key` of the footer.
     pub fn text(&self, key: &str) -> Option<&str> {
         text_of(&self.metadata, key)
     }
@@ -255,7 +255,7 @@ impl Sealed {
         &self.path
     }
 
-    /// What the footer says of each row group.
+    /// The metadata of each row group.
     pub fn row_groups(&self) -> &[RowGroupMetaData] {
         self.metadata.metadata().row_groups()
     }
@@ -265,7 +265,7 @@ impl Sealed {
         self.metadata.metadata().file_metadata().schema_descr()
     }
 
-    /// Where each row group begins, in rows, and the end.
+    /// The first row of each row group, and the end.
     pub fn starts(&self) -> &[usize] {
         &self.starts
     }
@@ -273,7 +273,7 @@ impl Sealed {
     /// The values of one column of one row group, verified.
     ///
     /// # Errors
-    /// When the file cannot be read, or is not what was written.
+    /// Fails when the file cannot be read, or is damaged.
     pub fn column(&self, group: usize, column: usize) -> Result<ArrayRef, Trouble> {
         self.values(group, column).map_err(|e| doubted(&self.path, e))
     }
@@ -321,7 +321,7 @@ fn text_of<'a>(metadata: &'a ArrowReaderMetadata, key: &str) -> Option<&'a str> 
     pairs.iter().find(|kv| kv.key == key)?.value.as_deref()
 }
 
-/// Verifies the footer, and says how many bytes lie before the seal and what their checksum is.
+/// Verifies the footer, and returns the number of bytes before the seal and their checksum.
 fn footer(file: &mut File) -> Result<(u64, u32), Trouble> {
     let io = |e: io::Error| Trouble::io(&e);
     let size = file.metadata().map_err(io)?.len();
@@ -352,7 +352,7 @@ fn footer(file: &mut File) -> Result<(u64, u32), Trouble> {
 /// Verifies every byte of a file.
 ///
 /// # Errors
-/// When it is not there, cannot be read, or is not what was written.
+/// Fails when it does not exist, cannot be read, or is damaged.
 pub fn verify(path: &Path) -> Result<(), Trouble> {
     verified(path).map_err(|e| doubted(path, e))
 }

@@ -1,4 +1,4 @@
-//! Tending a store: what it holds, what of it nobody refers to, and whether all of it is what was written.
+//! Maintenance of a store: its contents, its unreferenced results, and their verification.
 
 use std::{
     collections::{BTreeMap, HashSet},
@@ -45,7 +45,7 @@ pub fn pipelines(root: &Path) -> Vec<String> {
 /// All published tables of the store at `root`.
 ///
 /// # Errors
-/// When a file cannot be read.
+/// Fails when a file cannot be read.
 pub fn list(root: &Path) -> Result<Vec<Listed>, Fault> {
     let mut found = vec![];
     for pipeline in pipelines(root) {
@@ -70,18 +70,18 @@ pub fn list(root: &Path) -> Result<Vec<Listed>, Fault> {
     Ok(found)
 }
 
-/// What to drop.
+/// The options of dropping.
 #[derive(Clone, Copy, Debug)]
 pub struct Collect {
     /// Versions of each pipeline that are kept, the newest among them.
     pub keep: usize,
-    /// What is younger is kept.
+    /// Newer results are kept.
     pub older_than: Duration,
-    /// Say it only.
+    /// Only report.
     pub dry: bool,
 }
 
-/// What was dropped, or would be.
+/// The result of dropping, or its preview.
 #[derive(Debug, Default)]
 pub struct Collected {
     /// Packs.
@@ -92,9 +92,9 @@ pub struct Collected {
     pub versions: Vec<String>,
     /// Files that did not verify.
     pub damaged: usize,
-    /// Folders that are left because they hold something that magline did not write.
+    /// Folders that are kept because they contain files that magline did not write.
     pub foreign: Vec<PathBuf>,
-    /// Whether packs are left alone because a run is at work.
+    /// Whether packs are kept because a run is at work.
     pub busy: bool,
 }
 
@@ -103,12 +103,12 @@ fn is_old(path: &Path, than: Duration) -> bool {
     written.is_ok_and(|t| SystemTime::now().duration_since(t).is_ok_and(|age| age >= than))
 }
 
-/// Drops versions that are not the newest, and packs that no version rests on.
+/// Drops versions that are not the newest, and packs that no version references.
 ///
-/// A run at work may rest on any pack, so that packs are left alone beside it.
+/// A concurrent run may reference any pack, so packs are kept then.
 ///
 /// # Errors
-/// When the file system refuses.
+/// Fails when the file system refuses.
 pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
     let root = store.root();
     let mut done = Collected::default();
@@ -120,7 +120,7 @@ pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
     names.sort();
     for name in names {
         let now = newest(root, &name);
-        // Of a pipeline that was removed nothing is kept.
+        // All versions of a removed pipeline are dropped.
         let kept = if now.is_some() { what.keep.max(1) } else { 0 };
         let all = versions(root, &name);
         let spare = all.len().saturating_sub(kept);
@@ -171,10 +171,10 @@ pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
     Ok(done)
 }
 
-/// Removes the files that a version says it has, and its folders if nothing else is in them.
+/// Removes the files that a version lists, and its folders if nothing else is in them.
 fn drop_version(folder: &Path) -> io::Result<bool> {
     let Some(version) = Version::open(folder) else {
-        // Nobody knows what is in it; it was never whole.
+        // Its contents are unknown; it was never complete.
         return fs::remove_dir_all(folder).map(|()| true);
     };
     let files = version.manifest.tables.iter().flat_map(|t| t.files.iter().chain(&t.units));
@@ -198,10 +198,10 @@ fn drop_version(folder: &Path) -> io::Result<bool> {
     Ok(empty)
 }
 
-/// Removes a published pipeline, or one table of it; what was computed stays until `gc`.
+/// Removes a published pipeline, or one table of it; computed results stay until `gc`.
 ///
 /// # Errors
-/// When there is no such thing, a run of the pipeline is at work, or the file system refuses.
+/// Fails when it does not exist, a run of the pipeline is at work, or the file system refuses.
 pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), Fault> {
     let root = store.root();
     let publisher = store.publisher(pipeline, false)?;
@@ -225,25 +225,25 @@ pub fn remove(store: &Store, pipeline: &str, table: Option<&str>) -> Result<(), 
     store.publish_without(&publisher, &version, table)
 }
 
-/// What there is to say of a damaged file that no run makes whole.
+/// The note on a damaged file that a run does not repair.
 const OLDER: &str = "; it is of an older version, which `magline gc --yes` drops";
 
-/// What a scrub of a store found.
+/// The result of verifying a store.
 #[derive(Debug, Default)]
 pub struct Scrubbed {
     /// Files that were read.
     pub files: usize,
     /// Their bytes.
     pub bytes: u64,
-    /// Files that are not what was written, and why.
+    /// Damaged files, and why.
     pub damaged: BTreeMap<PathBuf, String>,
 }
 
-/// Reads every byte of the store. Packs that do not verify are set aside; the next run computes them again, and
-/// publishes again what is damaged among its tables.
+/// Reads every byte of the store. Packs that do not verify are quarantined; the next run recomputes them, and
+/// republishes damaged tables.
 ///
 /// # Errors
-/// When a file cannot be read.
+/// Fails when a file cannot be read.
 pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scrubbed, Fault> {
     let root = store.root();
     let mut found = Scrubbed::default();
@@ -252,7 +252,7 @@ pub fn scrub(store: &Store, tick: &(dyn Fn(usize, usize) + Sync)) -> Result<Scru
         found.damaged.insert(PathBuf::from(path), why.to_owned());
     }
     let packs: Vec<Key> = store.catalogue().packs().map(|p| p.id).collect();
-    // Each file, the pack that it is, and what else there is to say of it.
+    // Each file, the pack that it is, and a note.
     let mut files: Vec<(PathBuf, Option<Key>, &str)> =
         packs.iter().map(|id| (store.file(*id), Some(*id), "")).collect();
     for pipeline in fs::read_dir(root.join("versions")).into_iter().flatten().flatten() {

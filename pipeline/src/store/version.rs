@@ -1,9 +1,9 @@
-//! What is published: versions of a pipeline's tables, of which one is the newest.
+//! Published results: versions of a pipeline's tables, one of which is the newest.
 //!
-//! A version is made under another name, and is there as a whole when its folder is renamed; it is the newest when the
-//! link `tables/<pipeline>` points at it. Files that did not change are linked from the packs, so that they cost nothing.
-//! A reader that has resolved the link keeps its version until `gc` drops it. Where there are no links, as in an object
-//! store, the same holds of a prefix a version and a pointer that is put conditionally.
+//! A version is written under another name, and appears atomically when its folder is renamed; it is the newest when
+//! the link `tables/<pipeline>` points at it. Files that did not change are linked from the packs, so that they cost
+//! nothing. A reader that has resolved the link keeps its version until `gc` drops it. Where there are no links, as in
+//! an object store, the same works with a prefix per version and a pointer that is written conditionally.
 
 use std::{
     collections::HashSet,
@@ -34,11 +34,11 @@ pub struct TableFiles {
     pub name: String,
     /// Its packs.
     pub packs: Vec<Key>,
-    /// Where each row of the table comes from, as a file of the store; see `logical`.
+    /// The file with the origin of each row of the table; see `logical`.
     pub units: Option<PathBuf>,
 }
 
-/// A table beside those of the stages, such as the failures.
+/// A table in addition to those of the stages, such as the failures.
 pub struct Beside {
     /// The table.
     pub name: String,
@@ -46,7 +46,7 @@ pub struct Beside {
     pub file: PathBuf,
 }
 
-/// What a version holds, as its folder says.
+/// The manifest of a version.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
     /// The pipeline.
@@ -55,7 +55,7 @@ pub struct Manifest {
     pub run: String,
     /// Its tables.
     pub tables: Vec<ManifestTable>,
-    /// All packs that it rests on, published or not.
+    /// All packs that it references, published or not.
     pub packs: Vec<String>,
     /// A checksum of all this.
     sum: String,
@@ -68,7 +68,7 @@ pub struct ManifestTable {
     pub name: String,
     /// Its files, in the order of its rows.
     pub files: Vec<ManifestFile>,
-    /// The file that says where each row comes from.
+    /// The file with the origin of each row.
     pub units: Option<ManifestFile>,
 }
 
@@ -79,16 +79,16 @@ pub struct ManifestFile {
     pub name: String,
     /// The pack that it is, if it is one.
     pub pack: Option<String>,
-    /// The hash of its bytes, if it is no pack.
+    /// The hash of its bytes, if it is not a pack.
     pub hash: Option<String>,
     /// Its bytes.
     pub size: u64,
-    /// When it was written, ns since 1970.
+    /// Fails when it was written, ns since 1970.
     modified_ns: u64,
 }
 
 impl ManifestFile {
-    /// The same but for the time.
+    /// Equal except for the time.
     fn same(&self, other: &ManifestFile) -> bool {
         (&self.name, &self.pack, &self.hash, self.size) == (&other.name, &other.pack, &other.hash, other.size)
     }
@@ -100,7 +100,7 @@ pub struct Version {
     pub folder: PathBuf,
     /// Its number, from 1.
     pub number: u64,
-    /// What it holds.
+    /// Its manifest.
     pub manifest: Manifest,
 }
 
@@ -131,7 +131,7 @@ pub fn newest(root: &Path, pipeline: &str) -> Option<PathBuf> {
     }
 }
 
-/// The newest version of `pipeline` in the store at `root`, if it is whole.
+/// The newest version of `pipeline` in the store at `root`, if it is intact.
 pub fn current(root: &Path, pipeline: &str) -> Option<Version> {
     Version::open(&newest(root, pipeline)?)
 }
@@ -148,10 +148,10 @@ pub fn parts(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// The columns `columns` of a small published table, verified; none where it is not there.
+/// The columns `columns` of a small published table, verified; `None` where it does not exist.
 ///
 /// # Errors
-/// When it cannot be read.
+/// Fails when it cannot be read.
 pub fn published(folder: &Path, columns: &[&str]) -> Result<Option<RecordBatch>, Fault> {
     let mut batches = vec![];
     for file in parts(folder) {
@@ -181,17 +181,17 @@ pub fn versions(root: &Path, pipeline: &str) -> Vec<(u64, PathBuf)> {
     found
 }
 
-/// The right to publish the tables of one pipeline; one process has it at a time.
+/// The lock for publishing the tables of one pipeline; one process holds it at a time.
 pub struct Publisher {
     pipeline: String,
     _lock: File,
 }
 
 impl Store {
-    /// Takes the right to publish `pipeline`; where another process has it, waits for it or says so.
+    /// Takes the lock for publishing `pipeline`; where another process holds it, waits for it or fails.
     ///
     /// # Errors
-    /// When another process has it, or the file system refuses.
+    /// Fails when another process holds it, or the file system refuses.
     pub fn publisher(&self, pipeline: &str, wait: bool) -> Result<Publisher, Fault> {
         let path = self.root().join("locks").join(format!("{pipeline}.lock"));
         let fail = |e: &dyn std::fmt::Display| trouble("lock", &path, e);
@@ -208,11 +208,11 @@ impl Store {
         Ok(Publisher { pipeline: pipeline.to_owned(), _lock: lock })
     }
 
-    /// Publishes `tables` and `beside` as the newest version, unless it is what the newest version holds already. Says
+    /// Publishes `tables` and `beside` as the newest version, unless the newest version is equal. Returns
     /// whether there is a new one.
     ///
     /// # Errors
-    /// When the file system refuses; the version before stays the newest then.
+    /// Fails when the file system refuses; the version before stays the newest then.
     pub fn publish(
         &self,
         publisher: &Publisher,
@@ -225,7 +225,7 @@ impl Store {
         inside(self.root(), pipeline)?;
         let mut manifest = Manifest { pipeline: pipeline.clone(), run: run.to_owned(), ..Manifest::default() };
         manifest.packs = rests_on.iter().map(Key::to_string).collect();
-        // Each file of the version, and where it is now.
+        // Each file of the version, and its current path.
         let mut from: Vec<(PathBuf, String)> = vec![];
         for table in tables {
             let mut listed = ManifestTable { name: table.name.clone(), ..ManifestTable::default() };
@@ -265,10 +265,10 @@ impl Store {
         Ok(true)
     }
 
-    /// Publishes what `version` holds but for one table.
+    /// Publishes what `version` holds except one table.
     ///
     /// # Errors
-    /// When the file system refuses.
+    /// Fails when the file system refuses.
     pub(super) fn publish_without(&self, publisher: &Publisher, version: &Version, table: &str) -> Result<(), Fault> {
         let mut manifest = version.manifest.clone();
         manifest.tables.retain(|t| t.name != table);
@@ -278,7 +278,7 @@ impl Store {
         self.switch(&publisher.pipeline, &manifest, &from, Some(version))
     }
 
-    /// Makes a version and lets the pipeline's link lead to it.
+    /// Makes a version and points the pipeline's link to it.
     fn switch(
         &self,
         pipeline: &str,
@@ -329,7 +329,7 @@ impl Store {
     }
 }
 
-/// One more name for the bytes of a file; a copy where the file system has no such thing.
+/// One more name for the bytes of a file; a copy where the file system has no hard links.
 fn link(from: &Path, to: &Path) -> io::Result<()> {
     match fs::hard_link(from, to) {
         Ok(()) => Ok(()),
@@ -343,7 +343,7 @@ fn link(from: &Path, to: &Path) -> io::Result<()> {
     }
 }
 
-/// What a file is.
+/// The entry of a file.
 fn described(file: &Path, name: &str, pack: Option<String>) -> Result<ManifestFile, Fault> {
     let fail = |e: io::Error| trouble("read", file, &e);
     let (size, modified_ns) = stamp(&fs::metadata(file).map_err(fail)?);
@@ -354,7 +354,7 @@ fn described(file: &Path, name: &str, pack: Option<String>) -> Result<ManifestFi
     Ok(ManifestFile { name: name.to_owned(), pack, hash, size, modified_ns })
 }
 
-/// Whether a version holds just what `manifest` says, in files that are whole.
+/// Whether a version contains exactly what `manifest` lists, in intact files.
 fn holds(store: &Store, version: &Version, manifest: &Manifest) -> bool {
     let old = &version.manifest;
     let pairs = || old.tables.iter().zip(&manifest.tables);
@@ -377,7 +377,7 @@ fn holds(store: &Store, version: &Version, manifest: &Manifest) -> bool {
     same && old.tables.iter().flat_map(files).all(|f| whole(&f))
 }
 
-/// Takes over what someone else put beside the files of the version before.
+/// Keeps the foreign files in the folder of the previous version.
 fn carry(before: &Version, folder: &Path, manifest: &Manifest) -> io::Result<()> {
     let ours: HashSet<PathBuf> = before
         .manifest
@@ -399,7 +399,7 @@ fn carry(before: &Version, folder: &Path, manifest: &Manifest) -> io::Result<()>
     Ok(())
 }
 
-/// The name of a pipeline must lead to a link into the store, or to nothing.
+/// The name of a pipeline must be a link into the store, or not exist.
 fn inside(root: &Path, pipeline: &str) -> Result<(), Fault> {
     let path = root.join("tables").join(pipeline);
     let parts: Vec<Component> = Path::new(pipeline).components().collect();

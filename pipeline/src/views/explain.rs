@@ -10,7 +10,7 @@ use crate::{
     store::Store,
 };
 
-/// Tables, axes, points, what is there and what each stage costs.
+/// Tables, axes, points, the results in the store and the cost of each stage.
 pub fn explain(graph: &Graph, store: &Store) -> String {
     let plan = graph.plan;
     let mut out = String::new();
@@ -96,7 +96,7 @@ fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<
     out
 }
 
-/// So many combinations of parameters are looked at one by one to see which of them vary.
+/// The number of combinations of parameters that are compared one by one.
 const LOOKED_AT: usize = 10_000;
 
 /// Parameters of any point, with a word in place of a value that is not the same at all points that have it.

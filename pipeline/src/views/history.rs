@@ -1,4 +1,4 @@
-//! The history of runs: when each was, what it did, and what changed between two.
+//! The history of runs: time and result of each, and the changes between two.
 
 use std::{
     collections::BTreeMap,
@@ -18,9 +18,9 @@ use crate::{keys::Key, run::Count, store::Store};
 pub struct Past {
     /// Its number, from 1.
     pub number: u64,
-    /// When it ended, UTC.
+    /// Fails when it ended, UTC.
     pub time: String,
-    /// What was asked of which data.
+    /// The hash of the computation and its data.
     pub run: String,
     /// The program's version.
     pub version: String,
@@ -28,9 +28,9 @@ pub struct Past {
     pub tables: u64,
     /// Units computed, reused, failed, skipped.
     pub units: [usize; 4],
-    /// How long it took, s.
+    /// Its duration, s.
     pub seconds: f64,
-    /// The file in `runs/` that says what the tables were computed from.
+    /// The file in `runs/` with the inputs of the tables.
     pub snapshot: String,
     /// A checksum of all this.
     #[serde(default)]
@@ -46,7 +46,7 @@ fn file(root: &Path, pipeline: &str) -> PathBuf {
     root.join("runs").join(format!("{pipeline}.jsonl"))
 }
 
-/// The runs of a pipeline, oldest first. A line that is not what was written is left out.
+/// The runs of a pipeline, oldest first. Damaged lines are skipped.
 pub fn past(root: &Path, pipeline: &str) -> Vec<Past> {
     let text = fs::read(file(root, pipeline)).unwrap_or_default();
     let lines = text.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<Past>(line).ok());
@@ -56,10 +56,10 @@ pub fn past(root: &Path, pipeline: &str) -> Vec<Past> {
 /// Adds a run; its number is the next.
 ///
 /// # Errors
-/// When the store cannot be written.
+/// Fails when the store cannot be written.
 pub fn add(store: &Store, pipeline: &str, mut past_run: Past, count: Count, snapshot: &Snapshot) -> Result<(), Fault> {
     let root = store.root();
-    // Costs change from run to run; what the tables are computed from does not.
+    // Costs change from run to run; the inputs of the tables do not.
     let mut plain = snapshot.clone();
     plain.tables.iter_mut().for_each(|t| t.cost = None);
     let text = serde_json::to_vec(&plain).map_err(|e| Fault::machine(e.to_string()))?;
@@ -73,7 +73,7 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: Past, count: Count, snap
     past_run.snapshot = name;
     past_run.sum = sum_of(&past_run);
     let mut line = serde_json::to_vec(&past_run).map_err(|e| Fault::machine(e.to_string()))?;
-    // A line that a loss of power cut short ends here.
+    // A line that a power loss truncated ends here.
     line.insert(0, b'\n');
     let path = file(root, pipeline);
     if !path.exists() {
@@ -98,7 +98,7 @@ fn names(root: &Path) -> Vec<String> {
 /// The runs of one pipeline, or of all.
 ///
 /// # Errors
-/// When there is no such pipeline.
+/// Fails when there is no such pipeline.
 pub fn table(root: &Path, pipeline: Option<&str>) -> Result<String, Fault> {
     let all = names(root);
     if let Some(name) = pipeline.filter(|p| !all.iter().any(|n| n == p)) {
@@ -120,7 +120,7 @@ pub fn table(root: &Path, pipeline: Option<&str>) -> Result<String, Fault> {
 /// What changed between two runs of a pipeline.
 ///
 /// # Errors
-/// When there are no such runs, or what they were computed from is not known any more.
+/// Fails when a run does not exist, or its inputs are no longer known.
 pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fault> {
     let all = past(root, pipeline);
     let open = |number: u64| -> Result<Snapshot, Fault> {
@@ -131,7 +131,7 @@ pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fa
         let bytes = fs::read(root.join("runs").join(&past.snapshot));
         let snapshot = bytes.ok().filter(|b| format!("{}.json", Key::of([b])) == past.snapshot);
         let snapshot = snapshot.and_then(|b| serde_json::from_slice(&b).ok());
-        snapshot.ok_or_else(|| Fault::machine(format!("what run {number} of `{pipeline}` was computed from is lost")))
+        snapshot.ok_or_else(|| Fault::machine(format!("the inputs of run {number} of `{pipeline}` are lost")))
     };
     let (one, other) = (open(a)?, open(b)?);
     let mut text = String::new();
@@ -167,7 +167,7 @@ pub fn between(root: &Path, pipeline: &str, a: u64, b: u64) -> Result<String, Fa
     Ok(text)
 }
 
-/// What came, what went, and what is in both but not the same.
+/// The added, the removed and the modified entries.
 fn differences<T: PartialEq>(
     text: &mut String,
     what: &str,

@@ -1,4 +1,4 @@
-//! `magline lineage`: where a table's rows come from.
+//! `magline lineage`: the origin of a table's rows.
 
 use std::{fmt::Write, fs, path::Path};
 
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::{Snapshot, SnapshotTable, snapshots};
 
-/// How lineage is written.
+/// The form of lineage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Format {
     /// Indented text.
@@ -22,7 +22,7 @@ pub enum Format {
 /// The lineage of `table` (`<pipeline>.<table>`, or the table's name where it is the only one) in the store at `root`.
 ///
 /// # Errors
-/// When there is no such table.
+/// Fails when there is no such table.
 pub fn lineage(root: &Path, table: &str, format: Format) -> Result<String, Fault> {
     let all = snapshots(root);
     let (snapshot, found) = find(&all, table)?;
@@ -41,7 +41,7 @@ fn pretty(value: &Value) -> String {
     serde_json::to_string_pretty(value).unwrap_or_default() + "\n"
 }
 
-/// The table that `name` means.
+/// The table of `name`.
 pub fn find<'a>(all: &'a [Snapshot], name: &str) -> Result<(&'a Snapshot, &'a SnapshotTable), Fault> {
     let (pipeline, table) = name.split_once('.').map_or((None, name), |(p, t)| (Some(p), t));
     let fits = |s: &&Snapshot| pipeline.is_none_or(|p| p == s.pipeline);
@@ -56,8 +56,7 @@ pub fn find<'a>(all: &'a [Snapshot], name: &str) -> Result<(&'a Snapshot, &'a Sn
         [one] => Ok(*one),
         [] => Err(Fault::new(format!("the store has no table `{name}`")).nearest(name, &known)),
         _ => {
-            Err(Fault::new(format!("several pipelines have a table `{table}`"))
-                .help("say which, as `<pipeline>.<table>`"))
+            Err(Fault::new(format!("several pipelines have a table `{table}`")).help("give it as `<pipeline>.<table>`"))
         }
     }
 }
@@ -88,7 +87,7 @@ fn tree(snapshot: &Snapshot, name: &str, depth: usize, out: &mut String) {
     }
 }
 
-/// The names of all that `table` rests on, itself first.
+/// The names of all tables that `table` depends on, itself first.
 fn upstream<'a>(snapshot: &'a Snapshot, table: &'a SnapshotTable) -> Vec<&'a str> {
     let mut names = vec![table.name.as_str()];
     let mut i = 0;
@@ -154,7 +153,7 @@ fn openlineage(root: &Path, snapshot: &Snapshot, table: &SnapshotTable) -> Value
     })
 }
 
-/// When a file was last written, in UTC.
+/// Fails when a file was last written, in UTC.
 fn written(path: &Path) -> String {
     let since =
         fs::metadata(path).and_then(|m| m.modified()).ok().and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok());

@@ -1,4 +1,4 @@
-//! Views of a plan and of what a run left: explain, lineage, why, the reference, SQL.
+//! Views of a plan and of the results of a run: explain, lineage, why, the reference, SQL.
 
 mod explain;
 pub mod history;

@@ -1,4 +1,4 @@
-//! What the tables were computed from, kept beside them.
+//! The inputs of the tables, stored with them.
 
 use std::{collections::BTreeMap, fs, path::Path};
 
@@ -10,7 +10,7 @@ use crate::{
     store::Store,
 };
 
-/// A pipeline as it was last run.
+/// A pipeline at its last run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Snapshot {
     /// Its name.
@@ -19,9 +19,9 @@ pub struct Snapshot {
     pub spec: String,
     /// The seed.
     pub seed: u64,
-    /// What it reads.
+    /// Its sources.
     pub sources: Vec<SnapshotSource>,
-    /// What it makes.
+    /// Its tables.
     pub tables: Vec<SnapshotTable>,
 }
 
@@ -51,7 +51,7 @@ pub struct SnapshotTable {
     pub tidy: bool,
     /// The axes it depends on.
     pub axes: Vec<String>,
-    /// The tables it is made from.
+    /// Its input tables.
     pub inputs: Vec<String>,
     /// The rows it is restricted to.
     pub predicate: Option<String>,
@@ -65,7 +65,7 @@ pub struct SnapshotTable {
     pub cost: Option<(usize, f64)>,
 }
 
-/// A column and what it was made from.
+/// A column and its inputs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SnapshotColumn {
     /// Its name.
@@ -74,16 +74,16 @@ pub struct SnapshotColumn {
     pub kind: String,
     /// Its unit.
     pub unit: String,
-    /// What it is.
+    /// Its description.
     pub doc: String,
-    /// (table, column) of each column it was made from; one of the same name when it only passed through.
+    /// (table, column) of each column it was made from; one of the same name where it passed through.
     pub from: Vec<(String, String)>,
 }
 
-/// Keeps what a run's tables were computed from.
+/// Stores the inputs of a run's tables.
 ///
 /// # Errors
-/// When the store cannot be written.
+/// Fails when the store cannot be written.
 pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)]) -> Result<Snapshot, Fault> {
     let plan = graph.plan;
     let before = snapshots(store.root()).into_iter().find(|s| s.pipeline == plan.spec.name);

@@ -1,8 +1,8 @@
 //! `magline sql`: DataFusion over every table of a store, as `<pipeline>.<table>`.
 //!
 //! A question reads the published tables of one store and nothing else, and writes nothing: statements that do anything
-//! but ask are refused by their kind, by their plan, and by tables that cannot be written. Its memory is limited, and it
-//! spills to a temporary folder.
+//! but ask are refused by their kind, by their plan, and by tables that cannot be written. Its memory is limited, and
+//! it spills to a temporary folder.
 
 mod explain;
 mod functions;
@@ -54,7 +54,7 @@ pub trait Sink: Send {
     /// Takes one piece more; all have this schema. Says whether more are wanted.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// Fails when it cannot be written.
     fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault>;
 
     /// The bytes that it will keep of this piece.
@@ -63,15 +63,15 @@ pub trait Sink: Send {
     /// All pieces were taken; there may have been none.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// Fails when it cannot be written.
     fn finish(&mut self, schema: &SchemaRef) -> Result<(), Fault>;
 }
 
 /// Answers a question.
 ///
 /// # Errors
-/// When the query is wrong, asks for a table that the store does not have, does anything but ask, or needs more memory
-/// than it may take.
+/// Fails when the query is wrong, asks for a table that the store does not have, does anything but ask, or needs more
+/// memory than it may take.
 pub fn sql(question: &Question, sink: &mut dyn Sink) -> Result<(), Fault> {
     deep::over(question.query, || ())?;
     deep::deep(|| {

@@ -13,7 +13,7 @@ use crate::{
 /// What would be computed of `table`, and which parameter, line or input moved its key.
 ///
 /// # Errors
-/// When the plan has no such table.
+/// Fails when the plan has no such table.
 pub fn why(graph: &Graph, store: &Store, table: &str) -> Result<String, Fault> {
     let plan = graph.plan;
     let t = plan.table(table)?;

@@ -1,6 +1,6 @@
 //! Numerics of aeromagnetic compensation and magnetic navigation: slices and matrices in, vectors out.
 //!
-//! Nothing here knows tables, plans or files. A routine's documentation gives the shape, unit and
+//! Nothing here depends on tables, plans or files. A routine's documentation gives the shape, unit and
 //! frame of what it takes and returns, its errors, and where its formula is printed.
 
 pub mod compensation;

@@ -9,7 +9,7 @@ pub struct Normals {
 impl Normals {
     /// A source for each seed.
     pub fn new(seed: u64) -> Self {
-        // Seeds side by side must not give the same sequence shifted by one.
+        // Adjacent seeds must not give the same sequence shifted by one.
         Self { state: mixed(seed ^ 0x5851_f42d_4c95_7f2d), spare: None }
     }
 

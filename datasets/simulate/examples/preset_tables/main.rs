@@ -1,4 +1,5 @@
-//! The presets beside the theses: what Tolles-Lawson compensation leaves of their readings, as the tables of
+//! The presets compared with the theses: the residuals of Tolles-Lawson compensation of their readings, as the tables
+//! of
 //! `datasets/presets/README.md`.
 //!
 //! `cargo run -p magline-simulate --example preset_tables`
@@ -38,7 +39,7 @@ fn main() -> Result<(), Failed> {
     drone_seeds(&seeds(&drone_spec, SEEDS)?)
 }
 
-/// Least, median and largest.
+/// Smallest, median and largest.
 fn spread(mut x: Vec<f64>) -> [f64; 3] {
     x.sort_by(f64::total_cmp);
     [x[0], x[x.len() / 2], x[x.len() - 1]]
@@ -56,7 +57,7 @@ const SURVEYS: [(&str, Option<f64>); 8] = [
     ("1007.06", Some(94.0)),
 ];
 
-/// Standard deviations of a magnetometer against the truth: as it is, and after classical Tolles-Lawson.
+/// Standard deviations of a magnetometer against the truth: before and after classical Tolles-Lawson.
 fn before_and_after(flown: &[Line], name: &str, mag: &str, flux: &str) -> Result<(f64, f64), Failed> {
     let (calibration, survey) = (line(flown, "1006.04")?, line(flown, name)?);
     let truth = survey.column("mag_1_c");
@@ -88,7 +89,7 @@ fn cessna(flown: &[Line]) -> Result<(), Failed> {
 }
 
 fn cessna_seeds(ensemble: &[Vec<Line>]) -> Result<(), Failed> {
-    println!("\nCessna, nT; the eight lines with seeds {SEEDS:?}: least, median, largest with Flux A\n");
+    println!("\nCessna, nT; the eight lines with seeds {SEEDS:?}: smallest, median, largest with Flux A\n");
     println!("| scalar | uncompensated | Table 2.3 | Table 5.2 | compensated | Table 2.3 | Table 5.2 |");
     println!("|:--|--:|--:|--:|--:|--:|--:|");
     for (mag, [raw, left, raw_2, left_2]) in CESSNA {
@@ -129,7 +130,7 @@ fn drone(flown: &[Line]) -> Result<(), Failed> {
 }
 
 fn drone_seeds(ensemble: &[Vec<Line>]) -> Result<(), Failed> {
-    println!("\nDrone; both manoeuvres with seeds {SEEDS:?}: least, median, largest\n");
+    println!("\nDrone; both manoeuvres with seeds {SEEDS:?}: smallest, median, largest\n");
     println!("| sensor | uncompensated, nT | Table 4.1, 4.3, mean | improvement ratio | Table 4.2, 4.3, mean |");
     println!("|:--|--:|--:|--:|--:|");
     for (sensor, flux, [raw, published]) in DRONE {

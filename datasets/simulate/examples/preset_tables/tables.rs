@@ -1,4 +1,4 @@
-//! What linear compensation leaves of a preset's readings.
+//! The residuals of linear compensation of a preset's readings.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use numerics::{
     },
 };
 
-/// What can go wrong: the spec's faults, or those of the numbers.
+/// An error of the spec or of the numerics.
 pub type Failed = Box<dyn std::error::Error>;
 
 /// A line of a simulated flight.
@@ -79,7 +79,7 @@ const TERMS: [&str; 3] = ["permanent", "induced", "eddy"];
 /// Thesis 000, section 3.1: the ridge, and the band of the fit.
 const RIDGE: f64 = 0.025;
 const BAND_HZ: (f64, f64) = (0.1, 0.9);
-/// Samples left off at either end of what was filtered.
+/// Samples dropped at either end of a filtered line.
 const TRIM: usize = 20;
 
 fn terms_of(line: &Line, flux: &str) -> Result<(Vec<f64>, usize), Failed> {
@@ -89,7 +89,7 @@ fn terms_of(line: &Line, flux: &str) -> Result<(Vec<f64>, usize), Failed> {
 }
 
 /// Classical Tolles-Lawson: fitted on the line `calibration`, band-passed; gives the magnetometer on `line` less the
-/// aircraft's field but for its mean, in nT.
+/// aircraft's field except its mean, in nT.
 pub fn classical(calibration: &Line, line: &Line, mag: &str, flux: &str) -> Result<Vec<f64>, Failed> {
     let (mut a, terms) = terms_of(calibration, flux)?;
     let rate_hz = 1.0 / (calibration.column("tt")[1] - calibration.column("tt")[0]);
@@ -108,7 +108,7 @@ pub fn classical(calibration: &Line, line: &Line, mag: &str, flux: &str) -> Resu
     Ok(line.column(mag).iter().zip(&aircraft).map(|(m, a)| m - (a - mean)).collect())
 }
 
-/// The core field in the body frame that the INS says, and its magnitude, in nT.
+/// The core field in the body frame from the INS, and its magnitude, in nT.
 fn core(line: &Line) -> Result<(Vec<Vector3<f64>>, Vec<f64>), Failed> {
     let c = |name: &str| line.column(name);
     let year =
@@ -148,7 +148,7 @@ fn core_terms(line: &Line, flux: &str) -> Result<Vec<[f64; 21]>, Failed> {
     Ok((0..b.len()).map(row).collect())
 }
 
-/// What a magnetometer reads beyond the core field, in nT: a scalar one, or a vector one's magnitude.
+/// The reading of a magnetometer less the core field, in nT: a scalar one, or a vector one's magnitude.
 pub fn beyond_core(line: &Line, mag: &str) -> Result<Vec<f64>, Failed> {
     let (_, core_nt) = core(line)?;
     if mag.starts_with("mag_") {
@@ -158,7 +158,7 @@ pub fn beyond_core(line: &Line, mag: &str) -> Result<Vec<f64>, Failed> {
     Ok((0..x.len()).map(|i| Vector3::new(x[i], y[i], z[i]).norm() - core_nt[i]).collect())
 }
 
-/// Core-field Tolles-Lawson, without a band: what it leaves of a magnetometer beyond the core field on `line`, in nT.
+/// Core-field Tolles-Lawson, without a band: its residual for a magnetometer less the core field on `line`, in nT.
 /// The terms are scaled to the same size; `ridge` is per sample of the fit.
 pub fn reference_free(calibration: &Line, line: &Line, mag: &str, flux: &str, ridge: f64) -> Result<Vec<f64>, Failed> {
     let fitted = core_terms(calibration, flux)?;

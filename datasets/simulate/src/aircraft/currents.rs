@@ -8,7 +8,7 @@ use super::{
     spec::{Current, Engine, Kind, Temperature, Thermostat},
 };
 
-/// How often a thermostat looks, in seconds.
+/// The period of a thermostat, in seconds.
 const LOOK_S: f64 = 1.0;
 
 impl Current {
@@ -16,7 +16,7 @@ impl Current {
     pub(super) fn amperes(&self, motion: &Motion, temperature: &Temperature, random: &mut Random) -> Vec<f64> {
         let (off_a, on_a) = self.off_on_a;
         let levels = self.levels(motion, temperature, random);
-        // What does not swing on and off takes its values exactly.
+        // Constant currents take their values exactly.
         levels
             .iter()
             .map(|level| match *level {
@@ -27,7 +27,7 @@ impl Current {
             .collect()
     }
 
-    /// From 0, off, to 1, fully on; a servo that minds the direction from -1.
+    /// From 0, off, to 1, fully on; a servo that depends on the direction from -1.
     pub(super) fn levels(&self, motion: &Motion, temperature: &Temperature, random: &mut Random) -> Vec<f64> {
         let since_s = &motion.since_s;
         match &self.kind {
@@ -84,13 +84,13 @@ fn periodic(t: f64, every_s: f64, for_s: f64, ramp_s: f64) -> f64 {
     if t < 0.0 {
         return 0.0;
     }
-    // Times such as 0.3 are no exact multiples of 0.1.
+    // Times such as 0.3 are not exact multiples of 0.1.
     let within = (t + 1e-9).rem_euclid(every_s);
     let before = if t >= every_s { trapezoid(within + every_s, for_s, ramp_s) } else { 0.0 };
     trapezoid(within, for_s, ramp_s).max(before)
 }
 
-/// When a current that is on and off in turns is on, from `first_s` to beyond `last_s`.
+/// When a current that alternates between on and off is on, from `first_s` to beyond `last_s`.
 pub(super) fn switched(mean_off_on_s: (f64, f64), first_s: f64, last_s: f64, random: &mut Random) -> Vec<[f64; 2]> {
     let (off_s, on_s) = mean_off_on_s;
     let mut on = random.uniform() < on_s / (off_s + on_s);
@@ -98,7 +98,7 @@ pub(super) fn switched(mean_off_on_s: (f64, f64), first_s: f64, last_s: f64, ran
     while from <= last_s {
         let until = from + random.exponential(if on { on_s } else { off_s });
         if on {
-            // What is on at the start has been on before.
+            // A current that is on at the start was on before.
             out.push([if out.is_empty() && from == first_s { f64::NEG_INFINITY } else { from }, until]);
         }
         (from, on) = (until, !on);
@@ -118,7 +118,8 @@ fn throttle(engine: &Engine, motion: &Motion, random: &mut Random) -> Vec<f64> {
     (0..motion.since_s.len()).map(level).collect()
 }
 
-/// Whether the heater is on: it is as warm as on board at the flight's start, and has looked every second since.
+/// Whether the heater is on: its thermostat starts at the temperature on board at the flight's start, and runs every
+/// second.
 fn heater(thermostat: &Thermostat, surroundings: &Temperature, since_s: &[f64]) -> Vec<f64> {
     let (mut warm_degc, mut on, mut looked) = (surroundings.at(0.0), false, 0_u64);
     let kept = (-LOOK_S / thermostat.tau_s).exp();

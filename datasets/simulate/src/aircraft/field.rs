@@ -1,4 +1,4 @@
-//! The aircraft's field at one magnetometer, part by part.
+//! The aircraft's field at one magnetometer, by component.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -11,14 +11,14 @@ use crate::spec::Components;
 /// The field strength that the sizes of induced terms refer to, in nT.
 const SCALE_NT: f64 = 50_000.0;
 
-/// Between the steps of the permanent field's random walk, in seconds; within them it goes straight.
+/// Between the steps of the permanent field's random walk, in seconds; linear within them.
 const WALK_STEP_S: f64 = 10.0;
 
-/// The parts of the field at a magnetometer, in the order in which they are added.
+/// The components of the field at a magnetometer, in the order in which they are added.
 pub(super) const FIELD_PARTS: [&str; 10] =
     ["core", "anomaly", "diurnal", "permanent", "induced", "eddy", "currents", "landing", "walk", "flex"];
 
-/// What makes the aircraft's field at one magnetometer in one flight, in the body frame:
+/// The sources of the aircraft's field at one magnetometer in one flight, in the body frame:
 /// P + M B + E dB/dt + the sum of I_k D_k, the landing's shift and a walk of P, and the bending of the wings.
 /// [Tolles & Lawson 1950; thesis 000 (3.9)-(3.12)]
 pub(super) struct Field {
@@ -33,7 +33,7 @@ pub(super) struct Field {
     walk_nt: Vec<Vector3<f64>>,
 }
 
-/// What drives the aircraft's field at one moment.
+/// The inputs of the aircraft's field at one moment.
 pub(super) struct Drive<'a> {
     /// The earth's field, in nT.
     pub(super) earth_nt: Vector3<f64>,
@@ -50,8 +50,8 @@ pub(super) struct Drive<'a> {
 }
 
 impl Field {
-    /// Draws what the spec leaves open for the sensor `name`: the same on all flights but for the landing's shift and
-    /// the walk, which is known up to `until_s` after the flight's start. What is switched off is nothing.
+    /// Draws what the spec does not fix for the sensor `name`: the same on all flights except the landing's shift and
+    /// the walk, which is known up to `until_s` after the flight's start. Components that are switched off are zero.
     pub(super) fn draw(
         seed: u64,
         (flight, until_s): (&str, f64),
@@ -94,7 +94,7 @@ impl Field {
         }
     }
 
-    /// The aircraft's parts in nT, in the order of [`FIELD_PARTS`] from the permanent field on.
+    /// The aircraft's components in nT, in the order of [`FIELD_PARTS`] from the permanent field on.
     pub(super) fn parts_nt(&self, drive: &Drive) -> [Vector3<f64>; 7] {
         let amperes = |k: usize| drive.amperes.get(k).and_then(|c| c.get(drive.row)).copied().unwrap_or(0.0);
         let lift = drive.lift_mps2.clamp(-self.flex_limit_mps2, self.flex_limit_mps2);

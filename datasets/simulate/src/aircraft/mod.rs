@@ -1,4 +1,4 @@
-//! The magnetic field of the aircraft, and what the magnetometers and the other sensors on board make of it.
+//! The magnetic field of the aircraft, and the readings of the magnetometers and the other sensors on board.
 
 use nalgebra::Vector3;
 
@@ -41,7 +41,7 @@ fn part_names<'a>(column: &'a str, own: &'a [&'static str]) -> impl Iterator<Ite
     FIELD_PARTS.iter().chain(own).map(move |part| format!("part_{part}_{column}"))
 }
 
-/// What surrounds the sensors along a line.
+/// The environment of the sensors along a line.
 struct Surroundings<'a> {
     scene: &'a Scene<'a>,
     truth: &'a Trajectory,
@@ -51,7 +51,7 @@ struct Surroundings<'a> {
     body_nt: [Vec<Vector3<f64>>; 3],
     /// True currents in A: one column each.
     amperes: Vec<Vec<f64>>,
-    /// How long the flight has lasted at the line's end, in seconds.
+    /// The duration of the flight up to the line's end, in seconds.
     until_s: f64,
 }
 
@@ -70,7 +70,7 @@ impl<'a> Surroundings<'a> {
         Self { scene, truth, earth, motion, body_nt, amperes, until_s }
     }
 
-    /// The parts of the field at a sensor, sample by sample.
+    /// The components of the field at a sensor, sample by sample.
     fn field_at(&'a self, name: &str, source: &'a spec::Source) -> impl Iterator<Item = FieldParts> + 'a {
         let spec = self.scene.spec;
         let flight = (self.scene.flight.name.as_str(), self.until_s);
@@ -118,7 +118,7 @@ pub(super) fn readings(scene: &Scene, truth: &Trajectory, earth: &Along) -> Vec<
 }
 
 impl Surroundings<'_> {
-    /// What the sensors of currents, voltages and control signals read.
+    /// The readings of the sensors of currents, voltages and control signals.
     fn electric(&self) -> Vec<Vec<f64>> {
         let (aircraft, scene) = (&self.scene.spec.aircraft, self.scene);
         let noisy = |x: &[f64], sigma: f64, what: &str, name: &str| -> Vec<f64> {

@@ -1,4 +1,4 @@
-//! What of the motion the electronics follow, and the temperature on board.
+//! The motion that the electronics depend on, and the temperature on board.
 
 use std::f64::consts::TAU;
 
@@ -7,7 +7,7 @@ use numerics::navigation::mechanisation::normal_gravity_mps2;
 
 use super::{super::trajectory::Trajectory, spec::Temperature};
 
-/// The motion along a line, as those on board feel it.
+/// The motion along a line, as sensed on board.
 pub(super) struct Motion {
     /// Seconds after the flight's start.
     pub(super) since_s: Vec<f64>,

@@ -1,18 +1,18 @@
-//! When a sensor reads, and what the table has of it.
+//! The sampling of a sensor, and its values in the table.
 
 use super::spec::Sampling;
 
 /// A sensor's sampling against that of a table's rows.
 pub(super) struct Clock {
     rows: usize,
-    /// Rows from one reading of the sensor to the next; none where it is as fast as the table.
+    /// Rows from one reading of the sensor to the next; `None` where it is as fast as the table.
     rows_per_reading: Option<f64>,
     lag_rows: f64,
     hold: bool,
 }
 
 impl Clock {
-    /// Of a table of `rows` rows at `rate_hz`; a sensor whose delays are switched off reads at once.
+    /// Of a table of `rows` rows at `rate_hz`; a sensor whose delays are switched off reads without delay.
     pub(super) fn new(sampling: &Sampling, rows: usize, rate_hz: f64, on: bool) -> Clock {
         let own_hz = sampling.rate_hz.filter(|own| on && *own < rate_hz * (1.0 - 1e-9));
         let lag_rows = if on { sampling.lag_s * rate_hz } else { 0.0 };
@@ -24,19 +24,19 @@ impl Clock {
         self.rows_per_reading.is_none() && self.lag_rows == 0.0
     }
 
-    /// What the table has of `x`, given at its rows.
+    /// The table's values of `x`, which is given at its rows.
     pub(super) fn read(&self, x: &[f64]) -> Vec<f64> {
         self.spread(|row| interpolate(x, row - self.lag_rows))
     }
 
-    /// What the table has of the values that `sample` gives at the sensor's readings, called in order with the rows,
-    /// whole or not, at which they fall.
+    /// The table's values of the readings that `sample` returns, called in order with the (fractional)
+    /// rows of the readings.
     pub(super) fn spread(&self, mut sample: impl FnMut(f64) -> f64) -> Vec<f64> {
         let Some(step) = self.rows_per_reading else { return (0..self.rows).map(|i| sample(i as f64)).collect() };
         let readings = (self.rows as f64 / step).ceil() as usize + 2;
         let y: Vec<f64> = (0..readings).map(|k| sample(k as f64 * step)).collect();
         let at = |i: usize| {
-            // A row that is a reading's own must not fall before it by rounding.
+            // A row that is a reading's own must not precede it by rounding.
             let place = i as f64 / step + 1e-9;
             let (k, share) = (place.floor() as usize, place.fract());
             if self.hold || share < 1e-8 { y[k] } else { y[k] + (y[k + 1] - y[k]) * share }
@@ -45,7 +45,7 @@ impl Clock {
     }
 }
 
-/// `x` between its samples, by the cubic through four of them; beyond the ends their values.
+/// `x` between its samples, by the cubic through four of them; the end values beyond the ends.
 fn interpolate(x: &[f64], at: f64) -> f64 {
     let last = x.len().saturating_sub(1);
     let at = at.clamp(0.0, last as f64);
@@ -92,10 +92,10 @@ mod tests {
         let between = clock(Some(2.0), 0.0, false).read(&x);
         for i in 0..201 {
             assert_eq!(held[i], f64::from(u32::try_from(i / 5 * 5).unwrap_or(0)), "{i}");
-            // A straight line is its own interpolation, but for the end, where the last reading is repeated.
+            // A straight line is its own interpolation, except at the end, where the last reading is repeated.
             assert!(i > 195 || (between[i] - x[i]).abs() < 1e-6, "{i}");
         }
-        // One draw a reading, none between.
+        // One draw per reading, none between.
         let mut draws = 0;
         clock(Some(2.0), 0.0, true).spread(|_| {
             draws += 1;

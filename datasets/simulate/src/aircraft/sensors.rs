@@ -1,4 +1,4 @@
-//! What the magnetometers read.
+//! The readings of the magnetometers.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -10,17 +10,17 @@ use super::{
     spec::{Sampling, Scalar, Temperature, Vector},
 };
 
-/// The parts that a scalar magnetometer adds, in order.
+/// The components that a scalar magnetometer adds, in order.
 pub(super) const SCALAR_PARTS: [&str; 6] = ["heading", "lag", "drift", "spikes", "noise", "quantisation"];
 
-/// The parts that a vector magnetometer adds, in order.
+/// The components that a vector magnetometer adds, in order.
 pub(super) const VECTOR_PARTS: [&str; 7] =
     ["calibration", "offset", "temperature", "lag", "drift", "noise", "quantisation"];
 
-/// The parts of the field at a sensor, sample by sample.
+/// The components of the field at a sensor, sample by sample.
 pub(super) type FieldParts = [Vector3<f64>; FIELD_PARTS.len()];
 
-/// A column, and its parts if they are wanted.
+/// A column, and its components if requested.
 #[derive(Default)]
 pub(super) struct Reading {
     pub(super) values_nt: Vec<f64>,
@@ -28,7 +28,7 @@ pub(super) struct Reading {
 }
 
 impl Reading {
-    /// Adds what the sensor itself does.
+    /// Adds the errors of the sensor.
     fn add(&mut self, wanted: bool, part_nt: Vec<f64>) {
         self.values_nt.iter_mut().zip(&part_nt).for_each(|(x, p)| *x += p);
         if wanted {
@@ -36,7 +36,7 @@ impl Reading {
         }
     }
 
-    /// Replaces the values; the difference is a part.
+    /// Replaces the values; the difference is a component.
     fn replace(&mut self, wanted: bool, values_nt: Vec<f64>) {
         if wanted {
             self.parts_nt.push(values_nt.iter().zip(&self.values_nt).map(|(new, old)| new - old).collect());
@@ -50,13 +50,13 @@ impl Reading {
     }
 }
 
-/// A sensor on a line: where its random numbers come from, and what is switched on.
+/// A sensor on a line: its random numbers, and the components that are switched on.
 pub(super) struct Bench<'a> {
     pub(super) scene: &'a Scene<'a>,
     pub(super) tt_s: &'a [f64],
     /// Seconds after the flight's start.
     pub(super) since_s: &'a [f64],
-    /// Whether the parts are wanted.
+    /// Whether the components are requested.
     pub(super) wanted: bool,
 }
 
@@ -89,8 +89,8 @@ impl Bench<'_> {
         reading.add(self.wanted, drift.unwrap_or_else(|| vec![0.0; self.tt_s.len()]));
     }
 
-    /// What a scalar magnetometer reads, in nT: the magnitude of the vector sum, and its own errors. Parts of the
-    /// field are what each adds to the magnitude of those before it.
+    /// The readings of a scalar magnetometer, in nT: the magnitude of the vector sum, and its own errors. Components of
+    /// the field are the increments of the magnitude, in order.
     pub(super) fn scalar(&self, sensor: &Scalar, field: impl Iterator<Item = FieldParts>) -> Reading {
         let mut reading = Reading::default();
         if self.wanted {
@@ -135,7 +135,7 @@ impl Bench<'_> {
         self.tt_s.iter().map(spike).collect()
     }
 
-    /// Takes out what falls into a dead zone or a dropout.
+    /// Removes the readings in a dead zone or a dropout.
     fn lose(&self, sensor: &Scalar, values_nt: &mut [f64], dead: &[bool]) {
         let lost_nt = if sensor.lost_is_zero { 0.0 } else { f64::NAN };
         let zones = self.on("dead_zones");
@@ -155,7 +155,7 @@ impl Bench<'_> {
         }
     }
 
-    /// What the three axes of a vector magnetometer read, in nT.
+    /// The readings of the three axes of a vector magnetometer, in nT.
     pub(super) fn vector(
         &self,
         sensor: &Vector,
@@ -198,15 +198,15 @@ impl Bench<'_> {
     }
 }
 
-/// Whether the field comes from where a sensor cannot read it; `cosine` is that of its angle to the optical axis.
+/// Whether the field is in a dead zone of the sensor; `cosine` is that of its angle to the optical axis.
 fn is_dead(sensor: &Scalar, cosine: f64) -> bool {
     let from_axis_deg = cosine.abs().min(1.0).acos().to_degrees();
     from_axis_deg < sensor.dead_polar_deg || 90.0 - from_axis_deg < sensor.dead_equatorial_deg
 }
 
-/// How a vector magnetometer was made.
+/// The build errors of a vector magnetometer.
 struct Made {
-    /// What it adds to the field: scale, axes that are not square, misalignment.
+    /// Its matrix: scale, axes that are not orthogonal, misalignment.
     skew: Matrix3<f64>,
     offset_nt: Vector3<f64>,
     nt_per_degc: Vector3<f64>,

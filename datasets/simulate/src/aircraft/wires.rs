@@ -8,7 +8,7 @@ use super::spec::Wire;
 const K_NT_M_PER_A: f64 = 100.0;
 
 impl Wire {
-    /// The field at a place for one ampere, in nT; the place and the wire in metres, in the body frame.
+    /// The field at a position for one ampere, in nT; the position and the wire in metres, in the body frame.
     pub(super) fn nt_per_a(&self, at_m: &Vector3<f64>) -> Vector3<f64> {
         if let Some((place_m, moment_m2)) = &self.dipole {
             return self.turns * dipole_nt_per_a(place_m, moment_m2, at_m);
@@ -35,7 +35,7 @@ pub(super) fn segment_nt_per_a(a_m: &Vector3<f64>, b_m: &Vector3<f64>, at_m: &Ve
     across * (K_NT_M_PER_A * (n1 + n2) / below)
 }
 
-/// The field of a small coil of `moment_m2` (A m² per ampere), in nT; at its own place, zero.
+/// The field of a small coil of `moment_m2` (A m² per ampere), in nT; at its own position, zero.
 fn dipole_nt_per_a(place_m: &Vector3<f64>, moment_m2: &Vector3<f64>, at_m: &Vector3<f64>) -> Vector3<f64> {
     let r = at_m - place_m;
     let distance = r.norm();

@@ -1,4 +1,4 @@
-//! Dipoles and prisms in the ground, at their places on the ellipsoid: an exact crustal field at any height.
+//! Dipoles and prisms in the ground, at their positions on the ellipsoid: an exact crustal field at any height.
 
 use nalgebra::{Matrix3, Vector3};
 use numerics::{
@@ -8,7 +8,7 @@ use numerics::{
 
 use super::spec::{Body, Buried};
 
-/// The rows are the eastern, northern and upward directions at a place in degrees, in earth-centred components.
+/// The rows are the eastern, northern and upward directions at a position in degrees, in earth-centred components.
 fn east_north_up(lat_deg: f64, lon_deg: f64) -> Matrix3<f64> {
     let ((sin_lat, cos_lat), (sin_lon, cos_lon)) = (lat_deg.to_radians().sin_cos(), lon_deg.to_radians().sin_cos());
     Matrix3::new(
@@ -28,7 +28,7 @@ fn earth_centred(lat_deg: f64, lon_deg: f64, alt_m: f64) -> Vector3<f64> {
     Vector3::from(ecef_m(lat_deg.to_radians(), lon_deg.to_radians(), alt_m))
 }
 
-/// A source in a straight frame of its own.
+/// A source in its own Cartesian frame.
 pub(super) struct Placed {
     origin: Vector3<f64>,
     /// From earth-centred components to the source's frame.
@@ -37,7 +37,7 @@ pub(super) struct Placed {
 }
 
 impl Placed {
-    /// Puts a source in its place; without a direction of its own it is magnetised along the core field there.
+    /// Positions a source; without a direction of its own it is magnetised along the core field there.
     pub(super) fn new(buried: &Buried, core: &CoreField) -> Placed {
         let Buried { lat_deg, lon_deg, alt_m, .. } = *buried;
         let along = match buried.inclination_declination_deg {
@@ -67,14 +67,14 @@ impl Placed {
         Placed { origin: earth_centred(lat_deg, lon_deg, alt_m), turn, source }
     }
 
-    /// The field in nT at an earth-centred place, in earth-centred components.
+    /// The field in nT at an earth-centred position, in earth-centred components.
     fn field_nt(&self, place: &Vector3<f64>) -> Vector3<f64> {
         let local = self.turn * (place - self.origin);
         self.turn.transpose() * Vector3::from(self.source.field_nt(local.into()))
     }
 }
 
-/// The field of all sources (north, east, down; nT) at a place in degrees and metres above the ellipsoid.
+/// The field of all sources (north, east, down; nT) at a position in degrees and metres above the ellipsoid.
 pub(super) fn field_ned_nt(sources: &[Placed], lat_deg: f64, lon_deg: f64, alt_m: f64) -> Vector3<f64> {
     let place = earth_centred(lat_deg, lon_deg, alt_m);
     let sum = sources.iter().fold(Vector3::zeros(), |sum, source| sum + source.field_nt(&place));

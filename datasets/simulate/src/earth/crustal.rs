@@ -1,14 +1,14 @@
 //! The crustal field as a vector, from a map of the total-field anomaly.
 //!
-//! A map of one height tells by how much the anomalous field changes the magnitude of the core field: to first order
+//! A map of one height gives the change of the magnitude of the core field by the anomalous field: to first order
 //! its part T along the core field. Where all sources lie below, the field is the gradient of a harmonic potential and
-//! T settles all of it: wave by wave ([`Spectrum::components`], the stable form of MagNav.jl's `vector_fft`). That
+//! T determines all of it: wave by wave ([`Spectrum::components`], the stable form of MagNav.jl's `vector_fft`). That
 //! takes one direction of the core field for the whole map, where the real one turns by a degree in a hundred
-//! kilometres, and leaves out the second order, b²/2B: 2 nT of 500. The map is therefore corrected by what the field
-//! found lacks of the change of magnitude at each node, and the field found again; each time leaves some b/B of what
-//! was lacking, and six times less than the rounding of the transform. Below 15 degrees of dip, where waves across the core field are hardly in T
-//! at all, a rest stays: it is laid along the core direction, so that the scalar anomaly is that of the map
-//! everywhere, and is the one part that is not a gradient.
+//! kilometres, and leaves out the second order, b²/2B: 2 nT of 500. The map is therefore corrected by the difference to
+//! the change of magnitude by the computed field at each node, and the field computed again; each iteration leaves
+//! about b/B of the difference, and six times less than the rounding of the transform. Below 15 degrees of dip, where
+//! waves across the core field are barely in T at all, a residual stays: it is placed along the core direction, so that
+//! the scalar anomaly is that of the map everywhere, and is the one part that is not a gradient.
 
 use std::{
     collections::BTreeMap,
@@ -29,12 +29,12 @@ use numerics::{
     signal::natural_cubic,
 };
 
-/// How often the map is corrected for the core field at each node.
+/// The number of corrections of the map for the core field at each node.
 const CORRECTIONS: usize = 6;
-/// How far below the map its slope still tells the field, as a part of its spacing.
+/// The distance below the map within which its slope is used, as a fraction of its spacing.
 const BELOW: f64 = 0.1;
 
-/// East, north and up in nT, and what is laid along the core field.
+/// East, north and up in nT, and the residual along the core field.
 type Quantities = [f64; 4];
 
 /// An even axis in degrees.
@@ -52,7 +52,7 @@ impl Axis {
         Axis { first_deg, step_deg: (last_deg - first_deg) / (axis.len().max(2) - 1) as f64, len: axis.len() }
     }
 
-    /// The cell and the fraction within it; a place past an end by rounding only is on the end.
+    /// The cell and the fraction within it; a position past an end by rounding only is on the end.
     fn locate(&self, deg: f64) -> Option<(usize, f64)> {
         const ROUNDING: f64 = 1e-7;
         let steps = (deg - self.first_deg) / self.step_deg;
@@ -84,13 +84,13 @@ pub(super) struct CrustalMap {
     steps_m: [f64; 2],
     /// The mean direction of the core field, east, north and up.
     direction: [f64; 3],
-    /// The map whose components, taken in the mean direction, are the field sought.
+    /// The map whose components, taken in the mean direction, are the required field.
     corrected: PlaneGrid,
-    /// What is laid along the core field at the map's height.
+    /// The residual along the core field at the map's height.
     rest: PlaneGrid,
     /// Whether the four nodes of each cell are known, by rows.
     known: Vec<bool>,
-    /// What has been asked for, by the bits of the height above the map: the same whoever asks first.
+    /// The cached levels, by the bits of the height above the map: independent of the order of requests.
     levels: Mutex<BTreeMap<u64, Arc<Level>>>,
 }
 
@@ -104,10 +104,10 @@ pub(super) enum Nowhere {
 }
 
 impl CrustalMap {
-    /// Prepares the field of a map; `core` and `year` tell the direction of the core field.
+    /// Prepares the field of a map; `core` and `year` give the direction of the core field.
     ///
     /// # Errors
-    /// A map that is not level, and what the core field says of the date.
+    /// Fails for a map that is not level, and for a date outside the core model.
     pub(super) fn new(path: &Path, map: &Map, core: &CoreTrack, year: f64) -> Result<CrustalMap, ReadError> {
         let wrong = |e: &dyn std::fmt::Display| ReadError::data(path, e.to_string());
         let level_m = map.column("alt").first().copied().unwrap_or(f64::NAN);
@@ -148,17 +148,17 @@ impl CrustalMap {
         self.level_m
     }
 
-    /// The crustal field (north, east, down; nT) at places in degrees and metres where the core field is `core_ned_nt`.
-    /// Each is `moved` by a few decimetres at most (degrees of latitude and longitude, metres up), which may lead past the
-    /// edge of the map: the splines of the place's own cell go on there.
+    /// The crustal field (north, east, down; nT) at positions in degrees and metres where the core field is
+    /// `core_ned_nt`. Each is `moved` by a few decimetres at most (degrees of latitude and longitude, metres up), which
+    /// may lead past the edge of the map: the splines of the position's own cell are extrapolated there.
     ///
-    /// Places of one height are on a level of their own. Else the field is a cubic of height between levels that are
+    /// Positions of one height share a level. Otherwise the field is a cubic of height between levels that are
     /// half a spacing apart near the map and a quarter of their height above it farther up; its slopes are those
     /// of a field without sources or curl, so that value and slope are continuous. The cubic errs by (k s)⁴/384 of a
     /// wave of wavenumber k where the levels are s apart: by 6e-5 of a wave of eight spacings.
     ///
     /// # Errors
-    /// The first place without a field, or a map that cannot be continued.
+    /// Fails at the first position without a field, or for a map that cannot be continued.
     pub(super) fn along(
         &self,
         [lat_deg, lon_deg, alt_m]: [&[f64]; 3],
@@ -183,7 +183,7 @@ impl CrustalMap {
         Ok(Ok(out))
     }
 
-    /// The most that is laid along the core field at the map's height, in nT.
+    /// The largest residual along the core field at the map's height, in nT.
     #[cfg(test)]
     pub(super) fn most_rest_nt(&self) -> f64 {
         self.rest.values.iter().fold(0.0, |most, rest| most.max(rest.abs()))
@@ -216,7 +216,7 @@ impl CrustalMap {
         if let Some(level) = known {
             return Ok(level);
         }
-        // Made without the lock: a thread that waits for its own transform may take up another flight meanwhile.
+        // Computed without the lock: a thread that waits for its own transform may take up another flight meanwhile.
         let wrong = |e: numerics::maps::continuation::ContinuationError| ReadError::data(&self.path, e.to_string());
         let spectrum = Spectrum::new(&self.corrected, up_m, &Padding::default()).map_err(wrong)?;
         let field = spectrum.components(self.direction, up_m, 0.0).map_err(wrong)?;
@@ -227,13 +227,13 @@ impl CrustalMap {
     }
 }
 
-/// By how much `b` changes the magnitude of `core`, without cancellation.
+/// The change of the magnitude of `core` by `b`, without cancellation.
 pub(super) fn change_of_magnitude(core: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     (2.0 * core + b).dot(b) / ((core + b).norm() + core.norm())
 }
 
-/// The map to take the components of in one direction, so that they change the magnitude of each node's core field (east,
-/// north, up; nT) by the map; and what is still lacking then.
+/// The map whose components in one direction change the magnitude of each node's core field (east,
+/// north, up; nT) by the map; and the remaining difference.
 fn corrected(
     map: &PlaneGrid,
     direction: [f64; 3],
@@ -273,7 +273,7 @@ struct Level {
     table: Vec<Quantities>,
 }
 
-/// The quantities at a place and their slopes per step northward and eastward.
+/// The quantities at a position and their slopes per step northward and eastward.
 #[derive(Clone, Copy)]
 struct Jet {
     value: Quantities,
@@ -323,7 +323,7 @@ fn weighted(row: &[Quantities], weights: [f64; 4]) -> Quantities {
     row.iter().zip(weights).fold([0.0; 4], |sum, (node, weight)| std::array::from_fn(|q| sum[q] + weight * node[q]))
 }
 
-/// Levels above each other.
+/// Levels at ascending heights.
 struct Tower {
     rungs: Vec<(f64, Arc<Level>)>,
 }
@@ -344,7 +344,7 @@ impl Tower {
         let (low, below) = (low.at(cell), up_m < *low_m);
         let low_slope = vertical_slope(&low, steps_m);
         if below || over == 0 {
-            // A little below the map.
+            // Slightly below the map.
             return std::array::from_fn(|q| low.value[q] + (up_m - low_m) * low_slope[q]);
         }
         let high = high.at(cell);
@@ -359,7 +359,8 @@ impl Tower {
     }
 }
 
-/// How the components change per metre of height in a field without curl and sources; of the rest nothing is known.
+/// How the components change per metre of height in a field without curl and sources; the residual is taken as
+/// constant.
 fn vertical_slope(jet: &Jet, [north_m, east_m]: [f64; 2]) -> Quantities {
     let [east, north, up] = [0, 1, 2];
     let divergence = jet.per_column[east] / east_m + jet.per_row[north] / north_m;

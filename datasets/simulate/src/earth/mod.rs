@@ -25,8 +25,8 @@ mod places;
 pub(super) mod spec;
 mod variation;
 
-/// What all lines share: the map's field, the sources, the observatory's record. Lines may ask it at the same time;
-/// the answers do not depend on who asks first.
+/// The data that all lines share: the map's field, the sources, the observatory's record. Lines may query it
+/// concurrently; the results do not depend on the order of queries.
 pub(super) struct Field {
     core: CoreTrack,
     map: Option<CrustalMap>,
@@ -35,10 +35,11 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// Reads and prepares what is switched on.
+    /// Reads and prepares the components that are switched on.
     ///
     /// # Errors
-    /// A map that cannot be read or is not level, a record that cannot be read, a date that the core model does not cover.
+    /// Fails for a map that cannot be read or is not level, a record that cannot be read, a date that the core model
+    /// does not cover.
     pub(super) fn new(spec_path: &std::path::Path, spec: &Spec) -> Result<Field, ReadError> {
         let wrong = |e: &dyn std::fmt::Display| ReadError::options(spec_path, e.to_string());
         let (earth, (year, doy)) = (&spec.earth, spec.date);
@@ -60,7 +61,7 @@ impl Field {
     }
 }
 
-/// The earth's field along a line, in nT; vectors are north, east, down unless they say otherwise.
+/// The earth's field along a line, in nT; vectors are north, east, down unless stated otherwise.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Along {
     /// The core field.
@@ -71,9 +72,9 @@ pub(super) struct Along {
     pub(super) diurnal_ned_nt: Vec<Vector3<f64>>,
     /// The magnitude of the core field.
     pub(super) core_nt: Vec<f64>,
-    /// The temporal variation along the core field, as a base station gives it.
+    /// The temporal variation along the core field, as a base station records it.
     pub(super) diurnal_nt: Vec<f64>,
-    /// By how much the crustal field changes the magnitude of the core field.
+    /// The change of the magnitude of the core field by the crustal field.
     pub(super) anomaly_nt: Vec<f64>,
     /// The whole field in the body frame.
     pub(super) body_nt: Vec<Vector3<f64>>,
@@ -84,17 +85,17 @@ pub(super) struct Along {
 /// Half the time over which the change of the field along the track is taken, in seconds.
 const STEP_S: f64 = 1e-3;
 
-/// The earth's field along a line: the exact sum of its three vectors, and how fast it changes there.
+/// The earth's field along a line: the exact sum of its three vectors, and its rate.
 ///
 /// The rate in the body frame is Cᵀ dB/dt − ω × (Cᵀ B), with the attitude C, the exact rates of turn ω of the body
 /// against north-east-down, and dB/dt = (v·∇)B + ∂B/∂t of the components north, east, down: the difference of the
-/// field a millisecond ahead and behind on the tangent of the track. Nothing of it depends on how often the flight is
-/// sampled. The difference errs by (k v h)²/6 of a wave of wavenumber k, 1e-6 of one of 150 m at 60 m/s. The core
+/// field a millisecond ahead and behind on the tangent of the track. It does not depend on the sample rate of the
+/// flight. The difference errs by (k v h)²/6 of a wave of wavenumber k, 1e-6 of one of 150 m at 60 m/s. The core
 /// field's secular variation, below 1e-5 nT/s, is left out of the rate.
 ///
 /// # Errors
-/// A line that leaves the known map, goes below it or through a source; a time without a value of the observatory; a
-/// date that the core model does not cover.
+/// Fails for a line that leaves the known map, goes below it or through a source; a time without a value of the
+/// observatory; a date that the core model does not cover.
 pub(super) fn along(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<Along, ReadError> {
     let [core_ned_nt, anomaly_ned_nt, diurnal_ned_nt] = parts(scene, truth, field, 0.0)?;
     let rates_ned_ntps = rates(scene, truth, field)?;
@@ -122,7 +123,8 @@ fn rates(scene: &Scene, truth: &Trajectory, field: &Field) -> Result<Vec<Vector3
     Ok(ahead.iter().zip(behind).map(|(ahead, behind)| (ahead - behind) / (2.0 * STEP_S)).collect())
 }
 
-/// Core field, crustal field and temporal variation (north, east, down; nT), `by_s` farther on the tangent of the track.
+/// Core field, crustal field and temporal variation (north, east, down; nT), `by_s` farther on the tangent of the
+/// track.
 fn parts(scene: &Scene, truth: &Trajectory, field: &Field, by_s: f64) -> Result<[Vec<Vector3<f64>>; 3], ReadError> {
     let at = Places::of(truth, by_s);
     let core_ned_nt = core(scene, field, &at)?;

@@ -8,7 +8,7 @@ use numerics::signal::natural_cubic;
 
 /// Hours of local day whose mean is the quiet value.
 const QUIET_H: std::ops::Range<f64> = 0.0..3.0;
-/// Seconds by which a time may miss the end of a run; the spline goes on there.
+/// Seconds by which a time may miss the end of a run; the spline is extrapolated there.
 const SLACK_S: f64 = 5e-3;
 
 /// The departure of a record from its base, by time of day.
@@ -24,7 +24,7 @@ impl Observatory {
     /// Reads a record; its zero is its mean, or the mean of its first three hours of local day.
     ///
     /// # Errors
-    /// A file that is no such record, or that has no values to take the base from.
+    /// Fails for a file that is not an observatory record, or that has no values for the base.
     pub(super) fn read(path: &Path, quiet_base: bool) -> Result<Observatory, ReadError> {
         let record = datasets::formats::read_iaga2002(path)?;
         let local_h = |k: usize| (record.tt_s(k) / 3600.0 + record.lon_deg / 15.0).rem_euclid(24.0);
@@ -34,7 +34,7 @@ impl Observatory {
             let what = if quiet_base { "has no value in its first three hours of local day" } else { "has no value" };
             let error = ReadError::data(path, format!("the record {what}"));
             return Err(if quiet_base {
-                error.help("count from the mean: `observatory_base = \"mean\"`")
+                error.help("use the mean as the base: `observatory_base = \"mean\"`")
             } else {
                 error
             });
@@ -62,7 +62,7 @@ impl Observatory {
     /// samples of a run.
     ///
     /// # Errors
-    /// In words, a time without a sample before and after it.
+    /// Fails, with the message as text, at a time without a sample before and after it.
     pub(super) fn at(&self, tt_s: f64) -> Result<Vector3<f64>, String> {
         let place = (tt_s - self.start_tt_s) / self.step_s;
         let slack = SLACK_S / self.step_s;

@@ -1,14 +1,14 @@
-//! Where and when the field is asked for along a line.
+//! The times and positions at which the field is computed along a line.
 
 use numerics::earth::geodesy::EarthModel;
 
 use crate::trajectory::Trajectory;
 
-/// Times and places, one a sample.
+/// Times and positions, one per sample.
 pub(super) struct Places<'a> {
-    /// The places of the samples themselves.
+    /// The positions of the samples.
     pub(super) own: &'a Trajectory,
-    /// What of latitude and longitude (deg) and height (m) is beyond these.
+    /// The offsets of latitude and longitude (deg) and height (m) from these.
     pub(super) moved: Vec<[f64; 3]>,
     pub(super) tt_s: Vec<f64>,
     pub(super) lat_deg: Vec<f64>,
@@ -17,7 +17,7 @@ pub(super) struct Places<'a> {
 }
 
 impl Places<'_> {
-    /// The places `by_s` seconds farther on the tangent of a track at each of its samples.
+    /// The positions `by_s` seconds farther on the tangent of a track at each of its samples.
     pub(super) fn of(truth: &Trajectory, by_s: f64) -> Places<'_> {
         let earth = EarthModel::Wgs84;
         let step = |i: usize| {

@@ -1,18 +1,19 @@
 //! The temporal variation of the field, as a vector in north-east-down.
 //!
-//! All of it is a function of the time of day and the place, so that the lines of a flight see one variation and so
-//! do flights of one day; only the irregular part is drawn for each flight. The forms are simple ones:
+//! All of it is a function of the time of day and the position, so that the lines of a flight have the same variation,
+//! and so do flights of one day; only the irregular part is drawn for each flight. The forms are simple ones:
 //!
 //! * The quiet day is a potential of the harmonics of degree n = m + 1 and order m = 1 to 4 that carry most of the Sq
 //!   field [Chapman & Bartels 1940, Geomagnetism, chapter XX], in phase at local noon, with 0.4 of the external part
-//!   induced below. Noon is north of midnight near the equator and south of it beyond about 40 degrees of latitude; in the
+//!   induced below. Noon is north of midnight near the equator and south of it beyond about 40 degrees of latitude; in
+//! the
 //!   northern hemisphere the morning is east, and noon less down. It is counted from local midnight.
 //! * A storm is the field of a far ring current, along the earth's dipole axis, with 0.27 of it induced below: it
 //!   rises suddenly by a quarter of its depth, falls to its depth as a squared sine, and recovers as (1 + y) e^(−y).
-//! * Pulsations are sums of waves whose frequencies are drawn about one: packets that come and go over 1/(2π width)
+//! * Pulsations are sums of waves whose frequencies are drawn about one: packets that grow and decay over 1/(2π width)
 //!   periods. East is 0.4 of north and a quarter of a period behind, down 0.2 of north and opposite.
 //! * The irregular part is a first-order Gauss-Markov process along the core field, at knots a second apart
-//!   (a twentieth of its correlation time if that is less), straight between them.
+//!   (a twentieth of its correlation time if that is less), linear between them.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -26,7 +27,7 @@ use super::{
 use crate::random::Random;
 
 const DAY_S: f64 = 86_400.0;
-/// Seconds by which a moment may lie before the flight's start; the first stretch between knots goes on there.
+/// Seconds by which a moment may lie before the flight's start; the first interval between knots is extrapolated there.
 const SLACK_S: f64 = 5e-3;
 
 /// The temporal variation of one flight.
@@ -39,7 +40,7 @@ pub(super) struct Variation<'a> {
     pub(super) start_tt_s: f64,
 }
 
-/// Where and when.
+/// Positions and times.
 pub(super) struct Moments<'a> {
     pub(super) tt_s: &'a [f64],
     pub(super) lat_deg: &'a [f64],
@@ -52,7 +53,7 @@ impl Variation<'_> {
     /// The variation (north, east, down; nT) at each sample.
     ///
     /// # Errors
-    /// In words, a time at which the observatory has no value.
+    /// Fails, with the message as text, at a time at which the observatory has no value.
     pub(super) fn along(&self, at: &Moments) -> Result<Vec<Vector3<f64>>, String> {
         let mut out = vec![Vector3::zeros(); at.tt_s.len()];
         if self.diurnal.quiet_nt > 0.0 {
@@ -95,9 +96,9 @@ pub(super) struct QuietDay {
 impl QuietDay {
     /// Sizes of the orders 1 to 4, which make a bump of 5 hours about noon and an even night.
     const SIZES: [f64; 4] = [1.0, 0.5, 0.15, 0.03];
-    /// The internal part beside the external one.
+    /// The internal part relative to the external one.
     const INDUCED: f64 = 0.4;
-    /// The latitude that the size is told at.
+    /// The latitude at which the size is given.
     const LATITUDE_DEG: f64 = 35.0;
 
     pub(super) fn new(most_nt: f64) -> QuietDay {
@@ -138,9 +139,10 @@ impl QuietDay {
 
 /// North, east and down of a far ring current's field that is one at the geomagnetic equator, northward there.
 pub(super) fn ring_current(lat_deg: f64, lon_deg: f64) -> Vector3<f64> {
-    /// Where the earth's dipole axis comes out in the north. [IGRF-14, 2020]
+    /// The northern pole of the earth's dipole axis. [IGRF-14, 2020]
     const POLE_DEG: (f64, f64) = (80.65, -72.68);
-    /// The internal part beside the external one, which adds to the horizontal and takes twice that off the vertical.
+    /// The internal part relative to the external one, which adds to the horizontal component and subtracts twice that
+    /// from the vertical one.
     const INDUCED: f64 = 0.27;
     let unit = |lat_deg: f64, lon_deg: f64| {
         let ((sin_lat, cos_lat), (sin_lon, cos_lon)) = (lat_deg.to_radians().sin_cos(), lon_deg.to_radians().sin_cos());
@@ -156,7 +158,7 @@ pub(super) fn ring_current(lat_deg: f64, lon_deg: f64) -> Vector3<f64> {
 impl Storm {
     /// The northward field at the geomagnetic equator, in nT.
     pub(super) fn at(&self, tt_s: f64) -> f64 {
-        /// The sudden commencement as a part of the depth, and the time in which it comes.
+        /// The sudden commencement as a fraction of the depth, and its rise time.
         const SUDDEN: (f64, f64) = (0.25, 90.0);
         /// (1 + y) e^(−y) is 1/e here.
         const RECOVERED: f64 = 2.146_193_220_620_58;
@@ -213,7 +215,7 @@ struct Knots {
 }
 
 impl Knots {
-    /// Knots from the start of the flight to the end of `tt_s`: as many times as it is asked, the same ones.
+    /// Knots from the start of the flight to the end of `tt_s`: the same ones at every call.
     fn new(process: GaussMarkov, start_tt_s: f64, tt_s: &[f64], random: &mut Random) -> Knots {
         let step_s = (process.tau_s / 20.0).clamp(0.01, 1.0);
         // Moments just before the first sample must not move the knots.

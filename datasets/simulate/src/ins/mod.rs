@@ -1,7 +1,7 @@
-//! What the INS of the aircraft says: truth less one realisation of its error.
+//! The INS of the aircraft: truth less one realisation of its error.
 //!
-//! The errors run on from line to line of a flight, so that the lines of a flight have to be simulated in
-//! their order by one [`Run`]; flights know nothing of each other.
+//! The errors continue from line to line of a flight, so that the lines of a flight have to be simulated in
+//! their order by one [`Run`]; flights are independent of each other.
 
 use std::path::Path;
 
@@ -53,13 +53,13 @@ pub(super) const COLUMNS: [&str; 12] = [
     "ins_fd",
 ];
 
-/// The INS of one flight, carried from line to line.
+/// The INS of one flight, continued from line to line.
 pub(super) struct Run {
     member: usize,
     carried: Option<Carried>,
 }
 
-/// What is kept between two lines.
+/// The state between two lines.
 struct Carried {
     streams: Streams,
     extras: MechanisedExtras,
@@ -68,24 +68,24 @@ struct Carried {
 }
 
 impl Run {
-    /// The INS of a flight before its first line. Of an ensemble the member to fly is chosen here, for
+    /// The INS of a flight before its first line. The member of an ensemble is chosen here, for
     /// which all lines are flown once, one at a time in memory.
     ///
-    /// The members are ranked by the error model in steps of a second, whatever the method is.
+    /// The members are ranked by the error model in steps of a second, whatever the method.
     ///
     /// # Errors
-    /// A trajectory or a parameter that the error model cannot take.
+    /// Fails for a trajectory or a parameter outside the error model.
     pub(super) fn of(path: &Path, spec: &Spec, flight: &Flight) -> Result<Run, ReadError> {
         let on = spec.components.on("ins");
         let member = if on && spec.ins.ensemble > 1 { chosen(path, spec, flight)? } else { 0 };
         Ok(Run { member, carried: None })
     }
 
-    /// What the INS says along the next line, one column each of [`COLUMNS`]. With the component `ins` off
+    /// The INS output along the next line, one column for each of [`COLUMNS`]. With the component `ins` off
     /// it is the truth.
     ///
     /// # Errors
-    /// A trajectory or a parameter that the error model cannot take; an INS that runs away.
+    /// Fails for a trajectory or a parameter outside the error model, and for an INS whose error exceeds the limit.
     pub(super) fn line(&mut self, scene: &Scene, truth: &Trajectory) -> Result<[Vec<f64>; 12], ReadError> {
         if !scene.spec.components.on("ins") {
             return Ok(exact(truth));
@@ -123,7 +123,7 @@ impl Streams {
     }
 }
 
-/// The random numbers of a member of the ensemble: of the flight, or of the line where that is aligned anew.
+/// The random numbers of a member of the ensemble: of the flight, or of the line where the INS is realigned.
 fn stream(scene: &Scene, member: usize, what: &str) -> Random {
     let (flight, member) = (scene.flight.name.as_str(), member.to_string());
     match scene.spec.ins.align {
@@ -171,7 +171,7 @@ impl Carried {
     }
 }
 
-/// The member of the ensemble that has the rank asked for.
+/// The member of the ensemble of the requested rank.
 fn chosen(path: &Path, spec: &Spec, flight: &Flight) -> Result<usize, ReadError> {
     let ins = &spec.ins;
     let mut blocks: Vec<Random> = vec![];
@@ -201,21 +201,21 @@ fn chosen(path: &Path, spec: &Spec, flight: &Flight) -> Result<usize, ReadError>
     Ok(ensemble.ranked(ins.take).unwrap_or(0))
 }
 
-/// Refuses a line on which the INS is too far off to be of any use.
+/// Rejects a line on which the error of the INS exceeds the limit.
 fn refuse_runaway(scene: &Scene, truth: &Trajectory, errors: &[StateVector]) -> Result<(), ReadError> {
     let limit_m = scene.spec.ins.error_limit_m;
     let off_m = |row: usize| horizontal_m(&errors[row], truth.lat_deg[row].to_radians(), truth.alt_m[row]);
     let beyond = |row: &usize| off_m(*row).is_nan() || off_m(*row) > limit_m;
     let Some(row) = (0..errors.len()).find(beyond) else { return Ok(()) };
     let since = truth.tt_s[row] - scene.line.start_tt_s;
-    let what = format!("the INS has run away: {:.0} km off after {since:.0} s", off_m(row) / 1e3);
-    Err(scene.fault(what).help(
-        "shorten the flight, align = \"line\", take a better grade or, for errors without sense, a larger `error_limit_m`",
-    ))
+    let what = format!("the INS diverges: its error is {:.0} km after {since:.0} s", off_m(row) / 1e3);
+    Err(scene
+        .fault(what)
+        .help("shorten the flight, align = \"line\", choose a better grade or a larger `error_limit_m`"))
 }
 
-/// INS = truth - error. Whatever the error is, latitude and longitude are places on the globe and the
-/// attitude is a rotation: an error beyond a pole comes down on the other side of it.
+/// INS = truth - error. For any error, latitude and longitude are valid and the
+/// attitude is a rotation: an error beyond a pole continues on the other side of it.
 fn columns(truth: &Trajectory, errors: &[StateVector], extras: &MechanisedExtras) -> [Vec<f64>; 12] {
     let mut columns: [Vec<f64>; 12] = Default::default();
     for (i, e) in errors.iter().enumerate() {
@@ -246,7 +246,7 @@ fn columns(truth: &Trajectory, errors: &[StateVector], extras: &MechanisedExtras
     columns
 }
 
-/// An INS without errors: the truth, bit by bit.
+/// An INS without errors: the truth, bit-identical.
 fn exact(truth: &Trajectory) -> [Vec<f64>; 12] {
     let series = series(truth);
     [

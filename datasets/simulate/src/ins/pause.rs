@@ -1,11 +1,11 @@
-//! The flight between two lines, of which nothing is recorded but the errors of the INS run on.
+//! The flight between two lines, which is not recorded while the errors of the INS continue.
 
 use numerics::earth::geodesy::{EarthModel, wrap_deg};
 use numerics::navigation::strapdown::specific_force_mps2;
 
 use super::super::trajectory::Trajectory;
 
-/// Where the aircraft is, and when.
+/// The position and time of the aircraft.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Place {
     pub(super) tt_s: f64,
@@ -33,11 +33,11 @@ impl Place {
     }
 }
 
-/// Fastest flight between lines, in m/s: lines further apart than the pause allows are not flown to at
-/// the speed that would take, which would move the errors as no flight does.
+/// Fastest flight between lines, in m/s: lines further apart than the pause allows are not reached at
+/// the speed that this needs, which would change the errors unrealistically.
 const FASTEST_MPS: f64 = 300.0;
 
-/// Straight and level flight in steps of a second or a little less, the nose along the course; nothing
+/// Straight and level flight in steps of a second or slightly less, the nose along the course; no steps
 /// where no time passes.
 pub(super) fn between(from: &Place, to: &Place) -> Option<Trajectory> {
     let pause_s = to.tt_s - from.tt_s;

@@ -1,4 +1,4 @@
-//! The air that is flown through, and what the aircraft can.
+//! The air, and the performance of the aircraft.
 
 use schemas::{Rule, choice, params};
 
@@ -81,7 +81,7 @@ const HIGH: [(f64, [f64; 3]); 12] = [
 ];
 
 impl Turbulence {
-    /// What the gusts are like at a height. [MIL-F-8785C, 3.7.2 and 3.7.3.4]
+    /// The statistics of the gusts at a height. [MIL-F-8785C, 3.7.2 and 3.7.3.4]
     pub(super) fn at(&self, alt_m: f64) -> Gustiness {
         let h_ft = ((alt_m - self.ground_m) / FOOT_M).max(10.0);
         let w20_ftps = self.wind_20ft_mps / FOOT_M;
@@ -105,7 +105,7 @@ impl Turbulence {
     }
 }
 
-/// The standard deviation well above the ground of turbulence that has this wind at 20 feet, in ft/s: between the
+/// The standard deviation well above the ground of turbulence with this wind at 20 feet, in ft/s: between the
 /// three curves in proportion to the wind, as between calm and the first.
 fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
     let above = HIGH.iter().position(|(h, _)| *h >= h_ft).unwrap_or(HIGH.len() - 1).max(1);
@@ -121,7 +121,7 @@ fn high_ftps(h_ft: f64, w20_ftps: f64) -> f64 {
     }
 }
 
-/// Wind at 20 feet of light turbulence, 15 knots, in m/s; moderate has twice, severe three times as much.
+/// Wind at 20 feet of light turbulence, 15 knots, in m/s; twice that for moderate, three times for severe.
 const LEVEL_MPS: f64 = 15.0 * 1852.0 / 3600.0;
 
 params! {
@@ -159,7 +159,7 @@ impl Dynamics {
         speed_mps * speed_mps / (GRAVITY_MPS2 * self.bank_deg.to_radians().tan())
     }
 
-    /// How far the aircraft flies while it rolls into a turn, in metres: the roll rate of the smooth
+    /// The distance flown while rolling into a turn, in metres: the roll rate of the smooth
     /// step in between is 15/8 of the mean.
     pub(super) fn ramp_m(&self, radius_m: f64, speed_mps: f64) -> f64 {
         let roll_s = 1.875 * Self::bank_rad(radius_m, speed_mps) / self.roll_rate_degps.to_radians();

@@ -1,11 +1,11 @@
-//! Geodesics of the WGS-84 ellipsoid: the shortest way between two places, and how a track that turns
-//! runs over the surface.
+//! Geodesics of the WGS-84 ellipsoid: the shortest path between two positions, and the course of a curved track
+//! over the surface.
 
 use std::f64::consts::TAU;
 
 use numerics::earth::geodesy::{FLATTENING, SEMI_MAJOR_AXIS_M, meridian_radius_m, transverse_radius_m};
 
-/// A place on the ellipsoid and the direction of the track there, in radians.
+/// A position on the ellipsoid and the direction of the track there, in radians.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Place {
     pub(super) lat_rad: f64,
@@ -45,7 +45,7 @@ impl Place {
         }
     }
 
-    /// The place `length_m` further along a track whose curvature is a function of the distance from
+    /// The position `length_m` further along a track whose curvature is a function of the distance from
     /// here, by Runge and Kutta's fourth order in steps of at most `step_m`.
     pub(super) fn along(&self, length_m: f64, step_m: f64, curvature_per_m: impl Fn(f64) -> f64) -> Self {
         let steps = (length_m.abs() / step_m).ceil().max(1.0);
@@ -64,7 +64,7 @@ impl Place {
         place
     }
 
-    /// The place `ahead_m` along the geodesic from here and then `right_m` square to the right of it, with
+    /// The position `ahead_m` along the geodesic from here and then `right_m` perpendicular to the right of it, with
     /// a course parallel to this one.
     pub(super) fn beside(&self, ahead_m: f64, right_m: f64) -> Self {
         const STEP_M: f64 = 1000.0;
@@ -76,7 +76,7 @@ impl Place {
     }
 }
 
-/// The geodesic between two places.
+/// The geodesic between two positions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Geodesic {
     pub(super) length_m: f64,
@@ -87,8 +87,8 @@ pub(super) struct Geodesic {
 }
 
 impl Geodesic {
-    /// The geodesic between two places in degrees; none where the iteration does not settle, which is
-    /// between places almost opposite on the earth. [Vincenty 1975, Survey Review 23(176)]
+    /// The geodesic between two positions in degrees; `None` where the iteration does not converge, which is
+    /// between positions almost opposite on the earth. [Vincenty 1975, Survey Review 23(176)]
     pub(super) fn between(from_deg: (f64, f64), to_deg: (f64, f64)) -> Option<Self> {
         let reduced = |lat_deg: f64| ((1.0 - FLATTENING) * lat_deg.to_radians().tan()).atan().sin_cos();
         let ((sin1, cos1), (sin2, cos2)) = (reduced(from_deg.0), reduced(to_deg.0));

@@ -1,5 +1,5 @@
-//! How gusts move the aircraft: Dryden's random gusts through a linear model of the airframe under a pilot
-//! who holds track, height and speed; and the small motions that a spec asks for outright.
+//! The motion of the aircraft in gusts: Dryden's random gusts through a linear model of the airframe under a pilot
+//! who holds track, height and speed; and the small motions that a spec requests directly.
 
 use std::f64::consts::{SQRT_2, TAU};
 
@@ -10,12 +10,12 @@ use super::{
     air::{Dynamics, Gustiness, Turbulence},
 };
 
-/// A change of height, in metres, that the gusts do not notice.
+/// A change of height, in metres, below which the gusts are not updated.
 const SAME_HEIGHT_M: f64 = 5.0;
-/// How long the gusts have blown before a line begins, in steps.
+/// The spin-up of the gusts before a line begins, in steps.
 const BEFORE: usize = 1200;
 
-/// The random gusts, as white noise through filters sampled without error, each of variance 1.
+/// The random gusts, as white noise through filters sampled exactly, each of variance 1.
 /// [MIL-F-8785C, 3.7.1.2; roll rate after Yeager 1998, NASA CR-206937, (8)-(10)]
 #[derive(Clone, Debug)]
 pub(super) struct Dryden {
@@ -96,13 +96,13 @@ impl Lag {
     }
 }
 
-/// (1 + √3 T s) / (1 + T s)²: two lags one behind the other, of variances 1 and 1/2 and covariance 1/2.
+/// (1 + √3 T s) / (1 + T s)²: two lags in series, of variances 1 and 1/2 and covariance 1/2.
 #[derive(Clone, Debug)]
 struct Bump {
     x: [f64; 2],
     keep: f64,
     pass: f64,
-    /// Cholesky factor of what a step adds.
+    /// Cholesky factor of the covariance of a step.
     noise: [f64; 3],
 }
 
@@ -115,7 +115,7 @@ impl Bump {
     fn decay(&mut self, steps: f64) {
         self.keep = (-steps).exp();
         self.pass = steps;
-        // The stationary covariance less what is left of it.
+        // The stationary covariance less its remainder.
         let (k2, p) = (self.keep * self.keep, self.pass);
         let q11 = 1.0 - k2;
         let q12 = 0.5 - k2 * (p + 0.5);
@@ -137,9 +137,9 @@ impl Bump {
     }
 }
 
-/// How one axis of the aircraft answers its gust: displacement d and velocity v with
+/// The response of one axis of the aircraft to its gust: displacement d and velocity v with
 /// v' = (gust - v) / lag - hold² d, and an angle a that weathercocks into the gust as felt,
-/// a'' = w² (gain (gust - v) - a) - 2 ζ w a'. Sampled without error for gusts that change linearly in a step.
+/// a'' = w² (gain (gust - v) - a) - 2 ζ w a'. Sampled exactly for gusts that change linearly in a step.
 #[derive(Clone, Debug)]
 struct Answer {
     x: Vector4<f64>,
@@ -186,7 +186,7 @@ impl Answer {
     }
 }
 
-/// What gusts do to the aircraft at one instant.
+/// The effect of gusts on the aircraft at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Moved {
     /// Ahead, to the right, down, in metres.
@@ -207,7 +207,7 @@ pub(super) struct InGusts {
 }
 
 impl InGusts {
-    /// An aircraft that has flown in the gusts for a while; steps of `h` seconds.
+    /// An aircraft after the spin-up of the gusts; steps of `h` seconds.
     pub(super) fn new(
         turbulence: &Turbulence,
         dynamics: &Dynamics,
@@ -215,7 +215,7 @@ impl InGusts {
         h: f64,
         random: &mut Random,
     ) -> Self {
-        // Time constants of a light aircraft; its pilot corrects within some ten seconds.
+        // Time constants of a light aircraft; its pilot corrects within about ten seconds.
         let slow = dynamics.response_s;
         let axis = |lag_s: f64, hold: f64, gain: f64, swing: f64, damping: f64| Axis {
             lag_s: lag_s * slow,
@@ -244,7 +244,7 @@ impl InGusts {
         aircraft
     }
 
-    /// What the gusts have done one step later.
+    /// The effect of gusts one step later.
     pub(super) fn next(&mut self, alt_m: f64, random: &mut Random) -> Moved {
         let place = (alt_m, self.airspeed_mps, self.span_m);
         let gusts = self.dryden.next(&self.turbulence, place, self.h, random);
@@ -276,7 +276,7 @@ impl Sway {
 
     /// Adds the motion, in degrees, to `rows` values `h` seconds apart, the first at `start_s`.
     pub(super) fn add(&self, rows: &mut [f64], start_s: f64, h: f64) {
-        /// Steps after which a wave is computed anew, so that rounding does not grow.
+        /// Steps after which a wave is recomputed, so that rounding does not grow.
         const FRESH: usize = 256;
         if self.amplitude_deg == 0.0 {
             return;

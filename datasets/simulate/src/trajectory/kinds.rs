@@ -1,4 +1,4 @@
-//! The kinds of lines: what the spec says of each, and the route that follows.
+//! The kinds of lines: their parameters in the spec, and the resulting routes.
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,7 +10,7 @@ use super::{
 /// The horizontal path of a line.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Path2d {
-    /// `survey`: from waypoint to waypoint, and round again until the time is up.
+    /// `survey`: from waypoint to waypoint, and repeated until the end of the duration.
     Survey {
         /// `waypoints`: latitude and longitude, in degrees; two or more.
         waypoints: Vec<(f64, f64)>,
@@ -25,7 +25,7 @@ pub enum Path2d {
         /// `waypoints`: latitude and longitude, in degrees; two or more.
         waypoints: Vec<(f64, f64)>,
     },
-    /// `box`: legs along the sides of a square, on each a pitch, a roll and a yaw manoeuvre.
+    /// `box`: legs along the sides of a square, each with a pitch, a roll and a yaw manoeuvre.
     Box {
         /// `start`: where it begins, latitude and longitude in degrees.
         start: (f64, f64),
@@ -36,12 +36,12 @@ pub enum Path2d {
         amplitude_deg: [f64; 3],
         /// `period_s`: period of a manoeuvre, in seconds; 1 to 60, 6 where left out.
         period_s: f64,
-        /// `cycles`: periods to a manoeuvre; 1 to 100, 3 where left out.
+        /// `cycles`: periods per manoeuvre; 1 to 100, 3 where left out.
         cycles: u32,
         /// `legs`: sides flown; 1 to 64, 4 where left out.
         legs: u32,
     },
-    /// `grid`, with `split = false`: survey lines to and fro and the tie lines across them, in one.
+    /// `grid`, with `split = false`: survey lines in alternating directions and the tie lines across them, as one line.
     Grid(Grid),
     /// `grid`: one survey line or tie line of a grid.
     Traverse {
@@ -52,14 +52,14 @@ pub enum Path2d {
         /// Its length, in metres.
         length_m: f64,
     },
-    /// `circle`: round a place.
+    /// `circle`: round a centre.
     Circle {
         /// The circle.
         orbit: Orbit,
         /// `turns`: how often; 0.01 to 1000, 1 where left out.
         turns: f64,
     },
-    /// `looping`: round a place while climbing, and again while descending.
+    /// `looping`: round a centre while climbing, and again while descending.
     Looping {
         /// The circle.
         orbit: Orbit,
@@ -92,20 +92,20 @@ pub enum Path2d {
         /// `rounds`: how often; 1 to 1000, 1 where left out.
         rounds: u32,
     },
-    /// `cloverleaf`: over one place on four courses, a right angle apart.
+    /// `cloverleaf`: over one centre on four courses, a right angle apart.
     Cloverleaf {
-        /// `center`: the place, latitude and longitude in degrees.
+        /// `center`: the centre, latitude and longitude in degrees.
         center: (f64, f64),
         /// `heading_deg`: course of the first crossing; 0 where left out.
         heading_deg: f64,
-        /// `crossings`: how often over it; 1 to 1000, 4 where left out.
+        /// `crossings`: the number of crossings; 1 to 1000, 4 where left out.
         crossings: u32,
         /// `direction`: of the loops; `right` or `left`.
         right: bool,
     },
 }
 
-/// A circle round a place.
+/// A circle round a centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orbit {
     /// `center`: latitude and longitude in degrees.
@@ -162,7 +162,7 @@ impl Grid {
             let ties = (self.line_m / spacing_m).floor() as u32 + 1;
             let first_m = 0.5 * (self.line_m - spacing_m * f64::from(ties - 1));
             for j in 0..ties {
-                // From the side where the survey lines end, and to and fro.
+                // From the side where the survey lines end, in alternating directions.
                 let back = j % 2 == 0;
                 let across = if back { side * width_m } else { 0.0 };
                 let ahead = first_m + spacing_m * f64::from(j);
@@ -176,7 +176,7 @@ impl Grid {
     }
 }
 
-/// A way over the ground, and what is at which distance along it.
+/// A route over the ground, and marks at distances along it.
 pub(super) struct Way {
     pub(super) route: Route,
     /// Where each waypoint is passed, or each leg, line or round begins.
@@ -187,11 +187,11 @@ pub(super) struct Way {
 /// begin before it and end on the next leg.
 const FLY_OVER_RAD: f64 = 2.0;
 
-/// Flies waypoints: once, or round until the way is `until_m` long. `swing` is the angle (rad) and the period
+/// Flies waypoints: once, or repeatedly until the route is `until_m` long. `swing` is the angle (rad) and the period
 /// (m) of a weave.
 ///
 /// # Errors
-/// Legs too short for the turns at their ends.
+/// Fails for legs too short for the turns at their ends.
 pub(super) fn waypoints(
     mut route: Route,
     places: &[(f64, f64)],
@@ -240,7 +240,7 @@ pub(super) fn waypoints(
 
 fn short(from: usize, length_m: f64, least_m: f64) -> Impossible {
     let what = format!(
-        "the leg after waypoint {from} has {length_m:.0} m left, and its turn takes {least_m:.0} m: move the waypoints \
+        "the leg after waypoint {from} has {length_m:.0} m left, but its turn needs {least_m:.0} m: move the waypoints \
          apart, fly slower or bank more steeply (`bank_deg` of `dynamics`)"
     );
     Impossible::new("waypoints", what)
@@ -249,12 +249,12 @@ fn short(from: usize, length_m: f64, least_m: f64) -> Impossible {
 fn geodesic(from: (f64, f64), to: (f64, f64)) -> Result<Geodesic, Impossible> {
     let found = Geodesic::between(from, to).filter(|way| way.length_m > 0.0);
     found.ok_or_else(|| {
-        let what = format!("no way leads from {:.5}, {:.5} to {:.5}, {:.5}", from.0, from.1, to.0, to.1);
-        Impossible::new("waypoints", what + ": two waypoints in turn are one, or opposite on the earth")
+        let what = format!("there is no route from {:.5}, {:.5} to {:.5}, {:.5}", from.0, from.1, to.0, to.1);
+        Impossible::new("waypoints", what + ": two successive waypoints are equal, or opposite on the earth")
     })
 }
 
-/// Turns by about `angle` until the course is that to a place; else says how far that has to be.
+/// Turns by about `angle` until the course is that to a position; otherwise returns the required distance.
 fn turn_towards(route: &mut Route, mut angle: f64, to: (f64, f64)) -> Result<(), f64> {
     let least_m = 2.5 * (2.0 * route.radius_m + route.ramp_m);
     for _ in 0..50 {
@@ -281,7 +281,7 @@ fn wrapped(angle: f64) -> f64 {
 /// The survey lines and tie lines of a grid with the turns between them; the marks are where lines begin.
 ///
 /// # Errors
-/// Lines that no turns join.
+/// Fails for lines that no turns can join.
 pub(super) fn grid(mut route: Route, stretches: &[Stretch]) -> Result<Way, Impossible> {
     let mut marks_m = vec![];
     for (i, stretch) in stretches.iter().enumerate() {
@@ -326,9 +326,9 @@ pub(super) fn racetrack(mut route: Route, leg_m: f64, rounds: u32, right: bool) 
     Way { route, marks_m }
 }
 
-/// Crossings of one place a right angle apart, joined by loops; `right` says which way each loop turns. The
-/// marks are the crossings. The route begins before the first by the length that [`lead_m`] says, and ends where
-/// the last loop does, or once `again` over the place.
+/// Crossings of one centre a right angle apart, joined by loops; `right` says which way each loop turns. The
+/// marks are the crossings. The route begins before the first by the length of [`lead_m`], and ends where
+/// the last loop does, or once `again` over the centre.
 pub(super) fn crossings(mut route: Route, loops: &[bool], again: bool) -> Way {
     let lead_m = lead_m(&route);
     let mut marks_m = vec![lead_m];

@@ -1,11 +1,11 @@
-//! True trajectories: a planned way over the ellipsoid, flown at an airspeed through a wind, with the attitude
-//! that such flight takes, and what gusts and manoeuvres add.
+//! True trajectories: a planned route over the ellipsoid, flown at an airspeed through a wind, with the attitude
+//! of such flight, with gusts and manoeuvres.
 //!
 //! Position and attitude are smooth curves through nodes a twentieth of a second apart, whatever the rate of
 //! the samples: the same flight at 10 Hz as at 250 Hz. Velocity, specific force and angular rates are
 //! the exact derivatives of these curves.
 //!
-//! The manoeuvres of a box and the motions of `gusts_deg` move the attitude alone: they are short beside the
+//! The manoeuvres of a box and the motions of `gusts_deg` move the attitude alone: they are short compared with the
 //! time in which they would move the aircraft. Turbulence moves both.
 
 use nalgebra::{Matrix3, Vector3};
@@ -41,7 +41,7 @@ const NODE_S: f64 = 0.05;
 /// Nodes of the position beyond those of the attitude, at each end.
 const LEAD: usize = 2;
 
-/// A true trajectory, one value a sample in each column.
+/// A true trajectory, one value per sample in each column.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Trajectory {
     pub(super) tt_s: Vec<f64>,
@@ -54,14 +54,14 @@ pub(super) struct Trajectory {
     pub(super) force_mps2: [Vec<f64>; 3],
     /// Roll, pitch, yaw.
     pub(super) attitude_deg: [Vec<f64>; 3],
-    /// How fast roll, pitch and yaw change, in deg/s.
+    /// The rates of roll, pitch and yaw, in deg/s.
     pub(super) attitude_rates_degps: [Vec<f64>; 3],
     /// Rates of turn of the body against north-east-down, about the body's axes: nose, right, down, in deg/s.
     pub(super) rates_degps: [Vec<f64>; 3],
 }
 
 impl Trajectory {
-    /// The matrix that turns the body frame into north-east-down at a sample.
+    /// The matrix that rotates the body frame into north-east-down at a sample.
     pub(super) fn attitude(&self, i: usize) -> Matrix3<f64> {
         let [roll, pitch, yaw] = self.attitude_deg.each_ref().map(|a| a[i].to_radians());
         body_to_ned(roll, pitch, yaw)
@@ -72,7 +72,7 @@ impl Trajectory {
         [&self.lat_deg, &self.lon_deg, &self.alt_m]
     }
 
-    /// How fast a vector changes in the body frame at a sample: Cᵀ v' − ω × (Cᵀ v), from the rate v' of its components
+    /// The rate of a vector in the body frame at a sample: Cᵀ v' − ω × (Cᵀ v), from the rate v' of its components
     /// north, east and down, and from its components `body` in the body frame.
     pub(super) fn rate_in_body(&self, i: usize, rate_ned: &Vector3<f64>, body: &Vector3<f64>) -> Vector3<f64> {
         let turning = Vector3::from(self.rates_degps.each_ref().map(|rate| rate[i].to_radians()));
@@ -81,7 +81,7 @@ impl Trajectory {
 }
 
 impl Line {
-    /// How long the line takes, in seconds.
+    /// The duration of the line, in seconds.
     pub(super) fn duration_s(&self) -> f64 {
         self.plan.duration_s
     }
@@ -251,8 +251,8 @@ struct Steady {
     heading_rad: f64,
 }
 
-/// The attitude at a node: no sideslip through the air, no force sideways, and the angle of attack that the
-/// load factor and the airspeed take. The search begins at a roll nearby.
+/// The attitude at a node: no sideslip through the air, no force sideways, and the angle of attack of the
+/// load factor and the airspeed. The search begins at a nearby roll.
 fn steady(position: &[Curve; 3], k: usize, roll_rad: f64, plan: &Plan) -> Steady {
     let [lat, lon, alt] = position.each_ref().map(|curve| {
         let (first, second) = slopes(&curve.nodes, k);
@@ -276,7 +276,7 @@ fn coordinated(through_air: &Vector3<f64>, force: &Vector3<f64>, load: f64, roll
     let sin_climb = -through_air.z / speed;
     let (sin, cos) = heading_rad.sin_cos();
     let (mut roll, mut pitch, mut slip) = (roll_rad, 0.0, 0.0);
-    // Each round takes the error down by the angle of attack.
+    // Each iteration reduces the error by the factor of the angle of attack.
     for _ in 0..8 {
         let before: f64 = roll;
         let (sin_roll, cos_roll) = roll.sin_cos();
@@ -296,7 +296,7 @@ fn coordinated(through_air: &Vector3<f64>, force: &Vector3<f64>, load: f64, roll
     Steady { attitude_rad: [roll, pitch, heading_rad + slip], heading_rad }
 }
 
-/// Takes whole turns out of the steps of an angle, in radians.
+/// Unwraps an angle, in radians.
 fn unwrap(angles: &mut [f64]) {
     let mut before = angles.first().copied().unwrap_or(0.0);
     for angle in angles {

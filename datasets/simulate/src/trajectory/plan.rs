@@ -1,4 +1,4 @@
-//! A line about to be flown: its way over the ground, its heights, and when it is where.
+//! The plan of a line: its route over the ground, its heights, and its timing.
 
 use std::f64::consts::{PI, TAU};
 
@@ -19,9 +19,9 @@ const SETTLE_S: f64 = 5.0;
 const ROUNDING_S: f64 = 5.0;
 /// Longest steps of the clock, in metres.
 const CLOCK_STEP_M: f64 = 500.0;
-/// The highest latitude of a line, in degrees.
+/// The largest latitude of a line, in degrees.
 const HIGHEST_DEG: f64 = 89.0;
-/// The strongest wind that a line is planned in, in airspeeds.
+/// The strongest wind in which a line is planned, as a fraction of the airspeed.
 const STRONGEST: f64 = 0.8;
 
 /// The heights of a line.
@@ -29,12 +29,12 @@ const STRONGEST: f64 = 0.8;
 pub struct Heights {
     /// `alts_m`: height at each waypoint, in metres above the ellipsoid; `alt_m` at all where left out.
     pub alts_m: Option<Vec<f64>>,
-    /// `drape`: whether the heights are a surface to stay above, with climbs that begin in time; else
-    /// they are what is flown, and a climb that is too steep is a fault. `false` where left out.
+    /// `drape`: whether the heights are a surface to stay above, with climbs that begin early enough; otherwise
+    /// they are flown exactly, and a climb that is too steep is a fault. `false` where left out.
     pub drape: bool,
 }
 
-/// What a plan is made from.
+/// The inputs of a plan.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Request<'a> {
     pub(super) path: &'a Path2d,
@@ -56,15 +56,15 @@ struct Manoeuvre {
 }
 
 impl Manoeuvre {
-    /// The angle, in degrees, so long after its start. Within a quarter of a period it is full, and its rate is
-    /// continuous.
+    /// The angle, in degrees, at a time after its start. Within a quarter of a period it reaches its amplitude, and its
+    /// rate is continuous.
     fn at(&self, since_s: f64) -> f64 {
         let edge = since_s.min(self.length_s - since_s) / (0.25 * self.period_s);
         self.amplitude_deg * smooth_step(edge) * (TAU * since_s / self.period_s).sin()
     }
 }
 
-/// A line about to be flown.
+/// The plan of a line.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Plan {
     pub(super) start: Place,
@@ -84,12 +84,12 @@ impl Plan {
     /// Plans a line.
     ///
     /// # Errors
-    /// What the aircraft cannot do.
+    /// Fails for a line beyond the performance of the aircraft.
     pub(super) fn new(request: &Request) -> Result<Plan, Impossible> {
         let fastest_mps = fastest_mps(request)?;
         let way = way(request, fastest_mps)?;
         if way.route.highest_lat_rad.to_degrees() >= HIGHEST_DEG {
-            let what = "the line comes within a degree of a pole, where north is no direction to fly by".to_owned();
+            let what = "the line comes within a degree of a pole, where courses are not defined".to_owned();
             return Err(Impossible::new("kind", what + ": fly elsewhere"));
         }
         let profile = profile(request, &way, fastest_mps)?;
@@ -122,7 +122,7 @@ impl Plan {
         self.same_wind_mps.unwrap_or_else(|| self.air.wind.at(alt_m))
     }
 
-    /// Speed over ground, in m/s: where it adds up with the wind to the airspeed.
+    /// Speed over ground, in m/s: such that the airspeed is that of the line.
     fn ground_mps(&self, course_rad: f64, alt_m: f64, slope: f64) -> f64 {
         let (north, east) = self.wind_mps(alt_m);
         let v2 = self.airspeed_mps * self.airspeed_mps;
@@ -135,19 +135,19 @@ impl Plan {
         (behind + (behind * behind + steep * (v2 - north * north - east * east)).max(0.0).sqrt()) / steep
     }
 
-    /// Speed along the surface (m/s) at a distance along the way, and the height there (m).
+    /// Speed along the surface (m/s) at a distance along the route, and the height there (m).
     fn pace(&self, s: f64, place: &Place) -> (f64, f64) {
         let (alt_m, slope) = self.profile.at(s);
         let radius_m = transverse_radius_m(place.lat_rad);
         (self.ground_mps(place.course_rad, alt_m, slope) * radius_m / (radius_m + alt_m), alt_m)
     }
 
-    /// How long the way takes; notes when the marks are passed.
+    /// The duration of the route; records when the marks are passed.
     fn clock(&self, marks_m: &[f64], marks_s: &mut Vec<f64>) -> f64 {
         let (mut place, mut t) = (self.start, 0.0);
         let mut marks = marks_m.iter().peekable();
         for piece in &self.pieces {
-            // Marks are where pieces begin.
+            // Marks are at the beginnings of segments.
             while marks.next_if(|mark| **mark <= piece.from_m + 1e-6).is_some() {
                 marks_s.push(t);
             }
@@ -166,7 +166,7 @@ impl Plan {
         t
     }
 
-    /// Roll, pitch and yaw that manoeuvres add, in degrees.
+    /// Roll, pitch and yaw of manoeuvres, in degrees.
     pub(super) fn manoeuvre_deg(&self, t: f64) -> [f64; 3] {
         let mut out = [0.0; 3];
         let next = self.manoeuvres.partition_point(|m| m.start_s <= t);
@@ -177,7 +177,7 @@ impl Plan {
         out
     }
 
-    /// The way in time.
+    /// The route in time.
     pub(super) fn runner(&self) -> Runner<'_> {
         Runner { plan: self, place: self.start, s: 0.0, piece: 0 }
     }
@@ -187,7 +187,7 @@ impl Plan {
     }
 }
 
-/// An aircraft on its way.
+/// The state of an aircraft on its route.
 #[derive(Clone, Debug)]
 pub(super) struct Runner<'a> {
     plan: &'a Plan,
@@ -212,7 +212,7 @@ impl Runner<'_> {
         [lat * mps, lon * mps, course * mps, mps]
     }
 
-    /// Flies on for `h` seconds, by Runge and Kutta's fourth order.
+    /// Advances by `h` seconds, by Runge and Kutta's fourth order.
     pub(super) fn step(&mut self, h: f64) {
         let x = [self.place.lat_rad, self.place.lon_rad, self.place.course_rad, self.s];
         let moved = |k: &[f64; 4], by: f64| std::array::from_fn(|i| x[i] + by * k[i]);
@@ -230,7 +230,7 @@ impl Runner<'_> {
     }
 }
 
-/// The fastest that a line can be over ground.
+/// The largest speed of a line over ground.
 fn fastest_mps(request: &Request) -> Result<f64, Impossible> {
     let alts = request.heights.alts_m.as_deref().unwrap_or(&[]);
     let top = if let Path2d::Looping { top_m, .. } = request.path { *top_m } else { request.alt_m };
@@ -293,7 +293,7 @@ type Begin<'a> = dyn Fn(Place) -> Result<Route, Impossible> + 'a;
 /// A route from the first waypoint to the second.
 fn towards(waypoints: &[(f64, f64)], route: &Begin) -> Result<Route, Impossible> {
     let &[from, to, ..] = waypoints else {
-        return Err(Impossible::new("waypoints", "two waypoints or more make a line".to_owned()));
+        return Err(Impossible::new("waypoints", "a line needs at least two waypoints".to_owned()));
     };
     let leaves = super::geodesic::Geodesic::between(from, to).map_or(0.0, |way| way.leaves_rad);
     route(Place::new(from, leaves))
@@ -308,7 +308,7 @@ fn round(orbit: &kinds::Orbit, route: &Begin) -> Result<Route, Impossible> {
     route(Place { course_rad: edge.course_rad + quarter, ..edge })
 }
 
-/// A route that begins so far before a place that the loops lead back over it.
+/// A route that begins at such a distance before a centre that the loops lead back over it.
 fn before(center: (f64, f64), heading_deg: f64, route: &Begin) -> Result<Route, Impossible> {
     let centre = Place::new(center, heading_deg.to_radians());
     let lead_m = kinds::lead_m(&route(centre)?);
@@ -343,7 +343,7 @@ fn profile(request: &Request, way: &Way, fastest_mps: f64) -> Result<Profile, Im
 fn too_steep(e: &TooSteep, request: &Request, fastest_mps: f64, key: &'static str) -> Impossible {
     let (climb, most) = (e.slope * fastest_mps, request.air.dynamics.climb_mps);
     let way_out = if key == "alts_m" {
-        ": move the waypoints apart, raise `climb_mps`, or say `drape = true` to begin climbs in time"
+        ": move the waypoints apart, raise `climb_mps`, or set `drape = true` to begin climbs early enough"
     } else {
         ": make more `turns` or raise `climb_mps`"
     };

@@ -9,12 +9,12 @@ pub(super) struct Profile {
     rounding_m: f64,
 }
 
-/// A climb steeper than the aircraft can.
+/// A climb steeper than the aircraft allows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TooSteep {
-    /// Of the knots between which it is, the first.
+    /// The first of the knots that it is between.
     pub(super) knot: usize,
-    /// How steep, height over distance.
+    /// Its slope, height over distance.
     pub(super) slope: f64,
 }
 
@@ -26,7 +26,7 @@ impl Profile {
     /// Straight climbs between heights.
     ///
     /// # Errors
-    /// A climb steeper than `steepest`.
+    /// Fails for a climb steeper than `steepest`.
     pub(super) fn climbs(mut knots: Vec<(f64, f64)>, steepest: f64, rounding_m: f64) -> Result<Self, TooSteep> {
         knots.dedup_by(|b, a| b.0 <= a.0);
         for (knot, pair) in knots.windows(2).enumerate() {
@@ -39,7 +39,7 @@ impl Profile {
     }
 
     /// The lowest flight over a surface that is nowhere steeper than `steepest`: ahead of a rise the climb
-    /// begins in time. The surface is straight between its heights.
+    /// begins early enough. The surface is straight between its heights.
     pub(super) fn drape(surface: &[(f64, f64)], steepest: f64, rounding_m: f64) -> Self {
         let given = Self { knots: surface.to_vec(), rounding_m };
         let end_m = surface.last().map_or(0.0, |k| k.0);

@@ -1,4 +1,4 @@
-//! A route over the ground: straight pieces, turns rolled into and out of smoothly, and swings.
+//! A route over the ground: straight segments, turns with smooth roll-in and roll-out, and swings.
 //!
 //! Distances are along the ellipsoid's surface; a route is planned by flying it there.
 
@@ -14,20 +14,20 @@ use super::{
 const STRAIGHT_STEP_M: f64 = 1000.0;
 const TURN_PARTS: f64 = 64.0;
 
-/// How a piece of a route bends.
+/// The curvature of a segment of a route.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Bend {
     /// Along a geodesic.
     Straight,
     /// With a steady curvature, in 1/m; right is positive.
     Steady { curvature_per_m: f64 },
-    /// A turn whose curvature comes and goes over `ramp_m`.
+    /// A turn whose curvature rises and falls over `ramp_m`.
     Turn { curvature_per_m: f64, ramp_m: f64 },
-    /// A course that swings about the way and comes back to it.
+    /// A course that swings about the route and returns to it.
     Swing { angle_rad: f64, periods: f64 },
 }
 
-/// A piece of a route.
+/// A segment of a route.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Piece {
     /// Distance from the start of the route.
@@ -37,7 +37,7 @@ pub(super) struct Piece {
 }
 
 impl Piece {
-    /// Curvature in 1/m at a distance from the start of the piece.
+    /// Curvature in 1/m at a distance from the start of the segment.
     pub(super) fn curvature_per_m(&self, s: f64) -> f64 {
         match self.bend {
             Bend::Straight => 0.0,
@@ -65,7 +65,7 @@ impl Piece {
     }
 }
 
-/// The swing of a course at u (0 to 1) of its way, in units of its angle.
+/// The swing of a course at u (0 to 1) of its length, in units of its angle.
 fn swing(u: f64, periods: f64) -> f64 {
     smooth_step(2.0 * periods * u.min(1.0 - u)) * (TAU * periods * u).sin()
 }
@@ -75,9 +75,9 @@ fn swing(u: f64, periods: f64) -> f64 {
 pub(super) struct Turn {
     pub(super) bend: Bend,
     pub(super) length_m: f64,
-    /// From its beginning to its end, straight.
+    /// The straight distance from its beginning to its end.
     chord_m: f64,
-    /// What it moves the aircraft ahead and to the right, as seen where it begins.
+    /// Its displacement ahead and to the right, relative to its beginning.
     pub(super) ahead_m: f64,
     pub(super) right_m: f64,
 }
@@ -106,14 +106,14 @@ impl Turn {
         Self { bend, length_m, chord_m, ahead_m: chord_m * half.cos(), right_m: chord_m * half.sin() }
     }
 
-    /// How long before the corner of two legs the turn from the first into the second begins; negative if it
-    /// begins behind it.
+    /// The distance before the corner of two legs at which the turn from the first into the second begins; negative if
+    /// it begins behind it.
     pub(super) fn tangent_m(&self, angle_rad: f64) -> f64 {
         0.5 * self.chord_m / (0.5 * angle_rad).cos()
     }
 }
 
-/// What cannot be flown, and the key of the spec that asks for it.
+/// Why a route cannot be flown, and the key of the spec that requires it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Impossible {
     pub(super) key: &'static str,
@@ -126,15 +126,15 @@ impl Impossible {
     }
 }
 
-/// A route in the making.
+/// A route under construction.
 #[derive(Clone, Debug)]
 pub(super) struct Route {
     pub(super) start: Place,
-    /// Where it ends so far.
+    /// Its current end.
     pub(super) end: Place,
     pub(super) pieces: Vec<Piece>,
     pub(super) length_m: f64,
-    /// The furthest from the equator that a piece has its middle or its end.
+    /// The furthest from the equator of the middle or the end of a segment.
     pub(super) highest_lat_rad: f64,
     /// Radius and ramp of its turns.
     pub(super) radius_m: f64,
@@ -142,11 +142,11 @@ pub(super) struct Route {
 }
 
 impl Route {
-    /// A route from a place, with turns of a radius, or as tight as the aircraft can at the speed over
+    /// A route from a position, with turns of a radius, or as tight as the aircraft allows at the speed over
     /// ground `fastest_mps`.
     ///
     /// # Errors
-    /// A radius that takes too steep a bank.
+    /// Fails for a radius that needs too steep a bank.
     pub(super) fn new(start: Place, air: &Air, fastest_mps: f64, radius_m: Option<f64>) -> Result<Self, Impossible> {
         let dynamics = &air.dynamics;
         let radius = radius_m.unwrap_or(dynamics.tightest_m(fastest_mps));
@@ -154,7 +154,7 @@ impl Route {
         if bank_deg > dynamics.bank_deg + 1e-9 {
             let (most, least) = (dynamics.bank_deg, dynamics.tightest_m(fastest_mps).ceil());
             let what = format!(
-                "a turn of {radius} m at {fastest_mps:.1} m/s over ground takes a bank of {bank_deg:.0} degrees, more \
+                "a turn of {radius} m at {fastest_mps:.1} m/s over ground needs a bank of {bank_deg:.0} degrees, more \
                  than `bank_deg` of `dynamics`, {most}: make the radius {least} m or more"
             );
             return Err(Impossible::new("radius_m", what));
@@ -170,7 +170,7 @@ impl Route {
         self.end = middle.along(0.5 * length_m, piece.step_m(), |s| piece.curvature_per_m(0.5 * length_m + s));
         self.length_m += length_m;
         for place in [middle, self.end] {
-            // NaN, which is what a pole makes, is kept as infinity.
+            // NaN, which occurs at a pole, is kept as infinity.
             let lat_rad = if place.lat_rad.is_finite() { place.lat_rad.abs() } else { f64::INFINITY };
             self.highest_lat_rad = self.highest_lat_rad.max(lat_rad);
         }
@@ -183,7 +183,7 @@ impl Route {
         }
     }
 
-    /// A circle's arc, in a steady bank from its beginning.
+    /// A circle's arc, with constant bank from its beginning.
     pub(super) fn arc(&mut self, angle_rad: f64) {
         let curvature_per_m = angle_rad.signum() / self.radius_m;
         self.push(angle_rad.abs() * self.radius_m, Bend::Steady { curvature_per_m });
@@ -199,30 +199,30 @@ impl Route {
         self.push(shape.length_m, shape.bend);
     }
 
-    /// A way straight ahead along which the course swings by an angle about it, in whole periods of about
+    /// A straight segment along which the course swings by an angle, in whole periods of about
     /// `period_m`; straight where there is no room for one.
     pub(super) fn swing(&mut self, ahead_m: f64, angle_rad: f64, period_m: f64) {
         let periods = (ahead_m / period_m).round();
         if angle_rad == 0.0 || periods < 1.0 {
             return self.straight(ahead_m);
         }
-        // The way is longer than the progress by the mean cosine of the swing.
+        // The path is longer than the progress by the mean cosine of the swing.
         let parts = (64.0 * periods) as usize;
         let cosines = (0..parts).map(|i| (angle_rad * swing((i as f64 + 0.5) / parts as f64, periods)).cos());
         let mean = cosines.sum::<f64>() / parts as f64;
         self.push(ahead_m / mean, Bend::Swing { angle_rad, periods });
     }
 
-    /// The shortest way to a place and course by a turn, a straight and a turn.
+    /// The shortest path to a position and course by a turn, a straight and a turn.
     ///
     /// # Errors
-    /// None has been met; a place that no such way leads to.
+    /// Fails for a position that no such path reaches; no case is known.
     pub(super) fn join(&mut self, to: &Place) -> Result<(), Impossible> {
-        let lost = || Impossible::new("spacing_m", "there is no way from a line to the next".to_owned());
+        let lost = || Impossible::new("spacing_m", "there is no route from a line to the next".to_owned());
         let way = Geodesic::between(self.end.degrees(), to.degrees()).ok_or_else(lost)?;
         let bearing = way.leaves_rad - self.end.course_rad;
         let target = (way.length_m * bearing.cos(), way.length_m * bearing.sin());
-        // The course there, as seen from here.
+        // The course there, relative to the current one.
         let finally = to.course_rad - (way.arrives_rad - way.leaves_rad) - self.end.course_rad;
         let (first, straight_m, second) = shortest(self, target, finally).ok_or_else(lost)?;
         self.turn_if(first);
@@ -238,7 +238,7 @@ impl Route {
     }
 }
 
-/// A way by turn, straight and turn to a place ahead and to the right and a course, all as seen from the
+/// A path by turn, straight and turn to a position ahead and to the right and a course, all relative to the
 /// start: first turn, straight, second turn.
 fn shortest(route: &Route, target: (f64, f64), finally_rad: f64) -> Option<(f64, f64, f64)> {
     const DIRECTIONS: usize = 72;
@@ -259,7 +259,7 @@ fn shortest(route: &Route, target: (f64, f64), finally_rad: f64) -> Option<(f64,
             (across, along, a, b, turns_m)
         };
         let step = TAU / DIRECTIONS as f64;
-        // Off the round angles, where a turn of nothing and one all round meet.
+        // Not at exact multiples, where a zero turn and a full turn coincide.
         let at = |i: usize| -PI + 0.123_456 * step + i as f64 * step;
         for i in 0..DIRECTIONS {
             let (mut low, mut high) = (at(i), at(i + 1));
@@ -272,7 +272,7 @@ fn shortest(route: &Route, target: (f64, f64), finally_rad: f64) -> Option<(f64,
                 if (way(middle).0 > 0.0) == (from > 0.0) { low = middle } else { high = middle }
             }
             let (across, along, a, b, turns_m) = way(0.5 * (low + high));
-            // A change of sign that is a jump, where a turn of nothing becomes one all round, is no root.
+            // A change of sign that is a jump, where a zero turn becomes a full turn, is not a root.
             if across.abs() < 1e-3 && along >= 0.0 && best.is_none_or(|(length, _)| turns_m + along < length) {
                 best = Some((turns_m + along, (a, along, b)));
             }

@@ -76,8 +76,8 @@ fn law_what_is_said_of_the_motion_is_the_derivative_of_position_and_attitude() {
             ];
             let f = specific_force_mps2(lat, alt, v, [dv[0][i], dv[1][i], dv[2][i]]);
             for axis in 0..3 {
-                // Central differences over 8 ms, of a jerk that jumps at the nodes by up to 100 m/s³ as the gusts' slope
-                // does: dt²/6 of it for the velocity, a quarter of dt for the force.
+                // Central differences over 8 ms, of a jerk that jumps at the nodes by up to 100 m/s³ as the gusts'
+                // slope does: dt²/6 of it for the velocity, a quarter of dt for the force.
                 assert!((differenced[axis] - v[axis]).abs() < 3e-4, "{keys} {i} {axis}: {differenced:?} {v:?}");
                 let error = f[axis] - flown.force_mps2[axis][i];
                 assert!(error.abs() < 0.1, "{keys} {i} {axis}: {error}");
@@ -131,7 +131,8 @@ fn law_the_wind_triangle_closes_and_nothing_pulls_sideways() {
             for i in 0..flown.tt_s.len() {
                 let v = Vector3::from_fn(|a, _| flown.velocity_mps[a][i]);
                 let air = v + Vector3::new(from.cos(), from.sin(), 0.0) * wind;
-                // The surface's two radii share one scale of height: 3e-7 at 500 m; the curve through the nodes to 1e-5.
+                // The surface's two radii share one scale of height: 3e-7 at 500 m; the curve through the nodes to
+                // 1e-5.
                 assert!((air.norm() - 60.0).abs() < 2e-3, "{keys} {i}: {}", air.norm());
                 let body = flown.attitude(i).transpose();
                 let through = body * air;
@@ -464,7 +465,7 @@ fn gold_what_cannot_be_flown_is_said_where_it_is_asked() {
             "9:8",
             "the line comes within a degree of a pole",
         ),
-        ("", "kind = 'circle'\ncenter = [-22.0, 140.5]\nradius_m = 300.0", "11:12", "takes a bank of 51 degrees"),
+        ("", "kind = 'circle'\ncenter = [-22.0, 140.5]\nradius_m = 300.0", "11:12", "needs a bank of 51 degrees"),
         (
             "",
             "kind = 'free'\nwaypoints = [[-22.0, 140.5], [-22.0, 140.501], [-21.9, 140.5]]",

@@ -10,7 +10,7 @@ use super::{
 /// The bytes of a block, more or less.
 pub(super) const BLOCK: usize = 1 << 21;
 
-/// A record longer than this is none: a quote is open, or the file is no table.
+/// A longer record is an error: a quote is open, or the file is not a table.
 const LONGEST: usize = 1 << 28;
 
 const MARK: &[u8] = "\u{feff}".as_bytes();
@@ -27,7 +27,7 @@ pub(super) struct Block {
 }
 
 impl Block {
-    /// The records, each of them ended, and some newlines more.
+    /// The records, each with its end, and some more newlines.
     pub(super) fn text(&self) -> &[u8] {
         &self.text
     }
@@ -48,7 +48,7 @@ impl Block {
 pub(super) struct Blocks<R> {
     input: R,
     size: usize,
-    /// What was read behind the last block.
+    /// The bytes read after the last block.
     rest: Vec<u8>,
     begun: bool,
     done: bool,
@@ -59,7 +59,7 @@ impl<R: Read> Blocks<R> {
         Blocks { input, size, rest: vec![], begun: false, done: false }
     }
 
-    /// Up to `most` blocks, and why there are no more where that is an error.
+    /// Up to `most` blocks, and the error that ends them, if any.
     pub(super) fn some(&mut self, most: usize) -> (Vec<Block>, Option<io::Error>) {
         let mut some = vec![];
         while some.len() < most.max(1) {
@@ -75,7 +75,7 @@ impl<R: Read> Blocks<R> {
     /// The next block.
     ///
     /// # Errors
-    /// What the input says, and a record without an end.
+    /// Fails with the errors of the input, and for a record without an end.
     fn next(&mut self) -> io::Result<Option<Block>> {
         if self.done {
             return Ok(None);
@@ -112,7 +112,7 @@ impl<R: Read> Blocks<R> {
     }
 }
 
-/// Where the first record behind the header begins; nothing if the header is not there yet.
+/// The position of the first record after the header; `None` if the header is not complete yet.
 fn after_header(text: &[u8], len: usize) -> Option<usize> {
     let mut at = if text.starts_with(MARK) { MARK.len() } else { 0 };
     while at < len && ends_record(text[at]) {

@@ -1,4 +1,4 @@
-//! Where the records of a text end, and the cells of one of them: comma between cells, quotes around those that hold
+//! Where the records of a text end, and the cells of one of them: comma between cells, quotes around those that contain
 //! commas, newlines or (doubled) quotes, a carriage return or a newline after each record.
 
 /// Whether a byte ends a record.
@@ -10,13 +10,13 @@ pub(super) fn ends_record(byte: u8) -> bool {
 #[derive(Default)]
 pub(super) struct Cells {
     bytes: Vec<u8>,
-    /// Where each cell ends.
+    /// The end of each cell.
     ends: Vec<usize>,
 }
 
 impl Cells {
-    /// Takes the cells of the record at `start`, and says where the next one begins. A quote that is never closed, and a
-    /// record that no newline ends, go on to the end of the text.
+    /// Reads the cells of the record at `start`, and returns the position of the next one. A quote that is never
+    /// closed, and a record that no newline ends, extend to the end of the text.
     pub(super) fn take(&mut self, text: &[u8], start: usize) -> usize {
         self.bytes.clear();
         self.ends.clear();
@@ -47,7 +47,7 @@ impl Cells {
     }
 }
 
-/// Gives `put` what the cell at `start` holds, in parts; the position after it.
+/// Passes the contents of the cell at `start` to `put`, in chunks; returns the position after it.
 fn cell(text: &[u8], start: usize, mut put: impl FnMut(&[u8])) -> usize {
     let mut at = start;
     if text.get(at) == Some(&b'"') {
@@ -67,14 +67,14 @@ fn cell(text: &[u8], start: usize, mut put: impl FnMut(&[u8])) -> usize {
             at += 1;
         }
     }
-    // Behind a closing quote, as without quotes, a quote is a character like others.
+    // Behind a closing quote, as without quotes, a quote is an ordinary character.
     let rest = text.get(at..).unwrap_or_default();
     let length = rest.iter().position(|b| *b == b',' || ends_record(*b)).unwrap_or(rest.len());
     put(&rest[..length]);
     at + length
 }
 
-/// Where the last record ends that is whole, with what ends it; `None` if there is none.
+/// The end of the last complete record, including its terminator; `None` if there is none.
 pub(super) fn last_end(text: &[u8]) -> Option<usize> {
     if !text.contains(&b'"') {
         let last = |end: u8| text.iter().rposition(|b| *b == end).map(|at| at + 1);

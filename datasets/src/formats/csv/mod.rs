@@ -1,9 +1,9 @@
 //! Comma-separated text with a header row. The file is read twice: once to settle the type of each
 //! column, once for the values, so that memory does not grow with it.
 //!
-//! A cell that is no number where the column has numbers, and a row with more or fewer values than the
+//! A cell that is not a number in a column of numbers, and a row with more or fewer values than the
 //! header, are faults of their row. A row that repeats the header, as in files put one after another, is
-//! left out and noted; a row that is another header is an error, since nothing after it is in its column.
+//! skipped and noted; a row that is another header is an error, since the columns after it differ.
 
 use std::{
     collections::VecDeque,
@@ -40,7 +40,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     made_from: None,
 };
 
-/// What the values of a column are.
+/// The type of the values of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     Number,
@@ -69,7 +69,7 @@ fn open(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<Raw, 
     open_in(path, options, reading, BLOCK)
 }
 
-/// Opens a file to be read in blocks of so many bytes, which makes no difference to what comes out.
+/// Opens a file to be read in blocks of this size in bytes, which does not affect the result.
 fn open_in(path: &Path, options: &FlightOptions, reading: &Reading, block: usize) -> Result<Raw, ReadError> {
     let names = header(path)?;
     let known = reading.found.as_deref().and_then(|text| Scan::parse(text, names.len()));
@@ -128,7 +128,7 @@ pub(super) fn ends_with_newline(path: &Path) -> std::io::Result<bool> {
     Ok(matches!(last, [b'\n' | b'\r']))
 }
 
-/// The type that the contract or the options give a column; `None` leaves it to the values.
+/// The type that the contract or the options give a column; `None` infers it from the values.
 fn settled_kind(name: &str, options: &FlightOptions) -> Option<Kind> {
     let ours = options.rename.get(name).map_or(name, String::as_str);
     let known = flight::describe(ours);
@@ -166,7 +166,7 @@ struct Parts {
     threads: usize,
     /// The next parts.
     ready: VecDeque<Result<Part, ReadError>>,
-    /// Rows before the next block, and the line that it begins in.
+    /// Rows before the next block, and the line on which it begins.
     row: u64,
     line: u64,
     /// The last value of each key before it.

@@ -13,12 +13,12 @@ use super::{
 };
 use crate::ReadError;
 
-/// What is known of the columns of a file.
+/// The layout of the columns of a file.
 pub(super) struct Layout {
     pub(super) names: Vec<String>,
     pub(super) kinds: Vec<Kind>,
     pub(super) missing: Missing,
-    /// No number above this stands for a missing value.
+    /// The largest number that can mark a missing value.
     pub(super) fillers_to: f64,
     /// Whether the row where the file ends is left out.
     pub(super) drops_last: bool,
@@ -66,7 +66,7 @@ impl Column {
     }
 }
 
-/// What is wrong with a row.
+/// The fault of a row.
 pub(super) struct Wrong {
     /// Of the block, from 0.
     pub(super) row: usize,
@@ -76,12 +76,12 @@ pub(super) struct Wrong {
 }
 
 enum What {
-    /// So many values.
+    /// The number of values.
     Ragged(usize),
     /// The row where the file ends.
     Cut(usize),
     OtherHeader,
-    /// The column and what stands there.
+    /// The column and its text.
     NoNumber(usize, Vec<u8>),
 }
 
@@ -185,8 +185,8 @@ impl<'a> Rows<'a> {
         rows
     }
 
-    /// Appends the row at `start` and says where it ends, if it has a value for each column, no quotes and no fault; else
-    /// some of its values are left behind.
+    /// Appends the row at `start` and returns its end, if it has a value for each column, no quotes and no fault;
+    /// otherwise some of its values stay appended.
     #[inline]
     fn plain_row(&mut self, text: &[u8], start: usize) -> Option<usize> {
         let last = self.columns.len().checked_sub(1)?;
@@ -218,7 +218,7 @@ impl<'a> Rows<'a> {
         None
     }
 
-    /// Appends the row in `cells`, and says what is wrong with it.
+    /// Appends the row in `cells`, and returns its fault.
     fn any_row(&mut self, cut: bool) -> Option<What> {
         let layout = self.layout;
         let whole = self.cells.len() == layout.names.len();
@@ -262,7 +262,7 @@ impl<'a> Rows<'a> {
         Some(What::NoNumber(column, self.cells.get(column).to_vec()))
     }
 
-    /// Whether no number of the row in `cells` is one, nor a missing value.
+    /// Whether the row in `cells` has neither a number nor a missing value in its number columns.
     fn is_other_header(&self) -> bool {
         let Layout { kinds, missing, .. } = self.layout;
         let number = |(kind, _): &(&Kind, &[u8])| matches!(kind, Kind::Number | Kind::Whole);
@@ -312,7 +312,7 @@ fn room(text: &[u8], block: &Block) -> usize {
     first.len() / length + first.len() / length / 8 + 8
 }
 
-/// Whether the row at `start` may be the header again, which its first cell settles for nearly every row.
+/// Whether the row at `start` may be the header again, which its first cell decides for nearly every row.
 pub(super) fn may_repeat(text: &[u8], start: usize, names: &[String]) -> bool {
     let row = text.get(start..).unwrap_or_default();
     let blank = row.iter().take_while(|b| matches!(b, b' ' | b'\t' | b'\x0C')).count();
@@ -325,7 +325,8 @@ pub(super) fn repeats(cells: &Cells, names: &[String]) -> bool {
     cells.len() == names.len() && cells.iter().zip(names).all(|(cell, name)| cell == name.as_bytes())
 }
 
-/// The number in the cell at `start` and the position after the cell; nothing for a cell with quotes or without a number.
+/// The number in the cell at `start` and the position after the cell; `None` for a cell with quotes or without a
+/// number.
 #[inline(always)]
 fn plain_number(text: &[u8], start: usize, layout: &Layout) -> Option<(f64, usize)> {
     let mut at = start;

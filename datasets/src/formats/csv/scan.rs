@@ -1,5 +1,5 @@
-//! What must be known of a whole file before its first row: of which type each column is, and what of it is left out. No
-//! value is made; columns whose type is settled are passed over.
+//! The properties of a whole file that are needed before its first row: the type of each column, and the skipped rows.
+//! No value is converted; columns of known type are skipped.
 
 use std::{fs::File, path::Path};
 
@@ -16,7 +16,7 @@ use super::{
 };
 use crate::ReadError;
 
-/// What the first reading finds.
+/// The result of the first reading.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Scan {
     pub(super) kinds: Vec<Kind>,
@@ -34,24 +34,24 @@ struct Cut {
     short: bool,
 }
 
-/// The columns to be looked at.
+/// The columns to examine.
 struct Question<'a> {
     names: &'a [String],
     missing: &'a Missing,
-    /// Columns that have nothing but numbers as yet, and may have something else.
+    /// Columns that have only numbers so far, and may have other values.
     open: Vec<bool>,
     /// Whether the lengths of the last values matter.
     widths: bool,
 }
 
-/// What one block says.
+/// The result of one block.
 struct Answer {
     /// Columns with something other than numbers.
     words: Vec<usize>,
     /// Rows that repeat the header, and newlines of the block before the first.
     repeated: (u64, u64),
     newlines: u64,
-    /// The shortest last value, but for that of a row where the file ends.
+    /// The shortest last value, except that of a row where the file ends.
     shortest: usize,
     /// The last value of a row where the file ends, and newlines before it.
     last: Option<(Vec<u8>, u64)>,
@@ -61,7 +61,7 @@ impl Scan {
     /// Reads a file for it, some blocks at once.
     ///
     /// # Errors
-    /// What the machine says.
+    /// Fails when the file cannot be read.
     pub(super) fn of(
         path: &Path,
         names: &[String],
@@ -124,7 +124,7 @@ impl Scan {
         text
     }
 
-    /// From what [`Scan::spelt`] says of a file with so many columns.
+    /// The inverse of [`Scan::spelt`] for a file with this number of columns.
     pub(super) fn parse(text: &str, columns: usize) -> Option<Scan> {
         let (kinds, rest) = text.strip_prefix("csv 1\n")?.split_once('\n')?;
         let (repeated, cut) = rest.split_once('\n')?;
@@ -166,10 +166,10 @@ impl Scan {
     }
 }
 
-/// One answer for each of some blocks, found at once.
+/// One result for each of some blocks, computed in parallel.
 pub(super) fn at_once<T: Send>(blocks: &[Block], one: impl Fn(&Block) -> T + Send + Sync) -> Vec<T> {
     match blocks {
-        // A pool would have no other work for this thread than work that is not ours.
+        // A pool would give this thread only unrelated work.
         [block] => vec![one(block)],
         blocks => blocks.par_iter().map(one).collect(),
     }
@@ -186,15 +186,15 @@ impl Answer {
     }
 }
 
-/// A block being looked through.
+/// The scan of a block.
 struct Look<'a> {
     question: &'a Question<'a>,
     /// Columns without words in this block.
     open: Vec<bool>,
     cells: Cells,
-    /// Columns of the row at hand that have words.
+    /// Columns of the current row that have words.
     doubts: Vec<usize>,
-    /// Where the last value of that row begins and ends.
+    /// The start and the end of the last value of that row.
     last: (usize, usize),
     answer: Answer,
 }
@@ -232,7 +232,7 @@ impl Look<'_> {
         look.answer
     }
 
-    /// Looks at the row at `start` and says where it ends, if it has a value for each column and no quotes.
+    /// Scans the row at `start` and returns its end, if it has a value for each column and no quotes.
     #[inline]
     fn plain_row(&mut self, text: &[u8], start: usize) -> Option<usize> {
         let last = self.open.len().checked_sub(1)?;
@@ -278,7 +278,7 @@ impl Look<'_> {
         }
     }
 
-    /// Looks at any row, and says where the next one begins.
+    /// Scans any row, and returns the position of the next one.
     #[inline(never)]
     fn any_row(&mut self, block: &Block, start: usize) -> usize {
         let Question { names, missing, widths, .. } = self.question;

@@ -63,7 +63,7 @@ fn law_text_with_line_records_is_the_table_with_a_column_of_lines() {
     let column = write("a.csv", "line,x,y,tmi,alt_ft\n10,1000,2000,5,100\n10,1010,2000,,100\n7,1000,2010,7,\n");
     let options = PointOptions { epsg: Some(32630), ..PointOptions::default() };
     let fault = read_points(&records, &PointOptions::default()).unwrap_err().to_string();
-    assert!(fault.contains("nothing says what the coordinates `x` and `y` are"), "{fault}");
+    assert!(fault.contains("the system of the coordinates `x` and `y` is not given"), "{fault}");
     let both = [records, column]
         .map(|p| read_points(&p, &PointOptions { height: Some("alt_ft".into()), ..options.clone() }).unwrap());
     for points in &both {
@@ -77,8 +77,8 @@ fn law_text_with_line_records_is_the_table_with_a_column_of_lines() {
     assert!(fault.contains("the columns are lon, lat, strength"), "{fault}");
     let lost = write("c.csv", "lon,lat,mag\n1,2,3\n,2,4\n");
     let lost = read_points(&lost, &PointOptions::default()).unwrap();
-    assert!(lost.len() == 1 && lost.notes.iter().any(|n| n.starts_with("1 points without a place")));
+    assert!(lost.len() == 1 && lost.notes.iter().any(|n| n.starts_with("1 points without a position")));
     let off = write("d.csv", "lon,lat,mag\n1,2,3\n1,95,4\n");
     let fault = read_points(&off, &PointOptions::default()).unwrap_err().to_string();
-    assert!(fault.contains("row 1: (1, 95) is no place"), "{fault}");
+    assert!(fault.contains("row 1: (1, 95) is not a position"), "{fault}");
 }

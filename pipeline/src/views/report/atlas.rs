@@ -1,4 +1,4 @@
-//! The map with the tracks on it: the whole line, and a close look where the INS is farthest off.
+//! The map with the tracks on it: the whole line, and a close look where the INS error is largest.
 
 use figures::{
     canvas::{Canvas, LEFT, SIDE},
@@ -22,7 +22,7 @@ use crate::{plan::Ref, views::scores::number};
 /// Radius of the ellipse that holds 95 % of a two-dimensional normal distribution, in sigma.
 const ELLIPSE_95: f64 = 2.447_746_8;
 
-/// What all maps of the page share: the part of the map that is shown and its picture, which is in the page once.
+/// The data that all maps of the page share: the visible part of the map and its picture, which is in the page once.
 pub struct Atlas {
     bounds: Bounds,
     picture: Option<Raster>,
@@ -51,7 +51,7 @@ impl Atlas {
         Ok(Some(Atlas { bounds: around, picture }))
     }
 
-    /// The picture and the colour scale, to be referred to.
+    /// The picture and the colour scale, for references.
     pub fn defs(&self) -> Markup {
         let Some(picture) = &self.picture else { return html! {} };
         html! {
@@ -110,7 +110,7 @@ impl Atlas {
             caption.push_str(&format!(" The estimate is {} m off there.", number(Some(error))));
         }
         if outline.is_some() {
-            caption.push_str(" The ellipse holds 95 % of what the filter believes at that moment.");
+            caption.push_str(" The ellipse is the 95 % region of the filter at that moment.");
         }
         html! {
             figure {
@@ -151,7 +151,7 @@ fn around(tracks: &[Track]) -> Option<Bounds> {
         b.lat = (b.lat.0.min(lat), b.lat.1.max(lat));
         b.lon = (b.lon.0.min(lon), b.lon.1.max(lon));
     }
-    // A kilometre at least, for a flight on the spot; and the narrow way shows some of the map too.
+    // A kilometre at least, for a flight on the spot; and the narrow direction also shows some of the map.
     let shrink = b.lat.0.to_radians().cos().max(0.05);
     let (high, wide) = (b.lat.1 - b.lat.0, (b.lon.1 - b.lon.0) * shrink);
     let side = 1.12 * high.max(wide).max(0.01);
@@ -160,7 +160,7 @@ fn around(tracks: &[Track]) -> Option<Bounds> {
     Some(Bounds { lat: grow(b.lat, missing(high)), lon: grow(b.lon, missing(wide) / shrink) })
 }
 
-/// How far INS and truth (without truth: INS and estimate) are apart at row `k`, m.
+/// The distance of INS and truth (without truth: INS and estimate) at row `k`, m.
 fn separation(flown: &Flown, k: usize) -> Option<f64> {
     apart(flown.ins.as_ref()?, flown.truth.as_ref().unwrap_or(&flown.estimate), k)
 }
@@ -200,7 +200,7 @@ fn placed(canvas: &Canvas, picture: &Raster) -> Markup {
 }
 
 fn line(canvas: &Canvas, track: &Track, class: &str) -> Markup {
-    // Of places on one picture those that fall together are drawn once.
+    // Positions that coincide on the picture are drawn once.
     let spots: Vec<Option<(f64, f64)>> = track.places().map(|p| canvas.spot(p)).collect();
     let inside = spots.iter().flatten().count();
     let d = if inside > MOST {
@@ -227,7 +227,7 @@ fn ends(canvas: &Canvas, track: &Track) -> Markup {
 fn frame_of(canvas: &Canvas, zoom: &Bounds) -> Markup {
     let (x, y) = (canvas.x(zoom.lon.0), canvas.y(zoom.lat.1));
     let (w, h) = (canvas.x(zoom.lon.1) - x, canvas.y(zoom.lat.0) - y);
-    // Too small a frame would not be seen.
+    // A smaller frame would not be visible.
     let (w2, h2) = (w.max(12.0), h.max(12.0));
     let (x, y) = (px(x - 0.5 * (w2 - w)), px(y - 0.5 * (h2 - h)));
     html! { rect.halo x=(x) y=(y) width=(px(w2)) height=(px(h2)) {} rect.window x=(x) y=(y) width=(px(w2)) height=(px(h2)) {} }
@@ -325,7 +325,7 @@ mod tests {
         for spot in d.split(['M', 'L']).filter(|s| !s.is_empty()) {
             let (a, b) = spot.split_once(' ').unwrap();
             let (a, b): (f64, f64) = (a.parse().unwrap(), b.parse().unwrap());
-            // Places are written to a tenth.
+            // Positions are written to a tenth.
             assert!(((a - x).hypot(b - y) - radius).abs() < 0.15);
         }
     }

@@ -27,7 +27,7 @@ impl Board {
     /// The boards of all score tables that were published.
     ///
     /// # Errors
-    /// When one cannot be read.
+    /// Fails when one cannot be read.
     pub fn all(source: &Source, warnings: &[Warning]) -> Result<Vec<Board>, Fault> {
         let plan = source.graph.plan;
         let mut found = vec![];
@@ -66,17 +66,17 @@ impl Board {
         Board { table, scores, instances }
     }
 
-    /// The metric that ranks the points: the most telling one that has a value.
+    /// The metric that ranks the points: the most significant one that has a value.
     pub fn headline(&self) -> Option<usize> {
         self.scores.headline()
     }
 
-    /// The rows by a metric, best first, those with a mark after all others; those without a value are left out.
+    /// The rows by a metric, best first, those with a mark after all others; without those that have no value.
     pub fn ranked(&self, metric: usize) -> Vec<usize> {
         self.scores.ranked(metric)
     }
 
-    /// How many lines of a row are marked.
+    /// The number of marked lines of a row.
     pub fn marked(&self, row: usize) -> usize {
         self.scores.marks.get(row).copied().unwrap_or(0)
     }
@@ -86,7 +86,7 @@ impl Board {
         self.scores.rows.get(row).and_then(|(_, v)| v.get(metric).copied().flatten())
     }
 
-    /// The point of a row in words; empty for a pipeline without axes.
+    /// The point of a row as text; empty for a pipeline without axes.
     pub fn point(&self, row: usize) -> String {
         let key = self.scores.rows.get(row).map(|(k, _)| k.as_slice()).unwrap_or_default();
         let words = self.scores.axes.iter().zip(key).map(|(a, v)| format!("{a} = {v}"));
@@ -98,7 +98,7 @@ impl Board {
 pub mod tests {
     use super::*;
 
-    /// A board of two axes, for the tests of what is made of it.
+    /// A board of two axes, for tests.
     pub fn example() -> Board {
         let row = |a: &str, b: &str, v: [f64; 3]| {
             (vec![a.to_owned(), b.to_owned()], v.map(|x| x.is_finite().then_some(x)).to_vec())

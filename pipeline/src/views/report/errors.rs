@@ -1,4 +1,4 @@
-//! The errors of a track, and whether the filter knew of them.
+//! The errors of a track, and their consistency with the filter's covariance.
 
 use std::collections::BTreeMap;
 
@@ -20,13 +20,13 @@ const BAND_POINTS: usize = 500;
 /// The two-sided 95 % of a normal distribution.
 const Z95: f64 = 1.959_963_985;
 
-/// The plots of one line. `fates` counts what became of its measurements.
-pub fn plots(flown: &Flown, fates: &BTreeMap<String, usize>) -> Vec<Markup> {
+/// The plots of one line. `outcomes` counts the outcomes of its measurements.
+pub fn plots(flown: &Flown, outcomes: &BTreeMap<String, usize>) -> Vec<Markup> {
     let mut charts = vec![];
     if let Some(errors) = flown.errors() {
         charts.extend(positions(flown, &errors));
     }
-    charts.extend(innovations(flown, fates));
+    charts.extend(innovations(flown, outcomes));
     charts.extend(nis(flown));
     if let (Some(errors), Some(sigma)) = (flown.errors(), &flown.sigma) {
         charts.push(nees_chart(&flown.tt, &nees(&errors, sigma)));
@@ -72,21 +72,21 @@ fn position(flown: &Flown, way: &str, error: &[f64], ins: Option<&Vec<f64>>, sig
     Chart { title, caption, x: time_axis(), y, bands, lines, height: 250.0, ..Chart::default() }
 }
 
-/// The part of the axis that shows estimate and band, where the INS alone would squeeze them to a line.
+/// The part of the axis that shows estimate and band, where the INS alone would compress them to a line.
 fn frame(error: &[f64], ins: Option<&Vec<f64>>, sigma: Option<&Vec<f64>>) -> Option<(f64, f64)> {
     let largest = |x: &[f64]| x.iter().copied().filter(|v| v.is_finite()).fold(0.0, |a: f64, v| a.max(v.abs()));
     let own = largest(error).max(2.0 * sigma.map_or(0.0, |s| largest(s)));
     (largest(ins?) > 4.0 * own && own > 0.0).then_some((-1.6 * own, 1.6 * own))
 }
 
-/// The share of errors within two sigma, in words.
+/// The fraction of errors within two sigma, as text.
 fn share_inside(error: &[f64], sigma: &[f64]) -> String {
     let known = error.iter().zip(sigma).filter(|(e, s)| e.is_finite() && s.is_finite());
     let (inside, all) = known.fold((0usize, 0usize), |(i, n), (e, s)| (i + usize::from(e.abs() <= 2.0 * s), n + 1));
     if all == 0 { "none".to_owned() } else { format!("{:.0} %", 100.0 * inside as f64 / all as f64) }
 }
 
-fn innovations(flown: &Flown, fates: &BTreeMap<String, usize>) -> Option<Chart> {
+fn innovations(flown: &Flown, outcomes: &BTreeMap<String, usize>) -> Option<Chart> {
     let (residual, time) = (flown.residual.as_ref()?, minutes(&flown.tt));
     let mut bands = vec![];
     if let Some(nis) = &flown.nis {
@@ -94,11 +94,12 @@ fn innovations(flown: &Flown, fates: &BTreeMap<String, usize>) -> Option<Chart> 
         let half: Vec<f64> =
             residual.iter().zip(nis).map(|(r, n)| if *n > 0.0 { Z95 * r.abs() / n.sqrt() } else { f64::NAN }).collect();
         let points = envelope(&time, &half, BAND_POINTS).into_iter().map(|(t, s)| (t, -s, s)).collect();
-        bands.push(Band { name: "95 % as the filter predicts".into(), points });
+        bands.push(Band { name: "predicted 95 %".into(), points });
     }
-    let counted: Vec<String> = fates.iter().map(|(fate, n)| format!("{n} {}", fate.replace('_', " "))).collect();
+    let counted: Vec<String> =
+        outcomes.iter().map(|(outcome, n)| format!("{n} {}", outcome.replace('_', " "))).collect();
     let caption = format!(
-        "Measurement less prediction. An honest filter has them about zero, without a trend, inside of the band for 95 % of \
+        "Measurement less prediction. A consistent filter has them about zero, without a trend, inside of the band for 95 % of \
          the time. Samples: {}.",
         if counted.is_empty() { "not counted".to_owned() } else { counted.join(", ") }
     );
@@ -121,7 +122,7 @@ fn mean_square_band(n: f64) -> (f64, f64) {
     (at(-Z95), at(Z95))
 }
 
-/// Means over windows of `window` samples; a NaN where less than half are there.
+/// Means over windows of `window` samples; a NaN where fewer than half have values.
 fn window_means(time: &[f64], x: &[f64], window: usize) -> Vec<(f64, f64)> {
     let mean = |(t, x): (&[f64], &[f64])| {
         let figure = statistics::mean(x);
@@ -160,8 +161,8 @@ fn nees_chart(tt: &[f64], nees: &[f64]) -> Chart {
     // Chi-square with two degrees of freedom is an exponential distribution.
     let (low, high) = (-2.0 * 0.975f64.ln(), -2.0 * 0.025f64.ln());
     let caption = format!(
-        "Squared horizontal error in units of the filter's covariance. An honest filter has 2 in the mean and 95 % between \
-         {} and {}; above, it is too sure of itself. Here the mean is {}. Errors of a position last for minutes, so a single \
+        "Squared horizontal error in units of the filter's covariance. A consistent filter has a mean of 2 and 95 % between \
+         {} and {}; above, it is overconfident. Here the mean is {}. Errors of a position last for minutes, so a single \
          line may stay outside for a while.",
         number(Some(low)),
         number(Some(high)),

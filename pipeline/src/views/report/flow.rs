@@ -10,10 +10,10 @@ const BOX_W: f64 = 140.0;
 const BOX_H: f64 = 89.0;
 const GAP_X: f64 = 30.0;
 const GAP_Y: f64 = 18.0;
-/// Height of the lane that an arrow past other boxes keeps free.
+/// Height of the lane of an arrow past other boxes.
 const LANE_H: f64 = 12.0;
 
-/// What a box says, and where its arrows come from.
+/// The text of a box, and the sources of its arrows.
 struct Node {
     name: String,
     lines: Vec<String>,
@@ -22,10 +22,10 @@ struct Node {
     incomplete: bool,
 }
 
-/// A place in a column of the drawing: a box, or a lane for an arrow that passes.
+/// A slot in a column of the drawing: a box, or a lane for an arrow that passes.
 struct Place {
     node: Option<usize>,
-    /// The places of the column before that arrows come from.
+    /// The slots of the previous column that arrows come from.
     from: Vec<usize>,
     y: f64,
 }
@@ -78,7 +78,7 @@ fn plural(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
 
-/// The column of each node: one past its last input; sources stand beside what first reads them.
+/// The column of each node: one past its last input; sources are next to their first reader.
 fn columns_of(nodes: &[Node]) -> Vec<usize> {
     let mut column = vec![0usize; nodes.len()];
     for (i, node) in nodes.iter().enumerate() {
@@ -91,12 +91,12 @@ fn columns_of(nodes: &[Node]) -> Vec<usize> {
     column
 }
 
-/// Boxes and lanes, column by column, each column in the order of what leads to it.
+/// Boxes and lanes, column by column, each column in the order of its sources.
 fn layout(nodes: &[Node]) -> Vec<Vec<Place>> {
     let column = columns_of(nodes);
     let last = column.iter().copied().max().unwrap_or(0);
     let mut columns: Vec<Vec<Place>> = vec![];
-    // For each node the place where its box, or the lane of its arrow, is in the column before.
+    // For each node the slot where its box, or the lane of its arrow, is in the column before.
     let mut held: Vec<Option<usize>> = vec![None; nodes.len()];
     for c in 0..=last {
         let mut places: Vec<(Place, usize)> = vec![];
@@ -130,7 +130,7 @@ fn height(place: &Place) -> f64 {
     if place.node.is_some() { BOX_H } else { LANE_H }
 }
 
-/// Puts the places of a column below each other, about the middle of the column before.
+/// Stacks the slots of a column, about the middle of the previous column.
 fn stack(places: &mut [(Place, usize)], before: &[f64]) {
     let total: f64 = places.iter().map(|p| height(&p.0) + GAP_Y).sum::<f64>() - GAP_Y;
     let ends = before.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), y| (a.min(*y), b.max(*y)));
@@ -150,7 +150,7 @@ fn drawn(nodes: &[Node]) -> Markup {
     html! {
         div.scroll {
             svg.flow viewBox=(format!("0 -4 {} {}", px(wide), px(bottom + 8.0))) style=(format!("min-width:{}px;max-width:{}px", px(0.72 * wide), px(1.1 * wide)))
-                role="img" aria-label="The plan: tables and what they are made from" {
+                role="img" aria-label="The plan: tables and their inputs" {
                 @for (c, places) in columns.iter().enumerate() { @for place in places {
                     @for from in &place.from { @if let Some(before) = c.checked_sub(1).and_then(|b| columns.get(b)).and_then(|p| p.get(*from)) {
                         path.arrow d=(arrow(x(c - 1) + BOX_W, before.y, x(c), place.y)) {}

@@ -1,4 +1,4 @@
-//! The figures of `summary`: a dot for each sweep point, with its confidence interval.
+//! The values of `summary`: a dot for each sweep point, with its confidence interval.
 
 use arrow_array::{
     Array, RecordBatch,
@@ -18,7 +18,7 @@ use crate::{
     views::{scores::number, warnings::limits},
 };
 
-/// The most points of a plot.
+/// The maximum number of points of a plot.
 const MOST: usize = 40;
 const WIDTH: f64 = 460.0;
 const ROW: f64 = 20.0;
@@ -31,12 +31,12 @@ struct Row {
     dots: Vec<Dot>,
 }
 
-/// A pooled figure.
+/// A pooled value.
 #[derive(Debug)]
 struct Dot {
     point: String,
     value: f64,
-    /// None of a single line.
+    /// `None` for a single line.
     interval: Option<(f64, f64)>,
     lines: i64,
 }
@@ -44,7 +44,7 @@ struct Dot {
 /// A section for each table of `summary`.
 ///
 /// # Errors
-/// When the store is damaged.
+/// Fails when the store is damaged.
 pub fn sections(source: &Source) -> Result<Vec<Markup>, Fault> {
     let plan = source.graph.plan;
     let mut out = vec![];
@@ -89,7 +89,7 @@ fn section(name: &str, axes: &[&str], metrics: &[Row]) -> Markup {
     html! {
         section id=(format!("summary-{name}")) {
             h2 { "Summary" @if name != "summary" { ": " (name) } }
-            p.lead { "Each dot is a score pooled over the lines, the bar through it its bootstrap interval over whole lines; a figure of a single line has none."
+            p.lead { "Each dot is a score pooled over the lines, the bar through it its bootstrap interval over whole lines; a value of a single line has none."
                 @if !axes.is_empty() { " Rows are the points of " (axes.join(", ")) "." }
                 @if longest > MOST { " The first " (MOST) " of " (longest) " points are drawn; " code { "magline sql" } " shows them all." } }
             div.heat { @for row in metrics { (row.drawn()) } }
@@ -98,7 +98,7 @@ fn section(name: &str, axes: &[&str], metrics: &[Row]) -> Markup {
 }
 
 impl Row {
-    /// What a mean of it is for an honest filter.
+    /// Its mean for a consistent filter.
     fn law(&self) -> Option<&'static limits::Law> {
         match self.metric.name {
             "nees" => Some(&limits::NEES),
@@ -199,7 +199,7 @@ mod tests {
         let drms = metrics[0].drawn().into_string();
         assert_eq!((drms.matches("class=\"arm\"").count(), drms.matches("class=\"dot\"").count()), (2, 2), "{drms}");
         assert!(drms.contains("<title>mag_4_uc: 20.00, 15.00 to 30.00, 4 lines</title>"), "{drms}");
-        // No interval of one line; a value far from its law is marked, and the law is drawn.
+        // No interval for one line; a value far from its law is marked, and the law is drawn.
         let nees = metrics[1].drawn().into_string();
         assert_eq!(
             (nees.matches("class=\"arm\"").count(), nees.matches("<g class=\"bad\">").count()),

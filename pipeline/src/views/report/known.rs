@@ -1,4 +1,4 @@
-//! The map along a line, beside what was measured there and what is known to be there.
+//! The map along a line, with the measured and the true anomaly.
 
 use figures::{
     chart::{Chart, Dim, Line},
@@ -18,11 +18,11 @@ use crate::{
     views::scores::number,
 };
 
-/// The map's value along a line of a table of `map_value`, with the measured anomaly and the true one where they are
-/// there; none where no such table is.
+/// The map's value along a line of a table of `map_value`, with the measured and the true anomaly where they
+/// exist; `None` without such a table.
 ///
 /// # Errors
-/// When the store is damaged.
+/// Fails when the store is damaged.
 pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Option<Markup>, Fault> {
     let Some(r) = subject.map_value else { return Ok(None) };
     let column = |name: &str| source.floats(r, line, name);
@@ -32,7 +32,7 @@ pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Option<
     Ok(found.chart().draw())
 }
 
-/// A signal less core field and temporal variation, and what it is called.
+/// A signal less core field and temporal variation, and its name.
 fn measured(
     source: &Source,
     subject: &Subject,
@@ -67,13 +67,13 @@ impl Along {
     fn chart(&self) -> Chart {
         let time = minutes(&self.tt);
         let line = |name: &str, class, y: &[f64]| Line { name: name.into(), class, points: extremes(&time, y, MOST) };
-        let mut caption = "The anomaly of the map at the places of the line.".to_owned();
+        let mut caption = "The anomaly of the map at the positions of the line.".to_owned();
         let mut lines = vec![];
         if let Some((name, signal)) = &self.measured {
             let (shifted, constant) = on_the_map(signal, &self.map);
             lines.push(line(&format!("{name}, less core field and temporal variation"), "before", &shifted));
             caption.push_str(&format!(
-                " {name} differs from it by {} nT standard deviation about a constant of {} nT, which is taken off: \
+                " {name} differs from it by {} nT standard deviation about a constant of {} nT, which is subtracted: \
                  compensation leaves it open.",
                 number(Some(difference(signal, &self.map))),
                 number(Some(constant)),
@@ -97,7 +97,7 @@ impl Along {
     }
 }
 
-/// The signal with the mean difference from the map taken off, and that difference.
+/// The signal less the mean difference from the map, and that difference.
 fn on_the_map(signal: &[f64], map: &[f64]) -> (Vec<f64>, f64) {
     let constant = statistics::error_summary(signal, map).mean;
     (signal.iter().map(|x| x - constant).collect(), constant)

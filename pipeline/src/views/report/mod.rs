@@ -1,4 +1,4 @@
-//! `magline report`: a run as one page of tables and plots that needs nothing but a browser.
+//! `magline report`: a run as one page of tables and plots that needs only a browser.
 //!
 //! Everything is read column by column and line by line, so that the memory it takes does not grow with the sweep. The
 //! page holds no clock, host or path: the same store and spec give the same bytes.
@@ -37,10 +37,10 @@ use source::Source;
 use subject::{Shown, Subject};
 use track::Flown;
 
-/// Says whether `spec` has a store to report on, without making one.
+/// Checks that `spec` has a store to report on, without creating one.
 ///
 /// # Errors
-/// When nothing was run there.
+/// Fails when it has not been run.
 pub fn was_run(spec: &Spec) -> Result<(), Fault> {
     if spec.store.join("tables").join(&spec.name).is_dir() { Ok(()) } else { Err(not_run(spec)) }
 }
@@ -50,10 +50,10 @@ fn not_run(spec: &Spec) -> Fault {
     Fault::new(what).help(format!("run it first: `magline run {}`", spec.file))
 }
 
-/// The report of what `store` holds of the plan, as HTML.
+/// The report of the plan's results in `store`, as HTML.
 ///
 /// # Errors
-/// When nothing of the plan is there, or the store is damaged.
+/// Fails when there are no results of the plan, or the store is damaged.
 pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
     let source = Source::new(graph, store);
     if (0..graph.plan.tables.len()).all(|t| source.present(t).0 == 0) && source.failures()?.is_empty() {
@@ -61,7 +61,7 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
     }
     let current = published::is_current(&source);
     let written = if current { warnings::written(graph.plan, store)? } else { None };
-    // Read by key from what is there, they are of this plan even where the published tables are not.
+    // Results are read by key, so they are of this plan even where the published tables are not.
     let warnings = written.map_or_else(|| warnings::present(graph, store), Ok)?;
     let boards = if current { Board::all(&source, &warnings)? } else { vec![] };
     let mut sections: Vec<Markup> = boards.iter().map(|b| table::section(&source, b)).collect();
@@ -78,17 +78,17 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
         sections.extend(detail(&source, subject, &lines, &labels, atlas.as_ref())?);
     }
     sections.extend(variation::section(&source, subjects.first().and_then(|s| s.fit))?);
-    // What failed is published too.
+    // Failures are published too.
     let failures = if current { source.failures()? } else { vec![] };
     let trouble = page::Trouble { failures, warnings, outdated: !current };
     let defs = atlas.as_ref().map_or_else(|| html! {}, Atlas::defs);
     Ok(page::page(&source, &trouble, defs, &sections))
 }
 
-/// Writes `html` to `path`: beside it first, so that nobody sees half of it.
+/// Writes `html` to `path`: under a temporary name first, so that it appears complete.
 ///
 /// # Errors
-/// When the file system refuses.
+/// Fails when the file system refuses.
 pub fn write(path: &Path, html: &str) -> Result<(), Fault> {
     let refused = |e: std::io::Error| Fault::machine(format!("cannot write {}: {e}", path.display()));
     let mut name = path.file_name().unwrap_or_default().to_owned();
@@ -116,7 +116,7 @@ fn atlas(source: &Source, subjects: &[Subject], lines: &[Shown]) -> Result<Optio
     Atlas::new(source, map, &tracks)
 }
 
-/// One sweep point: its plots, a panel a line, and its model; `None` where it has neither.
+/// One sweep point: its plots, a panel per line, and its model; `None` where it has neither.
 fn detail(
     source: &Source,
     subject: &Subject,

@@ -14,7 +14,7 @@ use crate::{
     views::scores::number,
 };
 
-/// Beyond this three of the digits of the data are lost to single coefficients.
+/// Beyond this, single coefficients lose three digits of the data.
 const LARGE_CONDITION: f64 = 1000.0;
 
 /// One term of a model.
@@ -40,7 +40,7 @@ struct Model {
 /// The model of one sweep point; `None` where there is none.
 ///
 /// # Errors
-/// When the store is damaged.
+/// Fails when the store is damaged.
 pub fn table(source: &Source, subject: &Subject) -> Result<Option<Markup>, Fault> {
     let Some(Ref::Stage(table, instance)) = subject.fit else { return Ok(None) };
     let columns = [
@@ -90,8 +90,8 @@ impl Model {
         html! {
             div.model {
                 h3 { "The model: table " (name) }
-                @if !self.warning.is_empty() { p.warning role="alert" { strong { "Do not trust this fit as it is: " } (self.warning) "." } }
-                p { (self.rows) " samples were used and " (self.left_out) " left out. What the fit leaves of the filtered target has a standard deviation of "
+                @if !self.warning.is_empty() { p.warning role="alert" { strong { "This fit is not reliable: " } (self.warning) "." } }
+                p { (self.rows) " samples were used and " (self.left_out) " left out. The residual of the filtered target has a standard deviation of "
                     (number(Some(self.residual_nt))) " nT. The condition number of the matrix is " strong { (number(Some(self.condition))) } ". " (self.verdict()) (self.form()) }
                 div.scroll { table.sortable {
                     thead { tr {
@@ -109,12 +109,12 @@ impl Model {
                         td { (term.whisker(widest)) }
                     } } }
                 } }
-                p.note { "Terms within two sigma of zero are written faintly: the flight does not tell them from nothing." }
+                p.note { "Terms within two sigma of zero are greyed: they are not significant." }
             }
         }
     }
 
-    /// What the model's form says of itself.
+    /// The diagnostics of the model's form.
     fn form(&self) -> String {
         let mut out = String::new();
         if self.trivial_share.is_finite() {
@@ -130,15 +130,15 @@ impl Model {
 
     fn verdict(&self) -> String {
         if !self.condition.is_finite() {
-            return "It is not finite: some terms depend on others exactly, and their coefficients mean nothing."
+            return "It is not finite: some terms depend on others exactly, and their coefficients are meaningless."
                 .to_owned();
         }
         if self.condition < LARGE_CONDITION {
-            return "That is moderate: the flight tells the terms apart.".to_owned();
+            return "That is moderate: the flight separates the terms.".to_owned();
         }
         format!(
-            "That is large: the terms nearly depend on each other, and an error in the data may come out in a single \
-             coefficient up to {} times as large. The sum of the terms may be good all the same. More varied manoeuvres, fewer \
+            "That is large: the terms nearly depend on each other, and an error in the data may appear in a single \
+             coefficient up to {} times as large. The sum of the terms may still be accurate. More varied manoeuvres, fewer \
              terms or a larger lambda help.",
             number(Some(self.condition))
         )

@@ -1,4 +1,4 @@
-//! The page around the sections: heading, what failed, the plan, style and script.
+//! The page around the sections: heading, failures, the plan, style and script.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
@@ -9,14 +9,14 @@ use super::{
 };
 use crate::views::scores::number;
 
-/// The most failures listed.
+/// The maximum number of failures listed.
 const MOST: usize = 50;
 
-/// What the reader must know before he trusts the rest.
+/// Alerts that the reader must know before using the rest.
 pub struct Trouble {
-    /// What could not be computed.
+    /// The failures.
     pub failures: Vec<Failed>,
-    /// What is not to be trusted as it is.
+    /// The warnings.
     pub warnings: Vec<Warning>,
     /// Whether the published tables are of another version of the spec or its data.
     pub outdated: bool,
@@ -54,7 +54,7 @@ pub fn page(source: &Source, trouble: &Trouble, defs: Markup, sections: &[Markup
 fn heading(source: &Source) -> Markup {
     let plan = source.graph.plan;
     let axes = &plan.spec.axes;
-    // No table need have all axes: the largest one tells how many points were computed.
+    // No table need have all axes: the largest one gives the number of computed points.
     let points = plan.tables.iter().map(|t| t.len()).max().unwrap_or(0);
     let mut flights: Vec<&str> = source.graph.lines.iter().map(|l| l.0.as_str()).collect();
     flights.dedup();
@@ -108,7 +108,7 @@ fn grouped(n: usize) -> String {
     out
 }
 
-/// What failed or is not there, where there is something.
+/// The failures and missing results, if any.
 fn troubles(source: &Source, Trouble { failures, warnings, outdated }: &Trouble) -> Markup {
     let plan = source.graph.plan;
     let missing: Vec<(&str, usize, usize)> = plan
@@ -136,7 +136,7 @@ fn troubles(source: &Source, Trouble { failures, warnings, outdated }: &Trouble)
         @if *outdated {
             section.trouble id="outdated" {
                 h2 { "The spec or its data changed since the last run" }
-                p { "Scores are left out, as they are those of the other version, and below is only what the store holds of this one. "
+                p { "Scores are omitted, as they are those of the other version; below are only the results of this version.  "
                     code { "magline run " (plan.spec.file) } " brings the tables up to date." }
             }
         }
@@ -144,16 +144,16 @@ fn troubles(source: &Source, Trouble { failures, warnings, outdated }: &Trouble)
             section.trouble id="missing" {
                 h2 { "Not everything is in the store" }
                 p { @for (i, (name, n, all)) in missing.iter().enumerate() { @if i > 0 { ", " } code { (name) } ": " (n) " of " (all) " missing" } "." }
-                @if !failures.is_empty() { p { "What rests on a failure is left out with it." } }
+                @if !failures.is_empty() { p { "Results that depend on a failure are omitted too." } }
             }
         }
     }
 }
 
-/// As many warnings of each kind are in sight.
+/// The number of visible warnings of each kind.
 const OF_EACH: usize = 3;
 
-/// What is not to be trusted as it is: the worst of each kind, the others folded.
+/// The warnings: the worst of each kind, the others folded.
 fn warned(pipeline: &str, warnings: &[Warning]) -> Markup {
     let mut worst: Vec<&Warning> = warnings.iter().collect();
     worst.sort_by(|a, b| a.kind.cmp(&b.kind).then(b.excess().total_cmp(&a.excess())));

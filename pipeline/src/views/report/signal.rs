@@ -26,15 +26,15 @@ struct Signal {
     tt: Vec<f64>,
     before: Vec<f64>,
     after: Vec<f64>,
-    /// The column of the truth that was taken off.
+    /// The column of the truth that was subtracted.
     truth: Option<String>,
     means: (f64, f64),
 }
 
-/// The plots of one line; none where nothing was compensated.
+/// The plots of one line; none without compensation.
 ///
 /// # Errors
-/// When the store is damaged.
+/// Fails when the store is damaged.
 pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Vec<Markup>, Fault> {
     let Some(signal) = read(source, subject, line)? else { return Ok(vec![]) };
     let band = pass_band(source, subject);
@@ -61,7 +61,7 @@ fn read(source: &Source, subject: &Subject, line: LineId) -> Result<Option<Signa
     Ok(Some(Signal { tt, before, after, truth: truth.map(|t| t.0), means }))
 }
 
-/// Takes the mean off, and returns it.
+/// Subtracts the mean, and returns it.
 fn centre(x: &mut [f64]) -> f64 {
     let mean = statistics::mean(x).value;
     x.iter_mut().for_each(|x| *x -= mean);
@@ -93,11 +93,11 @@ fn both(signal: &Signal) -> Chart {
     let (uncompensated, compensated) = (summary(&signal.before), summary(&signal.after));
     let of = match &signal.truth {
         Some(truth) => format!("Signal less the truth {truth}, before and after compensation"),
-        None => "Signal before and after compensation; there is no truth to hold it against, so geology is in both"
+        None => "Signal before and after compensation; there is no truth to compare with, so both include geology"
             .to_owned(),
     };
     let caption = format!(
-        "{of}. The standard deviation goes from {} to {} nT. The means of {} and {} nT are taken off: a fit of band-passed \
+        "{of}. The standard deviation goes from {} to {} nT. The means of {} and {} nT are subtracted: a fit of band-passed \
          data cannot know the constant part. Of each stretch of time the smallest and largest value are drawn, so spikes stay.",
         number(Some(uncompensated.std)),
         number(Some(compensated.std)),
@@ -119,8 +119,7 @@ fn both(signal: &Signal) -> Chart {
 }
 
 fn after(signal: &Signal) -> Chart {
-    let caption =
-        "The compensated line of the plot above on its own scale: what is left is what navigation has to live with.";
+    let caption = "The compensated line of the plot above on its own scale: the residual is the noise of navigation.";
     Chart {
         title: "After compensation, enlarged".into(),
         caption: caption.into(),
@@ -132,7 +131,7 @@ fn after(signal: &Signal) -> Chart {
     }
 }
 
-/// What the fit looked at.
+/// The settings of the fit.
 #[derive(Clone, Copy)]
 struct PassBand {
     low_hz: f64,
@@ -154,7 +153,7 @@ fn pass_band(source: &Source, subject: &Subject) -> Option<PassBand> {
     Some(band).filter(|b| b.low_hz > 0.0 && b.low_hz < b.high_hz)
 }
 
-/// Before and after within the pass band: without a truth the only place where the aircraft stands out from geology.
+/// Before and after within the pass band: without a truth the only band where the aircraft is separable from geology.
 fn within(signal: &Signal, band: PassBand) -> Option<Chart> {
     let rate_hz = sample_rate(&signal.tt, STEP_TOLERANCE).ok()?;
     let filter =
@@ -202,7 +201,7 @@ fn spectra(signal: &Signal, band: Option<PassBand>) -> Option<Chart> {
     let (after, _) = of("compensated", "after", &signal.after)?;
     let what = if signal.truth.is_some() { "error" } else { "signal" };
     let shaded = if band.is_some() {
-        " Shaded is the pass band that the model was fitted in: there it has to gain."
+        " Shaded is the pass band that the model was fitted in: there it should improve."
     } else {
         ""
     };
@@ -269,7 +268,7 @@ mod tests {
         slow.before.iter_mut().zip(&drift).for_each(|(x, d)| *x += d);
         let drawn = within(&slow, BAND).unwrap();
         let highest = drawn.lines[0].points.iter().map(|p| p.1.abs()).fold(0.0, f64::max);
-        // A drift of 1200 nT is gone and the 50 nT at 0.5 Hz are left; at the ends the filter overshoots a little.
+        // A drift of 1200 nT is gone and the 50 nT at 0.5 Hz remain; at the ends the filter overshoots slightly.
         assert!((49.0..70.0).contains(&highest), "{highest}");
     }
 }

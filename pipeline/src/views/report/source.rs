@@ -1,4 +1,4 @@
-//! What the page is made from: single columns of single lines, read from the store one at a time.
+//! The inputs of the page: single columns of single lines, read from the store one at a time.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -15,26 +15,26 @@ use crate::{
     store::{Store, published},
 };
 
-/// Reads columns by what they are keyed with, so that only what belongs to this spec is ever shown.
+/// Reads columns by their keys, so that only results of this spec are shown.
 pub struct Source<'a> {
     /// The plan with its lines and keys.
     pub graph: &'a Graph<'a>,
-    /// Where the columns are.
+    /// The store of the columns.
     pub store: &'a Store,
-    /// How much is there of each table that was asked for.
+    /// The number of available units of each requested table.
     counted: Mutex<HashMap<usize, usize>>,
 }
 
-/// Something that could not be computed, as often as it happened.
+/// A failure, with its number of occurrences.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Failed {
     /// The table.
     pub stage: String,
     /// Why.
     pub error: String,
-    /// Where, at first: axis values, flight, line.
+    /// Its first occurrence: axis values, flight, line.
     pub example: String,
-    /// How often.
+    /// The number of occurrences.
     pub times: usize,
 }
 
@@ -54,21 +54,21 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// The numbers of a column of one line; `None` where the table or the line has no such column, or nothing is
-    /// there yet.
+    /// The numbers of a column of one line; `None` where the table or the line has no such column, or it is not
+    /// computed yet.
     ///
     /// # Errors
-    /// When the store is damaged.
+    /// Fails when the store is damaged.
     pub fn floats(&self, r: Ref, line: LineId, name: &str) -> Result<Option<Vec<f64>>, Fault> {
         let Some(batch) = self.column(r, line, name)? else { return Ok(None) };
         let numbers = batch.column(0).as_primitive_opt::<Float64Type>();
         Ok(numbers.map(|a| a.iter().map(|v| v.unwrap_or(f64::NAN)).collect()))
     }
 
-    /// How often each text stands in a column of one line.
+    /// The number of occurrences of each text in a column of one line.
     ///
     /// # Errors
-    /// When the store is damaged.
+    /// Fails when the store is damaged.
     pub fn tally(&self, r: Ref, line: LineId, name: &str) -> Result<BTreeMap<String, usize>, Fault> {
         let mut counts = BTreeMap::new();
         let batch = self.column(r, line, name)?;
@@ -100,10 +100,10 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// A small table that one unit made; `None` where it is not there.
+    /// A small table of one unit; `None` where it does not exist.
     ///
     /// # Errors
-    /// When the store is damaged.
+    /// Fails when the store is damaged.
     pub fn tidy(&self, unit: Unit, columns: &[&str]) -> Result<Option<RecordBatch>, Fault> {
         match self.graph.key(unit) {
             Ok(key) if self.store.has(key) => self.store.get(key, columns).map(Some),
@@ -125,7 +125,7 @@ impl<'a> Source<'a> {
         Ok(MapGrid::from_rows(map.column("lat"), map.column("lon"), map.column("anomaly")).ok())
     }
 
-    /// How many units of the table `t` are in the store, and how many there are.
+    /// The number of units of the table `t` in the store, and their total.
     pub fn present(&self, t: usize) -> (usize, usize) {
         let mut counted = self.counted.lock().unwrap_or_else(PoisonError::into_inner);
         let there = *counted.entry(t).or_insert_with(|| {
@@ -134,10 +134,10 @@ impl<'a> Source<'a> {
         (there, self.graph.unit_count(t))
     }
 
-    /// What the last run could not compute, the same reason of the same table once.
+    /// The failures of the last run, equal reasons of a table merged.
     ///
     /// # Errors
-    /// When the table of failures cannot be read.
+    /// Fails when the table of failures cannot be read.
     pub fn failures(&self) -> Result<Vec<Failed>, Fault> {
         let spec = &self.graph.plan.spec;
         let folder = self.store.table(&spec.name, "failures");
@@ -147,7 +147,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// Rows of failures, the same ones together, in the order of their first.
+/// Rows of failures, equal ones merged, in the order of their first.
 fn grouped(batch: &RecordBatch, axes: &[&str]) -> Result<Vec<Failed>, Fault> {
     let unreadable = |e: &dyn std::fmt::Display| Fault::machine(format!("cannot read the failures: {e}"));
     let mut found: Vec<Failed> = vec![];

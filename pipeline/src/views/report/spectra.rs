@@ -1,4 +1,4 @@
-//! The recorded signals of one line over frequency, beside published ones: noise floors of sensors, the spectrum of an
+//! The recorded signals of one line over frequency, with published ones: noise floors of sensors, the spectrum of an
 //! observatory, the band of manoeuvres.
 
 use figures::chart::{Chart, Dim, Line};
@@ -15,7 +15,7 @@ use crate::plan::{LineId, Ref};
 /// The spectrum of Boulder's record, made by `datasets/reference/make_observatory_spectrum.py`.
 const OBSERVATORY: &str = include_str!("observatory_spectrum.csv");
 
-/// Sensitivities in nT/√Hz: what sensors are said to be capable of.
+/// Sensitivities in nT/√Hz: the published noise of sensors.
 /// [thesis 001, Table 3; thesis 004, Table 3.3]
 const FLOORS: [(&str, f64); 3] =
     [("MicroSAM 20 pT/√Hz", 0.02), ("VMR vector 300 pT/√Hz", 0.3), ("G-823A 4 pT/√Hz", 0.004)];
@@ -23,13 +23,13 @@ const FLOORS: [(&str, f64); 3] =
 /// Manoeuvres of calibration boxes have periods of 4 to 20 s. [thesis 000, Table 5.7]
 const MANOEUVRES_HZ: (f64, f64) = (0.05, 0.25);
 
-/// Colours there are.
+/// The number of colours.
 const MOST: usize = 8;
 
-/// The spectra of one line's recorded signals; none where nothing was recorded with them.
+/// The spectra of one line's recorded signals; none without recorded signals.
 ///
 /// # Errors
-/// When the store is damaged.
+/// Fails when the store is damaged.
 pub fn plots(source: &Source, subject: &Subject, line: LineId) -> Result<Vec<Markup>, Fault> {
     let Some(flights) = subject.compensate.or(subject.navigate).and_then(|r| flights(source, r)) else {
         return Ok(vec![]);
@@ -57,7 +57,7 @@ fn flights(source: &Source, r: Ref) -> Option<Ref> {
     matches!(at, Ref::Flights(_)).then_some(at)
 }
 
-/// What is drawn: the temporal variation, the geology where it is known, and the scalar magnetometers.
+/// The drawn signals: the temporal variation, the geology where it is known, and the scalar magnetometers.
 fn recorded(columns: &[Column]) -> Vec<String> {
     let scalar = |c: &&Column| c.unit == "nT" && c.name.starts_with("mag_");
     let named = |name: &str| columns.iter().find(|c| c.name == name).map(|c| c.name.clone());
@@ -65,7 +65,7 @@ fn recorded(columns: &[Column]) -> Vec<String> {
     first.chain(columns.iter().filter(scalar).map(|c| c.name.clone())).take(MOST).collect()
 }
 
-/// Amplitude density in nT/√Hz; `None` of a signal that does not vary.
+/// Amplitude density in nT/√Hz; `None` for a signal that does not vary.
 fn amplitude(x: &[f64], rate_hz: f64) -> Option<Vec<(f64, f64)>> {
     let quarter = (x.len() / 4).max(2);
     let spectrum = welch(x, rate_hz, 1usize << quarter.ilog2().min(12), Window::Hann).ok()?;
@@ -99,9 +99,9 @@ fn chart(mut lines: Vec<Line>, rate_hz: f64) -> Option<Chart> {
             lines.push(Line { name: name.to_owned(), class: "reference", points });
         }
     }
-    let caption = "What the sensors recorded, with core field and geology in it, beside what others have published: the \
+    let caption = "The recorded signals, including core field and geology, with published ones: the \
         temporal variation of the total field at the observatory Boulder (INTERMAGNET; 3 to 5 November 2014 and 1 January \
-        2020), and the sensitivity that makers of magnetometers state. Shaded is the band of the manoeuvres of a \
+        2020), and the sensitivity stated by makers of magnetometers. Shaded is the band of the manoeuvres of a \
         calibration box. Below it there are geology and temporal variation, above it the sensor's own noise shows.";
     Some(Chart {
         title: "Spectra of the recorded signals".into(),

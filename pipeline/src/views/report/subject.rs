@@ -1,4 +1,4 @@
-//! Which sweep points and which lines are shown in detail.
+//! The sweep points and the lines that are shown in detail.
 
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
 use schemas::{Fault, metric::Metric};
@@ -15,9 +15,9 @@ pub struct Subject {
     pub id: &'static str,
     /// The heading.
     pub title: String,
-    /// The point in words; empty without axes.
+    /// The point as text; empty without axes.
     pub point: String,
-    /// The figure it was chosen by.
+    /// The score it was chosen by, as text.
     pub why: String,
     /// The table with the compensated signal.
     pub compensate: Option<Ref>,
@@ -38,11 +38,11 @@ pub struct Subject {
 pub struct Shown {
     /// The line.
     pub line: LineId,
-    /// Why it was chosen.
+    /// The reason of its choice.
     pub why: &'static str,
 }
 
-/// What a point was chosen by.
+/// The score that a point was chosen by.
 pub struct Chosen {
     /// The score table and its instance at the point.
     at: (usize, usize),
@@ -50,7 +50,7 @@ pub struct Chosen {
 }
 
 impl Chosen {
-    /// A value of the metric in words.
+    /// A value of the metric as text.
     fn words(&self, value: Option<f64>) -> String {
         let Metric { name, unit, .. } = self.metric;
         let unit = if unit == "1" { String::new() } else { format!(" {unit}") };
@@ -137,7 +137,7 @@ pub fn word(canonical: &str) -> Option<String> {
 /// where nothing was scored.
 ///
 /// # Errors
-/// When the store is damaged.
+/// Fails when the store is damaged.
 pub fn lines(source: &Source, subject: &Subject) -> Result<Vec<Shown>, Fault> {
     let scored = scored_lines(source, subject)?;
     let picks: &[(usize, &'static str)] = match scored.len() {
@@ -153,7 +153,7 @@ pub fn lines(source: &Source, subject: &Subject) -> Result<Vec<Shown>, Fault> {
 /// Flight, line, its own score at this point and why it is shown; `best` is the point that chose the lines.
 ///
 /// # Errors
-/// When the store is damaged.
+/// Fails when the store is damaged.
 pub fn label(source: &Source, subject: &Subject, shown: &Shown, best: &Subject) -> Result<String, Fault> {
     let mut label =
         source.graph.lines.get(shown.line).map(|(f, l)| format!("Flight {f}, line {l}")).unwrap_or_default();

@@ -65,7 +65,7 @@ impl Flown {
     /// What the navigation of `subject` made of `line`; `None` where it has none.
     ///
     /// # Errors
-    /// When the store is damaged.
+    /// Fails when the store is damaged.
     pub fn read(source: &Source, subject: &Subject, line: LineId) -> Result<Option<Flown>, Fault> {
         let Some(r @ Ref::Stage(t, i)) = subject.navigate else { return Ok(None) };
         let Some(flights) = source.graph.plan.instance(t, i).first_input() else { return Ok(None) };

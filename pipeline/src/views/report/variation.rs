@@ -44,7 +44,7 @@ const TABLES: usize = 4;
 /// vary. Where there is none, how those of `fit` vary over any axis. `None` where no two models are alike.
 ///
 /// # Errors
-/// When the store is damaged.
+/// Fails when the store is damaged.
 pub fn section(source: &Source, fit: Option<Ref>) -> Result<Option<Markup>, Fault> {
     let tables = &source.graph.plan.tables;
     let mut parts = vec![];

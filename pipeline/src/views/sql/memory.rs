@@ -23,7 +23,7 @@ const UNITS: [(&str, usize); 8] = [
 /// Reads a size such as `1GB`, `500 MB` or `1.5GiB`.
 ///
 /// # Errors
-/// When it is none, or too small to work with.
+/// Fails when it is none, or too small to work with.
 pub fn size(text: &str) -> Result<usize, String> {
     let text = text.trim();
     let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());

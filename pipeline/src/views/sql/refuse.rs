@@ -12,7 +12,7 @@ use crate::deep;
 /// Refuses a statement that does not ask, and one that is nested too deep.
 ///
 /// # Errors
-/// What it is.
+/// Fails with the reason why the statement is rejected.
 pub fn statement(statement: &Statement) -> Result<(), Fault> {
     match statement {
         Statement::Statement(sql) => match sql.as_ref() {
@@ -39,7 +39,7 @@ pub fn statement(statement: &Statement) -> Result<(), Fault> {
 /// Refuses a plan with a part, however deep, that does anything but read.
 ///
 /// # Errors
-/// What the part is.
+/// Fails with the reason why the part is rejected.
 pub fn plan(plan: &LogicalPlan) -> Result<(), Fault> {
     let mut found = None;
     let visited = plan.apply_with_subqueries(|part| {

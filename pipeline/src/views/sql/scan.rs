@@ -82,7 +82,7 @@ impl Published {
     /// The table `table` of `version`.
     ///
     /// # Errors
-    /// When a file of it is damaged.
+    /// Fails when a file of it is damaged.
     pub fn open(objects: &Arc<Objects>, version: &Version, table: &ManifestTable) -> Result<Published, Fault> {
         let path = |name: &str| version.folder.join(name);
         let open = |name: &str| Sealed::open(&path(name)).map_err(|e| damaged(&path(name), &e));

@@ -78,7 +78,7 @@ impl SchemaProvider for Pipeline {
 /// Makes every table of the store at `root` known.
 ///
 /// # Errors
-/// When the store cannot be read.
+/// Fails when the store cannot be read.
 pub fn register(context: &SessionContext, root: &Path) -> Result<Known, Fault> {
     let mut known = Known::default();
     let Ok(root) = root.canonicalize() else { return Ok(known) };

@@ -42,7 +42,7 @@ impl<'a> Facts<'a> {
     /// Looks up what is known of `line` above the tables `inputs` of a score.
     ///
     /// # Errors
-    /// When the store cannot be read.
+    /// Fails when the store cannot be read.
     pub fn gather(
         graph: &Graph,
         store: &Store,

@@ -138,7 +138,7 @@ impl Warning {
 /// the order of the sweep and of the lines.
 ///
 /// # Errors
-/// When the store cannot be read.
+/// Fails when the store cannot be read.
 pub fn find(graph: &Graph, store: &Store, done: &(dyn Fn(Unit) -> bool + Sync)) -> Result<Vec<Warning>, Fault> {
     let plan = graph.plan;
     let tables = |stage: &'static str| (0..plan.tables.len()).filter(move |t| plan.tables[*t].entry.name == stage);
@@ -152,7 +152,7 @@ pub fn find(graph: &Graph, store: &Store, done: &(dyn Fn(Unit) -> bool + Sync)) 
 /// Those that are in the store now, whatever the last run did.
 ///
 /// # Errors
-/// When the store cannot be read.
+/// Fails when the store cannot be read.
 pub fn present(graph: &Graph, store: &Store) -> Result<Vec<Warning>, Fault> {
     find(graph, store, &|unit| graph.key(unit).is_ok_and(|key| store.has(key)))
 }

@@ -17,7 +17,7 @@ const UNITS: [&str; 3] = ["m", "nT", "1"];
 /// when an axis has the name of one of its columns.
 ///
 /// # Errors
-/// When it is there and cannot be read.
+/// Fails when it is there and cannot be read.
 pub fn written(plan: &Plan, store: &Store) -> Result<Option<Vec<Warning>>, Fault> {
     let axes = &plan.spec.axes;
     if axes.iter().any(|a| COLUMNS.contains(&a.name.as_str())) {

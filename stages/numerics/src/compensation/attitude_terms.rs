@@ -1,8 +1,8 @@
-//! Features made of the attitude: direction cosines and products of sines and cosines, by MagNav.jl's names.
+//! Features computed from the attitude: direction cosines and products of sines and cosines, named as in MagNav.jl.
 
 use crate::earth::attitude::body_to_ned;
 
-/// The products of sines and cosines of roll, pitch and yaw that go by a name of their own: `c` and `s` for cosine and
+/// The products of sines and cosines of roll, pitch and yaw that have names: `c` and `s` for cosine and
 /// sine, `r`, `p` and `y` for the angle.
 pub const PRODUCTS: [&str; 20] = [
     "crcy", "cpcy", "crsy", "cpsy", "srcy", "spcy", "srsy", "spsy", "crcpcy", "srcpcy", "crspcy", "srspcy", "crcpsy",
@@ -37,7 +37,7 @@ impl Attitude<'_> {
         Some((0..self.rows()).map(one).collect())
     }
 
-    /// One of [`PRODUCTS`]; `None` for a name that is none.
+    /// One of [`PRODUCTS`]; `None` for an unknown name.
     pub fn product(&self, name: &str) -> Option<Vec<f64>> {
         PRODUCTS.contains(&name).then(|| (0..self.rows()).map(|i| self.product_at(name, i)).collect())
     }

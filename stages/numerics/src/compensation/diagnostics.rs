@@ -3,15 +3,15 @@
 
 use crate::regression::least_squares::{LeastSquaresError, LinearFit, Moments, Prepared, expect, setting};
 
-/// The least part of a direction for a term to be named with it.
+/// The smallest component of a direction whose term is listed with it.
 const NAMED_FROM: f64 = 0.1;
 
-/// A combination of terms that the rows hardly hold.
+/// A combination of terms that the rows barely excite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WeakDirection {
     /// Its singular value over the largest, with all columns scaled alike.
     pub strength: f64,
-    /// The terms that make it up, each with its part (of a vector of length 1), largest first.
+    /// The terms that make it up, each with its component (of a unit vector), largest first.
     pub terms: Vec<(String, f64)>,
 }
 
@@ -21,9 +21,9 @@ pub struct Excitation {
     /// The largest singular value over the smallest; infinite where a term is zero throughout.
     pub condition: f64,
     /// For each term, by how much its coefficient's variance is larger than it would be if no other term
-    /// were like it; infinite where others make it up. 10 is commonly called too much.
+    /// were like it; infinite where it is a combination of other terms. 10 is a common limit.
     pub variance_inflation: Vec<f64>,
-    /// The directions weaker than asked for, weakest first.
+    /// The directions weaker than the limit, weakest first.
     pub weak: Vec<WeakDirection>,
 }
 
@@ -175,10 +175,11 @@ pub fn trivial_solution<S: AsRef<str>>(
 /// What the linear form of Tolles-Lawson misses at most, in nT, in any attitude.
 ///
 /// The aircraft's field F changes the magnitude B of the earth's by F·B̂ + F⊥²/2B + …, and the model has the first term
-/// alone. F is `permanent_nt` p (nose, right, down) plus M B with the symmetric matrix `induced` (xx, xy, xz, yy, yz, zz,
-/// per unit field; a term xy of the model stands for both xy and yx). Its size is at most |p| + ‖M‖ B, with the largest
-/// absolute eigenvalue of M: so the bound is (|p| + ‖M‖ B)²/2B, the relative b²/2 of thesis 004 (Figure 4.2: 0.4 nT for
-/// 200 nT in 50,000 nT). Eddy currents, and what is antisymmetric in M, are not in it: a scalar does not tell the latter.
+/// alone. F is `permanent_nt` p (nose, right, down) plus M B with the symmetric matrix `induced` (xx, xy, xz, yy, yz,
+/// zz, per unit field; a term xy of the model stands for both xy and yx). Its size is at most |p| + ‖M‖ B, with the
+/// largest absolute eigenvalue of M: so the bound is (|p| + ‖M‖ B)²/2B, the relative b²/2 of thesis 004 (Figure 4.2:
+/// 0.4 nT for 200 nT in 50,000 nT). Eddy currents, and what is antisymmetric in M, are not in it: a scalar does not
+/// tell the latter.
 pub fn approximation_bound_nt(permanent_nt: [f64; 3], induced: [f64; 6], field_nt: f64) -> f64 {
     let [xx, xy, xz, yy, yz, zz] = induced;
     let (xy, xz, yz) = (0.5 * xy, 0.5 * xz, 0.5 * yz);
@@ -261,8 +262,8 @@ mod tests {
             assert!(missed > -1e-9);
             most = most.max(missed);
         }
-        // Third order, F³/2B², is 2 % here; the worst attitude comes near the bound, as F need not be at right angles in
-        // the direction in which it is largest.
+        // Third order, F³/2B², is 2 % here; the worst attitude comes near the bound, as F need not be at right angles
+        // in the direction in which it is largest.
         assert!(most <= bound && most > 0.4 * bound, "{most} {bound}");
         assert!(approximation_bound_nt([f64::NAN; 3], [0.0; 6], 5e4).is_nan());
     }

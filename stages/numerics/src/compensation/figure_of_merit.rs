@@ -1,7 +1,7 @@
 //! Noriega's figure of merit: what the manoeuvres of a calibration box leave in a compensated signal.
 //!
-//! A box has four headings and on each a pitch, a roll and a yaw manoeuvre, a few periods of a sinusoid. The index is the
-//! sum over these twelve of the mean peak-to-peak amplitude of the signal during the manoeuvre.
+//! A box has four headings and on each a pitch, a roll and a yaw manoeuvre, a few periods of a sinusoid. The index is
+//! the sum over these twelve of the mean peak-to-peak amplitude of the signal during the manoeuvre.
 //! [Noriega 2011, "Performance measures in aeromagnetic compensation", The Leading Edge 30(10)]
 
 use std::ops::Range;
@@ -11,13 +11,13 @@ use crate::{
     regression::statistics::Figure,
 };
 
-/// Swings below this, in degrees from one extreme to the next, are no manoeuvre.
+/// Swings below this, in degrees from one extreme to the next, are not manoeuvres.
 const LEAST_SWING_DEG: f64 = 3.0;
-/// Extremes that follow each other more slowly than this, in seconds, are no manoeuvre.
+/// Extremes that follow each other more slowly than this, in seconds, are not part of one manoeuvre.
 const SLOWEST_HALF_S: f64 = 12.0;
 /// Extremes that follow each other faster than this, in seconds, are gusts.
 const FASTEST_HALF_S: f64 = 1.0;
-/// Extremes of one manoeuvre: two periods and a bit.
+/// Extremes of one manoeuvre: slightly more than two periods.
 const LEAST_EXTREMES: usize = 5;
 /// How far swings and half periods of one manoeuvre may lie from its first ones: gusts are not that regular.
 const REGULAR: f64 = 1.7;
@@ -42,7 +42,7 @@ pub struct Manoeuvre {
     pub axis: Axis,
     /// Mean heading during it, in degrees from north.
     pub heading_deg: f64,
-    /// Rows of its extremes, high and low in turns.
+    /// Rows of its extremes, high and low alternating.
     pub extremes: Vec<usize>,
     /// Mean of its swings, in degrees from one extreme to the next.
     pub swing_deg: f64,
@@ -58,8 +58,8 @@ impl Manoeuvre {
 
 /// The manoeuvres in an attitude (roll, pitch, yaw in degrees at the times `tt_s`), in the order of time.
 ///
-/// A manoeuvre is five or more extremes in a row of one axis, at least 3 degrees from one to the next, of about the same
-/// swing and spacing. Where two axes swing at once it belongs to the one that swings more.
+/// A manoeuvre is five or more extremes in a row of one axis, at least 3 degrees from one to the next, of about the
+/// same swing and spacing. Where two axes swing at once it belongs to the one that swings more.
 pub fn manoeuvres(tt_s: &[f64], attitude_deg: [&[f64]; 3]) -> Vec<Manoeuvre> {
     let mut found: Vec<Manoeuvre> = vec![];
     for (axis, angle) in [Axis::Roll, Axis::Pitch, Axis::Yaw].into_iter().zip(attitude_deg) {
@@ -84,7 +84,7 @@ pub fn manoeuvres(tt_s: &[f64], attitude_deg: [&[f64]; 3]) -> Vec<Manoeuvre> {
 }
 
 /// The figure of merit of a band-passed signal over the manoeuvres of a box, in the signal's unit, and how many
-/// manoeuvres are behind it. NaN unless pitch, roll and yaw are there on four headings at right angles.
+/// manoeuvres it is computed from. NaN unless pitch, roll and yaw manoeuvres exist on four headings at right angles.
 pub fn figure_of_merit(signal: &[f64], manoeuvres: &[Manoeuvre]) -> Figure {
     let Some(first) = manoeuvres.first() else { return Figure { value: f64::NAN, n: 0 } };
     let (mut sums, mut counts) = ([0.0; 12], [0usize; 12]);
@@ -133,7 +133,7 @@ fn about_trend(tt_s: &[f64], x: &[f64]) -> Vec<f64> {
     (0..n).map(one).collect()
 }
 
-/// Turning points with at least [`LEAST_SWING_DEG`] between them, high and low in turns.
+/// Turning points with at least [`LEAST_SWING_DEG`] between them, high and low alternating.
 fn extremes(x: &[f64]) -> Vec<usize> {
     let mut out: Vec<usize> = vec![];
     let (mut high, mut low) = (0, 0);

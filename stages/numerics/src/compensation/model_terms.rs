@@ -1,5 +1,5 @@
-//! Terms of compensation models beside the Tolles-Lawson matrix: inputs on the direction of the field, the core field
-//! in the body frame, and the slope of the geology.
+//! Terms of compensation models in addition to the Tolles-Lawson matrix: inputs on the direction of the field, the core
+//! field in the body frame, and the slope of the geology.
 
 use crate::{
     earth::geodesy::EarthModel,
@@ -9,7 +9,7 @@ use crate::{
 /// Number of terms of [`core_terms`].
 pub const CORE_TERMS: usize = 21;
 
-/// Groups of the extended Tolles-Lawson model. [thesis 004, 2.3]
+/// The groups of terms of the extended Tolles-Lawson model. [thesis 004, 2.3]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Group {
     /// The input itself: one term, `_1`.
@@ -31,8 +31,8 @@ impl Group {
     }
 }
 
-/// The terms of one input in one group, a column each, in the input's unit. `cosines` are the direction cosines of the
-/// field in the body frame. `None` where a difference is asked for of a single sample. [thesis 004, (2.35)-(2.37)]
+/// The terms of one input in one group, one column each, in the input's unit. `cosines` are the direction cosines of
+/// the field in the body frame. `None` where a difference of a single sample is requested. [thesis 004, (2.35)-(2.37)]
 pub fn extended_terms(input: &[f64], cosines: [&[f64]; 3], group: Group) -> Option<Vec<Vec<f64>>> {
     let projected = |x: &[f64]| cosines.map(|c| x.iter().zip(c).map(|(x, c)| x * c).collect()).to_vec();
     Some(match group {
@@ -42,7 +42,7 @@ pub fn extended_terms(input: &[f64], cosines: [&[f64]; 3], group: Group) -> Opti
     })
 }
 
-/// The direction cosines of a vector, a column an axis; NaN where it is zero or not known.
+/// The direction cosines of a vector, one column per axis; NaN where the vector is zero or unknown.
 pub fn cosines(vector: [&[f64]; 3]) -> [Vec<f64>; 3] {
     let rows = vector.iter().map(|v| v.len()).min().unwrap_or(0);
     let norm = |i: usize| vector.iter().map(|v| v[i] * v[i]).sum::<f64>().sqrt();
@@ -59,11 +59,11 @@ pub fn core_term_names() -> Vec<String> {
 }
 
 /// The 21 terms of the core-field (reference-free) model, row-major: with u the direction cosines of the vector
-/// magnetometer, C the core field in the body frame and Ċ its difference per sample, u_i (3), C_i u_j (9) and Ċ_i u_j (9),
-/// i counting first, the latter two over `scale_nt`. The target that goes with them is the scalar less |C|.
+/// magnetometer, C the core field in the body frame and Ċ its difference per sample, u_i (3), C_i u_j (9) and Ċ_i u_j
+/// (9), i varying fastest, the latter two over `scale_nt`. The target that goes with them is the scalar less |C|.
 /// [thesis 004, (2.12)-(2.18), with the order of vec() in Part C of the field's errata]
 ///
-/// `None` of a single sample, whose difference is unknown.
+/// `None` for a single sample, whose difference is unknown.
 pub fn core_terms(vector: [&[f64]; 3], core: [&[f64]; 3], scale_nt: f64) -> Option<Vec<f64>> {
     let u = cosines(vector);
     let change = [
@@ -85,7 +85,7 @@ pub fn core_terms(vector: [&[f64]; 3], core: [&[f64]; 3], scale_nt: f64) -> Opti
     Some(out)
 }
 
-/// How the geology's slope is modelled beside the aircraft. [thesis 001, appendix B]
+/// How the gradient of the geology is modelled together with the aircraft. [thesis 001, appendix B]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Slope {
     /// Easting and northing: the models TLL and MTLL.
@@ -104,7 +104,8 @@ impl Slope {
         }
     }
 
-    /// The terms as columns: kilometres (and their squares) east and north of `origin` (latitude, longitude in degrees).
+    /// The terms as columns: kilometres (and their squares) east and north of `origin` (latitude, longitude in
+    /// degrees).
     pub fn terms(self, lat_deg: &[f64], lon_deg: &[f64], origin: (f64, f64)) -> Vec<Vec<f64>> {
         let place = |(lat, lon): (&f64, &f64)| {
             let (north, east) = EarthModel::Wgs84.offset_ne_m(origin, (*lat, *lon), 0.0);

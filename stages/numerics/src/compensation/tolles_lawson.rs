@@ -14,28 +14,28 @@ pub use terms::{Family, TermGroup, Terms};
 
 use terms::{COLUMNS, DERIVATIVE, EDDY, INDUCED};
 
-/// The scale of induced and eddy terms that the published tables rest on, nT.
+/// The scale of induced and eddy terms of the published tables, nT.
 pub const DEFAULT_SCALE_NT: f64 = 50_000.0;
 
 /// What is wrong with a request for a Tolles-Lawson matrix.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TermsError {
     /// No group has this name.
-    #[error("there is no group of terms `{name}`; the groups are {}", terms::names_of_groups())]
+    #[error("unknown group of terms `{name}`; the groups are {}", terms::names_of_groups())]
     Unknown {
-        /// The name that was given.
+        /// The given name.
         name: String,
     },
     /// Two groups of one family, whose columns would be linearly dependent.
-    #[error("`{one}` and `{other}` hold the same terms, so that no fit could tell them apart: keep one")]
+    #[error("`{one}` and `{other}` contain the same terms, which no fit can separate: keep one")]
     SameFamily {
         /// The group named first.
         one: &'static str,
         /// The group named later.
         other: &'static str,
     },
-    /// No group at all.
-    #[error("no group of terms was asked for; the groups are {}", terms::names_of_groups())]
+    /// No group.
+    #[error("no group of terms is given; the groups are {}", terms::names_of_groups())]
     Empty,
     /// Columns of different lengths.
     #[error("the columns have different lengths: {lengths:?}")]
@@ -44,9 +44,9 @@ pub enum TermsError {
         lengths: Vec<usize>,
     },
     /// The scale is not a positive number.
-    #[error("the scale of the induced and eddy terms must be above 0 nT, and it is {scale_nt} nT")]
+    #[error("the scale of the induced and eddy terms must be above 0 nT, but is {scale_nt} nT")]
     Scale {
-        /// The scale that was given, nT.
+        /// The given scale, nT.
         scale_nt: f64,
     },
 }
@@ -80,20 +80,20 @@ impl Field<'_> {
     }
 }
 
-/// The Tolles-Lawson matrix, row-major, one row a sample and one column a term in the order of
+/// The Tolles-Lawson matrix, row-major, one row per sample and one column per term in the order of
 /// [`Terms::names`].
 ///
 /// Differences are taken within each run of samples whose vector is finite and are one-sided at
 /// the run's ends, so that they never cross a gap; in a run of a single sample they are NaN. A
 /// sample whose vector is not finite gives NaN in all but the bias, one whose scalar is not finite
-/// or is zero gives NaN in what is divided by it.
+/// or is zero gives NaN in the terms divided by it.
 pub fn matrix(field: &Field<'_>, terms: &Terms, scale_nt: f64) -> Result<Vec<f64>, TermsError> {
     let rows = field.rows()?;
     let whole = 0..rows;
     matrix_in_runs(field, terms, scale_nt, std::slice::from_ref(&whole))
 }
 
-/// As [`matrix`], with breaks that the field itself does not show, such as jumps of time:
+/// As [`matrix`], with breaks that are not visible in the field itself, such as jumps of time:
 /// a difference stays within its run. Rows outside all `runs` are NaN in all but the bias.
 pub fn matrix_in_runs(
     field: &Field<'_>,

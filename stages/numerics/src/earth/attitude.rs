@@ -25,7 +25,7 @@ pub fn body_to_ned(roll_rad: f64, pitch_rad: f64, yaw_rad: f64) -> Matrix3<f64> 
 }
 
 /// Roll, pitch and yaw, in radians, of a body-to-ned matrix. With the nose straight up or down
-/// only yaw minus or plus roll is defined; roll is then whatever rounding left.
+/// only yaw minus or plus roll is defined; roll is then determined by rounding.
 pub fn euler_rad(body_to_ned: &Matrix3<f64>) -> (f64, f64, f64) {
     let roll = body_to_ned[(2, 1)].atan2(body_to_ned[(2, 2)]);
     let pitch = -body_to_ned[(2, 0)].clamp(-1.0, 1.0).asin();

@@ -3,7 +3,7 @@
 //! The potential is a sum of solid harmonics in earth-centred Cartesian coordinates (Cunningham's
 //! recursion; Montenbruck & Gill, *Satellite Orbits*, 3.2.4 and 3.2.5), so nothing is singular at
 //! the poles. A derivative of such a sum is again such a sum, one degree higher; the coefficients
-//! of the three field components and of the gradient tensor are therefore made once a date, and an
+//! of the three field components and of the gradient tensor are therefore computed once per date, and an
 //! evaluation is one recursion and a few dot products, without allocation.
 //!
 //! Coefficients: see [`CoreModel`]; linear in time between epochs.
@@ -105,10 +105,10 @@ impl CoreField {
     }
 }
 
-/// The magnitude of the core field expanded to first order about a place that moves along with
-/// the queries: what a filter asks several hundred thousand times a flight.
+/// The magnitude of the core field expanded to first order about a position that moves with
+/// the queries: what a filter evaluates several hundred thousand times per flight.
 ///
-/// A query further than 200 m sideways or 50 m up or down from the place of expansion moves it
+/// A query further than 200 m sideways or 50 m up or down from the expansion point moves the point
 /// there. The field's curvature is below 5e-9 nT/m², so the error stays below 0.001 nT.
 #[derive(Clone, Debug)]
 pub struct LinearisedCoreField {
@@ -130,13 +130,13 @@ const REACH_SIDEWAYS_M: f64 = 200.0;
 const REACH_VERTICAL_M: f64 = 50.0;
 
 impl LinearisedCoreField {
-    /// Starts without a place; the first query sets it.
+    /// Starts without an expansion point; the first query sets it.
     pub fn new(field: impl Into<Arc<CoreField>>) -> Self {
         Self { field: field.into(), place: None }
     }
 
     /// The magnitude and gradient near a geodetic position (degrees, degrees, metres), the
-    /// gradient being that of the place of expansion. The answer depends on the order of queries
+    /// gradient being that at the expansion point. The answer depends on the order of queries
     /// (to 0.001 nT): use one for each line flown.
     pub fn magnitude_and_gradient(&mut self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> FieldValue {
         match self.place {

@@ -12,7 +12,7 @@ pub enum DateError {
     DayOfYear {
         /// The year.
         year: i32,
-        /// The day that was asked for.
+        /// The requested day.
         day_of_year: u32,
         /// How many days the year has.
         days: u32,
@@ -22,9 +22,9 @@ pub enum DateError {
     Calendar {
         /// The year.
         year: i32,
-        /// The month that was asked for.
+        /// The requested month.
         month: u32,
-        /// The day of the month that was asked for.
+        /// The requested day of the month.
         day: u32,
     },
     /// The seconds are not a number.

@@ -1,4 +1,4 @@
-//! The value of a scalar field at a place, with its gradient.
+//! The value of a scalar field at a position, with its gradient.
 
 use std::ops::Add;
 

@@ -10,7 +10,7 @@ pub const FLATTENING: f64 = 1.0 / 298.257_223_563;
 pub const ECCENTRICITY_SQUARED: f64 = FLATTENING * (2.0 - FLATTENING);
 /// Rotation rate of the earth, in rad/s.
 pub const EARTH_RATE_RADPS: f64 = 7.292_115_146_7e-5;
-/// Standard gravity, in m/s²; what the specific force of a body at rest balances.
+/// Standard gravity, in m/s²; the specific force of a body at rest.
 pub const STANDARD_GRAVITY_MPS2: f64 = 9.806_65;
 
 /// How metres on the ground and radians of latitude and longitude are related.
@@ -67,27 +67,27 @@ impl EarthModel {
         }
     }
 
-    /// Radians of latitude that `north_m` metres make.
+    /// Radians of latitude that correspond to `north_m` metres.
     pub fn north_m_to_lat_rad(self, north_m: f64, lat_rad: f64, alt_m: f64) -> f64 {
         north_m / self.north_m_per_rad(lat_rad, alt_m)
     }
 
-    /// Radians of longitude that `east_m` metres make; unbounded towards the poles.
+    /// Radians of longitude that correspond to `east_m` metres; unbounded towards the poles.
     pub fn east_m_to_lon_rad(self, east_m: f64, lat_rad: f64, alt_m: f64) -> f64 {
         east_m / self.east_m_per_rad(lat_rad, alt_m)
     }
 
-    /// Metres north that `dlat_rad` radians of latitude make.
+    /// Metres north that correspond to `dlat_rad` radians of latitude.
     pub fn lat_rad_to_north_m(self, dlat_rad: f64, lat_rad: f64, alt_m: f64) -> f64 {
         dlat_rad * self.north_m_per_rad(lat_rad, alt_m)
     }
 
-    /// Metres east that `dlon_rad` radians of longitude make.
+    /// Metres east that correspond to `dlon_rad` radians of longitude.
     pub fn lon_rad_to_east_m(self, dlon_rad: f64, lat_rad: f64, alt_m: f64) -> f64 {
         dlon_rad * self.east_m_per_rad(lat_rad, alt_m)
     }
 
-    /// The offset (north, east), in metres, of one place from another, both in degrees; the radii
+    /// The offset (north, east), in metres, of one position from another, both in degrees; the radii
     /// are those halfway, and the shorter way round the earth is taken.
     pub fn offset_ne_m(self, from_deg: (f64, f64), to_deg: (f64, f64), alt_m: f64) -> (f64, f64) {
         let middle_rad = (0.5 * (from_deg.0 + to_deg.0)).to_radians();
@@ -104,7 +104,7 @@ pub fn wrap_deg(angle_deg: f64) -> f64 {
     if (-180.0..180.0).contains(&angle_deg) { angle_deg } else { wrapped }
 }
 
-/// Angles in degrees without their jumps by a whole turn, such as a longitude's at ±180°.
+/// Angles in degrees unwrapped: without jumps by a full turn, such as a longitude's at ±180°.
 pub fn unwrapped_deg(angles_deg: &[f64]) -> Vec<f64> {
     let mut out: Vec<f64> = Vec::with_capacity(angles_deg.len());
     for angle in angles_deg {

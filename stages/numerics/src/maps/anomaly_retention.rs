@@ -1,29 +1,29 @@
 //! How much of the geology a compensation leaves in place.
 //!
 //! A compensation model is fitted to whatever looks like the aircraft; where the aircraft turns over geology, some of
-//! the geology looks like the aircraft and is taken away with it. Where the anomaly a is known (a simulated flight, or
+//! the geology looks like the aircraft and is removed with it. Where the anomaly a is known (a simulated flight, or
 //! a good map), that can be measured. Of a line let c be the compensated reading, r the true one and r − a what it
 //! would be without the anomaly. Then
 //!
 //! y = c − (r − a) = ρ a + e,
 //!
-//! e being what is left of the aircraft and noise. The retention ρ is the least-squares slope of y on a, both less
-//! their means: 1 where the geology is kept, 0 where it is taken away whole, above 1 where it is blown up. Of a
-//! model that takes away the projection P a of the geology on the terms of the aircraft, and no more, ρ is exactly
+//! where e is the residue of the aircraft and the noise. The retention ρ is the least-squares slope of y on a, both
+//! less their means: 1 where the geology is kept, 0 where it is removed completely, above 1 where it is amplified. For
+//! a model that removes only the projection P a of the geology on the terms of the aircraft, ρ is exactly
 //! 1 − |P a|²/|a|², the part of the anomaly's energy that is kept. The aircraft's terms are therefore not
-//! regressed out: that would hide the very loss that is sought.
+//! regressed out: that would hide the loss that is to be measured.
 //!
-//! The residue e may go along with a by chance, and both change slowly, so that a thousand samples may be a dozen
-//! independent ones. The standard error takes that into account: if a and e have nothing to do with each other, the
+//! The residue e may correlate with a by chance, and both change slowly, so that a thousand samples may be a dozen
+//! independent ones. The standard error takes that into account: if a and e are independent, the
 //! variance of Σ a e is Σ over all lags of the product of their autocovariances [Bartlett 1935, J. R. Stat. Soc.
-//! 98(3)]. It is made as the mean square of Σ a e over all circular shifts of one against the other, by one
-//! transform of each; what the slope took out of e for itself is given back through the number of independent
+//! 98(3)]. It is computed as the mean square of Σ a e over all circular shifts of one against the other, by one
+//! transform of each; the degree of freedom that the slope removes from e is restored through the number of independent
 //! samples, 1 over the mean squared correlation of the shifts. A retention within two standard errors of 1 is no
 //! evidence of lost geology.
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
-/// What is wrong with what a retention is asked of.
+/// Why a retention cannot be computed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RetentionError {
     /// The columns have different lengths.
@@ -39,43 +39,43 @@ pub enum RetentionError {
     /// Too few rows are finite.
     #[error("{n} rows have all three values, and the retention needs at least 3")]
     TooFew {
-        /// How many there are.
+        /// The number of complete rows.
         n: usize,
     },
     /// There is no geology to keep.
-    #[error("the anomaly is {value_nt} nT in all rows: there is no geology whose retention could be told")]
+    #[error("the anomaly is {value_nt} nT in all rows: the retention is defined only for an anomaly that varies")]
     NoAnomaly {
         /// Its value.
         value_nt: f64,
     },
 }
 
-/// How much of the geology is left.
+/// How much of the geology remains.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Retention {
-    /// The slope ρ: 1 where the geology is kept, 0 where it is gone.
+    /// The slope ρ: 1 where the geology is kept, 0 where it is removed.
     pub slope: f64,
-    /// Its standard error; infinite where all there is amounts to no more than two independent samples.
+    /// Its standard error; infinite where the rows amount to no more than two independent samples.
     pub standard_error: f64,
     /// The correlation of y and the anomaly; NaN where y is constant.
     pub correlation: f64,
-    /// The root mean square of what neither geology nor mean explains, in nT.
+    /// The root mean square of the residue that neither geology nor mean explains, in nT.
     pub residual_nt: f64,
     /// The root mean square of the anomaly less its mean, in nT.
     pub anomaly_nt: f64,
     /// Rows that were used.
     pub n: usize,
-    /// Rows that were left out, a value of theirs not being finite.
+    /// Rows that were left out because one of their values is not finite.
     pub left_out: usize,
 }
 
-/// The retention on one line: `compensated` and the true `reference` reading, which holds the anomaly, and the
-/// `anomaly` itself, all in nT and evenly sampled; means are taken off.
+/// The retention on one line: `compensated` and the true `reference` reading, which contains the anomaly, and the
+/// `anomaly` itself, all in nT and evenly sampled; means are subtracted.
 ///
 /// Rows with a value that is not finite are left out.
 ///
 /// # Errors
-/// Columns of different lengths, fewer than three finite rows, and an anomaly that is constant.
+/// Fails for columns of different lengths, for fewer than three finite rows and for a constant anomaly.
 pub fn anomaly_retention(compensated: &[f64], reference: &[f64], anomaly: &[f64]) -> Result<Retention, RetentionError> {
     let rows = anomaly.len();
     if compensated.len() != rows || reference.len() != rows {
@@ -83,7 +83,7 @@ pub fn anomaly_retention(compensated: &[f64], reference: &[f64], anomaly: &[f64]
         return Err(RetentionError::Lengths { compensated, reference, anomaly: rows });
     }
     let three = compensated.iter().zip(reference).zip(anomaly);
-    // The difference first: what is common, 5e4 nT, cancels before it can round off the anomaly.
+    // The difference first: the common 5e4 nT cancel before they can cost digits of the anomaly.
     let left: Vec<f64> = three.map(|((c, r), a)| (c - r) + a).collect();
     let known = |i: usize| left[i].is_finite() && anomaly[i].is_finite();
     let n = (0..rows).filter(|i| known(*i)).count();
@@ -92,7 +92,7 @@ pub fn anomaly_retention(compensated: &[f64], reference: &[f64], anomaly: &[f64]
     }
     let centred = |x: &[f64]| {
         let mean = (0..rows).filter(|i| known(*i)).map(|i| x[i]).sum::<f64>() / n as f64;
-        // A row that is left out has no part in any sum.
+        // A row that is left out does not contribute to any sum.
         (0..rows).map(|i| if known(i) { x[i] - mean } else { 0.0 }).collect::<Vec<f64>>()
     };
     let (a, y) = (centred(anomaly), centred(&left));
@@ -116,7 +116,7 @@ pub fn anomaly_retention(compensated: &[f64], reference: &[f64], anomaly: &[f64]
 }
 
 /// The retention over several lines, each with a mean of its own: slopes weighted by the energy of the anomaly, which
-/// is the slope of all their rows together. `None` of no lines.
+/// is the slope of all their rows together. `None` for no lines.
 pub fn pooled(lines: &[Retention]) -> Option<Retention> {
     let energy = |line: &Retention| line.n as f64 * line.anomaly_nt * line.anomaly_nt;
     let sum = |of: &dyn Fn(&Retention) -> f64| lines.iter().map(of).sum::<f64>();
@@ -145,7 +145,8 @@ fn standard_error(a: &[f64], e: &[f64], n: usize) -> f64 {
         return 0.0;
     }
     let fft = FftPlanner::new().plan_fft_forward(rows);
-    // Two real series of one size in one transform: that of the first is even in conjugation, that of the second odd.
+    // Two real series of one size in one transform: the spectrum of the first is even under conjugation, that of the
+    // second odd.
     let (to_a, to_e) = (1.0 / aa.sqrt(), 1.0 / ee.sqrt());
     let mut both: Vec<Complex<f64>> = a.iter().zip(e).map(|(a, e)| Complex::new(a * to_a, e * to_e)).collect();
     fft.process(&mut both);
@@ -153,7 +154,7 @@ fn standard_error(a: &[f64], e: &[f64], n: usize) -> f64 {
         let (here, there) = (both[k], both[(rows - k) % rows].conj());
         ((here + there) * 0.5).norm_sqr() * ((here - there) * 0.5).norm_sqr()
     };
-    // The mean squared correlation of all shifts [Parseval]; shifts of series with gaps meet fewer rows.
+    // The mean squared correlation of all shifts [Parseval]; shifts of series with gaps overlap in fewer rows.
     let mean_square = (0..rows).map(power).sum::<f64>() / (rows as f64).powi(2) * (rows as f64 / n as f64);
     let independent = 1.0 / mean_square;
     if independent <= 2.0 { f64::INFINITY } else { (ee / aa / (independent - 2.0)).sqrt() }

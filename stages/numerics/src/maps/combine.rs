@@ -1,7 +1,7 @@
-//! Several overlapping maps on one grid: resampled, freed of their offsets to each other, joined with feathered edges.
+//! Several overlapping maps on one grid: resampled, levelled to each other, joined with feathered edges.
 //!
-//! The maps are of one plane and one height (continue them first), each with its own spacing and extent. What is
-//! reported of the overlaps before and after is the evidence that they are of one field.
+//! The maps are of one plane and one height (continue them first), each with its own spacing and extent. The
+//! reported differences in the overlaps before and after show whether they are of one field.
 
 mod bias;
 mod distance;
@@ -20,14 +20,14 @@ use thiserror::Error;
 pub struct Piece<'a> {
     /// The map.
     pub grid: &'a PlaneGrid,
-    /// What its values weigh in [`Blend::Average`], above zero: the inverse square of its error, say.
+    /// The weight of its values in [`Blend::Average`], above zero, such as the inverse square of its error.
     pub weight: f64,
 }
 
-/// How values of several maps at one place become one.
+/// How values of several maps at one node are merged.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Blend {
-    /// The first map that knows the place, faded into the next towards its edge.
+    /// The first map that is known at the node, faded into the next towards its edge.
     #[default]
     Priority,
     /// The mean by weight, each map fading out towards its edge.
@@ -37,17 +37,17 @@ pub enum Blend {
 /// How maps are combined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CombineOptions {
-    /// How values become one.
+    /// How values are merged.
     pub blend: Blend,
-    /// Over this distance from the edge of what it knows, in metres, a map fades in from nothing to its whole weight,
+    /// Over this distance from the edge of its known nodes, in metres, a map fades in from zero to its full weight,
     /// by half a period of a cosine. Zero: no fading, and so a step at each edge.
     pub feather_m: f64,
-    /// What is taken off each map before.
+    /// The bias that is subtracted from each map first.
     pub bias: BiasModel,
 }
 
 impl Default for CombineOptions {
-    /// By priority, faded over 1 km, with nothing taken off.
+    /// By priority, faded over 1 km, without bias correction.
     fn default() -> Self {
         Self { blend: Blend::Priority, feather_m: 1000.0, bias: BiasModel::Nothing }
     }
@@ -56,7 +56,7 @@ impl Default for CombineOptions {
 /// The difference of two maps where both are known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Differences {
-    /// At how many nodes of the combined grid.
+    /// The number of nodes of the combined grid.
     pub count: usize,
     /// The median of the first map less the second.
     pub median: f64,
@@ -71,18 +71,18 @@ pub struct Overlap {
     pub first: usize,
     /// The second.
     pub second: usize,
-    /// How they differ as they are.
+    /// Their difference before bias correction.
     pub before: Differences,
-    /// How they differ when freed of their biases.
+    /// Their difference after removing their biases.
     pub after: Differences,
 }
 
-/// The combined map and what was found on the way.
+/// The combined map and its statistics.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Combined {
     /// The combined map, NaN where no map is known.
     pub grid: PlaneGrid,
-    /// What was taken off each map, in the order given.
+    /// The bias that was subtracted from each map, in the given order.
     pub biases: Vec<Bias>,
     /// Every pair of maps that overlap.
     pub overlaps: Vec<Overlap>,
@@ -94,9 +94,10 @@ pub enum CombineError {
     /// There is no map.
     #[error("there is no map to combine")]
     Nothing,
-    /// A map's values are not as many as its nodes, or it is too small to be interpolated, or a step is not above zero.
+    /// The number of a map's values is not the number of its nodes, or it is too small to be interpolated, or a step is
+    /// not above zero.
     #[error(
-        "map {piece}: {values} values for {rows} rows x {columns} columns; it takes two of each, and steps above zero"
+        "map {piece}: {values} values for {rows} rows x {columns} columns; it needs two of each and steps above zero"
     )]
     Size {
         /// The map, from 0.
@@ -140,13 +141,13 @@ pub enum CombineError {
     },
 }
 
-/// Combines maps on the grid of the given axes; the first map keeps its level, and the biases of the others are to it.
+/// Combines maps on the grid of the given axes; the first map keeps its level, to which the biases of the others refer.
 ///
-/// Each map is resampled by the natural bicubic spline; a node that lies on a map's node takes its value as it is. A
+/// Each map is resampled by the natural bicubic spline; a node that lies on a map's node takes its value unchanged. A
 /// map much finer than the grid is sampled, not averaged. The same bits on any number of threads.
 ///
 /// # Errors
-/// Where there is no map, one is not well formed, or a parameter is out of its range.
+/// Fails where there is no map, a map is not well formed, or a parameter is out of its range.
 pub fn combine(
     pieces: &[Piece<'_>],
     east_m: EvenAxis,
@@ -217,7 +218,7 @@ fn differences(maps: &[Vec<f64>], pairs: &[Pair]) -> Vec<Differences> {
     pairs.par_iter().map(of).collect()
 }
 
-/// The share of a map at a distance from the edge of what it knows: the cosine ramp.
+/// The weight of a map at a distance from the edge of its known nodes: a cosine ramp.
 fn faded(distance_m: f64, feather_m: f64) -> f64 {
     if distance_m >= feather_m {
         return 1.0;
@@ -227,7 +228,7 @@ fn faded(distance_m: f64, feather_m: f64) -> f64 {
 
 fn blended(pieces: &[Piece<'_>], maps: &[Vec<f64>], target: &PlaneGrid, options: &CombineOptions) -> Vec<f64> {
     let nodes = target.rows() * target.columns();
-    // What is left for the maps that follow, the sum of values by share, and the sum of shares.
+    // The weight left for the maps that follow, the weighted sum of values, and the sum of weights.
     let mut sums = vec![[1.0, 0.0, 0.0]; nodes];
     for (piece, map) in pieces.iter().zip(maps) {
         let edge_m = distance_to_unknown(map, target);

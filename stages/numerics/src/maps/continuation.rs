@@ -3,13 +3,13 @@
 //!
 //! A map is a [`PlaneGrid`] of one harmonic quantity in nT at one height, complete (NaN is refused: fill the map
 //! first, and [`masked_like`] takes the filled nodes out again). It is extended past its edges ([`Padding`]),
-//! transformed once ([`Spectrum`]) and multiplied for each answer. A field whose sources are all below is, at a
-//! height `h` above the map, its spectrum times e^(−k h), with `k` the wavenumber in rad/m [Blakely 1996, eq.
+//! transformed once ([`Spectrum`]) and multiplied by a factor for each result. A field whose sources are all below is,
+//! at a height `h` above the map, its spectrum times e^(−k h), with `k` the wavenumber in rad/m [Blakely 1996, eq.
 //! 12.8; thesis 000, section 2.3]. Downward, where that grows without bound, the factor is
 //! e^(−k h)/(1 + α k² e^(−k h)), with α in m² chosen by an L-curve ([`downward`]).
 //!
-//! How good an answer is can be measured: [`edge_error()`] says what the unknown field past the edges is worth, and
-//! [`is_far`] whether the distance is more than a map of that size bears.
+//! The accuracy of a result can be measured: [`edge_error()`] estimates the effect of the unknown field past the edges,
+//! and [`is_far`] whether the distance is too large for a map of that size.
 
 mod components;
 mod derivatives;
@@ -38,29 +38,29 @@ use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 /// The α of MagNav.jl, in m².
 pub const MAGNAV_ALPHA_M2: f64 = 200.0;
 
-/// What is wrong with a map or with what is asked of it.
+/// Why a map cannot be continued.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ContinuationError {
     /// Values and axes disagree.
     #[error("{values} values are not a map of {rows} rows and {columns} columns")]
     Shape {
-        /// How many values there are.
+        /// The number of values.
         values: usize,
-        /// How many rows.
+        /// The number of rows.
         rows: usize,
-        /// How many columns.
+        /// The number of columns.
         columns: usize,
     },
-    /// A side has less than two nodes.
+    /// A side has fewer than two nodes.
     #[error("a map of {rows} rows and {columns} columns is too small: it needs at least 2 of each")]
     TooSmall {
-        /// How many rows there are.
+        /// The number of rows.
         rows: usize,
-        /// How many columns.
+        /// The number of columns.
         columns: usize,
     },
     /// A spacing is not above zero.
-    #[error("the spacing must be above 0 m, and it is {step_m} m: give the axes in ascending order")]
+    #[error("the spacing must be above 0 m, but is {step_m} m: give the axes in ascending order")]
     Spacing {
         /// The spacing.
         step_m: f64,
@@ -71,9 +71,9 @@ pub enum ContinuationError {
          fill the map first"
     )]
     Unknown {
-        /// How many.
+        /// The number of unknown nodes.
         count: usize,
-        /// Of how many.
+        /// The number of nodes.
         nodes: usize,
         /// The row of the first one, from 0.
         row: usize,
@@ -81,29 +81,29 @@ pub enum ContinuationError {
         column: usize,
     },
     /// A height or a distance is not finite, or has the wrong sign.
-    #[error("{what} must be {range}, and it is {value} m")]
+    #[error("{what} must be {range}, but is {value} m")]
     Height {
-        /// Which one.
+        /// The name of the quantity.
         what: &'static str,
-        /// What it may be.
+        /// The allowed range.
         range: &'static str,
-        /// What it is.
+        /// The value.
         value: f64,
     },
     /// The regularisation is negative or not finite.
-    #[error("alpha must be a finite number of square metres of at least 0, and it is {alpha_m2}")]
+    #[error("alpha must be a finite number of square metres of at least 0, but is {alpha_m2}")]
     Alpha {
-        /// What was given.
+        /// The given value.
         alpha_m2: f64,
     },
     /// The padded map would be too large.
     #[error(
-        "the padded map has {nodes} nodes and may have {most}: ask for less padding, trim the map or raise the limit"
+        "the padded map has {nodes} nodes, and the limit is {most}: reduce the padding, trim the map or raise the limit"
     )]
     TooLarge {
-        /// How many nodes it would have.
+        /// The number of nodes it would have.
         nodes: usize,
-        /// How many are allowed.
+        /// The limit.
         most: usize,
     },
     /// The main field has no direction.
@@ -116,36 +116,36 @@ pub enum ContinuationError {
         /// Its upward component.
         up: f64,
     },
-    /// The heights of a drape are not one a node, or not all known.
-    #[error("the drape must have {nodes} finite heights, one a node, and {finite} of its {given} are finite")]
+    /// The heights of a drape are not one per node, or not all known.
+    #[error("the drape must have {nodes} finite heights, one per node, but {finite} of its {given} heights are finite")]
     DrapeHeights {
-        /// How many nodes the map has.
+        /// The number of nodes of the map.
         nodes: usize,
-        /// How many heights were given.
+        /// The number of given heights.
         given: usize,
-        /// How many of them are finite.
+        /// The number of finite heights.
         finite: usize,
     },
     /// The drape takes too many levels.
-    #[error("the drape takes {levels} levels and may take {most}: widen the step of {step_m} m between them")]
+    #[error("the drape needs {levels} levels, and the limit is {most}: widen the step of {step_m} m between them")]
     TooManyLevels {
-        /// How many levels.
+        /// The number of levels.
         levels: usize,
-        /// How many are allowed.
+        /// The limit.
         most: usize,
         /// The step between them.
         step_m: f64,
     },
     /// The map is too small to be cropped for a measure of its error.
     #[error(
-        "a map of {rows} rows and {columns} columns is too small to measure the error of its edges: it needs {least} of each"
+        "a map of {rows} rows and {columns} columns is too small to measure its edge error: it needs {least} of each"
     )]
     TooSmallToMeasure {
-        /// How many rows there are.
+        /// The number of rows.
         rows: usize,
-        /// How many columns.
+        /// The number of columns.
         columns: usize,
-        /// How many of each are needed.
+        /// The number that is needed of each.
         least: usize,
     },
 }
@@ -153,7 +153,7 @@ pub enum ContinuationError {
 /// Whether a map can be continued: complete, with ascending axes and at least two rows and columns.
 ///
 /// # Errors
-/// Says what is wrong: [`ContinuationError::TooSmall`], [`ContinuationError::Shape`],
+/// Fails with [`ContinuationError::TooSmall`], [`ContinuationError::Shape`],
 /// [`ContinuationError::Spacing`] or [`ContinuationError::Unknown`].
 pub fn check(grid: &PlaneGrid) -> Result<(), ContinuationError> {
     let (rows, columns) = (grid.rows(), grid.columns());
@@ -184,7 +184,7 @@ pub fn is_far(grid: &PlaneGrid, distance_m: f64) -> bool {
     50.0 * distance_m.abs() > side(&grid.east_m).min(side(&grid.north_m))
 }
 
-/// The map with those nodes unknown that are unknown in `original`, from which it was filled.
+/// The map with the nodes unknown again that are unknown in `original`, from which it was filled.
 pub fn masked_like(mut map: PlaneGrid, original: &PlaneGrid) -> PlaneGrid {
     for (value, known) in map.values.iter_mut().zip(&original.values) {
         if known.is_nan() {

@@ -1,4 +1,4 @@
-//! How well a line agrees with itself where its track crosses its track.
+//! The misclosure of a line where its track crosses itself.
 
 use crate::regression::statistics::Figure;
 
@@ -8,15 +8,15 @@ pub const NEAR_M: f64 = 1.0;
 /// ... and more than this long apart in time, s.
 pub const APART_S: f64 = 1.0;
 
-/// The most pairs of samples that are looked at.
+/// The most pairs of samples that are compared.
 const MOST_PAIRS: u128 = 50_000_000;
 
-/// The figure of merit of a line at its crossings.
+/// The figure of merit of the crossings of a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Crossings {
     /// The figure, in the unit of the measurements; `n` counts pairs. NaN without a pair.
     pub figure: Figure,
-    /// Every how manieth sample was used: 1 but for long stays at one place.
+    /// The stride of the samples that were used: 1 except for long stays at one position.
     pub stride: usize,
 }
 
@@ -29,8 +29,8 @@ pub struct Crossings {
 /// Samples are sorted into cells of 1 m, so that only neighbours are compared: the work grows with
 /// the number of samples, not with its square. An aircraft that hovers puts thousands of samples
 /// into one cell, and pairs grow with the square of those: where more than 50 million pairs would
-/// have to be looked at, only every k-th sample is used, with the smallest k that is a power of two
-/// and keeps within that; `stride` tells.
+/// have to be compared, only every k-th sample is used, with the smallest k that is a power of two
+/// that meets the limit; `stride` returns it.
 pub fn figure_of_merit_crossings(north_m: &[f64], east_m: &[f64], z: &[f64], tt: &[f64]) -> Crossings {
     let mut stride = 1;
     let cells = loop {
@@ -105,7 +105,7 @@ impl Cells {
         Self { samples, index, north_west }
     }
 
-    /// The samples of the half of a cell's neighbours that meets every pair of cells once.
+    /// The samples of the half of a cell's neighbours that visits every pair of cells once.
     fn around(&self, entry: usize) -> impl Iterator<Item = &[Sample]> {
         let (cell, ..) = self.index[entry];
         let next = self.index.get(entry + 1).filter(move |e| e.0 == (cell.0, cell.1.saturating_add(1)));

@@ -1,7 +1,7 @@
 //! Fills the gaps of a map on a plane, and cuts it to what is known or wanted.
 //!
-//! [`nearest()`] gives an unknown node the mean of its nearest known nodes, as MagNav.jl does: quick, bounded by what is
-//! known, but with steps inside a gap, which ring when the map is continued. [`smooth()`] gives the surface without
+//! [`nearest()`] gives an unknown node the mean of its nearest known nodes, as MagNav.jl does: quick, bounded by what
+//! is known, but with steps inside a gap, which ring when the map is continued. [`smooth()`] gives the surface without
 //! sources inside the gap: continuous, bounded by the values around the gap.
 
 mod cut;
@@ -21,7 +21,7 @@ use crate::maps::plane_grid::PlaneGrid;
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum FillError {
     /// No node is known.
-    #[error("every value of the map is unknown: there is nothing to fill its gaps from")]
+    #[error("every value of the map is unknown: its gaps cannot be filled")]
     Empty,
     /// The number of values is not the number of nodes.
     #[error("the map has {values} values for {rows} rows x {columns} columns")]
@@ -49,14 +49,14 @@ pub enum FillError {
         /// The column, from 0 in the west.
         column: usize,
     },
-    /// The gaps have more nodes around them than are told apart.
+    /// The gaps have more nodes around them than can be indexed.
     #[error("{nodes} known nodes lie around the gaps, more than 4 billion")]
     TooMany {
-        /// How many.
+        /// The number of nodes.
         nodes: usize,
     },
-    /// No neighbours are asked for.
-    #[error("a gap is filled from at least one neighbour, not from none")]
+    /// The number of neighbours is zero.
+    #[error("filling a gap needs at least one neighbour")]
     NoNeighbours,
     /// A parameter is out of its range.
     #[error("{name} is {value}; it must be above zero")]
@@ -71,11 +71,11 @@ pub enum FillError {
         "the gaps are not smooth to {tolerance:e} of the map's range after {iterations} iterations, but {reached:e}"
     )]
     NotReached {
-        /// What was asked for.
+        /// The requested tolerance.
         tolerance: f64,
-        /// What was reached.
+        /// The error that was reached.
         reached: f64,
-        /// How many iterations were made.
+        /// The number of iterations.
         iterations: usize,
     },
     /// Nothing of the map is within the limits.

@@ -1,15 +1,15 @@
-//! Where a latitude and a longitude are on the grid of a projected map, with the exact derivatives of that.
+//! The position of a latitude and a longitude on the grid of a projected map, with its exact derivatives.
 //!
-//! A filter asks for this at every sample, and for the four derivatives too. So the projection is sampled once, and
+//! A filter needs this and the four derivatives at every sample. So the projection is sampled once, and
 //! between the samples it is a polynomial of sixth degree in latitude and in longitude: over half a degree it departs
 //! from a transverse Mercator, Lambert or stereographic projection by less than the rounding of its eastings. The
-//! patches are halved until that is so, and what is left is measured against the projection.
+//! patches are halved until this holds, and the remaining departure is measured against the projection.
 
 use thiserror::Error;
 
 use crate::maps::plane_grid::EvenAxis;
 
-/// Samples a patch in each direction; the degree of its polynomials is one less.
+/// Samples per patch in each direction; the degree of its polynomials is one less.
 const SAMPLES: usize = 7;
 
 /// The widest patch to begin with, in degrees.
@@ -24,16 +24,16 @@ const ACCEPTED_STEPS: f64 = 1e-6;
 /// Why a projection cannot be used on a grid.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum ProjectionError {
-    /// The area has no extent, or more than there is.
-    #[error("latitudes {lat_deg:?} and longitudes {lon_deg:?} are no area on the earth")]
+    /// The area has no extent, or exceeds the earth.
+    #[error("latitudes {lat_deg:?} and longitudes {lon_deg:?} are not an area on the earth")]
     Area {
         /// Its southern and northern edge.
         lat_deg: [f64; 2],
         /// Its western and eastern edge.
         lon_deg: [f64; 2],
     },
-    /// A place of the area is not on the projection.
-    #[error("the map's projection has no place for latitude {lat_deg}, longitude {lon_deg}")]
+    /// The projection is undefined at a position of the area.
+    #[error("the map's projection is undefined at latitude {lat_deg}, longitude {lon_deg}")]
     Nowhere {
         /// Its latitude.
         lat_deg: f64,
@@ -48,7 +48,7 @@ pub enum ProjectionError {
     },
 }
 
-/// An area between two parallels and two meridians, in degrees; longitudes may go on beyond 180.
+/// An area between two parallels and two meridians, in degrees; longitudes may exceed 180.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Area {
     /// The southern and the northern edge.
@@ -57,7 +57,7 @@ pub struct Area {
     pub lon_deg: [f64; 2],
 }
 
-/// A place on a projected grid: row and column as fractions, counted from the first, and how they change.
+/// A position on a projected grid: fractional row and column, counted from the first, and their derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridPlace {
     /// The row.
@@ -86,11 +86,12 @@ pub struct GridProjection {
 }
 
 impl GridProjection {
-    /// Samples `project`, which makes easting and northing (in the unit of `columns` and `rows`) of a latitude and a
-    /// longitude in degrees.
+    /// Samples `project`, which returns the easting and northing (in the unit of `columns` and `rows`) of a latitude
+    /// and a longitude in degrees.
     ///
     /// # Errors
-    /// An area that is none, a place in it without easting and northing, and a projection that is not smooth.
+    /// Fails for an invalid area, for a position in it without easting and northing, and for a projection that is not
+    /// smooth.
     pub fn new(
         project: impl Fn(f64, f64) -> Option<(f64, f64)>,
         area: Area,
@@ -135,7 +136,7 @@ impl GridProjection {
         let per_deg = [counts[0] as f64 / extents[0], counts[1] as f64 / extents[1]];
         let basis = Basis::new();
         let ends = [area.lat_deg, area.lon_deg];
-        // Rounding must not go beyond a pole.
+        // Rounding must not exceed a pole.
         let at = |d: usize, i: usize, t: f64| (ends[d][0] + (i as f64 + 0.5 * (1.0 + t)) / per_deg[d]).min(ends[d][1]);
         let mut patches = Vec::with_capacity(counts[0] * counts[1]);
         for (i, j) in (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j))) {
@@ -148,7 +149,7 @@ impl GridProjection {
             patches.push(basis.polynomial(&samples));
         }
         let mut projection = Self { area, counts, per_deg, patches, departure_steps: 0.0 };
-        // Ends and places between the samples, where a polynomial departs most.
+        // Ends and positions between the samples, where a polynomial departs most.
         const CHECKS: [f64; 5] = [-1.0, -0.6, 0.1, 0.7, 1.0];
         for (i, j) in (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j))) {
             for (t, u) in CHECKS.into_iter().flat_map(|t| CHECKS.map(|u| (t, u))) {
@@ -161,7 +162,7 @@ impl GridProjection {
         Ok(projection)
     }
 
-    /// Where a place in degrees is; `None` outside the area, or for what is no number. A longitude may differ by a
+    /// The grid position of a position in degrees; `None` outside the area, or for NaN. A longitude may differ by a
     /// full turn.
     #[inline]
     pub fn at(&self, lat_deg: f64, lon_deg: f64) -> Option<GridPlace> {
@@ -205,7 +206,7 @@ impl GridProjection {
     }
 }
 
-/// The patch at a place counted in patches, and the place in it from -1 to 1.
+/// The patch at a position counted in patches, and the position in it from -1 to 1.
 #[inline]
 fn patch_of(patches: f64, count: usize) -> Option<(usize, f64)> {
     if !(patches >= 0.0 && patches <= count as f64) {

@@ -2,7 +2,7 @@
 //! cross-validation.
 //!
 //! Positions are eastings and northings of one plane and heights, all in metres; values are magnetic anomalies in
-//! nT, the core field and its daily variation already taken off. Answers are the same for any number of threads.
+//! nT, the core field and its daily variation already removed. Results are the same for any number of threads.
 
 mod automatic;
 mod block;
@@ -37,17 +37,17 @@ pub use survey::{CleanOptions, Cleaned, OwnedPoints, SurveyPoints, clean};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
-/// Told what is being done, how much of it is done, and out of how much.
+/// Receives the name of the current step, its progress, and its total.
 pub type Progress<'a> = &'a (dyn Fn(&str, usize, usize) + Sync);
 
 /// Why points could not be gridded.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GridError {
-    /// Nothing is left to grid.
+    /// No point is left to grid.
     #[error("no finite point is left to grid")]
     NoPoints,
-    /// Columns of points are not equally long.
-    #[error("columns of {lengths:?} points do not belong together")]
+    /// Columns of points have different lengths.
+    #[error("the columns of points have different lengths: {lengths:?}")]
     Lengths {
         /// Their lengths.
         lengths: Vec<usize>,
@@ -58,46 +58,46 @@ pub enum GridError {
         /// Its index.
         index: usize,
     },
-    /// An option cannot be.
+    /// An option is out of its range.
     #[error("`{name}` is {value}, but must be {must}")]
     Option {
         /// The option.
         name: &'static str,
         /// Its value.
         value: f64,
-        /// What it must be.
+        /// Its allowed range.
         must: &'static str,
     },
     /// The grid would have too many nodes.
     #[error("the grid would have {nodes} nodes, more than {most}; widen its spacing or narrow its region")]
     TooLarge {
-        /// Nodes that were asked for.
+        /// The requested number of nodes.
         nodes: f64,
-        /// The most that are made.
+        /// The limit.
         most: usize,
     },
-    /// A place lies below the equivalent sources or hardly above them.
+    /// A position lies below the equivalent sources or too close above them.
     #[error(
-        "the field is asked for at {height_m} m at easting {:.0} m, northing {:.0} m, but is known only above the \
-         equivalent sources beneath the points: from {lowest_m:.1} m up for all places that are asked for", at_m[0], at_m[1]
+        "the field at easting {:.0} m, northing {:.0} m, {height_m} m high is not available: it is defined above the \
+         equivalent sources beneath the points, from {lowest_m:.1} m up for all requested positions", at_m[0], at_m[1]
     )]
     BelowSources {
-        /// The place's height, metres.
+        /// The position's height, metres.
         height_m: f64,
-        /// The place's easting and northing, metres.
+        /// The position's easting and northing, metres.
         at_m: [f64; 2],
-        /// The lowest height that is high enough at all places, metres.
+        /// The lowest height that is high enough at all positions, metres.
         lowest_m: f64,
     },
 }
 
-/// The most nodes of a grid: 2 GB of values.
+/// The maximum number of nodes of a grid: 2 GB of values.
 const MOST_NODES: usize = 1 << 28;
 
-/// How the surface between the points is made.
+/// How the surface between the points is computed.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Method {
-    /// The surface of least curvature at the heights that were flown.
+    /// The surface of minimum curvature at the flown heights.
     MinimumCurvature(Relaxation),
     /// Equivalent sources.
     EquivalentSources {
@@ -144,20 +144,20 @@ pub struct GridOptions {
     /// Side of the blocks that points are reduced to, metres; `None` is a quarter of the distance between lines and
     /// at most 200 m, zero keeps every point.
     pub block_m: Option<f64>,
-    /// Nodes farther from any point are unknown, metres; `None` is twice the distance between lines, infinity keeps
-    /// all nodes.
+    /// Nodes farther than this from every point are unknown, metres; `None` is twice the distance between lines,
+    /// infinity keeps all nodes.
     pub mask_m: Option<f64>,
-    /// What cleaning removes.
+    /// The criteria of cleaning.
     pub clean: CleanOptions,
-    /// A block that is farther from the fitted surface than so many robust standard deviations of the blocks around
-    /// it is left out and the surface fitted anew; zero keeps all.
+    /// A block that is farther from the fitted surface than this number of robust standard deviations of the blocks
+    /// around it is left out and the surface fitted anew; zero keeps all.
     pub misfit_sigmas: f64,
-    /// Folds of lines whose left-out values make the map of the expected error; `None` makes none.
+    /// Folds of lines whose prediction errors give the map of the expected error; `None` makes none.
     pub folds: Option<Folds>,
 }
 
 impl GridOptions {
-    /// A method, everything else from the data, without cross-validation.
+    /// A method with everything else derived from the data, without cross-validation.
     pub fn of(method: Method) -> Self {
         Self {
             method,
@@ -172,20 +172,20 @@ impl GridOptions {
     }
 }
 
-/// What gridding did and found.
+/// The report of gridding.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GridReport {
-    /// What cleaning kept and left out.
+    /// The counts of cleaning.
     pub cleaned: Cleaned,
     /// The median distance between lines, metres.
     pub line_spacing_m: f64,
     /// The side of the blocks, metres.
     pub block_m: f64,
-    /// How many blocks there were.
+    /// The number of blocks.
     pub blocks: usize,
     /// Blocks that were left out for their misfit: their eastings and northings, metres.
     pub misfits: Vec<[f64; 2]>,
-    /// Sizes of what the surface leaves of the blocks' values.
+    /// Statistics of the blocks' residuals from the surface.
     pub misfit: Spread,
     /// The layers of equivalent sources; empty for minimum curvature.
     pub layers: Vec<LayerReport>,
@@ -198,18 +198,18 @@ pub struct GridReport {
     pub summation_error_nt: Option<f64>,
     /// Nodes that are masked.
     pub masked: usize,
-    /// Sizes of the differences at left-out lines.
+    /// Statistics of the differences at left-out lines.
     pub cross_validation: Option<Spread>,
 }
 
-/// A grid, the error that is to be expected at each node, and what was done.
+/// A grid, the error that is to be expected at each node, and the report.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gridded {
     /// Values, nT.
     pub grid: PlaneGrid,
     /// Expected error, nT.
     pub error: Option<PlaneGrid>,
-    /// What was done.
+    /// The report.
     pub report: GridReport,
 }
 
@@ -240,7 +240,7 @@ pub fn grid(points: SurveyPoints, options: &GridOptions, progress: Progress) -> 
     Ok(Gridded { grid: map, error, report })
 }
 
-/// Refuses options that cannot be, whatever the points: to be asked before they are read.
+/// Checks the options, independently of the points, before those are read.
 pub fn check(options: &GridOptions) -> Result<(), GridError> {
     let must = |good: bool, name, value, must| if good { Ok(()) } else { Err(GridError::Option { name, value, must }) };
     let spacing = options.spacing_m.unwrap_or(1.0);
@@ -282,7 +282,7 @@ pub fn mask(grid: &mut PlaneGrid, easting_m: &[f64], northing_m: &[f64], limit_m
     masked
 }
 
-/// Refuses columns of different lengths and points that are not finite.
+/// Rejects columns of different lengths and points that are not finite.
 fn check_columns(columns: &[&[f64]]) -> Result<(), GridError> {
     let lengths: Vec<usize> = columns.iter().map(|c| c.len()).collect();
     if lengths.windows(2).any(|two| two[0] != two[1]) {
@@ -292,7 +292,7 @@ fn check_columns(columns: &[&[f64]]) -> Result<(), GridError> {
     first.map_or(Ok(()), |index| Err(GridError::NotFinite { index }))
 }
 
-/// The axes of a region at a spacing, refused when there would be too many nodes.
+/// The axes of a region at a spacing, rejected when there would be too many nodes.
 fn axes(region: Region, spacing_m: f64) -> Result<[EvenAxis; 2], GridError> {
     let sides = [region.east_m, region.north_m];
     let counts = sides.map(|[a, b]| ((b - a) / spacing_m + 1e-9).floor() + 1.0);

@@ -1,9 +1,9 @@
-//! Lines brought to one level by what they measure where they cross.
+//! Lines levelled by their differences at crossovers.
 //!
 //! Each line gets a correction, a polynomial of low order along the line, that makes the differences at the
 //! crossovers small: least squares, weighted by the gradient of the field and reweighted so that a crossover in a
-//! steep field or with a wrong position does not decide. [Luyendyk 1997, "Processing of airborne magnetic data"] What
-//! the crossovers do not show to be out of level stays as it is, see [`LevelOptions::tested`]. The normal equations are
+//! steep field or with a wrong position does not dominate. [Luyendyk 1997, "Processing of airborne magnetic data"]
+//! Corrections that the crossovers do not support are not made, see [`LevelOptions::tested`]. The normal equations are
 //! kept sparse and solved by conjugate gradients.
 
 mod adjustment;
@@ -19,13 +19,13 @@ use crate::maps::gridding::{SurveyPoints, median};
 use adjustment::Adjustment;
 use std::collections::BTreeMap;
 
-/// What holds the common level, which crossovers do not determine.
+/// What fixes the common level, which crossovers do not determine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gauge {
-    /// The group, ties or the other lines, whose corrections scatter less keeps its median at nothing: ties where the
-    /// lines are out of level, the lines where the ties are. Where both are alike, the lines.
+    /// The group, ties or the other lines, whose corrections scatter less keeps its median at zero: ties where the
+    /// lines are out of level, the lines where the ties are. Where both scatter equally, the lines.
     Steadiest,
-    /// The mean of the tie lines' corrections is nothing; without ties that of all lines.
+    /// The mean of the tie lines' corrections is zero; without ties that of all lines.
     TiesMean,
     /// Tie lines are not corrected.
     TiesHeld,
@@ -36,21 +36,21 @@ pub enum Gauge {
 pub struct LevelOptions {
     /// Order of the corrections along a line: 0 a constant, 1 linear, ...
     pub order: usize,
-    /// Whether corrections are held against chance. Then a group, ties or the other lines, is corrected only as far as
-    /// its corrections scatter beyond their standard errors, and single lines that are out by themselves are; else every
-    /// line is brought to whatever its crossovers say.
+    /// Whether corrections are tested for significance. Then a group, ties or the other lines, is corrected only as far
+    /// as its corrections scatter beyond their standard errors, and single lines that are individually out of level are
+    /// corrected; otherwise every line is corrected fully by its crossovers.
     pub tested: bool,
-    /// What it costs to correct, as a part of the weight of one crossover: above zero, so that a line with fewer
+    /// The penalty on corrections, as a fraction of the weight of one crossover: above zero, so that a line with fewer
     /// crossovers than coefficients is corrected as little as possible.
     pub ridge: f64,
-    /// Differences larger than so many standard deviations weigh less the larger they are (Huber); infinity weighs
+    /// Differences larger than this number of standard deviations are down-weighted (Huber); infinity weighs
     /// them by the gradient alone.
     pub huber_sigmas: f64,
-    /// What holds the common level.
+    /// What fixes the common level.
     pub gauge: Gauge,
-    /// The tie lines; `None` takes those more than 45 degrees off the heading most flown.
+    /// The tie lines; `None` selects those more than 45 degrees off the heading most flown.
     pub ties: Option<Vec<usize>>,
-    /// Into how many folds the crossovers are dealt to predict each from the others; below two, they are not.
+    /// The number of folds for cross-validation of the crossovers; below two there is none.
     pub folds: usize,
 }
 
@@ -62,19 +62,19 @@ impl Default for LevelOptions {
     }
 }
 
-/// How well lines agree where they cross.
+/// The agreement of lines at crossovers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Merit {
     /// The root mean square of the differences, nT: the figure of merit at crossings.
     pub figure_of_merit_crossings: f64,
-    /// The median size of the differences, nT.
+    /// The median absolute difference, nT.
     pub median_nt: f64,
-    /// How many crossovers there are.
+    /// The number of crossovers.
     pub n: usize,
 }
 
 impl Merit {
-    /// Of differences; NaN of none.
+    /// Of differences; NaN if there are none.
     pub fn of(differences_nt: &[f64]) -> Self {
         let n = differences_nt.len();
         let squares: f64 = differences_nt.iter().map(|d| d * d).sum();
@@ -90,31 +90,31 @@ pub struct LineCorrection {
     pub line: usize,
     /// Whether it is a tie.
     pub tie: bool,
-    /// Crossovers that it has.
+    /// The number of its crossovers.
     pub crossovers: usize,
     /// Coefficients in nT of Legendre's polynomials, from -1 at the line's first point to 1 at its last.
     pub coefficients_nt: Vec<f64>,
-    /// Whether the line is out by itself, whatever the others are.
+    /// Whether the line is individually out of level, independently of the others.
     pub alone: bool,
 }
 
 /// Levelled lines.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Levelled {
-    /// What to take off each point's value, nT.
+    /// The correction to subtract from each point's value, nT.
     pub correction_nt: Vec<f64>,
     /// The lines' corrections, by line.
     pub lines: Vec<LineCorrection>,
-    /// What makes lines differ at their crossovers that are level.
+    /// The noise of the differences at crossovers of level lines.
     pub noise: CrossoverNoise,
-    /// By how much the constants of lines, and of ties about their common one, scatter beyond their standard errors, nT;
-    /// nothing where the group stays as it is.
+    /// By how much the constants of lines, and of ties about their common one, scatter beyond their standard errors,
+    /// nT; zero where the group is not corrected.
     pub spread_nt: [f64; 2],
     /// Agreement before.
     pub before: Merit,
     /// Agreement after.
     pub after: Merit,
-    /// Agreement at crossovers that were left out in turn: what levelling is worth where it was not fitted.
+    /// Agreement at crossovers that were left out in turn(cross-validation).
     pub left_out: Option<Merit>,
 }
 
@@ -151,10 +151,10 @@ pub fn level_lines(points: SurveyPoints, crossovers: &[Crossover], options: &Lev
     }
 }
 
-/// Lines more than 45 degrees off the heading, or its opposite, that the survey flew farthest, ascending.
+/// Lines more than 45 degrees off the heading, or its opposite, of the greatest flown length, ascending.
 ///
-/// A line heads from its first to its last finite point. The heading most flown is the direction of the sum of all
-/// lines' lengths at doubled angles, which makes opposite headings one.
+/// A line heads from its first to its last finite point. The main heading is the direction of the sum of all
+/// lines' lengths at doubled angles, so that opposite headings are equal.
 pub fn tie_lines(points: SurveyPoints) -> Vec<usize> {
     let mut ways: Vec<(usize, [f64; 2])> = Vec::new();
     for run in points.runs() {

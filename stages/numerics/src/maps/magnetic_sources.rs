@@ -10,7 +10,7 @@
 //! 2000, J. Geodesy 74], the logarithm in the form of Fukushima [2020, Geophys. J. Int. 222] that does
 //! not cancel in line with an edge. Inside the prism µ0 M is added, so that B is the same law everywhere.
 
-/// µ0/4π in nT m/A: the field of a moment of 1 A m² at 1 m; the measured value is 5e-10 more.
+/// µ0/4π in nT m/A: the field of a moment of 1 A m² at 1 m; the measured value is larger by 5e-10.
 const NT_M_PER_A: f64 = 100.0;
 
 /// A point or a vector as easting, northing and up.
@@ -19,7 +19,7 @@ pub type EastNorthUp = [f64; 3];
 /// A magnetic dipole.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dipole {
-    /// Where it is, in metres.
+    /// Its position, in metres.
     pub at_m: EastNorthUp,
     /// Its moment, in A m².
     pub moment_am2: EastNorthUp,
@@ -36,7 +36,7 @@ impl Dipole {
     }
 }
 
-/// A rectangular prism with edges along easting, northing and up, magnetised alike throughout.
+/// A rectangular prism with edges along easting, northing and up, uniformly magnetised.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prism {
     /// Its western, southern and lower bounds, in metres.
@@ -47,7 +47,7 @@ pub struct Prism {
     pub magnetisation_apm: EastNorthUp,
 }
 
-/// Where a point lies of one pair of faces.
+/// The position of a point relative to one pair of faces.
 #[derive(Clone, Copy, PartialEq)]
 enum Place {
     Outside,
@@ -134,7 +134,7 @@ fn corner_tensor([x, y, z]: EastNorthUp) -> [f64; 6] {
 
 fn times_symmetric([xx, yy, zz, xy, xz, yz]: [f64; 6], m: EastNorthUp) -> EastNorthUp {
     let [x, y, z] = m;
-    // A component of magnetisation that is zero takes no part, even where its kernel is infinite.
+    // A component of magnetisation that is zero does not contribute, even where its kernel is infinite.
     let sum = |parts: [(f64, f64); 3]| parts.iter().filter(|(_, m)| *m != 0.0).map(|(k, m)| k * m).sum();
     [sum([(xx, x), (xy, y), (xz, z)]), sum([(xy, x), (yy, y), (yz, z)]), sum([(xz, x), (yz, y), (zz, z)])]
 }
@@ -174,21 +174,21 @@ pub fn direction(inclination_deg: f64, declination_deg: f64) -> EastNorthUp {
     [cos_i * sin_d, cos_i * cos_d, -sin_i]
 }
 
-/// The total-field anomaly in nT: the part of a field along the main field, of which only the direction counts.
+/// The total-field anomaly in nT: the part of a field along the main field, of which only the direction matters.
 ///
-/// It is harmonic, and what a magnetometer shows to first order. [Blakely 1996, eq. 8.20]
+/// It is harmonic, and the magnetometer reading to first order. [Blakely 1996, eq. 8.20]
 pub fn total_field_anomaly_nt(field_nt: EastNorthUp, main_field: EastNorthUp) -> f64 {
     dot(field_nt, main_field) / dot(main_field, main_field).sqrt()
 }
 
-/// By how much a field in nT changes the magnitude of the main field in nT: what a magnetometer shows.
+/// The change in the magnitude of the main field (nT) by a field in nT: the magnetometer reading.
 pub fn magnitude_change_nt(field_nt: EastNorthUp, main_field_nt: EastNorthUp) -> f64 {
     let both: EastNorthUp = std::array::from_fn(|i| field_nt[i] + main_field_nt[i]);
     let magnitudes = dot(both, both).sqrt() + dot(main_field_nt, main_field_nt).sqrt();
     if magnitudes == 0.0 {
         return 0.0;
     }
-    // The difference of the magnitudes without their cancellation.
+    // The difference of the magnitudes without cancellation.
     (2.0 * dot(field_nt, main_field_nt) + dot(field_nt, field_nt)) / magnitudes
 }
 

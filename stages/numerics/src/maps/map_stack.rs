@@ -1,5 +1,5 @@
 //! An anomaly in three dimensions: a stack of maps of the same nodes at ascending heights, a map draped over heights
-//! of its own, and one enum for a caller that takes whichever there is.
+//! of its own, and one enum over all kinds of map.
 //!
 //! Between two levels the value follows a cubic of height (or a straight line), across the levels the interpolation
 //! of the maps; both are evaluated exactly, so the gradient is that of the value in all three directions.
@@ -17,7 +17,7 @@ use levels::{natural_slopes, union_of_unknown};
 pub use projected::ProjectedMap;
 use thiserror::Error;
 
-/// How a value between two levels is made.
+/// How a value between two levels is interpolated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BetweenLevels {
     /// A cubic. Of maps alone the natural spline through all levels: value, slope and curvature are continuous,
@@ -28,18 +28,18 @@ pub enum BetweenLevels {
     Linear,
 }
 
-/// What is told of a place below the lowest or above the highest level.
+/// The result at a position below the lowest or above the highest level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum OutsideLevels {
     /// Up to half the nearest step between levels away, the straight continuation (first order in height: value and
     /// slope of the end level); nothing farther away. A filter that grazes the ends keeps a correct Jacobian, and one
-    /// that leaves them is told so.
+    /// that leaves them gets no value.
     #[default]
     HalfStep,
-    /// Nothing at all.
+    /// No value.
     Nothing,
-    /// The value of the end level, however far, with no change with height, as MagNav.jl does. It is wrong by the
-    /// whole decay of the field over that way.
+    /// The value of the end level, at any distance, with no change with height, as MagNav.jl does. It is wrong by the
+    /// full decay of the field over that distance.
     Clamp,
 }
 
@@ -58,7 +58,7 @@ pub struct StackOptions {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum StackError {
     /// There are fewer than two levels.
-    #[error("a stack takes at least two levels, not {0}; one level is a map with its vertical derivative")]
+    #[error("a stack needs at least two levels, not {0}; one level is a map with its vertical derivative")]
     TooFew(usize),
     /// The numbers of heights and of maps differ.
     #[error("the stack has {heights} heights for {maps} maps")]
@@ -87,30 +87,30 @@ pub enum StackError {
     /// No node is known at all levels.
     #[error("no node of the stack is known at all of its levels")]
     Empty,
-    /// A vertical derivative is not of its map's nodes.
+    /// A vertical derivative is not on its map's nodes.
     #[error("level {level}: {source}")]
     Derivative {
         /// The level, from 0.
         level: usize,
-        /// What is wrong.
+        /// The error.
         source: MapError,
     },
 }
 
 /// Maps of the same nodes at ascending heights.
 ///
-/// A place is known where the four nodes of its cell are known at all levels.
+/// A position is known where the four nodes of its cell are known at all levels.
 #[derive(Clone, Debug)]
 pub struct MapStack {
     axes: Axes,
     heights_m: Vec<f64>,
-    /// Value and slope per metre of height, a surface a level.
+    /// Value and slope per metre of height, one surface per level.
     levels: Vec<Surface<2>>,
     options: StackOptions,
 }
 
 impl MapStack {
-    /// A stack of maps, the slopes with height made of them as `options.between` says. `heights_m` are those of
+    /// A stack of maps, the slopes with height derived from them by `options.between`. `heights_m` are those of
     /// `maps`, in metres, even or not.
     pub fn new(heights_m: &[f64], maps: &[MapGrid], options: StackOptions) -> Result<Self, StackError> {
         let known = known_values(heights_m, maps)?;
@@ -119,7 +119,7 @@ impl MapStack {
     }
 
     /// A stack of maps and their vertical derivatives, in nT/m: between levels the cubic of Hermite with these slopes,
-    /// whatever `options.between` says. Twice as exact as a spline that has to find the slopes itself.
+    /// whatever `options.between` says. Twice as accurate as a spline that has to estimate the slopes.
     pub fn with_vertical(
         heights_m: &[f64],
         maps: &[MapGrid],
@@ -157,14 +157,14 @@ impl MapStack {
         self.options
     }
 
-    /// The anomaly and its gradient at a place in degrees and metres; `None` off the maps, in a cell with an unknown
-    /// node at any level, where the place is not a number, and beyond the levels as [`OutsideLevels`] says.
+    /// The anomaly and its gradient at a position in degrees and metres; `None` off the maps, in a cell with an unknown
+    /// node at any level, where the position is NaN, and beyond the levels by [`OutsideLevels`].
     #[inline]
     pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         self.in_cell(self.axes.cell(lat_deg, lon_deg)?, alt_m)
     }
 
-    /// [`Self::at`] for many places; places without a value are NaN. Allocates only where `out` has to grow.
+    /// [`Self::at`] for many positions; positions without a value are NaN. Allocates only where `out` has to grow.
     pub fn at_many(
         &self,
         lat_deg: &[f64],
@@ -187,7 +187,7 @@ impl MapStack {
         }
     }
 
-    /// The level below a height, not the highest one; `None` below the lowest or of no number.
+    /// The level below a height, not the highest one; `None` below the lowest or for NaN.
     #[inline(always)]
     fn level_below(&self, alt_m: f64) -> Option<usize> {
         // Stacks have few levels: counting them is faster than halving.
@@ -322,7 +322,7 @@ fn known_values(heights_m: &[f64], maps: &[MapGrid]) -> Result<Vec<Vec<f64>>, St
     if known.iter().flatten().all(|value| value.is_nan()) { Err(StackError::Empty) } else { Ok(known) }
 }
 
-/// A field over an area: whichever kind of map there is.
+/// A field over an area: any kind of map.
 #[derive(Clone, Debug)]
 pub enum FieldMap {
     /// A map of one height.
@@ -336,7 +336,7 @@ pub enum FieldMap {
 }
 
 impl FieldMap {
-    /// The anomaly and its gradient at a place in degrees and metres; `None` where the map has none. A flat map
+    /// The anomaly and its gradient at a position in degrees and metres; `None` where the map has none. A flat map
     /// without a vertical derivative is the same at every height.
     #[inline]
     pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
@@ -348,7 +348,7 @@ impl FieldMap {
         }
     }
 
-    /// [`Self::at`] for many places; places without a value are NaN.
+    /// [`Self::at`] for many positions; positions without a value are NaN.
     pub fn at_many(
         &self,
         lat_deg: &[f64],

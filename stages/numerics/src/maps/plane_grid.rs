@@ -8,7 +8,7 @@ pub struct EvenAxis {
     pub first: f64,
     /// The distance between neighbours, above zero.
     pub step: f64,
-    /// How many coordinates there are.
+    /// The number of coordinates.
     pub len: usize,
 }
 
@@ -46,17 +46,17 @@ pub struct PlaneGrid {
 }
 
 impl PlaneGrid {
-    /// The same grid with other values, one a node.
+    /// The same grid with other values, one per node.
     pub fn with(&self, values: Vec<f64>) -> Self {
         Self { values, ..*self }
     }
 
-    /// How many rows there are.
+    /// The number of rows.
     pub fn rows(&self) -> usize {
         self.north_m.len
     }
 
-    /// How many columns there are.
+    /// The number of columns.
     pub fn columns(&self) -> usize {
         self.east_m.len
     }
@@ -68,7 +68,7 @@ impl PlaneGrid {
         value.copied().unwrap_or(f64::NAN)
     }
 
-    /// How many nodes are unknown.
+    /// The number of unknown nodes.
     pub fn unknown(&self) -> usize {
         self.values.iter().filter(|v| v.is_nan()).count()
     }

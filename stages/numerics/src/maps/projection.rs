@@ -1,4 +1,4 @@
-//! Map projections by their definition in PROJ's words: WGS-84 degrees to eastings and northings, and back.
+//! Map projections by their PROJ definition: WGS-84 degrees to eastings and northings, and back.
 
 use proj4rs::{Proj, errors::Error, transform::transform};
 
@@ -12,13 +12,13 @@ impl Projection {
     /// The system that a definition such as `+proj=utm +zone=54 +south +datum=WGS84` gives.
     ///
     /// # Errors
-    /// A projection or a datum that is unknown.
+    /// Fails for an unknown projection or datum.
     pub fn new(definition: &str) -> Result<Projection, Error> {
         let wgs84 = Proj::from_proj_string("+proj=longlat +datum=WGS84 +no_defs")?;
         Ok(Projection { own: Proj::from_proj_string(definition)?, wgs84 })
     }
 
-    /// Whether its coordinates are degrees already.
+    /// Whether its coordinates are degrees.
     pub fn is_geographic(&self) -> bool {
         self.own.is_latlong()
     }
@@ -28,7 +28,7 @@ impl Projection {
         if self.is_geographic() { 1.0 } else { self.own.to_meter() }
     }
 
-    /// Easting and northing (or, of degrees, longitude and latitude) of a WGS-84 latitude and longitude in
+    /// Easting and northing (or, in degrees, longitude and latitude) of a WGS-84 latitude and longitude in
     /// degrees; `None` where the projection has none.
     pub fn project(&self, lat_deg: f64, lon_deg: f64) -> Option<(f64, f64)> {
         let mut point = (lon_deg.to_radians(), lat_deg.to_radians(), 0.0);

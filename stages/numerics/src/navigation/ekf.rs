@@ -2,10 +2,10 @@
 //!
 //! The states are errors of the INS (truth - INS; see `pinson`) and the temporal variation S; the
 //! measurement is the compensated scalar field, h(x) = map(position) + core(position) + S at the
-//! position INS + x. At each sample the filter updates, hands out the state, and then propagates to
+//! position INS + x. At each sample the filter updates, returns the state, and then propagates to
 //! the next with the INS of this one. [thesis 000, section 5.3, with the corrections of H and Q]
 //!
-//! What is not as it should be along the line is documented and counted, never hidden:
+//! Irregularities along the line are documented and counted, never hidden:
 //!
 //! - a measurement that is NaN or infinite: no update, `residual` and `nis` are NaN;
 //! - a predicted position off the map or in an unknown cell: the same;
@@ -47,7 +47,7 @@ pub fn run(
 ) -> Result<EkfOutput, EkfError> {
     let core = core.map(|core| Arc::new(core.clone()));
     let point = EkfPoint { parameters, measurement_nt, map, core: core.as_ref() };
-    // One point has one answer.
+    // One point has one result.
     run_together(ins, &[point]).pop().unwrap_or_else(|| Ok(EkfOutput::default()))
 }
 
@@ -64,11 +64,11 @@ pub struct EkfPoint<'a> {
     pub core: Option<&'a Arc<CoreField>>,
 }
 
-/// Filters one line by several points, whose answers come in their order and have the bits of [`run`].
+/// Filters one line by several points, whose results are in their order and bit-identical to [`run`].
 ///
-/// Points of equal time constants (but for that of the temporal variation), discretisation and, for
-/// [`VanLoan`](crate::navigation::transition::NoiseDiscretisation::VanLoan), process noise share the transition matrices. All
-/// answers are in memory together.
+/// Points of equal time constants (except that of the temporal variation), discretisation and, for
+/// [`VanLoan`](crate::navigation::transition::NoiseDiscretisation::VanLoan), process noise share the transition
+/// matrices. All results are in memory together.
 pub fn run_together(ins: &InsSeries<'_>, points: &[EkfPoint<'_>]) -> Vec<Result<EkfOutput, EkfError>> {
     let series = ins.check();
     let mut answers: Vec<Option<Result<EkfOutput, EkfError>>> = vec![];
@@ -91,7 +91,7 @@ pub fn run_together(ins: &InsSeries<'_>, points: &[EkfPoint<'_>]) -> Vec<Result<
             answers[place] = Some(filter.finish());
         }
     }
-    // Every point was refused or is of a group.
+    // Every point was rejected or belongs to a group.
     answers.into_iter().flatten().collect()
 }
 
@@ -107,8 +107,8 @@ impl EkfPoint<'_> {
     }
 }
 
-/// Steps that are made before the filters take them, one pack after the other: the covariances of a pack stay in the
-/// innermost cache meanwhile, and the steps in the one behind it.
+/// Steps that are computed before the filters use them, one pack after the other: the covariances of a pack stay in the
+/// innermost cache meanwhile, and the steps in the next-level cache.
 const BLOCK: usize = 32;
 
 /// Filters that share their steps, as the work that is dispatched to the machine's vector unit.

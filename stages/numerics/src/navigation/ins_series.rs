@@ -1,9 +1,9 @@
-//! What an inertial navigation system puts out along a line, as columns.
+//! The output of an inertial navigation system along a line, as columns.
 
 use crate::navigation::pinson::InsPoint;
 use thiserror::Error;
 
-/// An INS's output along one line, one value a sample in every column.
+/// An INS's output along one line, one value per sample in every column.
 #[derive(Clone, Copy, Debug)]
 pub struct InsSeries<'a> {
     /// Time, in s, strictly ascending; steps may be uneven.
@@ -35,7 +35,7 @@ pub struct InsSeries<'a> {
 }
 
 impl<'a> InsSeries<'a> {
-    /// A series of columns in the order of the fields.
+    /// A series from columns in the order of the fields.
     pub fn of(columns: [&'a [f64]; 13]) -> Self {
         let [tt_s, lat_deg, lon_deg, alt_m, vn_mps, ve_mps, vd_mps, rest @ ..] = columns;
         let [fn_mps2, fe_mps2, fd_mps2, roll_deg, pitch_deg, yaw_deg] = rest;
@@ -60,12 +60,12 @@ impl<'a> InsSeries<'a> {
 /// Why a line cannot be navigated. Rows are counted from 0.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum SeriesError {
-    /// There are fewer samples than the work takes.
-    #[error("the line has {rows} sample(s); it takes at least {needed}")]
+    /// There are too few samples.
+    #[error("the line has {rows} sample(s); at least {needed} are needed")]
     TooShort {
-        /// Samples there are.
+        /// The number of samples.
         rows: usize,
-        /// Samples it takes.
+        /// The number of samples needed.
         needed: usize,
     },
     /// A column has another length than the time column.
@@ -78,7 +78,7 @@ pub enum SeriesError {
         /// The length of `tt`.
         expected: usize,
     },
-    /// A value is missing or infinite where the filter cannot do without.
+    /// A value is missing or infinite where the filter needs one.
     #[error("column `{column}` is {value} in row {row}; the filter needs a finite value in every row")]
     NotFinite {
         /// The column.
@@ -88,7 +88,7 @@ pub enum SeriesError {
         /// The value.
         value: f64,
     },
-    /// Time stands still or goes back.
+    /// Time does not ascend.
     #[error("time does not ascend: `tt` is {tt_s} s in row {row} after {before_s} s")]
     Time {
         /// The row.
@@ -116,12 +116,12 @@ impl<'a> InsSeries<'a> {
         self.tt_s.len()
     }
 
-    /// True without samples.
+    /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.tt_s.is_empty()
     }
 
-    /// The columns with the names they have in a flight table.
+    /// The columns with their names in a flight table.
     fn columns(&self) -> [(&'static str, &'a [f64]); 13] {
         [
             ("tt", self.tt_s),
@@ -140,8 +140,12 @@ impl<'a> InsSeries<'a> {
         ]
     }
 
-    /// Refuses columns of different lengths, values that are not finite, time that does not
-    /// ascend and latitudes that the model has no answer for.
+    /// Checks the columns.
+    ///
+    /// # Errors
+    ///
+    /// Fails for columns of different lengths, values that are not finite, time that does not ascend and latitudes at
+    /// or beyond a pole.
     pub fn check(&self) -> Result<(), SeriesError> {
         if self.is_empty() {
             return Err(SeriesError::TooShort { rows: 0, needed: 1 });
@@ -170,7 +174,7 @@ impl<'a> InsSeries<'a> {
     }
 }
 
-/// Refuses a column of another length than expected or with a value that is not finite.
+/// Rejects a column of another length than expected or with a value that is not finite.
 pub(super) fn check_column(column: &'static str, values: &[f64], expected: usize) -> Result<(), SeriesError> {
     if values.len() != expected {
         return Err(SeriesError::Length { column, rows: values.len(), expected });
@@ -181,7 +185,7 @@ pub(super) fn check_column(column: &'static str, values: &[f64], expected: usize
     }
 }
 
-/// Refuses time that stands still or goes back.
+/// Rejects time that does not ascend.
 pub(super) fn check_time(tt_s: &[f64]) -> Result<(), SeriesError> {
     for (before, pair) in tt_s.windows(2).enumerate() {
         if pair[1] <= pair[0] || pair[1].is_nan() {
@@ -191,7 +195,7 @@ pub(super) fn check_time(tt_s: &[f64]) -> Result<(), SeriesError> {
     Ok(())
 }
 
-/// Refuses latitudes at or beyond a pole.
+/// Rejects latitudes at or beyond a pole.
 pub(super) fn check_latitudes(column: &'static str, lat_deg: &[f64]) -> Result<(), SeriesError> {
     match lat_deg.iter().position(|lat| lat.abs() >= 90.0) {
         Some(row) => Err(SeriesError::Latitude { column, row, lat_deg: lat_deg[row] }),

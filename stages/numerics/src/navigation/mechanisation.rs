@@ -1,7 +1,7 @@
 //! Strapdown inertial navigation: attitude, velocity and position from the readings of gyroscopes and
 //! accelerometers, the vertical channel aided by a barometer; and the way back, the readings of a motion.
 //!
-//! Navigation frame north-east-down, body frame nose-right-down. A reading holds the integrals over
+//! Navigation frame north-east-down, body frame nose-right-down. A reading contains the integrals over
 //! a step of the body's angular rate and specific force, in the body's axes. Within a step they are
 //! taken as linear in time, so that coning and sculling are corrected with the reading before it, to
 //! third order in the angle of a step. [Savage 1998, I (38) and II (23); Titterton & Weston 2004, 11.2]
@@ -37,7 +37,7 @@ pub enum Earth {
 }
 
 impl Earth {
-    /// Metres to a radian of latitude, and of longitude at the equator, at a place.
+    /// Metres per radian of latitude, and of longitude at the equator, at a position.
     fn radii_m(self, lat_rad: f64, alt_m: f64) -> (f64, f64) {
         match self {
             Self::Wgs84 => (meridian_radius_m(lat_rad) + alt_m, transverse_radius_m(lat_rad) + alt_m),
@@ -73,7 +73,7 @@ pub fn normal_gravity_mps2(lat_rad: f64, alt_m: f64) -> f64 {
     surface * (1.0 - gradient * alt_m + 3.0 / (A * A) * alt_m * alt_m)
 }
 
-/// Where a body is, how it moves and how it is turned.
+/// The position, velocity and attitude of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Geodetic latitude, in rad.
@@ -84,7 +84,7 @@ pub struct Motion {
     pub alt_m: f64,
     /// Velocity north, east, down, in m/s.
     pub vel_ned_mps: Vector3<f64>,
-    /// What turns the body frame into north-east-down.
+    /// The rotation from the body frame to north-east-down.
     pub body_to_ned: UnitQuaternion<f64>,
 }
 
@@ -93,7 +93,7 @@ pub fn quaternion(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(*matrix))
 }
 
-/// What the inertial sensors measured over a step.
+/// The reading of the inertial sensors over a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reading {
     /// The length of the step, in s.
@@ -104,7 +104,7 @@ pub struct Reading {
     pub velocity_mps: Vector3<f64>,
 }
 
-/// A reading freed of what the turning of the body within the step does to it: how the body turned
+/// A reading after removing the effect of rotation within the step: how the body turned
 /// against inertial space as one rotation vector, and how its velocity changed, in the axes of the
 /// step's beginning.
 struct Increments {
@@ -125,14 +125,14 @@ impl Reading {
         }
     }
 
-    /// Angle and velocity as a step of another length would have had them; nothing of no step.
+    /// Angle and velocity scaled to a step of another length; zero for a step of zero length.
     fn stretched_to(&self, dt_s: f64) -> (Vector3<f64>, Vector3<f64>) {
         let factor = if self.dt_s > 0.0 { dt_s / self.dt_s } else { 0.0 };
         (self.angle_rad * factor, self.velocity_mps * factor)
     }
 }
 
-/// What the earth does to a body in the middle of a step.
+/// The effect of the earth on a body in the middle of a step.
 struct Surroundings {
     /// Rate of the navigation frame against inertial space, in rad/s.
     frame_rate: Vector3<f64>,
@@ -143,7 +143,7 @@ struct Surroundings {
     lon_rate: f64,
 }
 
-/// Least cosine of a latitude: 6 m from a pole, nearer to which the frame is taken to turn no faster.
+/// Least cosine of a latitude: 6 m from a pole, nearer to which the frame turns no faster.
 const LEAST_COSINE: f64 = 1e-6;
 
 fn surroundings(earth: Earth, lat_rad: f64, alt_m: f64, v: &Vector3<f64>) -> Surroundings {
@@ -161,7 +161,7 @@ fn surroundings(earth: Earth, lat_rad: f64, alt_m: f64, v: &Vector3<f64>) -> Sur
     }
 }
 
-/// How often a step is repeated with the middle that it itself leads to. Each repetition gains the
+/// How often a step is repeated with the midpoint that it leads to. Each repetition gains the
 /// factor K1 Δt/2, or 2 Ω Δt where no barometer aids.
 const REPETITIONS: usize = 4;
 
@@ -181,7 +181,7 @@ impl Mechanisation {
         Self { earth, motion, loop_mps2, before: Reading::default() }
     }
 
-    /// The motion that it has found.
+    /// The current motion.
     pub fn motion(&self) -> &Motion {
         &self.motion
     }
@@ -191,7 +191,7 @@ impl Mechanisation {
         self.loop_mps2
     }
 
-    /// Goes on by one reading. `baro_alt_m` is the mean over the step of the height that a barometer
+    /// Advances by one reading. `baro_alt_m` is the mean over the step of the height that a barometer
     /// measured; it aids the vertical channel in a loop of third order with the gains K1, K2, K3 of the
     /// error model. Without it the vertical channel is free, and unstable. [Titterton & Weston 13.4]
     ///

@@ -45,7 +45,7 @@ pub const A_HAT: usize = 16;
 /// Temporal variation of the field, nT.
 pub const S: usize = 17;
 
-/// Where MagNav.jl keeps each of these states: it has the two barometer states before the biases.
+/// The index of each of these states in MagNav.jl, which has the two barometer states before the biases.
 /// `MAGNAV_POSITION[i]` is the index in its vectors (from 0) of our state `i`.
 pub const MAGNAV_POSITION: [usize; STATES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14, 15, 16, 9, 10, 17];
 
@@ -56,7 +56,7 @@ pub const K2: f64 = 3e-4;
 /// Barometer aiding of the vertical acceleration, in 1/s³.
 pub const K3: f64 = 1e-6;
 
-/// What the error model needs of the INS at one instant.
+/// The INS quantities that the error model needs at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InsPoint {
     /// Latitude, in rad.
@@ -101,7 +101,7 @@ pub enum PinsonForm {
     #[default]
     Thesis,
     /// As MagNav.jl up to 1.3.3 and its MATLAB reference data, where the effect of altitude on the
-    /// north tilt reads -ve²/R² for -ve/R². For comparing figures with that program.
+    /// north tilt reads -ve²/R² instead of -ve/R². For comparing figures with that program.
     Compatible,
 }
 

@@ -1,7 +1,7 @@
-//! What a flight without an inertial navigation record lacks, derived from where it was when:
+//! The inertial quantities of a flight without an inertial navigation record, derived from its positions:
 //! velocity from position, specific force from velocity, attitude from the course.
 //!
-//! These are stand-ins for the error model's coefficients, which need them to a few per cent only.
+//! These are stand-ins for the error model's coefficients, which need an accuracy of a few per cent only.
 
 use crate::{
     earth::geodesy::{EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, unwrapped_deg},
@@ -51,13 +51,13 @@ pub fn velocity_ned_mps(tt_s: &[f64], lat_deg: &[f64], lon_deg: &[f64], alt_m: &
     Ok([north.collect(), east.collect(), alt_rate.iter().map(|rate| -rate).collect()])
 }
 
-/// Specific force north, east and down, in m/s², along a track of latitudes (degrees) and heights above the ellipsoid (m)
-/// that is flown with these velocities (m/s): [`specific_force_mps2`] of their derivatives.
+/// Specific force north, east and down, in m/s², along a track of latitudes (degrees) and heights above the ellipsoid
+/// (m) that is flown with these velocities (m/s): [`specific_force_mps2`] of their derivatives.
 ///
 /// MagNav.jl leaves the Coriolis and transport terms out and takes 9.80665 m/s² for gravity.
 ///
 /// # Errors
-/// As [`velocity_ned_mps`].
+/// Fails as [`velocity_ned_mps`].
 pub fn specific_force_ned_mps2(
     tt_s: &[f64],
     [lat_deg, alt_m]: [&[f64]; 2],
@@ -78,8 +78,8 @@ pub fn specific_force_ned_mps2(
     Ok(out)
 }
 
-/// f = dv/dt + (2 ω_ie + ω_en) × v − g, all north-east-down: m/s² of a latitude in rad, a height above the ellipsoid in m, a
-/// velocity in m/s and its rate in m/s², with the ellipsoid's normal gravity. [Titterton & Weston 2004, (3.29)]
+/// f = dv/dt + (2 ω_ie + ω_en) × v − g, all north-east-down: m/s² of a latitude in rad, a height above the ellipsoid in
+/// m, a velocity in m/s and its rate in m/s², with the ellipsoid's normal gravity. [Titterton & Weston 2004, (3.29)]
 pub fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]) -> [f64; 3] {
     let (sin, cos) = lat_rad.sin_cos();
     let (meridian_m, transverse_m) = (meridian_radius_m(lat_rad) + alt_m, transverse_radius_m(lat_rad) + alt_m);
@@ -93,7 +93,7 @@ pub fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]
 }
 
 /// Roll, pitch and yaw, in degrees, of an aircraft that flies level with its nose along the course
-/// of its velocity. A sample at rest keeps the yaw before it; rest from the beginning points north.
+/// of its velocity. A sample at rest keeps the previous yaw; rest from the beginning has yaw 0.
 pub fn level_attitude_deg(vn_mps: &[f64], ve_mps: &[f64]) -> Result<Triple, SeriesError> {
     check_length("ve", ve_mps, vn_mps)?;
     let mut course_deg = 0.0;

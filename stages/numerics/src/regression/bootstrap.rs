@@ -1,5 +1,5 @@
-//! Confidence intervals by resampling groups: flight lines are drawn with replacement, so that what the samples of a line
-//! have in common does not count as independent evidence.
+//! Confidence intervals by resampling groups: flight lines are drawn with replacement, so that the common errors
+//! of the samples of a line do not count as independent evidence.
 //! [Efron & Tibshirani 1993, "An Introduction to the Bootstrap", ch. 13; Davison & Hinkley 1997, 3.8]
 
 /// A percentile interval.
@@ -35,15 +35,15 @@ impl Resamples {
         Self { draws }
     }
 
-    /// The statistic of each draw; it is handed the places of the groups that were drawn.
+    /// The statistic of each draw; its argument is the indices of the drawn groups.
     pub fn values(&self, statistic: impl Fn(&mut dyn Iterator<Item = usize>) -> f64) -> Vec<f64> {
         self.draws.iter().map(|draw| statistic(&mut draw.iter().map(|i| *i as usize))).collect()
     }
 }
 
 impl Interval {
-    /// The central interval of probability `level` of drawn values, by percentiles; values that are not finite are left
-    /// out. `None` of no values.
+    /// The central interval of drawn values at confidence level `level`, by percentiles; values that are not finite are
+    /// left out. `None` without values.
     pub fn central(mut values: Vec<f64>, level: f64) -> Option<Interval> {
         values.retain(|v| v.is_finite());
         values.sort_by(f64::total_cmp);

@@ -9,11 +9,11 @@ use crate::regression::least_squares::{
     LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Prepared, Scaling, leave_line_out, setting,
 };
 
-/// Below this change of the logarithms from one λ to the next but one, a curve stands still and its curvature is
-/// of rounding.
+/// Below this change of the logarithms from one λ to the next but one, a curve is stationary and its curvature is
+/// dominated by rounding.
 const STANDS_STILL: f64 = 1e-6;
 
-/// What one λ does to a fit.
+/// The scores of a fit with one λ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LambdaPoint {
     /// The ridge parameter of the scaled columns, absolute (not divided by the rows).
@@ -24,8 +24,8 @@ pub struct LambdaPoint {
     pub size: f64,
     /// The effective number of parameters, with the intercept.
     pub degrees_of_freedom: f64,
-    /// n ‖r‖²/(n − degrees of freedom)²: the mean squared error to be expected at rows not seen, up to
-    /// the noise's correlation. NaN where no row is left over. [Golub, Heath & Wahba 1979]
+    /// n ‖r‖²/(n − degrees of freedom)²: the mean squared error expected at unseen rows, up to
+    /// the noise's correlation. NaN where no degree of freedom is left. [Golub, Heath & Wahba 1979]
     pub generalised: f64,
     /// The curvature of log ‖b‖ over log ‖r‖; 0 at both ends.
     pub curvature: f64,
@@ -41,7 +41,11 @@ pub fn grid(first: f64, last: f64, count: usize) -> Result<Vec<f64>, LeastSquare
 }
 
 /// Fit, size and scores of one target for each of `lambdas`, which ascend evenly in their logarithm
-/// ([`grid`]). Errors: an uneven grid, no such target, no convergence.
+/// ([`grid`]).
+///
+/// # Errors
+///
+/// Fails for an uneven grid, an unknown target, or without convergence.
 pub fn curve(prepared: &Prepared, target: usize, lambdas: &[f64]) -> Result<Vec<LambdaPoint>, LeastSquaresError> {
     let wanted = "one of a list that ascends evenly in its logarithm";
     let first = lambdas.first().copied().unwrap_or(1.0);
@@ -89,20 +93,20 @@ fn curvature(points: &[LambdaPoint]) -> f64 {
     if moved < STANDS_STILL { 0.0 } else { log_curvature(misfit, size) }
 }
 
-/// The number of the point with the least expected error; `None` where none is defined.
+/// The index of the point with the least expected error; `None` where none is defined.
 pub fn by_generalised_cross_validation(points: &[LambdaPoint]) -> Option<usize> {
     let defined = (0..points.len()).filter(|&k| points[k].generalised.is_finite());
     defined.min_by(|&a, &b| points[a].generalised.total_cmp(&points[b].generalised))
 }
 
-/// The number of the point at the corner, thesis 004's choice; `None` where the curve has no corner. Where the true
+/// The index of the point at the corner, thesis 004's choice; `None` where the curve has no corner. Where the true
 /// coefficients are smooth it is weaker than the best ridge, by one or two decades of λ.
 pub fn by_l_curve(points: &[LambdaPoint]) -> Option<usize> {
     let bent = (0..points.len()).filter(|&k| points[k].curvature > 0.0);
     bent.max_by(|&a, &b| points[a].curvature.total_cmp(&points[b].curvature))
 }
 
-/// How well each λ predicts lines left out. The candidates are in the order of `lambdas`: list them from the
+/// The leave-one-line-out prediction error of each λ. The candidates are in the order of `lambdas`: list them from the
 /// largest to the smallest for the choice within one standard error to be the strongest ridge.
 pub fn by_lines(
     lines: &[Moments],
@@ -257,9 +261,9 @@ mod tests {
             assert!(corner < 0.1 * errors[0] && corner < 0.5 * errors[80], "{seed} {corner}");
             assert!(points.windows(2).all(|p| p[1].size < p[0].size && p[1].residual_squares >= p[0].residual_squares));
         }
-        // The same in numpy on other draws: the corner's error is 1.5 to 4 times the least, as its lambda is too small where
-        // the truth is smooth [Hanke 1996], and that of cross-validation 1.1 to 2, but now and then it takes noise for
-        // signal: hence medians. The ends are off by 60 and by 9 times the least.
+        // The same in numpy on other draws: the corner's error is 1.5 to 4 times the least, as its lambda is too small
+        // where the truth is smooth [Hanke 1996], and that of cross-validation 1.1 to 2, but now and then it takes
+        // noise for signal: hence medians. The ends are off by 60 and by 9 times the least.
         by_score.sort_by(f64::total_cmp);
         by_corner.sort_by(f64::total_cmp);
         assert!(by_score[4] < 2.5 && by_corner[4] < 4.0, "{by_score:?} {by_corner:?}");

@@ -5,8 +5,8 @@
 //! λ₁ = 2 n α ρ and λ₂ = n α (1 − ρ). Solved by cyclic coordinate descent on the covariances
 //! [Friedman, Hastie & Tibshirani 2010, "Regularization paths for generalized linear models via
 //! coordinate descent", J. Stat. Softw. 33(1)], down the path of α from where all coefficients are
-//! zero, each α starting from the one before. Rows are never read: everything is made of the
-//! triangular factor, on which the terms that take part are also solved for exactly, so that badly
+//! zero, each α starting from the one before. Rows are never read: everything is computed from the
+//! triangular factor, on which the active terms are also solved for exactly, so that badly
 //! conditioned terms do not slow the descent down. It ends where the duality gap, which bounds the
 //! distance from the minimum, is small.
 
@@ -19,18 +19,18 @@ use crate::regression::least_squares::{
 };
 use descent::Descent;
 
-/// How a path is made.
+/// The settings of a path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ElasticNet {
-    /// ρ, the part of the penalty that is ‖b‖₁: 0 ridge, 1 lasso. MagNav.jl uses 0.99.
+    /// ρ, the fraction of the penalty that is ‖b‖₁: 0 ridge, 1 lasso. MagNav.jl uses 0.99.
     pub l1_ratio: f64,
     /// What the columns are divided by before they are penalised.
     pub scaling: Scaling,
-    /// Whether means are taken off, for an intercept without a penalty.
+    /// Whether means are subtracted, for an intercept without a penalty.
     pub intercept: bool,
-    /// The duality gap that ends an α, as a part of ‖y‖².
+    /// The duality gap that ends an α, as a fraction of ‖y‖².
     pub tolerance: f64,
-    /// The most sweeps over the terms for one α.
+    /// The maximum number of sweeps over the terms for one α.
     pub sweeps: usize,
 }
 
@@ -52,18 +52,18 @@ pub struct ElasticNetFit {
     pub active: Vec<usize>,
     /// The sum of squared residuals.
     pub residual_squares: f64,
-    /// By how much the objective times n can be above its minimum at most, as a part of ‖y‖².
+    /// The upper bound on the excess of the objective times n over its minimum, as a fraction of ‖y‖².
     pub gap: f64,
-    /// How many sweeps it took.
+    /// The number of sweeps.
     pub sweeps: usize,
 }
 
-/// A path and how well its fits predict lines left out.
+/// A path and its leave-one-line-out scores.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ElasticNetChoice {
     /// The fits to all lines.
     pub path: Vec<ElasticNetFit>,
-    /// The scores, one candidate an α.
+    /// The scores, one candidate per α.
     pub scores: LineScores,
 }
 
@@ -86,7 +86,7 @@ impl ElasticNet {
         setting("the tolerance of an elastic net", self.tolerance, "above 0", positive)
     }
 
-    /// `count` values of α, evenly spaced in their logarithm, from the least at which all coefficients
+    /// `count` values of α, evenly spaced in their logarithm, from the smallest at which all coefficients
     /// are zero, max|Aᵀ y|/(n ρ), down to `least` times that.
     pub fn alphas(
         &self,
@@ -96,11 +96,11 @@ impl ElasticNet {
         least: f64,
     ) -> Result<Vec<f64>, LeastSquaresError> {
         self.check()?;
-        setting("the l1 ratio", self.l1_ratio, "above 0, for a path to be found by itself", self.l1_ratio > 0.0)?;
+        setting("the l1 ratio", self.l1_ratio, "above 0 to derive the path of alpha", self.l1_ratio > 0.0)?;
         setting(
-            "the smallest alpha as a part of the largest",
+            "the smallest alpha as a fraction of the largest",
             least,
-            "from 0 to 1, both left out",
+            "between 0 and 1, exclusive",
             least > 0.0 && least < 1.0,
         )?;
         let prepared = moments.prepare(self.scaling, self.intercept)?;
@@ -113,7 +113,9 @@ impl ElasticNet {
 
     /// The fits for all `alphas`, in their order, which is fastest from the largest to the smallest.
     ///
-    /// Errors: a setting out of its range, no rows, no such target, or sweeps used up.
+    /// # Errors
+    ///
+    /// Fails for a setting out of its range, without rows, for an unknown target, or when the sweeps are used up.
     pub fn path(
         &self,
         moments: &Moments,
@@ -131,7 +133,7 @@ impl ElasticNet {
         self.path_of(&moments.prepare(self.scaling, self.intercept)?, target, alphas)
     }
 
-    /// The paths of several targets, on rayon's threads, one target each.
+    /// The paths of several targets, on rayon's threads, one per target.
     pub fn paths(&self, moments: &Moments, alphas: &[Vec<f64>]) -> Result<Vec<Vec<ElasticNetFit>>, LeastSquaresError> {
         alphas.par_iter().enumerate().map(|(target, alphas)| self.path(moments, target, alphas)).collect()
     }

@@ -1,4 +1,4 @@
-//! The corner of an L-curve, where more regularisation begins to cost misfit.
+//! The corner of an L-curve, where more regularisation begins to increase the misfit.
 //!
 //! The curve is the logarithm of the size of the solution against that of the misfit; its corner is where its
 //! curvature is largest. [Hansen & O'Leary 1993, "The use of the L-curve in the regularization of discrete

@@ -7,7 +7,7 @@
 //! and the normal equations, which square the condition number, are never formed. One singular
 //! value decomposition of the p x p factor then gives the answer for all targets and all lambdas:
 //! β = V diag(s/(s² + λ)) Uᵀ Qᵀ y, the minimum of |y − A β|² + λ |β|². λ is absolute (not divided
-//! by the number of rows) and penalises every term alike, as in MagNav.jl.
+//! by the number of rows) and penalises every term uniformly, as in MagNav.jl.
 //!
 //! ```
 //! use numerics::regression::least_squares::QrAccumulator;
@@ -35,21 +35,21 @@ pub use prepared::{Prepared, Scaling, Singular};
 pub use ridge::{RANK_TOLERANCE, RidgePath, RidgeSolution};
 pub(crate) use triangular::Triangular;
 
-/// Rows that one thread folds before the factors are merged, fixed so that the answer does not
+/// Rows that one thread folds before the factors are merged, fixed so that the result does not
 /// depend on the number of threads.
 const CHUNK: usize = 16_384;
 
-/// What is wrong with a fit or with what it was given.
+/// Why a fit fails.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LeastSquaresError {
     /// Columns or names do not fit the matrix.
-    #[error("{what} has {given} entries where {expected} are needed")]
+    #[error("{what} has {given} entries, but {expected} are needed")]
     Shape {
         /// Which argument.
         what: &'static str,
-        /// How many entries it has.
+        /// The number of its entries.
         given: usize,
-        /// How many it needs.
+        /// The number of entries needed.
         expected: usize,
     },
     /// A value is NaN or infinite.
@@ -61,71 +61,71 @@ pub enum LeastSquaresError {
         column: String,
     },
     /// A ridge parameter is negative or not finite.
-    #[error("lambda must be a finite number of at least 0, and it is {lambda}")]
+    #[error("lambda must be a finite number of at least 0, but is {lambda}")]
     Lambda {
-        /// The parameter that was given.
+        /// The given parameter.
         lambda: f64,
     },
-    /// Nothing was pushed.
+    /// There are no rows.
     #[error("there is no row to fit")]
     NoRows,
-    /// Without a ridge the terms cannot be told apart.
+    /// Without a ridge the terms are linearly dependent.
     #[error("{}", ridge::deficient(*rank, *terms, *rows, unexcited, dependent))]
     RankDeficient {
-        /// How many independent combinations of terms the rows hold.
+        /// The number of independent combinations of terms in the rows.
         rank: usize,
-        /// How many terms there are.
+        /// The number of terms.
         terms: usize,
-        /// How many rows there are.
+        /// The number of rows.
         rows: usize,
-        /// Terms that are zero in every row (or constant, where the fit takes means off).
+        /// Terms that are zero in every row (or constant, where the fit subtracts means).
         unexcited: Vec<String>,
         /// Terms that take part in a linear dependence.
         dependent: Vec<String>,
     },
-    /// A term or target that is not there was asked for.
+    /// A requested term or target does not exist.
     #[error("there is no {what} {number}: they are numbered from 0 and there are {count}")]
     NoSuch {
         /// `term` or `target`.
         what: &'static str,
-        /// The number that was asked for.
+        /// The requested index.
         number: usize,
-        /// How many there are.
+        /// The number of terms or targets.
         count: usize,
     },
-    /// Leaving a line out leaves nothing.
-    #[error("leaving one line out needs at least two lines, and there is {given}")]
+    /// There are too few lines to leave one out.
+    #[error("leaving one line out needs at least two lines, but the number of lines is {given}")]
     TooFewLines {
-        /// How many there are.
+        /// The number of lines.
         given: usize,
     },
     /// A line that is to be left out and predicted has no rows.
     #[error("line {line} (from 0) has no rows to predict: leave it out of the choice")]
     EmptyLine {
-        /// The number of the line.
+        /// The index of the line.
         line: usize,
     },
     /// A setting of a model is out of its range.
-    #[error("{what} must be {wanted}, and it is {given}")]
+    #[error("{what} must be {wanted}, but is {given}")]
     Setting {
         /// The setting.
         what: &'static str,
         /// Its range.
         wanted: &'static str,
-        /// What was given.
+        /// The given value.
         given: f64,
     },
     /// An elastic net did not reach its tolerance.
     #[error(
-        "the elastic net with alpha {alpha} is still {gap:e} of the target's square above its minimum at most \
-             after {sweeps} sweeps: allow more, or a larger tolerance"
+        "the elastic net with alpha {alpha} may still be {gap:e} of the target's sum of squares above its minimum \
+             after {sweeps} sweeps: allow more sweeps or a larger tolerance"
     )]
     Sweeps {
         /// The strength of the penalty.
         alpha: f64,
-        /// How many sweeps were made.
+        /// The number of sweeps.
         sweeps: usize,
-        /// The duality gap that is left, as a part of the target's sum of squares.
+        /// The remaining duality gap, as a fraction of the target's sum of squares.
         gap: f64,
     },
     /// The singular value decomposition did not converge.
@@ -157,7 +157,7 @@ impl QrAccumulator {
 
     /// The factor of a whole matrix, on rayon's threads.
     ///
-    /// The rows are cut at fixed places and the pieces merged in order: the answer is the same with
+    /// The rows are split at fixed positions and the blocks merged in order: the result is the same with
     /// any number of threads (and differs in the last bits from one [`push`](Self::push) of all).
     pub fn of(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
         let mut whole = Self::new(terms, targets.len());
@@ -180,9 +180,9 @@ impl QrAccumulator {
         Ok(whole)
     }
 
-    /// Folds in rows: `a` is row-major with one column a term, `targets` one slice a target.
+    /// Folds in rows: `a` is row-major with one column per term, `targets` one slice per target.
     ///
-    /// Pushing in pieces gives the same bits as pushing at once. On an error nothing is folded in.
+    /// Pushing in blocks gives the same bits as pushing at once. On an error the factor is unchanged.
     pub fn push(&mut self, a: &[f64], targets: &[&[f64]]) -> Result<(), LeastSquaresError> {
         let rows = self.check_finite(a, targets)?;
         for i in 0..rows {
@@ -220,7 +220,7 @@ impl QrAccumulator {
         }
     }
 
-    /// Folds in the rows of another factor, after the own ones. The answer depends on the order of
+    /// Folds in the rows of another factor, after its own. The result depends on the order of
     /// merging in its last bits: merge in the order of the lines.
     pub fn merge(&mut self, mut other: Self) -> Result<(), LeastSquaresError> {
         expect("the other factor's targets", other.targets, self.targets)?;
@@ -236,8 +236,8 @@ impl QrAccumulator {
         Ok(())
     }
 
-    /// The factor of [1 | A | y] for the targets `chosen` alone, to the last bit what it would be had the others never
-    /// been there. A target that is not there is left out.
+    /// The factor of [1 | A | y] for the targets `chosen` alone, bit-identical to a factor without the others
+    /// . An index without a target is ignored.
     pub fn select(&self, chosen: &[usize]) -> Self {
         let chosen: Vec<usize> = chosen.iter().copied().filter(|c| *c < self.targets).collect();
         let mut out = Self::new(self.terms, chosen.len());
@@ -246,7 +246,7 @@ impl QrAccumulator {
         out
     }
 
-    /// How many rows have been folded in.
+    /// The number of rows folded in.
     pub fn rows(&self) -> usize {
         self.rows
     }
@@ -257,13 +257,13 @@ impl QrAccumulator {
 
     /// Ridge fits of every target for every lambda, all terms penalised, no intercept.
     ///
-    /// `names` are the terms', for the report. With a lambda of 0 linearly dependent terms are an
+    /// `names` are the names of the terms, for the report. With a lambda of 0 linearly dependent terms are an
     /// error that names them; with a ridge they are solved and reported in the path.
     pub fn solve<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S]) -> Result<RidgePath, LeastSquaresError> {
         self.path(lambdas, names, false)
     }
 
-    /// As [`solve`](Self::solve) after the means of terms and targets are taken off: a fit with an
+    /// As [`solve`](Self::solve) after subtracting the means of terms and targets: a fit with an
     /// intercept that is not penalised.
     pub fn solve_centred<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S]) -> Result<RidgePath, LeastSquaresError> {
         self.path(lambdas, names, true)

@@ -5,7 +5,7 @@
 //! targets are deflated (3.41)-(3.42); after k of them β = U (Pᵀ U)⁻¹ Qᵀ (3.43). scikit-learn's
 //! `PLSRegression(scale=True)` is the same for one target and for several.
 //!
-//! The steps are made on the p x p triangular factor in place of the rows, of which all scores are
+//! The steps are made on the p x p triangular factor instead of the rows, for which all scores are
 //! the same, and not on covariances, which would square the condition number. The inverse of Pᵀ U
 //! is never formed: it is unit upper triangular, and each component adds r qᵀ to β, with r = u less
 //! the earlier r's along pᵀ u [de Jong 1993, "SIMPLS"], so that one pass gives all numbers of
@@ -17,7 +17,7 @@ use crate::regression::least_squares::{
     LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Scaling, leave_line_out, setting,
 };
 
-/// What is left of the covariance with the targets, of what there was, below which it is rounding.
+/// The fraction of the covariance with the targets below which the rest is rounding.
 const NOTHING_LEFT: f64 = 1e-13;
 
 /// The fits with 1, 2, ... components.
@@ -38,8 +38,12 @@ pub struct PlsPath {
 /// The fits of all `targets` with 1 to `components` components, together.
 ///
 /// `scaling` is that of the terms; the targets are always divided by their standard deviation (n −
-/// 1), which matters where there are several. Means are taken off both. The path is shorter than
-/// asked for where no covariance is left. Errors: no components asked for, no rows, no such target.
+/// 1), which matters where there are several. Means are subtracted from both. The path is shorter than
+/// requested where no covariance is left.
+///
+/// # Errors
+///
+/// Fails for zero components, without rows, or for an unknown target.
 pub fn fit(
     moments: &Moments,
     targets: &[usize],
@@ -93,9 +97,9 @@ pub fn fit(
     Ok(path)
 }
 
-/// How well 1 to `components` components predict `target` at lines left out, from fits of `targets`
-/// together. `target` is the number of one of `targets`; a number of components that a line's others
-/// do not have is judged as the most that they have.
+/// The leave-one-line-out scores of `target` for 1 to `components` components, from fits of `targets`
+/// together. `target` is one of `targets`; a number of components that the other lines
+/// do not have is scored as the largest that they have.
 pub fn choose_components(
     lines: &[Moments],
     targets: &[usize],
@@ -123,7 +127,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Xᵀ Y, one row a term.
+/// Xᵀ Y, one row per term.
 fn products(x: &[Vec<f64>], y: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let (p, m) = (x.first().map_or(0, Vec::len), y.first().map_or(0, Vec::len));
     let mut out = vec![vec![0.0; m]; p];

@@ -2,23 +2,23 @@
 
 use crate::regression::least_squares::{LeastSquaresError, LinearFit, Moments, Scaling, setting};
 
-/// How many components are kept.
+/// The number of components to keep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kept {
-    /// The first so many.
+    /// The first n.
     Count(usize),
-    /// As few as hold this part of the variance, above 0 and at most 1.
+    /// The smallest number that explains this fraction of the variance, above 0 and at most 1.
     Variance(f64),
 }
 
-/// The directions in which columns vary most, for columns that are centred and scaled.
+/// The directions of largest variance, for columns that are centred and scaled.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PrincipalComponents {
-    /// One direction a component, of length 1, with one entry a column; of its entries, the largest is positive.
+    /// One direction per component, of length 1, with one entry per column; of its entries, the largest is positive.
     pub directions: Vec<Vec<f64>>,
     /// The variance (n − 1) of each component, largest first.
     pub variances: Vec<f64>,
-    /// The part of all variance that they hold.
+    /// The fraction of the total variance that they explain.
     pub explained: f64,
     means: Vec<f64>,
     scales: Vec<f64>,
@@ -26,9 +26,13 @@ pub struct PrincipalComponents {
 }
 
 impl PrincipalComponents {
-    /// The components of the columns of `moments`. With `whiten` each is brought to a variance of 1.
+    /// The components of the columns of `moments`. With `whiten` each is scaled to a variance of 1.
     ///
-    /// Components without variance are never kept. Errors: no rows, nothing to be kept, no convergence.
+    /// Components without variance are never kept.
+    ///
+    /// # Errors
+    ///
+    /// Fails without rows, when no component is to be kept, or without convergence.
     pub fn of(moments: &Moments, scaling: Scaling, kept: Kept, whiten: bool) -> Result<Self, LeastSquaresError> {
         let prepared = moments.prepare(scaling, true)?;
         let singular = prepared.singular()?;
@@ -43,7 +47,7 @@ impl PrincipalComponents {
                 count
             }
             Kept::Variance(part) => {
-                setting("the part of the variance", part, "above 0 and at most 1", part > 0.0 && part <= 1.0)?;
+                setting("the fraction of the variance", part, "above 0 and at most 1", part > 0.0 && part <= 1.0)?;
                 let held = |k: usize| all[..k].iter().sum::<f64>() >= part * total * (1.0 - 1e-12);
                 (1..=varies).find(|&k| held(k)).unwrap_or(varies)
             }
@@ -64,17 +68,17 @@ impl PrincipalComponents {
         })
     }
 
-    /// How many components there are.
+    /// The number of components.
     pub fn len(&self) -> usize {
         self.directions.len()
     }
 
-    /// Whether nothing varies.
+    /// Whether there are no components.
     pub fn is_empty(&self) -> bool {
         self.directions.is_empty()
     }
 
-    /// What each component has of each column in the columns' own units, and what is taken off the sum: a component is
+    /// The weights of each component in the columns' own units, and the offset of the sum: a component is
     /// Σⱼ weight · column − offset.
     pub fn as_sums(&self) -> (Vec<Vec<f64>>, Vec<f64>) {
         let of = |(direction, variance): (&Vec<f64>, &f64)| -> Vec<f64> {
@@ -87,7 +91,7 @@ impl PrincipalComponents {
         (weights, offsets)
     }
 
-    /// A model of the components as one of the columns.
+    /// Converts a model of the components to one of the columns.
     pub fn original(&self, fit: &LinearFit) -> LinearFit {
         let (weights, offsets) = self.as_sums();
         let mut coefficients = vec![0.0; self.means.len()];
@@ -99,7 +103,7 @@ impl PrincipalComponents {
         LinearFit { coefficients, intercept }
     }
 
-    /// The components of rows with as many columns, row-major, as the moments had; without a unit where they are whitened.
+    /// The components of rows with as many columns, row-major, as the moments; without a unit where they are whitened.
     pub fn transform(&self, a: &[f64]) -> Result<Vec<f64>, LeastSquaresError> {
         let columns = self.means.len();
         let rows = a.len() / columns.max(1);

@@ -1,14 +1,14 @@
-//! Least squares row by row, with older rows forgotten.
+//! Least squares row by row, with exponential forgetting of older rows.
 //!
 //! After each row the coefficients are the minimum of Σᵢ φ^(n−i) (yᵢ − aᵢ β)² + φⁿ Σⱼ ((βⱼ − β₀ⱼ)/σⱼ)²,
-//! φ the forgetting factor: ridge with λ = 1/σ² where nothing is forgotten. Kept is the square root of the
+//! φ the forgetting factor: ridge with λ = 1/σ² without forgetting. The state is the square root of the
 //! information matrix, into which each row is turned by Givens rotations [Haykin 2002, "Adaptive Filter
 //! Theory", QR-RLS; Bierman 1977, square-root information filter]: nothing is ever subtracted, so that the
-//! covariance cannot lose its sign, as that of the textbook recursion does after some 1e5 rows.
+//! covariance cannot become indefinite, as that of the textbook recursion does after about 1e5 rows.
 
 use crate::regression::least_squares::{LeastSquaresError, expect, setting};
 
-/// Coefficients that follow the rows.
+/// Coefficients that are updated row by row.
 #[derive(Debug, Clone)]
 pub struct RecursiveLeastSquares {
     terms: usize,
@@ -16,7 +16,7 @@ pub struct RecursiveLeastSquares {
     keep_prior: bool,
     /// 1/σ of the prior.
     prior: Vec<f64>,
-    /// Upper triangular with the target's column behind: `terms` rows of `terms` + 1.
+    /// Upper triangular followed by the target's column: `terms` rows of `terms` + 1.
     root: Vec<f64>,
     rows: usize,
 }
@@ -24,10 +24,14 @@ pub struct RecursiveLeastSquares {
 impl RecursiveLeastSquares {
     /// Before any row: `initial` coefficients with standard deviations `sigma` over that of the noise.
     ///
-    /// `forgetting` φ: a row counts φ times as much with each row that follows, some 1/(1 − φ) of them in
-    /// all. With `keep_prior` no direction is known less well than at first however long it goes without
-    /// excitation (its value stays); without, the information about it dies away, and the first
-    /// disturbance moves it freely. Errors: φ not in 0 to 1, a σ that is not above 0.
+    /// `forgetting` φ: a row is weighted by φ with each row that follows, an effective number of about 1/(1 − φ) in
+    /// all. With `keep_prior` no direction becomes less certain than initially, however long it goes without
+    /// excitation (its value stays); without, the information about it decays, and the first
+    /// disturbance moves it freely.
+    ///
+    /// # Errors
+    ///
+    /// Fails where φ is not in 0 to 1 or a σ is not above 0.
     pub fn new(initial: &[f64], sigma: &[f64], forgetting: f64, keep_prior: bool) -> Result<Self, LeastSquaresError> {
         let terms = initial.len();
         expect("the list of initial deviations", sigma.len(), terms)?;
@@ -45,8 +49,12 @@ impl RecursiveLeastSquares {
         Ok(Self { terms, forgetting, keep_prior, prior, root, rows: 0 })
     }
 
-    /// Takes in a row and its target, and returns by how much the coefficients so far missed it, in
-    /// the target's unit. Errors: a row of another length or not finite; nothing is then taken in.
+    /// Adds a row and its target, and returns the innovation: the target less its prediction, in
+    /// the target's unit.
+    ///
+    /// # Errors
+    ///
+    /// Fails for a row of another length or with a value that is not finite; the state is then unchanged.
     pub fn update(&mut self, row: &[f64], target: f64) -> Result<f64, LeastSquaresError> {
         expect("the row of terms", row.len(), self.terms)?;
         if let Some(j) = row.iter().position(|x| !x.is_finite()) {
@@ -71,7 +79,7 @@ impl RecursiveLeastSquares {
         let root = self.forgetting.sqrt();
         self.root.iter_mut().for_each(|r| *r *= root);
         if self.keep_prior {
-            // What is forgotten of the rows is given back of the prior, about where the coefficients are.
+            // The information that the rows lose is replaced by the prior, centred on the current coefficients.
             let back = (1.0 - self.forgetting).sqrt();
             for j in 0..self.terms {
                 let mut row = vec![0.0; self.terms + 1];
@@ -82,7 +90,7 @@ impl RecursiveLeastSquares {
         }
     }
 
-    /// Turns a row, zero before column `first`, into the triangle.
+    /// Rotates a row, zero before column `first`, into the triangle.
     fn rotate_in(&mut self, row: &mut [f64], first: usize) {
         let width = self.terms + 1;
         for j in first..self.terms {
@@ -125,7 +133,7 @@ impl RecursiveLeastSquares {
         (0..p * p).map(|ij| entry(ij / p, ij % p)).collect()
     }
 
-    /// How many rows were taken in.
+    /// The number of rows added.
     pub fn rows(&self) -> usize {
         self.rows
     }
@@ -222,14 +230,15 @@ mod tests {
         }
         assert!((recursive.coefficients()[2] - 2.0).abs() < 0.02);
         let late: f64 = missed[3000..].iter().map(|e| e * e).sum::<f64>() / 1000.0;
-        // Three terms known from 1/(1 − φ) = 50 rows add some 3 · 0.5/50 of the noise's variance; 1000 misses scatter by 4.5 %.
+        // Three terms known from 1/(1 − φ) = 50 rows add some 3 · 0.5/50 of the noise's variance; 1000 misses scatter
+        // by 4.5 %.
         assert!((late / 0.25 - 1.03).abs() < 0.15, "{late}");
     }
 
     #[test]
     fn r12_bad_settings_and_rows_are_named() {
         let message = |r: Result<RecursiveLeastSquares, LeastSquaresError>| r.unwrap_err().to_string();
-        assert!(message(RecursiveLeastSquares::new(&[0.0], &[1.0], 1.5, true)).contains("it is 1.5"));
+        assert!(message(RecursiveLeastSquares::new(&[0.0], &[1.0], 1.5, true)).contains("but is 1.5"));
         assert!(message(RecursiveLeastSquares::new(&[0.0], &[0.0], 1.0, true)).contains("deviation must be above 0"));
         assert!(message(RecursiveLeastSquares::new(&[0.0], &[], 1.0, true)).contains("0 entries where 1"));
         let mut recursive = RecursiveLeastSquares::new(&[0.0], &[1.0], 1.0, true).unwrap();

@@ -1,4 +1,4 @@
-//! Regression that spikes do not spoil: M-estimates by iteratively reweighted least squares.
+//! Regression that is robust against outliers: M-estimates by iteratively reweighted least squares.
 //!
 //! Each pass over the rows gives every row a weight by its residual r over the scale σ, and solves a
 //! weighted least squares problem on the triangular factor. Huber: weight 1 up to the threshold ε,
@@ -12,10 +12,10 @@ use crate::regression::least_squares::{LeastSquaresError, LinearFit, QrAccumulat
 /// The quarter point of the normal distribution: the median of |r|/σ.
 const MEDIAN_OF_NORMALS: f64 = 0.674_489_750_196_081_7;
 
-/// How a residual is weighed.
+/// The weight function of residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Loss {
-    /// Squares up to `threshold` standard deviations, straight lines beyond.
+    /// Quadratic up to `threshold` standard deviations, linear beyond.
     Huber {
         /// ε; 1.345 keeps 95 % of the efficiency on normal noise.
         threshold: f64,
@@ -27,7 +27,7 @@ pub enum Loss {
     },
 }
 
-/// How σ is found.
+/// The estimator of σ.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Scale {
     /// The median of |r| over 0.6745, in each pass: statsmodels' `RLM`.
@@ -36,11 +36,11 @@ pub enum Scale {
     /// and 2 ε |z| − ε² outside, as scikit-learn's `HuberRegressor` (its ε above 1). Student-t: the most
     /// likely σ.
     Joint,
-    /// This one, in the unit of the target.
+    /// This value, in the unit of the target.
     Fixed(f64),
 }
 
-/// What is fitted and when it ends.
+/// The settings of a robust fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Robust {
     /// The loss.
@@ -51,9 +51,9 @@ pub struct Robust {
     pub lambda: f64,
     /// Whether there is an intercept, which is not penalised.
     pub intercept: bool,
-    /// It ends where the model's values and the scale change by less than this part of the scale.
+    /// The iteration ends where the model's values and the scale change by less than this fraction of the scale.
     pub tolerance: f64,
-    /// The most passes over the rows.
+    /// The maximum number of passes over the rows.
     pub passes: usize,
 }
 
@@ -74,13 +74,13 @@ impl Default for Robust {
 /// The rows of one line.
 #[derive(Debug, Clone, Copy)]
 pub struct LineRows<'a> {
-    /// Row-major, one column a term.
+    /// Row-major, one column per term.
     pub a: &'a [f64],
     /// The target of each row.
     pub y: &'a [f64],
 }
 
-/// What a robust fit found.
+/// The result of a robust fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobustFit {
     /// The model.
@@ -89,18 +89,20 @@ pub struct RobustFit {
     pub scale: f64,
     /// For each line, the weight of each row: below 1 for rows that count less.
     pub weights: Vec<Vec<f64>>,
-    /// How many passes it took.
+    /// The number of passes.
     pub passes: usize,
     /// Whether the tolerance was reached.
     pub converged: bool,
 }
 
 impl Robust {
-    /// The fit to all lines. Besides the lines, a weight and a residual a row are held. One pass runs on
-    /// rayon's threads, one line each, with the same answer on any number of them.
+    /// The fit to all lines. It allocates a weight and a residual per row. One pass runs on
+    /// rayon's threads, one line each, with the same result on any number of them.
     ///
-    /// Errors: settings out of range, rows that are not finite (numbered within their
-    /// line), and without a ridge dependent terms.
+    /// # Errors
+    ///
+    /// Fails for settings out of range, for rows that are not finite (numbered within their
+    /// line), and without a ridge for dependent terms.
     pub fn fit<S: AsRef<str>>(&self, lines: &[LineRows<'_>], names: &[S]) -> Result<RobustFit, LeastSquaresError> {
         self.check()?;
         let rows: usize = lines.iter().map(|line| line.y.len()).sum();
@@ -338,9 +340,9 @@ mod tests {
         let lines = [LineRows { a: &[1.0, 2.0], y: &[1.0, 3.0] }];
         let message = |robust: Robust| robust.fit(&lines, &["a"]).unwrap_err().to_string();
         let joint = Robust { loss: Loss::Huber { threshold: 0.9 }, scale: Scale::Joint, ..Robust::default() };
-        assert!(message(joint).contains("above 1 with a joint scale, and it is 0.9"));
+        assert!(message(joint).contains("above 1 with a joint scale, but is 0.9"));
         assert!(message(Robust { loss: Loss::StudentT { degrees: 0.0 }, ..Robust::default() }).contains("degrees"));
-        assert!(message(Robust { scale: Scale::Fixed(-1.0), ..Robust::default() }).contains("it is -1"));
+        assert!(message(Robust { scale: Scale::Fixed(-1.0), ..Robust::default() }).contains("but is -1"));
         assert!(message(Robust { passes: 1, ..Robust::default() }).contains("at least 2"));
         let bad = [LineRows { a: &[1.0, f64::NAN], y: &[1.0, 3.0] }];
         assert!(Robust::default().fit(&bad, &["a"]).unwrap_err().to_string().contains("row 1 of term 0"));

@@ -1,13 +1,13 @@
-//! Means, deviations and the scores made of them.
+//! Means, deviations and the scores derived from them.
 //!
-//! Rows that are not finite are left out and the number of rows used is returned, so that nothing is
-//! averaged over less than it says. Sums run in row order and in two passes, the second about the
+//! Rows that are not finite are left out and the number of rows used is returned, so that the
+//! number of averaged samples is always known. Sums run in row order and in two passes, the second about the
 //! mean of the first, which keeps a deviation of picotesla on a field of 50,000 nT.
 
-/// A figure and the number of samples it was made of.
+/// A statistic and the number of samples it is computed from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figure {
-    /// The figure, in the unit of the samples; NaN where `n` is too small for it.
+    /// The statistic, in the unit of the samples; NaN where `n` is too small for it.
     pub value: f64,
     /// The samples that were used.
     pub n: usize,
@@ -16,15 +16,15 @@ pub struct Figure {
 /// The moments of one series.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Summary {
-    /// How many samples are finite.
+    /// The number of finite samples.
     pub n: usize,
-    /// How many are not and were left out.
+    /// The number of samples that are not finite and are left out.
     pub left_out: usize,
-    /// The mean; NaN of no samples.
+    /// The mean; NaN without samples.
     pub mean: f64,
-    /// The standard deviation with n − 1; NaN of fewer than two samples.
+    /// The standard deviation with n − 1; NaN for fewer than two samples.
     pub std: f64,
-    /// The root mean square; NaN of no samples.
+    /// The root mean square; NaN without samples.
     pub rms: f64,
 }
 
@@ -44,7 +44,7 @@ fn summarise(x: impl Iterator<Item = f64> + Clone) -> Summary {
     let n = finite().count();
     let count = n as f64;
     let rough = finite().sum::<f64>() / count;
-    // The mean of what is left corrects the rounding of the first sum.
+    // The mean of the residuals corrects the rounding of the first sum.
     let mean = rough + finite().map(|x| x - rough).sum::<f64>() / count;
     let squares: f64 = finite().map(|x| (x - mean) * (x - mean)).sum();
     let std = if n > 1 { (squares / (count - 1.0)).sqrt() } else { f64::NAN };
@@ -69,10 +69,11 @@ pub fn rms(x: &[f64]) -> Figure {
     Figure { value: rms, n }
 }
 
-/// The least root mean square horizontal error, in metres, with which a constant offset of a track can be found on a map
-/// whose slopes at the samples are `north` and `east` (nT/m), when each sample of the measurement errs by `sigma_nt`
-/// independently and a constant of it is unknown too: √ trace(J⁻¹) of the Fisher information J, the covariance of the
-/// slopes times n/σ². NaN where the slopes do not change in two directions. [Cramér-Rao bound; Kay 1993, 3.7]
+/// The smallest root mean square horizontal error, in metres, with which a constant offset of a track can be found on a
+/// map whose slopes at the samples are `north` and `east` (nT/m), when each sample of the measurement errs by
+/// `sigma_nt` independently and its constant offset is unknown too: √ trace(J⁻¹) of the Fisher information J, the
+/// covariance of the slopes times n/σ². NaN where the slopes do not change in two directions. [Cramér-Rao bound; Kay
+/// 1993, 3.7]
 ///
 /// Rows where either is not finite are left out.
 pub fn offset_bound(north: &[f64], east: &[f64], sigma_nt: f64) -> Figure {
@@ -103,7 +104,7 @@ pub fn drms(north_m: &[f64], east_m: &[f64]) -> Figure {
     Figure { value: mean.sqrt(), n }
 }
 
-/// By how much compensation made a signal quieter: σ(uncompensated)/σ(compensated) over the rows
+/// The improvement ratio of compensation: σ(uncompensated)/σ(compensated) over the rows
 /// where both are finite. [thesis 004, (2.40)]
 ///
 /// Given band-passed signals it is the band improvement ratio (2.41). The thesis divides by N in
@@ -112,16 +113,17 @@ pub fn improvement_ratio(uncompensated: &[f64], compensated: &[f64]) -> Figure {
     ratio_of_deviations(uncompensated, compensated)
 }
 
-/// The signal-to-noise ratio σ(anomaly)/σ(estimate − truth) of a magnetic measurement, over the rows where all are finite.
-/// `anomaly` is what of the truth is signal: the truth less core field and temporal variation, for the gradient of the core
-/// field is no anomaly, and grows with the length of the line. [thesis 000, (3.46)]
+/// The signal-to-noise ratio σ(anomaly)/σ(estimate − truth) of a magnetic measurement, over the rows where all are
+/// finite.
+/// `anomaly` is the signal part of the truth: the truth less core field and temporal variation, for the gradient of the
+/// core field is not part of the anomaly, and grows with the length of the line. [thesis 000, (3.46)]
 pub fn signal_to_noise(estimate: &[f64], truth: &[f64], anomaly: &[f64]) -> Figure {
     let error: Vec<f64> = estimate.iter().zip(truth).map(|(a, b)| a - b).collect();
     ratio_of_deviations(anomaly, &error)
 }
 
-/// `x` less the straight line in `t` through it, by least squares over the rows where both are finite; fewer than two such
-/// rows leave it as it is.
+/// `x` less the straight line in `t` through it, by least squares over the rows where both are finite; fewer than two
+/// such rows leave it unchanged.
 pub fn less_straight_line(t: &[f64], x: &[f64]) -> Vec<f64> {
     let known = || t.iter().zip(x).filter(|(t, x)| t.is_finite() && x.is_finite());
     let n = known().count() as f64;
@@ -135,10 +137,11 @@ pub fn less_straight_line(t: &[f64], x: &[f64]) -> Vec<f64> {
     t.iter().zip(x).map(|(t, x)| x - mean_x - slope * (t - mean_t)).collect()
 }
 
-/// The normalised estimation error squared of a horizontal position, e' P⁻¹ e, sample by sample: 2 on average for an honest
-/// filter. [Bar-Shalom, Li and Kirubarajan 2001, section 5.4]
+/// The normalised estimation error squared of a horizontal position, e' P⁻¹ e, sample by sample: 2 on average for a
+/// consistent filter. [Bar-Shalom, Li and Kirubarajan 2001, section 5.4]
 ///
-/// `north_m` and `east_m` are the errors, `sd_n_m` and `sd_e_m` their standard deviations, `cov_ne_m2` their covariance.
+/// `north_m` and `east_m` are the errors, `sd_n_m` and `sd_e_m` their standard deviations, `cov_ne_m2` their
+/// covariance.
 pub fn position_nees(north_m: &[f64], east_m: &[f64], sd_n_m: &[f64], sd_e_m: &[f64], cov_ne_m2: &[f64]) -> Vec<f64> {
     let errors = north_m.iter().zip(east_m);
     let sigmas = sd_n_m.iter().zip(sd_e_m).zip(cov_ne_m2);

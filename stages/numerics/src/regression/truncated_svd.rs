@@ -1,5 +1,5 @@
-//! Regression on the principal components of the terms: directions that the flight hardly excites
-//! are left out altogether, where ridge only draws them in.
+//! Regression on the principal components of the terms: directions that the flight barely excites
+//! are omitted, where ridge only shrinks them.
 //!
 //! Of the singular value decomposition R = U S Vᵀ of the (scaled) factor, b = Σᵢ vᵢ (uᵢᵀ z)/sᵢ over
 //! the k largest singular values. [Hansen 1987, "The truncated SVD as a method for regularization",
@@ -9,10 +9,10 @@ use crate::regression::least_squares::{
     LeastSquaresError, LineScore, LineScores, LinearFit, Moments, Prepared, leave_line_out, setting,
 };
 
-/// The fit with some components.
+/// A fit with a number of components.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TruncatedFit {
-    /// How many singular values are used.
+    /// The number of singular values used.
     pub components: usize,
     /// The model in the columns' own units.
     pub fit: LinearFit,
@@ -22,7 +22,9 @@ pub struct TruncatedFit {
 
 /// The fits of `target` with 1, 2, ... components, up to all that are not zero.
 ///
-/// Errors: no such target, or a decomposition that does not converge.
+/// # Errors
+///
+/// Fails for an unknown target, or when the decomposition does not converge.
 pub fn path(prepared: &Prepared, target: usize) -> Result<Vec<TruncatedFit>, LeastSquaresError> {
     prepared.along(target)?;
     let singular = prepared.singular()?;
@@ -43,7 +45,9 @@ pub fn path(prepared: &Prepared, target: usize) -> Result<Vec<TruncatedFit>, Lea
 
 /// The fit with all components whose singular value is above `cutoff` times the largest.
 ///
-/// Errors: a cutoff outside 0 to 1, nothing excited, or as [`path`].
+/// # Errors
+///
+/// Fails for a cutoff outside 0 to 1, when no direction is excited, or as [`path`].
 pub fn fit_above(prepared: &Prepared, target: usize, cutoff: f64) -> Result<TruncatedFit, LeastSquaresError> {
     setting("the cutoff of singular values", cutoff, "at least 0 and below 1", (0.0..1.0).contains(&cutoff))?;
     let values = prepared.singular()?.values;
@@ -54,7 +58,7 @@ pub fn fit_above(prepared: &Prepared, target: usize, cutoff: f64) -> Result<Trun
     fits.pop().ok_or(LeastSquaresError::NoRows)
 }
 
-/// How well 1 to `components` components predict lines left out.
+/// The leave-one-line-out scores of 1 to `components` components.
 pub fn choose_components(
     lines: &[Moments],
     target: usize,

@@ -1,7 +1,7 @@
-//! Differences of a series per sample: what takes the place of a time derivative in Tolles-Lawson.
+//! Differences of a series per sample: the substitute for a time derivative in Tolles-Lawson.
 //!
 //! All schemes are those of MagNav.jl's `fdm`. None divides by the time step, so the unit of the
-//! answer is that of the series (per sample).
+//! result is that of the series (per sample).
 
 /// How the difference at a sample is formed from its neighbours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -22,7 +22,7 @@ pub enum Scheme {
 }
 
 impl Scheme {
-    /// The fewest samples the scheme can be formed from.
+    /// The fewest samples that the scheme needs.
     pub fn least_rows(self) -> usize {
         match self {
             Self::Central | Self::Backward | Self::Forward => 2,
@@ -35,7 +35,7 @@ impl Scheme {
 /// The differences of `x` per sample, in the unit of `x`.
 ///
 /// `None` when `x` has fewer samples than [`Scheme::least_rows`]: MagNav.jl gives zeros there, which
-/// would pass for a quiet signal.
+/// would look like a quiet signal.
 pub fn difference(x: &[f64], scheme: Scheme) -> Option<Vec<f64>> {
     let n = x.len();
     if n < scheme.least_rows() {

@@ -1,14 +1,14 @@
-//! Zero-phase Butterworth filters: what is outside a band is taken off, and nothing is delayed.
+//! Zero-phase Butterworth filters: components outside a band are removed, without delay.
 //!
 //! A filter is run over the samples forwards and then backwards, so that the phase cancels and the
-//! gain is squared: a corner, where one pass gives 1/√2, is left with half of the amplitude.
-//! At each end the series is first extended by its own odd reflection (the series turned by half a
+//! gain is squared: a corner, where one pass gives 1/√2, retains half of the amplitude.
+//! At each end the series is first extended by its own odd reflection (the series rotated by half a
 //! turn about its end sample) of [`ZeroPhase::padding`] samples, and each pass starts in the steady
 //! state of its first sample, so that a constant gives a constant from the first sample on.
 //! [Gustafsson 1996, "Determining the initial states in forward-backward filtering", IEEE Trans.
 //! Signal Processing 44(4)]
 //!
-//! The padding is six samples a second-order section, as in MagNav.jl (24 for a band-pass of order
+//! The padding is six samples per second-order section, as in MagNav.jl (24 for a band-pass of order
 //! 4, 12 for a low- or high-pass of order 4). scipy's `sosfiltfilt` does the same with
 //! `padlen=24`; its own default of 27 moves the first and last samples by some hundredths of a
 //! nanotesla.
@@ -19,39 +19,39 @@ mod cascade;
 pub use butterworth::{Band, Section};
 use cascade::Cascade;
 
-/// What is wrong with a filter or with what it was given.
+/// Why a filter cannot be designed or applied.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FilterError {
     /// The sample rate is not a positive number.
-    #[error("the sample rate must be above 0 Hz, and it is {rate_hz} Hz")]
+    #[error("the sample rate must be above 0 Hz, but is {rate_hz} Hz")]
     Rate {
-        /// The rate that was given, Hz.
+        /// The given rate, Hz.
         rate_hz: f64,
     },
     /// The order is outside 1 to 12.
-    #[error("the order of a Butterworth filter must be 1 to 12, and it is {order}")]
+    #[error("the order of a Butterworth filter must be 1 to 12, but is {order}")]
     Order {
-        /// The order that was given.
+        /// The given order.
         order: usize,
     },
     /// A corner is zero, negative or not a number.
     #[error(
-        "a corner frequency must be above 0 Hz, and it is {corner_hz} Hz: \
+        "a corner frequency must be above 0 Hz, but is {corner_hz} Hz: \
          leave the corner out for a filter without that edge"
     )]
     CornerNotPositive {
-        /// The corner that was given, Hz.
+        /// The given corner, Hz.
         corner_hz: f64,
     },
-    /// A corner is at or above half of the sample rate.
+    /// A corner is at or above the Nyquist frequency.
     #[error(
-        "the corner of {corner_hz} Hz is not below {nyquist_hz} Hz, which is half of the sample \
-         rate of {rate_hz} Hz: samples at this rate hold nothing faster"
+        "the corner of {corner_hz} Hz is not below the Nyquist frequency of {nyquist_hz} Hz at the sample \
+         rate of {rate_hz} Hz"
     )]
     CornerAboveNyquist {
-        /// The corner that was given, Hz.
+        /// The given corner, Hz.
         corner_hz: f64,
-        /// Half of the sample rate, Hz.
+        /// The Nyquist frequency: half of the sample rate, Hz.
         nyquist_hz: f64,
         /// The sample rate, Hz.
         rate_hz: f64,
@@ -64,18 +64,18 @@ pub enum FilterError {
         /// The upper corner, Hz.
         high_hz: f64,
     },
-    /// Neither a lower nor an upper corner was given.
+    /// Neither a lower nor an upper corner is given.
     #[error("a filter needs a lower corner, an upper corner, or both")]
     NoCorner,
     /// The corners are so near zero, Nyquist or each other that the poles round onto the unit circle.
     #[error(
-        "a filter of order {order} with these corners ({band}) at {rate_hz} Hz cannot be held in \
+        "a filter of order {order} with these corners ({band}) at {rate_hz} Hz cannot be represented in \
          double precision: move the corners apart, or lower the order or the sample rate"
     )]
     Unstable {
         /// The order.
         order: usize,
-        /// The band, in words.
+        /// The band, as text.
         band: String,
         /// The sample rate, Hz.
         rate_hz: f64,
@@ -83,9 +83,9 @@ pub enum FilterError {
     /// The series is not longer than the padding.
     #[error("{rows} samples are too few for this filter: it needs at least {needed}")]
     TooShort {
-        /// The samples that were given.
+        /// The number of samples.
         rows: usize,
-        /// The least number of samples the filter takes.
+        /// The minimum number of samples.
         needed: usize,
     },
     /// A value is NaN or infinite.
@@ -99,15 +99,15 @@ pub enum FilterError {
     /// The number of values is not a whole number of rows.
     #[error("{values} values cannot be rows of {columns} columns")]
     Shape {
-        /// How many values were given.
+        /// The number of values.
         values: usize,
-        /// How many columns they were said to have.
+        /// The number of columns.
         columns: usize,
     },
 }
 
 impl FilterError {
-    /// The same error with rows counted from `rows` rows further up.
+    /// The same error with the row number increased by `rows`.
     pub(super) fn further_down(self, rows: usize) -> Self {
         match self {
             Self::NotFinite { row, column } => Self::NotFinite { row: row + rows, column },
@@ -116,7 +116,7 @@ impl FilterError {
     }
 }
 
-/// What is done with a column whose values are all equal.
+/// The treatment of a column whose values are all equal.
 ///
 /// A band-pass or high-pass of a constant is zero, so that a bias column would vanish from a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -124,7 +124,7 @@ pub enum ConstantColumns {
     /// Filter it like any other column.
     #[default]
     Filter,
-    /// Leave it as it is, as MagNav.jl does for the columns of a matrix.
+    /// Leave it unchanged, as MagNav.jl does for the columns of a matrix.
     Keep,
 }
 
@@ -153,24 +153,24 @@ impl ZeroPhase {
         self.cascade.gain()
     }
 
-    /// How many samples of odd reflection are put before and after a series: six a section.
+    /// The number of samples of odd reflection before and after a series: six per section.
     pub fn padding(&self) -> usize {
         6 * self.cascade.sections().len()
     }
 
-    /// The least number of samples that can be filtered: one more than the padding.
+    /// The minimum number of samples that can be filtered: one more than the padding.
     pub fn least_rows(&self) -> usize {
         self.padding() + 1
     }
 
-    /// Filters one evenly sampled series; the same unit and length come back.
+    /// Filters one evenly sampled series; the result has the same unit and length.
     pub fn apply(&self, x: &[f64]) -> Result<Vec<f64>, FilterError> {
         let mut out = x.to_vec();
         self.apply_matrix(&mut out, 1, ConstantColumns::Filter)?;
         Ok(out)
     }
 
-    /// Filters several series of the same length; the same units and lengths come back.
+    /// Filters several series of the same length; the results have the same units and lengths.
     pub fn apply_columns(&self, columns: &[&[f64]]) -> Result<Vec<Vec<f64>>, FilterError> {
         let (width, rows) = (columns.len(), columns.first().map_or(0, |x| x.len()));
         if let Some(odd) = columns.iter().find(|column| column.len() != rows) {
@@ -190,7 +190,7 @@ impl ZeroPhase {
 
     /// Filters each column of a row-major matrix (`values.len() / columns` rows) in place.
     ///
-    /// Each column's answer is the same to the last bit whatever stands beside it. On an error the
+    /// Each column's result is bit-identical whatever the other columns are. On an error the
     /// contents of the matrix are unspecified.
     pub fn apply_matrix(
         &self,
@@ -225,13 +225,13 @@ impl ZeroPhase {
     }
 }
 
-/// Removes all that is slower than `low_hz` or faster than `high_hz`, without lag.
-/// `x` is evenly sampled at `rate_hz`; the same unit comes back. [Gustafsson 1996, sec. 3]
+/// Removes all components slower than `low_hz` or faster than `high_hz`, without lag.
+/// `x` is evenly sampled at `rate_hz`; the result has the same unit. [Gustafsson 1996, sec. 3]
 pub fn band_pass(x: &[f64], rate_hz: f64, low_hz: f64, high_hz: f64, order: usize) -> Result<Vec<f64>, FilterError> {
     ZeroPhase::new(Band::Band { low_hz, high_hz }, rate_hz, order)?.apply(x)
 }
 
-/// The rows `rows` of a matrix turned by half a turn about its row `about`.
+/// The rows `rows` of a matrix rotated by half a turn about its row `about`.
 fn reflection(values: &[f64], columns: usize, about: usize, rows: impl Iterator<Item = usize>) -> Vec<f64> {
     let row = |row: usize| &values[row * columns..(row + 1) * columns];
     rows.flat_map(|other| row(other).iter().zip(row(about))).map(|(value, about)| 2.0 * about - value).collect()

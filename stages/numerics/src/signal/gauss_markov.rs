@@ -1,4 +1,4 @@
-//! The first-order Gauss-Markov process: noise that forgets itself with a time constant.
+//! The first-order Gauss-Markov process: exponentially correlated noise.
 
 /// A stationary process of standard deviation `sigma` whose autocorrelation falls as
 /// exp(-|Δt| / `tau_s`).
@@ -11,7 +11,7 @@ pub struct GaussMarkov {
 }
 
 impl GaussMarkov {
-    /// What is left of a value after `dt_s`: exp(-Δt/τ).
+    /// The decay factor over `dt_s`: exp(-Δt/τ).
     pub fn decay(&self, dt_s: f64) -> f64 {
         (-dt_s / self.tau_s).exp()
     }
@@ -32,8 +32,8 @@ impl GaussMarkov {
         self.recursion(tt_s, normal, |dt_s| self.step_variance(dt_s))
     }
 
-    /// One realisation with the driving noise taken to first order, 2σ²Δt/τ a step, as MagNav.jl's
-    /// `fogm` has it; its variance is too large by Δt/τ.
+    /// One realisation with the driving noise taken to first order, 2σ²Δt/τ per step, as in MagNav.jl's
+    /// `fogm`; its variance is too large by Δt/τ.
     pub fn realisation_compatible(&self, tt_s: &[f64], normal: impl FnMut() -> f64) -> Vec<f64> {
         self.recursion(tt_s, normal, |dt_s| self.noise_density() * dt_s)
     }

@@ -33,8 +33,8 @@ pub fn solve(values: &mut [f64]) {
     solve_along_rows(values, 1);
 }
 
-/// The coefficient at position `k` of `n` padded by one on each side, from those `inside`: past an end the straight continuation, which is what
-/// no curvature at the end means.
+/// The coefficient at position `k` of `n` padded by one on each side, from those `inside`: past an end the linear
+/// continuation, which has no curvature at the end.
 pub fn past_ends(k: usize, n: usize, inside: impl Fn(usize) -> f64) -> f64 {
     if k == 0 {
         2.0 * inside(0) - inside(1)

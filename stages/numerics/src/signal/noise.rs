@@ -1,26 +1,26 @@
-//! How large the noise of a line is and how long it lasts: a white part and a first-order Gauss-Markov part.
+//! The noise of a line: its size and correlation time, as a white part and a first-order Gauss-Markov part.
 //!
-//! The noise is judged by its Allan variance: half the mean square of the difference between the means over two
-//! neighbouring spans of time. It knows no constant, so that a line whose mean means nothing is judged like any other, and
-//! gaps only end a run. The two parts that are returned are the least whose Allan variance is nowhere, within the
+//! The noise is estimated from its Allan variance: half the mean square of the difference between the means over two
+//! neighbouring spans of time. It is independent of a constant offset, and
+//! gaps only end a run. The two parts that are returned are the smallest whose Allan variance is nowhere, within the
 //! uncertainty of its estimate, below that of the line: noise with more than one time scale, which two parts cannot
-//! follow, is made too large and never too small.
+//! follow, is overestimated and never underestimated.
 //!
-//! [Allan 1966, Proc. IEEE 54(2); IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8; Langel, García Crespillo &
-//! Joerger 2021, NAVIGATION 68(2), on models that bound a process of unknown correlation]
+//! [Allan 1966, Proc. IEEE 54(2); IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8; Langel, García Crespillo
+//! & Joerger 2021, NAVIGATION 68(2), on models that bound a process of unknown correlation]
 
 use std::ops::Range;
 
 use crate::signal::gauss_markov::GaussMarkov;
 use thiserror::Error;
 
-/// Means are taken over about so many seconds; what is faster is known by the steps from sample to sample.
+/// Means are taken over about this many seconds; faster noise is estimated from the steps between samples.
 const BLOCK_S: f64 = 1.0;
-/// Independent differences that the Allan variance of a span must at least be made of.
+/// Independent differences that the Allan variance of a span needs at least.
 const LEAST_PAIRS: f64 = 3.0;
 /// The correlation times that are tried.
 const TAUS: usize = 60;
-/// No magnetometer is trusted beyond this, nT.
+/// The lower limit of the noise of a magnetometer, nT.
 const FLOOR_NT: f64 = 0.01;
 
 /// The noise of a measurement, sampled at the rate of the line that it was found on.
@@ -28,25 +28,26 @@ const FLOOR_NT: f64 = 0.01;
 pub struct Noise {
     /// Standard deviation of the white part, sample by sample, in nT.
     pub white_nt: f64,
-    /// The part that lasts, in nT and s. A correlation time longer than a line cannot be told from any other such time:
+    /// The correlated part, in nT and s. A correlation time longer than a line cannot be resolved:
     /// it is then at most the longest line's length, and only the growth 2 sigma²/tau is known.
     pub lasting: GaussMarkov,
 }
 
-/// Why there is no estimate.
+/// Why the estimate is not available.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum NoiseError {
     /// No run is long enough.
-    #[error("the noise takes a run of at least {least_s} s without a gap, and the longest is {longest_s:.1} s")]
+    #[error("the noise needs a run of at least {least_s} s without a gap, but the longest is {longest_s:.1} s")]
     TooShort {
-        /// What is needed, s.
+        /// The required length, s.
         least_s: f64,
-        /// What there is, s.
+        /// The longest run, s.
         longest_s: f64,
     },
 }
 
-/// What is kept of one or several lines: means over blocks of about a second, run by run, and steps between neighbours.
+/// The statistics of one or several lines: means over blocks of about a second, run by run, and steps between
+/// neighbours.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Blocks {
     /// The length of a block, s.
@@ -59,14 +60,14 @@ pub struct Blocks {
     pub steps: Vec<f64>,
 }
 
-/// How many samples a block has.
+/// The number of samples of a block.
 pub fn samples_a_block(rate_hz: f64) -> usize {
     ((BLOCK_S * rate_hz).round() as usize).max(1)
 }
 
 impl Blocks {
-    /// The blocks of the rows `runs` of `x` (nT, evenly sampled at `rate_hz` within a run). What is left at a run's end is
-    /// in no block.
+    /// The blocks of the rows `runs` of `x` (nT, evenly sampled at `rate_hz` within a run). The rest at a run's end is
+    /// not used.
     pub fn of(x: &[f64], runs: &[Range<usize>], rate_hz: f64) -> Self {
         let n = samples_a_block(rate_hz);
         let run = |r: &Range<usize>| x.get(r.clone()).unwrap_or_default();
@@ -94,14 +95,14 @@ pub struct AllanPoint {
     pub span_s: f64,
     /// The variance, nT².
     pub variance_nt2: f64,
-    /// The independent differences that it is made of.
+    /// The number of independent differences.
     pub pairs: f64,
-    /// Whether it is of single samples, not of means.
+    /// Whether it is of single samples instead of means.
     sampled: bool,
 }
 
-/// The Allan variance of all lines together, for the step between samples and for spans of 1, 2, 4, ... blocks as long as
-/// three independent differences are left. All lines must have been sampled alike; the rate is that of the first.
+/// The Allan variance of all lines together, for the step between samples and for spans of 1, 2, 4, ... blocks while
+/// three independent differences are left. All lines must have the same sample rate; that of the first is used.
 pub fn allan_variance(lines: &[Blocks]) -> Vec<AllanPoint> {
     let Some(first) = lines.first() else { return vec![] };
     let mut points = vec![];
@@ -116,7 +117,7 @@ pub fn allan_variance(lines: &[Blocks]) -> Vec<AllanPoint> {
         let (mut sum, mut terms, mut pairs) = (0.0, 0.0, 0.0);
         for run in lines.iter().flat_map(|l| &l.runs).filter(|run| run.len() >= 2 * m) {
             let mean = |at: usize| run[at..at + m].iter().sum::<f64>() / m as f64;
-            // Overlapping spans, but no more than thirty-two starts a span: the others say nothing new.
+            // Overlapping spans, but no more than thirty-two starts per span: more add no information.
             let stride = m.div_ceil(32);
             for at in (0..=run.len() - 2 * m).step_by(stride) {
                 sum += 0.5 * (mean(at + m) - mean(at)).powi(2);
@@ -138,16 +139,16 @@ pub fn allan_variance(lines: &[Blocks]) -> Vec<AllanPoint> {
 pub fn gauss_markov_allan(span_s: f64, tau_s: f64) -> f64 {
     let u = span_s / tau_s;
     if u < 1e-3 {
-        // The terms below cancel; 2u/3 - u²/2 + ... is what they leave.
+        // The terms below cancel; 2u/3 - u²/2 + ... is the difference.
         return u * (2.0 / 3.0 - 0.5 * u);
     }
     2.0 / u * (1.0 - (3.0 - 4.0 * (-u).exp() + (-2.0 * u).exp()) / (2.0 * u))
 }
 
-/// The least white and Gauss-Markov noise that bounds the Allan variance of the lines.
+/// The smallest white and Gauss-Markov noise that bounds the Allan variance of the lines.
 ///
 /// # Errors
-/// Lines that are all too short for a Gauss-Markov process to be seen: less than sixteen blocks in a run.
+/// Fails where all lines are too short for a Gauss-Markov process to be resolved: fewer than sixteen blocks in a run.
 pub fn noise(lines: &[Blocks]) -> Result<Noise, NoiseError> {
     let block_s = lines.iter().map(|l| l.block_s).fold(BLOCK_S, f64::max);
     let longest_s = lines.iter().map(Blocks::longest_s).fold(0.0, f64::max);
@@ -167,7 +168,7 @@ pub fn noise(lines: &[Blocks]) -> Result<Noise, NoiseError> {
     })
 }
 
-/// Variances of the two parts, and by how much they exceed the Allan variance of the lines.
+/// Variances of the two parts, and their excess over the Allan variance of the lines.
 #[derive(Clone, Copy, Debug, Default)]
 struct Bound {
     white_nt2: f64,
@@ -175,10 +176,10 @@ struct Bound {
     excess: f64,
 }
 
-/// The variances that bound the points for one correlation time, with the least mean of their ratio to the points: a
-/// linear programme in two unknowns, whose answer is a corner.
+/// The variances that bound the points for one correlation time, with the smallest mean of their ratio to the points: a
+/// linear programme in two unknowns, whose solution is a vertex.
 fn bound(points: &[AllanPoint], step_s: f64, tau_s: f64) -> Bound {
-    // Of each point: what a unit of each part gives, what is to be bounded, and what is compared.
+    // For each point: the response to a unit of each part, the bound, and the reference.
     let row = |p: &AllanPoint| {
         let lasting = match p.sampled {
             true => -(-p.span_s / tau_s).exp_m1(),
@@ -191,7 +192,7 @@ fn bound(points: &[AllanPoint], step_s: f64, tau_s: f64) -> Bound {
     let mut best = Bound { excess: f64::INFINITY, ..Bound::default() };
     let mut corner = |white_nt2: f64, lasting_nt2: f64| {
         let of = |unit: &[f64; 2]| white_nt2 * unit[0] + lasting_nt2 * unit[1];
-        // A corner lies on two of the bounds but for rounding.
+        // A vertex lies on two of the bounds up to rounding.
         let holds = rows.iter().all(|(unit, least, _)| of(unit) >= least * (1.0 - 1e-9));
         let excess = rows.iter().map(|(unit, _, value)| of(unit) / value).sum::<f64>() / rows.len() as f64;
         if white_nt2 >= 0.0 && lasting_nt2 >= 0.0 && holds && excess < best.excess {

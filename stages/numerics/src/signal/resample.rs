@@ -4,12 +4,12 @@
 //! the first sample to the last at or before the last sample: the same numbers for every sensor and
 //! flight, so that tables can be joined on them. Where samples leave more than `max_gap_s` between
 //! them the grid holds NaN; a NaN sample counts as missing for its column only. Nothing is
-//! extrapolated. A grid time within a millionth of a step of a sample takes that sample as it is, so
-//! that a series already on the grid comes back bit by bit.
+//! extrapolated. A grid time within a millionth of a step of a sample takes that sample unchanged, so
+//! that a series already on the grid is returned bit by bit.
 //!
-//! Interpolation to a lower rate folds everything faster than half of the new rate onto slower
-//! frequencies. It is what users expect of a resampling and stays the default; [`anti_alias()`] takes
-//! the fast part off beforehand.
+//! Interpolation to a lower rate aliases everything faster than half of the new rate to lower
+//! frequencies. It is the conventional resampling and the default; [`anti_alias()`] removes
+//! the fast part beforehand.
 
 mod akima;
 mod angle;
@@ -21,10 +21,10 @@ pub use anti_alias::{ANTI_ALIAS_FRACTION, ANTI_ALIAS_ORDER, AntiAliasError, anti
 use crate::signal::segments::{TimeError, check_increasing};
 use params::choice;
 
-/// The most rows a grid may have.
+/// The maximum number of rows of a grid.
 pub const MOST_ROWS: usize = 50_000_000;
 
-/// What fraction of a step a grid time may be off a sample and still take it as it is.
+/// The fraction of a step within which a grid time takes a sample unchanged.
 const SNAP: f64 = 1e-6;
 
 choice! {
@@ -42,25 +42,25 @@ choice! {
     }
 }
 
-/// What is wrong with a request for resampling.
+/// Why a series cannot be resampled.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ResampleError {
     /// The rate is not a positive number.
-    #[error("the rate to resample to must be above 0 Hz, and it is {rate_hz} Hz")]
+    #[error("the rate to resample to must be above 0 Hz, but is {rate_hz} Hz")]
     Rate {
-        /// The rate that was given, Hz.
+        /// The given rate, Hz.
         rate_hz: f64,
     },
     /// The longest gap is negative or not a number.
-    #[error("the longest gap to bridge must be at least 0 s, and it is {max_gap_s} s")]
+    #[error("the longest gap to bridge must be at least 0 s, but is {max_gap_s} s")]
     Gap {
-        /// The gap that was given, s.
+        /// The given gap, s.
         max_gap_s: f64,
     },
     /// Times are not finite or do not increase.
     #[error(transparent)]
     Time(#[from] TimeError),
-    /// The grid would be too long to be meant.
+    /// The grid would be too long.
     #[error(
         "from {first_s} s to {last_s} s at {rate_hz} Hz there are {rows:.0} rows, more than \
          {MOST_ROWS}: is the time in seconds, and are there no outliers in it?"
@@ -72,12 +72,12 @@ pub enum ResampleError {
         last_s: f64,
         /// The rate, Hz.
         rate_hz: f64,
-        /// The rows it would have.
+        /// The number of rows it would have.
         rows: f64,
     },
     /// The times are so large that neighbouring grid times would be equal.
     #[error(
-        "times near {tt} s cannot be told apart at {rate_hz} Hz in double precision: count seconds \
+        "times near {tt} s cannot be distinguished at {rate_hz} Hz in double precision: count seconds \
          from midnight"
     )]
     TooCoarse {
@@ -87,16 +87,16 @@ pub enum ResampleError {
         rate_hz: f64,
     },
     /// A column is not as long as the time column.
-    #[error("a column has {given} rows where the time has {expected}")]
+    #[error("a column has {given} rows, but the time has {expected}")]
     Length {
-        /// The rows of the column.
+        /// The number of rows of the column.
         given: usize,
-        /// The rows of the time.
+        /// The number of rows of the time.
         expected: usize,
     },
 }
 
-/// Where a grid time lies among samples: the sample before, and how far towards the next.
+/// The position of a grid time among samples: the sample before, and the fraction towards the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Place {
     left: usize,
@@ -106,7 +106,7 @@ struct Place {
 
 const NOWHERE: Place = Place { left: 0, weight: f64::NAN };
 
-/// Where each time of an even grid lies among a line's samples: made once for a line, and applied
+/// The position of each time of an even grid among a line's samples: computed once for a line, and applied
 /// to each of its columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan<'a> {
@@ -135,7 +135,7 @@ impl<'a> Plan<'a> {
         }
         let snap_s = (SNAP / rate_hz).max(rounding);
         let grid = grid(tt, rate_hz, snap_s)?;
-        // A gap of exactly the longest one is bridged whatever its times were rounded to.
+        // A gap of exactly the longest one is bridged whatever the rounding of its times.
         let max_gap_s = max_gap_s + 2.0 * rounding;
         let places = places(tt, &grid, max_gap_s, snap_s);
         Ok(Self { tt, grid, places, max_gap_s, snap_s })
@@ -161,7 +161,7 @@ impl<'a> Plan<'a> {
     }
 
     /// A column of angles in degrees on the grid, along the shorter arc, in the range (−180 to 180
-    /// or 0 to 360) that [`AngleRange::of`] finds it in; NaN in gaps.
+    /// or 0 to 360) of [`AngleRange::of`]; NaN in gaps.
     pub fn angle_deg(&self, x: &[f64], method: Method) -> Result<Vec<f64>, ResampleError> {
         let range = AngleRange::of(x);
         self.on_finite(x, |tt, x, places| match method {
@@ -231,7 +231,7 @@ fn grid(tt: &[f64], rate_hz: f64, snap_s: f64) -> Result<Vec<f64>, ResampleError
     Ok(inside.collect())
 }
 
-/// Where each grid time lies among the times `tt`; both increase.
+/// The position of each grid time among the times `tt`; both increase.
 fn places(tt: &[f64], grid: &[f64], max_gap_s: f64, snap_s: f64) -> Vec<Place> {
     let mut left = 0;
     let mut place = |time: f64| {

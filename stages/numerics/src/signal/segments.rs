@@ -1,6 +1,6 @@
-//! Runs of usable samples: where a line has gaps, each part between them is worked on by itself.
+//! Runs of usable samples: where a line has gaps, each run between them is processed separately.
 //!
-//! A filter remembers what it has seen, so a single NaN would spread over the rest of the line (and
+//! A filter has memory, so a single NaN would spread over the rest of the line (and
 //! backwards over its beginning). Here every run of finite, selected, evenly spaced samples is
 //! filtered on its own: samples outside all runs stay NaN, and a run too short for the filter's
 //! padding becomes NaN and is counted.
@@ -9,13 +9,13 @@ use std::ops::Range;
 
 use crate::signal::filter::{ConstantColumns, FilterError, ZeroPhase};
 
-/// What is wrong with a time column.
+/// Why a time column is not usable.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TimeError {
     /// Fewer than two samples.
     #[error("{rows} samples have no sample rate: at least 2 are needed")]
     TooShort {
-        /// The samples that were given.
+        /// The number of samples.
         rows: usize,
     },
     /// A time is NaN or infinite.
@@ -34,7 +34,7 @@ pub enum TimeError {
         /// The time of the row before, s.
         before: f64,
     },
-    /// A step differs from the usual one without being a gap.
+    /// A step differs from the median step without being a gap.
     #[error(
         "the samples are not evenly spaced: row {row} (at {tt} s) comes {step_s} s after the one \
          before, where most steps are {usual_s} s; resample first"
@@ -50,11 +50,11 @@ pub enum TimeError {
         usual_s: f64,
     },
     /// A column is not as long as the time column.
-    #[error("a column has {given} rows where the time has {expected}")]
+    #[error("a column has {given} rows, but the time has {expected}")]
     Lengths {
-        /// The rows of the column.
+        /// The number of rows of the column.
         given: usize,
-        /// The rows of the time.
+        /// The number of rows of the time.
         expected: usize,
     },
 }
@@ -64,11 +64,11 @@ pub enum TimeError {
 /// a missing sample.
 pub const STEP_TOLERANCE: f64 = 0.01;
 
-/// A step of at least this many medians is a gap: samples are missing, which ends a run but is no
+/// A step of at least this many medians is a gap: samples are missing, which ends a run but is not a
 /// fault of the clock.
 pub const GAP_STEPS: f64 = 1.5;
 
-/// Errors unless times are finite and strictly increasing.
+/// Fails unless times are finite and strictly increasing.
 pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
     if let Some(row) = tt.iter().position(|tt| !tt.is_finite()) {
         return Err(TimeError::NotFinite { row });
@@ -82,9 +82,9 @@ pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
 /// The sample rate in Hz of times in seconds: one over the median step.
 ///
 /// Gaps of [`GAP_STEPS`] and more are allowed. Any other step may differ from the median by
-/// `tolerance` of it ([`STEP_TOLERANCE`] where in doubt); one that differs more is an error that
+/// `tolerance` of it ([`STEP_TOLERANCE`] by default); one that differs more is an error that
 /// names its row, because a filter takes samples as evenly spaced. Logs whose clock is coarse (20
-/// ms samples stamped to the millisecond) want a larger tolerance or, better, a resampling first.
+/// ms samples stamped to the millisecond) need a larger tolerance or, better, a resampling first.
 /// The rounding of the times themselves (16 units in the last place) is always allowed for.
 pub fn sample_rate(tt: &[f64], tolerance: f64) -> Result<f64, TimeError> {
     check_increasing(tt)?;
@@ -104,8 +104,8 @@ pub fn sample_rate(tt: &[f64], tolerance: f64) -> Result<f64, TimeError> {
     Ok(nearest_round(usual_s))
 }
 
-/// One over a step; where that is a round number of hertz but for the rounding of the times, the
-/// round number, so that all lines of a flight get one and the same filter.
+/// One over a step; where that is a round number of hertz up to the rounding of the times, the
+/// round number, so that all lines of a flight get the same filter.
 fn nearest_round(step_s: f64) -> f64 {
     let rate_hz = 1.0 / step_s;
     let round = (rate_hz * 1000.0).round() / 1000.0;
@@ -127,7 +127,7 @@ impl Usable {
         Self(keep.to_vec())
     }
 
-    /// Leaves out rows where `column` is not finite.
+    /// Excludes rows where `column` is not finite.
     pub fn and_finite(mut self, column: &[f64]) -> Self {
         for (usable, value) in self.0.iter_mut().zip(column) {
             *usable &= value.is_finite();
@@ -135,7 +135,7 @@ impl Usable {
         self
     }
 
-    /// Leaves out rows of a row-major matrix that have a value that is not finite.
+    /// Excludes rows of a row-major matrix that have a value that is not finite.
     pub fn and_finite_rows(mut self, values: &[f64], columns: usize) -> Self {
         for (usable, row) in self.0.iter_mut().zip(values.chunks_exact(columns.max(1))) {
             *usable &= row.iter().all(|value| value.is_finite());
@@ -143,7 +143,7 @@ impl Usable {
         self
     }
 
-    /// One entry a row.
+    /// One entry per row.
     pub fn rows(&self) -> &[bool] {
         &self.0
     }
@@ -154,7 +154,7 @@ impl Usable {
     }
 
     /// The runs of consecutive usable rows whose times are `1 / rate_hz` apart: a step of
-    /// [`GAP_STEPS`] or more, or one that goes back, ends a run.
+    /// [`GAP_STEPS`] or more, or a negative one, ends a run.
     pub fn runs_in_time(&self, tt: &[f64], rate_hz: f64) -> Vec<Range<usize>> {
         let longest_s = GAP_STEPS / rate_hz;
         self.runs_between(|row| match (tt.get(row - 1), tt.get(row)) {
@@ -175,23 +175,23 @@ impl Usable {
     }
 }
 
-/// What a filter made of a line with gaps.
+/// The report of filtering a line with gaps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FilterReport {
-    /// Runs that were filtered.
+    /// The number of runs that were filtered.
     pub runs: usize,
-    /// Rows in them.
+    /// The number of rows in them.
     pub rows: usize,
-    /// Runs that were too short for the filter and became NaN.
+    /// The number of runs that were too short for the filter and became NaN.
     pub short_runs: usize,
-    /// Rows in those.
+    /// The number of rows in those.
     pub short_rows: usize,
-    /// Rows that were in no run: not finite, or not selected.
+    /// The number of rows outside all runs: not finite, or not selected.
     pub missing_rows: usize,
 }
 
 impl FilterReport {
-    /// Rows of the line for which there is no answer.
+    /// The number of rows of the line without a result.
     pub fn left_out(&self) -> usize {
         self.short_rows + self.missing_rows
     }
@@ -212,10 +212,10 @@ impl FilterReport {
     }
 }
 
-/// Filters each run of one column by itself; NaN outside the runs and in those that are too short.
+/// Filters each run of one column separately; NaN outside the runs and in those that are too short.
 ///
-/// `runs` are in order, do not overlap, and hold finite values only, as [`Usable::runs`] of the
-/// same column gives them.
+/// `runs` are in order, do not overlap, and contain finite values only, as [`Usable::runs`] of the
+/// same column returns them.
 pub fn filter_column(
     filter: &ZeroPhase,
     x: &[f64],
@@ -226,7 +226,7 @@ pub fn filter_column(
     Ok((out, report))
 }
 
-/// Filters each run of a row-major matrix by itself, in place; whole rows are NaN outside the runs
+/// Filters each run of a row-major matrix separately, in place; whole rows are NaN outside the runs
 /// and in those that are too short. `runs` as for [`filter_column`].
 pub fn filter_matrix(
     filter: &ZeroPhase,

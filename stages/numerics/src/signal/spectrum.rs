@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use rustfft::{FftPlanner, num_complex::Complex};
 
-/// The taper of each segment; both are periodic (made for a spectrum, not symmetric).
+/// The taper of each segment; both are periodic (for a spectrum, not symmetric).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Window {
     /// ½ − ½ cos: falls to zero, low leakage far away.
@@ -25,27 +25,27 @@ impl Window {
     }
 }
 
-/// What is wrong with a request for a spectrum.
+/// Why a spectrum cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SpectrumError {
     /// The sample rate is not a positive number.
-    #[error("the sample rate must be above 0 Hz, and it is {rate_hz} Hz")]
+    #[error("the sample rate must be above 0 Hz, but is {rate_hz} Hz")]
     Rate {
-        /// The rate that was given, Hz.
+        /// The given rate, Hz.
         rate_hz: f64,
     },
     /// A segment of fewer than two samples.
-    #[error("a segment must have at least 2 samples, and it has {segment}")]
+    #[error("a segment must have at least 2 samples, but has {segment}")]
     Segment {
-        /// The samples that were asked for.
+        /// The requested number of samples.
         segment: usize,
     },
     /// No segment without gaps is that long.
     #[error("no {segment} consecutive samples of {rows} are finite: choose shorter segments")]
     TooShort {
-        /// The samples of the series.
+        /// The number of samples of the series.
         rows: usize,
-        /// The samples of a segment.
+        /// The number of samples of a segment.
         segment: usize,
     },
 }
@@ -57,19 +57,19 @@ pub struct Spectrum {
     pub frequency_hz: Vec<f64>,
     /// Power density at each, unit of the samples squared per Hz.
     pub density: Vec<f64>,
-    /// Segments that were averaged.
+    /// The number of segments that were averaged.
     pub segments: usize,
-    /// Segments that were left out because a sample in them is not finite.
+    /// The number of segments that were left out because a sample in them is not finite.
     pub left_out: usize,
 }
 
 /// The power spectral density of `x`, evenly sampled at `rate_hz`: the mean of the periodograms of
-/// segments of `segment` samples that overlap by half, each with its mean taken off and tapered.
+/// segments of `segment` samples that overlap by half, each with its mean subtracted and tapered.
 /// [Welch 1967, IEEE Trans. Audio Electroacoust. 15(2)]
 ///
 /// Scaled so that the integral over frequency is the variance, as scipy's `welch` does. Segments
-/// with a value that is not finite are left out and counted. The same bits on every processor are
-/// not promised here: the transform uses the widest vectors there are.
+/// with a value that is not finite are left out and counted. Bit-identical results on every processor are
+/// not guaranteed: the transform uses the widest available vectors.
 pub fn welch(x: &[f64], rate_hz: f64, segment: usize, window: Window) -> Result<Spectrum, SpectrumError> {
     if !(rate_hz > 0.0 && rate_hz.is_finite()) {
         return Err(SpectrumError::Rate { rate_hz });
@@ -102,7 +102,7 @@ pub fn welch(x: &[f64], rate_hz: f64, segment: usize, window: Window) -> Result<
     let power: f64 = taper.iter().map(|w| w * w).sum();
     let scale = 1.0 / (rate_hz * power * segments as f64);
     for (bin, density) in density.iter_mut().enumerate() {
-        // All but 0 Hz and, for an even number of samples, Nyquist stand for two frequencies.
+        // All but 0 Hz and, for an even number of samples, Nyquist represent two frequencies.
         let sides = if bin == 0 || 2 * bin == segment { 1.0 } else { 2.0 };
         *density *= sides * scale;
     }

@@ -13,7 +13,7 @@ const NAMES: [&str; COLUMNS] = [
     "zx_dot", "zy_dot", "zz_dot", "x_dot", "y_dot", "z_dot", "bias",
 ];
 
-/// What a group of terms stands for; of each family a matrix holds one group at most.
+/// What a group of terms stands for; a matrix contains at most one group of each family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Family {
     /// The aircraft's permanent magnetisation.
@@ -28,14 +28,14 @@ pub enum Family {
     Bias,
 }
 
-/// One group of terms that can be asked for.
+/// One group of terms that can be requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TermGroup {
-    /// The name to ask for it.
+    /// Its name.
     pub name: &'static str,
     /// Other names for the same, most of them MagNav.jl's.
     pub aliases: &'static [&'static str],
-    /// What it stands for.
+    /// Its family.
     pub family: Family,
     columns: &'static [usize],
 }
@@ -78,7 +78,7 @@ pub(super) fn names_of_groups() -> String {
     names.join(", ")
 }
 
-/// The terms of a matrix: groups in the order of the table, however they were asked for.
+/// The terms of a matrix: groups in the order of the table, whatever the order of the request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Terms {
     groups: Vec<&'static TermGroup>,
@@ -109,12 +109,12 @@ impl Terms {
         Ok(Self { groups, columns })
     }
 
-    /// All groups that can be asked for.
+    /// All groups that can be requested.
     pub fn groups_known() -> &'static [TermGroup] {
         &GROUPS
     }
 
-    /// The groups held, in the order of their columns.
+    /// The groups it contains, in the order of their columns.
     pub fn groups(&self) -> &[&'static TermGroup] {
         &self.groups
     }
@@ -129,12 +129,12 @@ impl Terms {
         self.columns.len()
     }
 
-    /// Whether there are no terms: never, for a `Terms` that could be made.
+    /// Whether there are no terms: never, for a `Terms` that was constructed.
     pub fn is_empty(&self) -> bool {
         self.columns.is_empty()
     }
 
-    /// The columns taken from the full row.
+    /// The columns selected from the full row.
     pub(super) fn columns(&self) -> &[usize] {
         &self.columns
     }

@@ -27,7 +27,7 @@ choice! {
 }
 
 impl CoreModel {
-    /// The name as people write it.
+    /// The usual spelling of the name.
     pub fn name(self) -> &'static str {
         match self {
             CoreModel::Igrf14 => "IGRF-14",
@@ -48,7 +48,8 @@ impl CoreModel {
         spans.as_deref().map_err(Clone::clone)
     }
 
-    /// The years from one epoch to the next that a date lies in; a date on an epoch is in what begins there.
+    /// The years from one epoch to the next that a date lies in; a date on an epoch belongs to the interval that begins
+    /// there.
     pub(super) fn span(self, decimal_year: f64) -> Result<&'static Span, CoreFieldError> {
         let spans = self.spans()?;
         let (Some(first), Some(last)) = (spans.first(), spans.last()) else {
@@ -125,35 +126,35 @@ impl std::fmt::Display for Coordinate {
     }
 }
 
-/// Why there is no core field.
+/// Why the core field is not available.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CoreFieldError {
     /// The date is outside the model's years.
-    #[error("the core field is asked for the year {decimal_year}; {model} covers {first} to {last}")]
+    #[error("{model} covers the years {first} to {last}, not {decimal_year}")]
     Date {
         /// The model.
         model: &'static str,
-        /// The date asked for.
+        /// The requested date.
         decimal_year: f64,
         /// The model's first year.
         first: f64,
         /// The model's last year.
         last: f64,
     },
-    /// A coordinate that no place on or above the earth has.
+    /// A coordinate outside its range.
     #[error("{value:?} is not a {coordinate}: {low} to {high} {unit}")]
     Position {
         /// Which coordinate: `latitude`, `longitude` or `height`.
         coordinate: Coordinate,
         /// The value.
         value: f64,
-        /// The least that it can be.
+        /// The lower limit.
         low: f64,
-        /// The largest that it can be.
+        /// The upper limit.
         high: f64,
         /// The unit of all three.
         unit: &'static str,
-        /// The place, from 0, in the order given.
+        /// The index of the position, from 0, in the given order.
         row: usize,
     },
     /// The embedded coefficient file is damaged.
@@ -171,8 +172,8 @@ pub(super) const fn index(n: usize, m: usize) -> usize {
     n * (n + 1) / 2 + m
 }
 
-/// The epochs of a file in the SHC format of IGRF: a line of epochs, then degree, order (negative for sines) and a value
-/// for each epoch.
+/// The epochs of a file in the SHC format of IGRF: a line of epochs, then degree, order (negative for sines) and a
+/// value for each epoch.
 fn shc(file: &str) -> Result<Vec<Span>, CoreFieldError> {
     let damaged = |line: usize| CoreFieldError::Coefficients { model: CoreModel::Igrf14.name(), line: line + 1 };
     let mut lines = file.lines().enumerate().filter(|(_, line)| !line.starts_with('#')).skip(1);
@@ -226,7 +227,7 @@ fn numbers(line: &str) -> Option<Vec<f64>> {
     line.split_whitespace().map(|word| word.parse().ok()).collect()
 }
 
-/// Where a coefficient stands and the factor of its normalisation; a negative order is a sine.
+/// The index of a coefficient and the factor of its normalisation; a negative order is a sine.
 fn place(degree: f64, signed_order: f64) -> Option<(usize, f64)> {
     let order = signed_order.abs();
     if degree.fract() != 0.0 || order.fract() != 0.0 || !(1.0..=DEGREE as f64).contains(&degree) || order > degree {
@@ -236,7 +237,7 @@ fn place(degree: f64, signed_order: f64) -> Option<(usize, f64)> {
     Some((2 * index(n, m) + usize::from(signed_order < 0.0), schmidt_factor(n, m)))
 }
 
-/// What turns a Legendre function into a Schmidt semi-normalised one:
+/// The factor that turns a Legendre function into a Schmidt semi-normalised one:
 /// sqrt(2 (n-m)! / (n+m)!), 1 for order zero.
 fn schmidt_factor(n: usize, m: usize) -> f64 {
     if m == 0 {
@@ -254,7 +255,7 @@ pub(super) fn derivative(of: &[f64; TERMS], axis: usize, scale: f64) -> Box<[f64
     for n in 0..=DEGREE + 1 {
         for m in 0..=n {
             let here = 2 * index(n, m);
-            // The sine of order zero is no function: what a derivative leaves there is dropped.
+            // The sine of order zero is zero: its coefficient in a derivative is dropped.
             let sine = if m == 0 { 0.0 } else { of[here + 1] };
             let (c, s) = (scale * of[here], scale * sine);
             if axis == 2 {

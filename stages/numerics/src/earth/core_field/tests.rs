@@ -121,13 +121,10 @@ fn law_time_is_linear_between_epochs_and_bounded() {
     for year in [1899.9, 2030.1, f64::NAN] {
         assert!(matches!(CoreField::at(year), Err(CoreFieldError::Date { .. })));
     }
-    assert_eq!(
-        CoreField::at(2031.0).unwrap_err().to_string(),
-        "the core field is asked for the year 2031; IGRF-14 covers 1900 to 2030"
-    );
+    assert_eq!(CoreField::at(2031.0).unwrap_err().to_string(), "IGRF-14 covers the years 1900 to 2030, not 2031");
     assert_eq!(
         CoreField::of(CoreModel::Wmm, 2019.9).unwrap_err().to_string(),
-        "the core field is asked for the year 2019.9; WMM covers 2020 to 2030"
+        "WMM covers the years 2020 to 2030, not 2019.9"
     );
 }
 

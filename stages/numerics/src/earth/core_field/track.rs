@@ -1,4 +1,5 @@
-//! The core field at many places and dates at once: four places share a recursion, in the lanes of a vector register.
+//! The core field at many positions and dates at once: four positions share a recursion, in the lanes of a vector
+//! register.
 
 use super::{
     Coordinate, CoreFieldError, CoreModel, Directions, Recursion,
@@ -7,14 +8,14 @@ use super::{
 };
 use crate::earth::geodesy::ecef_m;
 
-/// Places at a time.
+/// Positions per batch.
 const LANES: usize = 4;
 /// The field is a gradient, one degree higher than the potential.
 const DEGREE: usize = super::HIGHEST_DEGREE - 1;
 
 type Lanes = [f64; LANES];
 
-/// The field at each place, in nT.
+/// The field at each position, in nT.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ned {
     /// Northward component.
@@ -26,15 +27,15 @@ pub struct Ned {
 }
 
 impl Ned {
-    /// The magnitude at each place, in nT.
+    /// The magnitude at each position, in nT.
     pub fn magnitude_nt(&self) -> Vec<f64> {
         let three = self.north_nt.iter().zip(&self.east_nt).zip(&self.down_nt);
         three.map(|((n, e), d)| (n * n + e * e + d * d).sqrt()).collect()
     }
 }
 
-/// The core field along a track: geodetic latitude and longitude in degrees, height in metres above the WGS-84 ellipsoid,
-/// and the date of every sample.
+/// The core field along a track: geodetic latitude and longitude in degrees, height in metres above the WGS-84
+/// ellipsoid, and the date of every sample.
 pub struct CoreTrack {
     model: CoreModel,
     recursion: Recursion,
@@ -46,11 +47,12 @@ impl CoreTrack {
         Self { model, recursion: Recursion::new() }
     }
 
-    /// The field (north, east, down; nT) at each place and date; the shortest of the four counts. A place with a
-    /// coordinate or date that is not finite has NaN.
+    /// The field (north, east, down; nT) at each position and date, as many as the shortest of the four slices. A
+    /// position with a coordinate or date that is not finite has NaN.
     ///
     /// # Errors
-    /// A date that the model does not cover, and a place that does not exist: a latitude beyond a pole, a longitude outside
+    /// Fails for a date that the model does not cover and for a position that does not exist: a latitude beyond a pole,
+    /// a longitude outside
     /// -180 to 360 degrees, a height outside -10 to 2,000 km.
     pub fn field(&self, lat_deg: &[f64], lon_deg: &[f64], alt_m: &[f64], year: &[f64]) -> Result<Ned, CoreFieldError> {
         self.evaluate(lat_deg, lon_deg, alt_m, year, false)
@@ -59,7 +61,7 @@ impl CoreTrack {
     /// The field's change (north, east, down; nT a year), as [`CoreTrack::field`].
     ///
     /// # Errors
-    /// As [`CoreTrack::field`].
+    /// Fails as [`CoreTrack::field`].
     pub fn secular_variation(
         &self,
         lat_deg: &[f64],
@@ -125,8 +127,8 @@ impl CoreTrack {
     }
 }
 
-/// The coordinates of a place, each with its limits. The models hold from the ground to where the field of currents in
-/// the ionosphere and magnetosphere is no longer small beside the core's.
+/// The coordinates of a position, each with its limits. The models hold from the ground to where the field of currents
+/// in the ionosphere and magnetosphere is no longer small compared with the core's.
 const PLACES: [(Coordinate, f64, f64, &str); 3] = [
     (Coordinate::Latitude, -90.0, 90.0, "deg"),
     (Coordinate::Longitude, -180.0, 360.0, "deg"),
@@ -142,7 +144,7 @@ fn possible(row: usize, place: [f64; 3]) -> Result<(), CoreFieldError> {
     Ok(())
 }
 
-/// The places that are evaluated together.
+/// The positions that are evaluated together.
 struct Group {
     len: usize,
     rows: [usize; LANES],
@@ -153,7 +155,7 @@ struct Group {
 
 impl Default for Group {
     fn default() -> Self {
-        // A lane without a place holds one on the reference sphere, so that nothing overflows.
+        // A lane without a position has one on the reference sphere, so that nothing overflows.
         let unused = [[REFERENCE_RADIUS_M; LANES], [0.0; LANES], [0.0; LANES]];
         let local = [(); LANES].map(|()| Directions::at(0.0, 0.0));
         Self { len: 0, rows: [0; LANES], position: unused, years: [0.0; LANES], local }
@@ -174,8 +176,8 @@ impl Group {
     }
 }
 
-/// The sums over all harmonics of each column of the table, in the lanes of the places: the form in which it is compiled
-/// for the vector width of each processor.
+/// The sums over all harmonics of each column of the table, in the lanes of the places: the form in which it is
+/// compiled for the vector width of each processor.
 struct Sums<'a> {
     recursion: &'a Recursion,
     table: &'a Table,

@@ -1,10 +1,10 @@
-//! The level of maps to each other, from what they say where they overlap.
+//! The relative levels of maps, from their overlaps.
 
 use crate::maps::plane_grid::PlaneGrid;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// What is taken off each map before they are combined.
+/// The bias that is subtracted from each map before they are combined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BiasModel {
     /// Nothing.
@@ -13,18 +13,18 @@ pub enum BiasModel {
     /// A constant: the median of the differences in each overlap, reconciled over all overlaps by least squares
     /// weighted with their size.
     Constant,
-    /// A plane, found in all overlaps at once by least squares that count large differences less. [Huber 1964]
+    /// A plane, found in all overlaps at once by robust least squares. [Huber 1964]
     Plane,
 }
 
-/// What a map is too high by, relative to the first map that it hangs together with.
+/// The bias of a map relative to the first map that it is connected to by overlaps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bias {
     /// At the middle of the combined grid, in the unit of the maps.
     pub constant: f64,
-    /// Per metre eastward of there.
+    /// Per metre eastward.
     pub per_m_east: f64,
-    /// Per metre northward of there.
+    /// Per metre northward.
     pub per_m_north: f64,
 }
 
@@ -41,7 +41,7 @@ impl Bias {
     }
 }
 
-/// One, and the distances in metres from the middle of the grid.
+/// One and the distances in metres from the middle of the grid.
 fn terms(target: &PlaneGrid, node: usize) -> [f64; 3] {
     let (row, column) = (node / target.columns(), node % target.columns());
     let from_middle = |at: usize, len: usize| at as f64 - 0.5 * (len - 1) as f64;
@@ -56,7 +56,7 @@ fn terms(target: &PlaneGrid, node: usize) -> [f64; 3] {
 pub(super) struct Pair {
     pub(super) first: usize,
     pub(super) second: usize,
-    /// The nodes at which both are known.
+    /// The nodes where both are known.
     nodes: Vec<u32>,
 }
 
@@ -79,7 +79,7 @@ pub(super) fn pairs(maps: &[Vec<f64>]) -> Vec<Pair> {
     all.map(pair).filter(|pair| !pair.nodes.is_empty()).collect()
 }
 
-/// The median; NaN of nothing. Changes the order of `values`.
+/// The median; NaN of an empty slice. Reorders `values`.
 pub(super) fn median(values: &mut [f64]) -> f64 {
     let middle = values.len() / 2;
     if values.is_empty() {
@@ -234,7 +234,7 @@ impl<const TERMS: usize> Network<TERMS> {
                 self.side[row] = 0.0;
             }
         }
-        // An overlap along one line leaves a slope open: what cannot be told is left at zero.
+        // An overlap along one line leaves a slope open: what is undetermined stays zero.
         const OPEN: f64 = 1e-9;
         let largest = self.matrix.amax();
         let solved = self.matrix.svd(true, true).solve(&self.side, OPEN * largest).unwrap_or_else(|_| self.side * 0.0);
@@ -242,10 +242,10 @@ impl<const TERMS: usize> Network<TERMS> {
     }
 }
 
-/// The first map of the group of maps that each one hangs together with.
+/// The first map of the group of maps that each one is connected to.
 fn groups(maps: usize, pairs: &[Pair]) -> Vec<usize> {
     let mut group: Vec<usize> = (0..maps).collect();
-    // As many rounds as maps reach the end of any chain.
+    // As many rounds as there are maps reach the end of any chain.
     for _ in 0..maps {
         for pair in pairs {
             let least = group[pair.first].min(group[pair.second]);

@@ -1,10 +1,10 @@
-//! How far a known node is from the edge of what is known.
+//! How far a known node is from the edge of the known area.
 
 use crate::maps::plane_grid::PlaneGrid;
 use rayon::prelude::*;
 
 /// The distance in metres from each node to the nearest unknown one; infinite where all are known. The border of the
-/// grid is no edge: what lies past it is not asked for. The exact Euclidean distance, in time that grows with the
+/// grid is not an edge. The exact Euclidean distance, in time that grows with the
 /// number of nodes. [Felzenszwalb and Huttenlocher 2012, Theory of Computing 8]
 pub(super) fn distance_to_unknown(values: &[f64], target: &PlaneGrid) -> Vec<f64> {
     let (rows, width) = (target.rows(), target.columns());

@@ -4,12 +4,12 @@ use crate::maps::map_grid::{Cell, Interpolation, Shape, Surface};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
-/// Nodes closer than this fraction of a step are one.
+/// Nodes closer than this fraction of a step are the same node.
 const SAME: f64 = 1e-6;
 
 /// The values of `map` at the nodes of `target`, by the natural bicubic spline; NaN off the map and in a cell with an
-/// unknown node. A node of the target on a node of the map takes its value as it is, one on a line of the map needs
-/// only the two nodes of that line.
+/// unknown node. A node of the target on a node of the map takes its value unchanged, one on a line of the map needs
+/// only the two nodes on that line.
 pub(super) fn resampled(map: &PlaneGrid, target: &PlaneGrid) -> Vec<f64> {
     let places = |axis: &EvenAxis, of: &EvenAxis| -> Vec<Option<Place>> {
         (0..of.len).map(|node| Place::on(axis, of.at(node as f64))).collect()
@@ -27,7 +27,7 @@ pub(super) fn resampled(map: &PlaneGrid, target: &PlaneGrid) -> Vec<f64> {
     values
 }
 
-/// A place on an axis: a cell and the fraction of a step in it.
+/// A position on an axis: a cell and the fraction of a step in it.
 #[derive(Clone, Copy)]
 struct Place {
     cell: usize,
@@ -51,7 +51,7 @@ impl Place {
         self.part == 0.0 || self.part == 1.0
     }
 
-    /// The nodes that a value here is made between.
+    /// The nodes that a value here is interpolated between.
     fn needs(&self) -> impl Iterator<Item = usize> + use<> {
         let (lower, upper) = (self.part < 1.0, self.part > 0.0);
         let cell = self.cell;
@@ -72,7 +72,7 @@ fn value(map: &PlaneGrid, spline: Option<&Spline>, up: Place, right: Place) -> O
     Some(spline?.0.at(cell)?.value[0])
 }
 
-/// A spline through a map whose gaps are filled, so that it also has values beside a gap.
+/// A spline through a map whose gaps are filled, so that it also has values next to a gap.
 struct Spline(Surface<1>);
 
 impl Spline {

@@ -22,7 +22,7 @@ pub struct Components {
     /// Upward.
     pub up: PlaneGrid,
     /// Whether the main field is so near the horizontal that waves across it had to be damped, which loses what
-    /// a total-field map does not show.
+    /// a total-field map does not contain.
     pub damped: bool,
 }
 
@@ -33,14 +33,14 @@ impl Spectrum {
     /// With the potential's spectrum Φ the components are i k_east Φ, i k_north Φ and −k Φ, and the map is their
     /// sum along the unit vector f of the main field, d Φ with d = i (f_east k_east + f_north k_north) − f_up k
     /// [Blakely 1996, section 12.3.1]. |d| is at least k |f_up|; where f_up is below sin 15° the division by d becomes
-    /// conj(d)/(|d|² + (sin² 15° − f_up²) k²). The mean and the trend say nothing of their direction: they are taken
-    /// to lie along the main field.
+    /// conj(d)/(|d|² + (sin² 15° − f_up²) k²). The mean and the trend have no information on direction: they are
+    /// assumed to lie along the main field.
     ///
     /// MagNav.jl's `vector_fft` is this with the declination counted from east, up turned down, and the mean given
     /// to each component.
     ///
     /// # Errors
-    /// [`ContinuationError::Direction`], [`ContinuationError::Height`] or [`ContinuationError::Alpha`].
+    /// Fails with [`ContinuationError::Direction`], [`ContinuationError::Height`] or [`ContinuationError::Alpha`].
     pub fn components(&self, main_field: [f64; 3], up_m: f64, alpha_m2: f64) -> Result<Components, ContinuationError> {
         let unit = unit(main_field)?;
         finite_height("a height", up_m)?;

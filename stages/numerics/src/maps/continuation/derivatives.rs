@@ -24,13 +24,14 @@ pub enum Derivative {
 }
 
 impl Spectrum {
-    /// A derivative at a height above the map in metres, which may be negative, damped by α in m² if it is.
+    /// A derivative at a height above the map in metres, which may be negative, damped by α in m² if negative.
     ///
-    /// The factors are i k_east, i k_north, −k and k², times that of the height. A plane trend that was taken off
+    /// The factors are i k_east, i k_north, −k and k², times that of the height. A plane trend that was removed
     /// counts with its slope.
     ///
     /// # Errors
-    /// [`ContinuationError::Height`] or [`ContinuationError::Alpha`] for what is not a finite number.
+    /// Fails with [`ContinuationError::Height`] or [`ContinuationError::Alpha`] for an argument that is not a finite
+    /// number.
     pub fn derivative(&self, which: Derivative, up_m: f64, alpha_m2: f64) -> Result<PlaneGrid, ContinuationError> {
         finite_height("a height", up_m)?;
         usable_alpha(alpha_m2)?;

@@ -8,7 +8,7 @@ use super::extension::Padding;
 use super::spectrum::Spectrum;
 use super::{ContinuationError, MAGNAV_ALPHA_M2, finite_height, upward, usable_alpha};
 
-/// Levels are made one after the other; more than this many is taken for a mistake in the heights or the step.
+/// Levels are made one after the other; more than this many indicates a mistake in the heights or the step.
 const MOST_LEVELS: usize = 2000;
 
 /// How the field between two levels is found.
@@ -31,8 +31,8 @@ pub struct Drape {
     pub alpha_m2: f64,
     /// How the field between two levels is found.
     pub interpolation: HeightInterpolation,
-    /// How many times [`drape_to_level`] compares its answer, taken back to the drape, with the map, and adds what is
-    /// missing; 0 is the plain chessboard method.
+    /// How many times [`drape_to_level`] compares its answer, taken back to the drape, with the map, and adds the
+    /// difference; 0 is the plain chessboard method.
     pub refinements: usize,
     /// How the map is extended past its edges.
     pub padding: Padding,
@@ -58,8 +58,8 @@ impl Default for Drape {
 /// 1985; thesis 000, section 2.3]. A node more than `down_max_m` below the level is NaN.
 ///
 /// # Errors
-/// As [`Spectrum::new`]; [`ContinuationError::DrapeHeights`], [`ContinuationError::TooManyLevels`],
-/// [`ContinuationError::Height`] for a level, a step or a limit that cannot be, [`ContinuationError::Alpha`].
+/// Fails as [`Spectrum::new`], and with [`ContinuationError::DrapeHeights`], [`ContinuationError::TooManyLevels`],
+/// [`ContinuationError::Height`] for a level, a step or a limit out of range, or [`ContinuationError::Alpha`].
 pub fn level_to_drape(
     grid: &PlaneGrid,
     level_m: f64,
@@ -77,11 +77,11 @@ pub fn level_to_drape(
 /// The chessboard method takes the draped map for a level one, continues it to heights a step apart and interpolates
 /// each node where the wanted level lies above or below its own height [Cordell 1985; MagNav.jl's
 /// `map_chessboard`]. That is inexact where the drape slopes, so with `refinements` the answer, on a level below
-/// everything, is taken back up to the drape, where the field is known, and what is missing there is added by the same
+/// everything, is taken back up to the drape, where the field is known, and the difference there is added by the same
 /// method. A node more than `down_max_m` below its own height is NaN.
 ///
 /// # Errors
-/// As [`level_to_drape`].
+/// Fails as [`level_to_drape`].
 pub fn drape_to_level(
     grid: &PlaneGrid,
     drape_m: &[f64],
@@ -145,7 +145,8 @@ impl Drape {
         Ok(grid.with(values))
     }
 
-    /// The field on a level below everything that, taken up to the drape, gives the map there; then on the level.
+    /// The field on a level below everything that reproduces the map when continued up to the drape; then the field on
+    /// the level.
     fn refined(
         &self,
         grid: &PlaneGrid,
@@ -177,7 +178,7 @@ fn bounds(values: &[f64]) -> (f64, f64) {
     values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)))
 }
 
-/// Heights above a map that are whole steps, around all that is wanted.
+/// Heights above a map that are whole steps, around all wanted heights.
 #[derive(Clone, Copy, Debug)]
 struct Levels {
     first_m: f64,
@@ -209,7 +210,7 @@ impl Levels {
         self.first_m + self.step_m * level as f64
     }
 
-    /// What a level counts at a height; past the ends the end level counts alone.
+    /// The weight of a level at a height; past the ends the end level alone has weight.
     fn weight(&self, level: usize, above_m: f64) -> f64 {
         let at = ((above_m - self.first_m) / self.step_m).clamp(0.0, (self.count - 1) as f64);
         let (before, points) = match self.interpolation {

@@ -1,24 +1,24 @@
-//! What the unknown field past the edges of a map does to its continuation, measured on the map itself.
+//! The effect of the unknown field past the edges of a map on its continuation, measured on the map itself.
 
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 
 use super::extension::{Edge, MOST_PADDING, Padding, Trend, Width};
 use super::{ContinuationError, continued, rms};
 
-/// The least nodes on a side: with fewer nothing is left between the crops.
+/// The smallest number of nodes on a side: with fewer no nodes remain between the crops.
 const LEAST: usize = 16;
 
 /// The error along one edge, of the field that is unknown past it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SideError {
-    /// The rms error in nT by the number of nodes from the edge; deeper in, the last one holds.
+    /// The rms error in nT by the number of nodes from the edge; further inside, the last one applies.
     pub rms_nt: Vec<f64>,
 }
 
 /// The error of a continuation that comes from its edges.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EdgeError {
-    /// The western, eastern, southern and northern edge, without the part of the level.
+    /// The western, eastern, southern and northern edge, without the contribution of the level.
     pub sides: [SideError; 4],
     /// How many `[rows, columns]` were cropped on each side.
     pub cropped: [usize; 2],
@@ -32,17 +32,18 @@ pub struct EdgeError {
 ///
 /// Two parts are added in quadrature. The map is cropped and continued again: past the edges of the crop the field is
 /// known, to the map but not to the crop, so that the difference of both is the error of the extension at that
-/// distance from an edge. Each edge of the crop stands for the edge of the map beside it, in proportion to how much
-/// the continued field varies along the edges of both. The crop takes off five continuation distances, but at most a quarter of a side. What
-/// the crop shares with the map, the level of the field far away, is found from a second continuation that
-/// takes the other side: a field that falls to zero instead of the mean along the edge, or the reverse.
+/// distance from an edge. Each edge of the crop represents the adjacent edge of the map, in proportion to how much
+/// the continued field varies along the edges of both. The crop removes five continuation distances, but at most a
+/// quarter of a side. What the crop shares with the map, the level of the field far away, is found from a second
+/// continuation that takes the other side: a field that falls to zero instead of the mean along the edge, or the
+/// reverse.
 ///
 /// On fields of dipoles and prisms in and around a map the rms of the estimate is that of the error within a factor
 /// of three; with all sources well inside, where the error is some thousandths of the field, up to ten times that.
-/// It holds no errors of the map's own values.
+/// It does not include errors of the map's own values.
 ///
 /// # Errors
-/// As [`super::continued`]; [`ContinuationError::TooSmallToMeasure`].
+/// Fails as [`super::continued`], and with [`ContinuationError::TooSmallToMeasure`].
 pub fn edge_error(
     grid: &PlaneGrid,
     up_m: f64,
@@ -71,7 +72,7 @@ pub fn edge_error(
     Ok(EdgeError { sides, cropped, map, rms_nt })
 }
 
-/// The same padding, no narrower than a third of each side, with the other idea of the level far away.
+/// The same padding, no narrower than a third of each side, with the other assumption on the level far away.
 fn other_level(grid: &PlaneGrid, padding: &Padding) -> Padding {
     let trend = if padding.trend == Trend::None { Trend::EdgeMean } else { Trend::None };
     let width = Width::Nodes([grid.rows(), grid.columns()].map(|side| (side / 3).min(MOST_PADDING)));

@@ -1,4 +1,4 @@
-//! How a map goes on past its edges, so that a periodic transform can be used on it.
+//! How a map is extended past its edges, so that a periodic transform can be used on it.
 
 use crate::maps::plane_grid::PlaneGrid;
 
@@ -7,34 +7,34 @@ use super::ContinuationError;
 /// Padding on each side never exceeds this many nodes, as in MagNav.jl.
 pub const MOST_PADDING: usize = 5000;
 
-/// What a map is taken to be past its edges.
+/// The assumed continuation of a map past its edges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Edge {
-    /// The value at the edge falls to the trend on a half cosine, and the turned image of the map about the edge,
-    /// which carries the slope and the detail on, fades over `detail_nodes`.
+    /// The value at the edge falls to the trend on a half cosine, and the rotated image of the map about the edge,
+    /// which continues the slope and the detail, fades over `detail_nodes`.
     ///
-    /// Tried on fields of dipoles in and around a map, continued upward by 2 to 10 spacings, against zeros, linear and
-    /// cosine bridges, even and odd images with tapers and cross-fades, and the extension of least curvature: this
-    /// came nearest to the closed form in most cases and was never far from the best.
+    /// Compared on fields of dipoles in and around a map, continued upward by 2 to 10 spacings, against zeros, linear
+    /// and cosine bridges, even and odd images with tapers and cross-fades, and the extension of least curvature: this
+    /// was closest to the closed form in most cases and never far from the best.
     Falling {
-        /// Over how many nodes the detail fades.
+        /// The number of nodes over which the detail fades.
         detail_nodes: usize,
     },
     /// A straight line from the last value of each row, and then of each column, around to its first, as the
     /// `map_expand` of MagNav.jl.
     WrapAround,
-    /// The trend alone: with [`Trend::None`] zeros, as `xrft.pad` does unless told otherwise.
+    /// The trend alone: with [`Trend::None`] zeros, as `xrft.pad` does by default.
     Zero,
 }
 
-/// What is taken off a map before it is extended, and given back afterwards.
+/// The trend that is removed from a map before it is extended, and restored afterwards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trend {
     /// Nothing.
     None,
-    /// The mean of the values along the edge, so that a constant stays what it is.
+    /// The mean of the values along the edge, so that a constant is preserved.
     EdgeMean,
-    /// The plane that fits the values along the edge best, for maps that still hold a regional slope.
+    /// The plane of best fit to the values along the edge, for maps that still contain a regional slope.
     EdgePlane,
 }
 
@@ -43,7 +43,7 @@ pub enum Trend {
 pub enum Width {
     /// At least ten times the continuation distance and a tenth of the side, at most [`MOST_PADDING`] nodes.
     OfDistance,
-    /// At least that many nodes for `[rows, columns]`.
+    /// At least this number of nodes for `[rows, columns]`.
     Nodes([usize; 2]),
     /// None: the map is periodic as it is.
     None,
@@ -52,11 +52,11 @@ pub enum Width {
 /// How far and how a map is extended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Padding {
-    /// How wide it is.
+    /// The width of the padding.
     pub width: Width,
-    /// What is in the padding.
+    /// The values in the padding.
     pub edge: Edge,
-    /// What is taken off first.
+    /// The trend that is removed first.
     pub trend: Trend,
     /// The most nodes that the padded map may have; the default padding is narrowed to it. 2²⁸ nodes are 2 GiB.
     pub most_nodes: usize,
@@ -94,7 +94,7 @@ impl Padding {
     /// How a map is laid out in the padded one for work over `distance_m` in height.
     ///
     /// # Errors
-    /// [`ContinuationError::TooLarge`] when the nodes asked for are more than `most_nodes`.
+    /// Fails with [`ContinuationError::TooLarge`] when the padded map has more than `most_nodes` nodes.
     pub fn layout(&self, grid: &PlaneGrid, distance_m: f64) -> Result<Layout, ContinuationError> {
         let sides = [(grid.rows(), grid.north_m.step), (grid.columns(), grid.east_m.step)];
         let wanted = match self.width {
@@ -158,7 +158,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// How many nodes the padded map has.
+    /// The number of nodes of the padded map.
     pub fn nodes(&self) -> usize {
         self.rows.padded * self.columns.padded
     }
@@ -184,7 +184,7 @@ struct Weighted {
     weights: [f64; 2],
 }
 
-/// The padding of one side, as a linear map from its nodes: it serves values and, on the other axis, spectra.
+/// The padding of one side, as a linear map from its nodes: it applies to values and, on the other axis, spectra.
 #[derive(Debug)]
 pub(super) struct AxisExtension {
     layout: AxisLayout,
@@ -243,7 +243,7 @@ fn falling(distance: usize, width: usize, detail: usize, last: usize, upper: boo
     Weighted { nodes, weights: [fall + fade, -fade] }
 }
 
-/// The node that many nodes from the edge, to and fro between both edges.
+/// The node at this distance from the edge, reflected between both edges.
 fn reflected(distance: usize, last: usize) -> usize {
     let round = distance % (2 * last).max(1);
     if round > last { 2 * last - round } else { round.min(last) }
@@ -252,11 +252,12 @@ fn reflected(distance: usize, last: usize) -> usize {
 /// A map extended by wrap-around padding to sides that are products of 2, 3, 5 and 7, with at least `pad` nodes
 /// on each side: MagNav.jl's `map_expand`.
 ///
-/// Each row, and then each column, goes on in a straight line from its last value around to its first, so that the
+/// Each row, and then each column, continues in a straight line from its last value around to its first, so that the
 /// extended map is periodic. Returns it with its own eastings and northings, and where the map lies in it.
 ///
 /// # Errors
-/// As [`super::check`] for a map that cannot be used, [`ContinuationError::TooLarge`] for a padding that is too wide.
+/// Fails as [`super::check`] for an invalid map, and with [`ContinuationError::TooLarge`] for a padding that is too
+/// wide.
 pub fn expand(grid: &PlaneGrid, pad: usize) -> Result<(PlaneGrid, Layout), ContinuationError> {
     super::check(grid)?;
     let padding =

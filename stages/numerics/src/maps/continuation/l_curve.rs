@@ -7,14 +7,14 @@ use super::transform::Transform;
 use super::upward::gain;
 use crate::regression::l_curve::log_curvature;
 
-/// Rings of wavenumbers, narrow enough for the factor to be the same all over one.
+/// Rings of wavenumbers, narrow enough for the factor to be constant over one.
 const RINGS: usize = 4096;
-/// Parts that the rows are summed in, whatever the number of threads.
+/// The number of blocks in which the rows are summed, whatever the number of threads.
 const PARTS: usize = 16;
 /// Points of the curve.
 const POINTS: usize = 241;
 
-/// One α of the curve.
+/// A point of the curve: one α.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LCurvePoint {
     /// α, in m².
@@ -30,10 +30,10 @@ pub struct LCurvePoint {
 /// Misfit against roughness over α, and its corner.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LCurve {
-    /// The points in ascending order of α, evenly spaced in its logarithm, from where it does nothing to where it
-    /// takes away all.
+    /// The points in ascending order of α, evenly spaced in its logarithm, from where it has no effect to where it
+    /// suppresses everything.
     pub points: Vec<LCurvePoint>,
-    /// The number of the point at the corner.
+    /// The index of the point at the corner.
     pub corner: usize,
 }
 
@@ -82,7 +82,7 @@ fn highest_wavenumber(transform: &Transform) -> f64 {
     transform.k_east(layout.columns.padded / 2).hypot(transform.k_north(layout.rows.padded / 2))
 }
 
-/// From where α changes even the highest wavenumber by a tenth only to where it halves the lowest.
+/// The range from where α changes the highest wavenumber by only a tenth to where it halves the lowest.
 fn alphas(transform: &Transform, widest: f64, down_m: f64) -> Vec<f64> {
     let lowest = transform.k_east(1).max(transform.k_north(1));
     let balance = |k: f64| -(k * down_m) - 2.0 * k.ln();

@@ -1,4 +1,4 @@
-//! What a map's heights are worth: the mean square of a map by wavenumber, and how far it is off at another height.
+//! The mean square of a map by wavenumber, and the error of a map at another height.
 
 use crate::maps::plane_grid::PlaneGrid;
 
@@ -7,21 +7,21 @@ use super::{ContinuationError, MAGNAV_ALPHA_M2, Padding};
 
 /// Bins of equal ratio between the longest wave of a padded map and its shortest.
 const BINS: usize = 96;
-/// Of a larger map the middle is taken, so many nodes a side: it stands for the rest.
+/// The side, in nodes, of the middle of a larger map that represents the whole.
 const MOST_NODES: usize = 2048;
 
 /// The mean square of a map, less its mean and trend, by wavenumber.
 #[derive(Clone, Debug)]
 pub struct RadialPower {
-    /// Mean wavenumber (rad/m) and mean square (nT²) of each bin that holds a wave.
+    /// Mean wavenumber (rad/m) and mean square (nT²) of each bin that contains a wave.
     bins: Vec<(f64, f64)>,
 }
 
 impl RadialPower {
-    /// Of a map; unknown nodes (NaN) take the mean of the known ones and are made up for in the whole.
+    /// Of a map; unknown nodes (NaN) take the mean of the known ones, and the total is scaled to the known ones.
     ///
     /// # Errors
-    /// As [`Spectrum::new`].
+    /// Fails as [`Spectrum::new`].
     pub fn of(map: &PlaneGrid) -> Result<Self, ContinuationError> {
         let mut map = middle(map);
         let known: Vec<f64> = map.values.iter().copied().filter(|x| x.is_finite()).collect();
@@ -37,7 +37,7 @@ impl RadialPower {
             bins[at].0 += k * square;
             bins[at].1 += square;
         }
-        // The padding holds its share of the waves: the whole is that of the known nodes.
+        // The padding contains part of the power: the total is scaled to that of the known nodes.
         let trend = spectrum.trend;
         let columns = map.columns();
         let flat = |(i, x): (usize, &f64)| x - trend.at(i / columns, i % columns);

@@ -1,4 +1,4 @@
-//! One transform of a map, from which many answers are made.
+//! One transform of a map, from which many results are computed.
 
 use realfft::num_complex::Complex;
 
@@ -11,8 +11,8 @@ use super::trend::Plane;
 
 /// The spectrum of a padded map.
 ///
-/// It takes the memory of the padded map once; each answer takes the map's own size twice while it is made.
-/// Answers are the same to the bit on any number of threads.
+/// It takes the memory of the padded map once; each result takes twice the map's own size while it is computed.
+/// Results are bit-identical on any number of threads.
 pub struct Spectrum {
     pub(super) transform: Transform,
     east_m: EvenAxis,
@@ -28,10 +28,11 @@ impl std::fmt::Debug for Spectrum {
 }
 
 impl Spectrum {
-    /// Transforms a map, padded for answers up to `distance_m` above or below it.
+    /// Transforms a map, padded for results up to `distance_m` above or below it.
     ///
     /// # Errors
-    /// As [`super::check`] and [`Padding::layout`]; [`ContinuationError::Height`] for a distance that is not finite.
+    /// Fails as [`super::check`] and [`Padding::layout`], and with [`ContinuationError::Height`] for a distance that is
+    /// not finite.
     pub fn new(grid: &PlaneGrid, distance_m: f64, padding: &Padding) -> Result<Self, ContinuationError> {
         let (transform, trend) = prepared(grid, distance_m, padding)?;
         let values = transform.spectrum(grid, &trend);
@@ -46,21 +47,21 @@ impl Spectrum {
     /// The map whose spectrum is multiplied by a factor of the wavenumbers along easting and northing, in rad/m.
     ///
     /// A wave of wavenumber k is e^(i (k_east east + k_north north)), so that a derivative along easting is i k_east.
-    /// The factor must be hermitian, f(−k) = conj f(k), for the answer to be real; of the two-node wave the
-    /// mean of both directions is taken. The trend that was taken off is multiplied by the real part of f(0).
+    /// The factor must be hermitian, f(−k) = conj f(k), for the result to be real; for the two-node wave the
+    /// mean of both directions is used. The trend that was removed is multiplied by the real part of f(0).
     pub fn filtered(&self, factor: impl Fn(f64, f64) -> Complex<f64> + Sync) -> PlaneGrid {
         let trend = self.trend.times(factor(0.0, 0.0).re);
         self.answer(Factor::General(&factor), &trend)
     }
 
-    /// The same for a real factor of the magnitude of the wavenumber alone, which takes half the time.
+    /// The same for a real factor of the magnitude of the wavenumber alone, in half the time.
     pub fn filtered_radially(&self, factor: impl Fn(f64) -> f64 + Sync) -> PlaneGrid {
         let trend = self.trend.times(factor(0.0));
         self.answer(Factor::Radial(&factor), &trend)
     }
 
-    /// The magnitude of each wave's wavenumber, in rad/m, and its share of the sum of squares, in any unit. Waves that
-    /// half a spectrum does not hold are counted with those that it does.
+    /// The magnitude of each wave's wavenumber, in rad/m, and its contribution to the sum of squares, in any unit.
+    /// Waves that half a spectrum does not hold are counted with those that it does.
     pub(super) fn each_wave(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         let half = self.transform.half();
         let (rows, columns) = (self.transform.layout.rows.padded, self.transform.layout.columns.padded);
@@ -78,7 +79,7 @@ impl Spectrum {
     }
 }
 
-/// A single answer, for which no spectrum is kept: it takes the map's size twice.
+/// A single result, for which no spectrum is kept: it takes twice the map's size.
 pub(super) fn filtered_once(
     grid: &PlaneGrid,
     distance_m: f64,

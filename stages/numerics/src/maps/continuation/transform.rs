@@ -1,6 +1,6 @@
 //! The padded two-dimensional transform: real to complex along the rows, complex along the columns.
 //!
-//! Only the rows of the map are ever transformed along: the padding of the columns is a linear map, so it is made
+//! Row transforms are made of the rows of the map alone: the padding of the columns is a linear map, so it is computed
 //! from the spectra of the rows, column by column, while a group of columns is in the cache. Half a spectrum is
 //! kept in one buffer of reals, the row padded by two at most, as the other half is its conjugate.
 
@@ -85,13 +85,13 @@ impl Transform {
             }
             self.along.fill(line);
             let spectrum = bytemuck::cast_slice_mut(spectrum);
-            // It fails on wrong lengths alone, and all come from the plan.
+            // It fails for wrong lengths only, and all lengths come from the plan.
             let _ = self.row_forward.process_with_scratch(line, spectrum, scratch);
         });
         buffer
     }
 
-    /// The map from the spectra of its rows, with the trend that its plane became.
+    /// The map from the spectra of its rows, with the trend restored.
     fn rows_inverse(&self, mut buffer: Vec<f64>, trend: &Plane) -> Vec<f64> {
         let columns = self.layout.columns;
         let scale = 1.0 / self.layout.nodes() as f64;
@@ -109,7 +109,7 @@ impl Transform {
         values
     }
 
-    /// A real line has a real mean and a real highest wave; rounding leaves some 1e-16 of something else.
+    /// A real line has a real mean and a real highest wave; rounding leaves an imaginary part of about 1e-16.
     fn make_ends_real(&self, spectrum: &mut [Complex64]) {
         if let Some(first) = spectrum.first_mut() {
             first.im = 0.0;
@@ -193,7 +193,7 @@ impl Transform {
         }
     }
 
-    /// A wave of two nodes goes both ways at once: its factor is the mean of both ways.
+    /// A wave of two nodes travels in both directions: its factor is the mean of both.
     fn at_fold(
         &self,
         index: usize,
@@ -221,7 +221,7 @@ impl Transform {
     }
 }
 
-/// Some neighbouring columns, each in one piece.
+/// Some neighbouring columns, each contiguous.
 struct Group<'a> {
     transform: &'a Transform,
     first: usize,
@@ -232,12 +232,12 @@ struct Group<'a> {
 
 impl<'a> Group<'a> {
     fn new(transform: &'a Transform) -> Self {
-        // Some more than a column, so that the columns do not fall on the same lines of the cache.
+        // Slightly more than a column, so that the columns do not fall on the same lines of the cache.
         let stride = 2 * transform.layout.rows.padded + 8;
         Self { transform, first: 0, width: 0, columns: vec![0.0; GROUP * stride], stride }
     }
 
-    /// Goes on to the next columns; false when there are no more.
+    /// Advances to the next columns; false at the end.
     fn next(&mut self) -> bool {
         self.first += self.width;
         self.width = GROUP.min(self.transform.half() - self.first);

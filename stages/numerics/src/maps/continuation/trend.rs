@@ -22,7 +22,7 @@ impl Plane {
         if trend == Trend::EdgeMean {
             return Self { level, per_row: 0.0, per_column: 0.0 };
         }
-        // The edge of a rectangle is the same on both sides of its middle, so the three unknowns part.
+        // The edge of a rectangle is the same on both sides of its middle, so the three unknowns separate.
         let middle = [0.5 * (grid.rows() - 1) as f64, 0.5 * (grid.columns() - 1) as f64];
         let slope = |axis: usize| {
             let offset = |node: &[usize; 2]| node[axis] as f64 - middle[axis];

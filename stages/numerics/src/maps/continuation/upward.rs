@@ -17,12 +17,12 @@ pub(super) fn gain(k: f64, up_m: f64, alpha_m2: f64) -> f64 {
     1.0 / ((k * up_m).exp() + alpha_m2 * k * k)
 }
 
-/// The map `up_m` above itself, in metres, which may be negative.
+/// The map continued upward by `up_m` metres, which may be negative.
 ///
-/// `alpha_m2` damps downward continuation and does nothing upward; MagNav.jl uses [`super::MAGNAV_ALPHA_M2`].
+/// `alpha_m2` damps downward continuation and has no effect upward; MagNav.jl uses [`super::MAGNAV_ALPHA_M2`].
 ///
 /// # Errors
-/// As [`Spectrum::new`]; [`ContinuationError::Alpha`].
+/// Fails as [`Spectrum::new`], and with [`ContinuationError::Alpha`].
 pub fn continued(
     grid: &PlaneGrid,
     up_m: f64,
@@ -33,10 +33,10 @@ pub fn continued(
     filtered_once(grid, up_m, padding, &|k| gain(k, up_m, alpha_m2))
 }
 
-/// The map `up_m` above itself, in metres of at least 0.
+/// The map continued upward by `up_m` metres, at least 0.
 ///
 /// # Errors
-/// As [`Spectrum::new`]; [`ContinuationError::Height`] for a distance below 0.
+/// Fails as [`Spectrum::new`], and with [`ContinuationError::Height`] for a distance below 0.
 pub fn upward(grid: &PlaneGrid, up_m: f64, padding: &Padding) -> Result<PlaneGrid, ContinuationError> {
     not_negative("the distance upward", up_m)?;
     continued(grid, up_m, 0.0, padding)
@@ -58,22 +58,23 @@ pub struct Downward {
     pub map: PlaneGrid,
     /// The α it was damped with, in m².
     pub alpha_m2: f64,
-    /// The curve that α is from, or would have been.
+    /// The L-curve, also where α is given.
     pub curve: LCurve,
     /// The regularisation error in nT: the rms of the map below continued upward again, less the map.
     pub regularisation_error_nt: f64,
 }
 
-/// The map `down_m` below itself, in metres of at least 0.
+/// The map continued downward by `down_m` metres, at least 0.
 ///
-/// α minimises Σ e^(k h) |e^(−k h) U − F|² + α Σ |k U|²: how ill the lower map U fits the map F, against how rough it
-/// is. The L-curve is the rms of the misfit against the rms of the gradient for many α, and its corner, the point
-/// of most curvature, is where less damping begins to make noise and more to lose signal [Hansen 1992, SIAM
+/// α minimises Σ e^(k h) |e^(−k h) U − F|² + α Σ |k U|²: the misfit of the lower map U to the map F plus its
+/// roughness. The L-curve is the rms of the misfit against the rms of the gradient for many α, and its corner, the
+/// point of most curvature, is where less damping adds noise and more damping loses signal [Hansen 1992, SIAM
 /// Review 34]. MagNav.jl looks for the corner in the largest change between maps of successive α instead, which
-/// hangs on one node and needs a map for each α; here all are made from the power of the spectrum.
+/// depends on one node and needs a map for each α; here all are computed from the power of the spectrum.
 ///
 /// # Errors
-/// As [`Spectrum::new`]; [`ContinuationError::Height`] for a distance below 0; [`ContinuationError::Alpha`].
+/// Fails as [`Spectrum::new`], and with [`ContinuationError::Height`] for a distance below 0 or
+/// [`ContinuationError::Alpha`].
 pub fn downward(
     grid: &PlaneGrid,
     down_m: f64,
@@ -94,10 +95,10 @@ pub fn downward(
     Ok(Downward { map, alpha_m2, curve, regularisation_error_nt })
 }
 
-/// The map at each of the heights above itself, in metres, which may be negative; one transform serves all.
+/// The map continued by each of the heights in metres, which may be negative; one transform serves all.
 ///
 /// # Errors
-/// As [`Spectrum::new`]; [`ContinuationError::Alpha`].
+/// Fails as [`Spectrum::new`], and with [`ContinuationError::Alpha`].
 pub fn stack(
     grid: &PlaneGrid,
     up_m: &[f64],
@@ -111,10 +112,11 @@ pub fn stack(
 }
 
 impl Spectrum {
-    /// The map at a height above itself in metres, which may be negative, damped by α in m² if it is.
+    /// The map continued by a height in metres, which may be negative; α in m² damps it if it is.
     ///
     /// # Errors
-    /// [`ContinuationError::Height`] or [`ContinuationError::Alpha`] for what is not a finite number.
+    /// Fails with [`ContinuationError::Height`] or [`ContinuationError::Alpha`] for an argument that is not a finite
+    /// number.
     pub fn at_height(&self, up_m: f64, alpha_m2: f64) -> Result<PlaneGrid, ContinuationError> {
         finite_height("a height", up_m)?;
         usable_alpha(alpha_m2)?;

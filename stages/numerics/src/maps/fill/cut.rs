@@ -1,4 +1,4 @@
-//! Cuts a map to what is known or wanted.
+//! Cuts a map to its known nodes or to limits.
 
 use super::{FillError, check};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
@@ -7,9 +7,9 @@ use std::ops::Range;
 /// Limits of a map on the plane, in metres; a side without a limit is infinite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// The least and the greatest easting.
+    /// The smallest and the largest easting.
     pub east_m: (f64, f64),
-    /// The least and the greatest northing.
+    /// The smallest and the largest northing.
     pub north_m: (f64, f64),
 }
 
@@ -20,11 +20,11 @@ impl Default for Limits {
     }
 }
 
-/// The smallest map that holds every known node, and `pad` more rows and columns on each side as far as the map has
+/// The smallest map that contains every known node, and `pad` more rows and columns on each side as far as the map has
 /// them.
 ///
 /// # Errors
-/// Where nothing is known or the map is not well formed.
+/// Fails where nothing is known or the map is not well formed.
 pub fn trim(grid: &PlaneGrid, pad: usize) -> Result<PlaneGrid, FillError> {
     check(grid)?;
     let (rows, columns) = bounding_box(grid, |value| !value.is_nan()).ok_or(FillError::Empty)?;
@@ -33,7 +33,7 @@ pub fn trim(grid: &PlaneGrid, pad: usize) -> Result<PlaneGrid, FillError> {
     Ok(cut(grid, padded(rows, grid.rows()), padded(columns, grid.columns())))
 }
 
-/// The rows and the columns that hold all values of a kind; `None` where there are none.
+/// The rows and the columns that contain all matching values; `None` where there are none.
 pub(super) fn bounding_box(grid: &PlaneGrid, kind: impl Fn(&f64) -> bool) -> Option<(Range<usize>, Range<usize>)> {
     let mut found: Option<(Range<usize>, Range<usize>)> = None;
     for (row, values) in grid.values.chunks_exact(grid.columns()).enumerate() {
@@ -48,7 +48,7 @@ pub(super) fn bounding_box(grid: &PlaneGrid, kind: impl Fn(&f64) -> bool) -> Opt
 /// The nodes of a map that lie within the limits, or on them.
 ///
 /// # Errors
-/// Where no node does or the map is not well formed.
+/// Fails where no node does or the map is not well formed.
 pub fn crop(grid: &PlaneGrid, limits: &Limits) -> Result<PlaneGrid, FillError> {
     check(grid)?;
     let (rows, columns) = (within(&grid.north_m, limits.north_m), within(&grid.east_m, limits.east_m));
@@ -67,7 +67,7 @@ fn within(axis: &EvenAxis, (least, greatest): (f64, f64)) -> Range<usize> {
     if least.is_nan() || greatest.is_nan() {
         return 0..0;
     }
-    // A cast keeps infinite and negative limits on the axis.
+    // A cast clamps infinite and negative limits to the axis.
     let start = (axis.node(least) - ROUNDING).ceil() as usize;
     let last = (axis.node(greatest) + ROUNDING).floor();
     start..if last < 0.0 { 0 } else { (last as usize).saturating_add(1).min(axis.len) }

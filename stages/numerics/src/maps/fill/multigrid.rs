@@ -1,13 +1,13 @@
 //! The Laplace operator on the unknown nodes of a grid, and an approximate inverse of it by multigrid.
 //!
-//! Five-point differences: a node is joined to its neighbours east, west, north and south; known neighbours count as
-//! fixed, the border of the map lets nothing through. Each coarser level joins two by two nodes to one, its operator
+//! Five-point differences: a node is coupled to its neighbours east, west, north and south; known neighbours count as
+//! fixed, the border of the map has no flux. Each coarser level merges two by two nodes into one, its operator
 //! being the Galerkin product with piecewise constants, halved, which is the five-point operator of the doubled step.
 //! [Braess 1995, Computing 55]
 
 use rayon::prelude::*;
 
-/// Weight of the point-wise corrections: with it the four of a cycle damp all that the next level cannot see.
+/// Weight of the point-wise corrections: with it the four of a cycle damp all that the next level cannot represent.
 const DAMPING: f64 = 0.8;
 /// Levels become no smaller than this many nodes.
 const COARSEST: usize = 64;
@@ -29,7 +29,7 @@ impl Frame {
         (self.rows + 2) * self.width()
     }
 
-    /// Where a node is in a vector of this frame.
+    /// The index of a node in a vector of this frame.
     pub(super) fn index(self, row: usize, column: usize) -> usize {
         (row + 1) * self.width() + column + 1
     }
@@ -49,19 +49,19 @@ impl Frame {
     }
 }
 
-/// The joints of the nodes of a level. Nodes that are known have none.
+/// The couplings of the nodes of a level. Known nodes have none.
 pub(super) struct Level {
     pub(super) frame: Frame,
-    /// The joint of each node with its eastern neighbour.
+    /// The coupling of each node with its eastern neighbour.
     east: Vec<f32>,
-    /// The joint of each node with its northern neighbour.
+    /// The coupling of each node with its northern neighbour.
     north: Vec<f32>,
-    /// The sum of the joints of a node with known ones.
+    /// The sum of the couplings of a node to known ones.
     fixed: Vec<f32>,
 }
 
 impl Level {
-    /// The joints among those nodes for which `unknown` holds; joints of `east` and `north` strength.
+    /// The couplings among the nodes that are `unknown`; couplings of `east` and `north` strength.
     pub(super) fn new(frame: Frame, unknown: &[bool], east: f64, north: f64) -> Self {
         let (east, north) = (east as f32, north as f32);
         let zeros = || vec![0.0; frame.nodes()];
@@ -85,7 +85,7 @@ impl Level {
         level
     }
 
-    /// What each node of a row gets from its neighbours.
+    /// The weighted sum of its neighbours for each node of a row.
     #[inline(always)]
     fn pull<'a>(&'a self, x: &'a [f64], row: usize) -> impl Fn(usize) -> f64 + 'a {
         let frame = self.frame;
@@ -99,7 +99,7 @@ impl Level {
         }
     }
 
-    /// The sum of all joints of each node of a row: its own weight in the operator, 0 where it is known.
+    /// The sum of all couplings of each node of a row: its own weight in the operator, 0 where it is known.
     #[inline(always)]
     fn own(&self, row: usize) -> impl Fn(usize) -> f64 + '_ {
         let frame = self.frame;
@@ -132,7 +132,8 @@ impl Level {
         });
     }
 
-    /// The level of two by two nodes to one: joints across its nodes are summed, joints inside fall out.
+    /// The level of two by two nodes to one: couplings between its nodes are summed, couplings inside a node are
+    /// dropped.
     fn coarser(&self) -> Self {
         let fine = self.frame;
         let frame = Frame { rows: fine.rows.div_ceil(2), columns: fine.columns.div_ceil(2) };
@@ -147,7 +148,7 @@ impl Level {
         coarse
     }
 
-    /// Sums what is left of `b` over two by two nodes, row by row of the coarser level.
+    /// Sums the residual of `b` over two by two nodes, row by row of the coarser level.
     fn restrict(&self, b: &[f64], x: &[f64], coarse: Frame, out: &mut [f64]) {
         let fine = self.frame;
         coarse.each_row(out, |row, out| {
@@ -198,7 +199,7 @@ impl Cycle {
         Self { corrections: sides.clone(), sides, spare, levels }
     }
 
-    /// `out`: roughly the solution of `A out = b` on the finest level, by one symmetric V-cycle.
+    /// `out`: an approximate solution of `A out = b` on the finest level, by one symmetric V-cycle.
     pub(super) fn solve(&mut self, finest: &Level, b: &[f64], out: &mut [f64]) {
         descend(finest, &self.levels, b, out, &mut self.sides, &mut self.corrections, &mut self.spare);
     }
@@ -262,7 +263,7 @@ mod tests {
         level.apply(&a, &mut image);
         cycle.solve(&level, &image, &mut ama);
         let off: Vec<f64> = ama.iter().zip(&a).map(|(one, other)| one - other).collect();
-        // One cycle takes off more than half of an error, measured in the energy of the operator.
+        // One cycle removes more than half of an error, measured in the energy of the operator.
         let (mut left, mut before) = (off.clone(), a.clone());
         level.apply(&off, &mut left);
         level.apply(&a, &mut before);

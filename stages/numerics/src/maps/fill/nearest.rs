@@ -10,17 +10,17 @@ use std::num::NonZeroUsize;
 /// How the nearest nodes are averaged.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Weights {
-    /// All alike, as MagNav.jl does.
+    /// Uniform weights, as in MagNav.jl.
     #[default]
     Equal,
-    /// Each by its distance to minus this power, above zero. [Shepard 1968]
+    /// The distance to the negative of this power, which is above zero. [Shepard 1968]
     InverseDistance(f64),
 }
 
 /// How gaps are filled from the nearest nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NearestFill {
-    /// How many known nodes make a value.
+    /// The number of known nodes in a mean.
     pub neighbours: usize,
     /// How they are averaged.
     pub weights: Weights,
@@ -29,18 +29,18 @@ pub struct NearestFill {
 }
 
 impl Default for NearestFill {
-    /// Three neighbours of equal weight, however far: MagNav.jl's `map_fill`.
+    /// Three neighbours of equal weight, at any distance: MagNav.jl's `map_fill`.
     fn default() -> Self {
         Self { neighbours: 3, weights: Weights::Equal, max_distance_m: None }
     }
 }
 
-/// Gives each unknown node the mean of its nearest known nodes, by distance in metres; of nodes as far as each other
+/// Gives each unknown node the mean of its nearest known nodes, by distance in metres; of nodes at equal distance
 /// the southernmost, then the westernmost come first. With fewer known nodes than neighbours all are taken. The same
 /// bits on any number of threads.
 ///
 /// # Errors
-/// Where the map is not well formed or knows nothing, or a parameter is out of its range.
+/// Fails where the map is not well formed or has no known node, or a parameter is out of its range.
 pub fn nearest(grid: &PlaneGrid, options: &NearestFill) -> Result<PlaneGrid, FillError> {
     check(grid)?;
     let neighbours = NonZeroUsize::new(options.neighbours).ok_or(FillError::NoNeighbours)?;
@@ -77,9 +77,9 @@ struct Search<'a> {
     grid: &'a PlaneGrid,
     edge: Vec<usize>,
     tree: ImmutableKdTree<f64, 2>,
-    /// How many the answer takes.
+    /// The number of neighbours in a mean.
     take: usize,
-    /// One more than that, which tells a tie.
+    /// One more than that, which detects a tie.
     ask: NonZeroUsize,
     /// A step northward, in steps eastward.
     aspect: f64,
@@ -100,7 +100,7 @@ impl<'a> Search<'a> {
         Ok(Self { grid, edge, tree, take: neighbours.get(), ask: neighbours.saturating_add(1), aspect, options })
     }
 
-    /// The mean of what was found.
+    /// The mean of the nodes found.
     fn value(&self, found: &[(f64, usize)]) -> f64 {
         let step_m = self.grid.east_m.step;
         let too_far = |squared: f64| self.options.max_distance_m.is_some_and(|far| squared.sqrt() * step_m > far);
@@ -109,7 +109,7 @@ impl<'a> Search<'a> {
         };
         let weight = |squared: f64| match self.options.weights {
             Weights::Equal => 1.0,
-            // Relative to the nearest, so that no power overflows.
+            // Relative to the nearest, so that powers do not overflow.
             Weights::InverseDistance(power) => (nearest / squared).powf(0.5 * power),
         };
         let (mut sum, mut weights) = (0.0, 0.0);
@@ -120,13 +120,13 @@ impl<'a> Search<'a> {
         sum / weights
     }
 
-    /// The nearest nodes; `found` holds those of a place in the same row, or nothing.
+    /// The nearest nodes; `found` holds those of a node in the same row, or is empty.
     fn find(&self, row: usize, column: usize, found: &mut Found) {
         let place = [column as f64, row as f64 * self.aspect];
-        // What the tree says of distances is good to rounding; the order is made by distances that do not depend on
+        // Distances from the tree are rounded; the order is by distances that do not depend on
         // where the nodes are in the grid.
         const ROUNDING: f64 = 1e-9;
-        // The nodes found last are not farther away than they were then and the way from there.
+        // The nodes found last are not farther away than their distance then plus the step from there.
         let enough =
             found.nodes.last().filter(|_| found.nodes.len() == self.take).map_or(f64::INFINITY, |(last, _)| {
                 (last.sqrt() + column.abs_diff(found.column) as f64).powi(2) * (1.0 + ROUNDING)
@@ -158,7 +158,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// What was found last: squared distances in steps eastward and nodes, nearest first, for the place in that column.
+/// The last result: squared distances in steps eastward and nodes, nearest first, for the node in that column.
 #[derive(Default)]
 struct Found {
     nodes: Vec<(f64, usize)>,

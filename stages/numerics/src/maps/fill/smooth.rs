@@ -15,14 +15,15 @@ const RIM: usize = 2;
 pub struct SmoothFill {
     /// Whether the surface also takes up the slope at the edge of the gap.
     ///
-    /// Without, it is harmonic (Laplace's equation): never above or below what is known around the gap, with a kink at
-    /// the edge. With, it is the surface of minimum curvature (the biharmonic equation): no kink, but it can
+    /// Without, it is harmonic (Laplace's equation): never above or below the known values around the gap, with a kink
+    /// at the edge. With, it is the surface of minimum curvature (the biharmonic equation): no kink, but it can
     /// overshoot in a gap wider than the anomalies around it. [Briggs 1974]
     pub keep_slope: bool,
-    /// The error at which the iteration stops, as a fraction of the range of the known values. It is what one multigrid
-    /// cycle still changes: of a surface of minimum curvature up to some four times as much may be left.
+    /// The error at which the iteration stops, as a fraction of the range of the known values. It is the change that
+    /// one multigrid cycle still makes: for a surface of minimum curvature the remaining error may be some four times
+    /// larger.
     pub tolerance: f64,
-    /// The most iterations that are made.
+    /// The maximum number of iterations.
     pub max_iterations: usize,
 }
 
@@ -33,14 +34,14 @@ impl Default for SmoothFill {
     }
 }
 
-/// What filling took.
+/// The statistics of filling.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SmoothReport {
-    /// How many nodes were filled.
+    /// The number of filled nodes.
     pub filled: usize,
-    /// How many iterations that took.
+    /// The number of iterations.
     pub iterations: usize,
-    /// The error that is left, as a fraction of the range of the known values, as estimated by multigrid.
+    /// The remaining error, as a fraction of the range of the known values, as estimated by multigrid.
     pub error: f64,
 }
 
@@ -48,12 +49,13 @@ pub struct SmoothReport {
 /// the map is free: the surface meets it at a right angle.
 ///
 /// Conjugate gradients with a multigrid cycle as preconditioner: some fifteen iterations for a harmonic surface,
-/// whatever the width of the gap; for one of minimum curvature as many more as the gap is wide, some 60 for 80 nodes
-/// and 1000 for 600, so that this is for gaps of some hundred nodes. Takes some 70 bytes a node of the rectangle that
-/// holds the gaps. The same bits on any number of threads.
+/// whatever the width of the gap; for one of minimum curvature in proportion to the width of the gap, some 60 for 80
+/// nodes and 1000 for 600, so that this is for gaps of some hundred nodes. Takes some 70 bytes a node of the rectangle
+/// that holds the gaps. The same bits on any number of threads.
 ///
 /// # Errors
-/// Where the map is not well formed or knows nothing, a parameter is out of its range, or the tolerance is not reached.
+/// Fails where the map is not well formed or has no known node, a parameter is out of its range, or the tolerance is
+/// not reached.
 pub fn smooth(grid: &PlaneGrid, options: &SmoothFill) -> Result<(PlaneGrid, SmoothReport), FillError> {
     check(grid)?;
     let tolerance = options.tolerance;
@@ -79,7 +81,7 @@ pub fn smooth(grid: &PlaneGrid, options: &SmoothFill) -> Result<(PlaneGrid, Smoo
     Ok((grid.with(values), SmoothReport { filled, ..report }))
 }
 
-/// The rows and columns that hold all gaps and their rim.
+/// The rows and columns that contain all gaps and their rim.
 struct Window {
     rows: Range<usize>,
     columns: Range<usize>,
@@ -97,13 +99,13 @@ impl Window {
     }
 }
 
-/// What is minimised: a symmetric positive operator on the unknown nodes, and its approximate inverse.
+/// The minimised form: a symmetric positive operator on the unknown nodes, and its approximate inverse.
 trait Surface {
     /// `out = A x`, of which only the unknown nodes are used.
     fn apply(&self, problem: &Problem, x: &[f64], out: &mut [f64]);
-    /// `out`: roughly the solution of `A out = b`.
+    /// `out`: an approximate solution of `A out = b`.
     fn precondition(&self, problem: &mut Problem, b: &[f64], out: &mut [f64]);
-    /// What is left of `0 = A u`, u being known and unknown nodes as they are.
+    /// The residual of `0 = A u` with the current values u of known and unknown nodes.
     fn residual(&self, problem: &Problem) -> Vec<f64>;
 }
 
@@ -135,7 +137,7 @@ impl Problem {
         Self { unknown, level, cycle, values, middle, joints }
     }
 
-    /// All nodes joined, whether known or not.
+    /// All nodes coupled, whether known or not.
     fn open_level(&self) -> Level {
         Level::new(self.level.frame, &vec![true; self.unknown.len()], self.joints.0, self.joints.1)
     }
@@ -159,7 +161,7 @@ impl Problem {
         x.par_iter_mut().zip(&self.unknown).for_each(|(x, unknown)| *x = if *unknown { *x } else { 0.0 });
     }
 
-    /// Conjugate gradients until the multigrid cycle sees no error above the tolerance.
+    /// Conjugate gradients until the multigrid cycle estimates no error above the tolerance.
     fn solve(&mut self, surface: &impl Surface, scale: f64, options: &SmoothFill) -> Result<SmoothReport, FillError> {
         let nodes = self.values.len();
         let mut left = surface.residual(self);

@@ -1,4 +1,4 @@
-//! What a survey's own spacing says about how to grid it.
+//! Gridding parameters derived from the survey's own spacing.
 
 use super::block::median;
 use super::equivalent::Layer;
@@ -7,14 +7,14 @@ use super::survey::SurveyPoints;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// The most points at which the distance to the next line is looked up.
+/// The most points at which the distance to the next line is computed.
 const PROBES: usize = 4000;
 
 /// The cosine of 30 degrees.
 const PARALLEL: f64 = 0.866;
 
-/// The median distance in metres from a point to the nearest line that runs beside its own: within 30 degrees of its
-/// heading, and rather across than ahead. With one line it is the side of the square that a point has to itself.
+/// The median distance in metres from a point to the nearest line that runs parallel to its own: within 30 degrees of
+/// its heading, and rather across than ahead. With one line it is the side of the mean square area per point.
 pub fn line_spacing_m(points: SurveyPoints) -> f64 {
     let count = points.len();
     let near = NearestPoints::of(&points.easting_m[..count], &points.northing_m[..count]);
@@ -52,7 +52,7 @@ fn headings(points: SurveyPoints) -> BTreeMap<usize, [f64; 2]> {
 }
 
 /// Block side for lines `spacing_m` apart: a quarter, and at most 200 m. Measurements a hundred or a few hundred
-/// metres above their sources change over such distances however far the next line is.
+/// metres above their sources change over such distances whatever the distance to the next line.
 pub fn block_m(spacing_m: f64) -> f64 {
     (0.25 * spacing_m).min(200.0)
 }

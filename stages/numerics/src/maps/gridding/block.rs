@@ -1,18 +1,18 @@
-//! Points reduced to one a block, so that a densely flown line weighs no more than a sparse one.
+//! Points reduced to one per block, so that a densely flown line weighs no more than a sparse one.
 
 use super::nearest::range;
 use rayon::prelude::*;
 
-/// How the values of a block become one.
+/// How the values of a block are reduced to one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlockValue {
-    /// The middle one, which an outlier does not move.
+    /// The median, which is robust against outliers.
     Median,
     /// Their mean.
     Mean,
 }
 
-/// Points that stand for blocks.
+/// Points that represent blocks.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Blocks {
     /// Easting, metres.
@@ -23,7 +23,7 @@ pub struct Blocks {
     pub height_m: Vec<f64>,
     /// Value, nT.
     pub value_nt: Vec<f64>,
-    /// How many points each block stands for.
+    /// The number of points in each block.
     pub points: Vec<usize>,
 }
 
@@ -63,7 +63,7 @@ fn one(mut values: Vec<f64>, how: BlockValue) -> f64 {
     }
 }
 
-/// The middle value, or the mean of the two middle ones; NaN of nothing. The values end up in another order.
+/// The middle value, or the mean of the two middle ones; NaN of an empty slice. Reorders the values.
 pub fn median(values: &mut [f64]) -> f64 {
     let n = values.len();
     if n == 0 {

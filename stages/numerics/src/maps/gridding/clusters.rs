@@ -1,11 +1,11 @@
-//! Points in nested boxes, each with the Chebyshev points that stand for what lies in it.
+//! Points in nested boxes, each with the Chebyshev points that represent its contents.
 
 use super::nearest::range;
 
 /// Chebyshev points along the two horizontal axes and along the vertical one.
 pub(super) const ACROSS: usize = 4;
 pub(super) const UPWARD: usize = 2;
-/// Stand-ins of a box.
+/// Chebyshev points of a box.
 pub(super) const PROXIES: usize = ACROSS * ACROSS * UPWARD;
 
 /// Positions of points by axis, metres.
@@ -25,7 +25,7 @@ impl Positions {
         [&self.east, &self.north, &self.up][axis]
     }
 
-    /// A part of the points.
+    /// A subset of the points.
     pub fn part(&self, part: std::ops::Range<usize>) -> [&[f64]; 3] {
         [&self.east[part.clone()], &self.north[part.clone()], &self.up[part]]
     }
@@ -53,14 +53,14 @@ pub(super) struct Cluster {
 pub(super) struct Clusters {
     /// Sorted positions.
     pub points: Positions,
-    /// Where each sorted point stood.
+    /// The original index of each sorted point.
     pub order: Vec<usize>,
-    /// A box comes before those in it.
+    /// A box precedes its children.
     pub boxes: Vec<Cluster>,
 }
 
 impl Clusters {
-    /// Halves boxes across their longer horizontal side until none holds more than `most` points.
+    /// Halves boxes across their longer horizontal side until none contains more than `most` points.
     pub fn of(points: &Positions, most: usize) -> Self {
         let mut order: Vec<usize> = (0..points.len()).collect();
         let mut boxes = vec![around(points, &order, 0)];
@@ -92,7 +92,7 @@ impl Clusters {
         self.order.iter().map(|&i| values[i]).collect()
     }
 
-    /// Values of sorted points in the order the points had at first.
+    /// Values of sorted points in the original order of the points.
     pub fn unsorted(&self, sorted: &[f64]) -> Vec<f64> {
         let mut values = vec![0.0; sorted.len()];
         self.order.iter().zip(sorted).for_each(|(&i, &v)| values[i] = v);
@@ -122,7 +122,7 @@ fn around(points: &Positions, order: &[usize], start: usize) -> Cluster {
 }
 
 impl Cluster {
-    /// Half a side, never quite nothing: interpolation needs distinct points.
+    /// Half a side, never zero: interpolation needs distinct points.
     fn width(&self, axis: usize) -> f64 {
         self.half[axis].max(1e-2 * self.radius).max(1e-3)
     }
@@ -146,7 +146,7 @@ impl Cluster {
         all
     }
 
-    /// What each Chebyshev point weighs in the interpolation to a place.
+    /// The weight of each Chebyshev point in the interpolation to a position.
     pub fn weights(&self, at: [f64; 3]) -> [f64; PROXIES] {
         let unit = [0, 1, 2].map(|axis| (at[axis] - self.centre[axis]) / self.width(axis));
         let (east, north) = (lagrange::<ACROSS>(unit[0]), lagrange::<ACROSS>(unit[1]));

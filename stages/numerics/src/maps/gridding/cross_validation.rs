@@ -7,15 +7,15 @@ use super::{GridError, GridOptions, Progress, fit};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
-/// Measured values that make the expected error of a node.
+/// Measured values that determine the expected error of a node.
 const AROUND: usize = 24;
 
 /// Which lines are left out together: with the lines in ascending order, the k-th of every `count`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Folds {
-    /// Into how many folds the lines are dealt.
+    /// The number of folds of lines.
     pub count: usize,
-    /// The folds that are left out, one after the other; all of them makes an error for every point.
+    /// The folds that are left out, one after the other; with all of them every point gets an error.
     pub left_out: Vec<usize>,
 }
 
@@ -26,21 +26,21 @@ impl Folds {
     }
 }
 
-/// Sizes of differences in nT.
+/// Statistics of differences in nT.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
-    /// How many.
+    /// The number of differences.
     pub n: usize,
-    /// Median size.
+    /// Median absolute value.
     pub median_nt: f64,
     /// Root mean square.
     pub rms_nt: f64,
-    /// What 95 % do not exceed.
+    /// The 95th percentile of the absolute value.
     pub p95_nt: f64,
 }
 
 impl Spread {
-    /// Of the finite ones among the differences; NaN of none.
+    /// Of the finite ones among the differences; NaN if there are none.
     pub fn of(differences: &[f64]) -> Self {
         let mut sizes: Vec<f64> = differences.iter().map(|d| d.abs()).filter(|d| d.is_finite()).collect();
         sizes.sort_unstable_by(f64::total_cmp);
@@ -51,19 +51,19 @@ impl Spread {
     }
 }
 
-/// What was predicted at points whose line was left out.
+/// The predictions at points whose line was left out.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CrossValidation {
     /// Measured minus predicted at every point, nT; NaN where the line was not left out or nothing was predicted.
     pub difference_nt: Vec<f64>,
-    /// Their sizes.
+    /// Their statistics.
     pub spread: Spread,
 }
 
 /// Leaves out folds of lines and predicts their points, at flight height for equivalent sources, from the others.
 ///
-/// Points are used as they are: clean them first. A left-out line opens a gap twice as wide as the survey has, so the
-/// differences are larger than the errors of the map that is made of all lines.
+/// Points are used unchanged: clean them first. A left-out line opens a gap twice as wide as the survey has, so the
+/// differences are larger than the errors of the map from all lines.
 pub fn cross_validate(
     points: SurveyPoints,
     options: &GridOptions,
@@ -88,7 +88,7 @@ pub fn cross_validate(
     Ok(CrossValidation { difference_nt, spread })
 }
 
-/// The error to expect at each node: the root mean square of the differences nearest to it, the nearer the heavier.
+/// The error to expect at each node: the root mean square of the differences nearest to it, weighted by proximity.
 pub fn expected_error(points: SurveyPoints, difference_nt: &[f64], axes: [EvenAxis; 2], block_m: f64) -> PlaneGrid {
     let [east_m, north_m] = axes;
     let known: Vec<usize> =

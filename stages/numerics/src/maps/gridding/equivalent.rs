@@ -1,8 +1,8 @@
 //! Equivalent sources: a field that satisfies Laplace's equation above its sources and fits the measurements.
 //!
 //! Sources are vertical dipoles on even nodes beneath the measurements, in layers from deep to shallow. Each layer
-//! is fitted to what the deeper ones left over, by damped least squares: long wavelengths are thereby explained by
-//! deep sources, which carry them smoothly across the gaps between lines, and shallow ones keep the detail along
+//! is fitted to the residuals of the deeper ones, by damped least squares: long wavelengths are thereby explained by
+//! deep sources, which extend them smoothly across the gaps between lines, and shallow ones keep the detail along
 //! the lines. It is the gradient boosting of Soler & Uieda (2021), "Gradient-boosted equivalent sources", with
 //! layers of the whole survey instead of windows. The normal equations are solved by conjugate gradients, with
 //! products by the far-field sums of `far_field`, so that memory grows with the points and not with their square.
@@ -20,28 +20,28 @@ use rayon::prelude::*;
 /// Points in a box of the far-field sums.
 const LEAF: usize = 64;
 
-/// A source lies beneath the lowest of so many nearest measurements, ...
+/// A source lies beneath the lowest of this number of nearest measurements, ...
 const AROUND: usize = 8;
 
-/// ... and of the nearest ones in each quadrant within so many depths.
+/// ... and of the nearest ones in each quadrant within this number of depths.
 const BESIDE: f64 = 8.0;
 
-/// The field is defined above the sources; closer to one than this part of its depth it is that source's alone.
+/// The field is defined above the sources; closer to one than this fraction of its depth that source dominates.
 const CLEAR: f64 = 0.5;
 
 /// When boxes are far enough to be summed together: for the fit, where an error only costs an iteration, ...
 pub(super) const FIT_FAR: f64 = 0.6;
 
-/// ... and for what is predicted: less than 0.01 nT at Osborne, whose anomalies reach 5600 nT.
+/// ... and for predictions: less than 0.01 nT at Osborne, whose anomalies reach 5600 nT.
 const PREDICT_FAR: f64 = 0.3;
 
-/// Measurements of a layer's fit are means of blocks of this part of its depth.
+/// Measurements of a layer's fit are means of blocks of this fraction of its depth.
 const THIN: f64 = 0.25;
 
 /// One layer of sources.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layer {
-    /// How far the sources lie beneath the measurements, metres.
+    /// The depth of the sources beneath the measurements, metres.
     pub depth_m: f64,
     /// The distance between sources, metres.
     pub spacing_m: f64,
@@ -56,13 +56,13 @@ pub struct FitOptions {
     pub layers: Vec<Layer>,
     /// The damping: the square of a source's field right above it in nT that costs as much as a misfit of 1 nT².
     pub damping: f64,
-    /// The most iterations of a layer.
+    /// The maximum number of iterations of a layer.
     pub iterations: usize,
-    /// A layer is solved when an iteration takes off less than this part of the cost.
+    /// A layer is solved when an iteration reduces the cost by less than this fraction.
     pub tolerance: f64,
 }
 
-/// Field values in nT and their derivatives in nT/m at places.
+/// Field values in nT and their derivatives in nT/m at positions.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FieldAt {
     /// The field, nT.
@@ -90,7 +90,7 @@ pub struct EquivalentSources {
     layers: Vec<FittedLayer>,
 }
 
-/// What a layer's fit came to.
+/// The result of a layer's fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayerReport {
     /// The layer.
@@ -99,14 +99,16 @@ pub struct LayerReport {
     pub sources: usize,
     /// Iterations that were needed.
     pub iterations: usize,
-    /// The root mean square of what was still unexplained after the layer's fit, nT.
+    /// The root mean square of the residual after the layer's fit, nT.
     pub rms_nt: f64,
 }
 
 impl EquivalentSources {
     /// Fits sources to `value_nt` measured at eastings, northings and heights in metres.
     ///
-    /// Fails without points, and when columns are not equally long or hold what is not finite.
+    /// # Errors
+    ///
+    /// Fails without points, and when columns have different lengths or values that are not finite.
     pub fn fit(
         at_m: [&[f64]; 3],
         value_nt: &[f64],
@@ -118,10 +120,12 @@ impl EquivalentSources {
         Ok((sources, reports))
     }
 
-    /// Puts sources beneath `value_nt` measured at eastings, northings and heights in metres, for [`Self::solve`] to fit:
-    /// their field is nothing but the values' plane until then.
+    /// Places sources beneath `value_nt` measured at eastings, northings and heights in metres, for [`Self::solve`] to
+    /// fit: their field is only the plane of the values until then.
     ///
-    /// Fails without points, and when columns are not equally long or hold what is not finite.
+    /// # Errors
+    ///
+    /// Fails without points, and when columns have different lengths or values that are not finite.
     pub fn place(at_m: [&[f64]; 3], value_nt: &[f64], layers: &[Layer]) -> Result<Self, GridError> {
         check_columns(&[at_m[0], at_m[1], at_m[2], value_nt])?;
         if value_nt.is_empty() {
@@ -138,7 +142,9 @@ impl EquivalentSources {
 
     /// Fits the sources to the values beneath which [`Self::place`] put them.
     ///
-    /// Fails when columns are not equally long or hold what is not finite.
+    /// # Errors
+    ///
+    /// Fails when columns have different lengths or values that are not finite.
     pub fn solve(
         &mut self,
         at_m: [&[f64]; 3],
@@ -163,9 +169,11 @@ impl EquivalentSources {
         Ok(self.layers.iter().map(|layer| layer.report).collect())
     }
 
-    /// Whether the field is defined at eastings, northings and heights in metres: above the sources near each place.
+    /// Whether the field is defined at eastings, northings and heights in metres: above the sources near each position.
     ///
-    /// Fails at the first place that is not, with the lowest height that would be high enough at all of them.
+    /// # Errors the lowest height that would be high enough at all of them.
+    ///
+    /// Fails at the first position where it is not, with
     pub fn check_above(&self, at_m: [&[f64]; 3]) -> Result<(), GridError> {
         check_columns(&at_m)?;
         self.check_points(&relative(at_m, self.origin_m))
@@ -183,8 +191,10 @@ impl EquivalentSources {
 
     /// The field in nT at eastings, northings and heights in metres.
     ///
-    /// Fails when a place is not above the sources near it, where the field is not defined, and when columns are not
-    /// equally long or hold what is not finite.
+    /// # Errors the sources near it, where the field is not defined, and when columns are not
+    ///
+    /// Fails when a position is not above
+    /// equally long or have values that are not finite.
     pub fn predict(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GridError> {
         let targets = self.targets(at_m)?;
         let mut sum = vec![0.0; targets.points.len()];
@@ -214,7 +224,11 @@ impl EquivalentSources {
         Ok(all)
     }
 
-    /// The field and its derivatives at eastings, northings and heights in metres; fails as `predict` does.
+    /// The field and its derivatives at eastings, northings and heights in metres.
+    ///
+    /// # Errors
+    ///
+    /// Fails as [`Self::predict`].
     pub fn predict_gradients(&self, at_m: [&[f64]; 3]) -> Result<FieldAt, GridError> {
         let targets = self.targets(at_m)?;
         let points = &targets.points;
@@ -229,7 +243,7 @@ impl EquivalentSources {
         Ok(FieldAt { value_nt, by_east, by_north, by_up })
     }
 
-    /// How many sources there are.
+    /// The number of sources.
     pub fn sources(&self) -> usize {
         self.layers.iter().map(|layer| layer.strength.len()).sum()
     }
@@ -240,7 +254,7 @@ impl EquivalentSources {
         tops.fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// The largest error in nT of what was predicted at about `count` of the places, against the sum over all sources.
+    /// The largest error in nT of the prediction at about `count` of the positions, against the sum over all sources.
     pub fn summation_error_nt(&self, at_m: [&[f64]; 3], predicted_nt: &[f64], count: usize) -> f64 {
         let step = (predicted_nt.len() / count.max(1)).max(1);
         let thin = at_m.map(|axis| axis.iter().copied().step_by(step).collect::<Vec<f64>>());
@@ -282,7 +296,7 @@ impl FittedLayer {
         Self { depth_m: layer.depth_m, clusters, proxies, strength, report }
     }
 
-    /// Makes a source of strength 1 give 1 nT at `depth_m` above it.
+    /// Scales the sources so that a source of strength 1 gives 1 nT at `depth_m` above it.
     pub fn scale(&self) -> f64 {
         self.depth_m * self.depth_m
     }
@@ -291,7 +305,7 @@ impl FittedLayer {
         Spread::of(&self.clusters, &self.proxies, &self.strength, far)
     }
 
-    /// Conjugate gradients on the damped normal equations, for measurements thinned to what the layer can tell apart.
+    /// Conjugate gradients on the damped normal equations, for measurements thinned to the resolution of the layer.
     fn solve(&mut self, points: &Positions, rest: &[f64], options: &FitOptions) -> usize {
         let thin = [&points.east[..], &points.north, &points.up, rest];
         let thin = reduce_blocks(thin, THIN * self.depth_m, BlockValue::Mean);

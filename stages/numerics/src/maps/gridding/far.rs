@@ -1,17 +1,17 @@
-//! Points that are nowhere near a survey: a place of zeros, swapped coordinates, a receiver that lost its way.
+//! Points that are far from a survey: zero or swapped coordinates, or a receiver without a fix.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The survey reaches as far as the middle 80 % of the coordinates, but no less than this, metres.
+/// The survey reaches as far as the middle 80 % of the coordinates, but at least this far, metres.
 const LEAST_REACH_M: f64 = 1000.0;
 
 /// A cell of the plane.
 type Cell = [i64; 2];
 
-/// Points, ascending, that are far from all others: groups of fewer than a hundredth of the points, or single ones, with
-/// more than half the survey's reach of empty ground around them. The reach is the diagonal of the rectangle that the
-/// tenth to the ninetieth percentile of the coordinates span, at least 1 km. Coordinates are metres on one plane; those
-/// that are not finite are far from nothing.
+/// Points, ascending, that are far from all others: groups of fewer than a hundredth of the points, or single ones,
+/// with more than half the survey's extent of empty ground around them. The reach is the diagonal of the rectangle that
+/// the tenth to the ninetieth percentile of the coordinates span, at least 1 km. Coordinates are metres on one plane;
+/// those that are not finite are far from nothing.
 ///
 /// Groups are the connected ones among occupied square cells whose side is half the reach.
 pub fn far_points(east_m: &[f64], north_m: &[f64]) -> Vec<usize> {

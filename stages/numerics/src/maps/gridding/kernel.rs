@@ -1,14 +1,14 @@
-//! The field of equivalent sources, summed over many sources at many places.
+//! The field of equivalent sources, summed over many sources at many positions.
 
-/// Where sources are and how strong they are.
+/// Positions and strengths of sources.
 #[derive(Clone, Copy)]
 pub(super) struct Sources<'a> {
     pub at: [&'a [f64]; 3],
     pub strength: &'a [f64],
 }
 
-/// Adds to `out` at each target the sum of strength · h / r³ over the sources, where `h` is `sign` times how far the
-/// target is above the source, and r their distance.
+/// Adds to `out` at each target the sum of strength · h / r³ over the sources, where `h` is `sign` times the height of
+/// the target above the source, and r their distance.
 pub(super) fn add_values(targets: [&[f64]; 3], sources: Sources, sign: f64, out: &mut [f64]) {
     pulp::Arch::new().dispatch(
         #[inline(always)]

@@ -1,4 +1,4 @@
-//! The surface of least curvature through the data, optionally under tension.
+//! The surface of minimum curvature through the data, optionally under tension.
 //!
 //! Briggs (1974), "Machine contouring using minimum curvature", with the tension of Smith & Wessel (1990), "Gridding
 //! with continuous curvature splines in tension": (1 - T) ∇²(∇²u) - T ∇²u = 0 away from data, natural edges. A datum
@@ -12,28 +12,28 @@ use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 /// How a surface is relaxed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Relaxation {
-    /// 0 is least curvature, 1 is Laplace's equation.
+    /// 0 is minimum curvature, 1 is Laplace's equation.
     pub tension: f64,
     /// A grid is done when no node is expected to move by more in all further passes together, nT.
     pub tolerance_nt: f64,
-    /// The most passes over a grid.
+    /// The maximum number of passes over a grid.
     pub passes: usize,
 }
 
-/// What the finest grid's relaxation came to.
+/// The result of relaxing the finest grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Relaxed {
     /// Passes over it.
     pub passes: usize,
-    /// By how much a node is expected to move in all further passes, nT, from how fast moves became smaller: above
+    /// The distance that a node is expected to move in all further passes, nT, from the convergence rate: above
     /// the tolerance when the passes were used up.
     pub left_nt: f64,
 }
 
 /// Grids values in nT at eastings and northings in metres onto the nodes of two axes; data outside the nodes' cells
-/// are left out.
+/// are ignored.
 ///
-/// Where a node's cell holds several data, their mean counts, at their mean place.
+/// Where a node's cell holds several data, their mean at their mean position counts.
 pub fn minimum_curvature(
     at_m: [&[f64]; 2],
     value_nt: &[f64],
@@ -63,7 +63,7 @@ fn wider(axis: EvenAxis, times: usize) -> EvenAxis {
     EvenAxis { first: axis.first, step: axis.step * times as f64, len: axis.len.saturating_sub(1).div_ceil(times) + 1 }
 }
 
-/// One datum a node.
+/// One datum per node.
 fn constraints(at_m: [&[f64]; 2], rest: &[f64], [east, north]: [EvenAxis; 2]) -> Vec<Constraint> {
     let nodes: Vec<[f64; 3]> = (0..rest.len())
         .map(|i| [east.node(at_m[0][i]), north.node(at_m[1][i]), rest[i]])

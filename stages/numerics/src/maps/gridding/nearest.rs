@@ -40,7 +40,7 @@ impl NearestPoints {
         Self { first, cell_m, cells, starts, order, at }
     }
 
-    /// The `k` nearest points among those that `accept` takes and that are at most `limit_m` away, nearest first;
+    /// The `k` nearest points among those that `accept` accepts and that are at most `limit_m` away, nearest first;
     /// of two at one distance the one with the lower index is nearer.
     pub fn nearest(&self, at: [f64; 2], k: usize, limit_m: f64, accept: impl Fn(usize) -> bool) -> Vec<Found> {
         let mut found: Vec<Found> = Vec::with_capacity(k + 1);
@@ -106,7 +106,7 @@ fn cell(first: [f64; 2], cell_m: f64, at: [f64; 2]) -> [i64; 2] {
     [0, 1].map(|a| ((at[a] - first[a]) / cell_m).floor() as i64)
 }
 
-/// The least and the greatest of the values; zeros when there are none.
+/// The smallest and the largest of the values; zeros when there are none.
 pub fn range(values: &[f64]) -> [f64; 2] {
     let ends = values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], &v| [a.min(v), b.max(v)]);
     if ends[0] <= ends[1] { ends } else { [0.0, 0.0] }

@@ -1,4 +1,4 @@
-//! The plane that fits values best.
+//! The plane of best fit to values.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -24,12 +24,12 @@ impl Plane {
             normal += row * row.transpose();
             right += row * *v;
         }
-        // One straight line does not say how the plane slopes across it: the singular part is left at nothing.
+        // Points on one straight line do not determine the slope across it: the singular part is zero.
         let plane = normal.svd(true, true).solve(&right, 1e-9 * count).unwrap_or_else(|_| Vector3::zeros());
         Self { centre, value: plane[0], slope: [plane[1] / reach[0], plane[2] / reach[1]] }
     }
 
-    /// The plane's value at a place.
+    /// The plane's value at a position.
     pub fn at(&self, east: f64, north: f64) -> f64 {
         self.value + self.slope[0] * (east - self.centre[0]) + self.slope[1] * (north - self.centre[1])
     }

@@ -1,6 +1,6 @@
 //! A grid under relaxation, with two rows and columns beyond each edge.
 //!
-//! A node is moved by its neighbours up to two rows away, so rows three apart can be moved at once: the rows are
+//! A node is moved by its neighbours up to two rows away, so rows three apart can be moved in parallel: the rows are
 //! kept in three colours, and the answer does not depend on the number of threads.
 
 use super::minimum_curvature::{Relaxation, Relaxed};
@@ -9,16 +9,16 @@ use rayon::prelude::*;
 /// Rows and columns beyond an edge.
 const EDGE: usize = 2;
 
-/// Moves are this much longer than to where a node would be at rest.
+/// The over-relaxation factor.
 const OVER: f64 = 1.6;
 
-/// Passes from one look at the moves to the next.
+/// Passes between two convergence checks.
 const STRETCH: usize = 16;
 
-/// A datum nearer to its node than this many spacings holds the node.
+/// A datum nearer to its node than this many spacings fixes the node.
 const ON_NODE: f64 = 0.05;
 
-/// A datum and the node that it is nearest to.
+/// A datum and its nearest node.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Constraint {
     column: usize,
@@ -58,7 +58,7 @@ pub(super) struct Sheet {
 }
 
 impl Sheet {
-    /// A level grid.
+    /// A constant grid.
     pub fn flat(columns: usize, rows: usize) -> Self {
         let width = columns + 2 * EDGE;
         let colours = [0, 1, 2].map(|c| vec![vec![0.0; width]; (rows + 2 * EDGE - c).div_ceil(3)]);
@@ -83,7 +83,7 @@ impl Sheet {
         (0..self.rows).flat_map(row).collect()
     }
 
-    /// The same surface on nodes twice as dense, bilinearly.
+    /// The same surface on nodes twice as dense, interpolated bilinearly.
     pub fn refined(&self, columns: usize, rows: usize) -> Self {
         let mut fine = Self::flat(columns, rows);
         let last = |n: usize| n - 1 + EDGE;
@@ -112,8 +112,8 @@ impl Sheet {
 
     /// Passes until hardly anything is left to move.
     ///
-    /// Slow modes of the surface move little in each of very many passes, so the size of a move alone says nothing:
-    /// what is left is the sum of the geometric series that the moves of the last passes begin.
+    /// Slow modes of the surface move little in each of very many passes, so the size of a move alone is not a
+    /// criterion: the remaining move is the sum of the geometric series that starts with the moves of the last passes.
     pub fn relax(&mut self, relaxation: &Relaxation) -> Relaxed {
         let mut relaxed = Relaxed { passes: 0, left_nt: f64::INFINITY };
         let mut before = f64::INFINITY;
@@ -202,7 +202,7 @@ fn step(at: usize, by: i64) -> usize {
     at.saturating_add_signed(by as isize)
 }
 
-/// What a datum makes of its node; the expansion of the curvature uses the four neighbours opposite the datum.
+/// The update of a node by its datum; the expansion of the curvature uses the four neighbours opposite the datum.
 fn rule(datum: &Constraint, tension: f64) -> Rule {
     let [dx, dy] = datum.offset.map(f64::abs);
     if dx.max(dy) < ON_NODE {

@@ -11,18 +11,18 @@ use super::{GridError, GridOptions, GridReport, Method, Progress, Region, axes, 
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 
-/// Blocks around one that say how large a misfit is usual there.
+/// Blocks around one that determine the usual misfit there.
 const AROUND: usize = 32;
 
 /// The surface.
 pub enum Surface {
-    /// Equivalent sources, and the level that is asked for.
+    /// Equivalent sources, and the requested level.
     Sources(EquivalentSources, f64),
     /// A grid of minimum curvature.
     Grid(PlaneGrid),
 }
 
-/// A fitted surface and what it was fitted to.
+/// A fitted surface and its data.
 pub struct Fitted {
     /// The surface.
     pub surface: Surface,
@@ -79,7 +79,7 @@ pub fn fit(points: SurveyPoints, options: &GridOptions, progress: Progress) -> R
 }
 
 impl Fitted {
-    /// Fits to the blocks and returns what is left of their values.
+    /// Fits to the blocks and returns their residuals.
     fn again(&mut self, options: &GridOptions, progress: Progress) -> Result<Vec<f64>, GridError> {
         let b = &self.blocks;
         let predicted = match &options.method {
@@ -102,7 +102,7 @@ impl Fitted {
                 progress("placing equivalent sources", 0, 1);
                 let mut sources = EquivalentSources::place(at, &b.value_nt, &options.layers)?;
                 if let Some(level_m) = level_m {
-                    // Whether the level can be is known before the fit, which takes long.
+                    // The level is checked before the fit, which takes long.
                     let [east, north] = nodes(self.axes);
                     sources.check_above([&east, &north, &vec![*level_m; east.len()]])?;
                 }
@@ -129,7 +129,7 @@ impl Fitted {
         };
     }
 
-    /// The values at the points' places: for minimum curvature whatever their height, and NaN off its grid; for
+    /// The values at the points' positions: for minimum curvature at any height, and NaN off its grid; for
     /// equivalent sources NaN where a point flies so low between higher ones that it is not above the sources.
     pub fn at_points(&self, points: SurveyPoints) -> Result<Vec<f64>, GridError> {
         match &self.surface {
@@ -188,7 +188,7 @@ fn nodes([east_m, north_m]: [EvenAxis; 2]) -> [Vec<f64>; 2] {
     [east, north]
 }
 
-/// Blocks, ascending, that the surface misses by far more than their neighbours.
+/// Blocks, ascending, whose residual is far larger than that of their neighbours.
 fn misfits(blocks: &Blocks, rest: &[f64], options: &GridOptions) -> Vec<usize> {
     if options.misfit_sigmas <= 0.0 || options.misfit_sigmas.is_nan() {
         return Vec::new();

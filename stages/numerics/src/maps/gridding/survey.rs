@@ -1,4 +1,4 @@
-//! The points of a survey, and what cleaning leaves of them.
+//! The points of a survey, and their cleaning.
 
 use super::block::median;
 use super::far::far_points;
@@ -12,7 +12,7 @@ pub struct SurveyPoints<'a> {
     pub northing_m: &'a [f64],
     /// Height of the sensor, metres.
     pub height_m: &'a [f64],
-    /// Anomaly, nT: the core field and its daily variation are already taken off.
+    /// Anomaly, nT: the core field and its daily variation are already removed.
     pub value_nt: &'a [f64],
     /// The line that each point belongs to.
     pub line: &'a [usize],
@@ -47,18 +47,18 @@ impl OwnedPoints {
 }
 
 impl SurveyPoints<'_> {
-    /// How many points there are: those that every column has.
+    /// The number of points: the length of the shortest column.
     pub fn len(&self) -> usize {
         let columns = [self.easting_m, self.northing_m, self.height_m, self.value_nt].map(<[f64]>::len);
         columns.into_iter().chain([self.line.len()]).min().unwrap_or(0)
     }
 
-    /// Whether there is none.
+    /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The points of these indices; an index past the end is left out.
+    /// The points of these indices; an index past the end is ignored.
     pub fn pick(&self, indices: &[usize]) -> OwnedPoints {
         let take = |column: &[f64]| indices.iter().filter_map(|&i| column.get(i).copied()).collect();
         OwnedPoints {
@@ -95,15 +95,15 @@ impl SurveyPoints<'_> {
     }
 }
 
-/// What cleaning removes.
+/// The criteria of cleaning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CleanOptions {
-    /// A point that is farther from the straight line between its neighbours in flight order than so many robust
+    /// A point that is farther from the straight line between its neighbours in flight order than this number of robust
     /// standard deviations of its surroundings is an outlier; zero keeps all.
     pub sigmas: f64,
     /// ... and farther than this, nT.
     pub floor_nt: f64,
-    /// Points on either side that make the surroundings.
+    /// Points on either side that form the surroundings.
     pub half_window: usize,
     /// Lines with fewer points are left out.
     pub shortest_line: usize,
@@ -112,13 +112,14 @@ pub struct CleanOptions {
 }
 
 impl Default for CleanOptions {
-    /// Ten robust standard deviations among 51 points, and at least 10 nT: what no rock does between two points.
+    /// Ten robust standard deviations among 51 points, and at least 10 nT: more than geology changes between two
+    /// points.
     fn default() -> Self {
         Self { sigmas: 10.0, floor_nt: 10.0, half_window: 25, shortest_line: 5, without_far: true }
     }
 }
 
-/// Indices of points, ascending, by what became of them.
+/// Indices of points, ascending, by the outcome of cleaning.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Cleaned {
     /// Those that are kept.
@@ -127,7 +128,7 @@ pub struct Cleaned {
     pub not_finite: Vec<usize>,
     /// Far from all others.
     pub far: Vec<usize>,
-    /// The line's previous point is at the same place.
+    /// The line's previous point is at the same position.
     pub duplicates: Vec<usize>,
     /// Outliers along their line.
     pub outliers: Vec<usize>,
@@ -167,7 +168,7 @@ pub fn clean(points: SurveyPoints, options: &CleanOptions) -> Cleaned {
     cleaned
 }
 
-/// Outliers of a line; those beside a larger one are looked at again when that is gone.
+/// Outliers of a line; those next to a larger one are tested again after removing it.
 fn spikes(points: SurveyPoints, line: &[usize], options: &CleanOptions) -> Vec<usize> {
     let (mut left, mut found) = (line.to_vec(), Vec::new());
     while options.sigmas > 0.0 && left.len() >= 5 {
@@ -193,7 +194,7 @@ fn spikes(points: SurveyPoints, line: &[usize], options: &CleanOptions) -> Vec<u
     found
 }
 
-/// How far each point's value is from the straight line between its neighbours'; nothing at the ends.
+/// The distance of each point's value from the straight line between its neighbours'; zero at the ends.
 fn off_neighbours(points: SurveyPoints, line: &[usize]) -> Vec<f64> {
     let mut away = vec![0.0; line.len()];
     for (k, three) in line.windows(3).enumerate() {

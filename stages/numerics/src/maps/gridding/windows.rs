@@ -8,7 +8,7 @@ use rayon::prelude::*;
 /// Sources of a window before its overlap.
 const CORE: usize = 256;
 
-/// Windows whose sources overlap by so many depths, and whose measurements reach as far again.
+/// Windows whose sources overlap by this number of depths, and whose measurements extend as far again.
 const OVERLAP: f64 = 1.5;
 
 /// The windows of a layer.
@@ -47,7 +47,7 @@ impl Windows {
         Self { windows, share }
     }
 
-    /// The windows' answer to a right-hand side of the normal equations.
+    /// The windows' solution for a right-hand side of the normal equations.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
         let parts: Vec<Vec<f64>> = self
             .windows
@@ -131,7 +131,7 @@ fn solve(factor: &[f32], x: &mut [f64]) {
     );
 }
 
-/// A dot product in eight strands, so that it can be done in parallel lanes.
+/// A dot product in eight partial sums, which run in parallel lanes.
 #[inline(always)]
 fn dot(row: &[f32], x: &[f64]) -> f64 {
     let mut strands = [0.0; 8];

@@ -1,12 +1,12 @@
 //! The adjustment of lines by their crossovers.
 //!
-//! A difference at a crossover is what both lines lack of the level, plus noise that grows with the gradient
-//! ([`CrossoverNoise`]). Corrections are what a survey's crossovers make likely, no more: those of the lines, and those
-//! of the ties about a shift that all ties have in common, are taken as drawn from a distribution whose width is
-//! estimated from how much the corrections scatter beyond their own standard errors (the method of moments of DerSimonian
-//! and Laird 1986). Where they do not, the width is zero and the group stays as it is: what noise there is at the crossovers
-//! of a survey that is level already does not become stripes. A line that is out by itself is corrected without regard
-//! to the others.
+//! A difference at a crossover is the level error of both lines, plus noise that grows with the gradient
+//! ([`CrossoverNoise`]). Corrections are the most likely ones given a survey's crossovers: those of the lines, and
+//! those of the ties about a shift that all ties have in common, are modelled as drawn from a distribution whose width
+//! is estimated from how much the corrections scatter beyond their own standard errors (the method of moments of
+//! DerSimonian and Laird 1986). Where they do not, the width is zero and the group is not corrected: the noise at the
+//! crossovers of a survey that is level already does not become stripes. A line that is individually out of level is
+//! corrected independently of the others.
 
 use super::noise::CrossoverNoise;
 use super::{Crossover, Gauge, LevelOptions};
@@ -15,32 +15,32 @@ use std::collections::BTreeMap;
 
 /// Rounds in which noise and widths are estimated anew.
 const ROUNDS: usize = 16;
-/// Rounds of reweighting in each of these.
+/// Rounds of reweighting in each round.
 const REWEIGHTED: usize = 4;
-/// The chance that one of all the lines is taken to be out by itself when none is.
+/// The probability that any line is found individually out of level when none is.
 const BY_CHANCE: f64 = 0.05;
-/// Standard deviations by which a group must scatter more than its errors do.
+/// Standard deviations by which the scatter of a group must exceed its errors.
 const BEYOND: f64 = 1.645;
-/// Crossovers for each coefficient with which all corrections can be free at first.
+/// Crossovers for each coefficient with which all corrections can be unconstrained at first.
 const ENOUGH: usize = 2;
-/// Crossovers that a line needs to be out by itself: one or two may be wrong.
+/// Crossovers that a line needs to be found individually out of level: one or two may be wrong.
 const LEAST_CROSSOVERS: usize = 3;
 
-/// The equations: one a crossover, few coefficients each.
+/// The equations: one per crossover, few coefficients each.
 pub(super) struct Adjustment<'a> {
     points: SurveyPoints<'a>,
     crossovers: &'a [Crossover],
-    /// The first point and the last of each line, and its place among the lines.
+    /// The first point and the last of each line, and its index among the lines.
     lines: BTreeMap<usize, (usize, usize, usize)>,
     terms: usize,
-    /// Factors of the coefficients: those of the lines, line by line, and at last the shift of all ties.
+    /// Factors of the coefficients: those of the lines, line by line, and finally the shift of all ties.
     rows: Vec<Vec<(usize, f64)>>,
     right: Vec<f64>,
     is_tie: Vec<bool>,
     options: &'a LevelOptions,
 }
 
-/// What the corrections are drawn from, and the corrections.
+/// The distribution of the corrections, and the corrections.
 #[derive(Clone, Debug)]
 pub(super) struct Solution {
     /// By line, in nT; the common shift of the ties is in their constants.
@@ -49,18 +49,18 @@ pub(super) struct Solution {
     pub noise: CrossoverNoise,
     /// Widths of the corrections of lines and of ties, by order, nT.
     pub spread_nt: [Vec<f64>; 2],
-    /// Which lines are out by themselves.
+    /// Which lines are individually out of level.
     pub alone: Vec<bool>,
     /// Standard deviations of the differences, nT.
     sd_nt: Vec<f64>,
 }
 
-/// A line's own coefficients as its crossovers have them, the others as they are.
+/// A line's own coefficients from its crossovers, the others unchanged.
 struct Own {
     value_nt: Vec<f64>,
     /// Standard errors.
     error_nt: Vec<f64>,
-    /// How much larger the line's differences are than they should be, squared; 1 or more.
+    /// The variance ratio of the line's differences to the expected ones; 1 or more.
     excess: f64,
     crossovers: usize,
 }
@@ -88,7 +88,7 @@ impl<'a> Adjustment<'a> {
         made
     }
 
-    /// Where a point lies along its line, -1 to 1, `part` of the way to the next, and its line's place.
+    /// Where a point lies along its line, -1 to 1, `part` of the way to the next, and its line's index.
     fn place(&self, point: usize, part: f64) -> (f64, usize) {
         let (first, last, line) =
             self.points.line.get(point).and_then(|line| self.lines.get(line)).copied().unwrap_or((0, 0, 0));
@@ -96,7 +96,7 @@ impl<'a> Adjustment<'a> {
         (2.0 * (point.saturating_sub(first) as f64 + part) / whole - 1.0, line)
     }
 
-    /// Where the common shift of the ties is.
+    /// The index of the common shift of the ties.
     fn shift(&self) -> usize {
         self.is_tie.len() * self.terms
     }
@@ -118,7 +118,7 @@ impl<'a> Adjustment<'a> {
         legendre(along, self.terms).iter().zip(self.of_place(solution, line)).map(|(p, c)| p * c).sum()
     }
 
-    /// A line's coefficients and whether it is out by itself.
+    /// A line's coefficients and whether it is individually out of level.
     pub fn of_line(&self, solution: &Solution, line: usize) -> (Vec<f64>, bool) {
         let place = self.lines.get(&line).map_or(0, |l| l.2);
         (self.of_place(solution, place).to_vec(), solution.alone[place])
@@ -128,7 +128,7 @@ impl<'a> Adjustment<'a> {
         &solution.coefficients[place * self.terms..][..self.terms]
     }
 
-    /// The differences that corrections leave, nT.
+    /// The residual differences after correction, nT.
     pub fn differences(&self, coefficients: &[f64]) -> Vec<f64> {
         // The shift of the ties is in their constants when the coefficients are a solution's.
         let of = |j: usize| coefficients.get(j).copied().unwrap_or(0.0);
@@ -150,7 +150,8 @@ impl<'a> Adjustment<'a> {
             found.coefficients.truncate(self.shift());
             return found;
         }
-        // Begun with free corrections where there are crossovers enough to tell them from noise, else with none.
+        // Begun with free corrections where there are crossovers enough to separate them from noise, otherwise with
+        // none.
         let free = !self.options.tested || self.rows.len() >= ENOUGH * self.shift();
         let mut spent = 1.0;
         if free {
@@ -176,7 +177,7 @@ impl<'a> Adjustment<'a> {
         self.levelled(Solution { coefficients, ..whole.clone() })
     }
 
-    /// Widths and the lines that are out by themselves; says how many differences' worth the corrections take up.
+    /// Widths and the lines that are individually out of level; returns the degrees of freedom of the corrections.
     fn estimate(&self, found: &mut Solution) -> f64 {
         let own: Vec<Own> = self.own(found);
         let crossed: Vec<usize> = (0..own.len()).filter(|&k| own[k].crossovers > 0 && !self.is_held(k)).collect();
@@ -186,7 +187,7 @@ impl<'a> Adjustment<'a> {
         for (tie, spread) in [false, true].into_iter().zip(&mut found.spread_nt) {
             let members = group(tie);
             let of = |k: &usize, order: usize| (own[*k].value_nt[order], own[*k].error_nt[order]);
-            // Lines that are out by themselves must not make the width that they are judged by.
+            // Lines that are individually out of level must not contribute to the width that they are tested against.
             let usual: Vec<f64> =
                 (0..self.terms).map(|order| robust_width(members.iter().map(|k| of(k, order)))).collect();
             for &k in &members {
@@ -208,7 +209,7 @@ impl<'a> Adjustment<'a> {
         spent
     }
 
-    /// Whether the gauge keeps a line as it is.
+    /// Whether the gauge excludes a line from correction.
     fn is_held(&self, line: usize) -> bool {
         self.options.gauge == Gauge::TiesHeld && self.is_tie[line]
     }
@@ -244,18 +245,18 @@ impl<'a> Adjustment<'a> {
         normal.into_iter().map(one).collect()
     }
 
-    /// What it costs to correct, 1/nT².
+    /// The penalty on corrections, 1/nT².
     fn ridge(&self, found: &Solution) -> f64 {
         self.options.ridge / found.noise.sigma_nt.powi(2)
     }
 
-    /// One over the variances, less for what is larger than usual.
+    /// One over the variances, down-weighted for large differences.
     fn weights(&self, found: &Solution, left: &[f64]) -> Vec<f64> {
         let weigh = |(d, sd): (&f64, &f64)| (self.options.huber_sigmas * sd / d.abs()).min(1.0) / (sd * sd);
         left.iter().zip(&found.sd_nt).map(weigh).collect()
     }
 
-    /// What each coefficient costs, 1/nT²; infinity holds it at nothing.
+    /// The penalty on each coefficient, 1/nT²; infinity fixes it at zero.
     fn costs(&self, found: &Solution) -> Vec<f64> {
         let ridge = self.ridge(found);
         let of = |line: usize, order: usize| match self.is_held(line) {
@@ -303,7 +304,7 @@ impl<'a> Adjustment<'a> {
         conjugate_gradients(normal, &right, &diagonal, start)
     }
 
-    /// Puts the shift of the ties into their constants and the level where the gauge has it.
+    /// Puts the shift of the ties into their constants and sets the level of the gauge.
     fn levelled(&self, mut found: Solution) -> Solution {
         let x = &mut found.coefficients;
         let shift = x.get(self.shift()).copied().unwrap_or(0.0);
@@ -328,7 +329,7 @@ impl<'a> Adjustment<'a> {
     }
 }
 
-/// About how much most of the values scatter beyond their standard errors.
+/// A robust estimate of the scatter of the values beyond their standard errors.
 fn robust_width(values: impl Iterator<Item = (f64, f64)>) -> f64 {
     let (mut sizes, mut errors): (Vec<f64>, Vec<f64>) = values.map(|(value, error)| (value.abs(), error)).unzip();
     if sizes.is_empty() {
@@ -337,8 +338,8 @@ fn robust_width(values: impl Iterator<Item = (f64, f64)>) -> f64 {
     ((1.4826 * median(&mut sizes)).powi(2) - median(&mut errors).powi(2)).max(0.0).sqrt()
 }
 
-/// By how much values about nothing scatter beyond their standard errors; nothing where they do not, or where chance may
-/// have made it.
+/// The scatter of values about zero beyond their standard errors; zero where they do not, or where chance may
+/// explain it.
 fn beyond_errors(values: &[(f64, f64)]) -> f64 {
     let n = values.len() as f64;
     let weight = |error: f64| 1.0 / (error * error);

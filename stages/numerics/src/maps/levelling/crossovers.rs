@@ -9,11 +9,11 @@ pub struct CrossoverOptions {
     /// Two points of a line that are farther apart are a gap, in which nothing is interpolated, metres; `None` is
     /// twenty times the median distance between points.
     pub gap_m: Option<f64>,
-    /// Lines that meet at less than this angle do not count: where they cross is uncertain. Degrees.
+    /// Crossings at less than this angle do not count: their position is uncertain. Degrees.
     pub least_angle_deg: f64,
     /// Lines that pass each other at a greater distance in height do not count, metres.
     pub most_height_m: f64,
-    /// Takes the values to the height half-way between the two lines, nT/m upward; zero leaves them.
+    /// Reduces the values to the height half-way between the two lines, nT/m upward; zero leaves them unchanged.
     pub vertical_gradient_nt_per_m: f64,
 }
 
@@ -24,14 +24,14 @@ impl Default for CrossoverOptions {
     }
 }
 
-/// A place where two lines cross.
+/// A crossing of two lines.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossover {
     /// The two lines.
     pub lines: [usize; 2],
     /// The point of each line before the crossing.
     pub points: [usize; 2],
-    /// How far on the way to the next point each line crosses, 0 to 1.
+    /// The fraction of the step to the next point where each line crosses, 0 to 1.
     pub parts: [f64; 2],
     /// Easting and northing, metres.
     pub at_m: [f64; 2],
@@ -43,7 +43,7 @@ pub struct Crossover {
     pub gradient_nt_per_m: f64,
 }
 
-/// Points on either side of a crossing that tell the slope along a line.
+/// Points on either side of a crossing that determine the slope along a line.
 const BESIDE: usize = 3;
 
 impl Crossover {

@@ -3,15 +3,15 @@
 use super::Crossover;
 use crate::maps::gridding::median;
 
-/// Differences are not told apart more finely than this, nT.
+/// The resolution of differences, nT.
 const RESOLUTION_NT: f64 = 0.01;
 /// The mean size of a normal error of standard deviation 1 is one over this.
 const MEAN_SIZE: f64 = 1.253_314_137_315_5;
-/// The largest difference that says something about the usual ones, in standard deviations.
+/// The largest difference that is used in the estimate, in standard deviations.
 const FAR: f64 = 4.0;
 
-/// What makes two lines differ at a crossing though both are level: an error of the values, and a distance between where
-/// the values were taken and where they are said to be, which a gradient turns into a difference.
+/// The noise of the difference of two level lines at a crossing: an error of the values, and a distance between where
+/// the true and the recorded position, which a gradient turns into a difference.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CrossoverNoise {
     /// Standard deviation of a difference where the field is flat, nT.
@@ -22,7 +22,7 @@ pub struct CrossoverNoise {
 }
 
 impl CrossoverNoise {
-    /// The two that make the remaining differences, of which `spent` are taken up by what was fitted to them, most
+    /// The two that make the remaining differences, less `spent` degrees of freedom of the fit, most
     /// likely as errors with exponential tails: differences in steep fields are many, and not normal.
     pub(super) fn fitted(crossovers: &[Crossover], left_nt: &[f64], spent: f64) -> Self {
         let mut sizes: Vec<f64> = left_nt.iter().map(|d| d.abs()).collect();
@@ -51,7 +51,7 @@ impl CrossoverNoise {
         Self { sigma_nt: (scale * sigma_nt).max(RESOLUTION_NT), position_m: scale * position_m }
     }
 
-    /// The standard deviation of the difference at a crossing, nT. What lines at different heights make of the vertical
+    /// The standard deviation of the difference at a crossing, nT. The effect of different heights in the vertical
     /// gradient, which is as large as the horizontal one on average, is part of it.
     pub fn of(&self, crossover: &Crossover) -> f64 {
         let above_m = crossover.height_m[0] - crossover.height_m[1];

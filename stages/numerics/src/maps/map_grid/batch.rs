@@ -1,9 +1,9 @@
-//! Look-ups of many places at once.
+//! Batch look-ups of many positions.
 
 use super::{AnomalyMap, Cell, MapError};
 use crate::earth::field_value::FieldValue;
 
-/// Values and gradients of many places, a column each; NaN where the map has none.
+/// Values and gradients of many positions, one column each; NaN where the map is undefined.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FieldColumns {
     /// The values, in nT.
@@ -17,12 +17,12 @@ pub struct FieldColumns {
 }
 
 impl FieldColumns {
-    /// How many places there are.
+    /// The number of positions.
     pub fn len(&self) -> usize {
         self.value_nt.len()
     }
 
-    /// Whether there are no places.
+    /// Whether there are no positions.
     pub fn is_empty(&self) -> bool {
         self.value_nt.is_empty()
     }
@@ -34,7 +34,7 @@ impl FieldColumns {
         }
     }
 
-    /// The place `i` has this field; NaN where there is none.
+    /// Sets the field of position `i`; NaN where there is none.
     pub(crate) fn set(&mut self, i: usize, field: Option<FieldValue>) {
         let field = field.unwrap_or(NOWHERE);
         self.value_nt[i] = field.value_nt;
@@ -43,7 +43,7 @@ impl FieldColumns {
         self.d_alt_nt_per_m[i] = field.d_alt_nt_per_m;
     }
 
-    /// The columns in blocks of at most [`BLOCK`] places.
+    /// The columns in blocks of at most [`BLOCK`] positions.
     fn blocks(&mut self) -> impl Iterator<Item = [&mut [f64]; 4]> {
         let value_and_lat = self.value_nt.chunks_mut(BLOCK).zip(self.d_lat_nt_per_rad.chunks_mut(BLOCK));
         let lon_and_alt = self.d_lon_nt_per_rad.chunks_mut(BLOCK).zip(self.d_alt_nt_per_m.chunks_mut(BLOCK));
@@ -51,14 +51,14 @@ impl FieldColumns {
     }
 }
 
-/// Places whose nodes are asked for before the first of them is used: as many as keep the memory busy, and as their
+/// Positions whose nodes are prefetched before the first of them is used: as many as keep the memory busy, and as their
 /// cache lines have room for in the innermost cache.
 const BLOCK: usize = 64;
 
 const NOWHERE: FieldValue =
     FieldValue { value_nt: f64::NAN, d_lat_nt_per_rad: f64::NAN, d_lon_nt_per_rad: f64::NAN, d_alt_nt_per_m: f64::NAN };
 
-/// The places of a batch, in degrees and metres; `alt_m` is empty where none is asked for.
+/// The positions of a batch, in degrees and metres; `alt_m` is empty where heights are not used.
 #[derive(Clone, Copy)]
 pub(crate) struct Places<'a> {
     pub(crate) lat_deg: &'a [f64],
@@ -74,17 +74,17 @@ impl Places<'_> {
     }
 }
 
-/// What is looked up in a batch; heights are 0 where the places have none.
+/// A batch look-up; heights are 0 where the positions have none.
 pub(crate) trait LookUp {
-    /// The cell of a place in degrees.
+    /// The cell of a position in degrees.
     fn cell(&self, lat_deg: f64, lon_deg: f64) -> Option<Cell>;
-    /// Reads a little of all that [`Self::field`] will read, so that it is on its way from memory.
+    /// Prefetches what [`Self::field`] will read.
     fn touch(&self, cell: Cell, alt_m: f64) -> f64;
     /// Value and gradient.
     fn field(&self, cell: Cell, alt_m: f64) -> Option<FieldValue>;
 }
 
-/// Looks many places up; what `out` held before is dropped, its memory kept.
+/// Looks up many positions; `out` is cleared, its memory kept.
 pub(crate) fn look_up_many(
     map: &impl LookUp,
     places: Places<'_>,
@@ -125,7 +125,7 @@ impl<M: LookUp> pulp::NullaryFnOnce for Batch<'_, M> {
                     touched += self.map.touch(*cell, alt_of(k));
                 }
             }
-            // Nobody needs the sum, only that it was made.
+            // The sum is not used; computing it prefetches.
             std::hint::black_box(touched);
             for (k, cell) in cells.iter().enumerate().take(value.len()) {
                 let at = cell.and_then(|cell| self.map.field(cell, alt_of(k))).unwrap_or(NOWHERE);
@@ -136,7 +136,7 @@ impl<M: LookUp> pulp::NullaryFnOnce for Batch<'_, M> {
     }
 }
 
-/// A map on its own level, whatever the height.
+/// A map on its own level, at any height.
 struct OnMap<'a>(&'a AnomalyMap);
 
 impl LookUp for OnMap<'_> {
@@ -177,14 +177,14 @@ impl LookUp for AtHeight<'_> {
 }
 
 impl AnomalyMap {
-    /// [`Self::at`] for many places in degrees; places without a value are NaN. Allocates only where `out` has to
+    /// [`Self::at`] for many positions in degrees; positions without a value are NaN. Allocates only where `out` has to
     /// grow, and runs on the caller's thread. Faster than one at a time where the map does not fit the cache, the more
     /// so the more the places are scattered.
     pub fn at_many(&self, lat_deg: &[f64], lon_deg: &[f64], out: &mut FieldColumns) -> Result<(), MapError> {
         look_up_many(&OnMap(self), Places { lat_deg, lon_deg, alt_m: &[] }, false, out)
     }
 
-    /// [`Self::at_height`] for many places in degrees and metres; places without a value are NaN.
+    /// [`Self::at_height`] for many positions in degrees and metres; positions without a value are NaN.
     pub fn at_heights(
         &self,
         lat_deg: &[f64],

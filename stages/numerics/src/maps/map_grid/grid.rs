@@ -5,19 +5,19 @@ use crate::earth::geodesy::EarthModel;
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use thiserror::Error;
 
-/// Largest departure of a node from its even place, as a fraction of the step. Coordinates kept
+/// Largest departure of a node from its evenly spaced position, as a fraction of the step. Coordinates kept
 /// in single precision depart by 0.8 % of a step of 0.001° at 140°.
 const EVENNESS: f64 = 0.01;
 
-/// Why a table is not a map.
+/// Why a table or its columns are not a map.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum MapError {
     /// An axis has fewer than two nodes.
-    #[error("the map has {count} {axis}(s); it takes at least two to have a cell")]
+    #[error("the map has {count} {axis}(s); at least two are needed for a cell")]
     TooSmall {
         /// `latitude` or `longitude`.
         axis: &'static str,
-        /// How many distinct nodes were found.
+        /// The number of distinct nodes.
         count: usize,
     },
     /// A coordinate is missing or infinite.
@@ -45,7 +45,7 @@ pub enum MapError {
     /// An axis has uneven steps.
     #[error(
         "the map's {axis}s must have even steps: {axis} {node} is {value_deg}, \
-         {off_by_steps:.3} of a step away from its even place {even_deg}"
+         {off_by_steps:.3} of a step away from its evenly spaced position {even_deg}"
     )]
     Uneven {
         /// `latitude` or `longitude`.
@@ -54,13 +54,13 @@ pub enum MapError {
         node: usize,
         /// The coordinate.
         value_deg: f64,
-        /// Where it would be with even steps.
+        /// Its value with even steps.
         even_deg: f64,
         /// The difference, in steps.
         off_by_steps: f64,
     },
-    /// A node's latitude does not exist or the longitudes go more than once round.
-    #[error("the map's {axis}s run from {first_deg} to {last_deg} degrees, more than there are")]
+    /// A node's latitude does not exist or the longitudes span more than a full turn.
+    #[error("the map's {axis}s run from {first_deg} to {last_deg} degrees, outside the valid range")]
     Range {
         /// `latitude` or `longitude`.
         axis: &'static str,
@@ -89,7 +89,7 @@ pub enum MapError {
         /// Rows in the anomaly column.
         anomaly: usize,
     },
-    /// A row of a table of nodes is not where a complete grid has it.
+    /// A row of a table of nodes is not at its position in a complete grid.
     #[error(
         "row {row} of the map is at latitude {lat_deg}, longitude {lon_deg}, where a complete grid \
          sorted by latitude, then longitude has {expected_lat_deg}, {expected_lon_deg}"
@@ -112,13 +112,13 @@ pub enum MapError {
         /// The row, from 0, sorted by latitude, then longitude.
         row: usize,
     },
-    /// Nothing is known.
+    /// Every value is unknown.
     #[error("every value of the map is NaN")]
     Empty,
-    /// The companion of a map (its vertical derivative or its heights) is not of its nodes.
+    /// The companion of a map (its vertical derivative or its heights) is not on its nodes.
     #[error("the map has {nodes} nodes, but its {companion} has {values} values")]
     CompanionSize {
-        /// What it is: `vertical derivative` or `height`.
+        /// Its kind: `vertical derivative` or `height`.
         companion: &'static str,
         /// Nodes of the map.
         nodes: usize,
@@ -128,7 +128,7 @@ pub enum MapError {
     /// The companion of a map is not a finite number where the map is known.
     #[error("the {companion} in row {row} of the map is {value}, but the anomaly there is known")]
     CompanionValue {
-        /// What it is: `vertical derivative` or `height`.
+        /// Its kind: `vertical derivative` or `height`.
         companion: &'static str,
         /// The row, from 0, sorted by latitude, then longitude.
         row: usize,
@@ -141,26 +141,26 @@ pub enum MapError {
         /// The height.
         alt_m: f64,
     },
-    /// The columns of a batch of places have different lengths.
-    #[error("the places have {lat} latitudes, {lon} longitudes and {alt} heights")]
+    /// The columns of a batch of positions have different lengths.
+    #[error("the positions have {lat} latitudes, {lon} longitudes and {alt} heights")]
     Places {
         /// Number of latitudes.
         lat: usize,
         /// Number of longitudes.
         lon: usize,
-        /// Number of heights, as many as latitudes where none are asked for.
+        /// Number of heights, as many as latitudes where heights are not used.
         alt: usize,
     },
 }
 
-/// An even, ascending axis in degrees; of a projected grid its nodes are numbered, and a degree stands for a node.
+/// An even, ascending axis in degrees; on a projected grid the nodes are numbered, one per degree.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
     first_deg: f64,
     step_deg: f64,
     steps_per_deg: f64,
     len: usize,
-    /// How far apart two coordinates of one place are: a full turn, or infinitely on a plane.
+    /// The period of the coordinate: a full turn, or infinite on a plane.
     round_deg: f64,
 }
 
@@ -234,7 +234,7 @@ impl Axis {
         Some((cell, (steps - cell as f64).clamp(0.0, 1.0)))
     }
 
-    /// As `locate`, a full turn away if need be.
+    /// As `locate`, a full turn away if necessary.
     #[inline(always)]
     pub(super) fn locate_turning(&self, deg: f64) -> Option<(usize, f64)> {
         let round_deg = self.round_deg;
@@ -264,7 +264,7 @@ pub struct MapGrid {
 }
 
 impl MapGrid {
-    /// A grid of its axes in degrees and its values by rows: all longitudes of the first latitude,
+    /// A grid from its axes in degrees and its values by rows: all longitudes of the first latitude,
     /// then of the next.
     pub fn new(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapError> {
         let lat = Axis::new("latitude", lat_deg, 180.0)?;
@@ -276,8 +276,8 @@ impl MapGrid {
         Self::of_axes(lat, lon, anomaly_nt)
     }
 
-    /// A grid on a plane whose rows and columns are numbered from 0: what stands for degrees in it, and in look-ups of
-    /// its maps, is rows and columns. Its values are by rows, the first row first.
+    /// A grid on a plane whose rows and columns are numbered from 0: rows and columns replace degrees in it and in
+    /// look-ups of its maps. Its values are by rows, the first row first.
     pub fn of_nodes(rows: usize, columns: usize, anomaly_nt: &[f64]) -> Result<Self, MapError> {
         Self::of_axes(Axis::of_nodes("row", rows)?, Axis::of_nodes("column", columns)?, anomaly_nt)
     }
@@ -296,7 +296,7 @@ impl MapGrid {
         Ok(Self { lat, lon, values: anomaly_nt.to_vec() })
     }
 
-    /// A grid of a table with one row a node, sorted by latitude, then longitude (degrees,
+    /// A grid from a table with one row per node, sorted by latitude, then longitude (degrees,
     /// degrees, nT).
     pub fn from_rows(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapError> {
         if lat_deg.len() != lon_deg.len() || lat_deg.len() != anomaly_nt.len() {
@@ -326,7 +326,7 @@ impl MapGrid {
         Self::new(&rows, columns, anomaly_nt)
     }
 
-    /// The same grid with other values, one a node, by rows.
+    /// The same grid with other values, one per node, by rows.
     pub fn with_values(&self, values: Vec<f64>) -> Result<Self, MapError> {
         let (latitudes, longitudes) = (self.lat.len, self.lon.len);
         if values.len() != latitudes * longitudes {

@@ -1,4 +1,4 @@
-//! Unknown nodes: which cells they spoil, and what stands in for them when a spline is solved.
+//! Unknown nodes: the cells they affect, and their substitutes when a spline is solved.
 
 /// The rows and columns of a grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -7,7 +7,7 @@ pub(crate) struct Shape {
     pub(crate) columns: usize,
 }
 
-/// Which cells have an unknown node, a bit each; without words where every node is known.
+/// Which cells have an unknown node, one bit each; empty where every node is known.
 #[derive(Clone, Debug, Default)]
 pub(super) struct UnknownCells {
     words: Vec<u64>,
@@ -44,8 +44,8 @@ impl UnknownCells {
 }
 
 /// The node values with every hole filled from its edge inwards: in each round an unknown node
-/// next to known ones takes their mean (of up to eight). What is filled is never handed out; it
-/// only keeps the spline smooth beside a hole.
+/// next to known ones takes their mean (of up to eight). Filled values are never returned; they
+/// only keep the spline smooth next to a hole.
 pub(super) fn filled(shape: Shape, values: &[f64]) -> Vec<f64> {
     let mut values = values.to_vec();
     let mut front: Vec<usize> = (0..values.len())

@@ -26,8 +26,8 @@ pub(super) fn solve_along_rows(table: &mut [f64], columns: usize) {
     }
 }
 
-/// The weights of the nodes -1, 0, 1 and 2 around a place a fraction `t` (0 to 1) past node 0; the node farthest away
-/// has none.
+/// The weights of the nodes -1, 0, 1 and 2 around a position a fraction `t` (0 to 1) past node 0; the node farthest
+/// away has none.
 #[inline(always)]
 pub(super) fn weights(t: f64) -> [f64; 4] {
     piece(t, |u| [0.5 * (0.5 - u) * (0.5 - u), 0.75 - u * u, 0.5 * (0.5 + u) * (0.5 + u)])
@@ -44,7 +44,7 @@ pub(super) fn curvature_weights(t: f64) -> [f64; 4] {
     piece(t, |_| [1.0, -2.0, 1.0])
 }
 
-/// The three weights of the nearer node's piece, at their places among the four nodes.
+/// The three weights of the nearer node's piece, at their positions among the four nodes.
 #[inline(always)]
 fn piece(t: f64, of: impl Fn(f64) -> [f64; 3]) -> [f64; 4] {
     let upper = t >= 0.5;

@@ -1,4 +1,4 @@
-//! Node values made ready for look-ups: one or more quantities of the same nodes, interleaved, so that all that a
+//! Node values prepared for look-ups: one or more quantities of the same nodes, interleaved, so that all that a
 //! look-up needs of them lies in the same few cache lines.
 
 use super::Interpolation;
@@ -7,7 +7,7 @@ use super::quadratic;
 use crate::signal::natural_cubic;
 use rayon::prelude::*;
 
-/// A cell of the grid and the place in it, as fractions of a step northward and eastward.
+/// A cell of the grid and the position in it, as fractions of a step northward and eastward.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cell {
     pub(crate) row: usize,
@@ -16,7 +16,7 @@ pub(crate) struct Cell {
     pub(crate) right: f64,
 }
 
-/// Values of all quantities at a place and their slopes per step northward and eastward.
+/// Values of all quantities at a position and their slopes per step northward and eastward.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Jet<const QUANTITIES: usize> {
     pub(crate) value: [f64; QUANTITIES],
@@ -46,7 +46,7 @@ pub(crate) struct Surface<const QUANTITIES: usize> {
 }
 
 impl<const QUANTITIES: usize> Surface<QUANTITIES> {
-    /// Each quantity has one value a node, by rows; the grid has at least two rows and columns.
+    /// Each quantity has one value per node, by rows; the grid has at least two rows and columns.
     pub(crate) fn new(shape: Shape, values: [&[f64]; QUANTITIES], interpolation: Interpolation) -> Self {
         if interpolation == Interpolation::Linear {
             let table = interleaved(shape.rows * shape.columns, values);
@@ -63,7 +63,7 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
         self.interpolation
     }
 
-    /// All quantities at a place; `None` in a cell with an unknown node.
+    /// All quantities at a position; `None` in a cell with an unknown node.
     #[inline(always)]
     pub(crate) fn at(&self, cell: Cell) -> Option<Jet<QUANTITIES>> {
         match self.interpolation {
@@ -74,7 +74,7 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
     }
 
     /// Reads the first and the last node of each row that [`Self::at`] reads, so that all of their cache lines are on
-    /// the way from memory; the sum is of no use.
+    /// the way from memory; the sum is not used.
     #[inline(always)]
     pub(crate) fn touch(&self, cell: Cell) -> f64 {
         match self.interpolation {
@@ -138,7 +138,7 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
         Some(jet)
     }
 
-    /// The four coefficients of a row that a cell feels.
+    /// The four coefficients of a row that affect a cell.
     #[inline(always)]
     fn window(&self, cell: Cell, k: usize) -> Option<&[[f64; QUANTITIES]; 4]> {
         self.table.get((cell.row + k) * self.width + cell.column..)?.first_chunk()
@@ -182,7 +182,7 @@ impl<const QUANTITIES: usize> Surface<QUANTITIES> {
 }
 
 impl Surface<1> {
-    /// One quantity with a value everywhere: in a gap that of its filling, which is for the caller to hide.
+    /// One quantity with a value everywhere: in a gap the fill value, which the caller must mask.
     pub(crate) fn over_gaps(shape: Shape, values: &[f64], interpolation: Interpolation) -> Self {
         let values = filled(shape, values);
         Self::new(shape, [values.as_slice()], interpolation)

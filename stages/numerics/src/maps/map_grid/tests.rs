@@ -166,8 +166,8 @@ fn law_what_is_not_a_map_is_refused_in_words() {
     assert!(refused(&lat, &[10.0, 10.4, 11.0], &values).contains("even steps: longitude 1 is 10.4"));
     assert!(refused(&lat, &[10.0], &values).contains("at least two"));
     assert!(refused(&[50.0, f64::NAN, 52.0], &lon, &values).contains("latitude 1 of the map is NaN"));
-    assert!(refused(&[80.0, 90.0, 100.0], &lon, &values).contains("more than there are"));
-    assert!(refused(&lat, &[0.0, 200.0, 400.0], &values).contains("more than there are"));
+    assert!(refused(&[80.0, 90.0, 100.0], &lon, &values).contains("outside the valid range"));
+    assert!(refused(&lat, &[0.0, 200.0, 400.0], &values).contains("outside the valid range"));
     assert!(refused(&lat, &lon, &values[..8]).contains("8 values for 3 latitudes"));
     assert_eq!(refused(&lat, &lon, &[f64::NAN; 9]), "every value of the map is NaN");
     let mut infinite = values.clone();

@@ -10,7 +10,7 @@ const ANOMALY: usize = 0;
 const D_ALT: usize = 1;
 const HEIGHT: usize = 2;
 
-/// A map whose every node holds at a height of its own, with its vertical derivative.
+/// A map whose every node has a height of its own, with its vertical derivative.
 #[derive(Clone, Debug)]
 pub struct DrapeMap {
     axes: Axes,
@@ -20,7 +20,7 @@ pub struct DrapeMap {
 
 impl DrapeMap {
     /// A map with the height of each node, in metres, and the change of the field per metre upward there, in nT/m,
-    /// both by rows and known where the map is. They are interpolated as the map is.
+    /// both by rows and known where the map is. They are interpolated in the same way as the map.
     pub fn new(
         grid: &MapGrid,
         height_m: &[f64],
@@ -33,7 +33,7 @@ impl DrapeMap {
         Ok(Self { axes: Axes::of(grid), surface })
     }
 
-    /// The height of the map at a place in degrees, in metres; `None` where the map has no value.
+    /// The height of the map at a position in degrees, in metres; `None` where the map has no value.
     pub fn height_m(&self, lat_deg: f64, lon_deg: f64) -> Option<f64> {
         Some(self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?.value[HEIGHT])
     }
@@ -46,15 +46,15 @@ impl DrapeMap {
     }
 
     /// The anomaly at a height in metres, to first order from the surface: the map's value plus its vertical
-    /// derivative times the way from the map's height; and the exact gradient of that.
+    /// derivative times the height above the map's height; and the exact gradient of that.
     #[inline]
     pub fn at_height(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         self.field(self.axes.cell(lat_deg, lon_deg)?, alt_m)
     }
 
-    /// The anomaly at a height in metres, by a stack of the same field: the map's value plus what the stack changes
-    /// by from the map's height to `alt_m`. What the stack is off by at the surface (it is continued, the map is not)
-    /// thus falls out. `None` where the map or the stack has no value, at either height.
+    /// The anomaly at a height in metres, by a stack of the same field: the map's value plus the change of the stack
+    /// from the map's height to `alt_m`. The error of the stack at the surface (it is continued, the map is not)
+    /// thus cancels. `None` where the map or the stack has no value, at either height.
     pub fn at_height_by(&self, stack: &MapStack, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         let jet = self.surface.at(self.axes.cell(lat_deg, lon_deg)?)?;
         let on_map =
@@ -72,7 +72,7 @@ impl DrapeMap {
         })
     }
 
-    /// [`Self::at_height`] for many places; places without a value are NaN.
+    /// [`Self::at_height`] for many positions; positions without a value are NaN.
     pub fn at_heights(
         &self,
         lat_deg: &[f64],

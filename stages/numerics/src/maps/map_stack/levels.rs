@@ -1,4 +1,4 @@
-//! What a stack is made of, node by node.
+//! The values and slopes of a stack, node by node.
 
 use crate::maps::map_grid::MapGrid;
 use rayon::prelude::*;
@@ -21,7 +21,7 @@ pub(super) fn union_of_unknown(maps: &[MapGrid]) -> Vec<Vec<f64>> {
 pub(super) fn natural_slopes(heights_m: &[f64], values: &[Vec<f64>]) -> Vec<Vec<f64>> {
     let levels = heights_m.len();
     let per_m: Vec<f64> = heights_m.windows(2).map(|pair| 1.0 / (pair[1] - pair[0])).collect();
-    // Past the ends lie steps without weight, which makes the first and last rows those of the natural spline.
+    // Steps past the ends have zero weight, which makes the first and last rows those of the natural spline.
     let before = |level: usize| level.checked_sub(1).map_or(0.0, |step| per_m[step]);
     let after = |level: usize| per_m.get(level).copied().unwrap_or(0.0);
     let mut pivots = vec![0.0; levels];

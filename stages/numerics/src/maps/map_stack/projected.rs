@@ -7,7 +7,7 @@ use crate::maps::map_grid::{AnomalyMap, FieldColumns, MapError, Places};
 
 /// A map, or a stack of maps, on the grid of a projection ([`MapGrid::of_nodes`](super::MapGrid::of_nodes)).
 ///
-/// A place is projected, the value is interpolated between the nodes as they are, and the slopes go back to latitude
+/// A position is projected, the value is interpolated between the nodes, and the slopes are converted to latitude
 /// and longitude by the projection's derivatives, with its scale and its convergence of meridians.
 #[derive(Clone, Debug)]
 pub struct ProjectedMap {
@@ -33,20 +33,20 @@ impl ProjectedMap {
         Self { projection, nodes: OnNodes::Stack(stack) }
     }
 
-    /// The anomaly and its gradient at a place in degrees and metres; `None` where the map has none.
+    /// The anomaly and its gradient at a position in degrees and metres; `None` where the map has none.
     pub fn at(&self, lat_deg: f64, lon_deg: f64, alt_m: f64) -> Option<FieldValue> {
         let place = self.projection.at(lat_deg, lon_deg)?;
         let on_nodes = match &self.nodes {
             OnNodes::Flat(map) => map.at_height(place.row, place.column, alt_m)?,
             OnNodes::Stack(stack) => stack.at(place.row, place.column, alt_m)?,
         };
-        // A row stands for a degree there, so rows per degree are without unit here.
+        // A row is a degree there, so rows per degree are without unit here.
         let (per_row, per_column) = (on_nodes.d_lat_nt_per_rad, on_nodes.d_lon_nt_per_rad);
         let along = |d: usize| per_row * place.row_per_deg[d] + per_column * place.column_per_deg[d];
         Some(FieldValue { d_lat_nt_per_rad: along(0), d_lon_nt_per_rad: along(1), ..on_nodes })
     }
 
-    /// [`Self::at`] for many places; places without a value are NaN.
+    /// [`Self::at`] for many positions; positions without a value are NaN.
     pub fn at_many(
         &self,
         lat_deg: &[f64],

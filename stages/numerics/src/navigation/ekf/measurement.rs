@@ -13,7 +13,7 @@ pub(super) struct Sensitivities<V> {
     pub(super) d_alt: V,
 }
 
-/// What a measurement that is used does to state and covariance.
+/// The update of state and covariance by a measurement.
 pub(super) struct Correction<S: Simd> {
     /// Measurement minus prediction, in nT.
     pub(super) residual_nt: S::f64s,
@@ -21,7 +21,7 @@ pub(super) struct Correction<S: Simd> {
     pub(super) weight: S::f64s,
     /// The variance of the measurement, in nT².
     pub(super) variance: S::f64s,
-    /// The lanes whose measurement is used; the others keep their bits.
+    /// The lanes whose measurement is used; the others are unchanged.
     pub(super) used: S::m64s,
 }
 

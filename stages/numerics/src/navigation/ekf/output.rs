@@ -1,4 +1,4 @@
-//! What the filter hands out.
+//! The output of the filter.
 
 use super::Innovation;
 use crate::earth::geodesy::EarthModel;
@@ -16,14 +16,14 @@ pub struct EkfReport {
     pub off_map: usize,
     /// Samples that the innovation gate left out.
     pub gated: usize,
-    /// What was taken off every measurement, in nT.
+    /// The offset that was subtracted from every measurement, in nT.
     pub offset_nt: f64,
-    /// Samples that the offset is the mean of. Zero although a window was asked for means that no
-    /// sample in the window had a measurement and a map value, and nothing was taken off.
+    /// Samples that the offset is the mean of. Zero although a window is given means that no
+    /// sample in the window had a measurement and a map value, and nothing was subtracted.
     pub offset_samples: usize,
 }
 
-/// The filtered line, one value a sample in every column: the state after the measurement of the
+/// The filtered line, one value per sample in every column: the state after the measurement of the
 /// sample.
 #[derive(Clone, Debug, Default)]
 pub struct EkfOutput {
@@ -33,7 +33,7 @@ pub struct EkfOutput {
     pub p: Vec<StateMatrix>,
     /// Measurement minus prediction, in nT; NaN without a prediction or measurement.
     pub residual_nt: Vec<f64>,
-    /// The residual squared over its predicted variance; NaN with it.
+    /// The residual squared over its predicted variance; NaN where that is.
     pub nis: Vec<f64>,
     /// Estimated latitude, in degrees.
     pub lat_deg: Vec<f64>,

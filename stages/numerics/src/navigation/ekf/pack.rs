@@ -18,7 +18,7 @@ use crate::signal::gauss_markov::GaussMarkov;
 /// The most lanes that a register has.
 const MOST_LANES: usize = 8;
 
-/// What a filter has to itself, but for state and covariance.
+/// The data of one filter, except state and covariance.
 pub(super) struct Filter<'a> {
     point: EkfPoint<'a>,
     core: Option<LinearisedCoreField>,
@@ -47,7 +47,7 @@ impl<'a> Filter<'a> {
         filter
     }
 
-    /// What came of it.
+    /// Its output.
     pub(super) fn finish(self) -> Result<EkfOutput, EkfError> {
         self.fault.map_or(Ok(self.output), Err)
     }
@@ -66,7 +66,7 @@ impl<'a> Filter<'a> {
     }
 
     /// The mean of measurement minus prediction at the INS position over the first seconds, and
-    /// from how many samples; nothing for a window of zero.
+    /// from how many samples; no samples for a window of zero.
     fn offset(&mut self, ins: &InsSeries<'_>) -> (f64, usize) {
         let window_s = self.point.parameters.offset_window_s;
         if window_s <= 0.0 {
@@ -110,8 +110,8 @@ impl<'a> Filter<'a> {
     }
 }
 
-/// As many filters as a register has lanes, or fewer: a lane without a filter does as the last that has one, and
-/// nobody looks.
+/// As many filters as a register has lanes, or fewer: a lane without a filter repeats the last that has one, and
+/// its result is ignored.
 pub(super) struct Pack<'a, S: Simd> {
     filters: Vec<Filter<'a>>,
     noise: NoiseDiscretisation,
@@ -162,7 +162,7 @@ impl<'a, S: Simd> Pack<'a, S> {
         }
     }
 
-    /// A number of every filter; those that are alike one after the other are computed once.
+    /// A number of every filter; consecutive equal ones are computed once.
     #[inline(always)]
     fn of_fogm(&self, simd: S, of: impl Fn(GaussMarkov) -> f64) -> S::f64s {
         let mut last = self.filters[0].fogm;
@@ -203,7 +203,7 @@ impl<'a, S: Simd> Pack<'a, S> {
         }
     }
 
-    /// Corrects states and covariances by the measurements of `row`, where there are any to use, and hands them out.
+    /// Corrects states and covariances by the measurements of `row`, where there are any to use, and outputs them.
     #[inline(always)]
     fn measure(&mut self, simd: S, ins: &InsSeries<'_>, row: usize) {
         let innovations = self.update(simd, ins, row);

@@ -6,7 +6,7 @@ use crate::navigation::pinson::{PinsonForm, S, StateMatrix, StateVector, TimeCon
 use crate::navigation::transition::lanes::Transition;
 use crate::navigation::transition::{NoiseDiscretisation, transition_matrix, van_loan};
 
-/// All that the steps along a line depend on besides the line. The temporal variation is left out: it drives nothing
+/// The parameters that the steps along a line depend on. The temporal variation is left out: it drives nothing
 /// and decays by itself, so every filter has its own.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct StepModel {
@@ -21,7 +21,7 @@ pub(super) struct StepModel {
 pub(super) struct Step {
     pub(super) dt_s: f64,
     pub(super) phi: Transition,
-    /// The process noise of the step where it is integrated, but for that of the temporal variation.
+    /// The process noise of the step where it is integrated, except that of the temporal variation.
     pub(super) noise: Option<Box<StateMatrix>>,
 }
 
@@ -37,7 +37,7 @@ impl StepModel {
         }
     }
 
-    /// How the process noise of a step is made.
+    /// How the process noise of a step is discretised.
     pub(super) fn noise(&self) -> NoiseDiscretisation {
         self.noise
     }

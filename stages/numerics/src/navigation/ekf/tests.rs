@@ -302,7 +302,7 @@ fn law_bad_lines_are_refused_in_words() {
     line.columns[9].pop();
     assert_eq!(message(&line), "column `ins_fd` has 19 rows, `tt` has 20");
     let empty = Line { columns: Default::default(), measurement_nt: Vec::new() };
-    assert_eq!(message(&empty), "the line has 0 sample(s); it takes at least 1");
+    assert_eq!(message(&empty), "the line has 0 sample(s); at least 1 are needed");
     let mut line = Line::golden();
     line.columns[7][11] = 1e200;
     assert!(message(&line).starts_with("the filter diverged at row 12 (tt = 1.2"), "{}", message(&line));

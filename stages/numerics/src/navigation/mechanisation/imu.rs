@@ -1,4 +1,4 @@
-//! What is wrong with the readings of inertial sensors.
+//! The errors of the readings of inertial sensors.
 
 use nalgebra::Vector3;
 
@@ -11,18 +11,18 @@ pub struct ImuErrors {
     pub acc_bias_mps2: Vector3<f64>,
     /// Mean of the gyroscopes' biases over the step, in rad/s.
     pub gyro_bias_radps: Vector3<f64>,
-    /// What velocity random walk adds over the step, in m/s.
+    /// The increment of velocity random walk over the step, in m/s.
     pub acc_walk_mps: Vector3<f64>,
-    /// What angular random walk adds over the step, in rad.
+    /// The increment of angular random walk over the step, in rad.
     pub gyro_walk_rad: Vector3<f64>,
-    /// Scale errors of the accelerometers: that of a specific force of 1.
+    /// Relative scale errors of the accelerometers.
     pub acc_scale: Vector3<f64>,
-    /// Scale errors of the gyroscopes: that of a rate of 1.
+    /// Relative scale errors of the gyroscopes.
     pub gyro_scale: Vector3<f64>,
 }
 
 impl ImuErrors {
-    /// What the sensors say where an error-free one says `exact`.
+    /// The reading of the sensors where an error-free one reads `exact`.
     pub fn measured(&self, exact: &Reading) -> Reading {
         let angle = exact.angle_rad.component_mul(&self.gyro_scale);
         let velocity = exact.velocity_mps.component_mul(&self.acc_scale);

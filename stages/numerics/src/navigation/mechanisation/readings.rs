@@ -5,10 +5,10 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use super::{Earth, Motion, REPETITIONS, Reading, surroundings};
 use crate::earth::attitude::skew;
 
-/// What error-free sensors read along a motion that is given by velocities and attitudes.
+/// The readings of error-free sensors along a motion that is given by velocities and attitudes.
 ///
 /// The inverse of a mechanisation's step, not a quadrature: a free mechanisation of these readings
-/// returns velocities and attitudes to rounding, and as its position what [`Readings::motion`] says,
+/// returns velocities and attitudes to rounding, and as its position that of [`Readings::motion`],
 /// the trapezoidal integral of the velocities.
 #[derive(Clone, Debug)]
 pub struct Readings {
@@ -23,7 +23,7 @@ impl Readings {
         Self { earth, motion: start, before: Reading::default() }
     }
 
-    /// Where the motion has led.
+    /// The current motion.
     pub fn motion(&self) -> &Motion {
         &self.motion
     }

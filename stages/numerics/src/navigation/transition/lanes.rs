@@ -1,8 +1,8 @@
-//! A step of several filters at once, one to each lane of a vector register.
+//! A step of several filters at once, one per lane of a vector register.
 //!
-//! The filters share the transition matrix, but for the temporal variation, which drives nothing and decays by itself.
-//! Every lane is computed by the same sums in the same order, and no product is fused with a sum, so a filter gets the
-//! same bits in any lane, of a register of any width, and whatever the other lanes hold.
+//! The filters share the transition matrix, except for the temporal variation, which drives nothing and decays by
+//! itself. Every lane is computed by the same sums in the same order, and no product is fused with a sum, so a filter
+//! gets the same bits in any lane, of a register of any width, and whatever the other lanes hold.
 
 use pulp::{Simd, bytemuck};
 
@@ -17,10 +17,10 @@ pub(crate) type Matrices<S> = [Vectors<S>; STATES];
 /// The states that depend on others.
 const COUPLED: [usize; COUPLED_STATES] = [LAT, LON, ALT, VN, VE, VD, TILT_N, TILT_E, TILT_D, A_HAT];
 const COUPLED_STATES: usize = 10;
-/// The place of the longitude among them. Nothing but itself depends on it.
+/// The index of the longitude among them. No other state depends on it.
 const LON_PLACE: usize = 1;
 
-/// What is not zero of a transition matrix.
+/// The nonzero entries of a transition matrix.
 #[derive(Clone, Debug)]
 pub(crate) struct Transition {
     /// By column, the entries of the coupled rows.
@@ -51,7 +51,7 @@ pub(crate) fn lane<S: Simd>(values: &S::f64s, lane: usize) -> f64 {
     bytemuck::cast_slice::<S::f64s, f64>(std::slice::from_ref(values)).get(lane).copied().unwrap_or(f64::NAN)
 }
 
-/// A register of a number a lane.
+/// A register of one number per lane.
 #[inline(always)]
 pub(crate) fn from_lanes<S: Simd>(simd: S, mut of: impl FnMut(usize) -> f64) -> S::f64s {
     let mut values = simd.splat_f64s(0.0);
@@ -108,7 +108,8 @@ pub(crate) fn propagate_states<S: Simd>(simd: S, phi: &Transition, fogm_decay: S
     }
 }
 
-/// P ← Φ P Φᵀ of a symmetric P, exactly symmetric. `fogm_decay` stands for the diagonal entry of the temporal variation.
+/// P ← Φ P Φᵀ of a symmetric P, exactly symmetric. `fogm_decay` stands for the diagonal entry of the temporal
+/// variation.
 #[inline(always)]
 pub(crate) fn propagate_covariances<S: Simd>(simd: S, phi: &Transition, fogm_decay: S::f64s, p: &mut Matrices<S>) {
     // The coupled rows of Y = Φ P. P is its own transpose, so a column of it lies in a row.
@@ -119,7 +120,7 @@ pub(crate) fn propagate_covariances<S: Simd>(simd: S, phi: &Transition, fogm_dec
             y[state] = entry;
         }
     }
-    // Y Φᵀ up to the diagonal, with as many sums at a time as the longest of a few rows takes.
+    // Y Φᵀ up to the diagonal, with as many sums at a time as the longest of a few rows needs.
     for (place, y) in y.iter().enumerate() {
         match place {
             0..4 => fill(p, place, &coupled::<S, 4>(simd, phi, y)),

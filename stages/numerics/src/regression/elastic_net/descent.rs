@@ -1,10 +1,10 @@
-//! Coordinate descent on covariances, with exact steps over the terms that take part.
+//! Coordinate descent on covariances, with exact steps over the active terms.
 
 use crate::regression::least_squares::{LeastSquaresError, Prepared, Triangular};
 
 /// How a descent ended.
 pub(super) struct End {
-    /// The duality gap, as a part of ‖y‖².
+    /// The duality gap, as a fraction of ‖y‖².
     pub(super) gap: f64,
     pub(super) sweeps: usize,
 }
@@ -12,7 +12,7 @@ pub(super) struct End {
 pub(super) struct Descent<'a> {
     prepared: &'a Prepared,
     z: &'a [f64],
-    /// ‖y‖², what no terms explain included.
+    /// ‖y‖², including the unexplained part.
     squares: f64,
     unexplained: f64,
     gram: Vec<f64>,
@@ -21,7 +21,7 @@ pub(super) struct Descent<'a> {
     gradient: Vec<f64>,
 }
 
-/// Sweeps over the active terms between two looks at the others and at the gap.
+/// Sweeps over the active terms between two checks of the others and of the gap.
 const SWEEPS_BETWEEN: usize = 3;
 
 impl<'a> Descent<'a> {
@@ -42,9 +42,9 @@ impl<'a> Descent<'a> {
         &self.b
     }
 
-    /// Minimises ‖y − A b‖²/2 + l1 ‖b‖₁ + l2 ‖b‖²/2 from where the last one ended.
+    /// Minimises ‖y − A b‖²/2 + l1 ‖b‖₁ + l2 ‖b‖²/2 from the last solution.
     ///
-    /// Sweeps bring terms in, exact steps bring those that are in to their minimum, or out.
+    /// Sweeps activate terms; exact steps move active terms to their minimum or deactivate them.
     pub(super) fn run(&mut self, l1: f64, l2: f64, tolerance: f64, most_sweeps: usize) -> End {
         let all: Vec<usize> = (0..self.b.len()).collect();
         let mut sweeps = 0;
@@ -88,7 +88,7 @@ impl<'a> Descent<'a> {
         }
     }
 
-    /// Goes straight to the minimum over the active terms with their signs held. A term that would
+    /// Steps to the minimum over the active terms with fixed signs. A term that would
     /// change its sign on the way stays at zero, and the others go on without it: the objective falls
     /// with each step [Lee et al. 2007, "Efficient sparse coding algorithms", the feature-sign search].
     fn solve_active(&mut self, l1: f64, l2: f64) {
@@ -133,7 +133,7 @@ impl<'a> Descent<'a> {
         triangular.solve_with(&pull)
     }
 
-    /// The duality gap over ‖y‖², and the gradient afresh from the factor. [scikit-learn's `enet_gap`; Kim
+    /// The duality gap over ‖y‖², and the gradient recomputed from the factor. [scikit-learn's `enet_gap`; Kim
     /// et al. 2007]
     fn gap(&mut self, l1: f64, l2: f64) -> f64 {
         let left = self.prepared.left_of(self.z, &self.b);
@@ -170,7 +170,7 @@ impl<'a> Descent<'a> {
     }
 }
 
-/// Brought nearer to zero by `by`, and to zero if it is nearer.
+/// Soft thresholding: moved towards zero by `by`, and to zero if it is nearer.
 fn shrunk(x: f64, by: f64) -> f64 {
     (x.abs() - by).max(0.0).copysign(x)
 }

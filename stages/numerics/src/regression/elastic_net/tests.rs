@@ -140,12 +140,12 @@ fn r12_settings_out_of_range_are_named() {
     let all = Moments::merged(&lines()).unwrap();
     let message = |net: ElasticNet, alpha: f64| net.path(&all, 0, &[alpha]).unwrap_err().to_string();
     let net = |l1_ratio: f64| ElasticNet { l1_ratio, ..ElasticNet::default() };
-    assert!(message(net(1.5), 1.0).contains("l1 ratio of an elastic net must be from 0 to 1, and it is 1.5"));
-    assert!(message(net(0.5), -1.0).contains("alpha must be a finite number of at least 0, and it is -1"));
+    assert!(message(net(1.5), 1.0).contains("l1 ratio of an elastic net must be from 0 to 1, but is 1.5"));
+    assert!(message(net(0.5), -1.0).contains("alpha must be a finite number of at least 0, but is -1"));
     assert!(net(0.0).alphas(&all, 0, 5, 1e-3).unwrap_err().to_string().contains("above 0"));
     assert!(net(0.5).path(&all, 1, &[1.0]).unwrap_err().to_string().contains("no target 1"));
     let few = ElasticNet { sweeps: 1, tolerance: 1e-30, ..ElasticNet::default() };
-    assert!(message(few, 0.1).contains("allow more, or a larger tolerance"));
+    assert!(message(few, 0.1).contains("allow more sweeps or a larger tolerance"));
     let alphas = net(0.5).alphas(&all, 0, 5, 1e-2).unwrap();
     assert_eq!(
         net(0.5).paths(&all, std::slice::from_ref(&alphas)).unwrap()[0],

@@ -1,9 +1,9 @@
-//! What a sweep of linear models needs of a line: the factor of [1 | A | Y], apart from its rows.
+//! The sufficient statistics of a line for a sweep of linear models: the factor of [1 | A | Y], without its rows.
 //!
 //! A [`Moments`] is small (p x p), is merged with others in the order of the lines, left out of
-//! them, cut down to some of its terms and targets, and judged against any coefficients: no row is
-//! read again. With the columns taken to one scale it becomes a [`Prepared`], of which every model
-//! is made.
+//! them, cut down to some of its terms and targets, and evaluated with any coefficients: no row is
+//! read again. With the columns scaled it becomes a [`Prepared`], from which every model
+//! is computed.
 
 use rayon::prelude::*;
 
@@ -19,7 +19,7 @@ pub struct MomentsAccumulator {
 }
 
 impl MomentsAccumulator {
-    /// No rows yet of `terms` columns of A and `targets` columns of Y.
+    /// An accumulator without rows for `terms` columns of A and `targets` columns of Y.
     pub fn new(terms: usize, targets: usize) -> Self {
         Self {
             qr: QrAccumulator::new(terms, targets),
@@ -28,7 +28,7 @@ impl MomentsAccumulator {
         }
     }
 
-    /// Folds in rows, as [`QrAccumulator::push`]: `a` row-major, one slice a target.
+    /// Folds in rows, as [`QrAccumulator::push`]: `a` row-major, one slice per target.
     pub fn push(&mut self, a: &[f64], targets: &[&[f64]]) -> Result<(), LeastSquaresError> {
         self.qr.push(a, targets)?;
         let terms = self.least.len();
@@ -41,8 +41,8 @@ impl MomentsAccumulator {
         Ok(())
     }
 
-    /// The same for the targets `chosen` alone, to the last bit what it would be had the others never been there. A
-    /// target that is not there is left out.
+    /// The same for the targets `chosen` alone, bit-identical to moments without the others. An
+    /// index without a target is ignored.
     pub fn select(&self, chosen: &[usize]) -> Self {
         Self { qr: self.qr.select(chosen), least: self.least.clone(), greatest: self.greatest.clone() }
     }
@@ -55,14 +55,14 @@ impl MomentsAccumulator {
     }
 }
 
-/// The triangle and what is left of the columns that it carries.
+/// The triangle and the residuals of the columns that it carries.
 fn taken(mut triangle: Triangle) -> (Vec<f64>, Vec<f64>) {
     triangle.flush();
     let squares = triangle.squares().to_vec();
     (triangle.upper(), squares)
 }
 
-/// What rows [A | Y] hold for every linear model: sizes, means, extremes and the triangular factor
+/// The statistics of rows [A | Y] for linear models: sizes, means, extremes and the triangular factor
 /// of [1 | A | Y].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moments {
@@ -79,9 +79,9 @@ pub struct Moments {
 /// A linear model of one target in the units of the columns: y = intercept + Σ coefficient · term.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearFit {
-    /// One coefficient a term: unit of the target over unit of the term.
+    /// One coefficient per term: unit of the target over unit of the term.
     pub coefficients: Vec<f64>,
-    /// What is added to the terms' sum, in the unit of the target.
+    /// The constant that is added to the terms' sum, in the unit of the target.
     pub intercept: f64,
 }
 
@@ -93,19 +93,19 @@ impl LinearFit {
     }
 }
 
-/// What a model leaves of a target over some rows.
+/// The residual of a model of a target over some rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Residuals {
-    /// How many rows there are.
+    /// The number of rows.
     pub rows: usize,
     /// The sum of squared residuals.
     pub squares: f64,
-    /// The same after their mean is taken off.
+    /// The same after subtracting their mean.
     pub squares_about_mean: f64,
 }
 
 impl Moments {
-    /// The moments of rows held in memory: `a` row-major, one slice a target.
+    /// The moments of rows in memory: `a` row-major, one slice per target.
     pub fn of(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
         let mut accumulator = MomentsAccumulator::new(terms, targets.len());
         accumulator.push(a, targets)?;
@@ -116,7 +116,7 @@ impl Moments {
         MomentsAccumulator::new(self.terms, self.targets).finish()
     }
 
-    /// The moments of the rows of both. The answer depends on the order in its last bits: merge in
+    /// The moments of the rows of both. The result depends on the order in its last bits: merge in
     /// the order of the lines.
     pub fn merge(&self, other: &Self) -> Result<Self, LeastSquaresError> {
         expect("the other line's terms", other.terms, self.terms)?;
@@ -152,7 +152,7 @@ impl Moments {
     pub fn leave_one_out(lines: &[Self]) -> Result<Vec<Self>, LeastSquaresError> {
         let first = lines.first().filter(|_| lines.len() > 1);
         let first = first.ok_or(LeastSquaresError::TooFewLines { given: lines.len() })?;
-        // What lies behind each line, then what lies before it as the walk goes on.
+        // The moments after each line, then those before it as the loop advances.
         let mut behind = vec![first.none_like()];
         for line in lines.iter().skip(1).rev() {
             let next = line.merge(&behind[behind.len() - 1])?;
@@ -167,7 +167,7 @@ impl Moments {
         Ok(others)
     }
 
-    /// The moments of some terms and targets alone, in the order asked for.
+    /// The moments of some terms and targets alone, in the requested order.
     pub fn select(&self, terms: &[usize], targets: &[usize]) -> Result<Self, LeastSquaresError> {
         let known = |what, chosen: &[usize], count| match chosen.iter().find(|c| **c >= count) {
             Some(&number) => Err(LeastSquaresError::NoSuch { what, number, count }),
@@ -198,8 +198,8 @@ impl Moments {
         })
     }
 
-    /// The moments of other columns that are sums of these: column c is Σⱼ `weights`\[c\]\[j\] term j, less `offsets`\[c\];
-    /// the targets stay. The new columns' extremes are not known, so no scaling by them has an effect.
+    /// The moments of other columns that are sums of these: column c is Σⱼ `weights`\[c\]\[j\] term j, less
+    /// `offsets`\[c\]; the targets stay. The new columns' extremes are not known, so no scaling by them has an effect.
     pub fn combined(&self, weights: &[Vec<f64>], offsets: &[f64]) -> Result<Self, LeastSquaresError> {
         expect("the list of offsets", offsets.len(), weights.len())?;
         for column in weights {
@@ -228,27 +228,27 @@ impl Moments {
         })
     }
 
-    /// How many rows were folded in.
+    /// The number of rows folded in.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// How many terms there are.
+    /// The number of terms.
     pub fn terms(&self) -> usize {
         self.terms
     }
 
-    /// How many targets there are.
+    /// The number of targets.
     pub fn targets(&self) -> usize {
         self.targets
     }
 
-    /// The mean of each term, in its unit; NaN of no rows.
+    /// The mean of each term, in its unit; NaN without rows.
     pub fn term_means(&self) -> Vec<f64> {
         self.upper[1..=self.terms].iter().map(|sum| sum / self.upper[0]).collect()
     }
 
-    /// The mean of each target, in its unit; NaN of no rows.
+    /// The mean of each target, in its unit; NaN without rows.
     pub fn target_means(&self) -> Vec<f64> {
         self.upper[1 + self.terms..self.width()].iter().map(|sum| sum / self.upper[0]).collect()
     }
@@ -270,7 +270,7 @@ impl Moments {
         self.upper.chunks_exact(self.width()).skip(1).map(|row| row[column] * row[column]).sum()
     }
 
-    /// What `fit` leaves of one target over these rows: (3.26)'s residual without reading a row.
+    /// The residual of `fit` for one target over these rows, (3.26), without reading a row.
     pub fn residuals(&self, target: usize, fit: &LinearFit) -> Result<Residuals, LeastSquaresError> {
         expect("the list of coefficients", fit.coefficients.len(), self.terms)?;
         let unexplained = *self.unexplained.get(target).ok_or(LeastSquaresError::NoSuch {
@@ -287,9 +287,9 @@ impl Moments {
         Ok(Residuals { rows: self.rows, squares: about_mean + of_mean * of_mean, squares_about_mean: about_mean })
     }
 
-    /// The columns on one scale, of which models are made.
+    /// The scaled columns, from which models are computed.
     ///
-    /// With `intercept` the means of terms and targets are taken off. Without, columns are divided
+    /// With `intercept` the means of terms and targets are subtracted. Without, columns are divided
     /// by their scale but not shifted.
     pub fn prepare(&self, scaling: Scaling, intercept: bool) -> Result<Prepared, LeastSquaresError> {
         if self.rows == 0 {
@@ -353,16 +353,16 @@ pub enum LineScore {
     Variance,
 }
 
-/// How well each candidate of a list predicts lines that it has not seen.
+/// The leave-one-line-out scores of a list of candidates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LineScores {
     /// For each candidate, the score of each line when left out, in the target's unit squared.
     pub scores: Vec<Vec<f64>>,
-    /// For each candidate, the mean over the lines, each counting alike.
+    /// For each candidate, the mean over the lines, with equal weights.
     pub mean: Vec<f64>,
     /// For each candidate, the standard deviation of the scores (n − 1) over the root of their number.
     pub standard_error: Vec<f64>,
-    /// The candidate with the least mean, the first of equals.
+    /// The candidate with the least mean, the first of ties.
     pub best: usize,
     /// The first candidate that is no worse than the best by more than the best's standard error.
     pub within_one_error: usize,
@@ -384,10 +384,10 @@ impl LineScores {
     }
 }
 
-/// Scores a list of candidates by leaving each line out once: `fits` makes the candidates of the
+/// Scores a list of candidates by leaving each line out once: `fits` computes the candidates from the
 /// moments of all other lines, always as many and from the simplest to the most complex.
 ///
-/// Runs on rayon's threads, one line each; the answer does not depend on their number.
+/// Runs on rayon's threads, one line each; the result does not depend on their number.
 pub fn leave_line_out<F>(
     lines: &[Moments],
     target: usize,

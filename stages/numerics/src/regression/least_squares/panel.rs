@@ -1,6 +1,6 @@
 //! The triangular factor of a tall matrix, a panel of rows at a time.
 //!
-//! Householder reflections eliminate a panel below the triangle held so far: QR of [R; panel]. The
+//! Householder reflections eliminate a panel below the current triangle: QR of [R; panel]. The
 //! rows are the outer loop and the columns the inner one, eight to a cache line, so that every sum
 //! over the rows runs in row order on any processor, vector width and number of threads. Updating
 //! the panel by one reflection and forming the inner products of the next are one pass over it.
@@ -8,7 +8,7 @@
 /// Columns that are worked on together: one cache line.
 const LANES: usize = 8;
 
-/// Rows of a panel: with 24 columns it just fills the first-level cache.
+/// Rows of a panel: with 24 columns it fills the first-level cache.
 pub(super) const PANEL: usize = 192;
 
 #[derive(Debug, Clone, Copy)]
@@ -17,13 +17,13 @@ struct Lanes([f64; LANES]);
 
 const ZERO: Lanes = Lanes([0.0; LANES]);
 
-/// The upper triangle of a QR factorisation, and the rows that wait to be eliminated.
+/// The upper triangle of a QR factorisation, and the rows that are pending elimination.
 #[derive(Debug, Clone)]
 pub(super) struct Triangle {
     width: usize,
-    /// How many columns are eliminated; those behind them are only carried along.
+    /// The number of columns that are eliminated; those after them are only carried along.
     pivots: usize,
-    /// What the eliminated columns leave of each of the others: the sum of squares.
+    /// The residual sum of squares of each of the others.
     squares: Vec<f64>,
     /// `blocks` times [`PANEL`] rows of eight columns.
     panel: Vec<Lanes>,
@@ -37,9 +37,9 @@ pub(super) struct Triangle {
 }
 
 impl Triangle {
-    /// The triangle of a matrix of `pivots` columns, with `carried` more beside them, and no rows.
+    /// The triangle of a matrix of `pivots` columns, with `carried` more next to them, and no rows.
     ///
-    /// What comes of a carried column does not depend, to the last bit, on the others.
+    /// The result for a carried column is bit-independent of the others.
     pub(super) fn new(pivots: usize, carried: usize) -> Self {
         let width = pivots + carried;
         let blocks = width.div_ceil(LANES);
@@ -57,7 +57,7 @@ impl Triangle {
         }
     }
 
-    /// Adds one row of `width` entries, or of [`padded`](Self::padded) with zeros behind them.
+    /// Adds one row of `width` entries, or of [`padded`](Self::padded) padded with zeros.
     #[inline]
     pub(super) fn push(&mut self, row: &[f64]) {
         let (whole, rest) = row.as_chunks::<LANES>();
@@ -78,7 +78,7 @@ impl Triangle {
         self.dots.len() * LANES
     }
 
-    /// Eliminates the rows that wait.
+    /// Eliminates the pending rows.
     pub(super) fn flush(&mut self) {
         if self.filled > 0 {
             pulp::Arch::new().dispatch(Eliminate(self));
@@ -86,17 +86,17 @@ impl Triangle {
         }
     }
 
-    /// What is left of each carried column.
+    /// The residual sum of squares of each carried column.
     pub(super) fn squares(&self) -> &[f64] {
         &self.squares
     }
 
-    /// Adds to what is left of the carried columns.
+    /// Adds to the residual sums of squares of the carried columns.
     pub(super) fn add_squares(&mut self, squares: &[f64]) {
         self.squares.iter_mut().zip(squares).for_each(|(sum, more)| *sum += more);
     }
 
-    /// The same with only those carried columns that `chosen` names, in that order.
+    /// The same with only the carried columns in `chosen`, in that order.
     pub(super) fn select(mut self, chosen: &[usize]) -> Self {
         self.flush();
         let mut out = Self::new(self.pivots, chosen.len());
@@ -205,7 +205,7 @@ fn reflect_panel(t: &mut Triangle, column: usize) {
     std::mem::swap(&mut t.reflector, &mut t.next_reflector);
 }
 
-/// Takes `v` times `steps` off eight columns, and returns their inner products with `next`.
+/// Subtracts `v` times `steps` from eight columns, and returns their inner products with `next`.
 #[inline(always)]
 fn update(rows: &mut [Lanes], v: &[f64], steps: &Lanes, next: &[f64]) -> Lanes {
     // Two sums, of the even and the odd rows, keep the adders busy; their order is fixed.

@@ -1,14 +1,14 @@
-//! A factor whose columns are centred and scaled, and what is made of it at once for all models.
+//! A factor whose columns are centred and scaled, shared by all models.
 
 use faer::Mat;
 
 use super::ridge::{self, RidgePath};
 use super::{LeastSquaresError, LinearFit, expect};
 
-/// What columns are divided by before a penalty treats them alike.
+/// The divisor of columns before a uniform penalty.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Scaling {
-    /// Nothing: the columns as they are.
+    /// No scaling: the columns unchanged.
     #[default]
     None,
     /// Their standard deviation with n − 1.
@@ -19,17 +19,17 @@ pub enum Scaling {
     MinMax,
 }
 
-/// The triangular factor of centred (where asked for) and scaled columns, with their targets.
+/// The triangular factor of centred (optionally) and scaled columns, with their targets.
 ///
-/// All that a penalised fit depends on: ‖y − A β‖² = ‖z − R b‖² + unexplained, with b in scaled
-/// units. Coefficients go back to the columns' own units by [`original`](Self::original).
+/// Sufficient for a penalised fit: ‖y − A β‖² = ‖z − R b‖² + unexplained, with b in scaled
+/// units. Coefficients are converted to the columns' own units by [`original`](Self::original).
 #[derive(Debug, Clone)]
 pub struct Prepared {
     rows: usize,
     terms: usize,
     /// Row-major, `terms` by `terms`.
     r: Vec<f64>,
-    /// For each target, the part of it along the factor's rows.
+    /// For each target, its component along the factor's rows.
     z: Vec<Vec<f64>>,
     unexplained: Vec<f64>,
     term_means: Vec<f64>,
@@ -43,9 +43,9 @@ pub struct Prepared {
 pub struct Singular {
     /// Singular values, largest first.
     pub values: Vec<f64>,
-    /// Right singular vectors, one a value, each with one entry a term.
+    /// Right singular vectors, one per value, each with one entry per term.
     pub right: Vec<Vec<f64>>,
-    /// For each target, its part along each left singular vector.
+    /// For each target, its component along each left singular vector.
     pub projections: Vec<Vec<f64>>,
 }
 
@@ -64,7 +64,7 @@ impl Prepared {
     ) -> Self {
         let terms = scales.len();
         let width = terms + targets;
-        // A constant has nothing left but rounding once its mean is off.
+        // A constant is only rounding after subtracting its mean.
         let entry = |i: usize, j: usize| {
             if constant[j] && intercept { 0.0 } else { upper[i * width + j] / scales[j] }
         };
@@ -73,49 +73,49 @@ impl Prepared {
         Self { rows, terms, r, z, unexplained, term_means, target_means, scales, intercept }
     }
 
-    /// How many rows the factor stands for.
+    /// The number of rows of the factor.
     pub fn rows(&self) -> usize {
         self.rows
     }
 
-    /// How many terms there are.
+    /// The number of terms.
     pub fn terms(&self) -> usize {
         self.terms
     }
 
-    /// How many targets there are.
+    /// The number of targets.
     pub fn targets(&self) -> usize {
         self.z.len()
     }
 
-    /// Whether means were taken off.
+    /// Whether means were subtracted.
     pub fn intercept(&self) -> bool {
         self.intercept
     }
 
-    /// What each column was divided by, in its unit.
+    /// The divisor of each column, in its unit.
     pub fn scales(&self) -> &[f64] {
         &self.scales
     }
 
-    /// The factor R, row-major, upper triangular, one column a term.
+    /// The factor R, row-major, upper triangular, one column per term.
     pub fn factor(&self) -> &[f64] {
         &self.r
     }
 
-    /// The part z of a target that terms could explain, or what is wrong with its number.
+    /// The part z of a target that terms could explain, or an error for an unknown index.
     pub fn along(&self, target: usize) -> Result<&[f64], LeastSquaresError> {
         let count = self.z.len();
         let z = self.z.get(target).ok_or(LeastSquaresError::NoSuch { what: "target", number: target, count })?;
         Ok(z)
     }
 
-    /// The sum of squares of a target that no coefficients explain; NaN of no such target.
+    /// The sum of squares of a target that no coefficients explain; NaN for an unknown target.
     pub fn unexplained(&self, target: usize) -> f64 {
         self.unexplained.get(target).copied().unwrap_or(f64::NAN)
     }
 
-    /// The sum of squares of a target (about its mean, where means were taken off).
+    /// The sum of squares of a target (about its mean, where means were subtracted).
     pub fn target_squares(&self, target: usize) -> Result<f64, LeastSquaresError> {
         Ok(self.along(target)?.iter().map(|z| z * z).sum::<f64>() + self.unexplained(target))
     }
@@ -165,7 +165,7 @@ impl Prepared {
         LinearFit { coefficients, intercept }
     }
 
-    /// Coefficients in the columns' own units in scaled ones.
+    /// Converts coefficients from the columns' own units to scaled ones.
     pub fn scaled(&self, coefficients: &[f64]) -> Vec<f64> {
         coefficients.iter().zip(&self.scales).map(|(b, s)| b * s).collect()
     }
@@ -187,7 +187,11 @@ impl Prepared {
     /// the scaled columns; thesis 004 (2.31)-(2.32) and its column scaling β = b / s.
     ///
     /// Coefficients, intercepts and covariances are in the columns' own units; singular values and
-    /// condition number are those of the scaled matrix. Errors as [`super::QrAccumulator::solve`].
+    /// condition number are those of the scaled matrix.
+    ///
+    /// # Errors
+    ///
+    /// Fails as [`super::QrAccumulator::solve`].
     pub fn ridge<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S]) -> Result<RidgePath, LeastSquaresError> {
         expect("the list of term names", names.len(), self.terms)?;
         super::check_lambdas(lambdas)?;

@@ -6,19 +6,19 @@ use super::LeastSquaresError;
 
 /// Below this fraction of the largest singular value, with all columns scaled to the same length, a
 /// direction counts as not excited. A zero-phase filter over 50,000 nT leaves dependent columns
-/// independent by some 1e-13 through rounding alone; real calibration flights stay above 1e-6.
+/// independent by about 1e-13 through rounding alone; real calibration flights stay above 1e-6.
 pub const RANK_TOLERANCE: f64 = 1e-12;
 
-/// The least part that a term must have in a direction without excitation to be named for it.
+/// The smallest component that a term must have in a direction without excitation to be listed.
 const NAMED_FROM: f64 = 1e-4;
 
-/// The triangular factor of [A | Y] and what is known of its rows.
+/// The triangular factor of [A | Y] and statistics of its rows.
 pub(super) struct Factor {
     pub(super) rows: usize,
     pub(super) terms: usize,
     pub(super) targets: usize,
     pub(super) upper: Vec<f64>,
-    /// What no coefficients can explain of each target: the sum of squares off the terms' columns.
+    /// The unexplained sum of squares of each target: the part outside the span of the terms' columns.
     pub(super) unexplained: Vec<f64>,
     pub(super) means: Vec<f64>,
     pub(super) centred: bool,
@@ -35,51 +35,51 @@ impl Factor {
 pub struct RidgeSolution {
     /// The ridge parameter.
     pub lambda: f64,
-    /// For each target, one coefficient a term: unit of the target over unit of the term.
+    /// For each target, one coefficient per term: unit of the target over unit of the term.
     pub coefficients: Vec<Vec<f64>>,
-    /// For each target, what is added to the terms' sum: 0 unless the fit took means off.
+    /// For each target, the constant added to the terms' sum: 0 unless the fit subtracts means.
     pub intercepts: Vec<f64>,
     /// The effective number of fitted parameters, Σ s²/(s² + λ), with the intercept.
     pub degrees_of_freedom: f64,
     /// For each target, the sum of squared residuals.
     pub residual_squares: Vec<f64>,
-    /// For each target, that sum over rows less degrees of freedom; NaN where nothing is left over.
+    /// For each target, that sum over rows less degrees of freedom; NaN without degrees of freedom.
     pub residual_variances: Vec<f64>,
 }
 
-/// The fits for a list of ridge parameters, and how well conditioned they are.
+/// The fits for a list of ridge parameters, and their conditioning.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RidgePath {
     /// The names of the terms, in the order of the coefficients.
     pub terms: Vec<String>,
-    /// How many rows were fitted.
+    /// The number of fitted rows.
     pub rows: usize,
     /// The mean of each term.
     pub term_means: Vec<f64>,
     /// The mean of each target.
     pub target_means: Vec<f64>,
-    /// The singular values of the (centred, where asked for) matrix, largest first.
+    /// The singular values of the (optionally centred) matrix, largest first.
     pub singular_values: Vec<f64>,
     /// The largest singular value over the smallest: infinite when a term is zero throughout.
     pub condition: f64,
-    /// How many independent directions the columns span once each is scaled to the same length.
+    /// The rank of the columns after scaling each to the same length.
     pub rank: usize,
-    /// Terms that are zero in every row (constant, where the fit took means off).
+    /// Terms that are zero in every row (constant, where the fit subtracts means).
     pub unexcited: Vec<String>,
     /// Terms that take part in a linear dependence.
     pub dependent: Vec<String>,
-    /// One solution for each lambda, in the order asked for.
+    /// One solution for each lambda, in the requested order.
     pub solutions: Vec<RidgeSolution>,
-    /// Right singular vectors, row-major, one row a term.
+    /// Right singular vectors, row-major, one row per term.
     right: Vec<f64>,
-    /// What the columns were divided by before the decomposition.
+    /// The divisors of the columns before the decomposition.
     scales: Vec<f64>,
 }
 
 impl RidgePath {
-    /// The covariance of a solution's coefficients for one target, row-major, one row a term:
+    /// The covariance of a solution's coefficients for one target, row-major, one row per term:
     /// σ² V diag(s²/(s² + λ)²) Vᵀ with σ² the residual variance. It is the sampling covariance and
-    /// leaves out the bias that a ridge brings. `None` if there is no such solution or target.
+    /// excludes the bias of the ridge. `None` if there is no such solution or target.
     pub fn covariance(&self, solution: usize, target: usize) -> Option<Vec<f64>> {
         let solution = self.solutions.get(solution)?;
         let variance = *solution.residual_variances.get(target)?;
@@ -93,7 +93,7 @@ impl RidgePath {
         Some((0..p * p).map(|ij| entry(ij / p, ij % p)).collect())
     }
 
-    /// Takes coefficients from those of columns divided by `scales` to those of the columns.
+    /// Converts coefficients of columns divided by `scales` to those of the columns.
     pub(super) fn unscale(&mut self, scales: &[f64]) {
         for coefficients in self.solutions.iter_mut().flat_map(|solution| &mut solution.coefficients) {
             coefficients.iter_mut().zip(scales).for_each(|(b, s)| *b /= s);
@@ -124,7 +124,7 @@ fn decompose(p: usize, at: impl Fn(usize, usize) -> f64) -> Result<Decomposition
     })
 }
 
-/// Solves for all lambdas. `names` has one name a term.
+/// Solves for all lambdas. `names` has one name per term.
 pub(super) fn solve(factor: Factor, lambdas: &[f64], names: Vec<String>) -> Result<RidgePath, LeastSquaresError> {
     let p = factor.terms;
     let excitation = excitation(&factor, &names)?;
@@ -199,14 +199,14 @@ struct Excitation {
 
 /// The rank of the columns scaled to one length, and which terms spoil it.
 ///
-/// A term's part in the directions without excitation is the diagonal of the projector onto them,
-/// which does not depend on the basis that the decomposition happened to choose.
+/// A term's component in the directions without excitation is the diagonal of the projector onto them,
+/// which does not depend on the basis of the decomposition.
 fn excitation(factor: &Factor, names: &[String]) -> Result<Excitation, LeastSquaresError> {
     let p = factor.terms;
     let length = |j: usize| (0..=j).map(|i| factor.at(i, j).powi(2)).sum::<f64>().sqrt();
     let lengths: Vec<f64> = (0..p).map(length).collect();
     let longest = lengths.iter().copied().fold(0.0, f64::max);
-    // With means taken off, a constant term leaves rounding of its own mean.
+    // With means subtracted, a constant term leaves rounding of its own mean.
     let roots = (factor.rows as f64).sqrt();
     let zero = |j: usize| {
         let mean = if factor.centred { factor.means[j].abs() } else { 0.0 };
@@ -227,7 +227,7 @@ fn excitation(factor: &Factor, names: &[String]) -> Result<Excitation, LeastSqua
     })
 }
 
-/// The message of a fit that has no unique answer.
+/// The message of a fit without a unique solution.
 pub(super) fn deficient(rank: usize, terms: usize, rows: usize, unexcited: &[String], dependent: &[String]) -> String {
     let quoted = |names: &[String]| {
         let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
@@ -241,7 +241,7 @@ pub(super) fn deficient(rank: usize, terms: usize, rows: usize, unexcited: &[Str
         why.push(format!("{} are linearly dependent", quoted(dependent)));
     }
     format!(
-        "with lambda = 0 the fit has no unique answer: {rows} rows hold only {rank} independent \
+        "with lambda = 0 the solution is not unique: {rows} rows contain only {rank} independent \
          combinations of {terms} terms; {}. Use lambda > 0, leave a term out, or fit over more manoeuvres",
         why.join(" and ")
     )

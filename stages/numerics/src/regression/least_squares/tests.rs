@@ -173,7 +173,7 @@ fn law_dependent_and_unexcited_terms_are_named_without_a_ridge_and_solved_with_o
     assert_eq!(dependent.as_slice(), ["a0".to_owned(), "a2".to_owned()]);
     let message = error.to_string();
     assert!(message.contains("`a0`, `a2` are linearly dependent"), "{message}");
-    assert!(message.contains("200 rows hold only 3 independent combinations of 5 terms"), "{message}");
+    assert!(message.contains("200 rows contain only 3 independent combinations of 5 terms"), "{message}");
     let path = factor.solve(&[1e-3], &NAMES).unwrap();
     assert_eq!((path.rank, path.condition > 1e12), (3, true));
     assert_eq!(path.dependent, ["a0", "a2"]);
@@ -228,7 +228,7 @@ fn r12_bad_input_is_named() {
     assert!(message(factor.push(&[1.0, 1.0], &[])).contains("list of targets"));
     assert!(message(factor.merge(QrAccumulator::new(1, 2))).contains("targets"));
     assert!(message(factor.merge(QrAccumulator::new(1, 1))).contains("terms"));
-    assert!(factor.solve(&[-1.0], &["a", "b"]).unwrap_err().to_string().contains("it is -1"));
+    assert!(factor.solve(&[-1.0], &["a", "b"]).unwrap_err().to_string().contains("but is -1"));
     assert!(factor.solve(&[f64::NAN], &["a", "b"]).is_err());
     assert!(factor.solve(&[1.0], &["a"]).is_err());
     let none = QrAccumulator::new(2, 1).solve(&[1.0], &["a", "b"]);

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use super::FilterError;
 
-/// Which frequencies a filter lets through.
+/// The pass band of a filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Band {
     /// All below `high_hz`: a low-pass.
@@ -65,7 +65,7 @@ pub struct Section {
 }
 
 impl Section {
-    /// The section that lets everything through unchanged.
+    /// The section that passes everything unchanged.
     pub(super) const PASS: Self = Self { b1: 0.0, b2: 0.0, a1: 0.0, a2: 0.0 };
 
     /// Whether the numerator is that of a band-pass, 1 − z⁻².
@@ -73,7 +73,7 @@ impl Section {
         self.b1 == 0.0 && self.b2 == -1.0
     }
 
-    /// What a constant of one becomes.
+    /// The response to a constant of one.
     pub(super) fn constant_gain(&self) -> f64 {
         (1.0 + self.b1 + self.b2) / (1.0 + self.a1 + self.a2)
     }
@@ -120,7 +120,7 @@ impl Complex {
     }
 }
 
-/// Analogue poles that make one section: a conjugate pair by its upper member, or real ones.
+/// Analogue poles that form one section: a conjugate pair by its upper member, or real ones.
 enum Poles {
     Pair(Complex),
     Real(f64, f64),
@@ -221,7 +221,7 @@ fn section(poles: &Poles, band: Band) -> (f64, Section) {
         (Band::High { .. }, Poles::Single(_)) => (-1.0, 0.0),
         (Band::Low { .. }, _) => (2.0, 1.0),
         (Band::High { .. }, _) => (-2.0, 1.0),
-        // One zero at 0 Hz and one at Nyquist each: a constant is gone after the first section.
+        // One zero at 0 Hz and one at Nyquist each: a constant is removed by the first section.
         (Band::Band { .. }, _) => (0.0, -1.0),
     };
     let (factor, a1, a2) = match *poles {
@@ -238,7 +238,7 @@ fn quadratic(sum: f64, product: f64) -> (f64, f64, f64) {
     (1.0 / denominator, -2.0 * (1.0 - product) / denominator, (1.0 + sum + product) / denominator)
 }
 
-/// What is left of the gain beside Π 1/(1 − s): the analogue gain times Π(1 − zeros).
+/// The gain without the factor Π 1/(1 − s): the analogue gain times Π(1 − zeros).
 fn analogue_gain(band: Band, order: usize, warp: &impl Fn(f64) -> f64) -> f64 {
     let width = match band {
         Band::Low { high_hz } => warp(high_hz),

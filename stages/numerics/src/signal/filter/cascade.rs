@@ -2,8 +2,8 @@
 //!
 //! Time is the outer loop and the columns are the inner one: the columns fill the vector registers,
 //! where a single recursive filter cannot be vectorised at all. Each column's arithmetic is the
-//! same sequence of additions and fused multiplications on any processor and beside any other
-//! column, so that the answer does not depend on either.
+//! same sequence of additions and fused multiplications on any processor and next to any other
+//! column, so that the result does not depend on either.
 
 use super::Section;
 
@@ -25,7 +25,7 @@ pub(super) struct Cascade {
     steady: Vec<[f64; 2]>,
 }
 
-/// What a section remembers of up to eight columns: y = x − w0, w0 ← w1 − b1 x + a1 y,
+/// The state of a section for up to eight columns: y = x − w0, w0 ← w1 − b1 x + a1 y,
 /// w1 ← a2 y − b2 x (transposed direct form II with the signs turned).
 type State = [[f64; LANES]; 2];
 
@@ -59,7 +59,7 @@ impl Cascade {
         pulp::Arch::new().dispatch(Sweep::<true> { cascade: self, columns, pieces });
     }
 
-    /// The steady state of every section for the first row that a sweep meets.
+    /// The steady state of every section for the first row of a sweep.
     fn start(&self, row: &[f64]) -> Vec<State> {
         let groups = row.chunks(LANES);
         groups
@@ -128,7 +128,7 @@ fn filter_chunk<const BACKWARDS: bool>(cascade: &Cascade, rows: &mut [f64], colu
     }
 }
 
-/// Where a group of columns lies in a row, and in the state of its eight.
+/// The position of a group of columns in a row, and in the state of its eight.
 #[derive(Clone, Copy)]
 struct Place {
     columns: usize,
@@ -208,8 +208,8 @@ fn run<const BACKWARDS: bool, const BAND: bool, const W: usize, const K: usize>(
     }
 }
 
-/// One sample through `K` sections. `BAND` says that b1 = 0 and b2 = −1 in all of them, for which
-/// three operations do what takes five otherwise, to the same bits.
+/// One sample through `K` sections. With `BAND`, b1 = 0 and b2 = −1 in all of them, for which
+/// three operations replace five, with the same bits.
 #[inline(always)]
 fn step<const BAND: bool, const W: usize, const K: usize>(
     row: &mut [f64],

@@ -2,7 +2,7 @@
 
 use super::Place;
 
-/// Interpolates `x` at the times `tt` for each place; each part between gaps longer than
+/// Interpolates `x` at the times `tt` for each position; each part between gaps longer than
 /// `max_gap_s` has its own curve.
 pub(super) fn interpolate(tt: &[f64], x: &[f64], places: &[Place], max_gap_s: f64) -> Vec<f64> {
     let slopes = slopes(tt, x, max_gap_s);

@@ -1,11 +1,11 @@
-//! Angles in degrees, which come back to where they were after a turn.
+//! Angles in degrees, periodic after a full turn.
 
-/// In which of the two usual ranges a column of angles is written.
+/// The range of a column of angles: one of the two usual ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AngleRange {
     /// From −180 to 180, 180 included.
     Signed,
-    /// From 0 to 360, 360 left out.
+    /// From 0 to 360, 360 excluded.
     Full,
 }
 
@@ -23,7 +23,7 @@ impl AngleRange {
             Self::Signed if degrees > -180.0 && degrees <= 180.0 => degrees,
             Self::Full if (0.0..360.0).contains(&degrees) => degrees,
             Self::Signed => -shortest(-degrees),
-            // The remainder of a tiny negative angle rounds up to 360 itself.
+            // The remainder of a tiny negative angle rounds up to 360.
             Self::Full => match degrees.rem_euclid(360.0) {
                 whole if whole >= 360.0 => 0.0,
                 angle => angle,
@@ -32,7 +32,7 @@ impl AngleRange {
     }
 }
 
-/// The same turn by the shorter way, −180 included and 180 left out.
+/// The same rotation by the shorter way, −180 included and 180 excluded.
 pub(super) fn shortest(degrees: f64) -> f64 {
     if (-180.0..180.0).contains(&degrees) {
         return degrees;
@@ -42,7 +42,7 @@ pub(super) fn shortest(degrees: f64) -> f64 {
 }
 
 /// Angles without jumps: whole turns are added so that each step is the shorter one. Values that
-/// are not finite stay as they are and are stepped over.
+/// are not finite are unchanged and skipped.
 pub fn unwrap_degrees(degrees: &[f64]) -> Vec<f64> {
     let mut last: Option<f64> = None;
     let unwrapped = degrees.iter().map(|&angle| {

@@ -1,4 +1,4 @@
-//! The low-pass that goes before a resampling to a lower rate.
+//! The low-pass before a resampling to a lower rate.
 
 use crate::signal::filter::{Band, FilterError, ZeroPhase};
 use crate::signal::segments::{FilterReport, STEP_TOLERANCE, TimeError, Usable, filter_column, sample_rate};
@@ -6,13 +6,13 @@ use crate::signal::segments::{FilterReport, STEP_TOLERANCE, TimeError, Usable, f
 /// The corner of the low-pass as a fraction of half of the new rate.
 pub const ANTI_ALIAS_FRACTION: f64 = 0.8;
 
-/// The order of the low-pass: with both passes it takes 31 dB off at half of the new rate.
+/// The order of the low-pass: with both passes it attenuates by 31 dB at half of the new rate.
 pub const ANTI_ALIAS_ORDER: usize = 8;
 
-/// What kept a column from being low-passed.
+/// Why a column cannot be low-passed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum AntiAliasError {
-    /// The samples are not evenly spaced, which a filter takes for granted.
+    /// The samples are not evenly spaced, which a filter requires.
     #[error(transparent)]
     Time(#[from] TimeError),
     /// The filter cannot be designed or applied.
@@ -20,12 +20,12 @@ pub enum AntiAliasError {
     Filter(#[from] FilterError),
 }
 
-/// Takes off what a resampling of `x` to `rate_hz` would fold onto slower frequencies: a zero-phase
+/// Removes what a resampling of `x` to `rate_hz` would alias to lower frequencies: a zero-phase
 /// low-pass at 0.8 of half of the new rate, on the evenly spaced samples at times `tt`.
 ///
 /// Each run between gaps (NaN, or missing samples) is filtered by itself; one shorter than the
 /// filter's padding becomes NaN and is counted. To a rate so high that the corner is not below half
-/// of the present one nothing is taken off, and the report is of no rows. Angles are to be
+/// of the present one nothing is removed, and the report counts no rows. Angles must be
 /// unwrapped first.
 pub fn anti_alias(tt: &[f64], x: &[f64], rate_hz: f64) -> Result<(Vec<f64>, FilterReport), AntiAliasError> {
     if x.len() != tt.len() {

@@ -77,7 +77,7 @@ fn law_what_cannot_be_is_refused() {
     let undamped = Method::EquivalentSources { layers: None, damping: 0.0, level_m: None };
     assert!(refused(&|o| o.method = undamped.clone()).contains("`damping`"));
     let low = Method::EquivalentSources { layers: None, damping: 1.0, level_m: Some(100.0) };
-    assert!(refused(&|o| o.method = low.clone()).contains("known only above the equivalent sources"));
+    assert!(refused(&|o| o.method = low.clone()).contains("it is defined above the equivalent sources"));
     let none = OwnedPoints::default();
     assert_eq!(
         grid(none.borrow(), &GridOptions::of(Method::minimum_curvature()), QUIET).err(),
