@@ -5,9 +5,8 @@
 //!
 //! * The quiet day is a potential of the harmonics of degree n = m + 1 and order m = 1 to 4 that carry most of the Sq
 //!   field [Chapman & Bartels 1940, Geomagnetism, chapter XX], in phase at local noon, with 0.4 of the external part
-//!   induced below. Noon is north of midnight near the equator and south of it beyond about 40 degrees of latitude; in
-//! the
-//!   northern hemisphere the morning is east, and noon less down. It is counted from local midnight.
+//!   induced below. Noon is north of midnight near the equator and south of it beyond about 40 degrees of latitude;
+//!   in the northern hemisphere the morning is east, and noon less down. It is counted from local midnight.
 //! * A storm is the field of a far ring current, along the earth's dipole axis, with 0.27 of it induced below: it
 //!   rises suddenly by a quarter of its depth, falls to its depth as a squared sine, and recovers as (1 + y) e^(−y).
 //! * Pulsations are sums of waves whose frequencies are drawn about one: packets that grow and decay over 1/(2π width)
