@@ -242,7 +242,7 @@ fn law_a_map_that_fails_is_reported_and_what_rests_on_it_is_skipped() {
     assert_eq!((of("level", "skipped"), of("track", "skipped"), of("track", "computed")), (2, 8, 8), "{}", done.last);
     let failures = read(&bench.path("store/tables/maps/failures"));
     assert!(texts(&failures, "stage").iter().all(|t| t == "gridded"));
-    assert!(texts(&failures, "error")[0].contains("the field is asked for at -2000 m"), "{failures:?}");
+    assert!(texts(&failures, "error")[0].contains("-2000 m high is not available"), "{failures:?}");
     let events = fine_or_failed(&bench.magline(&["run", "spec.toml", "--json"]));
     let skipped = events.lines().find(|e| e.contains("\"skipped\"") && e.contains("\"table\":\"level\""));
     assert!(skipped.is_some_and(|e| e.contains("it is made from `gridded`, which could not be computed")), "{events}");

@@ -277,7 +277,7 @@ fn r10_what_cannot_be_is_refused_before_work() {
     let bench = Bench::new();
     points_of(&bench, |_, _| ());
     for (args, says) in [
-        (&["-o", "grid.xyzzy"][..], "the extension stands for no map format"),
+        (&["-o", "grid.xyzzy"][..], "the extension is not that of a writable map format"),
         (&["-o", "none/grid.parquet"], "the folder `none` is not there"),
         (&["-o", "grid.parquet", "--spacing", "0"], "`--spacing-m` must be above 0, not 0"),
         (&["-o", "grid.parquet", "--damping=-1"], "`--damping` must be above 0, not -1"),
@@ -296,7 +296,7 @@ fn r10_what_cannot_be_is_refused_before_work() {
     let low = grid(&bench, &["-o", "grid.parquet", "--level", "20"]);
     assert_eq!(low.status.code(), Some(2));
     let said = stderr(&low);
-    assert!(said.contains("the field is asked for at 20 m") && said.contains("say `--level-m "), "{said}");
+    assert!(said.contains("20 m high is not available") && said.contains("say `--level-m "), "{said}");
     let least = said.split("say `--level-m ").nth(1).and_then(|t| t.split('`').next()).unwrap().to_owned();
     fine(&grid(&bench, &["-o", "grid.parquet", "--level", &least]));
 }

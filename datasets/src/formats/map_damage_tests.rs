@@ -202,7 +202,7 @@ fn gold_awkward_texts() {
     for (text, expected) in [
         (
             "easting northing anomaly\n0 0 1\n1 0 1\n3 0 1\n0 1 1\n",
-            "the axis is not even: 1 stands where 1.5 is expected",
+            "the axis is not even: 1 is found where 1.5 is expected",
         ),
         ("easting northing anomaly\n0 0 1\n1 0 1\n0 1 1\n0 1 1\n", "row 3: duplicate node"),
         (

@@ -48,7 +48,7 @@ fn law_a_flight_log_is_a_table_of_points() {
     assert_eq!(points.line, [0, 0, 0, 1, 1, 1, 2, 2, 2]);
     assert_eq!(points.height_m[0], 190.04);
     assert!(points.extra.tt_s.is_some() && points.extra.diurnal_nt.is_some());
-    assert!(points.notes.iter().any(|n| n.contains("values of `mag_1_c`")), "{:?}", points.notes);
+    assert!(points.notes.iter().any(|n| n.contains("values from `mag_1_c`")), "{:?}", points.notes);
 }
 
 #[test]

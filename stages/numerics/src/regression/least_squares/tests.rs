@@ -224,7 +224,7 @@ fn r12_bad_input_is_named() {
     let inf = message(factor.push(&[1.0, 2.0, 3.0, 4.0], &[&[f64::INFINITY, 2.0]]));
     assert!(inf.contains("row 1 of target 0"), "{inf}");
     assert_eq!(factor.rows(), 1);
-    assert!(message(factor.push(&[1.0], &[&[1.0]])).contains("1 entries where 2"));
+    assert!(message(factor.push(&[1.0], &[&[1.0]])).contains("has 1 entries, but 2 are needed"));
     assert!(message(factor.push(&[1.0, 1.0], &[])).contains("list of targets"));
     assert!(message(factor.merge(QrAccumulator::new(1, 2))).contains("targets"));
     assert!(message(factor.merge(QrAccumulator::new(1, 1))).contains("terms"));

@@ -205,7 +205,7 @@ fn r12_what_cannot_be_filtered_is_named() {
 #[test]
 fn r12_impossible_designs_are_named() {
     let error = |band, rate, order| ZeroPhase::new(band, rate, order).unwrap_err().to_string();
-    assert!(error(band(0.1, 5.0), 10.0, 4).contains("5 Hz is not below 5 Hz"));
+    assert!(error(band(0.1, 5.0), 10.0, 4).contains("5 Hz is not below the Nyquist frequency of 5 Hz"));
     assert!(error(band(0.0, 1.0), 10.0, 4).contains("above 0 Hz, but is 0 Hz"));
     assert!(error(band(f64::NAN, 1.0), 10.0, 4).contains("above 0 Hz"));
     assert!(error(band(0.9, 0.1), 10.0, 4).contains("not below the upper"));
