@@ -19,7 +19,8 @@ pub use params::{
     obeys, params, render, words_rule,
 };
 pub use stage::{
-    Build, Entry, Gather, Grain, Head, InputDecl, InputKind, KindDoc, LineIn, Passes, Prepared, Stage, StageDyn, Table,
-    TableKind, Yield, is_optional,
+    AnyLinePoint, AnyStage, Arrays, Build, Entry, Gather, GatherDyn, Grain, Head, InputDecl, InputKind, KindDoc,
+    LineIn, LinePoint, LineStage, LineStageDyn, MapStage, MapStageDyn, Part, Passes, Prepared, Stage, StageDyn,
+    SurveyStage, SurveyStageDyn, Table, TableKind, Yield, is_optional,
 };
 pub use unit::{convert, convertible_to, is_unit, usual_spelling};

@@ -72,7 +72,6 @@ pub fn yields(unit: &str, reads: Vec<Vec<String>>) -> Yield {
         rate_hz: None,
         features: vec![],
         lenient: false,
-        tidy: false,
         notes: vec![],
     }
 }

@@ -18,7 +18,7 @@ use flight::{Flight, flight};
 use numerics::maps::map_grid::{AnomalyMap, Interpolation, MapGrid};
 use osborne::{core_field, grid};
 use processor::processor_s;
-use schemas::{Args, Given, LineIn, Literal, StageDyn};
+use schemas::{AnyLinePoint, AnyStage, Args, Given, LineIn, LineStageDyn, Literal};
 
 type Failure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -71,7 +71,7 @@ fn map_table(grid: &MapGrid) -> Result<RecordBatch, Failure> {
 }
 
 /// The 27 points: three magnetometers, three noises, and two maps with the second at two time constants.
-fn sweep_points() -> Result<Vec<Arc<dyn StageDyn>>, Failure> {
+fn sweep_points() -> Result<Vec<AnyStage>, Failure> {
     let entry = stages::catalogue().into_iter().find(|e| e.name == "navigate").ok_or("there is no `navigate`")?;
     let mut points = vec![];
     for mag in ["mag_1_c", "mag_2_c", "mag_3_c"] {
@@ -99,8 +99,10 @@ fn sweep_points() -> Result<Vec<Arc<dyn StageDyn>>, Failure> {
 fn sweep(grid: &MapGrid, flight: &Flight) -> Result<(), Failure> {
     let (line, map) = (sweep_line(flight)?, map_table(grid)?);
     let points = sweep_points()?;
+    let points: Vec<&dyn LineStageDyn> =
+        points.iter().map(|point| point.of_lines().map_err(|f| f.what)).collect::<Result<_, _>>()?;
     let mut maps = std::collections::BTreeMap::new();
-    let mut lines = vec![];
+    let (mut lines, mut ready) = (vec![], vec![]);
     for point in &points {
         let prepared = match maps.entry(point.prepare_key()) {
             std::collections::btree_map::Entry::Occupied(made) => made.into_mut(),
@@ -110,11 +112,14 @@ fn sweep(grid: &MapGrid, flight: &Flight) -> Result<(), Failure> {
             }
         };
         let (flight, name, inputs) = ("1".to_owned(), "1".to_owned(), vec![line.clone(), map.clone()]);
-        lines.push(LineIn { flight, line: name, inputs, keep: None, prepared: prepared.clone() });
+        lines.push(LineIn { flight, line: name, inputs, keep: None });
+        ready.push(prepared.clone());
     }
-    let together: Vec<(&dyn StageDyn, &LineIn)> = points.iter().map(Arc::as_ref).zip(&lines).collect();
+    let each = points.iter().zip(&lines).zip(&ready);
+    let together: Vec<AnyLinePoint> =
+        each.map(|((stage, line), prepared)| AnyLinePoint { stage: *stage, line, prepared }).collect();
     let first = points.first().ok_or("the sweep has no point")?;
-    let alone = || together.iter().map(|(point, line)| point.run(line)).collect::<Vec<_>>();
+    let alone = || together.iter().map(|point| point.stage.run(point.line, point.prepared)).collect::<Vec<_>>();
     let (mut times, mut answers) = ([const { vec![] }; 2], [vec![], vec![]]);
     for _ in 0..REPEATS {
         // In turn, so that whatever else the machine does falls on both.

@@ -1,11 +1,11 @@
 //! Builds the matrix of a Tolles-Lawson model.
 
-use arrow_array::ArrayRef;
+use arrow_array::RecordBatch;
 use numerics::{
     compensation::tolles_lawson::{Field, Terms, matrix_in_runs},
     signal::segments::{STEP_TOLERANCE, Usable, sample_rate},
 };
-use schemas::{Column, Fault, LineIn, Rule, Stage, Table, Yield, stage};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, stage};
 
 use crate::columns::{data, faults_of, floats, list, no_truth, shape, vector_axes};
 
@@ -80,8 +80,16 @@ impl Stage for AMatrix {
         let tl = Column::list("tl", "", "Tolles-Lawson terms", names).from(0, &reads);
         Ok(Yield::append(vec![tl], &reads))
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+impl LineStage for AMatrix {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
         let [x, y, z] = vector_axes(&self.vector);

@@ -1,11 +1,11 @@
 //! Band-pass filters columns.
 
-use arrow_array::ArrayRef;
+use arrow_array::RecordBatch;
 use numerics::signal::{
     filter::{Band, ZeroPhase},
     segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
 };
-use schemas::{Column, Fault, LineIn, Role, Rule, Stage, Table, Yield, stage};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Role, Rule, Stage, Table, Yield, stage};
 
 use crate::columns::{array, band, data, faults_of, floats, shape};
 
@@ -71,8 +71,16 @@ impl Stage for Bandpass {
         let reads: Vec<&str> = std::iter::once("tt").chain(self.columns.iter().map(String::as_str)).collect();
         Ok(Yield::append(made.collect(), &reads))
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+impl LineStage for Bandpass {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
         let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;

@@ -1,8 +1,8 @@
 //! Takes the aircraft's field off a magnetometer.
 
-use arrow_array::{ArrayRef, RecordBatch, cast::AsArray};
+use arrow_array::{RecordBatch, cast::AsArray};
 use numerics::regression::statistics;
-use schemas::{Column, ColumnType, Fault, LineIn, Prepared, Stage, Table, Yield, choice, stage};
+use schemas::{Arrays, Column, ColumnType, Fault, LineIn, LineStage, Stage, Table, Yield, choice, stage};
 
 use crate::{
     columns::{array, faults_of, floats, matrix, no_truth, shape},
@@ -97,14 +97,13 @@ impl Stage for Compensate {
         yields.reads.push(["term", "value"].into_iter().chain(RESIDUAL).map(str::to_owned).collect());
         Ok(yields)
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+impl LineStage for Compensate {
+    type Prepared = Model;
+
+    fn run(&self, line: &LineIn, model: &Model) -> Arrays {
         let mag = floats(&line.inputs[0], &self.mag)?;
-        let model = line
-            .prepared
-            .as_ref()
-            .and_then(|p| p.downcast_ref::<Model>())
-            .ok_or_else(|| Fault::data("the model is missing"))?;
         let noise = model.noise.map(|x| array(vec![x; mag.len()]));
         let mut aircraft = predict(&line.inputs[0], model, mag.len())?;
         if self.predicts != Predicts::Aircraft {
@@ -123,7 +122,7 @@ impl Stage for Compensate {
         Ok([array(clean), array(aircraft)].into_iter().chain(noise).collect())
     }
 
-    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Model, Fault> {
         let table = inputs.get(1).ok_or_else(|| Fault::data("the model is missing"))?;
         let values = floats(table, "value")?.to_vec();
         let terms = table.column_by_name("term").and_then(|t| t.as_string_opt::<i32>());
@@ -137,7 +136,7 @@ impl Stage for Compensate {
         for (to, name) in noise.iter_mut().zip(RESIDUAL) {
             *to = floats(table, name)?.first().copied().unwrap_or(f64::NAN);
         }
-        Ok(Some(std::sync::Arc::new(Model { terms, values, noise })))
+        Ok(Model { terms, values, noise })
     }
 
     fn prepare_key(&self) -> String {
@@ -164,7 +163,7 @@ pub(crate) fn noise_columns(model: &[&str]) -> Vec<Column> {
     NOISE.iter().zip(docs).map(|((name, unit), doc)| Column::float(*name, *unit, doc).from(1, model)).collect()
 }
 
-struct Model {
+pub struct Model {
     terms: Vec<String>,
     values: Vec<f64>,
     /// As [`NOISE`].

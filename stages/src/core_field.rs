@@ -1,12 +1,12 @@
 //! Appends the earth's core field.
 
-use arrow_array::{ArrayRef, RecordBatch};
+use arrow_array::RecordBatch;
 use nalgebra::Vector3;
 use numerics::earth::{
     attitude::body_to_ned,
     core_field::{Coordinate, CoreFieldError, CoreModel, CoreTrack, Ned},
 };
-use schemas::{Column, Fault, LineIn, Rule, Shape, Stage, Table, Yield, choice, stage};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Shape, Stage, Table, Yield, choice, stage};
 
 use crate::{
     columns::{array, data, faults_of, floats, shape},
@@ -158,8 +158,16 @@ impl Stage for CoreFieldStage {
         }
         Ok(Yield::append(self.made(&reads, attitude.is_some()), &reads))
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+impl LineStage for CoreFieldStage {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
         let batch = &line.inputs[0];
         let [lat, lon, alt] = self.position.columns();
         let (lat, lon, alt) = (floats(batch, lat)?, floats(batch, lon)?, floats(batch, alt)?);

@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 
-use arrow_array::{ArrayRef, RecordBatch};
+use arrow_array::RecordBatch;
 use numerics::{
     compensation::{
         attitude_terms::{Attitude, PRODUCTS},
@@ -14,7 +14,7 @@ use numerics::{
         segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
     },
 };
-use schemas::{Column, ColumnType, Fault, LineIn, Rule, Shape, Stage, Table, Yield, stage};
+use schemas::{Arrays, Column, ColumnType, Fault, LineIn, LineStage, Rule, Shape, Stage, Table, Yield, stage};
 
 use crate::{
     bandpass::design,
@@ -298,8 +298,16 @@ impl Stage for Features {
         let column = Column::list("features", "", "features of a compensation model", names).from(0, &reads);
         Ok(Yield::append(vec![column], &reads))
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+impl LineStage for Features {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
         let batch = &line.inputs[0];
         let recipes = self.recipes(&|name| batch.column_by_name(name).is_some());
         let recipes = recipes.map_err(|f| f.into_iter().next().unwrap_or_else(|| Fault::data("no feature")))?;

@@ -17,7 +17,7 @@ mod testing;
 mod tolles_lawson;
 mod truncated_svd;
 
-use std::{any::Any, collections::BTreeMap, sync::Arc};
+use std::{collections::BTreeMap, sync::Arc};
 
 use arrow_array::{ArrayRef, Int64Array, StringArray};
 use point::{Matrix, Point, Targets};
@@ -26,8 +26,8 @@ use rayon::prelude::*;
 use residual::{EARTH, residual_noise};
 use rows::Part;
 use schemas::{
-    Chosen, Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Role, Rule, Shape, Stage, Table, Yield,
-    stage,
+    Arrays, Chosen, Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Role, Rule, Shape, Stage,
+    SurveyStage, Table, Yield, stage,
 };
 
 pub use model::{Answer, Choose, Divisor, FitModel, MODELS, MadeOf, Model, Settings, model};
@@ -271,13 +271,16 @@ impl Stage for Fit {
         let mut yields = Yield::append(columns, &reads);
         yields.passes = Passes::None;
         yields.features = self.features.clone();
-        yields.tidy = true;
         Ok(yields)
     }
+}
 
-    fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
+impl SurveyStage for Fit {
+    type Gather = FitGather;
+
+    fn gather(points: Vec<&Self>) -> FitGather {
         let points: Vec<Point> = points.into_iter().map(Fit::point).collect();
-        Some(Box::new(FitGather { questions: questions(&points), points }))
+        FitGather { questions: questions(&points), points }
     }
 }
 
@@ -290,7 +293,8 @@ pub struct Question {
     pub keeps_rows: Vec<Targets>,
 }
 
-struct FitGather {
+/// The points of a sweep that are fitted to the same lines.
+pub struct FitGather {
     points: Vec<Point>,
     questions: BTreeMap<Matrix, Question>,
 }
@@ -337,18 +341,19 @@ impl FitGather {
 }
 
 impl Gather for FitGather {
-    fn map(&self, line: &LineIn) -> Result<Box<dyn Any + Send>, Fault> {
-        Ok(Box::new(Part::new(line, &self.questions)?))
+    type Part = Part;
+
+    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
+        Part::new(line, &self.questions)
     }
 
-    fn refused(&self, part: &(dyn Any + Send)) -> Vec<(usize, Fault)> {
-        let Some(part) = part.downcast_ref::<Part>() else { return vec![] };
+    fn refused(&self, part: &Part) -> Vec<(usize, Fault)> {
         let why = |point: &Point| part.refused.get(&(point.matrix(), point.targets())).cloned();
         self.points.iter().enumerate().filter_map(|(i, point)| Some((i, why(point)?))).collect()
     }
 
-    fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {
-        let parts: Vec<&Part> = parts.iter().filter_map(|p| p.downcast_ref::<Part>()).collect();
+    fn finish(&self, parts: Vec<Part>) -> Vec<Arrays> {
+        let parts: Vec<&Part> = parts.iter().collect();
         type At = (Matrix, Targets);
         type Kind = (Option<Vec<String>>, Option<u64>);
         let mut problems: BTreeMap<At, BTreeMap<Kind, Vec<usize>>> = BTreeMap::new();

@@ -1,7 +1,7 @@
 //! The magnitude of a vector magnetometer.
 
-use arrow_array::ArrayRef;
-use schemas::{Column, Fault, LineIn, Stage, Table, Yield, stage};
+use arrow_array::RecordBatch;
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Stage, Table, Yield, stage};
 
 use crate::columns::{array, faults_of, floats, no_truth, shape, vector_axes};
 
@@ -38,8 +38,16 @@ impl Stage for Magnitude {
         let column = Column::float(format!("{}_t", self.vector), "nT", "magnitude of the vector magnetometer");
         Ok(Yield::append(vec![column.from(0, &axes)], &axes))
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+impl LineStage for Magnitude {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
         let [x, y, z] = vector_axes(&self.vector);
         let of = |name: &str| floats(&line.inputs[0], name);
         let rows = of(&x)?.iter().zip(of(&y)?).zip(of(&z)?);
@@ -58,12 +66,12 @@ mod tests {
 
     #[test]
     fn law_the_magnitude_is_that_of_pythagoras() {
-        let column = |a: f64, b: f64| Arc::new(Float64Array::from(vec![a, b])) as ArrayRef;
+        let column = |a: f64, b: f64| Arc::new(Float64Array::from(vec![a, b])) as arrow_array::ArrayRef;
         let columns =
             [("flux_a_x", column(2.0, 1.0)), ("flux_a_y", column(-3.0, f64::NAN)), ("flux_a_z", column(6.0, 1.0))];
         let batch = RecordBatch::try_from_iter(columns).unwrap();
-        let line = LineIn { flight: "1".into(), line: "1".into(), inputs: vec![batch], keep: None, prepared: None };
-        let made = Magnitude { vector: "flux_a".into(), allow_truth: false }.run(&line).unwrap();
+        let line = LineIn { flight: "1".into(), line: "1".into(), inputs: vec![batch], keep: None };
+        let made = Magnitude { vector: "flux_a".into(), allow_truth: false }.run(&line, &()).unwrap();
         let made = made[0].as_primitive::<Float64Type>().values();
         assert_eq!(made[0], 7.0);
         assert!(made[1].is_nan());

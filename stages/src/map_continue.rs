@@ -1,6 +1,6 @@
 //! Brings a map to another height.
 
-use arrow_array::{ArrayRef, RecordBatch};
+use arrow_array::RecordBatch;
 use datasets::{GridMap, Height};
 use numerics::maps::{
     continuation::{
@@ -9,7 +9,7 @@ use numerics::maps::{
     },
     plane_grid::PlaneGrid,
 };
-use schemas::{Fault, OrAuto, Rule, Stage, Table, Yield, choice, stage};
+use schemas::{Arrays, Fault, MapStage, OrAuto, Rule, Stage, Table, Yield, choice, stage};
 
 use crate::{
     columns::data,
@@ -283,8 +283,10 @@ impl Stage for MapContinue {
         self.check(inputs.len() > 1).map_err(|fault| vec![fault])?;
         Ok(schemas::map::yields(unit(self.derivative), vec![whole_map(); inputs.len()]))
     }
+}
 
-    fn run_maps(&self, maps: &[RecordBatch]) -> Result<Vec<ArrayRef>, Fault> {
+impl MapStage for MapContinue {
+    fn run(&self, maps: &[RecordBatch]) -> Arrays {
         match grids(maps)?.as_slice() {
             [map] => made(&self.apply(map, None)?.map),
             [map, drape, ..] => made(&self.apply(map, Some(drape))?.map),

@@ -2,10 +2,10 @@
 
 use std::ops::Range;
 
-use arrow_array::{ArrayRef, RecordBatch};
+use arrow_array::RecordBatch;
 use datasets::{GridMap, Height};
 use numerics::maps::{continuation::expand, plane_grid::EvenAxis};
-use schemas::{Fault, Rule, Stage, Table, Yield, stage};
+use schemas::{Arrays, Fault, MapStage, Rule, Stage, Table, Yield, stage};
 
 use crate::{
     columns::data,
@@ -162,8 +162,10 @@ impl Stage for MapConvert {
         }
         Ok(schemas::map::yields(schemas::map::ANOMALY_UNIT, vec![whole_map(); inputs.len()]))
     }
+}
 
-    fn run_maps(&self, maps: &[RecordBatch]) -> Result<Vec<ArrayRef>, Fault> {
+impl MapStage for MapConvert {
+    fn run(&self, maps: &[RecordBatch]) -> Arrays {
         let maps = grids(maps)?;
         let map = maps.first().ok_or_else(|| Fault::bug("a stage of maps without a map"))?;
         made(&self.apply(map)?)

@@ -1,6 +1,6 @@
 //! Fills the gaps of a map, from other maps and from its surroundings.
 
-use arrow_array::{ArrayRef, RecordBatch};
+use arrow_array::RecordBatch;
 use datasets::{GridMap, Height};
 use numerics::maps::{
     combine::{BiasModel, Blend, CombineOptions, Combined, Piece, combine},
@@ -8,7 +8,7 @@ use numerics::maps::{
     fill::{NearestFill, SmoothFill, Weights, nearest, smooth},
     plane_grid::{EvenAxis, PlaneGrid},
 };
-use schemas::{Fault, Rule, Stage, Table, Yield, choice, stage};
+use schemas::{Arrays, Fault, MapStage, Rule, Stage, Table, Yield, choice, stage};
 
 use crate::{
     columns::data,
@@ -240,8 +240,10 @@ impl Stage for MapFill {
         let what = format!("`{key}` belongs to the method `knn`, not to `{}`", self.method.word());
         of_knn.then(|| Fault::new(what).help(format!("leave `{key}` out, or say `method = \"knn\"`")))
     }
+}
 
-    fn run_maps(&self, maps: &[RecordBatch]) -> Result<Vec<ArrayRef>, Fault> {
+impl MapStage for MapFill {
+    fn run(&self, maps: &[RecordBatch]) -> Arrays {
         let mut all = grids(maps)?.into_iter();
         let map = all.next().ok_or_else(|| Fault::bug("a stage of maps without a map"))?;
         let others: Vec<(String, GridMap)> =

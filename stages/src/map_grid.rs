@@ -14,7 +14,7 @@ use numerics::maps::{
     levelling::{CrossoverOptions, LevelOptions, Levelled, find_crossovers, level_lines},
     plane_grid::PlaneGrid,
 };
-use schemas::{Column, ColumnType, Fault, Gather, Place, Rule, Shape, Stage, Table, Yield, choice, stage};
+use schemas::{Column, ColumnType, Fault, Place, Rule, Shape, Stage, SurveyStage, Table, Yield, choice, stage};
 
 use crate::{
     columns::{data, shape},
@@ -363,9 +363,13 @@ impl Stage for MapGrid {
             _ => None,
         }
     }
+}
 
-    fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
-        Some(Box::new(gather::Survey::new(points)))
+impl SurveyStage for MapGrid {
+    type Gather = gather::Survey;
+
+    fn gather(points: Vec<&Self>) -> gather::Survey {
+        gather::Survey::new(points)
     }
 }
 

@@ -1,13 +1,11 @@
 //! Appends what a map says at every sample.
 
-use std::sync::Arc;
-
-use arrow_array::{ArrayRef, RecordBatch};
+use arrow_array::RecordBatch;
 use numerics::{
     earth::geodesy::EarthModel,
     maps::{map_grid::Interpolation, map_stack::FieldMap},
 };
-use schemas::{Column, Fault, LineIn, Prepared, Stage, Table, Yield, stage};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Stage, Table, Yield, stage};
 
 use crate::{
     columns::{array, faults_of, floats, shape},
@@ -67,10 +65,12 @@ impl Stage for MapValue {
         let place = place.map(str::to_owned).to_vec();
         Ok(Yield { reads: vec![place.clone(), map], ..Yield::append(columns, &place) })
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        let map = line.prepared.as_ref().and_then(|p| p.downcast_ref::<FieldMap>());
-        let map = map.ok_or_else(|| Fault::data("the map is missing"))?;
+impl LineStage for MapValue {
+    type Prepared = FieldMap;
+
+    fn run(&self, line: &LineIn, map: &FieldMap) -> Arrays {
         let [lat, lon, alt] = self.position.columns();
         let batch = &line.inputs[0];
         let (lat, lon, alt) = (floats(batch, lat)?, floats(batch, lon)?, floats(batch, alt)?);
@@ -94,10 +94,9 @@ impl Stage for MapValue {
         Ok(columns.map(array).into())
     }
 
-    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<FieldMap, Fault> {
         let map = inputs.get(1).ok_or_else(|| Fault::data("the map is missing"))?;
-        let map = field_map(map, self.map_interpolation, self.map_levels_m.as_deref())?;
-        Ok(Some(Arc::new(map)))
+        field_map(map, self.map_interpolation, self.map_levels_m.as_deref())
     }
 
     fn prepare_key(&self) -> String {

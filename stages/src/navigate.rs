@@ -13,8 +13,8 @@ use numerics::{
     navigation::ins_error::InsErrors,
 };
 use schemas::{
-    Chosen, Column, Entry, Fault, LineIn, Lists, OrAuto, Passes, Prepared, Rule, Shape, Stage, Table, Yield, params,
-    stage,
+    Arrays, Chosen, Column, Entry, Fault, LineIn, LinePoint, LineStage, Lists, OrAuto, Passes, Rule, Shape, Stage,
+    Table, Yield, params, stage,
 };
 
 pub use filter::{FILTERS, Filter, Flown, NavigationFilter, Point, Track, Update, filter, navigate_points};
@@ -107,7 +107,7 @@ struct Expected {
 }
 
 /// The map as it is looked up, and its errors.
-struct PreparedMap {
+pub struct PreparedMap {
     field: FieldMap,
     errors: MapErrors,
 }
@@ -277,21 +277,25 @@ impl Stage for Navigate {
         yields.notes = self.notes(shape);
         Ok(yields)
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        // One point has one answer.
-        Self::run_points(&[(self, line)]).pop().unwrap_or_else(|| Ok(vec![]))
+impl LineStage for Navigate {
+    type Prepared = PreparedMap;
+
+    fn run(&self, line: &LineIn, prepared: &PreparedMap) -> Arrays {
+        let answer = Self::run_points(&[LinePoint { stage: self, line, prepared }]).pop();
+        answer.unwrap_or_else(|| Err(Fault::bug("a point was lost")))
     }
 
-    fn run_points(points: &[(&Self, &LineIn)]) -> Vec<Result<Vec<ArrayRef>, Fault>> {
+    fn run_points(points: &[LinePoint<Self>]) -> Vec<Arrays> {
         flown::run(points)
     }
 
-    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<PreparedMap, Fault> {
         let map = inputs.get(1).ok_or_else(|| Fault::data("the map is missing"))?;
         let field = field_map(map, self.map_interpolation, self.map_levels_m.as_deref())?;
         let errors = MapErrors::of(map, self.map_levels_m.is_some(), self.map_interpolation == Interpolation::Linear)?;
-        Ok(Some(Arc::new(PreparedMap { field, errors })))
+        Ok(PreparedMap { field, errors })
     }
 
     fn prepare_key(&self) -> String {

@@ -1,13 +1,13 @@
 //! The noise that compensation leaves on lines over a known field, and how lines are told of it.
 
-use std::any::Any;
-
 use arrow_array::{ArrayRef, Int64Array, RecordBatch};
 use numerics::signal::{
     noise::{Blocks, noise},
     segments::{STEP_TOLERANCE, Usable, sample_rate},
 };
-use schemas::{Column, Fault, Gather, LineIn, Passes, Prepared, Shape, Stage, Table, Yield, stage};
+use schemas::{
+    Arrays, Column, Fault, Gather, LineIn, LineStage, Passes, Shape, Stage, SurveyStage, Table, Yield, stage,
+};
 
 use crate::{
     columns::{array, data, floats, shape},
@@ -111,31 +111,37 @@ impl Stage for ResidualNoise {
             Column::integer("n", "", "samples behind it"),
         ];
         let columns = columns.into_iter().map(|c| c.from(0, &reads)).collect();
-        Ok(Yield { passes: Passes::None, tidy: true, ..Yield::append(columns, &reads) })
-    }
-
-    fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
-        Some(Box::new(NoiseGather { points: points.into_iter().cloned().collect() }))
+        Ok(Yield { passes: Passes::None, ..Yield::append(columns, &reads) })
     }
 }
 
-struct NoiseGather {
+impl SurveyStage for ResidualNoise {
+    type Gather = NoiseGather;
+
+    fn gather(points: Vec<&Self>) -> NoiseGather {
+        NoiseGather { points: points.into_iter().cloned().collect() }
+    }
+}
+
+/// The points of a sweep over the lines of a known field.
+pub struct NoiseGather {
     points: Vec<ResidualNoise>,
 }
 
 /// The residual of one line at each point of a sweep.
-struct Part {
+pub struct Part {
     blocks: Vec<Result<Blocks, Fault>>,
 }
 
 impl Gather for NoiseGather {
-    fn map(&self, line: &LineIn) -> Result<Box<dyn Any + Send>, Fault> {
+    type Part = Part;
+
+    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
         let blocks = self.points.iter().map(|p| p.blocks(&line.inputs[0], line));
-        Ok(Box::new(Part { blocks: blocks.map(|b| b.map_err(|f| f.in_line(&line.flight, &line.line))).collect() }))
+        Ok(Part { blocks: blocks.map(|b| b.map_err(|f| f.in_line(&line.flight, &line.line))).collect() })
     }
 
-    fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {
-        let parts: Vec<&Part> = parts.iter().filter_map(|p| p.downcast_ref::<Part>()).collect();
+    fn finish(&self, parts: Vec<Part>) -> Vec<Arrays> {
         (0..self.points.len())
             .map(|i| {
                 let lines: Vec<Blocks> = parts.iter().map(|p| p.blocks[i].clone()).collect::<Result<_, _>>()?;
@@ -163,20 +169,22 @@ impl Stage for AssumeNoise {
         yields.reads.push(RESIDUAL.map(str::to_owned).to_vec());
         Ok(yields)
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
-        let noise = line.prepared.as_ref().and_then(|p| p.downcast_ref::<[f64; 3]>());
-        let noise = noise.ok_or_else(|| Fault::data("the noise is missing"))?;
+impl LineStage for AssumeNoise {
+    type Prepared = [f64; 3];
+
+    fn run(&self, line: &LineIn, noise: &[f64; 3]) -> Arrays {
         let rows = floats(&line.inputs[0], "tt")?.len();
         Ok(noise.iter().map(|x| array(vec![*x; rows])).collect())
     }
 
-    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<[f64; 3], Fault> {
         let table = inputs.get(1).ok_or_else(|| Fault::data("the noise is missing"))?;
         let mut noise = [f64::NAN; 3];
         for (to, name) in noise.iter_mut().zip(RESIDUAL) {
             *to = floats(table, name)?.first().copied().unwrap_or(f64::NAN);
         }
-        Ok(Some(std::sync::Arc::new(noise)))
+        Ok(noise)
     }
 }

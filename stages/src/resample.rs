@@ -5,7 +5,7 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, RecordBatch, StringArray, UInt64Array};
 use arrow_select::take::take;
 use numerics::signal::resample::{Method, Plan};
-use schemas::{Column, ColumnType, Fault, LineIn, Passes, Rule, Stage, Table, Yield, stage};
+use schemas::{Arrays, Column, ColumnType, Fault, LineIn, LineStage, Passes, Rule, Stage, Table, Yield, stage};
 
 use crate::columns::{array, data, floats, list, matrix, shape};
 
@@ -51,8 +51,16 @@ impl Stage for Resample {
         yields.rate_hz = Some(self.rate_hz);
         Ok(yields)
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+impl LineStage for Resample {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
         let batch = &line.inputs[0];
         let plan = Plan::new(floats(batch, "tt")?, self.rate_hz, self.max_gap_s).map_err(data)?;
         if plan.grid().is_empty() {

@@ -13,10 +13,11 @@ mod track;
 
 use std::sync::Arc;
 
-use arrow_array::{ArrayRef, Float64Array, Int64Array, StringArray};
+use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 pub use numerics::regression::statistics::Figure;
 use schemas::{
-    Column, Entry, Fault, LineIn, Lists, Passes, Role, Rule, Several, Shape, Stage, Table, Yield, metric::Metric, stage,
+    Arrays, Column, Entry, Fault, LineIn, LineStage, Lists, Passes, Role, Rule, Several, Shape, Stage, Table, Yield,
+    metric::Metric, stage,
 };
 
 use self::source::Places;
@@ -47,7 +48,7 @@ stage! {
     /// do, make it worse.
     ///
     /// Source: thesis 000, (3.45), (3.46); thesis 001, (66); thesis 004, (2.39) to (2.41).
-    Score = "score", version 3, grain Line, inputs [input: ManyLines],
+    Score = "score", version 3, grain Line, yields Scores, inputs [input: ManyLines],
     example r#"
 [[stages]]
 name  = "score"
@@ -147,12 +148,19 @@ impl Stage for Score {
             rate_hz: None,
             features: vec![],
             lenient: false,
-            tidy: true,
             notes: vec![],
         })
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+impl LineStage for Score {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
         same_samples(line)?;
         let shapes: Vec<Shape> = line.inputs.iter().map(|batch| Shape::of(&batch.schema())).collect();
         let places = Places::find(self, &shapes.iter().collect::<Vec<_>>());

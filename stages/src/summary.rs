@@ -1,6 +1,6 @@
 //! Pools scores over lines, with confidence intervals.
 
-use std::{any::Any, sync::Arc};
+use std::sync::Arc;
 
 use arrow_array::{
     ArrayRef, Int64Array, StringArray,
@@ -9,7 +9,7 @@ use arrow_array::{
 };
 use numerics::regression::bootstrap::{Interval, Resamples};
 use schemas::{
-    Column, Entry, Fault, Gather, LineIn, Lists, Passes, Role, Rule, Several, Stage, Table, Yield,
+    Arrays, Column, Entry, Fault, Gather, LineIn, Lists, Passes, Role, Rule, Several, Stage, SurveyStage, Table, Yield,
     metric::{Better, Metric, Pool, Shown},
     stage,
 };
@@ -88,12 +88,15 @@ impl Stage for Summary {
         ];
         let mut yields = Yield::append(columns, &READS);
         yields.passes = Passes::None;
-        yields.tidy = true;
         Ok(yields)
     }
+}
 
-    fn gather(points: Vec<&Self>) -> Option<Box<dyn Gather>> {
-        Some(Box::new(SummaryGather { points: points.into_iter().cloned().collect() }))
+impl SurveyStage for Summary {
+    type Gather = SummaryGather;
+
+    fn gather(points: Vec<&Self>) -> SummaryGather {
+        SummaryGather { points: points.into_iter().cloned().collect() }
     }
 }
 
@@ -119,17 +122,20 @@ impl Score {
 }
 
 /// What one line contributes.
-struct Part {
+pub struct Part {
     line: String,
     scores: Vec<Score>,
 }
 
-struct SummaryGather {
+/// The points of a sweep over the scores of the same lines.
+pub struct SummaryGather {
     points: Vec<Summary>,
 }
 
 impl Gather for SummaryGather {
-    fn map(&self, line: &LineIn) -> Result<Box<dyn Any + Send>, Fault> {
+    type Part = Part;
+
+    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
         let batch = &line.inputs[0];
         let text = |name: &str| batch.column_by_name(name).and_then(|a| a.as_string_opt::<i32>());
         let value = batch.column_by_name("value").and_then(|a| a.as_primitive_opt::<Float64Type>());
@@ -141,11 +147,11 @@ impl Gather for SummaryGather {
         let known = self.points.first().map(|point| point.metrics.all()).unwrap_or_default();
         let scores = metric.iter().zip(value.iter().zip(n.iter()));
         let scores = scores.filter_map(|(metric, (value, n))| Some(Score::new(known, metric?, value?, n?)));
-        Ok(Box::new(Part { line: line.line.clone(), scores: scores.collect::<Result<_, _>>()? }))
+        Ok(Part { line: line.line.clone(), scores: scores.collect::<Result<_, _>>()? })
     }
 
-    fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {
-        let parts: Vec<&Part> = parts.iter().filter_map(|p| p.downcast_ref::<Part>()).collect();
+    fn finish(&self, parts: Vec<Part>) -> Vec<Arrays> {
+        let parts: Vec<&Part> = parts.iter().collect();
         self.points.iter().map(|point| point.table(&parts)).collect()
     }
 }

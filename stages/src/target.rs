@@ -1,7 +1,7 @@
 //! Makes the signal that a compensation model is to explain.
 
-use arrow_array::ArrayRef;
-use schemas::{Column, Fault, LineIn, Role, Shape, Stage, Table, Yield, choice, stage};
+use arrow_array::RecordBatch;
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Role, Shape, Stage, Table, Yield, choice, stage};
 
 use crate::columns::{array, floats, shape};
 
@@ -109,8 +109,16 @@ impl Stage for Target {
         let column = Column::float("target", "nT", doc).role(Role::Truth).from(0, &reads);
         Ok(Yield::append(vec![column], &reads))
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+impl LineStage for Target {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
         let batch = &line.inputs[0];
         let (from, less) = self.parts()?;
         let mut target = floats(batch, &from)?.to_vec();
@@ -143,22 +151,22 @@ mod tests {
     }
 
     fn line() -> LineIn {
-        let column = |x: f64| Arc::new(arrow_array::Float64Array::from(vec![x, f64::NAN])) as ArrayRef;
+        let column = |x: f64| Arc::new(arrow_array::Float64Array::from(vec![x, f64::NAN])) as arrow_array::ArrayRef;
         let columns =
             [("mag_4_uc", 50_300.0), ("mag_1_c", 50_110.0), ("igrf", 50_000.0), ("diurnal", 10.0), (MAP, 99.0)];
         let batch = RecordBatch::try_from_iter(columns.map(|(n, x)| (n, column(x)))).unwrap();
-        LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None, prepared: None }
+        LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
     }
 
     #[test]
     fn ref_the_five_types_of_the_thesis() {
         for (kind, expected) in [("a", 100.0), ("b", 99.0), ("c", 191.0), ("d", 190.0), ("e", 290.0)] {
-            let made = target(kind).run(&line()).unwrap();
+            let made = target(kind).run(&line(), &()).unwrap();
             let values = made[0].as_primitive::<Float64Type>().values();
             assert_eq!(values[0], expected, "{kind}");
             assert!(values[1].is_nan());
         }
-        let kept = Target { remove_core: false, remove_diurnal: false, ..target("e") }.run(&line()).unwrap();
+        let kept = Target { remove_core: false, remove_diurnal: false, ..target("e") }.run(&line(), &()).unwrap();
         assert_eq!(kept[0].as_primitive::<Float64Type>().value(0), 50_300.0);
     }
 

@@ -226,7 +226,7 @@ impl Builder<'_> {
         for axis in node.axes.iter().filter_map(|i| self.spec.axes.get(*i)) {
             let clash = node.columns().into_iter().find(|c| c.name == axis.name);
             // A model table's `model` is the axis' own value where the sweep is over models.
-            if clash.is_some() && !(node.is_tidy() && axis.name == "model") {
+            if clash.is_some() && !(node.is_small() && axis.name == "model") {
                 let what = format!("the axis `{}` has the name of a column of `{}`", axis.name, node.name);
                 self.faults.push(Fault::new(what).at(axis.at.clone()).help("rename the axis"));
             }

@@ -18,7 +18,7 @@ impl Builder<'_> {
         tables: &[Arc<Table>],
     ) -> Option<Vec<String>> {
         let before = self.faults.len();
-        let of_lines = entry.grain == Grain::Line && !variants.iter().any(|v| v.yields.tidy);
+        let of_lines = entry.grain == Grain::Line && !entry.yields.is_small();
         if !decl.keep.0 {
             self.faults.extend(kept(decl, of_lines).map(|fault| fault.at(decl.keep.1.clone())));
         }

@@ -5,7 +5,7 @@ use std::{
     sync::Arc,
 };
 
-use schemas::{Entry, Fault, Given, Grain, InputDecl, InputKind, Literal, Table, map::ANOMALY_UNIT};
+use schemas::{Entry, Fault, Given, InputDecl, InputKind, Literal, Table, map::ANOMALY_UNIT};
 
 use super::{
     axes::{axes_of, put_in},
@@ -124,14 +124,13 @@ impl Builder<'_> {
             let node = &self.tables[t];
             let table = node.tables.first()?.as_ref();
             let fits = match table {
-                Table::Lines(_) if node.is_tidy() => input.kind == InputKind::Scores,
+                Table::Scores(_) => input.kind == InputKind::Scores,
                 Table::Lines(_) => matches!(input.kind, InputKind::Lines | InputKind::ManyLines),
                 Table::Model { .. } => input.kind == InputKind::Model,
                 Table::Map(_) => matches!(input.kind, InputKind::Map | InputKind::ManyMaps),
             };
             if !fits {
-                let kind =
-                    if node.is_tidy() && node.entry.grain == Grain::Line { "a table of scores" } else { table.kind() };
+                let kind = table.kind();
                 let what = format!("`{}` needs {}, but `{name}` is {kind}", input.name, kind_words(input.kind));
                 self.faults.push(Fault::new(what).at(given.at.clone()));
                 return None;

@@ -2,7 +2,7 @@
 
 use std::{collections::HashSet, ops::Deref, sync::Arc};
 
-use schemas::{Args, Column, Entry, Fault, InputKind, Literal, StageDyn, Table, Yield};
+use schemas::{AnyStage, Args, Column, Entry, Fault, InputKind, Literal, Table, Yield};
 
 use super::{
     Plan, Ref,
@@ -106,8 +106,8 @@ impl TableNode {
     }
 
     /// Whether it is one small file, such as models and scores.
-    pub fn is_tidy(&self) -> bool {
-        self.variants.first().is_some_and(|v| v.yields.tidy)
+    pub fn is_small(&self) -> bool {
+        self.entry.yields.is_small()
     }
 
     /// The position in [`TableNode::variants`] of the point `i`.
@@ -218,7 +218,7 @@ impl<'p> Instance<'p> {
     ///
     /// # Errors
     /// Never fails for a checked plan.
-    pub fn stage(&self) -> Result<Arc<dyn StageDyn>, Fault> {
+    pub fn stage(&self) -> Result<AnyStage, Fault> {
         let decl = self.plan.spec.stages.get(self.node.decl).ok_or_else(|| Fault::bug("a table without a stage"))?;
         let own = own_args(decl, &self.node.entry);
         let made = (self.node.entry.build)(&args_at(&own, &self.point()));

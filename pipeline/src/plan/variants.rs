@@ -7,7 +7,7 @@ use std::{
     sync::Arc,
 };
 
-use schemas::{Args, Column, Entry, Fault, Given, Grain, Passes, Shape, StageDyn, Table, TableKind, Yield};
+use schemas::{AnyStage, Args, Column, Entry, Fault, Given, Grain, Passes, Shape, Table, TableKind, Yield};
 
 use super::{
     axes::{args_at, axes_in, axes_of, spelt_in},
@@ -57,7 +57,7 @@ impl Builder<'_> {
         let before = self.faults.len();
         let mut silent = Silent::new(&own, self.spec);
         for p in 0..grid.len() {
-            silent.hear(self.made(decl, entry, &own, &grid, p).as_deref());
+            silent.hear(self.made(decl, entry, &own, &grid, p).as_ref());
             if self.faults.len() > before + MOST_FAULTS {
                 return;
             }
@@ -65,14 +65,7 @@ impl Builder<'_> {
         self.faults.extend(silent.faults());
     }
 
-    fn made(
-        &mut self,
-        decl: &StageDecl,
-        entry: &Entry,
-        own: &Args,
-        grid: &Grid,
-        p: usize,
-    ) -> Option<Arc<dyn StageDyn>> {
+    fn made(&mut self, decl: &StageDecl, entry: &Entry, own: &Args, grid: &Grid, p: usize) -> Option<AnyStage> {
         let made = if grid.len() == 1 && grid.axes().next().is_none() {
             (entry.build)(own)
         } else {
@@ -103,16 +96,16 @@ impl Builder<'_> {
                 return None;
             }
             let stage = self.made(decl, entry, &own, &grid, p);
-            silent.hear(stage.as_deref());
+            silent.hear(stage.as_ref());
             let Some(stage) = stage else { continue };
-            questions.push(question(entry, stage.as_ref()));
+            questions.push(question(entry, &stage));
             here.clear();
             for r in 0..rest.len() {
                 let situation = reach.at[own_reach.at(p) + rest_reach.at(r)];
                 let variant = match here.get(&situation) {
                     Some(known) => *known,
                     None => {
-                        let variant = self.variant(decl, entry, stage.as_ref(), &reach, situation, &mut found);
+                        let variant = self.variant(decl, entry, &stage, &reach, situation, &mut found);
                         here.insert(situation, variant);
                         variant
                     }
@@ -212,7 +205,7 @@ impl Builder<'_> {
         &mut self,
         decl: &StageDecl,
         entry: &Entry,
-        stage: &dyn StageDyn,
+        stage: &AnyStage,
         reach: &Reach,
         situation: u32,
         found: &mut Found,
@@ -244,7 +237,7 @@ impl<'a> Silent<'a> {
     }
 
     /// Parameters with an effect at another point are no longer without effect.
-    fn hear(&mut self, stage: Option<&dyn StageDyn>) {
+    fn hear(&mut self, stage: Option<&AnyStage>) {
         let Some(stage) = stage else {
             self.refused = true;
             return;
@@ -363,15 +356,17 @@ fn of_yield(yields: &Yield, first: Option<usize>, rows: Option<usize>) -> u64 {
 
 fn same_table(one: &Table, other: &Table) -> bool {
     let features = match (one, other) {
-        (Table::Lines(_), Table::Lines(_)) | (Table::Map(_), Table::Map(_)) => true,
+        (Table::Lines(_), Table::Lines(_)) | (Table::Scores(_), Table::Scores(_)) | (Table::Map(_), Table::Map(_)) => {
+            true
+        }
         (Table::Model { features: a, .. }, Table::Model { features: b, .. }) => a == b,
-        _ => false,
+        (Table::Lines(_) | Table::Model { .. } | Table::Scores(_) | Table::Map(_), _) => false,
     };
     features && one.shape() == other.shape()
 }
 
 /// The computation on the data.
-fn question(entry: &Entry, stage: &dyn StageDyn) -> Key {
+fn question(entry: &Entry, stage: &AnyStage) -> Key {
     let params = stage.canonical();
     let version = entry.version.to_string();
     let words = params.iter().flat_map(|(k, v)| [*k, v.as_str()]);
@@ -392,6 +387,7 @@ fn outcome(entry: &Entry, yields: &Yield, first: Option<&Table>) -> Table {
     match entry.yields {
         TableKind::Lines => Table::Lines(shape),
         TableKind::Model => Table::Model { shape, features: yields.features.clone() },
+        TableKind::Scores => Table::Scores(shape),
         TableKind::Map => Table::Map(shape),
     }
 }

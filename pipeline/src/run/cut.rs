@@ -82,7 +82,7 @@ impl<'a> Cut<'a> {
         /// Rows of a map, which is as large as its data make it: enough for a chunk of its own.
         const MAP_ROWS: usize = 1 << 20;
         let node = &self.graph.plan.tables[self.table];
-        let rows = match unit.line.filter(|_| !node.is_tidy()) {
+        let rows = match unit.line.filter(|_| !node.is_small()) {
             Some(line) => {
                 let of = |records: &std::collections::BTreeMap<usize, crate::sources::LineRecord>| {
                     records.get(&line).map_or(0, |l| l.rows)

@@ -34,7 +34,7 @@ impl Layout {
     pub fn new(graph: &Graph, table: usize, cut: &Cut) -> Layout {
         let node = &graph.plan.tables[table];
         let mut units: Vec<Unit> = graph.units(table).collect();
-        if node.entry.grain == Grain::Line && !node.is_tidy() {
+        if node.entry.grain == Grain::Line && !node.is_small() {
             // Line by line: the points of a sweep share the reading of a line.
             units.sort_by_key(|u| (u.line, u.instance));
         }

@@ -90,7 +90,7 @@ pub fn write(
     let plan = graph.plan;
     let node = &plan.tables[t];
     let logical = schema(graph, node)?;
-    if node.is_tidy() || logical.fields().len() == cut.schema.fields().len() {
+    if node.is_small() || logical.fields().len() == cut.schema.fields().len() {
         return Ok(None);
     }
     let units: Vec<Unit> = Layout::new(graph, t, cut).units.into_iter().filter(|u| there(*u)).collect();

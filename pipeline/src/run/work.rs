@@ -1,7 +1,6 @@
 //! The work itself: the inputs of some units are read, and their stage is run.
 
 use std::{
-    any::Any,
     collections::{BTreeMap, HashMap, HashSet},
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{Arc, Mutex, atomic::Ordering},
@@ -12,7 +11,7 @@ use arrow_array::{
 };
 use arrow_schema::{DataType, Field, FieldRef, Schema};
 use rayon::prelude::*;
-use schemas::{Fault, Grain, InputKind, LineIn, Prepared, Shape, StageDyn};
+use schemas::{AnyLinePoint, AnyStage, Arrays, Fault, Grain, InputKind, LineIn, Part, Prepared, Shape, SurveyStageDyn};
 
 use super::INTERRUPTED;
 use crate::{
@@ -47,11 +46,21 @@ const HELD_BYTES: usize = 256 << 20;
 /// What a stage's preparation depends on: its table, and the parameters, models and maps that it uses.
 type Basis = (usize, String);
 
-/// A point and its inputs on a line.
-type Input = (Arc<dyn StageDyn>, LineIn);
+/// A point on a line: its stage, the columns it reads, and what the stage prepared.
+struct Input {
+    stage: AnyStage,
+    line: LineIn,
+    prepared: Prepared,
+}
+
+impl Input {
+    fn point(&self) -> Result<AnyLinePoint<'_>, Fault> {
+        Ok(AnyLinePoint { stage: self.stage.of_lines()?, line: &self.line, prepared: &self.prepared })
+    }
+}
 
 /// The result of a survey stage for a point: the lines that it left out, and its table.
-type Gathered = (Vec<Fault>, Result<Vec<ArrayRef>, Fault>);
+type Gathered = (Vec<Fault>, Arrays);
 
 /// Says whether a line can be used by a unit.
 pub type Usable<'a> = dyn Fn(LineId, Unit) -> bool + Sync + 'a;
@@ -129,21 +138,23 @@ impl<'a> Worker<'a> {
         let mut held = Held::new(self);
         let mut input = |unit: &Unit| -> Result<Input, Fault> {
             let line = unit.line.ok_or_else(|| Fault::bug("a line stage without a line"))?;
-            Ok((self.instance(*unit).stage()?, self.line_in(*unit, line, &mut held)?))
+            self.input(*unit, line, &mut held)
         };
         let inputs: Vec<Result<Input, Fault>> = units.iter().map(&mut input).collect();
-        let points: Vec<(&dyn StageDyn, &LineIn)> = inputs.iter().flatten().map(|(s, l)| (s.as_ref(), l)).collect();
-        let together = match points.first() {
-            Some((stage, _)) => guarded(|| Ok(stage.run_points(&points))),
+        let points: Vec<Result<AnyLinePoint, Fault>> =
+            inputs.iter().map(|input| input.as_ref().map_err(Clone::clone)?.point()).collect();
+        let able: Vec<AnyLinePoint> = points.iter().flatten().copied().collect();
+        let together = match able.first() {
+            Some(first) => guarded(|| Ok(first.stage.run_points(&able))),
             None => Ok(vec![]),
         };
         // One that panics takes the others with it: they are run again, each by itself.
-        let alone = |(stage, line): &(&dyn StageDyn, &LineIn)| guarded(|| stage.run(line));
-        let answers = together.unwrap_or_else(|_| points.iter().map(alone).collect());
+        let alone = |point: &AnyLinePoint| guarded(|| point.stage.run(point.line, point.prepared));
+        let answers = together.unwrap_or_else(|_| able.iter().map(alone).collect());
         let mut answers = answers.into_iter();
-        let one = |(unit, input): (&Unit, &Result<Input, Fault>)| {
-            let rows = match input {
-                Ok((_, line)) => {
+        let one = |(unit, point): (&Unit, &Result<AnyLinePoint, Fault>)| {
+            let rows = match point {
+                Ok(AnyLinePoint { line, .. }) => {
                     let answer = answers.next().unwrap_or_else(|| Err(Fault::bug("a point without an answer")));
                     let answer = answer.and_then(|arrays| self.batch(&self.instance(*unit), arrays));
                     answer.map_err(|f| f.in_line(&line.flight, &line.line))
@@ -152,15 +163,22 @@ impl<'a> Worker<'a> {
             };
             Made { unit: *unit, rows, left_out: vec![] }
         };
-        units.iter().zip(&inputs).map(one).collect()
+        units.iter().zip(&points).map(one).collect()
     }
 
     /// The columns that one unit of a line stage makes.
     fn alone(&self, unit: Unit, line: LineId, held: &mut Held) -> Result<RecordBatch, Fault> {
-        let it = self.instance(unit);
-        let input = self.line_in(unit, line, held)?;
-        let arrays = guarded(|| it.stage()?.run(&input)).map_err(|f| f.in_line(&input.flight, &input.line))?;
-        self.batch(&it, arrays)
+        let input = self.input(unit, line, held)?;
+        let arrays = guarded(|| input.stage.of_lines()?.run(&input.line, &input.prepared));
+        let arrays = arrays.map_err(|f| f.in_line(&input.line.flight, &input.line.line))?;
+        self.batch(&self.instance(unit), arrays)
+    }
+
+    /// A unit of a line stage, ready to run.
+    fn input(&self, unit: Unit, line: LineId, held: &mut Held) -> Result<Input, Fault> {
+        let stage = self.instance(unit).stage()?;
+        let prepared = self.prepare(unit, &stage)?;
+        Ok(Input { line: self.line_in(unit, line, held)?, stage, prepared })
     }
 
     /// The inputs of the stage on one line.
@@ -172,7 +190,7 @@ impl<'a> Worker<'a> {
         for (i, (r, kind)) in it.inputs().iter().zip(kinds).enumerate() {
             let columns = it.yields.reads.get(i).cloned().unwrap_or_default();
             inputs.push(match kind {
-                InputKind::Map | InputKind::ManyMaps => empty(),
+                InputKind::Map | InputKind::ManyMaps | InputKind::Model => empty(),
                 _ if it.yields.lenient => filled(held.batch(*r, line, &columns)?, &columns, held.shape(*r))?,
                 _ => held.batch(*r, line, &columns)?,
             });
@@ -186,21 +204,24 @@ impl<'a> Worker<'a> {
             }
             _ => None,
         };
-        Ok(LineIn { flight, line: name, inputs, keep, prepared: self.prepare(unit)? })
+        Ok(LineIn { flight, line: name, inputs, keep })
     }
 
     /// Builds what the stages of `units`, all of one table, need from their models and maps, each once. It is then
     /// shared by every line.
     pub fn prepare_all(&self, units: impl Iterator<Item = Unit>) {
         let mut seen = HashSet::new();
-        let mut bases: BTreeMap<Basis, Unit> = BTreeMap::new();
+        let mut bases: BTreeMap<Basis, (Unit, AnyStage)> = BTreeMap::new();
         let mut waiting: Vec<Unit> = units.collect();
         while let Some(unit) = waiting.pop() {
             if !seen.insert((unit.table, unit.instance)) {
                 continue;
             }
-            if let Ok(basis) = self.basis(unit) {
-                bases.entry(basis).or_insert(unit);
+            let stage = self.instance(unit).stage();
+            if let Ok(stage @ AnyStage::Line(_)) = stage
+                && let Ok(basis) = self.basis(unit, &stage)
+            {
+                bases.entry(basis).or_insert((unit, stage));
             }
             // Results that are not kept are recomputed on demand.
             let made_again = self.instance(unit).inputs().into_iter().filter_map(|r| match r {
@@ -211,15 +232,15 @@ impl<'a> Worker<'a> {
             });
             waiting.extend(made_again);
         }
-        bases.into_values().collect::<Vec<_>>().par_iter().with_max_len(1).for_each(|unit| {
+        bases.into_values().collect::<Vec<_>>().par_iter().with_max_len(1).for_each(|(unit, stage)| {
             // Its faults are reported by each unit that needs it.
-            let _ = self.prepare(*unit);
+            let _ = self.prepare(*unit, stage);
         });
     }
 
-    fn basis(&self, unit: Unit) -> Result<Basis, Fault> {
+    fn basis(&self, unit: Unit, stage: &AnyStage) -> Result<Basis, Fault> {
         let it = self.instance(unit);
-        let mut name = it.stage()?.prepare_key();
+        let mut name = stage.of_lines()?.prepare_key();
         for (r, kind) in it.inputs().iter().zip(it.kinds()) {
             match kind {
                 InputKind::Map | InputKind::ManyMaps | InputKind::Model => {
@@ -233,8 +254,8 @@ impl<'a> Worker<'a> {
 
     /// The preparations for all lines of a table. It is built without a lock: a thread that waits for its own parallel
     /// work takes up other lines meanwhile, which may come to the same place.
-    fn prepare(&self, unit: Unit) -> Result<Prepared, Fault> {
-        let basis = self.basis(unit)?;
+    fn prepare(&self, unit: Unit, stage: &AnyStage) -> Result<Prepared, Fault> {
+        let basis = self.basis(unit, stage)?;
         let failed = || Fault::bug("another thread failed while preparing the stage");
         if let Some(known) = self.prepared.lock().map_err(|_| failed())?.get(&basis) {
             return known.clone();
@@ -249,8 +270,7 @@ impl<'a> Worker<'a> {
                     InputKind::Lines | InputKind::ManyLines | InputKind::Scores => empty(),
                 });
             }
-            let stage = it.stage()?;
-            guarded(|| stage.prepare(&inputs))
+            guarded(|| stage.of_lines()?.prepare(&inputs))
         };
         let built = build();
         self.prepared.lock().map_err(|_| failed())?.entry(basis).or_insert(built).clone()
@@ -270,7 +290,7 @@ impl<'a> Worker<'a> {
             let maps: Vec<RecordBatch> =
                 it.inputs().iter().map(|r| self.graph.map(self.store, *r)).collect::<Result<_, Fault>>()?;
             let stage = it.stage()?;
-            self.batch(&it, guarded(|| stage.run_maps(&maps))?)
+            self.batch(&it, guarded(|| stage.of_maps()?.run(&maps))?)
         };
         Made { unit, rows: made(), left_out: vec![] }
     }
@@ -282,14 +302,19 @@ impl<'a> Worker<'a> {
             Ok(stages) => stages,
             Err(fault) => return all(fault),
         };
-        let stages: Vec<&dyn StageDyn> = stages.iter().map(AsRef::as_ref).collect();
-        let Some(gather) = stages.first().and_then(|s| s.gather(&stages)) else {
-            return all(Fault::bug("a survey stage that gathers nothing"));
+        let stages: Result<Vec<&dyn SurveyStageDyn>, Fault> = stages.iter().map(AnyStage::of_surveys).collect();
+        let gather = stages.and_then(|stages| match stages.first() {
+            Some(first) => first.gather(&stages),
+            None => Err(Fault::bug("a survey without points")),
+        });
+        let gather = match gather {
+            Ok(gather) => gather,
+            Err(fault) => return all(fault),
         };
         let first = units[0];
         let lines: Vec<LineId> =
             self.graph.lines_of(first.table, first.instance).iter().copied().filter(|l| usable(*l, first)).collect();
-        let mapped: Vec<Result<Box<dyn Any + Send>, Fault>> = lines
+        let mapped: Vec<Result<Part, Fault>> = lines
             .par_iter()
             .with_max_len(1)
             .map(|line| {
@@ -307,7 +332,7 @@ impl<'a> Worker<'a> {
             let (flight, name) = &self.graph.lines[*line];
             match part {
                 Ok(part) => {
-                    for (point, fault) in gather.refused(part.as_ref()) {
+                    for (point, fault) in gather.refused(&part) {
                         left_out[point].push(fault.in_line(flight, name));
                     }
                     parts.push(part);
@@ -318,7 +343,7 @@ impl<'a> Worker<'a> {
                 }
             }
         }
-        let mut tables = match guarded(|| Ok(gather.finish(parts))) {
+        let mut tables = match guarded(|| gather.finish(parts)) {
             Ok(tables) => tables,
             Err(fault) => return all(fault),
         };

@@ -135,7 +135,7 @@ fn table(graph: &Graph, t: usize, node: &TableNode, cost: Option<(usize, f64)>) 
         name: node.name.clone(),
         stage: node.entry.name.to_owned(),
         version: node.entry.version,
-        tidy: node.is_tidy(),
+        tidy: node.is_small(),
         axes: node.axes.iter().map(|i| plan.spec.axes[*i].name.clone()).collect(),
         inputs,
         predicate: plan.decl(t).and_then(|d| d.predicate.clone()).map(|(text, _)| text),

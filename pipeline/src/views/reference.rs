@@ -55,7 +55,7 @@ fn section(entry: &Entry) -> String {
     // Writing into a String cannot fail.
     let yields = match entry.yields {
         TableKind::Map => " Yields a map.",
-        TableKind::Lines | TableKind::Model => "",
+        TableKind::Lines | TableKind::Model | TableKind::Scores => "",
     };
     let _ = writeln!(out, "Works on {grain}. Inputs: {}.{yields}\n", inputs.join(", "));
     let common: Vec<&ParamDoc> = entry.params.iter().filter(|p| p.owners.is_empty()).collect();

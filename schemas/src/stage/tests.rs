@@ -1,4 +1,6 @@
-use arrow_array::{Array, Float64Array};
+use std::sync::Arc;
+
+use arrow_array::{Array, ArrayRef, Float64Array};
 
 use super::*;
 
@@ -20,7 +22,15 @@ impl Stage for Number {
     fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
         Ok(Yield::append::<&str>(vec![], &[]))
     }
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+}
+
+impl LineStage for Number {
+    type Prepared = f64;
+    fn prepare(&self, _: &[RecordBatch]) -> Result<f64, Fault> {
+        Ok(self.value)
+    }
+    fn run(&self, line: &LineIn, prepared: &f64) -> Arrays {
+        assert_eq!(*prepared, self.value);
         let values = vec![self.value; line.line.len()];
         if self.value < 0.0 { Err(Fault::data("negative")) } else { Ok(vec![Arc::new(Float64Array::from(values))]) }
     }
@@ -33,7 +43,14 @@ impl Stage for Other {
     fn idle(&self, key: &str) -> Option<Fault> {
         (key == "columns" && self.columns == 0).then(|| Fault::new("none"))
     }
-    fn run(&self, _: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+}
+
+impl LineStage for Other {
+    type Prepared = ();
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+    fn run(&self, _: &LineIn, (): &()) -> Arrays {
         Ok(vec![])
     }
 }
@@ -47,16 +64,19 @@ fn law_what_has_no_say_is_not_in_the_key() {
 
 #[test]
 fn law_points_are_run_each_by_itself_unless_the_stage_knows_better() {
-    let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![], keep: None, prepared: None };
-    let (one, bad, two) = (Number { value: 1.0 }, Number { value: -1.0 }, Number { value: 2.0 });
-    let points: [(&dyn StageDyn, &LineIn); 4] =
-        [(&one, &line), (&bad, &line), (&Other { columns: 0 }, &line), (&two, &line)];
+    let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![], keep: None };
+    let stages: [&dyn LineStageDyn; 4] =
+        [&Number { value: 1.0 }, &Number { value: -1.0 }, &Other { columns: 0 }, &Number { value: 2.0 }];
     assert_eq!([Number::entry().name, Other::entry().name], [Number::NAME, Other::NAME]);
-    for first in [&one as &dyn StageDyn, &Other { columns: 0 }] {
-        let answers = first.run_points(&points);
-        let columns: Vec<Option<usize>> = answers.iter().map(|a| a.as_ref().ok().map(Vec::len)).collect();
-        assert_eq!(columns, [Some(1), None, Some(0), Some(1)]);
-        let expected: ArrayRef = Arc::new(Float64Array::from(vec![2.0; 4]));
-        assert!(answers[3].as_ref().is_ok_and(|arrays| arrays[0].to_data() == expected.to_data()));
-    }
+    let prepared: Vec<Prepared> = stages.iter().filter_map(|stage| stage.prepare(&[]).ok()).collect();
+    let points =
+        stages.iter().zip(&prepared).map(|(stage, prepared)| AnyLinePoint { stage: *stage, line: &line, prepared });
+    let points: Vec<AnyLinePoint> = points.collect();
+    let columns = |answers: &[Arrays]| answers.iter().map(|a| a.as_ref().ok().map(Vec::len)).collect::<Vec<_>>();
+    let answers = stages[0].run_points(&points);
+    assert_eq!(columns(&answers), [Some(1), None, None, Some(1)], "a point of another stage has a fault");
+    let expected: ArrayRef = Arc::new(Float64Array::from(vec![2.0; 4]));
+    assert!(answers[3].as_ref().is_ok_and(|arrays| arrays[0].to_data() == expected.to_data()));
+    assert_eq!(columns(&stages[2].run_points(&points)), [None, None, Some(0), None]);
+    assert!(stages[0].run(&line, &prepared[2]).is_err_and(|fault| fault.owner == crate::Owner::Bug));
 }

@@ -64,12 +64,12 @@ fn line() -> LineIn {
             let t = f64::from(i);
             if **name == *"tt" { 0.1 * t } else { 10.0 * k + (1.0 + k) * t + 0.1 * t * t }
         };
-        (name.to_string(), Arc::new(Float64Array::from_iter_values((0..60).map(value))) as ArrayRef)
+        (name.to_string(), Arc::new(Float64Array::from_iter_values((0..60).map(value))) as arrow_array::ArrayRef)
     };
-    let mut columns: Vec<(String, ArrayRef)> = COLUMNS.iter().enumerate().map(one).collect();
+    let mut columns: Vec<(String, arrow_array::ArrayRef)> = COLUMNS.iter().enumerate().map(one).collect();
     columns.push(("vol_bat_1".into(), Arc::new(Float64Array::from(vec![28.0; 60]))));
     let batch = RecordBatch::try_from_iter(columns).unwrap();
-    LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None, prepared: None }
+    LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
 }
 
 fn table() -> Table {
@@ -85,7 +85,7 @@ fn table() -> Table {
 fn made(stage: &Features) -> (Vec<String>, Vec<f64>) {
     let yields = stage.yields(&[&table()]).unwrap();
     let ColumnType::List(names) = yields.columns[0].column_type.clone() else { unreachable!("a list") };
-    let arrays = stage.run(&line()).unwrap();
+    let arrays = stage.run(&line(), &()).unwrap();
     let values = arrays[0].as_fixed_size_list().values().as_primitive::<Float64Type>().values().to_vec();
     assert_eq!(values.len(), 60 * names.len());
     (names, values)

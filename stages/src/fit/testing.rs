@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
-use schemas::{Args, Fault, Given, LineIn, Literal, StageDyn};
+use schemas::{AnyStage, Args, Fault, Given, LineIn, Literal};
 
 /// What the target is made of.
 pub const COEFFICIENTS: [f64; 3] = [12.0, -7.0, 3.5];
@@ -71,7 +71,7 @@ fn line(phase: f64, target: &dyn Fn(usize, f64) -> f64) -> RecordBatch {
 }
 
 /// The stage `fit` with `model` and `keys`, of the features `a`, `b` and `c`, without a filter.
-pub fn stage(model: &str, keys: &[(String, Literal)]) -> Result<Arc<dyn StageDyn>, Vec<Fault>> {
+pub fn stage(model: &str, keys: &[(String, Literal)]) -> Result<AnyStage, Vec<Fault>> {
     let features = Literal::List(["a", "b", "c"].map(|name| Literal::Text(name.to_owned())).to_vec());
     let usual = [word("model", model), word("target", "y"), ("features".to_owned(), features)];
     let unfiltered = [number("low_hz", 0.0), number("high_hz", 0.0), whole("trim", 0)];
@@ -88,12 +88,13 @@ pub fn fitted(model: &str, keys: &[(String, Literal)]) -> Found {
 /// A fit to these lines.
 pub fn fitted_to(lines: &[RecordBatch], model: &str, keys: &[(String, Literal)]) -> Found {
     let stage = stage(model, keys).unwrap();
-    let gather = stage.gather(&[stage.as_ref()]).unwrap();
+    let stage = stage.of_surveys().unwrap();
+    let gather = stage.gather(&[stage]).unwrap();
     let part = |(i, line): (usize, &RecordBatch)| {
         let (flight, name, inputs) = ("1".to_owned(), format!("1.{i}"), vec![line.clone()]);
-        gather.map(&LineIn { flight, line: name, inputs, keep: None, prepared: None }).unwrap()
+        gather.map(&LineIn { flight, line: name, inputs, keep: None }).unwrap()
     };
-    let table = gather.finish(lines.iter().enumerate().map(part).collect()).remove(0).unwrap();
+    let table = gather.finish(lines.iter().enumerate().map(part).collect()).unwrap().remove(0).unwrap();
     let column = |i: usize| table[i].as_primitive::<Float64Type>().values().to_vec();
     let rows = table[4].as_primitive::<arrow_array::types::Int64Type>().value(0);
     Found { value: column(2), residual_std: column(7)[0], chosen: column(8)[0], rows: rows as f64 }

@@ -1,10 +1,10 @@
 //! The lines of a survey, gathered for the points of a sweep.
 
-use std::{any::Any, collections::BTreeMap};
+use std::collections::BTreeMap;
 
 use arrow_array::{ArrayRef, RecordBatch, cast::AsArray, types::Int64Type};
 use datasets::SurveyPoints;
-use schemas::{Fault, Gather, LineIn};
+use schemas::{Arrays, Fault, Gather, LineIn};
 
 use super::{MapGrid, columns, points};
 use crate::columns::floats;
@@ -15,7 +15,7 @@ pub struct Survey {
 }
 
 /// The rows of a line that are selected and have a position.
-struct Part {
+pub struct Part {
     name: String,
     /// The rows of the line.
     rows: Vec<u64>,
@@ -30,7 +30,9 @@ impl Survey {
 }
 
 impl Gather for Survey {
-    fn map(&self, line: &LineIn) -> Result<Box<dyn Any + Send>, Fault> {
+    type Part = Part;
+
+    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a survey without lines"))?;
         let (lat, lon) = (floats(batch, "lat")?, floats(batch, "lon")?);
         let kept = |row: &usize| {
@@ -44,11 +46,10 @@ impl Gather for Survey {
             columns.insert(field.name().clone(), rows.iter().map(|row| values[*row]).collect());
         }
         let name = format!("{} {}", line.flight, line.line);
-        Ok(Box::new(Part { name, rows: rows.into_iter().map(|row| row as u64).collect(), columns }))
+        Ok(Part { name, rows: rows.into_iter().map(|row| row as u64).collect(), columns })
     }
 
-    fn refused(&self, part: &(dyn Any + Send)) -> Vec<(usize, Fault)> {
-        let Some(part) = part.downcast_ref::<Part>() else { return vec![] };
+    fn refused(&self, part: &Part) -> Vec<(usize, Fault)> {
         let lacks = |stage: &MapGrid| {
             let lacking = stage.reads().into_iter().find(|name| !part.columns.contains_key(*name))?;
             Some(Fault::data(format!("the line has no column `{lacking}`")).in_column(lacking))
@@ -56,8 +57,8 @@ impl Gather for Survey {
         self.stages.iter().enumerate().filter_map(|(i, stage)| Some((i, lacks(stage)?))).collect()
     }
 
-    fn finish(&self, parts: Vec<Box<dyn Any + Send>>) -> Vec<Result<Vec<ArrayRef>, Fault>> {
-        let parts: Vec<&Part> = parts.iter().filter_map(|part| part.downcast_ref()).collect();
+    fn finish(&self, parts: Vec<Part>) -> Vec<Arrays> {
+        let parts: Vec<&Part> = parts.iter().collect();
         self.stages.iter().map(|stage| mapped(stage, &parts)).collect()
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use arrow_array::{Float64Array, RecordBatch};
 use arrow_schema::{Field, Schema};
-use schemas::{Args, Given, LineIn, Literal};
+use schemas::{Args, Gather, Given, LineIn, Literal};
 
 use super::*;
 
@@ -41,7 +41,7 @@ fn line_of(number: usize, columns: Vec<(&str, Vec<f64>)>) -> LineIn {
         columns.iter().map(|(name, _)| Field::new(*name, arrow_schema::DataType::Float64, true)).collect();
     let arrays = columns.into_iter().map(|(_, v)| Arc::new(Float64Array::from(v)) as ArrayRef).collect();
     let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap();
-    LineIn { flight: "1".into(), line: number.to_string(), inputs: vec![batch], keep: None, prepared: None }
+    LineIn { flight: "1".into(), line: number.to_string(), inputs: vec![batch], keep: None }
 }
 
 fn survey() -> Vec<LineIn> {
@@ -49,7 +49,7 @@ fn survey() -> Vec<LineIn> {
 }
 
 fn yielded(stages: &[&MapGrid], lines: &[LineIn]) -> Vec<Result<Vec<ArrayRef>, Fault>> {
-    let gather = MapGrid::gather(stages.to_vec()).unwrap();
+    let gather = MapGrid::gather(stages.to_vec());
     let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
     gather.finish(parts)
 }

@@ -2,18 +2,16 @@
 
 use std::sync::Arc;
 
-use arrow_array::{ArrayRef, RecordBatch};
+use arrow_array::RecordBatch;
 use numerics::{earth::core_field::CoreField, navigation::ins_error::InsErrorModel};
-use schemas::{Fault, LineIn, OrAuto};
+use schemas::{Arrays, Fault, LinePoint, OrAuto};
 
 use super::{
     Navigate, PreparedMap,
-    filter::{Filter, Flown, Point},
+    filter::{self, Filter, Flown},
     ins::{self, Ins},
 };
 use crate::columns::data;
-
-type Answer = Result<Vec<ArrayRef>, Fault>;
 
 /// Points with the same INS.
 struct Flight<'a> {
@@ -38,10 +36,10 @@ impl CoreFields {
 }
 
 /// One answer a point, in their order.
-pub(super) fn run(points: &[(&Navigate, &LineIn)]) -> Vec<Answer> {
-    let mut answers: Vec<Option<Answer>> = vec![];
+pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
+    let mut answers: Vec<Option<Arrays>> = vec![];
     let mut flights: Vec<Flight> = vec![];
-    for (place, (_, line)) in points.iter().enumerate() {
+    for (place, LinePoint { line, .. }) in points.iter().enumerate() {
         answers.push(None);
         let Some(batch) = line.inputs.first() else {
             answers[place] = Some(Err(Fault::bug("the line is missing")));
@@ -56,9 +54,9 @@ pub(super) fn run(points: &[(&Navigate, &LineIn)]) -> Vec<Answer> {
     for Flight { ins, places, .. } in &flights {
         let mut works = vec![];
         for place in places {
-            let (stage, line) = points[*place];
-            match ins.as_ref().map_err(Clone::clone).and_then(|ins| flown(stage, line, ins, &mut cores)) {
-                Ok((flown, map)) => works.push((*place, stage, flown, map)),
+            let point = points[*place];
+            match ins.as_ref().map_err(Clone::clone).and_then(|ins| flown(point, ins, &mut cores)) {
+                Ok((flown, map)) => works.push((*place, point.stage, flown, map)),
                 Err(fault) => answers[*place] = Some(Err(fault)),
             }
         }
@@ -72,7 +70,7 @@ pub(super) fn run(points: &[(&Navigate, &LineIn)]) -> Vec<Answer> {
             }
         }
         for (filter, of) in filters {
-            let together: Vec<Point> = of.iter().map(|i| (&*works[*i].1.filter.keys, &works[*i].2)).collect();
+            let together: Vec<filter::Point> = of.iter().map(|i| (&*works[*i].1.filter.keys, &works[*i].2)).collect();
             for (i, track) in of.iter().zip((filter.navigate_points)(&together)) {
                 let (place, stage, _, map) = &works[*i];
                 let height = map.errors.of_height_nt(ins.alt_m());
@@ -86,14 +84,11 @@ pub(super) fn run(points: &[(&Navigate, &LineIn)]) -> Vec<Answer> {
 
 /// What one point gives to its filter.
 fn flown<'a>(
-    stage: &Navigate,
-    line: &'a LineIn,
+    LinePoint { stage, line, prepared: map }: LinePoint<'a, Navigate>,
     ins: &'a Ins,
     cores: &mut CoreFields,
 ) -> Result<(Flown<'a>, &'a PreparedMap), Fault> {
     let batch = line.inputs.first().ok_or_else(|| Fault::bug("the line is missing"))?;
-    let map = line.prepared.as_ref().and_then(|p| p.downcast_ref::<PreparedMap>());
-    let map = map.ok_or_else(|| Fault::bug("the map is missing"))?;
     let measured_nt = stage.measured(batch)?;
     let core = stage.core_year(batch)?.map(|year| cores.at(year)).transpose()?;
     let mut noise = stage.expected(batch)?;

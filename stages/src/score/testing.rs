@@ -58,7 +58,7 @@ pub fn track(lat: Vec<f64>, lon: Vec<f64>) -> Columns {
 /// The line of these tables, each with its times, and a track with what became of its measurements.
 pub fn line(tables: &[Columns]) -> LineIn {
     let inputs = tables.iter().map(batch).collect();
-    LineIn { flight: "1".into(), line: "1.01".into(), inputs, keep: None, prepared: None }
+    LineIn { flight: "1".into(), line: "1.01".into(), inputs, keep: None }
 }
 
 fn batch(columns: &Columns) -> RecordBatch {

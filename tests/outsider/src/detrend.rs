@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use arrow_array::{ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
-use schemas::{Column, Fault, LineIn, Stage, Table, Yield, stage};
+use arrow_array::{Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Stage, Table, Yield, stage};
 
 stage! {
     /// Takes the straight line over time that fits a column best off it, line by line, as `COLUMN_detrended`.
@@ -30,8 +30,16 @@ impl Stage for Detrend {
         let reads = ["tt", self.column.as_str()];
         Ok(Yield::append(vec![made.from(0, &reads)], &reads))
     }
+}
 
-    fn run(&self, line: &LineIn) -> Result<Vec<ArrayRef>, Fault> {
+impl LineStage for Detrend {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
         let [time, values] = ["tt", &self.column].map(|name| numbers(&line.inputs[0], name));
         let detrended = detrended(&time?, &values?);
         Ok(vec![Arc::new(Float64Array::from(detrended))])

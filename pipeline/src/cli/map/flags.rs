@@ -3,7 +3,7 @@
 use std::marker::PhantomData;
 
 use clap::{Arg, ArgAction, ArgMatches, Command, FromArgMatches, parser::ValueSource};
-use schemas::{Args, Entry, Fault, Given, Literal, ParamDoc, Stage, StageDyn};
+use schemas::{Args, Entry, Fault, Given, Literal, ParamDoc, Stage};
 use stages::{map_continue::MapContinue, map_convert::MapConvert, map_fill::MapFill, map_grid::MapGrid};
 
 use super::Stop;
@@ -183,7 +183,7 @@ impl<S: Flagged> StageFlags<S> {
         let first = |faults: Vec<Fault>| faults.into_iter().next().map_or_else(Fault::default, in_flags::<S>);
         let built = (S::declared().build)(&self.given).map_err(first)?;
         let stage = built.as_any().downcast_ref::<S>().ok_or_else(|| Fault::bug("a stage of another type"))?;
-        let idle = self.given.keys().find_map(|key| StageDyn::idle(stage, key));
+        let idle = self.given.keys().find_map(|key| stage.idle(key));
         idle.map_or(Ok(stage.clone()), |fault| Err(in_flags::<S>(fault).into()))
     }
 }

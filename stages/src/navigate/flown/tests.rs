@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used)]
-use arrow_array::{Float64Array, cast::AsArray, types::Float64Type};
-use schemas::{Args, Given, Literal, StageDyn};
+use arrow_array::{ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
+use schemas::{AnyLinePoint, AnyStage, Args, Given, LineIn, LineStageDyn, Literal, Prepared};
 
 use super::*;
 
@@ -35,7 +35,7 @@ fn line(north_deg: f64) -> RecordBatch {
     ])
 }
 
-fn point(params: &[(&str, Literal)]) -> Arc<dyn StageDyn> {
+fn point(params: &[(&str, Literal)]) -> AnyStage {
     let given = [("core_field", Literal::Bool(false)), ("save_state", Literal::Bool(true))];
     let args: Args = given
         .iter()
@@ -45,10 +45,8 @@ fn point(params: &[(&str, Literal)]) -> Arc<dyn StageDyn> {
     (super::super::entry(super::super::FILTERS.to_vec()).build)(&args).unwrap()
 }
 
-fn on(point: &dyn StageDyn, line: &RecordBatch) -> LineIn {
-    let map = map_table();
-    let prepared = point.prepare(&[line.slice(0, 0), map.clone()]).unwrap();
-    LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![line.clone(), map], keep: None, prepared }
+fn on(line: &RecordBatch) -> LineIn {
+    LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![line.clone(), line.slice(0, 0)], keep: None }
 }
 
 /// The numbers of an answer as bits, and its words.
@@ -78,18 +76,23 @@ fn law_points_together_answer_as_each_alone() {
         point(&[("mag", text("mag_1_c")), ("offset_window_s", Literal::Float(2.0))]),
     ];
     let (here, there) = (line(0.0), line(0.0005));
-    let mut lines: Vec<LineIn> = points.iter().map(|point| on(&**point, &here)).collect();
-    // One of another INS, one of the same values in other memory, one without a map.
-    lines[3] = on(&*points[3], &there);
-    lines[7] = on(&*points[7], &line(0.0));
-    lines.push(LineIn { prepared: None, ..lines[0].clone() });
-    let mut together: Vec<(&dyn StageDyn, &LineIn)> = points.iter().map(Arc::as_ref).zip(&lines).collect();
-    together.push((&*points[0], &lines[8]));
-    let answers = points[0].run_points(&together);
+    let mut lines: Vec<LineIn> = points.iter().map(|_| on(&here)).collect();
+    // One of another INS, one of the same values in other memory, one with another stage's map.
+    lines[3] = on(&there);
+    lines[7] = on(&line(0.0));
+    lines.push(lines[0].clone());
+    let stages: Vec<&dyn LineStageDyn> = points.iter().chain([&points[0]]).map(|p| p.of_lines().unwrap()).collect();
+    let nodes = [here.slice(0, 0), map_table()];
+    let mut prepared: Vec<Prepared> = stages.iter().map(|stage| stage.prepare(&nodes).unwrap()).collect();
+    prepared[8] = Arc::new(());
+    let each = stages.iter().zip(&lines).zip(&prepared);
+    let together: Vec<AnyLinePoint> =
+        each.map(|((stage, line), prepared)| AnyLinePoint { stage: *stage, line, prepared }).collect();
+    let answers = stages[0].run_points(&together);
     assert_eq!(answers.len(), 9);
     let mut faults = vec![];
-    for ((point, line), answer) in together.iter().zip(answers) {
-        match (point.run(line), answer) {
+    for (point, answer) in together.iter().zip(answers) {
+        match (point.stage.run(point.line, point.prepared), answer) {
             (Ok(alone), Ok(answer)) => assert!(content(&alone) == content(&answer)),
             (Err(alone), Err(answer)) => {
                 assert_eq!(alone.what, answer.what);
@@ -99,7 +102,7 @@ fn law_points_together_answer_as_each_alone() {
         }
     }
     let expected =
-        ["no sample could be used: 300 without a measurement", "the line has no column", "the map is missing"];
+        ["no sample could be used: 300 without a measurement", "the line has no column", "what another stage made"];
     assert!(
         faults.iter().zip(expected).all(|(fault, words)| fault.starts_with(words)) && faults.len() == 3,
         "{faults:?}"

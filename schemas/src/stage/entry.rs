@@ -1,0 +1,188 @@
+//! The row of a stage in the catalogue, and the macro that declares it.
+
+use std::sync::Arc;
+
+use super::{AnyStage, Grain, InputDecl, Stage, TableKind};
+use crate::{Args, Fault, Lists, ParamDoc, Reader, collect_doc, metric::Metric};
+
+/// How a stage is made from its parameters: all that is wrong with them, where they are.
+pub type Build = Arc<dyn Fn(&Args) -> Result<AnyStage, Vec<Fault>> + Send + Sync>;
+
+/// One row of the catalogue: all that the planner, `explain`, lineage, keys and docs read of a stage.
+#[derive(Clone)]
+pub struct Entry {
+    /// The word after `stage =`.
+    pub name: &'static str,
+    /// Raised whenever the answer changes.
+    pub version: u32,
+    /// How much it must see at once.
+    pub grain: Grain,
+    /// The kind of table that it yields.
+    pub yields: TableKind,
+    /// Its inputs.
+    pub inputs: &'static [InputDecl],
+    /// What it does, when you want it, what it refuses, source.
+    pub doc: String,
+    /// A fragment of a spec that uses it, the table named like the stage. The examples of the catalogue, in its order,
+    /// make one spec over a table of flights `flights` and a map `anomaly`; the reference prints them, and the test of
+    /// the versions runs them.
+    pub example: &'static str,
+    /// What can be chosen by one of its keys, such as the models of a fit.
+    pub kinds: Vec<KindDoc>,
+    /// What a line is scored by, for a stage that makes a table of scores; empty for others.
+    pub metrics: Vec<Metric>,
+    /// Its parameters.
+    pub params: Vec<ParamDoc>,
+    /// Makes the stage from its parameters, or says all that is wrong with them.
+    pub build: Build,
+}
+
+/// One of several things that a key of a stage chooses by name, as the reference shows it.
+#[derive(Clone, Debug)]
+pub struct KindDoc {
+    /// The key that chooses it.
+    pub key: &'static str,
+    /// Its name.
+    pub name: &'static str,
+    /// What it does, when you want it, source.
+    pub doc: String,
+    /// Facts beside its keys, one a line, such as the default of a setting.
+    pub facts: Vec<String>,
+    /// Its own keys.
+    pub params: Vec<ParamDoc>,
+    /// Keys, one a line, that the example of the stage takes for this one; may be empty.
+    pub example: &'static str,
+}
+
+/// What a [`stage!`](crate::stage!) declaration says beside the parameters.
+#[doc(hidden)]
+pub struct Head {
+    pub name: &'static str,
+    pub version: u32,
+    pub grain: Grain,
+    pub yields: TableKind,
+    pub inputs: &'static [InputDecl],
+    pub doc: &'static [&'static str],
+    pub example: &'static str,
+}
+
+impl Entry {
+    /// The row of a stage `S` whose choices among kinds are made from `lists`.
+    #[doc(hidden)]
+    pub fn of<S: Stage>(head: Head, lists: Lists, erase: fn(Arc<S>) -> AnyStage) -> Entry {
+        let Head { name, version, grain, yields, inputs, doc, example } = head;
+        let params = S::docs(&lists);
+        let known: Vec<&str> = params.iter().map(|p| p.name).collect();
+        let build = move |args: &Args| -> Result<AnyStage, Vec<Fault>> {
+            let mut reader = Reader::new(name, args, None, &lists);
+            let stage = S::read(&mut reader, None);
+            let inputs: Vec<&str> = inputs.iter().map(|input| input.name).collect();
+            reader.unknown_keys(&known, &inputs);
+            let faults = reader.into_faults();
+            match stage {
+                Some(stage) if faults.is_empty() => Ok(erase(Arc::new(stage))),
+                Some(_) | None => Err(faults),
+            }
+        };
+        let (doc, build) = (collect_doc(doc), Arc::new(build));
+        Entry { name, version, grain, yields, inputs, doc, example, kinds: vec![], metrics: vec![], params, build }
+    }
+}
+
+/// Declares a stage once: name, version, grain, inputs, an example, parameters with unit, default, rule and
+/// documentation. The grain is also the trait that the stage is to have: [`LineStage`](crate::LineStage),
+/// [`SurveyStage`](crate::SurveyStage) or [`MapStage`](crate::MapStage). A parameter of a type `Option` says what happens where it is left out (`absent`). A stage that yields
+/// another kind of table than is usual for its grain says so after the grain: `grain Survey, yields Map`. An input that
+/// may be left out is the last: `inputs [map: Map, with: ManyMaps optional]`.
+///
+/// ```
+/// use schemas::{stage, Fault, LineIn, LineStage, Rule, Stage, Table, Yield};
+/// stage! {
+///     /// Multiplies a column.
+///     Scale = "scale", version 1, grain Line, inputs [input: Lines], example r#"
+/// [[stages]]
+/// name   = "scale"
+/// stage  = "scale"
+/// input  = "flights"
+/// column = "mag_1_c"
+/// "#;
+///     /// The column.
+///     column: String, unit "";
+///     /// The factor.
+///     factor: f64, unit "1", default 2.0, rule Rule::Positive;
+/// }
+/// impl Stage for Scale {
+///     fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
+///         Ok(Yield::append(vec![], &[&self.column]))
+///     }
+/// }
+/// impl LineStage for Scale {
+///     type Prepared = ();
+///     fn prepare(&self, _: &[arrow_array::RecordBatch]) -> Result<(), Fault> {
+///         Ok(())
+///     }
+///     fn run(&self, _: &LineIn, _: &()) -> Result<Vec<arrow_array::ArrayRef>, Fault> {
+///         Ok(vec![])
+///     }
+/// }
+/// assert_eq!(Scale::entry().name, "scale");
+/// ```
+#[macro_export]
+macro_rules! stage {
+    (
+        $(#[doc = $d:literal])*
+        $Ty:ident = $name:literal, version $v:literal, grain $grain:ident, $(yields $kind_of_table:ident,)?
+        inputs [$($inp:ident : $kind:ident $($optional:ident)?),* $(,)?],
+        $(groups [$($g:ident : $gt:ty),* $(,)?],)? example $example:literal;
+        $(
+            $(#[doc = $pd:literal])* $p:ident : $pt:ty, unit $unit:literal
+            $(, default $def:expr)? $(, absent $absent:literal)? $(, rule $rule:expr)? ;
+        )*
+    ) => {
+        $crate::params! {
+            $(#[doc = $d])*
+            pub struct $Ty $(, groups [$($g: $gt),*])?;
+            $(
+                $(#[doc = $pd])* $p: $pt, unit $unit
+                $(, default $def)? $(, absent $absent)? $(, rule $rule)?;
+            )*
+        }
+
+        impl $Ty {
+            /// The name in a spec.
+            pub const NAME: &'static str = $name;
+
+            /// The row of the catalogue.
+            pub fn entry() -> $crate::Entry {
+                Self::entry_with($crate::Lists::default())
+            }
+
+            /// The row of the catalogue, with what its keys choose from.
+            pub fn entry_with(lists: $crate::Lists) -> $crate::Entry {
+                let head = $crate::Head {
+                    name: $name,
+                    version: $v,
+                    grain: $crate::Grain::$grain,
+                    yields: $crate::first([
+                        $($crate::TableKind::$kind_of_table,)?
+                        $crate::Grain::$grain.usually_yields(),
+                    ]).unwrap_or($crate::Grain::$grain.usually_yields()),
+                    inputs: const { &[$($crate::InputDecl {
+                        name: stringify!($inp),
+                        kind: $crate::InputKind::$kind,
+                        optional: $crate::is_optional(&[$(stringify!($optional))?]),
+                    }),*] },
+                    doc: &[$($d),*],
+                    example: $example,
+                };
+                $crate::Entry::of::<Self>(head, lists, |stage| $crate::AnyStage::$grain(stage))
+            }
+        }
+    };
+}
+
+/// Whether an input is followed by a word; the only one there is says that it may be left out.
+#[doc(hidden)]
+pub const fn is_optional(words: &[&str]) -> bool {
+    !words.is_empty()
+}

@@ -1,0 +1,241 @@
+//! Stages whose types are forgotten: the one place where they are, and where they are found again.
+
+use std::{any::Any, ops::Deref, sync::Arc};
+
+use arrow_array::{ArrayRef, RecordBatch};
+
+use super::{Gather, LineIn, LinePoint, LineStage, MapStage, Stage, SurveyStage, Table, Yield};
+use crate::Fault;
+
+/// What a run makes of a stage's columns for one line, or why there are none.
+pub type Arrays = Result<Vec<ArrayRef>, Fault>;
+
+/// What [`LineStage::prepare`] made, its type forgotten.
+pub type Prepared = Arc<dyn Any + Send + Sync>;
+
+/// What [`Gather::map`] made of a line, its type forgotten.
+pub type Part = Box<dyn Any + Send>;
+
+/// A stage with its parameters, by what it works on. It is also a [`StageDyn`].
+#[derive(Clone)]
+pub enum AnyStage {
+    /// It works on one line at a time.
+    Line(Arc<dyn LineStageDyn>),
+    /// It works on all lines of a survey.
+    Survey(Arc<dyn SurveyStageDyn>),
+    /// It works on maps.
+    Map(Arc<dyn MapStageDyn>),
+}
+
+impl Deref for AnyStage {
+    type Target = dyn StageDyn;
+
+    fn deref(&self) -> &(dyn StageDyn + 'static) {
+        match self {
+            AnyStage::Line(stage) => stage.as_ref(),
+            AnyStage::Survey(stage) => stage.as_ref(),
+            AnyStage::Map(stage) => stage.as_ref(),
+        }
+    }
+}
+
+impl AnyStage {
+    /// The stage, if it works on lines.
+    ///
+    /// # Errors
+    /// It works on something else than its grain says.
+    pub fn of_lines(&self) -> Result<&dyn LineStageDyn, Fault> {
+        match self {
+            AnyStage::Line(stage) => Ok(stage.as_ref()),
+            AnyStage::Survey(_) | AnyStage::Map(_) => Err(other("a line")),
+        }
+    }
+
+    /// The stage, if it works on surveys.
+    ///
+    /// # Errors
+    /// It works on something else than its grain says.
+    pub fn of_surveys(&self) -> Result<&dyn SurveyStageDyn, Fault> {
+        match self {
+            AnyStage::Survey(stage) => Ok(stage.as_ref()),
+            AnyStage::Line(_) | AnyStage::Map(_) => Err(other("a survey")),
+        }
+    }
+
+    /// The stage, if it works on maps.
+    ///
+    /// # Errors
+    /// It works on something else than its grain says.
+    pub fn of_maps(&self) -> Result<&dyn MapStageDyn, Fault> {
+        match self {
+            AnyStage::Map(stage) => Ok(stage.as_ref()),
+            AnyStage::Line(_) | AnyStage::Survey(_) => Err(other("a map")),
+        }
+    }
+}
+
+fn other(work: &str) -> Fault {
+    Fault::bug(format!("the stage does not work on {work}"))
+}
+
+fn another_type() -> Fault {
+    Fault::bug("what another stage made was handed over")
+}
+
+/// A [`Stage`] whose type is forgotten.
+pub trait StageDyn: Send + Sync {
+    /// Every parameter in its one spelling, without those that are [idle](Stage::idle).
+    fn canonical(&self) -> Vec<(&'static str, String)>;
+    /// See [`Stage::idle`].
+    fn idle(&self, key: &str) -> Option<Fault>;
+    /// See [`Stage::yields`].
+    ///
+    /// # Errors
+    /// As there.
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>>;
+    /// For the way back to the type.
+    fn as_any(&self) -> &dyn Any;
+}
+
+impl<S: Stage> StageDyn for S {
+    fn canonical(&self) -> Vec<(&'static str, String)> {
+        let mut pairs = vec![];
+        self.spell(&mut pairs);
+        pairs.retain(|(key, _)| Stage::idle(self, key).is_none());
+        pairs
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        Stage::idle(self, key)
+    }
+
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        Stage::yields(self, inputs)
+    }
+
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+}
+
+/// A point of a sweep on one line, whose stage has no type any more.
+#[derive(Clone, Copy)]
+pub struct AnyLinePoint<'a> {
+    /// The stage with the parameters of the point.
+    pub stage: &'a dyn LineStageDyn,
+    /// The line.
+    pub line: &'a LineIn,
+    /// What the stage prepared.
+    pub prepared: &'a Prepared,
+}
+
+impl<'a> AnyLinePoint<'a> {
+    fn typed<S: LineStage>(&self) -> Result<LinePoint<'a, S>, Fault> {
+        let stage = self.stage.as_any().downcast_ref().ok_or_else(another_type)?;
+        let prepared = self.prepared.downcast_ref().ok_or_else(another_type)?;
+        Ok(LinePoint { stage, line: self.line, prepared })
+    }
+}
+
+/// A [`LineStage`] whose type is forgotten.
+pub trait LineStageDyn: StageDyn {
+    /// See [`LineStage::prepare`].
+    ///
+    /// # Errors
+    /// As there.
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault>;
+    /// See [`LineStage::prepare_key`].
+    fn prepare_key(&self) -> String;
+    /// See [`LineStage::run`].
+    ///
+    /// # Errors
+    /// As there, and when `prepared` is another stage's.
+    fn run(&self, line: &LineIn, prepared: &Prepared) -> Arrays;
+    /// See [`LineStage::run_points`]; `self` stands for the type only. A point of another stage has a fault.
+    fn run_points(&self, points: &[AnyLinePoint]) -> Vec<Arrays>;
+}
+
+impl<S: LineStage> LineStageDyn for S {
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
+        Ok(Arc::new(LineStage::prepare(self, inputs)?))
+    }
+
+    fn prepare_key(&self) -> String {
+        LineStage::prepare_key(self)
+    }
+
+    fn run(&self, line: &LineIn, prepared: &Prepared) -> Arrays {
+        let LinePoint { stage, line, prepared } = AnyLinePoint { stage: self, line, prepared }.typed::<S>()?;
+        LineStage::run(stage, line, prepared)
+    }
+
+    fn run_points(&self, points: &[AnyLinePoint]) -> Vec<Arrays> {
+        let typed: Vec<Result<LinePoint<S>, Fault>> = points.iter().map(AnyLinePoint::typed).collect();
+        let ours: Vec<LinePoint<S>> = typed.iter().flatten().copied().collect();
+        let mut answers = S::run_points(&ours).into_iter();
+        let mut answer = || answers.next().unwrap_or_else(|| Err(Fault::bug("the stage answered fewer points")));
+        typed.into_iter().map(|point| point.and_then(|_| answer())).collect()
+    }
+}
+
+/// A [`SurveyStage`] whose type is forgotten.
+pub trait SurveyStageDyn: StageDyn {
+    /// See [`SurveyStage::gather`]; `self` stands for the type only.
+    ///
+    /// # Errors
+    /// When a point is of another stage.
+    fn gather(&self, points: &[&dyn SurveyStageDyn]) -> Result<Box<dyn GatherDyn>, Fault>;
+}
+
+impl<S: SurveyStage> SurveyStageDyn for S {
+    fn gather(&self, points: &[&dyn SurveyStageDyn]) -> Result<Box<dyn GatherDyn>, Fault> {
+        let typed = points.iter().map(|point| point.as_any().downcast_ref::<S>().ok_or_else(another_type));
+        Ok(Box::new(S::gather(typed.collect::<Result<_, _>>()?)))
+    }
+}
+
+/// A [`Gather`] whose type is forgotten.
+pub trait GatherDyn: Send + Sync {
+    /// See [`Gather::map`].
+    ///
+    /// # Errors
+    /// As there.
+    fn map(&self, line: &LineIn) -> Result<Part, Fault>;
+    /// See [`Gather::refused`].
+    fn refused(&self, part: &Part) -> Vec<(usize, Fault)>;
+    /// See [`Gather::finish`].
+    ///
+    /// # Errors
+    /// When a part is another stage's.
+    fn finish(&self, parts: Vec<Part>) -> Result<Vec<Arrays>, Fault>;
+}
+
+impl<G: Gather> GatherDyn for G {
+    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
+        Ok(Box::new(Gather::map(self, line)?))
+    }
+
+    fn refused(&self, part: &Part) -> Vec<(usize, Fault)> {
+        part.downcast_ref().map_or_else(Vec::new, |part| Gather::refused(self, part))
+    }
+
+    fn finish(&self, parts: Vec<Part>) -> Result<Vec<Arrays>, Fault> {
+        let typed = parts.into_iter().map(|part| part.downcast().map(|part| *part).map_err(|_| another_type()));
+        Ok(Gather::finish(self, typed.collect::<Result<_, _>>()?))
+    }
+}
+
+/// A [`MapStage`] whose type is forgotten.
+pub trait MapStageDyn: StageDyn {
+    /// See [`MapStage::run`].
+    ///
+    /// # Errors
+    /// As there.
+    fn run(&self, maps: &[RecordBatch]) -> Arrays;
+}
+
+impl<S: MapStage> MapStageDyn for S {
+    fn run(&self, maps: &[RecordBatch]) -> Arrays {
+        MapStage::run(self, maps)
+    }
+}

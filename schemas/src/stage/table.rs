@@ -1,0 +1,158 @@
+//! Tables as a plan sees them: what a stage reads, and what it yields.
+
+use crate::{Column, Shape};
+
+/// How much of a survey a stage must see at once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Grain {
+    /// One whole flight line, in time order.
+    Line,
+    /// Every line that its `where` selects.
+    Survey,
+    /// Whole maps, and no flight lines.
+    Map,
+}
+
+impl Grain {
+    /// What a stage of this grain yields that does not say so.
+    pub const fn usually_yields(self) -> TableKind {
+        match self {
+            Grain::Line => TableKind::Lines,
+            Grain::Survey => TableKind::Model,
+            Grain::Map => TableKind::Map,
+        }
+    }
+}
+
+/// The kind of table that a stage yields.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TableKind {
+    /// Flight lines.
+    Lines,
+    /// A model, or another small table of a whole survey.
+    Model,
+    /// Scores of flight lines, a row for each metric.
+    Scores,
+    /// A map with the columns of [`crate::map::made_columns`].
+    Map,
+}
+
+impl TableKind {
+    /// Whether a table of this kind is small, with a few rows for each point of a sweep: all points are then in one file.
+    pub const fn is_small(self) -> bool {
+        match self {
+            TableKind::Model | TableKind::Scores => true,
+            TableKind::Lines | TableKind::Map => false,
+        }
+    }
+}
+
+/// What a stage reads through one of its inputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InputKind {
+    /// A table of flight lines: the line at hand, or each in turn for a survey stage.
+    Lines,
+    /// One or several such tables.
+    ManyLines,
+    /// The model table of a fit.
+    Model,
+    /// An anomaly map.
+    Map,
+    /// One or several anomaly maps.
+    ManyMaps,
+    /// A table of scores.
+    Scores,
+}
+
+/// One input of a stage: the key in the spec that names the table.
+#[derive(Clone, Copy, Debug)]
+pub struct InputDecl {
+    /// The key, such as `input` or `map`.
+    pub name: &'static str,
+    /// Its kind.
+    pub kind: InputKind,
+    /// Whether it may be left out.
+    pub optional: bool,
+}
+
+/// What a table is, seen from the plan.
+#[derive(Clone, Debug)]
+pub enum Table {
+    /// Flight lines with these columns.
+    Lines(Shape),
+    /// A fitted model with these columns, and the columns of flight lines it must be applied to.
+    Model {
+        /// The columns of the model table.
+        shape: Shape,
+        /// The columns a line must have for the model to be applied.
+        features: Vec<String>,
+    },
+    /// Scores of flight lines.
+    Scores(Shape),
+    /// An anomaly map.
+    Map(Shape),
+}
+
+impl Table {
+    /// Its columns.
+    pub fn shape(&self) -> &Shape {
+        match self {
+            Table::Lines(s) | Table::Scores(s) | Table::Map(s) | Table::Model { shape: s, .. } => s,
+        }
+    }
+
+    /// The word for it.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Table::Lines(_) => "a table of flight lines",
+            Table::Model { .. } => "a model table",
+            Table::Scores(_) => "a table of scores",
+            Table::Map(_) => "a map",
+        }
+    }
+}
+
+/// Which columns of the first input go on into the stage's own table, row by row.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Passes {
+    /// All of them: the stage appends columns.
+    All,
+    /// These only; the rows stay the same.
+    Only(Vec<String>),
+    /// None: the rows are new ones.
+    None,
+}
+
+/// What a stage reads and yields, given the columns that reach it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Yield {
+    /// The columns it makes.
+    pub columns: Vec<Column>,
+    /// What goes through unchanged.
+    pub passes: Passes,
+    /// The columns it is handed, per input (all inputs, in the declared order).
+    pub reads: Vec<Vec<String>>,
+    /// Samples per second of what it yields, where it made them even.
+    pub rate_hz: Option<f64>,
+    /// For a fit: the columns of a line that applying the model takes.
+    pub features: Vec<String>,
+    /// Whether a line may lack a column that is read: it is then handed over as NaN or null. Otherwise the line fails.
+    pub lenient: bool,
+    /// What the user should know of a choice made automatically.
+    pub notes: Vec<String>,
+}
+
+impl Yield {
+    /// A stage that appends `columns` and reads `reads` of its first input.
+    pub fn append<S: AsRef<str>>(columns: Vec<Column>, reads: &[S]) -> Self {
+        Self {
+            columns,
+            passes: Passes::All,
+            reads: vec![reads.iter().map(|s| s.as_ref().to_owned()).collect()],
+            rate_hz: None,
+            features: vec![],
+            lenient: false,
+            notes: vec![],
+        }
+    }
+}
