@@ -6,7 +6,12 @@ use crate::support::{Bench, anomaly, batch, numbers, read, stderr, stdout, texts
 
 /// Flight lines of a survey over the small map, 220 m apart, and four ties across.
 fn survey(bench: &Bench) {
-    let mut rows: Vec<[f64; 4]> = vec![];
+    survey_with(bench, &[]);
+}
+
+/// The same with more points of [latitude, longitude, height, line].
+fn survey_with(bench: &Bench, more: &[[f64; 4]]) {
+    let mut rows: Vec<[f64; 4]> = more.to_vec();
     for line in 0..56 {
         let lat = 44.93 + 0.002 * f64::from(line);
         rows.extend((0..60).map(|k| [lat, 9.94 + 0.002 * f64::from(k), 300.0, 100.0 + f64::from(line)]));
@@ -87,6 +92,29 @@ metrics = ["drms", "ins_drms"]
 fn fine(output: &std::process::Output) -> String {
     assert!(output.status.success(), "{}{}", stdout(output), stderr(output));
     stdout(output)
+}
+
+#[test]
+fn law_what_a_map_warns_of_is_in_the_warnings() {
+    let bench = Bench::new();
+    survey_with(&bench, &[[-5.0, 9.94, 300.0, 7.0]]);
+    bench.spec(&(TABLES.to_owned() + FROM_POINTS));
+    for (computed, reused) in [(2, 0), (0, 2)] {
+        let done = bench.run(&[]);
+        let of = |what: &str| done.last["tables"]["gridded"][what].as_u64();
+        assert_eq!((done.code, of("computed"), of("reused")), (0, Some(computed), Some(reused)), "{}", done.stderr);
+        let warnings = read(&bench.path("store/tables/maps/warnings"));
+        let of_map: Vec<usize> =
+            texts(&warnings, "kind").iter().enumerate().filter(|(_, k)| *k == "map").map(|(i, _)| i).collect();
+        assert_eq!(of_map.len(), 2, "{warnings:?}");
+        for i in of_map {
+            assert_eq!(texts(&warnings, "stage")[i], "gridded");
+            let text = &texts(&warnings, "text")[i];
+            assert!(text.starts_with("1 point is far from all others and left out"), "{text}");
+            assert!(text.contains("row 0 of line survey 7 at latitude -5.00000, longitude 9.94000"), "{text}");
+        }
+        assert!(done.last["warnings"].to_string().contains("far from all others"), "{}", done.last);
+    }
 }
 
 #[test]

@@ -20,7 +20,7 @@ pub use params::{
 };
 pub use stage::{
     AnyLinePoint, AnyStage, Arrays, Build, Entry, Gather, GatherDyn, Grain, Head, InputDecl, InputKind, KindDoc,
-    LineIn, LinePoint, LineStage, LineStageDyn, MapStage, MapStageDyn, Part, Passes, Prepared, Stage, StageDyn,
-    SurveyStage, SurveyStageDyn, Table, TableKind, Yield, is_optional,
+    LineIn, LinePoint, LineStage, LineStageDyn, MapStage, MapStageDyn, Part, Passes, Prepared, Product, Stage,
+    StageDyn, SurveyStage, SurveyStageDyn, Table, TableKind, Yield, is_optional,
 };
 pub use unit::{convert, convertible_to, is_unit, usual_spelling};

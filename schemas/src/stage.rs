@@ -10,7 +10,7 @@ mod table;
 
 use std::any::Any;
 
-use arrow_array::RecordBatch;
+use arrow_array::{ArrayRef, RecordBatch};
 
 pub use self::{
     entry::{Build, Entry, Head, KindDoc, is_optional},
@@ -33,6 +33,21 @@ pub struct LineIn {
     pub inputs: Vec<RecordBatch>,
     /// The rows its `where` selects; all when there is none.
     pub keep: Option<Vec<bool>>,
+}
+
+/// What a survey or map stage makes of all that it works on.
+#[derive(Clone, Debug)]
+pub struct Product {
+    /// Arrays for the columns of [`Stage::yields`], in that order.
+    pub columns: Vec<ArrayRef>,
+    /// What is not to be trusted as it is, a sentence each: rows of the table `warnings`.
+    pub warnings: Vec<String>,
+}
+
+impl From<Vec<ArrayRef>> for Product {
+    fn from(columns: Vec<ArrayRef>) -> Product {
+        Product { columns, warnings: vec![] }
+    }
 }
 
 /// What the author of every stage writes.
@@ -137,17 +152,17 @@ pub trait Gather: Send + Sync + 'static {
     }
 
     /// The table of each point, in the points' order.
-    fn finish(&self, parts: Vec<Self::Part>) -> Vec<Arrays>;
+    fn finish(&self, parts: Vec<Self::Part>) -> Vec<Result<Product, Fault>>;
 }
 
 /// A stage that works on maps.
 pub trait MapStage: Stage {
-    /// Arrays for the columns of [`Stage::yields`], in that order. `maps` are the whole maps, each on its own grid
-    /// ([`crate::map`]), in the order of the inputs.
+    /// The columns of [`Stage::yields`]. `maps` are the whole maps, each on its own grid ([`crate::map`]), in the order of
+    /// the inputs.
     ///
     /// # Errors
     /// When the map cannot be computed.
-    fn run(&self, maps: &[RecordBatch]) -> Arrays;
+    fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault>;
 }
 
 #[cfg(test)]

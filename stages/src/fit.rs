@@ -26,7 +26,7 @@ use rayon::prelude::*;
 use residual::{EARTH, residual_noise};
 use rows::Part;
 use schemas::{
-    Arrays, Chosen, Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Role, Rule, Shape, Stage,
+    Chosen, Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Shape, Stage,
     SurveyStage, Table, Yield, stage,
 };
 
@@ -352,7 +352,7 @@ impl Gather for FitGather {
         self.points.iter().enumerate().filter_map(|(i, point)| Some((i, why(point)?))).collect()
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Vec<Arrays> {
+    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
         let parts: Vec<&Part> = parts.iter().collect();
         type At = (Matrix, Targets);
         type Kind = (Option<Vec<String>>, Option<u64>);
@@ -376,7 +376,7 @@ impl Gather for FitGather {
             .collect();
         let mut tables: Vec<_> = self.points.iter().map(|_| Err(Fault::bug("a fit was lost"))).collect();
         for (i, answer) in solved {
-            tables[i] = answer.map(|s| s.table(&self.points[i], residual_noise(&parts, &self.points[i], &s)));
+            tables[i] = answer.map(|s| s.table(&self.points[i], residual_noise(&parts, &self.points[i], &s)).into());
         }
         tables
     }

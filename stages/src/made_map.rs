@@ -1,12 +1,12 @@
 //! Maps as stages of maps take and yield them.
 
-use arrow_array::{ArrayRef, RecordBatch};
+use arrow_array::RecordBatch;
 use datasets::GridMap;
 use numerics::maps::{
     fill::{FillError, SmoothFill, smooth},
     plane_grid::PlaneGrid,
 };
-use schemas::Fault;
+use schemas::{Fault, Product};
 
 /// The columns of a map that a stage reads.
 pub fn whole_map() -> Vec<String> {
@@ -21,12 +21,12 @@ pub fn grids(maps: &[RecordBatch]) -> Result<Vec<GridMap>, Fault> {
     maps.iter().map(|table| GridMap::of_table(table).map_err(Fault::from)).collect()
 }
 
-/// The columns of a map that a stage yields.
+/// A map that a stage yields, with what is not to be trusted of it.
 ///
 /// # Errors
 /// A map without a known value.
-pub fn made(map: &GridMap) -> Result<Vec<ArrayRef>, Fault> {
-    map.made().map_err(Fault::from)
+pub fn made(map: &GridMap, warnings: Vec<String>) -> Result<Product, Fault> {
+    Ok(Product { columns: map.made()?, warnings })
 }
 
 /// A map without unknown nodes, as transforms of the whole map need it: the unknown ones filled by the surface of

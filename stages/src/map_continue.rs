@@ -9,7 +9,7 @@ use numerics::maps::{
     },
     plane_grid::PlaneGrid,
 };
-use schemas::{Arrays, Fault, MapStage, OrAuto, Rule, Stage, Table, Yield, choice, stage};
+use schemas::{Fault, MapStage, OrAuto, Product, Rule, Stage, Table, Yield, choice, stage};
 
 use crate::{
     columns::data,
@@ -286,12 +286,13 @@ impl Stage for MapContinue {
 }
 
 impl MapStage for MapContinue {
-    fn run(&self, maps: &[RecordBatch]) -> Arrays {
-        match grids(maps)?.as_slice() {
-            [map] => made(&self.apply(map, None)?.map),
-            [map, drape, ..] => made(&self.apply(map, Some(drape))?.map),
-            [] => Err(Fault::bug("a stage of maps without a map")),
-        }
+    fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault> {
+        let done = match grids(maps)?.as_slice() {
+            [map] => self.apply(map, None)?,
+            [map, drape, ..] => self.apply(map, Some(drape))?,
+            [] => return Err(Fault::bug("a stage of maps without a map")),
+        };
+        made(&done.map, done.warnings)
     }
 }
 

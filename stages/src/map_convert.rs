@@ -5,7 +5,7 @@ use std::ops::Range;
 use arrow_array::RecordBatch;
 use datasets::{GridMap, Height};
 use numerics::maps::{continuation::expand, plane_grid::EvenAxis};
-use schemas::{Arrays, Fault, MapStage, Rule, Stage, Table, Yield, stage};
+use schemas::{Fault, MapStage, Product, Rule, Stage, Table, Yield, stage};
 
 use crate::{
     columns::data,
@@ -165,10 +165,10 @@ impl Stage for MapConvert {
 }
 
 impl MapStage for MapConvert {
-    fn run(&self, maps: &[RecordBatch]) -> Arrays {
+    fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault> {
         let maps = grids(maps)?;
         let map = maps.first().ok_or_else(|| Fault::bug("a stage of maps without a map"))?;
-        made(&self.apply(map)?)
+        made(&self.apply(map)?, vec![])
     }
 }
 

@@ -8,7 +8,7 @@ use numerics::maps::{
     fill::{NearestFill, SmoothFill, Weights, nearest, smooth},
     plane_grid::{EvenAxis, PlaneGrid},
 };
-use schemas::{Arrays, Fault, MapStage, Rule, Stage, Table, Yield, choice, stage};
+use schemas::{Fault, MapStage, Product, Rule, Stage, Table, Yield, choice, stage};
 
 use crate::{
     columns::data,
@@ -243,12 +243,13 @@ impl Stage for MapFill {
 }
 
 impl MapStage for MapFill {
-    fn run(&self, maps: &[RecordBatch]) -> Arrays {
+    fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault> {
         let mut all = grids(maps)?.into_iter();
         let map = all.next().ok_or_else(|| Fault::bug("a stage of maps without a map"))?;
         let others: Vec<(String, GridMap)> =
             all.enumerate().map(|(i, other)| (format!("map {} of `with`", i + 1), other)).collect();
-        made(&self.apply(&map, &others)?.map)
+        let filled = self.apply(&map, &others)?;
+        made(&filled.map, filled.warnings)
     }
 }
 

@@ -375,7 +375,7 @@ impl SurveyStage for MapGrid {
 
 /// The columns of a map that a survey yields.
 fn columns(mapped: &Mapped) -> Result<Vec<ArrayRef>, Fault> {
-    let mut columns = crate::made_map::made(&mapped.map)?;
+    let mut columns = mapped.map.made()?;
     columns.extend(mapped.error.as_ref().map(|error| crate::columns::array(error.anomaly_nt.clone())));
     Ok(columns)
 }

@@ -6,7 +6,7 @@ use numerics::signal::{
     segments::{STEP_TOLERANCE, Usable, sample_rate},
 };
 use schemas::{
-    Arrays, Column, Fault, Gather, LineIn, LineStage, Passes, Shape, Stage, SurveyStage, Table, Yield, stage,
+    Arrays, Column, Fault, Gather, LineIn, LineStage, Passes, Product, Shape, Stage, SurveyStage, Table, Yield, stage,
 };
 
 use crate::{
@@ -141,7 +141,7 @@ impl Gather for NoiseGather {
         Ok(Part { blocks: blocks.map(|b| b.map_err(|f| f.in_line(&line.flight, &line.line))).collect() })
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Vec<Arrays> {
+    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
         (0..self.points.len())
             .map(|i| {
                 let lines: Vec<Blocks> = parts.iter().map(|p| p.blocks[i].clone()).collect::<Result<_, _>>()?;
@@ -150,7 +150,7 @@ impl Gather for NoiseGather {
                 let n: i64 = lines.iter().map(|l| block(l) * l.runs.iter().map(Vec::len).sum::<usize>() as i64).sum();
                 let one = |x: f64| array(vec![x]);
                 let n: ArrayRef = std::sync::Arc::new(Int64Array::from(vec![n]));
-                Ok(vec![one(found.white_nt), one(found.lasting.sigma), one(found.lasting.tau_s), n])
+                Ok(vec![one(found.white_nt), one(found.lasting.sigma), one(found.lasting.tau_s), n].into())
             })
             .collect()
     }

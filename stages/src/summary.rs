@@ -9,7 +9,8 @@ use arrow_array::{
 };
 use numerics::regression::bootstrap::{Interval, Resamples};
 use schemas::{
-    Arrays, Column, Entry, Fault, Gather, LineIn, Lists, Passes, Role, Rule, Several, Stage, SurveyStage, Table, Yield,
+    Column, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Several, Stage, SurveyStage, Table,
+    Yield,
     metric::{Better, Metric, Pool, Shown},
     stage,
 };
@@ -150,9 +151,9 @@ impl Gather for SummaryGather {
         Ok(Part { line: line.line.clone(), scores: scores.collect::<Result<_, _>>()? })
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Vec<Arrays> {
+    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
         let parts: Vec<&Part> = parts.iter().collect();
-        self.points.iter().map(|point| point.table(&parts)).collect()
+        self.points.iter().map(|point| point.table(&parts).map(Product::from)).collect()
     }
 }
 

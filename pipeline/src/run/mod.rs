@@ -343,8 +343,8 @@ impl Runner<'_> {
         if unit.line.is_some() {
             return;
         }
-        match self.store.left_out(key) {
-            Ok(faults) => self.left_out(unit, faults),
+        match self.store.remarks(key) {
+            Ok(remarks) => self.left_out(unit, remarks.left_out),
             Err(fault) => self.record(unit, fault),
         }
     }

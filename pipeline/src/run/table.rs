@@ -18,7 +18,7 @@ use crate::{
     keys::Key,
     plan::{LineId, Unit},
     run::{Count, Event},
-    store::{FAILED, NewUnit, Packed},
+    store::{FAILED, NewUnit, Packed, Remarks},
 };
 
 /// A unit of a chunk and its state before the chunk is computed.
@@ -128,8 +128,8 @@ impl Runner<'_> {
             let mut computed = HashSet::new();
             for i in range.clone() {
                 let Known::Pending(key) = known[i] else { continue };
-                let Some(Made { unit, rows, left_out }) = made.next_if(|m| m.unit == layout.units[i]) else { continue };
-                self.left_out(unit, left_out);
+                let Some(Made { unit, rows, remarks }) = made.next_if(|m| m.unit == layout.units[i]) else { continue };
+                self.left_out(unit, remarks.left_out);
                 match rows.map(|_| ()).and(answer.lost.clone().map_or(Ok(()), Err)) {
                     Ok(()) => {
                         let first = computed.insert(key);
@@ -254,14 +254,14 @@ impl Runner<'_> {
                 Known::Nothing => continue,
                 Known::There(Packed { key, dress, rows: FAILED }) if also(i) => {
                     let Some(fault) = self.store.failed(key)? else { continue };
-                    NewUnit { key, dress, rows: Err(fault), left_out: vec![] }
+                    NewUnit { key, dress, rows: Err(fault), remarks: Remarks::default() }
                 }
                 Known::There(Packed { key, dress, .. }) if also(i) => {
                     let it = self.graph.plan.instance(unit.table, unit.instance);
                     let names: Vec<&str> = it.yields.columns.iter().map(|c| c.name.as_str()).collect();
                     let rows = cut.rows(unit, &self.store.get(key, &names)?, &mut held)?;
-                    let left_out = if unit.line.is_none() { self.store.left_out(key)? } else { vec![] };
-                    NewUnit { key, dress, rows: Ok(rows), left_out }
+                    let remarks = if unit.line.is_none() { self.store.remarks(key)? } else { Remarks::default() };
+                    NewUnit { key, dress, rows: Ok(rows), remarks }
                 }
                 Known::There(_) => continue,
                 Known::Pending(key) => {
@@ -272,13 +272,16 @@ impl Runner<'_> {
                             // The pack has them now; a schema for each unit would be a large part of the memory of a
                             // sweep.
                             *rows = nothing.clone();
-                            let (dress, left_out) = (cut.dress(unit), own.left_out.clone());
-                            NewUnit { key, dress, rows: Ok(whole), left_out }
+                            let (dress, remarks) = (cut.dress(unit), own.remarks.clone());
+                            NewUnit { key, dress, rows: Ok(whole), remarks }
                         }
                         Err(fault) if !fault.owner.is_lasting() => continue,
-                        Err(fault) => {
-                            NewUnit { key, dress: cut.dress(unit), rows: Err(fault.clone()), left_out: vec![] }
-                        }
+                        Err(fault) => NewUnit {
+                            key,
+                            dress: cut.dress(unit),
+                            rows: Err(fault.clone()),
+                            remarks: Remarks::default(),
+                        },
                     }
                 }
             };

@@ -11,13 +11,15 @@ use arrow_array::{
 };
 use arrow_schema::{DataType, Field, FieldRef, Schema};
 use rayon::prelude::*;
-use schemas::{AnyLinePoint, AnyStage, Arrays, Fault, Grain, InputKind, LineIn, Part, Prepared, Shape, SurveyStageDyn};
+use schemas::{
+    AnyLinePoint, AnyStage, Fault, Grain, InputKind, LineIn, Part, Prepared, Product, Shape, SurveyStageDyn,
+};
 
 use super::INTERRUPTED;
 use crate::{
     keys::Key,
     plan::{Graph, Instance, LineId, Ref, Unit},
-    store::Store,
+    store::{Remarks, Store},
 };
 
 /// The result of a computed unit.
@@ -27,13 +29,13 @@ pub struct Made {
     pub unit: Unit,
     /// The columns that its stage made, or why it could not.
     pub rows: Result<RecordBatch, Fault>,
-    /// Of a survey stage: the lines it skipped, and why.
-    pub left_out: Vec<Fault>,
+    /// What is said of it beside its rows.
+    pub remarks: Remarks,
 }
 
 impl Made {
     fn failed(unit: Unit, fault: Fault) -> Made {
-        Made { unit, rows: Err(fault), left_out: vec![] }
+        Made { unit, rows: Err(fault), remarks: Remarks::default() }
     }
 }
 
@@ -60,7 +62,7 @@ impl Input {
 }
 
 /// The result of a survey stage for a point: the lines that it left out, and its table.
-type Gathered = (Vec<Fault>, Arrays);
+type Gathered = (Vec<Fault>, Result<Product, Fault>);
 
 /// Says whether a line can be used by a unit.
 pub type Usable<'a> = dyn Fn(LineId, Unit) -> bool + Sync + 'a;
@@ -161,7 +163,7 @@ impl<'a> Worker<'a> {
                 }
                 Err(fault) => Err(fault.clone()),
             };
-            Made { unit: *unit, rows, left_out: vec![] }
+            Made { unit: *unit, rows, remarks: Remarks::default() }
         };
         units.iter().zip(&points).map(one).collect()
     }
@@ -290,9 +292,13 @@ impl<'a> Worker<'a> {
             let maps: Vec<RecordBatch> =
                 it.inputs().iter().map(|r| self.graph.map(self.store, *r)).collect::<Result<_, Fault>>()?;
             let stage = it.stage()?;
-            self.batch(&it, guarded(|| stage.of_maps()?.run(&maps))?)
+            let Product { columns, warnings } = guarded(|| stage.of_maps()?.run(&maps))?;
+            Ok((self.batch(&it, columns)?, warnings))
         };
-        Made { unit, rows: made(), left_out: vec![] }
+        match made() {
+            Ok((rows, warnings)) => Made { unit, rows: Ok(rows), remarks: Remarks { warnings, left_out: vec![] } },
+            Err(fault) => Made::failed(unit, fault),
+        }
     }
 
     /// A line that cannot be used is left out and named; the others are gathered.
@@ -351,8 +357,11 @@ impl<'a> Worker<'a> {
             *table = Err(nothing_left(left_out));
         }
         let made = |(unit, (left_out, table)): (&Unit, Gathered)| {
-            let rows = table.and_then(|arrays| self.batch(&self.instance(*unit), arrays));
-            Made { unit: *unit, rows, left_out }
+            let (rows, warnings) = match table {
+                Ok(Product { columns, warnings }) => (self.batch(&self.instance(*unit), columns), warnings),
+                Err(fault) => (Err(fault), vec![]),
+            };
+            Made { unit: *unit, rows, remarks: Remarks { left_out, warnings } }
         };
         units.iter().zip(left_out.into_iter().zip(tables)).map(made).collect()
     }

@@ -44,8 +44,8 @@ use schemas::Fault;
 use crate::keys::Key;
 pub use catalogue::{Catalogue, FAILED, Pack, Packed};
 use catalogue::{UNITS, stamp};
-pub use objects::Objects;
 use objects::{NOTES, Note};
+pub use objects::{Objects, Remarks};
 pub use sealed::{Sealed, verify};
 pub use version::{
     Beside, Manifest, ManifestTable, Publisher, TableFiles, Version, current, parts, published, versions,
@@ -89,8 +89,8 @@ pub struct NewUnit {
     pub dress: u64,
     /// Its rows, in the schema of the pack; or why it cannot be computed.
     pub rows: Result<RecordBatch, Fault>,
-    /// Of a survey stage: the lines it skipped, and why.
-    pub left_out: Vec<Fault>,
+    /// What is said of it beside its rows.
+    pub remarks: Remarks,
 }
 
 /// The exclusive lock of one process on a store.
@@ -236,7 +236,7 @@ impl Store {
             key: *key,
             dress: 0,
             rows: Ok(batch.clone()),
-            left_out: vec![],
+            remarks: Remarks::default(),
         };
         let id = Key::of(std::iter::once("source".to_owned()).chain(batches.iter().map(|(key, _)| key.to_string())));
         self.pack(id, Key::of(["source"]), &first.schema(), &[], batches.iter().map(unit).collect())
@@ -306,8 +306,10 @@ fn is_other_layout(bytes: &[u8]) -> bool {
 
 fn note(unit: usize, new: &NewUnit) -> Option<Note> {
     let failed = new.rows.as_ref().err().map(objects::NoteFault::from);
-    let left_out: Vec<objects::NoteFault> = new.left_out.iter().map(objects::NoteFault::from).collect();
-    (failed.is_some() || !left_out.is_empty()).then_some(Note { unit, failed, left_out })
+    let left_out: Vec<objects::NoteFault> = new.remarks.left_out.iter().map(objects::NoteFault::from).collect();
+    let warnings = new.remarks.warnings.clone();
+    let any = failed.is_some() || !left_out.is_empty() || !warnings.is_empty();
+    any.then_some(Note { unit, failed, left_out, warnings })
 }
 
 /// The bytes of a row in memory, roughly.

@@ -38,6 +38,18 @@ pub struct Note {
     /// Of a survey stage: the lines it skipped, and why.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<NoteFault>,
+    /// What is not to be trusted as it is, a sentence each.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
+}
+
+/// What is said of a unit beside its rows.
+#[derive(Clone, Debug, Default)]
+pub struct Remarks {
+    /// Of a survey stage: the lines it skipped, and why.
+    pub left_out: Vec<Fault>,
+    /// What is not to be trusted as it is, a sentence each.
+    pub warnings: Vec<String>,
 }
 
 /// A fault of the data.
@@ -312,12 +324,16 @@ impl Objects {
         }
     }
 
-    /// The lines that the unit `key` skipped.
+    /// What is said of the unit `key` beside its rows.
     ///
     /// # Errors
     /// Fails when the store is damaged.
-    pub fn left_out(&self, key: Key) -> Result<Vec<Fault>, Fault> {
-        Ok(self.note(key)?.map(|n| n.left_out.into_iter().map(Fault::from).collect()).unwrap_or_default())
+    pub fn remarks(&self, key: Key) -> Result<Remarks, Fault> {
+        let of = |note: Note| {
+            let left_out = note.left_out.into_iter().map(Fault::from).collect();
+            Remarks { left_out, warnings: note.warnings }
+        };
+        Ok(self.note(key)?.map(of).unwrap_or_default())
     }
 
     /// A pack that was just written.

@@ -8,7 +8,7 @@ use schemas::{Fault, Role, field};
 use tempfile::TempDir;
 
 use super::{
-    NewUnit, Sealed, Store,
+    NewUnit, Remarks, Sealed, Store,
     sealed::{self, Trouble},
     verify,
 };
@@ -25,7 +25,8 @@ fn batch(rows: usize, from: f64) -> RecordBatch {
 }
 
 fn unit(name: &str, rows: Result<RecordBatch, Fault>, left_out: Vec<Fault>) -> NewUnit {
-    NewUnit { key: Key::of([name]), dress: 7, rows, left_out }
+    let remarks = Remarks { warnings: left_out.iter().map(|fault| fault.what.clone()).collect(), left_out };
+    NewUnit { key: Key::of([name]), dress: 7, rows, remarks }
 }
 
 fn all(file: &Path) -> Result<Vec<RecordBatch>, Trouble> {
@@ -97,7 +98,8 @@ fn law_units_come_back_from_packs_with_their_faults() {
         assert_eq!(store.whole(Key::of(["e"])).unwrap(), batch(5, 2.0));
         assert_eq!(store.whole(Key::of(["c"])).unwrap().num_rows(), 0);
         assert!(!store.has(Key::of(["b"])) && !store.has(Key::of(["f"])));
-        assert_eq!(store.left_out(Key::of(["d"])).unwrap(), left);
+        let remarks = store.remarks(Key::of(["d"])).unwrap();
+        assert_eq!((remarks.warnings.len(), remarks.left_out), (left.len(), left.clone()));
         let fault = store.failed(Key::of(["b"])).unwrap().unwrap();
         assert_eq!((fault.what.as_str(), fault.place.row), ("flat", Some(4)));
         assert!(store.damaged().is_empty());

@@ -94,7 +94,7 @@ pub fn fitted_to(lines: &[RecordBatch], model: &str, keys: &[(String, Literal)])
         let (flight, name, inputs) = ("1".to_owned(), format!("1.{i}"), vec![line.clone()]);
         gather.map(&LineIn { flight, line: name, inputs, keep: None }).unwrap()
     };
-    let table = gather.finish(lines.iter().enumerate().map(part).collect()).unwrap().remove(0).unwrap();
+    let table = gather.finish(lines.iter().enumerate().map(part).collect()).unwrap().remove(0).unwrap().columns;
     let column = |i: usize| table[i].as_primitive::<Float64Type>().values().to_vec();
     let rows = table[4].as_primitive::<arrow_array::types::Int64Type>().value(0);
     Found { value: column(2), residual_std: column(7)[0], chosen: column(8)[0], rows: rows as f64 }

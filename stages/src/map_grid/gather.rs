@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use arrow_array::{ArrayRef, RecordBatch, cast::AsArray, types::Int64Type};
+use arrow_array::{RecordBatch, cast::AsArray, types::Int64Type};
 use datasets::SurveyPoints;
-use schemas::{Arrays, Fault, Gather, LineIn};
+use schemas::{Fault, Gather, LineIn, Product};
 
 use super::{MapGrid, columns, points};
 use crate::columns::floats;
@@ -57,14 +57,14 @@ impl Gather for Survey {
         self.stages.iter().enumerate().filter_map(|(i, stage)| Some((i, lacks(stage)?))).collect()
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Vec<Arrays> {
+    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
         let parts: Vec<&Part> = parts.iter().collect();
         self.stages.iter().map(|stage| mapped(stage, &parts)).collect()
     }
 }
 
 /// The map of one point of the sweep.
-fn mapped(stage: &MapGrid, parts: &[&Part]) -> Result<Vec<ArrayRef>, Fault> {
+fn mapped(stage: &MapGrid, parts: &[&Part]) -> Result<Product, Fault> {
     let reads = stage.reads();
     let usable = |part: &&&Part| !part.rows.is_empty() && reads.iter().all(|name| part.columns.contains_key(*name));
     let parts: Vec<&Part> = parts.iter().filter(usable).copied().collect();
@@ -86,10 +86,23 @@ fn mapped(stage: &MapGrid, parts: &[&Part]) -> Result<Vec<ArrayRef>, Fault> {
     survey.extra.year = read("year");
     survey.extra.doy = read("doy");
     survey.extra.tt_s = read("tt");
-    if !stage.keep_outliers {
-        points::without_far(&mut survey);
-    }
-    columns(&stage.apply(&mut survey, &|_, _, _| ())?)
+    let far = if stage.keep_outliers { vec![] } else { points::without_far(&mut survey) };
+    let warnings = far.first().map(|first| told(far.len(), *first, &survey)).into_iter().collect();
+    Ok(Product { columns: columns(&stage.apply(&mut survey, &|_, _, _| ())?)?, warnings })
+}
+
+/// What is said of points that are left out because they are far from all others.
+fn told(far: usize, first: usize, survey: &SurveyPoints) -> String {
+    let many = if far == 1 { "1 point is".to_owned() } else { format!("{far} points are") };
+    let line = survey.line.get(first).and_then(|line| survey.lines.get(*line as usize));
+    let line = line.map_or(String::new(), |line| format!(" of line {line}"));
+    format!(
+        "{many} far from all others and left out, the first in row {}{line} at latitude {:.5}, longitude {:.5}; \
+         `keep_outliers = true` keeps such points",
+        survey.row.get(first).copied().unwrap_or_default(),
+        survey.lat_deg.get(first).copied().unwrap_or(f64::NAN),
+        survey.lon_deg.get(first).copied().unwrap_or(f64::NAN),
+    )
 }
 
 /// The numbers of a column, whole ones too; NaN for null.

@@ -94,7 +94,7 @@ impl<'a> Facts<'a> {
             Kind::OffMap => vec!["the map does not cover the line, or has unknown cells below it".to_owned()],
             Kind::MapHeight if settings.levels => vec!["the flight leaves the heights of `map_levels_m`".to_owned()],
             Kind::MapHeight => vec!["`navigate` has no `map_levels_m`: name heights about those flown".to_owned()],
-            Kind::Fit => vec![],
+            Kind::Fit | Kind::Map => vec![],
         };
         (!found.is_empty()).then(|| found.join("; "))
     }

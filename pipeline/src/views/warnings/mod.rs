@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 
 use arrow_array::{Array, cast::AsArray};
 use rayon::prelude::*;
-use schemas::Fault;
+use schemas::{Fault, TableKind};
 
 use crate::{
     plan::{Graph, LineId, Plan, Point, Ref, Unit},
@@ -40,11 +40,13 @@ pub enum Kind {
     MapHeight,
     /// What a fit says against itself.
     Fit,
+    /// What a stage that makes a map says against it.
+    Map,
 }
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Kind; 8] = [
+    pub const ALL: [Kind; 9] = [
         Kind::WorseThanIns,
         Kind::NeesHigh,
         Kind::NeesLow,
@@ -53,6 +55,7 @@ impl Kind {
         Kind::OffMap,
         Kind::MapHeight,
         Kind::Fit,
+        Kind::Map,
     ];
 
     /// The word for it.
@@ -66,6 +69,7 @@ impl Kind {
             Kind::OffMap => "off_map",
             Kind::MapHeight => "map_height",
             Kind::Fit => "fit",
+            Kind::Map => "map",
         }
     }
 
@@ -74,7 +78,7 @@ impl Kind {
     pub fn spoils(self) -> bool {
         match self {
             Kind::WorseThanIns | Kind::NeesHigh | Kind::NeesLow | Kind::NisHigh | Kind::NisLow => true,
-            Kind::OffMap | Kind::MapHeight | Kind::Fit => false,
+            Kind::OffMap | Kind::MapHeight | Kind::Fit | Kind::Map => false,
         }
     }
 
@@ -89,6 +93,7 @@ impl Kind {
             Kind::OffMap => "most samples are off the map",
             Kind::MapHeight => "the map is at another height than the flight",
             Kind::Fit => "the fit warns",
+            Kind::Map => "the map warns",
         }
     }
 }
@@ -134,8 +139,8 @@ impl Warning {
     }
 }
 
-/// The warnings of all scores and fits that `done` says are there: score tables in the plan's order, then fits, each in
-/// the order of the sweep and of the lines.
+/// The warnings of all scores, fits and maps that `done` says are there: score tables in the plan's order, then fits, then
+/// maps, each in the order of the sweep and of the lines.
 ///
 /// # Errors
 /// Fails when the store cannot be read.
@@ -145,7 +150,10 @@ pub fn find(graph: &Graph, store: &Store, done: &(dyn Fn(Unit) -> bool + Sync)) 
     let units = |stage| tables(stage).flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect::<Vec<Unit>>();
     let scores = units("score").into_par_iter().map(|unit| of_score(graph, store, unit));
     let fits = units("fit").into_par_iter().map(|unit| of_fit(graph, store, unit));
-    let found: Vec<Vec<Warning>> = scores.chain(fits).collect::<Result<_, Fault>>()?;
+    let maps = (0..plan.tables.len()).filter(|t| plan.tables[*t].entry.yields == TableKind::Map);
+    let maps: Vec<Unit> = maps.flat_map(|t| graph.units(t)).filter(|u| done(*u)).collect();
+    let maps = maps.into_par_iter().map(|unit| of_map(graph, store, unit));
+    let found: Vec<Vec<Warning>> = scores.chain(fits).chain(maps).collect::<Result<_, Fault>>()?;
     Ok(found.into_iter().flatten().collect())
 }
 
@@ -247,19 +255,32 @@ fn of_fit(graph: &Graph, store: &Store, unit: Unit) -> Result<Vec<Warning>, Faul
             told.push(text.to_owned());
         }
     }
+    Ok(of_whole(graph, unit, Kind::Fit, told))
+}
+
+/// The warnings of one map that a stage made.
+fn of_map(graph: &Graph, store: &Store, unit: Unit) -> Result<Vec<Warning>, Fault> {
+    let key = graph.key(unit)?;
+    // A map that is not kept is not in the store.
+    let told = if store.has(key) { store.remarks(key)?.warnings } else { vec![] };
+    Ok(of_whole(graph, unit, Kind::Map, told))
+}
+
+/// Warnings without a figure.
+fn of_whole(graph: &Graph, unit: Unit, kind: Kind, told: Vec<String>) -> Vec<Warning> {
     let (stage, point, line) = place(graph, unit);
     let one = |text| Warning {
         stage: stage.clone(),
         point: point.clone(),
         line: line.clone(),
-        kind: Kind::Fit,
+        kind,
         value: None,
         limit: None,
         unit: "",
         text,
         cause: None,
     };
-    Ok(told.into_iter().map(one).collect())
+    told.into_iter().map(one).collect()
 }
 
 /// As many kinds are told one by one.
