@@ -265,11 +265,26 @@ fn r10_one_mistake_of_a_file_is_one_message() {
 }
 
 #[test]
+fn r10_options_of_tables_are_checked_like_parameters_and_all_at_once() {
+    let bench = bench(&[total("1.01", 100)], "fromat = \"csv\"\nunits = { mag_1_uc = 5 }\nepsg = 70000\nline = 7");
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 2);
+    let said = [
+        "`flights` has no parameter `fromat`",
+        "did you mean `format`?",
+        "`units.mag_1_uc` of `flights` must be a text, not 5",
+        "`epsg` of `flights` must be a whole number below 65536, not 70000",
+        "`line` of `flights` must be a text, not 7",
+    ];
+    contains(&done.stderr, &said);
+}
+
+#[test]
 fn r10_accept_and_the_name_of_the_table_are_checked() {
     let bench = bench(&[total("1.01", 100)], "accept = [\"rnage\"]");
     let done = bench.run(&[]);
     assert_eq!(done.code, 2);
-    contains(&done.stderr, &["`accept` has no word `rnage`", "did you mean `range`?", "--> spec.toml:7:10"]);
+    contains(&done.stderr, &["`accept` cannot be `rnage`", "did you mean `range`?", "--> spec.toml:7:10"]);
     bench.spec(&SPEC.replace("\"even\"", "\"quality\""));
     let done = bench.run(&[]);
     assert_eq!(done.code, 2);

@@ -6,7 +6,7 @@ mod set;
 
 use std::{collections::BTreeMap, ops::Range, path::PathBuf};
 
-use schemas::{Args, Fault, Given, Literal};
+use schemas::{Args, Fault, Given, Literal, Section};
 use toml::{
     Spanned,
     de::{DeTable, DeValue},
@@ -307,7 +307,14 @@ impl Reading {
             }
             return None;
         };
-        let options = self.args(table, &["path"]);
+        let mut options = match Section::of(table, value.span()) {
+            Ok(section) => section.keys,
+            Err(faults) => {
+                self.faults.extend(faults);
+                return None;
+            }
+        };
+        options.remove("path");
         Some(SourceDecl { name: name.get_ref().clone(), at: name.span(), path, options })
     }
 
@@ -397,23 +404,10 @@ impl Reading {
                 Ok(x) => {
                     args.insert(key.get_ref().to_string(), given(x, key.span(), value.span()));
                 }
-                Err(_) if value.get_ref().is_table() => self.flatten(key.get_ref(), value, &mut args),
                 Err(fault) => self.faults.push(fault),
             }
         }
         args
-    }
-
-    /// `rename = { a = "b" }` becomes the option `rename.a`.
-    fn flatten(&mut self, prefix: &str, value: &Spanned<DeValue>, args: &mut Args) {
-        for (key, value) in value.get_ref().as_table().into_iter().flat_map(|t| t.iter()) {
-            match literal(value) {
-                Ok(x) => {
-                    args.insert(format!("{prefix}.{}", key.get_ref()), given(x, key.span(), value.span()));
-                }
-                Err(fault) => self.faults.push(fault),
-            }
-        }
     }
 }
 

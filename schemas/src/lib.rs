@@ -15,8 +15,8 @@ mod unit;
 pub use column::{Column, ColumnType, Described, Role, Shape, describe_field, field};
 pub use params::{
     Args, Chosen, Fault, Given, Kind, Kinds, Lists, Literal, Nested, OrAuto, Own, Owner, Param, ParamDoc, Params,
-    Place, Reader, Rule, Section, Sections, Several, Value, choice, collect_doc, first, literal, nearest, no_text,
-    obeys, params, render, words_rule,
+    Place, Reader, Rule, Section, Sections, Several, Value, Word, choice, collect_doc, first, literal, nearest,
+    no_text, obeys, params, render, words_rule,
 };
 pub use stage::{
     AnyLinePoint, AnyStage, Arrays, Build, Entry, Gather, GatherDyn, Grain, Head, InputDecl, InputKind, KindDoc,

@@ -1,27 +1,13 @@
 //! What a column of a flight can hold: the limits of each role in its canonical unit, and what a value outside them
 //! probably is.
 
-use crate::{Fault, convert, flight};
+use crate::{choice, convert, flight};
 
-/// What a table of flights accepts although it looks impossible.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Accept {
-    /// Values outside the limits of their column's role, and columns that contradict each other.
-    Range,
-}
-
-impl Accept {
-    /// All there are, with the word for each.
-    pub const WORDS: [(&'static str, Accept); 1] = [("range", Accept::Range)];
-
-    /// What a word means.
-    ///
-    /// # Errors
-    /// A word that means nothing; the fault suggests the nearest.
-    pub fn parse(word: &str) -> Result<Accept, Fault> {
-        let found = Accept::WORDS.iter().find(|(known, _)| *known == word).map(|(_, accept)| *accept);
-        let known = Accept::WORDS.map(|(word, _)| word);
-        found.ok_or_else(|| Fault::new(format!("`accept` has no word `{word}`")).nearest(word, &known))
+choice! {
+    /// What a table of flights accepts although it looks impossible.
+    pub enum Accept {
+        /// Values outside the limits of their column's role, and columns that contradict each other.
+        Range = "range",
     }
 }
 

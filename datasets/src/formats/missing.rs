@@ -28,8 +28,8 @@ pub(super) struct Missing {
 
 impl Missing {
     pub(super) fn of(options: &FlightOptions) -> Missing {
-        let words = options.missing.iter().map(|w| w.trim().to_owned()).collect();
-        let given = options.missing.iter().filter_map(|w| w.trim().parse::<f64>().ok());
+        let words = options.missing.iter().map(|w| w.0.trim().to_owned()).collect();
+        let given = options.missing.iter().filter_map(|w| w.0.trim().parse::<f64>().ok());
         Missing { words, numbers: NUMBERS.into_iter().chain(given).filter(|x| !x.is_nan()).collect() }
     }
 

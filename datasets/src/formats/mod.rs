@@ -13,7 +13,6 @@ use std::{
 
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
-use schemas::plausible::Accept;
 
 use crate::{ReadError, grid::GridMap};
 
@@ -42,6 +41,7 @@ mod map_surfer_text;
 mod map_xyz;
 mod missing;
 mod netcdf_write;
+mod options;
 mod output;
 mod parquet;
 mod points;
@@ -55,31 +55,9 @@ mod unit_name;
 
 pub use crate::grid::Map;
 pub use iaga2002::{ObservatoryRecord, read_iaga2002};
+pub use options::{FlightOptions, MapOptions};
 pub use output::{check_output, write_grid};
 pub use points::{Extra, PointOptions, SurveyPoints, read_points};
-
-/// How to read a flight log.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct FlightOptions {
-    /// The name of the format, where content and extension do not tell.
-    pub format: Option<String>,
-    /// The file's column names to canonical ones. A unit in the file's name (`GPS Lat (rad)`, `Alt ft`,
-    /// `Mag_mgauss`) is taken as the column's unit, and one that does not convert is an error.
-    pub rename: BTreeMap<String, String>,
-    /// The units of columns, by the file's own names. They take precedence over names and metadata.
-    pub units: BTreeMap<String, String>,
-    /// Words and numbers that stand for a missing value, besides the usual ones (`N/A`, `NA`, `null`,
-    /// `none`, `NaN`, `-`, `*`, an empty cell, -99999 and Geosoft's -1e32).
-    pub missing: Vec<String>,
-    /// The flight, for files that hold none.
-    pub flight: Option<String>,
-    /// The line, for files that hold none.
-    pub line: Option<String>,
-    /// The EPSG code of the eastings and northings of survey points.
-    pub epsg: Option<u16>,
-    /// What is accepted although it looks impossible; readers take no notice, whoever checks their values does.
-    pub accept: Vec<Accept>,
-}
 
 /// Hints for reading a flight log that do not affect the result.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -107,13 +85,6 @@ pub struct FlightReader {
     notes: Vec<String>,
     found: Option<String>,
     parts: Parts,
-}
-
-impl FlightOptions {
-    /// Whether a text, such as the identifier of a line, marks a missing value.
-    pub fn is_missing(&self, text: &str) -> bool {
-        missing::Missing::of(self).is_text(text)
-    }
 }
 
 /// Some rows of a flight, and the faults of single rows.
@@ -221,20 +192,6 @@ impl std::fmt::Debug for FlightReader {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         f.debug_struct("FlightReader").field("format", &self.format.name).field("schema", &self.schema).finish()
     }
-}
-
-/// How to read a map.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct MapOptions {
-    /// The name of the format, where content and extension do not tell.
-    pub format: Option<String>,
-    /// The EPSG code of the coordinates; required for eastings and northings in a file that does not
-    /// give it; it takes precedence over the file.
-    pub epsg: Option<u16>,
-    /// The height of the map in metres above the WGS-84 ellipsoid, for files that hold none.
-    pub alt_m: Option<f64>,
-    /// The unit of the anomaly; nT where neither this nor the file gives it.
-    pub unit: Option<String>,
 }
 
 /// The start of a file, by which it is recognised.

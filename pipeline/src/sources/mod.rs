@@ -190,7 +190,7 @@ impl MapSource {
             let fault = Fault::new(format!("there is no file {}", path.display())).at(decl.path.1.clone());
             return Err(vec![fault]);
         }
-        let spelt = spelt(decl);
+        let spelt = spelt(&options);
         Ok(MapSource { name: decl.name.clone(), path, read_all: false, options, spelt })
     }
 

@@ -2,7 +2,8 @@
 
 use std::fmt::Write;
 
-use schemas::{Entry, Fault, Grain, InputDecl, InputKind, ParamDoc, TableKind, metric::Metric};
+use datasets::{FlightOptions, MapOptions};
+use schemas::{Entry, Fault, Grain, InputDecl, InputKind, Lists, ParamDoc, Params, TableKind, metric::Metric};
 
 use crate::spec::STAGE_KEYS;
 
@@ -33,6 +34,11 @@ pub fn page(catalogue: &[Entry]) -> String {
         let _ = writeln!(out, "| `{key}` | {meaning} |");
     }
     out.push('\n');
+    out.push_str("A table of files (`[tables.NAME]`) says its `path`, and beside it:\n\n");
+    let lists = Lists::default();
+    for (what, docs) in [("flights", FlightOptions::docs(&lists)), ("a map", MapOptions::docs(&lists))] {
+        let _ = write!(out, "Of {what}:\n\n{}\n", params(&docs.iter().collect::<Vec<_>>()));
+    }
     for entry in catalogue {
         out.push_str(&section(entry));
         out.push('\n');

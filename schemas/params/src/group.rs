@@ -113,8 +113,11 @@ impl<'a> Reader<'a> {
     /// The fault of a value of another type.
     pub fn wrong_type(&mut self, name: &str, wanted: &str, given: &Given) {
         let article = if wanted.starts_with(['a', 'e', 'i', 'o']) { "an" } else { "a" };
-        let what =
-            format!("`{name}` of `{}` must be {article} {wanted}, not a {}", self.owner, given.value.type_name());
+        let found = match &given.value {
+            Literal::Int(_) | Literal::Float(_) => given.value.to_string(),
+            other => format!("a {}", other.type_name()),
+        };
+        let what = format!("`{name}` of `{}` must be {article} {wanted}, not {found}", self.owner);
         self.faults.push(Fault::new(what).at(given.at.clone()));
     }
 
@@ -133,9 +136,14 @@ impl<'a> Reader<'a> {
             return absent;
         };
         let Some(value) = T::read(&given.value) else {
-            match given.value.as_text() {
-                Some(word) if !T::WORDS.is_empty() => self.wrong_word(name, word, T::WORDS, given),
-                _ => self.wrong_type(name, &T::type_words(), given),
+            let words = match &given.value {
+                Literal::List(items) => items.as_slice(),
+                one => std::slice::from_ref(one),
+            };
+            let other = |word: &&str| !T::WORDS.is_empty() && !T::WORDS.contains(word);
+            match words.iter().filter_map(Literal::as_text).find(other) {
+                Some(word) => self.wrong_word(name, word, T::WORDS, given),
+                None => self.wrong_type(name, &T::type_words(), given),
             }
             return None;
         };

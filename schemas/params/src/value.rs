@@ -238,6 +238,51 @@ impl Value for usize {
     }
 }
 
+impl Value for u16 {
+    const TYPE: &'static str = "whole number below 65536";
+
+    fn read(literal: &Literal) -> Option<u16> {
+        if let Literal::Int(x) = literal { u16::try_from(*x).ok() } else { None }
+    }
+
+    fn check(&self, rule: &Rule) -> Result<(), Fault> {
+        rule.number(f64::from(*self))
+    }
+
+    fn canonical(&self) -> String {
+        self.to_string()
+    }
+}
+
+/// A text as a file has it, such as `N/A` or -99999: a number is taken as it is written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Word(pub String);
+
+impl From<&str> for Word {
+    fn from(text: &str) -> Word {
+        Word(text.to_owned())
+    }
+}
+
+impl Value for Word {
+    const TYPE: &'static str = "text or number";
+
+    fn read(literal: &Literal) -> Option<Word> {
+        match literal {
+            Literal::Text(_) | Literal::Int(_) | Literal::Float(_) => Some(Word(literal.to_string())),
+            Literal::Bool(_) | Literal::List(_) | Literal::Section(_) => None,
+        }
+    }
+
+    fn check(&self, rule: &Rule) -> Result<(), Fault> {
+        rule.word(&self.0)
+    }
+
+    fn canonical(&self) -> String {
+        format!("{:?}", self.0)
+    }
+}
+
 impl Value for bool {
     const TYPE: &'static str = "boolean";
 
@@ -279,6 +324,8 @@ impl<T: Value> Value for Vec<T> {
             _ => Self::TYPE.to_owned(),
         }
     }
+
+    const WORDS: &'static [&'static str] = T::WORDS;
 
     fn read(literal: &Literal) -> Option<Vec<T>> {
         match literal {
@@ -376,6 +423,16 @@ impl<T: Value> Value for BTreeMap<String, T> {
     fn read(literal: &Literal) -> Option<Self> {
         let Literal::Section(section) = literal else { return None };
         section.keys.iter().map(|(key, given)| Some((key.clone(), T::read(&given.value)?))).collect()
+    }
+
+    fn obtain(reader: &mut Reader, param: Param<Self>) -> Option<Self> {
+        if let Some(Literal::Section(section)) = reader.given(param.name).map(|given| &given.value)
+            && let Some((key, given)) = section.keys.iter().find(|(_, given)| T::read(&given.value).is_none())
+        {
+            reader.wrong_type(&format!("{}.{key}", param.name), &T::type_words(), given);
+            return None;
+        }
+        reader.plain(param)
     }
 
     fn check(&self, rule: &Rule) -> Result<(), Fault> {

@@ -1,0 +1,50 @@
+//! How files are read: what a table of a spec says beside its path.
+
+use std::collections::BTreeMap;
+
+use schemas::{Word, params, plausible::Accept};
+
+use super::missing::Missing;
+
+params! {
+    /// How a flight log is read.
+    pub struct FlightOptions, all default;
+    /// The name of the format.
+    format: Option<String>, unit "", default None, absent "known from the content and the extension";
+    /// The file's column names to canonical ones. A unit in the file's name (`GPS Lat (rad)`, `Alt ft`, `Mag_mgauss`) is
+    /// taken as the column's unit, and one that does not convert is an error.
+    rename: BTreeMap<String, String>, unit "", default BTreeMap::new();
+    /// The units of columns, by the file's own names. They take precedence over names and metadata.
+    units: BTreeMap<String, String>, unit "", default BTreeMap::new();
+    /// Texts and numbers that mean a missing value, in addition to `N/A`, `NA`, `null`, `none`, `NaN`, `-`, `*`, an empty
+    /// cell, -99999 and Geosoft's -1e32.
+    missing: Vec<Word>, unit "", default Vec::<Word>::new();
+    /// The flight, for files that hold none.
+    flight: Option<String>, unit "", default None, absent "the file's";
+    /// The line, for files that hold none.
+    line: Option<String>, unit "", default None, absent "the file's";
+    /// The EPSG code of the eastings and northings of survey points (`format = "points"`).
+    epsg: Option<u16>, unit "", default None, absent "the file's";
+    /// What is accepted although it looks impossible.
+    accept: Vec<Accept>, unit "", default Vec::<Accept>::new();
+}
+
+impl FlightOptions {
+    /// Whether a text, such as the identifier of a line, marks a missing value.
+    pub fn is_missing(&self, text: &str) -> bool {
+        Missing::of(self).is_text(text)
+    }
+}
+
+params! {
+    /// How a map is read.
+    pub struct MapOptions, all default;
+    /// The name of the format.
+    format: Option<String>, unit "", default None, absent "known from the content and the extension";
+    /// The EPSG code of the coordinates; it takes precedence over the file.
+    epsg: Option<u16>, unit "", default None, absent "the file's; it must be given for eastings and northings in a file without it";
+    /// The height of the map above the WGS-84 ellipsoid, for files that hold none.
+    alt_m: Option<f64>, unit "m", default None, absent "the file's";
+    /// The unit of the anomaly.
+    unit: Option<String>, unit "", default None, absent "the file's, or nT";
+}
