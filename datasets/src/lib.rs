@@ -6,9 +6,8 @@
 //! formats ([`write_grid`]); survey points come from any table ([`read_points`]). Other crates may add flight
 //! formats ([`formats::flight_formats`]), as that of the simulator does.
 
-mod error;
 pub mod formats;
-pub mod grid;
+mod grid;
 pub mod motion;
 pub mod samples;
 pub mod table;
@@ -17,9 +16,8 @@ pub mod table;
 /// their cached results.
 pub const VERSION: &str = "4";
 
-pub use error::ReadError;
 pub use formats::{
     FlightOptions, FlightReader, Map, MapOptions, Part, PointOptions, Reading, RowFault, SurveyPoints, check_output,
     map_files, open_flight, open_flight_among, open_flight_with, read_grid, read_map, read_points, write_grid,
 };
-pub use grid::{Crs, Figure, GridMap, Height, MapSummary, Registration, geographic};
+pub use grids::{Crs, Figure, GridMap, Height, MapSummary, ReadError, Registration, geographic};

@@ -1,7 +1,7 @@
 //! Maps as stages of maps take and yield them.
 
 use arrow_array::RecordBatch;
-use datasets::GridMap;
+use grids::GridMap;
 use numerics::maps::{
     fill::{FillError, SmoothFill, smooth},
     plane_grid::PlaneGrid,
@@ -45,7 +45,7 @@ pub mod testing {
 
     use std::path::Path;
 
-    use datasets::{Crs, Height};
+    use grids::{Crs, Height};
     use numerics::maps::plane_grid::EvenAxis;
 
     use super::*;

@@ -1,7 +1,7 @@
 //! Brings a map to another height.
 
 use arrow_array::RecordBatch;
-use datasets::{GridMap, Height};
+use grids::{GridMap, Height};
 use numerics::maps::{
     continuation::{
         Derivative, Drape, LCurve, MAGNAV_ALPHA_M2, Padding, Regularisation, Spectrum, downward, drape_to_level,

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use arrow_array::RecordBatch;
-use datasets::{GridMap, Height};
+use grids::{GridMap, Height};
 use numerics::maps::{continuation::expand, plane_grid::EvenAxis};
 use schemas::{Fault, MapStage, Product, Rule, Stage, Table, Yield, stage};
 
@@ -157,7 +157,7 @@ impl Stage for MapConvert {
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         self.check().map_err(|fault| vec![fault])?;
         if let Some(code) = self.to_epsg.and_then(|code| u16::try_from(code).ok()) {
-            let known = datasets::Crs::from_epsg(std::path::Path::new(""), code);
+            let known = grids::Crs::from_epsg(std::path::Path::new(""), code);
             known.map_err(|e| vec![Fault { place: Default::default(), ..Fault::from(e) }.of_param("to_epsg")])?;
         }
         Ok(schemas::map::yields(schemas::map::ANOMALY_UNIT, vec![whole_map(); inputs.len()]))

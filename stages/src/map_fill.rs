@@ -1,7 +1,7 @@
 //! Fills the gaps of a map, from other maps and from its surroundings.
 
 use arrow_array::RecordBatch;
-use datasets::{GridMap, Height};
+use grids::{GridMap, Height};
 use numerics::maps::{
     combine::{BiasModel, Blend, CombineOptions, Combined, Piece, combine},
     continuation::{Padding, masked_like, upward},

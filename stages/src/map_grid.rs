@@ -8,7 +8,7 @@ mod tests;
 use std::path::Path;
 
 use arrow_array::ArrayRef;
-use datasets::{Crs, GridMap, Height, SurveyPoints};
+use grids::{Crs, GridMap, Height, SurveyPoints};
 use numerics::maps::{
     gridding::{self, CleanOptions, Folds, GridError, GridOptions, GridReport, Gridded, Method, Region},
     levelling::{CrossoverOptions, LevelOptions, Levelled, find_crossovers, level_lines},

@@ -3,10 +3,8 @@
 use std::{io::Write, path::Path};
 
 use super::output::{Outputs, Sink};
-use crate::{
-    ReadError,
-    grid::{GridMap, Height},
-};
+use crate::ReadError;
+use grids::{GridMap, Height};
 
 /// The value of blank nodes in Surfer's grids, which is also any larger value.
 pub(super) const SURFER_BLANK: f64 = 1.701_41e38;

@@ -17,8 +17,9 @@ use super::{
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, GridMap, Registration, System},
+    grid::{Draft, FileAxis, System},
 };
+use grids::{GridMap, Registration};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "er_mapper",

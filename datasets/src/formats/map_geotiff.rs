@@ -12,8 +12,9 @@ use tiff::{
 use super::{Head, MapFormat, MapOptions, guarded, map_geotiff_write};
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, GridMap, Registration, System},
+    grid::{Draft, FileAxis, System},
 };
+use grids::{GridMap, Registration};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "geotiff",

@@ -12,10 +12,8 @@ use super::{
     map_geotiff::{GDAL_METADATA, GEOGRAPHIC_CODE, MODEL_TYPE, PROJECTED_CODE, RASTER_TYPE},
     output::{Outputs, Sink},
 };
-use crate::{
-    ReadError,
-    grid::{GridMap, Registration},
-};
+use crate::ReadError;
+use grids::{GridMap, Registration};
 
 /// Offsets of a TIFF file have 32 bits; a larger one is BigTIFF.
 const MOST_BYTES: usize = 4_000_000_000;

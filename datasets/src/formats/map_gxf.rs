@@ -13,8 +13,9 @@ use super::{
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, GridMap, System, epsg_of_name},
+    grid::{Draft, FileAxis, System},
 };
+use grids::{GridMap, epsg_of_name};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "gxf",

@@ -11,8 +11,9 @@ use super::{
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, GridMap, System},
+    grid::{Draft, FileAxis, System},
 };
+use grids::GridMap;
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "magnav_hdf5",

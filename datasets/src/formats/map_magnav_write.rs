@@ -4,10 +4,8 @@
 use hdf5_pure::FileBuilder;
 
 use super::{guarded, output::Outputs};
-use crate::{
-    ReadError,
-    grid::{GridMap, Height, WGS84},
-};
+use crate::ReadError;
+use grids::{GridMap, Height, WGS84};
 
 /// Unknown cells are 0 with a mask of 0. A known value of exactly 0 would be unknown to MagNav.jl, so the smallest
 /// number that is not 0 is written instead.

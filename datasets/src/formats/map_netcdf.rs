@@ -15,8 +15,9 @@ use super::{
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, GridMap, Registration, System, epsg_of_wkt},
+    grid::{Draft, FileAxis, System},
 };
+use grids::{GridMap, Registration, epsg_of_wkt};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "netcdf",

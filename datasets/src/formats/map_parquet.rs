@@ -16,8 +16,9 @@ use schemas::{Role, field};
 use super::{Head, MapFormat, MapOptions, guarded, output::Outputs, parquet};
 use crate::{
     ReadError,
-    grid::{Draft, GridMap, System, WGS84, from_nodes},
+    grid::{Draft, System, from_nodes},
 };
+use grids::{GridMap, WGS84};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "parquet",

@@ -12,8 +12,9 @@ use super::{
 };
 use crate::{
     ReadError,
-    grid::{Draft, FileAxis, GridMap, System},
+    grid::{Draft, FileAxis, System},
 };
+use grids::GridMap;
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "surfer7",

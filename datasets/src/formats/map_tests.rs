@@ -6,7 +6,7 @@ use numerics::maps::plane_grid::EvenAxis;
 use tempfile::TempDir;
 
 use super::*;
-use crate::grid::{Crs, Height, Registration};
+use grids::{Crs, Height, Registration};
 
 fn folder() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("reference/maps")

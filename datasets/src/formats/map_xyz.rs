@@ -15,8 +15,9 @@ use super::{
 };
 use crate::{
     ReadError,
-    grid::{Draft, GridMap, Height, System, from_nodes},
+    grid::{Draft, System, from_nodes},
 };
+use grids::{GridMap, Height};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "xyz",

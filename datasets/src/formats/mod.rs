@@ -14,7 +14,8 @@ use std::{
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 
-use crate::{ReadError, grid::GridMap};
+use crate::ReadError;
+use grids::GridMap;
 
 mod adopt;
 mod csv;
@@ -53,11 +54,11 @@ mod sgl_xyz;
 mod text_table;
 mod unit_name;
 
-pub use crate::grid::Map;
+pub use grids::{Extra, Map, SurveyPoints};
 pub use iaga2002::{ObservatoryRecord, read_iaga2002};
 pub use options::{FlightOptions, MapOptions};
 pub use output::{check_output, write_grid};
-pub use points::{Extra, PointOptions, SurveyPoints, read_points};
+pub use points::{PointOptions, read_points};
 
 /// Hints for reading a flight log that do not affect the result.
 #[derive(Clone, Debug, PartialEq, Eq)]

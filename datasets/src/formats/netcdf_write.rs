@@ -4,10 +4,8 @@
 use std::io::Write;
 
 use super::{grid_bytes::range, output::Outputs};
-use crate::{
-    ReadError,
-    grid::{GridMap, Height, Registration},
-};
+use crate::ReadError;
+use grids::{GridMap, Height, Registration};
 
 /// Tags of the lists in a header.
 const DIMENSIONS: u32 = 10;

@@ -8,7 +8,8 @@ use std::{
 };
 
 use super::{MAP_FORMATS, MapFormat};
-use crate::{ReadError, grid::GridMap};
+use crate::ReadError;
+use grids::GridMap;
 
 /// Writes a map, in the format that is given or that of the path's extension. An existing file is
 /// replaced when the new file is complete; no partial file is left.

@@ -2,16 +2,12 @@
 
 use std::path::Path;
 
-use numerics::maps::plane_grid::{EvenAxis, PlaneGrid};
-
 use super::{
     grid_bytes::without_dummy,
     points_table::{Column, Table, load},
 };
-use crate::{
-    ReadError,
-    grid::{Crs, GridMap, Height, WGS84},
-};
+use crate::ReadError;
+use grids::{Crs, Extra, SurveyPoints, WGS84, metres, no_metres, plane, turned};
 
 /// How to read survey points. Columns that are not named are found by the usual names.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -33,50 +29,6 @@ pub struct PointOptions {
     /// The EPSG code of the plane of the points; by default that of `x` and `y` where they are eastings and
     /// northings, else the UTM zone of the middle of the points.
     pub to_epsg: Option<u16>,
-}
-
-/// Survey points in the file's order. Every vector but `lines` has one entry a point.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SurveyPoints {
-    /// The projection of eastings and northings.
-    pub crs: Crs,
-    /// Eastings, in metres whatever the unit of the projection.
-    pub easting_m: Vec<f64>,
-    /// Northings, in metres.
-    pub northing_m: Vec<f64>,
-    /// WGS-84 latitudes, in degrees.
-    pub lat_deg: Vec<f64>,
-    /// WGS-84 longitudes, in degrees.
-    pub lon_deg: Vec<f64>,
-    /// Heights in metres as the file counts them; NaN where unknown.
-    pub height_m: Vec<f64>,
-    /// The values; NaN where missing.
-    pub value_nt: Vec<f64>,
-    /// The line of each point, as an index into `lines`; all of one line where the file names none.
-    pub line: Vec<u32>,
-    /// The names of the lines, in the order in which they first occur.
-    pub lines: Vec<String>,
-    /// Further columns of the file that a reduction needs.
-    pub extra: Extra,
-    /// The row of the file that each point comes from, the first being 0.
-    pub row: Vec<u64>,
-    /// Notes on the file and its processing.
-    pub notes: Vec<String>,
-}
-
-/// Columns that a survey may have, one entry a point.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Extra {
-    /// Seconds past midnight UTC.
-    pub tt_s: Option<Vec<f64>>,
-    /// The temporal variation, in nT.
-    pub diurnal_nt: Option<Vec<f64>>,
-    /// The magnitude of the core field, in nT.
-    pub igrf_nt: Option<Vec<f64>>,
-    /// The year.
-    pub year: Option<Vec<f64>>,
-    /// The day of the year.
-    pub doy: Option<Vec<f64>>,
 }
 
 const LATITUDES: &[&str] = &["lat", "latitude_deg", "latitude", "lat_deg", "lat_wgs84", "latitude_wgs84", "gps_lat"];
@@ -337,62 +289,6 @@ impl<'a> Found<'a> {
     }
 }
 
-fn no_metres(path: &Path, crs: &Crs) -> ReadError {
-    let what = format!("EPSG:{} has degrees, not metres", crs.code());
-    ReadError::options(path, what).help("give a projected system for the points to come on")
-}
-
-/// The projection that points in degrees come on: the one that is asked for, else their UTM zone.
-fn plane(path: &Path, to_epsg: Option<u16>, lat: &[f64], lon: &[f64]) -> Result<Crs, ReadError> {
-    let crs = match to_epsg {
-        Some(code) => Crs::from_epsg(path, code)?,
-        None => {
-            // The mean direction, so that a survey across the date line has its middle there.
-            let (sin, cos) =
-                lon.iter().fold((0.0, 0.0), |(s, c), l| (s + l.to_radians().sin(), c + l.to_radians().cos()));
-            let middle = lat.iter().sum::<f64>() / lat.len() as f64;
-            Crs::utm_zone_of(middle, sin.atan2(cos).to_degrees())?
-        }
-    };
-    if crs.is_geographic() { Err(no_metres(path, &crs)) } else { Ok(crs) }
-}
-
-/// Eastings and northings in metres of points in degrees.
-fn metres(
-    path: &Path,
-    crs: &Crs,
-    (lat, lon): (&[f64], &[f64]),
-    rows: &[u64],
-    notes: &mut Vec<String>,
-) -> Result<(Vec<f64>, Vec<f64>), ReadError> {
-    let unit_m = crs.unit_m();
-    let mut places = (Vec::with_capacity(lat.len()), Vec::with_capacity(lat.len()));
-    let mut nowhere = None;
-    for ((lat, lon), row) in lat.iter().zip(lon).zip(rows) {
-        let place = crs.project(*lat, *lon);
-        if place.is_none() {
-            let (first, count) = nowhere.unwrap_or(((*lat, *lon, *row), 0_usize));
-            nowhere = Some((first, count + 1));
-        }
-        let (easting, northing) = place.unwrap_or((f64::NAN, f64::NAN));
-        places.0.push(easting * unit_m);
-        places.1.push(northing * unit_m);
-    }
-    if let Some(((lat, lon, row), count)) = nowhere {
-        let what = format!("latitude {lat}, longitude {lon} is no place in EPSG:{}", crs.code());
-        // A few are places gone wrong, which can be left out; many are the wrong projection.
-        if 100 * count > places.0.len() && count > 1 {
-            return Err(ReadError::data(path, what).in_row(row).help("check the EPSG codes"));
-        }
-        notes.push(format!("row {row}: {what}; {count} such points are left out"));
-    }
-    Ok(places)
-}
-
-fn turned(lon_deg: f64) -> f64 {
-    lon_deg - 360.0 * ((lon_deg + 180.0) / 360.0).floor()
-}
-
 /// The columns of places: those that are named, else latitude and longitude, else eastings and northings (first where
 /// a projected system is given).
 fn place_columns<'a>(
@@ -414,60 +310,6 @@ fn place_columns<'a>(
         }
     }
     Err(table.lacks(path, "positions", "x", &["longitude and latitude", "easting and northing"]))
-}
-
-impl SurveyPoints {
-    /// Points at WGS-84 latitudes and longitudes, all finite, on the plane of `to_epsg` or else of their UTM zone. They
-    /// have no values, no heights, one line without a name and nothing else: whoever has these puts them in.
-    ///
-    /// # Errors
-    /// No point, an unknown system or one in degrees, no UTM zone, and points that are no place in the system.
-    pub fn at(lat_deg: Vec<f64>, lon_deg: Vec<f64>, to_epsg: Option<u16>) -> Result<SurveyPoints, ReadError> {
-        let nowhere = Path::new("");
-        if lat_deg.is_empty() {
-            return Err(ReadError::data(nowhere, "no point has a place"));
-        }
-        let lon_deg: Vec<f64> = lon_deg.into_iter().map(turned).collect();
-        let crs = plane(nowhere, to_epsg, &lat_deg, &lon_deg)?;
-        let row: Vec<u64> = (0..lat_deg.len() as u64).collect();
-        let mut notes = vec![];
-        let (easting_m, northing_m) = metres(nowhere, &crs, (&lat_deg, &lon_deg), &row, &mut notes)?;
-        let unknown = vec![f64::NAN; lat_deg.len()];
-        Ok(SurveyPoints {
-            crs,
-            easting_m,
-            northing_m,
-            lat_deg,
-            lon_deg,
-            height_m: unknown.clone(),
-            value_nt: unknown,
-            line: vec![0; row.len()],
-            lines: vec![String::new()],
-            extra: Extra::default(),
-            row,
-            notes,
-        })
-    }
-
-    /// A map on a grid that lies on the points' plane.
-    ///
-    /// # Errors
-    /// Fails as [`GridMap::new`].
-    pub fn grid(&self, grid: PlaneGrid, height: Height) -> Result<GridMap, ReadError> {
-        let unit_m = self.crs.unit_m();
-        let axis = |a: EvenAxis| EvenAxis { first: a.first / unit_m, step: a.step / unit_m, len: a.len };
-        GridMap::new(axis(grid.east_m), axis(grid.north_m), self.crs.clone(), grid.values, height)
-    }
-
-    /// The number of points.
-    pub fn len(&self) -> usize {
-        self.value_nt.len()
-    }
-
-    /// Whether there are no points.
-    pub fn is_empty(&self) -> bool {
-        self.value_nt.is_empty()
-    }
 }
 
 #[cfg(test)]

@@ -88,11 +88,3 @@ impl FileAxis {
         EvenAxis { first, step: self.step.abs(), len: self.len }
     }
 }
-
-/// The node, as a fraction, of a coordinate; `None` off the axis.
-pub(crate) fn node_on(axis: &EvenAxis, coordinate: f64) -> Option<f64> {
-    // Rounding of a projection forward and back must not lose the outermost nodes.
-    const SLACK: f64 = 1e-6;
-    let (node, last) = (axis.node(coordinate), axis.len.saturating_sub(1) as f64);
-    (-SLACK..=last + SLACK).contains(&node).then(|| node.clamp(0.0, last))
-}

@@ -4,14 +4,9 @@ use std::path::Path;
 
 use schemas::convert;
 
-use super::{
-    Crs, GridMap, Height, Registration,
-    axis::FileAxis,
-    crs::WGS84,
-    grid_map::{DERIVATIVES, NANOTESLA},
-    longitude,
-};
+use super::axis::FileAxis;
 use crate::{MapOptions, ReadError};
+use grids::{Crs, DERIVATIVES, GridMap, Height, NANOTESLA, Registration, WGS84, check_count, longitude};
 
 /// A map in the order of its file.
 pub(crate) struct Draft<'a> {
@@ -74,7 +69,7 @@ impl<'a> Draft<'a> {
     /// Fails for a unit that is no field's, a coordinate system that is unknown, and as [`GridMap::new`].
     pub(crate) fn finish(mut self, options: &MapOptions) -> Result<GridMap, ReadError> {
         let nodes = self.x.len().saturating_mul(self.y.len());
-        super::check_count(self.path, self.values.len(), nodes)?;
+        check_count(self.path, self.values.len(), nodes)?;
         self.flip();
         let value_unit = self.scale(options)?;
         let crs = self.crs(options)?;
@@ -167,7 +162,7 @@ impl<'a> Draft<'a> {
             }
             return Ok(Height::Level(level_m));
         };
-        super::check_count(self.path, cells.len(), self.values.len()).map_err(|e| e.in_column("alt"))?;
+        check_count(self.path, cells.len(), self.values.len()).map_err(|e| e.in_column("alt"))?;
         let first = cells.iter().copied().find(|a| !a.is_nan());
         match first {
             None => {

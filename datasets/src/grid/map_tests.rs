@@ -4,7 +4,7 @@ use std::path::Path;
 
 use numerics::maps::plane_grid::EvenAxis;
 
-use super::*;
+use grids::{Crs, Figure, GridMap, Height};
 
 fn crs(code: u16) -> Crs {
     Crs::from_epsg(Path::new("a"), code).unwrap()

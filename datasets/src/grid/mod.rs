@@ -1,99 +1,16 @@
-//! Maps: on their own grid in any coordinate system, and as the contract's grid of latitude and longitude.
-
-use std::{path::Path, sync::Arc};
-
-use arrow_array::{ArrayRef, Float64Array, RecordBatch};
-use arrow_schema::Schema;
-use schemas::map::shape;
-
-use crate::ReadError;
+//! How the numbers of a file become a map on a grid.
 
 mod axis;
-mod crs;
 mod draft;
-mod grid_map;
-mod interpolate;
-mod longitude;
 mod nodes;
-mod own;
-mod resample;
-mod summary;
 
 pub(crate) use axis::FileAxis;
-pub use crs::{Crs, WGS84};
-pub(crate) use crs::{epsg_of_name, epsg_of_wkt};
 pub(crate) use draft::{Draft, System};
-pub use grid_map::{GridMap, Height, Registration};
 pub(crate) use nodes::from_nodes;
-pub use own::geographic;
-pub use summary::{Figure, MapSummary, PERCENTILES};
-
-/// An anomaly map on a regular grid, the contract's map table.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Map {
-    /// One row a cell, by latitude then longitude, both ascending: `lat`, `lon` (deg), `alt` (m above
-    /// the WGS-84 ellipsoid), `anomaly` (nT, NaN where unknown).
-    pub batch: RecordBatch,
-    /// The number of latitudes.
-    pub n_lat: usize,
-    /// The number of longitudes.
-    pub n_lon: usize,
-    /// Notes on the processing of the file's values.
-    pub notes: Vec<String>,
-}
-
-impl Map {
-    /// The table of a map in degrees of WGS-84.
-    fn of(map: &GridMap) -> Result<Map, ReadError> {
-        map.check()?;
-        map.check_anomaly()?;
-        let (n_lat, n_lon) = (map.y.len, map.x.len);
-        let alt = map.heights();
-        let lat: Vec<f64> = map.y.coordinates().iter().flat_map(|lat| std::iter::repeat_n(*lat, n_lon)).collect();
-        let lon = map.x.coordinates().repeat(n_lat);
-        let columns = [lat, lon, alt, map.anomaly_nt.clone()].map(|c| Arc::new(Float64Array::from(c)) as ArrayRef);
-        let fields: Vec<_> = shape().columns.iter().map(schemas::Column::field).collect();
-        let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), columns.to_vec());
-        let batch = batch.map_err(|e| map.fault(e.to_string()))?;
-        Ok(Map { batch, n_lat, n_lon, notes: map.notes.clone() })
-    }
-
-    /// The values of a column, one a cell; empty for any other name.
-    pub fn column(&self, name: &str) -> &[f64] {
-        let column = self.batch.column_by_name(name).and_then(|c| c.as_any().downcast_ref::<Float64Array>());
-        column.map_or(&[], |c| c.values())
-    }
-
-    /// The latitudes of the rows, in degrees.
-    pub fn latitudes_deg(&self) -> Vec<f64> {
-        self.column("lat").iter().step_by(self.n_lon).copied().collect()
-    }
-
-    /// The longitudes of the columns, in degrees.
-    pub fn longitudes_deg(&self) -> Vec<f64> {
-        self.column("lon").iter().take(self.n_lon).copied().collect()
-    }
-}
-
-/// Rejects values of another number than the nodes.
-pub(crate) fn check_count(path: &Path, values: usize, nodes: usize) -> Result<(), ReadError> {
-    if values == nodes {
-        return Ok(());
-    }
-    Err(ReadError::data(path, format!("the grid has {nodes} cells and {values} values")).in_column("anomaly"))
-}
-
-/// Rejects values of the wrong number, infinite ones, and a map without any.
-pub(crate) fn check_values(path: &Path, values: &[f64], nodes: usize) -> Result<(), ReadError> {
-    check_count(path, values.len(), nodes)?;
-    let wrong = |what: &str| ReadError::data(path, what).in_column("anomaly");
-    if let Some(i) = values.iter().position(|v| v.is_infinite()) {
-        return Err(wrong("the value is infinite").in_row(i as u64));
-    }
-    if values.iter().all(|v| v.is_nan()) { Err(wrong("no cell has a value")) } else { Ok(()) }
-}
 
 #[cfg(test)]
 mod map_tests;
+#[cfg(test)]
+mod own_tests;
 #[cfg(test)]
 mod tests;

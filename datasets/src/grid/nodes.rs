@@ -4,7 +4,9 @@ use std::{collections::HashSet, path::Path};
 
 use numerics::maps::plane_grid::EvenAxis;
 
-use super::axis::{FileAxis, node_on};
+use grids::node_on;
+
+use super::axis::FileAxis;
 use crate::ReadError;
 
 /// A list with fewer than one node in this number of nodes has no grid.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Int64Type};
-use datasets::SurveyPoints;
+use grids::SurveyPoints;
 use schemas::{Fault, Gather, LineIn, Product};
 
 use super::{MapGrid, columns, points};

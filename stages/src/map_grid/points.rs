@@ -1,6 +1,6 @@
 //! The points of a survey: what is taken off their values, and which are far from all others.
 
-use datasets::SurveyPoints;
+use grids::SurveyPoints;
 use numerics::{
     earth::{
         core_field::{CoreModel, CoreTrack},

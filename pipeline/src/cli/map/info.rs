@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use datasets::grid::Figure;
+use datasets::Figure;
 use schemas::Fault;
 use serde_json::{Map as Object, Value, json};
 

@@ -7,10 +7,8 @@ use numerics::{
 use rayon::prelude::*;
 
 use super::{
-    Crs, GridMap, Height, Map,
-    axis::node_on,
-    crs::WGS84,
-    grid_map::{Registration, ground_m},
+    Crs, GridMap, Height, Map, WGS84,
+    grid_map::{Registration, ground_m, node_on},
     interpolate,
 };
 use crate::ReadError;
@@ -113,7 +111,7 @@ impl GridMap {
     }
 
     /// Column and row, as fractions, of a position in WGS-84 degrees; `None` outside the map.
-    pub(crate) fn node_of(&self, lat_deg: f64, lon_deg: f64) -> Option<(f64, f64)> {
+    pub fn node_of(&self, lat_deg: f64, lon_deg: f64) -> Option<(f64, f64)> {
         let (e, n) = self.crs.project(lat_deg, lon_deg)?;
         let row = node_on(&self.y, n)?;
         let turns: &[f64] = if self.is_geographic() { &[0.0, 360.0, -360.0] } else { &[0.0] };
@@ -220,7 +218,7 @@ impl GridMap {
     }
 
     /// The border's nodes, once round and back to the first.
-    pub(super) fn outline(&self) -> Vec<(f64, f64)> {
+    pub fn outline(&self) -> Vec<(f64, f64)> {
         let (e, n) = (self.x.coordinates(), self.y.coordinates());
         let (west, east) = (self.x.first, self.x.last());
         let (south, north) = (self.y.first, self.y.last());

@@ -8,7 +8,7 @@ use numerics::maps::plane_grid::EvenAxis;
 /// A polynomial of ninth degree through the 10 x 10 nodes around the place; of fifth or third degree
 /// through 6 x 6 or 4 x 4 where one of those nodes is unknown or beyond the edge; NaN where one of the
 /// 4 x 4 is unknown too. In the outermost cells the 4 x 4 nodes nearest to the place are taken.
-pub(super) fn at(values: &[f64], x: &EvenAxis, y: &EvenAxis, column: f64, row: f64) -> f64 {
+pub fn at(values: &[f64], x: &EvenAxis, y: &EvenAxis, column: f64, row: f64) -> f64 {
     let centred = |n: usize| {
         let fits = |place: f64, len: usize| {
             place.floor() + 1.0 >= (n / 2) as f64 && place.floor() + 1.0 + (n / 2) as f64 <= len as f64
@@ -22,13 +22,7 @@ pub(super) fn at(values: &[f64], x: &EvenAxis, y: &EvenAxis, column: f64, row: f
 }
 
 /// The value of the polynomial through N x N nodes; `None` where one of them is unknown.
-pub(super) fn through<const N: usize>(
-    values: &[f64],
-    width: usize,
-    height: usize,
-    column: f64,
-    row: f64,
-) -> Option<f64> {
+pub fn through<const N: usize>(values: &[f64], width: usize, height: usize, column: f64, row: f64) -> Option<f64> {
     let (i, wx) = weights::<N>(column, width)?;
     let (j, wy) = weights::<N>(row, height)?;
     let mut sum = 0.0;

@@ -54,9 +54,9 @@ pub struct GridMap {
 }
 
 /// The unit of an anomaly.
-pub(crate) const NANOTESLA: &str = "nT";
+pub const NANOTESLA: &str = "nT";
 /// The units of its derivatives.
-pub(crate) const DERIVATIVES: [&str; 2] = ["nT/m", "nT/m2"];
+pub const DERIVATIVES: [&str; 2] = ["nT/m", "nT/m2"];
 
 /// A scale of projection beyond this departure from 1 is corrected in distances.
 const WORST_SCALE: f64 = 0.005;
@@ -77,7 +77,7 @@ impl GridMap {
     }
 
     /// Makes the checks of [`GridMap::new`].
-    pub(crate) fn check(&self) -> Result<(), ReadError> {
+    pub fn check(&self) -> Result<(), ReadError> {
         let names = if self.crs.is_geographic() { ["lon", "lat"] } else { ["easting", "northing"] };
         for (axis, name) in [&self.x, &self.y].into_iter().zip(names) {
             if axis.len < 2 {
@@ -135,7 +135,7 @@ impl GridMap {
     }
 
     /// The heights of all nodes, in metres.
-    pub(super) fn heights(&self) -> Vec<f64> {
+    pub fn heights(&self) -> Vec<f64> {
         match &self.height {
             Height::Level(alt_m) => vec![*alt_m; self.nodes()],
             Height::Cells(cells) => cells.clone(),
@@ -143,7 +143,7 @@ impl GridMap {
     }
 
     /// Rejects a map of any other quantity than the anomaly.
-    pub(super) fn check_anomaly(&self) -> Result<(), ReadError> {
+    pub fn check_anomaly(&self) -> Result<(), ReadError> {
         if self.value_unit == NANOTESLA {
             return Ok(());
         }
@@ -244,7 +244,7 @@ impl GridMap {
     }
 
     /// An error about this map.
-    pub(crate) fn fault(&self, what: impl Into<String>) -> ReadError {
+    pub fn fault(&self, what: impl Into<String>) -> ReadError {
         ReadError::data(&self.source, what)
     }
 }
@@ -267,4 +267,12 @@ fn middle(axis: &EvenAxis) -> f64 {
 
 fn scaled(axis: &EvenAxis, factor: f64) -> EvenAxis {
     EvenAxis { first: axis.first * factor, step: axis.step * factor, len: axis.len }
+}
+
+/// The node, as a fraction, of a coordinate; `None` off the axis.
+pub fn node_on(axis: &EvenAxis, coordinate: f64) -> Option<f64> {
+    // Rounding of a projection forward and back must not lose the outermost nodes.
+    const SLACK: f64 = 1e-6;
+    let (node, last) = (axis.node(coordinate), axis.len.saturating_sub(1) as f64);
+    (-SLACK..=last + SLACK).contains(&node).then(|| node.clamp(0.0, last))
 }

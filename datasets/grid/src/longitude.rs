@@ -10,7 +10,7 @@ const SLACK: f64 = 1e-3;
 /// A map round the earth begins at its first meridian from -180 degrees east. Any other map keeps its columns
 /// and is moved by whole rounds until its middle lies between -180 and 180 degrees: one that crosses the date
 /// line goes on beyond 180.
-pub(crate) fn turned(axis: &EvenAxis) -> Option<(EvenAxis, Vec<usize>)> {
+pub fn turned(axis: &EvenAxis) -> Option<(EvenAxis, Vec<usize>)> {
     if round_the_earth(axis) && axis.last() > 180.0 + SLACK * axis.step {
         return Some(rolled(axis));
     }

@@ -107,7 +107,7 @@ impl Crs {
     }
 
     /// Whether its coordinates at a position are degrees of WGS-84 within about a metre.
-    pub(crate) fn is_wgs84_at(&self, lat_deg: f64, lon_deg: f64) -> bool {
+    pub fn is_wgs84_at(&self, lat_deg: f64, lon_deg: f64) -> bool {
         const METRE_DEG: f64 = 1e-5;
         let same = |(lat, lon): (f64, f64)| {
             let round = (lon - lon_deg) - 360.0 * ((lon - lon_deg) / 360.0).round();
@@ -136,7 +136,7 @@ fn refusal(code: u16, proj4: &str, wkt: &str) -> Option<&'static str> {
 }
 
 /// The code of the coordinate system that well-known text defines, by its authority, else by its name.
-pub(crate) fn epsg_of_wkt(wkt: &str) -> Option<u16> {
+pub fn epsg_of_wkt(wkt: &str) -> Option<u16> {
     authority(wkt).or_else(|| epsg_of_name(wkt.split('"').nth(1)?))
 }
 
@@ -162,7 +162,7 @@ fn authority(wkt: &str) -> Option<u16> {
 }
 
 /// The code of the system with a name of the EPSG register, or with Esri's name of a common one.
-pub(crate) fn epsg_of_name(name: &str) -> Option<u16> {
+pub fn epsg_of_name(name: &str) -> Option<u16> {
     const SPELLINGS: [(&str, &str); 10] = [
         ("GCS WGS 1984", "WGS 84"),
         ("WGS84", "WGS 84"),
