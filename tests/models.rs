@@ -1,5 +1,6 @@
 //! Linear models as a user of the command line gets them, held against other programs' and exact answers.
 
+use numerics::random::Normals;
 use std::{collections::BTreeMap, fmt::Write, fs};
 
 use arrow_array::RecordBatch;
@@ -308,24 +309,6 @@ fn gold_entries_that_are_not_there() {
     assert!(bench.run(&[]).stderr.contains("duplicate entry `a0`"));
 }
 
-/// Numbers from a standard normal distribution, from a fixed seed: Box and Muller on splitmix64.
-struct Normals(u64);
-
-impl Normals {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    fn draw(&mut self) -> f64 {
-        let (u, v) = (1.0 - self.uniform(), self.uniform());
-        (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-    }
-}
-
 /// A line of movements all round, whose magnetometers read what eighteen coefficients make of the exact terms, and noise.
 fn flown(line: usize, rows: usize, beta: &[f64], noise_nt: f64, normals: &mut Normals) -> RecordBatch {
     let t = |i: usize| 0.1 * i as f64;
@@ -395,7 +378,7 @@ fn flown_bench(lines: &[RecordBatch], axes: &str, more: &str) -> Bench {
 
 #[test]
 fn law_coefficients_of_a_noise_free_flight_are_recovered() {
-    let mut normals = Normals(1);
+    let mut normals = Normals::new(1);
     let lines: Vec<RecordBatch> = (0..3).map(|k| flown(k, 1500, &AIRCRAFT, 0.0, &mut normals)).collect();
     for more in ["", "low_hz = 0.0\nhigh_hz = 0.0\ntrim = 0\n"] {
         let bench = flown_bench(&lines, "", more);
@@ -410,7 +393,7 @@ fn law_coefficients_of_a_noise_free_flight_are_recovered() {
 
 #[test]
 fn law_errors_from_noise_are_as_large_as_predicted() {
-    let mut normals = Normals(2);
+    let mut normals = Normals::new(2);
     const REPEATS: usize = 240;
     let lines: Vec<RecordBatch> = (0..REPEATS).map(|k| flown(k, 300, &AIRCRAFT, 0.5, &mut normals)).collect();
     let names: Vec<String> = (0..REPEATS).map(|k| format!("\"L{k:03}\"")).collect();

@@ -14,7 +14,7 @@ pub mod table;
 
 /// Changes whenever a reader or the simulator computes other values from the same bytes: part of the key of
 /// their cached results.
-pub const VERSION: &str = "4";
+pub const VERSION: &str = "5";
 
 pub use formats::{
     FlightOptions, FlightReader, Map, MapOptions, Part, PointOptions, Reading, RowFault, SurveyPoints, check_output,

@@ -1,19 +1,8 @@
 //! Velocity and specific force of a track, for files that hold positions only and for the simulator.
 
-use numerics::earth::geodesy::{EarthModel, unwrapped_deg};
-use numerics::navigation::strapdown::specific_force_mps2;
-
-/// The derivative of `x` with respect to `t` at each sample: central, one-sided at the ends, NaN where
-/// time does not run forward or a neighbour is missing.
-pub fn derivative(t: &[f64], x: &[f64]) -> Vec<f64> {
-    let n = t.len().min(x.len());
-    let one = |i: usize| {
-        let (before, after) = (i.saturating_sub(1), (i + 1).min(n - 1));
-        let dt = t[after] - t[before];
-        if dt > 0.0 { (x[after] - x[before]) / dt } else { f64::NAN }
-    };
-    (0..n).map(one).collect()
-}
+use numerics::angle::unwrapped_deg;
+use numerics::earth::geodesy::EarthModel;
+use numerics::navigation::strapdown::{slopes, specific_force_mps2};
 
 /// A track: time in seconds, geodetic latitude and longitude in degrees, height above WGS-84 in metres.
 #[derive(Clone, Copy)]
@@ -37,19 +26,19 @@ impl Track<'_> {
     /// True north, both radii of curvature and the height are used, unlike differences of grid
     /// coordinates, which treat grid north and the projection's scale as the true ones.
     pub fn velocity_mps(&self) -> Ned {
-        let (dlat, dlon) = (derivative(self.tt, self.lat_deg), derivative(self.tt, &unwrapped_deg(self.lon_deg)));
+        let (dlat, dlon) = (slopes(self.tt, self.lat_deg), slopes(self.tt, &unwrapped_deg(self.lon_deg)));
         let earth = EarthModel::Wgs84;
         let at = |i: usize| (self.lat_deg[i].to_radians(), self.alt_m[i]);
         let rows = 0..self.tt.len();
         let north = |i: usize| dlat[i].to_radians() * earth.north_m_per_rad(at(i).0, at(i).1);
         let east = |i: usize| dlon[i].to_radians() * earth.east_m_per_rad(at(i).0, at(i).1);
-        let down = derivative(self.tt, self.alt_m).iter().map(|x| -x).collect();
+        let down = slopes(self.tt, self.alt_m).iter().map(|x| -x).collect();
         [rows.clone().map(north).collect(), rows.map(east).collect(), down]
     }
 
     /// Specific force in m/s², north-east-down, of a body that moves with `velocity_mps` along the track.
     pub fn specific_force_mps2(&self, velocity_mps: &Ned) -> Ned {
-        let rates = velocity_mps.each_ref().map(|v| derivative(self.tt, v));
+        let rates = velocity_mps.each_ref().map(|v| slopes(self.tt, v));
         let rows = 0..self.tt.len();
         let forces = rows.map(|i| {
             let take = |columns: &Ned| [columns[0][i], columns[1][i], columns[2][i]];
@@ -67,7 +56,8 @@ impl Track<'_> {
 
 #[cfg(test)]
 mod tests {
-    use numerics::earth::geodesy::{meridian_radius_m, transverse_radius_m, wrap_deg};
+    use numerics::angle::wrap_deg;
+    use numerics::earth::geodesy::{meridian_radius_m, transverse_radius_m};
 
     use super::*;
 

@@ -22,7 +22,7 @@ pub use error::ReadError;
 pub use grid_map::{DERIVATIVES, GridMap, Height, NANOTESLA, Registration, node_on};
 pub use own::geographic;
 pub use summary::{Figure, MapSummary, PERCENTILES};
-pub use survey_points::{Extra, SurveyPoints, metres, no_metres, plane, turned};
+pub use survey_points::{Extra, SurveyPoints, metres, no_metres, plane};
 
 /// An anomaly map on a regular grid, the contract's map table.
 #[derive(Clone, Debug, PartialEq)]

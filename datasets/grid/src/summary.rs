@@ -2,6 +2,7 @@
 
 use super::{GridMap, Height, Registration};
 use crate::ReadError;
+use numerics::regression::statistics::quantile;
 
 /// A value of a summary.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,9 +91,9 @@ impl GridMap {
             height_m: self.height_range(),
             value_unit: self.value_unit,
             unknown: self.nodes() - known.len(),
-            min_mean_max_nt: (percentile(&known, 0.0), mean, percentile(&known, 100.0)),
+            min_mean_max_nt: (quantile(&known, 0.0), mean, quantile(&known, 1.0)),
             std_nt,
-            percentiles_nt: PERCENTILES.map(|p| percentile(&known, p)),
+            percentiles_nt: PERCENTILES.map(|p| quantile(&known, p / 100.0)),
             mean_step_nt: (self.mean_step(1), self.mean_step(self.x.len)),
             notes: self.notes.clone(),
         })
@@ -116,14 +117,6 @@ impl GridMap {
         let (sum, count) = steps.fold((0.0, 0_u64), |(sum, n), (_, (a, b))| (sum + (a - b).abs(), n + 1));
         if count == 0 { f64::NAN } else { sum / count as f64 }
     }
-}
-
-/// A percentile of sorted values, linear between the two nearest (as NumPy's).
-fn percentile(sorted: &[f64], percent: f64) -> f64 {
-    let at = percent / 100.0 * sorted.len().saturating_sub(1) as f64;
-    let value = |i: f64| sorted.get(i as usize).copied().unwrap_or(f64::NAN);
-    let (below, above) = (value(at.floor()), value(at.ceil()));
-    below + (above - below) * at.fract()
 }
 
 impl MapSummary {

@@ -1,5 +1,6 @@
 //! Survey points: scattered values along lines, with their positions in one projection.
 
+use numerics::angle::wrap_deg;
 use std::path::Path;
 
 use numerics::maps::plane_grid::{EvenAxis, PlaneGrid};
@@ -61,7 +62,7 @@ impl SurveyPoints {
         if lat_deg.is_empty() {
             return Err(ReadError::data(nowhere, "no point has a place"));
         }
-        let lon_deg: Vec<f64> = lon_deg.into_iter().map(turned).collect();
+        let lon_deg: Vec<f64> = lon_deg.into_iter().map(wrap_deg).collect();
         let crs = plane(nowhere, to_epsg, &lat_deg, &lon_deg)?;
         let row: Vec<u64> = (0..lat_deg.len() as u64).collect();
         let mut notes = vec![];
@@ -161,9 +162,4 @@ pub fn metres(
         notes.push(format!("row {row}: {what}; {count} such points are left out"));
     }
     Ok(places)
-}
-
-/// A longitude from -180 to 180.
-pub fn turned(lon_deg: f64) -> f64 {
-    lon_deg - 360.0 * ((lon_deg + 180.0) / 360.0).floor()
 }

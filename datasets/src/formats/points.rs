@@ -1,5 +1,6 @@
 //! Survey points: scattered values along lines, in any table, with their positions in one projection.
 
+use numerics::angle::wrap_deg;
 use std::path::Path;
 
 use super::{
@@ -7,7 +8,7 @@ use super::{
     points_table::{Column, Table, load},
 };
 use crate::ReadError;
-use grids::{Crs, Extra, SurveyPoints, WGS84, metres, no_metres, plane, turned};
+use grids::{Crs, Extra, SurveyPoints, WGS84, metres, no_metres, plane};
 
 /// How to read survey points. Columns that are not named are found by the usual names.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -243,7 +244,7 @@ impl<'a> Found<'a> {
                 ReadError::data(path, what).in_column(&self.x.name).in_row(*row as u64).help("check the EPSG code")
             })?;
             places.0.push(lat);
-            places.1.push(turned(lon));
+            places.1.push(wrap_deg(lon));
         }
         Ok(places)
     }

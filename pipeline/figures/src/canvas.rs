@@ -1,7 +1,8 @@
 //! A drawing area of latitude and longitude, with its frame, scale bar and north arrow.
 
 use maud::{Markup, html};
-use numerics::earth::geodesy::{EarthModel, wrap_deg};
+use numerics::angle::wrap_deg;
+use numerics::earth::geodesy::EarthModel;
 
 use super::{
     chart::px,

@@ -1,6 +1,7 @@
 //! Geometry on the globe for KML: maps in parts that do not cross the date line, tracks thinned to the metre.
 
-use numerics::earth::geodesy::{EarthModel, wrap_deg};
+use numerics::angle::wrap_deg;
+use numerics::earth::geodesy::EarthModel;
 
 use super::{
     sheet::Window,

@@ -1,6 +1,7 @@
 //! The position of the map on the paper, and the coordinates around it.
 
-use numerics::earth::geodesy::{EarthModel, wrap_deg};
+use numerics::angle::wrap_deg;
+use numerics::earth::geodesy::EarthModel;
 
 use super::{
     MapPicture, Plane,

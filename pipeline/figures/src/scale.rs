@@ -1,5 +1,6 @@
 //! The mapping of values to the colours of a palette.
 
+use numerics::regression::statistics::quantile;
 use schemas::Fault;
 
 use crate::{
@@ -186,14 +187,6 @@ fn ranks(sorted: &[f64]) -> Vec<(f64, f64)> {
         }
     }
     if let [(only, _)] = knots[..] { even(only, only, Palette::Viridis) } else { knots }
-}
-
-/// The value below which `part` of the sorted values lie, between neighbours in proportion.
-fn quantile(sorted: &[f64], part: f64) -> f64 {
-    let place = part * sorted.len().saturating_sub(1) as f64;
-    let low = sorted.get(place.floor() as usize).copied().unwrap_or(f64::NAN);
-    let high = sorted.get(place.ceil() as usize).copied().unwrap_or(low);
-    low + (place - place.floor()) * (high - low)
 }
 
 /// The second coordinate at the first one on the broken line through `knots`, held at its ends.

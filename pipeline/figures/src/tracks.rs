@@ -1,6 +1,6 @@
 //! Tracks on the map.
 
-use numerics::earth::geodesy::wrap_deg;
+use numerics::angle::wrap_deg;
 use schemas::Fault;
 
 use super::{

@@ -4,10 +4,8 @@
 //! Only impossible values are reported: a limit is crossed by far, or another unit makes columns agree that do not.
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
-use numerics::{
-    earth::geodesy::{EarthModel, wrap_deg},
-    maps::gridding,
-};
+use numerics::angle::wrap_deg;
+use numerics::{earth::geodesy::EarthModel, regression::statistics};
 use schemas::{Fault, plausible::shown};
 
 use super::quality::{Check, Finding, Origins};
@@ -90,7 +88,7 @@ impl<'a> Line<'a> {
 
 /// The middle of the values; NaN without values.
 fn median(mut values: Vec<f64>) -> f64 {
-    gridding::median(&mut values)
+    statistics::median(&mut values)
 }
 
 /// Whether all values could be angles in radians, the largest of which is `most`.

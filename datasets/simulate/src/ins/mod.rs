@@ -3,15 +3,13 @@
 //! The errors continue from line to line of a flight, so that the lines of a flight have to be simulated in
 //! their order by one [`Run`]; flights are independent of each other.
 
+use numerics::angle::wrap_deg;
 use std::path::Path;
 
 use datasets::ReadError;
 use nalgebra::Vector3;
 use numerics::{
-    earth::{
-        attitude::{euler_rad, tilted},
-        geodesy::wrap_deg,
-    },
+    earth::attitude::{euler_rad, tilted},
     navigation::{
         ins_error::{
             Draws, InsErrorEnsemble, InsErrorFault, MechanisedExtras, errors_along, horizontal_m,

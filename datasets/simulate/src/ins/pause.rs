@@ -1,6 +1,7 @@
 //! The flight between two lines, which is not recorded while the errors of the INS continue.
 
-use numerics::earth::geodesy::{EarthModel, wrap_deg};
+use numerics::angle::wrap_deg;
+use numerics::earth::geodesy::EarthModel;
 use numerics::navigation::strapdown::specific_force_mps2;
 
 use super::super::trajectory::Trajectory;

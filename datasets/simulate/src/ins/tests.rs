@@ -1,5 +1,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use numerics::angle::wrap_deg;
 use std::fs;
 
 use numerics::{

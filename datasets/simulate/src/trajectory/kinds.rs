@@ -1,5 +1,6 @@
 //! The kinds of lines: their parameters in the spec, and the resulting routes.
 
+use numerics::angle::wrap_rad;
 use std::f64::consts::{PI, TAU};
 
 use super::{
@@ -214,7 +215,7 @@ pub(super) fn waypoints(
         }
         let after = places[(k + 1) % places.len()];
         let next = geodesic(target, after)?;
-        let angle = wrapped(next.leaves_rad - leg.arrives_rad);
+        let angle = wrap_rad(next.leaves_rad - leg.arrives_rad);
         if angle.abs() > FLY_OVER_RAD {
             route.swing(leg.length_m, swing_rad, period_m);
             marks_m.push(route.length_m);
@@ -261,7 +262,7 @@ fn turn_towards(route: &mut Route, mut angle: f64, to: (f64, f64)) -> Result<(),
         let mut tried = route.clone();
         tried.turn(angle);
         let way = Geodesic::between(tried.end.degrees(), to).ok_or(least_m)?;
-        let error = wrapped(way.leaves_rad - tried.end.course_rad);
+        let error = wrap_rad(way.leaves_rad - tried.end.course_rad);
         if error.abs() < 1e-10 {
             *route = tried;
             return Ok(());
@@ -272,10 +273,6 @@ fn turn_towards(route: &mut Route, mut angle: f64, to: (f64, f64)) -> Result<(),
         }
     }
     Err(least_m)
-}
-
-fn wrapped(angle: f64) -> f64 {
-    angle - TAU * (angle / TAU).round()
 }
 
 /// The survey lines and tie lines of a grid with the turns between them; the marks are where lines begin.

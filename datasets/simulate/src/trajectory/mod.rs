@@ -9,9 +9,10 @@
 //! time in which they would move the aircraft. Turbulence moves both.
 
 use nalgebra::{Matrix3, Vector3};
+use numerics::angle::wrap_deg;
 use numerics::earth::{
     attitude::body_to_ned,
-    geodesy::{ECCENTRICITY_SQUARED, meridian_radius_m, transverse_radius_m, wrap_deg},
+    geodesy::{ECCENTRICITY_SQUARED, meridian_radius_m, transverse_radius_m},
 };
 use numerics::navigation::{mechanisation::normal_gravity_mps2, strapdown::specific_force_mps2};
 

@@ -2,7 +2,8 @@
 
 use std::{f64::consts::TAU, fs};
 
-use datasets::{motion::derivative, samples};
+use datasets::samples;
+use numerics::navigation::strapdown::slopes;
 use numerics::signal::spectrum::{Window, welch};
 
 use super::{
@@ -61,7 +62,7 @@ fn law_what_is_said_of_the_motion_is_the_derivative_of_position_and_attitude() {
         let rows = flown.tt_s.len().min(40_000);
         let t = &flown.tt_s[..rows];
         let earth = numerics::earth::geodesy::EarthModel::Wgs84;
-        let slope = |x: &[f64]| derivative(t, &x[..rows]);
+        let slope = |x: &[f64]| slopes(t, &x[..rows]);
         let (dlat, dlon, dalt) = (slope(&flown.lat_deg), slope(&flown.lon_deg), slope(&flown.alt_m));
         let dv = flown.velocity_mps.each_ref().map(|v| slope(v));
         let angles = flown.attitude_deg.each_ref();

@@ -10,7 +10,8 @@ use figures::{
     ticks::fixed,
 };
 use maud::{Markup, html};
-use numerics::earth::geodesy::{EarthModel, wrap_deg};
+use numerics::angle::wrap_deg;
+use numerics::earth::geodesy::EarthModel;
 use schemas::Fault;
 
 use super::{

@@ -4,12 +4,10 @@
 //! the sum over these twelve of the mean peak-to-peak amplitude of the signal during the manoeuvre.
 //! [Noriega 2011, "Performance measures in aeromagnetic compensation", The Leading Edge 30(10)]
 
+use crate::angle::{unwrapped_deg, wrap_deg};
 use std::ops::Range;
 
-use crate::{
-    earth::geodesy::{unwrapped_deg, wrap_deg},
-    regression::statistics::Figure,
-};
+use crate::regression::statistics::Figure;
 
 /// Swings below this, in degrees from one extreme to the next, are not manoeuvres.
 const LEAST_SWING_DEG: f64 = 3.0;

@@ -1,5 +1,6 @@
 //! The WGS-84 ellipsoid and the small conversions between metres and radians.
 
+use crate::angle::wrap_deg;
 use std::f64::consts::FRAC_PI_2;
 
 /// Semi-major axis of WGS-84, in metres; also the radius of the spherical Pinson model.
@@ -95,23 +96,6 @@ impl EarthModel {
         let dlon_rad = wrap_deg(to_deg.1 - from_deg.1).to_radians();
         (self.lat_rad_to_north_m(dlat_rad, middle_rad, alt_m), self.lon_rad_to_east_m(dlon_rad, middle_rad, alt_m))
     }
-}
-
-/// An angle in degrees brought into -180 (included) to 180 (excluded).
-pub fn wrap_deg(angle_deg: f64) -> f64 {
-    let wrapped = (angle_deg + 180.0).rem_euclid(360.0) - 180.0;
-    // An angle already in the range keeps its bits.
-    if (-180.0..180.0).contains(&angle_deg) { angle_deg } else { wrapped }
-}
-
-/// Angles in degrees unwrapped: without jumps by a full turn, such as a longitude's at ±180°.
-pub fn unwrapped_deg(angles_deg: &[f64]) -> Vec<f64> {
-    let mut out: Vec<f64> = Vec::with_capacity(angles_deg.len());
-    for angle in angles_deg {
-        let next = out.last().map_or(*angle, |before| before + wrap_deg(angle - before));
-        out.push(next);
-    }
-    out
 }
 
 /// Earth-centred, earth-fixed position in metres of geodetic latitude and longitude (rad) and

@@ -8,6 +8,7 @@ mod distance;
 mod resample;
 
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
+use crate::regression::statistics;
 pub use bias::{Bias, BiasModel};
 use bias::{Pair, estimate, pairs};
 use distance::distance_to_unknown;
@@ -213,7 +214,7 @@ fn differences(maps: &[Vec<f64>], pairs: &[Pair]) -> Vec<Differences> {
         let mut all = pair.differences(maps);
         let squares: f64 = all.iter().map(|d| d * d).sum();
         let rms = (squares / all.len() as f64).sqrt();
-        Differences { count: all.len(), median: bias::median(&mut all), rms }
+        Differences { count: all.len(), median: statistics::median(&mut all), rms }
     };
     pairs.par_iter().map(of).collect()
 }

@@ -25,7 +25,7 @@ mod windows;
 mod tests;
 
 pub use automatic::{block_m, layers, line_spacing_m};
-pub use block::{BlockValue, Blocks, median, reduce_blocks};
+pub use block::{BlockValue, Blocks, reduce_blocks};
 pub use cross_validation::{CrossValidation, Folds, Spread, cross_validate, expected_error};
 pub use equivalent::{EquivalentSources, FieldAt, FitOptions, Layer, LayerReport};
 pub use far::far_points;

@@ -15,7 +15,7 @@ mod tests;
 pub use crossovers::{Crossover, CrossoverOptions, find_crossovers};
 pub use noise::CrossoverNoise;
 
-use crate::maps::gridding::{SurveyPoints, median};
+use crate::{maps::gridding::SurveyPoints, regression::statistics::median};
 use adjustment::Adjustment;
 use std::collections::BTreeMap;
 

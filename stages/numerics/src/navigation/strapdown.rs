@@ -3,8 +3,9 @@
 //!
 //! These are stand-ins for the error model's coefficients, which need an accuracy of a few per cent only.
 
+use crate::angle::unwrapped_deg;
 use crate::{
-    earth::geodesy::{EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m, unwrapped_deg},
+    earth::geodesy::{EARTH_RATE_RADPS, EarthModel, meridian_radius_m, transverse_radius_m},
     navigation::{
         ins_series::{SeriesError, check_column, check_latitudes, check_time},
         mechanisation::normal_gravity_mps2,
@@ -14,22 +15,37 @@ use crate::{
 /// Three columns: north, east, down; or roll, pitch, yaw.
 pub type Triple = [Vec<f64>; 3];
 
-/// The derivative of evenly or unevenly sampled values: of the parabola through a sample and its
-/// neighbours inside, of the first and last two samples at the ends.
+/// The derivative of evenly or unevenly sampled values: [`slopes`] of values and times that are checked.
+///
+/// # Errors
+/// Columns of other lengths, fewer than two rows, and times that do not increase.
 pub fn derivative(tt_s: &[f64], values: &[f64]) -> Result<Vec<f64>, SeriesError> {
     check_length("value", values, tt_s)?;
     if tt_s.len() < 2 {
         return Err(SeriesError::TooShort { rows: tt_s.len(), needed: 2 });
     }
     check_time(tt_s)?;
-    let slopes: Vec<f64> = tt_s.windows(2).zip(values.windows(2)).map(|(t, x)| (x[1] - x[0]) / (t[1] - t[0])).collect();
-    let inside = slopes.windows(2).zip(tt_s.windows(3)).map(|(slope, t)| {
-        let (before, after) = (t[1] - t[0], t[2] - t[1]);
-        (slope[0] * after + slope[1] * before) / (before + after)
-    });
-    let first = slopes.first().copied();
-    let last = slopes.last().copied();
-    Ok(first.into_iter().chain(inside).chain(last).collect())
+    Ok(slopes(tt_s, values))
+}
+
+/// The slope at each sample: of the parabola through it and its neighbours, of the chord between these where the sample
+/// itself is missing, of the first and last two samples at the ends; NaN where a neighbour is missing or time does not
+/// increase.
+pub fn slopes(tt_s: &[f64], values: &[f64]) -> Vec<f64> {
+    let n = tt_s.len().min(values.len());
+    let slope = |from: usize, to: usize| {
+        let step_s = tt_s[to] - tt_s[from];
+        if step_s > 0.0 { (values[to] - values[from]) / step_s } else { f64::NAN }
+    };
+    let one = |i: usize| {
+        let (before, after) = (i.saturating_sub(1), (i + 1).min(n - 1));
+        if before == i || after == i || values[i].is_nan() {
+            return slope(before, after);
+        }
+        let (before_s, after_s) = (tt_s[i] - tt_s[before], tt_s[after] - tt_s[i]);
+        (slope(before, i) * after_s + slope(i, after) * before_s) / (before_s + after_s)
+    };
+    (0..n).map(one).collect()
 }
 
 /// Velocity north, east and down, in m/s, of geodetic positions (degrees, degrees, m above the
@@ -122,7 +138,7 @@ fn check_length(column: &'static str, values: &[f64], like: &[f64]) -> Result<()
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::earth::geodesy::wrap_deg;
+    use crate::angle::wrap_deg;
 
     #[test]
     fn law_a_parabola_is_differentiated_exactly_on_uneven_steps() {

@@ -2,6 +2,8 @@
 //! of the samples of a line do not count as independent evidence.
 //! [Efron & Tibshirani 1993, "An Introduction to the Bootstrap", ch. 13; Davison & Hinkley 1997, 3.8]
 
+use crate::{random::SplitMix64, regression::statistics::quantile};
+
 /// A percentile interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
@@ -20,18 +22,10 @@ pub struct Resamples {
 impl Resamples {
     /// `draws` times `groups` groups with replacement. The same seed gives the same draws on every machine.
     pub fn new(groups: usize, draws: usize, seed: u64) -> Self {
-        let mut state = seed;
-        let mut next = || {
-            // SplitMix64 [Steele, Lea & Flood 2014]
-            state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let mut z = state;
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            z ^ (z >> 31)
-        };
+        let mut bits = SplitMix64::new(seed);
         // The upper half of a product of 64 bits each is uniform below `groups` to one part in 2^64.
         let one = |bits: u64| ((u128::from(bits) * groups as u128) >> 64) as u32;
-        let draws = (0..draws).map(|_| (0..groups).map(|_| one(next())).collect()).collect();
+        let draws = (0..draws).map(|_| (0..groups).map(|_| one(bits.draw())).collect()).collect();
         Self { draws }
     }
 
@@ -48,16 +42,8 @@ impl Interval {
         values.retain(|v| v.is_finite());
         values.sort_by(f64::total_cmp);
         let tail = 0.5 * (1.0 - level);
-        Some(Interval { low: quantile(&values, tail)?, high: quantile(&values, 1.0 - tail)? })
+        (!values.is_empty()).then(|| Interval { low: quantile(&values, tail), high: quantile(&values, 1.0 - tail) })
     }
-}
-
-/// The quantile of sorted values, linear between order statistics (numpy's default).
-fn quantile(sorted: &[f64], at: f64) -> Option<f64> {
-    let place = at.clamp(0.0, 1.0) * sorted.len().checked_sub(1)? as f64;
-    let below = sorted.get(place.floor() as usize)?;
-    let above = sorted.get(place.ceil() as usize)?;
-    Some(below + (place - place.floor()) * (above - below))
 }
 
 #[cfg(test)]
@@ -95,6 +81,6 @@ mod tests {
     fn law_one_group_is_always_itself_and_nothing_has_no_interval() {
         assert_eq!(Resamples::new(1, 100, 1).values(|chosen| chosen.map(|i| i as f64 + 7.0).sum()), [7.0; 100]);
         assert_eq!(Interval::central(vec![f64::NAN; 100], 0.95), None);
-        assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.75), Some(3.0));
+        assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.75), 3.0);
     }
 }

@@ -51,6 +51,29 @@ fn summarise(x: impl Iterator<Item = f64> + Clone) -> Summary {
     Summary { n, left_out: total - n, mean, std, rms: (mean * mean + squares / count).sqrt() }
 }
 
+/// The median: the middle value, or the mean of the two middle ones; NaN of an empty slice. Reorders the values.
+pub fn median(values: &mut [f64]) -> f64 {
+    let n = values.len();
+    if n == 0 {
+        return f64::NAN;
+    }
+    let (below, &mut upper, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
+    if n % 2 == 1 {
+        return upper;
+    }
+    let lower = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    0.5 * (lower + upper)
+}
+
+/// The quantile of sorted values at `part`, 0 to 1, linear between order statistics (numpy's default); NaN of an empty
+/// slice.
+pub fn quantile(sorted: &[f64], part: f64) -> f64 {
+    let at = part.clamp(0.0, 1.0) * sorted.len().saturating_sub(1) as f64;
+    let value = |i: f64| sorted.get(i as usize).copied().unwrap_or(f64::NAN);
+    let (below, above) = (value(at.floor()), value(at.ceil()));
+    below + (at - at.floor()) * (above - below)
+}
+
 /// The mean of `x`.
 pub fn mean(x: &[f64]) -> Figure {
     let Summary { n, mean, .. } = summary(x);

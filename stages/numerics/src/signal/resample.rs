@@ -15,9 +15,10 @@ mod akima;
 mod angle;
 mod anti_alias;
 
-pub use angle::{AngleRange, unwrap_degrees};
+pub use angle::AngleRange;
 pub use anti_alias::{ANTI_ALIAS_FRACTION, ANTI_ALIAS_ORDER, AntiAliasError, anti_alias};
 
+use crate::angle::{unwrapped_deg, wrap_deg};
 use crate::signal::segments::{TimeError, check_increasing};
 use params::choice;
 
@@ -165,10 +166,10 @@ impl<'a> Plan<'a> {
     pub fn angle_deg(&self, x: &[f64], method: Method) -> Result<Vec<f64>, ResampleError> {
         let range = AngleRange::of(x);
         self.on_finite(x, |tt, x, places| match method {
-            Method::Linear => blend(x, places, |x, y, weight| range.wrap(x + weight * angle::shortest(y - x))),
+            Method::Linear => blend(x, places, |x, y, weight| range.wrap(x + weight * wrap_deg(y - x))),
             Method::Nearest => blend(x, places, |x, y, weight| if weight > 0.5 { y } else { x }),
             Method::Cubic => {
-                let turned = akima::interpolate(tt, &unwrap_degrees(x), places, self.max_gap_s);
+                let turned = akima::interpolate(tt, &unwrapped_deg(x), places, self.max_gap_s);
                 turned.into_iter().map(|x| range.wrap(x)).collect()
             }
         })

@@ -1,6 +1,7 @@
 //! The relative levels of maps, from their overlaps.
 
 use crate::maps::plane_grid::PlaneGrid;
+use crate::regression::statistics::median;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -77,21 +78,6 @@ pub(super) fn pairs(maps: &[Vec<f64>]) -> Vec<Pair> {
         Pair { first, second, nodes: known.map(|(node, _)| node as u32).collect() }
     };
     all.map(pair).filter(|pair| !pair.nodes.is_empty()).collect()
-}
-
-/// The median; NaN of an empty slice. Reorders `values`.
-pub(super) fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    let (below, upper, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
-    let upper = *upper;
-    if below.len() < middle || values.len() % 2 == 1 {
-        return upper;
-    }
-    let lower = values[..middle].iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    0.5 * (lower + upper)
 }
 
 /// The bias of each map.

@@ -1,9 +1,9 @@
 //! Gridding parameters derived from the survey's own spacing.
 
-use super::block::median;
 use super::equivalent::Layer;
 use super::nearest::{NearestPoints, range};
 use super::survey::SurveyPoints;
+use crate::regression::statistics::median;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 

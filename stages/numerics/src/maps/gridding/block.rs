@@ -1,6 +1,7 @@
 //! Points reduced to one per block, so that a densely flown line weighs no more than a sparse one.
 
 use super::nearest::range;
+use crate::regression::statistics::median;
 use rayon::prelude::*;
 
 /// How the values of a block are reduced to one.
@@ -61,18 +62,4 @@ fn one(mut values: Vec<f64>, how: BlockValue) -> f64 {
         BlockValue::Median => median(&mut values),
         BlockValue::Mean => values.iter().sum::<f64>() / values.len() as f64,
     }
-}
-
-/// The middle value, or the mean of the two middle ones; NaN of an empty slice. Reorders the values.
-pub fn median(values: &mut [f64]) -> f64 {
-    let n = values.len();
-    if n == 0 {
-        return f64::NAN;
-    }
-    let (below, &mut upper, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
-    if n % 2 == 1 {
-        return upper;
-    }
-    let lower = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    0.5 * (lower + upper)
 }

@@ -1,10 +1,10 @@
 //! How well left-out lines are predicted from the others.
 
-use super::block::median;
 use super::nearest::NearestPoints;
 use super::survey::SurveyPoints;
 use super::{GridError, GridOptions, Progress, fit};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
+use crate::regression::statistics::median;
 use rayon::prelude::*;
 
 /// Measured values that determine the expected error of a node.

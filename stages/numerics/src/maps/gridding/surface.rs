@@ -1,7 +1,7 @@
 //! A surface fitted to a survey, by either method.
 
 use super::automatic::{block_m, layers, line_spacing_m};
-use super::block::{BlockValue, Blocks, median, reduce_blocks};
+use super::block::{BlockValue, Blocks, reduce_blocks};
 use super::cross_validation::Spread;
 use super::equivalent::{EquivalentSources, FitOptions, LayerReport};
 use super::minimum_curvature::{Relaxed, minimum_curvature};
@@ -9,6 +9,7 @@ use super::nearest::{NearestPoints, range};
 use super::survey::{Cleaned, SurveyPoints};
 use super::{GridError, GridOptions, GridReport, Method, Progress, Region, axes, check, check_columns};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
+use crate::regression::statistics::median;
 use rayon::prelude::*;
 
 /// Blocks around one that determine the usual misfit there.

@@ -1,7 +1,7 @@
 //! The points of a survey, and their cleaning.
 
-use super::block::median;
 use super::far::far_points;
+use crate::regression::statistics::median;
 
 /// Points of a survey, the points of a line following each other in the order they were flown.
 #[derive(Clone, Copy, Debug)]

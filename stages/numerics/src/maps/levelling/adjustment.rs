@@ -10,7 +10,7 @@
 
 use super::noise::CrossoverNoise;
 use super::{Crossover, Gauge, LevelOptions};
-use crate::maps::gridding::{SurveyPoints, median};
+use crate::{maps::gridding::SurveyPoints, regression::statistics::median};
 use std::collections::BTreeMap;
 
 /// Rounds in which noise and widths are estimated anew.

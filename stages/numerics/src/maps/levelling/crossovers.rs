@@ -1,6 +1,6 @@
 //! Where survey lines cross each other.
 
-use crate::maps::gridding::{SurveyPoints, median};
+use crate::{maps::gridding::SurveyPoints, regression::statistics::median};
 use rayon::prelude::*;
 
 /// Which crossings count.

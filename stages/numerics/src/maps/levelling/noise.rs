@@ -1,7 +1,7 @@
 //! How far values may differ where lines cross without either line being wrong.
 
 use super::Crossover;
-use crate::maps::gridding::median;
+use crate::regression::statistics::median;
 
 /// The resolution of differences, nT.
 const RESOLUTION_NT: f64 = 0.01;

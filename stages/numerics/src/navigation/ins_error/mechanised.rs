@@ -1,5 +1,6 @@
 //! The errors of an INS carried along a trajectory by mechanising faulty readings.
 
+use crate::angle::wrap_rad;
 use nalgebra::Vector3;
 
 use super::along::steps_s;
@@ -149,16 +150,10 @@ impl Run<'_> {
         let turned = |motion: &Motion| motion.body_to_ned.to_rotation_matrix().into_inner();
         let tilt = -tilt_between(&turned(exact), &turned(said));
         self.error[LAT] = exact.lat_rad - said.lat_rad;
-        self.error[LON] = wrapped_rad(exact.lon_rad - said.lon_rad);
+        self.error[LON] = wrap_rad(exact.lon_rad - said.lon_rad);
         self.error[ALT] = exact.alt_m - said.alt_m;
         self.error[VN..TILT_N].copy_from_slice((exact.vel_ned_mps - said.vel_ned_mps).as_slice());
         self.error[TILT_N..ACC].copy_from_slice(tilt.as_slice());
         self.error[A_HAT] = -self.ins.loop_mps2();
     }
-}
-
-/// An angle within half a turn of 0.
-fn wrapped_rad(angle: f64) -> f64 {
-    use std::f64::consts::{PI, TAU};
-    if angle.abs() <= PI { angle } else { (angle + PI).rem_euclid(TAU) - PI }
 }

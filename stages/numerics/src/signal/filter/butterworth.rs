@@ -2,6 +2,8 @@
 
 use std::f64::consts::PI;
 
+use rustfft::num_complex::Complex64;
+
 use super::FilterError;
 
 /// The pass band of a filter.
@@ -79,50 +81,17 @@ impl Section {
     }
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Complex {
-    re: f64,
-    im: f64,
-}
-
-impl Complex {
-    fn new(re: f64, im: f64) -> Self {
-        Self { re, im }
-    }
-
-    fn scale(self, by: f64) -> Self {
-        Self::new(self.re * by, self.im * by)
-    }
-
-    fn add(self, other: Self) -> Self {
-        Self::new(self.re + other.re, self.im + other.im)
-    }
-
-    fn mul(self, other: Self) -> Self {
-        Self::new(self.re * other.re - self.im * other.im, self.re * other.im + self.im * other.re)
-    }
-
-    fn norm(self) -> f64 {
-        self.re.hypot(self.im)
-    }
-
-    fn inverse(self) -> Self {
-        let square = self.re * self.re + self.im * self.im;
-        Self::new(self.re / square, -self.im / square)
-    }
-
-    /// The square root with a real part of at least zero.
-    fn sqrt(self) -> Self {
-        let norm = self.norm();
-        let re = ((norm + self.re) / 2.0).max(0.0).sqrt();
-        let im = ((norm - self.re) / 2.0).max(0.0).sqrt();
-        Self::new(re, im.copysign(self.im))
-    }
+/// The square root with a real part of at least zero, without the angle that the general one takes.
+fn square_root(z: Complex64) -> Complex64 {
+    let norm = z.norm();
+    let re = ((norm + z.re) / 2.0).max(0.0).sqrt();
+    let im = ((norm - z.re) / 2.0).max(0.0).sqrt();
+    Complex64::new(re, im.copysign(z.im))
 }
 
 /// Analogue poles that form one section: a conjugate pair by its upper member, or real ones.
 enum Poles {
-    Pair(Complex),
+    Pair(Complex64),
     Real(f64, f64),
     Single(f64),
 }
@@ -174,21 +143,21 @@ fn check(band: Band, rate_hz: f64, order: usize) -> Result<(), FilterError> {
 }
 
 /// The poles of the prototype with its corner at one: exp(iπ(2k + n + 1)/2n), upper half plane.
-fn prototype(order: usize) -> impl Iterator<Item = Complex> {
+fn prototype(order: usize) -> impl Iterator<Item = Complex64> {
     (0..order / 2).map(move |k| {
         let angle = PI * (2 * k + order + 1) as f64 / (2 * order) as f64;
-        Complex::new(angle.cos(), angle.sin())
+        Complex64::new(angle.cos(), angle.sin())
     })
 }
 
 fn low_pass(order: usize, corner: f64) -> Vec<Poles> {
-    let pairs = prototype(order).map(|pole| Poles::Pair(pole.scale(corner)));
+    let pairs = prototype(order).map(|pole| Poles::Pair(pole * corner));
     let single = (order % 2 == 1).then_some(Poles::Single(-corner));
     pairs.chain(single).collect()
 }
 
 fn high_pass(order: usize, corner: f64) -> Vec<Poles> {
-    let pairs = prototype(order).map(|pole| Poles::Pair(pole.inverse().scale(corner)));
+    let pairs = prototype(order).map(|pole| Poles::Pair(pole.inv() * corner));
     let single = (order % 2 == 1).then_some(Poles::Single(-corner));
     pairs.chain(single).collect()
 }
@@ -198,15 +167,15 @@ fn band_pass(order: usize, low: f64, high: f64) -> Vec<Poles> {
     let (half, square) = ((high - low) / 2.0, low * high);
     let mut poles = Vec::with_capacity(order);
     for pole in prototype(order) {
-        let middle = pole.scale(half);
-        let root = middle.mul(middle).add(Complex::new(-square, 0.0)).sqrt();
-        poles.push(Poles::Pair(middle.add(root)));
-        poles.push(Poles::Pair(middle.add(root.scale(-1.0))));
+        let middle = pole * half;
+        let root = square_root(middle * middle - square);
+        poles.push(Poles::Pair(middle + root));
+        poles.push(Poles::Pair(middle - root));
     }
     if order % 2 == 1 {
         let under = half * half - square;
         poles.push(if under < 0.0 {
-            Poles::Pair(Complex::new(-half, (-under).sqrt()))
+            Poles::Pair(Complex64::new(-half, (-under).sqrt()))
         } else {
             Poles::Real(-half - under.sqrt(), -half + under.sqrt())
         });

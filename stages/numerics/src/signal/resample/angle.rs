@@ -1,4 +1,6 @@
-//! Angles in degrees, periodic after a full turn.
+//! The range of a column of angles.
+
+use crate::angle::wrap_deg;
 
 /// The range of a column of angles: one of the two usual ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,7 +24,7 @@ impl AngleRange {
         match self {
             Self::Signed if degrees > -180.0 && degrees <= 180.0 => degrees,
             Self::Full if (0.0..360.0).contains(&degrees) => degrees,
-            Self::Signed => -shortest(-degrees),
+            Self::Signed => -wrap_deg(-degrees),
             // The remainder of a tiny negative angle rounds up to 360.
             Self::Full => match degrees.rem_euclid(360.0) {
                 whole if whole >= 360.0 => 0.0,
@@ -30,28 +32,4 @@ impl AngleRange {
             },
         }
     }
-}
-
-/// The same rotation by the shorter way, −180 included and 180 excluded.
-pub(super) fn shortest(degrees: f64) -> f64 {
-    if (-180.0..180.0).contains(&degrees) {
-        return degrees;
-    }
-    let turn = (degrees + 180.0).rem_euclid(360.0) - 180.0;
-    if turn >= 180.0 { -180.0 } else { turn }
-}
-
-/// Angles without jumps: whole turns are added so that each step is the shorter one. Values that
-/// are not finite are unchanged and skipped.
-pub fn unwrap_degrees(degrees: &[f64]) -> Vec<f64> {
-    let mut last: Option<f64> = None;
-    let unwrapped = degrees.iter().map(|&angle| {
-        if !angle.is_finite() {
-            return angle;
-        }
-        let turns = last.map_or(0.0, |last| ((last - angle) / 360.0).round());
-        last = Some(angle + 360.0 * turns);
-        angle + 360.0 * turns
-    });
-    unwrapped.collect()
 }

@@ -139,7 +139,6 @@ fn law_wrapping_keeps_the_angle_and_the_range() {
         }
     }
     assert_eq!(AngleRange::Full.wrap(-1e-20), 0.0);
-    assert_eq!(unwrap_degrees(&[350.0, f64::NAN, 10.0, -10.0])[2..], [370.0, 350.0]);
 }
 
 #[test]

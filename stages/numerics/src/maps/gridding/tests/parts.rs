@@ -34,7 +34,7 @@ fn law_a_block_is_the_median_or_mean_of_its_points() {
     assert_eq!((blocks.easting_m[0], blocks.northing_m[0], &blocks.points[..]), (1.0, 1.0, &[3, 1, 1][..]));
     assert_eq!(reduce_blocks(points, 10.0, BlockValue::Mean).value_nt, [21.0, 4.0, 5.0]);
     assert_eq!(reduce_blocks(points, 0.0, BlockValue::Mean).value_nt, points[3]);
-    assert_eq!(median(&mut [4.0, 1.0, 3.0, 2.0]), 2.5);
+    assert_eq!(crate::regression::statistics::median(&mut [4.0, 1.0, 3.0, 2.0]), 2.5);
 }
 
 fn cloud(count: usize, seed: u64, up: f64) -> Positions {
