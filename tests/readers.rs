@@ -140,8 +140,8 @@ fn r10_units_of_the_table_scale_the_column_and_say_what_is_wrong() {
         ("units = { mag_4_uc = \"V\" }", "1.csv, column `mag_4_uc`: `units` says `V`, which does not convert to nT"),
         ("units = { mag_4_uc = \"nTT\" }", "column `mag_4_uc`: `units` says `nTT`"),
         ("units = { mag_4_u = \"uT\" }", "there is no column `mag_4_u` to give a unit"),
-        ("units = \"uT\"", "`units` must be a table"),
-        ("rename = \"lat\"", "`rename` must be a table"),
+        ("units = \"uT\"", "`units` of `flights` must be a table, not a text"),
+        ("rename = \"lat\"", "`rename` of `flights` must be a table, not a text"),
         ("rename = { MagCabin = \"mag_6_uc\" }", "there is no column `MagCabin` to rename"),
         ("unit = { mag_4_uc = \"uT\" }", "did you mean `units`?"),
     ] {
