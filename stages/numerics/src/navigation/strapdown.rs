@@ -16,6 +16,9 @@ pub type Triple = [Vec<f64>; 3];
 
 /// The derivative of evenly or unevenly sampled values: of the parabola through a sample and its
 /// neighbours inside, of the first and last two samples at the ends.
+///
+/// # Errors
+/// Fails for columns of different lengths, fewer than two samples, and time that does not ascend.
 pub fn derivative(tt_s: &[f64], values: &[f64]) -> Result<Vec<f64>, SeriesError> {
     check_length("value", values, tt_s)?;
     if tt_s.len() < 2 {
@@ -34,6 +37,9 @@ pub fn derivative(tt_s: &[f64], values: &[f64]) -> Result<Vec<f64>, SeriesError>
 
 /// Velocity north, east and down, in m/s, of geodetic positions (degrees, degrees, m above the
 /// ellipsoid), with the ellipsoid's radii at each sample. A longitude may pass ±180°.
+///
+/// # Errors
+/// Fails as [`derivative`], for positions that are not finite, and for latitudes at or beyond a pole.
 pub fn velocity_ned_mps(tt_s: &[f64], lat_deg: &[f64], lon_deg: &[f64], alt_m: &[f64]) -> Result<Triple, SeriesError> {
     for (column, values) in [("lat", lat_deg), ("lon", lon_deg), ("alt", alt_m)] {
         check_column(column, values, tt_s.len())?;
@@ -94,6 +100,9 @@ pub fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]
 
 /// Roll, pitch and yaw, in degrees, of an aircraft that flies level with its nose along the course
 /// of its velocity. A sample at rest keeps the previous yaw; rest from the beginning has yaw 0.
+///
+/// # Errors
+/// Fails with [`SeriesError::Length`] for columns of different lengths.
 pub fn level_attitude_deg(vn_mps: &[f64], ve_mps: &[f64]) -> Result<Triple, SeriesError> {
     check_length("ve", ve_mps, vn_mps)?;
     let mut course_deg = 0.0;
