@@ -89,6 +89,9 @@ impl Table {
     }
 
     /// The columns as one batch.
+    ///
+    /// # Errors
+    /// When the columns have different lengths.
     pub fn into_batch(self, path: &Path) -> Result<RecordBatch, ReadError> {
         let schema = self.schema();
         let columns = self.columns.into_iter().map(|(_, v)| array(v)).collect();

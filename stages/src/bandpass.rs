@@ -40,6 +40,9 @@ columns = ["mag_4_uc"]
 }
 
 /// The filter for two corners of which 0 means none; `None` where nothing is to be filtered.
+///
+/// # Errors
+/// As [`ZeroPhase::new`].
 pub fn design(low_hz: f64, high_hz: f64, order: usize, rate_hz: f64) -> Result<Option<ZeroPhase>, Fault> {
     let band = match (low_hz > 0.0, high_hz > 0.0) {
         (true, true) => Band::Band { low_hz, high_hz },

@@ -6,6 +6,9 @@ use schemas::{Column, ColumnType, Fault, Role, Shape, Table};
 use std::sync::Arc;
 
 /// The numbers of a column, borrowed.
+///
+/// # Errors
+/// When there is no such column, or it does not hold numbers.
 pub fn floats<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a [f64], Fault> {
     let array = batch.column_by_name(name).ok_or_else(|| absent(name))?;
     let array = array.as_primitive_opt::<Float64Type>().ok_or_else(|| not_numbers(name))?;
@@ -13,6 +16,9 @@ pub fn floats<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a [f64], Fault
 }
 
 /// A list column, borrowed as a row-major matrix, with the names of its entries.
+///
+/// # Errors
+/// When there is no such column, or it is not a list of numbers.
 pub fn matrix<'a>(batch: &'a RecordBatch, name: &str) -> Result<(&'a [f64], Vec<String>), Fault> {
     let schema = batch.schema();
     let field = schema.field_with_name(name).map_err(|_| absent(name))?;
@@ -39,6 +45,9 @@ pub fn array(values: Vec<f64>) -> ArrayRef {
 }
 
 /// A row-major matrix as a list column, `width` entries a row.
+///
+/// # Errors
+/// When the values are not a whole number of rows, or the width does not fit an `i32`.
 pub fn list(values: Vec<f64>, width: usize) -> Result<ArrayRef, Fault> {
     let item = Arc::new(Field::new("item", DataType::Float64, false));
     let width = i32::try_from(width).map_err(|e| Fault::data(e.to_string()))?;
@@ -47,6 +56,9 @@ pub fn list(values: Vec<f64>, width: usize) -> Result<ArrayRef, Fault> {
 }
 
 /// The shape of a table of flight lines.
+///
+/// # Errors
+/// When there is no such input.
 pub fn shape<'a>(inputs: &[&'a Table], i: usize) -> Result<&'a Shape, Vec<Fault>> {
     inputs.get(i).map(|t| t.shape()).ok_or_else(|| vec![Fault::new("an input is missing")])
 }
@@ -57,6 +69,9 @@ pub fn vector_axes(name: &str) -> [String; 3] {
 }
 
 /// Refuses a truth column as a feature, unless it is allowed.
+///
+/// # Errors
+/// When it is a truth column and not allowed.
 pub fn no_truth(column: &Column, param: &str, allowed: bool) -> Result<(), Fault> {
     if column.role != Role::Truth || allowed {
         return Ok(());

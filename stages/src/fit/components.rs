@@ -17,6 +17,9 @@ pub struct Components {
 
 impl Components {
     /// The moments of the components, of those of the features.
+    ///
+    /// # Errors
+    /// When the features are not as many as those of the components.
     pub fn of(&self, features: &Moments) -> Result<Moments, Fault> {
         let (weights, offsets) = self.found.as_sums();
         features.combined(&weights, &offsets).map_err(data)
@@ -31,6 +34,9 @@ impl Components {
 impl Problem<'_> {
     /// The same problem with the whitened principal components of standardised features in place of the features: `keep`
     /// of them, or below 1 as many as hold that part of the variance.
+    ///
+    /// # Errors
+    /// As [`PrincipalComponents::of`].
     pub fn whitened(mut self, keep: Option<f64>) -> Result<Self, Fault> {
         let Some(keep) = keep else { return Ok(self) };
         let kept = if keep < 1.0 { Kept::Variance(keep) } else { Kept::Count(keep as usize) };

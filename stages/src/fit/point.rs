@@ -42,6 +42,9 @@ impl Point {
 
 impl Point {
     /// Where the chosen entries lie among all terms; `None` where all are used as they are.
+    ///
+    /// # Errors
+    /// When an entry is not there or chosen twice, or none is chosen.
     pub fn places(&self, terms: &[String]) -> Result<Option<Vec<usize>>, Fault> {
         let Some(entries) = &self.fit.entries else { return Ok(None) };
         let mut places = vec![];

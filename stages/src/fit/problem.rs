@@ -73,6 +73,10 @@ pub struct Problem<'a> {
 
 impl<'a> Problem<'a> {
     /// Gathers the lines' shares, in the order of the lines.
+    ///
+    /// # Errors
+    /// When no selected line has the features, filter and trim leave no row, or the lines have different numbers of
+    /// terms.
     pub fn new(parts: &[&'a Part], at: &(Matrix, Targets)) -> Result<Self, Fault> {
         let terms = parts.iter().find_map(|p| p.terms.get(&at.0));
         let terms = terms.ok_or_else(|| Fault::data("no selected line has the features of the fit"))?;
@@ -114,6 +118,9 @@ impl<'a> Problem<'a> {
     }
 
     /// What is left out one after the other: the lines, or all lines of a flight together.
+    ///
+    /// # Errors
+    /// When a line has another number of features than the problem.
     pub fn groups(&self, settings: &Settings) -> Result<Vec<Moments>, Fault> {
         let lines = self.lines()?;
         if settings.choose != Choose::LeaveOneFlightOut {
@@ -130,6 +137,9 @@ impl<'a> Problem<'a> {
     }
 
     /// The same with the entries of `point` alone, from the factor of all.
+    ///
+    /// # Errors
+    /// When `point` chooses an entry that is not there, one twice, or none.
     pub fn cut(&self, point: &Point) -> Result<Problem<'a>, Fault> {
         let places = point.places(&self.terms)?;
         let own = |moments: &Moments| own(moments, places.as_deref());
@@ -198,6 +208,9 @@ impl<'a> Problem<'a> {
     }
 
     /// Solves for ridge parameters of all points of a kind at once: `lambdas` are those of the sweep.
+    ///
+    /// # Errors
+    /// When the decomposition does not converge.
     pub fn solve_ridges(&mut self, settings: &Settings, lambdas: &[f64]) -> Result<(), Fault> {
         let (prepared, _) = self.prepared(settings)?;
         // Where one cannot be solved, such as 0 with terms that nothing excites, each is tried by itself later.
@@ -213,6 +226,9 @@ impl<'a> Problem<'a> {
     }
 
     /// The model of one point.
+    ///
+    /// # Errors
+    /// As [`FitModel::fit`](super::FitModel::fit), and when the decomposition does not converge.
     pub fn solve(&mut self, point: &Point) -> Result<Solved, Fault> {
         let (prepared, excited) = self.prepared(&point.settings)?;
         let answer = point.model.fit(self, &point.settings, &prepared)?;

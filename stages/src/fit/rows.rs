@@ -88,6 +88,10 @@ impl Part {
     ///
     /// Columns that several questions have in common are filtered once; each question's moments are to the last bit what
     /// they would be had it been asked alone.
+    ///
+    /// # Errors
+    /// When the line has no column `tt` of numbers, or its times have no sample rate. The fault of one question is in
+    /// the part instead.
     pub fn new(line: &LineIn, questions: &BTreeMap<Matrix, Question>) -> Result<Part, Fault> {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;

@@ -28,6 +28,10 @@ pub fn survey<'a>(points: &'a SurveyPoints, line: &'a [usize]) -> gridding::Surv
 }
 
 /// Takes core field and diurnal variation off.
+///
+/// # Errors
+/// When the points lack the diurnal variation, core field, heights or dates that are needed, and for a date or
+/// position that does not exist or that the model does not cover.
 pub fn reduce(stage: &MapGrid, points: &mut SurveyPoints) -> Result<(), Fault> {
     let lacks = |what: &str| Fault::data(format!("the points have no {what}"));
     if stage.remove_diurnal {

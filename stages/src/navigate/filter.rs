@@ -102,6 +102,9 @@ pub trait NavigationFilter: Any + Send + Sync {
 
     /// Filters one line by several points of a sweep, which all have the same INS: one answer a point, in their order,
     /// with the bits of [`NavigationFilter::navigate`].
+    ///
+    /// # Errors
+    /// Each answer fails as [`NavigationFilter::navigate`].
     fn navigate_points(points: &[(&Self, &Flown)]) -> Vec<Result<Track, Fault>>
     where
         Self: Sized,
@@ -162,6 +165,9 @@ impl Kind for Filter {
 }
 
 /// [`NavigationFilter::navigate_points`] of the filters of type `F` among `points`.
+///
+/// # Errors
+/// Each answer fails as [`NavigationFilter::navigate`].
 #[doc(hidden)]
 pub fn navigate_points<F: NavigationFilter>(points: &[Point]) -> Vec<Result<Track, Fault>> {
     let mut ours: Vec<Option<(&F, &Flown)>> = vec![];

@@ -54,17 +54,26 @@ impl<'a> Line<'a> {
     }
 
     /// The times of the samples, in s.
+    ///
+    /// # Errors
+    /// When the line has no numbers in `tt`.
     pub fn tt(&self) -> Result<&[f64], Fault> {
         floats(&self.line.inputs[0], "tt")
     }
 
     /// The columns of a source, in its order.
+    ///
+    /// # Errors
+    /// When the line lacks the source, or one of its columns does not hold numbers.
     pub fn columns(&self, source: Source) -> Result<Vec<&[f64]>, Fault> {
         let Place { table, columns } = self.place(source)?;
         columns.iter().map(|name| floats(&self.line.inputs[*table], name)).collect()
     }
 
     /// A source of one column.
+    ///
+    /// # Errors
+    /// When the line lacks the source, or its column does not hold numbers.
     pub fn column(&self, source: Source) -> Result<&[f64], Fault> {
         let place = self.place(source)?;
         let name = place.columns.first().ok_or_else(|| self.without(source))?;
@@ -72,16 +81,25 @@ impl<'a> Line<'a> {
     }
 
     /// The same, where there is one.
+    ///
+    /// # Errors
+    /// When its column does not hold numbers.
     pub fn optional(&self, source: Source) -> Result<Option<&[f64]>, Fault> {
         self.places.get(source).map(|_| self.column(source)).transpose()
     }
 
     /// One of the columns of a source.
+    ///
+    /// # Errors
+    /// When the line lacks the source or this column, or the column does not hold numbers.
     pub fn named(&self, source: Source, name: &str) -> Result<&[f64], Fault> {
         floats(&self.line.inputs[self.place(source)?.table], name)
     }
 
     /// What became of the measurements of the track.
+    ///
+    /// # Errors
+    /// When the line lacks a track, or the track has no text in `update`.
     pub fn updates(&self) -> Result<&StringArray, Fault> {
         let track = &self.line.inputs[self.place(Source::Track)?.table];
         let updates = track.column_by_name("update").and_then(|a| a.as_string_opt::<i32>());
@@ -97,11 +115,17 @@ impl<'a> Line<'a> {
     }
 
     /// Compensated minus truth.
+    ///
+    /// # Errors
+    /// As [`Line::column`] for the signal and the truth.
     pub fn error(&self) -> Result<&Summary, Fault> {
         known(&self.error, || Ok(statistics::error_summary(self.column(Source::Signal)?, self.column(Source::Truth)?)))
     }
 
     /// The signal before and after compensation, less the truth where there is one.
+    ///
+    /// # Errors
+    /// As [`Line::column`] for the signal and what compensation took off it, and as [`Line::optional`] for the truth.
     pub fn signals(&self) -> Result<&Signals, Fault> {
         known(&self.signals, || {
             let (mag, aircraft) = (self.column(Source::Signal)?, self.column(Source::Aircraft)?);
@@ -114,11 +138,18 @@ impl<'a> Line<'a> {
     }
 
     /// The compensated signal less core field and, where there is one, diurnal variation, in nT.
+    ///
+    /// # Errors
+    /// As [`Line::column`] for the signal and the core field, and as [`Line::optional`] for the diurnal variation.
     pub fn measured_anomaly(&self) -> Result<Vec<f64>, Fault> {
         self.anomaly_of(self.column(Source::Signal)?)
     }
 
     /// The same of the truth. Where the core field is not known, its gradient is taken for the straight line of the truth.
+    ///
+    /// # Errors
+    /// As [`Line::column`] for the truth; with a core field as [`Line::optional`] for it and the diurnal variation,
+    /// without one as [`Line::tt`].
     pub fn true_anomaly(&self) -> Result<Vec<f64>, Fault> {
         let truth = self.column(Source::Truth)?;
         match self.places.get(Source::Core) {
@@ -134,6 +165,9 @@ impl<'a> Line<'a> {
     }
 
     /// The measured anomaly minus the map.
+    ///
+    /// # Errors
+    /// As [`Line::measured_anomaly`], and as [`Line::named`] for the map.
     pub fn map_error(&self) -> Result<&Summary, Fault> {
         known(&self.map_error, || {
             Ok(statistics::error_summary(&self.measured_anomaly()?, self.named(Source::Map, "map_anomaly")?))
@@ -141,11 +175,17 @@ impl<'a> Line<'a> {
     }
 
     /// The track minus the true positions.
+    ///
+    /// # Errors
+    /// As [`Line::named`] for the track, and as [`Line::position`].
     pub fn track_error(&self) -> Result<&Offsets, Fault> {
         known(&self.track_error, || self.offsets(self.named(Source::Track, "lat")?, self.named(Source::Track, "lon")?))
     }
 
     /// Positions minus the true ones.
+    ///
+    /// # Errors
+    /// As [`Line::position`].
     pub fn offsets(&self, lat: &[f64], lon: &[f64]) -> Result<Offsets, Fault> {
         let (true_lat, true_lon) = self.position()?;
         let offset = |i: usize| EarthModel::default().offset_ne_m((true_lat[i], true_lon[i]), (lat[i], lon[i]), 0.0);
@@ -154,6 +194,9 @@ impl<'a> Line<'a> {
     }
 
     /// True latitudes and longitudes, in degrees.
+    ///
+    /// # Errors
+    /// As [`Line::named`] for the true positions.
     pub fn position(&self) -> Result<(&[f64], &[f64]), Fault> {
         Ok((self.named(Source::Position, "lat")?, self.named(Source::Position, "lon")?))
     }

@@ -30,7 +30,12 @@ pub struct Excitation {
 /// Which combinations of terms have a singular value below `weak_below` times the largest.
 ///
 /// Take a factor with all columns on one scale ([`crate::regression::least_squares::Scaling::Standardise`]): the result
-/// is about the flight, not about units. Errors: a list of names of another length, no convergence.
+/// is about the flight, not about units.
+///
+/// # Errors
+/// Fails with [`LeastSquaresError::Shape`] for a list of names of another length, with [`LeastSquaresError::Setting`]
+/// for a limit outside 0 to 1, and with [`LeastSquaresError::NoConvergence`] when the decomposition does not
+/// converge.
 pub fn excitation<S: AsRef<str>>(
     prepared: &Prepared,
     names: &[S],
@@ -127,6 +132,11 @@ impl TrivialSolution {
 /// same order (others than `xx`, `yy`, `zz` may be anything); `scale_nt` s is that of the induced terms, `lambda`
 /// the ridge parameter of unscaled columns. `None` where one of the diagonal terms is not there, so that the
 /// trivial solution cannot be expressed.
+///
+/// # Errors
+/// Fails with [`LeastSquaresError::Shape`] for names, unfiltered terms or coefficients that are not as many as the
+/// fitted terms. Where the diagonal terms are there, also with [`LeastSquaresError::NoRows`] when either has no rows,
+/// and with [`LeastSquaresError::NoSuch`] for an unknown target.
 pub fn trivial_solution<S: AsRef<str>>(
     unfiltered: &Moments,
     fitted: &Moments,
@@ -205,6 +215,10 @@ pub struct Variation {
 
 /// The scatter of each coefficient over calibrations, one slice of coefficients each. Figure 3-8 draws the mean of
 /// the coefficients of variation over λ.
+///
+/// # Errors
+/// Fails with [`LeastSquaresError::NoRows`] without calibrations, and with [`LeastSquaresError::Shape`] for different
+/// numbers of coefficients.
 pub fn variation(calibrations: &[&[f64]]) -> Result<Vec<Variation>, LeastSquaresError> {
     let terms = calibrations.first().ok_or(LeastSquaresError::NoRows)?.len();
     for coefficients in calibrations {

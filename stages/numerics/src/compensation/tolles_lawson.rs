@@ -87,6 +87,10 @@ impl Field<'_> {
 /// the run's ends, so that they never cross a gap; in a run of a single sample they are NaN. A
 /// sample whose vector is not finite gives NaN in all but the bias, one whose scalar is not finite
 /// or is zero gives NaN in the terms divided by it.
+///
+/// # Errors
+/// Fails with [`TermsError::Lengths`] for columns of different lengths, and with [`TermsError::Scale`] for a scale
+/// that is not a finite number above 0.
 pub fn matrix(field: &Field<'_>, terms: &Terms, scale_nt: f64) -> Result<Vec<f64>, TermsError> {
     let rows = field.rows()?;
     let whole = 0..rows;
@@ -95,6 +99,9 @@ pub fn matrix(field: &Field<'_>, terms: &Terms, scale_nt: f64) -> Result<Vec<f64
 
 /// As [`matrix`], with breaks that are not visible in the field itself, such as jumps of time:
 /// a difference stays within its run. Rows outside all `runs` are NaN in all but the bias.
+///
+/// # Errors
+/// Fails as [`matrix`].
 pub fn matrix_in_runs(
     field: &Field<'_>,
     terms: &Terms,

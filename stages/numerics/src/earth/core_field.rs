@@ -50,11 +50,18 @@ struct Directions {
 impl CoreField {
     /// IGRF-14 at `decimal_year`, from 1900 to 2030. One date serves a whole flight: the field
     /// changes by 0.3 nT a day at most.
+    ///
+    /// # Errors
+    /// Fails as [`Self::of`].
     pub fn at(decimal_year: f64) -> Result<Self, CoreFieldError> {
         Self::of(CoreModel::Igrf14, decimal_year)
     }
 
     /// A model's field at `decimal_year`.
+    ///
+    /// # Errors
+    /// Fails with [`CoreFieldError::Date`] for a date that the model does not cover, and with
+    /// [`CoreFieldError::Coefficients`] for a damaged file of coefficients.
     pub fn of(model: CoreModel, decimal_year: f64) -> Result<Self, CoreFieldError> {
         let potential = model.span(decimal_year)?.at(decimal_year);
         let field = [0, 1, 2].map(|axis| derivative(&potential, axis, -1.0));

@@ -45,6 +45,10 @@ pub fn days_in_year(year: i32) -> u32 {
 /// The decimal year of the `day_of_year` (1 is 1 January) and `seconds` past that day's midnight
 /// UTC. Noon of 1 January 2023 is 2023 + 0.5/365. Seconds may run past the end of the day, as they
 /// do in a flight over midnight.
+///
+/// # Errors
+/// Fails with [`DateError::DayOfYear`] for a day that the year does not have, and with [`DateError::Seconds`] for
+/// seconds that are not finite.
 pub fn decimal_year(year: i32, day_of_year: u32, seconds: f64) -> Result<f64, DateError> {
     let days = days_in_year(year);
     if !(1..=days).contains(&day_of_year) {
@@ -58,6 +62,9 @@ pub fn decimal_year(year: i32, day_of_year: u32, seconds: f64) -> Result<f64, Da
 }
 
 /// The day of the year, from 1, of a calendar date (month and day from 1).
+///
+/// # Errors
+/// Fails with [`DateError::Calendar`] for a date that does not exist.
 pub fn day_of_year(year: i32, month: u32, day: u32) -> Result<u32, DateError> {
     let mut lengths = [31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
     lengths[1] += u32::from(is_leap_year(year));

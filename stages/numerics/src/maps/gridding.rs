@@ -214,6 +214,10 @@ pub struct Gridded {
 }
 
 /// Cleans and grids the points of a survey.
+///
+/// # Errors
+/// Fails as [`check`], as [`fit`] for the points that cleaning keeps, as [`Fitted::grid`], and with folds as
+/// [`cross_validate`].
 pub fn grid(points: SurveyPoints, options: &GridOptions, progress: Progress) -> Result<Gridded, GridError> {
     check(options)?;
     progress("cleaning", 0, 1);
@@ -241,6 +245,9 @@ pub fn grid(points: SurveyPoints, options: &GridOptions, progress: Progress) -> 
 }
 
 /// Checks the options, independently of the points, before those are read.
+///
+/// # Errors
+/// Fails with [`GridError::Option`] for the first option that is out of its range.
 pub fn check(options: &GridOptions) -> Result<(), GridError> {
     let must = |good: bool, name, value, must| if good { Ok(()) } else { Err(GridError::Option { name, value, must }) };
     let spacing = options.spacing_m.unwrap_or(1.0);

@@ -112,6 +112,10 @@ pub struct MapStack {
 impl MapStack {
     /// A stack of maps, the slopes with height derived from them by `options.between`. `heights_m` are those of
     /// `maps`, in metres, even or not.
+    ///
+    /// # Errors
+    /// Fails for fewer than two levels, for another number of maps than of heights, for heights that are not finite
+    /// or do not ascend, for maps of other nodes than the first, and when no node is known at all levels.
     pub fn new(heights_m: &[f64], maps: &[MapGrid], options: StackOptions) -> Result<Self, StackError> {
         let known = known_values(heights_m, maps)?;
         let slopes = natural_slopes(heights_m, &known);
@@ -120,6 +124,11 @@ impl MapStack {
 
     /// A stack of maps and their vertical derivatives, in nT/m: between levels the cubic of Hermite with these slopes,
     /// whatever `options.between` says. Twice as accurate as a spline that has to estimate the slopes.
+    ///
+    /// # Errors
+    /// Fails as [`Self::new`], with [`StackError::Count`] when the derivatives are not as many as the maps, and with
+    /// [`StackError::Derivative`] for one that does not have its map's number of nodes or is not finite where the map
+    /// is known.
     pub fn with_vertical(
         heights_m: &[f64],
         maps: &[MapGrid],
@@ -165,6 +174,9 @@ impl MapStack {
     }
 
     /// [`Self::at`] for many positions; positions without a value are NaN. Allocates only where `out` has to grow.
+    ///
+    /// # Errors
+    /// Fails with [`MapError::Places`] for columns of different lengths.
     pub fn at_many(
         &self,
         lat_deg: &[f64],
@@ -349,6 +361,9 @@ impl FieldMap {
     }
 
     /// [`Self::at`] for many positions; positions without a value are NaN.
+    ///
+    /// # Errors
+    /// Fails with [`MapError::Places`] for columns of different lengths.
     pub fn at_many(
         &self,
         lat_deg: &[f64],

@@ -38,6 +38,11 @@ use steps::StepModel;
 ///
 /// `measurement_nt` is the compensated field at each sample of `ins`; it holds the core field if,
 /// and only if, `core` is given. Costs about 3 microseconds a sample and allocates little but the output.
+///
+/// # Errors
+/// Fails as [`EkfParameters::check`] and [`InsSeries::check`], with [`SeriesError::Length`] for a measurement of
+/// another length than the INS, and with [`EkfError::Diverged`] when states or variances are no longer finite or a
+/// variance is negative.
 pub fn run(
     parameters: &EkfParameters,
     ins: &InsSeries<'_>,
@@ -69,6 +74,9 @@ pub struct EkfPoint<'a> {
 /// Points of equal time constants (except that of the temporal variation), discretisation and, for
 /// [`VanLoan`](crate::navigation::transition::NoiseDiscretisation::VanLoan), process noise share the transition
 /// matrices. All results are in memory together.
+///
+/// # Errors
+/// Each result fails as [`run`].
 pub fn run_together(ins: &InsSeries<'_>, points: &[EkfPoint<'_>]) -> Vec<Result<EkfOutput, EkfError>> {
     let series = ins.check();
     let mut answers: Vec<Option<Result<EkfOutput, EkfError>>> = vec![];

@@ -124,6 +124,9 @@ impl InsErrorModel {
     }
 
     /// Refuses negative or missing uncertainties and time constants that are not positive.
+    ///
+    /// # Errors
+    /// Fails for the first parameter that is not finite or out of its range.
     pub fn check(&self) -> Result<(), ParameterError> {
         self.sources.check().map_err(ParameterError)?;
         require("fogm_sigma_nt", self.fogm_sigma_nt, Rule::NotNegative)?;
@@ -191,6 +194,9 @@ pub(super) fn require(name: &'static str, value: f64, rule: Rule) -> Result<(), 
 /// and w₂ half of the step's noise each, which is exactly the covariance that a filter with
 /// [`NoiseDiscretisation::Trapezoidal`] assumes. `normal` hands out standard normals: 18 for the
 /// first sample, 36 a step.
+///
+/// # Errors
+/// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
 pub fn simulate_ins_error(
     truth: &InsSeries<'_>,
     model: &InsErrorModel,

@@ -18,7 +18,7 @@ pub type Triple = [Vec<f64>; 3];
 /// The derivative of evenly or unevenly sampled values: [`slopes`] of values and times that are checked.
 ///
 /// # Errors
-/// Columns of other lengths, fewer than two rows, and times that do not increase.
+/// Fails for columns of different lengths, fewer than two samples, and times that do not increase.
 pub fn derivative(tt_s: &[f64], values: &[f64]) -> Result<Vec<f64>, SeriesError> {
     check_length("value", values, tt_s)?;
     if tt_s.len() < 2 {
@@ -50,6 +50,9 @@ pub fn slopes(tt_s: &[f64], values: &[f64]) -> Vec<f64> {
 
 /// Velocity north, east and down, in m/s, of geodetic positions (degrees, degrees, m above the
 /// ellipsoid), with the ellipsoid's radii at each sample. A longitude may pass ±180°.
+///
+/// # Errors
+/// Fails as [`derivative`], for positions that are not finite, and for latitudes at or beyond a pole.
 pub fn velocity_ned_mps(tt_s: &[f64], lat_deg: &[f64], lon_deg: &[f64], alt_m: &[f64]) -> Result<Triple, SeriesError> {
     for (column, values) in [("lat", lat_deg), ("lon", lon_deg), ("alt", alt_m)] {
         check_column(column, values, tt_s.len())?;
@@ -110,6 +113,9 @@ pub fn specific_force_mps2(lat_rad: f64, alt_m: f64, v: [f64; 3], rate: [f64; 3]
 
 /// Roll, pitch and yaw, in degrees, of an aircraft that flies level with its nose along the course
 /// of its velocity. A sample at rest keeps the previous yaw; rest from the beginning has yaw 0.
+///
+/// # Errors
+/// Fails with [`SeriesError::Length`] for columns of different lengths.
 pub fn level_attitude_deg(vn_mps: &[f64], ve_mps: &[f64]) -> Result<Triple, SeriesError> {
     check_length("ve", ve_mps, vn_mps)?;
     let mut course_deg = 0.0;

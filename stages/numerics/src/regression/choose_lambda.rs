@@ -32,6 +32,9 @@ pub struct LambdaPoint {
 }
 
 /// `count` values from `first` to `last`, evenly spaced in their logarithm.
+///
+/// # Errors
+/// Fails with [`LeastSquaresError::Setting`] for an end that is not a finite number above 0.
 pub fn grid(first: f64, last: f64, count: usize) -> Result<Vec<f64>, LeastSquaresError> {
     for end in [first, last] {
         setting("the end of a grid of lambdas", end, "above 0", end > 0.0 && end.is_finite())?;
@@ -108,6 +111,10 @@ pub fn by_l_curve(points: &[LambdaPoint]) -> Option<usize> {
 
 /// The leave-one-line-out prediction error of each λ. The candidates are in the order of `lambdas`: list them from the
 /// largest to the smallest for the choice within one standard error to be the strongest ridge.
+///
+/// # Errors
+/// Fails with [`LeastSquaresError::Setting`] for a lambda that is not a finite number above 0, and as
+/// [`leave_line_out`] and [`fits`].
 pub fn by_lines(
     lines: &[Moments],
     target: usize,
@@ -122,6 +129,9 @@ pub fn by_lines(
 }
 
 /// The ridge fits of one target for lambdas above 0, from one decomposition.
+///
+/// # Errors
+/// Fails for an unknown target, or when the decomposition does not converge.
 pub fn fits(prepared: &Prepared, target: usize, lambdas: &[f64]) -> Result<Vec<LinearFit>, LeastSquaresError> {
     prepared.along(target)?;
     let singular = prepared.singular()?;

@@ -88,6 +88,10 @@ impl ElasticNet {
 
     /// `count` values of α, evenly spaced in their logarithm, from the smallest at which all coefficients
     /// are zero, max|Aᵀ y|/(n ρ), down to `least` times that.
+    ///
+    /// # Errors
+    /// Fails for a setting out of its range, an l1 ratio of 0, a `least` that is not between 0 and 1, without rows,
+    /// or for an unknown target.
     pub fn alphas(
         &self,
         moments: &Moments,
@@ -134,6 +138,9 @@ impl ElasticNet {
     }
 
     /// The paths of several targets, on rayon's threads, one per target.
+    ///
+    /// # Errors
+    /// Fails as [`Self::path`] for any of them.
     pub fn paths(&self, moments: &Moments, alphas: &[Vec<f64>]) -> Result<Vec<Vec<ElasticNetFit>>, LeastSquaresError> {
         alphas.par_iter().enumerate().map(|(target, alphas)| self.path(moments, target, alphas)).collect()
     }
@@ -168,6 +175,9 @@ impl ElasticNet {
 
     /// The path over all lines, and the score of each α at each line when it is left out. `alphas` from
     /// the largest to the smallest, so that the choice within one standard error is the simplest.
+    ///
+    /// # Errors
+    /// Fails as [`Self::path`] and [`leave_line_out`].
     pub fn choose(
         &self,
         lines: &[Moments],

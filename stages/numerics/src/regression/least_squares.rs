@@ -159,6 +159,10 @@ impl QrAccumulator {
     ///
     /// The rows are split at fixed positions and the blocks merged in order: the result is the same with
     /// any number of threads (and differs in the last bits from one [`push`](Self::push) of all).
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::Shape`] when the matrix and the targets are not of the same whole number of
+    /// rows, and with [`LeastSquaresError::NotFinite`] for a value that is not finite.
     pub fn of(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
         let mut whole = Self::new(terms, targets.len());
         let rows = whole.check(a, targets)?;
@@ -183,6 +187,11 @@ impl QrAccumulator {
     /// Folds in rows: `a` is row-major with one column per term, `targets` one slice per target.
     ///
     /// Pushing in blocks gives the same bits as pushing at once. On an error the factor is unchanged.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::Shape`] for another number of targets, or when the matrix and the targets are
+    /// not of the same whole number of rows, and with [`LeastSquaresError::NotFinite`] for a value that is not
+    /// finite.
     pub fn push(&mut self, a: &[f64], targets: &[&[f64]]) -> Result<(), LeastSquaresError> {
         let rows = self.check_finite(a, targets)?;
         for i in 0..rows {
@@ -195,6 +204,10 @@ impl QrAccumulator {
 
     /// As [`push`](Self::push) with a weight of at least 0 for each row's squared residual. Means are then
     /// weighted too, in a fit with an intercept as well.
+    ///
+    /// # Errors
+    /// Fails as [`push`](Self::push), with [`LeastSquaresError::Shape`] when the weights are not as many as the rows,
+    /// and with [`LeastSquaresError::Setting`] for a weight that is not a finite number of at least 0.
     pub fn push_weighted(&mut self, a: &[f64], targets: &[&[f64]], weights: &[f64]) -> Result<(), LeastSquaresError> {
         let rows = self.check_finite(a, targets)?;
         expect("the list of weights", weights.len(), rows)?;
@@ -222,6 +235,9 @@ impl QrAccumulator {
 
     /// Folds in the rows of another factor, after its own. The result depends on the order of
     /// merging in its last bits: merge in the order of the lines.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::Shape`] for a factor of another number of terms or targets.
     pub fn merge(&mut self, mut other: Self) -> Result<(), LeastSquaresError> {
         expect("the other factor's targets", other.targets, self.targets)?;
         expect("the other factor's terms", other.terms, self.terms)?;
@@ -259,12 +275,21 @@ impl QrAccumulator {
     ///
     /// `names` are the names of the terms, for the report. With a lambda of 0 linearly dependent terms are an
     /// error that names them; with a ridge they are solved and reported in the path.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::Shape`] when the names are not as many as the terms, with
+    /// [`LeastSquaresError::Lambda`] for a lambda that is not a finite number of at least 0, with
+    /// [`LeastSquaresError::NoRows`], with [`LeastSquaresError::RankDeficient`] for a lambda of 0 with dependent
+    /// terms, and with [`LeastSquaresError::NoConvergence`].
     pub fn solve<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S]) -> Result<RidgePath, LeastSquaresError> {
         self.path(lambdas, names, false)
     }
 
     /// As [`solve`](Self::solve) after subtracting the means of terms and targets: a fit with an
     /// intercept that is not penalised.
+    ///
+    /// # Errors
+    /// Fails as [`solve`](Self::solve).
     pub fn solve_centred<S: AsRef<str>>(&self, lambdas: &[f64], names: &[S]) -> Result<RidgePath, LeastSquaresError> {
         self.path(lambdas, names, true)
     }

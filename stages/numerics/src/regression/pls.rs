@@ -100,6 +100,10 @@ pub fn fit(
 /// The leave-one-line-out scores of `target` for 1 to `components` components, from fits of `targets`
 /// together. `target` is one of `targets`; a number of components that the other lines
 /// do not have is scored as the largest that they have.
+///
+/// # Errors
+/// Fails with [`LeastSquaresError::NoSuch`] when `target` is not one of `targets`, and as [`fit`] and
+/// [`leave_line_out`].
 pub fn choose_components(
     lines: &[Moments],
     targets: &[usize],

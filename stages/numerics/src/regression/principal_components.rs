@@ -104,6 +104,9 @@ impl PrincipalComponents {
     }
 
     /// The components of rows with as many columns, row-major, as the moments; without a unit where they are whitened.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::Shape`] for values that are not a whole number of rows.
     pub fn transform(&self, a: &[f64]) -> Result<Vec<f64>, LeastSquaresError> {
         let columns = self.means.len();
         let rows = a.len() / columns.max(1);

@@ -59,6 +59,9 @@ pub fn fit_above(prepared: &Prepared, target: usize, cutoff: f64) -> Result<Trun
 }
 
 /// The leave-one-line-out scores of 1 to `components` components.
+///
+/// # Errors
+/// Fails as [`path`] and [`leave_line_out`].
 pub fn choose_components(
     lines: &[Moments],
     target: usize,

@@ -138,6 +138,11 @@ impl ZeroPhase {
     /// Designs a filter of `order` 1 to 12 for samples at `rate_hz`.
     ///
     /// A band of order n has n second-order sections (2n poles), a low- or high-pass half of that.
+    ///
+    /// # Errors
+    /// Fails for a sample rate that is not a finite number above 0, an order outside 1 to 12, a corner that is not
+    /// above 0 Hz and below the Nyquist frequency, a lower corner that is not below the upper one, and with
+    /// [`FilterError::Unstable`] for corners whose filter double precision cannot represent.
     pub fn new(band: Band, rate_hz: f64, order: usize) -> Result<Self, FilterError> {
         let (gain, sections) = butterworth::design(band, rate_hz, order)?;
         Ok(Self { cascade: Cascade::new(gain, sections) })
@@ -164,6 +169,10 @@ impl ZeroPhase {
     }
 
     /// Filters one evenly sampled series; the result has the same unit and length.
+    ///
+    /// # Errors
+    /// Fails with [`FilterError::TooShort`] for fewer samples than [`Self::least_rows`], and with
+    /// [`FilterError::NotFinite`] for a sample that is not finite.
     pub fn apply(&self, x: &[f64]) -> Result<Vec<f64>, FilterError> {
         let mut out = x.to_vec();
         self.apply_matrix(&mut out, 1, ConstantColumns::Filter)?;
@@ -171,6 +180,9 @@ impl ZeroPhase {
     }
 
     /// Filters several series of the same length; the results have the same units and lengths.
+    ///
+    /// # Errors
+    /// Fails with [`FilterError::Shape`] for series of different lengths, and as [`Self::apply`].
     pub fn apply_columns(&self, columns: &[&[f64]]) -> Result<Vec<Vec<f64>>, FilterError> {
         let (width, rows) = (columns.len(), columns.first().map_or(0, |x| x.len()));
         if let Some(odd) = columns.iter().find(|column| column.len() != rows) {
@@ -192,6 +204,11 @@ impl ZeroPhase {
     ///
     /// Each column's result is bit-identical whatever the other columns are. On an error the
     /// contents of the matrix are unspecified.
+    ///
+    /// # Errors
+    /// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, with
+    /// [`FilterError::TooShort`] for fewer rows than [`Self::least_rows`], and with [`FilterError::NotFinite`] for a
+    /// value that is not finite.
     pub fn apply_matrix(
         &self,
         values: &mut [f64],
@@ -227,6 +244,9 @@ impl ZeroPhase {
 
 /// Removes all components slower than `low_hz` or faster than `high_hz`, without lag.
 /// `x` is evenly sampled at `rate_hz`; the result has the same unit. [Gustafsson 1996, sec. 3]
+///
+/// # Errors
+/// Fails as [`ZeroPhase::new`] and [`ZeroPhase::apply`].
 pub fn band_pass(x: &[f64], rate_hz: f64, low_hz: f64, high_hz: f64, order: usize) -> Result<Vec<f64>, FilterError> {
     ZeroPhase::new(Band::Band { low_hz, high_hz }, rate_hz, order)?.apply(x)
 }

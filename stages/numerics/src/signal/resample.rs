@@ -121,6 +121,10 @@ pub struct Plan<'a> {
 impl<'a> Plan<'a> {
     /// A plan for samples at the strictly increasing times `tt` (s), to `rate_hz`, bridging gaps of
     /// up to `max_gap_s`. Without samples the grid is empty.
+    ///
+    /// # Errors
+    /// Fails for a rate that is not a finite number above 0, a gap that is negative or NaN, times that are not finite
+    /// or do not increase, times too large to be distinguished at the rate, and more than [`MOST_ROWS`] rows.
     pub fn new(tt: &'a [f64], rate_hz: f64, max_gap_s: f64) -> Result<Self, ResampleError> {
         if !(rate_hz > 0.0 && rate_hz.is_finite()) {
             return Err(ResampleError::Rate { rate_hz });
@@ -153,6 +157,9 @@ impl<'a> Plan<'a> {
     }
 
     /// A column on the grid, in its unit; NaN in gaps.
+    ///
+    /// # Errors
+    /// Fails with [`ResampleError::Length`] for a column that is not as long as the times.
     pub fn column(&self, x: &[f64], method: Method) -> Result<Vec<f64>, ResampleError> {
         self.on_finite(x, |tt, x, places| match method {
             Method::Linear => blend(x, places, |x, y, weight| x + weight * (y - x)),
@@ -163,6 +170,9 @@ impl<'a> Plan<'a> {
 
     /// A column of angles in degrees on the grid, along the shorter arc, in the range (−180 to 180
     /// or 0 to 360) of [`AngleRange::of`]; NaN in gaps.
+    ///
+    /// # Errors
+    /// Fails with [`ResampleError::Length`] for a column that is not as long as the times.
     pub fn angle_deg(&self, x: &[f64], method: Method) -> Result<Vec<f64>, ResampleError> {
         let range = AngleRange::of(x);
         self.on_finite(x, |tt, x, places| match method {

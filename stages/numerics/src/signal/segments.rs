@@ -69,6 +69,10 @@ pub const STEP_TOLERANCE: f64 = 0.01;
 pub const GAP_STEPS: f64 = 1.5;
 
 /// Fails unless times are finite and strictly increasing.
+///
+/// # Errors
+/// Fails with [`TimeError::NotFinite`] for the first time that is not finite, otherwise with
+/// [`TimeError::NotIncreasing`] for the first that is not later than the one before.
 pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
     if let Some(row) = tt.iter().position(|tt| !tt.is_finite()) {
         return Err(TimeError::NotFinite { row });
@@ -86,6 +90,10 @@ pub fn check_increasing(tt: &[f64]) -> Result<(), TimeError> {
 /// names its row, because a filter takes samples as evenly spaced. Logs whose clock is coarse (20
 /// ms samples stamped to the millisecond) need a larger tolerance or, better, a resampling first.
 /// The rounding of the times themselves (16 units in the last place) is always allowed for.
+///
+/// # Errors
+/// Fails as [`check_increasing`], with [`TimeError::TooShort`] for fewer than two samples, and with
+/// [`TimeError::Uneven`] for a step off the median by more than the tolerance that is not a gap.
 pub fn sample_rate(tt: &[f64], tolerance: f64) -> Result<f64, TimeError> {
     check_increasing(tt)?;
     let mut steps: Vec<f64> = tt.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -216,6 +224,9 @@ impl FilterReport {
 ///
 /// `runs` are in order, do not overlap, and contain finite values only, as [`Usable::runs`] of the
 /// same column returns them.
+///
+/// # Errors
+/// Fails with [`FilterError::NotFinite`] for a value that is not finite in a run that is filtered.
 pub fn filter_column(
     filter: &ZeroPhase,
     x: &[f64],
@@ -228,6 +239,10 @@ pub fn filter_column(
 
 /// Filters each run of a row-major matrix separately, in place; whole rows are NaN outside the runs
 /// and in those that are too short. `runs` as for [`filter_column`].
+///
+/// # Errors
+/// Fails with [`FilterError::Shape`] for no columns or values that are not a whole number of rows, and with
+/// [`FilterError::NotFinite`] for a value that is not finite in a run that is filtered.
 pub fn filter_matrix(
     filter: &ZeroPhase,
     values: &mut [f64],

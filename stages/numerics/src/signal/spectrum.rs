@@ -70,6 +70,10 @@ pub struct Spectrum {
 /// Scaled so that the integral over frequency is the variance, as scipy's `welch` does. Segments
 /// with a value that is not finite are left out and counted. Bit-identical results on every processor are
 /// not guaranteed: the transform uses the widest available vectors.
+///
+/// # Errors
+/// Fails with [`SpectrumError::Rate`] for a rate that is not a finite number above 0, with [`SpectrumError::Segment`]
+/// for segments of fewer than two samples, and with [`SpectrumError::TooShort`] when no segment is finite throughout.
 pub fn welch(x: &[f64], rate_hz: f64, segment: usize, window: Window) -> Result<Spectrum, SpectrumError> {
     if !(rate_hz > 0.0 && rate_hz.is_finite()) {
         return Err(SpectrumError::Rate { rate_hz });

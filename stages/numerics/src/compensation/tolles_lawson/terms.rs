@@ -89,6 +89,10 @@ impl Terms {
     /// The terms of the named groups: `permanent`, `induced` (`induced5` without zz, `induced3` the
     /// diagonal), `eddy` (`eddy8` without zz_dot, `eddy3` the diagonal), `derivative`, `bias`, or
     /// their short names.
+    ///
+    /// # Errors
+    /// Fails with [`TermsError::Unknown`] for a name that no group has, with [`TermsError::SameFamily`] for two
+    /// groups of one family, and with [`TermsError::Empty`] without names.
     pub fn new<S: AsRef<str>>(names: &[S]) -> Result<Self, TermsError> {
         let mut groups: Vec<&'static TermGroup> = Vec::new();
         for name in names {

@@ -64,6 +64,9 @@ pub struct CrossValidation {
 ///
 /// Points are used unchanged: clean them first. A left-out line opens a gap twice as wide as the survey has, so the
 /// differences are larger than the errors of the map from all lines.
+///
+/// # Errors
+/// Fails as [`fit`] and [`Fitted::at_points`](super::Fitted::at_points) for one of the folds.
 pub fn cross_validate(
     points: SurveyPoints,
     options: &GridOptions,

@@ -171,9 +171,9 @@ impl EquivalentSources {
 
     /// Whether the field is defined at eastings, northings and heights in metres: above the sources near each position.
     ///
-    /// # Errors the lowest height that would be high enough at all of them.
-    ///
-    /// Fails at the first position where it is not, with
+    /// # Errors
+    /// Fails at the first position where it is not, with the lowest height that would be high enough at all of them,
+    /// and when columns have different lengths or values that are not finite.
     pub fn check_above(&self, at_m: [&[f64]; 3]) -> Result<(), GridError> {
         check_columns(&at_m)?;
         self.check_points(&relative(at_m, self.origin_m))
@@ -191,10 +191,9 @@ impl EquivalentSources {
 
     /// The field in nT at eastings, northings and heights in metres.
     ///
-    /// # Errors the sources near it, where the field is not defined, and when columns are not
-    ///
-    /// Fails when a position is not above
-    /// equally long or have values that are not finite.
+    /// # Errors
+    /// Fails when a position is not above the sources near it, where the field is not defined, and when columns are
+    /// not equally long or have values that are not finite.
     pub fn predict(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GridError> {
         let targets = self.targets(at_m)?;
         let mut sum = vec![0.0; targets.points.len()];
@@ -209,6 +208,9 @@ impl EquivalentSources {
     }
 
     /// The field in nT as `predict` gives it, and NaN at places that are not above the sources near them.
+    ///
+    /// # Errors
+    /// Fails when columns have different lengths or values that are not finite.
     pub fn predict_above(&self, at_m: [&[f64]; 3]) -> Result<Vec<f64>, GridError> {
         check_columns(&at_m)?;
         let points = relative(at_m, self.origin_m);

@@ -42,6 +42,11 @@ pub struct Fitted {
 }
 
 /// Fits a surface to the points of a survey, all of them finite: see `clean`.
+///
+/// # Errors
+/// Fails without points, as [`check`], for columns of different lengths or with values that are not finite, with
+/// [`GridError::TooLarge`] for a grid without nodes or with too many, and with [`GridError::BelowSources`] when the
+/// level or a block is not above the equivalent sources near it.
 pub fn fit(points: SurveyPoints, options: &GridOptions, progress: Progress) -> Result<Fitted, GridError> {
     if points.is_empty() {
         return Err(GridError::NoPoints);
@@ -132,6 +137,9 @@ impl Fitted {
 
     /// The values at the points' positions: for minimum curvature at any height, and NaN off its grid; for
     /// equivalent sources NaN where a point flies so low between higher ones that it is not above the sources.
+    ///
+    /// # Errors
+    /// Fails, for equivalent sources, when columns have different lengths or values that are not finite.
     pub fn at_points(&self, points: SurveyPoints) -> Result<Vec<f64>, GridError> {
         match &self.surface {
             Surface::Sources(sources, _) => {
@@ -143,6 +151,9 @@ impl Fitted {
 
     /// The grid; with equivalent sources also its level in metres and the largest error in nT that summing distant
     /// sources together makes at a hundred of its nodes.
+    ///
+    /// # Errors
+    /// Fails, for equivalent sources, as [`EquivalentSources::predict`] at the nodes.
     pub fn grid(&self) -> Result<(PlaneGrid, Option<[f64; 2]>), GridError> {
         let [east_m, north_m] = self.axes;
         match &self.surface {

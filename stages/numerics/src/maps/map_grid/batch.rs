@@ -180,11 +180,17 @@ impl AnomalyMap {
     /// [`Self::at`] for many positions in degrees; positions without a value are NaN. Allocates only where `out` has to
     /// grow, and runs on the caller's thread. Faster than one at a time where the map does not fit the cache, the more
     /// so the more the places are scattered.
+    ///
+    /// # Errors
+    /// Fails with [`MapError::Places`] for columns of different lengths.
     pub fn at_many(&self, lat_deg: &[f64], lon_deg: &[f64], out: &mut FieldColumns) -> Result<(), MapError> {
         look_up_many(&OnMap(self), Places { lat_deg, lon_deg, alt_m: &[] }, false, out)
     }
 
     /// [`Self::at_height`] for many positions in degrees and metres; positions without a value are NaN.
+    ///
+    /// # Errors
+    /// Fails with [`MapError::Places`] for columns of different lengths.
     pub fn at_heights(
         &self,
         lat_deg: &[f64],

@@ -266,6 +266,11 @@ pub struct MapGrid {
 impl MapGrid {
     /// A grid from its axes in degrees and its values by rows: all longitudes of the first latitude,
     /// then of the next.
+    ///
+    /// # Errors
+    /// Fails for an axis with fewer than two nodes, for nodes that are not finite, do not ascend or have uneven
+    /// steps, for latitudes beyond a pole, longitudes over more than a full turn, and for values that are not as many
+    /// as the nodes, infinite, or all NaN.
     pub fn new(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapError> {
         let lat = Axis::new("latitude", lat_deg, 180.0)?;
         let lon = Axis::new("longitude", lon_deg, 360.0)?;
@@ -278,6 +283,10 @@ impl MapGrid {
 
     /// A grid on a plane whose rows and columns are numbered from 0: rows and columns replace degrees in it and in
     /// look-ups of its maps. Its values are by rows, the first row first.
+    ///
+    /// # Errors
+    /// Fails for fewer than two rows or columns, and for values that are not as many as the nodes, infinite, or all
+    /// NaN.
     pub fn of_nodes(rows: usize, columns: usize, anomaly_nt: &[f64]) -> Result<Self, MapError> {
         Self::of_axes(Axis::of_nodes("row", rows)?, Axis::of_nodes("column", columns)?, anomaly_nt)
     }
@@ -298,6 +307,10 @@ impl MapGrid {
 
     /// A grid from a table with one row per node, sorted by latitude, then longitude (degrees,
     /// degrees, nT).
+    ///
+    /// # Errors
+    /// Fails with [`MapError::Columns`] for columns of different lengths, with [`MapError::Row`] for a row that is
+    /// not at its position in a complete grid, and as [`Self::new`].
     pub fn from_rows(lat_deg: &[f64], lon_deg: &[f64], anomaly_nt: &[f64]) -> Result<Self, MapError> {
         if lat_deg.len() != lon_deg.len() || lat_deg.len() != anomaly_nt.len() {
             let (lat, lon, anomaly) = (lat_deg.len(), lon_deg.len(), anomaly_nt.len());
@@ -327,6 +340,10 @@ impl MapGrid {
     }
 
     /// The same grid with other values, one per node, by rows.
+    ///
+    /// # Errors
+    /// Fails with [`MapError::Size`] when the values are not as many as the nodes, and with [`MapError::Infinite`]
+    /// for an infinite one.
     pub fn with_values(&self, values: Vec<f64>) -> Result<Self, MapError> {
         let (latitudes, longitudes) = (self.lat.len, self.lon.len);
         if values.len() != latitudes * longitudes {

@@ -21,6 +21,10 @@ pub struct DrapeMap {
 impl DrapeMap {
     /// A map with the height of each node, in metres, and the change of the field per metre upward there, in nT/m,
     /// both by rows and known where the map is. They are interpolated in the same way as the map.
+    ///
+    /// # Errors
+    /// Fails with [`MapError::CompanionSize`] when heights or derivatives are not as many as the nodes, and with
+    /// [`MapError::CompanionValue`] for one that is not finite where the map is known.
     pub fn new(
         grid: &MapGrid,
         height_m: &[f64],
@@ -73,6 +77,9 @@ impl DrapeMap {
     }
 
     /// [`Self::at_height`] for many positions; positions without a value are NaN.
+    ///
+    /// # Errors
+    /// Fails with [`MapError::Places`] for columns of different lengths.
     pub fn at_heights(
         &self,
         lat_deg: &[f64],

@@ -47,6 +47,9 @@ impl ProjectedMap {
     }
 
     /// [`Self::at`] for many positions; positions without a value are NaN.
+    ///
+    /// # Errors
+    /// Fails with [`MapError::Places`] for columns of different lengths.
     pub fn at_many(
         &self,
         lat_deg: &[f64],

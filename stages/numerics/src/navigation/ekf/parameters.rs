@@ -40,6 +40,10 @@ impl Default for EkfParameters {
 
 impl EkfParameters {
     /// Refuses parameters that make no filter.
+    ///
+    /// # Errors
+    /// Fails for a measurement noise or a gate that is not a finite number above 0, a window that is not one of at
+    /// least 0, and as [`InsErrorModel::check`].
     pub fn check(&self) -> Result<(), ParameterError> {
         let (sigma, window) = (self.measurement_sigma_nt, self.offset_window_s);
         require("measurement_sigma_nt", sigma, Rule::Positive)?;

@@ -19,6 +19,9 @@ impl InsErrorModel {
 ///
 /// Half of a step's noise comes before it and half after it, which is second order in the step; the
 /// last error is the start of the next piece.
+///
+/// # Errors
+/// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
 pub fn errors_along(
     truth: &InsSeries<'_>,
     model: &InsErrorModel,
@@ -87,6 +90,9 @@ impl InsErrorEnsemble {
 
     /// Carries the members along a trajectory. `normal` draws the next normal of a member's
     /// [`Draws::block`]. Only where `counts` is set do the positions enter [`InsErrorEnsemble::drms_m`].
+    ///
+    /// # Errors
+    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
     pub fn advance(
         &mut self,
         truth: &InsSeries<'_>,

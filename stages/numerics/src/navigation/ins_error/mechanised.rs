@@ -29,6 +29,9 @@ pub struct MechanisedExtras {
 ///
 /// The exact motion is the error-free mechanisation of the error-free readings. Its position stays
 /// within the trapezoidal rule of the trajectory's, which then cancels in the error.
+///
+/// # Errors
+/// Fails as [`InsErrorModel::check`] and [`InsSeries::check`].
 pub fn mechanised_errors_along(
     truth: &InsSeries<'_>,
     model: &InsErrorModel,

@@ -29,6 +29,9 @@ impl MomentsAccumulator {
     }
 
     /// Folds in rows, as [`QrAccumulator::push`]: `a` row-major, one slice per target.
+    ///
+    /// # Errors
+    /// Fails as [`QrAccumulator::push`].
     pub fn push(&mut self, a: &[f64], targets: &[&[f64]]) -> Result<(), LeastSquaresError> {
         self.qr.push(a, targets)?;
         let terms = self.least.len();
@@ -106,6 +109,9 @@ pub struct Residuals {
 
 impl Moments {
     /// The moments of rows in memory: `a` row-major, one slice per target.
+    ///
+    /// # Errors
+    /// Fails as [`QrAccumulator::of`].
     pub fn of(a: &[f64], terms: usize, targets: &[&[f64]]) -> Result<Self, LeastSquaresError> {
         let mut accumulator = MomentsAccumulator::new(terms, targets.len());
         accumulator.push(a, targets)?;
@@ -118,6 +124,9 @@ impl Moments {
 
     /// The moments of the rows of both. The result depends on the order in its last bits: merge in
     /// the order of the lines.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::Shape`] for moments of another number of terms or targets.
     pub fn merge(&self, other: &Self) -> Result<Self, LeastSquaresError> {
         expect("the other line's terms", other.terms, self.terms)?;
         expect("the other line's targets", other.targets, self.targets)?;
@@ -143,12 +152,18 @@ impl Moments {
     }
 
     /// The moments of all lines together, in their order.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::NoRows`] without lines, and as [`Self::merge`].
     pub fn merged(lines: &[Self]) -> Result<Self, LeastSquaresError> {
         let (first, rest) = lines.split_first().ok_or(LeastSquaresError::NoRows)?;
         rest.iter().try_fold(first.clone(), |sum, line| sum.merge(line))
     }
 
     /// For each line, the moments of all others: some three merges a line, whatever their number.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::TooFewLines`] for fewer than two lines, and as [`Self::merge`].
     pub fn leave_one_out(lines: &[Self]) -> Result<Vec<Self>, LeastSquaresError> {
         let first = lines.first().filter(|_| lines.len() > 1);
         let first = first.ok_or(LeastSquaresError::TooFewLines { given: lines.len() })?;
@@ -168,6 +183,9 @@ impl Moments {
     }
 
     /// The moments of some terms and targets alone, in the requested order.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::NoSuch`] for an unknown term or target.
     pub fn select(&self, terms: &[usize], targets: &[usize]) -> Result<Self, LeastSquaresError> {
         let known = |what, chosen: &[usize], count| match chosen.iter().find(|c| **c >= count) {
             Some(&number) => Err(LeastSquaresError::NoSuch { what, number, count }),
@@ -200,6 +218,10 @@ impl Moments {
 
     /// The moments of other columns that are sums of these: column c is Σⱼ `weights`\[c\]\[j\] term j, less
     /// `offsets`\[c\]; the targets stay. The new columns' extremes are not known, so no scaling by them has an effect.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::Shape`] when the offsets are not as many as the new columns, or the weights of
+    /// a column not as many as the terms.
     pub fn combined(&self, weights: &[Vec<f64>], offsets: &[f64]) -> Result<Self, LeastSquaresError> {
         expect("the list of offsets", offsets.len(), weights.len())?;
         for column in weights {
@@ -271,6 +293,10 @@ impl Moments {
     }
 
     /// The residual of `fit` for one target over these rows, (3.26), without reading a row.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::Shape`] when the coefficients are not as many as the terms, and with
+    /// [`LeastSquaresError::NoSuch`] for an unknown target.
     pub fn residuals(&self, target: usize, fit: &LinearFit) -> Result<Residuals, LeastSquaresError> {
         expect("the list of coefficients", fit.coefficients.len(), self.terms)?;
         let unexplained = *self.unexplained.get(target).ok_or(LeastSquaresError::NoSuch {
@@ -291,6 +317,9 @@ impl Moments {
     ///
     /// With `intercept` the means of terms and targets are subtracted. Without, columns are divided
     /// by their scale but not shifted.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::NoRows`] without rows.
     pub fn prepare(&self, scaling: Scaling, intercept: bool) -> Result<Prepared, LeastSquaresError> {
         if self.rows == 0 {
             return Err(LeastSquaresError::NoRows);
@@ -388,6 +417,10 @@ impl LineScores {
 /// moments of all other lines, always as many and from the simplest to the most complex.
 ///
 /// Runs on rayon's threads, one line each; the result does not depend on their number.
+///
+/// # Errors
+/// Fails with [`LeastSquaresError::EmptyLine`] for a line without rows, as [`Moments::leave_one_out`], as `fits`, and
+/// as [`Moments::residuals`] for its candidates.
 pub fn leave_line_out<F>(
     lines: &[Moments],
     target: usize,

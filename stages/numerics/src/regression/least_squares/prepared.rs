@@ -104,6 +104,9 @@ impl Prepared {
     }
 
     /// The part z of a target that terms could explain, or an error for an unknown index.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::NoSuch`] for an unknown target.
     pub fn along(&self, target: usize) -> Result<&[f64], LeastSquaresError> {
         let count = self.z.len();
         let z = self.z.get(target).ok_or(LeastSquaresError::NoSuch { what: "target", number: target, count })?;
@@ -116,6 +119,9 @@ impl Prepared {
     }
 
     /// The sum of squares of a target (about its mean, where means were subtracted).
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::NoSuch`] for an unknown target.
     pub fn target_squares(&self, target: usize) -> Result<f64, LeastSquaresError> {
         Ok(self.along(target)?.iter().map(|z| z * z).sum::<f64>() + self.unexplained(target))
     }
@@ -151,6 +157,10 @@ impl Prepared {
     }
 
     /// The sum of squared residuals of coefficients in scaled units.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::Shape`] when the coefficients are not as many as the terms, and with
+    /// [`LeastSquaresError::NoSuch`] for an unknown target.
     pub fn residual_squares(&self, target: usize, scaled: &[f64]) -> Result<f64, LeastSquaresError> {
         expect("the list of coefficients", scaled.len(), self.terms)?;
         let left = self.left_of(self.along(target)?, scaled);
@@ -171,6 +181,9 @@ impl Prepared {
     }
 
     /// The singular value decomposition, once for all targets.
+    ///
+    /// # Errors
+    /// Fails with [`LeastSquaresError::NoConvergence`] when the decomposition does not converge.
     pub fn singular(&self) -> Result<Singular, LeastSquaresError> {
         let p = self.terms;
         let svd = Mat::from_fn(p, p, |i, j| self.r[i * p + j]).svd().map_err(|_| LeastSquaresError::NoConvergence)?;

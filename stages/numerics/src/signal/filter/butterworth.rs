@@ -33,6 +33,9 @@ impl Band {
     ///
     /// MagNav.jl drops an edge whose frequency is at or below zero or not below Nyquist; here an
     /// edge is dropped only by leaving it out, and such a frequency is an error of the design.
+    ///
+    /// # Errors
+    /// Fails with [`FilterError::NoCorner`] when both are left out.
     pub fn between(low_hz: Option<f64>, high_hz: Option<f64>) -> Result<Self, FilterError> {
         match (low_hz, high_hz) {
             (Some(low_hz), Some(high_hz)) => Ok(Self::Band { low_hz, high_hz }),

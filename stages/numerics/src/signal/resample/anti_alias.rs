@@ -27,6 +27,10 @@ pub enum AntiAliasError {
 /// filter's padding becomes NaN and is counted. To a rate so high that the corner is not below half
 /// of the present one nothing is removed, and the report counts no rows. Angles must be
 /// unwrapped first.
+///
+/// # Errors
+/// Fails with [`TimeError::Lengths`] for columns of different lengths, as [`sample_rate`], and as [`ZeroPhase::new`]
+/// for a new rate that is not above 0 Hz or too low for the filter.
 pub fn anti_alias(tt: &[f64], x: &[f64], rate_hz: f64) -> Result<(Vec<f64>, FilterReport), AntiAliasError> {
     if x.len() != tt.len() {
         return Err(TimeError::Lengths { given: x.len(), expected: tt.len() }.into());
