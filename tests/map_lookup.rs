@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use arrow_array::RecordBatch;
-use datasets::{Crs, GridMap, MapOptions, read_grid};
+use datasets::{AnomalyGrid, Crs, MapOptions, read_grid};
 
 use crate::support::{Bench, batch, numbers, read, repository, with_keys, write};
 
@@ -25,7 +25,7 @@ map   = "anomaly"
 "#;
 
 /// The levelled grid of Osborne, in UTM zone 54 south, 100 m from node to node.
-fn osborne() -> (PathBuf, GridMap, Crs) {
+fn osborne() -> (PathBuf, AnomalyGrid, Crs) {
     let path = repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif");
     let map = read_grid(&path, &MapOptions::default()).unwrap();
     let crs = map.crs.clone();
@@ -50,7 +50,7 @@ fn flown(line: &str, crs: &Crs, track: impl Fn(f64) -> (f64, f64), rows: usize) 
 }
 
 /// Value, and slope eastward and northward on the grid per metre, of the bilinear surface through the nodes.
-fn bilinear(map: &GridMap, easting: f64, northing: f64) -> (f64, f64, f64) {
+fn bilinear(map: &AnomalyGrid, easting: f64, northing: f64) -> (f64, f64, f64) {
     let (x, y) = (map.x.node(easting), map.y.node(northing));
     let column = (x.max(0.0) as usize).min(map.x.len - 2);
     let row = (y.max(0.0) as usize).min(map.y.len - 2);
@@ -62,7 +62,7 @@ fn bilinear(map: &GridMap, easting: f64, northing: f64) -> (f64, f64, f64) {
 }
 
 /// The lines as they were flown, what was looked up along them, and the map.
-fn looked_up(spec: &str) -> (Vec<RecordBatch>, Vec<RecordBatch>, GridMap, Crs) {
+fn looked_up(spec: &str) -> (Vec<RecordBatch>, Vec<RecordBatch>, AnomalyGrid, Crs) {
     let (path, map, crs) = osborne();
     let bench = Bench::new();
     let (west, south) = (map.x.first, map.y.first);

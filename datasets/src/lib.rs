@@ -17,7 +17,8 @@ pub mod table;
 pub const VERSION: &str = "5";
 
 pub use formats::{
-    FlightOptions, FlightReader, Map, MapOptions, Part, PointOptions, Reading, RowFault, SurveyPoints, check_output,
-    map_files, open_flight, open_flight_among, open_flight_with, read_grid, read_map, read_points, write_grid,
+    FlightOptions, FlightReader, MapOptions, MapTable, Part, PointOptions, Reading, RowFault, SurveyPoints,
+    check_output, map_files, open_flight, open_flight_among, open_flight_with, read_grid, read_map, read_points,
+    write_grid,
 };
-pub use grids::{Crs, Figure, GridMap, Height, MapSummary, ReadError, Registration, geographic};
+pub use grids::{AnomalyGrid, Crs, Figure, Height, MapSummary, ReadError, Registration, geographic};

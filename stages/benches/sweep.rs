@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch};
 use flight::{Flight, flight};
-use numerics::maps::map_grid::{AnomalyMap, Interpolation, MapGrid};
+use numerics::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
 use osborne::{core_field, grid};
 use processor::processor_s;
 use schemas::{AnyLinePoint, AnyStage, Args, Given, LineIn, LineStageDyn, Literal};
@@ -59,7 +59,7 @@ fn sweep_line(flight: &Flight) -> Result<RecordBatch, Failure> {
 }
 
 /// The map as a table of nodes.
-fn map_table(grid: &MapGrid) -> Result<RecordBatch, Failure> {
+fn map_table(grid: &GeographicGrid) -> Result<RecordBatch, Failure> {
     let (lat, lon) = (grid.lat(), grid.lon());
     let nodes = || (0..lat.len()).flat_map(|row| (0..lon.len()).map(move |column| (row, column)));
     table(vec![
@@ -96,7 +96,7 @@ fn sweep_points() -> Result<Vec<AnyStage>, Failure> {
 }
 
 /// A sweep of 27 points over one line, by all that the stage does.
-fn sweep(grid: &MapGrid, flight: &Flight) -> Result<(), Failure> {
+fn sweep(grid: &GeographicGrid, flight: &Flight) -> Result<(), Failure> {
     let (line, map) = (sweep_line(flight)?, map_table(grid)?);
     let points = sweep_points()?;
     let points: Vec<&dyn LineStageDyn> =
@@ -154,7 +154,7 @@ fn sweep(grid: &MapGrid, flight: &Flight) -> Result<(), Failure> {
 
 fn main() -> Result<(), Failure> {
     let (grid, core) = (grid()?, core_field()?);
-    let map = AnomalyMap::new(&grid, Interpolation::Cubic);
+    let map = MapSurface::new(&grid, Interpolation::Cubic);
     let flight = flight(&map, &core, SWEEP_SAMPLES as u32)?;
     sweep(&grid, &flight)
 }

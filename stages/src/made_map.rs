@@ -1,7 +1,7 @@
 //! Maps as stages of maps take and yield them.
 
 use arrow_array::RecordBatch;
-use grids::GridMap;
+use grids::AnomalyGrid;
 use numerics::maps::{
     fill::{FillError, SmoothFill, smooth},
     plane_grid::PlaneGrid,
@@ -17,15 +17,15 @@ pub fn whole_map() -> Vec<String> {
 ///
 /// # Errors
 /// A table that is not a map.
-pub fn grids(maps: &[RecordBatch]) -> Result<Vec<GridMap>, Fault> {
-    maps.iter().map(|table| GridMap::of_table(table).map_err(Fault::from)).collect()
+pub fn grids(maps: &[RecordBatch]) -> Result<Vec<AnomalyGrid>, Fault> {
+    maps.iter().map(|table| AnomalyGrid::of_table(table).map_err(Fault::from)).collect()
 }
 
 /// A map that a stage yields, with what is not to be trusted of it.
 ///
 /// # Errors
 /// A map without a known value.
-pub fn made(map: &GridMap, warnings: Vec<String>) -> Result<Product, Fault> {
+pub fn made(map: &AnomalyGrid, warnings: Vec<String>) -> Result<Product, Fault> {
     Ok(Product { columns: map.made()?, warnings })
 }
 
@@ -65,17 +65,17 @@ pub mod testing {
     }
 
     /// The field on a grid of UTM zone 32.
-    pub fn map() -> GridMap {
+    pub fn map() -> AnomalyGrid {
         let axis = |first: f64| EvenAxis { first, step: STEP_M, len: NODES };
         let values = (0..NODES * NODES)
             .map(|i| field_nt(STEP_M * (i % NODES) as f64, STEP_M * (i / NODES) as f64, 0.0))
             .collect();
         let crs = Crs::from_epsg(Path::new(""), 32632).unwrap();
-        GridMap::new(axis(500_000.0), axis(5_000_000.0), crs, values, Height::Level(LEVEL_M)).unwrap()
+        AnomalyGrid::new(axis(500_000.0), axis(5_000_000.0), crs, values, Height::Level(LEVEL_M)).unwrap()
     }
 
     /// The values of the middle third of a map, with their distances from its south-west corner.
-    pub fn middle(map: &GridMap) -> Vec<(f64, f64, f64)> {
+    pub fn middle(map: &AnomalyGrid) -> Vec<(f64, f64, f64)> {
         let inside = NODES / 3..2 * NODES / 3;
         let nodes = inside.clone().flat_map(|j| inside.clone().map(move |i| (i, j)));
         nodes.map(|(i, j)| (STEP_M * i as f64, STEP_M * j as f64, map.anomaly_nt[j * NODES + i])).collect()

@@ -1,7 +1,7 @@
 //! Brings a map to another height.
 
 use arrow_array::RecordBatch;
-use grids::{GridMap, Height};
+use grids::{AnomalyGrid, Height};
 use numerics::maps::{
     continuation::{
         Derivative, Drape, LCurve, MAGNAV_ALPHA_M2, Padding, Regularisation, Spectrum, downward, drape_to_level,
@@ -65,7 +65,7 @@ to_m  = 400.0
 /// What became of a map that was continued.
 pub struct Continued {
     /// The map.
-    pub map: GridMap,
+    pub map: AnomalyGrid,
     /// What was done, in words.
     pub notes: Vec<String>,
     /// What is not to be trusted as it is.
@@ -79,7 +79,7 @@ pub struct Continued {
 /// A map at work.
 struct Job<'a> {
     stage: &'a MapContinue,
-    map: &'a GridMap,
+    map: &'a AnomalyGrid,
     /// As it is, with gaps.
     original: PlaneGrid,
     /// Without gaps.
@@ -119,7 +119,7 @@ impl MapContinue {
     ///
     /// # Errors
     /// See [`MapContinue`].
-    pub fn apply(&self, map: &GridMap, drape: Option<&GridMap>) -> Result<Continued, Fault> {
+    pub fn apply(&self, map: &AnomalyGrid, drape: Option<&AnomalyGrid>) -> Result<Continued, Fault> {
         self.check(drape.is_some())?;
         let original = map.plane();
         let plane = without_gaps(&original).map_err(data)?;
@@ -223,7 +223,7 @@ impl Job<'_> {
         Ok((plane, Height::Level(to_m)))
     }
 
-    fn onto(&mut self, level_m: f64, drape: &GridMap) -> Result<(PlaneGrid, Height), Fault> {
+    fn onto(&mut self, level_m: f64, drape: &AnomalyGrid) -> Result<(PlaneGrid, Height), Fault> {
         let level_m = self.known_level(level_m)?;
         let Height::Cells(heights) = &drape.height else {
             let fault = Fault::data("the map `drape` has one height for all nodes");
@@ -254,7 +254,7 @@ impl Job<'_> {
     fn finish(self, plane: PlaneGrid, height: Height) -> Result<Continued, Fault> {
         let plane = if self.stage.keep_filled { plane } else { masked_like(plane, &self.original) };
         let value_unit = unit(self.stage.derivative);
-        let map = GridMap { height, value_unit, ..self.map.with_plane_values(plane.values)? };
+        let map = AnomalyGrid { height, value_unit, ..self.map.with_plane_values(plane.values)? };
         let Job { notes, warnings, curve, edge_error, .. } = self;
         Ok(Continued { map, notes, warnings, curve, edge_error })
     }
@@ -335,14 +335,14 @@ mod tests {
 
     #[test]
     fn gold_what_cannot_be_continued_says_why() {
-        let refused = |stage: MapContinue, map: &GridMap, drape: Option<&GridMap>| {
+        let refused = |stage: MapContinue, map: &AnomalyGrid, drape: Option<&AnomalyGrid>| {
             stage.apply(map, drape).err().map(|f| f.to_string()).unwrap_or_default()
         };
-        let unknown = GridMap { height: Height::Level(f64::NAN), ..map() };
+        let unknown = AnomalyGrid { height: Height::Level(f64::NAN), ..map() };
         assert!(refused(continued(Some(400.0), None), &unknown, None).contains("how high"));
         assert!(refused(continued(None, None), &map(), None).contains("nothing is asked"));
         assert!(refused(continued(None, None), &map(), Some(&map())).contains("one height"));
-        let draped = GridMap { height: Height::Cells(vec![LEVEL_M; NODES * NODES]), ..map() };
+        let draped = AnomalyGrid { height: Height::Cells(vec![LEVEL_M; NODES * NODES]), ..map() };
         assert!(refused(continued(None, Some(Along::Up)), &draped, None).contains("no derivative"));
         assert!(refused(continued(None, None), &draped, Some(&draped)).contains("draped itself"));
         assert!(refused(continued(Some(1.0), None), &map(), Some(&draped)).contains("exclude"));

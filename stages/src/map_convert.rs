@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use arrow_array::RecordBatch;
-use grids::{GridMap, Height};
+use grids::{AnomalyGrid, Height};
 use numerics::maps::{continuation::expand, plane_grid::EvenAxis};
 use schemas::{Fault, MapStage, Product, Rule, Stage, Table, Yield, stage};
 
@@ -71,7 +71,7 @@ impl MapConvert {
     ///
     /// # Errors
     /// See [`MapConvert`].
-    pub fn apply(&self, map: &GridMap) -> Result<GridMap, Fault> {
+    pub fn apply(&self, map: &AnomalyGrid) -> Result<AnomalyGrid, Fault> {
         self.check()?;
         let mut map = map.clone();
         if self.to_epsg.is_some() || self.spacing.is_some() {
@@ -103,7 +103,7 @@ fn within(axis: &EvenAxis, low: f64, high: f64) -> Range<usize> {
 }
 
 /// The rows and columns from the first to the last that hold a value.
-fn known_box(map: &GridMap) -> (Range<usize>, Range<usize>) {
+fn known_box(map: &AnomalyGrid) -> (Range<usize>, Range<usize>) {
     let known = |row: usize, column: usize| !map.anomaly_nt[row * map.x.len + column].is_nan();
     let rows: Vec<usize> = (0..map.y.len).filter(|j| (0..map.x.len).any(|i| known(*j, i))).collect();
     let columns: Vec<usize> = (0..map.x.len).filter(|i| (0..map.y.len).any(|j| known(j, *i))).collect();
@@ -112,7 +112,7 @@ fn known_box(map: &GridMap) -> (Range<usize>, Range<usize>) {
 }
 
 /// The part of a map in some rows and columns.
-fn cut(map: &GridMap, rows: Range<usize>, columns: Range<usize>) -> Result<GridMap, Fault> {
+fn cut(map: &AnomalyGrid, rows: Range<usize>, columns: Range<usize>) -> Result<AnomalyGrid, Fault> {
     if rows.len() < 2 || columns.len() < 2 {
         let extent = |a: &EvenAxis| format!("{} to {}", a.first, a.last());
         let help = format!("it covers {} eastward and {} northward", extent(&map.x), extent(&map.y));
@@ -132,14 +132,14 @@ fn cut(map: &GridMap, rows: Range<usize>, columns: Range<usize>) -> Result<GridM
         Height::Cells(cells) => Height::Cells(of(cells)),
     };
     let (x, y) = (part(&map.x, &columns), part(&map.y, &rows));
-    let cut = GridMap { x, y, anomaly_nt: of(&map.anomaly_nt), height, ..map.clone() };
+    let cut = AnomalyGrid { x, y, anomaly_nt: of(&map.anomaly_nt), height, ..map.clone() };
     if cut.anomaly_nt.iter().all(|v| v.is_nan()) {
         return Err(Fault::data("no node of what is left of the map has a value").of_param("bounds"));
     }
     Ok(cut)
 }
 
-fn expanded(map: &GridMap, nodes: usize) -> Result<GridMap, Fault> {
+fn expanded(map: &AnomalyGrid, nodes: usize) -> Result<AnomalyGrid, Fault> {
     let Height::Level(alt_m) = map.height else {
         let fault = Fault::data("a draped map cannot be wrapped around");
         return Err(fault.help("continue it to a level first, with `map_continue`"));
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn gold_what_cannot_be_converted_says_why() {
         let refused =
-            |stage: MapConvert, map: &GridMap| stage.apply(map).err().map(|f| f.to_string()).unwrap_or_default();
+            |stage: MapConvert, map: &AnomalyGrid| stage.apply(map).err().map(|f| f.to_string()).unwrap_or_default();
         let of = |bounds: &[f64]| MapConvert { bounds: Some(bounds.to_vec()), ..AS_IT_IS };
         assert!(refused(of(&[0.0, 0.0, 1.0, 1.0]), &map()).contains("nothing of the map is left"));
         assert!(refused(of(&[1.0, 0.0, 0.0, 1.0]), &map()).contains("must be below"));

@@ -1,7 +1,7 @@
 //! Fills the gaps of a map, from other maps and from its surroundings.
 
 use arrow_array::RecordBatch;
-use grids::{GridMap, Height};
+use grids::{AnomalyGrid, Height};
 use numerics::maps::{
     combine::{BiasModel, Blend, CombineOptions, Combined, Piece, combine},
     continuation::{Padding, masked_like, upward},
@@ -82,7 +82,7 @@ method = "minimum_curvature"
 /// A map after filling.
 pub struct Filled {
     /// The map.
-    pub map: GridMap,
+    pub map: AnomalyGrid,
     /// What was done, in words.
     pub notes: Vec<String>,
     /// What is not to be trusted as it is.
@@ -109,7 +109,7 @@ impl MapFill {
     ///
     /// # Errors
     /// See [`MapFill`].
-    pub fn apply(&self, map: &GridMap, others: &[(String, GridMap)]) -> Result<Filled, Fault> {
+    pub fn apply(&self, map: &AnomalyGrid, others: &[(String, AnomalyGrid)]) -> Result<Filled, Fault> {
         let (mut notes, mut warnings) = (vec![], vec![]);
         let before = map.plane().unknown();
         let mut map = map.clone();
@@ -141,11 +141,11 @@ impl MapFill {
     /// The map with what the others know.
     fn combined(
         &self,
-        map: &GridMap,
-        others: &[(String, GridMap)],
+        map: &AnomalyGrid,
+        others: &[(String, AnomalyGrid)],
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<GridMap, Fault> {
+    ) -> Result<AnomalyGrid, Fault> {
         let Height::Level(level_m) = map.height else { return Err(draped()) };
         let mut planes = vec![map.plane()];
         let (unit_x, unit_y) = map.unit_m();
@@ -184,7 +184,7 @@ fn draped() -> Fault {
     Fault::data("a draped map cannot be combined with others").help(help)
 }
 
-fn compared(others: &[(String, GridMap)], done: &Combined) -> Vec<String> {
+fn compared(others: &[(String, AnomalyGrid)], done: &Combined) -> Vec<String> {
     let name = |i: usize| i.checked_sub(1).and_then(|i| others.get(i)).map_or("the map", |(name, _)| name.as_str());
     let one = |o: &numerics::maps::combine::Overlap| {
         format!(
@@ -246,7 +246,7 @@ impl MapStage for MapFill {
     fn run(&self, maps: &[RecordBatch]) -> Result<Product, Fault> {
         let mut all = grids(maps)?.into_iter();
         let map = all.next().ok_or_else(|| Fault::bug("a stage of maps without a map"))?;
-        let others: Vec<(String, GridMap)> =
+        let others: Vec<(String, AnomalyGrid)> =
             all.enumerate().map(|(i, other)| (format!("map {} of `with`", i + 1), other)).collect();
         let filled = self.apply(&map, &others)?;
         made(&filled.map, filled.warnings)
@@ -271,13 +271,13 @@ mod tests {
         }
     }
 
-    fn holed() -> GridMap {
+    fn holed() -> AnomalyGrid {
         let mut map = map();
         (20..23).for_each(|row| (24..27).for_each(|column| map.anomaly_nt[row * NODES + column] = f64::NAN));
         map
     }
 
-    fn worst(map: &GridMap) -> f64 {
+    fn worst(map: &AnomalyGrid) -> f64 {
         middle(map).iter().map(|(e, n, v)| (v - field_nt(*e, *n, 0.0)).abs()).fold(0.0, f64::max)
     }
 
@@ -300,7 +300,7 @@ mod tests {
         let kept = MapFill { bias: Bias::Nothing, ..fill(Method::None) };
         let kept = kept.apply(&holed(), &[("other".to_owned(), other.clone())]).unwrap();
         assert!((worst(&kept.map) - 40.0).abs() < 1e-6);
-        let higher = GridMap { height: Height::Level(900.0), ..other };
+        let higher = AnomalyGrid { height: Height::Level(900.0), ..other };
         let refused = fill(Method::None).apply(&holed(), &[("other".to_owned(), higher)]).err().unwrap();
         assert!(refused.to_string().contains("600 m above"), "{refused}");
     }

@@ -8,7 +8,7 @@ mod tests;
 use std::path::Path;
 
 use arrow_array::ArrayRef;
-use grids::{Crs, GridMap, Height, SurveyPoints};
+use grids::{AnomalyGrid, Crs, Height, SurveyPoints};
 use numerics::maps::{
     gridding::{self, CleanOptions, Folds, GridError, GridOptions, GridReport, Gridded, Method, Region},
     levelling::{CrossoverOptions, LevelOptions, Levelled, find_crossovers, level_lines},
@@ -115,9 +115,9 @@ level_m   = 300.0
 /// A map of a survey.
 pub struct Mapped {
     /// The map.
-    pub map: GridMap,
+    pub map: AnomalyGrid,
     /// The error to be expected at each node, in nT, where lines were left out in turn.
-    pub error: Option<GridMap>,
+    pub error: Option<AnomalyGrid>,
     /// What gridding did.
     pub report: GridReport,
     /// What levelling did.

@@ -3,7 +3,7 @@
 use arrow_array::RecordBatch;
 use numerics::{
     earth::geodesy::EarthModel,
-    maps::{map_grid::Interpolation, map_stack::FieldMap},
+    maps::{map_stack::FieldMap, map_surface::Interpolation},
 };
 use schemas::{Arrays, Column, Fault, LineIn, LineStage, Stage, Table, Yield, stage};
 

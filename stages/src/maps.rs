@@ -5,8 +5,8 @@ use numerics::maps::{
     continuation::{Derivative, MAGNAV_ALPHA_M2, Padding, Spectrum, masked_like},
     fill,
     grid_projection::{Area, GridProjection},
-    map_grid::{AnomalyMap, Interpolation, MapGrid, VerticalDerivative},
     map_stack::{FieldMap, MapStack, ProjectedMap, StackOptions},
+    map_surface::{GeographicGrid, Interpolation, MapSurface, VerticalDerivative},
     plane_grid::{EvenAxis, PlaneGrid},
     projection::Projection,
 };
@@ -28,14 +28,14 @@ pub fn field_map(
 ) -> Result<FieldMap, Fault> {
     let anomaly = floats(table, "anomaly")?;
     let Some(own) = OwnGrid::of(&table.schema())? else {
-        let grid = MapGrid::from_rows(floats(table, "lat")?, floats(table, "lon")?, anomaly).map_err(data)?;
+        let grid = GeographicGrid::from_rows(floats(table, "lat")?, floats(table, "lon")?, anomaly).map_err(data)?;
         return Ok(match looked_up(table, &grid, || grid.plane(), interpolation, levels_m)? {
             Looked::Flat(map) => FieldMap::Flat(map),
             Looked::Stack(stack) => FieldMap::Stack(stack),
         });
     };
     let [columns, rows] = own_axes(table)?;
-    let grid = MapGrid::of_nodes(rows.len, columns.len, anomaly).map_err(data)?;
+    let grid = GeographicGrid::of_nodes(rows.len, columns.len, anomaly).map_err(data)?;
     let projection = projected(&own, &rows, &columns)?;
     let plane = || own_plane(&own, &rows, &columns, anomaly);
     Ok(FieldMap::Projected(Box::new(match looked_up(table, &grid, plane, interpolation, levels_m)? {
@@ -51,7 +51,7 @@ pub fn field_map(
 pub fn plane(table: &RecordBatch) -> Result<PlaneGrid, Fault> {
     let anomaly = floats(table, "anomaly")?;
     let Some(own) = OwnGrid::of(&table.schema())? else {
-        let grid = MapGrid::from_rows(floats(table, "lat")?, floats(table, "lon")?, anomaly);
+        let grid = GeographicGrid::from_rows(floats(table, "lat")?, floats(table, "lon")?, anomaly);
         return Ok(grid.map_err(data)?.plane());
     };
     let [columns, rows] = own_axes(table)?;
@@ -69,24 +69,24 @@ fn own_plane(own: &OwnGrid, rows: &EvenAxis, columns: &EvenAxis, anomaly: &[f64]
 
 /// A map at one height, or at several.
 enum Looked {
-    Flat(AnomalyMap),
+    Flat(MapSurface),
     Stack(MapStack),
 }
 
 fn looked_up(
     table: &RecordBatch,
-    grid: &MapGrid,
+    grid: &GeographicGrid,
     plane: impl Fn() -> PlaneGrid,
     interpolation: Interpolation,
     levels_m: Option<&[f64]>,
 ) -> Result<Looked, Fault> {
-    let Some(levels_m) = levels_m else { return Ok(Looked::Flat(AnomalyMap::new(grid, interpolation))) };
+    let Some(levels_m) = levels_m else { return Ok(Looked::Flat(MapSurface::new(grid, interpolation))) };
     let up_m = above(table, levels_m)?;
     let (maps, slopes) = continued(grid, &plane(), &up_m)?;
     match maps.as_slice() {
         [only] => {
             let vertical = VerticalDerivative { d_alt_nt_per_m: &slopes[0], alt_m: levels_m[0] };
-            AnomalyMap::with_vertical(only, vertical, interpolation).map(Looked::Flat).map_err(data)
+            MapSurface::with_vertical(only, vertical, interpolation).map(Looked::Flat).map_err(data)
         }
         _ => {
             let options = StackOptions { interpolation, ..StackOptions::default() };
@@ -147,7 +147,11 @@ fn above(table: &RecordBatch, levels_m: &[f64]) -> Result<Vec<f64>, Fault> {
 }
 
 /// The map at each height above itself, and its vertical derivative there.
-fn continued(grid: &MapGrid, plane: &PlaneGrid, up_m: &[f64]) -> Result<(Vec<MapGrid>, Vec<Vec<f64>>), Fault> {
+fn continued(
+    grid: &GeographicGrid,
+    plane: &PlaneGrid,
+    up_m: &[f64],
+) -> Result<(Vec<GeographicGrid>, Vec<Vec<f64>>), Fault> {
     let full = if plane.unknown() > 0 {
         fill::smooth(plane, &fill::SmoothFill::default()).map_err(data)?.0
     } else {
@@ -283,7 +287,7 @@ mod tests {
     fn law_many_places_are_looked_up_as_one_is() {
         let map = field_map(&table(hills), Interpolation::Cubic, None).unwrap();
         let (lat, lon): (Vec<f64>, Vec<f64>) = places().into_iter().chain([(0.0, 0.0)]).unzip();
-        let mut many = numerics::maps::map_grid::FieldColumns::default();
+        let mut many = numerics::maps::map_surface::FieldColumns::default();
         map.at_many(&lat, &lon, &vec![ALT_M; lat.len()], &mut many).unwrap();
         for i in 0..lat.len() {
             match map.at(lat[i], lon[i], ALT_M) {

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, RecordBatch, StringArray};
 use numerics::{
-    maps::{map_grid::Interpolation, map_stack::FieldMap},
+    maps::{map_stack::FieldMap, map_surface::Interpolation},
     navigation::ins_error::InsErrors,
 };
 use schemas::{

@@ -7,9 +7,9 @@ use arrow_array::{ArrayRef, Float64Array, RecordBatch};
 use arrow_schema::Schema;
 use schemas::map::shape;
 
+mod anomaly_grid;
 mod crs;
 mod error;
-mod grid_map;
 pub mod interpolate;
 pub mod longitude;
 mod own;
@@ -17,16 +17,16 @@ mod resample;
 mod summary;
 mod survey_points;
 
+pub use anomaly_grid::{AnomalyGrid, DERIVATIVES, Height, NANOTESLA, Registration, node_on};
 pub use crs::{Crs, WGS84, epsg_of_name, epsg_of_wkt};
 pub use error::ReadError;
-pub use grid_map::{DERIVATIVES, GridMap, Height, NANOTESLA, Registration, node_on};
 pub use own::geographic;
 pub use summary::{Figure, MapSummary, PERCENTILES};
 pub use survey_points::{Extra, SurveyPoints, metres, no_metres, plane};
 
 /// An anomaly map on a regular grid, the contract's map table.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Map {
+pub struct MapTable {
     /// One row a cell, by latitude then longitude, both ascending: `lat`, `lon` (deg), `alt` (m above
     /// the WGS-84 ellipsoid), `anomaly` (nT, NaN where unknown).
     pub batch: RecordBatch,
@@ -38,9 +38,9 @@ pub struct Map {
     pub notes: Vec<String>,
 }
 
-impl Map {
+impl MapTable {
     /// The table of a map in degrees of WGS-84.
-    pub(crate) fn of(map: &GridMap) -> Result<Map, ReadError> {
+    pub(crate) fn of(map: &AnomalyGrid) -> Result<MapTable, ReadError> {
         map.check()?;
         map.check_anomaly()?;
         let (n_lat, n_lon) = (map.y.len, map.x.len);
@@ -51,7 +51,7 @@ impl Map {
         let fields: Vec<_> = shape().columns.iter().map(schemas::Column::field).collect();
         let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), columns.to_vec());
         let batch = batch.map_err(|e| map.fault(e.to_string()))?;
-        Ok(Map { batch, n_lat, n_lon, notes: map.notes.clone() })
+        Ok(MapTable { batch, n_lat, n_lon, notes: map.notes.clone() })
     }
 
     /// The values of a column, one a cell; empty for any other name.
@@ -72,6 +72,9 @@ impl Map {
 }
 
 /// Rejects values of another number than the nodes.
+///
+/// # Errors
+/// Fails when there are more or fewer.
 pub fn check_count(path: &Path, values: usize, nodes: usize) -> Result<(), ReadError> {
     if values == nodes {
         return Ok(());
@@ -80,6 +83,9 @@ pub fn check_count(path: &Path, values: usize, nodes: usize) -> Result<(), ReadE
 }
 
 /// Rejects values of the wrong number, infinite ones, and a map without any.
+///
+/// # Errors
+/// Fails for each of these.
 pub fn check_values(path: &Path, values: &[f64], nodes: usize) -> Result<(), ReadError> {
     check_count(path, values.len(), nodes)?;
     let wrong = |what: &str| ReadError::data(path, what).in_column("anomaly");

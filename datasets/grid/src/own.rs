@@ -8,22 +8,22 @@ use numerics::maps::plane_grid::EvenAxis;
 use rayon::prelude::*;
 use schemas::map::OwnGrid;
 
-use super::{Crs, GridMap, Height, Map, WGS84};
+use super::{AnomalyGrid, Crs, Height, MapTable, WGS84};
 use crate::ReadError;
 
 /// How much of its extent an area is wider than its border's nodes: a parallel bulges between them, and a place on the
 /// edge must not be lost to rounding.
 const MARGIN: f64 = 0.01;
 
-impl GridMap {
+impl AnomalyGrid {
     /// The map as stages use it: the map table where its coordinates are degrees of WGS-84 (within a metre),
     /// else its own nodes with their eastings and northings ([`OwnGrid`]). Nothing is interpolated.
     ///
     /// # Errors
-    /// Fails for coordinates that are no place in their system, and as [`GridMap::new`].
+    /// Fails for coordinates that are no place in their system, and as [`AnomalyGrid::new`].
     pub fn table(&self) -> Result<RecordBatch, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
-            return Ok(Map::of(self)?.batch);
+            return Ok(MapTable::of(self)?.batch);
         }
         self.check()?;
         self.check_anomaly()?;
@@ -71,20 +71,20 @@ fn within(axis: &EvenAxis, coordinate: f64) -> bool {
     (axis.first..=axis.last()).contains(&coordinate)
 }
 
-/// The contract's map of a table that [`GridMap::table`] made: unchanged, or resampled to latitude and longitude.
+/// The contract's map of a table that [`AnomalyGrid::table`] made: unchanged, or resampled to latitude and longitude.
 ///
 /// # Errors
-/// A table that is not a map, and what [`GridMap::to_geographic`] refuses.
-pub fn geographic(table: &RecordBatch) -> Result<Map, ReadError> {
-    GridMap::of_table(table)?.to_geographic()
+/// A table that is not a map, and what [`AnomalyGrid::to_geographic`] refuses.
+pub fn geographic(table: &RecordBatch) -> Result<MapTable, ReadError> {
+    AnomalyGrid::of_table(table)?.to_geographic()
 }
 
-impl GridMap {
-    /// The map of a table that [`GridMap::table`] made.
+impl AnomalyGrid {
+    /// The map of a table that [`AnomalyGrid::table`] made.
     ///
     /// # Errors
     /// A table that is not a map.
-    pub fn of_table(table: &RecordBatch) -> Result<GridMap, ReadError> {
+    pub fn of_table(table: &RecordBatch) -> Result<AnomalyGrid, ReadError> {
         let own = OwnGrid::of(&table.schema()).map_err(|e| wrong(e.to_string()))?;
         let (names, epsg) = match &own {
             Some(own) => (["easting", "northing"], own.epsg),
@@ -93,11 +93,11 @@ impl GridMap {
         of_nodes(table, names, epsg)
     }
 
-    /// The map of the rows that [`GridMap::made`] gave to one map.
+    /// The map of the rows that [`AnomalyGrid::made`] gave to one map.
     ///
     /// # Errors
     /// Rows that are no map.
-    pub fn of_made(rows: &RecordBatch) -> Result<GridMap, ReadError> {
+    pub fn of_made(rows: &RecordBatch) -> Result<AnomalyGrid, ReadError> {
         let codes = rows.column_by_name("epsg").and_then(|c| c.as_any().downcast_ref::<Int64Array>());
         let epsg = codes.filter(|c| !c.is_empty()).and_then(|c| u16::try_from(c.value(0)).ok());
         let epsg = epsg.ok_or_else(|| wrong("is not the code of a coordinate system").in_column("epsg"))?;
@@ -108,7 +108,7 @@ impl GridMap {
     /// The columns of a map that a stage yields ([`schemas::map::made_columns`]).
     ///
     /// # Errors
-    /// What [`GridMap::new`] refuses.
+    /// What [`AnomalyGrid::new`] refuses.
     pub fn made(&self) -> Result<Vec<ArrayRef>, ReadError> {
         self.check()?;
         let width = self.x.len;
@@ -132,7 +132,7 @@ impl GridMap {
 }
 
 /// The map of a table's rows: its nodes by columns of these names, eastward and northward, in the system `epsg`.
-fn of_nodes(table: &RecordBatch, [x, y]: [&str; 2], epsg: u16) -> Result<GridMap, ReadError> {
+fn of_nodes(table: &RecordBatch, [x, y]: [&str; 2], epsg: u16) -> Result<AnomalyGrid, ReadError> {
     let column = |name: &str| {
         let found = table.column_by_name(name).and_then(|c| c.as_any().downcast_ref::<Float64Array>());
         found.map(|c| c.values().to_vec()).ok_or_else(|| wrong("is not a column of numbers").in_column(name))
@@ -149,7 +149,7 @@ fn of_nodes(table: &RecordBatch, [x, y]: [&str; 2], epsg: u16) -> Result<GridMap
     let level_m = alt.first().copied().unwrap_or(f64::NAN);
     let level = alt.iter().all(|a| *a == level_m || a.is_nan() && level_m.is_nan());
     let height = if level { Height::Level(level_m) } else { Height::Cells(alt) };
-    GridMap::new(x, y, crs, column("anomaly")?, height)
+    AnomalyGrid::new(x, y, crs, column("anomaly")?, height)
 }
 
 fn wrong(what: impl Into<String>) -> ReadError {

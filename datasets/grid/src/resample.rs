@@ -7,8 +7,8 @@ use numerics::{
 use rayon::prelude::*;
 
 use super::{
-    Crs, GridMap, Height, Map, WGS84,
-    grid_map::{Registration, ground_m, node_on},
+    AnomalyGrid, Crs, Height, MapTable, WGS84,
+    anomaly_grid::{Registration, ground_m, node_on},
     interpolate,
 };
 use crate::ReadError;
@@ -22,18 +22,18 @@ const MOST_NODES: f64 = 1e9;
 /// The smallest and the largest coordinate.
 type Ends = (f64, f64);
 
-impl GridMap {
+impl AnomalyGrid {
     /// The map in degrees: unchanged where its coordinates are degrees of WGS-84 (within a metre), else resampled to
     /// a regular grid of latitude and longitude that covers it, with a spacing no wider than its own. Nodes outside
     /// the map, or within two nodes of an unknown one, are NaN then.
     ///
     /// # Errors
     /// Fails for a map of fewer than 4 x 4 nodes, one around a pole, and coordinates that are no place in their system.
-    pub fn to_geographic(&self) -> Result<Map, ReadError> {
+    pub fn to_geographic(&self) -> Result<MapTable, ReadError> {
         if self.crs.is_wgs84_at(self.middle().1, self.middle().0) {
-            return Map::of(self);
+            return MapTable::of(self);
         }
-        Map::of(&self.to_crs(WGS84, None)?)
+        MapTable::of(&self.to_crs(WGS84, None)?)
     }
 
     /// The map in another coordinate system, on a grid that covers it: the nodes are the whole multiples of
@@ -41,8 +41,8 @@ impl GridMap {
     /// the grid begins at its edge. Nodes outside the map, or within two nodes of an unknown one, are NaN.
     ///
     /// # Errors
-    /// Fails for an unknown system, a spacing that makes no grid, and as [`GridMap::to_geographic`].
-    pub fn to_crs(&self, epsg: u16, spacing: Option<f64>) -> Result<GridMap, ReadError> {
+    /// Fails for an unknown system, a spacing that makes no grid, and as [`AnomalyGrid::to_geographic`].
+    pub fn to_crs(&self, epsg: u16, spacing: Option<f64>) -> Result<AnomalyGrid, ReadError> {
         let target = Crs::from_epsg(&self.source, epsg)?;
         if self.crs == target && spacing.is_none() {
             return Ok(self.clone());
@@ -63,7 +63,8 @@ impl GridMap {
         notes.push(self.note_of(&target));
         let (registration, source) = (Registration::Node, self.source.clone());
         let (value_unit, format) = (self.value_unit, self.format);
-        let map = GridMap { x, y, crs: target, anomaly_nt, value_unit, height, registration, format, source, notes };
+        let map =
+            AnomalyGrid { x, y, crs: target, anomaly_nt, value_unit, height, registration, format, source, notes };
         map.check()?;
         Ok(map)
     }

@@ -1,6 +1,6 @@
 //! The statistics of a map: its extent, spacing, height, gaps and statistics.
 
-use super::{GridMap, Height, Registration};
+use super::{AnomalyGrid, Height, Registration};
 use crate::ReadError;
 use numerics::regression::statistics::quantile;
 
@@ -13,7 +13,7 @@ pub enum Figure {
     Text(String),
 }
 
-/// The result of [`GridMap::summary`]. Coordinates are those of the outermost nodes.
+/// The result of [`AnomalyGrid::summary`]. Coordinates are those of the outermost nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapSummary {
     /// The name of the format; empty for a computed map.
@@ -61,11 +61,11 @@ pub struct MapSummary {
 /// The percentiles of a summary.
 pub const PERCENTILES: [f64; 7] = [1.0, 5.0, 25.0, 50.0, 75.0, 95.0, 99.0];
 
-impl GridMap {
+impl AnomalyGrid {
     /// The statistics of the map.
     ///
     /// # Errors
-    /// Fails as [`GridMap::new`].
+    /// Fails as [`AnomalyGrid::new`].
     pub fn summary(&self) -> Result<MapSummary, ReadError> {
         self.check()?;
         let mut known: Vec<f64> = self.anomaly_nt.iter().copied().filter(|v| !v.is_nan()).collect();

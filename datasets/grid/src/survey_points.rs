@@ -5,7 +5,7 @@ use std::path::Path;
 
 use numerics::maps::plane_grid::{EvenAxis, PlaneGrid};
 
-use crate::{Crs, GridMap, Height, ReadError};
+use crate::{AnomalyGrid, Crs, Height, ReadError};
 
 /// Survey points in the file's order. Every vector but `lines` has one entry a point.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,11 +87,11 @@ impl SurveyPoints {
     /// A map on a grid that lies on the points' plane.
     ///
     /// # Errors
-    /// Fails as [`GridMap::new`].
-    pub fn grid(&self, grid: PlaneGrid, height: Height) -> Result<GridMap, ReadError> {
+    /// Fails as [`AnomalyGrid::new`].
+    pub fn grid(&self, grid: PlaneGrid, height: Height) -> Result<AnomalyGrid, ReadError> {
         let unit_m = self.crs.unit_m();
         let axis = |a: EvenAxis| EvenAxis { first: a.first / unit_m, step: a.step / unit_m, len: a.len };
-        GridMap::new(axis(grid.east_m), axis(grid.north_m), self.crs.clone(), grid.values, height)
+        AnomalyGrid::new(axis(grid.east_m), axis(grid.north_m), self.crs.clone(), grid.values, height)
     }
 
     /// The number of points.

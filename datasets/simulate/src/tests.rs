@@ -8,8 +8,8 @@ use nalgebra::Vector3;
 use numerics::{
     earth::{attitude::body_to_ned, core_field::CoreField, dates::decimal_year, geodesy::EarthModel},
     maps::{
-        map_grid::{AnomalyMap, Interpolation, MapGrid},
         map_stack::FieldMap,
+        map_surface::{GeographicGrid, Interpolation, MapSurface},
     },
     navigation::{
         ekf::{self, EkfParameters},
@@ -299,7 +299,7 @@ const IN_SERIES: [&str; 12] = [
 ];
 
 /// DRMS of filter and INS in metres, and the mean NEES over 2, of a line navigated with the stinger's truth.
-fn navigated(line: &RecordBatch, anomaly: &AnomalyMap) -> (f64, f64, f64) {
+fn navigated(line: &RecordBatch, anomaly: &MapSurface) -> (f64, f64, f64) {
     let c = |n: &str| column(line, n);
     let columns: Vec<&[f64]> = std::iter::once("tt").chain(IN_SERIES).map(c).collect();
     let ins = InsSeries::of(columns.try_into().unwrap());
@@ -326,8 +326,8 @@ fn navigated(line: &RecordBatch, anomaly: &AnomalyMap) -> (f64, f64, f64) {
 fn law_the_filter_finds_its_way_over_osborne() {
     let map =
         datasets::read_map(&samples::path("osborne/osborne_anomaly_100m_at_500m.tif"), &MapOptions::default()).unwrap();
-    let grid = MapGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
-    let anomaly = AnomalyMap::new(&grid, Interpolation::Cubic);
+    let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
+    let anomaly = MapSurface::new(&grid, Interpolation::Cubic);
     let simulated = lines(&example());
     let surveys: Vec<_> = simulated.iter().filter(|l| !name(l).ends_with(".01")).collect();
     assert_eq!(surveys.len(), 6);

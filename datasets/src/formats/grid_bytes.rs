@@ -4,7 +4,7 @@ use std::{io::Write, path::Path};
 
 use super::output::{Outputs, Sink};
 use crate::ReadError;
-use grids::{GridMap, Height};
+use grids::{AnomalyGrid, Height};
 
 /// The value of blank nodes in Surfer's grids, which is also any larger value.
 pub(super) const SURFER_BLANK: f64 = 1.701_41e38;
@@ -122,7 +122,7 @@ impl<'a> Fields<'a> {
 }
 
 /// The rows of a map from the south, or from the north.
-pub(super) fn rows(map: &GridMap, north_first: bool) -> impl Iterator<Item = &[f64]> {
+pub(super) fn rows(map: &AnomalyGrid, north_first: bool) -> impl Iterator<Item = &[f64]> {
     let count = map.y.len;
     (0..count).map(move |j| {
         let row = if north_first { count - 1 - j } else { j };
@@ -137,7 +137,7 @@ pub(super) fn rows(map: &GridMap, north_first: bool) -> impl Iterator<Item = &[f
 pub(super) fn write_rows(
     outputs: &Outputs,
     sink: &mut Sink,
-    map: &GridMap,
+    map: &AnomalyGrid,
     north_first: bool,
     across: usize,
     blank: &str,
@@ -175,7 +175,7 @@ pub(super) fn range(values: &[f64]) -> (f64, f64) {
 ///
 /// # Errors
 /// Fails for heights that vary.
-pub(super) fn level_m(outputs: &Outputs, map: &GridMap, format: &str) -> Result<f64, ReadError> {
+pub(super) fn level_m(outputs: &Outputs, map: &AnomalyGrid, format: &str) -> Result<f64, ReadError> {
     match map.height {
         Height::Level(alt_m) => Ok(alt_m),
         Height::Cells(_) => {

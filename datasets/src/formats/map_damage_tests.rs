@@ -43,7 +43,7 @@ fn given() -> MapOptions {
 }
 
 /// Reads a map from bytes under the name of a file; a panic is told with the bytes that made it.
-fn outcome(folder: &TempDir, name: &str, bytes: &[u8], what: &str) -> Result<GridMap, String> {
+fn outcome(folder: &TempDir, name: &str, bytes: &[u8], what: &str) -> Result<AnomalyGrid, String> {
     let file = Path::new(name).file_name().unwrap();
     let path = folder.path().join(file);
     // A new file each time: some file systems write an overwritten one to the disk at once.

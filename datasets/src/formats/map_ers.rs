@@ -19,7 +19,7 @@ use crate::{
     ReadError,
     grid::{Draft, FileAxis, System},
 };
-use grids::{GridMap, Registration};
+use grids::{AnomalyGrid, Registration};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "er_mapper",
@@ -47,7 +47,7 @@ fn cells_of(path: &Path) -> Result<PathBuf, ReadError> {
     })
 }
 
-fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let header = Header::of(path, &text_of(path)?);
     let cells = cells_of(path)?;
     if cells == path {
@@ -253,7 +253,7 @@ impl Cell {
     }
 }
 
-fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let path = outputs.path().to_path_buf();
     if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("ers")) {
@@ -272,7 +272,7 @@ fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
     outputs.finish(cells)
 }
 
-fn header(map: &GridMap, unknown: f64) -> String {
+fn header(map: &AnomalyGrid, unknown: f64) -> String {
     let (datum, projection) = names_of(map.crs.code());
     let (kind, units, x_name, y_name) = match map.is_geographic() {
         true => ("LL", "DEGREES", "Longitude", "Latitude"),

@@ -14,7 +14,7 @@ use crate::{
     ReadError,
     grid::{Draft, FileAxis, System},
 };
-use grids::{GridMap, Registration, epsg_of_wkt};
+use grids::{AnomalyGrid, Registration, epsg_of_wkt};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "esri_ascii",
@@ -33,7 +33,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 const KEYS: [&str; 10] =
     ["ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value"];
 
-fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let text = text_of(path)?;
     let mut words = text.split_whitespace().peekable();
     let mut head = BTreeMap::new();
@@ -72,7 +72,7 @@ fn system(path: &Path) -> System {
     epsg_of_wkt(&wkt).map_or(System::Unknown, System::Epsg)
 }
 
-fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let pixel = map.registration == Registration::Pixel;
     let (word, west, south) = match pixel {

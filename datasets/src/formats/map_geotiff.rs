@@ -14,7 +14,7 @@ use crate::{
     ReadError,
     grid::{Draft, FileAxis, System},
 };
-use grids::{GridMap, Registration};
+use grids::{AnomalyGrid, Registration};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "geotiff",
@@ -34,7 +34,7 @@ const MOST_INFLATION: u64 = 1100;
 
 type Reader = Decoder<BufReader<File>>;
 
-fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let (place, values, metadata) = guarded(path, || {
         let mut decoder = decoder(path)?;
         let (width, height) = decoder.dimensions().map_err(|e| damaged(path, &e))?;

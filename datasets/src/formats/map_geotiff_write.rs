@@ -13,7 +13,7 @@ use super::{
     output::{Outputs, Sink},
 };
 use crate::ReadError;
-use grids::{GridMap, Registration};
+use grids::{AnomalyGrid, Registration};
 
 /// Offsets of a TIFF file have 32 bits; a larger one is BigTIFF.
 const MOST_BYTES: usize = 4_000_000_000;
@@ -25,7 +25,7 @@ const STRIP_VALUES: usize = 65_536;
 ///
 /// # Errors
 /// Fails for heights that vary, more than 2^32 nodes per side, and a path that cannot be written.
-pub(super) fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+pub(super) fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     let level_m = level_m(outputs, map, "geotiff")?;
     let mut sink = outputs.create()?;
     let path = outputs.path().to_path_buf();
@@ -44,7 +44,7 @@ pub(super) fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadErro
     outputs.finish(sink)
 }
 
-fn encode<K: TiffKind>(tiff: TiffEncoder<&mut Sink, K>, map: &GridMap, level_m: f64) -> Result<(), TiffError> {
+fn encode<K: TiffKind>(tiff: TiffEncoder<&mut Sink, K>, map: &AnomalyGrid, level_m: f64) -> Result<(), TiffError> {
     let mut tiff = tiff.with_compression(Compression::Deflate(DeflateLevel::Balanced));
     let (width, height) = (u32::try_from(map.x.len)?, u32::try_from(map.y.len)?);
     let mut image = tiff.new_image::<Gray64Float>(width, height)?;

@@ -15,7 +15,7 @@ use crate::{
     ReadError,
     grid::{Draft, FileAxis, System},
 };
-use grids::{GridMap, epsg_of_name};
+use grids::{AnomalyGrid, epsg_of_name};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "gxf",
@@ -40,7 +40,7 @@ struct Objects<'a> {
     values: BTreeMap<String, Vec<&'a str>>,
 }
 
-fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let text = text_of(path)?;
     let (objects, grid) = Objects::of(path, &text)?;
     if objects.number("ROTA", 0.0)? != 0.0 {
@@ -210,7 +210,7 @@ fn base_90(pack: &[u8]) -> Option<f64> {
     pack.iter().try_fold(0.0, |sum, b| (37..=126).contains(b).then(|| sum * 90.0 + f64::from(b - 37)))
 }
 
-fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let dummy = unused(&map.anomaly_nt);
     let (least, most) = range(&map.anomaly_nt);
@@ -247,7 +247,7 @@ fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
 }
 
 /// The name of the system, by which it is recognised.
-fn projection(map: &GridMap, kind: &str) -> String {
+fn projection(map: &AnomalyGrid, kind: &str) -> String {
     let name = format!("\"{}\"", map.crs.name());
     if kind.is_empty() { name } else { format!("{name}\n\"{}\"\n\"{kind}\"", map.crs.name()) }
 }

@@ -12,7 +12,7 @@ use crate::{
     ReadError,
     grid::{Draft, FileAxis, System},
 };
-use grids::GridMap;
+use grids::AnomalyGrid;
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "magnav_csv",
@@ -34,7 +34,7 @@ fn folder(path: &Path) -> Option<PathBuf> {
     path.file_name().is_some_and(|n| n == "map.csv").then(|| path.parent().map(Path::to_path_buf))?
 }
 
-fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let folder = folder(path).ok_or_else(|| ReadError::options(path, "name the folder or its map.csv"))?;
     let all = |name: &str| numbers(&folder.join(name));
     let (lon, lat) = (all("xx.csv")?.concat(), all("yy.csv")?.concat());

@@ -13,7 +13,7 @@ use crate::{
     ReadError,
     grid::{Draft, FileAxis, System},
 };
-use grids::GridMap;
+use grids::AnomalyGrid;
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "magnav_hdf5",
@@ -31,7 +31,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 /// The note on every map of MagNav.jl.
 pub(super) const NOTE: &str = "cells that are exactly 0 are unknown, as in MagNav.jl";
 
-fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let file = Hdf5::open(path)?;
     let (lon, lat) = (vector(&file, "xx")?, vector(&file, "yy")?);
     let map = file.need("map")?;

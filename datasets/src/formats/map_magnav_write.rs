@@ -5,14 +5,14 @@ use hdf5_pure::FileBuilder;
 
 use super::{guarded, output::Outputs};
 use crate::ReadError;
-use grids::{GridMap, Height, WGS84};
+use grids::{AnomalyGrid, Height, WGS84};
 
 /// Unknown cells are 0 with a mask of 0. A known value of exactly 0 would be unknown to MagNav.jl, so the smallest
 /// number that is not 0 is written instead.
 ///
 /// # Errors
 /// Fails for a map that is not of WGS-84 degrees, and a path that cannot be written.
-pub(super) fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+pub(super) fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     if map.crs.code() != WGS84 {
         let what = format!("maps of MagNav.jl are of latitude and longitude, not {}", map.crs);
         return Err(ReadError::options(outputs.path(), what).help("convert the map to EPSG:4326 first"));
@@ -22,7 +22,7 @@ pub(super) fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadErro
     outputs.whole(&bytes)
 }
 
-fn encoded(map: &GridMap) -> Result<Vec<u8>, String> {
+fn encoded(map: &AnomalyGrid) -> Result<Vec<u8>, String> {
     let (width, height) = (map.x.len as u64, map.y.len as u64);
     let known = |v: f64| match v {
         v if v.is_nan() => 0.0,
@@ -50,7 +50,7 @@ fn encoded(map: &GridMap) -> Result<Vec<u8>, String> {
 const INFO: &str = "magline";
 
 /// One value a node, all latitudes of the first longitude first.
-fn by_columns<T>(map: &GridMap, value: impl Fn(usize) -> T) -> Vec<T> {
+fn by_columns<T>(map: &AnomalyGrid, value: impl Fn(usize) -> T) -> Vec<T> {
     let (width, height) = (map.x.len, map.y.len);
     (0..width).flat_map(|i| (0..height).map(move |j| j * width + i)).map(value).collect()
 }

@@ -17,7 +17,7 @@ use crate::{
     ReadError,
     grid::{Draft, FileAxis, System},
 };
-use grids::{GridMap, Registration, epsg_of_wkt};
+use grids::{AnomalyGrid, Registration, epsg_of_wkt};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "netcdf",
@@ -46,7 +46,7 @@ const GRIDS: [&str; 9] =
 /// Names of a grid of heights.
 const HEIGHTS: [&str; 4] = ["alt", "height", "altitude", "alt_m"];
 
-fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let bytes = bytes_of(path)?;
     if bytes.starts_with(hdf5::MAGIC) {
         // Whether the file is complete.

@@ -18,7 +18,7 @@ use crate::{
     ReadError,
     grid::{Draft, System, from_nodes},
 };
-use grids::{GridMap, WGS84};
+use grids::{AnomalyGrid, WGS84};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "parquet",
@@ -38,7 +38,7 @@ pub(super) const NORTHINGS: &[&str] = &["northing", "northing_m", "utm_northing_
 pub(super) const HEIGHTS: &[&str] = &["alt", "alt_m", "altitude_m"];
 pub(super) const ANOMALIES: &[&str] = &["anomaly", "anomaly_nt", "total_field_anomaly_nt"];
 
-fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let builder = parquet::builder(path)?;
     let names: Vec<String> = builder.schema().fields().iter().map(|f| f.name().clone()).collect();
     let known = |kinds: &[&str]| names.iter().find(|n| kinds.contains(&n.as_str())).cloned();
@@ -101,7 +101,7 @@ fn of_stage(path: &Path, names: &[String], batches: &[RecordBatch]) -> Result<Op
 /// Nodes to a batch that is written.
 const BATCH_NODES: usize = 1 << 20;
 
-fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     let schema = schema(map);
     let properties = WriterProperties::builder().set_compression(Compression::ZSTD(ZstdLevel::default())).build();
     let sink = outputs.create()?;
@@ -119,7 +119,7 @@ fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
 }
 
 /// The contract's columns; eastings and northings, with their code, for a projected map.
-fn schema(map: &GridMap) -> SchemaRef {
+fn schema(map: &AnomalyGrid) -> SchemaRef {
     let mut fields: Vec<Field> = schemas::map::shape().columns.iter().map(schemas::Column::field).collect();
     if map.value_unit != "nT" {
         let what = "derivative of the magnetic anomaly; NaN where unknown";
@@ -141,7 +141,7 @@ fn schema(map: &GridMap) -> SchemaRef {
 }
 
 /// Some rows of the map.
-fn batch(map: &GridMap, schema: &SchemaRef, rows: Range<usize>) -> Result<RecordBatch, ArrowError> {
+fn batch(map: &AnomalyGrid, schema: &SchemaRef, rows: Range<usize>) -> Result<RecordBatch, ArrowError> {
     let nodes = rows.start * map.x.len..rows.end * map.x.len;
     let x = map.x.coordinates().repeat(rows.len());
     let y: Vec<f64> = rows.flat_map(|j| std::iter::repeat_n(map.y.at(j as f64), map.x.len)).collect();

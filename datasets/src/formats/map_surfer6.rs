@@ -15,7 +15,7 @@ use crate::{
     ReadError,
     grid::{Draft, FileAxis, System},
 };
-use grids::GridMap;
+use grids::AnomalyGrid;
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "surfer6",
@@ -30,7 +30,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
 /// The blank value as written.
 const BLANK: f32 = 1.701_41e38;
 
-fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let bytes = bytes_of(path)?;
     let mut fields = Fields::new(path, &bytes);
     if fields.take(4)? != b"DSBB" {
@@ -47,7 +47,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     Draft::new(path, x, y, values, System::Unknown).finish(options)
 }
 
-fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let size = |n: usize| {
         i16::try_from(n).map_err(|_| {

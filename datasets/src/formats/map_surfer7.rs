@@ -14,7 +14,7 @@ use crate::{
     ReadError,
     grid::{Draft, FileAxis, System},
 };
-use grids::GridMap;
+use grids::AnomalyGrid;
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "surfer7",
@@ -35,7 +35,7 @@ struct Place {
     height: usize,
 }
 
-fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let bytes = bytes_of(path)?;
     let mut fields = Fields::new(path, &bytes);
     let mut place = None;
@@ -75,7 +75,7 @@ fn data(
     place: &Place,
     version: i32,
     section: &mut Fields,
-) -> Result<GridMap, ReadError> {
+) -> Result<AnomalyGrid, ReadError> {
     // Version 1 blanks all from the blank value on, version 2 that value alone.
     let blank = |v: f64| if version >= 2 { v == place.blank } else { v >= place.blank };
     let value = |b: &[u8]| b.try_into().map_or(f64::NAN, f64::from_le_bytes);
@@ -84,7 +84,7 @@ fn data(
     Draft::new(path, place.x, place.y, values, System::Unknown).finish(options)
 }
 
-fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let refused = || ReadError::options(outputs.path(), "a Surfer 7 grid has at most 4 GiB of values");
     let size = |n: usize| i32::try_from(n).map_err(|_| refused());

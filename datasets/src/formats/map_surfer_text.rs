@@ -14,7 +14,7 @@ use crate::{
     ReadError,
     grid::{Draft, FileAxis, System},
 };
-use grids::GridMap;
+use grids::AnomalyGrid;
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "surfer6_text",
@@ -26,7 +26,7 @@ pub(super) const FORMAT: MapFormat = MapFormat {
     write: Some(write),
 };
 
-fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let text = text_of(path)?;
     let mut words = text.split_whitespace();
     if words.next() != Some("DSAA") {
@@ -44,7 +44,7 @@ fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
     Draft::new(path, x, y, values, System::Unknown).finish(options)
 }
 
-fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     level_m(outputs, map, FORMAT.name)?;
     let mut sink = outputs.create()?;
     let (least, most) = range(&map.anomaly_nt);

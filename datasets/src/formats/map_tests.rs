@@ -26,14 +26,14 @@ fn value(column: usize, row: usize) -> f64 {
     if (column, row) == (2, 1) { f64::NAN } else { 100.0 + 3.0 * i - 5.0 * j + 0.25 * i * j }
 }
 
-fn small(geographic: bool) -> GridMap {
+fn small(geographic: bool) -> AnomalyGrid {
     let values = (0..5).flat_map(|j| (0..7).map(move |i| value(i, j))).collect();
     let (x, y, code) = match geographic {
         true => (axis(-5.0, 0.01, 7), axis(51.0, 0.01, 5), 4326),
         false => (axis(370_000.0, 500.0, 7), axis(5_676_500.0, 500.0, 5), 32630),
     };
     let crs = Crs::from_epsg(Path::new("small"), code).unwrap();
-    GridMap::new(x, y, crs, values, Height::Level(300.0)).unwrap()
+    AnomalyGrid::new(x, y, crs, values, Height::Level(300.0)).unwrap()
 }
 
 fn same_axis(a: &EvenAxis, b: &EvenAxis) -> bool {
@@ -43,7 +43,7 @@ fn same_axis(a: &EvenAxis, b: &EvenAxis) -> bool {
 }
 
 /// The largest difference of two maps' values, which are unknown at the same nodes.
-fn difference(a: &GridMap, b: &GridMap) -> f64 {
+fn difference(a: &AnomalyGrid, b: &AnomalyGrid) -> f64 {
     assert!(same_axis(&a.x, &b.x) && same_axis(&a.y, &b.y), "{:?} {:?} {:?} {:?}", a.x, b.x, a.y, b.y);
     let pairs = a.anomaly_nt.iter().zip(&b.anomaly_nt);
     pairs.fold(0.0, |most: f64, (a, b)| {
@@ -55,7 +55,7 @@ fn difference(a: &GridMap, b: &GridMap) -> f64 {
 mod val_other_programs {
     use super::*;
 
-    fn check(name: &str, geographic: bool, options: &MapOptions) -> GridMap {
+    fn check(name: &str, geographic: bool, options: &MapOptions) -> AnomalyGrid {
         let map = read_grid(&folder().join(name), options).unwrap_or_else(|e| panic!("{e}"));
         let expected = small(geographic);
         assert_eq!(map.crs, expected.crs, "{name}");
@@ -175,17 +175,17 @@ mod round_trips {
     ];
 
     /// Values of many sizes and spellings, a tenth of them unknown.
-    fn rough(geographic: bool, registration: Registration) -> GridMap {
+    fn rough(geographic: bool, registration: Registration) -> AnomalyGrid {
         let values = (0..35_u64).map(|i| match i % 10 {
             3 => f64::NAN,
             4 => 0.0,
             _ => (i as f64 - 17.3) * 10_f64.powi(i as i32 % 7 - 3) / 7.0,
         });
         let map = small(geographic);
-        GridMap { registration, ..map.with_plane_values(values.collect()).unwrap() }
+        AnomalyGrid { registration, ..map.with_plane_values(values.collect()).unwrap() }
     }
 
-    fn check(folder: &TempDir, kept: &Kept, map: &GridMap) {
+    fn check(folder: &TempDir, kept: &Kept, map: &AnomalyGrid) {
         let path = folder.path().join(kept.file);
         write_grid(&path, map, Some(kept.format)).unwrap_or_else(|e| panic!("{}: {e}", kept.format));
         let options = MapOptions { epsg: kept.needs_code.then_some(map.crs.code()), ..MapOptions::default() };
@@ -218,7 +218,7 @@ mod round_trips {
             }
         }
         check(&folder, &Kept { height: false, ..kept("esri_ascii", "m.asc") }, &rough(false, Registration::Pixel));
-        let oblong = GridMap { y: axis(5_676_500.0, 250.0, 5), ..rough(false, Registration::Node) };
+        let oblong = AnomalyGrid { y: axis(5_676_500.0, 250.0, 5), ..rough(false, Registration::Node) };
         check(&folder, &Kept { height: false, ..kept("esri_ascii", "m.asc") }, &oblong);
     }
 
@@ -226,7 +226,7 @@ mod round_trips {
     fn law_a_drape_is_kept_or_refused() {
         let folder = TempDir::new().unwrap();
         let heights = (0..35).map(|i| 100.0 + f64::from(i) / 3.0).collect();
-        let drape = GridMap { height: Height::Cells(heights), ..small(true) };
+        let drape = AnomalyGrid { height: Height::Cells(heights), ..small(true) };
         for kept in &ALL {
             if kept.varying {
                 check(&folder, kept, &drape);
@@ -245,7 +245,7 @@ mod round_trips {
             let crs = Crs::from_epsg(Path::new("a"), code).unwrap();
             let (x, y) = if crs.is_geographic() { (140.0, -30.0) } else { (300_000.0, 200_000.0) };
             let step = if crs.is_geographic() { 0.25 } else { 100.0 };
-            let map = GridMap { x: axis(x, step, 7), y: axis(y, step, 5), crs, ..small(false) };
+            let map = AnomalyGrid { x: axis(x, step, 7), y: axis(y, step, 5), crs, ..small(false) };
             for kept in ALL.iter().filter(|k| !k.needs_code && !k.geographic_only) {
                 check(&folder, kept, &map);
             }
@@ -256,7 +256,7 @@ mod round_trips {
     #[test]
     fn gold_what_cannot_be_written() {
         let folder = TempDir::new().unwrap();
-        let said = |name: &str, format: Option<&str>, map: &GridMap| {
+        let said = |name: &str, format: Option<&str>, map: &AnomalyGrid| {
             let fault = write_grid(&folder.path().join(name), map, format).unwrap_err().to_string();
             fault.split_once(name).unwrap().1.to_owned()
         };
@@ -287,7 +287,7 @@ mod round_trips {
 
     /// What a file says, whatever its bytes.
     fn unpacked(path: &Path) -> String {
-        format!("{:?}", GridMap { source: PathBuf::new(), ..read_grid(path, &MapOptions::default()).unwrap() })
+        format!("{:?}", AnomalyGrid { source: PathBuf::new(), ..read_grid(path, &MapOptions::default()).unwrap() })
     }
 
     /// The small map in every format, as other programs have read it (`reference/maps/check_maps.py`). A file that is

@@ -17,7 +17,7 @@ use crate::{
     ReadError,
     grid::{Draft, System, from_nodes},
 };
-use grids::{GridMap, Height};
+use grids::{AnomalyGrid, Height};
 
 pub(super) const FORMAT: MapFormat = MapFormat {
     name: "xyz",
@@ -48,7 +48,7 @@ fn recognise(head: &Head) -> bool {
 /// Other names that the value has in such files.
 const VALUES: &[&str] = &["z", "value", "mag", "tmi", "total_field", "nt"];
 
-fn read(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+fn read(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let table = text_table::read(path)?;
     let (x, y, value, geographic) = columns(path, &table)?;
     let name = |i: usize| table.names.get(i).map_or("", String::as_str);
@@ -121,7 +121,7 @@ impl Said {
     }
 }
 
-fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     let names = if map.is_geographic() { "lon lat anomaly" } else { "easting northing anomaly" };
     let cells = matches!(map.height, Height::Cells(_));
     let height = match map.height {

@@ -15,7 +15,7 @@ use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 
 use crate::ReadError;
-use grids::GridMap;
+use grids::AnomalyGrid;
 
 mod adopt;
 mod csv;
@@ -54,7 +54,7 @@ mod sgl_xyz;
 mod text_table;
 mod unit_name;
 
-pub use grids::{Extra, Map, SurveyPoints};
+pub use grids::{Extra, MapTable, SurveyPoints};
 pub use iaga2002::{ObservatoryRecord, read_iaga2002};
 pub use options::{FlightOptions, MapOptions};
 pub use output::{check_output, write_grid};
@@ -295,7 +295,7 @@ pub struct FlightFormat {
 type Beside = fn(&Path) -> Result<Vec<PathBuf>, ReadError>;
 
 /// Writes a map into the files that it begins.
-type Write = fn(&GridMap, &mut output::Outputs) -> Result<(), ReadError>;
+type Write = fn(&AnomalyGrid, &mut output::Outputs) -> Result<(), ReadError>;
 
 /// A map format: its name, recognition, reading and writing.
 pub struct MapFormat {
@@ -308,7 +308,7 @@ pub struct MapFormat {
     recognise: fn(&Head) -> bool,
     /// The other files that a map of one file is made of, where there may be some.
     beside: Option<Beside>,
-    read: fn(&Path, &MapOptions) -> Result<GridMap, ReadError>,
+    read: fn(&Path, &MapOptions) -> Result<AnomalyGrid, ReadError>,
     write: Option<Write>,
 }
 
@@ -394,7 +394,7 @@ pub fn open_flight_among(
 /// # Errors
 /// Fails for a file that is missing, empty, damaged or in no known format, a grid that is not regular, and a
 /// height or coordinate system that neither the file nor the options give.
-pub fn read_map(path: &Path, options: &MapOptions) -> Result<Map, ReadError> {
+pub fn read_map(path: &Path, options: &MapOptions) -> Result<MapTable, ReadError> {
     read_grid(path, options)?.to_geographic()
 }
 
@@ -402,13 +402,13 @@ pub fn read_map(path: &Path, options: &MapOptions) -> Result<Map, ReadError> {
 ///
 /// # Errors
 /// Fails as [`read_map`].
-pub fn read_grid(path: &Path, options: &MapOptions) -> Result<GridMap, ReadError> {
+pub fn read_grid(path: &Path, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
     let head = Head::read(path)?;
     let entries: Vec<_> = MAP_FORMATS.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
     let chosen = choose(&head, options.format.as_deref(), &entries, "map")?;
     let format = &MAP_FORMATS[chosen];
     let map = (format.read)(path, options)?;
-    Ok(GridMap { format: format.name, ..map })
+    Ok(AnomalyGrid { format: format.name, ..map })
 }
 
 /// The files that a map is made of: its own, or all of a folder's, and those next to it: the cells of a header, the

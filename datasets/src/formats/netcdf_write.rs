@@ -5,7 +5,7 @@ use std::io::Write;
 
 use super::{grid_bytes::range, output::Outputs};
 use crate::ReadError;
-use grids::{GridMap, Height, Registration};
+use grids::{AnomalyGrid, Height, Registration};
 
 /// Tags of the lists in a header.
 const DIMENSIONS: u32 = 10;
@@ -38,7 +38,7 @@ struct Variable {
 
 /// Writes a map as `x`, `y` (or `lon`, `lat`) and `z`, with `crs` for its coordinate system, and `alt` where the height
 /// varies.
-pub(super) fn write(map: &GridMap, outputs: &mut Outputs) -> Result<(), ReadError> {
+pub(super) fn write(map: &AnomalyGrid, outputs: &mut Outputs) -> Result<(), ReadError> {
     let variables = variables(map);
     let names = axis_names(map);
     let mut header = vec![];
@@ -69,12 +69,12 @@ fn refused(outputs: &Outputs, what: &str) -> ReadError {
     ReadError::options(outputs.path(), format!("the map does not fit NetCDF's classic format: {what}"))
 }
 
-fn axis_names(map: &GridMap) -> [&'static str; 2] {
+fn axis_names(map: &AnomalyGrid) -> [&'static str; 2] {
     if map.is_geographic() { ["lon", "lat"] } else { ["x", "y"] }
 }
 
 /// The variables in the order of their data; the map comes last, so that it may be large.
-fn variables(map: &GridMap) -> Vec<Variable> {
+fn variables(map: &AnomalyGrid) -> Vec<Variable> {
     let [x, y] = axis_names(map);
     let nodes = map.nodes() as u64;
     let text = |t: &str| Value::Text(t.to_owned());
@@ -121,7 +121,7 @@ fn variables(map: &GridMap) -> Vec<Variable> {
 }
 
 /// The attributes of the x axis (0) or the y axis (1).
-fn axis_attributes(map: &GridMap, which: usize) -> Vec<(&'static str, Value)> {
+fn axis_attributes(map: &AnomalyGrid, which: usize) -> Vec<(&'static str, Value)> {
     let text = |t: &str| Value::Text(t.to_owned());
     let (names, unit) = match (map.is_geographic(), which) {
         (true, 0) => (["longitude", "longitude"], "degrees_east"),
@@ -150,7 +150,7 @@ fn axis_attributes(map: &GridMap, which: usize) -> Vec<(&'static str, Value)> {
 /// The header, for data that begins at `data`; returns its own length.
 fn encode(
     out: &mut Vec<u8>,
-    map: &GridMap,
+    map: &AnomalyGrid,
     [x, y]: [&str; 2],
     variables: &[Variable],
     data: u64,

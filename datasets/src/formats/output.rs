@@ -9,7 +9,7 @@ use std::{
 
 use super::{MAP_FORMATS, MapFormat};
 use crate::ReadError;
-use grids::GridMap;
+use grids::AnomalyGrid;
 
 /// Writes a map, in the format that is given or that of the path's extension. An existing file is
 /// replaced when the new file is complete; no partial file is left.
@@ -28,7 +28,7 @@ use grids::GridMap;
 /// # Errors
 /// Fails for a format that is unknown, not written, or not determined by the extension, a map that it cannot store, and
 /// a path that cannot be written.
-pub fn write_grid(path: &Path, map: &GridMap, format: Option<&str>) -> Result<(), ReadError> {
+pub fn write_grid(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Result<(), ReadError> {
     let chosen = writer_for(path, format)?;
     let Some(write) = chosen.write else {
         return Err(not_written(path, chosen.name));

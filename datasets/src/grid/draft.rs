@@ -1,4 +1,4 @@
-//! The contents of a map file, and their conversion to a [`GridMap`]: the rules that all formats share.
+//! The contents of a map file, and their conversion to a [`AnomalyGrid`]: the rules that all formats share.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use schemas::convert;
 
 use super::axis::FileAxis;
 use crate::{MapOptions, ReadError};
-use grids::{Crs, DERIVATIVES, GridMap, Height, NANOTESLA, Registration, WGS84, check_count, longitude};
+use grids::{AnomalyGrid, Crs, DERIVATIVES, Height, NANOTESLA, Registration, WGS84, check_count, longitude};
 
 /// A map in the order of its file.
 pub(crate) struct Draft<'a> {
@@ -66,15 +66,15 @@ impl<'a> Draft<'a> {
     /// The map: rows from the south, columns from the west, nT, longitudes around Greenwich.
     ///
     /// # Errors
-    /// Fails for a unit that is no field's, a coordinate system that is unknown, and as [`GridMap::new`].
-    pub(crate) fn finish(mut self, options: &MapOptions) -> Result<GridMap, ReadError> {
+    /// Fails for a unit that is no field's, a coordinate system that is unknown, and as [`AnomalyGrid::new`].
+    pub(crate) fn finish(mut self, options: &MapOptions) -> Result<AnomalyGrid, ReadError> {
         let nodes = self.x.len().saturating_mul(self.y.len());
         check_count(self.path, self.values.len(), nodes)?;
         self.flip();
         let value_unit = self.scale(options)?;
         let crs = self.crs(options)?;
         let height = self.height(options)?;
-        let mut map = GridMap {
+        let mut map = AnomalyGrid {
             x: self.x.ascending(),
             y: self.y.ascending(),
             crs,
@@ -181,7 +181,7 @@ pub(crate) fn no_epsg(path: &Path) -> ReadError {
 }
 
 /// Brings the longitudes to -180 to 180 degrees.
-fn turn(map: &mut GridMap) {
+fn turn(map: &mut AnomalyGrid) {
     let turned = if map.is_geographic() { longitude::turned(&map.x) } else { None };
     let Some((axis, columns)) = turned else { return };
     map.notes.push(format!(

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use numerics::maps::plane_grid::EvenAxis;
 
-use grids::{Crs, Figure, GridMap, Height};
+use grids::{AnomalyGrid, Crs, Figure, Height};
 
 fn crs(code: u16) -> Crs {
     Crs::from_epsg(Path::new("a"), code).unwrap()
@@ -19,18 +19,18 @@ fn field(lat_deg: f64, lon_deg: f64) -> f64 {
     100.0 * (3.0 * lat_deg).sin() + 80.0 * (120.0 * lon_deg.to_radians()).cos() + 5.0 * lat_deg
 }
 
-fn made(code: u16, x: EvenAxis, y: EvenAxis) -> GridMap {
+fn made(code: u16, x: EvenAxis, y: EvenAxis) -> AnomalyGrid {
     let crs = crs(code);
     let value = |j: usize, i: usize| {
         let (lat, lon) = crs.unproject(x.at(i as f64), y.at(j as f64)).unwrap();
         field(lat, lon)
     };
     let values = (0..y.len).flat_map(|j| (0..x.len).map(move |i| (j, i))).map(|(j, i)| value(j, i)).collect();
-    GridMap::new(x, y, crs.clone(), values, Height::Level(100.0)).unwrap()
+    AnomalyGrid::new(x, y, crs.clone(), values, Height::Level(100.0)).unwrap()
 }
 
 /// The largest error of a map of the field at its known nodes, and their number.
-fn error(map: &GridMap) -> (f64, usize) {
+fn error(map: &AnomalyGrid) -> (f64, usize) {
     let (mut most, mut known) = (0.0_f64, 0);
     for (node, value) in map.anomaly_nt.iter().enumerate().filter(|(_, v)| !v.is_nan()) {
         let (j, i) = (node / map.x.len, node % map.x.len);
@@ -110,7 +110,7 @@ fn gold_a_map_around_a_pole() {
 #[test]
 fn gold_what_makes_no_map() {
     let new = |x: EvenAxis, y: EvenAxis, code: u16, values: Vec<f64>, height: Height| {
-        GridMap::new(x, y, crs(code), values, height).map(|_| ()).unwrap_err().to_string()
+        AnomalyGrid::new(x, y, crs(code), values, height).map(|_| ()).unwrap_err().to_string()
     };
     let (x, y, level) = (axis(0.0, 1.0, 2), axis(0.0, 1.0, 2), Height::Level(0.0));
     let four = vec![1.0; 4];
@@ -154,7 +154,7 @@ fn law_a_drape_is_resampled_with_its_map() {
     let utm = made(32630, axis(300_000.0, 1100.0, 20), axis(5_500_000.0, 1100.0, 20));
     let plane = |e: f64, n: f64| 100.0 + 1e-3 * (e - 300_000.0) + 2e-3 * (n - 5_500_000.0);
     let heights = (0..400).map(|k| plane(utm.x.at(f64::from(k % 20)), utm.y.at(f64::from(k / 20)))).collect();
-    let drape = GridMap { height: Height::Cells(heights), ..utm };
+    let drape = AnomalyGrid { height: Height::Cells(heights), ..utm };
     let table = drape.to_geographic().unwrap();
     let mut known = 0;
     for (i, alt) in table.column("alt").iter().enumerate().filter(|(_, a)| !a.is_nan()) {

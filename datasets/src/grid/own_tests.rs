@@ -7,7 +7,7 @@ use arrow_schema::Schema;
 use numerics::maps::plane_grid::EvenAxis;
 use schemas::map::OwnGrid;
 
-use grids::{Crs, GridMap, Height, geographic};
+use grids::{AnomalyGrid, Crs, Height, geographic};
 
 use crate::{MapOptions, read_grid, read_map, samples};
 
@@ -44,7 +44,7 @@ fn law_what_a_stage_yields_is_read_back_as_the_same_map() {
         let names: Vec<String> = rows.schema().fields().iter().map(|f| f.name().clone()).collect();
         assert_eq!(names, schemas::map::MADE_COLUMNS);
         assert_eq!(rows.column_by_name("easting").unwrap().null_count() == 0, own);
-        let back = GridMap::of_made(&rows).unwrap();
+        let back = AnomalyGrid::of_made(&rows).unwrap();
         assert_eq!((back.crs.code(), back.x.len, back.y.len), (grid.crs.code(), grid.x.len, grid.y.len));
         let same = |a: &f64, b: &f64| a == b || a.is_nan() && b.is_nan();
         assert!(back.anomaly_nt.iter().zip(&grid.anomaly_nt).all(|(a, b)| same(a, b)));
@@ -67,7 +67,7 @@ fn law_a_map_in_degrees_stays_the_contracts_table() {
 fn law_a_map_around_a_pole_goes_to_the_stages_too() {
     let crs = Crs::from_epsg(std::path::Path::new("map"), 3413).unwrap();
     let axis = EvenAxis { first: -300_000.0, step: 50_000.0, len: 13 };
-    let grid = GridMap::new(axis, axis, crs, vec![1.0; 169], Height::Level(1000.0)).unwrap();
+    let grid = AnomalyGrid::new(axis, axis, crs, vec![1.0; 169], Height::Level(1000.0)).unwrap();
     let own = OwnGrid::of(&grid.table().unwrap().schema()).unwrap().unwrap();
     assert_eq!((own.lat_deg[1], own.lon_deg), (90.0, [-180.0, 180.0]));
     assert!(own.lat_deg[0] < 87.0 && own.lat_deg[0] > 84.0, "{:?}", own.lat_deg);

@@ -1,6 +1,6 @@
 //! A part of an anomaly map as a picture: equal areas get equal parts of the colour scale.
 
-use numerics::maps::map_grid::MapGrid;
+use numerics::maps::map_surface::GeographicGrid;
 use schemas::Fault;
 
 use super::{
@@ -46,7 +46,7 @@ struct Pixels {
 ///
 /// # Errors
 /// Fails when the picture cannot be encoded.
-pub fn raster(grid: &MapGrid, bounds: &Bounds) -> Result<Option<Raster>, Fault> {
+pub fn raster(grid: &GeographicGrid, bounds: &Bounds) -> Result<Option<Raster>, Fault> {
     let Some(pixels) = cut(grid, bounds) else { return Ok(None) };
     let mut known: Vec<f64> = pixels.values.iter().copied().filter(|v| v.is_finite()).collect();
     if known.is_empty() {
@@ -71,7 +71,7 @@ fn within(first: f64, step: f64, len: usize, range: (f64, f64)) -> (usize, usize
     (low, (high as usize).max(low))
 }
 
-fn cut(grid: &MapGrid, bounds: &Bounds) -> Option<Pixels> {
+fn cut(grid: &GeographicGrid, bounds: &Bounds) -> Option<Pixels> {
     let (lat, lon) = (grid.lat(), grid.lon());
     let (r0, r1) = within(lat.first_deg(), lat.step_deg(), lat.len(), bounds.lat);
     let (c0, c1) = within(lon.first_deg(), lon.step_deg(), lon.len(), bounds.lon);
@@ -111,11 +111,11 @@ mod tests {
     use super::*;
     use crate::png_file::decode;
 
-    fn grid() -> MapGrid {
+    fn grid() -> GeographicGrid {
         let (lat, lon): (Vec<f64>, Vec<f64>) = ((0..4).map(f64::from).collect(), (10..15).map(f64::from).collect());
         let mut values: Vec<f64> = (0..20).map(f64::from).collect();
         values[19] = f64::NAN;
-        MapGrid::new(&lat, &lon, &values).unwrap()
+        GeographicGrid::new(&lat, &lon, &values).unwrap()
     }
 
     #[test]
@@ -143,7 +143,7 @@ mod tests {
         let lat: Vec<f64> = (0..16).map(f64::from).collect();
         // A long tail, as anomalies have: without equalisation nearly all of it would be one colour.
         let values: Vec<f64> = (0..256).map(|k| (f64::from(k) / 20.0).exp()).collect();
-        let grid = MapGrid::new(&lat, &lat, &values).unwrap();
+        let grid = GeographicGrid::new(&lat, &lat, &values).unwrap();
         let drawn = raster(&grid, &Bounds { lat: (-1.0, 17.0), lon: (-1.0, 17.0) }).unwrap().unwrap();
         let (_, pixels) = decode(&drawn.png).unwrap();
         let mut counts = [0usize; 256];

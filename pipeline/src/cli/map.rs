@@ -14,7 +14,7 @@ use std::{
 };
 
 use clap::{Args, Subcommand};
-use datasets::{GridMap, MapOptions, check_output, read_grid, write_grid};
+use datasets::{AnomalyGrid, MapOptions, check_output, read_grid, write_grid};
 use schemas::Fault;
 
 use super::{Stop, note, say, tell, threads};
@@ -73,7 +73,7 @@ pub struct ThreadArgs {
 }
 
 impl InputArgs {
-    fn read(&self, path: &Path) -> Result<GridMap, Stop> {
+    fn read(&self, path: &Path) -> Result<AnomalyGrid, Stop> {
         let options =
             MapOptions { format: self.format.clone(), epsg: self.epsg, alt_m: self.alt, unit: self.unit.clone() };
         let map = read_grid(path, &options).map_err(Fault::from)?;
@@ -88,12 +88,12 @@ impl OutputArgs {
         Ok(check_output(&self.output, self.output_format.as_deref()).map_err(Fault::from)?)
     }
 
-    fn write(&self, map: &GridMap) -> Result<(), Stop> {
+    fn write(&self, map: &AnomalyGrid) -> Result<(), Stop> {
         write_to(&self.output, map, self.output_format.as_deref())
     }
 }
 
-fn write_to(path: &Path, map: &GridMap, format: Option<&str>) -> Result<(), Stop> {
+fn write_to(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Result<(), Stop> {
     write_grid(path, map, format).map_err(Fault::from)?;
     say(format!("{}\n", path.display()))
 }

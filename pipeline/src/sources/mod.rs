@@ -19,7 +19,7 @@ use std::{path::PathBuf, sync::Arc};
 
 use arrow_array::RecordBatch;
 use arrow_schema::{Schema, SchemaRef};
-use datasets::{GridMap, MapOptions, map_files, read_grid};
+use datasets::{AnomalyGrid, MapOptions, map_files, read_grid};
 use schemas::{Column, Fault, Shape, canonical::Canonical, describe_field};
 
 pub use bytes::{Bytes, Trust, fingerprint};
@@ -227,7 +227,7 @@ pub fn map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
 /// When the store cannot be read.
 pub fn made_map_batch(store: &Store, key: Key) -> Result<RecordBatch, Fault> {
     let rows = store.get(key, &schemas::map::MADE_COLUMNS)?;
-    GridMap::of_made(&rows).and_then(|map| map.table()).map_err(Fault::from)
+    AnomalyGrid::of_made(&rows).and_then(|map| map.table()).map_err(Fault::from)
 }
 
 #[cfg(test)]

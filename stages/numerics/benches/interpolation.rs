@@ -12,8 +12,8 @@ use numerics::{
     maps::{
         fill::{NearestFill, SmoothFill, nearest, smooth},
         grid_projection::{Area, GridProjection},
-        map_grid::{AnomalyMap, FieldColumns, Interpolation, MapGrid, VerticalDerivative},
         map_stack::{MapStack, ProjectedMap, StackOptions},
+        map_surface::{FieldColumns, GeographicGrid, Interpolation, MapSurface, VerticalDerivative},
         plane_grid::{EvenAxis, PlaneGrid},
         projection::Projection,
     },
@@ -59,10 +59,10 @@ fn axis(first_deg: f64, count: usize) -> Vec<f64> {
     (0..count).map(|k| first_deg + STEP_DEG * k as f64).collect()
 }
 
-fn map(rows: usize, columns: usize, scale: f64) -> Result<MapGrid, Failure> {
+fn map(rows: usize, columns: usize, scale: f64) -> Result<GeographicGrid, Failure> {
     let values: Vec<f64> =
         (0..rows).flat_map(|r| (0..columns).map(move |c| scale * field(r as f64, c as f64))).collect();
-    Ok(MapGrid::new(&axis(SOUTH_DEG, rows), &axis(WEST_DEG, columns), &values)?)
+    Ok(GeographicGrid::new(&axis(SOUTH_DEG, rows), &axis(WEST_DEG, columns), &values)?)
 }
 
 /// Places of a flight with steps of some 7 m, back and forth over the map, and the same number all over it.
@@ -94,7 +94,7 @@ fn print(what: &str, seconds: f64) {
     println!("{what}: {:.1} million/s", LOOK_UPS as f64 / seconds / 1e6);
 }
 
-fn sum_one_by_one(map: &AnomalyMap, lat: &[f64], lon: &[f64]) -> f64 {
+fn sum_one_by_one(map: &MapSurface, lat: &[f64], lon: &[f64]) -> f64 {
     let all = |f: FieldValue| f.value_nt + f.d_lat_nt_per_rad + f.d_lon_nt_per_rad + f.d_alt_nt_per_m;
     lat.iter().zip(lon).filter_map(|(lat, lon)| map.at(*lat, *lon)).map(all).sum()
 }
@@ -105,10 +105,10 @@ fn look_ups() -> Result<(), Failure> {
         let tracks = [("track", places(rows, columns, true)), ("random", places(rows, columns, false))];
         for interpolation in [Interpolation::Linear, Interpolation::Quadratic, Interpolation::Cubic] {
             let start = Instant::now();
-            let plain = AnomalyMap::new(&grid, interpolation);
+            let plain = MapSurface::new(&grid, interpolation);
             println!("{size} {interpolation:?} prepared: {:.3} s", start.elapsed().as_secs_f64());
             let vertical = VerticalDerivative { d_alt_nt_per_m: derivative.values(), alt_m: 0.0 };
-            let with_vertical = AnomalyMap::with_vertical(&grid, vertical, interpolation)?;
+            let with_vertical = MapSurface::with_vertical(&grid, vertical, interpolation)?;
             for (track, (lat, lon)) in &tracks {
                 let name = format!("{size} {interpolation:?} {track}");
                 let single = fastest_s(|| {
@@ -132,7 +132,7 @@ fn look_ups() -> Result<(), Failure> {
 fn stacks() -> Result<(), Failure> {
     let (_, rows, columns) = MAPS[0];
     let heights: Vec<f64> = (0..6).map(|level| 300.0 + 80.0 * f64::from(level)).collect();
-    let maps: Vec<MapGrid> =
+    let maps: Vec<GeographicGrid> =
         heights.iter().map(|height| map(rows, columns, (-height / 500.0).exp())).collect::<Result<_, _>>()?;
     let (lat, lon) = places(rows, columns, true);
     let alt: Vec<f64> = (0..LOOK_UPS).map(|k| 310.0 + 380.0 * (1e-5 * k as f64).sin().abs()).collect();
@@ -174,9 +174,9 @@ fn projected() -> Result<(), Failure> {
     });
     print("projection by polynomials, with slopes", polynomials);
     let values: Vec<f64> = (0..y.len).flat_map(|r| (0..x.len).map(move |c| field(r as f64, c as f64))).collect();
-    let grid = MapGrid::of_nodes(y.len, x.len, &values)?;
+    let grid = GeographicGrid::of_nodes(y.len, x.len, &values)?;
     for interpolation in [Interpolation::Linear, Interpolation::Cubic] {
-        let map = ProjectedMap::flat(projection.clone(), AnomalyMap::new(&grid, interpolation));
+        let map = ProjectedMap::flat(projection.clone(), MapSurface::new(&grid, interpolation));
         let seconds = fastest_s(|| {
             let all = lat.iter().zip(&lon).filter_map(|(lat, lon)| map.at(*lat, *lon, 0.0));
             black_box(all.map(|f| f.value_nt + f.d_lat_nt_per_rad + f.d_lon_nt_per_rad).sum::<f64>());

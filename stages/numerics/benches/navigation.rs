@@ -17,8 +17,8 @@ use numerics::{
         geodesy::EarthModel,
     },
     maps::{
-        map_grid::{AnomalyMap, Interpolation},
         map_stack::FieldMap,
+        map_surface::{Interpolation, MapSurface},
     },
     navigation::{
         ekf::{EkfOutput, EkfParameters, run},
@@ -61,7 +61,7 @@ fn drms_m(truth: &Line, lat_deg: &[f64], lon_deg: &[f64]) -> f64 {
 }
 
 fn filter(
-    map: &AnomalyMap,
+    map: &MapSurface,
     core: &CoreField,
     flight: &Flight,
     noise: NoiseDiscretisation,
@@ -92,7 +92,7 @@ fn places(line: &Line) -> impl Iterator<Item = (f64, f64)> {
     track.cycle().take(LOOK_UPS)
 }
 
-fn look_ups(map: &AnomalyMap, line: &Line) {
+fn look_ups(map: &MapSurface, line: &Line) {
     let (time_s, sum) = median_s(|| {
         places(line)
             .filter_map(|(lat, lon)| map.at(lat, lon))
@@ -141,8 +141,8 @@ fn core_evaluations(core: &CoreField, line: &Line) {
 
 fn main() -> Result<(), Failure> {
     let (grid, core) = (grid()?, core_field()?);
-    let cubic = AnomalyMap::new(&grid, Interpolation::Cubic);
-    let linear = AnomalyMap::new(&grid, Interpolation::Linear);
+    let cubic = MapSurface::new(&grid, Interpolation::Cubic);
+    let linear = MapSurface::new(&grid, Interpolation::Linear);
     let flight = flight(&cubic, &core, SAMPLES)?;
     filter(&linear, &core, &flight, NoiseDiscretisation::Trapezoidal)?;
     filter(&cubic, &core, &flight, NoiseDiscretisation::Trapezoidal)?;

@@ -9,8 +9,8 @@ use std::sync::OnceLock;
 use numerics::{
     earth::geodesy::EarthModel,
     maps::{
-        map_grid::{AnomalyMap, Interpolation},
         map_stack::FieldMap,
+        map_surface::{Interpolation, MapSurface},
     },
     navigation::{
         ekf::{EkfOutput, EkfParameters, run},
@@ -40,7 +40,7 @@ struct Run {
 }
 
 /// One flight with its own INS errors, temporal variation and measurement noise.
-fn fly(seed: u64, map: &AnomalyMap, noise: NoiseDiscretisation) -> Run {
+fn fly(seed: u64, map: &MapSurface, noise: NoiseDiscretisation) -> Run {
     let truth = Line::flown(SAMPLES, DT_S, 0.1 * seed as f64).unwrap();
     let model = InsErrorModel::default();
     let mut normals = Normals::new(seed);
@@ -68,7 +68,7 @@ fn fly(seed: u64, map: &AnomalyMap, noise: NoiseDiscretisation) -> Run {
 fn runs() -> &'static [Run] {
     static RUNS_FLOWN: OnceLock<Vec<Run>> = OnceLock::new();
     RUNS_FLOWN.get_or_init(|| {
-        let map = AnomalyMap::new(&grid().unwrap(), Interpolation::Cubic);
+        let map = MapSurface::new(&grid().unwrap(), Interpolation::Cubic);
         (0..RUNS).map(|seed| fly(seed, &map, NoiseDiscretisation::default())).collect()
     })
 }
@@ -174,7 +174,7 @@ fn law_the_map_holds_a_drifting_ins() {
 #[test]
 fn law_the_discretisation_of_the_noise_makes_no_odds_at_one_second() {
     // Some of the flights, each filtered thrice with the same draws.
-    let map = AnomalyMap::new(&grid().unwrap(), Interpolation::Cubic);
+    let map = MapSurface::new(&grid().unwrap(), Interpolation::Cubic);
     let mean_nees = |noise: NoiseDiscretisation| {
         let nees = |run: &Run| (0..EPOCHS.len()).map(|epoch| run.position_nees(epoch)).sum::<f64>();
         (0..20).map(|seed| nees(&fly(seed, &map, noise))).sum::<f64>() / (40.0 * EPOCHS.len() as f64)
@@ -198,7 +198,7 @@ fn left_by_compensation(samples: u32, normals: &mut Normals) -> Vec<f64> {
 
 #[test]
 fn law_noise_found_on_other_lines_makes_an_honest_filter() {
-    let map = AnomalyMap::new(&grid().unwrap(), Interpolation::Cubic);
+    let map = MapSurface::new(&grid().unwrap(), Interpolation::Cubic);
     let core = core_field().unwrap();
     let flights = 30_u64;
     let (mut nees, mut nis, mut naive) = (0.0, 0.0, 0.0);

@@ -54,11 +54,11 @@ fn yielded(stages: &[&MapGrid], lines: &[LineIn]) -> Vec<Result<Vec<ArrayRef>, F
     gather.finish(parts).into_iter().map(|made| made.map(|product| product.columns)).collect()
 }
 
-fn grid(answer: Result<Vec<ArrayRef>, Fault>) -> GridMap {
+fn grid(answer: Result<Vec<ArrayRef>, Fault>) -> AnomalyGrid {
     let columns = answer.unwrap();
     let fields: Vec<Field> = schemas::map::made_columns("nT").iter().map(Column::field).collect();
     let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), columns[..7].to_vec()).unwrap();
-    GridMap::of_made(&batch).unwrap()
+    AnomalyGrid::of_made(&batch).unwrap()
 }
 
 #[test]
@@ -109,7 +109,7 @@ fn law_ties_show_which_lines_are_off() {
         grid(yielded(&[&stage(&[&surface[..], args].concat())], &lines).remove(0))
     };
     let (raw, levelled) = (of(&[]), of(&[("level_order", Literal::Int(0))]));
-    let worst = |map: &GridMap| {
+    let worst = |map: &AnomalyGrid| {
         let value = |north_m: f64| {
             let (x, y) =
                 map.crs.project(45.0 + north_m * METRE_DEG, 9.0 + 1500.0 * METRE_DEG / 0.5_f64.sqrt()).unwrap();

@@ -16,14 +16,14 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use datasets::{Map, ReadError};
+use datasets::{MapTable, ReadError};
 use nalgebra::Vector3;
 use numerics::{
     earth::core_field::CoreTrack,
     maps::{
         continuation::{Padding, Spectrum, upward},
         fill::{SmoothFill, smooth},
-        map_grid::MapGrid,
+        map_surface::GeographicGrid,
         plane_grid::PlaneGrid,
     },
     signal::natural_cubic,
@@ -108,14 +108,14 @@ impl CrustalMap {
     ///
     /// # Errors
     /// Fails for a map that is not level, and for a date outside the core model.
-    pub(super) fn new(path: &Path, map: &Map, core: &CoreTrack, year: f64) -> Result<CrustalMap, ReadError> {
+    pub(super) fn new(path: &Path, map: &MapTable, core: &CoreTrack, year: f64) -> Result<CrustalMap, ReadError> {
         let wrong = |e: &dyn std::fmt::Display| ReadError::data(path, e.to_string());
         let level_m = map.column("alt").first().copied().unwrap_or(f64::NAN);
         if map.column("alt").iter().any(|a| *a != level_m) {
             return Err(ReadError::data(path, "the simulation needs a map of one height").in_column("alt"));
         }
         let (lats, lons) = (map.latitudes_deg(), map.longitudes_deg());
-        let grid = MapGrid::new(&lats, &lons, map.column("anomaly")).map_err(|e| wrong(&e))?;
+        let grid = GeographicGrid::new(&lats, &lons, map.column("anomaly")).map_err(|e| wrong(&e))?;
         let plane = grid.plane();
         let filled = match plane.unknown() {
             0 => plane.clone(),

@@ -3,11 +3,11 @@
 use std::{fs, path::Path};
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
-use datasets::{Crs, GridMap, Height, Map, MapOptions, formats::read_iaga2002, samples};
+use datasets::{AnomalyGrid, Crs, Height, MapOptions, MapTable, formats::read_iaga2002, samples};
 use numerics::{
     earth::core_field::CoreModel,
     maps::{
-        map_grid::{AnomalyMap, Interpolation, MapGrid},
+        map_surface::{GeographicGrid, Interpolation, MapSurface},
         plane_grid::EvenAxis,
     },
     signal::{
@@ -36,7 +36,7 @@ fn prism(lat_deg: f64, lon_deg: f64, depth_m: f64, magnetisation_apm: f64) -> Bu
 }
 
 /// Sources below a map of 201 x 201 nodes about 150 m apart, and the map of what they add along the core field.
-fn known(lat_deg: f64) -> (Vec<Placed>, Map) {
+fn known(lat_deg: f64) -> (Vec<Placed>, MapTable) {
     let core = CoreField::at(2020.5).unwrap();
     let buried = [
         prism(lat_deg + 0.03, 140.52, 700.0, 5.0),
@@ -54,11 +54,11 @@ fn known(lat_deg: f64) -> (Vec<Placed>, Map) {
             values.push(field_ned_nt(&placed, lat, lon, 300.0).dot(&f));
         }
     }
-    let grid = GridMap::new(x, y, Crs::wgs84().unwrap(), values, Height::Level(300.0)).unwrap();
+    let grid = AnomalyGrid::new(x, y, Crs::wgs84().unwrap(), values, Height::Level(300.0)).unwrap();
     (placed, grid.to_geographic().unwrap())
 }
 
-fn crustal(map: &Map) -> CrustalMap {
+fn crustal(map: &MapTable) -> CrustalMap {
     CrustalMap::new(Path::new(""), map, &CoreTrack::new(CoreModel::Igrf14), 2020.5).unwrap()
 }
 
@@ -148,8 +148,8 @@ fn law_the_field_is_a_gradient_without_sources() {
 fn law_near_the_magnetic_equator_the_field_is_finite_and_its_change_of_magnitude_the_map() {
     // The dip is 0 to 1 degrees at 7.5 north, 140.5 east.
     let (_, map) = known(7.5);
-    let grid = MapGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
-    let lookup = AnomalyMap::new(&grid, Interpolation::Cubic);
+    let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
+    let lookup = MapSurface::new(&grid, Interpolation::Cubic);
     let map = crustal(&map);
     let dip = field_at(CoreModel::Igrf14, 2020.5, 7.5, 140.5, 300.0);
     assert!((dip.z / dip.norm()).abs() < 0.05, "{dip}");
@@ -247,8 +247,8 @@ fn law_with_all_off_the_field_is_the_core_field() {
 fn law_the_scalar_anomaly_is_the_maps() {
     let line = &flown(&format!("year = 2020\ndoy = 185\n{}{BARE}{LINE}", osborne()))[0];
     let map = datasets::read_map(&samples::path(OSBORNE), &MapOptions::default()).unwrap();
-    let grid = MapGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
-    let lookup = AnomalyMap::new(&grid, Interpolation::Cubic);
+    let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
+    let lookup = MapSurface::new(&grid, Interpolation::Cubic);
     let mut most: f64 = 0.0;
     for i in 0..line.num_rows() {
         let t = lookup.at(column(line, "lat")[i], column(line, "lon")[i]).unwrap().value_nt;
@@ -267,8 +267,8 @@ fn law_the_scalar_anomaly_is_the_maps() {
 #[test]
 fn law_the_projection_differs_from_the_map_by_less_than_the_square() {
     let map = datasets::read_map(&samples::path(OSBORNE), &MapOptions::default()).unwrap();
-    let grid = MapGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
-    let lookup = AnomalyMap::new(&grid, Interpolation::Cubic);
+    let grid = GeographicGrid::new(&map.latitudes_deg(), &map.longitudes_deg(), map.column("anomaly")).unwrap();
+    let lookup = MapSurface::new(&grid, Interpolation::Cubic);
     let map = crustal(&map);
     // All of the map is a gradient's change of magnitude; without the corrections 3 nT and more would not be.
     assert!(map.most_rest_nt() < 1e-4, "{}", map.most_rest_nt());

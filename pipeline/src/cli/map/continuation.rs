@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use datasets::{GridMap, Height};
+use datasets::{AnomalyGrid, Height};
 use figures::{CurveLabels, curve_svg};
 use numerics::maps::continuation::LCurve;
 use schemas::Fault;
@@ -67,7 +67,7 @@ pub fn run(args: &ContinueArgs) -> Result<(), Stop> {
 }
 
 /// The map at one height.
-fn one(args: &ContinueArgs, stage: &MapContinue, map: &GridMap, drape: Option<&GridMap>) -> Result<(), Stop> {
+fn one(args: &ContinueArgs, stage: &MapContinue, map: &AnomalyGrid, drape: Option<&AnomalyGrid>) -> Result<(), Stop> {
     let done = stage.apply(map, drape).map_err(|fault| of_file(&args.map, in_flags::<MapContinue>(fault)))?;
     done.warnings.iter().for_each(|text| warn(text));
     done.notes.iter().for_each(|text| note(text));

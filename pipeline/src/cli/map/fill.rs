@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use datasets::GridMap;
+use datasets::AnomalyGrid;
 use stages::map_fill::MapFill;
 
 use super::{
@@ -38,7 +38,7 @@ pub fn run(args: &FillArgs) -> Result<(), Stop> {
         // The others' heights and units are their files'.
         let input = InputArgs { format: None, epsg: None, alt: None, unit: None };
         let other = |path: &PathBuf| Ok((path.display().to_string(), input.read(path)?));
-        let others: Vec<(String, GridMap)> = args.with.iter().map(other).collect::<Result<_, Stop>>()?;
+        let others: Vec<(String, AnomalyGrid)> = args.with.iter().map(other).collect::<Result<_, Stop>>()?;
         let filled = stage.apply(&map, &others).map_err(|fault| of_file(&args.map, in_flags::<MapFill>(fault)))?;
         filled.warnings.iter().for_each(|text| warn(text));
         filled.notes.iter().for_each(|text| note(text));

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use arrow_array::{cast::AsArray, types::Float64Type};
 use clap::{Args, ValueEnum};
-use datasets::{FlightOptions, GridMap, Reading};
+use datasets::{AnomalyGrid, FlightOptions, Reading};
 use figures::{EarthTrack, Look, MapPicture, Palette, Plane, Scale, Shade, TrackLine};
 use schemas::{Fault, canonical::Canonical};
 
@@ -129,14 +129,14 @@ fn title(args: &PlotArgs) -> String {
     args.title.clone().unwrap_or_else(stem)
 }
 
-fn quantity(map: &GridMap) -> &'static str {
+fn quantity(map: &AnomalyGrid) -> &'static str {
     if map.value_unit == "nT" { "Magnetic anomaly" } else { "Derivative of the anomaly" }
 }
 
 /// A picture on the map's own plane.
 fn flat<T>(
     args: &PlotArgs,
-    map: &GridMap,
+    map: &AnomalyGrid,
     tracks: &[Track],
     draw: impl Fn(&MapPicture, &Look, &[TrackLine]) -> Result<T, Fault>,
 ) -> Result<T, Stop> {
@@ -171,7 +171,7 @@ fn flat<T>(
     draw(&picture, &look(args)?, &drawn).map_err(|e| Stop::from(e.in_file(&args.map.display().to_string())))
 }
 
-fn earth(args: &PlotArgs, map: &GridMap, tracks: &[Track], zipped: bool) -> Result<(), Stop> {
+fn earth(args: &PlotArgs, map: &AnomalyGrid, tracks: &[Track], zipped: bool) -> Result<(), Stop> {
     let map = if map.is_geographic() { map.clone() } else { map.to_crs(4326, None).map_err(Fault::from)? };
     let title = title(args);
     let picture = MapPicture {

@@ -6,7 +6,7 @@ use std::{
 };
 
 use arrow_array::{Array, RecordBatch, StringArray, cast::AsArray, types::Float64Type};
-use numerics::maps::map_grid::MapGrid;
+use numerics::maps::map_surface::GeographicGrid;
 use schemas::{Fault, Shape};
 
 use crate::{
@@ -115,14 +115,14 @@ impl<'a> Source<'a> {
     ///
     /// # Errors
     /// When the store is damaged.
-    pub fn map(&self, r: Ref) -> Result<Option<MapGrid>, Fault> {
+    pub fn map(&self, r: Ref) -> Result<Option<GeographicGrid>, Fault> {
         let there = |key: Key| self.store.find(key).is_some_and(|place| place.rows.is_some());
         if !self.graph.whole(r).is_ok_and(there) {
             return Ok(None);
         }
         // A map that no grid of latitude and longitude can hold, around a pole, has no picture.
         let Ok(map) = datasets::geographic(&self.graph.map(self.store, r)?) else { return Ok(None) };
-        Ok(MapGrid::from_rows(map.column("lat"), map.column("lon"), map.column("anomaly")).ok())
+        Ok(GeographicGrid::from_rows(map.column("lat"), map.column("lon"), map.column("anomaly")).ok())
     }
 
     /// The number of units of the table `t` in the store, and their total.

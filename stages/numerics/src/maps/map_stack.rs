@@ -9,8 +9,9 @@ mod levels;
 mod projected;
 
 use crate::earth::field_value::FieldValue;
-use crate::maps::map_grid::{
-    AnomalyMap, Axes, Cell, FieldColumns, Interpolation, Jet, LookUp, MapError, MapGrid, Places, Surface, look_up_many,
+use crate::maps::map_surface::{
+    Axes, Cell, FieldColumns, GeographicGrid, Interpolation, Jet, LookUp, MapError, MapSurface, Places, Surface,
+    look_up_many,
 };
 pub use drape::DrapeMap;
 use levels::{natural_slopes, union_of_unknown};
@@ -116,7 +117,7 @@ impl MapStack {
     /// # Errors
     /// Fails for fewer than two levels, for another number of maps than of heights, for heights that are not finite
     /// or do not ascend, for maps of other nodes than the first, and when no node is known at all levels.
-    pub fn new(heights_m: &[f64], maps: &[MapGrid], options: StackOptions) -> Result<Self, StackError> {
+    pub fn new(heights_m: &[f64], maps: &[GeographicGrid], options: StackOptions) -> Result<Self, StackError> {
         let known = known_values(heights_m, maps)?;
         let slopes = natural_slopes(heights_m, &known);
         Ok(Self::of(heights_m, maps, &known, &slopes, options))
@@ -131,7 +132,7 @@ impl MapStack {
     /// is known.
     pub fn with_vertical(
         heights_m: &[f64],
-        maps: &[MapGrid],
+        maps: &[GeographicGrid],
         d_alt_nt_per_m: &[Vec<f64>],
         options: StackOptions,
     ) -> Result<Self, StackError> {
@@ -147,7 +148,13 @@ impl MapStack {
         Ok(Self::of(heights_m, maps, &known, d_alt_nt_per_m, options))
     }
 
-    fn of(heights_m: &[f64], maps: &[MapGrid], known: &[Vec<f64>], slopes: &[Vec<f64>], options: StackOptions) -> Self {
+    fn of(
+        heights_m: &[f64],
+        maps: &[GeographicGrid],
+        known: &[Vec<f64>],
+        slopes: &[Vec<f64>],
+        options: StackOptions,
+    ) -> Self {
         let prepared = maps.iter().zip(known.iter().zip(slopes));
         let levels = prepared.map(|(map, (values, slopes))| {
             Surface::new(map.shape(), [values.as_slice(), slopes.as_slice()], options.interpolation)
@@ -312,7 +319,7 @@ fn weighted(weights: &[f64; 4], below: [f64; 2], over: [f64; 2]) -> f64 {
 }
 
 /// The values of all levels, unknown at every level where they are at one.
-fn known_values(heights_m: &[f64], maps: &[MapGrid]) -> Result<Vec<Vec<f64>>, StackError> {
+fn known_values(heights_m: &[f64], maps: &[GeographicGrid]) -> Result<Vec<Vec<f64>>, StackError> {
     let (heights, count) = (heights_m.len(), maps.len());
     if heights != count {
         return Err(StackError::Count { heights, maps: count });
@@ -326,7 +333,7 @@ fn known_values(heights_m: &[f64], maps: &[MapGrid]) -> Result<Vec<Vec<f64>>, St
             return Err(StackError::Heights { level: below + 1, before_m, alt_m });
         }
     }
-    let same = |map: &MapGrid| map.lat() == maps[0].lat() && map.lon() == maps[0].lon();
+    let same = |map: &GeographicGrid| map.lat() == maps[0].lat() && map.lon() == maps[0].lon();
     if let Some(level) = maps.iter().position(|map| !same(map)) {
         return Err(StackError::Nodes { level });
     }
@@ -338,7 +345,7 @@ fn known_values(heights_m: &[f64], maps: &[MapGrid]) -> Result<Vec<Vec<f64>>, St
 #[derive(Clone, Debug)]
 pub enum FieldMap {
     /// A map of one height.
-    Flat(AnomalyMap),
+    Flat(MapSurface),
     /// Maps at several heights.
     Stack(MapStack),
     /// A map that follows the ground.

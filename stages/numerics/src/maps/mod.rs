@@ -9,7 +9,7 @@ pub mod grid_projection;
 pub mod gridding;
 pub mod levelling;
 pub mod magnetic_sources;
-pub mod map_grid;
 pub mod map_stack;
+pub mod map_surface;
 pub mod plane_grid;
 pub mod projection;

@@ -2,7 +2,7 @@
 
 use numerics::{
     earth::core_field::CoreField,
-    maps::map_grid::AnomalyMap,
+    maps::map_surface::MapSurface,
     navigation::ins_error::{InsErrorModel, simulate_ins_error},
     random::Normals,
 };
@@ -18,7 +18,7 @@ pub struct Flight {
 
 /// A flight of `samples` at 10 Hz.
 pub fn flight(
-    map: &AnomalyMap,
+    map: &MapSurface,
     core: &CoreField,
     samples: u32,
 ) -> Result<Flight, Box<dyn std::error::Error + Send + Sync>> {

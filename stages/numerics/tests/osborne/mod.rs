@@ -6,7 +6,7 @@ use numerics::{
         core_field::{CoreField, CoreFieldError},
         geodesy::EarthModel,
     },
-    maps::map_grid::{MapError, MapGrid},
+    maps::map_surface::{GeographicGrid, MapError},
     navigation::{
         ins_series::{InsSeries, SeriesError},
         pinson::{ALT, LAT, LON, S, STATES, VD, VE, VN},
@@ -25,11 +25,11 @@ const VALUES: &[u8] = include_bytes!("../../reference/navigation/osborne.i16");
 pub const DECIMAL_YEAR: f64 = 2023.42;
 
 /// The anomaly map, 500 m above sea level.
-pub fn grid() -> Result<MapGrid, MapError> {
+pub fn grid() -> Result<GeographicGrid, MapError> {
     let axis = |first: f64, count: u32| -> Vec<f64> { (0..count).map(|k| first + STEP_DEG * f64::from(k)).collect() };
     let fifths = VALUES.chunks_exact(2).map(|pair| i16::from_le_bytes([pair[0], pair[1]]));
     let values: Vec<f64> = fifths.map(|fifth| f64::from(fifth) / 5.0).collect();
-    MapGrid::new(&axis(SOUTH_DEG, ROWS), &axis(WEST_DEG, COLUMNS), &values)
+    GeographicGrid::new(&axis(SOUTH_DEG, ROWS), &axis(WEST_DEG, COLUMNS), &values)
 }
 
 /// The core field at the date of the flights.

@@ -1,6 +1,6 @@
 //! A map at the nodes of another grid.
 
-use crate::maps::map_grid::{Cell, Interpolation, Shape, Surface};
+use crate::maps::map_surface::{Cell, Interpolation, Shape, Surface};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
 use rayon::prelude::*;
 

@@ -2,8 +2,8 @@
 
 use super::MapStack;
 use crate::earth::field_value::FieldValue;
-use crate::maps::map_grid::{
-    Axes, Cell, FieldColumns, Interpolation, Jet, LookUp, MapError, MapGrid, Places, Surface, look_up_many,
+use crate::maps::map_surface::{
+    Axes, Cell, FieldColumns, GeographicGrid, Interpolation, Jet, LookUp, MapError, Places, Surface, look_up_many,
 };
 
 const ANOMALY: usize = 0;
@@ -26,7 +26,7 @@ impl DrapeMap {
     /// Fails with [`MapError::CompanionSize`] when heights or derivatives are not as many as the nodes, and with
     /// [`MapError::CompanionValue`] for one that is not finite where the map is known.
     pub fn new(
-        grid: &MapGrid,
+        grid: &GeographicGrid,
         height_m: &[f64],
         d_alt_nt_per_m: &[f64],
         interpolation: Interpolation,

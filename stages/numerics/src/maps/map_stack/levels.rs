@@ -1,14 +1,14 @@
 //! The values and slopes of a stack, node by node.
 
-use crate::maps::map_grid::MapGrid;
+use crate::maps::map_surface::GeographicGrid;
 use rayon::prelude::*;
 
 /// The values of each map, NaN at every level where one level is unknown.
-pub(super) fn union_of_unknown(maps: &[MapGrid]) -> Vec<Vec<f64>> {
+pub(super) fn union_of_unknown(maps: &[GeographicGrid]) -> Vec<Vec<f64>> {
     let nodes = maps.first().map_or(0, |map| map.values().len());
     let unknown: Vec<bool> =
         (0..nodes).into_par_iter().map(|node| maps.iter().any(|map| map.values()[node].is_nan())).collect();
-    let known = |map: &MapGrid| {
+    let known = |map: &GeographicGrid| {
         let values = map.values().par_iter().zip(&unknown);
         values.map(|(value, unknown)| if *unknown { f64::NAN } else { *value }).collect()
     };

@@ -3,9 +3,9 @@
 use super::MapStack;
 use crate::earth::field_value::FieldValue;
 use crate::maps::grid_projection::GridProjection;
-use crate::maps::map_grid::{AnomalyMap, FieldColumns, MapError, Places};
+use crate::maps::map_surface::{FieldColumns, MapError, MapSurface, Places};
 
-/// A map, or a stack of maps, on the grid of a projection ([`MapGrid::of_nodes`](super::MapGrid::of_nodes)).
+/// A map, or a stack of maps, on the grid of a projection ([`GeographicGrid::of_nodes`](super::GeographicGrid::of_nodes)).
 ///
 /// A position is projected, the value is interpolated between the nodes, and the slopes are converted to latitude
 /// and longitude by the projection's derivatives, with its scale and its convergence of meridians.
@@ -18,13 +18,13 @@ pub struct ProjectedMap {
 /// Maps whose latitudes and longitudes are rows and columns.
 #[derive(Clone, Debug)]
 enum OnNodes {
-    Flat(AnomalyMap),
+    Flat(MapSurface),
     Stack(MapStack),
 }
 
 impl ProjectedMap {
     /// A map of one height.
-    pub fn flat(projection: GridProjection, map: AnomalyMap) -> Self {
+    pub fn flat(projection: GridProjection, map: MapSurface) -> Self {
         Self { projection, nodes: OnNodes::Flat(map) }
     }
 

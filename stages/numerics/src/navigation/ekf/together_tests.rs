@@ -1,6 +1,6 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
-use crate::maps::map_grid::{AnomalyMap, Interpolation, MapGrid};
+use crate::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
 use crate::navigation::transition::NoiseDiscretisation;
 
@@ -34,7 +34,7 @@ fn map(east_deg: f64, interpolation: Interpolation) -> FieldMap {
     let lon: Vec<f64> = (0..columns as i32).map(|k| -74.91 + 0.001 * f64::from(k)).collect();
     let value = |lat: &f64, lon: &f64| 80.0 * (700.0 * lat).sin() + 60.0 * (500.0 * lon).cos();
     let values: Vec<f64> = lat.iter().flat_map(|lat| lon.iter().map(move |lon| value(lat, lon))).collect();
-    FieldMap::Flat(AnomalyMap::new(&MapGrid::new(&lat, &lon, &values).unwrap(), interpolation))
+    FieldMap::Flat(MapSurface::new(&GeographicGrid::new(&lat, &lon, &values).unwrap(), interpolation))
 }
 
 /// All numbers of an answer, as bits.

@@ -257,13 +257,13 @@ fn check_ascending(axis: &'static str, nodes_deg: &[f64]) -> Result<(), MapError
 
 /// A regular grid of anomalies in nT, NaN where unknown; rows go north, columns east.
 #[derive(Clone, Debug, PartialEq)]
-pub struct MapGrid {
+pub struct GeographicGrid {
     lat: Axis,
     lon: Axis,
     values: Vec<f64>,
 }
 
-impl MapGrid {
+impl GeographicGrid {
     /// A grid from its axes in degrees and its values by rows: all longitudes of the first latitude,
     /// then of the next.
     ///

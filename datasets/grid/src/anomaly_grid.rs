@@ -19,7 +19,7 @@ pub enum Height {
     Cells(Vec<f64>),
 }
 
-/// The meaning of the coordinates in a file. Those of a [`GridMap`] are always those of the values themselves.
+/// The meaning of the coordinates in a file. Those of a [`AnomalyGrid`] are always those of the values themselves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Registration {
     /// The values are at the nodes, the outermost ones on the edge of the map.
@@ -30,7 +30,7 @@ pub enum Registration {
 
 /// An anomaly map on an even grid in any coordinate system.
 #[derive(Clone, Debug, PartialEq)]
-pub struct GridMap {
+pub struct AnomalyGrid {
     /// Eastings of the columns in the system's unit, or longitudes in degrees.
     pub x: EvenAxis,
     /// Northings of the rows in the system's unit, or latitudes in degrees.
@@ -61,22 +61,32 @@ pub const DERIVATIVES: [&str; 2] = ["nT/m", "nT/m2"];
 /// A scale of projection beyond this departure from 1 is corrected in distances.
 const WORST_SCALE: f64 = 0.005;
 
-impl GridMap {
+impl AnomalyGrid {
     /// A map of its axes and values, row by row from the south.
     ///
     /// # Errors
     /// Fails for axes of fewer than two nodes or that do not ascend, degrees that are not on the earth, values or
     /// heights of another number than the nodes or infinite, and values of which none is known.
-    pub fn new(x: EvenAxis, y: EvenAxis, crs: Crs, anomaly_nt: Vec<f64>, height: Height) -> Result<GridMap, ReadError> {
+    pub fn new(
+        x: EvenAxis,
+        y: EvenAxis,
+        crs: Crs,
+        anomaly_nt: Vec<f64>,
+        height: Height,
+    ) -> Result<AnomalyGrid, ReadError> {
         let (registration, source) = (Registration::Node, PathBuf::new());
         let value_unit = NANOTESLA;
         let map =
-            GridMap { x, y, crs, anomaly_nt, value_unit, height, registration, format: "", source, notes: vec![] };
+            AnomalyGrid { x, y, crs, anomaly_nt, value_unit, height, registration, format: "", source, notes: vec![] };
         map.check()?;
         Ok(map)
     }
 
-    /// Makes the checks of [`GridMap::new`].
+    /// Makes the checks of [`AnomalyGrid::new`].
+    ///
+    /// # Errors
+    /// Fails for axes without two nodes or with other than finite numbers, values or heights of another number than the
+    /// nodes, infinite values, and a grid without any value.
     pub fn check(&self) -> Result<(), ReadError> {
         let names = if self.crs.is_geographic() { ["lon", "lat"] } else { ["easting", "northing"] };
         for (axis, name) in [&self.x, &self.y].into_iter().zip(names) {
@@ -143,6 +153,9 @@ impl GridMap {
     }
 
     /// Rejects a map of any other quantity than the anomaly.
+    ///
+    /// # Errors
+    /// Fails for a map of a derivative.
     pub fn check_anomaly(&self) -> Result<(), ReadError> {
         if self.value_unit == NANOTESLA {
             return Ok(());
@@ -202,7 +215,7 @@ impl GridMap {
     }
 
     /// The map on a plane, in metres: the input of continuation, filling and gridding. The coordinates are those of
-    /// the map times [`GridMap::unit_m`].
+    /// the map times [`AnomalyGrid::unit_m`].
     pub fn plane(&self) -> PlaneGrid {
         let (x, y) = self.unit_m();
         let (east_m, north_m) = (scaled(&self.x, x), scaled(&self.y, y));
@@ -213,21 +226,21 @@ impl GridMap {
     ///
     /// # Errors
     /// Fails for values of another number than the nodes, infinite ones, and none that is known.
-    pub fn with_plane_values(&self, values: Vec<f64>) -> Result<GridMap, ReadError> {
-        let map = GridMap { anomaly_nt: values, ..self.clone() };
+    pub fn with_plane_values(&self, values: Vec<f64>) -> Result<AnomalyGrid, ReadError> {
+        let map = AnomalyGrid { anomaly_nt: values, ..self.clone() };
         map.check()?;
         Ok(map)
     }
 
     /// A map of another extent or spacing, such as a trimmed or expanded one, from a grid on this map's plane (the
-    /// metres of [`GridMap::plane`]).
+    /// metres of [`AnomalyGrid::plane`]).
     ///
     /// # Errors
-    /// Fails as [`GridMap::new`].
-    pub fn with_plane(&self, grid: PlaneGrid, height: Height) -> Result<GridMap, ReadError> {
+    /// Fails as [`AnomalyGrid::new`].
+    pub fn with_plane(&self, grid: PlaneGrid, height: Height) -> Result<AnomalyGrid, ReadError> {
         let (x, y) = self.unit_m();
         let (x, y) = (scaled(&grid.east_m, 1.0 / x), scaled(&grid.north_m, 1.0 / y));
-        let map = GridMap {
+        let map = AnomalyGrid {
             x,
             y,
             crs: self.crs.clone(),

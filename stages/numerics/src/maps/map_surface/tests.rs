@@ -3,19 +3,19 @@ use super::*;
 
 /// The map of MagNav.jl's golden cases, map[j,k] = 100 sin(.7j) + 40 cos(.5k) + 2jk with j = 1..9
 /// from latitude 0.70 to 0.7008 rad and k = 1..11 from longitude -1.30 to -1.2990 rad.
-pub(crate) fn golden_grid() -> MapGrid {
+pub(crate) fn golden_grid() -> GeographicGrid {
     let lat: Vec<f64> = (0..9).map(|j| (0.70 + 1e-4 * f64::from(j)).to_degrees()).collect();
     let lon: Vec<f64> = (0..11).map(|k| (-1.30 + 1e-4 * f64::from(k)).to_degrees()).collect();
     let node = |j: f64, k: f64| 100.0 * (0.7 * j).sin() + 40.0 * (0.5 * k).cos() + 2.0 * j * k;
     let values: Vec<f64> = (1..=9).flat_map(|j| (1..=11).map(move |k| node(f64::from(j), f64::from(k)))).collect();
-    MapGrid::new(&lat, &lon, &values).unwrap()
+    GeographicGrid::new(&lat, &lon, &values).unwrap()
 }
 
 pub(super) const ALL: [Interpolation; 3] = [Interpolation::Linear, Interpolation::Quadratic, Interpolation::Cubic];
 
 const PLACES: [(f64, f64); 3] = [(0.70023, -1.29947), (0.70001, -1.29999), (0.70079, -1.29901)];
 
-fn at_rad(map: &AnomalyMap, (lat, lon): (f64, f64)) -> FieldValue {
+fn at_rad(map: &MapSurface, (lat, lon): (f64, f64)) -> FieldValue {
     map.at(lat.to_degrees(), lon.to_degrees()).unwrap()
 }
 
@@ -39,7 +39,7 @@ fn val_magnav_interpolation_and_gradient() {
         ),
     ];
     for (interpolation, values, gradient) in cases {
-        let map = AnomalyMap::new(&golden_grid(), interpolation);
+        let map = MapSurface::new(&golden_grid(), interpolation);
         for (place, expected) in PLACES.into_iter().zip(values) {
             // Degrees and back move the place by 2e-16 rad, 1e-10 nT at 4e5 nT/rad.
             assert!((at_rad(&map, place).value_nt - expected).abs() < 1e-9);
@@ -55,7 +55,7 @@ fn val_magnav_interpolation_and_gradient() {
 fn jac_gradient_of_all_interpolations() {
     let grid = golden_grid();
     for interpolation in ALL {
-        let map = AnomalyMap::new(&grid, interpolation);
+        let map = MapSurface::new(&grid, interpolation);
         for place in [(0.70001, -1.29999), (0.70047, -1.29932), (0.700796, -1.299002)] {
             let (step, at) = (1e-9, at_rad(&map, place));
             let difference = |dlat: f64, dlon: f64| {
@@ -75,7 +75,7 @@ fn law_nodes_edges_and_outside() {
     let grid = golden_grid();
     let (lat, lon) = (grid.lat(), grid.lon());
     for interpolation in ALL {
-        let map = AnomalyMap::new(&grid, interpolation);
+        let map = MapSurface::new(&grid, interpolation);
         for row in 0..lat.len() {
             for column in 0..lon.len() {
                 let place =
@@ -114,8 +114,8 @@ fn law_a_hole_stays_a_hole() {
     }
     let (lat, lon) = (axis(-22.0, rows), axis(140.0, columns));
     for interpolation in ALL {
-        let full = AnomalyMap::new(&MapGrid::new(&lat, &lon, &complete).unwrap(), interpolation);
-        let map = AnomalyMap::new(&MapGrid::new(&lat, &lon, &holed).unwrap(), interpolation);
+        let full = MapSurface::new(&GeographicGrid::new(&lat, &lon, &complete).unwrap(), interpolation);
+        let map = MapSurface::new(&GeographicGrid::new(&lat, &lon, &holed).unwrap(), interpolation);
         for (row, column) in (0..rows - 1).flat_map(|r| (0..columns - 1).map(move |c| (r, c))) {
             let place = (lat[row] + 0.0003, lon[column] + 0.0006);
             let unknown = (9..20).contains(&row) && (14..25).contains(&column);
@@ -142,22 +142,23 @@ fn law_rows_of_a_table_make_the_same_map() {
     let (lat, lon) = (axis(50.0, 4), axis(-5.0, 3));
     let table: (Vec<f64>, Vec<f64>) = lat.iter().flat_map(|lat| lon.iter().map(move |lon| (*lat, *lon))).unzip();
     let values = &grid.values()[..12];
-    let of_rows = MapGrid::from_rows(&table.0, &table.1, values).unwrap();
-    assert_eq!(of_rows, MapGrid::new(&lat, &lon, values).unwrap());
+    let of_rows = GeographicGrid::from_rows(&table.0, &table.1, values).unwrap();
+    assert_eq!(of_rows, GeographicGrid::new(&lat, &lon, values).unwrap());
     assert_eq!(of_rows.lat().last_deg(), lat[3]);
     let mut swapped = table.clone();
     swapped.1.swap(4, 5);
-    let message = MapGrid::from_rows(&swapped.0, &swapped.1, values).unwrap_err().to_string();
+    let message = GeographicGrid::from_rows(&swapped.0, &swapped.1, values).unwrap_err().to_string();
     assert!(message.starts_with("row 4 of the map is at latitude 50.001, longitude -4.998"), "{message}");
-    assert!(MapGrid::from_rows(&table.0[..11], &table.1[..11], &values[..11]).is_err());
-    assert!(MapGrid::from_rows(&[], &[], &[]).is_err());
-    assert!(matches!(MapGrid::from_rows(&[1.0], &[], &[2.0]), Err(MapError::Columns { .. })));
+    assert!(GeographicGrid::from_rows(&table.0[..11], &table.1[..11], &values[..11]).is_err());
+    assert!(GeographicGrid::from_rows(&[], &[], &[]).is_err());
+    assert!(matches!(GeographicGrid::from_rows(&[1.0], &[], &[2.0]), Err(MapError::Columns { .. })));
 }
 
 #[test]
 fn law_what_is_not_a_map_is_refused_in_words() {
     let (lat, lon, values) = (axis(50.0, 3), axis(10.0, 3), vec![1.0; 9]);
-    let refused = |lat: &[f64], lon: &[f64], values: &[f64]| MapGrid::new(lat, lon, values).unwrap_err().to_string();
+    let refused =
+        |lat: &[f64], lon: &[f64], values: &[f64]| GeographicGrid::new(lat, lon, values).unwrap_err().to_string();
     let descending: Vec<f64> = lat.iter().rev().copied().collect();
     assert_eq!(
         refused(&descending, &lon, &values),
@@ -173,5 +174,5 @@ fn law_what_is_not_a_map_is_refused_in_words() {
     let mut infinite = values.clone();
     infinite[7] = f64::INFINITY;
     assert!(refused(&lat, &lon, &infinite).contains("row 7 of the map is infinite"));
-    assert!(MapGrid::new(&lat, &lon, &values).is_ok());
+    assert!(GeographicGrid::new(&lat, &lon, &values).is_ok());
 }

@@ -1,6 +1,6 @@
 //! Batch look-ups of many positions.
 
-use super::{AnomalyMap, Cell, MapError};
+use super::{Cell, MapError, MapSurface};
 use crate::earth::field_value::FieldValue;
 
 /// Values and gradients of many positions, one column each; NaN where the map is undefined.
@@ -137,7 +137,7 @@ impl<M: LookUp> pulp::NullaryFnOnce for Batch<'_, M> {
 }
 
 /// A map on its own level, at any height.
-struct OnMap<'a>(&'a AnomalyMap);
+struct OnMap<'a>(&'a MapSurface);
 
 impl LookUp for OnMap<'_> {
     #[inline(always)]
@@ -157,7 +157,7 @@ impl LookUp for OnMap<'_> {
 }
 
 /// A map, to first order at other heights.
-struct AtHeight<'a>(&'a AnomalyMap);
+struct AtHeight<'a>(&'a MapSurface);
 
 impl LookUp for AtHeight<'_> {
     #[inline(always)]
@@ -176,7 +176,7 @@ impl LookUp for AtHeight<'_> {
     }
 }
 
-impl AnomalyMap {
+impl MapSurface {
     /// [`Self::at`] for many positions in degrees; positions without a value are NaN. Allocates only where `out` has to
     /// grow, and runs on the caller's thread. Faster than one at a time where the map does not fit the cache, the more
     /// so the more the places are scattered.

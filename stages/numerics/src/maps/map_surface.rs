@@ -16,7 +16,7 @@ use crate::earth::field_value::FieldValue;
 pub use batch::FieldColumns;
 pub(crate) use batch::{LookUp, Places, look_up_many};
 use grid::Axis;
-pub use grid::{MapError, MapGrid};
+pub use grid::{GeographicGrid, MapError};
 pub(crate) use holes::Shape;
 use params::choice;
 pub(crate) use surface::{Cell, Jet, Surface};
@@ -68,7 +68,7 @@ pub(crate) struct Axes {
 }
 
 impl Axes {
-    pub(crate) fn of(grid: &MapGrid) -> Self {
+    pub(crate) fn of(grid: &GeographicGrid) -> Self {
         Self { lat: *grid.lat(), lon: *grid.lon() }
     }
 
@@ -102,14 +102,14 @@ enum Nodes {
 
 /// An anomaly map that can be looked up quickly.
 #[derive(Clone, Debug)]
-pub struct AnomalyMap {
+pub struct MapSurface {
     axes: Axes,
     nodes: Nodes,
 }
 
-impl AnomalyMap {
+impl MapSurface {
     /// Prepares a grid for look-ups; the map is the same at every height.
-    pub fn new(grid: &MapGrid, interpolation: Interpolation) -> Self {
+    pub fn new(grid: &GeographicGrid, interpolation: Interpolation) -> Self {
         let surface = Surface::new(grid.shape(), [grid.values()], interpolation);
         Self { axes: Axes::of(grid), nodes: Nodes::Anomaly(surface) }
     }
@@ -120,7 +120,7 @@ impl AnomalyMap {
     /// Where the derivative is not of the grid's nodes, is not finite at a known node, or the
     /// height is not finite.
     pub fn with_vertical(
-        grid: &MapGrid,
+        grid: &GeographicGrid,
         vertical: VerticalDerivative<'_>,
         interpolation: Interpolation,
     ) -> Result<Self, MapError> {
