@@ -4,6 +4,7 @@ mod components;
 mod elastic_net;
 mod extended_tolles_lawson;
 mod model;
+mod models;
 mod pls;
 mod point;
 mod problem;
@@ -30,7 +31,8 @@ use schemas::{
     SurveyStage, Table, Yield, stage,
 };
 
-pub use model::{Answer, Choose, Divisor, FitModel, MODELS, MadeOf, Model, Settings, model};
+pub use model::{Answer, Choose, Divisor, FitModel, MadeOf, Model, Settings, model};
+pub use models::MODELS;
 pub use numerics::regression::least_squares::{LinearFit, Prepared};
 pub use problem::Problem;
 pub use ridge::ridge;

@@ -2,6 +2,7 @@
 
 mod ekf;
 mod filter;
+mod filters;
 mod flown;
 mod ins;
 
@@ -17,7 +18,8 @@ use schemas::{
     Table, Yield, params, stage,
 };
 
-pub use filter::{FILTERS, Filter, Flown, NavigationFilter, Point, Track, Update, filter, navigate_points};
+pub use filter::{Filter, Flown, NavigationFilter, Point, Track, Update, filter, navigate_points};
+pub use filters::FILTERS;
 
 use crate::{
     columns::{array, faults_of, floats, shape},

@@ -1,10 +1,11 @@
 //! Scores a compensated signal and a track against the truth.
 //!
-//! A metric is one item in the file of its subject and one line in the list of `metric.rs`.
+//! A metric is one item in the file of its subject and one line in the list of `metrics.rs`.
 
 mod line;
 mod map;
 mod metric;
+mod metrics;
 mod signal;
 mod source;
 #[cfg(test)]
@@ -24,7 +25,8 @@ use self::source::Places;
 pub use self::{
     line::{Line, Offsets, Signals},
     map::MAP_STD_ERROR,
-    metric::{SCORERS, Scorer, metric},
+    metric::{Scorer, metric},
+    metrics::SCORERS,
     signal::STD_ERROR,
     source::Source,
 };

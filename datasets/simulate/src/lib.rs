@@ -37,6 +37,7 @@ mod line;
 mod lines;
 mod random;
 mod reference;
+mod scene;
 mod spec;
 mod trajectory;
 

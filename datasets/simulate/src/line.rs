@@ -1,26 +1,11 @@
 //! One line: truth, INS, the earth's field and the readings of every sensor, as the columns of a table.
 
-use std::path::Path;
-
 use datasets::{
     ReadError,
     table::{Table, Values},
 };
 
-use super::{
-    aircraft, earth, ins,
-    random::Random,
-    spec::Spec,
-    trajectory::{Flight, Line, Trajectory},
-};
-
-/// A line to simulate.
-pub(super) struct Scene<'a> {
-    pub(super) path: &'a Path,
-    pub(super) spec: &'a Spec,
-    pub(super) flight: &'a Flight,
-    pub(super) line: &'a Line,
-}
+use super::{aircraft, earth, ins, scene::Scene, trajectory::Trajectory};
 
 /// The earth's field along a line and the readings of the sensors, by column.
 pub(super) struct Around {
@@ -29,16 +14,6 @@ pub(super) struct Around {
 }
 
 impl Scene<'_> {
-    /// The stream of random numbers of one component of this line.
-    pub(super) fn random(&self, what: &str) -> Random {
-        Random::of(self.spec.seed, &["line", &self.flight.name, &self.line.name, what])
-    }
-
-    /// A fault that names the line.
-    pub(super) fn fault(&self, what: String) -> ReadError {
-        ReadError::options(self.path, format!("flight {}, line {}: {what}", self.flight.name, self.line.name))
-    }
-
     /// The trajectory of the line.
     pub(super) fn fly(&self) -> Trajectory {
         let spec = self.spec;

@@ -9,7 +9,7 @@ use std::{collections::VecDeque, sync::Arc};
 use datasets::{ReadError, table::Table};
 use rayon::prelude::*;
 
-use super::{World, ins, line::Scene, trajectory::Trajectory};
+use super::{World, ins, scene::Scene, trajectory::Trajectory};
 
 /// The INS output along some lines of a flight, up to the first on which it fails.
 type Said = Vec<Result<[Vec<f64>; 12], ReadError>>;

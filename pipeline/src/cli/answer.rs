@@ -17,7 +17,7 @@ use parquet::{
 };
 use schemas::Fault;
 
-use super::{say, sql::Temporary};
+use super::{say, temporary::Temporary};
 use crate::views::sql::Sink;
 
 /// The form of an answer.

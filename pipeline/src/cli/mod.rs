@@ -8,6 +8,7 @@ mod map;
 mod progress;
 mod say;
 mod sql;
+mod temporary;
 mod tend;
 mod threads;
 
@@ -443,7 +444,7 @@ fn table_of(summary: &Summary) -> String {
             c.skipped.to_string(),
         ]);
     }
-    scores::columns(&rows, 1) + &format!("\ntables are in {}\n", summary.folder.display())
+    crate::views::text::columns(&rows, 1) + &format!("\ntables are in {}\n", summary.folder.display())
 }
 
 /// The pooled scores of each table of scores, as wide as the terminal.

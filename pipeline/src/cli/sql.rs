@@ -4,7 +4,6 @@ use std::{
     io::{IsTerminal, Read},
     path::{Path, PathBuf},
     process::exit,
-    sync::Mutex,
 };
 
 use arrow_array::RecordBatch;
@@ -12,7 +11,11 @@ use arrow_schema::SchemaRef;
 use clap::Args;
 use schemas::Fault;
 
-use super::{Stop, answer, say::err};
+use super::{
+    Stop, answer,
+    say::err,
+    temporary::{self, Temporary},
+};
 use crate::views::sql::{Question, Sink, memory, sql};
 
 /// The arguments of a query.
@@ -42,45 +45,11 @@ pub struct SqlArgs {
     memory_limit: Option<usize>,
 }
 
-/// The files that are removed when the command ends early.
-static UNFINISHED: Mutex<Vec<PathBuf>> = Mutex::new(vec![]);
-
-/// A temporary file: removed when it goes out of scope, or when the command is interrupted.
-pub struct Temporary(PathBuf);
-
-impl Temporary {
-    /// Whatever will be made at `path`.
-    pub fn new(path: PathBuf) -> Temporary {
-        if let Ok(mut list) = UNFINISHED.lock() {
-            list.push(path.clone());
-        }
-        Temporary(path)
-    }
-
-    /// Its path.
-    pub fn path(&self) -> &Path {
-        &self.0
-    }
-}
-
-impl Drop for Temporary {
-    fn drop(&mut self) {
-        remove(&self.0);
-    }
-}
-
-fn remove(path: &Path) {
-    // It may not exist; a failure to remove it is ignored.
-    let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
-}
-
 /// Runs the query.
 pub fn run(args: &SqlArgs) -> Result<(), Stop> {
     // A query computes and writes on many threads, which are not waited for.
     let _ = ctrlc::set_handler(|| {
-        if let Ok(list) = UNFINISHED.lock() {
-            list.iter().for_each(|path| remove(path));
-        }
+        temporary::remove_all();
         err!("interrupted");
         exit(130)
     });

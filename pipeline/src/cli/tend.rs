@@ -8,7 +8,7 @@ use schemas::Fault;
 use super::{Stop, counted, progress::Progress, say};
 use crate::{
     store::{Store, tend},
-    views::{history, scores},
+    views::{history, text},
 };
 
 /// A store.
@@ -118,7 +118,7 @@ pub fn ls(args: &StoreArgs, pipeline: Option<&str>) -> Result<(), Stop> {
             one.version.to_string(),
         ]);
     }
-    say(scores::columns(&rows, 1))
+    say(text::columns(&rows, 1))
 }
 
 /// Removes a pipeline or a table.

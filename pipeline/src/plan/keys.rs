@@ -8,7 +8,7 @@ use schemas::{Fault, Grain, InputKind};
 use super::{
     Instance, Plan, Ref,
     grid::{Grid, Onto},
-    lines::{LineSets, of_lines},
+    lines::{LineId, LineSets, of_lines},
     memo::Memo,
     node::{TableNode, Target, Variant},
 };
@@ -18,9 +18,6 @@ use crate::{
     spec::Faults,
     store::Store,
 };
-
-/// A line, as a position in [`Graph::lines`].
-pub type LineId = usize;
 
 /// The name of a column, as a number.
 type Name = u32;

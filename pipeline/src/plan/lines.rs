@@ -7,10 +7,12 @@ use schemas::{Fault, InputKind};
 use super::{
     Plan,
     grid::{Grid, Onto, Over},
-    keys::LineId,
     node::{Slot, TableNode, Target},
 };
 use crate::predicate::Predicate;
+
+/// A line, as a position in the lines of a [graph](super::Graph).
+pub type LineId = usize;
 
 /// The lines of the points of all tables.
 #[derive(Default)]

@@ -19,7 +19,8 @@ use std::collections::BTreeSet;
 use schemas::{Entry, Fault, metric::Metric};
 
 pub use grid::{Grid, Point};
-pub use keys::{Graph, LineId, Origin, Unit};
+pub use keys::{Graph, Origin, Unit};
+pub use lines::LineId;
 pub use node::{Instance, TableNode, Variant};
 
 use crate::{

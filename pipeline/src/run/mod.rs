@@ -1,7 +1,9 @@
 //! Running a plan: missing results are computed, the rest is reused, and failures are isolated.
 
 mod cut;
-mod events;
+pub mod events;
+mod failure;
+mod interrupt;
 mod layout;
 mod logical;
 mod publish;
@@ -9,15 +11,13 @@ mod quality;
 mod table;
 mod work;
 
-use std::{
-    collections::HashMap,
-    sync::atomic::{AtomicBool, Ordering},
-    time::Instant,
-};
+use std::{sync::atomic::Ordering, time::Instant};
 
 use schemas::{Fault, Grain};
 
 pub use events::{Count, Event, Listener, Outcome, Quiet};
+pub use failure::{Failure, said_once};
+pub use interrupt::{INTERRUPTED, STARTED};
 pub use logical::{PATTERNS, SCHEMA};
 
 use work::Worker;
@@ -69,51 +69,6 @@ impl Summary {
         self.tables.iter().fold(Count::default(), |sum, (_, c)| sum + *c)
     }
 }
-
-/// A unit that could not be computed.
-#[derive(Clone, Debug)]
-pub struct Failure {
-    /// The table, or the source.
-    pub table: String,
-    /// The sweep point.
-    pub point: crate::plan::Point,
-    /// The line; `None` for a survey stage.
-    pub line: Option<(String, String)>,
-    /// Why.
-    pub fault: Fault,
-}
-
-/// The failures as reported: one message for a mistake that several lines of a file have, with the number of lines.
-pub fn said_once(failures: &[Failure]) -> Vec<(&Failure, usize)> {
-    let shape = |f: &Failure| f.fault.what.chars().filter(|c| !c.is_ascii_digit() && !".,-e".contains(*c)).collect();
-    let mistake = |f: &Failure| -> Option<(String, String, String)> {
-        // Only faults of a source are merged; stages fail separately.
-        let file = f.fault.place.file.clone()?;
-        Some((file, f.fault.place.column.clone()?, shape(f)))
-    };
-    let mut said: Vec<(&Failure, usize)> = vec![];
-    let mut at: HashMap<(String, String, String), usize> = HashMap::new();
-    for failure in failures {
-        let Some(mistake) = mistake(failure) else {
-            said.push((failure, 1));
-            continue;
-        };
-        match at.get(&mistake).and_then(|i| said.get_mut(*i)) {
-            Some((_, lines)) => *lines += 1,
-            None => {
-                at.insert(mistake, said.len());
-                said.push((failure, 1));
-            }
-        }
-    }
-    said
-}
-
-/// Set to stop a run after the current units.
-pub static INTERRUPTED: AtomicBool = AtomicBool::new(false);
-
-/// Whether the sources are read and units are being computed.
-pub static STARTED: AtomicBool = AtomicBool::new(false);
 
 /// The state of a unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,8 +8,8 @@ use arrow_schema::{DataType, Field, Schema};
 use schemas::{Fault, Role, field};
 
 use super::{
-    Failure,
     cut::{Cut, axis_type, axis_values},
+    failure::Failure,
     logical, quality,
 };
 use crate::{

@@ -15,7 +15,7 @@ use schemas::{
     AnyLinePoint, AnyStage, Fault, Grain, InputKind, LineIn, Part, Prepared, Product, Shape, SurveyStageDyn,
 };
 
-use super::INTERRUPTED;
+use super::interrupt::INTERRUPTED;
 use crate::{
     keys::Key,
     plan::{Graph, Instance, LineId, Ref, Unit},

@@ -8,7 +8,7 @@ use numerics::angle::wrap_deg;
 use numerics::{earth::geodesy::EarthModel, regression::statistics};
 use schemas::{Fault, plausible::shown};
 
-use super::quality::{Check, Finding, Origins};
+use super::finding::{Check, Finding, Origins};
 
 /// The largest plausible error of an INS.
 const INS_KM: f64 = 500.0;

@@ -4,6 +4,7 @@ mod assemble;
 mod bytes;
 mod consistency;
 mod files;
+mod finding;
 mod flight_file;
 mod formats;
 mod in_order;

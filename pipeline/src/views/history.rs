@@ -10,8 +10,8 @@ use std::{
 use schemas::Fault;
 use serde::{Deserialize, Serialize};
 
-use super::{record::Snapshot, scores};
-use crate::{keys::Key, run::Count, store::Store};
+use super::{record::Snapshot, text};
+use crate::{keys::Key, run::events::Count, store::Store};
 
 /// One run of a pipeline.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -114,7 +114,7 @@ pub fn table(root: &Path, pipeline: Option<&str>) -> Result<String, Fault> {
             rows.push(row);
         }
     }
-    Ok(scores::columns(&rows, 3))
+    Ok(text::columns(&rows, 3))
 }
 
 /// What changed between two runs of a pipeline.

@@ -9,6 +9,7 @@ pub mod report;
 pub mod score_table;
 pub mod scores;
 pub mod sql;
+pub mod text;
 pub mod warnings;
 mod why;
 

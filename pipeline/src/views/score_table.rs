@@ -2,7 +2,10 @@
 
 use schemas::metric::Metric;
 
-use super::scores::{Scores, columns, number};
+use super::{
+    scores::Scores,
+    text::{columns, number},
+};
 
 /// The width of a table where there is no terminal.
 pub const WIDTH: usize = 120;

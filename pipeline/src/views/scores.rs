@@ -226,32 +226,6 @@ fn gather(groups: &[Vec<String>], pooled: &[Option<f64>], shown: &[Metric], mut 
     scores
 }
 
-/// A number as it is read: four significant digits.
-pub fn number(x: Option<f64>) -> String {
-    match x {
-        None => "-".to_owned(),
-        Some(0.0) => "0".to_owned(),
-        Some(x) => {
-            let digits = (3 - x.abs().log10().floor() as i64).clamp(0, 6);
-            format!("{x:.*}", usize::try_from(digits).unwrap_or(0))
-        }
-    }
-}
-
-/// Rows of words in columns: the first `left` flush left, the others flush right.
-pub fn columns(table: &[Vec<String>], left: usize) -> String {
-    let count = table.iter().map(Vec::len).max().unwrap_or(0);
-    let wide = |c: usize| table.iter().filter_map(|r| r.get(c)).map(|w| w.chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..count).map(wide).collect();
-    let cell = |(c, word): (usize, &String)| {
-        if c < left { format!("{word:<w$}", w = widths[c]) } else { format!("{word:>w$}", w = widths[c]) }
-    };
-    let line = |row: &Vec<String>| {
-        row.iter().enumerate().map(cell).collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n"
-    };
-    table.iter().map(line).collect()
-}
-
 /// Metrics of the stage `score`, for tests.
 #[cfg(test)]
 pub fn declared<const N: usize>(names: [&str; N]) -> [Metric; N] {

@@ -1,28 +1,12 @@
-//! What a fit model declares of itself, and the list of all models.
+//! What a fit model declares of itself.
 //!
-//! A model is one file: its declaration by [`model!`](crate::model!), its fit, its tests; and one line in [`MODELS`]. The
+//! A model is one file: its declaration by [`model!`](crate::model!), its fit, its tests; and one line in [`MODELS`](super::MODELS). The
 //! struct of a model holds the keys that it declares and nothing else, so that it cannot depend on a key of another model.
 
 use numerics::regression::least_squares::{LineScores, LinearFit, Prepared, Scaling};
 use schemas::{Fault, Kind, KindDoc, Own, ParamDoc, Reader, choice, collect_doc};
 
-use super::{
-    elastic_net::ElasticNet, extended_tolles_lawson::ExtendedTollesLawson, pls::PartialLeastSquares, problem::Problem,
-    recursive_least_squares::RecursiveLeastSquares, ridge::Ridge, robust::Robust, tolles_lawson::TollesLawson,
-    truncated_svd::TruncatedSvd,
-};
-
-/// Every model, in the order of the reference.
-pub const MODELS: &[&Model] = &[
-    &TollesLawson::MODEL,
-    &ExtendedTollesLawson::MODEL,
-    &Ridge::MODEL,
-    &ElasticNet::MODEL,
-    &PartialLeastSquares::MODEL,
-    &TruncatedSvd::MODEL,
-    &Robust::MODEL,
-    &RecursiveLeastSquares::MODEL,
-];
+use super::problem::Problem;
 
 choice! {
     /// How `lambda` or the number of components is found.
@@ -316,6 +300,7 @@ mod tests {
     use schemas::Literal;
 
     use super::*;
+    use crate::fit::MODELS;
     use crate::fit::testing::{fitted, number, stage, word};
 
     fn keys(model: &str, given: &[(String, Literal)]) -> Vec<&'static str> {

@@ -1,6 +1,6 @@
-//! What a navigation filter declares of itself, what it is handed and hands back, and the list of all filters.
+//! What a navigation filter declares of itself, what it is handed and hands back.
 //!
-//! A filter is one file: its declaration by [`filter!`](crate::filter!), its run, its tests; and one line in [`FILTERS`].
+//! A filter is one file: its declaration by [`filter!`](crate::filter!), its run, its tests; and one line in [`FILTERS`](super::FILTERS).
 
 use std::{any::Any, sync::Arc};
 
@@ -11,11 +11,6 @@ use numerics::{
     navigation::{ins_error::InsErrorModel, ins_series::InsSeries},
 };
 use schemas::{Column, Fault, Kind, KindDoc, Own, ParamDoc, Reader, choice, collect_doc};
-
-use super::ekf::Ekf;
-
-/// Every filter, in the order of the reference.
-pub const FILTERS: &[&Filter] = &[&Ekf::FILTER];
 
 /// A flight line as every filter is handed it.
 pub struct Flown<'a> {

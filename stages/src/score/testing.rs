@@ -7,12 +7,7 @@ use arrow_schema::{DataType, Field, Schema};
 use numerics::regression::statistics::Figure;
 use schemas::{Kinds, LineIn, Role, Several, Shape};
 
-use super::{
-    Score,
-    line::Line,
-    metric::{SCORERS, Scorer},
-    source::Places,
-};
+use super::{Score, line::Line, metric::Scorer, metrics::SCORERS, source::Places};
 
 /// The columns of a table.
 pub type Columns = Vec<(&'static str, Vec<f64>)>;

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{earth::Along, line::Scene, trajectory::Trajectory};
+use super::{earth::Along, scene::Scene, trajectory::Trajectory};
 use field::{Drive, FIELD_PARTS, Field};
 use motion::Motion;
 use sensors::{Bench, FieldParts, SCALAR_PARTS, VECTOR_PARTS};

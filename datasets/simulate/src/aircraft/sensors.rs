@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::{
-    super::{line::Scene, random::Random},
+    super::{random::Random, scene::Scene},
     currents::switched,
     field::FIELD_PARTS,
     sampling::Clock,

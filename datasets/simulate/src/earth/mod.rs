@@ -14,7 +14,7 @@ use numerics::earth::{
 use observatory::Observatory;
 use places::Places;
 
-use super::{line::Scene, spec::Spec, trajectory::Trajectory};
+use super::{scene::Scene, spec::Spec, trajectory::Trajectory};
 pub use spec::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
 use variation::{Moments, Variation};
 

@@ -26,8 +26,8 @@ use self::{
     spec::{Align, Ins, Method},
 };
 use super::{
-    line::Scene,
     random::Random,
+    scene::Scene,
     spec::Spec,
     trajectory::{Flight, Trajectory},
 };

@@ -11,7 +11,7 @@ use numerics::{
 use tempfile::TempDir;
 
 use super::{
-    super::{line::Scene, spec::Spec, trajectory::Trajectory},
+    super::{scene::Scene, spec::Spec, trajectory::Trajectory},
     spec::{Align, Ins, Method},
     *,
 };

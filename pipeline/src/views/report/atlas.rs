@@ -18,7 +18,7 @@ use super::{
     source::Source,
     track::{Flown, Track},
 };
-use crate::{plan::Ref, views::scores::number};
+use crate::{plan::Ref, views::text::number};
 
 /// Radius of the ellipse that holds 95 % of a two-dimensional normal distribution, in sigma.
 const ELLIPSE_95: f64 = 2.447_746_8;

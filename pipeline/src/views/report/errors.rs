@@ -13,7 +13,7 @@ use super::{
     signal::{minutes, time_axis},
     track::{Flown, Offsets, nees},
 };
-use crate::views::scores::number;
+use crate::views::text::number;
 
 /// Points of a band.
 const BAND_POINTS: usize = 500;

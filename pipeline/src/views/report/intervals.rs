@@ -15,7 +15,7 @@ use schemas::{
 use super::source::Source;
 use crate::{
     plan::Unit,
-    views::{scores::number, warnings::limits},
+    views::{text::number, warnings::limits},
 };
 
 /// The maximum number of points of a plot.

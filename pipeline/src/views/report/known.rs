@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     plan::{LineId, Ref},
-    views::scores::number,
+    views::text::number,
 };
 
 /// The map's value along a line of a table of `map_value`, with the measured and the true anomaly where they

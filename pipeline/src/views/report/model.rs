@@ -11,7 +11,7 @@ use schemas::Fault;
 use super::{source::Source, subject::Subject};
 use crate::{
     plan::{Ref, Unit},
-    views::scores::number,
+    views::text::number,
 };
 
 /// Beyond this, single coefficients lose three digits of the data.

@@ -7,7 +7,7 @@ use super::{
     source::{Failed, Source},
     warnings::Warning,
 };
-use crate::views::scores::number;
+use crate::views::text::number;
 
 /// The maximum number of failures listed.
 const MOST: usize = 50;

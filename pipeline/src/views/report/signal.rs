@@ -18,7 +18,7 @@ use schemas::Fault;
 use super::{source::Source, subject::Subject};
 use crate::{
     plan::{LineId, Ref},
-    views::scores::number,
+    views::text::number,
 };
 
 /// A signal before and after compensation, each about its mean.

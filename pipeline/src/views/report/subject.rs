@@ -6,7 +6,7 @@ use schemas::{Fault, metric::Metric};
 use super::{board::Board, source::Source};
 use crate::{
     plan::{LineId, Ref, Unit},
-    views::scores::number,
+    views::text::number,
 };
 
 /// A sweep point that is shown in detail: the stages that it went through.

@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use schemas::metric::{Better, Metric};
 
 use super::{board::Board, source::Source};
-use crate::views::scores::number;
+use crate::views::text::number;
 
 /// The most rows of the table: more are no longer looked through.
 const MOST: usize = 1000;

@@ -9,7 +9,7 @@ use schemas::Fault;
 use super::source::Source;
 use crate::{
     plan::{Instance, Ref, Unit},
-    views::scores::number,
+    views::text::number,
 };
 
 /// Up to so many calibrations have a column each.

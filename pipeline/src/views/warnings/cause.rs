@@ -12,7 +12,7 @@ use super::{Kind, limits, navigation, row::Row};
 use crate::{
     plan::{Graph, Instance, LineId, Ref},
     store::Store,
-    views::scores::number,
+    views::text::number,
 };
 
 /// The parameters of a navigation that explain its errors.

@@ -15,7 +15,7 @@ use schemas::{Fault, TableKind};
 use crate::{
     plan::{Graph, LineId, Plan, Point, Ref, Unit},
     store::Store,
-    views::scores::number,
+    views::text::number,
 };
 use cause::Facts;
 pub use row::Row;

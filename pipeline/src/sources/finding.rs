@@ -1,0 +1,100 @@
+//! What an examination of data finds, and how a file names its columns.
+
+use std::collections::BTreeMap;
+
+use arrow_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// The kind of a finding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Check {
+    /// No value.
+    Missing,
+    /// An infinity; taken as missing.
+    Infinite,
+    /// A scalar magnetometer's reading of exactly 0 nT: a dropout; taken as missing.
+    ZeroReading,
+    /// Outside the limits of the column's role; taken as missing unless the table accepts it.
+    Impossible,
+    /// A scalar magnetometer whose readings are not a total field but vary as only a residual does: the core field was
+    /// already removed.
+    NotTotalField,
+    /// Contradicts another column.
+    Inconsistent,
+    /// A sensor that never changes.
+    Constant,
+}
+
+impl Check {
+    /// The word for it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Check::Missing => "missing",
+            Check::Infinite => "infinite",
+            Check::ZeroReading => "zero_reading",
+            Check::Impossible => "impossible",
+            Check::NotTotalField => "not_total_field",
+            Check::Inconsistent => "inconsistent",
+            Check::Constant => "constant",
+        }
+    }
+}
+
+/// One finding in one column of one line.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Finding {
+    /// The column; of a vector magnetometer's magnitude the vector.
+    pub column: String,
+    /// The kind.
+    pub check: Check,
+    /// The number of samples.
+    pub n: u64,
+    /// The first of them, as a row of the line, from 0.
+    pub first_row: u64,
+    /// The value there, in the shortest spelling that reads back the same; none where it is missing or infinite.
+    value: Option<String>,
+    /// Its unit.
+    pub unit: String,
+}
+
+impl Finding {
+    pub(super) fn new(column: &str, check: Check, n: usize, first: usize, value: f64, unit: &str) -> Finding {
+        let value = value.is_finite().then(|| format!("{value:?}"));
+        Finding { column: column.to_owned(), check, n: n as u64, first_row: first as u64, value, unit: unit.to_owned() }
+    }
+
+    /// The value of the first sample.
+    pub fn value(&self) -> Option<f64> {
+        self.value.as_ref().and_then(|v| v.parse().ok())
+    }
+}
+
+/// How a file names its columns and in which units they are, for messages that say what to write into the spec.
+#[derive(Clone, Debug, Default)]
+pub struct Origins(BTreeMap<String, (String, String)>);
+
+impl Origins {
+    /// From the schema that the reader gave and the table's `rename`.
+    pub fn new(schema: &Schema, rename: &BTreeMap<String, String>) -> Origins {
+        let theirs = |ours: &str| rename.iter().find(|(_, to)| *to == ours).map_or(ours, |(from, _)| from).to_owned();
+        let unit = |f: &arrow_schema::Field| f.metadata().get("unit").cloned().unwrap_or_default();
+        Origins(schema.fields().iter().map(|f| (f.name().clone(), (theirs(f.name()), unit(f)))).collect())
+    }
+
+    /// The file's name of the column `ours`.
+    pub fn name<'a>(&'a self, ours: &'a str) -> &'a str {
+        self.0.get(ours).map_or(ours, |(name, _)| name)
+    }
+
+    /// The unit that the file or the spec gives; empty where neither does.
+    pub(super) fn unit(&self, ours: &str) -> &str {
+        self.0.get(ours).map_or("", |(_, unit)| unit)
+    }
+
+    /// `units = { "name" = "unit" }`, for the columns `ours`.
+    pub fn units(&self, ours: &[&str], unit: &str) -> String {
+        let each: Vec<String> = ours.iter().map(|o| format!("\"{}\" = \"{unit}\"", self.name(o))).collect();
+        format!("say `units = {{ {} }}` in the table of the spec", each.join(", "))
+    }
+}

@@ -1,0 +1,6 @@
+//! The list of all filters.
+
+use super::{ekf::Ekf, filter::Filter};
+
+/// Every filter, in the order of the reference.
+pub const FILTERS: &[&Filter] = &[&Ekf::FILTER];

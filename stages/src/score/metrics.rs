@@ -1,0 +1,144 @@
+//! The list of all metrics.
+
+use super::{map, metric::Scorer, signal, track};
+
+/// All metrics, in the order of the table of scores.
+pub const SCORERS: &[&Scorer] = &[
+    &signal::STD_ERROR,
+    &signal::BIAS_ERROR,
+    &signal::RMS_ERROR,
+    &signal::STD_UNCOMPENSATED,
+    &signal::IMPROVEMENT_RATIO,
+    &signal::IMPROVEMENT_RATIO_BAND,
+    &signal::SNR,
+    &signal::ANOMALY_RETENTION,
+    &signal::FIGURE_OF_MERIT,
+    &signal::FIGURE_OF_MERIT_CROSSINGS,
+    &track::DRMS,
+    &track::RMS_NORTH,
+    &track::RMS_EAST,
+    &track::INS_DRMS,
+    &track::NEES,
+    &track::NIS,
+    &track::SAMPLES_USED,
+    &track::SAMPLES_MISSING,
+    &track::SAMPLES_OFF_MAP,
+    &track::SAMPLES_GATED,
+    &map::MAP_HEIGHT_ERROR,
+    &map::MAP_STD_ERROR,
+    &map::MAP_BIAS_ERROR,
+    &map::MAP_GRADIENT_ALONG_TRACK,
+    &map::MAP_POSITION_BOUND,
+];
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use schemas::{LineIn, Shape, Stage, Table, is_unit, metric::Pool};
+
+    use super::*;
+    use crate::score::{
+        Score,
+        source::Places,
+        testing::{FLOWN, line, only, score, seconds, shapes, track},
+    };
+
+    #[test]
+    fn law_every_metric_has_its_own_name_a_known_unit_and_a_meaning() {
+        let names: BTreeSet<&str> = SCORERS.iter().map(|s| s.metric.name).collect();
+        assert_eq!(names.len(), SCORERS.len());
+        for Metric { name, unit, meaning, .. } in SCORERS.iter().map(|s| s.metric) {
+            assert!(is_unit(unit) || ["1", "nT/m"].contains(&unit), "{name}: {unit}");
+            assert!(!meaning.is_empty() && !meaning.starts_with(' ') && !meaning.ends_with('.'), "{name}: {meaning}");
+        }
+    }
+
+    #[test]
+    fn law_every_place_is_taken_once_and_what_ranks_has_a_column() {
+        for place in [|m: &Metric| m.shown.column, |m: &Metric| m.shown.rank] {
+            let taken: Vec<u16> = SCORERS.iter().map(|s| &s.metric).filter_map(place).collect();
+            assert_eq!(taken.iter().collect::<BTreeSet<_>>().len(), taken.len(), "{taken:?}");
+        }
+        for m in SCORERS.iter().map(|s| &s.metric).filter(|m| m.shown.rank.is_some() || m.shown.heat_map) {
+            assert!(m.shown.column.is_some() && m.better.cost(1.0).is_some(), "{}", m.name);
+        }
+    }
+
+    #[test]
+    fn law_errors_in_a_unit_pool_by_squares() {
+        for m in SCORERS.iter().map(|s| &s.metric).filter(|m| m.pool != Pool::Sum) {
+            assert_eq!(m.pool == Pool::Rms, m.unit != "1", "{}", m.name);
+        }
+    }
+
+    /// A box on four headings and a track of it, with everything that a metric reads.
+    fn everything() -> LineIn {
+        let angle = |at: usize| seconds(400, move |t| (t as usize / 10 % 3 == at) as u8 as f64 * 5.0 * (0.9 * t).sin());
+        let heading = seconds(400, |t| 90.0 * (t / 100.0).floor());
+        let yaw = angle(2).iter().zip(&heading).map(|(y, h)| y + h).collect();
+        let (lat, lon) = (seconds(400, |t| 50.0 + 1e-6 * t), seconds(400, |t| 8.0 + 1e-4 * (t % 100.0)));
+        let wave = |f: f64| seconds(400, move |t| 10.0 * (f * t).cos());
+        let field = |f: f64| wave(f).iter().map(|w| 52_000.0 + w).collect::<Vec<f64>>();
+        let flown = vec![
+            ("mag_c", field(1.1)),
+            ("mag_aircraft", wave(1.3)),
+            ("mag_1_c", field(0.2)),
+            ("igrf", field(0.01)),
+            ("diurnal", wave(0.02)),
+            ("anomaly_truth", wave(0.2)),
+            ("roll", angle(0)),
+            ("pitch", angle(1)),
+            ("yaw", yaw),
+            ("map_anomaly", wave(0.3)),
+            ("map_grad_n", wave(0.4)),
+            ("map_grad_e", wave(0.5)),
+            (FLOWN[0], lat.clone()),
+            (FLOWN[1], lon.clone()),
+            ("ins_lat", lat.iter().map(|x| x + 1e-3).collect()),
+            ("ins_lon", lon.clone()),
+        ];
+        let mut track = track(lat.iter().map(|x| x + 1e-4).collect(), lon);
+        track.push(("map_height_error", wave(0.6)));
+        line(&[flown, track])
+    }
+
+    /// The figures of `stage`, which is handed what it declares to read and nothing else.
+    fn scored(stage: &Score, line: &LineIn) -> Vec<(&'static str, Figure)> {
+        let tables: Vec<Table> = shapes(line).into_iter().map(Table::Lines).collect();
+        let reads = stage.yields(&tables.iter().collect::<Vec<_>>()).unwrap().reads;
+        let only = |(batch, names): (&arrow_array::RecordBatch, &Vec<String>)| {
+            let places: Vec<usize> = names.iter().map(|n| batch.schema().index_of(n).unwrap()).collect();
+            batch.project(&places).unwrap()
+        };
+        let line = LineIn { inputs: line.inputs.iter().zip(&reads).map(only).collect(), ..line.clone() };
+        let shapes: Vec<Shape> = shapes(&line);
+        let places = Places::find(stage, &shapes.iter().collect::<Vec<_>>());
+        let columns = Line::new(stage, &line, &places);
+        stage.chosen(&places).iter().map(|s| (s.metric.name, (s.score)(&columns).unwrap())).collect()
+    }
+
+    #[test]
+    fn law_a_metric_is_the_same_alone_and_in_company() {
+        let line = everything();
+        let all = scored(&score(), &line);
+        assert_eq!(all.len(), SCORERS.len());
+        assert!(all.iter().zip(SCORERS).all(|((name, _), scorer)| *name == scorer.metric.name));
+        for (name, figure) in all {
+            let alone = scored(&Score { metrics: only(name), ..score() }, &line);
+            assert_eq!(alone.len(), 1, "{name}");
+            assert_eq!((alone[0].1.value.to_bits(), alone[0].1.n), (figure.value.to_bits(), figure.n), "{name}");
+        }
+    }
+
+    /// The value of every metric to seven digits: one that moves needs a new version of `score`.
+    #[test]
+    fn gold_a_metric_that_moves_needs_a_new_version() {
+        let mut now = format!("version {}\n", Score::entry().version);
+        for (name, Figure { value, n }) in scored(&score(), &everything()) {
+            now += &format!("{name} {value:.6e} {n}\n");
+        }
+        let kept = include_str!("versions.txt");
+        assert!(now == kept, "a metric moved: raise the version and write into stages/src/score/versions.txt\n{now}");
+    }
+}
