@@ -35,9 +35,13 @@ pub const SCORERS: &[&Scorer] = &[
 mod tests {
     use std::collections::BTreeSet;
 
-    use schemas::{LineIn, Shape, Stage, Table, is_unit, metric::Pool};
+    use schemas::{
+        LineIn, Shape, Stage, Table, is_unit,
+        metric::{Metric, Pool},
+    };
 
     use super::*;
+    use crate::score::{Figure, Line};
     use crate::score::{
         Score,
         source::Places,
