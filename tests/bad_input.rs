@@ -133,7 +133,7 @@ fn gold_repeated_and_backward_time_fail_their_line_only() {
 }
 
 #[test]
-fn law_a_dropout_stays_where_it_is() {
+fn user_a_dropout_stays_where_it_is() {
     let gap = |i: usize| (200..230).contains(&i);
     let lines = [
         changed(&line_of("1", "1.01", 700), "mag_4_uc", |i, x| {
@@ -228,7 +228,7 @@ fn gold_positions_off_the_map_are_counted_and_a_line_wholly_off_fails() {
 }
 
 #[test]
-fn law_a_flat_map_navigates_no_better_than_the_ins() {
+fn user_a_flat_map_navigates_no_better_than_the_ins() {
     let bench = Bench::new();
     write(&bench.path("map.parquet"), &[changed(&map(), "anomaly", |_, _| 5.0)]);
     let done = bench.run(&[]);
@@ -348,7 +348,7 @@ fn gold_a_map_that_is_no_grid_is_refused_and_one_with_a_hole_is_not() {
 }
 
 #[test]
-fn law_a_foreign_folder_is_not_taken_for_a_store() {
+fn user_a_foreign_folder_is_not_taken_for_a_store() {
     let bench = Bench::new();
     fs::create_dir(bench.path("mine")).unwrap();
     fs::write(bench.path("mine/thesis.txt"), "years of work").unwrap();
@@ -358,7 +358,7 @@ fn law_a_foreign_folder_is_not_taken_for_a_store() {
 }
 
 #[test]
-fn law_float_and_dictionary_keys_are_read_as_text() {
+fn user_float_and_dictionary_keys_are_read_as_text() {
     let bench = Bench::new();
     let one = line_of("1", "1.01", 700);
     let plain = without(&without(&one, "flight"), "line");

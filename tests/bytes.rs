@@ -3,7 +3,7 @@
 use crate::support::Bench;
 
 #[test]
-fn law_one_thread_and_four_give_the_same_bytes() {
+fn user_one_thread_and_four_give_the_same_bytes() {
     let bench = Bench::new();
     for (store, threads) in [("one", "1"), ("four", "4")] {
         let done = bench.run(&["--set", &format!("store={store}"), "--threads", threads]);
@@ -18,7 +18,7 @@ fn law_one_thread_and_four_give_the_same_bytes() {
 }
 
 #[test]
-fn law_a_sweep_grown_step_by_step_ends_with_the_same_bytes() {
+fn user_a_sweep_grown_step_by_step_ends_with_the_same_bytes() {
     let bench = Bench::new();
     assert_eq!(bench.run(&["--set", "store=whole"]).code, 0);
     for step in ["axes.lambda=[0.025]", "axes.mag=[\"mag_5_uc\"]", "axes.vector=[\"flux_d\"]"] {

@@ -81,7 +81,7 @@ fn ref_simple_magnav_flight_navigates_as_printed() {
 }
 
 #[test]
-fn law_the_main_job_compensates_and_navigates() {
+fn user_the_main_job_compensates_and_navigates() {
     let (folder, last) = run("osborne.toml");
     assert_eq!(last["failed"], 0);
     let scores = read(&folder.path().join("store/tables/osborne/scores"));
@@ -112,7 +112,7 @@ fn law_the_main_job_compensates_and_navigates() {
 }
 
 #[test]
-fn law_geology_is_kept_by_a_calibration_far_above_it() {
+fn user_geology_is_kept_by_a_calibration_far_above_it() {
     let (folder, last) = run("retention.toml");
     assert_eq!(last["failed"], 0);
     let summary = read(&folder.path().join("store/tables/retention/summary"));
@@ -136,7 +136,7 @@ fn law_geology_is_kept_by_a_calibration_far_above_it() {
 }
 
 #[test]
-fn law_a_map_at_the_height_flown_follows_the_stinger() {
+fn user_a_map_at_the_height_flown_follows_the_stinger() {
     let (folder, last) = run("map.toml");
     assert_eq!(last["failed"], 0);
     let std = |table: &str, interpolation: &str, high: bool| {
@@ -218,7 +218,7 @@ fn ref_models_of_thesis_000_are_in_its_order() {
 }
 
 #[test]
-fn law_the_thesis_spec_takes_the_columns_of_the_real_survey() {
+fn user_the_thesis_spec_takes_the_columns_of_the_real_survey() {
     let folder = TempDir::new().unwrap();
     let spec = repository().join("datasets/examples/thesis_000.toml").display().to_string();
     for file in ["Flt1003_sample.xyz", "sgl_2020.h5"] {

@@ -9,7 +9,7 @@ use std::{
 use crate::support::{Bench, read};
 
 #[test]
-fn law_kill_nine_at_many_moments_then_the_same_bytes() {
+fn user_kill_nine_at_many_moments_then_the_same_bytes() {
     let bench = Bench::new();
     let started = Instant::now();
     assert_eq!(bench.run(&["--set", "store=whole"]).code, 0);
@@ -50,7 +50,7 @@ fn law_kill_nine_at_many_moments_then_the_same_bytes() {
 }
 
 #[test]
-fn law_an_interrupt_keeps_what_is_finished() {
+fn user_an_interrupt_keeps_what_is_finished() {
     let bench = Bench::new();
     let child = Command::new(env!("CARGO_BIN_EXE_magline"))
         .args(["run", "spec.toml", "--threads", "1", "--set", "store=store"])

@@ -1,7 +1,7 @@
 //! What a user of magline sees: the command line, its tables and its messages.
 //!
 //! Every test runs the built binary on files in a folder of its own. Names say what a test trusts: `law_` physics or
-//! algebra, `val_` another program, `ref_` a printed figure, `gold_` frozen text.
+//! algebra, `val_` another program, `ref_` a printed figure, `gold_` frozen text, `user_` what the README promises.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 

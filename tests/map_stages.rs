@@ -95,7 +95,7 @@ fn fine(output: &std::process::Output) -> String {
 }
 
 #[test]
-fn law_what_a_map_warns_of_is_in_the_warnings() {
+fn user_what_a_map_warns_of_is_in_the_warnings() {
     let bench = Bench::new();
     survey_with(&bench, &[[-5.0, 9.94, 300.0, 7.0]]);
     bench.spec(&(TABLES.to_owned() + FROM_POINTS));
@@ -118,7 +118,7 @@ fn law_what_a_map_warns_of_is_in_the_warnings() {
 }
 
 #[test]
-fn law_a_spec_goes_from_survey_points_to_a_map_to_navigation() {
+fn user_a_spec_goes_from_survey_points_to_a_map_to_navigation() {
     let bench = Bench::new();
     survey(&bench);
     bench.spec(&(TABLES.to_owned() + FROM_POINTS));
@@ -172,7 +172,7 @@ fn law_a_spec_goes_from_survey_points_to_a_map_to_navigation() {
 }
 
 #[test]
-fn law_maps_have_the_same_bytes_on_any_number_of_threads() {
+fn user_maps_have_the_same_bytes_on_any_number_of_threads() {
     let bench = Bench::new();
     survey(&bench);
     bench.spec(&(TABLES.to_owned() + &FROM_POINTS.replace("\"minimum_curvature\"", "\"equivalent_sources\"")));
@@ -189,7 +189,7 @@ fn law_maps_have_the_same_bytes_on_any_number_of_threads() {
 }
 
 #[test]
-fn law_a_command_and_a_stage_give_the_same_map() {
+fn user_a_command_and_a_stage_give_the_same_map() {
     let bench = Bench::new();
     survey(&bench);
     bench.spec(
@@ -256,7 +256,7 @@ fn fine_or_failed(output: &std::process::Output) -> String {
 }
 
 #[test]
-fn law_a_map_that_fails_is_reported_and_what_rests_on_it_is_skipped() {
+fn user_a_map_that_fails_is_reported_and_what_rests_on_it_is_skipped() {
     let bench = Bench::new();
     survey(&bench);
     let low = FROM_POINTS

@@ -35,7 +35,7 @@ fn info(folder: &Path, map: &str) -> Value {
 }
 
 #[test]
-fn law_a_map_goes_through_every_format_and_comes_back() {
+fn user_a_map_goes_through_every_format_and_comes_back() {
     let bench = Bench::new();
     let first = info(bench.folder.path(), "map.parquet");
     for (ending, format) in FORMATS {
@@ -57,7 +57,7 @@ fn law_a_map_goes_through_every_format_and_comes_back() {
 }
 
 #[test]
-fn law_bytes_do_not_depend_on_threads() {
+fn user_bytes_do_not_depend_on_threads() {
     let bench = Bench::new();
     for (name, args) in [
         ("up", &["map", "continue", "map.parquet", "--to", "450"][..]),
@@ -75,7 +75,7 @@ fn law_bytes_do_not_depend_on_threads() {
 }
 
 #[test]
-fn law_down_and_up_again_is_the_map_within_the_error_that_is_told() {
+fn user_down_and_up_again_is_the_map_within_the_error_that_is_told() {
     let bench = Bench::new();
     let output = bench.magline(&["map", "continue", &osborne(), "--to", "450", "-o", "low.tif", "--l-curve", "l.svg"]);
     fine(&output);
@@ -120,7 +120,7 @@ fn gold_a_continuation_too_far_is_warned_about_and_heights_are_needed() {
 }
 
 #[test]
-fn law_a_hole_is_filled_from_around_or_from_another_map() {
+fn user_a_hole_is_filled_from_around_or_from_another_map() {
     let bench = Bench::new();
     let whole = map();
     let punched = crate::support::changed(&whole, "anomaly", |i, v| {
@@ -160,7 +160,7 @@ fn law_a_hole_is_filled_from_around_or_from_another_map() {
 }
 
 #[test]
-fn law_a_survey_of_dipoles_becomes_their_field_and_lines_are_levelled() {
+fn user_a_survey_of_dipoles_becomes_their_field_and_lines_are_levelled() {
     let bench = Bench::new();
     let dipoles = [(2200.0, 1800.0, 9e4), (3500.0, 3300.0, -7e4), (1200.0, 3900.0, 5e4)];
     let field = |e: f64, n: f64, h: f64| -> f64 {
@@ -347,7 +347,7 @@ fn r10_an_interrupt_ends_gridding_at_once_and_leaves_no_file() {
 }
 
 #[test]
-fn law_pictures_are_what_their_names_say() {
+fn user_pictures_are_what_their_names_say() {
     let bench = Bench::new();
     for (name, starts) in
         [("a.png", &b"\x89PNG"[..]), ("a.svg", b"<?xml"), ("a.kml", b"<?xml"), ("a.kmz", b"PK\x03\x04")]

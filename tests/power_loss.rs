@@ -264,18 +264,18 @@ fn end_second_runs(step: usize) {
 }
 
 #[test]
-fn law_power_may_fail_at_any_moment() {
+fn user_power_may_fail_at_any_moment() {
     end_first_runs(8);
 }
 
 #[test]
-fn law_power_may_fail_while_tables_change() {
+fn user_power_may_fail_while_tables_change() {
     end_second_runs(7);
 }
 
 /// Before the first fsync nothing is on the disk.
 #[test]
-fn law_what_is_not_synced_is_lost() {
+fn user_what_is_not_synced_is_lost() {
     let scene = Scene::new();
     let of = |store: &str, mode| {
         assert!(scene.dies(store, &[], End { point: 1, mode, seed: 0 }));
@@ -291,7 +291,7 @@ fn law_what_is_not_synced_is_lost() {
 /// Several minutes.
 #[test]
 #[ignore = "the same at every single moment"]
-fn law_power_may_fail_at_every_moment() {
+fn user_power_may_fail_at_every_moment() {
     end_first_runs(1);
     end_second_runs(1);
 }
@@ -400,13 +400,13 @@ fn heals(scene: &Scene, whole: &Shown) -> Result<(), String> {
 }
 
 #[test]
-fn law_a_flipped_bit_is_found_and_healed() {
+fn user_a_flipped_bit_is_found_and_healed() {
     flip_bits(1);
 }
 
 /// Several minutes.
 #[test]
 #[ignore = "the same with many bits"]
-fn law_many_flipped_bits_are_found_and_healed() {
+fn user_many_flipped_bits_are_found_and_healed() {
     flip_bits(12);
 }

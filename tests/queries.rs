@@ -13,7 +13,7 @@ fn ran() -> Bench {
 }
 
 #[test]
-fn law_sql_gives_the_least_error_of_each_combination() {
+fn user_sql_gives_the_least_error_of_each_combination() {
     let bench = ran();
     let query = "SELECT mag, vector, min(value) AS best FROM small.scores WHERE metric = 'std_error' GROUP BY mag, vector ORDER BY mag, vector";
     let output = bench.magline(&["sql", query, "--store", "store", "--format", "json"]);
@@ -47,7 +47,7 @@ fn gold_sql_says_what_tables_there_are() {
 }
 
 #[test]
-fn law_published_tables_have_the_axes_in_place_and_what_the_stage_made() {
+fn user_published_tables_have_the_axes_in_place_and_what_the_stage_made() {
     let bench = ran();
     let clean = read(&bench.path("store/tables/small/clean"));
     assert_eq!(clean.iter().map(|b| b.num_rows()).sum::<usize>(), 19_200);
@@ -62,7 +62,7 @@ fn law_published_tables_have_the_axes_in_place_and_what_the_stage_made() {
 }
 
 #[test]
-fn law_axis_columns_have_their_types_and_fields_their_metadata() {
+fn user_axis_columns_have_their_types_and_fields_their_metadata() {
     let bench = ran();
     let clean = read(&bench.path("store/tables/small/clean"));
     let schema = clean[0].schema();
@@ -78,7 +78,7 @@ fn law_axis_columns_have_their_types_and_fields_their_metadata() {
 }
 
 #[test]
-fn law_compensation_recovers_an_exact_aircraft() {
+fn user_compensation_recovers_an_exact_aircraft() {
     let bench = ran();
     let scores = read(&bench.path("store/tables/small/scores"));
     let (metrics, values, lambdas) = (texts(&scores, "metric"), numbers(&scores, "value"), numbers(&scores, "lambda"));
@@ -100,7 +100,7 @@ fn law_compensation_recovers_an_exact_aircraft() {
 }
 
 #[test]
-fn law_lineage_ends_at_the_files() {
+fn user_lineage_ends_at_the_files() {
     let bench = ran();
     let tree = stdout(&bench.magline(&["lineage", "small.scores", "--store", "store"]));
     for word in [

@@ -17,14 +17,14 @@ fn computed(bench: &Bench, more: &[&str]) -> [u64; 6] {
 const ALL: [u64; 6] = [4, 8, 8, 32, 32, 32];
 
 #[test]
-fn law_a_second_run_computes_nothing() {
+fn user_a_second_run_computes_nothing() {
     let bench = Bench::new();
     assert_eq!(computed(&bench, &[]), ALL);
     assert_eq!(computed(&bench, &[]), [0; 6]);
 }
 
 #[test]
-fn law_a_new_lambda_computes_its_own_points_only() {
+fn user_a_new_lambda_computes_its_own_points_only() {
     let bench = Bench::new();
     computed(&bench, &[]);
     assert_eq!(computed(&bench, &["--set", "axes.lambda=[0.0, 0.025, 0.5]"]), [0, 0, 4, 16, 16, 16]);
@@ -33,7 +33,7 @@ fn law_a_new_lambda_computes_its_own_points_only() {
 }
 
 #[test]
-fn law_a_new_flight_computes_its_lines_and_what_is_fitted_on_them() {
+fn user_a_new_flight_computes_its_lines_and_what_is_fitted_on_them() {
     let bench = Bench::new();
     computed(&bench, &[]);
     let more = [line_of("3", "3.02", 500)];
@@ -46,7 +46,7 @@ fn law_a_new_flight_computes_its_lines_and_what_is_fitted_on_them() {
 }
 
 #[test]
-fn law_a_navigate_parameter_recomputes_navigation_and_scores() {
+fn user_a_navigate_parameter_recomputes_navigation_and_scores() {
     let bench = Bench::new();
     computed(&bench, &[]);
     assert_eq!(computed(&bench, &["--set", "track.fogm_sigma_nt=4.0"]), [0, 0, 0, 0, 32, 32]);
@@ -55,7 +55,7 @@ fn law_a_navigate_parameter_recomputes_navigation_and_scores() {
 }
 
 #[test]
-fn law_renaming_and_reformatting_keep_the_cache() {
+fn user_renaming_and_reformatting_keep_the_cache() {
     let bench = Bench::new();
     computed(&bench, &[]);
     let spec =
@@ -66,7 +66,7 @@ fn law_renaming_and_reformatting_keep_the_cache() {
 }
 
 #[test]
-fn law_a_changed_column_recomputes_what_reads_it() {
+fn user_a_changed_column_recomputes_what_reads_it() {
     let bench = Bench::new();
     computed(&bench, &[]);
     let lines = [line_of("1", "1.01", 700), changed(&line_of("1", "1.02", 500), "mag_5_uc", |_, x| x + 1.0)];
@@ -76,7 +76,7 @@ fn law_a_changed_column_recomputes_what_reads_it() {
 }
 
 #[test]
-fn law_a_file_touched_or_moved_is_the_same_file() {
+fn user_a_file_touched_or_moved_is_the_same_file() {
     let bench = Bench::new();
     computed(&bench, &[]);
     fs::rename(bench.path("flights/1.parquet"), bench.path("flights/renamed.parquet")).unwrap();

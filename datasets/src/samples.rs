@@ -37,7 +37,7 @@ mod tests {
     }
 
     #[test]
-    fn law_every_sample_is_in_its_manifest_with_its_hash() {
+    fn unit_every_sample_is_in_its_manifest_with_its_hash() {
         assert_eq!(folders().len(), 6);
         for folder in folders() {
             let text = fs::read_to_string(folder.join("MANIFEST.toml")).unwrap();
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_readme_lists_every_sample() {
+    fn unit_the_readme_lists_every_sample() {
         let readme = fs::read_to_string(path("README.md")).unwrap();
         for folder in folders() {
             let name = folder.file_name().unwrap().to_string_lossy().into_owned();

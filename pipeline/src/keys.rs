@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_keys_tell_parts_apart() {
+    fn unit_keys_tell_parts_apart() {
         assert_ne!(Key::of(["ab"]), Key::of(["a", "b"]));
         assert_ne!(Key::of(["a", ""]), Key::of(["a"]));
         let key = Key::of(["x"]);

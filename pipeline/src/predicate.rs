@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn law_lines_are_decided_without_rows() {
+    fn unit_lines_are_decided_without_rows() {
         let p = Predicate::new("line like '1003%' and flight <> '9' and tt between 1 and 2", &shape()).unwrap();
         let lines = [("1", "1003.01"), ("9", "1003.01"), ("1", "1004")].map(|(a, b)| (a.to_owned(), b.to_owned()));
         assert_eq!(p.lines(&lines).unwrap(), [true, false, false]);
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn law_spelling_does_not_change_the_key() {
+    fn unit_spelling_does_not_change_the_key() {
         let a = Predicate::new("tt>1.0   AND line = 'x'", &shape()).unwrap();
         let b = Predicate::new("(line = 'x') and (tt > 1.0)", &shape()).unwrap();
         assert_eq!(a.canonical, b.canonical);

@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn law_safe_casts_and_units() {
+    fn unit_safe_casts_and_units() {
         let schema = Schema::new(vec![
             with_unit("ins_lat", DataType::Float64, "rad"),
             Field::new("tt", DataType::Float32, true),
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_dropout_of_a_scalar_magnetometer_is_missing() {
+    fn unit_a_dropout_of_a_scalar_magnetometer_is_missing() {
         let schema = Schema::new(
             ["flight", "line", "tt", "mag_4_uc", "mag_1_c"].map(|n| Field::new(n, DataType::Float64, true)).to_vec(),
         );
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn law_time_must_run_forward() {
+    fn unit_time_must_run_forward() {
         assert!(check_time(&[0.0, 0.1, 0.3]).is_ok());
         for (tt, row) in [([0.0, 0.0, 1.0], 1), ([0.0, 2.0, 1.0], 2), ([0.0, f64::NAN, 1.0], 1)] {
             assert_eq!(check_time(&tt).unwrap_err().place.row, Some(row));

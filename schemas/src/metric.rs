@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_errors_pool_by_squares_ratios_by_means_and_numbers_add_up() {
+    fn unit_errors_pool_by_squares_ratios_by_means_and_numbers_add_up() {
         let lines = || [(3.0, 100.0), (4.0, 300.0)].into_iter();
         assert_eq!(Pool::Rms.value(lines()), ((9.0 * 100.0 + 16.0 * 300.0) / 400.0f64).sqrt());
         assert_eq!((Pool::Mean.value(lines()), Pool::Sum.value(lines())), (3.75, 7.0));
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_ratio_is_as_far_from_its_target_above_as_below() {
+    fn unit_a_ratio_is_as_far_from_its_target_above_as_below() {
         assert_eq!(Better::Near(2.0).cost(8.0), Better::Near(2.0).cost(0.5));
         assert!(Better::Higher.cost(3.0) < Better::Higher.cost(2.0));
         assert_eq!((Better::Neither.cost(1.0), Better::Lower.cost(f64::NAN)), (None, None));

@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn law_only_values_that_vary_like_none_are_no_total_field() {
+    fn unit_only_values_that_vary_like_none_are_no_total_field() {
         let total = limits("mag_4_uc").unwrap();
         let wave = |offset: f64, scale: f64| (0..500).map(|i| offset + scale * f64::from(i).sin()).collect::<Vec<_>>();
         assert!(residual(&total, &wave(0.0, 200.0)).is_some());

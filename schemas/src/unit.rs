@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_conversion_there_and_back_is_one() {
+    fn unit_conversion_there_and_back_is_one() {
         for (a, b) in [("rad", "deg"), ("ft", "m"), ("uT", "nT"), ("kn", "m/s"), ("gauss", "nT"), ("rad/s", "deg/s")] {
             let (there, back) = (convert(a, b).unwrap_or(0.0), convert(b, a).unwrap_or(0.0));
             // One rounding in each division.
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_spelling_means_one_unit_of_each_dimension() {
+    fn unit_a_spelling_means_one_unit_of_each_dimension() {
         for (i, (spellings, dimension, _)) in UNITS.iter().enumerate() {
             for (others, other, _) in UNITS.iter().skip(i + 1) {
                 let shared = spellings.iter().any(|s| others.contains(s));

@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_number_is_that_of_the_standard_library_to_the_last_bit() {
+    fn unit_a_number_is_that_of_the_standard_library_to_the_last_bit() {
         let mut plain = 0;
         for text in spellings() {
             let parsed = text.parse::<f64>().ok();

@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn law_all_kinds_of_components_make_one_vector() {
+    fn unit_all_kinds_of_components_make_one_vector() {
         let (x, y, z) = (20_000.0_f64, 3_000.0_f64, 45_000.0_f64);
         let (h, f) = (x.hypot(y), x.hypot(y).hypot(z));
         let arcmin = |rad: f64| 60.0 * rad.to_degrees();
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn law_what_is_missing_is_nan_and_days_follow_one_another() {
+    fn unit_what_is_missing_is_nan_and_days_follow_one_another() {
         let rows = "2024-12-31 23:58:00.000 366  1.0 2.0 3.0 4.0\n2024-12-31 23:59:00.000 366  99999.00 2.0 3.0 4.0\n\
                     2025-01-01 00:01:00.000 001  5.0 6.0 7.0 88888.00\n2025-01-01 00:02:00.000 001  5.0 6.0 88888.00 1.0\n";
         let found = record(["X", "Y", "Z", "F"], rows).unwrap();

@@ -69,7 +69,7 @@ impl Bits {
 }
 
 #[test]
-fn law_a_map_cut_short_anywhere_is_an_error() {
+fn unit_a_map_cut_short_anywhere_is_an_error() {
     let folder = TempDir::new().unwrap();
     fs::copy(reference().join("gdal"), folder.path().join("gdal")).unwrap();
     for name in FILES {
@@ -92,7 +92,7 @@ fn law_a_map_cut_short_anywhere_is_an_error() {
 }
 
 #[test]
-fn law_flipped_bits_never_panic() {
+fn unit_flipped_bits_never_panic() {
     let folder = TempDir::new().unwrap();
     fs::copy(reference().join("gdal"), folder.path().join("gdal")).unwrap();
     let mut bits = Bits(20_240_229);
@@ -117,7 +117,7 @@ fn law_flipped_bits_never_panic() {
 }
 
 #[test]
-fn law_a_damaged_table_of_nodes_never_panics() {
+fn unit_a_damaged_table_of_nodes_never_panics() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("m.parquet");
     let map = read_grid(&reference().join("gdal.tif"), &given()).unwrap();
@@ -138,7 +138,7 @@ fn law_a_damaged_table_of_nodes_never_panics() {
 }
 
 #[test]
-fn law_cells_cut_short_or_gone_are_an_error() {
+fn unit_cells_cut_short_or_gone_are_an_error() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("gdal.ers");
     fs::copy(reference().join("gdal.ers"), &path).unwrap();
@@ -152,7 +152,7 @@ fn law_cells_cut_short_or_gone_are_an_error() {
 }
 
 #[test]
-fn law_a_monstrous_size_in_a_small_file_is_refused_at_once() {
+fn unit_a_monstrous_size_in_a_small_file_is_refused_at_once() {
     let folder = TempDir::new().unwrap();
     let mut surfer7 = fs::read(reference().join("gdal_surfer7.grd")).unwrap();
     surfer7[20..28].copy_from_slice(&[0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff, 0x7f]);
@@ -222,7 +222,7 @@ fn gold_awkward_texts() {
 }
 
 #[test]
-fn law_the_senses_of_gxf_are_one_map() {
+fn unit_the_senses_of_gxf_are_one_map() {
     // A grid of 3 columns and 2 rows; the value is 10 row + column, row 0 in the south.
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("a.gxf");
@@ -249,7 +249,7 @@ fn law_the_senses_of_gxf_are_one_map() {
 }
 
 #[test]
-fn law_texts_of_other_habits() {
+fn unit_texts_of_other_habits() {
     let folder = TempDir::new().unwrap();
     let read = |name: &str, text: &str, options: &MapOptions| {
         let path = folder.path().join(name);

@@ -207,7 +207,7 @@ mod round_trips {
     }
 
     #[test]
-    fn law_what_is_written_is_read_back() {
+    fn unit_what_is_written_is_read_back() {
         let folder = TempDir::new().unwrap();
         for registration in [Registration::Node, Registration::Pixel] {
             for kept in &ALL {
@@ -223,7 +223,7 @@ mod round_trips {
     }
 
     #[test]
-    fn law_a_drape_is_kept_or_refused() {
+    fn unit_a_drape_is_kept_or_refused() {
         let folder = TempDir::new().unwrap();
         let heights = (0..35).map(|i| 100.0 + f64::from(i) / 3.0).collect();
         let drape = AnomalyGrid { height: Height::Cells(heights), ..small(true) };
@@ -239,7 +239,7 @@ mod round_trips {
     }
 
     #[test]
-    fn law_systems_of_coordinates_are_kept() {
+    fn unit_systems_of_coordinates_are_kept() {
         let folder = TempDir::new().unwrap();
         for code in [32630, 32754, 28354, 7854, 27700, 3857, 2193, 4283, 2263] {
             let crs = Crs::from_epsg(Path::new("a"), code).unwrap();

@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn law_fillers_of_other_writers_are_missing_too() {
+    fn unit_fillers_of_other_writers_are_missing_too() {
         let missing = Missing::of(&FlightOptions::default());
         let floats = missing.nulled(&(Arc::new(Float64Array::from(vec![1.0, -99_999.0])) as ArrayRef));
         let whole = missing.nulled(&(Arc::new(Int32Array::from(vec![-99_999, 7])) as ArrayRef));

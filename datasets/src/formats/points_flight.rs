@@ -96,7 +96,7 @@ mod tests {
     use crate::{FlightOptions, open_flight, samples};
 
     #[test]
-    fn law_survey_points_are_lines_of_a_flight() {
+    fn unit_survey_points_are_lines_of_a_flight() {
         let path = samples::path("britain/britain_sw_survey_points.parquet");
         let options =
             FlightOptions { format: Some("points".into()), flight: Some("gb".into()), ..FlightOptions::default() };

@@ -96,7 +96,7 @@ fn val_what_is_derived_from_the_sgl_sample() {
 }
 
 #[test]
-fn law_a_missing_value_is_nan_and_a_missing_data_set_no_column() {
+fn unit_a_missing_value_is_nan_and_a_missing_data_set_no_column() {
     let (xyz, h5) = (sample("magnavjl_sample/Flt1003_sample.xyz"), sample("magnavjl_sample/sgl_2020.h5"));
     // The first line of the sample has no drape surface.
     assert_eq!(numbers(&xyz, "drape").iter().map(|x| x.is_nan()).collect::<Vec<_>>()[2..4], [true, false]);
@@ -105,7 +105,7 @@ fn law_a_missing_value_is_nan_and_a_missing_data_set_no_column() {
 }
 
 #[test]
-fn law_lines_come_one_batch_each() {
+fn unit_lines_come_one_batch_each() {
     for file in ["magnavjl_sample/Flt1003_sample.xyz", "magnavjl_sample/sgl_2020.h5"] {
         let reader = open_flight(&samples::path(file), &FlightOptions::default()).unwrap();
         let rows: Vec<usize> = reader.map(|b| b.unwrap().num_rows()).collect();
@@ -114,7 +114,7 @@ fn law_lines_come_one_batch_each() {
 }
 
 #[test]
-fn law_the_simple_flight_is_the_same_in_hdf5_and_csv() {
+fn unit_the_simple_flight_is_the_same_in_hdf5_and_csv() {
     let (h5, csv) = (sample("simple_magnav/xyz.h5"), sample("simple_magnav/xyz.csv"));
     assert_eq!((h5.num_rows(), csv.num_rows()), (100, 100));
     for field in csv.schema().fields() {
@@ -136,7 +136,7 @@ fn law_the_simple_flight_is_the_same_in_hdf5_and_csv() {
 }
 
 #[test]
-fn law_renaming_takes_the_unit_from_the_name() {
+fn unit_renaming_takes_the_unit_from_the_name() {
     let mut options = options("tl", "1");
     for (from, to) in [("time_s", "tt"), ("flux_a_x_nt", "flux_a_x"), ("mag_1_uc_nt", "mag_1_uc")] {
         options.rename.insert(from.into(), to.into());
@@ -221,7 +221,7 @@ fn gold_a_table_without_keys_says_what_to_give() {
 }
 
 #[test]
-fn law_parquet_of_other_writers_and_row_groups_across_lines() {
+fn unit_parquet_of_other_writers_and_row_groups_across_lines() {
     let folder = TempDir::new().unwrap();
     let n = 70_000;
     let line = |i: usize| if i < 40_000 { "a" } else { "b" };
@@ -252,7 +252,7 @@ fn law_parquet_of_other_writers_and_row_groups_across_lines() {
 }
 
 #[test]
-fn law_every_sample_becomes_canonical() {
+fn unit_every_sample_becomes_canonical() {
     for name in ["magnavjl_sample/Flt1003_sample.xyz", "magnavjl_sample/sgl_2020.h5", "simple_magnav/xyz.h5"] {
         let flight = sample(name);
         let table = schemas::canonical::Canonical::new(&flight.schema()).unwrap().apply(&flight).unwrap();
@@ -262,7 +262,7 @@ fn law_every_sample_becomes_canonical() {
 }
 
 #[test]
-fn law_csv_types_are_settled_over_the_whole_file() {
+fn unit_csv_types_are_settled_over_the_whole_file() {
     let folder = TempDir::new().unwrap();
     let text = "flight,line,tt,mag_1_uc,event,year,extra\n7,1.10,0.0,50000,1,2020,1\n7,1.10,0.1,*,flaps,2020,\n\
                 7,1.20,0.2,,2,,NaN\n";
@@ -395,7 +395,7 @@ fn extension(name: &str) -> String {
 }
 
 #[test]
-fn law_a_file_cut_short_is_an_error_that_names_it() {
+fn unit_a_file_cut_short_is_an_error_that_names_it() {
     let folder = TempDir::new().unwrap();
     for (name, map) in DAMAGED {
         let whole = fs::read(samples::path(name)).unwrap();
@@ -416,7 +416,7 @@ fn law_a_file_cut_short_is_an_error_that_names_it() {
 }
 
 #[test]
-fn law_flipped_bytes_never_panic() {
+fn unit_flipped_bytes_never_panic() {
     let folder = TempDir::new().unwrap();
     for (name, map) in DAMAGED {
         let whole = fs::read(samples::path(name)).unwrap();

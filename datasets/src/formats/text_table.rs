@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn law_any_separator_header_and_comment_make_one_table() {
+    fn unit_any_separator_header_and_comment_make_one_table() {
         let spellings = [
             "x,y,mag\n1,2,3\n4,5,*\n",
             "# a survey\n\"x\"\t\"y\"\t\"mag\"\n1\t2\t3\n\n4\t5\tNaN\n",
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn law_line_records_stand_before_their_rows() {
+    fn unit_line_records_stand_before_their_rows() {
         let table = table("/ x y mag\nLine 10\n1 2 3\n1 3 4\nTIE T20\n2 2 2\nL30:1\n5 5 5\n");
         let records = [(0, "10".to_owned()), (2, "T20".to_owned()), (3, "L30:1".to_owned())];
         assert_eq!(table.records, records);

@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn law_names_of_the_contract_are_never_read_as_units() {
+    fn unit_names_of_the_contract_are_never_read_as_units() {
         let families = ["mag_2_uc", "mag_1_c", "flux_a_x", "flux_a_t", "cur_x", "cur_ac_hi", "vol_bat_1", "vol_back_n"];
         let all = flight::COLUMNS.iter().map(|(name, _)| *name).chain(families);
         for name in all {
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_renamed_column_is_converted_or_refused() {
+    fn unit_a_renamed_column_is_converted_or_refused() {
         let of = |name, ours, wanted| unit_of_renamed(name, ours, wanted);
         assert_eq!(of("MagCabin_T", "mag_4_uc", "nT"), Ok(Some("T".into())));
         assert_eq!(of("acc_x_g", "ins_fn", "m/s2"), Ok(Some("g".into())));

@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_degree_is_as_long_both_ways_on_the_picture() {
+    fn unit_a_degree_is_as_long_both_ways_on_the_picture() {
         let canvas = canvas();
         let (per_lon, per_lat) = (canvas.width / 0.4, canvas.height / 0.4);
         assert!((per_lon / per_lat - 22f64.to_radians().cos()).abs() < 1e-3);
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_scale_bar_is_as_long_as_it_says() {
+    fn unit_the_scale_bar_is_as_long_as_it_says() {
         let canvas = canvas();
         let (metres, long) = canvas.scale();
         assert_eq!(metres, 10_000.0);
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn law_scale_bar_and_arrow_keep_off_the_track() {
+    fn unit_scale_bar_and_arrow_keep_off_the_track() {
         let canvas = canvas();
         let low_left = vec![(15.0, canvas.height - 15.0); 3];
         assert_eq!(canvas.corner(&low_left, (90.0, 25.0), None), 1);

@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_plot_without_a_finite_value_is_none() {
+    fn unit_a_plot_without_a_finite_value_is_none() {
         assert!(chart(vec![(0.0, f64::NAN)]).draw().is_none());
         assert!(chart(vec![]).draw().is_none());
         let log = Chart { y: Dim::new("density").log(), ..chart(vec![(1.0, 0.0), (2.0, -1.0)]) };
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_gap_breaks_the_line_and_text_is_escaped() {
+    fn unit_a_gap_breaks_the_line_and_text_is_escaped() {
         let drawn =
             chart(vec![(0.0, 1.0), (1.0, 2.0), (2.0, f64::NAN), (3.0, 1.0), (4.0, 5.0)]).draw().unwrap().into_string();
         let d = drawn.split("class=\"line after\" d=\"").nth(1).and_then(|s| s.split('"').next()).unwrap();
@@ -309,14 +309,14 @@ mod tests {
     }
 
     #[test]
-    fn law_one_value_has_an_axis_around_it() {
+    fn unit_one_value_has_an_axis_around_it() {
         assert_eq!(padded(5.0, 5.0, false, 0.05), (4.5, 5.5));
         assert_eq!(padded(0.0, 0.0, false, 0.05), (-1.0, 1.0));
         assert!(chart(vec![(0.0, 3.0), (1.0, 3.0)]).draw().is_some());
     }
 
     #[test]
-    fn law_logarithms_are_even() {
+    fn unit_logarithms_are_even() {
         let side = Side { low: 1.0, high: 100.0, log: true, from_px: 0.0, to_px: 200.0 };
         assert!((side.at(10.0) - 100.0).abs() < 1e-9);
         assert_eq!(px(-0.04), "0");
@@ -324,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_band_is_one_shape_a_stretch() {
+    fn unit_a_band_is_one_shape_a_stretch() {
         let side = |to_px| Side { low: 0.0, high: 10.0, log: false, from_px: 0.0, to_px };
         let nan = f64::NAN;
         let points = vec![(0.0, 1.0, 2.0), (1.0, 1.0, 2.0), (2.0, nan, nan), (3.0, 0.0, 1.0), (4.0, 0.0, 1.0)];

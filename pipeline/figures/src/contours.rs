@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_cone_has_circles_and_a_plane_straight_lines() {
+    fn unit_a_cone_has_circles_and_a_plane_straight_lines() {
         let cone: Vec<f64> = (0..41 * 41).map(|k| f64::from(k % 41 - 20).hypot(f64::from(k / 41 - 20))).collect();
         let circle = drawn(41, &cone, 12.5);
         assert_eq!(circle.len(), 1);
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_saddle_is_cut_on_the_side_of_its_mean() {
+    fn unit_a_saddle_is_cut_on_the_side_of_its_mean() {
         let saddle = [1.0, 0.0, 0.0, 1.0];
         let joined = |level: f64| {
             let mut ends: Vec<Spot> = drawn(2, &saddle, level).into_iter().map(|l| l[0]).collect();
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn law_lines_end_at_gaps() {
+    fn unit_lines_end_at_gaps() {
         let mut plane: Vec<f64> = (0..35).map(|k| f64::from(k % 5)).collect();
         plane[17] = f64::NAN;
         let broken = drawn(5, &plane, 1.5);

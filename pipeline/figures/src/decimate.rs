@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_spike_stays() {
+    fn unit_a_spike_stays() {
         let x: Vec<f64> = (0..100_000).map(f64::from).collect();
         let mut y = vec![0.0; x.len()];
         // One stretch has its largest value first, the other its smallest.
@@ -67,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_gap_stays_a_gap() {
+    fn unit_a_gap_stays_a_gap() {
         let x: Vec<f64> = (0..10_000).map(f64::from).collect();
         let y: Vec<f64> = x.iter().map(|x| if (4000.0..5000.0).contains(x) { f64::NAN } else { *x }).collect();
         let few = extremes(&x, &y, 1000);
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn law_thinning_keeps_both_ends() {
+    fn unit_thinning_keeps_both_ends() {
         let points: Vec<usize> = (0..1001).collect();
         let few = thinned(&points, 100);
         assert!(few.len() <= 101);

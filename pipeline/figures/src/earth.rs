@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn law_maps_are_cut_at_the_date_line() {
+    fn unit_maps_are_cut_at_the_date_line() {
         assert_eq!(lons((140.0, 150.0)), [(140.0, 150.0)]);
         assert_eq!(lons((170.0, 190.0)), [(170.0, 180.0), (-180.0, -170.0)]);
         assert_eq!(lons((-190.0, -170.0)), [(170.0, 180.0), (-180.0, -170.0)]);
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn law_tracks_are_cut_at_the_date_line_where_they_cross_it() {
+    fn unit_tracks_are_cut_at_the_date_line_where_they_cross_it() {
         let cut = parts(&[fix(10.0, 179.0, Some(0.0)), fix(12.0, -179.0, Some(20.0)), fix(12.0, 181.5, Some(25.0))]);
         assert_eq!(cut.len(), 2);
         assert_eq!(cut[0], [fix(10.0, 179.0, Some(0.0)), fix(11.0, 180.0, Some(10.0))]);
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn law_thinned_tracks_stay_within_a_metre() {
+    fn unit_thinned_tracks_stay_within_a_metre() {
         let circle = |k: i32| (f64::from(k) / 500.0).sin_cos();
         let run: Vec<Fix> = (0..3000).map(|k| fix(50.0 + 0.02 * circle(k).0, 0.02 * circle(k).1, None)).collect();
         let few = thinned(&run, 1.0);
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_stop_on_a_straight_way_is_kept_where_times_are_known() {
+    fn unit_a_stop_on_a_straight_way_is_kept_where_times_are_known() {
         let way = |timed: bool| -> Vec<Fix> {
             let lat = |k: i32| 0.001 * f64::from(k.min(50) + (k - 80).max(0));
             (0..150).map(|k| fix(lat(k), 0.0, timed.then(|| f64::from(k)))).collect()

@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn law_letters_stand_on_their_place() {
+    fn unit_letters_stand_on_their_place() {
         let mut p = paper();
         text(&mut p, (10.0, 30.0), "H", 12.0, Anchor::Start, false);
         let rows: Vec<usize> = (0..40).filter(|y| (0..80).any(|x| dark(&p, x, *y))).collect();
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn law_turned_text_is_the_same_text_turned() {
+    fn unit_turned_text_is_the_same_text_turned() {
         let (mut flat, mut turned) = (paper(), paper());
         text(&mut flat, (2.0, 20.0), "Fg7", 12.0, Anchor::Start, false);
         text(&mut turned, (20.0, 38.0), "Fg7", 12.0, Anchor::Start, true);
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn law_minus_degree_and_unknown_letters_are_drawn() {
+    fn unit_minus_degree_and_unknown_letters_are_drawn() {
         let inked = |letter: char| glyph(letter).iter().flatten().sum::<f32>();
         assert!(inked('\u{2212}') > 4.0 && inked('\u{b0}') > 5.0 && inked('\u{4e2d}') > 10.0);
         assert_eq!(glyph('\u{2212}')[8][3], glyph('\u{2212}')[8][2]);

@@ -143,19 +143,19 @@ mod tests {
     }
 
     #[test]
-    fn law_viridis_grows_lighter_all_the_way() {
+    fn unit_viridis_grows_lighter_all_the_way() {
         assert!(along(Palette::Viridis).windows(2).all(|w| w[1] > w[0]));
         assert_eq!((ink_on(VIRIDIS[0]), ink_on(VIRIDIS[10])), ("#fff", "#000"));
     }
 
     #[test]
-    fn law_the_diverging_scale_darkens_away_from_its_middle() {
+    fn unit_the_diverging_scale_darkens_away_from_its_middle() {
         let light = along(Palette::Diverging);
         assert!(light[..51].windows(2).all(|w| w[1] > w[0]) && light[50..].windows(2).all(|w| w[1] < w[0]));
     }
 
     #[test]
-    fn law_every_name_is_a_palette_and_others_are_refused() {
+    fn unit_every_name_is_a_palette_and_others_are_refused() {
         assert!(Palette::NAMES.iter().all(|n| Palette::named(n).is_ok()));
         let fault = Palette::named("virdis").unwrap_err();
         assert!(fault.help.is_some_and(|h| h.contains("viridis")));

@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn law_pixels_come_back_and_a_wrong_number_of_them_is_a_fault() {
+    fn unit_pixels_come_back_and_a_wrong_number_of_them_is_a_fault() {
         let pixels: Vec<u8> = (0..24).collect();
         let png = encode(&Kind::Rgba, (3, 2), &pixels).unwrap();
         assert_eq!(decode(&png), Some(((3, 2), pixels.clone())));

@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn law_north_is_up_and_edges_are_half_a_cell_out() {
+    fn unit_north_is_up_and_edges_are_half_a_cell_out() {
         let all = Bounds { lat: (-9.0, 9.0), lon: (0.0, 99.0) };
         let pixels = cut(&grid(), &all).unwrap();
         assert_eq!(pixels.bounds, Bounds { lat: (-0.5, 3.5), lon: (9.5, 14.5) });
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_part_holds_the_cells_it_touches() {
+    fn unit_a_part_holds_the_cells_it_touches() {
         let part = Bounds { lat: (0.9, 2.2), lon: (11.0, 12.9) };
         let pixels = cut(&grid(), &part).unwrap();
         assert_eq!(pixels.bounds, Bounds { lat: (0.5, 2.5), lon: (10.5, 13.5) });
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn law_equal_areas_have_equal_shares_of_the_colours() {
+    fn unit_equal_areas_have_equal_shares_of_the_colours() {
         let lat: Vec<f64> = (0..16).map(f64::from).collect();
         // A long tail, as anomalies have: without equalisation nearly all of it would be one colour.
         let values: Vec<f64> = (0..256).map(|k| (f64::from(k) / 20.0).exp()).collect();

@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_plane_has_one_light_which_lambert_gives() {
+    fn unit_a_plane_has_one_light_which_lambert_gives() {
         let shade = Shade { azimuth_deg: 90.0, elevation_deg: 30.0, strength: 1.0 };
         // 45 degrees, flattened to a rise of 1 in the root of 2, down to the east where the light comes from: the
         // cosine between the slope's upright and the light, against level ground's.
@@ -167,20 +167,20 @@ mod tests {
     }
 
     #[test]
-    fn law_light_from_the_north_lights_slopes_to_the_north() {
+    fn unit_light_from_the_north_lights_slopes_to_the_north() {
         let shade = Shade { azimuth_deg: 0.0, ..Shade::default() };
         assert!(lit(4, 9, |_, y| -y, &shade).iter().all(|l| *l > 1.0));
         assert!(lit(4, 9, |_, y| y, &shade).iter().all(|l| *l < 1.0));
     }
 
     #[test]
-    fn law_unknown_nodes_and_their_neighbours_are_not_cliffs() {
+    fn unit_unknown_nodes_and_their_neighbours_are_not_cliffs() {
         let hole = |x: f64, y: f64| if (x, y) == (2.0, 2.0) { f64::NAN } else { 5.0 };
         assert!(lit(5, 5, hole, &Shade::default()).iter().all(|l| *l == 1.0));
     }
 
     #[test]
-    fn law_colours_go_there_and_back() {
+    fn unit_colours_go_there_and_back() {
         for palette in [Palette::Viridis, Palette::Turbo, Palette::Diverging] {
             for k in 0..=255 {
                 let colour = palette.colour(f64::from(k) / 255.0);
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn law_shade_multiplies_lightness_and_keeps_hue() {
+    fn unit_shade_multiplies_lightness_and_keeps_hue() {
         for palette in [Palette::Viridis, Palette::Turbo, Palette::Diverging] {
             let lit = Lit::new(palette);
             for k in 0..=STEPS {

@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn law_equal_areas_have_equal_parts() {
+    fn unit_equal_areas_have_equal_parts() {
         let values = tailed();
         let scale = ColourScale::new(&values, Scale::Equalised, Palette::Turbo).unwrap();
         let mut counts = [0; 10];
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_bar_is_the_scale_turned_round() {
+    fn unit_the_bar_is_the_scale_turned_round() {
         for (scale, palette) in [
             (Scale::Linear, Palette::Viridis),
             (Scale::Equalised, Palette::Diverging),
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_diverging_palette_has_white_at_zero() {
+    fn unit_the_diverging_palette_has_white_at_zero() {
         for scale in [Scale::Linear, Scale::Equalised, Scale::Percentile(1.0, 90.0), Scale::Range(-7.0, 900.0)] {
             let made = ColourScale::new(&tailed(), scale, Palette::Diverging).unwrap();
             assert!((made.part(0.0) - 0.5).abs() < 1e-12, "{scale:?}");
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn law_one_value_has_a_scale_around_it() {
+    fn unit_one_value_has_a_scale_around_it() {
         for value in [0.0, -3.5, 48_000.0] {
             for scale in [Scale::Linear, Scale::Equalised, Scale::Percentile(2.0, 98.0)] {
                 let made = ColourScale::new(&[value; 4], scale, Palette::Viridis).unwrap();
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn law_values_beyond_the_ends_are_known_to_be_there() {
+    fn unit_values_beyond_the_ends_are_known_to_be_there() {
         let made = |scale| ColourScale::new(&[0.0, 1.0, 2.0, 10.0], scale, Palette::Viridis).unwrap().beyond;
         assert_eq!(made(Scale::Linear), (false, false));
         assert_eq!(made(Scale::Range(-1.0, 5.0)), (false, true));
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn law_plateaus_and_wrong_ends() {
+    fn unit_plateaus_and_wrong_ends() {
         // Nine tenths zeros: their colour is the middle of their range, and the scale still ascends.
         let values: Vec<f64> = (0..100).map(|k| if k < 90 { 0.0 } else { f64::from(k) }).collect();
         let made = ColourScale::new(&values, Scale::Equalised, Palette::Viridis).unwrap();

@@ -270,7 +270,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_titles_are_broken_at_spaces_and_end_in_an_ellipsis() {
+    fn unit_titles_are_broken_at_spaces_and_end_in_an_ellipsis() {
         let width = 10.0 * LETTER * 12.0 + 0.1;
         assert_eq!(wrapped("one two three four", 12.0, width, 9), ["one two", "three four"]);
         assert_eq!(wrapped("abcdefghijklmnop qr", 12.0, width, 9), ["abcdefghij", "klmnop qr"]);
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_clipped_line_is_the_part_inside() {
+    fn unit_a_clipped_line_is_the_part_inside() {
         let rect = Rect { x: 0.0, y: 0.0, w: 10.0, h: 10.0 };
         let through = clipped(&[(-10.0, 5.0), (5.0, 5.0), (5.0, 20.0), (8.0, 20.0), (8.0, 9.0)], &rect);
         assert_eq!(through, [vec![(0.0, 5.0), (5.0, 5.0), (5.0, 10.0)], vec![(8.0, 10.0), (8.0, 9.0)]]);

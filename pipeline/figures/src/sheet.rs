@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn law_reduction_keeps_the_mean() {
+    fn unit_reduction_keeps_the_mean() {
         // 7 x 5 cells on 3 x 2 pixels: no edge but the outer ones meets, and the mean of areas is the same.
         let values: Vec<f64> = (0..35).map(|k| f64::from(k * k % 17)).collect();
         let map = picture(7, 5, &values);
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn law_reduction_skips_what_is_unknown_and_keeps_single_spikes() {
+    fn unit_reduction_skips_what_is_unknown_and_keeps_single_spikes() {
         let mut values = vec![f64::NAN; 10_000];
         values[5_050] = 12.0;
         let few = drawn(&picture(100, 100, &values), (10, 10), true);
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn law_north_is_up_and_corners_are_corners() {
+    fn unit_north_is_up_and_corners_are_corners() {
         let values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
         let map = picture(3, 2, &values);
         assert_eq!(drawn(&map, (3, 2), true), [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]);
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn law_blending_is_exact_for_a_plane_between_the_nodes() {
+    fn unit_blending_is_exact_for_a_plane_between_the_nodes() {
         let values: Vec<f64> = (0..12).map(|k| f64::from(k % 4) + 10.0 * f64::from(k / 4)).collect();
         let map = picture(4, 3, &values);
         let (w, h) = (40, 30);
@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn law_an_unknown_cell_is_unknown_to_its_edges_and_no_further() {
+    fn unit_an_unknown_cell_is_unknown_to_its_edges_and_no_further() {
         let mut values = [5.0; 9];
         values[4] = f64::NAN;
         for blend in [false, true] {
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_part_is_the_same_part_of_the_whole() {
+    fn unit_a_part_is_the_same_part_of_the_whole() {
         let values: Vec<f64> = (0..24).map(|k| f64::from(k * 7 % 11)).collect();
         let map = picture(6, 4, &values);
         let all = Window::of(&map);

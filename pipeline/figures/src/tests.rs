@@ -107,7 +107,7 @@ fn entities(text: &str) -> Result<(), String> {
 }
 
 #[test]
-fn law_the_check_of_xml_refuses_what_is_not() {
+fn unit_the_check_of_xml_refuses_what_is_not() {
     let of = |body: &str| well_formed(&format!("{}{body}", svg::XML));
     assert_eq!(of("<a b=\"1\" c=\"&lt;\"><d></d>&amp;</a>\n"), Ok(2));
     for wrong in [
@@ -125,7 +125,7 @@ fn law_the_check_of_xml_refuses_what_is_not() {
 }
 
 #[test]
-fn law_every_known_cell_has_its_colour_and_north_is_up() {
+fn unit_every_known_cell_has_its_colour_and_north_is_up() {
     let values = anomalies();
     let map = picture(40, 30, &values);
     for palette in [Palette::Viridis, Palette::Turbo, Palette::Diverging] {
@@ -151,7 +151,7 @@ fn law_every_known_cell_has_its_colour_and_north_is_up() {
 }
 
 #[test]
-fn law_the_png_holds_the_map_at_its_place() {
+fn unit_the_png_holds_the_map_at_its_place() {
     let values = [-1.0, 0.0, 1.0, 2.0];
     let png = png(&picture(2, 2, &values), &bare(), &[]).unwrap();
     let ((w, _), pixels) = decode(&png).unwrap();
@@ -175,7 +175,7 @@ fn law_the_png_holds_the_map_at_its_place() {
 }
 
 #[test]
-fn law_the_colour_bar_ends_where_the_scale_ends() {
+fn unit_the_colour_bar_ends_where_the_scale_ends() {
     let values = anomalies();
     let map = picture(40, 30, &values);
     for (scale, palette) in [
@@ -206,7 +206,7 @@ fn law_the_colour_bar_ends_where_the_scale_ends() {
 }
 
 #[test]
-fn law_the_same_map_gives_the_same_bytes() {
+fn unit_the_same_map_gives_the_same_bytes() {
     let values = anomalies();
     let map = picture(40, 30, &values);
     let (x, y) = ([2.0, 30.0, f64::NAN, 12.0, 13.0], [3.0, 25.0, 4.0, 4.0, 20.0]);
@@ -217,7 +217,7 @@ fn law_the_same_map_gives_the_same_bytes() {
 }
 
 #[test]
-fn law_svg_is_well_formed_whatever_the_names() {
+fn unit_svg_is_well_formed_whatever_the_names() {
     let values = anomalies();
     let wild = "a <b> & \"c\" \u{0}\u{7} 'd' ]]> \u{fffe}";
     let map = MapPicture {
@@ -237,7 +237,7 @@ fn law_svg_is_well_formed_whatever_the_names() {
 }
 
 #[test]
-fn law_a_gap_of_a_track_breaks_its_line_and_lines_end_at_the_frame() {
+fn unit_a_gap_of_a_track_breaks_its_line_and_lines_end_at_the_frame() {
     let values = vec![1.0; 100];
     let map = picture(10, 10, &values);
     let (x, y) = ([-50.0, 2.0, f64::NAN, 5.0, 60.0], [5.0; 5]);
@@ -258,7 +258,7 @@ fn law_a_gap_of_a_track_breaks_its_line_and_lines_end_at_the_frame() {
 }
 
 #[test]
-fn law_a_longitude_of_another_turn_is_the_same_track() {
+fn unit_a_longitude_of_another_turn_is_the_same_track() {
     let values = vec![1.0; 100];
     let axis = |first| EvenAxis { first, step: 1.0, len: 10 };
     let map = MapPicture { x: axis(175.0), y: axis(-5.0), plane: Plane::Degrees, ..picture(10, 10, &values) };
@@ -269,7 +269,7 @@ fn law_a_longitude_of_another_turn_is_the_same_track() {
 }
 
 #[test]
-fn law_maps_of_all_shapes_stay_on_the_paper() {
+fn unit_maps_of_all_shapes_stay_on_the_paper() {
     let title = "a very long title that goes on and on ".repeat(12) + &"x".repeat(300);
     for (columns, rows, width_px) in
         [(2, 2, 1600), (1, 1, 200), (300, 2, 800), (2, 300, 800), (400, 40, 200), (40, 400, 300), (1000, 3, 1600)]
@@ -339,7 +339,7 @@ fn overlap(marks: &[scene::Mark]) -> Option<(String, String)> {
 }
 
 #[test]
-fn law_what_cannot_be_drawn_is_a_fault() {
+fn unit_what_cannot_be_drawn_is_a_fault() {
     let nan = [f64::NAN; 4];
     let what = |map: &MapPicture, look: &Look| png(map, look, &[]).unwrap_err().what;
     assert!(what(&picture(2, 2, &nan), &bare()).contains("no known value"));
@@ -361,7 +361,7 @@ fn law_what_cannot_be_drawn_is_a_fault() {
 }
 
 #[test]
-fn law_a_map_of_one_value_is_drawn() {
+fn unit_a_map_of_one_value_is_drawn() {
     let values = [48_000.0; 12];
     let map = picture(4, 3, &values);
     let (_, _, pixels) = map_of(&marks(&map, &Look { width_px: 300, ..Look::default() }, &[]));
@@ -371,7 +371,7 @@ fn law_a_map_of_one_value_is_drawn() {
 }
 
 #[test]
-fn law_unknown_cells_are_hatched_and_named_only_where_there_are_any() {
+fn unit_unknown_cells_are_hatched_and_named_only_where_there_are_any() {
     let mut values = anomalies();
     let named = |values: &[f64]| texts(&marks(&picture(40, 30, values), &bare(), &[])).iter().any(|t| t == "no data");
     assert!(named(&values));
@@ -397,7 +397,7 @@ fn at_the_date_line(values: &[f64]) -> MapPicture<'_> {
 }
 
 #[test]
-fn law_kml_lies_where_the_map_lies() {
+fn unit_kml_lies_where_the_map_lies() {
     let values: Vec<f64> = (0..400).map(|k| f64::from(k % 20)).collect();
     let made = kml(&at_the_date_line(&values), &Look { width_px: 400, ..Look::default() }, &[], "rio").unwrap();
     well_formed(&made.document).unwrap();
@@ -424,7 +424,7 @@ fn law_kml_lies_where_the_map_lies() {
 }
 
 #[test]
-fn law_kml_tracks_are_broken_wrapped_and_timed() {
+fn unit_kml_tracks_are_broken_wrapped_and_timed() {
     let values = vec![1.0; 400];
     let map = at_the_date_line(&values);
     let lon = [179.5, 180.5, f64::NAN, 181.0, 182.0];
@@ -458,7 +458,7 @@ fn law_kml_tracks_are_broken_wrapped_and_timed() {
 }
 
 #[test]
-fn law_kmz_holds_the_document_and_its_pictures_and_no_clock() {
+fn unit_kmz_holds_the_document_and_its_pictures_and_no_clock() {
     let values = vec![1.0; 400];
     let made = kml(&at_the_date_line(&values), &Look { width_px: 200, ..Look::default() }, &[], "m").unwrap();
     let zipped = made.kmz().unwrap();
@@ -473,7 +473,7 @@ fn law_kmz_holds_the_document_and_its_pictures_and_no_clock() {
 }
 
 #[test]
-fn law_a_curve_has_its_corner_marked() {
+fn unit_a_curve_has_its_corner_marked() {
     let points: Vec<(f64, f64)> = (-6..=6).map(|k| (10f64.powi(k), 10f64.powi(-k) + 1.0)).collect();
     let labels = CurveLabels { title: "L-curve", x: "misfit (nT)", y: "norm (nT)", marked: "alpha = 1" };
     let drawn = curve_svg(&points, Some(6), &labels).unwrap();

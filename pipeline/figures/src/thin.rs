@@ -52,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_straight_line_is_its_ends_and_a_corner_stays() {
+    fn unit_a_straight_line_is_its_ends_and_a_corner_stays() {
         let corner: Vec<[f64; 2]> =
             (0..100).map(|k| if k < 60 { [f64::from(k), 0.0] } else { [59.0, f64::from(k - 59)] }).collect();
         assert_eq!(thinned(&corner, 0.1), [0, 59, 99]);
@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn law_nothing_left_out_is_farther_off_than_the_tolerance() {
+    fn unit_nothing_left_out_is_farther_off_than_the_tolerance() {
         let wave: Vec<[f64; 2]> = (0..5000).map(|k| f64::from(k) / 100.0).map(|x| [x, 3.0 * x.sin()]).collect();
         let few = thinned(&wave, 0.05);
         assert!(few.len() < 150, "{}", few.len());
@@ -74,14 +74,14 @@ mod tests {
     }
 
     #[test]
-    fn law_a_turn_back_on_the_same_line_stays() {
+    fn unit_a_turn_back_on_the_same_line_stays() {
         let there_and_back = [[0.0, 0.0], [5.0, 0.0], [10.0, 0.0], [4.0, 0.0]];
         assert_eq!(thinned(&there_and_back, 0.1), [0, 2, 3]);
         assert_eq!(to_stretch(&[1.0, 1.0], &[1.0, 1.0], &[4.0, 5.0]), 5.0);
     }
 
     #[test]
-    fn law_gaps_break_runs() {
+    fn unit_gaps_break_runs() {
         let points = [None, Some(1), Some(2), None, None, Some(3), None];
         assert_eq!(runs(points.into_iter()), [vec![1, 2], vec![3]]);
         assert!(runs(std::iter::empty::<Option<u8>>()).is_empty());

@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn law_no_range_no_ticks() {
+    fn unit_no_range_no_ticks() {
         assert!(linear(1.0, 1.0, 5).is_empty() && linear(f64::NAN, 1.0, 5).is_empty());
         assert!(logarithmic(0.0, 1.0).is_empty() && logarithmic(2.0, 1.0).is_empty());
     }

@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn law_quiet_says_nothing() {
+    fn unit_quiet_says_nothing() {
         let progress = Progress::new(true);
         progress.stage("x");
         progress.set(1, 2);

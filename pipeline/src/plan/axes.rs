@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_mention_keeps_its_type_and_a_text_its_rest() {
+    fn unit_a_mention_keeps_its_type_and_a_text_its_rest() {
         let point: Point =
             [("lambda".to_owned(), Literal::Float(0.5)), ("line".to_owned(), Literal::Text("7".into()))].into();
         assert_eq!(put_in(&Literal::Text("$lambda".into()), &point), Literal::Float(0.5));

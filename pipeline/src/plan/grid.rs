@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn law_points_are_ordered_and_found_again() {
+    fn unit_points_are_ordered_and_found_again() {
         let all = grid(&[0, 1, 2, 3]);
         assert_eq!((all.len(), grid(&[]).len()), (24, 1));
         let places: Vec<Vec<usize>> = (0..5).map(|i| all.place(i).map(|(_, at)| at).collect()).collect();
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn law_axes_that_change_nothing_are_let_go_of() {
+    fn unit_axes_that_change_nothing_are_let_go_of() {
         let all = grid(&[0, 1, 2, 3]);
         let part = grid(&[0, 1, 2]);
         let values: Vec<usize> = (0..part.len()).map(|i| i % 3).collect();
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn law_more_points_than_any_number_are_counted_as_the_largest() {
+    fn unit_more_points_than_any_number_are_counted_as_the_largest() {
         let wide = Grid::over((0..40).map(|a| (a, 1000)).collect());
         assert_eq!(wide.len(), usize::MAX);
     }

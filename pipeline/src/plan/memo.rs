@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_memo_forgets_but_never_mistakes() {
+    fn unit_a_memo_forgets_but_never_mistakes() {
         let memo = Memo::with_room(100);
         let key = |n: u64| Key::of([n.to_string()]);
         assert_eq!(memo.get(3), None);

@@ -88,7 +88,7 @@ input = 'scores'
 ";
 
 #[test]
-fn law_every_point_is_as_if_it_were_planned_alone() {
+fn unit_every_point_is_as_if_it_were_planned_alone() {
     let folder = TempDir::new().unwrap();
     flights(&folder);
     let store = Store::open(&folder.path().join("store")).unwrap();
@@ -152,7 +152,7 @@ fn law_every_point_is_as_if_it_were_planned_alone() {
 }
 
 #[test]
-fn law_what_is_the_same_is_held_once() {
+fn unit_what_is_the_same_is_held_once() {
     let folder = TempDir::new().unwrap();
     flights(&folder);
     let plan = planned(spec(&folder, MIXED));
@@ -194,7 +194,7 @@ fn cube(side: usize) -> String {
 }
 
 #[test]
-fn law_a_million_points_are_counted_and_not_made() {
+fn unit_a_million_points_are_counted_and_not_made() {
     let folder = TempDir::new().unwrap();
     flights(&folder);
     let plan = planned(spec(&folder, &cube(100)));

@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_pack_counts_if_all_of_it_is_wanted_and_no_unit_counts_twice() {
+    fn unit_a_pack_counts_if_all_of_it_is_wanted_and_no_unit_counts_twice() {
         assert_eq!(covered(&[&[0, 1, 2], &[3, 4, 5]], true), (vec![0, 3], 6));
         // Whole chunks come first; packs that overlap them are skipped.
         assert_eq!(covered(&[&[0, 1, 2, 3], &[0, 1, 2], &[3, 4], &[5]], false), (vec![0, 3, 5], 6));

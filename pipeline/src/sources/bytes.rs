@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_file_of_the_same_size_and_time_is_not_taken_for_the_old_one() {
+    fn unit_a_file_of_the_same_size_and_time_is_not_taken_for_the_old_one() {
         let folder = TempDir::new().unwrap();
         let store = Store::open(&folder.path().join("store")).unwrap();
         let path = folder.path().join("a.csv");
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn law_an_unchanged_file_is_read_again_only_when_it_is_young_or_that_is_asked_for() {
+    fn unit_an_unchanged_file_is_read_again_only_when_it_is_young_or_that_is_asked_for() {
         let folder = TempDir::new().unwrap();
         let store = Store::open(&folder.path().join("store")).unwrap();
         let path = folder.path().join("a.csv");
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_damaged_note_is_as_good_as_none() {
+    fn unit_a_damaged_note_is_as_good_as_none() {
         let folder = TempDir::new().unwrap();
         let store = Store::open(&folder.path().join("store")).unwrap();
         let path = folder.path().join("a.csv");

@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_results_and_the_first_error_are_those_of_the_order_whatever_the_threads() {
+    fn unit_results_and_the_first_error_are_those_of_the_order_whatever_the_threads() {
         for threads in [1, 2, 5] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             for most in [1, 2, 3, 8] {

@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn law_only_midnight_is_unwrapped() {
+    fn unit_only_midnight_is_unwrapped() {
         for tt in [[10.0, 11.0, 9.0, 12.0], [50_000.0, 50_001.0, 0.0, 1.0], [86_399.0, 86_400.0, 40_000.0, 40_001.0]] {
             assert_eq!(risen(&tt), tt);
         }

@@ -48,7 +48,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_note_with_any_bit_flipped_or_any_part_missing_is_none() {
+    fn unit_a_note_with_any_bit_flipped_or_any_part_missing_is_none() {
         let note = Note { size: 7, text: "Übung\n\"{\n".to_owned(), list: vec![Some(0.1), None] };
         let whole = sealed(&note).unwrap();
         assert_eq!(unsealed::<Note>(&whole), Some(note));

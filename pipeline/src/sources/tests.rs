@@ -50,7 +50,7 @@ fn ingested(folder: &Path, store: &Store, threads: usize) -> (String, Vec<usize>
 }
 
 #[test]
-fn law_the_lines_of_a_file_are_the_same_on_any_number_of_threads() {
+fn unit_the_lines_of_a_file_are_the_same_on_any_number_of_threads() {
     let folder = TempDir::new().unwrap();
     written(folder.path(), "1", 20);
     let of = |threads: usize| {
@@ -74,7 +74,7 @@ fn law_the_lines_of_a_file_are_the_same_on_any_number_of_threads() {
 }
 
 #[test]
-fn law_a_damaged_note_of_what_a_file_holds_is_made_again() {
+fn unit_a_damaged_note_of_what_a_file_holds_is_made_again() {
     let folder = TempDir::new().unwrap();
     written(folder.path(), "1", 5);
     let store = Store::open(&folder.path().join("store")).unwrap();
@@ -98,7 +98,7 @@ fn law_a_damaged_note_of_what_a_file_holds_is_made_again() {
 }
 
 #[test]
-fn law_what_opening_a_file_has_found_is_kept_for_as_long_as_the_file_is_the_same() {
+fn unit_what_opening_a_file_has_found_is_kept_for_as_long_as_the_file_is_the_same() {
     let folder = TempDir::new().unwrap();
     written(folder.path(), "1", 2);
     let store = Store::open(&folder.path().join("store")).unwrap();

@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn law_subsets_are_counted_by_binomials_and_ordered() {
+    fn unit_subsets_are_counted_by_binomials_and_ordered() {
         assert_eq!(texts("{ subsets_of = ['a', 'b', 'c'], up_to = 2 }"), ["a", "b", "c", "a+b", "a+c", "b+c"]);
         assert_eq!(texts("{ subsets_of = [['a', 'a_dot'], 'b'], at_least = 0 }"), ["", "a+a_dot", "b", "a+a_dot+b"]);
         assert_eq!(texts("{ subsets_of = [1, 2, 3, 4, 5, 6], at_least = 3, up_to = 3 }").len(), 20);
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn law_lists_are_values() {
+    fn unit_lists_are_values() {
         assert_eq!(texts("[['tl'], ['tl', 'mag_3_uc']]"), ["tl", "tl+mag_3_uc"]);
         assert_eq!(texts("'one'"), ["one"]);
         assert_eq!(texts("[1, 0.5]"), ["1", "0.5"]);

@@ -40,7 +40,7 @@ fn all(file: &Path) -> Result<Vec<RecordBatch>, Trouble> {
 }
 
 #[test]
-fn law_no_flipped_bit_is_served_and_verify_finds_every_one() {
+fn unit_no_flipped_bit_is_served_and_verify_finds_every_one() {
     let folder = TempDir::new().unwrap();
     let file = folder.path().join("a.parquet");
     let (one, other) = (batch(50, 0.0), batch(30, 9.5));
@@ -65,7 +65,7 @@ fn law_no_flipped_bit_is_served_and_verify_finds_every_one() {
 }
 
 #[test]
-fn law_units_come_back_from_packs_with_their_faults() {
+fn unit_units_come_back_from_packs_with_their_faults() {
     let folder = TempDir::new().unwrap();
     let left = vec![Fault::data("short").in_line("1", "1.02")];
     let long = batch(super::GROUP_ROWS + 10, 100.0);
@@ -107,7 +107,7 @@ fn law_units_come_back_from_packs_with_their_faults() {
 }
 
 #[test]
-fn law_a_damaged_pack_is_set_aside_and_another_one_with_its_units_serves() {
+fn unit_a_damaged_pack_is_set_aside_and_another_one_with_its_units_serves() {
     let folder = TempDir::new().unwrap();
     let store = Store::open(folder.path()).unwrap();
     let schema = batch(0, 0.0).schema();
@@ -130,7 +130,7 @@ fn law_a_damaged_pack_is_set_aside_and_another_one_with_its_units_serves() {
 }
 
 #[test]
-fn law_lists_and_texts_survive_and_a_row_group_ends_with_a_unit() {
+fn unit_lists_and_texts_survive_and_a_row_group_ends_with_a_unit() {
     let folder = TempDir::new().unwrap();
     let store = Store::open(folder.path()).unwrap();
     let item = Arc::new(Field::new("item", DataType::Float64, false));

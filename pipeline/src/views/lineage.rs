@@ -185,7 +185,7 @@ mod tests {
     use super::civil;
 
     #[test]
-    fn law_calendar_knows_leap_days() {
+    fn unit_calendar_knows_leap_days() {
         assert_eq!(civil(0), (1970, 1, 1));
         assert_eq!(civil(11_016), (2000, 2, 29));
         assert_eq!(civil(20_778), (2026, 11, 21));

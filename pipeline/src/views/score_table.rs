@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn law_one_point_without_a_mark_has_no_signs() {
+    fn unit_one_point_without_a_mark_has_no_signs() {
         let text = render(&scores(1), 120, 100);
         assert!(text.starts_with("mag ") && !text.contains('*') && !text.contains('!'), "{text}");
     }

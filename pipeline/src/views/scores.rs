@@ -238,7 +238,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_number_is_known_in_every_spelling() {
+    fn unit_a_number_is_known_in_every_spelling() {
         let numbers = Values::new(&[Literal::Float(0.0), Literal::Float(0.001), Literal::Float(0.025)]);
         let found = ["0", "-0.0", "1e-3", "0.0250", "0.02", "none"].map(|text| numbers.position(text));
         assert_eq!(found, [Some(0), Some(0), Some(1), Some(2), None, None]);

@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn law_distance_is_a_metric_with_transpositions() {
+    fn unit_distance_is_a_metric_with_transpositions() {
         assert_eq!(distance("lambda", "lambda"), 0);
         assert_eq!(distance("lamdba", "lambda"), 1);
         assert_eq!(distance("", "abc"), 3);

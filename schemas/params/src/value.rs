@@ -503,7 +503,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_spellings_of_one_value_are_one_key() {
+    fn unit_spellings_of_one_value_are_one_key() {
         let canonical = |l: Literal| f64::read(&l).map(|x| x.canonical());
         assert_eq!(canonical(Literal::Float(0.1)), canonical(Literal::Float(1.0e-1)));
         assert_eq!(canonical(Literal::Int(1)), canonical(Literal::Float(1.0)));
@@ -512,7 +512,7 @@ mod tests {
     }
 
     #[test]
-    fn law_auto_is_a_word_and_a_number_keeps_its_spelling() {
+    fn unit_auto_is_a_word_and_a_number_keeps_its_spelling() {
         let read = |l: Literal| OrAuto::read(&l);
         assert_eq!(read(Literal::Text("auto".into())), Some(OrAuto::Auto));
         assert_eq!(read(Literal::Text("atuo".into())), None);
@@ -522,7 +522,7 @@ mod tests {
     }
 
     #[test]
-    fn law_rules_refuse_what_they_say() {
+    fn unit_rules_refuse_what_they_say() {
         assert!(f64::NAN.check(&Rule::Any).is_err());
         assert!(0.0.check(&Rule::Positive).is_err());
         assert!(f64::INFINITY.check(&Rule::NotNegative).is_err());

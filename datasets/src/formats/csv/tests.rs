@@ -299,7 +299,7 @@ fn drawn(draw: &mut Draw) -> Vec<u8> {
 }
 
 #[test]
-fn law_the_reader_makes_of_any_file_what_a_plain_one_makes_in_blocks_of_any_size() {
+fn unit_the_reader_makes_of_any_file_what_a_plain_one_makes_in_blocks_of_any_size() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("f.csv");
     let given = FlightOptions { missing: vec!["dropout".into(), "-7777".into()], ..FlightOptions::default() };
@@ -323,7 +323,7 @@ fn law_the_reader_makes_of_any_file_what_a_plain_one_makes_in_blocks_of_any_size
 }
 
 #[test]
-fn law_every_spelling_of_a_number_is_the_standard_librarys_to_the_last_bit() {
+fn unit_every_spelling_of_a_number_is_the_standard_librarys_to_the_last_bit() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("f.csv");
     let mut draw = Draw(5);
@@ -348,7 +348,7 @@ fn law_every_spelling_of_a_number_is_the_standard_librarys_to_the_last_bit() {
 }
 
 #[test]
-fn law_what_was_found_is_read_back_and_nothing_else() {
+fn unit_what_was_found_is_read_back_and_nothing_else() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("f.csv");
     fs::write(&path, "flight,line,tt,a,b\n1,1,0.5,1,x\nflight,line,tt,a,b\n1,1,0.5,1,2").unwrap();

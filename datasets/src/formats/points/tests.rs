@@ -42,7 +42,7 @@ fn val_britain_has_named_lines_years_and_another_grid() {
 }
 
 #[test]
-fn law_a_flight_log_is_a_table_of_points() {
+fn unit_a_flight_log_is_a_table_of_points() {
     let points = read("magnavjl_sample/Flt1003_sample.xyz", &PointOptions::default());
     assert_eq!(points.lines, ["1003.01", "1003.02", "1003.03"]);
     assert_eq!(points.line, [0, 0, 0, 1, 1, 1, 2, 2, 2]);
@@ -52,7 +52,7 @@ fn law_a_flight_log_is_a_table_of_points() {
 }
 
 #[test]
-fn law_text_with_line_records_is_the_table_with_a_column_of_lines() {
+fn unit_text_with_line_records_is_the_table_with_a_column_of_lines() {
     let folder = TempDir::new().unwrap();
     let write = |name: &str, text: &str| {
         let path = folder.path().join(name);

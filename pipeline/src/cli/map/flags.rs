@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn law_flags_are_the_parameters_of_the_stage() {
+    fn unit_flags_are_the_parameters_of_the_stage() {
         let plain = parsed(&[]).unwrap();
         assert_eq!((plain.crossing_height_m, plain.damping, plain.keep_outliers), (50.0, 1.0, false));
         let grid = parsed(&["--spacing-m", "250", "--level=-20", "--keep-outliers", "--bounds", "-1,-2,3,4"]).unwrap();

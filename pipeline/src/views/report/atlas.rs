@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_close_look_is_where_the_ins_is_farthest_off() {
+    fn unit_the_close_look_is_where_the_ins_is_farthest_off() {
         let flown = flown();
         assert_eq!(worst_place(&flown), Some(99));
         // 0.00099 degrees of longitude at 22 degrees south.
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_ellipse_of_a_round_covariance_is_a_circle() {
+    fn unit_the_ellipse_of_a_round_covariance_is_a_circle() {
         let flown = flown();
         let canvas = Canvas::new(zoom_bounds(&flown, 99));
         let d = ellipse(&canvas, &flown, 99).unwrap();
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn law_tracks_across_the_date_line_stay_together() {
+    fn unit_tracks_across_the_date_line_stay_together() {
         let track = Track { lat: vec![0.0, 0.0], lon: vec![179.9, -179.9] };
         let b = around(&[track]).unwrap();
         assert!(b.lon.1 - b.lon.0 < 0.3, "{b:?}");

@@ -116,7 +116,7 @@ pub mod tests {
     }
 
     #[test]
-    fn law_the_best_point_has_the_least_cost() {
+    fn unit_the_best_point_has_the_least_cost() {
         let board = example();
         assert_eq!(board.headline(), Some(1));
         assert_eq!(board.ranked(1), [1, 3, 0]);

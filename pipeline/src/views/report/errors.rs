@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_window_needs_half_of_its_samples() {
+    fn unit_a_window_needs_half_of_its_samples() {
         let time: Vec<f64> = (0..6).map(f64::from).collect();
         let nan = f64::NAN;
         let means = window_means(&time, &[1.0, 3.0, nan, nan, nan, 5.0], 3);
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_drifting_ins_does_not_flatten_the_estimate() {
+    fn unit_a_drifting_ins_does_not_flatten_the_estimate() {
         let sigma = vec![1.0, 2.0];
         assert_eq!(frame(&[1.0, -5.0], Some(&vec![0.0, 100.0]), Some(&sigma)), Some((-8.0, 8.0)));
         assert_eq!(frame(&[1.0, -5.0], Some(&vec![0.0, 15.0]), Some(&sigma)), None);
@@ -213,13 +213,13 @@ mod tests {
     }
 
     #[test]
-    fn law_the_share_inside_counts_what_is_known() {
+    fn unit_the_share_inside_counts_what_is_known() {
         assert_eq!(share_inside(&[1.0, -5.0, f64::NAN, 2.0], &[1.0, 1.0, 1.0, 1.0]), "67 %");
         assert_eq!(share_inside(&[f64::NAN], &[1.0]), "none");
     }
 
     #[test]
-    fn law_the_innovation_band_is_what_the_filter_predicted() {
+    fn unit_the_innovation_band_is_what_the_filter_predicted() {
         use crate::views::report::track::Track;
         let estimate = Track { lat: vec![0.0; 2], lon: vec![0.0; 2] };
         // r²/S = nis with S = 25: the band is 1.96 times 5.

@@ -210,13 +210,13 @@ mod tests {
     }
 
     #[test]
-    fn law_a_table_stands_right_of_its_inputs() {
+    fn unit_a_table_stands_right_of_its_inputs() {
         // The map stands just before the track, its only reader.
         assert_eq!(columns_of(&example()), [0, 4, 1, 2, 3, 4, 5, 6]);
     }
 
     #[test]
-    fn law_long_arrows_have_a_lane_and_nothing_overlaps() {
+    fn unit_long_arrows_have_a_lane_and_nothing_overlaps() {
         let columns = layout(&example());
         let lanes = columns.iter().flatten().filter(|p| p.node.is_none()).count();
         // terms passes coefficients, clean passes track.

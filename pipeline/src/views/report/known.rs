@@ -114,7 +114,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_a_constant_is_no_difference_from_the_map() {
+    fn unit_a_constant_is_no_difference_from_the_map() {
         let map: Vec<f64> = (0..600).map(|i| (f64::from(i) / 50.0).sin() * 40.0).collect();
         let signal = map.iter().map(|x| x - 350.0).collect();
         let tt = (0..600).map(|i| 100.0 + f64::from(i)).collect();

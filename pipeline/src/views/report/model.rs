@@ -188,14 +188,14 @@ mod tests {
     }
 
     #[test]
-    fn law_a_large_condition_number_is_said_to_be_large() {
+    fn unit_a_large_condition_number_is_said_to_be_large() {
         assert!(model(999.0).verdict().contains("moderate"));
         assert!(model(25_000.0).verdict().contains("up to 25000 times"));
         assert!(model(f64::INFINITY).verdict().contains("not finite"));
     }
 
     #[test]
-    fn law_a_warning_stands_before_the_coefficients() {
+    fn unit_a_warning_stands_before_the_coefficients() {
         let sound = model(10.0).drawn("coefficients").into_string();
         assert!(!sound.contains("role=\"alert\"") && sound.contains("misses at most 0.4000 nT"), "{sound}");
         let warned = Model { warning: "the flight hardly excites `xx`".into(), ..model(10.0) };
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn law_what_is_not_told_from_zero_is_faint() {
+    fn unit_what_is_not_told_from_zero_is_faint() {
         let text = model(10.0).drawn("coefficients").into_string();
         assert_eq!(text.matches("class=\"faint\"").count(), 1);
         assert!(text.contains("<td>permanent_x</td>") && text.contains("125.0"), "{text}");

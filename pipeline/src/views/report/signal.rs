@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_tenth_of_the_signal_has_a_hundredth_of_the_density() {
+    fn unit_a_tenth_of_the_signal_has_a_hundredth_of_the_density() {
         let chart = spectra(&signal(), Some(BAND)).unwrap();
         let peak = |l: &Line| l.points.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
         let (before, after) = (peak(&chart.lines[0]), peak(&chart.lines[1]));
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_mean_comes_off_and_time_starts_at_zero() {
+    fn unit_the_mean_comes_off_and_time_starts_at_zero() {
         let mut x = vec![1.0, f64::NAN, 3.0];
         assert_eq!(centre(&mut x), 2.0);
         assert_eq!((x[0], x[2]), (-1.0, 1.0));
@@ -256,13 +256,13 @@ mod tests {
     }
 
     #[test]
-    fn law_the_caption_has_the_figures_of_the_drawn_lines() {
+    fn unit_the_caption_has_the_figures_of_the_drawn_lines() {
         let text = both(&signal()).caption;
         assert!(text.contains("from 35.36 to 3.536 nT"), "{text}");
     }
 
     #[test]
-    fn law_the_pass_band_leaves_the_geology_out() {
+    fn unit_the_pass_band_leaves_the_geology_out() {
         let mut slow = signal();
         let drift: Vec<f64> = slow.tt.iter().map(|t| 3.0 * t).collect();
         slow.before.iter_mut().zip(&drift).for_each(|(x, d)| *x += d);

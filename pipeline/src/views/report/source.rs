@@ -184,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_the_same_failure_is_listed_once() {
+    fn unit_the_same_failure_is_listed_once() {
         let text = |v: Vec<Option<&str>>| Arc::new(StringArray::from(v)) as ArrayRef;
         let batch = RecordBatch::try_from_iter_with_nullable([
             ("lambda", Arc::new(Float64Array::from(vec![Some(0.5), None, Some(0.5)])) as ArrayRef, true),

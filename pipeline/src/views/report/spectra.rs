@@ -125,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_white_noise_has_the_floor_of_its_sigma() {
+    fn unit_white_noise_has_the_floor_of_its_sigma() {
         // A signal of +-s in a pseudo-random order is white: density s² / (rate / 2).
         let mut state = 1u64;
         let x: Vec<f64> = (0..40_000)
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn law_the_observatorys_spectrum_falls_with_frequency() {
+    fn unit_the_observatorys_spectrum_falls_with_frequency() {
         let (minutes, seconds) = (observatory("minutes"), observatory("seconds"));
         assert_eq!((minutes.len(), seconds.len()), (15, 11));
         assert!(minutes.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 > w[1].1));
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn law_only_what_varies_is_drawn() {
+    fn unit_only_what_varies_is_drawn() {
         let wave: Vec<f64> = (0..4000).map(|k| (TAU * 0.1 * f64::from(k)).sin()).collect();
         let line = Line { name: "mag_1_uc".into(), class: "s0", points: amplitude(&wave, 10.0).unwrap() };
         assert!(amplitude(&[5.0; 4000], 10.0).is_none());

@@ -207,7 +207,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_only_text_is_a_word() {
+    fn unit_only_text_is_a_word() {
         assert_eq!(word("\"mag_1_c\"").as_deref(), Some("mag_1_c"));
         assert_eq!(word("none"), None);
     }

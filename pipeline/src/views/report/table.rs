@@ -202,7 +202,7 @@ mod tests {
     use crate::views::report::board::tests::example;
 
     #[test]
-    fn law_the_best_of_each_metric_is_marked_once() {
+    fn unit_the_best_of_each_metric_is_marked_once() {
         let text = table(&example()).into_string();
         assert_eq!(text.matches("class=\"n best\"").count(), 3);
         assert!(text.contains("<td class=\"n best\" data-v=\"12\" title=\"best\">12.00</td>"), "{text}");
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn law_a_cell_is_the_best_over_the_other_axes() {
+    fn unit_a_cell_is_the_best_over_the_other_axes() {
         let mut board = example();
         board.scores.axes.insert(0, "twice".into());
         let mut more = board.scores.rows.clone();
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn law_one_axis_has_no_heat_map() {
+    fn unit_one_axis_has_no_heat_map() {
         let mut board = example();
         board.scores.axes.truncate(1);
         board.scores.rows.iter_mut().for_each(|r| r.0.truncate(1));

@@ -45,7 +45,7 @@ fn unclosed(html: &str) -> Option<String> {
 }
 
 #[test]
-fn law_the_same_data_give_the_same_bytes() {
+fn unit_the_same_data_give_the_same_bytes() {
     let html = page("tolles_lawson", &[], &[]).unwrap();
     assert_eq!(html, page("tolles_lawson", &[], &[]).unwrap());
     for address in ["http:", "https:", "file:", "//cdn"] {
@@ -54,7 +54,7 @@ fn law_the_same_data_give_the_same_bytes() {
 }
 
 #[test]
-fn law_compensation_alone_has_no_map() {
+fn unit_compensation_alone_has_no_map() {
     let html = page("tolles_lawson", &[], &[]).unwrap();
     for part in [
         "Power spectral density",
@@ -70,7 +70,7 @@ fn law_compensation_alone_has_no_map() {
 }
 
 #[test]
-fn law_navigation_alone_has_no_model() {
+fn unit_navigation_alone_has_no_model() {
     let html = page("navigation", &[], &[]).unwrap();
     for part in ["data:image/png;base64", "North error", "East error", "Innovations", "NIS", "NEES", "A close look"] {
         assert!(html.contains(part), "{part}");
@@ -81,14 +81,14 @@ fn law_navigation_alone_has_no_model() {
 }
 
 #[test]
-fn law_scores_of_another_spec_are_not_shown() {
+fn unit_scores_of_another_spec_are_not_shown() {
     let html = page("tolles_lawson", &[], &["coefficients.low_hz=0.2"]).unwrap();
     assert!(html.contains("changed since the last run") && html.contains("4 of 4 missing"));
     assert!(!html.contains("id=\"scores-scores\""));
 }
 
 #[test]
-fn law_failures_stand_at_the_top() {
+fn unit_failures_stand_at_the_top() {
     let sets = ["coefficients.trim=600"];
     let html = page("tolles_lawson", &sets, &sets).unwrap();
     let failed = html.find("<h2>4 failed</h2>").unwrap();
@@ -97,14 +97,14 @@ fn law_failures_stand_at_the_top() {
 }
 
 #[test]
-fn law_a_store_without_the_plan_is_an_error() {
+fn unit_a_store_without_the_plan_is_an_error() {
     let other = ["tables.flights.line=\"2\""];
     let fault = page("tolles_lawson", &[], &other).unwrap_err();
     assert!(fault.what.contains("has not been run"), "{fault}");
 }
 
 #[test]
-fn law_a_page_replaces_the_old_one_and_leaves_nothing_beside() {
+fn unit_a_page_replaces_the_old_one_and_leaves_nothing_beside() {
     let folder = std::env::temp_dir().join(format!("magline-report-{}", std::process::id()));
     fs::create_dir_all(&folder).unwrap();
     let file = folder.join("a.html");
@@ -126,14 +126,14 @@ fn gold_without_a_run_there_is_nothing_to_report() {
 }
 
 #[test]
-fn law_the_page_asks_nobody_for_anything() {
+fn unit_the_page_asks_nobody_for_anything() {
     for text in [include_str!("style.css"), include_str!("script.js")] {
         assert!(!["http", "url(", "@import", "fetch(", "XMLHttp", "</"].iter().any(|w| text.contains(w)));
     }
 }
 
 #[test]
-fn law_models_beside_each_other_are_compared() {
+fn unit_models_beside_each_other_are_compared() {
     // The ridge is the only axis there is: the coefficients of the four models.
     let html = page("tolles_lawson", &[], &[]).unwrap();
     assert!(html.contains("id=\"variation\"") && html.contains("over lambda, 4 models"));
@@ -141,7 +141,7 @@ fn law_models_beside_each_other_are_compared() {
 }
 
 #[test]
-fn law_the_warnings_of_a_run_are_read_back_as_they_were() {
+fn unit_the_warnings_of_a_run_are_read_back_as_they_were() {
     let store = tempfile::tempdir().unwrap();
     let sets = [format!("store={}", store.path().display())];
     let spec = read_spec(Path::new("../datasets/examples/tolles_lawson.toml"), &sets).unwrap();

@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn law_an_error_of_one_sigma_each_way_is_two() {
+    fn unit_an_error_of_one_sigma_each_way_is_two() {
         let errors = Offsets { north: vec![3.0, 3.0], east: vec![-4.0, -4.0] };
         let values = nees(&errors, &[vec![3.0; 2], vec![4.0; 2], vec![0.0, -6.0]]);
         assert!((values[0] - 2.0).abs() < 1e-12);
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn law_north_is_positive_northwards() {
+    fn unit_north_is_positive_northwards() {
         let (truth, own) =
             (Track { lat: vec![-22.0], lon: vec![140.0] }, Track { lat: vec![-21.999], lon: vec![139.999] });
         let offsets = own.less(&truth);

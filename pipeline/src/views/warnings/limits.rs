@@ -75,7 +75,7 @@ mod tests {
     use crate::views::scores::declared;
 
     #[test]
-    fn law_the_law_of_a_mean_is_what_its_metric_is_to_be_near() {
+    fn unit_the_law_of_a_mean_is_what_its_metric_is_to_be_near() {
         let near = declared(["nees", "nis"]).map(|m| m.better);
         assert_eq!(near, [Better::Near(NEES.mean), Better::Near(NIS.mean)]);
     }

@@ -37,7 +37,7 @@ fn r10_the_figures_of_the_issue_are_marked() {
 }
 
 #[test]
-fn law_what_is_within_its_law_is_not_remarked() {
+fn unit_what_is_within_its_law_is_not_remarked() {
     for (nees, nis) in [(2.0, 1.0), (0.21, 0.26), (19.9, 3.9)] {
         let row = Row::from([("drms", 10.0), ("ins_drms", 10.0), ("nees", nees), ("nis", nis)]);
         assert!(judge(&facts(&row, given(5.0))).is_empty(), "{nees} {nis}");
@@ -46,7 +46,7 @@ fn law_what_is_within_its_law_is_not_remarked() {
 }
 
 #[test]
-fn law_ten_times_the_law_is_hardly_chance() {
+fn unit_ten_times_the_law_is_hardly_chance() {
     // NEES/2 of a single sample is exponentially distributed with mean 1.
     let exceeded = (-limits::NEES.high() / 2.0).exp();
     assert!(exceeded < 1.0 / 22_000.0, "{exceeded}");
@@ -131,7 +131,7 @@ fn gold_many_warnings_are_told_by_the_worst_of_each_kind() {
 }
 
 #[test]
-fn law_only_what_spoils_a_score_marks_its_row() {
+fn unit_only_what_spoils_a_score_marks_its_row() {
     use crate::views::scores::Scores;
     let rows = vec![(vec!["mag_4_uc".to_owned()], vec![]), (vec!["mag_5_uc".to_owned()], vec![])];
     let mut scores = Scores { axes: vec!["mag".into()], metrics: vec![], rows, lines: 2, marks: vec![] };
