@@ -16,6 +16,7 @@ mod derivatives;
 mod drape;
 mod edge_error;
 mod extension;
+mod gain;
 mod l_curve;
 mod radial_power;
 mod spectrum;

@@ -29,8 +29,9 @@ pub use block::{BlockValue, Blocks, reduce_blocks};
 pub use cross_validation::{CrossValidation, Folds, Spread, cross_validate, expected_error};
 pub use equivalent::{EquivalentSources, FieldAt, FitOptions, Layer, LayerReport};
 pub use far::far_points;
-pub use minimum_curvature::{Relaxation, Relaxed, minimum_curvature};
+pub use minimum_curvature::minimum_curvature;
 pub use nearest::NearestPoints;
+pub use sheet::{Relaxation, Relaxed};
 pub use surface::{Fitted, Surface, fit};
 pub use survey::{CleanOptions, Cleaned, OwnedPoints, SurveyPoints, clean};
 

@@ -4,9 +4,9 @@ use realfft::num_complex::Complex;
 
 use crate::maps::plane_grid::PlaneGrid;
 
+use super::gain::gain;
 use super::spectrum::Spectrum;
 use super::transform::Factor;
-use super::upward::gain;
 use super::{ContinuationError, finite_height, usable_alpha};
 
 /// Below this sine of the inclination (15°) waves that run across the main field are damped.

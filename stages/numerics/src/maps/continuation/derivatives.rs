@@ -4,10 +4,10 @@ use realfft::num_complex::Complex;
 
 use crate::maps::plane_grid::PlaneGrid;
 
+use super::gain::gain;
 use super::spectrum::Spectrum;
 use super::transform::Factor;
 use super::trend::Plane;
-use super::upward::gain;
 use super::{ContinuationError, finite_height, usable_alpha};
 
 /// Which derivative.

@@ -2,9 +2,9 @@
 
 use rayon::prelude::*;
 
+use super::gain::gain;
 use super::spectrum::Spectrum;
 use super::transform::Transform;
-use super::upward::gain;
 use crate::regression::l_curve::log_curvature;
 
 /// Rings of wavenumbers, narrow enough for the factor to be constant over one.

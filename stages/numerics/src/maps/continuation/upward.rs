@@ -3,19 +3,10 @@
 use crate::maps::plane_grid::PlaneGrid;
 
 use super::extension::Padding;
+use super::gain::gain;
 use super::l_curve::LCurve;
 use super::spectrum::{Spectrum, filtered_once};
 use super::{ContinuationError, finite_height, rms, usable_alpha};
-
-/// The factor of a wavenumber `k` in rad/m for a level `up_m` above the map: e^(−k h)/(1 + α k² e^(−k h)), with
-/// α only below the map.
-pub(super) fn gain(k: f64, up_m: f64, alpha_m2: f64) -> f64 {
-    if up_m >= 0.0 {
-        return (-k * up_m).exp();
-    }
-    // Divided through by the growing exponential, which would overflow.
-    1.0 / ((k * up_m).exp() + alpha_m2 * k * k)
-}
 
 /// The map continued upward by `up_m` metres, which may be negative.
 ///

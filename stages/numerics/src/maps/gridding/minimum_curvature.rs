@@ -6,29 +6,8 @@
 //! spacing starts from the surface of the one twice as wide.
 
 use super::plane::Plane;
-use super::sheet::{Constraint, Sheet};
+use super::sheet::{Constraint, Relaxation, Relaxed, Sheet};
 use crate::maps::plane_grid::{EvenAxis, PlaneGrid};
-
-/// How a surface is relaxed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Relaxation {
-    /// 0 is minimum curvature, 1 is Laplace's equation.
-    pub tension: f64,
-    /// A grid is done when no node is expected to move by more in all further passes together, nT.
-    pub tolerance_nt: f64,
-    /// The maximum number of passes over a grid.
-    pub passes: usize,
-}
-
-/// The result of relaxing the finest grid.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Relaxed {
-    /// Passes over it.
-    pub passes: usize,
-    /// The distance that a node is expected to move in all further passes, nT, from the convergence rate: above
-    /// the tolerance when the passes were used up.
-    pub left_nt: f64,
-}
 
 /// Grids values in nT at eastings and northings in metres onto the nodes of two axes; data outside the nodes' cells
 /// are ignored.

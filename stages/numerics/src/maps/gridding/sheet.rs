@@ -3,8 +3,28 @@
 //! A node is moved by its neighbours up to two rows away, so rows three apart can be moved in parallel: the rows are
 //! kept in three colours, and the answer does not depend on the number of threads.
 
-use super::minimum_curvature::{Relaxation, Relaxed};
 use rayon::prelude::*;
+
+/// How a surface is relaxed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Relaxation {
+    /// 0 is minimum curvature, 1 is Laplace's equation.
+    pub tension: f64,
+    /// A grid is done when no node is expected to move by more in all further passes together, nT.
+    pub tolerance_nt: f64,
+    /// The maximum number of passes over a grid.
+    pub passes: usize,
+}
+
+/// The result of relaxing the finest grid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Relaxed {
+    /// Passes over it.
+    pub passes: usize,
+    /// The distance that a node is expected to move in all further passes, nT, from the convergence rate: above
+    /// the tolerance when the passes were used up.
+    pub left_nt: f64,
+}
 
 /// Rows and columns beyond an edge.
 const EDGE: usize = 2;
