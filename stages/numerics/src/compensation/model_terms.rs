@@ -61,7 +61,7 @@ pub fn core_term_names() -> Vec<String> {
 /// The 21 terms of the core-field (reference-free) model, row-major: with u the direction cosines of the vector
 /// magnetometer, C the core field in the body frame and Ċ its difference per sample, u_i (3), C_i u_j (9) and Ċ_i u_j
 /// (9), i varying fastest, the latter two over `scale_nt`. The target that goes with them is the scalar less |C|.
-/// [thesis 004, (2.12)-(2.18), with the order of vec() in Part C of the field's errata]
+/// [thesis 004, (2.12)-(2.18) and (2.30), with vec() column by column]
 ///
 /// `None` for a single sample, whose difference is unknown.
 pub fn core_terms(vector: [&[f64]; 3], core: [&[f64]; 3], scale_nt: f64) -> Option<Vec<f64>> {

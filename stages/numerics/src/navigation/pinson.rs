@@ -49,7 +49,7 @@ pub const S: usize = 17;
 /// `MAGNAV_POSITION[i]` is the index in its vectors (from 0) of our state `i`.
 pub const MAGNAV_POSITION: [usize; STATES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 12, 13, 14, 15, 16, 9, 10, 17];
 
-/// Barometer aiding of the altitude, in 1/s. [DOMAIN of MagNav.jl: k1]
+/// Barometer aiding of the altitude, in 1/s. [MagNav.jl `get_pinson`: k1]
 pub const K1: f64 = 3e-2;
 /// Barometer aiding of the vertical velocity, in 1/s².
 pub const K2: f64 = 3e-4;
