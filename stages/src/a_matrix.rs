@@ -109,3 +109,128 @@ impl LineStage for AMatrix {
         Ok(vec![list(rows, terms.len())?])
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use arrow_array::{Array, ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
+    use schemas::{ColumnType, Role, Shape};
+
+    use super::*;
+
+    const ALL: [&str; 5] = ["permanent", "induced", "eddy", "derivative", "bias"];
+
+    fn a_matrix(terms: &[&str]) -> AMatrix {
+        AMatrix {
+            vector: "flux_a".into(),
+            terms: terms.iter().map(ToString::to_string).collect(),
+            scalar: None,
+            bt_scale_nt: 50_000.0,
+            allow_truth: false,
+        }
+    }
+
+    fn columns() -> Vec<Column> {
+        let columns = ["flux_a_x", "flux_a_y", "flux_a_z", "mag_4_uc"].map(|name| Column::float(name, "nT", ""));
+        let truth = Column::float("mag_1_c", "nT", "").role(Role::Truth);
+        [Column::float("tt", "s", "")].into_iter().chain(columns).chain([truth]).collect()
+    }
+
+    fn table(columns: Vec<Column>) -> Table {
+        Table::Lines(Shape { columns, rate_hz: None })
+    }
+
+    /// The names and rows of three samples whose vector is (x, -10,000, 20,000) nT.
+    fn made(stage: &AMatrix, x: [f64; 3]) -> (Vec<String>, Vec<f64>) {
+        let (y, z, mag) = ([-10_000.0; 3], [20_000.0; 3], [40_000.0; 3]);
+        let sensors = [("tt", [0.0, 0.1, 0.2]), ("flux_a_x", x), ("flux_a_y", y), ("flux_a_z", z), ("mag_4_uc", mag)];
+        let array = |values: [f64; 3]| Arc::new(Float64Array::from(values.to_vec())) as ArrayRef;
+        let batch = RecordBatch::try_from_iter(sensors.map(|(name, values)| (name, array(values)))).unwrap();
+        let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None };
+        let yields = stage.yields(&[&table(columns())]).unwrap();
+        let ColumnType::List(names) = yields.columns[0].column_type.clone() else { unreachable!("a list") };
+        let arrays = stage.run(&line, &()).unwrap();
+        let list = arrays[0].as_fixed_size_list();
+        assert_eq!((list.len(), list.value_length() as usize), (3, names.len()));
+        (names, list.values().as_primitive::<Float64Type>().values().to_vec())
+    }
+
+    /// Direction cosines and fields are divided in double precision: a few units in the last place.
+    fn near(found: f64, expected: f64) -> bool {
+        (found - expected).abs() <= 1e-15 * expected.abs().max(1.0)
+    }
+
+    #[test]
+    fn law_a_constant_vector_has_cosines_their_products_with_the_field_and_no_change() {
+        // (20, -10, 20) uT: 30 uT with the cosines 2/3, -1/3, 2/3; over the scale 0.4, -0.2, 0.4.
+        let (names, values) = made(&a_matrix(&ALL), [20_000.0; 3]);
+        let permanent = [("x", 2.0 / 3.0), ("y", -1.0 / 3.0), ("z", 2.0 / 3.0)];
+        let mixed = [("xx", 0.8 / 3.0), ("xy", -0.4 / 3.0), ("xz", 0.8 / 3.0)];
+        let others = [("yy", 0.2 / 3.0), ("yz", -0.4 / 3.0), ("zz", 0.8 / 3.0)];
+        let eddy = ["xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"].map(|pair| (pair, 0.0));
+        let changes = ["x", "y", "z"].map(|axis| (axis, 0.0));
+        let dotted = eddy.into_iter().chain(changes).map(|(name, value)| (format!("{name}_dot"), value));
+        let plain = permanent.into_iter().chain(mixed).chain(others).map(|(name, value)| (name.to_owned(), value));
+        let expected: Vec<(String, f64)> = plain.chain(dotted).chain([("bias".to_owned(), 1.0)]).collect();
+        assert_eq!(names, expected.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>());
+        for row in values.chunks_exact(22) {
+            for (found, (name, expected)) in row.iter().zip(&expected) {
+                assert!(near(*found, *expected), "{name}: {found} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn law_eddy_terms_are_cosines_times_the_change_of_the_vector_over_the_scale() {
+        let (names, values) = made(&a_matrix(&ALL), [19_600.0, 20_000.0, 20_300.0]);
+        let at = |row: usize, name: &str| values[row * names.len() + names.iter().position(|n| n == name).unwrap()];
+        // One-sided, central over two samples, one-sided.
+        assert_eq!([0, 1, 2].map(|row| at(row, "x_dot")), [400.0, 350.0, 300.0]);
+        // 350 nT over 50,000 nT is 0.007.
+        for (name, expected) in [("xx_dot", 0.014 / 3.0), ("yx_dot", -0.007 / 3.0), ("zx_dot", 0.014 / 3.0)] {
+            assert!(near(at(1, name), expected), "{name}: {}", at(1, name));
+        }
+        for name in ["xy_dot", "xz_dot", "yy_dot", "yz_dot", "zy_dot", "zz_dot", "y_dot", "z_dot"] {
+            assert_eq!(at(1, name), 0.0, "{name}");
+        }
+    }
+
+    #[test]
+    fn unit_a_scalar_stands_for_the_magnitude_and_a_missing_vector_is_a_row_of_nan() {
+        let modified = AMatrix { scalar: Some("mag_4_uc".into()), ..a_matrix(&["induced3", "permanent"]) };
+        let (names, values) = made(&modified, [20_000.0, f64::NAN, 20_000.0]);
+        assert_eq!(names, ["x", "y", "z", "xx", "yy", "zz"], "the groups are in the order of the model");
+        for row in [&values[..6], &values[12..]] {
+            // (20, -10, 20) over 40, and that times (0.4, -0.2, 0.4).
+            let expected = [0.5, -0.25, 0.5, 0.2, 0.05, 0.2];
+            assert!(row.iter().zip(expected).all(|(found, expected)| near(*found, expected)), "{row:?}");
+        }
+        assert!(values[6..12].iter().all(|x| x.is_nan()));
+    }
+
+    #[test]
+    fn unit_what_cannot_be_used_is_told_with_its_parameter() {
+        let said = |stage: &AMatrix, columns: Vec<Column>| {
+            let faults = stage.yields(&[&table(columns)]).unwrap_err();
+            faults.iter().map(|f| format!("{f} [{}]", f.param.clone().unwrap_or_default())).collect::<Vec<_>>()
+        };
+        let other = AMatrix { vector: "flux_b".into(), ..a_matrix(&ALL) };
+        let expected = "there is no vector magnetometer `flux_b` (did you mean `flux_a`?) [vector]";
+        assert_eq!(said(&other, columns()), [expected]);
+        let mut in_microtesla = columns();
+        in_microtesla[2].unit = "uT".into();
+        let expected = "column `flux_a_y` is in uT, but nT is needed [vector]";
+        assert_eq!(said(&a_matrix(&ALL), in_microtesla), [expected]);
+        let lame: Vec<Column> = columns().into_iter().filter(|c| c.name != "flux_a_z").collect();
+        let faults = said(&a_matrix(&["permanant"]), lame);
+        assert_eq!(faults.len(), 2, "{faults:?}");
+        assert!(faults[0].starts_with("there is no column `flux_a_z`") && faults[0].ends_with("[vector]"));
+        assert!(faults[1].contains("`permanant`") && faults[1].ends_with("[terms]"), "{faults:?}");
+        let truth = AMatrix { scalar: Some("mag_1_c".into()), ..a_matrix(&ALL) };
+        let faults = said(&truth, columns());
+        assert!(faults[0].contains("`mag_1_c` is a truth column") && faults[0].ends_with("[scalar]"), "{faults:?}");
+        assert!(AMatrix { allow_truth: true, ..truth }.yields(&[&table(columns())]).is_ok());
+    }
+}

@@ -102,3 +102,102 @@ impl LineStage for Bandpass {
         self.columns.iter().map(one).collect()
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::{f64::consts::TAU, sync::Arc};
+
+    use arrow_array::{ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
+    use schemas::Shape;
+
+    use super::*;
+
+    const RATE_HZ: f64 = 10.0;
+    const ROWS: i32 = 2000;
+
+    fn bandpass(columns: &[&str]) -> Bandpass {
+        let columns = columns.iter().map(ToString::to_string).collect();
+        Bandpass { columns, low_hz: 0.1, high_hz: 0.9, order: 4 }
+    }
+
+    fn run(stage: &Bandpass, tt: Vec<f64>, x: Vec<f64>) -> Result<Vec<f64>, Fault> {
+        let column = |values: Vec<f64>| Arc::new(Float64Array::from(values)) as ArrayRef;
+        let batch = RecordBatch::try_from_iter([("tt", column(tt)), ("x", column(x))]).unwrap();
+        let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None };
+        stage.run(&line, &()).map(|arrays| arrays[0].as_primitive::<Float64Type>().values().to_vec())
+    }
+
+    /// Evenly spaced samples.
+    fn samples(rows: i32, of: impl Fn(f64) -> f64) -> Vec<f64> {
+        (0..rows).map(|k| of(f64::from(k) / RATE_HZ)).collect()
+    }
+
+    #[test]
+    fn law_a_sine_in_the_band_stays_as_it_is_and_one_far_outside_goes() {
+        // Of the squared gain of Butterworth, 1/2 is left at a corner after two passes.
+        for (hz, gain) in [(0.3, 1.0), (0.1, 0.5), (0.9, 0.5), (0.01, 0.0), (3.0, 0.0)] {
+            let sine = |t: f64| 10.0 * (TAU * hz * t).sin();
+            let x = samples(ROWS, |t| 50_000.0 + sine(t));
+            let y = run(&bandpass(&["x"]), samples(ROWS, |t| t), x).unwrap();
+            assert_eq!(y.len(), ROWS as usize);
+            // Eighty seconds from the ends nothing is left of them: the slowest pole dies by e in 5 s.
+            let middle = 800..1200;
+            let worst = middle.map(|k| (y[k] - gain * sine(k as f64 / RATE_HZ)).abs()).fold(0.0, f64::max);
+            assert!(worst < 1e-3, "{hz} Hz: {worst} nT");
+        }
+    }
+
+    #[test]
+    fn law_a_constant_is_slower_than_any_band_and_a_gap_stays_a_gap() {
+        let mut x = vec![52_345.6; 600];
+        x[300] = f64::NAN;
+        let tt = samples(600, |t| t);
+        for (low_hz, high_hz, left) in [(0.1, 0.9, 0.0), (0.5, 0.0, 0.0), (0.0, 0.9, 52_345.6)] {
+            let y = run(&Bandpass { low_hz, high_hz, ..bandpass(&["x"]) }, tt.clone(), x.clone()).unwrap();
+            assert!(y[300].is_nan());
+            // Rounding of 50,000 nT (7e-12) that a low corner takes up some hundred times.
+            let rest = y.iter().enumerate().filter(|(k, _)| *k != 300);
+            assert!(rest.map(|(_, y)| (y - left).abs()).fold(0.0, f64::max) < 1e-6, "{low_hz} to {high_hz} Hz");
+        }
+    }
+
+    #[test]
+    fn unit_a_line_that_cannot_be_filtered_says_why() {
+        let stage = bandpass(&["x"]);
+        assert!(run(&stage, samples(25, |t| t), vec![1.0; 25]).is_ok());
+        let short = run(&stage, samples(24, |t| t), vec![1.0; 24]).unwrap_err();
+        assert!(short.what.contains("25 samples"), "{short}");
+        assert_eq!(short.place.column.as_deref(), Some("x"));
+        let mut tt = samples(100, |t| t);
+        tt[40] += 0.02;
+        let uneven = run(&stage, tt, vec![1.0; 100]).unwrap_err();
+        assert_eq!((uneven.place.column.as_deref(), uneven.help.as_deref()), (Some("tt"), Some("resample first")));
+    }
+
+    #[test]
+    fn unit_a_corner_above_nyquist_is_told_before_anything_runs() {
+        let columns = vec![
+            Column::float("tt", "s", ""),
+            Column::float("mag_4_uc", "nT", ""),
+            Column::float("mag_1_c", "nT", "").role(Role::Truth),
+        ];
+        let table = |rate_hz| Table::Lines(Shape { columns: columns.clone(), rate_hz });
+        let said = |stage: &Bandpass, rate_hz: Option<f64>| {
+            let faults = stage.yields(&[&table(rate_hz)]).unwrap_err();
+            faults.iter().map(|f| format!("{} [{}]", f.what, f.param.clone().unwrap_or_default())).collect::<Vec<_>>()
+        };
+        let wide = Bandpass { high_hz: 6.0, ..bandpass(&["mag_4_uc"]) };
+        let expected = "a corner of 6 Hz is not below the Nyquist frequency of 5 Hz [high_hz]";
+        assert_eq!(said(&wide, Some(RATE_HZ)), [expected]);
+        assert!(wide.yields(&[&table(None)]).is_ok(), "the rate is not known");
+        assert!(said(&Bandpass { low_hz: 0.9, ..bandpass(&["mag_4_uc"]) }, None)[0].ends_with("[low_hz]"));
+        assert!(
+            said(&Bandpass { low_hz: 0.0, high_hz: 0.0, ..bandpass(&["mag_4_uc"]) }, None)[0].ends_with("[low_hz]")
+        );
+        assert_eq!(said(&bandpass(&["mag_5_uc"]), None), ["there is no column `mag_5_uc` [columns]"]);
+        let made = bandpass(&["mag_4_uc", "mag_1_c"]).yields(&[&table(Some(RATE_HZ))]).unwrap().columns;
+        let made: Vec<_> = made.iter().map(|c| (c.name.as_str(), c.unit.as_str(), c.role)).collect();
+        assert_eq!(made, [("mag_4_uc_bp", "nT", Role::Derived), ("mag_1_c_bp", "nT", Role::Truth)]);
+    }
+}

@@ -208,3 +208,132 @@ fn predict(batch: &RecordBatch, model: &Model, rows: usize) -> Result<Vec<f64>, 
     }
     Ok(sum)
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use arrow_array::{ArrayRef, StringArray, types::Float64Type};
+    use arrow_schema::{Field, Schema};
+    use schemas::{Role, Shape};
+
+    use super::*;
+    use crate::columns::list;
+
+    fn compensate() -> Compensate {
+        Compensate {
+            mag: "mag_4_uc".into(),
+            predicts: Predicts::Aircraft,
+            without: vec![],
+            detrend: false,
+            allow_truth: false,
+        }
+    }
+
+    fn columns() -> Vec<Column> {
+        let tl = Column::list("tl", "", "", ["x", "y"].map(str::to_owned).to_vec());
+        let plain = ["mag_4_uc", "igrf", "diurnal"].map(|name| Column::float(name, "nT", ""));
+        [tl, Column::float("cur_1", "A", "")].into_iter().chain(plain).collect()
+    }
+
+    /// Three samples, the last without a term.
+    fn line() -> LineIn {
+        let arrays = vec![
+            list(vec![1.0, 10.0, 2.0, 20.0, 3.0, f64::NAN], 2).unwrap(),
+            array(vec![5.0, 6.0, 7.0]),
+            array(vec![50_100.0, 50_200.0, 50_300.0]),
+            array(vec![50_000.0; 3]),
+            array(vec![10.0; 3]),
+        ];
+        let fields: Vec<Field> = columns().iter().map(Column::field).collect();
+        let batch = RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap();
+        LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
+    }
+
+    /// 3 y - 2 cur_1 + 40, and what the fit left.
+    fn model() -> RecordBatch {
+        let terms: ArrayRef = Arc::new(StringArray::from(vec!["y", "cur_1", "intercept"]));
+        let numbers = [("residual_sigma", 0.5), ("residual_fogm_sigma", 3.0), ("residual_fogm_tau", 120.0)];
+        let numbers = numbers.map(|(name, value)| (name, array(vec![value; 3])));
+        let columns = [("term", terms), ("value", array(vec![3.0, -2.0, 40.0]))].into_iter().chain(numbers);
+        RecordBatch::try_from_iter(columns).unwrap()
+    }
+
+    fn made(stage: &Compensate) -> Vec<Vec<f64>> {
+        let model = stage.prepare(&[line().inputs[0].slice(0, 0), model()]).unwrap();
+        let arrays = stage.run(&line(), &model).unwrap();
+        arrays.iter().map(|a| a.as_primitive::<Float64Type>().values().to_vec()).collect()
+    }
+
+    /// The first two samples of `mag_c` and `mag_aircraft`; the third must be NaN in both.
+    fn fields(stage: &Compensate) -> [[f64; 2]; 2] {
+        let made = made(stage);
+        assert!(made[0][2].is_nan() && made[1][2].is_nan());
+        [[made[0][0], made[0][1]], [made[1][0], made[1][1]]]
+    }
+
+    #[test]
+    fn law_what_is_taken_off_is_the_sum_of_coefficients_times_terms() {
+        // 3 10 - 2 5 + 40 = 60 and 3 20 - 2 6 + 40 = 88.
+        assert_eq!(fields(&compensate()), [[50_040.0, 50_112.0], [60.0, 88.0]]);
+        let without =
+            |names: &[&str]| Compensate { without: names.iter().map(ToString::to_string).collect(), ..compensate() };
+        assert_eq!(fields(&without(&["cur_1"]))[1], [70.0, 100.0]);
+        assert_eq!(fields(&without(&["cur_1", "intercept"]))[1], [30.0, 60.0]);
+        // The mean of 60 and 88 stays in the signal.
+        assert_eq!(fields(&Compensate { detrend: true, ..compensate() }), [[50_114.0, 50_186.0], [-14.0, 14.0]]);
+    }
+
+    #[test]
+    fn law_an_anomaly_becomes_a_field_with_core_field_and_diurnal_variation() {
+        let of = |predicts: Predicts| fields(&Compensate { predicts, ..compensate() });
+        assert_eq!(of(Predicts::Anomaly), [[50_070.0, 50_098.0], [30.0, 102.0]]);
+        assert_eq!(of(Predicts::Field), [[60.0, 88.0], [50_040.0, 50_112.0]]);
+    }
+
+    #[test]
+    fn unit_every_sample_has_the_noise_of_the_model() {
+        for predicts in [Predicts::Aircraft, Predicts::Field] {
+            let made = made(&Compensate { predicts, ..compensate() });
+            assert_eq!(made[2..], [vec![0.5; 3], vec![3.0; 3], vec![120.0; 3]]);
+        }
+    }
+
+    #[test]
+    fn unit_what_does_not_fit_the_model_is_told_with_its_parameter() {
+        let lacking = Compensate { without: vec!["easting".into()], ..compensate() };
+        let fault = lacking.prepare(&[line().inputs[0].clone(), model()]).err().unwrap();
+        assert_eq!(fault.what, "the model has no term `easting` to leave out");
+        assert_eq!(fault.param.as_deref(), Some("without"));
+
+        let features = ["tl", "cur_1"].map(str::to_owned).to_vec();
+        let shape = |columns: Vec<Column>| Shape { columns, rate_hz: None };
+        let fitted =
+            Table::Model { shape: shape(vec![Column::text("term", ""), Column::float("value", "", "")]), features };
+        let yields = |stage: &Compensate, columns: Vec<Column>, model: &Table| {
+            stage.yields(&[&Table::Lines(shape(columns)), model])
+        };
+        let said = |stage: &Compensate, columns: Vec<Column>, model: &Table| {
+            let faults = yields(stage, columns, model).unwrap_err();
+            faults.iter().map(|f| format!("{} [{}]", f.what, f.param.clone().unwrap_or_default())).collect::<Vec<_>>()
+        };
+        let only = |names: &[&str]| columns().into_iter().filter(|c| names.contains(&c.name.as_str())).collect();
+        let made = yields(&compensate(), columns(), &fitted).unwrap().columns;
+        let names: Vec<&str> = made.iter().map(|c| c.name.as_str()).collect();
+        assert_eq!(names, ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau"]);
+        let expected = "the model was fitted on `cur_1`, and there is no column `cur_1` [input]";
+        assert_eq!(said(&compensate(), only(&["tl", "mag_4_uc"]), &fitted), [expected]);
+        let anomaly = Compensate { predicts: Predicts::Anomaly, detrend: true, ..compensate() };
+        let expected = [
+            "there is no column `igrf` [predicts]",
+            "there is no column `diurnal` [predicts]",
+            "only an aircraft's field is detrended [detrend]",
+        ];
+        assert_eq!(said(&anomaly, only(&["tl", "cur_1", "mag_4_uc"]), &fitted), expected);
+        let truth = columns().into_iter().map(|c| if c.name == "mag_4_uc" { c.role(Role::Truth) } else { c });
+        assert!(said(&compensate(), truth.collect(), &fitted)[0].ends_with("[mag]"));
+        let noise = Table::Model { shape: shape(vec![Column::float("residual_sigma", "nT", "")]), features: vec![] };
+        assert_eq!(said(&compensate(), columns(), &noise), ["`model` has no terms [model]"]);
+    }
+}

@@ -198,3 +198,118 @@ fn in_body_frame(batch: &RecordBatch, attitude: [&str; 3], field: &Ned) -> Resul
     }
     Ok(body)
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use arrow_array::{ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
+
+    use super::*;
+
+    fn core_field(decimal_year: Option<f64>) -> CoreFieldStage {
+        CoreFieldStage {
+            model: CoreModel::Igrf14,
+            column: "igrf".into(),
+            position: PositionOf::Truth,
+            attitude: None,
+            decimal_year,
+        }
+    }
+
+    fn run(stage: &CoreFieldStage, columns: &[(&str, &[f64])]) -> Result<Vec<Vec<f64>>, Fault> {
+        let column = |values: &[f64]| Arc::new(Float64Array::from(values.to_vec())) as ArrayRef;
+        let batch = RecordBatch::try_from_iter(columns.iter().map(|(name, values)| (*name, column(values)))).unwrap();
+        let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None };
+        let arrays = stage.run(&line, &())?;
+        Ok(arrays.iter().map(|a| a.as_primitive::<Float64Type>().values().to_vec()).collect())
+    }
+
+    #[test]
+    fn val_igrf14_values_of_ppigrf_at_the_date_of_the_spec_and_of_the_flight() {
+        // Of numerics/reference/navigation/igrf14_computed_values.csv: magnitude, north, east, down.
+        let pacific = [46_740.993, 23_141.299, 1_354.233, 40_587.767];
+        let date_line = [34_104.128, 33_467.591, 5_796.665, -3_067.671];
+        let of_spec: [(&str, &[f64]); 3] =
+            [("lat", &[47.9574, f64::NAN]), ("lon", &[-178.2449; 2]), ("alt", &[11_963.0; 2])];
+        // Noon of day 183 is the middle of a year of 365 days: 2022.5.
+        let of_flight: [(&str, &[f64]); 6] = [
+            ("lat", &[0.0]),
+            ("lon", &[180.0]),
+            ("alt", &[0.0]),
+            ("tt", &[43_200.0]),
+            ("year", &[2022.0]),
+            ("doy", &[183.0]),
+        ];
+        let spec = run(&core_field(Some(2025.238)), &of_spec).unwrap();
+        let flight = run(&core_field(None), &of_flight).unwrap();
+        for (made, expected) in [(&spec, pacific), (&flight, date_line)] {
+            assert_eq!(made.len(), 4, "without an attitude there is no body frame");
+            for (made, expected) in made.iter().zip(expected) {
+                // The reference is printed to 0.001 nT; its conversion from geodetic differs by 0.002.
+                assert!((made[0] - expected).abs() < 0.003, "{} {expected}", made[0]);
+            }
+            assert!((made[0][0] - made[1][0].hypot(made[2][0]).hypot(made[3][0])).abs() < 1e-9);
+        }
+        assert!(spec.iter().all(|column| column[1].is_nan()), "a sample without a position");
+    }
+
+    #[test]
+    fn law_the_body_frame_sees_the_field_along_its_own_axes() {
+        // Level to the east; north, right wing down; nose up from the north; without a heading.
+        let (roll, pitch, yaw) = ([0.0, 90.0, 0.0, 0.0], [0.0, 0.0, 90.0, 0.0], [90.0, 0.0, 0.0, f64::NAN]);
+        let columns: [(&str, &[f64]); 6] = [
+            ("lat", &[45.0; 4]),
+            ("lon", &[-75.0; 4]),
+            ("alt", &[300.0; 4]),
+            ("roll", &roll),
+            ("pitch", &pitch),
+            ("yaw", &yaw),
+        ];
+        let made = run(&core_field(Some(2020.5)), &columns).unwrap();
+        let (n, e, d) = (made[1][0], made[2][0], made[3][0]);
+        for (row, expected) in [[e, -n, d], [n, d, -e], [-d, e, n]].iter().enumerate() {
+            for (axis, expected) in made[4..].iter().zip(expected) {
+                // The cosine of 90 degrees is 6e-17.
+                assert!((axis[row] - expected).abs() < 1e-9, "{row}: {} {expected}", axis[row]);
+            }
+        }
+        assert!(made[4..].iter().all(|axis| axis[3].is_nan()) && made[..4].iter().all(|ned| ned[3].is_finite()));
+        let level = CoreFieldStage { attitude: Some(AttitudeOf::None), ..core_field(Some(2020.5)) };
+        assert_eq!(run(&level, &columns).unwrap().len(), 4);
+    }
+
+    #[test]
+    fn unit_a_date_that_nobody_said_is_a_fault_with_the_way_out() {
+        let table = |names: &[(&str, &str)]| {
+            let columns = names.iter().map(|(name, unit)| Column::float(*name, *unit, "")).collect();
+            Table::Lines(Shape { columns, rate_hz: None })
+        };
+        let place = [("tt", "s"), ("lat", "deg"), ("lon", "deg"), ("alt", "m")];
+        let undated = table(&place);
+        let faults = core_field(None).yields(&[&undated]).unwrap_err();
+        assert_eq!(faults.len(), 1, "{faults:?}");
+        assert!(faults[0].what.contains("needs a date"), "{}", faults[0]);
+        assert!(faults[0].help.as_deref().unwrap().contains("`decimal_year`"));
+        assert_eq!(faults[0].param.as_deref(), Some("decimal_year"));
+        let of_spec = core_field(Some(2020.5)).yields(&[&undated]).unwrap();
+        assert_eq!(of_spec.reads, [["lat", "lon", "alt"]]);
+        let dated: Vec<_> = place.into_iter().chain([("year", ""), ("doy", "")]).collect();
+        let of_flight = core_field(None).yields(&[&table(&dated)]).unwrap();
+        assert_eq!(of_flight.reads, [["lat", "lon", "alt", "tt", "year", "doy"]]);
+        let nowhere = core_field(None).yields(&[&table(&[("tt", "s")])]).unwrap_err();
+        let params: Vec<_> = nowhere.iter().filter_map(|f| f.param.as_deref()).collect();
+        assert_eq!(params, ["position", "position", "position", "decimal_year"], "all at once");
+    }
+
+    #[test]
+    fn unit_a_place_and_a_date_that_do_not_exist_are_named() {
+        let at = |lat: &[f64], year: f64| {
+            run(&core_field(Some(year)), &[("lat", lat), ("lon", &[0.0, 0.0]), ("alt", &[0.0, 0.0])]).unwrap_err()
+        };
+        let place = at(&[45.0, 91.0], 2020.5).place;
+        assert_eq!((place.column.as_deref(), place.row), (Some("lat"), Some(1)));
+        assert!(at(&[45.0, 45.0], 2030.5).what.contains("1900 to 2030"));
+    }
+}

@@ -103,3 +103,95 @@ impl LineStage for MapValue {
         format!("{} {:?}", self.map_interpolation.word(), self.map_levels_m)
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use arrow_array::{ArrayRef, Float64Array, cast::AsArray, types::Float64Type};
+    use schemas::Shape;
+
+    use super::*;
+
+    fn map_value() -> MapValue {
+        MapValue { position: PositionOf::Truth, map_interpolation: Interpolation::Linear, map_levels_m: None }
+    }
+
+    fn batch(columns: Vec<(&str, Vec<f64>)>) -> RecordBatch {
+        let columns = columns.into_iter().map(|(name, x)| (name, Arc::new(Float64Array::from(x)) as ArrayRef));
+        RecordBatch::try_from_iter(columns).unwrap()
+    }
+
+    /// A plane: 500 nT for a degree northward, -300 nT for one eastward.
+    fn plane(lat: f64, lon: f64) -> f64 {
+        80.0 + 500.0 * (lat - 45.0) - 300.0 * (lon + 75.0)
+    }
+
+    /// Its map, 11 by 9 nodes about 45 degrees north, 75 degrees west.
+    fn map() -> RecordBatch {
+        let nodes = || (0..11).flat_map(|row| (0..9).map(move |column| (f64::from(row), f64::from(column))));
+        let lat = |row: f64| 44.995 + 0.001 * row;
+        let lon = |column: f64| -75.004 + 0.001 * column;
+        batch(vec![
+            ("lat", nodes().map(|(row, _)| lat(row)).collect()),
+            ("lon", nodes().map(|(_, column)| lon(column)).collect()),
+            ("alt", vec![300.0; 99]),
+            ("anomaly", nodes().map(|(row, column)| plane(lat(row), lon(column))).collect()),
+        ])
+    }
+
+    fn run(stage: &MapValue, lat: &[f64], lon: &[f64]) -> Result<Vec<Vec<f64>>, Fault> {
+        let flown = batch(vec![("lat", lat.to_vec()), ("lon", lon.to_vec()), ("alt", vec![0.0; lat.len()])]);
+        let prepared = stage.prepare(&[flown.slice(0, 0), map()]).unwrap();
+        let line = LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![flown], keep: None };
+        let arrays = stage.run(&line, &prepared)?;
+        Ok(arrays.iter().map(|a| a.as_primitive::<Float64Type>().values().to_vec()).collect())
+    }
+
+    #[test]
+    fn law_a_plane_is_found_between_its_nodes_with_its_slopes() {
+        // On a node, between nodes, and in the corners of the map.
+        let (lat, lon) = ([45.0, 45.00037, 44.99951, 44.995, 45.005], [-75.0, -75.00062, -74.99923, -75.004, -74.996]);
+        for map_interpolation in [Interpolation::Linear, Interpolation::Cubic] {
+            let made = run(&MapValue { map_interpolation, ..map_value() }, &lat, &lon).unwrap();
+            for k in 0..lat.len() {
+                // Degrees of 75 are rounded to 1.4e-14, at 500 nT a degree.
+                assert!((made[0][k] - plane(lat[k], lon[k])).abs() < 1e-9, "{k}: {}", made[0][k]);
+                // A degree at 45 degrees is 111,132 m of latitude and 78,847 m of longitude (WGS-84, at the ellipsoid).
+                // The latter changes by 9e-5 from the middle of the map to its edges.
+                assert!((made[1][k] * 111_132.0 / 500.0 - 1.0).abs() < 2e-4, "{k}: {} nT/m", made[1][k]);
+                assert!((made[2][k] * 78_847.0 / -300.0 - 1.0).abs() < 2e-4, "{k}: {} nT/m", made[2][k]);
+                assert_eq!(made[3][k], 0.0, "a map at its own height has no slope upwards");
+            }
+        }
+    }
+
+    #[test]
+    fn unit_off_the_map_there_is_nothing() {
+        let (lat, lon) = ([45.0, 45.0051, 45.0, 45.0, f64::NAN], [-75.0, -75.0, -75.0041, -74.9959, -75.0]);
+        let made = run(&map_value(), &lat, &lon).unwrap();
+        for column in &made {
+            assert!(column[0].is_finite() && column[1..].iter().all(|x| x.is_nan()), "{made:?}");
+        }
+        let fault = run(&map_value(), &[46.0, 47.0], &[-75.0, -75.0]).unwrap_err();
+        assert_eq!(fault.what, "no sample is on the map");
+        assert!(fault.help.unwrap().contains("cover the flight"));
+    }
+
+    #[test]
+    fn unit_missing_positions_and_heights_that_do_not_ascend_are_told_at_once() {
+        let place = [("ins_lat", "deg"), ("ins_lon", "rad")].map(|(name, unit)| Column::float(name, unit, ""));
+        let lines = Table::Lines(Shape { columns: place.to_vec(), rate_hz: None });
+        let map = Table::Map(schemas::map::shape());
+        let stage = MapValue { position: PositionOf::Ins, map_levels_m: Some(vec![400.0, 300.0]), ..map_value() };
+        let faults = stage.yields(&[&lines, &map]).unwrap_err();
+        let said: Vec<_> = faults.iter().map(|f| (f.what.as_str(), f.param.as_deref().unwrap())).collect();
+        let expected = [
+            ("column `ins_lon` is in rad, but deg is needed", "position"),
+            ("there is no column `ins_alt`", "position"),
+            ("the heights must be one or more numbers that ascend", "map_levels_m"),
+        ];
+        assert_eq!(said, expected);
+    }
+}

@@ -188,3 +188,145 @@ impl LineStage for AssumeNoise {
         Ok(noise)
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use arrow_array::{
+        Float64Array,
+        cast::AsArray,
+        types::{Float64Type, Int64Type},
+    };
+    use numerics::random::Normals;
+
+    use super::*;
+
+    const ROWS: usize = 4000;
+    const SIGMA_NT: f64 = 2.0;
+
+    /// A line at 10 Hz.
+    fn line(columns: Vec<(&str, Vec<f64>)>) -> LineIn {
+        let tt = (0..columns[0].1.len()).map(|k| 0.1 * k as f64).collect();
+        let columns = [("tt", tt)].into_iter().chain(columns);
+        let arrays = columns.map(|(name, values)| (name, Arc::new(Float64Array::from(values)) as ArrayRef));
+        let batch = RecordBatch::try_from_iter(arrays).unwrap();
+        LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
+    }
+
+    fn white(seed: u64, rows: usize) -> Vec<f64> {
+        let mut normals = Normals::new(seed);
+        (0..rows).map(|_| SIGMA_NT * normals.draw()).collect()
+    }
+
+    /// A field of 50,000 nT and what varies slowly beside it.
+    fn slow(rows: usize, amplitude_nt: f64) -> Vec<f64> {
+        (0..rows).map(|k| 50_000.0 + amplitude_nt * (0.01 * k as f64).sin()).collect()
+    }
+
+    fn sum(parts: &[&[f64]]) -> Vec<f64> {
+        (0..parts[0].len()).map(|k| parts.iter().map(|part| part[k]).sum()).collect()
+    }
+
+    fn stage(truth: Option<&str>) -> ResidualNoise {
+        ResidualNoise { mag: "mag_c".into(), truth: truth.map(str::to_owned) }
+    }
+
+    /// The white part, and the samples behind it.
+    fn found(stage: &ResidualNoise, lines: &[LineIn]) -> Result<(f64, i64), Fault> {
+        let gather = ResidualNoise::gather(vec![stage]);
+        let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
+        let columns = gather.finish(parts).remove(0)?.columns;
+        Ok((columns[0].as_primitive::<Float64Type>().value(0), columns[3].as_primitive::<Int64Type>().value(0)))
+    }
+
+    #[test]
+    fn law_white_noise_is_found_whatever_the_field_and_the_constants() {
+        let mut sigmas: Vec<f64> = vec![];
+        for seed in 1..=9 {
+            let (noise, truth) = (white(seed, ROWS), slow(ROWS, 300.0));
+            let of = |offset_nt: f64| {
+                let mag = sum(&[&noise, &truth, &[offset_nt; ROWS]]);
+                found(&stage(Some("mag_1_c")), &[line(vec![("mag_c", mag), ("mag_1_c", truth.clone())])]).unwrap()
+            };
+            let (sigma, n) = of(0.0);
+            assert_eq!(n, ROWS as i64);
+            // Rounding of 50,000 nT.
+            assert!((of(-750.0).0 / sigma - 1.0).abs() < 1e-6);
+            sigmas.push(sigma);
+        }
+        sigmas.sort_by(f64::total_cmp);
+        // A bound on the Allan variance at all spans: of a single line it may be off by some per cent.
+        assert!((sigmas[4] / SIGMA_NT - 1.0).abs() < 0.05, "{sigmas:?}");
+        assert!(sigmas.iter().all(|s| (s / SIGMA_NT - 1.0).abs() < 0.15), "{sigmas:?}");
+    }
+
+    #[test]
+    fn law_the_known_field_is_that_of_core_map_and_diurnal_variation() {
+        let (noise, igrf, map, diurnal) = (white(1, ROWS), slow(ROWS, 40.0), slow(ROWS, 150.0), slow(ROWS, 10.0));
+        let field = sum(&[&igrf, &map, &diurnal]);
+        let mag = || sum(&[&noise, &field]);
+        let parts = vec![("mag_c", mag()), ("igrf", igrf), ("map_anomaly", map), ("diurnal", diurnal)];
+        let of_truth =
+            found(&stage(Some("mag_1_c")), &[line(vec![("mag_c", mag()), ("mag_1_c", field.clone())])]).unwrap();
+        let of_parts = found(&stage(None), &[line(parts)]).unwrap();
+        assert!((of_parts.0 / of_truth.0 - 1.0).abs() < 1e-6, "{of_parts:?} {of_truth:?}");
+    }
+
+    #[test]
+    fn unit_only_selected_samples_count_and_a_short_line_is_refused() {
+        let (truth, mut mag) = (vec![0.0; ROWS], white(3, ROWS));
+        let half = line(vec![("mag_c", mag[..ROWS / 2].to_vec()), ("mag_1_c", vec![0.0; ROWS / 2])]);
+        mag[3 * ROWS / 4] = 1e6;
+        let spiked = line(vec![("mag_c", mag), ("mag_1_c", truth)]);
+        let keep = Some((0..ROWS).map(|k| k < ROWS / 2).collect());
+        let of = |line: LineIn| found(&stage(Some("mag_1_c")), &[line]);
+        assert_eq!(of(LineIn { keep, ..spiked }).unwrap(), of(half).unwrap());
+        // 15 s.
+        let fault = of(line(vec![("mag_c", white(1, 150)), ("mag_1_c", vec![0.0; 150])])).unwrap_err();
+        assert!(fault.what.contains("at least 16 s"), "{fault}");
+        assert!(fault.help.unwrap().contains("longer lines"));
+    }
+
+    #[test]
+    fn unit_a_known_noise_is_that_of_every_sample() {
+        let figures = [0.7, 2.5, 90.0];
+        let table = RESIDUAL.iter().zip(figures).map(|(name, value)| (*name, array(vec![value])));
+        let table = RecordBatch::try_from_iter(table).unwrap();
+        let line = line(vec![("mag_c", vec![0.0; 3])]);
+        let noise = AssumeNoise {}.prepare(&[line.inputs[0].slice(0, 0), table]).unwrap();
+        let made = AssumeNoise {}.run(&line, &noise).unwrap();
+        let made: Vec<Vec<f64>> = made.iter().map(|a| a.as_primitive::<Float64Type>().values().to_vec()).collect();
+        assert_eq!(made, figures.map(|figure| vec![figure; 3]));
+    }
+
+    #[test]
+    fn unit_what_is_missing_is_told_with_its_parameter() {
+        let shape = |names: &[&str]| {
+            let columns = names.iter().map(|name| Column::float(*name, "", "")).collect();
+            Shape { columns, rate_hz: None }
+        };
+        let said = |faults: Vec<Fault>| {
+            let one = |f: &Fault| format!("{f} [{}]", f.param.clone().unwrap_or_default());
+            faults.iter().map(one).collect::<Vec<_>>()
+        };
+        let bare = Table::Lines(shape(&["tt"]));
+        let faults = said(stage(None).yields(&[&bare]).unwrap_err());
+        for (fault, words) in
+            faults.iter().zip([["`mag_c`", "[mag]"], ["`core_field`", "[input]"], ["`map_value`", "[input]"]])
+        {
+            assert!(words.iter().all(|word| fault.contains(word)), "{fault}");
+        }
+        assert_eq!(faults.len(), 3, "{faults:?}");
+        assert!(said(stage(Some("mag_1_c")).yields(&[&bare]).unwrap_err())[1].ends_with("[truth]"));
+
+        let model = |names: &[&str]| Table::Model { shape: shape(names), features: vec![] };
+        let faults = said(AssumeNoise {}.yields(&[&bare, &model(&RESIDUAL[..2])]).unwrap_err());
+        assert_eq!(faults.len(), 1, "{faults:?}");
+        assert!(faults[0].contains("`residual_noise`") && faults[0].ends_with("[noise]"), "{faults:?}");
+        let made = AssumeNoise {}.yields(&[&bare, &model(&RESIDUAL)]).unwrap().columns;
+        let made: Vec<_> = made.iter().map(|c| (c.name.as_str(), c.unit.as_str())).collect();
+        assert_eq!(made, [("mag_sigma", "nT"), ("mag_fogm_sigma", "nT"), ("mag_fogm_tau", "s")]);
+    }
+}
