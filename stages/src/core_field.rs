@@ -19,7 +19,8 @@ stage! {
     /// wing, down). `column` gives another name; a column that the flight has under such a name is replaced.
     ///
     /// The date is that of the sample: the flight's `year`, `doy` and `tt`, or `decimal_year` for all. Heights are above
-    /// the WGS-84 ellipsoid. A sample whose position is NaN gets NaN, and so do the body components where the attitude is.
+    /// the WGS-84 ellipsoid. A sample whose position is NaN gets NaN, and so does a body component where an angle that it
+    /// depends on is NaN.
     ///
     /// It refuses a flight whose date neither the flight nor the spec says, a date that the model does not cover, and a
     /// position that does not exist (latitude beyond 90 degrees, longitude outside -180 to 360, height outside -10 to
