@@ -21,7 +21,7 @@ use numerics::{
         map_surface::{Interpolation, MapSurface},
     },
     navigation::{
-        ekf::{EkfOutput, EkfParameters, run},
+        ekf::{EkfParameters, NavigationOutput, run},
         ins_error::InsErrorModel,
         transition::NoiseDiscretisation,
     },
@@ -65,7 +65,7 @@ fn filter(
     core: &CoreField,
     flight: &Flight,
     noise: NoiseDiscretisation,
-) -> Result<EkfOutput, Failure> {
+) -> Result<NavigationOutput, Failure> {
     let errors = InsErrorModel { noise, ..InsErrorModel::default() };
     let parameters = EkfParameters { errors, ..EkfParameters::default() };
     let field = FieldMap::Flat(map.clone());

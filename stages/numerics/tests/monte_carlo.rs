@@ -13,7 +13,7 @@ use numerics::{
         map_surface::{Interpolation, MapSurface},
     },
     navigation::{
-        ekf::{EkfOutput, EkfParameters, run},
+        ekf::{EkfParameters, NavigationOutput, run},
         ins_error::{InsErrorModel, simulate_ins_error},
         pinson::{LAT, LON, S, STATES, StateMatrix},
         transition::NoiseDiscretisation,
@@ -33,7 +33,7 @@ const DT_S: f64 = 1.0;
 const EPOCHS: [usize; 11] = [120, 450, 780, 1110, 1440, 1770, 2100, 2430, 2760, 3090, 3599];
 
 struct Run {
-    output: EkfOutput,
+    output: NavigationOutput,
     /// The covariance at the epochs; all of them would take a gigabyte.
     p_at_epochs: Vec<StateMatrix>,
     errors: Vec<[f64; STATES]>,

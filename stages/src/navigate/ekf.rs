@@ -1,7 +1,7 @@
 //! The 18-state extended Kalman filter.
 
 use numerics::navigation::{
-    ekf::{EkfOutput, EkfParameters, EkfPoint, run_together},
+    ekf::{EkfParameters, EkfPoint, NavigationOutput, run_together},
     ins_error::InsErrorModel,
     pinson::STATES,
     transition::NoiseDiscretisation,
@@ -55,7 +55,13 @@ impl NavigationFilter for Ekf {
         let mut filters: Vec<EkfPoint> = vec![];
         for ((_, flown), parameters) in points.iter().zip(&parameters) {
             let Flown { measured_nt, map, core, .. } = flown;
-            filters.push(EkfPoint { parameters, measurement_nt: measured_nt, map, core: core.as_ref() });
+            filters.push(EkfPoint {
+                parameters,
+                measurement_nt: measured_nt,
+                sigma_nt: None,
+                map,
+                core: core.as_ref(),
+            });
         }
         let outputs = run_together(&first.ins, &filters);
         points.iter().zip(outputs).map(|((filter, flown), out)| filter.track(flown, out.map_err(data)?)).collect()
@@ -74,7 +80,7 @@ impl Ekf {
         }
     }
 
-    fn track(&self, flown: &Flown, out: EkfOutput) -> Result<Track, Fault> {
+    fn track(&self, flown: &Flown, out: NavigationOutput) -> Result<Track, Fault> {
         let report = out.report;
         if report.updates == 0 {
             let what = format!(

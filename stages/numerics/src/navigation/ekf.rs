@@ -17,7 +17,6 @@
 //! alone is one lane of the same code, and the lanes do not touch: its bits are the same in any company.
 
 mod measurement;
-mod output;
 mod pack;
 mod parameters;
 mod steps;
@@ -29,9 +28,9 @@ use pulp::{Simd, WithSimd};
 use crate::earth::core_field::CoreField;
 use crate::maps::map_stack::FieldMap;
 use crate::navigation::ins_series::{InsSeries, SeriesError};
-pub use output::{EkfOutput, EkfReport};
+use crate::navigation::output::{NavigationError, NavigationOutput};
 use pack::{Filter, Pack};
-pub use parameters::{EkfError, EkfParameters};
+pub use parameters::EkfParameters;
 use steps::StepModel;
 
 /// Filters one line.
@@ -41,7 +40,7 @@ use steps::StepModel;
 ///
 /// # Errors
 /// Fails as [`EkfParameters::check`] and [`InsSeries::check`], with [`SeriesError::Length`] for a measurement of
-/// another length than the INS, and with [`EkfError::Diverged`] when states or variances are no longer finite or a
+/// another length than the INS, and with [`NavigationError::Diverged`] when states or variances are no longer finite or a
 /// variance is negative.
 pub fn run(
     parameters: &EkfParameters,
@@ -49,11 +48,11 @@ pub fn run(
     measurement_nt: &[f64],
     map: &FieldMap,
     core: Option<&CoreField>,
-) -> Result<EkfOutput, EkfError> {
+) -> Result<NavigationOutput, NavigationError> {
     let core = core.map(|core| Arc::new(core.clone()));
-    let point = EkfPoint { parameters, measurement_nt, map, core: core.as_ref() };
+    let point = EkfPoint { parameters, measurement_nt, sigma_nt: None, map, core: core.as_ref() };
     // One point has one result.
-    run_together(ins, &[point]).pop().unwrap_or_else(|| Ok(EkfOutput::default()))
+    run_together(ins, &[point]).pop().unwrap_or_else(|| Ok(NavigationOutput::default()))
 }
 
 /// One of several filters over the same line.
@@ -63,6 +62,9 @@ pub struct EkfPoint<'a> {
     pub parameters: &'a EkfParameters,
     /// The compensated field at each sample; it holds the core field if, and only if, `core` is given.
     pub measurement_nt: &'a [f64],
+    /// The standard deviation of the noise of each measurement, in nT, in place of
+    /// [`EkfParameters::measurement_sigma_nt`]; a value that is not above 0 makes its measurement a missing one.
+    pub sigma_nt: Option<&'a [f64]>,
     /// The map.
     pub map: &'a FieldMap,
     /// The core field.
@@ -77,9 +79,9 @@ pub struct EkfPoint<'a> {
 ///
 /// # Errors
 /// Each result fails as [`run`].
-pub fn run_together(ins: &InsSeries<'_>, points: &[EkfPoint<'_>]) -> Vec<Result<EkfOutput, EkfError>> {
+pub fn run_together(ins: &InsSeries<'_>, points: &[EkfPoint<'_>]) -> Vec<Result<NavigationOutput, NavigationError>> {
     let series = ins.check();
-    let mut answers: Vec<Option<Result<EkfOutput, EkfError>>> = vec![];
+    let mut answers: Vec<Option<Result<NavigationOutput, NavigationError>>> = vec![];
     let mut groups: Vec<(StepModel, Vec<usize>)> = vec![];
     for (place, point) in points.iter().enumerate() {
         let refused = point.check(ins, &series).err();
@@ -104,11 +106,17 @@ pub fn run_together(ins: &InsSeries<'_>, points: &[EkfPoint<'_>]) -> Vec<Result<
 }
 
 impl EkfPoint<'_> {
-    fn check(&self, ins: &InsSeries<'_>, series: &Result<(), SeriesError>) -> Result<(), EkfError> {
+    fn check(&self, ins: &InsSeries<'_>, series: &Result<(), SeriesError>) -> Result<(), NavigationError> {
         self.parameters.check()?;
         series.clone()?;
         if self.measurement_nt.len() != ins.len() {
             let (column, rows, expected) = ("measurement", self.measurement_nt.len(), ins.len());
+            return Err(SeriesError::Length { column, rows, expected }.into());
+        }
+        if let Some(sigma_nt) = self.sigma_nt
+            && sigma_nt.len() != ins.len()
+        {
+            let (column, rows, expected) = ("measurement sigma", sigma_nt.len(), ins.len());
             return Err(SeriesError::Length { column, rows, expected }.into());
         }
         Ok(())
@@ -153,17 +161,6 @@ impl<'a> WithSimd for Group<'a> {
         }
         packs.into_iter().flat_map(Pack::into_filters).collect()
     }
-}
-
-/// The residual and its squared size over its variance; NaN where there was no update.
-#[derive(Clone, Copy, Debug)]
-struct Innovation {
-    residual_nt: f64,
-    nis: f64,
-}
-
-impl Innovation {
-    const NONE: Self = Self { residual_nt: f64::NAN, nis: f64::NAN };
 }
 
 #[cfg(test)]

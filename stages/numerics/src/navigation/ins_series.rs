@@ -160,7 +160,7 @@ impl<'a> InsSeries<'a> {
     /// One sample, in the units of the error model. `row` is below [`InsSeries::len`] of a series
     /// that passed [`InsSeries::check`].
     #[inline]
-    pub(super) fn point(&self, row: usize) -> InsPoint {
+    pub fn point(&self, row: usize) -> InsPoint {
         InsPoint {
             lat_rad: self.lat_deg[row].to_radians(),
             vel_ned_mps: [self.vn_mps[row], self.ve_mps[row], self.vd_mps[row]],

@@ -4,6 +4,9 @@
 //! |:--|:--|
 //! | [`ins_series`] | the output of an INS along a line, as columns |
 //! | [`ekf`] | the 18-state extended Kalman filter, over one line or several at once |
+//! | [`line`] | a line with its map, as the filters take it, and its steps |
+//! | [`field`] | the field that a filter predicts: map and core field |
+//! | [`output`] | what a filter makes of a line |
 //! | [`pinson`] | the states and the matrix F of the error model |
 //! | [`transition`] | Φ = exp(F Δt) and the process noise of a step |
 //! | [`ins_error`] | error sources and grades of an INS; its errors simulated along a trajectory |
@@ -100,16 +103,22 @@
 //! ```
 
 pub mod ekf;
+pub mod field;
 pub mod ins_error;
 pub mod ins_series;
+pub mod line;
 pub mod mechanisation;
+pub mod output;
 pub mod pinson;
 pub mod strapdown;
 pub mod transition;
 
-pub use ekf::{EkfError, EkfOutput, EkfParameters};
+pub use ekf::EkfParameters;
+pub use field::PredictedField;
 pub use ins_error::{InsErrorModel, InsErrors, InsGrade, simulate_ins_error};
 pub use ins_series::{InsSeries, SeriesError};
+pub use line::{LineStep, NavigationLine};
 pub use mechanisation::{Earth, Mechanisation, Motion, Reading};
+pub use output::{NavigationError, NavigationOutput, NavigationReport};
 pub use pinson::{InsPoint, PinsonForm, StateMatrix, StateVector, TimeConstants, pinson_matrix};
 pub use transition::{NoiseDiscretisation, transition_matrix};

@@ -2,12 +2,13 @@
 
 use pulp::Simd;
 
+use super::EkfPoint;
 use super::measurement::{Correction, Sensitivities};
 use super::steps::Step;
-use super::{EkfError, EkfOutput, EkfPoint, Innovation};
-use crate::earth::core_field::LinearisedCoreField;
 use crate::earth::field_value::FieldValue;
+use crate::navigation::field::PredictedField;
 use crate::navigation::ins_series::InsSeries;
+use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
 use crate::navigation::transition::NoiseDiscretisation;
 use crate::navigation::transition::lanes::{
@@ -21,26 +22,26 @@ const MOST_LANES: usize = 8;
 /// The data of one filter, except state and covariance.
 pub(super) struct Filter<'a> {
     point: EkfPoint<'a>,
-    core: Option<LinearisedCoreField>,
+    field: PredictedField<'a>,
     /// The temporal variation.
     fogm: GaussMarkov,
     offset_nt: f64,
-    output: EkfOutput,
-    fault: Option<EkfError>,
+    output: NavigationOutput,
+    fault: Option<NavigationError>,
 }
 
 impl<'a> Filter<'a> {
     pub(super) fn new(point: EkfPoint<'a>, ins: &InsSeries<'_>) -> Self {
         let (parameters, errors) = (point.parameters, &point.parameters.errors);
         let mut filter = Self {
-            core: point.core.map(|core| LinearisedCoreField::new(core.clone())),
+            field: PredictedField::new(point.map, point.core),
             fogm: GaussMarkov { sigma: errors.fogm_sigma_nt, tau_s: errors.fogm_tau_s },
             offset_nt: 0.0,
-            output: EkfOutput::with_capacity(ins.len(), parameters.keep_states, parameters.keep_covariance),
+            output: NavigationOutput::with_capacity(ins.len(), parameters.keep_states, parameters.keep_covariance),
             fault: None,
             point,
         };
-        let (offset_nt, samples) = filter.offset(ins);
+        let (offset_nt, samples) = filter.field.offset(ins, point.measurement_nt, parameters.offset_window_s);
         filter.offset_nt = offset_nt;
         filter.output.report.offset_nt = offset_nt;
         filter.output.report.offset_samples = samples;
@@ -48,57 +49,29 @@ impl<'a> Filter<'a> {
     }
 
     /// Its output.
-    pub(super) fn finish(self) -> Result<EkfOutput, EkfError> {
+    pub(super) fn finish(self) -> Result<NavigationOutput, NavigationError> {
         self.fault.map_or(Ok(self.output), Err)
-    }
-
-    /// The field and its gradient at an error in latitude and longitude (rad) and height (m) from the INS; `None` where
-    /// the map has none.
-    fn field(&mut self, ins: &InsSeries<'_>, row: usize, error: [f64; 3]) -> Option<FieldValue> {
-        let lat_deg = ins.lat_deg[row] + error[0].to_degrees();
-        let lon_deg = ins.lon_deg[row] + error[1].to_degrees();
-        let alt_m = ins.alt_m[row] + error[2];
-        let anomaly = self.point.map.at(lat_deg, lon_deg, alt_m)?;
-        Some(match &mut self.core {
-            Some(core) => anomaly + core.magnitude_and_gradient(lat_deg, lon_deg, alt_m),
-            None => anomaly,
-        })
-    }
-
-    /// The mean of measurement minus prediction at the INS position over the first seconds, and
-    /// from how many samples; no samples for a window of zero.
-    fn offset(&mut self, ins: &InsSeries<'_>) -> (f64, usize) {
-        let window_s = self.point.parameters.offset_window_s;
-        if window_s <= 0.0 {
-            return (0.0, 0);
-        }
-        let (mut sum_nt, mut samples) = (0.0, 0_usize);
-        for (row, measured_nt) in self.point.measurement_nt.iter().enumerate() {
-            if ins.tt_s[row] - ins.tt_s[0] > window_s {
-                break;
-            }
-            if let Some(field) = self.field(ins, row, [0.0; 3])
-                && measured_nt.is_finite()
-            {
-                sum_nt += measured_nt - field.value_nt;
-                samples += 1;
-            }
-        }
-        if samples == 0 { (0.0, 0) } else { (sum_nt / samples as f64, samples) }
     }
 
     /// The measurement of a row and the field that is expected there; `None`, and counted, without either.
     fn expected(&mut self, ins: &InsSeries<'_>, row: usize, error: [f64; 3]) -> Option<(f64, FieldValue)> {
         let measured_nt = self.point.measurement_nt[row] - self.offset_nt;
-        if !measured_nt.is_finite() {
+        let variance_nt2 = self.variance_nt2(row);
+        if !(measured_nt.is_finite() && variance_nt2 > 0.0 && variance_nt2.is_finite()) {
             self.output.report.missing_measurements += 1;
             return None;
         }
-        let field = self.field(ins, row, error);
+        let field = self.field.at_error(ins, row, error);
         if field.is_none() {
             self.output.report.off_map += 1;
         }
         field.map(|field| (measured_nt, field))
+    }
+
+    /// The variance of the measurement of a row, in nT².
+    #[inline(always)]
+    fn variance_nt2(&self, row: usize) -> f64 {
+        self.point.sigma_nt.map_or(self.point.parameters.measurement_sigma_nt, |sigma_nt| sigma_nt[row]).powi(2)
     }
 
     /// Whether a measurement with this innovation is used; counted.
@@ -117,8 +90,6 @@ pub(super) struct Pack<'a, S: Simd> {
     noise: NoiseDiscretisation,
     /// Spectral densities of the process noise.
     density: Vectors<S>,
-    /// Variances of the measurements, in nT².
-    variance: S::f64s,
     x: Vectors<S>,
     p: Matrices<S>,
 }
@@ -135,8 +106,7 @@ impl<'a, S: Simd> Pack<'a, S> {
             p[state][state] =
                 from_lanes(simd, |lane| parameters(lane).errors.initial_covariance(lat_rad, alt_m)[state][state]);
         }
-        let variance = from_lanes(simd, |lane| parameters(lane).measurement_sigma_nt.powi(2));
-        Self { filters, noise, density, variance, x: [zero; STATES], p }
+        Self { filters, noise, density, x: [zero; STATES], p }
     }
 
     /// The filters at the end of the line.
@@ -221,8 +191,8 @@ impl<'a, S: Simd> Pack<'a, S> {
                 continue;
             }
             if lane::<S>(&finite, at) != 0.0 || lane::<S>(&least, at) < 0.0 {
-                filter.fault = Some(EkfError::Diverged { row, tt_s: ins.tt_s[row] });
-                filter.output = EkfOutput::default();
+                filter.fault = Some(NavigationError::Diverged { row, tt_s: ins.tt_s[row] });
+                filter.output = NavigationOutput::default();
                 continue;
             }
             let x = |state: usize| lane::<S>(&self.x[state], at);
@@ -251,7 +221,12 @@ impl<'a, S: Simd> Pack<'a, S> {
             d_alt: from_lanes(simd, |at| slope(at, |field| field.d_alt_nt_per_m)),
         };
         let ph = h.covariances(simd, &self.p);
-        let variances = h.innovation_variances(simd, &ph, self.variance);
+        // A lane without a measurement is not corrected; its variance only must not be zero.
+        let variance = from_lanes(simd, |at| match (self.filters.get(at), fields.get(at)) {
+            (Some(filter), Some(Some(_))) => filter.variance_nt2(row),
+            _ => 1.0,
+        });
+        let variances = h.innovation_variances(simd, &ph, variance);
         let mut used = [0.0; MOST_LANES];
         for (at, (filter, field)) in self.filters.iter_mut().zip(&fields).enumerate() {
             if let Some((measured_nt, field)) = field {
@@ -264,7 +239,7 @@ impl<'a, S: Simd> Pack<'a, S> {
         let correction = Correction {
             residual_nt: from_lanes(simd, |at| innovations[at].residual_nt),
             weight: simd.div_f64s(simd.splat_f64s(1.0), variances),
-            variance: self.variance,
+            variance,
             used: simd.less_than_f64s(simd.splat_f64s(0.0), from_lanes(simd, |at| used[at])),
         };
         h.correct(simd, &correction, &ph, &mut self.x, &mut self.p);

@@ -1,9 +1,7 @@
-//! What the filter is told, and why it may refuse.
+//! What the filter is told.
 
 use crate::navigation::ins_error::{InsErrorModel, ParameterError, require};
-use crate::navigation::ins_series::SeriesError;
 use params::Rule;
-use thiserror::Error;
 
 /// The parameters of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,26 +51,4 @@ impl EkfParameters {
         }
         self.errors.check()
     }
-}
-
-/// Why a line was not filtered. Rows are counted from 0.
-#[derive(Clone, Debug, Error, PartialEq)]
-pub enum EkfError {
-    /// A parameter is out of range.
-    #[error(transparent)]
-    Parameter(#[from] ParameterError),
-    /// The line's columns cannot be used.
-    #[error(transparent)]
-    Series(#[from] SeriesError),
-    /// State or covariance stopped being finite.
-    #[error(
-        "the filter diverged at row {row} (tt = {tt_s} s): its covariance is no longer finite and \
-         non-negative; look at the INS columns and the time steps before it"
-    )]
-    Diverged {
-        /// The row.
-        row: usize,
-        /// Its time.
-        tt_s: f64,
-    },
 }

@@ -20,7 +20,7 @@ impl Line {
         InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
     }
 
-    fn run(&self, parameters: &EkfParameters, map: &MapSurface) -> Result<EkfOutput, EkfError> {
+    fn run(&self, parameters: &EkfParameters, map: &MapSurface) -> Result<NavigationOutput, NavigationError> {
         run(parameters, &self.series(), &self.measurement_nt, &FieldMap::Flat(map.clone()), None)
     }
 

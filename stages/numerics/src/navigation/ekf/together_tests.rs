@@ -38,7 +38,7 @@ fn map(east_deg: f64, interpolation: Interpolation) -> FieldMap {
 }
 
 /// All numbers of an answer, as bits.
-fn bits(output: &EkfOutput) -> Vec<u64> {
+fn bits(output: &NavigationOutput) -> Vec<u64> {
     let columns = [
         &output.residual_nt,
         &output.nis,
@@ -127,10 +127,10 @@ fn setting() -> ([Vec<f64>; 13], Vec<FieldMap>, Arc<CoreField>) {
 
 fn borrowed<'a>(of: &'a Owned, maps: &'a [FieldMap], core: &'a Arc<CoreField>) -> EkfPoint<'a> {
     let Owned { parameters, measurement_nt, map, core: with_core } = of;
-    EkfPoint { parameters, measurement_nt, map: &maps[*map], core: with_core.then_some(core) }
+    EkfPoint { parameters, measurement_nt, sigma_nt: None, map: &maps[*map], core: with_core.then_some(core) }
 }
 
-fn alone(ins: &InsSeries<'_>, point: &EkfPoint<'_>) -> Result<EkfOutput, EkfError> {
+fn alone(ins: &InsSeries<'_>, point: &EkfPoint<'_>) -> Result<NavigationOutput, NavigationError> {
     run(point.parameters, ins, point.measurement_nt, point.map, point.core.map(|core| &**core))
 }
 
@@ -140,7 +140,7 @@ fn law_a_point_has_the_same_bits_in_any_company() {
     let ins = InsSeries::of(columns.each_ref().map(Vec::as_slice));
     let owned = points(&maps, &core, &ins);
     let all: Vec<EkfPoint<'_>> = owned.iter().map(|point| borrowed(point, &maps, &core)).collect();
-    let expected: Vec<EkfOutput> = all.iter().map(|point| alone(&ins, point).unwrap()).collect();
+    let expected: Vec<NavigationOutput> = all.iter().map(|point| alone(&ins, point).unwrap()).collect();
     let report = |k: usize| expected[k].report;
     assert!(expected.iter().map(|e| e.report.gated).sum::<usize>() > 20, "the gate is at work");
     assert!(report(1).missing_measurements == 15 && report(1).off_map > 80 && report(1).offset_samples == 10);
@@ -173,20 +173,22 @@ fn law_a_fault_of_one_point_leaves_the_others() {
     let all: Vec<EkfPoint<'_>> = owned.iter().map(|point| borrowed(point, &maps, &core)).collect();
     for (place, answer) in run_together(&ins, &all).into_iter().enumerate() {
         match (place, answer) {
-            (1, Err(EkfError::Diverged { row, .. })) => assert_eq!(row, 0),
+            (1, Err(NavigationError::Diverged { row, .. })) => assert_eq!(row, 0),
             (4, Err(fault)) => {
-                assert!(matches!(fault, EkfError::Diverged { row: 1.., .. }), "{fault}");
+                assert!(matches!(fault, NavigationError::Diverged { row: 1.., .. }), "{fault}");
                 assert_eq!(alone(&ins, &all[4]).unwrap_err(), fault);
             }
-            (5, Err(EkfError::Parameter(fault))) => assert_eq!(fault.0.param.as_deref(), Some("measurement_sigma_nt")),
-            (8, Err(EkfError::Series(SeriesError::Length { rows, .. }))) => assert_eq!(rows, ROWS - 1),
+            (5, Err(NavigationError::Parameter(fault))) => {
+                assert_eq!(fault.0.param.as_deref(), Some("measurement_sigma_nt"))
+            }
+            (8, Err(NavigationError::Series(SeriesError::Length { rows, .. }))) => assert_eq!(rows, ROWS - 1),
             (_, answer) => assert!(bits(&answer.unwrap()) == expected[place], "{place}"),
         }
     }
     let mut bad = columns.clone();
     bad[5][12] = f64::NAN;
     let ins = InsSeries::of(bad.each_ref().map(Vec::as_slice));
-    assert!(run_together(&ins, &all[..4]).iter().all(|answer| matches!(answer, Err(EkfError::Series(_)))));
+    assert!(run_together(&ins, &all[..4]).iter().all(|answer| matches!(answer, Err(NavigationError::Series(_)))));
     assert!(run_together(&ins, &[]).is_empty());
 }
 

@@ -1,13 +1,14 @@
-//! The output of the filter.
+//! What a filter makes of a line, and why it may refuse one.
 
-use super::Innovation;
 use crate::earth::geodesy::EarthModel;
-use crate::navigation::ins_series::InsSeries;
+use crate::navigation::ins_error::ParameterError;
+use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::pinson::{ALT, LAT, LON, StateMatrix, StateVector, VD, VE, VN};
+use thiserror::Error;
 
 /// How the samples of a line were used; the first four add up to the number of samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct EkfReport {
+pub struct NavigationReport {
     /// Samples whose measurement was used.
     pub updates: usize,
     /// Samples without a finite measurement.
@@ -26,7 +27,7 @@ pub struct EkfReport {
 /// The filtered line, one value per sample in every column: the state after the measurement of the
 /// sample.
 #[derive(Clone, Debug, Default)]
-pub struct EkfOutput {
+pub struct NavigationOutput {
     /// The error states, in the order of `pinson`; empty unless `keep_states` asked for them.
     pub x: Vec<StateVector>,
     /// Their covariance; empty unless `keep_covariance` asked for it.
@@ -54,13 +55,14 @@ pub struct EkfOutput {
     /// Covariance of north with east, in m².
     pub cov_ne_m2: Vec<f64>,
     /// How the samples were used.
-    pub report: EkfReport,
+    pub report: NavigationReport,
     keep_states: bool,
     keep_covariance: bool,
 }
 
-impl EkfOutput {
-    pub(super) fn with_capacity(rows: usize, keep_states: bool, keep_covariance: bool) -> Self {
+impl NavigationOutput {
+    /// No row yet, and room for `rows`.
+    pub fn with_capacity(rows: usize, keep_states: bool, keep_covariance: bool) -> Self {
         let column = || Vec::with_capacity(rows);
         Self {
             x: Vec::with_capacity(if keep_states { rows } else { 0 }),
@@ -76,7 +78,7 @@ impl EkfOutput {
             sd_n_m: column(),
             sd_e_m: column(),
             cov_ne_m2: column(),
-            report: EkfReport::default(),
+            report: NavigationReport::default(),
             keep_states,
             keep_covariance,
         }
@@ -84,7 +86,7 @@ impl EkfOutput {
 
     /// Appends a row of the state `x` and its covariance `p`, by their entries.
     #[inline(always)]
-    pub(super) fn push(
+    pub fn push(
         &mut self,
         ins: &InsSeries<'_>,
         row: usize,
@@ -114,4 +116,40 @@ impl EkfOutput {
         self.sd_e_m.push(east * p(LON, LON).sqrt());
         self.cov_ne_m2.push(north * east * p(LAT, LON));
     }
+}
+
+/// The residual and its squared size over its variance; NaN where there was no update.
+#[derive(Clone, Copy, Debug)]
+pub struct Innovation {
+    /// Measurement minus prediction, in nT.
+    pub residual_nt: f64,
+    /// Its square over its predicted variance.
+    pub nis: f64,
+}
+
+impl Innovation {
+    /// No update.
+    pub const NONE: Self = Self { residual_nt: f64::NAN, nis: f64::NAN };
+}
+
+/// Why a line was not filtered. Rows are counted from 0.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum NavigationError {
+    /// A parameter is out of range.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+    /// The line's columns cannot be used.
+    #[error(transparent)]
+    Series(#[from] SeriesError),
+    /// State or covariance stopped being finite.
+    #[error(
+        "the filter diverged at row {row} (tt = {tt_s} s): its covariance is no longer finite and \
+         non-negative; look at the INS columns and the time steps before it"
+    )]
+    Diverged {
+        /// The row.
+        row: usize,
+        /// Its time.
+        tt_s: f64,
+    },
 }

@@ -1,0 +1,86 @@
+//! A line with its map, as the filters take it, and the steps from sample to sample.
+
+use std::sync::Arc;
+
+use crate::earth::core_field::CoreField;
+use crate::maps::map_stack::FieldMap;
+use crate::navigation::field::PredictedField;
+use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::ins_series::{InsSeries, SeriesError};
+use crate::navigation::output::NavigationError;
+use crate::navigation::pinson::{STATES, StateMatrix, pinson_matrix};
+use crate::navigation::transition::{step_covariance, transition_matrix};
+
+/// A flight line that measures the scalar field over a map.
+#[derive(Clone, Copy, Debug)]
+pub struct NavigationLine<'a> {
+    /// The INS.
+    pub ins: &'a InsSeries<'a>,
+    /// The measured field at each sample, in nT; NaN where there is none. It holds the core field if, and only if, `core`
+    /// is given.
+    pub measurement_nt: &'a [f64],
+    /// The standard deviation of the white noise of each measurement, in nT; a value that is not above 0 makes its
+    /// measurement a missing one.
+    pub sigma_nt: &'a [f64],
+    /// The map.
+    pub map: &'a FieldMap,
+    /// The core field.
+    pub core: Option<&'a Arc<CoreField>>,
+    /// The error sources of the INS and the temporal variation.
+    pub errors: InsErrorModel,
+    /// The mean of measurement minus prediction over the first so many seconds is taken off; 0 takes nothing off.
+    pub offset_window_s: f64,
+}
+
+/// A step of the 18 states: x ← Φ x + w, w ~ N(0, Q).
+#[derive(Clone, Debug)]
+pub struct LineStep {
+    /// Its length, in s.
+    pub dt_s: f64,
+    /// Φ.
+    pub phi: StateMatrix,
+    /// Q.
+    pub noise: StateMatrix,
+}
+
+impl<'a> NavigationLine<'a> {
+    /// Refuses a line that cannot be filtered.
+    ///
+    /// # Errors
+    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with [`SeriesError::Length`] for columns of
+    /// different lengths.
+    pub fn check(&self) -> Result<(), NavigationError> {
+        self.errors.check()?;
+        self.ins.check()?;
+        let expected = self.ins.len();
+        for (column, rows) in [("measurement", self.measurement_nt.len()), ("measurement sigma", self.sigma_nt.len())] {
+            if rows != expected {
+                return Err(SeriesError::Length { column, rows, expected }.into());
+            }
+        }
+        Ok(())
+    }
+
+    /// The field to predict.
+    pub fn predicted(&self) -> PredictedField<'a> {
+        PredictedField::new(self.map, self.core)
+    }
+
+    /// The measurement of a row less an offset, in nT, and its variance, in nT²; `None` where it is missing.
+    #[inline]
+    pub fn measured(&self, row: usize, offset_nt: f64) -> Option<(f64, f64)> {
+        let (value_nt, variance_nt2) = (self.measurement_nt[row] - offset_nt, self.sigma_nt[row].powi(2));
+        (value_nt.is_finite() && variance_nt2 > 0.0 && variance_nt2.is_finite()).then_some((value_nt, variance_nt2))
+    }
+
+    /// The step from the sample before `row` to `row`, which is at least 1.
+    #[inline]
+    pub fn step(&self, row: usize) -> LineStep {
+        let dt_s = self.ins.tt_s[row] - self.ins.tt_s[row - 1];
+        let f = pinson_matrix(&self.ins.point(row - 1), &self.errors.time_constants(), self.errors.pinson);
+        let phi = transition_matrix(&f, dt_s);
+        let none = [[0.0; STATES]; STATES];
+        let noise = step_covariance(&none, &f, &phi, &self.errors.noise_density(), dt_s, self.errors.noise);
+        LineStep { dt_s, phi, noise }
+    }
+}
