@@ -1,10 +1,12 @@
 //! Navigates by the magnetic anomaly.
 
+mod calibrations;
 mod ekf;
 mod filter;
 mod filters;
 mod flown;
 mod ins;
+mod ins_only;
 
 use std::sync::Arc;
 
@@ -18,7 +20,10 @@ use schemas::{
     Table, Yield, params, stage,
 };
 
-pub use filter::{Filter, Flown, NavigationFilter, Point, Track, Update, filter, navigate_points};
+pub use calibrations::Calibration;
+pub use filter::{
+    Filter, Flight, Flown, Magnetometer, NavigationFilter, Point, Track, Update, filter, navigate_points,
+};
 pub use filters::FILTERS;
 
 use crate::{
@@ -46,7 +51,7 @@ stage! {
     /// The states are the errors of the INS (truth - INS) and the temporal variation; the estimate is INS plus state.
     /// Each row holds the state after the measurement of its sample. `update` says what became of the measurement:
     /// `used`; `missing`, where it is NaN; `off_map`, where the predicted position is off the map or in an unknown cell;
-    /// `gated`. Whatever is not used leaves the filter predicting, with NaN in `residual` and `nis`, and goes on.
+    /// `gated`; `unused`, where the filter has no use for it. Whatever is not used leaves the filter predicting, with NaN in `residual` and `nis`, and goes on.
     ///
     /// A flat map without a core field only moves the temporal variation; with one, the slope of the core field corrects
     /// the position too, however little. An INS value that is NaN is an error that names the row. Velocities,
@@ -64,7 +69,8 @@ stage! {
     /// `residual_noise` and `assume_noise` of lines that were flown over a known field. Where an offset is taken off (`offset_window_s`), it
     /// holds the lasting part of its first seconds, and what remains has twice the variance and correlation time. To the
     /// white part comes what bilinear interpolation misses between the map's nodes.
-    Navigate = "navigate", version 4, grain Line, inputs [input: Lines, map: Map],
+    Navigate = "navigate", version 5, grain Line,
+    inputs [input: Lines, map: Map optional, model: ManyModels optional],
     groups [noise: MeasurementNoise, ins: InsErrors], example r#"
 [[stages]]
 name            = "navigate"
@@ -76,8 +82,9 @@ core_field      = false
 "#;
     /// The filter.
     filter: Chosen<Filter>, unit "";
-    /// The measured field.
-    mag: String, unit "nT", default "mag_c";
+    /// The measured field, of one magnetometer or of several. A filter that does not take each by itself is handed their
+    /// mean at each sample, with the noise of a mean of as many independent ones; the offset is then that of each.
+    mag: Vec<String>, unit "nT", default vec!["mag_c".to_owned()];
     /// Whether the measurement holds the core field, which is then part of the prediction.
     core_field: bool, unit "", default true;
     /// Whether the column `diurnal` is taken off the measurement, so that the temporal variation need not be estimated. A
@@ -99,6 +106,9 @@ const VELOCITY: [&str; 3] = ["ins_vn", "ins_ve", "ins_vd"];
 const FORCE: [&str; 3] = ["ins_fn", "ins_fe", "ins_fd"];
 const ATTITUDE: [&str; 3] = ["ins_roll", "ins_pitch", "ins_yaw"];
 const DIURNAL: &str = "diurnal";
+const ANOMALY: &str = "anomaly";
+const TERM: &str = "term";
+const VALUE: &str = "value";
 
 /// The noise that the filter expects: white, and lasting with its time constant.
 #[derive(Clone, Copy)]
@@ -108,10 +118,22 @@ struct Expected {
     fogm_tau_s: f64,
 }
 
-/// The map as it is looked up, and its errors.
-pub struct PreparedMap {
+/// The map as it is looked up, with its errors, and the models.
+pub struct Prepared {
+    map: Option<PreparedMap>,
+    models: Vec<Calibration>,
+}
+
+struct PreparedMap {
     field: FieldMap,
     errors: MapErrors,
+}
+
+/// The input that is a map, and the inputs that are models, by the columns that only they have.
+fn map_and_models(inputs: &[RecordBatch]) -> (Option<&RecordBatch>, impl Iterator<Item = &RecordBatch>) {
+    let further = inputs.iter().skip(1);
+    let has = |table: &&RecordBatch, name: &str| table.column_by_name(name).is_some();
+    (further.clone().find(move |table| has(table, ANOMALY)), further.filter(move |table| has(table, TERM)))
 }
 
 /// The error to expect of a map at another height, for `score`.
@@ -183,7 +205,8 @@ impl Navigate {
 
     /// The columns of the flight that are read: those of the INS that are there, and its date.
     fn reads(&self, shape: &Shape) -> Vec<String> {
-        let mut reads: Vec<&str> = vec!["tt", &self.mag];
+        let mut reads: Vec<&str> = vec!["tt"];
+        reads.extend(self.mag.iter().map(String::as_str));
         reads.extend(POSITION);
         for three in [VELOCITY, FORCE, ATTITUDE] {
             if three.iter().all(|c| shape.get(c).is_some()) {
@@ -236,7 +259,13 @@ impl Stage for Navigate {
 
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
-        let mut faults = faults_of([shape.number(&self.mag, "nT")], "mag");
+        let mut faults = faults_of(self.mag.iter().map(|mag| shape.number(mag, "nT")), "mag");
+        if self.mag.is_empty() {
+            faults.push(Fault::new("`mag` names no magnetometer").of_param("mag"));
+        }
+        if let Some(twice) = self.mag.iter().enumerate().find(|(i, mag)| self.mag[..*i].contains(mag)) {
+            faults.push(Fault::new(format!("`{}` is a duplicate", twice.1)).of_param("mag"));
+        }
         faults.extend(faults_of(["ins_lat", "ins_lon"].map(|c| shape.number(c, "deg")), "input"));
         faults.extend(faults_of([shape.number("ins_alt", "m")], "input"));
         faults.extend(check_levels(self.map_levels_m.as_ref(), "map_levels_m"));
@@ -249,11 +278,22 @@ impl Stage for Navigate {
             let what = "the core field needs a date, but the flight has no `year` and `doy`";
             faults.push(Fault::new(what).help(WAYS_OUT).of_param("decimal_year"));
         }
+        let flight = Flight { shape, mags: &self.mag };
+        let filter = &self.filter.keys;
+        let further = filter.reads(&flight).map_err(|more| faults.extend(more)).unwrap_or_default();
+        let tables = &inputs[1..];
+        let map = tables.iter().position(|table| matches!(table, Table::Map(_)));
+        let models: Vec<usize> = (0..tables.len()).filter(|i| matches!(tables[*i], Table::Model { .. })).collect();
+        faults.extend(self.input_faults(map.is_some(), !models.is_empty()));
         if !faults.is_empty() {
             return Err(faults);
         }
-        let reads = self.reads(shape);
-        let made = |c: Column| c.from(0, &reads).from(1, &["anomaly"]);
+        let mut reads = self.reads(shape);
+        reads.extend(further.into_iter().filter(|column| !reads.contains(column)).collect::<Vec<_>>());
+        let made = |c: Column| {
+            let c = map.iter().fold(c.from(0, &reads), |c, map| c.from(1 + map, &[ANOMALY]));
+            models.iter().fold(c, |c, model| c.from(1 + model, &[TERM, VALUE]))
+        };
         let named = [
             ("lat", "deg", "estimated latitude, WGS-84"),
             ("lon", "deg", "estimated longitude, WGS-84"),
@@ -268,13 +308,19 @@ impl Stage for Navigate {
             ("nis", "1", "normalised innovation squared"),
         ];
         let mut columns: Vec<Column> = named.into_iter().map(|(n, u, d)| made(Column::float(n, u, d))).collect();
-        columns.push(made(Column::text("update", "what became of the measurement: used, missing, off_map or gated")));
+        columns.push(made(Column::text(
+            "update",
+            "what became of the measurement: used, missing, off_map, gated or unused",
+        )));
         let height =
             "rms error to expect because the map is at another height than the line; NaN where its own is unknown";
         columns.push(made(Column::float(MAP_HEIGHT_ERROR, "nT", height)));
-        columns.extend(self.filter.keys.columns().into_iter().map(made));
+        columns.extend(filter.columns(&flight).into_iter().map(made));
         let mut yields = Yield::append(columns, &reads);
-        yields.reads.push(vec!["anomaly".to_owned(), "alt".to_owned()]);
+        yields.reads.extend(tables.iter().map(|table| match table {
+            Table::Model { .. } => vec![TERM.to_owned(), VALUE.to_owned()],
+            Table::Map(_) | Table::Lines(_) | Table::Scores(_) => vec![ANOMALY.to_owned(), "alt".to_owned()],
+        }));
         yields.passes = Passes::Only(schemas::flight::KEYS.map(str::to_owned).to_vec());
         yields.notes = self.notes(shape);
         Ok(yields)
@@ -282,9 +328,9 @@ impl Stage for Navigate {
 }
 
 impl LineStage for Navigate {
-    type Prepared = PreparedMap;
+    type Prepared = Prepared;
 
-    fn run(&self, line: &LineIn, prepared: &PreparedMap) -> Arrays {
+    fn run(&self, line: &LineIn, prepared: &Prepared) -> Arrays {
         let answer = Self::run_points(&[LinePoint { stage: self, line, prepared }]).pop();
         answer.unwrap_or_else(|| Err(Fault::bug("a point was lost")))
     }
@@ -293,11 +339,16 @@ impl LineStage for Navigate {
         flown::run(points)
     }
 
-    fn prepare(&self, inputs: &[RecordBatch]) -> Result<PreparedMap, Fault> {
-        let map = inputs.get(1).ok_or_else(|| Fault::data("the map is missing"))?;
-        let field = field_map(map, self.map_interpolation, self.map_levels_m.as_deref())?;
-        let errors = MapErrors::of(map, self.map_levels_m.is_some(), self.map_interpolation == Interpolation::Linear)?;
-        Ok(PreparedMap { field, errors })
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Prepared, Fault> {
+        let (map, models) = map_and_models(inputs);
+        let prepared = |map| -> Result<PreparedMap, Fault> {
+            let field = field_map(map, self.map_interpolation, self.map_levels_m.as_deref())?;
+            let bilinear = self.map_interpolation == Interpolation::Linear;
+            let errors = MapErrors::of(map, self.map_levels_m.is_some(), bilinear)?;
+            Ok(PreparedMap { field, errors })
+        };
+        let models = models.map(Calibration::of).collect::<Result<_, Fault>>()?;
+        Ok(Prepared { map: map.map(prepared).transpose()?, models })
     }
 
     fn prepare_key(&self) -> String {
@@ -306,9 +357,26 @@ impl LineStage for Navigate {
 }
 
 impl Navigate {
-    /// The measurement, less the temporal variation where that is known.
-    fn measured(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
-        let mut measured = floats(batch, &self.mag)?.to_vec();
+    /// What is wrong with the tables beside the flight.
+    fn input_faults(&self, map: bool, models: bool) -> Vec<Fault> {
+        let (name, filter) = (self.filter.kind.name, &self.filter.keys);
+        let mut faults = vec![];
+        if !map && filter.needs_map() {
+            let what = format!("the filter `{name}` needs `map`, the name of a map");
+            faults.push(Fault::new(what));
+        }
+        if map && !filter.takes_map() {
+            faults.push(Fault::new(format!("the filter `{name}` takes no map")).of_param("map"));
+        }
+        if models && !filter.takes_models() {
+            faults.push(Fault::new(format!("the filter `{name}` takes no model")).of_param("model"));
+        }
+        faults
+    }
+
+    /// The measurement of a magnetometer, less the temporal variation where that is known.
+    fn measured(&self, batch: &RecordBatch, mag: &str) -> Result<Vec<f64>, Fault> {
+        let mut measured = floats(batch, mag)?.to_vec();
         if self.removes_diurnal(batch.column_by_name(DIURNAL).is_some()) {
             let diurnal = floats(batch, DIURNAL).map_err(|f| f.help("say `remove_diurnal = false`"))?;
             measured.iter_mut().zip(diurnal).for_each(|(m, d)| *m -= d);
@@ -481,10 +549,10 @@ mod tests {
         let read = ["tt", "mag_c", "ins_lat", "ins_lon", "ins_alt", "ins_vn", "ins_ve", "ins_vd", "diurnal"];
         assert_eq!(made.reads[0], read, "a roll without the rest is not read");
         let line = batch(&[("mag_c", &[100.0, 100.0, 100.0]), ("diurnal", &[5.0, -5.0, f64::NAN])]);
-        let measured = without(&[]).measured(&line).unwrap();
+        let measured = without(&[]).measured(&line, "mag_c").unwrap();
         assert!(measured[..2] == [95.0, 105.0] && measured[2].is_nan(), "{measured:?}");
         let kept = without(&[("remove_diurnal", Literal::Bool(false))]);
-        assert_eq!(kept.measured(&line).unwrap(), [100.0; 3]);
+        assert_eq!(kept.measured(&line, "mag_c").unwrap(), [100.0; 3]);
         assert!(kept.yields(&[&flight(&rich), &map()]).unwrap().notes.iter().all(|note| !note.contains("diurnal")));
     }
 

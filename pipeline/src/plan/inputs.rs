@@ -50,7 +50,7 @@ impl Builder<'_> {
                 fine = false;
                 continue;
             };
-            let many = matches!(input.kind, InputKind::ManyLines | InputKind::ManyMaps);
+            let many = matches!(input.kind, InputKind::ManyLines | InputKind::ManyMaps | InputKind::ManyModels);
             let one_or_many = many || !matches!(given.value, Literal::List(_));
             if !one_or_many || !items(&given.value).iter().all(|item| self.is_right(item, many)) {
                 self.faults.push(wrong_name(input, given));
@@ -126,7 +126,7 @@ impl Builder<'_> {
             let fits = match table {
                 Table::Scores(_) => input.kind == InputKind::Scores,
                 Table::Lines(_) => matches!(input.kind, InputKind::Lines | InputKind::ManyLines),
-                Table::Model { .. } => input.kind == InputKind::Model,
+                Table::Model { .. } => matches!(input.kind, InputKind::Model | InputKind::ManyModels),
                 Table::Map(_) => matches!(input.kind, InputKind::Map | InputKind::ManyMaps),
             };
             if !fits {
@@ -158,7 +158,7 @@ impl Builder<'_> {
     /// A table of files, opened at its first use.
     fn source(&mut self, name: &str, input: &InputDecl, given: &Given) -> Option<Target> {
         let is_map = matches!(input.kind, InputKind::Map | InputKind::ManyMaps);
-        if matches!(input.kind, InputKind::Model | InputKind::Scores) {
+        if matches!(input.kind, InputKind::Model | InputKind::ManyModels | InputKind::Scores) {
             let what = format!("`{}` needs {}, but `{name}` is read from files", input.name, kind_words(input.kind));
             self.faults.push(Fault::new(what).at(given.at.clone()));
             return None;
@@ -223,6 +223,7 @@ fn kind_words(kind: InputKind) -> &'static str {
         InputKind::ManyLines => "one or several tables of flight lines",
         InputKind::Model => "a model table",
         InputKind::Map => "a map",
+        InputKind::ManyModels => "one or several model tables",
         InputKind::ManyMaps => "one or several maps",
         InputKind::Scores => "a table of scores",
     }

@@ -192,7 +192,7 @@ impl<'a> Worker<'a> {
         for (i, (r, kind)) in it.inputs().iter().zip(kinds).enumerate() {
             let columns = it.yields.reads.get(i).cloned().unwrap_or_default();
             inputs.push(match kind {
-                InputKind::Map | InputKind::ManyMaps | InputKind::Model => empty(),
+                InputKind::Map | InputKind::ManyMaps | InputKind::Model | InputKind::ManyModels => empty(),
                 _ if it.yields.lenient => filled(held.batch(*r, line, &columns)?, &columns, held.shape(*r))?,
                 _ => held.batch(*r, line, &columns)?,
             });
@@ -245,7 +245,7 @@ impl<'a> Worker<'a> {
         let mut name = stage.of_lines()?.prepare_key();
         for (r, kind) in it.inputs().iter().zip(it.kinds()) {
             match kind {
-                InputKind::Map | InputKind::ManyMaps | InputKind::Model => {
+                InputKind::Map | InputKind::ManyMaps | InputKind::Model | InputKind::ManyModels => {
                     name.push_str(&format!(" {}", self.graph.whole(*r)?));
                 }
                 InputKind::Lines | InputKind::ManyLines | InputKind::Scores => {}
@@ -268,7 +268,7 @@ impl<'a> Worker<'a> {
             for (r, kind) in it.inputs().iter().zip(it.kinds()) {
                 inputs.push(match kind {
                     InputKind::Map | InputKind::ManyMaps => self.graph.map(self.store, *r)?,
-                    InputKind::Model => self.model(*r)?,
+                    InputKind::Model | InputKind::ManyModels => self.model(*r)?,
                     InputKind::Lines | InputKind::ManyLines | InputKind::Scores => empty(),
                 });
             }

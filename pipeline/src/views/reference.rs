@@ -111,6 +111,7 @@ fn kind(kind: InputKind) -> &'static str {
         InputKind::ManyLines => "one or several tables of flight lines",
         InputKind::Model => "model",
         InputKind::Map => "map",
+        InputKind::ManyModels => "one or several model tables",
         InputKind::ManyMaps => "one or several maps",
     }
 }

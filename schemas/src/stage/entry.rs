@@ -93,7 +93,7 @@ impl Entry {
 /// documentation. The grain is also the trait that the stage is to have: [`LineStage`](crate::LineStage),
 /// [`SurveyStage`](crate::SurveyStage) or [`MapStage`](crate::MapStage). A parameter of a type `Option` says what happens where it is left out (`absent`). A stage that yields
 /// another kind of table than is usual for its grain says so after the grain: `grain Survey, yields Map`. An input that
-/// may be left out is the last: `inputs [map: Map, with: ManyMaps optional]`.
+/// may be left out stands behind those that may not: `inputs [map: Map, with: ManyMaps optional]`.
 ///
 /// ```
 /// use schemas::{stage, Fault, LineIn, LineStage, Rule, Stage, Table, Yield};

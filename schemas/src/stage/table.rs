@@ -56,6 +56,8 @@ pub enum InputKind {
     ManyLines,
     /// The model table of a fit.
     Model,
+    /// One or several such tables.
+    ManyModels,
     /// An anomaly map.
     Map,
     /// One or several anomaly maps.

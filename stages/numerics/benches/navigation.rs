@@ -21,8 +21,9 @@ use numerics::{
         map_surface::{Interpolation, MapSurface},
     },
     navigation::{
-        ekf::{EkfParameters, NavigationOutput, run},
+        ekf::{EkfParameters, run},
         ins_error::InsErrorModel,
+        output::NavigationOutput,
         transition::NoiseDiscretisation,
     },
 };

@@ -13,8 +13,9 @@ use numerics::{
         map_surface::{Interpolation, MapSurface},
     },
     navigation::{
-        ekf::{EkfParameters, NavigationOutput, run},
+        ekf::{EkfParameters, run},
         ins_error::{InsErrorModel, simulate_ins_error},
+        output::NavigationOutput,
         pinson::{LAT, LON, S, STATES, StateMatrix},
         transition::NoiseDiscretisation,
     },

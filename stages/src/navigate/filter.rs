@@ -4,32 +4,92 @@
 
 use std::{any::Any, sync::Arc};
 
-use arrow_array::ArrayRef;
+use arrow_array::{ArrayRef, RecordBatch};
 use numerics::{
     earth::core_field::CoreField,
     maps::map_stack::FieldMap,
-    navigation::{ins_error::InsErrorModel, ins_series::InsSeries},
+    navigation::{
+        ins_error::InsErrorModel,
+        ins_series::InsSeries,
+        line::NavigationLine,
+        output::{NavigationOutput, NavigationReport},
+        pinson::STATES,
+    },
 };
-use schemas::{Column, Fault, Kind, KindDoc, Own, ParamDoc, Reader, choice, collect_doc};
+use schemas::{Column, Fault, Kind, KindDoc, Own, ParamDoc, Reader, Shape, choice, collect_doc};
+
+use super::Calibration;
+use crate::columns::list;
 
 /// A flight line as every filter is handed it.
 pub struct Flown<'a> {
     /// The INS, a value a sample; what the flight lacks is derived.
     pub ins: InsSeries<'a>,
-    /// The compensated field in nT at each sample, less the temporal variation where that is known; NaN where there is
-    /// none. It holds the core field if, and only if, `core` is given.
+    /// The measured field in nT at each sample, less the temporal variation where that is known; NaN where there is
+    /// none. It holds the core field if, and only if, `core` is given. Of several magnetometers, their mean.
     pub measured_nt: Vec<f64>,
-    /// The anomaly map.
-    pub map: &'a FieldMap,
+    /// One sigma of the white noise of each of `measured_nt`, in nT.
+    pub sigma_nt: Vec<f64>,
+    /// Each magnetometer, for a filter that takes them by themselves ([`NavigationFilter::each_magnetometer`]); else none.
+    pub magnetometers: Vec<Magnetometer<'a>>,
+    /// The anomaly map, for a filter that needs one ([`NavigationFilter::needs_map`]).
+    pub map: Option<&'a FieldMap>,
     /// The core field at the date of the line.
     pub core: Option<Arc<CoreField>>,
     /// The error sources of the INS, and the lasting part of the measurement's error.
     pub errors: InsErrorModel,
-    /// The white part of the measurement's error, a sample, in nT.
+    /// The white part of the error of one magnetometer, a sample, in nT.
     pub measurement_sigma_nt: f64,
     /// The length of the window in s, from the first sample, whose mean of measurement minus prediction is taken off;
     /// 0 takes nothing off.
     pub offset_window_s: f64,
+    /// The columns that [`NavigationFilter::reads`] names, and those of the INS.
+    pub columns: &'a RecordBatch,
+    /// The calibrations under `model`.
+    pub models: &'a [Calibration],
+}
+
+/// A magnetometer of a line.
+pub struct Magnetometer<'a> {
+    /// Its column.
+    pub name: &'a str,
+    /// As [`Flown::measured_nt`].
+    pub measured_nt: Vec<f64>,
+}
+
+/// The flight table that a filter is planned on.
+#[derive(Clone, Copy)]
+pub struct Flight<'a> {
+    /// Its columns.
+    pub shape: &'a Shape,
+    /// The magnetometers under `mag`.
+    pub mags: &'a [String],
+}
+
+impl Flown<'_> {
+    /// The line as the filters of the numerics take it.
+    ///
+    /// # Errors
+    /// Without a map.
+    pub fn line(&self) -> Result<NavigationLine<'_>, Fault> {
+        Ok(NavigationLine {
+            ins: &self.ins,
+            measurement_nt: &self.measured_nt,
+            sigma_nt: &self.sigma_nt,
+            map: self.needed_map()?,
+            core: self.core.as_ref(),
+            errors: self.errors,
+            offset_window_s: self.offset_window_s,
+        })
+    }
+
+    /// The map.
+    ///
+    /// # Errors
+    /// Without one.
+    pub fn needed_map(&self) -> Result<&FieldMap, Fault> {
+        self.map.ok_or_else(|| Fault::bug("a filter without a map needs one"))
+    }
 }
 
 choice! {
@@ -43,6 +103,8 @@ choice! {
         OffMap = "off_map",
         /// Its innovation was too large.
         Gated = "gated",
+        /// The filter had no use for it.
+        Unused = "unused",
     }
 }
 
@@ -77,11 +139,119 @@ pub struct Track {
     pub more: Vec<ArrayRef>,
 }
 
+impl Track {
+    /// The track of a filter's output, whose states are left to the filter. `gate_nis` is its innovation gate.
+    ///
+    /// # Errors
+    /// When not a single measurement was used, or the offset is unknown.
+    pub fn of(flown: &Flown, out: NavigationOutput, gate_nis: Option<f64>) -> Result<Track, Fault> {
+        enough(flown, &out.report)?;
+        let update = |(residual, (nis, measured)): (&f64, (&f64, &f64))| match gate_nis {
+            _ if !measured.is_finite() => Update::Missing,
+            _ if residual.is_nan() => Update::OffMap,
+            Some(gate) if *nis > gate => Update::Gated,
+            Some(_) | None => Update::Used,
+        };
+        let update = out.residual_nt.iter().zip(out.nis.iter().zip(&flown.measured_nt)).map(update).collect();
+        Ok(Track { update, ..Track::without_updates(out) })
+    }
+
+    /// The track of a filter's output that does not say what became of the measurements.
+    pub fn without_updates(out: NavigationOutput) -> Track {
+        Track {
+            lat_deg: out.lat_deg,
+            lon_deg: out.lon_deg,
+            alt_m: out.alt_m,
+            vn_mps: out.vn_mps,
+            ve_mps: out.ve_mps,
+            vd_mps: out.vd_mps,
+            sd_n_m: out.sd_n_m,
+            sd_e_m: out.sd_e_m,
+            cov_ne_m2: out.cov_ne_m2,
+            residual_nt: out.residual_nt,
+            nis: out.nis,
+            update: vec![],
+            more: vec![],
+        }
+    }
+}
+
+/// Refuses a line of which no measurement could be used.
+fn enough(flown: &Flown, report: &NavigationReport) -> Result<(), Fault> {
+    if report.updates == 0 {
+        let what = format!(
+            "no sample could be used: {} without a measurement, {} off the map",
+            report.missing_measurements, report.off_map
+        );
+        return Err(Fault::data(what).help("does the map cover the flight?"));
+    }
+    if flown.offset_window_s > 0.0 && report.offset_samples == 0 {
+        return Err(Fault::data(
+            "no sample within `offset_window_s` has a measurement and a map value, so the offset is unknown",
+        ));
+    }
+    Ok(())
+}
+
+/// The states, in the order of thesis 000 (5.14).
+const STATE_NAMES: [&str; STATES] = [
+    "lat", "lon", "alt", "vn", "ve", "vd", "tilt_n", "tilt_e", "tilt_d", "acc_1", "acc_2", "acc_3", "gyro_1", "gyro_2",
+    "gyro_3", "ha", "a_hat", "s",
+];
+
+/// The columns of `save_state`: the states `x` and their covariance `p`.
+pub fn state_columns() -> Vec<Column> {
+    let states: Vec<String> = STATE_NAMES.map(str::to_owned).to_vec();
+    let pairs = STATE_NAMES.iter().flat_map(|a| STATE_NAMES.iter().map(move |b| format!("{a}*{b}"))).collect();
+    vec![
+        Column::list("x", "", "error state, truth - INS, thesis 000 (5.14); rad, m, s, nT", states),
+        Column::list("p", "", "covariance of x, row-major", pairs),
+    ]
+}
+
+/// The arrays of [`state_columns`], taken out of a filter's output.
+///
+/// # Errors
+/// When they cannot be made a list column.
+pub fn state_arrays(out: &mut NavigationOutput) -> Result<Vec<ArrayRef>, Fault> {
+    // The filter's own memory: a long flight's covariances take half a gigabyte.
+    let (x, p) = (std::mem::take(&mut out.x), std::mem::take(&mut out.p));
+    Ok(vec![list(x.into_flattened(), STATES)?, list(p.into_flattened().into_flattened(), STATES * STATES)?])
+}
+
 /// A filter with the keys that it was given.
 pub trait NavigationFilter: Any + Send + Sync {
     /// What it hands out beside the track.
-    fn columns(&self) -> Vec<Column> {
+    fn columns(&self, _flight: &Flight) -> Vec<Column> {
         vec![]
+    }
+
+    /// The columns that it reads beside the INS and `mag`.
+    ///
+    /// # Errors
+    /// When the flight lacks one, or has it in another unit.
+    fn reads(&self, _flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+        Ok(vec![])
+    }
+
+    /// Whether it takes each magnetometer by itself; else it is handed their mean.
+    fn each_magnetometer(&self) -> bool {
+        false
+    }
+
+    /// Whether it cannot do without a map.
+    fn needs_map(&self) -> bool {
+        true
+    }
+
+    /// Whether it has a use for a map.
+    fn takes_map(&self) -> bool {
+        self.needs_map()
+    }
+
+    /// Whether it has a use for calibrations, the tables of `fit`.
+    fn takes_models(&self) -> bool {
+        false
     }
 
     /// Why one of its own keys has no say beside the others; `None` where it has.

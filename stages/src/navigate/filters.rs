@@ -1,6 +1,6 @@
 //! The list of all filters.
 
-use super::{ekf::Ekf, filter::Filter};
+use super::{ekf::Ekf, filter::Filter, ins_only::InsOnly};
 
 /// Every filter, in the order of the reference.
-pub const FILTERS: &[&Filter] = &[&Ekf::FILTER];
+pub const FILTERS: &[&Filter] = &[&Ekf::FILTER, &InsOnly::FILTER];

@@ -3,12 +3,15 @@
 use std::sync::Arc;
 
 use arrow_array::RecordBatch;
-use numerics::{earth::core_field::CoreField, navigation::ins_error::InsErrorModel};
+use numerics::{
+    earth::core_field::CoreField,
+    navigation::{field::PredictedField, ins_error::InsErrorModel},
+};
 use schemas::{Arrays, Fault, LinePoint, OrAuto};
 
 use super::{
-    Navigate, PreparedMap,
-    filter::{self, Filter, Flown},
+    Navigate, Prepared,
+    filter::{self, Filter, Flown, Magnetometer},
     ins::{self, Ins},
 };
 use crate::columns::data;
@@ -56,7 +59,7 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
         for place in places {
             let point = points[*place];
             match ins.as_ref().map_err(Clone::clone).and_then(|ins| flown(point, ins, &mut cores)) {
-                Ok((flown, map)) => works.push((*place, point.stage, flown, map)),
+                Ok((flown, prepared)) => works.push((*place, point.stage, flown, prepared)),
                 Err(fault) => answers[*place] = Some(Err(fault)),
             }
         }
@@ -72,8 +75,8 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
         for (filter, of) in filters {
             let together: Vec<filter::Point> = of.iter().map(|i| (&*works[*i].1.filter.keys, &works[*i].2)).collect();
             for (i, track) in of.iter().zip((filter.navigate_points)(&together)) {
-                let (place, stage, _, map) = &works[*i];
-                let height = map.errors.of_height_nt(ins.alt_m());
+                let (place, stage, _, prepared) = &works[*i];
+                let height = prepared.map.as_ref().map_or(f64::NAN, |map| map.errors.of_height_nt(ins.alt_m()));
                 answers[*place] = Some(track.and_then(|track| stage.arrays(track, ins.len(), height)));
             }
         }
@@ -84,15 +87,20 @@ pub(super) fn run(points: &[LinePoint<Navigate>]) -> Vec<Arrays> {
 
 /// What one point gives to its filter.
 fn flown<'a>(
-    LinePoint { stage, line, prepared: map }: LinePoint<'a, Navigate>,
+    LinePoint { stage, line, prepared }: LinePoint<'a, Navigate>,
     ins: &'a Ins,
     cores: &mut CoreFields,
-) -> Result<(Flown<'a>, &'a PreparedMap), Fault> {
+) -> Result<(Flown<'a>, &'a Prepared), Fault> {
     let batch = line.inputs.first().ok_or_else(|| Fault::bug("the line is missing"))?;
-    let measured_nt = stage.measured(batch)?;
+    let mut magnetometers = vec![];
+    for name in &stage.mag {
+        magnetometers.push(Magnetometer { name, measured_nt: stage.measured(batch, name)? });
+    }
     let core = stage.core_year(batch)?.map(|year| cores.at(year)).transpose()?;
     let mut noise = stage.expected(batch)?;
-    if stage.noise.measurement_sigma_nt == OrAuto::Auto {
+    if stage.noise.measurement_sigma_nt == OrAuto::Auto
+        && let Some(map) = &prepared.map
+    {
         noise.sigma_nt = noise.sigma_nt.hypot(map.errors.of_interpolation_nt(ins.step_m()));
     }
     let errors = InsErrorModel {
@@ -100,9 +108,63 @@ fn flown<'a>(
         fogm_tau_s: noise.fogm_tau_s,
         ..InsErrorModel::of(stage.ins)
     };
-    let (measurement_sigma_nt, offset_window_s) = (noise.sigma_nt, stage.offset_window_s);
-    let ins = ins.series();
-    Ok((Flown { ins, measured_nt, map: &map.field, core, errors, measurement_sigma_nt, offset_window_s }, map))
+    let mut flown = Flown {
+        ins: ins.series(),
+        measured_nt: vec![],
+        sigma_nt: vec![],
+        magnetometers,
+        map: prepared.map.as_ref().map(|map| &map.field),
+        core,
+        errors,
+        measurement_sigma_nt: noise.sigma_nt,
+        offset_window_s: stage.offset_window_s,
+        columns: batch,
+        models: &prepared.models,
+    };
+    if !stage.filter.keys.each_magnetometer() {
+        flown.combine()?;
+    }
+    Ok((flown, prepared))
+}
+
+impl Flown<'_> {
+    /// Makes one measurement of several: the mean at each sample of those that are there. They have the same prediction,
+    /// so that their mean says of the position what all of them do. What each is off is taken off before.
+    fn combine(&mut self) -> Result<(), Fault> {
+        let mut magnetometers = std::mem::take(&mut self.magnetometers);
+        if magnetometers.len() > 1 && self.offset_window_s > 0.0 && self.map.is_some() {
+            for Magnetometer { name, measured_nt } in &mut magnetometers {
+                let mut field = PredictedField::new(self.needed_map()?, self.core.as_ref());
+                let (offset_nt, samples) = field.offset(&self.ins, measured_nt, self.offset_window_s);
+                if samples == 0 {
+                    let what =
+                        format!("`{name}` has no sample within `offset_window_s` with a measurement and a map value");
+                    return Err(Fault::data(what).help("leave it out of `mag`").in_column(*name));
+                }
+                measured_nt.iter_mut().for_each(|m| *m -= offset_nt);
+            }
+            self.offset_window_s = 0.0;
+        }
+        let rows = self.ins.len();
+        self.sigma_nt = vec![self.measurement_sigma_nt; rows];
+        if magnetometers.len() == 1 {
+            self.measured_nt = magnetometers.remove(0).measured_nt;
+            return Ok(());
+        }
+        self.measured_nt = vec![f64::NAN; rows];
+        for row in 0..rows {
+            let (mut sum_nt, mut count) = (0.0, 0.0);
+            for value in magnetometers.iter().filter_map(|mag| mag.measured_nt.get(row)).filter(|m| m.is_finite()) {
+                sum_nt += value;
+                count += 1.0;
+            }
+            if count > 0.0 {
+                self.measured_nt[row] = sum_nt / count;
+                self.sigma_nt[row] = self.measurement_sigma_nt / f64::sqrt(count);
+            }
+        }
+        Ok(())
+    }
 }
 
 #[cfg(test)]

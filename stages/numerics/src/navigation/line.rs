@@ -76,11 +76,19 @@ impl<'a> NavigationLine<'a> {
     /// The step from the sample before `row` to `row`, which is at least 1.
     #[inline]
     pub fn step(&self, row: usize) -> LineStep {
-        let dt_s = self.ins.tt_s[row] - self.ins.tt_s[row - 1];
-        let f = pinson_matrix(&self.ins.point(row - 1), &self.errors.time_constants(), self.errors.pinson);
+        LineStep::of(self.ins, &self.errors, row)
+    }
+}
+
+impl LineStep {
+    /// The step of an INS from the sample before `row` to `row`, which is at least 1.
+    #[inline]
+    pub fn of(ins: &InsSeries<'_>, errors: &InsErrorModel, row: usize) -> Self {
+        let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
+        let f = pinson_matrix(&ins.point(row - 1), &errors.time_constants(), errors.pinson);
         let phi = transition_matrix(&f, dt_s);
         let none = [[0.0; STATES]; STATES];
-        let noise = step_covariance(&none, &f, &phi, &self.errors.noise_density(), dt_s, self.errors.noise);
-        LineStep { dt_s, phi, noise }
+        let noise = step_covariance(&none, &f, &phi, &errors.noise_density(), dt_s, errors.noise);
+        Self { dt_s, phi, noise }
     }
 }

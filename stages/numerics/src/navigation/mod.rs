@@ -7,6 +7,7 @@
 //! | [`line`] | a line with its map, as the filters take it, and its steps |
 //! | [`field`] | the field that a filter predicts: map and core field |
 //! | [`output`] | what a filter makes of a line |
+//! | [`ins_only`] | the INS by itself, with the covariance of its error |
 //! | [`pinson`] | the states and the matrix F of the error model |
 //! | [`transition`] | Φ = exp(F Δt) and the process noise of a step |
 //! | [`ins_error`] | error sources and grades of an INS; its errors simulated along a trajectory |
@@ -105,6 +106,7 @@
 pub mod ekf;
 pub mod field;
 pub mod ins_error;
+pub mod ins_only;
 pub mod ins_series;
 pub mod line;
 pub mod mechanisation;
