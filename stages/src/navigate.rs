@@ -1,5 +1,6 @@
 //! Navigates by the magnetic anomaly.
 
+mod aiding;
 mod calibrations;
 mod ekf;
 mod filter;

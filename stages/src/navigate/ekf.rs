@@ -8,6 +8,7 @@ use numerics::navigation::{
 };
 use schemas::{Column, Fault, Rule};
 
+use super::aiding::Aiding;
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
 use crate::columns::data;
 
@@ -16,7 +17,7 @@ filter! {
     /// the temporal variation. The map is linearised at the estimated position of each sample.
     ///
     /// Source: thesis 000, section 5.3, with F and H checked against finite differences and the process noise discretised.
-    Ekf = "ekf", version 1, example "discretisation = \"trapezoidal\"";
+    Ekf = "ekf", version 2, groups [aiding: Aiding], example "discretisation = \"trapezoidal\"";
     /// Append the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
     /// A measurement whose squared innovation over its variance is above this is not used.
@@ -30,6 +31,14 @@ impl NavigationFilter for Ekf {
         if self.save_state { state_columns() } else { vec![] }
     }
 
+    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+        self.aiding.reads(flight)
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        self.aiding.idle(key)
+    }
+
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
         // One point has one answer.
         Self::navigate_points(&[(self, flown)]).pop().unwrap_or_else(|| Err(Fault::bug("a point was lost")))
@@ -38,17 +47,22 @@ impl NavigationFilter for Ekf {
     fn navigate_points(points: &[(&Self, &Flown)]) -> Vec<Result<Track, Fault>> {
         let Some((_, first)) = points.first() else { return vec![] };
         let parameters: Vec<EkfParameters> = points.iter().map(|(filter, flown)| filter.parameters(flown)).collect();
+        let asked: Vec<Result<_, Fault>> =
+            points.iter().map(|(filter, flown)| Ok((filter.aiding.fixes(flown)?, flown.needed_map()?))).collect();
         let mut filters: Vec<EkfPoint> = vec![];
-        for ((_, flown), parameters) in points.iter().zip(&parameters) {
-            let map = match flown.needed_map() {
-                Ok(map) => map,
-                Err(fault) => return points.iter().map(|_| Err(fault.clone())).collect(),
-            };
+        for (((_, flown), parameters), asked) in points.iter().zip(&parameters).zip(&asked) {
+            let Ok((fixes, map)) = asked else { continue };
             let (measurement_nt, sigma_nt) = (flown.measured_nt.as_slice(), Some(flown.sigma_nt.as_slice()));
-            filters.push(EkfPoint { parameters, measurement_nt, sigma_nt, map, core: flown.core.as_ref() });
+            let (fixes, core) = (fixes.as_ref(), flown.core.as_ref());
+            filters.push(EkfPoint { parameters, measurement_nt, sigma_nt, fixes, map, core });
         }
-        let outputs = run_together(&first.ins, &filters);
-        points.iter().zip(outputs).map(|((filter, flown), out)| filter.track(flown, out.map_err(data)?)).collect()
+        let mut outputs = run_together(&first.ins, &filters).into_iter();
+        let answer = |((filter, flown), asked): (&(&Self, &Flown), Result<_, Fault>)| {
+            asked?;
+            let out = outputs.next().ok_or_else(|| Fault::bug("a point was lost"))?;
+            filter.track(flown, out.map_err(data)?)
+        };
+        points.iter().zip(asked).map(answer).collect()
     }
 }
 

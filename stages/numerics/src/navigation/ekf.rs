@@ -29,6 +29,7 @@ use crate::earth::core_field::CoreField;
 use crate::maps::map_stack::FieldMap;
 use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::output::{NavigationError, NavigationOutput};
+use crate::navigation::position_fixes::PositionFixes;
 use pack::{Filter, Pack};
 pub use parameters::EkfParameters;
 use steps::StepModel;
@@ -50,7 +51,7 @@ pub fn run(
     core: Option<&CoreField>,
 ) -> Result<NavigationOutput, NavigationError> {
     let core = core.map(|core| Arc::new(core.clone()));
-    let point = EkfPoint { parameters, measurement_nt, sigma_nt: None, map, core: core.as_ref() };
+    let point = EkfPoint { parameters, measurement_nt, sigma_nt: None, fixes: None, map, core: core.as_ref() };
     // One point has one result.
     run_together(ins, &[point]).pop().unwrap_or_else(|| Ok(NavigationOutput::default()))
 }
@@ -65,6 +66,8 @@ pub struct EkfPoint<'a> {
     /// The standard deviation of the noise of each measurement, in nT, in place of
     /// [`EkfParameters::measurement_sigma_nt`]; a value that is not above 0 makes its measurement a missing one.
     pub sigma_nt: Option<&'a [f64]>,
+    /// Positions from elsewhere, each used before the measurement of its sample.
+    pub fixes: Option<&'a PositionFixes>,
     /// The map.
     pub map: &'a FieldMap,
     /// The core field.
@@ -112,6 +115,9 @@ impl EkfPoint<'_> {
         if self.measurement_nt.len() != ins.len() {
             let (column, rows, expected) = ("measurement", self.measurement_nt.len(), ins.len());
             return Err(SeriesError::Length { column, rows, expected }.into());
+        }
+        if let Some(fixes) = self.fixes {
+            fixes.check(ins.len())?;
         }
         if let Some(sigma_nt) = self.sigma_nt
             && sigma_nt.len() != ins.len()
@@ -163,6 +169,8 @@ impl<'a> WithSimd for Group<'a> {
     }
 }
 
+#[cfg(test)]
+mod aided_tests;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

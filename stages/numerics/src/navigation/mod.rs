@@ -8,6 +8,7 @@
 //! | [`field`] | the field that a filter predicts: map and core field |
 //! | [`output`] | what a filter makes of a line |
 //! | [`ins_only`] | the INS by itself, with the covariance of its error |
+//! | [`position_fixes`] | positions from elsewhere that aid a filter |
 //! | [`pinson`] | the states and the matrix F of the error model |
 //! | [`transition`] | Φ = exp(F Δt) and the process noise of a step |
 //! | [`ins_error`] | error sources and grades of an INS; its errors simulated along a trajectory |
@@ -112,6 +113,7 @@ pub mod line;
 pub mod mechanisation;
 pub mod output;
 pub mod pinson;
+pub mod position_fixes;
 pub mod strapdown;
 pub mod transition;
 

@@ -15,14 +15,50 @@ pub(super) struct Sensitivities<V> {
 
 /// The update of state and covariance by a measurement.
 pub(super) struct Correction<S: Simd> {
-    /// Measurement minus prediction, in nT.
-    pub(super) residual_nt: S::f64s,
-    /// One over the variance of the residual, in 1/nT².
+    /// Measurement minus prediction.
+    pub(super) residual: S::f64s,
+    /// One over the variance of the residual.
     pub(super) weight: S::f64s,
-    /// The variance of the measurement, in nT².
+    /// The variance of the measurement.
     pub(super) variance: S::f64s,
     /// The lanes whose measurement is used; the others are unchanged.
     pub(super) used: S::m64s,
+}
+
+/// The update by a measurement of one state, where H is a row of the identity; as [`Sensitivities::correct`].
+#[inline(always)]
+pub(super) fn correct_by_state<S: Simd>(
+    simd: S,
+    state: usize,
+    correction: &Correction<S>,
+    x: &mut Vectors<S>,
+    p: &mut Matrices<S>,
+) {
+    let Correction { residual, weight, variance, used } = *correction;
+    let ph = p[state];
+    let (mut gain, mut rest) = (ph, ph);
+    for row in 0..STATES {
+        gain[row] = simd.mul_f64s(ph[row], weight);
+        let corrected = simd.add_f64s(x[row], simd.mul_f64s(gain[row], residual));
+        x[row] = simd.select_f64s(used, corrected, x[row]);
+        let after = simd.sub_f64s(p[row][state], simd.mul_f64s(gain[row], ph[state]));
+        rest[row] = simd.sub_f64s(simd.mul_f64s(variance, gain[row]), after);
+    }
+    correct_covariance(simd, used, [ph, gain, rest], p);
+}
+
+/// A + (R K - A Hᵀ) Kᵀ of A = P - K (P Hᵀ)ᵀ, given P Hᵀ, K and R K - A Hᵀ: one triangle is computed and mirrored.
+#[inline(always)]
+fn correct_covariance<S: Simd>(simd: S, used: S::m64s, [ph, gain, rest]: [Vectors<S>; 3], p: &mut Matrices<S>) {
+    for row in 0..STATES {
+        for column in row..STATES {
+            let a = simd.sub_f64s(p[row][column], simd.mul_f64s(gain[row], ph[column]));
+            let corrected = simd.add_f64s(a, simd.mul_f64s(rest[row], gain[column]));
+            let entry = simd.select_f64s(used, corrected, p[row][column]);
+            p[row][column] = entry;
+            p[column][row] = entry;
+        }
+    }
 }
 
 impl<V: Copy> Sensitivities<V> {
@@ -60,25 +96,17 @@ impl<V: Copy> Sensitivities<V> {
         x: &mut Vectors<S>,
         p: &mut Matrices<S>,
     ) {
-        let Correction { residual_nt, weight, variance, used } = *correction;
+        let Correction { residual, weight, variance, used } = *correction;
         let mut gain = *ph;
         let mut rest = *ph;
         for state in 0..STATES {
             gain[state] = simd.mul_f64s(ph[state], weight);
-            let corrected = simd.add_f64s(x[state], simd.mul_f64s(gain[state], residual_nt));
+            let corrected = simd.add_f64s(x[state], simd.mul_f64s(gain[state], residual));
             x[state] = simd.select_f64s(used, corrected, x[state]);
             let after = |column: usize| simd.sub_f64s(p[column][state], simd.mul_f64s(gain[state], ph[column]));
             let a_h = self.dot(simd, [after(LAT), after(LON), after(ALT), after(S)]);
             rest[state] = simd.sub_f64s(simd.mul_f64s(variance, gain[state]), a_h);
         }
-        for row in 0..STATES {
-            for column in row..STATES {
-                let a = simd.sub_f64s(p[row][column], simd.mul_f64s(gain[row], ph[column]));
-                let corrected = simd.add_f64s(a, simd.mul_f64s(rest[row], gain[column]));
-                let entry = simd.select_f64s(used, corrected, p[row][column]);
-                p[row][column] = entry;
-                p[column][row] = entry;
-            }
-        }
+        correct_covariance(simd, used, [*ph, gain, rest], p);
     }
 }

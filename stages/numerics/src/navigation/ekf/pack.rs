@@ -3,13 +3,14 @@
 use pulp::Simd;
 
 use super::EkfPoint;
-use super::measurement::{Correction, Sensitivities};
+use super::measurement::{Correction, Sensitivities, correct_by_state};
 use super::steps::Step;
 use crate::earth::field_value::FieldValue;
 use crate::navigation::field::PredictedField;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES};
+use crate::navigation::position_fixes::StateFix;
 use crate::navigation::transition::NoiseDiscretisation;
 use crate::navigation::transition::lanes::{
     Matrices, Vectors, add_diagonals, add_to_all, from_lanes, lane, propagate_covariances, propagate_states,
@@ -176,6 +177,7 @@ impl<'a, S: Simd> Pack<'a, S> {
     /// Corrects states and covariances by the measurements of `row`, where there are any to use, and outputs them.
     #[inline(always)]
     fn measure(&mut self, simd: S, ins: &InsSeries<'_>, row: usize) {
+        self.aid(simd, ins, row);
         let innovations = self.update(simd, ins, row);
         // Anything times zero is zero, unless it is not finite; a NaN is not equal to anything.
         let zero = simd.splat_f64s(0.0);
@@ -198,6 +200,35 @@ impl<'a, S: Simd> Pack<'a, S> {
             let x = |state: usize| lane::<S>(&self.x[state], at);
             let p = |row: usize, column: usize| lane::<S>(&self.p[row][column], at);
             filter.output.push(ins, row, x, p, innovation, filter.point.parameters.errors.earth);
+        }
+    }
+
+    /// Corrects states and covariances by the positions from elsewhere.
+    #[inline(always)]
+    fn aid(&mut self, simd: S, ins: &InsSeries<'_>, row: usize) {
+        if self.filters.iter().all(|filter| filter.point.fixes.is_none()) {
+            return;
+        }
+        for (coordinate, state) in [LAT, LON, ALT].into_iter().enumerate() {
+            let mut fixes: [Option<StateFix>; MOST_LANES] = [None; MOST_LANES];
+            for (filter, fix) in self.filters.iter().zip(&mut fixes) {
+                let earth = filter.point.parameters.errors.earth;
+                *fix = filter.point.fixes.and_then(|fixes| fixes.at(ins, row, earth)[coordinate]);
+            }
+            if fixes.iter().all(Option::is_none) {
+                continue;
+            }
+            let of = |none: f64, part: fn(&StateFix) -> f64| {
+                from_lanes(simd, |at| fixes.get(at).and_then(Option::as_ref).map_or(none, part))
+            };
+            let (there, variance) = (of(0.0, |_| 1.0), of(1.0, |fix| fix.variance));
+            let correction = Correction {
+                residual: simd.sub_f64s(of(0.0, |fix| fix.error), self.x[state]),
+                weight: simd.div_f64s(simd.splat_f64s(1.0), simd.add_f64s(self.p[state][state], variance)),
+                variance,
+                used: simd.less_than_f64s(simd.splat_f64s(0.0), there),
+            };
+            correct_by_state(simd, state, &correction, &mut self.x, &mut self.p);
         }
     }
 
@@ -237,7 +268,7 @@ impl<'a, S: Simd> Pack<'a, S> {
             }
         }
         let correction = Correction {
-            residual_nt: from_lanes(simd, |at| innovations[at].residual_nt),
+            residual: from_lanes(simd, |at| innovations[at].residual_nt),
             weight: simd.div_f64s(simd.splat_f64s(1.0), variances),
             variance,
             used: simd.less_than_f64s(simd.splat_f64s(0.0), from_lanes(simd, |at| used[at])),

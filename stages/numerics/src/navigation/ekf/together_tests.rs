@@ -127,7 +127,14 @@ fn setting() -> ([Vec<f64>; 13], Vec<FieldMap>, Arc<CoreField>) {
 
 fn borrowed<'a>(of: &'a Owned, maps: &'a [FieldMap], core: &'a Arc<CoreField>) -> EkfPoint<'a> {
     let Owned { parameters, measurement_nt, map, core: with_core } = of;
-    EkfPoint { parameters, measurement_nt, sigma_nt: None, map: &maps[*map], core: with_core.then_some(core) }
+    EkfPoint {
+        parameters,
+        measurement_nt,
+        sigma_nt: None,
+        fixes: None,
+        map: &maps[*map],
+        core: with_core.then_some(core),
+    }
 }
 
 fn alone(ins: &InsSeries<'_>, point: &EkfPoint<'_>) -> Result<NavigationOutput, NavigationError> {

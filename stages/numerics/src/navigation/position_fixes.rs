@@ -1,0 +1,67 @@
+//! Positions from elsewhere, such as a GNSS receiver or a barometer, that aid a filter.
+
+use params::Rule;
+
+use crate::earth::geodesy::EarthModel;
+use crate::navigation::ins_error::{ParameterError, require};
+use crate::navigation::ins_series::{InsSeries, SeriesError};
+use crate::navigation::output::NavigationError;
+use crate::navigation::pinson::{ALT, LAT, LON};
+
+/// Positions at the samples of a line; NaN where there is none. Each coordinate is a measurement by itself, with white
+/// noise, so that a barometer is a fix of the height alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PositionFixes {
+    /// Geodetic latitude, in degrees.
+    pub lat_deg: Vec<f64>,
+    /// Longitude, in degrees.
+    pub lon_deg: Vec<f64>,
+    /// Height above the ellipsoid, in m.
+    pub alt_m: Vec<f64>,
+    /// Standard deviation north and east, each, in m.
+    pub horizontal_sigma_m: f64,
+    /// Standard deviation of the height, in m.
+    pub vertical_sigma_m: f64,
+}
+
+/// A measurement of one state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct StateFix {
+    pub(super) state: usize,
+    /// The measured error of the INS, in the unit of the state.
+    pub(super) error: f64,
+    pub(super) variance: f64,
+}
+
+impl PositionFixes {
+    /// Refuses fixes that no filter can use.
+    ///
+    /// # Errors
+    /// Fails for standard deviations that are not finite and above 0, and for columns of another length than the line.
+    pub fn check(&self, rows: usize) -> Result<(), NavigationError> {
+        let sigma = |name, value| -> Result<(), ParameterError> { require(name, value, Rule::Positive) };
+        sigma("horizontal_sigma_m", self.horizontal_sigma_m)?;
+        sigma("vertical_sigma_m", self.vertical_sigma_m)?;
+        let columns = [("fix latitude", &self.lat_deg), ("fix longitude", &self.lon_deg), ("fix height", &self.alt_m)];
+        for (column, values) in columns {
+            if values.len() != rows {
+                return Err(SeriesError::Length { column, rows: values.len(), expected: rows }.into());
+            }
+        }
+        Ok(())
+    }
+
+    /// The measurements of a row, of the coordinates that are there.
+    pub(super) fn at(&self, ins: &InsSeries<'_>, row: usize, earth: EarthModel) -> [Option<StateFix>; 3] {
+        let (lat_rad, alt_m) = (ins.lat_deg[row].to_radians(), ins.alt_m[row]);
+        let (north_m, east_m) = earth.north_east_m_per_rad(lat_rad, alt_m);
+        let fix = |state, error: f64, sigma: f64| {
+            error.is_finite().then_some(StateFix { state, error, variance: sigma * sigma })
+        };
+        [
+            fix(LAT, (self.lat_deg[row] - ins.lat_deg[row]).to_radians(), self.horizontal_sigma_m / north_m),
+            fix(LON, (self.lon_deg[row] - ins.lon_deg[row]).to_radians(), self.horizontal_sigma_m / east_m),
+            fix(ALT, self.alt_m[row] - alt_m, self.vertical_sigma_m),
+        ]
+    }
+}
