@@ -36,6 +36,7 @@ mod ins;
 mod line;
 mod lines;
 mod random;
+mod reading;
 mod reference;
 mod scene;
 mod spec;
@@ -48,8 +49,9 @@ pub use aircraft::{
 pub use earth::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
 pub use format::FORMAT;
 pub use ins::spec::{Align, InitialErrors, Ins, Method};
+pub use reading::{COMPONENTS, Components, PRESETS};
 pub use reference::reference;
-pub use spec::{COMPONENTS, Components, PRESETS, Spec};
+pub use spec::Spec;
 pub use trajectory::{Air, Dynamics, Flight, Grid, Heights, Line, Orbit, Path2d, Turbulence, Wind};
 
 /// A spec about to be simulated.

@@ -8,7 +8,8 @@ use crate::{
     aircraft::spec::{electric, sensor},
     earth::spec as earth,
     ins::spec as ins,
-    spec::{COMPONENTS, RootKeys, variant::Variant},
+    reading::{COMPONENTS, variant::Variant},
+    spec::RootKeys,
     trajectory::{air, spec as trajectory},
 };
 
@@ -60,7 +61,7 @@ fn table(name: &str, docs: &[ParamDoc]) -> String {
 }
 
 /// The kinds that a table can be, each with its own keys.
-fn variants<T: crate::spec::variant::Varied>(lists: &Lists) -> String {
+fn variants<T: crate::reading::variant::Varied>(lists: &Lists) -> String {
     let mut out = String::new();
     for kind in lists.get::<Variant<T>>().iter().flat_map(|kinds| kinds.all()) {
         // Writing into a String cannot fail.

@@ -433,3 +433,21 @@ fn law_lines_are_the_same_however_many_are_simulated_at_once() {
         assert!(of(at_once) == one, "{at_once}");
     }
 }
+
+#[test]
+fn law_copies_of_a_flight_have_draws_of_their_own() {
+    let folder = TempDir::new().unwrap();
+    let copies = SHORT.replace("name = 'A'\n", "name = 'A'\ncopies = 3\n");
+    let several = lines(&written(&folder, &spec_text("", &copies)));
+    let flights: Vec<&str> =
+        several.iter().map(|line| line.column_by_name("flight").unwrap().as_string::<i32>().value(0)).collect();
+    assert_eq!(flights, ["A-1", "A-1", "A-2", "A-2", "A-3", "A-3"]);
+    let [first, second] = [&several[0], &several[2]];
+    assert_eq!(column(first, "tt"), column(second, "tt"), "the plan is the same");
+    let error = |line: &RecordBatch| column(line, "ins_lat")[100] - column(line, "lat")[100];
+    assert!(error(first) != error(second), "the INS is not");
+    // A flight of the same name, told by itself, has the same draws: copies are nothing but names.
+    let alone = lines(&written(&folder, &spec_text("", &SHORT.replace("name = 'A'\n", "name = 'A-2'\n"))));
+    assert_eq!(column(&alone[0], "ins_lat"), column(second, "ins_lat"));
+    assert_eq!(column(&alone[0], "mag_1_uc"), column(second, "mag_1_uc"));
+}

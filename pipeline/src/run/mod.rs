@@ -177,9 +177,10 @@ fn once(
                 version: env!("CARGO_PKG_VERSION").to_owned(),
                 tables: current(store.root(), &plan.spec.name).map_or(0, |v| v.number),
                 seconds: begun.elapsed().as_secs_f64(),
+                units: [total.computed, total.reused, total.failed, total.skipped],
                 ..Past::default()
             };
-            history::add(store, &plan.spec.name, past, total, &snapshot)
+            history::add(store, &plan.spec.name, past, &snapshot)
         });
         failures.extend(last.err().map(unpublished));
     }

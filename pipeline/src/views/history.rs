@@ -11,7 +11,7 @@ use schemas::Fault;
 use serde::{Deserialize, Serialize};
 
 use super::{record::Snapshot, text};
-use crate::{keys::Key, run::events::Count, store::Store};
+use crate::{keys::Key, store::Store};
 
 /// One run of a pipeline.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -57,7 +57,7 @@ pub fn past(root: &Path, pipeline: &str) -> Vec<Past> {
 ///
 /// # Errors
 /// Fails when the store cannot be written.
-pub fn add(store: &Store, pipeline: &str, mut past_run: Past, count: Count, snapshot: &Snapshot) -> Result<(), Fault> {
+pub fn add(store: &Store, pipeline: &str, mut past_run: Past, snapshot: &Snapshot) -> Result<(), Fault> {
     let root = store.root();
     // Costs change from run to run; the inputs of the tables do not.
     let mut plain = snapshot.clone();
@@ -69,7 +69,6 @@ pub fn add(store: &Store, pipeline: &str, mut past_run: Past, count: Count, snap
         store.write(&kept, &text)?;
     }
     past_run.number = past(root, pipeline).last().map_or(1, |p| p.number + 1);
-    past_run.units = [count.computed, count.reused, count.failed, count.skipped];
     past_run.snapshot = name;
     past_run.sum = sum_of(&past_run);
     let mut line = serde_json::to_vec(&past_run).map_err(|e| Fault::machine(e.to_string()))?;

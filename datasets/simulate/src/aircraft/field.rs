@@ -6,7 +6,7 @@ use super::{
     super::random::Random,
     spec::{Aircraft, Drawn, Source},
 };
-use crate::spec::Components;
+use crate::reading::Components;
 
 /// The field strength that the sizes of induced terms refer to, in nT.
 const SCALE_NT: f64 = 50_000.0;

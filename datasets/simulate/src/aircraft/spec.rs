@@ -4,7 +4,7 @@ pub use electric::{Current, Engine, Input, Kind, Signal, Temperature, Thermostat
 pub use sensor::{Heading, Sampling, Scalar, Vector};
 pub use source::{Drawn, Source};
 
-use super::super::spec::{section::Section, unique};
+use crate::reading::{Section, unique};
 
 pub(crate) mod electric;
 pub(crate) mod sensor;

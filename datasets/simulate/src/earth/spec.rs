@@ -8,7 +8,7 @@ use numerics::{earth::core_field::CoreModel, signal::gauss_markov::GaussMarkov};
 
 use schemas::{Rule, choice, params};
 
-use super::super::spec::{Components, section::Section};
+use crate::reading::{Components, Section};
 
 /// The earth's field.
 #[derive(Clone, Debug)]

@@ -9,7 +9,7 @@ use numerics::navigation::{
 
 use schemas::{Rule, choice, params};
 
-use super::super::spec::section::Section;
+use crate::reading::Section;
 
 choice! {
     /// When the INS is aligned.

@@ -2,7 +2,7 @@
 
 use schemas::{Rule, choice, params};
 
-use super::super::spec::section::Section;
+use crate::reading::Section;
 
 /// One foot, in metres.
 const FOOT_M: f64 = 0.3048;

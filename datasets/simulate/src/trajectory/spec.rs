@@ -2,12 +2,12 @@
 
 use schemas::{Chosen, Lists, Rule, choice, params};
 
+use crate::reading::{
+    Section, unique,
+    variant::{Variant, Varied, variant},
+};
+
 use super::{
-    super::spec::{
-        section::Section,
-        unique,
-        variant::{Variant, Varied, variant},
-    },
     air::Air,
     kinds::{Grid, Orbit, Path2d},
     plan::{Heights, Plan, Request},
@@ -48,7 +48,7 @@ pub struct Line {
 /// Reads the flights.
 pub(in super::super) fn flights(root: &Section, air: &Air) -> Vec<Flight> {
     let before = root.faults();
-    let flights: Vec<_> = root.sections("flights").iter().filter_map(|s| flight(s, air)).collect();
+    let flights: Vec<_> = root.sections("flights").iter().flat_map(|s| copies_of(s, air)).collect();
     let of_lines = |f: &Flight| f.lines.iter().map(|l| format!("{}/{}", f.name, l.name)).collect::<Vec<_>>();
     unique(root, "flight", flights.iter().map(|c| c.name.clone()));
     unique(root, "line", flights.iter().flat_map(of_lines));
@@ -61,8 +61,18 @@ pub(in super::super) fn flights(root: &Section, air: &Air) -> Vec<Flight> {
 /// Seconds from the end of a line to the start of the next, where the spec does not say.
 const PAUSE_S: f64 = 60.0;
 
-fn flight(s: &Section, air: &Air) -> Option<Flight> {
-    let keys: FlightKeys = s.some_keys()?;
+/// A flight as often as it is flown.
+fn copies_of(s: &Section, air: &Air) -> Vec<Flight> {
+    let Some(keys) = s.some_keys::<FlightKeys>() else { return vec![] };
+    let name = keys.name.clone();
+    let (copies, flight) = (keys.copies, flight(s, keys, air));
+    match copies {
+        None => vec![flight],
+        Some(copies) => (1..=copies).map(|k| Flight { name: format!("{name}-{k}"), ..flight.clone() }).collect(),
+    }
+}
+
+fn flight(s: &Section, keys: FlightKeys, air: &Air) -> Flight {
     let mut next_s = keys.start_tt_s;
     let mut lines: Vec<Line> = vec![];
     for one in s.sections("lines") {
@@ -76,7 +86,7 @@ fn flight(s: &Section, air: &Air) -> Option<Flight> {
         lines.extend(found);
     }
     s.finish();
-    Some(Flight { name: keys.name, lines })
+    Flight { name: keys.name, lines }
 }
 
 /// Where a line goes: its kind, with the keys of that.
@@ -291,6 +301,9 @@ params! {
     name: String, unit "";
     /// When its first line begins, in seconds past midnight UTC.
     start_tt_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
+    /// How often it is flown, for a Monte Carlo study: the same plan and aircraft, and draws of its own for everything else.
+    /// The flights are called `<name>-1`, `<name>-2`, and so on.
+    copies: Option<usize>, unit "", absent "it is one flight, called `name`", rule Rule::Between(1.0, 10_000.0);
 }
 
 /// The lines of one table.

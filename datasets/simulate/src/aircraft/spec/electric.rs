@@ -6,12 +6,10 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 use schemas::{Chosen, Lists, Rule, params};
 
-use super::{
-    super::super::spec::{
-        section::Section,
-        variant::{Variant, Varied, variant},
-    },
-    source::index_of,
+use super::source::index_of;
+use crate::reading::{
+    Section,
+    variant::{Variant, Varied, variant},
 };
 
 /// A current on board, and its sensor.

@@ -4,8 +4,9 @@ use nalgebra::Vector3;
 use numerics::signal::gauss_markov::GaussMarkov;
 use schemas::{Nested, Rule, choice, params};
 
+use crate::reading::Section;
+
 use super::{
-    super::super::spec::section::Section,
     Current, Source,
     source::{SourceKeys, source},
 };

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 use schemas::{Fault, Literal, Rule, Value, params};
 
-use super::{super::super::spec::section::Section, Current};
+use super::Current;
+use crate::reading::Section;
 
 /// Something that the spec gives exactly, or of which it gives the size so that the seed decides.
 #[derive(Clone, Copy, Debug, PartialEq)]

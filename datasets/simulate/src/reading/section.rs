@@ -10,10 +10,10 @@ use toml::{
 };
 
 /// The faults found so far.
-pub(in super::super) type Faults = Rc<RefCell<Vec<Fault>>>;
+pub(crate) type Faults = Rc<RefCell<Vec<Fault>>>;
 
 /// One table of the spec.
-pub(in super::super) struct Section<'a> {
+pub(crate) struct Section<'a> {
     name: &'static str,
     table: &'a DeTable<'a>,
     span: Range<usize>,
@@ -22,22 +22,17 @@ pub(in super::super) struct Section<'a> {
 }
 
 impl<'a> Section<'a> {
-    pub(in super::super) fn new(
-        name: &'static str,
-        table: &'a DeTable<'a>,
-        span: Range<usize>,
-        faults: &Faults,
-    ) -> Self {
+    pub(crate) fn new(name: &'static str, table: &'a DeTable<'a>, span: Range<usize>, faults: &Faults) -> Self {
         Self { name, table, span, asked: RefCell::default(), faults: faults.clone() }
     }
 
     /// Reads all keys of the table as a group of parameters, with the values of `base` as defaults where one is given.
-    pub(in super::super) fn group<T: Params>(&self, base: Option<&T>) -> Option<T> {
+    pub(crate) fn group<T: Params>(&self, base: Option<&T>) -> Option<T> {
         self.group_of(base, &Lists::default())
     }
 
     /// The same, with the lists that keys choose kinds from.
-    pub(in super::super) fn group_of<T: Params>(&self, base: Option<&T>, lists: &Lists) -> Option<T> {
+    pub(crate) fn group_of<T: Params>(&self, base: Option<&T>, lists: &Lists) -> Option<T> {
         let section = match schemas::Section::of(self.table, self.span.clone()) {
             Ok(section) => section,
             Err(faults) => {
@@ -51,7 +46,7 @@ impl<'a> Section<'a> {
     }
 
     /// Reads a group whose keys stand among those of others, which are read after it.
-    pub(in super::super) fn some_keys<T: Params>(&self) -> Option<T> {
+    pub(crate) fn some_keys<T: Params>(&self) -> Option<T> {
         let lists = Lists::default();
         let names: Vec<&'static str> = T::docs(&lists).iter().map(|doc| doc.name).collect();
         let mut own = DeTable::new();
@@ -63,7 +58,7 @@ impl<'a> Section<'a> {
     }
 
     /// Refuses the keys of other kinds than the one that was chosen.
-    pub(in super::super) fn refuse_foreign<K: Kind>(&self, chosen: &Chosen<K>) {
+    pub(crate) fn refuse_foreign<K: Kind>(&self, chosen: &Chosen<K>) {
         for key in self.table.keys() {
             if let Some(fault) = chosen.foreign(key.get_ref()) {
                 self.push(fault.at(key.span()));
@@ -72,19 +67,19 @@ impl<'a> Section<'a> {
     }
 
     /// The bytes of the key `name` of the table `table` in this one.
-    pub(in super::super) fn key_at(&self, table: &str, name: &str) -> Range<usize> {
+    pub(crate) fn key_at(&self, table: &str, name: &str) -> Range<usize> {
         let inner = self.table.get(table).and_then(|value| value.get_ref().as_table());
         let key = inner.and_then(|inner| inner.keys().find(|key| key.get_ref() == name));
         key.map_or(self.span.clone(), Spanned::span)
     }
 
     /// Notes a fault about the whole table.
-    pub(in super::super) fn fault(&self, what: String) {
+    pub(crate) fn fault(&self, what: String) {
         self.faults.borrow_mut().push(Fault::new(what).at(self.span.clone()));
     }
 
     /// Notes a fault about the value of `key`.
-    pub(in super::super) fn fault_at(&self, key: &'static str, what: String) {
+    pub(crate) fn fault_at(&self, key: &'static str, what: String) {
         self.push_at(key, Fault::new(what));
     }
 
@@ -99,7 +94,7 @@ impl<'a> Section<'a> {
     }
 
     /// True or false, with a default.
-    pub(in super::super) fn flag(&self, key: &'static str, default: bool) -> bool {
+    pub(crate) fn flag(&self, key: &'static str, default: bool) -> bool {
         let Some(value) = self.get(key) else { return default };
         value.get_ref().as_bool().unwrap_or_else(|| {
             self.wrong(key, value, "true or false");
@@ -108,12 +103,12 @@ impl<'a> Section<'a> {
     }
 
     /// How many faults the spec has so far.
-    pub(in super::super) fn faults(&self) -> usize {
+    pub(crate) fn faults(&self) -> usize {
         self.faults.borrow().len()
     }
 
     /// A table inside this one.
-    pub(in super::super) fn section(&self, name: &'static str) -> Option<Section<'a>> {
+    pub(crate) fn section(&self, name: &'static str) -> Option<Section<'a>> {
         let value = self.get(name)?;
         match value.get_ref() {
             DeValue::Table(table) => Some(Section::new(name, table, value.span(), &self.faults)),
@@ -125,7 +120,7 @@ impl<'a> Section<'a> {
     }
 
     /// The tables of a list, such as `[[flights]]`.
-    pub(in super::super) fn sections(&self, name: &'static str) -> Vec<Section<'a>> {
+    pub(crate) fn sections(&self, name: &'static str) -> Vec<Section<'a>> {
         let Some(value) = self.get(name) else { return vec![] };
         let Some(list) = value.get_ref().as_array() else {
             self.wrong(name, value, "a list of tables");
@@ -142,18 +137,18 @@ impl<'a> Section<'a> {
     }
 
     /// Notes a fault at the value of `key`.
-    pub(in super::super) fn push_at(&self, key: &'static str, fault: Fault) {
+    pub(crate) fn push_at(&self, key: &'static str, fault: Fault) {
         let at = self.get(key).map_or(self.span.clone(), Spanned::span);
         self.push(fault.at(at));
     }
 
     /// Notes a fault at bytes of the spec.
-    pub(in super::super) fn push(&self, fault: Fault) {
+    pub(crate) fn push(&self, fault: Fault) {
         self.faults.borrow_mut().push(fault);
     }
 
     /// Notes every key that nothing asked for, with the nearest that something did.
-    pub(in super::super) fn finish(&self) {
+    pub(crate) fn finish(&self) {
         let asked = self.asked.borrow();
         for key in self.table.keys().filter(|k| !asked.contains(&k.get_ref().as_ref())) {
             let mut known = asked.clone();
@@ -161,6 +156,16 @@ impl<'a> Section<'a> {
             known.dedup();
             let what = format!("`{}` has no key `{}`", self.name, key.get_ref());
             self.push(Fault::new(what).at(key.span()).nearest(key.get_ref(), &known));
+        }
+    }
+}
+
+/// Notes two things of one name.
+pub(crate) fn unique(root: &Section, kind: &str, names: impl Iterator<Item = String>) {
+    let names: Vec<String> = names.collect();
+    for (i, name) in names.iter().enumerate() {
+        if names.iter().take(i).any(|n| n == name) {
+            root.fault(format!("there are two of the {kind} `{name}`"));
         }
     }
 }

@@ -7,20 +7,13 @@ use numerics::earth::dates;
 use schemas::{Fault, Rule, params};
 use toml::de::DeTable;
 
-use super::{
+use crate::{
     aircraft::{self, Aircraft},
     earth::{self, Earth},
     ins::{self, spec::Ins},
+    reading::{Components, Faults, Section, preset},
     trajectory::{self, Air, Flight},
 };
-pub use components::{COMPONENTS, Components};
-pub use preset::PRESETS;
-use section::{Faults, Section};
-
-mod components;
-mod preset;
-pub(super) mod section;
-pub(crate) mod variant;
 
 /// A synth spec, checked.
 #[derive(Clone, Debug)]
@@ -100,16 +93,6 @@ fn spec(root: &Section, folder: &Path) -> Spec {
         aircraft: aircraft::spec::aircraft(root, keys.component_columns),
         flights: trajectory::spec::flights(root, &air),
         components,
-    }
-}
-
-/// Notes two things of one name.
-pub(super) fn unique(root: &Section, kind: &str, names: impl Iterator<Item = String>) {
-    let names: Vec<String> = names.collect();
-    for (i, name) in names.iter().enumerate() {
-        if names.iter().take(i).any(|n| n == name) {
-            root.fault(format!("there are two of the {kind} `{name}`"));
-        }
     }
 }
 

@@ -42,7 +42,7 @@ pub struct Components {
 
 impl Components {
     /// Reads the table `components`, whose keys are names of components and whose values say whether they are on.
-    pub(in super::super) fn read(root: &Section) -> Components {
+    pub(crate) fn read(root: &Section) -> Components {
         let Some(s) = root.section("components") else { return Components::default() };
         let off = COMPONENTS.iter().copied().filter(|name| !s.flag(name, true)).collect();
         s.finish();

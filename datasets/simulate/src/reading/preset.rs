@@ -25,7 +25,7 @@ const EITHER: [[&str; 2]; 4] =
 
 /// Puts the preset that the spec `root` names, if it names one, below it. What is wrong with what comes from the
 /// preset is told where the spec names it.
-pub(super) fn applied<'a>(mut root: DeTable<'a>, faults: &Faults) -> DeTable<'a> {
+pub(crate) fn applied<'a>(mut root: DeTable<'a>, faults: &Faults) -> DeTable<'a> {
     let without = root.remove("without").map(|value| left_out(&value, faults)).unwrap_or_default();
     let Some(named) = root.remove("preset") else {
         if let Some((_, at)) = without.first() {

@@ -59,7 +59,7 @@ macro_rules! variant {
         }
 
         $(#[doc = $d])*
-        pub(crate) const $NAME: $crate::spec::variant::Variant<$T> = $crate::spec::variant::Variant {
+        pub(crate) const $NAME: $crate::reading::variant::Variant<$T> = $crate::reading::variant::Variant {
             name: $name,
             doc: &[$($d),*],
             docs: || <$Keys as schemas::Params>::docs(&schemas::Lists::default()),
