@@ -25,6 +25,7 @@ pub mod navigate;
 mod noise;
 mod resample;
 pub mod score;
+mod simulate_ins;
 mod summary;
 mod target;
 
@@ -65,6 +66,7 @@ impl Catalogue {
         let built_in = [
             resample::Resample::entry(),
             core_field::CoreFieldStage::entry(),
+            simulate_ins::SimulateIns::entry(),
             bandpass::Bandpass::entry(),
             magnitude::Magnitude::entry(),
             a_matrix::AMatrix::entry(),
