@@ -19,6 +19,7 @@ pub mod map_convert;
 mod map_errors;
 pub mod map_fill;
 pub mod map_grid;
+mod map_quality;
 mod map_value;
 mod maps;
 pub mod navigate;
@@ -78,6 +79,7 @@ impl Catalogue {
             noise::AssumeNoise::entry(),
             navigate::entry(self.filters.clone()),
             map_value::MapValue::entry(),
+            map_quality::MapQuality::entry(),
             map_grid::MapGrid::entry(),
             map_fill::MapFill::entry(),
             map_continue::MapContinue::entry(),
