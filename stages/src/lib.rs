@@ -12,6 +12,7 @@ mod core_field;
 mod dates;
 mod features;
 pub mod fit;
+mod fogm_noise;
 mod made_map;
 mod magnitude;
 pub mod map_continue;
@@ -77,6 +78,7 @@ impl Catalogue {
             compensate::Compensate::entry(),
             noise::ResidualNoise::entry(),
             noise::AssumeNoise::entry(),
+            fogm_noise::FogmNoise::entry(),
             navigate::entry(self.filters.clone()),
             map_value::MapValue::entry(),
             map_quality::MapQuality::entry(),
