@@ -12,6 +12,7 @@ mod core_field;
 mod dates;
 mod features;
 pub mod fit;
+mod fogm_noise;
 mod made_map;
 mod magnitude;
 pub mod map_continue;
@@ -19,12 +20,14 @@ pub mod map_convert;
 mod map_errors;
 pub mod map_fill;
 pub mod map_grid;
+mod map_quality;
 mod map_value;
 mod maps;
 pub mod navigate;
 mod noise;
 mod resample;
 pub mod score;
+mod simulate_ins;
 mod summary;
 mod target;
 
@@ -65,6 +68,7 @@ impl Catalogue {
         let built_in = [
             resample::Resample::entry(),
             core_field::CoreFieldStage::entry(),
+            simulate_ins::SimulateIns::entry(),
             bandpass::Bandpass::entry(),
             magnitude::Magnitude::entry(),
             a_matrix::AMatrix::entry(),
@@ -74,8 +78,10 @@ impl Catalogue {
             compensate::Compensate::entry(),
             noise::ResidualNoise::entry(),
             noise::AssumeNoise::entry(),
+            fogm_noise::FogmNoise::entry(),
             navigate::entry(self.filters.clone()),
             map_value::MapValue::entry(),
+            map_quality::MapQuality::entry(),
             map_grid::MapGrid::entry(),
             map_fill::MapFill::entry(),
             map_continue::MapContinue::entry(),

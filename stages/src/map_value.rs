@@ -73,24 +73,7 @@ impl LineStage for MapValue {
     fn run(&self, line: &LineIn, map: &FieldMap) -> Arrays {
         let [lat, lon, alt] = self.position.columns();
         let batch = &line.inputs[0];
-        let (lat, lon, alt) = (floats(batch, lat)?, floats(batch, lon)?, floats(batch, alt)?);
-        let earth = EarthModel::Wgs84;
-        let mut columns = [(); 4].map(|()| Vec::with_capacity(lat.len()));
-        for i in 0..lat.len() {
-            let row = map.at(lat[i], lon[i], alt[i]).map_or([f64::NAN; 4], |field| {
-                let at = lat[i].to_radians();
-                [
-                    field.value_nt,
-                    field.d_lat_nt_per_rad / earth.north_m_per_rad(at, alt[i]),
-                    field.d_lon_nt_per_rad / earth.east_m_per_rad(at, alt[i]),
-                    field.d_alt_nt_per_m,
-                ]
-            });
-            columns.iter_mut().zip(row).for_each(|(column, x)| column.push(x));
-        }
-        if columns[0].iter().all(|x| x.is_nan()) {
-            return Err(Fault::data("no sample is on the map").help("does the map cover the flight, and its heights?"));
-        }
+        let columns = looked_up(map, floats(batch, lat)?, floats(batch, lon)?, floats(batch, alt)?)?;
         Ok(columns.map(array).into())
     }
 
@@ -102,6 +85,32 @@ impl LineStage for MapValue {
     fn prepare_key(&self) -> String {
         format!("{} {:?}", self.map_interpolation.word(), self.map_levels_m)
     }
+}
+
+/// What a map says at positions (degrees, degrees, metres above the ellipsoid): the anomaly in nT and its slopes north,
+/// east and up in nT/m; NaN off the map, in a cell with an unknown node and without a position.
+///
+/// # Errors
+/// When no sample is on the map.
+pub(crate) fn looked_up(map: &FieldMap, lat: &[f64], lon: &[f64], alt: &[f64]) -> Result<[Vec<f64>; 4], Fault> {
+    let earth = EarthModel::Wgs84;
+    let mut columns = [(); 4].map(|()| Vec::with_capacity(lat.len()));
+    for i in 0..lat.len() {
+        let row = map.at(lat[i], lon[i], alt[i]).map_or([f64::NAN; 4], |field| {
+            let at = lat[i].to_radians();
+            [
+                field.value_nt,
+                field.d_lat_nt_per_rad / earth.north_m_per_rad(at, alt[i]),
+                field.d_lon_nt_per_rad / earth.east_m_per_rad(at, alt[i]),
+                field.d_alt_nt_per_m,
+            ]
+        });
+        columns.iter_mut().zip(row).for_each(|(column, x)| column.push(x));
+    }
+    if columns[0].iter().all(|x| x.is_nan()) {
+        return Err(Fault::data("no sample is on the map").help("does the map cover the flight, and its heights?"));
+    }
+    Ok(columns)
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, RecordBatch, StringArray};
 use numerics::{
     maps::{map_stack::FieldMap, map_surface::Interpolation},
-    navigation::ins_error::InsErrors,
+    navigation::ins_error::GradedIns,
 };
 use schemas::{
     Arrays, Chosen, Column, Entry, Fault, LineIn, LinePoint, LineStage, Lists, OrAuto, Passes, Rule, Shape, Stage,
@@ -72,7 +72,7 @@ stage! {
     /// white part comes what bilinear interpolation misses between the map's nodes.
     Navigate = "navigate", version 5, grain Line,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
-    groups [noise: MeasurementNoise, ins: InsErrors], example r#"
+    groups [noise: MeasurementNoise, ins: GradedIns], example r#"
 [[stages]]
 name            = "navigate"
 stage           = "navigate"
@@ -530,6 +530,17 @@ mod tests {
         for (filter, key) in [("ekf", "gate_nis"), ("still", "hold_s"), ("ekf", "mag"), ("still", "fogm_tau_s")] {
             assert_eq!(why(filter, key), None, "{filter} {key}");
         }
+    }
+
+    #[test]
+    fn unit_a_grade_says_what_the_errors_of_the_ins_are_where_they_are_left_out() {
+        use numerics::navigation::ins_error::{InsErrors, InsGrade};
+        assert_eq!(navigate(&[]).ins.sources, InsErrors::default());
+        let graded = navigate(&[("ins_grade", text("tactical")), ("init_position_sigma_m", Literal::Float(20.0))]);
+        let expected = InsErrors { init_position_sigma_m: 20.0, ..InsGrade::Tactical.errors() };
+        assert_eq!(graded.ins.sources, expected);
+        let why = |key: &str| graded.idle(key).map(|fault| fault.what);
+        assert_eq!((why("ins_grade"), why("init_position_sigma_m")), (None, None));
     }
 
     #[test]

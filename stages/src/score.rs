@@ -49,8 +49,13 @@ stage! {
     /// each sample errs by `map_sigma_nt` independently; errors that last, as those of maps and of the temporal variation
     /// do, make it worse.
     ///
-    /// Source: thesis 000, (3.45), (3.46); thesis 001, (66); thesis 004, (2.39) to (2.41).
-    Score = "score", version 3, grain Line, yields Scores, inputs [input: ManyLines],
+    /// A track is held against its own covariance as well: `nees_consistent` and `nis_consistent` are tests at 95 %,
+    /// `whiteness`, `error_within_3sigma` and `divergence` are shares of lags and samples whose values for a consistent
+    /// filter are known. Innovations on both sides of a sample without a measurement are no neighbours.
+    ///
+    /// Source: thesis 000, (3.45), (3.46); thesis 001, (66); thesis 004, (2.39) to (2.41); Bar-Shalom, Li & Kirubarajan
+    /// 2001, section 5.4; Mehra 1970.
+    Score = "score", version 4, grain Line, yields Scores, inputs [input: ManyLines],
     example r#"
 [[stages]]
 name  = "score"

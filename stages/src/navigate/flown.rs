@@ -106,7 +106,7 @@ fn flown<'a>(
     let errors = InsErrorModel {
         fogm_sigma_nt: noise.fogm_sigma_nt,
         fogm_tau_s: noise.fogm_tau_s,
-        ..InsErrorModel::of(stage.ins)
+        ..InsErrorModel::of(stage.ins.sources)
     };
     let mut flown = Flown {
         ins: ins.series(),

@@ -15,11 +15,18 @@ pub const SCORERS: &[&Scorer] = &[
     &signal::FIGURE_OF_MERIT,
     &signal::FIGURE_OF_MERIT_CROSSINGS,
     &track::DRMS,
+    &track::CEP,
+    &track::R95,
     &track::RMS_NORTH,
     &track::RMS_EAST,
     &track::INS_DRMS,
     &track::NEES,
     &track::NIS,
+    &track::NEES_CONSISTENT,
+    &track::NIS_CONSISTENT,
+    &track::WHITENESS,
+    &track::ERROR_WITHIN_3SIGMA,
+    &track::DIVERGENCE,
     &track::SAMPLES_USED,
     &track::SAMPLES_MISSING,
     &track::SAMPLES_OFF_MAP,
@@ -103,7 +110,7 @@ mod tests {
             ("ins_lon", lon.clone()),
         ];
         let mut track = track(lat.iter().map(|x| x + 1e-4).collect(), lon);
-        track.push(("map_height_error", wave(0.6)));
+        track.extend([("map_height_error", wave(0.6)), ("residual", wave(0.7))]);
         line(&[flown, track])
     }
 

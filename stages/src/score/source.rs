@@ -32,6 +32,8 @@ pub enum Source {
     Ins,
     /// The track of a filter.
     Track,
+    /// Its innovations: in nT, and squared over their variance.
+    Innovations,
     /// A column of this name.
     Column(&'static str),
 }
@@ -50,7 +52,7 @@ pub struct Place {
 
 impl Source {
     /// All but single columns, in the order in which they are read.
-    const ALL: [Source; 12] = [
+    const ALL: [Source; 13] = [
         Source::Signal,
         Source::Aircraft,
         Source::Truth,
@@ -63,6 +65,7 @@ impl Source {
         Source::Position,
         Source::Ins,
         Source::Track,
+        Source::Innovations,
     ];
 
     /// The first table that has all its columns.
@@ -87,6 +90,7 @@ impl Source {
             Source::Ins => of(&["ins_lat", "ins_lon"]),
             Source::Column(name) => of(&[name]),
             Source::Track => of(&["lat", "lon", "alt", "sd_n", "sd_e", "cov_ne", "nis", "update"]),
+            Source::Innovations => of(&["residual", "nis", "update"]),
         }
     }
 
@@ -105,7 +109,7 @@ impl Source {
             Source::Position => "true positions `lat` and `lon`".to_owned(),
             Source::Ins => "`ins_lat` and `ins_lon`".to_owned(),
             Source::Column(name) => format!("a table with `{name}`"),
-            Source::Track => "a track of `navigate`".to_owned(),
+            Source::Track | Source::Innovations => "a track of `navigate`".to_owned(),
         }
     }
 }

@@ -1,7 +1,10 @@
 //! Metrics of a track, of the INS alone and of the filter's opinion of itself.
 
 use arrow_array::Array;
-use numerics::regression::statistics::{self, Figure};
+use numerics::regression::{
+    consistency,
+    statistics::{self, Figure},
+};
 use schemas::{Fault, metric::Shown};
 
 use crate::navigate::Update;
@@ -13,6 +16,18 @@ metric! {
     DRMS = "drms", unit "m", pool Rms, better Lower,
     shown Shown::column(100, 150).rank(10).heat_map(), needs [Track, Position];
     |line| line.track_error().map(|e| statistics::drms(&e.north_m, &e.east_m))
+}
+
+metric! {
+    /// circular error probable: the radius about the truth that holds half of the samples of the track
+    CEP = "cep", unit "m", pool Rms, better Lower, needs [Track, Position];
+    |line| radius(line, 0.5)
+}
+
+metric! {
+    /// radius about the truth that holds 95 % of the samples of the track
+    R95 = "r95", unit "m", pool Rms, better Lower, needs [Track, Position];
+    |line| radius(line, 0.95)
 }
 
 metric! {
@@ -42,11 +57,7 @@ metric! {
     /// one that trusts itself too much, less for one that is too cautious
     NEES = "nees", unit "1", pool Mean, better Near(2.0),
     shown Shown::column(110, 110), needs [Track, Position];
-    |line| {
-        let (e, of_track) = (line.track_error()?, |name| line.named(Source::Track, name));
-        let (sd_n, sd_e, cov_ne) = (of_track("sd_n")?, of_track("sd_e")?, of_track("cov_ne")?);
-        Ok(statistics::mean(&statistics::position_nees(&e.north_m, &e.east_m, sd_n, sd_e, cov_ne)))
-    }
+    |line| Ok(statistics::mean(&position_nees(line)?))
 }
 
 metric! {
@@ -55,6 +66,46 @@ metric! {
     NIS = "nis", unit "1", pool Mean, better Near(1.0),
     shown Shown::column(120, 120).rank(70), needs [Track];
     |line| Ok(statistics::mean(line.named(Source::Track, "nis")?))
+}
+
+metric! {
+    /// whether the mean `nees` is within its chi-square 95 % band, 1 or 0 a line, for as many independent samples as its
+    /// autocorrelation leaves; 0.95 on average for a consistent filter. A line of a few correlation times of the error
+    /// alone has too narrow a band
+    NEES_CONSISTENT = "nees_consistent", unit "1", pool Mean, better Higher, needs [Track, Position];
+    |line| Ok(consistency::within_chi_square_band(&position_nees(line)?, 2.0))
+}
+
+metric! {
+    /// whether the mean `nis` is within its chi-square 95 % band, 1 or 0 a line, for as many independent samples as its
+    /// autocorrelation leaves; 0.95 on average for a consistent filter
+    NIS_CONSISTENT = "nis_consistent", unit "1", pool Mean, better Higher, needs [Track];
+    |line| Ok(consistency::within_chi_square_band(line.named(Source::Track, "nis")?, 1.0))
+}
+
+metric! {
+    /// share of the autocorrelations of the innovations, over their predicted deviations, at lags of 1 to 20 samples that
+    /// are within 1.96/sqrt(n) of 0; 0.95 on average for white innovations, less where something is left in them
+    WHITENESS = "whiteness", unit "1", pool Mean, better Near(0.95), needs [Innovations];
+    |line| {
+        let of = |name| line.named(Source::Innovations, name);
+        let normalised = |(residual, nis): (&f64, &f64)| nis.sqrt().copysign(*residual);
+        let normalised: Vec<f64> = of("residual")?.iter().zip(of("nis")?).map(normalised).collect();
+        Ok(consistency::whiteness(&normalised, 20))
+    }
+}
+
+metric! {
+    /// share of the samples whose true position is within the track's three-sigma ellipse; 0.989 for a consistent filter
+    ERROR_WITHIN_3SIGMA = "error_within_3sigma", unit "1", pool Mean, better Near(0.989), needs [Track, Position];
+    |line| Ok(share(&position_nees(line)?, |nees| nees <= 9.0))
+}
+
+metric! {
+    /// share of the samples whose true position is outside the track's five-sigma ellipse, where the filter has lost the
+    /// truth without knowing; 0.000004 for a consistent filter
+    DIVERGENCE = "divergence", unit "1", pool Mean, better Lower, needs [Track, Position];
+    |line| Ok(share(&position_nees(line)?, |nees| nees > 25.0))
 }
 
 metric! {
@@ -81,6 +132,29 @@ metric! {
     |line| count(line, Update::Gated)
 }
 
+/// The normalised square of the horizontal position error of each sample.
+fn position_nees(line: &Line) -> Result<Vec<f64>, Fault> {
+    let (e, of_track) = (line.track_error()?, |name| line.named(Source::Track, name));
+    let (sd_n, sd_e, cov_ne) = (of_track("sd_n")?, of_track("sd_e")?, of_track("cov_ne")?);
+    Ok(statistics::position_nees(&e.north_m, &e.east_m, sd_n, sd_e, cov_ne))
+}
+
+/// The radius about the truth that holds a part of the samples.
+fn radius(line: &Line, part: f64) -> Result<Figure, Fault> {
+    let e = line.track_error()?;
+    let mut radii: Vec<f64> = e.north_m.iter().zip(&e.east_m).map(|(n, e)| n.hypot(*e)).collect();
+    radii.retain(|radius| radius.is_finite());
+    radii.sort_by(f64::total_cmp);
+    Ok(Figure { value: statistics::quantile(&radii, part), n: radii.len() })
+}
+
+/// The share of the finite values that are so.
+fn share(values: &[f64], so: fn(f64) -> bool) -> Figure {
+    let known = || values.iter().filter(|x| x.is_finite());
+    let n = known().count();
+    Figure { value: known().filter(|x| so(**x)).count() as f64 / n as f64, n }
+}
+
 /// The number of samples whose `update` is this one.
 fn count(line: &Line, update: Update) -> Result<Figure, Fault> {
     let updates = line.updates()?;
@@ -90,6 +164,8 @@ fn count(line: &Line, update: Update) -> Result<Figure, Fault> {
 
 #[cfg(test)]
 mod tests {
+    use numerics::random::Normals;
+
     use super::*;
     use crate::score::testing::{Columns, FLOWN, seconds, track, value};
 
@@ -127,6 +203,70 @@ mod tests {
         }
         assert!((value(&NEES, &tables).value - 2.0).abs() < 1e-9);
         assert_eq!(value(&NIS, &tables), Figure { value: 0.5, n: 10 });
+    }
+
+    /// A track of `n` samples along the equator that errs by these metres north, with a sigma of 10 m each way.
+    fn erring(n: u32, north_m: impl Fn(f64) -> f64) -> [Columns; 2] {
+        let truth = vec![(FLOWN[0], seconds(n, |_| 0.0)), (FLOWN[1], seconds(n, |t| 1e-5 * t))];
+        [truth, track(seconds(n, |t| north_m(t) / 110_574.3), seconds(n, |t| 1e-5 * t))]
+    }
+
+    #[test]
+    fn law_radii_and_shares_are_those_of_the_errors() {
+        // 0, 1, ... 100 m: half within 50, 95 % within 95, 31 within three sigma, 50 beyond five.
+        let ramp = erring(101, |t| t);
+        assert!((value(&CEP, &ramp).value - 50.0).abs() < 1e-3 && (value(&R95, &ramp).value - 95.0).abs() < 1e-3);
+        let (within, lost) = (value(&ERROR_WITHIN_3SIGMA, &ramp), value(&DIVERGENCE, &ramp));
+        assert!((30.0..=31.0).contains(&(within.value * 101.0)), "{within:?}");
+        assert!((50.0..=51.0).contains(&(lost.value * 101.0)), "{lost:?}");
+        let mut gap = ramp;
+        gap[1][0].1[70] = f64::NAN;
+        assert_eq!([CEP, R95, ERROR_WITHIN_3SIGMA, DIVERGENCE].map(|m| value(&m, &gap).n), [100; 4]);
+    }
+
+    /// Consistency of the position and of the innovations, whiteness, and the shares within three and beyond five sigma:
+    /// the mean of twenty tracks whose errors are `scale` times what the filter says, with innovations that last or not.
+    fn of_tracks(scale: f64, lasts: bool) -> [f64; 5] {
+        let mut sums = [0.0; 5];
+        for seed in 0..20 {
+            let mut normals = Normals::new(seed);
+            let drawn: Vec<[f64; 3]> = (0..1000).map(|_| [normals.draw(), normals.draw(), normals.draw()]).collect();
+            let [truth, mut track] = erring(1000, |t| 10.0 * scale * drawn[t as usize][0]);
+            track[1].1 = seconds(1000, |t| 1e-5 * t + 10.0 * scale * drawn[t as usize][1] / 111_319.5);
+            let mut before = 0.0;
+            let innovations: Vec<f64> = drawn
+                .iter()
+                .map(|d| {
+                    before = if lasts { 0.9 * before + 0.19f64.sqrt() * d[2] } else { d[2] };
+                    scale * before
+                })
+                .collect();
+            let nis = track.iter_mut().filter(|column| column.0 == "nis");
+            nis.for_each(|column| column.1 = innovations.iter().map(|i| i * i).collect());
+            track.push(("residual", innovations.iter().map(|i| 2.0 * i).collect()));
+            let tables = [truth, track];
+            let metrics = [NEES_CONSISTENT, NIS_CONSISTENT, WHITENESS, ERROR_WITHIN_3SIGMA, DIVERGENCE];
+            sums.iter_mut().zip(metrics).for_each(|(sum, metric)| *sum += value(&metric, &tables).value / 20.0);
+        }
+        sums
+    }
+
+    #[test]
+    fn law_a_consistent_track_is_called_so_and_one_that_trusts_itself_too_much_is_not() {
+        let [nees, nis, white, within, lost] = of_tracks(1.0, false);
+        // Of twenty tests at 95 % one fails on average, and five once in two thousand times.
+        assert!(nees >= 0.75 && nis >= 0.75, "{nees} {nis}");
+        // 400 lags: 1.1 % a sigma; 20,000 samples within 0.989: 0.07 %.
+        assert!(
+            (white - 0.95).abs() < 0.05 && (within - 0.989).abs() < 0.004 && lost < 1e-3,
+            "{white} {within} {lost}"
+        );
+        let [nees, nis, white, within, lost] = of_tracks(3.0, false);
+        assert_eq!([nees, nis], [0.0, 0.0]);
+        assert!((white - 0.95).abs() < 0.05, "whiteness is of the order, not of the size: {white}");
+        // exp(-9/18) are outside three sigma of a third, exp(-25/18) outside five.
+        assert!((1.0 - within - (-0.5f64).exp()).abs() < 0.02 && (lost - (-25.0f64 / 18.0).exp()).abs() < 0.02);
+        assert!(of_tracks(1.0, true)[2] < 0.5, "what lasts is not white");
     }
 
     #[test]

@@ -14,6 +14,7 @@
 //! | [`projection`] | map projections by their PROJ definition |
 //! | [`magnetic_sources`] | dipoles and rectangular prisms in closed form |
 //! | [`anomaly_retention`] | how much of the geology a compensation leaves in place |
+//! | [`information`] | how well a position can be found on a map: the Cramér-Rao bound along a line |
 //! | [`crossings`] | the misclosure of a line where its track crosses itself |
 //!
 //! A survey becomes a look-up in this order: [`levelling`], [`gridding`], [`fill`], [`continuation`],
@@ -86,6 +87,7 @@ pub mod crossings;
 pub mod fill;
 pub mod grid_projection;
 pub mod gridding;
+pub mod information;
 pub mod levelling;
 pub mod magnetic_sources;
 pub mod map_stack;

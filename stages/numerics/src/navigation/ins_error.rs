@@ -13,12 +13,16 @@ use thiserror::Error;
 
 mod along;
 mod driving;
+mod faulty;
 mod grade;
+mod graded;
 mod mechanised;
 
 pub use along::{InsErrorEnsemble, errors_along, horizontal_m};
 pub use driving::Draws;
+pub use faulty::faulty_ins;
 pub use grade::InsGrade;
+pub use graded::GradedIns;
 pub use mechanised::{MechanisedExtras, mechanised_errors_along};
 
 params! {

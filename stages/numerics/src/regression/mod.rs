@@ -68,6 +68,7 @@
 
 pub mod bootstrap;
 pub mod choose_lambda;
+pub mod consistency;
 pub mod elastic_net;
 pub mod l_curve;
 pub mod least_squares;

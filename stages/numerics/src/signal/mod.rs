@@ -6,6 +6,7 @@
 //! | [`segments`] | gaps: runs of usable samples, each filtered separately; checks of a time column |
 //! | [`difference`] | differences per sample, the substitute for a time derivative in Tolles-Lawson |
 //! | [`resample`] | samples at their own times onto an even grid; the low-pass before a lower rate |
+//! | [`local_fit`] | smoothing of samples at any times by local parabolas |
 //! | [`spectrum`] | power spectral density by Welch's method |
 //! | [`noise`] | the Allan variance of a line, and the white and Gauss-Markov noise that bound it |
 //! | [`gauss_markov`] | the first-order Gauss-Markov process: exponentially correlated noise |
@@ -59,6 +60,7 @@
 pub mod difference;
 pub mod filter;
 pub mod gauss_markov;
+pub mod local_fit;
 pub mod natural_cubic;
 pub mod noise;
 pub mod resample;

@@ -14,6 +14,10 @@ use std::ops::Range;
 use crate::signal::gauss_markov::GaussMarkov;
 use thiserror::Error;
 
+mod fit;
+
+pub use fit::{FitBy, FitError, fit};
+
 /// Means are taken over about this many seconds; faster noise is estimated from the steps between samples.
 const BLOCK_S: f64 = 1.0;
 /// Independent differences that the Allan variance of a span needs at least.

@@ -1,0 +1,118 @@
+//! The error sources of an INS as a spec gives them: by its grade, one by one, or both.
+
+use params::{Fault, Lists, ParamDoc, Params, Reader, params};
+
+use super::{InsErrors, InsGrade};
+
+/// The error sources of an INS, whose grade says what they are where they are left out.
+///
+/// The grade is read and is no part of the answer: an INS of a grade and one of the same error sources, given one by one,
+/// are the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GradedIns {
+    /// The error sources.
+    pub sources: InsErrors,
+}
+
+params! {
+    /// The key beside those of [`InsErrors`].
+    struct Grade;
+    /// How good the INS is: what its error sources, the keys `init_*`, `*_sigma*` and `*_tau_s` of the INS, are where they
+    /// are left out. A key that is given has its own value, whatever the grade. `magnav` are the defaults shown with the
+    /// keys; `navigation` is a Honeywell HG9900, `tactical` a HG1700 and `commercial` are micro-mechanical sensors [thesis
+    /// 001, Tables 9 and 10], all of them with a position that is known at first (`init_position_sigma_m = 0`).
+    ins_grade: Option<InsGrade>, unit "", absent "`magnav`";
+}
+
+impl From<InsErrors> for GradedIns {
+    fn from(sources: InsErrors) -> Self {
+        Self { sources }
+    }
+}
+
+impl Params for GradedIns {
+    fn read(reader: &mut Reader, base: Option<&Self>) -> Option<Self> {
+        let grade = Grade::read(reader, None);
+        let of_grade = grade.as_ref().and_then(|grade| grade.ins_grade).map(InsGrade::errors);
+        let sources = InsErrors::read(reader, of_grade.as_ref().or(base.map(|base| &base.sources)));
+        grade?;
+        sources.map(Self::from)
+    }
+
+    fn docs(lists: &Lists) -> Vec<ParamDoc> {
+        Grade::docs(lists).into_iter().chain(InsErrors::docs(lists)).collect()
+    }
+
+    fn spell(&self, out: &mut Vec<(&'static str, String)>) {
+        self.sources.spell(out);
+    }
+
+    fn check(&self) -> Result<(), Fault> {
+        self.sources.check()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use params::{Args, Given, Literal};
+
+    use super::*;
+
+    fn read(keys: &[(&str, Literal)]) -> Result<GradedIns, Vec<Fault>> {
+        let given = |value: &Literal| Given { value: value.clone(), key_at: 0..0, at: 0..0 };
+        let args: Args = keys.iter().map(|(key, value)| ((*key).to_owned(), given(value))).collect();
+        let lists = Lists::default();
+        let (group, faults) = Reader::new("navigate", &args, None, &lists).group::<GradedIns>(None);
+        group.filter(|_| faults.is_empty()).ok_or(faults)
+    }
+
+    fn grade(word: &str) -> (&'static str, Literal) {
+        ("ins_grade", Literal::Text(word.to_owned()))
+    }
+
+    fn spelt(ins: GradedIns) -> Vec<(&'static str, String)> {
+        let mut pairs = vec![];
+        ins.spell(&mut pairs);
+        pairs
+    }
+
+    #[test]
+    fn law_the_grade_is_what_is_left_out_and_a_given_key_is_its_own() {
+        assert_eq!(read(&[]).unwrap().sources, InsErrors::default());
+        for of in InsGrade::ALL {
+            assert_eq!(read(&[grade(of.word())]).unwrap().sources, of.errors(), "{}", of.word());
+        }
+        let both = read(&[
+            ("acc_sigma_mps2", Literal::Float(0.5)),
+            ("init_heading_sigma_deg", Literal::Float(2.0)),
+            grade("tactical"),
+        ]);
+        let expected =
+            InsErrors { acc_sigma_mps2: 0.5, init_heading_sigma_deg: Some(2.0), ..InsGrade::Tactical.errors() };
+        assert_eq!(both.unwrap().sources, expected);
+        // A default that is given outright is given.
+        let given = read(&[grade("tactical"), ("init_position_sigma_m", Literal::Float(3.0))]).unwrap();
+        assert_eq!(given.sources.init_position_sigma_m, 3.0);
+    }
+
+    #[test]
+    fn law_one_ins_has_one_spelling() {
+        assert_eq!(spelt(read(&[]).unwrap()), spelt(read(&[grade("magnav")]).unwrap()));
+        let tactical = read(&[grade("tactical")]).unwrap();
+        assert_eq!(spelt(tactical), spelt(GradedIns::from(InsGrade::Tactical.errors())));
+        assert_ne!(spelt(tactical), spelt(read(&[grade("navigation")]).unwrap()));
+    }
+
+    #[test]
+    fn unit_a_grade_that_is_none_and_a_key_that_is_wrong_are_told_at_once() {
+        let faults = read(&[grade("tactcal"), ("vrw_sigma", Literal::Float(-1.0))]).unwrap_err();
+        assert_eq!(faults.len(), 2, "{faults:?}");
+        assert_eq!(faults[0].help.as_deref(), Some("did you mean `tactical`?"));
+        assert!(faults[1].what.contains("`vrw_sigma` must be 0 or above"), "{faults:?}");
+        let docs = GradedIns::docs(&Lists::default());
+        assert_eq!((docs[0].name, docs[0].absent), ("ins_grade", Some("`magnav`")));
+        assert!(["magnav", "navigation", "tactical", "commercial"].iter().all(|word| docs[0].rule.contains(word)));
+        assert_eq!(docs.len(), 1 + InsErrors::docs(&Lists::default()).len());
+    }
+}

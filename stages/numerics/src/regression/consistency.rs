@@ -1,0 +1,257 @@
+//! Whether a filter's opinion of its errors agrees with the errors: chi-square bounds of their normalised squares, and
+//! the whiteness of its innovations.
+//!
+//! [Bar-Shalom, Li and Kirubarajan 2001, section 5.4; Mehra 1970]
+
+use super::statistics::Figure;
+
+/// The blocks over which a long series is averaged before its autocorrelation is summed.
+const BLOCKS: usize = 2048;
+/// Samples that a test needs at least.
+const LEAST: usize = 10;
+
+/// The number of independent samples that the mean of `x` is as well known as: the variance of a sample over that of the
+/// mean, by the sum of the autocorrelations up to the first two neighbours whose sum is not above 0, each pair no larger
+/// than the one before. At least 1, at most as many as there are; NaN for a constant or fewer than ten samples. Values
+/// that are not finite are left out, and their neighbours taken as neighbours. [Geyer 1992, section 3.3]
+///
+/// A series no longer than a few of its correlation times looks more independent than it is.
+pub fn effective_samples(x: &[f64]) -> f64 {
+    let known: Vec<f64> = x.iter().copied().filter(|x| x.is_finite()).collect();
+    let n = known.len();
+    if n < LEAST {
+        return f64::NAN;
+    }
+    let variance = |x: &[f64]| {
+        let mean = x.iter().sum::<f64>() / x.len() as f64;
+        x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / x.len() as f64
+    };
+    let size = n.div_ceil(BLOCKS);
+    let blocks: Vec<f64> = known.chunks_exact(size).map(|b| b.iter().sum::<f64>() / size as f64).collect();
+    let (of_sample, of_block) = (variance(&known), variance(&blocks));
+    if of_sample.is_nan() || of_sample <= 0.0 || of_block <= 0.0 {
+        return f64::NAN;
+    }
+    let of_mean = of_block * inefficiency(&blocks, of_block) / blocks.len() as f64;
+    (of_sample / of_mean).clamp(1.0, n as f64)
+}
+
+/// By how much the variance of the mean exceeds that of independent samples: 1 and twice the autocorrelations.
+fn inefficiency(x: &[f64], variance: f64) -> f64 {
+    let mean = x.iter().sum::<f64>() / x.len() as f64;
+    let at = |lag: usize| {
+        let products = x.iter().zip(&x[lag..]).map(|(a, b)| (a - mean) * (b - mean));
+        products.sum::<f64>() / (x.len() as f64 * variance)
+    };
+    let (mut sum, mut before) = (0.0, f64::INFINITY);
+    for lag in (0..x.len() - 1).step_by(2) {
+        let pair = (at(lag) + at(lag + 1)).min(before);
+        if pair <= 0.0 {
+            break;
+        }
+        (sum, before) = (sum + pair, pair);
+    }
+    (2.0 * sum - 1.0).max(1.0 / x.len() as f64)
+}
+
+/// The probability that a consistent filter has a smaller mean of `squares`, the normalised squares of its errors or
+/// innovations of `freedom` components each, than the one at hand: near 0 for a filter that is too cautious, near 1 for
+/// one that trusts itself too much. The mean times the number of independent samples ([`effective_samples`]) is
+/// chi-square with `freedom` degrees for each of these. NaN where that number is.
+pub fn chi_square_probability(squares: &[f64], freedom: f64) -> Figure {
+    let known = || squares.iter().filter(|x| x.is_finite());
+    let n = known().count();
+    let mean = known().sum::<f64>() / n as f64;
+    let independent = effective_samples(squares);
+    Figure { value: gamma_p(0.5 * freedom * independent, 0.5 * independent * mean), n }
+}
+
+/// Whether the mean of normalised squares is within the 95 % band of a consistent filter, by
+/// [`chi_square_probability`]: 1 within, 0 outside, NaN where that is.
+pub fn within_chi_square_band(squares: &[f64], freedom: f64) -> Figure {
+    let Figure { value, n } = chi_square_probability(squares, freedom);
+    let within = if (0.025..=0.975).contains(&value) { 1.0 } else { 0.0 };
+    Figure { value: if value.is_nan() { f64::NAN } else { within }, n }
+}
+
+/// The share of the autocorrelations of `x` at lags of 1 to `lags` samples that are within 1.96/√n, n being the pairs of a
+/// lag: 0.95 on average for white noise of mean 0. About 0, so that a bias is no white noise; pairs of which one is not
+/// finite are left out. NaN for fewer samples than twice the lags, and for a series of zeros.
+pub fn whiteness(x: &[f64], lags: usize) -> Figure {
+    let n = x.iter().filter(|x| x.is_finite()).count();
+    let variance = x.iter().filter(|x| x.is_finite()).map(|x| x * x).sum::<f64>() / n as f64;
+    if n < 2 * lags.max(1) || variance <= 0.0 {
+        return Figure { value: f64::NAN, n };
+    }
+    let within = |lag: &usize| {
+        let products = || x.iter().zip(&x[*lag..]).map(|(a, b)| a * b).filter(|p| p.is_finite());
+        let pairs = products().count() as f64;
+        pairs > 0.0 && (products().sum::<f64>() / (pairs * variance)).abs() <= 1.96 / pairs.sqrt()
+    };
+    Figure { value: (1..=lags).filter(within).count() as f64 / lags as f64, n }
+}
+
+/// The regularised lower incomplete gamma function P(a, x), of a above 0: the distribution of chi-square with 2a degrees
+/// at 2x. By its series below a + 1, by its continued fraction above. [Abramowitz & Stegun 1964, 6.5.29 and 6.5.31]
+fn gamma_p(a: f64, x: f64) -> f64 {
+    if a.is_nan() || x.is_nan() || a <= 0.0 {
+        return f64::NAN;
+    }
+    if x <= 0.0 {
+        return 0.0;
+    }
+    let front = (a * x.ln() - x - ln_gamma(a)).exp();
+    // Both converge within some √a terms near a.
+    let most = 200 + (20.0 * a.sqrt()) as usize;
+    if x < a + 1.0 {
+        let (mut term, mut sum) = (1.0 / a, 1.0 / a);
+        for k in 1..most {
+            term *= x / (a + k as f64);
+            sum += term;
+            if term < sum * f64::EPSILON {
+                break;
+            }
+        }
+        return (front * sum).min(1.0);
+    }
+    // Lentz's method.
+    let mut b = x + 1.0 - a;
+    let (mut c, mut d) = (1e300, 1.0 / b);
+    let mut fraction = d;
+    for k in 1..most {
+        let numerator = -(k as f64) * (k as f64 - a);
+        b += 2.0;
+        d = 1.0 / (numerator * d + b);
+        c = b + numerator / c;
+        fraction *= c * d;
+        if (c * d - 1.0).abs() < f64::EPSILON {
+            break;
+        }
+    }
+    (1.0 - front * fraction).max(0.0)
+}
+
+/// ln Γ(a) of a above 0, by Stirling's series above 10 and the recurrence below: to 1e-13. [Abramowitz & Stegun 1964,
+/// 6.1.41]
+fn ln_gamma(a: f64) -> f64 {
+    let (mut shift, mut a) = (0.0, a);
+    while a < 10.0 {
+        shift += a.ln();
+        a += 1.0;
+    }
+    let r = 1.0 / (a * a);
+    let series = (1.0 / 12.0 - r * (1.0 / 360.0 - r * (1.0 / 1260.0 - r * (1.0 / 1680.0 - r / 1188.0)))) / a;
+    (a - 0.5) * a.ln() - a + 0.5 * std::f64::consts::TAU.ln() + series - shift
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Normals;
+
+    /// Stationary, of variance 1, with the autocorrelation `decay` from sample to sample.
+    fn coloured(n: usize, decay: f64, seed: u64) -> Vec<f64> {
+        let mut normals = Normals::new(seed);
+        let mut x = normals.draw();
+        let step = (1.0 - decay * decay).sqrt();
+        (0..n)
+            .map(|_| {
+                x = decay * x + step * normals.draw();
+                x
+            })
+            .collect()
+    }
+
+    fn share(of: usize, yes: impl Fn(u64) -> bool) -> f64 {
+        (0..of as u64).filter(|seed| yes(*seed)).count() as f64 / of as f64
+    }
+
+    #[test]
+    fn ref_chi_square_quantiles_of_printed_tables() {
+        // Quantiles at 0.025, 0.5 and 0.975 [Abramowitz & Stegun 1964, table 26.8].
+        for (freedom, at, p) in [
+            (1.0, 5.023_89, 0.975),
+            (2.0, 0.050_635_6, 0.025),
+            (2.0, 1.386_29, 0.5),
+            (10.0, 3.246_97, 0.025),
+            (10.0, 20.483_2, 0.975),
+            (100.0, 74.221_9, 0.025),
+            (100.0, 129.561, 0.975),
+        ] {
+            // The tables have six digits; the density is at most 0.5.
+            assert!(
+                (gamma_p(0.5 * freedom, 0.5 * at) - p).abs() < 3e-6,
+                "{freedom} {at}: {}",
+                gamma_p(freedom / 2.0, at / 2.0)
+            );
+        }
+        // By the normal limit, for ten thousand samples.
+        assert!((gamma_p(1e4, 1e4 + 1.96e2) - 0.975).abs() < 2e-3);
+        assert!((ln_gamma(0.5) - 0.5 * std::f64::consts::PI.ln()).abs() < 1e-12 && ln_gamma(1.0).abs() < 1e-12);
+        assert!((ln_gamma(20.0) - 121_645_100_408_832_000f64.ln()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn law_correlated_samples_count_as_the_independent_ones_they_are_worth() {
+        // The mean of a series with decay d is as well known as that of n (1 - d)/(1 + d) independent ones.
+        for (decay, n) in [(0.0, 4000), (0.5, 4000), (0.9, 20_000), (0.99, 50_000)] {
+            let expected = f64::from(n) * (1.0 - decay) / (1.0 + decay);
+            let all: Vec<f64> = (0..20).map(|seed| effective_samples(&coloured(n as usize, decay, seed))).collect();
+            let mean = all.iter().sum::<f64>() / 20.0;
+            // A cut sum of autocorrelations is known to some 15 %, the mean of twenty to 4 %; pairs that are positive by
+            // chance make it a little small.
+            assert!((0.8..1.1).contains(&(mean / expected)), "{decay}: {mean} {expected}");
+        }
+        assert!(effective_samples(&[1.0; 50]).is_nan() && effective_samples(&[1.0, 2.0]).is_nan());
+        let mut gappy = coloured(500, 0.0, 1);
+        gappy[100..200].fill(f64::NAN);
+        assert!(effective_samples(&gappy) <= 400.0);
+    }
+
+    #[test]
+    fn law_a_consistent_filter_is_within_the_band_whether_its_errors_last_or_not() {
+        for decay in [0.0, 0.9] {
+            let nees = |scale: f64, seed: u64| -> Vec<f64> {
+                let (north, east) = (coloured(2000, decay, seed), coloured(2000, decay, seed + 1000));
+                north.iter().zip(&east).map(|(n, e)| scale * (n * n + e * e)).collect()
+            };
+            let within = |scale: f64| share(200, |seed| within_chi_square_band(&nees(scale, seed), 2.0).value == 1.0);
+            let (fair, proud, shy) = (within(1.0), within(2.0), within(0.5));
+            println!("decay {decay}: consistent {fair}, half the covariance {proud}, twice {shy}");
+            // 0.95, of 200: 1.5 % a sigma; an estimated number of independent samples costs a few per cent more.
+            assert!((0.87..=1.0).contains(&fair), "{fair}");
+            assert!(proud < 0.02 && shy < 0.02, "{proud} {shy}");
+        }
+        let innovations: Vec<f64> = coloured(1000, 0.0, 5).iter().map(|x| x * x).collect();
+        assert_eq!(within_chi_square_band(&innovations, 1.0), Figure { value: 1.0, n: 1000 });
+        assert!(within_chi_square_band(&[0.5; 100], 1.0).value.is_nan(), "a constant has no spread to judge by");
+        assert!(chi_square_probability(&innovations.iter().map(|x| 2.0 * x).collect::<Vec<_>>(), 1.0).value > 0.999);
+    }
+
+    #[test]
+    fn law_white_noise_is_white_and_what_lasts_is_not() {
+        let mean = |decay: f64, bias: f64, spread: f64| {
+            let of = |seed| {
+                let x: Vec<f64> = coloured(1000, decay, seed).iter().map(|x| spread * x + bias).collect();
+                whiteness(&x, 20).value
+            };
+            (0..50).map(of).sum::<f64>() / 50.0
+        };
+        // 1000 lags of fifty series: 0.7 % a sigma.
+        let (white, coloured_one, biased) = (mean(0.0, 0.0, 1.0), mean(0.9, 0.0, 1.0), mean(0.0, 0.5, 1.0));
+        println!("white {white:.3}, decay of 0.9 {coloured_one:.3}, bias of half a sigma {biased:.3}");
+        assert!((white - 0.95).abs() < 0.025, "{white}");
+        assert!(coloured_one < 0.3 && biased < 0.05, "{coloured_one} {biased}");
+        assert_eq!(mean(0.0, 0.0, 1e-3), white, "the size does not matter");
+    }
+
+    #[test]
+    fn unit_gaps_and_short_series() {
+        let mut x = coloured(400, 0.0, 3);
+        x[50..70].fill(f64::NAN);
+        let figure = whiteness(&x, 20);
+        assert!(figure.n == 380 && figure.value > 0.7, "{figure:?}");
+        assert!(whiteness(&x[..39], 20).value.is_nan() && whiteness(&[0.0; 100], 20).value.is_nan());
+        assert!(whiteness(&[f64::NAN; 100], 20).value.is_nan() && whiteness(&[], 20).n == 0);
+    }
+}

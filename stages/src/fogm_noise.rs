@@ -1,0 +1,247 @@
+//! The noise of a residual, by the fit of a white and a Gauss-Markov part.
+
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, Int64Array, RecordBatch};
+use numerics::signal::{
+    noise::{FitBy, fit},
+    segments::{STEP_TOLERANCE, Usable, sample_rate},
+};
+use schemas::{Column, Fault, Gather, LineIn, Passes, Product, Stage, SurveyStage, Table, Yield, stage};
+
+use crate::{
+    columns::{array, data, floats, shape},
+    compensate::RESIDUAL,
+};
+
+stage! {
+    /// Finds the white noise and the first-order Gauss-Markov noise that fit a residual best, on the lines that `where`
+    /// selects: sigma and time constant of what lasts, for `fogm_sigma_nt` and `fogm_tau_s` of `navigate`, with the white
+    /// part apart from it for `measurement_sigma_nt`. `assume_noise` takes its table.
+    ///
+    /// The residual is `column`, less `truth` where that is given: a compensated signal less the true one, a base station's
+    /// variation, or the `residual` of a track over a stretch where its filter used nothing. Where `residual_noise` gives
+    /// the least noise that bounds a signal at every span, for a filter that shall not trust it too much, this is the best
+    /// estimate of a noise that has one time scale; noise with several is missed in part.
+    ///
+    /// By the autocorrelation, the variance less the autocovariance at lags from a sample to a quarter of the longest run
+    /// is fitted; by `allan`, the Allan variance. No constant matters to either. A gap ends a run. Without a lasting part
+    /// beyond chance, sigma is 0 and the time constant is the step between samples.
+    ///
+    /// It refuses records without a run of 64 samples, a constant, lines of different sample rates, and records that last
+    /// less than 20 (or in their longest run less than 8) of their own time constants, which such a record does not tell.
+    ///
+    /// Source: Cressie 1993, section 2.6; IEEE Std 952-1997, annex C; Brown & Hwang 2012, section 3.8.
+    FogmNoise = "fogm_noise", version 1, grain Survey, inputs [input: Lines],
+    example r#"
+[[stages]]
+name   = "fogm_noise"
+stage  = "fogm_noise"
+input  = "compensate"
+column = "mag_c"
+truth  = "mag_1_c"
+"#;
+    /// The residual, or the signal that `truth` is taken off.
+    column: String, unit "nT", default "residual";
+    /// What is taken off it, such as `mag_1_c`.
+    truth: Option<String>, unit "nT", absent "nothing";
+    /// What is fitted.
+    method: FitBy, unit "", default FitBy::Autocorrelation;
+}
+
+impl FogmNoise {
+    /// The residual of a line, run by run.
+    fn runs(&self, batch: &RecordBatch, line: &LineIn) -> Result<Runs, Fault> {
+        let tt = floats(batch, "tt")?;
+        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+        let mut left = floats(batch, &self.column)?.to_vec();
+        if let Some(truth) = &self.truth {
+            left.iter_mut().zip(floats(batch, truth)?).for_each(|(l, x)| *l -= x);
+        }
+        let selected = line.keep.as_ref().map_or_else(|| Usable::all(tt.len()), |keep| Usable::selected(keep));
+        let runs = selected.and_finite(&left).runs_in_time(tt, rate_hz);
+        Ok(Runs { rate_hz, runs: runs.into_iter().map(|run| left[run].to_vec()).collect() })
+    }
+}
+
+impl Stage for FogmNoise {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let named = [(Some(&self.column), "column"), (self.truth.as_ref(), "truth")];
+        let named = || named.iter().filter_map(|(name, param)| name.map(|name| (name, *param)));
+        let faults: Vec<Fault> =
+            named().filter_map(|(name, param)| Some(shape.number(name, "nT").err()?.of_param(param))).collect();
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let reads: Vec<&str> = named().map(|(name, _)| name.as_str()).chain(["tt"]).collect();
+        let columns = vec![
+            Column::float(RESIDUAL[0], "nT", "white part of the noise, a sample"),
+            Column::float(RESIDUAL[1], "nT", "Gauss-Markov part of the noise"),
+            Column::float(RESIDUAL[2], "s", "time constant of that part"),
+            Column::integer("n", "", "samples behind it"),
+        ];
+        let columns = columns.into_iter().map(|c| c.from(0, &reads)).collect();
+        Ok(Yield { passes: Passes::None, ..Yield::append(columns, &reads) })
+    }
+}
+
+impl SurveyStage for FogmNoise {
+    type Gather = FogmGather;
+
+    fn gather(points: Vec<&Self>) -> FogmGather {
+        FogmGather { points: points.into_iter().cloned().collect() }
+    }
+}
+
+/// The points of a sweep over the lines of a residual.
+pub struct FogmGather {
+    points: Vec<FogmNoise>,
+}
+
+/// The residual of one line at each point of a sweep.
+pub struct Part {
+    lines: Vec<Result<Runs, Fault>>,
+}
+
+/// Runs of samples without a gap.
+#[derive(Clone)]
+struct Runs {
+    rate_hz: f64,
+    runs: Vec<Vec<f64>>,
+}
+
+impl Gather for FogmGather {
+    type Part = Part;
+
+    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
+        let lines = self.points.iter().map(|p| p.runs(&line.inputs[0], line));
+        Ok(Part { lines: lines.map(|l| l.map_err(|f| f.in_line(&line.flight, &line.line))).collect() })
+    }
+
+    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
+        let of = |(i, point): (usize, &FogmNoise)| {
+            let lines: Vec<&Runs> =
+                parts.iter().map(|p| p.lines[i].as_ref().map_err(Clone::clone)).collect::<Result<_, _>>()?;
+            found(point, &lines)
+        };
+        self.points.iter().enumerate().map(of).collect()
+    }
+}
+
+/// The noise of all lines.
+fn found(point: &FogmNoise, lines: &[&Runs]) -> Result<Product, Fault> {
+    let rate_hz = lines.first().map_or(1.0, |line| line.rate_hz);
+    if let Some(other) = lines.iter().find(|line| (line.rate_hz / rate_hz - 1.0).abs() > 1e-6) {
+        let what = format!("the lines have different sample rates: {rate_hz} and {} Hz", other.rate_hz);
+        return Err(Fault::data(what).in_column("tt").help("resample them to one rate"));
+    }
+    let runs: Vec<&[f64]> = lines.iter().flat_map(|line| &line.runs).map(Vec::as_slice).collect();
+    let noise = fit(&runs, rate_hz, point.method).map_err(|e| {
+        let help = "select longer lines with `where`, or take the bound of `residual_noise`";
+        data(e).in_column(&point.column).help(help)
+    })?;
+    let n: i64 = runs.iter().map(|run| run.len() as i64).sum();
+    let n: ArrayRef = Arc::new(Int64Array::from(vec![n]));
+    let one = |x: f64| array(vec![x]);
+    Ok(vec![one(noise.white_nt), one(noise.lasting.sigma), one(noise.lasting.tau_s), n].into())
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use arrow_array::{
+        cast::AsArray,
+        types::{Float64Type, Int64Type},
+    };
+    use numerics::{random::Normals, signal::gauss_markov::GaussMarkov};
+    use schemas::Shape;
+
+    use super::*;
+
+    const PROCESS: GaussMarkov = GaussMarkov { sigma: 4.0, tau_s: 20.0 };
+
+    fn stage(method: FitBy, truth: Option<&str>) -> FogmNoise {
+        FogmNoise { column: "residual".into(), truth: truth.map(str::to_owned), method }
+    }
+
+    fn line(rate_hz: f64, columns: Vec<(&str, Vec<f64>)>) -> LineIn {
+        let tt = (0..columns[0].1.len()).map(|k| k as f64 / rate_hz).collect();
+        let columns = [("tt", tt)].into_iter().chain(columns);
+        let batch = RecordBatch::try_from_iter(columns.map(|(name, values)| (name, array(values)))).unwrap();
+        LineIn { flight: "1".into(), line: "1.01".into(), inputs: vec![batch], keep: None }
+    }
+
+    /// Noise of the process with a white part of 1 nT, at 10 Hz.
+    fn noisy(seconds: f64, seed: u64) -> Vec<f64> {
+        let tt: Vec<f64> = (0..(10.0 * seconds) as usize).map(|k| 0.1 * k as f64).collect();
+        let mut normals = Normals::new(seed);
+        let lasting = PROCESS.realisation(&tt, || normals.draw());
+        lasting.into_iter().map(|x| x + normals.draw()).collect()
+    }
+
+    /// White part, sigma and time constant, and the samples behind them.
+    fn of(stage: &FogmNoise, lines: &[LineIn]) -> Result<([f64; 3], i64), Fault> {
+        let gather = FogmNoise::gather(vec![stage]);
+        let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
+        let columns = gather.finish(parts).remove(0)?.columns;
+        let figure = |k: usize| columns[k].as_primitive::<Float64Type>().value(0);
+        Ok(([0, 1, 2].map(figure), columns[3].as_primitive::<Int64Type>().value(0)))
+    }
+
+    #[test]
+    fn law_sigma_and_time_constant_of_a_known_noise_are_found_over_its_lines() {
+        for method in [FitBy::Autocorrelation, FitBy::Allan] {
+            let lines: Vec<LineIn> = (0..12).map(|seed| line(10.0, vec![("residual", noisy(600.0, seed))])).collect();
+            let ([white, sigma, tau], n) = of(&stage(method, None), &lines).unwrap();
+            assert_eq!(n, 12 * 6000);
+            // 7200 s are 360 time constants: sigma to 4 %, the time constant to 11 %; two and a half of each.
+            assert!((white - 1.0).abs() < 0.03, "{white}");
+            assert!((sigma / 4.0 - 1.0).abs() < 0.1 && (tau / 20.0 - 1.0).abs() < 0.27, "{sigma} {tau}");
+        }
+    }
+
+    #[test]
+    fn law_what_is_taken_off_and_what_is_not_selected_does_not_matter() {
+        let (noise, truth) = (noisy(3000.0, 1), (0..30_000).map(|k| 5e4 + 0.1 * f64::from(k)).collect::<Vec<_>>());
+        let sum: Vec<f64> = noise.iter().zip(&truth).map(|(a, b)| a + b).collect();
+        let (plain, less) = (stage(FitBy::Autocorrelation, None), stage(FitBy::Autocorrelation, Some("mag_1_c")));
+        let alone = of(&plain, &[line(10.0, vec![("residual", noise.clone())])]).unwrap();
+        let together = of(&less, &[line(10.0, vec![("residual", sum), ("mag_1_c", truth)])]).unwrap();
+        // Rounding of 50,000, seen by the minimum of a flat curve: its root.
+        assert!((0..3).all(|k| (alone.0[k] / together.0[k] - 1.0).abs() < 1e-4), "{alone:?} {together:?}");
+        let (mut spoilt, mut missing) = (noise.clone(), noise);
+        spoilt[20_000..].fill(1e6);
+        missing[20_000..].fill(f64::NAN);
+        let keep = Some((0..30_000).map(|k| k < 20_000).collect());
+        let selected = LineIn { keep, ..line(10.0, vec![("residual", spoilt)]) };
+        assert_eq!(of(&plain, &[selected]).unwrap(), of(&plain, &[line(10.0, vec![("residual", missing)])]).unwrap());
+    }
+
+    #[test]
+    fn unit_records_that_do_not_tell_are_refused_with_the_way_out() {
+        let plain = stage(FitBy::Autocorrelation, None);
+        let fault = |lines: &[LineIn]| of(&plain, lines).unwrap_err();
+        let short = fault(&[line(10.0, vec![("residual", noisy(60.0, 2))])]);
+        assert!(short.what.contains("too short for its correlation time"), "{short}");
+        assert!(short.help.unwrap().contains("`residual_noise`"));
+        assert!(fault(&[line(10.0, vec![("residual", noisy(5.0, 2))])]).what.contains("64 samples"));
+        assert!(fault(&[line(10.0, vec![("residual", vec![3.0; 600])])]).what.contains("constant"));
+        assert!(fault(&[line(10.0, vec![("residual", vec![f64::NAN; 600])])]).what.contains("longest has 0"));
+        let rates = [10.0, 20.0].map(|rate_hz| line(rate_hz, vec![("residual", noisy(600.0, 3))]));
+        assert!(fault(&rates).what.contains("10 and 20 Hz"));
+        let single = fault(&[line(10.0, vec![("residual", vec![1.0])])]);
+        assert!(single.what.contains("at least 2") && single.place.column.as_deref() == Some("tt"), "{single:?}");
+    }
+
+    #[test]
+    fn unit_what_is_missing_is_told_with_its_parameter() {
+        let columns = vec![Column::float("tt", "s", ""), Column::float("residual", "m", "")];
+        let table = Table::Lines(Shape { columns, rate_hz: None });
+        let faults = stage(FitBy::Allan, Some("mag_1_c")).yields(&[&table]).unwrap_err();
+        let said: Vec<_> = faults.iter().map(|f| (f.what.as_str(), f.param.as_deref().unwrap())).collect();
+        let expected =
+            [("column `residual` is in m, but nT is needed", "column"), ("there is no column `mag_1_c`", "truth")];
+        assert_eq!(said, expected);
+    }
+}

@@ -1,0 +1,253 @@
+//! Gives a flight an INS that it did not have.
+
+use arrow_array::RecordBatch;
+use numerics::{
+    navigation::{
+        ins_error::{
+            Draws, GradedIns, InsErrorModel, MechanisedExtras, errors_along, faulty_ins, horizontal_m,
+            mechanised_errors_along,
+        },
+        ins_series::InsSeries,
+        pinson::StateVector,
+        strapdown,
+    },
+    random::{Normals, seed_of},
+    signal::local_fit::smoothed,
+};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Shape, Stage, Table, Yield, choice, flight, stage};
+
+use crate::columns::{array, data, faults_of, floats, shape};
+
+stage! {
+    /// Gives a flight without an INS, or with another one than you ask about, the INS of a grade: the GNSS track with
+    /// simulated errors. It appends `ins_lat`, `ins_lon`, `ins_alt`, `ins_vn`, `ins_ve`, `ins_vd`, `ins_fn`, `ins_fe`,
+    /// `ins_fd`, `ins_roll`, `ins_pitch` and `ins_yaw`, which `navigate` takes like those of a flight.
+    ///
+    /// The truth is `lat`, `lon` and `alt`, with `vn`, `ve`, `vd` and `roll`, `pitch`, `yaw` where the flight has all
+    /// three; what it lacks is derived: velocity from the positions, specific force from the velocity, attitude level
+    /// along the course. Derivatives amplify the noise of a GNSS receiver, the specific force by two of them, so positions
+    /// and velocities are smoothed over `smooth_s` first; the INS is then true but for its own errors, to within what the
+    /// smoothing takes off, and does not jitter with the receiver.
+    ///
+    /// Each line begins with a new alignment, with errors drawn by the `init_*` keys, and has its own realisation: by
+    /// `seed` and the names of its flight and line, whatever the other lines are. Lines of one seed and name have the
+    /// same INS on every machine. Samples need not be even. One realisation is one INS: for the figures of a grade sweep
+    /// `seed`.
+    ///
+    /// It refuses a position, velocity or attitude that is NaN, time that does not ascend, a line of one sample, and an
+    /// INS that is off by more than 1,000 km, and it keeps an INS that the flight has unless `replace = true`.
+    ///
+    /// Source: thesis 000, (5.15) to (5.35); Titterton & Weston 2004, chapter 12; grades: thesis 001, Tables 9 and 10.
+    SimulateIns = "simulate_ins", version 1, grain Line, inputs [input: Lines], groups [ins: GradedIns],
+    example r#"
+[[stages]]
+name      = "simulate_ins"
+stage     = "simulate_ins"
+input     = "resample"
+ins_grade = "navigation"
+replace   = true
+"#;
+    /// What carries the errors along: the linear error model, which `navigate` has too, or a strapdown mechanisation of
+    /// faulty readings, which is right for errors of any size.
+    method: Method, unit "", default Method::ErrorModel;
+    /// The length of the window over which positions and velocities are smoothed, by parabolas whose weights fall to 0
+    /// at its ends; 0 takes them as they are.
+    smooth_s: f64, unit "s", default 5.0, rule Rule::NotNegative;
+    /// Where the draws begin.
+    seed: usize, unit "", default 0usize;
+    /// Whether an INS that the flight has is replaced.
+    replace: bool, unit "", default false;
+}
+
+choice! {
+    /// What carries the errors along.
+    pub enum Method {
+        /// The linear error model.
+        ErrorModel = "error_model",
+        /// A strapdown mechanisation.
+        Mechanisation = "mechanisation",
+    }
+}
+
+const POSITION: [(&str, &str); 3] = [("lat", "deg"), ("lon", "deg"), ("alt", "m")];
+const VELOCITY: [(&str, &str); 3] = [("vn", "m/s"), ("ve", "m/s"), ("vd", "m/s")];
+const ATTITUDE: [(&str, &str); 3] = [("roll", "deg"), ("pitch", "deg"), ("yaw", "deg")];
+
+/// The columns that are made, in the order of [`faulty_ins`].
+const MADE: [&str; 12] = [
+    "ins_lat",
+    "ins_lon",
+    "ins_alt",
+    "ins_vn",
+    "ins_ve",
+    "ins_vd",
+    "ins_fn",
+    "ins_fe",
+    "ins_fd",
+    "ins_roll",
+    "ins_pitch",
+    "ins_yaw",
+];
+
+/// Beyond it neither an error model nor a map applies.
+const ERROR_LIMIT_M: f64 = 1e6;
+
+impl SimulateIns {
+    /// The columns that are read: all of a group, or none.
+    fn reads(shape: &Shape) -> Vec<(&'static str, &'static str)> {
+        let there = |group: &&[(&str, &str); 3]| group.iter().all(|(name, _)| shape.get(name).is_some());
+        POSITION.into_iter().chain([&VELOCITY, &ATTITUDE].into_iter().filter(there).copied().flatten()).collect()
+    }
+
+    /// The INS of the flight, which is not to be replaced.
+    fn kept(&self, shape: &Shape) -> Option<Fault> {
+        let have = MADE.into_iter().find(|name| shape.get(name).is_some()).filter(|_| !self.replace)?;
+        let what = format!("the flight has an INS already: `{have}`");
+        Some(
+            Fault::new(what)
+                .help("say `replace = true` where the simulated one is to take its place")
+                .of_param("replace"),
+        )
+    }
+
+    fn model(&self) -> InsErrorModel {
+        InsErrorModel { fogm_sigma_nt: 0.0, ..InsErrorModel::of(self.ins.sources) }
+    }
+
+    /// The realisation of a line: truth minus INS, one a sample.
+    fn errors(&self, truth: &InsSeries, line: &LineIn) -> Result<Vec<StateVector>, Fault> {
+        let normals = |what| Normals::new(seed_of(self.seed as u64, &[&line.flight, &line.line, what]));
+        let (mut block, mut within) = (normals("ins"), normals("ins within a second"));
+        let model = self.model();
+        let draws = &mut Draws { block: &mut || block.draw(), within: &mut || within.draw() };
+        let start = model.initial_error(truth.lat_deg[0].to_radians(), truth.alt_m[0], draws.block);
+        let errors = match self.method {
+            Method::ErrorModel => errors_along(truth, &model, &start, draws),
+            Method::Mechanisation => {
+                mechanised_errors_along(truth, &model, &MechanisedExtras::default(), &start, draws)
+            }
+        };
+        errors.map_err(data)
+    }
+}
+
+/// The true motion along a line: as the flight has it, smoothed, with what it lacks derived.
+struct Truth<'a> {
+    tt_s: &'a [f64],
+    columns: [Vec<f64>; 12],
+}
+
+impl<'a> Truth<'a> {
+    fn of(batch: &'a RecordBatch, smooth_s: f64) -> Result<Truth<'a>, Fault> {
+        let tt_s = floats(batch, "tt")?;
+        let read = |columns: [(&'static str, &str); 3]| -> Result<Option<[Vec<f64>; 3]>, Fault> {
+            if columns.iter().any(|(name, _)| batch.column_by_name(name).is_none()) {
+                return Ok(None);
+            }
+            let [a, b, c] = columns.map(|(name, _)| known(batch, name));
+            Ok(Some([a?.to_vec(), b?.to_vec(), c?.to_vec()]))
+        };
+        let smooth = |x: Vec<f64>| if smooth_s > 0.0 { smoothed(tt_s, &x, smooth_s) } else { x };
+        let [lat, lon, alt] = read(POSITION)?.ok_or_else(|| Fault::data("the line has no positions"))?;
+        let series = |e| named(e, "lat");
+        // Before smoothing, which needs time that ascends; a longitude may pass 180 degrees.
+        strapdown::velocity_ned_mps(tt_s, &lat, &lon, &alt).map_err(series)?;
+        let (lat, lon, alt) = (smooth(lat), smooth(numerics::angle::unwrapped_deg(&lon)), smooth(alt));
+        let [vn, ve, vd] = match read(VELOCITY)? {
+            Some(velocity) => velocity.map(smooth),
+            None => strapdown::velocity_ned_mps(tt_s, &lat, &lon, &alt).map_err(series)?,
+        };
+        let force = strapdown::specific_force_ned_mps2(tt_s, [&lat, &alt], [&vn, &ve, &vd]).map_err(series)?;
+        let [roll, pitch, yaw] = match read(ATTITUDE)? {
+            Some(attitude) => attitude,
+            None => strapdown::level_attitude_deg(&vn, &ve).map_err(series)?,
+        };
+        let [force_n, force_e, force_d] = force;
+        Ok(Truth { tt_s, columns: [lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw] })
+    }
+
+    fn series(&self) -> InsSeries<'_> {
+        let [lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw] =
+            self.columns.each_ref().map(Vec::as_slice);
+        InsSeries::of([self.tt_s, lat, lon, alt, vn, ve, vd, force_n, force_e, force_d, roll, pitch, yaw])
+    }
+}
+
+/// A column without gaps.
+fn known<'a>(batch: &'a RecordBatch, name: &str) -> Result<&'a [f64], Fault> {
+    let column = floats(batch, name)?;
+    match column.iter().position(|x| !x.is_finite()) {
+        None => Ok(column),
+        Some(row) => Err(Fault::data("an INS runs on through a gap, and there is no truth for it here")
+            .in_column(name)
+            .in_row(row as u64)
+            .help("bridge short gaps with `resample` (`max_gap_s`), and split a line at long ones")),
+    }
+}
+
+/// What is wrong with times or positions.
+fn named(e: numerics::navigation::ins_series::SeriesError, lat: &str) -> Fault {
+    use numerics::navigation::ins_series::SeriesError as E;
+    match e {
+        E::Time { row, .. } => data(e).in_column("tt").in_row(row as u64).help("resample first"),
+        E::Latitude { row, .. } => data(e).in_column(lat).in_row(row as u64),
+        E::TooShort { .. } | E::Length { .. } | E::NotFinite { .. } => data(e),
+    }
+}
+
+/// Refuses an INS that is nowhere near the flight.
+fn check_limit(truth: &InsSeries, errors: &[StateVector]) -> Result<(), Fault> {
+    let off_m = |row: usize| horizontal_m(&errors[row], truth.lat_deg[row].to_radians(), truth.alt_m[row]);
+    let beyond = (0..errors.len()).find(|row| off_m(*row).is_nan() || off_m(*row) > ERROR_LIMIT_M);
+    beyond.map_or(Ok(()), |row| {
+        let since_s = truth.tt_s[row] - truth.tt_s[0];
+        let what = format!("the simulated INS is off by more than 1,000 km after {since_s:.0} s");
+        let help = "choose a better `ins_grade` or shorter lines: a commercial one is of use for a minute or two";
+        Err(Fault::data(what).in_row(row as u64).help(help))
+    })
+}
+
+impl Stage for SimulateIns {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let reads = SimulateIns::reads(shape);
+        let mut faults = faults_of(reads.iter().map(|(name, unit)| shape.number(name, unit)), "input");
+        faults.extend(self.kept(shape));
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let reads: Vec<&str> = ["tt"].into_iter().chain(reads.into_iter().map(|(name, _)| name)).collect();
+        let made = |name: &str| {
+            let known = flight::describe(name);
+            Column::float(name, known.unit, format!("simulated {}", known.description)).from(0, &reads)
+        };
+        let mut yields = Yield::append(MADE.map(made).to_vec(), &reads);
+        for (three, from) in [(VELOCITY, "the positions"), (ATTITUDE, "the course, level")] {
+            if !reads.contains(&three[0].0) {
+                let names = three.map(|(name, _)| name).join(", ");
+                yields.notes.push(format!("no {names}: the truth is derived from {from}"));
+            }
+        }
+        Ok(yields)
+    }
+}
+
+impl LineStage for SimulateIns {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+        let truth = Truth::of(&line.inputs[0], self.smooth_s)?;
+        let series = truth.series();
+        let errors = self.errors(&series, line)?;
+        check_limit(&series, &errors)?;
+        Ok(faulty_ins(&series, &errors, [0.0; 3]).map(array).into())
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
