@@ -1,13 +1,23 @@
 //! Navigates by the magnetic anomaly.
 
 mod aiding;
+mod aircraft;
 mod calibrations;
+mod crlb;
 mod ekf;
+mod ekf_adaptive;
+mod ekf_online_tl;
 mod filter;
 mod filters;
+mod fixed_lag;
 mod flown;
+mod iekf;
 mod ins;
 mod ins_only;
+mod mpf;
+mod rts;
+mod slam;
+mod ukf;
 
 use std::sync::Arc;
 
@@ -110,6 +120,7 @@ const DIURNAL: &str = "diurnal";
 const ANOMALY: &str = "anomaly";
 const TERM: &str = "term";
 const VALUE: &str = "value";
+const STD: &str = "std";
 
 /// The noise that the filter expects: white, and lasting with its time constant.
 #[derive(Clone, Copy)]
@@ -293,7 +304,7 @@ impl Stage for Navigate {
         reads.extend(further.into_iter().filter(|column| !reads.contains(column)).collect::<Vec<_>>());
         let made = |c: Column| {
             let c = map.iter().fold(c.from(0, &reads), |c, map| c.from(1 + map, &[ANOMALY]));
-            models.iter().fold(c, |c, model| c.from(1 + model, &[TERM, VALUE]))
+            models.iter().fold(c, |c, model| c.from(1 + model, &[TERM, VALUE, STD]))
         };
         let named = [
             ("lat", "deg", "estimated latitude, WGS-84"),
@@ -319,7 +330,7 @@ impl Stage for Navigate {
         columns.extend(filter.columns(&flight).into_iter().map(made));
         let mut yields = Yield::append(columns, &reads);
         yields.reads.extend(tables.iter().map(|table| match table {
-            Table::Model { .. } => vec![TERM.to_owned(), VALUE.to_owned()],
+            Table::Model { .. } => [TERM, VALUE, STD].map(str::to_owned).to_vec(),
             Table::Map(_) | Table::Lines(_) | Table::Scores(_) => vec![ANOMALY.to_owned(), "alt".to_owned()],
         }));
         yields.passes = Passes::Only(schemas::flight::KEYS.map(str::to_owned).to_vec());

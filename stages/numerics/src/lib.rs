@@ -116,6 +116,10 @@
 //! - thesis 004: F. van der Meer 2025, *Reference-Free Aeromagnetic Platform Noise Compensation for Magnetic Aided
 //!   Navigation*, MS, Delft University of Technology.
 
+// The flights that tests share name the crate as a user does.
+#[cfg(test)]
+extern crate self as numerics;
+
 pub mod angle;
 pub mod compensation;
 pub mod earth;

@@ -3,7 +3,7 @@
 use arrow_array::{Array, RecordBatch, cast::AsArray};
 use schemas::Fault;
 
-use super::{TERM, VALUE};
+use super::{STD, TERM, VALUE};
 use crate::columns::floats;
 
 /// The coefficients of one fit.
@@ -13,6 +13,8 @@ pub struct Calibration {
     pub terms: Vec<String>,
     /// Their coefficients, in nT.
     pub values_nt: Vec<f64>,
+    /// One sigma of each, from the residual of the fit, in nT.
+    pub sigmas_nt: Vec<f64>,
 }
 
 impl Calibration {
@@ -25,22 +27,12 @@ impl Calibration {
         let terms = table.column_by_name(TERM).and_then(|t| t.as_string_opt::<i32>());
         let terms = terms.ok_or_else(|| Fault::data("the model names no terms"))?;
         let terms: Vec<String> = (0..terms.len()).map(|row| terms.value(row).to_owned()).collect();
-        Ok(Self { terms, values_nt })
+        Ok(Self { terms, values_nt, sigmas_nt: floats(table, STD)?.to_vec() })
     }
 
-    /// The coefficients of `terms`, in their order.
-    ///
-    /// # Errors
-    /// When one is not among the model's.
-    pub fn in_order(&self, terms: &[String]) -> Result<Vec<f64>, Fault> {
-        let value = |term: &String| {
-            let at = self.terms.iter().position(|known| known == term);
-            at.map(|at| self.values_nt[at]).ok_or_else(|| {
-                Fault::data(format!("the model has no term `{term}`"))
-                    .help("fit it on the same terms")
-                    .of_param("model")
-            })
-        };
-        terms.iter().map(value).collect()
+    /// The coefficient of a term and its one sigma; `None` where the fit has no such term.
+    pub fn term(&self, name: &str) -> Option<(f64, f64)> {
+        let at = self.terms.iter().position(|known| known == name)?;
+        Some((self.values_nt[at], self.sigmas_nt[at]))
     }
 }

@@ -14,6 +14,7 @@ use numerics::{
         line::NavigationLine,
         output::{NavigationOutput, NavigationReport},
         pinson::STATES,
+        transition::NoiseDiscretisation,
     },
 };
 use schemas::{Column, Fault, Kind, KindDoc, Own, ParamDoc, Reader, Shape, choice, collect_doc};
@@ -50,6 +51,7 @@ pub struct Flown<'a> {
 }
 
 /// A magnetometer of a line.
+#[derive(Clone)]
 pub struct Magnetometer<'a> {
     /// Its column.
     pub name: &'a str,
@@ -81,6 +83,14 @@ impl Flown<'_> {
             errors: self.errors,
             offset_window_s: self.offset_window_s,
         })
+    }
+
+    /// [`Flown::line`] with a discretisation of the process noise.
+    ///
+    /// # Errors
+    /// Without a map.
+    pub fn line_with(&self, noise: NoiseDiscretisation) -> Result<NavigationLine<'_>, Fault> {
+        Ok(NavigationLine { errors: InsErrorModel { noise, ..self.errors }, ..self.line()? })
     }
 
     /// The map.

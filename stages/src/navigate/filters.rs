@@ -1,6 +1,21 @@
 //! The list of all filters.
 
-use super::{ekf::Ekf, filter::Filter, ins_only::InsOnly};
+use super::{
+    crlb::Crlb, ekf::Ekf, ekf_adaptive::EkfAdaptive, ekf_online_tl::EkfOnlineTl, filter::Filter, fixed_lag::FixedLag,
+    iekf::Iekf, ins_only::InsOnly, mpf::Mpf, rts::Rts, slam::Slam, ukf::Ukf,
+};
 
 /// Every filter, in the order of the reference.
-pub const FILTERS: &[&Filter] = &[&Ekf::FILTER, &InsOnly::FILTER];
+pub const FILTERS: &[&Filter] = &[
+    &Ekf::FILTER,
+    &Iekf::FILTER,
+    &Ukf::FILTER,
+    &EkfAdaptive::FILTER,
+    &EkfOnlineTl::FILTER,
+    &FixedLag::FILTER,
+    &Rts::FILTER,
+    &Mpf::FILTER,
+    &Slam::FILTER,
+    &Crlb::FILTER,
+    &InsOnly::FILTER,
+];

@@ -121,8 +121,11 @@ fn flown<'a>(
         columns: batch,
         models: &prepared.models,
     };
-    if !stage.filter.keys.each_magnetometer() {
-        flown.combine()?;
+    // A filter that takes each by itself takes each one's offset off, too.
+    let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
+    flown.combine()?;
+    if let Some(each) = each {
+        (flown.magnetometers, flown.offset_window_s) = (each, stage.offset_window_s);
     }
     Ok((flown, prepared))
 }

@@ -69,8 +69,10 @@ impl<'a> NavigationLine<'a> {
     /// The measurement of a row less an offset, in nT, and its variance, in nT²; `None` where it is missing.
     #[inline]
     pub fn measured(&self, row: usize, offset_nt: f64) -> Option<(f64, f64)> {
-        let (value_nt, variance_nt2) = (self.measurement_nt[row] - offset_nt, self.sigma_nt[row].powi(2));
-        (value_nt.is_finite() && variance_nt2 > 0.0 && variance_nt2.is_finite()).then_some((value_nt, variance_nt2))
+        let (value_nt, sigma_nt) = (self.measurement_nt[row] - offset_nt, self.sigma_nt[row]);
+        let variance_nt2 = sigma_nt * sigma_nt;
+        let is_there = value_nt.is_finite() && sigma_nt > 0.0 && variance_nt2 > 0.0 && variance_nt2.is_finite();
+        is_there.then_some((value_nt, variance_nt2))
     }
 
     /// The step from the sample before `row` to `row`, which is at least 1.

@@ -8,6 +8,16 @@
 //! | [`field`] | the field that a filter predicts: map and core field |
 //! | [`output`] | what a filter makes of a line |
 //! | [`ins_only`] | the INS by itself, with the covariance of its error |
+//! | [`iekf`] | the iterated extended Kalman filter |
+//! | [`rts`] | the fixed-interval smoother, iterated to the maximum a posteriori |
+//! | [`ukf`] | the unscented Kalman filter |
+//! | [`crlb`] | the posterior Cramér-Rao bound along the true path |
+//! | [`adaptive`] | the filter that finds the noise of its measurements |
+//! | [`online`] | the filter that estimates Tolles-Lawson coefficients in flight |
+//! | [`online_nn`] | the same with the weights of a small network |
+//! | [`fixed_lag`] | the sliding-window smoother with Tolles-Lawson coefficients |
+//! | [`mpf`] | the marginalised particle filter |
+//! | [`slam`] | navigation without a map, on the revisits of its own path |
 //! | [`position_fixes`] | positions from elsewhere that aid a filter |
 //! | [`pinson`] | the states and the matrix F of the error model |
 //! | [`transition`] | Φ = exp(F Δt) and the process noise of a step |
@@ -104,18 +114,36 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod adaptive;
+pub mod crlb;
 pub mod ekf;
+mod estimate;
 pub mod field;
+pub mod fixed_lag;
+#[cfg(test)]
+mod flights;
+pub mod iekf;
 pub mod ins_error;
 pub mod ins_only;
 pub mod ins_series;
 pub mod line;
 pub mod mechanisation;
+pub mod mpf;
+pub mod online;
+pub mod online_nn;
+/// Flights over the real Osborne map, shared with the Monte Carlo test and the bench.
+#[cfg(test)]
+#[path = "../../tests/osborne/mod.rs"]
+mod osborne;
 pub mod output;
 pub mod pinson;
 pub mod position_fixes;
+pub mod rts;
+mod scalar_filter;
+pub mod slam;
 pub mod strapdown;
 pub mod transition;
+pub mod ukf;
 
 pub use ekf::EkfParameters;
 pub use field::PredictedField;

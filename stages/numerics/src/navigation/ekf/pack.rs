@@ -69,10 +69,11 @@ impl<'a> Filter<'a> {
         field.map(|field| (measured_nt, field))
     }
 
-    /// The variance of the measurement of a row, in nT².
+    /// The variance of the measurement of a row, in nT²; NaN where its standard deviation is not above 0.
     #[inline(always)]
     fn variance_nt2(&self, row: usize) -> f64 {
-        self.point.sigma_nt.map_or(self.point.parameters.measurement_sigma_nt, |sigma_nt| sigma_nt[row]).powi(2)
+        let sigma_nt = self.point.sigma_nt.map_or(self.point.parameters.measurement_sigma_nt, |sigma_nt| sigma_nt[row]);
+        if sigma_nt > 0.0 { sigma_nt * sigma_nt } else { f64::NAN }
     }
 
     /// Whether a measurement with this innovation is used; counted.

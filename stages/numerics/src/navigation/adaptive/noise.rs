@@ -1,0 +1,127 @@
+//! What is learnt of the noise of one magnetometer, and the mean over magnetometers.
+
+use crate::navigation::line::NavigationLine;
+
+use super::window::Window;
+use super::{Adapt, Adapted, AdaptiveForm, AdaptiveParameters, Magnetometer};
+
+/// A magnetometer whose noise is being learnt.
+pub(super) struct Learner<'a> {
+    magnetometer: Magnetometer<'a>,
+    form: AdaptiveForm,
+    /// Whether R is learnt.
+    learns: bool,
+    gate_nis: Option<f64>,
+    /// The last innovations squared; in the matched form each less its expected part H P Hᵀ.
+    window: Window,
+    pub(super) adapted: Adapted,
+}
+
+/// The weighted mean of the innovations of a sample. All of them, and those that are used.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Fusion {
+    all: Weighted,
+    used: Weighted,
+}
+
+/// Sums over innovations.
+#[derive(Clone, Copy, Debug, Default)]
+struct Weighted {
+    /// Of 1/R, in 1/nT².
+    weight: f64,
+    /// Of the innovations times 1/R, in 1/nT.
+    residual: f64,
+}
+
+impl Weighted {
+    fn add(&mut self, residual_nt: f64, noise_nt2: f64) {
+        self.weight += 1.0 / noise_nt2;
+        self.residual += residual_nt / noise_nt2;
+    }
+}
+
+impl Fusion {
+    /// Whether an innovation is used.
+    pub(super) fn is_used(&self) -> bool {
+        self.used.weight > 0.0
+    }
+
+    /// The mean innovation, in nT, and the variance of its noise, in nT², of those that are used; of all, where none
+    /// is.
+    pub(super) fn mean(&self) -> (f64, f64) {
+        let Weighted { weight, residual } = if self.is_used() { self.used } else { self.all };
+        (residual / weight, 1.0 / weight)
+    }
+}
+
+impl<'a> Learner<'a> {
+    pub(super) fn new(
+        parameters: &AdaptiveParameters,
+        line: &NavigationLine<'_>,
+        magnetometer: Magnetometer<'a>,
+    ) -> Self {
+        let rows = line.ins.len();
+        let (offset_nt, offset_samples) =
+            line.predicted().offset(line.ins, magnetometer.measurement_nt, line.offset_window_s);
+        Self {
+            magnetometer,
+            form: parameters.form,
+            learns: parameters.adapt != Adapt::Q,
+            gate_nis: parameters.gate_nis,
+            window: Window::new(parameters.window),
+            adapted: Adapted { sigma_nt: Vec::with_capacity(rows), offset_nt, offset_samples, ..Adapted::default() },
+        }
+    }
+
+    /// The measurement of a row less the offset, in nT, and the variance that its noise is expected to have; `None`
+    /// where it is missing.
+    pub(super) fn measured(&self, row: usize) -> Option<(f64, f64)> {
+        let value_nt = self.magnetometer.measurement_nt[row] - self.adapted.offset_nt;
+        let sigma_nt = self.magnetometer.sigma_nt[row];
+        let variance_nt2 = sigma_nt.powi(2);
+        // The square of a very small or large one is 0 or infinite.
+        let is_noise = sigma_nt > 0.0 && variance_nt2 > 0.0 && variance_nt2.is_finite();
+        (value_nt.is_finite() && is_noise).then_some((value_nt, variance_nt2))
+    }
+
+    /// A row without an innovation.
+    pub(super) fn skip(&mut self) {
+        self.adapted.sigma_nt.push(f64::NAN);
+    }
+
+    /// Adds the innovation of a row, where there is one, to `fusion` with the noise learnt before it, and learns from
+    /// it. `predicted_nt2` is H P Hᵀ.
+    pub(super) fn innovate(&mut self, row: usize, expected_nt: f64, predicted_nt2: f64, fusion: &mut Fusion) {
+        let Some((measured_nt, assumed_nt2)) = self.measured(row) else { return self.skip() };
+        let noise_nt2 = if self.learns { self.noise_nt2(assumed_nt2, predicted_nt2) } else { assumed_nt2 };
+        self.adapted.sigma_nt.push(noise_nt2.sqrt());
+        let residual_nt = measured_nt - expected_nt;
+        let square = residual_nt * residual_nt;
+        let most = self.gate_nis.map_or(f64::INFINITY, |gate| gate * (predicted_nt2 + noise_nt2));
+        fusion.all.add(residual_nt, noise_nt2);
+        if square > most {
+            self.adapted.gated += 1;
+        } else {
+            self.adapted.updates += 1;
+            fusion.used.add(residual_nt, noise_nt2);
+        }
+        let expected = if self.form == AdaptiveForm::Matched { predicted_nt2 } else { 0.0 };
+        self.window.push(square.min(most) - expected);
+    }
+
+    /// The variance of the noise by the innovations so far, within its bounds.
+    fn noise_nt2(&self, assumed_nt2: f64, predicted_nt2: f64) -> f64 {
+        let Magnetometer { sigma_min_nt, sigma_max_nt, .. } = self.magnetometer;
+        let (least, largest) = (sigma_min_nt.powi(2), sigma_max_nt.powi(2));
+        let (count, full) = (self.window.len() as f64, self.window.capacity() as f64);
+        let found = match self.form {
+            AdaptiveForm::Matched => {
+                let rest = 1.0 - count / full;
+                (self.window.sum() + rest * assumed_nt2) / (count + rest)
+            }
+            AdaptiveForm::Compatible if count < full => 0.5 * (least + largest),
+            AdaptiveForm::Compatible => self.window.sum() / full - predicted_nt2,
+        };
+        found.clamp(least, largest)
+    }
+}

@@ -1,0 +1,402 @@
+#![allow(clippy::unwrap_used)]
+use super::*;
+use crate::navigation::flights::{Flight, Small, from_magnav, golden_map, known};
+use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::ins_error::InsErrors;
+use crate::navigation::pinson::STATES;
+use crate::random::Normals;
+use nalgebra::{DMatrix, DVector, SMatrix};
+
+/// The states after 20 samples by MagNav.jl 1.3.3's `ekf` with R = (1, 10), in its order of states: the golden line,
+/// the defaults of `create_model(0.1, lat[1])`.
+const MAGNAV_ADAPTIVE_X20: [f64; STATES] = [
+    6.298_970_292_468_436_5e-9,
+    -1.754_113_562_169_849_8e-9,
+    -9.075_165_274_918_946e-10,
+    2.606_830_065_938_512_4e-6,
+    -1.057_482_795_367_427_4e-7,
+    1.245_565_912_389_945_7e-9,
+    3.110_725_515_729_943e-10,
+    6.813_272_903_707_485e-9,
+    -8.306_705_899_057_242e-11,
+    -2.079_739_112_218_122e-12,
+    1.905_577_888_069_555_1e-11,
+    6.864_150_338_720_341e-10,
+    -1.169_278_027_701_272e-9,
+    1.619_764_655_544_471e-10,
+    -6.662_822_475_689_228_5e-18,
+    -3.817_254_402_845_906_6e-18,
+    2.895_322_187_816_151e-19,
+    -0.588_924_298_333_954_4,
+];
+
+fn all() -> AdaptiveParameters {
+    AdaptiveParameters { keep_covariance: true, ..AdaptiveParameters::default() }
+}
+
+fn compatible(window: usize) -> AdaptiveParameters {
+    AdaptiveParameters { form: AdaptiveForm::Compatible, window, ..all() }
+}
+
+#[test]
+fn val_magnav_adaptive_noise_in_the_compatible_form() {
+    let (line, map) = (Small::golden(3.0), golden_map());
+    let ins = line.series();
+    let line = line.line(&ins, &map, InsErrorModel::compatible());
+    let output = run(&compatible(10), &line, &[Magnetometer::of(&line, 1.0, 10_f64.sqrt())]).unwrap();
+    let navigation = &output.navigation;
+    for (state, theirs) in from_magnav(&MAGNAV_ADAPTIVE_X20).into_iter().enumerate() {
+        let sigma = navigation.p[19][state][state].sqrt();
+        let difference = (navigation.x[19][state] - theirs).abs();
+        // Their gradient is a central difference over 1e-8 rad with 1e-7 of rounding.
+        assert!(difference < 2e-7 * (sigma + theirs.abs()), "{state} {difference:e}");
+    }
+    // The mean of the variances until ten innovations are there.
+    assert_eq!(output.magnetometers[0].sigma_nt[9], 5.5_f64.sqrt());
+    assert!(output.magnetometers[0].sigma_nt[10] < 2.0);
+}
+
+#[test]
+fn law_without_anything_learnt_it_is_the_ekf() {
+    let (line, map) = (Small::golden(3.0), golden_map());
+    let ins = line.series();
+    let line = line.line(&ins, &map, InsErrorModel::default());
+    let ekf = known(&line, 3.0).unwrap();
+    // A window that never fills, with bounds whose mean variance is 9; and bounds that leave no choice.
+    let never = run(&compatible(21), &line, &[Magnetometer::of(&line, 8_f64.sqrt(), 10_f64.sqrt())]).unwrap();
+    let bounded = run(&all(), &line, &[Magnetometer::of(&line, 3.0, 3.0)]).unwrap();
+    let fixed = AdaptiveParameters { adapt: Adapt::Q, window: 1000, ..all() };
+    let fixed = run(&fixed, &line, &[Magnetometer::of(&line, 1.0, 10.0)]).unwrap();
+    for output in [never, bounded, fixed] {
+        assert_eq!(output.navigation.report, ekf.report);
+        for row in 0..20 {
+            for state in 0..STATES {
+                let sigma = ekf.p[row][state][state].sqrt();
+                // Sums in another order round to 1e-15 a step.
+                let moved = (output.navigation.x[row][state] - ekf.x[row][state]).abs();
+                assert!(moved < 1e-12 * (sigma + ekf.x[row][state].abs()), "{row} {state} {moved:e}");
+                let variance = output.navigation.p[row][state][state];
+                assert!((variance / ekf.p[row][state][state] - 1.0).abs() < 1e-12);
+            }
+        }
+    }
+}
+
+#[test]
+fn law_several_magnetometers_are_one_block_measurement() {
+    let (line, map) = (Small::golden(3.0).thinned(|row| row == 0), golden_map());
+    let ins = line.series();
+    let line = line.line(&ins, &map, InsErrorModel::default());
+    let field = map.at(ins.lat_deg[0], ins.lon_deg[0], 400.0).unwrap();
+    let measured = [3.0, -4.0, 9.0].map(|off| [field.value_nt + off]);
+    let sigma = [[2.0], [0.5], [7.0]];
+    let magnetometer = |at: usize| {
+        let (measurement_nt, sigma_nt) = (&measured[at][..], &sigma[at][..]);
+        Magnetometer { measurement_nt, sigma_nt, sigma_min_nt: 0.1, sigma_max_nt: 100.0 }
+    };
+    let output = run(&all(), &line, &[0, 1, 2].map(magnetometer)).unwrap();
+    // K = P Hᵀ (H P Hᵀ + R)⁻¹ with three equal rows of H and R on the diagonal only.
+    let p0 = line.errors.initial_covariance(ins.lat_deg[0].to_radians(), 400.0);
+    let p0 = SMatrix::<f64, STATES, STATES>::from_fn(|row, column| p0[row][column]);
+    let mut h = DMatrix::zeros(3, STATES);
+    for mut row in h.row_iter_mut() {
+        (row[LAT], row[LON], row[S]) = (field.d_lat_nt_per_rad, field.d_lon_nt_per_rad, 1.0);
+    }
+    let r = DMatrix::from_diagonal(&DVector::from_iterator(3, sigma.iter().map(|sigma| sigma[0] * sigma[0])));
+    let s = &h * p0 * h.transpose() + r;
+    let gain = p0 * h.transpose() * s.try_inverse().unwrap();
+    let x = &gain * DVector::from_vec(vec![3.0, -4.0, 9.0]);
+    let p = p0 - &gain * &h * p0;
+    for row in 0..STATES {
+        // A 3 by 3 inverse of condition 200.
+        let sigma = p0[(row, row)].sqrt();
+        assert!((output.navigation.x[0][row] - x[row]).abs() < 1e-12 * sigma, "{row}");
+        for column in 0..STATES {
+            let size = sigma * p0[(column, column)].sqrt();
+            assert!((output.navigation.p[0][row][column] - p[(row, column)]).abs() < 1e-12 * size, "{row} {column}");
+        }
+    }
+}
+
+/// Mean square error, claimed mean square and NEES per degree of freedom over flights.
+#[derive(Clone, Copy, Default)]
+struct Tally {
+    square_m2: f64,
+    nees: f64,
+    flights: f64,
+}
+
+impl Tally {
+    fn add(&mut self, flight: &Flight, output: &NavigationOutput) {
+        let rows = flight.errors.len();
+        let epochs: Vec<usize> = (1..=10).map(|part| part * rows / 10 - 1).collect();
+        self.square_m2 += flight.square_m2(output, 0);
+        self.nees += epochs.iter().map(|row| flight.nees(output, *row)).sum::<f64>() / (2.0 * epochs.len() as f64);
+        self.flights += 1.0;
+    }
+
+    fn drms_m(&self) -> f64 {
+        (self.square_m2 / self.flights).sqrt()
+    }
+
+    fn mean_nees(&self) -> f64 {
+        self.nees / self.flights
+    }
+}
+
+const SAMPLES: u32 = 2400;
+
+#[test]
+fn law_it_recovers_from_a_wrong_noise() {
+    let flights = 20;
+    let mut right = Tally::default();
+    let (mut fixed, mut adaptive) = ([Tally::default(); 3], [Tally::default(); 3]);
+    let assumed = [0.5, 5.0, 50.0];
+    for seed in 0..flights {
+        let flight = Flight::flown(500 + seed, SAMPLES, 1.0, InsErrorModel::default());
+        let measured = flight.measured(seed, 5.0);
+        let ins = flight.ins.series();
+        for (place, assumed_nt) in assumed.into_iter().enumerate() {
+            let sigma = vec![assumed_nt; SAMPLES as usize];
+            let line = flight.line(&ins, &measured, &sigma);
+            if place == 0 {
+                right.add(&flight, &known(&line, 5.0).unwrap());
+            }
+            fixed[place].add(&flight, &known(&line, assumed_nt).unwrap());
+            let magnetometer = Magnetometer::of(&line, assumed_nt / 20.0, assumed_nt * 20.0);
+            let output = run(&AdaptiveParameters { keep_states: false, ..Default::default() }, &line, &[magnetometer]);
+            adaptive[place].add(&flight, &output.unwrap().navigation);
+        }
+    }
+    println!("known: DRMS {:.1} m, NEES {:.2}", right.drms_m(), right.mean_nees());
+    for place in 0..3 {
+        let (fixed, adaptive, sigma) = (fixed[place], adaptive[place], assumed[place]);
+        println!(
+            "{sigma} nT for 5: fixed DRMS {:.1} m, NEES {:.2}; adaptive DRMS {:.1} m, NEES {:.2}",
+            fixed.drms_m(),
+            fixed.mean_nees(),
+            adaptive.drms_m(),
+            adaptive.mean_nees()
+        );
+        // A noise known to a fifth costs a few percent; the first samples and the chance of 20 flights the rest.
+        assert!(adaptive.drms_m() < 1.2 * right.drms_m() && adaptive.mean_nees() < 1.6, "{sigma}");
+        if place != 1 {
+            let honest = (fixed.mean_nees() / right.mean_nees()).ln().abs();
+            assert!(fixed.drms_m() > 1.2 * right.drms_m() && honest > 1.5_f64.ln(), "{sigma}");
+        }
+    }
+}
+
+#[test]
+fn law_a_magnetometer_that_fails_loses_its_weight() {
+    let fails_at = SAMPLES as usize / 2;
+    let (mut alone, mut both, mut trusting) = (Tally::default(), Tally::default(), Tally::default());
+    for seed in 0..15 {
+        let flight = Flight::flown(700 + seed, SAMPLES, 1.0, InsErrorModel::default());
+        let good = flight.measured(2 * seed, 3.0);
+        let mut bad = flight.measured(2 * seed + 1, 3.0);
+        let mut normals = Normals::new(9000 + seed);
+        bad[fails_at..].iter_mut().for_each(|measured| *measured += 30.0 * normals.draw());
+        let sigma = vec![3.0; SAMPLES as usize];
+        let ins = flight.ins.series();
+        let line = flight.line(&ins, &good, &sigma);
+        alone.add(&flight, &known(&line, 3.0).unwrap());
+        let of = |measurement_nt| Magnetometer { measurement_nt, ..Magnetometer::of(&line, 0.3, 60.0) };
+        let output = run(&AdaptiveParameters::default(), &line, &[of(&good), of(&bad)]).unwrap();
+        both.add(&flight, &output.navigation);
+        let mean: Vec<f64> = good.iter().zip(&bad).map(|(a, b)| 0.5 * (a + b)).collect();
+        trusting.add(&flight, &known(&flight.line(&ins, &mean, &sigma), 3.0 / 2_f64.sqrt()).unwrap());
+        let settled = |sigma: &[f64]| (sigma.iter().map(|s| s * s).sum::<f64>() / sigma.len() as f64).sqrt();
+        let [good, bad] = [0, 1].map(|at: usize| &output.magnetometers[at].sigma_nt);
+        // A standard deviation of a window of 50 is known to 10 %, and the mean of 20 windows to a few.
+        assert!((settled(&good[100..fails_at]) / 3.0 - 1.0).abs() < 0.1, "{}", settled(&good[100..fails_at]));
+        assert!((settled(&bad[fails_at + 60..]) / 30.15 - 1.0).abs() < 0.1, "{}", settled(&bad[fails_at + 60..]));
+        assert!((settled(&good[fails_at + 60..]) / 3.0 - 1.0).abs() < 0.15, "{}", settled(&good[fails_at + 60..]));
+        assert!(bad[fails_at + 10] > 8.0, "ten samples tell: {}", bad[fails_at + 10]);
+    }
+    println!(
+        "DRMS: good alone {:.1}, both {:.1}, both trusted {:.1} m",
+        alone.drms_m(),
+        both.drms_m(),
+        trusting.drms_m()
+    );
+    println!(
+        "NEES: good alone {:.2}, both {:.2}, both trusted {:.2}",
+        alone.mean_nees(),
+        both.mean_nees(),
+        trusting.mean_nees()
+    );
+    assert!(both.drms_m() < 1.1 * alone.drms_m() && both.mean_nees() < 1.6);
+    assert!(trusting.drms_m() > 1.2 * alone.drms_m());
+}
+
+#[test]
+fn law_a_short_window_without_bounds_believes_too_much() {
+    let windows = [10, 50];
+    let (mut weights, mut tallies) = ([0.0; 2], [Tally::default(); 2]);
+    let flights = 8;
+    for seed in 0..flights {
+        let flight = Flight::flown(40 + seed, SAMPLES, 1.0, InsErrorModel::default());
+        let (measured, sigma) = (flight.measured(seed, 5.0), vec![5.0; SAMPLES as usize]);
+        let ins = flight.ins.series();
+        let line = flight.line(&ins, &measured, &sigma);
+        for (place, window) in windows.into_iter().enumerate() {
+            let parameters = AdaptiveParameters { window, ..AdaptiveParameters::default() };
+            let output = run(&parameters, &line, &[Magnetometer::of(&line, 0.05, 500.0)]).unwrap();
+            let sigmas = &output.magnetometers[0].sigma_nt[100..];
+            let information = sigmas.iter().map(|sigma| 25.0 / sigma.powi(2)).sum::<f64>() / sigmas.len() as f64;
+            weights[place] += information / flights as f64;
+            tallies[place].add(&flight, &output.navigation);
+        }
+    }
+    for place in 0..2 {
+        let (window, weight, tally) = (windows[place], weights[place], tallies[place]);
+        println!(
+            "window {window}: R/R\u{302} {weight:.3}, DRMS {:.1} m, NEES {:.2}",
+            tally.drms_m(),
+            tally.mean_nees()
+        );
+    }
+    // Of 50 the mean of 1/χ² is 50/48, to which H P Hᵀ of a few nT² adds; 8 flights have 370 independent windows, whose
+    // variance is 4 % each. Of 10 it is 10/8 before anything is added.
+    assert!((1.0..1.12).contains(&weights[1]) && weights[0] > 1.25, "{weights:?}");
+    assert!(tallies[0].mean_nees() > 2.0 * tallies[1].mean_nees());
+}
+
+#[test]
+fn law_process_noise_is_learnt_without_running_away() {
+    let model = InsErrorModel::default();
+    let worse = InsErrors { vrw_sigma: 40.0 * model.sources.vrw_sigma, ..model.sources };
+    let mut tallies = [Tally::default(); 3];
+    for seed in 0..15 {
+        let flown = Flight::flown(900 + seed, SAMPLES, 1.0, InsErrorModel::of(worse));
+        let flight = Flight { model, ..flown };
+        let (measured, sigma) = (flight.measured(seed, 1.0), vec![1.0; SAMPLES as usize]);
+        let ins = flight.ins.series();
+        let line = flight.line(&ins, &measured, &sigma);
+        let none = NavigationLine { measurement_nt: &vec![f64::NAN; SAMPLES as usize], ..line };
+        let free = known(&none, 1.0).unwrap();
+        tallies[0].add(&flight, &known(&line, 1.0).unwrap());
+        for (place, adapt) in [(1, Adapt::Q), (2, Adapt::Both)] {
+            let parameters = AdaptiveParameters { adapt, ..AdaptiveParameters::default() };
+            let output = run(&parameters, &line, &[Magnetometer::of(&line, 0.8, 1.2)]).unwrap();
+            assert!(output.given_back.iter().all(|share| (0.0..=1.0).contains(share)));
+            tallies[place].add(&flight, &output.navigation);
+            // Never less certain than without any measurement; the places of the two differ by 1 % of a radian at most.
+            let sds = output.navigation.sd_n_m.iter().zip(&free.sd_n_m);
+            sds.for_each(|(found, free)| assert!(*found <= 1.01 * free, "{found} {free}"));
+        }
+    }
+    let [fixed, q, both] = tallies;
+    for (name, tally) in [("fixed", fixed), ("q", q), ("both", both)] {
+        println!("{name}: DRMS {:.1} m, NEES {:.2}", tally.drms_m(), tally.mean_nees());
+    }
+    // Of the same draws. The innovations tell of the drift only once it is as large as the noise.
+    assert!(q.drms_m() < fixed.drms_m() && q.mean_nees() < 0.9 * fixed.mean_nees());
+    assert!(both.drms_m() < fixed.drms_m() && both.mean_nees() < 0.9 * fixed.mean_nees());
+}
+
+#[test]
+fn law_missing_measurements_places_and_gates_are_counted_and_nothing_is_learnt_of_them() {
+    let (mut line, map) = (Small::golden(3.0), golden_map());
+    let mut other = line.measurement_nt.clone();
+    line.columns[1][10] += 1.0;
+    line.measurement_nt[4] = f64::NAN;
+    other[4] = f64::INFINITY;
+    line.sigma_nt[5] = -1.0;
+    line.measurement_nt[15] += 500.0;
+    let ins = line.series();
+    let line = line.line(&ins, &map, InsErrorModel::default());
+    let first = Magnetometer::of(&line, 0.3, 30.0);
+    let sigma = vec![3.0; 20];
+    let second = Magnetometer { measurement_nt: &other, sigma_nt: &sigma, ..first };
+    let parameters = AdaptiveParameters { gate_nis: Some(10.83), ..all() };
+    let output = run(&parameters, &line, &[first, second]).unwrap();
+    let report = output.navigation.report;
+    assert_eq!((report.updates, report.missing_measurements, report.off_map, report.gated), (18, 1, 1, 0));
+    let [a, b] = [0, 1].map(|at: usize| &output.magnetometers[at]);
+    assert_eq!((a.updates, a.gated, b.updates, b.gated), (16, 1, 18, 0));
+    assert!([4, 5, 10].iter().all(|row| a.sigma_nt[*row].is_nan()) && b.sigma_nt[5].is_finite());
+    // A spike of 500 nT counts as one of √10.83 standard deviations.
+    assert!(a.sigma_nt[16] < 1.5 * a.sigma_nt[14], "{} {}", a.sigma_nt[14], a.sigma_nt[16]);
+    assert!(output.navigation.residual_nt[15].abs() < 5.0, "of the one that is used");
+    let alone = run(&parameters, &line, &[first]).unwrap().navigation;
+    assert_eq!((alone.report.gated, alone.report.missing_measurements, alone.report.updates), (1, 2, 16));
+    assert!(alone.residual_nt[15] > 400.0 && alone.nis[15] > 1000.0);
+    let nothing = run(&parameters, &line, &[]).unwrap();
+    assert_eq!(nothing.navigation.report.missing_measurements, 20);
+    assert_eq!(nothing.navigation.lat_deg, ins.lat_deg);
+}
+
+#[test]
+fn law_noise_that_stays_opens_the_gate() {
+    let flight = Flight::flown(3, 900, 1.0, InsErrorModel::default());
+    let mut measured = flight.measured(3, 3.0);
+    let mut normals = Normals::new(77);
+    measured[300..].iter_mut().for_each(|measured| *measured += 40.0 * normals.draw());
+    let sigma = vec![3.0; 900];
+    let ins = flight.ins.series();
+    let line = flight.line(&ins, &measured, &sigma);
+    let parameters = AdaptiveParameters { gate_nis: Some(10.83), ..AdaptiveParameters::default() };
+    let output = run(&parameters, &line, &[Magnetometer::of(&line, 0.3, 90.0)]).unwrap();
+    let gated = output.navigation.report.gated;
+    // The variance has to grow 180-fold, by up to 10/50 a sample.
+    assert!((5..150).contains(&gated), "{gated}");
+    let last = output.magnetometers[0].sigma_nt[899];
+    assert!((25.0..60.0).contains(&last), "{last}");
+}
+
+#[test]
+fn law_each_magnetometer_has_its_own_offset() {
+    let (line, map) = (Small::golden(3.0), golden_map());
+    let ins = line.series();
+    let plain = line.line(&ins, &map, InsErrorModel::default());
+    let line = NavigationLine { offset_window_s: 0.45, ..plain };
+    let shifted: Vec<f64> = line.measurement_nt.iter().map(|z| z + 5000.0).collect();
+    let first = Magnetometer::of(&line, 0.3, 30.0);
+    let output = run(&all(), &line, &[first, Magnetometer { measurement_nt: &shifted, ..first }]).unwrap();
+    let [a, b] = [0, 1].map(|at: usize| &output.magnetometers[at]);
+    assert!((b.offset_nt - a.offset_nt - 5000.0).abs() < 1e-9);
+    assert_eq!((a.offset_samples, b.offset_samples, output.navigation.report.offset_nt), (5, 5, a.offset_nt));
+    for (a, b) in a.sigma_nt.iter().zip(&b.sigma_nt) {
+        // 5000 nT round to 1e-12 nT.
+        assert!((a / b - 1.0).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn law_the_window_holds_the_sum_of_the_last_numbers() {
+    let mut normals = Normals::new(4);
+    let numbers: Vec<f64> = (0..40).map(|at| if at == 11 { 1e18 } else { normals.draw() }).collect();
+    for capacity in [1, 2, 7, 50] {
+        let mut window = Window::new(capacity);
+        assert_eq!((window.sum(), window.len()), (0.0, 0));
+        for (at, number) in numbers.iter().enumerate() {
+            window.push(*number);
+            let held = &numbers[(at + 1).saturating_sub(capacity)..=at];
+            let (expected, size) = (held.iter().sum::<f64>(), held.iter().map(|x| x.abs()).sum::<f64>());
+            // What has left the window leaves no rounding behind, however large it was.
+            assert!((window.sum() - expected).abs() <= 1e-15 * size && window.len() == held.len(), "{capacity} {at}");
+        }
+    }
+}
+
+#[test]
+fn law_bad_parameters_and_lines_are_refused_in_words() {
+    let (line, map) = (Small::golden(3.0), golden_map());
+    let ins = line.series();
+    let line = line.line(&ins, &map, InsErrorModel::default());
+    let usual = Magnetometer::of(&line, 1.0, 10.0);
+    let message = |parameters: AdaptiveParameters, magnetometer: Magnetometer<'_>| {
+        run(&parameters, &line, &[usual, magnetometer]).unwrap_err().to_string()
+    };
+    assert_eq!(message(AdaptiveParameters { window: 1, ..all() }, usual), "`window` must be at least 2, not 1");
+    let gate = AdaptiveParameters { gate_nis: Some(f64::NAN), ..all() };
+    assert_eq!(message(gate, usual), "`gate_nis` must be above 0, not NaN");
+    let bounds = |sigma_min_nt, sigma_max_nt| Magnetometer { sigma_min_nt, sigma_max_nt, ..usual };
+    assert_eq!(message(all(), bounds(0.0, 1.0)), "`sigma_min_nt` must be above 0, not 0");
+    assert_eq!(message(all(), bounds(1.0, f64::INFINITY)), "`sigma_max_nt` must be above 0, not inf");
+    assert_eq!(message(all(), bounds(2.0, 1.0)), "`sigma_max_nt` must be at least `sigma_min_nt` = 2, not 1");
+    let short = Magnetometer { sigma_nt: &[1.0], ..usual };
+    assert_eq!(message(all(), short), "column `measurement sigma` has 1 rows, `tt` has 20");
+}

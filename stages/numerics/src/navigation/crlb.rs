@@ -1,0 +1,143 @@
+//! The Cramér-Rao bound of magnetic navigation along a known path: how good any unbiased filter could be.
+//!
+//! The covariance recursion of the filter is evaluated at the truth, with the map's slope there and without any
+//! estimate. For the linear error dynamics with Gaussian noise this is the recursion of the information matrix
+//!
+//! ```text
+//! J₀ = P₀⁻¹,     J ← J + Hᵀ H/σ²,     J ← (Φ J⁻¹ Φᵀ + Q)⁻¹
+//! ```
+//!
+//! of [Tichavský, Muravchik & Nehorai 1998, (21)] for the one path that was flown (no expectation over paths), written
+//! with P = J⁻¹, as MagNav.jl's `crlb` is. No filter that has the same models can have a smaller mean squared error
+//! over the draws of noise, except by the nonlinearity of the map within its own error.
+//!
+//! The INS enters by the velocity, specific force and attitude in F only. A measurement enters by being there: one that
+//! is NaN, or whose sigma is not above 0, adds no information, and neither does a sample where the true position is off
+//! the map or in an unknown cell. Both are counted.
+
+use crate::navigation::field::PredictedField;
+use crate::navigation::ins_series::{InsSeries, SeriesError};
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
+use pulp::{Simd, WithSimd};
+
+use crate::navigation::estimate::{Estimate, StepModel};
+
+/// What is known of the true path, one value per sample in every column.
+#[derive(Clone, Copy, Debug)]
+pub struct TruePath<'a> {
+    /// Geodetic latitude, in degrees.
+    pub lat_deg: &'a [f64],
+    /// Longitude, in degrees.
+    pub lon_deg: &'a [f64],
+    /// Height above the ellipsoid, in m.
+    pub alt_m: &'a [f64],
+    /// Velocity north, east and down, in m/s; `None` takes the INS's.
+    pub velocity_ned_mps: Option<[&'a [f64]; 3]>,
+}
+
+impl<'a> TruePath<'a> {
+    /// The line as an INS without position error would report it.
+    ///
+    /// # Errors
+    /// Fails for columns of another length than the line's, values that are not finite, and latitudes at or beyond a
+    /// pole, under the names that the columns have in a flight table.
+    pub fn along(&self, ins: &InsSeries<'a>) -> Result<InsSeries<'a>, SeriesError> {
+        let [vn_mps, ve_mps, vd_mps] = self.velocity_ned_mps.unwrap_or([ins.vn_mps, ins.ve_mps, ins.vd_mps]);
+        let position = [("lat", self.lat_deg), ("lon", self.lon_deg), ("alt", self.alt_m)];
+        for (column, values) in position.into_iter().chain([("vn", vn_mps), ("ve", ve_mps), ("vd", vd_mps)]) {
+            let (rows, expected) = (values.len(), ins.len());
+            if rows != expected {
+                return Err(SeriesError::Length { column, rows, expected });
+            }
+            if let Some(row) = values.iter().position(|value| !value.is_finite()) {
+                return Err(SeriesError::NotFinite { column, row, value: values[row] });
+            }
+        }
+        if let Some(row) = self.lat_deg.iter().position(|lat| lat.abs() >= 90.0) {
+            return Err(SeriesError::Latitude { column: "lat", row, lat_deg: self.lat_deg[row] });
+        }
+        let Self { lat_deg, lon_deg, alt_m, .. } = *self;
+        Ok(InsSeries { lat_deg, lon_deg, alt_m, vn_mps, ve_mps, vd_mps, ..*ins })
+    }
+}
+
+/// The bound along a path.
+///
+/// The estimate is the truth itself: positions, and velocities where they are given, else the INS's. `sd_n_m`, `sd_e_m`
+/// and `cov_ne_m2` are the bound, and so is `p` where it is kept; `x` is empty. `residual_nt` is the measurement (less
+/// the offset) minus the field at the true position, which is the temporal variation plus the noise; `nis` is its
+/// square over their variance σ_S² + σ², so that its mean says whether the noise that the filters are told is that of
+/// the data. It is not a filter's innovation. The offset is the mean residual over the first `offset_window_s` seconds.
+///
+/// # Errors
+/// Fails as [`NavigationLine::check`] and [`TruePath::along`], and with [`NavigationError::Diverged`] when a variance
+/// is no longer finite or is negative.
+pub fn run(
+    line: &NavigationLine<'_>,
+    path: &TruePath<'_>,
+    keep_covariance: bool,
+) -> Result<NavigationOutput, NavigationError> {
+    line.check()?;
+    let truth = path.along(line.ins)?;
+    let mut field = line.predicted();
+    let mut output = NavigationOutput::with_capacity(truth.len(), false, keep_covariance);
+    let (offset_nt, samples) = field.offset(&truth, line.measurement_nt, line.offset_window_s);
+    output.report.offset_nt = offset_nt;
+    output.report.offset_samples = samples;
+    pulp::Arch::new().dispatch(Bound { line, truth, field, offset_nt, output })
+}
+
+/// The bound on its way along a line.
+struct Bound<'a> {
+    line: &'a NavigationLine<'a>,
+    truth: InsSeries<'a>,
+    field: PredictedField<'a>,
+    offset_nt: f64,
+    output: NavigationOutput,
+}
+
+impl WithSimd for Bound<'_> {
+    type Output = Result<NavigationOutput, NavigationError>;
+
+    #[inline(always)]
+    fn with_simd<V: Simd>(mut self, _: V) -> Self::Output {
+        let (truth, errors) = (self.truth, &self.line.errors);
+        let model = StepModel::of(errors);
+        let mut estimate = Estimate::start_of(errors, &truth);
+        for row in 0..truth.len() {
+            if row > 0 {
+                estimate.propagate(&model, &truth.point(row - 1), truth.tt_s[row] - truth.tt_s[row - 1]);
+            }
+            let innovation = self.measure(&mut estimate, row);
+            estimate.check(row, truth.tt_s[row])?;
+            let p = &estimate.p;
+            self.output.push(&truth, row, |_| 0.0, |i, j| p[i][j], innovation, errors.earth);
+        }
+        Ok(self.output)
+    }
+}
+
+impl Bound<'_> {
+    /// Adds the information of the measurement of a row, where there is any; counted.
+    #[inline(always)]
+    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+        let Some((measured_nt, noise_nt2)) = self.line.measured(row, self.offset_nt) else {
+            self.output.report.missing_measurements += 1;
+            return Innovation::NONE;
+        };
+        let Some(field) = self.field.at_error(&self.truth, row, [0.0; 3]) else {
+            self.output.report.off_map += 1;
+            return Innovation::NONE;
+        };
+        self.output.report.updates += 1;
+        let slope = [field.d_lat_nt_per_rad, field.d_lon_nt_per_rad, field.d_alt_nt_per_m];
+        estimate.correct(&estimate.linearised(slope), 0.0, noise_nt2);
+        let residual_nt = measured_nt - field.value_nt;
+        let variance_nt2 = self.line.errors.fogm_sigma_nt.powi(2) + noise_nt2;
+        Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 }
+    }
+}
+
+#[cfg(test)]
+mod tests;

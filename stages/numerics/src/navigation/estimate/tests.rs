@@ -1,0 +1,80 @@
+#![allow(clippy::unwrap_used)]
+use super::*;
+use crate::random::Normals;
+use nalgebra::{SMatrix, SVector};
+
+type Square = SMatrix<f64, STATES, STATES>;
+
+/// An estimate of unlike scales, correlated.
+fn estimate() -> Estimate {
+    let mut normals = Normals::new(3);
+    let root = Square::from_fn(|row, _| 10_f64.powi(row as i32 % 5 - 3) * normals.draw());
+    let p = root * root.transpose();
+    let p = std::array::from_fn(|row| std::array::from_fn(|column| p[(row.min(column), row.max(column))]));
+    Estimate { x: std::array::from_fn(|_| normals.draw()), p }
+}
+
+fn dense(p: &StateMatrix) -> Square {
+    Square::from_fn(|row, column| p[row][column])
+}
+
+/// The largest difference of two covariances, in standard deviations of the first.
+fn difference(a: &Square, b: &Square) -> f64 {
+    let relative = |row: usize, column: usize| {
+        (a[(row, column)] - b[(row, column)]).abs() / (a[(row, row)] * a[(column, column)]).sqrt()
+    };
+    (0..STATES).flat_map(|row| (0..STATES).map(move |column| relative(row, column))).fold(0.0, f64::max)
+}
+
+#[test]
+fn law_a_correction_is_the_dense_formula_and_is_given_back_whole() {
+    let (before, slope) = (estimate(), [40.0, -7.0, 0.3]);
+    let h = SVector::<f64, STATES>::from_fn(|state, _| match state {
+        LAT | LON | ALT => slope[state],
+        S => 1.0,
+        _ => 0.0,
+    });
+    for noise_nt2 in [1e-6, 1.0, 1e4] {
+        let p = dense(&before.p);
+        let at = before.linearised(slope);
+        let (ph, variance) = (p * h, (h.transpose() * p * h)[0]);
+        assert!((at.variance_nt2 / variance - 1.0).abs() < 1e-12);
+        let gain = ph / (variance + noise_nt2);
+        let mut after = before.clone();
+        after.correct(&at, 2.5, noise_nt2);
+        for state in 0..STATES {
+            let moved = after.x[state] - before.x[state];
+            // The mean is of size 1 and rounds to 1e-16 of it.
+            assert!((moved - 2.5 * gain[state]).abs() < 1e-13 * (1.0 + gain[state].abs()), "{state}");
+            assert!((0..STATES).all(|other| after.p[state][other] == after.p[other][state]));
+        }
+        // Joseph's form is the short one up to rounding of the prior.
+        assert!(difference(&(p - gain * ph.transpose()), &dense(&after.p)) < 1e-9);
+        assert!(dense(&after.p).cholesky().is_some(), "positive");
+        let mut half = after.clone();
+        half.give_back(&at, noise_nt2, 0.5);
+        after.give_back(&at, noise_nt2, 1.0);
+        assert!(difference(&p, &dense(&after.p)) < 1e-13);
+        assert!(
+            difference(&p, &(p - gain * ph.transpose() * 0.5))
+                > difference(&dense(&half.p), &(p - gain * ph.transpose() * 0.5))
+        );
+        assert!((0..STATES).all(|state| (0..STATES).all(|other| half.p[state][other] == half.p[other][state])));
+    }
+}
+
+#[test]
+fn law_what_is_not_finite_or_negative_has_diverged() {
+    let fault = Err(NavigationError::Diverged { row: 4, tt_s: 0.5 });
+    assert_eq!(estimate().check(4, 0.5), Ok(()));
+    for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let mut wrong = estimate();
+        wrong.x[7] = bad;
+        assert_eq!(wrong.check(4, 0.5), fault);
+    }
+    for bad in [f64::NAN, f64::INFINITY, -1e-300] {
+        let mut wrong = estimate();
+        wrong.p[STATES - 1][STATES - 1] = bad;
+        assert_eq!(wrong.check(4, 0.5), fault);
+    }
+}

@@ -1,0 +1,351 @@
+//! A fixed-lag smoother of the INS errors together with the coefficients of the aircraft's field.
+//!
+//! The states x are the 18 of [`pinson`](crate::navigation::pinson), truth minus INS. To these come, of every
+//! magnetometer m, coefficients β_m of any linear model of the aircraft's field (Tolles-Lawson terms, heading-error
+//! harmonics, a bias), constant or in a random walk, and a first-order Gauss-Markov error e_m, for what a linear model
+//! leaves is correlated. A measurement is
+//!
+//! ```text
+//! z_m = map(INS + x) + core(INS + x) + S + A_m β_m + e_m + white noise
+//! ```
+//!
+//! The start may be cold: the INS is known to metres there, so the map tells the coefficients before the INS has
+//! drifted.
+//!
+//! # Method
+//!
+//! Windows of `window_s` end every stride, `window_s` (1 − `overlap`). All states of a window are solved for together:
+//! Gauss-Newton with a line search on the posterior cost, whose step is a forward pass of the filter about the last
+//! path (Joseph's form) and its adjoint, the modified Bryson-Frazier smoother [Bierman 1973; Bell 1994: the iterated
+//! smoother is Gauss-Newton]. No covariance is inverted, so states without process noise or with a large prior do no
+//! harm. The path is x₁ = m − P λ₁, xₖ = Φ xₖ₋₁ − Q λₖ, and half the squared distance from prior and process is ½ λ₁ᵀ P
+//! λ₁ + ½ Σ λₖᵀ Q λₖ. Robust weights are those of [`Loss`] (iteratively reweighted least squares).
+//!
+//! The first windows begin at the line's start. A later window's prior is the marginal at its first node, given the
+//! dropped measurements alone, linearised about the last solution: the covariance of INS states and coefficients is
+//! carried on whole, and no measurement counts twice. Between the ends of windows a filter goes on from the end of the
+//! last one, linearised at its own predictions. It gives the innovations, which are thus of real time whatever the lag.
+//!
+//! # What the estimate of a sample has seen
+//!
+//! At `lag_s` = 0 it is that filter's: measurements up to the sample, or to the end of its `measurement_interval_s`. At
+//! a larger lag it is the smoothed state of the last window whose end is at most `lag_s` after the sample, if there is
+//! one that contains it; the filter's otherwise. A lag and a window of the length of the line smooth the whole line.
+//! The standard deviations are those of the estimate handed out.
+//!
+//! # Irregularities
+//!
+//! - a measurement, a regressor of it that is not finite, or a sigma not above 0: the sample is not used by that
+//!   magnetometer, the others go on;
+//! - a node whose predicted position is off the map or in an unknown cell for one of its samples: not used;
+//! - a window whose solution contradicts its prior: [`WindowReport::inconsistent`], counted in
+//!   [`FixedLagOutput::inconsistent`];
+//! - a window that does not converge: [`WindowReport::converged`];
+//! - collinear or constant regressors: the prior decides;
+//! - a covariance that is no longer finite and non-negative: an error that names the row.
+
+mod gaussian;
+mod nodes;
+mod parameters;
+mod passage;
+mod window;
+
+use crate::navigation::pinson::STATES;
+use crate::navigation::{NavigationError, NavigationLine, NavigationOutput, ins_series::SeriesError};
+use crate::signal::gauss_markov::GaussMarkov;
+use params::Params;
+use thiserror::Error;
+
+use gaussian::{Gaussian, Layout};
+use nodes::Nodes;
+pub use parameters::{FixedLagParameters, Loss, WindowReport};
+use passage::Passage;
+
+/// A linear model of the aircraft's field at a magnetometer, A β, and what is known of β.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Coefficients<'a> {
+    /// A, row-major: a row a sample, a column a coefficient.
+    pub regressors: &'a [f64],
+    /// The prior mean of β.
+    pub mean: &'a [f64],
+    /// Its covariance, row-major, symmetric and not negative.
+    pub covariance: &'a [f64],
+    /// The density of the random walk of each coefficient, in its unit squared per second; 0 for a constant.
+    pub walk_density: &'a [f64],
+}
+
+/// A scalar magnetometer.
+#[derive(Clone, Copy, Debug)]
+pub struct Magnetometer<'a> {
+    /// The measured field at each sample, in nT; NaN where there is none.
+    pub measurement_nt: &'a [f64],
+    /// The standard deviation of the white noise of each measurement, in nT; a value that is not above 0 makes its
+    /// measurement a missing one.
+    pub sigma_nt: &'a [f64],
+    /// The aircraft's field.
+    pub coefficients: Coefficients<'a>,
+    /// What lasts of its error beyond that: standard deviation in nT, correlation time in s. A sigma of 0 means none.
+    pub error: GaussMarkov,
+}
+
+impl<'a> Magnetometer<'a> {
+    /// The measurement of a line, without a model of the aircraft.
+    pub fn of_line(line: &NavigationLine<'a>) -> Self {
+        Self {
+            measurement_nt: line.measurement_nt,
+            sigma_nt: line.sigma_nt,
+            coefficients: Coefficients::default(),
+            error: GaussMarkov { sigma: 0.0, tau_s: 1.0 },
+        }
+    }
+
+    /// The inverse of the variance of a measurement that can be used, else 0.
+    fn precision(&self, row: usize) -> f64 {
+        let (value, precision) = (self.measurement_nt[row], self.sigma_nt[row].powi(-2));
+        let usable = value.is_finite() && self.sigma_nt[row] > 0.0 && precision > 0.0 && precision.is_finite();
+        if usable && self.coefficients.row(row).iter().all(|term| term.is_finite()) { precision } else { 0.0 }
+    }
+}
+
+impl<'a> Coefficients<'a> {
+    /// The number of coefficients.
+    pub fn terms(&self) -> usize {
+        self.mean.len()
+    }
+
+    /// The regressors of a sample.
+    fn row(&self, row: usize) -> &'a [f64] {
+        &self.regressors[row * self.terms()..(row + 1) * self.terms()]
+    }
+}
+
+/// What became of a sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Usage {
+    /// The filter used the measurement of one magnetometer or more.
+    Used,
+    /// There was none.
+    Missing,
+    /// The predicted position is off the map or in an unknown cell.
+    OffMap,
+}
+
+/// The estimate of a line.
+#[derive(Clone, Debug, Default)]
+pub struct FixedLagOutput {
+    /// The track. Residual and NIS are of the one-step innovation of the average over a `measurement_interval_s`, at
+    /// the first sample of it and NaN at its others: the residual of the first magnetometer that has one, the NIS the
+    /// mean over magnetometers, of expectation 1. No sample is ever gated.
+    pub navigation: NavigationOutput,
+    /// What became of each sample.
+    pub usage: Vec<Usage>,
+    /// The aircraft's field A β by the estimate of each sample, in nT, row-major: a row a sample, a column a
+    /// magnetometer.
+    pub aircraft_nt: Vec<f64>,
+    /// The coefficients at the line's end, by magnetometer in turn.
+    pub coefficients: Vec<f64>,
+    /// Their covariance, row-major.
+    pub coefficient_covariance: Vec<f64>,
+    /// How each window was solved.
+    pub windows: Vec<WindowReport>,
+    /// The offset that was taken off each magnetometer's measurements, in nT.
+    pub offsets_nt: Vec<f64>,
+}
+
+impl FixedLagOutput {
+    /// The windows whose solution contradicts their prior.
+    pub fn inconsistent(&self) -> usize {
+        self.windows.iter().filter(|window| window.inconsistent).count()
+    }
+
+    /// The windows that did not converge.
+    pub fn unconverged(&self) -> usize {
+        self.windows.iter().filter(|window| !window.converged).count()
+    }
+}
+
+/// Why a line was not smoothed.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum FixedLagError {
+    /// As of every filter.
+    #[error(transparent)]
+    Navigation(#[from] NavigationError),
+    /// An array of a magnetometer has the wrong size.
+    #[error("magnetometer {magnetometer}: {array} has {found} values, not {expected}")]
+    Size {
+        /// The magnetometer, counted from 0.
+        magnetometer: usize,
+        /// The array.
+        array: &'static str,
+        /// Its size.
+        found: usize,
+        /// The size that the number of samples and coefficients makes.
+        expected: usize,
+    },
+    /// A prior that is none.
+    #[error("magnetometer {magnetometer}: {what}")]
+    Prior {
+        /// The magnetometer, counted from 0.
+        magnetometer: usize,
+        /// What is wrong with it.
+        what: &'static str,
+    },
+}
+
+/// Smooths a line.
+///
+/// The measurements are those of `magnetometers`, each with its model of the aircraft; the line's own measurement is
+/// used only as [`Magnetometer::of_line`] hands it on. The mean of measurement minus prediction over the line's
+/// `offset_window_s` is taken off each magnetometer.
+///
+/// # Errors
+/// Fails as [`NavigationLine::check`] and `FixedLagParameters::check`, with [`FixedLagError::Size`] and
+/// [`FixedLagError::Prior`] for a magnetometer that makes no model, and with [`NavigationError::Diverged`] when states
+/// or variances are no longer finite or a variance is negative.
+pub fn run(
+    parameters: &FixedLagParameters,
+    line: &NavigationLine<'_>,
+    magnetometers: &[Magnetometer<'_>],
+    keep: Keep,
+) -> Result<FixedLagOutput, FixedLagError> {
+    parameters.check().map_err(|fault| NavigationError::from(crate::navigation::ins_error::ParameterError(fault)))?;
+    line.check()?;
+    for (number, magnetometer) in magnetometers.iter().enumerate() {
+        check(number, magnetometer, line.ins.len())?;
+    }
+    let layout = layout(magnetometers);
+    let mut field = line.predicted();
+    let offset = |one: &Magnetometer| field.offset(line.ins, one.measurement_nt, line.offset_window_s);
+    let offsets: Vec<(f64, usize)> = magnetometers.iter().map(offset).collect();
+    let offsets_nt: Vec<f64> = offsets.iter().map(|(offset_nt, _)| *offset_nt).collect();
+    let mut output = FixedLagOutput {
+        navigation: NavigationOutput::with_capacity(line.ins.len(), keep.states, keep.covariance),
+        offsets_nt: offsets_nt.clone(),
+        ..FixedLagOutput::default()
+    };
+    if let Some((offset_nt, samples)) = offsets.first() {
+        output.navigation.report.offset_nt = *offset_nt;
+        output.navigation.report.offset_samples = *samples;
+    }
+    let nodes = Nodes::new(line, magnetometers, &layout, &offsets_nt, parameters.measurement_interval_s);
+    let prior = prior(line, magnetometers, &layout);
+    Ok(Passage::new(parameters, &layout, magnetometers, nodes, prior, output).run()?)
+}
+
+/// What to hand out beside the track.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Keep {
+    /// The 18 error states of every sample (144 bytes each).
+    pub states: bool,
+    /// Their covariance (2.6 kB each).
+    pub covariance: bool,
+}
+
+fn layout(magnetometers: &[Magnetometer<'_>]) -> Layout {
+    let errors = magnetometers.iter().map(|one| one.error).collect();
+    let mut layout = Layout { errors, ..Layout::default() };
+    for one in magnetometers {
+        let first = layout.dim();
+        layout.walk.extend_from_slice(one.coefficients.walk_density);
+        layout.blocks.push(first..layout.dim());
+    }
+    layout
+}
+
+/// The states at the first sample before its measurements.
+fn prior(line: &NavigationLine<'_>, magnetometers: &[Magnetometer<'_>], layout: &Layout) -> Gaussian {
+    let dim = layout.dim();
+    let (mut x, mut p) = (vec![0.0; dim], vec![0.0; dim * dim]);
+    let ins = line.errors.initial_covariance(line.ins.lat_deg[0].to_radians(), line.ins.alt_m[0]);
+    for (row, entries) in ins.iter().enumerate() {
+        p[row * dim..row * dim + STATES].copy_from_slice(entries);
+    }
+    for (k, error) in layout.errors.iter().enumerate() {
+        p[(STATES + k) * (dim + 1)] = error.sigma * error.sigma;
+    }
+    for (one, block) in magnetometers.iter().zip(&layout.blocks) {
+        x[block.clone()].copy_from_slice(one.coefficients.mean);
+        let rows = one.coefficients.covariance.chunks_exact(block.len().max(1));
+        for (row, entries) in block.clone().zip(rows) {
+            p[row * dim + block.start..row * dim + block.end].copy_from_slice(entries);
+        }
+    }
+    Gaussian { x, p }
+}
+
+fn check(magnetometer: usize, one: &Magnetometer<'_>, rows: usize) -> Result<(), FixedLagError> {
+    for (column, found) in [("measurement", one.measurement_nt.len()), ("measurement sigma", one.sigma_nt.len())] {
+        if found != rows {
+            return Err(NavigationError::from(SeriesError::Length { column, rows: found, expected: rows }).into());
+        }
+    }
+    let Coefficients { regressors, mean, covariance, walk_density } = one.coefficients;
+    let terms = mean.len();
+    for (array, found, expected) in [
+        ("regressors", regressors.len(), rows * terms),
+        ("prior covariance", covariance.len(), terms * terms),
+        ("random-walk density", walk_density.len(), terms),
+    ] {
+        if found != expected {
+            return Err(FixedLagError::Size { magnetometer, array, found, expected });
+        }
+    }
+    let fault = |what| Err(FixedLagError::Prior { magnetometer, what });
+    if !mean.iter().chain(covariance).all(|value| value.is_finite()) {
+        return fault("its prior mean and covariance must be finite");
+    }
+    if !walk_density.iter().all(|density| density.is_finite() && *density >= 0.0) {
+        return fault("its random-walk densities must be finite and not below 0");
+    }
+    if !(one.error.sigma >= 0.0 && one.error.sigma.is_finite() && one.error.tau_s > 0.0) {
+        return fault("its Gauss-Markov error needs a finite sigma of at least 0 and a correlation time above 0");
+    }
+    if !is_covariance(covariance, terms) {
+        return fault("its prior covariance is not symmetric and positive semidefinite");
+    }
+    Ok(())
+}
+
+/// Whether a matrix is exactly symmetric, and positive semidefinite to rounding: a Cholesky factorisation of its
+/// correlations.
+fn is_covariance(p: &[f64], terms: usize) -> bool {
+    let sigma: Vec<f64> = (0..terms).map(|k| p[k * (terms + 1)].sqrt()).collect();
+    let mut factor = vec![0.0; terms * terms];
+    for row in 0..terms {
+        for column in 0..=row {
+            let entry = p[row * terms + column];
+            if entry != p[column * terms + row] || sigma[row].is_nan() {
+                return false;
+            }
+            let scale = sigma[row] * sigma[column];
+            if scale == 0.0 {
+                if entry != 0.0 {
+                    return false;
+                }
+                continue;
+            }
+            let known: f64 = (0..column).map(|k| factor[row * terms + k] * factor[column * terms + k]).sum();
+            let rest = entry / scale - known;
+            if row == column {
+                if rest < -1e-9 {
+                    return false;
+                }
+                factor[row * terms + row] = rest.max(0.0).sqrt();
+            } else {
+                let pivot = factor[column * terms + column];
+                // A column that the ones before it determine leaves nothing to others.
+                if pivot < 1e-7 {
+                    if rest.abs() > 1e-6 {
+                        return false;
+                    }
+                } else {
+                    factor[row * terms + column] = rest / pivot;
+                }
+            }
+        }
+    }
+    true
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,251 @@
+//! Mean and covariance of all states, and what a step and a measurement do to them.
+
+use std::ops::Range;
+
+use crate::navigation::pinson::{A_HAT, ACC, STATES, StateMatrix, StateVector, TILT_D};
+use crate::navigation::transition::{propagate_covariance, propagate_state};
+use crate::signal::gauss_markov::GaussMarkov;
+
+/// The order of the states: 18 of the INS and the temporal variation, one Gauss-Markov error a magnetometer, and the
+/// coefficients of each magnetometer in turn.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Layout {
+    /// The Gauss-Markov error of each magnetometer.
+    pub errors: Vec<GaussMarkov>,
+    /// Where the coefficients of each magnetometer are.
+    pub blocks: Vec<Range<usize>>,
+    /// The random-walk densities of all coefficients, per second.
+    pub walk: Vec<f64>,
+}
+
+impl Layout {
+    pub fn dim(&self) -> usize {
+        self.coefficients() + self.walk.len()
+    }
+
+    /// The first coefficient.
+    pub fn coefficients(&self) -> usize {
+        STATES + self.errors.len()
+    }
+}
+
+/// The step from a node to the next.
+#[derive(Clone, Debug)]
+pub(super) struct Step {
+    pub dt_s: f64,
+    pub phi: StateMatrix,
+    pub noise: StateMatrix,
+}
+
+/// The states that depend on others than themselves: all but the Gauss-Markov ones.
+const COUPLED: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 7, TILT_D, A_HAT];
+
+/// A B for transition matrices.
+pub(super) fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
+    let mut out = [[0.0; STATES]; STATES];
+    for state in (ACC..A_HAT).chain([STATES - 1]) {
+        out[state][state] = a[state][state] * b[state][state];
+    }
+    for row in COUPLED {
+        let mut sum = [0.0; STATES];
+        for (factor, from) in a[row].iter().zip(b) {
+            for (sum, from) in sum.iter_mut().zip(from) {
+                *sum += factor * from;
+            }
+        }
+        out[row] = sum;
+    }
+    out
+}
+
+/// Adds a matrix.
+pub(super) fn add(to: &mut StateMatrix, from: &StateMatrix) {
+    for (to, from) in to.as_flattened_mut().iter_mut().zip(from.as_flattened()) {
+        *to += from;
+    }
+}
+
+/// The row of H of one measurement: 18 entries, the magnetometer's error and its coefficients.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sensitivity<'a> {
+    pub ins: &'a StateVector,
+    /// The index of the error, and the entry.
+    pub error: (usize, f64),
+    /// The index of the first coefficient.
+    pub first: usize,
+    pub regressors: &'a [f64],
+}
+
+impl Sensitivity<'_> {
+    /// H x.
+    #[inline]
+    pub fn of(&self, x: &[f64]) -> f64 {
+        let ins: f64 = self.ins.iter().zip(x).map(|(h, x)| h * x).sum();
+        let aircraft: f64 = self.regressors.iter().zip(&x[self.first..]).map(|(h, x)| h * x).sum();
+        ins + self.error.1 * x[self.error.0] + aircraft
+    }
+
+    /// x ← x + f Hᵀ.
+    #[inline]
+    pub fn add_to(&self, x: &mut [f64], factor: f64) {
+        x.iter_mut().zip(self.ins).for_each(|(x, h)| *x += factor * h);
+        x[self.error.0] += factor * self.error.1;
+        x[self.first..].iter_mut().zip(self.regressors).for_each(|(x, h)| *x += factor * h);
+    }
+
+    /// The entries that are not zero, with their states.
+    #[inline]
+    pub fn entries(&self) -> impl Iterator<Item = (usize, f64)> {
+        let ins = self.ins.iter().copied().enumerate().filter(|(_, h)| *h != 0.0);
+        ins.chain([self.error]).chain(self.regressors.iter().enumerate().map(|(k, h)| (self.first + k, *h)))
+    }
+}
+
+/// Mean and covariance (row-major, exactly symmetric).
+#[derive(Clone, Debug, Default)]
+pub(super) struct Gaussian {
+    pub x: Vec<f64>,
+    pub p: Vec<f64>,
+}
+
+/// Adds a multiple of a row.
+#[inline]
+pub(super) fn add_scaled(to: &mut [f64], factor: f64, from: &[f64]) {
+    to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
+}
+
+impl Gaussian {
+    pub fn dim(&self) -> usize {
+        self.x.len()
+    }
+
+    pub fn copy_from(&mut self, other: &Self) {
+        self.x.clone_from(&other.x);
+        self.p.clone_from(&other.p);
+    }
+
+    /// The covariance of the 18 states.
+    pub fn ins_covariance(&self) -> StateMatrix {
+        let dim = self.dim();
+        std::array::from_fn(|row| std::array::from_fn(|column| self.p[row * dim + column]))
+    }
+
+    /// The first 18 states.
+    pub fn ins_state(&self) -> StateVector {
+        std::array::from_fn(|state| self.x[state])
+    }
+
+    /// Whether all is finite and no variance negative.
+    pub fn is_sound(&self) -> bool {
+        let dim = self.dim();
+        self.x.iter().chain(&self.p).all(|value| value.is_finite()) && (0..dim).all(|k| self.p[k * dim + k] >= 0.0)
+    }
+
+    /// x ← Φ x, P ← Φ P Φᵀ + Q. `spare` is room for the cross covariance.
+    pub fn propagate(&mut self, layout: &Layout, step: &Step, spare: &mut Vec<f64>) {
+        let dim = self.dim();
+        propagate_mean(layout, step, &mut self.x);
+        let mut block = propagate_covariance(&step.phi, &self.ins_covariance());
+        add(&mut block, &step.noise);
+        self.propagate_cross(step, spare);
+        for (row, entries) in block.iter().enumerate() {
+            self.p[row * dim..row * dim + STATES].copy_from_slice(entries);
+        }
+        for (k, error) in layout.errors.iter().enumerate() {
+            let (at, decay) = (STATES + k, error.decay(step.dt_s));
+            self.p[at * dim..(at + 1) * dim].iter_mut().for_each(|entry| *entry *= decay);
+            (0..dim).for_each(|row| self.p[row * dim + at] *= decay);
+            self.p[at * dim + at] += error.step_variance(step.dt_s);
+        }
+        for (k, density) in layout.walk.iter().enumerate() {
+            let at = layout.coefficients() + k;
+            self.p[at * dim + at] += density * step.dt_s;
+        }
+    }
+
+    /// The covariance of the 18 states with the others: Φ P₁₂.
+    fn propagate_cross(&mut self, step: &Step, spare: &mut Vec<f64>) {
+        let dim = self.dim();
+        let width = dim - STATES;
+        spare.clear();
+        spare.resize(STATES * width, 0.0);
+        for (row, out) in spare.chunks_exact_mut(width.max(1)).enumerate() {
+            for (column, factor) in step.phi[row].iter().enumerate() {
+                if *factor != 0.0 {
+                    add_scaled(out, *factor, &self.p[column * dim + STATES..(column + 1) * dim]);
+                }
+            }
+        }
+        for row in 0..STATES {
+            let from = &spare[row * width..(row + 1) * width];
+            self.p[row * dim + STATES..(row + 1) * dim].copy_from_slice(from);
+            from.iter().enumerate().for_each(|(k, entry)| self.p[(STATES + k) * dim + row] = *entry);
+        }
+    }
+
+    /// The variance of a predicted measurement, H P Hᵀ + R; leaves P Hᵀ in `out`.
+    pub fn predict(&self, h: &Sensitivity, variance: f64, out: &mut [f64]) -> f64 {
+        let dim = self.dim();
+        out.fill(0.0);
+        for (state, entry) in h.entries() {
+            add_scaled(out, entry, &self.p[state * dim..(state + 1) * dim]);
+        }
+        h.of(out) + variance
+    }
+
+    /// The update by an innovation of variance `s`, with P Hᵀ in `gain`, which becomes K.
+    ///
+    /// Joseph's form (I − K H) P (I − K H)ᵀ + K R Kᵀ, multiplied out to P − K vᵀ − v Kᵀ with v = P Hᵀ − K s/2, which
+    /// keeps its property: an error of K enters by its square. Both halves have the same bits.
+    pub fn update(&mut self, innovation: f64, s: f64, gain: &mut [f64], spare: &mut Vec<f64>) {
+        let dim = self.dim();
+        spare.clear();
+        for k in gain.iter_mut() {
+            let of_state = *k;
+            *k = of_state / s;
+            spare.push(of_state - 0.5 * s * *k);
+        }
+        add_scaled(&mut self.x, innovation, gain);
+        for (row, (k, v)) in self.p.chunks_exact_mut(dim).zip(gain.iter().zip(spare.iter())) {
+            for (entry, (gain, half)) in row.iter_mut().zip(gain.iter().zip(spare.iter())) {
+                *entry -= k * half + v * gain;
+            }
+        }
+    }
+}
+
+/// x ← Φ x of all states.
+pub(super) fn propagate_mean(layout: &Layout, step: &Step, x: &mut [f64]) {
+    let mut ins = [0.0; STATES];
+    ins.copy_from_slice(&x[..STATES]);
+    x[..STATES].copy_from_slice(&propagate_state(&step.phi, &ins));
+    for (error, x) in layout.errors.iter().zip(&mut x[STATES..]) {
+        *x *= error.decay(step.dt_s);
+    }
+}
+
+/// λ ← Φᵀ λ of all states.
+pub(super) fn propagate_adjoint(layout: &Layout, step: &Step, adjoint: &mut [f64]) {
+    let mut ins = [0.0; STATES];
+    for (row, entry) in step.phi.iter().zip(adjoint.iter()) {
+        add_scaled(&mut ins, *entry, row);
+    }
+    adjoint[..STATES].copy_from_slice(&ins);
+    for (error, entry) in layout.errors.iter().zip(&mut adjoint[STATES..]) {
+        *entry *= error.decay(step.dt_s);
+    }
+}
+
+/// Q λ of all states.
+pub(super) fn noise_times(layout: &Layout, step: &Step, adjoint: &[f64], out: &mut [f64]) {
+    for (out, row) in out.iter_mut().zip(&step.noise) {
+        *out = row.iter().zip(adjoint).map(|(q, adjoint)| q * adjoint).sum();
+    }
+    for (k, error) in layout.errors.iter().enumerate() {
+        out[STATES + k] = error.step_variance(step.dt_s) * adjoint[STATES + k];
+    }
+    for (k, density) in layout.walk.iter().enumerate() {
+        let at = layout.coefficients() + k;
+        out[at] = density * step.dt_s * adjoint[at];
+    }
+}

@@ -1,0 +1,204 @@
+//! The line as nodes: instants whose states are solved for, each with the measurements of an interval.
+
+use std::ops::Range;
+
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
+use crate::navigation::transition::{identity, propagate_covariance};
+use crate::navigation::{NavigationLine, PredictedField};
+
+use super::Magnetometer;
+use super::gaussian::{Layout, Sensitivity, Step, add, add_scaled, product};
+
+/// Slack of the limits between intervals, in s: a decimal time is not exact.
+pub(super) const SLACK_S: f64 = 1e-6;
+
+/// An instant, the first sample of an interval, and its measurements.
+#[derive(Clone, Debug)]
+pub(super) struct Node {
+    /// The samples.
+    pub rows: Range<usize>,
+    pub tt_s: f64,
+    /// The step from the node before; of no use to the first.
+    pub step: Step,
+    /// Of each sample, the rows of position of Φ from the node.
+    positions: Vec<[StateVector; 3]>,
+    /// Of each magnetometer.
+    pub measurements: Vec<Option<Measurement>>,
+}
+
+/// The average over an interval, weighted by the inverse variances.
+#[derive(Clone, Debug)]
+pub(super) struct Measurement {
+    value_nt: f64,
+    pub variance_nt2: f64,
+    /// Of each sample.
+    weights: Vec<f64>,
+    /// What is left on average of the node's temporal variation, and of its Gauss-Markov error.
+    temporal: f64,
+    error: f64,
+    regressors: Vec<f64>,
+}
+
+/// The average predicted field about a state, and its derivative by the 18 states of the node.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LocalField {
+    /// The field less its derivative times the state: what a measurement is at x = 0.
+    at_zero_nt: f64,
+    derivative: StateVector,
+}
+
+impl Node {
+    /// The field that a magnetometer's measurement predicts at a state; `None` off the map and without a measurement.
+    pub fn field(
+        &self,
+        magnetometer: usize,
+        line: &NavigationLine,
+        field: &mut PredictedField,
+        x: &[f64],
+    ) -> Option<LocalField> {
+        let measurement = self.measurements[magnetometer].as_ref()?;
+        let mut local = LocalField { at_zero_nt: 0.0, derivative: [0.0; STATES] };
+        for ((row, position), weight) in self.rows.clone().zip(&self.positions).zip(&measurement.weights) {
+            if *weight == 0.0 {
+                continue;
+            }
+            let error = position.map(|row| row.iter().zip(x).map(|(phi, x)| phi * x).sum());
+            let value = field.at_error(line.ins, row, error)?;
+            local.at_zero_nt += weight * value.value_nt;
+            let gradient = [value.d_lat_nt_per_rad, value.d_lon_nt_per_rad, value.d_alt_nt_per_m];
+            for (gradient, position) in gradient.into_iter().zip(position) {
+                add_scaled(&mut local.derivative, weight * gradient, position);
+            }
+        }
+        local.at_zero_nt -= local.derivative.iter().zip(x).map(|(h, x)| h * x).sum::<f64>();
+        local.derivative[S] += measurement.temporal;
+        // A map that is not finite is no map.
+        (local.at_zero_nt + local.derivative.iter().sum::<f64>()).is_finite().then_some(local)
+    }
+}
+
+impl Measurement {
+    /// The row of H.
+    pub fn sensitivity<'a>(&'a self, field: &'a LocalField, layout: &Layout, magnetometer: usize) -> Sensitivity<'a> {
+        Sensitivity {
+            ins: &field.derivative,
+            error: (STATES + magnetometer, self.error),
+            first: layout.blocks[magnetometer].start,
+            regressors: &self.regressors,
+        }
+    }
+
+    /// Measurement minus prediction at a state.
+    pub fn residual(&self, field: &LocalField, h: &Sensitivity, x: &[f64]) -> f64 {
+        self.value_nt - field.at_zero_nt - h.of(x)
+    }
+}
+
+/// Makes the nodes of a line in turn.
+pub(super) struct Nodes<'a> {
+    pub line: &'a NavigationLine<'a>,
+    magnetometers: &'a [Magnetometer<'a>],
+    layout: &'a Layout,
+    offsets_nt: &'a [f64],
+    interval_s: f64,
+    /// The first sample of the next node.
+    pub next: usize,
+    arrival: Step,
+}
+
+impl<'a> Nodes<'a> {
+    pub fn new(
+        line: &'a NavigationLine<'a>,
+        magnetometers: &'a [Magnetometer<'a>],
+        layout: &'a Layout,
+        offsets_nt: &'a [f64],
+        interval_s: f64,
+    ) -> Self {
+        let arrival = Step { dt_s: 0.0, phi: identity(), noise: [[0.0; STATES]; STATES] };
+        Self { line, magnetometers, layout, offsets_nt, interval_s, next: 0, arrival }
+    }
+
+    /// The time of the next node; `None` after the last.
+    pub fn next_s(&self) -> Option<f64> {
+        self.line.ins.tt_s.get(self.next).copied()
+    }
+
+    /// The next node, of samples before `end_s` but for the first; `None` after the last.
+    pub fn take(&mut self, end_s: f64) -> Option<Node> {
+        let first_s = self.next_s()?;
+        let tt_s = self.line.ins.tt_s;
+        let mut node = Node {
+            rows: self.next..self.next,
+            tt_s: first_s,
+            step: self.arrival.clone(),
+            positions: vec![],
+            measurements: vec![],
+        };
+        let mut walked = Step { dt_s: 0.0, phi: identity(), noise: [[0.0; STATES]; STATES] };
+        loop {
+            node.positions.push([walked.phi[LAT], walked.phi[LON], walked.phi[ALT]]);
+            node.rows.end += 1;
+            let row = node.rows.end;
+            if row == tt_s.len() {
+                break;
+            }
+            walk(&mut walked, self.line, row);
+            if tt_s[row] - first_s > self.interval_s - SLACK_S || tt_s[row] >= end_s - SLACK_S {
+                break;
+            }
+        }
+        self.next = node.rows.end;
+        self.arrival = walked;
+        node.measurements = (0..self.magnetometers.len()).map(|of| self.measurement(of, &node)).collect();
+        Some(node)
+    }
+
+    fn measurement(&self, of: usize, node: &Node) -> Option<Measurement> {
+        let (magnetometer, tt_s) = (&self.magnetometers[of], self.line.ins.tt_s);
+        let weights: Vec<f64> = node.rows.clone().map(|row| magnetometer.precision(row)).collect();
+        let precision: f64 = weights.iter().sum();
+        if !(precision > 0.0 && precision.is_finite()) {
+            return None;
+        }
+        let weights: Vec<f64> = weights.into_iter().map(|weight| weight / precision).collect();
+        let mut average = Measurement {
+            value_nt: 0.0,
+            variance_nt2: 1.0 / precision,
+            temporal: 0.0,
+            error: 0.0,
+            regressors: vec![0.0; magnetometer.coefficients.terms()],
+            weights,
+        };
+        for (row, weight) in node.rows.clone().zip(&average.weights) {
+            if *weight > 0.0 {
+                let after_s = tt_s[row] - node.tt_s;
+                average.value_nt += weight * (magnetometer.measurement_nt[row] - self.offsets_nt[of]);
+                average.temporal += weight * (-after_s / self.line.errors.fogm_tau_s).exp();
+                average.error += weight * self.layout.errors[of].decay(after_s);
+                add_scaled(&mut average.regressors, *weight, magnetometer.coefficients.row(row));
+            }
+        }
+        Some(average)
+    }
+}
+
+/// Takes a step to `row` on.
+fn walk(walked: &mut Step, line: &NavigationLine, row: usize) {
+    let step = line.step(row);
+    if walked.dt_s == 0.0 {
+        *walked = Step { dt_s: step.dt_s, phi: step.phi, noise: step.noise };
+        return;
+    }
+    walked.dt_s += step.dt_s;
+    walked.phi = product(&step.phi, &walked.phi);
+    walked.noise = propagate_covariance(&step.phi, &walked.noise);
+    add(&mut walked.noise, &step.noise);
+}
+
+/// A state and its covariance at the samples of a node after its first: no measurement lies between.
+pub(super) fn carry(line: &NavigationLine, row: usize, x: &mut StateVector, p: &mut StateMatrix) {
+    let step = line.step(row);
+    *x = crate::navigation::transition::propagate_state(&step.phi, x);
+    *p = propagate_covariance(&step.phi, p);
+    add(p, &step.noise);
+}

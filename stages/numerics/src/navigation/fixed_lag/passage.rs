@@ -1,0 +1,233 @@
+//! The windows along a line: what is estimated of a sample, and when it is final.
+
+use std::collections::VecDeque;
+use std::ops::Range;
+
+use crate::navigation::output::Innovation;
+use crate::navigation::pinson::{STATES, StateMatrix, StateVector};
+use crate::navigation::{NavigationError, NavigationLine, PredictedField};
+
+use super::gaussian::{Gaussian, Layout};
+use super::nodes::{Node, Nodes, SLACK_S, carry};
+use super::parameters::FixedLagParameters;
+use super::window::Window;
+use super::{FixedLagOutput, Magnetometer, Usage};
+
+/// What is estimated of a node, and of the innovation there.
+struct Estimate {
+    rows: Range<usize>,
+    tt_s: f64,
+    x: StateVector,
+    p: StateMatrix,
+    coefficients: Vec<f64>,
+    innovation: Innovation,
+    usage: Usage,
+}
+
+/// The filter in front of the windows, linearised at its own prediction.
+struct Front<'a> {
+    parameters: &'a FixedLagParameters,
+    layout: &'a Layout,
+    line: &'a NavigationLine<'a>,
+    field: PredictedField<'a>,
+    now: Gaussian,
+    gain: Vec<f64>,
+    spare: Vec<f64>,
+}
+
+impl Front<'_> {
+    /// Takes the measurements of a node, which is the line's first or after the last one taken.
+    fn take(&mut self, node: &Node) -> Estimate {
+        if node.rows.start > 0 {
+            self.now.propagate(self.layout, &node.step, &mut self.spare);
+        }
+        let (mut innovation, mut squares, mut used) = (Innovation::NONE, 0.0, 0_usize);
+        for (of, measurement) in node.measurements.iter().enumerate() {
+            let Some(measurement) = measurement else { continue };
+            let Some(field) = node.field(of, self.line, &mut self.field, &self.now.x) else { continue };
+            let h = measurement.sensitivity(&field, self.layout, of);
+            let residual = measurement.residual(&field, &h, &self.now.x);
+            let s = self.now.predict(&h, measurement.variance_nt2, &mut self.gain);
+            let nis = residual * residual / s;
+            let inflated = measurement.variance_nt2 * (1.0 / self.parameters.weight(nis) - 1.0);
+            self.now.update(residual, s + inflated, &mut self.gain, &mut self.spare);
+            if used == 0 {
+                innovation.residual_nt = residual;
+            }
+            squares += nis;
+            used += 1;
+        }
+        let usage = match used {
+            0 if node.measurements.iter().all(Option::is_none) => Usage::Missing,
+            0 => Usage::OffMap,
+            _ => Usage::Used,
+        };
+        if used > 0 {
+            innovation.nis = squares / used as f64;
+        }
+        Estimate {
+            rows: node.rows.clone(),
+            tt_s: node.tt_s,
+            x: self.now.ins_state(),
+            p: self.now.ins_covariance(),
+            coefficients: self.now.x[self.layout.coefficients()..].to_vec(),
+            innovation,
+            usage,
+        }
+    }
+}
+
+/// A line on its way through the windows.
+pub(super) struct Passage<'a> {
+    parameters: &'a FixedLagParameters,
+    layout: &'a Layout,
+    magnetometers: &'a [Magnetometer<'a>],
+    nodes: Nodes<'a>,
+    front: Front<'a>,
+    window: Window<'a>,
+    /// The estimates that are not final, the last as many as the window has nodes or fewer.
+    pending: VecDeque<Estimate>,
+    output: FixedLagOutput,
+}
+
+impl<'a> Passage<'a> {
+    pub fn new(
+        parameters: &'a FixedLagParameters,
+        layout: &'a Layout,
+        magnetometers: &'a [Magnetometer<'a>],
+        nodes: Nodes<'a>,
+        prior: Gaussian,
+        output: FixedLagOutput,
+    ) -> Self {
+        let line = nodes.line;
+        let front = Front {
+            parameters,
+            layout,
+            line,
+            field: line.predicted(),
+            gain: vec![0.0; prior.dim()],
+            now: prior.clone(),
+            spare: vec![],
+        };
+        let window = Window::new(parameters, layout, line, prior);
+        Self { parameters, layout, magnetometers, nodes, front, window, pending: VecDeque::new(), output }
+    }
+
+    /// Goes through all windows.
+    pub fn run(mut self) -> Result<FixedLagOutput, NavigationError> {
+        let tt_s = self.nodes.line.ins.tt_s;
+        let (first_s, last_s) = (tt_s[0], tt_s[tt_s.len() - 1]);
+        let stride_s = self.parameters.stride_s();
+        let end_after = |tt_s: f64| first_s + stride_s * (((tt_s - first_s + SLACK_S) / stride_s).floor() + 1.0);
+        while let Some(next_s) = self.nodes.next_s() {
+            let end_s = end_after(next_s);
+            while let Some(node) = self.nodes.take(end_s) {
+                let estimate = self.front.take(&node);
+                self.pending.push_back(estimate);
+                self.window.nodes.push(node);
+                if self.nodes.next_s().is_some_and(|next_s| next_s >= end_s - SLACK_S) {
+                    break;
+                }
+            }
+            let following_s = self.nodes.next_s().map(end_after);
+            self.solve(end_s.min(last_s), following_s.map(|end_s| end_s.min(last_s)))?;
+        }
+        let last = &self.front.now;
+        let (dim, first) = (last.dim(), self.layout.coefficients());
+        self.output.coefficients = last.x[first..].to_vec();
+        self.output.coefficient_covariance =
+            (first..dim).flat_map(|row| &last.p[row * dim + first..(row + 1) * dim]).copied().collect();
+        Ok(self.output)
+    }
+
+    /// Solves the window that ends at a time, hands out the estimates that the next cannot better, and slides on.
+    fn solve(&mut self, end_s: f64, following_s: Option<f64>) -> Result<(), NavigationError> {
+        let nodes = &self.window.nodes;
+        let (count, lag_s) = (nodes.len(), self.parameters.lag_s);
+        let start_s = following_s.map(|end_s| end_s - self.parameters.window_s);
+        let next =
+            start_s.map_or(0, |start_s| nodes.partition_point(|node| node.tt_s < start_s - SLACK_S).min(count - 1));
+        let is_final = |tt_s: f64| match (following_s, start_s) {
+            (Some(following_s), Some(start_s)) => following_s > tt_s + lag_s + SLACK_S || tt_s < start_s - SLACK_S,
+            _ => true,
+        };
+        let ripe = self.pending.partition_point(|estimate| is_final(estimate.tt_s));
+        // The nodes whose estimates are final and may use all of this window.
+        let oldest = self.pending.front().map_or(0, |estimate| estimate.rows.start);
+        let smooth =
+            |node: &Node| node.rows.start >= oldest && is_final(node.tt_s) && end_s <= node.tt_s + lag_s + SLACK_S;
+        let mut wanted: Vec<bool> = nodes.iter().map(smooth).collect();
+        let smoothed = wanted.iter().position(|wanted| *wanted);
+        let until = wanted.iter().rposition(|wanted| *wanted).map_or(0, |last| last + 1);
+        wanted[next] = true;
+        let report = self.window.solve(&wanted);
+        if !self.window.last.is_sound() {
+            let (row, tt_s) = self.window.nodes.last().map_or((0, end_s), |node| (node.rows.start, node.tt_s));
+            return Err(NavigationError::Diverged { row, tt_s });
+        }
+        self.output.windows.push(report);
+        self.front.now.copy_from(&self.window.last);
+        if let Some(from) = smoothed {
+            self.smooth(from..until);
+        }
+        for _ in 0..ripe {
+            if let Some(estimate) = self.pending.pop_front() {
+                self.emit(estimate)?;
+            }
+        }
+        self.window.slide(next);
+        Ok(())
+    }
+
+    /// Puts the smoothed states of these nodes in place of the filtered ones.
+    fn smooth(&mut self, range: Range<usize>) {
+        // The window's last node is the last that is pending.
+        let (pending, nodes) = (self.pending.len(), self.window.nodes.len());
+        let (window, estimates, layout) = (&self.window, &mut self.pending, self.layout);
+        window.covariances(range.clone(), |node, p| {
+            let place = (pending + node).checked_sub(nodes);
+            if let Some(estimate) = place.and_then(|place| estimates.get_mut(place)) {
+                let x = window.state(node);
+                estimate.x.copy_from_slice(&x[..STATES]);
+                estimate.p = p;
+                estimate.coefficients.copy_from_slice(&x[layout.coefficients()..]);
+            }
+        });
+    }
+
+    /// Writes the samples of a node.
+    fn emit(&mut self, estimate: Estimate) -> Result<(), NavigationError> {
+        let line = self.nodes.line;
+        let Estimate { rows, mut x, mut p, coefficients, innovation, usage, .. } = estimate;
+        for row in rows.clone() {
+            let mut innovation = innovation;
+            if row > rows.start {
+                carry(line, row, &mut x, &mut p);
+                innovation = Innovation::NONE;
+            }
+            let output = &mut self.output.navigation;
+            output.push(line.ins, row, |state| x[state], |row, column| p[row][column], innovation, line.errors.earth);
+            if !(0..x.len()).all(|state| x[state].is_finite() && p[state][state] >= 0.0) {
+                return Err(NavigationError::Diverged { row, tt_s: line.ins.tt_s[row] });
+            }
+            let usage = match usage {
+                Usage::Used if !self.magnetometers.iter().any(|one| one.precision(row) > 0.0) => Usage::Missing,
+                usage => usage,
+            };
+            let report = &mut output.report;
+            match usage {
+                Usage::Used => report.updates += 1,
+                Usage::Missing => report.missing_measurements += 1,
+                Usage::OffMap => report.off_map += 1,
+            }
+            self.output.usage.push(usage);
+            for (magnetometer, block) in self.magnetometers.iter().zip(&self.layout.blocks) {
+                let first = self.layout.coefficients();
+                let beta = &coefficients[block.start - first..block.end - first];
+                let terms = magnetometer.coefficients.row(row).iter().zip(beta);
+                self.output.aircraft_nt.push(terms.map(|(term, beta)| term * beta).sum());
+            }
+        }
+        Ok(())
+    }
+}

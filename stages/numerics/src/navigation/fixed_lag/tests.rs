@@ -1,0 +1,4 @@
+mod batch;
+mod cold_start;
+mod flights;
+mod irregular;

@@ -1,0 +1,435 @@
+//! The states of a window: Gauss-Newton with a line search, each of whose steps is a forward pass and its adjoint.
+
+use std::ops::Range;
+
+use crate::navigation::pinson::{STATES, StateMatrix};
+use crate::navigation::{NavigationLine, PredictedField};
+
+use super::gaussian::{Gaussian, Layout, Step, add_scaled, noise_times, propagate_adjoint, propagate_mean};
+use super::nodes::{LocalField, Node};
+use super::parameters::{FixedLagParameters, Loss, WindowReport};
+
+/// Halvings of a step before it is given up.
+const MOST_HALVINGS: u32 = 8;
+
+/// A path through the nodes: x = m − P λ at the first, x ← Φ x − Q λ at the others, with the adjoint λ of the path.
+#[derive(Clone, Debug, Default)]
+struct Path {
+    x: Vec<f64>,
+    adjoint: Vec<f64>,
+    /// Half the squared distance from prior and process.
+    distance: f64,
+}
+
+/// What the forward pass leaves of a measurement to its adjoint.
+#[derive(Clone, Copy, Debug)]
+struct Trace {
+    magnetometer: usize,
+    /// Innovation over its variance, and that variance.
+    scaled: f64,
+    variance: f64,
+}
+
+/// A window that slides along the nodes.
+pub(super) struct Window<'a> {
+    parameters: &'a FixedLagParameters,
+    layout: &'a Layout,
+    line: &'a NavigationLine<'a>,
+    field: PredictedField<'a>,
+    /// The first is the window's start.
+    pub nodes: Vec<Node>,
+    /// The states at the first node before its measurements.
+    pub prior: Gaussian,
+    /// The states at the last node with all measurements up to it.
+    pub last: Gaussian,
+    path: Path,
+    trial: Path,
+    /// What the last forward pass is linearised about.
+    fields: Vec<Option<LocalField>>,
+    /// About the trial path; between windows about the path.
+    trial_fields: Vec<Option<LocalField>>,
+    /// By node, where its traces begin; one more at the end.
+    starts: Vec<usize>,
+    traces: Vec<Trace>,
+    gains: Vec<f64>,
+    /// The predicted states of the nodes that are asked for.
+    predicted: Vec<Option<Gaussian>>,
+    spare: Vec<f64>,
+    row: Vec<f64>,
+}
+
+impl<'a> Window<'a> {
+    pub fn new(
+        parameters: &'a FixedLagParameters,
+        layout: &'a Layout,
+        line: &'a NavigationLine<'a>,
+        prior: Gaussian,
+    ) -> Self {
+        Self {
+            parameters,
+            layout,
+            line,
+            field: line.predicted(),
+            nodes: vec![],
+            last: prior.clone(),
+            row: vec![0.0; prior.dim()],
+            prior,
+            path: Path::default(),
+            trial: Path::default(),
+            fields: vec![],
+            trial_fields: vec![],
+            starts: vec![],
+            traces: vec![],
+            gains: vec![],
+            predicted: vec![],
+            spare: vec![],
+        }
+    }
+
+    fn dim(&self) -> usize {
+        self.layout.dim()
+    }
+
+    /// The smoothed states of a node.
+    pub fn state(&self, node: usize) -> &[f64] {
+        &self.path.x[node * self.dim()..(node + 1) * self.dim()]
+    }
+
+    /// Solves for the states of all nodes and keeps the predicted ones of the nodes `wanted`.
+    pub fn solve(&mut self, wanted: &[bool]) -> WindowReport {
+        let new = self.extend();
+        std::mem::swap(&mut self.fields, &mut self.trial_fields);
+        Self::evaluate(&mut self.field, self.line, &self.nodes, &self.path, new.start, &mut self.fields);
+        self.predicted.resize(self.nodes.len(), None);
+        let mut report = WindowReport { smallest_step: 1.0, states: self.dim(), ..WindowReport::default() };
+        self.path.distance = self.distance(&self.path);
+        let mut before = self.cost(&self.path, &self.fields, &self.fields);
+        let tolerance = self.parameters.tolerance;
+        while report.iterations < self.parameters.iterations.max(1) && !report.converged {
+            // Nothing is known of the new residuals before the first iteration.
+            let trusted = if report.iterations == 0 { new.clone() } else { 0..0 };
+            self.forward(&trusted, wanted);
+            self.adjoint();
+            report.iterations += 1;
+            let linear = self.cost(&self.trial, &self.fields, &self.fields);
+            let (share, after) = self.search(before);
+            report.smallest_step = report.smallest_step.min(share);
+            report.converged = share > 0.0
+                && match self.parameters.loss {
+                    // The cost is that of the linear model: another iteration would say the same.
+                    Loss::None => before - after < tolerance || (share == 1.0 && (linear - after).abs() < tolerance),
+                    Loss::Huber | Loss::Cauchy => before - after < tolerance && report.iterations > 1,
+                };
+            if share == 0.0 {
+                break;
+            }
+            if report.converged {
+                // The last pass stands, with the fields that it used.
+                std::mem::swap(&mut self.fields, &mut self.trial_fields);
+                before = after;
+            } else {
+                // What is off the map or on it may have changed with the path.
+                before = self.cost(&self.path, &self.fields, &self.fields);
+            }
+        }
+        if !report.converged {
+            self.forward(&(0..0), wanted);
+            self.trial_fields.clone_from(&self.fields);
+        }
+        report.span_s = [self.nodes[0].tt_s, self.nodes[self.nodes.len() - 1].tt_s];
+        report.nodes = self.nodes.len();
+        report.measurements = self.traces.len();
+        report.chi_square = 2.0 * before;
+        report.prior_chi_square = self.prior_cost(&self.path);
+        report.inconsistent = WindowReport::contradicts(report.prior_chi_square, report.states);
+        report
+    }
+
+    /// Lets the path go on to the nodes that are new, without process noise; these.
+    fn extend(&mut self) -> Range<usize> {
+        let dim = self.dim();
+        let known = self.path.x.len() / dim;
+        for node in known..self.nodes.len() {
+            if node == 0 {
+                self.path.x.extend_from_slice(&self.prior.x);
+            } else {
+                self.path.x.extend_from_within((node - 1) * dim..node * dim);
+                propagate_mean(self.layout, &self.nodes[node].step, &mut self.path.x[node * dim..]);
+            }
+        }
+        self.path.adjoint.resize(self.nodes.len() * dim, 0.0);
+        known..self.nodes.len()
+    }
+
+    /// The fields about a path from a node on, by node and magnetometer.
+    fn evaluate(
+        field: &mut PredictedField,
+        line: &NavigationLine,
+        nodes: &[Node],
+        path: &Path,
+        first: usize,
+        out: &mut Vec<Option<LocalField>>,
+    ) {
+        let dim = path.x.len() / nodes.len();
+        out.truncate(first * nodes[0].measurements.len());
+        for (node, x) in nodes.iter().zip(path.x.chunks_exact(dim)).skip(first) {
+            for of in 0..node.measurements.len() {
+                let local = node.field(of, line, field, x);
+                out.push(local);
+            }
+        }
+    }
+
+    /// Half the squared distance of a path from prior and process: ½ λᵀ P λ of the first node, ½ λᵀ Q λ of the others.
+    fn distance(&self, path: &Path) -> f64 {
+        let dim = self.dim();
+        let mut noise = vec![0.0; dim];
+        let mut sum = 0.5 * self.prior_cost(path);
+        for (node, adjoint) in self.nodes.iter().zip(path.adjoint.chunks_exact(dim)).skip(1) {
+            noise_times(self.layout, &node.step, adjoint, &mut noise);
+            sum += 0.5 * dot(adjoint, &noise);
+        }
+        sum
+    }
+
+    /// The distance and the cost of the residuals that `counted` has; where the field is not known there, the residual
+    /// of
+    /// `counted` stands for it.
+    fn cost(&self, path: &Path, fields: &[Option<LocalField>], counted: &[Option<LocalField>]) -> f64 {
+        let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
+        let mut sum = path.distance;
+        for (k, node) in self.nodes.iter().enumerate() {
+            let range = k * dim..(k + 1) * dim;
+            for (of, measurement) in node.measurements.iter().enumerate() {
+                let place = k * magnetometers + of;
+                let (Some(measurement), Some(known)) = (measurement, &counted[place]) else { continue };
+                let (field, x) = match &fields[place] {
+                    Some(field) => (field, &path.x[range.clone()]),
+                    None => (known, &self.path.x[range.clone()]),
+                };
+                let residual = measurement.residual(field, &measurement.sensitivity(field, self.layout, of), x);
+                sum += self.parameters.cost(residual * residual / measurement.variance_nt2);
+            }
+        }
+        sum
+    }
+
+    /// λᵀ P λ of the window's start: the squared distance from the prior.
+    fn prior_cost(&self, path: &Path) -> f64 {
+        let dim = self.dim();
+        let Some(adjoint) = path.adjoint.get(..dim) else { return 0.0 };
+        self.prior.p.chunks_exact(dim).zip(adjoint).map(|(row, entry)| entry * dot(row, adjoint)).sum()
+    }
+
+    /// The filter about the path. A measurement of the nodes `trusted` has its full weight.
+    fn forward(&mut self, trusted: &Range<usize>, wanted: &[bool]) {
+        let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
+        self.traces.clear();
+        self.starts.clear();
+        self.gains.clear();
+        let mut now = std::mem::take(&mut self.last);
+        now.copy_from(&self.prior);
+        for (k, node) in self.nodes.iter().enumerate() {
+            if k > 0 {
+                now.propagate(self.layout, &node.step, &mut self.spare);
+            }
+            if wanted.get(k) == Some(&true) {
+                self.predicted[k].get_or_insert_default().copy_from(&now);
+            }
+            self.starts.push(self.traces.len());
+            for (of, measurement) in node.measurements.iter().enumerate() {
+                let (Some(measurement), Some(field)) = (measurement, &self.fields[k * magnetometers + of]) else {
+                    continue;
+                };
+                let h = measurement.sensitivity(field, self.layout, of);
+                let mut variance = measurement.variance_nt2;
+                if !trusted.contains(&k) {
+                    let residual = measurement.residual(field, &h, &self.path.x[k * dim..(k + 1) * dim]);
+                    variance /= self.parameters.weight(residual * residual / variance);
+                }
+                let innovation = measurement.residual(field, &h, &now.x);
+                let at = self.gains.len();
+                self.gains.resize(at + dim, 0.0);
+                let s = now.predict(&h, variance, &mut self.gains[at..]);
+                now.update(innovation, s, &mut self.gains[at..], &mut self.spare);
+                self.traces.push(Trace { magnetometer: of, scaled: innovation / s, variance: s });
+            }
+        }
+        self.starts.push(self.traces.len());
+        self.last = now;
+    }
+
+    /// The adjoint of the forward pass, and the path that it makes: the Gauss-Newton step. [Bryson & Frazier 1963;
+    /// Bierman 1973]
+    fn adjoint(&mut self) {
+        let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
+        let nodes = self.nodes.len();
+        self.trial.adjoint.clear();
+        self.trial.adjoint.resize(nodes * dim, 0.0);
+        let mut adjoint = std::mem::take(&mut self.row);
+        adjoint.fill(0.0);
+        for k in (0..nodes).rev() {
+            for trace in (self.starts[k]..self.starts[k + 1]).rev() {
+                let Trace { magnetometer: of, scaled, .. } = self.traces[trace];
+                let gain = &self.gains[trace * dim..(trace + 1) * dim];
+                let place = k * magnetometers + of;
+                if let (Some(measurement), Some(field)) = (&self.nodes[k].measurements[of], &self.fields[place]) {
+                    let factor = scaled + dot(gain, &adjoint);
+                    measurement.sensitivity(field, self.layout, of).add_to(&mut adjoint, -factor);
+                }
+            }
+            self.trial.adjoint[k * dim..(k + 1) * dim].copy_from_slice(&adjoint);
+            if k > 0 {
+                propagate_adjoint(self.layout, &self.nodes[k].step, &mut adjoint);
+            }
+        }
+        self.row = adjoint;
+        self.follow();
+    }
+
+    /// The states of the trial path, from its adjoint.
+    fn follow(&mut self) {
+        let dim = self.dim();
+        self.trial.x.clear();
+        let first = &self.trial.adjoint[..dim];
+        let moved = self.prior.x.iter().zip(self.prior.p.chunks_exact(dim)).map(|(x, row)| x - dot(row, first));
+        self.trial.x.extend(moved);
+        let mut squared = self.prior_cost(&self.trial);
+        for k in 1..self.nodes.len() {
+            self.trial.x.extend_from_within((k - 1) * dim..k * dim);
+            let x = &mut self.trial.x[k * dim..];
+            propagate_mean(self.layout, &self.nodes[k].step, x);
+            let adjoint = &self.trial.adjoint[k * dim..(k + 1) * dim];
+            noise_times(self.layout, &self.nodes[k].step, adjoint, &mut self.row);
+            squared += dot(adjoint, &self.row);
+            add_scaled(x, -1.0, &self.row);
+        }
+        self.trial.distance = 0.5 * squared;
+    }
+
+    /// Takes the largest of the parts 1, 1/2, 1/4 … of the step that lowers the cost, or none: the part, and the cost
+    /// there.
+    fn search(&mut self, before: f64) -> (f64, f64) {
+        let mut share = 1.0;
+        for _ in 0..MOST_HALVINGS {
+            Self::evaluate(&mut self.field, self.line, &self.nodes, &self.trial, 0, &mut self.trial_fields);
+            let after = self.cost(&self.trial, &self.trial_fields, &self.fields);
+            // Rounding may raise the cost of a path that was the solution already.
+            if after <= before + 1e-9 * before.abs() {
+                std::mem::swap(&mut self.path, &mut self.trial);
+                std::mem::swap(&mut self.fields, &mut self.trial_fields);
+                return (share, after);
+            }
+            share *= 0.5;
+            halve(&mut self.trial.x, &self.path.x);
+            halve(&mut self.trial.adjoint, &self.path.adjoint);
+            self.trial.distance = self.distance(&self.trial);
+        }
+        (0.0, before)
+    }
+
+    /// The smoothed covariances of the 18 states at the nodes whose predicted ones are kept, from the last to the first
+    /// of
+    /// `range`: P − P Λ P with the adjoint Λ of the information.
+    pub fn covariances(&self, range: Range<usize>, mut take: impl FnMut(usize, StateMatrix)) {
+        let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
+        let mut information = vec![0.0; dim * dim];
+        let (mut column, mut dense, mut spare) = (vec![0.0; dim], vec![0.0; dim], vec![]);
+        for k in (range.start..self.nodes.len()).rev() {
+            for trace in (self.starts[k]..self.starts[k + 1]).rev() {
+                let Trace { magnetometer: of, variance, .. } = self.traces[trace];
+                let gain = &self.gains[trace * dim..(trace + 1) * dim];
+                let (Some(measurement), Some(field)) =
+                    (&self.nodes[k].measurements[of], &self.fields[k * magnetometers + of])
+                else {
+                    continue;
+                };
+                dense.fill(0.0);
+                measurement.sensitivity(field, self.layout, of).add_to(&mut dense, 1.0);
+                for (entry, row) in column.iter_mut().zip(information.chunks_exact(dim)) {
+                    *entry = dot(row, gain);
+                }
+                // Λ ← (I − K H)ᵀ Λ (I − K H) + Hᵀ H/s
+                let half = 0.5 * (dot(&column, gain) + 1.0 / variance);
+                column.iter_mut().zip(&dense).for_each(|(v, h)| *v -= half * h);
+                for (row, (h, v)) in information.chunks_exact_mut(dim).zip(dense.iter().zip(&column)) {
+                    for (entry, (other_h, other_v)) in row.iter_mut().zip(dense.iter().zip(&column)) {
+                        *entry -= h * other_v + v * other_h;
+                    }
+                }
+            }
+            if let (true, Some(predicted)) = (k < range.end, &self.predicted[k]) {
+                take(k, smoothed(predicted, &information));
+            }
+            if k > 0 {
+                propagate_information(self.layout, &self.nodes[k].step, &mut information, &mut spare);
+            }
+        }
+    }
+
+    /// Drops the nodes before `first`, whose predicted states become the prior: what the dropped measurements say.
+    pub fn slide(&mut self, first: usize) {
+        if first == 0 {
+            return;
+        }
+        let dim = self.dim();
+        if let Some(predicted) = self.predicted[first].take() {
+            self.prior = predicted;
+        }
+        self.nodes.drain(..first);
+        self.predicted.drain(..first);
+        self.path.x.drain(..first * dim);
+        self.path.adjoint.drain(..first * dim);
+        self.trial_fields.drain(..first * self.layout.blocks.len());
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// To the middle between itself and another.
+fn halve(to: &mut [f64], other: &[f64]) {
+    to.iter_mut().zip(other).for_each(|(to, other)| *to = 0.5 * (*to + other));
+}
+
+/// Λ ← Φᵀ Λ Φ.
+fn propagate_information(layout: &Layout, step: &Step, information: &mut [f64], spare: &mut Vec<f64>) {
+    let dim = layout.dim();
+    for row in information.chunks_exact_mut(dim) {
+        propagate_adjoint(layout, step, row);
+    }
+    spare.clear();
+    for row in 0..dim {
+        spare.extend((0..dim).map(|column| information[column * dim + row]));
+    }
+    for row in spare.chunks_exact_mut(dim) {
+        propagate_adjoint(layout, step, row);
+    }
+    // Both halves alike.
+    for row in 0..dim {
+        for column in 0..dim {
+            information[row * dim + column] = 0.5 * (spare[row * dim + column] + spare[column * dim + row]);
+        }
+    }
+}
+
+/// The 18 states' part of P − P Λ P, symmetric.
+fn smoothed(predicted: &Gaussian, information: &[f64]) -> StateMatrix {
+    let dim = predicted.dim();
+    let mut moved = vec![0.0; STATES * dim];
+    for (out, row) in moved.chunks_exact_mut(dim).zip(predicted.p.chunks_exact(dim)) {
+        for (factor, from) in row.iter().zip(information.chunks_exact(dim)) {
+            add_scaled(out, *factor, from);
+        }
+    }
+    let mut p = predicted.ins_covariance();
+    for row in 0..STATES {
+        let moved = &moved[row * dim..(row + 1) * dim];
+        for (column, entries) in predicted.p.chunks_exact(dim).take(row + 1).enumerate() {
+            p[row][column] -= dot(moved, entries);
+            p[column][row] = p[row][column];
+        }
+    }
+    p
+}

@@ -1,0 +1,210 @@
+//! The iterated extended Kalman filter of magnetic navigation.
+//!
+//! States, measurement and steps are those of `ekf`. Where that linearises the map once at the predicted position x⁻,
+//! this one looks for the state that is most probable after the measurement, the minimum of
+//!
+//! ```text
+//! J(x) = (x - x⁻)ᵀ P⁻¹ (x - x⁻)/2 + (z - h(x))²/(2 σ²)
+//! ```
+//!
+//! by Gauss and Newton's iteration: the map is linearised again at each iterate xᵢ, with its row Hᵢ,
+//!
+//! ```text
+//! x⁺ = x⁻ + Kᵢ (z - h(xᵢ) - Hᵢ (x⁻ - xᵢ)),      Kᵢ = P Hᵢᵀ/(Hᵢ P Hᵢᵀ + σ²)
+//! ```
+//!
+//! [Jazwinski 1970, chapter 8; Bell & Cathey 1993]. A step that would raise J is halved until it does not; after
+//! ten halvings the iterate stays the answer, so no answer is less probable than the prediction. The covariance is that of
+//! the last linearisation. All iterates are x⁻ + P v with a v that has entries for position and S only, so that
+//! the first term of J is vᵀ P v/2, which needs no inverse, and an iteration costs little beside its map value.
+//!
+//! With one iteration it is the extended Kalman filter: the one step is taken whole and J is not computed.
+//!
+//! Irregularities are those of `ekf`: a measurement that is NaN or infinite or whose sigma is not above 0, and a
+//! predicted position off the map, leave the filter predicting. An iterate off the map, or in an unknown cell, has no J,
+//! so the step to it is halved.
+
+use crate::earth::field_value::FieldValue;
+use crate::navigation::field::PredictedField;
+use crate::navigation::ins_error::ParameterError;
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
+use params::{Rule, obeys};
+use pulp::{Simd, WithSimd};
+
+use crate::navigation::scalar_filter::problem::{Optimum, ScalarProblem, Search};
+use crate::navigation::scalar_filter::{
+    Belief, MEASURED, Sensitivity, StepModel, add_scaled, measured, measured_states,
+};
+
+/// The parameters of the filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct IekfParameters {
+    /// The most linearisations of the map at a measurement, at least 1.
+    pub iterations: usize,
+    /// The iteration ends where a step moves the position by less than this, in m.
+    pub tolerance_m: f64,
+    /// A measurement whose squared innovation over its variance is above this is left out and counted; `None` uses
+    /// every one.
+    pub gate_nis: Option<f64>,
+    /// Hand out the error states of every sample (144 bytes each).
+    pub keep_states: bool,
+    /// Hand out the covariance of every sample (2.6 kB each).
+    pub keep_covariance: bool,
+}
+
+impl Default for IekfParameters {
+    fn default() -> Self {
+        Self { iterations: 5, tolerance_m: 0.1, gate_nis: None, keep_states: true, keep_covariance: false }
+    }
+}
+
+impl IekfParameters {
+    /// Refuses parameters that make no filter.
+    ///
+    /// # Errors
+    /// Fails for no iteration, and for a tolerance or gate that is not a finite number above 0.
+    pub fn check(&self) -> Result<(), ParameterError> {
+        obeys(&self.iterations, "iterations", Rule::Positive).map_err(ParameterError)?;
+        obeys(&self.tolerance_m, "tolerance_m", Rule::Positive).map_err(ParameterError)?;
+        self.gate_nis.map_or(Ok(()), |gate| obeys(&gate, "gate_nis", Rule::Positive).map_err(ParameterError))
+    }
+}
+
+/// How the iterations went.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct IekfReport {
+    /// Linearisations of the map in all updates together.
+    pub linearisations: usize,
+    /// Steps that were halved.
+    pub halved: usize,
+    /// Updates whose last step was not below the tolerance: out of iterations, or no step lowered J. Always 0 with one
+    /// iteration, which is not asked to converge.
+    pub unconverged: usize,
+}
+
+/// The filtered line. `residual_nt` and `nis` are of the predicted state, as in `ekf`.
+#[derive(Clone, Debug, Default)]
+pub struct IekfOutput {
+    /// The line.
+    pub line: NavigationOutput,
+    /// How the iterations went.
+    pub iterations: IekfReport,
+}
+
+/// Filters one line.
+///
+/// # Errors
+/// Fails as [`IekfParameters::check`] and [`NavigationLine::check`], for an `offset_window_s` that is not a finite
+/// number of at least 0, and with [`NavigationError::Diverged`] when states or variances are no longer finite or a
+/// variance is negative.
+pub fn run(line: &NavigationLine<'_>, parameters: &IekfParameters) -> Result<IekfOutput, NavigationError> {
+    parameters.check()?;
+    line.check()?;
+    obeys(&line.offset_window_s, "offset_window_s", Rule::NotNegative).map_err(ParameterError)?;
+    pulp::Arch::new().dispatch(Filter::new(line, parameters))
+}
+
+struct Filter<'a> {
+    line: &'a NavigationLine<'a>,
+    parameters: &'a IekfParameters,
+    field: PredictedField<'a>,
+    model: StepModel,
+    belief: Belief,
+    output: IekfOutput,
+}
+
+impl WithSimd for Filter<'_> {
+    type Output = Result<IekfOutput, NavigationError>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) -> Self::Output {
+        let ins = self.line.ins;
+        for row in 0..ins.len() {
+            if row > 0 {
+                self.belief.propagate(&self.model, ins, row);
+            }
+            let innovation = self.measure(row);
+            if !self.belief.is_sound() {
+                return Err(NavigationError::Diverged { row, tt_s: ins.tt_s[row] });
+            }
+            let Belief { x, p } = &self.belief;
+            let earth = self.line.errors.earth;
+            self.output.line.push(ins, row, |state| x[state], |row, column| p[row][column], innovation, earth);
+        }
+        Ok(self.output)
+    }
+}
+
+impl<'a> Filter<'a> {
+    fn new(line: &'a NavigationLine<'a>, parameters: &'a IekfParameters) -> Self {
+        let IekfParameters { keep_states, keep_covariance, .. } = *parameters;
+        let mut field = line.predicted();
+        let mut output = NavigationOutput::with_capacity(line.ins.len(), keep_states, keep_covariance);
+        let (offset_nt, samples) = field.offset(line.ins, line.measurement_nt, line.offset_window_s);
+        (output.report.offset_nt, output.report.offset_samples) = (offset_nt, samples);
+        Self {
+            line,
+            parameters,
+            field,
+            model: StepModel::of(&line.errors),
+            belief: Belief::initial(&line.errors, line.ins),
+            output: IekfOutput { line: output, iterations: IekfReport::default() },
+        }
+    }
+
+    /// Corrects state and covariance by the measurement of a row, where there is one to use.
+    #[inline(always)]
+    fn measure(&mut self, row: usize) -> Innovation {
+        let report = &mut self.output.line.report;
+        let Some((value_nt, variance_nt2)) = measured(self.line, row, report.offset_nt) else {
+            report.missing_measurements += 1;
+            return Innovation::NONE;
+        };
+        let x = measured_states(&self.belief.x);
+        let Some(field) = self.field.at_error(self.line.ins, row, [x[0], x[1], x[2]]) else {
+            report.off_map += 1;
+            return Innovation::NONE;
+        };
+        let h = Sensitivity::of(&field);
+        let ph = h.covariance(&self.belief.p);
+        let residual_nt = value_nt - (field.value_nt + x[3]);
+        let innovation = Innovation { residual_nt, nis: residual_nt * residual_nt / (h.dot(&ph) + variance_nt2) };
+        if self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
+            report.gated += 1;
+            return innovation;
+        }
+        report.updates += 1;
+        let Optimum { v, h, .. } = self.most_probable(row, value_nt, variance_nt2, field);
+        // x⁻ + P v, before P is corrected.
+        let p = self.belief.p;
+        for (factor, state) in v.into_iter().zip(MEASURED) {
+            add_scaled(&mut self.belief.x, factor, &p[state]);
+        }
+        let ph = h.covariance(&p);
+        let weight = 1.0 / (h.dot(&ph) + variance_nt2);
+        self.belief.correct_covariance(&h, &ph.map(|ph| ph * weight), &ph, variance_nt2);
+        innovation
+    }
+
+    /// The most probable state; `field` is that of the predicted one.
+    #[inline(always)]
+    fn most_probable(&mut self, row: usize, value_nt: f64, variance_nt2: f64, field: FieldValue) -> Optimum {
+        let ins = self.line.ins;
+        let search = Search {
+            iterations: self.parameters.iterations,
+            tolerance_m: self.parameters.tolerance_m,
+            m_per_rad: self.line.errors.earth.north_east_m_per_rad(ins.lat_deg[row].to_radians(), ins.alt_m[row]),
+        };
+        let problem = ScalarProblem::of(&self.belief, value_nt, variance_nt2);
+        let optimum = problem.most_probable(&search, field, |position| self.field.at_error(ins, row, position));
+        let report = &mut self.output.iterations;
+        report.linearisations += optimum.linearisations;
+        report.halved += optimum.halved;
+        report.unconverged += usize::from(!optimum.converged);
+        optimum
+    }
+}
+
+#[cfg(test)]
+mod tests;

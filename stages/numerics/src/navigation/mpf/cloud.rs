@@ -1,0 +1,273 @@
+//! The particles, in blocks of structures of arrays, and what is done to all of them alike.
+//!
+//! Sums run over the particles in an order that depends neither on the width of the vector unit nor on threads, and no
+//! product is fused with a sum.
+
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
+use rayon::prelude::*;
+
+use super::covariance::Spread;
+use super::draws::Draws;
+
+/// Particles in a block: their 18 states are 5 kB, which the innermost cache holds.
+pub(super) const BLOCK: usize = 32;
+/// A number of each particle of a block.
+pub(super) type Lanes = [f64; BLOCK];
+/// The states of a block.
+pub(super) type Block = [Lanes; STATES];
+/// Particles whose sums are in registers.
+const WIDE: usize = 16;
+/// Separate sums, so that they need not wait for each other.
+const SUMS: usize = 8;
+/// Fewer particles are moved faster by one thread than spread over several.
+const LEAST_TO_SPREAD: usize = 8192;
+/// Blocks that a thread takes at a time.
+const SHARE: usize = 64;
+
+/// The particles. Those beyond the last fill its block and weigh nothing.
+#[derive(Clone, Debug)]
+pub(super) struct Cloud {
+    /// How many there are.
+    pub(super) particles: usize,
+    /// Their states.
+    pub(super) blocks: Vec<Block>,
+    /// The logarithms of their weights.
+    pub(super) log_weights: Vec<Lanes>,
+    /// Their weights, which sum up to 1.
+    pub(super) weights: Vec<Lanes>,
+}
+
+/// The entries of a transition matrix that are not zero, by rows.
+pub(super) struct SparseTransition {
+    entries: Vec<(usize, f64)>,
+    /// Where the entries of each row end.
+    ends: [usize; STATES],
+}
+
+impl SparseTransition {
+    pub(super) fn of(phi: &StateMatrix) -> Self {
+        let (mut entries, mut ends) = (Vec::with_capacity(STATES * STATES), [0; STATES]);
+        for (row, end) in phi.iter().zip(&mut ends) {
+            entries.extend(row.iter().copied().enumerate().filter(|(_, entry)| *entry != 0.0));
+            *end = entries.len();
+        }
+        Self { entries, ends }
+    }
+}
+
+impl Cloud {
+    /// Particles about no error, with these standard deviations of the position.
+    pub(super) fn new(particles: usize, sigmas: [f64; 2], draws: Draws) -> Self {
+        let count = particles.div_ceil(BLOCK);
+        let mut cloud = Self {
+            particles,
+            blocks: vec![[[0.0; BLOCK]; STATES]; count],
+            log_weights: vec![[0.0; BLOCK]; count],
+            weights: vec![[0.0; BLOCK]; count],
+        };
+        cloud.jitter(sigmas, draws);
+        cloud.make_equal();
+        cloud
+    }
+
+    /// Adds independent normals of these standard deviations to the position of each particle.
+    pub(super) fn jitter(&mut self, sigmas: [f64; 2], draws: Draws) {
+        for (number, [lats, lons, ..]) in self.blocks.iter_mut().enumerate() {
+            for (lane, (lat, lon)) in lats.iter_mut().zip(lons).enumerate() {
+                let [a, b] = draws.normals(number * BLOCK + lane);
+                *lat += sigmas[0] * a;
+                *lon += sigmas[1] * b;
+            }
+        }
+    }
+
+    /// Gives all particles the same weight.
+    pub(super) fn make_equal(&mut self) {
+        let weight = 1.0 / self.particles as f64;
+        let log_weight = -(self.particles as f64).ln();
+        for (number, (logs, weights)) in self.log_weights.iter_mut().zip(&mut self.weights).enumerate() {
+            for lane in 0..BLOCK {
+                let real = number * BLOCK + lane < self.particles;
+                (logs[lane], weights[lane]) = if real { (log_weight, weight) } else { (f64::NEG_INFINITY, 0.0) };
+            }
+        }
+    }
+
+    /// The effective number of particles, 1/Σq². [Kong, Liu & Wong 1994]
+    pub(super) fn effective(&self) -> f64 {
+        let mut squares = [0.0; SUMS];
+        for weights in &self.weights {
+            accumulate(&mut squares, |lane| weights[lane] * weights[lane]);
+        }
+        1.0 / total(&squares)
+    }
+
+    /// The weighted mean of the states.
+    pub(super) fn mean(&self) -> StateVector {
+        pulp::Arch::new().dispatch(Mean(self))
+    }
+
+    /// The weighted covariance of the position about a mean: twice latitude, latitude with longitude, twice longitude.
+    pub(super) fn position_covariance(&self, mean: &StateVector) -> [f64; 3] {
+        let mut sums = [[0.0; SUMS]; 3];
+        for (block, weights) in self.blocks.iter().zip(&self.weights) {
+            let (lat, lon) = (&block[LAT], &block[LON]);
+            accumulate(&mut sums[0], |lane| weights[lane] * (lat[lane] - mean[LAT]).powi(2));
+            accumulate(&mut sums[1], |lane| weights[lane] * ((lat[lane] - mean[LAT]) * (lon[lane] - mean[LON])));
+            accumulate(&mut sums[2], |lane| weights[lane] * (lon[lane] - mean[LON]).powi(2));
+        }
+        sums.each_ref().map(total)
+    }
+
+    /// The weighted covariance of all states about a mean, without that which the particles share.
+    pub(super) fn covariance(&self, mean: &StateVector) -> StateMatrix {
+        let mut sum = [[0.0; STATES]; STATES];
+        for (block, weights) in self.blocks.iter().zip(&self.weights) {
+            for lane in 0..BLOCK {
+                let off: StateVector = std::array::from_fn(|state| block[state][lane] - mean[state]);
+                add_outer(&mut sum, weights[lane], &off);
+            }
+        }
+        sum
+    }
+
+    /// Moves every particle: x ← Φ x + spread·ξ.
+    pub(super) fn propagate(&mut self, phi: &SparseTransition, spread: &Spread, draws: Draws) {
+        let particles = self.particles;
+        let share = |(number, blocks): (usize, &mut [Block])| {
+            let first = number * SHARE * BLOCK;
+            pulp::Arch::new().dispatch(Propagation { blocks, first, phi, spread, draws });
+        };
+        if particles < LEAST_TO_SPREAD {
+            self.blocks.chunks_mut(SHARE).enumerate().for_each(share);
+        } else {
+            self.blocks.par_chunks_mut(SHARE).enumerate().for_each(share);
+        }
+    }
+
+    /// Corrects the linear states of every particle by its own gain: x ← x + (P_alt·slope + P_s) r, where `r` is the
+    /// residual over its variance.
+    pub(super) fn correct(&mut self, p: &StateMatrix, slopes: &[Lanes], residuals: &[Lanes]) {
+        pulp::Arch::new().dispatch(LinearCorrection { blocks: &mut self.blocks, p, slopes, residuals });
+    }
+
+    /// The state of one particle.
+    #[inline(always)]
+    pub(super) fn particle(&self, index: usize) -> StateVector {
+        let (block, lane) = (&self.blocks[index / BLOCK], index % BLOCK);
+        std::array::from_fn(|state| block[state][lane])
+    }
+}
+
+/// Adds to separate sums, lane by lane.
+#[inline(always)]
+pub(super) fn accumulate(sums: &mut [f64; SUMS], of: impl Fn(usize) -> f64) {
+    for first in (0..BLOCK).step_by(SUMS) {
+        for (k, sum) in sums.iter_mut().enumerate() {
+            *sum += of(first + k);
+        }
+    }
+}
+
+/// The sum of the separate sums.
+pub(super) fn total(sums: &[f64; SUMS]) -> f64 {
+    let [a, b, c, d, e, f, g, h] = *sums;
+    ((a + e) + (b + f)) + ((c + g) + (d + h))
+}
+
+/// No sum yet.
+pub(super) const NO_SUMS: [f64; SUMS] = [0.0; SUMS];
+
+/// Adds weight·x xᵀ.
+#[inline(always)]
+pub(super) fn add_outer<const N: usize>(sum: &mut [[f64; N]; N], weight: f64, x: &[f64; N]) {
+    for (row, a) in sum.iter_mut().zip(x) {
+        let factor = weight * a;
+        row.iter_mut().zip(x).for_each(|(sum, b)| *sum += factor * b);
+    }
+}
+
+struct Mean<'a>(&'a Cloud);
+
+impl pulp::NullaryFnOnce for Mean<'_> {
+    type Output = StateVector;
+
+    #[inline(always)]
+    fn call(self) -> StateVector {
+        let mut sums = [[0.0; SUMS]; STATES];
+        for (block, weights) in self.0.blocks.iter().zip(&self.0.weights) {
+            for (sums, x) in sums.iter_mut().zip(block) {
+                accumulate(sums, |lane| weights[lane] * x[lane]);
+            }
+        }
+        sums.each_ref().map(total)
+    }
+}
+
+struct Propagation<'a> {
+    blocks: &'a mut [Block],
+    /// The number of the first particle.
+    first: usize,
+    phi: &'a SparseTransition,
+    spread: &'a Spread,
+    draws: Draws,
+}
+
+impl pulp::NullaryFnOnce for Propagation<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { blocks, first, phi, spread, draws } = self;
+        let mut normals = [[0.0; BLOCK]; 2];
+        for (number, block) in blocks.iter_mut().enumerate() {
+            let [first_normals, second_normals] = &mut normals;
+            for (lane, (first_normal, second_normal)) in first_normals.iter_mut().zip(second_normals).enumerate() {
+                [*first_normal, *second_normal] = draws.normals(first + number * BLOCK + lane);
+            }
+            let before = *block;
+            for wide in (0..BLOCK).step_by(WIDE) {
+                let mut start = 0;
+                for (state, end) in phi.ends.into_iter().enumerate() {
+                    let [a, b] = spread[state];
+                    let mut sum = [0.0; WIDE];
+                    for (k, sum) in sum.iter_mut().enumerate() {
+                        *sum = a * normals[0][wide + k] + b * normals[1][wide + k];
+                    }
+                    for (column, entry) in &phi.entries[start..end] {
+                        let x = &before[*column];
+                        for (k, sum) in sum.iter_mut().enumerate() {
+                            *sum += entry * x[wide + k];
+                        }
+                    }
+                    block[state][wide..wide + WIDE].copy_from_slice(&sum);
+                    start = end;
+                }
+            }
+        }
+    }
+}
+
+struct LinearCorrection<'a> {
+    blocks: &'a mut [Block],
+    p: &'a StateMatrix,
+    slopes: &'a [Lanes],
+    residuals: &'a [Lanes],
+}
+
+impl pulp::NullaryFnOnce for LinearCorrection<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for (block, (slopes, residuals)) in self.blocks.iter_mut().zip(self.slopes.iter().zip(self.residuals)) {
+            // The rows of latitude and longitude of the covariance are zero.
+            for (x, p) in block.iter_mut().zip(self.p).skip(ALT) {
+                let (of_alt, of_s) = (p[ALT], p[S]);
+                for lane in 0..BLOCK {
+                    x[lane] += (of_alt * slopes[lane] + of_s) * residuals[lane];
+                }
+            }
+        }
+    }
+}

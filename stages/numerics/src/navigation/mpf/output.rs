@@ -1,0 +1,116 @@
+//! What the filter makes of a line.
+
+use crate::earth::geodesy::EarthModel;
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::output::NavigationOutput;
+use crate::navigation::pinson::{LAT, LON};
+
+use super::cloud::Cloud;
+use super::modes::Clusters;
+use super::resampling::position;
+
+/// The filtered line.
+#[derive(Clone, Debug, Default)]
+pub struct MpfOutput {
+    /// The weighted mean of the particles and the covariance of their positions, after the measurement of each sample
+    /// and before resampling. The residual is the measurement minus the mean prediction of the particles on the map,
+    /// its variance that of the mixture. Measurements that no particle explains are among the gated.
+    pub track: NavigationOutput,
+    /// The effective number of particles 1/Σq² after the measurement of each sample, before resampling.
+    pub effective: Vec<f64>,
+    /// Whether the measurement of each sample was used.
+    pub used: Vec<bool>,
+    /// The modes of the samples that [`super::MpfParameters::modes_every`] asks for, and of the last sample.
+    pub modes: Vec<ModesAt>,
+    /// What became of the particles.
+    pub report: MpfReport,
+}
+
+/// How the particles fared. A cloud that has lost the aircraft shows as `unexplained` or `collapsed` samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MpfReport {
+    /// How often the particles were resampled.
+    pub resamplings: usize,
+    /// Measurements that no particle explains ([`super::UNEXPLAINED_NIS`]); they are not used.
+    pub unexplained: usize,
+    /// The most of them in a row, missing measurements left out.
+    pub unexplained_in_a_row: usize,
+    /// Samples with an effective number of particles below 2 after their measurement: one particle is the estimate,
+    /// and its covariance means nothing.
+    pub collapsed: usize,
+    /// The most of them in a row, samples without a used measurement left out.
+    pub collapsed_in_a_row: usize,
+    /// The smallest effective number of particles.
+    pub least_effective: f64,
+}
+
+/// The modes at a sample.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModesAt {
+    /// The sample, from 0.
+    pub row: usize,
+    /// They, from the heaviest down; their weights sum up to 1.
+    pub modes: Vec<Mode>,
+}
+
+/// A hill of the density of the particles' positions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mode {
+    /// The probability that the aircraft is in it.
+    pub weight: f64,
+    /// Its mean latitude, in degrees.
+    pub lat_deg: f64,
+    /// Its mean longitude, in degrees.
+    pub lon_deg: f64,
+    /// One sigma north about its mean, in m.
+    pub sd_n_m: f64,
+    /// One sigma east, in m.
+    pub sd_e_m: f64,
+    /// Covariance of north with east, in m².
+    pub cov_ne_m2: f64,
+}
+
+/// Sums over a mode.
+#[derive(Clone, Copy, Default)]
+struct Sums {
+    weight: f64,
+    mean: [f64; 2],
+    covariance: [f64; 3],
+}
+
+/// The modes of a cloud at a row, from the heaviest down.
+pub(super) fn modes_of(
+    clusters: &mut Clusters,
+    cloud: &Cloud,
+    ins: &InsSeries<'_>,
+    row: usize,
+    earth: EarthModel,
+) -> ModesAt {
+    let weights = &cloud.weights.as_flattened()[..cloud.particles];
+    clusters.find(weights, |index| position(cloud, index));
+    let mut sums = vec![Sums::default(); clusters.count];
+    let own = || weights.iter().zip(&clusters.labels).enumerate();
+    for (index, (weight, own)) in own() {
+        let (sums, [lat, lon]) = (&mut sums[*own as usize], position(cloud, index));
+        sums.weight += weight;
+        sums.mean = [sums.mean[0] + weight * lat, sums.mean[1] + weight * lon];
+    }
+    sums.iter_mut().for_each(|sums| sums.mean = sums.mean.map(|sum| sum / sums.weight));
+    for (index, (weight, own)) in own() {
+        let (sums, at) = (&mut sums[*own as usize], position(cloud, index));
+        let (lat, lon) = (at[0] - sums.mean[0], at[1] - sums.mean[1]);
+        let [a, b, c] = sums.covariance;
+        sums.covariance = [a + weight * lat * lat, b + weight * lat * lon, c + weight * lon * lon];
+    }
+    sums.sort_by(|a, b| b.weight.total_cmp(&a.weight));
+    let all: f64 = sums.iter().map(|sums| sums.weight).sum();
+    let mode = |sums: &Sums| {
+        let (lat_deg, lon_deg) = (sums.mean[LAT].to_degrees(), sums.mean[LON].to_degrees());
+        let (lat_deg, lon_deg) = (ins.lat_deg[row] + lat_deg, ins.lon_deg[row] + lon_deg);
+        let (north, east) = earth.north_east_m_per_rad(lat_deg.to_radians(), ins.alt_m[row]);
+        let [a, b, c] = sums.covariance.map(|sum| sum / sums.weight);
+        let (sd_n_m, sd_e_m) = (north * a.sqrt(), east * c.sqrt());
+        Mode { weight: sums.weight / all, lat_deg, lon_deg, sd_n_m, sd_e_m, cov_ne_m2: north * east * b }
+    };
+    ModesAt { row, modes: sums.iter().map(mode).collect() }
+}

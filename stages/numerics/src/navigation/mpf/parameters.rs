@@ -1,0 +1,74 @@
+//! What the filter is told.
+
+use crate::navigation::ins_error::ParameterError;
+use params::{Rule, obeys};
+
+/// The parameters of the marginalised particle filter; noise and errors are those of the line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MpfParameters {
+    /// The number of particles, from 1 to [`Self::MOST_PARTICLES`].
+    pub particles: usize,
+    /// What all random numbers are drawn from: the same seed gives the same bits, on any number of threads.
+    pub seed: u64,
+    /// Resample when the effective number of particles 1/Σq² falls below this part of their number; 0 never resamples,
+    /// 1 always does.
+    pub resample_threshold: f64,
+    /// Resample from a kernel density instead of the particles themselves (see [`super::run`]). Without it a
+    /// navigation-grade INS, whose position error is driven by next to no noise, leaves copies of a few particles.
+    pub regularise: bool,
+    /// A distance over which the map is nearly linear, about the height above its sources: a cloud that is wider gets a
+    /// kernel for each of its parts, in m.
+    pub smooth_over_m: f64,
+    /// Independent noise for the position of each resampled particle, by axis: this times the range of the particles
+    /// over the root of their number [Gordon, Salmond & Smith 1993, who use 0.2]; 0 adds none.
+    pub roughening: f64,
+    /// A measurement whose squared innovation over its variance, both of the whole cloud, is above this is left out and
+    /// counted; `None` leaves out only what no particle explains.
+    pub gate_nis: Option<f64>,
+    /// Tell the modes of every so many samples; the last sample's are always told.
+    pub modes_every: Option<usize>,
+    /// Hand out the mean of the error states of every sample (144 bytes each).
+    pub keep_states: bool,
+    /// Hand out their covariance at every sample (2.6 kB each).
+    pub keep_covariance: bool,
+}
+
+impl Default for MpfParameters {
+    fn default() -> Self {
+        Self {
+            particles: 1000,
+            seed: 0,
+            resample_threshold: 0.5,
+            regularise: true,
+            smooth_over_m: 200.0,
+            roughening: 0.0,
+            gate_nis: None,
+            modes_every: None,
+            keep_states: false,
+            keep_covariance: false,
+        }
+    }
+}
+
+impl MpfParameters {
+    /// The most particles: they take about half a gigabyte.
+    pub const MOST_PARTICLES: usize = 1_000_000;
+
+    /// Refuses parameters that make no filter.
+    ///
+    /// # Errors
+    /// Fails for a number of particles that is not from 1 to [`Self::MOST_PARTICLES`], a threshold that is not from 0
+    /// to 1, a `smooth_over_m` that is not a finite number above 0, roughening that is not a number of at least 0, a
+    /// gate that is not a finite number above 0, and modes at every 0 samples.
+    pub fn check(&self) -> Result<(), ParameterError> {
+        let require = |name: &str, value: f64, rule: Rule| obeys(&value, name, rule).map_err(ParameterError);
+        require("particles", self.particles as f64, Rule::Between(1.0, Self::MOST_PARTICLES as f64))?;
+        require("resample_threshold", self.resample_threshold, Rule::Between(0.0, 1.0))?;
+        require("smooth_over_m", self.smooth_over_m, Rule::Positive)?;
+        require("roughening", self.roughening, Rule::NotNegative)?;
+        if let Some(gate) = self.gate_nis {
+            require("gate_nis", gate, Rule::Positive)?;
+        }
+        require("modes_every", self.modes_every.map_or(1.0, |every| every as f64), Rule::Positive)
+    }
+}

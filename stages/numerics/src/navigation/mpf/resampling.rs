@@ -1,0 +1,229 @@
+//! Resampling: systematic, from the particles or from a kernel density of them.
+
+use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector};
+
+use super::cloud::{BLOCK, Block, Cloud, add_outer};
+use super::covariance::{Spread, condition_on_position};
+use super::draws::{Draws, Purpose};
+use super::modes::Clusters;
+use super::partition::Partition;
+
+/// How to resample.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Resampling {
+    pub(super) seed: u64,
+    pub(super) regularise: bool,
+    pub(super) roughening: f64,
+    pub(super) smooth_over_m: f64,
+    /// Metres per radian of latitude and of longitude.
+    pub(super) m_per_rad: [f64; 2],
+}
+
+/// Memory that is used again at each resampling.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Resampler {
+    ancestors: Vec<u32>,
+    weights: Vec<f64>,
+    blocks: Vec<Block>,
+    cells: Partition,
+    clusters: Clusters,
+}
+
+impl Resampler {
+    /// Draws as many particles as there are, each with its weight for a probability, and makes their weights equal.
+    /// `p` is the covariance that they share, to which a kernel adds its linear part.
+    pub(super) fn resample(&mut self, how: Resampling, row: usize, cloud: &mut Cloud, p: &mut StateMatrix) {
+        let [uniform, _] = Draws::new(how.seed, Purpose::Resampling, row).uniforms(0);
+        self.weights.clear();
+        self.weights.extend(cloud.weights.as_flattened().iter().take(cloud.particles));
+        systematic(&self.weights, uniform, &mut self.ancestors);
+        let kernels = how.regularise.then(|| self.kernels(how, cloud));
+        self.blocks.clone_from(&cloud.blocks);
+        let draws = Draws::new(how.seed, Purpose::Kernel, row);
+        for (index, ancestor) in self.ancestors.iter().map(|ancestor| *ancestor as usize).enumerate() {
+            let mut x = cloud.particle(ancestor);
+            if let Some((cells, modes)) = &kernels {
+                let (cell, mode) = (self.cells.labels[ancestor] as usize, self.clusters.labels[ancestor] as usize);
+                x = modes[mode].follow(&x, cells[cell].draw([x[LAT], x[LON]], draws.normals(index)));
+            }
+            let (block, lane) = (&mut self.blocks[index / BLOCK], index % BLOCK);
+            x.iter().zip(block).for_each(|(x, state)| state[lane] = *x);
+        }
+        std::mem::swap(&mut self.blocks, &mut cloud.blocks);
+        for kernel in kernels.iter().flat_map(|(_, modes)| modes) {
+            kernel.add_rest(p);
+        }
+        if how.roughening > 0.0 {
+            roughen(cloud, how.roughening, Draws::new(how.seed, Purpose::Roughening, row));
+        }
+        cloud.make_equal();
+    }
+
+    /// The kernels of the position by cell, and of the linear states by mode.
+    fn kernels(&mut self, how: Resampling, cloud: &Cloud) -> (Vec<PositionKernel>, Vec<LinearKernel>) {
+        let Self { weights, cells, clusters, .. } = self;
+        let at = |index: usize| {
+            let [lat, lon] = position(cloud, index);
+            [how.m_per_rad[0] * lat, how.m_per_rad[1] * lon]
+        };
+        cells.divide(weights, how.smooth_over_m, at);
+        clusters.find(weights, at);
+        let of_cells = moments::<2>(weights, &cells.labels, cells.count, |index| position(cloud, index));
+        let of_modes = moments::<STATES>(weights, &clusters.labels, clusters.count, |index| cloud.particle(index));
+        let cells = of_cells.iter().map(PositionKernel::new).collect();
+        (cells, of_modes.into_iter().map(LinearKernel::new).collect())
+    }
+}
+
+/// The moments of some of the particles.
+struct Moments<const N: usize> {
+    weight: f64,
+    /// The number of equal weights that would be as good.
+    effective: f64,
+    mean: [f64; N],
+    covariance: [[f64; N]; N],
+}
+
+/// The moments of the particles of each label.
+fn moments<const N: usize>(
+    weights: &[f64],
+    labels: &[u32],
+    count: usize,
+    of: impl Fn(usize) -> [f64; N],
+) -> Vec<Moments<N>> {
+    let none = || Moments { weight: 0.0, effective: 0.0, mean: [0.0; N], covariance: [[0.0; N]; N] };
+    let mut all: Vec<Moments<N>> = (0..count).map(|_| none()).collect();
+    for (index, (weight, label)) in weights.iter().zip(labels).enumerate() {
+        let own = &mut all[*label as usize];
+        own.weight += weight;
+        own.effective += weight * weight;
+        own.mean.iter_mut().zip(of(index)).for_each(|(sum, x)| *sum += weight * x);
+    }
+    for own in &mut all {
+        own.mean = own.mean.map(|sum| sum / own.weight);
+        own.effective = own.weight * own.weight / own.effective;
+    }
+    for (index, (weight, label)) in weights.iter().zip(labels).enumerate() {
+        let own = &mut all[*label as usize];
+        let mut off = of(index);
+        off.iter_mut().zip(&own.mean).for_each(|(x, mean)| *x -= mean);
+        add_outer(&mut own.covariance, weight / own.weight, &off);
+    }
+    all
+}
+
+/// The kernel of the position in one cell.
+struct PositionKernel {
+    mean: [f64; 2],
+    /// The Cholesky factor of the cell's covariance, by rows.
+    root: [f64; 3],
+    width: f64,
+    closer: f64,
+}
+
+impl PositionKernel {
+    fn new(of: &Moments<2>) -> Self {
+        let [[a, b], [_, c]] = of.covariance;
+        let l11 = a.sqrt();
+        let l21 = if l11 > 0.0 { b / l11 } else { 0.0 };
+        let width = bandwidth(of.effective);
+        let root = [l11, l21, (c - l21 * l21).max(0.0).sqrt()];
+        Self { mean: of.mean, root, width, closer: (1.0 - width * width).sqrt() }
+    }
+
+    /// A draw from the kernel of a position.
+    fn draw(&self, at: [f64; 2], normals: [f64; 2]) -> [f64; 2] {
+        let [l11, l21, l22] = self.root;
+        let [a, b] = normals.map(|normal| self.width * normal);
+        let off = [0, 1].map(|axis| self.closer * (at[axis] - self.mean[axis]));
+        [self.mean[0] + off[0] + l11 * a, self.mean[1] + off[1] + (l21 * a + l22 * b)]
+    }
+}
+
+/// The kernel of the linear states in one mode: not drawn, but made part of the covariance that the particles share.
+struct LinearKernel {
+    weight: f64,
+    mean: StateVector,
+    /// The first two columns of the Cholesky factor of the mode's covariance: the regression on the position.
+    spread: Spread,
+    /// What is left of its covariance given the position.
+    rest: StateMatrix,
+    width: f64,
+}
+
+impl LinearKernel {
+    fn new(of: Moments<STATES>) -> Self {
+        let mut rest = of.covariance;
+        let spread = condition_on_position(&mut rest);
+        Self { weight: of.weight, mean: of.mean, spread, rest, width: bandwidth(of.effective) }
+    }
+
+    /// The linear states that the regression lets expect at a position.
+    fn expected(&self, at: [f64; 2]) -> StateVector {
+        let over = |off: f64, root: f64| if root > 0.0 { off / root } else { 0.0 };
+        let north = over(at[0] - self.mean[LAT], self.spread[LAT][0]);
+        let east = over(at[1] - self.mean[LON] - self.spread[LON][0] * north, self.spread[LON][1]);
+        std::array::from_fn(|state| self.mean[state] + (self.spread[state][0] * north + self.spread[state][1] * east))
+    }
+
+    /// A particle that moves to another position, its linear states with it.
+    fn follow(&self, x: &StateVector, to: [f64; 2]) -> StateVector {
+        let closer = (1.0 - self.width * self.width).sqrt();
+        let (here, there) = (self.expected([x[LAT], x[LON]]), self.expected(to));
+        let mut moved: StateVector = std::array::from_fn(|state| there[state] + closer * (x[state] - here[state]));
+        (moved[LAT], moved[LON]) = (to[0], to[1]);
+        moved
+    }
+
+    /// Adds the kernel's covariance.
+    fn add_rest(&self, p: &mut StateMatrix) {
+        let part = self.weight * self.width * self.width;
+        for (p, rest) in p.as_flattened_mut().iter_mut().zip(self.rest.as_flattened()) {
+            *p += part * rest;
+        }
+    }
+}
+
+/// The optimal bandwidth of a Gaussian kernel in a plane, N^(-1/6) standard deviations [Musso, Oudjane & Le Gland 2001;
+/// Silverman 1986, (4.14)]; wider than [`WIDEST`], a kernel would be all there is.
+fn bandwidth(effective: f64) -> f64 {
+    effective.max(1.0).powf(-1.0 / 6.0).min(WIDEST)
+}
+
+/// The widest kernel, in standard deviations.
+const WIDEST: f64 = 0.7;
+
+/// The latitude and longitude of a particle.
+pub(super) fn position(cloud: &Cloud, index: usize) -> [f64; 2] {
+    let (block, lane) = (&cloud.blocks[index / BLOCK], index % BLOCK);
+    [block[LAT][lane], block[LON][lane]]
+}
+
+/// Systematic resampling by one uniform number: the particle in whose part of the cumulated weight (k + u)/N is.
+/// [Kitagawa 1996]
+fn systematic(weights: &[f64], uniform: f64, ancestors: &mut Vec<u32>) {
+    ancestors.clear();
+    let count = weights.len();
+    let sum: f64 = weights.iter().sum();
+    let (mut own, mut reached) = (0, weights.first().copied().unwrap_or(0.0));
+    for k in 0..count {
+        let at = (k as f64 + uniform) / count as f64 * sum;
+        while reached < at && own + 1 < count {
+            own += 1;
+            reached += weights[own];
+        }
+        ancestors.push(own as u32);
+    }
+}
+
+/// Independent normals for the position, by axis, of `factor` times the range over the root of the number.
+fn roughen(cloud: &mut Cloud, factor: f64, draws: Draws) {
+    let mut ranges = [(f64::INFINITY, f64::NEG_INFINITY); 2];
+    for index in 0..cloud.particles {
+        for (range, x) in ranges.iter_mut().zip(position(cloud, index)) {
+            *range = (range.0.min(x), range.1.max(x));
+        }
+    }
+    let sigmas = ranges.map(|(least, most)| factor * (most - least) / (cloud.particles as f64).sqrt());
+    cloud.jitter(sigmas, draws);
+}

@@ -1,0 +1,326 @@
+//! The aircraft's own field estimated in flight: online Tolles-Lawson.
+//!
+//! The 18 states of the extended Kalman filter are followed by the coefficients βₘ of each magnetometer and, where
+//! asked for, the bias b of the vector magnetometer that their terms are made of. The scalar magnetometers are not
+//! compensated beforehand. [thesis 000, section 5.5, (5.38)-(5.41); Canciani 2022]
+//!
+//! ```text
+//! zₘ = map(INS + x) + core(INS + x) + S + Aₘ(b) βₘ + white noise
+//! H  = [∂h/∂lat, ∂h/∂lon, ∂h/∂alt, 0 … 0, 1, … Aₘ …, ∂(Aₘ βₘ)/∂b]
+//! β ← β,   P_cc ← P_cc + q Δt,      b ← exp(−Δt/τ) b,      P_nc ← Φ P_nc
+//! ```
+//!
+//! Any terms are taken: Tolles-Lawson's, those of an extended model, the heading error of a scalar sensor, as long as
+//! they are known to each sample and hold no scalar magnetometer ([`check_sources`]). The states beyond the 18 have a
+//! diagonal transition, so that a step of 18 + 18 + 3 states costs some 6 microseconds.
+//!
+//! Where this differs from the source: thesis 000 (5.39) overwrites three states by the vector's reading, with an
+//! infinite decay rate. Here the error of the reading is the state, which may last; its derivatives are those of all of
+//! A(b) β. MagNav.jl's leave out the altitude's, hold |B| constant and divide by B_x.
+//!
+//! # What is observable
+//!
+//! The terms tell the aircraft's field from the earth's by the attitude: along a straight line at constant attitude
+//! each column is constant, and only their sum with S and the map's value is measured. The coefficients then keep
+//! their prior covariance across that sum, and the position keeps the information that is left. A constant in the
+//! terms (`bias`, and `xx` + `yy` + `zz`, whose sum is |B|/s) takes what a map leaves undetermined.
+//!
+//! A random walk is to allow for the changes that are expected, and no more: permanent terms that walk by 20 nT in a
+//! second leave nothing of the map's signal to navigate by between the manoeuvres. With 1 to 4 nT, a jump of 100 nT
+//! is found within minutes.
+//!
+//! # Irregularities
+//!
+//! - a measurement or a term that is NaN or infinite, a sigma that is not above 0: that magnetometer is not used at
+//!   that sample; the others are;
+//! - a predicted position off the map or in an unknown cell: no magnetometer is used;
+//! - a vector of size zero: its terms are NaN;
+//! - a prior whose field is a million times the noise or more (3e6): refused, as the update would lose all digits;
+//! - an INS value that is not finite, time that does not ascend, a variance that is negative or not finite: an error
+//!   that names the row.
+
+pub(crate) mod augmented;
+pub(crate) mod covariance;
+mod fluxgate;
+mod prior;
+
+use crate::navigation::ins_error::ParameterError;
+use crate::navigation::output::{NavigationError, NavigationOutput};
+
+use augmented::{AircraftModel, AugmentedOutput, ExtraStates, Readings, refused};
+pub use augmented::{LineModel, MagnetometerReport, MagnetometerTrack, OnlineParameters};
+pub use fluxgate::Fluxgate;
+use fluxgate::FluxgateTerms;
+pub use prior::{CoefficientPrior, ColdStart, prior_from_calibrations, walk_density};
+
+/// A scalar magnetometer and what the aircraft's field at it depends on.
+#[derive(Clone, Copy, Debug)]
+pub struct Magnetometer<'a> {
+    /// The uncompensated field at each sample, in nT; NaN where there is none. It holds the core field if, and only if,
+    /// the line's `core` is given.
+    pub measurement_nt: &'a [f64],
+    /// The standard deviation of the white noise of each measurement, in nT, independent of the other magnetometers'; a
+    /// value that is not above 0 makes its measurement a missing one.
+    pub sigma_nt: &'a [f64],
+    /// The terms, row-major, one row per sample and one column per coefficient.
+    pub terms: &'a [f64],
+    /// What is known of the coefficients before the line.
+    pub prior: &'a CoefficientPrior,
+    /// The spectral density of each coefficient's random walk, in its unit squared per s; 0 for a constant.
+    pub walk_density: &'a [f64],
+}
+
+/// What the filter found of the aircraft's field at one magnetometer.
+#[derive(Clone, Debug, Default)]
+pub struct AircraftEstimate {
+    /// The coefficients after the last sample.
+    pub coefficients: Vec<f64>,
+    /// Their covariance, row-major.
+    pub covariance: Vec<f64>,
+    /// The coefficients after each sample, row-major; empty unless asked for.
+    pub coefficients_by_row: Vec<f64>,
+    /// Their standard deviations.
+    pub sigma_by_row: Vec<f64>,
+    /// Residuals, the aircraft's field, and how the samples were used.
+    pub track: MagnetometerTrack,
+}
+
+impl AircraftEstimate {
+    /// The standard deviations of the coefficients after the last sample.
+    pub fn sigma(&self) -> Vec<f64> {
+        let terms = self.coefficients.len();
+        (0..terms).map(|term| self.covariance[term * (terms + 1)].sqrt()).collect()
+    }
+}
+
+/// The bias of the vector magnetometer after the last sample, in nT.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FluxgateEstimate {
+    /// Along nose, right and down.
+    pub bias_nt: [f64; 3],
+    /// Its standard deviations.
+    pub sigma_nt: [f64; 3],
+}
+
+/// The filtered line.
+#[derive(Clone, Debug, Default)]
+pub struct OnlineOutput {
+    /// The track. `residual_nt` is that of the first magnetometer that is used at a sample, `nis` the mean over those
+    /// used or gated, whose sum is the squared innovation of all together over its covariance. A sample counts as an
+    /// update if any magnetometer is used; the offset is that of the first.
+    pub navigation: NavigationOutput,
+    /// The magnetometers, in their order.
+    pub magnetometers: Vec<AircraftEstimate>,
+    /// The bias of the vector magnetometer, where it is estimated.
+    pub fluxgate: Option<FluxgateEstimate>,
+}
+
+/// Refuses terms that hold a scalar magnetometer: the filter would subtract what it navigates by. `sources` are the
+/// columns that terms are made of, or the names of terms.
+///
+/// # Errors
+/// Fails for the first that starts with `mag_`.
+pub fn check_sources<S: AsRef<str>>(sources: &[S]) -> Result<(), ParameterError> {
+    match sources.iter().map(AsRef::as_ref).find(|source| source.starts_with("mag_")) {
+        None => Ok(()),
+        Some(source) => {
+            let what = format!(
+                "the terms hold `{source}`, a scalar magnetometer: the filter would subtract what it navigates by"
+            );
+            Err(refused("terms", what))
+        }
+    }
+}
+
+/// Filters one line.
+///
+/// # Errors
+/// Fails as [`NavigationLine::check`](crate::navigation::NavigationLine::check) for the line with each
+/// magnetometer, with [`NavigationError::Parameter`] for terms, priors and densities of different sizes or out of
+/// their range and for terms that are not those of the `fluxgate`, and with [`NavigationError::Diverged`] when states
+/// or variances are no longer finite or a variance is negative.
+pub fn run(
+    line: &LineModel<'_>,
+    magnetometers: &[Magnetometer<'_>],
+    fluxgate: Option<&Fluxgate<'_>>,
+    parameters: &OnlineParameters,
+) -> Result<OnlineOutput, NavigationError> {
+    let terms = fluxgate.map(FluxgateTerms::new).transpose()?;
+    let model = TollesLawson::new(magnetometers, terms, line.ins.len())?;
+    let states = extra_states(magnetometers, fluxgate)?;
+    let readings: Vec<Readings<'_>> = magnetometers.iter().map(|m| (m.measurement_nt, m.sigma_nt)).collect();
+    let output = augmented::run(line, &readings, model, &states, parameters)?;
+    Ok(estimates(output, magnetometers, fluxgate.is_some()))
+}
+
+/// The priors of all coefficients and of the bias as one.
+fn extra_states(
+    magnetometers: &[Magnetometer<'_>],
+    fluxgate: Option<&Fluxgate<'_>>,
+) -> Result<ExtraStates, ParameterError> {
+    let of_bias = if fluxgate.is_some() { 3 } else { 0 };
+    let count = magnetometers.iter().map(|m| m.prior.mean.len()).sum::<usize>() + of_bias;
+    let mut states = ExtraStates { covariance: vec![0.0; count * count], ..ExtraStates::default() };
+    for (place, magnetometer) in magnetometers.iter().enumerate() {
+        let (first, terms) = (states.mean.len(), magnetometer.prior.mean.len());
+        let CoefficientPrior { mean, covariance } = magnetometer.prior;
+        if covariance.len() != terms * terms || magnetometer.walk_density.len() != terms {
+            let what = format!(
+                "magnetometer {place} has {terms} coefficients, a covariance of {} entries and {} densities",
+                covariance.len(),
+                magnetometer.walk_density.len()
+            );
+            return Err(refused("prior", what));
+        }
+        for (row, from) in covariance.chunks_exact(terms.max(1)).enumerate() {
+            states.covariance[(first + row) * count + first..][..terms].copy_from_slice(from);
+        }
+        states.mean.extend(mean);
+        states.density.extend(magnetometer.walk_density);
+    }
+    states.tau_s = vec![f64::INFINITY; states.mean.len()];
+    if let Some(Fluxgate { sigma_nt, tau_s, .. }) = fluxgate {
+        let variance = sigma_nt * sigma_nt;
+        for axis in 0..3 {
+            states.covariance[(states.mean.len() + axis) * (count + 1)] = variance;
+        }
+        states.mean.extend([0.0; 3]);
+        states.density.extend([2.0 * variance / tau_s; 3]);
+        states.tau_s.extend([*tau_s; 3]);
+    }
+    Ok(states)
+}
+
+fn estimates(output: AugmentedOutput, magnetometers: &[Magnetometer<'_>], with_bias: bool) -> OnlineOutput {
+    let AugmentedOutput { navigation, magnetometers: tracks, c, c_covariance, c_by_row, c_sigma_by_row } = output;
+    let count = c.len();
+    let part = |rows: &[f64], first: usize, terms: usize| -> Vec<f64> {
+        rows.chunks_exact(count.max(1)).flat_map(|row| row[first..first + terms].to_vec()).collect()
+    };
+    let (mut estimates, mut first) = (vec![], 0);
+    for (magnetometer, track) in magnetometers.iter().zip(tracks) {
+        let terms = magnetometer.prior.mean.len();
+        let rows = &c_covariance[first * count..(first + terms) * count];
+        estimates.push(AircraftEstimate {
+            coefficients: c[first..first + terms].to_vec(),
+            covariance: part(rows, first, terms),
+            coefficients_by_row: part(&c_by_row, first, terms),
+            sigma_by_row: part(&c_sigma_by_row, first, terms),
+            track,
+        });
+        first += terms;
+    }
+    let fluxgate = with_bias.then(|| FluxgateEstimate {
+        bias_nt: std::array::from_fn(|axis| c[first + axis]),
+        sigma_nt: std::array::from_fn(|axis| c_covariance[(first + axis) * (count + 1)].sqrt()),
+    });
+    OnlineOutput { navigation, magnetometers: estimates, fluxgate }
+}
+
+/// The aircraft's field A(b) β.
+struct TollesLawson<'a> {
+    magnetometers: &'a [Magnetometer<'a>],
+    /// The first coefficient of each magnetometer among the further states.
+    first: Vec<usize>,
+    fluxgate: Option<FluxgateTerms<'a>>,
+    /// The first state of the bias.
+    bias: usize,
+    own: Vec<f64>,
+}
+
+impl<'a> TollesLawson<'a> {
+    fn new(
+        magnetometers: &'a [Magnetometer<'a>],
+        fluxgate: Option<FluxgateTerms<'a>>,
+        rows: usize,
+    ) -> Result<Self, ParameterError> {
+        let (mut first, mut bias) = (vec![], 0);
+        for (place, Magnetometer { terms, prior, .. }) in magnetometers.iter().enumerate() {
+            first.push(bias);
+            bias += prior.mean.len();
+            if terms.len() != rows * prior.mean.len() {
+                let (given, terms) = (terms.len(), prior.mean.len());
+                let what = format!("magnetometer {place} has {given} terms, not {rows} rows of {terms} coefficients");
+                return Err(refused("terms", what));
+            }
+        }
+        let own = vec![0.0; fluxgate.as_ref().map_or(0, FluxgateTerms::len)];
+        let mut model = Self { magnetometers, first, fluxgate, bias, own };
+        model.check_fluxgate(rows)?;
+        Ok(model)
+    }
+
+    /// Refuses terms of a magnetometer that are not those of the vector.
+    fn check_fluxgate(&mut self, rows: usize) -> Result<(), ParameterError> {
+        let Some(fluxgate) = &self.fluxgate else { return Ok(()) };
+        let own = &mut self.own;
+        if fluxgate.rows() != rows {
+            let what = format!("the vector magnetometer has {} rows, the line has {rows}", fluxgate.rows());
+            return Err(refused("terms", what));
+        }
+        for (place, Magnetometer { terms, prior, .. }) in self.magnetometers.iter().enumerate() {
+            let width = prior.mean.len();
+            if width < own.len() {
+                let what =
+                    format!("magnetometer {place} has {width} terms, the vector magnetometer's are {}", own.len());
+                return Err(refused("terms", what));
+            }
+            for row in 0..rows {
+                fluxgate.row(row, [0.0; 3], own);
+                let given = &terms[row * width..][..own.len()];
+                let same = |(one, other): (&f64, &f64)| match one.is_nan() || other.is_nan() {
+                    true => one.is_nan() && other.is_nan(),
+                    false => (one - other).abs() <= 1e-9 * (1.0 + other.abs()),
+                };
+                if !given.iter().zip(&*own).all(same) {
+                    let what = format!("the terms of magnetometer {place} are not those of the vector in row {row}");
+                    return Err(refused("terms", what));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The terms of a sample at a bias, and the coefficients.
+    #[inline(always)]
+    fn field(&mut self, magnetometer: usize, row: usize, c: &[f64], terms: &mut [f64]) -> f64 {
+        let Magnetometer { terms: given, prior, .. } = &self.magnetometers[magnetometer];
+        let (width, first) = (prior.mean.len(), self.first[magnetometer]);
+        terms.copy_from_slice(&given[row * width..][..width]);
+        if let Some(fluxgate) = &self.fluxgate {
+            fluxgate.row(row, bias_of(c, self.bias), &mut terms[..fluxgate.len()]);
+        }
+        terms.iter().zip(&c[first..]).map(|(term, coefficient)| term * coefficient).sum()
+    }
+}
+
+#[inline(always)]
+fn bias_of(c: &[f64], first: usize) -> [f64; 3] {
+    std::array::from_fn(|axis| c[first + axis])
+}
+
+impl AircraftModel for TollesLawson<'_> {
+    #[inline(always)]
+    fn linearised(&mut self, magnetometer: usize, row: usize, c: &[f64], derivatives: &mut [f64]) -> Option<f64> {
+        let (first, width) = (self.first[magnetometer], self.magnetometers[magnetometer].prior.mean.len());
+        let field_nt = self.field(magnetometer, row, c, &mut derivatives[first..first + width]);
+        if let Some(fluxgate) = &self.fluxgate {
+            let of_bias = fluxgate.derivatives(row, bias_of(c, self.bias), &c[first..first + width]);
+            derivatives[self.bias..self.bias + 3].copy_from_slice(&of_bias);
+        }
+        field_nt.is_finite().then_some(field_nt)
+    }
+
+    #[inline(always)]
+    fn value(&mut self, magnetometer: usize, row: usize, c: &[f64]) -> Option<f64> {
+        let width = self.magnetometers[magnetometer].prior.mean.len();
+        let mut terms = std::mem::take(&mut self.own);
+        terms.resize(width, 0.0);
+        let field_nt = self.field(magnetometer, row, c, &mut terms);
+        self.own = terms;
+        field_nt.is_finite().then_some(field_nt)
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,0 +1,240 @@
+//! The extended Kalman filter of the 18 states and further ones, which a model of the aircraft's field depends on.
+//!
+//! The measurement of each magnetometer is z = map(INS + x) + core(INS + x) + S + m(c), with the model's field m of the
+//! further states c. All magnetometers of a sample are linearised at the predicted state, and taken one after the
+//! other: with independent noises that is the update by all of them at once, in any order.
+
+mod filter;
+
+use std::sync::Arc;
+
+use nalgebra::DMatrix;
+use params::Fault;
+
+use crate::earth::core_field::CoreField;
+use crate::maps::map_stack::FieldMap;
+use crate::navigation::ins_error::{InsErrorModel, ParameterError};
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::{NavigationError, NavigationOutput};
+
+use filter::{Along, Filter};
+
+/// A line with its map and its error model, without the measurements.
+#[derive(Clone, Copy, Debug)]
+pub struct LineModel<'a> {
+    /// The INS.
+    pub ins: &'a InsSeries<'a>,
+    /// The map.
+    pub map: &'a FieldMap,
+    /// The core field, if and only if the measurements hold it.
+    pub core: Option<&'a Arc<CoreField>>,
+    /// The error sources of the INS and the temporal variation.
+    pub errors: InsErrorModel,
+    /// The mean, over the first so many seconds, of measurement minus prediction (with the model of the aircraft's
+    /// field as it is before the line) is taken off each magnetometer; 0 takes nothing off. Not needed where a
+    /// constant is among the states with a prior as wide as the offset.
+    pub offset_window_s: f64,
+}
+
+impl<'a> LineModel<'a> {
+    /// Of a line, whose own measurement is left out.
+    pub fn of(line: &NavigationLine<'a>) -> Self {
+        let NavigationLine { ins, map, core, errors, offset_window_s, .. } = *line;
+        Self { ins, map, core, errors, offset_window_s }
+    }
+
+    /// With a magnetometer's measurement and its standard deviation, in nT.
+    pub(crate) fn with(&self, measurement_nt: &'a [f64], sigma_nt: &'a [f64]) -> NavigationLine<'a> {
+        let Self { ins, map, core, errors, offset_window_s } = *self;
+        NavigationLine { ins, measurement_nt, sigma_nt, map, core, errors, offset_window_s }
+    }
+}
+
+/// What the filter hands out beside the track, and which measurements it leaves out.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OnlineParameters {
+    /// A measurement whose squared residual over its variance, after those of the magnetometers before it, is above
+    /// this is left out and counted; `None` uses every one.
+    pub gate_nis: Option<f64>,
+    /// Hand out the 18 error states of every sample.
+    pub keep_states: bool,
+    /// Hand out their covariance of every sample.
+    pub keep_covariance: bool,
+    /// Hand out the coefficients (or weights) of every sample, and their standard deviations.
+    pub keep_coefficients: bool,
+}
+
+/// How the samples of a magnetometer were used; the first four add up to the number of samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MagnetometerReport {
+    /// Samples that were used.
+    pub updates: usize,
+    /// Samples without a finite measurement, a sigma above 0, or a finite prediction of the aircraft's field.
+    pub missing: usize,
+    /// Samples whose predicted position is off the map or in an unknown cell.
+    pub off_map: usize,
+    /// Samples that the innovation gate left out.
+    pub gated: usize,
+    /// The offset that was subtracted from every measurement, in nT.
+    pub offset_nt: f64,
+    /// Samples that the offset is the mean of.
+    pub offset_samples: usize,
+}
+
+/// One magnetometer along the line, a value a sample.
+#[derive(Clone, Debug, Default)]
+pub struct MagnetometerTrack {
+    /// Measurement minus prediction at the state before the sample, in nT; NaN without either.
+    pub residual_nt: Vec<f64>,
+    /// Its residual, given those of the magnetometers before it, squared over its variance; NaN as the residual.
+    pub nis: Vec<f64>,
+    /// The aircraft's field by the state after the sample, in nT; NaN where the model has no finite input.
+    pub aircraft_nt: Vec<f64>,
+    /// How the samples were used.
+    pub report: MagnetometerReport,
+}
+
+/// The field of the aircraft at each magnetometer as a function of the further states.
+pub(crate) trait AircraftModel {
+    /// The field of a sample at the states `c`, in nT, and its derivatives by them, which are zero before; `None`
+    /// where an input is missing.
+    fn linearised(&mut self, magnetometer: usize, row: usize, c: &[f64], derivatives: &mut [f64]) -> Option<f64>;
+
+    /// The field alone.
+    fn value(&mut self, magnetometer: usize, row: usize, c: &[f64]) -> Option<f64>;
+}
+
+/// The further states.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ExtraStates {
+    /// Their prior mean, to which those with a time constant return.
+    pub(crate) mean: Vec<f64>,
+    /// Their prior covariance, row-major.
+    pub(crate) covariance: Vec<f64>,
+    /// Spectral densities of their driving noise, per second.
+    pub(crate) density: Vec<f64>,
+    /// Their time constants, in s; infinite for random walks.
+    pub(crate) tau_s: Vec<f64>,
+}
+
+/// A fault of a parameter.
+pub(crate) fn refused(param: &str, what: impl Into<String>) -> ParameterError {
+    ParameterError(Fault::new(what).of_param(param))
+}
+
+impl ExtraStates {
+    /// Refuses means that are not finite, a covariance that is none, negative densities and time constants.
+    pub(crate) fn check(&self) -> Result<(), ParameterError> {
+        let states = self.mean.len();
+        if let Some(at) = self.mean.iter().position(|mean| !mean.is_finite()) {
+            return Err(refused("prior", format!("the prior mean of coefficient {at} is {}", self.mean[at])));
+        }
+        check_covariance(&self.covariance, states)?;
+        for (name, values, bad) in [
+            ("density of the random walk", &self.density, (|x| !(0.0..f64::INFINITY).contains(&x)) as fn(f64) -> bool),
+            ("time constant", &self.tau_s, |x| x.is_nan() || x <= 0.0),
+        ] {
+            if values.len() != states {
+                let what = format!("{} values of the {name} are given for {states} coefficients", values.len());
+                return Err(refused("walk_density", what));
+            }
+            if let Some(at) = values.iter().position(|value| bad(*value)) {
+                return Err(refused("walk_density", format!("the {name} of coefficient {at} is {}", values[at])));
+            }
+        }
+        Ok(())
+    }
+
+    /// The factor by which a step multiplies each deviation from the mean, and the variance that it adds.
+    #[inline(always)]
+    fn step(&self, dt_s: f64, decay: &mut [f64], noise: &mut [f64]) {
+        for (state, (decay, noise)) in decay.iter_mut().zip(noise).enumerate() {
+            let (tau_s, density) = (self.tau_s[state], self.density[state]);
+            *decay = if tau_s.is_finite() { (-dt_s / tau_s).exp() } else { 1.0 };
+            *noise = match tau_s.is_finite() {
+                true => -0.5 * density * tau_s * (-2.0 * dt_s / tau_s).exp_m1(),
+                false => density * dt_s,
+            };
+        }
+    }
+}
+
+/// Refuses a matrix that is not finite, symmetric and positive semidefinite. Correlations round to some 1e-9 where they
+/// come from an inverse.
+pub(crate) fn check_covariance(covariance: &[f64], states: usize) -> Result<(), ParameterError> {
+    if covariance.len() != states * states {
+        let what = format!("the prior covariance has {} entries for {states} coefficients", covariance.len());
+        return Err(refused("prior", what));
+    }
+    if let Some(at) = covariance.iter().position(|entry| !entry.is_finite()) {
+        let (row, column) = (at / states, at % states);
+        return Err(refused("prior", format!("the prior covariance is {} at {row}, {column}", covariance[at])));
+    }
+    let at = |row: usize, column: usize| covariance[row * states + column];
+    let bad = |what: &str| Err(refused("prior", format!("the prior covariance is not {what}")));
+    if (0..states).any(|state| at(state, state) < 0.0) {
+        return bad("positive: a variance is below 0");
+    }
+    let scale = |row: usize, column: usize| (at(row, row) * at(column, column)).sqrt();
+    let correlation = DMatrix::from_fn(states, states, |row, column| match scale(row, column) {
+        0.0 if at(row, column) == 0.0 => 0.0,
+        scale => at(row, column) / scale,
+    });
+    if correlation.iter().any(|entry| entry.is_nan() || entry.abs() > 1.0 + 1e-9) {
+        return bad("positive: a correlation is beyond 1");
+    }
+    if (&correlation - correlation.transpose()).amax() > 1e-9 {
+        return bad("symmetric");
+    }
+    if states > 0 && correlation.symmetric_eigenvalues().min() < -1e-9 {
+        return bad("positive semidefinite");
+    }
+    Ok(())
+}
+
+/// A magnetometer's measurement and its standard deviation, in nT.
+pub(crate) type Readings<'a> = (&'a [f64], &'a [f64]);
+
+/// What the filter makes of a line.
+pub(crate) struct AugmentedOutput {
+    pub(crate) navigation: NavigationOutput,
+    pub(crate) magnetometers: Vec<MagnetometerTrack>,
+    /// The further states after the last sample.
+    pub(crate) c: Vec<f64>,
+    /// Their covariance, row-major.
+    pub(crate) c_covariance: Vec<f64>,
+    /// The further states of every sample and their standard deviations, a row a sample; empty unless asked for.
+    pub(crate) c_by_row: Vec<f64>,
+    pub(crate) c_sigma_by_row: Vec<f64>,
+}
+
+/// Filters a line.
+pub(crate) fn run<M: AircraftModel>(
+    line: &LineModel<'_>,
+    readings: &[Readings<'_>],
+    model: M,
+    states: &ExtraStates,
+    parameters: &OnlineParameters,
+) -> Result<AugmentedOutput, NavigationError> {
+    states.check()?;
+    if readings.is_empty() {
+        return Err(refused("mags", "no magnetometer is given").into());
+    }
+    if let Some(gate) = parameters.gate_nis
+        && !(gate > 0.0 && gate.is_finite())
+    {
+        return Err(refused("gate_nis", format!("`gate_nis` must be above 0, not {gate}")).into());
+    }
+    let window_s = line.offset_window_s;
+    if !(window_s >= 0.0 && window_s.is_finite()) {
+        return Err(refused("offset_window_s", format!("`offset_window_s` must not be below 0: {window_s}")).into());
+    }
+    let lines: Vec<NavigationLine<'_>> = readings.iter().map(|(nt, sigma_nt)| line.with(nt, sigma_nt)).collect();
+    for line in &lines {
+        line.check()?;
+    }
+    let mut filter = Filter::new(line, lines, model, states, parameters);
+    filter.take_offsets();
+    pulp::Arch::new().dispatch(Along(filter))
+}

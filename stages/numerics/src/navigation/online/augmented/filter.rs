@@ -1,0 +1,306 @@
+//! The recursion.
+
+use pulp::{Simd, WithSimd};
+
+use crate::earth::field_value::FieldValue;
+use crate::navigation::field::PredictedField;
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateVector, pinson_matrix};
+use crate::navigation::transition::{propagate_state, transition_matrix};
+
+use super::super::covariance::{Covariance, Scalar, Step, WIDEST, dot};
+use super::{
+    AircraftModel, AugmentedOutput, ExtraStates, LineModel, MagnetometerReport, MagnetometerTrack, OnlineParameters,
+    refused,
+};
+
+/// The filter along its line, as the work that is dispatched to the machine's vector unit.
+pub(super) struct Along<'a, M>(pub(super) Filter<'a, M>);
+
+impl<M: AircraftModel> WithSimd for Along<'_, M> {
+    type Output = Result<AugmentedOutput, NavigationError>;
+
+    #[inline(always)]
+    fn with_simd<V: Simd>(self, _: V) -> Self::Output {
+        let mut filter = self.0;
+        for row in 0..filter.line.ins.len() {
+            if row > 0 {
+                filter.propagate(row);
+            }
+            let innovation = filter.update(row)?;
+            filter.store(row, innovation)?;
+        }
+        Ok(filter.finish())
+    }
+}
+
+/// Vectors of the length of a padded row.
+struct Scratch {
+    /// The row H of each magnetometer.
+    h: Vec<f64>,
+    ph: Vec<f64>,
+    gain: Vec<f64>,
+    rest: Vec<f64>,
+    /// The state before the measurements of a sample.
+    before: Vec<f64>,
+    decay: Vec<f64>,
+    noise: Vec<f64>,
+}
+
+/// A magnetometer at a sample.
+#[derive(Clone, Copy)]
+enum Reading {
+    Missing,
+    OffMap,
+    /// Measurement minus prediction before the sample, in nT, and the variance of the measurement, in nT².
+    Residual(f64, f64),
+}
+
+/// States, covariance and what is known of a line.
+pub(super) struct Filter<'a, M> {
+    line: LineModel<'a>,
+    lines: Vec<NavigationLine<'a>>,
+    model: M,
+    states: &'a ExtraStates,
+    parameters: OnlineParameters,
+    predicted: PredictedField<'a>,
+    density: StateVector,
+    x: Vec<f64>,
+    p: Covariance,
+    readings: Vec<Reading>,
+    scratch: Scratch,
+    output: AugmentedOutput,
+}
+
+impl<'a, M: AircraftModel> Filter<'a, M> {
+    pub(super) fn new(
+        line: &LineModel<'a>,
+        lines: Vec<NavigationLine<'a>>,
+        model: M,
+        states: &'a ExtraStates,
+        parameters: &OnlineParameters,
+    ) -> Self {
+        let (ins, errors, others, rows) = (line.ins, line.errors, states.mean.len(), line.ins.len());
+        let first = errors.initial_covariance(ins.point(0).lat_rad, ins.alt_m[0]);
+        let p = Covariance::new(&first, &states.covariance, others);
+        let stride = p.stride();
+        let mut x = vec![0.0; stride];
+        x[STATES..STATES + others].copy_from_slice(&states.mean);
+        let zeros = || vec![0.0; stride];
+        let scratch = Scratch {
+            h: vec![0.0; stride * lines.len()],
+            ph: zeros(),
+            gain: zeros(),
+            rest: zeros(),
+            before: zeros(),
+            decay: vec![1.0; others],
+            noise: vec![0.0; others],
+        };
+        let column = || Vec::with_capacity(rows);
+        let track = |_| MagnetometerTrack {
+            residual_nt: column(),
+            nis: column(),
+            aircraft_nt: column(),
+            report: MagnetometerReport::default(),
+        };
+        let kept = if parameters.keep_coefficients { rows * others } else { 0 };
+        let output = AugmentedOutput {
+            navigation: NavigationOutput::with_capacity(rows, parameters.keep_states, parameters.keep_covariance),
+            magnetometers: (0..lines.len()).map(track).collect(),
+            c: vec![],
+            c_covariance: vec![],
+            c_by_row: Vec::with_capacity(kept),
+            c_sigma_by_row: Vec::with_capacity(kept),
+        };
+        let (predicted, readings) = (PredictedField::new(line.map, line.core), vec![Reading::Missing; lines.len()]);
+        let (line, parameters, density) = (*line, *parameters, errors.noise_density());
+        Self { line, lines, model, states, parameters, predicted, density, x, p, readings, scratch, output }
+    }
+
+    /// Finds the offset of each magnetometer.
+    pub(super) fn take_offsets(&mut self) {
+        let (ins, window_s) = (self.line.ins, self.line.offset_window_s);
+        for (magnetometer, line) in self.lines.iter().enumerate() {
+            let within = ins.tt_s.iter().take_while(|tt_s| **tt_s - ins.tt_s[0] <= window_s).count();
+            let mut left_nt = Vec::with_capacity(within);
+            for row in 0..within {
+                let aircraft_nt = self.model.value(magnetometer, row, &self.states.mean).unwrap_or(f64::NAN);
+                left_nt.push(line.measured(row, 0.0).map_or(f64::NAN, |(nt, _)| nt - aircraft_nt));
+            }
+            let report = &mut self.output.magnetometers[magnetometer].report;
+            (report.offset_nt, report.offset_samples) = self.predicted.offset(ins, &left_nt, window_s);
+        }
+        if let Some(first) = self.output.magnetometers.first().map(|track| track.report) {
+            let report = &mut self.output.navigation.report;
+            (report.offset_nt, report.offset_samples) = (first.offset_nt, first.offset_samples);
+        }
+    }
+
+    /// The step from the sample before `row` to it.
+    #[inline(always)]
+    fn propagate(&mut self, row: usize) {
+        let LineModel { ins, errors, .. } = &self.line;
+        let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
+        let f = pinson_matrix(&ins.point(row - 1), &errors.time_constants(), errors.pinson);
+        let phi = transition_matrix(&f, dt_s);
+        let moved = propagate_state(&phi, &std::array::from_fn(|state| self.x[state]));
+        self.x[..STATES].copy_from_slice(&moved);
+        let Scratch { decay, noise, .. } = &mut self.scratch;
+        self.states.step(dt_s, decay, noise);
+        for ((c, mean), decay) in self.x[STATES..].iter_mut().zip(&self.states.mean).zip(&*decay) {
+            if *decay != 1.0 {
+                *c = mean + decay * (*c - mean);
+            }
+        }
+        self.p.propagate(&Step { errors, density: &self.density, f: &f, phi: &phi, dt_s }, decay, noise);
+    }
+
+    /// The measurements of a sample.
+    #[inline(always)]
+    fn update(&mut self, row: usize) -> Result<Innovation, NavigationError> {
+        self.scratch.before.copy_from_slice(&self.x);
+        // All are linearised before the state moves.
+        let mut measured = false;
+        for magnetometer in 0..self.lines.len() {
+            self.readings[magnetometer] = self.linearise(magnetometer, row);
+            measured |= matches!(self.readings[magnetometer], Reading::Residual(..));
+        }
+        if measured {
+            self.predict_field(row);
+        }
+        let (mut off_map, mut used, mut sum, mut samples, mut residual_nt) = (false, false, 0.0, 0_usize, f64::NAN);
+        for magnetometer in 0..self.lines.len() {
+            let (mut own_nt, mut own_nis) = (f64::NAN, f64::NAN);
+            match self.readings[magnetometer] {
+                Reading::Missing => self.output.magnetometers[magnetometer].report.missing += 1,
+                Reading::OffMap => {
+                    off_map = true;
+                    self.output.magnetometers[magnetometer].report.off_map += 1;
+                }
+                Reading::Residual(before_nt, variance_nt2) => {
+                    let (nis, was_used) = self.correct(magnetometer, before_nt, variance_nt2)?;
+                    (own_nt, own_nis, used) = (before_nt, nis, used || was_used);
+                    (sum, samples) = (sum + nis, samples + 1);
+                    residual_nt = if residual_nt.is_nan() { before_nt } else { residual_nt };
+                }
+            }
+            let track = &mut self.output.magnetometers[magnetometer];
+            track.residual_nt.push(own_nt);
+            track.nis.push(own_nis);
+        }
+        let report = &mut self.output.navigation.report;
+        let count = match (samples, off_map, used) {
+            (_, _, true) => &mut report.updates,
+            (1.., ..) => &mut report.gated,
+            (0, true, _) => &mut report.off_map,
+            (0, false, _) => &mut report.missing_measurements,
+        };
+        *count += 1;
+        Ok(Innovation { residual_nt, nis: if samples > 0 { sum / samples as f64 } else { f64::NAN } })
+    }
+
+    /// Takes the field of map and core field off the residuals, and its slope into their rows of H.
+    #[inline(always)]
+    fn predict_field(&mut self, row: usize) {
+        let field = self.predicted.at_error(self.line.ins, row, [self.x[LAT], self.x[LON], self.x[ALT]]);
+        let rows = self.scratch.h.chunks_exact_mut(self.p.stride());
+        for (reading, h) in self.readings.iter_mut().zip(rows) {
+            let Reading::Residual(nt, variance_nt2) = *reading else { continue };
+            let Some(FieldValue { value_nt, d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m }) = field else {
+                *reading = Reading::OffMap;
+                continue;
+            };
+            (h[LAT], h[LON], h[ALT]) = (d_lat_nt_per_rad, d_lon_nt_per_rad, d_alt_nt_per_m);
+            *reading = Reading::Residual(nt - value_nt, variance_nt2);
+        }
+    }
+
+    /// The residual of a magnetometer but for the field of map and core field, and its row of H but for their slope, at
+    /// the state before the sample.
+    #[inline(always)]
+    fn linearise(&mut self, magnetometer: usize, row: usize) -> Reading {
+        let stride = self.p.stride();
+        let h = &mut self.scratch.h[magnetometer * stride..][..stride];
+        h.fill(0.0);
+        let others = self.states.mean.len();
+        let (c, d_c) = (&self.x[STATES..][..others], &mut h[STATES..][..others]);
+        let offset_nt = self.output.magnetometers[magnetometer].report.offset_nt;
+        let Some((nt, variance_nt2)) = self.lines[magnetometer].measured(row, offset_nt) else {
+            return Reading::Missing;
+        };
+        let aircraft_nt = match self.model.linearised(magnetometer, row, c, d_c) {
+            Some(nt) if nt.is_finite() && d_c.iter().all(|h| h.is_finite()) => nt,
+            _ => return Reading::Missing,
+        };
+        h[S] = 1.0;
+        Reading::Residual(nt - (self.x[S] + aircraft_nt), variance_nt2)
+    }
+
+    /// Uses a measurement: its squared residual over its variance, and whether it passed the gate.
+    #[inline(always)]
+    fn correct(
+        &mut self,
+        magnetometer: usize,
+        before_nt: f64,
+        variance_nt2: f64,
+    ) -> Result<(f64, bool), NavigationError> {
+        let stride = self.p.stride();
+        let Scratch { h, ph, gain, rest, before, .. } = &mut self.scratch;
+        let h = &h[magnetometer * stride..][..stride];
+        self.p.times(h, ph);
+        let predicted_nt2 = dot(h, ph);
+        if predicted_nt2 > WIDEST * variance_nt2 {
+            let what = format!(
+                "the prior of the aircraft's field is too wide for the noise: {:.1e} nT against {:.1e} nT",
+                predicted_nt2.sqrt(),
+                variance_nt2.sqrt()
+            );
+            return Err(refused("prior", what).into());
+        }
+        // What the magnetometers before it have moved, in this one's linearisation.
+        let moved_nt: f64 = h.iter().zip(&self.x).zip(&*before).map(|((h, x), before)| h * (x - before)).sum();
+        let residual_nt = if magnetometer == 0 { before_nt } else { before_nt - moved_nt };
+        let innovation_variance = predicted_nt2 + variance_nt2;
+        let nis = residual_nt * residual_nt / innovation_variance;
+        let report = &mut self.output.magnetometers[magnetometer].report;
+        if self.parameters.gate_nis.is_some_and(|gate| nis > gate) {
+            report.gated += 1;
+            return Ok((nis, false));
+        }
+        report.updates += 1;
+        self.p.correct(&Scalar { ph, innovation_variance }, gain, rest);
+        for (x, gain) in self.x.iter_mut().zip(&*gain) {
+            *x += gain * residual_nt;
+        }
+        Ok((nis, true))
+    }
+
+    /// Hands out the state after a sample.
+    #[inline(always)]
+    fn store(&mut self, row: usize, innovation: Innovation) -> Result<(), NavigationError> {
+        let LineModel { ins, errors, .. } = &self.line;
+        let sum: f64 = self.x.iter().sum();
+        if !(sum.is_finite() && self.p.is_sound()) {
+            return Err(NavigationError::Diverged { row, tt_s: ins.tt_s[row] });
+        }
+        let (x, p) = (&self.x, &self.p);
+        self.output.navigation.push(ins, row, |state| x[state], |a, b| p.at(a, b), innovation, errors.earth);
+        for (magnetometer, track) in self.output.magnetometers.iter_mut().enumerate() {
+            let aircraft_nt = self.model.value(magnetometer, row, &x[STATES..][..self.states.mean.len()]);
+            track.aircraft_nt.push(aircraft_nt.filter(|nt| nt.is_finite()).unwrap_or(f64::NAN));
+        }
+        if self.parameters.keep_coefficients {
+            let states = STATES..STATES + self.states.mean.len();
+            self.output.c_by_row.extend(&x[states.clone()]);
+            self.output.c_sigma_by_row.extend(states.map(|state| p.at(state, state).sqrt()));
+        }
+        Ok(())
+    }
+
+    fn finish(mut self) -> AugmentedOutput {
+        self.output.c = self.x[STATES..][..self.states.mean.len()].to_vec();
+        self.output.c_covariance = self.p.others();
+        self.output
+    }
+}

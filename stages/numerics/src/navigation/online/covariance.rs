@@ -1,0 +1,207 @@
+//! The covariance of the 18 states and any number of further ones, whose transition is diagonal.
+
+use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::pinson::{STATES, StateMatrix};
+use crate::navigation::transition::step_covariance;
+
+/// Rows begin at multiples of so many entries, so that vector registers of any width are filled.
+const LANES: usize = 8;
+
+/// A symmetric matrix, both triangles stored by rows and bit-identical.
+///
+/// The update is Joseph's form, which holds for any gain K: with u = P Hᵀ and s = H P Hᵀ + R
+///
+/// ```text
+/// (I − K H) P (I − K H)ᵀ + K R Kᵀ = P + K vᵀ + v Kᵀ,      v = s K/2 − u
+/// ```
+///
+/// Both products commute, so an entry and its mirror image are the same sum. Recursions on covariances do not change
+/// when states are scaled (by powers of two not by a bit), so a state in rad beside one in nT costs no digits;
+/// what costs them is H P Hᵀ over R, which [`WIDEST`] limits.
+#[derive(Clone, Debug)]
+pub(crate) struct Covariance {
+    states: usize,
+    stride: usize,
+    entries: Vec<f64>,
+    /// The 18 rows of the cross-covariances while they are moved.
+    moved: Vec<f64>,
+}
+
+/// Largest H P Hᵀ over R. An update leaves errors of H P Hᵀ times 2e-16, here a few thousandths of R.
+pub(crate) const WIDEST: f64 = 1e13;
+
+/// One scalar measurement.
+pub(crate) struct Scalar<'a> {
+    /// P Hᵀ.
+    pub(crate) ph: &'a [f64],
+    /// H P Hᵀ + R.
+    pub(crate) innovation_variance: f64,
+}
+
+impl Covariance {
+    /// A block-diagonal covariance of the 18 states and of the others (row-major).
+    pub(crate) fn new(navigation: &StateMatrix, others: &[f64], other_states: usize) -> Self {
+        let states = STATES + other_states;
+        let stride = states.next_multiple_of(LANES);
+        let mut entries = vec![0.0; states * stride];
+        for (row, from) in navigation.iter().enumerate() {
+            entries[row * stride..][..STATES].copy_from_slice(from);
+        }
+        for row in 0..other_states {
+            let to = &mut entries[(STATES + row) * stride + STATES..][..other_states];
+            // Either triangle may be that of a product which rounds differently.
+            for (column, to) in to.iter_mut().enumerate() {
+                let (one, other) = (others[row * other_states + column], others[column * other_states + row]);
+                *to = 0.5 * (one + other);
+            }
+        }
+        Self { states, stride, entries, moved: vec![0.0; STATES * stride] }
+    }
+
+    /// A covariance without the 18 states.
+    pub(crate) fn alone(entries: &[f64], states: usize) -> Self {
+        let stride = states.next_multiple_of(LANES);
+        let mut padded = vec![0.0; states * stride];
+        for (to, from) in padded.chunks_exact_mut(stride.max(1)).zip(entries.chunks_exact(states.max(1))) {
+            to[..states].copy_from_slice(from);
+        }
+        Self { states, stride, entries: padded, moved: vec![] }
+    }
+
+    /// The length of a padded row.
+    pub(crate) fn stride(&self) -> usize {
+        self.stride
+    }
+
+    /// An entry.
+    #[inline(always)]
+    pub(crate) fn at(&self, row: usize, column: usize) -> f64 {
+        self.entries[row * self.stride + column]
+    }
+
+    /// The block of the states beyond the 18, row-major.
+    pub(crate) fn others(&self) -> Vec<f64> {
+        let of = |row: usize| self.entries[row * self.stride..][STATES..self.states].to_vec();
+        (STATES..self.states).flat_map(of).collect()
+    }
+
+    /// Whether the variances are finite and not negative.
+    #[inline(always)]
+    pub(crate) fn is_sound(&self) -> bool {
+        // A sum is finite where all its parts are; an entry beside the diagonal that is not spoils two variances in the
+        // next step.
+        let sum: f64 = (0..self.states).map(|state| self.at(state, state)).sum();
+        let least = (0..self.states).map(|state| self.at(state, state)).fold(0.0, f64::min);
+        sum.is_finite() && least >= 0.0
+    }
+
+    /// P Hᵀ of a padded H, skipping its zeros.
+    #[inline(always)]
+    pub(crate) fn times(&self, h: &[f64], ph: &mut [f64]) {
+        ph.fill(0.0);
+        for (h, row) in h.iter().zip(self.entries.chunks_exact(self.stride)) {
+            if *h != 0.0 {
+                add_scaled(ph, *h, row);
+            }
+        }
+    }
+
+    /// The update; `gain` becomes K, `rest` is overwritten.
+    #[inline(always)]
+    pub(crate) fn correct(&mut self, by: &Scalar<'_>, gain: &mut [f64], rest: &mut [f64]) {
+        let weight = 1.0 / by.innovation_variance;
+        for ((gain, rest), ph) in gain.iter_mut().zip(&mut *rest).zip(by.ph) {
+            *gain = ph * weight;
+            *rest = 0.5 * by.innovation_variance * *gain - ph;
+        }
+        let (gain, rest) = (&gain[..self.stride], &rest[..self.stride]);
+        for (row, entries) in self.entries.chunks_exact_mut(self.stride).enumerate() {
+            let (own_gain, own_rest) = (gain[row], rest[row]);
+            for ((entry, gain), rest) in entries.iter_mut().zip(gain).zip(rest) {
+                *entry += own_gain * rest + own_rest * gain;
+            }
+        }
+    }
+
+    /// A step. Of the others each is multiplied by its `decay` and gets `noise`; decays of 1 leave their block alone.
+    #[inline(always)]
+    pub(crate) fn propagate(&mut self, step: &Step<'_>, decay: &[f64], noise: &[f64]) {
+        self.propagate_navigation(step);
+        self.propagate_cross(step.phi, decay);
+        let (stride, others) = (self.stride, self.states - STATES);
+        if decay.iter().any(|decay| *decay != 1.0) {
+            for (row, own) in decay.iter().enumerate() {
+                let entries = &mut self.entries[(STATES + row) * stride + STATES..][..others];
+                for (entry, other) in entries.iter_mut().zip(decay) {
+                    *entry *= own * other;
+                }
+            }
+        }
+        for (other, noise) in noise.iter().enumerate() {
+            self.entries[(STATES + other) * (stride + 1)] += noise;
+        }
+    }
+
+    #[inline(always)]
+    fn propagate_navigation(&mut self, step: &Step<'_>) {
+        let mut p = [[0.0; STATES]; STATES];
+        for (to, from) in p.iter_mut().zip(self.entries.chunks_exact(self.stride)) {
+            to.copy_from_slice(&from[..STATES]);
+        }
+        let errors = step.errors;
+        let p = step_covariance(&p, step.f, step.phi, step.density, step.dt_s, errors.noise);
+        for (to, from) in self.entries.chunks_exact_mut(self.stride).zip(&p) {
+            to[..STATES].copy_from_slice(from);
+        }
+    }
+
+    /// P_nc ← Φ P_nc D over the entries of Φ that are not zero, and its mirror image.
+    #[inline(always)]
+    fn propagate_cross(&mut self, phi: &StateMatrix, decay: &[f64]) {
+        let (stride, others) = (self.stride, self.states - STATES);
+        for (row, phi) in phi.iter().enumerate() {
+            let to = &mut self.moved[row * stride..][..others];
+            to.fill(0.0);
+            for (phi, from) in phi.iter().zip(self.entries.chunks_exact(stride)) {
+                if *phi != 0.0 {
+                    add_scaled(to, *phi, &from[STATES..STATES + others]);
+                }
+            }
+        }
+        for (row, from) in self.moved.chunks_exact(stride).enumerate() {
+            let to = &mut self.entries[row * stride + STATES..][..others];
+            for ((to, from), decay) in to.iter_mut().zip(from).zip(decay) {
+                *to = from * decay;
+            }
+        }
+        let (above, below) = self.entries.split_at_mut(STATES * stride);
+        for (other, to) in below.chunks_exact_mut(stride).enumerate() {
+            for (to, from) in to[..STATES].iter_mut().zip(above.chunks_exact(stride)) {
+                *to = from[STATES + other];
+            }
+        }
+    }
+}
+
+/// The step of the 18 states.
+pub(crate) struct Step<'a> {
+    pub(crate) errors: &'a InsErrorModel,
+    /// Spectral densities of its process noise.
+    pub(crate) density: &'a [f64; STATES],
+    pub(crate) f: &'a StateMatrix,
+    pub(crate) phi: &'a StateMatrix,
+    pub(crate) dt_s: f64,
+}
+
+#[inline(always)]
+fn add_scaled(to: &mut [f64], factor: f64, from: &[f64]) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to += factor * from;
+    }
+}
+
+/// The product of two vectors.
+#[inline(always)]
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

@@ -1,0 +1,176 @@
+//! Constant errors of the vector magnetometer, and how the Tolles-Lawson terms depend on them.
+
+use std::ops::Range;
+
+use crate::compensation::tolles_lawson::{Field, Terms, matrix_in_runs};
+use crate::navigation::ins_error::ParameterError;
+
+use super::augmented::refused;
+
+/// A vector magnetometer whose bias is estimated along with the coefficients.
+///
+/// The bias b is truth minus reading: the terms are those of the vector B + b, of which permanent, induced and eddy
+/// terms change. With the aircraft's field F = a + b_ind V/s + c Ḃ/s along u = V/|V|, V = B + b,
+///
+/// ```text
+/// ∂(F·u)/∂b = (F − (F·u) u)/|V| + b_indᵀ u/s
+/// ```
+///
+/// It has no singularity but |V| = 0, where there are no terms. (MagNav.jl, which follows the same idea, divides by
+/// B_x and holds |V| constant.)
+#[derive(Clone, Copy, Debug)]
+pub struct Fluxgate<'a> {
+    /// The vector's components in the body frame, in nT, and no scalar (`bt`).
+    pub field: Field<'a>,
+    /// The terms, which are the first columns of those of every magnetometer.
+    pub terms: &'a Terms,
+    /// The scale of induced and eddy terms, in nT.
+    pub scale_nt: f64,
+    /// The runs of rows within which the terms are differenced; none for the whole line.
+    pub runs: &'a [Range<usize>],
+    /// Standard deviation of the bias of each axis, in nT.
+    pub sigma_nt: f64,
+    /// Correlation time of the bias, in s; infinite for a constant.
+    pub tau_s: f64,
+}
+
+/// A column of the matrix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Term {
+    /// u_i.
+    Permanent(usize),
+    /// u_i V_j/s.
+    Induced(usize, usize),
+    /// u_i Ḃ_j/s.
+    Eddy(usize, usize),
+    /// Ḃ_i.
+    Derivative(usize),
+    /// 1.
+    Bias,
+}
+
+impl Term {
+    fn of(name: &str) -> Option<Self> {
+        let (axes, changes) = match name.strip_suffix("_dot") {
+            _ if name == "bias" => return Some(Self::Bias),
+            Some(axes) => (axes, true),
+            None => (name, false),
+        };
+        let axes: Vec<usize> = axes.chars().filter_map(|axis| "xyz".find(axis)).collect();
+        match (axes.as_slice(), changes) {
+            ([i], false) => Some(Self::Permanent(*i)),
+            ([i], true) => Some(Self::Derivative(*i)),
+            ([i, j], false) => Some(Self::Induced(*i, *j)),
+            ([i, j], true) => Some(Self::Eddy(*i, *j)),
+            _ => None,
+        }
+    }
+}
+
+/// The terms of a line at any bias.
+pub(crate) struct FluxgateTerms<'a> {
+    field: Field<'a>,
+    terms: Vec<Term>,
+    scale_nt: f64,
+    /// Ḃ, three a row.
+    change: Vec<f64>,
+}
+
+/// A vector in a row: its direction, its size (nT), and its change over the scale.
+#[derive(Clone, Copy)]
+struct Vector {
+    u: [f64; 3],
+    v: [f64; 3],
+    norm: f64,
+    change: [f64; 3],
+}
+
+impl<'a> FluxgateTerms<'a> {
+    /// Refuses a scalar among the regressors, and what [`matrix_in_runs`] refuses.
+    pub(crate) fn new(fluxgate: &Fluxgate<'a>) -> Result<Self, ParameterError> {
+        let Fluxgate { field, terms, scale_nt, runs, sigma_nt, tau_s } = *fluxgate;
+        if field.bt.is_some() {
+            let what = "the terms are divided by a scalar magnetometer, by which the filter would subtract what it \
+                        navigates by";
+            return Err(refused("terms", what));
+        }
+        if !(sigma_nt >= 0.0 && sigma_nt.is_finite()) {
+            return Err(refused(
+                "flux_bias_sigma_nt",
+                format!("the bias' sigma must not be below 0, but is {sigma_nt}"),
+            ));
+        }
+        if tau_s.is_nan() || tau_s <= 0.0 {
+            return Err(refused("flux_bias_tau_s", format!("the bias' time constant must be above 0, but is {tau_s}")));
+        }
+        let bad = |fault: crate::compensation::TermsError| refused("terms", fault.to_string());
+        let derivative = Terms::new(&["derivative"]).map_err(bad)?;
+        let whole = 0..field.x.len();
+        let runs = if runs.is_empty() { std::slice::from_ref(&whole) } else { runs };
+        let change = matrix_in_runs(&field, &derivative, scale_nt, runs).map_err(bad)?;
+        let of = |name: &str| Term::of(name).ok_or_else(|| refused("terms", format!("the term `{name}` is unknown")));
+        let terms = terms.names().into_iter().map(of).collect::<Result<_, _>>()?;
+        Ok(Self { field, terms, scale_nt, change })
+    }
+
+    /// The number of terms.
+    pub(crate) fn len(&self) -> usize {
+        self.terms.len()
+    }
+
+    /// The number of rows.
+    pub(crate) fn rows(&self) -> usize {
+        self.field.x.len()
+    }
+
+    #[inline(always)]
+    fn vector(&self, row: usize, bias_nt: [f64; 3]) -> Vector {
+        let [x, y, z] = bias_nt;
+        let v = [self.field.x[row] + x, self.field.y[row] + y, self.field.z[row] + z];
+        let norm = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+        let norm = if norm == 0.0 { f64::NAN } else { norm };
+        let change = std::array::from_fn(|axis| self.change[3 * row + axis]);
+        Vector { u: v.map(|v| v / norm), v, norm, change }
+    }
+
+    #[inline(always)]
+    fn term(&self, at: &Vector, term: Term) -> f64 {
+        match term {
+            Term::Permanent(i) => at.u[i],
+            Term::Induced(i, j) => at.u[i] * (at.v[j] / self.scale_nt),
+            Term::Eddy(i, j) => at.u[i] * (at.change[j] / self.scale_nt),
+            Term::Derivative(i) => at.change[i],
+            Term::Bias => 1.0,
+        }
+    }
+
+    /// The terms of a row at a bias, in nT; NaN where the vector is unknown or zero.
+    #[inline(always)]
+    pub(crate) fn row(&self, row: usize, bias_nt: [f64; 3], out: &mut [f64]) {
+        let at = self.vector(row, bias_nt);
+        for (out, term) in out.iter_mut().zip(&self.terms) {
+            *out = self.term(&at, *term);
+        }
+    }
+
+    /// The derivatives of the terms times `coefficients` by the bias, nT by nT.
+    #[inline(always)]
+    pub(crate) fn derivatives(&self, row: usize, bias_nt: [f64; 3], coefficients: &[f64]) -> [f64; 3] {
+        let at = self.vector(row, bias_nt);
+        // F, and b_indᵀ u/s.
+        let (mut force, mut direct) = ([0.0; 3], [0.0; 3]);
+        for (coefficient, term) in coefficients.iter().zip(&self.terms) {
+            match *term {
+                Term::Permanent(i) => force[i] += coefficient,
+                Term::Induced(i, j) => {
+                    force[i] += coefficient * (at.v[j] / self.scale_nt);
+                    direct[j] += coefficient * (at.u[i] / self.scale_nt);
+                }
+                Term::Eddy(i, j) => force[i] += coefficient * (at.change[j] / self.scale_nt),
+                Term::Derivative(_) | Term::Bias => {}
+            }
+        }
+        let along = force[0] * at.u[0] + force[1] * at.u[1] + force[2] * at.u[2];
+        std::array::from_fn(|axis| (force[axis] - along * at.u[axis]) / at.norm + direct[axis])
+    }
+}

@@ -1,0 +1,118 @@
+//! The aircraft's own field estimated in flight: an online neural network.
+//!
+//! The 18 states of the extended Kalman filter are followed by the weights w of a small network, whose output is the
+//! aircraft's field at the scalar magnetometer, which is not compensated beforehand. [thesis 000, section 5.6,
+//! (5.42)-(5.45); Singhal & Wu 1989, for training by the filter]
+//!
+//! ```text
+//! z = map(INS + x) + core(INS + x) + S + m(features; w) + white noise
+//! H = [∂h/∂lat, ∂h/∂lon, ∂h/∂alt, 0 … 0, 1, ∂m/∂w],      w ← w,      P_ww ← P_ww + q Δt
+//! ```
+//!
+//! ∂m/∂w is by back-propagation at each sample. The weights, their covariance and their random walk come from
+//! [`train`], recursive least squares over a calibration, or are given. The recursion is that of
+//! [`online`](super::online), with its treatment of irregularities; a feature that is NaN or infinite makes the
+//! measurement a missing one. The features must not hold a scalar magnetometer
+//! ([`check_sources`](super::online::check_sources)).
+//!
+//! A network of p features and h hidden units has h (p + 2) + 1 weights, and a step costs the square of 18 and that.
+//! Beyond the features of its calibration it extrapolates. The covariance of the weights knows the noise of the
+//! calibration, and not what the network cannot represent: on a smooth function of three features its errors have
+//! some 2.5 times the deviation that it says.
+
+mod network;
+mod training;
+
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::{NavigationError, NavigationOutput};
+
+use super::online::augmented::{self, AircraftModel, ExtraStates, refused};
+use super::online::{LineModel, MagnetometerTrack, OnlineParameters};
+pub use network::{Activation, Network};
+pub use training::{Calibration, NetworkPrior, TrainingParameters, train};
+
+/// The filtered line.
+#[derive(Clone, Debug, Default)]
+pub struct NetworkOutput {
+    /// The track.
+    pub navigation: NavigationOutput,
+    /// The weights after the last sample.
+    pub weights: Vec<f64>,
+    /// Their covariance, row-major.
+    pub covariance: Vec<f64>,
+    /// The weights after each sample, row-major; empty unless asked for.
+    pub weights_by_row: Vec<f64>,
+    /// Their standard deviations.
+    pub sigma_by_row: Vec<f64>,
+    /// Residuals, the aircraft's field, and how the samples were used.
+    pub track: MagnetometerTrack,
+}
+
+/// Filters one line, whose measurement is the uncompensated field. `features` are row-major, a row a sample.
+///
+/// # Errors
+/// Fails as [`NavigationLine::check`], with [`NavigationError::Parameter`] for features, weights, covariances and
+/// densities of another size than the network's or out of their range, and with [`NavigationError::Diverged`] when
+/// states or variances are no longer finite or a variance is negative.
+pub fn run(
+    line: &NavigationLine<'_>,
+    network: &Network,
+    features: &[f64],
+    prior: &NetworkPrior,
+    parameters: &OnlineParameters,
+) -> Result<NetworkOutput, NavigationError> {
+    prior.check(network)?;
+    let (rows, width) = (line.ins.len(), network.inputs());
+    if features.len() != rows * width {
+        let what = format!("{} values of features are given, not {rows} rows of {width}", features.len());
+        return Err(refused("features", what).into());
+    }
+    let states = ExtraStates {
+        mean: prior.weights.clone(),
+        covariance: prior.covariance.clone(),
+        density: prior.walk_density.clone(),
+        tau_s: vec![f64::INFINITY; prior.weights.len()],
+    };
+    let model = Field { network, inputs: network.standardised(features) };
+    let readings = [(line.measurement_nt, line.sigma_nt)];
+    let mut output = augmented::run(&LineModel::of(line), &readings, model, &states, parameters)?;
+    Ok(NetworkOutput {
+        navigation: output.navigation,
+        weights: output.c,
+        covariance: output.c_covariance,
+        weights_by_row: output.c_by_row,
+        sigma_by_row: output.c_sigma_by_row,
+        track: output.magnetometers.pop().unwrap_or_default(),
+    })
+}
+
+/// The network along a line.
+struct Field<'a> {
+    network: &'a Network,
+    /// The standardised features, a row a sample.
+    inputs: Vec<f64>,
+}
+
+impl Field<'_> {
+    #[inline(always)]
+    fn inputs(&self, row: usize) -> &[f64] {
+        &self.inputs[row * self.network.inputs()..][..self.network.inputs()]
+    }
+}
+
+impl AircraftModel for Field<'_> {
+    #[inline(always)]
+    fn linearised(&mut self, _: usize, row: usize, c: &[f64], derivatives: &mut [f64]) -> Option<f64> {
+        let field_nt = self.network.value_and_gradient(self.inputs(row), c, derivatives);
+        field_nt.is_finite().then_some(field_nt)
+    }
+
+    #[inline(always)]
+    fn value(&mut self, _: usize, row: usize, c: &[f64]) -> Option<f64> {
+        let field_nt = self.network.value(self.inputs(row), c);
+        field_nt.is_finite().then_some(field_nt)
+    }
+}
+
+#[cfg(test)]
+mod tests;

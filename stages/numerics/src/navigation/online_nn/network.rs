@@ -1,0 +1,171 @@
+//! A network of one hidden layer.
+
+use params::choice;
+
+use crate::navigation::ins_error::ParameterError;
+use crate::random::Normals;
+
+use super::super::online::augmented::refused;
+
+choice! {
+    /// What a hidden unit makes of its sum.
+    #[derive(Default)]
+    pub enum Activation {
+        /// z/(1 + e⁻ᶻ): swish, or SiLU.
+        #[default]
+        Swish = "swish",
+        /// tanh z.
+        Tanh = "tanh",
+    }
+}
+
+impl Activation {
+    /// The activation and its derivative.
+    #[inline(always)]
+    fn at(self, z: f64) -> (f64, f64) {
+        match self {
+            Self::Swish => {
+                let part = 1.0 / (1.0 + (-z).exp());
+                (z * part, part + z * part * (1.0 - part))
+            }
+            Self::Tanh => {
+                let t = z.tanh();
+                (t, 1.0 - t * t)
+            }
+        }
+    }
+}
+
+/// The aircraft's field as a function of features: with f the features less their mean over their deviation,
+///
+/// ```text
+/// m = s (b₂ + Σⱼ vⱼ a(bⱼ + Σᵢ Wⱼᵢ fᵢ))
+/// ```
+///
+/// The weights are one vector: W by hidden units, b, v, b₂.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Network {
+    inputs: usize,
+    hidden: usize,
+    activation: Activation,
+    output_nt: f64,
+    mean: Vec<f64>,
+    deviation: Vec<f64>,
+}
+
+impl Network {
+    /// A network for the features of a calibration, row-major with `inputs` columns, whose finite rows set means and
+    /// deviations. `output_nt` is the scale s, about the standard deviation of the aircraft's field.
+    ///
+    /// # Errors
+    /// Fails without inputs or hidden units, for an `output_nt` that is not above 0, and for a feature that is
+    /// constant in the calibration, which does not tell what it does.
+    pub fn new(
+        features: &[f64],
+        inputs: usize,
+        hidden: usize,
+        activation: Activation,
+        output_nt: f64,
+    ) -> Result<Self, ParameterError> {
+        if inputs == 0 || hidden == 0 || !features.len().is_multiple_of(inputs.max(1)) {
+            let what = format!("{} values are no rows of {inputs} features for {hidden} hidden units", features.len());
+            return Err(refused("hidden", what));
+        }
+        if !(output_nt > 0.0 && output_nt.is_finite()) {
+            return Err(refused("output_nt", format!("the scale of the output must be above 0 nT: {output_nt}")));
+        }
+        let (mut mean, mut deviation) = (vec![], vec![]);
+        for input in 0..inputs {
+            let finite = |row: &&[f64]| row.iter().all(|x| x.is_finite());
+            let column: Vec<f64> = features.chunks_exact(inputs).filter(finite).map(|row| row[input]).collect();
+            let count = column.len() as f64;
+            let middle = column.iter().sum::<f64>() / count;
+            let spread = (column.iter().map(|x| (x - middle).powi(2)).sum::<f64>() / count).sqrt();
+            // A constant column leaves the rounding of its mean.
+            if !(spread > 1e-9 * middle.abs() && spread.is_finite()) {
+                let what = format!("feature {input} is constant in the calibration, which does not tell what it does");
+                return Err(refused("features", what));
+            }
+            mean.push(middle);
+            deviation.push(spread);
+        }
+        Ok(Self { inputs, hidden, activation, output_nt, mean, deviation })
+    }
+
+    /// The number of features.
+    pub fn inputs(&self) -> usize {
+        self.inputs
+    }
+
+    /// The number of weights.
+    pub fn weights(&self) -> usize {
+        self.hidden * (self.inputs + 2) + 1
+    }
+
+    /// The standard deviations of weights that are not known: one over the root of what a unit sums, so that the
+    /// output of the network is of the size of its scale.
+    pub fn weight_sigma(&self) -> Vec<f64> {
+        let (first, second) = ((self.inputs as f64).sqrt().recip(), (self.hidden as f64).sqrt().recip());
+        let mut sigma = vec![first; self.hidden * self.inputs];
+        sigma.resize(self.hidden * (self.inputs + 1), 1.0);
+        sigma.resize(self.hidden * (self.inputs + 2), second);
+        sigma.push(1.0);
+        sigma
+    }
+
+    /// Weights drawn from these, by a seed.
+    pub fn draw(&self, seed: u64) -> Vec<f64> {
+        let mut normals = Normals::new(seed);
+        self.weight_sigma().into_iter().map(|sigma| sigma * normals.draw()).collect()
+    }
+
+    /// The inputs of rows of features; all of a row are NaN where one is not finite.
+    pub fn standardised(&self, features: &[f64]) -> Vec<f64> {
+        let mut inputs = Vec::with_capacity(features.len());
+        for row in features.chunks_exact(self.inputs) {
+            let known = row.iter().all(|x| x.is_finite());
+            let of =
+                |(x, (mean, deviation)): (&f64, (&f64, &f64))| if known { (x - mean) / deviation } else { f64::NAN };
+            inputs.extend(row.iter().zip(self.mean.iter().zip(&self.deviation)).map(of));
+        }
+        inputs
+    }
+
+    /// The field in nT for a row of inputs.
+    #[inline(always)]
+    pub fn value(&self, inputs: &[f64], weights: &[f64]) -> f64 {
+        let (w, rest) = weights.split_at(self.hidden * self.inputs);
+        let (b, v) = rest.split_at(self.hidden);
+        let mut sum = v[self.hidden];
+        for (unit, w) in w.chunks_exact(self.inputs).enumerate() {
+            sum += v[unit] * self.activation.at(b[unit] + product(w, inputs)).0;
+        }
+        self.output_nt * sum
+    }
+
+    /// The field in nT for a row of inputs, and its derivatives by the weights, by back-propagation.
+    #[inline(always)]
+    pub fn value_and_gradient(&self, inputs: &[f64], weights: &[f64], gradient: &mut [f64]) -> f64 {
+        let (w, rest) = weights.split_at(self.hidden * self.inputs);
+        let (b, v) = rest.split_at(self.hidden);
+        let (d_w, rest) = gradient.split_at_mut(self.hidden * self.inputs);
+        let (d_b, d_v) = rest.split_at_mut(self.hidden);
+        let mut sum = v[self.hidden];
+        for (unit, (w, d_w)) in w.chunks_exact(self.inputs).zip(d_w.chunks_exact_mut(self.inputs)).enumerate() {
+            let (out, slope) = self.activation.at(b[unit] + product(w, inputs));
+            sum += v[unit] * out;
+            d_v[unit] = self.output_nt * out;
+            d_b[unit] = self.output_nt * v[unit] * slope;
+            for (d_w, input) in d_w.iter_mut().zip(inputs) {
+                *d_w = d_b[unit] * input;
+            }
+        }
+        d_v[self.hidden] = self.output_nt;
+        self.output_nt * sum
+    }
+}
+
+#[inline(always)]
+fn product(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

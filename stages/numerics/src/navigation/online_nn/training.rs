@@ -1,0 +1,219 @@
+//! The weights before the line: recursive least squares over a calibration.
+
+use crate::navigation::ins_error::ParameterError;
+
+use super::super::online::augmented::{check_covariance, refused};
+use super::super::online::covariance::{Covariance, Scalar, dot};
+use super::Network;
+
+/// What is known of the weights before a line.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NetworkPrior {
+    /// The weights.
+    pub weights: Vec<f64>,
+    /// Their covariance, row-major.
+    pub covariance: Vec<f64>,
+    /// The spectral density of the random walk of each, per s.
+    pub walk_density: Vec<f64>,
+    /// The root mean square of what the network misses of the calibration, in nT.
+    pub misfit_nt: f64,
+}
+
+/// Samples at which the aircraft's field is known: the uncompensated measurement less the field of map, core field
+/// and temporal variation at a known position, or less a compensated magnetometer.
+#[derive(Clone, Copy, Debug)]
+pub struct Calibration<'a> {
+    /// Their times, in s, ascending.
+    pub tt_s: &'a [f64],
+    /// The features, row-major.
+    pub features: &'a [f64],
+    /// The aircraft's field, in nT; rows where it is not finite, or a feature is not, are left out.
+    pub aircraft_nt: &'a [f64],
+}
+
+/// How a network is trained.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrainingParameters {
+    /// The seed of the first weights.
+    pub seed: u64,
+    /// The noise of the aircraft's field in the calibration, in nT.
+    pub sigma_nt: f64,
+    /// How often the calibration is gone through. Each pass begins with the weights of the one before and the prior
+    /// covariance, so that the covariance is that of seeing the samples once.
+    pub passes: usize,
+    /// The time, in s, in which the weights are expected to change by as much as the calibration leaves unknown.
+    pub memory_s: f64,
+}
+
+impl Default for TrainingParameters {
+    fn default() -> Self {
+        Self { seed: 1, sigma_nt: 5.0, passes: 10, memory_s: 3600.0 }
+    }
+}
+
+/// The recursion (5.43)-(5.45) of thesis 000 with the regressor φ = ∂m/∂w where it prints β:
+///
+/// ```text
+/// K = P φ/(σ² + φᵀ P φ),      w ← w + K (y − m(w)),      P ← (I − K φᵀ) P (I − K φᵀ)ᵀ + K σ² Kᵀ
+/// ```
+pub(crate) struct Recursion<'a> {
+    network: &'a Network,
+    variance_nt2: f64,
+    pub(crate) weights: Vec<f64>,
+    pub(crate) p: Covariance,
+    phi: Vec<f64>,
+    ph: Vec<f64>,
+    gain: Vec<f64>,
+    rest: Vec<f64>,
+}
+
+impl<'a> Recursion<'a> {
+    pub(crate) fn new(network: &'a Network, sigma_nt: f64, weights: Vec<f64>, covariance: &[f64]) -> Self {
+        let p = Covariance::alone(covariance, weights.len());
+        let zeros = || vec![0.0; p.stride()];
+        let (phi, ph, gain, rest) = (zeros(), zeros(), zeros(), zeros());
+        Self { network, variance_nt2: sigma_nt * sigma_nt, weights, p, phi, ph, gain, rest }
+    }
+
+    /// A row of inputs and the field there. The change of the weights is the gain times the number that it returns.
+    pub(crate) fn update(&mut self, inputs: &[f64], field_nt: f64) -> f64 {
+        let Self { network, weights, phi, ph, gain, rest, .. } = self;
+        let missed_nt = field_nt - network.value_and_gradient(inputs, weights, &mut phi[..weights.len()]);
+        self.p.times(phi, ph);
+        let innovation_variance = dot(phi, ph) + self.variance_nt2;
+        self.p.correct(&Scalar { ph, innovation_variance }, gain, rest);
+        for (weight, gain) in weights.iter_mut().zip(&*gain) {
+            *weight += gain * missed_nt;
+        }
+        missed_nt
+    }
+
+    fn variances(&self) -> Vec<f64> {
+        (0..self.weights.len()).map(|state| self.p.at(state, state)).collect()
+    }
+}
+
+/// Trains a network on a calibration, from random weights or from `start`.
+///
+/// The covariance is that of the last pass times the misfit over `sigma_nt`, squared, where it is above 1: what the
+/// network cannot represent makes its weights as uncertain as noise of that size. The random walk of weight j over
+/// the second half of the calibration, of length T, is
+///
+/// ```text
+/// q = max(0, Σ Δw² − (P_half − P_end), P_end T/memory)/T
+/// ```
+///
+/// Changes Δw of weights that do not walk have the squares P_half − P_end in the mean; what is above that is walk.
+/// `memory_s` bounds it from below, as many weights show none. (MagNav.jl takes the smallest |Δw| of any step, and the
+/// covariance from a recursion whose regressor is the weights, as the thesis prints it.)
+///
+/// # Errors
+/// Fails for columns of different lengths, times that do not ascend, fewer than four usable rows, parameters that are
+/// not above 0, and where the recursion does not stay finite.
+pub fn train(
+    network: &Network,
+    calibration: &Calibration<'_>,
+    start: Option<&[f64]>,
+    parameters: &TrainingParameters,
+) -> Result<NetworkPrior, ParameterError> {
+    let TrainingParameters { seed, sigma_nt, passes, memory_s } = *parameters;
+    for (name, value) in [("calibration_sigma_nt", sigma_nt), ("memory_s", memory_s), ("passes", passes as f64)] {
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(refused(name, format!("`{name}` must be above 0, not {value}")));
+        }
+    }
+    let rows = usable(network, calibration)?;
+    let weights = match start {
+        Some(start) if start.len() == network.weights() && start.iter().all(|w| w.is_finite()) => start.to_vec(),
+        Some(start) => {
+            let what = format!("{} weights are given, not {} finite ones", start.len(), network.weights());
+            return Err(refused("weights", what));
+        }
+        None => network.draw(seed),
+    };
+    let prior = diagonal(&network.weight_sigma());
+    let mut recursion = Recursion::new(network, sigma_nt, weights, &prior);
+    let half = rows.len() / 2;
+    let (mut at_half, mut squares) = (vec![], vec![0.0; network.weights()]);
+    for pass in 0..passes {
+        recursion.p = Covariance::alone(&prior, network.weights());
+        let last = pass + 1 == passes;
+        for (place, row) in rows.iter().enumerate() {
+            if last && place == half {
+                at_half = recursion.variances();
+            }
+            let missed_nt = recursion.update(&row.inputs, row.field_nt);
+            if last && place >= half {
+                squares.iter_mut().zip(&recursion.gain).for_each(|(sum, gain)| *sum += (gain * missed_nt).powi(2));
+            }
+        }
+    }
+    if !(recursion.weights.iter().sum::<f64>().is_finite() && recursion.p.is_sound()) {
+        return Err(refused("features", "the training does not stay finite"));
+    }
+    let missed = |row: &Row| (row.field_nt - network.value(&row.inputs, &recursion.weights)).powi(2);
+    let misfit_nt = (rows.iter().map(missed).sum::<f64>() / rows.len() as f64).sqrt();
+    let factor = (misfit_nt / sigma_nt).powi(2).max(1.0);
+    let lasting_s = rows[rows.len() - 1].tt_s - rows[half].tt_s;
+    let states = network.weights();
+    let walk = |state: usize| {
+        let end = recursion.p.at(state, state);
+        let above = squares[state] - factor * (at_half[state] - end);
+        (above / lasting_s).max(factor * end / memory_s)
+    };
+    let covariance = (0..states * states).map(|at| factor * recursion.p.at(at / states, at % states)).collect();
+    let walk_density = (0..states).map(walk).collect();
+    Ok(NetworkPrior { covariance, walk_density, misfit_nt, weights: recursion.weights })
+}
+
+impl NetworkPrior {
+    /// Refuses what does not belong to a network.
+    pub(crate) fn check(&self, network: &Network) -> Result<(), ParameterError> {
+        let states = network.weights();
+        if self.weights.len() != states || self.walk_density.len() != states {
+            let (weights, densities) = (self.weights.len(), self.walk_density.len());
+            let what = format!("{weights} weights and {densities} densities are given for the {states} of the network");
+            return Err(refused("weights", what));
+        }
+        check_covariance(&self.covariance, states)
+    }
+}
+
+/// A usable row of a calibration.
+struct Row {
+    tt_s: f64,
+    inputs: Vec<f64>,
+    field_nt: f64,
+}
+
+fn usable(network: &Network, calibration: &Calibration<'_>) -> Result<Vec<Row>, ParameterError> {
+    let Calibration { tt_s, features, aircraft_nt } = *calibration;
+    let (rows, width) = (tt_s.len(), network.inputs());
+    if features.len() != rows * width || aircraft_nt.len() != rows {
+        let (given, fields) = (features.len(), aircraft_nt.len());
+        let what = format!("{rows} times, {given} values of {width} features and {fields} of the field do not match");
+        return Err(refused("features", what));
+    }
+    if tt_s.windows(2).any(|pair| pair[1].partial_cmp(&pair[0]) != Some(std::cmp::Ordering::Greater)) {
+        return Err(refused("features", "the times of the calibration do not ascend"));
+    }
+    let inputs = network.standardised(features);
+    let row = |row: usize| Row {
+        tt_s: tt_s[row],
+        inputs: inputs[row * width..][..width].to_vec(),
+        field_nt: aircraft_nt[row],
+    };
+    let known = |row: &Row| row.field_nt.is_finite() && row.inputs.iter().all(|x| x.is_finite());
+    let rows: Vec<Row> = (0..rows).map(row).filter(known).collect();
+    if rows.len() < 4 {
+        return Err(refused("features", format!("the calibration has {} usable rows; 4 are needed", rows.len())));
+    }
+    Ok(rows)
+}
+
+pub(crate) fn diagonal(sigma: &[f64]) -> Vec<f64> {
+    let states = sigma.len();
+    let mut covariance = vec![0.0; states * states];
+    sigma.iter().enumerate().for_each(|(state, sigma)| covariance[state * (states + 1)] = sigma * sigma);
+    covariance
+}

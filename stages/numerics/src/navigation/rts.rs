@@ -1,0 +1,377 @@
+//! The fixed-interval smoother of a whole line, iterated to the most probable trajectory.
+//!
+//! States, measurement and steps are those of `ekf`. The most probable trajectory x₀ … x_n is the minimum of
+//!
+//! ```text
+//! J = x₀ᵀ P₀⁻¹ x₀/2 + Σ wₖᵀ Qₖ⁻¹ wₖ/2 + Σ ρ(rₖ),      wₖ = xₖ - Φₖ xₖ₋₁,      rₖ = (zₖ - h(xₖ))/σₖ
+//! ```
+//!
+//! with ρ(r) = r²/2, or a [robust loss](Loss). Gauss and Newton's iteration linearises the map along the whole last trajectory
+//! x̄ and solves the linear problem exactly, by a forward pass of the Kalman filter and a backward one: the iterated
+//! extended Kalman smoother [Bell 1994; Särkkä & Svensson 2023, chapter 13]. The first pass linearises the map where `iekf`
+//! does, at the most probable state after each measurement. A robust loss is a least-squares problem whose variances are
+//! σ²/w(r), with the weights w(r) = ρ'(r)/r of the last trajectory (iteratively reweighted least squares
+//! [Holland & Welsch 1977]), where in the first pass r is the innovation over its standard deviation. A first trajectory whose
+//! J is above 1 a measurement is compared with three others, without weights, with one linearisation, and with ten times the
+//! noise, and the lowest J is gone on from. A step from x̄ to the solution x̂ that would raise J is halved until it does not.
+//!
+//! # The backward pass
+//!
+//! It is Bryson and Frazier's, modified [Bierman 1973]: with the innovation ν of a measurement, its variance s and its gain
+//! K, the adjoint state λ and its matrix Λ go back from 0 behind the last sample,
+//!
+//! ```text
+//! u = ν/s + Kᵀ λ,     λ ← λ - Hᵀ u,     Λ ← (I - K H)ᵀ Λ (I - K H) + Hᵀ H/s       through a measurement
+//! λ ← Φᵀ λ,           Λ ← Φᵀ Λ Φ                                                  through a step
+//! x̂ = x - P λ,        P̂ = P - P Λ P                                               from the filtered x and P
+//! ```
+//!
+//! Neither Q nor a predicted covariance is inverted, so states without process noise or initial uncertainty, and units of
+//! 1e-17 rad² beside 1 m², do no harm. It also hands out J. Its first two terms are half a quadratic form of the trajectory,
+//! whose process noise is -Qₖ λₖ with the λ before the measurement of k, and x₀ = -P₀ λ₀. So the products of the solution
+//! with itself and with any trajectory are sums over the measurements, ⟨x̂, x̂⟩ = Σ uₖ Hₖ x̂ₖ and ⟨x̄, x̂⟩ = Σ uₖ Hₖ x̄ₖ, by the
+//! recursion of λ alone, and J along a step costs a map value a sample.
+//!
+//! # Memory
+//!
+//! The forward pass keeps its state every 64 samples, and the backward pass computes the 64 between two of them again: a
+//! sample costs about 0.8 kB, a line of 100,000 samples 80 MB, where all covariances take 260 MB.
+//!
+//! # Irregularities
+//!
+//! - a measurement that is NaN or infinite, or whose sigma is not above 0: not used, `residual` and `nis` are NaN;
+//! - a position of the trajectory that the map is linearised along off the map or in an unknown cell: the same, in that
+//!   pass. J of two trajectories is compared over the measurements that have a map value at both;
+//! - a flat map: without a core field only S is estimated, with one its slope corrects the position too;
+//! - an INS value that is not finite, time that does not ascend, a state or variance that is no longer finite, a variance
+//!   that is negative: an error that names the row;
+//! - an iteration that ends before the step is below the tolerance: the trajectory of the lowest J, and
+//!   [`SmootherReport::converged`] is false.
+
+mod adjoint;
+mod loss;
+mod pass;
+
+use crate::earth::field_value::FieldValue;
+use crate::navigation::field::PredictedField;
+use crate::navigation::ins_error::ParameterError;
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::{NavigationError, NavigationOutput};
+use crate::navigation::pinson::{ALT, LAT, LON, S, StateVector};
+use params::{Rule, obeys};
+
+use crate::navigation::scalar_filter::measured;
+pub use loss::{Loss, RobustLoss};
+use pass::{About, Pass, Solution, Start};
+
+/// The most halvings of a step.
+const MOST_HALVINGS: u32 = 10;
+/// First passes. A start with the weights of its innovations is upset by an initial error too large for the map, one without
+/// by outliers; iterations of single measurements find what is near, one linearisation now and then another slope; and with
+/// ten times the noise the line decides, not its first measurements.
+const STARTS: [Start; 4] = [
+    Start { iterations: 5, robust: true, sigma_factor: 1.0 },
+    Start { iterations: 5, robust: false, sigma_factor: 1.0 },
+    Start { iterations: 1, robust: true, sigma_factor: 1.0 },
+    Start { iterations: 5, robust: false, sigma_factor: 10.0 },
+];
+/// J a measurement that is poor: normal residuals make 0.5 of it.
+const POOR_COST: f64 = 1.0;
+/// A fall of J that is none: the probability of the trajectory changes by 1 %.
+const SMALL_FALL: f64 = 0.01;
+/// A step that may be the last where J no longer falls, in standard deviations.
+const SMALL_STEP_SIGMAS: f64 = 0.5;
+
+/// The parameters of the smoother.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SmootherParameters {
+    /// The most passes over the line, at least 1. One pass is the extended Kalman smoother.
+    pub iterations: usize,
+    /// The iteration ends where a step moves no position of the line by as much as this, in m.
+    pub tolerance_m: f64,
+    /// The loss of a residual.
+    pub loss: Loss,
+    /// Where a robust loss leaves the square, in sigmas; `None` is the scale of [`Loss::usual_scale`].
+    pub loss_scale: Option<f64>,
+    /// Hand out the error states of every sample.
+    pub keep_states: bool,
+    /// Hand out the covariance of every sample (2.6 kB each).
+    pub keep_covariance: bool,
+}
+
+impl Default for SmootherParameters {
+    fn default() -> Self {
+        Self {
+            iterations: 20,
+            tolerance_m: 0.1,
+            loss: Loss::default(),
+            loss_scale: None,
+            keep_states: true,
+            keep_covariance: false,
+        }
+    }
+}
+
+impl SmootherParameters {
+    /// Refuses parameters that make no smoother.
+    ///
+    /// # Errors
+    /// Fails for no iteration, and for a tolerance or scale that is not a finite number above 0.
+    pub fn check(&self) -> Result<(), ParameterError> {
+        obeys(&self.iterations, "iterations", Rule::Positive).map_err(ParameterError)?;
+        obeys(&self.tolerance_m, "tolerance_m", Rule::Positive).map_err(ParameterError)?;
+        self.loss_scale.map_or(Ok(()), |scale| obeys(&scale, "loss_scale", Rule::Positive).map_err(ParameterError))
+    }
+}
+
+/// How the iteration went.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SmootherReport {
+    /// Passes over the line, forward and backward.
+    pub passes: usize,
+    /// Steps that were halved.
+    pub halved: usize,
+    /// Whether the last whole step was below the tolerance; or it was below half a standard deviation of every state, and
+    /// did not lower J, and what halvings of it did is less than 0.01. The second is how it often ends on a bilinear map:
+    /// its slope jumps between the nodes, and J has an edge at the minimum.
+    pub converged: bool,
+    /// How far the last whole step moves a position of the line at the most, in m; infinite after a single pass, which has
+    /// no step. Without convergence, an estimate of how far the trajectory is from the most probable.
+    pub last_step_m: f64,
+    /// The last whole step in standard deviations: no state of the line, and no combination of states, moves by more of its
+    /// own. The root of twice the fall of J that the linear problem promises (the Newton decrement); infinite after a
+    /// single pass.
+    pub last_step_sigmas: f64,
+    /// J of the trajectory handed out, over the measurements that have a map value there.
+    pub cost: f64,
+}
+
+/// The smoothed line.
+///
+/// `residual_nt` and `nis` are the innovations of the last forward pass, whose map is linearised along the smoothed
+/// trajectory: measurement minus the field that is predicted from the past alone, over its variance with the
+/// σ of the measurement, not that of the reweighting. So they keep their law, the mean of `nis` is 1, and an outlier shows.
+/// The covariances are those of the last linearisation.
+#[derive(Clone, Debug, Default)]
+pub struct SmootherOutput {
+    /// The line.
+    pub line: NavigationOutput,
+    /// How the iteration went.
+    pub iterations: SmootherReport,
+}
+
+/// Smooths one line.
+///
+/// # Errors
+/// Fails as [`SmootherParameters::check`] and [`NavigationLine::check`], for an `offset_window_s` that is not a finite
+/// number of at least 0, and with [`NavigationError::Diverged`] when states or variances are no longer finite or a
+/// variance is negative.
+pub fn run(line: &NavigationLine<'_>, parameters: &SmootherParameters) -> Result<SmootherOutput, NavigationError> {
+    parameters.check()?;
+    line.check()?;
+    obeys(&line.offset_window_s, "offset_window_s", Rule::NotNegative).map_err(ParameterError)?;
+    let mut smoother = Smoother::new(line, parameters);
+    smoother.iterate()?;
+    Ok(smoother.finish())
+}
+
+/// The trajectory that the map is linearised along next.
+#[derive(Default)]
+struct Trajectory {
+    x: Vec<StateVector>,
+    /// The field along it, where there is a measurement and a map.
+    fields: Vec<Option<FieldValue>>,
+    /// Twice the part of J that is of the initial state and the process noise.
+    motion: f64,
+}
+
+/// A step that was taken.
+struct Step {
+    halved: bool,
+    /// By how much J falls.
+    fall: f64,
+}
+
+/// What a step is judged by.
+struct Candidate {
+    trajectory: Trajectory,
+    /// J of the candidate minus J of the trajectory before, over the measurements that both have a map value for.
+    rise: f64,
+}
+
+struct Smoother<'a> {
+    line: &'a NavigationLine<'a>,
+    parameters: &'a SmootherParameters,
+    loss: RobustLoss,
+    field: PredictedField<'a>,
+    pass: Pass<'a>,
+    at: Trajectory,
+    report: SmootherReport,
+    offset: (f64, usize),
+}
+
+impl Solution {
+    /// The size of the step from a trajectory of so much motion, by the curvature of the linear problem.
+    fn step_sigmas(&self, motion: f64) -> f64 {
+        let moved = motion - 2.0 * self.motion_with_last + self.motion;
+        (moved + self.measured_step).max(0.0).sqrt()
+    }
+}
+
+impl<'a> Smoother<'a> {
+    fn new(line: &'a NavigationLine<'a>, parameters: &'a SmootherParameters) -> Self {
+        let loss = RobustLoss::new(parameters.loss, parameters.loss_scale);
+        let mut field = line.predicted();
+        let offset = field.offset(line.ins, line.measurement_nt, line.offset_window_s);
+        let pass = Pass::new(line, parameters, offset.0);
+        let report =
+            SmootherReport { last_step_m: f64::INFINITY, last_step_sigmas: f64::INFINITY, ..SmootherReport::default() };
+        Self { line, parameters, loss, field, pass, at: Trajectory::default(), report, offset }
+    }
+
+    /// Passes over the line until the step is small.
+    fn iterate(&mut self) -> Result<(), NavigationError> {
+        self.start()?;
+        while self.report.passes < self.parameters.iterations && !self.report.converged {
+            let solution = self.pass.run(About::Along((&self.at.x, &self.at.fields)), &mut self.field)?;
+            self.report.passes += 1;
+            self.report.last_step_m = self.step_m(&solution.x);
+            self.report.last_step_sigmas = solution.step_sigmas(self.at.motion);
+            let step = self.descend(&solution);
+            let settled = match step {
+                Some(Step { halved: false, .. }) => false,
+                Some(Step { fall, .. }) => fall < SMALL_FALL,
+                None => true,
+            };
+            self.report.converged = self.report.last_step_m < self.parameters.tolerance_m
+                || (settled && self.report.last_step_sigmas < SMALL_STEP_SIGMAS);
+            if step.is_none() {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// The first trajectory: where that of the first of the [`STARTS`] is poor, the best of them all.
+    fn start(&mut self) -> Result<(), NavigationError> {
+        let most = self.parameters.iterations;
+        let first = Start { iterations: STARTS[0].iterations.min(most), ..STARTS[0] };
+        let solution = self.pass.run(About::Filtered(first), &mut self.field)?;
+        self.report.passes = 1;
+        self.at = self.candidate(&solution, 1.0).trajectory;
+        // One pass of the most is left, along what is found.
+        for start in STARTS.into_iter().skip(1).take(most.saturating_sub(2)) {
+            let used = self.at.fields.iter().flatten().count().max(1) as f64;
+            if self.cost() < POOR_COST * used {
+                break;
+            }
+            if self.parameters.loss == Loss::None && start == (Start { robust: false, ..STARTS[0] }) {
+                // Without a robust loss that is the first again.
+                continue;
+            }
+            self.report.passes += 1;
+            // A start that diverges is none.
+            if let Ok(solution) = self.pass.run(About::Filtered(start), &mut self.field) {
+                let candidate = self.candidate(&solution, 1.0);
+                if candidate.rise < 0.0 {
+                    self.at = candidate.trajectory;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the step to a solution, halved until J does not rise; `None` where no step will do.
+    fn descend(&mut self, solution: &Solution) -> Option<Step> {
+        let mut part = 1.0;
+        for halvings in 0..=MOST_HALVINGS {
+            let candidate = self.candidate(solution, part);
+            if candidate.rise <= 0.0 {
+                self.at = candidate.trajectory;
+                self.report.halved += usize::from(halvings > 0);
+                return Some(Step { halved: halvings > 0, fall: -candidate.rise });
+            }
+            part *= 0.5;
+        }
+        None
+    }
+
+    /// The trajectory a part of the way to a solution. That to the first solution has nothing to start from and is whole.
+    fn candidate(&mut self, solution: &Solution, part: f64) -> Candidate {
+        let (rest, rows) = (1.0 - part, solution.x.len());
+        let motion = rest * rest * self.at.motion
+            + 2.0 * part * rest * solution.motion_with_last
+            + part * part * solution.motion;
+        let mut trajectory = Trajectory { x: Vec::with_capacity(rows), fields: Vec::with_capacity(rows), motion };
+        let mut rise = 0.5 * (motion - self.at.motion);
+        for (row, to) in solution.x.iter().enumerate() {
+            let mut x = *to;
+            if let Some(from) = self.at.x.get(row) {
+                for (x, from) in x.iter_mut().zip(from) {
+                    *x = rest * from + part * *x;
+                }
+            }
+            let mut field = None;
+            if let Some((value_nt, variance_nt2)) = measured(self.line, row, self.offset.0) {
+                field = self.field.at_error(self.line.ins, row, [x[LAT], x[LON], x[ALT]]);
+                if let (Some(field), Some(Some(before))) = (field, self.at.fields.get(row)) {
+                    let r = |field: &FieldValue, s: f64| (value_nt - (field.value_nt + s)) / variance_nt2.sqrt();
+                    rise += self.loss.of(r(&field, x[S])) - self.loss.of(r(before, self.at.x[row][S]));
+                }
+            }
+            trajectory.x.push(x);
+            trajectory.fields.push(field);
+        }
+        Candidate { trajectory, rise }
+    }
+
+    /// The largest distance of a position from that of the trajectory, in m.
+    fn step_m(&self, to: &[StateVector]) -> f64 {
+        let (ins, earth) = (self.line.ins, self.line.errors.earth);
+        let mut largest_m2 = 0.0_f64;
+        for (row, (to, from)) in to.iter().zip(&self.at.x).enumerate() {
+            let (north, east) = earth.north_east_m_per_rad(ins.lat_deg[row].to_radians(), ins.alt_m[row]);
+            let step = |state: usize| to[state] - from[state];
+            let moved_m2 = (north * step(LAT)).powi(2) + (east * step(LON)).powi(2) + step(ALT).powi(2);
+            largest_m2 = largest_m2.max(moved_m2);
+        }
+        largest_m2.sqrt()
+    }
+
+    /// J of the trajectory.
+    fn cost(&self) -> f64 {
+        let of = |(row, (x, field)): (usize, (&StateVector, &Option<FieldValue>))| {
+            let (value_nt, variance_nt2) = measured(self.line, row, self.offset.0)?;
+            let residual_nt = value_nt - (field.as_ref()?.value_nt + x[S]);
+            Some(self.loss.of(residual_nt / variance_nt2.sqrt()))
+        };
+        let sum: f64 = self.at.x.iter().zip(&self.at.fields).enumerate().filter_map(of).sum();
+        0.5 * self.at.motion + sum
+    }
+
+    /// The output.
+    fn finish(mut self) -> SmootherOutput {
+        self.report.cost = self.cost();
+        let (ins, earth) = (self.line.ins, self.line.errors.earth);
+        let mut output = NavigationOutput::with_capacity(ins.len(), self.parameters.keep_states, false);
+        for (row, x) in self.at.x.iter().enumerate() {
+            let [lat, both, lon] = self.pass.position_covariances[row];
+            let p = |row: usize, column: usize| match (row, column) {
+                (LAT, LAT) => lat,
+                (LON, LON) => lon,
+                _ => both,
+            };
+            let innovation = self.pass.innovations[row];
+            output.push(ins, row, |state| x[state], p, innovation, earth);
+        }
+        output.p = std::mem::take(&mut self.pass.covariances);
+        output.report = self.pass.report;
+        (output.report.offset_nt, output.report.offset_samples) = self.offset;
+        SmootherOutput { line: output, iterations: self.report }
+    }
+}
+
+#[cfg(test)]
+mod monte_carlo_tests;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,60 @@
+use super::*;
+use crate::navigation::pinson::{InsPoint, PinsonForm, TimeConstants, pinson_matrix};
+use crate::navigation::scalar_filter::tests::{Dense, DenseVector, dense, random_belief};
+use crate::navigation::transition::transition_matrix;
+
+fn adjoint() -> Adjoint {
+    let belief = random_belief(5);
+    Adjoint { state: belief.x, matrix: belief.p }
+}
+
+/// Largest difference over the largest entry.
+fn apart(a: &Dense, b: &Dense) -> f64 {
+    (a - b).abs().max() / b.abs().max()
+}
+
+#[test]
+fn law_back_through_a_step_is_the_transposed_transition() {
+    let times = TimeConstants { baro_s: 3600.0, acc_s: 1000.0, gyro_s: 500.0, fogm_s: 60.0 };
+    let point = InsPoint {
+        lat_rad: 0.7,
+        vel_ned_mps: [60.0, 30.0, -2.0],
+        force_ned_mps2: [0.3, -0.2, -9.8],
+        euler_rad: [0.1, 0.05, 0.6],
+    };
+    let phi = transition_matrix(&pinson_matrix(&point, &times, PinsonForm::Thesis), 2.0);
+    let mut back = adjoint();
+    let (state, matrix) = (DenseVector::from(back.state), dense(&back.matrix));
+    back.through_step(&phi);
+    let phi = dense(&phi);
+    assert!((DenseVector::from(back.state) - phi.transpose() * state).norm() < 1e-13 * state.norm() * phi.norm());
+    assert!(apart(&dense(&back.matrix), &(phi.transpose() * matrix * phi)) < 1e-14);
+    assert_eq!(dense(&back.matrix), dense(&back.matrix).transpose());
+}
+
+#[test]
+fn law_back_through_a_measurement_is_the_dense_recursion() {
+    let mut back = adjoint();
+    let (state, matrix) = (DenseVector::from(back.state), dense(&back.matrix));
+    let gain: StateVector = std::array::from_fn(|state| 0.1 * (state as f64).sin());
+    let used = Used { h: Sensitivity([0.7, -1.3, 0.2, 1.0]), gain, force: 0.4, weight: 0.25, variance_nt2: 2.0 };
+    let mut h = DenseVector::zeros();
+    for (factor, state) in used.h.0.into_iter().zip(MEASURED) {
+        h[state] = factor;
+    }
+    let rest = Dense::identity() - DenseVector::from(gain) * h.transpose();
+    let u = back.through_measurement(&used);
+    assert!((u - (0.4 + DenseVector::from(gain).dot(&state))).abs() < 1e-14);
+    // λ by the form that Bierman prints.
+    let expected = rest.transpose() * state - h * 0.4;
+    assert!((DenseVector::from(back.state) - expected).norm() < 1e-13);
+    let expected = rest.transpose() * matrix * rest + h * 0.25 * h.transpose();
+    assert!(apart(&dense(&back.matrix), &expected) < 1e-14);
+}
+
+#[test]
+fn law_the_smoothed_covariance_is_the_dense_product() {
+    let (belief, back) = (random_belief(6), adjoint());
+    let (p, matrix) = (dense(&belief.p), dense(&back.matrix));
+    assert!(apart(&dense(&back.smoothed(&belief.p)), &(p - p * matrix * p)) < 1e-14);
+}

@@ -1,0 +1,311 @@
+//! One pass over the line, forward and backward: the exact solution of the linear problem.
+
+use crate::earth::field_value::FieldValue;
+use crate::navigation::field::PredictedField;
+use crate::navigation::line::NavigationLine;
+use crate::navigation::output::{Innovation, NavigationError, NavigationReport};
+use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector};
+use pulp::{Simd, WithSimd};
+
+use super::SmootherParameters;
+use super::adjoint::{Adjoint, Used};
+use super::loss::RobustLoss;
+use crate::navigation::scalar_filter::problem::{ScalarProblem, Search};
+use crate::navigation::scalar_filter::{Belief, Sensitivity, StepModel, add_scaled, inner, measured, measured_states};
+
+/// Samples between two states that the forward pass keeps; what the backward pass computes again between them stays in
+/// the cache next to the innermost one.
+const BLOCK: usize = 64;
+
+/// A trajectory and the field along it.
+type Along<'a> = (&'a [StateVector], &'a [Option<FieldValue>]);
+
+/// What the map is linearised at, and what the residuals are that a robust loss weights by.
+#[derive(Clone, Copy)]
+pub(super) enum About<'a> {
+    /// The most probable state after each measurement and those before it.
+    Filtered(Start),
+    /// A trajectory, and its residuals.
+    Along(Along<'a>),
+}
+
+/// A first pass.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) struct Start {
+    /// Linearisations a measurement, at the most.
+    pub(super) iterations: usize,
+    /// Whether a robust loss weights, by the innovations over their standard deviations.
+    pub(super) robust: bool,
+    /// A factor of the standard deviation of every measurement.
+    pub(super) sigma_factor: f64,
+}
+
+/// The solution of a linear problem.
+#[derive(Default)]
+pub(super) struct Solution {
+    pub(super) x: Vec<StateVector>,
+    /// Twice the part of J that is of the initial state and the process noise.
+    pub(super) motion: f64,
+    /// The same product, of the solution and the trajectory that the map was linearised along.
+    pub(super) motion_with_last: f64,
+    /// Σ (H d)²/σ² over the measurements, with their weights, of the step d from that trajectory.
+    pub(super) measured_step: f64,
+}
+
+/// A measurement of the linear problem: value = H x + noise.
+#[derive(Clone, Copy, Debug)]
+struct LinearMeasurement {
+    h: Sensitivity,
+    value_nt: f64,
+    /// With the weight of a robust loss.
+    variance_nt2: f64,
+}
+
+/// A sample of a block, as the forward pass left it.
+struct Filtered {
+    /// Φ of the step to it.
+    phi: StateMatrix,
+    /// After its measurement.
+    belief: Belief,
+    used: Option<Used>,
+}
+
+/// A pass, and what the last one found beside its solution.
+pub(super) struct Pass<'a> {
+    line: &'a NavigationLine<'a>,
+    loss: RobustLoss,
+    offset_nt: f64,
+    tolerance_m: f64,
+    keep_covariance: bool,
+    model: StepModel,
+    measurements: Vec<Option<LinearMeasurement>>,
+    /// Before the measurement of the first sample of each block.
+    kept: Vec<Belief>,
+    block: Vec<Filtered>,
+    pub(super) innovations: Vec<Innovation>,
+    /// Smoothed covariances of latitude, of latitude and longitude, of longitude, in rad².
+    pub(super) position_covariances: Vec<[f64; 3]>,
+    /// All of them, where they are to be kept.
+    pub(super) covariances: Vec<StateMatrix>,
+    pub(super) report: NavigationReport,
+}
+
+impl<'a> Pass<'a> {
+    pub(super) fn new(line: &'a NavigationLine<'a>, parameters: &SmootherParameters, offset_nt: f64) -> Self {
+        let (rows, keep_covariance) = (line.ins.len(), parameters.keep_covariance);
+        Self {
+            line,
+            loss: RobustLoss::new(parameters.loss, parameters.loss_scale),
+            offset_nt,
+            tolerance_m: parameters.tolerance_m,
+            keep_covariance,
+            model: StepModel::of(&line.errors),
+            measurements: vec![None; rows],
+            kept: Vec::with_capacity(rows.div_ceil(BLOCK)),
+            block: Vec::with_capacity(BLOCK),
+            innovations: vec![Innovation::NONE; rows],
+            position_covariances: vec![[0.0; 3]; rows],
+            covariances: vec![[[0.0; STATES]; STATES]; if keep_covariance { rows } else { 0 }],
+            report: NavigationReport::default(),
+        }
+    }
+
+    /// Smooths the line with the map linearised along a trajectory, or at the predicted states.
+    pub(super) fn run(
+        &mut self,
+        about: About<'_>,
+        field: &mut PredictedField<'a>,
+    ) -> Result<Solution, NavigationError> {
+        pulp::Arch::new().dispatch(Dispatched { pass: self, about, field })
+    }
+
+    #[inline(always)]
+    fn forward(&mut self, about: About<'_>, field: &mut PredictedField<'a>) -> Result<(), NavigationError> {
+        let ins = self.line.ins;
+        self.report = NavigationReport::default();
+        self.kept.clear();
+        let mut belief = Belief::initial(&self.line.errors, ins);
+        for row in 0..ins.len() {
+            if row > 0 {
+                belief.propagate(&self.model, ins, row);
+            }
+            if row % BLOCK == 0 {
+                self.kept.push(belief);
+            }
+            self.linearise(row, &belief, about, field);
+            if let Some(measurement) = &self.measurements[row] {
+                measurement.correct(&mut belief);
+            }
+            if !belief.is_sound() {
+                return Err(NavigationError::Diverged { row, tt_s: ins.tt_s[row] });
+            }
+        }
+        Ok(())
+    }
+
+    /// The measurement of a row in the linear problem, and its innovation.
+    #[inline(always)]
+    fn linearise(&mut self, row: usize, predicted: &Belief, about: About<'_>, field: &mut PredictedField<'a>) {
+        self.measurements[row] = None;
+        self.innovations[row] = Innovation::NONE;
+        let Some((value_nt, variance_nt2)) = measured(self.line, row, self.offset_nt) else {
+            self.report.missing_measurements += 1;
+            return;
+        };
+        let (expected, ins) = (measured_states(&predicted.x), self.line.ins);
+        let found = match about {
+            About::Along((x, fields)) => fields[row].map(|field| (measured_states(&x[row]), field)),
+            About::Filtered(_) => {
+                let [lat, lon, alt, _] = expected;
+                field.at_error(ins, row, [lat, lon, alt]).map(|field| (expected, field))
+            }
+        };
+        let Some((at, value)) = found else {
+            self.report.off_map += 1;
+            return;
+        };
+        self.report.updates += 1;
+        let mut linear = LinearMeasurement::of(value_nt, variance_nt2, at, &value);
+        let innovation = linear.innovation(predicted);
+        let variance_nt2 = match about {
+            About::Along(_) => {
+                let r = (value_nt - (value.value_nt + at[3])) / variance_nt2.sqrt();
+                variance_nt2 / self.loss.weight(r)
+            }
+            About::Filtered(Start { robust, sigma_factor, .. }) => {
+                let weight = if robust { self.loss.weight(innovation.nis.sqrt()) } else { 1.0 };
+                variance_nt2 * sigma_factor.powi(2) / weight
+            }
+        };
+        if let About::Filtered(Start { iterations, .. }) = about {
+            let m_per_rad = self.line.errors.earth.north_east_m_per_rad(ins.lat_deg[row].to_radians(), ins.alt_m[row]);
+            let search = Search { iterations, tolerance_m: self.tolerance_m, m_per_rad };
+            let problem = ScalarProblem::of(predicted, value_nt, variance_nt2);
+            let optimum = problem.most_probable(&search, value, |position| field.at_error(ins, row, position));
+            let (at, value) = optimum.linearised_at;
+            linear = LinearMeasurement::of(value_nt, variance_nt2, at, &value);
+        }
+        self.innovations[row] = innovation;
+        self.measurements[row] = Some(LinearMeasurement { variance_nt2, ..linear });
+    }
+
+    #[inline(always)]
+    fn backward(&mut self, about: About<'_>) -> Result<Solution, NavigationError> {
+        let rows = self.line.ins.len();
+        let mut solution = Solution { x: vec![[0.0; STATES]; rows], ..Solution::default() };
+        let mut adjoint = Adjoint::END;
+        for first in (0..rows).step_by(BLOCK).rev() {
+            self.again(first);
+            for at in (0..self.block.len()).rev() {
+                let (row, Filtered { phi, belief, used }) = (first + at, &self.block[at]);
+                let x = smoothed_state(belief, &adjoint);
+                let covariance = position_covariance(belief, &adjoint);
+                // Of a sum of products with zero only what is not finite differs from zero.
+                let finite = x.iter().chain(&covariance).map(|value| value * 0.0).sum::<f64>();
+                if finite != 0.0 || covariance[0] < 0.0 || covariance[2] < 0.0 {
+                    return Err(NavigationError::Diverged { row, tt_s: self.line.ins.tt_s[row] });
+                }
+                solution.x[row] = x;
+                self.position_covariances[row] = covariance;
+                if self.keep_covariance {
+                    self.covariances[row] = adjoint.smoothed(&belief.p);
+                }
+                if let Some(used) = used {
+                    let u = adjoint.through_measurement(used);
+                    solution.motion += u * used.h.dot(&x);
+                    if let About::Along((last, _)) = about {
+                        let (last_nt, weight) = (used.h.dot(&last[row]), 1.0 / used.variance_nt2);
+                        solution.motion_with_last += u * last_nt;
+                        solution.measured_step += (used.h.dot(&x) - last_nt).powi(2) * weight;
+                    }
+                }
+                if row > 0 {
+                    adjoint.through_step(phi);
+                }
+            }
+        }
+        Ok(solution)
+    }
+
+    /// Filters the block of samples from `first` on again, from the state that the forward pass kept.
+    #[inline(always)]
+    fn again(&mut self, first: usize) {
+        let ins = self.line.ins;
+        let mut belief = self.kept[first / BLOCK];
+        self.block.clear();
+        for row in first..(first + BLOCK).min(ins.len()) {
+            let mut phi = [[0.0; STATES]; STATES];
+            if row > first {
+                phi = belief.propagate(&self.model, ins, row);
+            } else if row > 0 {
+                phi = self.model.transition(ins, row);
+            }
+            let used = self.measurements[row].as_ref().map(|measurement| measurement.correct(&mut belief));
+            self.block.push(Filtered { phi, belief, used });
+        }
+    }
+}
+
+impl LinearMeasurement {
+    /// The measurement of a value, linearised at measured states with their field.
+    #[inline(always)]
+    fn of(value_nt: f64, variance_nt2: f64, at: [f64; 4], field: &FieldValue) -> Self {
+        let h = Sensitivity::of(field);
+        Self { h, value_nt: value_nt - (field.value_nt + at[3]) + h.of_measured(at), variance_nt2 }
+    }
+
+    #[inline(always)]
+    fn innovation(&self, predicted: &Belief) -> Innovation {
+        let residual_nt = self.value_nt - self.h.dot(&predicted.x);
+        let variance_nt2 = self.h.dot(&self.h.covariance(&predicted.p)) + self.variance_nt2;
+        Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 }
+    }
+
+    #[inline(always)]
+    fn correct(&self, belief: &mut Belief) -> Used {
+        let Self { h, value_nt, variance_nt2 } = *self;
+        let ph = h.covariance(&belief.p);
+        let weight = 1.0 / (h.dot(&ph) + variance_nt2);
+        let gain = ph.map(|ph| ph * weight);
+        let innovation_nt = value_nt - h.dot(&belief.x);
+        add_scaled(&mut belief.x, innovation_nt, &gain);
+        belief.correct_covariance(&h, &gain, &ph, variance_nt2);
+        Used { h, gain, force: innovation_nt * weight, weight, variance_nt2 }
+    }
+}
+
+/// x - P λ.
+#[inline(always)]
+fn smoothed_state(belief: &Belief, adjoint: &Adjoint) -> StateVector {
+    let mut x = belief.x;
+    for (factor, row) in adjoint.state.iter().zip(&belief.p) {
+        add_scaled(&mut x, -factor, row);
+    }
+    x
+}
+
+/// The entries of P - P Λ P for latitude and longitude.
+#[inline(always)]
+fn position_covariance(belief: &Belief, adjoint: &Adjoint) -> [f64; 3] {
+    let p = &belief.p;
+    let (lat, lon) = (adjoint.product(&p[LAT]), adjoint.product(&p[LON]));
+    [p[LAT][LAT] - inner(&p[LAT], &lat), p[LAT][LON] - inner(&p[LAT], &lon), p[LON][LON] - inner(&p[LON], &lon)]
+}
+
+/// A pass as the work that is dispatched to the machine's vector unit.
+struct Dispatched<'p, 'a, 't> {
+    pass: &'p mut Pass<'a>,
+    about: About<'t>,
+    field: &'p mut PredictedField<'a>,
+}
+
+impl WithSimd for Dispatched<'_, '_, '_> {
+    type Output = Result<Solution, NavigationError>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let Self { pass, about, field } = self;
+        pass.forward(about, field)?;
+        pass.backward(about)
+    }
+}

@@ -1,0 +1,258 @@
+#![allow(clippy::unwrap_used)]
+use super::*;
+use crate::earth::geodesy::EarthModel;
+use crate::maps::map_stack::FieldMap;
+use crate::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
+use crate::navigation::output::NavigationError;
+use crate::random::Normals;
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
+
+pub(crate) type Dense = SMatrix<f64, STATES, STATES>;
+pub(crate) type DenseVector = SVector<f64, STATES>;
+
+pub(crate) fn dense(p: &StateMatrix) -> Dense {
+    Dense::from_fn(|row, column| p[row][column])
+}
+
+/// A short line with its map, all owned.
+#[derive(Clone)]
+pub(crate) struct Scene {
+    pub(crate) columns: [Vec<f64>; 13],
+    pub(crate) measurement_nt: Vec<f64>,
+    pub(crate) sigma_nt: Vec<f64>,
+    pub(crate) map: FieldMap,
+    pub(crate) errors: InsErrorModel,
+}
+
+pub(crate) const LAT_DEG: f64 = 45.0;
+pub(crate) const LON_DEG: f64 = -76.0;
+
+/// Metres of a degree north and east at the middle of the scene.
+pub(crate) fn m_per_deg() -> (f64, f64) {
+    let (north, east) = EarthModel::Wgs84.north_east_m_per_rad(LAT_DEG.to_radians(), 500.0);
+    (north / 1_f64.to_degrees(), east / 1_f64.to_degrees())
+}
+
+impl Scene {
+    /// A flight north-eastward at 67 m/s over a field in nT of metres north and east, 7 km around its middle, of
+    /// nodes 100 m apart; the truth is 40 m north and 60 m west of the INS, and the noise a wave of 3 nT.
+    pub(crate) fn new(tt: &[f64], interpolation: Interpolation, field_nt: impl Fn(f64, f64) -> f64) -> Self {
+        let (north, east) = m_per_deg();
+        let axis = |middle: f64, m_per_deg: f64| -> Vec<f64> {
+            (-70..=70).map(|k| middle + 100.0 * f64::from(k) / m_per_deg).collect()
+        };
+        let (lat, lon) = (axis(LAT_DEG, north), axis(LON_DEG, east));
+        let mut nodes = vec![];
+        for lat in &lat {
+            nodes.extend(lon.iter().map(|lon| field_nt((lat - LAT_DEG) * north, (lon - LON_DEG) * east)));
+        }
+        let surface = MapSurface::new(&GeographicGrid::new(&lat, &lon, &nodes).unwrap(), interpolation);
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { tt.iter().map(|t| f(*t)).collect() };
+        let middle = tt[tt.len() - 1] / 2.0;
+        let columns = [
+            tt.to_vec(),
+            of(&|t| LAT_DEG + 60.0 * (t - middle) / north),
+            of(&|t| LON_DEG + 30.0 * (t - middle) / east),
+            of(&|t| 500.0 + 0.1 * t),
+            of(&|_| 60.0),
+            of(&|_| 30.0),
+            of(&|_| -0.1),
+            of(&|t| 0.3 + 0.01 * t.sin()),
+            of(&|_| -0.2),
+            of(&|_| -9.81),
+            of(&|t| t.cos()),
+            of(&|_| 1.5),
+            of(&|_| 26.6),
+        ];
+        let at = |row: usize| surface.at(columns[1][row] + 40.0 / north, columns[2][row] - 60.0 / east);
+        let measurement_nt =
+            (0..tt.len()).map(|row| at(row).unwrap().value_nt + 3.0 * (1.7 * row as f64).sin()).collect();
+        let mut errors = InsErrorModel::default();
+        errors.sources.init_position_sigma_m = 100.0;
+        errors.sources.init_velocity_sigma_mps = 0.3;
+        Self { sigma_nt: vec![5.0; tt.len()], columns, measurement_nt, map: FieldMap::Flat(surface), errors }
+    }
+
+    pub(crate) fn series(&self) -> InsSeries<'_> {
+        InsSeries::of(self.columns.each_ref().map(Vec::as_slice))
+    }
+
+    pub(crate) fn with<T>(&self, of: impl FnOnce(&NavigationLine<'_>) -> T) -> T {
+        let ins = self.series();
+        of(&NavigationLine {
+            ins: &ins,
+            measurement_nt: &self.measurement_nt,
+            sigma_nt: &self.sigma_nt,
+            map: &self.map,
+            core: None,
+            errors: self.errors,
+            offset_window_s: 0.0,
+        })
+    }
+}
+
+pub(crate) fn plane(north: f64, east: f64) -> f64 {
+    0.05 * north - 0.03 * east
+}
+
+pub(crate) fn hills(north: f64, east: f64) -> f64 {
+    60.0 * (north / 900.0).sin() + 40.0 * (east / 700.0 + north / 1500.0).cos()
+}
+
+/// Seconds that are not evenly spaced.
+pub(crate) fn uneven(rows: usize) -> Vec<f64> {
+    (0..rows).map(|row| 0.9 * row as f64 + 0.4 * (row as f64).sin()).collect()
+}
+
+/// The whole chain at once: the normal distribution of all states, given all measurements, as dense least squares in the
+/// space of the measurements, x = C Hᵀ (H C Hᵀ + R)⁻¹ z with the prior covariance C of the chain.
+pub(crate) struct Batch {
+    /// Φ and the prior covariance of each sample.
+    prior: Vec<(Dense, Dense)>,
+    pub(crate) x: Vec<DenseVector>,
+    pub(crate) p: Vec<Dense>,
+    /// x₀ᵀ P₀⁻¹ x₀ + Σ wᵀ Q⁻¹ w.
+    pub(crate) motion: f64,
+}
+
+impl Batch {
+    pub(crate) fn new(line: &NavigationLine<'_>) -> Self {
+        let ins = line.ins;
+        let first = line.errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]);
+        let mut prior = vec![(Dense::identity(), dense(&first))];
+        for row in 1..ins.len() {
+            let step = line.step(row);
+            let (phi, before) = (dense(&step.phi), prior[row - 1].1);
+            prior.push((phi, phi * before * phi.transpose() + dense(&step.noise)));
+        }
+        let (x, p) = (vec![DenseVector::zeros(); ins.len()], vec![]);
+        Self { prior, x, p, motion: 0.0 }
+    }
+
+    /// The covariances of every state with H x of a row.
+    fn with_measurement(&self, row: usize, h: &DenseVector) -> Vec<DenseVector> {
+        let mut all = vec![DenseVector::zeros(); self.prior.len()];
+        let mut a = *h;
+        for k in (0..=row).rev() {
+            all[k] = self.prior[k].1 * a;
+            a = self.prior[k].0.transpose() * a;
+        }
+        for k in row + 1..all.len() {
+            all[k] = self.prior[k].0 * all[k - 1];
+        }
+        all
+    }
+
+    /// The solution with the map linearised along the last one, the weights those of its residuals.
+    pub(crate) fn solve(&mut self, line: &NavigationLine<'_>, weight: impl Fn(f64) -> f64) {
+        let mut field = line.predicted();
+        let (mut rows, mut columns, mut values, mut variances) = (vec![], vec![], vec![], vec![]);
+        for row in 0..self.x.len() {
+            let x = self.x[row];
+            let Some((measured, variance)) = line.measured(row, 0.0) else { continue };
+            let Some(value) = field.at_error(line.ins, row, [x[LAT], x[LON], x[ALT]]) else { continue };
+            let mut h = DenseVector::zeros();
+            (h[LAT], h[LON], h[ALT], h[S]) =
+                (value.d_lat_nt_per_rad, value.d_lon_nt_per_rad, value.d_alt_nt_per_m, 1.0);
+            let residual = measured - value.value_nt - x[S];
+            values.push(residual + h.dot(&x));
+            variances.push(variance / weight(residual / variance.sqrt()));
+            columns.push(self.with_measurement(row, &h));
+            rows.push((row, h));
+        }
+        let n = rows.len();
+        let covariance = DMatrix::from_fn(n, n, |i, j| rows[i].1.dot(&columns[j][rows[i].0]));
+        let sum = &covariance + DMatrix::from_diagonal(&DVector::from_vec(variances));
+        let inverse = sum.cholesky().unwrap().inverse();
+        let dual = &inverse * DVector::from_vec(values);
+        self.motion = dual.dot(&(&covariance * &dual));
+        self.p.clear();
+        for (k, x) in self.x.iter_mut().enumerate() {
+            let c = DMatrix::from_fn(STATES, n, |state, j| columns[j][k][state]);
+            *x = DenseVector::from_iterator((&c * &dual).iter().copied());
+            let less = &c * &inverse * c.transpose();
+            self.p.push(self.prior[k].1 - Dense::from_fn(|row, column| less[(row, column)]));
+        }
+    }
+}
+
+/// Asserts that two distributions agree to a part of the standard deviations of the second.
+pub(crate) fn assert_close(x: &StateVector, p: &StateMatrix, with: (&DenseVector, &Dense), part: f64, place: &str) {
+    let (expected_x, expected_p) = with;
+    for row in 0..STATES {
+        let sigma = expected_p[(row, row)].sqrt();
+        let difference = (x[row] - expected_x[row]).abs() / sigma;
+        assert!(difference < part, "{place}, state {row}: {difference:e} sigma");
+        for column in 0..STATES {
+            let size = sigma * expected_p[(column, column)].sqrt();
+            let difference = (p[row][column] - expected_p[(row, column)]).abs() / size;
+            assert!(difference < part, "{place}, covariance {row} {column}: {difference:e}");
+        }
+    }
+}
+
+pub(crate) fn random_belief(seed: u64) -> Belief {
+    let mut normals = Normals::new(seed);
+    let root = Dense::from_fn(|_, _| normals.draw());
+    let p = root * root.transpose();
+    let mut p: StateMatrix = std::array::from_fn(|row| std::array::from_fn(|column| p[(row, column)]));
+    mirror(&mut p);
+    Belief { x: std::array::from_fn(|_| normals.draw()), p }
+}
+
+#[test]
+fn law_the_corrected_covariance_is_josephs_form() {
+    let mut belief = random_belief(1);
+    let (h, variance) = (Sensitivity([0.7, -1.3, 0.2, 1.0]), 0.5);
+    let mut row = DenseVector::zeros();
+    for (factor, state) in h.0.into_iter().zip(MEASURED) {
+        row[state] = factor;
+    }
+    let p = dense(&belief.p);
+    let ph = h.covariance(&belief.p);
+    // Any gain: the form is that of the gain, not of the best one.
+    let gain: StateVector = std::array::from_fn(|state| 0.1 * (state as f64).cos());
+    let dense_gain = DenseVector::from_fn(|state, _| gain[state]);
+    let rest = Dense::identity() - dense_gain * row.transpose();
+    let expected = rest * p * rest.transpose() + dense_gain * variance * dense_gain.transpose();
+    let sum = h.dot(&ph) + variance;
+    let best = ph.map(|ph| ph / sum);
+    assert!(((p * row) - DenseVector::from_fn(|state, _| ph[state])).norm() < 1e-12);
+    belief.correct_covariance(&h, &gain, &ph, variance);
+    // Entries are of size 10 to 100.
+    assert!((dense(&belief.p) - expected).abs().max() < 1e-11);
+    let mut belief = random_belief(1);
+    belief.correct_covariance(&h, &best, &ph, variance);
+    let expected = p - (p * row) * (p * row).transpose() / ((row.transpose() * p * row)[(0, 0)] + variance);
+    assert!((dense(&belief.p) - expected).abs().max() < 1e-11);
+    assert_eq!(dense(&belief.p), dense(&belief.p).transpose());
+}
+
+#[test]
+fn unit_beliefs_that_are_not_sound() {
+    assert!(random_belief(2).is_sound());
+    let spoil = |of: fn(&mut Belief)| {
+        let mut belief = random_belief(2);
+        of(&mut belief);
+        belief.is_sound()
+    };
+    assert!(!spoil(|belief| belief.x[3] = f64::NAN));
+    assert!(!spoil(|belief| belief.p[5][5] = f64::INFINITY));
+    assert!(!spoil(|belief| belief.p[17][17] = -1e-30));
+}
+
+/// Lines that no filter takes, and what is said of them.
+pub(crate) fn assert_refusals(run: impl Fn(&Scene) -> Option<NavigationError>) {
+    let scene = Scene::new(&uneven(20), Interpolation::Linear, plane);
+    assert_eq!(run(&scene), None);
+    let message = |spoil: fn(&mut Scene)| {
+        let mut scene = scene.clone();
+        spoil(&mut scene);
+        run(&scene).unwrap().to_string()
+    };
+    assert!(message(|scene| scene.columns[5][12] = f64::NAN).starts_with("column `ins_ve` is NaN in row 12"));
+    assert!(message(|scene| scene.columns[0][3] = 0.2).starts_with("time does not ascend"));
+    assert!(message(|scene| scene.sigma_nt.truncate(3)).starts_with("column `measurement sigma` has 3 rows"));
+    assert!(message(|scene| scene.columns[7][11] = 1e200).starts_with("the filter diverged at row 12"));
+    assert!(message(|scene| scene.errors.fogm_tau_s = 0.0).starts_with("`fogm_tau_s` must be above 0"));
+}

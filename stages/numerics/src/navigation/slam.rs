@@ -1,0 +1,355 @@
+//! Magnetic navigation without a map: simultaneous localisation and mapping (SLAM) by a marginalised particle filter.
+//!
+//! | Module | Contents |
+//! |:--|:--|
+//! | [`parameters`] | what the filter is told |
+//! | [`samples`] | the measurements of a line, one a step, in a local frame |
+//! | [`particles`] | time update, weights, resampling |
+//! | [`history`] | the paths of all particles, which share their past |
+//! | [`index`] | where earlier samples are |
+//! | [`kernel`] | the Gaussian process and what it predicts from a few samples |
+//! | [`expected`] | what each particle expects to measure |
+//! | [`fit`] | hyper-parameters by maximum likelihood |
+//! | [`output`] | what the filter makes of a line |
+//! | [`chart`] | the map that a flight leaves behind |
+//!
+//! # Equations
+//!
+//! Each particle carries the errors of latitude and longitude; the other 16 states of
+//! [`pinson`](crate::navigation::pinson) are linear and Gaussian given its path, with one covariance P for all
+//! particles. Nothing measures them: what they learn, they learn from the particle's own moves. With C = Φ P Φᵀ + Q and F
+//! the first two columns of its Cholesky factor, a step draws w ~ N(0, I) for each particle [thesis 001, (27)-(29)]
+//!
+//! ```text
+//! x ← Φ x + F w,      P ← C − F Fᵀ
+//! ```
+//!
+//! The nine states of thesis 001 (30) are these with the sources of the biases, of the barometer and of S set to zero; its
+//! fifteen (67) with those of the barometer and of S. (The aiding by the barometer, K1 to K3, stays: it holds the height,
+//! which would diverge without.)
+//!
+//! A particle's own path with the shared measurements is its map. At each step the measurement z is weighted by what
+//! the earlier ones let the particle expect,
+//!
+//! ```text
+//! z(x, t) = μ + m(x) + S(t) + e,      m ~ GP(0, k(|x − x'|)),      S ~ GP(0, σ_S² exp(−|t − t'|/τ))
+//! log q ← log q − ((z − ẑ)²/V + log V)/2
+//! ```
+//!
+//! with the covariance k of [`Covariance`], and ẑ and V the mean and variance given the 12 nearest earlier samples of its path and the 4 last ones. The product of
+//! these weights is Vecchia's approximation of the likelihood of the path, p(z₁…z_n | path). Three things follow that
+//! multiplying independent weights at crossings [thesis 001, (76)] does not have: the errors of the map that two
+//! neighbouring measurements share are counted once, because the last measurements are conditioned on; the temporal
+//! variation between two visits is part of the covariance; and a particle that does not revisit has a likelihood as well,
+//! that of new ground, and needs no list of active particles.
+//!
+//! # Cost
+//!
+//! A particle's prediction is the elimination of a matrix of 17 rows, however long the flight: candidates come from an index
+//! whose cells are full after a few visits. No path is copied: particles share their past in a tree, which costs 8
+//! bytes a particle and sample until the first resampling and much less after it ([`history`]). A reduced-rank map (a basis
+//! of the region) for each particle would have to be copied with the particle, and be as large as the region.
+//!
+//! # What it cannot know
+//!
+//! Only the position relative to the earlier path is observed, so that the error of the first lap stays. On straight lines
+//! without a revisit the answer is that of the INS. Particles must be dense enough to hit a revisit: with 1000 of them the
+//! drift between visits may be some hundreds of metres; after kilometres of drift no particle is near the truth, the
+//! standard deviations handed out are too small, and false revisits lead the track away. Innovations do not show that.
+//! [`SlamReport::largest_correction`], the largest squared correction over the covariance of the INS alone (chi-square of
+//! 2 degrees), shows it where it is above [`IMPLAUSIBLE`]; a small one proves nothing for an INS that may err by anything.
+//!
+//! Survivors of many resamplings share their early path, and with it the error that this path keeps: on flights of more
+//! than some ten minutes the standard deviations are those relative to the map of the flight, several times smaller than
+//! the error against the earth.
+//!
+//! The field has to tell places apart: along a track the position is known to about the noise (sensor, temporal variation,
+//! what the kernel leaves) over the gradient. With 0.25 nT/m a tactical INS is held to some tens of metres, with 0.03
+//! nT/m to one or two hundred. Where the field is not stationary, a white part of the kernel that is too small makes the filter
+//! overconfident; the fit looks at neighbours some distance apart, so that it counts roughness as white.
+
+pub mod chart;
+pub mod expected;
+pub mod fit;
+pub mod history;
+pub mod index;
+pub mod kernel;
+pub mod output;
+pub mod parameters;
+pub mod particles;
+pub mod samples;
+
+use crate::navigation::output::Innovation;
+use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, VE, VN};
+use crate::navigation::transition::{identity, propagate_state, step_covariance};
+use crate::navigation::{NavigationError, NavigationOutput, pinson_matrix, transition_matrix};
+
+pub use chart::{Chart, ChartGrid};
+use expected::{Map, Prediction, Rules};
+use fit::AlongTrack;
+pub use kernel::{Covariance, Kernel};
+pub use output::{PathSample, SlamOutput, SlamReport};
+pub use parameters::{ExpectedMeasurement, HyperparameterSource, SlamParameters};
+use particles::{Moments, Particles};
+pub use samples::SlamLine;
+use samples::{LocalFrame, Sample, Sampler, step_ends};
+
+/// Filters one line.
+///
+/// The same bits come out on any number of threads. Costs about 6 microseconds of a core a particle and step with a
+/// revisit.
+///
+/// # Errors
+/// Fails as [`SlamParameters::check`] and [`SlamLine::check`], and with [`NavigationError::Diverged`] when states or
+/// variances are no longer finite or a variance is negative.
+pub fn run(parameters: &SlamParameters, line: &SlamLine<'_>) -> Result<SlamOutput, NavigationError> {
+    parameters.check(&line.errors)?;
+    line.check()?;
+    let mut filter = Filter::new(parameters, line);
+    for step in 0..filter.ends.len() {
+        filter.advance(step)?;
+    }
+    Ok(filter.finish())
+}
+
+/// A [`SlamReport::largest_correction`] beyond which a track is not plausible: one in a million is above it.
+pub const IMPLAUSIBLE: f64 = 27.6;
+
+/// The weight of the particles that have to revisit before all are weighted: a single stray particle would otherwise win
+/// by any measurement that surprises the others.
+const FEWEST_REVISITING: f64 = 0.01;
+
+/// A filter on its way along a line.
+struct Filter<'a> {
+    parameters: &'a SlamParameters,
+    line: &'a SlamLine<'a>,
+    frame: LocalFrame,
+    ends: Vec<usize>,
+    samples: Vec<Option<Sample>>,
+    particles: Particles,
+    map: Map,
+    /// Displacement of each particle at the mean time of the step's measurements, in m.
+    now_m: Vec<[f64; 2]>,
+    moments: Moments,
+    /// The covariance of the INS alone.
+    alone: StateMatrix,
+    out: SlamOutput,
+}
+
+impl<'a> Filter<'a> {
+    fn new(parameters: &'a SlamParameters, line: &'a SlamLine<'a>) -> Self {
+        let (ins, errors) = (line.ins, &line.errors);
+        let frame = LocalFrame::of(ins, errors);
+        let ends = step_ends(ins.tt_s, parameters.update_interval_s);
+        let mut sampler = Sampler::new(*line, frame);
+        let first_of = |step: usize| step.checked_sub(1).map_or(0, |before: usize| ends[before] + 1);
+        let samples: Vec<_> = (0..ends.len()).map(|step| sampler.sample(first_of(step)..=ends[step])).collect();
+        let temporal = (errors.fogm_sigma_nt, errors.fogm_tau_s);
+        let (kernel, fitted, [spacing_m, speed_mps]) = kernel_of(parameters, &samples, temporal);
+        let initial = errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]);
+        let particles = Particles::new(parameters.particles, parameters.seed, &initial);
+        let rules = Rules::of(parameters, kernel, temporal, spacing_m, speed_mps);
+        let rows = ins.len();
+        let out = SlamOutput {
+            navigation: NavigationOutput::with_capacity(rows, parameters.keep_states, parameters.keep_covariance),
+            revisiting: Vec::with_capacity(rows),
+            effective: Vec::with_capacity(rows),
+            path: vec![],
+            frame,
+            report: SlamReport { kernel, fitted, revisits: 0, resamplings: 0, generations: 0, largest_correction: 0.0 },
+        };
+        let moments = particles.moments();
+        let (map, now_m) = (Map::new(rules, parameters.particles), vec![[0.0; 2]; parameters.particles]);
+        Self { parameters, line, frame, ends, samples, particles, map, now_m, moments, alone: initial, out }
+    }
+
+    /// One step: the rows up to its last one, the particles, their weights.
+    fn advance(&mut self, step: usize) -> Result<(), NavigationError> {
+        let last = self.ends[step];
+        if step > 0 {
+            self.propagate(self.ends[step - 1], last, step as u64)?;
+        }
+        let (innovation, revisiting, gated) = match self.samples[step] {
+            Some(sample) => self.weigh(&sample),
+            None => (Innovation::NONE, 0, false),
+        };
+        let effective = self.particles.effective();
+        self.moments = self.particles.moments();
+        self.push(last, innovation, revisiting, gated)?;
+        let correction = correction(&self.moments, &self.alone);
+        self.out.report.largest_correction = self.out.report.largest_correction.max(correction);
+        let count = self.particles.x.len() as f64;
+        if effective < self.parameters.resample_below * count {
+            let active = self.particles.active.clone();
+            // Without a list of active particles all take part.
+            let all = self.parameters.expected == ExpectedMeasurement::NearestNeighbour;
+            let parents = self.particles.resample(|particle| all || active[particle], step as u64);
+            self.map.history.resample(&parents);
+            self.out.report.resamplings += 1;
+        }
+        self.out.report.generations = self.out.report.generations.max(self.map.history.size().0);
+        Ok(())
+    }
+
+    /// The time update over the rows of a step; rows between are the mean's and covariance's own.
+    fn propagate(&mut self, first: usize, last: usize, step: u64) -> Result<(), NavigationError> {
+        let (ins, errors) = (self.line.ins, &self.line.errors);
+        let (times, density) = (errors.time_constants(), errors.noise_density());
+        let (mut all, mut c) = (identity(), self.particles.linear);
+        for row in first + 1..=last {
+            let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
+            let f = pinson_matrix(&ins.point(row - 1), &times, errors.pinson);
+            let phi = transition_matrix(&f, dt_s);
+            c = step_covariance(&c, &f, &phi, &density, dt_s, errors.noise);
+            self.alone = step_covariance(&self.alone, &f, &phi, &density, dt_s, errors.noise);
+            all = if row == first + 1 { phi } else { product(&phi, &all) };
+            if row < last {
+                self.moments.x = propagate_state(&phi, &self.moments.x);
+                self.moments.p = step_covariance(&self.moments.p, &f, &phi, &density, dt_s, errors.noise);
+                self.push(row, Innovation::NONE, 0, false)?;
+            }
+        }
+        self.particles.advance(&all, &c, step);
+        Ok(())
+    }
+
+    /// The measurement update: innovation of the mean, particles that revisit, whether the gate closed.
+    fn weigh(&mut self, sample: &Sample) -> (Innovation, u32, bool) {
+        let lag_s = self.line.ins.tt_s[sample.row] - sample.tt_s;
+        for (now_m, x) in self.now_m.iter_mut().zip(&self.particles.x) {
+            let [per_north, per_east] = self.frame.m_per_rad;
+            *now_m = [x[LAT] * per_north - lag_s * x[VN], x[LON] * per_east - lag_s * x[VE]];
+        }
+        let predictions = self.map.predict(sample, &self.now_m);
+        self.map.push(*sample, &self.now_m);
+        let Some(predictions) = predictions else { return (Innovation::NONE, 0, false) };
+        let revisiting = predictions.iter().filter(|prediction| prediction.revisits).count() as u32;
+        let seen = predictions.iter().zip(&self.particles.weights).filter(|(prediction, _)| prediction.revisits);
+        if seen.map(|(_, weight)| weight).sum::<f64>() < FEWEST_REVISITING {
+            return (Innovation::NONE, revisiting, false);
+        }
+        let innovation = innovation(&predictions, &self.particles.weights);
+        if self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
+            return (innovation, revisiting, true);
+        }
+        let logs = log_likelihoods(&predictions, self.parameters.expected);
+        if !self.particles.weigh(&logs) {
+            return (Innovation::NONE, 0, false);
+        }
+        for (active, prediction) in self.particles.active.iter_mut().zip(&predictions) {
+            *active |= prediction.revisits;
+        }
+        self.out.report.revisits += 1;
+        (innovation, revisiting, false)
+    }
+
+    /// Appends a row of the output.
+    fn push(
+        &mut self,
+        row: usize,
+        innovation: Innovation,
+        revisiting: u32,
+        gated: bool,
+    ) -> Result<(), NavigationError> {
+        if !self.moments.are_sound() {
+            return Err(NavigationError::Diverged { row, tt_s: self.line.ins.tt_s[row] });
+        }
+        let Moments { x, p } = &self.moments;
+        let earth = self.line.errors.earth;
+        let (state, covariance) = (|state: usize| x[state], |row: usize, column: usize| p[row][column]);
+        self.out.navigation.push(self.line.ins, row, state, covariance, innovation, earth);
+        let report = &mut self.out.navigation.report;
+        match innovation.residual_nt.is_finite() {
+            true if gated => report.gated += 1,
+            true => report.updates += 1,
+            false if self.line.is_measured(row) => report.off_map += 1,
+            false => report.missing_measurements += 1,
+        }
+        self.out.revisiting.push(revisiting);
+        self.out.effective.push(self.particles.effective());
+        Ok(())
+    }
+
+    fn finish(mut self) -> SlamOutput {
+        self.out.path = output::path_of(&self.map, &self.particles, &self.frame);
+        self.out
+    }
+}
+
+/// The kernel, whether it was fitted, and the mean distance (m) and speed (m/s) of the samples.
+fn kernel_of(
+    parameters: &SlamParameters,
+    samples: &[Option<Sample>],
+    temporal: (f64, f64),
+) -> (Kernel, bool, [f64; 2]) {
+    let measured: Vec<Sample> = samples.iter().flatten().copied().collect();
+    let step_m = |pair: &[Sample]| (pair[1].at_m[0] - pair[0].at_m[0]).hypot(pair[1].at_m[1] - pair[0].at_m[1]);
+    let path_m: f64 = measured.windows(2).map(step_m).sum();
+    let spacing_m = path_m / measured.len().saturating_sub(1).max(1) as f64;
+    let flown_s = measured.last().zip(measured.first()).map_or(0.0, |(last, first)| last.tt_s - first.tt_s);
+    let speed_mps = if flown_s > 0.0 { path_m / flown_s } else { 0.0 };
+    let fitted = match parameters.hyperparameters {
+        HyperparameterSource::Fixed => None,
+        HyperparameterSource::Fitted => {
+            AlongTrack::of(&measured, parameters.fit_window_s).fitted(&parameters.kernel, temporal)
+        }
+    };
+    (fitted.unwrap_or(parameters.kernel), fitted.is_some(), [spacing_m, speed_mps])
+}
+
+/// The square of the correction of the position over the covariance of the INS alone: chi-square of 2 degrees.
+fn correction(moments: &Moments, alone: &StateMatrix) -> f64 {
+    let ([lat, lon], [a, b, c]) =
+        ([moments.x[LAT], moments.x[LON]], [alone[LAT][LAT], alone[LAT][LON], alone[LON][LON]]);
+    let determinant = a * c - b * b;
+    if determinant > 0.0 { (c * lat * lat - 2.0 * b * lat * lon + a * lon * lon) / determinant } else { 0.0 }
+}
+
+/// The residual of the mean expectation, and its square over the variance of the mixture.
+fn innovation(predictions: &[Prediction], weights: &[f64]) -> Innovation {
+    let sound = || predictions.iter().zip(weights).filter(|(prediction, _)| prediction.variance_nt2.is_finite());
+    let total: f64 = sound().map(|(_, weight)| weight).sum();
+    let residual_nt = sound().map(|(prediction, weight)| weight * prediction.residual_nt).sum::<f64>() / total;
+    let square = |(prediction, weight): (&Prediction, &f64)| {
+        weight * (prediction.variance_nt2 + (prediction.residual_nt - residual_nt).powi(2))
+    };
+    let variance_nt2 = sound().map(square).sum::<f64>() / total;
+    Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 }
+}
+
+/// The logarithms of the weights' factors. A particle without a prediction has the mean factor of those with one.
+/// [thesis 001, algorithm 3, line 5]
+fn log_likelihoods(predictions: &[Prediction], method: ExpectedMeasurement) -> Vec<f64> {
+    let of = |prediction: &Prediction| match method {
+        ExpectedMeasurement::NearestNeighbour => prediction.log_likelihood(),
+        // (76) has no normalisation by the variance.
+        ExpectedMeasurement::Regression | ExpectedMeasurement::InverseDistance => {
+            -0.5 * prediction.residual_nt * prediction.residual_nt / prediction.variance_nt2
+        }
+    };
+    let mut logs: Vec<f64> = predictions.iter().map(of).collect();
+    let sound = || logs.iter().filter(|log| log.is_finite());
+    let largest = sound().copied().fold(f64::NEG_INFINITY, f64::max);
+    let mean = largest + (sound().map(|log| (log - largest).exp()).sum::<f64>() / sound().count() as f64).ln();
+    for log in &mut logs {
+        if !log.is_finite() {
+            *log = mean;
+        }
+    }
+    logs
+}
+
+fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
+    let mut out = [[0.0; STATES]; STATES];
+    for (out, row) in out.iter_mut().zip(a) {
+        for (factor, of_row) in row.iter().zip(b) {
+            for (entry, from) in out.iter_mut().zip(of_row) {
+                *entry += factor * from;
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,405 @@
+//! What each particle expects to measure, by the earlier measurements along its own path.
+
+use rayon::prelude::*;
+
+use super::history::{History, Then};
+use super::index::Index;
+use super::kernel::{Bordered, Expected, Kernel, MOST_NEIGHBOURS};
+use super::parameters::{ExpectedMeasurement, SlamParameters};
+use super::particles::PIECE;
+use super::samples::Sample;
+
+/// Samples of a cell that are looked up.
+const MOST_IN_CELL: usize = 4;
+/// The most candidates; beyond it every second, third, … is one.
+const MOST_CANDIDATES: usize = 512;
+/// Particles whose spread decides which samples are candidates.
+const SCOUTS: usize = 64;
+/// Radii that have to be flown before a sample is an earlier one: particles may have half of the speed.
+const RADII_FLOWN: f64 = 2.5;
+/// Candidates are within the radius of a particle that is so many standard deviations from the mean.
+const SPREADS: f64 = 3.0;
+
+/// The rules of the expected measurement, with every default made a number.
+#[derive(Clone, Copy, Debug)]
+pub struct Rules {
+    /// The method.
+    pub method: ExpectedMeasurement,
+    /// The process of the anomaly.
+    pub kernel: Kernel,
+    /// Standard deviation of the temporal variation, in nT, and its correlation time, in s.
+    pub temporal: (f64, f64),
+    /// Earlier samples of one prediction.
+    pub neighbours: usize,
+    /// Last samples beside them; none but by nearest neighbours.
+    pub recent: usize,
+    /// Earlier samples are older than this, in s.
+    pub ignore_s: f64,
+    /// Radius, in m, in which more than `trigger_points` samples make a revisit.
+    pub trigger_m: f64,
+    /// See `trigger_m`.
+    pub trigger_points: usize,
+    /// Radius of the samples of a prediction, in m.
+    pub radius_m: f64,
+    /// Size of the cells of the index, in m.
+    pub cell_m: f64,
+    /// The largest difference in height, in m.
+    pub height_m: f64,
+    /// Standard deviation of a prediction by inverse distance, in nT.
+    pub interpolant_sigma_nt: f64,
+}
+
+impl Rules {
+    /// The rules of the parameters, for samples so many metres apart at so many metres a second.
+    ///
+    /// What lies behind on a straight line is no revisit: samples are earlier ones only when two and a half radii
+    /// have been flown since.
+    pub fn of(
+        parameters: &SlamParameters,
+        kernel: Kernel,
+        temporal: (f64, f64),
+        spacing_m: f64,
+        speed_mps: f64,
+    ) -> Self {
+        let near = parameters.expected == ExpectedMeasurement::NearestNeighbour;
+        let trigger_m = parameters.trigger_radius_m.unwrap_or((1.6 * spacing_m).max(18.0));
+        let nearer = if speed_mps > 0.0 { speed_mps * parameters.ignore_s / RADII_FLOWN } else { f64::INFINITY };
+        let radius_m = parameters.interpolation_radius_m.unwrap_or((0.5 * kernel.length_m).min(nearer.max(trigger_m)));
+        let (trigger_m, trigger_points) = if near { (radius_m, 0) } else { (trigger_m, parameters.trigger_points) };
+        Self {
+            method: parameters.expected,
+            kernel,
+            temporal,
+            neighbours: parameters.neighbours,
+            recent: if near { parameters.recent } else { 0 },
+            ignore_s: if speed_mps > 0.0 {
+                parameters.ignore_s.max(RADII_FLOWN * radius_m / speed_mps)
+            } else {
+                parameters.ignore_s
+            },
+            trigger_m,
+            trigger_points,
+            radius_m: radius_m.max(trigger_m),
+            // Two samples of a pass, or about a hundred cells within the radius.
+            cell_m: (2.0 * spacing_m).max(radius_m / 6.0),
+            height_m: parameters.max_height_difference_m,
+            interpolant_sigma_nt: parameters.interpolant_sigma_nt,
+        }
+    }
+
+    /// The noise of a sample that predicts at another height, in nT².
+    fn noise_nt2(&self, sample: &Sample, alt_m: f64) -> f64 {
+        let white = sample.variance_nt2 + self.kernel.sigma_n_nt.powi(2);
+        white + self.kernel.height_nt2(sample.alt_m - alt_m)
+    }
+}
+
+/// An earlier sample, as it is used for one measurement.
+#[derive(Clone, Copy, Debug)]
+struct Candidate<'a> {
+    then: Then<'a>,
+    /// INS position less the present one, in m.
+    from_m: [f64; 2],
+    tt_s: f64,
+    value_nt: f64,
+    noise_nt2: f64,
+    core_nt_per_m: [f64; 2],
+}
+
+impl Candidate<'_> {
+    /// Position relative to a particle whose displacement is `now_m`, in m.
+    #[inline(always)]
+    fn from(&self, particle: usize, now_m: [f64; 2]) -> [f64; 2] {
+        let then_m = self.then.of(particle);
+        [0, 1].map(|axis| self.from_m[axis] + then_m[axis] - now_m[axis])
+    }
+
+    /// The anomaly at a particle's position then, in nT.
+    #[inline(always)]
+    fn anomaly_nt(&self, particle: usize) -> f64 {
+        let then_m = self.then.of(particle);
+        self.value_nt - self.core_nt_per_m[0] * then_m[0] - self.core_nt_per_m[1] * then_m[1]
+    }
+}
+
+/// What a particle expects.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prediction {
+    /// The value measured less the one expected, in nT.
+    pub residual_nt: f64,
+    /// Its variance, with the noise of the measurement, in nT².
+    pub variance_nt2: f64,
+    /// Whether the particle revisits.
+    pub revisits: bool,
+}
+
+impl Prediction {
+    /// No prediction.
+    pub const NONE: Self = Self { residual_nt: f64::NAN, variance_nt2: f64::NAN, revisits: false };
+
+    /// The logarithm of the likelihood but for a constant.
+    pub fn log_likelihood(&self) -> f64 {
+        -0.5 * (self.residual_nt * self.residual_nt / self.variance_nt2 + self.variance_nt2.ln())
+    }
+}
+
+/// The samples of a flight with the particles' paths: every particle's map.
+#[derive(Clone, Debug)]
+pub struct Map {
+    rules: Rules,
+    /// The samples.
+    pub samples: Vec<Sample>,
+    /// The displacements of the particles at each of them, in m.
+    pub history: History,
+    index: Index,
+    /// The first sample that is not old enough for the index.
+    pending: usize,
+    /// The largest spread of the particles at a sample of the index, in m.
+    spread_m: f64,
+    found: Vec<u32>,
+}
+
+/// Mean displacement of some particles and its root-mean-square spread, in m.
+fn spread(count: usize, of: impl Fn(usize) -> [f64; 2]) -> ([f64; 2], f64) {
+    let scouts = || (0..count).step_by(count.div_ceil(SCOUTS).max(1));
+    let share = 1.0 / scouts().count() as f64;
+    let mut mean = [0.0; 2];
+    for [north, east] in scouts().map(&of) {
+        mean[0] += share * north;
+        mean[1] += share * east;
+    }
+    let squares = scouts().map(&of).map(|[north, east]| (north - mean[0]).powi(2) + (east - mean[1]).powi(2));
+    (mean, (share * squares.sum::<f64>()).sqrt())
+}
+
+impl Map {
+    /// No sample yet.
+    pub fn new(rules: Rules, particles: usize) -> Self {
+        let index = Index::new(rules.cell_m, MOST_IN_CELL);
+        Self {
+            rules,
+            samples: vec![],
+            history: History::new(particles),
+            index,
+            pending: 0,
+            spread_m: 0.0,
+            found: vec![],
+        }
+    }
+
+    /// Appends a sample with the displacement of each particle, in m.
+    pub fn push(&mut self, sample: Sample, now_m: &[[f64; 2]]) {
+        self.samples.push(sample);
+        self.history.push(now_m.iter().map(|now_m| now_m.map(|metres| metres as f32)));
+    }
+
+    /// Puts the samples that are old enough by now into the index, where today's particles have them.
+    fn age(&mut self, tt_s: f64, particles: usize) {
+        while let Some(sample) = self.samples.get(self.pending)
+            && tt_s - sample.tt_s > self.rules.ignore_s
+        {
+            if let Some(then) = self.history.at(self.pending) {
+                let (mean, spread_m) = spread(particles, |particle| then.of(particle));
+                self.spread_m = self.spread_m.max(spread_m);
+                self.index.insert(self.pending as u32, [0, 1].map(|axis| sample.at_m[axis] + mean[axis]));
+            }
+            self.pending += 1;
+        }
+    }
+
+    fn candidate(&self, sample: usize, now: &Sample) -> Option<Candidate<'_>> {
+        let (then, old) = (self.history.at(sample)?, self.samples.get(sample)?);
+        ((old.alt_m - now.alt_m).abs() <= self.rules.height_m).then(|| Candidate {
+            then,
+            from_m: [0, 1].map(|axis| old.at_m[axis] - now.at_m[axis]),
+            tt_s: old.tt_s,
+            value_nt: old.value_nt,
+            noise_nt2: self.rules.noise_nt2(old, now.alt_m),
+            core_nt_per_m: old.core_nt_per_m,
+        })
+    }
+
+    /// The earlier samples that any of the particles may be near.
+    fn candidates(&self, now: &Sample, now_m: &[[f64; 2]]) -> Vec<Candidate<'_>> {
+        let mut out = vec![];
+        for candidate in self.found.iter().filter_map(|sample| self.candidate(*sample as usize, now)) {
+            let (mean, spread_m) = spread(now_m.len(), |particle| candidate.from(particle, now_m[particle]));
+            if mean[0].hypot(mean[1]) <= self.rules.radius_m + SPREADS * spread_m {
+                out.push(candidate);
+            }
+        }
+        let stride = out.len().div_ceil(MOST_CANDIDATES).max(1);
+        out.into_iter().step_by(stride).collect()
+    }
+
+    /// What each particle expects of a sample, given its displacement now, in m; `None` where none of them revisits.
+    pub fn predict(&mut self, now: &Sample, now_m: &[[f64; 2]]) -> Option<Vec<Prediction>> {
+        self.age(now.tt_s, now_m.len());
+        let (mean, spread_m) = spread(now_m.len(), |particle| now_m[particle]);
+        self.found.clear();
+        let mut found = std::mem::take(&mut self.found);
+        let radius_m = self.rules.radius_m + SPREADS * (spread_m + self.spread_m);
+        self.index.within([0, 1].map(|axis| now.at_m[axis] + mean[axis]), radius_m, &mut found);
+        self.found = found;
+        let old = self.candidates(now, now_m);
+        if old.is_empty() {
+            return None;
+        }
+        let first = self.samples.len().saturating_sub(self.rules.recent).max(self.pending);
+        let recent: Vec<_> = (first..self.samples.len()).filter_map(|sample| self.candidate(sample, now)).collect();
+        let mut out = vec![Prediction::NONE; now_m.len()];
+        out.par_chunks_mut(PIECE).enumerate().for_each(|(piece, predictions)| {
+            for (place, prediction) in predictions.iter_mut().enumerate() {
+                let particle = piece * PIECE + place;
+                let view = View { rules: &self.rules, now, particle, now_m: now_m[particle] };
+                *prediction = view.predict(&old, &recent);
+            }
+        });
+        out.iter().any(|prediction| prediction.revisits).then_some(out)
+    }
+}
+
+/// One particle's view of its past.
+struct View<'a> {
+    rules: &'a Rules,
+    now: &'a Sample,
+    particle: usize,
+    now_m: [f64; 2],
+}
+
+/// The samples that a prediction is made of: squared distance, position, place among the candidates.
+struct Chosen {
+    members: [(f64, [f64; 2], u32); MOST_NEIGHBOURS],
+    count: usize,
+}
+
+impl View<'_> {
+    /// The nearest candidates within the radius, and the number within the trigger radius.
+    fn nearest(&self, old: &[Candidate<'_>]) -> (Chosen, usize) {
+        let mut chosen = Chosen { members: [(0.0, [0.0; 2], 0); MOST_NEIGHBOURS], count: 0 };
+        let (mut reach, trigger) = (self.rules.radius_m.powi(2), self.rules.trigger_m.powi(2));
+        let mut within = 0;
+        for (place, candidate) in old.iter().enumerate() {
+            let at_m = candidate.from(self.particle, self.now_m);
+            let distance2 = at_m[0] * at_m[0] + at_m[1] * at_m[1];
+            within += usize::from(distance2 <= trigger);
+            if distance2 <= reach {
+                chosen.insert((distance2, at_m, place as u32), self.rules.neighbours);
+                if chosen.count == self.rules.neighbours {
+                    reach = chosen.members[chosen.count - 1].0;
+                }
+            }
+        }
+        (chosen, within)
+    }
+
+    fn predict(&self, old: &[Candidate<'_>], recent: &[Candidate<'_>]) -> Prediction {
+        let (chosen, within) = self.nearest(old);
+        let revisits = within > self.rules.trigger_points && chosen.count > 0;
+        let expected = match self.rules.method {
+            ExpectedMeasurement::NearestNeighbour => self.conditioned(&chosen, old, recent),
+            ExpectedMeasurement::Regression if revisits => self.regression(&chosen, old),
+            ExpectedMeasurement::InverseDistance if revisits => Some(self.interpolated(&chosen, old)),
+            ExpectedMeasurement::Regression | ExpectedMeasurement::InverseDistance => None,
+        };
+        let Some(Expected { value_nt, variance_nt2 }) = expected else { return Prediction::NONE };
+        let slope = self.now.core_nt_per_m;
+        let measured_nt = self.now.value_nt - slope[0] * self.now_m[0] - slope[1] * self.now_m[1];
+        let white = self.now.variance_nt2 + self.rules.kernel.sigma_n_nt.powi(2);
+        Prediction { residual_nt: measured_nt - value_nt, variance_nt2: variance_nt2 + white, revisits }
+    }
+
+    /// The field at the particle given samples whose positions, times, values and noise are handed in.
+    fn field(&self, samples: &[Sighting], temporal: (f64, f64), mean_nt2: f64) -> Option<Expected> {
+        let kernel = &self.rules.kernel;
+        let n = samples.len();
+        let centre = samples.iter().map(|sample| sample.value_nt).sum::<f64>() / n.max(1) as f64;
+        let here = Sighting { at_m: [0.0; 2], tt_s: self.now.tt_s, value_nt: 0.0, noise_nt2: 0.0 };
+        let (sigma_nt, tau_s) = temporal;
+        let power = sigma_nt * sigma_nt;
+        let of = |place: usize| samples.get(place).unwrap_or(&here);
+        let covariance = |row: usize, column: usize| {
+            let (a, b) = (of(row), of(column));
+            let (north, east) = (a.at_m[0] - b.at_m[0], a.at_m[1] - b.at_m[1]);
+            let mut sum = kernel.anomaly_nt2(north * north + east * east) + mean_nt2;
+            if power > 0.0 {
+                sum += power * (-(a.tt_s - b.tt_s).abs() / tau_s).exp();
+            }
+            if row == column { sum + a.noise_nt2 } else { sum }
+        };
+        let mut system = Bordered::new(n);
+        system.fill(covariance, |place| of(place).value_nt - centre);
+        let Expected { value_nt, variance_nt2 } = system.solve()?;
+        Some(Expected { value_nt: value_nt + centre, variance_nt2 })
+    }
+
+    fn sighting(&self, candidate: &Candidate<'_>, at_m: [f64; 2]) -> Sighting {
+        let value_nt = candidate.anomaly_nt(self.particle);
+        Sighting { at_m, tt_s: candidate.tt_s, value_nt, noise_nt2: candidate.noise_nt2 }
+    }
+
+    /// By the nearest and the last samples, whose prior is the process with an unknown mean.
+    fn conditioned(&self, chosen: &Chosen, old: &[Candidate<'_>], recent: &[Candidate<'_>]) -> Option<Expected> {
+        let mut samples = [Sighting::default(); MOST_NEIGHBOURS];
+        let mut count = 0;
+        let earlier = chosen.iter().map(|(_, at_m, place)| (&old[*place as usize], *at_m));
+        let last = recent.iter().map(|candidate| (candidate, candidate.from(self.particle, self.now_m)));
+        for ((candidate, at_m), sample) in earlier.chain(last).zip(&mut samples) {
+            *sample = self.sighting(candidate, at_m);
+            count += 1;
+        }
+        self.field(&samples[..count], self.rules.temporal, self.rules.kernel.mean_nt2())
+    }
+
+    /// By the earlier samples within the radius, whose mean is the prior mean. [thesis 001, (85)]
+    fn regression(&self, chosen: &Chosen, old: &[Candidate<'_>]) -> Option<Expected> {
+        let mut samples = [Sighting::default(); MOST_NEIGHBOURS];
+        for ((_, at_m, place), sample) in chosen.iter().zip(&mut samples) {
+            *sample = self.sighting(&old[*place as usize], *at_m);
+        }
+        self.field(&samples[..chosen.count], (0.0, 1.0), 0.0)
+    }
+
+    /// By the inverse squared distance; at a sample its value.
+    fn interpolated(&self, chosen: &Chosen, old: &[Candidate<'_>]) -> Expected {
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (distance2, _, place) in chosen.iter() {
+            // A centimetre: what is nearer is at the sample.
+            let weight = 1.0 / distance2.max(1e-4);
+            sum += weight * old[*place as usize].anomaly_nt(self.particle);
+            weights += weight;
+        }
+        Expected { value_nt: sum / weights, variance_nt2: self.rules.interpolant_sigma_nt.powi(2) }
+    }
+}
+
+/// A sample as one particle has it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sighting {
+    at_m: [f64; 2],
+    tt_s: f64,
+    value_nt: f64,
+    noise_nt2: f64,
+}
+
+impl Chosen {
+    fn iter(&self) -> impl Iterator<Item = &(f64, [f64; 2], u32)> {
+        self.members[..self.count].iter()
+    }
+
+    /// Inserts by distance, and keeps at most so many.
+    #[inline(always)]
+    fn insert(&mut self, member: (f64, [f64; 2], u32), most: usize) {
+        let mut place = self.count.min(most - 1);
+        if self.count < most {
+            self.count += 1;
+        } else if self.members[place].0 <= member.0 {
+            return;
+        }
+        while place > 0 && self.members[place - 1].0 > member.0 {
+            self.members[place] = self.members[place - 1];
+            place -= 1;
+        }
+        self.members[place] = member;
+    }
+}

@@ -1,0 +1,155 @@
+//! The Gaussian process of the anomaly along a path, and what it predicts from a few samples.
+
+use crate::navigation::ins_error::ParameterError;
+use params::{Rule, choice};
+
+use super::parameters::require;
+
+/// The most samples that a prediction is made of.
+pub const MOST_NEIGHBOURS: usize = 24;
+/// Rows of the bordered system: the samples, the point asked for, the values.
+const ROWS: usize = MOST_NEIGHBOURS + 2;
+/// The standard deviation of the unknown mean about that of the samples, in standard deviations of the process.
+const MEAN_SIGMAS: f64 = 10.0;
+
+choice! {
+    /// How the covariance of the anomaly falls with distance.
+    #[derive(Default)]
+    pub enum Covariance {
+        /// σ² (1 + √5 d/l + 5d²/3l²) exp(−√5 d/l): twice differentiable, as rough as fields measured near their sources are.
+        #[default]
+        Matern52 = "matern_5_2",
+        /// σ² (1 + √3 d/l) exp(−√3 d/l): once differentiable.
+        Matern32 = "matern_3_2",
+        /// σ² exp(−d²/2l²): smoother than any field with sources. [thesis 001, (43)]
+        SquaredExponential = "squared_exponential",
+    }
+}
+
+/// The covariance of the anomaly, with white noise. [thesis 001, (45)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Kernel {
+    /// Its form.
+    pub covariance: Covariance,
+    /// Standard deviation of the anomaly about its mean, in nT.
+    pub sigma_se_nt: f64,
+    /// Its correlation length l, in m.
+    pub length_m: f64,
+    /// What is white beside the noise of the measurements, in nT.
+    pub sigma_n_nt: f64,
+}
+
+impl Default for Kernel {
+    /// That of the flight over Louisa. [thesis 001, appendix A.1.2]
+    fn default() -> Self {
+        Self { covariance: Covariance::default(), sigma_se_nt: 50.0, length_m: 150.0, sigma_n_nt: 1.0 }
+    }
+}
+
+impl Kernel {
+    /// Refuses a kernel that is none.
+    ///
+    /// # Errors
+    /// Fails for a standard deviation of the process or a length not above 0, and a negative or missing noise.
+    pub fn check(&self) -> Result<(), ParameterError> {
+        require("sigma_se_nt", self.sigma_se_nt, Rule::Positive)?;
+        require("length_m", self.length_m, Rule::Positive)?;
+        require("sigma_n_nt", self.sigma_n_nt, Rule::NotNegative)
+    }
+
+    /// The covariance of the anomaly at two points of a squared distance, in nT².
+    #[inline(always)]
+    pub fn anomaly_nt2(&self, distance2_m2: f64) -> f64 {
+        let (power, squared) = (self.sigma_se_nt * self.sigma_se_nt, distance2_m2 / (self.length_m * self.length_m));
+        match self.covariance {
+            Covariance::SquaredExponential => power * (-0.5 * squared).exp(),
+            Covariance::Matern52 => {
+                let d = (5.0 * squared).sqrt();
+                power * (1.0 + d + d * d / 3.0) * (-d).exp()
+            }
+            Covariance::Matern32 => {
+                let d = (3.0 * squared).sqrt();
+                power * (1.0 + d) * (-d).exp()
+            }
+        }
+    }
+
+    /// The variance that a difference in height adds to a sample, in nT².
+    ///
+    /// The anomaly is a potential field, so that its vertical derivative has |k| times its spectrum, and the variance
+    /// E|k|² σ², minus the Laplacian of the covariance at no distance: 2σ²/l² for the squared exponential, 10σ²/3l² and
+    /// 6σ²/l² for the two others.
+    pub fn height_nt2(&self, height_m: f64) -> f64 {
+        let laplacian = match self.covariance {
+            Covariance::SquaredExponential => 2.0,
+            Covariance::Matern52 => 10.0 / 3.0,
+            Covariance::Matern32 => 6.0,
+        };
+        laplacian * (self.sigma_se_nt * height_m / self.length_m).powi(2)
+    }
+
+    /// The variance of the unknown mean, in nT².
+    #[inline(always)]
+    pub fn mean_nt2(&self) -> f64 {
+        (MEAN_SIGMAS * self.sigma_se_nt).powi(2)
+    }
+}
+
+/// What is expected at a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Expected {
+    /// The mean, in nT.
+    pub value_nt: f64,
+    /// The variance of the field there, without the noise of a measurement, in nT².
+    pub variance_nt2: f64,
+}
+
+/// The covariances of a few samples and a point, bordered by the samples' values: eliminating the samples leaves the
+/// variance of the point and, off the diagonal, its negative mean. Only the lower triangle is used, by columns.
+pub struct Bordered {
+    columns: [[f64; ROWS]; ROWS],
+    samples: usize,
+}
+
+impl Bordered {
+    /// For at most [`MOST_NEIGHBOURS`] samples; more are left out.
+    pub fn new(samples: usize) -> Self {
+        Self { columns: [[0.0; ROWS]; ROWS], samples: samples.min(MOST_NEIGHBOURS) }
+    }
+
+    /// Fills in the covariance of two samples or, with one of them the number of samples, of a sample and the point.
+    pub fn fill(&mut self, covariance: impl Fn(usize, usize) -> f64, value: impl Fn(usize) -> f64) {
+        let n = self.samples;
+        for column in 0..=n {
+            for row in column..=n {
+                self.columns[column][row] = covariance(row, column);
+            }
+            self.columns[column][n + 1] = if column < n { value(column) } else { 0.0 };
+        }
+    }
+
+    /// Mean and variance of the point, by elimination without square roots; `None` where the covariance of the samples is
+    /// not positive. [thesis 001, (51), (52)]
+    pub fn solve(mut self) -> Option<Expected> {
+        let n = self.samples;
+        for pivot in 0..n {
+            let (done, rest) = self.columns.split_at_mut(pivot + 1);
+            let column = &done[pivot];
+            let scale = 1.0 / column[pivot];
+            // Also false for a NaN.
+            let positive = column[pivot] > 0.0;
+            if !positive || !scale.is_finite() {
+                return None;
+            }
+            for (target, offset) in rest[..n - pivot].iter_mut().zip(pivot + 1..) {
+                let factor = column[offset] * scale;
+                for (entry, from) in target[offset..n + 2].iter_mut().zip(&column[offset..n + 2]) {
+                    *entry -= factor * from;
+                }
+            }
+        }
+        let (value_nt, variance_nt2) = (-self.columns[n][n + 1], self.columns[n][n]);
+        (value_nt.is_finite() && variance_nt2.is_finite())
+            .then_some(Expected { value_nt, variance_nt2: variance_nt2.max(0.0) })
+    }
+}

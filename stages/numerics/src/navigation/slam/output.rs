@@ -1,0 +1,97 @@
+//! What the filter makes of a line.
+
+use crate::navigation::NavigationOutput;
+
+use super::expected::Map;
+use super::kernel::Kernel;
+use super::particles::Particles;
+use super::samples::{LocalFrame, Sample};
+
+/// How the flight went.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SlamReport {
+    /// The hyper-parameters that were used.
+    pub kernel: Kernel,
+    /// Whether they were fitted; false although a fit was asked for means that the first part of the flight has too few
+    /// measurements for it, or that they do not vary, and that the given ones were used.
+    pub fitted: bool,
+    /// Steps in which some particle revisited and all were weighted.
+    pub revisits: usize,
+    /// Resamplings.
+    pub resamplings: usize,
+    /// The most generations that the history had at once.
+    pub generations: usize,
+    /// The largest squared correction of the position over the covariance of the INS alone: chi-square of 2 degrees where
+    /// filter and INS are as good as they say.
+    pub largest_correction: f64,
+}
+
+/// The filtered line.
+///
+/// In `navigation.report`, `off_map` counts the samples with a measurement that was not weighted by itself: nobody had been
+/// near before, or it was averaged into that of the step.
+#[derive(Clone, Debug)]
+pub struct SlamOutput {
+    /// The estimate at each sample, of the measurements up to it.
+    pub navigation: NavigationOutput,
+    /// The particles that revisit, for each sample; 0 between steps.
+    pub revisiting: Vec<u32>,
+    /// The effective number of particles after the weighting, for each sample.
+    pub effective: Vec<f64>,
+    /// The measurements at the positions that the whole flight gives them.
+    pub path: Vec<PathSample>,
+    /// The frame of `path`.
+    pub frame: LocalFrame,
+    /// How the flight went.
+    pub report: SlamReport,
+}
+
+/// A measurement at its position by the particles that are left at the end of the flight.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathSample {
+    /// The sample's row in the line: the last of its step.
+    pub row: usize,
+    /// Mean time, in s.
+    pub tt_s: f64,
+    /// Latitude, in degrees.
+    pub lat_deg: f64,
+    /// Longitude, in degrees.
+    pub lon_deg: f64,
+    /// Height of the INS, in m.
+    pub alt_m: f64,
+    /// Position north and east in the frame of the flight, in m.
+    pub at_m: [f64; 2],
+    /// Root mean square of the distance of the particles from it, in m.
+    pub spread_m: f64,
+    /// The anomaly measured, in nT: the measurement less the core field at this position.
+    pub value_nt: f64,
+    /// The variance of its white noise, in nT².
+    pub variance_nt2: f64,
+}
+
+/// The weighted mean of the particles' paths.
+pub(super) fn path_of(map: &Map, particles: &Particles, frame: &LocalFrame) -> Vec<PathSample> {
+    let at = |(place, sample): (usize, &Sample)| {
+        let then = map.history.at(place)?;
+        let mean = |of: &dyn Fn([f64; 2]) -> f64| -> f64 {
+            particles.weights.iter().enumerate().map(|(particle, weight)| weight * of(then.of(particle))).sum()
+        };
+        let (north, east) = (mean(&|moved| moved[0]), mean(&|moved| moved[1]));
+        let spread_m = mean(&|moved| (moved[0] - north).powi(2) + (moved[1] - east).powi(2)).sqrt();
+        let at_m = [sample.at_m[0] + north, sample.at_m[1] + east];
+        let (lat_deg, lon_deg) = frame.lat_lon_deg(at_m);
+        let [slope_n, slope_e] = sample.core_nt_per_m;
+        Some(PathSample {
+            row: sample.row,
+            tt_s: sample.tt_s,
+            lat_deg,
+            lon_deg,
+            alt_m: sample.alt_m,
+            at_m,
+            spread_m,
+            value_nt: sample.value_nt - slope_n * north - slope_e * east,
+            variance_nt2: sample.variance_nt2,
+        })
+    };
+    map.samples.iter().enumerate().filter_map(at).collect()
+}

@@ -1,0 +1,146 @@
+//! What the filter is told.
+
+use crate::navigation::ins_error::{InsErrorModel, ParameterError};
+use params::{Rule, choice, obeys};
+
+use super::kernel::{Kernel, MOST_NEIGHBOURS};
+
+choice! {
+    /// How a measurement is predicted from the earlier ones.
+    #[derive(Default)]
+    pub enum ExpectedMeasurement {
+        /// The Gaussian process of the anomaly, of the temporal variation and of the noise, conditioned on the nearest
+        /// earlier samples and on the last few ones. Successive weights multiply to the likelihood of the whole flight
+        /// (Vecchia's approximation of it), because the last samples are conditioned on too.
+        /// [Vecchia 1988; Datta et al. 2016]
+        #[default]
+        NearestNeighbour = "nearest_neighbour",
+        /// Gaussian-process regression on the earlier samples within a radius, whose mean is the prior mean; successive
+        /// weights are taken as independent. [thesis 001, (82)-(85)]
+        Regression = "regression",
+        /// The mean of the earlier samples within a radius, weighted by the inverse squared distance.
+        InverseDistance = "inverse_distance",
+    }
+}
+
+choice! {
+    /// Where the hyper-parameters of the Gaussian process come from.
+    #[derive(Default)]
+    pub enum HyperparameterSource {
+        /// They are the maximum of the likelihood of the first part of the flight. [thesis 001, (53)]
+        #[default]
+        Fitted = "fitted",
+        /// They are given.
+        Fixed = "fixed",
+    }
+}
+
+/// The parameters of the filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SlamParameters {
+    /// The number of particles.
+    pub particles: usize,
+    /// The seed of every draw.
+    pub seed: u64,
+    /// Particles are propagated and weighted at most this often, in s; the samples in between are averaged.
+    pub update_interval_s: f64,
+    /// How a measurement is predicted.
+    pub expected: ExpectedMeasurement,
+    /// Whether `kernel` is fitted first.
+    pub hyperparameters: HyperparameterSource,
+    /// The Gaussian process of the anomaly; where it is fitted, where the search starts.
+    pub kernel: Kernel,
+    /// The length of the first part of the flight that the fit looks at, in s.
+    pub fit_window_s: f64,
+    /// The most earlier samples that a prediction is made of.
+    pub neighbours: usize,
+    /// The last samples that a prediction by nearest neighbours is conditioned on beside them.
+    pub recent: usize,
+    /// Earlier samples are those before the last so many seconds, and before the last two and a half radii flown.
+    pub ignore_s: f64,
+    /// A particle revisits by `regression` and `inverse_distance` when more than `trigger_points` earlier samples are
+    /// within this radius, in m; `None` is the larger of 18 m and 1.6 times the mean distance between samples.
+    pub trigger_radius_m: Option<f64>,
+    /// See `trigger_radius_m`.
+    pub trigger_points: usize,
+    /// The radius of the earlier samples that a prediction is made of, in m; `None` is half a length of the kernel,
+    /// but at most 0.4 of what is flown in `ignore_s`.
+    pub interpolation_radius_m: Option<f64>,
+    /// Earlier samples at a height that differs by more than this, in m, are not used; below it the difference adds
+    /// the variance 2 (sigma_se Δh / length)², that of the vertical derivative of a potential field.
+    pub max_height_difference_m: f64,
+    /// Standard deviation of a prediction by `inverse_distance`, in nT. [thesis 001, section 3.3.3: R = 100 nT²]
+    pub interpolant_sigma_nt: f64,
+    /// Particles are resampled when the effective number falls below this fraction of all. [thesis 001, (77)]
+    pub resample_below: f64,
+    /// A measurement whose squared innovation over its variance is above this is left out; `None` uses every one.
+    pub gate_nis: Option<f64>,
+    /// Hand out the error states of every sample.
+    pub keep_states: bool,
+    /// Hand out the covariance of every sample.
+    pub keep_covariance: bool,
+}
+
+impl Default for SlamParameters {
+    fn default() -> Self {
+        Self {
+            particles: 1000,
+            seed: 0,
+            update_interval_s: 1.0,
+            expected: ExpectedMeasurement::default(),
+            hyperparameters: HyperparameterSource::default(),
+            kernel: Kernel::default(),
+            fit_window_s: 600.0,
+            neighbours: 12,
+            recent: 4,
+            ignore_s: 30.0,
+            trigger_radius_m: None,
+            trigger_points: 2,
+            interpolation_radius_m: None,
+            max_height_difference_m: 100.0,
+            interpolant_sigma_nt: 10.0,
+            resample_below: 0.5,
+            gate_nis: None,
+            keep_states: false,
+            keep_covariance: false,
+        }
+    }
+}
+
+/// The fewest and the most particles.
+const PARTICLES: (f64, f64) = (2.0, 1e6);
+
+impl SlamParameters {
+    /// Refuses parameters that make no filter.
+    ///
+    /// # Errors
+    /// Fails for the first parameter out of its range, and as [`InsErrorModel::check`] for `errors`.
+    pub fn check(&self, errors: &InsErrorModel) -> Result<(), ParameterError> {
+        errors.check()?;
+        let within = Rule::Between(PARTICLES.0, PARTICLES.1);
+        require("particles", self.particles as f64, within)?;
+        require("update_interval_s", self.update_interval_s, Rule::NotNegative)?;
+        self.kernel.check()?;
+        require("fit_window_s", self.fit_window_s, Rule::Positive)?;
+        let most = (MOST_NEIGHBOURS - self.recent.min(MOST_NEIGHBOURS - 1)) as f64;
+        require("neighbours", self.neighbours as f64, Rule::Between(1.0, most))?;
+        require("recent", self.recent as f64, Rule::Between(0.0, (MOST_NEIGHBOURS - 1) as f64))?;
+        require("ignore_s", self.ignore_s, Rule::NotNegative)?;
+        let optional = [
+            ("trigger_radius_m", self.trigger_radius_m),
+            ("interpolation_radius_m", self.interpolation_radius_m),
+            ("gate_nis", self.gate_nis),
+        ];
+        for (name, value) in optional {
+            value.map_or(Ok(()), |value| require(name, value, Rule::Positive))?;
+        }
+        require("max_height_difference_m", self.max_height_difference_m, Rule::NotNegative)?;
+        require("interpolant_sigma_nt", self.interpolant_sigma_nt, Rule::Positive)?;
+        require("resample_below", self.resample_below, Rule::Between(0.0, 1.0))
+    }
+}
+
+/// Accepts a parameter that obeys a rule.
+pub(super) fn require(name: &'static str, value: f64, rule: Rule) -> Result<(), ParameterError> {
+    obeys(&value, name, rule).map_err(ParameterError)
+}

@@ -1,0 +1,201 @@
+//! The particles: horizontal position errors, with the other states of the error model linear given them.
+
+use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, StateVector};
+use crate::navigation::transition::propagate_state;
+use crate::random::{Normals, SplitMix64};
+use rayon::prelude::*;
+
+/// Particles in one piece of parallel work.
+pub(super) const PIECE: usize = 64;
+
+/// A second pivot that is below this fraction of its variance is rounding: the two positions err together.
+const DEPENDENT: f64 = 1e-14;
+
+/// The particles.
+///
+/// `x` has both parts of the state of each: its own latitude and longitude, and the mean of the other 16 states given its
+/// path. Their covariance given the path, `linear`, is common to all, as none of the matrices depends on the particle
+/// [thesis 001, (20)]; its rows and columns of latitude and longitude are zero.
+#[derive(Clone, Debug)]
+pub struct Particles {
+    /// The states, rad, m, m/s, …, truth minus INS.
+    pub x: Vec<StateVector>,
+    /// The weights; they add up to 1.
+    pub weights: Vec<f64>,
+    /// The covariance of the linear states.
+    pub linear: StateMatrix,
+    /// Which particles have revisited since the last resampling.
+    pub active: Vec<bool>,
+    seed: u64,
+}
+
+/// Mean and covariance of all states.
+#[derive(Clone, Copy, Debug)]
+pub struct Moments {
+    /// The mean.
+    pub x: StateVector,
+    /// The covariance.
+    pub p: StateMatrix,
+}
+
+impl Moments {
+    /// Whether the mean is finite and no variance negative.
+    pub fn are_sound(&self) -> bool {
+        self.x.iter().all(|x| x.is_finite()) && (0..STATES).all(|state| self.p[state][state] >= 0.0)
+    }
+}
+
+/// The first two columns of the Cholesky factor of a covariance, latitude and longitude, and what is left of it for the
+/// other states once these two are known.
+///
+/// With C = Φ P Φᵀ + Q this is the time update of the marginalised filter with every cross-covariance of the noise: the
+/// upper two rows of the factor times its transpose are N of (28c), the lower ones times the draw are L (z − A x) of
+/// (28a), and the rest is (28b). [thesis 001, (27)-(29)]
+fn known_positions(c: &StateMatrix) -> ([StateVector; 2], StateMatrix) {
+    let mut factor = [[0.0; STATES]; 2];
+    if c[LAT][LAT] > 0.0 {
+        let pivot = c[LAT][LAT].sqrt();
+        factor[0] = c[LAT].map(|entry| entry / pivot);
+    }
+    let along = factor[0][LON];
+    let rest = c[LON][LON] - along * along;
+    if rest > DEPENDENT * c[LON][LON] {
+        let pivot = rest.sqrt();
+        factor[1] = std::array::from_fn(|state| (c[LON][state] - factor[0][state] * along) / pivot);
+        factor[1][LAT] = 0.0;
+    }
+    let mut left = [[0.0; STATES]; STATES];
+    for row in LON + 1..STATES {
+        for column in LON + 1..=row {
+            let known = factor[0][row] * factor[0][column] + factor[1][row] * factor[1][column];
+            let mut entry = c[row][column] - known;
+            if row == column && entry < 0.0 && entry > -1e-9 * c[row][row] {
+                entry = 0.0;
+            }
+            left[row][column] = entry;
+            left[column][row] = entry;
+        }
+    }
+    (factor, left)
+}
+
+/// The source of normals of a particle at a step: draws do not depend on which thread makes them, nor on the order.
+fn normals_of(seed: u64, step: u64, particle: u64) -> Normals {
+    Normals::new(key(seed, step).wrapping_add(particle.wrapping_mul(0xd134_2543_de82_ef95)))
+}
+
+fn key(seed: u64, step: u64) -> u64 {
+    SplitMix64::new(SplitMix64::new(seed).draw() ^ step).draw()
+}
+
+impl Particles {
+    /// Draws the positions of so many particles from the initial covariance.
+    pub fn new(count: usize, seed: u64, initial: &StateMatrix) -> Self {
+        let mut particles = Self {
+            x: vec![[0.0; STATES]; count],
+            weights: vec![1.0 / count as f64; count],
+            linear: [[0.0; STATES]; STATES],
+            active: vec![false; count],
+            seed,
+        };
+        particles.spread(initial, |x| *x, 0);
+        particles
+    }
+
+    /// The time update: `phi` of a step and C = Φ P Φᵀ + Q with the P of the linear states. Steps are counted from 1.
+    pub fn advance(&mut self, phi: &StateMatrix, c: &StateMatrix, step: u64) {
+        self.spread(c, |x| propagate_state(phi, x), step);
+    }
+
+    /// Moves the states, draws the positions, and lets the linear states know them.
+    fn spread(&mut self, c: &StateMatrix, moved: impl Fn(&StateVector) -> StateVector + Sync, step: u64) {
+        let (factor, left) = known_positions(c);
+        self.linear = left;
+        let seed = self.seed;
+        self.x.par_chunks_mut(PIECE).enumerate().for_each(|(piece, states)| {
+            for (place, x) in states.iter_mut().enumerate() {
+                let mut normals = normals_of(seed, step, (piece * PIECE + place) as u64);
+                let draws = [normals.draw(), normals.draw()];
+                *x = moved(x);
+                for (state, entry) in x.iter_mut().enumerate() {
+                    *entry += factor[0][state] * draws[0] + factor[1][state] * draws[1];
+                }
+            }
+        });
+    }
+
+    /// Weighted mean and covariance. [thesis 001, (19), (24)]
+    pub fn moments(&self) -> Moments {
+        let mut mean = [0.0; STATES];
+        for (x, weight) in self.x.iter().zip(&self.weights) {
+            for (mean, x) in mean.iter_mut().zip(x) {
+                *mean += weight * x;
+            }
+        }
+        let mut p = self.linear;
+        for (x, weight) in self.x.iter().zip(&self.weights) {
+            let apart: StateVector = std::array::from_fn(|state| x[state] - mean[state]);
+            for (row, of_row) in p.iter_mut().zip(apart.map(|apart| apart * weight)) {
+                for (entry, apart) in row.iter_mut().zip(apart) {
+                    *entry += of_row * apart;
+                }
+            }
+        }
+        // Both triangles are the same sums but for the order of two factors.
+        let below = p;
+        for (row, of_row) in below.iter().enumerate() {
+            for (column, entry) in of_row.iter().enumerate().take(row) {
+                p[column][row] = *entry;
+            }
+        }
+        Moments { x: mean, p }
+    }
+
+    /// The effective number of particles. [thesis 001, (77)]
+    pub fn effective(&self) -> f64 {
+        1.0 / self.weights.iter().map(|weight| weight * weight).sum::<f64>()
+    }
+
+    /// Multiplies the weights by the exponentials of `log_likelihood`; false, and nothing done, where no weight is left.
+    pub fn weigh(&mut self, log_likelihood: &[f64]) -> bool {
+        let largest = log_likelihood.iter().zip(&self.weights).filter(|(_, weight)| **weight > 0.0);
+        let largest = largest.map(|(log, _)| *log).fold(f64::NEG_INFINITY, f64::max);
+        if !largest.is_finite() {
+            return false;
+        }
+        let product = |(weight, log): (&f64, &f64)| weight * (log - largest).exp();
+        let weights: Vec<f64> = self.weights.iter().zip(log_likelihood).map(product).collect();
+        let sum: f64 = weights.iter().sum();
+        // Also false for a NaN.
+        let sound = sum > 0.0 && sum.is_finite();
+        if sound {
+            self.weights = weights.into_iter().map(|weight| weight / sum).collect();
+        }
+        sound
+    }
+
+    /// Systematic resampling of the members, among themselves: the parent of each particle. Members share their weight
+    /// evenly after it, and are no longer active. [thesis 001, section 5.3.2.4]
+    pub fn resample(&mut self, member: impl Fn(usize) -> bool, step: u64) -> Vec<u32> {
+        let members: Vec<usize> = (0..self.x.len()).filter(|particle| member(*particle)).collect();
+        let mut parents: Vec<u32> = (0..self.x.len() as u32).collect();
+        let total: f64 = members.iter().map(|particle| self.weights[*particle]).sum();
+        let share = total / members.len() as f64;
+        let uniform = (key(self.seed ^ 0x632b_e59b_d9b4_e019, step) >> 11) as f64 / (1_u64 << 53) as f64;
+        let (mut source, mut reached) = (0, members.first().map_or(0.0, |first| self.weights[*first]));
+        for (place, particle) in members.iter().enumerate() {
+            while reached <= share * (place as f64 + uniform) && source + 1 < members.len() {
+                source += 1;
+                reached += self.weights[members[source]];
+            }
+            parents[*particle] = members[source] as u32;
+        }
+        let before = self.x.clone();
+        for particle in &members {
+            self.x[*particle] = before[parents[*particle] as usize];
+            self.weights[*particle] = share;
+        }
+        self.active.fill(false);
+        parents
+    }
+}

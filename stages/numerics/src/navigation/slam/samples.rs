@@ -1,0 +1,185 @@
+//! The measurements of a line, one a step of the particles, in a local frame.
+
+use std::sync::Arc;
+
+use crate::earth::core_field::{CoreField, LinearisedCoreField};
+use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::{NavigationError, NavigationLine, SeriesError};
+
+/// A flight line that measures the scalar field, without a map.
+#[derive(Clone, Copy, Debug)]
+pub struct SlamLine<'a> {
+    /// The INS.
+    pub ins: &'a InsSeries<'a>,
+    /// The measured field at each sample, in nT; NaN where there is none. It holds the core field if, and only if, `core`
+    /// is given.
+    pub measurement_nt: &'a [f64],
+    /// The standard deviation of the white noise of each measurement, in nT; a value that is not above 0 makes its
+    /// measurement a missing one.
+    pub sigma_nt: &'a [f64],
+    /// The core field. It only takes the slope of the field away, which makes the anomaly's process fit better.
+    pub core: Option<&'a Arc<CoreField>>,
+    /// The error sources of the INS and the temporal variation.
+    pub errors: InsErrorModel,
+}
+
+impl<'a> From<&NavigationLine<'a>> for SlamLine<'a> {
+    /// The line without its map and without its offset window, which a filter without a map has no use for: a constant in
+    /// the measurement is part of the unknown map.
+    fn from(line: &NavigationLine<'a>) -> Self {
+        let NavigationLine { ins, measurement_nt, sigma_nt, core, errors, .. } = *line;
+        Self { ins, measurement_nt, sigma_nt, core, errors }
+    }
+}
+
+impl SlamLine<'_> {
+    /// Refuses a line that cannot be filtered.
+    ///
+    /// # Errors
+    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with [`SeriesError::Length`] for columns of
+    /// different lengths.
+    pub fn check(&self) -> Result<(), NavigationError> {
+        self.errors.check()?;
+        self.ins.check()?;
+        let expected = self.ins.len();
+        for (column, rows) in [("measurement", self.measurement_nt.len()), ("measurement sigma", self.sigma_nt.len())] {
+            if rows != expected {
+                return Err(SeriesError::Length { column, rows, expected }.into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a row has a measurement.
+    pub fn is_measured(&self, row: usize) -> bool {
+        let variance = self.sigma_nt[row].powi(2);
+        let sound = self.sigma_nt[row] > 0.0 && variance > 0.0 && variance.is_finite();
+        self.measurement_nt[row].is_finite() && sound
+    }
+}
+
+/// Metres north and east about the first sample, at the scales of its latitude.
+///
+/// It is the same smooth function of latitude and longitude everywhere, so that two visits of a place have the same
+/// coordinates; but eastern distances are as wrong as the cosine of the latitude changes along the flight (1 % in 60 km
+/// at 45°).
+#[derive(Clone, Copy, Debug)]
+pub struct LocalFrame {
+    lat_deg: f64,
+    lon_deg: f64,
+    /// Metres a radian of latitude and of longitude.
+    pub m_per_rad: [f64; 2],
+}
+
+impl LocalFrame {
+    /// About the first sample of a series that passed [`InsSeries::check`].
+    pub fn of(ins: &InsSeries<'_>, errors: &InsErrorModel) -> Self {
+        let (lat_deg, lon_deg) = (ins.lat_deg[0], ins.lon_deg[0]);
+        let (north, east) = errors.earth.north_east_m_per_rad(lat_deg.to_radians(), ins.alt_m[0]);
+        Self { lat_deg, lon_deg, m_per_rad: [north, east] }
+    }
+
+    /// Position north and east, in m.
+    pub fn at_m(&self, lat_deg: f64, lon_deg: f64) -> [f64; 2] {
+        let mut turn = lon_deg - self.lon_deg;
+        turn -= 360.0 * (turn / 360.0).round();
+        [(lat_deg - self.lat_deg).to_radians() * self.m_per_rad[0], turn.to_radians() * self.m_per_rad[1]]
+    }
+
+    /// Latitude and longitude in degrees of a position in m.
+    pub fn lat_lon_deg(&self, at_m: [f64; 2]) -> (f64, f64) {
+        let [lat, lon] = [0, 1].map(|axis: usize| (at_m[axis] / self.m_per_rad[axis]).to_degrees());
+        (self.lat_deg + lat, self.lon_deg + lon)
+    }
+}
+
+/// The measurements of one step, averaged with the inverse of their variances.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// The last row of the step.
+    pub row: usize,
+    /// Mean time, in s.
+    pub tt_s: f64,
+    /// Mean position of the INS, north and east, in m.
+    pub at_m: [f64; 2],
+    /// Mean height of the INS, in m.
+    pub alt_m: f64,
+    /// Mean measurement less the core field at the INS, in nT.
+    pub value_nt: f64,
+    /// The variance of its white noise, in nT².
+    pub variance_nt2: f64,
+    /// Gradient of the core field north and east, in nT/m.
+    pub core_nt_per_m: [f64; 2],
+}
+
+/// Averages measurements.
+#[derive(Debug)]
+pub struct Sampler<'a> {
+    line: SlamLine<'a>,
+    frame: LocalFrame,
+    core: Option<LinearisedCoreField>,
+}
+
+impl<'a> Sampler<'a> {
+    /// For a line that passed [`SlamLine::check`].
+    pub fn new(line: SlamLine<'a>, frame: LocalFrame) -> Self {
+        Self { line, frame, core: line.core.map(|core| LinearisedCoreField::new(core.clone())) }
+    }
+
+    /// The sample of some rows; `None` where none of them has a measurement.
+    pub fn sample(&mut self, rows: std::ops::RangeInclusive<usize>) -> Option<Sample> {
+        let (ins, last) = (self.line.ins, *rows.end());
+        let mut weights = 0.0;
+        let mut sums = [0.0; 7];
+        for row in rows {
+            if !self.line.is_measured(row) {
+                continue;
+            }
+            let weight = self.line.sigma_nt[row].powi(-2);
+            let [north, east] = self.frame.at_m(ins.lat_deg[row], ins.lon_deg[row]);
+            let mut value_nt = self.line.measurement_nt[row];
+            let mut gradient = [0.0; 2];
+            if let Some(core) = &mut self.core {
+                let field = core.magnitude_and_gradient(ins.lat_deg[row], ins.lon_deg[row], ins.alt_m[row]);
+                value_nt -= field.value_nt;
+                gradient = [field.d_lat_nt_per_rad, field.d_lon_nt_per_rad];
+            }
+            let times = ins.tt_s[row] - ins.tt_s[last];
+            let of_row = [times, north, east, ins.alt_m[row], value_nt, gradient[0], gradient[1]];
+            for (sum, value) in sums.iter_mut().zip(of_row) {
+                *sum += weight * value;
+            }
+            weights += weight;
+        }
+        if weights <= 0.0 {
+            return None;
+        }
+        let [time, north, east, alt_m, value_nt, d_lat, d_lon] = sums.map(|sum| sum / weights);
+        let [per_north, per_east] = self.frame.m_per_rad;
+        Some(Sample {
+            row: last,
+            tt_s: ins.tt_s[last] + time,
+            at_m: [north, east],
+            alt_m,
+            value_nt,
+            variance_nt2: 1.0 / weights,
+            core_nt_per_m: [d_lat / per_north, d_lon / per_east],
+        })
+    }
+}
+
+/// The last rows of the steps of a line: rows at least `interval_s` apart, and its last row.
+pub fn step_ends(tt_s: &[f64], interval_s: f64) -> Vec<usize> {
+    // A clock's rounding must not make every other step twice as long.
+    let enough = interval_s * (1.0 - 1e-6);
+    let mut ends = vec![0];
+    let mut since = tt_s[0];
+    for (row, tt) in tt_s.iter().enumerate().skip(1) {
+        if tt - since >= enough || row + 1 == tt_s.len() {
+            ends.push(row);
+            since = *tt;
+        }
+    }
+    ends
+}

@@ -1,0 +1,171 @@
+//! The aircraft's own field as states of a filter: its terms, and what is known of their coefficients before the line.
+
+use numerics::navigation::online::{CoefficientPrior, check_sources, prior_from_calibrations};
+use schemas::{ColumnType, Fault, Rule, params};
+
+use super::{
+    Calibration,
+    filter::{Flight, Flown},
+};
+use crate::columns::{data, matrix};
+
+params! {
+    /// The linear model of the aircraft's field whose coefficients are estimated in flight.
+    pub struct AircraftModel;
+    /// The list column of its terms, as `a_matrix` makes it.
+    terms: String, unit "", default "tl";
+    /// One sigma of a permanent coefficient before the line, about 0, where no `model` tells it.
+    permanent_sigma_nt: f64, unit "nT", default 2000.0, rule Rule::Positive;
+    /// Of an induced coefficient.
+    induced_sigma_nt: f64, unit "nT", default 1000.0, rule Rule::Positive;
+    /// Of an eddy coefficient, whose term is the change of the field from sample to sample over its scale; it is divided by
+    /// the time of a sample.
+    eddy_sigma_nt_s: f64, unit "nT s", default 500.0, rule Rule::Positive;
+    /// Of the constant `bias`, and of every other coefficient.
+    bias_sigma_nt: f64, unit "nT", default 500.0, rule Rule::Positive;
+    /// What the one sigma of the calibrations under `model` is multiplied by. Of one calibration it is that of its fit,
+    /// of several their scatter.
+    prior_factor: f64, unit "1", default 1.0, rule Rule::Positive;
+}
+
+/// The terms of a line.
+pub(super) struct Terms<'a> {
+    pub(super) names: Vec<String>,
+    /// Row-major, a row a sample.
+    pub(super) values: &'a [f64],
+}
+
+impl AircraftModel {
+    /// The columns that are read.
+    pub(super) fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+        let column = flight.shape.need(&self.terms).map_err(|fault| vec![fault.of_param("terms")])?;
+        let ColumnType::List(names) = &column.column_type else {
+            let what = format!("`{}` is no list of terms", self.terms);
+            return Err(vec![Fault::new(what).of_param("terms").help("name the column of an `a_matrix`")]);
+        };
+        check_sources(names).map_err(|e| vec![Fault::new(e.to_string()).of_param("terms")])?;
+        Ok(vec![self.terms.clone()])
+    }
+
+    /// The terms along a line.
+    pub(super) fn terms<'a>(&self, flown: &'a Flown) -> Result<Terms<'a>, Fault> {
+        let (values, names) = matrix(flown.columns, &self.terms)?;
+        Ok(Terms { names, values })
+    }
+
+    /// What is known of the coefficients before a line whose samples are `dt_s` apart.
+    pub(super) fn prior(&self, names: &[String], dt_s: f64, models: &[Calibration]) -> Result<CoefficientPrior, Fault> {
+        let cold: Vec<f64> = names.iter().map(|name| self.cold_sigma_nt(name, dt_s)).collect();
+        let mut prior = CoefficientPrior::independent(&vec![0.0; names.len()], &cold);
+        // The coefficients that every calibration has.
+        let known: Vec<usize> = (0..names.len())
+            .filter(|i| !models.is_empty() && models.iter().all(|m| m.term(&names[*i]).is_some()))
+            .collect();
+        if !models.is_empty() && known.is_empty() {
+            let what = format!("the model has none of the terms of `{}`", self.terms);
+            return Err(Fault::data(what).help("fit it on the same terms").of_param("model"));
+        }
+        let of = |model: &Calibration| -> (Vec<f64>, Vec<f64>) {
+            known.iter().filter_map(|i| model.term(&names[*i])).unzip()
+        };
+        let calibrations: Vec<(Vec<f64>, Vec<f64>)> = models.iter().map(of).collect();
+        let told = match calibrations.as_slice() {
+            [] => return Ok(prior),
+            [(values, sigmas)] => CoefficientPrior::independent(values, sigmas),
+            several => {
+                let values: Vec<&[f64]> = several.iter().map(|(values, _)| values.as_slice()).collect();
+                prior_from_calibrations(&values, None).map_err(data)?
+            }
+        };
+        for (a, i) in known.iter().enumerate() {
+            prior.mean[*i] = told.mean[a];
+            for (b, j) in known.iter().enumerate() {
+                let entry = told.covariance[a * known.len() + b] * self.prior_factor * self.prior_factor;
+                prior.covariance[i * names.len() + j] = entry;
+            }
+        }
+        Ok(prior)
+    }
+
+    /// One sigma of a coefficient of which nothing is known, by the family of its name: `x`, `xy`, `xy_dot`.
+    fn cold_sigma_nt(&self, term: &str, dt_s: f64) -> f64 {
+        let axes = |name: &str| name.chars().all(|axis| matches!(axis, 'x' | 'y' | 'z'));
+        match term.strip_suffix("_dot") {
+            Some(name) if axes(name) && name.len() == 2 => self.eddy_sigma_nt_s / dt_s,
+            None if axes(term) && term.len() == 1 => self.permanent_sigma_nt,
+            None if axes(term) && term.len() == 2 => self.induced_sigma_nt,
+            Some(_) | None => self.bias_sigma_nt,
+        }
+    }
+}
+
+/// Why a filter of several magnetometers takes no model: which one it is of is not told.
+pub(super) fn one_with_models(flown: &Flown) -> Result<(), Fault> {
+    if flown.magnetometers.len() > 1 && !flown.models.is_empty() {
+        let what = "a calibration is of one magnetometer, and `mag` names several";
+        return Err(Fault::data(what).help("leave `model` out, or navigate with one magnetometer").of_param("model"));
+    }
+    Ok(())
+}
+
+/// The mean time from sample to sample, in s; 1 for a single sample.
+pub(super) fn step_s(flown: &Flown) -> f64 {
+    let tt_s = flown.ins.tt_s;
+    match (tt_s.first(), tt_s.last()) {
+        (Some(first), Some(last)) if tt_s.len() > 1 => (last - first) / (tt_s.len() - 1) as f64,
+        _ => 1.0,
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn model() -> AircraftModel {
+        AircraftModel {
+            terms: "tl".to_owned(),
+            permanent_sigma_nt: 2000.0,
+            induced_sigma_nt: 1000.0,
+            eddy_sigma_nt_s: 500.0,
+            bias_sigma_nt: 500.0,
+            prior_factor: 2.0,
+        }
+    }
+
+    fn names() -> Vec<String> {
+        ["x", "xy", "zz_dot", "bias", "x_dot"].map(str::to_owned).to_vec()
+    }
+
+    fn calibration(values: [f64; 2]) -> Calibration {
+        let terms = ["xy", "x"].map(str::to_owned).to_vec();
+        Calibration { terms, values_nt: values.to_vec(), sigmas_nt: vec![3.0, 4.0] }
+    }
+
+    #[test]
+    fn unit_without_a_calibration_each_family_has_its_sigma() {
+        let prior = model().prior(&names(), 0.1, &[]).unwrap();
+        assert_eq!(prior.sigma(), [2000.0, 1000.0, 5000.0, 500.0, 500.0]);
+        assert_eq!(prior.mean, [0.0; 5]);
+    }
+
+    #[test]
+    fn unit_a_calibration_tells_its_terms_and_the_others_stay_cold() {
+        let prior = model().prior(&names(), 0.1, &[calibration([30.0, 40.0])]).unwrap();
+        assert_eq!(prior.mean, [40.0, 30.0, 0.0, 0.0, 0.0]);
+        assert_eq!(prior.sigma(), [8.0, 6.0, 5000.0, 500.0, 500.0]);
+        let foreign = Calibration { terms: vec!["cur_ac_hi".to_owned()], values_nt: vec![1.0], sigmas_nt: vec![1.0] };
+        assert!(model().prior(&names(), 0.1, &[foreign]).unwrap_err().what.contains("none of the terms"));
+    }
+
+    #[test]
+    fn law_several_calibrations_tell_by_their_scatter() {
+        let several = [[30.0, 40.0], [34.0, 40.0], [32.0, 46.0]].map(calibration);
+        let prior = model().prior(&names(), 0.1, &several).unwrap();
+        assert_eq!(prior.mean[..2], [42.0, 32.0]);
+        // Variances of 12 and 4 nT², widened by 4/3 for the mean and by 3 for being estimates, and by the factor.
+        for (sigma, variance) in prior.sigma().iter().zip([12.0, 4.0]) {
+            assert!((sigma.powi(2) / (variance * 4.0 * 4.0) - 1.0).abs() < 1e-12, "{sigma}");
+        }
+    }
+}

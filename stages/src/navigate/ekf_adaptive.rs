@@ -1,0 +1,105 @@
+//! The extended Kalman filter with noise that it learns from its own innovations.
+
+use numerics::navigation::{
+    adaptive::{Adapt, AdaptiveForm, AdaptiveParameters, Magnetometer, run},
+    transition::NoiseDiscretisation,
+};
+use schemas::{Column, Fault, Rule};
+
+use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
+use crate::columns::{array, data};
+
+/// The bounds of the learnt noise where they are not given, as factors of the expected one.
+const LEAST: f64 = 1.0 / 20.0;
+const LARGEST: f64 = 20.0;
+
+filter! {
+    /// The extended Kalman filter of `ekf` that learns the noise of its measurement, so that its innovations are as
+    /// large as it says. It is for a measurement whose noise is unknown or changes: a filter told a noise ten times too
+    /// small or too large loses more than half of its accuracy, one that learns it a few percent. Where the noise is
+    /// known, `ekf` is simpler and no worse. The bounds matter: noise is told from map errors within them only.
+    ///
+    /// `sigma_adapted` is the noise that the measurement of the sample was taken to have. It starts at
+    /// `measurement_sigma_nt` and is of the window before the sample. Of several magnetometers each has its own,
+    /// `sigma_adapted_<mag>`, and one whose noise grows loses its weight.
+    ///
+    /// Source: thesis 000, (5.46)-(5.49); Mehra 1972; Mohamed & Schwarz 1999.
+    EkfAdaptive = "ekf_adaptive", version 1, example "window = 50";
+    /// Which noise is learnt: of the measurement (`"r"`), of the process (`"q"`), or both.
+    adapt: Adapt, unit "", default Adapt::R;
+    /// How many innovations are looked back on. With 50 the noise is known to 10 %. With 10, as MagNav.jl, it is near 0
+    /// now and then, and the filter believes far too much unless `sigma_min_nt` is near the truth.
+    window: usize, unit "1", default 50usize, rule Rule::Between(2.0, 1e6);
+    /// The least noise that is learnt.
+    sigma_min_nt: Option<f64>, unit "nT", absent "a twentieth of `measurement_sigma_nt`", rule Rule::Positive;
+    /// The largest noise that is learnt.
+    sigma_max_nt: Option<f64>, unit "nT", absent "20 times `measurement_sigma_nt`", rule Rule::Positive;
+    /// How the innovations are matched: each with the covariance of its own time, or as MagNav.jl, which starts at the
+    /// mean of the bounds and takes the present covariance off all.
+    form: AdaptiveForm, unit "", default AdaptiveForm::Matched;
+    /// A measurement whose squared innovation over its variance is above this is not used, but learnt from.
+    gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
+    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
+    /// Append the state `x` and its covariance `p` (row-major).
+    save_state: bool, unit "", default false;
+}
+
+impl NavigationFilter for EkfAdaptive {
+    fn each_magnetometer(&self) -> bool {
+        true
+    }
+
+    fn columns(&self, flight: &Flight) -> Vec<Column> {
+        let what = "noise that the measurement was taken to have; NaN without one";
+        let names = flight.mags.iter().map(|mag| match flight.mags {
+            [_] => "sigma_adapted".to_owned(),
+            _ => format!("sigma_adapted_{mag}"),
+        });
+        let mut columns: Vec<Column> = names.map(|name| Column::float(name, "nT", what)).collect();
+        columns.push(Column::float("given_back", "1", "share of the correction that is given back as process noise"));
+        if self.save_state {
+            columns.extend(state_columns());
+        }
+        columns
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        let bounds_r = ["sigma_min_nt", "sigma_max_nt", "form"].contains(&key);
+        (bounds_r && self.adapt == Adapt::Q)
+            .then(|| Fault::new(format!("`{key}` is of the measurement noise, which `adapt = \"q\"` does not learn")))
+    }
+
+    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+        let line = flown.line_with(self.discretisation)?;
+        let parameters = AdaptiveParameters {
+            adapt: self.adapt,
+            form: self.form,
+            window: self.window,
+            gate_nis: self.gate_nis,
+            keep_states: self.save_state,
+            keep_covariance: self.save_state,
+        };
+        let sigma_nt = flown.measurement_sigma_nt;
+        let least = self.sigma_min_nt.unwrap_or(LEAST * sigma_nt);
+        let largest = self.sigma_max_nt.unwrap_or(LARGEST * sigma_nt);
+        let sigmas = vec![sigma_nt; line.ins.len()];
+        let magnetometers: Vec<Magnetometer> = flown
+            .magnetometers
+            .iter()
+            .map(|mag| Magnetometer {
+                measurement_nt: &mag.measured_nt,
+                sigma_nt: &sigmas,
+                sigma_min_nt: least,
+                sigma_max_nt: largest,
+            })
+            .collect();
+        let mut out = run(&parameters, &line, &magnetometers).map_err(data)?;
+        let states = if self.save_state { state_arrays(&mut out.navigation)? } else { vec![] };
+        let mut track = Track::of(flown, out.navigation, self.gate_nis)?;
+        track.more.extend(out.magnetometers.into_iter().map(|magnetometer| array(magnetometer.sigma_nt)));
+        track.more.push(array(out.given_back));
+        track.more.extend(states);
+        Ok(track)
+    }
+}

@@ -1,0 +1,143 @@
+//! The fixed-lag smoother with the coefficients of the aircraft.
+
+use numerics::{
+    navigation::{
+        fixed_lag::{self, Coefficients, FixedLagOutput, FixedLagParameters, Keep, Loss, Magnetometer, Usage},
+        transition::NoiseDiscretisation,
+    },
+    signal::gauss_markov::GaussMarkov,
+};
+use schemas::{Column, Fault, Rule};
+
+use super::aircraft::{AircraftModel, one_with_models, step_s};
+use super::ekf_online_tl::aircraft_columns;
+use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
+use crate::columns::{array, data};
+
+filter! {
+    /// A smoother over sliding windows that learns the aircraft's field as it navigates: the 18 states of the `ekf`,
+    /// the coefficients of the A-matrix of the line where there is one, and a Gauss-Markov error of the magnetometer.
+    /// It starts cold, on an uncompensated magnetometer: the INS is good to metres at the line's start, and the map
+    /// tells the coefficients there.
+    ///
+    /// Each window is solved by Gauss-Newton, with the map linearised anew, and hands the filtered covariance of INS
+    /// states and coefficients on to the next. Between the ends of windows a filter goes on from the last one; its
+    /// innovations are
+    /// `residual` and `nis`, one a `measurement_interval_s`. With `lag_s` = 0 the track is what a navigator has in
+    /// flight.
+    ///
+    /// `fogm_sigma_nt` is the temporal variation that all magnetometers share, `aircraft_sigma_nt` what the linear
+    /// model of the aircraft leaves. The latter decides on honesty: without it, cabin magnetometers make any filter
+    /// overconfident.
+    ///
+    /// Source: the windows and their prior as in fixed-lag factor-graph smoothing; each window as the iterated smoother
+    /// [Bell 1994] in the form of Bryson and Frazier [Bierman 1973].
+    FixedLag = "fixed_lag", version 1, groups [aircraft: AircraftModel], example "lag_s = 0.0";
+    /// Length of a window.
+    window_s: f64, unit "s", default 300.0, rule Rule::Positive;
+    /// The part of a window that it shares with the next: windows end every `window_s` (1 - `overlap`) seconds.
+    overlap: f64, unit "1", default 0.95, rule Rule::Between(0.0, 0.999);
+    /// The estimate of a sample uses measurements up to this long after it. 0 navigates in real time.
+    lag_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
+    /// The measurements within so long are averaged into one; 0 takes each by itself.
+    measurement_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
+    /// What a residual costs: its square, or less where it is large.
+    loss: Loss, unit "", default Loss::None;
+    /// Where `loss` departs from the square, in standard deviations of the measurement.
+    loss_scale: f64, unit "1", default 2.5, rule Rule::Positive;
+    /// Most iterations of a window.
+    iterations: usize, unit "", default 15usize;
+    /// Standard deviation of what lasts of the aircraft's field beside its coefficients; 0 for none.
+    aircraft_sigma_nt: f64, unit "nT", default 30.0, rule Rule::NotNegative;
+    /// Its correlation time.
+    aircraft_tau_s: f64, unit "s", default 300.0, rule Rule::Positive;
+    /// Random walk of every coefficient in an hour, as a part of its prior standard deviation; 0 for constants.
+    walk_per_hour: f64, unit "1", default 0.0, rule Rule::NotNegative;
+    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
+}
+
+impl NavigationFilter for FixedLag {
+    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+        self.aircraft.reads(flight)
+    }
+
+    fn each_magnetometer(&self) -> bool {
+        true
+    }
+
+    fn takes_models(&self) -> bool {
+        true
+    }
+
+    fn columns(&self, flight: &Flight) -> Vec<Column> {
+        aircraft_columns(flight)
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        match key {
+            "loss_scale" if self.loss == Loss::None => {
+                let fault = Fault::new("`loss_scale` belongs to the losses `huber` and `cauchy`");
+                Some(fault.help("the loss is `none`: leave it out"))
+            }
+            "aircraft_tau_s" if self.aircraft_sigma_nt == 0.0 => {
+                Some(Fault::new("`aircraft_tau_s` has no say").help("`aircraft_sigma_nt` is 0: leave it out"))
+            }
+            _ => None,
+        }
+    }
+
+    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+        one_with_models(flown)?;
+        let line = flown.line_with(self.discretisation)?;
+        let terms = self.aircraft.terms(flown)?;
+        let prior = self.aircraft.prior(&terms.names, step_s(flown), flown.models)?;
+        let walk_density: Vec<f64> =
+            prior.sigma().iter().map(|sigma| (self.walk_per_hour * sigma).powi(2) / 3600.0).collect();
+        let coefficients = Coefficients {
+            regressors: terms.values,
+            mean: &prior.mean,
+            covariance: &prior.covariance,
+            walk_density: &walk_density,
+        };
+        let sigma_nt = vec![flown.measurement_sigma_nt; line.ins.len()];
+        let error = GaussMarkov { sigma: self.aircraft_sigma_nt, tau_s: self.aircraft_tau_s };
+        let magnetometers: Vec<Magnetometer> = flown
+            .magnetometers
+            .iter()
+            .map(|mag| Magnetometer { measurement_nt: &mag.measured_nt, sigma_nt: &sigma_nt, coefficients, error })
+            .collect();
+        let output = fixed_lag::run(&self.parameters(), &line, &magnetometers, Keep::default()).map_err(data)?;
+        self.track(flown, output, magnetometers.len())
+    }
+}
+
+impl FixedLag {
+    fn parameters(&self) -> FixedLagParameters {
+        FixedLagParameters {
+            window_s: self.window_s,
+            overlap: self.overlap,
+            lag_s: self.lag_s,
+            measurement_interval_s: self.measurement_interval_s,
+            loss: self.loss,
+            loss_scale: self.loss_scale,
+            iterations: self.iterations,
+            ..FixedLagParameters::default()
+        }
+    }
+
+    fn track(&self, flown: &Flown, output: FixedLagOutput, magnetometers: usize) -> Result<Track, Fault> {
+        let update = output.usage.iter().map(|usage| match usage {
+            Usage::Used => Update::Used,
+            Usage::Missing => Update::Missing,
+            Usage::OffMap => Update::OffMap,
+        });
+        let update: Vec<Update> = update.collect();
+        let mut track = Track::of(flown, output.navigation, None)?;
+        // The residual stands at the first sample of an interval; the others are used all the same.
+        track.update = update;
+        let of = |mag: usize| output.aircraft_nt.iter().skip(mag).step_by(magnetometers).copied().collect();
+        track.more = (0..magnetometers).map(|mag| array(of(mag))).collect();
+        Ok(track)
+    }
+}

@@ -1,0 +1,168 @@
+//! Navigation without a map.
+
+use numerics::navigation::ins_error::InsErrorModel;
+use numerics::navigation::{
+    slam::{Covariance, ExpectedMeasurement, HyperparameterSource, IMPLAUSIBLE, Kernel, SlamLine, SlamParameters, run},
+    transition::NoiseDiscretisation,
+};
+use schemas::{Column, Fault, Rule};
+
+use super::filter::{Flight, Flown, NavigationFilter, Track, filter};
+use crate::columns::{array, data};
+
+filter! {
+    /// Navigation without a map: each particle's own path with the measurements along it is its map, and a particle counts
+    /// by how well the earlier measurements predict the present one where it crosses or follows its earlier path. It holds
+    /// an INS that drifts on flights that come back to where they were: loiters, surveys with tie lines. Only the position
+    /// relative to the earlier path is observed, so that what the INS errs until the first revisit stays; without a revisit
+    /// the track is that of the INS. The map of the stage is not looked at, nor is `offset_window_s`: a constant in the
+    /// measurement is part of the unknown map. `off_map` in the column `update` means that nobody has been near before.
+    ///
+    /// The same `seed` gives the same bits on any number of threads.
+    ///
+    /// Source: thesis 001, chapters III and V and appendix A; with the last measurements in every prediction, which makes the
+    /// product of the weights the likelihood of the flight [Vecchia 1988], with the temporal variation in the covariance, and
+    /// with paths shared in a tree, so that a step costs the same after ten hours.
+    Slam = "slam", version 1, example "particles = 1000";
+    /// The number of particles. The drift between revisits has to be covered densely: more for a poorer INS.
+    particles: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 1e6);
+    /// The seed of every draw.
+    seed: usize, unit "", default 0usize;
+    /// Particles are moved and weighted at most this often; measurements in between are averaged. 0 takes every sample.
+    update_interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
+    /// How a measurement is predicted from the earlier ones: from the nearest and the last ones (`"nearest_neighbour"`), by
+    /// the regression of the thesis (`"regression"`), or by inverse distance (`"inverse_distance"`).
+    expected_measurement: ExpectedMeasurement, unit "", default ExpectedMeasurement::NearestNeighbour;
+    /// Whether the three hyper-parameters are fitted to the first part of the flight by maximum likelihood, or are as given.
+    hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
+    /// How the covariance of the anomaly falls with distance.
+    covariance: Covariance, unit "", default Covariance::Matern52;
+    /// Standard deviation of the anomaly.
+    sigma_se_nt: Option<f64>, unit "nT", absent "50 nT, the value of the flight over Louisa", rule Rule::Positive;
+    /// Correlation length of the anomaly.
+    length_m: Option<f64>, unit "m", absent "150 m, as above", rule Rule::Positive;
+    /// What of the anomaly is white, beside the noise of the measurement.
+    sigma_n_nt: Option<f64>, unit "nT", absent "1 nT, as above", rule Rule::NotNegative;
+    /// The first part of the flight that the hyper-parameters are fitted to.
+    fit_window_s: f64, unit "s", default 600.0, rule Rule::Positive;
+    /// The most earlier samples that a prediction is made of.
+    neighbours: usize, unit "1", default 12usize, rule Rule::Between(1.0, 20.0);
+    /// Samples before the last so many seconds are earlier ones.
+    ignore_s: f64, unit "s", default 30.0, rule Rule::NotNegative;
+    /// More than `trigger_points` earlier samples within this radius make a revisit.
+    trigger_radius_m: Option<f64>, unit "m", absent "18 m, or 1.6 times the distance between samples", rule Rule::Positive;
+    /// See `trigger_radius_m`.
+    trigger_points: usize, unit "1", default 2usize;
+    /// The radius of the earlier samples that a prediction is made of.
+    interpolation_radius_m: Option<f64>, unit "m",
+        absent "half a length of the covariance, at most 0.4 of what is flown in `ignore_s`", rule Rule::Positive;
+    /// Earlier samples whose height differs by more are not used; smaller differences add to their variance.
+    max_height_difference_m: f64, unit "m", default 100.0, rule Rule::NotNegative;
+    /// Standard deviation of a prediction by inverse distance.
+    interpolant_sigma_nt: f64, unit "nT", default 10.0, rule Rule::Positive;
+    /// Particles are resampled when their effective number falls below this fraction of all.
+    resample_below: f64, unit "1", default 0.5, rule Rule::Between(0.0, 1.0);
+    /// A measurement whose squared innovation over its variance is above this is not used.
+    gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
+    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
+}
+
+impl NavigationFilter for Slam {
+    fn needs_map(&self) -> bool {
+        false
+    }
+
+    fn takes_map(&self) -> bool {
+        true
+    }
+
+    fn columns(&self, _: &Flight) -> Vec<Column> {
+        vec![
+            Column::float("revisiting", "1", "particles that revisit their earlier path; 0 between steps"),
+            Column::float("effective", "1", "effective number of particles after the weighting"),
+        ]
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        let by_radius = self.expected_measurement != ExpectedMeasurement::NearestNeighbour;
+        let belongs = |what: &str| {
+            let help = "leave it out".to_owned();
+            Some(Fault::new(format!("`{key}` belongs to {what}")).help(help))
+        };
+        match key {
+            "trigger_radius_m" | "trigger_points" if !by_radius => belongs("the methods that look within a radius"),
+            "interpolant_sigma_nt" if self.expected_measurement != ExpectedMeasurement::InverseDistance => {
+                belongs("the method `inverse_distance`")
+            }
+            "fit_window_s" if self.hyperparameters == HyperparameterSource::Fixed => {
+                belongs("`hyperparameters = \"fitted\"`")
+            }
+            // `length_m` and `sigma_n_nt` are where the search starts.
+            "sigma_se_nt" if self.hyperparameters == HyperparameterSource::Fitted => {
+                belongs("`hyperparameters = \"fixed\"`")
+            }
+            _ => None,
+        }
+    }
+
+    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+        let line = SlamLine {
+            ins: &flown.ins,
+            measurement_nt: &flown.measured_nt,
+            sigma_nt: &flown.sigma_nt,
+            core: flown.core.as_ref(),
+            errors: InsErrorModel { noise: self.discretisation, ..flown.errors },
+        };
+        let output = run(&self.parameters(), &line).map_err(data)?;
+        if output.report.revisits == 0 {
+            return Err(Fault::data(
+                "the flight never comes near its earlier path, so that there is nothing to navigate by",
+            )
+            .help("for the track of the INS alone leave the filter out; or enlarge `interpolation_radius_m`"));
+        }
+        if output.report.largest_correction > IMPLAUSIBLE {
+            let what = format!(
+                "the corrections are larger than the INS can have erred: their square is {:.0} times its variance",
+                output.report.largest_correction
+            );
+            let help =
+                "the INS drifts too far between revisits for so many particles; or its grade is not the one given";
+            return Err(Fault::data(what).help(help));
+        }
+        let mut track = Track::of(flown, output.navigation, self.gate_nis)?;
+        track.more.push(array(output.revisiting.iter().map(|count| f64::from(*count)).collect()));
+        track.more.push(array(output.effective));
+        Ok(track)
+    }
+}
+
+impl Slam {
+    fn parameters(&self) -> SlamParameters {
+        let kernel = Kernel::default();
+        SlamParameters {
+            particles: self.particles,
+            seed: self.seed as u64,
+            update_interval_s: self.update_interval_s,
+            expected: self.expected_measurement,
+            hyperparameters: self.hyperparameters,
+            kernel: Kernel {
+                covariance: self.covariance,
+                sigma_se_nt: self.sigma_se_nt.unwrap_or(kernel.sigma_se_nt),
+                length_m: self.length_m.unwrap_or(kernel.length_m),
+                sigma_n_nt: self.sigma_n_nt.unwrap_or(kernel.sigma_n_nt),
+            },
+            fit_window_s: self.fit_window_s,
+            neighbours: self.neighbours,
+            ignore_s: self.ignore_s,
+            trigger_radius_m: self.trigger_radius_m,
+            trigger_points: self.trigger_points,
+            interpolation_radius_m: self.interpolation_radius_m,
+            max_height_difference_m: self.max_height_difference_m,
+            interpolant_sigma_nt: self.interpolant_sigma_nt,
+            resample_below: self.resample_below,
+            gate_nis: self.gate_nis,
+            ..SlamParameters::default()
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! The unscented Kalman filter.
+
+use numerics::navigation::{
+    transition::NoiseDiscretisation,
+    ukf::{UkfParameters, run},
+};
+use schemas::{Column, Fault, Rule};
+
+use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
+use crate::columns::{array, data};
+
+filter! {
+    /// The unscented Kalman filter on the states of `ekf`: the map is not linearised at the estimated position, but
+    /// regressed over its uncertainty, from seven look-ups a sample. It is the EKF where the map is straight over that
+    /// uncertainty, and takes the bend as noise where it is not; it is worth its look-ups where the position is
+    /// uncertain by more than a node of the map.
+    ///
+    /// Where an outer point is off the map, the map is linearised at the estimated position. `sd_nonlinear` is the part
+    /// of the innovation's standard deviation that the bend of the map makes; NaN where there was none to compute.
+    ///
+    /// Source: Julier & Uhlmann 2004; for a measurement that is nonlinear in the position only, Morelande & Ristic
+    /// 2006.
+    Ukf = "ukf", version 1, example "kappa = 0.0";
+    /// Distance of the outer points, as a factor.
+    alpha: f64, unit "1", default 1.0, rule Rule::Positive;
+    /// What the centre weighs more in the variance than in the mean; at least -alpha² kappa/3. The variance of a
+    /// field's bend is (5 + 4 beta)/8 of the true one on average over directions: 2 is on the cautious side.
+    beta: f64, unit "1", default 2.0, rule Rule::Finite;
+    /// The outer points are alpha sqrt(3 + kappa) standard deviations away; above -3. With 0 the gain is right to the
+    /// fourth moment of a normal distribution.
+    kappa: f64, unit "1", default 0.0, rule Rule::Finite;
+    /// A measurement whose squared innovation over its variance is above this is not used.
+    gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
+    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
+    /// Append the state `x` and its covariance `p` (row-major).
+    save_state: bool, unit "", default false;
+}
+
+impl NavigationFilter for Ukf {
+    fn columns(&self, _: &Flight) -> Vec<Column> {
+        let mut columns = vec![Column::float("sd_nonlinear", "nT", "one sigma of the map's bend around the estimate")];
+        if self.save_state {
+            columns.extend(state_columns());
+        }
+        columns
+    }
+
+    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+        let line = flown.line_with(self.discretisation)?;
+        let parameters = UkfParameters {
+            alpha: self.alpha,
+            beta: self.beta,
+            kappa: self.kappa,
+            gate_nis: self.gate_nis,
+            keep_states: self.save_state,
+            keep_covariance: self.save_state,
+        };
+        let mut out = run(&parameters, &line).map_err(data)?;
+        let states = if self.save_state { state_arrays(&mut out.navigation)? } else { vec![] };
+        let mut track = Track::of(flown, out.navigation, self.gate_nis)?;
+        track.more.push(array(out.nonlinear_sd_nt));
+        track.more.extend(states);
+        Ok(track)
+    }
+}
