@@ -23,6 +23,7 @@ use numerics::{
     },
     random::Normals,
 };
+mod osborne;
 use osborne::{Line, core_field, grid, temporal_nt};
 
 const SAMPLES: u32 = 2400;
