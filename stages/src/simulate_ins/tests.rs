@@ -133,7 +133,7 @@ fn law_an_ins_without_error_sources_is_the_truth_at_uneven_times() {
     for method in [Method::ErrorModel, Method::Mechanisation] {
         let said = run(&SimulateIns { method, ..exact.clone() }, &line("1", &columns)).unwrap();
         let speed = |k: usize| said[3][k].hypot(said[4][k]);
-        for k in 1..299 {
+        (1..299).for_each(|k| {
             for axis in 0..3 {
                 // The mechanisation's own height is rounded to 1e-10 m, a degree of 45 to 1e-14.
                 assert!((said[axis][k] - columns[axis + 1].1[k]).abs() < 1e-9, "{axis} {k}");
@@ -143,7 +143,7 @@ fn law_an_ins_without_error_sources_is_the_truth_at_uneven_times() {
             let course = said[4][k].atan2(said[3][k]).to_degrees();
             assert!((said[11][k] - course).abs() < 1e-9 && said[9][k].abs() < 1e-9, "level along the course");
             assert!((said[8][k] + 9.8).abs() < 0.05, "{k}: {} m/s2 down", said[8][k]);
-        }
+        });
         // A turn of ω takes ω v to the side: across the course, away from the ends.
         let omega = 0.5f64.to_radians();
         let across = |k: usize| (said[7][k] * said[3][k] - said[6][k] * said[4][k]) / speed(k);

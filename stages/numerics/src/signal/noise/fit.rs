@@ -193,7 +193,12 @@ fn best(points: &[Point], least_s: f64, most_s: f64) -> (f64, Parts) {
         let (a, b) = (high - golden * (high - low), low + golden * (high - low));
         if of(a.exp()).deviance <= of(b.exp()).deviance { high = b } else { low = a }
     }
-    let tau_s = (0.5 * (low + high)).exp();
+    // Rounding decides where a flat curve is least; a parabola over a thousandth does not see it.
+    const STEP: f64 = 1e-3;
+    let middle = 0.5 * (low + high);
+    let [before, here, after] = [middle - STEP, middle, middle + STEP].map(|log_tau| of(log_tau.exp()).deviance);
+    let shift = 0.5 * STEP * (before - after) / (before - 2.0 * here + after);
+    let tau_s = (middle + if shift.abs() < STEP { shift } else { 0.0 }).exp();
     (tau_s, of(tau_s))
 }
 
