@@ -26,7 +26,7 @@ stage! {
     ///
     /// By the autocorrelation, the variance less the autocovariance at lags from a sample to a quarter of the longest run
     /// is fitted; by `allan`, the Allan variance. No constant matters to either. A gap ends a run. Without a lasting part
-    /// beyond chance, sigma is 0 and the time constant is the step between samples.
+    /// beyond chance, sigma is 0 and the time constant is the step between samples. The white part is at least 0.01 nT.
     ///
     /// It refuses records without a run of 64 samples, a constant, lines of different sample rates, and records that last
     /// less than 20 (or in their longest run less than 8) of their own time constants, which such a record does not tell.

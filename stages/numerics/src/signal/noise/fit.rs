@@ -3,7 +3,7 @@
 use params::choice;
 use thiserror::Error;
 
-use super::{Blocks, Noise, allan_variance, gauss_markov_allan};
+use super::{Blocks, FLOOR_NT, Noise, allan_variance, gauss_markov_allan};
 use crate::signal::gauss_markov::GaussMarkov;
 
 /// The correlation times that are tried, before the best is refined.
@@ -79,7 +79,8 @@ impl Point {
 }
 
 /// The white and the first-order Gauss-Markov noise that fit the `runs` of a record best, evenly sampled at `rate_hz`
-/// within a run; all in the unit of the record. The mean of each run is taken as unknown.
+/// within a run, in nT. The mean of each run is taken as unknown. The white part is at least 0.01 nT, since a filter cannot
+/// use a measurement without noise.
 ///
 /// The statistics of each lag or span are fitted by maximum likelihood as if they were independent gamma variates with as
 /// many degrees of freedom as there are separate pairs in the record. Where a lasting part does not explain more than
@@ -113,13 +114,13 @@ pub fn fit(runs: &[&[f64]], rate_hz: f64, by: FitBy) -> Result<Noise, FitError> 
     };
     let (tau_s, best) = best(&points, 0.5 * step_s, longest_s);
     if white_alone(&points).deviance - best.deviance < LEAST_GAIN {
-        let white = white_alone(&points).white.sqrt();
+        let white = white_alone(&points).white.sqrt().max(FLOOR_NT);
         return Ok(Noise { white_nt: white, lasting: GaussMarkov { sigma: 0.0, tau_s: step_s } });
     }
     if total_s < LEAST_TAUS[0] * tau_s || longest_s < LEAST_TAUS[1] * tau_s {
         return Err(FitError::Unresolved { tau_s, total_s, longest_s });
     }
-    Ok(Noise { white_nt: best.white.sqrt(), lasting: GaussMarkov { sigma: best.lasting.sqrt(), tau_s } })
+    Ok(Noise { white_nt: best.white.sqrt().max(FLOOR_NT), lasting: GaussMarkov { sigma: best.lasting.sqrt(), tau_s } })
 }
 
 /// Half the mean square of the change over lags of 1, 2, ... samples, ever wider, to a quarter of the longest run.
