@@ -156,6 +156,11 @@ impl Track {
     /// When not a single measurement was used, or the offset is unknown.
     pub fn of(flown: &Flown, out: NavigationOutput, gate_nis: Option<f64>) -> Result<Track, Fault> {
         enough(flown, &out.report)?;
+        Ok(Self::with_any(flown, out, gate_nis))
+    }
+
+    /// The same, where a line without a single measurement to use has a track too.
+    pub fn with_any(flown: &Flown, out: NavigationOutput, gate_nis: Option<f64>) -> Track {
         let update = |(residual, (nis, measured)): (&f64, (&f64, &f64))| match gate_nis {
             _ if !measured.is_finite() => Update::Missing,
             _ if residual.is_nan() => Update::OffMap,
@@ -163,7 +168,7 @@ impl Track {
             Some(_) | None => Update::Used,
         };
         let update = out.residual_nt.iter().zip(out.nis.iter().zip(&flown.measured_nt)).map(update).collect();
-        Ok(Track { update, ..Track::without_updates(out) })
+        Track { update, ..Track::without_updates(out) }
     }
 
     /// The track of a filter's output that does not say what became of the measurements.

@@ -115,12 +115,6 @@ impl NavigationFilter for Slam {
             errors: InsErrorModel { noise: self.discretisation, ..flown.errors },
         };
         let output = run(&self.parameters(), &line).map_err(data)?;
-        if output.report.revisits == 0 {
-            return Err(Fault::data(
-                "the flight never comes near its earlier path, so that there is nothing to navigate by",
-            )
-            .help("for the track of the INS alone leave the filter out; or enlarge `interpolation_radius_m`"));
-        }
         if output.report.largest_correction > IMPLAUSIBLE {
             let what = format!(
                 "the corrections are larger than the INS can have erred: their square is {:.0} times its variance",
@@ -130,7 +124,7 @@ impl NavigationFilter for Slam {
                 "the INS drifts too far between revisits for so many particles; or its grade is not the one given";
             return Err(Fault::data(what).help(help));
         }
-        let mut track = Track::of(flown, output.navigation, self.gate_nis)?;
+        let mut track = Track::with_any(flown, output.navigation, self.gate_nis);
         track.more.push(array(output.revisiting.iter().map(|count| f64::from(*count)).collect()));
         track.more.push(array(output.effective));
         Ok(track)
