@@ -6,17 +6,21 @@ mod calibrations;
 mod crlb;
 mod ekf;
 mod ekf_adaptive;
+mod ekf_online_nn;
 mod ekf_online_tl;
 mod filter;
 mod filters;
 mod fixed_lag;
 mod flown;
+mod geometry;
 mod iekf;
 mod ins;
 mod ins_only;
 mod mpf;
 mod rts;
 mod slam;
+#[cfg(test)]
+mod testing;
 mod ukf;
 
 use std::sync::Arc;
@@ -36,6 +40,7 @@ pub use filter::{
     Filter, Flight, Flown, Magnetometer, NavigationFilter, Point, Track, Update, filter, navigate_points,
 };
 pub use filters::FILTERS;
+pub use geometry::{DeadZones, SensorGeometry};
 
 use crate::{
     columns::{array, faults_of, floats, shape},
@@ -82,7 +87,7 @@ stage! {
     /// white part comes what bilinear interpolation misses between the map's nodes.
     Navigate = "navigate", version 5, grain Line,
     inputs [input: Lines, map: Map optional, model: ManyModels optional],
-    groups [noise: MeasurementNoise, ins: GradedIns], example r#"
+    groups [noise: MeasurementNoise, geometry: SensorGeometry, ins: GradedIns], example r#"
 [[stages]]
 name            = "navigate"
 stage           = "navigate"
@@ -232,7 +237,7 @@ impl Navigate {
             reads.push(DIURNAL);
         }
         reads.extend(self.found().iter().filter(|f| f.0 == OrAuto::Auto).map(|f| f.2));
-        reads.into_iter().map(str::to_owned).collect()
+        reads.into_iter().map(str::to_owned).chain(self.geometry.reads()).collect()
     }
 
     fn dated_by_flight(&self, shape: &Shape) -> bool {
@@ -266,7 +271,7 @@ impl Navigate {
 
 impl Stage for Navigate {
     fn idle(&self, key: &str) -> Option<Fault> {
-        self.filter.foreign(key).or_else(|| self.filter.keys.idle(key))
+        self.filter.foreign(key).or_else(|| self.geometry.idle(key)).or_else(|| self.filter.keys.idle(key))
     }
 
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
@@ -290,8 +295,9 @@ impl Stage for Navigate {
             let what = "the core field needs a date, but the flight has no `year` and `doy`";
             faults.push(Fault::new(what).help(WAYS_OUT).of_param("decimal_year"));
         }
-        let flight = Flight { shape, mags: &self.mag };
+        let flight = Flight { shape, mags: &self.mag, has_direction: self.geometry.vector.is_some() };
         let filter = &self.filter.keys;
+        faults.extend(self.geometry.faults(shape, filter.takes_direction()));
         let further = filter.reads(&flight).map_err(|more| faults.extend(more)).unwrap_or_default();
         let tables = &inputs[1..];
         let map = tables.iter().position(|table| matches!(table, Table::Map(_)));
@@ -537,7 +543,8 @@ mod tests {
     fn unit_a_key_of_another_filter_is_idle() {
         let why = |filter: &str, key: &str| navigate(&[("filter", text(filter))]).idle(key).map(|fault| fault.what);
         assert_eq!(why("ekf", "hold_s").as_deref(), Some("`hold_s` belongs to `still`"));
-        assert_eq!(why("still", "gate_nis").as_deref(), Some("`gate_nis` belongs to `ekf`"));
+        assert!(why("still", "gate_nis").is_some_and(|what| what.starts_with("`gate_nis` belongs to `ekf`, `iekf`")));
+        assert_eq!(why("ekf", "tolerance_m").as_deref(), Some("`tolerance_m` belongs to `iekf` and `rts`"));
         for (filter, key) in [("ekf", "gate_nis"), ("still", "hold_s"), ("ekf", "mag"), ("still", "fogm_tau_s")] {
             assert_eq!(why(filter, key), None, "{filter} {key}");
         }

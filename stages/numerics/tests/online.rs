@@ -102,6 +102,7 @@ impl Flight {
             core: Some(core()),
             errors: InsErrorModel::default(),
             offset_window_s: 0.0,
+            fixes: None,
         };
         let magnetometer =
             Magnetometer { measurement_nt, sigma_nt: &sigma_nt, terms: &self.terms, prior, walk_density };
@@ -342,6 +343,7 @@ fn law_an_online_network_follows_an_aircraft_that_changes() {
                 core: Some(core()),
                 errors: InsErrorModel::default(),
                 offset_window_s: 0.0,
+                fixes: None,
             };
             let parameters = OnlineParameters { keep_states: true, ..OnlineParameters::default() };
             let output = nn_run(&line, &network, &features, prior, &parameters).unwrap();
@@ -382,6 +384,7 @@ fn unit_time_of_a_step() {
         core: None,
         errors: InsErrorModel::default(),
         offset_window_s: 0.0,
+        fixes: None,
     };
     let prior = CoefficientPrior::independent(&[0.0; 18], &[40.0; 18]);
     let sigma_nt = vec![5.0; SAMPLES as usize];

@@ -75,3 +75,63 @@ impl Aiding {
         Ok(Some(fixes))
     }
 }
+
+/// What two parts of a filter read, each column once.
+pub(super) fn both(
+    one: Result<Vec<String>, Vec<Fault>>,
+    other: Result<Vec<String>, Vec<Fault>>,
+) -> Result<Vec<String>, Vec<Fault>> {
+    match (one, other) {
+        (Ok(mut one), Ok(other)) => {
+            one.extend(other.into_iter().filter(|column| !one.contains(column)).collect::<Vec<_>>());
+            Ok(one)
+        }
+        (Err(mut one), Err(other)) => {
+            one.extend(other);
+            Err(one)
+        }
+        (Err(faults), Ok(_)) | (Ok(_), Err(faults)) => Err(faults),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::navigate::testing::*;
+
+    #[test]
+    fn law_every_filter_that_gnss_aids_holds_the_position_until_it_is_lost() {
+        let keys = "mag = 'mag_1_c'\ngnss_lost_s = [300.0, 1e6]\ngnss_sigma_m = 2.0\ngnss_interval_s = 5.0";
+        for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "ekf_online_tl"] {
+            let own = if filter == "ekf_online_tl" { "\nwalk_per_hour = 0.0" } else { "" };
+            let found = run(filter, &format!("{keys}{own}"));
+            let worst = (20..300).map(|row| found.error_m(row)).fold(0.0, f64::max);
+            assert!(worst < 5.0, "{filter}: {worst}");
+            let sd = found.numbers("sd_n");
+            assert!(sd[295] < 2.0 && sd[ROWS - 1] > sd[295], "{filter}: {} {}", sd[295], sd[ROWS - 1]);
+        }
+    }
+
+    #[test]
+    fn law_gnss_comes_at_its_own_rate() {
+        let fixes = |interval: &str| {
+            let keys = format!("gnss_lost_s = [100.0, 200.0]\ngnss_interval_s = {interval}\nmag = 'mag_1_c'");
+            run("ins_only", &keys).numbers("sd_n")
+        };
+        let (dense, sparse) = (fixes("1.0"), fixes("50.0"));
+        // A fix every second or every 50 s, none between 100 and 200 s.
+        let falls = |sd: &[f64]| (1..ROWS).filter(|row| sd[*row] < sd[row - 1] - 1e-3).collect::<Vec<_>>();
+        assert!(falls(&sparse).iter().all(|row| row % 50 == 0) && falls(&sparse).contains(&50), "{:?}", falls(&sparse));
+        assert!(falls(&sparse).iter().chain(&falls(&dense)).all(|row| !(100..200).contains(row)));
+        assert!(dense[99] < sparse[99]);
+    }
+
+    #[test]
+    fn unit_two_lists_are_one_and_all_faults_are_told() {
+        let of = |names: &[&str]| Ok(names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>());
+        assert_eq!(both(of(&["a", "b"]), of(&["b", "c"])).unwrap(), ["a", "b", "c"]);
+        let fault = |what: &str| Err(vec![Fault::new(what)]);
+        assert_eq!(both(fault("one"), fault("other")).unwrap_err().len(), 2);
+        assert_eq!(both(fault("one"), of(&["a"])).unwrap_err().len(), 1);
+    }
+}

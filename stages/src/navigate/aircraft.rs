@@ -1,5 +1,7 @@
 //! The aircraft's own field as states of a filter: its terms, and what is known of their coefficients before the line.
 
+use std::borrow::Cow;
+
 use numerics::navigation::online::{CoefficientPrior, check_sources, prior_from_calibrations};
 use schemas::{ColumnType, Fault, Rule, params};
 
@@ -23,6 +25,9 @@ params! {
     eddy_sigma_nt_s: f64, unit "nT s", default 500.0, rule Rule::Positive;
     /// Of the constant `bias`, and of every other coefficient.
     bias_sigma_nt: f64, unit "nT", default 500.0, rule Rule::Positive;
+    /// One sigma of each harmonic of the magnetometer's heading error: the first, second and fourth of the angle between
+    /// its axis and the field, `heading_1`, `heading_2` and `heading_4`. Needs `vector`.
+    heading_error_sigma_nt: Option<f64>, unit "nT", absent "it is taken to have none", rule Rule::Positive;
     /// What the one sigma of the calibrations under `model` is multiplied by. Of one calibration it is that of its fit,
     /// of several their scatter.
     prior_factor: f64, unit "1", default 1.0, rule Rule::Positive;
@@ -32,7 +37,16 @@ params! {
 pub(super) struct Terms<'a> {
     pub(super) names: Vec<String>,
     /// Row-major, a row a sample.
-    pub(super) values: &'a [f64],
+    pub(super) values: Cow<'a, [f64]>,
+}
+
+/// The harmonics of the heading error of an optically pumped magnetometer.
+const HEADING: [(&str, u32); 3] = [("heading_1", 1), ("heading_2", 2), ("heading_4", 4)];
+
+/// cos kθ for each of the harmonics.
+fn heading_terms(cosine: f64) -> impl Iterator<Item = f64> {
+    let angle = cosine.acos();
+    HEADING.iter().map(move |(_, k)| (f64::from(*k) * angle).cos())
 }
 
 impl AircraftModel {
@@ -44,13 +58,23 @@ impl AircraftModel {
             return Err(vec![Fault::new(what).of_param("terms").help("name the column of an `a_matrix`")]);
         };
         check_sources(names).map_err(|e| vec![Fault::new(e.to_string()).of_param("terms")])?;
+        if self.heading_error_sigma_nt.is_some() && !flight.has_direction {
+            let what = "a heading error needs the direction of the field: `vector`, the name of a vector magnetometer";
+            return Err(vec![Fault::new(what).of_param("heading_error_sigma_nt")]);
+        }
         Ok(vec![self.terms.clone()])
     }
 
     /// The terms along a line.
     pub(super) fn terms<'a>(&self, flown: &'a Flown) -> Result<Terms<'a>, Fault> {
-        let (values, names) = matrix(flown.columns, &self.terms)?;
-        Ok(Terms { names, values })
+        let (values, mut names) = matrix(flown.columns, &self.terms)?;
+        let (Some(_), Some(cosines)) = (self.heading_error_sigma_nt, &flown.cosines) else {
+            return Ok(Terms { names, values: Cow::Borrowed(values) });
+        };
+        let rows = values.chunks_exact(names.len().max(1)).zip(cosines);
+        let values = rows.flat_map(|(row, cosine)| row.iter().copied().chain(heading_terms(*cosine))).collect();
+        names.extend(HEADING.iter().map(|(name, _)| (*name).to_owned()));
+        Ok(Terms { names, values: Cow::Owned(values) })
     }
 
     /// What is known of the coefficients before a line whose samples are `dt_s` apart.
@@ -89,6 +113,11 @@ impl AircraftModel {
 
     /// One sigma of a coefficient of which nothing is known, by the family of its name: `x`, `xy`, `xy_dot`.
     fn cold_sigma_nt(&self, term: &str, dt_s: f64) -> f64 {
+        if let Some(sigma_nt) = self.heading_error_sigma_nt
+            && HEADING.iter().any(|(name, _)| *name == term)
+        {
+            return sigma_nt;
+        }
         let axes = |name: &str| name.chars().all(|axis| matches!(axis, 'x' | 'y' | 'z'));
         match term.strip_suffix("_dot") {
             Some(name) if axes(name) && name.len() == 2 => self.eddy_sigma_nt_s / dt_s,
@@ -129,6 +158,7 @@ mod tests {
             induced_sigma_nt: 1000.0,
             eddy_sigma_nt_s: 500.0,
             bias_sigma_nt: 500.0,
+            heading_error_sigma_nt: Some(20.0),
             prior_factor: 2.0,
         }
     }
@@ -147,6 +177,16 @@ mod tests {
         let prior = model().prior(&names(), 0.1, &[]).unwrap();
         assert_eq!(prior.sigma(), [2000.0, 1000.0, 5000.0, 500.0, 500.0]);
         assert_eq!(prior.mean, [0.0; 5]);
+    }
+
+    #[test]
+    fn law_the_heading_error_has_three_harmonics_of_the_angle() {
+        // cos 60°, cos 120°, cos 240°.
+        let terms: Vec<f64> = heading_terms(0.5).collect();
+        assert!(terms.iter().zip([0.5, -0.5, -0.5]).all(|(a, b): (&f64, f64)| (a - b).abs() < 1e-12), "{terms:?}");
+        assert!(heading_terms(f64::NAN).all(f64::is_nan));
+        let names = HEADING.map(|(name, _)| name.to_owned());
+        assert_eq!(model().prior(&names, 0.1, &[]).unwrap().sigma(), [20.0; 3]);
     }
 
     #[test]

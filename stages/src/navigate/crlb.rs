@@ -2,11 +2,13 @@
 
 use numerics::navigation::{
     crlb::{TruePath, run},
+    line::NavigationLine,
     pinson::STATES,
     transition::NoiseDiscretisation,
 };
 use schemas::{Column, Fault};
 
+use super::aiding::{Aiding, both};
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_columns};
 use crate::columns::{data, floats, list};
 
@@ -23,7 +25,7 @@ filter! {
     /// noise keys give it: its mean says whether they are those of the data. `vn`, `ve`, `vd` are the INS's.
     ///
     /// Source: Tichavský, Muravchik & Nehorai 1998; MagNav.jl's `crlb`, with which it agrees to 8 digits.
-    Crlb = "crlb", version 1, example "discretisation = \"trapezoidal\"";
+    Crlb = "crlb", version 1, groups [aiding: Aiding], example "discretisation = \"trapezoidal\"";
     /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
     discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
     /// Append the covariance `p` (row-major).
@@ -34,7 +36,8 @@ impl NavigationFilter for Crlb {
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         let faults: Vec<Fault> =
             TRUTH.iter().filter_map(|(name, unit)| flight.shape.number(name, unit).err()).collect();
-        if faults.is_empty() { Ok(TRUTH.map(|(name, _)| name.to_owned()).to_vec()) } else { Err(faults) }
+        let truth = if faults.is_empty() { Ok(TRUTH.map(|(name, _)| name.to_owned()).to_vec()) } else { Err(faults) };
+        both(truth, self.aiding.reads(flight))
     }
 
     fn columns(&self, _: &Flight) -> Vec<Column> {
@@ -42,8 +45,13 @@ impl NavigationFilter for Crlb {
         if self.save_state { state_columns().into_iter().filter(|c| c.name == "p").collect() } else { vec![] }
     }
 
+    fn idle(&self, key: &str) -> Option<Fault> {
+        self.aiding.idle(key)
+    }
+
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let line = flown.line_with(self.discretisation)?;
+        let fixes = self.aiding.fixes(flown)?;
+        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
         let [lat_deg, lon_deg, alt_m] = TRUTH.map(|(name, _)| floats(flown.columns, name));
         let [lat_deg, lon_deg, alt_m] = [lat_deg?, lon_deg?, alt_m?];
         let path = TruePath { lat_deg, lon_deg, alt_m, velocity_ned_mps: None };
@@ -54,5 +62,28 @@ impl NavigationFilter for Crlb {
             track.more.push(list(p.into_flattened().into_flattened(), STATES * STATES)?);
         }
         Ok(track)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::navigate::testing::*;
+
+    #[test]
+    fn law_the_bound_is_at_the_truth_and_below_a_filter() {
+        let (bound, ekf) = (run("crlb", "mag = 'mag_1_c'\nsave_state = true"), run("ekf", "mag = 'mag_1_c'"));
+        assert!((0..ROWS).all(|row| bound.error_m(row) < 1e-6));
+        assert!(!bound.has("x") && bound.numbers("p").len() == 324 * ROWS);
+        // The map is linearised somewhere else than at the truth, by some of the filter's error.
+        let (sd, ekf) = (bound.numbers("sd_n"), ekf.numbers("sd_n"));
+        let (first, last, of_ekf) = (sd[0], sd[ROWS - 1], ekf[ROWS - 1]);
+        assert!((last / of_ekf - 1.0).abs() < 0.5 && last < 0.5 * first, "{first} {last} {of_ekf}");
+    }
+
+    #[test]
+    fn law_positions_by_gnss_lower_the_bound() {
+        let free = run("crlb", "mag = 'mag_1_c'").numbers("sd_e");
+        let aided = run("crlb", "mag = 'mag_1_c'\ngnss_lost_s = [300.0, 1e6]\ngnss_sigma_m = 1.0").numbers("sd_e");
+        assert!(aided[299] < 0.5 && aided[299] < free[299] && aided[ROWS - 1] > 2.0 * aided[299]);
     }
 }

@@ -2,10 +2,12 @@
 
 use numerics::navigation::{
     adaptive::{Adapt, AdaptiveForm, AdaptiveParameters, Magnetometer, run},
+    line::NavigationLine,
     transition::NoiseDiscretisation,
 };
 use schemas::{Column, Fault, Rule};
 
+use super::aiding::Aiding;
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
 use crate::columns::{array, data};
 
@@ -24,7 +26,7 @@ filter! {
     /// `sigma_adapted_<mag>`, and one whose noise grows loses its weight.
     ///
     /// Source: thesis 000, (5.46)-(5.49); Mehra 1972; Mohamed & Schwarz 1999.
-    EkfAdaptive = "ekf_adaptive", version 1, example "window = 50";
+    EkfAdaptive = "ekf_adaptive", version 1, groups [aiding: Aiding], example "window = 50";
     /// Which noise is learnt: of the measurement (`"r"`), of the process (`"q"`), or both.
     adapt: Adapt, unit "", default Adapt::R;
     /// How many innovations are looked back on. With 50 the noise is known to 10 %. With 10, as MagNav.jl, it is near 0
@@ -46,6 +48,10 @@ filter! {
 }
 
 impl NavigationFilter for EkfAdaptive {
+    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+        self.aiding.reads(flight)
+    }
+
     fn each_magnetometer(&self) -> bool {
         true
     }
@@ -66,12 +72,14 @@ impl NavigationFilter for EkfAdaptive {
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let bounds_r = ["sigma_min_nt", "sigma_max_nt", "form"].contains(&key);
-        (bounds_r && self.adapt == Adapt::Q)
-            .then(|| Fault::new(format!("`{key}` is of the measurement noise, which `adapt = \"q\"` does not learn")))
+        let idle = (bounds_r && self.adapt == Adapt::Q)
+            .then(|| Fault::new(format!("`{key}` is of the measurement noise, which `adapt = \"q\"` does not learn")));
+        idle.or_else(|| self.aiding.idle(key))
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let line = flown.line_with(self.discretisation)?;
+        let fixes = self.aiding.fixes(flown)?;
+        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
         let parameters = AdaptiveParameters {
             adapt: self.adapt,
             form: self.form,
@@ -83,7 +91,7 @@ impl NavigationFilter for EkfAdaptive {
         let sigma_nt = flown.measurement_sigma_nt;
         let least = self.sigma_min_nt.unwrap_or(LEAST * sigma_nt);
         let largest = self.sigma_max_nt.unwrap_or(LARGEST * sigma_nt);
-        let sigmas = vec![sigma_nt; line.ins.len()];
+        let sigmas = flown.sigma_of_one_nt();
         let magnetometers: Vec<Magnetometer> = flown
             .magnetometers
             .iter()
@@ -101,5 +109,40 @@ impl NavigationFilter for EkfAdaptive {
         track.more.push(array(out.given_back));
         track.more.extend(states);
         Ok(track)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::navigate::testing::*;
+
+    #[test]
+    fn law_a_wrong_noise_is_learnt() {
+        let noisy = with(&flight(), "mag_1_c", |row, nt| nt + 6.0 * (5.7 * row as f64).sin());
+        for told in ["0.45", "45.0"] {
+            let keys =
+                format!("measurement_sigma_nt = {told}\nsigma_min_nt = 0.1\nsigma_max_nt = 50.0\nmag = 'mag_1_c'");
+            let found = flown("ekf_adaptive", &keys, &noisy).unwrap();
+            let late: Vec<f64> = found.numbers("sigma_adapted")[300..].to_vec();
+            let mean = late.iter().sum::<f64>() / late.len() as f64;
+            // A wave of 6 nT and one of 1.4 nT: 4.4 nT together, and a learnt variance of 50 samples varies by a fifth.
+            assert!((mean / 4.4 - 1.0).abs() < 0.25, "told {told}: {mean}");
+        }
+    }
+
+    #[test]
+    fn law_each_magnetometer_has_its_own_noise() {
+        let noisy = with(&flight(), "mag_2_c", |row, nt| nt + 20.0 * (5.7 * row as f64).sin());
+        let found = flown("ekf_adaptive", "mag = ['mag_1_c', 'mag_2_c']", &noisy).unwrap();
+        let of = |mag: &str| found.numbers(&format!("sigma_adapted_{mag}"))[500];
+        assert!(of("mag_2_c") > 5.0 * of("mag_1_c"), "{} {}", of("mag_1_c"), of("mag_2_c"));
+        assert!(found.error_m(ROWS - 1) < 30.0, "{}", found.error_m(ROWS - 1));
+    }
+
+    #[test]
+    fn unit_bounds_belong_to_the_measurement_noise() {
+        assert_refused("ekf_adaptive", "adapt = 'q'\nsigma_min_nt = 1.0", "does not learn");
+        let fault = flown("ekf_adaptive", "sigma_min_nt = 5.0\nsigma_max_nt = 1.0\nmag = 'mag_1_c'", &flight());
+        assert!(fault.unwrap_err().what.contains("sigma_max_nt"));
     }
 }

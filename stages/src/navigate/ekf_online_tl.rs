@@ -1,11 +1,17 @@
 //! The extended Kalman filter that estimates the Tolles-Lawson coefficients in flight.
 
+use std::ops::Range;
+
+use numerics::compensation::tolles_lawson::{Field, Terms};
 use numerics::navigation::{
-    online::{LineModel, Magnetometer, OnlineParameters, run},
+    line::NavigationLine,
+    online::{Fluxgate, LineModel, Magnetometer, OnlineParameters, run},
     transition::NoiseDiscretisation,
 };
+use numerics::signal::segments::{STEP_TOLERANCE, Usable, sample_rate};
 use schemas::{Column, Fault, Rule};
 
+use super::aiding::{Aiding, both};
 use super::aircraft::{AircraftModel, one_with_models, step_s};
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
 use crate::columns::{array, data};
@@ -25,10 +31,16 @@ filter! {
     /// `residual` is that of the first magnetometer used at a sample, `nis` the mean of those used.
     ///
     /// Source: thesis 000, section 5.5, with its (5.39) left out.
-    EkfOnlineTl = "ekf_online_tl", version 1, groups [aircraft: AircraftModel], example "walk_per_hour = 0.1";
+    EkfOnlineTl = "ekf_online_tl", version 1, groups [aiding: Aiding, aircraft: AircraftModel], example "walk_per_hour = 0.1";
     /// The random walk of a coefficient: its one sigma after an hour, over that before the line. With 0 the coefficients
     /// are constants.
     walk_per_hour: f64, unit "1", default 0.1, rule Rule::NotNegative;
+    /// One sigma of a bias of each axis of `vector`, estimated along: its reading is what the terms are made of.
+    flux_bias_sigma_nt: Option<f64>, unit "nT", absent "`vector` is taken as exact", rule Rule::Positive;
+    /// The correlation time of that bias.
+    flux_bias_tau_s: Option<f64>, unit "s", absent "it is a constant", rule Rule::Positive;
+    /// The scale that the terms were made with.
+    bt_scale_nt: f64, unit "nT", default 50_000.0, rule Rule::Positive;
     /// A measurement whose squared innovation over its variance is above this is not used.
     gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
     /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
@@ -46,7 +58,13 @@ pub(super) fn aircraft_columns(flight: &Flight) -> Vec<Column> {
 
 impl NavigationFilter for EkfOnlineTl {
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
-        self.aircraft.reads(flight)
+        let mut faults = vec![];
+        if self.flux_bias_sigma_nt.is_some() && !flight.has_direction {
+            let what = "a bias is of a vector magnetometer: say `vector`, the one that the terms are made of";
+            faults.push(Fault::new(what).of_param("flux_bias_sigma_nt"));
+        }
+        let bias = if faults.is_empty() { Ok(vec![]) } else { Err(faults) };
+        both(both(self.aircraft.reads(flight), self.aiding.reads(flight)), bias)
     }
 
     fn each_magnetometer(&self) -> bool {
@@ -57,6 +75,10 @@ impl NavigationFilter for EkfOnlineTl {
         true
     }
 
+    fn takes_direction(&self) -> bool {
+        self.aircraft.heading_error_sigma_nt.is_some() || self.flux_bias_sigma_nt.is_some()
+    }
+
     fn columns(&self, flight: &Flight) -> Vec<Column> {
         let mut columns = aircraft_columns(flight);
         if self.save_state {
@@ -65,21 +87,29 @@ impl NavigationFilter for EkfOnlineTl {
         columns
     }
 
+    fn idle(&self, key: &str) -> Option<Fault> {
+        let of_bias = ["flux_bias_tau_s", "bt_scale_nt"].contains(&key) && self.flux_bias_sigma_nt.is_none();
+        of_bias
+            .then(|| Fault::new(format!("`{key}` has no say without `flux_bias_sigma_nt`")).of_param(key))
+            .or_else(|| self.aiding.idle(key))
+    }
+
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
         one_with_models(flown)?;
-        let line = flown.line_with(self.discretisation)?;
+        let fixes = self.aiding.fixes(flown)?;
+        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
         let terms = self.aircraft.terms(flown)?;
         let prior = self.aircraft.prior(&terms.names, step_s(flown), flown.models)?;
         let walk_density: Vec<f64> =
             prior.sigma().iter().map(|sigma| (self.walk_per_hour * sigma).powi(2) / 3600.0).collect();
-        let sigma_nt = vec![flown.measurement_sigma_nt; line.ins.len()];
+        let sigma_nt = flown.sigma_of_one_nt();
         let magnetometers: Vec<Magnetometer> = flown
             .magnetometers
             .iter()
             .map(|mag| Magnetometer {
                 measurement_nt: &mag.measured_nt,
                 sigma_nt: &sigma_nt,
-                terms: terms.values,
+                terms: &terms.values,
                 prior: &prior,
                 walk_density: &walk_density,
             })
@@ -90,11 +120,98 @@ impl NavigationFilter for EkfOnlineTl {
             keep_covariance: self.save_state,
             keep_coefficients: false,
         };
-        let mut out = run(&LineModel::of(&line), &magnetometers, None, &parameters).map_err(data)?;
+        let bias = self.bias(flown, &terms.names)?;
+        let fluxgate = bias.as_ref().map(|bias| bias.fluxgate());
+        let mut out = run(&LineModel::of(&line), &magnetometers, fluxgate.as_ref(), &parameters).map_err(data)?;
         let states = if self.save_state { state_arrays(&mut out.navigation)? } else { vec![] };
         let mut track = Track::of(flown, out.navigation, self.gate_nis)?;
         track.more.extend(out.magnetometers.into_iter().map(|mag| array(mag.track.aircraft_nt)));
         track.more.extend(states);
         Ok(track)
+    }
+}
+
+/// The bias of a vector magnetometer, with what its terms are made of.
+struct Bias<'a> {
+    field: Field<'a>,
+    terms: Terms,
+    runs: Vec<Range<usize>>,
+    scale_nt: f64,
+    sigma_nt: f64,
+    tau_s: f64,
+}
+
+impl Bias<'_> {
+    fn fluxgate(&self) -> Fluxgate<'_> {
+        let Self { field, terms, runs, scale_nt, sigma_nt, tau_s } = self;
+        Fluxgate { field: *field, terms, scale_nt: *scale_nt, runs, sigma_nt: *sigma_nt, tau_s: *tau_s }
+    }
+}
+
+impl EkfOnlineTl {
+    /// The bias to estimate, where it is asked for.
+    fn bias<'a>(&self, flown: &'a Flown, names: &[String]) -> Result<Option<Bias<'a>>, Fault> {
+        let (Some(sigma_nt), Some([x, y, z])) = (self.flux_bias_sigma_nt, flown.field_nt) else { return Ok(None) };
+        let terms = Terms::leading(names).map_err(|_| {
+            let what = format!("the terms of `{}` are not those of a vector magnetometer", self.aircraft.terms);
+            Fault::data(what).of_param("flux_bias_sigma_nt").help("make them with an `a_matrix` of `vector`")
+        })?;
+        let usable = Usable::all(x.len()).and_finite(x).and_finite(y).and_finite(z);
+        let differences = terms.names().iter().any(|name| name.ends_with("_dot"));
+        let runs = match differences {
+            true => usable.runs_in_time(flown.ins.tt_s, sample_rate(flown.ins.tt_s, STEP_TOLERANCE).map_err(data)?),
+            false => usable.runs(),
+        };
+        let tau_s = self.flux_bias_tau_s.unwrap_or(f64::INFINITY);
+        let field = Field { x, y, z, bt: None };
+        Ok(Some(Bias { field, terms, runs, scale_nt: self.bt_scale_nt, sigma_nt, tau_s }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{columns::floats, navigate::testing::*};
+
+    #[test]
+    fn law_the_aircraft_is_found_from_nothing() {
+        let found = run("ekf_online_tl", "mag = 'mag_1_uc'\nwalk_per_hour = 0.0");
+        assert!(found.error_m(ROWS - 1) < 30.0, "{}", found.error_m(ROWS - 1));
+        let flight = flight();
+        let own = |row: usize| {
+            let of = |name: &str| floats(&flight, name).unwrap()[row] / 50_000.0;
+            40.0 * of("flux_d_x") - 25.0 * of("flux_d_y") + 30.0 * of("flux_d_z")
+        };
+        let field = found.numbers("aircraft");
+        // Up to a constant, which the temporal variation holds too.
+        let change = |of: &dyn Fn(usize) -> f64| (400..ROWS).map(of).collect::<Vec<f64>>();
+        let (found, truth) = (change(&|row| field[row]), change(&own));
+        let mean = |x: &[f64]| x.iter().sum::<f64>() / x.len() as f64;
+        let (a, b) = (mean(&found), mean(&truth));
+        let worst = found.iter().zip(&truth).map(|(x, y)| ((x - a) - (y - b)).abs()).fold(0.0, f64::max);
+        assert!(worst < 3.0, "{worst}");
+    }
+
+    #[test]
+    fn law_a_bias_of_the_vector_magnetometer_is_taken_off() {
+        // 400 nT along the nose turn the direction by half a degree, and the terms with it: 0.3 nT of 40.
+        let keys = "mag = 'mag_1_uc'\nvector = 'flux_d'\nflux_bias_sigma_nt = 300.0\nwalk_per_hour = 0.0";
+        let found = run("ekf_online_tl", keys);
+        assert!(found.error_m(ROWS - 1) < 30.0, "{}", found.error_m(ROWS - 1));
+        let plain = run("ekf_online_tl", "mag = 'mag_1_uc'\nwalk_per_hour = 0.0");
+        let apart =
+            found.numbers("lat").iter().zip(plain.numbers("lat")).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        // The vector is exact, so that the bias is found to be none, and moves the position little.
+        assert!(apart > 0.0 && apart * 111_130.0 < 10.0, "{}", apart * 111_130.0);
+        let wrong = flown("ekf_online_tl", &format!("{keys}\nbt_scale_nt = 1000.0"), &flight());
+        assert!(wrong.is_ok(), "terms without products have no scale");
+    }
+
+    #[test]
+    fn unit_what_is_missing_is_told() {
+        assert_refused("ekf_online_tl", "terms = 'tt'", "no list of terms");
+        assert_refused("ekf_online_tl", "flux_bias_sigma_nt = 10.0", "say `vector`");
+        assert_refused("ekf_online_tl", "heading_error_sigma_nt = 10.0", "needs the direction");
+        assert_refused("ekf_online_tl", "flux_bias_tau_s = 10.0", "no say without `flux_bias_sigma_nt`");
+        assert_refused("ekf_online_tl", "vector = 'flux_d'", "has no say");
     }
 }

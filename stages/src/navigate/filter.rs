@@ -48,6 +48,12 @@ pub struct Flown<'a> {
     pub columns: &'a RecordBatch,
     /// The calibrations under `model`.
     pub models: &'a [Calibration],
+    /// The vector magnetometer under `vector`, in nT along nose, right and down.
+    pub field_nt: Option<[&'a [f64]; 3]>,
+    /// The cosine of the angle between the scalar sensor's axis and that field; NaN where it is unknown.
+    pub cosines: Option<Vec<f64>>,
+    /// What one sigma of a sample's measurement is multiplied by for the attitude; NaN makes it a missing one.
+    pub noise_factors: Option<Vec<f64>>,
 }
 
 /// A magnetometer of a line.
@@ -66,6 +72,8 @@ pub struct Flight<'a> {
     pub shape: &'a Shape,
     /// The magnetometers under `mag`.
     pub mags: &'a [String],
+    /// Whether a vector magnetometer tells the direction of the field ([`Flown::field_nt`]).
+    pub has_direction: bool,
 }
 
 impl Flown<'_> {
@@ -82,6 +90,7 @@ impl Flown<'_> {
             core: self.core.as_ref(),
             errors: self.errors,
             offset_window_s: self.offset_window_s,
+            fixes: None,
         })
     }
 
@@ -91,6 +100,14 @@ impl Flown<'_> {
     /// Without a map.
     pub fn line_with(&self, noise: NoiseDiscretisation) -> Result<NavigationLine<'_>, Fault> {
         Ok(NavigationLine { errors: InsErrorModel { noise, ..self.errors }, ..self.line()? })
+    }
+
+    /// One sigma of the white noise of one magnetometer at each sample, in nT.
+    pub fn sigma_of_one_nt(&self) -> Vec<f64> {
+        match &self.noise_factors {
+            Some(factors) => factors.iter().map(|factor| factor * self.measurement_sigma_nt).collect(),
+            None => vec![self.measurement_sigma_nt; self.ins.len()],
+        }
     }
 
     /// The map.
@@ -266,6 +283,11 @@ pub trait NavigationFilter: Any + Send + Sync {
 
     /// Whether it has a use for calibrations, the tables of `fit`.
     fn takes_models(&self) -> bool {
+        false
+    }
+
+    /// Whether it needs the direction of the field in the sensor, `vector`.
+    fn takes_direction(&self) -> bool {
         false
     }
 

@@ -1,8 +1,8 @@
 //! The list of all filters.
 
 use super::{
-    crlb::Crlb, ekf::Ekf, ekf_adaptive::EkfAdaptive, ekf_online_tl::EkfOnlineTl, filter::Filter, fixed_lag::FixedLag,
-    iekf::Iekf, ins_only::InsOnly, mpf::Mpf, rts::Rts, slam::Slam, ukf::Ukf,
+    crlb::Crlb, ekf::Ekf, ekf_adaptive::EkfAdaptive, ekf_online_nn::EkfOnlineNn, ekf_online_tl::EkfOnlineTl,
+    filter::Filter, fixed_lag::FixedLag, iekf::Iekf, ins_only::InsOnly, mpf::Mpf, rts::Rts, slam::Slam, ukf::Ukf,
 };
 
 /// Every filter, in the order of the reference.
@@ -12,6 +12,7 @@ pub const FILTERS: &[&Filter] = &[
     &Ukf::FILTER,
     &EkfAdaptive::FILTER,
     &EkfOnlineTl::FILTER,
+    &EkfOnlineNn::FILTER,
     &FixedLag::FILTER,
     &Rts::FILTER,
     &Mpf::FILTER,

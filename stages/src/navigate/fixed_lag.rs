@@ -70,6 +70,10 @@ impl NavigationFilter for FixedLag {
         true
     }
 
+    fn takes_direction(&self) -> bool {
+        self.aircraft.heading_error_sigma_nt.is_some()
+    }
+
     fn columns(&self, flight: &Flight) -> Vec<Column> {
         aircraft_columns(flight)
     }
@@ -95,12 +99,12 @@ impl NavigationFilter for FixedLag {
         let walk_density: Vec<f64> =
             prior.sigma().iter().map(|sigma| (self.walk_per_hour * sigma).powi(2) / 3600.0).collect();
         let coefficients = Coefficients {
-            regressors: terms.values,
+            regressors: &terms.values,
             mean: &prior.mean,
             covariance: &prior.covariance,
             walk_density: &walk_density,
         };
-        let sigma_nt = vec![flown.measurement_sigma_nt; line.ins.len()];
+        let sigma_nt = flown.sigma_of_one_nt();
         let error = GaussMarkov { sigma: self.aircraft_sigma_nt, tau_s: self.aircraft_tau_s };
         let magnetometers: Vec<Magnetometer> = flown
             .magnetometers
@@ -139,5 +143,39 @@ impl FixedLag {
         let of = |mag: usize| output.aircraft_nt.iter().skip(mag).step_by(magnetometers).copied().collect();
         track.more = (0..magnetometers).map(|mag| array(of(mag))).collect();
         Ok(track)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::navigate::testing::*;
+
+    #[test]
+    fn law_the_aircraft_is_found_from_nothing() {
+        let keys = "mag = 'mag_1_uc'\naircraft_sigma_nt = 0.0\nwindow_s = 200.0";
+        let (now, later) = (run("fixed_lag", keys), run("fixed_lag", &format!("{keys}\nlag_s = 60.0")));
+        for found in [&now, &later] {
+            assert!(found.error_m(ROWS - 1) < 30.0, "{}", found.error_m(ROWS - 1));
+            assert_eq!(found.updates("used"), ROWS);
+        }
+        let sum = |of: &Answer| (100..500).map(|row| of.error_m(row).powi(2)).sum::<f64>();
+        assert!(sum(&later) < sum(&now), "what comes later helps: {} {}", sum(&later), sum(&now));
+    }
+
+    #[test]
+    fn law_the_heading_error_of_the_sensor_is_found() {
+        // 30 nT times the cosine of the angle between the field and the nose, beside the aircraft's field.
+        let turned = with(&flight(), "mag_1_uc", |row, nt| nt + 30.0 * (0.2 + 0.25 * (row as f64 / 2.3).cos()));
+        let keys = "mag = 'mag_1_uc'\naircraft_sigma_nt = 0.0\nwindow_s = 200.0\nvector = 'flux_d'\n\
+                    heading_error_sigma_nt = 50.0";
+        let found = flown("fixed_lag", keys, &turned).unwrap();
+        assert!(found.error_m(ROWS - 1) < 40.0, "{}", found.error_m(ROWS - 1));
+    }
+
+    #[test]
+    fn unit_keys_without_a_say_are_told() {
+        assert_refused("fixed_lag", "loss_scale = 2.0", "belongs to the losses");
+        assert_refused("fixed_lag", "aircraft_sigma_nt = 0.0\naircraft_tau_s = 9.0", "no say");
+        assert_refused("fixed_lag", "overlap = 1.0", "overlap");
     }
 }

@@ -108,6 +108,9 @@ fn flown<'a>(
         fogm_tau_s: noise.fogm_tau_s,
         ..InsErrorModel::of(stage.ins.sources)
     };
+    let field_nt = stage.geometry.field(batch)?;
+    let cosines = field_nt.map(|field| stage.geometry.cosines(field));
+    let factors = |cosines: &Vec<f64>| cosines.iter().map(|cosine| stage.geometry.noise_factor(*cosine)).collect();
     let mut flown = Flown {
         ins: ins.series(),
         measured_nt: vec![],
@@ -120,6 +123,9 @@ fn flown<'a>(
         offset_window_s: stage.offset_window_s,
         columns: batch,
         models: &prepared.models,
+        noise_factors: cosines.as_ref().map(factors),
+        field_nt,
+        cosines,
     };
     // A filter that takes each by itself takes each one's offset off, too.
     let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
@@ -149,7 +155,7 @@ impl Flown<'_> {
             self.offset_window_s = 0.0;
         }
         let rows = self.ins.len();
-        self.sigma_nt = vec![self.measurement_sigma_nt; rows];
+        self.sigma_nt = self.sigma_of_one_nt();
         if magnetometers.len() == 1 {
             self.measured_nt = magnetometers.remove(0).measured_nt;
             return Ok(());
@@ -163,7 +169,7 @@ impl Flown<'_> {
             }
             if count > 0.0 {
                 self.measured_nt[row] = sum_nt / count;
-                self.sigma_nt[row] = self.measurement_sigma_nt / f64::sqrt(count);
+                self.sigma_nt[row] /= f64::sqrt(count);
             }
         }
         Ok(())

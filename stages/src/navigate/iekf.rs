@@ -2,10 +2,12 @@
 
 use numerics::navigation::{
     iekf::{self, IekfParameters},
+    line::NavigationLine,
     transition::NoiseDiscretisation,
 };
 use schemas::{Column, Fault, Rule};
 
+use super::aiding::Aiding;
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
 use crate::columns::data;
 
@@ -18,7 +20,7 @@ filter! {
     /// A step that would make the state less probable is halved. With `iterations = 1` it is `ekf`.
     ///
     /// Source: Jazwinski 1970, chapter 8; Bell and Cathey 1993, with the line search that they leave out.
-    Iekf = "iekf", version 1, example "iterations = 5";
+    Iekf = "iekf", version 1, groups [aiding: Aiding], example "iterations = 5";
     /// The most linearisations of the map at a sample.
     iterations: usize, unit "1", default 5usize, rule Rule::Between(1.0, 1000.0);
     /// A step that moves the position by less than this is the last.
@@ -32,6 +34,10 @@ filter! {
 }
 
 impl NavigationFilter for Iekf {
+    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+        self.aiding.reads(flight)
+    }
+
     fn columns(&self, _: &Flight) -> Vec<Column> {
         if self.save_state { state_columns() } else { vec![] }
     }
@@ -39,10 +45,12 @@ impl NavigationFilter for Iekf {
     fn idle(&self, key: &str) -> Option<Fault> {
         let idle = key == "tolerance_m" && self.iterations == 1;
         idle.then(|| Fault::new("`tolerance_m` has no say with `iterations = 1`").of_param("tolerance_m"))
+            .or_else(|| self.aiding.idle(key))
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let line = flown.line_with(self.discretisation)?;
+        let fixes = self.aiding.fixes(flown)?;
+        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
         let parameters = IekfParameters {
             iterations: self.iterations,
             tolerance_m: self.tolerance_m,
@@ -53,5 +61,38 @@ impl NavigationFilter for Iekf {
         let mut output = iekf::run(&line, &parameters).map_err(data)?.line;
         let more = if self.save_state { state_arrays(&mut output)? } else { vec![] };
         Ok(Track { more, ..Track::of(flown, output, self.gate_nis)? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::navigate::testing::*;
+
+    #[test]
+    fn law_with_one_iteration_it_is_the_ekf() {
+        let (one, ekf) = (run("iekf", "iterations = 1\nmag = 'mag_2_c'"), run("ekf", "mag = 'mag_2_c'"));
+        for (column, unit) in [("lat", 1e-5), ("lon", 1e-5), ("sd_n", 1.0), ("residual", 1.0), ("nis", 1.0)] {
+            for (row, (a, b)) in one.numbers(column).iter().zip(ekf.numbers(column)).enumerate() {
+                assert!((a - b).abs() < 1e-8 * unit || (a.is_nan() && b.is_nan()), "{column} {row}: {a} {b}");
+            }
+        }
+        assert_eq!(one.words("update"), ekf.words("update"));
+        assert_eq!(one.updates("missing"), 30);
+    }
+
+    #[test]
+    fn law_it_corrects_the_ins_and_hands_out_its_state() {
+        let found = run("iekf", "save_state = true\nmag = 'mag_1_c'");
+        assert!(found.error_m(ROWS - 1) < 30.0, "{}", found.error_m(ROWS - 1));
+        assert_eq!((found.numbers("x").len(), found.numbers("p").len()), (18 * ROWS, 324 * ROWS));
+        let gated = run("iekf", "gate_nis = 0.5\nmag = 'mag_1_c'");
+        assert!(gated.updates("gated") > 10 && gated.updates("used") > 10);
+    }
+
+    #[test]
+    fn unit_keys_without_a_say_are_told() {
+        assert_refused("iekf", "iterations = 1\ntolerance_m = 1.0", "no say with `iterations = 1`");
+        assert_refused("iekf", "iterations = 0", "iterations");
+        assert_refused("iekf", "gnss_sigma_m = 1.0", "no say without `gnss_lost_s`");
     }
 }

@@ -3,16 +3,22 @@
 use numerics::navigation::{ins_only, output::NavigationOutput};
 use schemas::Fault;
 
-use super::filter::{Flown, NavigationFilter, Track, Update, filter};
+use super::aiding::Aiding;
+use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
 use crate::columns::data;
 
 filter! {
     /// The INS by itself, with the covariance that its error sources give it: what the others are held against. It takes
-    /// no measurement, so that `residual` and `nis` are NaN and `update` is `unused`, and needs no map.
-    InsOnly = "ins_only", version 1, example "";
+    /// no measurement of the field, so that `residual` and `nis` are NaN and `update` is `unused`, and needs no map. With
+    /// `gnss_lost_s` it is an INS that GNSS aids until it is lost.
+    InsOnly = "ins_only", version 1, groups [aiding: Aiding], example "";
 }
 
 impl NavigationFilter for InsOnly {
+    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+        self.aiding.reads(flight)
+    }
+
     fn needs_map(&self) -> bool {
         false
     }
@@ -21,9 +27,42 @@ impl NavigationFilter for InsOnly {
         true
     }
 
+    fn idle(&self, key: &str) -> Option<Fault> {
+        self.aiding.idle(key)
+    }
+
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let out: NavigationOutput = ins_only::run(&flown.ins, &flown.errors).map_err(data)?;
+        let fixes = self.aiding.fixes(flown)?;
+        let out: NavigationOutput = ins_only::run(&flown.ins, &flown.errors, fixes.as_ref()).map_err(data)?;
         let update = vec![Update::Unused; flown.ins.len()];
         Ok(Track { update, ..Track::without_updates(out) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::navigate::testing::*;
+
+    #[test]
+    fn law_the_track_is_the_ins_and_the_covariance_grows() {
+        let found = run("ins_only", "mag = 'mag_1_c'");
+        // 10 m and 0.15 m/s north, 0.2 m/s east, after 599 s.
+        let expected = (10.0 + 0.15 * 599.0_f64).hypot(0.2 * 599.0);
+        assert!((found.error_m(ROWS - 1) - expected).abs() < 0.5, "{}", found.error_m(ROWS - 1));
+        assert_eq!(found.updates("unused"), ROWS);
+        assert!(found.numbers("residual").iter().chain(&found.numbers("nis")).all(|x| x.is_nan()));
+        let sd = found.numbers("sd_n");
+        assert!((sd[0] - 20.0).abs() < 1e-6 && sd[ROWS - 1] > 100.0);
+    }
+
+    #[test]
+    fn law_gnss_holds_it_until_it_is_lost() {
+        let found = run("ins_only", "mag = 'mag_1_c'\ngnss_lost_s = [400.0, 1e6]\ngnss_sigma_m = 3.0");
+        assert!(found.error_m(399) < 3.0, "{}", found.error_m(399));
+        // The drift is known by then, to a few millimetres a second.
+        assert!(found.error_m(ROWS - 1) < 20.0, "{}", found.error_m(ROWS - 1));
+        assert!(found.numbers("sd_n")[ROWS - 1] > found.numbers("sd_n")[399]);
+        assert_refused("ins_only", "gnss_lost_s = [400.0, 300.0]", "after it is found");
+        assert_refused("ins_only", "gnss_lost_s = [0.0, 300.0]\ngnss = ['lat', 'lon', 'height']", "height");
     }
 }

@@ -111,3 +111,29 @@ fn columns_of(modes: &[Mode]) -> Vec<f64> {
     }
     numbers
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::navigate::testing::*;
+
+    #[test]
+    fn law_it_corrects_the_ins_and_tells_its_modes() {
+        let found = run("mpf", "mag = 'mag_1_c'\nparticles = 500\nsave_modes = true");
+        assert!(found.error_m(ROWS - 1) < 40.0, "{}", found.error_m(ROWS - 1));
+        let effective = found.numbers("n_eff");
+        assert!(effective.iter().all(|n| (1.0 - 1e-9..=500.0 + 1e-6).contains(n)));
+        let first_weight: Vec<f64> = found.numbers("modes").chunks(18).map(|modes| modes[0]).collect();
+        assert!(first_weight.iter().all(|weight| *weight > 0.3 && *weight < 1.0 + 1e-9));
+        assert_eq!(found.numbers("lat"), run("mpf", "mag = 'mag_1_c'\nparticles = 500").numbers("lat"));
+        assert_ne!(found.numbers("lat"), run("mpf", "mag = 'mag_1_c'\nparticles = 500\nseed = 3").numbers("lat"));
+    }
+
+    #[test]
+    fn law_a_lost_aircraft_is_an_error() {
+        let elsewhere = with(&flight(), "mag_1_c", |row, nt| nt + 400.0 * (row as f64 / 9.0).sin());
+        let fault = flown("mpf", "mag = 'mag_1_c'\nparticles = 200", &elsewhere).unwrap_err();
+        assert!(fault.what.contains("the aircraft is lost") && fault.help.is_some(), "{fault:?}");
+        assert_refused("mpf", "regularise = false\nsmooth_over_m = 50.0", "no say without `regularise`");
+        assert_refused("mpf", "particles = 0", "particles");
+    }
+}

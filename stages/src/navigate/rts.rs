@@ -4,11 +4,13 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, StringArray};
 use numerics::navigation::{
+    line::NavigationLine,
     rts::{self, Loss, SmootherParameters},
     transition::NoiseDiscretisation,
 };
 use schemas::{Column, Fault, Rule};
 
+use super::aiding::Aiding;
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
 use crate::columns::{array, data};
 
@@ -26,7 +28,7 @@ filter! {
     ///
     /// Source: Bierman 1973 (modified Bryson-Frazier form, which inverts no covariance); Bell 1994 (iterated Kalman
     /// smoother); Holland and Welsch 1977 (reweighting).
-    Rts = "rts", version 1, example "loss = \"huber\"";
+    Rts = "rts", version 1, groups [aiding: Aiding], example "loss = \"huber\"";
     /// The most passes over the line.
     iterations: usize, unit "1", default 20usize, rule Rule::Between(1.0, 1000.0);
     /// The iteration ends where a step moves no position of the line by as much as this.
@@ -43,6 +45,10 @@ filter! {
 }
 
 impl NavigationFilter for Rts {
+    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+        self.aiding.reads(flight)
+    }
+
     fn columns(&self, _: &Flight) -> Vec<Column> {
         let mut columns = vec![
             Column::text("smoothing", "how the iteration of the line ended: converged or stopped"),
@@ -58,13 +64,14 @@ impl NavigationFilter for Rts {
         let what = match key {
             "loss_scale" if self.loss == Loss::None => "`loss_scale` has no say with `loss = \"none\"`",
             "tolerance_m" if self.iterations == 1 => "`tolerance_m` has no say with `iterations = 1`",
-            _ => return None,
+            _ => return self.aiding.idle(key),
         };
         Some(Fault::new(what).of_param(key))
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let line = flown.line_with(self.discretisation)?;
+        let fixes = self.aiding.fixes(flown)?;
+        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
         let parameters = SmootherParameters {
             iterations: self.iterations,
             tolerance_m: self.tolerance_m,
@@ -82,5 +89,38 @@ impl NavigationFilter for Rts {
             more.extend(state_arrays(&mut output)?);
         }
         Ok(Track { more, ..Track::of(flown, output, None)? })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::navigate::testing::*;
+
+    #[test]
+    fn law_a_smoother_knows_more_than_a_filter_but_at_the_end() {
+        let (smoothed, filtered) = (run("rts", "mag = 'mag_1_c'"), run("ekf", "mag = 'mag_1_c'"));
+        let sum = |of: &Answer| (0..ROWS).map(|row| of.error_m(row).powi(2)).sum::<f64>();
+        assert!(sum(&smoothed) < 0.5 * sum(&filtered), "{} {}", sum(&smoothed), sum(&filtered));
+        let (sd, filter_sd) = (smoothed.numbers("sd_n"), filtered.numbers("sd_n"));
+        assert!(sd[100] < filter_sd[100] && (sd[ROWS - 1] / filter_sd[ROWS - 1] - 1.0).abs() < 0.1);
+        assert!(smoothed.words("smoothing").iter().all(|word| word == "converged"));
+        assert!(smoothed.numbers("smoothing_step")[0] < 0.1);
+    }
+
+    #[test]
+    fn law_an_outlier_draws_little_with_a_robust_loss() {
+        let spiked = with(&flight(), "mag_1_c", |row, nt| if row % 20 == 7 { nt + 80.0 } else { nt });
+        let error = |loss: &str| {
+            let found = flown("rts", &format!("loss = '{loss}'\nmag = 'mag_1_c'"), &spiked).unwrap();
+            (0..ROWS).map(|row| found.error_m(row).powi(2)).sum::<f64>()
+        };
+        assert!(error("huber") < 0.5 * error("none") && error("cauchy") < 0.5 * error("none"));
+    }
+
+    #[test]
+    fn unit_keys_without_a_say_are_told() {
+        assert_refused("rts", "loss_scale = 2.0", "no say with `loss = \"none\"`");
+        assert_refused("rts", "iterations = 1\ntolerance_m = 1.0", "no say with `iterations = 1`");
+        assert_refused("rts", "loss = 'tukey'", "tukey");
     }
 }

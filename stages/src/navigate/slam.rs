@@ -160,3 +160,26 @@ impl Slam {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::navigate::testing::*;
+
+    #[test]
+    fn law_without_a_revisit_the_track_is_the_ins() {
+        let (found, ins) = (run("slam", "mag = 'mag_1_c'\nparticles = 20"), run("ins_only", "mag = 'mag_1_c'"));
+        // The mean of the particles' paths: a few of the standard deviations of their mean.
+        let apart = (found.error_m(ROWS - 1) - ins.error_m(ROWS - 1)).abs();
+        assert!(apart < 5.0 * ins.numbers("sd_n")[ROWS - 1] / 20_f64.sqrt(), "{apart}");
+        assert_eq!(found.updates("used"), 0);
+        assert!(found.numbers("revisiting").iter().all(|n| *n == 0.0));
+    }
+
+    #[test]
+    fn unit_keys_without_a_say_are_told() {
+        assert_refused("slam", "trigger_points = 3", "within a radius");
+        assert_refused("slam", "interpolant_sigma_nt = 3.0", "inverse_distance");
+        assert_refused("slam", "hyperparameters = 'fixed'\nfit_window_s = 30.0", "fitted");
+        assert_refused("slam", "sigma_se_nt = 30.0", "fixed");
+    }
+}

@@ -1,11 +1,13 @@
 //! The unscented Kalman filter.
 
 use numerics::navigation::{
+    line::NavigationLine,
     transition::NoiseDiscretisation,
     ukf::{UkfParameters, run},
 };
 use schemas::{Column, Fault, Rule};
 
+use super::aiding::Aiding;
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
 use crate::columns::{array, data};
 
@@ -20,7 +22,7 @@ filter! {
     ///
     /// Source: Julier & Uhlmann 2004; for a measurement that is nonlinear in the position only, Morelande & Ristic
     /// 2006.
-    Ukf = "ukf", version 1, example "kappa = 0.0";
+    Ukf = "ukf", version 1, groups [aiding: Aiding], example "kappa = 0.0";
     /// Distance of the outer points, as a factor.
     alpha: f64, unit "1", default 1.0, rule Rule::Positive;
     /// What the centre weighs more in the variance than in the mean; at least -alpha² kappa/3. The variance of a
@@ -38,6 +40,10 @@ filter! {
 }
 
 impl NavigationFilter for Ukf {
+    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+        self.aiding.reads(flight)
+    }
+
     fn columns(&self, _: &Flight) -> Vec<Column> {
         let mut columns = vec![Column::float("sd_nonlinear", "nT", "one sigma of the map's bend around the estimate")];
         if self.save_state {
@@ -46,8 +52,13 @@ impl NavigationFilter for Ukf {
         columns
     }
 
+    fn idle(&self, key: &str) -> Option<Fault> {
+        self.aiding.idle(key)
+    }
+
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
-        let line = flown.line_with(self.discretisation)?;
+        let fixes = self.aiding.fixes(flown)?;
+        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
         let parameters = UkfParameters {
             alpha: self.alpha,
             beta: self.beta,
@@ -62,5 +73,29 @@ impl NavigationFilter for Ukf {
         track.more.push(array(out.nonlinear_sd_nt));
         track.more.extend(states);
         Ok(track)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::navigate::testing::*;
+
+    #[test]
+    fn law_it_corrects_the_ins_and_says_how_bent_the_map_is() {
+        let found = run("ukf", "mag = 'mag_1_c'\nmap_interpolation = 'cubic'");
+        assert!(found.error_m(ROWS - 1) < 30.0, "{}", found.error_m(ROWS - 1));
+        let bend = found.numbers("sd_nonlinear");
+        // The bend of the map over a spread σ goes with σ².
+        let wide = run("ukf", "mag = 'mag_1_c'\nmap_interpolation = 'cubic'\ninit_position_sigma_m = 40.0");
+        let wide = wide.numbers("sd_nonlinear")[0];
+        assert!((wide / bend[0] - 4.0).abs() < 0.4, "{wide} {}", bend[0]);
+        assert!(run("ukf", "mag = 'mag_2_c'").numbers("sd_nonlinear")[110].is_nan(), "no measurement, no bend");
+    }
+
+    #[test]
+    fn unit_points_that_are_none_are_refused() {
+        assert_refused("ukf", "alpha = 0.0", "alpha");
+        let fault = flown("ukf", "kappa = -3.0\nmag = 'mag_1_c'", &flight()).unwrap_err();
+        assert!(fault.what.contains("kappa"), "{fault:?}");
     }
 }

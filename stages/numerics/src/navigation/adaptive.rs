@@ -281,6 +281,7 @@ impl WithSimd for Filter<'_> {
                 }
                 estimate.propagate(&model, &ins.point(row - 1), ins.tt_s[row] - ins.tt_s[row - 1]);
             }
+            estimate.aid(self.line.fixes_at(row));
             let innovation = self.measure(&mut estimate, row);
             estimate.check(row, ins.tt_s[row])?;
             self.given_back.push(self.pending.as_ref().map_or(0.0, |pending| pending.share));

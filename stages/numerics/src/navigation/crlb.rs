@@ -19,6 +19,7 @@ use crate::navigation::field::PredictedField;
 use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
+use crate::navigation::position_fixes::StateFix;
 use pulp::{Simd, WithSimd};
 
 use crate::navigation::estimate::{Estimate, StepModel};
@@ -109,6 +110,8 @@ impl WithSimd for Bound<'_> {
             if row > 0 {
                 estimate.propagate(&model, &truth.point(row - 1), truth.tt_s[row] - truth.tt_s[row - 1]);
             }
+            // The estimate is the truth: a position from elsewhere adds its information, and moves nothing.
+            estimate.aid(self.line.fixes_at(row).map(|fix| fix.map(|fix| StateFix { error: 0.0, ..fix })));
             let innovation = self.measure(&mut estimate, row);
             estimate.check(row, truth.tt_s[row])?;
             let p = &estimate.p;

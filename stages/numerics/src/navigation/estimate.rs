@@ -10,6 +10,7 @@ use crate::navigation::output::NavigationError;
 use crate::navigation::pinson::{
     ALT, InsPoint, LAT, LON, PinsonForm, S, STATES, StateMatrix, StateVector, TimeConstants, pinson_matrix,
 };
+use crate::navigation::position_fixes::StateFix;
 use crate::navigation::transition::{NoiseDiscretisation, propagate_state, step_covariance, transition_matrix};
 
 /// The process model of a step, of which only the INS quantities change along a line.
@@ -109,6 +110,28 @@ impl Estimate {
             }
         }
         mirror(p);
+    }
+
+    /// The update by the positions from elsewhere of a row, one coordinate after the other.
+    #[inline(always)]
+    pub(crate) fn aid(&mut self, fixes: [Option<StateFix>; 3]) {
+        for StateFix { state, error, variance } in fixes.into_iter().flatten() {
+            let ph = self.p[state];
+            let weight = 1.0 / (ph[state] + variance);
+            let residual = error - self.x[state];
+            let gain = ph.map(|ph| ph * weight);
+            for (x, gain) in self.x.iter_mut().zip(&gain) {
+                *x += gain * residual;
+            }
+            let rest: StateVector =
+                std::array::from_fn(|i| variance * gain[i] - (self.p[i][state] - gain[i] * ph[state]));
+            for (row, entries) in self.p.iter_mut().enumerate() {
+                for (column, entry) in entries.iter_mut().enumerate() {
+                    *entry = *entry - gain[row] * ph[column] + rest[row] * gain[column];
+                }
+            }
+            mirror(&mut self.p);
+        }
     }
 
     /// P ← P + share K (H P Hᵀ + R) Kᵀ with the gain of the prior that `at` is of: gives back a share of what the

@@ -74,7 +74,7 @@ impl Flight {
     ) -> NavigationLine<'a> {
         let World { map, core } = world();
         let (errors, core) = (self.model, Some(core));
-        NavigationLine { ins, measurement_nt, sigma_nt, map, core, errors, offset_window_s: 0.0 }
+        NavigationLine { ins, measurement_nt, sigma_nt, map, core, errors, offset_window_s: 0.0, fixes: None }
     }
 
     /// The truth.
@@ -187,7 +187,7 @@ impl Small {
         errors: InsErrorModel,
     ) -> NavigationLine<'a> {
         let (measurement_nt, sigma_nt) = (&self.measurement_nt, &self.sigma_nt);
-        NavigationLine { ins, measurement_nt, sigma_nt, map, core: None, errors, offset_window_s: 0.0 }
+        NavigationLine { ins, measurement_nt, sigma_nt, map, core: None, errors, offset_window_s: 0.0, fixes: None }
     }
 
     /// The rows for which `keeps` holds.

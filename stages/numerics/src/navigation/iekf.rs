@@ -124,6 +124,9 @@ impl WithSimd for Filter<'_> {
             if row > 0 {
                 self.belief.propagate(&self.model, ins, row);
             }
+            for fix in self.line.fixes_at(row).into_iter().flatten() {
+                self.belief.correct(&Sensitivity::of_state(fix.state), fix.error, fix.variance);
+            }
             let innovation = self.measure(row);
             if !self.belief.is_sound() {
                 return Err(NavigationError::Diverged { row, tt_s: ins.tt_s[row] });

@@ -1,31 +1,37 @@
-//! The INS by itself: no measurement is used, and the covariance says how wrong it is by now.
+//! The INS by itself: no field is measured, and the covariance says how wrong it is by now.
 
+use crate::navigation::estimate::{Estimate, StepModel};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
-use crate::navigation::line::LineStep;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
-use crate::navigation::pinson::STATES;
-use crate::navigation::transition::{add, propagate_covariance};
+use crate::navigation::position_fixes::PositionFixes;
 
-/// The INS along a line, with the covariance of its error: P ← Φ P Φᵀ + Q from the initial one on.
+/// The INS along a line, with the covariance of its error: P ← Φ P Φᵀ + Q from the initial one on. With `fixes` it is an
+/// INS that positions from elsewhere aid, where and when there are any.
 ///
 /// # Errors
-/// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with [`NavigationError::Diverged`] when a variance is no longer finite.
-pub fn run(ins: &InsSeries<'_>, errors: &InsErrorModel) -> Result<NavigationOutput, NavigationError> {
+/// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with
+/// [`NavigationError::Diverged`] when a state or variance is no longer finite.
+pub fn run(
+    ins: &InsSeries<'_>,
+    errors: &InsErrorModel,
+    fixes: Option<&PositionFixes>,
+) -> Result<NavigationOutput, NavigationError> {
     errors.check()?;
     ins.check()?;
+    fixes.map_or(Ok(()), |fixes| fixes.check(ins.len()))?;
     let mut output = NavigationOutput::with_capacity(ins.len(), false, false);
-    let mut p = errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]);
+    let (mut estimate, model) = (Estimate::start_of(errors, ins), StepModel::of(errors));
     for row in 0..ins.len() {
         if row > 0 {
-            let LineStep { phi, noise, .. } = LineStep::of(ins, errors, row);
-            p = propagate_covariance(&phi, &p);
-            add(&mut p, &noise);
+            estimate.propagate(&model, &ins.point(row - 1), ins.tt_s[row] - ins.tt_s[row - 1]);
         }
-        if (0..STATES).any(|state| !(p[state][state] >= 0.0 && p[state][state].is_finite())) {
-            return Err(NavigationError::Diverged { row, tt_s: ins.tt_s[row] });
+        if let Some(fixes) = fixes {
+            estimate.aid(fixes.at(ins, row, errors.earth));
         }
-        output.push(ins, row, |_| 0.0, |i, j| p[i][j], Innovation::NONE, errors.earth);
+        estimate.check(row, ins.tt_s[row])?;
+        let (x, p) = (&estimate.x, &estimate.p);
+        output.push(ins, row, |state| x[state], |i, j| p[i][j], Innovation::NONE, errors.earth);
     }
     Ok(output)
 }
@@ -54,7 +60,7 @@ mod tests {
         let columns = columns();
         let ins = InsSeries::of(columns.each_ref().map(Vec::as_slice));
         let errors = InsErrorModel::default();
-        let output = run(&ins, &errors).unwrap();
+        let output = run(&ins, &errors, None).unwrap();
         assert_eq!(output.lat_deg, columns[1]);
         let runs = 300_u64;
         let mut squares = [0.0; 2];
@@ -87,7 +93,7 @@ mod tests {
             gyro_sigma_radps: 0.0,
             ..InsErrors::default()
         };
-        let output = run(&ins, &InsErrorModel::of(sources)).unwrap();
+        let output = run(&ins, &InsErrorModel::of(sources), None).unwrap();
         // 2 m/s for 60 s; the Schuler oscillation takes (ω t)²/6 = 0.1 % off.
         assert!((output.sd_n_m[30] / 120.0 - 1.0).abs() < 0.005, "{}", output.sd_n_m[30]);
     }

@@ -9,6 +9,7 @@ use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::{InsSeries, SeriesError};
 use crate::navigation::output::NavigationError;
 use crate::navigation::pinson::{STATES, StateMatrix, pinson_matrix};
+use crate::navigation::position_fixes::{NO_FIX, PositionFixes, StateFix};
 use crate::navigation::transition::{step_covariance, transition_matrix};
 
 /// A flight line that measures the scalar field over a map.
@@ -30,6 +31,8 @@ pub struct NavigationLine<'a> {
     pub errors: InsErrorModel,
     /// The mean of measurement minus prediction over the first so many seconds is taken off; 0 takes nothing off.
     pub offset_window_s: f64,
+    /// Positions from elsewhere, each used before the measurement of its sample.
+    pub fixes: Option<&'a PositionFixes>,
 }
 
 /// A step of the 18 states: x ← Φ x + w, w ~ N(0, Q).
@@ -48,7 +51,7 @@ impl<'a> NavigationLine<'a> {
     ///
     /// # Errors
     /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with [`SeriesError::Length`] for columns of
-    /// different lengths.
+    /// different lengths, and as [`PositionFixes::check`].
     pub fn check(&self) -> Result<(), NavigationError> {
         self.errors.check()?;
         self.ins.check()?;
@@ -58,7 +61,13 @@ impl<'a> NavigationLine<'a> {
                 return Err(SeriesError::Length { column, rows, expected }.into());
             }
         }
-        Ok(())
+        self.fixes.map_or(Ok(()), |fixes| fixes.check(expected))
+    }
+
+    /// The positions from elsewhere at a row, as measurements of states.
+    #[inline]
+    pub(crate) fn fixes_at(&self, row: usize) -> [Option<StateFix>; 3] {
+        self.fixes.map_or(NO_FIX, |fixes| fixes.at(self.ins, row, self.errors.earth))
     }
 
     /// The field to predict.

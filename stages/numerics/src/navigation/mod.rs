@@ -154,3 +154,6 @@ pub use mechanisation::{Earth, Mechanisation, Motion, Reading};
 pub use output::{NavigationError, NavigationOutput, NavigationReport};
 pub use pinson::{InsPoint, PinsonForm, StateMatrix, StateVector, TimeConstants, pinson_matrix};
 pub use transition::{NoiseDiscretisation, transition_matrix};
+
+#[cfg(test)]
+mod aided_tests;

@@ -26,12 +26,15 @@ pub struct PositionFixes {
 
 /// A measurement of one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct StateFix {
-    pub(super) state: usize,
+pub(crate) struct StateFix {
+    pub(crate) state: usize,
     /// The measured error of the INS, in the unit of the state.
-    pub(super) error: f64,
-    pub(super) variance: f64,
+    pub(crate) error: f64,
+    pub(crate) variance: f64,
 }
+
+/// A row without a position.
+pub(crate) const NO_FIX: [Option<StateFix>; 3] = [None; 3];
 
 impl PositionFixes {
     /// Refuses fixes that no filter can use.
@@ -52,7 +55,7 @@ impl PositionFixes {
     }
 
     /// The measurements of a row, of the coordinates that are there.
-    pub(super) fn at(&self, ins: &InsSeries<'_>, row: usize, earth: EarthModel) -> [Option<StateFix>; 3] {
+    pub(crate) fn at(&self, ins: &InsSeries<'_>, row: usize, earth: EarthModel) -> [Option<StateFix>; 3] {
         let (lat_rad, alt_m) = (ins.lat_deg[row].to_radians(), ins.alt_m[row]);
         let (north_m, east_m) = earth.north_east_m_per_rad(lat_rad, alt_m);
         let fix = |state, error: f64, sigma: f64| {

@@ -58,6 +58,7 @@ use crate::navigation::ins_error::ParameterError;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{NavigationError, NavigationOutput};
 use crate::navigation::pinson::{ALT, LAT, LON, S, StateVector};
+use crate::navigation::position_fixes::StateFix;
 use params::{Rule, obeys};
 
 use crate::navigation::scalar_filter::measured;
@@ -311,6 +312,13 @@ impl<'a> Smoother<'a> {
                     *x = rest * from + part * *x;
                 }
             }
+            for fix in self.line.fixes_at(row).into_iter().flatten() {
+                let half_square = |x: f64| 0.5 * (fix.error - x).powi(2) / fix.variance;
+                rise += half_square(x[fix.state]);
+                if let Some(from) = self.at.x.get(row) {
+                    rise -= half_square(from[fix.state]);
+                }
+            }
             let mut field = None;
             if let Some((value_nt, variance_nt2)) = measured(self.line, row, self.offset.0) {
                 field = self.field.at_error(self.line.ins, row, [x[LAT], x[LON], x[ALT]]);
@@ -346,7 +354,12 @@ impl<'a> Smoother<'a> {
             Some(self.loss.of(residual_nt / variance_nt2.sqrt()))
         };
         let sum: f64 = self.at.x.iter().zip(&self.at.fields).enumerate().filter_map(of).sum();
-        0.5 * self.at.motion + sum
+        let missed = |(row, x): (usize, &StateVector)| -> f64 {
+            let of = |fix: StateFix| (fix.error - x[fix.state]).powi(2) / fix.variance;
+            self.line.fixes_at(row).into_iter().flatten().map(of).sum()
+        };
+        let fixes: f64 = self.at.x.iter().enumerate().map(missed).sum();
+        0.5 * (self.at.motion + fixes) + sum
     }
 
     /// The output.

@@ -29,6 +29,12 @@ impl Sensitivity {
         Self([field.d_lat_nt_per_rad, field.d_lon_nt_per_rad, field.d_alt_nt_per_m, 1.0])
     }
 
+    /// That of a measurement of one of the measured states.
+    #[inline(always)]
+    pub(crate) fn of_state(state: usize) -> Self {
+        Self(MEASURED.map(|measured| f64::from(u8::from(measured == state))))
+    }
+
     /// H x of the measured states of x.
     #[inline(always)]
     pub(crate) fn of_measured(&self, x: [f64; 4]) -> f64 {
@@ -129,6 +135,17 @@ impl StepModel {
     }
 }
 
+/// What an update was made with.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Corrected {
+    /// K.
+    pub(crate) gain: StateVector,
+    /// z - H x before it.
+    pub(crate) innovation: f64,
+    /// 1/(H P Hᵀ + R).
+    pub(crate) weight: f64,
+}
+
 /// A normal distribution of the states.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Belief {
@@ -172,6 +189,18 @@ impl Belief {
             }
         }
         mirror(&mut self.p);
+    }
+
+    /// The update by a measurement of some of the measured states.
+    #[inline(always)]
+    pub(crate) fn correct(&mut self, h: &Sensitivity, value: f64, variance: f64) -> Corrected {
+        let ph = h.covariance(&self.p);
+        let weight = 1.0 / (h.dot(&ph) + variance);
+        let gain = ph.map(|ph| ph * weight);
+        let innovation = value - h.dot(&self.x);
+        add_scaled(&mut self.x, innovation, &gain);
+        self.correct_covariance(h, &gain, &ph, variance);
+        Corrected { gain, innovation, weight }
     }
 
     /// Whether all states are finite and all variances finite and non-negative.

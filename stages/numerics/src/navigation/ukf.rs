@@ -177,6 +177,7 @@ impl WithSimd for Filter<'_> {
             if row > 0 {
                 estimate.propagate(&model, &ins.point(row - 1), ins.tt_s[row] - ins.tt_s[row - 1]);
             }
+            estimate.aid(self.line.fixes_at(row));
             let innovation = self.measure(&mut estimate, row);
             estimate.check(row, ins.tt_s[row])?;
             let (x, p) = (&estimate.x, &estimate.p);

@@ -113,6 +113,26 @@ impl Terms {
         Ok(Self { groups, columns })
     }
 
+    /// The groups whose columns are the first of a list of names, as far as they are; more columns before fewer.
+    ///
+    /// # Errors
+    /// Fails with [`TermsError::Empty`] where the first name begins no group.
+    pub fn leading<S: AsRef<str>>(names: &[S]) -> Result<Self, TermsError> {
+        let mut known: Vec<&'static TermGroup> = GROUPS.iter().collect();
+        known.sort_by_key(|group| (group.family, std::cmp::Reverse(group.columns.len())));
+        let (mut groups, mut columns): (Vec<&'static TermGroup>, Vec<usize>) = (vec![], vec![]);
+        for group in known {
+            let new = groups.last().is_none_or(|last| last.family != group.family);
+            let rest = names.get(columns.len()..).unwrap_or_default();
+            let same = |(name, column): (&S, &usize)| name.as_ref() == NAMES[*column];
+            if new && rest.len() >= group.columns.len() && rest.iter().zip(group.columns).all(same) {
+                groups.push(group);
+                columns.extend(group.columns);
+            }
+        }
+        if groups.is_empty() { Err(TermsError::Empty) } else { Ok(Self { groups, columns }) }
+    }
+
     /// All groups that can be requested.
     pub fn groups_known() -> &'static [TermGroup] {
         &GROUPS

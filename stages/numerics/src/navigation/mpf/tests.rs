@@ -115,7 +115,16 @@ impl Scene {
         let (measurement_nt, errors) = (measured_nt.as_slice(), *errors);
         run(
             parameters,
-            &NavigationLine { ins: &ins, measurement_nt, sigma_nt, map, core: None, errors, offset_window_s: 0.0 },
+            &NavigationLine {
+                ins: &ins,
+                measurement_nt,
+                sigma_nt,
+                map,
+                core: None,
+                errors,
+                offset_window_s: 0.0,
+                fixes: None,
+            },
         )
     }
 

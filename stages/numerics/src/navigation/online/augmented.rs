@@ -17,6 +17,7 @@ use crate::navigation::ins_error::{InsErrorModel, ParameterError};
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{NavigationError, NavigationOutput};
+use crate::navigation::position_fixes::PositionFixes;
 
 use filter::{Along, Filter};
 
@@ -35,19 +36,21 @@ pub struct LineModel<'a> {
     /// field as it is before the line) is taken off each magnetometer; 0 takes nothing off. Not needed where a
     /// constant is among the states with a prior as wide as the offset.
     pub offset_window_s: f64,
+    /// Positions from elsewhere, each used before the measurements of its sample.
+    pub fixes: Option<&'a PositionFixes>,
 }
 
 impl<'a> LineModel<'a> {
     /// Of a line, whose own measurement is left out.
     pub fn of(line: &NavigationLine<'a>) -> Self {
-        let NavigationLine { ins, map, core, errors, offset_window_s, .. } = *line;
-        Self { ins, map, core, errors, offset_window_s }
+        let NavigationLine { ins, map, core, errors, offset_window_s, fixes, .. } = *line;
+        Self { ins, map, core, errors, offset_window_s, fixes }
     }
 
     /// With a magnetometer's measurement and its standard deviation, in nT.
     pub(crate) fn with(&self, measurement_nt: &'a [f64], sigma_nt: &'a [f64]) -> NavigationLine<'a> {
-        let Self { ins, map, core, errors, offset_window_s } = *self;
-        NavigationLine { ins, measurement_nt, sigma_nt, map, core, errors, offset_window_s }
+        let Self { ins, map, core, errors, offset_window_s, fixes } = *self;
+        NavigationLine { ins, measurement_nt, sigma_nt, map, core, errors, offset_window_s, fixes }
     }
 }
 

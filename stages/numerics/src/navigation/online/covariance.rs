@@ -79,6 +79,12 @@ impl Covariance {
         self.entries[row * self.stride + column]
     }
 
+    /// A padded row, which is P Hᵀ of a measurement of one state.
+    #[inline(always)]
+    pub(crate) fn row(&self, state: usize) -> &[f64] {
+        &self.entries[state * self.stride..][..self.stride]
+    }
+
     /// The block of the states beyond the 18, row-major.
     pub(crate) fn others(&self) -> Vec<f64> {
         let of = |row: usize| self.entries[row * self.stride..][STATES..self.states].to_vec();

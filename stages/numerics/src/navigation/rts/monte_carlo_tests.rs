@@ -67,6 +67,7 @@ impl Flight {
             core: Some(core),
             errors: self.errors,
             offset_window_s: 0.0,
+            fixes: None,
         };
         run(&line, &SmootherParameters { loss, ..SmootherParameters::default() }).unwrap()
     }

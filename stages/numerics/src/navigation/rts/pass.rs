@@ -10,8 +10,11 @@ use pulp::{Simd, WithSimd};
 use super::SmootherParameters;
 use super::adjoint::{Adjoint, Used};
 use super::loss::RobustLoss;
+use crate::navigation::position_fixes::StateFix;
 use crate::navigation::scalar_filter::problem::{ScalarProblem, Search};
-use crate::navigation::scalar_filter::{Belief, Sensitivity, StepModel, add_scaled, inner, measured, measured_states};
+use crate::navigation::scalar_filter::{
+    Belief, Corrected, Sensitivity, StepModel, add_scaled, inner, measured, measured_states,
+};
 
 /// Samples between two states that the forward pass keeps; what the backward pass computes again between them stays in
 /// the cache next to the innermost one.
@@ -52,7 +55,7 @@ pub(super) struct Solution {
     pub(super) measured_step: f64,
 }
 
-/// A measurement of the linear problem: value = H x + noise.
+/// A measurement of the linear problem: value = H x + noise; of a position from elsewhere, in the unit of its state.
 #[derive(Clone, Copy, Debug)]
 struct LinearMeasurement {
     h: Sensitivity,
@@ -67,7 +70,8 @@ struct Filtered {
     phi: StateMatrix,
     /// After its measurement.
     belief: Belief,
-    used: Option<Used>,
+    /// The positions from elsewhere, and the measurement.
+    used: [Option<Used>; 4],
 }
 
 /// A pass, and what the last one found beside its solution.
@@ -132,6 +136,7 @@ impl<'a> Pass<'a> {
             if row % BLOCK == 0 {
                 self.kept.push(belief);
             }
+            self.aid(row, &mut belief);
             self.linearise(row, &belief, about, field);
             if let Some(measurement) = &self.measurements[row] {
                 measurement.correct(&mut belief);
@@ -141,6 +146,12 @@ impl<'a> Pass<'a> {
             }
         }
         Ok(())
+    }
+
+    /// The positions from elsewhere of a row.
+    #[inline(always)]
+    fn aid(&self, row: usize, belief: &mut Belief) -> [Option<Used>; 3] {
+        self.line.fixes_at(row).map(|fix| fix.map(|fix| LinearMeasurement::of_fix(&fix).correct(belief)))
     }
 
     /// The measurement of a row in the linear problem, and its innovation.
@@ -210,7 +221,7 @@ impl<'a> Pass<'a> {
                 if self.keep_covariance {
                     self.covariances[row] = adjoint.smoothed(&belief.p);
                 }
-                if let Some(used) = used {
+                for used in used.iter().rev().flatten() {
                     let u = adjoint.through_measurement(used);
                     solution.motion += u * used.h.dot(&x);
                     if let About::Along((last, _)) = about {
@@ -240,7 +251,9 @@ impl<'a> Pass<'a> {
             } else if row > 0 {
                 phi = self.model.transition(ins, row);
             }
-            let used = self.measurements[row].as_ref().map(|measurement| measurement.correct(&mut belief));
+            let [lat, lon, alt] = self.aid(row, &mut belief);
+            let measured = self.measurements[row].as_ref().map(|measurement| measurement.correct(&mut belief));
+            let used = [lat, lon, alt, measured];
             self.block.push(Filtered { phi, belief, used });
         }
     }
@@ -255,6 +268,11 @@ impl LinearMeasurement {
     }
 
     #[inline(always)]
+    fn of_fix(fix: &StateFix) -> Self {
+        Self { h: Sensitivity::of_state(fix.state), value_nt: fix.error, variance_nt2: fix.variance }
+    }
+
+    #[inline(always)]
     fn innovation(&self, predicted: &Belief) -> Innovation {
         let residual_nt = self.value_nt - self.h.dot(&predicted.x);
         let variance_nt2 = self.h.dot(&self.h.covariance(&predicted.p)) + self.variance_nt2;
@@ -263,14 +281,9 @@ impl LinearMeasurement {
 
     #[inline(always)]
     fn correct(&self, belief: &mut Belief) -> Used {
-        let Self { h, value_nt, variance_nt2 } = *self;
-        let ph = h.covariance(&belief.p);
-        let weight = 1.0 / (h.dot(&ph) + variance_nt2);
-        let gain = ph.map(|ph| ph * weight);
-        let innovation_nt = value_nt - h.dot(&belief.x);
-        add_scaled(&mut belief.x, innovation_nt, &gain);
-        belief.correct_covariance(&h, &gain, &ph, variance_nt2);
-        Used { h, gain, force: innovation_nt * weight, weight, variance_nt2 }
+        let LinearMeasurement { h, value_nt, variance_nt2 } = *self;
+        let Corrected { gain, innovation, weight } = belief.correct(&h, value_nt, variance_nt2);
+        Used { h, gain, force: innovation * weight, weight, variance_nt2 }
     }
 }
 

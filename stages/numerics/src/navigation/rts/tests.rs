@@ -4,7 +4,7 @@ use crate::maps::map_surface::Interpolation;
 use crate::navigation::ekf::{self, EkfParameters};
 use crate::navigation::pinson::STATES;
 use crate::navigation::scalar_filter::tests::{
-    Batch, Dense, Scene, assert_close, assert_refusals, dense, hills, m_per_deg, plane, uneven,
+    Batch, Dense, Scene, assert_close, assert_refusals, dense, hills, m_per_deg, plane, positions, uneven,
 };
 use crate::navigation::transition::NoiseDiscretisation;
 
@@ -88,6 +88,36 @@ fn law_on_a_curved_map_it_is_the_dense_minimum_with_every_loss() {
         // J is flat at its minimum: 1e-4 of a standard deviation is 1e-8 of it.
         assert!((output.iterations.cost / cost - 1.0).abs() < 1e-7, "{loss:?} {} {cost}", output.iterations.cost);
     }
+}
+
+#[test]
+fn law_with_positions_from_elsewhere_it_is_the_dense_minimum() {
+    let mut scene = gaps(Interpolation::Cubic, hills);
+    scene.fixes = Some(positions(&scene.columns));
+    let output = smoothed(&scene, &SmootherParameters { tolerance_m: 1e-4, iterations: 60, ..all() });
+    assert!(output.iterations.converged, "{:?}", output.iterations);
+    let batch = batch(&scene, RobustLoss::new(Loss::None, None), 60);
+    for row in 0..150 {
+        let found = (&output.line.x[row], &output.line.p[row]);
+        assert_close(found.0, found.1, (&batch.x[row], &batch.p[row]), 1e-4, &format!("row {row}"));
+    }
+    let cost = scene.with(|line| {
+        let (mut field, mut cost) = (line.predicted(), 0.5 * batch.motion);
+        for (row, x) in batch.x.iter().enumerate() {
+            for fix in line.fixes_at(row).into_iter().flatten() {
+                cost += 0.5 * (fix.error - x[fix.state]).powi(2) / fix.variance;
+            }
+            let Some((measured, variance)) = line.measured(row, 0.0) else { continue };
+            let value = field.at_error(line.ins, row, [x[LAT], x[LON], x[ALT]]).unwrap().value_nt;
+            cost += 0.5 * (measured - value - x[S]).powi(2) / variance;
+        }
+        cost
+    });
+    assert!((output.iterations.cost / cost - 1.0).abs() < 1e-7, "{} {cost}", output.iterations.cost);
+    // Without them it is another line.
+    scene.fixes = None;
+    let alone = smoothed(&scene, &all());
+    assert!(alone.line.sd_n_m[75] > 1.02 * output.line.sd_n_m[75]);
 }
 
 #[test]

@@ -4,6 +4,7 @@ use crate::earth::geodesy::EarthModel;
 use crate::maps::map_stack::FieldMap;
 use crate::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
 use crate::navigation::output::NavigationError;
+use crate::navigation::position_fixes::PositionFixes;
 use crate::random::Normals;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
@@ -22,6 +23,7 @@ pub(crate) struct Scene {
     pub(crate) sigma_nt: Vec<f64>,
     pub(crate) map: FieldMap,
     pub(crate) errors: InsErrorModel,
+    pub(crate) fixes: Option<PositionFixes>,
 }
 
 pub(crate) const LAT_DEG: f64 = 45.0;
@@ -70,7 +72,14 @@ impl Scene {
         let mut errors = InsErrorModel::default();
         errors.sources.init_position_sigma_m = 100.0;
         errors.sources.init_velocity_sigma_mps = 0.3;
-        Self { sigma_nt: vec![5.0; tt.len()], columns, measurement_nt, map: FieldMap::Flat(surface), errors }
+        Self {
+            sigma_nt: vec![5.0; tt.len()],
+            columns,
+            measurement_nt,
+            map: FieldMap::Flat(surface),
+            errors,
+            fixes: None,
+        }
     }
 
     pub(crate) fn series(&self) -> InsSeries<'_> {
@@ -87,7 +96,25 @@ impl Scene {
             core: None,
             errors: self.errors,
             offset_window_s: 0.0,
+            fixes: self.fixes.as_ref(),
         })
+    }
+}
+
+/// Positions 30 m north and 50 m west of an INS at every seventh sample from the third on, half of them without a height,
+/// whose sigmas are 20 and 30 m.
+pub(crate) fn positions(columns: &[Vec<f64>; 13]) -> PositionFixes {
+    let (north, east) = m_per_deg();
+    let at = |every: usize, values: &[f64], shift: f64| -> Vec<f64> {
+        let of = |(row, value): (usize, &f64)| if row % every == 2 { value + shift } else { f64::NAN };
+        values.iter().enumerate().map(of).collect()
+    };
+    PositionFixes {
+        lat_deg: at(7, &columns[1], 30.0 / north),
+        lon_deg: at(7, &columns[2], -50.0 / east),
+        alt_m: at(14, &columns[3], 12.0),
+        horizontal_sigma_m: 20.0,
+        vertical_sigma_m: 30.0,
     }
 }
 
@@ -148,6 +175,14 @@ impl Batch {
         let mut field = line.predicted();
         let (mut rows, mut columns, mut values, mut variances) = (vec![], vec![], vec![], vec![]);
         for row in 0..self.x.len() {
+            for fix in line.fixes_at(row).into_iter().flatten() {
+                let mut h = DenseVector::zeros();
+                h[fix.state] = 1.0;
+                values.push(fix.error);
+                variances.push(fix.variance);
+                columns.push(self.with_measurement(row, &h));
+                rows.push((row, h));
+            }
             let x = self.x[row];
             let Some((measured, variance)) = line.measured(row, 0.0) else { continue };
             let Some(value) = field.at_error(line.ins, row, [x[LAT], x[LON], x[ALT]]) else { continue };
@@ -160,9 +195,16 @@ impl Batch {
             columns.push(self.with_measurement(row, &h));
             rows.push((row, h));
         }
+        // In standard deviations of the measurements, whose units differ.
         let n = rows.len();
+        for (place, variance) in variances.iter().enumerate() {
+            let weight = 1.0 / variance.sqrt();
+            values[place] *= weight;
+            rows[place].1 *= weight;
+            columns[place].iter_mut().for_each(|column| *column *= weight);
+        }
         let covariance = DMatrix::from_fn(n, n, |i, j| rows[i].1.dot(&columns[j][rows[i].0]));
-        let sum = &covariance + DMatrix::from_diagonal(&DVector::from_vec(variances));
+        let sum = &covariance + DMatrix::identity(n, n);
         let inverse = sum.cholesky().unwrap().inverse();
         let dual = &inverse * DVector::from_vec(values);
         self.motion = dual.dot(&(&covariance * &dual));

@@ -69,6 +69,7 @@ impl Linear {
             core: None,
             errors: InsErrorModel::of(sources),
             offset_window_s: 0.0,
+            fixes: None,
         }
     }
 

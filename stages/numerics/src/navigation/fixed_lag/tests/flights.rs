@@ -144,6 +144,7 @@ impl Flight {
             core: Some(&scene().core),
             errors: InsErrorModel::default(),
             offset_window_s: 0.0,
+            fixes: None,
         }
     }
 

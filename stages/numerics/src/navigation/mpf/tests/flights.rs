@@ -46,6 +46,7 @@ impl Flight {
             core: Some(core),
             errors: *model,
             offset_window_s: 0.0,
+            fixes: None,
         };
         run(&MpfParameters { keep_states: true, ..parameters }, &line).unwrap()
     }

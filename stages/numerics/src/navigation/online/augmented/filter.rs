@@ -7,6 +7,7 @@ use crate::navigation::field::PredictedField;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateVector, pinson_matrix};
+use crate::navigation::position_fixes::StateFix;
 use crate::navigation::transition::{propagate_state, transition_matrix};
 
 use super::super::covariance::{Covariance, Scalar, Step, WIDEST, dot};
@@ -28,6 +29,7 @@ impl<M: AircraftModel> WithSimd for Along<'_, M> {
             if row > 0 {
                 filter.propagate(row);
             }
+            filter.aid(row);
             let innovation = filter.update(row)?;
             filter.store(row, innovation)?;
         }
@@ -154,6 +156,24 @@ impl<'a, M: AircraftModel> Filter<'a, M> {
             }
         }
         self.p.propagate(&Step { errors, density: &self.density, f: &f, phi: &phi, dt_s }, decay, noise);
+    }
+
+    /// The positions from elsewhere of a sample.
+    #[inline(always)]
+    fn aid(&mut self, row: usize) {
+        let Some(fixes) = self.line.fixes else { return };
+        for StateFix { state, error, variance } in
+            fixes.at(self.line.ins, row, self.line.errors.earth).into_iter().flatten()
+        {
+            let Scratch { ph, gain, rest, .. } = &mut self.scratch;
+            ph.copy_from_slice(self.p.row(state));
+            let innovation_variance = ph[state] + variance;
+            let residual = error - self.x[state];
+            self.p.correct(&Scalar { ph, innovation_variance }, gain, rest);
+            for (x, gain) in self.x.iter_mut().zip(&*gain) {
+                *x += gain * residual;
+            }
+        }
     }
 
     /// The measurements of a sample.

@@ -117,7 +117,7 @@ impl Flight {
     pub(crate) fn line<'a>(&self, map: &'a FieldMap) -> LineModel<'a> {
         let columns: &'static [Vec<f64>; 13] = Box::leak(Box::new(self.columns.clone()));
         let ins = Box::leak(Box::new(InsSeries::of(columns.each_ref().map(Vec::as_slice))));
-        LineModel { ins, map, core: None, errors: self.errors, offset_window_s: 0.0 }
+        LineModel { ins, map, core: None, errors: self.errors, offset_window_s: 0.0, fixes: None }
     }
 
     pub(crate) fn magnetometer<'a>(

@@ -1,0 +1,210 @@
+//! The extended Kalman filter that trains a small network of the aircraft's field in flight.
+
+use numerics::navigation::{
+    line::NavigationLine,
+    online::{OnlineParameters, check_sources},
+    online_nn::{self, Activation, Calibration, Network, NetworkPrior, TrainingParameters, train},
+    position_fixes::PositionFixes,
+    transition::NoiseDiscretisation,
+};
+use numerics::regression::statistics::std;
+use schemas::{Column, ColumnType, Fault, Rule};
+
+use super::aiding::{Aiding, both};
+use super::filter::{Flight, Flown, NavigationFilter, Track, filter};
+use crate::columns::{array, data, list, matrix};
+
+filter! {
+    /// The 18-state extended Kalman filter with the weights of a network as further states: one hidden layer, whose
+    /// output is the aircraft's field at the magnetometer. The measurement is not compensated beforehand. It is for
+    /// fields that are not linear in what is known of them, such as those of switched currents; where they are,
+    /// `ekf_online_tl` knows more.
+    ///
+    /// The weights are first trained on the part of the line before GNSS is lost, `gnss_lost_s`, which has to be given:
+    /// there the aircraft's field is the measurement less the field of map and core field at the position by GNSS. The
+    /// training is recursive least squares. Meanwhile GNSS aids the INS, and the measurement is `missing`, so that it is
+    /// not used twice. Afterwards its noise is what the network misses of the training, where that is more than
+    /// `measurement_sigma_nt`.
+    ///
+    /// A scalar magnetometer among the features is refused: the filter would subtract what it navigates by. `aircraft` is
+    /// the field of the aircraft by the weights of the sample. The covariance of the weights does not know what the network
+    /// cannot represent, so that the filter is too sure of itself where the training did not show what the line then does.
+    ///
+    /// Source: thesis 000, section 5.6, with the regressor ∂m/∂w in (5.44) and (5.45).
+    EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding], example r#"features = "tl"
+gnss_lost_s = [120.0, 1e6]"#;
+    /// The list column of the network's inputs, as `features` or `a_matrix` makes it.
+    features: String, unit "", default "features";
+    /// Units of the hidden layer.
+    hidden: usize, unit "1", default 8usize, rule Rule::Between(1.0, 64.0);
+    /// What a hidden unit makes of its sum.
+    activation: Activation, unit "", default Activation::Swish;
+    /// The seed of the first weights.
+    seed: usize, unit "", default 0usize;
+    /// How often the training goes through its samples.
+    passes: usize, unit "1", default 10usize, rule Rule::Between(1.0, 1000.0);
+    /// The time in which the weights are expected to change by as much as the training leaves unknown.
+    memory_s: f64, unit "s", default 3600.0, rule Rule::Positive;
+    /// A measurement whose squared innovation over its variance is above this is not used.
+    gate_nis: Option<f64>, unit "1", absent "all measurements are used", rule Rule::Positive;
+    /// How the process noise becomes a step's covariance: to second order, to first order as MagNav.jl, or exactly.
+    discretisation: NoiseDiscretisation, unit "", default NoiseDiscretisation::Trapezoidal;
+    /// Append the weights of every sample: those of the inputs by hidden unit, the units' biases, the output's weights, its
+    /// bias.
+    save_weights: bool, unit "", default false;
+}
+
+/// The inputs of a network.
+fn inputs(flight: &Flight, column: &str) -> Result<Vec<String>, Vec<Fault>> {
+    let found = flight.shape.need(column).map_err(|fault| vec![fault.of_param("features")])?;
+    match &found.column_type {
+        ColumnType::List(names) => Ok(names.clone()),
+        _ => {
+            let what = format!("`{column}` is no list of features");
+            let help = "name the column of a `features` or an `a_matrix`";
+            Err(vec![Fault::new(what).of_param("features").help(help)])
+        }
+    }
+}
+
+impl NavigationFilter for EkfOnlineNn {
+    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+        let features = inputs(flight, &self.features).and_then(|names| {
+            check_sources(&names).map_err(|e| vec![Fault::new(e.to_string()).of_param("features")])?;
+            Ok(vec![self.features.clone()])
+        });
+        let features = match self.aiding.gnss_lost_s {
+            Some([lost_s, _]) if lost_s > 0.0 => features,
+            Some(_) | None => {
+                let what = "the network is trained while there is GNSS, and `gnss_lost_s` does not say until when";
+                let fault = Fault::new(what).of_param("gnss_lost_s").help("for example `gnss_lost_s = [600.0, 1e6]`");
+                both(features, Err(vec![fault]))
+            }
+        };
+        both(features, self.aiding.reads(flight))
+    }
+
+    fn columns(&self, flight: &Flight) -> Vec<Column> {
+        let mut columns = vec![Column::float("aircraft", "nT", "field of the aircraft by the weights of the sample")];
+        if self.save_weights {
+            let inputs = inputs(flight, &self.features).unwrap_or_default();
+            let unit = |of: &str| (1..=self.hidden).map(|unit| format!("{of}_{unit}")).collect::<Vec<_>>();
+            let mut names: Vec<String> =
+                (1..=self.hidden).flat_map(|unit| inputs.iter().map(move |input| format!("{input}_{unit}"))).collect();
+            names.extend(unit("bias").into_iter().chain(unit("output")).chain(["output_bias".to_owned()]));
+            columns.push(Column::list("weights", "", "weights of the network", names));
+        }
+        columns
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        self.aiding.idle(key)
+    }
+
+    fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+        let fixes = self.aiding.fixes(flown)?.ok_or_else(|| Fault::bug("a network without GNSS is trained"))?;
+        let line = NavigationLine { fixes: Some(&fixes), ..flown.line_with(self.discretisation)? };
+        let (features, _) = matrix(flown.columns, &self.features)?;
+        let (network, prior, training) = self.train(flown, &line, &fixes, features)?;
+        let mut measured_nt = flown.measured_nt.clone();
+        measured_nt[..training].fill(f64::NAN);
+        let sigma_nt: Vec<f64> = flown.sigma_nt.iter().map(|sigma| sigma.max(prior.misfit_nt)).collect();
+        let line = NavigationLine { measurement_nt: &measured_nt, sigma_nt: &sigma_nt, ..line };
+        let parameters = OnlineParameters {
+            gate_nis: self.gate_nis,
+            keep_states: false,
+            keep_covariance: false,
+            keep_coefficients: self.save_weights,
+        };
+        let out = online_nn::run(&line, &network, features, &prior, &parameters).map_err(data)?;
+        let mut more = vec![array(out.track.aircraft_nt)];
+        if self.save_weights {
+            more.push(list(out.weights_by_row, network.weights())?);
+        }
+        let mut track = Track::of(flown, out.navigation, self.gate_nis)?;
+        track.update[..training].fill(super::Update::Missing);
+        Ok(Track { more, ..track })
+    }
+}
+
+impl EkfOnlineNn {
+    /// The network, its weights before the loss of GNSS, and the number of samples until then.
+    fn train(
+        &self,
+        flown: &Flown,
+        line: &NavigationLine,
+        fixes: &PositionFixes,
+        features: &[f64],
+    ) -> Result<(Network, NetworkPrior, usize), Fault> {
+        let tt_s = flown.ins.tt_s;
+        let lost_s = self.aiding.gnss_lost_s.map_or(0.0, |[lost_s, _]| lost_s);
+        let training = tt_s.partition_point(|t| t - tt_s[0] < lost_s);
+        let aircraft_nt = aircraft_field(line, fixes, training);
+        let known: Vec<f64> = aircraft_nt.iter().copied().filter(|nt| nt.is_finite()).collect();
+        if known.len() < 4 {
+            let what = format!(
+                "before GNSS is lost, {} samples have a measurement, a position and a map value: too few to train on",
+                known.len()
+            );
+            return Err(Fault::data(what).help("does the map cover them, and is `gnss_lost_s` long enough?"));
+        }
+        let width = features.len() / tt_s.len();
+        let first = &features[..training * width];
+        let network = Network::new(first, width, self.hidden, self.activation, std(&known).value).map_err(data)?;
+        let parameters = TrainingParameters {
+            seed: self.seed as u64,
+            sigma_nt: flown.measurement_sigma_nt.hypot(flown.errors.fogm_sigma_nt),
+            passes: self.passes,
+            memory_s: self.memory_s,
+        };
+        let calibration = Calibration { tt_s: &tt_s[..training], features: first, aircraft_nt: &aircraft_nt };
+        let prior = train(&network, &calibration, None, &parameters).map_err(data)?;
+        Ok((network, prior, training))
+    }
+}
+
+/// The measurement less the field at the position by GNSS, in nT, a value a sample; NaN without either.
+fn aircraft_field(line: &NavigationLine, fixes: &PositionFixes, rows: usize) -> Vec<f64> {
+    let (ins, mut field) = (line.ins, line.predicted());
+    let of = |row: usize| {
+        let error = [
+            (fixes.lat_deg[row] - ins.lat_deg[row]).to_radians(),
+            (fixes.lon_deg[row] - ins.lon_deg[row]).to_radians(),
+            fixes.alt_m[row] - ins.alt_m[row],
+        ];
+        let there = error.iter().all(|error| error.is_finite());
+        let predicted = if there { field.at_error(ins, row, error) } else { None };
+        predicted.map_or(f64::NAN, |field| line.measurement_nt[row] - field.value_nt)
+    };
+    (0..rows).map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::navigate::testing::*;
+
+    #[test]
+    fn law_the_network_learns_the_aircraft_and_the_filter_navigates() {
+        let keys = "mag = 'mag_1_uc'\nfeatures = 'attitude'\ngnss_lost_s = [300.0, 1e6]";
+        let found = flown("ekf_online_nn", keys, &flight()).unwrap();
+        assert_eq!((found.updates("missing"), found.updates("used")), (300, 300));
+        assert!(found.error_m(299) < 5.0 && found.error_m(ROWS - 1) < 40.0, "{}", found.error_m(ROWS - 1));
+        // The same seed, the same weights; another seed, others.
+        let again = flown("ekf_online_nn", keys, &flight()).unwrap();
+        assert_eq!(found.numbers("lat"), again.numbers("lat"));
+        let other = flown("ekf_online_nn", &format!("{keys}\nseed = 5\nsave_weights = true"), &flight()).unwrap();
+        assert_ne!(found.numbers("lat"), other.numbers("lat"));
+        assert_eq!(other.numbers("weights").len(), ROWS * (8 * (2 + 2) + 1));
+    }
+
+    #[test]
+    fn unit_what_is_missing_is_told() {
+        assert_refused("ekf_online_nn", "features = 'tl'", "`gnss_lost_s` does not say until when");
+        assert_refused("ekf_online_nn", "features = 'tl'\ngnss_lost_s = [0.0, 100.0]", "does not say until when");
+        assert_refused("ekf_online_nn", "features = 'tt'\ngnss_lost_s = [100.0, 1e6]", "no list of features");
+        let constant = "mag = 'mag_1_uc'\nfeatures = 'tl'\ngnss_lost_s = [300.0, 1e6]";
+        assert!(flown("ekf_online_nn", constant, &flight()).unwrap_err().what.contains("constant"));
+        let short = "mag = 'mag_1_uc'\nfeatures = 'attitude'\ngnss_lost_s = [2.0, 1e6]";
+        assert!(flown("ekf_online_nn", short, &flight()).unwrap_err().what.contains("too few to train on"));
+    }
+}

@@ -1,0 +1,144 @@
+//! The direction of the field in a scalar sensor, which its noise and its error depend on.
+
+use arrow_array::RecordBatch;
+use schemas::{Fault, Rule, Shape, choice, params};
+
+use crate::columns::{faults_of, floats, vector_axes};
+
+choice! {
+    /// Where the signal of an optically pumped magnetometer vanishes.
+    #[derive(Default)]
+    pub enum DeadZones {
+        /// Nowhere, or nobody knows.
+        #[default]
+        None = "none",
+        /// Along its axis: the amplitude goes with |sin θ|.
+        Polar = "polar",
+        /// Along and across its axis: the amplitude of a self-oscillating sensor goes with |sin 2θ| [Bloom 1962].
+        PolarAndEquatorial = "polar_and_equatorial",
+    }
+}
+
+/// Below this part of its largest amplitude a sensor has no reading.
+const LEAST_AMPLITUDE: f64 = 0.1;
+
+params! {
+    /// How a scalar sensor lies in the field.
+    pub struct SensorGeometry;
+    /// The vector magnetometer that tells the direction of the field, such as `flux_a`. Its noise hardly matters here, nor
+    /// does the aircraft's field at it.
+    vector: Option<String>, unit "", absent "the noise is the same in every attitude";
+    /// The axis of the scalar sensor, in the frame of the vector magnetometer (nose, right, down).
+    sensor_axis: [f64; 3], unit "1", default [1.0, 0.0, 0.0], rule Rule::Finite;
+    /// Where the sensor has no signal. Its noise is `measurement_sigma_nt` at the largest amplitude and grows as that falls;
+    /// a sample with less than a tenth of it has no measurement.
+    dead_zones: DeadZones, unit "", default DeadZones::None;
+}
+
+impl SensorGeometry {
+    /// What is wrong with it on a flight. `wanted` says whether the filter needs the direction for itself.
+    pub(super) fn faults(&self, shape: &Shape, wanted: bool) -> Vec<Fault> {
+        let Some(vector) = &self.vector else {
+            let none = self.dead_zones == DeadZones::None;
+            let what = "`dead_zones` needs the direction of the field: `vector`, the name of a vector magnetometer";
+            return if none { vec![] } else { vec![Fault::new(what).of_param("dead_zones")] };
+        };
+        let mut faults = faults_of(vector_axes(vector).iter().map(|axis| shape.number(axis, "nT")), "vector");
+        if self.sensor_axis.iter().all(|part| *part == 0.0) {
+            faults.push(Fault::new("`sensor_axis` has no direction").of_param("sensor_axis"));
+        }
+        if self.dead_zones == DeadZones::None && !wanted {
+            let what = "`vector` has no say: neither the noise nor the filter depends on the field's direction";
+            let help = "leave it out, or say `dead_zones`";
+            faults.push(Fault::new(what).of_param("vector").help(help));
+        }
+        faults
+    }
+
+    /// Why a key has no say.
+    pub(super) fn idle(&self, key: &str) -> Option<Fault> {
+        (key == "sensor_axis" && self.vector.is_none())
+            .then(|| Fault::new("`sensor_axis` has no say without `vector`").of_param(key))
+    }
+
+    /// The columns that are read.
+    pub(super) fn reads(&self) -> Vec<String> {
+        self.vector.iter().flat_map(|vector| vector_axes(vector)).collect()
+    }
+
+    /// The vector along a line, in nT.
+    pub(super) fn field<'a>(&self, batch: &'a RecordBatch) -> Result<Option<[&'a [f64]; 3]>, Fault> {
+        let Some(vector) = &self.vector else { return Ok(None) };
+        let [x, y, z] = vector_axes(vector).map(|axis| floats(batch, &axis));
+        Ok(Some([x?, y?, z?]))
+    }
+
+    /// The cosine of the angle between the sensor's axis and the field; NaN where the vector is unknown or zero.
+    pub(super) fn cosines(&self, [x, y, z]: [&[f64]; 3]) -> Vec<f64> {
+        let [a, b, c] = self.sensor_axis;
+        let size = a.hypot(b).hypot(c);
+        let of = |(x, (y, z)): (&f64, (&f64, &f64))| {
+            let norm = x.hypot(*y).hypot(*z);
+            if norm > 0.0 { (a * x + b * y + c * z) / (size * norm) } else { f64::NAN }
+        };
+        x.iter().zip(y.iter().zip(z)).map(of).collect()
+    }
+
+    /// What one sigma is multiplied by at an angle of this cosine; NaN where there is no signal, or no angle.
+    pub(super) fn noise_factor(&self, cosine: f64) -> f64 {
+        let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
+        let amplitude = match self.dead_zones {
+            DeadZones::None => return 1.0,
+            DeadZones::Polar => sine,
+            DeadZones::PolarAndEquatorial => 2.0 * sine * cosine.abs(),
+        };
+        if amplitude >= LEAST_AMPLITUDE { 1.0 / amplitude } else { f64::NAN }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn geometry(dead_zones: DeadZones) -> SensorGeometry {
+        SensorGeometry { vector: Some("flux_a".to_owned()), sensor_axis: [0.0, 2.0, 0.0], dead_zones }
+    }
+
+    #[test]
+    fn law_the_angle_is_that_of_two_vectors() {
+        let (x, y, z) = ([3.0, 0.0, 0.0, 0.0, 1.0], [4.0, -7.0, 0.0, f64::NAN, 0.0], [0.0, 0.0, 0.0, 1.0, 1.0]);
+        let cosines = geometry(DeadZones::None).cosines([&x, &y, &z]);
+        assert_eq!((cosines[0], cosines[1], cosines[4]), (0.8, -1.0, 0.0));
+        assert!(cosines[2].is_nan() && cosines[3].is_nan(), "{cosines:?}");
+    }
+
+    #[test]
+    fn law_noise_is_least_where_the_signal_is_largest() {
+        let of = |zones, deg: f64| geometry(zones).noise_factor(deg.to_radians().cos());
+        for deg in [0.0_f64, 3.0, 45.0, 90.0] {
+            assert_eq!(of(DeadZones::None, deg), 1.0);
+        }
+        // sin 90° and sin 2·45° are 1, sin 30° and sin 2·15° are 1/2; sin 5° is 0.087, sin 2·2° is 0.07.
+        assert!((of(DeadZones::Polar, 90.0) - 1.0).abs() < 1e-12 && (of(DeadZones::Polar, 30.0) - 2.0).abs() < 1e-12);
+        let both = DeadZones::PolarAndEquatorial;
+        assert!((of(both, 45.0) - 1.0).abs() < 1e-12 && (of(both, 165.0) - 2.0).abs() < 1e-12);
+        assert!(of(DeadZones::Polar, 5.0).is_nan() && of(both, 2.0).is_nan() && of(both, 88.0).is_nan());
+        assert!(of(both, f64::NAN).is_nan(), "without a direction nothing is known of the noise");
+    }
+
+    #[test]
+    fn unit_what_is_missing_is_told() {
+        let axes = ["flux_a_x", "flux_a_y"].map(|name| schemas::Column::float(name, "nT", "")).to_vec();
+        let shape = Shape { columns: axes, rate_hz: None };
+        let faults = geometry(DeadZones::Polar).faults(&shape, false);
+        assert!(faults.len() == 1 && faults[0].what.contains("flux_a_z"), "{faults:?}");
+        let idle = SensorGeometry { vector: None, ..geometry(DeadZones::Polar) };
+        assert!(idle.faults(&shape, true)[0].what.contains("needs the direction"));
+        assert!(idle.idle("sensor_axis").is_some() && idle.idle("vector").is_none());
+        let none = geometry(DeadZones::None).faults(&shape, false);
+        assert!(none.iter().any(|fault| fault.what.contains("has no say")), "{none:?}");
+        let flat = SensorGeometry { sensor_axis: [0.0; 3], ..geometry(DeadZones::Polar) };
+        assert!(flat.faults(&shape, false).iter().any(|fault| fault.what.contains("no direction")));
+    }
+}

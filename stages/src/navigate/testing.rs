@@ -1,0 +1,206 @@
+//! A flight over a map, with its truth, and the filters on it.
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Arc;
+
+use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
+use arrow_schema::Schema;
+use schemas::{Args, Column, Fault, Given, LineIn, Literal, Shape, Table};
+
+use super::{FILTERS, entry};
+use crate::columns::{array, list};
+
+pub(super) const ROWS: usize = 600;
+const M_PER_DEG: f64 = 111_130.0;
+
+/// The field of the map, in nT, at metres north and east of 45° N, 75° W: hills of a few kilometres.
+fn hills(north: f64, east: f64) -> f64 {
+    60.0 * (north / 500.0).sin() + 50.0 * (east / 430.0 + north / 900.0).cos()
+}
+
+fn metres(lat: f64, lon: f64) -> (f64, f64) {
+    ((lat - 45.0) * M_PER_DEG, (lon + 75.0) * M_PER_DEG * 45_f64.to_radians().cos())
+}
+
+/// The map, nodes 0.001° apart.
+pub(super) fn map() -> RecordBatch {
+    let nodes = || (0..340).flat_map(|row| (0..70).map(move |column| (row, column)));
+    let lat: Vec<f64> = nodes().map(|(row, _)| 44.99 + 0.001 * f64::from(row)).collect();
+    let lon: Vec<f64> = nodes().map(|(_, column)| -75.03 + 0.001 * f64::from(column)).collect();
+    let place = |(lat, lon): (&f64, &f64)| metres(*lat, *lon);
+    let anomaly = lat.iter().zip(&lon).map(place).map(|(north, east)| hills(north, east)).collect();
+    let (alt, columns) = (vec![300.0; lat.len()], schemas::map::shape().columns);
+    let of = |name: &str| match name {
+        "lat" => lat.clone(),
+        "lon" => lon.clone(),
+        "alt" => alt.clone(),
+        _ => Vec::clone(&anomaly),
+    };
+    let columns = columns.iter().map(|column| (column.name.clone(), array(of(&column.name))));
+    RecordBatch::try_from_iter(columns.collect::<Vec<_>>()).unwrap()
+}
+
+/// Ten minutes northward at 55 m/s, a sample a second. The INS is off by 10 m and 0.15 m/s north, and by 0.2 m/s east.
+/// `mag_1_c` and `mag_2_c` are the field and noise of 1 nT, of which the second has a gap; `mag_1_uc` has the aircraft's
+/// field too, which is linear in the direction of the vector `flux_d`: 40 along nose, -25 right, 30 down, and 12 nT. `tl` are
+/// its terms, `attitude` two features that tell the direction.
+pub(super) fn flight() -> RecordBatch {
+    let t: Vec<f64> = (0..ROWS).map(|k| k as f64).collect();
+    let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { t.iter().map(|t| f(*t)).collect() };
+    let lat = of(&|t| 45.0 + 55.0 * t / M_PER_DEG);
+    let lon = of(&|t| -75.0 + 0.004 * (t / 70.0).sin());
+    let east_deg = 1.0 / (M_PER_DEG * 45_f64.to_radians().cos());
+    let clean: Vec<f64> = lat.iter().zip(&lon).map(|(lat, lon)| metres(*lat, *lon)).map(|(n, e)| hills(n, e)).collect();
+    let noise = |k: f64| 1.4 * (2.3 * k).sin();
+    let (roll, pitch) = (of(&|t| 0.5 * (t / 3.1).sin()), of(&|t| 0.25 * (t / 2.3).cos()));
+    let direction = |k: usize| {
+        let (x, y) = (0.2 + pitch[k], 0.1 + roll[k]);
+        let z = (1.0 - x * x - y * y).sqrt();
+        [x, y, z]
+    };
+    let axis = |axis: usize| (0..ROWS).map(|k| 50_000.0 * direction(k)[axis]).collect::<Vec<f64>>();
+    let own = |k: usize| {
+        let [x, y, z] = direction(k);
+        40.0 * x - 25.0 * y + 30.0 * z + 12.0
+    };
+    let terms: Vec<f64> = (0..ROWS).flat_map(|k| direction(k).into_iter().chain([1.0])).collect();
+    let each = |f: &dyn Fn(usize) -> f64| (0..ROWS).map(f).collect::<Vec<f64>>();
+    let columns = vec![
+        ("tt", "s", t.clone()),
+        ("lat", "deg", lat.clone()),
+        ("lon", "deg", lon.clone()),
+        ("alt", "m", vec![300.0; ROWS]),
+        ("ins_lat", "deg", each(&|k| lat[k] + (10.0 + 0.15 * t[k]) / M_PER_DEG)),
+        ("ins_lon", "deg", each(&|k| lon[k] + 0.2 * t[k] * east_deg)),
+        ("ins_alt", "m", vec![300.0; ROWS]),
+        ("mag_1_c", "nT", each(&|k| clean[k] + noise(t[k]))),
+        ("mag_2_c", "nT", each(&|k| if (100..130).contains(&k) { f64::NAN } else { clean[k] + noise(t[k] + 77.0) })),
+        ("mag_1_uc", "nT", each(&|k| clean[k] + own(k) + noise(t[k]))),
+        ("flux_d_x", "nT", axis(0)),
+        ("flux_d_y", "nT", axis(1)),
+        ("flux_d_z", "nT", axis(2)),
+    ];
+    let mut fields: Vec<Column> = columns.iter().map(|(name, unit, _)| Column::float(*name, *unit, "")).collect();
+    fields.push(Column::list("attitude", "", "", ["roll", "pitch"].map(str::to_owned).to_vec()));
+    fields.push(Column::list("tl", "", "", ["x", "y", "z", "bias"].map(str::to_owned).to_vec()));
+    let mut arrays: Vec<_> = columns.into_iter().map(|(_, _, values)| array(values)).collect();
+    let attitude = roll.iter().zip(&pitch).flat_map(|(roll, pitch)| [*roll, *pitch]).collect();
+    arrays.push(list(attitude, 2).unwrap());
+    arrays.push(list(terms, 4).unwrap());
+    let schema = Schema::new(fields.iter().map(Column::field).collect::<Vec<_>>());
+    RecordBatch::try_new(Arc::new(schema), arrays).unwrap()
+}
+
+/// The flight with the values of a column changed.
+pub(super) fn with(flight: &RecordBatch, column: &str, of: impl Fn(usize, f64) -> f64) -> RecordBatch {
+    let (at, _) = flight.schema().column_with_name(column).map(|(at, field)| (at, field.clone())).unwrap();
+    let mut columns = flight.columns().to_vec();
+    let values = columns[at].as_primitive::<Float64Type>().values().to_vec();
+    columns[at] = array(values.into_iter().enumerate().map(|(row, x)| of(row, x)).collect());
+    RecordBatch::try_new(flight.schema(), columns).unwrap()
+}
+
+/// What a filter answers.
+#[derive(Debug)]
+pub(super) struct Answer(Vec<(String, Arc<dyn Array>)>);
+
+impl Answer {
+    fn column(&self, name: &str) -> &Arc<dyn Array> {
+        &self.0.iter().find(|(known, _)| known == name).unwrap_or_else(|| panic!("no column {name}")).1
+    }
+
+    pub(super) fn numbers(&self, name: &str) -> Vec<f64> {
+        let array = self.column(name);
+        let values = array.as_fixed_size_list_opt().map_or(array, |list| list.values());
+        values.as_primitive::<Float64Type>().values().to_vec()
+    }
+
+    pub(super) fn words(&self, name: &str) -> Vec<String> {
+        self.column(name).as_string::<i32>().iter().map(|word| word.unwrap().to_owned()).collect()
+    }
+
+    /// How many samples have this word in `update`.
+    pub(super) fn updates(&self, word: &str) -> usize {
+        self.words("update").iter().filter(|update| *update == word).count()
+    }
+
+    /// The distance from the truth at a row, in m.
+    pub(super) fn error_m(&self, row: usize) -> f64 {
+        let truth = flight();
+        let truth = |name: &str| truth.column_by_name(name).unwrap().as_primitive::<Float64Type>().value(row);
+        let (north, east) = metres(truth("lat"), truth("lon"));
+        let (found_north, found_east) = metres(self.numbers("lat")[row], self.numbers("lon")[row]);
+        (north - found_north).hypot(east - found_east)
+    }
+
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.0.iter().any(|(known, _)| known == name)
+    }
+}
+
+/// The stage with a filter, its keys written as in a spec.
+fn args(filter: &str, keys: &str) -> Args {
+    // What the flight is like: an INS that is off by more than a good one's, and a field without the core field.
+    let usual = format!(
+        "filter = '{filter}'\ncore_field = false\nmeasurement_sigma_nt = 1.5\nfogm_sigma_nt = 1.0\n\
+         init_position_sigma_m = 20.0\ninit_velocity_sigma_mps = 0.3\n"
+    );
+    let usual: toml::Table = usual.parse().unwrap();
+    let own: toml::Table = keys.parse().unwrap();
+    let all = usual.into_iter().filter(|(key, _)| !own.contains_key(key)).chain(own.clone());
+    all.map(|(key, value)| (key, Given { value: literal(value), key_at: 0..0, at: 0..0 })).collect()
+}
+
+fn literal(value: toml::Value) -> Literal {
+    match value {
+        toml::Value::String(text) => Literal::Text(text),
+        toml::Value::Integer(number) => Literal::Int(number),
+        toml::Value::Float(number) => Literal::Float(number),
+        toml::Value::Boolean(is) => Literal::Bool(is),
+        toml::Value::Array(items) => Literal::List(items.into_iter().map(literal).collect()),
+        toml::Value::Datetime(_) | toml::Value::Table(_) => panic!("no key is one"),
+    }
+}
+
+/// What a filter says of the flight before it runs.
+pub(super) fn planned(filter: &str, keys: &str) -> Result<Vec<Column>, Vec<Fault>> {
+    let stage = (entry(FILTERS.to_vec()).build)(&args(filter, keys))?;
+    let tables = [Table::Lines(Shape::of(&flight().schema())), Table::Map(schemas::map::shape())];
+    Ok(stage.yields(&tables.iter().collect::<Vec<_>>())?.columns)
+}
+
+/// A filter on a flight.
+pub(super) fn flown(filter: &str, keys: &str, flight: &RecordBatch) -> Result<Answer, Fault> {
+    let names: Vec<String> = planned(filter, keys).unwrap().into_iter().map(|column| column.name).collect();
+    let stage = (entry(FILTERS.to_vec()).build)(&args(filter, keys)).unwrap();
+    let line = LineIn {
+        flight: "1".into(),
+        line: "1.01".into(),
+        inputs: vec![flight.clone(), flight.slice(0, 0)],
+        keep: None,
+    };
+    let of_lines = stage.of_lines().unwrap();
+    let prepared = of_lines.prepare(&[flight.slice(0, 0), map()])?;
+    let arrays = of_lines.run(&line, &prepared)?;
+    assert_eq!(arrays.len(), names.len(), "{names:?}");
+    Ok(Answer(names.into_iter().zip(arrays).collect()))
+}
+
+/// A filter on the flight, which has to do.
+pub(super) fn run(filter: &str, keys: &str) -> Answer {
+    flown(filter, keys, &flight()).unwrap()
+}
+
+/// Asserts that keys are refused, with these words.
+pub(super) fn assert_refused(filter: &str, keys: &str, words: &str) {
+    let stage = (entry(FILTERS.to_vec()).build)(&args(filter, keys));
+    let faults = match stage {
+        Err(faults) => faults,
+        Ok(stage) => {
+            let own: toml::Table = keys.parse().unwrap();
+            let idle: Vec<Fault> = own.keys().filter_map(|key| stage.idle(key)).collect();
+            if idle.is_empty() { planned(filter, keys).unwrap_err() } else { idle }
+        }
+    };
+    assert!(faults.iter().any(|fault| fault.what.contains(words)), "{filter} {keys}: {faults:?}");
+}
