@@ -62,7 +62,7 @@ fn gold_an_answer_that_moves_needs_a_new_version() {
     let checked = bench.magline(&["check", "spec.toml"]);
     assert!(checked.status.success(), "{}{}", stdout(&checked), crate::support::stderr(&checked));
     let done = bench.run(&[]);
-    assert_eq!(done.code, 0, "{}", done.stderr);
+    assert_eq!(done.code, 0, "{} {}", done.last, done.stderr);
     let mut now = String::new();
     let tables = catalogue.iter().map(|e| (e.name.to_owned(), e));
     for (name, entry) in tables.chain(kinds.iter().map(|(entry, kind)| (table_of(entry, kind), *entry))) {

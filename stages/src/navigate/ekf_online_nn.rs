@@ -24,7 +24,7 @@ filter! {
     /// there the aircraft's field is the measurement less the field of map and core field at the position by GNSS. The
     /// training is recursive least squares. Meanwhile GNSS aids the INS, and the measurement is `missing`, so that it is
     /// not used twice. Afterwards its noise is what the network misses of the training, where that is more than
-    /// `measurement_sigma_nt`.
+    /// `measurement_sigma_nt`. The network learns a constant too, so that `offset_window_s` is not looked at.
     ///
     /// A scalar magnetometer among the features is refused: the filter would subtract what it navigates by. `aircraft` is
     /// the field of the aircraft by the weights of the sample. The covariance of the weights does not know what the network
@@ -32,7 +32,7 @@ filter! {
     ///
     /// Source: thesis 000, section 5.6, with the regressor ∂m/∂w in (5.44) and (5.45).
     EkfOnlineNn = "ekf_online_nn", version 1, groups [aiding: Aiding], example r#"features = "tl"
-gnss_lost_s = [120.0, 1e6]"#;
+gnss_lost_s = [20.0, 1e6]"#;
     /// The list column of the network's inputs, as `features` or `a_matrix` makes it.
     features: String, unit "", default "features";
     /// Units of the hidden layer.
@@ -109,14 +109,16 @@ impl NavigationFilter for EkfOnlineNn {
         let mut measured_nt = flown.measured_nt.clone();
         measured_nt[..training].fill(f64::NAN);
         let sigma_nt: Vec<f64> = flown.sigma_nt.iter().map(|sigma| sigma.max(prior.misfit_nt)).collect();
-        let line = NavigationLine { measurement_nt: &measured_nt, sigma_nt: &sigma_nt, ..line };
+        // The bias of the network holds the offset.
+        let line = NavigationLine { measurement_nt: &measured_nt, sigma_nt: &sigma_nt, offset_window_s: 0.0, ..line };
         let parameters = OnlineParameters {
             gate_nis: self.gate_nis,
             keep_states: false,
             keep_covariance: false,
             keep_coefficients: self.save_weights,
         };
-        let out = online_nn::run(&line, &network, features, &prior, &parameters).map_err(data)?;
+        let mut out = online_nn::run(&line, &network, features, &prior, &parameters).map_err(data)?;
+        out.navigation.report.offset_samples = training;
         let mut more = vec![array(out.track.aircraft_nt)];
         if self.save_weights {
             more.push(list(out.weights_by_row, network.weights())?);
