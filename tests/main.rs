@@ -11,6 +11,7 @@ mod calibration;
 mod examples;
 mod failures;
 mod field;
+mod filters;
 mod killed;
 mod map_lookup;
 mod map_stages;

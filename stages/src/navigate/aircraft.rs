@@ -23,8 +23,10 @@ params! {
     /// Of an eddy coefficient, whose term is the change of the field from sample to sample over its scale; it is divided by
     /// the time of a sample.
     eddy_sigma_nt_s: f64, unit "nT s", default 500.0, rule Rule::Positive;
-    /// Of the constant `bias`, and of every other coefficient.
+    /// Of the constant `bias`.
     bias_sigma_nt: f64, unit "nT", default 500.0, rule Rule::Positive;
+    /// Of any other term, such as a current, by its unit: a loop in the same cabin makes some nT of an ampere.
+    input_sigma_nt: f64, unit "nT", default 20.0, rule Rule::Positive;
     /// One sigma of each harmonic of the magnetometer's heading error: the first, second and fourth of the angle between
     /// its axis and the field, `heading_1`, `heading_2` and `heading_4`. Needs `vector`.
     heading_error_sigma_nt: Option<f64>, unit "nT", absent "it is taken to have none", rule Rule::Positive;
@@ -111,19 +113,29 @@ impl AircraftModel {
         Ok(prior)
     }
 
-    /// One sigma of a coefficient of which nothing is known, by the family of its name: `x`, `xy`, `xy_dot`.
+    /// One sigma of a coefficient of which nothing is known, by the family of its name: `x`, `xy`, `xy_dot`, also behind
+    /// the `TL_A_flux_a_` of `features`.
     fn cold_sigma_nt(&self, term: &str, dt_s: f64) -> f64 {
         if let Some(sigma_nt) = self.heading_error_sigma_nt
             && HEADING.iter().any(|(name, _)| *name == term)
         {
             return sigma_nt;
         }
-        let axes = |name: &str| name.chars().all(|axis| matches!(axis, 'x' | 'y' | 'z'));
-        match term.strip_suffix("_dot") {
-            Some(name) if axes(name) && name.len() == 2 => self.eddy_sigma_nt_s / dt_s,
-            None if axes(term) && term.len() == 1 => self.permanent_sigma_nt,
-            None if axes(term) && term.len() == 2 => self.induced_sigma_nt,
-            Some(_) | None => self.bias_sigma_nt,
+        let (name, changes) = match term.strip_suffix("_dot") {
+            Some(name) => (name, true),
+            None => (term, false),
+        };
+        let name = match name.strip_prefix("TL_A_") {
+            Some(of_vector) => of_vector.rsplit('_').next().unwrap_or(of_vector),
+            None => name,
+        };
+        let axes = !name.is_empty() && name.chars().all(|axis| matches!(axis, 'x' | 'y' | 'z'));
+        match (name.len(), changes) {
+            (2, true) if axes => self.eddy_sigma_nt_s / dt_s,
+            (1, false) if axes => self.permanent_sigma_nt,
+            (2, false) if axes => self.induced_sigma_nt,
+            _ if name == "bias" => self.bias_sigma_nt,
+            _ => self.input_sigma_nt,
         }
     }
 }
@@ -158,6 +170,7 @@ mod tests {
             induced_sigma_nt: 1000.0,
             eddy_sigma_nt_s: 500.0,
             bias_sigma_nt: 500.0,
+            input_sigma_nt: 20.0,
             heading_error_sigma_nt: Some(20.0),
             prior_factor: 2.0,
         }
@@ -175,8 +188,11 @@ mod tests {
     #[test]
     fn unit_without_a_calibration_each_family_has_its_sigma() {
         let prior = model().prior(&names(), 0.1, &[]).unwrap();
-        assert_eq!(prior.sigma(), [2000.0, 1000.0, 5000.0, 500.0, 500.0]);
+        assert_eq!(prior.sigma(), [2000.0, 1000.0, 5000.0, 500.0, 20.0]);
         assert_eq!(prior.mean, [0.0; 5]);
+        let of_features = ["TL_A_flux_d_x", "TL_A_flux_d_zz", "TL_A_flux_d_xy_dot", "TL_A_flux_d_bias", "cur_strb"];
+        let prior = model().prior(&of_features.map(str::to_owned), 0.1, &[]).unwrap();
+        assert_eq!(prior.sigma(), [2000.0, 1000.0, 5000.0, 500.0, 20.0]);
     }
 
     #[test]
@@ -193,7 +209,7 @@ mod tests {
     fn unit_a_calibration_tells_its_terms_and_the_others_stay_cold() {
         let prior = model().prior(&names(), 0.1, &[calibration([30.0, 40.0])]).unwrap();
         assert_eq!(prior.mean, [40.0, 30.0, 0.0, 0.0, 0.0]);
-        assert_eq!(prior.sigma(), [8.0, 6.0, 5000.0, 500.0, 500.0]);
+        assert_eq!(prior.sigma(), [8.0, 6.0, 5000.0, 500.0, 20.0]);
         let foreign = Calibration { terms: vec!["cur_ac_hi".to_owned()], values_nt: vec![1.0], sigmas_nt: vec![1.0] };
         assert!(model().prior(&names(), 0.1, &[foreign]).unwrap_err().what.contains("none of the terms"));
     }

@@ -1,0 +1,198 @@
+//! Every filter as a user runs it: flights with known truth over the real map of Osborne, in one sweep.
+
+use std::{collections::BTreeMap, fs};
+
+use crate::support::{Bench, numbers, read, repository, stderr, texts};
+
+/// Forty flights of twenty minutes, each with errors of its own that are drawn from what `navigate` expects by default.
+fn flights(magnetometers: &str) -> String {
+    let map = repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif");
+    format!(
+        r#"
+seed    = 11
+year    = 2024
+doy     = 100
+rate_hz = 1.0
+{magnetometers}
+[map]
+path  = "{}"
+alt_m = 500.0
+[ins]
+align = "line"
+[diurnal]
+sigma_nt = 3.0
+tau_s    = 600.0
+[[flights]]
+name   = "mc"
+copies = 40
+[[flights.lines]]
+name       = "1"
+kind       = "survey"
+alt_m      = 500.0
+speed_mps  = 60.0
+duration_s = 1200.0
+waypoints  = [[-22.12, 140.56], [-21.82, 140.60], [-21.82, 140.70], [-22.12, 140.74]]
+"#,
+        map.display()
+    )
+}
+
+fn spec(filters: &str, stage: &str) -> String {
+    let map = repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif");
+    format!(
+        r#"
+name  = "filters"
+store = "store"
+[tables.flights]
+path = "flights.synth.toml"
+[tables.anomaly]
+path  = "{}"
+alt_m = 500.0
+[axes]
+filter = [{filters}]
+[[stages]]
+name              = "track"
+stage             = "navigate"
+input             = "flights"
+map               = "anomaly"
+mag               = "mag_1_uc"
+filter            = "$filter"
+map_interpolation = "cubic"
+remove_diurnal    = false
+{stage}
+[[stages]]
+name    = "scores"
+stage   = "score"
+input   = ["flights", "track"]
+metrics = ["drms", "ins_drms", "nees", "nis"]
+"#,
+        map.display()
+    )
+}
+
+const CLEAN: &str = "[[magnetometers]]\nname = \"mag_1_uc\"\nnoise_nt = 5.0";
+
+fn bench(magnetometers: &str, filters: &str, stage: &str) -> Bench {
+    let bench = Bench::new();
+    fs::write(bench.path("flights.synth.toml"), flights(magnetometers)).unwrap();
+    bench.spec(&spec(filters, stage));
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{} {}", done.last, done.stderr);
+    bench
+}
+
+/// The mean over the flights of a metric, and its standard error, by filter.
+fn means(bench: &Bench, metric: &str) -> BTreeMap<String, (f64, f64)> {
+    let scores = read(&bench.path("store/tables/filters/scores"));
+    let (filters, metrics, values) = (texts(&scores, "filter"), texts(&scores, "metric"), numbers(&scores, "value"));
+    let mut of: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    for row in (0..values.len()).filter(|row| metrics[*row] == metric) {
+        of.entry(filters[row].clone()).or_default().push(values[row]);
+    }
+    let mean = |(filter, values): (String, Vec<f64>)| {
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        let square = values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        (filter, (mean, (square / n).sqrt()))
+    };
+    of.into_iter().map(mean).collect()
+}
+
+#[test]
+fn law_every_filter_is_as_good_as_it_says_and_near_the_bound() {
+    let filters = r#""ins_only", "ekf", "iekf", "ukf", "ekf_adaptive", "rts", "mpf", "crlb""#;
+    let bench = bench(CLEAN, filters, "");
+    let (drms, nees, nis) = (means(&bench, "drms"), means(&bench, "nees"), means(&bench, "nis"));
+    let ins = drms["ins_only"].0;
+    for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "mpf"] {
+        // Two coordinates: 2. The errors of a flight last for minutes, so that a flight is one draw. Four standard errors.
+        let (mean, error) = nees[filter];
+        assert!((mean - 2.0).abs() < 4.0 * error && error < 0.5, "{filter}: NEES {mean} ± {error}");
+        let (mean, error) = nis[filter];
+        // The inverse of a variance that is learnt from 50 samples is 1 + 2/50 times too large on average.
+        let expected = if filter == "ekf_adaptive" { 1.04 } else { 1.0 };
+        assert!((mean - expected).abs() < (4.0 * error).max(0.02), "{filter}: NIS {mean} ± {error}");
+        assert!(drms[filter].0 < 0.25 * ins, "{filter}: {} m of {ins} m", drms[filter].0);
+    }
+    let (mean, error) = nees["ins_only"];
+    assert!((mean - 2.0).abs() < 4.0 * error, "ins_only: NEES {mean} ± {error}");
+    // The bound is in the track's standard deviations: the mean of its variance is that of the best filter's error.
+    let track = read(&bench.path("store/tables/filters/track"));
+    let (filters, north, east) = (texts(&track, "filter"), numbers(&track, "sd_n"), numbers(&track, "sd_e"));
+    let squares = |of: &str| -> Vec<f64> {
+        let rows = (0..filters.len()).filter(|row| filters[*row] == of);
+        rows.map(|row| north[row].powi(2) + east[row].powi(2)).collect()
+    };
+    let rms = |x: &[f64]| (x.iter().sum::<f64>() / x.len() as f64).sqrt();
+    let bound = rms(&squares("crlb"));
+    // The mean of a root is a little below the root of the mean; a smoother is below any filter.
+    assert!(drms["ekf"].0 < 1.2 * bound && drms["ekf"].0 > 0.7 * bound, "{} {bound}", drms["ekf"].0);
+    assert!(drms["rts"].0 < 0.9 * drms["ekf"].0, "{} {}", drms["rts"].0, drms["ekf"].0);
+}
+
+#[test]
+fn law_a_noise_that_is_ten_times_wrong_is_learnt() {
+    let keys = "measurement_sigma_nt = 0.5\nsigma_max_nt = 50.0";
+    let told = bench(CLEAN, r#""ekf_adaptive""#, keys);
+    let fixed = bench(CLEAN, r#""ekf""#, "measurement_sigma_nt = 0.5");
+    let right = bench(CLEAN, r#""ekf""#, "");
+    let of = |bench: &Bench, filter: &str| means(bench, "drms")[filter].0;
+    let (told, fixed, right) = (of(&told, "ekf_adaptive"), of(&fixed, "ekf"), of(&right, "ekf"));
+    assert!(told < 1.2 * right && told < 0.8 * fixed, "{told} {fixed} {right}");
+}
+
+#[test]
+fn law_gnss_until_it_is_lost_and_again_after_it() {
+    let keys = "gnss_lost_s = [300.0, 900.0]\ngnss_sigma_m = 2.0";
+    let aided = bench(CLEAN, r#""ins_only", "ekf", "rts""#, keys);
+    let free = bench(CLEAN, r#""ins_only", "ekf", "rts""#, "");
+    let (aided, free) = (means(&aided, "drms"), means(&free, "drms"));
+    for filter in ["ins_only", "ekf", "rts"] {
+        assert!(aided[filter].0 < 0.9 * free[filter].0, "{filter}: {} {}", aided[filter].0, free[filter].0);
+    }
+    assert!(aided["ekf"].0 < aided["ins_only"].0, "the field is worth something while GNSS is lost");
+}
+
+#[test]
+fn user_what_a_filter_cannot_use_is_refused_with_its_owner() {
+    let bench = Bench::new();
+    fs::write(bench.path("flights.synth.toml"), flights(CLEAN)).unwrap();
+    for (filter, key, words) in [
+        ("ekf", "particles = 10", "belongs to `mpf` and `slam`"),
+        ("mpf", "window_s = 10.0", "belongs to `fixed_lag`"),
+        ("ekf", "gnss_sigma_m = 1.0", "no say without `gnss_lost_s`"),
+        ("ekf", "gnss_lost_s = [10.0]", "gnss_lost_s"),
+        ("ekf", "dead_zones = \"polar\"", "`vector`"),
+        ("ekf", "dead_zones = \"everywhere\"", "everywhere"),
+        ("ekf", "ins_grade = \"car\"", "car"),
+        ("rts", "loss = \"absolute\"", "absolute"),
+        ("ekf_online_tl", "", "`tl`"),
+        ("ekf_online_nn", "features = \"lat\"", "no list of features"),
+        ("kalman", "", "kalman"),
+    ] {
+        bench.spec(&spec(&format!("\"{filter}\""), key));
+        let checked = bench.magline(&["check", "spec.toml"]);
+        let said = stderr(&checked);
+        assert_eq!(checked.status.code(), Some(2), "{filter} {key}: {said}");
+        assert!(said.contains(words), "{filter} {key}: {said}");
+    }
+}
+
+#[test]
+fn law_tracks_are_the_same_bytes_on_one_thread_and_on_two() {
+    let filters = r#""ekf", "iekf", "ukf", "ekf_adaptive", "rts", "mpf", "slam", "crlb", "ins_only""#;
+    let few = flights(CLEAN).replace("copies = 40", "copies = 2").replace("duration_s = 1200.0", "duration_s = 300.0");
+    let bytes = |threads: &str| {
+        let bench = Bench::new();
+        fs::write(bench.path("flights.synth.toml"), &few).unwrap();
+        bench.spec(&spec(filters, ""));
+        let done = bench.run(&["--threads", threads]);
+        assert_eq!(done.code, 0, "{} {}", done.last, done.stderr);
+        bench.tables("store")
+    };
+    let (one, two) = (bytes("1"), bytes("2"));
+    assert!(one.len() > 2 && one.keys().eq(two.keys()));
+    let differs: Vec<&String> =
+        one.iter().filter(|(name, bytes)| two[*name] != **bytes).map(|(name, _)| name).collect();
+    assert!(differs.iter().all(|name| !name.ends_with(".parquet")), "{differs:?}");
+}
