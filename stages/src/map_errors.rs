@@ -1,12 +1,15 @@
 //! What is wrong with a map where it is looked up: at another height than its own, and between its nodes.
 
 use arrow_array::RecordBatch;
-use numerics::maps::{continuation::RadialPower, plane_grid::PlaneGrid};
+use numerics::{
+    maps::{continuation::RadialPower, map_stack::FieldMap, map_surface::Interpolation, plane_grid::PlaneGrid},
+    navigation::ins_series::InsSeries,
+};
 use schemas::Fault;
 
 use crate::{
     columns::{data, floats},
-    maps::plane,
+    maps::{field_map, plane},
 };
 
 /// The errors of a map that are known from the map itself.
@@ -15,14 +18,20 @@ pub struct MapErrors {
     height: Option<(f64, RadialPower)>,
     /// The rms error of bilinear interpolation, in nT, where that is used, and the length of a cell, in metres.
     bilinear: Option<(f64, f64)>,
+    /// The error that the map's maker gives each node, in nT.
+    own: Option<FieldMap>,
 }
 
+/// The column of a map with the error of its nodes.
+pub(crate) const OWN_ERROR: &str = "error";
+
 impl MapErrors {
-    /// Of the table of a map, which is or is not continued to the heights flown, and is or is not interpolated bilinearly.
+    /// Of the table of a map, which is or is not continued to the heights flown, is or is not interpolated bilinearly, and
+    /// whose column `error` counts or does not.
     ///
     /// # Errors
-    /// A table that is no grid.
-    pub fn of(map: &RecordBatch, continued: bool, bilinear: bool) -> Result<Self, Fault> {
+    /// A table that is no grid, or lacks that column.
+    pub fn of(map: &RecordBatch, continued: bool, bilinear: bool, own: bool) -> Result<Self, Fault> {
         let plane = plane(map)?;
         let height = if continued {
             None
@@ -31,7 +40,8 @@ impl MapErrors {
             Some((known.iter().sum::<f64>() / known.len() as f64, RadialPower::of(&plane).map_err(data)?))
         };
         let cell_m = plane.east_m.step.max(plane.north_m.step);
-        Ok(Self { height, bilinear: bilinear.then(|| (bilinear_error_nt(&plane), cell_m)) })
+        let own = own.then(|| error_map(map)).transpose()?;
+        Ok(Self { height, bilinear: bilinear.then(|| (bilinear_error_nt(&plane), cell_m)), own })
     }
 
     /// The root mean square error to expect, in nT, of the map at the heights `alt_m`, above the ellipsoid: that over the
@@ -47,6 +57,31 @@ impl MapErrors {
     pub fn of_interpolation_nt(&self, step_m: f64) -> f64 {
         self.bilinear.map_or(0.0, |(error_nt, cell_m)| error_nt * (cell_m / step_m.min(cell_m)).sqrt())
     }
+}
+
+impl MapErrors {
+    /// The white noise of each sample, in nT, that weighs as much as the map's own error at the positions of an INS, which
+    /// lasts for `length_m` (its autocorrelation falls to 1/e), at samples `step_m` apart; 0 off the map.
+    pub fn own_nt(&self, ins: &InsSeries<'_>, step_m: f64, length_m: f64) -> Option<Vec<f64>> {
+        let own = self.own.as_ref()?;
+        let factor = (2.0 * length_m / step_m.min(2.0 * length_m)).sqrt();
+        let at = |row: usize| own.at(ins.lat_deg[row], ins.lon_deg[row], ins.alt_m[row]);
+        Some((0..ins.len()).map(|row| at(row).map_or(0.0, |error| factor * error.value_nt.abs())).collect())
+    }
+}
+
+/// The column `error` of a map as a map.
+fn error_map(map: &RecordBatch) -> Result<FieldMap, Fault> {
+    let error = map.column_by_name(OWN_ERROR).ok_or_else(|| Fault::data("the map has no column `error`"))?;
+    let (at, _) = map
+        .schema()
+        .column_with_name("anomaly")
+        .map(|(at, field)| (at, field.clone()))
+        .ok_or_else(|| Fault::data("the map has no column `anomaly`"))?;
+    let mut columns = map.columns().to_vec();
+    columns[at] = error.clone();
+    let swapped = RecordBatch::try_new(map.schema(), columns).map_err(|e| Fault::data(e.to_string()))?;
+    field_map(&swapped, Interpolation::Linear, None)
 }
 
 /// The rms error of bilinear interpolation over the known cells: in a cell's middle it is what the cubic convolution of
@@ -70,9 +105,45 @@ fn bilinear_error_nt(map: &PlaneGrid) -> f64 {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use numerics::maps::plane_grid::EvenAxis;
+
+    #[test]
+    fn law_an_error_that_lasts_weighs_as_white_noise_of_its_length() {
+        use arrow_array::{ArrayRef, Float64Array};
+        use std::sync::Arc;
+        let nodes = || (0..30).flat_map(|row| (0..30).map(move |column| (f64::from(row), f64::from(column))));
+        let of = |f: &dyn Fn(f64, f64) -> f64| -> ArrayRef {
+            Arc::new(Float64Array::from(nodes().map(|(row, column)| f(row, column)).collect::<Vec<f64>>()))
+        };
+        let columns = [
+            ("lat", of(&|row, _| 45.0 + 0.001 * row)),
+            ("lon", of(&|_, column| -75.0 + 0.001 * column)),
+            ("alt", of(&|_, _| 300.0)),
+            ("anomaly", of(&|row, column| row * column)),
+            ("error", of(&|_, column| column)),
+        ];
+        let map = RecordBatch::try_from_iter(columns.clone()).unwrap();
+        let line = [vec![0.0, 1.0, 2.0], vec![45.01, 45.01, 50.0], vec![-74.99, -74.9855, -74.99]];
+        let zeros = vec![0.0; 3];
+        let mut all: [&[f64]; 13] = [&zeros; 13];
+        (all[0], all[1], all[2]) = (&line[0], &line[1], &line[2]);
+        let ins = InsSeries::of(all);
+        let errors = MapErrors::of(&map, false, true, true).unwrap();
+        // A sum of n samples whose errors last for L and are a way s apart has n 2L/s times the variance of one.
+        let found = errors.own_nt(&ins, 50.0, 400.0).unwrap();
+        let factor = 16_f64.sqrt();
+        assert!((found[0] / (10.0 * factor) - 1.0).abs() < 1e-9, "{found:?}");
+        assert!((found[1] / (14.5 * factor) - 1.0).abs() < 1e-9, "{found:?}");
+        assert_eq!(found[2], 0.0, "off the map nothing is looked up");
+        // An error that ends within a sample is white already.
+        assert!((errors.own_nt(&ins, 50.0, 10.0).unwrap()[0] / 10.0 - 1.0).abs() < 1e-9);
+        assert!(MapErrors::of(&map, false, true, false).unwrap().own_nt(&ins, 50.0, 400.0).is_none());
+        let without = RecordBatch::try_from_iter(columns[..4].to_vec()).unwrap();
+        assert!(MapErrors::of(&without, false, true, true).is_err());
+    }
 
     #[test]
     fn law_bilinear_interpolation_misses_the_curvature_of_a_wave() {

@@ -46,7 +46,7 @@ use crate::{
     columns::{array, faults_of, floats, shape},
     compensate::NOISE,
     dates::{WAYS_OUT, dated_by_flight, first_year},
-    map_errors::MapErrors,
+    map_errors::{MapErrors, OWN_ERROR},
     maps::{check_levels, field_map},
 };
 
@@ -112,6 +112,10 @@ core_field      = false
     map_interpolation: Interpolation, unit "", default Interpolation::Linear;
     /// The heights above the ellipsoid, ascending, to which the map is continued; between them it is interpolated.
     map_levels_m: Option<Vec<f64>>, unit "m", absent "the map is taken at its own height, whatever that of the flight";
+    /// The distance over which the error of the map lasts, for a map with the column `error` (`map_grid`, `track_map`): about
+    /// that of the lines it is made of. To the noise of each sample comes the white one that weighs as much as the error
+    /// at the position of the INS.
+    map_error_length_m: Option<f64>, unit "m", absent "the map is taken as exact", rule Rule::Positive;
     /// The mean of measurement minus prediction over the first seconds of a line, taken off before filtering; 0 takes
     /// nothing off. Compensation leaves a constant undetermined.
     offset_window_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
@@ -303,6 +307,11 @@ impl Stage for Navigate {
         let map = tables.iter().position(|table| matches!(table, Table::Map(_)));
         let models: Vec<usize> = (0..tables.len()).filter(|i| matches!(tables[*i], Table::Model { .. })).collect();
         faults.extend(self.input_faults(map.is_some(), !models.is_empty()));
+        if let (Some(_), Some(Table::Map(shape))) = (self.map_error_length_m, map.map(|at| tables[at]))
+            && let Err(fault) = shape.number(OWN_ERROR, "nT")
+        {
+            faults.push(fault.of_param("map_error_length_m").help("`map_grid` with `error` makes such a map"));
+        }
         if !faults.is_empty() {
             return Err(faults);
         }
@@ -337,7 +346,10 @@ impl Stage for Navigate {
         let mut yields = Yield::append(columns, &reads);
         yields.reads.extend(tables.iter().map(|table| match table {
             Table::Model { .. } => [TERM, VALUE, STD].map(str::to_owned).to_vec(),
-            Table::Map(_) | Table::Lines(_) | Table::Scores(_) => vec![ANOMALY.to_owned(), "alt".to_owned()],
+            Table::Map(_) | Table::Lines(_) | Table::Scores(_) => {
+                let own_error = self.map_error_length_m.map(|_| OWN_ERROR);
+                [ANOMALY, "alt"].into_iter().chain(own_error).map(str::to_owned).collect()
+            }
         }));
         yields.passes = Passes::Only(schemas::flight::KEYS.map(str::to_owned).to_vec());
         yields.notes = self.notes(shape);
@@ -362,7 +374,7 @@ impl LineStage for Navigate {
         let prepared = |map| -> Result<PreparedMap, Fault> {
             let field = field_map(map, self.map_interpolation, self.map_levels_m.as_deref())?;
             let bilinear = self.map_interpolation == Interpolation::Linear;
-            let errors = MapErrors::of(map, self.map_levels_m.is_some(), bilinear)?;
+            let errors = MapErrors::of(map, self.map_levels_m.is_some(), bilinear, self.map_error_length_m.is_some())?;
             Ok(PreparedMap { field, errors })
         };
         let models = models.map(Calibration::of).collect::<Result<_, Fault>>()?;
@@ -370,7 +382,8 @@ impl LineStage for Navigate {
     }
 
     fn prepare_key(&self) -> String {
-        format!("{} {:?}", self.map_interpolation.word(), self.map_levels_m)
+        let own_error = self.map_error_length_m.is_some();
+        format!("{} {:?} {own_error}", self.map_interpolation.word(), self.map_levels_m)
     }
 }
 

@@ -62,7 +62,9 @@ impl<'a> Cut<'a> {
             if makers.len() < yields.len() && column.name != "flight" && column.name != "line" {
                 passed.push(column.name.clone());
             }
-            fields.push(one_type(&column, &makers)?);
+            // What passes through has the types that it has in each of the tables it comes from.
+            let of_tables: Vec<&Column> = node.tables.iter().filter_map(|t| t.shape().get(&column.name)).collect();
+            fields.push(one_type(&column, if makers.is_empty() { &of_tables } else { &makers })?);
         }
         let schema: SchemaRef = Arc::new(Schema::new(fields));
         let spelt = schema.fields().iter().flat_map(|f| {

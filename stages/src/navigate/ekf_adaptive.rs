@@ -91,7 +91,7 @@ impl NavigationFilter for EkfAdaptive {
         let sigma_nt = flown.measurement_sigma_nt;
         let least = self.sigma_min_nt.unwrap_or(LEAST * sigma_nt);
         let largest = self.sigma_max_nt.unwrap_or(LARGEST * sigma_nt);
-        let sigmas = flown.sigma_of_one_nt();
+        let sigmas = flown.sigma_of_each_nt();
         let magnetometers: Vec<Magnetometer> = flown
             .magnetometers
             .iter()

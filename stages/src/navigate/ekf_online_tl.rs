@@ -102,7 +102,7 @@ impl NavigationFilter for EkfOnlineTl {
         let prior = self.aircraft.prior(&terms.names, step_s(flown), flown.models)?;
         let walk_density: Vec<f64> =
             prior.sigma().iter().map(|sigma| (self.walk_per_hour * sigma).powi(2) / 3600.0).collect();
-        let sigma_nt = flown.sigma_of_one_nt();
+        let sigma_nt = flown.sigma_of_each_nt();
         let magnetometers: Vec<Magnetometer> = flown
             .magnetometers
             .iter()

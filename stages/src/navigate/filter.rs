@@ -54,6 +54,8 @@ pub struct Flown<'a> {
     pub cosines: Option<Vec<f64>>,
     /// What one sigma of a sample's measurement is multiplied by for the attitude; NaN makes it a missing one.
     pub noise_factors: Option<Vec<f64>>,
+    /// One sigma of what the map errs by at each sample, as white noise, in nT.
+    pub map_sigma_nt: Option<Vec<f64>>,
 }
 
 /// A magnetometer of a line.
@@ -102,12 +104,21 @@ impl Flown<'_> {
         Ok(NavigationLine { errors: InsErrorModel { noise, ..self.errors }, ..self.line()? })
     }
 
-    /// One sigma of the white noise of one magnetometer at each sample, in nT.
-    pub fn sigma_of_one_nt(&self) -> Vec<f64> {
-        match &self.noise_factors {
-            Some(factors) => factors.iter().map(|factor| factor * self.measurement_sigma_nt).collect(),
-            None => vec![self.measurement_sigma_nt; self.ins.len()],
-        }
+    /// One sigma of the white noise of one magnetometer at each sample, in nT, for a filter that takes each of
+    /// [`Flown::magnetometers`]. The map's error is the same in all: each has the more of it the more there are.
+    pub fn sigma_of_each_nt(&self) -> Vec<f64> {
+        let count = self.magnetometers.len() as f64;
+        (0..self.ins.len()).map(|row| self.own_sigma_nt(row).hypot(count.sqrt() * self.map_sigma_at(row))).collect()
+    }
+
+    /// What a sensor adds.
+    pub(super) fn own_sigma_nt(&self, row: usize) -> f64 {
+        self.measurement_sigma_nt * self.noise_factors.as_ref().map_or(1.0, |factors| factors[row])
+    }
+
+    /// What the map adds.
+    pub(super) fn map_sigma_at(&self, row: usize) -> f64 {
+        self.map_sigma_nt.as_ref().map_or(0.0, |sigma_nt| sigma_nt[row])
     }
 
     /// The map.

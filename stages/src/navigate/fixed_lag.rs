@@ -104,7 +104,7 @@ impl NavigationFilter for FixedLag {
             covariance: &prior.covariance,
             walk_density: &walk_density,
         };
-        let sigma_nt = flown.sigma_of_one_nt();
+        let sigma_nt = flown.sigma_of_each_nt();
         let error = GaussMarkov { sigma: self.aircraft_sigma_nt, tau_s: self.aircraft_tau_s };
         let magnetometers: Vec<Magnetometer> = flown
             .magnetometers

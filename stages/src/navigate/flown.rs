@@ -126,6 +126,11 @@ fn flown<'a>(
         noise_factors: cosines.as_ref().map(factors),
         field_nt,
         cosines,
+        map_sigma_nt: prepared
+            .map
+            .as_ref()
+            .zip(stage.map_error_length_m)
+            .and_then(|(map, length_m)| map.errors.own_nt(&ins.series(), ins.step_m(), length_m)),
     };
     // A filter that takes each by itself takes each one's offset off, too.
     let each = stage.filter.keys.each_magnetometer().then(|| flown.magnetometers.clone());
@@ -155,7 +160,7 @@ impl Flown<'_> {
             self.offset_window_s = 0.0;
         }
         let rows = self.ins.len();
-        self.sigma_nt = self.sigma_of_one_nt();
+        self.sigma_nt = (0..rows).map(|row| self.own_sigma_nt(row).hypot(self.map_sigma_at(row))).collect();
         if magnetometers.len() == 1 {
             self.measured_nt = magnetometers.remove(0).measured_nt;
             return Ok(());
@@ -169,7 +174,7 @@ impl Flown<'_> {
             }
             if count > 0.0 {
                 self.measured_nt[row] = sum_nt / count;
-                self.sigma_nt[row] /= f64::sqrt(count);
+                self.sigma_nt[row] = (self.own_sigma_nt(row) / f64::sqrt(count)).hypot(self.map_sigma_at(row));
             }
         }
         Ok(())
