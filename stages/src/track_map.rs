@@ -68,6 +68,9 @@ spacing_m  = 500.0
     interval_s: f64, unit "s", default 1.0, rule Rule::NotNegative;
     /// Whether the hyper-parameters of the kernel are fitted to the lines by maximum likelihood, or are as given.
     hyperparameters: HyperparameterSource, unit "", default HyperparameterSource::Fitted;
+    /// Standard deviation north and east that is added to those of the track: an error that the track does not know of, such
+    /// as that of `slam` until its first revisit.
+    position_sigma_m: f64, unit "m", default 0.0, rule Rule::NotNegative;
     /// How the covariance of the anomaly falls with distance.
     covariance: Covariance, unit "", default Covariance::Matern52;
     /// Standard deviation of the anomaly.
@@ -86,7 +89,7 @@ spacing_m  = 500.0
     spacing_m: Option<f64>, unit "m", absent "a sixth of the length of the kernel", rule Rule::Positive;
     /// West, south, east and north of the map: eastings and northings in metres.
     bounds: Option<Vec<f64>>, unit "m", absent "all measurements";
-    /// Leaves nodes unknown whose standard deviation is above this; `inf` for none.
+    /// Leaves nodes unknown whose standard deviation is above this.
     max_sd_nt: Option<f64>, unit "nT", absent "a quarter of the standard deviation of the anomaly", rule Rule::Positive;
     /// The most functions that the anomaly is a sum of. The work grows with the third power of their number.
     max_functions: usize, unit "1", default 3000usize, rule Rule::Between(1.0, 20_000.0);
@@ -276,8 +279,9 @@ fn axes(samples: &[TrackSample], bounds: Option<[f64; 4]>, spacing_m: f64) -> Re
         bounds.unwrap_or([end(0, f64::min), end(1, f64::min), end(0, f64::max), end(1, f64::max)]);
     let ends = [(west, east), (south, north)].map(|(low, high)| ((low / spacing_m).floor(), (high / spacing_m).ceil()));
     let nodes = ends.iter().map(|(first, last)| last - first + 1.0).product::<f64>();
-    // Also true for a NaN.
-    if !(nodes <= MOST_NODES) {
+    // Also false for a NaN.
+    let fits = nodes <= MOST_NODES;
+    if !fits {
         let what = format!("the map would have {nodes:.0} nodes, {spacing_m:.1} m apart");
         return Err(Fault::data(what).help("choose a larger `spacing_m`, or smaller `bounds`").of_param("spacing_m"));
     }

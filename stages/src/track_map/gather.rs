@@ -71,7 +71,7 @@ impl Gather for Lines {
 
 impl TrackMap {
     /// The measurements of a line, averaged.
-    fn measured(&self, line: &LineIn) -> Result<Vec<Measured>, Fault> {
+    pub(super) fn measured(&self, line: &LineIn) -> Result<Vec<Measured>, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a survey without lines"))?;
         let track = line.inputs.get(1);
         let tt = floats(batch, "tt")?;
@@ -95,11 +95,13 @@ impl TrackMap {
             (true, None) => Some(first_year(batch)?),
         };
         let core = core.map(CoreField::at).transpose().map_err(data)?;
+        let added_m2 = self.position_sigma_m.powi(2);
         let one = |row: usize| -> Option<Measured> {
             let selected = line.keep.as_ref().is_none_or(|keep| keep.get(row).copied().unwrap_or(false));
             let (lat_deg, lon_deg, alt_m) = (lat[row], lon[row], alt[row]);
             let measured_nt = mag[row] - diurnal.map_or(0.0, |diurnal| diurnal[row]);
-            let position_m2 = spread.map_or([0.0; 3], |[n, e, ne]| [e[row].powi(2), n[row].powi(2), ne[row]]);
+            let [ee, nn, en] = spread.map_or([0.0; 3], |[n, e, ne]| [e[row].powi(2), n[row].powi(2), ne[row]]);
+            let position_m2 = [ee + added_m2, nn + added_m2, en];
             let all = [lat_deg, lon_deg, alt_m, tt[row], measured_nt].into_iter().chain(position_m2);
             if !selected || !all.into_iter().all(f64::is_finite) {
                 return None;

@@ -43,12 +43,8 @@ impl Sums {
         let [p, q] = basis.most.map(|most| 2 * most + 1);
         let [m1, m2] = basis.most;
         let all = columns + 1;
-        let mut sums = Self {
-            cosines: vec![0.0; p * q],
-            sines: vec![0.0; m1 * all * m2],
-            beside: vec![0.0; all * all],
-            columns,
-        };
+        let mut sums =
+            Self { cosines: vec![0.0; p * q], sines: vec![0.0; m1 * all * m2], beside: vec![0.0; all * all], columns };
         for chunk in rows.chunks(CHUNK) {
             let table = |axis: usize| -> (Vec<f64>, Vec<f64>) {
                 let (c, s) = (2 * basis.most[axis] + 1, basis.most[axis]);

@@ -82,9 +82,7 @@ fn dense(kernel: &Kernel, samples: &[TrackSample], at: &[[f64; 2]]) -> Vec<(f64,
     let apart2 = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
     let k = |a: [f64; 2], b: [f64; 2]| kernel.anomaly_nt2(apart2(a, b)) + kernel.mean_nt2();
     let noise = |i: usize| samples[i].variance_nt2 + kernel.sigma_n_nt.powi(2);
-    let all = DMatrix::from_fn(n, n, |i, j| {
-        k(samples[i].at_m, samples[j].at_m) + if i == j { noise(i) } else { 0.0 }
-    });
+    let all = DMatrix::from_fn(n, n, |i, j| k(samples[i].at_m, samples[j].at_m) + if i == j { noise(i) } else { 0.0 });
     let factor = Cholesky::new(all).unwrap();
     let values = factor.solve(&DVector::from_iterator(n, samples.iter().map(|sample| sample.value_nt)));
     let one = |at: &[f64; 2]| {
@@ -223,9 +221,7 @@ fn law_constants_of_lines_and_the_temporal_variation_are_taken_off() {
                 .on(east, north)
                 .iter()
                 .enumerate()
-                .map(|(i, node)| {
-                    node.value_nt - field.at([east.at((i % 20) as f64), north.at((i / 20) as f64)])
-                })
+                .map(|(i, node)| node.value_nt - field.at([east.at((i % 20) as f64), north.at((i / 20) as f64)]))
                 .collect();
             let mean = errors.iter().sum::<f64>() / errors.len() as f64;
             // A constant of all is not to be told.
