@@ -49,12 +49,15 @@ stage! {
     TrackMap = "track_map", version 1, grain Survey, yields Map, inputs [input: Lines, track: Lines optional],
     example r#"
 [[stages]]
-name       = "track_map"
-stage      = "track_map"
-input      = "assume_noise"
-track      = "navigate"
-core_field = false
-spacing_m  = 500.0
+name            = "track_map"
+stage           = "track_map"
+input           = "assume_noise"
+track           = "navigate"
+core_field      = false
+hyperparameters = "fixed"
+sigma_se_nt     = 100.0
+length_m        = 1000.0
+spacing_m       = 500.0
 "#;
     /// The measured field.
     mag: String, unit "nT", default "mag_c";
