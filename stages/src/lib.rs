@@ -30,6 +30,7 @@ pub mod score;
 mod simulate_ins;
 mod summary;
 mod target;
+mod track_map;
 
 use schemas::Entry;
 
@@ -83,6 +84,7 @@ impl Catalogue {
             map_value::MapValue::entry(),
             map_quality::MapQuality::entry(),
             map_grid::MapGrid::entry(),
+            track_map::TrackMap::entry(),
             map_fill::MapFill::entry(),
             map_continue::MapContinue::entry(),
             map_convert::MapConvert::entry(),

@@ -150,8 +150,7 @@ impl MapGrid {
     /// # Errors
     /// What is no such code.
     pub fn epsg(&self) -> Result<Option<u16>, Fault> {
-        let wrong = |code: usize| Fault::new(format!("there is no EPSG code {code}")).of_param("to_epsg");
-        self.to_epsg.map(|code| u16::try_from(code).map_err(|_| wrong(code))).transpose()
+        epsg_of(self.to_epsg)
     }
 
     /// Reduces, levels and grids points. Takes core field and levelling corrections off their values.
@@ -299,6 +298,15 @@ impl MapGrid {
         }
         faults
     }
+}
+
+/// The EPSG code of a parameter `to_epsg`.
+///
+/// # Errors
+/// What is no such code.
+pub(crate) fn epsg_of(to_epsg: Option<usize>) -> Result<Option<u16>, Fault> {
+    let wrong = |code: usize| Fault::new(format!("there is no EPSG code {code}")).of_param("to_epsg");
+    to_epsg.map(|code| u16::try_from(code).map_err(|_| wrong(code))).transpose()
 }
 
 /// What the options or the points do not allow, and the way out.

@@ -18,6 +18,7 @@
 //! | [`fixed_lag`] | the sliding-window smoother with Tolles-Lawson coefficients |
 //! | [`mpf`] | the marginalised particle filter |
 //! | [`slam`] | navigation without a map, on the revisits of its own path |
+//! | [`track_map`] | the map of a track, by Gaussian-process regression of reduced rank |
 //! | [`position_fixes`] | positions from elsewhere that aid a filter |
 //! | [`pinson`] | the states and the matrix F of the error model |
 //! | [`transition`] | Φ = exp(F Δt) and the process noise of a step |
@@ -142,6 +143,7 @@ pub mod rts;
 mod scalar_filter;
 pub mod slam;
 pub mod strapdown;
+pub mod track_map;
 pub mod transition;
 pub mod ukf;
 

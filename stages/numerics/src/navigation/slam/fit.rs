@@ -8,11 +8,11 @@ use super::samples::Sample;
 /// The most samples that the likelihood looks at: the work grows with their third power.
 const MOST: usize = 200;
 /// The fewest samples that three hyper-parameters are fitted to.
-const FEWEST: usize = 20;
+pub(in crate::navigation) const FEWEST: usize = 20;
 /// The most evaluations of the likelihood.
 const EVALUATIONS: usize = 400;
 /// A fitted length is at most this part of the path looked at: longer ones cannot be told from a slope.
-const LONGEST: f64 = 0.5;
+pub(in crate::navigation) const LONGEST: f64 = 0.5;
 
 /// Measurements along a path, in time order.
 #[derive(Clone, Debug, PartialEq)]
@@ -107,13 +107,13 @@ impl AlongTrack {
     }
 }
 
-fn standard_deviation(values: &[f64]) -> f64 {
+pub(in crate::navigation) fn standard_deviation(values: &[f64]) -> f64 {
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
 }
 
 /// The least value and its place, by the simplex of Nelder & Mead (1965).
-fn minimum(start: [f64; 3], cost: impl Fn([f64; 3]) -> f64) -> (f64, [f64; 3]) {
+pub(in crate::navigation) fn minimum(start: [f64; 3], cost: impl Fn([f64; 3]) -> f64) -> (f64, [f64; 3]) {
     let between = |a: [f64; 3], b: [f64; 3], t: f64| [0, 1, 2].map(|i: usize| a[i] + t * (b[i] - a[i]));
     let mut simplex = vec![(cost(start), start)];
     for axis in 0..3 {

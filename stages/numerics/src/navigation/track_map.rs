@@ -1,0 +1,472 @@
+//! The map of a track: Gaussian-process regression of reduced rank on the measurements along a track whose positions err.
+//!
+//! | Module | Contents |
+//! |:--|:--|
+//! | [`basis`] | the functions that the anomaly is a sum of |
+//! | [`normal`] | the normal equations of their weights |
+//! | [`hyper`] | the kernel's hyper-parameters by maximum likelihood |
+//!
+//! # Equations
+//!
+//! A measurement z at the position x and time t of the line l of a flight is
+//!
+//! ```text
+//! z = m(x) + μ + S(t) + c_l + e,    m ~ GP(0, k),    S ~ GP(0, σ_S² exp(−|t − t'|/τ)),    c_l ~ N(0, σ_c²),    e ~ N(0, v)
+//! ```
+//!
+//! with the kernel k of [`slam`](crate::navigation::slam). The map is m + μ. Instead of the covariances of all pairs of
+//! measurements, m is a sum of M eigenfunctions of the Laplacian on a rectangle [`basis::Basis`], whose weights are
+//! independent, so that the equations have M unknowns however long the flight [Solin & Särkkä 2020]. A measurement adds to
+//! sums of 4 M entries ([`normal::Sums`]); then one matrix of order M is factorised. S is a straight line between knots a
+//! quarter of τ apart, with the covariance of the process at the knots.
+//!
+//! The position that the track gives errs with the covariance P, to first order by gᵀP g in the measurement, g the slope of
+//! the map [McHutchon & Rasmussen 2011]. The slope is that of a first solution without it. Errors of the position last for
+//! minutes, so that
+//!
+//! - in the weights v = σ_n² + gᵀP g n, with the number n of samples in a length of the kernel, which err together;
+//! - the standard deviation of the map at a node is √(V + gᵀP g), V the variance of the regression and P that of the
+//!   nearest measurement: an error that all of the track has in common moves the map as a whole, and no number of
+//!   measurements shows it.
+//!
+//! Heights that differ from the mean add the variance of [`Kernel::height_nt2`](crate::navigation::slam::Kernel). Waves
+//! shorter than those of the basis are taken as white noise of the measurements, and add to the variance of the map.
+
+pub mod basis;
+pub mod hyper;
+pub mod normal;
+
+use rayon::prelude::*;
+
+use crate::maps::gridding::NearestPoints;
+use crate::maps::plane_grid::EvenAxis;
+use crate::navigation::ins_error::ParameterError;
+use crate::navigation::slam::{HyperparameterSource, Kernel};
+use basis::{Basis, waves};
+use hyper::Pieces;
+use normal::{Row, Solution, Sums, Variance};
+
+/// The part of the variance that the basis may lack before the area is too large for it.
+const MOST_LACKING: f64 = 0.02;
+/// Knots of the temporal variation in a time constant.
+const KNOTS: f64 = 4.0;
+/// The most knots of all flights; in longer ones they are further apart.
+const MOST_KNOTS: usize = 500;
+
+/// A measurement of a track.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackSample {
+    /// East and north on the plane of the map, in m.
+    pub at_m: [f64; 2],
+    /// Height, in m.
+    pub alt_m: f64,
+    /// Time, in s.
+    pub tt_s: f64,
+    /// The anomaly, in nT.
+    pub value_nt: f64,
+    /// The variance of its white noise, beside that of the kernel, in nT².
+    pub variance_nt2: f64,
+    /// Variances of the position east and north and their covariance, in m².
+    pub position_m2: [f64; 3],
+    /// The number of its flight, from 0 on.
+    pub flight: usize,
+    /// The number of its line among the lines of all flights, from 0 on.
+    pub line: usize,
+}
+
+/// What the map is made by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackMapParameters {
+    /// The Gaussian process of the anomaly; where it is fitted, where the search starts.
+    pub kernel: Kernel,
+    /// Whether it is fitted.
+    pub hyperparameters: HyperparameterSource,
+    /// Standard deviation (nT) and time constant (s) of the temporal variation; a standard deviation of 0 is none.
+    pub temporal: (f64, f64),
+    /// Standard deviation of the constant of each line, where there are several, in nT; 0 is none.
+    pub line_sigma_nt: f64,
+    /// The most functions of the basis. The work grows with its third power.
+    pub most_functions: usize,
+}
+
+/// Why there is no map.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TrackMapError {
+    /// No measurement.
+    #[error("there is no measurement with a position")]
+    Nothing,
+    /// A kernel that is none.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+    /// The basis would lack too much.
+    #[error(
+        "an area of {east_m:.0} by {north_m:.0} m is too large for fields of a length of {length_m:.0} m: \
+         {functions} functions lack {lacking:.3} of its variance"
+    )]
+    TooLarge {
+        /// East to west, in m.
+        east_m: f64,
+        /// North to south, in m.
+        north_m: f64,
+        /// The length of the kernel, in m.
+        length_m: f64,
+        /// The most functions.
+        functions: usize,
+        /// The part of the variance that they lack.
+        lacking: f64,
+    },
+    /// The normal equations have no solution in floating point.
+    #[error("the equations of the map cannot be solved: the noise is too small beside the anomaly")]
+    Singular,
+}
+
+/// How the map was made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackMapReport {
+    /// The kernel that was used.
+    pub kernel: Kernel,
+    /// Whether it was fitted; false although a fit was asked for means that the track is too short for it, or does not vary,
+    /// and that the given one was used.
+    pub fitted: bool,
+    /// Measurements.
+    pub samples: usize,
+    /// Functions of the basis.
+    pub functions: usize,
+    /// The part of the variance that they lack.
+    pub lacking: f64,
+    /// The mean height of the measurements, in m.
+    pub alt_m: f64,
+    /// Root mean square of what the model leaves of the measurements over the root of their noise's variance: 1 or less.
+    pub misfit: f64,
+}
+
+/// The map of a track.
+pub struct TrackMap {
+    basis: Basis,
+    weights_nt: Vec<f64>,
+    level_nt: f64,
+    variance: Variance,
+    nearest: NearestPoints,
+    position_m2: Vec<[f64; 3]>,
+    /// How it was made.
+    pub report: TrackMapReport,
+}
+
+/// A node of the map: the anomaly and its standard deviation, both in nT; NaN beyond the rectangle of the basis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Node {
+    /// The anomaly.
+    pub value_nt: f64,
+    /// Its standard deviation.
+    pub sd_nt: f64,
+}
+
+impl TrackMap {
+    /// Of measurements that are all finite, those of a line behind each other in time order. The same bits come out on any
+    /// number of threads.
+    ///
+    /// # Errors
+    /// See [`TrackMapError`].
+    pub fn of(parameters: &TrackMapParameters, samples: &[TrackSample]) -> Result<Self, TrackMapError> {
+        Self::with_kernel(parameters, kernel_of(parameters, samples)?, samples)
+    }
+
+    /// The same with a kernel that [`kernel_of`] fitted to more measurements than these.
+    ///
+    /// # Errors
+    /// See [`TrackMapError`].
+    pub fn with_kernel(
+        parameters: &TrackMapParameters,
+        fitted: Option<Kernel>,
+        samples: &[TrackSample],
+    ) -> Result<Self, TrackMapError> {
+        parameters.kernel.check()?;
+        if samples.is_empty() {
+            return Err(TrackMapError::Nothing);
+        }
+        let spacing_m = spacing(&lines_of(samples));
+        let kernel = fitted.unwrap_or(parameters.kernel);
+        let end = |axis: usize, pick: fn(f64, f64) -> f64| {
+            samples.iter().map(|sample| sample.at_m[axis]).reduce(pick).unwrap_or_default()
+        };
+        let (low_m, high_m) = ([end(0, f64::min), end(1, f64::min)], [end(0, f64::max), end(1, f64::max)]);
+        let basis = Basis::new(&kernel, low_m, high_m, parameters.most_functions);
+        let lacking = basis.lacking_nt2 / kernel.sigma_se_nt.powi(2);
+        if lacking > MOST_LACKING {
+            return Err(TrackMapError::TooLarge {
+                east_m: high_m[0] - low_m[0],
+                north_m: high_m[1] - low_m[1],
+                length_m: kernel.length_m,
+                functions: parameters.most_functions,
+                lacking,
+            });
+        }
+        let alt_m = samples.iter().map(|sample| sample.alt_m).sum::<f64>() / samples.len() as f64;
+        let (mut rows, centre_nt) = rows(&basis, &kernel, samples, alt_m);
+        let beside = Beside::of(parameters, &kernel, samples);
+        beside.enter(samples, &mut rows);
+        let solve = |rows: &[Row]| {
+            let sums = Sums::of(&basis, rows, beside.columns);
+            Solution::of(&basis, &sums, &beside.prior()).ok_or(TrackMapError::Singular)
+        };
+        let mut solution = solve(&rows)?;
+        if samples.iter().any(|sample| sample.position_m2 != [0.0; 3]) {
+            let together = (kernel.length_m / spacing_m).max(1.0);
+            let slopes: Vec<[f64; 2]> =
+                samples.par_iter().map(|sample| slope(&basis, &solution.weights_nt, sample.at_m)).collect();
+            for ((row, sample), slope) in rows.iter_mut().zip(samples).zip(slopes) {
+                row.weight = 1.0 / (1.0 / row.weight + together * moved(slope, sample.position_m2));
+            }
+            solution = solve(&rows)?;
+        }
+        let report = TrackMapReport {
+            kernel,
+            fitted: fitted.is_some(),
+            samples: samples.len(),
+            functions: basis.functions.len(),
+            lacking,
+            alt_m,
+            misfit: misfit(&basis, &solution, &rows),
+        };
+        let of = |axis: usize| samples.iter().map(|sample| sample.at_m[axis]).collect::<Vec<f64>>();
+        Ok(Self {
+            variance: solution.variance(&basis),
+            level_nt: centre_nt + solution.beside.first().copied().unwrap_or_default(),
+            weights_nt: solution.weights_nt,
+            nearest: NearestPoints::of(&of(0), &of(1)),
+            position_m2: samples.iter().map(|sample| sample.position_m2).collect(),
+            basis,
+            report,
+        })
+    }
+
+    /// The nodes of a grid, by rows from the south, each from west to east.
+    pub fn on(&self, east_m: EvenAxis, north_m: EvenAxis) -> Vec<Node> {
+        let basis = &self.basis;
+        let table = |axis: usize, at: EvenAxis| -> Vec<Waves> {
+            at.coordinates().iter().map(|x| Waves::of(basis, axis, *x)).collect()
+        };
+        let (east, north) = (table(0, east_m), table(1, north_m));
+        let [m1, m2] = basis.most;
+        let dense = |of: &[f64]| {
+            let mut all = vec![0.0; m1 * m2];
+            for ([a, b], x) in basis.functions.iter().zip(of) {
+                all[(a - 1) * m2 + b - 1] = *x;
+            }
+            all
+        };
+        let (weights, with_level) = (dense(&self.weights_nt), dense(&self.variance.with_level));
+        let row = |n: &Waves| -> Vec<Node> {
+            let value = along(&weights, &n.sines);
+            let d_north = along(&weights, &n.slopes);
+            let level = along(&with_level, &n.sines);
+            let variance = along(&self.variance.cosines, &n.cosines);
+            let node = |e: &Waves| {
+                let at_m = [e.at_m, n.at_m];
+                if !basis.holds(at_m) {
+                    return Node { value_nt: f64::NAN, sd_nt: f64::NAN };
+                }
+                let regression = dot(&variance, &e.cosines) + dot(&level, &e.sines) + self.variance.level_nt2;
+                let nearest = self.nearest.nearest(at_m, 1, f64::INFINITY, |_| true);
+                let position_m2 = nearest.first().map_or([0.0; 3], |(_, i)| self.position_m2[*i]);
+                let slope = [dot(&value, &e.slopes), dot(&d_north, &e.sines)];
+                let shorter = basis.lacking_nt2;
+                // Rounding may leave the variance at a measurement without noise below 0.
+                let variance = regression.max(0.0) + shorter + moved(slope, position_m2);
+                Node { value_nt: self.level_nt + dot(&value, &e.sines), sd_nt: variance.sqrt() }
+            };
+            east.iter().map(node).collect()
+        };
+        north.par_iter().map(row).collect::<Vec<_>>().concat()
+    }
+}
+
+/// The kernel that is fitted to measurements; `None` where that is not asked for or where they are too few or do not vary.
+///
+/// # Errors
+/// A kernel to start from that is none.
+pub fn kernel_of(parameters: &TrackMapParameters, samples: &[TrackSample]) -> Result<Option<Kernel>, TrackMapError> {
+    parameters.kernel.check()?;
+    let lines = lines_of(samples);
+    Ok(match parameters.hyperparameters {
+        HyperparameterSource::Fixed => None,
+        HyperparameterSource::Fitted => {
+            Pieces::of(&lines, spacing(&lines)).fitted(&parameters.kernel, parameters.temporal)
+        }
+    })
+}
+
+fn lines_of(samples: &[TrackSample]) -> Vec<&[TrackSample]> {
+    samples.chunk_by(|a, b| a.line == b.line).collect()
+}
+
+/// The waves of the basis at a coordinate.
+struct Waves {
+    at_m: f64,
+    cosines: Vec<f64>,
+    sines: Vec<f64>,
+    /// Derivatives of the sines, per m.
+    slopes: Vec<f64>,
+}
+
+impl Waves {
+    fn of(basis: &Basis, axis: usize, at_m: f64) -> Self {
+        let most = basis.most[axis];
+        let (mut cosines, mut sines) = (vec![0.0; 2 * most + 1], vec![0.0; most]);
+        waves(basis.angle(at_m, axis), &mut cosines, &mut sines);
+        let per_m = basis.angle_per_m(axis);
+        let slopes = (1..=most).map(|j| j as f64 * per_m * cosines[j]).collect();
+        Self { at_m, cosines, sines, slopes }
+    }
+}
+
+/// A matrix by rows times a vector.
+fn along(matrix: &[f64], vector: &[f64]) -> Vec<f64> {
+    matrix.chunks_exact(vector.len()).map(|row| dot(row, vector)).collect()
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// What an error of the position makes of a slope, in nT².
+fn moved([east, north]: [f64; 2], [ee, nn, en]: [f64; 3]) -> f64 {
+    (east * east * ee + north * north * nn + 2.0 * east * north * en).max(0.0)
+}
+
+/// The mean distance between neighbouring samples of a line, in m; 0 where no line has two.
+fn spacing(lines: &[&[TrackSample]]) -> f64 {
+    let step = |pair: &[TrackSample]| (pair[1].at_m[0] - pair[0].at_m[0]).hypot(pair[1].at_m[1] - pair[0].at_m[1]);
+    let path_m: f64 = lines.iter().flat_map(|line| line.windows(2)).map(step).sum();
+    let steps: usize = lines.iter().map(|line| line.len() - 1).sum();
+    path_m / steps.max(1) as f64
+}
+
+/// The rows of the equations, and the mean that was taken off the values.
+fn rows(basis: &Basis, kernel: &Kernel, samples: &[TrackSample], alt_m: f64) -> (Vec<Row>, f64) {
+    let weight = |sample: &TrackSample| {
+        let white = sample.variance_nt2 + kernel.sigma_n_nt.powi(2) + basis.lacking_nt2;
+        1.0 / (white + kernel.height_nt2(sample.alt_m - alt_m))
+    };
+    let weights: f64 = samples.iter().map(weight).sum();
+    let centre_nt = samples.iter().map(|sample| weight(sample) * sample.value_nt).sum::<f64>() / weights;
+    let row = |sample: &TrackSample| Row {
+        at_m: sample.at_m,
+        value_nt: sample.value_nt - centre_nt,
+        weight: weight(sample),
+        beside: vec![],
+    };
+    (samples.iter().map(row).collect(), centre_nt)
+}
+
+/// The slope of the field at a position, in nT/m.
+fn slope(basis: &Basis, weights_nt: &[f64], at_m: [f64; 2]) -> [f64; 2] {
+    let [e, n] = [0, 1].map(|axis: usize| Waves::of(basis, axis, at_m[axis]));
+    let mut slope = [0.0; 2];
+    for ([a, b], weight) in basis.functions.iter().zip(weights_nt) {
+        slope[0] += weight * e.slopes[a - 1] * n.sines[b - 1];
+        slope[1] += weight * e.sines[a - 1] * n.slopes[b - 1];
+    }
+    slope
+}
+
+/// See [`TrackMapReport::misfit`].
+fn misfit(basis: &Basis, solution: &Solution, rows: &[Row]) -> f64 {
+    let of = |row: &Row| {
+        let [e, n] = [0, 1].map(|axis: usize| Waves::of(basis, axis, row.at_m[axis]));
+        let functions = basis.functions.iter().zip(&solution.weights_nt);
+        let field: f64 = functions.map(|([a, b], weight)| weight * e.sines[a - 1] * n.sines[b - 1]).sum();
+        let beside: f64 = row.beside.iter().map(|(column, h)| h * solution.beside[*column]).sum();
+        row.weight * (row.value_nt - field - beside).powi(2)
+    };
+    let squares: Vec<f64> = rows.par_iter().map(of).collect();
+    (squares.iter().sum::<f64>() / rows.len() as f64).sqrt()
+}
+
+/// The unknowns beside the basis: the level, the constants of lines and the temporal variation of flights.
+struct Beside {
+    columns: usize,
+    level_nt2: f64,
+    /// The first column of the lines' constants, where they have any, and the variance of these.
+    lines: Option<(usize, usize, f64)>,
+    flights: Vec<Knots>,
+    temporal: (f64, f64),
+}
+
+/// The temporal variation of a flight.
+struct Knots {
+    first: usize,
+    count: usize,
+    from_s: f64,
+    step_s: f64,
+}
+
+impl Beside {
+    fn of(parameters: &TrackMapParameters, kernel: &Kernel, samples: &[TrackSample]) -> Self {
+        let (sigma_nt, tau_s) = parameters.temporal;
+        let mut columns = 1;
+        let line_count = samples.iter().map(|sample| sample.line + 1).max().unwrap_or(0);
+        let lines = (line_count > 1 && parameters.line_sigma_nt > 0.0).then(|| {
+            columns += line_count;
+            (1, line_count, parameters.line_sigma_nt.powi(2))
+        });
+        let flight_count = samples.iter().map(|sample| sample.flight + 1).max().unwrap_or(0);
+        let mut flights = vec![];
+        for flight in (0..flight_count).filter(|_| sigma_nt > 0.0) {
+            let times = || samples.iter().filter(move |sample| sample.flight == flight).map(|sample| sample.tt_s);
+            let (from_s, to_s) = (times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max));
+            let flown_s = (to_s - from_s).max(0.0);
+            let steps = (flown_s * KNOTS / tau_s).ceil().min((MOST_KNOTS / flight_count).max(1) as f64).max(1.0);
+            let count = steps as usize + 1;
+            let step_s = if flown_s > 0.0 { flown_s / steps } else { tau_s };
+            flights.push(Knots { first: columns, count, from_s, step_s });
+            columns += count;
+        }
+        Self { columns, level_nt2: kernel.mean_nt2(), lines, flights, temporal: parameters.temporal }
+    }
+
+    /// The entries of each sample.
+    fn enter(&self, samples: &[TrackSample], rows: &mut [Row]) {
+        for (row, sample) in rows.iter_mut().zip(samples) {
+            row.beside.push((0, 1.0));
+            if let Some((first, ..)) = self.lines {
+                row.beside.push((first + sample.line, 1.0));
+            }
+            if let Some(knots) = self.flights.get(sample.flight) {
+                let at = ((sample.tt_s - knots.from_s) / knots.step_s).clamp(0.0, (knots.count - 1) as f64);
+                let before = (at.floor() as usize).min(knots.count - 2);
+                let part = at - before as f64;
+                row.beside.push((knots.first + before, 1.0 - part));
+                row.beside.push((knots.first + before + 1, part));
+            }
+        }
+    }
+
+    /// The inverse of their covariance, by rows.
+    fn prior(&self) -> Vec<f64> {
+        let n = self.columns;
+        let mut prior = vec![0.0; n * n];
+        prior[0] = 1.0 / self.level_nt2;
+        if let Some((first, count, variance_nt2)) = self.lines {
+            (first..first + count).for_each(|i| prior[i * n + i] = 1.0 / variance_nt2);
+        }
+        let (sigma_nt, tau_s) = self.temporal;
+        for knots in &self.flights {
+            let kept = (-knots.step_s / tau_s).exp();
+            let scale = 1.0 / (sigma_nt * sigma_nt * (1.0 - kept * kept));
+            for i in 0..knots.count {
+                let place = knots.first + i;
+                let inner = i > 0 && i + 1 < knots.count;
+                prior[place * n + place] = scale * if inner { 1.0 + kept * kept } else { 1.0 };
+                if i > 0 {
+                    prior[place * n + place - 1] = -scale * kept;
+                    prior[(place - 1) * n + place] = -scale * kept;
+                }
+            }
+        }
+        prior
+    }
+}
+
+#[cfg(test)]
+mod tests;

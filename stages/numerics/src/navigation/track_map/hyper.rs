@@ -1,0 +1,103 @@
+//! Hyper-parameters of the kernel by maximum likelihood, from pieces of the track.
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::TrackSample;
+use crate::navigation::slam::Kernel;
+use crate::navigation::slam::fit::{FEWEST, LONGEST, minimum, standard_deviation};
+
+/// The most samples of a piece: the work grows with their third power.
+const MOST: usize = 100;
+/// The most pieces of either kind.
+const PIECES: usize = 5;
+/// Every so many samples are taken of the longer pieces.
+const COARSE: usize = 4;
+
+/// The pieces of a track that the likelihood is the product of.
+///
+/// A piece is of one line, so that an error of the position which lasts, or a constant of the line, is common to it and is
+/// not taken for noise. Half of them are of neighbouring samples, the others of every fourth, which tell the longer lengths.
+/// [Stein, Chi & Welty 2004: the likelihood of blocks]
+pub struct Pieces<'a> {
+    pieces: Vec<Vec<&'a TrackSample>>,
+    /// The mean distance of neighbouring samples, in m.
+    spacing_m: f64,
+}
+
+impl<'a> Pieces<'a> {
+    /// Of lines, each with its samples in time order.
+    pub fn of(lines: &[&'a [TrackSample]], spacing_m: f64) -> Self {
+        let mut pieces: Vec<Vec<&TrackSample>> = vec![];
+        for stride in [1, COARSE] {
+            let parts = || lines.iter().flat_map(|line| line.chunks(stride * MOST));
+            let long: Vec<&[TrackSample]> = parts().filter(|part| part.len() >= stride * FEWEST).collect();
+            let count = long.len().min(PIECES);
+            pieces.extend((0..count).map(|i| long[i * long.len() / count].iter().step_by(stride).collect()));
+        }
+        Self { pieces, spacing_m }
+    }
+
+    /// The logarithm of the likelihood of a kernel, each piece with the mean that is most likely.
+    fn log_likelihood(&self, kernel: &Kernel, temporal: (f64, f64)) -> f64 {
+        let each: Vec<f64> = self.pieces.par_iter().map(|piece| of_piece(piece, kernel, temporal)).collect();
+        each.iter().sum()
+    }
+
+    /// The kernel of the largest likelihood, searched from `start` on; `None` where no piece is long enough, or none varies.
+    pub fn fitted(&self, start: &Kernel, temporal: (f64, f64)) -> Option<Kernel> {
+        let spread = |piece: &Vec<&TrackSample>| {
+            standard_deviation(&piece.iter().map(|sample| sample.value_nt).collect::<Vec<f64>>())
+        };
+        let spread_nt = self.pieces.iter().map(spread).fold(0.0, f64::max);
+        let extent_m = self.pieces.iter().map(|piece| extent(piece)).fold(0.0, f64::max);
+        // Also false for a NaN.
+        let varied = spread_nt > 0.0 && extent_m > 0.0 && self.spacing_m > 0.0;
+        if !varied {
+            return None;
+        }
+        let (shortest_m, longest_m) = (self.spacing_m, (LONGEST * extent_m).max(self.spacing_m));
+        let kernel_of = |logs: [f64; 3]| {
+            let [sigma_se_nt, length_m, sigma_n_nt] = logs.map(f64::exp);
+            let length_m = length_m.clamp(shortest_m, longest_m);
+            Kernel { covariance: start.covariance, sigma_se_nt, length_m, sigma_n_nt }
+        };
+        let cost = |logs: [f64; 3]| {
+            // A wall beyond which the clamp would leave the likelihood flat.
+            let outside = (logs[1] - kernel_of(logs).length_m.ln()).abs();
+            -self.log_likelihood(&kernel_of(logs), temporal) + 10.0 * outside
+        };
+        let noise = start.sigma_n_nt.max(1e-3).ln();
+        let starts = [start.length_m, 8.0 * self.spacing_m]
+            .map(|length_m| [spread_nt.ln(), length_m.clamp(shortest_m, longest_m).ln(), noise]);
+        let found = starts.into_iter().map(|start| minimum(start, cost)).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        found.0.is_finite().then(|| kernel_of(found.1))
+    }
+}
+
+/// The larger side of the rectangle that holds a piece, in m.
+fn extent(piece: &[&TrackSample]) -> f64 {
+    let side = |axis: usize| {
+        let all = || piece.iter().map(|sample| sample.at_m[axis]);
+        all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min)
+    };
+    side(0).max(side(1))
+}
+
+fn of_piece(piece: &[&TrackSample], kernel: &Kernel, (sigma_nt, tau_s): (f64, f64)) -> f64 {
+    let n = piece.len();
+    let covariance = |row: usize, column: usize| {
+        let (a, b) = (piece[row], piece[column]);
+        let apart2_m2 = (a.at_m[0] - b.at_m[0]).powi(2) + (a.at_m[1] - b.at_m[1]).powi(2);
+        let white = if row == column { a.variance_nt2 + kernel.sigma_n_nt.powi(2) } else { 0.0 };
+        let lasting = sigma_nt * sigma_nt * (-(a.tt_s - b.tt_s).abs() / tau_s).exp();
+        kernel.anomaly_nt2(apart2_m2) + lasting + white
+    };
+    let Some(factor) = Cholesky::new(DMatrix::from_fn(n, n, covariance)) else { return f64::NEG_INFINITY };
+    let ones = factor.solve(&DVector::from_element(n, 1.0));
+    let values = DVector::from_iterator(n, piece.iter().map(|sample| sample.value_nt));
+    let apart = values.add_scalar(-ones.dot(&values) / ones.sum());
+    let determinant: f64 = (0..n).map(|row| factor.l_dirty()[(row, row)].ln()).sum();
+    let log = -0.5 * apart.dot(&factor.solve(&apart)) - determinant;
+    if log.is_finite() { log } else { f64::NEG_INFINITY }
+}
