@@ -219,15 +219,20 @@ impl Navigate {
         Ok(Expected { sigma_nt, fogm_sigma_nt, fogm_tau_s })
     }
 
+    /// The magnetometers that the filter is handed.
+    fn magnetometers(&self) -> &[String] {
+        if self.filter.keys.takes_field() { &self.mag } else { &[] }
+    }
+
     /// Whether the temporal variation is taken off.
     fn removes_diurnal(&self, there: bool) -> bool {
-        self.remove_diurnal.unwrap_or(there)
+        self.remove_diurnal.unwrap_or(there) && self.filter.keys.takes_field()
     }
 
     /// The columns of the flight that are read: those of the INS that are there, and its date.
     fn reads(&self, shape: &Shape) -> Vec<String> {
         let mut reads: Vec<&str> = vec!["tt"];
-        reads.extend(self.mag.iter().map(String::as_str));
+        reads.extend(self.magnetometers().iter().map(String::as_str));
         reads.extend(POSITION);
         for three in [VELOCITY, FORCE, ATTITUDE] {
             if three.iter().all(|c| shape.get(c).is_some()) {
@@ -250,7 +255,7 @@ impl Navigate {
 
     fn notes(&self, shape: &Shape) -> Vec<String> {
         let mut notes = vec![];
-        if self.remove_diurnal.is_none() && shape.get(DIURNAL).is_some() {
+        if self.remove_diurnal.is_none() && self.removes_diurnal(shape.get(DIURNAL).is_some()) {
             notes
                 .push(format!("`{DIURNAL}` is taken off the measurement; say `remove_diurnal = false` to leave it in"));
         }
@@ -280,7 +285,7 @@ impl Stage for Navigate {
 
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
         let shape = shape(inputs, 0)?;
-        let mut faults = faults_of(self.mag.iter().map(|mag| shape.number(mag, "nT")), "mag");
+        let mut faults = faults_of(self.magnetometers().iter().map(|mag| shape.number(mag, "nT")), "mag");
         if self.mag.is_empty() {
             faults.push(Fault::new("`mag` names no magnetometer").of_param("mag"));
         }

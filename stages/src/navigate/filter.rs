@@ -282,6 +282,11 @@ pub trait NavigationFilter: Any + Send + Sync {
         false
     }
 
+    /// Whether it has a use for the measured field.
+    fn takes_field(&self) -> bool {
+        true
+    }
+
     /// Whether it cannot do without a map.
     fn needs_map(&self) -> bool {
         true

@@ -93,7 +93,7 @@ fn flown<'a>(
 ) -> Result<(Flown<'a>, &'a Prepared), Fault> {
     let batch = line.inputs.first().ok_or_else(|| Fault::bug("the line is missing"))?;
     let mut magnetometers = vec![];
-    for name in &stage.mag {
+    for name in stage.magnetometers() {
         magnetometers.push(Magnetometer { name, measured_nt: stage.measured(batch, name)? });
     }
     let core = stage.core_year(batch)?.map(|year| cores.at(year)).transpose()?;

@@ -9,7 +9,8 @@ use crate::columns::data;
 
 filter! {
     /// The INS by itself, with the covariance that its error sources give it: what the others are held against. It takes
-    /// no measurement of the field, so that `residual` and `nis` are NaN and `update` is `unused`, and needs no map. With
+    /// no measurement of the field, whatever `mag` names, so that `residual` and `nis` are NaN and `update` is `unused`, and
+    /// needs no map. With
     /// `gnss_lost_s` it is an INS that GNSS aids until it is lost.
     InsOnly = "ins_only", version 1, groups [aiding: Aiding], example "";
 }
@@ -17,6 +18,10 @@ filter! {
 impl NavigationFilter for InsOnly {
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
         self.aiding.reads(flight)
+    }
+
+    fn takes_field(&self) -> bool {
+        false
     }
 
     fn needs_map(&self) -> bool {
@@ -45,7 +50,8 @@ mod tests {
 
     #[test]
     fn law_the_track_is_the_ins_and_the_covariance_grows() {
-        let found = run("ins_only", "mag = 'mag_1_c'");
+        let found = run("ins_only", "");
+        assert!(planned("ins_only", "mag = 'nowhere'").is_ok() && planned("ekf", "mag = 'nowhere'").is_err());
         // 10 m and 0.15 m/s north, 0.2 m/s east, after 599 s.
         let expected = (10.0 + 0.15 * 599.0_f64).hypot(0.2 * 599.0);
         assert!((found.error_m(ROWS - 1) - expected).abs() < 0.5, "{}", found.error_m(ROWS - 1));

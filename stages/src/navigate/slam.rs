@@ -7,7 +7,7 @@ use numerics::navigation::{
 };
 use schemas::{Column, Fault, Rule};
 
-use super::filter::{Flight, Flown, NavigationFilter, Track, filter};
+use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
 use crate::columns::{array, data};
 
 filter! {
@@ -16,7 +16,7 @@ filter! {
     /// an INS that drifts on flights that come back to where they were: loiters, surveys with tie lines. Only the position
     /// relative to the earlier path is observed, so that what the INS errs until the first revisit stays; without a revisit
     /// the track is that of the INS. The map of the stage is not looked at, nor is `offset_window_s`: a constant in the
-    /// measurement is part of the unknown map. `off_map` in the column `update` means that nobody has been near before.
+    /// measurement is part of the unknown map. `unused` in the column `update` means that nobody has been near before.
     ///
     /// The same `seed` gives the same bits on any number of threads.
     ///
@@ -125,6 +125,8 @@ impl NavigationFilter for Slam {
             return Err(Fault::data(what).help(help));
         }
         let mut track = Track::with_any(flown, output.navigation, self.gate_nis);
+        // There is no map to be off.
+        track.update.iter_mut().filter(|update| **update == Update::OffMap).for_each(|update| *update = Update::Unused);
         track.more.push(array(output.revisiting.iter().map(|count| f64::from(*count)).collect()));
         track.more.push(array(output.effective));
         Ok(track)

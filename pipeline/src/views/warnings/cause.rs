@@ -20,6 +20,8 @@ use crate::{
 pub struct Settings {
     /// The measurement sigma, nT; none where it is taken from the data.
     pub sigma_nt: Option<f64>,
+    /// The standard deviation of what lasts of the measurement's error, nT.
+    pub fogm_sigma_nt: Option<f64>,
     /// How long a constant is estimated for, s.
     pub offset_window_s: f64,
     /// Whether the map is continued to the heights flown.
@@ -56,10 +58,12 @@ impl<'a> Facts<'a> {
         let param = |name: &str| params.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_str());
         let number = |name: &str| param(name).and_then(|v| v.parse::<f64>().ok());
         // `auto` is no number: it takes what the calibration left, which is a column of what is navigated.
-        let sigma_nt = match (number("measurement_sigma_nt"), it.first_input()) {
-            (None, Some(input)) => first(graph, store, input, line, "mag_sigma")?,
-            (given, _) => given,
+        let found = |param: &str, column: &str| match (number(param), it.first_input()) {
+            (None, Some(input)) => first(graph, store, input, line, column),
+            (given, _) => Ok(given),
         };
+        let sigma_nt = found("measurement_sigma_nt", "mag_sigma")?;
+        let fogm_sigma_nt = found("fogm_sigma_nt", "mag_fogm_sigma")?;
         let said = number("decimal_year").filter(|_| param("core_field") == Some("true"));
         let flown = match said {
             Some(_) => flight_date(graph, store, &it, line)?,
@@ -67,6 +71,7 @@ impl<'a> Facts<'a> {
         };
         let settings = Settings {
             sigma_nt,
+            fogm_sigma_nt,
             offset_window_s: number("offset_window_s").unwrap_or(0.0),
             levels: param("map_levels_m").is_some_and(|v| v != "none"),
             compensated: graph.plan.upstream(&it.inputs(), "compensate").is_some(),
@@ -173,7 +178,14 @@ impl<'a> Facts<'a> {
     fn too_cautious(&self, settings: &Settings) -> Vec<String> {
         let shown = |x: f64| number(Some(x));
         let low = self.row.get("nis").filter(|nis| *nis < limits::NIS.low());
+        let lasting = settings.fogm_sigma_nt.filter(|fogm| settings.sigma_nt.is_some_and(|sigma| *fogm > 5.0 * sigma));
         match (low, settings.sigma_nt) {
+            (Some(_), Some(sigma)) if lasting.is_some() => vec![format!(
+                "`fogm_sigma_nt` of {} is too large, or `fogm_tau_s` too short: the innovations show less than what lasts of the \
+                 errors changes by from sample to sample; the white noise of {} nT is no part of it",
+                shown(lasting.unwrap_or_default()),
+                shown(sigma)
+            )],
             (Some(nis), Some(sigma)) => {
                 let left = self.row.get("std_error");
                 let left = left.map_or(String::new(), |left| {

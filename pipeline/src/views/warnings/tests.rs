@@ -86,6 +86,18 @@ fn r10_a_cause_is_named_from_what_is_known() {
 }
 
 #[test]
+fn unit_the_truth_is_not_too_cautious_and_lasting_errors_are_told_as_such() {
+    let bound = Row::from([("drms", 0.0), ("ins_drms", 900.0), ("nees", 0.0), ("nis", 1.0)]);
+    assert!(judge(&facts(&bound, given(5.0))).is_empty());
+    let cautious = Row::from([("drms", 20.0), ("ins_drms", 900.0), ("nees", 2.0), ("nis", 0.03)]);
+    let told = |settings: Settings| judge(&facts(&cautious, settings)).remove(0).cause.unwrap_or_default();
+    let lasting = told(Settings { fogm_sigma_nt: Some(286.0), ..given(0.01) });
+    assert!(lasting.starts_with("`fogm_sigma_nt` of 286.0 is too large"), "{lasting}");
+    let white = told(Settings { fogm_sigma_nt: Some(3.0), ..given(5.0) });
+    assert!(white.starts_with("`measurement_sigma_nt` of 5.000 is too large"), "{white}");
+}
+
+#[test]
 fn r10_a_map_at_another_height_is_a_warning_of_its_own() {
     let row = Row::from([("map_height_error", 3.0)]);
     // Half of 5 nT is 2.5; of 20 nT the 5 nT of a good map count.
