@@ -151,6 +151,11 @@ impl TableNode {
         all.filter(|c| seen.insert(c.name.as_str())).cloned().collect()
     }
 
+    /// A column as each of its points has it, each kind once.
+    pub fn columns_named(&self, name: &str) -> Vec<&Column> {
+        self.tables.iter().filter_map(|t| t.shape().get(name)).collect()
+    }
+
     /// Points that show all that it is made from: one for each variant with each choice of names among its inputs.
     pub fn examples(&self, spec: &Spec) -> impl Iterator<Item = usize> + '_ {
         let names = self.slots.iter().flat_map(|s| s.targets.grid().axes());

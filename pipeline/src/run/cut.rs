@@ -63,8 +63,8 @@ impl<'a> Cut<'a> {
                 passed.push(column.name.clone());
             }
             // What passes through has the types that it has in each of the tables it comes from.
-            let of_tables: Vec<&Column> = node.tables.iter().filter_map(|t| t.shape().get(&column.name)).collect();
-            fields.push(one_type(&column, if makers.is_empty() { &of_tables } else { &makers })?);
+            let types = if makers.is_empty() { node.columns_named(&column.name) } else { makers };
+            fields.push(one_type(&column, &types)?);
         }
         let schema: SchemaRef = Arc::new(Schema::new(fields));
         let spelt = schema.fields().iter().flat_map(|f| {
