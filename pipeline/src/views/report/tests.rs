@@ -5,8 +5,13 @@
 use super::*;
 use crate::{catalogue, plan::Plan, read_spec, run};
 
-/// Runs an example in a store of its own as `ran` says, and reports on it as `asked` says.
-fn page(example: &str, ran: &[&str], asked: &[&str]) -> Result<String, Fault> {
+/// Runs an example in a store of its own as `ran` says, and looks at it as `asked` says.
+fn looked_at<T>(
+    example: &str,
+    ran: &[&str],
+    asked: &[&str],
+    look: impl Fn(&Graph, &Store) -> Result<T, Fault>,
+) -> Result<T, Fault> {
     let store = tempfile::tempdir().unwrap();
     let place = format!("store={}", store.path().display());
     let plan = |sets: &[&str]| {
@@ -18,8 +23,14 @@ fn page(example: &str, ran: &[&str], asked: &[&str]) -> Result<String, Fault> {
     let held = Store::open(store.path()).unwrap();
     run::run(&first, &held, run::Options::default(), &run::Quiet).unwrap();
     let graph = Graph::new(&second, &held, &|_, _| ()).unwrap();
-    let html = report(&graph, &held)?;
-    assert!(!html.contains(&store.path().display().to_string()), "the page names a folder of this machine");
+    look(&graph, &held)
+}
+
+/// The report on an example.
+fn page(example: &str, ran: &[&str], asked: &[&str]) -> Result<String, Fault> {
+    let (html, folder) =
+        looked_at(example, ran, asked, |graph, store| Ok((report(graph, store)?, store.root().display().to_string())))?;
+    assert!(!html.contains(&folder), "the page names a folder of this machine");
     assert_eq!(unclosed(&html), None);
     Ok(html)
 }
@@ -76,8 +87,20 @@ fn unit_navigation_alone_has_no_model() {
         assert!(html.contains(part), "{part}");
     }
     assert!(!html.contains("The model: ") && !html.contains("Before and after"));
-    // Two points of the sweep: the better one and the other.
-    assert!(html.contains("id=\"best\"") && html.contains("id=\"worst\""));
+    // Two points of the sweep: the better one and the other; then the other navigation, over a map of its own.
+    assert!(html.contains("id=\"best\"") && html.contains("id=\"worst\"") && html.contains("id=\"table-held\""));
+    assert_eq!(
+        (html.matches("<image id=\"map-anomaly\"").count(), html.matches("<image id=\"map-osborne\"").count()),
+        (1, 1)
+    );
+    for part in [
+        "North error: held, flight 1, line 1.02",
+        "±3σ of the filter",
+        "Whiteness of the innovations: held",
+        "95 % of white noise",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
 }
 
 #[test]
