@@ -1,4 +1,4 @@
-//! `magline report`: a run as one page of tables and plots that needs only a browser.
+//! `magline report`: a run as one page of tables and plots that needs only a browser, or its tracks for Google Earth.
 //!
 //! Everything is read column by column and line by line, so that the memory it takes does not grow with the sweep. The
 //! page holds no clock, host or path: the same store and spec give the same bytes.
@@ -6,6 +6,7 @@
 mod atlas;
 mod board;
 mod by_line;
+mod earth;
 mod errors;
 mod flow;
 mod intervals;
@@ -35,6 +36,7 @@ use crate::{
 };
 use atlas::{Atlas, Over, atlases};
 use board::Board;
+pub use earth::{Choice, kml};
 use source::Source;
 use subject::{Shown, Subject};
 use track::Flown;
@@ -108,16 +110,16 @@ fn scored(source: &Source) -> Result<Scored, Fault> {
     Ok(Scored { current, warnings, boards })
 }
 
-/// Writes `html` to `path`: under a temporary name first, so that it appears complete.
+/// Writes `bytes` to `path`: under a temporary name first, so that it appears complete.
 ///
 /// # Errors
 /// Fails when the file system refuses.
-pub fn write(path: &Path, html: &str) -> Result<(), Fault> {
+pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Fault> {
     let refused = |e: std::io::Error| Fault::machine(format!("cannot write {}: {e}", path.display()));
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{}.tmp", std::process::id()));
     let tmp = path.with_file_name(name);
-    fs::write(&tmp, html).and_then(|()| fs::rename(&tmp, path)).map_err(|e| {
+    fs::write(&tmp, bytes).and_then(|()| fs::rename(&tmp, path)).map_err(|e| {
         let _ = fs::remove_file(&tmp);
         refused(e)
     })

@@ -104,6 +104,29 @@ fn unit_navigation_alone_has_no_model() {
 }
 
 #[test]
+fn unit_tracks_for_google_earth_are_those_of_the_page_or_of_choice() {
+    let names = |words: &[&str]| words.iter().map(ToString::to_string).collect::<Vec<String>>();
+    let (all, held, line) = (names(&[]), names(&["held"]), names(&["1.02"]));
+    let (wrong, off) = (names(&["holt"]), names(&["1.09"]));
+    let look = |graph: &Graph, store: &Store| {
+        let of = |tables: &[String], lines: &[String]| kml(graph, store, &Choice { tables, lines }, "tracks");
+        Ok((of(&all, &all)?, of(&held, &line)?, of(&wrong, &all).unwrap_err(), of(&held, &off).unwrap_err()))
+    };
+    let (page, one, no_table, no_line) = looked_at("navigation", &[], &[], look).unwrap();
+    for made in [&page, &one] {
+        assert_eq!(unclosed(made.document.split_once("?>").unwrap().1), None);
+        assert!(made.files.iter().all(|(name, _)| made.document.contains(&format!("<href>{name}</href>"))));
+    }
+    let count = |text: &str, what: &str| text.matches(what).count();
+    // The best and the worst point of `track`, and `held`, each on one line.
+    assert_eq!((count(&page.document, "<name>truth</name>"), count(&page.document, "<LineString>")), (3, 9));
+    assert_eq!((count(&one.document, "<name>truth</name>"), count(&one.document, "<Polygon>")), (1, 60));
+    assert!(one.document.contains("<name>flight 1, line 1.02</name>") && one.files.len() == 2, "map and colour bar");
+    assert!(no_table.help.is_some_and(|h| h.contains("held")), "{}", no_table.what);
+    assert!(no_line.what.contains("no navigation has a line `1.09`"), "{}", no_line.what);
+}
+
+#[test]
 fn unit_scores_of_another_spec_are_not_shown() {
     let html = page("tolles_lawson", &[], &["coefficients.low_hz=0.2"]).unwrap();
     assert!(html.contains("changed since the last run") && html.contains("4 of 4 missing"));
@@ -131,11 +154,11 @@ fn unit_a_page_replaces_the_old_one_and_leaves_nothing_beside() {
     let folder = std::env::temp_dir().join(format!("magline-report-{}", std::process::id()));
     fs::create_dir_all(&folder).unwrap();
     let file = folder.join("a.html");
-    write(&file, "old").unwrap();
-    write(&file, "new").unwrap();
+    write(&file, b"old").unwrap();
+    write(&file, b"new").unwrap();
     assert_eq!(fs::read_to_string(&file).unwrap(), "new");
     assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
-    assert!(write(&folder.join("none").join("a.html"), "x").is_err());
+    assert!(write(&folder.join("none").join("a.html"), b"x").is_err());
     fs::remove_dir_all(&folder).unwrap();
 }
 
