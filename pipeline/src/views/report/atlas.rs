@@ -118,7 +118,7 @@ impl Atlas {
             div.maps {
                 (self.whole(flown, zoom.as_ref()))
                 @if let (Some(k), Some(zoom)) = (place, zoom) { (self.close(flown, k, &zoom)) }
-                @if let Some(near) = widest(flown) { (self.near(flown, near)) }
+                @if let Some(near) = widest(flown).filter(|(_, e)| !is_seen(flown, place.zip(zoom.as_ref()), e)) { (self.near(flown, near)) }
             }
         }
     }
@@ -278,6 +278,13 @@ fn square((lat, lon): (f64, f64), half_m: f64) -> Bounds {
     let (north, east) = (earth.north_m_to_lat_rad(half_m, lat_rad, 0.0), earth.east_m_to_lon_rad(half_m, lat_rad, 0.0));
     let (north, east) = (north.to_degrees(), east.to_degrees());
     Bounds { lat: (lat - north, lat + north), lon: (lon - east, lon + east) }
+}
+
+/// Whether the close look has an ellipse that is large enough to be seen, and about as large as the `widest` of the line.
+fn is_seen(flown: &Flown, close: Option<(usize, &Bounds)>, widest: &Ellipse) -> bool {
+    let Some((k, zoom)) = close else { return false };
+    let there = flown.ellipse(k, SIGMAS).map_or(0.0, |e| e.major_m);
+    there >= SMALLEST_PX * Canvas::new(*zoom).metres_per_px() && there >= 0.6 * widest.major_m
 }
 
 /// The largest ellipse of a line and its row.
@@ -473,7 +480,10 @@ mod tests {
         assert!(whole.contains(&format!("3σ of the estimate, × {times}")), "{whole}");
         let near = Canvas::new(square(flown.estimate.at(40).unwrap(), 126.0));
         assert_eq!(enlargement(&near, &rings), 1.0);
-        assert!(atlas.plots(&flown).into_string().contains("31.50 m by 30.00 m"));
+        // The close look has one of 30 m that is seen; a larger one elsewhere is shown by itself.
+        assert_eq!(atlas.plots(&flown).into_string().matches("<figure>").count(), 2);
+        flown.sigma.as_mut().unwrap()[0][40] = 21.0;
+        assert!(atlas.plots(&flown).into_string().contains("63.00 m by 30.00 m"));
     }
 
     #[test]
