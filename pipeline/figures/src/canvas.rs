@@ -59,6 +59,11 @@ impl Canvas {
         (near(x, self.width) && near(y, self.height)).then_some((x, y))
     }
 
+    /// Whether a latitude and longitude is on the picture.
+    pub fn holds(&self, (lat, lon): (f64, f64)) -> bool {
+        (0.0..self.width).contains(&self.x(lon)) && (0.0..self.height).contains(&self.y(lat))
+    }
+
     /// Metres on the ground per unit of the picture.
     pub fn metres_per_px(&self) -> f64 {
         let lat = 0.5 * (self.bounds.lat.0 + self.bounds.lat.1);

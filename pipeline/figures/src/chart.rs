@@ -5,6 +5,8 @@ use maud::{Markup, html};
 use super::ticks::{self, Tick};
 
 const WIDTH: f64 = 940.0;
+/// The width of one that stands beside another, with letters of the same size.
+const HALF: f64 = 466.0;
 const LEFT: f64 = 64.0;
 const RIGHT: f64 = 14.0;
 const TOP: f64 = 8.0;
@@ -76,6 +78,8 @@ pub struct Chart {
     pub marks: Vec<(String, f64, f64)>,
     /// Height of the picture.
     pub height: f64,
+    /// Whether it is half as wide, to stand beside another.
+    pub half: bool,
 }
 
 /// An axis on the picture.
@@ -117,17 +121,29 @@ impl Chart {
         })
     }
 
+    /// The plot as a part of a figure, with its title, legend and caption; `None` where there is nothing to draw.
+    pub fn part(&self) -> Option<Markup> {
+        let (x, y) = (self.side(&self.x, true)?, self.side(&self.y, false)?);
+        Some(
+            html! { div { h5 { (self.title) } (self.legend()) (self.picture(&x, &y, None)) p.caption { (self.caption) } } },
+        )
+    }
+
     /// The plot alone, as a file of its own with its style sheet; `None` where there is nothing to draw.
     pub fn file(&self, style: &str) -> Option<Markup> {
         let (x, y) = (self.side(&self.x, true)?, self.side(&self.y, false)?);
         Some(self.picture(&x, &y, Some(style)))
     }
 
+    fn width(&self) -> f64 {
+        if self.half { HALF } else { WIDTH }
+    }
+
     fn picture(&self, x: &Side, y: &Side, style: Option<&str>) -> Markup {
         let label = format!("{}: {} over {}", self.title, self.y.label, self.x.label);
-        let (wide, high) = (WIDTH - LEFT - RIGHT, self.height - TOP - BOTTOM);
+        let (wide, high) = (self.width() - LEFT - RIGHT, self.height - TOP - BOTTOM);
         html! {
-            svg xmlns=[style.map(|_| "http://www.w3.org/2000/svg")] viewBox=(format!("0 0 {WIDTH} {}", self.height)) role="img" aria-label=(label) {
+            svg xmlns=[style.map(|_| "http://www.w3.org/2000/svg")] viewBox=(format!("0 0 {} {}", self.width(), self.height)) role="img" aria-label=(label) {
                 @if let Some(style) = style { style { (style) } }
                 (self.grid(x, y))
                 svg x=(LEFT) y=(TOP) width=(wide) height=(high) viewBox=(format!("{LEFT} {TOP} {wide} {high}")) {
@@ -144,7 +160,7 @@ impl Chart {
         html! {
             @for (name, (left, top)) in places {
                 // Next to the mark, on the side where there is room.
-                @let (by, anchor) = if left < 0.5 * WIDTH { (12.0, "start") } else { (-12.0, "end") };
+                @let (by, anchor) = if left < 0.5 * self.width() { (12.0, "start") } else { (-12.0, "end") };
                 circle.mark cx=(px(left)) cy=(px(top)) r="5" {}
                 text.mark x=(px(left + by)) y=(px(top - 8.0)) text-anchor=(anchor) { (name) }
             }
@@ -152,7 +168,7 @@ impl Chart {
     }
 
     fn side(&self, dim: &Dim, across: bool) -> Option<Side> {
-        let (from_px, to_px) = if across { (LEFT, WIDTH - RIGHT) } else { (self.height - BOTTOM, TOP) };
+        let (from_px, to_px) = if across { (LEFT, self.width() - RIGHT) } else { (self.height - BOTTOM, TOP) };
         let side = |low, high| Side { low, high, log: dim.log, from_px, to_px };
         if let Some((low, high)) = dim.range {
             return (low < high).then(|| side(low, high));
@@ -183,10 +199,10 @@ impl Chart {
     }
 
     fn grid(&self, x: &Side, y: &Side) -> Markup {
-        let (bottom, right) = (self.height - BOTTOM, WIDTH - RIGHT);
+        let (bottom, right) = (self.height - BOTTOM, self.width() - RIGHT);
         let middle = 0.5 * (TOP + bottom);
         html! {
-            @for tick in x.ticks(9) {
+            @for tick in x.ticks(if self.half { 5 } else { 9 }) {
                 @let at = px(x.at(tick.at));
                 line.grid x1=(at) x2=(at) y1=(TOP) y2=(bottom) {}
                 text.tick x=(at) y=(bottom + 16.0) text-anchor="middle" { (tick.label) }
@@ -208,10 +224,10 @@ impl Chart {
             }
             @for band in &self.bands { path.area d=(area(band, x, y)) {} }
             @if !y.log && y.low < 0.0 && y.high > 0.0 {
-                line.zero x1=(LEFT) x2=(WIDTH - RIGHT) y1=(px(y.at(0.0))) y2=(px(y.at(0.0))) {}
+                line.zero x1=(LEFT) x2=(self.width() - RIGHT) y1=(px(y.at(0.0))) y2=(px(y.at(0.0))) {}
             }
             @for (_, height) in &self.levels {
-                line.level x1=(LEFT) x2=(WIDTH - RIGHT) y1=(px(y.at(*height))) y2=(px(y.at(*height))) {}
+                line.level x1=(LEFT) x2=(self.width() - RIGHT) y1=(px(y.at(*height))) y2=(px(y.at(*height))) {}
             }
             @for line in &self.lines {
                 path class=(format!("line {}", line.class)) d=(path(line.points.iter().map(|p| spot(x, y, p.0, p.1)))) {}

@@ -84,32 +84,49 @@ const TOLERANCE_M: f64 = 1.0;
 /// # Errors
 /// Fails when the map is not geographic or has nothing to draw, or columns of a track have different lengths.
 pub fn kml(picture: &MapPicture, look: &Look, tracks: &[EarthTrack], stem: &str) -> Result<Kml, Fault> {
+    let mut files = vec![];
+    let mut features = map(picture, look, look.colour_bar, stem, &mut files)?;
+    for (k, track) in tracks.iter().enumerate() {
+        features.push(placemark(track, k)?);
+    }
+    Ok(Kml { document: document(picture.title, &features), files })
+}
+
+/// A map as an overlay of the ground, with its colour bar on the screen if `with_bar`.
+pub(super) fn map(
+    picture: &MapPicture,
+    look: &Look,
+    with_bar: bool,
+    stem: &str,
+    files: &mut Vec<(String, Vec<u8>)>,
+) -> Result<Vec<Markup>, Fault> {
     check(picture, look)?;
     if picture.plane != Plane::Degrees {
         return Err(Fault::new("Google Earth needs a map of latitudes and longitudes, this one is in metres")
             .help("give the map with its coordinate system, or plot it as PNG or SVG"));
     }
     let scale = colour_scale(picture, look)?;
-    let mut files = vec![];
-    let mut features = overlays(picture, look, &scale, stem, &mut files)?;
-    if look.colour_bar {
+    let mut features = overlays(picture, look, &scale, stem, files)?;
+    if with_bar {
         let name = format!("{stem}_bar.png");
         files.push((name.clone(), bar(picture, &scale)?));
         features.push(on_screen(&name));
     }
-    for (k, track) in tracks.iter().enumerate() {
-        features.push(placemark(track, k)?);
-    }
+    Ok(features)
+}
+
+/// A document of `features`.
+pub(super) fn document(title: &str, features: &[Markup]) -> String {
     let document = html! {
         kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2" {
             Document {
-                name { (clean(picture.title)) }
+                name { (clean(title)) }
                 @for feature in features { "\n" (feature) }
                 "\n"
             }
         }
     };
-    Ok(Kml { document: format!("{XML}{}\n", document.into_string()), files })
+    format!("{XML}{}\n", document.into_string())
 }
 
 fn overlays(
@@ -185,7 +202,7 @@ fn bar(picture: &MapPicture, scale: &ColourScale) -> Result<Vec<u8>, Fault> {
     pixels::png(&Scene { name: String::new(), width: plate.w.ceil(), height: plate.h, scale: 1.0, paper: false, marks })
 }
 
-fn placemark(track: &EarthTrack, index: usize) -> Result<Markup, Fault> {
+pub(super) fn placemark(track: &EarthTrack, index: usize) -> Result<Markup, Fault> {
     let n = track.lat_deg.len();
     check_lengths(track.name, &[n, track.lon_deg.len(), track.alt_m.len(), track.time_unix_s.map_or(n, <[f64]>::len)])?;
     let [r, g, b] = track_colour(track.colour, index);
@@ -242,11 +259,11 @@ fn timed(run: &[Fix]) -> Markup {
 }
 
 /// Degrees to a centimetre.
-fn degrees(value: f64) -> String {
+pub(super) fn degrees(value: f64) -> String {
     trimmed(format!("{value:.7}"))
 }
 
-fn metres(value: f64) -> String {
+pub(super) fn metres(value: f64) -> String {
     trimmed(format!("{value:.2}"))
 }
 

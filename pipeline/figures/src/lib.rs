@@ -12,7 +12,9 @@ mod contours;
 mod curve;
 pub mod decimate;
 mod earth;
+pub mod ellipse;
 mod figure;
+mod folders;
 mod footer;
 mod frame;
 mod glyphs;
@@ -34,6 +36,7 @@ use numerics::maps::plane_grid::EvenAxis;
 use schemas::Fault;
 
 pub use curve::{CurveLabels, curve_svg};
+pub use folders::{EarthArea, EarthFolder, folders_kml};
 pub use kml::{EarthTrack, Kml, kml};
 pub use palette::Palette;
 pub use relief::Shade;
@@ -164,7 +167,7 @@ fn check(picture: &MapPicture, look: &Look) -> Result<(), Fault> {
         return Err(Fault::data(format!("the map has {n} values for {rows} rows of {columns} columns")));
     }
     if !picture.values.iter().any(|v| v.is_finite()) {
-        return Err(Fault::data("the map has no known valueand cannot be drawn"));
+        return Err(Fault::data("the map has no known value and cannot be drawn"));
     }
     if !(200..=10_000).contains(&look.width_px) {
         return Err(Fault::new(format!("a picture {} pixels wide cannot be drawn", look.width_px))

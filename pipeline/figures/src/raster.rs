@@ -1,18 +1,24 @@
-//! A part of an anomaly map as a picture: equal areas get equal parts of the colour scale.
+//! A part of an anomaly map as a picture in relief: equal areas get equal parts of the colour scale.
 
-use numerics::maps::map_surface::GeographicGrid;
+use numerics::maps::{map_surface::GeographicGrid, plane_grid::EvenAxis};
 use schemas::Fault;
 
 use super::{
     palette::Palette,
     png_file::{Kind, encode},
+    relief::{Lit, Shade, light},
+    sheet::Sheet,
 };
 
 /// The maximum number of pixels of a picture in each direction.
 const MOST: usize = 720;
 
-/// Colours of the scale; one more stands for unknown cells.
-const COLOURS: usize = 255;
+/// Colours of the scale, and the strengths of light that each is drawn in: a picture has 256 colours, and one more stands for
+/// unknown cells.
+const COLOURS: usize = 42;
+const LIGHTS: usize = 6;
+/// The weakest and the strongest light, of which level ground has 1.
+const LIGHT: (f64, f64) = (0.55, 1.2);
 
 /// A rectangle of latitudes and longitudes, in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,12 +61,33 @@ pub fn raster(grid: &GeographicGrid, bounds: &Bounds) -> Result<Option<Raster>, 
     known.sort_by(f64::total_cmp);
     let rank = |part: f64| known[((part * (known.len() - 1) as f64).round() as usize).min(known.len() - 1)];
     let limits: Vec<f64> = (1..COLOURS).map(|k| rank(k as f64 / COLOURS as f64)).collect();
-    let index = |v: &f64| if v.is_finite() { limits.partition_point(|l| l <= v) as u8 } else { COLOURS as u8 };
-    let indices: Vec<u8> = pixels.values.iter().map(index).collect();
+    let lights = pixels.lights();
+    let index = |(v, light): (&f64, &f64)| {
+        let strength = ((light - LIGHT.0) / (LIGHT.1 - LIGHT.0) * (LIGHTS - 1) as f64).round();
+        let (colour, strength) =
+            (limits.partition_point(|l| l <= v), strength.clamp(0.0, (LIGHTS - 1) as f64) as usize);
+        (if v.is_finite() { colour * LIGHTS + strength } else { COLOURS * LIGHTS }) as u8
+    };
+    let indices: Vec<u8> = pixels.values.iter().zip(&lights).map(index).collect();
     let size = (pixels.width, pixels.values.len() / pixels.width);
     let png = encode(&colours(), size, &indices)?;
     let scale = (0..=10).map(|k| rank(f64::from(k) / 10.0)).collect();
     Ok(Some(Raster { bounds: pixels.bounds, size, png, scale }))
+}
+
+impl Pixels {
+    /// The light on each, from the north-west.
+    fn lights(&self) -> Vec<f64> {
+        let turned = |rows: &[f64]| -> Vec<f64> { rows.chunks(self.width).rev().flatten().copied().collect() };
+        let axis = |ends: (f64, f64), len: usize| {
+            let step = (ends.1 - ends.0) / len as f64;
+            EvenAxis { first: ends.0 + 0.5 * step, step, len }
+        };
+        let (x, y) = (axis(self.bounds.lon, self.width), axis(self.bounds.lat, self.values.len() / self.width));
+        let shrink = (0.5 * (self.bounds.lat.0 + self.bounds.lat.1)).to_radians().cos().max(0.01);
+        let ground = shrink * x.step / y.step;
+        turned(&light(&Sheet { x, y, values: turned(&self.values) }, ground, &Shade::default()))
+    }
 }
 
 /// The nodes of one axis that lie within `range`: first, past the last.
@@ -97,10 +124,15 @@ fn cut(grid: &GeographicGrid, bounds: &Bounds) -> Option<Pixels> {
     Some(Pixels { values: values.map(|(r, c)| mean(r, c)).collect(), width, bounds })
 }
 
-/// The colours of the scale, and a transparent one for unknown cells.
+/// The colours of the scale in each light, and a transparent one for unknown cells.
 fn colours() -> Kind {
-    let shade = |k: usize| Palette::Viridis.colour(k as f64 / (COLOURS - 1) as f64);
-    let shades = (0..COLOURS).map(shade).map(|[r, g, b]| [r, g, b, 255]);
+    let lit = Lit::new(Palette::Viridis);
+    let shade = |k: usize| {
+        let strength = (k % LIGHTS) as f64 / (LIGHTS - 1) as f64;
+        let part = (k / LIGHTS) as f64 / (COLOURS - 1) as f64;
+        lit.colour(part, LIGHT.0 + strength * (LIGHT.1 - LIGHT.0))
+    };
+    let shades = (0..COLOURS * LIGHTS).map(shade).map(|[r, g, b]| [r, g, b, 255]);
     Kind::Indexed(shades.chain([[0; 4]]).collect())
 }
 
@@ -146,9 +178,23 @@ mod tests {
         let grid = GeographicGrid::new(&lat, &lat, &values).unwrap();
         let drawn = raster(&grid, &Bounds { lat: (-1.0, 17.0), lon: (-1.0, 17.0) }).unwrap().unwrap();
         let (_, pixels) = decode(&drawn.png).unwrap();
-        let mut counts = [0usize; 256];
-        pixels.iter().for_each(|p| counts[usize::from(*p)] += 1);
-        assert!(counts[..COLOURS].iter().all(|n| (1..=2).contains(n)), "{counts:?}");
+        let mut counts = [0usize; COLOURS];
+        pixels.iter().for_each(|p| counts[usize::from(*p) / LIGHTS] += 1);
+        assert!(counts.iter().all(|n| (6..=7).contains(n)), "{counts:?}");
         assert_eq!((drawn.scale[0], drawn.scale[10]), (values[0], values[255]));
+    }
+
+    #[test]
+    fn unit_slopes_to_the_north_west_are_lighter() {
+        // A ridge from south-west to north-east on even ground, on the equator.
+        let side: Vec<f64> = (0..21).map(f64::from).collect();
+        let height = |k: i32| 10.0 - f64::from(k / 21 - k % 21).abs();
+        let values: Vec<f64> = (0..441).map(height).collect();
+        let grid = GeographicGrid::new(&side, &side, &values).unwrap();
+        let pixels = cut(&grid, &Bounds { lat: (-1.0, 21.0), lon: (-1.0, 21.0) }).unwrap();
+        let lights = pixels.lights();
+        // Rows are from the north: north-west of the ridge is the upper left.
+        let (lit, dark, flat) = (lights[7 * 21 + 7], lights[13 * 21 + 13], lights[10 * 21 + 10]);
+        assert!(lit > 1.1 && dark < 0.7 && (flat - 1.0).abs() < 1e-9, "{lit} {dark} {flat}");
     }
 }

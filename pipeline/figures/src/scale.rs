@@ -45,7 +45,7 @@ impl ColourScale {
         let mut known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
         known.sort_unstable_by(f64::total_cmp);
         let (Some(least), Some(most)) = (known.first().copied(), known.last().copied()) else {
-            return Err(Fault::data("the map has no known valueand cannot be drawn"));
+            return Err(Fault::data("the map has no known value and cannot be drawn"));
         };
         let equalised = scale == Scale::Equalised && most > least;
         let knots = match scale {

@@ -64,7 +64,7 @@ fn texts(marks: &[scene::Mark]) -> Vec<String> {
 }
 
 /// Says where a text is not well-formed XML: tags that do not close, an attribute without quotes, a stray `<` or `&`.
-fn well_formed(xml: &str) -> Result<usize, String> {
+pub(crate) fn well_formed(xml: &str) -> Result<usize, String> {
     let mut open: Vec<&str> = vec![];
     let mut elements = 0;
     let mut rest = xml.strip_prefix(svg::XML).ok_or("no declaration")?;

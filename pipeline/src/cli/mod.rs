@@ -6,6 +6,7 @@ mod events;
 mod interrupt;
 mod map;
 mod progress;
+mod report;
 mod say;
 mod sql;
 mod temporary;
@@ -111,14 +112,8 @@ enum Command {
         #[arg(long)]
         markdown: bool,
     },
-    /// Write the results of a run as one page of tables and plots.
-    Report {
-        #[command(flatten)]
-        spec: SpecArgs,
-        /// The HTML file it is written to.
-        #[arg(short, long)]
-        output: PathBuf,
-    },
+    /// Write the results of a run as one page of tables and plots, or its tracks for Google Earth and QGIS.
+    Report(report::ReportArgs),
     /// Work on anomaly maps.
     Map {
         /// Only errors on standard error: no progress, no notes.
@@ -249,7 +244,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
             views::lineage(&store, &table, format).map_err(Stop::from).and_then(say)
         }
         Command::Stages { name, markdown } => stages(catalogue, name.as_deref(), markdown),
-        Command::Report { spec, output } => report(catalogue, &spec, &output),
+        Command::Report(args) => report::run(catalogue, &args),
         Command::Map { quiet, command } => map::run(&command, quiet),
         Command::Synth { spec, to, quiet } => synth(&spec, &to, quiet),
     };
@@ -346,15 +341,6 @@ fn with_graph(
     let graph = Graph::new(&plan, &store, &|table, step| progress.hear(&Event::Reading { table, step }))?;
     drop(progress);
     say(view(&graph, &store)?)
-}
-
-fn report(catalogue: &[Entry], args: &SpecArgs, output: &std::path::Path) -> Result<(), Stop> {
-    // Checked before anything is opened: a report does not create a store.
-    views::report::was_run(&read_spec(&args.spec, &args.sets)?)?;
-    with_graph(catalogue, args, |graph, store| {
-        views::report::write(output, &views::report::report(graph, store)?)?;
-        Ok(format!("{}\n", output.display()))
-    })
 }
 
 fn stages(all: &[Entry], name: Option<&str>, markdown: bool) -> Result<(), Stop> {

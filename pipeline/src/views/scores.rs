@@ -30,6 +30,11 @@ pub struct Scores {
 impl Scores {
     /// Marks the rows of the table `name` that `warnings` speaks of.
     pub fn mark(&mut self, name: &str, warnings: &[Warning]) {
+        self.marks = self.marked_lines(name, warnings).iter().map(BTreeSet::len).collect();
+    }
+
+    /// The lines of each row, as flight and line, that `warnings` of the table `name` marks.
+    pub fn marked_lines<'w>(&self, name: &str, warnings: &'w [Warning]) -> Vec<BTreeSet<&'w (String, String)>> {
         let spoilt: Vec<&Warning> = warnings.iter().filter(|w| w.stage == name && w.kind.spoils()).collect();
         let mut lines: HashMap<Vec<Word>, BTreeSet<&(String, String)>> = HashMap::new();
         for warning in &spoilt {
@@ -45,9 +50,9 @@ impl Scores {
         let word = |(text, number): (&String, &bool)| Word::of(text, *number);
         let marks = self.rows.iter().map(|(key, _)| {
             let point: Vec<Word> = key.iter().zip(&numbers).map(word).collect();
-            lines.get(&point).map_or(0, BTreeSet::len)
+            lines.get(&point).cloned().unwrap_or_default()
         });
-        self.marks = marks.collect();
+        marks.collect()
     }
 
     /// The position of a metric.

@@ -1,13 +1,16 @@
-//! The map with the tracks on it: the whole line, and a close look where the INS error is largest.
+//! The map with the tracks and their error ellipses on it: the whole line, and a close look where the INS error is largest.
+
+use std::rc::Rc;
 
 use figures::{
     canvas::{Canvas, LEFT, SIDE},
     chart::{path, px},
     decimate::{MOST, thinned},
+    ellipse::Ellipse,
     palette::{Palette, hex},
     png_file::data_url,
     raster::{Bounds, Raster, raster},
-    ticks::fixed,
+    ticks::{fixed, round_below},
 };
 use maud::{Markup, html};
 use numerics::angle::wrap_deg;
@@ -20,51 +23,93 @@ use super::{
 };
 use crate::{plan::Ref, views::text::number};
 
-/// Radius of the ellipse that holds 95 % of a two-dimensional normal distribution, in sigma.
-const ELLIPSE_95: f64 = 2.447_746_8;
+/// The size of the ellipses, in sigma: 98.9 % of a two-dimensional normal distribution are inside.
+const SIGMAS: f64 = 3.0;
+/// Ellipses along a line, and those in a close look beside the one at its middle.
+const ELLIPSES: usize = 16;
+const CLOSE: usize = 6;
+/// Ellipses of a longer semi-axis that is nowhere as long on the picture are enlarged, or shown from near.
+const SMALLEST_PX: f64 = 6.0;
+/// The longest semi-axis that they are enlarged to.
+const ENLARGED_PX: f64 = 18.0;
 
-/// The data that all maps of the page share: the visible part of the map and its picture, which is in the page once.
+/// The part of a map that is drawn under tracks, which is in the page once.
+struct Picture {
+    id: String,
+    raster: Raster,
+}
+
+/// The data that all maps of a navigation share: the visible part of the map and its picture.
 pub struct Atlas {
     bounds: Bounds,
-    picture: Option<Raster>,
+    picture: Option<Rc<Picture>>,
+}
+
+/// Tracks, and the map that they were navigated on.
+pub type Over = (Option<Ref>, Vec<Track>);
+
+/// The atlas of each group of tracks, `None` where there is no place; and the pictures of the maps, for references. Groups
+/// over the same map share its picture.
+///
+/// # Errors
+/// When the store is damaged.
+pub fn atlases(source: &Source, groups: &[Over]) -> Result<(Vec<Option<Atlas>>, Markup), Fault> {
+    let bounds: Vec<Option<Bounds>> = groups.iter().map(|(_, tracks)| around(tracks)).collect();
+    let mut drawn: Vec<(Ref, Option<Rc<Picture>>)> = vec![];
+    for (map, _) in groups {
+        let Some(map) = map.filter(|m| !drawn.iter().any(|(known, _)| known == m)) else { continue };
+        let here = groups.iter().zip(&bounds).filter(|((m, _), _)| *m == Some(map)).filter_map(|(_, b)| *b);
+        let Some(all) = here.reduce(together) else { continue };
+        let id = format!("map-{}", source.graph.plan.name_of(map));
+        drawn.push((map, raster_of(source, map, &all)?.map(|raster| Rc::new(Picture { id, raster }))));
+    }
+    let picture = |map: Option<Ref>| drawn.iter().find(|(m, _)| Some(*m) == map).and_then(|(_, p)| p.clone());
+    let atlas =
+        |((map, _), bounds): (&Over, Option<Bounds>)| bounds.map(|b| Atlas { bounds: b, picture: picture(*map) });
+    let all = groups.iter().zip(bounds).map(atlas).collect();
+    Ok((all, defs(drawn.iter().filter_map(|(_, p)| p.as_deref()))))
+}
+
+/// The part of the map within `around`.
+fn raster_of(source: &Source, map: Ref, around: &Bounds) -> Result<Option<Raster>, Fault> {
+    let Some(grid) = source.map(map)? else { return Ok(None) };
+    // Maps may count longitudes from 0 to 360.
+    let middle = 0.5 * (grid.lon().first_deg() + grid.lon().last_deg());
+    let turns = 360.0 * ((middle - around.lon.0) / 360.0).round();
+    let turned = Bounds { lon: (around.lon.0 + turns, around.lon.1 + turns), ..*around };
+    let back = |r: Raster| Raster {
+        bounds: Bounds { lon: (r.bounds.lon.0 - turns, r.bounds.lon.1 - turns), ..r.bounds },
+        ..r
+    };
+    Ok(raster(&grid, &turned)?.map(back))
+}
+
+/// The rectangle around two, the shorter way round the earth.
+fn together(a: Bounds, b: Bounds) -> Bounds {
+    let middle = |b: &Bounds| 0.5 * (b.lon.0 + b.lon.1);
+    let turns = 360.0 * ((middle(&a) - middle(&b)) / 360.0).round();
+    Bounds {
+        lat: (a.lat.0.min(b.lat.0), a.lat.1.max(b.lat.1)),
+        lon: (a.lon.0.min(b.lon.0 + turns), a.lon.1.max(b.lon.1 + turns)),
+    }
+}
+
+/// The pictures and the colour scale.
+fn defs<'a>(pictures: impl Iterator<Item = &'a Picture>) -> Markup {
+    let pictures: Vec<&Picture> = pictures.collect();
+    html! {
+        @if !pictures.is_empty() { svg.defs width="0" height="0" aria-hidden="true" { defs {
+            @for Picture { id, raster } in pictures {
+                image id=(id) width=(raster.size.0) height=(raster.size.1) preserveAspectRatio="none" href=(data_url(&raster.png)) {}
+            }
+            linearGradient id="scale" { @for k in 0..=10 {
+                stop offset=(format!("{}%", 10 * k)) stop-color=(hex(Palette::Viridis.colour(f64::from(k) / 10.0))) {}
+            } }
+        } } }
+    }
 }
 
 impl Atlas {
-    /// The part of the map `map` that `tracks` lie on; `None` where there is no place.
-    ///
-    /// # Errors
-    /// When the store is damaged.
-    pub fn new(source: &Source, map: Option<Ref>, tracks: &[Track]) -> Result<Option<Atlas>, Fault> {
-        let Some(around) = around(tracks) else { return Ok(None) };
-        let picture = match map.map(|r| source.map(r)).transpose()?.flatten() {
-            Some(grid) => {
-                // Maps may count longitudes from 0 to 360.
-                let middle = 0.5 * (grid.lon().first_deg() + grid.lon().last_deg());
-                let turns = 360.0 * ((middle - around.lon.0) / 360.0).round();
-                let turned = Bounds { lon: (around.lon.0 + turns, around.lon.1 + turns), ..around };
-                raster(&grid, &turned)?.map(|r| Raster {
-                    bounds: Bounds { lon: (r.bounds.lon.0 - turns, r.bounds.lon.1 - turns), ..r.bounds },
-                    ..r
-                })
-            }
-            None => None,
-        };
-        Ok(Some(Atlas { bounds: around, picture }))
-    }
-
-    /// The picture and the colour scale, for references.
-    pub fn defs(&self) -> Markup {
-        let Some(picture) = &self.picture else { return html! {} };
-        html! {
-            svg.defs width="0" height="0" aria-hidden="true" { defs {
-                image id="map" width=(picture.size.0) height=(picture.size.1) preserveAspectRatio="none" href=(data_url(&picture.png)) {}
-                linearGradient id="scale" { @for k in 0..=10 {
-                    stop offset=(format!("{}%", 10 * k)) stop-color=(hex(Palette::Viridis.colour(f64::from(k) / 10.0))) {}
-                } }
-            } }
-        }
-    }
-
     /// Both maps of one line.
     pub fn plots(&self, flown: &Flown) -> Markup {
         let place = worst_place(flown);
@@ -73,36 +118,49 @@ impl Atlas {
             div.maps {
                 (self.whole(flown, zoom.as_ref()))
                 @if let (Some(k), Some(zoom)) = (place, zoom) { (self.close(flown, k, &zoom)) }
+                @if let Some(near) = widest(flown).filter(|(_, e)| !is_seen(flown, place.zip(zoom.as_ref()), e)) { (self.near(flown, near)) }
             }
         }
     }
 
     fn whole(&self, flown: &Flown, zoom: Option<&Bounds>) -> Markup {
         let canvas = Canvas::new(self.bounds);
-        let extra = html! { @if let Some(zoom) = zoom { (frame_of(&canvas, zoom)) } };
-        let caption = match &self.picture {
+        let rings = ellipses(flown, &spaced(0..flown.tt.len(), ELLIPSES));
+        let times = enlargement(&canvas, &rings);
+        let under = outlines(&canvas, flown, &rings, times);
+        let over = html! { @if let Some(zoom) = zoom { (frame_of(&canvas, zoom)) } };
+        let what = match &self.picture {
             Some(_) => {
-                "Anomaly map with the tracks; each colour covers the same area. The dot is the start, the square the end, the frame the part shown beside it."
+                "Anomaly map in relief, lit from the north-west, with the tracks; each colour covers the same area."
             }
-            None => {
-                "The tracks; there is no map under them. The dot is the start, the square the end, the frame the part shown beside it."
-            }
+            None => "The tracks; there is no map under them.",
+        };
+        let every = flown.tt.last().zip(flown.tt.first()).map(|(b, a)| (b - a) / 60.0 / (ELLIPSES - 1) as f64);
+        let sizes = || rings.iter().map(|(_, e)| e.major_m);
+        let about = match rings.len() {
+            0 => String::new(),
+            _ => format!(
+                " The ellipses are the 3σ region of the estimate every {} min{}; their longer semi-axis is {} to {} m.",
+                number(every),
+                if times > 1.0 { format!(", {times} times as large as they are") } else { String::new() },
+                number(sizes().reduce(f64::min)),
+                number(sizes().reduce(f64::max)),
+            ),
         };
         html! {
             figure {
                 h4 { "Tracks" @if self.picture.is_some() { " on the anomaly map" } }
-                (legend(flown))
-                (self.drawn(&canvas, flown, "Tracks on the map", extra))
-                @if let Some(picture) = &self.picture { (colour_bar(picture)) }
-                figcaption { (caption) }
+                (legend(flown, (!rings.is_empty()).then_some(times)))
+                (self.drawn(&canvas, flown, "Tracks on the map", under, over))
+                @if let Some(picture) = &self.picture { (colour_bar(&picture.raster)) }
+                figcaption { (what) (about) " The dot is the start, the square the end, the frame the part shown beside it." }
             }
         }
     }
 
     fn close(&self, flown: &Flown, k: usize, zoom: &Bounds) -> Markup {
         let canvas = Canvas::new(*zoom);
-        let outline = ellipse(&canvas, flown, k);
-        let extra = html! { @if let Some(d) = &outline { path.halo d=(d) {} path.ellipse d=(d) {} } };
+        let rings = ellipses(flown, &in_sight(&canvas, flown, k));
         let of = if flown.truth.is_some() { "from the truth" } else { "from the estimate" };
         let minute = (flown.tt.get(k).copied().unwrap_or(0.0) - flown.tt.first().copied().unwrap_or(0.0)) / 60.0;
         let mut caption =
@@ -110,20 +168,44 @@ impl Atlas {
         if let (Some(error), true) = (own_error(flown, k), flown.ins.is_some()) {
             caption.push_str(&format!(" The estimate is {} m off there.", number(Some(error))));
         }
-        if outline.is_some() {
-            caption.push_str(" The ellipse is the 95 % region of the filter at that moment.");
+        if let Some((_, e)) = rings.iter().find(|(i, _)| *i == k) {
+            caption.push_str(&format!(
+                " The ellipses are the 3σ region of the filter; at that moment {} m by {} m, the longer axis at {:.0}° from north.",
+                number(Some(e.major_m)),
+                number(Some(e.minor_m)),
+                e.azimuth_deg,
+            ));
         }
         html! {
             figure {
                 h4 { "A close look" }
-                (legend(flown))
-                (self.drawn(&canvas, flown, "Tracks, a close look", extra))
+                (legend(flown, (!rings.is_empty()).then_some(1.0)))
+                (self.drawn(&canvas, flown, "Tracks, a close look", html! {}, outlines(&canvas, flown, &rings, 1.0)))
                 figcaption { (caption) }
             }
         }
     }
 
-    fn drawn(&self, canvas: &Canvas, flown: &Flown, label: &str, extra: Markup) -> Markup {
+    /// Where the ellipse is largest, at its own scale.
+    fn near(&self, flown: &Flown, (k, widest): (usize, Ellipse)) -> Markup {
+        let canvas = Canvas::new(square(flown.estimate.at(k).unwrap_or_default(), (4.0 * widest.major_m).max(50.0)));
+        let rings = ellipses(flown, &in_sight(&canvas, flown, k));
+        let minute = (flown.tt.get(k).copied().unwrap_or(0.0) - flown.tt.first().copied().unwrap_or(0.0)) / 60.0;
+        let error = own_error(flown, k).map(|e| format!(" The estimate is {} m off the truth there.", number(Some(e))));
+        html! {
+            figure {
+                h4 { "Where the filter is least sure" }
+                (legend(flown, Some(1.0)))
+                (self.drawn(&canvas, flown, "Tracks and error ellipses from near", html! {}, outlines(&canvas, flown, &rings, 1.0)))
+                figcaption {
+                    "The largest 3σ ellipse of the line, " (number(Some(widest.major_m))) " m by " (number(Some(widest.minor_m)))
+                    " m, at " (format!("{minute:.1}")) " min, and those of its neighbourhood, at their own scale." (error.unwrap_or_default())
+                }
+            }
+        }
+    }
+
+    fn drawn(&self, canvas: &Canvas, flown: &Flown, label: &str, under: Markup, over: Markup) -> Markup {
         let tracks = [flown.ins.as_ref(), flown.truth.as_ref(), Some(&flown.estimate)];
         let spots: Vec<(f64, f64)> =
             tracks.into_iter().flatten().flat_map(Track::places).filter_map(|p| canvas.spot(p)).collect();
@@ -131,11 +213,12 @@ impl Atlas {
             label,
             html! {
                 @if let Some(picture) = &self.picture { (placed(canvas, picture)) }
+                (under)
                 @if let Some(ins) = &flown.ins { (line(canvas, ins, "ins")) }
                 @if let Some(truth) = &flown.truth { (line(canvas, truth, "truth")) }
                 (line(canvas, &flown.estimate, if flown.truth.is_some() { "estimate over" } else { "estimate" }))
                 (ends(canvas, flown.truth.as_ref().or(flown.ins.as_ref()).unwrap_or(&flown.estimate)))
-                (extra)
+                (over)
                 (canvas.furniture(&spots))
             },
         )
@@ -143,7 +226,7 @@ impl Atlas {
 }
 
 /// The rectangle around all tracks, with a margin.
-fn around(tracks: &[Track]) -> Option<Bounds> {
+pub fn around(tracks: &[Track]) -> Option<Bounds> {
     let places = || tracks.iter().flat_map(Track::places).filter(|(a, b)| a.is_finite() && b.is_finite());
     let first = places().next()?;
     let mut b = Bounds { lat: (first.0, first.0), lon: (first.1, first.1) };
@@ -170,7 +253,8 @@ fn own_error(flown: &Flown, k: usize) -> Option<f64> {
     apart(&flown.estimate, flown.truth.as_ref()?, k)
 }
 
-fn apart(a: &Track, b: &Track, k: usize) -> Option<f64> {
+/// The distance of two tracks at row `k`, m.
+pub fn apart(a: &Track, b: &Track, k: usize) -> Option<f64> {
     let at = |t: &Track| Some((*t.lat.get(k)?, *t.lon.get(k)?));
     let (north, east) = EarthModel::default().offset_ne_m(at(b)?, at(a)?, 0.0);
     Some(north.hypot(east)).filter(|d| d.is_finite())
@@ -185,19 +269,37 @@ fn worst_place(flown: &Flown) -> Option<usize> {
 fn zoom_bounds(flown: &Flown, k: usize) -> Bounds {
     let centre = flown.truth.as_ref().unwrap_or(&flown.estimate);
     let (lat, lon) = (centre.lat.get(k).copied().unwrap_or(0.0), centre.lon.get(k).copied().unwrap_or(0.0));
-    let half_m = (1.4 * separation(flown, k).unwrap_or(0.0)).max(250.0);
+    square((lat, lon), (1.4 * separation(flown, k).unwrap_or(0.0)).max(250.0))
+}
+
+/// The square about a place, of half a side in metres.
+fn square((lat, lon): (f64, f64), half_m: f64) -> Bounds {
     let (earth, lat_rad) = (EarthModel::default(), lat.to_radians());
     let (north, east) = (earth.north_m_to_lat_rad(half_m, lat_rad, 0.0), earth.east_m_to_lon_rad(half_m, lat_rad, 0.0));
     let (north, east) = (north.to_degrees(), east.to_degrees());
     Bounds { lat: (lat - north, lat + north), lon: (lon - east, lon + east) }
 }
 
-fn placed(canvas: &Canvas, picture: &Raster) -> Markup {
-    let b = &picture.bounds;
+/// Whether the close look has an ellipse that is large enough to be seen, and about as large as the `widest` of the line.
+fn is_seen(flown: &Flown, close: Option<(usize, &Bounds)>, widest: &Ellipse) -> bool {
+    let Some((k, zoom)) = close else { return false };
+    let there = flown.ellipse(k, SIGMAS).map_or(0.0, |e| e.major_m);
+    there >= SMALLEST_PX * Canvas::new(*zoom).metres_per_px() && there >= 0.6 * widest.major_m
+}
+
+/// The largest ellipse of a line and its row.
+fn widest(flown: &Flown) -> Option<(usize, Ellipse)> {
+    let there = (0..flown.tt.len()).filter(|k| flown.estimate.at(*k).is_some());
+    let all = there.filter_map(|k| flown.ellipse(k, SIGMAS).map(|e| (k, e)));
+    all.max_by(|a, b| a.1.major_m.total_cmp(&b.1.major_m).then(b.0.cmp(&a.0)))
+}
+
+fn placed(canvas: &Canvas, Picture { id, raster }: &Picture) -> Markup {
+    let b = &raster.bounds;
     let (x, y) = (canvas.x(b.lon.0), canvas.y(b.lat.1));
     let wide = (b.lon.1 - b.lon.0) * canvas.per_degree_east();
-    let (sx, sy) = (wide / picture.size.0 as f64, (canvas.y(b.lat.0) - y) / picture.size.1 as f64);
-    html! { use href="#map" transform=(format!("translate({x:.2} {y:.2}) scale({sx:.5} {sy:.5})")) {} }
+    let (sx, sy) = (wide / raster.size.0 as f64, (canvas.y(b.lat.0) - y) / raster.size.1 as f64);
+    html! { use href=(format!("#{id}")) transform=(format!("translate({x:.2} {y:.2}) scale({sx:.5} {sy:.5})")) {} }
 }
 
 fn line(canvas: &Canvas, track: &Track, class: &str) -> Markup {
@@ -234,29 +336,56 @@ fn frame_of(canvas: &Canvas, zoom: &Bounds) -> Markup {
     html! { rect.halo x=(x) y=(y) width=(px(w2)) height=(px(h2)) {} rect.window x=(x) y=(y) width=(px(w2)) height=(px(h2)) {} }
 }
 
-fn ellipse(canvas: &Canvas, flown: &Flown, k: usize) -> Option<String> {
-    let [sd_n, sd_e, cov] = flown.sigma.as_ref()?;
-    let (sn, se, ne) = (*sd_n.get(k)?, *sd_e.get(k)?, *cov.get(k)?);
-    let (lat, lon) = (*flown.estimate.lat.get(k)?, *flown.estimate.lon.get(k)?);
-    // The Cholesky factor of the covariance turns a circle into the ellipse.
-    let (a, b) = (sn, ne / sn);
-    let c = (se * se - b * b).max(0.0).sqrt();
-    let (x, y) = canvas.spot((lat, lon))?;
-    let metres = canvas.metres_per_px();
-    let at = |step: i32| {
-        let (sin, cos) = (f64::from(step) * std::f64::consts::TAU / 48.0).sin_cos();
-        let (north, east) = (ELLIPSE_95 * a * cos, ELLIPSE_95 * (b * cos + c * sin));
-        Some((x + east / metres, y - north / metres)).filter(|s| s.0.is_finite() && s.1.is_finite())
-    };
-    Some(path((0..=48).map(at)))
+/// At most `most` of `range`, evenly apart, with both ends.
+pub fn spaced(range: std::ops::Range<usize>, most: usize) -> Vec<usize> {
+    let last = range.len().saturating_sub(1);
+    let mut all: Vec<usize> =
+        (0..most).map(|k| range.start + k * last / (most - 1)).filter(|k| range.contains(k)).collect();
+    all.dedup();
+    all
 }
 
-fn legend(flown: &Flown) -> Markup {
+/// Row `k` and some others of which the estimate is on the picture.
+fn in_sight(canvas: &Canvas, flown: &Flown, k: usize) -> Vec<usize> {
+    let on_it = |i: &usize| flown.estimate.at(*i).is_some_and(|p| canvas.holds(p));
+    let inside: Vec<usize> = (0..flown.tt.len()).filter(on_it).collect();
+    let mut rows: Vec<usize> = spaced(0..inside.len(), CLOSE).into_iter().map(|i| inside[i]).chain([k]).collect();
+    rows.sort_unstable();
+    rows.dedup();
+    rows
+}
+
+/// The ellipses of the estimate at `rows`.
+fn ellipses(flown: &Flown, rows: &[usize]) -> Vec<(usize, Ellipse)> {
+    rows.iter().filter_map(|k| Some((*k, flown.ellipse(*k, SIGMAS)?))).collect()
+}
+
+/// How many times the ellipses are drawn as large as they are, so that they are seen: 1, 2, 5, 10 and so on.
+fn enlargement(canvas: &Canvas, rings: &[(usize, Ellipse)]) -> f64 {
+    let largest = rings.iter().map(|(_, e)| e.major_m).fold(0.0, f64::max) / canvas.metres_per_px();
+    if largest >= SMALLEST_PX || largest <= 0.0 { 1.0 } else { round_below(ENLARGED_PX / largest) }
+}
+
+/// The ellipses, so many times as large as they are.
+fn outlines(canvas: &Canvas, flown: &Flown, rings: &[(usize, Ellipse)], times: f64) -> Markup {
+    let metres = canvas.metres_per_px() / times;
+    let places = rings.iter().filter_map(|(k, e)| Some((canvas.spot(flown.estimate.at(*k)?)?, e)));
+    html! { @for ((x, y), e) in places {
+        // North is up, and a positive turn is clockwise.
+        ellipse.region rx=(px(e.minor_m / metres)) ry=(px(e.major_m / metres)) transform=(format!("translate({} {}) rotate({})", px(x), px(y), px(e.azimuth_deg))) {}
+    } }
+}
+
+/// With the ellipses where they are drawn, so many times as large as they are.
+fn legend(flown: &Flown, ellipses: Option<f64>) -> Markup {
     html! {
         p.legend {
             @if flown.truth.is_some() { span { i class="key truth" {} "true" } }
             @if flown.ins.is_some() { span { i class="key ins" {} "INS alone" } }
             span { i class="key estimate" {} "estimate" }
+            @if let Some(times) = ellipses {
+                span { i class="key region" {} "3σ of the estimate" @if times > 1.0 { ", × " (times) } }
+            }
         }
     }
 }
@@ -317,18 +446,58 @@ mod tests {
     }
 
     #[test]
-    fn unit_the_ellipse_of_a_round_covariance_is_a_circle() {
-        let flown = flown();
+    fn unit_ellipses_on_the_picture_are_three_sigma_and_turned_clockwise() {
+        let mut flown = flown();
+        // To the north-east: 30 m each way, correlated by a half.
+        flown.sigma = Some([vec![30.0; 100], vec![30.0; 100], vec![450.0; 100]]);
         let canvas = Canvas::new(zoom_bounds(&flown, 99));
-        let d = ellipse(&canvas, &flown, 99).unwrap();
-        let (x, y) = canvas.spot((flown.estimate.lat[99], flown.estimate.lon[99])).unwrap();
-        let radius = ELLIPSE_95 * 10.0 / canvas.metres_per_px();
-        for spot in d.split(['M', 'L']).filter(|s| !s.is_empty()) {
-            let (a, b) = spot.split_once(' ').unwrap();
-            let (a, b): (f64, f64) = (a.parse().unwrap(), b.parse().unwrap());
-            // Positions are written to a tenth.
-            assert!(((a - x).hypot(b - y) - radius).abs() < 0.15);
-        }
+        let drawn = outlines(&canvas, &flown, &ellipses(&flown, &[99]), 1.0).into_string();
+        let number = |name: &str| -> f64 {
+            drawn.split(&format!(" {name}=\"")).nth(1).and_then(|d| d.split('"').next()).unwrap().parse().unwrap()
+        };
+        let metres = canvas.metres_per_px();
+        // Lengths are written to a tenth.
+        assert!((number("ry") - 3.0 * 1350f64.sqrt() / metres).abs() < 0.06, "{drawn}");
+        assert!((number("rx") - 3.0 * 450f64.sqrt() / metres).abs() < 0.06, "{drawn}");
+        let (x, y) = canvas.spot(flown.estimate.at(99).unwrap()).unwrap();
+        assert!(drawn.contains(&format!("translate({} {}) rotate(45)", px(x), px(y))), "{drawn}");
+        flown.sigma = None;
+        assert!(ellipses(&flown, &[99]).is_empty());
+    }
+
+    #[test]
+    fn unit_ellipses_that_are_too_small_are_enlarged_and_it_is_said() {
+        let mut flown = flown();
+        // The largest is at row 40, of 30 m: on 12 km of track less than a pixel.
+        flown.sigma.as_mut().unwrap()[0][40] = 10.5;
+        assert_eq!(widest(&flown).map(|(k, e)| (k, e.major_m)), Some((40, 31.5)));
+        let atlas = Atlas { bounds: around(std::slice::from_ref(&flown.estimate)).unwrap(), picture: None };
+        let canvas = Canvas::new(atlas.bounds);
+        let rings = ellipses(&flown, &[0, 40, 99]);
+        let (times, px) = (enlargement(&canvas, &rings), 31.5 / canvas.metres_per_px());
+        assert!([10.0, 20.0, 50.0].contains(&times) && (6.0..=18.0).contains(&(times * px)), "{times} {px}");
+        let whole = atlas.whole(&flown, None).into_string();
+        assert!(whole.contains(&format!("3σ of the estimate, × {times}")), "{whole}");
+        let near = Canvas::new(square(flown.estimate.at(40).unwrap(), 126.0));
+        assert_eq!(enlargement(&near, &rings), 1.0);
+        // The close look has one of 30 m that is seen; a larger one elsewhere is shown by itself.
+        assert_eq!(atlas.plots(&flown).into_string().matches("<figure>").count(), 2);
+        flown.sigma.as_mut().unwrap()[0][40] = 21.0;
+        assert!(atlas.plots(&flown).into_string().contains("63.00 m by 30.00 m"));
+    }
+
+    #[test]
+    fn unit_ellipses_are_spread_over_the_line() {
+        assert_eq!(spaced(0..101, 5), [0, 25, 50, 75, 100]);
+        assert_eq!(spaced(0..3, 16), [0, 1, 2]);
+        assert_eq!((spaced(0..0, 16), spaced(0..1, 16)), (vec![], vec![0]));
+    }
+
+    #[test]
+    fn unit_groups_over_one_map_have_one_picture() {
+        let bounds = |west: f64| Bounds { lat: (0.0, 1.0), lon: (west, west + 1.0) };
+        assert_eq!(together(bounds(179.5), bounds(-179.0)).lon, (179.5, 182.0));
+        assert_eq!(together(bounds(10.0), bounds(12.0)).lon, (10.0, 13.0));
     }
 
     #[test]

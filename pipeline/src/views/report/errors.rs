@@ -12,42 +12,44 @@ use numerics::regression::statistics;
 use super::{
     signal::{minutes, time_axis},
     track::{Flown, Offsets, nees},
+    whiteness::Z95,
 };
 use crate::views::text::number;
 
 /// Points of a band.
 const BAND_POINTS: usize = 500;
-/// The two-sided 95 % of a normal distribution.
-const Z95: f64 = 1.959_963_985;
+/// Half of the band around a position error, in sigma.
+const SIGMAS: f64 = 3.0;
 
-/// The plots of one line. `outcomes` counts the outcomes of its measurements.
-pub fn plots(flown: &Flown, outcomes: &BTreeMap<String, usize>) -> Vec<Markup> {
+/// The plots of one line at a point, which `place` names. `outcomes` counts the outcomes of its measurements.
+pub fn plots(flown: &Flown, place: &str, outcomes: &BTreeMap<String, usize>) -> Vec<Markup> {
     let mut charts = vec![];
     if let Some(errors) = flown.errors() {
-        charts.extend(positions(flown, &errors));
+        charts.extend(positions(flown, place, &errors));
     }
     charts.extend(innovations(flown, outcomes));
-    charts.extend(nis(flown));
     if let (Some(errors), Some(sigma)) = (flown.errors(), &flown.sigma) {
         charts.push(nees_chart(&flown.tt, &nees(&errors, sigma)));
     }
     charts.iter().filter_map(Chart::draw).collect()
 }
 
-fn positions(flown: &Flown, errors: &Offsets) -> Vec<Chart> {
+fn positions(flown: &Flown, place: &str, errors: &Offsets) -> Vec<Chart> {
     let ins = flown.ins_errors();
     let alone = |pick: fn(&Offsets) -> &Vec<f64>| ins.as_ref().map(pick);
     let sigma = |i: usize| flown.sigma.as_ref().map(|s| &s[i]);
-    vec![
+    let mut both = vec![
         position(flown, "North", &errors.north, alone(|o| &o.north), sigma(0)),
         position(flown, "East", &errors.east, alone(|o| &o.east), sigma(1)),
-    ]
+    ];
+    both.iter_mut().for_each(|chart| chart.title = format!("{}: {place}", chart.title));
+    both
 }
 
 fn position(flown: &Flown, way: &str, error: &[f64], ins: Option<&Vec<f64>>, sigma: Option<&Vec<f64>>) -> Chart {
     let time = minutes(&flown.tt);
     let rms = |x: &[f64]| number(Some(statistics::rms(x).value));
-    let mut caption = format!("Estimate less truth: {} m root mean square", rms(error));
+    let mut caption = format!("Truth less estimate: {} m root mean square", rms(error));
     let mut lines = vec![];
     if let Some(ins) = ins {
         caption.push_str(&format!("; the INS alone has {} m", rms(ins)));
@@ -58,11 +60,12 @@ fn position(flown: &Flown, way: &str, error: &[f64], ins: Option<&Vec<f64>>, sig
     let mut bands = vec![];
     if let Some(sigma) = sigma {
         caption.push_str(&format!(
-            " The error is inside of ±2σ for {} of the time; 95 % is right.",
+            " The error is inside of ±3σ for {} of the time; 99.7 % is right.",
             share_inside(error, sigma)
         ));
-        let points = envelope(&time, sigma, BAND_POINTS).into_iter().map(|(t, s)| (t, -2.0 * s, 2.0 * s)).collect();
-        bands.push(Band { name: "±2σ of the filter".into(), points });
+        let ends = |(t, s): (f64, f64)| (t, -SIGMAS * s, SIGMAS * s);
+        let points = envelope(&time, sigma, BAND_POINTS).into_iter().map(ends).collect();
+        bands.push(Band { name: "±3σ of the filter".into(), points });
     }
     let y = Dim { range: frame(error, ins, sigma), ..Dim::new(format!("error {}, m", way.to_lowercase())) };
     if y.range.is_some() {
@@ -75,15 +78,20 @@ fn position(flown: &Flown, way: &str, error: &[f64], ins: Option<&Vec<f64>>, sig
 /// The part of the axis that shows estimate and band, where the INS alone would compress them to a line.
 fn frame(error: &[f64], ins: Option<&Vec<f64>>, sigma: Option<&Vec<f64>>) -> Option<(f64, f64)> {
     let largest = |x: &[f64]| x.iter().copied().filter(|v| v.is_finite()).fold(0.0, |a: f64, v| a.max(v.abs()));
-    let own = largest(error).max(2.0 * sigma.map_or(0.0, |s| largest(s)));
-    (largest(ins?) > 4.0 * own && own > 0.0).then_some((-1.6 * own, 1.6 * own))
+    let own = largest(error).max(SIGMAS * sigma.map_or(0.0, |s| largest(s)));
+    (largest(ins?) > 4.0 * own && own > 0.0).then_some((-1.25 * own, 1.25 * own))
 }
 
-/// The fraction of errors within two sigma, as text.
+/// The fraction of errors within the band, as text.
 fn share_inside(error: &[f64], sigma: &[f64]) -> String {
     let known = error.iter().zip(sigma).filter(|(e, s)| e.is_finite() && s.is_finite());
-    let (inside, all) = known.fold((0usize, 0usize), |(i, n), (e, s)| (i + usize::from(e.abs() <= 2.0 * s), n + 1));
-    if all == 0 { "none".to_owned() } else { format!("{:.0} %", 100.0 * inside as f64 / all as f64) }
+    let (inside, all) = known.fold((0usize, 0usize), |(i, n), (e, s)| (i + usize::from(e.abs() <= SIGMAS * s), n + 1));
+    if all == 0 {
+        return "none".to_owned();
+    }
+    let share = 100.0 * inside as f64 / all as f64;
+    // What is not all of the time is not rounded to it.
+    if inside < all { format!("{:.1} %", share.min(99.9)) } else { "100 %".to_owned() }
 }
 
 fn innovations(flown: &Flown, outcomes: &BTreeMap<String, usize>) -> Option<Chart> {
@@ -111,48 +119,6 @@ fn innovations(flown: &Flown, outcomes: &BTreeMap<String, usize>) -> Option<Char
         bands,
         lines: vec![Line { name: "innovation".into(), class: "after", points: extremes(&time, residual, MOST) }],
         height: 230.0,
-        ..Chart::default()
-    })
-}
-
-/// The 95 % band of the mean of `n` squared standard normals (Wilson and Hilferty 1931).
-fn mean_square_band(n: f64) -> (f64, f64) {
-    let spread = 2.0 / (9.0 * n);
-    let at = |z: f64| (1.0 - spread + z * spread.sqrt()).max(0.0).powi(3);
-    (at(-Z95), at(Z95))
-}
-
-/// Means over windows of `window` samples; a NaN where fewer than half have values.
-fn window_means(time: &[f64], x: &[f64], window: usize) -> Vec<(f64, f64)> {
-    let mean = |(t, x): (&[f64], &[f64])| {
-        let figure = statistics::mean(x);
-        let there = 2 * figure.n >= window;
-        (t.get(t.len() / 2).copied().unwrap_or(f64::NAN), if there { figure.value } else { f64::NAN })
-    };
-    time.chunks(window).zip(x.chunks(window)).map(mean).collect()
-}
-
-fn nis(flown: &Flown) -> Option<Chart> {
-    let nis = flown.nis.as_ref()?;
-    let window = (nis.len() / 200).max(10);
-    let points = window_means(&minutes(&flown.tt), nis, window);
-    let (low, high) = mean_square_band(window as f64);
-    let caption = format!(
-        "Normalised innovation squared, mean over {window} samples at a time. For independent innovations of the predicted \
-         size 95 % are between {} and {}: above it the measurements are worse than the filter believes, below it they are \
-         better. The mean of the line is {}.",
-        number(Some(low)),
-        number(Some(high)),
-        number(Some(statistics::mean(nis).value)),
-    );
-    Some(Chart {
-        title: "NIS".into(),
-        caption,
-        x: time_axis(),
-        y: Dim::new("mean NIS").log(),
-        lines: vec![Line { name: format!("mean over {window} samples"), class: "after", points }],
-        levels: vec![("95 % band".into(), low), (String::new(), high)],
-        height: 220.0,
         ..Chart::default()
     })
 }
@@ -188,34 +154,69 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ref_band_of_a_mean_square() {
-        // Chi-square quantiles of 100 degrees of freedom: 74.222 and 129.561 (Abramowitz and Stegun, table 26.8).
-        let (low, high) = mean_square_band(100.0);
-        // Wilson and Hilferty are good to 3e-4 of the quantile there.
-        assert!((low - 0.742_22).abs() < 5e-4 && (high - 1.295_61).abs() < 5e-4, "{low} {high}");
-    }
-
-    #[test]
-    fn unit_a_window_needs_half_of_its_samples() {
-        let time: Vec<f64> = (0..6).map(f64::from).collect();
-        let nan = f64::NAN;
-        let means = window_means(&time, &[1.0, 3.0, nan, nan, nan, 5.0], 3);
-        assert_eq!(means[0], (1.0, 2.0));
-        assert!(means[1].1.is_nan());
-    }
-
-    #[test]
     fn unit_a_drifting_ins_does_not_flatten_the_estimate() {
         let sigma = vec![1.0, 2.0];
-        assert_eq!(frame(&[1.0, -5.0], Some(&vec![0.0, 100.0]), Some(&sigma)), Some((-8.0, 8.0)));
-        assert_eq!(frame(&[1.0, -5.0], Some(&vec![0.0, 15.0]), Some(&sigma)), None);
+        assert_eq!(frame(&[1.0, -5.0], Some(&vec![0.0, 100.0]), Some(&sigma)), Some((-7.5, 7.5)));
+        assert_eq!(frame(&[1.0, -5.0], Some(&vec![0.0, 24.0]), Some(&sigma)), None);
         assert_eq!(frame(&[1.0], None, None), None);
     }
 
     #[test]
     fn unit_the_share_inside_counts_what_is_known() {
-        assert_eq!(share_inside(&[1.0, -5.0, f64::NAN, 2.0], &[1.0, 1.0, 1.0, 1.0]), "67 %");
+        assert_eq!(share_inside(&[1.0, -5.0, f64::NAN, 3.0], &[1.0, 1.0, 1.0, 1.0]), "66.7 %");
+        let (mut error, sigma) = (vec![0.0; 10_000], vec![1.0; 10_000]);
+        assert_eq!(share_inside(&error, &sigma), "100 %");
+        error[7] = 3.1;
+        assert_eq!(share_inside(&error, &sigma), "99.9 %", "one outside is not none");
         assert_eq!(share_inside(&[f64::NAN], &[1.0]), "none");
+    }
+
+    /// North off by 0 to 59 m at a sigma of 10 to 15.9 m, east exact.
+    fn flown() -> Flown {
+        use crate::views::report::track::Track;
+        let metres = |north: f64| numerics::earth::geodesy::EarthModel::default().north_m_to_lat_rad(north, 0.0, 0.0);
+        let track = |step: f64| Track {
+            lat: (0..60).map(|k| metres(step * f64::from(k)).to_degrees()).collect(),
+            lon: vec![140.0; 60],
+        };
+        Flown {
+            tt: (0..60).map(|k| 60.0 * f64::from(k)).collect(),
+            truth: Some(track(1.0)),
+            ins: Some(track(-2.0)),
+            estimate: track(0.0),
+            sigma: Some([(0..60).map(|k| 10.0 + 0.1 * f64::from(k)).collect(), vec![5.0; 60], vec![0.0; 60]]),
+            residual: None,
+            nis: None,
+        }
+    }
+
+    #[test]
+    fn law_the_band_is_three_sigma_and_errors_are_truth_less_estimate() {
+        let flown = flown();
+        let charts = positions(&flown, "flight 1, line 1.02, filter = ekf", &flown.errors().unwrap());
+        let (north, east) = (&charts[0], &charts[1]);
+        assert_eq!(north.title, "North error: flight 1, line 1.02, filter = ekf");
+        for (k, (minute, low, high)) in north.bands[0].points.iter().enumerate() {
+            let sigma = 10.0 + 0.1 * k as f64;
+            assert!((*minute - k as f64).abs() < 1e-12 && (high - 3.0 * sigma).abs() < 1e-12 && *low == -high);
+        }
+        // The truth is north of the estimate, and the INS three times as far south of it as the estimate.
+        let last = |name: &str| north.lines.iter().find(|l| l.name == name).unwrap().points[59].1;
+        assert!((last("estimate") - 59.0).abs() < 0.01 && (last("INS alone") - 177.0).abs() < 0.03);
+        assert!(east.lines[1].points.iter().all(|p| p.1.abs() < 1e-9));
+        // |k| <= 30 + 0.3 k up to the 42nd minute: 43 of 60.
+        assert!(north.caption.contains("inside of ±3σ for 71.7 % of the time"), "{}", north.caption);
+        // On the picture too: the highest point of the band is at three sigma of the last minute, 47.7 m.
+        let drawn = north.draw().unwrap().into_string();
+        let spots = |class: &str| -> Vec<(f64, f64)> {
+            let d = drawn.split(&format!("class=\"{class}\" d=\"")).nth(1).and_then(|d| d.split('"').next()).unwrap();
+            let number = |s: &str| s.parse::<f64>().unwrap();
+            let pair = |s: &str| s.split_once(' ').map(|(x, y)| (number(x), number(y))).unwrap();
+            d.trim_end_matches('Z').split(['M', 'L']).filter(|s| !s.is_empty()).map(pair).collect()
+        };
+        let (error, band) = (spots("line after"), spots("area"));
+        let per_metre = (error[0].1 - error[59].1) / 59.0;
+        assert!((error[0].1 - band[60].1 - 3.0 * 15.9 * per_metre).abs() < 0.2, "{error:?} {band:?}");
     }
 
     #[test]

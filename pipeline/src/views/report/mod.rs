@@ -1,10 +1,12 @@
-//! `magline report`: a run as one page of tables and plots that needs only a browser.
+//! `magline report`: a run as one page of tables and plots that needs only a browser, or its tracks for Google Earth.
 //!
 //! Everything is read column by column and line by line, so that the memory it takes does not grow with the sweep. The
 //! page holds no clock, host or path: the same store and spec give the same bytes.
 
 mod atlas;
 mod board;
+mod by_line;
+mod earth;
 mod errors;
 mod flow;
 mod intervals;
@@ -19,20 +21,22 @@ mod subject;
 mod table;
 mod track;
 mod variation;
+mod whiteness;
 
 use std::{fs, path::Path};
 
 use maud::{Markup, html};
 use schemas::{Fault, InputKind};
 
-use super::warnings;
+use super::warnings::{self, Warning};
 use crate::{
     plan::{Graph, Ref},
     spec::Spec,
     store::Store,
 };
-use atlas::Atlas;
+use atlas::{Atlas, Over, atlases};
 use board::Board;
+pub use earth::{Choice, kml};
 use source::Source;
 use subject::{Shown, Subject};
 use track::Flown;
@@ -56,64 +60,106 @@ fn not_run(spec: &Spec) -> Fault {
 /// Fails when there are no results of the plan, or the store is damaged.
 pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
     let source = Source::new(graph, store);
-    if (0..graph.plan.tables.len()).all(|t| source.present(t).0 == 0) && source.failures()?.is_empty() {
-        return Err(not_run(&graph.plan.spec));
+    let Scored { current, warnings, boards } = scored(&source)?;
+    let mut sections: Vec<Markup> = vec![];
+    for board in &boards {
+        sections.push(table::section(&source, board, by_line::tables(&source, board, &warnings)?));
     }
-    let current = published::is_current(&source);
-    let written = if current { warnings::written(graph.plan, store)? } else { None };
-    // Results are read by key, so they are of this plan even where the published tables are not.
-    let warnings = written.map_or_else(|| warnings::present(graph, store), Ok)?;
-    let boards = if current { Board::all(&source, &warnings)? } else { vec![] };
-    let mut sections: Vec<Markup> = boards.iter().map(|b| table::section(&source, b)).collect();
     sections.extend(intervals::sections(&source)?);
-    let subjects = subject::subjects(&source, &boards);
-    let lines = match subjects.first() {
-        Some(first) => subject::lines(&source, first)?,
-        None => vec![],
-    };
-    let atlas = atlas(&source, &subjects, &lines)?;
-    for subject in &subjects {
-        let labels = lines.iter().map(|l| subject::label(&source, subject, l, &subjects[0]));
-        let labels = labels.collect::<Result<Vec<String>, Fault>>()?;
-        sections.extend(detail(&source, subject, &lines, &labels, atlas.as_ref())?);
+    let (groups, more) = groups(&source, &boards, NAVIGATIONS)?;
+    let over = groups.iter().map(|g| over(&source, g)).collect::<Result<Vec<Over>, Fault>>()?;
+    let (atlases, defs) = atlases(&source, &over)?;
+    for (group, atlas) in groups.iter().zip(&atlases) {
+        for subject in &group.subjects {
+            let best = group.subjects.first().unwrap_or(subject);
+            let labels = group.lines.iter().map(|l| subject::label(&source, subject, l, best));
+            let labels = labels.collect::<Result<Vec<String>, Fault>>()?;
+            sections.extend(detail(&source, subject, &group.lines, &labels, atlas.as_ref())?);
+        }
     }
+    if more > 0 {
+        sections.push(html! { p.note { "Navigation: " (more) " more tables are not shown in detail." } });
+    }
+    let subjects = groups.first().map(|g| g.subjects.as_slice()).unwrap_or_default();
     sections.extend(variation::section(&source, subjects.first().and_then(|s| s.fit))?);
     // Failures are published too.
     let failures = if current { source.failures()? } else { vec![] };
     let trouble = page::Trouble { failures, warnings, outdated: !current };
-    let defs = atlas.as_ref().map_or_else(|| html! {}, Atlas::defs);
     Ok(page::page(&source, &trouble, defs, &sections))
 }
 
-/// Writes `html` to `path`: under a temporary name first, so that it appears complete.
+/// The scores of a run.
+struct Scored {
+    /// Whether the published tables are of this spec and its data.
+    current: bool,
+    warnings: Vec<Warning>,
+    boards: Vec<Board>,
+}
+
+/// Reads the scores.
+fn scored(source: &Source) -> Result<Scored, Fault> {
+    let (graph, store) = (source.graph, source.store);
+    if (0..graph.plan.tables.len()).all(|t| source.present(t).0 == 0) && source.failures()?.is_empty() {
+        return Err(not_run(&graph.plan.spec));
+    }
+    let current = published::is_current(source);
+    let written = if current { warnings::written(graph.plan, store)? } else { None };
+    // Results are read by key, so they are of this plan even where the published tables are not.
+    let warnings = written.map_or_else(|| warnings::present(graph, store), Ok)?;
+    let boards = if current { Board::all(source, &warnings)? } else { vec![] };
+    Ok(Scored { current, warnings, boards })
+}
+
+/// Writes `bytes` to `path`: under a temporary name first, so that it appears complete.
 ///
 /// # Errors
 /// Fails when the file system refuses.
-pub fn write(path: &Path, html: &str) -> Result<(), Fault> {
+pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Fault> {
     let refused = |e: std::io::Error| Fault::machine(format!("cannot write {}: {e}", path.display()));
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{}.tmp", std::process::id()));
     let tmp = path.with_file_name(name);
-    fs::write(&tmp, html).and_then(|()| fs::rename(&tmp, path)).map_err(|e| {
+    fs::write(&tmp, bytes).and_then(|()| fs::rename(&tmp, path)).map_err(|e| {
         let _ = fs::remove_file(&tmp);
         refused(e)
     })
 }
 
-/// The map under all lines that are shown.
-fn atlas(source: &Source, subjects: &[Subject], lines: &[Shown]) -> Result<Option<Atlas>, Fault> {
-    let Some((subject, Ref::Stage(t, i))) = subjects.iter().find_map(|s| s.navigate.map(|r| (s, r))) else {
-        return Ok(None);
+/// The most tables of `navigate` that are shown beside that of the first scores.
+const NAVIGATIONS: usize = 4;
+
+/// Points of a sweep that are shown over the same lines.
+struct Group {
+    subjects: Vec<Subject>,
+    lines: Vec<Shown>,
+}
+
+/// The best and the worst point of the first scores, then `most` other navigations; and how many more of these there are.
+fn groups(source: &Source, boards: &[Board], most: usize) -> Result<(Vec<Group>, usize), Fault> {
+    let subjects = subject::subjects(source, boards);
+    let (others, more) = subject::navigations(source, boards, &subjects, most);
+    let lines = subjects.first().map_or(Ok(vec![]), |first| subject::lines(source, first))?;
+    let mut groups = vec![Group { subjects, lines }];
+    for subject in others {
+        let lines = subject::few_lines(source, &subject)?;
+        groups.push(Group { subjects: vec![subject], lines });
+    }
+    Ok((groups, more))
+}
+
+/// The map under the lines of a group, and their tracks.
+fn over(source: &Source, group: &Group) -> Result<Over, Fault> {
+    let Some((subject, Ref::Stage(t, i))) = group.subjects.iter().find_map(|s| s.navigate.map(|r| (s, r))) else {
+        return Ok((None, vec![]));
     };
     let mut tracks = vec![];
-    for shown in lines {
+    for shown in &group.lines {
         if let Some(flown) = Flown::read(source, subject, shown.line)? {
             tracks.push(flown.truth.or(flown.ins).unwrap_or(flown.estimate));
         }
     }
     let node = &source.graph.plan.tables[t];
-    let map = node.inputs(i).find(|(kind, _)| *kind == InputKind::Map).map(|(_, r)| r);
-    Atlas::new(source, map, &tracks)
+    Ok((node.inputs(i).find(|(kind, _)| *kind == InputKind::Map).map(|(_, r)| r), tracks))
 }
 
 /// One sweep point: its plots, a panel per line, and its model; `None` where it has neither.
@@ -136,7 +182,7 @@ fn detail(
         return Ok(None);
     }
     Ok(Some(html! {
-        section.detail id=(subject.id) {
+        section.detail id=(&subject.id) {
             h2 { (subject.title) }
             p.lead { @if !subject.point.is_empty() { strong { (subject.point) } ": " } (subject.why) "." }
             div.panels {
@@ -159,7 +205,9 @@ fn line(source: &Source, subject: &Subject, shown: &Shown, atlas: Option<&Atlas>
             Some(r) => source.tally(r, shown.line, "update")?,
             None => Default::default(),
         };
-        plots.extend(errors::plots(&flown, &fates));
+        let place = subject::place(source, subject, shown.line);
+        plots.extend(errors::plots(&flown, &place, &fates));
+        plots.extend(whiteness::plot(&flown, &place));
     }
     plots.extend(spectra::plots(source, subject, shown.line)?);
     Ok(plots)

@@ -11,8 +11,8 @@ use crate::{
 
 /// A sweep point that is shown in detail: the stages that it went through.
 pub struct Subject {
-    /// `best`, `worst` or nothing, for anchors.
-    pub id: &'static str,
+    /// `best`, `worst`, `first` or the table, for anchors.
+    pub id: String,
     /// The heading.
     pub title: String,
     /// The point as text; empty without axes.
@@ -63,7 +63,7 @@ pub fn subjects(source: &Source, boards: &[Board]) -> Vec<Subject> {
     let Some((board, metric)) = ranking(boards) else { return unscored(source).into_iter().collect() };
     let ranked = board.ranked(metric);
     let (Some(best), Some(worst)) = (ranked.first(), ranked.last()) else { return vec![] };
-    let one = |id, title: &str, row: usize| subject(source, board, metric, id, title, row);
+    let one = |id: &str, title: &str, row: usize| subject(source, (board, metric), id, title, row);
     if best == worst {
         return vec![one(
             "best",
@@ -79,12 +79,54 @@ pub fn subjects(source: &Source, boards: &[Board]) -> Vec<Subject> {
     vec![one("best", first, *best), one("worst", "The worst point in detail", *worst)]
 }
 
+/// The most lines of a table of `navigate` beside that of the first points: one page is to hold them all.
+const LINES: usize = 2;
+
 /// The board and metric that points are ranked by.
 fn ranking(boards: &[Board]) -> Option<(&Board, usize)> {
     boards.iter().find_map(|b| b.headline().map(|m| (b, m)))
 }
 
-fn subject(source: &Source, board: &Board, metric: usize, id: &'static str, title: &str, row: usize) -> Subject {
+/// Each other table of `navigate` that has results, `most` of them, at its best point by the scores made of it, at its first
+/// one without; and how many more there are.
+pub fn navigations(source: &Source, boards: &[Board], shown: &[Subject], most: usize) -> (Vec<Subject>, usize) {
+    let plan = source.graph.plan;
+    let table_of = |r: &Ref| match r {
+        Ref::Stage(t, _) => Some(*t),
+        Ref::Flights(_) | Ref::Map(_) => None,
+    };
+    let taken: Vec<usize> = shown.iter().filter_map(|s| table_of(s.navigate.as_ref()?)).collect();
+    let others = (0..plan.tables.len()).filter(|t| plan.tables[*t].entry.name == "navigate" && !taken.contains(t));
+    let mut others: Vec<usize> = others.filter(|t| source.present(*t).0 > 0).collect();
+    let more = others.len().saturating_sub(most);
+    others.truncate(most);
+    let scored = |table: usize| {
+        let made_of = |b: &&Board| {
+            let track = plan.upstream(&plan.instance(b.table, 0).inputs(), "navigate");
+            track.and_then(|r| table_of(&r)) == Some(table)
+        };
+        let (board, metric) = boards.iter().filter(made_of).find_map(|b| b.headline().map(|m| (b, m)))?;
+        board.ranked(metric).first().map(|row| (board, metric, *row))
+    };
+    let one = |table: usize| {
+        let (name, at) = (&plan.tables[table].name, Ref::Stage(table, 0));
+        let (id, title) = (format!("table-{name}"), format!("Navigation: table {name}"));
+        let found = match scored(table) {
+            Some((board, metric, row)) => subject(source, (board, metric), &id, &title, row),
+            None => {
+                let point =
+                    plan.instance(table, 0).point().iter().map(|(k, v)| format!("{k} = {v}")).collect::<Vec<_>>();
+                let stages = stages_of(source, &[at], None);
+                Subject { id, title, point: point.join(", "), why: "without scores".to_owned(), ..stages }
+            }
+        };
+        // What is before the navigation is shown where it is scored first.
+        Subject { compensate: None, map_value: None, fit: None, ..found }
+    };
+    (others.into_iter().map(one).collect(), more)
+}
+
+fn subject(source: &Source, (board, metric): (&Board, usize), id: &str, title: &str, row: usize) -> Subject {
     let instance = board.instances.get(row).copied().unwrap_or(0);
     let it = source.graph.plan.instance(board.table, instance);
     let chosen = Chosen { at: (board.table, instance), metric: board.scores.metrics[metric] };
@@ -97,7 +139,7 @@ fn subject(source: &Source, board: &Board, metric: usize, id: &'static str, titl
     let why = chosen.words(board.value(row, metric)) + &pooled + &marked;
     let truth = it.params().iter().find(|(n, _)| *n == "truth").and_then(|(_, v)| word(v));
     let stages = stages_of(source, &it.inputs(), truth);
-    Subject { id, title: title.to_owned(), point: board.point(row), why, chosen: Some(chosen), ..stages }
+    Subject { id: id.to_owned(), title: title.to_owned(), point: board.point(row), why, chosen: Some(chosen), ..stages }
 }
 
 /// Without scores: the first point of every table, the last tables first.
@@ -107,8 +149,13 @@ fn unscored(source: &Source) -> Option<Subject> {
     let first = plan.spec.axes.iter().filter_map(|a| a.values.first().map(|v| format!("{} = {v}", a.name)));
     let point = first.collect::<Vec<_>>().join(", ");
     let title = if point.is_empty() { "In detail" } else { "The first point in detail" }.to_owned();
-    let subject =
-        Subject { id: "first", title, point, why: "without scores".to_owned(), ..stages_of(source, &from, None) };
+    let subject = Subject {
+        id: "first".to_owned(),
+        title,
+        point,
+        why: "without scores".to_owned(),
+        ..stages_of(source, &from, None)
+    };
     (!from.is_empty()).then_some(subject)
 }
 
@@ -124,7 +171,7 @@ fn stages_of(source: &Source, from: &[Ref], truth: Option<String>) -> Subject {
     let elsewhere = || plan.tables.iter().position(|t| t.entry.name == "map_value").map(|t| Ref::Stage(t, 0));
     let map_value = find("map_value").or_else(elsewhere);
     let (title, point, why) = (String::new(), String::new(), String::new());
-    Subject { id: "", title, point, why, compensate, navigate, map_value, fit, truth, chosen: None }
+    Subject { id: String::new(), title, point, why, compensate, navigate, map_value, fit, truth, chosen: None }
 }
 
 /// The text in the one spelling that parameters have.
@@ -148,6 +195,30 @@ pub fn lines(source: &Source, subject: &Subject) -> Result<Vec<Shown>, Fault> {
     };
     let shown = |(i, why): &(usize, &'static str)| scored.get(*i).map(|line| Shown { line: *line, why });
     Ok(picks.iter().filter_map(shown).collect())
+}
+
+/// The lines of a navigation beside the first one: the median and the worst of [`lines`].
+///
+/// # Errors
+/// Fails when the store is damaged.
+pub fn few_lines(source: &Source, subject: &Subject) -> Result<Vec<Shown>, Fault> {
+    let mut all = lines(source, subject)?;
+    if all.len() > LINES {
+        all.drain(1..=all.len() - LINES);
+    }
+    Ok(all)
+}
+
+/// Flight and line as text.
+pub fn named(source: &Source, line: LineId) -> String {
+    source.graph.lines.get(line).map(|(f, l)| format!("flight {f}, line {l}")).unwrap_or_default()
+}
+
+/// The line at the point of `subject` as text.
+pub fn place(source: &Source, subject: &Subject, line: LineId) -> String {
+    let table = subject.navigate.map(|r| source.graph.plan.name_of(r)).unwrap_or_default();
+    let words = [table, &named(source, line), &subject.point].map(str::to_owned);
+    words.into_iter().filter(|w| !w.is_empty()).collect::<Vec<_>>().join(", ")
 }
 
 /// Flight, line, its own score at this point and why it is shown; `best` is the point that chose the lines.

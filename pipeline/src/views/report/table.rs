@@ -1,4 +1,4 @@
-//! The pooled scores as a table, and over two axes as heat maps.
+//! The pooled scores as a table, and over two axes as heat maps; below them the scores line by line.
 
 use figures::palette::{Palette, hex, ink_on};
 use maud::{Markup, html};
@@ -10,8 +10,8 @@ use crate::views::text::number;
 /// The most rows of the table: more are no longer looked through.
 const MOST: usize = 1000;
 
-/// One board: table and heat maps.
-pub fn section(source: &Source, board: &Board) -> Markup {
+/// One board: table and heat maps, and `by_line` what is said of single lines.
+pub fn section(source: &Source, board: &Board, by_line: Vec<Markup>) -> Markup {
     let name = &source.graph.plan.tables[board.table].name;
     let points = board.scores.rows.len();
     let over =
@@ -27,6 +27,7 @@ pub fn section(source: &Source, board: &Board) -> Markup {
             @if points > MOST { p.note { "The best " (MOST) " of " (points) " points are shown; " code { "magline sql" } " shows them all." } }
             (glossary(board))
             div.heat { @for map in heat_maps(board) { (map) } }
+            @for table in by_line { (table) }
         }
     }
 }

@@ -5,8 +5,13 @@
 use super::*;
 use crate::{catalogue, plan::Plan, read_spec, run};
 
-/// Runs an example in a store of its own as `ran` says, and reports on it as `asked` says.
-fn page(example: &str, ran: &[&str], asked: &[&str]) -> Result<String, Fault> {
+/// Runs an example in a store of its own as `ran` says, and looks at it as `asked` says.
+fn looked_at<T>(
+    example: &str,
+    ran: &[&str],
+    asked: &[&str],
+    look: impl Fn(&Graph, &Store) -> Result<T, Fault>,
+) -> Result<T, Fault> {
     let store = tempfile::tempdir().unwrap();
     let place = format!("store={}", store.path().display());
     let plan = |sets: &[&str]| {
@@ -18,8 +23,14 @@ fn page(example: &str, ran: &[&str], asked: &[&str]) -> Result<String, Fault> {
     let held = Store::open(store.path()).unwrap();
     run::run(&first, &held, run::Options::default(), &run::Quiet).unwrap();
     let graph = Graph::new(&second, &held, &|_, _| ()).unwrap();
-    let html = report(&graph, &held)?;
-    assert!(!html.contains(&store.path().display().to_string()), "the page names a folder of this machine");
+    look(&graph, &held)
+}
+
+/// The report on an example.
+fn page(example: &str, ran: &[&str], asked: &[&str]) -> Result<String, Fault> {
+    let (html, folder) =
+        looked_at(example, ran, asked, |graph, store| Ok((report(graph, store)?, store.root().display().to_string())))?;
+    assert!(!html.contains(&folder), "the page names a folder of this machine");
     assert_eq!(unclosed(&html), None);
     Ok(html)
 }
@@ -76,8 +87,43 @@ fn unit_navigation_alone_has_no_model() {
         assert!(html.contains(part), "{part}");
     }
     assert!(!html.contains("The model: ") && !html.contains("Before and after"));
-    // Two points of the sweep: the better one and the other.
-    assert!(html.contains("id=\"best\"") && html.contains("id=\"worst\""));
+    // Two points of the sweep: the better one and the other; then the other navigation, over a map of its own.
+    assert!(html.contains("id=\"best\"") && html.contains("id=\"worst\"") && html.contains("id=\"table-held\""));
+    assert_eq!(
+        (html.matches("<image id=\"map-anomaly\"").count(), html.matches("<image id=\"map-osborne\"").count()),
+        (1, 1)
+    );
+    for part in [
+        "North error: held, flight 1, line 1.02",
+        "±3σ of the filter",
+        "Whiteness of the innovations: held",
+        "95 % of white noise",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
+}
+
+#[test]
+fn unit_tracks_for_google_earth_are_those_of_the_page_or_of_choice() {
+    let names = |words: &[&str]| words.iter().map(ToString::to_string).collect::<Vec<String>>();
+    let (all, held, line) = (names(&[]), names(&["held"]), names(&["1.02"]));
+    let (wrong, off) = (names(&["holt"]), names(&["1.09"]));
+    let look = |graph: &Graph, store: &Store| {
+        let of = |tables: &[String], lines: &[String]| kml(graph, store, &Choice { tables, lines }, "tracks");
+        Ok((of(&all, &all)?, of(&held, &line)?, of(&wrong, &all).unwrap_err(), of(&held, &off).unwrap_err()))
+    };
+    let (page, one, no_table, no_line) = looked_at("navigation", &[], &[], look).unwrap();
+    for made in [&page, &one] {
+        assert_eq!(unclosed(made.document.split_once("?>").unwrap().1), None);
+        assert!(made.files.iter().all(|(name, _)| made.document.contains(&format!("<href>{name}</href>"))));
+    }
+    let count = |text: &str, what: &str| text.matches(what).count();
+    // The best and the worst point of `track`, and `held`, each on one line.
+    assert_eq!((count(&page.document, "<name>truth</name>"), count(&page.document, "<LineString>")), (3, 9));
+    assert_eq!((count(&one.document, "<name>truth</name>"), count(&one.document, "<Polygon>")), (1, 60));
+    assert!(one.document.contains("<name>flight 1, line 1.02</name>") && one.files.len() == 2, "map and colour bar");
+    assert!(no_table.help.is_some_and(|h| h.contains("held")), "{}", no_table.what);
+    assert!(no_line.what.contains("no navigation has a line `1.09`"), "{}", no_line.what);
 }
 
 #[test]
@@ -108,11 +154,11 @@ fn unit_a_page_replaces_the_old_one_and_leaves_nothing_beside() {
     let folder = std::env::temp_dir().join(format!("magline-report-{}", std::process::id()));
     fs::create_dir_all(&folder).unwrap();
     let file = folder.join("a.html");
-    write(&file, "old").unwrap();
-    write(&file, "new").unwrap();
+    write(&file, b"old").unwrap();
+    write(&file, b"new").unwrap();
     assert_eq!(fs::read_to_string(&file).unwrap(), "new");
     assert_eq!(fs::read_dir(&folder).unwrap().count(), 1);
-    assert!(write(&folder.join("none").join("a.html"), "x").is_err());
+    assert!(write(&folder.join("none").join("a.html"), b"x").is_err());
     fs::remove_dir_all(&folder).unwrap();
 }
 

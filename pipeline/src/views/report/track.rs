@@ -1,5 +1,6 @@
 //! What a line's navigation is judged by: true, INS and estimated track with the filter's own opinion of its error.
 
+use figures::ellipse::Ellipse;
 use numerics::{earth::geodesy::EarthModel, regression::statistics::position_nees};
 use schemas::{Fault, Role};
 
@@ -15,7 +16,7 @@ pub struct Track {
     pub lon: Vec<f64>,
 }
 
-/// Offsets from the truth in metres.
+/// Offsets in metres.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Offsets {
     /// North.
@@ -53,10 +54,16 @@ impl Track {
         self.lat.iter().copied().zip(self.lon.iter().copied())
     }
 
-    /// Its offsets from `truth`.
-    pub fn less(&self, truth: &Track) -> Offsets {
-        let offset = |(own, truth)| EarthModel::default().offset_ne_m(truth, own, 0.0);
-        let (north, east) = self.places().zip(truth.places()).map(offset).unzip();
+    /// The position at a row.
+    pub fn at(&self, k: usize) -> Option<(f64, f64)> {
+        let place = (*self.lat.get(k)?, *self.lon.get(k)?);
+        (place.0.is_finite() && place.1.is_finite()).then_some(place)
+    }
+
+    /// Its offsets from `other`.
+    pub fn less(&self, other: &Track) -> Offsets {
+        let offset = |(own, other)| EarthModel::default().offset_ne_m(other, own, 0.0);
+        let (north, east) = self.places().zip(other.places()).map(offset).unzip();
         Offsets { north, east }
     }
 }
@@ -82,14 +89,20 @@ impl Flown {
         Ok(Some(Flown { tt, truth, ins, estimate, sigma, residual: column("residual")?, nis: column("nis")? }))
     }
 
-    /// The estimate's errors.
+    /// The estimate's errors, truth less estimate.
     pub fn errors(&self) -> Option<Offsets> {
-        self.truth.as_ref().map(|truth| self.estimate.less(truth))
+        self.truth.as_ref().map(|truth| truth.less(&self.estimate))
     }
 
-    /// The errors of the INS alone.
+    /// The errors of the INS alone, truth less INS: what the states of the filter are.
     pub fn ins_errors(&self) -> Option<Offsets> {
-        Some(self.ins.as_ref()?.less(self.truth.as_ref()?))
+        Some(self.truth.as_ref()?.less(self.ins.as_ref()?))
+    }
+
+    /// The region of the estimate within so many sigma at row `k`.
+    pub fn ellipse(&self, k: usize, sigmas: f64) -> Option<Ellipse> {
+        let [sd_n, sd_e, cov_ne] = self.sigma.as_ref()?;
+        Ellipse::new(*sd_n.get(k)?, *sd_e.get(k)?, *cov_ne.get(k)?, sigmas)
     }
 }
 

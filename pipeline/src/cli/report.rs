@@ -1,0 +1,70 @@
+//! `magline report`.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use schemas::{Entry, Fault};
+
+use super::{SpecArgs, Stop, with_graph};
+use crate::{
+    read_spec,
+    views::report::{self, Choice},
+};
+
+#[derive(Args)]
+pub struct ReportArgs {
+    #[command(flatten)]
+    spec: SpecArgs,
+    /// The HTML file it is written to; .kml or .kmz for the tracks of `navigate`.
+    #[arg(short, long)]
+    output: PathBuf,
+    /// In .kml and .kmz, only the tracks of these tables.
+    #[arg(long, value_delimiter = ',')]
+    table: Vec<String>,
+    /// In .kml and .kmz, these lines, not those of the page.
+    #[arg(long, value_delimiter = ',')]
+    line: Vec<String>,
+}
+
+/// What is written.
+enum Form {
+    Page,
+    Kml,
+    Kmz,
+}
+
+pub fn run(catalogue: &[Entry], args: &ReportArgs) -> Result<(), Stop> {
+    // Checked before anything is opened: a report does not create a store.
+    report::was_run(&read_spec(&args.spec.spec, &args.spec.sets)?)?;
+    let ending = args.output.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let form = match ending.as_deref() {
+        Some("kml") => Form::Kml,
+        Some("kmz") => Form::Kmz,
+        Some(_) | None => Form::Page,
+    };
+    if matches!(form, Form::Page) && !(args.table.is_empty() && args.line.is_empty()) {
+        let fault = Fault::new("a page has no choice of tables and lines");
+        return Err(fault.help("leave out `--table` and `--line`, or end the name of the file in .kml or .kmz").into());
+    }
+    let stem = args.output.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let choice = Choice { tables: &args.table, lines: &args.line };
+    with_graph(catalogue, &args.spec, |graph, store| {
+        let mut written = vec![];
+        let mut write = |path: &Path, bytes: &[u8]| {
+            written.push(format!("{}\n", path.display()));
+            report::write(path, bytes)
+        };
+        match form {
+            Form::Page => write(&args.output, report::report(graph, store)?.as_bytes())?,
+            Form::Kmz => write(&args.output, &report::kml(graph, store, &choice, &stem)?.kmz()?)?,
+            Form::Kml => {
+                let made = report::kml(graph, store, &choice, &stem)?;
+                for (name, bytes) in &made.files {
+                    write(&args.output.with_file_name(name), bytes)?;
+                }
+                write(&args.output, made.document.as_bytes())?;
+            }
+        }
+        Ok(written.concat())
+    })
+}

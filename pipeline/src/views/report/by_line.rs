@@ -1,0 +1,319 @@
+//! The leading score line by line: a row for each line, a column for each value of an axis, as theses print the errors of
+//! methods over flight lines. [thesis 000, Tables 6.2, 6.4 and 6.6]
+
+use std::collections::BTreeSet;
+
+use arrow_array::{Array, cast::AsArray, types::Float64Type};
+use maud::{Markup, html};
+use schemas::{Fault, metric::Metric};
+
+use super::{board::Board, source::Source, warnings::Warning};
+use crate::{
+    plan::{LineId, Unit},
+    views::text::number,
+};
+
+/// The most tables, columns and rows: what a page can hold and someone look through.
+const TABLES: usize = 3;
+const COLUMNS: usize = 12;
+const ROWS: usize = 200;
+/// Tables of more rows are folded.
+const OPEN: usize = 30;
+/// The score of a track, and that of the INS alone.
+const DRMS: &str = "drms";
+const INS: &str = "ins_drms";
+
+/// One table.
+struct Table {
+    metric: Metric,
+    /// The axis of the columns; none where there is one point.
+    axis: Option<String>,
+    /// What the other axes are.
+    others: String,
+    columns: Vec<Column>,
+    /// Flight and line of each row.
+    lines: Vec<(String, String)>,
+    /// The INS alone, where it is the same for all columns: a value for each line, and the pooled one.
+    ins: Option<(Vec<Option<f64>>, Option<f64>)>,
+    /// All lines, and all columns, of which only the first ones are shown.
+    all: (usize, usize),
+}
+
+/// One point.
+struct Column {
+    name: String,
+    cells: Vec<Cell>,
+    pooled: Option<f64>,
+    /// The number of marked lines.
+    marks: usize,
+}
+
+/// The score of one line at one point.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Cell {
+    value: Option<f64>,
+    ins: Option<f64>,
+    marked: bool,
+}
+
+/// A table for each axis of several values, the other axes at the best point; none for a single line.
+///
+/// # Errors
+/// Fails when the store is damaged.
+pub fn tables(source: &Source, board: &Board, warnings: &[Warning]) -> Result<Vec<Markup>, Fault> {
+    let Some(metric) = board.scores.metric(DRMS).or_else(|| board.headline()) else { return Ok(vec![]) };
+    let Some(best) = board.ranked(metric).first().copied() else { return Ok(vec![]) };
+    let plan = source.graph.plan;
+    let (node, spec) = (&plan.tables[board.table], &plan.spec);
+    let instance = board.instances.get(best).copied().unwrap_or(0);
+    let several = node.grid().axes().filter(|a| spec.axes.get(*a).is_some_and(|a| a.values.len() > 1));
+    let mut axes: Vec<Option<usize>> = several.take(TABLES).map(Some).collect();
+    if axes.is_empty() {
+        axes.push(None);
+    }
+    let marked = board.scores.marked_lines(&node.name, warnings);
+    let mut out = vec![];
+    for axis in axes {
+        let along: Vec<usize> = axis.map_or_else(|| vec![instance], |a| node.grid().along(instance, a).collect());
+        let lines: BTreeSet<LineId> =
+            along.iter().flat_map(|i| source.graph.lines_of(board.table, *i)).copied().collect();
+        if lines.len() < 2 {
+            continue;
+        }
+        let all = (lines.len(), along.len());
+        let lines: Vec<LineId> = lines.into_iter().take(ROWS).collect();
+        let mut columns = vec![];
+        for i in along.into_iter().take(COLUMNS) {
+            columns.push(column(source, board, (metric, axis, i), &lines, &marked)?);
+        }
+        let name = |l: &LineId| source.graph.lines.get(*l).cloned().unwrap_or_default();
+        let point = plan.instance(board.table, instance).point();
+        let of_axis = axis.and_then(|a| spec.axes.get(a)).map(|a| a.name.clone());
+        let others = point.iter().filter(|(k, _)| Some(*k) != of_axis.as_ref()).map(|(k, v)| format!("{k} = {v}"));
+        let others = others.collect::<Vec<_>>().join(", ");
+        let pooled_ins = board.scores.metric(INS).and_then(|m| board.value(best, m));
+        let table = Table {
+            metric: board.scores.metrics[metric],
+            axis: of_axis,
+            others,
+            ins: ins(&columns, lines.len()).map(|each| (each, pooled_ins)),
+            columns,
+            lines: lines.iter().map(name).collect(),
+            all,
+        };
+        out.push(table.drawn());
+    }
+    Ok(out)
+}
+
+fn column(
+    source: &Source,
+    board: &Board,
+    (metric, axis, instance): (usize, Option<usize>, usize),
+    lines: &[LineId],
+    marked: &[BTreeSet<&(String, String)>],
+) -> Result<Column, Fault> {
+    let plan = source.graph.plan;
+    let row = board.instances.binary_search(&instance).ok();
+    let spoilt = row.and_then(|r| marked.get(r));
+    let mut cells = vec![];
+    for line in lines {
+        let unit = Unit { table: board.table, instance, line: Some(*line) };
+        let name = board.scores.metrics[metric].name;
+        let [value, ins] = match source.tidy(unit, &["metric", "value"])? {
+            Some(batch) => {
+                let words = batch.column(0).as_string_opt::<i32>();
+                let values = batch.column(1).as_primitive_opt::<Float64Type>();
+                [name, INS].map(|wanted| {
+                    let (words, values) = (words?, values?);
+                    let at = words.iter().position(|w| w == Some(wanted)).filter(|i| values.is_valid(*i))?;
+                    Some(values.value(at)).filter(|v| v.is_finite())
+                })
+            }
+            None => [None, None],
+        };
+        let marked = source.graph.lines.get(*line).is_some_and(|l| spoilt.is_some_and(|s| s.contains(l)));
+        cells.push(Cell { value, ins, marked });
+    }
+    let value_of = |a: usize| plan.tables[board.table].grid().place(instance).find(|(axis, _)| *axis == a);
+    let name = axis.and_then(value_of).and_then(|(a, at)| plan.spec.axes.get(a)?.values.get(at));
+    Ok(Column {
+        name: name.map(ToString::to_string).unwrap_or_default(),
+        cells,
+        pooled: row.and_then(|r| board.value(r, metric)),
+        marks: row.map_or(0, |r| board.marked(r)),
+    })
+}
+
+/// The INS of each line, where it is one for all columns.
+fn ins(columns: &[Column], lines: usize) -> Option<Vec<Option<f64>>> {
+    let mut each = vec![None; lines];
+    for column in columns {
+        for (known, cell) in each.iter_mut().zip(&column.cells) {
+            match (*known, cell.ins) {
+                (Some(a), Some(b)) if a != b => return None,
+                (None, Some(b)) => *known = Some(b),
+                (_, _) => {}
+            }
+        }
+    }
+    each.iter().any(Option::is_some).then_some(each)
+}
+
+impl Table {
+    fn drawn(&self) -> Markup {
+        let title = self.title();
+        html! {
+            @if self.lines.len() > OPEN {
+                details { summary { (title) } (self.rows()) }
+            } @else {
+                h4.lines { (title) }
+                (self.rows())
+            }
+        }
+    }
+
+    fn title(&self) -> String {
+        let Metric { name, unit, .. } = self.metric;
+        let unit = if unit == "1" { String::new() } else { format!(" [{unit}]") };
+        let over = self.axis.as_ref().map(|a| format!(" over {a}")).unwrap_or_default();
+        format!("{name}{unit} line by line{over}")
+    }
+
+    fn rows(&self) -> Markup {
+        let several = self.columns.len() > 1;
+        let pooled: Vec<Cell> =
+            self.columns.iter().map(|c| Cell { value: c.pooled, ins: None, marked: c.marks > 0 }).collect();
+        html! {
+            div.scroll.wide {
+                table.sortable.lines {
+                    thead { tr {
+                        @for name in ["flight", "line"] { th scope="col" { button { (name) } } }
+                        @for column in &self.columns { th.n scope="col" { button { (if several { &column.name } else { self.metric.name }) } } }
+                        @if self.ins.is_some() { th.n scope="col" { button { "INS alone" } } }
+                    } }
+                    tbody { @for (i, (flight, line)) in self.lines.iter().enumerate() {
+                        @let cells: Vec<Cell> = self.columns.iter().filter_map(|c| c.cells.get(i)).copied().collect();
+                        tr { td { (flight) } td { (line) }
+                            (self.cells(&cells))
+                            @if let Some((each, _)) = &self.ins { td.n { (number(each.get(i).copied().flatten())) } }
+                        }
+                    } }
+                    tfoot { tr { th colspan="2" scope="row" { "all " (self.all.0) " lines, pooled" }
+                        (self.cells(&pooled))
+                        @if let Some((_, pooled)) = &self.ins { td.n { (number(*pooled)) } }
+                    } }
+                }
+            }
+            p.note { (self.words()) }
+        }
+    }
+
+    fn cells(&self, cells: &[Cell]) -> Markup {
+        let cost = |c: &Cell| c.value.filter(|_| !c.marked).and_then(|v| self.metric.better.cost(v));
+        let best = (0..cells.len()).filter_map(|i| cost(&cells[i]).map(|c| (i, c))).min_by(|a, b| a.1.total_cmp(&b.1));
+        let best = best.map(|b| b.0).filter(|_| cells.len() > 1);
+        html! { @for (i, cell) in cells.iter().enumerate() {
+            @let marked = cell.marked && cell.value.is_some();
+            td.n.best[best == Some(i)].bad[marked] data-v=[cell.value.map(|v| v.to_string())] title=[marked.then_some("not to be trusted")] {
+                @if marked { "! " } (number(cell.value))
+            }
+        } }
+    }
+
+    fn words(&self) -> String {
+        let mut words = vec![];
+        if !self.others.is_empty() && self.axis.is_some() {
+            words.push(format!("The other axes are at the best point, {}.", self.others));
+        }
+        if self.columns.len() > 1 {
+            words.push("The best of each row is coloured.".to_owned());
+        }
+        if self.columns.iter().any(|c| c.marks > 0) {
+            words.push(
+                "Values with a ! are not to be trusted: the filter is worse than the INS alone, or its NEES or NIS is far \
+                 from its law; a pooled value has one if any of its lines has."
+                    .to_owned(),
+            );
+        }
+        if self.columns.iter().flat_map(|c| &c.cells).any(|c| c.value.is_none()) {
+            words.push("Lines without a value are left out of what is pooled.".to_owned());
+        }
+        let (lines, columns) = self.all;
+        if lines > self.lines.len() || columns > self.columns.len() {
+            words.push(format!(
+                "Shown are {} of {lines} lines and {} of {columns} columns; `magline sql` shows all.",
+                self.lines.len(),
+                self.columns.len()
+            ));
+        }
+        words.join(" ")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::views::scores::declared;
+
+    fn cell(value: f64, marked: bool) -> Cell {
+        Cell { value: Some(value), ins: Some(300.0), marked }
+    }
+
+    fn example() -> Table {
+        let column = |name: &str, cells: Vec<Cell>, pooled, marks| Column { name: name.into(), cells, pooled, marks };
+        let columns = vec![
+            column("ekf", vec![cell(40.0, false), cell(12.0, true)], Some(29.5), 1),
+            column("mpf", vec![cell(25.0, false), cell(30.0, false)], Some(27.6), 0),
+            column("slam", vec![cell(90.0, false), Cell::default()], Some(90.0), 0),
+        ];
+        Table {
+            metric: declared(["drms"])[0],
+            axis: Some("filter".into()),
+            others: "mag = mag_4_uc".into(),
+            ins: ins(&columns, 2).map(|each| (each, Some(301.0))),
+            columns,
+            lines: vec![("1003".into(), "1003.10".into()), ("1007".into(), "1007.06".into())],
+            all: (2, 3),
+        }
+    }
+
+    #[test]
+    fn unit_lines_are_rows_methods_are_columns_and_the_last_row_is_pooled() {
+        let text = example().drawn().into_string();
+        assert!(text.contains("drms [m] line by line over filter"), "{text}");
+        assert_eq!((text.matches("<tr>").count(), text.matches("INS alone</button>").count()), (4, 1), "{text}");
+        assert!(text.contains("<td>1003</td><td>1003.10</td><td class=\"n\" data-v=\"40\">40.00</td>"), "{text}");
+        let foot = text.split("<tfoot>").nth(1).unwrap_or_default();
+        assert!(foot.contains("all 2 lines, pooled") && foot.contains("27.60") && foot.contains("301.0"), "{text}");
+        assert!(text.contains("the best point, mag = mag_4_uc"), "{text}");
+    }
+
+    #[test]
+    fn r10_a_marked_line_is_shown_and_never_the_best() {
+        let text = example().drawn().into_string();
+        // 12 m is the least of its row, and 29.5 m of a pooled column with a marked line is not trusted either.
+        assert!(text.contains("<td class=\"n bad\" data-v=\"12\" title=\"not to be trusted\">! 12.00</td>"), "{text}");
+        assert!(text.contains("data-v=\"29.5\" title=\"not to be trusted\">! 29.50</td>"), "{text}");
+        assert!(text.contains("<td class=\"n best\" data-v=\"30\">30.00</td>"), "{text}");
+        assert_eq!(text.matches("n best").count(), 3, "one a row: {text}");
+        assert!(text.contains("<td class=\"n\">-</td>") && text.contains("Lines without a value"), "{text}");
+    }
+
+    #[test]
+    fn unit_an_ins_that_differs_between_columns_is_no_column() {
+        let mut table = example();
+        table.columns[1].cells[0].ins = Some(299.0);
+        assert_eq!(ins(&table.columns, 2), None);
+        table.ins = None;
+        assert!(!table.drawn().into_string().contains("INS alone</button>"));
+        assert!(ins(&[], 2).is_none());
+    }
+
+    #[test]
+    fn unit_many_lines_are_folded() {
+        let mut table = example();
+        table.lines = vec![("1".into(), "1.01".into()); OPEN + 1];
+        assert!(table.drawn().into_string().starts_with("<details>"));
+    }
+}
