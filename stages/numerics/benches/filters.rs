@@ -211,9 +211,9 @@ fn slam_step(map: &FieldMap, seconds: u32, particles: usize) -> Result<f64, Fail
     let drift = simulate_ins_error(&truth.series(), &errors, || normals.draw())?;
     let ins = truth.with_errors(&drift);
     let mut measurement_nt = vec![];
-    for row in 0..seconds as usize {
+    for (row, error) in drift.iter().enumerate() {
         let field = map.at(truth.columns[1][row], truth.columns[2][row], 500.0).ok_or("the flight leaves the map")?;
-        measurement_nt.push(field.value_nt + temporal_nt(&drift[row]) + normals.draw());
+        measurement_nt.push(field.value_nt + temporal_nt(error) + normals.draw());
     }
     let sigma_nt = vec![1.0; seconds as usize];
     let series = ins.series();

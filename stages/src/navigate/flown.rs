@@ -153,7 +153,7 @@ impl Flown<'_> {
                 if samples == 0 {
                     let what =
                         format!("`{name}` has no sample within `offset_window_s` with a measurement and a map value");
-                    return Err(Fault::data(what).help("leave it out of `mag`").in_column(*name));
+                    return Err(Fault::data(what).help("leave it out of `mag`").in_column(name));
                 }
                 measured_nt.iter_mut().for_each(|m| *m -= offset_nt);
             }
