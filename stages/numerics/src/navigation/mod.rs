@@ -4,7 +4,7 @@
 //! |:--|:--|
 //! | [`ins_series`] | the output of an INS along a line, as columns |
 //! | [`ekf`] | the 18-state extended Kalman filter, over one line or several at once |
-//! | [`line`] | a line with its map, as the filters take it, and its steps |
+//! | [`line`](mod@line) | a line with its map, as the filters take it, and its steps |
 //! | [`field`] | the field that a filter predicts: map and core field |
 //! | [`output`] | what a filter makes of a line |
 //! | [`ins_only`] | the INS by itself, with the covariance of its error |
