@@ -78,18 +78,27 @@ impl Scores {
         self.marks.get(row).is_some_and(|n| *n > 0)
     }
 
-    /// The rows by a metric, best first, those with a mark after all others; those without a value are left out.
+    /// Whether the track of a row is the truth itself, such as that of a Cramér-Rao bound: it has no error, and is no
+    /// answer.
+    pub fn is_truth(&self, row: usize) -> bool {
+        let value = |name: &str| self.metric(name).and_then(|m| self.value(row, m));
+        value("drms") == Some(0.0) && value("ins_drms").is_some_and(|ins| ins > 0.0)
+    }
+
+    /// The rows by a metric, best first, those with a mark and the truth after all others; those without a value are left
+    /// out.
     pub fn ranked(&self, metric: usize) -> Vec<usize> {
         let Some(Metric { better, .. }) = self.metrics.get(metric) else { return vec![] };
-        let cost = |r: usize| self.value(r, metric).and_then(|v| better.cost(v)).map(|c| (self.is_marked(r), c, r));
+        let last = |r: usize| self.is_marked(r) || self.is_truth(r);
+        let cost = |r: usize| self.value(r, metric).and_then(|v| better.cost(v)).map(|c| (last(r), c, r));
         let mut all: Vec<(bool, f64, usize)> = (0..self.rows.len()).filter_map(cost).collect();
         all.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
         all.into_iter().map(|(_, _, r)| r).collect()
     }
 
-    /// The best row by a metric; a marked one is never it.
+    /// The best row by a metric; a marked one is never it, nor the truth.
     pub fn best(&self, metric: usize) -> Option<usize> {
-        self.ranked(metric).first().copied().filter(|r| !self.is_marked(*r))
+        self.ranked(metric).first().copied().filter(|r| !self.is_marked(*r) && !self.is_truth(*r))
     }
 }
 

@@ -135,4 +135,17 @@ pub mod tests {
         board.scores.marks = vec![1; 4];
         assert_eq!(board.scores.best(1), None);
     }
+
+    #[test]
+    fn unit_the_truth_is_never_the_best_answer() {
+        let mut board = example();
+        let metrics = scores::declared(["drms", "ins_drms"]).to_vec();
+        let row = |name: &str, drms: f64| (vec![name.to_owned(), "0".to_owned()], vec![Some(drms), Some(900.0)]);
+        board.scores.metrics = metrics;
+        board.scores.rows = vec![row("crlb", 0.0), row("ekf", 25.0), row("rts", 7.0), row("lost", 950.0)];
+        assert_eq!(board.ranked(0), [2, 1, 3, 0]);
+        assert_eq!(board.scores.best(0), Some(2));
+        board.scores.rows.truncate(1);
+        assert_eq!(board.scores.best(0), None);
+    }
 }
