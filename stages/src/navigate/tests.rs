@@ -1,0 +1,174 @@
+#![allow(clippy::unwrap_used)]
+use schemas::{Args, Given, Literal, Params, Reader};
+
+use super::*;
+
+filter! {
+    /// A second filter beside the built-in one.
+    Still = "still", version 1, example "hold_s = 2.0";
+    /// A key of its own.
+    hold_s: f64, unit "s", default 1.0;
+}
+
+impl NavigationFilter for Still {
+    fn navigate(&self, _: &Flown) -> Result<Track, Fault> {
+        Err(Fault::bug("no line is flown here"))
+    }
+}
+
+fn text(word: &str) -> Literal {
+    Literal::Text(word.to_owned())
+}
+
+/// The stage with these keys, which may choose between two filters.
+fn navigate(given: &[(&str, Literal)]) -> Navigate {
+    let filters = FILTERS.iter().copied().chain([&Still::FILTER]).collect();
+    let lists = Lists::default().with::<Filter>(filters);
+    let args = given.iter().map(|(key, value)| {
+        let given = Given { value: value.clone(), key_at: 0..0, at: 0..0 };
+        ((*key).to_owned(), given)
+    });
+    let args: Args = args.collect();
+    let mut reader = Reader::new(Navigate::NAME, &args, None, &lists);
+    let stage = Navigate::read(&mut reader, None);
+    let faults = reader.into_faults();
+    assert!(faults.is_empty(), "{faults:?}");
+    stage.unwrap()
+}
+
+/// A flight with the compensated field, the position of the INS, and these columns.
+fn flight(more: &[(&str, &str)]) -> Table {
+    let usual = [("tt", "s"), ("mag_c", "nT"), ("ins_lat", "deg"), ("ins_lon", "deg"), ("ins_alt", "m")];
+    let columns = usual.iter().chain(more).map(|(name, unit)| Column::float(*name, *unit, "")).collect();
+    Table::Lines(Shape { columns, rate_hz: None })
+}
+
+fn map() -> Table {
+    Table::Map(schemas::map::shape())
+}
+
+fn batch(columns: &[(&str, &[f64])]) -> RecordBatch {
+    RecordBatch::try_from_iter(columns.iter().map(|(name, values)| (*name, array(values.to_vec())))).unwrap()
+}
+
+#[test]
+fn unit_all_that_is_missing_is_told_at_once_with_its_parameter() {
+    let bare = Table::Lines(Shape { columns: vec![Column::float("ins_alt", "ft", "")], rate_hz: None });
+    let levels = Literal::List(vec![Literal::Float(400.0), Literal::Float(300.0)]);
+    let wanting = navigate(&[
+        ("measurement_sigma_nt", text("auto")),
+        ("fogm_tau_s", text("auto")),
+        ("remove_diurnal", Literal::Bool(true)),
+        ("map_levels_m", levels),
+    ]);
+    let faults = wanting.yields(&[&bare, &map()]).unwrap_err();
+    let expected = [
+        ("`mag_c`", "mag"),
+        ("`ins_lat`", "input"),
+        ("`ins_lon`", "input"),
+        ("`ins_alt` is in ft, but m is needed", "input"),
+        ("ascend", "map_levels_m"),
+        ("there is no column `mag_sigma`", "measurement_sigma_nt"),
+        ("there is no column `mag_fogm_tau`", "fogm_tau_s"),
+        ("`diurnal`", "remove_diurnal"),
+        ("needs a date", "decimal_year"),
+    ];
+    assert_eq!(faults.len(), expected.len(), "{faults:?}");
+    for (fault, (words, param)) in faults.iter().zip(expected) {
+        assert!(fault.what.contains(words) && fault.param.as_deref() == Some(param), "{fault:?}");
+    }
+}
+
+#[test]
+fn unit_a_core_field_without_a_date_is_a_fault_with_the_ways_out() {
+    let [undated, dated] = [flight(&[]), flight(&[("year", ""), ("doy", "")])];
+    let faults = navigate(&[]).yields(&[&undated, &map()]).unwrap_err();
+    assert_eq!(faults.len(), 1, "{faults:?}");
+    assert!(faults[0].what.contains("needs a date"));
+    let help = faults[0].help.as_deref().unwrap();
+    assert!(["`decimal_year`", "`year` and `doy`", "`core_field = false`"].iter().all(|way| help.contains(way)));
+    let of_spec = navigate(&[("decimal_year", Literal::Float(2021.25))]);
+    let without = navigate(&[("core_field", Literal::Bool(false))]);
+    let of_flight = navigate(&[]);
+    let reads_date = |stage: &Navigate, table: &Table| {
+        let reads = stage.yields(&[table, &map()]).unwrap().reads;
+        ["year", "doy"].iter().all(|name| reads[0].iter().any(|read| read == name))
+    };
+    assert!(!reads_date(&of_spec, &undated) && !reads_date(&without, &undated));
+    assert!(reads_date(&of_flight, &dated) && !reads_date(&of_spec, &dated) && !reads_date(&without, &dated));
+    // Day 184 of a leap year begins in its middle; the first sample has no day.
+    let line = batch(&[("tt", &[0.0, 0.0]), ("year", &[2020.0, 2020.0]), ("doy", &[f64::NAN, 184.0])]);
+    assert_eq!(of_flight.core_year(&line).unwrap(), Some(2020.5));
+    assert_eq!(of_spec.core_year(&line).unwrap(), Some(2021.25));
+    assert_eq!(without.core_year(&line).unwrap(), None);
+    let undated = of_flight.core_year(&batch(&[("tt", &[0.0])])).unwrap_err();
+    assert_eq!(undated.help.as_deref(), Some(WAYS_OUT));
+}
+
+#[test]
+fn unit_a_key_of_another_filter_is_idle() {
+    let why = |filter: &str, key: &str| navigate(&[("filter", text(filter))]).idle(key).map(|fault| fault.what);
+    assert_eq!(why("ekf", "hold_s").as_deref(), Some("`hold_s` belongs to `still`"));
+    assert!(why("still", "gate_nis").is_some_and(|what| what.starts_with("`gate_nis` belongs to `ekf`, `iekf`")));
+    assert_eq!(why("ekf", "tolerance_m").as_deref(), Some("`tolerance_m` belongs to `iekf` and `rts`"));
+    for (filter, key) in [("ekf", "gate_nis"), ("still", "hold_s"), ("ekf", "mag"), ("still", "fogm_tau_s")] {
+        assert_eq!(why(filter, key), None, "{filter} {key}");
+    }
+}
+
+#[test]
+fn unit_a_grade_says_what_the_errors_of_the_ins_are_where_they_are_left_out() {
+    use numerics::navigation::ins_error::{InsErrors, InsGrade};
+    assert_eq!(navigate(&[]).ins.sources, InsErrors::default());
+    let graded = navigate(&[("ins_grade", text("tactical")), ("init_position_sigma_m", Literal::Float(20.0))]);
+    let expected = InsErrors { init_position_sigma_m: 20.0, ..InsGrade::Tactical.errors() };
+    assert_eq!(graded.ins.sources, expected);
+    let why = |key: &str| graded.idle(key).map(|fault| fault.what);
+    assert_eq!((why("ins_grade"), why("init_position_sigma_m")), (None, None));
+}
+
+#[test]
+fn unit_what_is_derived_or_taken_off_unasked_is_noted() {
+    let without = |more: &[(&str, Literal)]| {
+        let no_core = [("core_field", Literal::Bool(false))];
+        navigate(&no_core.into_iter().chain(more.iter().cloned()).collect::<Vec<_>>())
+    };
+    let velocity = VELOCITY.map(|name| (name, "m/s"));
+    let rich: Vec<_> = velocity.into_iter().chain([("ins_roll", "deg"), ("diurnal", "nT")]).collect();
+    let made = without(&[]).yields(&[&flight(&rich), &map()]).unwrap();
+    let expected = [
+        "`diurnal` is taken off the measurement; say `remove_diurnal = false` to leave it in",
+        "no ins_fn, ins_fe, ins_fd: derived from INS velocities",
+        "no ins_pitch, ins_yaw: derived from the course, level",
+    ];
+    assert_eq!(made.notes, expected);
+    let read = ["tt", "mag_c", "ins_lat", "ins_lon", "ins_alt", "ins_vn", "ins_ve", "ins_vd", "diurnal"];
+    assert_eq!(made.reads[0], read, "a roll without the rest is not read");
+    let line = batch(&[("mag_c", &[100.0, 100.0, 100.0]), ("diurnal", &[5.0, -5.0, f64::NAN])]);
+    let measured = without(&[]).measured(&line, "mag_c").unwrap();
+    assert!(measured[..2] == [95.0, 105.0] && measured[2].is_nan(), "{measured:?}");
+    let kept = without(&[("remove_diurnal", Literal::Bool(false))]);
+    assert_eq!(kept.measured(&line, "mag_c").unwrap(), [100.0; 3]);
+    assert!(kept.yields(&[&flight(&rich), &map()]).unwrap().notes.iter().all(|note| !note.contains("diurnal")));
+}
+
+#[test]
+fn law_an_offset_from_the_noise_itself_doubles_its_variance_and_time() {
+    let auto = ["measurement_sigma_nt", "fogm_sigma_nt", "fogm_tau_s"].map(|key| (key, text("auto")));
+    let found: [(&str, &[f64]); 3] =
+        [("mag_sigma", &[f64::NAN, 2.0]), ("mag_fogm_sigma", &[3.0, 3.0]), ("mag_fogm_tau", &[50.0, 50.0])];
+    let noise = |given: &[(&str, Literal)]| {
+        let Expected { sigma_nt, fogm_sigma_nt, fogm_tau_s } = navigate(given).expected(&batch(&found)).unwrap();
+        [sigma_nt, fogm_sigma_nt.powi(2), fogm_tau_s]
+    };
+    let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a / b - 1.0).abs() < 1e-14);
+    assert!(near(noise(&auto), [2.0, 9.0, 50.0]));
+    let offset = ("offset_window_s", Literal::Float(1.0));
+    let with_offset: Vec<_> = auto.iter().cloned().chain([offset.clone()]).collect();
+    assert!(near(noise(&with_offset), [2.0, 18.0, 100.0]));
+    let given = noise(&[offset, ("fogm_sigma_nt", Literal::Float(4.0)), ("fogm_tau_s", Literal::Float(30.0))]);
+    assert!(near(given, [5.0, 16.0, 30.0]), "what is given stays as it is");
+    let silent: [(&str, &[f64]); 3] = [("mag_sigma", &[f64::NAN]), found[1], found[2]];
+    let fault = navigate(&auto).expected(&batch(&silent.map(|(name, x)| (name, &x[..1])))).err().unwrap();
+    assert_eq!((fault.place.column.as_deref(), fault.owner), (Some("mag_sigma"), schemas::Owner::Data));
+}
