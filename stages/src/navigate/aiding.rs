@@ -59,18 +59,26 @@ impl Aiding {
             vertical_sigma_m: self.gnss_alt_sigma_m,
         };
         let first_s = flown.ins.tt_s.first().copied().unwrap_or_default();
-        let mut due_s = 0.0;
+        let (mut due_s, mut expected, mut found) = (0.0, 0_usize, 0_usize);
         for (row, tt_s) in flown.ins.tt_s.iter().enumerate() {
             let at_s = tt_s - first_s;
             // Half a microsecond takes up the rounding of time stamps.
             if at_s < due_s - 5e-7 || (lost_s..found_s).contains(&at_s) {
                 continue;
             }
+            expected += 1;
             let [lat, lon, alt] = columns.map(|column| column[row]);
             if lat.is_finite() && lon.is_finite() {
                 (fixes.lat_deg[row], fixes.lon_deg[row], fixes.alt_m[row]) = (lat, lon, alt);
                 due_s = at_s + self.gnss_interval_s;
+                found += 1;
             }
+        }
+        if expected > 0 && found == 0 {
+            let what = format!("while GNSS is there, none of the {expected} samples has a position by it");
+            return Err(Fault::data(what)
+                .in_column(&self.gnss[0])
+                .help("are these its columns? leave `gnss_lost_s` out"));
         }
         Ok(Some(fixes))
     }
@@ -124,6 +132,15 @@ mod tests {
         assert!(falls(&sparse).iter().all(|row| row % 50 == 0) && falls(&sparse).contains(&50), "{:?}", falls(&sparse));
         assert!(falls(&sparse).iter().chain(&falls(&dense)).all(|row| !(100..200).contains(row)));
         assert!(dense[99] < sparse[99]);
+    }
+
+    #[test]
+    fn unit_gnss_without_a_position_is_an_error() {
+        let blind = with(&flight(), "lat", |_, _| f64::NAN);
+        let fault = flown("ekf", "mag = 'mag_1_c'\ngnss_lost_s = [300.0, 1e6]", &blind).unwrap_err();
+        assert!(fault.what.contains("none of the 300 samples has a position"), "{fault:?}");
+        // Lost from the first sample on there is nothing to expect.
+        assert!(flown("ekf", "mag = 'mag_1_c'\ngnss_lost_s = [0.0, 1e6]", &blind).is_ok());
     }
 
     #[test]
