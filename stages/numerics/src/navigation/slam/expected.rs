@@ -207,6 +207,11 @@ impl Map {
         }
     }
 
+    /// The earlier samples near the last one asked for.
+    pub fn found(&self) -> &[u32] {
+        &self.found
+    }
+
     fn candidate(&self, sample: usize, now: &Sample) -> Option<Candidate<'_>> {
         let (then, old) = (self.history.at(sample)?, self.samples.get(sample)?);
         ((old.alt_m - now.alt_m).abs() <= self.rules.height_m).then(|| Candidate {

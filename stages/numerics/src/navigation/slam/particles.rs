@@ -124,6 +124,37 @@ impl Particles {
         });
     }
 
+    /// After a resampling: moves the particles by a Gaussian kernel of `width` standard deviations of the covariance
+    /// `spread` and the mean that they had before it. [Musso, Oudjane & Le Gland 2001]
+    ///
+    /// The positions are drawn, and drawn together by √(1 − width²), which leaves their covariance as it is [West 1993]; the
+    /// linear states follow them by regression, and the kernel's part of what the positions leave of `spread` is added to
+    /// the covariance given the path. The paths flown stay: a position makes a step of a fraction of the particles' spread
+    /// against its own past, as if the motion had that much more noise.
+    pub fn regularise(&mut self, spread: &StateMatrix, mean: &StateVector, width: f64, step: u64) {
+        let (factor, rest) = known_positions(spread);
+        let over = |off: f64, root: f64| if root > 0.0 { off / root } else { 0.0 };
+        let closer = (1.0 - width * width).sqrt();
+        let seed = self.seed ^ 0x5851_f42d_4c95_7f2d;
+        let expected = |at: [f64; 2]| -> StateVector {
+            std::array::from_fn(|state| mean[state] + factor[0][state] * at[0] + factor[1][state] * at[1])
+        };
+        for (particle, x) in self.x.iter_mut().enumerate() {
+            let north = over(x[LAT] - mean[LAT], factor[0][LAT]);
+            let at = [north, over(x[LON] - mean[LON] - factor[0][LON] * north, factor[1][LON])];
+            let mut normals = normals_of(seed, step, particle as u64);
+            let to = at.map(|at| closer * at + width * normals.draw());
+            let (here, there) = (expected(at), expected(to));
+            *x = std::array::from_fn(|state| match state {
+                LAT | LON => x[state] + there[state] - here[state],
+                _ => there[state] + closer * (x[state] - here[state]),
+            });
+        }
+        for (entry, rest) in self.linear.as_flattened_mut().iter_mut().zip(rest.as_flattened()) {
+            *entry += width * width * rest;
+        }
+    }
+
     /// Weighted mean and covariance. [thesis 001, (19), (24)]
     pub fn moments(&self) -> Moments {
         let mut mean = [0.0; STATES];

@@ -35,6 +35,21 @@ fn law_a_loiter_is_held_to_tens_of_metres() {
 }
 
 #[test]
+fn law_few_particles_claim_no_more_than_they_know() {
+    let (mut sum, mut largest) = (0.0, 0.0_f64);
+    for seed in 0..5 {
+        let flight = Flight::tactical(loiter(ROUGH_DEG, 840, 1.0), seed);
+        let output = filtered(&flight, &SlamParameters { particles: 100, ..SlamParameters::default() });
+        let nees = flight.nees(&output);
+        println!("seed {seed}: {:.1} m, NEES per degree of freedom {nees:.2?}", flight.drms_m(Some(&output)));
+        sum += nees.0 / 5.0;
+        largest = largest.max(nees.1);
+    }
+    // 1 is consistent; the samples of a flight err together, so that a flight's mean has the spread of a few draws.
+    assert!((0.2..5.0).contains(&sum) && largest < 50.0, "{sum} {largest}");
+}
+
+#[test]
 fn law_each_method_of_expectation_holds_the_drift() {
     for expected in [ExpectedMeasurement::Regression, ExpectedMeasurement::InverseDistance] {
         let flight = Flight::tactical(loiter(ROUGH_DEG, 840, 1.0), 0);

@@ -116,6 +116,17 @@ pub fn survey(samples: usize, dt_s: f64) -> Line {
     line(&fine, ROUGH_DEG, dt_s, samples)
 }
 
+/// Chords of a star of eleven points, 9 km across, a round of some 25 minutes, which turns by 7 degrees from round to round.
+pub fn star(samples: usize, dt_s: f64) -> Line {
+    let curve = |u: f64| {
+        let turn = u / std::f64::consts::TAU * 7_f64.to_radians();
+        let at = |rate: f64| (rate * u + turn).sin_cos();
+        let ((s, c), (t, d)) = (at(5.0), at(-6.0));
+        [4500.0 * (0.6 * c + 0.4 * d), 4500.0 * (0.6 * s + 0.4 * t)]
+    };
+    line(&along(curve, fine_count(samples, dt_s)), (-21.899, 140.63), dt_s, samples)
+}
+
 /// Northward, 20 km to the south of the middle to 20 km to the north of it.
 pub fn straight(samples: usize, dt_s: f64) -> Line {
     line(&flown(std::iter::once((1e6, 0.0)), [-20000.0, 0.0], fine_count(samples, dt_s)), SMOOTH_DEG, dt_s, samples)
@@ -162,6 +173,19 @@ impl Flight {
             None => (self.ins.columns[1][row], self.ins.columns[2][row]),
         };
         [(lat - truth[1][row]) * M_PER_DEG.0, (lon - truth[2][row]) * M_PER_DEG.1]
+    }
+
+    /// Mean squared error of the position over its covariance, per degree of freedom, and the largest one, over the rows
+    /// after the first 100.
+    pub fn nees(&self, output: &SlamOutput) -> (f64, f64) {
+        let out = &output.navigation;
+        let of = |row: usize| {
+            let [n, e] = self.error_m(Some(output), row);
+            let (a, b, c) = (out.sd_n_m[row].powi(2), out.cov_ne_m2[row], out.sd_e_m[row].powi(2));
+            0.5 * (c * n * n - 2.0 * b * n * e + a * e * e) / (a * c - b * b)
+        };
+        let all: Vec<f64> = (100..self.errors.len()).map(of).collect();
+        (all.iter().sum::<f64>() / all.len() as f64, all.iter().copied().fold(0.0, f64::max))
     }
 
     pub fn drms_m(&self, output: Option<&SlamOutput>) -> f64 {

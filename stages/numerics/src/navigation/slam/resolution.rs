@@ -1,0 +1,130 @@
+//! What a number of particles cannot tell: the kernel of a resampling, and the variance that resampling loses.
+//!
+//! A resampling takes the part 1/N of the variance of N equal particles and makes it an error of their mean, as drift does
+//! with the variance of a population. A later measurement would correct it, but without a map there are only
+//! measurements relative to the particles' own paths, whose variance goes the same way. So the variance lost is kept, for the
+//! states now and at up to 64 samples of the flight: a resampling adds to each the covariance of the particles there times
+//! Σw²/(1 − Σw²); a revisit that takes the part κ of the particles' variance replaces the part κ of the lost variance now by
+//! that of the samples compared with. (1 − κ) A + κ B is no less than the covariance of such a mixture of two errors of
+//! covariances A and B, however correlated. It is an expectation over seeds, not what one run has lost, and it does not know
+//! of errors of the likelihood.
+
+use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix};
+
+use super::history::History;
+
+/// The most places of the flight at which the lost variance is kept.
+const MOST_MARKS: usize = 64;
+/// Samples of the map that a measurement is compared with, of which the lost variance is looked up.
+const LOOKED_AT: usize = 32;
+/// The widest kernel, in standard deviations: as that of the marginalised filter with a map.
+const WIDEST: f64 = 0.7;
+
+/// The optimal bandwidth of a Gaussian kernel in a plane, in standard deviations: N^(-1/6).
+/// [Silverman 1986, (4.14); Musso, Oudjane & Le Gland 2001]
+pub fn bandwidth(effective: f64) -> f64 {
+    effective.max(1.0).powf(-1.0 / 6.0).min(WIDEST)
+}
+
+/// The most particles' worth of variance that one particle stands for: with the whole weight on one there is none to scale.
+const LARGEST_EXCESS: f64 = 50.0;
+
+/// The excess of the unbiased covariance of weighted draws over the plain one, in units of the plain one: with s = Σw² it is
+/// s/(1 − s), at most 50.
+pub fn excess(weights: &[f64]) -> f64 {
+    let part: f64 = weights.iter().map(|weight| weight * weight).sum();
+    (part / (1.0 - part).max(f64::MIN_POSITIVE)).min(LARGEST_EXCESS)
+}
+
+/// A sample of the flight with the variance of its position that resampling has taken from the particles' paths.
+#[derive(Clone, Copy, Debug)]
+struct Mark {
+    sample: usize,
+    /// North, east and both, in m².
+    lost_m2: [f64; 3],
+}
+
+/// The variance that resampling has lost.
+#[derive(Clone, Debug)]
+pub struct Lost {
+    /// That of the states now.
+    pub now: StateMatrix,
+    marks: Vec<Mark>,
+    stride: usize,
+    m_per_rad: [f64; 2],
+}
+
+impl Lost {
+    /// Nothing.
+    pub fn new(m_per_rad: [f64; 2]) -> Self {
+        Self { now: [[0.0; STATES]; STATES], marks: vec![], stride: 1, m_per_rad }
+    }
+
+    /// A new sample of the map.
+    pub fn push(&mut self, sample: usize) {
+        if !sample.is_multiple_of(self.stride) {
+            return;
+        }
+        let [n, e] = self.m_per_rad;
+        let now = &self.now;
+        let lost_m2 = [now[LAT][LAT] * n * n, now[LON][LON] * e * e, now[LAT][LON] * n * e];
+        self.marks.push(Mark { sample, lost_m2 });
+        if self.marks.len() > MOST_MARKS {
+            self.stride *= 2;
+            let stride = self.stride;
+            self.marks.retain(|mark| mark.sample.is_multiple_of(stride));
+        }
+    }
+
+    /// Before a resampling: what of the covariance of the particles, `spread`, and of that of their paths will be lost.
+    pub fn bank(&mut self, weights: &[f64], spread: &StateMatrix, history: &History) {
+        let part = excess(weights);
+        for (lost, of) in self.now.as_flattened_mut().iter_mut().zip(spread.as_flattened()) {
+            *lost += part * of;
+        }
+        for mark in &mut self.marks {
+            let Some(then) = history.at(mark.sample) else { continue };
+            let mut sums = [0.0; 5];
+            for (particle, weight) in weights.iter().enumerate() {
+                let [n, e] = then.of(particle);
+                for (sum, of) in sums.iter_mut().zip([n, e, n * n, e * e, n * e]) {
+                    *sum += weight * of;
+                }
+            }
+            let [n, e, nn, ee, ne] = sums;
+            let covariance = [(nn - n * n).max(0.0), (ee - e * e).max(0.0), ne - n * e];
+            for (lost, of) in mark.lost_m2.iter_mut().zip(covariance) {
+                *lost += part * of;
+            }
+        }
+    }
+
+    /// After a measurement that compared the present with earlier samples and took the part `gain` of the particles'
+    /// variance: so much of the present error is now that of the map.
+    pub fn revisit(&mut self, samples: &[u32], gain: f64) {
+        let stride = samples.len().div_ceil(LOOKED_AT).max(1);
+        let (mut sums, mut count) = ([0.0; 3], 0.0);
+        for sample in samples.iter().step_by(stride) {
+            let after = self.marks.partition_point(|mark| mark.sample <= *sample as usize);
+            if let Some(mark) = self.marks.get(after.saturating_sub(1)) {
+                count += 1.0;
+                for (sum, of) in sums.iter_mut().zip(mark.lost_m2) {
+                    *sum += of;
+                }
+            }
+        }
+        if count == 0.0 {
+            return;
+        }
+        let gain = gain.clamp(0.0, 1.0);
+        for entry in self.now.as_flattened_mut() {
+            *entry *= 1.0 - gain;
+        }
+        let [n, e] = self.m_per_rad;
+        let [nn, ee, ne] = sums.map(|sum| gain * sum / count);
+        self.now[LAT][LAT] += nn / (n * n);
+        self.now[LON][LON] += ee / (e * e);
+        self.now[LAT][LON] += ne / (n * e);
+        self.now[LON][LAT] += ne / (n * e);
+    }
+}
