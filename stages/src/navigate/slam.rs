@@ -21,8 +21,9 @@ filter! {
     /// The same `seed` gives the same bits on any number of threads.
     ///
     /// Source: thesis 001, chapters III and V and appendix A; with the last measurements in every prediction, which makes the
-    /// product of the weights the likelihood of the flight [Vecchia 1988], with the temporal variation in the covariance, and
-    /// with paths shared in a tree, so that a step costs the same after ten hours.
+    /// product of the weights the likelihood of the flight [Vecchia 1988], with the temporal variation in the covariance, with
+    /// paths shared in a tree, so that a step costs the same after ten hours, and resampled from a kernel density (Musso,
+    /// Oudjane & Le Gland 2001), whose loss of variance stays in the covariance.
     Slam = "slam", version 1, example "particles = 1000";
     /// The number of particles. The drift between revisits has to be covered densely: more for a poorer INS.
     particles: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 1e6);
