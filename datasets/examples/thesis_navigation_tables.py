@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from thesis_tables import show, table
+
 LINES = ["1003.10", "1007.04", "1007.06"]
 # Tables 6.1, 6.3 and 6.5: error of Tolles-Lawson, PLSR and model 2c; nT.
 ERRORS = {("mag_3_uc", "small_1"): ("6.1", [[83, 60, 34], [113, 69, 40], [102, 48, 44]]),
@@ -60,19 +62,6 @@ MERITS = {"a": (31.52, 1.26, "b"), "b": (33.97, 0.56, "b"), "c": (67.23, 1.9, "b
 # Table 14: standard deviation of what is left of the calibration flight and of the grid; nT.
 RESIDUALS = {"raw": [50.014, 50.515], "TL": [5.946, 14.774], "MTL": [5.946, 14.764], "TLL": [0.661, 1.049], "TLQ": [0.6588, 1.007],
              "MTLL": [0.6586, 0.975]}
-
-
-def table(store: Path, name: str) -> pd.DataFrame:
-    return pd.read_parquet(store / "tables" / name)
-
-
-def show(title: str, header: list[str], rows: list[list]) -> None:
-    def cell(x) -> str:
-        return "-" if x is None or x != x else x if isinstance(x, str) else f"{x:.4g}"
-
-    print(f"\n**{title}**\n\n| " + " | ".join(header) + " |\n|" + ":--|" + "--:|" * (len(header) - 1))
-    for row in rows:
-        print("| " + " | ".join(cell(x) for x in row) + " |")
 
 
 def pooled(d: pd.DataFrame, metric: str = "drms", **keys) -> float | None:

@@ -1,5 +1,7 @@
 //! Builds the matrix of a Tolles-Lawson model.
 
+use std::ops::Range;
+
 use arrow_array::RecordBatch;
 use numerics::{
     compensation::tolles_lawson::{Field, Terms, matrix_in_runs},
@@ -96,18 +98,24 @@ impl LineStage for AMatrix {
         let (x, y, z) = (floats(batch, &x)?, floats(batch, &y)?, floats(batch, &z)?);
         let bt = self.scalar.as_ref().map(|s| floats(batch, s)).transpose()?;
         let terms = self.terms()?;
-        let differences = terms.names().iter().any(|n| n.ends_with("_dot"));
-        let usable = Usable::all(tt.len()).and_finite(x).and_finite(y).and_finite(z);
-        let runs = if differences {
-            let rate_hz =
-                sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
-            usable.runs_in_time(tt, rate_hz)
-        } else {
-            usable.runs()
-        };
+        let runs = runs_of(&terms, tt, [x, y, z])?;
         let rows = matrix_in_runs(&Field { x, y, z, bt }, &terms, self.bt_scale_nt, &runs).map_err(data)?;
         Ok(vec![list(rows, terms.len())?])
     }
+}
+
+/// The runs of samples over which a row of terms can be made of the components of a vector magnetometer: all of them
+/// finite, and without a gap in time where a term is of differences.
+///
+/// # Errors
+/// Samples that are not evenly spaced, where a term is of differences.
+pub fn runs_of(terms: &Terms, tt_s: &[f64], [x, y, z]: [&[f64]; 3]) -> Result<Vec<Range<usize>>, Fault> {
+    let usable = Usable::all(tt_s.len()).and_finite(x).and_finite(y).and_finite(z);
+    if !terms.names().iter().any(|name| name.ends_with("_dot")) {
+        return Ok(usable.runs());
+    }
+    let rate_hz = sample_rate(tt_s, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+    Ok(usable.runs_in_time(tt_s, rate_hz))
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use schemas::Fault;
 
 use crate::{
     columns::{data, floats},
-    maps::{field_map, plane},
+    maps::{column_map, plane},
 };
 
 /// The errors of a map that are known from the map itself.
@@ -40,7 +40,7 @@ impl MapErrors {
             Some((known.iter().sum::<f64>() / known.len() as f64, RadialPower::of(&plane).map_err(data)?))
         };
         let cell_m = plane.east_m.step.max(plane.north_m.step);
-        let own = own.then(|| error_map(map)).transpose()?;
+        let own = own.then(|| column_map(map, OWN_ERROR, Interpolation::Linear, None)).transpose()?;
         Ok(Self { height, bilinear: bilinear.then(|| (bilinear_error_nt(&plane), cell_m)), own })
     }
 
@@ -68,20 +68,6 @@ impl MapErrors {
         let at = |row: usize| own.at(ins.lat_deg[row], ins.lon_deg[row], ins.alt_m[row]);
         Some((0..ins.len()).map(|row| at(row).map_or(0.0, |error| factor * error.value_nt.abs())).collect())
     }
-}
-
-/// The column `error` of a map as a map.
-fn error_map(map: &RecordBatch) -> Result<FieldMap, Fault> {
-    let error = map.column_by_name(OWN_ERROR).ok_or_else(|| Fault::data("the map has no column `error`"))?;
-    let (at, _) = map
-        .schema()
-        .column_with_name("anomaly")
-        .map(|(at, field)| (at, field.clone()))
-        .ok_or_else(|| Fault::data("the map has no column `anomaly`"))?;
-    let mut columns = map.columns().to_vec();
-    columns[at] = error.clone();
-    let swapped = RecordBatch::try_new(map.schema(), columns).map_err(|e| Fault::data(e.to_string()))?;
-    field_map(&swapped, Interpolation::Linear, None)
 }
 
 /// The rms error of bilinear interpolation over the known cells: in a cell's middle it is what the cubic convolution of

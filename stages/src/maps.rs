@@ -26,18 +26,31 @@ pub fn field_map(
     interpolation: Interpolation,
     levels_m: Option<&[f64]>,
 ) -> Result<FieldMap, Fault> {
-    let anomaly = floats(table, "anomaly")?;
+    column_map(table, "anomaly", interpolation, levels_m)
+}
+
+/// [`field_map`] of a column of a map instead of its anomaly, such as the error of each node.
+///
+/// # Errors
+/// As [`field_map`], and for a table without that column.
+pub fn column_map(
+    table: &RecordBatch,
+    column: &str,
+    interpolation: Interpolation,
+    levels_m: Option<&[f64]>,
+) -> Result<FieldMap, Fault> {
+    let values = floats(table, column)?;
     let Some(own) = OwnGrid::of(&table.schema())? else {
-        let grid = GeographicGrid::from_rows(floats(table, "lat")?, floats(table, "lon")?, anomaly).map_err(data)?;
+        let grid = GeographicGrid::from_rows(floats(table, "lat")?, floats(table, "lon")?, values).map_err(data)?;
         return Ok(match looked_up(table, &grid, || grid.plane(), interpolation, levels_m)? {
             Looked::Flat(map) => FieldMap::Flat(map),
             Looked::Stack(stack) => FieldMap::Stack(stack),
         });
     };
     let [columns, rows] = own_axes(table)?;
-    let grid = GeographicGrid::of_nodes(rows.len, columns.len, anomaly).map_err(data)?;
+    let grid = GeographicGrid::of_nodes(rows.len, columns.len, values).map_err(data)?;
     let projection = projected(&own, &rows, &columns)?;
-    let plane = || own_plane(&own, &rows, &columns, anomaly);
+    let plane = || own_plane(&own, &rows, &columns, values);
     Ok(FieldMap::Projected(Box::new(match looked_up(table, &grid, plane, interpolation, levels_m)? {
         Looked::Flat(map) => ProjectedMap::flat(projection, map),
         Looked::Stack(stack) => ProjectedMap::stack(projection, stack),

@@ -8,12 +8,12 @@ use numerics::navigation::{
     online::{Fluxgate, LineModel, Magnetometer, OnlineParameters, run},
     transition::NoiseDiscretisation,
 };
-use numerics::signal::segments::{STEP_TOLERANCE, Usable, sample_rate};
 use schemas::{Column, Fault, Rule};
 
 use super::aiding::{Aiding, both};
 use super::aircraft::{AircraftModel, one_with_models, step_s};
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
+use crate::a_matrix::runs_of;
 use crate::columns::{array, data};
 
 filter! {
@@ -156,12 +156,7 @@ impl EkfOnlineTl {
             let what = format!("the terms of `{}` are not those of a vector magnetometer", self.aircraft.terms);
             Fault::data(what).of_param("flux_bias_sigma_nt").help("make them with an `a_matrix` of `vector`")
         })?;
-        let usable = Usable::all(x.len()).and_finite(x).and_finite(y).and_finite(z);
-        let differences = terms.names().iter().any(|name| name.ends_with("_dot"));
-        let runs = match differences {
-            true => usable.runs_in_time(flown.ins.tt_s, sample_rate(flown.ins.tt_s, STEP_TOLERANCE).map_err(data)?),
-            false => usable.runs(),
-        };
+        let runs = runs_of(&terms, flown.ins.tt_s, [x, y, z])?;
         let tau_s = self.flux_bias_tau_s.unwrap_or(f64::INFINITY);
         let field = Field { x, y, z, bt: None };
         Ok(Some(Bias { field, terms, runs, scale_nt: self.bt_scale_nt, sigma_nt, tau_s }))

@@ -2,7 +2,8 @@
 
 use numerics::{
     navigation::{
-        fixed_lag::{self, Coefficients, FixedLagOutput, FixedLagParameters, Keep, Loss, Magnetometer, Usage},
+        fixed_lag::{self, Coefficients, FixedLagOutput, FixedLagParameters, Keep, Magnetometer, Usage},
+        loss::Loss,
         transition::NoiseDiscretisation,
     },
     signal::gauss_markov::GaussMarkov,

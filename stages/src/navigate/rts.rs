@@ -5,7 +5,8 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, StringArray};
 use numerics::navigation::{
     line::NavigationLine,
-    rts::{self, Loss, SmootherParameters},
+    loss::Loss,
+    rts::{self, SmootherParameters},
     transition::NoiseDiscretisation,
 };
 use schemas::{Column, Fault, Rule};

@@ -3,7 +3,7 @@
 use figures::chart::{Band, Chart, Dim, Line};
 use maud::{Markup, html};
 use numerics::regression::{
-    consistency::whiteness,
+    consistency::{autocorrelation, whiteness},
     statistics::{self, Figure},
 };
 
@@ -65,14 +65,6 @@ fn lags(last: usize) -> Vec<usize> {
     lags.sort_unstable();
     lags.dedup();
     lags
-}
-
-/// The autocorrelation about 0 at `lag`, and its number of pairs, as the metric `whiteness` has it.
-fn autocorrelation(x: &[f64], lag: usize) -> Figure {
-    let square = statistics::rms(x).value.powi(2);
-    let products: Vec<f64> = x.iter().zip(x.iter().skip(lag)).map(|(a, b)| a * b).collect();
-    let Figure { value, n } = statistics::mean(&products);
-    Figure { value: value / square, n }
 }
 
 impl Normalised {

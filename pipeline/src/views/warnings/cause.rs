@@ -179,14 +179,14 @@ impl<'a> Facts<'a> {
         let shown = |x: f64| number(Some(x));
         let low = self.row.get("nis").filter(|nis| *nis < limits::NIS.low());
         let lasting = settings.fogm_sigma_nt.filter(|fogm| settings.sigma_nt.is_some_and(|sigma| *fogm > 5.0 * sigma));
-        match (low, settings.sigma_nt) {
-            (Some(_), Some(sigma)) if lasting.is_some() => vec![format!(
+        match (low, settings.sigma_nt, lasting) {
+            (Some(_), Some(sigma), Some(lasting)) => vec![format!(
                 "`fogm_sigma_nt` of {} is too large, or `fogm_tau_s` too short: the innovations show less than what lasts of the \
                  errors changes by from sample to sample; the white noise of {} nT is no part of it",
-                shown(lasting.unwrap_or_default()),
+                shown(lasting),
                 shown(sigma)
             )],
-            (Some(nis), Some(sigma)) => {
+            (Some(nis), Some(sigma), None) => {
                 let left = self.row.get("std_error");
                 let left = left.map_or(String::new(), |left| {
                     let lasts = "std_error; what of it lasts belongs into `fogm_sigma_nt`";
@@ -199,10 +199,10 @@ impl<'a> Facts<'a> {
                     shown(sigma * nis.sqrt())
                 )]
             }
-            (Some(_), None) => {
+            (Some(_), None, _) => {
                 vec!["the sigma that was estimated is larger than what the line's measurements show".to_owned()]
             }
-            (None, _) => {
+            (None, _, _) => {
                 vec!["initial sigmas or process noise are larger than the errors of this INS".to_owned()]
             }
         }

@@ -51,14 +51,14 @@
 
 use crate::navigation::field::PredictedField;
 use crate::navigation::ins_error::ParameterError;
-use crate::navigation::ins_series::SeriesError;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
-use crate::navigation::pinson::{ALT, LAT, LON, S};
 use params::{Fault, Rule, choice, obeys};
 use pulp::{Simd, WithSimd};
 
-use crate::navigation::estimate::{Estimate, Linearised, StepModel};
+use crate::navigation::estimate::{Estimate, Linearised, Recursion};
+use crate::navigation::measurement::Measurements;
+use crate::navigation::sensitivity::Sensitivity;
 
 mod noise;
 mod window;
@@ -170,12 +170,11 @@ impl<'a> Magnetometer<'a> {
             let what = format!("`sigma_max_nt` must be at least `sigma_min_nt` = {least}, not {largest}");
             return Err(fault(Fault::new(what).of_param("sigma_max_nt")));
         }
-        for (column, rows) in [("measurement", self.measurement_nt.len()), ("measurement sigma", self.sigma_nt.len())] {
-            if rows != expected {
-                return Err(SeriesError::Length { column, rows, expected }.into());
-            }
-        }
-        Ok(())
+        Ok(self.measurements().check(expected)?)
+    }
+
+    fn measurements(&self) -> Measurements<'a> {
+        Measurements { measurement_nt: self.measurement_nt, sigma_nt: self.sigma_nt }
     }
 }
 
@@ -213,7 +212,7 @@ pub struct AdaptiveOutput {
 ///
 /// # Errors
 /// Fails as [`AdaptiveParameters::check`] and [`NavigationLine::check`]; for bounds of a sigma that are not finite
-/// numbers above 0 in this order; with [`SeriesError::Length`] for columns of other lengths than the line; and with
+/// numbers above 0 in this order; with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of other lengths than the line; and with
 /// [`NavigationError::Diverged`] when states or variances are no longer finite or a variance is negative.
 pub fn run(
     parameters: &AdaptiveParameters,
@@ -271,49 +270,54 @@ impl WithSimd for Filter<'_> {
 
     #[inline(always)]
     fn with_simd<V: Simd>(mut self, _: V) -> Self::Output {
-        let (ins, errors) = (self.line.ins, &self.line.errors);
-        let model = StepModel::of(errors);
-        let mut estimate = Estimate::start_of(errors, ins);
-        for row in 0..ins.len() {
-            if row > 0 {
-                if let Some(GiveBack { at, noise_nt2, share }) = self.pending.take() {
-                    estimate.give_back(&at, noise_nt2, share);
-                }
-                estimate.propagate(&model, &ins.point(row - 1), ins.tt_s[row] - ins.tt_s[row - 1]);
-            }
-            estimate.aid(self.line.fixes_at(row));
-            let innovation = self.measure(&mut estimate, row);
-            estimate.check(row, ins.tt_s[row])?;
-            self.given_back.push(self.pending.as_ref().map_or(0.0, |pending| pending.share));
-            let (x, p) = (&estimate.x, &estimate.p);
-            self.navigation.push(ins, row, |i| x[i], |i, j| p[i][j], innovation, errors.earth);
-        }
+        let line = self.line;
+        self.along(line.ins, &line.errors, |row| line.fixes_at(row))?;
         let magnetometers = self.learners.into_iter().map(|learner| learner.adapted).collect();
         Ok(AdaptiveOutput { navigation: self.navigation, magnetometers, given_back: self.given_back })
+    }
+}
+
+impl Recursion for Filter<'_> {
+    fn output(&mut self) -> &mut NavigationOutput {
+        &mut self.navigation
+    }
+
+    #[inline(always)]
+    fn before_step(&mut self, estimate: &mut Estimate) {
+        if let Some(GiveBack { at, noise_nt2, share }) = self.pending.take() {
+            estimate.give_back(&at, noise_nt2, share);
+        }
+    }
+
+    #[inline(always)]
+    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+        let innovation = self.fuse(estimate, row);
+        self.given_back.push(self.pending.as_ref().map_or(0.0, |pending| pending.share));
+        innovation
     }
 }
 
 impl Filter<'_> {
     /// Corrects the estimate by the measurements of a row, where there are any to use; counted.
     #[inline(always)]
-    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+    fn fuse(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
         let measured = self.learners.iter().any(|learner| learner.measured(row).is_some());
-        let error = [LAT, LON, ALT].map(|state| estimate.x[state]);
-        let field = if measured { self.field.at_error(self.line.ins, row, error) } else { None };
+        let [lat, lon, alt, temporal_nt] = estimate.measured();
+        let field = if measured { self.field.at_error(self.line.ins, row, [lat, lon, alt]) } else { None };
         let Some(field) = field else {
             let report = &mut self.navigation.report;
             *(if measured { &mut report.off_map } else { &mut report.missing_measurements }) += 1;
             self.learners.iter_mut().for_each(Learner::skip);
             return Innovation::NONE;
         };
-        let at = estimate.linearised([field.d_lat_nt_per_rad, field.d_lon_nt_per_rad, field.d_alt_nt_per_m]);
-        let expected_nt = field.value_nt + estimate.x[S];
+        let at = estimate.linearised(Sensitivity::of(&field));
+        let expected_nt = field.value_nt + temporal_nt;
         let mut fusion = Fusion::default();
         for learner in &mut self.learners {
-            learner.innovate(row, expected_nt, at.variance_nt2, &mut fusion);
+            learner.innovate(row, expected_nt, at.variance, &mut fusion);
         }
         let (residual_nt, noise_nt2) = fusion.mean();
-        let nis = residual_nt * residual_nt / (at.variance_nt2 + noise_nt2);
+        let nis = residual_nt * residual_nt / (at.variance + noise_nt2);
         if fusion.is_used() {
             self.navigation.report.updates += 1;
             estimate.correct(&at, residual_nt, noise_nt2);

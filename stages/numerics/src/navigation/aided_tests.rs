@@ -9,7 +9,7 @@ use super::line::NavigationLine;
 use super::online::{self, LineModel, OnlineParameters};
 use super::output::NavigationOutput;
 use super::pinson::STATES;
-use super::scalar_filter::tests::{Batch, Scene, assert_close, hills, plane, positions, uneven};
+use super::scenes::{Batch, Scene, assert_close, hills, plane, positions, uneven};
 use super::ukf::{self, UkfParameters};
 use crate::maps::map_surface::Interpolation;
 

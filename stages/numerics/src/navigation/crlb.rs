@@ -22,7 +22,8 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use crate::navigation::position_fixes::StateFix;
 use pulp::{Simd, WithSimd};
 
-use crate::navigation::estimate::{Estimate, StepModel};
+use crate::navigation::estimate::{Estimate, Recursion};
+use crate::navigation::sensitivity::Sensitivity;
 
 /// What is known of the true path, one value per sample in every column.
 #[derive(Clone, Copy, Debug)]
@@ -103,25 +104,19 @@ impl WithSimd for Bound<'_> {
 
     #[inline(always)]
     fn with_simd<V: Simd>(mut self, _: V) -> Self::Output {
-        let (truth, errors) = (self.truth, &self.line.errors);
-        let model = StepModel::of(errors);
-        let mut estimate = Estimate::start_of(errors, &truth);
-        for row in 0..truth.len() {
-            if row > 0 {
-                estimate.propagate(&model, &truth.point(row - 1), truth.tt_s[row] - truth.tt_s[row - 1]);
-            }
-            // The estimate is the truth: a position from elsewhere adds its information, and moves nothing.
-            estimate.aid(self.line.fixes_at(row).map(|fix| fix.map(|fix| StateFix { error: 0.0, ..fix })));
-            let innovation = self.measure(&mut estimate, row);
-            estimate.check(row, truth.tt_s[row])?;
-            let p = &estimate.p;
-            self.output.push(&truth, row, |_| 0.0, |i, j| p[i][j], innovation, errors.earth);
-        }
+        let (truth, line) = (self.truth, self.line);
+        // The estimate is the truth: a position from elsewhere adds its information, and moves nothing.
+        let still = |fix: Option<StateFix>| fix.map(|fix| StateFix { error: 0.0, ..fix });
+        self.along(&truth, &line.errors, |row| line.fixes_at(row).map(still))?;
         Ok(self.output)
     }
 }
 
-impl Bound<'_> {
+impl Recursion for Bound<'_> {
+    fn output(&mut self) -> &mut NavigationOutput {
+        &mut self.output
+    }
+
     /// Adds the information of the measurement of a row, where there is any; counted.
     #[inline(always)]
     fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
@@ -134,8 +129,7 @@ impl Bound<'_> {
             return Innovation::NONE;
         };
         self.output.report.updates += 1;
-        let slope = [field.d_lat_nt_per_rad, field.d_lon_nt_per_rad, field.d_alt_nt_per_m];
-        estimate.correct(&estimate.linearised(slope), 0.0, noise_nt2);
+        estimate.correct(&estimate.linearised(Sensitivity::of(&field)), 0.0, noise_nt2);
         let residual_nt = measured_nt - field.value_nt;
         let variance_nt2 = self.line.errors.fogm_sigma_nt.powi(2) + noise_nt2;
         Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 }

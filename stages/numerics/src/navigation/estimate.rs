@@ -1,21 +1,20 @@
-//! The Gaussian estimate that a filter over one line carries from sample to sample, and its two moves: the step to the
-//! next sample and the correction by a scalar measurement.
+//! The Gaussian estimate that a filter over one line carries from sample to sample, its two moves, the step to the next
+//! sample and the correction by a scalar measurement, and the recursion of them along a line.
 //!
 //! The functions are inlined into the loop of a filter, which is compiled for each kind of vector unit. No product is
 //! fused with a sum, so all of them give the same bits.
 
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
-use crate::navigation::output::NavigationError;
-use crate::navigation::pinson::{
-    ALT, InsPoint, LAT, LON, PinsonForm, S, STATES, StateMatrix, StateVector, TimeConstants, pinson_matrix,
-};
+use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
+use crate::navigation::pinson::{PinsonForm, STATES, StateMatrix, StateVector, TimeConstants, pinson_matrix};
 use crate::navigation::position_fixes::StateFix;
+use crate::navigation::sensitivity::{MEASURED, Sensitivity, add_scaled, measured_states, mirror};
 use crate::navigation::transition::{NoiseDiscretisation, propagate_state, step_covariance, transition_matrix};
 
 /// The process model of a step, of which only the INS quantities change along a line.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StepModel {
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StepModel {
     times: TimeConstants,
     form: PinsonForm,
     density: StateVector,
@@ -24,7 +23,7 @@ pub struct StepModel {
 
 impl StepModel {
     /// The steps of an error model.
-    pub fn of(errors: &InsErrorModel) -> Self {
+    pub(crate) fn of(errors: &InsErrorModel) -> Self {
         Self {
             times: errors.time_constants(),
             form: errors.pinson,
@@ -32,77 +31,105 @@ impl StepModel {
             noise: errors.noise,
         }
     }
+
+    /// Φ of the step from the sample before `row` to `row`.
+    #[inline(always)]
+    pub(crate) fn transition(&self, ins: &InsSeries<'_>, row: usize) -> StateMatrix {
+        let f = pinson_matrix(&ins.point(row - 1), &self.times, self.form);
+        transition_matrix(&f, ins.tt_s[row] - ins.tt_s[row - 1])
+    }
 }
 
 /// A Gaussian over the error states, in the units of `pinson`.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Estimate {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Estimate {
     /// Its mean.
-    pub x: StateVector,
+    pub(crate) x: StateVector,
     /// Its covariance, exactly symmetric.
-    pub p: StateMatrix,
+    pub(crate) p: StateMatrix,
 }
 
-/// A scalar measurement z = H x + v of the states, H = [slope, 0 … 0, 1], beside an estimate.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Linearised {
-    /// The change of the field with latitude, longitude (nT/rad) and height (nT/m). [thesis 000 (5.37), with the 1 of S
-    /// that is missing in print]
-    pub slope: [f64; 3],
+/// A scalar measurement z = H x + v of the states, beside an estimate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Linearised {
+    /// H.
+    pub(crate) h: Sensitivity,
     /// P Hᵀ.
-    pub ph: StateVector,
-    /// H P Hᵀ, in nT².
-    pub variance_nt2: f64,
+    pub(crate) ph: StateVector,
+    /// H P Hᵀ.
+    pub(crate) variance: f64,
 }
 
-/// H times a vector of which the entries for position and S are given.
-#[inline(always)]
-fn dot(slope: &[f64; 3], [lat, lon, alt, s]: [f64; 4]) -> f64 {
-    slope[0] * lat + slope[1] * lon + slope[2] * alt + s
+/// What a correction was made with.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Corrected {
+    /// K.
+    pub(crate) gain: StateVector,
+    /// z - H x before it.
+    pub(crate) innovation: f64,
+    /// 1/(H P Hᵀ + R).
+    pub(crate) weight: f64,
 }
 
 impl Estimate {
-    /// No error, and the initial covariance at a latitude (rad) and a height (m).
-    pub fn initial(errors: &InsErrorModel, lat_rad: f64, alt_m: f64) -> Self {
-        Self { x: [0.0; STATES], p: errors.initial_covariance(lat_rad, alt_m) }
-    }
-
     /// No error, and the initial covariance at the first sample of an INS.
-    pub fn start_of(errors: &InsErrorModel, ins: &InsSeries<'_>) -> Self {
-        Self::initial(errors, ins.lat_deg[0].to_radians(), ins.alt_m[0])
+    pub(crate) fn start_of(errors: &InsErrorModel, ins: &InsSeries<'_>) -> Self {
+        Self { x: [0.0; STATES], p: errors.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]) }
     }
 
-    /// x ← Φ x, P ← Φ P Φᵀ + Q over a step of `dt_s` seconds from a point of the flight.
+    /// x ← Φ x and P ← Φ P Φᵀ + Q of the step from the sample before `row` to `row`; hands back Φ.
     #[inline(always)]
-    pub fn propagate(&mut self, model: &StepModel, from: &InsPoint, dt_s: f64) {
-        let f = pinson_matrix(from, &model.times, model.form);
+    pub(crate) fn propagate(&mut self, model: &StepModel, ins: &InsSeries<'_>, row: usize) -> StateMatrix {
+        let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
+        let f = pinson_matrix(&ins.point(row - 1), &model.times, model.form);
         let phi = transition_matrix(&f, dt_s);
         self.x = propagate_state(&phi, &self.x);
         self.p = step_covariance(&self.p, &f, &phi, &model.density, dt_s, model.noise);
+        phi
     }
 
-    /// The measurement of a field of this slope plus S.
+    /// A measurement of the row H.
     #[inline(always)]
-    pub fn linearised(&self, slope: [f64; 3]) -> Linearised {
-        let p = &self.p;
-        let ph: StateVector = std::array::from_fn(|i| dot(&slope, [p[LAT][i], p[LON][i], p[ALT][i], p[S][i]]));
-        let variance_nt2 = dot(&slope, [ph[LAT], ph[LON], ph[ALT], ph[S]]);
-        Linearised { slope, ph, variance_nt2 }
+    pub(crate) fn linearised(&self, h: Sensitivity) -> Linearised {
+        let ph = h.covariance(&self.p);
+        Linearised { h, ph, variance: h.dot(&ph) }
     }
 
-    /// x ← x + K r and Joseph's form P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ, with K = P Hᵀ/(H P Hᵀ + R), the residual r in
-    /// nT and the variance R of the noise in nT². `at` is of this estimate. [Bucy & Joseph 1968]
+    /// x ← x + K r and the covariance of it, with K = P Hᵀ/(H P Hᵀ + R), the residual r and the variance R of the noise.
+    /// `at` is of this estimate.
     #[inline(always)]
-    pub fn correct(&mut self, at: &Linearised, residual_nt: f64, noise_nt2: f64) {
-        let weight = 1.0 / (at.variance_nt2 + noise_nt2);
-        let (ph, p) = (&at.ph, &mut self.p);
-        let (mut gain, mut rest) = ([0.0; STATES], [0.0; STATES]);
+    pub(crate) fn correct(&mut self, at: &Linearised, residual: f64, noise: f64) -> Corrected {
+        let weight = 1.0 / (at.variance + noise);
+        let gain = at.ph.map(|ph| ph * weight);
+        add_scaled(&mut self.x, residual, &gain);
+        self.correct_covariance(&at.h, &gain, &at.ph, noise);
+        Corrected { gain, innovation: residual, weight }
+    }
+
+    /// The correction by a measured value with the variance of its noise.
+    #[inline(always)]
+    pub(crate) fn update(&mut self, h: Sensitivity, value: f64, noise: f64) -> Corrected {
+        let innovation = value - h.dot(&self.x);
+        self.correct(&self.linearised(h), innovation, noise)
+    }
+
+    /// The update by the positions from elsewhere of a row, one coordinate after the other.
+    #[inline(always)]
+    pub(crate) fn aid(&mut self, fixes: [Option<StateFix>; 3]) -> [Option<Corrected>; 3] {
+        fixes.map(|fix| {
+            fix.map(|StateFix { state, error, variance }| self.update(Sensitivity::of_state(state), error, variance))
+        })
+    }
+
+    /// Joseph's form P ← (I − K H) P (I − K H)ᵀ + K R Kᵀ of the covariance for any gain K, as A = P − K (P Hᵀ)ᵀ and then
+    /// A + (R K − A Hᵀ) Kᵀ, of which one triangle is mirrored. `ph` is P Hᵀ, `noise` is R. [Bucy & Joseph 1968]
+    #[inline(always)]
+    pub(crate) fn correct_covariance(&mut self, h: &Sensitivity, gain: &StateVector, ph: &StateVector, noise: f64) {
+        let p = &mut self.p;
+        let mut rest = [0.0; STATES];
         for state in 0..STATES {
-            gain[state] = ph[state] * weight;
-            self.x[state] += gain[state] * residual_nt;
-            // A = P − K (P Hᵀ)ᵀ, and then A + (R K − A Hᵀ) Kᵀ.
-            let after = |column: usize| p[column][state] - gain[state] * ph[column];
-            rest[state] = noise_nt2 * gain[state] - dot(&at.slope, [after(LAT), after(LON), after(ALT), after(S)]);
+            let after = MEASURED.map(|measured| p[measured][state] - gain[state] * ph[measured]);
+            rest[state] = noise * gain[state] - h.of_measured(after);
         }
         for (row, entries) in p.iter_mut().enumerate() {
             for (column, entry) in entries.iter_mut().enumerate() {
@@ -112,33 +139,11 @@ impl Estimate {
         mirror(p);
     }
 
-    /// The update by the positions from elsewhere of a row, one coordinate after the other.
-    #[inline(always)]
-    pub(crate) fn aid(&mut self, fixes: [Option<StateFix>; 3]) {
-        for StateFix { state, error, variance } in fixes.into_iter().flatten() {
-            let ph = self.p[state];
-            let weight = 1.0 / (ph[state] + variance);
-            let residual = error - self.x[state];
-            let gain = ph.map(|ph| ph * weight);
-            for (x, gain) in self.x.iter_mut().zip(&gain) {
-                *x += gain * residual;
-            }
-            let rest: StateVector =
-                std::array::from_fn(|i| variance * gain[i] - (self.p[i][state] - gain[i] * ph[state]));
-            for (row, entries) in self.p.iter_mut().enumerate() {
-                for (column, entry) in entries.iter_mut().enumerate() {
-                    *entry = *entry - gain[row] * ph[column] + rest[row] * gain[column];
-                }
-            }
-            mirror(&mut self.p);
-        }
-    }
-
     /// P ← P + share K (H P Hᵀ + R) Kᵀ with the gain of the prior that `at` is of: gives back a share of what the
     /// correction by this measurement took off the covariance.
     #[inline(always)]
-    pub fn give_back(&mut self, at: &Linearised, noise_nt2: f64, share: f64) {
-        let factor = share / (at.variance_nt2 + noise_nt2);
+    pub(crate) fn give_back(&mut self, at: &Linearised, noise: f64, share: f64) {
+        let factor = share / (at.variance + noise);
         for (row, entries) in self.p.iter_mut().enumerate() {
             for (column, entry) in entries.iter_mut().enumerate() {
                 // The product of the two entries first, so that the matrix stays exactly symmetric.
@@ -147,12 +152,18 @@ impl Estimate {
         }
     }
 
+    /// Latitude, longitude (rad), height (m) and temporal variation (nT).
+    #[inline(always)]
+    pub(crate) fn measured(&self) -> [f64; 4] {
+        measured_states(&self.x)
+    }
+
     /// Fails where a state or a variance is not finite, or a variance is negative.
     ///
     /// # Errors
     /// [`NavigationError::Diverged`] at this row and time.
     #[inline(always)]
-    pub fn check(&self, row: usize, tt_s: f64) -> Result<(), NavigationError> {
+    pub(crate) fn check(&self, row: usize, tt_s: f64) -> Result<(), NavigationError> {
         // Anything times zero is zero, unless it is not finite; a NaN is not equal to anything.
         let (mut finite, mut least) = (0.0, 0.0_f64);
         for state in 0..STATES {
@@ -167,15 +178,44 @@ impl Estimate {
     }
 }
 
-/// Copies the upper triangle into the lower one.
-#[inline(always)]
-fn mirror(p: &mut StateMatrix) {
-    for row in 1..STATES {
-        let (above, below) = p.split_at_mut(row);
-        // As many entries as there are rows above.
-        below[0].iter_mut().zip(above).for_each(|(entry, above)| *entry = above[row]);
+/// What distinguishes one filter of a single estimate from another.
+pub(crate) trait Recursion {
+    /// Where the estimates go.
+    fn output(&mut self) -> &mut NavigationOutput;
+
+    /// Changes the estimate before the step from it.
+    #[inline(always)]
+    fn before_step(&mut self, _: &mut Estimate) {}
+
+    /// Corrects the estimate by the measurement of a row, where there is one to use; counted.
+    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation;
+
+    /// Filters along an INS: the step, the positions from elsewhere of the row, its measurement.
+    ///
+    /// # Errors
+    /// As [`Estimate::check`].
+    #[inline(always)]
+    fn along(
+        &mut self,
+        ins: &InsSeries<'_>,
+        errors: &InsErrorModel,
+        fixes: impl Fn(usize) -> [Option<StateFix>; 3],
+    ) -> Result<(), NavigationError> {
+        let (mut estimate, model) = (Estimate::start_of(errors, ins), StepModel::of(errors));
+        for row in 0..ins.len() {
+            if row > 0 {
+                self.before_step(&mut estimate);
+                estimate.propagate(&model, ins, row);
+            }
+            estimate.aid(fixes(row));
+            let innovation = self.measure(&mut estimate, row);
+            estimate.check(row, ins.tt_s[row])?;
+            let (x, p) = (&estimate.x, &estimate.p);
+            self.output().push(ins, row, |state| x[state], |i, j| p[i][j], innovation, errors.earth);
+        }
+        Ok(())
     }
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

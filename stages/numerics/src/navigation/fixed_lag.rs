@@ -19,7 +19,7 @@
 //! path (Joseph's form) and its adjoint, the modified Bryson-Frazier smoother [Bierman 1973; Bell 1994: the iterated
 //! smoother is Gauss-Newton]. No covariance is inverted, so states without process noise or with a large prior do no
 //! harm. The path is x₁ = m − P λ₁, xₖ = Φ xₖ₋₁ − Q λₖ, and half the squared distance from prior and process is ½ λ₁ᵀ P
-//! λ₁ + ½ Σ λₖᵀ Q λₖ. Robust weights are those of [`Loss`] (iteratively reweighted least squares).
+//! λ₁ + ½ Σ λₖᵀ Q λₖ. Robust weights are those of [`Loss`](crate::navigation::loss::Loss) (iteratively reweighted least squares).
 //!
 //! The first windows begin at the line's start. A later window's prior is the marginal at its first node, given the
 //! dropped measurements alone, linearised about the last solution: the covariance of INS states and coefficients is
@@ -58,7 +58,7 @@ use thiserror::Error;
 
 use gaussian::{Gaussian, Layout};
 use nodes::Nodes;
-pub use parameters::{FixedLagParameters, Loss, WindowReport};
+pub use parameters::{FixedLagParameters, WindowReport};
 use passage::Passage;
 
 /// A linear model of the aircraft's field at a magnetometer, A β, and what is known of β.

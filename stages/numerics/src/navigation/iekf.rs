@@ -32,10 +32,9 @@ use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
 use params::{Rule, obeys};
 use pulp::{Simd, WithSimd};
 
-use crate::navigation::scalar_filter::problem::{Optimum, ScalarProblem, Search};
-use crate::navigation::scalar_filter::{
-    Belief, MEASURED, Sensitivity, StepModel, add_scaled, measured, measured_states,
-};
+use crate::navigation::estimate::{Estimate, Linearised, Recursion};
+use crate::navigation::scalar_problem::{Optimum, ScalarProblem, Search};
+use crate::navigation::sensitivity::{MEASURED, Sensitivity, add_scaled};
 
 /// The parameters of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,8 +108,6 @@ struct Filter<'a> {
     line: &'a NavigationLine<'a>,
     parameters: &'a IekfParameters,
     field: PredictedField<'a>,
-    model: StepModel,
-    belief: Belief,
     output: IekfOutput,
 }
 
@@ -119,23 +116,47 @@ impl WithSimd for Filter<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, _: S) -> Self::Output {
-        let ins = self.line.ins;
-        for row in 0..ins.len() {
-            if row > 0 {
-                self.belief.propagate(&self.model, ins, row);
-            }
-            for fix in self.line.fixes_at(row).into_iter().flatten() {
-                self.belief.correct(&Sensitivity::of_state(fix.state), fix.error, fix.variance);
-            }
-            let innovation = self.measure(row);
-            if !self.belief.is_sound() {
-                return Err(NavigationError::Diverged { row, tt_s: ins.tt_s[row] });
-            }
-            let Belief { x, p } = &self.belief;
-            let earth = self.line.errors.earth;
-            self.output.line.push(ins, row, |state| x[state], |row, column| p[row][column], innovation, earth);
-        }
+        let line = self.line;
+        self.along(line.ins, &line.errors, |row| line.fixes_at(row))?;
         Ok(self.output)
+    }
+}
+
+impl Recursion for Filter<'_> {
+    fn output(&mut self) -> &mut NavigationOutput {
+        &mut self.output.line
+    }
+
+    #[inline(always)]
+    fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
+        let report = &mut self.output.line.report;
+        let Some((value_nt, variance_nt2)) = self.line.measured(row, report.offset_nt) else {
+            report.missing_measurements += 1;
+            return Innovation::NONE;
+        };
+        let [lat, lon, alt, temporal_nt] = estimate.measured();
+        let Some(field) = self.field.at_error(self.line.ins, row, [lat, lon, alt]) else {
+            report.off_map += 1;
+            return Innovation::NONE;
+        };
+        let predicted = estimate.linearised(Sensitivity::of(&field));
+        let residual_nt = value_nt - (field.value_nt + temporal_nt);
+        let nis = residual_nt * residual_nt / (predicted.variance + variance_nt2);
+        let innovation = Innovation { residual_nt, nis };
+        if self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
+            report.gated += 1;
+            return innovation;
+        }
+        report.updates += 1;
+        let Optimum { v, h, .. } = self.most_probable(estimate, row, (value_nt, variance_nt2), field);
+        let Linearised { h, ph, variance } = estimate.linearised(h);
+        // x⁻ + P v, before P is corrected.
+        for (factor, state) in v.into_iter().zip(MEASURED) {
+            add_scaled(&mut estimate.x, factor, &estimate.p[state]);
+        }
+        let weight = 1.0 / (variance + variance_nt2);
+        estimate.correct_covariance(&h, &ph.map(|ph| ph * weight), &ph, variance_nt2);
+        innovation
     }
 }
 
@@ -146,60 +167,26 @@ impl<'a> Filter<'a> {
         let mut output = NavigationOutput::with_capacity(line.ins.len(), keep_states, keep_covariance);
         let (offset_nt, samples) = field.offset(line.ins, line.measurement_nt, line.offset_window_s);
         (output.report.offset_nt, output.report.offset_samples) = (offset_nt, samples);
-        Self {
-            line,
-            parameters,
-            field,
-            model: StepModel::of(&line.errors),
-            belief: Belief::initial(&line.errors, line.ins),
-            output: IekfOutput { line: output, iterations: IekfReport::default() },
-        }
+        Self { line, parameters, field, output: IekfOutput { line: output, iterations: IekfReport::default() } }
     }
 
-    /// Corrects state and covariance by the measurement of a row, where there is one to use.
+    /// The most probable state after a measured value (nT) with the variance of its noise (nT²); `field` is that of the
+    /// predicted state.
     #[inline(always)]
-    fn measure(&mut self, row: usize) -> Innovation {
-        let report = &mut self.output.line.report;
-        let Some((value_nt, variance_nt2)) = measured(self.line, row, report.offset_nt) else {
-            report.missing_measurements += 1;
-            return Innovation::NONE;
-        };
-        let x = measured_states(&self.belief.x);
-        let Some(field) = self.field.at_error(self.line.ins, row, [x[0], x[1], x[2]]) else {
-            report.off_map += 1;
-            return Innovation::NONE;
-        };
-        let h = Sensitivity::of(&field);
-        let ph = h.covariance(&self.belief.p);
-        let residual_nt = value_nt - (field.value_nt + x[3]);
-        let innovation = Innovation { residual_nt, nis: residual_nt * residual_nt / (h.dot(&ph) + variance_nt2) };
-        if self.parameters.gate_nis.is_some_and(|gate| innovation.nis > gate) {
-            report.gated += 1;
-            return innovation;
-        }
-        report.updates += 1;
-        let Optimum { v, h, .. } = self.most_probable(row, value_nt, variance_nt2, field);
-        // x⁻ + P v, before P is corrected.
-        let p = self.belief.p;
-        for (factor, state) in v.into_iter().zip(MEASURED) {
-            add_scaled(&mut self.belief.x, factor, &p[state]);
-        }
-        let ph = h.covariance(&p);
-        let weight = 1.0 / (h.dot(&ph) + variance_nt2);
-        self.belief.correct_covariance(&h, &ph.map(|ph| ph * weight), &ph, variance_nt2);
-        innovation
-    }
-
-    /// The most probable state; `field` is that of the predicted one.
-    #[inline(always)]
-    fn most_probable(&mut self, row: usize, value_nt: f64, variance_nt2: f64, field: FieldValue) -> Optimum {
+    fn most_probable(
+        &mut self,
+        predicted: &Estimate,
+        row: usize,
+        (value_nt, variance_nt2): (f64, f64),
+        field: FieldValue,
+    ) -> Optimum {
         let ins = self.line.ins;
         let search = Search {
             iterations: self.parameters.iterations,
             tolerance_m: self.parameters.tolerance_m,
             m_per_rad: self.line.errors.earth.north_east_m_per_rad(ins.lat_deg[row].to_radians(), ins.alt_m[row]),
         };
-        let problem = ScalarProblem::of(&self.belief, value_nt, variance_nt2);
+        let problem = ScalarProblem::of(predicted, value_nt, variance_nt2);
         let optimum = problem.most_probable(&search, field, |position| self.field.at_error(ins, row, position));
         let report = &mut self.output.iterations;
         report.linearisations += optimum.linearisations;

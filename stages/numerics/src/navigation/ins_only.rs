@@ -1,10 +1,10 @@
 //! The INS by itself: no field is measured, and the covariance says how wrong it is by now.
 
-use crate::navigation::estimate::{Estimate, StepModel};
+use crate::navigation::estimate::{Estimate, Recursion};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
-use crate::navigation::position_fixes::PositionFixes;
+use crate::navigation::position_fixes::{NO_FIX, PositionFixes};
 
 /// The INS along a line, with the covariance of its error: P ← Φ P Φᵀ + Q from the initial one on. With `fixes` it is an
 /// INS that positions from elsewhere aid, where and when there are any.
@@ -20,20 +20,24 @@ pub fn run(
     errors.check()?;
     ins.check()?;
     fixes.map_or(Ok(()), |fixes| fixes.check(ins.len()))?;
-    let mut output = NavigationOutput::with_capacity(ins.len(), false, false);
-    let (mut estimate, model) = (Estimate::start_of(errors, ins), StepModel::of(errors));
-    for row in 0..ins.len() {
-        if row > 0 {
-            estimate.propagate(&model, &ins.point(row - 1), ins.tt_s[row] - ins.tt_s[row - 1]);
-        }
-        if let Some(fixes) = fixes {
-            estimate.aid(fixes.at(ins, row, errors.earth));
-        }
-        estimate.check(row, ins.tt_s[row])?;
-        let (x, p) = (&estimate.x, &estimate.p);
-        output.push(ins, row, |state| x[state], |i, j| p[i][j], Innovation::NONE, errors.earth);
+    let mut unmeasured = Unmeasured { output: NavigationOutput::with_capacity(ins.len(), false, false) };
+    unmeasured.along(ins, errors, |row| fixes.map_or(NO_FIX, |fixes| fixes.at(ins, row, errors.earth)))?;
+    Ok(unmeasured.output)
+}
+
+/// A filter without a measurement of the field.
+struct Unmeasured {
+    output: NavigationOutput,
+}
+
+impl Recursion for Unmeasured {
+    fn output(&mut self) -> &mut NavigationOutput {
+        &mut self.output
     }
-    Ok(output)
+
+    fn measure(&mut self, _: &mut Estimate, _: usize) -> Innovation {
+        Innovation::NONE
+    }
 }
 
 #[cfg(test)]

@@ -6,7 +6,8 @@ use crate::earth::core_field::CoreField;
 use crate::maps::map_stack::FieldMap;
 use crate::navigation::field::PredictedField;
 use crate::navigation::ins_error::InsErrorModel;
-use crate::navigation::ins_series::{InsSeries, SeriesError};
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::measurement::Measurements;
 use crate::navigation::output::NavigationError;
 use crate::navigation::pinson::{STATES, StateMatrix, pinson_matrix};
 use crate::navigation::position_fixes::{NO_FIX, PositionFixes, StateFix};
@@ -50,18 +51,19 @@ impl<'a> NavigationLine<'a> {
     /// Refuses a line that cannot be filtered.
     ///
     /// # Errors
-    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with [`SeriesError::Length`] for columns of
+    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of
     /// different lengths, and as [`PositionFixes::check`].
     pub fn check(&self) -> Result<(), NavigationError> {
         self.errors.check()?;
         self.ins.check()?;
         let expected = self.ins.len();
-        for (column, rows) in [("measurement", self.measurement_nt.len()), ("measurement sigma", self.sigma_nt.len())] {
-            if rows != expected {
-                return Err(SeriesError::Length { column, rows, expected }.into());
-            }
-        }
+        self.measurements().check(expected)?;
         self.fixes.map_or(Ok(()), |fixes| fixes.check(expected))
+    }
+
+    #[inline(always)]
+    fn measurements(&self) -> Measurements<'a> {
+        Measurements { measurement_nt: self.measurement_nt, sigma_nt: self.sigma_nt }
     }
 
     /// The positions from elsewhere at a row, as measurements of states.
@@ -76,12 +78,9 @@ impl<'a> NavigationLine<'a> {
     }
 
     /// The measurement of a row less an offset, in nT, and its variance, in nT²; `None` where it is missing.
-    #[inline]
+    #[inline(always)]
     pub fn measured(&self, row: usize, offset_nt: f64) -> Option<(f64, f64)> {
-        let (value_nt, sigma_nt) = (self.measurement_nt[row] - offset_nt, self.sigma_nt[row]);
-        let variance_nt2 = sigma_nt * sigma_nt;
-        let is_there = value_nt.is_finite() && sigma_nt > 0.0 && variance_nt2 > 0.0 && variance_nt2.is_finite();
-        is_there.then_some((value_nt, variance_nt2))
+        self.measurements().at(row, offset_nt)
     }
 
     /// The step from the sample before `row` to `row`, which is at least 1.

@@ -6,6 +6,7 @@
 //! | [`ekf`] | the 18-state extended Kalman filter, over one line or several at once |
 //! | [`line`](mod@line) | a line with its map, as the filters take it, and its steps |
 //! | [`field`] | the field that a filter predicts: map and core field |
+//! | [`loss`] | losses that outliers do not dominate |
 //! | [`output`] | what a filter makes of a line |
 //! | [`ins_only`] | the INS by itself, with the covariance of its error |
 //! | [`iekf`] | the iterated extended Kalman filter |
@@ -128,6 +129,8 @@ pub mod ins_error;
 pub mod ins_only;
 pub mod ins_series;
 pub mod line;
+pub mod loss;
+mod measurement;
 pub mod mechanisation;
 pub mod mpf;
 pub mod online;
@@ -140,7 +143,10 @@ pub mod output;
 pub mod pinson;
 pub mod position_fixes;
 pub mod rts;
-mod scalar_filter;
+mod scalar_problem;
+#[cfg(test)]
+mod scenes;
+mod sensitivity;
 pub mod slam;
 pub mod strapdown;
 pub mod track_map;

@@ -49,7 +49,6 @@
 //!   [`SmootherReport::converged`] is false.
 
 mod adjoint;
-mod loss;
 mod pass;
 
 use crate::earth::field_value::FieldValue;
@@ -61,8 +60,7 @@ use crate::navigation::pinson::{ALT, LAT, LON, S, StateVector};
 use crate::navigation::position_fixes::StateFix;
 use params::{Rule, obeys};
 
-use crate::navigation::scalar_filter::measured;
-pub use loss::{Loss, RobustLoss};
+use crate::navigation::loss::{Loss, RobustLoss};
 use pass::{About, Pass, Solution, Start};
 
 /// The most halvings of a step.
@@ -320,7 +318,7 @@ impl<'a> Smoother<'a> {
                 }
             }
             let mut field = None;
-            if let Some((value_nt, variance_nt2)) = measured(self.line, row, self.offset.0) {
+            if let Some((value_nt, variance_nt2)) = self.line.measured(row, self.offset.0) {
                 field = self.field.at_error(self.line.ins, row, [x[LAT], x[LON], x[ALT]]);
                 if let (Some(field), Some(Some(before))) = (field, self.at.fields.get(row)) {
                     let r = |field: &FieldValue, s: f64| (value_nt - (field.value_nt + s)) / variance_nt2.sqrt();
@@ -349,7 +347,7 @@ impl<'a> Smoother<'a> {
     /// J of the trajectory.
     fn cost(&self) -> f64 {
         let of = |(row, (x, field)): (usize, (&StateVector, &Option<FieldValue>))| {
-            let (value_nt, variance_nt2) = measured(self.line, row, self.offset.0)?;
+            let (value_nt, variance_nt2) = self.line.measured(row, self.offset.0)?;
             let residual_nt = value_nt - (field.as_ref()?.value_nt + x[S]);
             Some(self.loss.of(residual_nt / variance_nt2.sqrt()))
         };

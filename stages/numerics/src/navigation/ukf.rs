@@ -40,11 +40,11 @@ use crate::maps::map_stack::FieldMap;
 use crate::navigation::ins_error::ParameterError;
 use crate::navigation::line::NavigationLine;
 use crate::navigation::output::{Innovation, NavigationError, NavigationOutput};
-use crate::navigation::pinson::{ALT, LAT, LON, S};
 use params::{Fault, Rule, obeys};
 use pulp::{Simd, WithSimd};
 
-use crate::navigation::estimate::{Estimate, StepModel};
+use crate::navigation::estimate::{Estimate, Recursion};
+use crate::navigation::sensitivity::Sensitivity;
 
 mod points;
 
@@ -170,25 +170,17 @@ impl WithSimd for Filter<'_> {
 
     #[inline(always)]
     fn with_simd<V: Simd>(mut self, _: V) -> Self::Output {
-        let (ins, errors) = (self.line.ins, &self.line.errors);
-        let model = StepModel::of(errors);
-        let mut estimate = Estimate::start_of(errors, ins);
-        for row in 0..ins.len() {
-            if row > 0 {
-                estimate.propagate(&model, &ins.point(row - 1), ins.tt_s[row] - ins.tt_s[row - 1]);
-            }
-            estimate.aid(self.line.fixes_at(row));
-            let innovation = self.measure(&mut estimate, row);
-            estimate.check(row, ins.tt_s[row])?;
-            let (x, p) = (&estimate.x, &estimate.p);
-            self.output.navigation.push(ins, row, |i| x[i], |i, j| p[i][j], innovation, errors.earth);
-        }
+        let line = self.line;
+        self.along(line.ins, &line.errors, |row| line.fixes_at(row))?;
         Ok(self.output)
     }
 }
 
-impl Filter<'_> {
-    /// Corrects the estimate by the measurement of a row, where there is one to use; counted.
+impl Recursion for Filter<'_> {
+    fn output(&mut self) -> &mut NavigationOutput {
+        &mut self.output.navigation
+    }
+
     #[inline(always)]
     fn measure(&mut self, estimate: &mut Estimate, row: usize) -> Innovation {
         let report = &mut self.output.navigation.report;
@@ -198,10 +190,11 @@ impl Filter<'_> {
             return Innovation::NONE;
         };
         let ins = self.line.ins;
+        let [lat, lon, alt, temporal_nt] = estimate.measured();
         let place = Place {
-            lat_deg: ins.lat_deg[row] + estimate.x[LAT].to_degrees(),
-            lon_deg: ins.lon_deg[row] + estimate.x[LON].to_degrees(),
-            alt_m: ins.alt_m[row] + estimate.x[ALT],
+            lat_deg: ins.lat_deg[row] + lat.to_degrees(),
+            lon_deg: ins.lon_deg[row] + lon.to_degrees(),
+            alt_m: ins.alt_m[row] + alt,
         };
         let Some(centre) = place.field(self.line.map, [0.0; 3]) else {
             report.off_map += 1;
@@ -214,16 +207,16 @@ impl Filter<'_> {
         self.output.linearised += usize::from(regression.is_none());
         self.output.nonlinear_sd_nt.push(regression.map_or(f64::NAN, |found| found.remainder_nt2.sqrt()));
         let Regression { mean_nt, mut slope, remainder_nt2 } = regression.unwrap_or(Regression::at(&centre));
-        let mut expected_nt = mean_nt + estimate.x[S];
+        let mut expected_nt = mean_nt + temporal_nt;
         if let Some(core) = &mut self.core {
             let core = core.magnitude_and_gradient(place.lat_deg, place.lon_deg, place.alt_m);
             let [lat, lon, alt] = slope;
             slope = [lat + core.d_lat_nt_per_rad, lon + core.d_lon_nt_per_rad, alt + core.d_alt_nt_per_m];
             expected_nt += core.value_nt;
         }
-        let (at, noise_nt2) = (estimate.linearised(slope), noise_nt2 + remainder_nt2);
+        let (at, noise_nt2) = (estimate.linearised(Sensitivity::of_slope(slope)), noise_nt2 + remainder_nt2);
         let residual_nt = measured_nt - expected_nt;
-        let nis = residual_nt * residual_nt / (at.variance_nt2 + noise_nt2);
+        let nis = residual_nt * residual_nt / (at.variance + noise_nt2);
         if self.gate_nis.is_some_and(|gate| nis > gate) {
             report.gated += 1;
         } else {

@@ -74,19 +74,31 @@ pub fn within_chi_square_band(squares: &[f64], freedom: f64) -> Figure {
     Figure { value: if value.is_nan() { f64::NAN } else { within }, n }
 }
 
+/// The autocorrelation of `x` about 0 at a lag, in samples, over the mean square of `x`, and its number of pairs; pairs of
+/// which one is not finite are left out. NaN for a lag without a pair, and for a series of zeros.
+pub fn autocorrelation(x: &[f64], lag: usize) -> Figure {
+    let products = || x.iter().zip(x.iter().skip(lag)).map(|(a, b)| a * b).filter(|p| p.is_finite());
+    let pairs = products().count();
+    Figure { value: products().sum::<f64>() / (pairs as f64 * mean_square(x)), n: pairs }
+}
+
+/// The mean square of the finite values.
+fn mean_square(x: &[f64]) -> f64 {
+    let squares = || x.iter().filter(|x| x.is_finite()).map(|x| x * x);
+    squares().sum::<f64>() / squares().count() as f64
+}
+
 /// The share of the autocorrelations of `x` at lags of 1 to `lags` samples that are within 1.96/√n, n being the pairs of a
 /// lag: 0.95 on average for white noise of mean 0. About 0, so that a bias is no white noise; pairs of which one is not
 /// finite are left out. NaN for fewer samples than twice the lags, and for a series of zeros.
 pub fn whiteness(x: &[f64], lags: usize) -> Figure {
     let n = x.iter().filter(|x| x.is_finite()).count();
-    let variance = x.iter().filter(|x| x.is_finite()).map(|x| x * x).sum::<f64>() / n as f64;
-    if n < 2 * lags.max(1) || variance <= 0.0 {
+    if n < 2 * lags.max(1) || mean_square(x) <= 0.0 {
         return Figure { value: f64::NAN, n };
     }
     let within = |lag: &usize| {
-        let products = || x.iter().zip(&x[*lag..]).map(|(a, b)| a * b).filter(|p| p.is_finite());
-        let pairs = products().count() as f64;
-        pairs > 0.0 && (products().sum::<f64>() / (pairs * variance)).abs() <= 1.96 / pairs.sqrt()
+        let Figure { value, n } = autocorrelation(x, *lag);
+        value.abs() <= 1.96 / (n as f64).sqrt()
     };
     Figure { value: (1..=lags).filter(within).count() as f64 / lags as f64, n }
 }

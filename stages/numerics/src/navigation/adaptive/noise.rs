@@ -76,12 +76,7 @@ impl<'a> Learner<'a> {
     /// The measurement of a row less the offset, in nT, and the variance that its noise is expected to have; `None`
     /// where it is missing.
     pub(super) fn measured(&self, row: usize) -> Option<(f64, f64)> {
-        let value_nt = self.magnetometer.measurement_nt[row] - self.adapted.offset_nt;
-        let sigma_nt = self.magnetometer.sigma_nt[row];
-        let variance_nt2 = sigma_nt.powi(2);
-        // The square of a very small or large one is 0 or infinite.
-        let is_noise = sigma_nt > 0.0 && variance_nt2 > 0.0 && variance_nt2.is_finite();
-        (value_nt.is_finite() && is_noise).then_some((value_nt, variance_nt2))
+        self.magnetometer.measurements().at(row, self.adapted.offset_nt)
     }
 
     /// A row without an innovation.

@@ -3,7 +3,7 @@ use super::*;
 use crate::navigation::flights::{Flight, Small, from_magnav, golden_map, known};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_error::InsErrors;
-use crate::navigation::pinson::STATES;
+use crate::navigation::pinson::{LAT, LON, S, STATES};
 use crate::random::Normals;
 use nalgebra::{DMatrix, DVector, SMatrix};
 

@@ -1,25 +1,31 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
+use crate::navigation::pinson::{ALT, LAT, LON, S};
+use crate::navigation::scenes::{Dense, DenseVector, dense};
 use crate::random::Normals;
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SVector;
 
-type Square = SMatrix<f64, STATES, STATES>;
+/// An estimate whose states are of like scales, correlated.
+pub(crate) fn random_estimate(seed: u64) -> Estimate {
+    let mut normals = Normals::new(seed);
+    let root = Dense::from_fn(|_, _| normals.draw());
+    let p = root * root.transpose();
+    let mut p: StateMatrix = std::array::from_fn(|row| std::array::from_fn(|column| p[(row, column)]));
+    mirror(&mut p);
+    Estimate { x: std::array::from_fn(|_| normals.draw()), p }
+}
 
 /// An estimate of unlike scales, correlated.
 fn estimate() -> Estimate {
     let mut normals = Normals::new(3);
-    let root = Square::from_fn(|row, _| 10_f64.powi(row as i32 % 5 - 3) * normals.draw());
+    let root = Dense::from_fn(|row, _| 10_f64.powi(row as i32 % 5 - 3) * normals.draw());
     let p = root * root.transpose();
     let p = std::array::from_fn(|row| std::array::from_fn(|column| p[(row.min(column), row.max(column))]));
     Estimate { x: std::array::from_fn(|_| normals.draw()), p }
 }
 
-fn dense(p: &StateMatrix) -> Square {
-    Square::from_fn(|row, column| p[row][column])
-}
-
 /// The largest difference of two covariances, in standard deviations of the first.
-fn difference(a: &Square, b: &Square) -> f64 {
+fn difference(a: &Dense, b: &Dense) -> f64 {
     let relative = |row: usize, column: usize| {
         (a[(row, column)] - b[(row, column)]).abs() / (a[(row, row)] * a[(column, column)]).sqrt()
     };
@@ -36,11 +42,11 @@ fn law_a_correction_is_the_dense_formula_and_is_given_back_whole() {
     });
     for noise_nt2 in [1e-6, 1.0, 1e4] {
         let p = dense(&before.p);
-        let at = before.linearised(slope);
+        let at = before.linearised(Sensitivity::of_slope(slope));
         let (ph, variance) = (p * h, (h.transpose() * p * h)[0]);
-        assert!((at.variance_nt2 / variance - 1.0).abs() < 1e-12);
+        assert!((at.variance / variance - 1.0).abs() < 1e-12);
         let gain = ph / (variance + noise_nt2);
-        let mut after = before.clone();
+        let mut after = before;
         after.correct(&at, 2.5, noise_nt2);
         for state in 0..STATES {
             let moved = after.x[state] - before.x[state];
@@ -51,7 +57,7 @@ fn law_a_correction_is_the_dense_formula_and_is_given_back_whole() {
         // Joseph's form is the short one up to rounding of the prior.
         assert!(difference(&(p - gain * ph.transpose()), &dense(&after.p)) < 1e-9);
         assert!(dense(&after.p).cholesky().is_some(), "positive");
-        let mut half = after.clone();
+        let mut half = after;
         half.give_back(&at, noise_nt2, 0.5);
         after.give_back(&at, noise_nt2, 1.0);
         assert!(difference(&p, &dense(&after.p)) < 1e-13);
@@ -77,4 +83,32 @@ fn law_what_is_not_finite_or_negative_has_diverged() {
         wrong.p[STATES - 1][STATES - 1] = bad;
         assert_eq!(wrong.check(4, 0.5), fault);
     }
+}
+
+#[test]
+fn law_the_corrected_covariance_is_josephs_form() {
+    let mut estimate = random_estimate(1);
+    let (h, variance) = (Sensitivity([0.7, -1.3, 0.2, 1.0]), 0.5);
+    let mut row = DenseVector::zeros();
+    for (factor, state) in h.0.into_iter().zip(MEASURED) {
+        row[state] = factor;
+    }
+    let p = dense(&estimate.p);
+    let ph = h.covariance(&estimate.p);
+    // Any gain: the form is that of the gain, not of the best one.
+    let gain: StateVector = std::array::from_fn(|state| 0.1 * (state as f64).cos());
+    let dense_gain = DenseVector::from_fn(|state, _| gain[state]);
+    let rest = Dense::identity() - dense_gain * row.transpose();
+    let expected = rest * p * rest.transpose() + dense_gain * variance * dense_gain.transpose();
+    let sum = h.dot(&ph) + variance;
+    let best = ph.map(|ph| ph / sum);
+    assert!(((p * row) - DenseVector::from_fn(|state, _| ph[state])).norm() < 1e-12);
+    estimate.correct_covariance(&h, &gain, &ph, variance);
+    // Entries are of size 10 to 100.
+    assert!((dense(&estimate.p) - expected).abs().max() < 1e-11);
+    let mut estimate = random_estimate(1);
+    estimate.correct_covariance(&h, &best, &ph, variance);
+    let expected = p - (p * row) * (p * row).transpose() / ((row.transpose() * p * row)[(0, 0)] + variance);
+    assert!((dense(&estimate.p) - expected).abs().max() < 1e-11);
+    assert_eq!(dense(&estimate.p), dense(&estimate.p).transpose());
 }

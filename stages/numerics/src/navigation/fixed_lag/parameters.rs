@@ -1,20 +1,8 @@
 //! What the smoother is told, and what it says of its windows.
 
-use params::{Rule, choice, params};
+use params::{Rule, params};
 
-choice! {
-    /// What a residual costs, in units of its standard deviation.
-    #[derive(Default)]
-    pub enum Loss {
-        /// Half its square: least squares.
-        #[default]
-        None = "none",
-        /// Half its square up to `loss_scale`, linear beyond. [Huber 1964]
-        Huber = "huber",
-        /// c²/2 ln(1 + (r/c)²) with c the `loss_scale`: a far outlier has no say. [Holland & Welsch 1977]
-        Cauchy = "cauchy",
-    }
-}
+use crate::navigation::loss::{Loss, RobustLoss};
 
 params! {
     /// The parameters of the smoother.
@@ -46,26 +34,9 @@ impl FixedLagParameters {
         self.window_s * (1.0 - self.overlap)
     }
 
-    /// The cost of a residual squared over its variance.
-    #[inline]
-    pub(super) fn cost(&self, squared: f64) -> f64 {
-        let scale = self.loss_scale;
-        match self.loss {
-            Loss::Huber if squared > scale * scale => scale * squared.sqrt() - 0.5 * scale * scale,
-            Loss::None | Loss::Huber => 0.5 * squared,
-            Loss::Cauchy => 0.5 * scale * scale * (squared / (scale * scale)).ln_1p(),
-        }
-    }
-
-    /// The weight of a residual squared over its variance: the derivative of the cost by half the square.
-    #[inline]
-    pub(super) fn weight(&self, squared: f64) -> f64 {
-        let scale = self.loss_scale;
-        match self.loss {
-            Loss::Huber if squared > scale * scale => scale / squared.sqrt(),
-            Loss::None | Loss::Huber => 1.0,
-            Loss::Cauchy => 1.0 / (1.0 + squared / (scale * scale)),
-        }
+    /// The loss with its scale.
+    pub(super) fn robust(&self) -> RobustLoss {
+        RobustLoss::new(self.loss, Some(self.loss_scale))
     }
 }
 

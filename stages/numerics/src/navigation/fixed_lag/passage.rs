@@ -49,7 +49,7 @@ impl Front<'_> {
             let residual = measurement.residual(&field, &h, &self.now.x);
             let s = self.now.predict(&h, measurement.variance_nt2, &mut self.gain);
             let nis = residual * residual / s;
-            let inflated = measurement.variance_nt2 * (1.0 / self.parameters.weight(nis) - 1.0);
+            let inflated = measurement.variance_nt2 * (1.0 / self.parameters.robust().weight(nis.sqrt()) - 1.0);
             self.now.update(residual, s + inflated, &mut self.gain, &mut self.spare);
             if used == 0 {
                 innovation.residual_nt = residual;

@@ -7,7 +7,8 @@ use crate::navigation::{NavigationLine, PredictedField};
 
 use super::gaussian::{Gaussian, Layout, Step, add_scaled, noise_times, propagate_adjoint, propagate_mean};
 use super::nodes::{LocalField, Node};
-use super::parameters::{FixedLagParameters, Loss, WindowReport};
+use super::parameters::{FixedLagParameters, WindowReport};
+use crate::navigation::loss::Loss;
 
 /// Halvings of a step before it is given up.
 const MOST_HALVINGS: u32 = 8;
@@ -193,11 +194,10 @@ impl<'a> Window<'a> {
     }
 
     /// The distance and the cost of the residuals that `counted` has; where the field is not known there, the residual
-    /// of
-    /// `counted` stands for it.
+    /// of `counted` stands for it.
     fn cost(&self, path: &Path, fields: &[Option<LocalField>], counted: &[Option<LocalField>]) -> f64 {
         let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
-        let mut sum = path.distance;
+        let (loss, mut sum) = (self.parameters.robust(), path.distance);
         for (k, node) in self.nodes.iter().enumerate() {
             let range = k * dim..(k + 1) * dim;
             for (of, measurement) in node.measurements.iter().enumerate() {
@@ -208,7 +208,7 @@ impl<'a> Window<'a> {
                     None => (known, &self.path.x[range.clone()]),
                 };
                 let residual = measurement.residual(field, &measurement.sensitivity(field, self.layout, of), x);
-                sum += self.parameters.cost(residual * residual / measurement.variance_nt2);
+                sum += loss.of(residual / measurement.variance_nt2.sqrt());
             }
         }
         sum
@@ -227,7 +227,7 @@ impl<'a> Window<'a> {
         self.traces.clear();
         self.starts.clear();
         self.gains.clear();
-        let mut now = std::mem::take(&mut self.last);
+        let (loss, mut now) = (self.parameters.robust(), std::mem::take(&mut self.last));
         now.copy_from(&self.prior);
         for (k, node) in self.nodes.iter().enumerate() {
             if k > 0 {
@@ -245,7 +245,7 @@ impl<'a> Window<'a> {
                 let mut variance = measurement.variance_nt2;
                 if !trusted.contains(&k) {
                     let residual = measurement.residual(field, &h, &self.path.x[k * dim..(k + 1) * dim]);
-                    variance /= self.parameters.weight(residual * residual / variance);
+                    variance /= loss.weight(residual / variance.sqrt());
                 }
                 let innovation = measurement.residual(field, &h, &now.x);
                 let at = self.gains.len();

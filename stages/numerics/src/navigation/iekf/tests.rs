@@ -3,9 +3,7 @@ use super::*;
 use crate::maps::map_surface::Interpolation;
 use crate::navigation::ekf::{self, EkfParameters};
 use crate::navigation::pinson::{S, STATES};
-use crate::navigation::scalar_filter::tests::{
-    Batch, Scene, assert_close, assert_refusals, hills, m_per_deg, plane, uneven,
-};
+use crate::navigation::scenes::{Batch, Scene, assert_close, assert_refusals, hills, m_per_deg, plane, uneven};
 use crate::random::Normals;
 
 fn all(iterations: usize) -> IekfParameters {

@@ -2,7 +2,7 @@
 
 use crate::navigation::pinson::{ACC, GYRO, HA, S, STATES, StateMatrix, StateVector};
 
-use crate::navigation::scalar_filter::{MEASURED, Sensitivity, add_scaled, inner, mirror};
+use crate::navigation::sensitivity::{MEASURED, Sensitivity, add_scaled, inner, mirror};
 
 /// The states that depend on their own past alone: their rows of Φ are diagonal.
 const GAUSS_MARKOV: [usize; 8] = [ACC, ACC + 1, ACC + 2, GYRO, GYRO + 1, GYRO + 2, HA, S];

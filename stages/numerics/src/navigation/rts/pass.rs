@@ -9,12 +9,11 @@ use pulp::{Simd, WithSimd};
 
 use super::SmootherParameters;
 use super::adjoint::{Adjoint, Used};
-use super::loss::RobustLoss;
+use crate::navigation::estimate::{Corrected, Estimate, StepModel};
+use crate::navigation::loss::RobustLoss;
 use crate::navigation::position_fixes::StateFix;
-use crate::navigation::scalar_filter::problem::{ScalarProblem, Search};
-use crate::navigation::scalar_filter::{
-    Belief, Corrected, Sensitivity, StepModel, add_scaled, inner, measured, measured_states,
-};
+use crate::navigation::scalar_problem::{ScalarProblem, Search};
+use crate::navigation::sensitivity::{Sensitivity, add_scaled, inner, measured_states};
 
 /// Samples between two states that the forward pass keeps; what the backward pass computes again between them stays in
 /// the cache next to the innermost one.
@@ -69,7 +68,7 @@ struct Filtered {
     /// Φ of the step to it.
     phi: StateMatrix,
     /// After its measurement.
-    belief: Belief,
+    estimate: Estimate,
     /// The positions from elsewhere, and the measurement.
     used: [Option<Used>; 4],
 }
@@ -84,7 +83,7 @@ pub(super) struct Pass<'a> {
     model: StepModel,
     measurements: Vec<Option<LinearMeasurement>>,
     /// Before the measurement of the first sample of each block.
-    kept: Vec<Belief>,
+    kept: Vec<Estimate>,
     block: Vec<Filtered>,
     pub(super) innovations: Vec<Innovation>,
     /// Smoothed covariances of latitude, of latitude and longitude, of longitude, in rad².
@@ -128,42 +127,40 @@ impl<'a> Pass<'a> {
         let ins = self.line.ins;
         self.report = NavigationReport::default();
         self.kept.clear();
-        let mut belief = Belief::initial(&self.line.errors, ins);
+        let mut estimate = Estimate::start_of(&self.line.errors, ins);
         for row in 0..ins.len() {
             if row > 0 {
-                belief.propagate(&self.model, ins, row);
+                estimate.propagate(&self.model, ins, row);
             }
             if row % BLOCK == 0 {
-                self.kept.push(belief);
+                self.kept.push(estimate);
             }
-            self.aid(row, &mut belief);
-            self.linearise(row, &belief, about, field);
+            self.aid(row, &mut estimate);
+            self.linearise(row, &estimate, about, field);
             if let Some(measurement) = &self.measurements[row] {
-                measurement.correct(&mut belief);
+                measurement.correct(&mut estimate);
             }
-            if !belief.is_sound() {
-                return Err(NavigationError::Diverged { row, tt_s: ins.tt_s[row] });
-            }
+            estimate.check(row, ins.tt_s[row])?;
         }
         Ok(())
     }
 
     /// The positions from elsewhere of a row.
     #[inline(always)]
-    fn aid(&self, row: usize, belief: &mut Belief) -> [Option<Used>; 3] {
-        self.line.fixes_at(row).map(|fix| fix.map(|fix| LinearMeasurement::of_fix(&fix).correct(belief)))
+    fn aid(&self, row: usize, estimate: &mut Estimate) -> [Option<Used>; 3] {
+        self.line.fixes_at(row).map(|fix| fix.map(|fix| LinearMeasurement::of_fix(&fix).correct(estimate)))
     }
 
     /// The measurement of a row in the linear problem, and its innovation.
     #[inline(always)]
-    fn linearise(&mut self, row: usize, predicted: &Belief, about: About<'_>, field: &mut PredictedField<'a>) {
+    fn linearise(&mut self, row: usize, predicted: &Estimate, about: About<'_>, field: &mut PredictedField<'a>) {
         self.measurements[row] = None;
         self.innovations[row] = Innovation::NONE;
-        let Some((value_nt, variance_nt2)) = measured(self.line, row, self.offset_nt) else {
+        let Some((value_nt, variance_nt2)) = self.line.measured(row, self.offset_nt) else {
             self.report.missing_measurements += 1;
             return;
         };
-        let (expected, ins) = (measured_states(&predicted.x), self.line.ins);
+        let (expected, ins) = (predicted.measured(), self.line.ins);
         let found = match about {
             About::Along((x, fields)) => fields[row].map(|field| (measured_states(&x[row]), field)),
             About::Filtered(_) => {
@@ -208,9 +205,9 @@ impl<'a> Pass<'a> {
         for first in (0..rows).step_by(BLOCK).rev() {
             self.again(first);
             for at in (0..self.block.len()).rev() {
-                let (row, Filtered { phi, belief, used }) = (first + at, &self.block[at]);
-                let x = smoothed_state(belief, &adjoint);
-                let covariance = position_covariance(belief, &adjoint);
+                let (row, Filtered { phi, estimate, used }) = (first + at, &self.block[at]);
+                let x = smoothed_state(estimate, &adjoint);
+                let covariance = position_covariance(estimate, &adjoint);
                 // Of a sum of products with zero only what is not finite differs from zero.
                 let finite = x.iter().chain(&covariance).map(|value| value * 0.0).sum::<f64>();
                 if finite != 0.0 || covariance[0] < 0.0 || covariance[2] < 0.0 {
@@ -219,7 +216,7 @@ impl<'a> Pass<'a> {
                 solution.x[row] = x;
                 self.position_covariances[row] = covariance;
                 if self.keep_covariance {
-                    self.covariances[row] = adjoint.smoothed(&belief.p);
+                    self.covariances[row] = adjoint.smoothed(&estimate.p);
                 }
                 for used in used.iter().rev().flatten() {
                     let u = adjoint.through_measurement(used);
@@ -242,19 +239,19 @@ impl<'a> Pass<'a> {
     #[inline(always)]
     fn again(&mut self, first: usize) {
         let ins = self.line.ins;
-        let mut belief = self.kept[first / BLOCK];
+        let mut estimate = self.kept[first / BLOCK];
         self.block.clear();
         for row in first..(first + BLOCK).min(ins.len()) {
             let mut phi = [[0.0; STATES]; STATES];
             if row > first {
-                phi = belief.propagate(&self.model, ins, row);
+                phi = estimate.propagate(&self.model, ins, row);
             } else if row > 0 {
                 phi = self.model.transition(ins, row);
             }
-            let [lat, lon, alt] = self.aid(row, &mut belief);
-            let measured = self.measurements[row].as_ref().map(|measurement| measurement.correct(&mut belief));
+            let [lat, lon, alt] = self.aid(row, &mut estimate);
+            let measured = self.measurements[row].as_ref().map(|measurement| measurement.correct(&mut estimate));
             let used = [lat, lon, alt, measured];
-            self.block.push(Filtered { phi, belief, used });
+            self.block.push(Filtered { phi, estimate, used });
         }
     }
 }
@@ -273,25 +270,25 @@ impl LinearMeasurement {
     }
 
     #[inline(always)]
-    fn innovation(&self, predicted: &Belief) -> Innovation {
+    fn innovation(&self, predicted: &Estimate) -> Innovation {
         let residual_nt = self.value_nt - self.h.dot(&predicted.x);
         let variance_nt2 = self.h.dot(&self.h.covariance(&predicted.p)) + self.variance_nt2;
         Innovation { residual_nt, nis: residual_nt * residual_nt / variance_nt2 }
     }
 
     #[inline(always)]
-    fn correct(&self, belief: &mut Belief) -> Used {
+    fn correct(&self, estimate: &mut Estimate) -> Used {
         let LinearMeasurement { h, value_nt, variance_nt2 } = *self;
-        let Corrected { gain, innovation, weight } = belief.correct(&h, value_nt, variance_nt2);
+        let Corrected { gain, innovation, weight } = estimate.update(h, value_nt, variance_nt2);
         Used { h, gain, force: innovation * weight, weight, variance_nt2 }
     }
 }
 
 /// x - P λ.
 #[inline(always)]
-fn smoothed_state(belief: &Belief, adjoint: &Adjoint) -> StateVector {
-    let mut x = belief.x;
-    for (factor, row) in adjoint.state.iter().zip(&belief.p) {
+fn smoothed_state(estimate: &Estimate, adjoint: &Adjoint) -> StateVector {
+    let mut x = estimate.x;
+    for (factor, row) in adjoint.state.iter().zip(&estimate.p) {
         add_scaled(&mut x, -factor, row);
     }
     x
@@ -299,8 +296,8 @@ fn smoothed_state(belief: &Belief, adjoint: &Adjoint) -> StateVector {
 
 /// The entries of P - P Λ P for latitude and longitude.
 #[inline(always)]
-fn position_covariance(belief: &Belief, adjoint: &Adjoint) -> [f64; 3] {
-    let p = &belief.p;
+fn position_covariance(estimate: &Estimate, adjoint: &Adjoint) -> [f64; 3] {
+    let p = &estimate.p;
     let (lat, lon) = (adjoint.product(&p[LAT]), adjoint.product(&p[LON]));
     [p[LAT][LAT] - inner(&p[LAT], &lat), p[LAT][LON] - inner(&p[LAT], &lon), p[LON][LON] - inner(&p[LON], &lon)]
 }

@@ -3,7 +3,7 @@ use super::*;
 use crate::maps::map_surface::Interpolation;
 use crate::navigation::ekf::{self, EkfParameters};
 use crate::navigation::pinson::STATES;
-use crate::navigation::scalar_filter::tests::{
+use crate::navigation::scenes::{
     Batch, Dense, Scene, assert_close, assert_refusals, dense, hills, m_per_deg, plane, positions, uneven,
 };
 use crate::navigation::transition::NoiseDiscretisation;

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use crate::earth::core_field::{CoreField, LinearisedCoreField};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
-use crate::navigation::{NavigationError, NavigationLine, SeriesError};
+use crate::navigation::measurement::Measurements;
+use crate::navigation::{NavigationError, NavigationLine};
 
 /// A flight line that measures the scalar field, without a map.
 #[derive(Clone, Copy, Debug)]
@@ -37,25 +38,21 @@ impl SlamLine<'_> {
     /// Refuses a line that cannot be filtered.
     ///
     /// # Errors
-    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with [`SeriesError::Length`] for columns of
+    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of
     /// different lengths.
     pub fn check(&self) -> Result<(), NavigationError> {
         self.errors.check()?;
         self.ins.check()?;
-        let expected = self.ins.len();
-        for (column, rows) in [("measurement", self.measurement_nt.len()), ("measurement sigma", self.sigma_nt.len())] {
-            if rows != expected {
-                return Err(SeriesError::Length { column, rows, expected }.into());
-            }
-        }
-        Ok(())
+        Ok(self.measurements().check(self.ins.len())?)
     }
 
     /// Whether a row has a measurement.
     pub fn is_measured(&self, row: usize) -> bool {
-        let variance = self.sigma_nt[row].powi(2);
-        let sound = self.sigma_nt[row] > 0.0 && variance > 0.0 && variance.is_finite();
-        self.measurement_nt[row].is_finite() && sound
+        self.measurements().at(row, 0.0).is_some()
+    }
+
+    fn measurements(&self) -> Measurements<'_> {
+        Measurements { measurement_nt: self.measurement_nt, sigma_nt: self.sigma_nt }
     }
 }
 

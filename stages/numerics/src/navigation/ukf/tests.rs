@@ -5,7 +5,7 @@ use super::*;
 use crate::earth::core_field::CoreField;
 use crate::navigation::flights::{FLIGHTS, Flight, Small, chi_square, ensemble, golden_map, known, plane};
 use crate::navigation::ins_error::{InsErrorModel, InsErrors};
-use crate::navigation::pinson::{STATES, StateMatrix};
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix};
 use crate::navigation::transition::NoiseDiscretisation;
 use crate::random::Normals;
 use nalgebra::{SMatrix, SVector};
@@ -129,13 +129,13 @@ fn law_the_transform_of_the_position_is_that_of_all_states() {
         let spread = Spread::of(&UkfParameters { alpha, beta, kappa, ..UkfParameters::default() });
         let found = spread.regression(&p, field(0.0, 0.0, 0.0), |[a, b, c]| Some(field(a, b, c))).unwrap();
         let estimate = Estimate { x: [0.0; STATES], p };
-        let at = estimate.linearised(found.slope);
+        let at = estimate.linearised(Sensitivity::of_slope(found.slope));
         // The same α and c² = α² (3 + κ) of 18 states.
         let (mean, variance, shared) =
             full_transform(&p, [alpha, beta, kappa - 15.0], |x| field(x[LAT], x[LON], x[ALT]) + x[S]);
         // The weights of 37 points of size 1 to 10 cancel to a few: 1e-12 of the standard deviation.
         assert!((found.mean_nt - mean).abs() < 1e-11 * variance.sqrt(), "{} {mean}", found.mean_nt);
-        assert!(((at.variance_nt2 + found.remainder_nt2) / variance - 1.0).abs() < 1e-10);
+        assert!(((at.variance + found.remainder_nt2) / variance - 1.0).abs() < 1e-10);
         for state in 0..STATES {
             let size = (p[state][state] * variance).sqrt();
             assert!((at.ph[state] - shared[state]).abs() < 1e-10 * size, "{state}");

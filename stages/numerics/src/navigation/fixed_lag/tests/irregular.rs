@@ -1,12 +1,11 @@
 //! Outliers, gaps and whatever else a line may hold.
 
+use crate::navigation::loss::Loss;
 use crate::navigation::{InsSeries, NavigationLine};
 use crate::random::Normals;
 use crate::signal::gauss_markov::GaussMarkov;
 
-use super::super::{
-    Coefficients, FixedLagError, FixedLagOutput, FixedLagParameters, Keep, Loss, Magnetometer, Usage, run,
-};
+use super::super::{Coefficients, FixedLagError, FixedLagOutput, FixedLagParameters, Keep, Magnetometer, Usage, run};
 use super::flights::{Flight, Left, fly, scene};
 
 const NO_ERROR: GaussMarkov = GaussMarkov { sigma: 0.0, tau_s: 1.0 };

@@ -1,11 +1,12 @@
 use super::*;
+use crate::navigation::estimate::tests::random_estimate;
 use crate::navigation::pinson::{InsPoint, PinsonForm, TimeConstants, pinson_matrix};
-use crate::navigation::scalar_filter::tests::{Dense, DenseVector, dense, random_belief};
+use crate::navigation::scenes::{Dense, DenseVector, dense};
 use crate::navigation::transition::transition_matrix;
 
 fn adjoint() -> Adjoint {
-    let belief = random_belief(5);
-    Adjoint { state: belief.x, matrix: belief.p }
+    let estimate = random_estimate(5);
+    Adjoint { state: estimate.x, matrix: estimate.p }
 }
 
 /// Largest difference over the largest entry.
@@ -54,7 +55,7 @@ fn law_back_through_a_measurement_is_the_dense_recursion() {
 
 #[test]
 fn law_the_smoothed_covariance_is_the_dense_product() {
-    let (belief, back) = (random_belief(6), adjoint());
-    let (p, matrix) = (dense(&belief.p), dense(&back.matrix));
-    assert!(apart(&dense(&back.smoothed(&belief.p)), &(p - p * matrix * p)) < 1e-14);
+    let (estimate, back) = (random_estimate(6), adjoint());
+    let (p, matrix) = (dense(&estimate.p), dense(&back.matrix));
+    assert!(apart(&dense(&back.smoothed(&estimate.p)), &(p - p * matrix * p)) < 1e-14);
 }

@@ -1,4 +1,4 @@
-//! Losses that grow more slowly than the square, so that single measurements far off cannot draw the trajectory to them.
+//! Losses that grow more slowly than the square, so that outliers cannot draw a trajectory to them.
 
 use params::choice;
 

@@ -1,8 +1,8 @@
 //! The most probable state after one scalar measurement of a field that is not linear.
 
 use crate::earth::field_value::FieldValue;
-
-use super::{Belief, MEASURED, Sensitivity, measured_states};
+use crate::navigation::estimate::Estimate;
+use crate::navigation::sensitivity::{MEASURED, Sensitivity, measured_states};
 
 /// The most halvings of a step.
 const MOST_HALVINGS: u32 = 10;
@@ -52,9 +52,9 @@ pub(crate) struct ScalarProblem {
 
 impl ScalarProblem {
     #[inline(always)]
-    pub(crate) fn of(belief: &Belief, value_nt: f64, variance_nt2: f64) -> Self {
-        let p = MEASURED.map(|row| MEASURED.map(|column| belief.p[row][column]));
-        Self { x: measured_states(&belief.x), p, value_nt, variance_nt2 }
+    pub(crate) fn of(estimate: &Estimate, value_nt: f64, variance_nt2: f64) -> Self {
+        let p = MEASURED.map(|row| MEASURED.map(|column| estimate.p[row][column]));
+        Self { x: measured_states(&estimate.x), p, value_nt, variance_nt2 }
     }
 
     /// Gauss and Newton's iteration from x⁻, whose field is `field`. `look_up` is the field at an error in latitude,

@@ -1,11 +1,15 @@
+//! Short lines over analytic fields, and their dense least-squares solution, for the tests of the filters.
 #![allow(clippy::unwrap_used)]
-use super::*;
+
 use crate::earth::geodesy::EarthModel;
 use crate::maps::map_stack::FieldMap;
 use crate::maps::map_surface::{GeographicGrid, Interpolation, MapSurface};
+use crate::navigation::ins_error::InsErrorModel;
+use crate::navigation::ins_series::InsSeries;
+use crate::navigation::line::NavigationLine;
 use crate::navigation::output::NavigationError;
+use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
 use crate::navigation::position_fixes::PositionFixes;
-use crate::random::Normals;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 
 pub(crate) type Dense = SMatrix<f64, STATES, STATES>;
@@ -231,56 +235,6 @@ pub(crate) fn assert_close(x: &StateVector, p: &StateMatrix, with: (&DenseVector
             assert!(difference < part, "{place}, covariance {row} {column}: {difference:e}");
         }
     }
-}
-
-pub(crate) fn random_belief(seed: u64) -> Belief {
-    let mut normals = Normals::new(seed);
-    let root = Dense::from_fn(|_, _| normals.draw());
-    let p = root * root.transpose();
-    let mut p: StateMatrix = std::array::from_fn(|row| std::array::from_fn(|column| p[(row, column)]));
-    mirror(&mut p);
-    Belief { x: std::array::from_fn(|_| normals.draw()), p }
-}
-
-#[test]
-fn law_the_corrected_covariance_is_josephs_form() {
-    let mut belief = random_belief(1);
-    let (h, variance) = (Sensitivity([0.7, -1.3, 0.2, 1.0]), 0.5);
-    let mut row = DenseVector::zeros();
-    for (factor, state) in h.0.into_iter().zip(MEASURED) {
-        row[state] = factor;
-    }
-    let p = dense(&belief.p);
-    let ph = h.covariance(&belief.p);
-    // Any gain: the form is that of the gain, not of the best one.
-    let gain: StateVector = std::array::from_fn(|state| 0.1 * (state as f64).cos());
-    let dense_gain = DenseVector::from_fn(|state, _| gain[state]);
-    let rest = Dense::identity() - dense_gain * row.transpose();
-    let expected = rest * p * rest.transpose() + dense_gain * variance * dense_gain.transpose();
-    let sum = h.dot(&ph) + variance;
-    let best = ph.map(|ph| ph / sum);
-    assert!(((p * row) - DenseVector::from_fn(|state, _| ph[state])).norm() < 1e-12);
-    belief.correct_covariance(&h, &gain, &ph, variance);
-    // Entries are of size 10 to 100.
-    assert!((dense(&belief.p) - expected).abs().max() < 1e-11);
-    let mut belief = random_belief(1);
-    belief.correct_covariance(&h, &best, &ph, variance);
-    let expected = p - (p * row) * (p * row).transpose() / ((row.transpose() * p * row)[(0, 0)] + variance);
-    assert!((dense(&belief.p) - expected).abs().max() < 1e-11);
-    assert_eq!(dense(&belief.p), dense(&belief.p).transpose());
-}
-
-#[test]
-fn unit_beliefs_that_are_not_sound() {
-    assert!(random_belief(2).is_sound());
-    let spoil = |of: fn(&mut Belief)| {
-        let mut belief = random_belief(2);
-        of(&mut belief);
-        belief.is_sound()
-    };
-    assert!(!spoil(|belief| belief.x[3] = f64::NAN));
-    assert!(!spoil(|belief| belief.p[5][5] = f64::INFINITY));
-    assert!(!spoil(|belief| belief.p[17][17] = -1e-30));
 }
 
 /// Lines that no filter takes, and what is said of them.

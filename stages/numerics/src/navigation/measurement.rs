@@ -1,0 +1,38 @@
+//! The column of a scalar magnetometer with the noise of each sample.
+
+use crate::navigation::ins_series::SeriesError;
+
+/// The measurements of a line.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Measurements<'a> {
+    /// The field at each sample, in nT; NaN where there is none.
+    pub(crate) measurement_nt: &'a [f64],
+    /// The standard deviation of the white noise of each measurement, in nT; a value that is not above 0 makes its
+    /// measurement a missing one.
+    pub(crate) sigma_nt: &'a [f64],
+}
+
+impl Measurements<'_> {
+    /// Refuses columns of another length than the line's.
+    ///
+    /// # Errors
+    /// [`SeriesError::Length`] with the column's name.
+    pub(crate) fn check(&self, expected: usize) -> Result<(), SeriesError> {
+        for (column, rows) in [("measurement", self.measurement_nt.len()), ("measurement sigma", self.sigma_nt.len())] {
+            if rows != expected {
+                return Err(SeriesError::Length { column, rows, expected });
+            }
+        }
+        Ok(())
+    }
+
+    /// The measurement of a row less an offset, in nT, and its variance, in nT²; `None` where it is missing, or the square
+    /// of its sigma is 0 or infinite.
+    #[inline(always)]
+    pub(crate) fn at(&self, row: usize, offset_nt: f64) -> Option<(f64, f64)> {
+        let (value_nt, sigma_nt) = (self.measurement_nt[row] - offset_nt, self.sigma_nt[row]);
+        let variance_nt2 = sigma_nt * sigma_nt;
+        let is_there = value_nt.is_finite() && sigma_nt > 0.0 && variance_nt2 > 0.0 && variance_nt2.is_finite();
+        is_there.then_some((value_nt, variance_nt2))
+    }
+}
