@@ -6,7 +6,7 @@ use schemas::{Arrays, Column, ColumnType, Fault, LineIn, LineStage, Stage, Table
 
 use crate::{
     columns::{array, faults_of, floats, matrix, no_truth, shape},
-    fit::INTERCEPT,
+    model_columns::{INTERCEPT, RESIDUAL},
 };
 
 choice! {
@@ -149,9 +149,6 @@ const EARTH: [&str; 2] = ["igrf", "diurnal"];
 
 /// The noise of a compensated signal: the columns that hold it, with their units.
 pub(crate) const NOISE: [(&str, &str); 3] = [("mag_sigma", "nT"), ("mag_fogm_sigma", "nT"), ("mag_fogm_tau", "s")];
-
-/// The same as a model table calls them: what a fit left on its lines.
-pub(crate) const RESIDUAL: [&str; 3] = ["residual_sigma", "residual_fogm_sigma", "residual_fogm_tau"];
 
 /// The columns of [`NOISE`], made of these columns of the model.
 pub(crate) fn noise_columns(model: &[&str]) -> Vec<Column> {

@@ -8,36 +8,46 @@ mod models;
 mod pls;
 mod point;
 mod problem;
+mod question;
 mod recursive_least_squares;
 mod residual;
 mod ridge;
 mod robust;
 mod rows;
+mod settings;
+mod solve;
 #[cfg(test)]
 mod testing;
 mod tolles_lawson;
 mod truncated_svd;
+mod wide;
 
 use std::{collections::BTreeMap, sync::Arc};
 
 use arrow_array::{ArrayRef, Int64Array, StringArray};
-use point::{Matrix, Point, Targets};
-use problem::Solved;
+use point::Point;
+use question::{Matrix, Question, Targets};
 use rayon::prelude::*;
-use residual::{EARTH, residual_noise};
+use residual::residual_noise;
 use rows::Part;
 use schemas::{
     Chosen, Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Shape, Stage,
     SurveyStage, Table, Yield, stage,
 };
+use solve::{Solved, solve};
+use wide::EARTH;
 
-pub use model::{Answer, Choose, Divisor, FitModel, MadeOf, Model, Settings, model};
+pub use model::{Answer, FitModel, Model, model};
 pub use models::MODELS;
 pub use numerics::regression::least_squares::{LinearFit, Prepared};
 pub use problem::Problem;
 pub use ridge::ridge;
+pub use settings::{Choose, Divisor, MadeOf, Settings};
 
-use crate::columns::{array, band, faults_of, no_truth, shape};
+use crate::{
+    columns::{array, band, faults_of, no_truth, shape},
+    model_columns::INTERCEPT,
+};
 
 stage! {
     /// Fits the coefficients of a compensation model on all lines that `where` selects together.
@@ -153,7 +163,15 @@ impl Fit {
 
     /// The fit with its words resolved.
     fn point(&self) -> Point {
-        Point::new(self)
+        let filter = (self.low_hz.to_bits(), self.high_hz.to_bits(), self.order);
+        Point {
+            kind: self.model.kind,
+            model: self.model.keys.clone(),
+            settings: self.settings(),
+            target: self.target.clone(),
+            entries: self.entries.clone(),
+            matrix: Matrix { features: self.features.clone(), filter, trim: self.trim },
+        }
     }
 
     /// What is wrong with the parameters among themselves.
@@ -286,15 +304,6 @@ impl SurveyStage for Fit {
     }
 }
 
-/// What is asked of a matrix: its targets, and those of them whose rows are needed as well.
-#[derive(Default)]
-pub struct Question {
-    /// All of them.
-    pub targets: Vec<Targets>,
-    /// Those whose rows are needed.
-    pub keeps_rows: Vec<Targets>,
-}
-
 /// The points of a sweep that are fitted to the same lines.
 pub struct FitGather {
     points: Vec<Point>,
@@ -305,9 +314,9 @@ pub struct FitGather {
 fn questions(points: &[Point]) -> BTreeMap<Matrix, Question> {
     let mut all: BTreeMap<Matrix, Question> = BTreeMap::new();
     for point in points {
-        let question = all.entry(point.matrix()).or_default();
+        let question = all.entry(point.matrix.clone()).or_default();
         let targets = point.targets();
-        if point.fit.model.kind.made_of == MadeOf::Rows && !question.keeps_rows.contains(&targets) {
+        if point.kind.made_of == MadeOf::Rows && !question.keeps_rows.contains(&targets) {
             question.keeps_rows.push(targets.clone());
         }
         if !question.targets.contains(&targets) {
@@ -321,7 +330,7 @@ impl FitGather {
     /// The models of the points at `places`, which have one matrix, one target, the same entries and one kind of components.
     fn solved(&self, whole: &Result<Problem, Fault>, places: &[usize]) -> Vec<Result<Solved, Fault>> {
         let Some(first) = places.first().map(|i| &self.points[*i]) else { return vec![] };
-        let problem = whole.as_ref().map_err(Clone::clone).and_then(|whole| whole.cut(first));
+        let problem = whole.as_ref().map_err(Clone::clone).and_then(|whole| whole.cut(first.places(&whole.terms)?));
         let mut problem = match problem.and_then(|p| p.whitened(first.settings.whiten)) {
             Ok(problem) => problem,
             Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
@@ -338,7 +347,7 @@ impl FitGather {
                 }
             }
         }
-        places.iter().map(|i| problem.solve(&self.points[*i])).collect()
+        places.iter().map(|i| solve(&mut problem, &self.points[*i])).collect()
     }
 }
 
@@ -350,7 +359,7 @@ impl Gather for FitGather {
     }
 
     fn refused(&self, part: &Part) -> Vec<(usize, Fault)> {
-        let why = |point: &Point| part.refused.get(&(point.matrix(), point.targets())).cloned();
+        let why = |point: &Point| part.refused.get(&(point.matrix.clone(), point.targets())).cloned();
         self.points.iter().enumerate().filter_map(|(i, point)| Some((i, why(point)?))).collect()
     }
 
@@ -360,8 +369,8 @@ impl Gather for FitGather {
         type Kind = (Option<Vec<String>>, Option<u64>);
         let mut problems: BTreeMap<At, BTreeMap<Kind, Vec<usize>>> = BTreeMap::new();
         for (i, point) in self.points.iter().enumerate() {
-            let of_matrix = problems.entry((point.matrix(), point.targets())).or_default();
-            of_matrix.entry((point.fit.entries.clone(), point.settings.whiten.map(f64::to_bits))).or_default().push(i);
+            let of_matrix = problems.entry((point.matrix.clone(), point.targets())).or_default();
+            of_matrix.entry((point.entries.clone(), point.settings.whiten.map(f64::to_bits))).or_default().push(i);
         }
         let problems: Vec<(At, Vec<Vec<usize>>)> =
             problems.into_iter().map(|(at, cuts)| (at, cuts.into_values().collect())).collect();
@@ -384,9 +393,6 @@ impl Gather for FitGather {
     }
 }
 
-/// The term of the constant.
-pub(crate) const INTERCEPT: &str = "intercept";
-
 impl Solved {
     fn table(&self, point: &Point, [white, lasting, tau]: [f64; 3]) -> Vec<ArrayRef> {
         let constant = point.settings.intercept;
@@ -399,7 +405,7 @@ impl Solved {
         let number = |x: f64| -> ArrayRef { array(vec![x; rows]) };
         let names = self.terms.iter().map(String::as_str).chain(constant.then_some(INTERCEPT));
         vec![
-            text(point.fit.model.kind.name),
+            text(point.kind.name),
             Arc::new(names.map(Some).collect::<StringArray>()),
             with(&self.fit.coefficients, self.fit.intercept),
             with(&self.std, f64::NAN),

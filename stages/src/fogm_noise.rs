@@ -11,7 +11,7 @@ use schemas::{Column, Fault, Gather, LineIn, Passes, Product, Stage, SurveyStage
 
 use crate::{
     columns::{array, data, floats, shape},
-    compensate::RESIDUAL,
+    model_columns::RESIDUAL,
 };
 
 stage! {

@@ -23,6 +23,7 @@ pub mod map_grid;
 mod map_quality;
 mod map_value;
 mod maps;
+mod model_columns;
 pub mod navigate;
 mod noise;
 mod resample;

@@ -8,9 +8,9 @@ use schemas::{Fault, Rule, params};
 use toml::de::DeTable;
 
 use crate::{
-    aircraft::{self, Aircraft},
-    earth::{self, Earth},
-    ins::{self, spec::Ins},
+    aircraft::spec::{self as aircraft, Aircraft},
+    earth::spec::{self as earth, Earth},
+    ins::spec::{self as ins, Ins},
     reading::{Components, Faults, Section, preset},
     trajectory::{self, Air, Flight},
 };
@@ -88,9 +88,9 @@ fn spec(root: &Section, folder: &Path) -> Spec {
         rate_hz: keys.rate_hz,
         gusts_deg: keys.gusts_deg,
         air,
-        ins: ins::spec::ins(root),
-        earth: earth::spec::earth(root, folder, &components),
-        aircraft: aircraft::spec::aircraft(root, keys.component_columns),
+        ins: ins::ins(root),
+        earth: earth::earth(root, folder, &components),
+        aircraft: aircraft::aircraft(root, keys.component_columns),
         flights: trajectory::spec::flights(root, &air),
         components,
     }

@@ -9,7 +9,11 @@ use tiff::{
     tags::Tag,
 };
 
-use super::{Head, MapFormat, MapOptions, guarded, map_geotiff_write};
+use super::{
+    Head, MapFormat, MapOptions,
+    geotiff_keys::{GDAL_METADATA, GEOGRAPHIC_CODE, MODEL_TYPE, PROJECTED_CODE, RASTER_TYPE},
+    guarded, map_geotiff_write,
+};
 use crate::{
     ReadError,
     grid::{Draft, FileAxis, System},
@@ -117,12 +121,6 @@ struct Georeference {
     /// Whether the coordinates are degrees.
     geographic: bool,
 }
-
-pub(super) const GDAL_METADATA: Tag = Tag::Unknown(42112);
-pub(super) const MODEL_TYPE: u16 = 1024;
-pub(super) const RASTER_TYPE: u16 = 1025;
-pub(super) const GEOGRAPHIC_CODE: u16 = 2048;
-pub(super) const PROJECTED_CODE: u16 = 3072;
 
 impl Georeference {
     fn read(path: &Path, decoder: &mut Reader, width: usize, height: usize) -> Result<Georeference, ReadError> {

@@ -7,9 +7,9 @@ use tiff::{
 };
 
 use super::{
+    geotiff_keys::{GDAL_METADATA, GEOGRAPHIC_CODE, MODEL_TYPE, PROJECTED_CODE, RASTER_TYPE},
     grid_bytes::{level_m, rows},
     guarded,
-    map_geotiff::{GDAL_METADATA, GEOGRAPHIC_CODE, MODEL_TYPE, PROJECTED_CODE, RASTER_TYPE},
     output::{Outputs, Sink},
 };
 use crate::ReadError;

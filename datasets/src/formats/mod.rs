@@ -20,6 +20,7 @@ use grids::AnomalyGrid;
 mod adopt;
 mod csv;
 mod decimal;
+mod geotiff_keys;
 mod grid_bytes;
 mod hdf5;
 mod iaga2002;

@@ -7,7 +7,7 @@ use std::{
 
 use schemas::{Entry, Fault, Grain, Table};
 
-use super::{Plan, TableNode, axes::mentioned, grid::Grid, node::Target, variants::Variants};
+use super::{Plan, TableNode, axes::mentioned, builder::Builder, grid::Grid, node::Target, variants::Variants};
 use crate::{
     predicate::Predicate,
     sources::{Flights, MapSource},
@@ -16,25 +16,10 @@ use crate::{
 
 /// More points than this are more likely a slip than a wish.
 const MOST_POINTS: usize = 10_000_000;
-/// After so many faults of a stage its other points are not looked at.
-pub const MOST_FAULTS: usize = 20;
 
 /// See [`Plan::new`].
 pub fn build(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
-    let mut builder = Builder {
-        spec: &spec,
-        catalogue,
-        faults: vec![],
-        flights: vec![],
-        shapes: vec![],
-        maps: vec![],
-        map_shape: Arc::new(Table::Map(schemas::map::shape())),
-        sources: BTreeMap::new(),
-        tables: vec![],
-        broken: vec![],
-        notes: vec![],
-        predicates: HashMap::new(),
-    };
+    let mut builder = Builder::new(&spec, catalogue);
     builder.names();
     for i in builder.order() {
         if builder.stage(i).is_none() {
@@ -46,26 +31,6 @@ pub fn build(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
     faults.retain(|f| seen.insert((f.what.clone(), f.at.clone())));
     faults.sort_by_key(|f| f.at.as_ref().map_or(0, |a| a.start));
     if faults.is_empty() { Ok(Plan { spec, flights, maps, tables, notes }) } else { Err(spec.faults(faults)) }
-}
-
-/// A plan in the making.
-pub struct Builder<'a> {
-    pub spec: &'a Spec,
-    pub catalogue: &'a [Entry],
-    pub faults: Vec<Fault>,
-    pub flights: Vec<Flights>,
-    /// The table that each of `flights` is to a stage.
-    pub shapes: Vec<Arc<Table>>,
-    pub maps: Vec<MapSource>,
-    pub map_shape: Arc<Table>,
-    /// Tables of files already opened, by name and use; `None` where that failed.
-    pub sources: BTreeMap<(String, bool), Option<Target>>,
-    pub tables: Vec<TableNode>,
-    /// Stages already found wrong; what rests on them is not judged.
-    broken: Vec<String>,
-    pub notes: Vec<String>,
-    /// Predicates already read, by text and the columns they see: most points of a sweep share one.
-    pub predicates: HashMap<(String, Option<*const Table>), Arc<Predicate>>,
 }
 
 /// The tables that a run writes beside those of the stages.

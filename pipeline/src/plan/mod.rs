@@ -5,6 +5,7 @@
 
 mod axes;
 mod build;
+mod builder;
 mod carry;
 mod grid;
 mod inputs;

@@ -11,7 +11,7 @@ use schemas::{AnyStage, Args, Column, Entry, Fault, Given, Grain, Passes, Shape,
 
 use super::{
     axes::{args_at, axes_in, axes_of, spelt_in},
-    build::{Builder, MOST_FAULTS},
+    builder::{Builder, MOST_FAULTS},
     grid::{Grid, Onto, Over},
     node::{Slot, Target, Variant, own_args},
 };

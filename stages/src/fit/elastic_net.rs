@@ -7,9 +7,10 @@ use numerics::regression::{
 use schemas::{Fault, Rule};
 
 use super::{
-    model::{Answer, FitModel, Settings, model},
+    model::{Answer, FitModel, model},
     problem::{Problem, lines_needed},
     ridge::Penalty,
+    settings::Settings,
 };
 use crate::columns::data;
 

@@ -3,68 +3,13 @@
 //! A model is one file: its declaration by [`model!`](crate::model!), its fit, its tests; and one line in [`MODELS`](super::MODELS). The
 //! struct of a model holds the keys that it declares and nothing else, so that it cannot depend on a key of another model.
 
-use numerics::regression::least_squares::{LineScores, LinearFit, Prepared, Scaling};
-use schemas::{Fault, Kind, KindDoc, Own, ParamDoc, Reader, choice, collect_doc};
+use numerics::regression::least_squares::{LinearFit, Prepared};
+use schemas::{Fault, Kind, KindDoc, Own, ParamDoc, Reader, collect_doc};
 
-use super::problem::Problem;
-
-choice! {
-    /// How `lambda` or the number of components is found.
-    pub enum Choose {
-        /// It is given.
-        Given = "given",
-        /// By generalised cross-validation.
-        Gcv = "gcv",
-        /// At the corner of the L-curve.
-        LCurve = "l_curve",
-        /// By leaving each line out in turn.
-        LeaveOneLineOut = "leave_one_line_out",
-        /// By leaving each flight out in turn, with all its lines.
-        LeaveOneFlightOut = "leave_one_flight_out",
-    }
-}
-
-impl Choose {
-    /// Whether lines or flights are left out.
-    pub fn leaves_out(self) -> bool {
-        matches!(self, Choose::LeaveOneLineOut | Choose::LeaveOneFlightOut)
-    }
-}
-
-choice! {
-    /// What columns are divided by before they are penalised, as the spec says it.
-    pub enum Divisor {
-        /// Nothing.
-        None = "none",
-        /// Their standard deviation over n - 1.
-        Standardise = "standardise",
-        /// Their largest absolute value.
-        MaxAbs = "max_abs",
-        /// Their largest less their smallest value.
-        MinMax = "min_max",
-    }
-}
-
-impl Divisor {
-    /// As the numerics call it.
-    pub const fn scaling(self) -> Scaling {
-        match self {
-            Divisor::None => Scaling::None,
-            Divisor::Standardise => Scaling::Standardise,
-            Divisor::MaxAbs => Scaling::MaxAbs,
-            Divisor::MinMax => Scaling::MinMax,
-        }
-    }
-}
-
-/// What a model is made of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MadeOf {
-    /// The moments of the lines, whose factors a whole sweep shares.
-    Moments,
-    /// The rows themselves.
-    Rows,
-}
+use super::{
+    problem::Problem,
+    settings::{Choose, Divisor, MadeOf, Settings},
+};
 
 /// A model as it declares itself.
 #[derive(Debug)]
@@ -118,21 +63,6 @@ impl Kind for Model {
     }
 }
 
-/// What most models have in common, with the defaults of the model put in.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// What columns are divided by before they are penalised.
-    pub scaling: Scaling,
-    /// Whether a constant is fitted too.
-    pub intercept: bool,
-    /// How `lambda` or the number of components is found.
-    pub choose: Choose,
-    /// Whether the simplest model within one standard error of the best is taken.
-    pub one_standard_error: bool,
-    /// How many whitened components take the place of the features, or what part of the variance they hold.
-    pub whiten: Option<f64>,
-}
-
 /// What a model finds.
 pub struct Answer {
     /// Coefficients in the units of the columns.
@@ -149,18 +79,6 @@ impl Answer {
     /// Of a model that does not know the errors of its coefficients.
     pub fn without_errors(fit: LinearFit, residual_std: f64, chosen: f64) -> Answer {
         Answer { std: vec![f64::NAN; fit.coefficients.len()], fit, residual_std, chosen }
-    }
-}
-
-impl Settings {
-    /// Whether columns stand on the same scale in both.
-    pub fn same_scale(&self, other: &Settings) -> bool {
-        (self.scaling, self.intercept) == (other.scaling, other.intercept)
-    }
-
-    /// The place of the solution to take.
-    pub fn pick(&self, scores: &LineScores) -> usize {
-        if self.one_standard_error { scores.within_one_error } else { scores.best }
     }
 }
 

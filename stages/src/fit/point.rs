@@ -5,39 +5,25 @@ use std::sync::Arc;
 use schemas::Fault;
 
 use super::{
-    Fit,
-    model::{Choose, FitModel, Settings},
+    model::{FitModel, Model},
+    question::{Matrix, Targets},
+    settings::{Choose, Settings},
 };
 
-/// A fit, its model with the keys that are the model's, and the settings with the model's defaults put in.
+/// A model with its keys, the settings with the model's defaults put in, and what it is fitted to.
 pub struct Point {
-    /// The stage.
-    pub fit: Fit,
+    /// What the model declares.
+    pub kind: &'static Model,
     /// The model.
     pub model: Arc<dyn FitModel>,
     /// What most models have in common.
     pub settings: Settings,
-}
-
-/// What the points of a sweep share: the same matrix, filtered in the same way.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Matrix {
-    /// The columns.
-    pub features: Vec<String>,
-    /// The bits of the lower and the upper corner in Hz, and the order.
-    pub filter: (u64, u64, usize),
-    /// Samples left out at each end of a run.
-    pub trim: usize,
-}
-
-/// Columns that are explained together; one but for partial least squares of several.
-pub type Targets = Vec<String>;
-
-impl Point {
-    /// Of a stage.
-    pub fn new(fit: &Fit) -> Point {
-        Point { model: fit.model.keys.clone(), settings: fit.settings(), fit: fit.clone() }
-    }
+    /// The column that is explained.
+    pub target: String,
+    /// The entries of the features that are used; all of them without.
+    pub entries: Option<Vec<String>>,
+    /// The matrix, which other points may share.
+    pub matrix: Matrix,
 }
 
 impl Point {
@@ -46,7 +32,7 @@ impl Point {
     /// # Errors
     /// When an entry is not there or chosen twice, or none is chosen.
     pub fn places(&self, terms: &[String]) -> Result<Option<Vec<usize>>, Fault> {
-        let Some(entries) = &self.fit.entries else { return Ok(None) };
+        let Some(entries) = &self.entries else { return Ok(None) };
         let mut places = vec![];
         for entry in entries {
             let one = terms.iter().position(|t| t == entry);
@@ -68,14 +54,7 @@ impl Point {
 
     /// The target, and what is explained together with it.
     pub fn targets(&self) -> Targets {
-        std::iter::once(&self.fit.target).chain(self.model.with_targets()).cloned().collect()
-    }
-
-    /// The matrix, which other points may share.
-    pub fn matrix(&self) -> Matrix {
-        let fit = &self.fit;
-        let filter = (fit.low_hz.to_bits(), fit.high_hz.to_bits(), fit.order);
-        Matrix { features: fit.features.clone(), filter, trim: fit.trim }
+        std::iter::once(&self.target).chain(self.model.with_targets()).cloned().collect()
     }
 
     /// The strength of a ridge that is given, and not chosen.

@@ -10,9 +10,9 @@ use schemas::Fault;
 
 use super::{
     components::Components,
-    model::{Answer, Choose, Settings},
-    point::{Matrix, Point, Targets},
+    question::{Matrix, Targets},
     rows::{Part, Share},
+    settings::{Choose, Settings},
 };
 use crate::columns::data;
 
@@ -22,49 +22,24 @@ const WEAK: f64 = 1e-4;
 /// What the size of a total field can be on earth.
 const TOTAL_NT: std::ops::Range<f64> = 20_000.0..80_000.0;
 
-/// A fitted model, ready for its table.
-pub struct Solved {
-    /// Coefficients in the units of the columns.
-    pub fit: LinearFit,
-    /// One sigma of each coefficient; NaN where the model knows none.
-    pub std: Vec<f64>,
-    /// The names of the terms.
-    pub terms: Vec<String>,
-    /// Rows that were used, and rows of the selected lines that were not.
-    pub rows: (usize, usize),
-    /// The condition number of the scaled matrix.
-    pub condition: f64,
-    /// Standard deviation of what is left of the filtered target.
-    pub residual_std: f64,
-    /// The ridge parameter or number of components that was used.
-    pub chosen: f64,
-    /// How much of the total field is explained away; NaN where the terms cannot tell.
-    pub trivial_share: f64,
-    /// What the linear form misses at most; NaN where the terms cannot tell.
-    pub approximation_bound_nt: f64,
-    /// The lines whose rows were used.
-    pub lines: String,
-    /// What to know before the fit is trusted.
-    pub warning: String,
-}
-
 /// All lines of one matrix and target.
 pub struct Problem<'a> {
     shares: Vec<&'a Share>,
     /// The flight of each share.
     flights: Vec<String>,
     /// The lines used, and what is said of those of which nothing is.
-    lines: Vec<String>,
-    unused: String,
+    pub(super) lines: Vec<String>,
+    pub(super) unused: String,
     /// Which of the matrix' columns are used; `None` for all of them.
     places: Option<Vec<usize>>,
     /// Of all lines together.
     pub merged: Moments,
     /// Of some rows of all lines as they were before the filter.
-    pub(super) unfiltered: Option<Moments>,
+    unfiltered: Option<Moments>,
     /// The names of the columns.
     pub terms: Vec<String>,
-    selected: usize,
+    /// Rows of the lines that `where` selects.
+    pub(super) selected: usize,
     prepared: BTreeMap<(u8, bool), (Arc<Prepared>, Arc<Excitation>)>,
     paths: BTreeMap<(u8, bool), Arc<RidgePath>>,
     /// The terms that the features were replaced by, and the names of the features.
@@ -136,12 +111,11 @@ impl<'a> Problem<'a> {
         flights.iter().map(|(_, lines)| Moments::merged(lines).map_err(data)).collect()
     }
 
-    /// The same with the entries of `point` alone, from the factor of all.
+    /// The same with the terms at `places` alone, or with all of them, from the factor of all.
     ///
     /// # Errors
-    /// When `point` chooses an entry that is not there, one twice, or none.
-    pub fn cut(&self, point: &Point) -> Result<Problem<'a>, Fault> {
-        let places = point.places(&self.terms)?;
+    /// When a place is behind the last term.
+    pub fn cut(&self, places: Option<Vec<usize>>) -> Result<Problem<'a>, Fault> {
         let own = |moments: &Moments| own(moments, places.as_deref());
         let (merged, unfiltered) = (own(&self.merged)?, self.unfiltered.as_ref().map(own).transpose()?);
         let terms = match &places {
@@ -162,6 +136,22 @@ impl<'a> Problem<'a> {
             paths: BTreeMap::new(),
             components: None,
         })
+    }
+
+    /// The same problem with whitened principal components of standardised features in place of the features: `keep` of
+    /// them, or below 1 as many as hold that part of the variance; as it is without `keep`.
+    ///
+    /// # Errors
+    /// As [`Components::whitened`].
+    pub fn whitened(mut self, keep: Option<f64>) -> Result<Self, Fault> {
+        let Some(keep) = keep else { return Ok(self) };
+        let components = Components::whitened(&self.merged, std::mem::take(&mut self.terms), keep)?;
+        self.terms = components.names();
+        self.merged = components.of(&self.merged)?;
+        // What the unfiltered terms tell is told of the features.
+        self.unfiltered = None;
+        self.components = Some(components);
+        Ok(self)
     }
 
     /// The moments of each line.
@@ -194,7 +184,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The columns on one scale, and which of their directions the flight excites.
-    fn prepared(&mut self, settings: &Settings) -> Result<(Arc<Prepared>, Arc<Excitation>), Fault> {
+    pub(super) fn prepared(&mut self, settings: &Settings) -> Result<(Arc<Prepared>, Arc<Excitation>), Fault> {
         let (scaling, intercept) = (settings.scaling, settings.intercept);
         let key = (scaling as u8, intercept);
         if let Some(known) = self.prepared.get(&key) {
@@ -225,35 +215,6 @@ impl<'a> Problem<'a> {
         self.paths.get(&(settings.scaling as u8, settings.intercept))
     }
 
-    /// The model of one point.
-    ///
-    /// # Errors
-    /// As [`FitModel::fit`](super::FitModel::fit), and when the decomposition does not converge.
-    pub fn solve(&mut self, point: &Point) -> Result<Solved, Fault> {
-        let (prepared, excited) = self.prepared(&point.settings)?;
-        let answer = point.model.fit(self, &point.settings, &prepared)?;
-        let trivial = self.trivial(&answer)?;
-        let approximation_bound_nt = self.approximation_bound_nt(&answer);
-        let used = self.merged.rows();
-        let (fit, std, terms) = match &self.components {
-            Some(components) => components.original(&answer.fit),
-            None => (answer.fit, answer.std, self.terms.clone()),
-        };
-        Ok(Solved {
-            fit,
-            std,
-            terms,
-            rows: (used, self.selected - used),
-            condition: excited.condition,
-            residual_std: answer.residual_std,
-            chosen: answer.chosen,
-            approximation_bound_nt,
-            trivial_share: trivial.as_ref().map_or(f64::NAN, |t| t.share),
-            lines: self.lines.join(", "),
-            warning: warning(point, &excited, trivial.as_ref(), &self.unused),
-        })
-    }
-
     /// Rows that are left for the residuals' variance.
     pub fn free(&self, parameters: usize, settings: &Settings) -> f64 {
         self.merged.rows() as f64 - parameters as f64 - f64::from(u8::from(settings.intercept))
@@ -271,23 +232,24 @@ impl<'a> Problem<'a> {
         (scale_nt.is_finite() && TOTAL_NT.contains(&total_nt)).then_some((total_nt, scale_nt))
     }
 
-    /// What the model's linear form misses at most; NaN where its terms cannot say that.
-    fn approximation_bound_nt(&self, answer: &Answer) -> f64 {
+    /// What the linear form of a model misses at most; NaN where its terms cannot say that.
+    pub(super) fn approximation_bound_nt(&self, fit: &LinearFit) -> f64 {
         let Some((field_nt, scale_nt)) = self.field() else { return f64::NAN };
         let value = |name: &str| {
             let at = self.terms.iter().position(|t| t == name);
-            at.and_then(|at| answer.fit.coefficients.get(at)).copied().unwrap_or(0.0)
+            at.and_then(|at| fit.coefficients.get(at)).copied().unwrap_or(0.0)
         };
         let permanent_nt = ["x", "y", "z"].map(value);
         let induced = ["xx", "xy", "xz", "yy", "yz", "zz"].map(|name| value(name) / scale_nt);
         approximation_bound_nt(permanent_nt, induced, field_nt)
     }
 
-    /// How near the fit is to calling the whole field the aircraft's; `None` where its terms cannot say that.
-    fn trivial(&self, answer: &Answer) -> Result<Option<TrivialSolution>, Fault> {
+    /// How near a fit with this `lambda` is to calling the whole field the aircraft's; `None` where its terms cannot say
+    /// that.
+    pub(super) fn trivial(&self, fit: &LinearFit, lambda: f64) -> Result<Option<TrivialSolution>, Fault> {
         let Some(unfiltered) = &self.unfiltered else { return Ok(None) };
         let Some((_, scale_nt)) = self.field() else { return Ok(None) };
-        trivial_solution(unfiltered, &self.merged, 0, &self.terms, &answer.fit, answer.chosen, scale_nt).map_err(data)
+        trivial_solution(unfiltered, &self.merged, 0, &self.terms, fit, lambda, scale_nt).map_err(data)
     }
 }
 
@@ -320,17 +282,4 @@ fn too_short(lines: &[(&Part, &Share)]) -> String {
         named.push(format!("and {more} more"));
     }
     named.join("; ")
-}
-
-fn warning(point: &Point, excited: &Excitation, trivial: Option<&TrivialSolution>, unused: &str) -> String {
-    let nothing_given = point.settings.choose == Choose::Given && point.model.lambda() == Some(0.0);
-    let weak = excited.message().filter(|_| nothing_given);
-    let trivial = trivial.filter(|t| t.is_trivial()).map(|t| {
-        format!(
-            "the fit calls {:.0} % of the total field the aircraft's, which is the trivial solution: take a larger `lambda`",
-            100.0 * t.share
-        )
-    });
-    let unused = (!unused.is_empty()).then(|| format!("too short for filter and trim, so not used: {unused}"));
-    weak.into_iter().chain(trivial).chain(unused).collect::<Vec<_>>().join("; ")
 }

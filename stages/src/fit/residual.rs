@@ -4,148 +4,21 @@
 //! it. So means of the unfiltered rows over about a second are kept, with some steps between neighbouring samples, and
 //! the residual of each is the model's, whichever it turns out to be.
 
-use std::{collections::BTreeMap, ops::Range};
+use numerics::signal::noise::{Blocks, Noise, noise};
 
-use arrow_array::RecordBatch;
-use numerics::{
-    earth::core_field::{CoreModel, CoreTrack},
-    signal::noise::{Blocks, Noise, noise, samples_a_block},
-};
-
-use super::{point::Point, problem::Solved, rows::Part};
-use crate::{
-    columns::floats,
-    compensate::RESIDUAL,
-    dates::{first_year, years},
-};
-
-/// Steps between neighbours that are kept of a line, evenly spread.
-const STEPS: usize = 1000;
-/// A target of this size is a total field, of which core field and temporal variation are no noise.
-const TOTAL_NT: Range<f64> = 15_000.0..80_000.0;
-
-/// The columns beside target and features that the noise is found with, where a line has them: the core field, or what it
-/// is computed of, and the temporal variation.
-pub const EARTH: [&str; 7] = ["igrf", "diurnal", "ins_lat", "ins_lon", "ins_alt", "year", "doy"];
-
-/// Columns over the blocks and steps of a line: each column's values in the order of [`Layout`].
-type Values = Vec<f64>;
-
-/// Where blocks and steps lie on a line.
-struct Layout {
-    /// Rows of each run, in blocks of the same length.
-    runs: Vec<Range<usize>>,
-    block: usize,
-    /// First rows of the steps.
-    steps: Vec<usize>,
-    rate_hz: f64,
-}
-
-impl Layout {
-    fn new(runs: &[Range<usize>], rate_hz: f64) -> Self {
-        let block = samples_a_block(rate_hz);
-        let whole = |r: &Range<usize>| r.start..r.start + r.len() / block * block;
-        let all: Vec<usize> = match block {
-            1 => vec![],
-            _ => runs.iter().flat_map(|r| r.start..r.end.saturating_sub(1).max(r.start)).collect(),
-        };
-        let stride = all.len().div_ceil(STEPS).max(1);
-        let steps = all.into_iter().step_by(stride).collect();
-        Self { runs: runs.iter().map(whole).filter(|r| !r.is_empty()).collect(), block, steps, rate_hz }
-    }
-
-    /// Means over blocks and then the steps of a column whose value in a row is `at`.
-    fn values(&self, at: impl Fn(usize) -> f64) -> Values {
-        let blocks = self.runs.iter().flat_map(|r| r.clone().step_by(self.block));
-        let mean = |first: usize| (first..first + self.block).map(&at).sum::<f64>() / self.block as f64;
-        blocks.map(mean).chain(self.steps.iter().map(|s| at(s + 1) - at(*s))).collect()
-    }
-
-    /// The series of a residual in the order of [`Layout::values`].
-    fn blocks(&self, values: &[f64]) -> Blocks {
-        let mut rest = values;
-        let mut runs = vec![];
-        for run in &self.runs {
-            let (own, after) = rest.split_at((run.len() / self.block).min(rest.len()));
-            runs.push(own.to_vec());
-            rest = after;
-        }
-        let (block_s, step_s) = (self.block as f64 / self.rate_hz, 1.0 / self.rate_hz);
-        Blocks { block_s, step_s, runs, steps: rest.to_vec() }
-    }
-}
-
-/// The unfiltered rows of a line in short, for one set of usable rows.
-pub struct Wide {
-    layout: Layout,
-    features: BTreeMap<String, Vec<Values>>,
-    targets: BTreeMap<String, Values>,
-    /// The earth's part of a total field.
-    earth: Values,
-}
-
-impl Wide {
-    /// Of the rows `runs` of a line.
-    pub fn new(batch: &RecordBatch, runs: &[Range<usize>], rate_hz: f64) -> Self {
-        let layout = Layout::new(runs, rate_hz);
-        let core = floats(batch, "igrf").ok().map(|x| layout.values(|row| x[row]));
-        let core = core.filter(|x| x.iter().all(|x| x.is_finite())).or_else(|| computed(batch, &layout));
-        let diurnal = floats(batch, "diurnal").ok().map(|x| layout.values(|row| x[row]));
-        let diurnal = diurnal.filter(|x| x.iter().all(|x| x.is_finite()));
-        let mut earth = layout.values(|_| 0.0);
-        for part in [core, diurnal].into_iter().flatten() {
-            earth.iter_mut().zip(part).for_each(|(e, x)| *e += x);
-        }
-        Self { layout, features: BTreeMap::new(), targets: BTreeMap::new(), earth }
-    }
-
-    /// Adds a feature: a column, or a list of `width` entries a row.
-    pub fn feature(&mut self, name: &str, values: &[f64], width: usize) {
-        let layout = &self.layout;
-        let entry = |at: usize| layout.values(|row| values[row * width + at]);
-        self.features.entry(name.to_owned()).or_insert_with(|| (0..width).map(entry).collect());
-    }
-
-    /// Adds a target.
-    pub fn target(&mut self, name: &str, values: &[f64]) {
-        let layout = &self.layout;
-        self.targets.entry(name.to_owned()).or_insert_with(|| layout.values(|row| values[row]));
-    }
-
-    /// What the model leaves of the target.
-    fn residual(&self, point: &Point, terms: &[String], solved: &Solved) -> Option<Blocks> {
-        let all: Vec<&Values> = point.fit.features.iter().filter_map(|f| self.features.get(f)).flatten().collect();
-        let mut left = self.targets.get(&point.fit.target)?.clone();
-        let blocks = left.len() - self.layout.steps.len();
-        let mean = left[..blocks].iter().sum::<f64>() / blocks as f64;
-        if TOTAL_NT.contains(&mean) {
-            left.iter_mut().zip(&self.earth).for_each(|(l, e)| *l -= e);
-        }
-        for (term, value) in solved.terms.iter().zip(&solved.fit.coefficients) {
-            let column = all.get(terms.iter().position(|t| t == term)?)?;
-            left.iter_mut().zip(*column).for_each(|(l, x)| *l -= value * x);
-        }
-        left.iter().all(|x| x.is_finite()).then(|| self.layout.blocks(&left))
-    }
-}
-
-/// The core field from the positions of the INS and the date of the flight.
-fn computed(batch: &RecordBatch, layout: &Layout) -> Option<Values> {
-    first_year(batch).ok()?;
-    let [lat, lon, alt] = ["ins_lat", "ins_lon", "ins_alt"].map(|name| floats(batch, name).ok());
-    let (lat, lon, alt) = (lat?, lon?, alt?);
-    let field = CoreTrack::new(CoreModel::Igrf14).field(lat, lon, alt, &years(batch).ok()?).ok()?.magnitude_nt();
-    let values = layout.values(|row| field[row]);
-    values.iter().all(|x| x.is_finite()).then_some(values)
-}
+use super::{point::Point, rows::Part, solve::Solved};
+use crate::model_columns::RESIDUAL;
 
 /// The noise of a model on the lines that it was fitted on, in the order of the model table's columns; NaN where the lines
 /// are too short to tell.
 pub fn residual_noise(parts: &[&Part], point: &Point, solved: &Solved) -> [f64; RESIDUAL.len()] {
-    let at = (point.matrix(), point.targets());
+    let at = (point.matrix.clone(), point.targets());
     let one = |part: &&Part| {
         let terms = part.terms.get(&at.0)?;
-        part.wide.iter().find(|w| w.asked.contains(&at)).and_then(|w| w.wide.residual(point, terms, solved))
+        part.wide.iter().find(|w| w.asked.contains(&at)).and_then(|w| {
+            let coefficients = solved.terms.iter().zip(&solved.fit.coefficients);
+            w.wide.residual(&point.target, &point.matrix.features, terms, coefficients)
+        })
     };
     let lines: Vec<Blocks> = parts.iter().filter_map(one).collect();
     match noise(&lines) {

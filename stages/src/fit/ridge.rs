@@ -9,8 +9,9 @@ use numerics::regression::{
 use schemas::{Fault, Rule, params};
 
 use super::{
-    model::{Answer, Choose, FitModel, Settings, model},
+    model::{Answer, FitModel, model},
     problem::{Problem, lines_needed},
+    settings::{Choose, Settings},
 };
 use crate::columns::data;
 

@@ -13,9 +13,8 @@ use numerics::{
 use schemas::{Fault, LineIn};
 
 use super::{
-    Question,
-    point::{Matrix, Targets},
-    residual::Wide,
+    question::{Matrix, Question, Targets},
+    wide::Wide,
 };
 use crate::{
     bandpass::design,

@@ -7,8 +7,9 @@ use numerics::regression::{
 use schemas::{Fault, Rule};
 
 use super::{
-    model::{Answer, FitModel, Settings, model},
+    model::{Answer, FitModel, model},
     problem::{Problem, lines_needed},
+    settings::Settings,
 };
 use crate::columns::data;
 

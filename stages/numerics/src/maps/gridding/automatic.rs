@@ -1,6 +1,6 @@
 //! Gridding parameters derived from the survey's own spacing.
 
-use super::equivalent::Layer;
+use super::layer::Layer;
 use super::nearest::{NearestPoints, range};
 use super::survey::SurveyPoints;
 use crate::regression::statistics::median;

@@ -10,15 +10,13 @@
 use super::block::{BlockValue, reduce_blocks};
 use super::clusters::{Clusters, Positions};
 use super::far_field::{Spread, all_proxies};
+use super::layer::{FIT_FAR, FitOptions, FittedLayer, LEAF, Layer, LayerReport, add, scaled, squares};
 use super::nearest::{NearestPoints, range};
 use super::normal::Normal;
 use super::plane::Plane;
 use super::windows::Windows;
 use super::{GridError, Progress, check_columns};
 use rayon::prelude::*;
-
-/// Points in a box of the far-field sums.
-const LEAF: usize = 64;
 
 /// A source lies beneath the lowest of this number of nearest measurements, ...
 const AROUND: usize = 8;
@@ -29,38 +27,11 @@ const BESIDE: f64 = 8.0;
 /// The field is defined above the sources; closer to one than this fraction of its depth that source dominates.
 const CLEAR: f64 = 0.5;
 
-/// When boxes are far enough to be summed together: for the fit, where an error only costs an iteration, ...
-pub(super) const FIT_FAR: f64 = 0.6;
-
-/// ... and for predictions: less than 0.01 nT at Osborne, whose anomalies reach 5600 nT.
+/// When boxes are far enough to be summed together for predictions: less than 0.01 nT at Osborne, whose anomalies reach 5600 nT.
 const PREDICT_FAR: f64 = 0.3;
 
 /// Measurements of a layer's fit are means of blocks of this fraction of its depth.
 const THIN: f64 = 0.25;
-
-/// One layer of sources.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Layer {
-    /// The depth of the sources beneath the measurements, metres.
-    pub depth_m: f64,
-    /// The distance between sources, metres.
-    pub spacing_m: f64,
-    /// Only nodes that have a measurement within this horizontal distance get a source, metres.
-    pub reach_m: f64,
-}
-
-/// How equivalent sources are fitted.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FitOptions {
-    /// The layers, deepest first.
-    pub layers: Vec<Layer>,
-    /// The damping: the square of a source's field right above it in nT that costs as much as a misfit of 1 nT².
-    pub damping: f64,
-    /// The maximum number of iterations of a layer.
-    pub iterations: usize,
-    /// A layer is solved when an iteration reduces the cost by less than this fraction.
-    pub tolerance: f64,
-}
 
 /// Field values in nT and their derivatives in nT/m at positions.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -75,32 +46,11 @@ pub struct FieldAt {
     pub by_up: Vec<f64>,
 }
 
-pub(super) struct FittedLayer {
-    depth_m: f64,
-    pub clusters: Clusters,
-    pub proxies: Vec<Positions>,
-    pub strength: Vec<f64>,
-    report: LayerReport,
-}
-
 /// Fitted equivalent sources.
 pub struct EquivalentSources {
     origin_m: [f64; 2],
     plane: Plane,
     layers: Vec<FittedLayer>,
-}
-
-/// The result of a layer's fit.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LayerReport {
-    /// The layer.
-    pub layer: Layer,
-    /// Its sources.
-    pub sources: usize,
-    /// Iterations that were needed.
-    pub iterations: usize,
-    /// The root mean square of the residual after the layer's fit, nT.
-    pub rms_nt: f64,
 }
 
 impl EquivalentSources {
@@ -290,19 +240,6 @@ impl EquivalentSources {
 }
 
 impl FittedLayer {
-    fn at(places: &Positions, layer: Layer) -> Self {
-        let clusters = Clusters::of(places, LEAF);
-        let proxies = all_proxies(&clusters);
-        let strength = vec![0.0; places.len()];
-        let report = LayerReport { layer, sources: places.len(), iterations: 0, rms_nt: f64::NAN };
-        Self { depth_m: layer.depth_m, clusters, proxies, strength, report }
-    }
-
-    /// Scales the sources so that a source of strength 1 gives 1 nT at `depth_m` above it.
-    pub fn scale(&self) -> f64 {
-        self.depth_m * self.depth_m
-    }
-
     fn spread(&self, far: f64) -> Spread<'_> {
         Spread::of(&self.clusters, &self.proxies, &self.strength, far)
     }
@@ -385,17 +322,4 @@ fn lowest_beside(points: &Positions, near: &NearestPoints, [e, n]: [f64; 2], rea
     let found = [[true, true], [true, false], [false, true], [false, false]]
         .map(|which| near.nearest([e, n], 1, reach_m, |i| quadrant(i) == which));
     found.iter().flatten().map(|f| points.up[f.1]).fold(f64::INFINITY, f64::min)
-}
-
-pub(super) fn squares(values: &[f64]) -> f64 {
-    values.iter().map(|v| v * v).sum()
-}
-
-pub(super) fn add(sum: &mut [f64], values: &[f64], factor: f64) {
-    sum.iter_mut().zip(values).for_each(|(s, v)| *s += factor * v);
-}
-
-pub(super) fn scaled(mut values: Vec<f64>, factor: f64) -> Vec<f64> {
-    values.iter_mut().for_each(|v| *v *= factor);
-    values
 }

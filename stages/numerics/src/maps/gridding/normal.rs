@@ -1,8 +1,8 @@
 //! The damped normal equations of a layer of sources, solved by preconditioned conjugate gradients.
 
 use super::clusters::{Clusters, Positions};
-use super::equivalent::{FIT_FAR, FitOptions, FittedLayer, add, scaled, squares};
 use super::far_field::Spread;
+use super::layer::{FIT_FAR, FitOptions, FittedLayer, add, scaled, squares};
 use super::windows::Windows;
 
 /// The normal equations of a layer.

@@ -3,7 +3,8 @@
 use super::automatic::{block_m, layers, line_spacing_m};
 use super::block::{BlockValue, Blocks, reduce_blocks};
 use super::cross_validation::Spread;
-use super::equivalent::{EquivalentSources, FitOptions, LayerReport};
+use super::equivalent::EquivalentSources;
+use super::layer::{FitOptions, LayerReport};
 use super::minimum_curvature::minimum_curvature;
 use super::nearest::{NearestPoints, range};
 use super::sheet::Relaxed;

@@ -1,9 +1,7 @@
 //! The Gaussian process of the anomaly along a path, and what it predicts from a few samples.
 
-use crate::navigation::ins_error::ParameterError;
+use crate::navigation::ins_error::{ParameterError, require};
 use params::{Rule, choice};
-
-use super::parameters::require;
 
 /// The most samples that a prediction is made of.
 pub const MOST_NEIGHBOURS: usize = 24;

@@ -1,7 +1,7 @@
 //! What the filter is told.
 
-use crate::navigation::ins_error::{InsErrorModel, ParameterError};
-use params::{Rule, choice, obeys};
+use crate::navigation::ins_error::{InsErrorModel, ParameterError, require};
+use params::{Rule, choice};
 
 use super::kernel::{Kernel, MOST_NEIGHBOURS};
 
@@ -138,9 +138,4 @@ impl SlamParameters {
         require("interpolant_sigma_nt", self.interpolant_sigma_nt, Rule::Positive)?;
         require("resample_below", self.resample_below, Rule::Between(0.0, 1.0))
     }
-}
-
-/// Accepts a parameter that obeys a rule.
-pub(super) fn require(name: &'static str, value: f64, rule: Rule) -> Result<(), ParameterError> {
-    obeys(&value, name, rule).map_err(ParameterError)
 }

@@ -1,0 +1,58 @@
+//! A plan in the making.
+
+use std::{
+    collections::{BTreeMap, HashMap},
+    sync::Arc,
+};
+
+use schemas::{Entry, Fault, Table};
+
+use super::{TableNode, node::Target};
+use crate::{
+    predicate::Predicate,
+    sources::{Flights, MapSource},
+    spec::Spec,
+};
+
+/// After so many faults of a stage its other points are not looked at.
+pub const MOST_FAULTS: usize = 20;
+
+/// A plan in the making.
+pub struct Builder<'a> {
+    pub spec: &'a Spec,
+    pub catalogue: &'a [Entry],
+    pub faults: Vec<Fault>,
+    pub flights: Vec<Flights>,
+    /// The table that each of `flights` is to a stage.
+    pub shapes: Vec<Arc<Table>>,
+    pub maps: Vec<MapSource>,
+    pub map_shape: Arc<Table>,
+    /// Tables of files already opened, by name and use; `None` where that failed.
+    pub sources: BTreeMap<(String, bool), Option<Target>>,
+    pub tables: Vec<TableNode>,
+    /// Stages already found wrong; what rests on them is not judged.
+    pub broken: Vec<String>,
+    pub notes: Vec<String>,
+    /// Predicates already read, by text and the columns they see: most points of a sweep share one.
+    pub predicates: HashMap<(String, Option<*const Table>), Arc<Predicate>>,
+}
+
+impl<'a> Builder<'a> {
+    /// Nothing planned yet.
+    pub fn new(spec: &'a Spec, catalogue: &'a [Entry]) -> Self {
+        Builder {
+            spec,
+            catalogue,
+            faults: vec![],
+            flights: vec![],
+            shapes: vec![],
+            maps: vec![],
+            map_shape: Arc::new(Table::Map(schemas::map::shape())),
+            sources: BTreeMap::new(),
+            tables: vec![],
+            broken: vec![],
+            notes: vec![],
+            predicates: HashMap::new(),
+        }
+    }
+}

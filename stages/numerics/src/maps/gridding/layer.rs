@@ -1,0 +1,85 @@
+//! A layer of equivalent sources: where they are, how they are fitted, and sums over columns.
+
+use super::clusters::{Clusters, Positions};
+use super::far_field::all_proxies;
+
+/// Points in a box of the far-field sums.
+pub(super) const LEAF: usize = 64;
+
+/// When boxes are far enough to be summed together: for the fit, where an error only costs an iteration.
+pub(super) const FIT_FAR: f64 = 0.6;
+
+/// One layer of sources.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layer {
+    /// The depth of the sources beneath the measurements, metres.
+    pub depth_m: f64,
+    /// The distance between sources, metres.
+    pub spacing_m: f64,
+    /// Only nodes that have a measurement within this horizontal distance get a source, metres.
+    pub reach_m: f64,
+}
+
+/// How equivalent sources are fitted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FitOptions {
+    /// The layers, deepest first.
+    pub layers: Vec<Layer>,
+    /// The damping: the square of a source's field right above it in nT that costs as much as a misfit of 1 nT².
+    pub damping: f64,
+    /// The maximum number of iterations of a layer.
+    pub iterations: usize,
+    /// A layer is solved when an iteration reduces the cost by less than this fraction.
+    pub tolerance: f64,
+}
+
+/// A layer with the strengths of its sources.
+pub(super) struct FittedLayer {
+    pub depth_m: f64,
+    pub clusters: Clusters,
+    pub proxies: Vec<Positions>,
+    pub strength: Vec<f64>,
+    pub report: LayerReport,
+}
+
+/// The result of a layer's fit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LayerReport {
+    /// The layer.
+    pub layer: Layer,
+    /// Its sources.
+    pub sources: usize,
+    /// Iterations that were needed.
+    pub iterations: usize,
+    /// The root mean square of the residual after the layer's fit, nT.
+    pub rms_nt: f64,
+}
+
+impl FittedLayer {
+    /// A layer at these places, before its fit.
+    pub fn at(places: &Positions, layer: Layer) -> Self {
+        let clusters = Clusters::of(places, LEAF);
+        let proxies = all_proxies(&clusters);
+        let strength = vec![0.0; places.len()];
+        let report = LayerReport { layer, sources: places.len(), iterations: 0, rms_nt: f64::NAN };
+        Self { depth_m: layer.depth_m, clusters, proxies, strength, report }
+    }
+
+    /// Scales the sources so that a source of strength 1 gives 1 nT at `depth_m` above it.
+    pub fn scale(&self) -> f64 {
+        self.depth_m * self.depth_m
+    }
+}
+
+pub(super) fn squares(values: &[f64]) -> f64 {
+    values.iter().map(|v| v * v).sum()
+}
+
+pub(super) fn add(sum: &mut [f64], values: &[f64], factor: f64) {
+    sum.iter_mut().zip(values).for_each(|(s, v)| *s += factor * v);
+}
+
+pub(super) fn scaled(mut values: Vec<f64>, factor: f64) -> Vec<f64> {
+    values.iter_mut().for_each(|v| *v *= factor);
+    values
+}
