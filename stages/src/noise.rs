@@ -11,7 +11,8 @@ use schemas::{
 
 use crate::{
     columns::{array, data, floats, shape},
-    compensate::{RESIDUAL, noise_columns},
+    compensate::noise_columns,
+    model_columns::RESIDUAL,
 };
 
 stage! {

@@ -14,7 +14,8 @@
 //!   finite and non-negative: an error that names the row.
 //!
 //! Filters over one line run side by side in the lanes of a vector register and share the transition matrices. A filter
-//! alone is one lane of the same code, and the lanes do not touch: its bits are the same in any company.
+//! alone runs through the same code with registers of one lane, and the lanes do not touch: its bits are the same in any
+//! company.
 
 mod measurement;
 mod pack;
@@ -23,7 +24,7 @@ mod steps;
 
 use std::sync::Arc;
 
-use pulp::{Simd, WithSimd};
+use pulp::{Scalar, Simd, WithSimd};
 
 use crate::earth::core_field::CoreField;
 use crate::maps::map_stack::FieldMap;
@@ -133,6 +134,10 @@ impl EkfPoint<'_> {
 /// innermost cache meanwhile, and the steps in the next-level cache.
 const BLOCK: usize = 32;
 
+/// So many filters or fewer that fill no register run one by one: the vector unit then works along the rows of a matrix, and
+/// is done before it would be with all lanes.
+const FEW: usize = 2;
+
 /// Filters that share their steps, as the work that is dispatched to the machine's vector unit.
 struct Group<'a> {
     ins: &'a InsSeries<'a>,
@@ -145,16 +150,10 @@ impl<'a> WithSimd for Group<'a> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let Self { ins, model, filters } = self;
-        let mut packs = vec![];
-        let mut filters = filters.into_iter().peekable();
-        while filters.peek().is_some() {
-            let few = filters.by_ref().take(S::F64_LANES).collect();
-            packs.push(Pack::new(simd, few, model.noise(), ins));
-        }
-        for pack in &mut packs {
-            pack.start(simd, ins);
-        }
+        let Self { ins, model, mut filters } = self;
+        let rest = filters.len() % S::F64_LANES;
+        let few = filters.split_off(if rest <= FEW { filters.len() - rest } else { filters.len() });
+        let (mut packs, mut lone) = (packed(simd, filters, &model, ins), packed(Scalar, few, &model, ins));
         let mut steps = Vec::with_capacity(BLOCK);
         for first in (1..ins.len()).step_by(BLOCK) {
             steps.clear();
@@ -164,9 +163,26 @@ impl<'a> WithSimd for Group<'a> {
             for pack in &mut packs {
                 pack.advance(simd, ins, first, &steps);
             }
+            for pack in &mut lone {
+                pack.advance(Scalar, ins, first, &steps);
+            }
         }
-        packs.into_iter().flat_map(Pack::into_filters).collect()
+        let lone = lone.into_iter().flat_map(Pack::into_filters);
+        packs.into_iter().flat_map(Pack::into_filters).chain(lone).collect()
     }
+}
+
+/// Packs of as many filters as a register has lanes, after their first sample.
+#[inline(always)]
+fn packed<'a, S: Simd>(simd: S, filters: Vec<Filter<'a>>, model: &StepModel, ins: &InsSeries<'_>) -> Vec<Pack<'a, S>> {
+    let mut packs = vec![];
+    let mut filters = filters.into_iter().peekable();
+    while filters.peek().is_some() {
+        let mut pack = Pack::new(simd, filters.by_ref().take(S::F64_LANES).collect(), model.noise(), ins);
+        pack.start(simd, ins);
+        packs.push(pack);
+    }
+    packs
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@
 use super::block::{BlockValue, reduce_blocks};
 use super::clusters::{Clusters, Positions};
 use super::far_field::{Spread, all_proxies};
-use super::layer::{FIT_FAR, FitOptions, FittedLayer, LEAF, Layer, LayerReport, add, scaled, squares};
+use super::layer::{FitOptions, FittedLayer, LEAF, Layer, LayerReport, add, squares};
 use super::nearest::{NearestPoints, range};
 use super::normal::Normal;
 use super::plane::Plane;
