@@ -4,7 +4,7 @@ use std::{collections::HashSet, sync::Arc};
 
 use schemas::{Entry, Fault, Grain, Role, Table};
 
-use super::{build::Builder, node::Variant};
+use super::{builder::Builder, node::Variant};
 use crate::spec::StageDecl;
 
 impl Builder<'_> {

@@ -9,7 +9,7 @@ use schemas::{Entry, Fault, Given, InputDecl, InputKind, Literal, Table, map::AN
 
 use super::{
     axes::{axes_of, put_in},
-    build::{Builder, MOST_FAULTS},
+    builder::{Builder, MOST_FAULTS},
     grid::{Grid, Over},
     node::{Slot, Target},
 };
