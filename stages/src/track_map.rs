@@ -36,9 +36,6 @@ stage! {
     /// variation. The kernel is that of `slam`, fitted by maximum likelihood to pieces of the lines. The map is at the mean
     /// height of the measurements: differences from it are taken as noise.
     ///
-    /// With `smoothed` they are at what the whole flight gives them instead, the columns `lat_smoothed` and `lon_smoothed` of
-    /// `slam`: what the INS erred before the first revisit is then in the map only as far as no later one shows it.
-    ///
     /// The covariance of the track's position (`sd_n`, `sd_e`, `cov_ne`) times the slope of the map counts as noise of the
     /// measurements, and is in `sd`. An error that the whole track has in common moves the map; nothing in the measurements
     /// shows it, and `sd` is as good as what the track says of itself. Nodes with an `sd` above `max_sd_nt` are unknown.
@@ -77,8 +74,6 @@ spacing_m       = 500.0
     /// Standard deviation north and east that is added to those of the track: an error that the track does not know of, such
     /// as that of `slam` until its first revisit.
     position_sigma_m: f64, unit "m", default 0.0, rule Rule::NotNegative;
-    /// Whether measurements are at the smoothed positions of the track.
-    smoothed: bool, unit "", default false;
     /// How the covariance of the anomaly falls with distance.
     covariance: Covariance, unit "", default Covariance::Matern52;
     /// Standard deviation of the anomaly.
@@ -107,8 +102,6 @@ spacing_m       = 500.0
 
 const DIURNAL: &str = "diurnal";
 const PLACE: [&str; 3] = ["lat", "lon", "alt"];
-/// The positions that a whole flight gives.
-const SMOOTHED: [&str; 3] = ["lat_smoothed", "lon_smoothed", "alt"];
 const SPREAD: [&str; 3] = ["sd_n", "sd_e", "cov_ne"];
 /// The column of the standard deviation.
 const SD: &str = "sd";
@@ -126,11 +119,6 @@ const MISFIT: f64 = 2.0;
 impl TrackMap {
     fn removes_diurnal(&self, there: bool) -> bool {
         self.remove_diurnal.unwrap_or(there)
-    }
-
-    /// The columns of the track with its positions.
-    fn place(&self) -> [&'static str; 3] {
-        if self.smoothed { SMOOTHED } else { PLACE }
     }
 
     /// The columns of the lines that are read.
@@ -151,17 +139,11 @@ impl TrackMap {
     /// What is wrong with the lines and the track.
     fn faults(&self, lines: &Shape, track: Option<&Shape>) -> Vec<Fault> {
         let mut faults = faults_of([lines.number(&self.mag, "nT")], "mag");
-        let units = ["deg", "deg", "m"];
+        let places = PLACE.iter().zip(["deg", "deg", "m"]);
         match track {
-            None => {
-                faults.extend(faults_of(PLACE.iter().zip(units).map(|(c, unit)| lines.number(c, unit)), "input"));
-                if self.smoothed {
-                    faults.push(Fault::new("`smoothed` positions are those of a `track`").of_param("smoothed"));
-                }
-            }
+            None => faults.extend(faults_of(places.map(|(c, unit)| lines.number(c, unit)), "input")),
             Some(track) => {
-                let places = self.place().into_iter().zip(units);
-                let spread = SPREAD.into_iter().zip(["m", "m", "m2"]);
+                let spread = SPREAD.iter().zip(["m", "m", "m2"]);
                 faults.extend(faults_of(places.chain(spread).map(|(c, unit)| track.number(c, unit)), "track"));
             }
         }
@@ -337,7 +319,7 @@ impl Stage for TrackMap {
         }
         let mut reads = vec![self.reads(lines, track.is_some())];
         if track.is_some() {
-            reads.push(["tt"].into_iter().chain(self.place()).chain(SPREAD).map(str::to_owned).collect());
+            reads.push(["tt"].iter().chain(&PLACE).chain(&SPREAD).map(|c| (*c).to_owned()).collect());
         }
         let mut yields = schemas::map::yields(schemas::map::ANOMALY_UNIT, reads.clone());
         let sd = Column::float(SD, "nT", "one sigma of the anomaly; NaN where that is unknown");

@@ -16,8 +16,7 @@ filter! {
     /// an INS that drifts on flights that come back to where they were: loiters, surveys with tie lines. Only the position
     /// relative to the earlier path is observed, so that what the INS errs until the first revisit stays; without a revisit
     /// the track is that of the INS. The map of the stage is not looked at, nor is `offset_window_s`: a constant in the
-    /// measurement is part of the unknown map. `lat_smoothed` and `lon_smoothed` are what the whole flight says of a sample, the
-    /// later revisits too: the positions for a map (`track_map`). `unused` in the column `update` means that nobody has been near before.
+    /// measurement is part of the unknown map. `unused` in the column `update` means that nobody has been near before.
     ///
     /// The same `seed` gives the same bits on any number of threads.
     ///
@@ -25,7 +24,7 @@ filter! {
     /// product of the weights the likelihood of the flight [Vecchia 1988], with the temporal variation in the covariance, with
     /// paths shared in a tree, so that a step costs the same after ten hours, and resampled from a kernel density (Musso,
     /// Oudjane & Le Gland 2001), whose loss of variance stays in the covariance.
-    Slam = "slam", version 2, example "particles = 1000";
+    Slam = "slam", version 1, example "particles = 1000";
     /// The number of particles. The drift between revisits has to be covered densely: more for a poorer INS.
     particles: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 1e6);
     /// The seed of every draw.
@@ -83,12 +82,6 @@ impl NavigationFilter for Slam {
         vec![
             Column::float("revisiting", "1", "particles that revisit their earlier path; 0 between steps"),
             Column::float("effective", "1", "effective number of particles after the weighting"),
-            Column::float(
-                "lat_smoothed",
-                "deg",
-                "latitude that the whole flight gives, by the paths of the last particles",
-            ),
-            Column::float("lon_smoothed", "deg", "longitude that the whole flight gives"),
         ]
     }
 
@@ -132,13 +125,11 @@ impl NavigationFilter for Slam {
                 "the INS drifts too far between revisits for so many particles; or its grade is not the one given";
             return Err(Fault::data(what).help(help));
         }
-        let smoothed = output.smoothed_deg(&flown.ins);
         let mut track = Track::with_any(flown, output.navigation, self.gate_nis);
         // There is no map to be off.
         track.update.iter_mut().filter(|update| **update == Update::OffMap).for_each(|update| *update = Update::Unused);
         track.more.push(array(output.revisiting.iter().map(|count| f64::from(*count)).collect()));
         track.more.push(array(output.effective));
-        track.more.extend(smoothed.map(array));
         Ok(track)
     }
 }

@@ -82,10 +82,7 @@ impl TrackMap {
                 .in_column("tt")
                 .help("name the table that the track was made from"));
         }
-        let [lat, lon, alt] = match track {
-            Some(track) => columns(track, self.place())?,
-            None => columns(batch, PLACE)?,
-        };
+        let [lat, lon, alt] = columns(track.unwrap_or(batch), PLACE)?;
         let spread = track.map(|track| columns(track, SPREAD)).transpose()?;
         let mag = floats(batch, &self.mag)?;
         let diurnal = match self.removes_diurnal(batch.column_by_name(DIURNAL).is_some()) {

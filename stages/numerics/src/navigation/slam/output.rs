@@ -1,6 +1,6 @@
 //! What the filter makes of a line.
 
-use crate::navigation::{InsSeries, NavigationOutput};
+use crate::navigation::NavigationOutput;
 
 use super::expected::Map;
 use super::kernel::Kernel;
@@ -46,34 +46,6 @@ pub struct SlamOutput {
     pub report: SlamReport,
 }
 
-impl SlamOutput {
-    /// Latitude and longitude, in degrees, that the whole flight gives each sample of the INS: its own, moved as the
-    /// measurements of [`path`](Self::path) are, linearly in time between them.
-    pub fn smoothed_deg(&self, ins: &InsSeries<'_>) -> [Vec<f64>; 2] {
-        let [per_north, per_east] = self.frame.m_per_rad;
-        let at = |row: usize| {
-            let [north, east] = moved_m(&self.path, ins.tt_s[row]);
-            let (lat, lon) = (north / per_north, east / per_east);
-            (ins.lat_deg[row] + lat.to_degrees(), ins.lon_deg[row] + lon.to_degrees())
-        };
-        let (lat, lon) = (0..ins.len()).map(at).unzip();
-        [lat, lon]
-    }
-}
-
-/// The displacement at a time; before the first and after the last measurement theirs, 0 without any.
-fn moved_m(path: &[PathSample], tt_s: f64) -> [f64; 2] {
-    let after = path.partition_point(|sample| sample.tt_s <= tt_s);
-    match (after.checked_sub(1).and_then(|before| path.get(before)), path.get(after)) {
-        (Some(a), Some(b)) => {
-            let part = (tt_s - a.tt_s) / (b.tt_s - a.tt_s);
-            [0, 1].map(|axis| a.moved_m[axis] + part * (b.moved_m[axis] - a.moved_m[axis]))
-        }
-        (Some(only), None) | (None, Some(only)) => only.moved_m,
-        (None, None) => [0.0; 2],
-    }
-}
-
 /// A measurement at its position by the particles that are left at the end of the flight.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathSample {
@@ -89,8 +61,6 @@ pub struct PathSample {
     pub alt_m: f64,
     /// Position north and east in the frame of the flight, in m.
     pub at_m: [f64; 2],
-    /// How far north and east of the INS that is, in m.
-    pub moved_m: [f64; 2],
     /// Root mean square of the distance of the particles from it, in m.
     pub spread_m: f64,
     /// The anomaly measured, in nT: the measurement less the core field at this position.
@@ -118,7 +88,6 @@ pub(super) fn path_of(map: &Map, particles: &Particles, frame: &LocalFrame) -> V
             lon_deg,
             alt_m: sample.alt_m,
             at_m,
-            moved_m: [north, east],
             spread_m,
             value_nt: sample.value_nt - slope_n * north - slope_e * east,
             variance_nt2: sample.variance_nt2,
