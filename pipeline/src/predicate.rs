@@ -131,6 +131,8 @@ mod tests {
         let batch =
             RecordBatch::try_new(Arc::new(tt), vec![Arc::new(Float64Array::from(vec![0.5, 1.5, f64::NAN]))]).unwrap();
         assert_eq!(p.rows(&batch).unwrap(), Some(vec![false, true, false]));
+        let with_function = Predicate::new("coalesce(tt, 0) > 1", &shape()).unwrap();
+        assert_eq!(with_function.rows(&batch.slice(0, 2)).unwrap(), Some(vec![false, true]));
     }
 
     #[test]

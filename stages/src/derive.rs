@@ -28,8 +28,8 @@ stage! {
 name    = "derive"
 stage   = "derive"
 input   = "resample"
-columns = { mag_d = "mag_4_uc - mag_5_uc", low = "case when alt < 500 then 1 else 0 end", year = "2014", doy = "308" }
-units   = { low = "1" }
+columns = { mag_d = "mag_4_uc - mag_5_uc", heading = "degrees(atan2(-flux_a_y, flux_a_x))", year = "2014", doy = "308" }
+units   = { heading = "deg" }
 "#;
     /// The expression of each new column, by its name.
     columns: BTreeMap<String, String>, unit "";

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use arrow_array::{Array, RecordBatch, cast::AsArray};
 use numerics::{
     earth::{dates::day_number, geodesy::ecef_m},
+    regression::statistics::median,
     signal::resample::{Method, Plan},
 };
 use schemas::{Arrays, Column, Fault, LineIn, LineStage, Role, Rule, Shape, Stage, Table, Yield, choice, stage};
@@ -125,8 +126,8 @@ impl Diurnal {
             let [lat, lon] = PLACE.map(|name| floats(record, name).ok().and_then(|x| x.get(row).copied()));
             lat.zip(lon).filter(|(lat, lon)| lat.is_finite() && lon.is_finite())
         };
-        for row in 0..record.num_rows() {
-            let (year, doy, tt, value) = (year[row], doy[row], tt[row], value[row]);
+        let rows = year.into_iter().zip(doy).zip(tt).zip(value).enumerate();
+        for (row, (((year, doy), &tt), &value)) in rows {
             if ![year, doy, tt, value].iter().all(|x| x.is_finite()) {
                 continue;
             }
@@ -156,7 +157,7 @@ impl Diurnal {
 }
 
 impl Station {
-    fn new(name: String, samples: Samples, first_day: i64) -> Result<Station, Fault> {
+    fn new(name: String, samples: Samples, first_day: i64, max_gap_s: f64) -> Result<Station, Fault> {
         let second = |(day, tt, _): &(i64, f64, f64)| DAY_S * (day - first_day) as f64 + tt;
         let mut rows: Vec<(f64, f64)> = samples.rows.iter().map(|row| (second(row), row.2)).collect();
         rows.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -169,6 +170,14 @@ impl Station {
                 pair[0].1, pair[1].1
             );
             return Err(Fault::data(what).help("name one table of each station, with one file of each time"));
+        }
+        let mut steps: Vec<f64> = rows.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+        let usual_s = median(&mut steps);
+        if usual_s > max_gap_s {
+            let what = format!(
+                "the record of {name} has a value every {usual_s} s, so that all of it are gaps of more than {max_gap_s} s"
+            );
+            return Err(Fault::data(what).help("raise `max_gap_s`"));
         }
         let place_m = samples.place_deg.map(|(lat, lon)| ecef_m(lat.to_radians(), lon.to_radians(), 0.0));
         let (t_s, value_nt) = rows.into_iter().unzip();
@@ -246,7 +255,7 @@ impl LineStage for Diurnal {
             let fault = Fault::new(format!("`level_nt` names the station `{name}`, which has no record"));
             return Err(fault.nearest(name, &known).of_param("level_nt"));
         }
-        let all = found.into_iter().map(|(name, samples)| Station::new(name, samples, first_day));
+        let all = found.into_iter().map(|(name, samples)| Station::new(name, samples, first_day, self.max_gap_s));
         Ok(Stations { first_day, all: all.collect::<Result<_, Fault>>()? })
     }
 
@@ -437,6 +446,8 @@ mod tests {
         assert_eq!((missing.first().copied(), missing.last().copied(), missing.len()), (Some(141), Some(799), 659));
         let wide = Diurnal { max_gap_s: 660.0, ..diurnal() };
         assert!(run(&wide, flown(1000.0, 1000), vec![gap]).unwrap().iter().all(|x| x.is_finite()));
+        let narrow = Diurnal { max_gap_s: 59.0, ..diurnal() };
+        assert!(run(&narrow, flown(0.0, 9), vec![whole.clone()]).unwrap_err().what.contains("every 60 s"));
         let other_day = record("ABC", 62.0, 1, 45.0, |t| t);
         let fault = run(&diurnal(), flown(1000.0, 10), vec![other_day]).unwrap_err();
         assert!(

@@ -57,6 +57,9 @@ low_hz    = 0.05
     order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
 }
 
+/// The lag of a column, or why it has none.
+type Found = Result<Lag, String>;
+
 impl LagStage {
     /// A column as it is compared: NaN where it is missing or not selected.
     fn signal(
@@ -78,8 +81,8 @@ impl LagStage {
         Ok(filtered.into_iter().enumerate().map(|(row, x)| if kept(row) { x } else { f64::NAN }).collect())
     }
 
-    /// The lag of each column, or why it has none.
-    fn lags(&self, line: &LineIn) -> Result<Vec<Result<Lag, String>>, Fault> {
+    /// The lag of each column.
+    fn lags(&self, line: &LineIn) -> Result<Vec<Found>, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let tt = floats(batch, "tt")?;
         let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
@@ -146,7 +149,7 @@ pub struct LagGather {
 pub struct Part {
     flight: String,
     line: String,
-    lags: Vec<Result<Vec<Result<Lag, String>>, Fault>>,
+    lags: Vec<Result<Vec<Found>, Fault>>,
 }
 
 impl Gather for LagGather {

@@ -36,6 +36,7 @@ mod noise;
 mod notch;
 mod resample;
 pub mod score;
+mod segments;
 mod select;
 mod simulate_ins;
 mod summary;
@@ -92,6 +93,7 @@ impl Catalogue {
             join::Join::entry(),
             lag::LagStage::entry(),
             diurnal::Diurnal::entry(),
+            segments::Segments::entry(),
             magnitude::Magnitude::entry(),
             a_matrix::AMatrix::entry(),
             features::Features::entry(),

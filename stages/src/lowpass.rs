@@ -19,7 +19,8 @@ stage! {
     /// before a `resample` to that lower rate: of order 8 with its corner at 0.8 of half of the new rate, where 31 dB are
     /// gone at that half, so that next to nothing folds back.
     ///
-    /// Angles (unit deg) are filtered along the shorter arc. Gaps, short runs and uneven samples are as in `bandpass`.
+    /// Angles (unit deg) are filtered along the shorter arc. Within about one over the corner of the ends of a run a slope is
+    /// bent. Gaps, short runs and uneven samples are as in `bandpass`.
     ///
     /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996.
     Lowpass = "lowpass", version 1, grain Line, inputs [input: Lines],
@@ -135,12 +136,9 @@ mod tests {
         let heading = |t: f64| (300.0 + 4.0 * t).rem_euclid(360.0);
         let y = run(&lowpass(&["x"], Some(1.0), None), "deg", heading);
         let off = |k: usize| (y[k] - heading(k as f64 / RATE_HZ)).abs();
-        // A straight line stays what it is.
-        assert!(
-            (0..3000).all(|k| off(k).min((off(k) - 360.0).abs()) < 1e-6),
-            "{:?}",
-            (0..3000).map(off).fold(0.0, f64::max)
-        );
+        // A straight line stays what it is, some seconds from the ends.
+        let worst = (300..2700).map(|k| off(k).min((off(k) - 360.0).abs())).fold(0.0, f64::max);
+        assert!(worst < 1e-6, "{worst}");
         assert!(y.iter().all(|y| (0.0..360.0).contains(y)));
     }
 

@@ -35,19 +35,19 @@ pub(super) fn raw(path: &Path, record: &ObservatoryRecord) -> Result<Raw, ReadEr
     }
     let rows = record.ned_nt.len();
     let days: Vec<Day> = days(record);
-    let text =
-        |of: &dyn Fn(&Day) -> &str| -> ArrayRef { Arc::new(days.iter().map(|d| Some(of(d))).collect::<StringArray>()) };
+    let day = |k: usize| days.get(k);
+    let name = |k: usize| day(k).map(|d| d.name.as_str());
+    let lines: StringArray = (0..rows).map(name).collect();
     let figure =
         |of: &dyn Fn(usize) -> f64| -> ArrayRef { Arc::new((0..rows).map(|k| Some(of(k))).collect::<Float64Array>()) };
-    let day = |k: usize| days.get(k);
     let known = |name: &str, kind: DataType| {
         let known = flight::describe(name);
         field(name, kind, known.unit, known.role, known.description)
     };
     let number = |name: &str| known(name, DataType::Float64);
     let mut columns: Vec<(Field, ArrayRef)> = vec![
-        (known("flight", DataType::Utf8), text(&|_| record.station.as_str())),
-        (known("line", DataType::Utf8), text(&|d| d.name.as_str())),
+        (known("flight", DataType::Utf8), Arc::new(StringArray::from(vec![record.station.as_str(); rows]))),
+        (known("line", DataType::Utf8), Arc::new(lines)),
         (number("tt"), figure(&|k| record.tt_s(k) - day(k).map_or(0.0, |d| d.midnight_s))),
         (number("year"), figure(&|k| day(k).map_or(f64::NAN, |d| f64::from(d.year)))),
         (number("doy"), figure(&|k| day(k).map_or(f64::NAN, |d| f64::from(d.doy)))),

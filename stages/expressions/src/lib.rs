@@ -23,12 +23,13 @@ use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, RecordBatchOptions
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use datafusion::{
     common::{
-        DFSchema, SchemaError,
-        tree_node::{Transformed, TreeNode},
+        DFSchema, ScalarValue, SchemaError,
+        tree_node::{Transformed, TreeNode, TreeNodeRecursion},
     },
     error::DataFusionError,
     execution::SessionState,
-    logical_expr::{BinaryExpr, Expr, Operator, cast},
+    logical_expr::{BinaryExpr, Expr, Operator, cast, lit, simplify::SimplifyContext, when},
+    optimizer::simplify_expressions::ExprSimplifier,
     physical_expr::PhysicalExpr,
     prelude::SessionContext,
     sql::sqlparser::parser::ParserError,
@@ -75,7 +76,19 @@ pub fn physical(expr: Expr, schema: &Schema, shape: &Shape, subject: &str) -> Re
     let schema = DFSchema::try_from(schema.clone()).map_err(wrong)?;
     let expr = row::balanced(expr).map_err(wrong)?;
     row::shallow(&expr, subject)?;
+    let expr = if calls_a_function(&expr).map_err(wrong)? { simplified(expr, &schema).map_err(wrong)? } else { expr };
     SQL.create_physical_expr(expr, &schema).map_err(wrong)
+}
+
+fn calls_a_function(expr: &Expr) -> Result<bool, DataFusionError> {
+    expr.exists(|e| Ok(matches!(e, Expr::ScalarFunction(_))))
+}
+
+/// The same in the functions that can be evaluated: `coalesce`, for one, is rewritten as a `case`.
+fn simplified(expr: Expr, schema: &DFSchema) -> Result<Expr, DataFusionError> {
+    let context = SimplifyContext::builder().with_schema(Arc::new(schema.clone())).build();
+    let simplifier = ExprSimplifier::new(context);
+    simplifier.simplify(simplifier.coerce(expr, schema)?)
 }
 
 /// Rewords DataFusion's error on an unknown name.
@@ -98,7 +111,7 @@ fn wrong(e: &DataFusionError, shape: &Shape, subject: &str) -> Fault {
 /// An expression that has been checked against the columns it sees.
 ///
 /// NaN is a missing value, as everywhere in flight lines, and SQL's NULL in the expression: what is made of it is
-/// missing, a comparison with it is unknown, and `coalesce` and `is null` see it. A division is one of real numbers, also
+/// missing, also by `greatest` and `least`, a comparison with it is unknown, and `coalesce` and `is null` see it. A division is one of real numbers, also
 /// between whole ones.
 #[derive(Clone, Debug)]
 pub struct Expression {
@@ -127,7 +140,12 @@ impl Expression {
         // The checks below recurse without a bound of their own.
         row::shallow(&expr, subject)?;
         let unit = unit::of(&expr, shape)?;
-        let expr = real_division(expr).map_err(|e| wrong(&e, shape, subject))?;
+        if extremes_deep(&expr) > MOST_EXTREMES {
+            return Err(Fault::new(format!(
+                "more than {MOST_EXTREMES} `greatest` and `least` stand inside of each other"
+            )));
+        }
+        let expr = real_division(expr).and_then(missing_extremes).map_err(|e| wrong(&e, shape, subject))?;
         let mut columns: Vec<String> = expr.column_refs().into_iter().map(|c| c.name.clone()).collect();
         columns.sort();
         columns.dedup();
@@ -200,6 +218,38 @@ fn real_division(expr: Expr) -> Result<Expr, DataFusionError> {
     expr.transform_up(one).map(|t| t.data)
 }
 
+/// How deep `greatest` and `least` may stand inside of each other: each level doubles the expression.
+const MOST_EXTREMES: usize = 8;
+
+fn is_extreme(expr: &Expr) -> bool {
+    matches!(expr, Expr::ScalarFunction(f) if matches!(f.name(), "greatest" | "least"))
+}
+
+/// How deep `greatest` and `least` stand inside of each other. The expression is not nested deep.
+fn extremes_deep(expr: &Expr) -> usize {
+    let mut inside = 0;
+    // The visit itself cannot fail.
+    let _ = expr.apply_children(|child| {
+        inside = inside.max(extremes_deep(child));
+        Ok(TreeNodeRecursion::Continue)
+    });
+    inside + usize::from(is_extreme(expr))
+}
+
+/// The same with each `greatest` and `least` missing where one of its values is: SQL's leave missing values out, so that
+/// a missing value clipped to 1 were 1.
+fn missing_extremes(expr: Expr) -> Result<Expr, DataFusionError> {
+    let one = |e: Expr| {
+        let Expr::ScalarFunction(function) = &e else { return Ok(Transformed::no(e)) };
+        let missing = function.args.iter().cloned().map(Expr::is_null).reduce(Expr::or);
+        match missing.filter(|_| is_extreme(&e)) {
+            Some(missing) => Ok(Transformed::yes(when(missing, lit(ScalarValue::Null)).otherwise(e)?)),
+            None => Ok(Transformed::no(e)),
+        }
+    };
+    expr.transform_up(one).map(|t| t.data)
+}
+
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
@@ -252,6 +302,8 @@ mod tests {
         same("coalesce(a, b)", [1.0, -2.0, 8.0]);
         same("case when a > 0 then 1 when a <= 0 then 2 else 3 end", [1.0, 2.0, 3.0]);
         same("greatest(least(b, 5), 1)", [1.0, 4.0, 5.0]);
+        same("greatest(-1, least(1, a))", [1.0, -1.0, nan]);
+        same("greatest(coalesce(a, b), 2)", [2.0, 2.0, 8.0]);
         same("1 / (tt - 1)", [-1.0, nan, 1.0]);
         same("sqrt(a)", [1.0, nan, nan]);
         same("3", [3.0; 3]);
@@ -300,6 +352,7 @@ mod tests {
         assert!(said("aa + 1").contains("there is no column `aa`"));
         assert!(said("a +").contains("`x` cannot be read"));
         assert!(said(&format!("a {}", "+ 1 ".repeat(9_000))).contains("nested"));
+        assert!(said(&format!("{}a{}", "least(".repeat(30), ", 1)".repeat(30))).contains("inside of each other"));
         assert_eq!(Expression::new("line", &shape(), "`x`").unwrap().data_type, DataType::Utf8);
         assert!(Expression::new("a", &shape(), "`x`").unwrap().mask(&batch()).is_err());
     }
