@@ -13,6 +13,7 @@ mod failures;
 mod field;
 mod filters;
 mod killed;
+mod log_stages;
 mod map_lookup;
 mod map_stages;
 mod maps;

@@ -9,7 +9,6 @@
 
 mod cli;
 pub mod clock;
-pub mod deep;
 pub mod keys;
 pub mod plan;
 pub mod predicate;
@@ -42,6 +41,7 @@ pub fn read_spec(path: &Path, sets: &[String]) -> Result<Spec, Faults> {
 }
 
 pub use cli::main;
+pub use expressions::deep;
 pub use stages::Catalogue;
 
 /// The built-in stages.

@@ -4,29 +4,22 @@
 //! the rest is evaluated on the rows of each line, reading only the columns it names. It is a function of one row and
 //! of nothing else: neither the clock nor chance, no other rows and no other tables.
 
-mod expression;
-
-use std::sync::{Arc, LazyLock};
+use std::sync::Arc;
 
 use arrow_array::{Array, BooleanArray, RecordBatch, StringArray, cast::AsArray};
 use arrow_schema::{DataType, Field, Schema};
 use datafusion::{
-    common::DFSchema,
-    execution::SessionState,
     logical_expr::{
         Expr,
         utils::{conjunction, split_conjunction_owned},
     },
     physical_expr::PhysicalExpr,
-    prelude::SessionContext,
-    sql::sqlparser::parser::ParserError,
 };
+use expressions::{deep, parse, physical, schema_of};
 use schemas::{Fault, Shape};
 
-use crate::deep;
-
-/// DataFusion with all its functions; building it takes a millisecond, and a sweep may have one predicate per point.
-static SQL: LazyLock<SessionState> = LazyLock::new(|| SessionContext::new().state());
+/// What a fault calls the predicate.
+const SUBJECT: &str = "`where`";
 
 /// A `where` that has been checked against the columns it sees.
 #[derive(Clone, Debug)]
@@ -50,39 +43,27 @@ impl Predicate {
     }
 
     fn read(sql: &str, shape: &Shape) -> Result<Predicate, Fault> {
-        let fields: Vec<Field> =
-            shape.columns.iter().map(|c| Field::new(&c.name, c.column_type.data_type(), true)).collect();
-        let schema = Arc::new(Schema::new(fields));
-        let df = DFSchema::try_from(schema.as_ref().clone()).map_err(|e| wrong(&e, shape))?;
-        let dialect = SQL.config().options().sql_parser.dialect;
-        let parsed = SQL.sql_to_expr_with_alias(sql, &dialect).map_err(|e| wrong(&e, shape))?;
-        deep::check(&parsed.expr, deep::PREDICATE)?;
-        let expr = SQL.create_logical_expr_from_sql_expr(parsed, &df).map_err(|e| wrong(&e, shape))?;
-        expression::check(&expr)?;
-        let physical = |e: Expr, df: &DFSchema| {
-            let e = expression::balanced(e).map_err(|e| wrong(&e, shape))?;
-            expression::shallow(&e)?;
-            SQL.create_physical_expr(e, df).map_err(|e| wrong(&e, shape))
-        };
-        let whole = physical(expr.clone(), &df)?;
-        let kind = whole.data_type(&schema).map_err(|e| wrong(&e, shape))?;
+        let schema = schema_of(shape);
+        let expr = parse(sql, shape, SUBJECT).map_err(|fault| match fault.help {
+            Some(_) => fault,
+            None => fault.help("it is a SQL predicate, such as `line = '1003.02'`"),
+        })?;
+        let physical = |e: Expr, schema: &Schema| physical(e, schema, shape, SUBJECT);
+        let whole = physical(expr.clone(), &schema)?;
+        let kind = whole.data_type(&schema).map_err(|e| Fault::new(format!("{SUBJECT} cannot be read: {e}")))?;
         if kind != DataType::Boolean {
             return Err(Fault::new(format!("`where` must be true or false for a row, but this gives {kind}")));
         }
         let is_key = |e: &Expr| e.column_refs().iter().all(|c| c.name == "flight" || c.name == "line");
         let (of_lines, of_rows): (Vec<Expr>, Vec<Expr>) = split_conjunction_owned(expr).into_iter().partition(is_key);
-        let keys = DFSchema::try_from(key_schema()).map_err(|e| wrong(&e, shape))?;
-        let lines = conjunction(of_lines).map(|e| physical(e, &keys)).transpose()?;
+        let lines = conjunction(of_lines).map(|e| physical(e, &key_schema())).transpose()?;
         let rows = conjunction(of_rows);
         let mut columns: Vec<String> = rows.iter().flat_map(|e| e.column_refs()).map(|c| c.name.clone()).collect();
         columns.sort();
         columns.dedup();
         let canonical = rows.as_ref().map(|e| e.to_string()).unwrap_or_default();
         let read: Vec<Field> = columns.iter().filter_map(|c| schema.field_with_name(c).ok().cloned()).collect();
-        let rows = match rows {
-            Some(e) => Some(physical(e, &DFSchema::try_from(Schema::new(read)).map_err(|e| wrong(&e, shape))?)?),
-            None => None,
-        };
+        let rows = rows.map(|e| physical(e, &Schema::new(read))).transpose()?;
         Ok(Predicate { lines, rows, columns, canonical })
     }
 
@@ -126,27 +107,6 @@ fn evaluate(expr: &Arc<dyn PhysicalExpr>, batch: &RecordBatch) -> Result<Vec<boo
     Ok(mask.iter().map(|x| x.unwrap_or(false)).collect())
 }
 
-/// Rewords DataFusion's error on an unknown name.
-fn wrong(e: &datafusion::error::DataFusionError, shape: &Shape) -> Fault {
-    use datafusion::common::SchemaError;
-    let have: Vec<&str> = shape.columns.iter().map(|c| c.name.as_str()).collect();
-    match e.find_root() {
-        datafusion::error::DataFusionError::SchemaError(inner, _) => match inner.as_ref() {
-            SchemaError::FieldNotFound { field, .. } => {
-                Fault::new(format!("there is no column `{}`", field.name())).nearest(field.name(), &have)
-            }
-            other => Fault::new(format!("`where` cannot be read: {other}")),
-        },
-        datafusion::error::DataFusionError::SQL(inner, _)
-            if matches!(inner.as_ref(), ParserError::RecursionLimitExceeded) =>
-        {
-            deep::too_deep()
-        }
-        other => Fault::new(format!("`where` cannot be read: {other}"))
-            .help("it is a SQL predicate, such as `line = '1003.02'`"),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, clippy::panic)]
@@ -171,6 +131,8 @@ mod tests {
         let batch =
             RecordBatch::try_new(Arc::new(tt), vec![Arc::new(Float64Array::from(vec![0.5, 1.5, f64::NAN]))]).unwrap();
         assert_eq!(p.rows(&batch).unwrap(), Some(vec![false, true, false]));
+        let with_function = Predicate::new("coalesce(tt, 0) > 1", &shape()).unwrap();
+        assert_eq!(with_function.rows(&batch.slice(0, 2)).unwrap(), Some(vec![false, true]));
     }
 
     #[test]

@@ -400,7 +400,7 @@ impl Reading {
     fn args(&mut self, table: &DeTable, but: &[&str]) -> Args {
         let mut args: Args = BTreeMap::new();
         for (key, value) in table.iter().filter(|(k, _)| !but.contains(&k.get_ref().as_ref())) {
-            match literal(value) {
+            match argument(value) {
                 Ok(x) => {
                     args.insert(key.get_ref().to_string(), given(x, key.span(), value.span()));
                 }
@@ -420,12 +420,21 @@ fn plain(text: &str) -> String {
 
 /// A TOML value as a literal; a table cannot stand where one is read.
 fn literal(value: &Spanned<DeValue>) -> Result<Literal, Fault> {
+    match argument(value)? {
+        Literal::Section(_) => Err(no_table(value)),
+        other => Ok(other),
+    }
+}
+
+/// A TOML value as a literal, a table of values by name among them; a list of tables cannot stand where one is read.
+fn argument(value: &Spanned<DeValue>) -> Result<Literal, Fault> {
     let first = |faults: Vec<Fault>| faults.into_iter().next().unwrap_or_else(|| Fault::bug("a value is refused"));
-    let read = schemas::literal(value).map_err(first)?;
-    let is_table = |value: &Literal| matches!(value, Literal::Section(_));
-    let holds_table = match &read {
-        Literal::List(items) => items.iter().any(is_table),
-        one => is_table(one),
-    };
-    if holds_table { Err(Fault::new("a table cannot stand here").at(value.span())) } else { Ok(read) }
+    match schemas::literal(value).map_err(first)? {
+        Literal::List(items) if items.iter().any(|item| matches!(item, Literal::Section(_))) => Err(no_table(value)),
+        other => Ok(other),
+    }
+}
+
+fn no_table(value: &Spanned<DeValue>) -> Fault {
+    Fault::new("a table cannot stand here").at(value.span())
 }

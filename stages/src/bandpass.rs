@@ -1,13 +1,13 @@
 //! Band-pass filters columns.
 
 use arrow_array::RecordBatch;
-use numerics::signal::{
-    filter::{Band, ZeroPhase},
-    segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
-};
+use numerics::signal::filter::{Band, ZeroPhase};
 use schemas::{Arrays, Column, Fault, LineIn, LineStage, Role, Rule, Stage, Table, Yield, stage};
 
-use crate::columns::{array, band, data, faults_of, floats, shape};
+use crate::{
+    columns::{band, data, faults_of, shape},
+    filtered::{Angles, filtered},
+};
 
 stage! {
     /// Removes what is slower or faster than the pass band, without lag, and appends `<column>_bp`.
@@ -84,22 +84,9 @@ impl LineStage for Bandpass {
     }
 
     fn run(&self, line: &LineIn, (): &()) -> Arrays {
-        let batch = &line.inputs[0];
-        let tt = floats(batch, "tt")?;
-        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
-        let filter = design(self.low_hz, self.high_hz, self.order, rate_hz)?.ok_or_else(|| Fault::new("no corner"))?;
-        let one = |name: &String| {
-            let x = floats(batch, name)?;
-            let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
-            let (y, report) = filter_column(&filter, x, &runs).map_err(|e| data(e).in_column(name))?;
-            if report.rows == 0 {
-                let what =
-                    format!("no run of samples is as long as the filter needs ({} samples)", filter.least_rows());
-                return Err(Fault::data(what).in_column(name));
-            }
-            Ok(array(y))
-        };
-        self.columns.iter().map(one).collect()
+        filtered(&line.inputs[0], &self.columns, Angles::AsNumbers, |rate_hz| {
+            design(self.low_hz, self.high_hz, self.order, rate_hz)?.ok_or_else(|| Fault::new("no corner"))
+        })
     }
 }
 

@@ -80,6 +80,51 @@ pub fn no_truth(column: &Column, param: &str, allowed: bool) -> Result<(), Fault
     Err(Fault::new(what).of_param(param).help("say `allow_truth = true` where that is meant"))
 }
 
+/// The role of what is made of the columns `names`: the truth stays the truth.
+pub fn role_of<S: AsRef<str>>(shape: &Shape, names: &[S]) -> Role {
+    let truth = names.iter().filter_map(|name| shape.get(name.as_ref())).any(|column| column.role == Role::Truth);
+    if truth { Role::Truth } else { Role::Derived }
+}
+
+/// What is wrong with `names`, the value of `param`: columns that are missing or not of numbers, no name at all, and one
+/// that is there twice.
+pub fn not_numbers_among(shape: &Shape, names: &[String], param: &str) -> Vec<Fault> {
+    let mut faults = faults_of(names.iter().map(|c| shape.need(c).and_then(|x| shape.number(c, &x.unit))), param);
+    if names.is_empty() {
+        faults.push(Fault::new("no column is named").of_param(param));
+    }
+    let twice = names.iter().enumerate().find(|(i, name)| names[..*i].contains(name));
+    faults.extend(twice.map(|(_, name)| Fault::new(format!("`{name}` is named twice")).of_param(param)));
+    faults
+}
+
+/// The columns `<name><suffix>` that are made of each of `names` and the time, in the unit that `unit` makes of theirs.
+pub fn made_of_each(
+    shape: &Shape,
+    names: &[String],
+    suffix: &str,
+    done: &str,
+    unit: impl Fn(&str) -> String,
+) -> Vec<Column> {
+    let one = |name: &String| {
+        let unit = shape.get(name).map(|c| unit(&c.unit)).unwrap_or_default();
+        let column = Column::float(format!("{name}{suffix}"), unit, format!("{name}, {done}"));
+        column.role(role_of(shape, &[name])).from(0, &["tt", name])
+    };
+    names.iter().map(one).collect()
+}
+
+/// Whether a column names a line or a time, so that no stage makes it anew.
+pub fn is_key(name: &str) -> bool {
+    schemas::flight::KEYS.contains(&name)
+}
+
+/// Whether the numbers of a column are angles in degrees, which go on beyond a full turn at the other end of their range.
+pub fn is_angle(batch: &RecordBatch, name: &str) -> bool {
+    let schema = batch.schema();
+    schema.field_with_name(name).is_ok_and(|field| schemas::describe_field(field).unit == "deg")
+}
+
 /// Refuses a pass band that no filter at this rate can have. `rate_hz` may be unknown.
 pub fn band(low_hz: f64, high_hz: f64, rate_hz: Option<f64>) -> Vec<Fault> {
     let mut faults = vec![];

@@ -1,7 +1,7 @@
 //! The date of a flight's samples, from its columns `year`, `doy` and `tt`.
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Int64Type};
-use numerics::earth::dates::decimal_year;
+use numerics::earth::dates::{day_number, decimal_year};
 use schemas::{Fault, Shape};
 
 use crate::columns::{data, floats};
@@ -16,7 +16,7 @@ pub fn dated_by_flight(shape: &Shape) -> bool {
 /// # Errors
 /// A day that its year does not have, with its row.
 pub fn years(batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
-    let (year, day, tt) = (numbers(batch, "year")?, numbers(batch, "doy")?, floats(batch, "tt")?);
+    let (year, day, tt) = (whole_numbers(batch, "year")?, whole_numbers(batch, "doy")?, floats(batch, "tt")?);
     let all = year.iter().zip(&day).zip(tt).enumerate();
     all.map(|(row, ((year, day), tt))| match [year, day, tt].iter().all(|x| x.is_finite()) {
         true => one(*year, *day, *tt).map_err(|fault| fault.in_row(row as u64)),
@@ -31,7 +31,7 @@ pub fn years(batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
 /// A line without such a sample, or a day that its year does not have, with its row.
 pub fn first_year(batch: &RecordBatch) -> Result<f64, Fault> {
     let known = |name: &str| match batch.column_by_name(name) {
-        Some(_) => numbers(batch, name).map(Some),
+        Some(_) => whole_numbers(batch, name).map(Some),
         None => Ok(None),
     };
     let (Some(year), Some(day)) = (known("year")?, known("doy")?) else {
@@ -41,6 +41,48 @@ pub fn first_year(batch: &RecordBatch) -> Result<f64, Fault> {
     let dated = |row: &usize| year[*row].is_finite() && day[*row].is_finite() && tt[*row].is_finite();
     let row = (0..tt.len()).find(dated).ok_or_else(|| no_date("has no sample with both `year` and `doy`"))?;
     one(year[row], day[row], tt[row]).map_err(|fault| fault.in_row(row as u64))
+}
+
+/// What to do where the day of a line is wanted and there is none.
+pub const WAYS_OUT_OF_NO_DAY: &str = "give the flight the columns `year` and `doy`, such as by `derive`: \
+                                      `columns = { year = \"2020\", doy = \"183\" }`";
+
+/// Seconds of a day.
+pub const DAY_S: f64 = 86_400.0;
+
+/// The number of the day from whose midnight the line's `tt` counts, by its first sample that has a year, a day and a time;
+/// `None` where it has no such sample.
+///
+/// # Errors
+/// A day that its year does not have, with its row.
+pub fn first_midnight(batch: &RecordBatch) -> Result<Option<i64>, Fault> {
+    if batch.column_by_name("year").is_none() || batch.column_by_name("doy").is_none() {
+        return Ok(None);
+    }
+    let (year, doy, tt) = (whole_numbers(batch, "year")?, whole_numbers(batch, "doy")?, floats(batch, "tt")?);
+    let row = (0..tt.len()).find(|row| [year[*row], doy[*row], tt[*row]].iter().all(|x| x.is_finite()));
+    let Some(row) = row else { return Ok(None) };
+    let day = day_number(year[row] as i32, if doy[row] >= 1.0 { doy[row] as u32 } else { 0 });
+    let day = day.map_err(|e| data(e).in_column("doy").in_row(row as u64))?;
+    // Over midnight the date moves on while `tt` goes on.
+    Ok(Some(day - (tt[row] / DAY_S).floor() as i64))
+}
+
+/// What is added to the times of `other` so that they count from the same midnight as those of `first`, s: 0 where one of
+/// the two has no date.
+///
+/// # Errors
+/// As [`first_midnight`].
+pub fn offset_s(first: &RecordBatch, other: &RecordBatch) -> Result<f64, Fault> {
+    Ok(match (first_midnight(first)?, first_midnight(other)?) {
+        (Some(first), Some(other)) => DAY_S * (other - first) as f64,
+        (None, _) | (_, None) => 0.0,
+    })
+}
+
+/// The columns that say the date, of those that a table has.
+pub fn date_columns(shape: &Shape) -> &'static [&'static str] {
+    if dated_by_flight(shape) { &["year", "doy"] } else { &[] }
 }
 
 fn no_date(what: &str) -> Fault {
@@ -59,7 +101,10 @@ fn one(year: f64, day: f64, tt: f64) -> Result<f64, Fault> {
 }
 
 /// Whole numbers kept as such or as floats; NaN where there is none.
-fn numbers(batch: &RecordBatch, name: &str) -> Result<Vec<f64>, Fault> {
+///
+/// # Errors
+/// A column that is missing or does not hold numbers.
+pub fn whole_numbers(batch: &RecordBatch, name: &str) -> Result<Vec<f64>, Fault> {
     let array = batch.column_by_name(name).ok_or_else(|| Fault::data("is missing").in_column(name))?;
     match array.as_primitive_opt::<Int64Type>() {
         Some(whole) => Ok(whole.iter().map(|x| x.map_or(f64::NAN, |x| x as f64)).collect()),

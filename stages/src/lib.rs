@@ -10,9 +10,17 @@ mod columns;
 mod compensate;
 mod core_field;
 mod dates;
+mod derivative;
+mod derive;
+mod despike;
+mod diurnal;
 mod features;
+mod filtered;
 pub mod fit;
 mod fogm_noise;
+mod join;
+mod lag;
+mod lowpass;
 mod made_map;
 mod magnitude;
 pub mod map_continue;
@@ -26,11 +34,16 @@ mod maps;
 mod model_columns;
 pub mod navigate;
 mod noise;
+mod notch;
 mod resample;
 pub mod score;
+mod segments;
+mod select;
 mod simulate_ins;
 mod summary;
 mod target;
+#[cfg(test)]
+mod testing;
 mod track_map;
 
 use schemas::Entry;
@@ -72,6 +85,16 @@ impl Catalogue {
             core_field::CoreFieldStage::entry(),
             simulate_ins::SimulateIns::entry(),
             bandpass::Bandpass::entry(),
+            lowpass::Lowpass::entry(),
+            notch::Notch::entry(),
+            derivative::Derivative::entry(),
+            despike::Despike::entry(),
+            derive::Derive::entry(),
+            select::Select::entry(),
+            join::Join::entry(),
+            lag::LagStage::entry(),
+            diurnal::Diurnal::entry(),
+            segments::Segments::entry(),
             magnitude::Magnitude::entry(),
             a_matrix::AMatrix::entry(),
             features::Features::entry(),

@@ -5,7 +5,22 @@ use std::path::Path;
 
 use numerics::earth::dates::{day_of_year, days_in_year};
 
+use super::{FlightFormat, observatory};
 use crate::ReadError;
+
+pub(super) const FORMAT: FlightFormat = FlightFormat {
+    name: "iaga2002",
+    about: "observatory records, IAGA-2002: a flight is a station, a line a day",
+    extensions: &["sec", "min"],
+    recognise: |head| {
+        head.first_line().is_some_and(|line| {
+            let mut words = line.split_whitespace();
+            words.next().is_some_and(|w| w.eq_ignore_ascii_case("Format")) && words.next() == Some("IAGA-2002")
+        })
+    },
+    open: |path, _, _| observatory::raw(path, &read_iaga2002(path)?),
+    made_from: None,
+};
 
 /// Values of this size and more mark missing (99999) or not observed (88888) values.
 const MISSING: f64 = 88_880.0;
@@ -21,6 +36,8 @@ pub struct ObservatoryRecord {
     pub lat_deg: f64,
     /// Its longitude, eastward; NaN where the header has none.
     pub lon_deg: f64,
+    /// Its height above the sea; NaN where the header has none.
+    pub msl_m: f64,
     /// The components as the file has them, such as `HDZF`.
     pub components: String,
     /// Year and day of the year of the first sample, UTC.
@@ -31,6 +48,8 @@ pub struct ObservatoryRecord {
     pub step_s: f64,
     /// North, east and down in nT at each step; NaN where one is missing.
     pub ned_nt: Vec<[f64; 3]>,
+    /// The total field in nT at each step, as the scalar magnetometer has it; NaN where it is missing.
+    pub total_nt: Vec<f64>,
 }
 
 impl ObservatoryRecord {
@@ -42,7 +61,7 @@ impl ObservatoryRecord {
 
 /// The conversion of four columns to a vector, by the column of each component.
 #[derive(Clone, Copy, Debug)]
-enum Kind {
+pub(super) enum Kind {
     /// North, east, down.
     Xyz([usize; 3]),
     /// Horizontal intensity, declination in minutes of arc, down.
@@ -54,7 +73,8 @@ enum Kind {
 }
 
 impl Kind {
-    fn of(letters: &[char]) -> Option<Kind> {
+    /// That of columns with these letters; `None` where they do not form a vector.
+    pub(super) fn of(letters: &[char]) -> Option<Kind> {
         let columns = |wanted: [char; 3]| {
             let mut found = wanted.iter().filter_map(|w| letters.iter().position(|l| l == w));
             Some([found.next()?, found.next()?, found.next()?])
@@ -67,7 +87,7 @@ impl Kind {
     }
 
     /// North, east and down of a line's values; `baseline_rad` is the declination to which the others are relative.
-    fn ned_nt(self, values: &[f64], baseline_rad: f64) -> [f64; 3] {
+    pub(super) fn ned_nt(self, values: &[f64], baseline_rad: f64) -> [f64; 3] {
         let pick = |columns: [usize; 3]| columns.map(|c| values.get(c).copied().unwrap_or(f64::NAN));
         let minutes = |arc: f64| (arc / 60.0).to_radians();
         match self {
@@ -95,11 +115,23 @@ impl Kind {
     }
 }
 
+/// The total field of a line's values, by the letters of its columns: F and S are measured, G is what the vector's
+/// magnitude has beyond it.
+pub(super) fn total_nt(letters: &[char], values: &[f64], ned_nt: &[f64; 3]) -> f64 {
+    let of = |wanted: char| letters.iter().position(|l| *l == wanted).and_then(|c| values.get(c)).copied();
+    let vector = || ned_nt.iter().map(|x| x * x).sum::<f64>().sqrt();
+    of('F').or_else(|| of('S')).or_else(|| of('G').map(|g| vector() - g)).unwrap_or(f64::NAN)
+}
+
+/// A sample: its time in seconds past the first day's midnight; north, east, down and total in nT.
+pub(super) type Sample = (f64, [f64; 4]);
+
 /// The header.
 struct Head {
     station: String,
     lat_deg: f64,
     lon_deg: f64,
+    msl_m: f64,
     variation: bool,
     baseline_rad: Option<f64>,
     kind: Option<(Kind, String)>,
@@ -124,11 +156,12 @@ fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
         station: String::new(),
         lat_deg: f64::NAN,
         lon_deg: f64::NAN,
+        msl_m: f64::NAN,
         variation: false,
         baseline_rad: None,
         kind: None,
     };
-    let mut samples: Vec<(f64, [f64; 3])> = vec![];
+    let mut samples: Vec<Sample> = vec![];
     let mut first_day = None;
     for (row, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
         if line.trim_end().ends_with('|') {
@@ -136,22 +169,27 @@ fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
             continue;
         }
         let wrong = |what: &str| ReadError::data(path, format!("{what} in line {}", row + 1));
-        let Some((kind, _)) = &head.kind else {
+        let Some((kind, letters)) = &head.kind else {
             return Err(ReadError::data(path, "not an IAGA-2002 record: it has no line `DATE TIME DOY ...`"));
         };
         let (date, values) = sample(line).ok_or_else(|| wrong("a date, a time or a component cannot be read"))?;
         let (first_year, first_doy) = *first_day.get_or_insert((date.0, date.1));
         let days = days_between((first_year, first_doy), (date.0, date.1));
         let baseline_rad = head.baseline_rad.filter(|_| head.variation || kind.has_east()).unwrap_or(0.0);
-        samples.push((days as f64 * 86_400.0 + date.2, kind.ned_nt(&values, baseline_rad)));
+        let ned_nt @ [north, east, down] = kind.ned_nt(&values, baseline_rad);
+        let letters: Vec<char> = letters.chars().collect();
+        let total = total_nt(&letters, &values, &ned_nt);
+        samples.push((days as f64 * 86_400.0 + date.2, [north, east, down, total]));
     }
     let Some((date, (_, letters))) = first_day.zip(head.kind) else {
         return Err(ReadError::data(path, "the IAGA-2002 record has no samples"));
     };
-    let (step_s, ned_nt) = even(path, &samples)?;
+    let (step_s, values) = even(path, &samples)?;
     let start_tt_s = samples.first().map_or(0.0, |s| s.0);
-    let Head { station, lat_deg, lon_deg, .. } = head;
-    Ok(ObservatoryRecord { station, lat_deg, lon_deg, components: letters, date, start_tt_s, step_s, ned_nt })
+    let (ned_nt, total_nt) = values.into_iter().map(|[n, e, d, total]| ([n, e, d], total)).unzip();
+    let Head { station, lat_deg, lon_deg, msl_m, .. } = head;
+    let components = letters;
+    Ok(ObservatoryRecord { station, lat_deg, lon_deg, msl_m, components, date, start_tt_s, step_s, ned_nt, total_nt })
 }
 
 impl Head {
@@ -168,6 +206,9 @@ impl Head {
             self.lat_deg = number(lat).unwrap_or(f64::NAN);
         } else if let Some(lon) = value_of("Geodetic Longitude") {
             self.lon_deg = number(lon).unwrap_or(f64::NAN);
+        } else if let Some(elevation) = value_of("Elevation") {
+            // What marks a missing value is no height.
+            self.msl_m = number(elevation).filter(|m| m.abs() < 9_999.0).unwrap_or(f64::NAN);
         } else if let Some(kind) = value_of("Data Type") {
             self.variation = kind.eq_ignore_ascii_case("variation");
         } else if let Some(tenths) = value_of("# DECBAS") {
@@ -201,13 +242,16 @@ fn sample(line: &str) -> Option<((i32, u32, f64), Vec<f64>)> {
 }
 
 /// Days from one date to another, each a year and a day of it.
-fn days_between(from: (i32, u32), to: (i32, u32)) -> i64 {
+pub(super) fn days_between(from: (i32, u32), to: (i32, u32)) -> i64 {
     let whole = |a: i32, b: i32| (a..b).map(|year| i64::from(days_in_year(year))).sum::<i64>();
     whole(from.0, to.0) - whole(to.0, from.0) + i64::from(to.1) - i64::from(from.1)
 }
 
 /// The step of the samples, and their values at every step, NaN where there is none.
-fn even(path: &Path, samples: &[(f64, [f64; 3])]) -> Result<(f64, Vec<[f64; 3]>), ReadError> {
+///
+/// # Errors
+/// Fails for samples that do not ascend in time, or are not at even times.
+pub(super) fn even(path: &Path, samples: &[Sample]) -> Result<(f64, Vec<[f64; 4]>), ReadError> {
     const MOST: f64 = 4e7;
     let step_s = samples.windows(2).map(|pair| pair[1].0 - pair[0].0).fold(f64::INFINITY, f64::min);
     let (Some(first), Some(last)) = (samples.first(), samples.last()) else { return Ok((1.0, vec![])) };
@@ -218,7 +262,7 @@ fn even(path: &Path, samples: &[(f64, [f64; 3])]) -> Result<(f64, Vec<[f64; 3]>)
     if !(step_s > 0.0 && steps < MOST) {
         return Err(ReadError::data(path, "the samples of the record do not ascend in time, or are years apart"));
     }
-    let mut out = vec![[f64::NAN; 3]; steps.round() as usize + 1];
+    let mut out = vec![[f64::NAN; 4]; steps.round() as usize + 1];
     for (tt_s, values) in samples {
         let place = (tt_s - first.0) / step_s;
         let node = place.round();
@@ -260,6 +304,7 @@ mod tests {
         assert_eq!((minutes.date, minutes.start_tt_s, minutes.step_s), ((2014, 308), 0.0, 60.0));
         assert_eq!((minutes.lat_deg, minutes.lon_deg, minutes.ned_nt.len()), (40.137, 254.764, 1440));
         assert!(minutes.ned_nt.iter().flatten().all(|x| x.is_finite()), "the day has no gaps");
+        assert_eq!((minutes.msl_m, minutes.total_nt[0], minutes.total_nt[4]), (1682.0, 52397.24, 52397.02));
         let seconds = read_iaga2002(&samples::path("boulder/BOU20200101vsec.sec")).unwrap();
         assert_eq!((seconds.step_s, seconds.ned_nt.len(), seconds.components.as_str()), (1.0, 901, "HEZF"));
         // The first line: H 20826.85, E -86.75, Z 46874.62, DECBAS 552.7 minutes: sin 0.16008219, cos 0.98710369.

@@ -24,6 +24,7 @@ mod geotiff_keys;
 mod grid_bytes;
 mod hdf5;
 mod iaga2002;
+mod imf;
 mod magnav;
 mod magnav_csv;
 mod magnav_hdf5;
@@ -43,6 +44,7 @@ mod map_surfer_text;
 mod map_xyz;
 mod missing;
 mod netcdf_write;
+mod observatory;
 mod options;
 mod output;
 mod parquet;
@@ -57,6 +59,7 @@ mod unit_name;
 
 pub use grids::{Extra, MapTable, SurveyPoints};
 pub use iaga2002::{ObservatoryRecord, read_iaga2002};
+pub use imf::read_imf;
 pub use options::{FlightOptions, MapOptions};
 pub use output::{check_output, write_grid};
 pub use points::{PointOptions, read_points};
@@ -327,6 +330,8 @@ pub const FLIGHT_FORMATS: &[FlightFormat] = &[
     magnav_hdf5::FORMAT,
     sgl_xyz::FORMAT,
     magnav_csv::FORMAT,
+    iaga2002::FORMAT,
+    imf::FORMAT,
     csv::FORMAT,
     points_flight::FORMAT,
 ];

@@ -1,6 +1,6 @@
 //! `$axis`: references to an axis in a stage, and the substitution of its value.
 
-use schemas::{Args, Fault, Given, Literal};
+use schemas::{Args, Fault, Given, Literal, Section};
 
 use super::grid::Point;
 use crate::spec::{Span, Spec, StageDecl};
@@ -26,7 +26,8 @@ fn mentions_in<'a>(value: &'a Literal, found: &mut Vec<&'a str>) {
     match value {
         Literal::Text(text) => found.extend(mentions(text)),
         Literal::List(items) => items.iter().for_each(|v| mentions_in(v, found)),
-        _ => {}
+        Literal::Section(section) => section.keys.values().for_each(|given| mentions_in(&given.value, found)),
+        Literal::Bool(_) | Literal::Int(_) | Literal::Float(_) => {}
     }
 }
 
@@ -91,6 +92,9 @@ pub fn put_in(value: &Literal, point: &Point) -> Literal {
                 (_, one) => vec![one],
             };
             Literal::List(items.iter().flat_map(flat).collect())
+        }
+        Literal::Section(section) => {
+            Literal::Section(Section { keys: args_at(&section.keys, point), at: section.at.clone() })
         }
         other => other.clone(),
     }

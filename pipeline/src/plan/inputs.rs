@@ -50,7 +50,7 @@ impl Builder<'_> {
                 fine = false;
                 continue;
             };
-            let many = matches!(input.kind, InputKind::ManyLines | InputKind::ManyMaps | InputKind::ManyModels);
+            let many = input.kind.is_many();
             let one_or_many = many || !matches!(given.value, Literal::List(_));
             if !one_or_many || !items(&given.value).iter().all(|item| self.is_right(item, many)) {
                 self.faults.push(wrong_name(input, given));
@@ -125,7 +125,9 @@ impl Builder<'_> {
             let table = node.tables.first()?.as_ref();
             let fits = match table {
                 Table::Scores(_) => input.kind == InputKind::Scores,
-                Table::Lines(_) => matches!(input.kind, InputKind::Lines | InputKind::ManyLines),
+                Table::Lines(_) => {
+                    matches!(input.kind, InputKind::Lines | InputKind::ManyLines) || input.kind.is_record()
+                }
                 Table::Model { .. } => matches!(input.kind, InputKind::Model | InputKind::ManyModels),
                 Table::Map(_) => matches!(input.kind, InputKind::Map | InputKind::ManyMaps),
             };
@@ -226,5 +228,7 @@ fn kind_words(kind: InputKind) -> &'static str {
         InputKind::ManyModels => "one or several model tables",
         InputKind::ManyMaps => "one or several maps",
         InputKind::Scores => "a table of scores",
+        InputKind::Record => "a table of a record",
+        InputKind::ManyRecords => "one or several tables of records",
     }
 }

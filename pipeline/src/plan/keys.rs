@@ -8,7 +8,7 @@ use schemas::{Fault, Grain, InputKind};
 use super::{
     Instance, Plan, Ref,
     grid::{Grid, Onto},
-    lines::{LineId, LineSets, of_lines},
+    lines::{LineId, LineSets},
     memo::Memo,
     node::{TableNode, Target, Variant},
 };
@@ -195,7 +195,36 @@ impl<'a> Graph<'a> {
     /// The inputs that are tables of flight lines, with their positions.
     pub fn line_inputs(&self, instance: &Instance) -> Vec<(usize, Ref)> {
         let inputs = instance.node.inputs(instance.index).enumerate();
-        inputs.filter(|(_, (kind, _))| of_lines(*kind)).map(|(i, (_, r))| (i, r)).collect()
+        inputs.filter(|(_, (kind, _))| kind.is_by_line()).map(|(i, (_, r))| (i, r)).collect()
+    }
+
+    /// The lines of a record, those of a file that could not be read left out.
+    pub fn lines_in(&self, r: Ref) -> Vec<LineId> {
+        match r {
+            Ref::Flights(i) => {
+                let records = self.records.get(i).into_iter().flatten();
+                records.filter(|(_, record)| record.fault.is_none()).map(|(line, _)| *line).collect()
+            }
+            Ref::Stage(t, i) => self.lines_of(t, i).to_vec(),
+            Ref::Map(_) => vec![],
+        }
+    }
+
+    /// The key of the columns `columns` of all lines of a record.
+    ///
+    /// # Errors
+    /// Fails when one of its lines lacks an input.
+    pub fn record(&self, r: Ref, columns: &[String]) -> Result<Key, Fault> {
+        let mut text = b"record".to_vec();
+        for line in self.lines_in(r) {
+            let (flight, name) = &self.lines[line];
+            word(&mut text, flight);
+            word(&mut text, name);
+            for column in columns {
+                self.part(&mut text, column, self.column(r, line, column), true)?;
+            }
+        }
+        Ok(Key::of_bytes(&text))
     }
 
     /// The lines of an instance.
@@ -382,23 +411,24 @@ impl<'a> Graph<'a> {
             let (flight, name) = &self.lines[*line];
             word(&mut text, flight);
             word(&mut text, name);
-            for ((_, r), reads) in inputs.iter().zip(&keys.reads).filter(|((kind, _), _)| of_lines(*kind)) {
+            for ((_, r), reads) in inputs.iter().zip(&keys.reads).filter(|((kind, _), _)| kind.is_by_line()) {
                 for column in reads {
                     // A fit skips a line that lacks a column; a line stage cannot.
-                    self.part(&mut text, *column, self.column_of(*r, *line, *column), lenient)?;
+                    let name = &self.names.words[*column as usize];
+                    self.part(&mut text, name, self.column_of(*r, *line, *column), lenient)?;
                 }
             }
         }
-        for (n, (_, r)) in inputs.iter().enumerate().filter(|(_, (kind, _))| !of_lines(*kind)) {
+        for (n, (kind, r)) in inputs.iter().enumerate().filter(|(_, (kind, _))| !kind.is_by_line()) {
             word(&mut text, &format!("input {n}"));
-            text.extend(self.whole(*r)?.as_ref());
+            let key = if kind.is_record() { self.record(*r, &read(&node.variants[v], n))? } else { self.whole(*r)? };
+            text.extend(key.as_ref());
         }
         Ok(Key::of_bytes(&text))
     }
 
     /// One column among what something is made from.
-    fn part(&self, text: &mut Vec<u8>, column: Name, key: Result<Key, Fault>, lenient: bool) -> Result<(), Fault> {
-        let name = &self.names.words[column as usize];
+    fn part(&self, text: &mut Vec<u8>, name: &str, key: Result<Key, Fault>, lenient: bool) -> Result<(), Fault> {
         match key {
             Ok(key) => {
                 word(text, name);
@@ -473,14 +503,16 @@ impl<'a> Graph<'a> {
             text.extend(keys.variants[v].rows.as_ref());
             word(&mut text, &self.names.words[name as usize]);
             for (input, column) in from {
-                let (_, r) = inputs
+                let (kind, r) = inputs
                     .get(*input)
                     .ok_or_else(|| Fault::new("a column is made from an input that does not exist"))?;
+                let name = &self.names.words[*column as usize];
                 let key = match r {
+                    Ref::Stage(..) | Ref::Flights(_) if kind.is_record() => self.record(*r, std::slice::from_ref(name)),
                     Ref::Stage(..) | Ref::Flights(_) => self.column_of(*r, line, *column),
                     Ref::Map(_) => self.object(*r, line),
                 };
-                self.part(&mut text, *column, key, lenient)?;
+                self.part(&mut text, name, key, lenient)?;
             }
             Ok(Key::of_bytes(&text))
         })

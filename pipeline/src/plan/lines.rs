@@ -2,7 +2,7 @@
 
 use std::{collections::HashMap, sync::Arc};
 
-use schemas::{Fault, InputKind};
+use schemas::Fault;
 
 use super::{
     Plan,
@@ -22,11 +22,6 @@ pub struct LineSets {
     known: HashMap<Vec<LineId>, u32>,
     /// The set of each point of each table, as a position in `sets`.
     of: Vec<Over<u32>>,
-}
-
-/// Whether an input is a table of flight lines.
-pub fn of_lines(kind: InputKind) -> bool {
-    matches!(kind, InputKind::Lines | InputKind::ManyLines | InputKind::Scores)
 }
 
 impl LineSets {
@@ -83,7 +78,7 @@ impl LineSets {
         flights: &[u32],
         lines: &[(String, String)],
     ) -> Result<Over<u32>, Fault> {
-        let slots: Vec<&Slot> = node.slots.iter().filter(|s| of_lines(s.kind)).collect();
+        let slots: Vec<&Slot> = node.slots.iter().filter(|s| s.kind.is_by_line()).collect();
         let mut axes: Vec<usize> = vec![];
         for slot in &slots {
             axes.extend(slot.targets.grid().axes());

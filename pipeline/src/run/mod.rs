@@ -13,7 +13,7 @@ mod work;
 
 use std::{sync::atomic::Ordering, time::Instant};
 
-use schemas::{Fault, Grain};
+use schemas::{Fault, Grain, InputKind};
 
 pub use events::{Count, Event, Listener, Outcome, Quiet};
 pub use failure::{Failure, said_once};
@@ -318,17 +318,27 @@ impl Runner<'_> {
     fn missing_input(&self, unit: Unit) -> Option<Ref> {
         let plan = self.graph.plan;
         let it = plan.instance(unit.table, unit.instance);
-        let of_lines: Vec<usize> = self.graph.line_inputs(&it).into_iter().map(|(i, _)| i).collect();
-        let missing = |(i, r): &(usize, Ref)| {
-            let line = if of_lines.contains(i) { unit.line } else { None };
-            let there = match (of_lines.contains(i), unit.line) {
+        let missing = |(kind, r): &(InputKind, Ref)| {
+            let there = match (kind.is_by_line(), unit.line) {
+                _ if kind.is_record() => self.record_state(*r),
                 // A fit looks at its lines one by one and goes on without those that failed.
                 (true, None) => self.survey_state(unit),
-                _ => self.state(*r, line),
+                (true, line) => self.state(*r, line),
+                (false, _) => self.state(*r, None),
             };
             there != State::Done
         };
-        it.inputs().into_iter().enumerate().find(missing).map(|(_, r)| r)
+        it.kinds().into_iter().zip(it.inputs()).find(missing).map(|(_, r)| r)
+    }
+
+    /// A record is there when all its lines are, and has one at least.
+    fn record_state(&self, r: Ref) -> State {
+        let lines = self.graph.lines_in(r);
+        let states: Vec<State> = lines.iter().map(|line| self.root_state(r, *line)).collect();
+        if states.is_empty() {
+            return State::Failed;
+        }
+        *states.iter().find(|state| **state != State::Done).unwrap_or(&State::Done)
     }
 
     /// Whether a unit must be computed, is available, or cannot be computed.

@@ -10,6 +10,7 @@ use arrow_array::{
     Array, ArrayRef, FixedSizeListArray, Float64Array, RecordBatch, RecordBatchOptions, cast::AsArray, new_null_array,
 };
 use arrow_schema::{DataType, Field, FieldRef, Schema};
+use arrow_select::concat::concat_batches;
 use rayon::prelude::*;
 use schemas::{
     AnyLinePoint, AnyStage, Fault, Grain, InputKind, LineIn, Part, Prepared, Product, Shape, SurveyStageDyn,
@@ -192,7 +193,7 @@ impl<'a> Worker<'a> {
         for (i, (r, kind)) in it.inputs().iter().zip(kinds).enumerate() {
             let columns = it.yields.reads.get(i).cloned().unwrap_or_default();
             inputs.push(match kind {
-                InputKind::Map | InputKind::ManyMaps | InputKind::Model | InputKind::ManyModels => empty(),
+                kind if !kind.is_by_line() => empty(),
                 _ if it.yields.lenient => filled(held.batch(*r, line, &columns)?, &columns, held.shape(*r))?,
                 _ => held.batch(*r, line, &columns)?,
             });
@@ -243,10 +244,13 @@ impl<'a> Worker<'a> {
     fn basis(&self, unit: Unit, stage: &AnyStage) -> Result<Basis, Fault> {
         let it = self.instance(unit);
         let mut name = stage.of_lines()?.prepare_key();
-        for (r, kind) in it.inputs().iter().zip(it.kinds()) {
+        for (i, (r, kind)) in it.inputs().iter().zip(it.kinds()).enumerate() {
             match kind {
                 InputKind::Map | InputKind::ManyMaps | InputKind::Model | InputKind::ManyModels => {
                     name.push_str(&format!(" {}", self.graph.whole(*r)?));
+                }
+                InputKind::Record | InputKind::ManyRecords => {
+                    name.push_str(&format!(" {}", self.graph.record(*r, &self.graph.read(&it, i))?));
                 }
                 InputKind::Lines | InputKind::ManyLines | InputKind::Scores => {}
             }
@@ -265,8 +269,9 @@ impl<'a> Worker<'a> {
         let build = || {
             let it = self.instance(unit);
             let mut inputs = vec![];
-            for (r, kind) in it.inputs().iter().zip(it.kinds()) {
+            for (i, (r, kind)) in it.inputs().iter().zip(it.kinds()).enumerate() {
                 inputs.push(match kind {
+                    InputKind::Record | InputKind::ManyRecords => self.record(*r, &self.graph.read(&it, i))?,
                     InputKind::Map | InputKind::ManyMaps => self.graph.map(self.store, *r)?,
                     InputKind::Model | InputKind::ManyModels => self.model(*r)?,
                     InputKind::Lines | InputKind::ManyLines | InputKind::Scores => empty(),
@@ -276,6 +281,18 @@ impl<'a> Worker<'a> {
         };
         let built = build();
         self.prepared.lock().map_err(|_| failed())?.entry(basis).or_insert(built).clone()
+    }
+
+    /// The columns `columns` of all lines of a record, one line after another.
+    fn record(&self, r: Ref, columns: &[String]) -> Result<RecordBatch, Fault> {
+        let mut held = Held::new(self);
+        let shape = held.shape(r);
+        let mut lines = vec![];
+        for line in self.graph.lines_in(r) {
+            lines.push(filled(held.batch(r, line, columns)?, columns, shape.clone())?);
+        }
+        let Some(schema) = lines.first().map(RecordBatch::schema) else { return Ok(empty()) };
+        concat_batches(&schema, &lines).map_err(|e| Fault::machine(e.to_string()))
     }
 
     fn model(&self, r: Ref) -> Result<RecordBatch, Fault> {

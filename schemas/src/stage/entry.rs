@@ -24,7 +24,7 @@ pub struct Entry {
     /// What it does, when you want it, what it refuses, source.
     pub doc: String,
     /// A fragment of a spec that uses it, the table named like the stage. The examples of the catalogue, in its order,
-    /// make one spec over a table of flights `flights` and a map `anomaly`; the reference prints them, and the test of
+    /// make one spec over a table of flights `flights`, a map `anomaly` and a record `observatory`; the reference prints them, and the test of
     /// the versions runs them.
     pub example: &'static str,
     /// What can be chosen by one of its keys, such as the models of a fit.

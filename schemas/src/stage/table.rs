@@ -64,6 +64,39 @@ pub enum InputKind {
     ManyMaps,
     /// A table of scores.
     Scores,
+    /// A table of flight lines, all of which belong to every line of the others: the days of a station's record. The
+    /// stage sees its columns of all lines together, in the order of flight and line, in [`crate::LineStage::prepare`].
+    Record,
+    /// One or several such tables.
+    ManyRecords,
+}
+
+impl InputKind {
+    /// Whether the stage is handed the line at hand of it, and works on the lines that all such inputs have.
+    pub const fn is_by_line(self) -> bool {
+        match self {
+            InputKind::Lines | InputKind::ManyLines | InputKind::Scores => true,
+            InputKind::Model
+            | InputKind::ManyModels
+            | InputKind::Map
+            | InputKind::ManyMaps
+            | InputKind::Record
+            | InputKind::ManyRecords => false,
+        }
+    }
+
+    /// Whether all lines of it belong to each line of the others.
+    pub const fn is_record(self) -> bool {
+        matches!(self, InputKind::Record | InputKind::ManyRecords)
+    }
+
+    /// Whether it may be several tables.
+    pub const fn is_many(self) -> bool {
+        match self {
+            InputKind::ManyLines | InputKind::ManyModels | InputKind::ManyMaps | InputKind::ManyRecords => true,
+            InputKind::Lines | InputKind::Model | InputKind::Map | InputKind::Scores | InputKind::Record => false,
+        }
+    }
 }
 
 /// One input of a stage: the key in the spec that names the table.

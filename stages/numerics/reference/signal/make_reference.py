@@ -10,7 +10,8 @@ import numpy as np
 import scipy
 import sklearn
 from scipy.interpolate import Akima1DInterpolator
-from scipy.signal import butter, sosfiltfilt, welch
+from scipy.ndimage import generic_filter
+from scipy.signal import butter, iirnotch, savgol_filter, sosfiltfilt, tf2sos, welch
 from sklearn.linear_model import Ridge
 
 HERE = Path(__file__).resolve().parent
@@ -93,11 +94,71 @@ def regression(rng):
     write("ridge.csv", f"{source}: Ridge(solver='svd')", **dict(zip(names, np.array(rows, float).T)))
 
 
+def notches(rng):
+    """Power-line sinusoids and two aliases on a field of 50,000 nT at 160 Hz."""
+    k = np.arange(600)
+    wave = sum(a * np.sin(2 * np.pi * f * k / 160 + f) for a, f in [(5, 50), (3, 60), (2, 10)])
+    x = 50_000 + 40 * np.sin(0.01 * k) + wave + rng.normal(0, 0.5, k.size)
+    columns = {"x": x}
+    for name, frequencies, width in [("one", [50.0], 2.0), ("three", [50.0, 60.0, 10.0], 1.5)]:
+        sos = np.concatenate([tf2sos(*iirnotch(f, f / width, fs=160.0)) for f in frequencies])
+        columns[name] = sosfiltfilt(sos, x, padlen=max(int(np.ceil(160 / width)), 6 * len(sos)))
+    write("notch.csv", f"{SCIPY}: iirnotch + sosfiltfilt(padlen=the longer of 6 a section and rate/width)", **columns)
+
+
+def savitzky_golay(rng):
+    k = np.arange(80)
+    x = 50_000 + 40 * np.sin(0.2 * k) + rng.normal(0, 2, k.size)
+    columns = {"x": x}
+    for name, window, degree, derivative in [
+        ("value_7_2", 7, 2, 0),
+        ("first_5_2", 5, 2, 1),
+        ("first_11_4", 11, 4, 1),
+        ("second_9_3", 9, 3, 2),
+    ]:
+        columns[name] = savgol_filter(x, window, degree, deriv=derivative, mode="interp")
+    write("savitzky_golay.csv", f"{SCIPY}: savgol_filter(mode='interp')", **columns)
+
+
+def spikes(rng):
+    """Flags of the Hampel identifier, its median and deviation over windows that end with the series."""
+    k = np.arange(300)
+    x = 50_000 + 20 * np.sin(0.03 * k) + rng.normal(0, 0.5, k.size)
+    x[[0, 40, 41, 150, 151, 152, 260, 299]] += [30, 12, -9, 40, 40, 40, -6, -15]
+    columns = {"x": x}
+    for half, threshold in [(5, 3.0), (2, 6.0)]:
+        # What lies beyond the ends is NaN and left out.
+        around = dict(size=2 * half + 1, mode="constant", cval=np.nan)
+        middle = generic_filter(x, np.nanmedian, **around)
+        mad = generic_filter(x, lambda w: np.nanmedian(np.abs(w - np.nanmedian(w))), **around)
+        steps = np.abs(np.diff(x))
+        least = max(1.482602218505602 * np.median(np.abs(x - middle)), steps[steps > 0].min())
+        noise = np.maximum(1.482602218505602 * mad, least)
+        columns[f"spike_{half}_{threshold:.0f}"] = np.abs(x - middle) > threshold * noise
+    write("hampel.csv", f"{SCIPY}: generic_filter with nanmedian", **columns)
+
+
+def lags(rng):
+    """Two noisy views of one signal, 7 samples apart, and Pearson's r of what overlaps at each lag."""
+    common = np.convolve(rng.normal(size=240), np.hanning(9), mode="valid")
+    reference = 50_000 + common[7:] + rng.normal(0, 0.3, common.size - 7)
+    signal = -300 - 2 * common[:-7] + rng.normal(0, 0.3, common.size - 7)
+    write("lag_samples.csv", f"{SCIPY}: a signal 7 samples behind, turned over", reference=reference, signal=signal)
+    lag = np.arange(-20, 21)
+    n = reference.size
+    of = lambda k: np.corrcoef(reference[max(0, -k) : n - max(0, k)], signal[max(0, k) : n - max(0, -k)])[0, 1]
+    write("lag.csv", f"{SCIPY}: numpy.corrcoef of reference(i) and signal(i + lag)", lag=lag, r=[of(k) for k in lag])
+
+
 def main():
     filters(np.random.default_rng(1))
     spectra(np.random.default_rng(2))
     resampling(np.random.default_rng(3))
     regression(np.random.default_rng(4))
+    notches(np.random.default_rng(5))
+    savitzky_golay(np.random.default_rng(6))
+    spikes(np.random.default_rng(7))
+    lags(np.random.default_rng(8))
 
 
 if __name__ == "__main__":

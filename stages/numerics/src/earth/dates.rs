@@ -75,6 +75,20 @@ pub fn day_of_year(year: i32, month: u32, day: u32) -> Result<u32, DateError> {
     }
 }
 
+/// The number of the day, counted without gaps over the years of the Gregorian calendar: 1 on 1 January of the year 1.
+///
+/// # Errors
+/// Fails with [`DateError::DayOfYear`] for a day that the year does not have.
+pub fn day_number(year: i32, day_of_year: u32) -> Result<i64, DateError> {
+    let days = days_in_year(year);
+    if !(1..=days).contains(&day_of_year) {
+        return Err(DateError::DayOfYear { year, day_of_year, days });
+    }
+    let before = i64::from(year) - 1;
+    let leap_days = before.div_euclid(4) - before.div_euclid(100) + before.div_euclid(400);
+    Ok(365 * before + leap_days + i64::from(day_of_year))
+}
+
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
@@ -95,6 +109,17 @@ mod tests {
         // One second of a year; decimal years of this size resolve 7e-6 s.
         assert!((2024.0 - last_second - 1.0 / (365.0 * 86_400.0)).abs() < 1e-12);
         assert_eq!(decimal_year(2023, 365, 86_400.0).unwrap(), 2024.0);
+    }
+
+    #[test]
+    fn law_days_are_numbered_without_gaps() {
+        assert_eq!(day_number(1, 1).unwrap(), 1);
+        for year in -5..2105 {
+            assert_eq!(day_number(year + 1, 1).unwrap(), day_number(year, days_in_year(year)).unwrap() + 1, "{year}");
+        }
+        // Python's `date(1970, 1, 1).toordinal()` and `date(2020, 12, 31).toordinal()`.
+        assert_eq!((day_number(1970, 1).unwrap(), day_number(2020, 366).unwrap()), (719_163, 737_790));
+        assert!(day_number(2021, 366).is_err() && day_number(2021, 0).is_err());
     }
 
     #[test]

@@ -15,9 +15,11 @@
 
 mod butterworth;
 mod cascade;
+mod notch;
 
 pub use butterworth::{Band, Section};
 use cascade::Cascade;
+pub use notch::alias_hz;
 
 /// Why a filter cannot be designed or applied.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -128,10 +130,11 @@ pub enum ConstantColumns {
     Keep,
 }
 
-/// A zero-phase Butterworth filter, designed once and applied to many columns.
+/// A zero-phase filter, of Butterworth or of [notches](Self::notches), designed once and applied to many columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ZeroPhase {
     cascade: Cascade,
+    padding: usize,
 }
 
 impl ZeroPhase {
@@ -145,7 +148,8 @@ impl ZeroPhase {
     /// [`FilterError::Unstable`] for corners whose filter double precision cannot represent.
     pub fn new(band: Band, rate_hz: f64, order: usize) -> Result<Self, FilterError> {
         let (gain, sections) = butterworth::design(band, rate_hz, order)?;
-        Ok(Self { cascade: Cascade::new(gain, sections) })
+        let padding = 6 * sections.len();
+        Ok(Self { cascade: Cascade::new(gain, sections), padding })
     }
 
     /// The second-order sections of one pass, poles nearest the origin first.
@@ -158,9 +162,9 @@ impl ZeroPhase {
         self.cascade.gain()
     }
 
-    /// The number of samples of odd reflection before and after a series: six per section.
+    /// The number of samples of odd reflection before and after a series: six per section of a Butterworth filter.
     pub fn padding(&self) -> usize {
-        6 * self.cascade.sections().len()
+        self.padding
     }
 
     /// The minimum number of samples that can be filtered: one more than the padding.

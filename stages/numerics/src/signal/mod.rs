@@ -2,7 +2,10 @@
 //!
 //! | Module | Contents |
 //! |:--|:--|
-//! | [`filter`] | zero-phase Butterworth low-, high- and band-passes |
+//! | [`filter`] | zero-phase Butterworth low-, high- and band-passes; notches |
+//! | [`spikes`] | single samples that do not belong, by a running median or the fourth difference |
+//! | [`savitzky_golay`] | values and derivatives of polynomials fitted to a moving window |
+//! | [`lag`] | how much later one signal is than another, by cross-correlation |
 //! | [`segments`] | gaps: runs of usable samples, each filtered separately; checks of a time column |
 //! | [`difference`] | differences per sample, the substitute for a time derivative in Tolles-Lawson |
 //! | [`resample`] | samples at their own times onto an even grid; the low-pass before a lower rate |
@@ -60,12 +63,15 @@
 pub mod difference;
 pub mod filter;
 pub mod gauss_markov;
+pub mod lag;
 pub mod local_fit;
 pub mod natural_cubic;
 pub mod noise;
 pub mod resample;
+pub mod savitzky_golay;
 pub mod segments;
 pub mod spectrum;
+pub mod spikes;
 
 pub use filter::{Band, FilterError, ZeroPhase, band_pass};
 pub use gauss_markov::GaussMarkov;

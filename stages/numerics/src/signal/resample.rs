@@ -126,24 +126,36 @@ impl<'a> Plan<'a> {
     /// Fails for a rate that is not a finite number above 0, a gap that is negative or NaN, times that are not finite
     /// or do not increase, times too large to be distinguished at the rate, and more than [`MOST_ROWS`] rows.
     pub fn new(tt: &'a [f64], rate_hz: f64, max_gap_s: f64) -> Result<Self, ResampleError> {
-        if !(rate_hz > 0.0 && rate_hz.is_finite()) {
-            return Err(ResampleError::Rate { rate_hz });
-        }
-        if max_gap_s.is_nan() || max_gap_s < 0.0 {
-            return Err(ResampleError::Gap { max_gap_s });
-        }
+        check(rate_hz, max_gap_s)?;
         check_increasing(tt)?;
-        let largest = tt.iter().fold(0.0f64, |largest, tt| largest.max(tt.abs()));
-        let rounding = 4.0 * f64::EPSILON * largest;
-        if rounding * rate_hz > 1e-3 {
-            return Err(ResampleError::TooCoarse { tt: largest, rate_hz });
-        }
+        let grid = match (tt.first(), tt.last()) {
+            (Some(first_s), Some(last_s)) => even_grid(*first_s, *last_s, rate_hz)?,
+            _ => vec![],
+        };
+        Ok(Self::placed(tt, grid, rate_hz, max_gap_s))
+    }
+
+    /// A plan for samples at the strictly increasing times `tt` (s) onto the strictly increasing times `grid`, which
+    /// are 1/`rate_hz` apart or about that, bridging gaps of up to `max_gap_s`. Times of the grid before the first sample
+    /// and after the last have NaN, as in a gap.
+    ///
+    /// # Errors
+    /// Fails as [`Plan::new`].
+    pub fn onto(tt: &'a [f64], grid: Vec<f64>, rate_hz: f64, max_gap_s: f64) -> Result<Self, ResampleError> {
+        check(rate_hz, max_gap_s)?;
+        check_increasing(tt)?;
+        check_increasing(&grid)?;
+        resolution(largest(tt).max(largest(&grid)), rate_hz)?;
+        Ok(Self::placed(tt, grid, rate_hz, max_gap_s))
+    }
+
+    fn placed(tt: &'a [f64], grid: Vec<f64>, rate_hz: f64, max_gap_s: f64) -> Self {
+        let rounding = rounding(largest(tt));
         let snap_s = (SNAP / rate_hz).max(rounding);
-        let grid = grid(tt, rate_hz, snap_s)?;
         // A gap of exactly the longest one is bridged whatever the rounding of its times.
         let max_gap_s = max_gap_s + 2.0 * rounding;
         let places = places(tt, &grid, max_gap_s, snap_s);
-        Ok(Self { tt, grid, places, max_gap_s, snap_s })
+        Self { tt, grid, places, max_gap_s, snap_s }
     }
 
     /// The times of the grid, s.
@@ -227,11 +239,46 @@ fn blend(x: &[f64], places: &[Place], between: impl Fn(f64, f64, f64) -> f64) ->
     places.iter().map(value).collect()
 }
 
-fn grid(tt: &[f64], rate_hz: f64, snap_s: f64) -> Result<Vec<f64>, ResampleError> {
-    let (Some(&first_s), Some(&last_s)) = (tt.first(), tt.last()) else {
-        return Ok(Vec::new());
-    };
-    let rows = (last_s - first_s) * rate_hz + 1.0;
+fn check(rate_hz: f64, max_gap_s: f64) -> Result<(), ResampleError> {
+    if !(rate_hz > 0.0 && rate_hz.is_finite()) {
+        return Err(ResampleError::Rate { rate_hz });
+    }
+    if max_gap_s.is_nan() || max_gap_s < 0.0 {
+        return Err(ResampleError::Gap { max_gap_s });
+    }
+    Ok(())
+}
+
+fn largest(tt: &[f64]) -> f64 {
+    tt.iter().fold(0.0f64, |largest, tt| largest.max(tt.abs()))
+}
+
+/// The rounding of times up to `largest`, s.
+fn rounding(largest: f64) -> f64 {
+    4.0 * f64::EPSILON * largest
+}
+
+/// The rounding of times up to `largest`, where they can be distinguished at `rate_hz`.
+fn resolution(largest: f64, rate_hz: f64) -> Result<f64, ResampleError> {
+    let rounding = rounding(largest);
+    if rounding * rate_hz > 1e-3 {
+        return Err(ResampleError::TooCoarse { tt: largest, rate_hz });
+    }
+    Ok(rounding)
+}
+
+/// The times `k / rate_hz` (s, k whole) from `first_s` to `last_s`, inclusive.
+///
+/// # Errors
+/// Fails for a rate that is not a finite number above 0, times that are not finite or too large to be distinguished at
+/// the rate, and more than [`MOST_ROWS`] rows.
+pub fn even_grid(first_s: f64, last_s: f64, rate_hz: f64) -> Result<Vec<f64>, ResampleError> {
+    check(rate_hz, 0.0)?;
+    if let Some(row) = [first_s, last_s].iter().position(|tt| !tt.is_finite()) {
+        return Err(TimeError::NotFinite { row }.into());
+    }
+    let snap_s = (SNAP / rate_hz).max(resolution(first_s.abs().max(last_s.abs()), rate_hz)?);
+    let rows = ((last_s - first_s) * rate_hz + 1.0).max(0.0);
     if rows > MOST_ROWS as f64 {
         return Err(ResampleError::TooLong { first_s, last_s, rate_hz, rows });
     }

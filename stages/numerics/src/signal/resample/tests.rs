@@ -173,3 +173,29 @@ fn r12_bad_times_and_requests_are_named() {
     let plan = Plan::new(&[0.0, 1.0], 10.0, 1.0).unwrap();
     assert!(plan.column(&[0.0], Method::Linear).is_err());
 }
+
+#[test]
+fn law_a_plan_onto_its_own_grid_is_the_plan() {
+    let tt: Vec<f64> = (0..200).map(|k| 12.03 + 0.13 * f64::from(k) + 0.02 * f64::from(k % 3)).collect();
+    let x: Vec<f64> = tt.iter().map(|t| (3.0 * t).sin()).collect();
+    let own = Plan::new(&tt, 10.0, 1.0).unwrap();
+    assert_eq!(own.grid(), even_grid(tt[0], tt[199], 10.0).unwrap());
+    let onto = Plan::onto(&tt, own.grid().to_vec(), 10.0, 1.0).unwrap();
+    assert_eq!(onto, own);
+    // Beyond the samples there is nothing.
+    let wide = Plan::onto(&tt, even_grid(11.0, 40.0, 10.0).unwrap(), 10.0, 1.0).unwrap();
+    let made = wide.column(&x, Method::Linear).unwrap();
+    let inside = |t: f64| t >= tt[0] && t <= tt[199];
+    assert!(wide.grid().iter().zip(&made).all(|(t, y)| inside(*t) == y.is_finite()));
+    let shared: Vec<f64> = made.into_iter().filter(|y| y.is_finite()).collect();
+    assert_eq!(shared, own.column(&x, Method::Linear).unwrap());
+    assert_eq!(Plan::onto(&[], vec![1.0, 2.0], 10.0, 1.0).unwrap().rows_in_gaps(), 2);
+}
+
+#[test]
+fn unit_times_that_make_no_grid_are_refused() {
+    assert_eq!(even_grid(5.0, 4.0, 10.0).unwrap(), Vec::<f64>::new());
+    assert!(even_grid(f64::NAN, 4.0, 10.0).is_err() && even_grid(0.0, 4.0, 0.0).is_err());
+    assert!(matches!(even_grid(0.0, 1e8, 10.0), Err(ResampleError::TooLong { .. })));
+    assert!(Plan::onto(&[1.0, 2.0], vec![2.0, 1.0], 10.0, 1.0).is_err());
+}

@@ -1,4 +1,6 @@
-//! The allowed parts of a `where`, and a form of it without deep nesting.
+//! The allowed parts of an expression, and a form of it without deep nesting.
+//!
+//! `subject` is what a fault calls the expression, such as `` `where` ``.
 
 use datafusion::{
     common::tree_node::{Transformed, TreeNode, TreeNodeRecursion},
@@ -9,23 +11,26 @@ use schemas::Fault;
 
 use crate::deep;
 
-/// A predicate is evaluated on the ordinary stacks of the threads that work, which have room for many times this.
+/// An expression is evaluated on the ordinary stacks of the threads that work, which have room for many times this.
 const DEEPEST: usize = 500;
 
 /// Rejects expressions that are not a function of one row.
-pub fn check(expr: &Expr) -> Result<(), Fault> {
+///
+/// # Errors
+/// Fails for clocks and chance, for what sees several rows or tables, and for variables.
+pub fn check(expr: &Expr, subject: &str) -> Result<(), Fault> {
     let mut found = None;
     let visited = expr.apply(|e| {
-        found = objection(e);
+        found = objection(e, subject);
         Ok(if found.is_some() { TreeNodeRecursion::Stop } else { TreeNodeRecursion::Continue })
     });
-    visited.map_err(|e| Fault::new(format!("`where` cannot be read: {e}")))?;
+    visited.map_err(|e| Fault::new(format!("{subject} cannot be read: {e}")))?;
     found.map_or(Ok(()), Err)
 }
 
-fn objection(expr: &Expr) -> Option<Fault> {
+fn objection(expr: &Expr, subject: &str) -> Option<Fault> {
     let rows = |name: &str| {
-        let fault = Fault::new(format!("`{name}` needs several rows, and `where` sees one at a time"));
+        let fault = Fault::new(format!("`{name}` needs several rows, and {subject} sees one at a time"));
         Some(fault.help("compare columns of the row with values"))
     };
     match expr {
@@ -33,24 +38,24 @@ fn objection(expr: &Expr) -> Option<Fault> {
             Volatility::Immutable => None,
             Volatility::Stable | Volatility::Volatile => {
                 let fault = Fault::new(format!("`{}()` gives another answer each time", f.name()));
-                Some(fault.help("`where` depends on the row alone, so that the same spec selects the same rows"))
+                let help = format!("{subject} depends on the row alone, so that the same spec has the same answer");
+                Some(fault.help(help))
             }
         },
         Expr::AggregateFunction(f) => rows(f.func.name()),
         Expr::WindowFunction(f) => rows(f.fun.name()),
         Expr::Exists(_) | Expr::InSubquery(_) | Expr::SetComparison(_) | Expr::ScalarSubquery(_) => {
-            let fault = Fault::new("a query inside of `where` cannot be answered");
-            Some(
-                fault.help("`where` sees one row of one table; write the values out: `line in ('1003.02', '1003.04')`"),
-            )
+            let fault = Fault::new(format!("a query inside of {subject} cannot be answered"));
+            let values = "write the values out: `line in ('1003.02', '1003.04')`";
+            Some(fault.help(format!("{subject} sees one row of one table; {values}")))
         }
         Expr::ScalarVariable(..) | Expr::Placeholder(_) => {
-            Some(Fault::new("`where` has no variables").help("`\"$axis\"` puts in the value of an axis"))
+            Some(Fault::new(format!("{subject} has no variables")).help("`\"$axis\"` puts in the value of an axis"))
         }
         #[expect(deprecated)]
-        Expr::Wildcard { .. } => Some(Fault::new("`*` has no meaning in `where`")),
+        Expr::Wildcard { .. } => Some(Fault::new(format!("`*` has no meaning in {subject}"))),
         Expr::GroupingSet(_) | Expr::Unnest(_) | Expr::OuterReferenceColumn(..) => {
-            Some(Fault::new("`where` sees one row of one table"))
+            Some(Fault::new(format!("{subject} sees one row of one table")))
         }
         Expr::Alias(_)
         | Expr::Column(_)
@@ -79,7 +84,7 @@ fn objection(expr: &Expr) -> Option<Fault> {
     }
 }
 
-/// The same predicate with long chains of `and` and of `or` as balanced trees: SQL reads them as nested to the left.
+/// The same expression with long chains of `and` and of `or` as balanced trees: SQL reads them as nested to the left.
 ///
 /// # Errors
 /// Fails only where the rewriting of the expression fails.
@@ -139,7 +144,10 @@ fn tree(mut terms: Vec<Expr>, op: Operator) -> Expr {
 }
 
 /// Rejects expressions that are nested too deep to be evaluated.
-pub fn shallow(expr: &Expr) -> Result<(), Fault> {
+///
+/// # Errors
+/// Fails for more than 500 levels.
+pub fn shallow(expr: &Expr, subject: &str) -> Result<(), Fault> {
     // Level by level, so that a large tree is not walked by recursion.
     let mut level = vec![expr];
     for _ in 0..DEEPEST {
@@ -149,7 +157,7 @@ pub fn shallow(expr: &Expr) -> Result<(), Fault> {
                 next.push(child);
                 Ok(TreeNodeRecursion::Continue)
             });
-            visited.map_err(|e| Fault::new(format!("`where` cannot be read: {e}")))?;
+            visited.map_err(|e| Fault::new(format!("{subject} cannot be read: {e}")))?;
         }
         if next.is_empty() {
             return Ok(());

@@ -41,7 +41,7 @@ pub fn deep<T: Send>(work: impl FnOnce() -> T + Send) -> Result<T, Fault> {
 
 /// A query may be nested this deep; the time to plan it grows with the square and more.
 pub const QUERY: usize = 1_000;
-/// The same for a `where`, before its chains of `and` and `or` are balanced.
+/// The same for an expression, before its chains of `and` and `or` are balanced.
 pub const PREDICATE: usize = 5_000;
 /// More tables and queries than this in one text are rejected too: each is a level of the plan.
 const MOST_PARTS: usize = 1_000;

@@ -1,0 +1,217 @@
+//! INTERMAGNET's dissemination format of minute values, IMFV1.22 and 1.23: blocks of an hour, each with a header line and
+//! thirty lines of two minutes. [INTERMAGNET Technical Reference Manual, IMFV1.23 GIN dissemination format]
+
+use std::path::Path;
+
+use numerics::earth::dates::day_of_year;
+
+use super::{
+    FlightFormat,
+    iaga2002::{Kind, ObservatoryRecord, Sample, days_between, even, total_nt},
+    observatory,
+};
+use crate::ReadError;
+
+pub(super) const FORMAT: FlightFormat = FlightFormat {
+    name: "imf",
+    about: "observatory records by the minute, INTERMAGNET IMFV1.22 and 1.23: a flight is a station, a line a day",
+    // The extension is the code of the station.
+    extensions: &["imf"],
+    recognise: |head| head.first_line().is_some_and(|line| Block::of(&line).is_some()),
+    open: |path, _, _| observatory::raw(path, &read_imf(path)?),
+    made_from: None,
+};
+
+/// Marks of values that are missing or that no instrument observes, in the digits of the file.
+const MISSING: [f64; 4] = [999_999.0, 9_999_999.0, 888_888.0, 8_888_888.0];
+const MONTHS: [&str; 12] = ["JAN", "FEB", "MAR", "APR", "MAY", "JUN", "JUL", "AUG", "SEP", "OCT", "NOV", "DEC"];
+const LINES_A_BLOCK: usize = 30;
+
+/// The header of a block: station, date, hour, components, place and baseline declination.
+struct Block {
+    station: String,
+    year: i32,
+    doy: u32,
+    /// The day of the year as the header counts it.
+    said_doy: u32,
+    hour: u32,
+    letters: Vec<char>,
+    lat_deg: f64,
+    lon_deg: f64,
+    /// Of the declination, tenths of minutes of arc east.
+    baseline: f64,
+}
+
+impl Block {
+    /// `None` for what is no such header.
+    fn of(line: &str) -> Option<Block> {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let [station, date, doy, hour, letters, _, _, place, baseline, ..] = words.as_slice() else { return None };
+        let (month, day, year) = (date.get(..3)?, date.get(3..5)?, date.get(5..7)?);
+        let month = MONTHS.iter().position(|m| m.eq_ignore_ascii_case(month))? as u32 + 1;
+        let number = |text: &str| text.parse::<u32>().ok();
+        let year = number(year)? as i32;
+        // The format is of 1991.
+        let year = if year < 80 { 2000 + year } else { 1900 + year };
+        let (colatitude, longitude) = (number(place.get(..4)?)?, number(place.get(4..8)?)?);
+        let fits = date.len() == 7 && place.len() == 8 && letters.len() == 4;
+        fits.then_some(Block {
+            station: (*station).to_owned(),
+            year,
+            doy: day_of_year(year, month, number(day)?).ok()?,
+            said_doy: number(doy)?,
+            hour: number(hour).filter(|hour| *hour < 24)?,
+            letters: letters.chars().collect(),
+            lat_deg: 90.0 - f64::from(colatitude) / 10.0,
+            lon_deg: f64::from(longitude) / 10.0,
+            baseline: baseline.parse().ok()?,
+        })
+    }
+}
+
+/// Reads an IMF file: hours of one day, or of days one after the other, whose components form a vector (HDZF, XYZF or DIF).
+///
+/// The declination is relative to the baseline of its header. Values marked as missing are NaN.
+///
+/// # Errors
+/// Fails for a file that is not in this format, a line that cannot be read, a block that is cut off, headers that contradict
+/// each other or themselves, and hours that do not follow one another.
+pub fn read_imf(path: &Path) -> Result<ObservatoryRecord, ReadError> {
+    let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, &e))?;
+    parse(path, &String::from_utf8_lossy(&bytes))
+}
+
+fn parse(path: &Path, text: &str) -> Result<ObservatoryRecord, ReadError> {
+    let mut samples: Vec<Sample> = vec![];
+    let mut first: Option<Block> = None;
+    let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    while let Some((row, line)) = lines.next() {
+        let wrong = |row: usize, what: &str| ReadError::data(path, format!("{what} in line {}", row + 1));
+        let block = Block::of(line).ok_or_else(|| wrong(row, "the header of an hour cannot be read"))?;
+        if block.doy != block.said_doy {
+            return Err(wrong(row, &format!("the date is day {} of its year, not {},", block.doy, block.said_doy)));
+        }
+        let kind = Kind::of(&block.letters).ok_or_else(|| wrong(row, "the components do not form a vector"))?;
+        let start = first.as_ref().unwrap_or(&block);
+        if start.station != block.station || start.letters != block.letters {
+            return Err(wrong(row, "another station or other components begin"));
+        }
+        let days = days_between((start.year, start.doy), (block.year, block.doy)) as f64;
+        let hour_s = 86_400.0 * days + 3600.0 * f64::from(block.hour);
+        let baseline_rad = (block.baseline / 600.0).to_radians();
+        for pair in 0..LINES_A_BLOCK {
+            let Some((row, line)) = lines.next() else {
+                return Err(wrong(row, &format!("the file ends after {pair} of {LINES_A_BLOCK} lines of the hour")));
+            };
+            let values = values(line).ok_or_else(|| wrong(row, "two minutes of four values cannot be read"))?;
+            for (minute, digits) in values.chunks_exact(4).enumerate() {
+                let scaled: Vec<f64> = digits.iter().zip(&block.letters).map(|(x, l)| in_unit(*x, *l)).collect();
+                let ned_nt @ [north, east, down] = kind.ned_nt(&scaled, baseline_rad);
+                let total = total_nt(&block.letters, &scaled, &ned_nt);
+                samples.push((hour_s + 60.0 * (2 * pair + minute) as f64, [north, east, down, total]));
+            }
+        }
+        first.get_or_insert(block);
+    }
+    let block = first.ok_or_else(|| ReadError::data(path, "the IMF record has no samples"))?;
+    let (step_s, values) = even(path, &samples)?;
+    let (ned_nt, total_nt) = values.into_iter().map(|[n, e, d, total]| ([n, e, d], total)).unzip();
+    Ok(ObservatoryRecord {
+        station: block.station,
+        lat_deg: block.lat_deg,
+        lon_deg: block.lon_deg,
+        msl_m: f64::NAN,
+        components: block.letters.iter().collect(),
+        date: (block.year, block.doy),
+        start_tt_s: samples.first().map_or(0.0, |s| s.0),
+        step_s,
+        ned_nt,
+        total_nt,
+    })
+}
+
+/// The eight values of two minutes.
+fn values(line: &str) -> Option<Vec<f64>> {
+    let values: Option<Vec<f64>> = line.split_whitespace().map(|word| word.parse().ok()).collect();
+    values.filter(|v| v.len() == 8 && v.iter().all(|x| x.is_finite()))
+}
+
+/// Tenths of nT as nT, hundredths of minutes of arc as minutes; NaN for what is missing.
+fn in_unit(digits: f64, letter: char) -> f64 {
+    if MISSING.contains(&digits) {
+        return f64::NAN;
+    }
+    if matches!(letter, 'D' | 'I') { digits / 100.0 } else { digits / 10.0 }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::fmt::Write;
+
+    use super::*;
+    use crate::{formats::read_iaga2002, samples};
+
+    /// Hours of a day of Boulder, in this format.
+    fn boulder(hours: std::ops::Range<usize>) -> (String, ObservatoryRecord) {
+        let path = samples::path("boulder/bou20141104vmin.min");
+        let text = std::fs::read_to_string(&path).unwrap();
+        let rows: Vec<Vec<f64>> = text
+            .lines()
+            .filter(|line| line.starts_with("2014"))
+            .map(|line| line.split_whitespace().skip(3).map(|word| word.parse().unwrap()).collect())
+            .collect();
+        let mut out = String::new();
+        for hour in hours {
+            writeln!(out, "BOU NOV0414 308 {hour:02} HDZF R GOL 04992548 005527 RRRRRRRRRRRRRRRR").unwrap();
+            for pair in rows[60 * hour..60 * (hour + 1)].chunks(2) {
+                let digits = pair.iter().flat_map(|v| [10.0 * v[0], 100.0 * v[1], 10.0 * v[2], 10.0 * v[3]]);
+                let words: Vec<String> = digits.map(|x| format!("{:7.0}", x.round())).collect();
+                writeln!(out, "{}", words.join(" ")).unwrap();
+            }
+        }
+        (out, read_iaga2002(&path).unwrap())
+    }
+
+    #[test]
+    fn ref_boulder_in_both_formats_is_one_record() {
+        let (text, iaga) = boulder(0..24);
+        let imf = parse(Path::new("NOV0414.BOU"), &text).unwrap();
+        assert_eq!((imf.date, imf.start_tt_s, imf.step_s, imf.ned_nt.len()), (iaga.date, 0.0, 60.0, 1440));
+        assert_eq!((imf.station.as_str(), imf.components.as_str()), ("BOU", "HDZF"));
+        assert!((imf.lat_deg - 40.1).abs() < 1e-9 && imf.lon_deg == 254.8);
+        for (a, b) in imf.ned_nt.iter().flatten().zip(iaga.ned_nt.iter().flatten()) {
+            // Tenths of nT in place of hundredths.
+            assert!((a - b).abs() < 0.08, "{a} {b}");
+        }
+        assert!(imf.total_nt.iter().zip(&iaga.total_nt).all(|(a, b)| (a - b).abs() < 0.051));
+        assert!(Block::of(text.lines().next().unwrap()).is_some());
+    }
+
+    #[test]
+    fn unit_missing_values_and_hours_are_nan() {
+        let (text, _) = boulder(3..4);
+        let line = text.lines().nth(1).unwrap();
+        let damaged = text.replacen(line, "9999999 9999999 9999999 999999 208960 -965 474676 888888", 1);
+        let later = boulder(5..6).0;
+        let found = parse(Path::new("x"), &(damaged + &later)).unwrap();
+        assert_eq!((found.start_tt_s, found.ned_nt.len()), (10_800.0, 180));
+        assert!(found.ned_nt[0].iter().all(|x| x.is_nan()) && found.total_nt[0].is_nan() && found.total_nt[1].is_nan());
+        assert!((found.ned_nt[1][2] - 47_467.6).abs() < 1e-9);
+        assert!(found.ned_nt[60..120].iter().flatten().all(|x| x.is_nan()), "the hour between");
+    }
+
+    #[test]
+    fn unit_what_is_damaged_is_named_with_its_line() {
+        let (text, _) = boulder(3..4);
+        let said = |text: &str| parse(Path::new("x"), text).unwrap_err().to_string();
+        assert!(said(&text.replace(" 308 ", " 309 ")).contains("day 308 of its year, not 309, in line 1"));
+        assert!(said(&text.replace("HDZF", "ABCD")).contains("do not form a vector"));
+        let cut: String = text.lines().take(20).map(|line| format!("{line}\n")).collect();
+        assert!(said(&cut).contains("ends after 19 of 30 lines"));
+        let word = text.lines().nth(1).unwrap().split_whitespace().next().unwrap();
+        assert!(said(&text.replacen(word, "x", 1)).contains("cannot be read in line 2"));
+        assert!(said("hello\n").contains("header of an hour") && said("").contains("no samples"));
+        assert!(said(&(text.clone() + &text)).contains("do not ascend"));
+    }
+}

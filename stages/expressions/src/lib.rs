@@ -1,0 +1,359 @@
+//! SQL expressions over the columns of one row, read and evaluated by DataFusion.
+//!
+//! An expression is a function of one row and of nothing else: neither the clock nor chance, no other rows and no other
+//! tables. Its unit follows from those of its columns where that is plain.
+//!
+//! ```
+//! use expressions::{Expression, Unit};
+//! use schemas::{Column, Shape};
+//!
+//! let columns = vec![Column::float("mag_2_uc", "nT", ""), Column::float("mag_3_uc", "nT", "")];
+//! let shape = Shape { columns, rate_hz: None };
+//! let difference = Expression::new("mag_2_uc - mag_3_uc", &shape, "`mag_d`").unwrap();
+//! assert_eq!(difference.unit, Unit::Of("nT".to_owned()));
+//! ```
+
+pub mod deep;
+pub mod row;
+mod unit;
+
+use std::sync::{Arc, LazyLock};
+
+use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, RecordBatchOptions, cast::AsArray, types::Float64Type};
+use arrow_schema::{DataType, Field, Schema, SchemaRef};
+use datafusion::{
+    common::{
+        DFSchema, ScalarValue, SchemaError,
+        tree_node::{Transformed, TreeNode, TreeNodeRecursion},
+    },
+    error::DataFusionError,
+    execution::SessionState,
+    logical_expr::{BinaryExpr, Expr, Operator, cast, lit, simplify::SimplifyContext, when},
+    optimizer::simplify_expressions::ExprSimplifier,
+    physical_expr::PhysicalExpr,
+    prelude::SessionContext,
+    sql::sqlparser::parser::ParserError,
+};
+use schemas::{Fault, Shape};
+
+pub use unit::Unit;
+
+/// DataFusion with all its functions; building it takes a millisecond, and a sweep may have one expression per point.
+static SQL: LazyLock<SessionState> = LazyLock::new(|| SessionContext::new().state());
+
+/// The Arrow schema that the columns of a table have in expressions.
+pub fn schema_of(shape: &Shape) -> Schema {
+    Schema::new(fields(shape.columns.iter()))
+}
+
+fn fields<'a>(columns: impl Iterator<Item = &'a schemas::Column>) -> Vec<Field> {
+    columns.map(|c| Field::new(&c.name, c.column_type.data_type(), true)).collect()
+}
+
+/// The expression that `sql` is over the columns of `shape`. Call it by [`deep::over`]: it recurses as deep as the text
+/// is nested. `subject` is what faults call it.
+///
+/// # Errors
+/// Fails for what is not an expression in SQL, names a column that does not exist, is nested too deep, or is more than a
+/// function of one row.
+pub fn parse(sql: &str, shape: &Shape, subject: &str) -> Result<Expr, Fault> {
+    let wrong = |e: DataFusionError| wrong(&e, shape, subject);
+    let schema = DFSchema::try_from(schema_of(shape)).map_err(wrong)?;
+    let dialect = SQL.config().options().sql_parser.dialect;
+    let parsed = SQL.sql_to_expr_with_alias(sql, &dialect).map_err(wrong)?;
+    deep::check(&parsed.expr, deep::PREDICATE)?;
+    let expr = SQL.create_logical_expr_from_sql_expr(parsed, &schema).map_err(wrong)?;
+    row::check(&expr, subject)?;
+    Ok(expr)
+}
+
+/// The expression ready to be evaluated on batches of `schema`.
+///
+/// # Errors
+/// Fails for functions and operators that do not take values of these types, and for what is nested too deep.
+pub fn physical(expr: Expr, schema: &Schema, shape: &Shape, subject: &str) -> Result<Arc<dyn PhysicalExpr>, Fault> {
+    let wrong = |e: DataFusionError| wrong(&e, shape, subject);
+    let schema = DFSchema::try_from(schema.clone()).map_err(wrong)?;
+    let expr = row::balanced(expr).map_err(wrong)?;
+    row::shallow(&expr, subject)?;
+    let expr = if calls_a_function(&expr).map_err(wrong)? { simplified(expr, &schema).map_err(wrong)? } else { expr };
+    SQL.create_physical_expr(expr, &schema).map_err(wrong)
+}
+
+fn calls_a_function(expr: &Expr) -> Result<bool, DataFusionError> {
+    expr.exists(|e| Ok(matches!(e, Expr::ScalarFunction(_))))
+}
+
+/// The same in the functions that can be evaluated: `coalesce`, for one, is rewritten as a `case`.
+fn simplified(expr: Expr, schema: &DFSchema) -> Result<Expr, DataFusionError> {
+    let context = SimplifyContext::builder().with_schema(Arc::new(schema.clone())).build();
+    let simplifier = ExprSimplifier::new(context);
+    simplifier.simplify(simplifier.coerce(expr, schema)?)
+}
+
+/// Rewords DataFusion's error on an unknown name.
+fn wrong(e: &DataFusionError, shape: &Shape, subject: &str) -> Fault {
+    let have: Vec<&str> = shape.columns.iter().map(|c| c.name.as_str()).collect();
+    match e.find_root() {
+        DataFusionError::SchemaError(inner, _) => match inner.as_ref() {
+            SchemaError::FieldNotFound { field, .. } => {
+                Fault::new(format!("there is no column `{}`", field.name())).nearest(field.name(), &have)
+            }
+            other => Fault::new(format!("{subject} cannot be read: {other}")),
+        },
+        DataFusionError::SQL(inner, _) if matches!(inner.as_ref(), ParserError::RecursionLimitExceeded) => {
+            deep::too_deep()
+        }
+        other => Fault::new(format!("{subject} cannot be read: {other}")),
+    }
+}
+
+/// An expression that has been checked against the columns it sees.
+///
+/// NaN is a missing value, as everywhere in flight lines, and SQL's NULL in the expression: what is made of it is
+/// missing, also by `greatest` and `least`, a comparison with it is unknown, and `coalesce` and `is null` see it. A division is one of real numbers, also
+/// between whole ones.
+#[derive(Clone, Debug)]
+pub struct Expression {
+    physical: Arc<dyn PhysicalExpr>,
+    schema: SchemaRef,
+    subject: String,
+    /// The columns that it reads, sorted.
+    pub columns: Vec<String>,
+    /// The type of its values.
+    pub data_type: DataType,
+    /// The unit of its values.
+    pub unit: Unit,
+}
+
+impl Expression {
+    /// Reads `sql` against the columns of `shape`. `subject` is what faults call it.
+    ///
+    /// # Errors
+    /// Fails as [`parse`] and [`physical`], and where values of different units are added or compared.
+    pub fn new(sql: &str, shape: &Shape, subject: &str) -> Result<Expression, Fault> {
+        deep::over(sql, || Self::read(sql, shape, subject))?
+    }
+
+    fn read(sql: &str, shape: &Shape, subject: &str) -> Result<Expression, Fault> {
+        let expr = parse(sql, shape, subject)?;
+        // The checks below recurse without a bound of their own.
+        row::shallow(&expr, subject)?;
+        let unit = unit::of(&expr, shape)?;
+        if extremes_deep(&expr) > MOST_EXTREMES {
+            return Err(Fault::new(format!(
+                "more than {MOST_EXTREMES} `greatest` and `least` stand inside of each other"
+            )));
+        }
+        let expr = real_division(expr).and_then(missing_extremes).map_err(|e| wrong(&e, shape, subject))?;
+        let mut columns: Vec<String> = expr.column_refs().into_iter().map(|c| c.name.clone()).collect();
+        columns.sort();
+        columns.dedup();
+        let schema = Arc::new(Schema::new(fields(columns.iter().filter_map(|name| shape.get(name)))));
+        let physical = physical(expr, &schema, shape, subject)?;
+        let data_type = physical.data_type(&schema).map_err(|e| wrong(&e, shape, subject))?;
+        Ok(Expression { physical, schema, subject: subject.to_owned(), columns, data_type, unit })
+    }
+
+    /// Its values, one for each row of `batch`, which holds [`Expression::columns`] among others.
+    ///
+    /// # Errors
+    /// Fails for a column that is missing or of another type, and where it cannot be evaluated on these values.
+    pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
+        let rows = batch.num_rows();
+        let column = |field: &Arc<Field>| {
+            let array = batch.column_by_name(field.name());
+            let array = array.ok_or_else(|| Fault::data("is missing").in_column(field.name()))?;
+            Ok(known(array))
+        };
+        let arrays = self.schema.fields().iter().map(column).collect::<Result<Vec<_>, Fault>>()?;
+        let options = RecordBatchOptions::new().with_row_count(Some(rows));
+        let batch = RecordBatch::try_new_with_options(self.schema.clone(), arrays, &options);
+        let batch = batch.map_err(|e| Fault::data(e.to_string()))?;
+        let values = self.physical.evaluate(&batch).and_then(|v| v.into_array(rows));
+        values.map_err(|e| Fault::data(format!("{} cannot be evaluated: {}", self.subject, e.find_root())))
+    }
+
+    /// Its values as numbers, NaN where one is missing or infinite.
+    ///
+    /// # Errors
+    /// Fails as [`Expression::evaluate`], and where its values are no numbers.
+    pub fn numbers(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
+        let array = arrow_cast::cast(&self.evaluate(batch)?, &DataType::Float64);
+        let array = array.map_err(|e| Fault::data(format!("{} gives no numbers: {e}", self.subject)))?;
+        let numbers = array.as_primitive::<Float64Type>().iter();
+        Ok(numbers.map(|x| x.filter(|x| x.is_finite()).unwrap_or(f64::NAN)).collect())
+    }
+
+    /// Where it is true; where it is unknown it is not.
+    ///
+    /// # Errors
+    /// Fails as [`Expression::evaluate`], and where its values are not true or false.
+    pub fn mask(&self, batch: &RecordBatch) -> Result<Vec<bool>, Fault> {
+        let array = self.evaluate(batch)?;
+        let gives = || Fault::data(format!("{} gives {}, not true or false", self.subject, array.data_type()));
+        Ok(array.as_boolean_opt().ok_or_else(gives)?.iter().map(|x| x.unwrap_or(false)).collect())
+    }
+}
+
+/// The column with null for NaN.
+fn known(array: &ArrayRef) -> ArrayRef {
+    match array.as_primitive_opt::<Float64Type>() {
+        Some(numbers) if numbers.values().iter().any(|x| x.is_nan()) => {
+            Arc::new(numbers.iter().map(|x| x.filter(|x| !x.is_nan())).collect::<Float64Array>())
+        }
+        _ => array.clone(),
+    }
+}
+
+/// The same with each dividend as a real number: SQL divides whole numbers to whole ones, so that `1/3` were 0.
+fn real_division(expr: Expr) -> Result<Expr, DataFusionError> {
+    let one = |e: Expr| match e {
+        Expr::BinaryExpr(BinaryExpr { left, op: Operator::Divide, right }) => {
+            let left = Box::new(cast(*left, DataType::Float64));
+            Ok(Transformed::yes(Expr::BinaryExpr(BinaryExpr { left, op: Operator::Divide, right })))
+        }
+        other => Ok(Transformed::no(other)),
+    };
+    expr.transform_up(one).map(|t| t.data)
+}
+
+/// How deep `greatest` and `least` may stand inside of each other: each level doubles the expression.
+const MOST_EXTREMES: usize = 8;
+
+fn is_extreme(expr: &Expr) -> bool {
+    matches!(expr, Expr::ScalarFunction(f) if matches!(f.name(), "greatest" | "least"))
+}
+
+/// How deep `greatest` and `least` stand inside of each other. The expression is not nested deep.
+fn extremes_deep(expr: &Expr) -> usize {
+    let mut inside = 0;
+    // The visit itself cannot fail.
+    let _ = expr.apply_children(|child| {
+        inside = inside.max(extremes_deep(child));
+        Ok(TreeNodeRecursion::Continue)
+    });
+    inside + usize::from(is_extreme(expr))
+}
+
+/// The same with each `greatest` and `least` missing where one of its values is: SQL's leave missing values out, so that
+/// a missing value clipped to 1 were 1.
+fn missing_extremes(expr: Expr) -> Result<Expr, DataFusionError> {
+    let one = |e: Expr| {
+        let Expr::ScalarFunction(function) = &e else { return Ok(Transformed::no(e)) };
+        let missing = function.args.iter().cloned().map(Expr::is_null).reduce(Expr::or);
+        match missing.filter(|_| is_extreme(&e)) {
+            Some(missing) => Ok(Transformed::yes(when(missing, lit(ScalarValue::Null)).otherwise(e)?)),
+            None => Ok(Transformed::no(e)),
+        }
+    };
+    expr.transform_up(one).map(|t| t.data)
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use arrow_array::{Int64Array, StringArray};
+    use schemas::Column;
+
+    use super::*;
+
+    fn shape() -> Shape {
+        let columns = vec![
+            Column::text("line", ""),
+            Column::float("a", "nT", ""),
+            Column::float("b", "nT", ""),
+            Column::float("tt", "s", ""),
+            Column::float("plain", "", ""),
+            Column::integer("doy", "", ""),
+        ];
+        Shape { columns, rate_hz: None }
+    }
+
+    fn batch() -> RecordBatch {
+        let floats = |values: [f64; 3]| Arc::new(Float64Array::from(values.to_vec())) as ArrayRef;
+        RecordBatch::try_from_iter([
+            ("line", Arc::new(StringArray::from(vec!["1.01"; 3])) as ArrayRef),
+            ("a", floats([1.0, -2.0, f64::NAN])),
+            ("b", floats([0.5, 4.0, 8.0])),
+            ("tt", floats([0.0, 1.0, 2.0])),
+            ("plain", floats([1.0, 2.0, 3.0])),
+            ("doy", Arc::new(Int64Array::from(vec![7, 8, 9])) as ArrayRef),
+        ])
+        .unwrap()
+    }
+
+    fn numbers(sql: &str) -> Vec<f64> {
+        Expression::new(sql, &shape(), "`x`").unwrap().numbers(&batch()).unwrap()
+    }
+
+    #[test]
+    fn law_numbers_are_those_of_arithmetic_and_nan_is_missing() {
+        let same = |sql: &str, expected: [f64; 3]| {
+            let found = numbers(sql);
+            let fits = found.iter().zip(expected).all(|(x, y)| *x == y || x.is_nan() && y.is_nan());
+            assert!(fits, "{sql}: {found:?}");
+        };
+        let nan = f64::NAN;
+        same("a - b", [0.5, -6.0, nan]);
+        same("1/2 * b", [0.25, 2.0, 4.0]);
+        same("doy / 2", [3.5, 4.0, 4.5]);
+        same("doy % 4", [3.0, 0.0, 1.0]);
+        same("coalesce(a, b)", [1.0, -2.0, 8.0]);
+        same("case when a > 0 then 1 when a <= 0 then 2 else 3 end", [1.0, 2.0, 3.0]);
+        same("greatest(least(b, 5), 1)", [1.0, 4.0, 5.0]);
+        same("greatest(-1, least(1, a))", [1.0, -1.0, nan]);
+        same("greatest(coalesce(a, b), 2)", [2.0, 2.0, 8.0]);
+        same("1 / (tt - 1)", [-1.0, nan, 1.0]);
+        same("sqrt(a)", [1.0, nan, nan]);
+        same("3", [3.0; 3]);
+        let mask = |sql: &str| Expression::new(sql, &shape(), "`x`").unwrap().mask(&batch()).unwrap();
+        // In Arrow's order NaN is above all numbers.
+        assert_eq!(mask("a > 0"), [true, false, false]);
+        assert_eq!(mask("a is null or b > 1"), [false, true, true]);
+        assert_eq!(mask("line like '1.%' and tt between 1 and 2"), [false, true, true]);
+    }
+
+    #[test]
+    fn unit_the_unit_follows_where_it_is_plain() {
+        let unit = |sql: &str| Expression::new(sql, &shape(), "`x`").unwrap().unit;
+        let nt = || Unit::Of("nT".to_owned());
+        for sql in [
+            "a - b",
+            "-(a + 3)",
+            "abs(a - b)",
+            "case when tt > 3 then a else b end",
+            "coalesce(a, b, 0)",
+            "least(a, 5)",
+        ] {
+            assert_eq!(unit(sql), nt(), "{sql}");
+        }
+        assert_eq!(unit("0.5 * (a + b)"), Unit::Scaled("nT".to_owned()));
+        assert_eq!(unit("a / b"), Unit::Of("1".to_owned()));
+        assert_eq!(unit("a / b * a"), nt());
+        assert_eq!((unit("3 * 4"), unit("plain")), (Unit::Any, Unit::Of(String::new())));
+        for sql in ["a * b", "sqrt(a)", "a / tt", "a + plain", "1 / a", "sin(a)"] {
+            assert_eq!(unit(sql), Unit::Unknown, "{sql}");
+        }
+        for sql in
+            ["a + tt", "case when a > tt then 1 else 0 end", "case when tt > 0 then a else tt end", "abs(a) - tt"]
+        {
+            let fault = Expression::new(sql, &shape(), "`x`").unwrap_err();
+            assert!(fault.what.contains("nT") && fault.what.contains("in s"), "{sql}: {fault}");
+        }
+    }
+
+    #[test]
+    fn unit_what_is_no_function_of_the_row_is_refused_by_its_name() {
+        let said = |sql: &str| Expression::new(sql, &shape(), "`x`").unwrap_err().to_string();
+        assert!(said("a * random()").contains("`random()` gives another answer each time"));
+        assert!(said("a - avg(a)").contains("`x` sees one at a time"));
+        assert!(said("a - (select 1)").contains("a query inside of `x`"));
+        assert!(said("aa + 1").contains("there is no column `aa`"));
+        assert!(said("a +").contains("`x` cannot be read"));
+        assert!(said(&format!("a {}", "+ 1 ".repeat(9_000))).contains("nested"));
+        assert!(said(&format!("{}a{}", "least(".repeat(30), ", 1)".repeat(30))).contains("inside of each other"));
+        assert_eq!(Expression::new("line", &shape(), "`x`").unwrap().data_type, DataType::Utf8);
+        assert!(Expression::new("a", &shape(), "`x`").unwrap().mask(&batch()).is_err());
+    }
+}

@@ -1,0 +1,151 @@
+//! Spikes: samples that do not belong to the signal around them.
+//!
+//! Both searches work on one run of finite samples and say which of them are spikes; what becomes of those is up to the
+//! caller. Their noise is a robust figure, 1.4826 times the median absolute deviation, and at least one step of the
+//! quantisation (the smallest difference between neighbours that is not 0), so that the last digit of a quiet sensor is
+//! not a spike.
+
+use crate::regression::statistics::median;
+
+/// The standard deviation of normal values over their median absolute deviation, 1/0.67449.
+const SIGMA_OF_MAD: f64 = 1.482_602_218_505_602;
+
+/// The variance of the fourth difference of white noise of variance 1: 1 + 16 + 36 + 16 + 1.
+const FOURTH_DIFFERENCE_GAIN: f64 = 70.0;
+
+/// Passes after which the fourth difference gives up to find more.
+const MOST_PASSES: usize = 20;
+
+/// The samples of `x` that are off the median of their window, `half` samples to either side, by more than `threshold`
+/// times the noise: the greatest of the window's, of that of the whole run off its running median, and of the
+/// quantisation. At the ends the window is what there is of it. One entry a sample. [Hampel 1974, "The influence curve
+/// and its role in robust estimation", J. Am. Stat. Assoc. 69; Pearson 2002, "Outliers in process modeling and
+/// identification", IEEE Trans. Control Systems Technology 10(1)]
+///
+/// Up to `half` neighbouring samples are found together. `x` is finite; a run of fewer than 3 samples has no spikes.
+pub fn hampel(x: &[f64], half: usize, threshold: f64) -> Vec<bool> {
+    if x.len() < 3 || half == 0 {
+        return vec![false; x.len()];
+    }
+    let mut window: Vec<f64> = Vec::with_capacity(2 * half + 1);
+    let (off, noise): (Vec<f64>, Vec<f64>) = (0..x.len())
+        .map(|i| {
+            let around = &x[i.saturating_sub(half)..(i + half + 1).min(x.len())];
+            window.clear();
+            window.extend_from_slice(around);
+            let middle = median(&mut window);
+            window.iter_mut().for_each(|x| *x = (*x - middle).abs());
+            (x[i] - middle, SIGMA_OF_MAD * median(&mut window))
+        })
+        .unzip();
+    let mut all: Vec<f64> = off.iter().map(|x| x.abs()).collect();
+    let least = (SIGMA_OF_MAD * median(&mut all)).max(quantisation(x));
+    off.iter().zip(&noise).map(|(off, noise)| off.abs() > threshold * noise.max(least)).collect()
+}
+
+/// The single samples of `x` at which the fourth difference, over √70 in the unit of `x`, is more than `threshold` times
+/// the noise that it shows, and greater than at the two samples to either side.
+///
+/// A single sample that is off by `a` has 6 a/√70 = 0.72 a there; a smooth signal has next to nothing. A sample found is
+/// set on the cubic through its neighbours, and the search goes on until there is none. Two neighbouring samples that
+/// are off together are not told from their neighbours: use [`hampel`]. `x` is finite and evenly sampled; the first and
+/// last two samples are not judged. One entry a sample. [Reeves 1993, "Practical aeromagnetic surveys", on the fourth
+/// difference as a measure of noise]
+pub fn fourth_difference(x: &[f64], threshold: f64) -> Vec<bool> {
+    let mut found = vec![false; x.len()];
+    if x.len() < 5 {
+        return found;
+    }
+    let mut x = x.to_vec();
+    let mut sizes = fourth_differences(&x);
+    let least = (SIGMA_OF_MAD * median(&mut sizes.clone())).max(quantisation(&x));
+    for _ in 0..MOST_PASSES {
+        let above = |i: usize| {
+            let around = &sizes[i.saturating_sub(2)..(i + 3).min(sizes.len())];
+            sizes[i] > threshold * least && around.iter().all(|other| *other <= sizes[i])
+        };
+        let spikes: Vec<usize> = (0..sizes.len()).filter(|i| above(*i)).map(|i| i + 2).collect();
+        if spikes.is_empty() {
+            break;
+        }
+        for i in spikes {
+            found[i] = true;
+            x[i] += (-x[i - 2] + 4.0 * x[i - 1] - 6.0 * x[i] + 4.0 * x[i + 1] - x[i + 2]) / 6.0;
+        }
+        sizes = fourth_differences(&x);
+    }
+    found
+}
+
+/// The size of the fourth difference over √70 at each sample but the first and last two.
+fn fourth_differences(x: &[f64]) -> Vec<f64> {
+    let of = |w: &[f64]| ((w[0] + w[4]) - 4.0 * (w[1] + w[3]) + 6.0 * w[2]).abs() / FOURTH_DIFFERENCE_GAIN.sqrt();
+    x.windows(5).map(of).collect()
+}
+
+/// The smallest difference between neighbours that is not 0; 0 where all are equal.
+fn quantisation(x: &[f64]) -> f64 {
+    let steps = x.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 0.0);
+    steps.min_by(f64::total_cmp).unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{random::Normals, reference_csv::columns};
+
+    fn places(found: &[bool]) -> Vec<usize> {
+        found.iter().enumerate().filter(|(_, f)| **f).map(|(i, _)| i).collect()
+    }
+
+    /// A field with a slope, a wave and noise of 0.05 nT.
+    fn field(rows: usize) -> Vec<f64> {
+        let mut normals = Normals::new(5);
+        (0..rows).map(|k| 50_000.0 + 0.3 * k as f64 + 20.0 * (0.05 * k as f64).sin() + 0.05 * normals.draw()).collect()
+    }
+
+    #[test]
+    fn val_the_running_median_finds_what_numpy_finds() {
+        let table = columns(include_str!("../../reference/signal/hampel.csv"));
+        for (name, half, threshold) in [("spike_5_3", 5, 3.0), ("spike_2_6", 2, 6.0)] {
+            let expected: Vec<bool> = table[name].iter().map(|flag| *flag == 1.0).collect();
+            assert!(expected.iter().filter(|x| **x).count() > 3, "the reference has spikes");
+            assert_eq!(places(&hampel(&table["x"], half, threshold)), places(&expected), "{name}");
+        }
+    }
+
+    #[test]
+    fn law_what_was_put_in_is_found_and_nothing_else() {
+        let clean = field(2000);
+        assert!(!hampel(&clean, 5, 8.0).contains(&true));
+        assert!(!fourth_difference(&clean, 8.0).contains(&true));
+        let mut x = clean.clone();
+        let at = [100, 103, 700, 1500, 1990];
+        at.iter().zip([4.0, -3.0, 50.0, -2.5, 900.0]).for_each(|(i, a)| x[*i] += a);
+        assert_eq!(places(&fourth_difference(&x, 8.0)), at);
+        assert_eq!(places(&hampel(&x, 5, 12.0)), [700, 1990], "a slope widens the window's own deviation");
+        // Four samples together.
+        (900..904).for_each(|i| x[i] += 300.0);
+        assert_eq!(places(&hampel(&x, 7, 12.0)), [700, 900, 901, 902, 903, 1990]);
+    }
+
+    #[test]
+    fn law_the_last_digit_of_a_quiet_sensor_and_a_constant_are_no_spikes() {
+        let mut x = vec![50_000.0; 400];
+        assert!(places(&hampel(&x, 5, 3.0)).is_empty() && places(&fourth_difference(&x, 3.0)).is_empty());
+        (0..400).filter(|k| k % 37 == 0).for_each(|k| x[k] += 0.01);
+        assert!(places(&hampel(&x, 5, 3.0)).is_empty(), "{:?}", places(&hampel(&x, 5, 3.0)));
+        assert!(places(&fourth_difference(&x, 3.0)).is_empty());
+        x[200] += 1.0;
+        assert_eq!((places(&hampel(&x, 5, 3.0)), places(&fourth_difference(&x, 3.0))), (vec![200], vec![200]));
+    }
+
+    #[test]
+    fn unit_a_short_run_has_no_spikes() {
+        for rows in 0..5 {
+            let x = vec![1.0; rows];
+            assert_eq!((hampel(&x, 5, 3.0).len(), fourth_difference(&x, 3.0).len()), (rows, rows));
+        }
+        assert_eq!(places(&hampel(&[1.0, 2.0, 900.0, 2.0, 1.0], 5, 3.0)), [2]);
+    }
+}

@@ -1,0 +1,231 @@
+//! Rates of change of columns.
+
+use arrow_array::RecordBatch;
+use numerics::{
+    angle::unwrapped_deg,
+    signal::{
+        difference::{Scheme, difference},
+        savitzky_golay::SavitzkyGolay,
+        segments::{STEP_TOLERANCE, Usable, sample_rate},
+    },
+};
+use schemas::{Arrays, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, choice, stage};
+
+use crate::columns::{array, data, floats, is_angle, made_of_each, not_numbers_among, shape};
+
+stage! {
+    /// Appends the rate of change of columns, `<column>_dot`, per second.
+    ///
+    /// `central` is half the difference of the neighbours over the time between samples, one-sided at the ends of a run;
+    /// `savitzky_golay` is the slope of the polynomial that fits a window best, which amplifies noise less: with the
+    /// default window and degree by a factor of 0.32 where `central` has 0.71 (per step).
+    ///
+    /// Angles (unit deg) change along the shorter arc. A missing value or a gap in time ends a run, and a run with fewer
+    /// samples than the method needs is NaN; samples that are not evenly spaced are an error. The unit is that of the
+    /// column per second.
+    ///
+    /// Source: Savitzky & Golay 1964, Analytical Chemistry 36(8).
+    Derivative = "derivative", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name    = "derivative"
+stage   = "derivative"
+input   = "resample"
+columns = ["flux_a_x", "mag_4_uc"]
+method  = "savitzky_golay"
+"#;
+    /// The columns.
+    columns: Vec<String>, unit "";
+    /// How the rate is found.
+    method: How, unit "", default How::Central;
+    /// For `savitzky_golay`: the samples of a window, an odd number.
+    window: Option<usize>, unit "", absent "5", rule Rule::Between(3.0, 10001.0);
+    /// For `savitzky_golay`: the degree of the polynomial.
+    degree: Option<usize>, unit "", absent "2", rule Rule::Between(1.0, 8.0);
+}
+
+choice! {
+    /// How a rate of change is found.
+    pub enum How {
+        /// By the difference of the neighbours.
+        Central = "central",
+        /// By polynomials that fit a window best.
+        SavitzkyGolay = "savitzky_golay",
+    }
+}
+
+/// The rate of change of a run, per sample; `None` where it is too short.
+enum Slope {
+    Central,
+    Fitted(SavitzkyGolay),
+}
+
+impl Slope {
+    fn of(&self, x: &[f64]) -> Option<Vec<f64>> {
+        match self {
+            Slope::Central => difference(x, Scheme::Central),
+            Slope::Fitted(polynomial) => polynomial.apply(x),
+        }
+    }
+
+    fn least_rows(&self) -> usize {
+        match self {
+            Slope::Central => Scheme::Central.least_rows(),
+            Slope::Fitted(polynomial) => polynomial.window(),
+        }
+    }
+}
+
+impl Derivative {
+    fn slope(&self) -> Result<Slope, Fault> {
+        match self.method {
+            How::Central => Ok(Slope::Central),
+            How::SavitzkyGolay => {
+                let fitted = SavitzkyGolay::new(self.window.unwrap_or(5), self.degree.unwrap_or(2), 1);
+                fitted.map(Slope::Fitted).map_err(|e| Fault::new(e.to_string()).of_param("window"))
+            }
+        }
+    }
+}
+
+/// The unit of a rate of change.
+fn per_second(unit: &str) -> String {
+    match unit {
+        "" => "1/s".to_owned(),
+        // The usual spellings of what has one.
+        "m/s" => "m/s2".to_owned(),
+        other => format!("{other}/s"),
+    }
+}
+
+impl Stage for Derivative {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let mut faults = not_numbers_among(shape, &self.columns, "columns");
+        faults.extend(self.slope().err());
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let made = made_of_each(shape, &self.columns, "_dot", "rate of change", per_second);
+        let reads: Vec<&str> = std::iter::once("tt").chain(self.columns.iter().map(String::as_str)).collect();
+        Ok(Yield::append(made, &reads))
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        let fitted = self.method == How::SavitzkyGolay;
+        let idle = !fitted && (key == "window" || key == "degree");
+        idle.then(|| Fault::new(format!("`{key}` has no effect with the method `central`")))
+    }
+}
+
+impl LineStage for Derivative {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+        let batch = &line.inputs[0];
+        let tt = floats(batch, "tt")?;
+        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+        let slope = self.slope()?;
+        let one = |name: &String| {
+            let x = floats(batch, name)?;
+            let turned = is_angle(batch, name).then(|| unwrapped_deg(x));
+            let values = turned.as_deref().unwrap_or(x);
+            let mut made = vec![f64::NAN; x.len()];
+            let mut any = false;
+            for run in Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz) {
+                let (Some(from), Some(to)) = (values.get(run.clone()), made.get_mut(run)) else { continue };
+                if let Some(rates) = slope.of(from) {
+                    to.iter_mut().zip(rates).for_each(|(to, rate)| *to = rate * rate_hz);
+                    any = true;
+                }
+            }
+            if any {
+                return Ok(array(made));
+            }
+            let what = format!("no run of samples is as long as the derivative needs ({} samples)", slope.least_rows());
+            Err(Fault::data(what).in_column(name))
+        };
+        self.columns.iter().map(one).collect()
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use schemas::Role;
+
+    use super::*;
+    use crate::testing::{batch, line, numbers, said, sampled, table};
+
+    const RATE_HZ: f64 = 20.0;
+
+    fn derivative(method: How) -> Derivative {
+        Derivative { columns: vec!["x".into()], method, window: None, degree: None }
+    }
+
+    fn run(stage: &Derivative, unit: &str, x: Vec<f64>) -> Result<Vec<f64>, Fault> {
+        let tt = sampled(100.0, RATE_HZ, x.len(), |t| t);
+        Ok(numbers(stage.run(&line(vec![batch(vec![("tt", "s", tt), ("x", unit, x)])]), &()))?.remove(0))
+    }
+
+    #[test]
+    fn law_a_parabola_has_its_slope_per_second() {
+        let x = sampled(0.0, RATE_HZ, 200, |t| 50_000.0 + 3.0 * t - 0.5 * t * t);
+        for method in [How::Central, How::SavitzkyGolay] {
+            let y = run(&derivative(method), "nT", x.clone()).unwrap();
+            // One-sided differences at the ends are those of half a step further in.
+            let inside = if method == How::Central { 1..199 } else { 0..200 };
+            for k in inside {
+                assert!((y[k] - (3.0 - k as f64 / RATE_HZ)).abs() < 1e-8, "{k}: {}", y[k]);
+            }
+        }
+    }
+
+    #[test]
+    fn law_a_turn_through_north_goes_on_at_its_rate_and_a_gap_stays_one() {
+        let mut x = sampled(0.0, RATE_HZ, 400, |t| (300.0 + 12.0 * t).rem_euclid(360.0));
+        x[250] = f64::NAN;
+        let y = run(&derivative(How::Central), "deg", x).unwrap();
+        assert!(y.iter().enumerate().all(|(k, y)| if k == 250 { y.is_nan() } else { (y - 12.0).abs() < 1e-9 }));
+    }
+
+    #[test]
+    fn law_noise_is_amplified_by_what_the_weights_say() {
+        let mut normals = numerics::random::Normals::new(3);
+        let x: Vec<f64> = (0..20_000).map(|_| normals.draw()).collect();
+        // Half of √2, and the root of (2² + 1 + 1 + 2²)/10².
+        for (method, factor) in [(How::Central, 0.5_f64.sqrt()), (How::SavitzkyGolay, 0.1_f64.sqrt())] {
+            let y = run(&derivative(method), "nT", x.clone()).unwrap();
+            let rms = (y.iter().map(|y| y * y).sum::<f64>() / y.len() as f64).sqrt() / RATE_HZ;
+            assert!((rms / factor - 1.0).abs() < 0.03, "{rms} {factor}");
+        }
+    }
+
+    #[test]
+    fn unit_units_are_per_second_and_what_cannot_be_fitted_is_refused() {
+        let lines = table(&[("tt", "s"), ("yaw", "deg"), ("ins_vn", "m/s"), ("mag_4_uc", "nT")], None);
+        let stage = |window| Derivative {
+            columns: ["yaw", "ins_vn", "mag_4_uc"].map(str::to_owned).to_vec(),
+            window,
+            ..derivative(How::SavitzkyGolay)
+        };
+        let made = stage(None).yields(&[&lines]).unwrap().columns;
+        let made: Vec<_> = made.iter().map(|c| (c.name.as_str(), c.unit.as_str(), c.role)).collect();
+        let truth = Role::Truth;
+        assert_eq!(
+            made,
+            [
+                ("yaw_dot", "deg/s", truth),
+                ("ins_vn_dot", "m/s2", Role::Derived),
+                ("mag_4_uc_dot", "nT/s", Role::Derived)
+            ]
+        );
+        assert!(said(stage(Some(4)).yields(&[&lines]).unwrap_err()).ends_with("[window]"));
+        assert!(derivative(How::Central).idle("window").is_some() && stage(None).idle("window").is_none());
+        assert!(run(&derivative(How::SavitzkyGolay), "nT", vec![1.0; 4]).unwrap_err().what.contains("5 samples"));
+    }
+}

@@ -1,0 +1,242 @@
+//! Columns by SQL expressions over others.
+
+use std::collections::BTreeMap;
+
+use arrow_array::RecordBatch;
+use arrow_schema::DataType;
+use expressions::{Expression, Unit};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Shape, Stage, Table, Yield, flight, stage};
+
+use crate::columns::{array, is_key, role_of, shape};
+
+stage! {
+    /// Appends columns that are SQL expressions over the columns of the same row: differences, ratios, clips
+    /// (`greatest(-5, least(5, x))`), choices (`case when radar < 50 then NULL else mag_4_uc end`).
+    ///
+    /// The functions are DataFusion's that depend on the row alone; neither clocks nor chance, no other rows. A missing
+    /// value (NaN) is NULL in an expression: what is made of it is missing, a comparison with it is unknown, `coalesce` and
+    /// `is null` see it. What is infinite or no number, such as 1/0 or sqrt(-1), is missing. A division is one of real
+    /// numbers, also between whole ones.
+    ///
+    /// The unit follows for sums, differences, clips and choices of columns of one unit, for their multiples, and for
+    /// ratios of equal units; otherwise `units` says it. Adding or comparing columns of different units is an error. An
+    /// expression sees the columns of `input`, not those that it makes; one of the same name is replaced. What is made of
+    /// a truth column is truth.
+    Derive = "derive", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name    = "derive"
+stage   = "derive"
+input   = "resample"
+columns = { mag_d = "mag_4_uc - mag_5_uc", heading = "degrees(atan2(-flux_a_y, flux_a_x))", year = "2014", doy = "308" }
+units   = { heading = "deg" }
+"#;
+    /// The expression of each new column, by its name.
+    columns: BTreeMap<String, String>, unit "";
+    /// The unit of those whose unit does not follow, and of multiples that are to be in another one.
+    units: BTreeMap<String, String>, unit "", default BTreeMap::new();
+}
+
+impl Derive {
+    fn expression(name: &str, sql: &str, shape: &Shape) -> Result<Expression, Fault> {
+        let expression = Expression::new(sql, shape, &format!("`{name}`"))?;
+        match &expression.data_type {
+            kind if kind.is_numeric() => Ok(expression),
+            DataType::Boolean => {
+                let fault = Fault::new(format!("`{name}` is true or false, but a column holds numbers"));
+                Err(fault.help("write `case when ... then 1 else 0 end`"))
+            }
+            kind => Err(Fault::new(format!("`{name}` gives {kind}, but a column holds numbers"))),
+        }
+    }
+
+    fn unit(&self, name: &str, found: &Unit) -> Result<String, Fault> {
+        let given = self.units.get(name);
+        let other = |unit: &String| given.filter(|given| *given != unit);
+        let unit = match (found, given) {
+            (Unit::Of(unit), _) if !unit.is_empty() => match other(unit) {
+                Some(given) => {
+                    let fault = Fault::new(format!("`{name}` is in {unit}, not in {given}"));
+                    return Err(fault.help("multiply by the factor between the two").of_param("units"));
+                }
+                None => unit.clone(),
+            },
+            (_, Some(given)) => given.clone(),
+            (Unit::Of(unit) | Unit::Scaled(unit), None) => unit.clone(),
+            // Such as the year.
+            (Unit::Any, None)
+                if flight::COLUMNS.iter().any(|(known, about)| *known == name && about.unit.is_empty()) =>
+            {
+                String::new()
+            }
+            (Unit::Any | Unit::Unknown, None) => {
+                let fault = Fault::new(format!("the unit of `{name}` does not follow from its expression"));
+                return Err(fault.help(format!("say it: `units = {{ {name} = \"nT\" }}`")).of_param("columns"));
+            }
+        };
+        let known = flight::describe(name).unit;
+        if !known.is_empty() && known != unit {
+            let fault = Fault::new(format!("`{name}` is in {unit}, but a column of that name is in {known}"));
+            return Err(fault.help("give it another name, or bring it to that unit").of_param("columns"));
+        }
+        Ok(unit)
+    }
+
+    fn column(&self, name: &str, sql: &str, shape: &Shape) -> Result<Column, Fault> {
+        if is_key(name) {
+            return Err(Fault::new(format!("`{name}` cannot be made anew")));
+        }
+        let word = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '.';
+        if name.is_empty() || !name.chars().all(word) {
+            let what = format!("`{name}` is no name for a column: letters, digits, `_` and `.` are");
+            return Err(Fault::new(what));
+        }
+        let expression = Self::expression(name, sql, shape)?;
+        let unit = self.unit(name, &expression.unit)?;
+        let doc = sql.split_whitespace().collect::<Vec<_>>().join(" ");
+        let reads = &expression.columns;
+        // A constant has as many rows as the line.
+        let from: Vec<&str> = if reads.is_empty() { vec!["tt"] } else { reads.iter().map(String::as_str).collect() };
+        Ok(Column::float(name, unit, doc).role(role_of(shape, reads)).from(0, &from))
+    }
+}
+
+impl Stage for Derive {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let (mut made, mut faults) = (vec![], vec![]);
+        if self.columns.is_empty() {
+            faults.push(Fault::new("no column is named").of_param("columns"));
+        }
+        for (name, sql) in &self.columns {
+            match self.column(name, sql, shape) {
+                Ok(column) => made.push(column),
+                Err(fault) => faults.push(fault.of_param("columns")),
+            }
+        }
+        let names: Vec<&String> = self.columns.keys().collect();
+        for name in self.units.keys().filter(|name| !self.columns.contains_key(*name)) {
+            let fault = Fault::new(format!("`units` names `{name}`, which is not made here"));
+            faults.push(fault.nearest(name, &names).of_param("units"));
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let mut reads = vec!["tt".to_owned()];
+        for (_, name) in made.iter().flat_map(|column: &Column| &column.from) {
+            if !reads.contains(name) {
+                reads.push(name.clone());
+            }
+        }
+        Ok(Yield::append(made, &reads))
+    }
+}
+
+impl LineStage for Derive {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+        let batch = &line.inputs[0];
+        let shape = Shape::of(&batch.schema());
+        let one = |(name, sql): (&String, &String)| Ok(array(Self::expression(name, sql, &shape)?.numbers(batch)?));
+        self.columns.iter().map(|pair| one(pair).map_err(|fault: Fault| fault.in_column(pair.0))).collect()
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use schemas::Role;
+
+    use super::*;
+    use crate::testing::{batch, line, numbers, said, table};
+
+    fn derive(columns: &[(&str, &str)], units: &[(&str, &str)]) -> Derive {
+        let map = |pairs: &[(&str, &str)]| pairs.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())).collect();
+        Derive { columns: map(columns), units: map(units) }
+    }
+
+    fn lines() -> Table {
+        table(
+            &[("tt", "s"), ("mag_4_uc", "nT"), ("mag_5_uc", "nT"), ("mag_1_c", "nT"), ("alt", "m"), ("count", "")],
+            None,
+        )
+    }
+
+    #[test]
+    fn law_a_column_is_what_its_expression_says_row_by_row() {
+        let stage = derive(
+            &[
+                ("d", "mag_4_uc - mag_5_uc"),
+                ("clipped", "greatest(-1, least(1, mag_4_uc - mag_5_uc))"),
+                ("chosen", "case when alt < 500 then mag_4_uc else mag_5_uc end"),
+                ("ratio", "mag_4_uc / mag_5_uc"),
+            ],
+            &[],
+        );
+        let nan = f64::NAN;
+        let input = batch(vec![
+            ("tt", "s", vec![0.0, 0.1, 0.2]),
+            ("mag_4_uc", "nT", vec![50_000.0, nan, 50_004.0]),
+            ("mag_5_uc", "nT", vec![49_999.5, 1.0, 0.0]),
+            ("alt", "m", vec![100.0, 900.0, nan]),
+        ]);
+        let made = numbers(stage.run(&line(vec![input]), &())).unwrap();
+        let same = |found: &[f64], expected: [f64; 3]| {
+            assert!(found.iter().zip(expected).all(|(x, y)| *x == y || x.is_nan() && y.is_nan()), "{found:?}");
+        };
+        // In the order of their names. Where it is unknown how high it was, the last choice holds; x/0 is missing.
+        same(&made[0], [50_000.0, 1.0, 0.0]);
+        same(&made[1], [0.5, nan, 1.0]);
+        same(&made[2], [0.5, nan, 50_004.0]);
+        same(&made[3], [50_000.0 / 49_999.5, nan, nan]);
+    }
+
+    #[test]
+    fn unit_units_follow_or_are_given_and_truth_stays_truth() {
+        let stage = derive(
+            &[
+                ("d", "mag_4_uc - mag_1_c"),
+                ("half", "0.5 * mag_4_uc"),
+                ("pt", "1000 * mag_4_uc"),
+                ("sq", "mag_4_uc * alt"),
+            ],
+            &[("pt", "pT"), ("sq", "nT m")],
+        );
+        let made = stage.yields(&[&lines()]).unwrap();
+        let columns: Vec<_> = made.columns.iter().map(|c| (c.name.as_str(), c.unit.as_str(), c.role)).collect();
+        assert_eq!(
+            columns,
+            [
+                ("d", "nT", Role::Truth),
+                ("half", "nT", Role::Derived),
+                ("pt", "pT", Role::Derived),
+                ("sq", "nT m", Role::Truth)
+            ]
+        );
+        assert_eq!(made.reads, [["tt", "mag_1_c", "mag_4_uc", "alt"]]);
+        assert_eq!(made.columns[0].from, [(0, "mag_1_c".into()), (0, "mag_4_uc".into())]);
+    }
+
+    #[test]
+    fn unit_what_would_be_a_wrong_number_is_told_before_anything_runs() {
+        let of = |columns: &[(&str, &str)], units: &[(&str, &str)]| {
+            said(derive(columns, units).yields(&[&lines()]).unwrap_err())
+        };
+        assert!(of(&[("x", "mag_4_uc + alt")], &[]).contains("in m"));
+        assert!(of(&[("x", "mag_4_uc * alt")], &[]).contains("`units = { x = \"nT\" }`"));
+        assert!(of(&[("x", "mag_4_uc - mag_5_uc")], &[("x", "T")]).ends_with("[units]"));
+        assert!(of(&[("x", "mag_4_uc")], &[("xx", "nT")]).contains("`units` names `xx`"));
+        assert!(of(&[("mag_7_uc", "mag_4_uc / mag_5_uc")], &[]).contains("a column of that name is in nT"));
+        assert!(of(&[("tt", "mag_4_uc")], &[]).contains("cannot be made anew"));
+        assert!(of(&[("x y", "mag_4_uc")], &[]).contains("no name for a column"));
+        assert!(of(&[("x", "mag_4_uc > 3")], &[]).contains("case when"));
+        assert!(of(&[("x", "random() * mag_4_uc")], &[]).contains("another answer each time"));
+        assert!(of(&[("x", "mag_6_uc")], &[]).contains("there is no column `mag_6_uc`"));
+        assert!(of(&[], &[]).contains("no column is named"));
+    }
+}

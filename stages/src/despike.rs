@@ -1,0 +1,246 @@
+//! Takes spikes out of columns.
+
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, Int64Array, RecordBatch};
+use numerics::signal::{
+    segments::{STEP_TOLERANCE, Usable, check_increasing, sample_rate},
+    spikes::{fourth_difference, hampel},
+};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, choice, stage};
+
+use crate::columns::{array, data, floats, made_of_each, not_numbers_among, role_of, shape};
+
+stage! {
+    /// Finds samples that do not belong to the signal around them and appends `<column>_ds`, the column without them,
+    /// and `<column>_spike`, 1 where a sample was taken out and 0 elsewhere, so that its sum is their number.
+    ///
+    /// `hampel` takes out what is off the median of `window` samples by more than `threshold` times their noise, also
+    /// several neighbours together, up to half of the window; it needs no even times, so use it before `resample`, which
+    /// would spread a spike. `fourth_difference` takes out single samples of evenly spaced ones, whose fourth difference
+    /// (over the root of 70, its noise for white noise) is beyond `threshold` times the noise: it sees small spikes on steep
+    /// signals, but not two together. The noise is robust (1.4826 times the median absolute deviation) and at least a step
+    /// of the quantisation.
+    ///
+    /// A spike becomes NaN, or what is on the straight line in time between the samples beside it; at the end of a run it
+    /// becomes NaN in any case. A missing value or a gap in time ends a run. A column more than a tenth of which would be
+    /// spikes is an error: its threshold is too low, or it is not a signal with spikes. Angles are taken as numbers.
+    ///
+    /// Source: Hampel 1974, J. Am. Stat. Assoc. 69; Pearson 2002, IEEE Trans. Control Systems Technology 10(1).
+    Despike = "despike", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name    = "despike"
+stage   = "despike"
+input   = "flights"
+columns = ["mag_4_uc"]
+"#;
+    /// The columns.
+    columns: Vec<String>, unit "";
+    /// How spikes are found.
+    method: Search, unit "", default Search::Hampel;
+    /// How far off a spike is, in standard deviations of the noise.
+    threshold: f64, unit "1", default 6.0, rule Rule::Positive;
+    /// For `hampel`: the samples of a window, an odd number.
+    window: Option<usize>, unit "", absent "11", rule Rule::Between(3.0, 10001.0);
+    /// What takes the place of a spike.
+    replace: Replace, unit "", default Replace::Nan;
+}
+
+choice! {
+    /// How spikes are found.
+    pub enum Search {
+        /// By a running median.
+        Hampel = "hampel",
+        /// By the fourth difference.
+        FourthDifference = "fourth_difference",
+    }
+}
+
+choice! {
+    /// What takes the place of a spike.
+    pub enum Replace {
+        /// Nothing: the sample is missing.
+        Nan = "nan",
+        /// The straight line between the samples beside it.
+        Linear = "linear",
+    }
+}
+
+/// The part of a column beyond which it has no spikes, but another shape.
+const MOST_SPIKES: f64 = 0.1;
+
+impl Despike {
+    fn window(&self) -> usize {
+        self.window.unwrap_or(11)
+    }
+
+    fn found(&self, run: &[f64]) -> Vec<bool> {
+        match self.method {
+            Search::Hampel => hampel(run, self.window() / 2, self.threshold),
+            Search::FourthDifference => fourth_difference(run, self.threshold),
+        }
+    }
+
+    /// The samples per second, by the median step; for the fourth difference they must be even.
+    fn rate_hz(&self, tt: &[f64]) -> Result<f64, Fault> {
+        let tolerance = match self.method {
+            Search::Hampel => f64::INFINITY,
+            Search::FourthDifference => STEP_TOLERANCE,
+        };
+        check_increasing(tt).and_then(|()| sample_rate(tt, tolerance)).map_err(|e| data(e).in_column("tt"))
+    }
+
+    /// The column without its spikes, and where they were.
+    fn column(&self, tt: &[f64], x: &[f64], rate_hz: f64) -> Result<[ArrayRef; 2], Fault> {
+        let (mut made, mut spikes) = (x.to_vec(), vec![false; x.len()]);
+        let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
+        for run in &runs {
+            let (Some(from), Some(to)) = (x.get(run.clone()), spikes.get_mut(run.clone())) else { continue };
+            to.copy_from_slice(&self.found(from));
+        }
+        let (count, rows) = (spikes.iter().filter(|s| **s).count(), x.iter().filter(|x| x.is_finite()).count());
+        if count as f64 > MOST_SPIKES * rows as f64 {
+            let what = format!("{count} of {rows} samples would be spikes");
+            return Err(Fault::data(what).help("raise `threshold`, or look at the column: it may be no smooth signal"));
+        }
+        for run in runs {
+            let good: Vec<usize> = run.clone().filter(|i| !spikes[*i]).collect();
+            for i in run.filter(|i| spikes[*i]) {
+                let after = good.partition_point(|g| *g < i);
+                made[i] = match (self.replace, after.checked_sub(1).and_then(|b| good.get(b)), good.get(after)) {
+                    (Replace::Linear, Some(&a), Some(&b)) => x[a] + (x[b] - x[a]) * (tt[i] - tt[a]) / (tt[b] - tt[a]),
+                    (Replace::Linear | Replace::Nan, _, _) => f64::NAN,
+                };
+            }
+        }
+        let flags = Int64Array::from_iter_values(spikes.into_iter().map(i64::from));
+        Ok([array(made), Arc::new(flags)])
+    }
+}
+
+impl Stage for Despike {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let mut faults = not_numbers_among(shape, &self.columns, "columns");
+        if self.window().is_multiple_of(2) {
+            let what = format!("a window of {} samples has none in its middle", self.window());
+            faults.push(Fault::new(what).help("take an odd number").of_param("window"));
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let clean = made_of_each(shape, &self.columns, "_ds", "without spikes", str::to_owned);
+        let flag = |name: &String| {
+            let column = Column::integer(format!("{name}_spike"), "", format!("1 where {name} had a spike"));
+            column.role(role_of(shape, &[name])).from(0, &["tt", name])
+        };
+        let made = clean.into_iter().zip(&self.columns).flat_map(|(clean, name)| [clean, flag(name)]).collect();
+        let reads: Vec<&str> = std::iter::once("tt").chain(self.columns.iter().map(String::as_str)).collect();
+        Ok(Yield::append(made, &reads))
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        let idle = key == "window" && self.method == Search::FourthDifference;
+        idle.then(|| Fault::new("`window` has no effect with the method `fourth_difference`"))
+    }
+}
+
+impl LineStage for Despike {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+        let batch = &line.inputs[0];
+        let tt = floats(batch, "tt")?;
+        let rate_hz = self.rate_hz(tt)?;
+        let mut made = vec![];
+        for name in &self.columns {
+            made.extend(self.column(tt, floats(batch, name)?, rate_hz).map_err(|e| e.in_column(name))?);
+        }
+        Ok(made)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use arrow_array::{
+        cast::AsArray,
+        types::{Float64Type, Int64Type},
+    };
+    use schemas::Role;
+
+    use super::*;
+    use crate::testing::{batch, line, said, sampled, table};
+
+    fn despike(method: Search, replace: Replace) -> Despike {
+        Despike { columns: vec!["x".into()], method, threshold: 6.0, window: None, replace }
+    }
+
+    fn run(stage: &Despike, tt: &[f64], x: Vec<f64>) -> Result<(Vec<f64>, Vec<usize>), Fault> {
+        let made = stage.run(&line(vec![batch(vec![("tt", "s", tt.to_vec()), ("x", "nT", x)])]), &())?;
+        let flags = made[1].as_primitive::<Int64Type>().values().iter().enumerate();
+        let spikes = flags.filter(|(_, flag)| **flag == 1).map(|(i, _)| i).collect();
+        Ok((made[0].as_primitive::<Float64Type>().values().to_vec(), spikes))
+    }
+
+    fn field(rows: usize) -> Vec<f64> {
+        let mut normals = numerics::random::Normals::new(8);
+        let smooth = sampled(0.0, 10.0, rows, |t| 50_000.0 + 8.0 * (0.3 * t).sin());
+        smooth.into_iter().map(|x| x + 0.1 * normals.draw()).collect()
+    }
+
+    #[test]
+    fn law_what_was_put_in_comes_out_and_the_rest_keeps_its_bits() {
+        let tt = sampled(0.0, 10.0, 1000, |t| t);
+        let clean = field(1000);
+        let mut x = clean.clone();
+        let at = [200, 431, 700];
+        at.iter().for_each(|i| x[*i] -= 120.0);
+        for method in [Search::Hampel, Search::FourthDifference] {
+            let (y, spikes) = run(&despike(method, Replace::Nan), &tt, x.clone()).unwrap();
+            assert_eq!(spikes, at);
+            assert!((0..1000).all(|i| if at.contains(&i) { y[i].is_nan() } else { y[i] == clean[i] }));
+            let (y, _) = run(&despike(method, Replace::Linear), &tt, x.clone()).unwrap();
+            assert!(at.iter().all(|i| (y[*i] - 0.5 * (clean[i - 1] + clean[i + 1])).abs() < 1e-9));
+        }
+    }
+
+    #[test]
+    fn unit_neighbours_gaps_ends_and_uneven_times() {
+        let mut tt = sampled(0.0, 10.0, 1000, |t| t);
+        // A jitter of 2 ms, and a gap of 5 s.
+        tt.iter_mut()
+            .enumerate()
+            .for_each(|(k, t)| *t += if k % 2 == 0 { 0.002 } else { 0.0 } + if k >= 500 { 5.0 } else { 0.0 });
+        let mut x = field(1000);
+        x[0] += 90.0;
+        x[300..303].iter_mut().for_each(|x| *x += 70.0);
+        x[800] = f64::NAN;
+        let (y, spikes) = run(&despike(Search::Hampel, Replace::Linear), &tt, x.clone()).unwrap();
+        assert_eq!(spikes, [0, 300, 301, 302]);
+        assert!(y[0].is_nan() && y[800].is_nan(), "no straight line beyond the end");
+        let on = |i: usize| y[299] + (y[303] - y[299]) * (tt[i] - tt[299]) / (tt[303] - tt[299]);
+        assert!((300..303).all(|i| (y[i] - on(i)).abs() < 1e-9));
+        let uneven = run(&despike(Search::FourthDifference, Replace::Nan), &tt, x).unwrap_err();
+        assert!(uneven.what.contains("not evenly spaced"), "{uneven}");
+    }
+
+    #[test]
+    fn unit_a_signal_of_spikes_and_a_window_without_a_middle_are_refused() {
+        let tt = sampled(0.0, 10.0, 1000, |t| t);
+        let many = Despike { threshold: 0.1, ..despike(Search::Hampel, Replace::Nan) };
+        assert!(run(&many, &tt, field(1000)).unwrap_err().what.contains("of 1000 samples would be spikes"));
+        let lines = table(&[("tt", "s"), ("mag_1_c", "nT")], None);
+        let even =
+            Despike { columns: vec!["mag_1_c".into()], window: Some(10), ..despike(Search::Hampel, Replace::Nan) };
+        assert!(said(even.yields(&[&lines]).unwrap_err()).ends_with("[window]"));
+        let made = Despike { window: None, ..even }.yields(&[&lines]).unwrap().columns;
+        let made: Vec<_> = made.iter().map(|c| (c.name.as_str(), c.unit.as_str(), c.role)).collect();
+        assert_eq!(made, [("mag_1_c_ds", "nT", Role::Truth), ("mag_1_c_spike", "", Role::Truth)]);
+    }
+}

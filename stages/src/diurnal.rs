@@ -1,0 +1,483 @@
+//! The temporal variation of the field, from the record of observatories.
+
+use std::collections::BTreeMap;
+
+use arrow_array::{Array, RecordBatch, cast::AsArray};
+use numerics::{
+    earth::{dates::day_number, geodesy::ecef_m},
+    regression::statistics::median,
+    signal::resample::{Method, Plan},
+};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Role, Rule, Shape, Stage, Table, Yield, choice, stage};
+
+use crate::{
+    columns::{array, data, faults_of, floats, shape},
+    core_field::PositionOf,
+    dates::{DAY_S, WAYS_OUT_OF_NO_DAY, dated_by_flight, first_midnight, whole_numbers},
+};
+
+stage! {
+    /// Appends `diurnal`, the temporal variation of the field: the record of an observatory or base station less its level, at
+    /// the time of each sample. A column of that name is replaced.
+    ///
+    /// A record is a table of flight lines whose flight is the station and whose lines are days, with `year`, `doy`, `tt` and
+    /// the element: IAGA-2002 and IMF files are read as such, with `field_f`, the total field that a scalar magnetometer
+    /// sees. Where a record has no scalar magnetometer, make its magnitude by `derive` of `field_n`, `field_e` and `field_d`.
+    /// All days of a record serve all lines, so that a line over midnight takes two of them.
+    ///
+    /// Values between samples of the record are interpolated. Where they are more than `max_gap_s` apart, and outside of the
+    /// record, there is NaN; a line without any value is an error, and so is one without a date. Several stations, in one table
+    /// or several, are weighted by one over the distance to the power of `power`, sample by sample; a sample for which one of
+    /// them has no value has none.
+    ///
+    /// A station moves the level only: `level` is the mean of its whole record, or of the record over the time of the line,
+    /// or `level_nt` gives it, such as that of a quiet night. A record of variations (IAGA `Data Type variation`) has no level
+    /// of its own to be taken as the field's.
+    Diurnal = "diurnal", version 1, grain Line, inputs [input: Lines, record: ManyRecords],
+    example r#"
+[[stages]]
+name   = "diurnal"
+stage  = "diurnal"
+input  = "derive"
+record = "observatory"
+"#;
+    /// The column of the record.
+    element: String, unit "nT", default "field_f";
+    /// The name of the column that is made.
+    column: String, unit "nT", default "diurnal";
+    /// How values between samples of the record are found.
+    method: Method, unit "", default Method::Linear;
+    /// The longest gap between samples of the record that is bridged.
+    max_gap_s: f64, unit "s", default 180.0, rule Rule::Positive;
+    /// What is taken off each record.
+    level: Level, unit "", default Level::Record;
+    /// What is taken off the record of each station, by its name.
+    level_nt: Option<BTreeMap<String, f64>>, unit "nT", absent "what `level` says", rule Rule::Finite;
+    /// Of several stations: the power of the distance by whose inverse they are weighted.
+    power: f64, unit "1", default 1.0, rule Rule::NotNegative;
+    /// Of several stations: whose position the distances are from.
+    position: PositionOf, unit "", default PositionOf::Truth;
+}
+
+choice! {
+    /// The level that is taken off a record.
+    pub enum Level {
+        /// The mean of the whole record.
+        Record = "record",
+        /// Its mean at the times of the line.
+        Line = "line",
+    }
+}
+
+const INPUT: usize = 0;
+/// The columns that say where a station is.
+const PLACE: [&str; 2] = ["lat", "lon"];
+/// Distances below this count as it, so that a station that is flown over has a weight.
+const NEAREST_M: f64 = 1.0;
+
+/// The record of one station.
+#[derive(Debug)]
+pub struct Station {
+    name: String,
+    /// Its place, earth-centred, m; where the record says it.
+    place_m: Option<[f64; 3]>,
+    /// Seconds from midnight of the day [`Stations::first_day`], ascending.
+    t_s: Vec<f64>,
+    value_nt: Vec<f64>,
+}
+
+/// The stations, and the day that their times count from.
+#[derive(Debug)]
+pub struct Stations {
+    first_day: i64,
+    all: Vec<Station>,
+}
+
+/// The samples of a station as the tables have them: day, seconds and value.
+#[derive(Default)]
+struct Samples {
+    place_deg: Option<(f64, f64)>,
+    rows: Vec<(i64, f64, f64)>,
+}
+
+impl Diurnal {
+    /// The columns of the line that say where it is; none where it has no position.
+    fn position_of(&self, input: &Shape) -> &'static [&'static str] {
+        let columns: &'static [&'static str] = match self.position {
+            PositionOf::Truth => &["lat", "lon"],
+            PositionOf::Ins => &["ins_lat", "ins_lon"],
+        };
+        if columns.iter().all(|name| input.get(name).is_some()) { columns } else { &[] }
+    }
+
+    fn reads_of(&self, record: &Shape) -> Vec<String> {
+        let place = PLACE.iter().filter(|_| PLACE.iter().all(|name| record.get(name).is_some()));
+        let reads = ["flight", "year", "doy", "tt", &self.element];
+        reads.iter().chain(place).map(ToString::to_string).collect()
+    }
+
+    /// The samples of the stations of one table.
+    fn gather(&self, record: &RecordBatch, found: &mut BTreeMap<String, Samples>) -> Result<(), Fault> {
+        let names = record.column_by_name("flight").and_then(|c| c.as_string_opt::<i32>());
+        let names = names.ok_or_else(|| Fault::data("the record does not name its station"))?;
+        let (year, doy) = (whole_numbers(record, "year")?, whole_numbers(record, "doy")?);
+        let (tt, value) = (floats(record, "tt")?, floats(record, &self.element)?);
+        let place = |row: usize| {
+            let [lat, lon] = PLACE.map(|name| floats(record, name).ok().and_then(|x| x.get(row).copied()));
+            lat.zip(lon).filter(|(lat, lon)| lat.is_finite() && lon.is_finite())
+        };
+        let rows = year.into_iter().zip(doy).zip(tt).zip(value).enumerate();
+        for (row, (((year, doy), &tt), &value)) in rows {
+            if ![year, doy, tt, value].iter().all(|x| x.is_finite()) {
+                continue;
+            }
+            let name = if names.is_valid(row) { names.value(row) } else { "" };
+            let station = found.entry(name.to_owned()).or_default();
+            station.place_deg = station.place_deg.or_else(|| place(row));
+            let day = day_number(year as i32, if doy >= 1.0 { doy as u32 } else { 0 });
+            let day = day.map_err(|e| data(e).in_column("doy").in_line(name, ""))?;
+            station.rows.push((day, tt.rem_euclid(DAY_S), value));
+        }
+        Ok(())
+    }
+
+    fn level_of(&self, station: &Station, on_line: &[f64]) -> f64 {
+        if let Some(level) = self.level_nt.as_ref().and_then(|levels| levels.get(&station.name)) {
+            return *level;
+        }
+        let values = match self.level {
+            Level::Record => &station.value_nt,
+            Level::Line => on_line,
+        };
+        let finite: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
+        // About the first, so that a sum of thousands of fields keeps its digits.
+        let first = finite.first().copied().unwrap_or(f64::NAN);
+        first + finite.iter().map(|x| x - first).sum::<f64>() / finite.len() as f64
+    }
+}
+
+impl Station {
+    fn new(name: String, samples: Samples, first_day: i64, max_gap_s: f64) -> Result<Station, Fault> {
+        let second = |(day, tt, _): &(i64, f64, f64)| DAY_S * (day - first_day) as f64 + tt;
+        let mut rows: Vec<(f64, f64)> = samples.rows.iter().map(|row| (second(row), row.2)).collect();
+        rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // The same value twice, as where files overlap, is one.
+        rows.dedup_by(|b, a| a == b);
+        if let Some(pair) = rows.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+            let time_s = pair[0].0.rem_euclid(DAY_S);
+            let what = format!(
+                "the record of {name} has two values at {time_s} s of a day: {} and {} nT",
+                pair[0].1, pair[1].1
+            );
+            return Err(Fault::data(what).help("name one table of each station, with one file of each time"));
+        }
+        let mut steps: Vec<f64> = rows.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+        let usual_s = median(&mut steps);
+        if usual_s > max_gap_s {
+            let what = format!(
+                "the record of {name} has a value every {usual_s} s, so that all of it are gaps of more than {max_gap_s} s"
+            );
+            return Err(Fault::data(what).help("raise `max_gap_s`"));
+        }
+        let place_m = samples.place_deg.map(|(lat, lon)| ecef_m(lat.to_radians(), lon.to_radians(), 0.0));
+        let (t_s, value_nt) = rows.into_iter().unzip();
+        Ok(Station { name, place_m, t_s, value_nt })
+    }
+
+    /// The values at ascending times.
+    fn at(&self, times_s: &[f64], method: Method, max_gap_s: f64) -> Result<Vec<f64>, Fault> {
+        // The rate says how near a time must be to a sample to be that: a millionth of a second.
+        let plan = Plan::onto(&self.t_s, times_s.to_vec(), 1.0, max_gap_s).map_err(|e| data(e).in_column("tt"))?;
+        plan.column(&self.value_nt, method).map_err(data)
+    }
+
+    /// Its first and last day.
+    fn span(&self) -> Option<(f64, f64)> {
+        Some((*self.t_s.first()?, *self.t_s.last()?))
+    }
+}
+
+impl Stage for Diurnal {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let input = shape(inputs, INPUT)?;
+        let records = inputs.get(INPUT + 1..).unwrap_or_default();
+        let mut faults = vec![];
+        if !dated_by_flight(input) {
+            let fault = Fault::new("a record is joined by date, but `input` has no `year` and `doy`");
+            faults.push(fault.help(WAYS_OUT_OF_NO_DAY).of_param("input"));
+        }
+        for record in records.iter().map(|table| table.shape()) {
+            faults.extend(faults_of([record.number(&self.element, "nT")], "element"));
+            faults.extend(faults_of(["flight", "tt", "year", "doy"].map(|name| record.need(name)), "record"));
+        }
+        let place = self.position_of(input);
+        if records.len() > 1 && place.is_empty() {
+            let fault = Fault::new("several stations are weighted by distance, but `input` has no position");
+            faults.push(fault.help("name one record, or say whose `position` it is").of_param("position"));
+        }
+        if crate::columns::is_key(&self.column) {
+            faults.push(Fault::new(format!("`{}` cannot be made anew", self.column)).of_param("column"));
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let ours: Vec<&str> = ["tt", "year", "doy"].iter().chain(place).copied().collect();
+        let mut column =
+            Column::float(&self.column, "nT", "temporal variation of the field, from the record of a station")
+                .role(Role::Sensor)
+                .from(INPUT, &ours);
+        let mut yields = Yield::append(vec![], &ours);
+        for (i, record) in records.iter().enumerate() {
+            let reads = self.reads_of(record.shape());
+            column = column.from(INPUT + 1 + i, &reads);
+            yields.reads.push(reads);
+        }
+        yields.columns = vec![column];
+        Ok(yields)
+    }
+}
+
+impl LineStage for Diurnal {
+    type Prepared = Stations;
+
+    fn prepare(&self, inputs: &[RecordBatch]) -> Result<Stations, Fault> {
+        let mut found: BTreeMap<String, Samples> = BTreeMap::new();
+        for record in inputs.iter().skip(INPUT + 1) {
+            self.gather(record, &mut found)?;
+        }
+        let first_day = found.values().flat_map(|s| &s.rows).map(|row| row.0).min();
+        let Some(first_day) = first_day else {
+            return Err(Fault::data(format!("the record has no value of `{}`", self.element)));
+        };
+        if let Some(name) = self.level_nt.iter().flatten().map(|(name, _)| name).find(|name| !found.contains_key(*name))
+        {
+            let known: Vec<&String> = found.keys().collect();
+            let fault = Fault::new(format!("`level_nt` names the station `{name}`, which has no record"));
+            return Err(fault.nearest(name, &known).of_param("level_nt"));
+        }
+        let all = found.into_iter().map(|(name, samples)| Station::new(name, samples, first_day, self.max_gap_s));
+        Ok(Stations { first_day, all: all.collect::<Result<_, Fault>>()? })
+    }
+
+    fn run(&self, line: &LineIn, stations: &Stations) -> Arrays {
+        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
+        let midnight = first_midnight(batch)?;
+        let midnight = midnight.ok_or_else(|| Fault::data("the line has no date").help(WAYS_OUT_OF_NO_DAY))?;
+        let since_s = DAY_S * (midnight - stations.first_day) as f64;
+        let times: Vec<f64> = floats(batch, "tt")?.iter().map(|t| t + since_s).collect();
+        let mut variations = vec![];
+        for station in &stations.all {
+            let mut values = station.at(&times, self.method, self.max_gap_s)?;
+            let level_nt = self.level_of(station, &values);
+            values.iter_mut().for_each(|x| *x -= level_nt);
+            variations.push(values);
+        }
+        let made = match variations.as_slice() {
+            [one] => one.clone(),
+            several => self.weighted(batch, &stations.all, several)?,
+        };
+        if made.iter().all(|x| x.is_nan()) && !made.is_empty() {
+            return Err(not_covered(stations, &times));
+        }
+        Ok(vec![array(made)])
+    }
+}
+
+impl Diurnal {
+    /// The variations of several stations, weighted by their distances.
+    fn weighted(&self, batch: &RecordBatch, stations: &[Station], variations: &[Vec<f64>]) -> Result<Vec<f64>, Fault> {
+        let [lat, lon, _] = self.position.columns();
+        let help = "name one record, or give the line a position";
+        let place = |name: &str| floats(batch, name).map_err(|fault| fault.help(help));
+        let (lat, lon) = (place(lat)?, place(lon)?);
+        let mut places = vec![];
+        for station in stations {
+            let what = || Fault::data(format!("the record of {} does not say where the station is", station.name));
+            places.push(
+                station.place_m.ok_or_else(|| what().help("give it columns `lat` and `lon`, or name one record"))?,
+            );
+        }
+        let one = |row: usize| {
+            let at = ecef_m(lat[row].to_radians(), lon[row].to_radians(), 0.0);
+            let (mut sum, mut weights) = (0.0, 0.0);
+            for (place, variation) in places.iter().zip(variations) {
+                let squares: f64 = place.iter().zip(at).map(|(a, b)| (a - b) * (a - b)).sum();
+                let weight = squares.sqrt().max(NEAREST_M).powf(-self.power);
+                sum += weight * variation.get(row).copied().unwrap_or(f64::NAN);
+                weights += weight;
+            }
+            // A place that is missing leaves NaN, though the largest of it and a number is the number.
+            if at.iter().all(|x| x.is_finite()) { sum / weights } else { f64::NAN }
+        };
+        Ok((0..lat.len()).map(one).collect())
+    }
+}
+
+fn not_covered(stations: &Stations, times: &[f64]) -> Fault {
+    let day = |t: f64| format!("{:.2}", t / DAY_S);
+    let of = |s: &Station| s.span().map(|(a, b)| format!("{} from day {} to {}", s.name, day(a), day(b)));
+    let spans: Vec<String> = stations.all.iter().filter_map(of).collect();
+    let (first, last) = (times.first().copied().unwrap_or(f64::NAN), times.last().copied().unwrap_or(f64::NAN));
+    let what = format!(
+        "no sample of the line is covered by the record: {}, the line from day {} to {}, counted from the record's first midnight",
+        spans.join("; "),
+        day(first),
+        day(last)
+    );
+    Fault::data(what).help("name the record of the line's days, or raise `max_gap_s`")
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use arrow_array::{ArrayRef, StringArray};
+
+    use super::*;
+    use crate::testing::{Columns, batch, line, numbers, said, sampled, table};
+
+    fn diurnal() -> Diurnal {
+        Diurnal {
+            element: "field_f".into(),
+            column: "diurnal".into(),
+            method: Method::Linear,
+            max_gap_s: 180.0,
+            level: Level::Record,
+            level_nt: None,
+            power: 1.0,
+            position: PositionOf::Truth,
+        }
+    }
+
+    fn with_station(station: &str, columns: Columns) -> RecordBatch {
+        let numbers = batch(columns);
+        let flight = Arc::new(StringArray::from(vec![station; numbers.num_rows()])) as ArrayRef;
+        let schema = numbers.schema();
+        let names = schema.fields().iter().map(|f| f.name().as_str()).zip(numbers.columns().iter().cloned());
+        RecordBatch::try_from_iter([("flight", flight)].into_iter().chain(names)).unwrap()
+    }
+
+    /// A record by the minute, of whole days of 2020 from `doy` on.
+    fn record(station: &str, doy: f64, days: usize, lat: f64, of: impl Fn(f64) -> f64) -> RecordBatch {
+        let t = sampled(0.0, 1.0 / 60.0, 1440 * days, |t| t);
+        let each = |f: &dyn Fn(f64) -> f64| t.iter().map(|t| f(*t)).collect::<Vec<_>>();
+        with_station(
+            station,
+            vec![
+                ("year", "", vec![2020.0; t.len()]),
+                ("doy", "", each(&|t| doy + (t / DAY_S).floor())),
+                ("tt", "s", each(&|t| t.rem_euclid(DAY_S))),
+                ("field_f", "nT", each(&of)),
+                ("lat", "deg", vec![lat; t.len()]),
+                ("lon", "deg", vec![10.0; t.len()]),
+            ],
+        )
+    }
+
+    /// A line of day 60 of 2020.
+    fn flown(first_s: f64, rows: usize) -> RecordBatch {
+        let tt = sampled(first_s, 1.0, rows, |t| t);
+        // Over midnight the date moves on.
+        let doy = tt.iter().map(|t| 60.0 + (t / DAY_S).floor()).collect();
+        batch(vec![
+            ("tt", "s", tt),
+            ("year", "", vec![2020.0; rows]),
+            ("doy", "", doy),
+            ("lat", "deg", vec![45.0; rows]),
+            ("lon", "deg", vec![10.0; rows]),
+        ])
+    }
+
+    fn run(stage: &Diurnal, input: RecordBatch, records: Vec<RecordBatch>) -> Result<Vec<f64>, Fault> {
+        let empty = input.slice(0, 0);
+        let prepared = stage.prepare(&[vec![empty], records].concat())?;
+        Ok(numbers(stage.run(&line(vec![input]), &prepared))?.remove(0))
+    }
+
+    #[test]
+    fn law_a_straight_record_is_a_straight_line_less_its_mean_also_over_midnight() {
+        let slope = |t: f64| 50_000.0 + 1e-3 * t;
+        let made = run(&diurnal(), flown(86_000.0, 900), vec![record("ABC", 60.0, 2, 45.0, slope)]).unwrap();
+        // The mean of 2880 minutes from 0 to 172,740 s.
+        let mean = 50_000.0 + 1e-3 * 86_370.0;
+        for (k, x) in made.iter().enumerate() {
+            assert!((x - (slope(86_000.0 + k as f64) - mean)).abs() < 1e-8, "{k}: {x}");
+        }
+        let of_line = run(
+            &Diurnal { level: Level::Line, ..diurnal() },
+            flown(86_000.0, 901),
+            vec![record("ABC", 60.0, 2, 45.0, slope)],
+        )
+        .unwrap();
+        assert!((of_line[0] + 0.45).abs() < 1e-8 && of_line[450].abs() < 1e-8);
+        let level_nt = Some([("ABC".to_owned(), 49_990.0)].into());
+        let given = run(&Diurnal { level_nt, ..diurnal() }, flown(600.0, 2), vec![record("ABC", 60.0, 2, 45.0, slope)])
+            .unwrap();
+        assert!((given[0] - 10.6).abs() < 1e-8);
+    }
+
+    #[test]
+    fn law_two_stations_are_weighted_by_distance() {
+        // 1 and 3 degrees away on a meridian of the ellipsoid.
+        let records =
+            || vec![record("NEAR", 60.0, 1, 44.0, |t| (1e-3 * t).sin()), record("FAR", 60.0, 1, 48.0, |_| 0.0)];
+        let zeroed = || Some([("NEAR".to_owned(), 0.0), ("FAR".to_owned(), 0.0)].into());
+        for (power, weight) in [(0.0, 0.5), (1.0, 0.75), (2.0, 0.9)] {
+            let made = run(&Diurnal { power, level_nt: zeroed(), ..diurnal() }, flown(600.0, 600), records()).unwrap();
+            // A degree is 0.1 % longer at 47 than at 44 degrees of latitude; straight lines of a minute.
+            assert!((made[300] / 0.9_f64.sin() - weight).abs() < 2e-3, "{power}: {}", made[300] / 0.9_f64.sin());
+        }
+        // One table may hold both.
+        let stage = Diurnal { level_nt: zeroed(), ..diurnal() };
+        let both = arrow_select::concat::concat_batches(&records()[0].schema(), &records()).unwrap();
+        let apart = run(&stage, flown(600.0, 60), records()).unwrap();
+        assert_eq!(run(&stage, flown(600.0, 60), vec![both]).unwrap(), apart);
+    }
+
+    #[test]
+    fn unit_gaps_are_nan_and_a_line_that_is_not_covered_is_a_fault() {
+        let whole = record("ABC", 60.0, 1, 45.0, |t| 0.1 * t);
+        let parts = [whole.slice(0, 20), whole.slice(30, 1410)];
+        let gap = arrow_select::concat::concat_batches(&whole.schema(), &parts).unwrap();
+        let made = run(&diurnal(), flown(1000.0, 1000), vec![gap.clone()]).unwrap();
+        // The last minute before the gap is 1140 s, the first behind it 1800 s.
+        let missing: Vec<usize> = (0..1000).filter(|k| made[*k].is_nan()).collect();
+        assert_eq!((missing.first().copied(), missing.last().copied(), missing.len()), (Some(141), Some(799), 659));
+        let wide = Diurnal { max_gap_s: 660.0, ..diurnal() };
+        assert!(run(&wide, flown(1000.0, 1000), vec![gap]).unwrap().iter().all(|x| x.is_finite()));
+        let narrow = Diurnal { max_gap_s: 59.0, ..diurnal() };
+        assert!(run(&narrow, flown(0.0, 9), vec![whole.clone()]).unwrap_err().what.contains("every 60 s"));
+        let other_day = record("ABC", 62.0, 1, 45.0, |t| t);
+        let fault = run(&diurnal(), flown(1000.0, 10), vec![other_day]).unwrap_err();
+        assert!(
+            fault.what.contains("ABC from day 0.00 to 1.00") && fault.what.contains("line from day -1.99"),
+            "{fault}"
+        );
+        let undated = batch(vec![("tt", "s", vec![1.0]), ("year", "", vec![f64::NAN]), ("doy", "", vec![60.0])]);
+        assert!(run(&diurnal(), undated, vec![whole.clone()]).unwrap_err().what.contains("no date"));
+        let again = record("ABC", 60.0, 1, 45.0, |t| 0.1 * t + 1.0);
+        assert!(run(&diurnal(), flown(0.0, 9), vec![whole.clone(), again]).unwrap_err().what.contains("two values"));
+        assert!(run(&diurnal(), flown(0.0, 9), vec![whole.clone(), whole]).is_ok(), "the same values twice");
+    }
+
+    #[test]
+    fn unit_what_is_missing_is_told_before_anything_runs() {
+        let lines = table(&[("tt", "s"), ("year", ""), ("doy", ""), ("lat", "deg"), ("lon", "deg")], None);
+        let of_station = [("flight", ""), ("tt", "s"), ("year", ""), ("doy", ""), ("field_f", "nT")];
+        let station = table(&of_station, None);
+        let made = diurnal().yields(&[&lines, &station]).unwrap();
+        assert_eq!(made.columns[0].role, Role::Sensor);
+        assert_eq!(
+            made.reads,
+            [vec!["tt", "year", "doy", "lat", "lon"], vec!["flight", "year", "doy", "tt", "field_f"]]
+        );
+        assert!(made.columns[0].from.contains(&(1, "field_f".into())));
+        let of = |stage: Diurnal, inputs: &[&Table]| said(stage.yields(inputs).unwrap_err());
+        let undated = table(&[("tt", "s")], None);
+        assert!(of(diurnal(), &[&undated, &station]).contains("no `year` and `doy`"));
+        assert!(of(diurnal(), &[&table(&of_station[1..4], None), &station, &station]).ends_with("[position]"));
+        assert!(of(Diurnal { element: "h".into(), ..diurnal() }, &[&lines, &station]).ends_with("[element]"));
+        assert!(of(Diurnal { column: "tt".into(), ..diurnal() }, &[&lines, &station]).ends_with("[column]"));
+    }
+}

@@ -1,0 +1,57 @@
+//! Zero-phase filters over the columns of a line, run by run.
+
+use arrow_array::RecordBatch;
+use numerics::{
+    angle::unwrapped_deg,
+    signal::{
+        filter::ZeroPhase,
+        resample::AngleRange,
+        segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+    },
+};
+use schemas::{Arrays, Fault};
+
+use crate::columns::{array, data, floats, is_angle};
+
+/// How columns of angles (unit deg) are filtered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Angles {
+    /// As they stand: a step over north is a step of a whole turn.
+    AsNumbers,
+    /// Along the shorter arc, and back into the range that they had.
+    Unwrapped,
+}
+
+/// Each of `columns` of a line, filtered by what `design` makes for its sample rate. A gap ends a run, and a run shorter
+/// than the filter's padding becomes NaN.
+///
+/// # Errors
+/// For samples that are not evenly spaced, a filter that cannot be designed, and a column without a run that is long
+/// enough.
+pub fn filtered(
+    batch: &RecordBatch,
+    columns: &[String],
+    angles: Angles,
+    design: impl FnOnce(f64) -> Result<ZeroPhase, Fault>,
+) -> Arrays {
+    let tt = floats(batch, "tt")?;
+    let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+    let filter = design(rate_hz)?;
+    let one = |name: &String| {
+        let x = floats(batch, name)?;
+        let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
+        let turned = (angles == Angles::Unwrapped && is_angle(batch, name)).then(|| unwrapped_deg(x));
+        let values = turned.as_deref().unwrap_or(x);
+        let (mut y, report) = filter_column(&filter, values, &runs).map_err(|e| data(e).in_column(name))?;
+        if report.rows == 0 {
+            let what = format!("no run of samples is as long as the filter needs ({} samples)", filter.least_rows());
+            return Err(Fault::data(what).in_column(name));
+        }
+        if turned.is_some() {
+            let range = AngleRange::of(x);
+            y.iter_mut().filter(|y| y.is_finite()).for_each(|y| *y = range.wrap(*y));
+        }
+        Ok(array(y))
+    };
+    columns.iter().map(one).collect()
+}

@@ -1,0 +1,337 @@
+//! Columns of another table of the same lines, by time.
+
+use arrow_array::{ArrayRef, RecordBatch, UInt64Array};
+use arrow_select::take::take;
+use numerics::signal::{
+    resample::{Method, Plan},
+    segments::check_increasing,
+};
+use schemas::{Arrays, Column, ColumnType, Fault, LineIn, LineStage, Rule, Shape, Stage, Table, Yield, choice, stage};
+
+use crate::{
+    columns::{array, data, floats, is_key, list, matrix, shape},
+    dates::{date_columns, offset_s},
+};
+
+stage! {
+    /// Appends columns of another table (`with`) to each line, from its line of the same flight and name, by time.
+    ///
+    /// `exact` takes the row of the same time, within a microsecond, and a row without one is an error: for tables on one
+    /// grid, such as two that came from the same `resample`. `nearest` takes the nearest row within `tolerance_s`, the
+    /// earlier of two. `linear` interpolates between the rows around it, angles (unit deg) along the shorter arc, where
+    /// they are not more than `tolerance_s` apart; what is no number takes the nearest of them. Where there is no such
+    /// row the value is missing (NaN or null). Where both tables have a date, their times count from the same midnight.
+    ///
+    /// A line that `with` does not have is left out, and so is named neither here nor in what follows. A column that
+    /// `input` has too is an error, unless `suffix` gives it another name. Repeated or backward time is an error.
+    Join = "join", version 1, grain Line, inputs [input: Lines, with: Lines],
+    example r#"
+[[stages]]
+name    = "join"
+stage   = "join"
+input   = "resample"
+with    = "bandpass"
+columns = ["mag_4_uc_bp"]
+"#;
+    /// The columns that are appended.
+    columns: Option<Vec<String>>, unit "", absent "all that `input` does not have";
+    /// How a row finds its partner.
+    method: Partner, unit "", default Partner::Exact;
+    /// How far the nearest row may be away, or the two that are interpolated apart.
+    tolerance_s: f64, unit "s", default 1.0, rule Rule::Positive;
+    /// What is put behind the name of each column.
+    suffix: String, unit "", default "";
+}
+
+choice! {
+    /// How a row finds its partner in another table.
+    pub enum Partner {
+        /// By the same time.
+        Exact = "exact",
+        /// By the nearest time.
+        Nearest = "nearest",
+        /// By interpolation between the times around it.
+        Linear = "linear",
+    }
+}
+
+/// How far times that count as the same may be apart: far below a sample, far above the rounding of a day's seconds.
+const SAME_S: f64 = 1e-6;
+
+/// The inputs, in their order.
+const INPUT: usize = 0;
+const WITH: usize = 1;
+
+impl Join {
+    /// The columns to append, as `with` has them.
+    fn chosen<'a>(&self, input: &Shape, with: &'a Shape) -> Result<Vec<&'a Column>, Vec<Fault>> {
+        let Some(names) = &self.columns else {
+            let new = with.columns.iter().filter(|c| !is_key(&c.name));
+            let new = new.filter(|c| input.get(&format!("{}{}", c.name, self.suffix)).is_none());
+            return Ok(new.collect());
+        };
+        let (mut found, mut faults) = (vec![], vec![]);
+        for name in names {
+            let made = format!("{name}{}", self.suffix);
+            match with.need(name) {
+                Err(fault) => faults.push(fault.of_param("columns")),
+                Ok(_) if is_key(name) => {
+                    faults.push(Fault::new(format!("`{name}` is a key of every line")).of_param("columns"));
+                }
+                Ok(_) if input.get(&made).is_some() => {
+                    let fault = Fault::new(format!("`input` has a column `{made}` already"));
+                    faults.push(fault.help("give it another name with `suffix`").of_param("columns"));
+                }
+                Ok(_) if found.iter().any(|c: &&Column| c.name == *name) => {
+                    faults.push(Fault::new(format!("`{name}` is named twice")).of_param("columns"));
+                }
+                Ok(column) => found.push(column),
+            }
+        }
+        if faults.is_empty() { Ok(found) } else { Err(faults) }
+    }
+}
+
+impl Stage for Join {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let (input, with) = (shape(inputs, INPUT)?, shape(inputs, WITH)?);
+        let chosen = self.chosen(input, with)?;
+        if chosen.is_empty() {
+            let fault = Fault::new("there is no column to append: `input` has all that `with` has");
+            return Err(vec![fault.of_param("with")]);
+        }
+        let times = |shape: &Shape| -> Vec<&'static str> {
+            std::iter::once("tt").chain(date_columns(shape).iter().copied()).collect()
+        };
+        let (ours, theirs) = (times(input), times(with));
+        let made = chosen.iter().map(|c| {
+            let mut from = theirs.clone();
+            if !from.contains(&c.name.as_str()) {
+                from.push(&c.name);
+            }
+            let column = Column { from: vec![], name: format!("{}{}", c.name, self.suffix), ..(*c).clone() };
+            column.from(INPUT, &ours).from(WITH, &from)
+        });
+        let mut yields = Yield::append(made.collect(), &ours);
+        let mut reads: Vec<String> = chosen.iter().map(|c| c.name.clone()).collect();
+        reads.extend(theirs.iter().filter(|name| !chosen.iter().any(|c| c.name == **name)).map(ToString::to_string));
+        yields.reads.push(reads);
+        Ok(yields)
+    }
+}
+
+/// The row that goes with each time, `None` where there is none within `within_s`, of rows at the times `tt`. Both increase;
+/// of two rows equally near the earlier one.
+fn nearest(times: &[f64], tt: &[f64], within_s: f64) -> Vec<Option<u64>> {
+    let mut first = 0;
+    let one = |time: &f64| {
+        while tt.get(first + 1).is_some_and(|next| (next - time).abs() < (tt[first] - time).abs()) {
+            first += 1;
+        }
+        tt.get(first).filter(|t| (*t - time).abs() <= within_s).map(|_| first as u64)
+    };
+    times.iter().map(one).collect()
+}
+
+impl LineStage for Join {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+        let [input, with] = line.inputs.as_slice() else { return Err(Fault::bug("a join of other than two tables")) };
+        let times = floats(input, "tt")?;
+        let shift = offset_s(input, with)?;
+        let tt: Vec<f64> = floats(with, "tt")?.iter().map(|t| t + shift).collect();
+        for (tt, whose) in [(times, "`input`"), (&tt, "`with`")] {
+            check_increasing(tt).map_err(|e| Fault::data(format!("of {whose}: {e}")).in_column("tt"))?;
+        }
+        let shape = Shape::of(&with.schema());
+        let chosen = match &self.columns {
+            Some(names) => names.iter().map(|name| shape.need(name)).collect::<Result<_, Fault>>()?,
+            None => self.chosen(&Shape::of(&input.schema()), &shape).unwrap_or_default(),
+        };
+        let chosen = chosen.into_iter();
+        match self.method {
+            Partner::Exact => {
+                let rows = nearest(times, &tt, SAME_S);
+                if let Some(row) = rows.iter().position(Option::is_none) {
+                    let time = times.get(row).copied().unwrap_or(f64::NAN);
+                    let fault =
+                        Fault::data(format!("`with` has no row at {time} s")).in_column("tt").in_row(row as u64);
+                    return Err(fault.help("join by `method = \"nearest\"` or `\"linear\"`"));
+                }
+                chosen.map(|c| taken(with, c, &rows)).collect()
+            }
+            Partner::Nearest => {
+                let rows = nearest(times, &tt, self.tolerance_s);
+                chosen.map(|c| taken(with, c, &rows)).collect()
+            }
+            Partner::Linear => {
+                let step_s = times.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);
+                // A single row has no step; any rate does.
+                let rate_hz = if step_s.is_finite() { 1.0 / step_s } else { 1.0 };
+                let plan =
+                    Plan::onto(&tt, times.to_vec(), rate_hz, self.tolerance_s).map_err(|e| data(e).in_column("tt"))?;
+                chosen.map(|c| interpolated(with, c, &plan).map_err(|e| e.in_column(&c.name))).collect()
+            }
+        }
+    }
+}
+
+/// The rows `rows` of a column.
+fn taken(with: &RecordBatch, column: &Column, rows: &[Option<u64>]) -> Result<ArrayRef, Fault> {
+    let name = column.name.as_str();
+    let at = |row: &Option<u64>| row.and_then(|row| usize::try_from(row).ok());
+    match &column.column_type {
+        ColumnType::Float => {
+            let values = floats(with, name)?;
+            Ok(array(
+                rows.iter().map(|row| at(row).and_then(|row| values.get(row)).copied().unwrap_or(f64::NAN)).collect(),
+            ))
+        }
+        ColumnType::List(terms) => {
+            let width = terms.len();
+            let (values, _) = matrix(with, name)?;
+            let row = |row: &Option<u64>| at(row).and_then(|row| values.get(row * width..(row + 1) * width));
+            list(
+                rows.iter().flat_map(|r| row(r).map_or_else(|| vec![f64::NAN; width], <[f64]>::to_vec)).collect(),
+                width,
+            )
+        }
+        ColumnType::Text | ColumnType::Other(_) => {
+            let values = with.column_by_name(name).ok_or_else(|| Fault::data("is missing").in_column(name))?;
+            take(values, &rows.iter().copied().collect::<UInt64Array>(), None).map_err(data)
+        }
+    }
+}
+
+fn interpolated(with: &RecordBatch, column: &Column, plan: &Plan) -> Result<ArrayRef, Fault> {
+    let name = column.name.as_str();
+    match &column.column_type {
+        ColumnType::Float if column.unit == "deg" => {
+            plan.angle_deg(floats(with, name)?, Method::Linear).map(array).map_err(data)
+        }
+        ColumnType::Float => plan.column(floats(with, name)?, Method::Linear).map(array).map_err(data),
+        ColumnType::List(_) | ColumnType::Text | ColumnType::Other(_) => {
+            let rows: Vec<Option<u64>> = plan.nearest_rows().into_iter().map(|row| row.map(|row| row as u64)).collect();
+            taken(with, column, &rows)
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::sync::Arc;
+
+    use arrow_array::{RecordBatch, StringArray, cast::AsArray, types::Float64Type};
+
+    use super::*;
+    use crate::testing::{batch, line, numbers, said, sampled, table};
+
+    fn join(method: Partner, tolerance_s: f64) -> Join {
+        Join { columns: None, method, tolerance_s, suffix: String::new() }
+    }
+
+    fn input() -> RecordBatch {
+        batch(vec![("tt", "s", sampled(100.0, 10.0, 50, |t| t))])
+    }
+
+    fn run(stage: &Join, with: RecordBatch) -> Result<Vec<Vec<f64>>, Fault> {
+        numbers(stage.run(&line(vec![input(), with]), &()))
+    }
+
+    #[test]
+    fn law_on_the_same_grid_it_is_the_same_column_and_another_grid_is_refused() {
+        let values = sampled(100.0, 10.0, 70, |t| t * t);
+        // It begins before the line and ends behind it.
+        let with = batch(vec![("x", "nT", values.clone()), ("tt", "s", sampled(99.0, 10.0, 70, |t| t))]);
+        assert_eq!(run(&join(Partner::Exact, 1.0), with.clone()).unwrap(), [values[10..60].to_vec()]);
+        let fault = run(&join(Partner::Exact, 1.0), with.slice(0, 40)).unwrap_err();
+        assert!(fault.what.contains("no row at 103"), "{fault}");
+        assert_eq!(fault.place.row, Some(30));
+    }
+
+    #[test]
+    fn law_nearest_and_linear_within_their_tolerance() {
+        let slow = |t: f64| 3.0 * t;
+        let tt: Vec<f64> = sampled(99.55, 1.0, 7, |t| t).into_iter().filter(|t| (*t - 102.55).abs() > 0.1).collect();
+        let heading = |t: f64| (350.0 + 8.0 * (t - 100.0)).rem_euclid(360.0);
+        let of = |f: &dyn Fn(f64) -> f64| tt.iter().map(|t| f(*t)).collect::<Vec<_>>();
+        let with = batch(vec![("x", "nT", of(&slow)), ("h", "deg", of(&heading)), ("tt", "s", tt.clone())]);
+        let times = sampled(100.0, 10.0, 50, |t| t);
+        let linear = run(&join(Partner::Linear, 1.5), with.clone()).unwrap();
+        for (k, t) in times.iter().enumerate() {
+            if *t > 101.55 + 1e-9 && *t < 103.55 - 1e-9 {
+                assert!(linear[0][k].is_nan() && linear[1][k].is_nan(), "{t}");
+                continue;
+            }
+            let off = (linear[1][k] - heading(*t)).abs();
+            assert!((linear[0][k] - slow(*t)).abs() < 1e-9 && off.min((off - 360.0).abs()) < 1e-9, "{t}");
+        }
+        let nearest = run(&join(Partner::Nearest, 0.46), with).unwrap();
+        for (k, t) in times.iter().enumerate() {
+            let distance = |s: &&f64| (*s - t).abs();
+            let closest = tt.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap();
+            match (closest - t).abs() <= 0.46 {
+                true => assert!((nearest[0][k] - slow(*closest)).abs() < 1e-9, "{t}"),
+                false => assert!(nearest[0][k].is_nan(), "{t}"),
+            }
+        }
+    }
+
+    #[test]
+    fn unit_words_are_taken_too_and_are_null_without_a_partner() {
+        let words = Arc::new(StringArray::from(vec!["a", "b"])) as ArrayRef;
+        let tt = Arc::new(arrow_array::Float64Array::from(vec![100.0, 101.0])) as ArrayRef;
+        let with = RecordBatch::try_from_iter([("pilot", words), ("tt", tt)]).unwrap();
+        let made = join(Partner::Nearest, 0.2).run(&line(vec![input(), with]), &()).unwrap();
+        let pilots: Vec<Option<&str>> = made[0].as_string::<i32>().iter().collect();
+        assert_eq!((pilots[0], pilots[5], pilots[9]), (Some("a"), None, Some("b")));
+        let clock = batch(vec![("x", "nT", vec![1.0, 2.0]), ("tt", "s", vec![100.0, 100.0])]);
+        assert!(run(&join(Partner::Nearest, 0.2), clock).unwrap_err().what.contains("of `with`"));
+    }
+
+    #[test]
+    fn law_tables_of_two_days_do_not_meet() {
+        let dated = |batch: RecordBatch, doy: f64| {
+            let rows = batch.num_rows();
+            let x = batch.column_by_name("x").map(|x| x.as_primitive::<Float64Type>().values().to_vec());
+            let tt = batch.column_by_name("tt").unwrap().as_primitive::<Float64Type>().values().to_vec();
+            let mut columns = vec![("tt", "s", tt), ("year", "", vec![2020.0; rows]), ("doy", "", vec![doy; rows])];
+            columns.splice(0..0, x.map(|x| ("x", "nT", x)));
+            crate::testing::batch(columns)
+        };
+        let with =
+            batch(vec![("x", "nT", sampled(100.0, 10.0, 50, |t| t)), ("tt", "s", sampled(100.0, 10.0, 50, |t| t))]);
+        let stage = Join { columns: Some(vec!["x".into()]), ..join(Partner::Nearest, 1.0) };
+        let run =
+            |doy: f64| numbers(stage.run(&line(vec![dated(input(), 7.0), dated(with.clone(), doy)]), &())).unwrap();
+        assert!(run(7.0)[0].iter().all(|x| x.is_finite()) && run(8.0)[0].iter().all(|x| x.is_nan()));
+    }
+
+    #[test]
+    fn unit_names_that_clash_or_are_not_there_are_told() {
+        let ours = table(&[("tt", "s"), ("mag_4_uc", "nT")], Some(10.0));
+        let theirs = table(&[("tt", "s"), ("mag_4_uc", "nT"), ("mag_1_c", "nT"), ("lat", "deg")], None);
+        let stage = |columns: Option<&[&str]>, suffix: &str| Join {
+            columns: columns.map(|names| names.iter().map(ToString::to_string).collect()),
+            suffix: suffix.into(),
+            ..join(Partner::Exact, 1.0)
+        };
+        let made = stage(None, "").yields(&[&ours, &theirs]).unwrap();
+        let columns: Vec<_> = made.columns.iter().map(|c| (c.name.as_str(), c.unit.as_str(), c.role)).collect();
+        assert_eq!(columns, [("mag_1_c", "nT", schemas::Role::Truth), ("lat", "deg", schemas::Role::Truth)]);
+        assert_eq!(made.reads, [vec!["tt"], vec!["mag_1_c", "lat", "tt"]]);
+        let again = stage(Some(&["mag_4_uc"]), "_2").yields(&[&ours, &theirs]).unwrap();
+        assert_eq!((again.columns[0].name.as_str(), again.columns.len()), ("mag_4_uc_2", 1));
+        let of = |stage: Join| said(stage.yields(&[&ours, &theirs]).unwrap_err());
+        assert!(of(stage(Some(&["mag_4_uc"]), "")).contains("`suffix`"));
+        assert!(of(stage(Some(&["mag_1_b"]), "")).contains("did you mean `mag_1_c`?"));
+        assert!(of(stage(Some(&["tt"]), "")).contains("is a key"));
+        assert!(said(stage(None, "").yields(&[&ours, &ours]).unwrap_err()).contains("no column to append"));
+    }
+}

@@ -1,0 +1,298 @@
+//! How much later columns are than a reference.
+
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, Int64Array, RecordBatch, StringArray};
+use numerics::signal::{
+    lag::{Lag, lag_of},
+    segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+};
+use schemas::{Column, Fault, Gather, LineIn, Passes, Product, Role, Rule, Stage, SurveyStage, Table, Yield, stage};
+
+use crate::{
+    bandpass::design,
+    columns::{array, band, data, floats, not_numbers_among, shape},
+};
+
+stage! {
+    /// Finds how much later each of `columns` reports than `reference`, on each line that `where` selects, by the peak of
+    /// their cross-correlation: a row for each line and column with `lag_s`, which `resample` takes out by its `lag_s`.
+    ///
+    /// A lag of 0.06 s means column(t) = reference(t - 0.06 s), but for a factor and a constant. Both must see the same
+    /// thing: two magnetometers in a manoeuvre, the magnitude of a vector magnetometer and a scalar one, the rate of turn
+    /// and the derivative of a heading. What is slow has a flat peak, so take it off by `low_hz`, or by `derivative`
+    /// before. Samples are evenly spaced; bring sensors of their own rates onto one grid by `resample` first, at a rate
+    /// that is not below theirs.
+    ///
+    /// `sd_s` is the standard error where what the two do not share is white noise, and too small where that lasts;
+    /// `correlation` is the coefficient at the peak, and `next_peak` the height of the next highest peak over it: near 1
+    /// the lag is ambiguous, and periodic signals are. `n` counts the pairs of samples. A line without a peak within
+    /// `most_s`, a constant column and a line that is too short have NaN, and a warning says why. Missing samples are left
+    /// out.
+    ///
+    /// Source: Carter 1987, Coherence and time delay estimation, Proc. IEEE 75(2).
+    LagStage = "lag", version 1, grain Survey, inputs [input: Lines],
+    example r#"
+[[stages]]
+name      = "lag"
+stage     = "lag"
+input     = "resample"
+columns   = ["mag_5_uc"]
+reference = "mag_4_uc"
+low_hz    = 0.05
+"#;
+    /// The columns whose lags are sought.
+    columns: Vec<String>, unit "";
+    /// The column against which they are late.
+    reference: String, unit "";
+    /// The largest lag, to either side.
+    most_s: f64, unit "s", default 2.0, rule Rule::Positive;
+    /// Whether a column may be turned over against the reference.
+    either_sign: bool, unit "", default false;
+    /// The lower corner of a band-pass of both; 0 leaves it off.
+    low_hz: f64, unit "Hz", default 0.0, rule Rule::NotNegative;
+    /// Its upper corner; 0 leaves it off.
+    high_hz: f64, unit "Hz", default 0.0, rule Rule::NotNegative;
+    /// The order of its Butterworth prototype.
+    order: usize, unit "", default 4usize, rule Rule::Between(1.0, 12.0);
+}
+
+/// The lag of a column, or why it has none.
+type Found = Result<Lag, String>;
+
+impl LagStage {
+    /// A column as it is compared: NaN where it is missing or not selected.
+    fn signal(
+        &self,
+        batch: &RecordBatch,
+        name: &str,
+        rate_hz: f64,
+        keep: Option<&Vec<bool>>,
+    ) -> Result<Vec<f64>, Fault> {
+        let (tt, x) = (floats(batch, "tt")?, floats(batch, name)?);
+        let filtered = match design(self.low_hz, self.high_hz, self.order, rate_hz)? {
+            None => x.to_vec(),
+            Some(filter) => {
+                let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
+                filter_column(&filter, x, &runs).map_err(|e| data(e).in_column(name))?.0
+            }
+        };
+        let kept = |row: usize| keep.is_none_or(|keep| keep.get(row).copied().unwrap_or(false));
+        Ok(filtered.into_iter().enumerate().map(|(row, x)| if kept(row) { x } else { f64::NAN }).collect())
+    }
+
+    /// The lag of each column.
+    fn lags(&self, line: &LineIn) -> Result<Vec<Found>, Fault> {
+        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
+        let tt = floats(batch, "tt")?;
+        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+        // Pairs are counted by rows, so that a gap in time needs its rows.
+        let whole = Usable::all(tt.len()).runs_in_time(tt, rate_hz).len();
+        if whole > 1 {
+            let fault = Fault::data(format!("the line has {} gaps in time", whole - 1)).in_column("tt");
+            return Err(fault.help("`resample` keeps the times inside of a gap; select rows by `where` of this stage"));
+        }
+        let of = |name: &str| self.signal(batch, name, rate_hz, line.keep.as_ref());
+        let reference = of(&self.reference)?;
+        let one = |name: &String| {
+            let found = lag_of(&reference, &of(name)?, rate_hz, self.most_s, self.either_sign);
+            Ok(found.map_err(|e| e.to_string()))
+        };
+        self.columns.iter().map(one).collect()
+    }
+}
+
+impl Stage for LagStage {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let mut faults = not_numbers_among(shape, &self.columns, "columns");
+        faults.extend(not_numbers_among(shape, std::slice::from_ref(&self.reference), "reference"));
+        faults.extend(band(self.low_hz, self.high_hz, shape.rate_hz));
+        if self.columns.contains(&self.reference) {
+            let what = format!("`{}` has no lag against itself", self.reference);
+            faults.push(Fault::new(what).of_param("columns"));
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let mut reads = vec!["tt".to_owned(), self.reference.clone()];
+        reads.extend(self.columns.iter().cloned());
+        let columns = vec![
+            Column::text("flight", "flight identifier").role(Role::Key),
+            Column::text("line", "line identifier").role(Role::Key),
+            Column::text("column", "the column whose lag it is").role(Role::Key),
+            Column::float("lag_s", "s", "how much later the column is than the reference"),
+            Column::float("sd_s", "s", "its standard error in white noise"),
+            Column::float("correlation", "1", "coefficient of correlation at the peak"),
+            Column::float("next_peak", "1", "height of the next highest peak over that of the highest"),
+            Column::integer("n", "", "pairs of samples behind it"),
+        ];
+        let columns = columns.into_iter().map(|c| c.from(0, &reads)).collect();
+        Ok(Yield { passes: Passes::None, ..Yield::append(columns, &reads) })
+    }
+}
+
+impl SurveyStage for LagStage {
+    type Gather = LagGather;
+
+    fn gather(points: Vec<&Self>) -> LagGather {
+        LagGather { points: points.into_iter().cloned().collect() }
+    }
+}
+
+/// The points of a sweep over the same lines.
+pub struct LagGather {
+    points: Vec<LagStage>,
+}
+
+/// The lags of one line at each point of a sweep.
+pub struct Part {
+    flight: String,
+    line: String,
+    lags: Vec<Result<Vec<Found>, Fault>>,
+}
+
+impl Gather for LagGather {
+    type Part = Part;
+
+    fn map(&self, line: &LineIn) -> Result<Part, Fault> {
+        let lags = self.points.iter().map(|point| point.lags(line)).collect();
+        Ok(Part { flight: line.flight.clone(), line: line.line.clone(), lags })
+    }
+
+    fn refused(&self, part: &Part) -> Vec<(usize, Fault)> {
+        part.lags.iter().enumerate().filter_map(|(i, lags)| Some((i, lags.as_ref().err()?.clone()))).collect()
+    }
+
+    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
+        self.points.iter().enumerate().map(|(i, point)| Ok(table(point, i, &parts))).collect()
+    }
+}
+
+/// The table of one point.
+fn table(point: &LagStage, i: usize, parts: &[Part]) -> Product {
+    let mut warnings = vec![];
+    let mut rows: Vec<([&str; 3], Option<&Lag>)> = vec![];
+    for part in parts {
+        let Some(Ok(lags)) = part.lags.get(i) else { continue };
+        for (name, lag) in point.columns.iter().zip(lags) {
+            if let Err(why) = lag {
+                warnings.push(format!("flight {}, line {}: `{name}` has no lag: {why}", part.flight, part.line));
+            }
+            rows.push(([part.flight.as_str(), part.line.as_str(), name.as_str()], lag.as_ref().ok()));
+        }
+    }
+    let text =
+        |k: usize| -> ArrayRef { Arc::new(rows.iter().map(|(keys, _)| keys.get(k).copied()).collect::<StringArray>()) };
+    let figure = |of: fn(&Lag) -> f64| array(rows.iter().map(|(_, lag)| lag.map_or(f64::NAN, of)).collect());
+    let n = Int64Array::from_iter_values(rows.iter().map(|(_, lag)| lag.map_or(0, |lag| lag.pairs as i64)));
+    let columns = vec![
+        text(0),
+        text(1),
+        text(2),
+        figure(|lag| lag.lag_s),
+        figure(|lag| lag.sd_s),
+        figure(|lag| lag.correlation),
+        figure(|lag| lag.next_peak),
+        Arc::new(n),
+    ];
+    Product { columns, warnings }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use arrow_array::{
+        cast::AsArray,
+        types::{Float64Type, Int64Type},
+    };
+
+    use super::*;
+    use crate::testing::{batch, line, said, sampled, table as lines_of};
+
+    const RATE_HZ: f64 = 20.0;
+
+    fn lag(columns: &[&str]) -> LagStage {
+        LagStage {
+            columns: columns.iter().map(ToString::to_string).collect(),
+            reference: "mag_1_uc".into(),
+            most_s: 1.0,
+            either_sign: false,
+            low_hz: 0.0,
+            high_hz: 0.0,
+            order: 4,
+        }
+    }
+
+    fn waves(t: f64) -> f64 {
+        (0.9 * t).sin() + 0.7 * (2.3 * t + 1.0).sin() + 0.5 * (4.1 * t).cos()
+    }
+
+    fn flown(late_s: f64, trend: f64) -> LineIn {
+        line(vec![batch(vec![
+            ("tt", "s", sampled(500.0, RATE_HZ, 2400, |t| t)),
+            ("mag_1_uc", "nT", sampled(500.0, RATE_HZ, 2400, |t| 50_000.0 + waves(t))),
+            ("mag_2_uc", "nT", sampled(500.0, RATE_HZ, 2400, |t| 48_000.0 + 2.0 * waves(t - late_s) + trend * t)),
+            ("dead", "nT", vec![7.0; 2400]),
+        ])])
+    }
+
+    fn found(stage: &LagStage, lines: &[LineIn]) -> (Vec<f64>, Product) {
+        let gather = LagStage::gather(vec![stage]);
+        let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
+        let product = gather.finish(parts).remove(0).unwrap();
+        (product.columns[3].as_primitive::<Float64Type>().values().to_vec(), product)
+    }
+
+    #[test]
+    fn law_each_line_has_the_lag_that_it_was_made_with() {
+        let (lags, product) = found(&lag(&["mag_2_uc"]), &[flown(0.06, 0.0), flown(-0.215, 0.0)]);
+        assert!((lags[0] - 0.06).abs() < 1e-4 && (lags[1] + 0.215).abs() < 1e-4, "{lags:?}");
+        assert_eq!(product.columns[2].as_string::<i32>().value(0), "mag_2_uc");
+        // The pairs that overlap at the nearest whole sample, 1 and 4.
+        assert_eq!(product.columns[7].as_primitive::<Int64Type>().values()[..], [2399, 2396]);
+        assert!(product.warnings.is_empty());
+        // A trend flattens the peak, and a band takes it off.
+        let slanted = || flown(0.06, 5.0);
+        let band = LagStage { low_hz: 0.1, ..lag(&["mag_2_uc"]) };
+        let (with_band, _) = found(&band, &[slanted()]);
+        assert!((with_band[0] - 0.06).abs() < 2e-3, "{with_band:?}");
+        assert!(!((found(&lag(&["mag_2_uc"]), &[slanted()]).0[0] - 0.06).abs() < 2e-3));
+    }
+
+    #[test]
+    fn unit_what_has_no_lag_is_a_row_of_nan_with_a_warning() {
+        let (lags, product) = found(&lag(&["dead", "mag_2_uc"]), &[flown(0.06, 0.0)]);
+        assert!(lags[0].is_nan() && (lags[1] - 0.06).abs() < 1e-4);
+        assert_eq!(product.warnings.len(), 1);
+        assert!(product.warnings[0].contains("line 1.01: `dead` has no lag: one of the signals does not vary"));
+        let far = LagStage { most_s: 0.2, ..lag(&["mag_2_uc"]) };
+        assert!(found(&far, &[flown(0.5, 0.0)]).0[0].is_nan());
+    }
+
+    #[test]
+    fn unit_a_line_with_a_gap_in_time_is_left_out_and_rows_that_are_not_selected_do_not_count() {
+        let mut gap = flown(0.06, 0.0);
+        let (head, tail) = (gap.inputs[0].slice(0, 1000), gap.inputs[0].slice(1200, 1200));
+        gap.inputs[0] = arrow_select::concat::concat_batches(&head.schema(), &[head, tail]).unwrap();
+        let stage = lag(&["mag_2_uc"]);
+        let gather = LagStage::gather(vec![&stage]);
+        let part = gather.map(&gap).unwrap();
+        assert!(gather.refused(&part)[0].1.what.contains("1 gaps in time"));
+        let keep = Some((0..2400).map(|k| k < 1000).collect());
+        let (lags, product) = found(&stage, &[LineIn { keep, ..flown(0.06, 0.0) }]);
+        assert!((lags[0] - 0.06).abs() < 1e-3);
+        assert_eq!(product.columns[7].as_primitive::<Int64Type>().values()[..], [999]);
+    }
+
+    #[test]
+    fn unit_names_and_corners_are_checked_before_anything_runs() {
+        let lines = lines_of(&[("tt", "s"), ("mag_1_uc", "nT"), ("mag_2_uc", "nT")], Some(RATE_HZ));
+        let of = |stage: LagStage| said(stage.yields(&[&lines]).unwrap_err());
+        assert!(of(lag(&["mag_1_uc"])).contains("against itself"));
+        assert!(of(lag(&["mag_3_uc"])).ends_with("[columns]"));
+        assert!(of(LagStage { reference: "mag".into(), ..lag(&["mag_2_uc"]) }).ends_with("[reference]"));
+        assert!(of(LagStage { high_hz: 10.0, ..lag(&["mag_2_uc"]) }).ends_with("[high_hz]"));
+        assert_eq!(lag(&["mag_2_uc"]).yields(&[&lines]).unwrap().columns.len(), 8);
+    }
+}

@@ -1,0 +1,167 @@
+//! Low-pass filters columns.
+
+use arrow_array::RecordBatch;
+use numerics::signal::{
+    filter::{Band, ZeroPhase},
+    resample::{ANTI_ALIAS_FRACTION, ANTI_ALIAS_ORDER},
+};
+use schemas::{Arrays, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, stage};
+
+use crate::{
+    columns::{band, data, made_of_each, not_numbers_among, shape},
+    filtered::{Angles, filtered},
+};
+
+stage! {
+    /// Removes what is faster than a corner, without lag, and appends `<column>_lp`.
+    ///
+    /// The filter is that of `bandpass` without its lower corner. With `for_rate_hz` in place of `corner_hz` it is one
+    /// before a `resample` to that lower rate: of order 8 with its corner at 0.8 of half of the new rate, where 31 dB are
+    /// gone at that half, so that next to nothing folds back.
+    ///
+    /// Angles (unit deg) are filtered along the shorter arc. Within about one over the corner of the ends of a run a slope is
+    /// bent. Gaps, short runs and uneven samples are as in `bandpass`.
+    ///
+    /// Source: F. Gustafsson, Determining the initial states in forward-backward filtering, 1996.
+    Lowpass = "lowpass", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name      = "lowpass"
+stage     = "lowpass"
+input     = "resample"
+columns   = ["mag_4_uc"]
+corner_hz = 1.0
+"#;
+    /// The columns to filter.
+    columns: Vec<String>, unit "";
+    /// The corner, at which half of the amplitude is left after both passes.
+    corner_hz: Option<f64>, unit "Hz", absent "that of `for_rate_hz`", rule Rule::Positive;
+    /// The lower rate that the columns are to be resampled to.
+    for_rate_hz: Option<f64>, unit "Hz", absent "`corner_hz` says the corner", rule Rule::Positive;
+    /// The order of the Butterworth filter.
+    order: Option<usize>, unit "", absent "4, or 8 with `for_rate_hz`", rule Rule::Between(1.0, 12.0);
+}
+
+impl Lowpass {
+    /// The corner; `None` where it is said twice or not at all.
+    fn corner(&self) -> Option<f64> {
+        match (self.corner_hz, self.for_rate_hz) {
+            (Some(corner_hz), None) => Some(corner_hz),
+            (None, Some(rate_hz)) => Some(ANTI_ALIAS_FRACTION * 0.5 * rate_hz),
+            (Some(_), Some(_)) | (None, None) => None,
+        }
+    }
+
+    fn order(&self) -> usize {
+        self.order.unwrap_or(if self.for_rate_hz.is_some() { ANTI_ALIAS_ORDER } else { 4 })
+    }
+}
+
+impl Stage for Lowpass {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let mut faults = not_numbers_among(shape, &self.columns, "columns");
+        let param = if self.for_rate_hz.is_some() { "for_rate_hz" } else { "corner_hz" };
+        match self.corner() {
+            Some(corner_hz) => {
+                faults.extend(
+                    band(0.0, corner_hz, shape.rate_hz).into_iter().map(|f| Fault { param: None, ..f }.of_param(param)),
+                );
+            }
+            None => {
+                let what = "say either `corner_hz` or `for_rate_hz`";
+                faults.push(Fault::new(what).of_param(param));
+            }
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let made = made_of_each(shape, &self.columns, "_lp", "low-passed", str::to_owned);
+        let reads: Vec<&str> = std::iter::once("tt").chain(self.columns.iter().map(String::as_str)).collect();
+        Ok(Yield::append(made, &reads))
+    }
+}
+
+impl LineStage for Lowpass {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+        let high_hz = self.corner().ok_or_else(|| Fault::new("no corner"))?;
+        filtered(&line.inputs[0], &self.columns, Angles::Unwrapped, |rate_hz| {
+            ZeroPhase::new(Band::Low { high_hz }, rate_hz, self.order()).map_err(data)
+        })
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use numerics::signal::resample::anti_alias;
+    use schemas::Role;
+
+    use super::*;
+    use crate::testing::{batch, line, numbers, said, sampled, table};
+
+    const RATE_HZ: f64 = 50.0;
+
+    fn lowpass(columns: &[&str], corner_hz: Option<f64>, for_rate_hz: Option<f64>) -> Lowpass {
+        Lowpass { columns: columns.iter().map(ToString::to_string).collect(), corner_hz, for_rate_hz, order: None }
+    }
+
+    fn run(stage: &Lowpass, unit: &str, of: impl Fn(f64) -> f64) -> Vec<f64> {
+        let tt = sampled(0.0, RATE_HZ, 3000, |t| t);
+        let x = sampled(0.0, RATE_HZ, 3000, of);
+        numbers(stage.run(&line(vec![batch(vec![("tt", "s", tt), ("x", unit, x)])]), &())).unwrap().remove(0)
+    }
+
+    #[test]
+    fn law_slow_stays_half_is_left_at_the_corner_and_fast_goes() {
+        for (hz, gain) in [(0.1, 1.0), (2.0, 0.5), (10.0, 0.0)] {
+            let sine = |t: f64| 10.0 * (TAU * hz * t).sin();
+            let y = run(&lowpass(&["x"], Some(2.0), None), "nT", |t| 50_000.0 + sine(t));
+            let worst =
+                (1000..2000).map(|k| (y[k] - 50_000.0 - gain * sine(k as f64 / RATE_HZ)).abs()).fold(0.0, f64::max);
+            assert!(worst < 2e-3, "{hz} Hz: {worst} nT");
+        }
+    }
+
+    #[test]
+    fn law_a_turn_through_north_is_no_step() {
+        let heading = |t: f64| (300.0 + 4.0 * t).rem_euclid(360.0);
+        let y = run(&lowpass(&["x"], Some(1.0), None), "deg", heading);
+        let off = |k: usize| (y[k] - heading(k as f64 / RATE_HZ)).abs();
+        // A straight line stays what it is, some seconds from the ends.
+        let worst = (300..2700).map(|k| off(k).min((off(k) - 360.0).abs())).fold(0.0, f64::max);
+        assert!(worst < 1e-6, "{worst}");
+        assert!(y.iter().all(|y| (0.0..360.0).contains(y)));
+    }
+
+    #[test]
+    fn law_before_a_lower_rate_it_is_the_filter_against_aliases() {
+        let of = |t: f64| 50_000.0 + (TAU * 0.7 * t).sin() + 3.0 * (TAU * 9.3 * t).sin();
+        let y = run(&lowpass(&["x"], None, Some(10.0)), "nT", of);
+        let (tt, x) = (sampled(0.0, RATE_HZ, 3000, |t| t), sampled(0.0, RATE_HZ, 3000, of));
+        assert_eq!(y, anti_alias(&tt, &x, 10.0).unwrap().0);
+    }
+
+    #[test]
+    fn unit_a_corner_that_cannot_be_is_told_and_truth_stays_truth() {
+        let lines = table(&[("tt", "s"), ("mag_4_uc", "nT"), ("mag_1_c", "nT")], Some(10.0));
+        let of = |stage: Lowpass| said(stage.yields(&[&lines]).unwrap_err());
+        assert!(of(lowpass(&["mag_4_uc"], Some(6.0), None)).ends_with("[corner_hz]"));
+        assert!(of(lowpass(&["mag_4_uc"], None, Some(20.0))).ends_with("[for_rate_hz]"));
+        assert!(of(lowpass(&["mag_4_uc"], None, None)).contains("say either"));
+        assert!(of(lowpass(&["mag_4_uc"], Some(1.0), Some(1.0))).contains("say either"));
+        assert!(of(lowpass(&["mag_5_uc"], Some(1.0), None)).contains("mag_4_uc"));
+        assert!(of(lowpass(&[], Some(1.0), None)).contains("no column is named"));
+        let made = lowpass(&["mag_4_uc", "mag_1_c"], Some(1.0), None).yields(&[&lines]).unwrap().columns;
+        let made: Vec<_> = made.iter().map(|c| (c.name.as_str(), c.unit.as_str(), c.role)).collect();
+        assert_eq!(made, [("mag_4_uc_lp", "nT", Role::Derived), ("mag_1_c_lp", "nT", Role::Truth)]);
+    }
+}

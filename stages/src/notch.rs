@@ -1,0 +1,155 @@
+//! Takes power lines out of columns.
+
+use arrow_array::RecordBatch;
+use numerics::signal::filter::{ZeroPhase, alias_hz};
+use schemas::{Arrays, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, stage};
+
+use crate::{
+    columns::{data, made_of_each, not_numbers_among, shape},
+    filtered::{Angles, filtered},
+};
+
+stage! {
+    /// Removes a sinusoid and its harmonics, such as those of power lines, from columns, without lag, and appends
+    /// `<column>_nt`.
+    ///
+    /// Each harmonic is removed where the samples show it: above half of the sample rate that is its alias, 10 Hz for
+    /// 150 Hz sampled at 160 Hz. Where the sensor sampled at another rate than the line has now, without a filter between,
+    /// `sampled_hz` is that rate, and the alias at it is folded on. Whatever else is within the width goes too. A harmonic
+    /// whose alias is within half of the width of 0 Hz or of half of the rate cannot be told from the signal, and is an
+    /// error: remove it before going to a lower rate.
+    ///
+    /// A notch of second order at each frequency runs forwards and backwards; it takes about one over the width to settle,
+    /// so that a part of the sinusoid is left that near to each end of a run. Angles are filtered along the shorter arc.
+    /// Gaps, short runs and uneven samples are as in `bandpass`.
+    ///
+    /// Source: S. J. Orfanidis, Introduction to signal processing, 1995, section 11.3.
+    Notch = "notch", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name       = "notch"
+stage      = "notch"
+input      = "resample"
+columns    = ["mag_4_uc"]
+mains_hz   = 16.7
+harmonics  = 2
+"#;
+    /// The columns to filter.
+    columns: Vec<String>, unit "";
+    /// The frequency of the sinusoid: 50 or 60 Hz for most power lines, 16.7 Hz for some railways.
+    mains_hz: f64, unit "Hz", rule Rule::Positive;
+    /// How many multiples of it are removed, itself among them.
+    harmonics: usize, unit "", default 3usize, rule Rule::Between(1.0, 50.0);
+    /// The width of each notch: to either side of its frequency, half of it away, half of the amplitude is left.
+    width_hz: f64, unit "Hz", default 0.5, rule Rule::Positive;
+    /// The rate at which the sensor sampled.
+    sampled_hz: Option<f64>, unit "Hz", absent "that of the line", rule Rule::Positive;
+}
+
+impl Notch {
+    /// The frequencies to remove from samples at `rate_hz`, each once.
+    ///
+    /// # Errors
+    /// For an alias that is too near to 0 Hz or half of the rate.
+    fn aliases(&self, rate_hz: f64) -> Result<Vec<f64>, Fault> {
+        let mut found: Vec<f64> = vec![];
+        for k in 1..=self.harmonics {
+            let hz = k as f64 * self.mains_hz;
+            let seen = alias_hz(self.sampled_hz.map_or(hz, |sampled_hz| alias_hz(hz, sampled_hz)), rate_hz);
+            if seen <= 0.5 * self.width_hz || seen >= 0.5 * (rate_hz - self.width_hz) {
+                let what = format!(
+                    "the harmonic of {hz} Hz is at {seen:.3} Hz in samples at {rate_hz} Hz, where a notch of {} Hz reaches 0 Hz or half of the rate",
+                    self.width_hz
+                );
+                let help = "use `notch` before going to a lower rate, or fewer `harmonics`, or a smaller `width_hz`";
+                return Err(Fault::new(what).help(help).of_param("harmonics"));
+            }
+            // Two harmonics that fold onto each other are one sinusoid.
+            if !found.iter().any(|other| (other - seen).abs() < 0.05 * self.width_hz) {
+                found.push(seen);
+            }
+        }
+        Ok(found)
+    }
+}
+
+impl Stage for Notch {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let mut faults = not_numbers_among(shape, &self.columns, "columns");
+        if let Some(rate_hz) = shape.rate_hz {
+            faults.extend(self.aliases(rate_hz).err());
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let made = made_of_each(shape, &self.columns, "_nt", "without power lines", str::to_owned);
+        let reads: Vec<&str> = std::iter::once("tt").chain(self.columns.iter().map(String::as_str)).collect();
+        Ok(Yield::append(made, &reads))
+    }
+}
+
+impl LineStage for Notch {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+        filtered(&line.inputs[0], &self.columns, Angles::Unwrapped, |rate_hz| {
+            ZeroPhase::notches(&self.aliases(rate_hz)?, self.width_hz, rate_hz).map_err(data)
+        })
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::testing::{batch, line, numbers, said, sampled, table};
+
+    fn notch(mains_hz: f64) -> Notch {
+        Notch { columns: vec!["x".into()], mains_hz, harmonics: 3, width_hz: 1.0, sampled_hz: None }
+    }
+
+    fn run(stage: &Notch, rate_hz: f64, of: impl Fn(f64) -> f64) -> Result<Vec<f64>, Fault> {
+        let (tt, x) = (sampled(0.0, rate_hz, 8000, |t| t), sampled(0.0, rate_hz, 8000, of));
+        Ok(numbers(stage.run(&line(vec![batch(vec![("tt", "s", tt), ("x", "nT", x)])]), &()))?.remove(0))
+    }
+
+    #[test]
+    fn law_mains_and_their_aliases_go_and_the_signal_stays() {
+        let signal = |t: f64| 50_000.0 + 20.0 * (TAU * 0.4 * t).sin();
+        // 50 Hz, 100 Hz seen at 60 Hz, 150 Hz seen at 10 Hz.
+        let mains = |t: f64| 5.0 * (TAU * 50.0 * t).sin() + 2.0 * (TAU * 100.0 * t).cos() + (TAU * 150.0 * t).sin();
+        let y = run(&notch(50.0), 160.0, |t| signal(t) + mains(t)).unwrap();
+        let worst = (2000..6000).map(|k| (y[k] - signal(k as f64 / 160.0)).abs()).fold(0.0, f64::max);
+        // Three notches shift 0.4 Hz by (width/f)² or so each, the nearest by 1/400.
+        assert!(worst < 0.1, "{worst} nT");
+        let before = (2000..6000).map(|k| mains(k as f64 / 160.0).abs()).fold(0.0, f64::max);
+        assert!(before > 5.0);
+    }
+
+    #[test]
+    fn law_an_alias_of_the_sensor_is_folded_on() {
+        // Sampled at 40 Hz, 52 Hz is at 12 Hz, and stays there at 30 Hz; straight to 30 Hz it is at 8 Hz.
+        let stage = Notch { harmonics: 1, sampled_hz: Some(40.0), ..notch(52.0) };
+        assert_eq!(stage.aliases(30.0).unwrap(), [12.0]);
+        assert_eq!(Notch { sampled_hz: None, ..stage }.aliases(30.0).unwrap(), [8.0]);
+    }
+
+    #[test]
+    fn unit_a_harmonic_that_cannot_be_told_from_the_signal_is_refused() {
+        let lines = table(&[("tt", "s"), ("x", "nT")], Some(10.0));
+        let fault = said(notch(50.0).yields(&[&lines]).unwrap_err());
+        assert!(fault.contains("50 Hz is at 0.000 Hz") && fault.ends_with("[harmonics]"), "{fault}");
+        assert!(run(&notch(50.0), 100.0, |t| t).unwrap_err().what.contains("half of the rate"));
+        let once = Notch { harmonics: 4, ..notch(40.0) }.aliases(150.0).unwrap();
+        // 40, 80 (70), 120 (30) and 160 (10).
+        assert_eq!(once, [40.0, 70.0, 30.0, 10.0]);
+        assert_eq!(Notch { harmonics: 2, ..notch(50.0) }.aliases(150.0).unwrap(), [50.0], "100 Hz is seen at 50 Hz");
+    }
+}

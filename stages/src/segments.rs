@@ -1,0 +1,342 @@
+//! The straight parts, turns and manoeuvres of a line.
+
+use std::{ops::Range, sync::Arc};
+
+use arrow_array::{Int64Array, RecordBatch, StringArray};
+use numerics::{
+    angle::unwrapped_deg,
+    signal::{
+        savitzky_golay::SavitzkyGolay,
+        segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+    },
+};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, stage};
+
+use crate::{
+    bandpass::design,
+    columns::{band, data, floats, not_numbers_among, role_of, shape},
+};
+
+stage! {
+    /// Divides each line into straight parts, turns and manoeuvres, and appends `segment`, their number from 1 on, and
+    /// `segment_kind`: `straight`, `turn`, `manoeuvre`, or `none` where the heading is missing.
+    ///
+    /// A turn is where the heading changes faster than `turn_dps`, by at least `turn_deg` in all: the yaws of a
+    /// calibration are none. What is left between two turns for less than `least_s` belongs to them. A manoeuvre is where, on
+    /// a straight part, the band-passed angles of `attitude` (or the components of a vector magnetometer) have a root mean
+    /// square above `manoeuvre`, over `window_s`, such as the pitches, rolls and yaws on the legs of a calibration box.
+    /// Boundaries are as sharp as the window.
+    ///
+    /// `select` with `rows = "segment_kind = 'straight'"` takes the straight parts; they stay in the line that they are
+    /// in. Samples are evenly spaced; a gap in time and a missing heading end a segment, and a run shorter than the window
+    /// is `none`. The heading may be a course, made by `derive`: `degrees(atan2(ve, vn))`.
+    Segments = "segments", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name     = "segments"
+stage    = "segments"
+input    = "derive"
+heading  = "heading"
+turn_dps = 5.0
+attitude = ["heading"]
+"#;
+    /// The heading or course.
+    heading: String, unit "deg", default "yaw";
+    /// The time over which the rate of turn and the manoeuvres are found.
+    window_s: f64, unit "s", default 5.0, rule Rule::Positive;
+    /// The rate of change of the heading above which it may be a turn.
+    turn_dps: f64, unit "deg/s", default 1.0, rule Rule::Positive;
+    /// By how much a turn changes the heading at the least.
+    turn_deg: f64, unit "deg", default 20.0, rule Rule::NotNegative;
+    /// The shortest straight part.
+    least_s: f64, unit "s", default 20.0, rule Rule::NotNegative;
+    /// The columns that show manoeuvres, all in one unit.
+    attitude: Vec<String>, unit "", default Vec::<String>::new();
+    /// The root mean square of those, added up, above which it is a manoeuvre; in their unit.
+    manoeuvre: f64, unit "", default 2.0, rule Rule::Positive;
+    /// The lower corner of the band-pass of those.
+    low_hz: f64, unit "Hz", default 0.05, rule Rule::NotNegative;
+    /// Its upper corner; 0 leaves it off.
+    high_hz: f64, unit "Hz", default 0.0, rule Rule::NotNegative;
+}
+
+/// What a part of a line is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    None,
+    Straight,
+    Turn,
+    Manoeuvre,
+}
+
+impl Kind {
+    const fn word(self) -> &'static str {
+        match self {
+            Kind::None => "none",
+            Kind::Straight => "straight",
+            Kind::Turn => "turn",
+            Kind::Manoeuvre => "manoeuvre",
+        }
+    }
+}
+
+/// The runs of equal entries.
+fn runs<T: PartialEq>(entries: &[T]) -> Vec<Range<usize>> {
+    let mut found: Vec<Range<usize>> = vec![];
+    for (row, entry) in entries.iter().enumerate() {
+        match found.last_mut() {
+            Some(run) if entries.get(run.start) == Some(entry) => run.end = row + 1,
+            _ => found.push(row..row + 1),
+        }
+    }
+    found
+}
+
+impl Segments {
+    /// The samples of a window: an odd number, 3 or more.
+    fn window(&self, rate_hz: f64) -> usize {
+        2 * ((0.5 * self.window_s * rate_hz).round() as usize).max(1) + 1
+    }
+
+    /// Straight parts and turns of a run with the unwrapped heading `heading`; `None` where it is shorter than the window.
+    fn turns(&self, heading: &[f64], rate_hz: f64) -> Result<Option<Vec<Kind>>, Fault> {
+        let slope = SavitzkyGolay::new(self.window(rate_hz), 2, 1);
+        let slope = slope.map_err(|e| Fault::data(e.to_string()).help("lower `window_s`"))?;
+        let Some(rates) = slope.apply(heading) else { return Ok(None) };
+        let side = |rate: &f64| if (rate * rate_hz).abs() < self.turn_dps { 0.0 } else { rate.signum() };
+        let mut sides: Vec<f64> = rates.iter().map(side).collect();
+        // A slower moment within a turn.
+        let short = self.window(rate_hz);
+        let parts = runs(&sides);
+        for w in parts.windows(3) {
+            let [before, between, after] = w else { continue };
+            let same = sides[before.start] == sides[after.start] && sides[between.start] == 0.0;
+            if same && between.len() < short {
+                let to = sides[before.start];
+                sides[between.clone()].fill(to);
+            }
+        }
+        let mut kinds = vec![Kind::Straight; heading.len()];
+        for run in runs(&sides).into_iter().filter(|run| sides[run.start] != 0.0) {
+            let change = heading[run.end - 1] - heading[run.start];
+            if change.abs() >= self.turn_deg {
+                kinds[run].fill(Kind::Turn);
+            }
+        }
+        let least = (self.least_s * rate_hz).round() as usize;
+        let parts = runs(&kinds);
+        for (i, part) in parts.iter().enumerate() {
+            let between = i > 0 && i + 1 < parts.len();
+            if between && kinds[part.start] == Kind::Straight && part.len() < least {
+                kinds[part.clone()].fill(Kind::Turn);
+            }
+        }
+        Ok(Some(kinds))
+    }
+
+    /// Where the columns of `attitude` vary by more than `manoeuvre`; nowhere without such columns.
+    fn manoeuvres(&self, batch: &RecordBatch, tt: &[f64], rate_hz: f64) -> Result<Vec<bool>, Fault> {
+        let mut squares = vec![0.0; tt.len()];
+        for name in &self.attitude {
+            let x = floats(batch, name)?;
+            let filter = design(self.low_hz, self.high_hz, 4, rate_hz)?;
+            let runs = Usable::all(x.len()).and_finite(x).runs_in_time(tt, rate_hz);
+            let y = match &filter {
+                Some(filter) => filter_column(filter, x, &runs).map_err(|e| data(e).in_column(name))?.0,
+                None => x.to_vec(),
+            };
+            // What is missing shows no manoeuvre.
+            squares.iter_mut().zip(&y).filter(|(_, y)| y.is_finite()).for_each(|(sum, y)| *sum += y * y);
+        }
+        let half = self.window(rate_hz) / 2;
+        let mut sums = vec![0.0];
+        sums.extend(squares.iter().scan(0.0, |sum, x| {
+            *sum += x;
+            Some(*sum)
+        }));
+        let mean = |row: usize| {
+            let (from, to) = (row.saturating_sub(half), (row + half + 1).min(squares.len()));
+            (sums[to] - sums[from]) / (to - from) as f64
+        };
+        let mut found: Vec<bool> = (0..squares.len()).map(|row| mean(row) > self.manoeuvre * self.manoeuvre).collect();
+        // The moments between the movements of one manoeuvre.
+        for run in runs(&found) {
+            let inside = run.start > 0 && run.end < found.len();
+            if inside && !found[run.start] && run.len() < 2 * half + 1 {
+                found[run].fill(true);
+            }
+        }
+        Ok(found)
+    }
+
+    fn kinds(&self, batch: &RecordBatch) -> Result<Vec<(usize, Kind)>, Fault> {
+        let tt = floats(batch, "tt")?;
+        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+        let heading = unwrapped_deg(floats(batch, &self.heading)?);
+        let busy = self.manoeuvres(batch, tt, rate_hz)?;
+        // The run that a sample belongs to ends a segment as its kind does.
+        let mut found = vec![(0, Kind::None); tt.len()];
+        for (n, run) in Usable::all(tt.len()).and_finite(&heading).runs_in_time(tt, rate_hz).into_iter().enumerate() {
+            let Some(kinds) = self.turns(&heading[run.clone()], rate_hz)? else { continue };
+            for (row, kind) in run.zip(kinds) {
+                let busy = kind == Kind::Straight && busy[row];
+                found[row] = (n + 1, if busy { Kind::Manoeuvre } else { kind });
+            }
+        }
+        Ok(found)
+    }
+}
+
+impl Stage for Segments {
+    fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let shape = shape(inputs, 0)?;
+        let mut faults = vec![];
+        if let Err(fault) = shape.number(&self.heading, "deg") {
+            faults.push(fault.help("name the heading, or make a course by `derive`").of_param("heading"));
+        }
+        if !self.attitude.is_empty() {
+            faults.extend(not_numbers_among(shape, &self.attitude, "attitude"));
+            faults.extend(band(self.low_hz, self.high_hz, shape.rate_hz));
+            let mut units = self.attitude.iter().filter_map(|name| Some(shape.get(name)?.unit.as_str()));
+            let first = units.next();
+            if let Some(other) = units.find(|unit| Some(*unit) != first) {
+                let what = format!("columns in {} and in {other} have no sum", first.unwrap_or_default());
+                faults.push(Fault::new(what).of_param("attitude"));
+            }
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let reads: Vec<&str> =
+            ["tt", &self.heading].into_iter().chain(self.attitude.iter().map(String::as_str)).collect();
+        let role = role_of(shape, &reads);
+        let columns = vec![
+            Column::integer("segment", "", "number of the part of the line, from 1").role(role),
+            Column::text("segment_kind", "straight, turn, manoeuvre or none").role(role),
+        ];
+        Ok(Yield::append(columns.into_iter().map(|c| c.from(0, &reads)).collect(), &reads))
+    }
+}
+
+impl LineStage for Segments {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+        let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
+        let kinds = self.kinds(batch)?;
+        let mut numbers = vec![0; kinds.len()];
+        for (n, run) in runs(&kinds).into_iter().enumerate() {
+            numbers[run].fill(n as i64 + 1);
+        }
+        let words: StringArray = kinds.iter().map(|(_, kind)| Some(kind.word())).collect();
+        Ok(vec![Arc::new(Int64Array::from(numbers)), Arc::new(words)])
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use arrow_array::{cast::AsArray, types::Int64Type};
+
+    use super::*;
+    use crate::testing::{batch, line, said, sampled, table};
+
+    const RATE_HZ: f64 = 10.0;
+
+    fn segments() -> Segments {
+        Segments {
+            heading: "yaw".into(),
+            window_s: 5.0,
+            turn_dps: 1.0,
+            turn_deg: 20.0,
+            least_s: 20.0,
+            attitude: vec!["roll".into(), "pitch".into()],
+            manoeuvre: 2.0,
+            low_hz: 0.05,
+            high_hz: 0.0,
+        }
+    }
+
+    /// A box: legs of 80 s, turns to the right of 30 s at 3 degrees a second, and rolls of 5 degrees amid each leg, from 30 to 50 s.
+    fn heading(t: f64) -> f64 {
+        let (leg, s) = ((t / 110.0).floor(), t.rem_euclid(110.0));
+        // On the legs a yaw of 3 degrees that turns at up to 3 degrees a second.
+        let yaw = if (30.0..50.0).contains(&s) { 3.0 * (TAU * 0.15 * s).sin() } else { 0.0 };
+        (300.0 + 90.0 * leg + 3.0 * (s - 80.0).max(0.0) + yaw).rem_euclid(360.0)
+    }
+
+    fn roll(t: f64) -> f64 {
+        let s = t.rem_euclid(110.0);
+        if (30.0..50.0).contains(&s) { 5.0 * (TAU * 0.2 * s).sin() } else { 0.0 }
+    }
+
+    /// The parts: kind, first and last time.
+    fn parts(stage: &Segments, rows: usize, change: impl Fn(&mut Vec<f64>)) -> Vec<(String, f64, f64)> {
+        let tt = sampled(0.0, RATE_HZ, rows, |t| t);
+        let mut yaw = sampled(0.0, RATE_HZ, rows, heading);
+        change(&mut yaw);
+        let columns = vec![
+            ("tt", "s", tt.clone()),
+            ("yaw", "deg", yaw),
+            ("roll", "deg", sampled(0.0, RATE_HZ, rows, roll)),
+            ("pitch", "deg", vec![2.0; rows]),
+        ];
+        let made = stage.run(&line(vec![batch(columns)]), &()).unwrap();
+        let numbers = made[0].as_primitive::<Int64Type>().values().to_vec();
+        let words = made[1].as_string::<i32>();
+        let found = runs(&numbers);
+        assert!(found.iter().enumerate().all(|(n, run)| numbers[run.start] == n as i64 + 1));
+        found.into_iter().map(|r| (words.value(r.start).to_owned(), tt[r.start], tt[r.end - 1])).collect()
+    }
+
+    #[test]
+    fn law_a_box_has_its_legs_turns_and_manoeuvres_where_they_were_flown() {
+        let found = parts(&segments(), 4300, |_| {});
+        let kinds: Vec<&str> = found.iter().map(|(kind, ..)| kind.as_str()).collect();
+        let leg = ["straight", "manoeuvre", "straight", "turn"];
+        assert_eq!(kinds, leg.repeat(4)[..15], "{found:?}");
+        for (i, (kind, first, last)) in found.iter().enumerate().take(14) {
+            let begun = 110.0 * (i / 4) as f64;
+            let (from, to) = match i % 4 {
+                0 => (0.0, 30.0),
+                1 => (30.0, 50.0),
+                2 => (50.0, 80.0),
+                _ => (80.0, 110.0),
+            };
+            // As sharp as the window.
+            assert!((first - begun - from).abs() < 5.0 && (last - begun - to).abs() < 5.0, "{kind}: {first} to {last}");
+        }
+        let plain = Segments { attitude: vec![], ..segments() };
+        assert_eq!(parts(&plain, 4300, |_| {}).len(), 7, "legs and turns alone");
+    }
+
+    #[test]
+    fn unit_small_yaws_are_no_turns_and_what_is_missing_is_none() {
+        let plain = Segments { attitude: vec![], ..segments() };
+        let sharp = parts(&Segments { turn_deg: 0.0, least_s: 0.0, ..plain.clone() }, 800, |_| {});
+        assert!(sharp.iter().any(|(kind, ..)| kind == "turn"), "{sharp:?}");
+        let found = parts(&plain, 800, |yaw| yaw[400..410].fill(f64::NAN));
+        let kinds: Vec<&str> = found.iter().map(|(kind, ..)| kind.as_str()).collect();
+        assert_eq!(kinds, ["straight", "none", "straight"]);
+        assert_eq!(parts(&plain, 20, |_| {})[0].0, "none", "shorter than the window");
+    }
+
+    #[test]
+    fn unit_columns_and_units_are_checked_before_anything_runs() {
+        let lines = table(&[("tt", "s"), ("ins_yaw", "deg"), ("ins_roll", "deg"), ("flux_a_x", "nT")], Some(RATE_HZ));
+        let of = |stage: Segments| said(stage.yields(&[&lines]).unwrap_err());
+        let fine = Segments { heading: "ins_yaw".into(), attitude: vec!["ins_roll".into()], ..segments() };
+        assert_eq!(fine.yields(&[&lines]).unwrap().columns.len(), 2);
+        assert!(of(Segments { heading: "yaw".into(), ..fine.clone() }).ends_with("[heading]"));
+        assert!(of(Segments { heading: "flux_a_x".into(), ..fine.clone() }).contains("deg is needed"));
+        let mixed = vec!["ins_roll".to_owned(), "flux_a_x".to_owned()];
+        assert!(of(Segments { attitude: mixed, ..fine.clone() }).ends_with("[attitude]"));
+        assert!(of(Segments { high_hz: 6.0, ..fine }).ends_with("[high_hz]"));
+    }
+}

@@ -1,0 +1,55 @@
+//! Lines and tables for the tests of stages.
+
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
+use arrow_schema::{Field, Schema};
+use schemas::{Arrays, Column, Fault, LineIn, Shape, Table};
+
+/// Columns of numbers: name, unit, values.
+pub type Columns<'a> = Vec<(&'a str, &'a str, Vec<f64>)>;
+
+pub fn batch(columns: Columns) -> RecordBatch {
+    let (fields, arrays): (Vec<Field>, Vec<ArrayRef>) = columns
+        .into_iter()
+        .map(|(name, unit, values)| {
+            (Column::float(name, unit, "").field(), Arc::new(Float64Array::from(values)) as ArrayRef)
+        })
+        .unzip();
+    RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap()
+}
+
+/// A line of one input after another.
+pub fn line(inputs: Vec<RecordBatch>) -> LineIn {
+    LineIn { flight: "1".into(), line: "1.01".into(), inputs, keep: None }
+}
+
+/// The numbers of what a stage made, column by column.
+pub fn numbers(made: Arrays) -> Result<Vec<Vec<f64>>, Fault> {
+    Ok(made?.iter().map(|array| array.as_primitive::<Float64Type>().values().to_vec()).collect())
+}
+
+/// A table of lines with these columns, each a name and a unit, sampled at `rate_hz`.
+pub fn table(columns: &[(&str, &str)], rate_hz: Option<f64>) -> Table {
+    let columns = columns
+        .iter()
+        .map(|(name, unit)| {
+            let known = schemas::flight::describe(name);
+            Column::float(*name, *unit, "").role(known.role)
+        })
+        .collect();
+    Table::Lines(Shape { columns, rate_hz })
+}
+
+/// Faults with the parameter that each is of.
+pub fn said(faults: Vec<Fault>) -> String {
+    let one = |f: &Fault| format!("{f} [{}]", f.param.clone().unwrap_or_default());
+    faults.iter().map(one).collect::<Vec<_>>().join("; ")
+}
+
+/// `rows` values at `rate_hz` from `first_s` on.
+pub fn sampled(first_s: f64, rate_hz: f64, rows: usize, of: impl Fn(f64) -> f64) -> Vec<f64> {
+    (0..rows).map(|k| of(first_s + k as f64 / rate_hz)).collect()
+}
