@@ -54,6 +54,12 @@ impl Hdf5 {
         Ok(Hdf5 { path: path.to_path_buf(), root, names, groups, bytes })
     }
 
+    /// Whether the root has an attribute.
+    pub(super) fn has_attribute(&self, name: &str) -> bool {
+        let read = || self.root.attributes().map_err(|e| damaged(&self.path, &e));
+        guarded(&self.path, read).is_ok_and(|all| all.iter().any(|a| a.name == name))
+    }
+
     /// The groups at the root, sorted.
     pub(super) fn groups(&self) -> &[String] {
         &self.groups

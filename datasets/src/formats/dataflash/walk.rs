@@ -36,8 +36,41 @@ pub(super) struct Layout {
     pub(super) definition: Definition,
     /// Messages of the name under a later, different definition.
     pub(super) others: u64,
-    /// Topics by the bytes of the instance.
-    topics: HashMap<Vec<u8>, usize>,
+    /// The topic without an instance.
+    plain: Option<usize>,
+    /// Topics by the byte of the instance.
+    by_byte: Vec<Option<usize>>,
+    /// Topics by the name of the instance.
+    by_name: HashMap<Vec<u8>, usize>,
+}
+
+impl Layout {
+    fn new(definition: Definition) -> Layout {
+        Layout { definition, others: 0, plain: None, by_byte: vec![None; 256], by_name: HashMap::new() }
+    }
+
+    #[inline]
+    fn topic(&self, instance: &[u8]) -> Option<usize> {
+        match instance {
+            [] => self.plain,
+            [byte] => self.by_byte.get(usize::from(*byte)).copied().flatten(),
+            name => self.by_name.get(name).copied(),
+        }
+    }
+
+    fn set_topic(&mut self, instance: &[u8], number: usize) {
+        match instance {
+            [] => self.plain = Some(number),
+            [byte] => {
+                if let Some(of) = self.by_byte.get_mut(usize::from(*byte)) {
+                    *of = Some(number);
+                }
+            }
+            name => {
+                self.by_name.insert(name.to_vec(), number);
+            }
+        }
+    }
 }
 
 /// What is known of a message type.
@@ -58,6 +91,8 @@ pub(super) struct State {
     /// The units, of the whole file.
     units: Units,
     types: Vec<Type>,
+    /// The bodies of the FMT messages that define them: the same definition again changes nothing.
+    defined: Vec<Vec<u8>>,
     pub(super) layouts: Vec<Layout>,
     names: HashMap<String, usize>,
     pub(super) topics: Vec<Topic>,
@@ -106,6 +141,7 @@ impl Walk {
         let mut state = State {
             units,
             types: vec![Type::default(); 256],
+            defined: vec![vec![]; 256],
             layouts: vec![],
             names: HashMap::new(),
             topics: vec![],
@@ -204,18 +240,7 @@ impl State {
     fn take(&mut self, message: &[u8], visit: &mut impl FnMut(usize, bool, &Definition, &[u8])) {
         let Some((header, body)) = message.split_first_chunk::<HEADER>() else { return };
         if header[2] == FMT {
-            match (Definition::parse(body), body) {
-                (Some((of, definition)), _) => {
-                    let length = definition.length;
-                    self.define(of, Some(definition), length);
-                }
-                // Its messages can still be told from others by their length.
-                (None, [of, length, ..]) => {
-                    self.unreadable += 1;
-                    self.define(*of, None, *length);
-                }
-                (None, _) => {}
-            }
+            self.take_definition(body);
         }
         let Some(Type { layout: Some(at), same, instance, .. }) = self.types.get(usize::from(header[2])).copied()
         else {
@@ -227,12 +252,12 @@ impl State {
             return;
         }
         let key = instance.and_then(|(at, kind)| body.get(at..at + kind.bytes())).unwrap_or_default();
-        let (number, new) = match layout.topics.get(key) {
-            Some(number) => (*number, false),
+        let (number, new) = match layout.topic(key) {
+            Some(number) => (number, false),
             None => {
                 let instance = instance.map(|(_, kind)| spelt(kind, key));
                 self.topics.push(Topic { instance, layout: at, rows: 0 });
-                layout.topics.insert(key.to_vec(), self.topics.len() - 1);
+                layout.set_topic(key, self.topics.len() - 1);
                 (self.topics.len() - 1, true)
             }
         };
@@ -240,6 +265,18 @@ impl State {
             topic.rows += 1;
         }
         visit(number, new, &layout.definition, body);
+    }
+
+    fn take_definition(&mut self, body: &[u8]) {
+        let Some((of, length)) = body.first().copied().zip(body.get(1).copied()) else { return };
+        match self.defined.get_mut(usize::from(of)) {
+            Some(known) if known != body => *known = body.to_vec(),
+            _ => return,
+        }
+        let definition = Definition::parse(body).map(|(_, definition)| definition);
+        // Without a definition its messages can still be told from others by their length.
+        self.unreadable += u64::from(definition.is_none());
+        self.define(of, definition, length);
     }
 
     /// Defines a type.
@@ -257,7 +294,7 @@ impl State {
             });
             let at = *self.names.entry(definition.name.clone()).or_insert(self.layouts.len());
             if at == self.layouts.len() {
-                self.layouts.push(Layout { definition: definition.clone(), others: 0, topics: HashMap::new() });
+                self.layouts.push(Layout::new(definition.clone()));
             }
             known.same = self.layouts.get(at).is_some_and(|l| l.definition.is_like(&definition));
             known.layout = Some(at);

@@ -29,7 +29,7 @@ fn nodes(file: &Hdf5, depth: usize, keep: &dyn Fn(&str) -> bool) -> Result<Vec<N
     for name in file.groups().iter().filter(|name| !name.starts_with('#')) {
         let kept = keep(name);
         let content = match depth.checked_sub(1) {
-            Some(depth) => Content::Struct(nodes_of(file, name, depth, kept)?),
+            Some(depth) => structure(&file.group(name)?, depth, kept)?,
             None => Content::Skipped("a structure that is nested too deeply"),
         };
         nodes.push(Node { name: name.clone(), content });
@@ -37,9 +37,16 @@ fn nodes(file: &Hdf5, depth: usize, keep: &dyn Fn(&str) -> bool) -> Result<Vec<N
     Ok(nodes)
 }
 
-fn nodes_of(file: &Hdf5, name: &str, depth: usize, kept: bool) -> Result<Vec<Node>, ReadError> {
-    nodes(&file.group(name)?, depth, &|_| kept)
+fn structure(file: &Hdf5, depth: usize, kept: bool) -> Result<Content, ReadError> {
+    if file.has_attribute("MATLAB_sparse") {
+        return Ok(Content::Skipped("a sparse matrix"));
+    }
+    Ok(Content::Struct(nodes(file, depth, &|_| kept)?))
 }
+
+/// The classes of numbers; a writer that is not MATLAB may say none.
+const NUMBERS: [&str; 12] =
+    ["double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "logical", ""];
 
 fn content(file: &Hdf5, name: &str, kept: bool) -> Result<Content, ReadError> {
     let set = file.need(name)?;
@@ -48,7 +55,7 @@ fn content(file: &Hdf5, name: &str, kept: bool) -> Result<Content, ReadError> {
         "cell" => Content::Skipped("a cell array"),
         "function_handle" => Content::Skipped("a function"),
         _ if set.has_attribute("MATLAB_empty") => Content::Skipped("empty"),
-        _ if set.has_attribute("MATLAB_sparse") => Content::Skipped("a sparse matrix"),
+        class if class != "char" && !NUMBERS.contains(&class) => Content::Skipped("an object of a class"),
         _ if !set.is_numeric() => Content::Skipped("neither numbers nor text"),
         _ if set.shape.len() > 2 => Content::Skipped("an array of more than two dimensions"),
         "char" => {
