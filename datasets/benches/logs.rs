@@ -75,6 +75,11 @@ fn read(path: &Path, topic: &str, rows: usize) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
+fn list(path: &Path) -> Result<(), Box<dyn Error>> {
+    assert!(topics(path, &FlightOptions::default())?.len() > 10);
+    Ok(())
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let mut given = std::env::args().skip(1).filter(|a| !a.starts_with("--"));
     let megabytes: usize = given.next().map_or(Ok(200), |m| m.parse())?;
@@ -90,14 +95,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         let rows = if rows == 0 { rows_of(&samples::path("logs/sample_cut.ulg"), topic)? } else { rows };
         println!("ulog, {topic}: {}", measured(&ulog, || read(&ulog, topic, rows * times))?);
     }
-    let list = measured(&ulog, || Ok(assert!(topics(&ulog, &FlightOptions::default())?.len() > 10)))?;
-    println!("ulog, list of topics: {list}");
+    let listed = measured(&ulog, || list(&ulog))?;
+    println!("ulog, list of topics: {listed}");
     let times = write_dataflash(&dataflash, megabytes * 1_000_000)?;
     for (topic, rows) in [("MAG", 226), ("IMU", 1131)] {
         println!("dataflash, {topic}: {}", measured(&dataflash, || read(&dataflash, topic, rows * times))?);
     }
-    let list = measured(&dataflash, || Ok(assert!(topics(&dataflash, &FlightOptions::default())?.len() > 10)))?;
-    println!("dataflash, list of topics: {list}");
+    let listed = measured(&dataflash, || list(&dataflash))?;
+    println!("dataflash, list of topics: {listed}");
     if !keep {
         fs::remove_dir_all(&folder)?;
     }

@@ -21,6 +21,7 @@ mod adopt;
 mod csv;
 mod dataflash;
 mod decimal;
+mod geosoft_xyz;
 mod grid_bytes;
 mod hdf5;
 mod iaga2002;
@@ -42,6 +43,7 @@ mod map_surfer7;
 mod map_surfer_text;
 mod map_xyz;
 mod mat;
+mod mfam;
 mod missing;
 mod netcdf_write;
 mod options;
@@ -241,6 +243,14 @@ impl Head<'_> {
         self.bytes.get(offset..).is_some_and(|bytes| bytes.starts_with(magic))
     }
 
+    /// The lines at the start of the file, the last of them perhaps cut, where it is text.
+    fn text_lines(&self) -> impl Iterator<Item = String> {
+        let text =
+            if self.bytes.contains(&0) { String::new() } else { String::from_utf8_lossy(&self.bytes).into_owned() };
+        let lines: Vec<String> = text.lines().filter(|l| !l.trim().is_empty()).map(str::to_owned).collect();
+        lines.into_iter()
+    }
+
     /// The first line that is not blank, where the start of the file is text.
     pub fn first_line(&self) -> Option<String> {
         if self.bytes.contains(&0) {
@@ -347,8 +357,10 @@ pub const FLIGHT_FORMATS: &[FlightFormat] = &[
     mat::FORMAT,
     sgl_hdf5::FORMAT,
     magnav_hdf5::FORMAT,
+    geosoft_xyz::FORMAT,
     sgl_xyz::FORMAT,
     magnav_csv::FORMAT,
+    mfam::FORMAT,
     csv::FORMAT,
     points_flight::FORMAT,
 ];
