@@ -19,6 +19,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
         })
     },
     open: |path, _, _| observatory::raw(path, &read_iaga2002(path)?),
+    topics: None,
     made_from: None,
 };
 

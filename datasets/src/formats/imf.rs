@@ -19,6 +19,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     extensions: &["imf"],
     recognise: |head| head.first_line().is_some_and(|line| Block::of(&line).is_some()),
     open: |path, _, _| observatory::raw(path, &read_imf(path)?),
+    topics: None,
     made_from: None,
 };
 

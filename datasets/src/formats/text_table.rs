@@ -227,7 +227,7 @@ fn split<'t>(line: &'t str, words: &mut Vec<&'t str>) {
 }
 
 /// The name in a line record: `Line 10`, `TIE T5`, or `L10:2` alone.
-fn record(words: &[&str]) -> Option<String> {
+pub(super) fn record(words: &[&str]) -> Option<String> {
     match words {
         [kind, name] if ["line", "tie"].contains(&&*lower(kind)) && name.chars().any(|c| c.is_ascii_digit()) => {
             Some((*name).to_owned())
