@@ -5,6 +5,7 @@
 //! of nothing else: neither the clock nor chance, no other rows and no other tables.
 
 mod expression;
+mod value;
 
 use std::sync::{Arc, LazyLock};
 
@@ -24,6 +25,8 @@ use datafusion::{
 use schemas::{Fault, Shape};
 
 use crate::deep;
+
+pub use value::RowValue;
 
 /// DataFusion with all its functions; building it takes a millisecond, and a sweep may have one predicate per point.
 static SQL: LazyLock<SessionState> = LazyLock::new(|| SessionContext::new().state());
