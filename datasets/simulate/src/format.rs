@@ -16,6 +16,7 @@ pub const FORMAT: FlightFormat = FlightFormat {
     extensions: &["synth.toml"],
     recognise: |head: &Head| head.path().to_string_lossy().ends_with(".synth.toml"),
     open,
+    topics: None,
     made_from: Some(made_from),
 };
 
@@ -88,11 +89,11 @@ mod tests {
     #[test]
     fn gold_where_a_file_is_in_no_format_synth_specs_are_listed() {
         let folder = tempfile::TempDir::new().unwrap();
-        let path = folder.path().join("a.bin");
+        let path = folder.path().join("a.dat");
         std::fs::write(&path, "\0\u{1}\u{2}").unwrap();
         let formats = flight_formats(&[FORMAT]);
         let said = open_flight_among(&formats, &path, &FlightOptions::default(), &Reading::default()).unwrap_err();
-        let known = "known here: parquet, synth, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, csv, points; choose one with `format`";
+        let known = "known here: parquet, synth, ulog, dataflash, mat, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, csv, points; choose one with `format`";
         assert_eq!(said.to_string(), format!("{}: is not in a known flight format ({known})", path.display()));
     }
 }

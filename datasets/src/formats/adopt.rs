@@ -122,7 +122,7 @@ pub(super) fn adopt(path: &Path, raw: Raw, options: &FlightOptions) -> Result<Ra
         // Derived columns can also be renamed.
         Some(own) if own.contains(f.name()) => Ok(f.as_ref().clone()),
         Some(_) => Ok(options.rename.get(f.name()).map_or(f.as_ref().clone(), |to| f.as_ref().clone().with_name(to))),
-        None => settled(path, f, options),
+        None => settled(path, f, raw.unstated, options),
     };
     let mut fields: Vec<Field> = raw.schema.fields().iter().map(one).collect::<Result<_, _>>()?;
     let keys = added_keys(path, &fields, options)?;
@@ -138,16 +138,33 @@ pub(super) fn adopt(path: &Path, raw: Raw, options: &FlightOptions) -> Result<Ra
     }
     let schema = Arc::new(Schema::new(fields));
     let (to, path) = (schema.clone(), path.to_path_buf());
-    let missing = raw.fillers.then(|| Missing::of(options));
+    let raw = without_fillers(&path, raw, options);
     let parts = raw.parts.map(move |part| {
         let Part { batch, faults } = part?;
         let constant = |v: &String| Arc::new(StringArray::from(vec![v.as_str(); batch.num_rows()])) as ArrayRef;
-        let own = batch.columns().iter().map(|c| missing.as_ref().map_or(c.clone(), |m| m.nulled(c)));
-        let columns = keys.iter().map(|(_, v)| constant(v)).chain(own).collect();
+        let columns = keys.iter().map(|(_, v)| constant(v)).chain(batch.columns().iter().cloned()).collect();
         let batch = RecordBatch::try_new(to.clone(), columns).map_err(|e| ReadError::data(&path, e.to_string()))?;
         Ok(Part { batch, faults })
     });
     Ok(Raw { schema, parts: Box::new(parts), ..raw })
+}
+
+/// The rows with nulls for the numbers that mark missing values, where there still are such.
+pub(super) fn without_fillers(path: &Path, raw: Raw, options: &FlightOptions) -> Raw {
+    if !raw.fillers {
+        return raw;
+    }
+    let (missing, path) = (Missing::of(options), path.to_path_buf());
+    let parts = raw.parts.map(move |part| {
+        let Part { batch, faults } = part?;
+        let columns = batch.columns().iter().map(|c| missing.nulled(c)).collect();
+        let nullable =
+            batch.schema().fields().iter().map(|f| f.as_ref().clone().with_nullable(true)).collect::<Vec<_>>();
+        let batch = RecordBatch::try_new(Arc::new(Schema::new(nullable)), columns);
+        Ok(Part { batch: batch.map_err(|e| ReadError::data(&path, e.to_string()))?, faults })
+    });
+    let nullable = raw.schema.fields().iter().map(|f| f.as_ref().clone().with_nullable(true)).collect::<Vec<_>>();
+    Raw { schema: Arc::new(Schema::new(nullable)), parts: Box::new(parts), fillers: false, ..raw }
 }
 
 /// The flight and line to add, where the file has none.
@@ -171,9 +188,14 @@ fn added_keys(
 }
 
 /// The field that a column becomes; nullable, since values may be found missing.
-fn settled(path: &Path, source: &Field, options: &FlightOptions) -> Result<Field, ReadError> {
+fn settled(path: &Path, source: &Field, unstated: bool, options: &FlightOptions) -> Result<Field, ReadError> {
     let metadata = source.metadata();
     let Named { name, unit } = named(path, &[source.name()], metadata.get("unit").map(String::as_str), options)?;
+    let wanted = flight::describe(&name).unit;
+    if unstated && unit.is_empty() && !wanted.is_empty() {
+        let what = format!("the file does not say its unit, and `{name}` is in {wanted}");
+        return Err(ReadError::options(path, what).in_column(source.name()).help(way_out(source.name(), wanted)));
+    }
     if name == *source.name() && metadata.get("unit").map_or("", String::as_str) == unit {
         return Ok(source.clone().with_nullable(true));
     }

@@ -27,6 +27,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
         magnav::NEEDED.iter().all(|n| has(n)) && has("ins_lat") && !has("flight") && !has("line") && !has("ins_vn")
     },
     open,
+    topics: None,
     made_from: None,
 };
 

@@ -19,6 +19,7 @@ use grids::AnomalyGrid;
 
 mod adopt;
 mod csv;
+mod dataflash;
 mod decimal;
 mod grid_bytes;
 mod hdf5;
@@ -48,10 +49,14 @@ mod parquet;
 mod points;
 mod points_flight;
 mod points_table;
+mod records;
 mod sgl;
 mod sgl_hdf5;
 mod sgl_xyz;
+mod stream;
 mod text_table;
+mod topics;
+mod ulog;
 mod unit_name;
 
 pub use grids::{Extra, MapTable, SurveyPoints};
@@ -59,6 +64,7 @@ pub use iaga2002::{ObservatoryRecord, read_iaga2002};
 pub use options::{FlightOptions, MapOptions};
 pub use output::{check_output, write_grid};
 pub use points::{PointOptions, read_points};
+pub use topics::{RawReader, Topic, TopicColumn, open_raw, open_raw_among, topics, topics_among};
 
 /// Hints for reading a flight log that do not affect the result.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -78,8 +84,8 @@ impl Default for Reading {
 
 /// An open flight log: its schema, and its rows in the file's order.
 ///
-/// Columns have the contract's names; each field's metadata `unit` is the unit that its values have,
-/// which `schemas::canonical` converts. A missing number is NaN or null.
+/// Columns have the contract's names ([`open_flight`]) or the file's own ([`open_raw`]); each field's metadata `unit` is the
+/// unit that its values have, which `schemas::canonical` converts. A missing number is NaN or null.
 pub struct FlightReader {
     format: FlightFormat,
     schema: SchemaRef,
@@ -127,6 +133,9 @@ pub struct Raw {
     pub own: Option<Vec<String>>,
     /// Whether numbers that mark missing values are still among the values.
     pub fillers: bool,
+    /// Whether a column without a unit may be in any unit, even if its name is that of the flight table: `lat` of an
+    /// autopilot counts 1e-7 degrees.
+    pub unstated: bool,
     /// Notes for the user.
     pub notes: Vec<String>,
     /// The result of scanning the whole file.
@@ -136,7 +145,7 @@ pub struct Raw {
 impl Raw {
     /// Columns under the file's own names.
     pub fn new(schema: SchemaRef, parts: Parts) -> Raw {
-        Raw { schema, parts, own: None, fillers: false, notes: vec![], found: None }
+        Raw { schema, parts, own: None, fillers: false, unstated: false, notes: vec![], found: None }
     }
 }
 
@@ -270,6 +279,9 @@ pub struct MadeFrom {
     pub lines: usize,
 }
 
+/// Returns the tables of a file.
+pub type ListTopics = fn(&Path, &FlightOptions) -> Result<Vec<Topic>, ReadError>;
+
 /// Returns the inputs of a flight.
 pub type SayMadeFrom = fn(&Path) -> Result<MadeFrom, ReadError>;
 
@@ -286,6 +298,8 @@ pub struct FlightFormat {
     pub recognise: fn(&Head) -> bool,
     /// Opens a file.
     pub open: fn(&Path, &FlightOptions, &Reading) -> Result<Raw, ReadError>,
+    /// The tables of a file, for a format that holds several; `None` for a format of one table.
+    pub topics: Option<ListTopics>,
     /// Where the values are computed from a file instead of read: the inputs. That takes far less time than
     /// reading.
     pub made_from: Option<SayMadeFrom>,
@@ -322,6 +336,8 @@ impl MapFormat {
 /// The flight formats of files, in the order in which a file is tried.
 pub const FLIGHT_FORMATS: &[FlightFormat] = &[
     parquet::FORMAT,
+    ulog::FORMAT,
+    dataflash::FORMAT,
     sgl_hdf5::FORMAT,
     magnav_hdf5::FORMAT,
     sgl_xyz::FORMAT,
@@ -380,13 +396,36 @@ pub fn open_flight_among(
     options: &FlightOptions,
     reading: &Reading,
 ) -> Result<FlightReader, ReadError> {
+    let (format, raw) = open_format(formats, path, options, reading)?;
+    Ok(reader(format, adopt::adopt(path, raw, options)?))
+}
+
+/// The format of a file, and its rows before names and keys are settled.
+fn open_format(
+    formats: &[FlightFormat],
+    path: &Path,
+    options: &FlightOptions,
+    reading: &Reading,
+) -> Result<(FlightFormat, Raw), ReadError> {
+    let format = format_of(formats, path, options)?;
+    if options.topic.is_some() && format.topics.is_none() {
+        let what = format!("a file of the format `{}` is one table, without topics", format.name);
+        return Err(ReadError::options(path, what).help("leave `topic` out"));
+    }
+    Ok((format, (format.open)(path, options, reading)?))
+}
+
+/// The format of a file.
+fn format_of(formats: &[FlightFormat], path: &Path, options: &FlightOptions) -> Result<FlightFormat, ReadError> {
     let head = Head { rename: Some(&options.rename), ..Head::read(path)? };
     let entries: Vec<_> = formats.iter().map(|f| Choice::new(f.name, f.extensions, f.recognise)).collect();
     let chosen = choose(&head, options.format.as_deref(), &entries, "flight")?;
-    let format = &formats[chosen];
-    let raw = adopt::adopt(path, (format.open)(path, options, reading)?, options)?;
+    Ok(formats[chosen])
+}
+
+fn reader(format: FlightFormat, raw: Raw) -> FlightReader {
     let Raw { schema, notes, found, parts, .. } = raw;
-    Ok(FlightReader { format: *format, schema, notes, found, parts })
+    FlightReader { format, schema, notes, found, parts }
 }
 
 /// Reads a map and brings it onto a regular grid of latitude and longitude.

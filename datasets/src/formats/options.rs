@@ -11,6 +11,9 @@ params! {
     pub struct FlightOptions, all default;
     /// The name of the format.
     format: Option<String>, unit "", default None, absent "known from the content and the extension";
+    /// The message, topic or array of a log that holds several, such as `MAG`, `sensor_mag:1` or `.` (the vectors at the root
+    /// of a MATLAB file).
+    topic: Option<String>, unit "", default None, absent "the only one";
     /// The file's column names to canonical ones. A unit in the file's name (`GPS Lat (rad)`, `Alt ft`, `Mag_mgauss`) is
     /// taken as the column's unit, and one that does not convert is an error.
     rename: BTreeMap<String, String>, unit "", default BTreeMap::new();

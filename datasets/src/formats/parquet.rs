@@ -13,6 +13,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     extensions: &["parquet", "pq"],
     recognise: |head: &Head| head.starts_with(MAGIC),
     open,
+    topics: None,
     made_from: None,
 };
 

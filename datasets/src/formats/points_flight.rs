@@ -16,6 +16,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     // Any table of numbers could be points: only the user can tell.
     recognise: |_| false,
     open,
+    topics: None,
     made_from: None,
 };
 

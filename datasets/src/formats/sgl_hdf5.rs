@@ -27,6 +27,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
         ["tt", "lat", "utm_z"].iter().all(|n| names.iter().any(|m| m == n))
     },
     open,
+    topics: None,
     made_from: None,
 };
 

@@ -27,6 +27,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     extensions: &["xyz"],
     recognise: |head: &Head| head.first_line().is_some_and(|l| l.starts_with('/')),
     open,
+    topics: None,
     made_from: None,
 };
 

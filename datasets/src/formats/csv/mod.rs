@@ -37,6 +37,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
     extensions: &["csv", "txt"],
     recognise: |head: &Head| head.first_line().is_some_and(|l| l.contains(',') && !l.starts_with('/')),
     open,
+    topics: None,
     made_from: None,
 };
 

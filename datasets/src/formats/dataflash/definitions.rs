@@ -1,0 +1,342 @@
+//! The messages of a DataFlash log as its FMT, FMTU, UNIT and MULT messages define them.
+
+use super::super::records::{Column, Kind, text};
+
+/// The length of a header: two marks and the type.
+pub(super) const HEADER: usize = 3;
+/// The type of FMT messages, which define all others and themselves.
+pub(super) const FMT: u8 = 0x80;
+/// The length of an FMT message.
+pub(super) const FMT_LENGTH: u8 = 89;
+
+/// A definition: name, length with the header, and columns with offsets behind the header.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Definition {
+    pub(super) name: String,
+    pub(super) length: u8,
+    /// The columns of the message; an array is several.
+    pub(super) columns: Vec<Column>,
+    /// The field that each column is of, for units.
+    pub(super) fields: Vec<usize>,
+    /// The format character of each field.
+    formats: Vec<u8>,
+}
+
+impl Definition {
+    /// The definition in the body of an FMT message, and the type that it defines: type, length, name (4 characters),
+    /// format (16), labels (64, between commas). `None` where it contradicts itself.
+    pub(super) fn parse(body: &[u8]) -> Option<(u8, Definition)> {
+        let (&[of, length], rest) = body.split_first_chunk::<2>()?;
+        let (name, rest) = rest.split_first_chunk::<4>()?;
+        let (format, rest) = rest.split_first_chunk::<16>()?;
+        let labels = text(rest.first_chunk::<64>()?);
+        let (name, format) = (text(name), text(format));
+        let labels: Vec<&str> = labels.split(',').map(str::trim).filter(|l| !l.is_empty()).collect();
+        let printable = |t: &str| t.bytes().all(|b| b.is_ascii_graphic());
+        if name.is_empty() || !printable(&name) || !labels.iter().all(|l| printable(l)) {
+            return None;
+        }
+        // A format longer than its field is cut, labels too: what is left cannot be told apart.
+        if labels.len() != format.chars().count() {
+            return None;
+        }
+        let (mut columns, mut fields, mut size) = (vec![], vec![], 0);
+        for (i, (character, label)) in format.chars().zip(&labels).enumerate() {
+            let Field { kind, array, divisor, unit } = Field::of(character)?;
+            let unit = if unit.is_empty() { unit_of(label) } else { unit };
+            for k in 0..array.unwrap_or(1) {
+                let name = array.map_or_else(|| (*label).to_owned(), |_| format!("{label}[{k}]"));
+                columns.push(Column { name, kind, offset: size, divisor, unit: unit.to_owned() });
+                fields.push(i);
+                size += kind.bytes();
+            }
+        }
+        let twice = labels.iter().enumerate().any(|(i, l)| labels.iter().take(i).any(|m| m == l));
+        if twice || size + HEADER != usize::from(length) {
+            return None;
+        }
+        Some((of, Definition { name, length, columns, fields, formats: format.into_bytes() }))
+    }
+
+    /// The definition of the FMT messages themselves.
+    pub(super) fn of_fmt() -> Definition {
+        let column = |(name, kind, offset): (&str, Kind, usize)| Column {
+            name: name.to_owned(),
+            kind,
+            offset,
+            divisor: 1.0,
+            unit: String::new(),
+        };
+        let columns = [
+            ("Type", Kind::U8, 0),
+            ("Length", Kind::U8, 1),
+            ("Name", Kind::Text(4), 2),
+            ("Format", Kind::Text(16), 6),
+            ("Columns", Kind::Text(64), 22),
+        ];
+        Definition {
+            name: "FMT".to_owned(),
+            length: FMT_LENGTH,
+            columns: columns.map(column).to_vec(),
+            fields: (0..5).collect(),
+            formats: b"BBnNZ".to_vec(),
+        }
+    }
+
+    /// Whether another definition has the same columns at the same positions.
+    pub(super) fn is_like(&self, other: &Definition) -> bool {
+        self.name == other.name && self.length == other.length && self.formats == other.formats && {
+            let (ours, theirs) = (self.columns.iter(), other.columns.iter());
+            ours.map(|c| &c.name).eq(theirs.map(|c| &c.name))
+        }
+    }
+
+    /// The column of a field by its label.
+    pub(super) fn find(&self, label: &str) -> Option<&Column> {
+        self.columns.iter().find(|c| c.name == label)
+    }
+
+    /// The column of the field at an index.
+    pub(super) fn field(&self, index: usize) -> Option<&Column> {
+        self.columns.iter().zip(&self.fields).find(|(_, of)| **of == index).map(|(c, _)| c)
+    }
+
+    /// Whether the format of a field scales its numbers.
+    pub(super) fn is_scaled(&self, index: usize) -> bool {
+        self.formats.get(index).is_some_and(|f| b"cCeEL".contains(f))
+    }
+}
+
+/// What a format character stands for.
+struct Field {
+    kind: Kind,
+    array: Option<usize>,
+    divisor: f64,
+    unit: &'static str,
+}
+
+impl Field {
+    /// [ArduPilot, libraries/AP_Logger/LogStructure.h]
+    fn of(character: char) -> Option<Field> {
+        let (kind, divisor) = match character {
+            'b' | 'M' => (if character == 'M' { Kind::U8 } else { Kind::I8 }, 1.0),
+            'B' => (Kind::U8, 1.0),
+            'h' => (Kind::I16, 1.0),
+            'H' => (Kind::U16, 1.0),
+            'i' => (Kind::I32, 1.0),
+            'I' => (Kind::U32, 1.0),
+            'q' => (Kind::I64, 1.0),
+            'Q' => (Kind::U64, 1.0),
+            'g' => (Kind::F16, 1.0),
+            'f' => (Kind::F32, 1.0),
+            'd' => (Kind::F64, 1.0),
+            'n' => (Kind::Text(4), 1.0),
+            'N' => (Kind::Text(16), 1.0),
+            'Z' => (Kind::Text(64), 1.0),
+            // Hundredths; division gives the nearest number to the decimal one.
+            'c' => (Kind::I16, 1e2),
+            'C' => (Kind::U16, 1e2),
+            'e' => (Kind::I32, 1e2),
+            'E' => (Kind::U32, 1e2),
+            // Latitudes and longitudes.
+            'L' => (Kind::I32, 1e7),
+            'a' => (Kind::I16, 1.0),
+            _ => return None,
+        };
+        let array = (character == 'a').then_some(32);
+        Some(Field { kind, array, divisor, unit: if character == 'L' { "deg" } else { "" } })
+    }
+}
+
+/// The unit of the time columns, which are in every log.
+fn unit_of(label: &str) -> &'static str {
+    match label {
+        "TimeUS" | "SampleUS" => "us",
+        "TimeMS" => "ms",
+        _ => "",
+    }
+}
+
+/// The units and multipliers of fields.
+#[derive(Default)]
+pub(super) struct Units {
+    /// The name of each unit character.
+    names: Vec<(u8, String)>,
+    /// The number of each multiplier character.
+    factors: Vec<(u8, f64)>,
+    /// The unit and multiplier characters of each type.
+    of: Vec<(u8, Vec<u8>, Vec<u8>)>,
+}
+
+impl Units {
+    /// Takes the body of a UNIT, MULT or FMTU message.
+    pub(super) fn add(&mut self, definition: &Definition, body: &[u8]) {
+        let byte = |label: &str| definition.find(label).and_then(|c| body.get(c.offset)).copied();
+        let bytes = |label: &str| {
+            let column = definition.find(label)?;
+            let bytes = body.get(column.offset..column.offset + column.kind.bytes())?;
+            Some(bytes.split(|b| *b == 0).next().unwrap_or_default().to_vec())
+        };
+        match definition.name.as_str() {
+            "UNIT" => {
+                if let (Some(id), Some(name)) = (byte("Id"), bytes("Label")) {
+                    self.names.retain(|(known, _)| *known != id);
+                    self.names.push((id, text(&name)));
+                }
+            }
+            "MULT" => {
+                let column = definition.find("Mult").filter(|c| c.kind == Kind::F64);
+                let factor = column.and_then(|c| body.get(c.offset..)?.first_chunk().map(|b| f64::from_le_bytes(*b)));
+                if let (Some(id), Some(factor)) = (byte("Id"), factor) {
+                    self.factors.retain(|(known, _)| *known != id);
+                    self.factors.push((id, factor));
+                }
+            }
+            "FMTU" => {
+                if let (Some(of), Some(units)) = (byte("FmtType"), bytes("UnitIds")) {
+                    self.of.retain(|(known, ..)| *known != of);
+                    self.of.push((of, units, bytes("MultIds").unwrap_or_default()));
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// The index of the field that holds the instance, of the unit `#`.
+    pub(super) fn instance(&self, of: u8) -> Option<usize> {
+        self.of.iter().find(|(known, ..)| *known == of)?.1.iter().position(|u| *u == b'#')
+    }
+
+    /// Gives the columns of a type their units.
+    pub(super) fn apply(&self, of: u8, definition: &mut Definition) {
+        let Some((_, units, factors)) = self.of.iter().find(|(known, ..)| *known == of) else { return };
+        for i in 0..definition.formats.len() {
+            let known = units.get(i).and_then(|id| self.names.iter().find(|(known, _)| known == id));
+            let Some(name) = known.map(|(_, name)| usual(name)).filter(|name| !name.is_empty()) else { continue };
+            let factor = factors.get(i).and_then(|id| self.factors.iter().find(|(known, _)| known == id));
+            // A format that scales its numbers has applied the factor.
+            let factor = if definition.is_scaled(i) { 1.0 } else { factor.map_or(1.0, |(_, factor)| *factor) };
+            let unit = prefixed(factor, name);
+            for (column, _) in definition.columns.iter_mut().zip(&definition.fields).filter(|(_, of)| **of == i) {
+                column.unit.clone_from(&unit);
+            }
+        }
+    }
+}
+
+/// A unit as the converter spells it.
+fn usual(name: &str) -> &str {
+    match name {
+        "deglatitude" | "deglongitude" | "degheading" => "deg",
+        "Gauss" => "gauss",
+        "UNKNOWN" | "instance" => "",
+        name => name,
+    }
+}
+
+/// The unit of numbers that a factor turns into `unit`. The numbers stay as they are logged.
+fn prefixed(factor: f64, unit: &str) -> String {
+    const PREFIXES: [(f64, &str); 8] =
+        [(1.0, ""), (0.0, ""), (1e-1, "d"), (1e-2, "c"), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e3, "k")];
+    // Degrees of latitude in 1e-7 have a name of their own. Factors are logged as single precision.
+    let is = |x: f64| (factor - x).abs() <= 1e-6 * x.abs();
+    match PREFIXES.iter().find(|(x, _)| is(*x)) {
+        Some((_, prefix)) => format!("{prefix}{unit}"),
+        None if is(1e-7) && unit == "deg" => "degE7".to_owned(),
+        None => format!("{} {unit}", factor as f32),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn fmt(of: u8, length: u8, name: &str, format: &str, labels: &str) -> Vec<u8> {
+        let mut body = vec![of, length];
+        for (text, size) in [(name, 4), (format, 16), (labels, 64)] {
+            let mut bytes = text.as_bytes().to_vec();
+            bytes.resize(size, 0);
+            body.extend(bytes);
+        }
+        body
+    }
+
+    #[test]
+    fn ref_every_format_character_has_its_length() {
+        // struct.calcsize of the characters that pymavlink gives them.
+        let sizes = [
+            ("a", 64),
+            ("b", 1),
+            ("B", 1),
+            ("g", 2),
+            ("h", 2),
+            ("H", 2),
+            ("i", 4),
+            ("I", 4),
+            ("f", 4),
+            ("n", 4),
+            ("N", 16),
+            ("Z", 64),
+            ("c", 2),
+            ("C", 2),
+            ("e", 4),
+            ("E", 4),
+            ("L", 4),
+            ("d", 8),
+            ("M", 1),
+            ("q", 8),
+            ("Q", 8),
+        ];
+        for (character, size) in sizes {
+            let (of, definition) = Definition::parse(&fmt(7, size + 3, "X", character, "A")).unwrap();
+            assert_eq!((of, definition.name.as_str()), (7, "X"), "{character}");
+            assert!(Definition::parse(&fmt(7, size + 4, "X", character, "A")).is_none(), "{character}");
+        }
+    }
+
+    #[test]
+    fn unit_definitions_that_contradict_themselves() {
+        for body in [
+            fmt(7, 5, "X", "BB", "A"),
+            fmt(7, 5, "X", "BB", "A,A"),
+            fmt(7, 5, "X", "By", "A,B"),
+            fmt(7, 6, "X", "BB", "A,B"),
+            fmt(7, 5, "", "BB", "A,B"),
+            fmt(7, 5, "X", "BB", "A,\u{1}"),
+        ] {
+            assert!(Definition::parse(&body).is_none());
+        }
+        assert!(Definition::parse(&fmt(7, 5, "X", "BB", "A,B")[..80]).is_none());
+    }
+
+    #[test]
+    fn unit_units_of_fmtu_with_their_multipliers() {
+        let (_, unit) = Definition::parse(&fmt(1, 76, "UNIT", "QbZ", "TimeUS,Id,Label")).unwrap();
+        let (_, mult) = Definition::parse(&fmt(2, 20, "MULT", "Qbd", "TimeUS,Id,Mult")).unwrap();
+        let (_, fmtu) = Definition::parse(&fmt(3, 44, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")).unwrap();
+        let mut units = Units::default();
+        for (id, label) in [(b's', "s"), (b'G', "Gauss"), (b'D', "deglatitude"), (b'#', "instance")] {
+            let mut body = vec![0; 8];
+            body.push(id);
+            body.extend(label.as_bytes());
+            body.resize(73, 0);
+            units.add(&unit, &body);
+        }
+        for (id, factor) in [(b'F', 1e-6f32), (b'C', 1e-3), (b'G', 1e-7), (b'-', 0.0)] {
+            let body = [&[0; 8][..], &[id], &f64::from(factor).to_le_bytes()].concat();
+            units.add(&mult, &body);
+        }
+        let mut of = [&[0; 8][..], &[9], b"s#GD", &[0; 12], b"F-CG", &[0; 12]].concat();
+        units.add(&fmtu, &of);
+        let (_, mut mag) = Definition::parse(&fmt(9, 18, "MAG", "QBhL", "TimeUS,I,MagX,Lat")).unwrap();
+        units.apply(9, &mut mag);
+        let found: Vec<&str> = mag.columns.iter().map(|c| c.unit.as_str()).collect();
+        assert_eq!((found.as_slice(), units.instance(9)), (["us", "", "mGauss", "deg"].as_slice(), Some(1)));
+        assert!(found.iter().filter(|u| !u.is_empty()).all(|u| schemas::is_unit(u)));
+        of[8] = 10;
+        units.add(&fmtu, &of);
+        assert_eq!((units.instance(10), units.instance(11)), (Some(1), None));
+    }
+}

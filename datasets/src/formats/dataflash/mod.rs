@@ -1,0 +1,125 @@
+//! DataFlash, the binary log of ArduPilot: it describes its messages itself. Each message is a topic, `MAG`; where its
+//! definition marks an instance (unit `#`) each instance is, `MAG:0`. [ardupilot.org, Logs; AP_Logger/LogStructure.h]
+//!
+//! Numbers that their format scales are scaled as pymavlink does (`c`, `C`, `e`, `E` hundredths, `L` 1e-7 degrees); all
+//! others stay as they are logged, in the unit that FMTU, UNIT and MULT messages give them, multiplier included. Logs
+//! before 2018 have no such messages and state no units but those of time, latitude and longitude.
+//!
+//! The file is read three times: for its units, to list and count its topics, and for the values of one.
+
+use std::path::Path;
+
+use self::walk::{MARKS, Walk};
+use super::{
+    FlightFormat, FlightOptions, Head, Part, Raw, Reading, Topic,
+    records::{Column, Records, Widths},
+    stream::counted,
+    topics::{chosen, listed},
+};
+use crate::ReadError;
+
+mod definitions;
+mod walk;
+
+pub(super) const FORMAT: FlightFormat = FlightFormat {
+    name: "dataflash",
+    about: "binary log of an ArduPilot autopilot, DataFlash; `topic` is a message, `MAG:1` an instance",
+    extensions: &["bin"],
+    recognise: |head: &Head| head.starts_with(MARKS),
+    open,
+    topics: Some(topics),
+    made_from: None,
+};
+
+fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
+    let mut walk = Walk::open(path)?;
+    walk.finish(&mut |_, _, _, _| ())?;
+    let topic = |t: &walk::Topic| {
+        let columns = walk.state.layouts.get(t.layout).map(|l| l.definition.columns.iter());
+        let columns = columns.into_iter().flatten().map(Column::topic_column).collect();
+        Topic { name: walk.state.spelt(t), rows: t.rows, columns }
+    };
+    Ok(walk.state.topics.iter().map(topic).collect())
+}
+
+fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
+    let mut scan = Walk::open(path)?;
+    let asked = options.topic.as_deref();
+    let mut widths: Vec<Option<Widths>> = vec![];
+    scan.finish(&mut |topic, new, definition, body| {
+        if new {
+            let wanted = asked.is_none_or(|t| t.split(':').next() == Some(definition.name.as_str()));
+            widths.push(wanted.then(|| Widths::new(&definition.columns)));
+        }
+        if let Some(Some(widths)) = widths.get_mut(topic) {
+            widths.look(body);
+        }
+    })?;
+    let state = &scan.state;
+    let names: Vec<(String, u64)> = state.topics.iter().map(|t| (state.spelt(t), t.rows)).collect();
+    let number = chosen(path, instance(path, asked, &names)?, &names)?;
+    let notes = notes(path, &scan, number);
+    let definition = scan.state.layouts[scan.state.topics[number].layout].definition.clone();
+    let widths = widths.swap_remove(number).unwrap_or_default();
+    let stride = usize::from(definition.length) - definitions::HEADER;
+    let mut records = Records::new(definition.columns, widths, stride);
+    let schema = records.schema().clone();
+    let (mut walk, path, mut done) = (scan.again()?, path.to_path_buf(), false);
+    let parts = std::iter::from_fn(move || {
+        while !done && !records.is_full() {
+            match walk.step(&mut |topic, _, _, body| {
+                if topic == number {
+                    records.push(body);
+                }
+            }) {
+                Ok(more) => done = !more,
+                Err(fault) => {
+                    done = true;
+                    return Some(Err(fault));
+                }
+            }
+        }
+        (!records.is_empty()).then(|| records.take(&path).map(Part::whole))
+    });
+    Ok(Raw { fillers: true, unstated: true, notes, ..Raw::new(schema, Box::new(parts)) })
+}
+
+/// The topic that is asked for: a name without an instance means the only one.
+fn instance<'a>(path: &Path, asked: Option<&'a str>, names: &'a [(String, u64)]) -> Result<Option<&'a str>, ReadError> {
+    let Some(name) = asked.filter(|name| !names.iter().any(|(known, _)| known == name)) else { return Ok(asked) };
+    let of = |(known, _): &&(String, u64)| known.split_once(':').is_some_and(|(message, _)| message == name);
+    let instances: Vec<(String, u64)> = names.iter().filter(of).cloned().collect();
+    match instances.as_slice() {
+        [] => Ok(asked),
+        [_] => Ok(names.iter().find(of).map(|(known, _)| known.as_str())),
+        _ => {
+            let what = format!("`{name}` has {} instances, and `topic` does not say which", instances.len());
+            Err(ReadError::options(path, what).help(format!("its instances, with their rows: {}", listed(&instances))))
+        }
+    }
+}
+
+/// What the whole file says about itself.
+fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
+    let state = &walk.state;
+    let mut notes = vec![];
+    notes.extend(state.damage.note());
+    if state.cut > 0 {
+        notes.push(format!("the log ends in the middle of a message: {} were skipped", counted(state.cut, "byte")));
+    }
+    if state.unknown > 0 {
+        notes.push(format!("{} of types without a definition", counted(state.unknown, "message")));
+    }
+    if state.unreadable > 0 {
+        notes.push(format!("{} cannot be read; their messages are skipped", counted(state.unreadable, "definition")));
+    }
+    if let Some(layout) = state.topics.get(number).and_then(|t| state.layouts.get(t.layout)).filter(|l| l.others > 0) {
+        let (others, name) = (counted(layout.others, "message"), &layout.definition.name);
+        notes.push(format!("{others} of `{name}` after it was defined anew, with other fields, skipped"));
+    }
+    let file = path.display();
+    notes.into_iter().map(|note| format!("{file}: {note}")).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,284 @@
+//! The messages of a DataFlash log, one after another. A message has no check sum: it stands only where the marks of
+//! another follow it or the file ends, so that one that lost bytes does not pass. What does not stand is skipped up to
+//! the next that does.
+
+use std::{
+    collections::HashMap,
+    fs::File,
+    path::{Path, PathBuf},
+};
+
+use super::{
+    super::{
+        records::{Kind, text},
+        stream::{Damage, Forward},
+    },
+    definitions::{Definition, FMT, FMT_LENGTH, HEADER, Units},
+};
+use crate::ReadError;
+
+/// What every message begins with; its type follows.
+pub(super) const MARKS: &[u8] = &[0xa3, 0x95];
+/// Bytes to be seen at once: a message and the marks of the next.
+const AHEAD: usize = 1 << 10;
+
+/// A topic: the messages of one name, and of one instance where they have such.
+pub(super) struct Topic {
+    pub(super) instance: Option<String>,
+    /// The position of its definition.
+    pub(super) layout: usize,
+    /// Its messages so far.
+    pub(super) rows: u64,
+}
+
+/// The definition of a name: the first one in the file.
+pub(super) struct Layout {
+    pub(super) definition: Definition,
+    /// Messages of the name under a later, different definition.
+    pub(super) others: u64,
+    /// Topics by the bytes of the instance.
+    topics: HashMap<Vec<u8>, usize>,
+}
+
+/// What is known of a message type.
+#[derive(Clone, Copy, Default)]
+struct Type {
+    /// With the header; 0 for a type that is not defined.
+    length: u8,
+    /// Its definition; `None` where it could not be read.
+    layout: Option<usize>,
+    /// Whether the definition of the type is that of the name.
+    same: bool,
+    /// Offset and length of the instance.
+    instance: Option<(usize, Kind)>,
+}
+
+/// What is known of a file so far.
+pub(super) struct State {
+    /// The units, of the whole file.
+    units: Units,
+    types: Vec<Type>,
+    pub(super) layouts: Vec<Layout>,
+    names: HashMap<String, usize>,
+    pub(super) topics: Vec<Topic>,
+    pub(super) damage: Damage,
+    /// Bytes of a message that ends with the file.
+    pub(super) cut: u64,
+    /// Messages of types without a definition.
+    pub(super) unknown: u64,
+    /// Definitions that could not be read.
+    pub(super) unreadable: u64,
+}
+
+/// What the bytes at a position are.
+#[derive(Clone, Copy, PartialEq)]
+enum Found {
+    /// A message of this length.
+    Message(usize),
+    /// The start of a message that ends with the file.
+    Cut,
+    /// Marks, and a type that is not defined.
+    Unknown,
+    Nothing,
+}
+
+/// A file and the position in it.
+pub(super) struct Walk {
+    path: PathBuf,
+    forward: Forward<File>,
+    pub(super) state: State,
+}
+
+impl Walk {
+    /// Opens a file; its units and instances, which stand anywhere in it, are read from all of it first.
+    ///
+    /// # Errors
+    /// Fails for a file that cannot be read.
+    pub(super) fn open(path: &Path) -> Result<Walk, ReadError> {
+        let mut first = Walk::with(path, Units::default())?;
+        let mut units = Units::default();
+        first.finish(&mut |_, _, definition, body| units.add(definition, body))?;
+        Walk::with(path, units)
+    }
+
+    fn with(path: &Path, units: Units) -> Result<Walk, ReadError> {
+        let forward = Forward::open(path)?;
+        let mut state = State {
+            units,
+            types: vec![Type::default(); 256],
+            layouts: vec![],
+            names: HashMap::new(),
+            topics: vec![],
+            damage: Damage::default(),
+            cut: 0,
+            unknown: 0,
+            unreadable: 0,
+        };
+        state.define(FMT, Some(Definition::of_fmt()), FMT_LENGTH);
+        Ok(Walk { path: path.to_path_buf(), forward, state })
+    }
+
+    /// The same file and units, from its start.
+    ///
+    /// # Errors
+    /// Fails for a file that cannot be opened.
+    pub(super) fn again(self) -> Result<Walk, ReadError> {
+        Walk::with(&self.path, self.state.units)
+    }
+
+    /// Takes the next message and shows it to `visit` (topic, whether it is new, definition and body). Returns whether
+    /// there was one.
+    ///
+    /// # Errors
+    /// Fails for a file that cannot be read.
+    #[inline]
+    pub(super) fn step(&mut self, visit: &mut impl FnMut(usize, bool, &Definition, &[u8])) -> Result<bool, ReadError> {
+        let Walk { path, forward, state } = self;
+        let position = forward.position();
+        let bytes = forward.ahead(AHEAD).map_err(|e| ReadError::io(path, &e))?;
+        let taken = match state.found(bytes) {
+            _ if bytes.is_empty() => return Ok(false),
+            Found::Message(length) if leads(bytes.get(length..).unwrap_or_default()) => {
+                state.take(bytes.get(..length).unwrap_or_default(), visit);
+                length
+            }
+            Found::Cut => {
+                state.cut += bytes.len() as u64;
+                bytes.len()
+            }
+            found => {
+                state.unknown += u64::from(found == Found::Unknown);
+                let skipped = state.next_message(bytes);
+                state.damage.add(position, skipped as u64);
+                skipped
+            }
+        };
+        forward.skip(taken);
+        Ok(true)
+    }
+
+    /// Reads to the end of the file.
+    ///
+    /// # Errors
+    /// Fails as [`Walk::step`].
+    pub(super) fn finish(&mut self, visit: &mut impl FnMut(usize, bool, &Definition, &[u8])) -> Result<(), ReadError> {
+        while self.step(visit)? {}
+        Ok(())
+    }
+}
+
+/// Whether the bytes begin with the marks of a message, or the file ends.
+#[inline]
+fn leads(bytes: &[u8]) -> bool {
+    bytes.iter().zip(MARKS).all(|(a, b)| a == b)
+}
+
+impl State {
+    /// What the bytes begin with; they are at least [`AHEAD`], or end with the file.
+    #[inline]
+    fn found(&self, bytes: &[u8]) -> Found {
+        let Some((header, _)) = bytes.split_first_chunk::<HEADER>() else {
+            return if leads(bytes) { Found::Cut } else { Found::Nothing };
+        };
+        if !header.starts_with(MARKS) {
+            return Found::Nothing;
+        }
+        match self.types.get(usize::from(header[2])).map_or(0, |t| usize::from(t.length)) {
+            0 => Found::Unknown,
+            length if length <= bytes.len() => Found::Message(length),
+            _ => Found::Cut,
+        }
+    }
+
+    /// The offset of the next message that stands; all bytes that can be judged, if there is none.
+    fn next_message(&self, bytes: &[u8]) -> usize {
+        let judged = if bytes.len() >= AHEAD { bytes.len() - AHEAD / 2 } else { bytes.len() };
+        let stands = |at: &usize| {
+            let bytes = bytes.get(*at..).unwrap_or_default();
+            matches!(self.found(bytes), Found::Message(length) if leads(bytes.get(length..).unwrap_or_default()))
+        };
+        (1..judged).find(stands).unwrap_or(judged.max(1))
+    }
+
+    #[inline]
+    fn take(&mut self, message: &[u8], visit: &mut impl FnMut(usize, bool, &Definition, &[u8])) {
+        let Some((header, body)) = message.split_first_chunk::<HEADER>() else { return };
+        if header[2] == FMT {
+            match (Definition::parse(body), body) {
+                (Some((of, definition)), _) => {
+                    let length = definition.length;
+                    self.define(of, Some(definition), length);
+                }
+                // Its messages can still be told from others by their length.
+                (None, [of, length, ..]) => {
+                    self.unreadable += 1;
+                    self.define(*of, None, *length);
+                }
+                (None, _) => {}
+            }
+        }
+        let Some(Type { layout: Some(at), same, instance, .. }) = self.types.get(usize::from(header[2])).copied()
+        else {
+            return;
+        };
+        let Some(layout) = self.layouts.get_mut(at) else { return };
+        if !same {
+            layout.others += 1;
+            return;
+        }
+        let key = instance.and_then(|(at, kind)| body.get(at..at + kind.bytes())).unwrap_or_default();
+        let (number, new) = match layout.topics.get(key) {
+            Some(number) => (*number, false),
+            None => {
+                let instance = instance.map(|(_, kind)| spelt(kind, key));
+                self.topics.push(Topic { instance, layout: at, rows: 0 });
+                layout.topics.insert(key.to_vec(), self.topics.len() - 1);
+                (self.topics.len() - 1, true)
+            }
+        };
+        if let Some(topic) = self.topics.get_mut(number) {
+            topic.rows += 1;
+        }
+        visit(number, new, &layout.definition, body);
+    }
+
+    /// Defines a type.
+    fn define(&mut self, of: u8, definition: Option<Definition>, length: u8) {
+        // FMT messages are always those of the format, and a header is the least that a message has.
+        if (of == FMT && length != FMT_LENGTH) || usize::from(length) < HEADER {
+            return;
+        }
+        let mut known = Type { length, ..Type::default() };
+        if let Some(mut definition) = definition {
+            self.units.apply(of, &mut definition);
+            known.instance = self.units.instance(of).and_then(|i| definition.field(i)).and_then(|c| {
+                let plain = c.divisor == 1.0 && matches!(c.kind, Kind::U8 | Kind::I8 | Kind::Text(_));
+                plain.then_some((c.offset, c.kind))
+            });
+            let at = *self.names.entry(definition.name.clone()).or_insert(self.layouts.len());
+            if at == self.layouts.len() {
+                self.layouts.push(Layout { definition: definition.clone(), others: 0, topics: HashMap::new() });
+            }
+            known.same = self.layouts.get(at).is_some_and(|l| l.definition.is_like(&definition));
+            known.layout = Some(at);
+        }
+        if let Some(of) = self.types.get_mut(usize::from(of)) {
+            *of = known;
+        }
+    }
+
+    /// The name of a topic.
+    pub(super) fn spelt(&self, topic: &Topic) -> String {
+        let name = self.layouts.get(topic.layout).map_or("", |l| l.definition.name.as_str());
+        topic.instance.as_ref().map_or_else(|| name.to_owned(), |instance| format!("{name}:{instance}"))
+    }
+}
+
+/// An instance as text.
+fn spelt(kind: Kind, bytes: &[u8]) -> String {
+    match (kind, bytes) {
+        (Kind::I8, [b]) => b.cast_signed().to_string(),
+        (Kind::U8, [b]) => b.to_string(),
+        _ => text(bytes),
+    }
+}

@@ -1,0 +1,321 @@
+//! Records of one length, as binary logs hold them, to columns of numbers and texts.
+
+use std::{path::Path, sync::Arc};
+
+use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
+use arrow_schema::{DataType, Field, Schema, SchemaRef};
+use schemas::{Role, field};
+
+use super::topics::TopicColumn;
+use crate::ReadError;
+
+/// The type of a value in a record, little endian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    /// IEEE 754 half precision.
+    F16,
+    F32,
+    F64,
+    /// Characters up to a NUL, at most so many.
+    Text(usize),
+}
+
+impl Kind {
+    /// Its length in bytes.
+    pub(super) fn bytes(self) -> usize {
+        match self {
+            Kind::I8 | Kind::U8 => 1,
+            Kind::I16 | Kind::U16 | Kind::F16 => 2,
+            Kind::I32 | Kind::U32 | Kind::F32 => 4,
+            Kind::I64 | Kind::U64 | Kind::F64 => 8,
+            Kind::Text(n) => n,
+        }
+    }
+}
+
+/// A column: its position in a record, and its meaning.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Column {
+    pub(super) name: String,
+    pub(super) kind: Kind,
+    /// Of its first byte in the record.
+    pub(super) offset: usize,
+    /// What the stored number is divided by.
+    pub(super) divisor: f64,
+    /// The unit of the quotient; empty where the file states none.
+    pub(super) unit: String,
+}
+
+impl Column {
+    pub(super) fn topic_column(&self) -> TopicColumn {
+        TopicColumn { name: self.name.clone(), unit: self.unit.clone(), description: String::new() }
+    }
+}
+
+/// Which whole numbers of 64 bits a column holds: most are exact in a Float64, some are not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+enum Width {
+    /// All are exact in a Float64.
+    #[default]
+    Float,
+    /// Some need 64 bits.
+    Whole,
+    /// Some are beyond the range of an Int64: they become text, digit for digit.
+    Digits,
+}
+
+/// Looks for numbers of 64 bits that a Float64 does not hold.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Widths {
+    /// The columns of whole numbers of 64 bits: index, offset, and whether they are unsigned.
+    wide: Vec<(usize, usize, bool)>,
+    found: Vec<Width>,
+}
+
+impl Widths {
+    pub(super) fn new(columns: &[Column]) -> Widths {
+        let wide = columns.iter().enumerate().filter(|(_, c)| matches!(c.kind, Kind::I64 | Kind::U64));
+        let wide = wide.map(|(i, c)| (i, c.offset, c.kind == Kind::U64)).collect();
+        Widths { wide, found: vec![Width::Float; columns.len()] }
+    }
+
+    /// Takes note of a record.
+    #[inline]
+    pub(super) fn look(&mut self, record: &[u8]) {
+        for (i, offset, unsigned) in &self.wide {
+            let Some(bytes) = record.get(*offset..).and_then(|r| r.first_chunk::<8>()) else { continue };
+            let width = width(u64::from_le_bytes(*bytes), *unsigned);
+            if let Some(found) = self.found.get_mut(*i) {
+                *found = width.max(*found);
+            }
+        }
+    }
+
+    fn of(&self, i: usize) -> Width {
+        self.found.get(i).copied().unwrap_or_default()
+    }
+}
+
+fn width(bits: u64, unsigned: bool) -> Width {
+    // 2^53: up to it every whole number is a Float64.
+    const EXACT: u64 = 1 << 53;
+    let magnitude = if unsigned { bits } else { (bits as i64).unsigned_abs() };
+    match magnitude {
+        m if m <= EXACT => Width::Float,
+        m if !unsigned || i64::try_from(m).is_ok() => Width::Whole,
+        _ => Width::Digits,
+    }
+}
+
+/// Records gathered for a batch.
+pub(super) struct Records {
+    columns: Vec<Column>,
+    widths: Widths,
+    schema: SchemaRef,
+    /// The length of a record.
+    stride: usize,
+    bytes: Vec<u8>,
+}
+
+/// Values of a batch: 64 k rows of 100 columns are 50 MB.
+const CELLS: usize = 6 << 20;
+/// Rows of a batch.
+const ROWS: usize = 65_536;
+
+impl Records {
+    pub(super) fn new(columns: Vec<Column>, widths: Widths, stride: usize) -> Records {
+        let of = |(i, c): (usize, &Column)| {
+            let data_type = match (c.kind, widths.of(i)) {
+                (Kind::Text(_), _) | (_, Width::Digits) => DataType::Utf8,
+                (_, Width::Whole) => DataType::Int64,
+                (_, Width::Float) => DataType::Float64,
+            };
+            field(&c.name, data_type, &c.unit, Role::Aux, "")
+        };
+        let schema = Arc::new(Schema::new(columns.iter().enumerate().map(of).collect::<Vec<Field>>()));
+        Records { columns, widths, schema, stride: stride.max(1), bytes: vec![] }
+    }
+
+    pub(super) fn schema(&self) -> &SchemaRef {
+        &self.schema
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.bytes.is_empty()
+    }
+
+    /// Whether a batch should be taken before more records come.
+    #[inline]
+    pub(super) fn is_full(&self) -> bool {
+        self.bytes.len() >= ROWS.min((CELLS / self.columns.len().max(1)).max(1)) * self.stride
+    }
+
+    /// Adds a record; what is longer than a record is left out, a shorter one is an error of the caller and ignored.
+    #[inline]
+    pub(super) fn push(&mut self, record: &[u8]) {
+        if let Some(record) = record.get(..self.stride) {
+            self.bytes.extend_from_slice(record);
+        }
+    }
+
+    /// The records as a batch, and none left.
+    pub(super) fn take(&mut self, path: &Path) -> Result<RecordBatch, ReadError> {
+        let columns = self.columns.iter().enumerate().map(|(i, c)| self.column(c, self.widths.of(i))).collect();
+        let batch = RecordBatch::try_new(self.schema.clone(), columns);
+        self.bytes.clear();
+        batch.map_err(|e| ReadError::data(path, e.to_string()))
+    }
+
+    fn column(&self, column: &Column, width: Width) -> ArrayRef {
+        let divisor = column.divisor;
+        macro_rules! numbers {
+            ($t:ty, $n:literal) => {
+                self.numbers(column, divisor, |b: [u8; $n]| <$t>::from_le_bytes(b) as f64)
+            };
+        }
+        match (column.kind, width) {
+            (Kind::I8, _) => numbers!(i8, 1),
+            (Kind::U8, _) => numbers!(u8, 1),
+            (Kind::I16, _) => numbers!(i16, 2),
+            (Kind::U16, _) => numbers!(u16, 2),
+            (Kind::I32, _) => numbers!(i32, 4),
+            (Kind::U32, _) => numbers!(u32, 4),
+            (Kind::F32, _) => numbers!(f32, 4),
+            (Kind::F64, _) => numbers!(f64, 8),
+            (Kind::F16, _) => self.numbers(column, divisor, |b: [u8; 2]| half(u16::from_le_bytes(b))),
+            (Kind::I64, Width::Float) => numbers!(i64, 8),
+            (Kind::U64, Width::Float) => numbers!(u64, 8),
+            (Kind::I64 | Kind::U64, Width::Whole) => {
+                Arc::new(self.cells(column, i64::from_le_bytes).collect::<Int64Array>())
+            }
+            (Kind::I64 | Kind::U64, Width::Digits) => {
+                let digits = self.cells(column, |b| u64::from_le_bytes(b).to_string());
+                Arc::new(digits.collect::<StringArray>())
+            }
+            (Kind::Text(n), _) => {
+                let texts = self
+                    .bytes
+                    .chunks_exact(self.stride)
+                    .map(|r| Some(text(r.get(column.offset..column.offset + n).unwrap_or_default())));
+                Arc::new(texts.collect::<StringArray>())
+            }
+        }
+    }
+
+    /// The bytes of one column, decoded; a record that is too short for it gives none.
+    fn cells<'a, const N: usize, T>(
+        &'a self,
+        column: &'a Column,
+        decode: impl Fn([u8; N]) -> T + 'a,
+    ) -> impl Iterator<Item = Option<T>> + 'a {
+        let at = column.offset;
+        self.bytes.chunks_exact(self.stride).map(move |r| r.get(at..)?.first_chunk::<N>().map(|b| decode(*b)))
+    }
+
+    fn numbers<const N: usize>(&self, column: &Column, divisor: f64, decode: impl Fn([u8; N]) -> f64) -> ArrayRef {
+        let scaled = |b| if divisor == 1.0 { decode(b) } else { decode(b) / divisor };
+        let values: Vec<f64> = self.cells(column, scaled).map(|x| x.unwrap_or(f64::NAN)).collect();
+        Arc::new(Float64Array::from(values))
+    }
+}
+
+/// Text up to a NUL; bytes that are not UTF-8 are taken as Latin-1.
+pub(super) fn text(bytes: &[u8]) -> String {
+    let bytes = bytes.split(|b| *b == 0).next().unwrap_or_default();
+    match std::str::from_utf8(bytes) {
+        Ok(text) => text.to_owned(),
+        Err(_) => bytes.iter().map(|b| char::from(*b)).collect(),
+    }
+}
+
+/// A number of half precision. [IEEE 754-2008, binary16]
+fn half(bits: u16) -> f64 {
+    let (sign, exponent, fraction) = (bits >> 15, (bits >> 10) & 0x1f, f64::from(bits & 0x3ff));
+    let magnitude = match exponent {
+        0 => fraction * 2f64.powi(-24),
+        31 if fraction == 0.0 => f64::INFINITY,
+        31 => f64::NAN,
+        e => (1.0 + fraction / 1024.0) * 2f64.powi(i32::from(e) - 15),
+    };
+    if sign == 1 { -magnitude } else { magnitude }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use arrow_array::{Array, cast::AsArray, types::Float64Type, types::Int64Type};
+
+    use super::*;
+
+    fn column(name: &str, kind: Kind, offset: usize, divisor: f64) -> Column {
+        Column { name: name.into(), kind, offset, divisor, unit: String::new() }
+    }
+
+    #[test]
+    fn unit_every_type_of_a_record() {
+        let columns = vec![
+            column("i8", Kind::I8, 0, 1.0),
+            column("u16", Kind::U16, 1, 1.0),
+            column("scaled", Kind::I32, 3, 1e7),
+            column("f32", Kind::F32, 7, 1.0),
+            column("f64", Kind::F64, 11, 1.0),
+            column("name", Kind::Text(4), 19, 1.0),
+        ];
+        let mut record = vec![0xff];
+        record.extend(65535u16.to_le_bytes());
+        record.extend((-353_632_621i32).to_le_bytes());
+        record.extend(0.1f32.to_le_bytes());
+        record.extend(f64::MIN_POSITIVE.to_le_bytes());
+        record.extend(b"ab\0d");
+        let mut records = Records::new(columns, Widths::default(), record.len());
+        records.push(&record);
+        records.push(&record[1..]);
+        let batch = records.take(Path::new("a")).unwrap();
+        assert_eq!(batch.num_rows(), 1);
+        let number = |i: usize| batch.column(i).as_primitive::<Float64Type>().value(0);
+        let wanted = [-1.0, 65535.0, -35.3632621, f64::from(0.1f32), f64::MIN_POSITIVE];
+        assert_eq!([0, 1, 2, 3, 4].map(number), wanted);
+        assert_eq!(batch.column(5).as_string::<i32>().value(0), "ab");
+        assert!(records.is_empty());
+    }
+
+    #[test]
+    fn unit_whole_numbers_beyond_a_float_stay_exact() {
+        let columns = vec![column("q", Kind::I64, 0, 1.0), column("Q", Kind::U64, 8, 1.0)];
+        let of = |q: i64, u: u64| [q.to_le_bytes(), u.to_le_bytes()].concat();
+        let read = |rows: &[Vec<u8>]| {
+            let mut widths = Widths::new(&columns);
+            rows.iter().for_each(|r| widths.look(r));
+            let mut records = Records::new(columns.clone(), widths, 16);
+            rows.iter().for_each(|r| records.push(r));
+            records.take(Path::new("a")).unwrap()
+        };
+        let small = read(&[of(-(1 << 53), 1 << 53)]);
+        assert!(small.columns().iter().all(|c| c.data_type() == &DataType::Float64));
+        let large = read(&[of(i64::MIN, (1 << 53) + 1), of(1, 2)]);
+        assert_eq!(large.column(0).as_primitive::<Int64Type>().values(), &[i64::MIN, 1]);
+        assert_eq!(large.column(1).as_primitive::<Int64Type>().values(), &[(1 << 53) + 1, 2]);
+        let larger = read(&[of(1, u64::MAX)]);
+        assert_eq!(larger.column(1).as_string::<i32>().value(0), "18446744073709551615");
+    }
+
+    #[test]
+    fn ref_half_precision() {
+        // IEEE 754-2008, table 3.2 and the usual examples of binary16.
+        for (bits, x) in
+            [(0x3c00, 1.0), (0xc000, -2.0), (0x7bff, 65504.0), (0x0001, 2f64.powi(-24)), (0x3555, 0.333_251_953_125)]
+        {
+            assert_eq!(half(bits), x);
+        }
+        assert!(half(0x7c00) == f64::INFINITY && half(0x7e00).is_nan());
+    }
+}

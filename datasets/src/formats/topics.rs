@@ -1,0 +1,120 @@
+//! The tables of a log that holds several: their list, the choice of one, and its rows under the file's own names.
+
+use std::path::Path;
+
+use super::{
+    FLIGHT_FORMATS, FlightFormat, FlightOptions, FlightReader, Reading, adopt, format_of, open_format, reader,
+};
+use crate::ReadError;
+
+/// A table of a file: a message of a log, an array or a structure.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Topic {
+    /// Its name for [`FlightOptions::topic`]; empty for a format of one table.
+    pub name: String,
+    /// Its rows.
+    pub rows: u64,
+    /// Its columns, in the file's order.
+    pub columns: Vec<TopicColumn>,
+}
+
+/// A column of a table of a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TopicColumn {
+    /// The file's name for it.
+    pub name: String,
+    /// The unit that its values have; empty where the file states none.
+    pub unit: String,
+    /// The file's description, or what the name means in every flight.
+    pub description: String,
+}
+
+/// The rows of one table of a file, under the file's own names ([`open_raw`]).
+///
+/// A format that knows what its columns mean (the SGL surveys, MagNav.jl, survey points) has given them the contract's
+/// names and units.
+pub type RawReader = FlightReader;
+
+/// The tables of a file. A format of one table gives one [`Topic`] of an empty name, whose rows are counted by reading
+/// them.
+///
+/// # Errors
+/// Fails for a file that is missing, empty, damaged beyond reading or in no known format.
+pub fn topics(path: &Path, options: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
+    topics_among(FLIGHT_FORMATS, path, options)
+}
+
+/// [`topics`] in one of `formats`, such as those of [`flight_formats`](super::flight_formats).
+///
+/// # Errors
+/// Fails as [`topics`].
+pub fn topics_among(formats: &[FlightFormat], path: &Path, options: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
+    let format = format_of(formats, path, options)?;
+    if let Some(list) = format.topics {
+        return list(path, options);
+    }
+    let mut reader = open_raw_among(&[format], path, options, &Reading::default())?;
+    let column = |f: &arrow_schema::Field| {
+        let said = |key: &str| f.metadata().get(key).cloned().unwrap_or_default();
+        TopicColumn { name: f.name().clone(), unit: said("unit"), description: said("description") }
+    };
+    let columns = reader.schema().fields().iter().map(|f| column(f)).collect();
+    let mut rows = 0;
+    while let Some(part) = reader.next_part() {
+        rows += part?.batch.num_rows() as u64;
+    }
+    Ok(vec![Topic { name: String::new(), rows, columns }])
+}
+
+/// Opens one table of a file for its rows under the file's own names, without the flight and line that
+/// [`open_flight`](super::open_flight) asks for. Each field's metadata `unit` is the unit that the file states, `rename`,
+/// `units`, `flight` and `line` of the options are not applied; marks of missing values are.
+///
+/// # Errors
+/// Fails for a file that is missing, empty, damaged beyond reading or in no known format, and for a file of several
+/// tables where `topic` does not name one of them.
+pub fn open_raw(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<RawReader, ReadError> {
+    open_raw_among(FLIGHT_FORMATS, path, options, reading)
+}
+
+/// [`open_raw`] in one of `formats`, such as those of [`flight_formats`](super::flight_formats).
+///
+/// # Errors
+/// Fails as [`open_raw`].
+pub fn open_raw_among(
+    formats: &[FlightFormat],
+    path: &Path,
+    options: &FlightOptions,
+    reading: &Reading,
+) -> Result<RawReader, ReadError> {
+    let (format, raw) = open_format(formats, path, options, reading)?;
+    Ok(reader(format, adopt::without_fillers(path, raw, options)))
+}
+
+/// The position of the table that the options name; the only one where they name none.
+///
+/// `tables` are names and rows; `asked` is the name as the format spells it.
+///
+/// # Errors
+/// Fails for a name that is not among them, and for several tables where none is named; the error lists them.
+pub(super) fn chosen(path: &Path, asked: Option<&str>, tables: &[(String, u64)]) -> Result<usize, ReadError> {
+    let names: Vec<&str> = tables.iter().map(|(name, _)| name.as_str()).collect();
+    match (asked, tables) {
+        (_, []) => Err(ReadError::data(path, "holds no table")),
+        (None, [_]) => Ok(0),
+        (None, _) => {
+            let what = format!("holds {} tables, and `topic` does not say which", tables.len());
+            Err(ReadError::options(path, what).help(format!("its topics, with their rows: {}", listed(tables))))
+        }
+        (Some(name), _) => names
+            .iter()
+            .position(|n| *n == name)
+            .ok_or_else(|| ReadError::options(path, format!("holds no topic `{name}`")).nearest(name, &names)),
+    }
+}
+
+/// Names of tables, each with its rows.
+pub(super) fn listed(tables: &[(String, u64)]) -> String {
+    let one = |(name, rows): &(String, u64)| format!("{name} ({rows})");
+    tables.iter().map(one).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,262 @@
+//! Formats and subscriptions of a ULog file: which bytes of a data message are which column.
+
+use std::collections::{HashMap, HashSet};
+
+use super::super::records::{Column, Kind, text};
+
+/// A field as a format declares it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Declared {
+    /// A basic type, or the name of another format.
+    of: String,
+    /// `None` for one value, the length for an array.
+    length: Option<usize>,
+    name: String,
+}
+
+/// The layout of the data messages of a format.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Layout {
+    /// The columns, without padding.
+    pub(super) columns: Vec<Column>,
+    /// The bytes of a message without the padding at its end, which may be left out.
+    pub(super) least: usize,
+    /// The bytes of a message with it.
+    pub(super) most: usize,
+}
+
+/// The formats of a file, by name.
+#[derive(Default)]
+pub(super) struct Formats {
+    known: HashMap<String, Vec<Declared>>,
+    /// Names that are defined twice, differently.
+    pub(super) contradicted: Vec<String>,
+}
+
+/// Formats within formats; PX4 has two levels.
+const DEPTH: usize = 16;
+/// The longest message, whose length has 16 bits.
+const LONGEST: usize = u16::MAX as usize;
+
+impl Formats {
+    /// Adds the format of a message `name:type field;type[n] field;`; `None` where it cannot be read. The last of two of
+    /// one name is valid from there on.
+    pub(super) fn add(&mut self, body: &[u8]) -> Option<()> {
+        let (name, fields) = split(body)?;
+        if let Some(known) = self.known.insert(name.clone(), fields.clone())
+            && known != fields
+            && !self.contradicted.contains(&name)
+        {
+            self.contradicted.push(name);
+        }
+        Some(())
+    }
+
+    /// The layout of a format, with the fields of nested formats in place; `None` where a format is missing, contains
+    /// itself, names two fields alike, is longer than a message, or has more than `most` columns.
+    pub(super) fn layout(&self, name: &str, most: usize) -> Option<Layout> {
+        let mut flat = Flat { most, ..Flat::default() };
+        self.flatten(name, "", DEPTH, &mut flat)?;
+        let mut names = HashSet::new();
+        if !flat.columns.iter().all(|c| names.insert(c.name.as_str())) || flat.size == 0 {
+            return None;
+        }
+        Some(Layout { least: flat.size - flat.padding, most: flat.size, columns: flat.columns })
+    }
+
+    fn flatten(&self, name: &str, prefix: &str, depth: usize, to: &mut Flat) -> Option<()> {
+        let depth = depth.checked_sub(1)?;
+        for Declared { of, length, name } in self.known.get(name)? {
+            let padding = name.starts_with("_padding");
+            let indices = (0..length.unwrap_or(1)).map(|i| length.map_or(String::new(), |_| format!("[{i}]")));
+            match Basic::of(of) {
+                Some(Basic::Char) => {
+                    to.push(format!("{prefix}{name}"), Kind::Text(length.unwrap_or(1)), padding, prefix)?
+                }
+                Some(Basic::Number(kind)) => {
+                    for index in indices {
+                        to.push(format!("{prefix}{name}{index}"), kind, padding, prefix)?;
+                    }
+                }
+                None => {
+                    for index in indices {
+                        self.flatten(of, &format!("{prefix}{name}{index}."), depth, to)?;
+                    }
+                }
+            }
+        }
+        Some(())
+    }
+}
+
+/// A basic type.
+enum Basic {
+    Number(Kind),
+    Char,
+}
+
+impl Basic {
+    fn of(name: &str) -> Option<Basic> {
+        const NUMBERS: [(&str, Kind); 11] = [
+            ("int8_t", Kind::I8),
+            ("uint8_t", Kind::U8),
+            ("bool", Kind::U8),
+            ("int16_t", Kind::I16),
+            ("uint16_t", Kind::U16),
+            ("int32_t", Kind::I32),
+            ("uint32_t", Kind::U32),
+            ("int64_t", Kind::I64),
+            ("uint64_t", Kind::U64),
+            ("float", Kind::F32),
+            ("double", Kind::F64),
+        ];
+        let number = NUMBERS.iter().find(|(known, _)| *known == name).map(|(_, kind)| Basic::Number(*kind));
+        number.or((name == "char").then_some(Basic::Char))
+    }
+}
+
+/// Columns one after another.
+#[derive(Default)]
+struct Flat {
+    columns: Vec<Column>,
+    /// The number of columns that there may be.
+    most: usize,
+    size: usize,
+    /// Bytes of padding at the end.
+    padding: usize,
+}
+
+impl Flat {
+    fn push(&mut self, name: String, kind: Kind, padding: bool, prefix: &str) -> Option<()> {
+        let offset = self.size;
+        self.size = self.size.checked_add(kind.bytes()).filter(|size| *size <= LONGEST)?;
+        // Only padding at the end of the message itself is left out by loggers, not that of a format within.
+        self.padding = if padding && prefix.is_empty() { self.padding + kind.bytes() } else { 0 };
+        if !padding {
+            self.most = self.most.checked_sub(1)?;
+            let unit = unit(&name).to_owned();
+            self.columns.push(Column { name, kind, offset, divisor: 1.0, unit });
+        }
+        Some(())
+    }
+}
+
+/// The unit of a field: microseconds for the time stamps, as the format defines them; otherwise what the naming of PX4's
+/// messages says. [docs.px4.io, ULog File Format; PX4-Autopilot, msg/]
+fn unit(name: &str) -> &'static str {
+    let name = name.rsplit('.').next().unwrap_or(name);
+    let name = name.split('[').next().unwrap_or(name);
+    let end = |suffix: &str| name.ends_with(suffix);
+    let start = |prefix: &str| name.starts_with(prefix);
+    match name {
+        "timestamp" | "timestamp_sample" => "us",
+        _ if end("_ga") => "gauss",
+        _ if end("_m_s2") => "m/s2",
+        _ if end("_m_s") => "m/s",
+        _ if end("_rad_s") => "rad/s",
+        _ if end("_rad") => "rad",
+        _ if end("_deg") => "deg",
+        _ if start("voltage") && end("_v") => "V",
+        _ if start("current") && end("_a") => "A",
+        _ if end("_celcius") || end("_celsius") => "degC",
+        _ if end("_pa") => "Pa",
+        _ if end("_meter") => "m",
+        _ => "",
+    }
+}
+
+fn split(body: &[u8]) -> Option<(String, Vec<Declared>)> {
+    let body = text(body);
+    let (name, fields) = body.split_once(':')?;
+    let fields = fields.split(';').filter(|f| !f.is_empty()).map(declared).collect::<Option<Vec<_>>>()?;
+    (is_name(name) && !fields.is_empty()).then(|| (name.to_owned(), fields))
+}
+
+fn declared(field: &str) -> Option<Declared> {
+    let (of, name) = field.split_once(' ')?;
+    let (of, length) = match of.split_once('[') {
+        None => (of, None),
+        // A length of more than a message would not fit one.
+        Some((of, length)) => (of, Some(length.strip_suffix(']')?.parse().ok().filter(|n| *n <= LONGEST)?)),
+    };
+    (is_name(of) && is_name(name)).then(|| Declared { of: of.to_owned(), length, name: name.to_owned() })
+}
+
+/// Whether a text may be the name of a format or field.
+pub(super) fn is_name(name: &str) -> bool {
+    !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b"_-/.".contains(&b))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn formats(all: &[&str]) -> Formats {
+        let mut formats = Formats::default();
+        all.iter().for_each(|f| formats.add(f.as_bytes()).unwrap());
+        formats
+    }
+
+    #[test]
+    fn ref_fields_of_nested_formats_stand_in_place() {
+        let formats = formats(&[
+            "esc_report:uint64_t timestamp;int32_t rpm;uint8_t[4] _padding0;",
+            "esc_status:uint64_t timestamp;esc_report[2] esc;char[8] name;bool on;uint8_t[7] _padding0;",
+        ]);
+        let layout = formats.layout("esc_status", 7).unwrap();
+        let named: Vec<(&str, usize)> = layout.columns.iter().map(|c| (c.name.as_str(), c.offset)).collect();
+        let wanted = [
+            ("timestamp", 0),
+            ("esc[0].timestamp", 8),
+            ("esc[0].rpm", 16),
+            ("esc[1].timestamp", 24),
+            ("esc[1].rpm", 32),
+            ("name", 40),
+            ("on", 48),
+        ];
+        assert_eq!((named.as_slice(), layout.least, layout.most), (wanted.as_slice(), 49, 56));
+    }
+
+    #[test]
+    fn unit_formats_that_cannot_be_laid_out() {
+        let none = |all: &[&str], name: &str| assert!(formats(all).layout(name, 1 << 20).is_none(), "{all:?}");
+        none(&["a:b x;", "b:a y;"], "a");
+        none(&["a:b x;"], "a");
+        none(&["a:uint8_t[65535] x;uint8_t y;"], "a");
+        none(&["a:b[65535] x;", "b:c[65535] x;", "c:uint64_t[65535] x;"], "a");
+        none(&["a:uint8_t x;float x;"], "a");
+        none(&["a:uint8_t[0] x;"], "a");
+        assert!(formats(&["a:uint8_t[9] x;"]).layout("a", 8).is_none());
+        for bad in [
+            "a",
+            "a:",
+            ":uint8_t x;",
+            "a:uint8_t;",
+            "a:uint8_t[-1] x;",
+            "a:uint8_t[99999999999999999999] x;",
+            "a:uint8_t[2 x;",
+        ] {
+            assert!(Formats::default().add(bad.as_bytes()).is_none(), "{bad}");
+        }
+        assert_eq!(formats(&["a:float x;", "a:float x;", "a:double x;"]).contradicted, ["a"]);
+    }
+
+    #[test]
+    fn ref_units_by_the_naming_of_px4() {
+        for (name, of) in [
+            ("timestamp", "us"),
+            ("magnetometer_ga[2]", "gauss"),
+            ("accelerometer_m_s2[0]", "m/s2"),
+            ("gyro_rad[1]", "rad"),
+            ("current_a", "A"),
+            ("voltage_cell_v[3]", "V"),
+            ("lat", ""),
+            ("esc[0].timestamp", "us"),
+            ("delta_a", ""),
+        ] {
+            assert_eq!(unit(name), of, "{name}");
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! ULog, the log of PX4 autopilots: it describes its messages itself. Each message with an instance is a topic:
+//! `vehicle_attitude`, and `sensor_mag:1` for the second of several. [docs.px4.io, ULog File Format]
+//!
+//! The file is read twice: once to list and count its topics, once for the values of one. The log states no units; time
+//! stamps are microseconds since the start of the autopilot, and some names end in a unit.
+
+use std::path::Path;
+
+use self::walk::{MAGIC, Walk};
+use super::{
+    FlightFormat, FlightOptions, Head, Part, Raw, Reading, Topic,
+    records::{Column, Records, Widths},
+    stream::counted,
+    topics::chosen,
+};
+use crate::ReadError;
+
+mod definitions;
+mod walk;
+
+pub(super) const FORMAT: FlightFormat = FlightFormat {
+    name: "ulog",
+    about: "log of a PX4 autopilot, ULog; `topic` is a message, `sensor_mag:1` its second instance",
+    extensions: &["ulg"],
+    recognise: |head: &Head| head.starts_with(MAGIC),
+    open,
+    topics: Some(topics),
+    made_from: None,
+};
+
+fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
+    let mut walk = Walk::open(path)?;
+    walk.finish(&mut |_, _| ())?;
+    let topic = |t: &walk::Topic| {
+        let columns = t.layout.columns.iter().map(Column::topic_column).collect();
+        Topic { name: t.spelt(), rows: t.rows, columns }
+    };
+    Ok(walk.state.topics.iter().filter(|t| t.rows > 0).map(topic).collect())
+}
+
+fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
+    // Instance 0 may be spelt out.
+    let asked = options.topic.as_deref().map(|t| t.strip_suffix(":0").unwrap_or(t));
+    let mut scan = Walk::open(path)?;
+    // Topics appear as they are subscribed. Where none is named there is one to read, or an error.
+    let mut widths: Vec<Option<Widths>> = vec![];
+    loop {
+        let wanted = |t: &walk::Topic| asked.is_none_or(|name| t.spelt() == name);
+        let new = scan.state.topics.iter().skip(widths.len());
+        widths.extend(new.map(|t| wanted(t).then(|| Widths::new(&t.layout.columns))));
+        let more = scan.step(&mut |topic, record| {
+            if let Some(Some(widths)) = widths.get_mut(topic) {
+                widths.look(record);
+            }
+        })?;
+        if !more {
+            break;
+        }
+    }
+    let held: Vec<usize> = (0..scan.state.topics.len()).filter(|i| scan.state.topics[*i].rows > 0).collect();
+    let names: Vec<(String, u64)> = held.iter().map(|i| &scan.state.topics[*i]).map(|t| (t.spelt(), t.rows)).collect();
+    let number = held[chosen(path, asked, &names)?];
+    let notes = notes(path, &scan, number);
+    let layout = scan.state.topics[number].layout.clone();
+    let widths = widths.swap_remove(number).unwrap_or_default();
+    let mut records = Records::new(layout.columns, widths, layout.least);
+    let schema = records.schema().clone();
+    let (mut walk, path, mut done) = (Walk::open(path)?, path.to_path_buf(), false);
+    let parts = std::iter::from_fn(move || {
+        while !done && !records.is_full() {
+            match walk.step(&mut |topic, record| {
+                if topic == number {
+                    records.push(record);
+                }
+            }) {
+                Ok(more) => done = !more,
+                Err(fault) => {
+                    done = true;
+                    return Some(Err(fault));
+                }
+            }
+        }
+        (!records.is_empty()).then(|| records.take(&path).map(Part::whole))
+    });
+    Ok(Raw { fillers: true, unstated: true, notes, ..Raw::new(schema, Box::new(parts)) })
+}
+
+/// What the whole file says about itself.
+fn notes(path: &Path, walk: &Walk, number: usize) -> Vec<String> {
+    let state = &walk.state;
+    let mut notes = vec![];
+    if state.version > 1 {
+        notes.push(format!("version {} of the format is not known; it is read as version 1", state.version));
+    }
+    if state.dropouts > 0 {
+        notes.push(format!(
+            "{}, {} ms in all, where the logger was too slow",
+            counted(state.dropouts, "dropout"),
+            state.dropouts_ms
+        ));
+    }
+    notes.extend(state.damage.note());
+    if state.cut > 0 {
+        notes.push(format!("the log ends in the middle of a message: {} were skipped", counted(state.cut, "byte")));
+    }
+    if state.unknown > 0 {
+        notes.push(format!("{} of unknown types or ids skipped", counted(state.unknown, "message")));
+    }
+    if state.unreadable > 0 {
+        notes.push(format!(
+            "{} of messages cannot be read; their messages are skipped",
+            counted(state.unreadable, "definition")
+        ));
+    }
+    if let Some(topic) = state.topics.get(number) {
+        if state.contradicted().contains(&topic.name) {
+            notes.push(format!("`{}` is defined twice, differently", topic.name));
+        }
+        if topic.others > 0 {
+            notes.push(format!(
+                "{} of `{}` after it was defined anew, with other fields, skipped",
+                counted(topic.others, "message"),
+                topic.spelt()
+            ));
+        }
+    }
+    let file = path.display();
+    notes.into_iter().map(|note| format!("{file}: {note}")).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,395 @@
+//! The messages of a ULog file, one after another. A message stands only where another follows it or the file ends, so
+//! that one that lost bytes does not pass; what does not stand is skipped up to the next that does.
+
+use std::{
+    collections::HashMap,
+    fs::File,
+    path::{Path, PathBuf},
+};
+
+use super::{
+    super::{
+        records::text,
+        stream::{Damage, Forward},
+    },
+    definitions::{Formats, Layout, is_name},
+};
+use crate::ReadError;
+
+/// What every file begins with; a byte with the version follows, and the time.
+pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
+const HEADER: usize = 16;
+const SYNC: &[u8] = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12";
+/// Bytes to be seen at once: a message, the one after it, and a few of unknown types between.
+const AHEAD: usize = 1 << 18;
+/// The longest message of an unknown type that is believed. [pyulog]
+const LONGEST_UNKNOWN: usize = 10_000;
+const NO_ID: u32 = u32::MAX;
+/// Columns of all topics together: a log has thousands, and a damaged one could declare any number.
+const MOST_COLUMNS: usize = 1 << 20;
+
+/// A topic: the messages of one name and instance.
+pub(super) struct Topic {
+    pub(super) name: String,
+    pub(super) instance: u8,
+    pub(super) layout: Layout,
+    /// Its messages so far.
+    pub(super) rows: u64,
+    /// Messages in another layout, after its format was defined anew.
+    pub(super) others: u64,
+}
+
+impl Topic {
+    /// Its name as the options spell it: without the number for instance 0.
+    pub(super) fn spelt(&self) -> String {
+        if self.instance == 0 { self.name.clone() } else { format!("{}:{}", self.name, self.instance) }
+    }
+}
+
+/// A subscription: an id of data messages.
+struct Subscription {
+    topic: usize,
+    least: usize,
+    most: usize,
+    /// Whether its layout is that of the topic.
+    same: bool,
+}
+
+/// What is known of a file so far.
+pub(super) struct State {
+    formats: Formats,
+    pub(super) topics: Vec<Topic>,
+    /// The position of each among them.
+    numbers: HashMap<(String, u8), usize>,
+    /// Columns of all of them together.
+    columns: usize,
+    subscriptions: Vec<Subscription>,
+    /// The subscription of each id.
+    ids: Vec<u32>,
+    pub(super) version: u8,
+    /// Where data were appended to the file, the next last; a message is cut there.
+    appended: Vec<u64>,
+    pub(super) dropouts: u64,
+    pub(super) dropouts_ms: u64,
+    pub(super) damage: Damage,
+    /// Bytes of messages that end with the file, or where data were appended.
+    pub(super) cut: u64,
+    /// Messages of ids or types without a definition.
+    pub(super) unknown: u64,
+    /// Formats and subscriptions that could not be read.
+    pub(super) unreadable: u64,
+}
+
+/// What the bytes at a position are.
+#[derive(Clone, Copy, PartialEq)]
+enum Found {
+    /// A message of a known type and this length.
+    Sure(usize),
+    /// What may be a message of this length, of an unknown type or id.
+    Unsure(usize),
+    /// The start of a message that ends with the file.
+    Cut,
+    Nothing,
+}
+
+/// A file and the position in it.
+pub(super) struct Walk {
+    path: PathBuf,
+    forward: Forward<File>,
+    pub(super) state: State,
+}
+
+impl Walk {
+    /// Opens a file.
+    ///
+    /// # Errors
+    /// Fails for a file that is no ULog file.
+    pub(super) fn open(path: &Path) -> Result<Walk, ReadError> {
+        let mut forward = Forward::open(path)?;
+        let header = forward.ahead(HEADER).map_err(|e| ReadError::io(path, &e))?;
+        let version = match (header.starts_with(MAGIC), header.get(MAGIC.len()), header.len() >= HEADER) {
+            (true, Some(version), true) => *version,
+            (true, ..) => return Err(ReadError::data(path, "ends within the header of a ULog file")),
+            _ => return Err(ReadError::data(path, "is not a ULog file: it does not start with `ULog`")),
+        };
+        forward.skip(HEADER);
+        let state = State {
+            formats: Formats::default(),
+            topics: vec![],
+            numbers: HashMap::new(),
+            columns: 0,
+            subscriptions: vec![],
+            ids: vec![NO_ID; 1 << 16],
+            version,
+            appended: vec![],
+            dropouts: 0,
+            dropouts_ms: 0,
+            damage: Damage::default(),
+            cut: 0,
+            unknown: 0,
+            unreadable: 0,
+        };
+        Ok(Walk { path: path.to_path_buf(), forward, state })
+    }
+
+    /// Takes the next message and shows it to `visit` (topic and record) if it is one of data. Returns whether there was
+    /// one.
+    ///
+    /// # Errors
+    /// Fails for a file that cannot be read, or one with features that this reader does not know.
+    #[inline]
+    pub(super) fn step(&mut self, visit: &mut impl FnMut(usize, &[u8])) -> Result<bool, ReadError> {
+        let Walk { path, forward, state } = self;
+        let position = forward.position();
+        // A position that is already passed is not one of a file that was written so.
+        while state.appended.last().is_some_and(|end| *end < position) {
+            state.appended.pop();
+        }
+        let mut bytes = forward.ahead(AHEAD).map_err(|e| ReadError::io(path, &e))?;
+        if let Some(end) = state.appended.last().and_then(|end| end.checked_sub(position)) {
+            bytes = usize::try_from(end).ok().and_then(|end| bytes.get(..end)).unwrap_or(bytes);
+            if bytes.is_empty() && end == 0 {
+                state.appended.pop();
+                return Ok(true);
+            }
+        }
+        let taken = match state.found(bytes) {
+            _ if bytes.is_empty() => return Ok(false),
+            Found::Sure(length) if state.stands(bytes, length) => {
+                state.take(path, position, bytes.get(..length).unwrap_or_default(), visit)?;
+                length
+            }
+            Found::Unsure(length) if state.leads(bytes.get(length..).unwrap_or_default(), None, 4) => {
+                state.unknown += 1;
+                length
+            }
+            Found::Cut => {
+                state.cut += bytes.len() as u64;
+                bytes.len()
+            }
+            _ => {
+                let skipped = state.next_sure(bytes);
+                state.damage.add(position, skipped as u64);
+                skipped
+            }
+        };
+        forward.skip(taken);
+        Ok(true)
+    }
+
+    /// Reads to the end of the file.
+    ///
+    /// # Errors
+    /// Fails as [`Walk::step`].
+    pub(super) fn finish(&mut self, visit: &mut impl FnMut(usize, &[u8])) -> Result<(), ReadError> {
+        while self.step(visit)? {}
+        Ok(())
+    }
+}
+
+fn size_of(bytes: &[u8]) -> Option<(usize, u8)> {
+    let [low, high, kind, ..] = bytes else { return None };
+    Some((usize::from(u16::from_le_bytes([*low, *high])), *kind))
+}
+
+/// The 16 bits at an offset.
+#[inline]
+fn word(bytes: &[u8], at: usize) -> Option<u16> {
+    bytes.get(at..)?.first_chunk().map(|b| u16::from_le_bytes(*b))
+}
+
+impl State {
+    #[inline]
+    fn subscription(&self, id: u16) -> Option<&Subscription> {
+        self.subscriptions.get(*self.ids.get(usize::from(id))? as usize)
+    }
+
+    /// What the bytes begin with; they end where the file or the section does, or hold a whole message.
+    #[inline]
+    fn found(&self, bytes: &[u8]) -> Found {
+        let Some((size, kind)) = size_of(bytes) else {
+            return if bytes.is_empty() { Found::Nothing } else { Found::Cut };
+        };
+        let body = bytes.get(3..3 + size);
+        if kind == b'D' {
+            let fits = match word(bytes, 3).map(|id| self.subscription(id)) {
+                Some(Some(s)) => (s.least..=s.most).contains(&size.wrapping_sub(2)),
+                Some(None) if size >= 2 => {
+                    return if body.is_some() { Found::Unsure(3 + size) } else { Found::Nothing };
+                }
+                Some(None) => false,
+                None => size >= 2,
+            };
+            return match (fits, body) {
+                (false, _) => Found::Nothing,
+                (true, Some(_)) => Found::Sure(3 + size),
+                (true, None) => Found::Cut,
+            };
+        }
+        let Some(body) = body else {
+            let known = b"FIMPQARLCSOB".contains(&kind) && plausible(kind, size, None);
+            return if known { Found::Cut } else { Found::Nothing };
+        };
+        match kind {
+            _ if b"FIMPQARLCSOB".contains(&kind) => {
+                if plausible(kind, size, Some(body)) {
+                    Found::Sure(3 + size)
+                } else {
+                    Found::Nothing
+                }
+            }
+            kind if kind.is_ascii_alphabetic() && (1..=LONGEST_UNKNOWN).contains(&size) => Found::Unsure(3 + size),
+            _ => Found::Nothing,
+        }
+    }
+
+    /// Whether a message of a known type is followed by another, or ends the file.
+    #[inline]
+    fn stands(&self, bytes: &[u8], length: usize) -> bool {
+        let (head, rest) = (bytes.get(..length).unwrap_or_default(), bytes.get(length..).unwrap_or_default());
+        // A subscription defines the id of the data after it.
+        let new = head.get(2).filter(|kind| **kind == b'A').and_then(|_| word(head, 4));
+        self.leads(rest, new, 4)
+    }
+
+    /// Whether the bytes begin with a message, or some of unknown types before one.
+    #[inline]
+    fn leads(&self, bytes: &[u8], new: Option<u16>, depth: usize) -> bool {
+        match self.found(bytes) {
+            Found::Sure(_) | Found::Cut => true,
+            Found::Unsure(_) if new.is_some() && word(bytes, 3) == new => true,
+            Found::Unsure(length) => depth > 0 && self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1),
+            Found::Nothing => bytes.is_empty(),
+        }
+    }
+
+    /// The offset of the next message that stands; all bytes that can be judged, if there is none.
+    fn next_sure(&self, bytes: &[u8]) -> usize {
+        // Beyond this offset a message and the next one may not be in view.
+        let judged = if bytes.len() >= AHEAD { bytes.len() - AHEAD / 2 } else { bytes.len() };
+        let stands = |at: &usize| {
+            let bytes = bytes.get(*at..).unwrap_or_default();
+            matches!(self.found(bytes), Found::Sure(length) if self.stands(bytes, length))
+        };
+        (1..judged).find(stands).unwrap_or(judged.max(1))
+    }
+
+    fn take(
+        &mut self,
+        path: &Path,
+        position: u64,
+        message: &[u8],
+        visit: &mut impl FnMut(usize, &[u8]),
+    ) -> Result<(), ReadError> {
+        let body = message.get(3..).unwrap_or_default();
+        match message.get(2) {
+            Some(b'D') => self.data(body, visit),
+            Some(b'F') if self.formats.add(body).is_none() => self.unreadable += 1,
+            Some(b'A') => self.subscribe(body),
+            Some(b'R') => {
+                if let Some(id) = word(body, 0).and_then(|id| self.ids.get_mut(usize::from(id))) {
+                    *id = NO_ID;
+                }
+            }
+            Some(b'O') => {
+                self.dropouts += 1;
+                self.dropouts_ms += word(body, 0).map_or(0, u64::from);
+            }
+            Some(b'B') if position == HEADER as u64 => self.flags(path, body)?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    #[inline]
+    fn data(&mut self, body: &[u8], visit: &mut impl FnMut(usize, &[u8])) {
+        let Some(subscription) = word(body, 0).and_then(|id| self.subscription(id)) else { return };
+        let (at, same) = (subscription.topic, subscription.same);
+        let Some(topic) = self.topics.get_mut(at) else { return };
+        if same {
+            topic.rows += 1;
+            visit(at, body.get(2..).unwrap_or_default());
+        } else {
+            topic.others += 1;
+        }
+    }
+
+    fn subscribe(&mut self, body: &[u8]) {
+        let (Some(instance), Some(id)) = (body.first(), word(body, 1)) else { return };
+        let name = text(body.get(3..).unwrap_or_default());
+        let Some(layout) = self.formats.layout(&name, MOST_COLUMNS - self.columns) else {
+            self.unreadable += 1;
+            return;
+        };
+        let Layout { least, most, .. } = layout;
+        let key = (name, *instance);
+        let (at, same) = match self.numbers.get(&key).and_then(|at| Some((*at, self.topics.get(*at)?))) {
+            Some((at, topic)) => (at, topic.layout == layout),
+            None => {
+                let (name, instance) = key.clone();
+                self.columns += layout.columns.len();
+                self.topics.push(Topic { name, instance, layout, rows: 0, others: 0 });
+                self.numbers.insert(key, self.topics.len() - 1);
+                (self.topics.len() - 1, true)
+            }
+        };
+        // An id that is subscribed again is that of the new subscription from here on.
+        let number = self.subscriptions.len();
+        self.subscriptions.push(Subscription { topic: at, least, most, same });
+        if let (Some(of), Ok(number)) = (self.ids.get_mut(usize::from(id)), u32::try_from(number)) {
+            *of = number;
+        }
+    }
+
+    /// Flags of features that a reader must know, and the positions of appended data.
+    fn flags(&mut self, path: &Path, body: &[u8]) -> Result<(), ReadError> {
+        /// Data are appended to the file.
+        const APPENDED: u8 = 1;
+        let incompatible = body.get(8..16).unwrap_or_default();
+        let unknown = incompatible.iter().enumerate().any(|(i, b)| b & !(if i == 0 { APPENDED } else { 0 }) != 0);
+        if unknown {
+            let what = "has features that this reader does not know: an unknown incompatible flag is set";
+            return Err(ReadError::data(path, what).help(format!("its incompatible flags are {incompatible:02x?}")));
+        }
+        if incompatible.first().is_some_and(|b| b & APPENDED != 0) {
+            let offsets = body.get(16..40).unwrap_or_default().chunks_exact(8);
+            let offsets = offsets.filter_map(|b| b.first_chunk().map(|b| u64::from_le_bytes(*b)));
+            self.appended = offsets.filter(|offset| *offset > HEADER as u64).collect();
+            self.appended.sort_unstable_by(|a, b| b.cmp(a));
+            self.appended.dedup();
+        }
+        Ok(())
+    }
+
+    /// Names of formats that are defined twice, differently.
+    pub(super) fn contradicted(&self) -> &[String] {
+        &self.formats.contradicted
+    }
+}
+
+/// Whether the length, and the body where it is whole, may be those of a message of this type other than data.
+fn plausible(kind: u8, size: usize, body: Option<&[u8]>) -> bool {
+    let check = |test: &dyn Fn(&[u8]) -> bool| body.is_none_or(test);
+    // Log levels are those of syslog, as digits or numbers.
+    let level = |b: &[u8]| b.first().is_some_and(|l| (b'0'..=b'7').contains(l) || *l <= 7);
+    match kind {
+        b'S' => size == SYNC.len() && check(&|b| b == SYNC),
+        b'O' | b'R' => size == 2,
+        b'L' => size >= 9 && check(&level),
+        b'C' => size >= 11 && check(&level),
+        b'A' => size >= 4 && check(&|b| is_name(&text(b.get(3..).unwrap_or_default()))),
+        b'F' => size >= 4 && check(&|b| Formats::default().add(b).is_some()),
+        b'I' | b'P' => size >= 2 && check(&is_key),
+        b'M' | b'Q' => size >= 3 && check(&|b| is_key(b.get(1..).unwrap_or_default())),
+        b'B' => size >= 40,
+        _ => false,
+    }
+}
+
+/// Whether a body begins with a key: its length, then `type name`.
+fn is_key(body: &[u8]) -> bool {
+    let Some((length, rest)) = body.split_first() else { return false };
+    let Some(key) = rest.get(..usize::from(*length)).and_then(|k| std::str::from_utf8(k).ok()) else { return false };
+    key.split_once(' ')
+        .is_some_and(|(of, name)| of.bytes().all(|b| b.is_ascii_alphanumeric() || b"_[]".contains(&b)) && is_name(name))
+}
