@@ -3,6 +3,7 @@
 
 mod answer;
 mod events;
+mod ingest;
 mod interrupt;
 mod map;
 mod progress;
@@ -122,6 +123,8 @@ enum Command {
         #[command(subcommand)]
         command: map::MapCommand,
     },
+    /// Bring logs into flight Parquet, with a summary of their quality.
+    Ingest(ingest::IngestArgs),
     /// Simulate flights with known truth.
     Synth {
         /// The simulation's spec.
@@ -245,6 +248,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         }
         Command::Stages { name, markdown } => stages(catalogue, name.as_deref(), markdown),
         Command::Report(args) => report::run(catalogue, &args),
+        Command::Ingest(args) => ingest::run(&args),
         Command::Map { quiet, command } => map::run(&command, quiet),
         Command::Synth { spec, to, quiet } => synth(&spec, &to, quiet),
     };

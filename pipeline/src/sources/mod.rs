@@ -2,7 +2,9 @@
 
 mod assemble;
 mod bytes;
+pub mod checks;
 mod consistency;
+pub mod export;
 mod files;
 mod finding;
 mod flight_file;
@@ -25,7 +27,7 @@ use datasets::{AnomalyGrid, MapOptions, map_files, read_grid};
 use schemas::{Column, Fault, Shape, canonical::Canonical, describe_field};
 
 pub use bytes::{Bytes, Trust, fingerprint};
-pub use files::find;
+pub use files::{find, hive};
 use flight_file::FlightFile;
 pub use formats::{LogReader, flight_formats, open_flight, open_log};
 pub use ingest::LineRecord;

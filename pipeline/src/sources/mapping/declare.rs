@@ -131,6 +131,8 @@ params! {
     boot: Option<String>, unit "", default None, absent "it must be given with `from`";
     /// Its unit.
     boot_unit: Option<String>, unit "", default None, absent "what the file says";
+    /// What is added to `boot`: with -7.75, a clock that is 7.75 s behind that of `boot`.
+    boot_offset_s: f64, unit "s", default 0.0, rule Rule::Finite;
     /// A SQL condition: the rows with a valid time.
     rows: Option<String>, unit "", default None, absent "all";
     /// `true`: nobody knows. `tt` is then the log's own clock, and there is no date.

@@ -90,6 +90,7 @@ pub fn find(
         return Err(mapping.wrong(columns.faults));
     };
     let mut starts: Vec<Instant> = vec![];
+    let mut last = None;
     while let Some(part) = reader.next_part() {
         let batch = part?.batch;
         let own = boot.read(&batch).map_err(|f| mapping.in_data(&path, f))?;
@@ -98,8 +99,10 @@ pub fn find(
         let Times::Dated(times) = times else { continue };
         for (row, (time, own)) in times.iter().zip(&own).enumerate() {
             let is_kept = kept.as_ref().is_none_or(|k| k.get(row).copied().unwrap_or(false));
-            if let (Some(time), true, true) = (time, own.is_finite(), is_kept) {
-                starts.push(time.plus(-own));
+            let (Some(time), true, true) = (time, own.is_finite(), is_kept) else { continue };
+            // A time that is held until the next fix is new in its first row only.
+            if last.replace(*time) != Some(*time) {
+                starts.push(time.plus(-(own + said.boot_offset_s)));
             }
         }
     }

@@ -11,6 +11,7 @@ mod document;
 mod epoch;
 mod ready;
 mod rows;
+pub mod suggest;
 #[cfg(test)]
 mod tests;
 mod time;
@@ -149,6 +150,16 @@ impl Mapped {
         &self.mapping
     }
 
+    /// The topic that it reads.
+    pub fn topic(&self) -> Option<&str> {
+        self.decl()?.head.value.topic.as_deref()
+    }
+
+    /// The format that it says its files have.
+    pub fn format(&self) -> Option<String> {
+        self.decl()?.head.value.format.clone()
+    }
+
     /// Whether a file of this name holds it.
     pub fn is_in(&self, path: &Path) -> bool {
         let Some(pattern) = self.decl().and_then(|d| d.head.value.file.as_deref()) else { return true };
@@ -270,7 +281,7 @@ pub fn reference() -> String {
     let groups = [
         ("[tables.NAME]", [Head::docs(&lists), declare::Attitudes::docs(&lists)].concat()),
         ("time", Stamp::docs(&lists)),
-        ("epoch (and the keys of `time`)", Epoch::docs(&lists).into_iter().take(7).collect()),
+        ("epoch (and the keys of `time`)", Epoch::docs(&lists).into_iter().take(8).collect()),
         ("flight, line", KeyOf::docs(&lists)),
         ("columns", ColumnOf::docs(&lists)),
         ("vectors", VectorOf::docs(&lists)),

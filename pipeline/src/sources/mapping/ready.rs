@@ -23,12 +23,12 @@ macro_rules! ready {
 
 ready![
     "ardupilot_dataflash",
+    "ardupilot_dataflash_timeus",
     "ardupilot_dataflash_timems",
     "px4_ulog",
     "px4_ulog_2016",
     "skywalker_x8",
     "skywalker_x8_parquet",
-    "thor75",
     "thor75_parquet",
     "magnavjl",
     "magnavjl_tl",

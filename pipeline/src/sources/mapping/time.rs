@@ -1,6 +1,6 @@
 //! The time of each row of a file, by what the mapping says of its clock.
 
-use arrow_array::{Array, ArrayRef, RecordBatch, cast::AsArray, types::Int64Type};
+use arrow_array::{ArrayRef, RecordBatch, cast::AsArray, types::Int64Type};
 use arrow_cast::cast;
 use arrow_schema::{DataType, Schema, TimeUnit};
 use schemas::{Fault, convert};
