@@ -9,7 +9,7 @@ mod saturation;
 mod spikes;
 mod stuck;
 
-use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
+use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::DataType;
 use schemas::{Role, describe_field};
 
