@@ -1,7 +1,7 @@
 //! `magline ingest`: logs to flight Parquet, with a summary of their quality; and a mapping suggested from a log.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs,
     path::{Path, PathBuf},
     sync::{
@@ -99,7 +99,7 @@ pub fn run(args: &IngestArgs) -> Result<(), Stop> {
         return suggested(args);
     }
     super::QUIET.store(args.quiet || args.json, Ordering::Relaxed);
-    super::interrupt::listen();
+    super::interrupt::leave();
     let to = args.to.clone().unwrap_or_default();
     let works = works(args, &to)?;
     let hidden = to.join(".ingest");
@@ -219,12 +219,14 @@ fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<V
 /// Says what came of it.
 fn told(args: &IngestArgs, works: &[Work], results: &[Result<Exported, Fault>]) -> Result<(), Stop> {
     let mut faults: Vec<&Fault> = vec![];
+    let mut noted: BTreeSet<&str> = BTreeSet::new();
     let (mut written, mut lost) = (0, 0);
     for (work, result) in works.iter().zip(results) {
         match result {
             Err(fault) => faults.push(fault),
             Ok(exported) => {
-                exported.notes.iter().for_each(|n| note(n));
+                // Several tables of one log have the same clock.
+                exported.notes.iter().filter(|n| noted.insert(n)).for_each(|n| note(n));
                 written += exported.lines.iter().filter(|l| l.faults.is_empty()).count();
                 for line in &exported.lines {
                     lost += usize::from(!line.faults.is_empty());
@@ -245,7 +247,11 @@ fn told(args: &IngestArgs, works: &[Work], results: &[Result<Exported, Fault>]) 
         return Ok(());
     }
     const SHOWN: usize = 20;
-    let mut text: Vec<String> = faults.iter().take(SHOWN).map(|f| render(f, "", "")).collect();
+    let shown = |f: &&Fault| {
+        let help = f.help.as_ref().map(|h| h.replace("`accept = [\"range\"]`", "`--accept-range`"));
+        render(&Fault { help, ..(*f).clone() }, "", "")
+    };
+    let mut text: Vec<String> = faults.iter().take(SHOWN).map(shown).collect();
     if faults.len() > SHOWN {
         text.push(format!("and {} more", faults.len() - SHOWN));
     }

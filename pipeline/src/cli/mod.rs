@@ -29,7 +29,7 @@ use crate::{
     plan::{Graph, Plan},
     read_spec,
     run::{self, Event, Listener, Summary},
-    sources::Flights,
+    sources::{self, Flights},
     spec::{Faults, Spec},
     store::Store,
     views::{self, score_table, scores, warnings},
@@ -107,7 +107,7 @@ enum Command {
     },
     /// List the stages, or describe one.
     Stages {
-        /// The stage, or `synth` for every key of a simulation's spec.
+        /// The stage, `synth` for every key of a simulation's spec, or `mapping` for every key of a mapping.
         name: Option<String>,
         /// The reference page of all stages.
         #[arg(long)]
@@ -349,8 +349,9 @@ fn with_graph(
 
 fn stages(all: &[Entry], name: Option<&str>, markdown: bool) -> Result<(), Stop> {
     match name {
-        // The simulator is no stage, and its spec has a reference of the same kind.
+        // The simulator and mappings are no stages, and have references of the same kind.
         Some("synth") => say(simulate::reference()),
+        Some("mapping") => say(sources::mapping::reference()),
         Some(name) => say(views::stage_page(all, name)?),
         None if markdown => say(views::reference_page(all)),
         None => say(views::stages_overview(all)),

@@ -35,7 +35,7 @@ impl Guess {
 pub fn guesses(topic: &Topic, letters: &mut impl Iterator<Item = char>) -> Vec<Guess> {
     let mut out: Vec<Guess> = vec![];
     for (axes, words) in triples(topic) {
-        if let Some(guess) = vector(&axes, &words, letters) {
+        if let Some(guess) = vector(topic, &axes, &words, letters) {
             let name = guess.ours.clone();
             let n = out.iter().filter(|g| g.ours == name || g.ours.starts_with(&format!("{name}_"))).count();
             out.push(if n > 0 && guess.is_used() { Guess { ours: format!("{name}_{}", n + 1), ..guess } } else { guess });
@@ -135,7 +135,12 @@ fn said_unit(column: &Sample, wanted: &str) -> Option<String> {
     (words.len() > 1 && usual.contains(&last.as_str()) && convert(unit, wanted).is_some()).then(|| unit.to_owned())
 }
 
-fn vector(axes: &[&Sample; 3], words: &[String], letters: &mut impl Iterator<Item = char>) -> Option<Guess> {
+fn vector(
+    topic: &Topic,
+    axes: &[&Sample; 3],
+    words: &[String],
+    letters: &mut impl Iterator<Item = char>,
+) -> Option<Guess> {
     let names: Vec<String> = axes.iter().map(|c| quoted(&c.name)).collect();
     let theirs: Vec<String> = axes.iter().map(|c| c.name.clone()).collect();
     let from = format!("from = [{}]", names.join(", "));
@@ -162,7 +167,14 @@ fn vector(axes: &[&Sample; 3], words: &[String], letters: &mut impl Iterator<Ite
             },
         };
         let letter = letters.next()?;
-        let doubt = "; check `axes` and `rotation_deg`";
+        let offsets = topic.columns.iter().any(|c| {
+            c.words().iter().any(|w| ["ofs", "offset", "bias"].contains(&w.as_str())) && c.largest() > 0.0
+        });
+        let doubt = if offsets {
+            "; check `axes` and `rotation_deg`, and whether the offsets beside it are added: `sql` takes them off"
+        } else {
+            "; check `axes` and `rotation_deg`"
+        };
         return made(format!("flux_{letter}"), &unit, ", axes = \"+x +y +z\"", format!("{why}{doubt}"));
     }
     let about = |text: &str| format!(", role = \"sensor\", description = \"{text}, axes of the sensor\"");
@@ -205,6 +217,13 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
         }
         let said = format!("{{ from = {from} }}");
         return Some(Guess { ours: column.name.clone(), theirs, said, why: "its name is that of the flight table".to_owned(), is_vector: false });
+    }
+    // What already has the name of the flight table, and a unit of its dimension.
+    let listed = flight::COLUMNS.iter().any(|(name, _)| *name == column.name);
+    if (listed || flight::is_scalar_reading(&column.name) || flight::vector_part(&column.name).is_some())
+        && let Some(unit) = said_unit(column, known.unit)
+    {
+        return made(&column.name, &unit, "its name is that of the flight table, and its unit is said");
     }
     let (low, high) = column.range()?;
     let largest = column.largest();
@@ -274,14 +293,17 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
             None => left("a voltage in V, mV or 0.01 V, which its values do not tell; give it its `unit` (and `scale`)"),
         };
     }
-    // What already has the name and the unit of the flight table.
-    let listed = flight::COLUMNS.iter().any(|(name, _)| *name == column.name);
-    if listed || flight::is_scalar_reading(&column.name) || flight::vector_part(&column.name).is_some() {
-        return match said_unit(column, known.unit) {
-            Some(unit) => made(&column.name, &unit, "its name is that of the flight table"),
-            None if known.unit.is_empty() => None,
-            None => left(&format!("its name is that of the flight table, where it is in {}; give it its `unit`", known.unit)),
-        };
+    let wind = has(&words, &["wind", "sp", "des", "var", "innov"]);
+    if has(&words, &["vel", "velocity", "vn", "ve", "vd"]) && !wind {
+        let axis = [("n", ["north", "n", "vn"]), ("e", ["east", "e", "ve"]), ("d", ["down", "d", "vd"])];
+        let axis = axis.iter().find(|(_, names)| has(&words, names)).map(|(axis, _)| *axis);
+        if let (Some(axis), Some(unit)) = (axis, said_unit(column, "m/s")) {
+            let ours = if is_ins { format!("ins_v{axis}") } else { format!("v{axis}") };
+            return made(&ours, &unit, "its unit is said");
+        }
+    }
+    if listed && !known.unit.is_empty() {
+        return left(&format!("its name is that of the flight table, where it is in {}; give it its `unit`", known.unit));
     }
     None
 }

@@ -56,7 +56,13 @@ pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -
         let useful = found.iter().any(Guess::is_used);
         match &topic.clock {
             Some(clock) if useful => tables.push((topic, clock, found)),
-            Some(_) => rest.push(format!("{} ({} rows): no column that is recognised", shown(&topic.name), topic.rows)),
+            Some(_) if found.is_empty() => {
+                rest.push(format!("{} ({} rows): no column that is recognised", shown(&topic.name), topic.rows));
+            }
+            Some(_) => {
+                rest.push(format!("{} ({} rows): only columns that are left out", shown(&topic.name), topic.rows));
+                rest.extend(found.iter().map(|g| format!("  {}: {}", g.ours.escape_default(), g.why)));
+            }
             None if useful => rest.push(format!(
                 "{} ({} rows): columns that are recognised, but no time that rises",
                 shown(&topic.name),
