@@ -26,6 +26,7 @@ pub(super) struct Hdf5 {
     path: PathBuf,
     root: Group,
     names: Vec<String>,
+    groups: Vec<String>,
     bytes: u64,
 }
 
@@ -33,12 +34,13 @@ impl Hdf5 {
     /// Opens a file and lists its data sets.
     pub(super) fn open(path: &Path) -> Result<Hdf5, ReadError> {
         let bytes = std::fs::metadata(path).map_err(|e| ReadError::io(path, &e))?.len();
-        let (root, names) = guarded(path, || {
+        let (root, groups, names) = guarded(path, || {
             // Plain reads, not a memory map: a file cut short while it is read is then an error.
             let storage: DynStorage = Arc::new(FileStorage::open(path).map_err(|e| damaged(path, &e))?);
             let options = OpenOptions::default().with_max_object_header_bytes(1 << 24);
             let file = Hdf5File::from_storage_with_options(storage, options).map_err(|e| damaged(path, &e))?;
-            let declared = file.superblock().eof_address.saturating_add(file.superblock().base_address);
+            // Counted from the start of the file, a block of the user's before the data included.
+            let declared = file.superblock().eof_address;
             if declared > bytes {
                 return Err(ReadError::data(
                     path,
@@ -46,11 +48,26 @@ impl Hdf5 {
                 ));
             }
             let root = file.root_group().map_err(|e| damaged(path, &e))?;
-            let (_, mut names) = root.member_names().map_err(|e| damaged(path, &e))?;
-            names.sort();
-            Ok((root, names))
+            let (groups, names) = members(path, &root)?;
+            Ok((root, groups, names))
         })?;
-        Ok(Hdf5 { path: path.to_path_buf(), root, names, bytes })
+        Ok(Hdf5 { path: path.to_path_buf(), root, names, groups, bytes })
+    }
+
+    /// The groups at the root, sorted.
+    pub(super) fn groups(&self) -> &[String] {
+        &self.groups
+    }
+
+    /// The group `name`, as the root of its members.
+    pub(super) fn group(&self, name: &str) -> Result<Hdf5, ReadError> {
+        let (path, bytes) = (&self.path, self.bytes);
+        let (root, groups, names) = guarded(path, || {
+            let root = self.root.group(name).map_err(|e| damaged(path, &e).in_column(name))?;
+            let (groups, names) = members(path, &root)?;
+            Ok((root, groups, names))
+        })?;
+        Ok(Hdf5 { path: path.clone(), root, names, groups, bytes })
     }
 
     /// The data sets at the root, sorted.
@@ -83,6 +100,14 @@ impl Hdf5 {
     }
 }
 
+/// The groups and the data sets in a group, sorted.
+fn members(path: &Path, of: &Group) -> Result<(Vec<String>, Vec<String>), ReadError> {
+    let (mut groups, mut sets) = of.member_names().map_err(|e| damaged(path, &e))?;
+    groups.sort();
+    sets.sort();
+    Ok((groups, sets))
+}
+
 /// One data set of numbers.
 pub(super) struct Values {
     path: PathBuf,
@@ -96,6 +121,22 @@ impl Values {
     /// Whether its values are numbers.
     pub(super) fn is_numeric(&self) -> bool {
         matches!(self.set.dtype(), Datatype::FixedPoint { .. } | Datatype::FloatingPoint { .. })
+    }
+
+    /// Whether its values are whole numbers of 64 bits.
+    pub(super) fn is_wide(&self) -> bool {
+        matches!(self.set.dtype(), Datatype::FixedPoint { size: 8, .. })
+    }
+
+    /// The text of an attribute.
+    pub(super) fn text_attribute(&self, name: &str) -> Option<String> {
+        let read = || self.set.attribute(name).and_then(|a| a.read_string()).map_err(|e| damaged(&self.path, &e));
+        guarded(&self.path, read).ok().map(|text| text.trim_end_matches('\0').to_owned())
+    }
+
+    /// Whether there is an attribute.
+    pub(super) fn has_attribute(&self, name: &str) -> bool {
+        guarded(&self.path, || Ok(self.set.attributes().iter().any(|a| a.name == name))).unwrap_or(false)
     }
 
     /// All values in the order they are stored in.

@@ -41,6 +41,7 @@ mod map_surfer6;
 mod map_surfer7;
 mod map_surfer_text;
 mod map_xyz;
+mod mat;
 mod missing;
 mod netcdf_write;
 mod options;
@@ -235,6 +236,11 @@ impl Head<'_> {
         self.bytes.starts_with(magic)
     }
 
+    /// Whether the file has these bytes at an offset below 4096.
+    fn has_at(&self, offset: usize, magic: &[u8]) -> bool {
+        self.bytes.get(offset..).is_some_and(|bytes| bytes.starts_with(magic))
+    }
+
     /// The first line that is not blank, where the start of the file is text.
     pub fn first_line(&self) -> Option<String> {
         if self.bytes.contains(&0) {
@@ -338,6 +344,7 @@ pub const FLIGHT_FORMATS: &[FlightFormat] = &[
     parquet::FORMAT,
     ulog::FORMAT,
     dataflash::FORMAT,
+    mat::FORMAT,
     sgl_hdf5::FORMAT,
     magnav_hdf5::FORMAT,
     sgl_xyz::FORMAT,
@@ -505,6 +512,8 @@ pub(crate) fn guarded<T>(path: &Path, decode: impl FnOnce() -> Result<T, ReadErr
     outcome.unwrap_or_else(|_| Err(ReadError::data(path, "the file is damaged: its decoder failed")))
 }
 
+#[cfg(test)]
+mod log_tests;
 #[cfg(test)]
 mod map_damage_tests;
 #[cfg(test)]

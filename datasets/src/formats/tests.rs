@@ -318,9 +318,8 @@ fn gold_files_that_no_format_knows() {
     let folder = TempDir::new().unwrap();
     let default = FlightOptions::default();
     let said = |path: &Path, options: &FlightOptions| open_flight(path, options).unwrap_err().to_string();
-    let path = written(&folder, "a.bin", "\0\u{1}\u{2}");
-    let known =
-        "known here: parquet, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, csv, points; choose one with `format`";
+    let path = written(&folder, "a.dat", "\0\u{1}\u{2}");
+    let known = "known here: parquet, ulog, dataflash, mat, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, csv, points; choose one with `format`";
     assert_eq!(said(&path, &default), format!("{}: is not in a known flight format ({known})", path.display()));
     let named = FlightOptions { format: Some("parqet".into()), ..default.clone() };
     let expected = format!("{}: there is no flight format `parqet` (did you mean `parquet`?)", path.display());

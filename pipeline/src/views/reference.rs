@@ -5,7 +5,7 @@ use std::fmt::Write;
 use datasets::{FlightOptions, MapOptions};
 use schemas::{Entry, Fault, Grain, InputDecl, InputKind, Lists, ParamDoc, Params, TableKind, metric::Metric};
 
-use crate::spec::STAGE_KEYS;
+use crate::{sources::MappingOptions, spec::STAGE_KEYS};
 
 /// One line a stage.
 pub fn overview(catalogue: &[Entry]) -> String {

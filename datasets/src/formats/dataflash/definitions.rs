@@ -333,7 +333,7 @@ mod tests {
         let (_, mut mag) = Definition::parse(&fmt(9, 18, "MAG", "QBhL", "TimeUS,I,MagX,Lat")).unwrap();
         units.apply(9, &mut mag);
         let found: Vec<&str> = mag.columns.iter().map(|c| c.unit.as_str()).collect();
-        assert_eq!((found.as_slice(), units.instance(9)), (["us", "", "mGauss", "deg"].as_slice(), Some(1)));
+        assert_eq!((found.as_slice(), units.instance(9)), (["us", "", "mgauss", "deg"].as_slice(), Some(1)));
         assert!(found.iter().filter(|u| !u.is_empty()).all(|u| schemas::is_unit(u)));
         of[8] = 10;
         units.add(&fmtu, &of);

@@ -20,10 +20,12 @@ use crate::ReadError;
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
 const HEADER: usize = 16;
 const SYNC: &[u8] = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12";
-/// Bytes to be seen at once: a message, the one after it, and a few of unknown types between.
+/// Bytes to be seen at once: four messages of any length.
 const AHEAD: usize = 1 << 18;
 /// The longest message of an unknown type that is believed. [pyulog]
 const LONGEST_UNKNOWN: usize = 10_000;
+/// The longest text that a log message is believed to have; PX4 writes 127 characters.
+const LONGEST_TEXT: usize = 2048;
 const NO_ID: u32 = u32::MAX;
 /// Columns of all topics together: a log has thousands, and a damaged one could declare any number.
 const MOST_COLUMNS: usize = 1 << 20;
@@ -145,7 +147,7 @@ impl Walk {
         while state.appended.last().is_some_and(|end| *end < position) {
             state.appended.pop();
         }
-        let mut bytes = forward.ahead(AHEAD).map_err(|e| ReadError::io(path, &e))?;
+        let mut bytes = forward.ahead(AHEAD + 1).map_err(|e| ReadError::io(path, &e))?;
         if let Some(end) = state.appended.last().and_then(|end| end.checked_sub(position)) {
             bytes = usize::try_from(end).ok().and_then(|end| bytes.get(..end)).unwrap_or(bytes);
             if bytes.is_empty() && end == 0 {
@@ -255,22 +257,33 @@ impl State {
     /// Whether the bytes begin with a message, or some of unknown types before one.
     #[inline]
     fn leads(&self, bytes: &[u8], new: Option<u16>, depth: usize) -> bool {
+        if new.is_some() && bytes.get(2) == Some(&b'D') && word(bytes, 3) == new {
+            return true;
+        }
         match self.found(bytes) {
             Found::Sure(_) | Found::Cut => true,
-            Found::Unsure(_) if new.is_some() && word(bytes, 3) == new => true,
             Found::Unsure(length) => depth > 0 && self.leads(bytes.get(length..).unwrap_or_default(), new, depth - 1),
             Found::Nothing => bytes.is_empty(),
+        }
+    }
+
+    /// Whether the bytes are so many messages of known types one after another, or fewer and the end.
+    fn chain(&self, bytes: &[u8], messages: usize) -> bool {
+        match self.found(bytes) {
+            _ if messages == 0 => true,
+            Found::Sure(length) => self.chain(bytes.get(length..).unwrap_or_default(), messages - 1),
+            // At the start it would be the end of the file that is taken for a message.
+            Found::Cut => messages < 3,
+            Found::Nothing => bytes.is_empty(),
+            Found::Unsure(_) => false,
         }
     }
 
     /// The offset of the next message that stands; all bytes that can be judged, if there is none.
     fn next_sure(&self, bytes: &[u8]) -> usize {
         // Beyond this offset a message and the next one may not be in view.
-        let judged = if bytes.len() >= AHEAD { bytes.len() - AHEAD / 2 } else { bytes.len() };
-        let stands = |at: &usize| {
-            let bytes = bytes.get(*at..).unwrap_or_default();
-            matches!(self.found(bytes), Found::Sure(length) if self.stands(bytes, length))
-        };
+        let judged = if bytes.len() > AHEAD { bytes.len() - AHEAD } else { bytes.len() };
+        let stands = |at: &usize| self.chain(bytes.get(*at..).unwrap_or_default(), 3);
         (1..judged).find(stands).unwrap_or(judged.max(1))
     }
 
@@ -375,8 +388,8 @@ fn plausible(kind: u8, size: usize, body: Option<&[u8]>) -> bool {
     match kind {
         b'S' => size == SYNC.len() && check(&|b| b == SYNC),
         b'O' | b'R' => size == 2,
-        b'L' => size >= 9 && check(&level),
-        b'C' => size >= 11 && check(&level),
+        b'L' => (9..=LONGEST_TEXT).contains(&size) && check(&level),
+        b'C' => (11..=LONGEST_TEXT).contains(&size) && check(&level),
         b'A' => size >= 4 && check(&|b| is_name(&text(b.get(3..).unwrap_or_default()))),
         b'F' => size >= 4 && check(&|b| Formats::default().add(b).is_some()),
         b'I' | b'P' => size >= 2 && check(&is_key),

@@ -1,0 +1,96 @@
+//! MATLAB files: version 5 to 7 (either byte order, deflated or not) and 7.3 (HDF5). A matrix or a structure is a topic,
+//! and so are the vectors at the root, together: `.`. The columns of a matrix `X` take the names in a cell array
+//! `X_label`, otherwise they are `X[0]`, `X[1]`; structures within a structure are columns `a.b`. Vectors of another
+//! length than most are a topic of their own, named with the length: `log:1531`.
+//!
+//! The variables of one topic are in memory at a time. The file states no units.
+
+use std::{collections::BTreeSet, path::Path};
+
+use self::tree::{Draft, Read, tables};
+use super::{FlightFormat, FlightOptions, Head, Part, Raw, Reading, Topic, TopicColumn, topics::chosen};
+use crate::{ReadError, table::Table};
+
+mod tree;
+mod v5;
+mod v73;
+
+pub(super) const FORMAT: FlightFormat = FlightFormat {
+    name: "mat",
+    about: "MATLAB 5 to 7.3; `topic` is a matrix, a structure, or `.` for the vectors at the root",
+    extensions: &["mat"],
+    recognise: |head: &Head| head.starts_with(V5) || is_v73(head),
+    open,
+    topics: Some(topics),
+    made_from: None,
+};
+
+const V5: &[u8] = b"MATLAB 5.0 MAT-file";
+
+/// The first files of this kind say 7.0.
+fn is_v73(head: &Head) -> bool {
+    head.starts_with(b"MATLAB 7.") && head.has_at(512, super::hdf5::MAGIC)
+}
+
+/// Rows of a batch.
+const ROWS: usize = 65_536;
+
+fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Read, ReadError> {
+    let head = Head::read(path)?;
+    if is_v73(&head) {
+        return v73::read(path, keep);
+    }
+    if head.starts_with(V5) {
+        return v5::read(path, keep);
+    }
+    let what =
+        "is not a MATLAB file of version 5 to 7.3: it does not start with `MATLAB 5.0`, or `MATLAB 7.3` and HDF5";
+    Err(ReadError::data(path, what).help("MATLAB saves an older file anew with `save(name, '-v7')`"))
+}
+
+fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
+    let column = |c: tree::Column| TopicColumn { name: c.name, unit: String::new(), description: String::new() };
+    let topic =
+        |Draft { name, rows, columns }: Draft| Topic { name, rows, columns: columns.into_iter().map(column).collect() };
+    Ok(tables(read(path, &|_| false)?.nodes).into_iter().map(topic).collect())
+}
+
+fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadError> {
+    let Read { nodes, notes: damage } = read(path, &|_| false)?;
+    let skipped = tree::skipped(&nodes);
+    let mut drafts = tables(nodes);
+    let names: Vec<(String, u64)> = drafts.iter().map(|d| (d.name.clone(), d.rows)).collect();
+    let found = chosen(path, options.topic.as_deref(), &names);
+    let number = found.map_err(|e| match damage.first() {
+        Some(damage) => ReadError::data(path, format!("{damage}; {}", e.fault().what)),
+        None => e,
+    })?;
+    let Draft { name, columns, .. } = drafts.swap_remove(number);
+    let variables: BTreeSet<String> = columns.into_iter().map(|c| c.variable).collect();
+    let Read { nodes, notes } = read(path, &|name| variables.contains(name))?;
+    let now = tree::skipped(&nodes);
+    let draft = tables(nodes).into_iter().find(|d| d.name == name);
+    let Some(Draft { columns, .. }) = draft else {
+        let what = notes.first().map_or("cannot be read", String::as_str);
+        return Err(ReadError::data(path, format!("the topic `{name}`: {what}")));
+    };
+    let mut table = Table::default();
+    for column in columns {
+        if let Some(values) = column.values {
+            table.push(&column.name, "", values);
+        }
+    }
+    let file = path.display();
+    let mut notes: Vec<String> = notes.into_iter().map(|note| format!("{file}: {note}")).collect();
+    let skipped: BTreeSet<String> = skipped.into_iter().chain(now).collect();
+    if !skipped.is_empty() {
+        notes.push(format!("{file}: not read: {}", Vec::from_iter(skipped).join(", ")));
+    }
+    let (schema, batch) = (table.schema(), table.into_batch(path)?);
+    let starts = (0..batch.num_rows()).step_by(ROWS);
+    let parts: Vec<_> = starts.map(|at| Ok(Part::whole(batch.slice(at, ROWS.min(batch.num_rows() - at))))).collect();
+    Ok(Raw { fillers: true, notes, ..Raw::new(schema, Box::new(parts.into_iter())) })
+}
+
+#[cfg(test)]
+mod tests;

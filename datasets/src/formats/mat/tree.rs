@@ -1,0 +1,192 @@
+//! The variables of a MATLAB file, and the tables that they make.
+
+use std::collections::BTreeMap;
+
+use crate::table::Values;
+
+/// A variable, or a field of one.
+#[derive(Debug)]
+pub(super) struct Node {
+    pub(super) name: String,
+    pub(super) content: Content,
+}
+
+impl Node {
+    pub(super) fn skipped(name: &str, why: &'static str) -> Node {
+        Node { name: name.to_owned(), content: Content::Skipped(why) }
+    }
+}
+
+/// The value of a variable.
+#[derive(Debug)]
+pub(super) enum Content {
+    /// Numbers of a matrix, column after column; `None` where only the shape was read.
+    Array { rows: u64, columns: u64, values: Option<Values> },
+    /// The rows of a matrix of characters, or the texts of a cell array.
+    Texts(Vec<String>),
+    /// One structure.
+    Struct(Vec<Node>),
+    /// What is not read, and what it is.
+    Skipped(&'static str),
+}
+
+/// What a file holds, and notes for the user.
+#[derive(Default)]
+pub(super) struct Read {
+    pub(super) nodes: Vec<Node>,
+    pub(super) notes: Vec<String>,
+}
+
+/// A table: columns of one length.
+pub(super) struct Draft {
+    pub(super) name: String,
+    pub(super) rows: u64,
+    pub(super) columns: Vec<Column>,
+}
+
+/// A column of a table.
+pub(super) struct Column {
+    pub(super) name: String,
+    rows: u64,
+    /// The variable that it is of.
+    pub(super) variable: String,
+    /// `None` where only the shape was read.
+    pub(super) values: Option<Values>,
+}
+
+/// The table of the vectors at the root.
+pub(super) const ROOT: &str = ".";
+/// More columns than this are one row of samples, not columns.
+const MOST_COLUMNS: u64 = 1000;
+/// The longest that a matrix of samples side by side is high.
+const MOST_CHANNELS: u64 = 100;
+
+/// The tables of a file: one of each matrix and structure, and one of the vectors at the root. Vectors of another length
+/// than most are a table of their own, named with their length: `log:1531`.
+pub(super) fn tables(nodes: Vec<Node>) -> Vec<Draft> {
+    let mut labels: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for node in &nodes {
+        if let (Some(of), Content::Texts(texts)) = (node.name.strip_suffix("_label"), &node.content) {
+            labels.insert(of.to_owned(), texts.clone());
+        }
+    }
+    let (mut drafts, mut root) = (vec![], vec![]);
+    for Node { name, content } in nodes {
+        match content {
+            Content::Array { rows, columns, values } => {
+                let labels = labels.get(&name).and_then(|l| named(l, rows, columns));
+                if labels.is_none() && (rows == 1 || columns == 1) {
+                    root.push(Column { variable: name.clone(), name, rows: rows * columns, values });
+                    continue;
+                }
+                let columns = split(&name, &name, (rows, columns), values, labels);
+                drafts.extend(group(&name, columns));
+            }
+            Content::Struct(fields) => {
+                let mut columns = vec![];
+                flatten(&name, "", fields, &mut columns);
+                drafts.extend(group(&name, columns));
+            }
+            Content::Texts(_) | Content::Skipped(_) => {}
+        }
+    }
+    drafts.extend(group(ROOT, root));
+    drafts
+}
+
+/// What of a file makes no table.
+pub(super) fn skipped(nodes: &[Node]) -> Vec<String> {
+    let mut out = vec![];
+    fn add(prefix: &str, nodes: &[Node], out: &mut Vec<String>) {
+        for Node { name, content } in nodes {
+            match content {
+                Content::Skipped("empty") | Content::Array { .. } | Content::Texts(_) => {}
+                Content::Skipped(why) => out.push(format!("`{prefix}{name}` ({why})")),
+                Content::Struct(fields) => add(&format!("{prefix}{name}."), fields, out),
+            }
+        }
+    }
+    add("", nodes, &mut out);
+    out
+}
+
+/// The labels of the columns of a matrix, where there is a different one for each.
+fn named(labels: &[String], rows: u64, columns: u64) -> Option<Vec<String>> {
+    let labels: Vec<String> = labels.iter().map(|l| l.trim().to_owned()).collect();
+    let twice = labels.iter().enumerate().any(|(i, l)| l.is_empty() || labels.iter().take(i).any(|m| m == l));
+    (!twice && labels.len() as u64 == columns && rows > 0).then_some(labels)
+}
+
+/// The columns of a matrix: `name[0]`, or its labels.
+fn split(
+    variable: &str,
+    name: &str,
+    (rows, columns): (u64, u64),
+    values: Option<Values>,
+    labels: Option<Vec<String>>,
+) -> Vec<Column> {
+    // Samples side by side, a channel in each row.
+    let across = labels.is_none() && columns > MOST_COLUMNS && rows <= MOST_CHANNELS;
+    let (samples, channels) = if across { (columns, rows) } else { (rows, columns) };
+    if channels > MOST_COLUMNS.max(labels.as_ref().map_or(0, |l| l.len() as u64)) {
+        return vec![];
+    }
+    let of = |i: u64| {
+        let (start, step) = if across { (i, rows) } else { (i * rows, 1) };
+        values.as_ref().map(|v| strided(v, start as usize, step as usize, samples as usize))
+    };
+    let column = |i: u64| Column {
+        name: labels.as_ref().and_then(|l| l.get(i as usize).cloned()).unwrap_or_else(|| format!("{name}[{i}]")),
+        rows: samples,
+        variable: variable.to_owned(),
+        values: of(i),
+    };
+    (0..channels).map(column).collect()
+}
+
+fn strided(values: &Values, start: usize, step: usize, count: usize) -> Values {
+    fn of<T: Clone>(x: &[T], start: usize, step: usize, count: usize) -> Vec<T> {
+        x.iter().skip(start).step_by(step.max(1)).take(count).cloned().collect()
+    }
+    match values {
+        Values::Number(x) => Values::Number(of(x, start, step, count)),
+        Values::Whole(x) => Values::Whole(of(x, start, step, count)),
+        Values::Text(x) => Values::Text(of(x, start, step, count)),
+    }
+}
+
+/// The columns of a structure, those of structures within as `a.b`.
+fn flatten(variable: &str, prefix: &str, fields: Vec<Node>, to: &mut Vec<Column>) {
+    for Node { name, content } in fields {
+        let name = format!("{prefix}{name}");
+        match content {
+            Content::Array { rows, columns, values } if rows == 1 || columns == 1 => {
+                to.push(Column { name, rows: rows.saturating_mul(columns), variable: variable.to_owned(), values });
+            }
+            Content::Array { rows, columns, values } => {
+                to.extend(split(variable, &name, (rows, columns), values, None))
+            }
+            Content::Texts(texts) => {
+                let rows = texts.len() as u64;
+                to.push(Column { name, rows, variable: variable.to_owned(), values: Some(Values::Text(texts)) });
+            }
+            Content::Struct(fields) => flatten(variable, &format!("{name}."), fields, to),
+            Content::Skipped(_) => {}
+        }
+    }
+}
+
+/// Columns by their length; that of most columns, single values aside, has the name alone.
+fn group(name: &str, columns: Vec<Column>) -> Vec<Draft> {
+    let mut by_rows: BTreeMap<u64, Vec<Column>> = BTreeMap::new();
+    for column in columns.into_iter().filter(|c| c.rows > 0) {
+        by_rows.entry(column.rows).or_default().push(column);
+    }
+    let most = by_rows.iter().max_by_key(|(rows, columns)| (**rows > 1, columns.len(), **rows)).map(|(rows, _)| *rows);
+    let draft = |(rows, columns): (u64, Vec<Column>)| {
+        let name = if Some(rows) == most { name.to_owned() } else { format!("{name}:{rows}") };
+        Draft { name, rows, columns }
+    };
+    let (first, others): (Vec<_>, Vec<_>) = by_rows.into_iter().partition(|(rows, _)| Some(*rows) == most);
+    first.into_iter().chain(others).map(draft).collect()
+}

@@ -1,0 +1,349 @@
+//! MATLAB 5 to 7: variables one after another, each plain or deflated. [MathWorks, MAT-File Format, R2019b]
+
+use std::{
+    fs::File,
+    io::{self, BufReader, Read, Seek, SeekFrom},
+    path::Path,
+};
+
+use flate2::read::ZlibDecoder;
+
+use super::tree::{Content, Node, Read as Outcome};
+use crate::{ReadError, table::Values};
+
+/// The text, the subsystem's offset, the version and the mark of the byte order.
+const HEADER: u64 = 128;
+/// Structures and cells within each other.
+const DEPTH: usize = 16;
+/// The longest name, list of dimensions or text in bytes that is read.
+const LONGEST: u64 = 1 << 20;
+
+/// Types of data elements.
+const MATRIX: u32 = 14;
+const COMPRESSED: u32 = 15;
+
+/// Reads the variables of a file; the numbers of those that `keep` names, and only the shapes of others.
+///
+/// # Errors
+/// Fails for a file that is not of this format. A damaged variable is left out and noted.
+pub(super) fn read(path: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Outcome, ReadError> {
+    let io = |e: io::Error| ReadError::io(path, &e);
+    let mut file = BufReader::with_capacity(1 << 16, File::open(path).map_err(io)?);
+    let length = file.seek(SeekFrom::End(0)).map_err(io)?;
+    let mut header = [0; HEADER as usize];
+    file.rewind().and_then(|()| file.read_exact(&mut header)).map_err(io)?;
+    let big = match header.get(126..128) {
+        Some(b"IM") => false,
+        Some(b"MI") => true,
+        _ => return Err(ReadError::data(path, "is not a MATLAB 5 file: its header has no mark of the byte order")),
+    };
+    let (mut outcome, mut at) = (Outcome::default(), HEADER);
+    while at < length {
+        file.seek(SeekFrom::Start(at)).map_err(io)?;
+        let mut tag = [0; 8];
+        if length - at < 8 || file.read_exact(&mut tag).is_err() {
+            outcome.notes.push(format!("{} bytes at the end are not a variable", length - at));
+            break;
+        }
+        let (kind, bytes) = (word(&tag, 0, big), u64::from(word(&tag, 4, big)));
+        let end = at + 8 + bytes;
+        let node = match kind {
+            _ if end > length => Err(broken(&format!("it has {} of {bytes} bytes", length - at - 8))),
+            MATRIX => Source::new(&mut (&mut file).take(bytes), big).matrix(bytes, DEPTH, keep, true).map(Some),
+            COMPRESSED => deflated((&mut file).take(bytes), big, keep).map(Some),
+            // An element of another type at the root is not a variable.
+            _ => Ok(None),
+        };
+        match node {
+            Ok(Some(node)) if node.name.is_empty() => {}
+            Ok(Some(node)) => outcome.nodes.push(node),
+            Ok(None) => outcome.notes.push(format!("the element at byte {at} is not a variable and is skipped")),
+            Err(error) => outcome.notes.push(format!("the variable at byte {at} is damaged and is skipped: {error}")),
+        }
+        at = end.max(at + 8);
+    }
+    Ok(outcome)
+}
+
+/// The variable in a deflated element.
+fn deflated(input: impl Read, big: bool, keep: &dyn Fn(&str) -> bool) -> io::Result<Node> {
+    let mut inflated = ZlibDecoder::new(input);
+    let mut tag = [0; 8];
+    inflated.read_exact(&mut tag)?;
+    if word(&tag, 0, big) != MATRIX {
+        return Err(broken("it does not hold an array"));
+    }
+    let bytes = u64::from(word(&tag, 4, big));
+    let node = Source::new(&mut inflated, big).matrix(bytes, DEPTH, keep, true)?;
+    // The check sum is compared where the stream ends; numbers that are not kept are not read that far.
+    if !matches!(node.content, Content::Array { values: None, .. }) {
+        io::copy(&mut inflated, &mut io::sink())?;
+    }
+    Ok(node)
+}
+
+fn broken(what: &str) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, what.to_owned())
+}
+
+/// The 32 bits at an offset; 0 beyond the end.
+fn word(bytes: &[u8], at: usize, big: bool) -> u32 {
+    let four = bytes.get(at..).and_then(|b| b.first_chunk::<4>()).copied().unwrap_or_default();
+    if big { u32::from_be_bytes(four) } else { u32::from_le_bytes(four) }
+}
+
+/// The head of a data element.
+struct Tag {
+    kind: u32,
+    bytes: u64,
+    /// The data of an element of at most four bytes, which stand in the head.
+    small: Option<[u8; 4]>,
+}
+
+/// The bytes of a variable.
+struct Source<'a> {
+    input: &'a mut dyn Read,
+    big: bool,
+    at: u64,
+}
+
+impl<'a> Source<'a> {
+    fn new(input: &'a mut dyn Read, big: bool) -> Source<'a> {
+        Source { input, big, at: 0 }
+    }
+
+    /// So many bytes; memory grows as they come, not as they are announced.
+    fn take(&mut self, bytes: u64) -> io::Result<Vec<u8>> {
+        let mut out = vec![];
+        self.input.take(bytes).read_to_end(&mut out)?;
+        self.at += out.len() as u64;
+        if (out.len() as u64) < bytes { Err(broken("it is cut short")) } else { Ok(out) }
+    }
+
+    fn skip(&mut self, bytes: u64) -> io::Result<()> {
+        let skipped = io::copy(&mut self.input.take(bytes), &mut io::sink())?;
+        self.at += skipped;
+        if skipped < bytes { Err(broken("it is cut short")) } else { Ok(()) }
+    }
+
+    fn tag(&mut self, end: u64) -> io::Result<Tag> {
+        let head = self.take(8)?;
+        let first = word(&head, 0, self.big);
+        if first >> 16 != 0 {
+            let (kind, bytes) = (first & 0xffff, u64::from(first >> 16));
+            let small = head.get(4..).and_then(|b| b.first_chunk::<4>()).copied().unwrap_or_default();
+            return if bytes <= 4 {
+                Ok(Tag { kind, bytes, small: Some(small) })
+            } else {
+                Err(broken("a small element is too long"))
+            };
+        }
+        let bytes = u64::from(word(&head, 4, self.big));
+        if bytes > end.saturating_sub(self.at) {
+            return Err(broken("an element is longer than the array that it is in"));
+        }
+        Ok(Tag { kind: first, bytes, small: None })
+    }
+
+    /// The data of an element, with the padding after it.
+    fn data(&mut self, tag: &Tag, most: u64) -> io::Result<Vec<u8>> {
+        if tag.bytes > most {
+            return Err(broken("an element is too long"));
+        }
+        if let Some(small) = tag.small {
+            return Ok(small.get(..tag.bytes as usize).unwrap_or_default().to_vec());
+        }
+        let data = self.take(tag.bytes)?;
+        self.pad(tag)?;
+        Ok(data)
+    }
+
+    fn skip_data(&mut self, tag: &Tag) -> io::Result<()> {
+        if tag.small.is_some() {
+            return Ok(());
+        }
+        self.skip(tag.bytes)?;
+        self.pad(tag)
+    }
+
+    /// Elements end at multiples of 8 bytes, but the last may not.
+    fn pad(&mut self, tag: &Tag) -> io::Result<()> {
+        let padding = tag.bytes.next_multiple_of(8) - tag.bytes;
+        self.at += io::copy(&mut self.input.take(padding), &mut io::sink())?;
+        Ok(())
+    }
+
+    fn element(&mut self, end: u64) -> io::Result<Vec<u8>> {
+        let tag = self.tag(end)?;
+        self.data(&tag, LONGEST)
+    }
+
+    /// The array of this length, behind its head. `outermost` says whether its own name decides about its numbers.
+    fn matrix(&mut self, bytes: u64, depth: usize, keep: &dyn Fn(&str) -> bool, outermost: bool) -> io::Result<Node> {
+        let end = self.at + bytes;
+        let depth = depth.checked_sub(1).ok_or_else(|| broken("structures are nested too deeply"))?;
+        if bytes == 0 {
+            return Ok(Node::skipped("", "empty"));
+        }
+        let flags = word(&self.element(end)?, 0, self.big);
+        const OPAQUE: u32 = 17;
+        const COMPLEX: u32 = 0x0800;
+        let class = flags & 0xff;
+        let dims: Vec<u64> = if class == OPAQUE { vec![] } else { self.dims(end)? };
+        let name = String::from_utf8_lossy(&self.element(end)?).trim_end_matches('\0').to_owned();
+        let kept = keep(&name);
+        let keep: &dyn Fn(&str) -> bool = if !outermost {
+            keep
+        } else if kept {
+            &|_| true
+        } else {
+            &|_| false
+        };
+        let count =
+            dims.iter().try_fold(1u64, |n, d| n.checked_mul(*d)).ok_or_else(|| broken("its shape is too large"))?;
+        let content = match class {
+            // Double, single and the eight kinds of whole numbers.
+            6..=15 if flags & COMPLEX != 0 => Content::Skipped("complex numbers"),
+            6..=15 if dims.len() != 2 => Content::Skipped("an array of more than two dimensions"),
+            6..=15 => {
+                let tag = self.tag(end)?;
+                let values = if keep(&name) {
+                    let data = self.data(&tag, u64::MAX)?;
+                    Some(numbers(&data, tag.kind, self.big, count)?)
+                } else {
+                    None
+                };
+                let (rows, columns) = (dims.first().copied().unwrap_or(0), dims.get(1).copied().unwrap_or(0));
+                // What is not kept is not read, where nothing follows it.
+                if values.is_none() && !outermost {
+                    self.skip_data(&tag)?;
+                }
+                return self.done(name, Content::Array { rows, columns, values }, end, outermost && !kept);
+            }
+            4 => {
+                let tag = self.tag(end)?;
+                let data = self.data(&tag, LONGEST)?;
+                Content::Texts(texts(&data, tag.kind, self.big, dims.first().copied().unwrap_or(0))?)
+            }
+            1 => self.cells(count, end, depth, keep)?,
+            2 if count == 1 => Content::Struct(self.fields(end, depth, keep)?),
+            2 => Content::Skipped("an array of structures"),
+            3 => Content::Skipped("an object"),
+            5 => Content::Skipped("a sparse matrix"),
+            16 => Content::Skipped("a function"),
+            OPAQUE => Content::Skipped("an object of a class"),
+            _ => Content::Skipped("an array of a class that is not known"),
+        };
+        self.done(name, content, end, outermost && !kept)
+    }
+
+    /// Moves to the end of the array.
+    fn done(&mut self, name: String, content: Content, end: u64, stop: bool) -> io::Result<Node> {
+        if !stop {
+            self.skip(end.checked_sub(self.at).ok_or_else(|| broken("its parts are longer than it is"))?)?;
+        }
+        Ok(Node { name, content })
+    }
+
+    fn dims(&mut self, end: u64) -> io::Result<Vec<u64>> {
+        let dims = self.element(end)?;
+        if dims.len() < 8 || dims.len() % 4 != 0 {
+            return Err(broken("it has fewer than two dimensions"));
+        }
+        Ok((0..dims.len()).step_by(4).map(|at| u64::from(word(&dims, at, self.big))).collect())
+    }
+
+    /// A cell array of texts; others are skipped.
+    fn cells(&mut self, count: u64, end: u64, depth: usize, keep: &dyn Fn(&str) -> bool) -> io::Result<Content> {
+        let mut texts = vec![];
+        for _ in 0..count {
+            match self.nested(end, depth, keep)?.content {
+                Content::Texts(mut one) if one.len() <= 1 => texts.push(one.pop().unwrap_or_default()),
+                _ => return Ok(Content::Skipped("a cell array")),
+            }
+        }
+        Ok(Content::Texts(texts))
+    }
+
+    fn fields(&mut self, end: u64, depth: usize, keep: &dyn Fn(&str) -> bool) -> io::Result<Vec<Node>> {
+        let longest = word(&self.element(end)?, 0, self.big) as usize;
+        let names = self.element(end)?;
+        if longest == 0 {
+            return Ok(vec![]);
+        }
+        let mut fields = vec![];
+        for name in names.chunks_exact(longest) {
+            let name = super::super::records::text(name);
+            fields.push(Node { name, ..self.nested(end, depth, keep)? });
+        }
+        Ok(fields)
+    }
+
+    /// An array within another.
+    fn nested(&mut self, end: u64, depth: usize, keep: &dyn Fn(&str) -> bool) -> io::Result<Node> {
+        let tag = self.tag(end)?;
+        if tag.kind != MATRIX || tag.small.is_some() {
+            return Err(broken("an element is not an array"));
+        }
+        self.matrix(tag.bytes, depth, keep, false)
+    }
+}
+
+/// The numbers of an element of a type, which may be smaller than that of the array.
+fn numbers(data: &[u8], kind: u32, big: bool, count: u64) -> io::Result<Values> {
+    macro_rules! of {
+        ($t:ty, $n:literal) => {
+            data.chunks_exact($n)
+                .filter_map(|b| b.first_chunk::<$n>())
+                .map(|b| if big { <$t>::from_be_bytes(*b) } else { <$t>::from_le_bytes(*b) })
+        };
+    }
+    macro_rules! floats {
+        ($t:ty, $n:literal) => {
+            Values::Number(of!($t, $n).map(|x| x as f64).collect())
+        };
+    }
+    let values = match kind {
+        1 => floats!(i8, 1),
+        2 => floats!(u8, 1),
+        3 => floats!(i16, 2),
+        4 => floats!(u16, 2),
+        5 => floats!(i32, 4),
+        6 => floats!(u32, 4),
+        7 => floats!(f32, 4),
+        9 => floats!(f64, 8),
+        12 => exact(of!(i64, 8).map(i128::from)),
+        13 => exact(of!(u64, 8).map(i128::from)),
+        _ => return Err(broken("its numbers are of a type that is not known")),
+    };
+    if values.len() as u64 == count { Ok(values) } else { Err(broken("it has more or fewer numbers than its shape")) }
+}
+
+/// Whole numbers as floats where these are exact, otherwise with all their digits.
+fn exact(numbers: impl Iterator<Item = i128> + Clone) -> Values {
+    const EXACT: u128 = 1 << 53;
+    let most = numbers.clone().map(i128::unsigned_abs).max().unwrap_or(0);
+    if most <= EXACT {
+        return Values::Number(numbers.map(|x| x as f64).collect());
+    }
+    let whole: Option<Vec<Option<i64>>> = numbers.clone().map(|x| i64::try_from(x).ok().map(Some)).collect();
+    whole.map_or_else(|| Values::Text(numbers.map(|x| x.to_string()).collect()), Values::Whole)
+}
+
+/// The rows of a matrix of characters, which stand column by column.
+fn texts(data: &[u8], kind: u32, big: bool, rows: u64) -> io::Result<Vec<String>> {
+    let pair =
+        |b: &[u8]| b.first_chunk::<2>().map(|b| if big { u16::from_be_bytes(*b) } else { u16::from_le_bytes(*b) });
+    let characters: Vec<char> = match kind {
+        1 | 2 => data.iter().map(|b| char::from(*b)).collect(),
+        16 => String::from_utf8_lossy(data).chars().collect(),
+        4 | 17 => {
+            let units: Vec<u16> = data.chunks_exact(2).filter_map(pair).collect();
+            String::from_utf16_lossy(&units).chars().collect()
+        }
+        _ => return Err(broken("its characters are of a type that is not known")),
+    };
+    let rows = usize::try_from(rows).unwrap_or(usize::MAX).min(characters.len());
+    let row = |r: usize| characters.iter().skip(r).step_by(rows).collect::<String>().trim_end().to_owned();
+    Ok((0..rows).map(row).collect())
+}
