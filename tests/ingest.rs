@@ -109,6 +109,60 @@ fn ref_real_logs_come_in_through_their_mappings() {
 }
 
 #[test]
+fn ref_binary_logs_come_in_through_their_mappings() {
+    let folder = TempDir::new().unwrap();
+    let run = |input: &str, mapping: &str, to: &str| {
+        let output = magline(folder.path(), &["ingest", &sample(input), "--to", to, "--mapping", mapping]);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        (stdout(&output), stderr(&output))
+    };
+    // PX4: pyulog shows magnetometer_ga (0.42917827, -0.11418437, -0.05181336) at 20.310847 s after the start, and UTC
+    // 1618986658.600345 at 20.471648 s.
+    let (_, noted) = run("logs/sample_log_small.ulg", "px4_ulog", "px4");
+    assert!(noted.contains("its clock was 0 on 2021-04-21 at 06:30:38.1"), "{noted}");
+    let mag = file(&folder.path().join("px4/mag/sample_log_small.parquet"));
+    let first = ["flux_a_x", "flux_a_y", "flux_a_z"].map(|axis| numbers(&mag, axis)[0]);
+    let expected = [42_917.827, -11_418.437, -5_181.336];
+    assert!(first.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.01), "{first:?}");
+    let start = 1_618_986_658.600_345 - 1_618_963_200.0 - 20.471_648;
+    // The fixes of six seconds are up to 0.02 s late.
+    assert!((numbers(&mag, "tt")[0] - (start + 20.310_847)).abs() < 0.02, "{}", numbers(&mag, "tt")[0]);
+    let gps = file(&folder.path().join("px4/gps/sample_log_small.parquet"));
+    assert!((numbers(&gps, "lat")[0] - 63.417_062_2).abs() < 1e-9 && (numbers(&gps, "alt")[0] - 106.766).abs() < 1e-9);
+    // ArduPilot: pymavlink shows MAG (217, 4, -586) with the offsets (-97, 118, 213) at 11.477 s; the cut ends before the first
+    // fix, so that nothing says when the log began.
+    let cut = sample("logs/log171_cut.bin");
+    let output = magline(folder.path(), &["ingest", &cut, "--to", "ap", "--mapping", "ardupilot_dataflash_timems"]);
+    if output.status.code() == Some(2) {
+        assert!(stderr(&output).contains("says when the log began"), "{}", stderr(&output));
+        let ready = fs::read_to_string(repository().join("datasets/mappings/ardupilot_dataflash_timems.toml")).unwrap();
+        let (head, rest) = ready.split_once("[epoch]").unwrap();
+        let tables = rest.split_once("\n\n").unwrap().1;
+        fs::write(folder.path().join("own.toml"), format!("{head}epoch = {{ utc = '2015-11-21T23:43:40.32Z' }}\n\n{tables}")).unwrap();
+        let args = ["ingest", &cut, "--to", "ap", "--mapping", "own.toml"];
+        let output = magline(folder.path(), &args);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    }
+    let mag = file(&folder.path().join("ap/mag/log171_cut.parquet"));
+    let first = ["flux_a_x", "flux_a_y", "flux_a_z"].map(|axis| numbers(&mag, axis)[0]);
+    assert_eq!(first, [31_400.0, -11_400.0, -79_900.0]);
+    // 23:43:40.32 and 11.477 s.
+    assert!((numbers(&mag, "tt")[0] - 85_431.797).abs() < 0.01, "{}", numbers(&mag, "tt")[0]);
+    let battery = file(&folder.path().join("ap/battery/log171_cut.parquet"));
+    assert_eq!((numbers(&battery, "cur_battery")[0], numbers(&battery, "vol_battery")[0]), (0.55, 16.54));
+    // MATLAB: the same array that the Parquet file was made of.
+    run("logs/TestLog2_cut.mat", "skywalker_x8", "sky");
+    let mat = file(&folder.path().join("sky/mag/TestLog2_cut.parquet"));
+    run("skywalker_x8", "skywalker_x8_parquet", "skyp");
+    let parquet = file(&folder.path().join("skyp/mag/mag.parquet"));
+    for axis in ["flux_a_x", "flux_a_y", "flux_a_z"] {
+        assert_eq!(numbers(&mat, axis), numbers(&parquet, axis), "{axis}");
+    }
+    let late = numbers(&mat, "tt").iter().zip(numbers(&parquet, "tt")).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(late < 0.01, "{late}");
+}
+
+#[test]
 fn user_a_log_in_a_spec_and_its_ingested_file_give_the_same_bytes() {
     let folder = bench(3000);
     let at = folder.path();

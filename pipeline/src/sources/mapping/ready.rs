@@ -29,6 +29,7 @@ ready![
     "px4_ulog_2016",
     "skywalker_x8",
     "skywalker_x8_parquet",
+    "thor75",
     "thor75_parquet",
     "magnavjl",
     "magnavjl_tl",
