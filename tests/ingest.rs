@@ -80,7 +80,10 @@ fn ref_real_logs_come_in_through_their_mappings() {
     let first = ["flux_a_x", "flux_a_y", "flux_a_z"].map(|axis| numbers(&mag, axis)[0]);
     assert_eq!(first, [-36_700.0, 4_700.0, -46_500.0]);
     assert_eq!((numbers(&mag, "year")[0], numbers(&mag, "doy")[0]), (2013.0, 333.0));
-    assert_eq!((texts(&mag, "flight")[0].as_str(), mag.iter().map(RecordBatch::num_rows).sum::<usize>()), ("skywalker_x8", 6129));
+    assert_eq!(
+        (texts(&mag, "flight")[0].as_str(), mag.iter().map(RecordBatch::num_rows).sum::<usize>()),
+        ("skywalker_x8", 6129)
+    );
     let gps = file(&folder.path().join("sky/gps/gps.parquet"));
     // 2.03 m/s on a course of 278.85 degrees.
     assert!((numbers(&gps, "vn")[0] - 2.03 * 278.85_f64.to_radians().cos()).abs() < 1e-9);
@@ -138,7 +141,11 @@ fn ref_binary_logs_come_in_through_their_mappings() {
         let ready = fs::read_to_string(repository().join("datasets/mappings/ardupilot_dataflash_timems.toml")).unwrap();
         let (head, rest) = ready.split_once("[epoch]").unwrap();
         let tables = rest.split_once("\n\n").unwrap().1;
-        fs::write(folder.path().join("own.toml"), format!("{head}epoch = {{ utc = '2015-11-21T23:43:40.32Z' }}\n\n{tables}")).unwrap();
+        fs::write(
+            folder.path().join("own.toml"),
+            format!("{head}epoch = {{ utc = '2015-11-21T23:43:40.32Z' }}\n\n{tables}"),
+        )
+        .unwrap();
         let args = ["ingest", &cut, "--to", "ap", "--mapping", "own.toml"];
         let output = magline(folder.path(), &args);
         assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
@@ -176,7 +183,10 @@ fn user_a_log_in_a_spec_and_its_ingested_file_give_the_same_bytes() {
     fs::write(at.join("in.toml"), spec("path = 'out'")).unwrap();
     fs::write(at.join("hive.toml"), spec("path = 'hive'")).unwrap();
     assert_eq!(magline(at, &["ingest", "log.csv", "--to", "out", "--mapping", "m.toml"]).status.code(), Some(0));
-    assert_eq!(magline(at, &["ingest", "log.csv", "--to", "hive", "--hive", "--mapping", "m.toml"]).status.code(), Some(0));
+    assert_eq!(
+        magline(at, &["ingest", "log.csv", "--to", "hive", "--hive", "--mapping", "m.toml"]).status.code(),
+        Some(0)
+    );
     assert!(at.join("hive/flight=log/log.parquet").is_file());
     let tables = |name: &str| {
         let output = magline(at, &["run", &format!("{name}.toml"), "--set", &format!("store={name}")]);
@@ -245,16 +255,29 @@ fn user_what_is_wrong_is_said_with_its_place_and_nothing_is_written() {
         assert!(MAPPING.contains(from), "{from}");
         MAPPING.replace(from, to)
     };
-    empty(refused(csv, &change("'mgauss'", "'mgaus'"), 2, &["`mgaus`, which does not convert to nT", "m.toml:6:", "did you mean `mgauss`?"]));
+    empty(refused(
+        csv,
+        &change("'mgauss'", "'mgaus'"),
+        2,
+        &["`mgaus`, which does not convert to nT", "m.toml:6:", "did you mean `mgauss`?"],
+    ));
     // Gauss for milligauss: five hundred gauss are no field of the earth.
-    empty(refused(csv, &change("'mgauss'", "'gauss'"), 2, &["magnitude of a vector magnetometer", "say `unit = \"mgauss\"` of `flux_a_x`"]));
+    empty(refused(
+        csv,
+        &change("'mgauss'", "'gauss'"),
+        2,
+        &["magnitude of a vector magnetometer", "say `unit = \"mgauss\"` of `flux_a_x`"],
+    ));
     empty(refused(csv, &change("'MagY'", "'MagW'"), 2, &["there is no column `MagW` in log.csv", "m.toml:6:"]));
     empty(refused(csv, &change("[tables.mag]", "[tables.mag]\ntopic = 'MAG'"), 2, &["topic"]));
     empty(refused(csv, &change("epoch = { utc = '2021-04-21T12:00:00Z' }\n", ""), 2, &["nothing says when that was"]));
     empty(refused(csv, &change("'2021-04-21T12:00:00Z'", "'noon'"), 2, &["`utc` cannot be `noon`", "m.toml:3:"]));
     empty(refused(
         csv,
-        &change("epoch = { utc = '2021-04-21T12:00:00Z' }", "epoch = { from = 'ms', unit = 'ms', clock = 'unix', boot = 'ms', rows = 'cur > 5' }"),
+        &change(
+            "epoch = { utc = '2021-04-21T12:00:00Z' }",
+            "epoch = { from = 'ms', unit = 'ms', clock = 'unix', boot = 'ms', rows = 'cur > 5' }",
+        ),
         2,
         &["no row of log.csv says when the log began", "unknown = true"],
     ));
@@ -289,7 +312,11 @@ fn user_a_line_that_is_wrong_leaves_the_others() {
     // Canonical names need no mapping.
     let output = magline(folder.path(), &["ingest", "a.csv", "--to", "out"]);
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
-    assert!(stderr(&output).contains("line 7.02") && stderr(&output).contains("2 lines written, 1 line left out"), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("line 7.02") && stderr(&output).contains("2 lines written, 1 line left out"),
+        "{}",
+        stderr(&output)
+    );
     let written = file(&folder.path().join("out/a.parquet"));
     let lines = texts(&written, "line");
     assert!(lines.len() == 100 && !lines.contains(&"7.02".to_owned()));
@@ -314,7 +341,11 @@ fn user_another_file_is_never_replaced_silently() {
     assert!(before == files(&at.join("out")));
     log(at, "log.csv", 50);
     let other = run(&[]);
-    assert!(other.status.code() == Some(2) && stderr(&other).contains("holds other data already"), "{}", stderr(&other));
+    assert!(
+        other.status.code() == Some(2) && stderr(&other).contains("holds other data already"),
+        "{}",
+        stderr(&other)
+    );
     assert!(before == files(&at.join("out")));
     assert_eq!(run(&["--replace"]).status.code(), Some(0));
     assert_eq!(file(&at.join("out/log.parquet")).iter().map(RecordBatch::num_rows).sum::<usize>(), 50);
@@ -377,7 +408,8 @@ fn user_kill_nine_leaves_no_half_file_and_nothing_behind() {
     }
     assert!(died >= 2, "only {died} were killed at work");
     assert_eq!(magline(at, &args).status.code(), Some(0));
-    let names: Vec<PathBuf> = files(&at.join("out")).into_keys().map(|p| p.strip_prefix(at).unwrap().to_owned()).collect();
+    let names: Vec<PathBuf> =
+        files(&at.join("out")).into_keys().map(|p| p.strip_prefix(at).unwrap().to_owned()).collect();
     assert_eq!(names, [PathBuf::from("out/_quality/log.parquet"), PathBuf::from("out/log.parquet")]);
 }
 
@@ -388,8 +420,14 @@ fn user_a_suggested_mapping_is_valid_and_says_what_it_guessed() {
     for (input, words) in [
         ("thor75/motor.parquet", vec!["motor_voltage_v", "clock = \"boot\"", "unknown = true"]),
         ("skywalker_x8/mag.parquet", vec!["unit = \"mgauss\"", "offsets beside it"]),
-        ("skywalker_x8/gps.parquet", vec!["lat = { from = \"latitude_deg\", unit = \"deg\" }", "week      = \"gps_week\"", "left out: a height"]),
-        ("magnavjl_tl/magnavjl_tl.parquet", vec!["mag_1_uc = { from = \"mag_1_uc_nt\", unit = \"nT\" }", "flux_a = { from = [\"flux_a_x_nt\""]),
+        (
+            "skywalker_x8/gps.parquet",
+            vec!["lat = { from = \"latitude_deg\", unit = \"deg\" }", "week      = \"gps_week\"", "left out: a height"],
+        ),
+        (
+            "magnavjl_tl/magnavjl_tl.parquet",
+            vec!["mag_1_uc = { from = \"mag_1_uc_nt\", unit = \"nT\" }", "flux_a = { from = [\"flux_a_x_nt\""],
+        ),
     ] {
         let name = input.replace(['/', '.'], "_") + ".toml";
         let output = magline(at, &["ingest", "--suggest", &sample(input), "-o", &name]);
@@ -398,22 +436,37 @@ fn user_a_suggested_mapping_is_valid_and_says_what_it_guessed() {
         for word in words {
             assert!(text.contains(word), "{input}: no `{word}` in\n{text}");
         }
-        let output = magline(at, &["ingest", &sample(input), "--to", &format!("to_{name}"), "--mapping", &format!("./{name}")]);
+        let output =
+            magline(at, &["ingest", &sample(input), "--to", &format!("to_{name}"), "--mapping", &format!("./{name}")]);
         assert_eq!(output.status.code(), Some(0), "{input}: {}\n{text}", stderr(&output));
         // A mapping that is there is somebody's work.
         assert_eq!(magline(at, &["ingest", "--suggest", &sample(input), "-o", &name]).status.code(), Some(1));
     }
     // Without units in names, values tell what they can.
-    let mut csv = "timestamp,lat,lon,mx,my,mz,roll,yaw\n".to_owned();
+    let mut csv = "timestamp,lat,lon,mx,my,mz,Roll,Yaw\n".to_owned();
     for i in 0..200 {
         let t = 1_618_986_658_600_345_u64 + 20_000 * i;
         let a = i as f64 * 0.03;
-        csv += &format!("{t},{},{},{},{},{},{},{}\n", 634_170_622 + i, 104_082_151 + i, 0.2 * a.cos(), 0.2 * a.sin(), 0.45, 20.0 * a.sin(), a.to_degrees() % 360.0);
+        csv += &format!(
+            "{t},{},{},{},{},{},{},{}\n",
+            634_170_622 + i,
+            104_082_151 + i,
+            0.2 * a.cos(),
+            0.2 * a.sin(),
+            0.45,
+            20.0 * a.sin(),
+            a.to_degrees() % 360.0
+        );
     }
     fs::write(at.join("bare.csv"), csv.replace("mx,my,mz", "mag_x,mag_y,mag_z")).unwrap();
     let output = magline(at, &["ingest", "--suggest", "bare.csv"]);
     let text = stdout(&output);
-    for word in ["unit = \"us\", clock = \"unix\"", "unit = \"degE7\"", "unit = \"gauss\"", "ins_yaw = { from = \"yaw\", unit = \"deg\" }"] {
+    for word in [
+        "unit = \"us\", clock = \"unix\"",
+        "unit = \"degE7\"",
+        "unit = \"gauss\"",
+        "ins_yaw = { from = \"Yaw\", unit = \"deg\" }",
+    ] {
         assert!(text.contains(word), "no `{word}` in\n{text}");
     }
 }
@@ -422,7 +475,8 @@ fn user_a_suggested_mapping_is_valid_and_says_what_it_guessed() {
 fn val_the_uav_example_has_the_figures_of_numpy() {
     let folder = TempDir::new().unwrap();
     let spec = repository().join("datasets/examples/uav.toml").display().to_string();
-    let output = magline(folder.path(), &["run", &spec, "--set", &format!("store={}", folder.path().join("s").display())]);
+    let output =
+        magline(folder.path(), &["run", &spec, "--set", &format!("store={}", folder.path().join("s").display())]);
     assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
     for model in ["attitude", "motor"] {
         let scores = read(&folder.path().join(format!("s/tables/uav/{model}_scores")));

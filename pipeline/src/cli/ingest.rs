@@ -104,9 +104,7 @@ pub fn run(args: &IngestArgs) -> Result<(), Stop> {
     let works = works(args, &to)?;
     let hidden = to.join(".ingest");
     let failed = |e: std::io::Error| Stop::Failed(format!("error: cannot write to {}: {e}", to.display()));
-    make_folder(&absolute(&hidden)).map_err(failed)?;
-    sweep(&hidden);
-    let (unfinished, lock) = own_folder(&hidden).map_err(failed)?;
+    let (unfinished, lock) = working_folder(&hidden).map_err(failed)?;
     let unfinished = Temporary::new(unfinished);
     let options = FlightOptions {
         format: args.format.clone(),
@@ -145,8 +143,20 @@ pub fn run(args: &IngestArgs) -> Result<(), Stop> {
     told(args, &works, &results)
 }
 
-fn absolute(path: &Path) -> PathBuf {
-    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+/// A folder for unfinished files, with the lock that says that this process is at work in it.
+fn working_folder(hidden: &Path) -> std::io::Result<(PathBuf, fs::File)> {
+    const TRIALS: usize = 100;
+    let mut last = std::io::Error::other("no free name");
+    for _ in 0..TRIALS {
+        make_folder(&std::path::absolute(hidden)?)?;
+        sweep(hidden);
+        match own_folder(hidden) {
+            // A process that has just ended removed the empty folder.
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => last = e,
+            done => return done,
+        }
+    }
+    Err(last)
 }
 
 /// The files and tables, in the order of the inputs; two of one name are refused before anything is read.
@@ -198,11 +208,15 @@ fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<V
     if args.table.is_some() || tables.iter().all(|t| t.topic().is_none()) {
         return Ok(tables);
     }
-    let options = FlightOptions { format: args.format.clone().or(tables.iter().find_map(Mapped::format)), ..FlightOptions::default() };
+    let options = FlightOptions {
+        format: args.format.clone().or(tables.iter().find_map(Mapped::format)),
+        ..FlightOptions::default()
+    };
     let topics = datasets::topics_among(flight_formats(), path, &options).map_err(Fault::from)?;
     // Without a number a topic is the first instance.
     let plain = |name: &str| name.strip_suffix(":0").unwrap_or(name).to_owned();
-    let there = |t: &Mapped| t.topic().is_none_or(|topic| topics.iter().any(|known| plain(&known.name) == plain(topic)));
+    let there =
+        |t: &Mapped| t.topic().is_none_or(|topic| topics.iter().any(|known| plain(&known.name) == plain(topic)));
     let (there, missing): (Vec<Mapped>, Vec<Mapped>) = tables.into_iter().partition(there);
     for table in &missing {
         let topic = table.topic().unwrap_or_default();
@@ -283,7 +297,8 @@ fn summary(work: &Work, exported: &Exported) -> String {
         text += &format!(", {}", work.table());
     }
     text += &format!(" ({})\n", exported.format);
-    let named = |(name, unit): &(String, String)| if unit.is_empty() { name.clone() } else { format!("{name} [{unit}]") };
+    let named =
+        |(name, unit): &(String, String)| if unit.is_empty() { name.clone() } else { format!("{name} [{unit}]") };
     let columns_of: Vec<String> = exported.columns.iter().skip(3).map(named).collect();
     text += &format!("  columns: {}\n", columns_of.join(", "));
     let words = |w: &[&str]| w.iter().map(|x| (*x).to_owned()).collect::<Vec<String>>();
@@ -355,7 +370,8 @@ fn quality(works: &[Work], results: &[Result<Exported, Fault>]) -> String {
         return String::new();
     }
     rows.truncate(SHOWN + 1);
-    let more = if found > SHOWN { format!("  and {} more, in the files of _quality\n", found - SHOWN) } else { String::new() };
+    let more =
+        if found > SHOWN { format!("  and {} more, in the files of _quality\n", found - SHOWN) } else { String::new() };
     format!("\nquality\n{}{more}", columns(&rows, 5))
 }
 

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use arrow_array::{ArrayRef, RecordBatch};
+use arrow_array::{ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_cast::cast;
 use arrow_schema::{DataType, Field, Schema};
 use datafusion::{
@@ -44,7 +44,8 @@ impl RowValue {
     }
 
     fn read(sql: &str, source: &Schema) -> Result<RowValue, Fault> {
-        let seen: Vec<(usize, Field)> = source.fields().iter().enumerate().filter_map(|(i, f)| Some((i, seen(f)?))).collect();
+        let seen: Vec<(usize, Field)> =
+            source.fields().iter().enumerate().filter_map(|(i, f)| Some((i, seen(f)?))).collect();
         let all = Schema::new(seen.iter().map(|(_, f)| f.clone()).collect::<Vec<_>>());
         let names: Vec<&str> = source.fields().iter().map(|f| f.name().as_str()).collect();
         let failed = |e: DataFusionError| wrong(&e, &names);
@@ -57,7 +58,8 @@ impl RowValue {
         whole_division(&expr, &df)?;
         expression::shallow(&expr)?;
         let refs: Vec<String> = expr.column_refs().iter().map(|c| c.name.clone()).collect();
-        let (reads, fields): (Vec<usize>, Vec<Field>) = seen.into_iter().filter(|(_, f)| refs.contains(f.name())).unzip();
+        let (reads, fields): (Vec<usize>, Vec<Field>) =
+            seen.into_iter().filter(|(_, f)| refs.contains(f.name())).unzip();
         let schema = Arc::new(Schema::new(fields));
         let df = DFSchema::try_from(schema.as_ref().clone()).map_err(failed)?;
         let expr = SQL.create_physical_expr(expr, &df).map_err(failed)?;
@@ -75,7 +77,8 @@ impl RowValue {
             let lost = || Fault::bug(format!("a batch lacks its column {at}"));
             let column = batch.columns().get(*at).ok_or_else(lost)?;
             let cast = cast(column, field.data_type());
-            columns.push(cast.map_err(|e| Fault::data(e.to_string()).in_column(field.name()))?);
+            let cast = cast.map_err(|e| Fault::data(e.to_string()).in_column(field.name()))?;
+            columns.push(without_nan(cast));
         }
         let options = arrow_array::RecordBatchOptions::new().with_row_count(Some(batch.num_rows()));
         let rows = RecordBatch::try_new_with_options(self.schema.clone(), columns, &options);
@@ -101,6 +104,16 @@ fn seen(field: &Field) -> Option<Field> {
         return None;
     };
     Some(Field::new(field.name(), kind, true))
+}
+
+/// NaN is a missing value, and NULL in SQL, where it would be above all numbers otherwise.
+fn without_nan(array: ArrayRef) -> ArrayRef {
+    match array.as_primitive_opt::<Float64Type>() {
+        Some(numbers) if numbers.values().iter().any(|x| x.is_nan()) => {
+            Arc::new(numbers.iter().map(|x| x.filter(|x| !x.is_nan())).collect::<Float64Array>())
+        }
+        _ => array,
+    }
 }
 
 /// Rejects the division of whole numbers.
@@ -154,7 +167,7 @@ fn wrong(e: &DataFusionError, names: &[&str]) -> Fault {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use arrow_array::{Float64Array, Int32Array, StringArray, cast::AsArray, types::Float64Type};
+    use arrow_array::{Int32Array, StringArray};
 
     use super::*;
 
@@ -204,6 +217,17 @@ mod tests {
         }
         let fault = RowValue::new("Raw + 1", &batch().schema()).unwrap_err();
         assert_eq!(fault.help.as_deref(), Some("put the name in double quotes: `\"Raw\"`"));
+    }
+
+    #[test]
+    fn law_a_missing_number_is_unknown() {
+        let schema = Arc::new(Schema::new(vec![Field::new("x", DataType::Float64, true)]));
+        let batch =
+            RecordBatch::try_new(schema.clone(), vec![Arc::new(Float64Array::from(vec![f64::NAN, 4.0]))]).unwrap();
+        let above = RowValue::new("x >= 3", &schema).unwrap().evaluate(&batch).unwrap();
+        assert_eq!(above.as_boolean().iter().collect::<Vec<_>>(), [None, Some(true)]);
+        let filled = RowValue::new("coalesce(x, 0.0)", &schema).unwrap().evaluate(&batch).unwrap();
+        assert_eq!(filled.as_primitive::<Float64Type>().values().to_vec(), [0.0, 4.0]);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use std::{
 use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray, cast::AsArray, types::Float64Type};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use arrow_select::concat::concat_batches;
-use datasets::{FlightOptions, Reading};
+use datasets::{FlightOptions, Reading, formats::SayMadeFrom};
 use parquet::{
     arrow::ArrowWriter,
     basic::{Compression, ZstdLevel},
@@ -34,7 +34,7 @@ use super::{
     assemble::{Assembly, Whole},
     checks::{Measure, measures},
     formats::open_log,
-    mapping::Mapped,
+    mapping::{Mapped, is_shown},
     midnight,
     quality::{Origins, examine},
 };
@@ -122,14 +122,14 @@ impl Export<'_> {
     /// Fails for a log that cannot be read, a mapping that does not fit, files of other data in the way, and when the file
     /// system refuses. What is wrong with single lines stands in [`LineOf::faults`].
     pub fn run(&self) -> Result<Exported, Fault> {
-        let place = |f: Fault| if f.what.contains("-->") { f } else { f.in_file(&self.input.display().to_string()) };
+        let place = |f: Fault| if is_shown(&f) { f } else { f.in_file(&self.input.display().to_string()) };
         self.read().map_err(place)
     }
 
     fn read(&self) -> Result<Exported, Fault> {
-        let from = self.key()?;
         let reading = Reading { found: None, threads: 1 };
         let mut log = open_log(self.input, &self.options, self.mapped.as_ref(), &reading).map_err(Fault::from)?;
+        let from = self.key(log.made_from)?;
         let canonical = Canonical::new(&log.schema).map_err(|f| f.into_iter().next().unwrap_or_default())?;
         let origins = Origins::new(&log.schema, &self.options.rename).of_mapping(self.mapped.is_some());
         let mut assembly = Assembly::new(&self.options);
@@ -153,7 +153,12 @@ impl Export<'_> {
         for whole in assembly.finish() {
             take(whole)?;
         }
-        once_each(&mut lines)?;
+        if lines.is_empty() {
+            let Some(mapped) = &self.mapped else { return Err(Fault::data("the file holds no samples")) };
+            let name = self.input.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            log.notes.push(format!("{name}: no row is one of the table `{}`: nothing is written", mapped.name()));
+        }
+        once_each(&lines)?;
         let described = canonical.schema().fields().iter();
         let unit = |f: &Field| f.metadata().get("unit").cloned().unwrap_or_default();
         let columns = described.map(|f| (f.name().clone(), unit(f))).collect();
@@ -163,7 +168,7 @@ impl Export<'_> {
     }
 
     /// The key of what the files are made from.
-    fn key(&self) -> Result<Key, Fault> {
+    fn key(&self, made_from: Option<SayMadeFrom>) -> Result<Key, Fault> {
         let hash = |path: &Path| {
             let mut hasher = blake3::Hasher::new();
             let mut file = File::open(path)?;
@@ -185,6 +190,10 @@ impl Export<'_> {
             self.hive.to_string(),
             bytes(self.input)?,
         ];
+        let made_from = made_from.map(|say| say(self.input)).transpose().map_err(Fault::from)?;
+        for other in made_from.iter().flat_map(|m| &m.files) {
+            parts.push(bytes(other)?);
+        }
         if let Some(mapped) = &self.mapped {
             parts.push(mapped.key().to_string());
             // That it is missing is said where it is read.
@@ -203,7 +212,10 @@ impl Export<'_> {
         let mut faults: Vec<Fault> = fault.into_iter().collect();
         let Some(schema) = parts.first().map(RecordBatch::schema) else {
             let faults = faults.into_iter().map(placed).collect();
-            return Ok((LineOf { flight, line, rows, tt: (f64::NAN, f64::NAN), date: None, faults, measures: vec![] }, None));
+            return Ok((
+                LineOf { flight, line, rows, tt: (f64::NAN, f64::NAN), date: None, faults, measures: vec![] },
+                None,
+            ));
         };
         let mut batch = concat_batches(&schema, &parts).map_err(|e| Fault::data(e.to_string()))?;
         match midnight::unwrapped(&batch) {
@@ -247,7 +259,13 @@ impl Export<'_> {
     }
 
     /// Writes a line as a row group of its file.
-    fn write(&self, flight: &str, batch: &RecordBatch, from: Key, open: &mut BTreeMap<String, Open>) -> Result<(), Fault> {
+    fn write(
+        &self,
+        flight: &str,
+        batch: &RecordBatch,
+        from: Key,
+        open: &mut BTreeMap<String, Open>,
+    ) -> Result<(), Fault> {
         let own = if self.hive { flight } else { "" };
         // Of a folder `flight=...` the column is the folder's name.
         let columns: Vec<usize> = (usize::from(self.hive)..batch.num_columns()).collect();
@@ -351,7 +369,7 @@ fn properties(schema: &SchemaRef, from: Key) -> WriterProperties {
 }
 
 /// A line that stands in a file twice cannot be put in order.
-fn once_each(lines: &mut [LineOf]) -> Result<(), Fault> {
+fn once_each(lines: &[LineOf]) -> Result<(), Fault> {
     let mut seen: BTreeMap<(String, String), usize> = BTreeMap::new();
     for (i, line) in lines.iter().enumerate() {
         if seen.insert((line.flight.clone(), line.line.clone()), i).is_some() {

@@ -123,6 +123,10 @@ pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<
     if !faults.is_empty() {
         return Err(faults);
     }
+    // A mapping is an input too.
+    for mapped in flights.files.first().into_iter().filter_map(|file| file.mapped.as_ref()) {
+        files.push(Bytes { path: mapped.mapping().label.clone().into(), hash: mapped.key() });
+    }
     lines.sort_by(|a, b| (&a.flight, &a.line, a.file).cmp(&(&b.flight, &b.line, b.file)));
     Ok(Lines { lines: once_each(lines, &files), files })
 }

@@ -106,12 +106,15 @@ impl Flights {
     pub fn open_trusting(decl: &SourceDecl, folder: &std::path::Path, trust: Trust) -> Result<Flights, Vec<Fault>> {
         let placed = |f: Fault| f.at(decl.path.1.clone());
         let (options, mapped) = flight_options(decl, folder)?;
+        // What is wrong with a mapping is shown at its place in the mapping.
+        let shown = |f: &Fault| mapped.is_some() && mapping::is_shown(f);
         let any_name = decl.options.contains_key("format");
         let mut found = find(&decl.path.0, folder, any_name).map_err(|f| vec![placed(f)])?;
         if let Some(mapped) = mapped.as_ref().filter(|_| found.len() > 1) {
             found.retain(|path| mapped.is_in(path));
             if found.is_empty() {
-                let what = format!("no file of `{}` is one of the table `{}` of the mapping", decl.path.0, mapped.name());
+                let what =
+                    format!("no file of `{}` is one of the table `{}` of the mapping", decl.path.0, mapped.name());
                 return Err(vec![placed(Fault::new(what).help("its `file` says how they are named"))]);
             }
         }
@@ -128,15 +131,14 @@ impl Flights {
                     merge(&mut fields, canonical.schema(), &path, &mut faults);
                     files.push(file);
                 }
-                // What is wrong with a mapping is shown at its place in the mapping.
-                Err(wrong) => faults.extend(wrong.into_iter().map(|f| {
-                    let shown = mapped.is_some() && f.what.contains("-->");
-                    if shown { f } else { placed(f.in_file(&path.display().to_string())) }
-                })),
+                Err(wrong) => faults.extend(
+                    wrong
+                        .into_iter()
+                        .map(|f| if shown(&f) { f } else { placed(f.in_file(&path.display().to_string())) }),
+                ),
             }
         }
         if !faults.is_empty() {
-            let shown = |f: &Fault| f.what.contains("-->");
             return Err(faults.into_iter().map(|f| if shown(&f) { f } else { placed(f) }).collect());
         }
         let schema: SchemaRef = Arc::new(Schema::new(fields));

@@ -5,7 +5,7 @@ use std::{path::Path, sync::Arc};
 use datasets::{FlightOptions, MapOptions};
 use schemas::{Fault, Lists, Params, Reader, params};
 
-use super::mapping::{Mapped, Mapping};
+use super::mapping::{Mapped, Mapping, is_shown};
 use crate::spec::SourceDecl;
 
 params! {
@@ -46,7 +46,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<(FlightOptions
         return Err(taken);
     }
     // What is wrong with the text of a mapping is shown at its own place.
-    let mapping = Mapping::load(&name, folder).map_err(|f| vec![if f.what.contains("-->") { f } else { at(f, "mapping") }])?;
+    let mapping = Mapping::load(&name, folder).map_err(|f| vec![if is_shown(&f) { f } else { at(f, "mapping") }])?;
     let key = if table.is_some() { "table" } else { "mapping" };
     let mapped = Arc::new(mapping).table(table.as_deref()).map_err(|f| vec![at(f, key)])?;
     Ok((options, Some(mapped)))

@@ -59,10 +59,7 @@ fn of_time(tt: &[f64]) -> Vec<Measure> {
         count,
         first_tt: at(first),
     };
-    let mut out = vec![
-        one("rate", found.rate_hz, "Hz", all, None),
-        one("jitter", found.jitter_s, "s", all, None),
-    ];
+    let mut out = vec![one("rate", found.rate_hz, "Hz", all, None), one("jitter", found.jitter_s, "s", all, None)];
     for (check, tally, value, unit) in [
         ("gaps", found.gaps, found.missing_s, "s"),
         ("longest_gap", found.gaps, found.longest_gap_s, "s"),
@@ -166,13 +163,15 @@ mod tests {
     #[test]
     fn unit_a_line_gives_the_figures_of_each_column() {
         let tt: Vec<f64> = (0..200).map(|i| f64::from(i) * 0.1 + if i >= 100 { 5.0 } else { 0.0 }).collect();
-        let mag: Vec<f64> = (0..200).map(|i| 50_000.0 + f64::from((i * 7919) % 13) + if i == 150 { 900.0 } else { 0.0 }).collect();
+        let mag: Vec<f64> =
+            (0..200).map(|i| 50_000.0 + f64::from((i * 7919) % 13) + if i == 150 { 900.0 } else { 0.0 }).collect();
         let yaw: Vec<f64> = (0..200).map(|i| (350.0 + f64::from(i) * 0.37).rem_euclid(360.0)).collect();
         let fields = ["tt", "mag_1_uc", "yaw"].map(|n| {
             let known = schemas::flight::describe(n);
             schemas::field(n, DataType::Float64, known.unit, known.role, "")
         });
-        let columns: Vec<ArrayRef> = [tt, mag, yaw].into_iter().map(|c| Arc::new(Float64Array::from(c)) as ArrayRef).collect();
+        let columns: Vec<ArrayRef> =
+            [tt, mag, yaw].into_iter().map(|c| Arc::new(Float64Array::from(c)) as ArrayRef).collect();
         let schema: Schema = Schema::new(fields.to_vec() as Vec<Field>);
         let found = measures(&RecordBatch::try_new(Arc::new(schema), columns).unwrap());
         let of = |column: &str, check: &str| found.iter().find(|m| m.column == column && m.check == check);

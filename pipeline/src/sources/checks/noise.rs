@@ -9,7 +9,8 @@ use numerics::regression::statistics::median;
 /// The fourth difference centred at each row; NaN at the ends, at missing values and across gaps (`breaks`, before each row).
 pub fn fourth_differences(x: &[f64], breaks: &[bool]) -> Vec<f64> {
     let one = |i: usize| {
-        let (Some(w), Some(gaps)) = (i.checked_sub(2).and_then(|from| x.get(from..i + 3)), breaks.get(i.saturating_sub(1)..i + 3))
+        let (Some(w), Some(gaps)) =
+            (i.checked_sub(2).and_then(|from| x.get(from..i + 3)), breaks.get(i.saturating_sub(1)..i + 3))
         else {
             return f64::NAN;
         };

@@ -114,8 +114,16 @@ mod tests {
     fn law_the_jitter_is_that_of_the_steps() {
         // Steps of 1 s plus and minus 2 ms in turn: their distance from the median is 2 ms.
         let mut t = 0.0;
-        let tt: Vec<f64> = (0..2001).map(|i| { t += if i % 2 == 0 { 1.002 } else { 0.998 }; t }).collect();
+        let tt: Vec<f64> = (0..2001)
+            .map(|i| {
+                t += if i % 2 == 0 { 1.002 } else { 0.998 };
+                t
+            })
+            .collect();
         let found = sampling(&tt).unwrap();
-        assert!((found.jitter_s - 1.4826 * 0.004).abs() < 1e-9 || (found.jitter_s - 1.4826 * 0.002).abs() < 1e-9, "{found:?}");
+        assert!(
+            (found.jitter_s - 1.4826 * 0.004).abs() < 1e-9 || (found.jitter_s - 1.4826 * 0.002).abs() < 1e-9,
+            "{found:?}"
+        );
     }
 }

@@ -108,7 +108,8 @@ pub fn find(
     }
     let Some(day) = starts.first().map(|s| s.day) else {
         let fault = Fault::data(format!("no row of {place} says when the log began"));
-        let help = "say `epoch = { utc = \"2012-10-10T18:20:00Z\" }`, or `{ unknown = true }`, in a mapping of your own";
+        let help =
+            "say `epoch = { utc = \"2012-10-10T18:20:00Z\" }`, or `{ unknown = true }`, in a mapping of your own";
         return Err(mapping.wrong(vec![fault.help(help).at(epoch.at.clone())]));
     };
     let mut seconds: Vec<f64> = starts.iter().map(|s| s.seconds_since(day)).collect();

@@ -9,6 +9,7 @@ mod clock;
 mod declare;
 mod document;
 mod epoch;
+mod make;
 mod ready;
 mod rows;
 pub mod suggest;
@@ -104,7 +105,8 @@ impl Mapping {
         let table = match (name, tables.as_slice()) {
             (None, [_]) => 0,
             (None, _) => {
-                let what = format!("the mapping {} has {} tables, and `table` does not say which", self.label, tables.len());
+                let what =
+                    format!("the mapping {} has {} tables, and `table` does not say which", self.label, tables.len());
                 return Err(Fault::new(what).help(format!("its tables: {}", tables.join(", "))));
             }
             (Some(name), _) => tables.iter().position(|t| *t == name).ok_or_else(|| {
@@ -127,6 +129,11 @@ impl Mapping {
         let shown = schemas::render(&fault, &self.label, &self.text);
         ReadError::data(path, shown.strip_prefix("error: ").unwrap_or(&shown))
     }
+}
+
+/// Whether a fault already shows its place in a mapping, so that it needs none in a spec.
+pub fn is_shown(fault: &Fault) -> bool {
+    fault.what.contains("\n --> ") || fault.what.contains("\n  --> ") || fault.what.contains("\n   --> ")
 }
 
 /// A file and its topic, for messages.

@@ -57,7 +57,10 @@ impl Mounting {
     pub fn apply(&self, v: [f64; 3]) -> [f64; 3] {
         self.0.map(|row| {
             let parts = row.iter().zip(v).filter(|(m, _)| **m != 0.0);
-            parts.map(|(m, x)| if *m == 1.0 { x } else { m * x }).fold(None, |sum: Option<f64>, x| Some(sum.map_or(x, |s| s + x))).unwrap_or(0.0)
+            parts
+                .map(|(m, x)| if *m == 1.0 { x } else { m * x })
+                .fold(None, |sum: Option<f64>, x| Some(sum.map_or(x, |s| s + x)))
+                .unwrap_or(0.0)
         })
     }
 }
@@ -91,7 +94,9 @@ pub fn roll_pitch_yaw_deg(q: [f64; 4], order: Order, frames: Frames) -> [f64; 3]
     let roll = m[2][1].atan2(m[2][2]);
     let pitch = -m[2][0].clamp(-1.0, 1.0).asin();
     let yaw = m[1][0].atan2(m[0][0]).to_degrees();
-    [roll.to_degrees(), pitch.to_degrees(), if yaw < 0.0 { yaw + 360.0 } else { yaw }]
+    // A tiny negative angle plus 360 rounds to 360.
+    let turned = if yaw < 0.0 { yaw + 360.0 } else { yaw };
+    [roll.to_degrees(), pitch.to_degrees(), if turned >= 360.0 { 0.0 } else { turned }]
 }
 
 #[cfg(test)]

@@ -78,7 +78,8 @@ fn one(column: &Sample) -> Option<Clock> {
     let seconds = convert(unit, "s").unwrap_or(1.0);
     // From 2001 to 2096.
     let unix = (1e9..4e9).contains(&(first * seconds));
-    let of_day = column.name == "tt" || (column.words().iter().any(|w| w == "day" || w == "utc") && last * seconds < 172_800.0);
+    let of_day =
+        column.name == "tt" || (column.words().iter().any(|w| w == "day" || w == "utc") && last * seconds < 172_800.0);
     let (clock, why) = match (unix, of_day) {
         (true, _) => ("unix", "so many seconds after 1970 are of this century"),
         (_, true) => ("day", "its name says seconds past midnight; the date is not known"),
@@ -98,13 +99,16 @@ fn one(column: &Sample) -> Option<Clock> {
 /// The unit of a time: what the file or its name says, what the size says, or what makes a rate.
 fn unit_of(column: &Sample, first: f64, step: f64) -> Option<(&'static str, &'static str)> {
     let units = ["s", "ms", "us", "ns"];
-    if let Some(unit) = units.iter().find(|u| convert(&column.unit, "s") == convert(u, "s") && !column.unit.is_empty()) {
+    if let Some(unit) = units.iter().find(|u| convert(&column.unit, "s") == convert(u, "s") && !column.unit.is_empty())
+    {
         return Some((unit, "the file says so"));
     }
     let words = column.words();
     let joined = words.concat();
     let ends = |u: &str| words.len() > 1 && (words.last().is_some_and(|w| w == u) || joined == format!("time{u}"));
-    if let Some(unit) = ["us", "ms", "ns", "s"].iter().find(|u| ends(u) || (words.last().is_some_and(|w| w == *u) && words.len() > 1)) {
+    if let Some(unit) =
+        ["us", "ms", "ns", "s"].iter().find(|u| ends(u) || (words.last().is_some_and(|w| w == *u) && words.len() > 1))
+    {
         return Some((unit, "its name ends so"));
     }
     for (unit, factor) in [("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)] {
@@ -146,12 +150,16 @@ fn of_topic(topic: &Topic) -> Option<String> {
     let millis = |c: &&Sample| {
         c.range().is_some_and(|(_, high)| (1_000_000.0..604_800_000.0).contains(&high)) && c.whole && rises(c)
     };
-    let mut lines = vec!["\n[epoch]   # guess: when the log began, from the time that is logged beside its own clock".to_owned()];
+    let mut lines =
+        vec!["\n[epoch]   # guess: when the log began, from the time that is logged beside its own clock".to_owned()];
     if !topic.name.is_empty() {
         lines.push(format!("topic     = {}", quoted(&topic.name)));
     }
     let mut rows = vec![];
-    if let Some(fix) = topic.columns.iter().find(|c| ["status", "fix_type", "fix", "fixtype"].contains(&c.name.to_lowercase().as_str()))
+    if let Some(fix) = topic
+        .columns
+        .iter()
+        .find(|c| ["status", "fix_type", "fix", "fixtype"].contains(&c.name.to_lowercase().as_str()))
         && fix.known().any(|x| x >= 3.0)
     {
         rows.push(format!("\"{}\" >= 3", fix.name));
@@ -175,7 +183,10 @@ fn of_topic(topic: &Topic) -> Option<String> {
             named && c.known().any(|x| (1e15..4e15).contains(&x))
         })?;
         rows.push(format!("\"{}\" > 0", unix.name));
-        lines.push(format!("from      = {}\nunit      = \"us\"   # so it is a date of this century", quoted(&unix.name)));
+        lines.push(format!(
+            "from      = {}\nunit      = \"us\"   # so it is a date of this century",
+            quoted(&unix.name)
+        ));
         lines.push("clock     = \"unix\"".to_owned());
         let clock = clock.filter(|c| c.boot)?;
         (clock.column.clone(), clock.unit)
@@ -190,6 +201,9 @@ fn boot_beside(topic: &Topic, of_week: &str) -> Option<(String, &'static str)> {
     if let Some(clock) = topic.clock.as_ref().filter(|c| c.boot && c.column != of_week) {
         return Some((clock.column.clone(), clock.unit));
     }
-    let own = topic.columns.iter().filter(|c| c.name != of_week && ["t", "timeus", "time", "timestamp"].contains(&c.words().concat().as_str()));
+    let own = topic
+        .columns
+        .iter()
+        .filter(|c| c.name != of_week && ["t", "timeus", "time", "timestamp"].contains(&c.words().concat().as_str()));
     own.filter_map(one).find(|c| c.boot).map(|c| (c.column.clone(), c.unit))
 }

@@ -1,6 +1,6 @@
 //! Which columns are recognised, by their names, units and values.
 
-use schemas::{convert, flight, is_unit};
+use schemas::{convert, flight, is_unit, plausible::limits};
 
 use super::{Topic, quoted, sample::Sample};
 
@@ -38,7 +38,11 @@ pub fn guesses(topic: &Topic, letters: &mut impl Iterator<Item = char>) -> Vec<G
         if let Some(guess) = vector(topic, &axes, &words, letters) {
             let name = guess.ours.clone();
             let n = out.iter().filter(|g| g.ours == name || g.ours.starts_with(&format!("{name}_"))).count();
-            out.push(if n > 0 && guess.is_used() { Guess { ours: format!("{name}_{}", n + 1), ..guess } } else { guess });
+            out.push(if n > 0 && guess.is_used() {
+                Guess { ours: format!("{name}_{}", n + 1), ..guess }
+            } else {
+                guess
+            });
         }
     }
     let clock = topic.clock.as_ref().map(|c| c.column.as_str());
@@ -116,7 +120,15 @@ fn said_unit(column: &Sample, wanted: &str) -> Option<String> {
     }
     let words = column.words();
     // `rad_s` and `m_s2` are two words; a letter of an axis may stand behind them.
-    let ends = |n: usize| words.iter().rev().filter(|w| !["x", "y", "z", "0", "1", "2"].contains(&w.as_str())).take(n).cloned().collect::<Vec<_>>();
+    let ends = |n: usize| {
+        words
+            .iter()
+            .rev()
+            .filter(|w| !["x", "y", "z", "0", "1", "2"].contains(&w.as_str()))
+            .take(n)
+            .cloned()
+            .collect::<Vec<_>>()
+    };
     let two = ends(2);
     let pairs = [("s", "rad", "rad/s"), ("s", "m", "m/s"), ("s2", "m", "m/s2"), ("s", "deg", "deg/s")];
     if let [last, before] = two.as_slice()
@@ -135,6 +147,13 @@ fn said_unit(column: &Sample, wanted: &str) -> Option<String> {
     (words.len() > 1 && usual.contains(&last.as_str()) && convert(unit, wanted).is_some()).then(|| unit.to_owned())
 }
 
+/// Whether a column can be `ours` in a unit: a reader takes a usual name for what it usually means.
+fn can_be(column: &Sample, ours: &str, unit: &str) -> bool {
+    let factor = convert(unit, flight::describe(ours).unit).unwrap_or(1.0);
+    let Some((limits, (low, high))) = limits(ours).zip(column.range()) else { return true };
+    limits.holds(low * factor) && limits.holds(high * factor)
+}
+
 fn vector(
     topic: &Topic,
     axes: &[&Sample; 3],
@@ -147,7 +166,13 @@ fn vector(
     let size = magnitude(axes)?;
     let left = |why: String| {
         let shown = theirs.join(", ");
-        Some(Guess { ours: shown, theirs: theirs.clone(), said: String::new(), why: format!("left out: {why}"), is_vector: true })
+        Some(Guess {
+            ours: shown,
+            theirs: theirs.clone(),
+            said: String::new(),
+            why: format!("left out: {why}"),
+            is_vector: true,
+        })
     };
     let made = |ours: String, unit: &str, rest: &str, why: String| {
         let said = format!("{{ {from}, unit = \"{unit}\"{rest} }}");
@@ -162,14 +187,21 @@ fn vector(
         let (unit, why) = match said_unit(first, "nT") {
             Some(unit) => (unit, "its unit is said".to_owned()),
             None => match FIELD.iter().find(fits) {
-                Some((unit, factor)) => ((*unit).to_owned(), format!("a median magnitude of {size:.4} is {:.0} nT so", size * factor)),
-                None => return left(format!("a median magnitude of {size:.4} is the earth's field in no unit; give it its `unit`")),
+                Some((unit, factor)) => {
+                    ((*unit).to_owned(), format!("a median magnitude of {size:.4} is {:.0} nT so", size * factor))
+                }
+                None => {
+                    return left(format!(
+                        "a median magnitude of {size:.4} is the earth's field in no unit; give it its `unit`"
+                    ));
+                }
             },
         };
         let letter = letters.next()?;
-        let offsets = topic.columns.iter().any(|c| {
-            c.words().iter().any(|w| ["ofs", "offset", "bias"].contains(&w.as_str())) && c.largest() > 0.0
-        });
+        let offsets = topic
+            .columns
+            .iter()
+            .any(|c| c.words().iter().any(|w| ["ofs", "offset", "bias"].contains(&w.as_str())) && c.largest() > 0.0);
         let doubt = if offsets {
             "; check `axes` and `rotation_deg`, and whether the offsets beside it are added: `sql` takes them off"
         } else {
@@ -184,14 +216,21 @@ fn vector(
             [("m/s2", 9.81), ("g0", 1.0)].into_iter().find(|(_, g)| near(*g)).map(|(u, _)| u.to_owned())
         });
         return match unit {
-            Some(unit) => made("accel".to_owned(), &unit, &about("specific force"), format!("a median magnitude of {size:.3} {unit}")),
+            Some(unit) => made(
+                "accel".to_owned(),
+                &unit,
+                &about("specific force"),
+                format!("a median magnitude of {size:.3} {unit}"),
+            ),
             None => left(format!("a median magnitude of {size:.3} is gravity in no unit; give it its `unit`")),
         };
     }
     if has(words, &["gyr", "gyro", "gyroscope"]) {
         return match said_unit(first, "deg/s") {
             Some(unit) => made("gyro".to_owned(), &unit, &about("angular rate"), "its unit is said".to_owned()),
-            None => left("an angular rate in rad/s or deg/s, which its values do not tell; give it its `unit`".to_owned()),
+            None => {
+                left("an angular rate in rad/s or deg/s, which its values do not tell; give it its `unit`".to_owned())
+            }
         };
     }
     None
@@ -216,12 +255,18 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
             return left("the date follows from the time");
         }
         let said = format!("{{ from = {from} }}");
-        return Some(Guess { ours: column.name.clone(), theirs, said, why: "its name is that of the flight table".to_owned(), is_vector: false });
+        return Some(Guess {
+            ours: column.name.clone(),
+            theirs,
+            said,
+            why: "its name is that of the flight table".to_owned(),
+            is_vector: false,
+        });
     }
     // What already has the name of the flight table, and a unit of its dimension.
     let listed = flight::COLUMNS.iter().any(|(name, _)| *name == column.name);
     if (listed || flight::is_scalar_reading(&column.name) || flight::vector_part(&column.name).is_some())
-        && let Some(unit) = said_unit(column, known.unit)
+        && let Some(unit) = said_unit(column, known.unit).filter(|unit| can_be(column, &column.name, unit))
     {
         return made(&column.name, &unit, "its name is that of the flight table, and its unit is said");
     }
@@ -239,20 +284,30 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
         if low == high && low == 0.0 {
             return left("it is 0 throughout");
         }
-        return match said_unit(column, "deg") {
+        return match said_unit(column, "deg").filter(|unit| can_be(column, ours, unit)) {
             Some(unit) => made(ours, &unit, "its unit is said"),
-            None if largest <= ends.0 => made(ours, "rad", &format!("values up to {largest:.4} are radians, unless it is flown near 0 degrees")),
+            None if largest <= ends.0 => {
+                made(ours, "rad", &format!("values up to {largest:.4} are radians, unless it is flown near 0 degrees"))
+            }
             None if largest <= ends.1 => made(ours, "deg", &format!("values up to {largest:.2} are degrees")),
-            None if column.whole && largest <= ends.2 => made(ours, "degE7", &format!("whole numbers up to {largest:.0} are 1e-7 degrees")),
+            None if column.whole && largest <= ends.2 => {
+                made(ours, "degE7", &format!("whole numbers up to {largest:.0} are 1e-7 degrees"))
+            }
             None => left("its values are no angle in a usual unit"),
         };
     }
-    let angle = ["roll", "pitch", "yaw"].into_iter().find(|a| joined == *a || (words.len() > 1 && has(&words, &[a]) && said_unit(column, "deg").is_some()));
+    let angle = ["roll", "pitch", "yaw"]
+        .into_iter()
+        .find(|a| joined == *a || (words.len() > 1 && has(&words, &[a]) && said_unit(column, "deg").is_some()));
     if let Some(angle) = angle {
         let ours = format!("ins_{angle}");
         return match said_unit(column, "deg") {
             Some(unit) => made(&ours, &unit, "its unit is said; an estimate of the autopilot, not truth"),
-            None if largest > 6.4 => made(&ours, "deg", &format!("values up to {largest:.1} are degrees; an estimate of the autopilot, not truth")),
+            None if largest > 6.4 => made(
+                &ours,
+                "deg",
+                &format!("values up to {largest:.1} are degrees; an estimate of the autopilot, not truth"),
+            ),
             None => left(&format!("an angle of at most {largest:.2}, in degrees or radians; give it its `unit`")),
         };
     }
@@ -270,9 +325,10 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
             _ => left("a height: above the ellipsoid it is `alt`, above the sea `msl`; give it its `unit`"),
         };
     }
-    if has(&words, &["mag", "magnetometer"]) && !has(&words, &["x", "y", "z", "0", "1", "2"]) && !column.whole {
+    if has(&words, &["mag", "magnetometer"]) && !has(&words, &["x", "y", "z"]) && !column.whole {
         let median = column.median()?;
-        let unit = said_unit(column, "nT").filter(|u| convert(u, "nT").is_some_and(|f| (15_000.0..80_000.0).contains(&(median * f))));
+        let unit = said_unit(column, "nT")
+            .filter(|u| convert(u, "nT").is_some_and(|f| (15_000.0..80_000.0).contains(&(median * f))));
         let unit = unit.or_else(|| (15_000.0..80_000.0).contains(&median).then(|| "nT".to_owned()));
         if let Some(unit) = unit {
             let ours = if known.unit == "nT" { column.name.as_str() } else { "mag_1_uc" };
@@ -283,14 +339,18 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
         let ours = format!("cur_{}", own_word(&words));
         return match said_unit(column, "A") {
             Some(unit) => made(&ours, &unit, "its unit is said"),
-            None => left("a current in A, mA or 0.01 A, which its values do not tell; give it its `unit` (and `scale`)"),
+            None => {
+                left("a current in A, mA or 0.01 A, which its values do not tell; give it its `unit` (and `scale`)")
+            }
         };
     }
     if has(&words, &["volt", "voltage"]) && !has(&words, &["filtered", "cell"]) {
         let ours = format!("vol_{}", own_word(&words));
         return match said_unit(column, "V") {
             Some(unit) => made(&ours, &unit, "its unit is said"),
-            None => left("a voltage in V, mV or 0.01 V, which its values do not tell; give it its `unit` (and `scale`)"),
+            None => {
+                left("a voltage in V, mV or 0.01 V, which its values do not tell; give it its `unit` (and `scale`)")
+            }
         };
     }
     let wind = has(&words, &["wind", "sp", "des", "var", "innov"]);
@@ -303,7 +363,10 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
         }
     }
     if listed && !known.unit.is_empty() {
-        return left(&format!("its name is that of the flight table, where it is in {}; give it its `unit`", known.unit));
+        return left(&format!(
+            "its name is that of the flight table, where it is in {}; give it its `unit`",
+            known.unit
+        ));
     }
     None
 }

@@ -109,7 +109,10 @@ fn shown(name: &str) -> String {
 /// The flight and the line: columns of these names, where all tables have them.
 fn keys(tables: &[(&Topic, &Clock, Vec<Guess>)]) -> String {
     let mut text = String::new();
-    for (key, usual) in [("flight", "{ of_file = true }   # guess: one flight in a file, of its name"), ("line", "\"1\"                  # guess: one line in a file")] {
+    for (key, usual) in [
+        ("flight", "{ of_file = true }   # guess: one flight in a file, of its name"),
+        ("line", "\"1\"                  # guess: one line in a file"),
+    ] {
         let own = tables.iter().all(|(topic, ..)| topic.column(key).is_some());
         text += &if own { format!("{key:6} = {{ from = \"{key}\" }}\n") } else { format!("{key:6} = {usual}\n") };
     }
@@ -145,9 +148,11 @@ fn table(name: &str, topic: &Topic, clock: &Clock, found: &[Guess]) -> String {
     }
     let named = |c: &&Sample| {
         let quoted_name = quoted(&c.name);
-        clock.said.contains(&quoted_name) || found.iter().any(|g| g.said.contains(&quoted_name) || g.theirs.contains(&c.name))
+        clock.said.contains(&quoted_name)
+            || found.iter().any(|g| g.said.contains(&quoted_name) || g.theirs.contains(&c.name))
     };
-    let others: Vec<String> = topic.columns.iter().filter(|c| !named(c)).map(|c| c.name.escape_default().to_string()).collect();
+    let others: Vec<String> =
+        topic.columns.iter().filter(|c| !named(c)).map(|c| c.name.escape_default().to_string()).collect();
     if !others.is_empty() {
         text += &wrapped(&format!("not recognised: {}", others.join(", ")));
     }

@@ -52,7 +52,9 @@ impl Sample {
         let mut words: Vec<String> = vec![String::new()];
         let mut before = ' ';
         for c in self.name.chars() {
-            let breaks = !c.is_alphanumeric() || (c.is_uppercase() && before.is_lowercase()) || (c.is_ascii_digit() != before.is_ascii_digit() && before.is_alphanumeric());
+            let breaks = !c.is_alphanumeric()
+                || (c.is_uppercase() && before.is_lowercase())
+                || (c.is_ascii_digit() != before.is_ascii_digit() && before.is_alphanumeric());
             if breaks {
                 words.push(String::new());
             }
@@ -113,6 +115,8 @@ fn add(sample: &mut Sample, column: &ArrayRef) {
         && let Ok(text) = cast(column, &DataType::Utf8)
     {
         let text = text.as_string::<i32>();
-        sample.text = (0..text.len()).find(|i| text.is_valid(*i) && !text.value(*i).trim().is_empty()).map(|i| text.value(i).to_owned());
+        sample.text = (0..text.len())
+            .find(|i| text.is_valid(*i) && !text.value(*i).trim().is_empty())
+            .map(|i| text.value(i).to_owned());
     }
 }
