@@ -12,6 +12,7 @@ mod examples;
 mod failures;
 mod field;
 mod filters;
+mod ingest;
 mod killed;
 mod log_stages;
 mod map_lookup;

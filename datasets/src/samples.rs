@@ -38,7 +38,7 @@ mod tests {
 
     #[test]
     fn unit_every_sample_is_in_its_manifest_with_its_hash() {
-        assert_eq!(folders().len(), 7);
+        assert_eq!(folders().len(), 9);
         for folder in folders() {
             let text = fs::read_to_string(folder.join("MANIFEST.toml")).unwrap();
             let manifest: toml::Table = text.parse().unwrap();

@@ -6,7 +6,7 @@ use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, StringArray, cast:
 use arrow_cast::cast;
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 
-use crate::{Described, Fault, Role, convert, field, flight};
+use crate::{Described, Fault, Role, convert, describe_field, field, flight};
 
 /// How each column of a file becomes a column of the flight table.
 #[derive(Clone, Debug)]
@@ -110,7 +110,11 @@ fn step(source: &Field) -> Result<(Step, Field), Fault> {
     let name = source.name();
     let known = flight::describe(name);
     let kind = flattened(source.data_type());
+    // A name that the contract does not know may say its own role.
+    let said = describe_field(source).role;
+    let own_role = matches!(said, Role::Truth | Role::Sensor).then_some(said).filter(|_| known.description.is_empty());
     let as_field = |t: DataType, unit: &str, role: Role| {
+        let role = own_role.unwrap_or(role);
         let own = source.metadata().get("description").map(String::as_str);
         field(name, t, unit, role, own.filter(|d| !d.is_empty()).unwrap_or(known.description))
     };
@@ -255,6 +259,15 @@ mod tests {
         assert!(lat.value(1).is_nan());
         assert_eq!(out.column(4).data_type(), &DataType::Int64);
         assert_eq!(out.schema().field(3).metadata()["unit"], "deg");
+    }
+
+    #[test]
+    fn unit_a_name_of_its_own_keeps_its_role_and_a_known_name_has_that_of_the_contract() {
+        let fields = ["flight", "line", "tt", "reference", "lat", "other"]
+            .map(|n| crate::field(n, DataType::Float64, "", if n == "other" { Role::Key } else { Role::Truth }, ""));
+        let out = Canonical::new(&Schema::new(fields.to_vec())).unwrap();
+        let roles: Vec<&str> = out.schema().fields().iter().map(|f| f.metadata()["role"].as_str()).collect();
+        assert_eq!(roles, ["key", "key", "time", "truth", "truth", "aux"]);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use std::{io::Write, process::exit, sync::atomic::Ordering};
 
+use super::temporary;
 use crate::run::{INTERRUPTED, STARTED};
 
 /// The message on an interrupted run.
@@ -9,6 +10,16 @@ pub const SAID: &str = "interrupted; what was finished is kept, and the same com
 
 /// The exit status of an interrupted run.
 pub const STATUS: u8 = 130;
+
+/// From now on an interrupt ends the process at once, without its unfinished files.
+pub fn leave() {
+    // Where no handler can be set, the next process removes them.
+    let _ = ctrlc::set_handler(|| {
+        temporary::remove_all();
+        let _ = writeln!(std::io::stderr(), "interrupted; files that are finished are kept");
+        exit(i32::from(STATUS));
+    });
+}
 
 /// From now on an interrupt ends a run after the units that are being computed. While sources are read or simulated,
 /// which may take long for a single file, it ends the process at once: the store is consistent at any moment, and the

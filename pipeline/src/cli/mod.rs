@@ -3,6 +3,7 @@
 
 mod answer;
 mod events;
+mod ingest;
 mod interrupt;
 mod map;
 mod progress;
@@ -28,7 +29,7 @@ use crate::{
     plan::{Graph, Plan},
     read_spec,
     run::{self, Event, Listener, Summary},
-    sources::Flights,
+    sources::{self, Flights},
     spec::{Faults, Spec},
     store::Store,
     views::{self, score_table, scores, warnings},
@@ -106,7 +107,7 @@ enum Command {
     },
     /// List the stages, or describe one.
     Stages {
-        /// The stage, or `synth` for every key of a simulation's spec.
+        /// The stage, `synth` for every key of a simulation's spec, or `mapping` for every key of a mapping.
         name: Option<String>,
         /// The reference page of all stages.
         #[arg(long)]
@@ -122,6 +123,8 @@ enum Command {
         #[command(subcommand)]
         command: map::MapCommand,
     },
+    /// Bring logs into flight Parquet, with a summary of their quality.
+    Ingest(ingest::IngestArgs),
     /// Simulate flights with known truth.
     Synth {
         /// The simulation's spec.
@@ -245,6 +248,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         }
         Command::Stages { name, markdown } => stages(catalogue, name.as_deref(), markdown),
         Command::Report(args) => report::run(catalogue, &args),
+        Command::Ingest(args) => ingest::run(&args),
         Command::Map { quiet, command } => map::run(&command, quiet),
         Command::Synth { spec, to, quiet } => synth(&spec, &to, quiet),
     };
@@ -345,8 +349,9 @@ fn with_graph(
 
 fn stages(all: &[Entry], name: Option<&str>, markdown: bool) -> Result<(), Stop> {
     match name {
-        // The simulator is no stage, and its spec has a reference of the same kind.
+        // The simulator and mappings are no stages, and have references of the same kind.
         Some("synth") => say(simulate::reference()),
+        Some("mapping") => say(sources::mapping::reference()),
         Some(name) => say(views::stage_page(all, name)?),
         None if markdown => say(views::reference_page(all)),
         None => say(views::stages_overview(all)),

@@ -72,28 +72,42 @@ impl Finding {
 
 /// How a file names its columns and in which units they are, for messages that say what to write into the spec.
 #[derive(Clone, Debug, Default)]
-pub struct Origins(BTreeMap<String, (String, String)>);
+pub struct Origins {
+    columns: BTreeMap<String, (String, String)>,
+    /// Whether a mapping says what the columns are.
+    mapping: bool,
+}
 
 impl Origins {
     /// From the schema that the reader gave and the table's `rename`.
     pub fn new(schema: &Schema, rename: &BTreeMap<String, String>) -> Origins {
         let theirs = |ours: &str| rename.iter().find(|(_, to)| *to == ours).map_or(ours, |(from, _)| from).to_owned();
         let unit = |f: &arrow_schema::Field| f.metadata().get("unit").cloned().unwrap_or_default();
-        Origins(schema.fields().iter().map(|f| (f.name().clone(), (theirs(f.name()), unit(f)))).collect())
+        let columns = schema.fields().iter().map(|f| (f.name().clone(), (theirs(f.name()), unit(f)))).collect();
+        Origins { columns, mapping: false }
+    }
+
+    /// Whether a mapping says what the columns are.
+    pub(super) fn of_mapping(self, mapping: bool) -> Origins {
+        Origins { mapping, ..self }
     }
 
     /// The file's name of the column `ours`.
     pub fn name<'a>(&'a self, ours: &'a str) -> &'a str {
-        self.0.get(ours).map_or(ours, |(name, _)| name)
+        self.columns.get(ours).map_or(ours, |(name, _)| name)
     }
 
     /// The unit that the file or the spec gives; empty where neither does.
     pub(super) fn unit(&self, ours: &str) -> &str {
-        self.0.get(ours).map_or("", |(_, unit)| unit)
+        self.columns.get(ours).map_or("", |(_, unit)| unit)
     }
 
     /// `units = { "name" = "unit" }`, for the columns `ours`.
     pub fn units(&self, ours: &[&str], unit: &str) -> String {
+        if self.mapping {
+            let names: Vec<String> = ours.iter().map(|o| format!("`{o}`")).collect();
+            return format!("say `unit = \"{unit}\"` of {} in the mapping", names.join(", "));
+        }
         let each: Vec<String> = ours.iter().map(|o| format!("\"{}\" = \"{unit}\"", self.name(o))).collect();
         format!("say `units = {{ {} }}` in the table of the spec", each.join(", "))
     }

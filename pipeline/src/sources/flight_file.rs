@@ -2,11 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use datasets::{FlightOptions, FlightReader, ReadError, Reading, formats::SayMadeFrom};
+use datasets::{FlightOptions, ReadError, Reading, formats::SayMadeFrom};
 
 use super::{
     bytes::{Seen, Trust},
-    open_flight,
+    formats::{LogReader, open_log},
+    mapping::Mapped,
 };
 use crate::{keys::Key, store::Store};
 
@@ -14,6 +15,8 @@ use crate::{keys::Key, store::Store};
 pub(super) struct FlightFile {
     pub(super) path: PathBuf,
     pub(super) options: FlightOptions,
+    /// What its columns mean, where that is not what their names say.
+    pub(super) mapped: Option<Mapped>,
     /// Returns its inputs, where its values are computed from others.
     pub(super) made_from: Option<SayMadeFrom>,
     /// The result of scanning it, such as the types of columns; valid while the file is unchanged.
@@ -27,39 +30,43 @@ impl FlightFile {
     pub(super) fn open(
         path: &Path,
         options: FlightOptions,
+        mapped: Option<&Mapped>,
         threads: usize,
         trust: Trust,
-    ) -> Result<(FlightFile, FlightReader), ReadError> {
+    ) -> Result<(FlightFile, LogReader), ReadError> {
         let store = trust.store.filter(|_| !trust.read_all);
-        let known = store.zip(key(path, &options)).and_then(|(store, key)| Seen::known(store, key, path));
+        let known = store.zip(key(path, &options, mapped)).and_then(|(store, key)| Seen::known(store, key, path));
         let reading = Reading { found: known.as_ref().map(|seen| seen.found.clone()), threads };
-        let open = || open_flight(path, &options, &reading);
-        let (reader, seen) = Seen::by(path, open, |reader| reader.found().map(str::to_owned))?;
-        let (kept, made_from) = (known.is_some(), reader.made_from());
-        Ok((FlightFile { path: path.to_owned(), options, made_from, found: known.or(seen), kept }, reader))
+        let open = || open_log(path, &options, mapped, &reading);
+        let (reader, seen) = Seen::by(path, open, |reader| reader.found.clone())?;
+        let (kept, made_from, mapped) = (known.is_some(), reader.made_from, mapped.cloned());
+        Ok((FlightFile { path: path.to_owned(), options, mapped, made_from, found: known.or(seen), kept }, reader))
     }
 
     /// Opens it again, for its rows.
-    pub(super) fn read(&self, threads: usize) -> Result<FlightReader, ReadError> {
+    pub(super) fn read(&self, threads: usize) -> Result<LogReader, ReadError> {
         let found = self.found.as_ref().filter(|seen| seen.is_of(&self.path)).map(|seen| seen.found.clone());
-        open_flight(&self.path, &self.options, &Reading { found, threads })
+        open_log(&self.path, &self.options, self.mapped.as_ref(), &Reading { found, threads })
     }
 
     /// Caches the result of scanning.
     pub(super) fn keep(&self, store: &Store) {
-        if let (false, Some(seen), Some(key)) = (self.kept, &self.found, key(&self.path, &self.options)) {
+        let key = key(&self.path, &self.options, self.mapped.as_ref());
+        if let (false, Some(seen), Some(key)) = (self.kept, &self.found, key) {
             seen.keep(store, key);
         }
     }
 }
 
-fn key(path: &Path, options: &FlightOptions) -> Option<Key> {
+fn key(path: &Path, options: &FlightOptions, mapped: Option<&Mapped>) -> Option<Key> {
     let full = path.canonicalize().ok()?;
     let options = format!("{options:?}");
-    Some(Key::of([
-        "found".as_bytes(),
-        datasets::VERSION.as_bytes(),
-        options.as_bytes(),
-        full.to_string_lossy().as_bytes(),
-    ]))
+    let mut parts = vec![
+        "found".as_bytes().to_vec(),
+        datasets::VERSION.as_bytes().to_vec(),
+        options.into_bytes(),
+        full.to_string_lossy().as_bytes().to_vec(),
+    ];
+    parts.extend(mapped.map(|m| m.key().to_string().into_bytes()));
+    Some(Key::of(parts))
 }

@@ -2,11 +2,14 @@
 
 use std::{path::Path, sync::LazyLock};
 
+use arrow_schema::SchemaRef;
 use datasets::{
-    FlightOptions, FlightReader, ReadError, Reading,
-    formats::{self, FlightFormat},
+    FlightOptions, FlightReader, Part, ReadError, Reading,
+    formats::{self, FlightFormat, Parts, SayMadeFrom},
     open_flight_among,
 };
+
+use super::mapping::Mapped;
 
 static FORMATS: LazyLock<Vec<FlightFormat>> = LazyLock::new(|| formats::flight_formats(&[simulate::FORMAT]));
 
@@ -21,4 +24,51 @@ pub fn flight_formats() -> &'static [FlightFormat] {
 /// Fails as [`datasets::open_flight`].
 pub fn open_flight(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<FlightReader, ReadError> {
     open_flight_among(flight_formats(), path, options, reading)
+}
+
+/// An open log with the names of the flight table: as its format gives them, or through a mapping.
+pub struct LogReader {
+    /// The name of its format.
+    pub format: &'static str,
+    /// The schema of every batch; metadata `unit` is the unit of the values.
+    pub schema: SchemaRef,
+    /// Notes for the user on the whole file.
+    pub notes: Vec<String>,
+    /// The result of scanning the whole file, for [`Reading::found`].
+    pub found: Option<String>,
+    /// Sets the inputs of the flight, where they are not its file alone.
+    pub made_from: Option<SayMadeFrom>,
+    /// The rows.
+    pub parts: Parts,
+}
+
+impl LogReader {
+    /// The next rows, with the faults of single rows.
+    pub fn next_part(&mut self) -> Option<Result<Part, ReadError>> {
+        self.parts.next()
+    }
+}
+
+/// Opens a log, through `mapped` where there is a mapping.
+///
+/// # Errors
+/// Fails as [`open_flight`], and for a mapping that does not fit the file.
+pub fn open_log(
+    path: &Path,
+    options: &FlightOptions,
+    mapped: Option<&Mapped>,
+    reading: &Reading,
+) -> Result<LogReader, ReadError> {
+    if let Some(mapped) = mapped {
+        return mapped.open(path, options, reading, flight_formats());
+    }
+    let mut reader = open_flight(path, options, reading)?;
+    Ok(LogReader {
+        format: reader.format(),
+        schema: reader.schema().clone(),
+        notes: reader.notes().to_vec(),
+        found: reader.found().map(str::to_owned),
+        made_from: reader.made_from(),
+        parts: Box::new(std::iter::from_fn(move || reader.next_part())),
+    })
 }

@@ -123,6 +123,10 @@ pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<
     if !faults.is_empty() {
         return Err(faults);
     }
+    // A mapping is an input too.
+    for mapped in flights.files.first().into_iter().filter_map(|file| file.mapped.as_ref()) {
+        files.push(Bytes { path: mapped.mapping().label.clone().into(), hash: mapped.key() });
+    }
     lines.sort_by(|a, b| (&a.flight, &a.line, a.file).cmp(&(&b.flight, &b.line, b.file)));
     Ok(Lines { lines: once_each(lines, &files), files })
 }
@@ -195,7 +199,7 @@ struct How {
 
 /// The contents of the file, from the store where it was read before.
 fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<(Bytes, Index), Fault> {
-    let FlightFile { path, options, .. } = file;
+    let FlightFile { path, options, mapped, .. } = file;
     let bytes = fingerprint(store, path, how.read_all)?;
     let mut parts = vec![
         "flights".to_owned(),
@@ -204,6 +208,12 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
         format!("{options:?}"),
         bytes.hash.to_string(),
     ];
+    if let Some(mapped) = mapped {
+        parts.push(mapped.key().to_string());
+        if let Some(other) = mapped.beside(path) {
+            parts.push(fingerprint(store, &other, how.read_all)?.hash.to_string());
+        }
+    }
     let made_from = file.made_from.map(|say| say(path)).transpose().map_err(Fault::from)?;
     for other in made_from.iter().flat_map(|m| &m.files) {
         parts.push(fingerprint(store, other, how.read_all)?.hash.to_string());
@@ -226,8 +236,8 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
 /// Reads a file once, with as many lines in memory as are worked on.
 fn ingest(store: &Store, file: &FlightFile, threads: usize, tick: &dyn Fn(usize)) -> Result<Index, Fault> {
     let mut reader = file.read(threads).map_err(Fault::from)?;
-    let canonical = Canonical::new(reader.schema()).map_err(|f| f.into_iter().next().unwrap_or_default())?;
-    let origins = Origins::new(reader.schema(), &file.options.rename);
+    let canonical = Canonical::new(&reader.schema).map_err(|f| f.into_iter().next().unwrap_or_default())?;
+    let origins = Origins::new(&reader.schema, &file.options.rename).of_mapping(file.mapped.is_some());
     let mut assembly = Some(Assembly::new(&file.options));
     let mut whole = VecDeque::new();
     let next = || loop {

@@ -2,13 +2,16 @@
 
 mod assemble;
 mod bytes;
+pub mod checks;
 mod consistency;
+pub mod export;
 mod files;
 mod finding;
 mod flight_file;
 mod formats;
 mod in_order;
 mod ingest;
+pub mod mapping;
 mod midnight;
 mod options;
 mod packer;
@@ -24,10 +27,11 @@ use datasets::{AnomalyGrid, MapOptions, map_files, read_grid};
 use schemas::{Column, Fault, Shape, canonical::Canonical, describe_field};
 
 pub use bytes::{Bytes, Trust, fingerprint};
-pub use files::find;
+pub use files::{find, hive};
 use flight_file::FlightFile;
-pub use formats::{flight_formats, open_flight};
+pub use formats::{LogReader, flight_formats, open_flight, open_log};
 pub use ingest::LineRecord;
+pub use options::MappingOptions;
 use options::{flight_options, map_options, spelt};
 pub use quality::{Check, Finding};
 
@@ -101,28 +105,41 @@ impl Flights {
     /// Fails as [`Flights::open`].
     pub fn open_trusting(decl: &SourceDecl, folder: &std::path::Path, trust: Trust) -> Result<Flights, Vec<Fault>> {
         let placed = |f: Fault| f.at(decl.path.1.clone());
-        let options = flight_options(decl)?;
-        let found = find(&decl.path.0, folder, decl.options.contains_key("format")).map_err(|f| vec![placed(f)])?;
+        let (options, mapped) = flight_options(decl, folder)?;
+        // What is wrong with a mapping is shown at its place in the mapping.
+        let shown = |f: &Fault| mapped.is_some() && mapping::is_shown(f);
+        let any_name = decl.options.contains_key("format");
+        let mut found = find(&decl.path.0, folder, any_name).map_err(|f| vec![placed(f)])?;
+        if let Some(mapped) = mapped.as_ref().filter(|_| found.len() > 1) {
+            found.retain(|path| mapped.is_in(path));
+            if found.is_empty() {
+                let what =
+                    format!("no file of `{}` is one of the table `{}` of the mapping", decl.path.0, mapped.name());
+                return Err(vec![placed(Fault::new(what).help("its `file` says how they are named"))]);
+            }
+        }
         let mut faults = vec![];
         let mut fields: Vec<arrow_schema::FieldRef> = vec![];
         let (mut files, mut notes) = (vec![], vec![]);
         let threads = threads_in_each(found.len());
         for path in found {
-            let opened = FlightFile::open(&path, files::hive(&path, &options), threads, trust);
+            let opened = FlightFile::open(&path, files::hive(&path, &options), mapped.as_ref(), threads, trust);
             let opened = opened.map_err(|e| vec![Fault::from(e)]);
-            match opened.and_then(|(file, r)| Ok((Canonical::new(r.schema())?, r.notes().to_vec(), file))) {
+            match opened.and_then(|(file, r)| Ok((Canonical::new(&r.schema)?, r.notes, file))) {
                 Ok((canonical, noted, file)) => {
                     notes.extend(noted);
                     merge(&mut fields, canonical.schema(), &path, &mut faults);
                     files.push(file);
                 }
-                Err(wrong) => {
-                    faults.extend(wrong.into_iter().map(|f| placed(f.in_file(&path.display().to_string()))));
-                }
+                Err(wrong) => faults.extend(
+                    wrong
+                        .into_iter()
+                        .map(|f| if shown(&f) { f } else { placed(f.in_file(&path.display().to_string())) }),
+                ),
             }
         }
         if !faults.is_empty() {
-            return Err(faults.into_iter().map(placed).collect());
+            return Err(faults.into_iter().map(|f| if shown(&f) { f } else { placed(f) }).collect());
         }
         let schema: SchemaRef = Arc::new(Schema::new(fields));
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();

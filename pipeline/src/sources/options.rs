@@ -1,21 +1,55 @@
 //! The options of a `[tables.NAME]` of the spec in addition to its path.
 
-use datasets::{FlightOptions, MapOptions};
-use schemas::{Fault, Lists, Params, Reader};
+use std::{path::Path, sync::Arc};
 
+use datasets::{FlightOptions, MapOptions};
+use schemas::{Fault, Lists, Params, Reader, params};
+
+use super::mapping::{Mapped, Mapping, is_shown};
 use crate::spec::SourceDecl;
 
-/// The options of a table of flights.
+params! {
+    /// What the columns of a log mean.
+    pub struct MappingOptions, all default;
+    /// The mapping that says what the columns of the files mean: a TOML file, or the name of a ready one, such as
+    /// `px4_ulog`. It takes the place of `rename`, `units` and `topic`.
+    mapping: Option<String>, unit "", default None, absent "columns mean what their names say";
+    /// The table of the mapping.
+    table: Option<String>, unit "", default None, absent "the only one";
+}
+
+/// The options of a table of flights, and the table of its mapping, where there is one. Paths start from `folder`.
 ///
 /// # Errors
-/// Fails for unknown options and wrong types.
-pub fn flight_options(decl: &SourceDecl) -> Result<FlightOptions, Vec<Fault>> {
-    let options: FlightOptions = options(decl)?;
+/// Fails for unknown options, wrong types, and all that is wrong with the mapping.
+pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<(FlightOptions, Option<Mapped>), Vec<Fault>> {
+    let (options, MappingOptions { mapping, table }) = options::<FlightOptions, MappingOptions>(decl)?;
+    let said = |key: &str| decl.options.get(key);
+    let at = |fault: Fault, key: &str| said(key).map_or(fault.clone(), |given| fault.at(given.at.clone()));
     if options.epsg.is_some() && options.format.as_deref() != Some("points") {
         let fault = Fault::new("`epsg` applies to survey points only: say `format = \"points\"`");
-        return Err(vec![decl.options.get("epsg").into_iter().fold(fault, |fault, given| fault.at(given.at.clone()))]);
+        return Err(vec![at(fault, "epsg")]);
     }
-    Ok(options)
+    let Some(name) = mapping else {
+        let fault = || Fault::new("`table` names the table of a mapping").help("say `mapping` too");
+        return if table.is_some() { Err(vec![at(fault(), "table")]) } else { Ok((options, None)) };
+    };
+    let taken: Vec<Fault> = ["rename", "units", "topic", "epsg"]
+        .into_iter()
+        .filter_map(|key| said(key).map(|given| (key, given)))
+        .map(|(key, given)| {
+            let fault = Fault::new(format!("with a `mapping`, `{key}` says nothing: the mapping does"));
+            fault.at(given.key_at.clone())
+        })
+        .collect();
+    if !taken.is_empty() {
+        return Err(taken);
+    }
+    // What is wrong with the text of a mapping is shown at its own place.
+    let mapping = Mapping::load(&name, folder).map_err(|f| vec![if is_shown(&f) { f } else { at(f, "mapping") }])?;
+    let key = if table.is_some() { "table" } else { "mapping" };
+    let mapped = Arc::new(mapping).table(table.as_deref()).map_err(|f| vec![at(f, key)])?;
+    Ok((options, Some(mapped)))
 }
 
 /// The options of a map.
@@ -23,7 +57,12 @@ pub fn flight_options(decl: &SourceDecl) -> Result<FlightOptions, Vec<Fault>> {
 /// # Errors
 /// Fails for unknown options and wrong types.
 pub fn map_options(decl: &SourceDecl) -> Result<MapOptions, Vec<Fault>> {
-    options(decl)
+    options::<MapOptions, Nothing>(decl).map(|(options, _)| options)
+}
+
+params! {
+    /// No keys.
+    struct Nothing, all default;
 }
 
 /// All options in one spelling, for keys.
@@ -33,11 +72,11 @@ pub fn spelt<T: Params>(options: &T) -> String {
     pairs.iter().map(|(key, value)| format!("{key}={value};")).collect()
 }
 
-fn options<T: Params>(decl: &SourceDecl) -> Result<T, Vec<Fault>> {
+fn options<T: Params, U: Params>(decl: &SourceDecl) -> Result<(T, U), Vec<Fault>> {
     let lists = Lists::default();
     let mut reader = Reader::new(&decl.name, &decl.options, Some(decl.at.clone()), &lists);
-    let options = T::read(&mut reader, None);
-    let known: Vec<&str> = T::docs(&lists).iter().map(|doc| doc.name).collect();
+    let options = T::read(&mut reader, None).zip(U::read(&mut reader, None));
+    let known: Vec<&str> = T::docs(&lists).iter().chain(&U::docs(&lists)).map(|doc| doc.name).collect();
     reader.unknown_keys(&known, &["path"]);
     let faults = reader.into_faults();
     options.filter(|_| faults.is_empty()).ok_or(faults)

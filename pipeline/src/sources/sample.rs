@@ -24,13 +24,13 @@ impl Flights {
 }
 
 fn first_rows(file: &FlightFile) -> Option<Vec<Fault>> {
-    let FlightFile { path, options, made_from, .. } = file;
+    let FlightFile { path, options, mapped, made_from, .. } = file;
     if made_from.is_some() {
         return None;
     }
     let mut reader = file.read(1).ok()?;
-    let canonical = Canonical::new(reader.schema()).ok()?;
-    let origins = Origins::new(reader.schema(), &options.rename);
+    let canonical = Canonical::new(&reader.schema).ok()?;
+    let origins = Origins::new(&reader.schema, &options.rename).of_mapping(mapped.is_some());
     let mut assembly = Assembly::new(options);
     let mut lines = vec![];
     let mut left = ROWS;

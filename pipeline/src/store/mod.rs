@@ -348,7 +348,7 @@ fn grouped(schema: &SchemaRef, batches: Vec<RecordBatch>) -> impl Iterator<Item 
 }
 
 /// Makes a folder and those above it; each is on the disk when this returns.
-fn make_folder(folder: &Path) -> io::Result<()> {
+pub(crate) fn make_folder(folder: &Path) -> io::Result<()> {
     if folder.is_dir() {
         return Ok(());
     }
@@ -363,7 +363,7 @@ fn make_folder(folder: &Path) -> io::Result<()> {
 }
 
 /// Syncs the names in a folder to the disk.
-fn sync_folder(folder: &Path) -> io::Result<()> {
+pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }
 
@@ -375,7 +375,7 @@ impl Drop for Store {
 }
 
 /// A folder for this process' unfinished files, marked by a lock it holds.
-fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
+pub(crate) fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
     for n in 0..1000u32 {
         let folder = tmp.join(format!("{}-{n}", std::process::id()));
         match fs::create_dir(&folder) {
@@ -395,7 +395,7 @@ fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
 }
 
 /// Removes the folders of killed processes, whose locks are free.
-fn sweep(tmp: &Path) {
+pub(crate) fn sweep(tmp: &Path) {
     for folder in fs::read_dir(tmp).into_iter().flatten().flatten() {
         match File::open(folder.path().join("lock")) {
             Ok(lock) if lock.try_lock().is_ok() => {

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use datasets::{FlightOptions, MapOptions};
 use schemas::{Entry, Fault, Grain, InputDecl, InputKind, Lists, ParamDoc, Params, TableKind, metric::Metric};
 
-use crate::spec::STAGE_KEYS;
+use crate::{sources::MappingOptions, spec::STAGE_KEYS};
 
 /// One line a stage.
 pub fn overview(catalogue: &[Entry]) -> String {
@@ -36,7 +36,8 @@ pub fn page(catalogue: &[Entry]) -> String {
     out.push('\n');
     out.push_str("A table of files (`[tables.NAME]`) says its `path`, and beside it:\n\n");
     let lists = Lists::default();
-    for (what, docs) in [("flights", FlightOptions::docs(&lists)), ("a map", MapOptions::docs(&lists))] {
+    let of_flights = [FlightOptions::docs(&lists), MappingOptions::docs(&lists)].concat();
+    for (what, docs) in [("flights", of_flights), ("a map", MapOptions::docs(&lists))] {
         let _ = write!(out, "Of {what}:\n\n{}\n", params(&docs.iter().collect::<Vec<_>>()));
     }
     for entry in catalogue {

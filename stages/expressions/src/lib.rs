@@ -97,7 +97,12 @@ fn wrong(e: &DataFusionError, shape: &Shape, subject: &str) -> Fault {
     match e.find_root() {
         DataFusionError::SchemaError(inner, _) => match inner.as_ref() {
             SchemaError::FieldNotFound { field, .. } => {
-                Fault::new(format!("there is no column `{}`", field.name())).nearest(field.name(), &have)
+                let fault = Fault::new(format!("there is no column `{}`", field.name()));
+                match have.iter().find(|name| **name != field.name() && name.to_lowercase() == field.name()) {
+                    // SQL folds names without quotes to small letters.
+                    Some(name) => fault.help(format!("put the name in double quotes: `\"{name}\"`")),
+                    None => fault.nearest(field.name(), &have),
+                }
             }
             other => Fault::new(format!("{subject} cannot be read: {other}")),
         },

@@ -1,0 +1,422 @@
+//! `magline ingest`: logs to flight Parquet, with a summary of their quality; and a mapping suggested from a log.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+    },
+};
+
+use clap::Args;
+use datasets::FlightOptions;
+use rayon::prelude::*;
+use schemas::{Fault, Owner, plausible::Accept, render};
+use serde_json::json;
+
+use super::{Stop, counted, is_quiet, note, progress::Progress, say, temporary::Temporary, threads};
+use crate::{
+    sources::{
+        checks::Measure,
+        export::{Export, Exported, LineOf},
+        find, flight_formats, hive,
+        mapping::{Mapped, Mapping, suggest},
+    },
+    store::{make_folder, own_folder, sweep},
+    views::text::{columns, number},
+};
+
+/// Arguments of `magline ingest`.
+#[derive(Args)]
+pub struct IngestArgs {
+    /// Logs: files, folders or patterns.
+    #[arg(required = true)]
+    inputs: Vec<String>,
+    /// The folder that the tables are written to; one of each table of a mapping that has several.
+    #[arg(long, required_unless_present = "suggest")]
+    to: Option<PathBuf>,
+    /// The format of the logs; known from the content and the extension by default.
+    #[arg(long)]
+    format: Option<String>,
+    /// What the columns mean: a TOML file, or the name of a ready mapping.
+    #[arg(long)]
+    mapping: Option<String>,
+    /// One table of the mapping; all by default.
+    #[arg(long, requires = "mapping")]
+    table: Option<String>,
+    /// The flight, where neither log nor mapping say it.
+    #[arg(long)]
+    flight: Option<String>,
+    /// The line, where neither log nor mapping say it.
+    #[arg(long)]
+    line: Option<String>,
+    /// A folder `flight=...` for each flight, instead of the column.
+    #[arg(long)]
+    hive: bool,
+    /// Replace files that hold other data.
+    #[arg(long)]
+    replace: bool,
+    /// Take values that look impossible as they are.
+    #[arg(long)]
+    accept_range: bool,
+    /// Write a mapping for the log instead, with what it guesses and why.
+    #[arg(long)]
+    suggest: bool,
+    /// The file that the suggested mapping is written to; standard output by default.
+    #[arg(short, long, requires = "suggest")]
+    output: Option<PathBuf>,
+    /// The number of threads; all cores by default. Results do not depend on it.
+    #[arg(long, value_parser = threads::count)]
+    threads: Option<usize>,
+    /// One JSON object per line on standard output: each line of each file, with its figures.
+    #[arg(long)]
+    json: bool,
+    /// No progress, notes and tables: only errors.
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+/// One log and one table of it.
+struct Work {
+    input: PathBuf,
+    mapped: Option<Mapped>,
+    folder: PathBuf,
+    name: String,
+}
+
+impl Work {
+    /// The table, for messages.
+    fn table(&self) -> &str {
+        self.mapped.as_ref().map_or("", Mapped::name)
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &IngestArgs) -> Result<(), Stop> {
+    if args.suggest {
+        return suggested(args);
+    }
+    super::QUIET.store(args.quiet || args.json, Ordering::Relaxed);
+    super::interrupt::leave();
+    let to = args.to.clone().unwrap_or_default();
+    let works = works(args, &to)?;
+    let hidden = to.join(".ingest");
+    let failed = |e: std::io::Error| Stop::Failed(format!("error: cannot write to {}: {e}", to.display()));
+    let (unfinished, lock) = working_folder(&hidden).map_err(failed)?;
+    let unfinished = Temporary::new(unfinished);
+    let options = FlightOptions {
+        format: args.format.clone(),
+        flight: args.flight.clone(),
+        line: args.line.clone(),
+        accept: if args.accept_range { vec![Accept::Range] } else { vec![] },
+        ..FlightOptions::default()
+    };
+    let progress = Progress::new(args.quiet || args.json);
+    progress.stage("ingesting logs");
+    progress.detail("tables", "");
+    let done = AtomicUsize::new(0);
+    let one = |(number, work): (usize, &Work)| {
+        let export = Export {
+            input: &work.input,
+            options: hive(&work.input, &options),
+            mapped: work.mapped.clone(),
+            folder: work.folder.clone(),
+            name: work.name.clone(),
+            hive: args.hive,
+            replace: args.replace,
+            unfinished: unfinished.path(),
+            number,
+        };
+        let exported = export.run();
+        progress.set(done.fetch_add(1, Ordering::Relaxed) + 1, works.len());
+        exported
+    };
+    let pool = threads::pool(args.threads)?;
+    let results: Vec<Result<Exported, Fault>> = pool.install(|| works.par_iter().enumerate().map(one).collect());
+    drop(progress);
+    drop(lock);
+    drop(unfinished);
+    // It stays where another process is at work in it.
+    let _ = fs::remove_dir(&hidden);
+    told(args, &works, &results)
+}
+
+/// A folder for unfinished files, with the lock that says that this process is at work in it.
+fn working_folder(hidden: &Path) -> std::io::Result<(PathBuf, fs::File)> {
+    const TRIALS: usize = 100;
+    let mut last = std::io::Error::other("no free name");
+    for _ in 0..TRIALS {
+        make_folder(&std::path::absolute(hidden)?)?;
+        sweep(hidden);
+        match own_folder(hidden) {
+            // A process that has just ended removed the empty folder.
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => last = e,
+            done => return done,
+        }
+    }
+    Err(last)
+}
+
+/// The files and tables, in the order of the inputs; two of one name are refused before anything is read.
+fn works(args: &IngestArgs, to: &Path) -> Result<Vec<Work>, Stop> {
+    let mapping = args.mapping.as_ref().map(|name| Mapping::load(name, Path::new(".")).map(Arc::new)).transpose()?;
+    let mut works: Vec<Work> = vec![];
+    for input in &args.inputs {
+        let found = find(input, Path::new(""), args.format.is_some())?;
+        for path in found {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            let Some(mapping) = &mapping else {
+                works.push(Work { input: path, mapped: None, folder: to.to_owned(), name });
+                continue;
+            };
+            let several = args.table.is_none() && mapping.tables().len() > 1;
+            for table in tables_in(args, mapping, &path)? {
+                let folder = if several { to.join(table.name()) } else { to.to_owned() };
+                works.push(Work { input: path.clone(), mapped: Some(table), folder, name: name.clone() });
+            }
+        }
+    }
+    let mut taken: BTreeMap<PathBuf, &Path> = BTreeMap::new();
+    for work in &works {
+        if let Some(other) = taken.insert(work.folder.join(&work.name), &work.input) {
+            let what = format!("{} and {} would both be {}", other.display(), work.input.display(), work.name);
+            return Err(Fault::new(what).help("ingest them into two folders").into());
+        }
+    }
+    if works.is_empty() {
+        let fault = Fault::new("no table of the mapping is in these files");
+        return Err(fault.help("its keys `file` and `topic` say where they are").into());
+    }
+    Ok(works)
+}
+
+/// The tables of a mapping that a file holds.
+fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<Vec<Mapped>, Stop> {
+    let names: Vec<String> = match &args.table {
+        Some(name) => vec![name.clone()],
+        None => mapping.tables().into_iter().map(str::to_owned).collect(),
+    };
+    let mut tables = vec![];
+    for name in names {
+        let mapped = mapping.table(Some(&name))?;
+        if args.table.is_some() || mapped.is_in(path) {
+            tables.push(mapped);
+        }
+    }
+    if args.table.is_some() || tables.iter().all(|t| t.topic().is_none()) {
+        return Ok(tables);
+    }
+    let options = FlightOptions {
+        format: args.format.clone().or(tables.iter().find_map(Mapped::format)),
+        ..FlightOptions::default()
+    };
+    let topics = datasets::topics_among(flight_formats(), path, &options).map_err(Fault::from)?;
+    // Without a number a topic is the first instance.
+    let plain = |name: &str| name.strip_suffix(":0").unwrap_or(name).to_owned();
+    let there =
+        |t: &Mapped| t.topic().is_none_or(|topic| topics.iter().any(|known| plain(&known.name) == plain(topic)));
+    let (there, missing): (Vec<Mapped>, Vec<Mapped>) = tables.into_iter().partition(there);
+    for table in &missing {
+        let topic = table.topic().unwrap_or_default();
+        note(&format!("{} has no topic `{topic}`: the table `{}` is left out", path.display(), table.name()));
+    }
+    if there.is_empty() {
+        let names: Vec<&str> = topics.iter().map(|t| t.name.as_str()).collect();
+        let fault = Fault::new(format!("{} holds no topic of the mapping {}", path.display(), mapping.label));
+        return Err(fault.help(format!("its topics: {}", names.join(", "))).into());
+    }
+    Ok(there)
+}
+
+/// Says what came of it.
+fn told(args: &IngestArgs, works: &[Work], results: &[Result<Exported, Fault>]) -> Result<(), Stop> {
+    let mut faults: Vec<&Fault> = vec![];
+    let mut noted: BTreeSet<&str> = BTreeSet::new();
+    let (mut written, mut lost) = (0, 0);
+    for (work, result) in works.iter().zip(results) {
+        match result {
+            Err(fault) => faults.push(fault),
+            Ok(exported) => {
+                // Several tables of one log have the same clock.
+                exported.notes.iter().filter(|n| noted.insert(n)).for_each(|n| note(n));
+                written += exported.lines.iter().filter(|l| l.faults.is_empty()).count();
+                for line in &exported.lines {
+                    lost += usize::from(!line.faults.is_empty());
+                    faults.extend(&line.faults);
+                }
+                if args.json {
+                    exported.lines.iter().for_each(|l| say::out!("{}\n", as_json(work, exported, l)));
+                } else if !is_quiet() {
+                    say::out_text(summary(work, exported));
+                }
+            }
+        }
+    }
+    if !args.json && !is_quiet() {
+        say::out_text(quality(works, results));
+    }
+    if faults.is_empty() {
+        return Ok(());
+    }
+    const SHOWN: usize = 20;
+    let shown = |f: &&Fault| {
+        let help = f.help.as_ref().map(|h| h.replace("`accept = [\"range\"]`", "`--accept-range`"));
+        render(&Fault { help, ..(*f).clone() }, "", "")
+    };
+    let mut text: Vec<String> = faults.iter().take(SHOWN).map(shown).collect();
+    if faults.len() > SHOWN {
+        text.push(format!("and {} more", faults.len() - SHOWN));
+    }
+    if written > 0 && lost > 0 {
+        text.push(format!("{} written, {} left out", counted(written, "line"), counted(lost, "line")));
+    }
+    // Where nothing was written, the input is wrong, unless the machine is.
+    let ours = faults.iter().all(|f| f.owner == Owner::Spec || f.owner == Owner::Data);
+    let text = text.join("\n");
+    Err(if written == 0 && ours { Stop::Wrong(text) } else { Stop::Failed(text) })
+}
+
+fn clock(tt: f64) -> String {
+    if !tt.is_finite() {
+        return "-".to_owned();
+    }
+    let s = tt.rem_euclid(86_400.0).floor() as u64;
+    format!("{:02}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60)
+}
+
+fn value_of(line: &LineOf, column: &str, check: &str) -> Option<f64> {
+    line.measures.iter().find(|m| m.column == column && m.check == check).map(|m| m.value)
+}
+
+/// The lines of one table of one log.
+fn summary(work: &Work, exported: &Exported) -> String {
+    let mut text = format!("\n{}", work.input.display());
+    if !work.table().is_empty() {
+        text += &format!(", {}", work.table());
+    }
+    text += &format!(" ({})\n", exported.format);
+    let named =
+        |(name, unit): &(String, String)| if unit.is_empty() { name.clone() } else { format!("{name} [{unit}]") };
+    let columns_of: Vec<String> = exported.columns.iter().skip(3).map(named).collect();
+    text += &format!("  columns: {}\n", columns_of.join(", "));
+    let words = |w: &[&str]| w.iter().map(|x| (*x).to_owned()).collect::<Vec<String>>();
+    let mut rows = vec![words(&["  flight", "line", "date", "from", "to", "rows", "Hz"])];
+    /// Lines of one file that are listed.
+    const SHOWN: usize = 40;
+    for line in exported.lines.iter().take(SHOWN) {
+        let date = line.date.map_or("-".to_owned(), |(year, day)| format!("{year}, day {day}"));
+        rows.push(vec![
+            format!("  {}", line.flight),
+            line.line.clone(),
+            date,
+            clock(line.tt.0),
+            clock(line.tt.1),
+            line.rows.to_string(),
+            number(value_of(line, "tt", "rate")),
+        ]);
+    }
+    text += &columns(&rows, 3);
+    if exported.lines.len() > SHOWN {
+        text += &format!("  and {} more\n", counted(exported.lines.len() - SHOWN, "line"));
+    }
+    let how = if exported.unchanged { "was there already: " } else { "" };
+    for file in &exported.files {
+        text += &format!("  {how}{}\n", file.display());
+    }
+    text
+}
+
+/// Whether a figure is told on the terminal: what is not as it should be, and what a magnetometer is like.
+fn is_told(measure: &Measure) -> bool {
+    match measure.check {
+        "rate" | "jitter" | "midnight" => false,
+        "noise" | "quantisation" => {
+            schemas::flight::is_scalar_reading(&measure.column)
+                || schemas::flight::vector_part(&measure.column).is_some()
+        }
+        _ => true,
+    }
+}
+
+/// The figures of all lines that are told.
+fn quality(works: &[Work], results: &[Result<Exported, Fault>]) -> String {
+    /// Rows of the table on the terminal.
+    const SHOWN: usize = 60;
+    let words = |w: &[&str]| w.iter().map(|x| (*x).to_owned()).collect::<Vec<String>>();
+    let mut rows = vec![words(&["  table", "flight", "line", "column", "check", "value", "unit", "count", "first at"])];
+    for (work, result) in works.iter().zip(results) {
+        let Ok(exported) = result else { continue };
+        let table = if work.table().is_empty() { &work.name } else { work.table() };
+        for line in &exported.lines {
+            for m in line.measures.iter().filter(|m| is_told(m)) {
+                rows.push(vec![
+                    format!("  {table}"),
+                    line.flight.clone(),
+                    line.line.clone(),
+                    m.column.clone(),
+                    m.check.to_owned(),
+                    number(Some(m.value).filter(|x| x.is_finite())),
+                    m.unit.clone(),
+                    m.count.to_string(),
+                    clock(m.first_tt),
+                ]);
+            }
+        }
+    }
+    let found = rows.len() - 1;
+    if found == 0 {
+        return String::new();
+    }
+    rows.truncate(SHOWN + 1);
+    let more =
+        if found > SHOWN { format!("  and {} more, in the files of _quality\n", found - SHOWN) } else { String::new() };
+    format!("\nquality\n{}{more}", columns(&rows, 5))
+}
+
+fn as_json(work: &Work, exported: &Exported, line: &LineOf) -> serde_json::Value {
+    let finite = |x: f64| x.is_finite().then_some(x);
+    let measure = |m: &Measure| {
+        json!({
+            "column": m.column, "check": m.check, "value": finite(m.value), "unit": m.unit, "count": m.count,
+            "first_tt": finite(m.first_tt),
+        })
+    };
+    json!({
+        "event": "line",
+        "input": work.input.display().to_string(),
+        "table": work.table(),
+        "format": exported.format,
+        "files": exported.files.iter().map(|f| f.display().to_string()).collect::<Vec<_>>(),
+        "unchanged": exported.unchanged,
+        "flight": line.flight,
+        "line": line.line,
+        "rows": line.rows,
+        "first_tt": finite(line.tt.0),
+        "last_tt": finite(line.tt.1),
+        "year": line.date.map(|d| d.0),
+        "doy": line.date.map(|d| d.1),
+        "faults": line.faults.iter().map(Fault::to_string).collect::<Vec<_>>(),
+        "notes": exported.notes,
+        "quality": line.measures.iter().map(measure).collect::<Vec<_>>(),
+    })
+}
+
+/// Writes a mapping for a log.
+fn suggested(args: &IngestArgs) -> Result<(), Stop> {
+    let [input] = args.inputs.as_slice() else {
+        return Err(Fault::new("a mapping is suggested for one log at a time").into());
+    };
+    let path = Path::new(input);
+    let options = FlightOptions { format: args.format.clone(), ..FlightOptions::default() };
+    let text = suggest::suggest(path, &options, flight_formats()).map_err(Fault::from)?;
+    let Some(to) = &args.output else {
+        say::out_text(text);
+        return Ok(());
+    };
+    let failed = |e: std::io::Error| Stop::Failed(format!("error: cannot write {}: {e}", to.display()));
+    // An older mapping of that name is somebody's work.
+    let mut file = fs::File::create_new(to).map_err(failed)?;
+    std::io::Write::write_all(&mut file, text.as_bytes()).and_then(|()| file.sync_all()).map_err(failed)
+}

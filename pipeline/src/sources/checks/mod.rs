@@ -1,0 +1,188 @@
+//! The quality of a line's data as figures: sampling, dropouts, spikes, noise, quantisation, saturation and stuck channels of
+//! each column. Each check is one file with one function of numbers.
+
+mod dropouts;
+mod noise;
+mod quantisation;
+mod sampling;
+mod saturation;
+mod spikes;
+mod stuck;
+
+use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
+use arrow_schema::DataType;
+use schemas::{Role, describe_field};
+
+/// One figure of one column of a line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measure {
+    /// The column.
+    pub column: String,
+    /// What was checked.
+    pub check: &'static str,
+    /// The figure.
+    pub value: f64,
+    /// Its unit.
+    pub unit: String,
+    /// The number of samples that it is about.
+    pub count: u64,
+    /// The time of the first of them; NaN where it is about all.
+    pub first_tt: f64,
+}
+
+/// The figures of all columns of numbers of a line, `tt` first. Checks that find nothing give no figure.
+pub fn measures(line: &RecordBatch) -> Vec<Measure> {
+    let Some(tt) = line.column_by_name("tt").and_then(|c| c.as_primitive_opt::<Float64Type>()) else { return vec![] };
+    let tt: &[f64] = tt.values();
+    let mut out = of_time(tt);
+    let gaps = sampling::breaks(tt);
+    for (field, array) in line.schema().fields().iter().zip(line.columns()) {
+        let about = describe_field(field);
+        if field.data_type() != &DataType::Float64 || field.name() == "tt" {
+            continue;
+        }
+        let values: Vec<f64> = array.as_primitive::<Float64Type>().iter().map(|x| x.unwrap_or(f64::NAN)).collect();
+        of_column(&about, &values, tt, &gaps, &mut out);
+    }
+    out
+}
+
+fn of_time(tt: &[f64]) -> Vec<Measure> {
+    let Some(found) = sampling::sampling(tt) else { return vec![] };
+    let at = |row: Option<usize>| row.and_then(|r| tt.get(r)).copied().unwrap_or(f64::NAN);
+    let all = tt.len() as u64;
+    let one = |check, value, unit: &str, count, first| Measure {
+        column: "tt".to_owned(),
+        check,
+        value,
+        unit: unit.to_owned(),
+        count,
+        first_tt: at(first),
+    };
+    let mut out = vec![one("rate", found.rate_hz, "Hz", all, None), one("jitter", found.jitter_s, "s", all, None)];
+    for (check, tally, value, unit) in [
+        ("gaps", found.gaps, found.missing_s, "s"),
+        ("longest_gap", found.gaps, found.longest_gap_s, "s"),
+        ("repeated_time", found.repeated, 0.0, "s"),
+        ("backward_time", found.backward, found.worst_step_back_s, "s"),
+        ("midnight", found.midnights, 86_400.0, "s"),
+    ] {
+        if tally.n > 0 {
+            out.push(one(check, value, unit, tally.n, tally.first));
+        }
+    }
+    out
+}
+
+fn of_column(about: &schemas::Column, values: &[f64], tt: &[f64], gaps: &[bool], out: &mut Vec<Measure>) {
+    let at = |row: usize| tt.get(row).copied().unwrap_or(f64::NAN);
+    let mut push = |check, value: f64, unit: &str, count: usize, first: Option<usize>| {
+        let first_tt = first.map_or(f64::NAN, at);
+        out.push(Measure {
+            column: about.name.clone(),
+            check,
+            value,
+            unit: unit.to_owned(),
+            count: count as u64,
+            first_tt,
+        });
+    };
+    if let Some(found) = dropouts::dropouts(values, tt) {
+        push("dropouts", found.longest_s, "s", found.samples, Some(found.first));
+    }
+    let known: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
+    let constant = known.windows(2).all(|w| w[0] == w[1]);
+    if constant {
+        return;
+    }
+    let is_sensor = about.role == Role::Sensor;
+    if is_sensor && let Some(found) = stuck::stuck(values, tt) {
+        push("stuck", found.longest_s, "s", found.samples, Some(found.first));
+    }
+    if is_sensor && let Some(found) = saturation::saturation(values) {
+        push("saturation", found.value, &about.unit, found.samples, Some(found.first));
+    }
+    if let Some(step) = quantisation::step(&known) {
+        push("quantisation", step, &about.unit, known.len(), None);
+    }
+    let continuous = if wraps(about) { unwrapped(values) } else { values.to_vec() };
+    let fourth = noise::fourth_differences(&continuous, gaps);
+    // A value that is held for more than half of the time has differences of 0, and steps that are no spikes.
+    let Some(sigma) = noise::noise(&fourth) else { return };
+    push("noise", sigma, &about.unit, fourth.iter().filter(|d| d.is_finite()).count(), None);
+    if let Some(found) = spikes::spikes(&fourth) {
+        push("spikes", found.largest, &about.unit, found.samples, Some(found.first));
+    }
+}
+
+/// Whether a column is an angle that jumps by a whole turn.
+fn wraps(about: &schemas::Column) -> bool {
+    about.unit == "deg" && ["yaw", "roll", "lon", "heading"].iter().any(|end| about.name.ends_with(end))
+}
+
+/// Angles in degrees without the jumps.
+fn unwrapped(angles: &[f64]) -> Vec<f64> {
+    let (mut last, mut turns) = (f64::NAN, 0.0);
+    let one = |&x: &f64| {
+        if x.is_finite() && last.is_finite() {
+            turns -= 360.0 * ((x - last) / 360.0).round();
+        }
+        if x.is_finite() {
+            last = x;
+        }
+        x + turns
+    };
+    angles.iter().map(one).collect()
+}
+
+/// How many samples, and the row of the first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Tally {
+    n: u64,
+    first: Option<usize>,
+}
+
+impl Tally {
+    fn add(&mut self, row: usize) {
+        self.n += 1;
+        self.first.get_or_insert(row);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::sync::Arc;
+
+    use arrow_array::{ArrayRef, Float64Array};
+    use arrow_schema::{Field, Schema};
+
+    use super::*;
+
+    #[test]
+    fn unit_a_line_gives_the_figures_of_each_column() {
+        let tt: Vec<f64> = (0..200).map(|i| f64::from(i) * 0.1 + if i >= 100 { 5.0 } else { 0.0 }).collect();
+        let mag: Vec<f64> =
+            (0..200).map(|i| 50_000.0 + f64::from((i * 7919) % 13) + if i == 150 { 900.0 } else { 0.0 }).collect();
+        let yaw: Vec<f64> = (0..200).map(|i| (350.0 + f64::from(i) * 0.37).rem_euclid(360.0)).collect();
+        let fields = ["tt", "mag_1_uc", "yaw"].map(|n| {
+            let known = schemas::flight::describe(n);
+            schemas::field(n, DataType::Float64, known.unit, known.role, "")
+        });
+        let columns: Vec<ArrayRef> =
+            [tt, mag, yaw].into_iter().map(|c| Arc::new(Float64Array::from(c)) as ArrayRef).collect();
+        let schema: Schema = Schema::new(fields.to_vec() as Vec<Field>);
+        let found = measures(&RecordBatch::try_new(Arc::new(schema), columns).unwrap());
+        let of = |column: &str, check: &str| found.iter().find(|m| m.column == column && m.check == check);
+        assert!((of("tt", "rate").unwrap().value - 10.0).abs() < 1e-9);
+        let gap = of("tt", "gaps").unwrap();
+        assert!((gap.value - 5.0).abs() < 1e-9 && gap.count == 1 && (gap.first_tt - 15.0).abs() < 1e-9, "{gap:?}");
+        assert_eq!(of("mag_1_uc", "quantisation").unwrap().value, 1.0);
+        let spikes = of("mag_1_uc", "spikes").unwrap();
+        assert_eq!((spikes.count, spikes.first_tt), (1, 20.0), "{spikes:?}");
+        // The jump of the yaw from 360 to 0 is none of the aircraft's.
+        assert_eq!(of("yaw", "spikes"), None);
+        assert!(of("yaw", "noise").unwrap().value < 1e-9);
+    }
+}

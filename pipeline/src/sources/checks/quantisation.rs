@@ -1,0 +1,73 @@
+//! The step of a column whose values lie on a grid.
+
+/// Distinct values are compared up to this number: more do not say more.
+const MOST: usize = 20_000;
+/// At least so many steps between distinct values.
+const LEAST: usize = 8;
+/// A value may be so far from the grid, in steps: rounding to decimals and single precision.
+const TOLERANCE: f64 = 0.05;
+
+/// The quantisation step: the largest step of which nearly all differences between neighbouring distinct values are whole
+/// multiples. `None` where the values lie on no grid.
+pub fn step(values: &[f64]) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).take(MOST).collect();
+    sorted.sort_by(f64::total_cmp);
+    let size = sorted.iter().fold(0.0_f64, |a, x| a.max(x.abs()));
+    // Closer than rounding in double precision are the same value.
+    let same = 8.0 * f64::EPSILON * size;
+    let steps: Vec<f64> = sorted.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > same).collect();
+    if steps.len() < LEAST {
+        return None;
+    }
+    let mut ordered = steps.clone();
+    ordered.sort_by(f64::total_cmp);
+    let least = *ordered.first()?;
+    // The least step has its own rounding: the mean over all that are about as small is better.
+    let like: Vec<f64> = ordered.iter().copied().take_while(|d| *d < least * 1.2).collect();
+    let step = like.iter().sum::<f64>() / like.len() as f64;
+    let on_grid = |d: &&f64| {
+        let n = (**d / step).round();
+        // Beyond a thousand steps anything is near a multiple.
+        n < 1000.0 && (**d / step - n).abs() < TOLERANCE
+    };
+    let on = steps.iter().filter(on_grid).count();
+    // A step that occurs once is chance.
+    (like.len() >= 3 && on as f64 >= 0.98 * steps.len() as f64).then_some(step)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn signal(i: usize) -> f64 {
+        let t = i as f64 / 50.0;
+        50_000.0 + 310.0 * (0.31 * t).sin() + 47.0 * (1.7 * t).cos() + 3.0 * (17.3 * t).sin()
+    }
+
+    #[test]
+    fn law_a_rounded_signal_has_the_step_it_was_rounded_to() {
+        for step in [1.0, 0.25, 7.5, 100.0 / 3.0] {
+            let x: Vec<f64> = (0..3000).map(|i| (signal(i) / step).round() * step).collect();
+            let found = super::step(&x).unwrap_or_else(|| panic!("no step at {step}"));
+            assert!((found / step - 1.0).abs() < 1e-6, "{found} {step}");
+        }
+    }
+
+    #[test]
+    fn law_single_precision_and_unit_conversions_keep_the_step() {
+        // Whole milligauss as gauss in single precision, converted to nT: a step of 100 nT.
+        let x: Vec<f64> = (0..3000).map(|i| f64::from((signal(i) / 100.0).round() as f32 / 1000.0) * 1e5).collect();
+        let found = super::step(&x).unwrap();
+        assert!((found - 100.0).abs() < 0.5, "{found}");
+    }
+
+    #[test]
+    fn law_a_signal_of_full_precision_has_none() {
+        assert_eq!(step(&(0..3000).map(signal).collect::<Vec<_>>()), None);
+        assert_eq!(step(&[1.0, 2.0, 3.0]), None);
+        assert_eq!(step(&[]), None);
+        assert_eq!(step(&[f64::NAN; 50]), None);
+    }
+}

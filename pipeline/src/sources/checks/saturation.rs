@@ -1,0 +1,73 @@
+//! Values at the end of a sensor's range.
+
+/// Samples at the largest or the least value of a column.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Saturation {
+    /// How many.
+    pub samples: usize,
+    /// The row of the first.
+    pub first: usize,
+    /// The value.
+    pub value: f64,
+}
+
+/// Runs of at least so many equal samples at an end of the range.
+const RUN: usize = 4;
+/// So many times more samples at the end than at the values next to it.
+const EXCESS: usize = 5;
+/// Values next to the end.
+const NEXT: usize = 3;
+
+/// The samples at the end of the range where there are far more of them than of the values next to it, and in runs. `None`
+/// where there is no sign of it.
+pub fn saturation(values: &[f64]) -> Option<Saturation> {
+    let mut counts: Vec<(f64, usize)> = vec![];
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    for x in sorted {
+        match counts.last_mut() {
+            Some((known, n)) if *known == x => *n += 1,
+            _ => counts.push((x, 1)),
+        }
+    }
+    // With few values, such as those of a switch, an end says nothing.
+    if counts.len() < 2 * NEXT + 2 {
+        return None;
+    }
+    let at = |counts: &mut dyn Iterator<Item = &(f64, usize)>| {
+        let (value, samples) = *counts.next()?;
+        let next = counts.take(NEXT).map(|(_, n)| *n).max()?;
+        let first = values.iter().position(|x| *x == value)?;
+        let run = longest_run(values, value);
+        (run >= RUN && samples >= EXCESS * next).then_some(Saturation { samples, first, value })
+    };
+    at(&mut counts.iter().rev()).or_else(|| at(&mut counts.iter()))
+}
+
+fn longest_run(values: &[f64], value: f64) -> usize {
+    let (mut longest, mut run) = (0, 0);
+    for x in values {
+        run = if *x == value { run + 1 } else { 0 };
+        longest = longest.max(run);
+    }
+    longest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_a_clipped_wave_is_saturated_and_a_free_one_is_not() {
+        let wave: Vec<f64> = (0..2000).map(|i| (70.0 * (f64::from(i) * 0.013).sin()).round()).collect();
+        assert_eq!(saturation(&wave.iter().map(|x| x + 0.001 * x * x).collect::<Vec<_>>()), None);
+        let clipped: Vec<f64> = wave.iter().map(|x| x.min(40.0)).collect();
+        let found = saturation(&clipped);
+        let samples = wave.iter().filter(|x| **x >= 40.0).count();
+        let first = wave.iter().position(|x| *x >= 40.0).unwrap_or(0);
+        assert_eq!(found, Some(Saturation { samples, first, value: 40.0 }));
+        let low: Vec<f64> = wave.iter().map(|x| x.max(-40.0)).collect();
+        assert_eq!(saturation(&low).map(|s| s.value), Some(-40.0));
+        assert_eq!(saturation(&[0.0, 1.0, 1.0, 1.0, 1.0, 1.0]), None);
+    }
+}

@@ -1,0 +1,88 @@
+//! Single samples that stand out, by their fourth differences.
+
+use numerics::regression::statistics::median;
+
+/// The spikes of a column.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spikes {
+    /// How many.
+    pub samples: usize,
+    /// The row of the first.
+    pub first: usize,
+    /// The height of the largest: a sixth of its fourth difference.
+    pub largest: f64,
+}
+
+/// A fourth difference of so many robust standard deviations is a spike. Of normal noise one in 10^15 is.
+const SIGMAS: f64 = 8.0;
+/// The scale is that of so many samples around, so that a manoeuvre is not a spike.
+const BLOCK: usize = 64;
+
+/// The spikes of a column whose fourth differences these are; `None` where there are none.
+pub fn spikes(fourth: &[f64]) -> Option<Spikes> {
+    let scale = |part: &[f64]| {
+        let mut sizes: Vec<f64> = part.iter().filter(|d| d.is_finite()).map(|d| d.abs()).collect();
+        if sizes.is_empty() { 0.0 } else { 1.4826 * median(&mut sizes) }
+    };
+    let all = scale(fourth);
+    if all == 0.0 {
+        return None;
+    }
+    let blocks: Vec<f64> = fourth.chunks(BLOCK).map(scale).collect();
+    let around = |block: usize| {
+        let from = block.saturating_sub(1);
+        blocks.iter().skip(from).take(block + 2 - from).fold(all, |a, b| a.max(*b))
+    };
+    let (mut samples, mut first, mut largest) = (0, None, 0.0_f64);
+    for (i, d) in fourth.iter().enumerate() {
+        let size = d.abs();
+        if !(size > SIGMAS * around(i / BLOCK)) {
+            continue;
+        }
+        // The neighbours of a spike have four sixths of its difference.
+        let near = fourth.iter().skip(i.saturating_sub(2)).take(5.min(i + 3));
+        let is_peak = near.filter(|n| n.is_finite()).all(|n| n.abs() <= size);
+        if is_peak {
+            samples += 1;
+            first.get_or_insert(i);
+            largest = largest.max(size / 6.0);
+        }
+    }
+    first.map(|first| Spikes { samples, first, largest })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::{super::noise::fourth_differences, *};
+
+    fn of(x: &[f64]) -> Option<Spikes> {
+        spikes(&fourth_differences(x, &vec![false; x.len()]))
+    }
+
+    /// Noise of some pseudo-random pattern.
+    fn wave(i: usize) -> f64 {
+        (i as f64 * 1.7).sin() + (i as f64 * 2.9 + 0.3).cos() * 0.7
+    }
+
+    #[test]
+    fn law_each_spike_is_found_once_with_its_height() {
+        let mut x: Vec<f64> = (0..2000).map(wave).collect();
+        assert_eq!(of(&x), None);
+        x[500] += 400.0;
+        x[1200] -= 1000.0;
+        let found = of(&x).unwrap();
+        assert_eq!((found.samples, found.first), (2, 500));
+        assert!((found.largest / 1000.0 - 1.0).abs() < 0.02, "{found:?}");
+    }
+
+    #[test]
+    fn law_a_manoeuvre_is_no_spike() {
+        let x: Vec<f64> = (0..2000).map(|i| wave(i) * if (900..1100).contains(&i) { 60.0 } else { 1.0 }).collect();
+        let found = of(&x);
+        assert!(found.is_none(), "{found:?}");
+        assert_eq!(of(&[1.0; 100]), None);
+        assert_eq!(of(&[]), None);
+    }
+}

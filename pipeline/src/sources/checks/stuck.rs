@@ -1,0 +1,60 @@
+//! A sensor that stops for a while.
+
+/// The longest time for which a column keeps its value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stuck {
+    /// Samples of that run.
+    pub samples: usize,
+    /// Its first row.
+    pub first: usize,
+    /// How long it takes.
+    pub longest_s: f64,
+}
+
+/// A run is long where it has so many samples, and is so many times longer than nine of ten others.
+const LEAST: usize = 20;
+const LONGER: usize = 10;
+
+/// The longest run of equal values, where it is far longer than the others: a value that is always held, or coarse, is not
+/// stuck. `None` where there is none.
+pub fn stuck(values: &[f64], tt: &[f64]) -> Option<Stuck> {
+    let mut runs: Vec<(usize, usize)> = vec![];
+    for (row, x) in values.iter().enumerate() {
+        match runs.last_mut() {
+            Some((first, n)) if values.get(*first) == Some(x) => *n += 1,
+            _ => runs.push((row, 1)),
+        }
+    }
+    let (first, samples) = runs.iter().copied().max_by_key(|(first, n)| (*n, std::cmp::Reverse(*first)))?;
+    let mut lengths: Vec<usize> = runs.iter().map(|(_, n)| *n).collect();
+    lengths.sort_unstable();
+    let usual = lengths.get(lengths.len() * 9 / 10).copied().unwrap_or(1);
+    if samples < LEAST || (samples < LONGER * usual) {
+        return None;
+    }
+    let longest_s = tt.get(first + samples - 1)? - tt.get(first)?;
+    Some(Stuck { samples, first, longest_s })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_a_sensor_that_stops_is_found_and_one_that_is_held_is_not() {
+        let tt: Vec<f64> = (0..1000).map(|i| f64::from(i) * 0.1).collect();
+        let mut x: Vec<f64> = (0..1000).map(|i| (f64::from(i) * 0.37).sin()).collect();
+        assert_eq!(stuck(&x, &tt), None);
+        let value = x[300];
+        x[300..360].fill(value);
+        let found = stuck(&x, &tt).unwrap_or(Stuck { samples: 0, first: 0, longest_s: 0.0 });
+        assert_eq!((found.samples, found.first), (60, 300));
+        assert!((found.longest_s - 5.9).abs() < 1e-9);
+        // Positions at 1 Hz among rows at 50 Hz.
+        let held: Vec<f64> = (0..1000).map(|i| f64::from(i / 50)).collect();
+        assert_eq!(stuck(&held, &tt), None);
+        assert_eq!(stuck(&[], &[]), None);
+        // Missing values are no equal values.
+        assert_eq!(stuck(&[f64::NAN; 100], &tt), None);
+    }
+}

@@ -1,0 +1,422 @@
+//! A log as flight Parquet: its lines in the columns of the flight table, one row group each, and figures of their quality.
+//!
+//! A file gets its name when it is whole and on the disk, and never takes the place of another one's data: its metadata hold
+//! the key of what it was made from.
+
+use std::{
+    collections::BTreeMap,
+    fs::{self, File},
+    io,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray, cast::AsArray, types::Float64Type};
+use arrow_schema::{DataType, Field, Schema, SchemaRef};
+use arrow_select::concat::concat_batches;
+use datasets::{FlightOptions, Reading, formats::SayMadeFrom};
+use parquet::{
+    arrow::ArrowWriter,
+    basic::{Compression, ZstdLevel},
+    file::{
+        metadata::KeyValue,
+        properties::WriterProperties,
+        reader::{FileReader, SerializedFileReader},
+    },
+};
+use schemas::{
+    Fault, Role,
+    canonical::{Canonical, check_time},
+    field,
+};
+
+use super::{
+    assemble::{Assembly, Whole},
+    checks::{Measure, measures},
+    formats::open_log,
+    mapping::{Mapped, is_shown},
+    midnight,
+    quality::{Origins, examine},
+};
+use crate::{
+    keys::Key,
+    store::{make_folder, sync_folder},
+};
+
+/// Raised when the files that are written change.
+const VERSION: &str = "export 1";
+/// The key of the metadata that says what a file was made from.
+const FROM: &str = "magline.from";
+
+/// One file to read, and where it goes.
+pub struct Export<'a> {
+    /// The log.
+    pub input: &'a Path,
+    /// How it is read.
+    pub options: FlightOptions,
+    /// What its columns mean.
+    pub mapped: Option<Mapped>,
+    /// The folder of the table.
+    pub folder: PathBuf,
+    /// The name of the file there, without its extension.
+    pub name: String,
+    /// Whether each flight has a folder `flight=...` of its own, which stands for the column.
+    pub hive: bool,
+    /// Whether files of other data are replaced.
+    pub replace: bool,
+    /// A folder of this process for unfinished files, on the same file system.
+    pub unfinished: &'a Path,
+    /// A number that no other export of this process has.
+    pub number: usize,
+}
+
+/// One line that was read.
+#[derive(Debug)]
+pub struct LineOf {
+    /// The flight.
+    pub flight: String,
+    /// The line.
+    pub line: String,
+    /// Its samples.
+    pub rows: usize,
+    /// Its first and last time, s.
+    pub tt: (f64, f64),
+    /// The year and day of the year of its first sample, where they are known.
+    pub date: Option<(i64, i64)>,
+    /// What makes it unusable; it is then not written.
+    pub faults: Vec<Fault>,
+    /// The figures of its columns.
+    pub measures: Vec<Measure>,
+}
+
+/// What came of a log.
+#[derive(Debug)]
+pub struct Exported {
+    /// The format it was read in.
+    pub format: &'static str,
+    /// The files with its lines.
+    pub files: Vec<PathBuf>,
+    /// Whether they were there already, from the same data.
+    pub unchanged: bool,
+    /// The file with the figures; none where no line could be used.
+    pub quality: Option<PathBuf>,
+    /// Its lines, in the file's order.
+    pub lines: Vec<LineOf>,
+    /// Notes for the user.
+    pub notes: Vec<String>,
+    /// The names and units of its columns.
+    pub columns: Vec<(String, String)>,
+}
+
+/// A Parquet file being written.
+struct Open {
+    writer: ArrowWriter<File>,
+    path: PathBuf,
+    target: PathBuf,
+}
+
+impl Export<'_> {
+    /// Reads the log and writes it.
+    ///
+    /// # Errors
+    /// Fails for a log that cannot be read, a mapping that does not fit, files of other data in the way, and when the file
+    /// system refuses. What is wrong with single lines stands in [`LineOf::faults`].
+    pub fn run(&self) -> Result<Exported, Fault> {
+        let place = |f: Fault| if is_shown(&f) { f } else { f.in_file(&self.input.display().to_string()) };
+        self.read().map_err(place)
+    }
+
+    fn read(&self) -> Result<Exported, Fault> {
+        let reading = Reading { found: None, threads: 1 };
+        let mut log = open_log(self.input, &self.options, self.mapped.as_ref(), &reading).map_err(Fault::from)?;
+        let from = self.key(log.made_from)?;
+        let canonical = Canonical::new(&log.schema).map_err(|f| f.into_iter().next().unwrap_or_default())?;
+        let origins = Origins::new(&log.schema, &self.options.rename).of_mapping(self.mapped.is_some());
+        let mut assembly = Assembly::new(&self.options);
+        let mut open: BTreeMap<String, Open> = BTreeMap::new();
+        let mut lines = vec![];
+        let mut take = |whole: Whole| -> Result<(), Fault> {
+            let (line, batch) = self.line(whole, &origins)?;
+            if let Some(batch) = batch.filter(|_| line.faults.is_empty()) {
+                self.write(&line.flight, &batch, from, &mut open)?;
+            }
+            lines.push(line);
+            Ok(())
+        };
+        while let Some(part) = log.next_part() {
+            let part = part.map_err(Fault::from)?;
+            let batch = canonical.apply_with_zeros(&part.batch)?;
+            for whole in assembly.add(&batch, &part.faults) {
+                take(whole)?;
+            }
+        }
+        for whole in assembly.finish() {
+            take(whole)?;
+        }
+        if lines.is_empty() {
+            let Some(mapped) = &self.mapped else { return Err(Fault::data("the file holds no samples")) };
+            let name = self.input.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            log.notes.push(format!("{name}: no row is one of the table `{}`: nothing is written", mapped.name()));
+        }
+        once_each(&lines)?;
+        let described = canonical.schema().fields().iter();
+        let unit = |f: &Field| f.metadata().get("unit").cloned().unwrap_or_default();
+        let columns = described.map(|f| (f.name().clone(), unit(f))).collect();
+        let (files, unchanged) = self.publish(open, from)?;
+        let quality = if files.is_empty() { None } else { Some(self.quality(&lines, from)?) };
+        Ok(Exported { format: log.format, files, unchanged, quality, lines, notes: log.notes, columns })
+    }
+
+    /// The key of what the files are made from.
+    fn key(&self, made_from: Option<SayMadeFrom>) -> Result<Key, Fault> {
+        let hash = |path: &Path| {
+            let mut hasher = blake3::Hasher::new();
+            let mut file = File::open(path)?;
+            io::copy(&mut file, &mut hasher)?;
+            io::Result::Ok(Key::finish(&hasher).to_string())
+        };
+        let failed = |path: &Path, e: &io::Error| match e.kind() {
+            io::ErrorKind::NotFound => Fault::new(format!("there is no file {}", path.display())),
+            _ => Fault::machine(format!("cannot read {}: {e}", path.display())),
+        };
+        let bytes = |path: &Path| {
+            // A format may be a folder; its reader says what it makes of it.
+            if path.is_dir() { Ok("folder".to_owned()) } else { hash(path).map_err(|e| failed(path, &e)) }
+        };
+        let mut parts = vec![
+            VERSION.to_owned(),
+            datasets::VERSION.to_owned(),
+            format!("{:?}", self.options),
+            self.hive.to_string(),
+            bytes(self.input)?,
+        ];
+        let made_from = made_from.map(|say| say(self.input)).transpose().map_err(Fault::from)?;
+        for other in made_from.iter().flat_map(|m| &m.files) {
+            parts.push(bytes(other)?);
+        }
+        if let Some(mapped) = &self.mapped {
+            parts.push(mapped.key().to_string());
+            // That it is missing is said where it is read.
+            if let Some(other) = mapped.beside(self.input).filter(|p| p.exists()) {
+                parts.push(bytes(&other)?);
+            }
+        }
+        Ok(Key::of(parts))
+    }
+
+    /// A line with what is wrong with it and its figures, and its rows.
+    fn line(&self, whole: Whole, origins: &Origins) -> Result<(LineOf, Option<RecordBatch>), Fault> {
+        let Whole { flight, line, parts, rows, fault } = whole;
+        let file = self.input.display().to_string();
+        let placed = |f: Fault| f.in_line(&flight, &line).in_file(&file);
+        let mut faults: Vec<Fault> = fault.into_iter().collect();
+        let Some(schema) = parts.first().map(RecordBatch::schema) else {
+            let faults = faults.into_iter().map(placed).collect();
+            return Ok((
+                LineOf { flight, line, rows, tt: (f64::NAN, f64::NAN), date: None, faults, measures: vec![] },
+                None,
+            ));
+        };
+        let mut batch = concat_batches(&schema, &parts).map_err(|e| Fault::data(e.to_string()))?;
+        match midnight::unwrapped(&batch) {
+            Ok(Some(unwrapped)) => batch = unwrapped,
+            Ok(None) => {}
+            Err(wrong) => faults.push(wrong),
+        }
+        let examined = examine(&batch, origins, &self.options.accept)?;
+        let tt = batch.column(2).as_primitive::<Float64Type>().values();
+        faults.extend(check_time(tt).err());
+        faults.extend(examined.faults);
+        let at = |row: u64| usize::try_from(row).ok().and_then(|row| tt.get(row)).copied().unwrap_or(f64::NAN);
+        let of_findings = examined.findings.iter().map(|f| Measure {
+            column: f.column.clone(),
+            check: f.check.as_str(),
+            value: f.value().unwrap_or(f64::NAN),
+            unit: f.unit.clone(),
+            count: f.n,
+            first_tt: at(f.first_row),
+        });
+        let mut all: Vec<Measure> = of_findings.collect();
+        all.extend(measures(&examined.batch));
+        let faults = faults.into_iter().map(placed).collect();
+        let ends = (tt.first().copied().unwrap_or(f64::NAN), tt.last().copied().unwrap_or(f64::NAN));
+        let date = date_of(&batch);
+        Ok((LineOf { flight, line, rows, tt: ends, date, faults, measures: all }, Some(batch)))
+    }
+
+    /// The file of a flight.
+    fn target(&self, flight: &str) -> Result<PathBuf, Fault> {
+        let name = format!("{}.parquet", self.name);
+        if !self.hive {
+            return Ok(self.folder.join(name));
+        }
+        let plain = |c: char| c.is_alphanumeric() || "._-".contains(c);
+        if flight.is_empty() || !flight.chars().all(plain) {
+            let fault = Fault::data(format!("the flight `{}` cannot be the name of a folder", flight.escape_default()));
+            return Err(fault.help("leave `--hive` out, or name the flight otherwise"));
+        }
+        Ok(self.folder.join(format!("flight={flight}")).join(name))
+    }
+
+    /// Writes a line as a row group of its file.
+    fn write(
+        &self,
+        flight: &str,
+        batch: &RecordBatch,
+        from: Key,
+        open: &mut BTreeMap<String, Open>,
+    ) -> Result<(), Fault> {
+        let own = if self.hive { flight } else { "" };
+        // Of a folder `flight=...` the column is the folder's name.
+        let columns: Vec<usize> = (usize::from(self.hive)..batch.num_columns()).collect();
+        let batch = batch.project(&columns).map_err(|e| Fault::data(e.to_string()))?;
+        if !open.contains_key(own) {
+            let path = self.unfinished.join(format!("{}-{}.parquet", self.number, open.len()));
+            let file = File::create(&path).map_err(|e| cannot_write(&path, &e))?;
+            let writer = ArrowWriter::try_new(file, batch.schema(), Some(properties(&batch.schema(), from)));
+            let writer = writer.map_err(|e| cannot_write(&path, &e))?;
+            open.insert(own.to_owned(), Open { writer, path, target: self.target(flight)? });
+        }
+        let Some(file) = open.get_mut(own) else { return Err(Fault::bug("a file is not open")) };
+        let written = file.writer.write(&batch).and_then(|()| file.writer.flush());
+        written.map_err(|e| cannot_write(&file.target, &e))
+    }
+
+    /// Gives the files their names; also says whether all were there already.
+    fn publish(&self, open: BTreeMap<String, Open>, from: Key) -> Result<(Vec<PathBuf>, bool), Fault> {
+        let (mut files, mut unchanged) = (vec![], !open.is_empty());
+        let mut whole = vec![];
+        for Open { writer, path, target } in open.into_values() {
+            let file = writer.into_inner().map_err(|e| cannot_write(&target, &e))?;
+            file.sync_all().map_err(|e| cannot_write(&target, &e))?;
+            whole.push((path, target));
+        }
+        for (path, target) in whole {
+            unchanged &= settle(&path, &target, self.replace, from)?;
+            files.push(target);
+        }
+        Ok((files, unchanged))
+    }
+
+    /// Writes the figures beside the files.
+    fn quality(&self, lines: &[LineOf], from: Key) -> Result<PathBuf, Fault> {
+        let batch = quality_table(lines)?;
+        // Folders whose names begin so are not read as flights.
+        let target = self.folder.join("_quality").join(format!("{}.parquet", self.name));
+        let path = self.unfinished.join(format!("{}-quality.parquet", self.number));
+        let written = File::create(&path).map_err(|e| cannot_write(&target, &e)).and_then(|file| {
+            let failed = |e: parquet::errors::ParquetError| cannot_write(&target, &e);
+            let properties = properties(&batch.schema(), from);
+            let mut writer = ArrowWriter::try_new(file, batch.schema(), Some(properties)).map_err(failed)?;
+            writer.write(&batch).map_err(failed)?;
+            writer.into_inner().map_err(failed)?.sync_all().map_err(|e| cannot_write(&target, &e))
+        });
+        written?;
+        // They follow from the data beside them, whose name is settled.
+        settle(&path, &target, true, from)?;
+        Ok(target)
+    }
+}
+
+fn cannot_write(path: &Path, e: &dyn std::fmt::Display) -> Fault {
+    Fault::machine(format!("cannot write {}: {e}", path.display()))
+}
+
+/// Gives a whole file its name. `true` where a file of the same data was there.
+fn settle(path: &Path, target: &Path, replace: bool, from: Key) -> Result<bool, Fault> {
+    let failed = |e: io::Error| cannot_write(target, &e);
+    let folder = target.parent().unwrap_or(Path::new("."));
+    make_folder(folder).map_err(failed)?;
+    if replace {
+        fs::rename(path, target).map_err(failed)?;
+        sync_folder(folder).map_err(failed)?;
+        return Ok(false);
+    }
+    // A link, unlike a rename, does not take the place of a file that another process has made meanwhile.
+    match fs::hard_link(path, target) {
+        Ok(()) => {}
+        Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
+            if made_from(target) != Some(from) {
+                let fault = Fault::new(format!("{} holds other data already", target.display()));
+                return Err(fault.help("name another folder with `--to`, or say `--replace`"));
+            }
+            return Ok(true);
+        }
+        // A file system without links.
+        Err(_) if !target.exists() => fs::rename(path, target).map_err(failed)?,
+        Err(e) => return Err(failed(e)),
+    }
+    sync_folder(folder).map_err(failed)?;
+    Ok(false)
+}
+
+/// What a file says it was made from.
+fn made_from(path: &Path) -> Option<Key> {
+    let reader = SerializedFileReader::new(File::open(path).ok()?).ok()?;
+    let pairs = reader.metadata().file_metadata().key_value_metadata()?.clone();
+    Key::parse(pairs.iter().find(|kv| kv.key == FROM)?.value.as_deref()?)
+}
+
+fn properties(schema: &SchemaRef, from: Key) -> WriterProperties {
+    let builder = WriterProperties::builder()
+        .set_created_by("magline".to_owned())
+        .set_compression(Compression::ZSTD(ZstdLevel::default()))
+        .set_key_value_metadata(Some(vec![KeyValue::new(FROM.to_owned(), from.to_string())]))
+        // Row groups end where lines do.
+        .set_max_row_group_row_count(None);
+    let numbers = schema.fields().iter().filter(|f| f.data_type() == &DataType::Float64);
+    numbers.fold(builder, |b, f| b.set_column_dictionary_enabled(f.name().as_str().into(), false)).build()
+}
+
+/// A line that stands in a file twice cannot be put in order.
+fn once_each(lines: &[LineOf]) -> Result<(), Fault> {
+    let mut seen: BTreeMap<(String, String), usize> = BTreeMap::new();
+    for (i, line) in lines.iter().enumerate() {
+        if seen.insert((line.flight.clone(), line.line.clone()), i).is_some() {
+            let fault = Fault::data("the line's samples are not contiguous").in_line(&line.flight, &line.line);
+            return Err(fault.help("sort the file by flight, line and tt, and name each line once"));
+        }
+    }
+    Ok(())
+}
+
+fn date_of(batch: &RecordBatch) -> Option<(i64, i64)> {
+    let first = |name: &str| {
+        let column = batch.column_by_name(name)?;
+        let column = arrow_cast::cast(column, &DataType::Int64).ok()?;
+        column.as_primitive::<arrow_array::types::Int64Type>().iter().next().flatten()
+    };
+    Some((first("year")?, first("doy")?))
+}
+
+/// The figures of all lines.
+///
+/// # Errors
+/// Fails only where the columns have different lengths, which is an error in the program.
+pub fn quality_table(lines: &[LineOf]) -> Result<RecordBatch, Fault> {
+    let rows: Vec<(&LineOf, &Measure)> = lines.iter().flat_map(|l| l.measures.iter().map(move |m| (l, m))).collect();
+    let text = |f: &dyn Fn(&(&LineOf, &Measure)) -> String| -> ArrayRef {
+        Arc::new(rows.iter().map(|r| Some(f(r))).collect::<StringArray>())
+    };
+    let number = |f: fn(&Measure) -> f64| -> ArrayRef {
+        // What is not there is null, not NaN: the table is read by all sorts of programs.
+        Arc::new(rows.iter().map(|r| Some(f(r.1)).filter(|x| x.is_finite())).collect::<Float64Array>())
+    };
+    let count: ArrayRef = Arc::new(rows.iter().map(|r| i64::try_from(r.1.count).ok()).collect::<Int64Array>());
+    let columns = [
+        ("flight", text(&|r| r.0.flight.clone()), "", Role::Key, "flight identifier"),
+        ("line", text(&|r| r.0.line.clone()), "", Role::Key, "line identifier"),
+        ("column", text(&|r| r.1.column.clone()), "", Role::Key, "the column, or the vector magnetometer"),
+        ("check", text(&|r| r.1.check.to_owned()), "", Role::Key, "what was checked"),
+        ("value", number(|m| m.value), "", Role::Derived, "the figure; null where the check has none"),
+        ("unit", text(&|r| r.1.unit.clone()), "", Role::Derived, "its unit"),
+        ("count", count, "", Role::Derived, "the number of samples that it is about"),
+        ("first_tt", number(|m| m.first_tt), "s", Role::Derived, "the time of the first of them; null for all"),
+    ];
+    let fields: Vec<Field> = columns
+        .iter()
+        .map(|(name, array, unit, role, about)| field(name, array.data_type().clone(), unit, *role, about))
+        .collect();
+    let arrays = columns.into_iter().map(|(_, array, ..)| array).collect();
+    RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::bug(e.to_string()))
+}

@@ -1,0 +1,392 @@
+//! A table of a mapping against the columns of one file: every name, unit and expression is checked before a row is read.
+
+use std::sync::Arc;
+
+use arrow_array::{
+    Array, ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, StringArray, cast::AsArray,
+    types::Float64Type,
+};
+use arrow_cast::cast;
+use arrow_schema::{DataType, Field, Schema, SchemaRef};
+use schemas::{Fault, field, flight};
+
+use super::{
+    clock::Instant,
+    declare::{Frames, Order},
+    document::{KeyDecl, Span, TableDecl},
+    make::{Made, one_column, one_quaternion, one_vector, others},
+    row_value::RowValue,
+    time::TimeOf,
+    vector::{Mounting, roll_pitch_yaw_deg},
+};
+
+/// The columns of a file, and what is wrong with the mapping of them.
+pub struct Columns<'a> {
+    /// Their fields.
+    pub source: &'a Schema,
+    /// The file and its topic, for messages.
+    pub place: String,
+    /// All that is wrong.
+    pub faults: Vec<Fault>,
+}
+
+impl<'a> Columns<'a> {
+    /// Of a file.
+    pub fn new(source: &'a Schema, place: String) -> Columns<'a> {
+        Columns { source, place, faults: vec![] }
+    }
+
+    /// Notes a fault.
+    pub fn push(&mut self, fault: Fault) {
+        self.faults.push(fault);
+    }
+
+    /// The position of a column.
+    pub fn find(&mut self, name: &str, at: Span) -> Option<usize> {
+        let found = self.source.index_of(name).ok();
+        if found.is_none() {
+            let names: Vec<&str> = self.source.fields().iter().map(|f| f.name().as_str()).collect();
+            let fault = Fault::new(format!("there is no column `{name}` in {}", self.place));
+            self.push(fault.nearest(name, &names).at(at));
+        }
+        found
+    }
+
+    /// The position of a column of numbers.
+    pub fn number(&mut self, name: &str, at: Span) -> Option<usize> {
+        let found = self.find(name, at.clone())?;
+        let kind = self.source.field(found).data_type();
+        if is_number(kind) {
+            return Some(found);
+        }
+        let fault = Fault::new(format!("the column `{name}` of {} holds {kind}, not numbers", self.place));
+        self.push(fault.help("an expression makes numbers of text: `sql = \"cast(... as double)\"`").at(at));
+        None
+    }
+
+    pub(super) fn expression(&mut self, sql: &str, at: Span) -> Option<Sql> {
+        match RowValue::new(sql, self.source) {
+            Ok(value) => Some(Sql { value, at }),
+            Err(fault) => {
+                let fault = Fault { what: format!("{} in {}", fault.what, self.place), ..fault };
+                self.push(fault.at(at));
+                None
+            }
+        }
+    }
+
+    /// The unit that the file states for a column.
+    pub(super) fn said(&self, at: usize) -> Option<&'a str> {
+        self.source.field(at).metadata().get("unit").map(String::as_str).filter(|u| !u.is_empty())
+    }
+}
+
+/// An expression, and where the mapping has it.
+#[derive(Clone, Debug)]
+pub struct Sql {
+    pub(super) value: RowValue,
+    pub(super) at: Span,
+}
+
+impl Sql {
+    /// Its values.
+    ///
+    /// # Errors
+    /// Fails where it cannot be evaluated, at its place in the mapping.
+    pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
+        self.value.evaluate(batch).map_err(|f| f.at(self.at.clone()))
+    }
+}
+
+/// Where numbers come from.
+#[derive(Clone, Debug)]
+pub(super) enum Numbers {
+    Column(usize),
+    Sql(Sql),
+}
+
+impl Numbers {
+    fn read(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
+        match self {
+            Numbers::Column(at) => numbers(batch, *at),
+            Numbers::Sql(sql) => as_numbers(&sql.evaluate(batch)?).map_err(|f| f.at(sql.at.clone())),
+        }
+    }
+}
+
+/// Where the flight or the line comes from.
+#[derive(Clone, Debug)]
+pub enum KeySource {
+    /// One for all rows.
+    Constant(String),
+    /// A column.
+    Column(usize),
+    /// An expression.
+    Sql(Sql),
+}
+
+/// How one column, or three, come about.
+#[derive(Clone, Debug)]
+pub(super) enum Output {
+    /// As the file has it.
+    AsItIs(usize),
+    /// As an expression gives it.
+    AsGiven(Sql),
+    Linear {
+        numbers: Numbers,
+        scale: f64,
+        offset: f64,
+    },
+    Number(f64),
+    Whole(i64),
+    Text(String),
+    Vector {
+        numbers: [Numbers; 3],
+        scale: [f64; 3],
+        offset: [f64; 3],
+        mounting: Mounting,
+    },
+    Quaternion {
+        at: [usize; 4],
+        order: Order,
+        frames: Frames,
+    },
+}
+
+/// A table of a mapping that fits a file.
+#[derive(Clone, Debug)]
+pub struct Bound {
+    /// The fields of what it yields: flight, line, tt, the date where it is known, and the other columns.
+    pub schema: SchemaRef,
+    /// The flight and the line.
+    pub keys: [KeySource; 2],
+    /// The clock.
+    pub time: TimeOf,
+    /// The condition on rows.
+    pub rows: Option<Sql>,
+    /// Notes for the user.
+    pub notes: Vec<String>,
+    outputs: Vec<Output>,
+}
+
+/// What the table of a spec, or the command line, says of the flight and the line.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct GivenKeys<'a> {
+    /// The flight.
+    pub flight: Option<&'a str>,
+    /// The line.
+    pub line: Option<&'a str>,
+    /// The name of the file without its extension.
+    pub stem: &'a str,
+}
+
+impl Bound {
+    /// The table `decl` on the columns of a file. Faults are left in `columns`.
+    pub fn new(decl: &TableDecl, columns: &mut Columns, given: GivenKeys, epoch: Option<Instant>) -> Option<Bound> {
+        let flight = key(decl, "flight", (decl.flight.as_ref(), given.flight, given.stem), columns);
+        let line = key(decl, "line", (decl.line.as_ref(), given.line, given.stem), columns);
+        let time = TimeOf::new(&decl.time, columns, epoch);
+        let rows = decl.head.value.rows.as_ref().and_then(|sql| {
+            let sql = columns.expression(sql, decl.head.at("rows"))?;
+            if sql.value.data_type() != &DataType::Boolean {
+                let what = format!("`rows` must be true or false for a row, but this gives {}", sql.value.data_type());
+                columns.push(Fault::new(what).at(sql.at.clone()));
+                return None;
+            }
+            Some(sql)
+        });
+        let mut made = Made::default();
+        if time.as_ref().is_some_and(TimeOf::is_dated) {
+            for name in ["year", "doy"] {
+                let known = flight::describe(name);
+                let date = field(name, DataType::Int64, known.unit, known.role, known.description);
+                made.fields.push((date, decl.time.at.clone()));
+            }
+        }
+        for (name, column) in &decl.columns {
+            one_column(name, column, columns, &mut made);
+        }
+        for (name, vector) in &decl.vectors {
+            one_vector(name, vector, columns, &mut made);
+        }
+        for quaternion in &decl.quaternions {
+            one_quaternion(quaternion, columns, &mut made);
+        }
+        if decl.head.value.others {
+            others(decl, columns, &mut made);
+        }
+        if made.outputs.is_empty() && columns.faults.is_empty() {
+            let fault = Fault::new(format!("the table `{}` has no columns beside its time", decl.name));
+            columns.push(fault.help("add `columns`, `vectors` or `others = true`").at(decl.head.at.clone()));
+        }
+        let mut fields: Vec<Field> = flight::KEYS.iter().map(|name| key_field(name)).collect();
+        for (one, at) in made.fields {
+            if fields.iter().any(|f| f.name() == one.name()) {
+                let what = format!("two columns of the table `{}` would be `{}`", decl.name, one.name());
+                columns.push(Fault::new(what).at(at));
+            }
+            fields.push(one);
+        }
+        let keys = [flight?, line?];
+        let schema = Arc::new(Schema::new(fields));
+        Some(Bound { schema, keys, time: time?, rows, notes: made.notes, outputs: made.outputs })
+    }
+
+    /// The columns beside the keys, time and date of some rows of the file.
+    ///
+    /// # Errors
+    /// Fails where an expression cannot be evaluated.
+    pub fn columns(&self, batch: &RecordBatch) -> Result<Vec<ArrayRef>, Fault> {
+        let mut out: Vec<ArrayRef> = vec![];
+        for output in &self.outputs {
+            match output {
+                Output::AsItIs(at) => out.push(column(batch, *at)?.clone()),
+                Output::AsGiven(sql) => out.push(sql.evaluate(batch)?),
+                Output::Linear { numbers, scale, offset } => {
+                    let values = numbers.read(batch)?.into_iter().map(|x| scale * x + offset);
+                    out.push(Arc::new(values.collect::<Float64Array>()));
+                }
+                Output::Number(x) => out.push(Arc::new(Float64Array::from(vec![*x; batch.num_rows()]))),
+                Output::Whole(x) => out.push(Arc::new(Int64Array::from(vec![*x; batch.num_rows()]))),
+                Output::Text(text) => out.push(Arc::new(StringArray::from(vec![text.as_str(); batch.num_rows()]))),
+                Output::Vector { numbers: [x, y, z], scale, offset, mounting } => {
+                    let own = [x.read(batch)?, y.read(batch)?, z.read(batch)?];
+                    let rows = own[0].iter().zip(&own[1]).zip(&own[2]);
+                    let body: Vec<[f64; 3]> = rows
+                        .map(|((x, y), z)| {
+                            let v = [x, y, z];
+                            mounting.apply(std::array::from_fn(|i| scale[i] * v[i] + offset[i]))
+                        })
+                        .collect();
+                    out.extend(axes_of(&body));
+                }
+                Output::Quaternion { at: [a, b, c, d], order, frames } => {
+                    let of = |at: &usize| numbers(batch, *at);
+                    let (a, b, c, d) = (of(a)?, of(b)?, of(c)?, of(d)?);
+                    let rows = a.iter().zip(&b).zip(&c).zip(&d);
+                    let angles: Vec<[f64; 3]> =
+                        rows.map(|(((a, b), c), d)| roll_pitch_yaw_deg([*a, *b, *c, *d], *order, *frames)).collect();
+                    out.extend(axes_of(&angles));
+                }
+            }
+        }
+        Ok(out)
+    }
+
+    /// For each row of the file, whether the condition on rows holds; `None` where there is none.
+    ///
+    /// # Errors
+    /// Fails where it cannot be evaluated.
+    pub fn kept(&self, batch: &RecordBatch) -> Result<Option<Vec<bool>>, Fault> {
+        let Some(sql) = &self.rows else { return Ok(None) };
+        let mask = sql.evaluate(batch)?;
+        let mask: &BooleanArray = mask.as_boolean_opt().ok_or_else(|| Fault::bug("`rows` gave no truth values"))?;
+        Ok(Some(mask.iter().map(|x| x.unwrap_or(false)).collect()))
+    }
+}
+
+fn axes_of(rows: &[[f64; 3]]) -> [ArrayRef; 3] {
+    [0, 1, 2].map(|k| Arc::new(rows.iter().map(|v| v[k]).collect::<Float64Array>()) as ArrayRef)
+}
+
+/// The texts of a key: whole numbers without a fraction, others in their shortest spelling.
+///
+/// # Errors
+/// Fails where an expression cannot be evaluated.
+pub fn key_texts(source: &KeySource, batch: &RecordBatch) -> Result<StringArray, Fault> {
+    let array = match source {
+        KeySource::Constant(text) => return Ok(StringArray::from(vec![text.as_str(); batch.num_rows()])),
+        KeySource::Column(at) => column(batch, *at)?.clone(),
+        KeySource::Sql(sql) => sql.evaluate(batch)?,
+    };
+    let kind = match array.data_type() {
+        DataType::Dictionary(_, value) => value.as_ref().clone(),
+        other => other.clone(),
+    };
+    if kind.is_floating() {
+        let numbers = as_numbers(&array)?;
+        return Ok(numbers.iter().map(|x| (!x.is_nan()).then(|| x.to_string())).collect());
+    }
+    let text = cast(&array, &DataType::Utf8).map_err(|e| Fault::data(e.to_string()))?;
+    Ok(text.as_string::<i32>().clone())
+}
+
+/// The numbers of a column; NaN for missing ones.
+///
+/// # Errors
+/// Fails for a column without numbers, which is an error in the program.
+pub fn numbers(batch: &RecordBatch, at: usize) -> Result<Vec<f64>, Fault> {
+    as_numbers(column(batch, at)?)
+}
+
+/// The texts of a column.
+///
+/// # Errors
+/// Fails for a column that is not there, which is an error in the program.
+pub fn texts(batch: &RecordBatch, at: usize) -> Result<Vec<Option<String>>, Fault> {
+    let text = cast(column(batch, at)?, &DataType::Utf8).map_err(|e| Fault::data(e.to_string()))?;
+    Ok(text.as_string::<i32>().iter().map(|t| t.map(str::to_owned)).collect())
+}
+
+fn column(batch: &RecordBatch, at: usize) -> Result<&ArrayRef, Fault> {
+    batch.columns().get(at).ok_or_else(|| Fault::bug("a batch lacks a column of the mapping"))
+}
+
+fn as_numbers(array: &ArrayRef) -> Result<Vec<f64>, Fault> {
+    let array = match array.data_type() {
+        DataType::Timestamp(..) => &cast(array, &DataType::Int64).map_err(|e| Fault::data(e.to_string()))?,
+        _ => array,
+    };
+    let cast = cast(array, &DataType::Float64).map_err(|e| Fault::data(e.to_string()))?;
+    Ok(cast.as_primitive::<Float64Type>().iter().map(|x| x.unwrap_or(f64::NAN)).collect())
+}
+
+pub(super) fn is_number(kind: &DataType) -> bool {
+    match kind {
+        DataType::Dictionary(_, value) => is_number(value),
+        DataType::Boolean | DataType::Null => true,
+        other => other.is_numeric(),
+    }
+}
+
+fn key_field(name: &str) -> Field {
+    let known = flight::describe(name);
+    let kind = if name == "tt" { DataType::Float64 } else { DataType::Utf8 };
+    field(name, kind, known.unit, known.role, known.description)
+}
+
+fn key(
+    decl: &TableDecl,
+    name: &str,
+    (said, given, stem): (Option<&KeyDecl>, Option<&str>, &str),
+    columns: &mut Columns,
+) -> Option<KeySource> {
+    if let Some(given) = given {
+        return Some(KeySource::Constant(given.to_owned()));
+    }
+    let of = match said {
+        Some(KeyDecl::Constant(text)) => return Some(KeySource::Constant(text.clone())),
+        Some(KeyDecl::Of(of)) => of,
+        None => {
+            let fault = Fault::new(format!("the mapping does not say the {name} of the table `{}`", decl.name));
+            let help = format!("give `{name}` in the table of the spec, on the command line or in the mapping");
+            columns.push(fault.help(help).at(decl.head.at.clone()));
+            return None;
+        }
+    };
+    match (&of.value.from, &of.value.sql, of.value.of_file) {
+        (Some(from), None, false) => columns.find(from, of.at("from")).map(KeySource::Column),
+        (None, Some(sql), false) => columns.expression(sql, of.at("sql")).map(KeySource::Sql),
+        (None, None, true) => Some(KeySource::Constant(stem.to_owned())),
+        _ => {
+            let fault = Fault::new(format!("`{name}` needs one of `from`, `sql` and `of_file`"));
+            columns.push(fault.at(of.at.clone()));
+            None
+        }
+    }
+}
+
+/// The date columns of some rows.
+pub fn whole(values: Vec<Option<i64>>) -> ArrayRef {
+    Arc::new(Int64Array::from(values))
+}

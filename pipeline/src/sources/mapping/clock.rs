@@ -1,0 +1,333 @@
+//! Time as logs have it: days and seconds of UTC from Unix time, GPS weeks, times of the day and text.
+
+use chrono::{DateTime, Datelike, NaiveDate, NaiveDateTime, NaiveTime, Timelike};
+
+/// Seconds of a day.
+pub const DAY_S: f64 = 86_400.0;
+
+/// An instant of UTC; leap seconds are not counted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Instant {
+    /// Days since 1970-01-01.
+    pub day: i64,
+    /// Seconds past the midnight that the day begins with, 0 to 86400.
+    pub s: f64,
+}
+
+/// Days from 0001-01-01, day 1 of the calendar that `chrono` counts, to 1970-01-01.
+const UNIX_DAY: i64 = 719_163;
+/// 1980-01-06, from which GPS weeks are counted, in days since 1970-01-01.
+const GPS_DAY: i64 = 3_657;
+
+/// From when on GPS time is how many seconds ahead of UTC: days since 1970-01-01 (IERS bulletin C). The first day of each
+/// difference.
+const LEAP_S: &[(i64, f64)] = &[
+    (GPS_DAY, 0.0),
+    (4_199, 1.0),   // 1981-07-01
+    (4_564, 2.0),   // 1982-07-01
+    (4_929, 3.0),   // 1983-07-01
+    (5_660, 4.0),   // 1985-07-01
+    (6_574, 5.0),   // 1988-01-01
+    (7_305, 6.0),   // 1990-01-01
+    (7_670, 7.0),   // 1991-01-01
+    (8_217, 8.0),   // 1992-07-01
+    (8_582, 9.0),   // 1993-07-01
+    (8_947, 10.0),  // 1994-07-01
+    (9_496, 11.0),  // 1996-01-01
+    (10_043, 12.0), // 1997-07-01
+    (10_592, 13.0), // 1999-01-01
+    (13_149, 14.0), // 2006-01-01
+    (14_245, 15.0), // 2009-01-01
+    (15_522, 16.0), // 2012-07-01
+    (16_617, 17.0), // 2015-07-01
+    (17_167, 18.0), // 2017-01-01
+];
+
+impl Instant {
+    /// The instant some seconds after the midnight of a day; the seconds may be outside of the day.
+    pub fn new(day: i64, s: f64) -> Instant {
+        let days = (s / DAY_S).floor();
+        let within = s - days * DAY_S;
+        // The difference may round up to a whole day.
+        if within >= DAY_S {
+            Instant { day: day + days as i64 + 1, s: 0.0 }
+        } else {
+            Instant { day: day + days as i64, s: within.max(0.0) }
+        }
+    }
+
+    /// The instant of a count of nanoseconds since 1970-01-01.
+    pub fn of_unix_ns(ns: i128) -> Instant {
+        const DAY_NS: i128 = 86_400_000_000_000;
+        Instant { day: ns.div_euclid(DAY_NS) as i64, s: ns.rem_euclid(DAY_NS) as f64 / 1e9 }
+    }
+
+    /// The instant of a GPS week and seconds of it. `leap_s` is GPS time less UTC; that of the date where it is `None`.
+    /// `None` before 1980.
+    pub fn of_gps(week: i64, s: f64, leap_s: Option<f64>) -> Option<Instant> {
+        let gps = Instant::new(GPS_DAY.checked_add(week.checked_mul(7)?)?, s);
+        if gps.day < GPS_DAY {
+            return None;
+        }
+        let leap = leap_s.or_else(|| {
+            // The table is in UTC, which is behind GPS time by the difference itself.
+            let begun = |(day, leap): &&(i64, f64)| gps.seconds_since(*day) >= *leap;
+            LEAP_S.iter().rev().find(begun).map(|(_, leap)| *leap)
+        })?;
+        Some(gps.plus(-leap))
+    }
+
+    /// Seconds since the midnight of a day.
+    pub fn seconds_since(self, day: i64) -> f64 {
+        (self.day - day) as f64 * DAY_S + self.s
+    }
+
+    /// Some seconds later.
+    pub fn plus(self, s: f64) -> Instant {
+        Instant::new(self.day, self.s + s)
+    }
+}
+
+/// The year and the day of the year of a day since 1970-01-01; `None` outside of the years -262143 to 262142.
+pub fn year_and_day(day: i64) -> Option<(i64, i64)> {
+    let date = NaiveDate::from_num_days_from_ce_opt(i32::try_from(day.checked_add(UNIX_DAY)?).ok()?)?;
+    Some((i64::from(date.year()), i64::from(date.ordinal())))
+}
+
+/// The date of a day since 1970-01-01 as `2012-10-10`.
+pub fn date_text(day: i64) -> String {
+    let date = i32::try_from(day + UNIX_DAY).ok().and_then(NaiveDate::from_num_days_from_ce_opt);
+    date.map_or_else(|| format!("day {day}"), |d| d.format("%Y-%m-%d").to_string())
+}
+
+/// The day since 1970-01-01 of a date such as `2012-10-10`.
+pub fn read_date(text: &str) -> Option<i64> {
+    let date = NaiveDate::parse_from_str(text.trim(), "%Y-%m-%d").ok()?;
+    Some(i64::from(date.num_days_from_ce()) - UNIX_DAY)
+}
+
+/// The instant of a date, or of a date and time of ISO 8601; without an offset it is UTC.
+pub fn read_instant(text: &str) -> Option<Instant> {
+    read_date(text).map(|day| Instant { day, s: 0.0 }).or_else(|| iso(text))
+}
+
+/// Seconds east of Greenwich of an offset such as `+10:00`, `-03:30`, `+02` or `Z`.
+pub fn read_zone(text: &str) -> Option<f64> {
+    let text = text.trim();
+    if ["Z", "z", "UTC", "utc"].contains(&text) {
+        return Some(0.0);
+    }
+    let (sign, digits) = match text.split_at_checked(1)? {
+        ("+", rest) => (1.0, rest),
+        ("-", rest) => (-1.0, rest),
+        _ => return None,
+    };
+    let (hours, minutes) = match digits.split_once(':') {
+        Some((h, m)) => (h, m),
+        None if digits.len() == 4 => digits.split_at_checked(2)?,
+        None => (digits, "0"),
+    };
+    let plain = |word: &str| (!word.is_empty() && word.len() <= 2).then(|| word.parse::<u8>().ok()).flatten();
+    let (hours, minutes) = (plain(hours)?, plain(minutes)?);
+    // From Baker Island to the Line Islands.
+    (hours <= 14 && minutes < 60).then(|| sign * (f64::from(hours) * 3600.0 + f64::from(minutes) * 60.0))
+}
+
+/// A time stamp in text: with its date, or of a day.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Read {
+    /// An instant, of UTC where the text says its offset.
+    At {
+        /// The instant.
+        instant: Instant,
+        /// Whether the text says its own offset from UTC, which was taken off.
+        zoned: bool,
+    },
+    /// Seconds past midnight.
+    OfDay(f64),
+}
+
+/// The form of time stamps in text.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Form {
+    /// ISO 8601.
+    Iso,
+    /// In the letters of `strftime`, with a date.
+    Dated(String, bool),
+    /// In the letters of `strftime`, without a date.
+    OfDay(String),
+}
+
+impl Form {
+    /// Reads a form; `None` where it has letters that `strftime` does not have, or no time.
+    pub fn new(format: Option<&str>) -> Option<Form> {
+        use chrono::format::{Fixed, Item, Numeric, StrftimeItems};
+        let Some(format) = format else { return Some(Form::Iso) };
+        let items: Vec<Item> = StrftimeItems::new(format).collect();
+        if items.iter().any(|i| matches!(i, Item::Error)) {
+            return None;
+        }
+        let has = |wanted: &[Numeric]| items.iter().any(|i| matches!(i, Item::Numeric(n, _) if wanted.contains(n)));
+        let whole = has(&[Numeric::Timestamp])
+            || items.iter().any(|i| matches!(i, Item::Fixed(Fixed::RFC2822 | Fixed::RFC3339)));
+        let zoned = items.iter().any(|i| {
+            use Fixed::{RFC2822, RFC3339, TimezoneOffset, TimezoneOffsetColon, TimezoneOffsetColonZ, TimezoneOffsetZ};
+            matches!(
+                i,
+                Item::Fixed(
+                    RFC2822 | RFC3339 | TimezoneOffset | TimezoneOffsetColon | TimezoneOffsetColonZ | TimezoneOffsetZ
+                )
+            )
+        });
+        let year = has(&[Numeric::Year, Numeric::YearMod100]);
+        let timed = has(&[Numeric::Hour, Numeric::Hour12]);
+        match (whole || year, whole || timed) {
+            (true, true) => Some(Form::Dated(format.to_owned(), zoned)),
+            (false, true) => Some(Form::OfDay(format.to_owned())),
+            (_, false) => None,
+        }
+    }
+
+    /// Whether its text holds a date.
+    pub fn is_dated(&self) -> bool {
+        !matches!(self, Form::OfDay(_))
+    }
+
+    /// The time that a text says.
+    pub fn read(&self, text: &str) -> Option<Read> {
+        let text = text.trim();
+        match self {
+            Form::Iso => {
+                let zoned = DateTime::parse_from_rfc3339(text).is_ok() || text.ends_with(['Z', 'z']);
+                iso(text).map(|instant| Read::At { instant, zoned })
+            }
+            Form::Dated(format, true) => {
+                let at = DateTime::parse_from_str(text, format).ok()?.naive_utc();
+                Some(Read::At { instant: instant(at), zoned: true })
+            }
+            Form::Dated(format, false) => {
+                let at = NaiveDateTime::parse_from_str(text, format).ok()?;
+                Some(Read::At { instant: instant(at), zoned: false })
+            }
+            Form::OfDay(format) => NaiveTime::parse_from_str(text, format).ok().map(|t| Read::OfDay(of_day(t))),
+        }
+    }
+}
+
+/// ISO 8601 with a `T` or a space; without an offset as it stands.
+fn iso(text: &str) -> Option<Instant> {
+    let text = text.trim();
+    if let Ok(at) = DateTime::parse_from_rfc3339(text) {
+        return Some(instant(at.naive_utc()));
+    }
+    let bare = text.strip_suffix(['Z', 'z']).unwrap_or(text);
+    let forms = ["%Y-%m-%dT%H:%M:%S%.f", "%Y-%m-%d %H:%M:%S%.f", "%Y-%m-%dT%H:%M", "%Y-%m-%d %H:%M"];
+    forms.iter().find_map(|f| NaiveDateTime::parse_from_str(bare, f).ok()).map(instant)
+}
+
+fn instant(at: NaiveDateTime) -> Instant {
+    Instant { day: i64::from(at.date().num_days_from_ce()) - UNIX_DAY, s: of_day(at.time()) }
+}
+
+fn of_day(time: NaiveTime) -> f64 {
+    f64::from(time.num_seconds_from_midnight()) + f64::from(time.nanosecond()) / 1e9
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn ref_gps_weeks_are_the_dates_that_receivers_print() {
+        // The logs of this project: log171.bin of ArduPilot (21 Nov 2015, 23:44 UTC), the Skywalker (29 Nov 2013).
+        let at = Instant::of_gps(1871, 603_882.4, None).unwrap();
+        assert_eq!(date_text(at.day), "2015-11-21");
+        assert!((at.s - (23.0 * 3600.0 + 44.0 * 60.0 + 25.4)).abs() < 1e-6, "{at:?}");
+        let at = Instant::of_gps(1768, 511_214.5, None).unwrap();
+        assert_eq!((date_text(at.day).as_str(), at.s), ("2013-11-29", 79_198.5));
+        // The leap second of 2016: GPS week 1930, 17 s before midnight and 18 s after.
+        let before = Instant::of_gps(1930, 16.0, None).unwrap();
+        assert_eq!((date_text(before.day).as_str(), before.s), ("2016-12-31", 86_399.0));
+        let after = Instant::of_gps(1930, 18.0, None).unwrap();
+        assert_eq!((date_text(after.day).as_str(), after.s), ("2017-01-01", 0.0));
+        assert_eq!(Instant::of_gps(0, 0.0, None).unwrap(), Instant { day: GPS_DAY, s: 0.0 });
+        assert_eq!(Instant::of_gps(1871, 0.0, Some(0.0)).unwrap().s, 0.0);
+        assert!(Instant::of_gps(-1, 0.0, None).is_none() && Instant::of_gps(i64::MAX, 0.0, None).is_none());
+    }
+
+    #[test]
+    fn ref_every_leap_second_is_at_its_date() {
+        let dates = [
+            "1981-07-01",
+            "1982-07-01",
+            "1983-07-01",
+            "1985-07-01",
+            "1988-01-01",
+            "1990-01-01",
+            "1991-01-01",
+            "1992-07-01",
+            "1993-07-01",
+            "1994-07-01",
+            "1996-01-01",
+            "1997-07-01",
+            "1999-01-01",
+            "2006-01-01",
+            "2009-01-01",
+            "2012-07-01",
+            "2015-07-01",
+            "2017-01-01",
+        ];
+        for (i, date) in dates.iter().enumerate() {
+            let (day, leap) = LEAP_S[i + 1];
+            assert_eq!((date_text(day).as_str(), leap), (*date, (i + 1) as f64));
+        }
+    }
+
+    #[test]
+    fn law_unix_time_is_exact_to_the_nanosecond_of_a_double() {
+        // 2021-04-21T12:00:00.000001Z
+        let at = Instant::of_unix_ns(1_619_006_400_000_001_000);
+        assert_eq!((date_text(at.day).as_str(), at.s), ("2021-04-21", 43_200.000_001));
+        assert_eq!(Instant::of_unix_ns(-1), Instant { day: -1, s: 86_399.999_999_999 });
+        assert_eq!(Instant::new(5, -1.0), Instant { day: 4, s: 86_399.0 });
+        assert_eq!(Instant::new(5, -1e-20), Instant { day: 5, s: 0.0 });
+        assert_eq!(Instant::new(5, 2.0 * DAY_S), Instant { day: 7, s: 0.0 });
+    }
+
+    #[test]
+    fn ref_zones_and_dates() {
+        assert_eq!(read_zone("+10:00"), Some(36_000.0));
+        assert_eq!(read_zone("-03:30"), Some(-12_600.0));
+        assert_eq!((read_zone("+0545"), read_zone("-5"), read_zone("Z")), (Some(20_700.0), Some(-18_000.0), Some(0.0)));
+        for wrong in ["10:00", "+25:00", "+10:75", "", "+", "+a", "+1:2:3", "ü"] {
+            assert_eq!(read_zone(wrong), None, "{wrong}");
+        }
+        assert_eq!(read_date("1970-01-01"), Some(0));
+        assert_eq!(year_and_day(read_date("2012-12-31").unwrap()), Some((2012, 366)));
+        assert_eq!(read_date("2013-02-29"), None);
+    }
+
+    #[test]
+    fn ref_text_of_many_forms() {
+        let read = |format: Option<&str>, text: &str| Form::new(format).unwrap().read(text);
+        let noon = Instant { day: read_date("2021-04-21").unwrap(), s: 43_200.25 };
+        for (format, text) in [
+            (None, "2021-04-21T12:00:00.25"),
+            (None, "2021-04-21 12:00:00.25"),
+            (Some("%d/%m/%Y %H:%M:%S%.f"), "21/04/2021 12:00:00.25"),
+            (Some("%y%j %I:%M:%S%.f %p"), "21111 12:00:00.25 PM"),
+        ] {
+            assert_eq!(read(format, text), Some(Read::At { instant: noon, zoned: false }), "{text}");
+        }
+        assert_eq!(read(None, "2021-04-21T14:00:00.25+02:00"), Some(Read::At { instant: noon, zoned: true }));
+        assert_eq!(
+            read(Some("%Y-%m-%d %H:%M:%S%.f %z"), "2021-04-21 14:00:00.25 +0200"),
+            read(None, "2021-04-21T12:00:00.25Z")
+        );
+        assert_eq!(read(Some("%H:%M:%S%.f"), "00:01:02.5"), Some(Read::OfDay(62.5)));
+        assert_eq!(read(Some("%H:%M:%S%.f"), "25:01:02.5"), None);
+        assert!(Form::new(Some("%Q")).is_none() && Form::new(Some("%Y-%m-%d")).is_none());
+    }
+}

@@ -1,0 +1,274 @@
+//! The text of a mapping: its tables, with the position of everything in it.
+
+use std::ops::Range;
+
+use schemas::{Args, Fault, Given, Lists, Literal, Params, Reader, Section};
+
+use super::declare::{Attitudes, ColumnOf, Epoch, Head, KeyOf, QuaternionOf, Stamp, Time, VectorOf};
+
+/// Bytes of the mapping.
+pub type Span = Range<usize>;
+
+/// Something with the keys that said it.
+#[derive(Clone, Debug)]
+pub struct Placed<T> {
+    /// What it is.
+    pub value: T,
+    /// Its keys as they are given.
+    pub args: Args,
+    /// Where it stands.
+    pub at: Span,
+}
+
+impl<T> Placed<T> {
+    /// Where the value of a key stands; where the whole stands if the key is left out.
+    pub fn at(&self, key: &str) -> Span {
+        self.args.get(key).map_or(self.at.clone(), |given| given.at.clone())
+    }
+}
+
+/// How the flight or the line of a row is found.
+#[derive(Clone, Debug)]
+pub enum KeyDecl {
+    /// One for all rows.
+    Constant(String),
+    /// Otherwise.
+    Of(Placed<KeyOf>),
+}
+
+/// One table of a mapping.
+#[derive(Clone, Debug)]
+pub struct TableDecl {
+    /// Its name.
+    pub name: String,
+    /// What it reads.
+    pub head: Placed<Head>,
+    /// The flight, if the mapping says it.
+    pub flight: Option<KeyDecl>,
+    /// The line, if the mapping says it.
+    pub line: Option<KeyDecl>,
+    /// The time of each row.
+    pub time: Placed<Stamp>,
+    /// When the log's own clock was 0.
+    pub epoch: Option<Placed<Epoch>>,
+    /// The columns by their names in the flight table, in the order of the text.
+    pub columns: Vec<(String, Placed<ColumnOf>)>,
+    /// The vector sensors by theirs.
+    pub vectors: Vec<(String, Placed<VectorOf>)>,
+    /// The attitudes that are quaternions.
+    pub quaternions: Vec<Placed<QuaternionOf>>,
+}
+
+/// The whole text.
+#[derive(Clone, Debug)]
+pub struct Document {
+    /// What it is for.
+    pub about: String,
+    /// Its tables, in the order of the text.
+    pub tables: Vec<TableDecl>,
+}
+
+const TOP: [&str; 6] = ["about", "format", "flight", "line", "epoch", "tables"];
+const TABLE: [&str; 6] = ["flight", "line", "time", "epoch", "columns", "vectors"];
+
+/// Reads the text of a mapping.
+///
+/// # Errors
+/// All that is wrong with its form, each with its position.
+pub fn read(text: &str) -> Result<Document, Vec<Fault>> {
+    let root = Section::document(text)?;
+    let mut reading = Reading { faults: vec![], lists: Lists::default() };
+    let document = reading.document(&root);
+    if reading.faults.is_empty() { Ok(document) } else { Err(reading.faults) }
+}
+
+struct Reading {
+    faults: Vec<Fault>,
+    lists: Lists,
+}
+
+impl Reading {
+    fn document(&mut self, root: &Section) -> Document {
+        for (key, given) in root.keys.iter().filter(|(key, _)| !TOP.contains(&key.as_str())) {
+            let fault = Fault::new(format!("a mapping has no key `{key}`")).nearest(key, &TOP);
+            self.faults.push(fault.at(given.key_at.clone()));
+        }
+        let about = self.text(&root.keys, "about").unwrap_or_default();
+        let format = self.text(&root.keys, "format");
+        let mut tables = vec![];
+        match root.keys.get("tables") {
+            None => self.faults.push(Fault::new("a mapping needs a table").help("add `[tables.NAME]`")),
+            Some(given) => {
+                for (name, given) in self.entries("tables", given) {
+                    tables.extend(self.table(&name, &given, root, format.as_deref()));
+                }
+            }
+        }
+        Document { about, tables }
+    }
+
+    /// The entries of a table, in the order of the text.
+    fn entries(&mut self, name: &str, given: &Given) -> Vec<(String, Given)> {
+        let Literal::Section(section) = &given.value else {
+            let what = format!("`{name}` must be a table, not a {}", given.value.type_name());
+            self.faults.push(Fault::new(what).at(given.at.clone()));
+            return vec![];
+        };
+        let mut all: Vec<(String, Given)> = section.keys.iter().map(|(k, g)| (k.clone(), g.clone())).collect();
+        all.sort_by_key(|(_, given)| given.key_at.start);
+        all
+    }
+
+    fn text(&mut self, args: &Args, key: &str) -> Option<String> {
+        let given = args.get(key)?;
+        if given.value.as_text().is_none() {
+            self.faults.push(Fault::new(format!("`{key}` must be text")).at(given.at.clone()));
+        }
+        given.value.as_text().map(str::to_owned)
+    }
+
+    fn table(&mut self, name: &str, given: &Given, root: &Section, format: Option<&str>) -> Option<TableDecl> {
+        let fine = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '-';
+        if !(name.starts_with(|c: char| c.is_ascii_alphabetic()) && name.chars().all(fine)) {
+            let fault = Fault::new(format!("`{}` cannot be the name of a table", name.escape_default()));
+            let help = "a name begins with a letter and holds letters, digits, `_` and `-`";
+            self.faults.push(fault.help(help).at(given.key_at.clone()));
+            return None;
+        }
+        let Literal::Section(section) = &given.value else {
+            let what = format!("`tables.{name}` must be a table, not a {}", given.value.type_name());
+            self.faults.push(Fault::new(what).at(given.at.clone()));
+            return None;
+        };
+        // The header stands for the table: its bytes are only known for inline tables.
+        let at = given.key_at.clone();
+        let of_mapping = |key: &str| section.keys.get(key).or(root.keys.get(key)).cloned();
+        let lists = self.lists.clone();
+        let mut reader = Reader::new(name, &section.keys, Some(at.clone()), &lists);
+        let head = Head::read(&mut reader, None);
+        let attitudes = Attitudes::read(&mut reader, None);
+        let time = Time::read(&mut reader, None);
+        let names = |docs: Vec<schemas::ParamDoc>| docs.into_iter().map(|d| d.name).collect::<Vec<_>>();
+        let known = [names(Head::docs(&lists)), names(Attitudes::docs(&lists)), TABLE.to_vec()].concat();
+        reader.unknown_keys(&known, &[]);
+        self.faults.extend(reader.into_faults());
+        let flight = of_mapping("flight").and_then(|g| self.key("flight", &g));
+        let line = of_mapping("line").and_then(|g| self.key("line", &g));
+        // The faults of a table's own epoch are told with its clock.
+        let epoch = match (section.keys.get("epoch"), root.keys.get("epoch")) {
+            (None, Some(given)) => self.group::<Epoch>("epoch", given),
+            (Some(given), _) => time.as_ref().and_then(|t| placed(t.epoch.clone()?.0, given)),
+            (None, None) => None,
+        };
+        let columns = self.groups::<ColumnOf>("columns", &section.keys);
+        let vectors = self.groups::<VectorOf>("vectors", &section.keys);
+        let mut head = head?;
+        head.format = head.format.or(format.map(str::to_owned));
+        Some(TableDecl {
+            name: name.to_owned(),
+            head: Placed { value: head, args: section.keys.clone(), at },
+            flight,
+            line,
+            time: placed(time?.time.0, section.keys.get("time")?)?,
+            epoch,
+            columns,
+            vectors,
+            quaternions: quaternions(attitudes?, &section.keys),
+        })
+    }
+
+    /// A flight or a line: a text, a whole number, or a table.
+    fn key(&mut self, name: &str, given: &Given) -> Option<KeyDecl> {
+        match &given.value {
+            Literal::Section(_) => self.group::<KeyOf>(name, given).map(KeyDecl::Of),
+            Literal::Text(_) | Literal::Int(_) => Some(KeyDecl::Constant(given.value.to_string())),
+            // A number with a fraction would lose its last zeros.
+            Literal::Bool(_) | Literal::List(_) | Literal::Float(_) => {
+                let what = format!("`{name}` must be a text or a table, not a {}", given.value.type_name());
+                self.faults.push(Fault::new(what).at(given.at.clone()));
+                None
+            }
+        }
+    }
+
+    fn groups<T: Params>(&mut self, name: &str, args: &Args) -> Vec<(String, Placed<T>)> {
+        let Some(given) = args.get(name) else { return vec![] };
+        let entries = self.entries(name, given);
+        entries.iter().filter_map(|(key, given)| Some((key.clone(), self.group::<T>(key, given)?))).collect()
+    }
+
+    fn group<T: Params>(&mut self, name: &str, given: &Given) -> Option<Placed<T>> {
+        let Literal::Section(section) = &given.value else {
+            let what = format!("`{name}` must be a table, not a {}", given.value.type_name());
+            self.faults.push(Fault::new(what).at(given.at.clone()));
+            return None;
+        };
+        let lists = self.lists.clone();
+        let (group, faults) = Reader::new(name, &section.keys, Some(given.key_at.clone()), &lists).group::<T>(None);
+        let fine = faults.is_empty();
+        self.faults.extend(faults);
+        placed(group.filter(|_| fine)?, given)
+    }
+}
+
+fn placed<T>(value: T, given: &Given) -> Option<Placed<T>> {
+    let Literal::Section(section) = &given.value else { return None };
+    Some(Placed { value, args: section.keys.clone(), at: given.key_at.clone() })
+}
+
+fn quaternions(attitudes: Attitudes, args: &Args) -> Vec<Placed<QuaternionOf>> {
+    let given = args.get("quaternions");
+    let at = given.map_or(0..0, |g| g.key_at.clone());
+    let sections: Vec<Args> = match given.map(|g| &g.value) {
+        Some(Literal::List(items)) => items.iter().filter_map(section_of).collect(),
+        Some(one) => section_of(one).into_iter().collect(),
+        None => vec![],
+    };
+    let each = attitudes.quaternions.0.into_iter().zip(sections);
+    each.map(|(value, args)| Placed { value, args, at: at.clone() }).collect()
+}
+
+fn section_of(literal: &Literal) -> Option<Args> {
+    if let Literal::Section(section) = literal { Some(section.keys.clone()) } else { None }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn gold_all_that_is_wrong_is_said_at_once_with_its_position() {
+        let text = "aboot = 'x'\n[tables.mag]\ntopik = 'MAG'\ntime = { from = 'TimeUS', clock = 'bot' }\n\
+                    [tables.mag.columns]\nlat = { from = 'Lat', unti = 'deg' }\nlon = 3\n[tables.mag.vectors]\n\
+                    flux_a = { from = ['a', 'b', 'c'], scale = 'x' }\n";
+        let faults = read(text).unwrap_err();
+        let said: Vec<(String, &str)> =
+            faults.iter().map(|f| (f.to_string(), f.at.clone().map_or("", |at| &text[at]))).collect();
+        let expected = [
+            ("a mapping has no key `aboot` (did you mean `about`?)", "aboot"),
+            ("`clock` cannot be `bot` (did you mean `boot`?)", "'bot'"),
+            ("`mag` has no parameter `topik` (did you mean `topic`?)", "topik"),
+            ("`lat` has no parameter `unti` (did you mean `unit`?)", "unti"),
+            ("`lon` must be a table, not a whole number", "3"),
+            ("`scale` of `flux_a` must be a list, not a text", "'x'"),
+        ];
+        assert_eq!(said.iter().map(|(a, b)| (a.as_str(), *b)).collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn unit_what_stands_above_the_tables_is_for_all_of_them() {
+        let text = "flight = 171\nline = { of_file = true }\nepoch = { utc = '2012-10-10' }\n\
+                    [tables.a]\ntime = { from = 't', clock = 'boot' }\n\
+                    [tables.b]\nline = '2'\nepoch = { unknown = true }\ntime = { from = ['d', 't'], clock = 'boot' }\n";
+        let document = read(text).unwrap();
+        let [a, b] = document.tables.as_slice() else { panic!() };
+        assert!(matches!(&a.flight, Some(KeyDecl::Constant(x)) if x == "171"));
+        assert!(matches!(&a.line, Some(KeyDecl::Of(k)) if k.value.of_file));
+        assert!(matches!(&b.line, Some(KeyDecl::Constant(x)) if x == "2"));
+        assert_eq!(a.epoch.as_ref().unwrap().value.utc.as_deref(), Some("2012-10-10"));
+        assert!(b.epoch.as_ref().unwrap().value.unknown && b.time.value.from == ["d", "t"]);
+        assert!(read("about = 'x'").is_err());
+    }
+}

@@ -1,0 +1,151 @@
+//! When the clock of a log was 0: as the mapping says, or from a topic that holds both clocks, such as the fixes of GNSS.
+
+use std::path::{Path, PathBuf};
+
+use datasets::{FlightOptions, ReadError, Reading, formats::FlightFormat, open_raw_among};
+use numerics::regression::statistics::median;
+use schemas::Fault;
+
+use super::{
+    Mapping,
+    bind::{Bound, Columns},
+    clock::{Instant, date_text, read_instant},
+    declare::{ColumnOf, Epoch, Head},
+    document::{KeyDecl, Placed, TableDecl},
+    time::{BootColumn, Times},
+};
+
+/// When a log's clock was 0, and a note on it.
+pub struct Found {
+    /// The instant; `None` where nobody knows.
+    pub instant: Option<Instant>,
+    /// What the user is told.
+    pub note: String,
+}
+
+/// Two clocks that differ by more than this from one row to another were set meanwhile.
+const SET_S: f64 = 5.0;
+
+/// The file beside `log` that holds both clocks, where the epoch names one.
+pub fn other_file(epoch: &Epoch, log: &Path) -> Option<PathBuf> {
+    epoch.file.as_ref().map(|name| log.with_file_name(name))
+}
+
+/// When the clock of `log` was 0.
+///
+/// # Errors
+/// Fails for an epoch that the mapping does not say, and a topic without a valid time.
+pub fn find(
+    mapping: &Mapping,
+    decl: &TableDecl,
+    (log, options): (&Path, &FlightOptions),
+    formats: &[FlightFormat],
+) -> Result<Found, ReadError> {
+    let Some(epoch) = &decl.epoch else {
+        let fault = Fault::new("the time counts from the start of the log, and nothing says when that was");
+        let help = "say `epoch`: a `utc` time, a `topic` that holds both clocks, or `unknown = true`";
+        return Err(mapping.wrong(vec![fault.help(help).at(decl.time.at.clone())]));
+    };
+    let said = &epoch.value;
+    let name = log.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let found = [said.unknown, said.utc.is_some(), !said.stamp.from.is_empty()];
+    if found.iter().filter(|x| **x).count() != 1 {
+        let fault = Fault::new("`epoch` needs one of `utc`, `from` and `unknown`");
+        return Err(mapping.wrong(vec![fault.at(epoch.at.clone())]));
+    }
+    if said.unknown {
+        let note = format!("{name}: `tt` counts from the start of the log, whose time of day and date are not known");
+        return Ok(Found { instant: None, note });
+    }
+    if let Some(utc) = &said.utc {
+        let Some(instant) = read_instant(utc) else {
+            let fault = Fault::new(format!("`utc` cannot be `{utc}`"));
+            let help = "write it as `2012-10-10` or `2012-10-10T18:20:00Z`";
+            return Err(mapping.wrong(vec![fault.help(help).at(epoch.at("utc"))]));
+        };
+        return Ok(Found { instant: Some(instant), note: String::new() });
+    }
+    let Some(boot) = &said.boot else {
+        let fault = Fault::new("`epoch` needs `boot`: the column of the log's own clock beside `from`");
+        return Err(mapping.wrong(vec![fault.at(epoch.at.clone())]));
+    };
+    let path = other_file(said, log).unwrap_or_else(|| log.to_owned());
+    let topic = said.topic.clone().or_else(|| decl.head.value.topic.clone().filter(|_| said.file.is_none()));
+    let options = FlightOptions { topic: topic.clone(), ..options.clone() };
+    let reader = open_raw_among(formats, &path, &options, &Reading::default());
+    let mut reader = reader.map_err(|e| e.help(format!("the epoch of `{}` is read from it", decl.name)))?;
+    let schema = reader.schema().clone();
+    let place = super::place(&path, topic.as_deref());
+    let mut columns = Columns::new(&schema, place.clone());
+    let table = as_table(decl, epoch);
+    let bound = Bound::new(&table, &mut columns, super::bind::GivenKeys::default(), None);
+    let unit = said.boot_unit.as_deref();
+    let boot = BootColumn::new(boot, unit, epoch.at("boot"), &mut columns);
+    if let Some(bound) = bound.as_ref().filter(|b| columns.faults.is_empty() && !b.time.is_dated()) {
+        let what = if bound.time.is_boot() { "`boot`" } else { "a clock without a date" };
+        let fault = Fault::new(format!("{what} says nothing of when the log began"));
+        columns.push(fault.help("`unix`, `gps` or `text` with a date do").at(epoch.at("clock")));
+    }
+    let (Some(mut bound), Some(boot), true) = (bound, boot, columns.faults.is_empty()) else {
+        return Err(mapping.wrong(columns.faults));
+    };
+    let mut starts: Vec<Instant> = vec![];
+    let mut last = None;
+    while let Some(part) = reader.next_part() {
+        let batch = part?.batch;
+        let own = boot.read(&batch).map_err(|f| mapping.in_data(&path, f))?;
+        let kept = bound.kept(&batch).map_err(|f| mapping.in_data(&path, f))?;
+        let (times, _) = bound.time.read(&batch).map_err(|f| mapping.in_data(&path, f))?;
+        let Times::Dated(times) = times else { continue };
+        for (row, (time, own)) in times.iter().zip(&own).enumerate() {
+            let is_kept = kept.as_ref().is_none_or(|k| k.get(row).copied().unwrap_or(false));
+            let (Some(time), true, true) = (time, own.is_finite(), is_kept) else { continue };
+            // A time that is held until the next fix is new in its first row only.
+            if last.replace(*time) != Some(*time) {
+                starts.push(time.plus(-(own + said.boot_offset_s)));
+            }
+        }
+    }
+    let Some(day) = starts.first().map(|s| s.day) else {
+        let fault = Fault::data(format!("no row of {place} says when the log began"));
+        let help =
+            "say `epoch = { utc = \"2012-10-10T18:20:00Z\" }`, or `{ unknown = true }`, in a mapping of your own";
+        return Err(mapping.wrong(vec![fault.help(help).at(epoch.at.clone())]));
+    };
+    let mut seconds: Vec<f64> = starts.iter().map(|s| s.seconds_since(day)).collect();
+    let (low, high) = seconds.iter().fold((f64::MAX, f64::MIN), |(l, h), s| (l.min(*s), h.max(*s)));
+    let instant = Instant::new(day, median(&mut seconds));
+    let set = if high - low > SET_S { ": one of the clocks was set meanwhile" } else { "" };
+    let note = format!(
+        "{name}: its clock was 0 on {} at {} UTC, the median of {} rows of {place}, which differ by up to {:.3} s{set}",
+        date_text(instant.day),
+        time_text(instant.s),
+        starts.len(),
+        high - low,
+    );
+    Ok(Found { instant: Some(instant), note })
+}
+
+fn time_text(s: f64) -> String {
+    let ms = (s * 1e3).round() as u64;
+    let (h, m) = (ms / 3_600_000, ms / 60_000 % 60);
+    format!("{h:02}:{m:02}:{:06.3}", (ms % 60_000) as f64 / 1e3)
+}
+
+/// The rows of an epoch as those of a table: their times and condition, and one column that nobody reads.
+fn as_table(decl: &TableDecl, epoch: &Placed<Epoch>) -> TableDecl {
+    let head = Head { rows: epoch.value.rows.clone(), ..Head::default() };
+    let nothing = ColumnOf { value: Some(super::declare::Constant::Number(0.0)), ..ColumnOf::default() };
+    let placed = Placed { value: nothing, args: schemas::Args::default(), at: epoch.at.clone() };
+    TableDecl {
+        name: decl.name.clone(),
+        head: Placed { value: head, args: epoch.args.clone(), at: epoch.at.clone() },
+        flight: Some(KeyDecl::Constant(String::new())),
+        line: Some(KeyDecl::Constant(String::new())),
+        time: Placed { value: epoch.value.stamp.clone(), args: epoch.args.clone(), at: epoch.at.clone() },
+        epoch: None,
+        columns: vec![("nothing".to_owned(), placed)],
+        vectors: vec![],
+        quaternions: vec![],
+    }
+}

@@ -1,0 +1,289 @@
+//! The columns that a table of a mapping makes: how each comes about, in which unit, and with which role.
+
+use arrow_schema::{DataType, Field};
+use schemas::{Fault, Role, convert, convertible_to, field, flight};
+
+use super::{
+    bind::{Columns, Numbers, Output, is_number},
+    declare::{ColumnOf, ColumnRole, Constant, QuaternionOf, VectorOf},
+    document::{Placed, Span, TableDecl},
+    time::is_text,
+    vector::{Mounting, read_axes},
+};
+
+/// What the columns come to.
+#[derive(Default)]
+pub(super) struct Made {
+    /// Their fields, each with where the mapping has it.
+    pub fields: Vec<(Field, Span)>,
+    /// How they come about.
+    pub outputs: Vec<Output>,
+    /// Notes for the user.
+    pub notes: Vec<String>,
+}
+
+/// The unit that the values of the column `name` have: that of the mapping, otherwise that of the file.
+fn unit_of(
+    name: &str,
+    unit: Option<&str>,
+    said: Option<&str>,
+    at: (Span, Span),
+    columns: &mut Columns,
+) -> Option<String> {
+    let wanted = flight::describe(name).unit;
+    let Some(own) = unit.or(said) else {
+        if wanted.is_empty() {
+            return Some(String::new());
+        }
+        let what = format!("neither the file nor the mapping says the unit of `{name}`, which is in {wanted}");
+        let known = convertible_to(wanted).join(", ");
+        columns.push(Fault::new(what).help(format!("say `unit`: {known}")).at(at.0));
+        return None;
+    };
+    if !wanted.is_empty() && convert(own, wanted).is_none() {
+        let who = if unit.is_some() { "" } else { "the file says that " };
+        let what = format!("{who}`{name}` is in `{own}`, which does not convert to {wanted}");
+        columns.push(Fault::new(what).nearest(own, &convertible_to(wanted)).at(at.1));
+        return None;
+    }
+    Some(own.to_owned())
+}
+
+/// The role of the column `name`: that of its name, where the name has one.
+fn role_of(name: &str, given: Option<ColumnRole>, at: Span, columns: &mut Columns) -> Role {
+    let known = flight::describe(name);
+    let given = given.map(|role| match role {
+        ColumnRole::Truth => Role::Truth,
+        ColumnRole::Sensor => Role::Sensor,
+        ColumnRole::Aux => Role::Aux,
+    });
+    if known.description.is_empty() {
+        return given.unwrap_or(known.role);
+    }
+    if let Some(other) = given.filter(|role| *role != known.role) {
+        let what = format!("a column `{name}` is of the role {}, not {}", known.role.as_str(), other.as_str());
+        columns.push(Fault::new(what).help("the name says the role: give it another name").at(at));
+    }
+    known.role
+}
+
+fn is_key(name: &str, at: &Span, columns: &mut Columns) -> bool {
+    let key = flight::KEYS.contains(&name);
+    if key {
+        let help = if name == "tt" { "say it in `time`" } else { "say it beside `columns`" };
+        columns.push(Fault::new(format!("`{name}` is no column to map")).help(help).at(at.clone()));
+    }
+    key
+}
+
+pub(super) fn one_column(name: &str, column: &Placed<ColumnOf>, columns: &mut Columns, made: &mut Made) {
+    if is_key(name, &column.at, columns) {
+        return;
+    }
+    let said = &column.value;
+    let role = role_of(name, said.role, column.at("role"), columns);
+    let known = flight::describe(name);
+    let linear = said.scale != 1.0 || said.offset != 0.0;
+    let (output, kind, own_unit) = match (&said.from, &said.sql, &said.value) {
+        (Some(from), None, None) => {
+            let Some(at) = columns.find(from, column.at("from")) else { return };
+            let of_file = columns.said(at).map(str::to_owned);
+            if linear || !known.unit.is_empty() {
+                let Some(at) = columns.number(from, column.at("from")) else { return };
+                if linear {
+                    let (scale, offset) = (said.scale, said.offset);
+                    (Output::Linear { numbers: Numbers::Column(at), scale, offset }, DataType::Float64, of_file)
+                } else {
+                    (Output::AsItIs(at), columns.source.field(at).data_type().clone(), of_file)
+                }
+            } else {
+                (Output::AsItIs(at), columns.source.field(at).data_type().clone(), of_file)
+            }
+        }
+        (None, Some(sql), None) => {
+            let Some(sql) = columns.expression(sql, column.at("sql")) else { return };
+            let kind = sql.value.data_type().clone();
+            if (linear || !known.unit.is_empty()) && !is_number(&kind) {
+                let what = format!("`{name}` is made of numbers, but this expression gives {kind}");
+                columns.push(Fault::new(what).at(column.at("sql")));
+                return;
+            }
+            if linear {
+                let (scale, offset) = (said.scale, said.offset);
+                (Output::Linear { numbers: Numbers::Sql(sql), scale, offset }, DataType::Float64, None)
+            } else {
+                (Output::AsGiven(sql), kind, None)
+            }
+        }
+        (None, None, Some(Constant::Number(x))) if matches!(name, "year" | "doy") && !linear && x.fract() == 0.0 => {
+            (Output::Whole(*x as i64), DataType::Int64, None)
+        }
+        (None, None, Some(Constant::Number(x))) => {
+            (Output::Number(said.scale * x + said.offset), DataType::Float64, None)
+        }
+        (None, None, Some(Constant::Text(text))) => {
+            if linear || !known.unit.is_empty() || matches!(name, "year" | "doy") {
+                let what = format!("`{name}` is a number, not the text `{text}`");
+                columns.push(Fault::new(what).at(column.at("value")));
+                return;
+            }
+            (Output::Text(text.clone()), DataType::Utf8, None)
+        }
+        _ => {
+            let fault = Fault::new(format!("`{name}` needs one of `from`, `sql` and `value`"));
+            columns.push(fault.at(column.at.clone()));
+            return;
+        }
+    };
+    let at = (column.at.clone(), column.at("unit"));
+    let Some(unit) = unit_of(name, said.unit.as_deref(), own_unit.as_deref(), at, columns) else { return };
+    if let (Some(ours), Some(theirs)) = (&said.unit, &own_unit)
+        && convert(theirs, ours).is_some_and(|factor| factor != 1.0)
+    {
+        made.notes.push(format!("`{name}`: the file says {theirs}, the mapping {ours}, which is taken"));
+    }
+    let description = said.description.as_deref().unwrap_or(known.description);
+    made.fields.push((field(name, kind, &unit, role, description), column.at.clone()));
+    made.outputs.push(output);
+}
+
+pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Columns, made: &mut Made) {
+    let said = &vector.value;
+    let axes = read_axes(&said.axes);
+    if axes.is_none() {
+        let fault = Fault::new(format!("`axes` cannot be `{}`", said.axes));
+        let help = "name each axis of the sensor once, with its sign, such as `+x -y -z`";
+        columns.push(fault.help(help).at(vector.at("axes")));
+    }
+    let rotation: Option<[f64; 3]> = three(&said.rotation_deg, "rotation_deg", vector, columns);
+    let offset: Option<[f64; 3]> = three(&said.offset, "offset", vector, columns);
+    let scale = match said.scale.as_slice() {
+        [one] => Some([*one; 3]),
+        _ => three(&said.scale, "scale", vector, columns),
+    };
+    let mut own_unit = None;
+    let parts: Vec<Option<Numbers>> = match (said.from.as_slice(), said.sql.as_slice()) {
+        ([_, _, _], []) => {
+            let found: Vec<Option<usize>> =
+                said.from.iter().map(|name| columns.number(name, vector.at("from"))).collect();
+            let units: Vec<Option<&str>> = found.iter().map(|at| at.and_then(|at| columns.said(at))).collect();
+            if units.windows(2).any(|w| w[0] != w[1]) && said.unit.is_none() {
+                let what = format!("the file gives the axes of `{name}` different units");
+                columns.push(Fault::new(what).help("say `unit`").at(vector.at("from")));
+            }
+            own_unit = units.first().copied().flatten().map(str::to_owned);
+            found.into_iter().map(|at| at.map(Numbers::Column)).collect()
+        }
+        ([], [_, _, _]) => {
+            let each = said.sql.iter().map(|sql| {
+                let sql = columns.expression(sql, vector.at("sql"))?;
+                if !is_number(sql.value.data_type()) {
+                    let what = format!("`{name}` is made of numbers, but this gives {}", sql.value.data_type());
+                    columns.push(Fault::new(what).at(sql.at.clone()));
+                    return None;
+                }
+                Some(Numbers::Sql(sql))
+            });
+            each.collect()
+        }
+        _ => {
+            let fault = Fault::new(format!("`{name}` needs `from`, or `sql`, with three entries: x, y and z"));
+            columns.push(fault.at(vector.at.clone()));
+            return;
+        }
+    };
+    let axes_names = ["x", "y", "z"].map(|axis| format!("{name}_{axis}"));
+    let at = (vector.at.clone(), vector.at("unit"));
+    let unit = unit_of(&axes_names[0], said.unit.as_deref(), own_unit.as_deref(), at, columns);
+    if let (Some(ours), Some(theirs)) = (&said.unit, &own_unit)
+        && convert(theirs, ours).is_some_and(|factor| factor != 1.0)
+    {
+        made.notes.push(format!("`{name}`: the file says {theirs}, the mapping {ours}, which is taken"));
+    }
+    let role = role_of(&axes_names[0], said.role, vector.at("role"), columns);
+    let parts: Option<[Numbers; 3]> = parts.into_iter().collect::<Option<Vec<_>>>().and_then(|p| p.try_into().ok());
+    let (Some(axes), Some(rotation), Some(offset), Some(scale), Some(unit), Some(numbers)) =
+        (axes, rotation, offset, scale, unit, parts)
+    else {
+        return;
+    };
+    let mounting = Mounting::new(axes, rotation);
+    if mounting.is_mirror() {
+        made.notes.push(format!("`{name}`: its axes `{}` are a mirror image: one sign may be wrong", said.axes));
+    }
+    for axis in &axes_names {
+        let description = said.description.as_deref().unwrap_or(flight::describe(axis).description);
+        made.fields.push((field(axis, DataType::Float64, &unit, role, description), vector.at.clone()));
+    }
+    made.outputs.push(Output::Vector { numbers, scale, offset, mounting });
+}
+
+fn three(list: &[f64], key: &str, vector: &Placed<VectorOf>, columns: &mut Columns) -> Option<[f64; 3]> {
+    let found = <[f64; 3]>::try_from(list).ok();
+    if found.is_none() {
+        let what = format!("`{key}` needs three entries, not {}", list.len());
+        columns.push(Fault::new(what).at(vector.at(key)));
+    }
+    found
+}
+
+pub(super) fn one_quaternion(quaternion: &Placed<QuaternionOf>, columns: &mut Columns, made: &mut Made) {
+    let QuaternionOf { from, to, order, frames } = &quaternion.value;
+    let at: Vec<Option<usize>> = from.iter().map(|name| columns.number(name, quaternion.at("from"))).collect();
+    let at: Option<Vec<usize>> = at.into_iter().collect();
+    let (Some(at), [_, _, _]) = (at, to.as_slice()) else {
+        if to.len() != 3 {
+            let what = "`to` needs the names of three columns: roll, pitch and yaw";
+            columns.push(Fault::new(what).at(quaternion.at("to")));
+        }
+        return;
+    };
+    let Ok(at) = <[usize; 4]>::try_from(at) else {
+        let what = format!("a quaternion has four entries, not {}", from.len());
+        columns.push(Fault::new(what).at(quaternion.at("from")));
+        return;
+    };
+    for name in to {
+        let known = flight::describe(name);
+        if is_key(name, &quaternion.at, columns) {
+            return;
+        }
+        if !known.unit.is_empty() && known.unit != "deg" {
+            let what = format!("`{name}` is in {}, not an angle", known.unit);
+            columns.push(Fault::new(what).at(quaternion.at("to")));
+        }
+        made.fields.push((field(name, DataType::Float64, "deg", known.role, known.description), quaternion.at.clone()));
+    }
+    made.outputs.push(Output::Quaternion { at, order: *order, frames: *frames });
+}
+
+/// The columns that nothing of the mapping names, under their own names.
+pub(super) fn others(decl: &TableDecl, columns: &mut Columns, made: &mut Made) {
+    let named = |name: &String| {
+        decl.columns.iter().any(|(_, c)| c.value.from.as_ref() == Some(name))
+            || decl.vectors.iter().any(|(_, v)| v.value.from.contains(name))
+            || decl.quaternions.iter().any(|q| q.value.from.contains(name))
+            || decl.time.value.from.contains(name)
+            || made.fields.iter().any(|(f, _)| f.name() == name)
+            || flight::KEYS.contains(&name.as_str())
+    };
+    let rest: Vec<usize> =
+        columns.source.fields().iter().enumerate().filter(|(_, f)| !named(f.name())).map(|(i, _)| i).collect();
+    for at in rest {
+        let source = columns.source.field(at).clone();
+        let name = source.name().clone();
+        let of_file = columns.said(at).map(str::to_owned);
+        let here = (decl.head.at("others"), decl.head.at("others"));
+        if !flight::describe(&name).unit.is_empty() && is_text(columns.source, at) {
+            let what = format!("the column `{name}` of {} holds text, not numbers", columns.place);
+            columns.push(Fault::new(what).at(here.0));
+            continue;
+        }
+        let Some(unit) = unit_of(&name, None, of_file.as_deref(), here.clone(), columns) else { continue };
+        let known = flight::describe(&name);
+        let own = source.metadata().get("description").map(String::as_str).filter(|d| !d.is_empty());
+        let description = own.unwrap_or(known.description);
+        made.fields.push((field(&name, source.data_type().clone(), &unit, known.role, description), here.0));
+        made.outputs.push(Output::AsItIs(at));
+    }
+}

@@ -1,0 +1,36 @@
+//! The mappings that come with magline.
+
+/// A mapping by name.
+#[derive(Clone, Copy, Debug)]
+pub struct Ready {
+    /// Its name for `mapping`.
+    pub name: &'static str,
+    /// Its text.
+    pub text: &'static str,
+}
+
+macro_rules! ready {
+    ($($name:literal),+ $(,)?) => {
+        /// All of them; each is a file in `datasets/mappings`.
+        pub const READY: &[Ready] = &[
+            $(Ready {
+                name: $name,
+                text: include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../datasets/mappings/", $name, ".toml")),
+            }),+
+        ];
+    };
+}
+
+ready![
+    "ardupilot_dataflash",
+    "ardupilot_dataflash_timeus",
+    "ardupilot_dataflash_timems",
+    "px4_ulog",
+    "px4_ulog_2016",
+    "skywalker_x8",
+    "skywalker_x8_parquet",
+    "thor75",
+    "thor75_parquet",
+    "magnavjl",
+    "magnavjl_tl",
+];

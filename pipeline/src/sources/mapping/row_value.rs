@@ -1,0 +1,135 @@
+//! `sql`: an expression over the columns of one row of a file.
+
+use arrow_array::{ArrayRef, RecordBatch, RecordBatchOptions};
+use arrow_cast::cast;
+use arrow_schema::{DataType, Field, Schema};
+use expressions::Expression;
+use schemas::{Column, ColumnType, Fault, Shape};
+
+/// What a fault calls the expression.
+const SUBJECT: &str = "`sql`";
+
+/// An expression that was checked against the columns of a file. Numbers of every type are Float64 to it.
+#[derive(Clone, Debug)]
+pub struct RowValue {
+    expression: Expression,
+    /// The columns it reads: their positions in the file's batches, and their fields as it sees them.
+    reads: Vec<(usize, Field)>,
+}
+
+impl RowValue {
+    /// Reads `sql` against the columns of a file.
+    ///
+    /// # Errors
+    /// Fails as [`Expression::new`].
+    pub fn new(sql: &str, source: &Schema) -> Result<RowValue, Fault> {
+        let seen: Vec<(usize, Column)> =
+            source.fields().iter().enumerate().filter_map(|(at, field)| Some((at, seen(field)?))).collect();
+        let shape = Shape { columns: seen.iter().map(|(_, column)| column.clone()).collect(), rate_hz: None };
+        let expression = Expression::new(sql, &shape, SUBJECT)?;
+        let read = seen.into_iter().filter(|(_, column)| expression.columns.contains(&column.name));
+        let reads = read.map(|(at, column)| (at, column.field().with_nullable(true))).collect();
+        Ok(RowValue { expression, reads })
+    }
+
+    /// The type of its values.
+    pub fn data_type(&self) -> &DataType {
+        &self.expression.data_type
+    }
+
+    /// The value for each row of a batch of the file.
+    ///
+    /// # Errors
+    /// Fails when it cannot be evaluated on these values.
+    pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
+        let one = |(at, field): &(usize, Field)| {
+            let lost = || Fault::bug(format!("a batch lacks its column {at}"));
+            let column = cast(batch.columns().get(*at).ok_or_else(lost)?, field.data_type());
+            column.map_err(|e| Fault::data(e.to_string()).in_column(field.name()))
+        };
+        let columns = self.reads.iter().map(one).collect::<Result<Vec<_>, Fault>>()?;
+        let schema = Schema::new(self.reads.iter().map(|(_, field)| field.clone()).collect::<Vec<_>>());
+        let options = RecordBatchOptions::new().with_row_count(Some(batch.num_rows()));
+        let rows = RecordBatch::try_new_with_options(schema.into(), columns, &options);
+        self.expression.evaluate(&rows.map_err(|e| Fault::data(e.to_string()))?)
+    }
+}
+
+/// A column as expressions see it; `None` for one of lists and the like.
+fn seen(field: &Field) -> Option<Column> {
+    let kind = match field.data_type() {
+        DataType::Dictionary(_, value) => value.as_ref(),
+        other => other,
+    };
+    if kind.is_numeric() {
+        Some(Column::float(field.name(), "", ""))
+    } else if matches!(kind, DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View | DataType::Null) {
+        Some(Column::text(field.name(), ""))
+    } else if kind == &DataType::Boolean || matches!(kind, DataType::Timestamp(..) | DataType::Date32) {
+        Some(Column { column_type: ColumnType::Other(kind.clone()), ..Column::text(field.name(), "") })
+    } else {
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::sync::Arc;
+
+    use arrow_array::{Float64Array, Int32Array, StringArray, cast::AsArray, types::Float64Type};
+
+    use super::*;
+
+    fn batch() -> RecordBatch {
+        let fields = vec![
+            Field::new("Raw", DataType::Int32, true),
+            Field::new("x", DataType::Float64, true),
+            Field::new("mode", DataType::Utf8, true),
+        ];
+        let columns: Vec<ArrayRef> = vec![
+            Arc::new(Int32Array::from(vec![Some(3), Some(50), None])),
+            Arc::new(Float64Array::from(vec![1.0, 2.0, f64::NAN])),
+            Arc::new(StringArray::from(vec!["a", "b", "c"])),
+        ];
+        RecordBatch::try_new(Arc::new(Schema::new(fields)), columns).unwrap()
+    }
+
+    fn of(sql: &str) -> Result<Vec<Option<f64>>, Fault> {
+        let batch = batch();
+        let value = RowValue::new(sql, &batch.schema())?.evaluate(&batch)?;
+        Ok(cast(&value, &DataType::Float64).unwrap().as_primitive::<Float64Type>().iter().collect())
+    }
+
+    #[test]
+    fn law_whole_numbers_keep_their_fraction_and_nan_is_missing() {
+        assert_eq!(of("\"Raw\" / 100").unwrap(), [Some(0.03), Some(0.5), None]);
+        assert_eq!(of("\"Raw\" * 0.05 + x").unwrap(), [Some(1.15), Some(4.5), None]);
+        assert_eq!(of("case when mode = 'b' then 1.0 else 0.0 end").unwrap(), [Some(0.0), Some(1.0), Some(0.0)]);
+        assert_eq!(of("5").unwrap(), [Some(5.0); 3]);
+        assert_eq!(of("x * (1 / 2)").unwrap(), [Some(0.5), Some(1.0), None]);
+        assert_eq!(of("coalesce(x, 0.0)").unwrap(), [Some(1.0), Some(2.0), Some(0.0)]);
+    }
+
+    #[test]
+    fn unit_what_is_no_function_of_one_row_is_refused() {
+        for (sql, says) in [
+            ("random()", "another answer each time"),
+            ("avg(x)", "needs several rows"),
+            ("(select 1)", "a query inside of `sql`"),
+            ("lag(x) over ()", "needs several rows"),
+            ("y + 1", "there is no column `y`"),
+            ("Raw + 1", "put the name in double quotes: `\"Raw\"`"),
+            ("x +", "cannot be read"),
+        ] {
+            let fault = RowValue::new(sql, &batch().schema()).unwrap_err();
+            assert!(fault.to_string().contains(says), "{sql}: {fault}");
+        }
+    }
+
+    #[test]
+    fn unit_a_value_that_cannot_be_cast_is_an_error() {
+        assert!(of("cast(mode as double)").is_err());
+    }
+}

@@ -1,0 +1,378 @@
+//! Which columns are recognised, by their names, units and values.
+
+use schemas::{convert, flight, is_unit, plausible::limits};
+
+use super::{Topic, quoted, sample::Sample};
+
+/// What a column, or three, may be.
+pub struct Guess {
+    /// The name in the flight table; of one that is left out, that of the file.
+    pub ours: String,
+    /// The names in the file.
+    pub theirs: Vec<String>,
+    /// As the mapping says it; empty where it is left out.
+    pub said: String,
+    /// Why.
+    pub why: String,
+    /// Whether it is a vector.
+    pub is_vector: bool,
+}
+
+impl Guess {
+    /// Whether it stands in the mapping.
+    pub fn is_used(&self) -> bool {
+        !self.said.is_empty()
+    }
+
+    fn left_out(name: &str, why: &str) -> Guess {
+        let theirs = vec![name.to_owned()];
+        Guess { ours: name.to_owned(), theirs, said: String::new(), why: format!("left out: {why}"), is_vector: false }
+    }
+}
+
+/// The columns of a table that are recognised, and those that nearly are. `letters` are the names of vector magnetometers
+/// that are left.
+pub fn guesses(topic: &Topic, letters: &mut impl Iterator<Item = char>) -> Vec<Guess> {
+    let mut out: Vec<Guess> = vec![];
+    for (axes, words) in triples(topic) {
+        if let Some(guess) = vector(topic, &axes, &words, letters) {
+            let name = guess.ours.clone();
+            let n = out.iter().filter(|g| g.ours == name || g.ours.starts_with(&format!("{name}_"))).count();
+            out.push(if n > 0 && guess.is_used() {
+                Guess { ours: format!("{name}_{}", n + 1), ..guess }
+            } else {
+                guess
+            });
+        }
+    }
+    let clock = topic.clock.as_ref().map(|c| c.column.as_str());
+    for column in &topic.columns {
+        let taken = Some(column.name.as_str()) == clock || out.iter().any(|g| g.theirs.contains(&column.name));
+        if taken || flight::KEYS.contains(&column.name.as_str()) || column.range().is_none() {
+            continue;
+        }
+        let Some(guess) = scalar(column, topic) else { continue };
+        if guess.is_used() && out.iter().any(|g| g.ours == guess.ours) {
+            let why = format!("it would be `{}` too", guess.ours);
+            out.push(Guess::left_out(&column.name, &why));
+        } else {
+            out.push(guess);
+        }
+    }
+    out
+}
+
+/// Three columns whose names differ in x, y, z or 0, 1, 2 alone, with the words that they share.
+fn triples(topic: &Topic) -> Vec<([&Sample; 3], Vec<String>)> {
+    let mut out = vec![];
+    for x in &topic.columns {
+        let words = x.words();
+        for letters in [["x", "y", "z"], ["0", "1", "2"]] {
+            let Some(at) = words.iter().rposition(|w| w == letters[0]) else { continue };
+            let with = |letter: &str| {
+                let mut other = words.clone();
+                other.get_mut(at).into_iter().for_each(|w| letter.clone_into(w));
+                topic.columns.iter().find(|c| c.words() == other && !c.values.is_empty())
+            };
+            if let (Some(y), Some(z)) = (with(letters[1]), with(letters[2])) {
+                let mut shared = words.clone();
+                shared.remove(at);
+                // Four entries are a quaternion.
+                if letters[0] != "0" || with("3").is_none() {
+                    out.push(([x, y, z], shared));
+                }
+            }
+        }
+    }
+    out
+}
+
+/// Quaternions: four columns `q[0]` to `q[3]`, or `q0` to `q3`, of length 1.
+pub fn quaternions(topic: &Topic) -> Vec<[&str; 4]> {
+    let of = |k: &str| {
+        let found = topic.columns.iter().find(|c| c.words() == ["q".to_owned(), k.to_owned()]);
+        found.or_else(|| topic.columns.iter().find(|c| c.words() == [format!("q{k}")]))
+    };
+    let (Some(a), Some(b), Some(c), Some(d)) = (of("0"), of("1"), of("2"), of("3")) else { return vec![] };
+    let rows = a.values.iter().zip(&b.values).zip(&c.values).zip(&d.values);
+    let unit = rows.clone().all(|(((a, b), c), d)| (a * a + b * b + c * c + d * d - 1.0).abs() < 0.01);
+    if unit && rows.len() > 0 { vec![[&a.name, &b.name, &c.name, &d.name]] } else { vec![] }
+}
+
+fn has(words: &[String], any: &[&str]) -> bool {
+    words.iter().any(|w| any.contains(&w.as_str()))
+}
+
+/// Units of the earth's field, and what 20,000 to 70,000 nT are in them.
+const FIELD: [(&str, f64); 5] = [("nT", 1.0), ("mgauss", 1e2), ("uT", 1e3), ("gauss", 1e5), ("T", 1e9)];
+
+fn magnitude(axes: &[&Sample; 3]) -> Option<f64> {
+    let [x, y, z] = axes;
+    let rows = x.values.iter().zip(&y.values).zip(&z.values);
+    let values = rows.map(|((x, y), z)| (x * x + y * y + z * z).sqrt()).collect();
+    Sample { name: String::new(), unit: String::new(), text: None, values, whole: false }.median()
+}
+
+/// The unit that the file or the name of a column says, if it is one of `wanted`.
+fn said_unit(column: &Sample, wanted: &str) -> Option<String> {
+    if is_unit(&column.unit) && convert(&column.unit, wanted).is_some() {
+        return Some(column.unit.clone());
+    }
+    let words = column.words();
+    // `rad_s` and `m_s2` are two words; a letter of an axis may stand behind them.
+    let ends = |n: usize| {
+        words
+            .iter()
+            .rev()
+            .filter(|w| !["x", "y", "z", "0", "1", "2"].contains(&w.as_str()))
+            .take(n)
+            .cloned()
+            .collect::<Vec<_>>()
+    };
+    let two = ends(2);
+    let pairs = [("s", "rad", "rad/s"), ("s", "m", "m/s"), ("s2", "m", "m/s2"), ("s", "deg", "deg/s")];
+    if let [last, before] = two.as_slice()
+        && let Some((.., unit)) = pairs.iter().find(|(l, b, _)| l == last && b == before)
+        && convert(unit, wanted).is_some()
+    {
+        return Some((*unit).to_owned());
+    }
+    // m/s2 splits at its digit.
+    if column.name.contains("m_s2") && convert("m/s2", wanted).is_some() {
+        return Some("m/s2".to_owned());
+    }
+    let last = two.first()?;
+    let usual = ["nt", "ut", "mgauss", "gauss", "ga", "deg", "rad", "m", "ft", "mps", "a", "v", "mm", "cm"];
+    let unit = if last == "ga" { "gauss" } else { last };
+    (words.len() > 1 && usual.contains(&last.as_str()) && convert(unit, wanted).is_some()).then(|| unit.to_owned())
+}
+
+/// Whether a column can be `ours` in a unit: a reader takes a usual name for what it usually means.
+fn can_be(column: &Sample, ours: &str, unit: &str) -> bool {
+    let factor = convert(unit, flight::describe(ours).unit).unwrap_or(1.0);
+    let Some((limits, (low, high))) = limits(ours).zip(column.range()) else { return true };
+    limits.holds(low * factor) && limits.holds(high * factor)
+}
+
+fn vector(
+    topic: &Topic,
+    axes: &[&Sample; 3],
+    words: &[String],
+    letters: &mut impl Iterator<Item = char>,
+) -> Option<Guess> {
+    let names: Vec<String> = axes.iter().map(|c| quoted(&c.name)).collect();
+    let theirs: Vec<String> = axes.iter().map(|c| c.name.clone()).collect();
+    let from = format!("from = [{}]", names.join(", "));
+    let size = magnitude(axes)?;
+    let left = |why: String| {
+        let shown = theirs.join(", ");
+        Some(Guess {
+            ours: shown,
+            theirs: theirs.clone(),
+            said: String::new(),
+            why: format!("left out: {why}"),
+            is_vector: true,
+        })
+    };
+    let made = |ours: String, unit: &str, rest: &str, why: String| {
+        let said = format!("{{ {from}, unit = \"{unit}\"{rest} }}");
+        Some(Guess { ours, theirs: theirs.clone(), said, why: format!("guess: {why}"), is_vector: true })
+    };
+    let first = axes[0];
+    if has(words, &["ofs", "offset", "offsets", "mofs", "bias", "var", "innov", "variance", "mo"]) {
+        return None;
+    }
+    if has(words, &["mag", "magnetometer", "compass", "flux", "fluxgate", "field"]) {
+        let fits = |unit: &&(&str, f64)| (15_000.0..100_000.0).contains(&(size * unit.1));
+        let (unit, why) = match said_unit(first, "nT") {
+            Some(unit) => (unit, "its unit is said".to_owned()),
+            None => match FIELD.iter().find(fits) {
+                Some((unit, factor)) => {
+                    ((*unit).to_owned(), format!("a median magnitude of {size:.4} is {:.0} nT so", size * factor))
+                }
+                None => {
+                    return left(format!(
+                        "a median magnitude of {size:.4} is the earth's field in no unit; give it its `unit`"
+                    ));
+                }
+            },
+        };
+        let letter = letters.next()?;
+        let offsets = topic
+            .columns
+            .iter()
+            .any(|c| c.words().iter().any(|w| ["ofs", "offset", "bias"].contains(&w.as_str())) && c.largest() > 0.0);
+        let doubt = if offsets {
+            "; check `axes` and `rotation_deg`, and whether the offsets beside it are added: `sql` takes them off"
+        } else {
+            "; check `axes` and `rotation_deg`"
+        };
+        return made(format!("flux_{letter}"), &unit, ", axes = \"+x +y +z\"", format!("{why}{doubt}"));
+    }
+    let about = |text: &str| format!(", role = \"sensor\", description = \"{text}, axes of the sensor\"");
+    if has(words, &["acc", "accel", "accelerometer", "acceleration"]) {
+        let unit = said_unit(first, "m/s2").or_else(|| {
+            let near = |g: f64| (size / g - 1.0).abs() < 0.15;
+            [("m/s2", 9.81), ("g0", 1.0)].into_iter().find(|(_, g)| near(*g)).map(|(u, _)| u.to_owned())
+        });
+        return match unit {
+            Some(unit) => made(
+                "accel".to_owned(),
+                &unit,
+                &about("specific force"),
+                format!("a median magnitude of {size:.3} {unit}"),
+            ),
+            None => left(format!("a median magnitude of {size:.3} is gravity in no unit; give it its `unit`")),
+        };
+    }
+    if has(words, &["gyr", "gyro", "gyroscope"]) {
+        return match said_unit(first, "deg/s") {
+            Some(unit) => made("gyro".to_owned(), &unit, &about("angular rate"), "its unit is said".to_owned()),
+            None => {
+                left("an angular rate in rad/s or deg/s, which its values do not tell; give it its `unit`".to_owned())
+            }
+        };
+    }
+    None
+}
+
+fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
+    let words = column.words();
+    let joined = words.concat();
+    let known = flight::describe(&column.name);
+    let is_ins = has(&words, &["ins", "nav", "ekf", "est"]);
+    let from = quoted(&column.name);
+    let made = |ours: &str, unit: &str, why: &str| {
+        let said = format!("{{ from = {from}, unit = \"{unit}\" }}");
+        let theirs = vec![column.name.clone()];
+        Some(Guess { ours: ours.to_owned(), theirs, said, why: format!("guess: {why}"), is_vector: false })
+    };
+    let left = |why: &str| Some(Guess::left_out(&column.name, why));
+    if ["year", "doy"].contains(&column.name.as_str()) {
+        let theirs = vec![column.name.clone()];
+        let dated = topic.clock.as_ref().is_some_and(|c| !c.said.contains("\"day\""));
+        if dated {
+            return left("the date follows from the time");
+        }
+        let said = format!("{{ from = {from} }}");
+        return Some(Guess {
+            ours: column.name.clone(),
+            theirs,
+            said,
+            why: "its name is that of the flight table".to_owned(),
+            is_vector: false,
+        });
+    }
+    // What already has the name of the flight table, and a unit of its dimension.
+    let listed = flight::COLUMNS.iter().any(|(name, _)| *name == column.name);
+    if (listed || flight::is_scalar_reading(&column.name) || flight::vector_part(&column.name).is_some())
+        && let Some(unit) = said_unit(column, known.unit).filter(|unit| can_be(column, &column.name, unit))
+    {
+        return made(&column.name, &unit, "its name is that of the flight table, and its unit is said");
+    }
+    let (low, high) = column.range()?;
+    let largest = column.largest();
+    if has(&words, &["lat", "latitude"]) || has(&words, &["lon", "lng", "long", "longitude"]) {
+        let is_lat = has(&words, &["lat", "latitude"]);
+        let ours = match (is_ins, is_lat) {
+            (true, true) => "ins_lat",
+            (true, false) => "ins_lon",
+            (false, true) => "lat",
+            (false, false) => "lon",
+        };
+        let ends = if is_lat { (1.5708, 90.0, 9e8) } else { (3.1416, 360.0, 3.6e9) };
+        if low == high && low == 0.0 {
+            return left("it is 0 throughout");
+        }
+        return match said_unit(column, "deg").filter(|unit| can_be(column, ours, unit)) {
+            Some(unit) => made(ours, &unit, "its unit is said"),
+            None if largest <= ends.0 => {
+                made(ours, "rad", &format!("values up to {largest:.4} are radians, unless it is flown near 0 degrees"))
+            }
+            None if largest <= ends.1 => made(ours, "deg", &format!("values up to {largest:.2} are degrees")),
+            None if column.whole && largest <= ends.2 => {
+                made(ours, "degE7", &format!("whole numbers up to {largest:.0} are 1e-7 degrees"))
+            }
+            None => left("its values are no angle in a usual unit"),
+        };
+    }
+    let angle = ["roll", "pitch", "yaw"]
+        .into_iter()
+        .find(|a| joined == *a || (words.len() > 1 && has(&words, &[a]) && said_unit(column, "deg").is_some()));
+    if let Some(angle) = angle {
+        let ours = format!("ins_{angle}");
+        return match said_unit(column, "deg") {
+            Some(unit) => made(&ours, &unit, "its unit is said; an estimate of the autopilot, not truth"),
+            None if largest > 6.4 => made(
+                &ours,
+                "deg",
+                &format!("values up to {largest:.1} are degrees; an estimate of the autopilot, not truth"),
+            ),
+            None => left(&format!("an angle of at most {largest:.2}, in degrees or radians; give it its `unit`")),
+        };
+    }
+    if has(&words, &["baro"]) && has(&words, &["alt", "altitude", "height"]) {
+        return match said_unit(column, "m") {
+            Some(unit) => made("baro", &unit, "its unit is said"),
+            None => left("a barometric height in m or ft; give it its `unit`"),
+        };
+    }
+    if has(&words, &["alt", "altitude", "height"]) && !has(&words, &["rel", "max", "min", "des", "sp", "var"]) {
+        let unit = said_unit(column, "m");
+        return match (has(&words, &["ellipsoid", "hae", "wgs"]), has(&words, &["msl", "amsl"]), unit) {
+            (true, _, Some(unit)) => made("alt", &unit, "its unit is said"),
+            (_, true, Some(unit)) => made("msl", &unit, "its unit is said"),
+            _ => left("a height: above the ellipsoid it is `alt`, above the sea `msl`; give it its `unit`"),
+        };
+    }
+    if has(&words, &["mag", "magnetometer"]) && !has(&words, &["x", "y", "z"]) && !column.whole {
+        let median = column.median()?;
+        let unit = said_unit(column, "nT")
+            .filter(|u| convert(u, "nT").is_some_and(|f| (15_000.0..80_000.0).contains(&(median * f))));
+        let unit = unit.or_else(|| (15_000.0..80_000.0).contains(&median).then(|| "nT".to_owned()));
+        if let Some(unit) = unit {
+            let ours = if known.unit == "nT" { column.name.as_str() } else { "mag_1_uc" };
+            return made(ours, &unit, &format!("a median of {median:.1} {unit} is the earth's field"));
+        }
+    }
+    if has(&words, &["curr", "current"]) && !has(&words, &["tot", "total", "average", "filtered"]) {
+        let ours = format!("cur_{}", own_word(&words));
+        return match said_unit(column, "A") {
+            Some(unit) => made(&ours, &unit, "its unit is said"),
+            None => {
+                left("a current in A, mA or 0.01 A, which its values do not tell; give it its `unit` (and `scale`)")
+            }
+        };
+    }
+    if has(&words, &["volt", "voltage"]) && !has(&words, &["filtered", "cell"]) {
+        let ours = format!("vol_{}", own_word(&words));
+        return match said_unit(column, "V") {
+            Some(unit) => made(&ours, &unit, "its unit is said"),
+            None => {
+                left("a voltage in V, mV or 0.01 V, which its values do not tell; give it its `unit` (and `scale`)")
+            }
+        };
+    }
+    let wind = has(&words, &["wind", "sp", "des", "var", "innov"]);
+    if has(&words, &["vel", "velocity", "vn", "ve", "vd"]) && !wind {
+        let axis = [("n", ["north", "n", "vn"]), ("e", ["east", "e", "ve"]), ("d", ["down", "d", "vd"])];
+        let axis = axis.iter().find(|(_, names)| has(&words, names)).map(|(axis, _)| *axis);
+        if let (Some(axis), Some(unit)) = (axis, said_unit(column, "m/s")) {
+            let ours = if is_ins { format!("ins_v{axis}") } else { format!("v{axis}") };
+            return made(&ours, &unit, "its unit is said");
+        }
+    }
+    if listed && !known.unit.is_empty() {
+        return left(&format!(
+            "its name is that of the flight table, where it is in {}; give it its `unit`",
+            known.unit
+        ));
+    }
+    None
+}
+
+/// The word of a name that says which current or voltage it is.
+fn own_word(words: &[String]) -> String {
+    const COMMON: [&str; 10] = ["curr", "current", "volt", "voltage", "a", "v", "filtered", "sensor", "uc", "raw"];
+    words.iter().find(|w| !COMMON.contains(&w.as_str())).cloned().unwrap_or_else(|| "battery".to_owned())
+}

@@ -1,0 +1,203 @@
+//! A mapping suggested from a log: what its names, units and values make likely, with the reason of each guess. What it
+//! cannot know it leaves out, and says so.
+
+mod clocks;
+mod columns;
+mod sample;
+
+use std::path::Path;
+
+use datasets::{FlightOptions, ReadError, Reading, formats::FlightFormat, open_raw_among, topics_among};
+
+use clocks::{Clock, clock_of, epoch_of};
+use columns::{Guess, guesses};
+use sample::Sample;
+
+/// A topic with what was found in its first rows.
+pub(super) struct Topic {
+    /// Its name; empty for a file of one table.
+    pub name: String,
+    /// The rows it has.
+    pub rows: u64,
+    /// Its columns.
+    pub columns: Vec<Sample>,
+    /// Its clock, if it has one.
+    pub clock: Option<Clock>,
+}
+
+impl Topic {
+    /// The column of a name.
+    pub fn column(&self, name: &str) -> Option<&Sample> {
+        self.columns.iter().find(|c| c.name == name)
+    }
+}
+
+/// The text of a mapping of a log.
+///
+/// # Errors
+/// Fails for a log that cannot be read, and for one without any column that it recognises.
+pub fn suggest(path: &Path, options: &FlightOptions, formats: &[FlightFormat]) -> Result<String, ReadError> {
+    let listed = topics_among(formats, path, options)?;
+    let mut format = "";
+    let mut topics = vec![];
+    for topic in listed {
+        let options = FlightOptions { topic: Some(topic.name.clone()).filter(|n| !n.is_empty()), ..options.clone() };
+        let mut reader = open_raw_among(formats, path, &options, &Reading::default())?;
+        format = reader.format();
+        let columns = sample::samples(&mut reader)?;
+        let clock = clock_of(&columns);
+        topics.push(Topic { name: topic.name, rows: topic.rows, columns, clock });
+    }
+    let mut tables = vec![];
+    let mut rest = vec![];
+    let mut letters = (b'a'..=b'z').map(char::from);
+    for topic in &topics {
+        let found = guesses(topic, &mut letters);
+        let useful = found.iter().any(Guess::is_used);
+        match &topic.clock {
+            Some(clock) if useful => tables.push((topic, clock, found)),
+            Some(_) if found.is_empty() => {
+                rest.push(format!("{} ({} rows): no column that is recognised", shown(&topic.name), topic.rows));
+            }
+            Some(_) => {
+                rest.push(format!("{} ({} rows): only columns that are left out", shown(&topic.name), topic.rows));
+                rest.extend(found.iter().map(|g| format!("  {}: {}", g.ours.escape_default(), g.why)));
+            }
+            None if useful => rest.push(format!(
+                "{} ({} rows): columns that are recognised, but no time that rises",
+                shown(&topic.name),
+                topic.rows
+            )),
+            None => rest.push(format!("{} ({} rows): no time that rises", shown(&topic.name), topic.rows)),
+        }
+    }
+    if tables.is_empty() {
+        let what = "no mapping can be suggested: no table has both a time that rises and a column that is recognised";
+        return Err(ReadError::options(path, what).help("write one: datasets/mappings/README.md says how"));
+    }
+    let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut text = format!(
+        "# Suggested from {} by its names, units and first rows. Every line with a `guess` needs a look: axes, signs and the\n\
+         # mounting of sensors cannot be seen in a log.\n\n\
+         about  = {}\nformat = {}\n",
+        name.escape_default(),
+        quoted(&format!("logs like {name}")),
+        quoted(format)
+    );
+    text += &keys(&tables);
+    if tables.iter().any(|(_, clock, _)| clock.is_boot()) {
+        text += &epoch_of(&topics);
+    }
+    let single = tables.len() == 1;
+    let mut taken: Vec<String> = vec![];
+    for (topic, clock, found) in &tables {
+        let name = table_name(if single && topic.name.is_empty() { "log" } else { &topic.name }, &taken);
+        text += &table(&name, topic, clock, found);
+        taken.push(name);
+    }
+    if !rest.is_empty() {
+        text += "\n# Left out:\n";
+        rest.iter().for_each(|line| text += &format!("# - {line}\n"));
+    }
+    Ok(text)
+}
+
+fn shown(name: &str) -> String {
+    if name.is_empty() { "the table".to_owned() } else { format!("`{}`", name.escape_default()) }
+}
+
+/// The flight and the line: columns of these names, where all tables have them.
+fn keys(tables: &[(&Topic, &Clock, Vec<Guess>)]) -> String {
+    let mut text = String::new();
+    for (key, usual) in [
+        ("flight", "{ of_file = true }   # guess: one flight in a file, of its name"),
+        ("line", "\"1\"                  # guess: one line in a file"),
+    ] {
+        let own = tables.iter().all(|(topic, ..)| topic.column(key).is_some());
+        text += &if own { format!("{key:6} = {{ from = \"{key}\" }}\n") } else { format!("{key:6} = {usual}\n") };
+    }
+    text
+}
+
+fn table(name: &str, topic: &Topic, clock: &Clock, found: &[Guess]) -> String {
+    let mut text = format!("\n[tables.{name}]   # {} rows\n", topic.rows);
+    if !topic.name.is_empty() {
+        text += &format!("topic = {}\n", quoted(&topic.name));
+    }
+    text += &format!("time  = {}   # {}\n", clock.said, clock.why);
+    if clock.repeats {
+        text += "drop_repeated = true   # some rows repeat the time of the row before\n";
+    }
+    for (section, vectors) in [("columns", false), ("vectors", true)] {
+        let of: Vec<&Guess> = found.iter().filter(|g| g.is_used() && g.is_vector == vectors).collect();
+        if of.is_empty() {
+            continue;
+        }
+        text += &format!("[tables.{name}.{section}]\n");
+        for guess in of {
+            text += &format!("{} = {}   # {}\n", key(&guess.ours), guess.said, guess.why);
+        }
+    }
+    let left: Vec<&Guess> = found.iter().filter(|g| !g.is_used()).collect();
+    left.iter().for_each(|g| text += &format!("# {}: {}\n", g.ours.escape_default(), g.why));
+    let quaternions: Vec<[&str; 4]> = columns::quaternions(topic);
+    for q in &quaternions {
+        let from = q.iter().map(|n| quoted(n)).collect::<Vec<_>>().join(", ");
+        let list = format!("# quaternions = [{{ from = [{from}], order = \"wxyz\", frames = \"frd_to_ned\" }}]");
+        text += &format!("{list}   # a quaternion, if this is its order and these are its frames\n");
+    }
+    let named = |c: &&Sample| {
+        let quoted_name = quoted(&c.name);
+        clock.said.contains(&quoted_name)
+            || found.iter().any(|g| g.said.contains(&quoted_name) || g.theirs.contains(&c.name))
+    };
+    let others: Vec<String> =
+        topic.columns.iter().filter(|c| !named(c)).map(|c| c.name.escape_default().to_string()).collect();
+    if !others.is_empty() {
+        text += &wrapped(&format!("not recognised: {}", others.join(", ")));
+    }
+    text
+}
+
+/// A comment in lines of a readable length.
+fn wrapped(words: &str) -> String {
+    const WIDE: usize = 118;
+    let (mut text, mut line) = (String::new(), "#".to_owned());
+    for word in words.split(' ') {
+        if line.chars().count() + word.chars().count() >= WIDE {
+            text += &line;
+            text.push('\n');
+            line = "#  ".to_owned();
+        }
+        line.push(' ');
+        line += word;
+    }
+    text + &line + "\n"
+}
+
+/// A text as TOML has it.
+pub(super) fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}
+
+/// A key as TOML has it.
+fn key(name: &str) -> String {
+    let plain = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
+    if plain { name.to_owned() } else { quoted(name) }
+}
+
+/// A name for a table that no other has.
+fn table_name(topic: &str, taken: &[String]) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '_' { c.to_ascii_lowercase() } else { '_' };
+    let mut name: String = topic.chars().map(plain).collect::<String>().trim_matches('_').to_owned();
+    if !name.starts_with(|c: char| c.is_ascii_alphabetic()) {
+        name = format!("t_{name}");
+    }
+    let mut out = name.clone();
+    let mut n = 2;
+    while taken.contains(&out) {
+        out = format!("{name}_{n}");
+        n += 1;
+    }
+    out
+}

@@ -1,0 +1,122 @@
+//! The first rows of a table: the range of each column.
+
+use arrow_array::{Array, ArrayRef, cast::AsArray, types::Float64Type};
+use arrow_cast::cast;
+use arrow_schema::DataType;
+use datasets::{FlightReader, ReadError};
+use numerics::regression::statistics::median;
+
+/// Rows that are looked at.
+const ROWS: usize = 200_000;
+
+/// A column, and what its values are like.
+#[derive(Clone, Debug)]
+pub struct Sample {
+    /// Its name in the file.
+    pub name: String,
+    /// The unit that the file states; empty where it states none.
+    pub unit: String,
+    /// The first text, of a column of text.
+    pub text: Option<String>,
+    /// Its numbers; empty for a column of text.
+    pub values: Vec<f64>,
+    /// Whether they are whole numbers.
+    pub whole: bool,
+}
+
+impl Sample {
+    /// Its finite values.
+    pub fn known(&self) -> impl Iterator<Item = f64> + '_ {
+        self.values.iter().copied().filter(|x| x.is_finite())
+    }
+
+    /// The least and the largest value.
+    pub fn range(&self) -> Option<(f64, f64)> {
+        let ends = self.known().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
+        (ends.0 <= ends.1).then_some(ends)
+    }
+
+    /// The largest size.
+    pub fn largest(&self) -> f64 {
+        self.range().map_or(0.0, |(l, h)| l.abs().max(h.abs()))
+    }
+
+    /// The median.
+    pub fn median(&self) -> Option<f64> {
+        let mut all: Vec<f64> = self.known().collect();
+        (!all.is_empty()).then(|| median(&mut all))
+    }
+
+    /// The words of its name, in small letters: `MagX` and `mag_x` are `mag` and `x`.
+    pub fn words(&self) -> Vec<String> {
+        let mut words: Vec<String> = vec![String::new()];
+        let mut before = ' ';
+        for c in self.name.chars() {
+            let breaks = !c.is_alphanumeric()
+                || (c.is_uppercase() && before.is_lowercase())
+                || (c.is_ascii_digit() != before.is_ascii_digit() && before.is_alphanumeric());
+            if breaks {
+                words.push(String::new());
+            }
+            if c.is_alphanumeric() {
+                words.iter_mut().last().into_iter().for_each(|w| w.extend(c.to_lowercase()));
+            }
+            before = c;
+        }
+        words.retain(|w| !w.is_empty());
+        words
+    }
+}
+
+/// The columns of a table.
+pub fn samples(reader: &mut FlightReader) -> Result<Vec<Sample>, ReadError> {
+    let schema = reader.schema().clone();
+    let mut out: Vec<Sample> = schema
+        .fields()
+        .iter()
+        .map(|f| {
+            let kind = match f.data_type() {
+                DataType::Dictionary(_, value) => value.as_ref(),
+                other => other,
+            };
+            Sample {
+                name: f.name().clone(),
+                unit: f.metadata().get("unit").cloned().unwrap_or_default(),
+                text: None,
+                values: vec![],
+                whole: kind.is_integer(),
+            }
+        })
+        .collect();
+    let mut rows = 0;
+    while rows < ROWS {
+        let Some(part) = reader.next_part() else { break };
+        // What is damaged further on is told when the log is read.
+        let Ok(part) = part else { break };
+        rows += part.batch.num_rows();
+        for (sample, column) in out.iter_mut().zip(part.batch.columns()) {
+            add(sample, column);
+        }
+    }
+    for sample in &mut out {
+        sample.whole |= !sample.values.is_empty() && sample.known().all(|x| x.fract() == 0.0);
+    }
+    Ok(out)
+}
+
+fn add(sample: &mut Sample, column: &ArrayRef) {
+    let kind = column.data_type();
+    let number = kind.is_numeric() || matches!(kind, DataType::Dictionary(_, v) if v.is_numeric());
+    if number {
+        if let Ok(numbers) = cast(column, &DataType::Float64) {
+            sample.values.extend(numbers.as_primitive::<Float64Type>().iter().map(|x| x.unwrap_or(f64::NAN)));
+        }
+    } else if sample.text.is_none()
+        && let Ok(text) = cast(column, &DataType::Utf8)
+    {
+        let text = text.as_string::<i32>();
+        sample.text = (0..text.len())
+            .find(|i| text.is_valid(*i) && !text.value(*i).trim().is_empty())
+            .map(|i| text.value(i).to_owned());
+    }
+}

@@ -1,0 +1,395 @@
+//! The time of each row of a file, by what the mapping says of its clock.
+
+use arrow_array::{ArrayRef, RecordBatch, cast::AsArray, types::Int64Type};
+use arrow_cast::cast;
+use arrow_schema::{DataType, Schema, TimeUnit};
+use schemas::{Fault, convert};
+
+use super::{
+    bind::{Columns, numbers, texts},
+    clock::{DAY_S, Form, Instant, Read, read_date, read_zone},
+    declare::{Clock, Constant, Stamp},
+    document::Placed,
+};
+
+/// The times of the rows of a batch.
+pub enum Times {
+    /// Seconds past some midnight whose date is not known, or of the log's own clock; NaN is missing.
+    Undated(Vec<f64>),
+    /// Instants of UTC.
+    Dated(Vec<Option<Instant>>),
+}
+
+/// A row whose text is no time.
+pub struct NoTime {
+    /// The row of the batch.
+    pub row: usize,
+    /// The text.
+    pub text: String,
+}
+
+/// A column that counts.
+#[derive(Clone, Debug)]
+struct Ticks {
+    at: usize,
+    /// Nanoseconds to a count, for whole numbers.
+    ns: Option<i128>,
+    /// Counts to a second, where that is a whole number; otherwise seconds to a count.
+    rate: Result<f64, f64>,
+}
+
+#[derive(Clone, Debug)]
+enum Source {
+    Boot { ticks: Ticks, epoch: Option<Instant> },
+    Day { ticks: Ticks },
+    Unix { ticks: Ticks },
+    Gps { ticks: Ticks, week: Week, rollovers: i64, leap_s: Option<f64> },
+    Text { columns: Vec<usize>, form: Form },
+}
+
+#[derive(Clone, Debug)]
+enum Week {
+    Column(usize),
+    Number(i64),
+}
+
+/// The clock of a table, checked against the columns of a file. It is fed batch by batch, in order.
+#[derive(Clone, Debug)]
+pub struct TimeOf {
+    source: Source,
+    /// Seconds east of Greenwich; none for UTC.
+    zone_s: Option<f64>,
+    /// The local date of the next row, of a clock that counts from midnight.
+    day: Option<i64>,
+    /// The last time of the day.
+    last_s: f64,
+}
+
+impl TimeOf {
+    /// A clock; `epoch` is when that of the log was 0, `None` where nobody knows.
+    pub fn new(stamp: &Placed<Stamp>, columns: &mut Columns, epoch: Option<Instant>) -> Option<TimeOf> {
+        let said = &stamp.value;
+        let Some(clock) = said.clock else {
+            let fault = Fault::new("`clock` must be given: what the time counts from");
+            columns.push(fault.help("`boot`, `day`, `unix`, `gps` or `text`").at(stamp.at.clone()));
+            return None;
+        };
+        if said.from.is_empty() {
+            columns.push(Fault::new("`from` must be given: the column of the time").at(stamp.at.clone()));
+            return None;
+        }
+        foreign_keys(stamp, clock, columns);
+        let zone_s = zone(stamp, columns);
+        let day = match &said.date {
+            None => None,
+            Some(text) => match read_date(text) {
+                Some(day) => Some(day),
+                None => {
+                    let fault = Fault::new(format!("`date` cannot be `{text}`")).help("write it as `2012-10-10`");
+                    columns.push(fault.at(stamp.at("date")));
+                    None
+                }
+            },
+        };
+        let source = match clock {
+            Clock::Boot => Source::Boot { ticks: ticks(stamp, columns)?, epoch },
+            Clock::Day => Source::Day { ticks: ticks(stamp, columns)? },
+            Clock::Unix => Source::Unix { ticks: ticks(stamp, columns)? },
+            Clock::Gps => gps(stamp, columns)?,
+            Clock::Text => text(stamp, columns)?,
+        };
+        Some(TimeOf { source, zone_s, day, last_s: f64::NAN })
+    }
+
+    /// Whether its times have dates.
+    pub fn is_dated(&self) -> bool {
+        match &self.source {
+            Source::Boot { epoch, .. } => epoch.is_some(),
+            Source::Day { .. } => self.day.is_some(),
+            Source::Unix { .. } | Source::Gps { .. } => true,
+            Source::Text { form, .. } => form.is_dated() || self.day.is_some(),
+        }
+    }
+
+    /// Whether it counts from the start of the log.
+    pub fn is_boot(&self) -> bool {
+        matches!(self.source, Source::Boot { .. })
+    }
+
+    /// The times of the next rows, and the rows whose text is no time.
+    pub fn read(&mut self, batch: &RecordBatch) -> Result<(Times, Vec<NoTime>), Fault> {
+        let mut wrong = vec![];
+        let zone_s = self.zone_s.unwrap_or(0.0);
+        let times = match self.source.clone() {
+            Source::Boot { ticks, epoch } => {
+                let elapsed = ticks.seconds(batch)?;
+                match epoch {
+                    None => Times::Undated(elapsed),
+                    Some(epoch) => {
+                        Times::Dated(elapsed.iter().map(|s| s.is_finite().then(|| epoch.plus(*s))).collect())
+                    }
+                }
+            }
+            Source::Day { ticks } => {
+                let seconds = ticks.seconds(batch)?;
+                self.of_day(&seconds)
+            }
+            Source::Unix { ticks } => {
+                Times::Dated(ticks.instants(batch)?.into_iter().map(|i| Some(i?.plus(-zone_s))).collect())
+            }
+            Source::Gps { ticks, week, rollovers, leap_s } => {
+                let seconds = ticks.seconds(batch)?;
+                let weeks = match week {
+                    Week::Number(n) => vec![n as f64; seconds.len()],
+                    Week::Column(at) => numbers(batch, at)?,
+                };
+                let one = |(s, week): (&f64, &f64)| {
+                    // A receiver without a fix says week 0 or -1.
+                    let known = s.is_finite() && *week >= 0.0 && week.fract() == 0.0 && *week < 1e6;
+                    known.then(|| Instant::of_gps(*week as i64 + 1024 * rollovers, *s, leap_s)).flatten()
+                };
+                Times::Dated(seconds.iter().zip(&weeks).map(one).collect())
+            }
+            Source::Text { columns, form } => {
+                let cells = columns.iter().map(|at| texts(batch, *at)).collect::<Result<Vec<_>, _>>()?;
+                let mut read = |row: usize| -> Option<Read> {
+                    let parts: Option<Vec<&str>> = cells.iter().map(|c| c.get(row)?.as_deref()).collect();
+                    let text = parts?.join(" ");
+                    if text.trim().is_empty() {
+                        return None;
+                    }
+                    let time = form.read(&text);
+                    if time.is_none() {
+                        wrong.push(NoTime { row, text });
+                    }
+                    time
+                };
+                let all: Vec<Option<Read>> = (0..batch.num_rows()).map(&mut read).collect();
+                if form.is_dated() {
+                    Times::Dated(all.iter().map(|t| t.map(|t| at(t, zone_s))).collect())
+                } else {
+                    let of_day = |t: &Option<Read>| match t {
+                        Some(Read::OfDay(s)) => *s,
+                        Some(Read::At { .. }) | None => f64::NAN,
+                    };
+                    self.of_day(&all.iter().map(of_day).collect::<Vec<_>>())
+                }
+            }
+        };
+        Ok((times, wrong))
+    }
+
+    /// Times of a day; after midnight, a date moves on.
+    fn of_day(&mut self, seconds: &[f64]) -> Times {
+        /// How far from midnight a fall of the time may begin and end.
+        const NEAR_S: f64 = 3_600.0;
+        let zone_s = self.zone_s;
+        let Some(mut day) = self.day else {
+            let utc = |s: &f64| zone_s.map_or(*s, |zone| (s - zone).rem_euclid(DAY_S));
+            return Times::Undated(seconds.iter().map(utc).collect());
+        };
+        let mut last = self.last_s;
+        let dated = seconds.iter().map(|&s| {
+            if !s.is_finite() {
+                return None;
+            }
+            if (DAY_S - NEAR_S..DAY_S + NEAR_S).contains(&last) && (0.0..NEAR_S).contains(&s) {
+                day += 1;
+            }
+            last = s;
+            Some(Instant::new(day, s - zone_s.unwrap_or(0.0)))
+        });
+        let dated = dated.collect();
+        (self.day, self.last_s) = (Some(day), last);
+        Times::Dated(dated)
+    }
+}
+
+/// The instant of a text with a date.
+fn at(time: Read, zone_s: f64) -> Instant {
+    match time {
+        Read::At { instant, zoned: true } => instant,
+        Read::At { instant, zoned: false } => instant.plus(-zone_s),
+        Read::OfDay(s) => Instant::new(0, s),
+    }
+}
+
+/// Keys that say nothing with this clock.
+fn foreign_keys(stamp: &Placed<Stamp>, clock: Clock, columns: &mut Columns) {
+    let owners: [(&str, &[Clock]); 7] = [
+        ("week", &[Clock::Gps]),
+        ("rollovers", &[Clock::Gps]),
+        ("leap_s", &[Clock::Gps]),
+        ("format", &[Clock::Text]),
+        ("zone", &[Clock::Day, Clock::Unix, Clock::Text]),
+        ("date", &[Clock::Day, Clock::Text]),
+        ("unit", &[Clock::Boot, Clock::Day, Clock::Unix, Clock::Gps]),
+    ];
+    for (key, clocks) in owners {
+        if let Some(given) = stamp.args.get(key).filter(|_| !clocks.contains(&clock)) {
+            let of: Vec<String> = clocks.iter().map(|c| format!("`{}`", c.word())).collect();
+            let what = format!("`{key}` says nothing of the clock `{}`: it belongs to {}", clock.word(), of.join(", "));
+            columns.push(Fault::new(what).at(given.key_at.clone()));
+        }
+    }
+    if clock != Clock::Text && stamp.value.from.len() > 1 {
+        let what = format!("the clock `{}` is in one column, not {}", clock.word(), stamp.value.from.len());
+        columns.push(Fault::new(what).at(stamp.at("from")));
+    }
+}
+
+fn zone(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<f64> {
+    let text = stamp.value.zone.as_ref()?;
+    let zone = read_zone(text);
+    if zone.is_none() {
+        let fault = Fault::new(format!("`zone` cannot be `{text}`")).help("write it as `+10:00`, `-03:30` or `Z`");
+        columns.push(fault.at(stamp.at("zone")));
+    }
+    zone
+}
+
+/// The column that counts, and what it counts.
+fn ticks(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Ticks> {
+    let name = stamp.value.from.first()?;
+    of_column(name, stamp.value.unit.as_deref(), (stamp.at("from"), stamp.at("unit")), columns)
+}
+
+/// A column that counts time, in a unit that the mapping or the file says.
+fn of_column(
+    name: &str,
+    unit: Option<&str>,
+    (from_at, unit_at): (super::document::Span, super::document::Span),
+    columns: &mut Columns,
+) -> Option<Ticks> {
+    let at = columns.find(name, from_at.clone())?;
+    let field = columns.source.field(at);
+    let said = match field.data_type() {
+        DataType::Timestamp(unit, _) => Some(match unit {
+            TimeUnit::Second => "s",
+            TimeUnit::Millisecond => "ms",
+            TimeUnit::Microsecond => "us",
+            TimeUnit::Nanosecond => "ns",
+        }),
+        _ => None,
+    };
+    let of_file = field.metadata().get("unit").map(String::as_str).filter(|u| !u.is_empty());
+    let Some(unit) = said.or(unit).or(of_file) else {
+        let fault = Fault::new(format!("neither the file nor the mapping says the unit of the time `{name}`"));
+        columns.push(fault.help("say `unit`: `s`, `ms`, `us`, `ns`").at(from_at));
+        return None;
+    };
+    let Some(factor) = convert(unit, "s") else {
+        let what = format!("the time `{name}` cannot be in `{unit}`");
+        columns.push(Fault::new(what).nearest(unit, &schemas::convertible_to("s")).at(unit_at));
+        return None;
+    };
+    let kind = field.data_type();
+    if !(kind.is_numeric() || said.is_some()) {
+        let fault = Fault::new(format!("the time `{name}` holds {kind}, and only `clock = \"text\"` reads text"));
+        columns.push(fault.at(from_at));
+        return None;
+    }
+    let per_second = (1.0 / factor).round();
+    let rate = if factor <= 1.0 && (per_second * factor - 1.0).abs() < 1e-12 { Ok(per_second) } else { Err(factor) };
+    let ns = (factor * 1e9).round();
+    let ns = (kind.is_integer() || said.is_some()).then_some(ns as i128).filter(|n| *n > 0);
+    Some(Ticks { at, ns, rate })
+}
+
+/// The seconds of a column of a log's own clock.
+pub struct BootColumn(Ticks);
+
+impl BootColumn {
+    /// A column in a unit that the mapping or the file says.
+    pub fn new(name: &str, unit: Option<&str>, at: super::document::Span, columns: &mut Columns) -> Option<BootColumn> {
+        of_column(name, unit, (at.clone(), at), columns).map(BootColumn)
+    }
+
+    /// Its values, s.
+    pub fn read(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
+        self.0.seconds(batch)
+    }
+}
+
+impl Ticks {
+    fn whole(&self, batch: &RecordBatch) -> Result<Option<ArrayRef>, Fault> {
+        if self.ns.is_none() {
+            return Ok(None);
+        }
+        let column = batch.columns().get(self.at).ok_or_else(|| Fault::bug("a batch lacks the column of the time"))?;
+        cast(column, &DataType::Int64).map(Some).map_err(|e| Fault::data(e.to_string()))
+    }
+
+    /// Seconds; NaN where the time is missing.
+    fn seconds(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
+        let one = |x: f64| match self.rate {
+            Ok(per_second) => x / per_second,
+            Err(factor) => x * factor,
+        };
+        Ok(numbers(batch, self.at)?.into_iter().map(one).collect())
+    }
+
+    /// Instants counted from 1970; whole numbers lose nothing.
+    fn instants(&self, batch: &RecordBatch) -> Result<Vec<Option<Instant>>, Fault> {
+        if let (Some(ns), Some(whole)) = (self.ns, self.whole(batch)?) {
+            let whole = whole.as_primitive::<Int64Type>();
+            return Ok(whole.iter().map(|x| Some(Instant::of_unix_ns(i128::from(x?) * ns))).collect());
+        }
+        // Beyond 10^12 s a count of seconds is something else, such as milliseconds.
+        let instant = |s: f64| (s.abs() < 1e12).then(|| Instant::new(0, s));
+        Ok(self.seconds(batch)?.into_iter().map(instant).collect())
+    }
+}
+
+fn gps(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
+    let said = &stamp.value;
+    let week = match &said.week {
+        None => {
+            let fault = Fault::new("`week` must be given with `clock = \"gps\"`: a column or a number");
+            columns.push(fault.at(stamp.at.clone()));
+            return None;
+        }
+        Some(Constant::Number(x)) if x.fract() == 0.0 && (0.0..1e5).contains(x) => Week::Number(*x as i64),
+        Some(Constant::Number(x)) => {
+            columns.push(Fault::new(format!("a GPS week is a whole number from 0, not {x}")).at(stamp.at("week")));
+            return None;
+        }
+        Some(Constant::Text(name)) => Week::Column(columns.number(name, stamp.at("week"))?),
+    };
+    let rollovers = said.rollovers as i64;
+    Some(Source::Gps { ticks: ticks(stamp, columns)?, week, rollovers, leap_s: said.leap_s })
+}
+
+fn text(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
+    let mut found = vec![];
+    for name in &stamp.value.from {
+        let at = columns.find(name, stamp.at("from"))?;
+        if !is_text(columns.source, at) {
+            let kind = columns.source.field(at).data_type();
+            let what = format!("`{name}` holds {kind}, and `clock = \"text\"` reads text");
+            columns.push(Fault::new(what).at(stamp.at("from")));
+            return None;
+        }
+        found.push(at);
+    }
+    let Some(form) = Form::new(stamp.value.format.as_deref()) else {
+        let text = stamp.value.format.clone().unwrap_or_default();
+        let fault = Fault::new(format!("`format` cannot be `{text}`"));
+        let help = "it needs at least the hour, in the letters of `strftime`: `%d/%m/%Y %H:%M:%S%.f`";
+        columns.push(fault.help(help).at(stamp.at("format")));
+        return None;
+    };
+    if form.is_dated() && stamp.value.date.is_some() {
+        columns.push(Fault::new("the text holds the date already").at(stamp.at("date")));
+    }
+    Some(Source::Text { columns: found, form })
+}
+
+/// Whether a column holds text.
+pub fn is_text(source: &Schema, at: usize) -> bool {
+    let kind = match source.field(at).data_type() {
+        DataType::Dictionary(_, value) => value.as_ref(),
+        other => other,
+    };
+    matches!(kind, DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View)
+}
