@@ -13,6 +13,7 @@ pub mod deep;
 pub mod keys;
 pub mod plan;
 pub mod predicate;
+pub mod release;
 pub mod run;
 pub mod sources;
 pub mod spec;
