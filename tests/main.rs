@@ -21,6 +21,7 @@ mod models;
 mod navigation;
 mod plausible;
 mod power_loss;
+mod publish;
 mod queries;
 mod readers;
 mod reuse;

@@ -2,6 +2,7 @@
 //! error.
 
 mod answer;
+mod bench;
 mod events;
 mod interrupt;
 mod map;
@@ -122,6 +123,11 @@ enum Command {
     Report(report::ReportArgs),
     /// Write tables of a run as a data set that others can cite, check and compute again.
     Publish(publish::PublishArgs),
+    /// The benchmark magline-bench: its flights, and scores of predictions by any program.
+    Bench {
+        #[command(subcommand)]
+        command: bench::BenchCommand,
+    },
     /// Work on anomaly maps.
     Map {
         /// Only errors on standard error: no progress, no notes.
@@ -254,6 +260,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         Command::Stages { name, markdown } => stages(catalogue, name.as_deref(), markdown),
         Command::Report(args) => report::run(catalogue, &args),
         Command::Publish(args) => publish::run(catalogue, &args),
+        Command::Bench { command } => bench::run(&command),
         Command::Map { quiet, command } => map::run(&command, quiet),
         Command::Synth { spec, to, quiet } => synth(&spec, &to, quiet),
     };

@@ -73,9 +73,16 @@ fn as_text(done: &Published, to: &Path) -> String {
         text += &format!("{name}: {rows} in {files}\n");
     }
     let files = counted(done.files, "file");
-    text += &if done.written { format!("wrote {}, {files}\n", to.display()) } else { format!("{} is the same data set already, {files}\n", to.display()) };
+    text += &if done.written {
+        format!("wrote {}, {files}\n", to.display())
+    } else {
+        format!("{} is the same data set already, {files}\n", to.display())
+    };
     if done.failures > 0 {
-        note(&format!("{} could not be computed; the README of the data set lists what", counted(done.failures, "line or fit")));
+        note(&format!(
+            "{} could not be computed; the README of the data set lists what",
+            counted(done.failures, "line or fit")
+        ));
     }
     for one in &done.restricted {
         note(&format!("restricted: {one}"));
@@ -86,7 +93,11 @@ fn as_text(done: &Published, to: &Path) -> String {
 /// Checks a published data set.
 pub fn verify(folder: &Path) -> Result<(), Stop> {
     let found = release::verify(folder)?;
-    let read = format!("{}, {}", counted(found.files, "file"), counted(usize::try_from(found.rows).unwrap_or(usize::MAX), "row"));
+    let read = format!(
+        "{}, {}",
+        counted(found.files, "file"),
+        counted(usize::try_from(found.rows).unwrap_or(usize::MAX), "row")
+    );
     if found.faults.is_empty() {
         return say(format!("{read}: all as published\n"));
     }

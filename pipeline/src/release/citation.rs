@@ -30,7 +30,10 @@ pub fn write(about: &About) -> String {
     if let Some(url) = &about.url {
         line("url", url);
     }
-    line(if about.licence.spdx { "license" } else { "license-url" }, if about.licence.spdx { &about.licence.name } else { &about.licence.url });
+    line(
+        if about.licence.spdx { "license" } else { "license-url" },
+        if about.licence.spdx { &about.licence.name } else { &about.licence.url },
+    );
     text += "authors:\n";
     for author in &about.authors {
         let names = match (&author.given, &author.family) {
@@ -63,7 +66,8 @@ pub fn sentence(about: &About) -> String {
 
 /// The citation as an entry of BibTeX.
 pub fn bibtex(about: &About) -> String {
-    let braced = |text: &str| text.chars().map(|c| if matches!(c, '{' | '}' | '\\') { ' ' } else { c }).collect::<String>();
+    let braced =
+        |text: &str| text.chars().map(|c| if matches!(c, '{' | '}' | '\\') { ' ' } else { c }).collect::<String>();
     let names: Vec<String> = about
         .authors
         .iter()

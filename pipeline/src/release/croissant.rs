@@ -15,9 +15,32 @@ const PARQUET: &str = "application/x-parquet";
 /// The context of the specification.
 fn context() -> Value {
     let own = [
-        "citeAs", "column", "extract", "field", "fileProperty", "fileObject", "fileSet", "format", "includes",
-        "isLiveDataset", "jsonPath", "key", "md5", "parentField", "path", "recordSet", "references", "regex", "repeated",
-        "replace", "separator", "source", "subField", "transform",
+        "citeAs",
+        "column",
+        "equivalentProperty",
+        "extract",
+        "field",
+        "fileProperty",
+        "fileObject",
+        "fileSet",
+        "format",
+        "includes",
+        "isLiveDataset",
+        "jsonPath",
+        "key",
+        "md5",
+        "parentField",
+        "path",
+        "recordSet",
+        "references",
+        "regex",
+        "repeated",
+        "replace",
+        "samplingRate",
+        "separator",
+        "source",
+        "subField",
+        "transform",
     ];
     let mut terms: Map<String, Value> = own.iter().map(|t| ((*t).to_owned(), json!(format!("cr:{t}")))).collect();
     let more = json!({

@@ -61,14 +61,16 @@ fn resource(table: &Table, file: &DataFile) -> Value {
     let middle = file.path.strip_prefix("data/").and_then(|p| p.strip_suffix("/part-0.parquet"));
     words.extend(middle.into_iter().flat_map(|p| p.split('/').skip(1)).map(|p| {
         let value = p.split_once('=').map_or(p, |(_, value)| value);
-        value.bytes().map(|b| if b.is_ascii_uppercase() || b == b'%' { format!("_{b:02x}") } else { char::from(b).to_string() }).collect()
+        value
+            .bytes()
+            .map(|b| if b.is_ascii_uppercase() || b == b'%' { format!("_{b:02x}") } else { char::from(b).to_string() })
+            .collect()
     }));
     json!({
         "name": slug(&words.join("-")),
         "path": file.path,
         "format": "parquet",
         "mediatype": "application/vnd.apache.parquet",
-        "bytes": file.bytes,
         "hash": format!("sha256:{}", file.sha256),
         "rows": file.rows,
         "schema": schema_path(&table.name),
@@ -136,7 +138,13 @@ mod tests {
             paths.iter().map(name).collect()
         };
         let path = |f: &str, l: &str| format!("data/Clean/flight_id=flight-{f}/line_id=line-{l}/part-0.parquet");
-        let names = table(&[&path("1", "1.10"), &path("a", "1"), &path("A", "1"), &path("a%20", "1"), "data/Clean/part-0.parquet"]);
+        let names = table(&[
+            &path("1", "1.10"),
+            &path("a", "1"),
+            &path("A", "1"),
+            &path("a%20", "1"),
+            "data/Clean/part-0.parquet",
+        ]);
         assert_eq!(names[0], "clean-flight-1-line-1.10");
         assert_eq!(names[4], "clean");
         let fine = |n: &String| n.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || "-._".contains(c));

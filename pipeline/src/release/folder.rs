@@ -94,7 +94,9 @@ impl Draft {
         match fs::create_dir(&path) {
             // Left behind by a process of the same number that was killed.
             Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
-                fs::remove_dir_all(&path).and_then(|()| fs::create_dir(&path)).map_err(|e| cannot("make", &path, &e))?;
+                fs::remove_dir_all(&path)
+                    .and_then(|()| fs::create_dir(&path))
+                    .map_err(|e| cannot("make", &path, &e))?;
             }
             made => made.map_err(|e| cannot("make", &path, &e))?,
         }

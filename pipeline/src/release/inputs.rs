@@ -174,7 +174,9 @@ impl Place {
         let full = fs::canonicalize(&spec.folder).map_err(|e| cannot("read", &spec.folder, &e))?;
         let names: Vec<String> = full
             .components()
-            .filter_map(|c| if let Component::Normal(name) = c { Some(name.to_string_lossy().into_owned()) } else { None })
+            .filter_map(
+                |c| if let Component::Normal(name) = c { Some(name.to_string_lossy().into_owned()) } else { None },
+            )
             .collect();
         match names.len().checked_sub(up) {
             Some(from) => Ok(Place { folders: names.into_iter().skip(from).collect() }),

@@ -94,7 +94,9 @@ enum Chosen {
 /// # Errors
 /// Where the spec has no `[publish]`.
 pub fn facts(spec: &Spec) -> Result<&PublishFacts, Fault> {
-    spec.publish.as_ref().ok_or_else(|| Fault::new(format!("{} does not say what the data set is", spec.file)).help(EXAMPLE))
+    spec.publish
+        .as_ref()
+        .ok_or_else(|| Fault::new(format!("{} does not say what the data set is", spec.file)).help(EXAMPLE))
 }
 
 /// Publishes tables of the last run of a plan.
@@ -143,7 +145,8 @@ pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Publis
     let set = Set { dictionary, lock: lock(graph, inputs)? };
     if let Some(file) = &facts.licence_file {
         let path = spec.folder.join(file);
-        let text = fs::read(&path).map_err(|e| Fault::new(format!("cannot read the licence {}: {e}", path.display())))?;
+        let text =
+            fs::read(&path).map_err(|e| Fault::new(format!("cannot read the licence {}: {e}", path.display())))?;
         write(root, documents::LICENCE, &text)?;
     }
     for (path, text) in documents::all(&set)? {
@@ -269,7 +272,8 @@ fn computed(graph: &Graph, store: &Store) -> Result<Version, Fault> {
     let run = || format!("run it first: `magline run {}{sets}`", spec.file);
     let version = current(store.root(), &spec.name).filter(|_| report::is_current(graph, store));
     version.ok_or_else(|| {
-        Fault::new(format!("the results of {} are not there, or are of other data or another spec", spec.file)).help(run())
+        Fault::new(format!("the results of {} are not there, or are of other data or another spec", spec.file))
+            .help(run())
     })
 }
 

@@ -131,7 +131,11 @@ pub fn why(held: &Held) -> String {
     let until = held.embargo.as_ref().map(|day| format!("until {day}"));
     let why: Vec<String> = until.into_iter().chain(held.reason.clone()).collect();
     let source = held.through.last().map(String::as_str).unwrap_or_default();
-    if why.is_empty() { format!("`{source}` is restricted") } else { format!("`{source}` is restricted: {}", why.join(", ")) }
+    if why.is_empty() {
+        format!("`{source}` is restricted")
+    } else {
+        format!("`{source}` is restricted: {}", why.join(", "))
+    }
 }
 
 /// Where a held column comes from, in words.

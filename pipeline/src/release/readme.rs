@@ -15,7 +15,11 @@ pub fn write(set: &Set) -> String {
     let about = &set.dictionary.about;
     let mut text = format!("# {}\n\n{}\n\n", cell(&about.title), about.description.trim());
     // Writing into a String cannot fail.
-    let _ = writeln!(text, "Version {}, {}. Licence: [{}]({}). Questions: {}.", about.version, about.date, about.licence.title, about.licence.url, about.contact);
+    let _ = writeln!(
+        text,
+        "Version {}, {}. Licence: [{}]({}). Questions: {}.",
+        about.version, about.date, about.licence.title, about.licence.url, about.contact
+    );
     let _ = writeln!(text, "\nCite it as (`CITATION.cff`):\n\n> {}", citation::sentence(about));
     text += &restricted(set);
     text += &tables(set);
@@ -43,14 +47,24 @@ fn tables(set: &Set) -> String {
         .to_owned();
     for t in &set.dictionary.tables {
         let stage = t.stage.as_ref().map(|s| format!("`{s}`")).unwrap_or_else(|| "files".to_owned());
-        let _ = writeln!(text, "| `{}` | {} | {stage} | {} | {} | {} |", t.name, t.kind, t.rows, t.columns.len(), t.files.len());
+        let _ = writeln!(
+            text,
+            "| `{}` | {} | {stage} | {} | {} | {} |",
+            t.name,
+            t.kind,
+            t.rows,
+            t.columns.len(),
+            t.files.len()
+        );
     }
     if !set.dictionary.failures.is_empty() {
         const SHOWN: usize = 20;
         text += "\nNot computed, and so not in the tables:\n\n";
         for f in set.dictionary.failures.iter().take(SHOWN) {
-            let line = f.line.as_ref().map(|l| format!(", flight {}, line {l}", f.flight.as_deref().unwrap_or_default()));
-            let _ = writeln!(text, "- `{}`{} ({})", f.table, cell(&line.unwrap_or_default()), counted(f.points, "point"));
+            let line =
+                f.line.as_ref().map(|l| format!(", flight {}, line {l}", f.flight.as_deref().unwrap_or_default()));
+            let _ =
+                writeln!(text, "- `{}`{} ({})", f.table, cell(&line.unwrap_or_default()), counted(f.points, "point"));
         }
         if set.dictionary.failures.len() > SHOWN {
             let _ = writeln!(text, "- and {} more: `dictionary.json`", set.dictionary.failures.len() - SHOWN);
@@ -89,17 +103,37 @@ fn datasheet(set: &Set) -> String {
     let mut composition = String::new();
     for t in &set.dictionary.tables {
         let missing: u64 = t.columns.iter().map(|c| c.values.missing).sum();
-        let lines = if t.partitions.is_empty() { String::new() } else { format!("{} of ", counted(t.files.len() as u64, "line")) };
+        let lines = if t.partitions.is_empty() {
+            String::new()
+        } else {
+            format!("{} of ", counted(t.files.len() as u64, "line"))
+        };
         let sweep = if t.axes.is_empty() { String::new() } else { format!(", over {}", t.axes.join(" x ")) };
-        let _ = writeln!(composition, "- `{}`: {lines}{}{sweep}; {missing} missing values (null or NaN)", t.name, counted(t.rows, "row"));
+        let _ = writeln!(
+            composition,
+            "- `{}`: {lines}{}{sweep}; {missing} missing values (null or NaN)",
+            t.name,
+            counted(t.rows, "row")
+        );
     }
     part("Composition", &composition);
     part("Collection", about.collection.as_deref().unwrap_or(unsaid));
     let mut steps = String::new();
     for s in &set.lock.stages {
         let rows = s.predicate.as_ref().map(|p| format!(" where {}", cell(p))).unwrap_or_default();
-        let sweep = if s.axes.is_empty() { String::new() } else { format!(", {} over {}", counted(s.points as u64, "point"), s.axes.join(" x ")) };
-        let _ = writeln!(steps, "- `{}`: stage `{}`, version {}, of {}{rows}{sweep}", s.table, s.stage, s.version, s.inputs.join(", "));
+        let sweep = if s.axes.is_empty() {
+            String::new()
+        } else {
+            format!(", {} over {}", counted(s.points as u64, "point"), s.axes.join(" x "))
+        };
+        let _ = writeln!(
+            steps,
+            "- `{}`: stage `{}`, version {}, of {}{rows}{sweep}",
+            s.table,
+            s.stage,
+            s.version,
+            s.inputs.join(", ")
+        );
     }
     part("Processing", &steps);
     part("Uses", about.uses.as_deref().unwrap_or(unsaid));
@@ -129,7 +163,15 @@ fn again(set: &Set) -> String {
     );
     text += "| table | file | bytes | SHA-256 | included |\n|:--|:--|--:|:--|:--|\n";
     for i in &lock.inputs {
-        let _ = writeln!(text, "| `{}` | `{}` | {} | `{}` | {} |", i.table, cell(&i.file), i.bytes, i.sha256, if i.included.is_some() { "yes" } else { "no" });
+        let _ = writeln!(
+            text,
+            "| `{}` | `{}` | {} | `{}` | {} |",
+            i.table,
+            cell(&i.file),
+            i.bytes,
+            i.sha256,
+            if i.included.is_some() { "yes" } else { "no" }
+        );
     }
     let _ = writeln!(
         text,

@@ -6,8 +6,7 @@ use serde_json::{Value, json};
 use super::{
     croissant::conditions,
     documents::{DICTIONARY, LICENCE, LOCK, address},
-    inputs,
-    protect,
+    inputs, protect,
     set::{Input, Person, Set, Stage, Table},
 };
 
@@ -25,7 +24,6 @@ const DOCUMENTS: [(&str, &str, &str); 7] = [
 /// The file `ro-crate-metadata.json`.
 pub fn write(set: &Set) -> Value {
     let about = &set.dictionary.about;
-    let refer = |ids: &[String]| -> Vec<Value> { ids.iter().map(|id| json!({ "@id": id })).collect() };
     let authors: Vec<String> = about.authors.iter().enumerate().map(|(i, a)| author_id(i, a)).collect();
     let (mut parts, mut graph) = (vec![], vec![]);
     let mut part = |id: String, entity: Value| {
@@ -33,7 +31,10 @@ pub fn write(set: &Set) -> Value {
         graph.push(entity);
     };
     for (path, what, kind) in DOCUMENTS {
-        part(path.to_owned(), json!({ "@id": path, "@type": "File", "name": path, "description": what, "encodingFormat": kind }));
+        part(
+            path.to_owned(),
+            json!({ "@id": path, "@type": "File", "name": path, "description": what, "encodingFormat": kind }),
+        );
     }
     let lock = &set.lock;
     let spec = address(&lock.spec);
@@ -100,7 +101,7 @@ pub fn write(set: &Set) -> Value {
     let mut root = json!({
         "@id": "./", "@type": "Dataset", "name": about.title, "description": about.description,
         "datePublished": about.date, "version": about.version, "license": { "@id": about.licence.url },
-        "author": refer(&authors), "contactPoint": { "@id": "#contact" }, "hasPart": refer(&parts),
+        "author": refer(&authors), "publisher": refer(&publishers(&about.authors, &authors)), "contactPoint": { "@id": "#contact" }, "hasPart": refer(&parts),
         "mentions": refer(&set.lock.stages.iter().map(action_id).collect::<Vec<_>>()),
     });
     if !about.keywords.is_empty() {
@@ -123,6 +124,14 @@ pub fn write(set: &Set) -> Value {
     json!({ "@context": "https://w3id.org/ro/crate/1.1/context", "@graph": all })
 }
 
+/// References to entities: one stands by itself.
+fn refer(ids: &[String]) -> Value {
+    match ids {
+        [one] => json!({ "@id": one }),
+        many => many.iter().map(|id| json!({ "@id": id })).collect(),
+    }
+}
+
 fn datapackage_schema(table: &str) -> String {
     address(&super::datapackage::schema_path(table))
 }
@@ -137,6 +146,13 @@ fn table_id(table: &Table) -> String {
 
 fn author_id(i: usize, author: &Person) -> String {
     author.orcid.clone().unwrap_or_else(|| format!("#author-{}", i + 1))
+}
+
+/// The bodies among the authors, or all where there is none.
+fn publishers(authors: &[Person], ids: &[String]) -> Vec<String> {
+    let bodies: Vec<String> =
+        authors.iter().zip(ids).filter(|(a, _)| a.family.is_none()).map(|(_, id)| id.clone()).collect();
+    if bodies.is_empty() { ids.to_vec() } else { bodies }
 }
 
 fn people(authors: &[Person], ids: &[String]) -> Vec<Value> {
@@ -170,11 +186,28 @@ fn input_id(input: &Input) -> String {
     }
 }
 
+/// The media type of a file, by the end of its name.
+fn media_type(file: &str) -> &'static str {
+    const KNOWN: [(&str, &str); 9] = [
+        (".toml", "application/toml"),
+        (".parquet", "application/vnd.apache.parquet"),
+        (".csv", "text/csv"),
+        (".xyz", "text/plain"),
+        (".tif", "image/tiff"),
+        (".tiff", "image/tiff"),
+        (".h5", "application/x-hdf5"),
+        (".nc", "application/x-netcdf"),
+        (".json", "application/json"),
+    ];
+    let name = file.to_lowercase();
+    KNOWN.iter().find(|(end, _)| name.ends_with(end)).map_or("application/octet-stream", |(_, kind)| kind)
+}
+
 fn described_input(input: &Input) -> Value {
     let kind = if input.included.is_some() { "File" } else { "CreativeWork" };
     json!({
         "@id": input_id(input), "@type": kind, "name": input.file, "sha256": input.sha256,
-        "contentSize": input.bytes.to_string(),
+        "contentSize": input.bytes.to_string(), "encodingFormat": media_type(&input.file),
         "description": format!("an input of the pipeline: the table {}", input.table),
     })
 }
@@ -196,10 +229,9 @@ fn provenance(set: &Set) -> Vec<Value> {
         "description": "declarative pipelines for airborne magnetic compensation and navigation",
     })];
     let published = |name: &str| set.dictionary.tables.iter().find(|t| t.name == name);
-    let object = |name: &String| -> Vec<Value> {
-        let files: Vec<Value> =
-            lock.inputs.iter().filter(|i| i.table == *name).map(|i| json!({ "@id": input_id(i) })).collect();
-        if files.is_empty() { vec![json!({ "@id": result_id(name, published(name)) })] } else { files }
+    let object = |name: &String| -> Vec<String> {
+        let files: Vec<String> = lock.inputs.iter().filter(|i| i.table == *name).map(input_id).collect();
+        if files.is_empty() { vec![result_id(name, published(name))] } else { files }
     };
     let mut programs: Vec<String> = vec![];
     for stage in &lock.stages {
@@ -225,7 +257,7 @@ fn provenance(set: &Set) -> Vec<Value> {
             "@id": action_id(stage), "@type": "CreateAction", "name": format!("{} by {}{rows}", stage.table, stage.stage),
             "description": parameters.join("; "), "identifier": stage.key,
             "instrument": { "@id": program_id(stage) },
-            "object": stage.inputs.iter().flat_map(object).collect::<Vec<_>>(),
+            "object": refer(&stage.inputs.iter().flat_map(object).collect::<Vec<_>>()),
             "result": { "@id": result },
             "actionStatus": { "@id": "http://schema.org/CompletedActionStatus" },
         }));

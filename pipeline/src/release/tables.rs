@@ -4,14 +4,14 @@
 //! are `flight_id` and `line_id`, with a word before each identifier: readers of hive partitions take `line=1003.10` for
 //! the number 1003.1, and refuse a column of another type under the same name in the file.
 
-use std::{
-    cmp::Ordering,
-    collections::BTreeMap,
-    path::Path,
-    sync::Arc,
-};
+use std::{cmp::Ordering, collections::BTreeMap, path::Path, sync::Arc};
 
-use arrow_array::{Array, ArrayRef, RecordBatch, StringArray, cast::AsArray, new_null_array, types::{Float64Type, Int64Type}};
+use arrow_array::{
+    Array, ArrayRef, RecordBatch, StringArray,
+    cast::AsArray,
+    new_null_array,
+    types::{Float64Type, Int64Type},
+};
 use arrow_schema::{DataType, SchemaRef};
 use schemas::{Fault, Role, TableKind, field};
 
@@ -103,7 +103,8 @@ struct Parts {
 }
 
 fn unreadable(sealed: &Sealed, e: &dyn std::fmt::Display) -> Fault {
-    Fault::machine(format!("cannot read {}: {e}", sealed.path().display())).help("run the spec again: damaged results are recomputed")
+    Fault::machine(format!("cannot read {}: {e}", sealed.path().display()))
+        .help("run the spec again: damaged results are recomputed")
 }
 
 impl Parts {
@@ -313,7 +314,9 @@ pub fn of_flights(graph: &Graph, store: &Store, i: usize, root: &Path) -> Result
             match (name, whole.column_by_name(f.name())) {
                 (Some(name), _) => Ok(Arc::new(StringArray::from(vec![name.as_str(); whole.num_rows()]))),
                 (None, Some(array)) if array.data_type() == f.data_type() => Ok(array.clone()),
-                (None, Some(array)) => arrow_cast::cast(array, f.data_type()).map_err(|e| Fault::machine(e.to_string())),
+                (None, Some(array)) => {
+                    arrow_cast::cast(array, f.data_type()).map_err(|e| Fault::machine(e.to_string()))
+                }
                 (None, None) => Ok(new_null_array(f.data_type(), whole.num_rows())),
             }
         };
@@ -330,7 +333,8 @@ pub fn of_flights(graph: &Graph, store: &Store, i: usize, root: &Path) -> Result
 /// # Errors
 /// When the store is damaged, or the file system refuses.
 pub fn of_map(graph: &Graph, store: &Store, i: usize, root: &Path) -> Result<Table, Fault> {
-    let (map, key) = graph.plan.maps.get(i).zip(graph.maps.get(i)).ok_or_else(|| Fault::bug("a map that is not planned"))?;
+    let (map, key) =
+        graph.plan.maps.get(i).zip(graph.maps.get(i)).ok_or_else(|| Fault::bug("a map that is not planned"))?;
     let batch = map_batch(store, *key)?;
     let mut files = Files::new(root, &batch.schema(), vec![]);
     files.write(format!("data/{}/part-0.parquet", map.name), None, [Ok(batch)])?;

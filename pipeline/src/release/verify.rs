@@ -9,8 +9,7 @@ use schemas::Fault;
 use super::{
     checksums,
     documents::{self, DICTIONARY, LOCK},
-    folder,
-    parquet,
+    folder, parquet,
     set::{DataFile, Dictionary, FORMAT, Lock, Set, Table, Values},
 };
 
@@ -179,12 +178,16 @@ fn check_file(root: &Path, table: &Table, file: &DataFile, values: &mut [Values]
         }
         Ok(())
     })?;
-    let bare = |c: &super::set::Column| (c.name.clone(), c.kind.clone(), c.unit.clone(), c.role.clone(), c.description.clone());
+    let bare = |c: &super::set::Column| {
+        (c.name.clone(), c.kind.clone(), c.unit.clone(), c.role.clone(), c.description.clone())
+    };
     let (own, told) = (parquet::columns(&schema), &table.columns);
     if own.len() != told.len() {
         return Err(format!("it has {} columns, but {} in {DICTIONARY}", own.len(), told.len()));
     }
-    if let Some((own, told)) = own.iter().zip(told).find(|(own, told)| bare(own) != bare(told) || own.terms != told.terms) {
+    if let Some((own, told)) =
+        own.iter().zip(told).find(|(own, told)| bare(own) != bare(told) || own.terms != told.terms)
+    {
         let shown = |c: &super::set::Column| format!("`{}`, {} [{}], role {}", c.name, c.kind, c.unit, c.role);
         return Err(format!("it has the column {}; {DICTIONARY} has {}", shown(own), shown(told)));
     }
@@ -211,7 +214,12 @@ fn agree(set: &Set, root: &Path, found: &mut Verified) -> Result<(), Fault> {
         let cut = |text: &str| text.lines().nth(at).unwrap_or("the end").trim().chars().take(100).collect::<String>();
         found.push(
             &path,
-            format!("it does not agree with the data: line {} is `{}`, and would be `{}`", at + 1, cut(&text), cut(&wanted)),
+            format!(
+                "it does not agree with the data: line {} is `{}`, and would be `{}`",
+                at + 1,
+                cut(&text),
+                cut(&wanted)
+            ),
         );
     }
     Ok(())

@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use schemas::{Args, Fault, Lists, Literal, Params, Reader, Rule, Section, Sections, Value, params};
+use schemas::{Args, Fault, Lists, Literal, Reader, Rule, Section, Sections, Value, params};
 
 use crate::clock;
 
@@ -139,7 +139,11 @@ fn wrong(facts: &PublishFacts) -> Vec<(&'static str, Fault)> {
         }
     }
     if let Some(doi) = facts.doi.as_ref().filter(|d| !is_doi(d)) {
-        push("doi", format!("`{doi}` is not a DOI"), "write it as `10.5281/zenodo.1234567`, without an address before it");
+        push(
+            "doi",
+            format!("`{doi}` is not a DOI"),
+            "write it as `10.5281/zenodo.1234567`, without an address before it",
+        );
     }
     for (key, url) in [("url", &facts.url), ("licence_url", &facts.licence_url)] {
         if let Some(url) = url.as_ref().filter(|u| url::Url::parse(u).is_err()) {
@@ -286,9 +290,7 @@ impl Protection {
     pub fn unknown(&self, table: &str, known: &[&str]) -> Vec<Fault> {
         let Restricted::Columns(names) = &self.restricted else { return vec![] };
         let unknown = names.iter().filter(|n| !known.contains(&n.as_str()));
-        unknown
-            .map(|n| Fault::new(format!("`{table}` has no column `{n}` to restrict")).nearest(n, known))
-            .collect()
+        unknown.map(|n| Fault::new(format!("`{table}` has no column `{n}` to restrict")).nearest(n, known)).collect()
     }
 }
 
