@@ -85,7 +85,8 @@ impl Draft {
     /// # Errors
     /// When `to` holds something that must not be lost, or the file system refuses.
     pub fn begin(to: &Path, replace: bool) -> Result<Draft, Fault> {
-        allowed(to, replace)?;
+        // Whether a set that is there is the same is known when this one is whole.
+        allowed(to, true)?;
         let name = to.file_name().filter(|n| !n.is_empty());
         let name = name.ok_or_else(|| Fault::new(format!("{} is not the name of a folder", to.display())))?;
         let above = to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));

@@ -121,7 +121,9 @@ pub fn write(set: &Set) -> Value {
         "conformsTo": { "@id": "https://w3id.org/ro/crate/1.1" }, "about": { "@id": "./" },
     });
     let all: Vec<Value> = [descriptor, root].into_iter().chain(graph).collect();
-    json!({ "@context": "https://w3id.org/ro/crate/1.1/context", "@graph": all })
+    // The context of RO-Crate 1.1 is older than schema.org's term for checksums.
+    let context = json!(["https://w3id.org/ro/crate/1.1/context", { "sha256": "https://schema.org/sha256" }]);
+    json!({ "@context": context, "@graph": all })
 }
 
 /// References to entities: one stands by itself.
