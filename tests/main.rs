@@ -6,6 +6,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod bad_input;
+mod bench;
 mod bytes;
 mod calibration;
 mod examples;
@@ -23,6 +24,7 @@ mod models;
 mod navigation;
 mod plausible;
 mod power_loss;
+mod publish;
 mod queries;
 mod readers;
 mod reuse;

@@ -7,11 +7,13 @@
 //!
 //! [`main`] is the command line over a catalogue of stages: [`catalogue`], or that with stages of one's own.
 
+pub mod bench;
 mod cli;
 pub mod clock;
 pub mod keys;
 pub mod plan;
 pub mod predicate;
+pub mod release;
 pub mod run;
 pub mod sources;
 pub mod spec;

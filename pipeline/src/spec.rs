@@ -2,6 +2,7 @@
 
 mod axis;
 mod faults;
+pub mod publish;
 mod set;
 
 use std::{collections::BTreeMap, ops::Range, path::PathBuf};
@@ -13,6 +14,7 @@ use toml::{
 };
 
 pub use faults::Faults;
+use publish::{Protection, PublishFacts};
 use set::Assignment;
 
 /// Bytes of the spec; those of the `--set` assignments follow those of the file.
@@ -41,6 +43,8 @@ pub struct Spec {
     pub axes: Vec<Axis>,
     /// The stages.
     pub stages: Vec<StageDecl>,
+    /// What a data set published from it says of itself.
+    pub publish: Option<PublishFacts>,
     /// Whether the bytes of every input are read, however much it looks like the one that was read last; not part of
     /// the file.
     pub verify_inputs: bool,
@@ -55,6 +59,8 @@ pub struct SourceDecl {
     pub at: Span,
     /// Its path, and where that stands.
     pub path: (String, Span),
+    /// What must not be published of it.
+    pub protection: Protection,
     /// Everything else that was said of it.
     pub options: Args,
 }
@@ -121,11 +127,11 @@ pub const STAGE_KEYS: [(&str, &str); 6] = [
     ),
 ];
 
-const TOP: [&str; 6] = ["name", "seed", "store", "tables", "axes", "stages"];
+const TOP: [&str; 7] = ["name", "seed", "store", "tables", "axes", "stages", "publish"];
 
 impl Spec {
     /// Reads the spec `text` of `file`, whose relative paths start from `folder`, with each of `sets` put into it first:
-    /// `name`, `seed`, `store`, `axes.NAME`, `tables.NAME.KEY` or `STAGE.PARAMETER` (`stages.STAGE.PARAMETER` too), `=`
+    /// `name`, `seed`, `store`, `axes.NAME`, `tables.NAME.KEY`, `publish.KEY` or `STAGE.PARAMETER` (`stages.STAGE.PARAMETER` too), `=`
     /// and a value. The value is TOML; what is not TOML is taken as text.
     ///
     /// # Errors
@@ -202,6 +208,7 @@ impl Reading {
         let tables = self.named(root, "tables").iter().filter_map(|(n, v)| self.source(n, v)).collect();
         let axes = self.named(root, "axes").iter().filter_map(|(n, v)| self.axis(n, v)).collect();
         let stages = self.stages(root);
+        let publish = self.publish(root);
         let store = folder.join(store);
         Some(Spec {
             file: file.to_owned(),
@@ -214,6 +221,7 @@ impl Reading {
             tables,
             axes,
             stages,
+            publish,
             verify_inputs: false,
         })
     }
@@ -243,6 +251,17 @@ impl Reading {
             self.faults.push(Fault::new(format!("the store `{}` is not a folder", plain(&store))).help(help).at(at));
         }
         store
+    }
+
+    /// The table `publish`.
+    fn publish(&mut self, root: &DeTable) -> Option<PublishFacts> {
+        let value = root.get("publish")?;
+        let Some(table) = value.get_ref().as_table() else {
+            self.faults.push(Fault::new("`publish` must be a table: `[publish]`").at(value.span()));
+            return None;
+        };
+        let read = Section::of(table, value.span()).and_then(|section| publish::read_facts(&section));
+        read.map_err(|faults| self.faults.extend(faults)).ok()
     }
 
     fn seed(&mut self, root: &DeTable) -> u64 {
@@ -315,7 +334,14 @@ impl Reading {
             }
         };
         options.remove("path");
-        Some(SourceDecl { name: name.get_ref().clone(), at: name.span(), path, options })
+        let protection = match Protection::take(name.get_ref(), &mut options, name.span()) {
+            Ok(protection) => protection,
+            Err(faults) => {
+                self.faults.extend(faults);
+                return None;
+            }
+        };
+        Some(SourceDecl { name: name.get_ref().clone(), at: name.span(), path, protection, options })
     }
 
     fn axis(&mut self, name: &Spanned<String>, value: &Spanned<DeValue>) -> Option<Axis> {

@@ -2,11 +2,13 @@
 //! error.
 
 mod answer;
+mod bench;
 mod events;
 mod ingest;
 mod interrupt;
 mod map;
 mod progress;
+mod publish;
 mod report;
 mod say;
 mod sql;
@@ -92,8 +94,13 @@ enum Command {
     },
     /// List the results in a store that are no longer referenced; `--yes` removes them.
     Gc(tend::GcArgs),
-    /// Verify every byte of a store, and quarantine damaged files.
-    Verify(tend::StoreArgs),
+    /// Verify every byte of a store, and quarantine damaged files; or check a published data set.
+    Verify {
+        /// The folder of a published data set, or of a store.
+        folder: Option<PathBuf>,
+        #[command(flatten)]
+        store: tend::StoreArgs,
+    },
     /// Show where a table's rows come from.
     Lineage {
         /// The table, as PIPELINE.TABLE.
@@ -115,6 +122,13 @@ enum Command {
     },
     /// Write the results of a run as one page of tables and plots, or its tracks for Google Earth and QGIS.
     Report(report::ReportArgs),
+    /// Write tables of a run as a data set that others can cite, check and compute again.
+    Publish(publish::PublishArgs),
+    /// The benchmark magline-bench: its flights, and scores of predictions by any program.
+    Bench {
+        #[command(subcommand)]
+        command: bench::BenchCommand,
+    },
     /// Work on anomaly maps.
     Map {
         /// Only errors on standard error: no progress, no notes.
@@ -142,7 +156,7 @@ enum Command {
 struct SpecArgs {
     /// The spec: a TOML file.
     spec: PathBuf,
-    /// Change a value of the spec: seed, store, axes.NAME, tables.NAME.KEY or STAGE.PARAMETER.
+    /// Change a value of the spec: seed, store, axes.NAME, tables.NAME.KEY, publish.KEY or STAGE.PARAMETER.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
 }
@@ -242,13 +256,15 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         Command::Rm { name, store } => tend::rm(&store, &name),
         Command::Runs { pipeline, from, to, store } => tend::runs(&store, pipeline.as_deref(), from.zip(to)),
         Command::Gc(args) => tend::gc(&args),
-        Command::Verify(store) => tend::verify(&store),
+        Command::Verify { folder, store } => verify(folder, &store),
         Command::Lineage { table, store, format } => {
             views::lineage(&store, &table, format).map_err(Stop::from).and_then(say)
         }
         Command::Stages { name, markdown } => stages(catalogue, name.as_deref(), markdown),
         Command::Report(args) => report::run(catalogue, &args),
         Command::Ingest(args) => ingest::run(&args),
+        Command::Publish(args) => publish::run(catalogue, &args),
+        Command::Bench { command } => bench::run(&command),
         Command::Map { quiet, command } => map::run(&command, quiet),
         Command::Synth { spec, to, quiet } => synth(&spec, &to, quiet),
     };
@@ -355,6 +371,15 @@ fn stages(all: &[Entry], name: Option<&str>, markdown: bool) -> Result<(), Stop>
         Some(name) => say(views::stage_page(all, name)?),
         None if markdown => say(views::reference_page(all)),
         None => say(views::stages_overview(all)),
+    }
+}
+
+/// A folder is what it holds: a store, or else a published data set.
+fn verify(folder: Option<PathBuf>, store: &tend::StoreArgs) -> Result<(), Stop> {
+    match folder {
+        Some(folder) if !tend::is_store(&folder) => publish::verify(&folder),
+        Some(folder) => tend::verify(&tend::StoreArgs::of(folder)),
+        None => tend::verify(store),
     }
 }
 

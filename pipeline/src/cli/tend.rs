@@ -1,6 +1,9 @@
 //! `gc`, `ls`, `rm`, `runs` and `verify`: tending a store.
 
-use std::{path::PathBuf, time::Duration};
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use clap::Args;
 use schemas::Fault;
@@ -19,10 +22,20 @@ pub struct StoreArgs {
     store: PathBuf,
 }
 
+/// Whether a folder is that of a store.
+pub fn is_store(folder: &Path) -> bool {
+    folder.join("STORE").is_file()
+}
+
 impl StoreArgs {
+    /// The store in a folder.
+    pub fn of(store: PathBuf) -> StoreArgs {
+        StoreArgs { store }
+    }
+
     /// The store, which must be there.
     fn open(&self) -> Result<Store, Fault> {
-        if !self.store.join("STORE").is_file() {
+        if !is_store(&self.store) {
             let fault = Fault::new(format!("there is no store {}", self.store.display()));
             return Err(fault.help("name its folder with `--store`"));
         }

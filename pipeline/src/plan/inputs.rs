@@ -186,6 +186,17 @@ impl Builder<'_> {
             })
         };
         let found = opened.map_err(|faults| self.faults.extend(faults)).ok();
+        let known: Vec<&str> = match &found {
+            Some(Target::Flights(i)) => {
+                self.flights.get(*i).iter().flat_map(|f| &f.shape.columns).map(|c| c.name.as_str()).collect()
+            }
+            Some(Target::Map(_)) => schemas::map::COLUMNS.iter().map(|(name, _)| *name).collect(),
+            Some(Target::Stage(..)) | None => vec![],
+        };
+        if found.is_some() {
+            let unknown = decl.protection.unknown(name, &known);
+            self.faults.extend(unknown.into_iter().map(|fault| fault.at(decl.at.clone())));
+        }
         self.sources.insert((name.to_owned(), is_map), found.clone());
         found
     }

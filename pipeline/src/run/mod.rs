@@ -194,7 +194,7 @@ fn once(
 
 /// The hash of the computation and its data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of
 /// every table. A comment in the spec, the number of threads and what the store already holds do not change it.
-fn run_id(graph: &Graph) -> String {
+pub fn run_id(graph: &Graph) -> String {
     let spec = &graph.plan.spec;
     let mut parts = vec!["run".to_owned(), spec.name.clone(), spec.seed.to_string()];
     for (t, node) in graph.plan.tables.iter().enumerate() {

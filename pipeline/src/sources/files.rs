@@ -64,7 +64,10 @@ fn is_flight(path: &Path) -> bool {
 }
 
 /// Adds the files in a folder and the folders in it, in the order of their names.
-pub(super) fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
+///
+/// # Errors
+/// Fails when a folder cannot be read.
+pub fn walk(folder: &Path, found: &mut Vec<PathBuf>) -> std::io::Result<()> {
     let mut entries = fs::read_dir(folder)?.collect::<Result<Vec<_>, _>>()?;
     entries.sort_by_key(fs::DirEntry::file_name);
     for entry in entries {

@@ -27,7 +27,7 @@ use datasets::{AnomalyGrid, MapOptions, map_files, read_grid};
 use schemas::{Column, Fault, Shape, canonical::Canonical, describe_field};
 
 pub use bytes::{Bytes, Trust, fingerprint};
-pub use files::{find, hive};
+pub use files::{find, hive, walk};
 use flight_file::FlightFile;
 pub use formats::{LogReader, flight_formats, open_flight, open_log};
 pub use ingest::LineRecord;
@@ -145,6 +145,20 @@ impl Flights {
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
         let (name, shape) = (decl.name.clone(), Shape { columns, rate_hz: None });
         Ok(Flights { name, shape, schema, notes, read_all: trust.read_all, files })
+    }
+
+    /// Its files, and those that its simulations are made from.
+    ///
+    /// # Errors
+    /// Fails when the spec of a simulation cannot be read.
+    pub fn inputs(&self) -> Result<Vec<PathBuf>, Fault> {
+        let mut found = vec![];
+        for file in &self.files {
+            found.push(file.path.clone());
+            let made_from = file.made_from.map(|say| say(&file.path)).transpose().map_err(Fault::from)?;
+            found.extend(made_from.into_iter().flat_map(|m| m.files));
+        }
+        Ok(found)
     }
 
     /// Stores every line that is not in the store yet. `tick` is called when a file is begun, after each of its

@@ -13,6 +13,7 @@ fn decl() -> SourceDecl {
     SourceDecl {
         name: "flights".to_owned(),
         at: 0..0,
+        protection: Default::default(),
         path: ("logs".to_owned(), 0..0),
         options: schemas::Args::default(),
     }

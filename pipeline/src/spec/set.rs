@@ -61,11 +61,15 @@ impl Assignment {
                 Some(tables) => inside(tables, &path[1..], value, "table"),
                 None => Err(unknown("table", &path[1], &[])),
             },
+            ["publish", _] => {
+                put(root, &path, value);
+                Ok(())
+            }
             ["stages", _, _, ..] => stage(root, &path[1..], value),
             [first, _, ..] if !TOP.contains(first) => stage(root, &path, value),
             [_, ..] => Err(Fault::new(format!("`--set` cannot set `{}`", names.join(".")))
                 .at(self.span_of(&path))
-                .help("it takes name, seed, store, axes.NAME, tables.NAME.KEY or STAGE.PARAMETER")),
+                .help("it takes name, seed, store, axes.NAME, tables.NAME.KEY, publish.KEY or STAGE.PARAMETER")),
             [] => Err(form(&self.at)),
         }
     }

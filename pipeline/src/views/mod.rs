@@ -15,6 +15,6 @@ mod why;
 
 pub use explain::explain;
 pub use lineage::{Format, lineage};
-pub use record::{Snapshot, SnapshotTable, record, snapshots};
+pub use record::{Snapshot, SnapshotTable, described, record, snapshots};
 pub use reference::{one as stage_page, overview as stages_overview, page as reference_page};
 pub use why::why;

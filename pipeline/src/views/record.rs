@@ -120,6 +120,11 @@ pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)]) -> Result<Sn
     Ok(snapshot)
 }
 
+/// The tables of a plan with their columns and what these are made from.
+pub fn described(graph: &Graph) -> Vec<SnapshotTable> {
+    graph.plan.tables.iter().enumerate().map(|(t, node)| table(graph, t, node, None)).collect()
+}
+
 fn files(graph: &Graph, i: usize) -> Vec<(String, String)> {
     graph.bytes[i].iter().map(|b| (b.path.display().to_string(), b.hash.to_string())).collect()
 }

@@ -49,6 +49,11 @@ pub fn was_run(spec: &Spec) -> Result<(), Fault> {
     if spec.store.join("tables").join(&spec.name).is_dir() { Ok(()) } else { Err(not_run(spec)) }
 }
 
+/// Whether the last run in `store` was of exactly this plan and data.
+pub fn is_current(graph: &Graph, store: &Store) -> bool {
+    published::is_current(&Source::new(graph, store))
+}
+
 fn not_run(spec: &Spec) -> Fault {
     let what = format!("there is nothing to report: {} has not been run", spec.file);
     Fault::new(what).help(format!("run it first: `magline run {}`", spec.file))

@@ -1,0 +1,317 @@
+//! magline-bench: predictions of any program, scored on the test flight of a simulated data set whose truth is known.
+//!
+//! The tasks are fixed: their columns, lines and measures are those of [`TASKS`]. A score is given where every sample of
+//! a line is predicted; a line that lacks samples has failed, and so has its task.
+
+mod flights;
+mod predictions;
+mod table;
+
+use std::path::Path;
+
+use numerics::{
+    earth::EarthModel,
+    regression::statistics::{self, Figure},
+};
+use schemas::Fault;
+
+pub use flights::{Flight, data, open};
+pub use predictions::Predictions;
+pub use table::{as_json, as_text, write};
+
+/// The spec of the benchmark's flights.
+pub const SPEC: &str = "datasets/examples/magline-bench.synth.toml";
+/// The flight that is scored.
+pub const TEST_FLIGHT: &str = "3";
+/// Its lines that are scored; its calibration box `3.01` is not.
+pub const TEST_LINES: [&str; 2] = ["3.02", "3.03"];
+
+/// How a column of predictions is measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Measure {
+    /// The standard deviation of prediction minus truth, in nT: a constant is left undetermined by compensation.
+    StdError,
+    /// The distance root mean square of two columns, latitude and longitude, in m.
+    Drms,
+}
+
+impl Measure {
+    /// Its name in the table of results.
+    pub fn name(self) -> &'static str {
+        match self {
+            Measure::StdError => "std_error",
+            Measure::Drms => "drms",
+        }
+    }
+
+    /// Its unit.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Measure::StdError => "nT",
+            Measure::Drms => "m",
+        }
+    }
+}
+
+/// One thing to predict.
+#[derive(Clone, Copy, Debug)]
+pub struct Task {
+    /// The task.
+    pub name: &'static str,
+    /// The columns of predictions that it needs.
+    pub columns: &'static [&'static str],
+    /// The columns of the flight with the truth.
+    pub truth: &'static [&'static str],
+    /// The columns of the flight that are the naive baseline.
+    pub naive: &'static [&'static str],
+    /// How it is measured.
+    pub measure: Measure,
+    /// What is asked for, and what may be used.
+    pub about: &'static str,
+}
+
+macro_rules! compensate {
+    ($column:literal, $naive:literal) => {
+        Task {
+            name: "compensate",
+            columns: &[$column],
+            truth: &["mag_1_c"],
+            naive: &[$naive],
+            measure: Measure::StdError,
+            about: "the field at the aircraft without the aircraft's own, for each magnetometer",
+        }
+    };
+}
+
+macro_rules! navigate {
+    ($name:literal, $lat:literal, $lon:literal, $about:literal) => {
+        Task {
+            name: $name,
+            columns: &[$lat, $lon],
+            truth: &["lat", "lon"],
+            naive: &["ins_lat", "ins_lon"],
+            measure: Measure::Drms,
+            about: $about,
+        }
+    };
+}
+
+/// The tasks, a row for each thing that is scored.
+pub const TASKS: [Task; 8] = [
+    compensate!("mag_1_comp", "mag_1_uc"),
+    compensate!("mag_2_comp", "mag_2_uc"),
+    compensate!("mag_3_comp", "mag_3_uc"),
+    compensate!("mag_4_comp", "mag_4_uc"),
+    compensate!("mag_5_comp", "mag_5_uc"),
+    navigate!("navigate", "lat", "lon", "the position, with the map and with the calibration flights"),
+    navigate!(
+        "navigate_cold",
+        "cold_lat",
+        "cold_lon",
+        "the position, with the map and without any calibration: cabin magnetometers, nothing of other lines"
+    ),
+    navigate!("map_free", "free_lat", "free_lon", "the position without the map"),
+];
+
+/// The score of one thing on one line, or on all.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Score {
+    /// The task.
+    pub task: &'static str,
+    /// What was predicted: the columns, joined by `+`.
+    pub column: String,
+    /// The line; `None` for all lines together.
+    pub line: Option<String>,
+    /// The measure.
+    pub measure: Measure,
+    /// The score; `None` where it failed.
+    pub value: Option<f64>,
+    /// The score of the naive baseline.
+    pub naive: f64,
+    /// Samples that are scored.
+    pub samples: usize,
+    /// Samples without a prediction.
+    pub missing: usize,
+}
+
+/// Scores predictions on the test lines of `flights`. Tasks are those of `wanted`, or those that the predictions have
+/// columns for.
+///
+/// # Errors
+/// Predictions that are no answer to the tasks: unknown or missing columns, samples that no line has, duplicates, missing
+/// values, and values that are in another unit.
+pub fn score(flights: &[Flight], predictions: &Predictions, wanted: &[String]) -> Result<Vec<Score>, Fault> {
+    let tasks = chosen(predictions, wanted)?;
+    let lines: Vec<&Flight> = flights.iter().filter(|f| TEST_LINES.contains(&f.line.as_str())).collect();
+    if lines.len() != TEST_LINES.len() {
+        let what = format!("the flights lack some of the lines {}", TEST_LINES.join(", "));
+        return Err(
+            Fault::new(what).help(format!("give those of {SPEC}, or a simulation with these lines and another seed"))
+        );
+    }
+    let places = predictions.places(&lines)?;
+    let mut found = vec![];
+    for task in tasks {
+        let columns = predictions.columns(task)?;
+        let mut own = vec![];
+        for (line, rows) in lines.iter().zip(&places) {
+            own.push(score_line(task, line, rows, &columns, predictions)?);
+        }
+        let all = pooled(&own);
+        found.extend(own);
+        found.extend(all);
+    }
+    Ok(found)
+}
+
+/// The tasks to be scored.
+fn chosen(predictions: &Predictions, wanted: &[String]) -> Result<Vec<&'static Task>, Fault> {
+    let mut names: Vec<&str> = TASKS.iter().map(|t| t.name).collect();
+    names.dedup();
+    if let Some(unknown) = wanted.iter().find(|w| !names.contains(&w.as_str())) {
+        return Err(Fault::new(format!("there is no task `{unknown}`")).nearest(unknown, &names));
+    }
+    let has = |task: &&Task| task.columns.iter().any(|c| predictions.has(c));
+    let asked = |task: &&Task| wanted.iter().any(|w| w == task.name);
+    let tasks: Vec<&Task> = TASKS.iter().filter(|t| has(t) && (wanted.is_empty() || asked(t))).collect();
+    let unanswered = wanted.iter().find(|w| !tasks.iter().any(|t| t.name == w.as_str()));
+    if let Some(name) = unanswered.or((tasks.is_empty()).then_some(&wanted.first().cloned().unwrap_or_default())) {
+        let columns: Vec<String> = TASKS
+            .iter()
+            .filter(|t| wanted.is_empty() || t.name == name)
+            .map(|t| t.columns.iter().map(|c| format!("`{c}`")).collect::<Vec<_>>().join(" and "))
+            .collect();
+        let what = if name.is_empty() {
+            "the predictions have no column of a task".to_owned()
+        } else {
+            format!("the predictions have no column of the task `{name}`")
+        };
+        return Err(Fault::data(what).help(format!("columns of predictions are {}", columns.join(", "))));
+    }
+    Ok(tasks)
+}
+
+/// The score of a task on one line, whose samples have their predictions in `rows`.
+fn score_line(
+    task: &Task,
+    line: &Flight,
+    rows: &[Option<usize>],
+    columns: &[&[f64]],
+    predictions: &Predictions,
+) -> Result<Score, Fault> {
+    let known: Vec<(usize, usize)> =
+        rows.iter().enumerate().filter_map(|(sample, row)| Some((sample, (*row)?))).collect();
+    let truth = task.truth.iter().map(|c| line.column(c)).collect::<Result<Vec<_>, Fault>>()?;
+    let naive = task.naive.iter().map(|c| line.column(c)).collect::<Result<Vec<_>, Fault>>()?;
+    let all: Vec<(usize, usize)> = (0..rows.len()).map(|i| (i, i)).collect();
+    let baseline = measured(task.measure, &truth, &naive, &all);
+    let value = measured(task.measure, &truth, columns, &known);
+    if task.measure == Measure::Drms {
+        in_radians(task, line, &truth, columns, &known, predictions)?;
+    }
+    let missing = rows.len() - known.len();
+    Ok(Score {
+        task: task.name,
+        column: task.columns.join("+"),
+        line: Some(line.line.clone()),
+        measure: task.measure,
+        value: Some(value.value).filter(|v| missing == 0 && v.is_finite()),
+        naive: baseline.value,
+        samples: rows.len(),
+        missing,
+    })
+}
+
+/// The measure of predictions against the truth, over pairs of a sample and its row.
+fn measured(measure: Measure, truth: &[&[f64]], predicted: &[&[f64]], pairs: &[(usize, usize)]) -> Figure {
+    let at = |columns: &[&[f64]], column: usize, row: usize| {
+        columns.get(column).and_then(|c| c.get(row)).copied().unwrap_or(f64::NAN)
+    };
+    match measure {
+        Measure::StdError => {
+            let errors: Vec<f64> = pairs.iter().map(|(i, row)| at(predicted, 0, *row) - at(truth, 0, *i)).collect();
+            statistics::std(&errors)
+        }
+        Measure::Drms => {
+            let offset = |(i, row): &(usize, usize)| {
+                let (from, to) =
+                    ((at(truth, 0, *i), at(truth, 1, *i)), (at(predicted, 0, *row), at(predicted, 1, *row)));
+                EarthModel::default().offset_ne_m(from, to, 0.0)
+            };
+            let (north_m, east_m): (Vec<f64>, Vec<f64>) = pairs.iter().map(offset).unzip();
+            statistics::drms(&north_m, &east_m)
+        }
+    }
+}
+
+/// Refuses positions that are right in radians.
+fn in_radians(
+    task: &Task,
+    line: &Flight,
+    truth: &[&[f64]],
+    columns: &[&[f64]],
+    pairs: &[(usize, usize)],
+    predictions: &Predictions,
+) -> Result<(), Fault> {
+    /// Farther than any track of the benchmark.
+    const FAR_M: f64 = 200_000.0;
+    let degrees: Vec<Vec<f64>> = columns.iter().map(|c| c.iter().map(|x| x.to_degrees()).collect()).collect();
+    let degrees: Vec<&[f64]> = degrees.iter().map(Vec::as_slice).collect();
+    let [as_given, as_radians] = [columns, &degrees].map(|c| measured(task.measure, truth, c, pairs).value);
+    if as_given > FAR_M && as_radians < FAR_M {
+        let what = format!("the positions of `{}` are in radians", task.columns.join("` and `"));
+        return Err(Fault::data(what)
+            .in_file(&predictions.file)
+            .in_line(&line.flight, &line.line)
+            .help("give degrees"));
+    }
+    Ok(())
+}
+
+/// All lines together: the root mean square over their samples, which is that of all samples; failed where one is.
+fn pooled(lines: &[Score]) -> Option<Score> {
+    let first = lines.first()?;
+    let samples: usize = lines.iter().map(|s| s.samples).sum();
+    let mean = |of: &dyn Fn(&Score) -> Option<f64>| -> Option<f64> {
+        let squares = lines.iter().map(|s| Some(of(s)?.powi(2) * s.samples as f64)).sum::<Option<f64>>()?;
+        Some((squares / samples as f64).sqrt())
+    };
+    Some(Score {
+        line: None,
+        value: mean(&|s| s.value),
+        naive: mean(&|s| Some(s.naive)).unwrap_or(f64::NAN),
+        samples,
+        missing: lines.iter().map(|s| s.missing).sum(),
+        ..first.clone()
+    })
+}
+
+/// The text of a path, for messages.
+fn shown(path: &Path) -> String {
+    path.display().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_a_line_that_failed_fails_its_task() {
+        let line = |value: Option<f64>, samples: usize, missing: usize| Score {
+            task: "compensate",
+            column: "mag_4_comp".into(),
+            line: Some("3.02".into()),
+            measure: Measure::StdError,
+            value,
+            naive: 10.0,
+            samples,
+            missing,
+        };
+        let both = pooled(&[line(Some(3.0), 100, 0), line(Some(4.0), 300, 0)]).unwrap();
+        assert!((both.value.unwrap() - ((9.0 * 100.0 + 16.0 * 300.0) / 400.0f64).sqrt()).abs() < 1e-12);
+        assert_eq!((both.samples, both.missing, both.line), (400, 0, None));
+        let failed = pooled(&[line(Some(3.0), 100, 0), line(None, 300, 1)]).unwrap();
+        assert_eq!((failed.value, failed.missing), (None, 1));
+        assert!((failed.naive - 10.0).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,110 @@
+//! The results as text, JSON, Markdown or Parquet.
+
+use std::{fs, path::Path, sync::Arc};
+
+use arrow_array::{Float64Array, Int64Array, RecordBatch, StringArray};
+use arrow_schema::{DataType, Field, Schema};
+use parquet::arrow::ArrowWriter;
+use schemas::Fault;
+use serde_json::json;
+
+use super::Score;
+use crate::views::{report, text::columns};
+
+/// A figure with as many digits as can be trusted of it.
+fn figure(x: Option<f64>) -> String {
+    match x {
+        None => "failed".to_owned(),
+        Some(x) if x.abs() < 10.0 => format!("{x:.3}"),
+        Some(x) if x.abs() < 100.0 => format!("{x:.2}"),
+        Some(x) => format!("{x:.1}"),
+    }
+}
+
+const HEAD: [&str; 8] = ["task", "prediction", "line", "measure", "score", "naive", "unit", "missing"];
+
+fn row(s: &Score) -> Vec<String> {
+    let line = s.line.clone().unwrap_or_else(|| "all".to_owned());
+    let missing = format!("{} of {}", s.missing, s.samples);
+    [s.task, &s.column, &line, s.measure.name(), &figure(s.value), &figure(Some(s.naive)), s.measure.unit(), &missing]
+        .map(str::to_owned)
+        .to_vec()
+}
+
+/// The results for a terminal.
+pub fn as_text(scores: &[Score]) -> String {
+    let rows: Vec<Vec<String>> =
+        std::iter::once(HEAD.map(str::to_owned).to_vec()).chain(scores.iter().map(row)).collect();
+    columns(&rows, 4)
+}
+
+/// The results as JSON, one object a line.
+pub fn as_json(scores: &[Score]) -> String {
+    let one = |s: &Score| {
+        let value = json!({
+            "task": s.task, "prediction": s.column, "line": s.line, "measure": s.measure.name(), "score": s.value,
+            "naive": s.naive, "unit": s.measure.unit(), "samples": s.samples, "missing": s.missing,
+        });
+        format!("{value}\n")
+    };
+    scores.iter().map(one).collect()
+}
+
+fn as_markdown(scores: &[Score]) -> String {
+    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+    let head = HEAD.map(str::to_owned);
+    line(&head) + "|:--|:--|:--|:--|--:|--:|:--|--:|\n" + &scores.iter().map(|s| line(&row(s))).collect::<String>()
+}
+
+/// Writes the results: Parquet where the name ends so, otherwise Markdown.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write(path: &Path, scores: &[Score]) -> Result<(), Fault> {
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet")) {
+        return report::write(path, &parquet(scores)?);
+    }
+    if fs::metadata(path).is_ok_and(|about| about.is_dir()) {
+        return Err(
+            Fault::new(format!("{} is a folder", path.display())).help("name a file that ends in .md or .parquet")
+        );
+    }
+    report::write(path, as_markdown(scores).as_bytes())
+}
+
+fn parquet(scores: &[Score]) -> Result<Vec<u8>, Fault> {
+    let fail = |e: &dyn std::fmt::Display| Fault::machine(e.to_string());
+    let text = |of: &dyn Fn(&Score) -> Option<String>| Arc::new(scores.iter().map(of).collect::<StringArray>());
+    let whole = |of: &dyn Fn(&Score) -> usize| {
+        Arc::new(scores.iter().map(|s| i64::try_from(of(s)).ok()).collect::<Int64Array>())
+    };
+    let kinds = [
+        ("task", DataType::Utf8),
+        ("prediction", DataType::Utf8),
+        ("line", DataType::Utf8),
+        ("measure", DataType::Utf8),
+        ("score", DataType::Float64),
+        ("naive", DataType::Float64),
+        ("unit", DataType::Utf8),
+        ("samples", DataType::Int64),
+        ("missing", DataType::Int64),
+    ];
+    let schema = Arc::new(Schema::new(kinds.map(|(name, kind)| Field::new(name, kind, true)).to_vec()));
+    let batch = RecordBatch::try_new(
+        schema.clone(),
+        vec![
+            text(&|s| Some(s.task.to_owned())),
+            text(&|s| Some(s.column.clone())),
+            text(&|s| s.line.clone()),
+            text(&|s| Some(s.measure.name().to_owned())),
+            Arc::new(scores.iter().map(|s| s.value).collect::<Float64Array>()),
+            Arc::new(scores.iter().map(|s| Some(s.naive)).collect::<Float64Array>()),
+            text(&|s| Some(s.measure.unit().to_owned())),
+            whole(&|s| s.samples),
+            whole(&|s| s.missing),
+        ],
+    );
+    let mut writer = ArrowWriter::try_new(vec![], schema, None).map_err(|e| fail(&e))?;
+    writer.write(&batch.map_err(|e| fail(&e))?).map_err(|e| fail(&e))?;
+    writer.into_inner().map_err(|e| fail(&e))
+}

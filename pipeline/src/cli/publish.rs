@@ -1,0 +1,109 @@
+//! `magline publish`, and `magline verify` of a published data set.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use schemas::Entry;
+use serde_json::json;
+
+use super::{SpecArgs, Stop, counted, note, say, with_graph};
+use crate::{
+    read_spec,
+    release::{self, Published, Request},
+    views::report,
+};
+
+#[derive(Args)]
+pub struct PublishArgs {
+    #[command(flatten)]
+    spec: SpecArgs,
+    /// The tables: those of stages, and those that are read from files.
+    #[arg(required = true)]
+    tables: Vec<String>,
+    /// The folder of the data set, which must be new or empty.
+    #[arg(long)]
+    to: PathBuf,
+    /// Replace a published data set that is there.
+    #[arg(long)]
+    replace: bool,
+    /// Publish restricted columns and what is made from them; the data set says so.
+    #[arg(long)]
+    include_restricted: bool,
+    /// One JSON object on standard output.
+    #[arg(long)]
+    json: bool,
+    /// The number of threads; all cores by default. The data set does not depend on it.
+    #[arg(long, value_parser = super::threads::count)]
+    threads: Option<usize>,
+}
+
+pub fn run(catalogue: &[Entry], args: &PublishArgs) -> Result<(), Stop> {
+    // Checked before anything is opened: publishing does not create a store.
+    let spec = read_spec(&args.spec.spec, &args.spec.sets)?;
+    release::facts(&spec)?;
+    report::was_run(&spec)?;
+    let request = Request {
+        tables: &args.tables,
+        to: &args.to,
+        replace: args.replace,
+        include_restricted: args.include_restricted,
+    };
+    super::threads::pool(args.threads)?.install(|| {
+        with_graph(catalogue, &args.spec, |graph, store| {
+            let done = release::release(graph, store, &request)?;
+            Ok(if args.json { as_json(&done, &args.to) } else { as_text(&done, &args.to) })
+        })
+    })
+}
+
+fn as_json(done: &Published, to: &Path) -> String {
+    let tables: Vec<_> =
+        done.tables.iter().map(|(name, rows, files)| json!({ "table": name, "rows": rows, "files": files })).collect();
+    let text = json!({
+        "to": to.display().to_string(), "written": done.written, "files": done.files, "run": done.run, "tables": tables,
+        "failures": done.failures, "restricted": done.restricted,
+    });
+    format!("{text}\n")
+}
+
+fn as_text(done: &Published, to: &Path) -> String {
+    let mut text = String::new();
+    for (name, rows, files) in &done.tables {
+        let (rows, files) = (counted(usize::try_from(*rows).unwrap_or(usize::MAX), "row"), counted(*files, "file"));
+        text += &format!("{name}: {rows} in {files}\n");
+    }
+    let files = counted(done.files, "file");
+    text += &if done.written {
+        format!("wrote {}, {files}\n", to.display())
+    } else {
+        format!("{} is the same data set already, {files}\n", to.display())
+    };
+    if done.failures > 0 {
+        note(&format!(
+            "{} could not be computed; the README of the data set lists what",
+            counted(done.failures, "line or fit")
+        ));
+    }
+    for one in &done.restricted {
+        note(&format!("restricted: {one}"));
+    }
+    text
+}
+
+/// Checks a published data set.
+pub fn verify(folder: &Path) -> Result<(), Stop> {
+    let found = release::verify(folder)?;
+    let read = format!(
+        "{}, {}",
+        counted(found.files, "file"),
+        counted(usize::try_from(found.rows).unwrap_or(usize::MAX), "row")
+    );
+    if found.faults.is_empty() {
+        return say(format!("{read}: all as published\n"));
+    }
+    let mut text = format!("{}: {}", folder.display(), counted(found.faults.len(), "fault"));
+    for (file, why) in &found.faults {
+        text += &format!("\n  {file}: {why}");
+    }
+    Err(Stop::Failed(text))
+}

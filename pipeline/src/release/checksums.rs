@@ -1,0 +1,109 @@
+//! SHA-256, and the file `SHA256SUMS` in the form of `sha256sum`.
+
+use std::{
+    collections::BTreeMap,
+    fs::File,
+    io::{self, Read},
+    path::Path,
+};
+
+use sha2::{Digest, Sha256};
+
+/// The file.
+pub const NAME: &str = "SHA256SUMS";
+
+/// The SHA-256 of a text or bytes.
+pub fn of_bytes(bytes: &[u8]) -> String {
+    spelt(Sha256::digest(bytes).as_slice())
+}
+
+/// The size of a file, its SHA-256, and what `each` is told of its bytes.
+///
+/// # Errors
+/// When it cannot be read.
+pub fn of_file(path: &Path, mut each: impl FnMut(&[u8])) -> io::Result<(u64, String)> {
+    let (mut file, mut hasher, mut buffer, mut size) = (File::open(path)?, Sha256::new(), vec![0; 1 << 16], 0);
+    loop {
+        match file.read(&mut buffer)? {
+            0 => return Ok((size, spelt(hasher.finalize().as_slice()))),
+            n => {
+                let (read, _) = buffer.split_at(n);
+                hasher.update(read);
+                each(read);
+                size += n as u64;
+            }
+        }
+    }
+}
+
+fn spelt(digest: &[u8]) -> String {
+    digest.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// The text of the file: for each path its sum.
+pub fn write(sums: &BTreeMap<String, String>) -> String {
+    sums.iter().map(|(path, sum)| format!("{sum}  {path}\n")).collect()
+}
+
+/// The sum of each path; what is wrong with a line otherwise.
+///
+/// # Errors
+/// A line that is not a sum and a path inside the folder, or a path that is listed twice.
+pub fn read(text: &str) -> Result<BTreeMap<String, String>, String> {
+    let mut sums = BTreeMap::new();
+    for (number, line) in text.lines().enumerate() {
+        let wrong = |what: &str| format!("line {}: {what}", number + 1);
+        let (sum, path) = line.split_once("  ").ok_or_else(|| wrong("it is not a sum and a path"))?;
+        let hex = |b: u8| b.is_ascii_digit() || (b'a'..=b'f').contains(&b);
+        if sum.len() != 64 || !sum.bytes().all(hex) {
+            return Err(wrong("the sum is not 64 hexadecimal digits"));
+        }
+        if !is_inside(path) {
+            return Err(wrong("the path leads out of the folder"));
+        }
+        if sums.insert(path.to_owned(), sum.to_owned()).is_some() {
+            return Err(wrong("the path is listed twice"));
+        }
+    }
+    if text.is_empty() || !text.ends_with('\n') {
+        return Err("it is cut short".to_owned());
+    }
+    Ok(sums)
+}
+
+/// Whether a path of a set's own documents stays in the set.
+pub fn is_inside(path: &str) -> bool {
+    !path.is_empty() && !path.contains('\\') && path.split('/').all(|part| !matches!(part, "" | "." | ".."))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ref_sums_of_the_standard() {
+        // FIPS 180-4, the examples of NIST: "abc", and nothing.
+        assert_eq!(of_bytes(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+        assert_eq!(of_bytes(b""), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+    }
+
+    #[test]
+    fn unit_sums_are_read_as_they_are_written_and_nothing_else_is() {
+        let sums: BTreeMap<String, String> =
+            [("a/b c.txt", of_bytes(b"x")), ("z", of_bytes(b"y"))].map(|(p, s)| (p.to_owned(), s)).into();
+        let text = write(&sums);
+        assert_eq!(read(&text).unwrap(), sums);
+        let sum = of_bytes(b"x");
+        for wrong in [
+            text.trim_end().to_owned(),
+            String::new(),
+            format!("{sum} a\n"),
+            format!("{sum}  ../a\n"),
+            format!("{sum}  /a\n"),
+            format!("{sum}  a\n{sum}  a\n"),
+            format!("{}  a\n", sum.to_uppercase()),
+        ] {
+            assert!(read(&wrong).is_err(), "{wrong}");
+        }
+    }
+}

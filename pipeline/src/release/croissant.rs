@@ -1,0 +1,188 @@
+//! `croissant.json`: the Croissant 1.0 description of the set, JSON-LD. [MLCommons, Croissant Format Specification 1.0]
+
+use serde_json::{Map, Value, json};
+
+use super::{
+    citation,
+    documents::address,
+    protect,
+    set::{About, Column, Set, Table},
+};
+
+/// The type of Parquet files, as Croissant's readers know it.
+const PARQUET: &str = "application/x-parquet";
+
+/// The context of the specification.
+fn context() -> Value {
+    let own = [
+        "citeAs",
+        "column",
+        "equivalentProperty",
+        "extract",
+        "field",
+        "fileProperty",
+        "fileObject",
+        "fileSet",
+        "format",
+        "includes",
+        "isLiveDataset",
+        "jsonPath",
+        "key",
+        "md5",
+        "parentField",
+        "path",
+        "recordSet",
+        "references",
+        "regex",
+        "repeated",
+        "replace",
+        "samplingRate",
+        "separator",
+        "source",
+        "subField",
+        "transform",
+    ];
+    let mut terms: Map<String, Value> = own.iter().map(|t| ((*t).to_owned(), json!(format!("cr:{t}")))).collect();
+    let more = json!({
+        "@language": "en",
+        "@vocab": "https://schema.org/",
+        "conformsTo": "dct:conformsTo",
+        "cr": "http://mlcommons.org/croissant/",
+        "rai": "http://mlcommons.org/croissant/RAI/",
+        "data": { "@id": "cr:data", "@type": "@json" },
+        "dataType": { "@id": "cr:dataType", "@type": "@vocab" },
+        "dct": "http://purl.org/dc/terms/",
+        "examples": { "@id": "cr:examples", "@type": "@json" },
+        "sc": "https://schema.org/",
+    });
+    if let Value::Object(more) = more {
+        terms.extend(more);
+    }
+    terms.sort_keys();
+    Value::Object(terms)
+}
+
+/// The file `croissant.json`.
+pub fn write(set: &Set) -> Value {
+    let about = &set.dictionary.about;
+    let mut out = json!({
+        "@context": context(),
+        "@type": "sc:Dataset",
+        "conformsTo": "http://mlcommons.org/croissant/1.0",
+        "name": about.title,
+        "description": about.description,
+        "license": about.licence.url,
+        "url": about.address().unwrap_or_else(|| "./".to_owned()),
+        "version": about.version,
+        "datePublished": about.date,
+        "citeAs": citation::bibtex(about),
+        "creator": creators(about),
+        "keywords": about.keywords,
+        "isLiveDataset": false,
+    });
+    if !set.dictionary.restricted.is_empty() {
+        out["conditionsOfAccess"] = json!(conditions(set));
+    }
+    let tables = &set.dictionary.tables;
+    out["distribution"] = tables.iter().flat_map(distribution).collect();
+    out["recordSet"] = tables.iter().map(record_set).collect();
+    out
+}
+
+fn creators(about: &About) -> Value {
+    let one = |a: &super::set::Person| {
+        let kind = if a.family.is_some() { "sc:Person" } else { "sc:Organization" };
+        let mut out = json!({ "@type": kind, "name": a.name });
+        if let Some(orcid) = &a.orcid {
+            out["url"] = json!(orcid);
+        }
+        out
+    };
+    about.authors.iter().map(one).collect()
+}
+
+/// What a set says of restricted columns that it holds.
+pub fn conditions(set: &Set) -> String {
+    let said = set.dictionary.restricted.iter().map(|h| format!("{}.{}: {}", h.table, h.column, protect::why(h)));
+    format!("Restricted columns are included. {}.", said.collect::<Vec<_>>().join("; "))
+}
+
+/// The files of a table, and the set of them where there are several.
+fn distribution(table: &Table) -> Vec<Value> {
+    let mut found: Vec<Value> = table
+        .files
+        .iter()
+        .map(|f| {
+            json!({
+                "@type": "cr:FileObject",
+                "@id": address(&f.path),
+                "name": f.path,
+                "contentUrl": address(&f.path),
+                "encodingFormat": PARQUET,
+                "contentSize": format!("{} B", f.bytes),
+                "sha256": f.sha256,
+            })
+        })
+        .collect();
+    if table.files.len() != 1 {
+        found.push(json!({
+            "@type": "cr:FileSet",
+            "@id": files_of(table),
+            "name": files_of(table),
+            "description": format!("the files of the table {}", table.name),
+            "encodingFormat": PARQUET,
+            "includes": format!("data/{}/*/*/*.parquet", table.name),
+        }));
+    }
+    found
+}
+
+fn files_of(table: &Table) -> String {
+    format!("{}-files", table.name)
+}
+
+fn record_set(table: &Table) -> Value {
+    let source = match table.files.as_slice() {
+        [one] => ("fileObject", address(&one.path)),
+        _ => ("fileSet", files_of(table)),
+    };
+    let field = |c: &Column| {
+        let mut out = json!({
+            "@type": "cr:Field",
+            "@id": format!("{}/{}", table.name, address(&c.name)),
+            "name": c.name,
+            "description": described(c),
+            "dataType": data_type(c),
+            "source": { source.0: { "@id": source.1 }, "extract": { "column": c.name } },
+        });
+        if c.kind.starts_with("list") {
+            out["repeated"] = json!(true);
+        }
+        out
+    };
+    json!({
+        "@type": "cr:RecordSet",
+        "@id": table.name,
+        "name": table.name,
+        "description": if table.description.is_empty() { table.kind.clone() } else { table.description.clone() },
+        "field": table.columns.iter().map(field).collect::<Vec<_>>(),
+    })
+}
+
+/// The meaning of a column with its unit and role, for which Croissant has no place of their own.
+fn described(c: &Column) -> String {
+    let unit = if c.unit.is_empty() { String::new() } else { format!(" Unit: {}.", c.unit) };
+    let terms = if c.terms.is_empty() { String::new() } else { format!(" Entries: {}.", c.terms.join(", ")) };
+    let text = if c.description.is_empty() { &c.name } else { &c.description };
+    format!("{text}.{unit} Role: {}.{terms}", if c.role.is_empty() { "aux" } else { &c.role })
+}
+
+fn data_type(c: &Column) -> &'static str {
+    match c.kind.as_str() {
+        "number" | "list of numbers" => "sc:Float",
+        "integer" => "sc:Integer",
+        "boolean" => "sc:Boolean",
+        // What has no type of its own is read as text.
+        _ => "sc:Text",
+    }
+}

@@ -1,0 +1,63 @@
+//! The documents of a set: each is made of what [`Set`] holds and of nothing else, so that it can be made again to check it.
+
+use std::collections::BTreeMap;
+
+use schemas::Fault;
+use serde::Serialize;
+
+use super::{citation, croissant, datapackage, dictionary, inputs, licence, readme, ro_crate, set::Set};
+
+/// The file with the tables and facts.
+pub const DICTIONARY: &str = "dictionary.json";
+/// The file that says how the set was made.
+pub const LOCK: &str = "pipeline/lock.json";
+/// The file with the licence.
+pub const LICENCE: &str = "LICENSE";
+
+/// Every document of `set` by its path, but for a licence's own text.
+///
+/// # Errors
+/// Never for a set that can be spelt as JSON.
+pub fn all(set: &Set) -> Result<BTreeMap<String, String>, Fault> {
+    debug_assert!(LOCK.starts_with(inputs::FOLDER));
+    let mut found: BTreeMap<String, String> = [
+        (DICTIONARY, pretty(&set.dictionary)?),
+        (LOCK, pretty(&set.lock)?),
+        ("DICTIONARY.md", dictionary::write(set)),
+        ("README.md", readme::write(set)),
+        ("CITATION.cff", citation::write(&set.dictionary.about)),
+        ("croissant.json", pretty(&croissant::write(set))?),
+        ("datapackage.json", pretty(&datapackage::write(set))?),
+        ("ro-crate-metadata.json", pretty(&ro_crate::write(set))?),
+    ]
+    .map(|(path, text)| (path.to_owned(), text))
+    .into();
+    for table in &set.dictionary.tables {
+        found.insert(datapackage::schema_path(&table.name), pretty(&datapackage::schema(table))?);
+    }
+    if !set.dictionary.about.licence.text {
+        found.insert(LICENCE.to_owned(), licence::write(&set.dictionary.about));
+    }
+    Ok(found)
+}
+
+/// JSON with line breaks, and one at the end.
+fn pretty(value: &impl Serialize) -> Result<String, Fault> {
+    serde_json::to_string_pretty(value).map(|text| text + "\n").map_err(|e| Fault::machine(e.to_string()))
+}
+
+/// A path in the set as a relative address: other bytes than those that stand for themselves are spelt by `%`.
+pub fn address(path: &str) -> String {
+    let plain = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'-' | b'_' | b'~' | b'/' | b'=' | b'+');
+    path.bytes().map(|b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") }).collect()
+}
+
+/// A text as a cell of a table of Markdown.
+pub fn cell(text: &str) -> String {
+    text.replace('\\', "\\\\").replace('|', "\\|").split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// A count with its noun.
+pub fn counted(n: u64, thing: &str) -> String {
+    format!("{n} {thing}{}", if n == 1 { "" } else { "s" })
+}

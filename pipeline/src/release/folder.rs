@@ -1,0 +1,176 @@
+//! The folder of a set: written beside under another name, and renamed when it is whole.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use schemas::Fault;
+
+use super::{checksums, documents::DICTIONARY, set::FORMAT};
+
+/// A folder being written; it is removed unless it is settled.
+pub struct Draft {
+    path: PathBuf,
+    to: PathBuf,
+    replace: bool,
+}
+
+fn cannot(doing: &str, path: &Path, e: &io::Error) -> Fault {
+    Fault::machine(format!("cannot {doing} {}: {e}", path.display()))
+}
+
+/// What is at the place of a set.
+enum There {
+    Nothing,
+    Set,
+    Other(String),
+}
+
+/// Whether a folder holds a published set and nothing else.
+fn look(path: &Path) -> Result<There, Fault> {
+    let about = match fs::symlink_metadata(path) {
+        Ok(about) => about,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(There::Nothing),
+        Err(e) => return Err(cannot("read", path, &e)),
+    };
+    if !about.is_dir() {
+        return Ok(There::Other("is not a folder".to_owned()));
+    }
+    let files = files(path).map_err(|e| cannot("read", path, &e))?;
+    if files.is_empty() {
+        return Ok(There::Nothing);
+    }
+    let text = |name: &str| fs::read_to_string(path.join(name)).unwrap_or_default();
+    let is_set = serde_json::from_str::<serde_json::Value>(&text(DICTIONARY)).is_ok_and(|d| d["format"] == FORMAT);
+    match checksums::read(&text(checksums::NAME)).ok().filter(|_| is_set) {
+        None => Ok(There::Other("is a folder, but not a published data set".to_owned())),
+        Some(sums) => {
+            let foreign = files.iter().find(|f| *f != checksums::NAME && !sums.contains_key(*f));
+            Ok(foreign.map_or(There::Set, |f| There::Other(format!("holds {f}, which is not of the data set"))))
+        }
+    }
+}
+
+/// The paths of all files below a folder, hidden ones and links among them, sorted; folders without files end in `/`.
+///
+/// # Errors
+/// When a folder cannot be read.
+pub fn files(folder: &Path) -> io::Result<Vec<String>> {
+    let mut found = vec![];
+    let mut waiting = vec![(folder.to_owned(), String::new())];
+    while let Some((folder, prefix)) = waiting.pop() {
+        let mut entries = fs::read_dir(&folder)?.collect::<Result<Vec<_>, _>>()?;
+        entries.sort_by_key(fs::DirEntry::file_name);
+        if entries.is_empty() && !prefix.is_empty() {
+            found.push(prefix.clone());
+        }
+        for entry in entries {
+            let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
+            // A link is a file here, wherever it leads.
+            if entry.file_type()?.is_dir() {
+                waiting.push((entry.path(), format!("{name}/")));
+            } else {
+                found.push(name);
+            }
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+impl Draft {
+    /// Begins a folder that is to become `to`.
+    ///
+    /// # Errors
+    /// When `to` holds something that must not be lost, or the file system refuses.
+    pub fn begin(to: &Path, replace: bool) -> Result<Draft, Fault> {
+        // Whether a set that is there is the same is known when this one is whole.
+        allowed(to, true)?;
+        let name = to.file_name().filter(|n| !n.is_empty());
+        let name = name.ok_or_else(|| Fault::new(format!("{} is not the name of a folder", to.display())))?;
+        let above = to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        fs::create_dir_all(above).map_err(|e| cannot("make", above, &e))?;
+        let path = above.join(format!(".{}.{}.new", name.to_string_lossy(), std::process::id()));
+        match fs::create_dir(&path) {
+            // Left behind by a process of the same number that was killed.
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
+                fs::remove_dir_all(&path)
+                    .and_then(|()| fs::create_dir(&path))
+                    .map_err(|e| cannot("make", &path, &e))?;
+            }
+            made => made.map_err(|e| cannot("make", &path, &e))?,
+        }
+        Ok(Draft { path, to: to.to_owned(), replace })
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Gives the folder its name. `false` where the same set is there already, which is then left as it is.
+    ///
+    /// # Errors
+    /// When something else has come there meanwhile, or the file system refuses; the set that was there stays then.
+    pub fn settle(self) -> Result<bool, Fault> {
+        let sums = |folder: &Path| fs::read(folder.join(checksums::NAME)).ok();
+        let there = look(&self.to)?;
+        if matches!(there, There::Set) && sums(&self.to) == sums(&self.path) {
+            return Ok(false);
+        }
+        allowed(&self.to, self.replace)?;
+        let fail = |e: io::Error| cannot("write", &self.to, &e);
+        sync(&self.path).map_err(fail)?;
+        match there {
+            There::Set => {
+                let old = self.path.with_extension("old");
+                fs::rename(&self.to, &old).map_err(fail)?;
+                if let Err(e) = fs::rename(&self.path, &self.to) {
+                    fs::rename(&old, &self.to).map_err(fail)?;
+                    return Err(fail(e));
+                }
+                fs::remove_dir_all(&old).map_err(|e| cannot("remove", &old, &e))?;
+            }
+            // An empty folder is replaced by the renaming itself.
+            There::Nothing | There::Other(_) => fs::rename(&self.path, &self.to).map_err(fail)?,
+        }
+        let above = self.to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        fs::File::open(above).and_then(|f| f.sync_all()).map_err(fail)?;
+        Ok(true)
+    }
+}
+
+/// Whether a set may be put at `to`: a set that is there needs `--replace`, unless it turns out to be the same.
+fn allowed(to: &Path, replace: bool) -> Result<(), Fault> {
+    match look(to)? {
+        There::Nothing => Ok(()),
+        There::Set if replace => Ok(()),
+        There::Set => {
+            let fault = Fault::new(format!("{} is another published data set", to.display()));
+            Err(fault.help("name another folder, or replace it with `--replace`"))
+        }
+        There::Other(what) => {
+            let fault = Fault::new(format!("{} {what}", to.display()));
+            Err(fault.help("name a new or empty folder; only a published data set can be replaced"))
+        }
+    }
+}
+
+/// Syncs the names in all folders to the disk.
+fn sync(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_type()?.is_dir() {
+            sync(&entry.path())?;
+        }
+    }
+    fs::File::open(folder)?.sync_all()
+}
+
+impl Drop for Draft {
+    fn drop(&mut self) {
+        // It is gone where it was settled; otherwise nothing of it has a name that anyone reads.
+        let _ = fs::remove_dir_all(&self.path);
+    }
+}

@@ -1,0 +1,381 @@
+//! `magline publish` and `magline verify DIR`: results as a data set that others can cite, check and compute again.
+//!
+//! ```text
+//! README.md  LICENSE  CITATION.cff                what it is, for people
+//! DICTIONARY.md  dictionary.json  schemas/        columns with units, roles and values
+//! croissant.json  datapackage.json  ro-crate-metadata.json
+//! data/<table>/flight_id=flight-<flight>/line_id=line-<line>/part-0.parquet, or data/<table>/part-0.parquet
+//! pipeline/<spec>  pipeline/lock.json             what made it: spec, versions, keys, hashes of the inputs
+//! SHA256SUMS                                      of every other file
+//! ```
+//!
+//! The same run gives the same bytes: nothing in it is of a clock, a host or a path of the machine.
+
+mod checksums;
+mod citation;
+mod croissant;
+mod datapackage;
+mod dictionary;
+mod documents;
+mod folder;
+mod inputs;
+mod licence;
+mod parquet;
+mod protect;
+mod readme;
+mod ro_crate;
+mod set;
+mod tables;
+mod verify;
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::Path,
+};
+
+use arrow_array::{Array, RecordBatch, cast::AsArray};
+use schemas::{Fault, TableKind};
+
+use crate::{
+    keys::Key,
+    plan::{Graph, Plan},
+    run::run_id,
+    spec::{
+        Spec,
+        publish::{EXAMPLE, PublishFacts},
+    },
+    store::{Store, Version, current, published},
+    views::{described, report},
+};
+use folder::Draft;
+use set::{About, Dictionary, FORMAT, Failed, Lock, Person, Set, Stage, Table};
+pub use verify::{Verified, verify};
+
+/// What is asked for.
+pub struct Request<'a> {
+    /// The tables, by their names in the spec.
+    pub tables: &'a [String],
+    /// The folder of the set.
+    pub to: &'a Path,
+    /// Whether a set that is there is replaced.
+    pub replace: bool,
+    /// Whether restricted columns may go out.
+    pub include_restricted: bool,
+}
+
+/// What was published.
+#[derive(Debug)]
+pub struct Published {
+    /// Name, rows and files of each table.
+    pub tables: Vec<(String, u64, usize)>,
+    /// The number of files.
+    pub files: usize,
+    /// Whether anything was written: not where the same set was there already.
+    pub written: bool,
+    /// What is not in the tables because it could not be computed.
+    pub failures: usize,
+    /// The restricted columns that went out, each with where it comes from.
+    pub restricted: Vec<String>,
+    /// The run.
+    pub run: String,
+}
+
+/// A table that is asked for.
+#[derive(Clone, Copy)]
+enum Chosen {
+    Stage(usize),
+    Flights(usize),
+    Map(usize),
+}
+
+/// The facts of the spec, or what to write.
+///
+/// # Errors
+/// Where the spec has no `[publish]`.
+pub fn facts(spec: &Spec) -> Result<&PublishFacts, Fault> {
+    spec.publish
+        .as_ref()
+        .ok_or_else(|| Fault::new(format!("{} does not say what the data set is", spec.file)).help(EXAMPLE))
+}
+
+/// Publishes tables of the last run of a plan.
+///
+/// # Errors
+/// When the facts are not right, a table does not exist or was not computed, restricted data would go out, the folder
+/// holds something else, or the file system refuses. Nothing is at the place of the folder then but what was there.
+pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Published, Fault> {
+    let plan = graph.plan;
+    let spec = &plan.spec;
+    let facts = facts(spec)?;
+    let about = about(facts)?;
+    let chosen = chosen(plan, request.tables)?;
+    let version = computed(graph, store)?;
+    if !request.include_restricted {
+        let wanted = columns(graph, &chosen);
+        let held = protect::find(graph, &wanted);
+        if !held.is_empty() {
+            return Err(protect::refused(&held));
+        }
+    }
+    let draft = Draft::begin(request.to, request.replace)?;
+    let root = draft.path();
+    let mut tables = vec![];
+    for one in &chosen {
+        tables.push(match *one {
+            Chosen::Stage(t) => {
+                let table = tables::of_stage(graph, &version, t, root)?;
+                let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table that is not planned"))?;
+                Table { stage: Some(node.entry.name.to_owned()), description: first(&node.entry.doc), ..table }
+            }
+            Chosen::Flights(i) => tables::of_flights(graph, store, i, root)?,
+            Chosen::Map(i) => tables::of_map(graph, store, i, root)?,
+        });
+    }
+    protect::describe(graph, &mut tables);
+    // Looked for again in what was written: no column goes out that the plan does not know.
+    let names = |t: &Table| (t.name.clone(), t.columns.iter().map(|c| c.name.clone()).collect());
+    let restricted = protect::find(graph, &tables.iter().map(names).collect::<Vec<_>>());
+    if !request.include_restricted && !restricted.is_empty() {
+        return Err(protect::refused(&restricted));
+    }
+    let inputs = inputs::gather(graph, root, facts.include_inputs, request.include_restricted)?;
+    let failures = failures(graph, store, &chosen)?;
+    let dictionary = Dictionary { format: FORMAT.to_owned(), about, tables, restricted, failures };
+    let set = Set { dictionary, lock: lock(graph, inputs)? };
+    if let Some(file) = &facts.licence_file {
+        let path = spec.folder.join(file);
+        let text =
+            fs::read(&path).map_err(|e| Fault::new(format!("cannot read the licence {}: {e}", path.display())))?;
+        write(root, documents::LICENCE, &text)?;
+    }
+    for (path, text) in documents::all(&set)? {
+        write(root, &path, text.as_bytes())?;
+    }
+    let files = folder::files(root).map_err(|e| Fault::machine(format!("cannot read {}: {e}", root.display())))?;
+    let mut sums = BTreeMap::new();
+    for path in &files {
+        let sum = checksums::of_file(&root.join(path), |_| {});
+        let (_, sum) = sum.map_err(|e| Fault::machine(format!("cannot read {path}: {e}")))?;
+        sums.insert(path.clone(), sum);
+    }
+    write(root, checksums::NAME, checksums::write(&sums).as_bytes())?;
+    let written = draft.settle()?;
+    let Set { dictionary, lock } = set;
+    Ok(Published {
+        tables: dictionary.tables.iter().map(|t| (t.name.clone(), t.rows, t.files.len())).collect(),
+        files: sums.len() + 1,
+        written,
+        failures: dictionary.failures.len(),
+        restricted: dictionary.restricted.iter().map(protect::chain).collect(),
+        run: lock.run,
+    })
+}
+
+fn write(root: &Path, path: &str, bytes: &[u8]) -> Result<(), Fault> {
+    let full = root.join(path);
+    let made = full.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(&full, bytes));
+    made.and_then(|()| fs::File::open(&full)?.sync_all())
+        .map_err(|e| Fault::machine(format!("cannot write {}: {e}", full.display())))
+}
+
+/// The first paragraph of a documentation.
+fn first(doc: &str) -> String {
+    doc.split("\n\n").next().unwrap_or_default().trim().to_owned()
+}
+
+fn about(facts: &PublishFacts) -> Result<About, Fault> {
+    const ORCID: &str = "https://orcid.org/";
+    let person = |a: &crate::spec::publish::Author| Person {
+        name: a.full_name(),
+        given: a.given.clone(),
+        family: a.family.clone(),
+        orcid: a.orcid.as_ref().map(|o| format!("{ORCID}{}", o.strip_prefix(ORCID).unwrap_or(o))),
+        affiliation: a.affiliation.clone(),
+    };
+    Ok(About {
+        title: facts.title.trim().to_owned(),
+        description: facts.description.trim().to_owned(),
+        authors: facts.authors.0.iter().map(person).collect(),
+        licence: licence::of(facts)?,
+        date: facts.date.clone(),
+        contact: facts.contact.clone(),
+        version: facts.version.clone(),
+        doi: facts.doi.clone(),
+        url: facts.url.clone(),
+        keywords: facts.keywords.clone(),
+        motivation: facts.motivation.clone(),
+        collection: facts.collection.clone(),
+        uses: facts.uses.clone(),
+        limits: facts.limits.clone(),
+    })
+}
+
+/// The tables that are asked for, each once.
+fn chosen(plan: &Plan, names: &[String]) -> Result<Vec<Chosen>, Fault> {
+    let mut seen = BTreeSet::new();
+    let mut found = vec![];
+    for name in names.iter().filter(|n| seen.insert(n.as_str())) {
+        let stage = plan.tables.iter().position(|t| t.name == *name);
+        if let Some(t) = stage {
+            if plan.decl(t).is_some_and(|d| !d.publish) {
+                let fault = Fault::new(format!("the table `{name}` is not written out: it says `publish = false`"));
+                return Err(fault.help("remove that, and run the spec again"));
+            }
+            found.push(Chosen::Stage(t));
+        } else if let Some(i) = plan.flights.iter().position(|f| f.name == *name) {
+            found.push(Chosen::Flights(i));
+        } else if let Some(i) = plan.maps.iter().position(|m| m.name == *name) {
+            found.push(Chosen::Map(i));
+        } else {
+            let stages = plan.tables.iter().map(|t| t.name.as_str());
+            let sources = plan.flights.iter().map(|f| f.name.as_str()).chain(plan.maps.iter().map(|m| m.name.as_str()));
+            let known: Vec<&str> = stages.chain(sources).collect();
+            return Err(Fault::new(format!("there is no table `{name}`")).nearest(name, &known));
+        }
+    }
+    if found.is_empty() {
+        return Err(Fault::new("no table to publish is named").help("name one or several tables of the spec"));
+    }
+    Ok(found)
+}
+
+/// The columns that the plan knows of the tables that are asked for: those of their files are some of these.
+fn columns(graph: &Graph, chosen: &[Chosen]) -> Vec<(String, Vec<String>)> {
+    let plan = graph.plan;
+    let one = |chosen: &Chosen| match *chosen {
+        Chosen::Stage(t) => {
+            let node = plan.tables.get(t)?;
+            // Columns that pass through are not in the files of a table of lines, unless they are carried.
+            let makes = |name: &str| node.variants.iter().any(|v| v.makes(name).is_some());
+            let whole = node.entry.yields != TableKind::Lines;
+            let names = node.columns().into_iter().map(|c| c.name);
+            let in_file = |n: &String| whole || makes(n) || n == "tt" || node.carry.contains(n);
+            Some((node.name.clone(), names.filter(in_file).collect()))
+        }
+        Chosen::Flights(i) => {
+            let flights = plan.flights.get(i)?;
+            Some((flights.name.clone(), flights.shape.columns.iter().map(|c| c.name.clone()).collect()))
+        }
+        Chosen::Map(i) => {
+            let columns = schemas::map::COLUMNS.iter().map(|(name, _)| (*name).to_owned()).collect();
+            plan.maps.get(i).map(|m| (m.name.clone(), columns))
+        }
+    };
+    chosen.iter().filter_map(one).collect()
+}
+
+/// The tables of the last run, which must be of exactly this spec and data.
+fn computed(graph: &Graph, store: &Store) -> Result<Version, Fault> {
+    let spec = &graph.plan.spec;
+    let sets: String = spec.sets.iter().map(|s| format!(" --set '{s}'")).collect();
+    let run = || format!("run it first: `magline run {}{sets}`", spec.file);
+    let version = current(store.root(), &spec.name).filter(|_| report::is_current(graph, store));
+    version.ok_or_else(|| {
+        Fault::new(format!("the results of {} are not there, or are of other data or another spec", spec.file))
+            .help(run())
+    })
+}
+
+/// What could not be computed of the tables and of those they are made from.
+fn failures(graph: &Graph, store: &Store, chosen: &[Chosen]) -> Result<Vec<Failed>, Fault> {
+    let plan = graph.plan;
+    let mut names: BTreeSet<&str> = BTreeSet::new();
+    for one in chosen {
+        match *one {
+            Chosen::Stage(t) => {
+                let all = plan.rests_on(t);
+                names.extend(all.iter().filter_map(|t| plan.tables.get(*t)).flat_map(|node| {
+                    let inputs = node.sources().into_iter().map(|r| plan.name_of(r));
+                    inputs.chain([node.name.as_str()])
+                }));
+            }
+            Chosen::Flights(i) => names.extend(plan.flights.get(i).map(|f| f.name.as_str())),
+            Chosen::Map(_) => {}
+        }
+    }
+    let folder = store.table(&plan.spec.name, "failures");
+    let Some(rows) = published(&folder, &["stage", "flight", "line"])? else { return Ok(vec![]) };
+    let cell = |rows: &RecordBatch, name: &str, row: usize| {
+        let array = rows.column_by_name(name)?.as_string_opt::<i32>()?;
+        array.is_valid(row).then(|| array.value(row).to_owned())
+    };
+    let mut counted: BTreeMap<(String, Option<String>, Option<String>), u64> = BTreeMap::new();
+    for row in 0..rows.num_rows() {
+        let table = cell(&rows, "stage", row).unwrap_or_default();
+        if names.contains(table.as_str()) {
+            *counted.entry((table, cell(&rows, "flight", row), cell(&rows, "line", row))).or_default() += 1;
+        }
+    }
+    Ok(counted.into_iter().map(|((table, flight, line), points)| Failed { table, flight, line, points }).collect())
+}
+
+/// How the tables were made.
+fn lock(graph: &Graph, inputs: inputs::Inputs) -> Result<Lock, Fault> {
+    /// The points whose parameters are listed.
+    const POINTS: usize = 1000;
+    let plan = graph.plan;
+    let spec = &plan.spec;
+    let mut stages = vec![];
+    for (t, (node, about)) in plan.tables.iter().zip(described_briefly(graph)).enumerate() {
+        let mut parameters: BTreeMap<String, Vec<String>> = BTreeMap::new();
+        for i in node.parameter_points(POINTS) {
+            for (key, value) in plan.instance(t, i).params() {
+                let values = parameters.entry(key.to_owned()).or_default();
+                if !values.contains(&value) {
+                    values.push(value);
+                }
+            }
+        }
+        let key = |unit| graph.key(unit).map_or_else(|_| "none".to_owned(), |key| key.to_string());
+        stages.push(Stage {
+            table: node.name.clone(),
+            stage: node.entry.name.to_owned(),
+            version: node.entry.version,
+            inputs: about,
+            predicate: plan.decl(t).and_then(|d| d.predicate.clone()).map(|(text, _)| text),
+            axes: node.axes.iter().filter_map(|i| spec.axes.get(*i)).map(|a| a.name.clone()).collect(),
+            points: node.len(),
+            parameters,
+            key: Key::of(graph.units(t).map(key)).to_string(),
+        });
+    }
+    Ok(Lock {
+        format: FORMAT.to_owned(),
+        magline: env!("CARGO_PKG_VERSION").to_owned(),
+        pipeline: spec.name.clone(),
+        spec: inputs.spec,
+        spec_sha256: checksums::of_bytes(spec.text.as_bytes()),
+        set: spec.sets.iter().filter(|s| is_of_the_answer(s)).cloned().collect(),
+        seed: spec.seed,
+        run: run_id(graph),
+        inputs: inputs.files,
+        stages,
+    })
+}
+
+/// The inputs of each table.
+fn described_briefly(graph: &Graph) -> Vec<Vec<String>> {
+    described(graph).into_iter().map(|t| t.inputs).collect()
+}
+
+/// Whether an assignment of `--set` has a part in what is computed: not where the store or the inputs lie, nor what is
+/// said of the data set.
+fn is_of_the_answer(set: &str) -> bool {
+    let key = set.split('=').next().unwrap_or_default().trim();
+    let path: Vec<&str> = key.split('.').map(str::trim).collect();
+    !matches!(path.as_slice(), ["store"] | ["publish", ..] | ["tables", _, "path"])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_of_the_answer;
+
+    #[test]
+    fn unit_where_things_lie_has_no_part_in_the_answer() {
+        let kept = ["seed=7", "axes.lambda=[0.5]", "clean.detrend=true", "tables.flights.format=csv", "name=a"];
+        assert!(kept.iter().all(|s| is_of_the_answer(s)));
+        let left = ["store=/tmp/x", "tables.flights.path = logs", "publish.doi=10.1/x"];
+        assert!(left.iter().all(|s| !is_of_the_answer(s)));
+    }
+}

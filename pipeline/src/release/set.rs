@@ -1,0 +1,278 @@
+//! What a published set says of itself, as data: all its documents are made of this, and checked against it.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+/// The layout of a published set and of its documents; raised when either changes.
+pub const FORMAT: &str = "magline published set 1";
+
+/// A published set.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Set {
+    /// Its tables and facts: the file `dictionary.json`.
+    pub dictionary: Dictionary,
+    /// How it was made: the file `pipeline/lock.json`.
+    pub lock: Lock,
+}
+
+/// The facts and tables of a set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Dictionary {
+    /// [`FORMAT`].
+    pub format: String,
+    /// The facts that only its authors know.
+    pub about: About,
+    /// Its tables, in the order in which they were asked for.
+    pub tables: Vec<Table>,
+    /// What it holds although it is restricted.
+    pub restricted: Vec<Held>,
+    /// What could not be computed of the tables and of those that they are made from.
+    pub failures: Vec<Failed>,
+}
+
+/// The facts that only the authors of a set know.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct About {
+    /// The title.
+    pub title: String,
+    /// What it holds and what it is for.
+    pub description: String,
+    /// The authors.
+    pub authors: Vec<Person>,
+    /// The licence.
+    pub licence: Licence,
+    /// The date of publication, `YYYY-MM-DD`.
+    pub date: String,
+    /// An address for questions.
+    pub contact: String,
+    /// The version of the data set.
+    pub version: String,
+    /// The DOI, without an address before it.
+    pub doi: Option<String>,
+    /// The address of its page.
+    pub url: Option<String>,
+    /// Words to find it by.
+    pub keywords: Vec<String>,
+    /// Why the data were recorded.
+    pub motivation: Option<String>,
+    /// How they were recorded.
+    pub collection: Option<String>,
+    /// What they can be used for.
+    pub uses: Option<String>,
+    /// Known faults and limits.
+    pub limits: Option<String>,
+}
+
+impl About {
+    /// The address that the set is known by: that of its DOI, or of its page.
+    pub fn address(&self) -> Option<String> {
+        self.doi.as_ref().map(|doi| format!("https://doi.org/{doi}")).or(self.url.clone())
+    }
+}
+
+/// An author.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Person {
+    /// The name in full.
+    pub name: String,
+    /// The given names of a person.
+    pub given: Option<String>,
+    /// The family name of a person.
+    pub family: Option<String>,
+    /// The address of the ORCID.
+    pub orcid: Option<String>,
+    /// The institute.
+    pub affiliation: Option<String>,
+}
+
+/// A licence.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Licence {
+    /// Its SPDX identifier, or another name.
+    pub name: String,
+    /// What it is called in full.
+    pub title: String,
+    /// The address of its text.
+    pub url: String,
+    /// Whether the name is an SPDX identifier.
+    pub spdx: bool,
+    /// Whether the file `LICENSE` holds its text, and not only its name and address.
+    pub text: bool,
+}
+
+/// A table of a set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Table {
+    /// Its name.
+    pub name: String,
+    /// `flight lines`, `scores`, `model` or `map`.
+    pub kind: String,
+    /// The stage that made it; `None` for what was read from files.
+    pub stage: Option<String>,
+    /// What that stage does.
+    pub description: String,
+    /// The axes of the sweep, which are columns.
+    pub axes: Vec<String>,
+    /// The columns by which the rows of each file ascend.
+    pub sorted_by: Vec<String>,
+    /// The names of the folders' keys: columns that readers add which know hive partitions.
+    pub partitions: Vec<String>,
+    /// Its rows.
+    pub rows: u64,
+    /// Its columns.
+    pub columns: Vec<Column>,
+    /// Its files, in order.
+    pub files: Vec<DataFile>,
+}
+
+/// A column of a table.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Column {
+    /// Its name.
+    pub name: String,
+    /// `number`, `integer`, `text`, `boolean` or `list of numbers`.
+    #[serde(rename = "type")]
+    pub kind: String,
+    /// Its unit; empty for none.
+    pub unit: String,
+    /// `key`, `time`, `truth`, `sensor`, `aux` or `derived`.
+    pub role: String,
+    /// What it is.
+    pub description: String,
+    /// The names of a list's entries.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub terms: Vec<String>,
+    /// The columns it was made from, as `table.column`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub from: Vec<String>,
+    /// What its values are.
+    #[serde(flatten)]
+    pub values: Values,
+}
+
+/// What the values of a column are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Values {
+    /// Rows without a value: null or NaN.
+    pub missing: u64,
+    /// The least finite number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// The greatest finite number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+}
+
+/// A file of a table.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DataFile {
+    /// Its path in the set.
+    pub path: String,
+    /// The flight, where it holds one line.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flight: Option<String>,
+    /// The line, where it holds one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub line: Option<String>,
+    /// Its rows.
+    pub rows: u64,
+    /// Its bytes.
+    pub bytes: u64,
+    /// Its SHA-256.
+    pub sha256: String,
+}
+
+/// A restricted column that a set holds all the same.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Held {
+    /// The table of the set.
+    pub table: String,
+    /// Its column.
+    pub column: String,
+    /// From this column to the restricted one, as `table.column`.
+    pub through: Vec<String>,
+    /// Why that is restricted.
+    pub reason: Option<String>,
+    /// Until when.
+    pub embargo: Option<String>,
+}
+
+/// Something that could not be computed.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Failed {
+    /// The table.
+    pub table: String,
+    /// The flight, for a line.
+    pub flight: Option<String>,
+    /// The line.
+    pub line: Option<String>,
+    /// At how many points of the sweep.
+    pub points: u64,
+}
+
+/// How a set was made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Lock {
+    /// [`FORMAT`].
+    pub format: String,
+    /// The version of magline.
+    pub magline: String,
+    /// The pipeline.
+    pub pipeline: String,
+    /// The path of its spec in the set.
+    pub spec: String,
+    /// The spec's SHA-256.
+    pub spec_sha256: String,
+    /// The assignments of `--set` that it was run with.
+    pub set: Vec<String>,
+    /// The seed.
+    pub seed: u64,
+    /// The hash of what was computed and of its data.
+    pub run: String,
+    /// What was read from files.
+    pub inputs: Vec<Input>,
+    /// The tables of the stages, in the order of the plan.
+    pub stages: Vec<Stage>,
+}
+
+/// A file that was read.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Input {
+    /// The table of the spec.
+    pub table: String,
+    /// The file: from the spec's folder, or its name alone where it is given by an absolute path.
+    pub file: String,
+    /// Its bytes.
+    pub bytes: u64,
+    /// Its SHA-256.
+    pub sha256: String,
+    /// The first 128 bits of its BLAKE3, by which magline knows it.
+    pub blake3: String,
+    /// Its path in the set, where it is included.
+    pub included: Option<String>,
+}
+
+/// A table that a stage made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stage {
+    /// The table.
+    pub table: String,
+    /// The stage.
+    pub stage: String,
+    /// The stage's version.
+    pub version: u32,
+    /// The tables it reads.
+    pub inputs: Vec<String>,
+    /// The rows it is restricted to.
+    #[serde(rename = "where", default, skip_serializing_if = "Option::is_none")]
+    pub predicate: Option<String>,
+    /// The axes it depends on.
+    pub axes: Vec<String>,
+    /// The number of its points of the sweep.
+    pub points: usize,
+    /// Its parameters in one spelling, each with the values it has at the points of the sweep.
+    pub parameters: BTreeMap<String, Vec<String>>,
+    /// The hash of the keys of all that it made.
+    pub key: String,
+}

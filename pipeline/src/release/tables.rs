@@ -1,0 +1,367 @@
+//! The rows of a published table, brought from the store into the order and the files of a set.
+//!
+//! Flight lines become one file a line, in folders by flight and line; other tables become one file. The folders' keys
+//! are `flight_id` and `line_id`, with a word before each identifier: readers of hive partitions take `line=1003.10` for
+//! the number 1003.1, and refuse a column of another type under the same name in the file.
+
+use std::{cmp::Ordering, collections::BTreeMap, path::Path, sync::Arc};
+
+use arrow_array::{
+    Array, ArrayRef, RecordBatch, StringArray,
+    cast::AsArray,
+    new_null_array,
+    types::{Float64Type, Int64Type},
+};
+use arrow_schema::{DataType, SchemaRef};
+use schemas::{Fault, Role, TableKind, field};
+
+use super::{
+    checksums, parquet,
+    set::{DataFile, Table, Values},
+};
+use crate::{
+    plan::Graph,
+    sources::map_batch,
+    store::{Sealed, Store, Version},
+};
+
+/// The keys of the folders of a table of flight lines.
+const PARTITIONS: [&str; 2] = ["flight_id", "line_id"];
+
+/// Where rows of one key lie: a part of a row group.
+struct Piece {
+    file: usize,
+    group: usize,
+    from: usize,
+    rows: usize,
+    /// The values of the axes.
+    axes: Vec<Cell>,
+    flight: Option<String>,
+    line: Option<String>,
+}
+
+/// A value of a key, in order within its type.
+#[derive(Clone, Debug, PartialEq)]
+enum Cell {
+    Missing,
+    Flag(bool),
+    Whole(i64),
+    Number(f64),
+    Text(String),
+}
+
+impl Cell {
+    fn of(array: &ArrayRef, row: usize) -> Cell {
+        if array.is_null(row) {
+            return Cell::Missing;
+        }
+        if let Some(texts) = array.as_string_opt::<i32>() {
+            Cell::Text(texts.value(row).to_owned())
+        } else if let Some(numbers) = array.as_primitive_opt::<Float64Type>() {
+            Cell::Number(numbers.value(row))
+        } else if let Some(numbers) = array.as_primitive_opt::<Int64Type>() {
+            Cell::Whole(numbers.value(row))
+        } else if let Some(flags) = array.as_boolean_opt() {
+            Cell::Flag(flags.value(row))
+        } else {
+            Cell::Missing
+        }
+    }
+
+    /// Whether it is the value of a row, without a copy of that.
+    fn is(&self, array: &ArrayRef, row: usize) -> bool {
+        match self {
+            Cell::Text(text) => {
+                array.is_valid(row) && array.as_string_opt::<i32>().is_some_and(|texts| texts.value(row) == text)
+            }
+            other => Cell::of(array, row) == *other,
+        }
+    }
+
+    /// Missing values last.
+    fn order(&self, other: &Cell) -> Ordering {
+        match (self, other) {
+            (Cell::Flag(a), Cell::Flag(b)) => a.cmp(b),
+            (Cell::Whole(a), Cell::Whole(b)) => a.cmp(b),
+            (Cell::Number(a), Cell::Number(b)) => a.total_cmp(b),
+            (Cell::Text(a), Cell::Text(b)) => a.cmp(b),
+            (a, b) => (*a == Cell::Missing).cmp(&(*b == Cell::Missing)),
+        }
+    }
+}
+
+fn in_order(a: &[Cell], b: &[Cell]) -> Ordering {
+    a.iter().zip(b).map(|(a, b)| a.order(b)).find(|o| o.is_ne()).unwrap_or(Ordering::Equal)
+}
+
+/// The rows of some files of the store.
+struct Parts {
+    files: Vec<Sealed>,
+    schema: SchemaRef,
+    /// The row group that was read last.
+    held: Option<(usize, usize, RecordBatch)>,
+}
+
+fn unreadable(sealed: &Sealed, e: &dyn std::fmt::Display) -> Fault {
+    Fault::machine(format!("cannot read {}: {e}", sealed.path().display()))
+        .help("run the spec again: damaged results are recomputed")
+}
+
+impl Parts {
+    fn open(version: &Version, table: &str) -> Result<Parts, Fault> {
+        let listed = version.manifest.tables.iter().find(|t| t.name == table);
+        let listed = listed.ok_or_else(|| Fault::machine(format!("the store has no table `{table}`")))?;
+        let open = |path: &Path| {
+            Sealed::open(path).map_err(|e| Fault::machine(format!("cannot read {}: {e}", path.display())))
+        };
+        let files = listed.files.iter().map(|f| open(&version.folder.join(&f.name))).collect::<Result<Vec<_>, _>>()?;
+        let schema = files.first().map(|f| f.schema().clone());
+        let schema = schema.ok_or_else(|| Fault::machine(format!("the table `{table}` has no files")))?;
+        Ok(Parts { files, schema, held: None })
+    }
+
+    /// The rows of each key, in the order of the store.
+    fn pieces(&self, axes: &[String]) -> Result<Vec<Piece>, Fault> {
+        let mut pieces: Vec<Piece> = vec![];
+        for (at, file) in self.files.iter().enumerate() {
+            let place = |name: &str| file.schema().index_of(name).ok();
+            let keys: Vec<usize> = axes.iter().filter_map(|a| place(a)).collect();
+            let names = [place("flight"), place("line")];
+            for (group, span) in file.starts().windows(2).enumerate() {
+                let [from, to] = span else { continue };
+                let column = |i: usize| file.column(group, i).map_err(|e| unreadable(file, &e));
+                let arrays = keys.iter().map(|i| column(*i)).collect::<Result<Vec<_>, _>>()?;
+                let names = names.iter().map(|i| i.map(&column).transpose()).collect::<Result<Vec<_>, _>>()?;
+                let text = |i: usize, row: usize| {
+                    let array = names.get(i)?.as_ref()?.as_string_opt::<i32>()?;
+                    array.is_valid(row).then(|| array.value(row))
+                };
+                for row in 0..to - from {
+                    let same = |p: &Piece| {
+                        p.file == at
+                            && p.group == group
+                            && p.flight.as_deref() == text(0, row)
+                            && p.line.as_deref() == text(1, row)
+                            && arrays.iter().zip(&p.axes).all(|(array, cell)| cell.is(array, row))
+                    };
+                    match pieces.last_mut() {
+                        Some(piece) if same(piece) => piece.rows += 1,
+                        _ => pieces.push(Piece {
+                            file: at,
+                            group,
+                            from: row,
+                            rows: 1,
+                            axes: arrays.iter().map(|a| Cell::of(a, row)).collect(),
+                            flight: text(0, row).map(str::to_owned),
+                            line: text(1, row).map(str::to_owned),
+                        }),
+                    }
+                }
+            }
+        }
+        Ok(pieces)
+    }
+
+    fn rows(&mut self, piece: &Piece) -> Result<RecordBatch, Fault> {
+        let held = self.held.as_ref().filter(|(file, group, _)| (*file, *group) == (piece.file, piece.group));
+        let batch = match held {
+            Some((_, _, batch)) => batch.clone(),
+            None => {
+                let file = self.files.get(piece.file).ok_or_else(|| Fault::bug("a file that is not open"))?;
+                let columns = (0..file.schema().fields().len())
+                    .map(|i| file.column(piece.group, i).map_err(|e| unreadable(file, &e)))
+                    .collect::<Result<Vec<_>, _>>()?;
+                let batch = RecordBatch::try_new(self.schema.clone(), columns).map_err(|e| unreadable(file, &e))?;
+                self.held = Some((piece.file, piece.group, batch.clone()));
+                batch
+            }
+        };
+        Ok(batch.slice(piece.from, piece.rows))
+    }
+}
+
+/// What the name of a folder can hold of an identifier: other bytes are spelt as `%` and two hexadecimal digits.
+fn folder_name(identifier: &str) -> String {
+    let plain = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'-' | b'_');
+    identifier.bytes().map(|b| if plain(b) { char::from(b).to_string() } else { format!("%{b:02X}") }).collect()
+}
+
+/// The file of a line.
+fn line_path(table: &str, flight: &str, line: &str) -> String {
+    let [flight_key, line_key] = PARTITIONS;
+    let (flight, line) = (folder_name(flight), folder_name(line));
+    format!("data/{table}/{flight_key}=flight-{flight}/{line_key}=line-{line}/part-0.parquet")
+}
+
+/// Writes the files of a table and counts their values.
+struct Files<'a> {
+    root: &'a Path,
+    schema: SchemaRef,
+    sorted_by: Vec<String>,
+    values: Vec<Values>,
+    files: Vec<DataFile>,
+}
+
+impl<'a> Files<'a> {
+    fn new(root: &'a Path, schema: &SchemaRef, sorted_by: Vec<String>) -> Files<'a> {
+        let values = vec![Values::default(); schema.fields().len()];
+        Files { root, schema: schema.clone(), sorted_by, values, files: vec![] }
+    }
+
+    fn write(
+        &mut self,
+        path: String,
+        key: Option<(&str, &str)>,
+        batches: impl IntoIterator<Item = Result<RecordBatch, Fault>>,
+    ) -> Result<(), Fault> {
+        let full = self.root.join(&path);
+        let mut writer = parquet::Writer::new(&full, &self.schema, &self.sorted_by)?;
+        for batch in batches {
+            let batch = batch?;
+            self.values.iter_mut().zip(batch.columns()).for_each(|(values, array)| parquet::count(values, array));
+            writer.add(batch)?;
+        }
+        let rows = writer.finish()?;
+        let sum = checksums::of_file(&full, |_| {});
+        let (bytes, sha256) = sum.map_err(|e| Fault::machine(format!("cannot read {}: {e}", full.display())))?;
+        let (flight, line) = key.map(|(f, l)| (f.to_owned(), l.to_owned())).unzip();
+        self.files.push(DataFile { path, flight, line, rows, bytes, sha256 });
+        Ok(())
+    }
+
+    fn table(self, name: &str, kind: &str, axes: &[String], by_line: bool) -> Table {
+        let mut columns = parquet::columns(&self.schema);
+        columns.iter_mut().zip(&self.values).for_each(|(column, values)| column.values = *values);
+        Table {
+            name: name.to_owned(),
+            kind: kind.to_owned(),
+            stage: None,
+            description: String::new(),
+            axes: axes.to_vec(),
+            sorted_by: self.sorted_by,
+            partitions: if by_line { PARTITIONS.map(str::to_owned).to_vec() } else { vec![] },
+            rows: self.files.iter().map(|f| f.rows).sum(),
+            columns,
+            files: self.files,
+        }
+    }
+}
+
+/// Writes the table `t` of a plan, as its last run left it in `version`, below `root`.
+///
+/// # Errors
+/// When the store is damaged, or the file system refuses.
+pub fn of_stage(graph: &Graph, version: &Version, t: usize, root: &Path) -> Result<Table, Fault> {
+    let plan = graph.plan;
+    let node = plan.tables.get(t).ok_or_else(|| Fault::bug("a table that is not planned"))?;
+    let axes = node.axes.iter().filter_map(|i| plan.spec.axes.get(*i)).map(|a| a.name.clone());
+    let mut parts = Parts::open(version, &node.name)?;
+    let axes: Vec<String> = axes.filter(|a| parts.schema.index_of(a).is_ok()).collect();
+    let mut pieces = parts.pieces(&axes)?;
+    let has = |name: &str| parts.schema.index_of(name).is_ok();
+    let (kind, by_line) = match node.entry.yields {
+        TableKind::Lines => ("flight lines", has("flight") && has("line")),
+        TableKind::Scores => ("scores", false),
+        TableKind::Model => ("model", false),
+        TableKind::Map => ("map", false),
+    };
+    let mut sorted_by = axes.clone();
+    if by_line {
+        sorted_by.extend(has("tt").then(|| "tt".to_owned()));
+    } else if node.entry.yields == TableKind::Scores {
+        sorted_by.extend(["flight", "line"].into_iter().filter(|k| has(k)).map(str::to_owned));
+    }
+    let key = |p: &Piece| (p.flight.clone(), p.line.clone());
+    let schema = parts.schema.clone();
+    let mut files = Files::new(root, &schema, sorted_by);
+    if by_line {
+        let mut lines: BTreeMap<(Option<String>, Option<String>), Vec<Piece>> = BTreeMap::new();
+        pieces.into_iter().for_each(|p| lines.entry(key(&p)).or_default().push(p));
+        for ((flight, line), mut pieces) in lines {
+            // Rows of equal keys stay in their order, which is that of time.
+            pieces.sort_by(|a, b| in_order(&a.axes, &b.axes));
+            let (flight, line) = (flight.unwrap_or_default(), line.unwrap_or_default());
+            let path = line_path(&node.name, &flight, &line);
+            files.write(path, Some((&flight, &line)), pieces.iter().map(|p| parts.rows(p)))?;
+        }
+    } else {
+        pieces.sort_by(|a, b| in_order(&a.axes, &b.axes).then_with(|| key(a).cmp(&key(b))));
+        files.write(format!("data/{}/part-0.parquet", node.name), None, pieces.iter().map(|p| parts.rows(p)))?;
+    }
+    Ok(files.table(&node.name, kind, &axes, by_line))
+}
+
+/// Writes the table of flights `i` of a plan, as it was read from files, below `root`.
+///
+/// # Errors
+/// When the store is damaged, or the file system refuses.
+pub fn of_flights(graph: &Graph, store: &Store, i: usize, root: &Path) -> Result<Table, Fault> {
+    let flights = graph.plan.flights.get(i).ok_or_else(|| Fault::bug("a table that is not planned"))?;
+    let keys = [("flight", "flight identifier"), ("line", "line identifier")];
+    let of_keys = keys.map(|(name, about)| Arc::new(field(name, DataType::Utf8, "", Role::Key, about)));
+    let others = flights.schema.fields().iter().filter(|f| keys.iter().all(|(name, _)| f.name() != name)).cloned();
+    let schema: SchemaRef = Arc::new(arrow_schema::Schema::new(of_keys.into_iter().chain(others).collect::<Vec<_>>()));
+    let sorted_by = schema.index_of("tt").map(|_| "tt".to_owned()).into_iter().collect();
+    let mut files = Files::new(root, &schema, sorted_by);
+    for record in graph.records.get(i).into_iter().flat_map(BTreeMap::values).filter(|r| r.fault.is_none()) {
+        let whole = store.whole(record.object)?;
+        let column = |f: &Arc<arrow_schema::Field>| -> Result<ArrayRef, Fault> {
+            let name = match f.name().as_str() {
+                "flight" => Some(&record.flight),
+                "line" => Some(&record.line),
+                _ => None,
+            };
+            match (name, whole.column_by_name(f.name())) {
+                (Some(name), _) => Ok(Arc::new(StringArray::from(vec![name.as_str(); whole.num_rows()]))),
+                (None, Some(array)) if array.data_type() == f.data_type() => Ok(array.clone()),
+                (None, Some(array)) => {
+                    arrow_cast::cast(array, f.data_type()).map_err(|e| Fault::machine(e.to_string()))
+                }
+                (None, None) => Ok(new_null_array(f.data_type(), whole.num_rows())),
+            }
+        };
+        let columns = schema.fields().iter().map(column).collect::<Result<Vec<_>, _>>()?;
+        let batch = RecordBatch::try_new(schema.clone(), columns).map_err(|e| Fault::machine(e.to_string()));
+        let path = line_path(&flights.name, &record.flight, &record.line);
+        files.write(path, Some((&record.flight, &record.line)), [batch])?;
+    }
+    Ok(files.table(&flights.name, "flight lines", &[], true))
+}
+
+/// Writes the map `i` of a plan, as it was read from its file, below `root`.
+///
+/// # Errors
+/// When the store is damaged, or the file system refuses.
+pub fn of_map(graph: &Graph, store: &Store, i: usize, root: &Path) -> Result<Table, Fault> {
+    let (map, key) =
+        graph.plan.maps.get(i).zip(graph.maps.get(i)).ok_or_else(|| Fault::bug("a map that is not planned"))?;
+    let batch = map_batch(store, *key)?;
+    let mut files = Files::new(root, &batch.schema(), vec![]);
+    files.write(format!("data/{}/part-0.parquet", map.name), None, [Ok(batch)])?;
+    Ok(files.table(&map.name, "map", &[], false))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_a_folder_is_named_so_that_it_can_be_read_back_and_is_no_number() {
+        assert_eq!(
+            line_path("clean", "1003", "1003.10"),
+            "data/clean/flight_id=flight-1003/line_id=line-1003.10/part-0.parquet"
+        );
+        assert_eq!(folder_name("a b/../c=\u{e9}%"), "a%20b%2F..%2Fc%3D%C3%A9%25");
+    }
+
+    #[test]
+    fn law_cells_are_in_a_total_order_with_missing_ones_last() {
+        let cells = [Cell::Number(-1.0), Cell::Number(0.5), Cell::Number(10.0), Cell::Missing];
+        for (i, a) in cells.iter().enumerate() {
+            for (j, b) in cells.iter().enumerate() {
+                assert_eq!(a.order(b), i.cmp(&j), "{a:?} {b:?}");
+            }
+        }
+        assert_eq!(Cell::Text("10".into()).order(&Cell::Text("9".into())), Ordering::Less);
+    }
+}

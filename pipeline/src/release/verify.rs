@@ -1,0 +1,226 @@
+//! `magline verify DIR`: whether a published set is as it was written, and whether what it says of itself is true.
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use arrow_array::cast::AsArray;
+use rayon::prelude::*;
+use schemas::Fault;
+
+use super::{
+    checksums,
+    documents::{self, DICTIONARY, LOCK},
+    folder, parquet,
+    set::{DataFile, Dictionary, FORMAT, Lock, Set, Table, Values},
+};
+
+/// The result of checking a set.
+#[derive(Debug, Default)]
+pub struct Verified {
+    /// Files that were read.
+    pub files: usize,
+    /// Rows of all tables.
+    pub rows: u64,
+    /// What is wrong: the file, and why.
+    pub faults: Vec<(String, String)>,
+}
+
+impl Verified {
+    fn push(&mut self, file: &str, why: impl Into<String>) {
+        self.faults.push((file.to_owned(), why.into()));
+    }
+}
+
+/// Checks the set in the folder `root`: sums, files, every value of every table, and the documents against these.
+///
+/// # Errors
+/// When there is no published set, or the folder cannot be read.
+pub fn verify(root: &Path) -> Result<Verified, Fault> {
+    let read = |name: &str| fs::read_to_string(root.join(name));
+    if !root.join(checksums::NAME).exists() && !root.join(DICTIONARY).exists() {
+        let fault = Fault::new(format!("{} is not a published data set", root.display()));
+        return Err(fault.help(format!("there is no file {} in it; a store is checked by `--store`", checksums::NAME)));
+    }
+    let mut found = Verified::default();
+    let there = folder::files(root).map_err(|e| Fault::machine(format!("cannot read {}: {e}", root.display())))?;
+    sums(root, &there, &mut found);
+    let dictionary = read(DICTIONARY).map_err(|e| e.to_string()).and_then(|text| parsed::<Dictionary>(&text));
+    let lock = read(LOCK).map_err(|e| e.to_string()).and_then(|text| parsed::<Lock>(&text));
+    let (dictionary, lock) = match (dictionary, lock) {
+        (Ok(dictionary), Ok(lock)) => (dictionary, lock),
+        (dictionary, lock) => {
+            dictionary.err().into_iter().for_each(|e| found.push(DICTIONARY, e));
+            lock.err().into_iter().for_each(|e| found.push(LOCK, e));
+            return Ok(found);
+        }
+    };
+    for (name, format) in [(DICTIONARY, &dictionary.format), (LOCK, &lock.format)] {
+        if format != FORMAT {
+            found.push(name, format!("its format is `{format}`, but this version reads `{FORMAT}`"));
+            return Ok(found);
+        }
+    }
+    let mut set = Set { dictionary, lock };
+    inputs(&set, root, &mut found);
+    listed(&set, &there, &mut found);
+    let tables: Vec<Checked> = set.dictionary.tables.par_iter().map(|table| check(root, table)).collect();
+    for (table, checked) in set.dictionary.tables.iter_mut().zip(tables) {
+        found.faults.extend(checked.faults);
+        found.rows += checked.rows;
+        table.rows = checked.rows;
+        table.columns.iter_mut().zip(checked.values).for_each(|(column, values)| column.values = values);
+    }
+    agree(&set, root, &mut found)?;
+    Ok(found)
+}
+
+fn parsed<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+    serde_json::from_str(text).map_err(|e| format!("it cannot be read: {e}"))
+}
+
+/// Files against their sums.
+fn sums(root: &Path, there: &[String], found: &mut Verified) {
+    let text = fs::read_to_string(root.join(checksums::NAME)).map_err(|e| e.to_string());
+    let sums = match text.and_then(|text| checksums::read(&text)) {
+        Ok(sums) => sums,
+        Err(why) => {
+            found.push(checksums::NAME, why);
+            BTreeMap::new()
+        }
+    };
+    let each: Vec<Option<(String, String)>> = sums
+        .par_iter()
+        .map(|(path, sum)| {
+            let full = root.join(path);
+            let why = match fs::symlink_metadata(&full) {
+                Err(e) if e.kind() == std::io::ErrorKind::NotFound => Some("it is missing".to_owned()),
+                Err(e) => Some(e.to_string()),
+                Ok(about) if !about.is_file() => Some("it is not a regular file".to_owned()),
+                Ok(_) => match checksums::of_file(&full, |_| {}) {
+                    Ok((_, now)) => (now != *sum).then(|| "its checksum is wrong".to_owned()),
+                    Err(e) => Some(e.to_string()),
+                },
+            };
+            why.map(|why| (path.clone(), why))
+        })
+        .collect();
+    found.files = sums.len();
+    found.faults.extend(each.into_iter().flatten());
+    for extra in there.iter().filter(|f| *f != checksums::NAME && !sums.contains_key(*f)) {
+        found.push(extra, "it is not part of the data set");
+    }
+}
+
+/// The spec and the inputs that are included against the lock.
+fn inputs(set: &Set, root: &Path, found: &mut Verified) {
+    let mut check = |path: &str, sha256: &str| {
+        if !checksums::is_inside(path) {
+            found.push(LOCK, format!("the path `{path}` leads out of the folder"));
+        } else if let Ok((_, now)) = checksums::of_file(&root.join(path), |_| {})
+            && now != sha256
+        {
+            found.push(path, format!("it has another checksum in {LOCK}"));
+        }
+    };
+    check(&set.lock.spec, &set.lock.spec_sha256);
+    for input in &set.lock.inputs {
+        input.included.iter().for_each(|path| check(path, &input.sha256));
+    }
+}
+
+/// The files of `data/` against those that the dictionary lists.
+fn listed(set: &Set, there: &[String], found: &mut Verified) {
+    let listed: Vec<&String> = set.dictionary.tables.iter().flat_map(|t| t.files.iter().map(|f| &f.path)).collect();
+    for path in there.iter().filter(|p| p.starts_with("data/") && !listed.contains(p)) {
+        found.push(path, format!("it is not in {DICTIONARY}"));
+    }
+}
+
+/// What the files of a table hold.
+struct Checked {
+    faults: Vec<(String, String)>,
+    rows: u64,
+    values: Vec<Values>,
+}
+
+fn check(root: &Path, table: &Table) -> Checked {
+    let mut checked = Checked { faults: vec![], rows: 0, values: vec![Values::default(); table.columns.len()] };
+    for file in &table.files {
+        let read = if checksums::is_inside(&file.path) {
+            check_file(root, table, file, &mut checked.values)
+        } else {
+            Err("its path leads out of the folder".to_owned())
+        };
+        match read {
+            Ok(rows) => checked.rows += rows,
+            Err(why) => checked.faults.push((file.path.clone(), why)),
+        }
+    }
+    checked
+}
+
+/// Reads every value of a file; its rows.
+fn check_file(root: &Path, table: &Table, file: &DataFile, values: &mut [Values]) -> Result<u64, String> {
+    let path = root.join(&file.path);
+    let (bytes, sum) = checksums::of_file(&path, |_| {}).map_err(|e| e.to_string())?;
+    if (bytes, &sum) != (file.bytes, &file.sha256) {
+        return Err(format!("its size or checksum is another one in {DICTIONARY}"));
+    }
+    let mut rows = 0;
+    let schema = parquet::read(&path, |batch| {
+        rows += batch.num_rows() as u64;
+        values.iter_mut().zip(batch.columns()).for_each(|(values, array)| parquet::count(values, array));
+        for (name, wanted) in [("flight", &file.flight), ("line", &file.line)] {
+            let (Some(wanted), Some(array)) = (wanted, batch.column_by_name(name)) else { continue };
+            let texts = array.as_string_opt::<i32>().ok_or_else(|| format!("`{name}` is not text"))?;
+            if texts.iter().any(|x| x != Some(wanted.as_str())) {
+                return Err(format!("it holds rows of another {name} than `{wanted}`"));
+            }
+        }
+        Ok(())
+    })?;
+    let bare = |c: &super::set::Column| {
+        (c.name.clone(), c.kind.clone(), c.unit.clone(), c.role.clone(), c.description.clone())
+    };
+    let (own, told) = (parquet::columns(&schema), &table.columns);
+    if own.len() != told.len() {
+        return Err(format!("it has {} columns, but {} in {DICTIONARY}", own.len(), told.len()));
+    }
+    if let Some((own, told)) =
+        own.iter().zip(told).find(|(own, told)| bare(own) != bare(told) || own.terms != told.terms)
+    {
+        let shown = |c: &super::set::Column| format!("`{}`, {} [{}], role {}", c.name, c.kind, c.unit, c.role);
+        return Err(format!("it has the column {}; {DICTIONARY} has {}", shown(own), shown(told)));
+    }
+    if rows != file.rows {
+        return Err(format!("it has {rows} rows, but {} in {DICTIONARY}", file.rows));
+    }
+    Ok(rows)
+}
+
+/// The documents against those that the set, with the values of its files, gives.
+fn agree(set: &Set, root: &Path, found: &mut Verified) -> Result<(), Fault> {
+    for (path, wanted) in documents::all(set)? {
+        let Ok(text) = fs::read_to_string(root.join(&path)) else {
+            if !root.join(&path).exists() {
+                found.push(&path, "it is missing");
+            }
+            continue;
+        };
+        if text == wanted {
+            continue;
+        }
+        let lines = text.lines().zip(wanted.lines()).position(|(a, b)| a != b);
+        let at = lines.unwrap_or_else(|| text.lines().count().min(wanted.lines().count()));
+        let cut = |text: &str| text.lines().nth(at).unwrap_or("the end").trim().chars().take(100).collect::<String>();
+        found.push(
+            &path,
+            format!(
+                "it does not agree with the data: line {} is `{}`, and would be `{}`",
+                at + 1,
+                cut(&text),
+                cut(&wanted)
+            ),
+        );
+    }
+    Ok(())
+}

@@ -1,0 +1,452 @@
+//! `magline publish` and `magline verify DIR`: a set that is whole, true to itself, the same each time, and holds nothing
+//! that is restricted.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::Path,
+    process::Output,
+};
+
+use arrow_array::RecordBatch;
+use parquet::{
+    basic::Compression,
+    file::{reader::FileReader, serialized_reader::SerializedFileReader},
+};
+use serde_json::Value;
+
+use crate::support::{Bench, SPEC, numbers, read, stderr, stdout, texts};
+
+const FACTS: &str = r#"
+[publish]
+title       = "Small flights"
+description = "Two simulated flights."
+licence     = "CC-BY-4.0"
+date        = "2026-11-23"
+contact     = "data@example.org"
+keywords    = ["aeromagnetic"]
+[[publish.authors]]
+given  = "Ada"
+family = "Lovelace"
+"#;
+
+/// A spec with facts, some of its text replaced.
+fn spec(changes: &[(&str, &str)]) -> String {
+    let text = SPEC.to_owned() + FACTS;
+    changes.iter().fold(text, |text, (from, to)| {
+        assert!(text.contains(from), "{from}");
+        text.replacen(from, to, 1)
+    })
+}
+
+/// One that was run.
+fn ran(changes: &[(&str, &str)]) -> Bench {
+    let bench = Bench::new();
+    bench.spec(&spec(changes));
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{} {}", done.stderr, done.last);
+    bench
+}
+
+fn publish(bench: &Bench, tables: &[&str], more: &[&str]) -> Output {
+    let args: Vec<&str> = ["publish", "spec.toml"].iter().chain(tables).chain(more).copied().collect();
+    bench.magline(&args)
+}
+
+fn published(bench: &Bench, tables: &[&str], to: &str, more: &[&str]) -> String {
+    let more: Vec<&str> = ["--to", to].iter().chain(more).copied().collect();
+    let output = publish(bench, tables, &more);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    stdout(&output)
+}
+
+fn refused(output: &Output) -> String {
+    assert_eq!(output.status.code(), Some(2), "{}{}", stdout(output), stderr(output));
+    stderr(output)
+}
+
+/// Every file of a folder with its bytes.
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    fn walk(folder: &Path, prefix: &str, found: &mut BTreeMap<String, Vec<u8>>) {
+        for entry in fs::read_dir(folder).unwrap().flatten() {
+            let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
+            if entry.path().is_dir() {
+                walk(&entry.path(), &format!("{name}/"), found);
+            } else {
+                found.insert(name, fs::read(entry.path()).unwrap());
+            }
+        }
+    }
+    let mut found = BTreeMap::new();
+    walk(folder, "", &mut found);
+    found
+}
+
+fn verify(bench: &Bench, folder: &str) -> (Option<i32>, String) {
+    let output = bench.magline(&["verify", folder]);
+    (output.status.code(), stdout(&output) + &stderr(&output))
+}
+
+fn json(bench: &Bench, file: &str) -> Value {
+    serde_json::from_slice(&fs::read(bench.path(file)).unwrap()).unwrap()
+}
+
+const LINES: [(&str, &str); 4] = [("1", "1.01"), ("1", "1.02"), ("2", "2.01"), ("2", "2.02")];
+
+fn line_folder(set: &str, table: &str, flight: &str, line: &str) -> String {
+    format!("{set}/data/{table}/flight_id=flight-{flight}/line_id=line-{line}")
+}
+
+#[test]
+fn user_a_published_set_holds_the_rows_of_the_run_and_verifies() {
+    let bench = ran(&[]);
+    published(&bench, &["scores", "clean", "coefficients", "flights", "anomaly"], "set", &[]);
+    let (code, said) = verify(&bench, "set");
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("all as published"), "{said}");
+    // The rows are those of the store, in the order of axes and time.
+    let sums = |batches: &[RecordBatch], column: &str| numbers(batches, column).iter().sum::<f64>();
+    let stored = read(&bench.path("store/tables/small/clean"));
+    let parts: Vec<RecordBatch> =
+        LINES.iter().flat_map(|(f, l)| read(&bench.path(&line_folder("set", "clean", f, l)))).collect();
+    assert_eq!(numbers(&parts, "tt").len(), numbers(&stored, "tt").len());
+    for column in ["mag_c", "mag_aircraft", "lambda", "tt"] {
+        let (a, b) = (sums(&parts, column), sums(&stored, column));
+        assert!((a - b).abs() <= 1e-9 * b.abs(), "{column}: {a} {b}");
+    }
+    for (flight, line) in LINES {
+        let rows = read(&bench.path(&line_folder("set", "clean", flight, line)));
+        assert_eq!(texts(&rows, "line").into_iter().collect::<BTreeSet<_>>(), [line.to_owned()].into());
+        let keys: Vec<(String, String, f64, f64)> = texts(&rows, "mag")
+            .into_iter()
+            .zip(texts(&rows, "vector"))
+            .zip(numbers(&rows, "lambda").into_iter().zip(numbers(&rows, "tt")))
+            .map(|((mag, vector), (lambda, tt))| (mag, vector, lambda, tt))
+            .collect();
+        assert!(keys.is_sorted_by(|a, b| a < b), "{line}: keys ascend, and none is there twice");
+    }
+    // A table of files is published as it was read.
+    let flown = read(&bench.path(&line_folder("set", "flights", "1", "1.02")));
+    assert_eq!(numbers(&flown, "mag_4_uc").len(), 500);
+    // Compressed by zstd, with statistics.
+    let file = fs::File::open(bench.path("set/data/scores/part-0.parquet")).unwrap();
+    let metadata = SerializedFileReader::new(file).unwrap().metadata().clone();
+    let chunk = metadata.row_group(0).column(0);
+    assert!(matches!(chunk.compression(), Compression::ZSTD(_)) && chunk.statistics().is_some());
+}
+
+#[test]
+fn user_the_same_run_gives_the_same_bytes_on_any_number_of_threads() {
+    let bench = ran(&[]);
+    let tables = ["scores", "clean", "flights", "anomaly"];
+    published(&bench, &tables, "one", &["--threads", "1"]);
+    // Computed anew in another store, on other threads, point by point.
+    for lambda in ["[0.025]", "[0.0, 0.025]"] {
+        let set = format!("axes.lambda={lambda}");
+        let done = bench.run(&["--set", &set, "--set", "store=other", "--threads", "2"]);
+        assert_eq!(done.code, 0, "{}", done.stderr);
+    }
+    published(&bench, &tables, "two", &["--threads", "2", "--set", "store=other"]);
+    let (one, two) = (files(&bench.path("one")), files(&bench.path("two")));
+    assert_eq!(one.keys().collect::<Vec<_>>(), two.keys().collect::<Vec<_>>());
+    one.iter().for_each(|(name, bytes)| assert!(two.get(name) == Some(bytes), "{name} differs"));
+    let folder = bench.folder.path().display().to_string();
+    for (name, bytes) in &one {
+        assert!(!String::from_utf8_lossy(bytes).contains(&folder), "{name} names a path of the machine");
+    }
+}
+
+#[test]
+fn user_the_published_spec_gives_the_same_bytes_again() {
+    let bench = ran(&[("date ", "include_inputs = true\ndate ")]);
+    let tables = ["scores", "clean", "flights"];
+    published(&bench, &tables, "set", &["--set", "publish.version=2.0.0"]);
+    let lock = json(&bench, "set/pipeline/lock.json");
+    let path = format!("set/{}", lock["spec"].as_str().unwrap());
+    fs::remove_dir_all(bench.path("store")).unwrap();
+    fs::remove_dir_all(bench.path("flights")).unwrap();
+    let done = bench.magline(&["run", &path, "--set", "store=../../again"]);
+    assert_eq!(done.status.code(), Some(0), "{}", stderr(&done));
+    let more = ["--to", "copy", "--set", "store=../../again", "--set", "publish.version=2.0.0"];
+    let args: Vec<&str> = ["publish", &path].into_iter().chain(tables).chain(more).collect();
+    let output = bench.magline(&args);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let (one, two) = (files(&bench.path("set")), files(&bench.path("copy")));
+    assert_eq!(one.keys().collect::<Vec<_>>(), two.keys().collect::<Vec<_>>());
+    one.iter().for_each(|(name, bytes)| assert!(two.get(name) == Some(bytes), "{name} differs"));
+}
+
+#[test]
+fn user_inputs_that_are_not_included_are_named_by_their_hashes() {
+    let bench = ran(&[]);
+    published(&bench, &["scores"], "set", &[]);
+    let lock = json(&bench, "set/pipeline/lock.json");
+    let inputs = lock["inputs"].as_array().unwrap();
+    let flight = inputs.iter().find(|i| i["file"] == "flights/1.parquet").unwrap();
+    let blake3 = blake3_of(&bench.path("flights/1.parquet"));
+    assert_eq!((flight["included"].clone(), flight["blake3"].clone()), (Value::Null, Value::String(blake3)));
+    assert_eq!(lock["stages"].as_array().unwrap().len(), 6);
+    assert!(lock["stages"].as_array().unwrap().iter().all(|s| s["version"].is_u64() && s["key"].is_string()));
+}
+
+/// As the store's lineage names it.
+fn blake3_of(path: &Path) -> String {
+    let folder = path.parent().unwrap().parent().unwrap();
+    let output = crate::support::magline(folder, &["lineage", "small.even"]);
+    let text = stdout(&output);
+    let line = text.lines().find(|l| l.contains(&*path.file_name().unwrap().to_string_lossy())).unwrap();
+    line.rsplit(' ').next().unwrap().to_owned()
+}
+
+#[test]
+fn user_every_damage_to_a_set_is_found_and_named() {
+    let bench = ran(&[]);
+    published(&bench, &["scores", "clean"], "set", &[]);
+    let original = files(&bench.path("set"));
+    let data = format!("{}/part-0.parquet", line_folder("set", "clean", "1", "1.02"));
+    let restore = || {
+        fs::remove_dir_all(bench.path("set")).unwrap();
+        for (name, bytes) in &original {
+            let path = bench.path("set").join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, bytes).unwrap();
+        }
+    };
+    let found = |what: &str, wanted: &[&str]| {
+        let (code, said) = verify(&bench, "set");
+        assert_eq!(code, Some(1), "{what}: {said}");
+        wanted.iter().for_each(|w| assert!(said.contains(w), "{what}: {w}: {said}"));
+        restore();
+    };
+    // A flipped bit, a cut file, a missing and an extra one, in any file.
+    for name in original.keys() {
+        let path = bench.path("set").join(name);
+        let mut bytes = original[name].clone();
+        let at = bytes.len() / 2;
+        bytes[at] ^= 1;
+        fs::write(&path, &bytes).unwrap();
+        found(&format!("a flipped bit in {name}"), &[name]);
+        fs::write(&path, &original[name][..at]).unwrap();
+        found(&format!("{name} cut"), &[name]);
+        fs::remove_file(&path).unwrap();
+        found(&format!("{name} missing"), &[name]);
+    }
+    fs::write(bench.path("set/data/clean/more.parquet"), "x").unwrap();
+    found("an extra file", &["data/clean/more.parquet: it is not part of the data set"]);
+    fs::write(bench.path("set/.hidden"), "x").unwrap();
+    found("a hidden file", &[".hidden"]);
+    // Changes whose sums were made again: the documents must agree with the data.
+    let resum = || {
+        let all = files(&bench.path("set"));
+        let sum = |name: &String| {
+            let output = std::process::Command::new("sha256sum").arg(bench.path("set").join(name)).output().unwrap();
+            format!("{}  {name}\n", &String::from_utf8(output.stdout).unwrap()[..64])
+        };
+        let text: String = all.keys().filter(|n| *n != "SHA256SUMS").map(sum).collect();
+        fs::write(bench.path("set/SHA256SUMS"), text).unwrap();
+    };
+    let edit = |name: &str, from: &str, to: &str| {
+        let path = bench.path("set").join(name);
+        let text = fs::read_to_string(&path).unwrap();
+        assert!(text.contains(from), "{name}: {from}");
+        fs::write(path, text.replacen(from, to, 1)).unwrap();
+        resum();
+    };
+    for (name, from, to) in [
+        ("dictionary.json", "\"unit\": \"nT\"", "\"unit\": \"pT\""),
+        ("dictionary.json", "\"rows\": ", "\"rows\": 1"),
+        ("dictionary.json", "\"missing\": 0", "\"missing\": 1"),
+        ("dictionary.json", "\"role\": \"derived\"", "\"role\": \"sensor\""),
+        ("croissant.json", "Two simulated flights.", "Three simulated flights."),
+        ("datapackage.json", "CC-BY-4.0", "CC0-1.0"),
+        ("ro-crate-metadata.json", "2026-11-23", "2026-11-24"),
+        ("CITATION.cff", "Lovelace", "Byron"),
+        ("DICTIONARY.md", "nT", "pT"),
+        ("schemas/clean.json", "number", "integer"),
+        ("pipeline/lock.json", "\"spec_sha256\": \"", "\"spec_sha256\": \"0"),
+        ("pipeline/spec.toml", "seed  = 1", "seed  = 2"),
+        ("README.md", "Small", "Large"),
+    ] {
+        edit(name, from, to);
+        found(&format!("{name}: {from} -> {to}"), &[name]);
+    }
+    // A line in the place of another, with its sum.
+    let other = format!("{}/part-0.parquet", line_folder("set", "clean", "2", "2.02"));
+    fs::copy(bench.path(&other), bench.path(&data)).unwrap();
+    resum();
+    found("another line's rows", &[data.strip_prefix("set/").unwrap()]);
+    let (code, said) = verify(&bench, "set");
+    assert_eq!(code, Some(0), "{said}");
+    // A folder that is no set, and a store.
+    assert_eq!(verify(&bench, "flights").0, Some(2));
+    assert_eq!(verify(&bench, "store").0, Some(0));
+}
+
+#[test]
+fn user_a_folder_that_is_no_published_set_is_never_overwritten() {
+    let bench = ran(&[]);
+    fs::create_dir(bench.path("mine")).unwrap();
+    fs::write(bench.path("mine/thesis.tex"), "years of work").unwrap();
+    for more in [&["--to", "mine"][..], &["--to", "mine", "--replace"]] {
+        let said = refused(&publish(&bench, &["scores"], more));
+        assert!(said.contains("mine is a folder, but not a published data set"), "{said}");
+    }
+    assert_eq!(fs::read_to_string(bench.path("mine/thesis.tex")).unwrap(), "years of work");
+    published(&bench, &["scores"], "set", &[]);
+    // The same again changes nothing; another set needs to be told.
+    assert!(published(&bench, &["scores"], "set", &[]).contains("the same data set already"));
+    let before = files(&bench.path("set"));
+    let said = refused(&publish(&bench, &["coefficients"], &["--to", "set"]));
+    assert!(said.contains("--replace"), "{said}");
+    assert_eq!(files(&bench.path("set")), before);
+    // A file of another in the set is not lost either.
+    fs::write(bench.path("set/notes.txt"), "x").unwrap();
+    let said = refused(&publish(&bench, &["coefficients"], &["--to", "set", "--replace"]));
+    assert!(said.contains("notes.txt"), "{said}");
+    fs::remove_file(bench.path("set/notes.txt")).unwrap();
+    published(&bench, &["coefficients"], "set", &["--replace"]);
+    assert!(bench.path("set/data/coefficients").exists() && !bench.path("set/data/scores").exists());
+    assert_eq!(verify(&bench, "set").0, Some(0));
+    // Nothing is left beside it.
+    let hidden: Vec<String> = fs::read_dir(bench.folder.path())
+        .unwrap()
+        .flatten()
+        .map(|e| e.file_name().to_string_lossy().into_owned())
+        .filter(|n| n.starts_with('.'))
+        .collect();
+    assert!(hidden.is_empty(), "{hidden:?}");
+}
+
+#[test]
+fn user_what_is_missing_is_said_with_what_to_write() {
+    let bench = Bench::new();
+    let said = refused(&publish(&bench, &["scores"], &["--to", "set"]));
+    assert!(said.contains("[publish]") && said.contains("title"), "{said}");
+    bench.spec(&spec(&[]));
+    let said = refused(&publish(&bench, &["scores"], &["--to", "set"]));
+    assert!(said.contains("magline run spec.toml"), "{said}");
+    assert!(!bench.path("store").exists() && !bench.path("set").exists());
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let said = refused(&publish(&bench, &["score"], &["--to", "set"]));
+    assert!(said.contains("did you mean `scores`?"), "{said}");
+    // Results of another spec are not published under this one.
+    let said = refused(&publish(&bench, &["scores"], &["--to", "set", "--set", "axes.lambda=[0.5]"]));
+    assert!(said.contains("magline run spec.toml --set 'axes.lambda=[0.5]'"), "{said}");
+    // Slips in the facts are found by `check`, with their places.
+    for (from, to, wanted) in [
+        ("licence ", "license ", "did you mean `licence`?"),
+        ("2026-11-23", "2026-02-30", "is not a date"),
+        ("title       = \"Small flights\"\n", "", "`publish` needs `title`"),
+        ("given  = \"Ada\"\n", "", "`given` and `family`"),
+    ] {
+        bench.spec(&spec(&[(from, to)]));
+        let said = refused(&bench.magline(&["check", "spec.toml"]));
+        assert!(said.contains(wanted) && said.contains("spec.toml:"), "{wanted}: {said}");
+    }
+    bench.spec(&spec(&[("CC-BY-4.0", "My own")]));
+    let said = refused(&publish(&bench, &["scores"], &["--to", "set"]));
+    assert!(said.contains("licence_url"), "{said}");
+    assert!(!bench.path("set").exists());
+}
+
+const RESTRICTED: (&str, &str) =
+    ("path = \"flights/\"", "path = \"flights/\"\nrestricted = [\"mag_4_uc\"]\nreason = \"the survey agreement\"");
+
+#[test]
+fn user_what_is_made_from_a_restricted_column_does_not_go_out() {
+    let bench = ran(&[RESTRICTED, ("mag    = [\"mag_4_uc\", \"mag_5_uc\"]", "mag    = [\"mag_4_uc\"]")]);
+    // Through three stages, row by row.
+    for (table, chain) in [
+        ("clean", "clean.mag_c <- terms.mag_4_uc <- even.mag_4_uc <- flights.mag_4_uc"),
+        ("track", "clean.mag_c <- terms.mag_4_uc <- even.mag_4_uc <- flights.mag_4_uc"),
+        ("flights", "flights.mag_4_uc"),
+        ("even", "even.mag_4_uc <- flights.mag_4_uc"),
+    ] {
+        let said = refused(&publish(&bench, &[table], &["--to", "set"]));
+        assert!(said.contains(chain) && said.contains("the survey agreement"), "{table}: {said}");
+        assert!(said.contains("--include-restricted"), "{said}");
+        assert!(!bench.path("set").exists());
+    }
+    // Aggregates, and what is not made from it, go out, and nothing of it with them.
+    published(&bench, &["scores", "coefficients", "terms"], "set", &[]);
+    assert_eq!(json(&bench, "set/dictionary.json")["restricted"], Value::Array(vec![]));
+    let columns = read(&bench.path(&line_folder("set", "terms", "1", "1.01")));
+    assert!(columns[0].column_by_name("tl").is_some() && columns[0].column_by_name("mag_4_uc").is_none());
+    // Told to, it goes out and says so everywhere.
+    published(&bench, &["clean"], "told", &["--include-restricted"]);
+    let held = json(&bench, "told/dictionary.json")["restricted"].clone();
+    let names: BTreeSet<&str> = held.as_array().unwrap().iter().filter_map(|h| h["column"].as_str()).collect();
+    assert_eq!(names, ["mag_c", "mag_aircraft"].into_iter().filter(|n| names.contains(n)).collect::<BTreeSet<_>>());
+    assert!(names.contains("mag_c"), "{held}");
+    for file in ["README.md", "croissant.json", "ro-crate-metadata.json"] {
+        let text = fs::read_to_string(bench.path("told").join(file)).unwrap();
+        assert!(text.contains("the survey agreement"), "{file}");
+    }
+    assert_eq!(verify(&bench, "told").0, Some(0));
+}
+
+#[test]
+fn user_a_table_that_another_magnetometer_was_used_for_goes_out() {
+    // Only the other magnetometer is restricted: what is compensated is made from `mag_5_uc`.
+    let bench = ran(&[RESTRICTED, ("mag    = [\"mag_4_uc\", \"mag_5_uc\"]", "mag    = [\"mag_5_uc\"]")]);
+    published(&bench, &["clean", "track"], "set", &[]);
+    assert_eq!(verify(&bench, "set").0, Some(0));
+    // A model is an aggregate, of restricted columns too: so `mag_c` is not made from them row by row.
+    bench.spec(&spec(&[
+        ("path = \"flights/\"", "path = \"flights/\"\nrestricted = [\"mag_1_c\"]"),
+        ("mag    = [\"mag_4_uc\", \"mag_5_uc\"]", "mag    = [\"mag_5_uc\"]"),
+    ]));
+    assert_eq!(bench.run(&[]).code, 0);
+    published(&bench, &["clean", "scores"], "again", &[]);
+}
+
+#[test]
+fn user_whole_tables_embargoes_and_maps_are_protected() {
+    let of = |table: &str, more: &str| spec(&[(table, &format!("{table}\n{more}"))]);
+    let bench = ran(&[]);
+    let flights = "path = \"flights/\"";
+    let code = |text: &str, table: &str, to: &str| {
+        bench.spec(text);
+        let done = bench.run(&[]);
+        assert_eq!(done.code, 0, "{}", done.stderr);
+        let output = publish(&bench, &[table], &["--to", to]);
+        (output.status.code(), stderr(&output))
+    };
+    let (status, said) = code(&of(flights, "restricted = true"), "terms", "a");
+    assert_eq!(status, Some(2), "{said}");
+    assert_eq!(code(&of(flights, "restricted = true"), "scores", "b").0, Some(0));
+    let (status, said) = code(&of(flights, "embargo = \"2999-01-01\""), "even", "c");
+    assert!(status == Some(2) && said.contains("until 2999-01-01"), "{said}");
+    assert_eq!(code(&of(flights, "embargo = \"2020-01-01\""), "even", "d").0, Some(0));
+    // What is looked up on a restricted map is of that map.
+    let map = "path = \"map.parquet\"";
+    let (status, said) = code(&of(map, "restricted = true"), "track", "e");
+    assert!(status == Some(2) && said.contains("anomaly.anomaly"), "{said}");
+    assert_eq!(code(&of(map, "restricted = true"), "clean", "f").0, Some(0));
+    // A misspelt column would protect nothing.
+    bench.spec(&of(flights, "restricted = [\"mag_1c\"]"));
+    let said = refused(&bench.magline(&["check", "spec.toml"]));
+    assert!(said.contains("did you mean `mag_1_c`?"), "{said}");
+    // Restricted inputs are not copied.
+    bench.spec(&of(flights, "restricted = [\"mag_1_c\"]").replace("date ", "include_inputs = true\ndate "));
+    assert_eq!(bench.run(&[]).code, 0);
+    let said = refused(&publish(&bench, &["scores"], &["--to", "g"]));
+    assert!(said.contains("`flights` is restricted"), "{said}");
+}
+
+#[test]
+fn user_a_line_that_failed_is_named_in_the_set() {
+    let bench = Bench::new();
+    let broken = crate::support::without(&crate::support::line_of("3", "3.01", 300), "flux_d_x");
+    crate::support::write(&bench.path("flights/3.parquet"), &[broken]);
+    bench.spec(&spec(&[]));
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 1, "{}", done.stderr);
+    published(&bench, &["clean", "scores"], "set", &[]);
+    let failures = json(&bench, "set/dictionary.json")["failures"].clone();
+    let lines: Vec<&str> = failures.as_array().unwrap().iter().filter_map(|f| f["line"].as_str()).collect();
+    assert!(lines.contains(&"3.01"), "{failures}");
+    assert!(fs::read_to_string(bench.path("set/README.md")).unwrap().contains("line 3.01"));
+    assert_eq!(verify(&bench, "set").0, Some(0));
+}
