@@ -9,6 +9,7 @@
 pub mod formats;
 mod grid;
 pub mod motion;
+mod row_fault;
 pub mod samples;
 pub mod table;
 

@@ -6,7 +6,7 @@ use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use schemas::{field, flight};
 
-use crate::{ReadError, formats::RowFault};
+use crate::{ReadError, row_fault::RowFault};
 
 /// The values of a column.
 #[derive(Clone, Debug)]

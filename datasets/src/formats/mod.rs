@@ -15,6 +15,7 @@ use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 
 use crate::ReadError;
+pub use crate::row_fault::RowFault;
 use grids::AnomalyGrid;
 
 mod adopt;
@@ -109,15 +110,6 @@ pub struct Part {
     pub batch: RecordBatch,
     /// The faults, in the order of the rows.
     pub faults: Vec<RowFault>,
-}
-
-/// The fault of one row.
-#[derive(Clone, Debug)]
-pub struct RowFault {
-    /// The row of the batch, from 0.
-    pub row: usize,
-    /// The fault; its row is that of the file.
-    pub fault: ReadError,
 }
 
 impl Part {

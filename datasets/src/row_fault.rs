@@ -1,0 +1,12 @@
+//! What is wrong with one row of a file.
+
+use crate::ReadError;
+
+/// The fault of one row.
+#[derive(Clone, Debug)]
+pub struct RowFault {
+    /// The row of the batch, from 0.
+    pub row: usize,
+    /// The fault; its row is that of the file.
+    pub fault: ReadError,
+}
