@@ -3,10 +3,9 @@
 use serde_json::{Map, Value, json};
 
 use super::{
-    citation,
-    documents::address,
-    protect,
+    citation, protect,
     set::{About, Column, Set, Table},
+    words::address,
 };
 
 /// The type of Parquet files, as Croissant's readers know it.

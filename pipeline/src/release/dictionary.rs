@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use super::{
-    documents::{cell, counted},
     set::{Column, Set, Table},
+    words::{cell, counted},
 };
 
 /// The file `DICTIONARY.md`.

@@ -7,7 +7,7 @@ use std::{
 
 use schemas::Fault;
 
-use super::{checksums, documents::DICTIONARY, set::FORMAT};
+use super::{checksums, set::FORMAT, words::DICTIONARY};
 
 /// A folder being written; it is removed unless it is settled.
 pub struct Draft {

@@ -27,6 +27,7 @@ mod ro_crate;
 mod set;
 mod tables;
 mod verify;
+mod words;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -147,7 +148,7 @@ pub fn release(graph: &Graph, store: &Store, request: &Request) -> Result<Publis
         let path = spec.folder.join(file);
         let text =
             fs::read(&path).map_err(|e| Fault::new(format!("cannot read the licence {}: {e}", path.display())))?;
-        write(root, documents::LICENCE, &text)?;
+        write(root, words::LICENCE, &text)?;
     }
     for (path, text) in documents::all(&set)? {
         write(root, &path, text.as_bytes())?;

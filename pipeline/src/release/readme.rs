@@ -4,10 +4,9 @@
 use std::fmt::Write;
 
 use super::{
-    checksums, citation,
-    documents::{cell, counted},
-    protect,
+    checksums, citation, protect,
     set::{Set, Table},
+    words::{cell, counted},
 };
 
 /// The file `README.md`.

@@ -5,9 +5,9 @@ use serde_json::{Value, json};
 
 use super::{
     croissant::conditions,
-    documents::{DICTIONARY, LICENCE, LOCK, address},
     inputs, protect,
     set::{Input, Person, Set, Stage, Table},
+    words::{DICTIONARY, LICENCE, LOCK, address},
 };
 
 /// The documents that the crate lists, with what they are and their types.

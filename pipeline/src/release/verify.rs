@@ -7,10 +7,9 @@ use rayon::prelude::*;
 use schemas::Fault;
 
 use super::{
-    checksums,
-    documents::{self, DICTIONARY, LOCK},
-    folder, parquet,
+    checksums, documents, folder, parquet,
     set::{DataFile, Dictionary, FORMAT, Lock, Set, Table, Values},
+    words::{DICTIONARY, LOCK},
 };
 
 /// The result of checking a set.

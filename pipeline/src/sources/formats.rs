@@ -2,14 +2,13 @@
 
 use std::{path::Path, sync::LazyLock};
 
-use arrow_schema::SchemaRef;
 use datasets::{
-    FlightOptions, FlightReader, Part, ReadError, Reading,
-    formats::{self, FlightFormat, Parts, SayMadeFrom},
+    FlightOptions, FlightReader, ReadError, Reading,
+    formats::{self, FlightFormat},
     open_flight_among,
 };
 
-use super::mapping::Mapped;
+use super::{log_reader::LogReader, mapping::Mapped};
 
 static FORMATS: LazyLock<Vec<FlightFormat>> = LazyLock::new(|| formats::flight_formats(&[simulate::FORMAT]));
 
@@ -24,29 +23,6 @@ pub fn flight_formats() -> &'static [FlightFormat] {
 /// Fails as [`datasets::open_flight`].
 pub fn open_flight(path: &Path, options: &FlightOptions, reading: &Reading) -> Result<FlightReader, ReadError> {
     open_flight_among(flight_formats(), path, options, reading)
-}
-
-/// An open log with the names of the flight table: as its format gives them, or through a mapping.
-pub struct LogReader {
-    /// The name of its format.
-    pub format: &'static str,
-    /// The schema of every batch; metadata `unit` is the unit of the values.
-    pub schema: SchemaRef,
-    /// Notes for the user on the whole file.
-    pub notes: Vec<String>,
-    /// The result of scanning the whole file, for [`Reading::found`].
-    pub found: Option<String>,
-    /// Sets the inputs of the flight, where they are not its file alone.
-    pub made_from: Option<SayMadeFrom>,
-    /// The rows.
-    pub parts: Parts,
-}
-
-impl LogReader {
-    /// The next rows, with the faults of single rows.
-    pub fn next_part(&mut self) -> Option<Result<Part, ReadError>> {
-        self.parts.next()
-    }
 }
 
 /// Opens a log, through `mapped` where there is a mapping.

@@ -12,107 +12,12 @@ use schemas::{Fault, field, flight};
 
 use super::{
     clock::Instant,
-    declare::{Frames, Order},
-    document::{KeyDecl, Span, TableDecl},
+    columns::{Columns, Output, Sql, as_numbers, column, numbers},
+    document::{KeyDecl, TableDecl},
     make::{Made, one_column, one_quaternion, one_vector, others},
-    row_value::RowValue,
     time::TimeOf,
-    vector::{Mounting, roll_pitch_yaw_deg},
+    vector::roll_pitch_yaw_deg,
 };
-
-/// The columns of a file, and what is wrong with the mapping of them.
-pub struct Columns<'a> {
-    /// Their fields.
-    pub source: &'a Schema,
-    /// The file and its topic, for messages.
-    pub place: String,
-    /// All that is wrong.
-    pub faults: Vec<Fault>,
-}
-
-impl<'a> Columns<'a> {
-    /// Of a file.
-    pub fn new(source: &'a Schema, place: String) -> Columns<'a> {
-        Columns { source, place, faults: vec![] }
-    }
-
-    /// Notes a fault.
-    pub fn push(&mut self, fault: Fault) {
-        self.faults.push(fault);
-    }
-
-    /// The position of a column.
-    pub fn find(&mut self, name: &str, at: Span) -> Option<usize> {
-        let found = self.source.index_of(name).ok();
-        if found.is_none() {
-            let names: Vec<&str> = self.source.fields().iter().map(|f| f.name().as_str()).collect();
-            let fault = Fault::new(format!("there is no column `{name}` in {}", self.place));
-            self.push(fault.nearest(name, &names).at(at));
-        }
-        found
-    }
-
-    /// The position of a column of numbers.
-    pub fn number(&mut self, name: &str, at: Span) -> Option<usize> {
-        let found = self.find(name, at.clone())?;
-        let kind = self.source.field(found).data_type();
-        if is_number(kind) {
-            return Some(found);
-        }
-        let fault = Fault::new(format!("the column `{name}` of {} holds {kind}, not numbers", self.place));
-        self.push(fault.help("an expression makes numbers of text: `sql = \"cast(... as double)\"`").at(at));
-        None
-    }
-
-    pub(super) fn expression(&mut self, sql: &str, at: Span) -> Option<Sql> {
-        match RowValue::new(sql, self.source) {
-            Ok(value) => Some(Sql { value, at }),
-            Err(fault) => {
-                let fault = Fault { what: format!("{} in {}", fault.what, self.place), ..fault };
-                self.push(fault.at(at));
-                None
-            }
-        }
-    }
-
-    /// The unit that the file states for a column.
-    pub(super) fn said(&self, at: usize) -> Option<&'a str> {
-        self.source.field(at).metadata().get("unit").map(String::as_str).filter(|u| !u.is_empty())
-    }
-}
-
-/// An expression, and where the mapping has it.
-#[derive(Clone, Debug)]
-pub struct Sql {
-    pub(super) value: RowValue,
-    pub(super) at: Span,
-}
-
-impl Sql {
-    /// Its values.
-    ///
-    /// # Errors
-    /// Fails where it cannot be evaluated, at its place in the mapping.
-    pub fn evaluate(&self, batch: &RecordBatch) -> Result<ArrayRef, Fault> {
-        self.value.evaluate(batch).map_err(|f| f.at(self.at.clone()))
-    }
-}
-
-/// Where numbers come from.
-#[derive(Clone, Debug)]
-pub(super) enum Numbers {
-    Column(usize),
-    Sql(Sql),
-}
-
-impl Numbers {
-    fn read(&self, batch: &RecordBatch) -> Result<Vec<f64>, Fault> {
-        match self {
-            Numbers::Column(at) => numbers(batch, *at),
-            Numbers::Sql(sql) => as_numbers(&sql.evaluate(batch)?).map_err(|f| f.at(sql.at.clone())),
-        }
-    }
-}
 
 /// Where the flight or the line comes from.
 #[derive(Clone, Debug)]
@@ -123,34 +28,6 @@ pub enum KeySource {
     Column(usize),
     /// An expression.
     Sql(Sql),
-}
-
-/// How one column, or three, come about.
-#[derive(Clone, Debug)]
-pub(super) enum Output {
-    /// As the file has it.
-    AsItIs(usize),
-    /// As an expression gives it.
-    AsGiven(Sql),
-    Linear {
-        numbers: Numbers,
-        scale: f64,
-        offset: f64,
-    },
-    Number(f64),
-    Whole(i64),
-    Text(String),
-    Vector {
-        numbers: [Numbers; 3],
-        scale: [f64; 3],
-        offset: [f64; 3],
-        mounting: Mounting,
-    },
-    Quaternion {
-        at: [usize; 4],
-        order: Order,
-        frames: Frames,
-    },
 }
 
 /// A table of a mapping that fits a file.
@@ -309,44 +186,6 @@ pub fn key_texts(source: &KeySource, batch: &RecordBatch) -> Result<StringArray,
     }
     let text = cast(&array, &DataType::Utf8).map_err(|e| Fault::data(e.to_string()))?;
     Ok(text.as_string::<i32>().clone())
-}
-
-/// The numbers of a column; NaN for missing ones.
-///
-/// # Errors
-/// Fails for a column without numbers, which is an error in the program.
-pub fn numbers(batch: &RecordBatch, at: usize) -> Result<Vec<f64>, Fault> {
-    as_numbers(column(batch, at)?)
-}
-
-/// The texts of a column.
-///
-/// # Errors
-/// Fails for a column that is not there, which is an error in the program.
-pub fn texts(batch: &RecordBatch, at: usize) -> Result<Vec<Option<String>>, Fault> {
-    let text = cast(column(batch, at)?, &DataType::Utf8).map_err(|e| Fault::data(e.to_string()))?;
-    Ok(text.as_string::<i32>().iter().map(|t| t.map(str::to_owned)).collect())
-}
-
-fn column(batch: &RecordBatch, at: usize) -> Result<&ArrayRef, Fault> {
-    batch.columns().get(at).ok_or_else(|| Fault::bug("a batch lacks a column of the mapping"))
-}
-
-fn as_numbers(array: &ArrayRef) -> Result<Vec<f64>, Fault> {
-    let array = match array.data_type() {
-        DataType::Timestamp(..) => &cast(array, &DataType::Int64).map_err(|e| Fault::data(e.to_string()))?,
-        _ => array,
-    };
-    let cast = cast(array, &DataType::Float64).map_err(|e| Fault::data(e.to_string()))?;
-    Ok(cast.as_primitive::<Float64Type>().iter().map(|x| x.unwrap_or(f64::NAN)).collect())
-}
-
-pub(super) fn is_number(kind: &DataType) -> bool {
-    match kind {
-        DataType::Dictionary(_, value) => is_number(value),
-        DataType::Boolean | DataType::Null => true,
-        other => other.is_numeric(),
-    }
 }
 
 fn key_field(name: &str) -> Field {

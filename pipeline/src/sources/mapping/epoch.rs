@@ -8,8 +8,9 @@ use schemas::Fault;
 
 use super::{
     Mapping,
-    bind::{Bound, Columns},
+    bind::Bound,
     clock::{Instant, date_text, read_instant},
+    columns::Columns,
     declare::{ColumnOf, Epoch, Head},
     document::{KeyDecl, Placed, TableDecl},
     time::{BootColumn, Times},

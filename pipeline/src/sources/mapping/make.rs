@@ -4,10 +4,9 @@ use arrow_schema::{DataType, Field};
 use schemas::{Fault, Role, convert, convertible_to, field, flight};
 
 use super::{
-    bind::{Columns, Numbers, Output, is_number},
+    columns::{Columns, Numbers, Output, is_number, is_text},
     declare::{ColumnOf, ColumnRole, Constant, QuaternionOf, VectorOf},
     document::{Placed, Span, TableDecl},
-    time::is_text,
     vector::{Mounting, read_axes},
 };
 

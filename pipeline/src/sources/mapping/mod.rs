@@ -6,6 +6,7 @@
 
 mod bind;
 mod clock;
+mod columns;
 mod declare;
 mod document;
 mod epoch;
@@ -31,7 +32,7 @@ pub use declare::{ColumnOf, Epoch, Head, KeyOf, QuaternionOf, Stamp, VectorOf};
 use document::{Document, TableDecl};
 pub use ready::READY;
 
-use super::formats::LogReader;
+use super::log_reader::LogReader;
 use crate::keys::Key;
 
 /// Raised when the same mapping makes other values of the same file.
@@ -261,7 +262,7 @@ impl Mapped {
             instant = found.instant;
         }
         let schema = reader.schema().clone();
-        let mut columns = bind::Columns::new(&schema, place(path, raw.topic.as_deref()));
+        let mut columns = columns::Columns::new(&schema, place(path, raw.topic.as_deref()));
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let given = bind::GivenKeys { flight: options.flight.as_deref(), line: options.line.as_deref(), stem: &stem };
         let bound = bind::Bound::new(decl, &mut columns, given, instant);

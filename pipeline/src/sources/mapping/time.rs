@@ -6,8 +6,8 @@ use arrow_schema::{DataType, Schema, TimeUnit};
 use schemas::{Fault, convert};
 
 use super::{
-    bind::{Columns, numbers, texts},
     clock::{DAY_S, Form, Instant, Read, read_date, read_zone},
+    columns::{Columns, is_text, numbers, texts},
     declare::{Clock, Constant, Stamp},
     document::Placed,
 };
@@ -383,13 +383,4 @@ fn text(stamp: &Placed<Stamp>, columns: &mut Columns) -> Option<Source> {
         columns.push(Fault::new("the text holds the date already").at(stamp.at("date")));
     }
     Some(Source::Text { columns: found, form })
-}
-
-/// Whether a column holds text.
-pub fn is_text(source: &Schema, at: usize) -> bool {
-    let kind = match source.field(at).data_type() {
-        DataType::Dictionary(_, value) => value.as_ref(),
-        other => other,
-    };
-    matches!(kind, DataType::Utf8 | DataType::LargeUtf8 | DataType::Utf8View)
 }

@@ -1,0 +1,30 @@
+//! An open log.
+
+use arrow_schema::SchemaRef;
+use datasets::{
+    Part, ReadError,
+    formats::{Parts, SayMadeFrom},
+};
+
+/// An open log with the names of the flight table: as its format gives them, or through a mapping.
+pub struct LogReader {
+    /// The name of its format.
+    pub format: &'static str,
+    /// The schema of every batch; metadata `unit` is the unit of the values.
+    pub schema: SchemaRef,
+    /// Notes for the user on the whole file.
+    pub notes: Vec<String>,
+    /// The result of scanning the whole file, for [`Reading::found`].
+    pub found: Option<String>,
+    /// Sets the inputs of the flight, where they are not its file alone.
+    pub made_from: Option<SayMadeFrom>,
+    /// The rows.
+    pub parts: Parts,
+}
+
+impl LogReader {
+    /// The next rows, with the faults of single rows.
+    pub fn next_part(&mut self) -> Option<Result<Part, ReadError>> {
+        self.parts.next()
+    }
+}
