@@ -6,7 +6,7 @@ use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use schemas::{Role, field};
 
-use super::topics::TopicColumn;
+use super::{Part, Parts, topics::TopicColumn};
 use crate::ReadError;
 
 /// The type of a value in a record, little endian.
@@ -246,6 +246,28 @@ fn half(bits: u16) -> f64 {
         e => (1.0 + fraction / 1024.0) * 2f64.powi(i32::from(e) - 15),
     };
     if sign == 1 { -magnitude } else { magnitude }
+}
+
+/// The rows of one topic in batches. `step` takes the next message of the file, pushes its record where it is of the topic,
+/// and returns whether there was one.
+pub(super) fn batches(
+    path: &Path,
+    mut records: Records,
+    mut step: impl FnMut(&mut Records) -> Result<bool, ReadError> + Send + 'static,
+) -> Parts {
+    let (path, mut done) = (path.to_path_buf(), false);
+    Box::new(std::iter::from_fn(move || {
+        while !done && !records.is_full() {
+            match step(&mut records) {
+                Ok(more) => done = !more,
+                Err(fault) => {
+                    done = true;
+                    return Some(Err(fault));
+                }
+            }
+        }
+        (!records.is_empty()).then(|| records.take(&path).map(Part::whole))
+    }))
 }
 
 #[cfg(test)]

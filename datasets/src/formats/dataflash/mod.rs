@@ -11,8 +11,8 @@ use std::path::Path;
 
 use self::walk::{MARKS, Walk};
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw, Reading, Topic,
-    records::{Column, Records, Widths},
+    FlightFormat, FlightOptions, Head, Raw, Reading, Topic,
+    records::{Column, Records, Widths, batches},
     stream::counted,
     topics::{chosen, listed},
 };
@@ -62,26 +62,17 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let definition = scan.state.layouts[scan.state.topics[number].layout].definition.clone();
     let widths = widths.swap_remove(number).unwrap_or_default();
     let stride = usize::from(definition.length) - definitions::HEADER;
-    let mut records = Records::new(definition.columns, widths, stride);
+    let records = Records::new(definition.columns, widths, stride);
     let schema = records.schema().clone();
-    let (mut walk, path, mut done) = (scan.again()?, path.to_path_buf(), false);
-    let parts = std::iter::from_fn(move || {
-        while !done && !records.is_full() {
-            match walk.step(&mut |topic, _, _, body| {
-                if topic == number {
-                    records.push(body);
-                }
-            }) {
-                Ok(more) => done = !more,
-                Err(fault) => {
-                    done = true;
-                    return Some(Err(fault));
-                }
+    let mut walk = scan.again()?;
+    let parts = batches(path, records, move |records| {
+        walk.step(&mut |topic, _, _, body| {
+            if topic == number {
+                records.push(body);
             }
-        }
-        (!records.is_empty()).then(|| records.take(&path).map(Part::whole))
+        })
     });
-    Ok(Raw { fillers: true, unstated: true, notes, ..Raw::new(schema, Box::new(parts)) })
+    Ok(Raw { fillers: true, unstated: true, notes, ..Raw::new(schema, parts) })
 }
 
 /// The topic that is asked for: a name without an instance means the only one.

@@ -8,8 +8,8 @@ use std::path::Path;
 
 use self::walk::{MAGIC, Walk};
 use super::{
-    FlightFormat, FlightOptions, Head, Part, Raw, Reading, Topic,
-    records::{Column, Records, Widths},
+    FlightFormat, FlightOptions, Head, Raw, Reading, Topic,
+    records::{Column, Records, Widths, batches},
     stream::counted,
     topics::chosen,
 };
@@ -63,26 +63,17 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let notes = notes(path, &scan, number);
     let layout = scan.state.topics[number].layout.clone();
     let widths = widths.swap_remove(number).unwrap_or_default();
-    let mut records = Records::new(layout.columns, widths, layout.least);
+    let records = Records::new(layout.columns, widths, layout.least);
     let schema = records.schema().clone();
-    let (mut walk, path, mut done) = (Walk::open(path)?, path.to_path_buf(), false);
-    let parts = std::iter::from_fn(move || {
-        while !done && !records.is_full() {
-            match walk.step(&mut |topic, record| {
-                if topic == number {
-                    records.push(record);
-                }
-            }) {
-                Ok(more) => done = !more,
-                Err(fault) => {
-                    done = true;
-                    return Some(Err(fault));
-                }
+    let mut walk = Walk::open(path)?;
+    let parts = batches(path, records, move |records| {
+        walk.step(&mut |topic, record| {
+            if topic == number {
+                records.push(record);
             }
-        }
-        (!records.is_empty()).then(|| records.take(&path).map(Part::whole))
+        })
     });
-    Ok(Raw { fillers: true, unstated: true, notes, ..Raw::new(schema, Box::new(parts)) })
+    Ok(Raw { fillers: true, unstated: true, notes, ..Raw::new(schema, parts) })
 }
 
 /// What the whole file says about itself.
