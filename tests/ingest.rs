@@ -189,10 +189,10 @@ fn user_a_log_in_a_spec_and_its_ingested_file_give_the_same_bytes() {
     );
     assert!(at.join("hive/flight=log/log.parquet").is_file());
     let tables = |name: &str| {
-        let output = magline(at, &["run", &format!("{name}.toml"), "--set", &format!("store={name}")]);
+        let output = magline(at, &["run", &format!("{name}.toml"), "--set", &format!("store=s_{name}")]);
         assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
         ["even", "size"].map(|table| {
-            let all = files(&at.join(name).join("tables/small").join(table));
+            let all = files(&at.join(format!("s_{name}/tables/small")).join(table));
             all.into_iter().map(|(path, bytes)| (path.file_name().unwrap().to_owned(), bytes)).collect::<Vec<_>>()
         })
     };
@@ -201,12 +201,12 @@ fn user_a_log_in_a_spec_and_its_ingested_file_give_the_same_bytes() {
     assert!(raw == tables("in"), "the ingested file differs");
     assert!(raw == tables("hive"), "the file of a hive folder differs");
     // 500 mgauss are 50,000 nT; y and z are turned; half of the counts are amperes.
-    let even = read(&at.join("raw/tables/small/even"));
+    let even = read(&at.join("s_raw/tables/small/even"));
     assert_eq!(numbers(&even, "flux_a_z")[0], -45_000.0);
     // A changed mapping is another question.
     fs::write(at.join("m.toml"), MAPPING.replace("+x -y -z", "+x +y +z")).unwrap();
-    magline(at, &["run", "raw.toml", "--set", "store=raw"]);
-    assert_eq!(numbers(&read(&at.join("raw/tables/small/even")), "flux_a_z")[0], 45_000.0);
+    magline(at, &["run", "raw.toml", "--set", "store=s_raw"]);
+    assert_eq!(numbers(&read(&at.join("s_raw/tables/small/even")), "flux_a_z")[0], 45_000.0);
 }
 
 #[test]
@@ -276,7 +276,7 @@ fn user_what_is_wrong_is_said_with_its_place_and_nothing_is_written() {
         csv,
         &change(
             "epoch = { utc = '2021-04-21T12:00:00Z' }",
-            "epoch = { from = 'ms', unit = 'ms', clock = 'unix', boot = 'ms', rows = 'cur > 5' }",
+            "epoch = { from = 'ms', unit = 'ms', clock = 'unix', boot = 'ms', boot_unit = 'ms', rows = 'cur > 5' }",
         ),
         2,
         &["no row of log.csv says when the log began", "unknown = true"],

@@ -13,7 +13,7 @@ use std::{
 use clap::Args;
 use datasets::FlightOptions;
 use rayon::prelude::*;
-use schemas::{Fault, Owner, plausible::Accept, render};
+use schemas::{Fault, Owner, Role, flight, plausible::Accept, render};
 use serde_json::json;
 
 use super::{Stop, counted, is_quiet, note, progress::Progress, say, temporary::Temporary, threads};
@@ -332,9 +332,10 @@ fn summary(work: &Work, exported: &Exported) -> String {
 fn is_told(measure: &Measure) -> bool {
     match measure.check {
         "rate" | "jitter" | "midnight" => false,
+        // Estimates step at each fix.
+        "spikes" => !measure.column.starts_with("ins_") && flight::describe(&measure.column).role != Role::Truth,
         "noise" | "quantisation" => {
-            schemas::flight::is_scalar_reading(&measure.column)
-                || schemas::flight::vector_part(&measure.column).is_some()
+            flight::is_scalar_reading(&measure.column) || flight::vector_part(&measure.column).is_some()
         }
         _ => true,
     }

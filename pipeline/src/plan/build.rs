@@ -1,18 +1,11 @@
 //! From spec to plan.
 
-use std::{
-    collections::{BTreeMap, HashMap, HashSet},
-    sync::Arc,
-};
+use std::collections::HashSet;
 
-use schemas::{Entry, Fault, Grain, Table};
+use schemas::{Entry, Fault, Grain};
 
-use super::{Plan, TableNode, axes::mentioned, builder::Builder, grid::Grid, node::Target, variants::Variants};
-use crate::{
-    predicate::Predicate,
-    sources::{Flights, MapSource},
-    spec::{Faults, Spec, StageDecl},
-};
+use super::{Plan, TableNode, axes::mentioned, builder::Builder, grid::Grid, variants::Variants};
+use crate::spec::{Faults, Spec, StageDecl};
 
 /// More points than this are more likely a slip than a wish.
 const MOST_POINTS: usize = 10_000_000;

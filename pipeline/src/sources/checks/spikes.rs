@@ -36,7 +36,7 @@ pub fn spikes(fourth: &[f64]) -> Option<Spikes> {
     let (mut samples, mut first, mut largest) = (0, None, 0.0_f64);
     for (i, d) in fourth.iter().enumerate() {
         let size = d.abs();
-        if !(size > SIGMAS * around(i / BLOCK)) {
+        if size.is_nan() || size <= SIGMAS * around(i / BLOCK) {
             continue;
         }
         // The neighbours of a spike have four sixths of its difference.

@@ -126,7 +126,8 @@ impl Bound {
                 Output::Number(x) => out.push(Arc::new(Float64Array::from(vec![*x; batch.num_rows()]))),
                 Output::Whole(x) => out.push(Arc::new(Int64Array::from(vec![*x; batch.num_rows()]))),
                 Output::Text(text) => out.push(Arc::new(StringArray::from(vec![text.as_str(); batch.num_rows()]))),
-                Output::Vector { numbers: [x, y, z], scale, offset, mounting } => {
+                Output::Vector { numbers, scale, offset, mounting } => {
+                    let [x, y, z] = numbers.as_ref();
                     let own = [x.read(batch)?, y.read(batch)?, z.read(batch)?];
                     let rows = own[0].iter().zip(&own[1]).zip(&own[2]);
                     let body: Vec<[f64; 3]> = rows

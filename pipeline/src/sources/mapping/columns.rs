@@ -122,7 +122,7 @@ pub(super) enum Output {
     Whole(i64),
     Text(String),
     Vector {
-        numbers: [Numbers; 3],
+        numbers: Box<[Numbers; 3]>,
         scale: [f64; 3],
         offset: [f64; 3],
         mounting: Mounting,

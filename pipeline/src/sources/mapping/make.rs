@@ -214,7 +214,7 @@ pub(super) fn one_vector(name: &str, vector: &Placed<VectorOf>, columns: &mut Co
         let description = said.description.as_deref().unwrap_or(flight::describe(axis).description);
         made.fields.push((field(axis, DataType::Float64, &unit, role, description), vector.at.clone()));
     }
-    made.outputs.push(Output::Vector { numbers, scale, offset, mounting });
+    made.outputs.push(Output::Vector { numbers: Box::new(numbers), scale, offset, mounting });
 }
 
 fn three(list: &[f64], key: &str, vector: &Placed<VectorOf>, columns: &mut Columns) -> Option<[f64; 3]> {

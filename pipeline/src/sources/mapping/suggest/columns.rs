@@ -1,6 +1,8 @@
 //! Which columns are recognised, by their names, units and values.
 
-use schemas::{convert, flight, is_unit, plausible::limits};
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use schemas::{convert, flight, is_unit, plausible::limits, usual_spelling};
 
 use super::{Topic, quoted, sample::Sample};
 
@@ -143,7 +145,7 @@ fn said_unit(column: &Sample, wanted: &str) -> Option<String> {
     }
     let last = two.first()?;
     let usual = ["nt", "ut", "mgauss", "gauss", "ga", "deg", "rad", "m", "ft", "mps", "a", "v", "mm", "cm"];
-    let unit = if last == "ga" { "gauss" } else { last };
+    let unit = if last == "ga" { "gauss" } else { usual_spelling(last).unwrap_or(last) };
     (words.len() > 1 && usual.contains(&last.as_str()) && convert(unit, wanted).is_some()).then(|| unit.to_owned())
 }
 
@@ -280,7 +282,7 @@ fn scalar(column: &Sample, topic: &Topic) -> Option<Guess> {
             (false, true) => "lat",
             (false, false) => "lon",
         };
-        let ends = if is_lat { (1.5708, 90.0, 9e8) } else { (3.1416, 360.0, 3.6e9) };
+        let ends = if is_lat { (FRAC_PI_2, 90.0, 9e8) } else { (PI, 360.0, 3.6e9) };
         if low == high && low == 0.0 {
             return left("it is 0 throughout");
         }
