@@ -6,7 +6,8 @@ use datasets::{FlightOptions, ReadError, Reading, formats::SayMadeFrom};
 
 use super::{
     bytes::{Seen, Trust},
-    formats::{LogReader, open_log},
+    formats::open_log,
+    log_reader::LogReader,
     mapping::Mapped,
 };
 use crate::{keys::Key, store::Store};
