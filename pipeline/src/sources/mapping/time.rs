@@ -2,7 +2,7 @@
 
 use arrow_array::{ArrayRef, RecordBatch, cast::AsArray, types::Int64Type};
 use arrow_cast::cast;
-use arrow_schema::{DataType, Schema, TimeUnit};
+use arrow_schema::{DataType, TimeUnit};
 use schemas::{Fault, convert};
 
 use super::{
