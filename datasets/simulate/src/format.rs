@@ -92,7 +92,7 @@ mod tests {
         std::fs::write(&path, "\0\u{1}\u{2}").unwrap();
         let formats = flight_formats(&[FORMAT]);
         let said = open_flight_among(&formats, &path, &FlightOptions::default(), &Reading::default()).unwrap_err();
-        let known = "known here: parquet, synth, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, csv, points; choose one with `format`";
+        let known = "known here: parquet, synth, sgl_hdf5, magnav_hdf5, sgl_xyz, magnav_csv, iaga2002, imf, csv, points; choose one with `format`";
         assert_eq!(said.to_string(), format!("{}: is not in a known flight format ({known})", path.display()));
     }
 }
