@@ -197,7 +197,7 @@ fn user_the_truth_stays_the_truth_and_units_must_fit() {
         let column = if then.starts_with("lowpass") { "cheat_lp" } else { "cheat_ds" };
         let fit = format!(
             "[[stages]]\nname = \"then\"\nstage = \"{then}\ninput = \"made\"\n[[stages]]\nname = \"fit\"\nstage = \"fit\"\n\
-             input = \"then\"\ntarget = \"mag_4_uc\"\nfeatures = [\"{column}\"]\n"
+             input = \"then\"\nmodel = \"ridge\"\ntarget = \"mag_4_uc\"\nfeatures = [\"{column}\"]\n"
         );
         let fault = said(&(made.to_owned() + &fit));
         assert!(fault.contains(&format!("`{column}` is a truth column")), "{fault}");

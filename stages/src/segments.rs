@@ -297,7 +297,7 @@ mod tests {
 
     #[test]
     fn law_a_box_has_its_legs_turns_and_manoeuvres_where_they_were_flown() {
-        let found = parts(&segments(), 4300, |_| {});
+        let found = parts(&segments(), 4100, |_| {});
         let kinds: Vec<&str> = found.iter().map(|(kind, ..)| kind.as_str()).collect();
         let leg = ["straight", "manoeuvre", "straight", "turn"];
         assert_eq!(kinds, leg.repeat(4)[..15], "{found:?}");
@@ -313,7 +313,7 @@ mod tests {
             assert!((first - begun - from).abs() < 5.0 && (last - begun - to).abs() < 5.0, "{kind}: {first} to {last}");
         }
         let plain = Segments { attitude: vec![], ..segments() };
-        assert_eq!(parts(&plain, 4300, |_| {}).len(), 7, "legs and turns alone");
+        assert_eq!(parts(&plain, 4100, |_| {}).len(), 7, "legs and turns alone");
     }
 
     #[test]

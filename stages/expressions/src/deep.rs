@@ -9,8 +9,9 @@ use schemas::Fault;
 pub const STACK: usize = 1 << 30;
 /// A text of SQL longer than this is rejected. Together with [`STACK`] it bounds every recursion over it.
 const LONGEST: usize = 1 << 20;
-/// A text of SQL up to this length is nested too little to need more than an ordinary stack.
-const SHORT: usize = 2_000;
+/// A text of SQL up to this length is nested too little to need more than an ordinary stack: a level of brackets or of a
+/// function takes some 60 kB of it.
+const SHORT: usize = 100;
 
 /// Runs `work`, which recurses over `sql`.
 ///
