@@ -77,9 +77,9 @@ def with_duckdb(folder):
         if kind == "DOUBLE":
             x = f"CASE WHEN isnan({x}) THEN NULL ELSE {x} END"
         numeric = f"min({x}), max({x})" if kind in ("DOUBLE", "BIGINT") else "NULL, NULL"
-        row = duckdb.sql(f"SELECT count(*) - count({x}), {numeric} FROM read_parquet('{files}')").fetchone()
+        row = duckdb.sql(f"SELECT count(*) - count({x}), {numeric} FROM read_parquet('{files}')").fetchall()[0]
         found[name] = (kinds.get(kind, LIST if kind.startswith("DOUBLE[") else kind), *row)
-    return duckdb.sql(f"SELECT count(*) FROM read_parquet('{files}')").fetchone()[0], found
+    return duckdb.sql(f"SELECT count(*) FROM read_parquet('{files}')").fetchall()[0][0], found
 
 
 def with_spark(folder):

@@ -19,6 +19,9 @@ use super::{Flight, Measure, TASKS, Task, shown};
 /// Time stamps are told apart to the millisecond.
 const TICKS_PER_S: f64 = 1000.0;
 
+/// The samples of a line by their times, in ticks.
+type Samples = HashMap<i64, usize>;
+
 /// Predictions, a row for each sample.
 #[derive(Debug)]
 pub struct Predictions {
@@ -96,7 +99,8 @@ impl Predictions {
     /// Rows of a line that is not scored, of a time that no sample has, and rows that are there twice.
     pub fn places(&self, lines: &[&Flight]) -> Result<Vec<Vec<Option<usize>>>, Fault> {
         let tick = |tt_s: f64| (tt_s * TICKS_PER_S).round() as i64;
-        let mut at: HashMap<(&str, &str), (usize, HashMap<i64, usize>)> = HashMap::new();
+        // By flight and line: the line, and its samples by time.
+        let mut at: HashMap<(&str, &str), (usize, Samples)> = HashMap::new();
         let mut places = vec![];
         for (i, line) in lines.iter().enumerate() {
             let times = line.column("tt")?;
