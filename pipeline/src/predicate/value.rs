@@ -226,7 +226,8 @@ mod tests {
             RecordBatch::try_new(schema.clone(), vec![Arc::new(Float64Array::from(vec![f64::NAN, 4.0]))]).unwrap();
         let above = RowValue::new("x >= 3", &schema).unwrap().evaluate(&batch).unwrap();
         assert_eq!(above.as_boolean().iter().collect::<Vec<_>>(), [None, Some(true)]);
-        let filled = RowValue::new("coalesce(x, 0.0)", &schema).unwrap().evaluate(&batch).unwrap();
+        let filled =
+            RowValue::new("case when x is null then 0.0 else x end", &schema).unwrap().evaluate(&batch).unwrap();
         assert_eq!(filled.as_primitive::<Float64Type>().values().to_vec(), [0.0, 4.0]);
     }
 
