@@ -15,8 +15,9 @@ stage! {
     ///
     /// The functions are DataFusion's that depend on the row alone; neither clocks nor chance, no other rows. A missing
     /// value (NaN) is NULL in an expression: what is made of it is missing, a comparison with it is unknown, `coalesce` and
-    /// `is null` see it. What is infinite, such as 1/0, is missing; the root of a negative number is an error. A division is
-    /// one of real numbers, also between whole ones.
+    /// `is null` see it. What is infinite, such as 1/0, is missing; what SQL refuses, such as the root of a negative
+    /// number, is an error of the line. A division is one of real numbers, also between whole ones, and `greatest` and
+    /// `least` of a missing value are missing.
     ///
     /// The unit follows for sums, differences, clips and choices of columns of one unit, for their multiples, and for
     /// ratios of equal units; otherwise `units` says it. Adding or comparing columns of different units is an error. An

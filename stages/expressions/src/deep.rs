@@ -9,9 +9,10 @@ use schemas::Fault;
 pub const STACK: usize = 1 << 30;
 /// A text of SQL longer than this is rejected. Together with [`STACK`] it bounds every recursion over it.
 const LONGEST: usize = 1 << 20;
-/// A text of SQL up to this length is nested too little to need more than an ordinary stack: a level of brackets or of a
-/// function takes some 60 kB of it.
-const SHORT: usize = 100;
+/// A text of SQL up to this length is nested too little to need more than an ordinary stack.
+const SHORT: usize = 2_000;
+/// So are texts with so many brackets; thirty functions inside of each other are too much for a thread of two megabytes.
+const BRACKETS: usize = 8;
 
 /// Runs `work`, which recurses over `sql`.
 ///
@@ -22,7 +23,8 @@ pub fn over<T: Send>(sql: &str, work: impl FnOnce() -> T + Send) -> Result<T, Fa
         let what = format!("the SQL is {} bytes long; at most {LONGEST} can be read", sql.len());
         return Err(Fault::new(what).help("many values are better kept in a table, or in files of their own"));
     }
-    if sql.len() <= SHORT { Ok(work()) } else { deep(work) }
+    let flat = sql.len() <= SHORT && sql.matches('(').count() <= BRACKETS;
+    if flat { Ok(work()) } else { deep(work) }
 }
 
 /// Runs `work` on a thread with a large stack.

@@ -310,8 +310,8 @@ mod tests {
         same("greatest(-1, least(1, a))", [1.0, -1.0, nan]);
         same("greatest(coalesce(a, b), 2)", [2.0, 2.0, 8.0]);
         same("1 / (tt - 1)", [-1.0, nan, 1.0]);
-        let root = Expression::new("sqrt(a)", &shape(), "`x`").unwrap().numbers(&batch()).unwrap_err();
-        assert!(root.what.contains("square root of a negative number"), "{root}");
+        let root = Expression::new("sqrt(a)", &shape(), "`x`").unwrap();
+        assert!(root.numbers(&batch()).unwrap_err().what.contains("square root of a negative number"));
         same("3", [3.0; 3]);
         let mask = |sql: &str| Expression::new(sql, &shape(), "`x`").unwrap().mask(&batch()).unwrap();
         // In Arrow's order NaN is above all numbers.
