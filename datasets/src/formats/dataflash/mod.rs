@@ -34,6 +34,7 @@ pub(super) const FORMAT: FlightFormat = FlightFormat {
 fn topics(path: &Path, _: &FlightOptions) -> Result<Vec<Topic>, ReadError> {
     let mut walk = Walk::open(path)?;
     walk.finish(&mut |_, _, _, _| ())?;
+    some_message(path, &walk)?;
     let topic = |t: &walk::Topic| {
         let columns = walk.state.layouts.get(t.layout).map(|l| l.definition.columns.iter());
         let columns = columns.into_iter().flatten().map(Column::topic_column).collect();
@@ -55,6 +56,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
             widths.look(body);
         }
     })?;
+    some_message(path, &scan)?;
     let state = &scan.state;
     let names: Vec<(String, u64)> = state.topics.iter().map(|t| (state.spelt(t), t.rows)).collect();
     let number = chosen(path, instance(path, asked, &names)?, &names)?;
@@ -73,6 +75,13 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
         })
     });
     Ok(Raw { fillers: true, unstated: true, notes, ..Raw::new(schema, parts) })
+}
+
+fn some_message(path: &Path, walk: &Walk) -> Result<(), ReadError> {
+    if walk.state.topics.is_empty() {
+        return Err(ReadError::data(path, "is not a DataFlash log: no message of it can be read"));
+    }
+    Ok(())
 }
 
 /// The topic that is asked for: a name without an instance means the only one.
