@@ -13,6 +13,7 @@ use std::{
 use arrow_array::{Array, ArrayRef, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::DataType;
 use arrow_select::concat::concat_batches;
+use datasets::RowFault;
 use rayon::prelude::*;
 use schemas::{
     Fault, Owner, Place,
@@ -127,6 +128,10 @@ pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<
     for mapped in flights.files.first().into_iter().filter_map(|file| file.mapped.as_ref()) {
         files.push(Bytes { path: mapped.mapping().label.clone().into(), hash: mapped.key() });
     }
+    if let Some(table) = flights.files.first().and_then(|file| file.lines.as_ref()) {
+        table.check(lines.iter().map(|l| (l.flight.as_str(), l.line.as_str()))).map_err(|fault| vec![fault])?;
+        files.push(Bytes { path: table.label.clone().into(), hash: table.key() });
+    }
     lines.sort_by(|a, b| (&a.flight, &a.line, a.file).cmp(&(&b.flight, &b.line, b.file)));
     Ok(Lines { lines: once_each(lines, &files), files })
 }
@@ -214,6 +219,7 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
             parts.push(fingerprint(store, &other, how.read_all)?.hash.to_string());
         }
     }
+    parts.extend(file.lines.as_ref().map(|lines| lines.key().to_string()));
     let made_from = file.made_from.map(|say| say(path)).transpose().map_err(Fault::from)?;
     for other in made_from.iter().flat_map(|m| &m.files) {
         parts.push(fingerprint(store, other, how.read_all)?.hash.to_string());
@@ -233,6 +239,18 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
     Ok((bytes, index))
 }
 
+/// The rows of a batch in the lines of the file's table of lines, where it has one.
+fn divided(
+    file: &FlightFile,
+    batch: RecordBatch,
+    faults: Vec<RowFault>,
+) -> Result<(RecordBatch, Vec<RowFault>), Fault> {
+    match &file.lines {
+        Some(table) => table.divide(&batch, &faults),
+        None => Ok((batch, faults)),
+    }
+}
+
 /// Reads a file once, with as many lines in memory as are worked on.
 fn ingest(store: &Store, file: &FlightFile, threads: usize, tick: &dyn Fn(usize)) -> Result<Index, Fault> {
     let mut reader = file.read(threads).map_err(Fault::from)?;
@@ -247,7 +265,10 @@ fn ingest(store: &Store, file: &FlightFile, threads: usize, tick: &dyn Fn(usize)
         let assembled = assembly.as_mut()?;
         match reader.next_part().map(|part| part.map_err(Fault::from)) {
             Some(Ok(part)) => match canonical.apply_with_zeros(&part.batch) {
-                Ok(batch) => whole.extend(assembled.add(&batch, &part.faults)),
+                Ok(batch) => match divided(file, batch, part.faults) {
+                    Ok((batch, faults)) => whole.extend(assembled.add(&batch, &faults)),
+                    Err(fault) => return Some(Err(fault)),
+                },
                 Err(fault) => return Some(Err(fault)),
             },
             Some(Err(fault)) => return Some(Err(fault)),
@@ -258,6 +279,9 @@ fn ingest(store: &Store, file: &FlightFile, threads: usize, tick: &dyn Fn(usize)
     let put = |line: Whole| put(&packer, line, &origins, &file.options.accept);
     let lines = in_order(threads, next, put, tick)?;
     packer.finish()?;
+    if let Some(table) = file.lines.as_ref().filter(|_| lines.is_empty()) {
+        return Err(table.none_of(&file.path));
+    }
     if lines.is_empty() {
         return Err(Fault::data("the file holds no samples"));
     }

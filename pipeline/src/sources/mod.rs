@@ -11,6 +11,7 @@ mod flight_file;
 mod formats;
 mod in_order;
 mod ingest;
+mod line_table;
 mod log_reader;
 pub mod mapping;
 mod midnight;
@@ -32,9 +33,10 @@ pub use files::{find, hive, walk};
 use flight_file::FlightFile;
 pub use formats::{flight_formats, open_flight, open_log};
 pub use ingest::LineRecord;
+pub use line_table::LineTable;
 pub use log_reader::LogReader;
 pub use options::MappingOptions;
-use options::{flight_options, map_options, spelt};
+use options::{Files, flight_options, map_options, spelt};
 pub use quality::{Check, Finding};
 
 use crate::{keys::Key, spec::SourceDecl, store::Store};
@@ -107,7 +109,7 @@ impl Flights {
     /// Fails as [`Flights::open`].
     pub fn open_trusting(decl: &SourceDecl, folder: &std::path::Path, trust: Trust) -> Result<Flights, Vec<Fault>> {
         let placed = |f: Fault| f.at(decl.path.1.clone());
-        let (options, mapped) = flight_options(decl, folder)?;
+        let Files { options, mapped, lines } = flight_options(decl, folder)?;
         // What is wrong with a mapping is shown at its place in the mapping.
         let shown = |f: &Fault| mapped.is_some() && mapping::is_shown(f);
         let any_name = decl.options.contains_key("format");
@@ -128,7 +130,8 @@ impl Flights {
             let opened = FlightFile::open(&path, files::hive(&path, &options), mapped.as_ref(), threads, trust);
             let opened = opened.map_err(|e| vec![Fault::from(e)]);
             match opened.and_then(|(file, r)| Ok((Canonical::new(&r.schema)?, r.notes, file))) {
-                Ok((canonical, noted, file)) => {
+                Ok((canonical, noted, mut file)) => {
+                    file.lines = lines.clone();
                     notes.extend(noted);
                     merge(&mut fields, canonical.schema(), &path, &mut faults);
                     files.push(file);

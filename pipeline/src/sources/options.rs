@@ -5,7 +5,10 @@ use std::{path::Path, sync::Arc};
 use datasets::{FlightOptions, MapOptions};
 use schemas::{Fault, Lists, Params, Reader, params};
 
-use super::mapping::{Mapped, Mapping, is_shown};
+use super::{
+    line_table::LineTable,
+    mapping::{Mapped, Mapping, is_shown},
+};
 use crate::spec::SourceDecl;
 
 params! {
@@ -16,23 +19,49 @@ params! {
     mapping: Option<String>, unit "", default None, absent "columns mean what their names say";
     /// The table of the mapping.
     table: Option<String>, unit "", default None, absent "the only one";
+    /// A table of `flight`, `line`, `t_start` and `t_end` (seconds past midnight UTC): a sample is in the line that has its
+    /// time, and left out where none has. Takes the place of the files' own lines.
+    lines: Option<String>, unit "", default None, absent "the lines of the files";
 }
 
-/// The options of a table of flights, and the table of its mapping, where there is one. Paths start from `folder`.
+/// How the files of a table are read.
+pub struct Files {
+    /// Names, units, keys.
+    pub options: FlightOptions,
+    /// What columns mean.
+    pub mapped: Option<Mapped>,
+    /// The lines by their times.
+    pub lines: Option<Arc<LineTable>>,
+}
+
+/// The line of a file that is divided by a table.
+const WHOLE: &str = "0";
+
+/// The options of a table of flights, with the table of its mapping and that of its lines. Paths start from `folder`.
 ///
 /// # Errors
 /// Fails for unknown options, wrong types, and all that is wrong with the mapping.
-pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<(FlightOptions, Option<Mapped>), Vec<Fault>> {
-    let (options, MappingOptions { mapping, table }) = options::<FlightOptions, MappingOptions>(decl)?;
+pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<Files, Vec<Fault>> {
+    let (mut options, MappingOptions { mapping, table, lines }) = options::<FlightOptions, MappingOptions>(decl)?;
     let said = |key: &str| decl.options.get(key);
     let at = |fault: Fault, key: &str| said(key).map_or(fault.clone(), |given| fault.at(given.at.clone()));
     if options.epsg.is_some() && options.format.as_deref() != Some("points") {
         let fault = Fault::new("`epsg` applies to survey points only: say `format = \"points\"`");
         return Err(vec![at(fault, "epsg")]);
     }
+    let lines = lines.map(|name| LineTable::read(&folder.join(name)).map(Arc::new)).transpose();
+    let lines = lines.map_err(|fault| vec![at(fault, "lines")])?;
+    if lines.is_some() {
+        // Files that have no lines need none.
+        options.line.get_or_insert_with(|| WHOLE.to_owned());
+    }
     let Some(name) = mapping else {
         let fault = || Fault::new("`table` names the table of a mapping").help("say `mapping` too");
-        return if table.is_some() { Err(vec![at(fault(), "table")]) } else { Ok((options, None)) };
+        return if table.is_some() {
+            Err(vec![at(fault(), "table")])
+        } else {
+            Ok(Files { options, mapped: None, lines })
+        };
     };
     let taken: Vec<Fault> = ["rename", "units", "topic", "epsg"]
         .into_iter()
@@ -49,7 +78,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<(FlightOptions
     let mapping = Mapping::load(&name, folder).map_err(|f| vec![if is_shown(&f) { f } else { at(f, "mapping") }])?;
     let key = if table.is_some() { "table" } else { "mapping" };
     let mapped = Arc::new(mapping).table(table.as_deref()).map_err(|f| vec![at(f, key)])?;
-    Ok((options, Some(mapped)))
+    Ok(Files { options, mapped: Some(mapped), lines })
 }
 
 /// The options of a map.
