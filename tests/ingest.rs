@@ -13,7 +13,7 @@ use arrow_array::RecordBatch;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use tempfile::TempDir;
 
-use crate::support::{magline, numbers, read, repository, stderr, stdout, texts};
+use crate::support::{Bench, magline, numbers, read, repository, stderr, stdout, texts};
 
 fn sample(name: &str) -> String {
     repository().join("datasets/samples").join(name).display().to_string()
@@ -497,5 +497,40 @@ fn val_the_uav_example_has_the_figures_of_numpy() {
             }
         }
         assert_eq!(compared, 8, "{model}");
+    }
+}
+
+#[test]
+fn user_lines_are_divided_by_a_table_of_times() {
+    let bench = Bench::new();
+    let tt = numbers(&file(&bench.path("flights/1.parquet")), "tt");
+    let spec = "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flights/1.parquet\"\nlines = \"lines.csv\"\n\
+                [[stages]]\nname = \"made\"\nstage = \"derive\"\ninput = \"flights\"\ncolumns = { x = \"mag_4_uc - mag_5_uc\" }\n";
+    bench.spec(spec);
+    let table = |rows: &str| fs::write(bench.path("lines.csv"), format!("flight,line,t_start,t_end\n{rows}")).unwrap();
+    let lines = || {
+        let made = read(&bench.path("store/tables/small/made"));
+        texts(&made, "line").into_iter().fold(BTreeMap::<String, usize>::new(), |mut counts, line| {
+            *counts.entry(line).or_default() += 1;
+            counts
+        })
+    };
+    table(&format!("Flt1,out,{},{}\n1,home,{},{}\n", tt[10], tt[99], tt[200], tt[249]));
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    assert_eq!(lines(), BTreeMap::from([("out".to_owned(), 90), ("home".to_owned(), 50)]));
+    // The table is part of the key.
+    table(&format!("1,out,{},{}\n", tt[10], tt[19]));
+    assert_eq!(bench.run(&[]).code, 0);
+    assert_eq!(lines(), BTreeMap::from([("out".to_owned(), 10)]));
+    for (rows, says) in [
+        (format!("1,out,{},{}\n", 1000.0 * tt[10], 1000.0 * tt[19]), "no sample is within a line of"),
+        (format!("1,out,{},{}\n1,far,900000,900001\n", tt[10], tt[19]), "within the times of 1/far"),
+        (format!("1,out,{},{}\n1,in,{},{}\n", tt[10], tt[19], tt[15], tt[30]), "overlap"),
+    ] {
+        table(&rows);
+        let run = bench.magline(&["run", "spec.toml"]);
+        assert_eq!(run.status.code(), Some(2), "{}", stdout(&run));
+        assert!(stderr(&run).contains(says) && stderr(&run).contains("lines.csv"), "{}", stderr(&run));
     }
 }

@@ -109,8 +109,9 @@ impl LineTable {
             let after = spans.partition_point(|span| span.end_s < tt_s);
             spans.get(after).filter(|span| span.start_s <= tt_s).map(|span| span.line.as_str())
         };
-        let lines: StringArray = (0..batch.num_rows()).map(within).collect();
+        let lines: Vec<Option<&str>> = (0..batch.num_rows()).map(within).collect();
         let keep: BooleanArray = lines.iter().map(|line| Some(line.is_some())).collect();
+        let lines: StringArray = lines.into_iter().map(|line| Some(line.unwrap_or_default())).collect();
         let at = batch.schema().index_of("line").map_err(|_| lost())?;
         let mut columns = batch.columns().to_vec();
         if let Some(line) = columns.get_mut(at) {
