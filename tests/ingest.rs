@@ -13,7 +13,7 @@ use arrow_array::RecordBatch;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use tempfile::TempDir;
 
-use crate::support::{Bench, magline, numbers, read, repository, stderr, stdout, texts};
+use crate::support::{Bench, line_of, magline, numbers, read, repository, stderr, stdout, texts, write};
 
 fn sample(name: &str) -> String {
     repository().join("datasets/samples").join(name).display().to_string()
@@ -503,8 +503,9 @@ fn val_the_uav_example_has_the_figures_of_numpy() {
 #[test]
 fn user_lines_are_divided_by_a_table_of_times() {
     let bench = Bench::new();
-    let tt = numbers(&file(&bench.path("flights/1.parquet")), "tt");
-    let spec = "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flights/1.parquet\"\nlines = \"lines.csv\"\n\
+    write(&bench.path("flown.parquet"), &[line_of("1", "1.01", 700)]);
+    let tt = numbers(&file(&bench.path("flown.parquet")), "tt");
+    let spec = "name = \"small\"\nstore = \"store\"\n[tables.flights]\npath = \"flown.parquet\"\nlines = \"lines.csv\"\n\
                 [[stages]]\nname = \"made\"\nstage = \"derive\"\ninput = \"flights\"\ncolumns = { x = \"mag_4_uc - mag_5_uc\" }\n";
     bench.spec(spec);
     let table = |rows: &str| fs::write(bench.path("lines.csv"), format!("flight,line,t_start,t_end\n{rows}")).unwrap();
