@@ -40,7 +40,11 @@ pub fn run(catalogue: &[Entry], args: &ReportArgs) -> Result<(), Stop> {
     let form = match ending.as_deref() {
         Some("kml") => Form::Kml,
         Some("kmz") => Form::Kmz,
-        Some(_) | None => Form::Page,
+        Some("html" | "htm") | None => Form::Page,
+        Some(other) => {
+            let fault = Fault::new(format!("a report is a page or tracks, and cannot be written as `.{other}`"));
+            return Err(fault.help("end the name of the file in .html, .kml or .kmz").into());
+        }
     };
     if matches!(form, Form::Page) && !(args.table.is_empty() && args.line.is_empty()) {
         let fault = Fault::new("a page has no choice of tables and lines");
