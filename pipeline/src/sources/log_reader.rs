@@ -14,7 +14,7 @@ pub struct LogReader {
     pub schema: SchemaRef,
     /// Notes for the user on the whole file.
     pub notes: Vec<String>,
-    /// The result of scanning the whole file, for [`Reading::found`].
+    /// The result of scanning the whole file, for `Reading::found`.
     pub found: Option<String>,
     /// Sets the inputs of the flight, where they are not its file alone.
     pub made_from: Option<SayMadeFrom>,

@@ -1,6 +1,6 @@
 //! The noise floor of a column, from its fourth differences.
 //!
-//! The fourth difference x[i-2] - 4 x[i-1] + 6 x[i] - 4 x[i+1] + x[i+2] of a cubic is 0, and that of white noise has the
+//! The fourth difference `x[i-2] - 4 x[i-1] + 6 x[i] - 4 x[i+1] + x[i+2]` of a cubic is 0, and that of white noise has the
 //! variance 1 + 16 + 36 + 16 + 1 = 70 times its own. It is what surveyors judge a magnetometer by, divided by 16.
 //! [Reeves 2005, Aeromagnetic Surveys, section 3; Coyle et al. 2014, GSC Open File 7617]
 

@@ -1,7 +1,7 @@
 //! What a foreign log means: a TOML file that says which columns become which, in which units, axes and clocks.
 //!
 //! A mapping has one or several tables, each of which reads one topic of a log. A table is checked against the columns of a
-//! file before any row is read ([`bind`]); then the rows come through it batch by batch ([`rows`]). The format is described
+//! file before any row is read (`bind`); then the rows come through it batch by batch (`rows`). The format is described
 //! in `datasets/mappings/README.md`.
 
 mod bind;
