@@ -142,7 +142,7 @@ impl<'a> Problem<'a> {
     /// them, or below 1 as many as hold that part of the variance; as it is without `keep`.
     ///
     /// # Errors
-    /// As [`Components::whitened`].
+    /// Fails without rows, when no component is to be kept, or without convergence.
     pub fn whitened(mut self, keep: Option<f64>) -> Result<Self, Fault> {
         let Some(keep) = keep else { return Ok(self) };
         let components = Components::whitened(&self.merged, std::mem::take(&mut self.terms), keep)?;

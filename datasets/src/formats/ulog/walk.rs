@@ -22,7 +22,7 @@ const HEADER: usize = 16;
 const SYNC: &[u8] = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12";
 /// Bytes to be seen at once: four messages of any length.
 const AHEAD: usize = 1 << 18;
-/// The longest message of an unknown type that is believed. [pyulog]
+/// The longest message of an unknown type that is believed. (As pyulog.)
 const LONGEST_UNKNOWN: usize = 10_000;
 /// The longest text that a log message is believed to have; PX4 writes 127 characters.
 const LONGEST_TEXT: usize = 2048;
