@@ -8,6 +8,7 @@
 
 pub mod formats;
 mod grid;
+pub mod mappings;
 pub mod motion;
 mod row_fault;
 pub mod samples;

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use tables::{Line, beyond_core, classical, less, line, lines, reference_free, sd, seeds};
 
 fn spec(name: &str) -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../presets").join(format!("{name}.synth.toml"))
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("presets").join(format!("{name}.synth.toml"))
 }
 
 /// Root of the mean square.

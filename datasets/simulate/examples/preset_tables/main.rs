@@ -1,6 +1,6 @@
 //! The presets compared with the theses: the residuals of Tolles-Lawson compensation of their readings, as the tables
 //! of
-//! `datasets/presets/README.md`.
+//! `datasets/simulate/presets/README.md`.
 //!
 //! `cargo run -p magline-simulate --example preset_tables`
 
@@ -31,7 +31,7 @@ const DRONE: [(&str, &str, [f64; 2]); 4] = [
 const SEEDS: std::ops::RangeInclusive<u32> = 1..=12;
 
 fn main() -> Result<(), Failed> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../presets");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("presets");
     let (cessna_spec, drone_spec) = (folder.join("cessna.synth.toml"), folder.join("drone.synth.toml"));
     cessna(&lines(&cessna_spec)?)?;
     cessna_seeds(&seeds(&cessna_spec, SEEDS)?)?;

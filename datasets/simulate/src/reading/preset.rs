@@ -17,7 +17,7 @@ use super::section::Faults;
 
 /// The presets by name, each a TOML file of a spec without map and flights.
 pub const PRESETS: &[(&str, &str)] =
-    &[("cessna", include_str!("../../../presets/cessna.toml")), ("drone", include_str!("../../../presets/drone.toml"))];
+    &[("cessna", include_str!("../../presets/cessna.toml")), ("drone", include_str!("../../presets/drone.toml"))];
 
 /// Two ways to say one thing: who says it one way takes back the other.
 const EITHER: [[&str; 2]; 4] =

@@ -11,7 +11,6 @@ mod declare;
 mod document;
 mod epoch;
 mod make;
-mod ready;
 mod row_value;
 mod rows;
 pub mod suggest;
@@ -28,9 +27,9 @@ use std::{
 use datasets::{FlightOptions, ReadError, Reading, formats::FlightFormat, open_raw_among};
 use schemas::{Fault, Params};
 
+pub use datasets::mappings::READY;
 pub use declare::{ColumnOf, Epoch, Head, KeyOf, QuaternionOf, Stamp, VectorOf};
 use document::{Document, TableDecl};
-pub use ready::READY;
 
 use super::log_reader::LogReader;
 use crate::keys::Key;

@@ -1,4 +1,5 @@
-//! The mappings that come with magline.
+//! The mappings that come with magline: what the columns of the logs of known programs mean. `mappings/README.md` describes
+//! their form.
 
 /// A mapping by name.
 #[derive(Clone, Copy, Debug)]
@@ -11,11 +12,11 @@ pub struct Ready {
 
 macro_rules! ready {
     ($($name:literal),+ $(,)?) => {
-        /// All of them; each is a file in `datasets/mappings`.
+        /// All of them; each is a file in `mappings`.
         pub const READY: &[Ready] = &[
             $(Ready {
                 name: $name,
-                text: include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../datasets/mappings/", $name, ".toml")),
+                text: include_str!(concat!("../mappings/", $name, ".toml")),
             }),+
         ];
     };
