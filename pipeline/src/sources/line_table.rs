@@ -43,10 +43,10 @@ impl LineTable {
     pub fn read(path: &Path) -> Result<LineTable, Fault> {
         let label = path.display().to_string();
         let wrong = |e: ReadError| Fault::from(e);
-        let mut reader = open_raw(path, &FlightOptions::default(), &Reading::default()).map_err(wrong)?;
+        let reader = open_raw(path, &FlightOptions::default(), &Reading::default()).map_err(wrong)?;
         let mut spans: BTreeMap<String, Vec<Span>> = BTreeMap::new();
         let mut row = 0_u64;
-        while let Some(batch) = reader.next() {
+        for batch in reader {
             let batch = batch.map_err(wrong)?;
             let [flight, line] = [0, 1].map(|at| texts(&batch, COLUMNS[at]));
             let [start, end] = [2, 3].map(|at| cast_to(&batch, COLUMNS[at], &DataType::Float64));

@@ -35,7 +35,7 @@ pub fn seeds(spec: &Path, seeds: std::ops::RangeInclusive<u32>) -> Result<Vec<Ve
     let with = |seed: u32| {
         let lines_of_text =
             text.lines().map(|l| if l.starts_with("seed ") { format!("seed = {seed}") } else { l.into() });
-        let changed = lines_of_text.collect::<Vec<String>>().join("\n").replace("../samples", &samples);
+        let changed = lines_of_text.collect::<Vec<String>>().join("\n").replace("../../samples", &samples);
         let path = folder.path().join("seed.synth.toml");
         std::fs::write(&path, changed)?;
         Ok(lines(&path)?)
