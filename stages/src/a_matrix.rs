@@ -5,11 +5,11 @@ use std::ops::Range;
 use arrow_array::RecordBatch;
 use numerics::{
     compensation::tolles_lawson::{Field, Terms, matrix_in_runs},
-    signal::segments::{STEP_TOLERANCE, Usable, sample_rate},
+    signal::segments::Usable,
 };
 use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, stage};
 
-use crate::columns::{data, faults_of, floats, list, no_truth, shape, vector_axes};
+use crate::columns::{data, even_rate_hz, faults_of, floats, list, no_truth, shape, vector_axes};
 
 stage! {
     /// Builds the Tolles-Lawson terms of a vector magnetometer and appends them as the list column `tl`.
@@ -114,7 +114,7 @@ pub fn runs_of(terms: &Terms, tt_s: &[f64], [x, y, z]: [&[f64]; 3]) -> Result<Ve
     if !terms.names().iter().any(|name| name.ends_with("_dot")) {
         return Ok(usable.runs());
     }
-    let rate_hz = sample_rate(tt_s, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+    let rate_hz = even_rate_hz(tt_s)?;
     Ok(usable.runs_in_time(tt_s, rate_hz))
 }
 

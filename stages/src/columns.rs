@@ -2,6 +2,7 @@
 
 use arrow_array::{Array, ArrayRef, FixedSizeListArray, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::{DataType, Field};
+use numerics::signal::segments::{STEP_TOLERANCE, sample_rate};
 use schemas::{Column, ColumnType, Fault, Role, Shape, Table};
 use std::sync::Arc;
 
@@ -37,6 +38,14 @@ fn absent(name: &str) -> Fault {
 
 fn not_numbers(name: &str) -> Fault {
     Fault::data("does not hold numbers").in_column(name)
+}
+
+/// The rate of evenly spaced times (s), in Hz.
+///
+/// # Errors
+/// Fails as [`sample_rate`], for the column `tt`.
+pub fn even_rate_hz(tt_s: &[f64]) -> Result<f64, Fault> {
+    sample_rate(tt_s, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))
 }
 
 /// Numbers as an array.

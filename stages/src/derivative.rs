@@ -6,12 +6,12 @@ use numerics::{
     signal::{
         difference::{Scheme, difference},
         savitzky_golay::SavitzkyGolay,
-        segments::{STEP_TOLERANCE, Usable, sample_rate},
+        segments::Usable,
     },
 };
 use schemas::{Arrays, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, choice, stage};
 
-use crate::columns::{array, data, floats, is_angle, made_of_each, not_numbers_among, shape};
+use crate::columns::{array, even_rate_hz, floats, is_angle, made_of_each, not_numbers_among, shape};
 
 stage! {
     /// Appends the rate of change of columns, `<column>_dot`, per second.
@@ -128,7 +128,7 @@ impl LineStage for Derivative {
     fn run(&self, line: &LineIn, (): &()) -> Arrays {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
-        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+        let rate_hz = even_rate_hz(tt)?;
         let slope = self.slope()?;
         let one = |name: &String| {
             let x = floats(batch, name)?;

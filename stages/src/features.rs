@@ -11,14 +11,14 @@ use numerics::{
     },
     signal::{
         difference::{Scheme, difference},
-        segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+        segments::{Usable, filter_column},
     },
 };
 use schemas::{Arrays, Column, ColumnType, Fault, LineIn, LineStage, Rule, Shape, Stage, Table, Yield, stage};
 
 use crate::{
     bandpass::design,
-    columns::{data, floats, list, no_truth, shape, vector_axes},
+    columns::{data, even_rate_hz, floats, list, no_truth, shape, vector_axes},
     core_field::PositionOf,
 };
 
@@ -368,7 +368,7 @@ impl Samples<'_> {
     }
 
     fn rate_hz(&self) -> Result<f64, Fault> {
-        sample_rate(self.tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))
+        even_rate_hz(self.tt)
     }
 
     /// What `of` makes of each run without gaps; NaN elsewhere and where it makes nothing.

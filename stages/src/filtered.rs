@@ -6,12 +6,12 @@ use numerics::{
     signal::{
         filter::ZeroPhase,
         resample::AngleRange,
-        segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+        segments::{Usable, filter_column},
     },
 };
 use schemas::{Arrays, Fault};
 
-use crate::columns::{array, data, floats, is_angle};
+use crate::columns::{array, data, even_rate_hz, floats, is_angle};
 
 /// How columns of angles (unit deg) are filtered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,7 +35,7 @@ pub fn filtered(
     design: impl FnOnce(f64) -> Result<ZeroPhase, Fault>,
 ) -> Arrays {
     let tt = floats(batch, "tt")?;
-    let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+    let rate_hz = even_rate_hz(tt)?;
     let filter = design(rate_hz)?;
     let one = |name: &String| {
         let x = floats(batch, name)?;

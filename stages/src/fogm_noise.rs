@@ -5,12 +5,12 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Int64Array, RecordBatch};
 use numerics::signal::{
     noise::{FitBy, fit},
-    segments::{STEP_TOLERANCE, Usable, sample_rate},
+    segments::Usable,
 };
 use schemas::{Column, Fault, Gather, LineIn, Passes, Product, Stage, SurveyStage, Table, Yield, stage};
 
 use crate::{
-    columns::{array, data, floats, shape},
+    columns::{array, data, even_rate_hz, floats, shape},
     model_columns::RESIDUAL,
 };
 
@@ -53,7 +53,7 @@ impl FogmNoise {
     /// The residual of a line, run by run.
     fn runs(&self, batch: &RecordBatch, line: &LineIn) -> Result<Runs, Fault> {
         let tt = floats(batch, "tt")?;
-        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+        let rate_hz = even_rate_hz(tt)?;
         let mut left = floats(batch, &self.column)?.to_vec();
         if let Some(truth) = &self.truth {
             left.iter_mut().zip(floats(batch, truth)?).for_each(|(l, x)| *l -= x);

@@ -5,13 +5,13 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Int64Array, RecordBatch, StringArray};
 use numerics::signal::{
     lag::{Lag, lag_of},
-    segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+    segments::{Usable, filter_column},
 };
 use schemas::{Column, Fault, Gather, LineIn, Passes, Product, Role, Rule, Stage, SurveyStage, Table, Yield, stage};
 
 use crate::{
     bandpass::design,
-    columns::{array, band, data, floats, not_numbers_among, shape},
+    columns::{array, band, data, even_rate_hz, floats, not_numbers_among, shape},
 };
 
 stage! {
@@ -85,7 +85,7 @@ impl LagStage {
     fn lags(&self, line: &LineIn) -> Result<Vec<Found>, Fault> {
         let batch = line.inputs.first().ok_or_else(|| Fault::bug("a stage without an input"))?;
         let tt = floats(batch, "tt")?;
-        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+        let rate_hz = even_rate_hz(tt)?;
         // Pairs are counted by rows, so that a gap in time needs its rows.
         let whole = Usable::all(tt.len()).runs_in_time(tt, rate_hz).len();
         if whole > 1 {

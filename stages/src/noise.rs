@@ -3,14 +3,14 @@
 use arrow_array::{ArrayRef, Int64Array, RecordBatch};
 use numerics::signal::{
     noise::{Blocks, noise},
-    segments::{STEP_TOLERANCE, Usable, sample_rate},
+    segments::Usable,
 };
 use schemas::{
     Arrays, Column, Fault, Gather, LineIn, LineStage, Passes, Product, Shape, Stage, SurveyStage, Table, Yield, stage,
 };
 
 use crate::{
-    columns::{array, data, floats, shape},
+    columns::{array, data, even_rate_hz, floats, shape},
     compensate::noise_columns,
     model_columns::RESIDUAL,
 };
@@ -85,7 +85,7 @@ impl ResidualNoise {
 
     fn blocks(&self, batch: &RecordBatch, line: &LineIn) -> Result<Blocks, Fault> {
         let tt = floats(batch, "tt")?;
-        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+        let rate_hz = even_rate_hz(tt)?;
         let mut left = floats(batch, &self.mag)?.to_vec();
         for name in self.less(|name| batch.column_by_name(name).is_some()) {
             left.iter_mut().zip(floats(batch, &name)?).for_each(|(l, x)| *l -= x);

@@ -7,14 +7,14 @@ use numerics::{
     angle::unwrapped_deg,
     signal::{
         savitzky_golay::SavitzkyGolay,
-        segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+        segments::{Usable, filter_column},
     },
 };
 use schemas::{Arrays, Column, Fault, LineIn, LineStage, Rule, Stage, Table, Yield, stage};
 
 use crate::{
     bandpass::design,
-    columns::{band, data, floats, not_numbers_among, role_of, shape},
+    columns::{band, data, even_rate_hz, floats, not_numbers_among, role_of, shape},
 };
 
 stage! {
@@ -171,7 +171,7 @@ impl Segments {
 
     fn kinds(&self, batch: &RecordBatch) -> Result<Vec<(usize, Kind)>, Fault> {
         let tt = floats(batch, "tt")?;
-        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+        let rate_hz = even_rate_hz(tt)?;
         let heading = unwrapped_deg(floats(batch, &self.heading)?);
         let busy = self.manoeuvres(batch, tt, rate_hz)?;
         // The run that a sample belongs to ends a segment as its kind does.

@@ -24,7 +24,7 @@ pub(super) enum Kind {
     F16,
     F32,
     F64,
-    /// Characters up to a NUL, at most so many.
+    /// Characters up to a NUL, at most this number.
     Text(usize),
 }
 

@@ -96,7 +96,7 @@ impl Predictions {
     /// For each line the row of each of its samples, where it is predicted.
     ///
     /// # Errors
-    /// Rows of a line that is not scored, of a time that no sample has, and rows that are there twice.
+    /// Rows of a line that is not scored, of a time that no sample has, and duplicate rows.
     pub fn places(&self, lines: &[&Flight]) -> Result<Vec<Vec<Option<usize>>>, Fault> {
         let tick = |tt_s: f64| (tt_s * TICKS_PER_S).round() as i64;
         // By flight and line: the line, and its samples by time.

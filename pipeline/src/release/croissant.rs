@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::{
     citation, protect,
-    set::{About, Column, Set, Table},
+    set::{About, Column, ColumnKind, Set, Table},
     words::address,
 };
 
@@ -154,7 +154,7 @@ fn record_set(table: &Table) -> Value {
             "dataType": data_type(c),
             "source": { source.0: { "@id": source.1 }, "extract": { "column": c.name } },
         });
-        if c.kind.starts_with("list") {
+        if c.kind == ColumnKind::Numbers {
             out["repeated"] = json!(true);
         }
         out
@@ -177,11 +177,11 @@ fn described(c: &Column) -> String {
 }
 
 fn data_type(c: &Column) -> &'static str {
-    match c.kind.as_str() {
-        "number" | "list of numbers" => "sc:Float",
-        "integer" => "sc:Integer",
-        "boolean" => "sc:Boolean",
+    match c.kind {
+        ColumnKind::Number | ColumnKind::Numbers => "sc:Float",
+        ColumnKind::Integer => "sc:Integer",
+        ColumnKind::Boolean => "sc:Boolean",
         // What has no type of its own is read as text.
-        _ => "sc:Text",
+        ColumnKind::Text | ColumnKind::Other(_) => "sc:Text",
     }
 }

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
-use super::set::{Column, DataFile, Set, Table};
+use super::set::{Column, ColumnKind, DataFile, Set, Table};
 
 /// A name of a resource or package: lower case, digits and `-_.`.
 fn slug(text: &str) -> String {
@@ -83,13 +83,13 @@ pub fn schema(table: &Table) -> Value {
 }
 
 fn field(c: &Column) -> Value {
-    let kind = match c.kind.as_str() {
-        "number" => "number",
-        "integer" => "integer",
-        "boolean" => "boolean",
-        "text" => "string",
-        "list of numbers" => "array",
-        _ => "any",
+    let kind = match c.kind {
+        ColumnKind::Number => "number",
+        ColumnKind::Integer => "integer",
+        ColumnKind::Boolean => "boolean",
+        ColumnKind::Text => "string",
+        ColumnKind::Numbers => "array",
+        ColumnKind::Other(_) => "any",
     };
     let mut out = Map::new();
     out.insert("name".into(), json!(c.name));

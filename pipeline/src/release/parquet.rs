@@ -21,7 +21,7 @@ use parquet::{
 };
 use schemas::Fault;
 
-use super::set::{Column, Values};
+use super::set::{Column, ColumnKind, Values};
 
 /// Rows of a row group.
 const GROUP_ROWS: usize = 100_000;
@@ -178,17 +178,16 @@ pub fn columns(schema: &Schema) -> Vec<Column> {
     schema.fields().iter().map(column).collect()
 }
 
-/// The word for a type.
-fn kind(kind: &DataType) -> String {
+fn kind(kind: &DataType) -> ColumnKind {
     match kind {
-        DataType::Float64 => "number".to_owned(),
-        DataType::Int64 => "integer".to_owned(),
-        DataType::Utf8 => "text".to_owned(),
-        DataType::Boolean => "boolean".to_owned(),
+        DataType::Float64 => ColumnKind::Number,
+        DataType::Int64 => ColumnKind::Integer,
+        DataType::Utf8 => ColumnKind::Text,
+        DataType::Boolean => ColumnKind::Boolean,
         DataType::FixedSizeList(item, _) | DataType::List(item) if item.data_type() == &DataType::Float64 => {
-            "list of numbers".to_owned()
+            ColumnKind::Numbers
         }
-        other => other.to_string(),
+        other => ColumnKind::Other(other.to_string()),
     }
 }
 

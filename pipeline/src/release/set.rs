@@ -1,6 +1,6 @@
 //! What a published set says of itself, as data: all its documents are made of this, and checked against it.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, fmt};
 
 use serde::{Deserialize, Serialize};
 
@@ -126,14 +126,58 @@ pub struct Table {
     pub files: Vec<DataFile>,
 }
 
+/// The type of a column's values.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "String", into = "String")]
+pub enum ColumnKind {
+    /// Float64.
+    Number,
+    /// Int64.
+    Integer,
+    /// UTF-8.
+    Text,
+    /// True or false.
+    Boolean,
+    /// A list of Float64.
+    Numbers,
+    /// Any other type, as Arrow spells it.
+    Other(String),
+}
+
+impl From<String> for ColumnKind {
+    fn from(word: String) -> Self {
+        let named = [Self::Number, Self::Integer, Self::Text, Self::Boolean, Self::Numbers];
+        named.into_iter().find(|kind| kind.to_string() == word).unwrap_or(Self::Other(word))
+    }
+}
+
+impl From<ColumnKind> for String {
+    fn from(kind: ColumnKind) -> Self {
+        kind.to_string()
+    }
+}
+
+impl fmt::Display for ColumnKind {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Self::Number => "number",
+            Self::Integer => "integer",
+            Self::Text => "text",
+            Self::Boolean => "boolean",
+            Self::Numbers => "list of numbers",
+            Self::Other(word) => word,
+        })
+    }
+}
+
 /// A column of a table.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Column {
     /// Its name.
     pub name: String,
-    /// `number`, `integer`, `text`, `boolean` or `list of numbers`.
+    /// The type of its values.
     #[serde(rename = "type")]
-    pub kind: String,
+    pub kind: ColumnKind,
     /// Its unit; empty for none.
     pub unit: String,
     /// `key`, `time`, `truth`, `sensor`, `aux` or `derived`.

@@ -166,7 +166,11 @@ fn one(store: &Store, path: &Path, read_all: bool) -> io::Result<Key> {
     Ok(hash)
 }
 
-fn hash_file(path: &Path) -> io::Result<Key> {
+/// The key of the bytes of a file.
+///
+/// # Errors
+/// When it cannot be read.
+pub(super) fn hash_file(path: &Path) -> io::Result<Key> {
     let mut hasher = blake3::Hasher::new();
     let mut file = fs::File::open(path)?;
     let mut buffer = vec![0; 1 << 20];

@@ -32,6 +32,7 @@ use schemas::{
 
 use super::{
     assemble::{Assembly, Whole},
+    bytes::hash_file,
     checks::{Measure, measures},
     formats::open_log,
     mapping::{Mapped, is_shown},
@@ -169,19 +170,16 @@ impl Export<'_> {
 
     /// The key of what the files are made from.
     fn key(&self, made_from: Option<SayMadeFrom>) -> Result<Key, Fault> {
-        let hash = |path: &Path| {
-            let mut hasher = blake3::Hasher::new();
-            let mut file = File::open(path)?;
-            io::copy(&mut file, &mut hasher)?;
-            io::Result::Ok(Key::finish(&hasher).to_string())
-        };
         let failed = |path: &Path, e: &io::Error| match e.kind() {
             io::ErrorKind::NotFound => Fault::new(format!("there is no file {}", path.display())),
             _ => Fault::machine(format!("cannot read {}: {e}", path.display())),
         };
         let bytes = |path: &Path| {
             // A format may be a folder; its reader says what it makes of it.
-            if path.is_dir() { Ok("folder".to_owned()) } else { hash(path).map_err(|e| failed(path, &e)) }
+            if path.is_dir() {
+                return Ok("folder".to_owned());
+            }
+            hash_file(path).map(|key| key.to_string()).map_err(|e| failed(path, &e))
         };
         let mut parts = vec![
             VERSION.to_owned(),

@@ -1,16 +1,12 @@
 //! One file of a table of flights, and the result of scanning all of it.
 
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::path::{Path, PathBuf};
 
 use datasets::{FlightOptions, ReadError, Reading, formats::SayMadeFrom};
 
 use super::{
     bytes::{Seen, Trust},
     formats::open_log,
-    line_table::LineTable,
     log_reader::LogReader,
     mapping::Mapped,
 };
@@ -22,8 +18,6 @@ pub(super) struct FlightFile {
     pub(super) options: FlightOptions,
     /// What its columns mean, where that is not what their names say.
     pub(super) mapped: Option<Mapped>,
-    /// The lines by their times, in place of its own.
-    pub(super) lines: Option<Arc<LineTable>>,
     /// Returns its inputs, where its values are computed from others.
     pub(super) made_from: Option<SayMadeFrom>,
     /// The result of scanning it, such as the types of columns; valid while the file is unchanged.
@@ -47,10 +41,7 @@ impl FlightFile {
         let open = || open_log(path, &options, mapped, &reading);
         let (reader, seen) = Seen::by(path, open, |reader| reader.found.clone())?;
         let (kept, made_from, mapped) = (known.is_some(), reader.made_from, mapped.cloned());
-        Ok((
-            FlightFile { path: path.to_owned(), options, mapped, lines: None, made_from, found: known.or(seen), kept },
-            reader,
-        ))
+        Ok((FlightFile { path: path.to_owned(), options, mapped, made_from, found: known.or(seen), kept }, reader))
     }
 
     /// Opens it again, for its rows.

@@ -29,6 +29,7 @@ use super::{
     fingerprint,
     flight_file::FlightFile,
     in_order::in_order,
+    line_table::LineTable,
     midnight,
     packer::Packer,
     quality::{Examined, Finding, Origins, examine},
@@ -95,7 +96,8 @@ impl IndexFault {
 pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<Fault>> {
     let done = AtomicUsize::new(0);
     let total = flights.files.len();
-    let how = How { threads: threads_in_each(total), read_all: flights.read_all };
+    let by_time = flights.by_time.as_ref();
+    let how = How { threads: threads_in_each(total), read_all: flights.read_all, by_time };
     let read: Vec<Result<(Bytes, Index), Fault>> = flights
         .files
         .par_iter()
@@ -128,7 +130,7 @@ pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<
     for mapped in flights.files.first().into_iter().filter_map(|file| file.mapped.as_ref()) {
         files.push(Bytes { path: mapped.mapping().label.clone().into(), hash: mapped.key() });
     }
-    if let Some(table) = flights.files.first().and_then(|file| file.lines.as_ref()) {
+    if let Some(table) = by_time {
         table.check(lines.iter().map(|l| (l.flight.as_str(), l.line.as_str()))).map_err(|fault| vec![fault])?;
         files.push(Bytes { path: table.label.clone().into(), hash: table.key() });
     }
@@ -195,11 +197,13 @@ type Tick<'a> = &'a (dyn Fn(&ReadStep) + Sync);
 type LineTick<'a> = &'a dyn Fn(bool, usize, Option<usize>);
 
 /// The options for reading the files of a table.
-struct How {
+struct How<'a> {
     /// The number of lines of a file that are processed in parallel.
     threads: usize,
     /// Whether the bytes of each file are read, whatever is cached.
     read_all: bool,
+    /// The lines by their times, in place of those of the file.
+    by_time: Option<&'a LineTable>,
 }
 
 /// The contents of the file, from the store where it was read before.
@@ -219,7 +223,7 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
             parts.push(fingerprint(store, &other, how.read_all)?.hash.to_string());
         }
     }
-    parts.extend(file.lines.as_ref().map(|lines| lines.key().to_string()));
+    parts.extend(how.by_time.map(|table| table.key().to_string()));
     let made_from = file.made_from.map(|say| say(path)).transpose().map_err(Fault::from)?;
     for other in made_from.iter().flat_map(|m| &m.files) {
         parts.push(fingerprint(store, other, how.read_all)?.hash.to_string());
@@ -234,26 +238,26 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
         return Ok((bytes, index));
     }
     tick(simulated, 0, of_lines);
-    let index = ingest(store, file, how.threads, &|lines| tick(simulated, lines, of_lines))?;
+    let index = ingest(store, file, how, &|lines| tick(simulated, lines, of_lines))?;
     store.write(&note, &record::sealed(&index)?)?;
     Ok((bytes, index))
 }
 
-/// The rows of a batch in the lines of the file's table of lines, where it has one.
+/// The rows of a batch in the lines of a table of lines, where there is one.
 fn divided(
-    file: &FlightFile,
+    by_time: Option<&LineTable>,
     batch: RecordBatch,
     faults: Vec<RowFault>,
 ) -> Result<(RecordBatch, Vec<RowFault>), Fault> {
-    match &file.lines {
+    match by_time {
         Some(table) => table.divide(&batch, &faults),
         None => Ok((batch, faults)),
     }
 }
 
 /// Reads a file once, with as many lines in memory as are worked on.
-fn ingest(store: &Store, file: &FlightFile, threads: usize, tick: &dyn Fn(usize)) -> Result<Index, Fault> {
-    let mut reader = file.read(threads).map_err(Fault::from)?;
+fn ingest(store: &Store, file: &FlightFile, how: &How, tick: &dyn Fn(usize)) -> Result<Index, Fault> {
+    let mut reader = file.read(how.threads).map_err(Fault::from)?;
     let canonical = Canonical::new(&reader.schema).map_err(|f| f.into_iter().next().unwrap_or_default())?;
     let origins = Origins::new(&reader.schema, &file.options.rename).of_mapping(file.mapped.is_some());
     let mut assembly = Some(Assembly::new(&file.options));
@@ -265,7 +269,7 @@ fn ingest(store: &Store, file: &FlightFile, threads: usize, tick: &dyn Fn(usize)
         let assembled = assembly.as_mut()?;
         match reader.next_part().map(|part| part.map_err(Fault::from)) {
             Some(Ok(part)) => match canonical.apply_with_zeros(&part.batch) {
-                Ok(batch) => match divided(file, batch, part.faults) {
+                Ok(batch) => match divided(how.by_time, batch, part.faults) {
                     Ok((batch, faults)) => whole.extend(assembled.add(&batch, &faults)),
                     Err(fault) => return Some(Err(fault)),
                 },
@@ -277,9 +281,9 @@ fn ingest(store: &Store, file: &FlightFile, threads: usize, tick: &dyn Fn(usize)
     };
     let packer = Packer::new(store);
     let put = |line: Whole| put(&packer, line, &origins, &file.options.accept);
-    let lines = in_order(threads, next, put, tick)?;
+    let lines = in_order(how.threads, next, put, tick)?;
     packer.finish()?;
-    if let Some(table) = file.lines.as_ref().filter(|_| lines.is_empty()) {
+    if let Some(table) = how.by_time.filter(|_| lines.is_empty()) {
         return Err(table.none_of(&file.path));
     }
     if lines.is_empty() {

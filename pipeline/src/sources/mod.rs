@@ -59,6 +59,8 @@ pub struct Flights {
     pub notes: Vec<String>,
     /// Whether the bytes of its files are read even where they look like those read last.
     pub read_all: bool,
+    /// The lines by their times, in place of those of the files.
+    by_time: Option<LineTable>,
     files: Vec<FlightFile>,
 }
 
@@ -130,8 +132,7 @@ impl Flights {
             let opened = FlightFile::open(&path, files::hive(&path, &options), mapped.as_ref(), threads, trust);
             let opened = opened.map_err(|e| vec![Fault::from(e)]);
             match opened.and_then(|(file, r)| Ok((Canonical::new(&r.schema)?, r.notes, file))) {
-                Ok((canonical, noted, mut file)) => {
-                    file.lines = lines.clone();
+                Ok((canonical, noted, file)) => {
                     notes.extend(noted);
                     merge(&mut fields, canonical.schema(), &path, &mut faults);
                     files.push(file);
@@ -149,7 +150,7 @@ impl Flights {
         let schema: SchemaRef = Arc::new(Schema::new(fields));
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
         let (name, shape) = (decl.name.clone(), Shape { columns, rate_hz: None });
-        Ok(Flights { name, shape, schema, notes, read_all: trust.read_all, files })
+        Ok(Flights { name, shape, schema, notes, read_all: trust.read_all, by_time: lines, files })
     }
 
     /// Its files, and those that its simulations are made from.

@@ -31,7 +31,7 @@ pub struct Files {
     /// What columns mean.
     pub mapped: Option<Mapped>,
     /// The lines by their times.
-    pub lines: Option<Arc<LineTable>>,
+    pub lines: Option<LineTable>,
 }
 
 /// The line of a file that is divided by a table.
@@ -49,7 +49,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<Files, Vec<Fau
         let fault = Fault::new("`epsg` applies to survey points only: say `format = \"points\"`");
         return Err(vec![at(fault, "epsg")]);
     }
-    let lines = lines.map(|name| LineTable::read(&folder.join(name)).map(Arc::new)).transpose();
+    let lines = lines.map(|name| LineTable::read(&folder.join(name))).transpose();
     let lines = lines.map_err(|fault| vec![at(fault, "lines")])?;
     if lines.is_some() {
         // Files that have no lines need none.

@@ -7,7 +7,7 @@ use numerics::{
     regression::least_squares::{Moments, MomentsAccumulator},
     signal::{
         filter::ConstantColumns,
-        segments::{STEP_TOLERANCE, Usable, filter_matrix, sample_rate},
+        segments::{Usable, filter_matrix},
     },
 };
 use schemas::{Fault, LineIn};
@@ -18,7 +18,7 @@ use super::{
 };
 use crate::{
     bandpass::design,
-    columns::{data, floats, matrix},
+    columns::{data, even_rate_hz, floats, matrix},
 };
 
 /// Rows kept of a line's unfiltered terms, evenly spread: enough to tell a total field from an aircraft's.
@@ -94,7 +94,7 @@ impl Part {
     pub fn new(line: &LineIn, questions: &BTreeMap<Matrix, Question>) -> Result<Part, Fault> {
         let batch = &line.inputs[0];
         let tt = floats(batch, "tt")?;
-        let rate_hz = sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))?;
+        let rate_hz = even_rate_hz(tt)?;
         let mut part = Part { flight: line.flight.clone(), line: line.line.clone(), ..Part::default() };
         let mut blocks: BTreeMap<&str, Block> = BTreeMap::new();
         let mut groups: Vec<Group> = vec![];

@@ -8,7 +8,7 @@ use numerics::{
         crossings::figure_of_merit_crossings,
     },
     regression::statistics::{self, Figure},
-    signal::segments::{STEP_TOLERANCE, Usable, filter_column, sample_rate},
+    signal::segments::{Usable, filter_column},
 };
 use schemas::{Fault, metric::Shown};
 
@@ -17,7 +17,10 @@ use super::{
     metric::metric,
     source::Source,
 };
-use crate::{bandpass::design, columns::data};
+use crate::{
+    bandpass::design,
+    columns::{data, even_rate_hz},
+};
 
 metric! {
     /// standard deviation (n - 1) of compensated minus truth: a constant does not count
@@ -94,14 +97,10 @@ metric! {
     at_crossings
 }
 
-fn rate_hz(tt: &[f64]) -> Result<f64, Fault> {
-    sample_rate(tt, STEP_TOLERANCE).map_err(|e| data(e).in_column("tt").help("resample first"))
-}
-
 fn improvement_ratio_band(line: &Line) -> Result<Figure, Fault> {
     let tt = line.tt()?;
     let Signals { before_nt, after_nt } = line.signals()?;
-    let rate_hz = rate_hz(tt)?;
+    let rate_hz = even_rate_hz(tt)?;
     let Some(filter) = design(line.stage.low_hz, line.stage.high_hz, line.stage.order, rate_hz)? else {
         return Ok(statistics::improvement_ratio(before_nt, after_nt));
     };
@@ -128,7 +127,7 @@ fn of_manoeuvres(line: &Line) -> Result<Figure, Fault> {
         return Ok(Figure { value: f64::NAN, n: found.len() });
     }
     let mag = line.column(Source::Signal)?;
-    let rate_hz = rate_hz(tt)?;
+    let rate_hz = even_rate_hz(tt)?;
     let runs = Usable::all(tt.len()).and_finite(mag).runs_in_time(tt, rate_hz);
     match design(line.stage.low_hz, line.stage.high_hz, line.stage.order, rate_hz)? {
         None => Ok(figure_of_merit(mag, &found)),
