@@ -1,0 +1,4 @@
+//! Models of an aircraft's field that are trained on samples, and which of their inputs matter.
+//!
+//! Slices in, vectors out, as in [`numerics`], which this rests on. Sums over samples are made block by block in one fixed
+//! order, so that the same seed gives the same bits on any number of threads.
