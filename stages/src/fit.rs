@@ -32,7 +32,7 @@ use residual::residual_noise;
 use rows::Part;
 use schemas::{
     Chosen, Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Shape, Stage,
-    SurveyStage, Table, Yield, stage,
+    SurveyStage, Table, Work, Yield, stage,
 };
 use solve::{Solved, solve};
 use wide::EARTH;
@@ -363,7 +363,7 @@ impl Gather for FitGather {
         self.points.iter().enumerate().filter_map(|(i, point)| Some((i, why(point)?))).collect()
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
+    fn finish(&self, parts: Vec<Part>, work: &dyn Work) -> Vec<Result<Product, Fault>> {
         let parts: Vec<&Part> = parts.iter().collect();
         type At = (Matrix, Targets);
         type Kind = (Option<Vec<String>>, Option<u64>);
