@@ -22,6 +22,7 @@ mod maps;
 mod memory;
 mod models;
 mod navigation;
+mod networks;
 mod plausible;
 mod power_loss;
 mod publish;

@@ -20,7 +20,7 @@ use crate::{
 };
 
 /// Seconds between two states that are kept.
-const KEPT_EVERY_S: f64 = 5.0;
+const KEPT_EVERY_S: f64 = 1.0;
 /// A validation loss of so many times the training loss is said to overfit.
 const OVERFITS: f64 = 4.0;
 
@@ -177,11 +177,11 @@ fn members(
             state
         });
         let training = learning::network::Training { physics: beside.physics, ..keys.training(seed) };
-        let (mut stopped, mut kept, begun, from) = (None, Instant::now(), Instant::now(), state.epoch);
+        let (mut stopped, mut kept, begun, from) = (None, None::<Instant>, Instant::now(), state.epoch);
         let mut each = |epoch: &Epoch, state: &State| {
             let done = state.epoch;
-            if kept.elapsed().as_secs_f64() > KEPT_EVERY_S {
-                kept = Instant::now();
+            if kept.is_none_or(|last| last.elapsed().as_secs_f64() > KEPT_EVERY_S) {
+                kept = Some(Instant::now());
                 work.keep(&states_bytes(&states, state));
             }
             let left_s = begun.elapsed().as_secs_f64() / (done - from).max(1) as f64 * (all_epochs - done) as f64;
