@@ -1,0 +1,62 @@
+"""The work of `networks.rs` in PyTorch, to be timed beside it.
+
+    python3 stages/learning/benches/networks.py            # PyTorch, the Rust bench, PyTorch again
+
+PyTorch is given the batches as an index into tensors in memory, which is its fastest way without a compiler: a `DataLoader`
+collates them row by row and takes many times as long. Single precision is what it is usually trained in.
+"""
+import subprocess
+import sys
+import time
+
+import torch
+from torch import nn
+
+ROWS, INPUTS, TERMS, BATCH, EPOCHS = 400_000, 77, 18, 2048, 4
+
+
+class Model(nn.Module):
+    def __init__(self, form, hidden):
+        super().__init__()
+        widths = [INPUTS, *hidden, TERMS if form == "m2a" else 1]
+        layers = []
+        for before, after in zip(widths[:-1], widths[1:]):
+            layers += [nn.Linear(before, after), nn.SiLU()]
+        self.form, self.network = form, nn.Sequential(*layers[:-1])
+        self.linear = nn.Parameter(torch.zeros(TERMS))
+
+    def forward(self, x, a):
+        out = self.network(x)
+        if self.form == "m1":
+            return out[:, 0]
+        return out[:, 0] + a @ self.linear if self.form == "m2c" else (a * out).sum(1)
+
+
+def bench(dtype):
+    torch.manual_seed(1)
+    torch.set_default_dtype(dtype)
+    x, a = torch.randn(ROWS, INPUTS), torch.randn(ROWS, TERMS)
+    y = 0.5 * x[:, 0] * x[:, 1] + torch.sin(1.5 * x[:, 2]) + 0.2 * x[:, 3]
+    for form, hidden in [("m1", [8]), ("m2c", [8]), ("m2a", [8]), ("m1", [16, 8]), ("m1", [64, 32]), ("m1", [16, 16, 16])]:
+        for threads in (1, 2):
+            torch.set_num_threads(threads)
+            model = Model(form, hidden)
+            optimiser, loss, seconds = torch.optim.Adam(model.parameters(), lr=1e-3), nn.MSELoss(), []
+            for _ in range(EPOCHS):
+                start = time.perf_counter()
+                for batch in torch.randperm(ROWS).split(BATCH):
+                    optimiser.zero_grad()
+                    loss(model(x[batch], a[batch] if form != "m1" else None), y[batch]).backward()
+                    optimiser.step()
+                seconds.append(time.perf_counter() - start)
+            seconds = sorted(seconds)
+            print(f"{form} {hidden}, {threads} threads, {dtype}: {seconds[0] * 1e3:.0f} ms, {seconds[len(seconds) // 2] * 1e3:.0f} ms", flush=True)
+
+
+print(f"PyTorch {torch.__version__.split('+')[0]}: fastest and middle one of {EPOCHS} epochs")
+for number in range(1 if "--once" in sys.argv else 2):
+    bench(torch.float32)
+    bench(torch.float64)
+    if number == 0:
+        command = ["cargo", "bench", "-p", "magline-learning", "--bench", "networks", "--profile", "dev"]
+        subprocess.run(command, check=True)

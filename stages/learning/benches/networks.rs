@@ -1,0 +1,67 @@
+//! An epoch of a network: 400,000 samples, batches of 2048, Adam, shuffled anew; on one and on two threads.
+//!
+//! `cargo bench -p magline-learning --bench networks --profile dev` prints the fastest of several epochs, and checks that both
+//! give the same bits and that the loss has fallen. `networks.py` runs PyTorch on the same shapes, then this.
+
+use std::ops::ControlFlow;
+use std::time::Instant;
+
+use learning::network::{Activation, Form, Samples, Shape, State, Training, train};
+use numerics::random::Normals;
+
+type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+const ROWS: usize = 400_000;
+const INPUTS: usize = 77;
+const TERMS: usize = 18;
+const EPOCHS: usize = 7;
+
+fn main() -> Result<(), Failure> {
+    let mut normals = Normals::new(1);
+    let x: Vec<f64> = (0..ROWS * INPUTS).map(|_| normals.draw()).collect();
+    let a: Vec<f64> = (0..ROWS * TERMS).map(|_| normals.draw()).collect();
+    let target = |x: &[f64]| 0.5 * x[0] * x[1] + (1.5 * x[2]).sin() + 0.2 * x[3];
+    let y: Vec<f64> = x.chunks_exact(INPUTS).map(target).collect();
+    println!("{ROWS} samples of {INPUTS} inputs, batches of 2048; the fastest and the middle one of {EPOCHS} epochs");
+    let cases: [(Form, &[usize]); 6] = [
+        (Form::Plain, &[8]),
+        (Form::TrainedLinear, &[8]),
+        (Form::Weights, &[8]),
+        (Form::Plain, &[16, 8]),
+        (Form::Plain, &[64, 32]),
+        (Form::Plain, &[16, 16, 16]),
+    ];
+    for (form, hidden) in cases {
+        let linear = if form == Form::Plain { 0 } else { TERMS };
+        let shape = Shape { inputs: INPUTS, linear, hidden: hidden.to_vec(), activation: Activation::Swish, form };
+        let samples = Samples { x: &x, a: if linear == 0 { &[] } else { &a }, y: &y };
+        let one = timed(&shape, &samples, 1)?;
+        let two = timed(&shape, &samples, 2)?;
+        assert_eq!(one, two, "the bits depend on the number of threads");
+    }
+    Ok(())
+}
+
+/// Trains on so many threads; the parameters.
+fn timed(shape: &Shape, samples: &Samples<'_>, threads: usize) -> Result<Vec<f64>, Failure> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+    let training = Training { epochs: EPOCHS, ..Training::default() };
+    let start = State::new(shape, shape.initial(1, &vec![0.0; shape.linear]));
+    let mut seconds = vec![];
+    let trained = pool.install(|| {
+        let mut clock = None;
+        train(shape, start, &training, samples, None, &mut |_, _| {
+            // The first epoch makes the buffers, and the samples are checked before it.
+            if let Some(clock) = clock.replace(Instant::now()) {
+                seconds.push(Instant::elapsed(&clock).as_secs_f64());
+            }
+            ControlFlow::Continue(())
+        })
+    })?;
+    seconds.sort_by(f64::total_cmp);
+    let losses: Vec<f64> = trained.epochs.iter().map(|epoch| epoch.train_loss).collect();
+    assert!(losses.windows(2).all(|pair| pair[1] < pair[0]), "the loss does not fall: {losses:?}");
+    let (form, hidden) = (shape.form.word(), &shape.hidden);
+    println!("{form} {hidden:?}, {threads} threads: {:.1} ms, {:.1} ms", seconds[0] * 1e3, seconds[seconds.len() / 2] * 1e3);
+    Ok(trained.parameters)
+}
