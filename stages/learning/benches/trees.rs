@@ -51,11 +51,17 @@ fn main() -> Result<(), Failure> {
         let predicted = clock.elapsed().as_secs_f64();
         let ours = pool.install(|| boosted.forest.predict(&ahead, WIDTH));
         errors = vec![mse(&found, &y), mse(&ours, &truth)];
-        println!("threads {threads}: training {trained:.2} s (bins and first tree {first:.2} s), prediction {predicted:.2} s");
+        println!(
+            "threads {threads}: training {trained:.2} s (bins and first tree {first:.2} s), prediction {predicted:.2} s"
+        );
     }
     println!("mean square errors {errors:.4?}, scikit-learn {THEIRS:.4?}");
     // Bins differ by one and by where they lie.
-    if errors.iter().zip(THEIRS).all(|(a, b)| (a / b - 1.0).abs() < 0.05) { Ok(()) } else { Err("errors differ".into()) }
+    if errors.iter().zip(THEIRS).all(|(a, b)| (a / b - 1.0).abs() < 0.05) {
+        Ok(())
+    } else {
+        Err("errors differ".into())
+    }
 }
 
 fn mse(a: &[f64], b: &[f64]) -> f64 {

@@ -193,7 +193,12 @@ impl Kernel {
         setting("the number of features", count, "2 to 10,000", (2..=10_000).contains(&self.features))?;
         self.length.map_or(Ok(()), |x| setting("the length scale", x, "above 0 and finite", above(x)))?;
         self.lambda.map_or(Ok(()), |x| setting("lambda", x, "above 0 and finite", above(x)))?;
-        setting("the part of the columns", self.linear, "at least 0 and finite", self.linear == 0.0 || above(self.linear))
+        setting(
+            "the part of the columns",
+            self.linear,
+            "at least 0 and finite",
+            self.linear == 0.0 || above(self.linear),
+        )
     }
 }
 
@@ -213,7 +218,14 @@ impl RandomFeatures {
             let count = features.len() / m;
             let mut along = vec![0.0; count * m];
             let to = MatMut::from_row_major_slice_mut(&mut along, count, m);
-            matmul(to, Accum::Replace, MatRef::from_row_major_slice(features, count, m), factor.transpose(), 1.0, Par::Seq);
+            matmul(
+                to,
+                Accum::Replace,
+                MatRef::from_row_major_slice(features, count, m),
+                factor.transpose(),
+                1.0,
+                Par::Seq,
+            );
             let deviation = |u: &[f64]| (self.noise_variance * (least + dot(u, u))).sqrt();
             (self.means_of(features), along.chunks_exact(m).map(deviation).collect::<Vec<_>>())
         });
@@ -348,7 +360,13 @@ fn directions(width: usize, count: usize, seed: u64) -> Vec<f64> {
     out
 }
 
-fn most_likely_length(x: &[f64], width: usize, y: &[f64], directions: &[f64], how: &Kernel) -> Result<f64, KernelError> {
+fn most_likely_length(
+    x: &[f64],
+    width: usize,
+    y: &[f64],
+    directions: &[f64],
+    how: &Kernel,
+) -> Result<f64, KernelError> {
     let rows = y.len();
     let mut bits = SplitMix64::new(seed_of(how.seed, &["pairs"]));
     let mut row = || {
@@ -449,7 +467,8 @@ impl Spectrum {
         let values: Vec<f64> = found.S().column_vector().iter().map(|d| d.max(0.0)).collect();
         let vectors = found.U().to_owned();
         // The target is about its mean, so that the features need not be.
-        let along = (0..means.len()).map(|j| vectors.col(j).iter().zip(&sums.along).map(|(v, a)| v * a).sum()).collect();
+        let along =
+            (0..means.len()).map(|j| vectors.col(j).iter().zip(&sums.along).map(|(v, a)| v * a).sum()).collect();
         Ok(Self { rows: sums.rows, means, vectors, values, along, squares: sums.squares })
     }
 

@@ -173,10 +173,14 @@ pub enum BoostingError {
     #[error("training cannot end early without validation rows")]
     NoValidation,
     /// The first tree is a single leaf.
-    #[error("no column tells rows of different targets apart: the target or all columns are constant, or leaves need too many rows")]
+    #[error(
+        "no column tells rows of different targets apart: the target or all columns are constant, or leaves need too many rows"
+    )]
     NoSplit,
     /// The loss is not finite.
-    #[error("the loss after tree {tree} is not finite: a learning rate below 1 cannot diverge; else the target is too large to be squared")]
+    #[error(
+        "the loss after tree {tree} is not finite: a learning rate below 1 cannot diverge; else the target is too large to be squared"
+    )]
     Diverged {
         /// The number of trees; 0 for the mean alone.
         tree: usize,

@@ -25,7 +25,8 @@ impl Bins {
     /// The bins of finite rows, of which there is at least one.
     pub fn of(x: &[f64], width: usize) -> Self {
         let rows = x.len() / width;
-        let made: Vec<_> = (0..width.div_ceil(TOGETHER)).into_par_iter().map(|k| four(x, width, k * TOGETHER)).collect();
+        let made: Vec<_> =
+            (0..width.div_ceil(TOGETHER)).into_par_iter().map(|k| four(x, width, k * TOGETHER)).collect();
         let (packed, thresholds): (Vec<_>, Vec<_>) = made.into_iter().unzip();
         Self { rows, width, packed, thresholds: thresholds.into_iter().flatten().collect() }
     }

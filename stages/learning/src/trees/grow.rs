@@ -231,14 +231,7 @@ fn fill(histogram: &mut [[f64; 2]], packed: &[[u8; TOGETHER]], rows: &[u32], ord
 }
 
 /// The best split of a leaf by columns 4 k to 4 k + 3.
-fn best_of_four(
-    histogram: &[[f64; 2]],
-    k: usize,
-    bins: &Bins,
-    sum: f64,
-    rows: usize,
-    how: &Boosting,
-) -> Option<Split> {
+fn best_of_four(histogram: &[[f64; 2]], k: usize, bins: &Bins, sum: f64, rows: usize, how: &Boosting) -> Option<Split> {
     if rows < how.least_rows.saturating_mul(2) {
         return None;
     }
