@@ -21,6 +21,6 @@ pub use params::{
 pub use stage::{
     AnyLinePoint, AnyStage, Arrays, Build, Entry, Gather, GatherDyn, Grain, Head, InputDecl, InputKind, KindDoc,
     LineIn, LinePoint, LineStage, LineStageDyn, MapStage, MapStageDyn, Part, Passes, Prepared, Product, Stage,
-    StageDyn, SurveyStage, SurveyStageDyn, Table, TableKind, Yield, is_optional,
+    StageDyn, SurveyStage, SurveyStageDyn, Table, TableKind, Unattended, Work, Yield, is_optional,
 };
 pub use unit::{convert, convertible_to, is_unit, usual_spelling};

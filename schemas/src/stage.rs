@@ -7,6 +7,7 @@
 mod entry;
 mod erased;
 mod table;
+mod work;
 
 use std::any::Any;
 
@@ -18,6 +19,7 @@ pub use self::{
         AnyLinePoint, AnyStage, Arrays, GatherDyn, LineStageDyn, MapStageDyn, Part, Prepared, StageDyn, SurveyStageDyn,
     },
     table::{Grain, InputDecl, InputKind, Passes, Table, TableKind, Yield},
+    work::{Unattended, Work},
 };
 use crate::{Fault, Params};
 
@@ -151,8 +153,9 @@ pub trait Gather: Send + Sync + 'static {
         vec![]
     }
 
-    /// The table of each point, in the points' order.
-    fn finish(&self, parts: Vec<Self::Part>) -> Vec<Result<Product, Fault>>;
+    /// The table of each point, in the points' order. What takes minutes keeps its state in `work`, so that a run that
+    /// is killed goes on from there, to the same bytes.
+    fn finish(&self, parts: Vec<Self::Part>, work: &dyn Work) -> Vec<Result<Product, Fault>>;
 }
 
 /// A stage that works on maps.

@@ -1,12 +1,14 @@
 //! Takes the aircraft's field off a magnetometer.
 
-use arrow_array::{RecordBatch, cast::AsArray};
+use arrow_array::RecordBatch;
 use numerics::regression::statistics;
-use schemas::{Arrays, Column, ColumnType, Fault, LineIn, LineStage, Stage, Table, Yield, choice, stage};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Stage, Table, Yield, choice, stage};
 
 use crate::{
-    columns::{array, faults_of, floats, matrix, no_truth, shape},
-    model_columns::{INTERCEPT, RESIDUAL},
+    columns::{array, faults_of, floats, no_truth, shape},
+    fitted::Fitted,
+    model_columns::RESIDUAL,
+    trained::Prediction,
 };
 
 choice! {
@@ -33,8 +35,11 @@ stage! {
     /// `mag_sigma`, `mag_fogm_sigma` and `mag_fogm_tau` are the noise of `mag_c` that the calibration saw: what the model
     /// left on the lines that it was fitted on, the same for all samples. `navigate` takes them where its own are `"auto"`.
     ///
+    /// `mag_aircraft_sigma` is one sigma of the model's own prediction, of the spread of an ensemble; null where the model
+    /// does not know it. A model that is not linear knows the constant part where its target has it.
+    ///
     /// Source: thesis 000, (3.22).
-    Compensate = "compensate", version 2, grain Line, inputs [input: Lines, model: Model],
+    Compensate = "compensate", version 3, grain Line, inputs [input: Lines, model: Model],
     example r#"
 [[stages]]
 name  = "compensate"
@@ -93,6 +98,7 @@ impl Stage for Compensate {
         let mut columns =
             vec![made("mag_c", "compensated field"), made("mag_aircraft", "aircraft field that was taken off")];
         columns.extend(noise_columns(&RESIDUAL));
+        columns.push(made("mag_aircraft_sigma", "one sigma of the model's prediction, where the model knows it"));
         let mut yields = Yield::append(columns, &reads);
         yields.reads.push(["term", "value"].into_iter().chain(RESIDUAL).map(str::to_owned).collect());
         Ok(yields)
@@ -105,7 +111,8 @@ impl LineStage for Compensate {
     fn run(&self, line: &LineIn, model: &Model) -> Arrays {
         let mag = floats(&line.inputs[0], &self.mag)?;
         let noise = model.noise.map(|x| array(vec![x; mag.len()]));
-        let mut aircraft = predict(&line.inputs[0], model, mag.len())?;
+        let Prediction { field_nt: mut aircraft, sigma_nt } = model.fitted.predict(&line.inputs[0], mag.len())?;
+        let noise = noise.into_iter().chain([array(sigma_nt.unwrap_or_else(|| vec![f64::NAN; mag.len()]))]);
         if self.predicts != Predicts::Aircraft {
             let mut field = aircraft;
             for name in EARTH.iter().filter(|_| self.predicts == Predicts::Anomaly) {
@@ -124,19 +131,12 @@ impl LineStage for Compensate {
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Model, Fault> {
         let table = inputs.get(1).ok_or_else(|| Fault::data("the model is missing"))?;
-        let values = floats(table, "value")?.to_vec();
-        let terms = table.column_by_name("term").and_then(|t| t.as_string_opt::<i32>());
-        let terms = terms.ok_or_else(|| Fault::data("the model names no terms"))?;
-        let terms: Vec<String> = terms.iter().map(|t| t.unwrap_or_default().to_owned()).collect();
-        if let Some(name) = self.without.iter().find(|w| !terms.contains(w)) {
-            return Err(Fault::data(format!("the model has no term `{name}` to leave out")).of_param("without"));
-        }
-        let (terms, values) = terms.into_iter().zip(values).filter(|(t, _)| !self.without.contains(t)).unzip();
+        let fitted = Fitted::read(table, &self.without)?;
         let mut noise = [f64::NAN; 3];
         for (to, name) in noise.iter_mut().zip(RESIDUAL) {
             *to = floats(table, name)?.first().copied().unwrap_or(f64::NAN);
         }
-        Ok(Model { terms, values, noise })
+        Ok(Model { fitted, noise })
     }
 
     fn prepare_key(&self) -> String {
@@ -161,49 +161,9 @@ pub(crate) fn noise_columns(model: &[&str]) -> Vec<Column> {
 }
 
 pub struct Model {
-    terms: Vec<String>,
-    values: Vec<f64>,
+    fitted: Fitted,
     /// As [`NOISE`].
     noise: [f64; 3],
-}
-
-/// Where a term's values are: an entry of a list column, or a column of its own.
-enum Source<'a> {
-    Entry { rows: &'a [f64], width: usize, at: usize },
-    Column(&'a [f64]),
-}
-
-/// The aircraft's field, sample by sample.
-fn predict(batch: &RecordBatch, model: &Model, rows: usize) -> Result<Vec<f64>, Fault> {
-    let mut lists = vec![];
-    for field in batch.schema().fields() {
-        if matches!(schemas::describe_field(field).column_type, ColumnType::List(_)) {
-            lists.push(matrix(batch, field.name())?);
-        }
-    }
-    let find = |term: &String| {
-        let entry = lists.iter().find_map(|(rows, names)| {
-            names.iter().position(|n| n == term).map(|at| Source::Entry { rows, width: names.len(), at })
-        });
-        match entry {
-            Some(source) => Ok(source),
-            None => floats(batch, term).map(Source::Column),
-        }
-    };
-    let mut sum = vec![0.0; rows];
-    for (term, value) in model.terms.iter().zip(&model.values) {
-        if term == INTERCEPT {
-            sum.iter_mut().for_each(|s| *s += value);
-            continue;
-        }
-        match find(term)? {
-            Source::Entry { rows, width, at } => {
-                sum.iter_mut().zip(rows.iter().skip(at).step_by(width)).for_each(|(s, x)| *s += value * x);
-            }
-            Source::Column(x) => sum.iter_mut().zip(x).for_each(|(s, x)| *s += value * x),
-        }
-    }
-    Ok(sum)
 }
 
 #[cfg(test)]
@@ -211,7 +171,7 @@ fn predict(batch: &RecordBatch, model: &Model, rows: usize) -> Result<Vec<f64>, 
 mod tests {
     use std::sync::Arc;
 
-    use arrow_array::{ArrayRef, StringArray, types::Float64Type};
+    use arrow_array::{ArrayRef, StringArray, cast::AsArray, types::Float64Type};
     use arrow_schema::{Field, Schema};
     use schemas::{Role, Shape};
 
@@ -293,7 +253,7 @@ mod tests {
     fn unit_every_sample_has_the_noise_of_the_model() {
         for predicts in [Predicts::Aircraft, Predicts::Field] {
             let made = made(&Compensate { predicts, ..compensate() });
-            assert_eq!(made[2..], [vec![0.5; 3], vec![3.0; 3], vec![120.0; 3]]);
+            assert_eq!(made[2..5], [vec![0.5; 3], vec![3.0; 3], vec![120.0; 3]]);
         }
     }
 
@@ -318,7 +278,10 @@ mod tests {
         let only = |names: &[&str]| columns().into_iter().filter(|c| names.contains(&c.name.as_str())).collect();
         let made = yields(&compensate(), columns(), &fitted).unwrap().columns;
         let names: Vec<&str> = made.iter().map(|c| c.name.as_str()).collect();
-        assert_eq!(names, ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau"]);
+        assert_eq!(
+            names,
+            ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau", "mag_aircraft_sigma"]
+        );
         let expected = "the model was fitted on `cur_1`, and there is no column `cur_1` [input]";
         assert_eq!(said(&compensate(), only(&["tl", "mag_4_uc"]), &fitted), [expected]);
         let anomaly = Compensate { predicts: Predicts::Anomaly, detrend: true, ..compensate() };

@@ -2,9 +2,16 @@
 
 mod components;
 mod elastic_net;
+mod etlnn;
 mod extended_tolles_lawson;
+mod m1;
+mod m2a;
+mod m2b;
+mod m2c;
+mod m2d;
 mod model;
 mod models;
+mod network;
 mod pls;
 mod point;
 mod problem;
@@ -14,10 +21,12 @@ mod residual;
 mod ridge;
 mod robust;
 mod rows;
+mod samples;
 mod settings;
 mod solve;
 #[cfg(test)]
 mod testing;
+mod tlnn;
 mod tolles_lawson;
 mod truncated_svd;
 mod wide;
@@ -30,24 +39,23 @@ use question::{Matrix, Question, Targets};
 use rayon::prelude::*;
 use residual::residual_noise;
 use rows::Part;
+use samples::PointWork;
 use schemas::{
     Chosen, Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Shape, Stage,
-    SurveyStage, Table, Yield, stage,
+    SurveyStage, Table, Work, Yield, stage,
 };
-use solve::{Solved, solve};
+use solve::{Row, Solved, solve, solve_learning};
 use wide::EARTH;
 
-pub use model::{Answer, FitModel, Model, model};
+pub use model::{Answer, FitModel, Learnt, Model, model};
 pub use models::MODELS;
 pub use numerics::regression::least_squares::{LinearFit, Prepared};
 pub use problem::Problem;
 pub use ridge::ridge;
+pub use samples::Samples;
 pub use settings::{Choose, Divisor, MadeOf, Settings};
 
-use crate::{
-    columns::{array, band, faults_of, no_truth, shape},
-    model_columns::INTERCEPT,
-};
+use crate::columns::{array, band, faults_of, no_truth, shape};
 
 stage! {
     /// Fits the coefficients of a compensation model on all lines that `where` selects together.
@@ -163,14 +171,18 @@ impl Fit {
 
     /// The fit with its words resolved.
     fn point(&self) -> Point {
-        let filter = (self.low_hz.to_bits(), self.high_hz.to_bits(), self.order);
+        // What is not linear does not commute with a filter.
+        let (filter, trim) = match self.model.kind.made_of {
+            MadeOf::Samples => ((0.0_f64.to_bits(), 0.0_f64.to_bits(), 1), 0),
+            MadeOf::Moments | MadeOf::Rows => ((self.low_hz.to_bits(), self.high_hz.to_bits(), self.order), self.trim),
+        };
         Point {
             kind: self.model.kind,
             model: self.model.keys.clone(),
             settings: self.settings(),
             target: self.target.clone(),
             entries: self.entries.clone(),
-            matrix: Matrix { features: self.features.clone(), filter, trim: self.trim },
+            matrix: Matrix { features: self.features.clone(), filter, trim },
         }
     }
 
@@ -244,7 +256,12 @@ fn terms_of(column: &Column) -> Vec<String> {
 impl Stage for Fit {
     fn idle(&self, key: &str) -> Option<Fault> {
         let own = || self.model.keys.idle(key);
-        self.model.foreign(key).or_else(|| self.model.kind.unchosen(self.choose, key)).or_else(own)
+        let model = self.model.kind;
+        self.model
+            .foreign(key)
+            .or_else(|| model.unchosen(self.choose, key))
+            .or_else(|| model.unfiltered(key))
+            .or_else(own)
     }
 
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
@@ -316,7 +333,7 @@ fn questions(points: &[Point]) -> BTreeMap<Matrix, Question> {
     for point in points {
         let question = all.entry(point.matrix.clone()).or_default();
         let targets = point.targets();
-        if point.kind.made_of == MadeOf::Rows && !question.keeps_rows.contains(&targets) {
+        if point.kind.made_of != MadeOf::Moments && !question.keeps_rows.contains(&targets) {
             question.keeps_rows.push(targets.clone());
         }
         if !question.targets.contains(&targets) {
@@ -328,10 +345,17 @@ fn questions(points: &[Point]) -> BTreeMap<Matrix, Question> {
 
 impl FitGather {
     /// The models of the points at `places`, which have one matrix, one target, the same entries and one kind of components.
-    fn solved(&self, whole: &Result<Problem, Fault>, places: &[usize]) -> Vec<Result<Solved, Fault>> {
+    fn solved(&self, whole: &Result<Problem, Fault>, places: &[usize], work: &dyn Work) -> Vec<Result<Solved, Fault>> {
         let Some(first) = places.first().map(|i| &self.points[*i]) else { return vec![] };
-        let problem = whole.as_ref().map_err(Clone::clone).and_then(|whole| whole.cut(first.places(&whole.terms)?));
-        let mut problem = match problem.and_then(|p| p.whitened(first.settings.whiten)) {
+        let cut = whole.as_ref().map_err(Clone::clone).and_then(|whole| whole.cut(first.places(&whole.terms)?));
+        if first.kind.made_of == MadeOf::Samples {
+            let learn = |&i: &usize| {
+                let problem = cut.as_ref().map_err(Clone::clone)?;
+                solve_learning(problem, &self.points[i], &PointWork { work, point: i })
+            };
+            return places.par_iter().with_max_len(1).map(learn).collect();
+        }
+        let mut problem = match cut.and_then(|p| p.whitened(first.settings.whiten)) {
             Ok(problem) => problem,
             Err(fault) => return places.iter().map(|_| Err(fault.clone())).collect(),
         };
@@ -363,14 +387,16 @@ impl Gather for FitGather {
         self.points.iter().enumerate().filter_map(|(i, point)| Some((i, why(point)?))).collect()
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
+    fn finish(&self, parts: Vec<Part>, work: &dyn Work) -> Vec<Result<Product, Fault>> {
         let parts: Vec<&Part> = parts.iter().collect();
         type At = (Matrix, Targets);
-        type Kind = (Option<Vec<String>>, Option<u64>);
+        type Kind = (Option<Vec<String>>, Option<u64>, bool);
         let mut problems: BTreeMap<At, BTreeMap<Kind, Vec<usize>>> = BTreeMap::new();
         for (i, point) in self.points.iter().enumerate() {
             let of_matrix = problems.entry((point.matrix.clone(), point.targets())).or_default();
-            of_matrix.entry((point.entries.clone(), point.settings.whiten.map(f64::to_bits))).or_default().push(i);
+            let learns = point.kind.made_of == MadeOf::Samples;
+            let kind = (point.entries.clone(), point.settings.whiten.map(f64::to_bits), learns);
+            of_matrix.entry(kind).or_default().push(i);
         }
         let problems: Vec<(At, Vec<Vec<usize>>)> =
             problems.into_iter().map(|(at, cuts)| (at, cuts.into_values().collect())).collect();
@@ -379,7 +405,7 @@ impl Gather for FitGather {
             .flat_map(|(at, cuts)| {
                 let whole = Problem::new(&parts, &at);
                 let answers = |places: Vec<usize>| {
-                    let answers = self.solved(&whole, &places);
+                    let answers = self.solved(&whole, &places, work);
                     places.into_iter().zip(answers).collect::<Vec<_>>()
                 };
                 cuts.into_par_iter().with_max_len(1).flat_map_iter(answers).collect::<Vec<_>>()
@@ -387,28 +413,25 @@ impl Gather for FitGather {
             .collect();
         let mut tables: Vec<_> = self.points.iter().map(|_| Err(Fault::bug("a fit was lost"))).collect();
         for (i, answer) in solved {
-            tables[i] = answer.map(|s| s.table(&self.points[i], residual_noise(&parts, &self.points[i], &s)).into());
+            tables[i] = answer.map(|s| s.columns(&self.points[i], residual_noise(&parts, &self.points[i], &s)).into());
         }
         tables
     }
 }
 
 impl Solved {
-    fn table(&self, point: &Point, [white, lasting, tau]: [f64; 3]) -> Vec<ArrayRef> {
-        let constant = point.settings.intercept;
-        let rows = self.terms.len() + usize::from(constant);
-        let with = |values: &[f64], last: f64| -> ArrayRef {
-            array(values.iter().copied().chain(constant.then_some(last)).collect())
-        };
+    fn columns(&self, point: &Point, [white, lasting, tau]: [f64; 3]) -> Vec<ArrayRef> {
+        let rows = self.table.len();
+        let each = |of: &dyn Fn(&Row) -> f64| -> ArrayRef { array(self.table.iter().map(of).collect()) };
         let text = |x: &str| -> ArrayRef { Arc::new(StringArray::from(vec![x; rows])) };
         let count = |n: usize| -> ArrayRef { Arc::new(Int64Array::from(vec![n as i64; rows])) };
         let number = |x: f64| -> ArrayRef { array(vec![x; rows]) };
-        let names = self.terms.iter().map(String::as_str).chain(constant.then_some(INTERCEPT));
+        let names = self.table.iter().map(|row| row.term.name.as_str());
         vec![
             text(point.kind.name),
             Arc::new(names.map(Some).collect::<StringArray>()),
-            with(&self.fit.coefficients, self.fit.intercept),
-            with(&self.std, f64::NAN),
+            each(&|row| row.term.value),
+            each(&|row| row.std),
             count(self.rows.0),
             count(self.rows.1),
             number(self.condition),

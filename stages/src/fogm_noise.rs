@@ -7,7 +7,7 @@ use numerics::signal::{
     noise::{FitBy, fit},
     segments::Usable,
 };
-use schemas::{Column, Fault, Gather, LineIn, Passes, Product, Stage, SurveyStage, Table, Yield, stage};
+use schemas::{Column, Fault, Gather, LineIn, Passes, Product, Stage, SurveyStage, Table, Work, Yield, stage};
 
 use crate::{
     columns::{array, data, even_rate_hz, floats, shape},
@@ -119,7 +119,7 @@ impl Gather for FogmGather {
         Ok(Part { lines: lines.map(|l| l.map_err(|f| f.in_line(&line.flight, &line.line))).collect() })
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
+    fn finish(&self, parts: Vec<Part>, _: &dyn Work) -> Vec<Result<Product, Fault>> {
         let of = |(i, point): (usize, &FogmNoise)| {
             let lines: Vec<&Runs> =
                 parts.iter().map(|p| p.lines[i].as_ref().map_err(Clone::clone)).collect::<Result<_, _>>()?;
@@ -184,7 +184,7 @@ mod tests {
     fn of(stage: &FogmNoise, lines: &[LineIn]) -> Result<([f64; 3], i64), Fault> {
         let gather = FogmNoise::gather(vec![stage]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
-        let columns = gather.finish(parts).remove(0)?.columns;
+        let columns = gather.finish(parts, &schemas::Unattended).remove(0)?.columns;
         let figure = |k: usize| columns[k].as_primitive::<Float64Type>().value(0);
         Ok(([0, 1, 2].map(figure), columns[3].as_primitive::<Int64Type>().value(0)))
     }

@@ -7,7 +7,9 @@ use numerics::signal::{
     lag::{Lag, lag_of},
     segments::{Usable, filter_column},
 };
-use schemas::{Column, Fault, Gather, LineIn, Passes, Product, Role, Rule, Stage, SurveyStage, Table, Yield, stage};
+use schemas::{
+    Column, Fault, Gather, LineIn, Passes, Product, Role, Rule, Stage, SurveyStage, Table, Work, Yield, stage,
+};
 
 use crate::{
     bandpass::design,
@@ -164,7 +166,7 @@ impl Gather for LagGather {
         part.lags.iter().enumerate().filter_map(|(i, lags)| Some((i, lags.as_ref().err()?.clone()))).collect()
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
+    fn finish(&self, parts: Vec<Part>, _: &dyn Work) -> Vec<Result<Product, Fault>> {
         self.points.iter().enumerate().map(|(i, point)| Ok(table(point, i, &parts))).collect()
     }
 }
@@ -240,7 +242,7 @@ mod tests {
     fn found(stage: &LagStage, lines: &[LineIn]) -> (Vec<f64>, Product) {
         let gather = LagStage::gather(vec![stage]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
-        let product = gather.finish(parts).remove(0).unwrap();
+        let product = gather.finish(parts, &schemas::Unattended).remove(0).unwrap();
         (product.columns[3].as_primitive::<Float64Type>().values().to_vec(), product)
     }
 

@@ -17,6 +17,7 @@ mod diurnal;
 mod features;
 mod filtered;
 pub mod fit;
+mod fitted;
 mod fogm_noise;
 mod join;
 mod lag;
@@ -45,6 +46,7 @@ mod target;
 #[cfg(test)]
 mod testing;
 mod track_map;
+mod trained;
 
 use schemas::Entry;
 

@@ -6,7 +6,8 @@ use numerics::signal::{
     segments::Usable,
 };
 use schemas::{
-    Arrays, Column, Fault, Gather, LineIn, LineStage, Passes, Product, Shape, Stage, SurveyStage, Table, Yield, stage,
+    Arrays, Column, Fault, Gather, LineIn, LineStage, Passes, Product, Shape, Stage, SurveyStage, Table, Work, Yield,
+    stage,
 };
 
 use crate::{
@@ -142,7 +143,7 @@ impl Gather for NoiseGather {
         Ok(Part { blocks: blocks.map(|b| b.map_err(|f| f.in_line(&line.flight, &line.line))).collect() })
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
+    fn finish(&self, parts: Vec<Part>, _: &dyn Work) -> Vec<Result<Product, Fault>> {
         (0..self.points.len())
             .map(|i| {
                 let lines: Vec<Blocks> = parts.iter().map(|p| p.blocks[i].clone()).collect::<Result<_, _>>()?;
@@ -238,7 +239,7 @@ mod tests {
     fn found(stage: &ResidualNoise, lines: &[LineIn]) -> Result<(f64, i64), Fault> {
         let gather = ResidualNoise::gather(vec![stage]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
-        let columns = gather.finish(parts).remove(0)?.columns;
+        let columns = gather.finish(parts, &schemas::Unattended).remove(0)?.columns;
         Ok((columns[0].as_primitive::<Float64Type>().value(0), columns[3].as_primitive::<Int64Type>().value(0)))
     }
 

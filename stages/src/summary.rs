@@ -9,7 +9,7 @@ use arrow_array::{
 };
 use numerics::regression::bootstrap::{Interval, Resamples};
 use schemas::{
-    Column, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Several, Stage, SurveyStage, Table,
+    Column, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Several, Stage, SurveyStage, Table, Work,
     Yield,
     metric::{Better, Metric, Pool, Shown},
     stage,
@@ -151,7 +151,7 @@ impl Gather for SummaryGather {
         Ok(Part { line: line.line.clone(), scores: scores.collect::<Result<_, _>>()? })
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
+    fn finish(&self, parts: Vec<Part>, _: &dyn Work) -> Vec<Result<Product, Fault>> {
         let parts: Vec<&Part> = parts.iter().collect();
         self.points.iter().map(|point| point.table(&parts).map(Product::from)).collect()
     }

@@ -54,6 +54,12 @@ impl Json {
                 "notes": notes,
             }),
             Event::Computing { table, units } => json!({ "event": "computing", "table": table, "units": units }),
+            Event::Working { table, point, progress } => json!({
+                "event": "working",
+                "table": table,
+                "axes": point_json(point),
+                "progress": progress,
+            }),
             Event::Publishing { table } => json!({ "event": "publishing", "table": table }),
             Event::Unit { table, point, line, outcome, fault } => json!({
                 "event": "unit",

@@ -235,6 +235,7 @@ impl Listener for Progress {
                 self.change(|state, _| state.done = (state.done + 1).min(state.all));
             }
             Event::Unit { .. } => {}
+            Event::Working { progress, .. } => self.change(|state, _| state.at = (*progress).to_owned()),
             Event::Publishing { table } => self.stage(&format!("publishing {table}")),
             Event::Table { .. } | Event::Finished { .. } => {}
         }

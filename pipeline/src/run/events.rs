@@ -85,6 +85,15 @@ pub enum Event<'a> {
         /// Units that are missing and can be computed.
         units: usize,
     },
+    /// A unit that takes minutes says how far it is.
+    Working {
+        /// The table.
+        table: &'a str,
+        /// The sweep point.
+        point: &'a Point,
+        /// How far, in a few words.
+        progress: &'a str,
+    },
     /// A unit is finished.
     Unit {
         /// The table.

@@ -139,7 +139,7 @@ fn once(
     listener.hear(&Event::Started { pipeline: &plan.spec.name, units, run: &run, notes: &plan.notes });
     let states = States::new(&graph);
     let compact = options.compact;
-    let worker = Worker::new(&graph, store);
+    let worker = Worker::new(&graph, store, listener);
     let mut runner =
         Runner { graph: &graph, store, listener, compact, worker: &worker, states, failures: vec![], seconds: vec![] };
     runner.sources();
@@ -156,6 +156,7 @@ fn once(
         listener.hear(&Event::Table { table: &node.name, count, seconds });
         tables.push((node.name.clone(), count));
     }
+    store.drop_checkpoints(|name| Key::parse(name).is_some_and(|key| store.has(key)), None);
     let interrupted = INTERRUPTED.load(Ordering::Relaxed);
     let Runner { mut failures, seconds, states, .. } = runner;
     let mut warnings = vec![];

@@ -2,8 +2,10 @@
 
 use std::{
     collections::{BTreeMap, HashMap, HashSet},
+    ops::ControlFlow,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{Arc, Mutex, atomic::Ordering},
+    time::{Duration, Instant},
 };
 
 use arrow_array::{
@@ -13,10 +15,10 @@ use arrow_schema::{DataType, Field, FieldRef, Schema};
 use arrow_select::concat::concat_batches;
 use rayon::prelude::*;
 use schemas::{
-    AnyLinePoint, AnyStage, Fault, Grain, InputKind, LineIn, Part, Prepared, Product, Shape, SurveyStageDyn,
+    AnyLinePoint, AnyStage, Fault, Grain, InputKind, LineIn, Part, Prepared, Product, Shape, SurveyStageDyn, Work,
 };
 
-use super::interrupt::INTERRUPTED;
+use super::{Event, Listener, interrupt::INTERRUPTED};
 use crate::{
     keys::Key,
     plan::{Graph, Instance, LineId, Ref, Unit},
@@ -46,6 +48,9 @@ const POINTS_A_GROUP: usize = 8;
 /// The limit of cached columns of a group, in bytes.
 const HELD_BYTES: usize = 256 << 20;
 
+/// The least time between two reports of the progress of a unit.
+const TOLD_EVERY: Duration = Duration::from_secs(1);
+
 /// What a stage's preparation depends on: its table, and the parameters, models and maps that it uses.
 type Basis = (usize, String);
 
@@ -68,17 +73,62 @@ type Gathered = (Vec<Fault>, Result<Product, Fault>);
 /// Says whether a line can be used by a unit.
 pub type Usable<'a> = dyn Fn(LineId, Unit) -> bool + Sync + 'a;
 
+/// What a survey stage is given for its units, one a point.
+struct Attended<'a> {
+    worker: &'a Worker<'a>,
+    units: &'a [Unit],
+    /// When progress was told last.
+    told: Mutex<Option<Instant>>,
+}
+
+impl Attended<'_> {
+    /// Whether it is time to tell progress.
+    fn is_due(&self) -> bool {
+        let Ok(mut told) = self.told.lock() else { return false };
+        let due = told.is_none_or(|last| last.elapsed() >= TOLD_EVERY);
+        if due {
+            *told = Some(Instant::now());
+        }
+        due
+    }
+
+    fn key(&self, point: usize) -> Option<Key> {
+        self.units.get(point).and_then(|unit| self.worker.graph.key(*unit).ok())
+    }
+}
+
+impl Work for Attended<'_> {
+    fn kept(&self, point: usize) -> Option<Vec<u8>> {
+        self.worker.store.checkpoint(self.key(point)?)
+    }
+
+    fn keep(&self, point: usize, state: &[u8]) {
+        // A state that is not kept costs the time to compute it again, and the disk's fault shows when results are written.
+        let _ = self.key(point).map(|key| self.worker.store.set_checkpoint(key, state));
+    }
+
+    fn goes_on(&self, point: usize, progress: &str) -> ControlFlow<()> {
+        if let Some(unit) = self.units.get(point).filter(|_| self.is_due()) {
+            let table = &self.worker.graph.plan.tables[unit.table].name;
+            let point = &self.worker.instance(*unit).point();
+            self.worker.listener.hear(&Event::Working { table, point, progress });
+        }
+        if INTERRUPTED.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+}
+
 /// Computes units.
 pub struct Worker<'a> {
     graph: &'a Graph<'a>,
     store: &'a Store,
+    listener: &'a dyn Listener,
     prepared: Mutex<HashMap<Basis, Result<Prepared, Fault>>>,
 }
 
 impl<'a> Worker<'a> {
     /// For all tables of a run.
-    pub fn new(graph: &'a Graph<'a>, store: &'a Store) -> Worker<'a> {
-        Worker { graph, store, prepared: Mutex::default() }
+    pub fn new(graph: &'a Graph<'a>, store: &'a Store, listener: &'a dyn Listener) -> Worker<'a> {
+        Worker { graph, store, listener, prepared: Mutex::default() }
     }
 
     /// Drops the preparations for the lines of a table.
@@ -366,10 +416,11 @@ impl<'a> Worker<'a> {
                 }
             }
         }
-        let mut tables = match guarded(|| gather.finish(parts)) {
-            Ok(tables) => tables,
-            Err(fault) => return all(fault),
-        };
+        let mut tables =
+            match guarded(|| gather.finish(parts, &Attended { worker: self, units, told: Mutex::default() })) {
+                Ok(tables) => tables,
+                Err(fault) => return all(fault),
+            };
         for (table, left_out) in tables.iter_mut().zip(&left_out).filter(|(_, l)| l.len() == lines.len()) {
             *table = Err(nothing_left(left_out));
         }
@@ -380,7 +431,11 @@ impl<'a> Worker<'a> {
             };
             Made { unit: *unit, rows, remarks: Remarks { left_out, warnings } }
         };
-        units.iter().zip(left_out.into_iter().zip(tables)).map(made).collect()
+        let made = units.iter().zip(left_out.into_iter().zip(tables)).map(made);
+        // What an interrupt stopped is not concluded.
+        let stopped =
+            |m: &Made| INTERRUPTED.load(Ordering::Relaxed) && m.rows.as_ref().is_err_and(|f| !f.owner.is_lasting());
+        made.filter(|m| !stopped(m)).collect()
     }
 
     /// One line as all points of a survey task see it: the columns of all of them.

@@ -8,6 +8,7 @@
 //! tables/<pipeline>           a link to the newest version, replaced in one step
 //! plans/<pipeline>.json       the inputs of the last computation of the tables
 //! runs/<pipeline>.jsonl       the history of its runs
+//! checkpoints/<key>           the state of a unit that takes minutes, until it is done
 //! damaged/                    packs that did not verify
 //! locks/                      one file per pipeline, locked by its run
 //! tmp/                        files being written; renamed when complete
@@ -18,6 +19,7 @@
 //! by something else under the same name, so that a reader keeps the version it opened.
 
 mod catalogue;
+mod checkpoints;
 mod objects;
 mod sealed;
 pub mod tend;
@@ -55,7 +57,8 @@ pub use version::{
 const LAYOUT: &str = "magline store 2\n";
 
 /// The folders of a store.
-const PARTS: [&str; 9] = ["objects", "sources", "tables", "versions", "plans", "runs", "damaged", "locks", "tmp"];
+const PARTS: [&str; 10] =
+    ["objects", "sources", "tables", "versions", "plans", "runs", checkpoints::FOLDER, "damaged", "locks", "tmp"];
 
 /// Rows of a row group, unless a single unit or wide rows ask for less.
 pub const GROUP_ROWS: usize = 100_000;

@@ -98,7 +98,7 @@ pub struct Collected {
     pub busy: bool,
 }
 
-fn is_old(path: &Path, than: Duration) -> bool {
+pub(super) fn is_old(path: &Path, than: Duration) -> bool {
     let written = fs::symlink_metadata(path).and_then(|m| m.modified());
     written.is_ok_and(|t| SystemTime::now().duration_since(t).is_ok_and(|age| age >= than))
 }
@@ -147,6 +147,9 @@ pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
     }
     if done.busy {
         return Ok(done);
+    }
+    if !what.dry {
+        store.drop_checkpoints(|_| false, Some(what.older_than));
     }
     let dead: Vec<(Key, u64)> = {
         let catalogue = store.catalogue();

@@ -4,7 +4,7 @@ use std::{any::Any, ops::Deref, sync::Arc};
 
 use arrow_array::{ArrayRef, RecordBatch};
 
-use super::{Gather, LineIn, LinePoint, LineStage, MapStage, Product, Stage, SurveyStage, Table, Yield};
+use super::{Gather, LineIn, LinePoint, LineStage, MapStage, Product, Stage, SurveyStage, Table, Work, Yield};
 use crate::Fault;
 
 /// What a run makes of a stage's columns for one line, or why there are none.
@@ -207,7 +207,7 @@ pub trait GatherDyn: Send + Sync {
     ///
     /// # Errors
     /// When a part is another stage's.
-    fn finish(&self, parts: Vec<Part>) -> Result<Vec<Result<Product, Fault>>, Fault>;
+    fn finish(&self, parts: Vec<Part>, work: &dyn Work) -> Result<Vec<Result<Product, Fault>>, Fault>;
 }
 
 impl<G: Gather> GatherDyn for G {
@@ -219,9 +219,9 @@ impl<G: Gather> GatherDyn for G {
         part.downcast_ref().map_or_else(Vec::new, |part| Gather::refused(self, part))
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Result<Vec<Result<Product, Fault>>, Fault> {
+    fn finish(&self, parts: Vec<Part>, work: &dyn Work) -> Result<Vec<Result<Product, Fault>>, Fault> {
         let typed = parts.into_iter().map(|part| part.downcast().map(|part| *part).map_err(|_| another_type()));
-        Ok(Gather::finish(self, typed.collect::<Result<_, _>>()?))
+        Ok(Gather::finish(self, typed.collect::<Result<_, _>>()?, work))
     }
 }
 

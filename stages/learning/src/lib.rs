@@ -4,6 +4,8 @@
 //! order, so that the same seed gives the same bits on any number of threads.
 
 pub mod importance;
+pub mod inputs;
+pub mod network;
 pub mod random_features;
 pub mod rows;
 pub mod trees;

@@ -8,8 +8,10 @@ use schemas::{Fault, Kind, KindDoc, Own, ParamDoc, Reader, collect_doc};
 
 use super::{
     problem::Problem,
+    samples::{PointWork, Samples},
     settings::{Choose, Divisor, MadeOf, Settings},
 };
+use crate::trained::{Learned, Term};
 
 /// A model as it declares itself.
 #[derive(Debug)]
@@ -82,13 +84,35 @@ impl Answer {
     }
 }
 
+/// What a model that is made of samples learns.
+pub struct Learnt {
+    /// The model.
+    pub model: Learned,
+    /// The epoch or number of trees that was used.
+    pub chosen: f64,
+    /// How the training went: further rows of the table, such as `epoch_training[3]`.
+    pub curve: Vec<Term>,
+    /// What to know before it is trusted; empty where nothing is.
+    pub warning: String,
+}
+
 /// A model with the keys that it was given.
 pub trait FitModel: Send + Sync {
     /// Fits it to all lines of `problem`, whose columns on the scale of `settings` are `prepared`.
     ///
     /// # Errors
     /// When the data do not determine it.
-    fn fit(&self, problem: &Problem, settings: &Settings, prepared: &Prepared) -> Result<Answer, Fault>;
+    fn fit(&self, _problem: &Problem, _settings: &Settings, _prepared: &Prepared) -> Result<Answer, Fault> {
+        Err(Fault::bug("the model is declared as linear, and has no `fit`"))
+    }
+
+    /// Fits a model that is made of `Samples`, in place of [`FitModel::fit`].
+    ///
+    /// # Errors
+    /// When the data do not determine it, or the run is interrupted.
+    fn learn(&self, _samples: &Samples, _settings: &Settings, _work: &PointWork) -> Result<Learnt, Fault> {
+        Err(Fault::bug("the model is declared as made of samples, and has no `learn`"))
+    }
 
     /// What is wrong with its keys and the settings among themselves.
     fn faults(&self, _: &Settings) -> Vec<Fault> {
@@ -133,6 +157,15 @@ impl Model {
         lambda.or(lambdas).or(error).map(Fault::new)
     }
 
+    /// Why a key has no say with a model that is made of samples as they are.
+    pub(super) fn unfiltered(&self, key: &str) -> Option<Fault> {
+        const LINEAR: [&str; 6] = ["low_hz", "high_hz", "order", "trim", "scaling", "intercept"];
+        (self.made_of == MadeOf::Samples && LINEAR.contains(&key)).then(|| {
+            let what = format!("`{key}` is for linear models: `{}` is fitted to the samples as they are", self.name);
+            Fault::new(what).help("leave it out; a filter goes before the fit, as a stage of its own")
+        })
+    }
+
     /// What the reference says of it.
     pub(super) fn document(&self) -> KindDoc {
         let choose: Vec<String> = self.choose.iter().map(|c| format!("`{}`", c.word())).collect();
@@ -142,6 +175,9 @@ impl Model {
             format!("`intercept` left out: `{}`", self.intercept),
             format!("`choose`: {}", choose.join(", ")),
         ];
+        if self.made_of == MadeOf::Samples {
+            facts = vec!["not linear: it is fitted to the samples as they are, without a filter".to_owned()];
+        }
         if !takes.is_empty() {
             facts.push(format!("also takes {}", takes.join(", ")));
         }

@@ -1,9 +1,10 @@
 //! The list of all models.
 
 use super::{
-    elastic_net::ElasticNet, extended_tolles_lawson::ExtendedTollesLawson, model::Model, pls::PartialLeastSquares,
-    recursive_least_squares::RecursiveLeastSquares, ridge::Ridge, robust::Robust, tolles_lawson::TollesLawson,
-    truncated_svd::TruncatedSvd,
+    elastic_net::ElasticNet, etlnn::ExtendedTollesLawsonNetwork, extended_tolles_lawson::ExtendedTollesLawson, m1::M1,
+    m2a::M2a, m2b::M2b, m2c::M2c, m2d::M2d, model::Model, pls::PartialLeastSquares,
+    recursive_least_squares::RecursiveLeastSquares, ridge::Ridge, robust::Robust, tlnn::TollesLawsonNetwork,
+    tolles_lawson::TollesLawson, truncated_svd::TruncatedSvd,
 };
 
 /// Every model, in the order of the reference.
@@ -16,4 +17,11 @@ pub const MODELS: &[&Model] = &[
     &TruncatedSvd::MODEL,
     &Robust::MODEL,
     &RecursiveLeastSquares::MODEL,
+    &M1::MODEL,
+    &M2a::MODEL,
+    &M2b::MODEL,
+    &M2c::MODEL,
+    &M2d::MODEL,
+    &TollesLawsonNetwork::MODEL,
+    &ExtendedTollesLawsonNetwork::MODEL,
 ];

@@ -32,24 +32,7 @@ impl Point {
     /// # Errors
     /// When an entry is not there or chosen twice, or none is chosen.
     pub fn places(&self, terms: &[String]) -> Result<Option<Vec<usize>>, Fault> {
-        let Some(entries) = &self.entries else { return Ok(None) };
-        let mut places = vec![];
-        for entry in entries {
-            let one = terms.iter().position(|t| t == entry);
-            let begins = |t: &String| t.strip_prefix(entry.as_str()).is_some_and(|rest| rest.starts_with('_'));
-            let found: Vec<usize> = match one {
-                Some(at) => vec![at],
-                None => terms.iter().enumerate().filter(|(_, t)| begins(t)).map(|(i, _)| i).collect(),
-            };
-            if found.is_empty() {
-                return Err(Fault::new(format!("the features have no entry `{entry}`")).nearest(entry, terms));
-            }
-            if let Some(twice) = found.iter().find(|i| places.contains(*i)) {
-                return Err(Fault::new(format!("duplicate entry `{}`", terms[*twice])));
-            }
-            places.extend(found);
-        }
-        if places.is_empty() { Err(Fault::new("there is nothing to fit with")) } else { Ok(Some(places)) }
+        self.entries.as_ref().map(|entries| places(entries, terms)).transpose()
     }
 
     /// The target, and what is explained together with it.
@@ -62,4 +45,28 @@ impl Point {
         let given = self.model.is_ridge() && self.settings.choose == Choose::Given;
         self.model.lambda().filter(|_| given)
     }
+}
+
+/// Where the entries lie among all terms: their names, or what several names have before a `_`.
+///
+/// # Errors
+/// When an entry is not there or chosen twice, or none is chosen.
+pub fn places(entries: &[String], terms: &[String]) -> Result<Vec<usize>, Fault> {
+    let mut places = vec![];
+    for entry in entries {
+        let one = terms.iter().position(|t| t == entry);
+        let begins = |t: &String| t.strip_prefix(entry.as_str()).is_some_and(|rest| rest.starts_with('_'));
+        let found: Vec<usize> = match one {
+            Some(at) => vec![at],
+            None => terms.iter().enumerate().filter(|(_, t)| begins(t)).map(|(i, _)| i).collect(),
+        };
+        if found.is_empty() {
+            return Err(Fault::new(format!("the features have no entry `{entry}`")).nearest(entry, terms));
+        }
+        if let Some(twice) = found.iter().find(|i| places.contains(*i)) {
+            return Err(Fault::new(format!("duplicate entry `{}`", terms[*twice])));
+        }
+        places.extend(found);
+    }
+    if places.is_empty() { Err(Fault::new("there is nothing to fit with")) } else { Ok(places) }
 }

@@ -11,7 +11,8 @@ use schemas::Fault;
 use super::{
     components::Components,
     question::{Matrix, Targets},
-    rows::{Part, Share},
+    rows::{Part, Rows, Share},
+    samples::{LineSamples, Samples},
     settings::{Choose, Settings},
 };
 use crate::columns::data;
@@ -169,7 +170,7 @@ impl<'a> Problem<'a> {
     /// The rows of each line: terms row-major, and the target.
     pub fn rows(&self) -> Vec<(Cow<'a, [f64]>, &'a [f64])> {
         let own = |share: &'a Share| {
-            let (a, y) = share.rows.as_ref()?;
+            let Rows { a, y, .. } = share.rows.as_ref()?;
             let a = match &self.places {
                 Some(places) => {
                     let width = a.len() / y.len().max(1);
@@ -181,6 +182,18 @@ impl<'a> Problem<'a> {
             Some((a, y.as_slice()))
         };
         self.shares.iter().filter_map(|s| own(s)).collect()
+    }
+
+    /// The rows of each line with where they come from, for models that learn.
+    pub fn samples(&self) -> Samples<'_> {
+        let lines = self.rows().into_iter().zip(&self.shares).zip(&self.lines).zip(&self.flights);
+        let one = |(((rows, share), name), flight): (((_, &&'a Share), &'_ String), &'_ String)| {
+            let (x, y): (Cow<'a, [f64]>, &'a [f64]) = rows;
+            let own = share.rows.as_ref()?;
+            let (flight, name) = (flight.clone(), name.clone());
+            Some(LineSamples { flight, name, x, y, runs: &own.runs, rate_hz: own.rate_hz })
+        };
+        Samples { names: &self.terms, lines: lines.filter_map(one).collect() }
     }
 
     /// The columns on one scale, and which of their directions the flight excites.

@@ -6,22 +6,33 @@
 
 use numerics::signal::noise::{Blocks, Noise, noise};
 
-use super::{point::Point, rows::Part, solve::Solved};
+use super::{
+    point::Point,
+    rows::Part,
+    solve::{Left, Solved},
+};
 use crate::model_columns::RESIDUAL;
 
 /// The noise of a model on the lines that it was fitted on, in the order of the model table's columns; NaN where the lines
 /// are too short to tell.
 pub fn residual_noise(parts: &[&Part], point: &Point, solved: &Solved) -> [f64; RESIDUAL.len()] {
+    let (fit, names) = match &solved.left {
+        Left::By(fit, names) => (fit, names),
+        Left::Series(lines) => return told(lines),
+    };
     let at = (point.matrix.clone(), point.targets());
     let one = |part: &&Part| {
         let terms = part.terms.get(&at.0)?;
         part.wide.iter().find(|w| w.asked.contains(&at)).and_then(|w| {
-            let coefficients = solved.terms.iter().zip(&solved.fit.coefficients);
+            let coefficients = names.iter().zip(&fit.coefficients);
             w.wide.residual(&point.target, &point.matrix.features, terms, coefficients)
         })
     };
-    let lines: Vec<Blocks> = parts.iter().filter_map(one).collect();
-    match noise(&lines) {
+    told(&parts.iter().filter_map(one).collect::<Vec<_>>())
+}
+
+fn told(lines: &[Blocks]) -> [f64; RESIDUAL.len()] {
+    match noise(lines) {
         Ok(Noise { white_nt, lasting }) => [white_nt, lasting.sigma, lasting.tau_s],
         Err(_) => [f64::NAN; RESIDUAL.len()],
     }

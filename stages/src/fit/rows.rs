@@ -30,12 +30,24 @@ pub struct Share {
     pub moments: Moments,
     /// Of some rows as they were before the filter.
     pub unfiltered: Option<Moments>,
-    /// The rows themselves, where a model needs them: terms row-major, and the target.
-    pub rows: Option<(Vec<f64>, Vec<f64>)>,
+    /// The rows themselves, where a model needs them.
+    pub rows: Option<Rows>,
     /// Rows of the line that `where` selects.
     pub selected: usize,
     /// Rows of the longest run, and how many filter and trim take at least.
     pub longest: (usize, usize),
+}
+
+/// The filtered and trimmed rows of a line.
+pub struct Rows {
+    /// The terms, row-major.
+    pub a: Vec<f64>,
+    /// The target.
+    pub y: Vec<f64>,
+    /// The runs of samples that follow each other in time.
+    pub runs: Vec<Range<usize>>,
+    /// Samples a second.
+    pub rate_hz: f64,
 }
 
 /// The unfiltered rows of a line in short, and the questions that they belong to.
@@ -191,7 +203,7 @@ fn fold(
     let least = filter.as_ref().map_or(1, |f| f.least_rows()).max(2 * first.trim + 1);
     let runs: Vec<Range<usize>> = group.runs.iter().filter(|r| r.len() >= least).cloned().collect();
     part.wide.push(unfiltered(batch, blocks, group, &runs, rate_hz)?);
-    let (packed, kept) = packed(&runs, first.trim);
+    let (whole, kept) = packed(&runs, first.trim);
     let (sheet, places) = features(blocks, group, &runs);
     let names = targets(group);
     let y = names.iter().map(|n| floats(batch, n)).collect::<Result<Vec<_>, _>>()?;
@@ -200,8 +212,8 @@ fn fold(
     let raw = if filter.is_some() { thinned(&sheet, &y) } else { None };
     let (mut sheet, mut y) = (sheet, y);
     if let Some(filter) = &filter {
-        filter_matrix(filter, &mut sheet.values, sheet.width, &packed, ConstantColumns::Keep).map_err(data)?;
-        filter_matrix(filter, &mut y.values, y.width, &packed, ConstantColumns::Filter).map_err(data)?;
+        filter_matrix(filter, &mut sheet.values, sheet.width, &whole, ConstantColumns::Keep).map_err(data)?;
+        filter_matrix(filter, &mut y.values, y.width, &whole, ConstantColumns::Filter).map_err(data)?;
     }
     for (key, wanted) in &group.asked {
         let columns: Vec<usize> = key.features.iter().flat_map(|n| places[n.as_str()].clone()).collect();
@@ -223,7 +235,10 @@ fn fold(
         for together in wanted {
             let own: Vec<usize> = together.iter().filter_map(place).collect();
             let chosen: Vec<usize> = own.iter().filter_map(|c| at.iter().position(|a| a == c)).collect();
-            let rows = keeps.contains(together).then(|| (sheet.part(&columns, &kept), y.part(&own, &kept)));
+            let rows = keeps.contains(together).then(|| {
+                let (a, y) = (sheet.part(&columns, &kept), y.part(&own, &kept));
+                Rows { a, y, runs: packed(&kept, 0).0, rate_hz }
+            });
             let unfiltered = raw.as_ref().map(|(a, y)| {
                 let all = 0..a.values.len() / a.width.max(1);
                 let rows = a.part(&columns, std::slice::from_ref(&all));

@@ -59,6 +59,8 @@ pub enum MadeOf {
     Moments,
     /// The rows themselves.
     Rows,
+    /// The rows as they are, unfiltered: the model is not linear, and learns.
+    Samples,
 }
 
 /// What most models have in common, with the defaults of the model put in.

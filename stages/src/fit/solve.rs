@@ -2,27 +2,52 @@
 
 use numerics::{
     compensation::diagnostics::{Excitation, TrivialSolution},
-    regression::least_squares::LinearFit,
+    regression::{least_squares::LinearFit, statistics},
+    signal::noise::Blocks,
 };
 use schemas::Fault;
 
-use super::{point::Point, problem::Problem, settings::Choose};
+use super::{
+    model::Learnt,
+    point::Point,
+    problem::Problem,
+    samples::{LineSamples, PointWork, Samples},
+    settings::Choose,
+};
+use crate::{
+    model_columns::INTERCEPT,
+    trained::{Learned, Term, term},
+};
+
+/// A row of a model's table.
+pub struct Row {
+    /// The term and its value.
+    pub term: Term,
+    /// One sigma of the value; NaN where the model knows none.
+    pub std: f64,
+}
+
+/// Of what the noise of a model is found.
+pub enum Left {
+    /// Of the coefficients of a linear one, with their terms.
+    By(LinearFit, Vec<String>),
+    /// Of what it leaves of the rows of each line.
+    Series(Vec<Blocks>),
+}
 
 /// A fitted model, ready for its table.
 pub struct Solved {
-    /// Coefficients in the units of the columns.
-    pub fit: LinearFit,
-    /// One sigma of each coefficient; NaN where the model knows none.
-    pub std: Vec<f64>,
-    /// The names of the terms.
-    pub terms: Vec<String>,
+    /// The model, and how it was trained.
+    pub table: Vec<Row>,
+    /// Of what its noise is found.
+    pub left: Left,
     /// Rows that were used, and rows of the selected lines that were not.
     pub rows: (usize, usize),
-    /// The condition number of the scaled matrix.
+    /// The condition number of the scaled matrix; NaN for a model that is not linear.
     pub condition: f64,
-    /// Standard deviation of what is left of the filtered target.
+    /// Standard deviation of what is left of the target, filtered where it was.
     pub residual_std: f64,
-    /// The ridge parameter or number of components that was used.
+    /// The ridge parameter, number of components or epoch that was used.
     pub chosen: f64,
     /// How much of the total field is explained away; NaN where the terms cannot tell.
     pub trivial_share: f64,
@@ -34,7 +59,7 @@ pub struct Solved {
     pub warning: String,
 }
 
-/// The model of one point.
+/// The linear model of one point.
 ///
 /// # Errors
 /// As [`FitModel::fit`](super::FitModel::fit), and when the decomposition does not converge.
@@ -48,10 +73,14 @@ pub fn solve(problem: &mut Problem, point: &Point) -> Result<Solved, Fault> {
         Some(components) => components.original(&answer.fit),
         None => (answer.fit, answer.std, problem.terms.clone()),
     };
+    let row = |((name, value), std): ((&String, &f64), &f64)| Row { term: term(name, *value), std: *std };
+    let mut table: Vec<Row> = terms.iter().zip(&fit.coefficients).zip(&std).map(row).collect();
+    if point.settings.intercept {
+        table.push(Row { term: term(INTERCEPT, fit.intercept), std: f64::NAN });
+    }
     Ok(Solved {
-        fit,
-        std,
-        terms,
+        table,
+        left: Left::By(fit, terms),
         rows: (used, problem.selected - used),
         condition: excited.condition,
         residual_std: answer.residual_std,
@@ -72,6 +101,53 @@ fn warning(point: &Point, excited: &Excitation, trivial: Option<&TrivialSolution
             100.0 * t.share
         )
     });
-    let unused = (!unused.is_empty()).then(|| format!("too short for filter and trim, so not used: {unused}"));
-    weak.into_iter().chain(trivial).chain(unused).collect::<Vec<_>>().join("; ")
+    weak.into_iter().chain(trivial).chain(too_short(unused)).collect::<Vec<_>>().join("; ")
+}
+
+fn too_short(unused: &str) -> Option<String> {
+    (!unused.is_empty()).then(|| format!("too short for filter and trim, so not used: {unused}"))
+}
+
+/// The model of one point that learns.
+///
+/// # Errors
+/// As [`FitModel::learn`](super::FitModel::learn), and when the model predicts what is not finite.
+pub fn solve_learning(problem: &Problem, point: &Point, work: &PointWork) -> Result<Solved, Fault> {
+    let samples = problem.samples();
+    let Learnt { model, chosen, curve, warning } = point.model.learn(&samples, &point.settings, work)?;
+    let left = samples.lines.iter().map(|line| residual(&samples, line, &model)).collect::<Result<Vec<_>, Fault>>()?;
+    let all: Vec<f64> = left.iter().flatten().copied().collect();
+    if all.iter().any(|x| !x.is_finite()) {
+        return Err(
+            Fault::data("the model predicts numbers that are not finite").help("take a smaller `learning_rate`")
+        );
+    }
+    let series = left.iter().zip(&samples.lines).map(|(left, line)| Blocks::of(left, line.runs, line.rate_hz));
+    let used = problem.merged.rows();
+    let table = model.terms().into_iter().chain(curve).map(|term| Row { term, std: f64::NAN }).collect();
+    let warning = (!warning.is_empty()).then_some(warning);
+    Ok(Solved {
+        table,
+        left: Left::Series(series.collect()),
+        rows: (used, problem.selected - used),
+        condition: f64::NAN,
+        residual_std: statistics::std(&all).value,
+        chosen,
+        trivial_share: f64::NAN,
+        approximation_bound_nt: f64::NAN,
+        lines: problem.lines.join(", "),
+        warning: warning.into_iter().chain(too_short(&problem.unused)).collect::<Vec<_>>().join("; "),
+    })
+}
+
+/// What a model leaves of the target of a line.
+fn residual(samples: &Samples, line: &LineSamples, model: &Learned) -> Result<Vec<f64>, Fault> {
+    let place = |name: &String| samples.names.iter().position(|n| n == name);
+    let at: Option<Vec<usize>> = model.columns().iter().map(place).collect();
+    let at = at.ok_or_else(|| Fault::bug("a model is made of columns that it was not given"))?;
+    let predicted = model.predict(&line.columns(&at, samples.names.len())).field_nt;
+    if predicted.len() != line.y.len() {
+        return Err(Fault::bug("a model predicts other rows than it is given"));
+    }
+    Ok(line.y.iter().zip(predicted).map(|(y, p)| y - p).collect())
 }

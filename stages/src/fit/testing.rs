@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
-use schemas::{AnyStage, Args, Fault, Given, LineIn, Literal};
+use schemas::{AnyStage, Args, Fault, Given, LineIn, Literal, Unattended, Work};
 
 /// What the target is made of.
 pub const COEFFICIENTS: [f64; 3] = [12.0, -7.0, 3.5];
@@ -14,6 +14,10 @@ const ROWS: usize = 200;
 
 /// What a fit says.
 pub struct Found {
+    /// The terms.
+    pub term: Vec<String>,
+    /// What to know before it is trusted.
+    pub warning: String,
     /// The coefficients, the intercept last where there is one.
     pub value: Vec<f64>,
     pub residual_std: f64,
@@ -38,6 +42,10 @@ pub fn flag(key: &str, value: bool) -> (String, Literal) {
     (key.to_owned(), Literal::Bool(value))
 }
 
+pub fn words(key: &str, values: &[&str]) -> (String, Literal) {
+    (key.to_owned(), Literal::List(values.iter().map(|value| Literal::Text((*value).to_owned())).collect()))
+}
+
 /// Two lines whose target is exactly the sum of features and `constant_nt`.
 pub fn plain(constant_nt: f64) -> Vec<RecordBatch> {
     lines(&|_, exact| exact + constant_nt)
@@ -46,6 +54,11 @@ pub fn plain(constant_nt: f64) -> Vec<RecordBatch> {
 /// The same with a spike of 500 nT in every twentieth row.
 pub fn spiked() -> Vec<RecordBatch> {
     lines(&|row, exact| exact + INTERCEPT_NT + if row % 20 == 7 { 500.0 } else { 0.0 })
+}
+
+/// The same, of a target that bends: no linear model explains it.
+pub fn bent() -> Vec<RecordBatch> {
+    lines(&|_, exact| exact + INTERCEPT_NT + 15.0 * (exact / 8.0).tanh())
 }
 
 fn lines(target: &dyn Fn(usize, f64) -> f64) -> Vec<RecordBatch> {
@@ -87,6 +100,11 @@ pub fn fitted(model: &str, keys: &[(String, Literal)]) -> Found {
 
 /// A fit to these lines.
 pub fn fitted_to(lines: &[RecordBatch], model: &str, keys: &[(String, Literal)]) -> Found {
+    worked(lines, model, keys, &Unattended).unwrap()
+}
+
+/// A fit to these lines that keeps and says what it does.
+pub fn worked(lines: &[RecordBatch], model: &str, keys: &[(String, Literal)], work: &dyn Work) -> Result<Found, Fault> {
     let stage = stage(model, keys).unwrap();
     let stage = stage.of_surveys().unwrap();
     let gather = stage.gather(&[stage]).unwrap();
@@ -94,8 +112,11 @@ pub fn fitted_to(lines: &[RecordBatch], model: &str, keys: &[(String, Literal)])
         let (flight, name, inputs) = ("1".to_owned(), format!("1.{i}"), vec![line.clone()]);
         gather.map(&LineIn { flight, line: name, inputs, keep: None }).unwrap()
     };
-    let table = gather.finish(lines.iter().enumerate().map(part).collect()).unwrap().remove(0).unwrap().columns;
+    let table = gather.finish(lines.iter().enumerate().map(part).collect(), work)?.remove(0)?.columns;
     let column = |i: usize| table[i].as_primitive::<Float64Type>().values().to_vec();
     let rows = table[4].as_primitive::<arrow_array::types::Int64Type>().value(0);
-    Found { value: column(2), residual_std: column(7)[0], chosen: column(8)[0], rows: rows as f64 }
+    let text = |i: usize| table[i].as_string::<i32>().iter().map(|t| t.unwrap_or_default().to_owned()).collect();
+    let (term, warnings): (Vec<String>, Vec<String>) = (text(1), text(12));
+    let warning = warnings[0].clone();
+    Ok(Found { term, warning, value: column(2), residual_std: column(7)[0], chosen: column(8)[0], rows: rows as f64 })
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Int64Type};
 use grids::SurveyPoints;
-use schemas::{Fault, Gather, LineIn, Product};
+use schemas::{Fault, Gather, LineIn, Product, Work};
 
 use super::{MapGrid, columns, points};
 use crate::columns::floats;
@@ -57,7 +57,7 @@ impl Gather for Survey {
         self.stages.iter().enumerate().filter_map(|(i, stage)| Some((i, lacks(stage)?))).collect()
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
+    fn finish(&self, parts: Vec<Part>, _: &dyn Work) -> Vec<Result<Product, Fault>> {
         let parts: Vec<&Part> = parts.iter().collect();
         self.stages.iter().map(|stage| mapped(stage, &parts)).collect()
     }

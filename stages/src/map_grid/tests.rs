@@ -51,7 +51,7 @@ fn survey() -> Vec<LineIn> {
 fn yielded(stages: &[&MapGrid], lines: &[LineIn]) -> Vec<Result<Vec<ArrayRef>, Fault>> {
     let gather = MapGrid::gather(stages.to_vec());
     let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
-    gather.finish(parts).into_iter().map(|made| made.map(|product| product.columns)).collect()
+    gather.finish(parts, &schemas::Unattended).into_iter().map(|made| made.map(|product| product.columns)).collect()
 }
 
 fn grid(answer: Result<Vec<ArrayRef>, Fault>) -> AnomalyGrid {

@@ -2,7 +2,7 @@
 
 use arrow_array::RecordBatch;
 use numerics::earth::core_field::CoreField;
-use schemas::{Fault, Gather, LineIn, Product};
+use schemas::{Fault, Gather, LineIn, Product, Work};
 
 use super::{DIURNAL, PLACE, SPREAD, TrackMap};
 use crate::{
@@ -57,7 +57,7 @@ impl Gather for Lines {
         part.of.iter().enumerate().filter_map(|(i, of)| Some((i, of.as_ref().err()?.clone()))).collect()
     }
 
-    fn finish(&self, parts: Vec<Part>) -> Vec<Result<Product, Fault>> {
+    fn finish(&self, parts: Vec<Part>, _: &dyn Work) -> Vec<Result<Product, Fault>> {
         let one = |(i, stage): (usize, &TrackMap)| {
             let lines: Vec<(&str, &[Measured])> = parts
                 .iter()

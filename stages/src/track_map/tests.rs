@@ -89,7 +89,7 @@ fn survey(off_m: f64, tracked: bool) -> Vec<LineIn> {
 fn yielded(stage: &TrackMap, lines: &[LineIn]) -> Result<Product, Fault> {
     let gather = TrackMap::gather(vec![stage]);
     let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
-    gather.finish(parts).remove(0)
+    gather.finish(parts, &schemas::Unattended).remove(0)
 }
 
 /// The map and the standard deviations of its nodes.

@@ -1,0 +1,85 @@
+//! The state of units that take minutes, so that a run that is killed goes on where it was.
+//!
+//! Each is a file of its own, named by the key of its unit: the hash of the state, then the state. One that does not
+//! verify is ignored, since it only saves time.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use schemas::Fault;
+
+use super::{Store, tend::is_old};
+use crate::keys::Key;
+
+/// The folder of a store that holds them.
+pub const FOLDER: &str = "checkpoints";
+
+fn path(root: &Path, key: Key) -> PathBuf {
+    root.join(FOLDER).join(key.to_string())
+}
+
+fn hash(state: &[u8]) -> blake3::Hash {
+    blake3::hash(state)
+}
+
+impl Store {
+    /// The state of a unit that an earlier run has not finished.
+    pub fn checkpoint(&self, key: Key) -> Option<Vec<u8>> {
+        let bytes = fs::read(path(self.root(), key)).ok()?;
+        let (sum, state) = bytes.split_at_checked(blake3::OUT_LEN)?;
+        (hash(state).as_bytes() == sum).then(|| state.to_vec())
+    }
+
+    /// Keeps the state of a unit, in place of the one before.
+    ///
+    /// # Errors
+    /// Fails when the file system refuses.
+    pub fn set_checkpoint(&self, key: Key, state: &[u8]) -> Result<(), Fault> {
+        self.write(&path(self.root(), key), &[hash(state).as_bytes(), state].concat())
+    }
+
+    /// Removes the states of the units that are `done`, and those that have not been written to for as long as
+    /// `older_than`.
+    pub fn drop_checkpoints(&self, done: impl Fn(&str) -> bool, older_than: Option<Duration>) {
+        for file in fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten() {
+            let old = || older_than.is_some_and(|than| is_old(&file.path(), than));
+            if file.file_name().to_str().is_some_and(&done) || old() {
+                // What stays is removed another time.
+                let _ = fs::remove_file(file.path());
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn unit_a_state_comes_back_until_its_unit_is_done_and_a_damaged_one_does_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path()).unwrap();
+        let (one, two) = (Key::of(["one"]), Key::of(["two"]));
+        assert_eq!(store.checkpoint(one), None);
+        store.set_checkpoint(one, b"first").unwrap();
+        store.set_checkpoint(one, b"second").unwrap();
+        store.set_checkpoint(two, b"other").unwrap();
+        assert_eq!(store.checkpoint(one).unwrap(), b"second");
+        let file = path(folder.path(), two);
+        let mut bytes = fs::read(&file).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        fs::write(&file, &bytes).unwrap();
+        assert_eq!(store.checkpoint(two), None);
+        fs::write(&file, b"cut").unwrap();
+        assert_eq!(store.checkpoint(two), None);
+        store.drop_checkpoints(|name| name == two.to_string(), None);
+        assert!(!file.exists() && store.checkpoint(one).is_some());
+        store.drop_checkpoints(|_| false, Some(Duration::ZERO));
+        assert_eq!(store.checkpoint(one), None);
+    }
+}

@@ -1,0 +1,272 @@
+//! What a model sees of its columns: each less its mean over its deviation, and where asked for their whitened principal
+//! components. [thesis 000, section 4.9]
+
+use numerics::regression::least_squares::{LeastSquaresError, Moments, Scaling};
+use numerics::regression::principal_components::{Kept, PrincipalComponents};
+use rayon::prelude::*;
+
+/// Rows that are summed by themselves, fixed so that the sums do not depend on the number of threads.
+const CHUNK: usize = 4096;
+/// A column whose deviation is below this part of its mean holds nothing but the rounding of its mean.
+const LEAST_DEVIATION: f64 = 1e-12;
+/// A component whose deviation is below this part of the largest holds nothing but rounding.
+const LEAST_COMPONENT: f64 = 1e-7;
+
+/// Why columns are no inputs.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum InputsError {
+    /// There are too few rows for a deviation.
+    #[error("inputs are standardised by at least two rows, but there are {rows}")]
+    TooFewRows {
+        /// The number of rows.
+        rows: usize,
+    },
+    /// The values are no whole number of rows.
+    #[error("{given} values are no rows of {width} columns")]
+    Shape {
+        /// The number of values.
+        given: usize,
+        /// The number of columns.
+        width: usize,
+    },
+    /// A value is NaN or infinite.
+    #[error("the value of input column {column} in row {row} (both from 0) is not finite: leave such rows out")]
+    NotFinite {
+        /// The row, from 0.
+        row: usize,
+        /// The column, from 0.
+        column: usize,
+    },
+    /// Columns are the same in every row.
+    #[error(
+        "input columns {columns:?} (from 0) are the same in every row, which does not tell what they do: leave them out"
+    )]
+    Constant {
+        /// The columns, from 0.
+        columns: Vec<usize>,
+    },
+    /// The number of components, or the part of the variance, is out of range.
+    #[error(
+        "components are a number of 1 to {width}, or a part of the variance between 0 and 1, but {given} is asked for"
+    )]
+    Keep {
+        /// What was asked for.
+        given: f64,
+        /// The number of columns.
+        width: usize,
+    },
+    /// The decomposition fails.
+    #[error(transparent)]
+    Components(#[from] LeastSquaresError),
+}
+
+/// Whitened principal components of standardised columns.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Components {
+    /// The number of components.
+    pub count: usize,
+    /// The weights of the standardised columns, `count` by columns, row-major. They include the whitening: over the rows
+    /// that they are made of, each component has a variance of 1.
+    pub weights: Vec<f64>,
+    /// The part of the variance of the standardised columns that they hold.
+    pub explained: f64,
+}
+
+/// The scaling of columns, and the components that are made of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Inputs {
+    /// The mean of each column, in its unit.
+    pub mean: Vec<f64>,
+    /// The standard deviation of each column (n − 1), in its unit.
+    pub scale: Vec<f64>,
+    /// The components, if these are the inputs.
+    pub components: Option<Components>,
+}
+
+impl Inputs {
+    /// The scaling by mean and deviation (n − 1) of rows of `width` columns, row-major.
+    ///
+    /// # Errors
+    /// Fails for values that are no rows of `width` columns, fewer than two rows, values that are not finite, and columns
+    /// that are constant.
+    pub fn standardised(x: &[f64], width: usize) -> Result<Self, InputsError> {
+        if width == 0 || !x.len().is_multiple_of(width) {
+            return Err(InputsError::Shape { given: x.len(), width });
+        }
+        let rows = x.len() / width;
+        if rows < 2 {
+            return Err(InputsError::TooFewRows { rows });
+        }
+        if let Some(place) = x.par_iter().position_first(|x| !x.is_finite()) {
+            return Err(InputsError::NotFinite { row: place / width, column: place % width });
+        }
+        // About the first row, so that a large mean costs no digits.
+        let first = &x[..width];
+        let offset = column_sums(x, width, |x, j| x - first[j]);
+        let mean: Vec<f64> = offset.iter().zip(first).map(|(sum, first)| first + sum / rows as f64).collect();
+        let squares = column_sums(x, width, |x, j| (x - mean[j]) * (x - mean[j]));
+        let scale: Vec<f64> = squares.iter().map(|sum| (sum / (rows as f64 - 1.0)).sqrt()).collect();
+        let varies = |j: &usize| scale[*j] > LEAST_DEVIATION * mean[*j].abs() && scale[*j].is_finite();
+        let columns: Vec<usize> = (0..width).filter(|j| !varies(j)).collect();
+        if columns.is_empty() {
+            Ok(Self { mean, scale, components: None })
+        } else {
+            Err(InputsError::Constant { columns })
+        }
+    }
+
+    /// The same scaling, followed by whitened principal components of `x`, the rows that the scaling is made of. A `keep`
+    /// of at least 1 is their number, below 1 the part of the variance that they hold at least. Components of less
+    /// than 1e-7 of the largest deviation are never kept: they are rounding.
+    ///
+    /// # Errors
+    /// Fails for a `keep` that is neither, for more components than columns, and without convergence.
+    pub fn whitened(self, x: &[f64], keep: f64) -> Result<Self, InputsError> {
+        let width = self.mean.len();
+        let counted = keep >= 1.0 && keep <= width as f64 && keep.fract() == 0.0;
+        if !(counted || (keep > 0.0 && keep < 1.0)) {
+            return Err(InputsError::Keep { given: keep, width });
+        }
+        let kept = if counted { Kept::Count(keep as usize) } else { Kept::Variance(keep) };
+        let found = PrincipalComponents::of(&Moments::of(x, width, &[])?, Scaling::Standardise, kept, true)?;
+        let largest = found.variances.first().copied().unwrap_or(0.0);
+        let real = |variance: &&f64| **variance > LEAST_COMPONENT * LEAST_COMPONENT * largest;
+        let count = found.variances.iter().take_while(real).count();
+        let of = |(direction, variance): (&Vec<f64>, &f64)| -> Vec<f64> {
+            direction.iter().map(|d| d / variance.sqrt()).collect()
+        };
+        let weights = found.directions.iter().zip(&found.variances).take(count).flat_map(of).collect();
+        Ok(Self { components: Some(Components { count, weights, explained: found.explained }), ..self })
+    }
+
+    /// The number of inputs that a row has after [`apply`](Self::apply).
+    pub fn width(&self) -> usize {
+        self.components.as_ref().map_or(self.mean.len(), |components| components.count)
+    }
+
+    /// The inputs of rows of columns, row-major. A value that is not finite makes those inputs of its row NaN that it
+    /// takes part in; values after the last whole row are left out.
+    pub fn apply(&self, x: &[f64]) -> Vec<f64> {
+        let (columns, width) = (self.mean.len().max(1), self.width().max(1));
+        let rows = x.len() / columns;
+        let mut out = vec![0.0; rows * width];
+        let chunks = x[..rows * columns].par_chunks(CHUNK * columns).zip(out.par_chunks_mut(CHUNK * width));
+        chunks.for_each(|(x, out)| {
+            let mut scaled = vec![0.0; columns];
+            for (row, out) in x.chunks_exact(columns).zip(out.chunks_exact_mut(width)) {
+                let scales = self.mean.iter().zip(&self.scale);
+                for (z, (x, (mean, scale))) in scaled.iter_mut().zip(row.iter().zip(scales)) {
+                    *z = (x - mean) / scale;
+                }
+                match &self.components {
+                    None => out.copy_from_slice(&scaled),
+                    Some(components) => {
+                        for (out, weights) in out.iter_mut().zip(components.weights.chunks_exact(columns)) {
+                            *out = weights.iter().zip(&scaled).map(|(w, x)| w * x).sum();
+                        }
+                    }
+                }
+            }
+        });
+        out
+    }
+}
+
+/// Sums over the rows of something of each value and its column.
+fn column_sums(x: &[f64], width: usize, of: impl Fn(f64, usize) -> f64 + Sync) -> Vec<f64> {
+    let part = |rows: &[f64]| {
+        let mut sums = vec![0.0; width];
+        for row in rows.chunks_exact(width) {
+            sums.iter_mut().zip(row).enumerate().for_each(|(j, (sum, x))| *sum += of(*x, j));
+        }
+        sums
+    };
+    let parts: Vec<Vec<f64>> = x.par_chunks(CHUNK * width).map(part).collect();
+    let mut sums = vec![0.0; width];
+    parts.iter().for_each(|part| sums.iter_mut().zip(part).for_each(|(sum, part)| *sum += part));
+    sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rows of three columns of unequal size, of which the third is the sum of the others up to a small part of its own.
+    fn rows(count: usize, own: f64) -> Vec<f64> {
+        let row = |i: usize| {
+            let t = i as f64;
+            let (a, b) = ((0.37 * t).sin(), (1.7 * t).cos() + 0.1 * (0.37 * t).sin());
+            [50_000.0 + 30.0 * a, 1e-3 * b, a + b + own * (2.9 * t).sin()]
+        };
+        (0..count).flat_map(row).collect()
+    }
+
+    fn variance(x: &[f64], width: usize, j: usize, k: usize) -> f64 {
+        let rows = (x.len() / width) as f64;
+        let mean = |j: usize| x.iter().skip(j).step_by(width).sum::<f64>() / rows;
+        let (a, b) = (mean(j), mean(k));
+        x.chunks_exact(width).map(|row| (row[j] - a) * (row[k] - b)).sum::<f64>() / (rows - 1.0)
+    }
+
+    #[test]
+    fn law_standardised_columns_have_mean_0_and_variance_1_and_whitened_ones_no_covariance() {
+        let x = rows(10_000, 0.1);
+        let inputs = Inputs::standardised(&x, 3).unwrap();
+        let z = inputs.apply(&x);
+        for j in 0..3 {
+            assert!((variance(&z, 3, j, j) - 1.0).abs() < 1e-10);
+            assert!(z.iter().skip(j).step_by(3).sum::<f64>().abs() < 1e-6);
+        }
+        let whitened = inputs.whitened(&x, 3.0).unwrap();
+        let z = whitened.apply(&x);
+        for j in 0..3 {
+            for k in 0..3 {
+                let expected = if j == k { 1.0 } else { 0.0 };
+                assert!((variance(&z, 3, j, k) - expected).abs() < 1e-8, "{j} {k}");
+            }
+        }
+    }
+
+    #[test]
+    fn unit_the_components_kept_are_a_number_or_a_part_of_the_variance_and_never_rounding() {
+        let x = rows(5_000, 0.1);
+        let inputs = Inputs::standardised(&x, 3).unwrap();
+        assert_eq!(inputs.clone().whitened(&x, 2.0).unwrap().width(), 2);
+        let most = inputs.clone().whitened(&x, 0.99).unwrap();
+        assert_eq!(most.width(), 2);
+        assert!(most.components.unwrap().explained >= 0.99);
+        for keep in [0.0, -1.0, 2.5, 4.0, f64::NAN, f64::INFINITY] {
+            assert!(matches!(inputs.clone().whitened(&x, keep), Err(InputsError::Keep { .. })), "{keep}");
+        }
+        let dependent = rows(5_000, 0.0);
+        let inputs = Inputs::standardised(&dependent, 3).unwrap();
+        assert_eq!(inputs.whitened(&dependent, 3.0).unwrap().width(), 2);
+    }
+
+    #[test]
+    fn unit_columns_that_tell_nothing_are_named() {
+        let mut x = rows(100, 0.1);
+        x.chunks_exact_mut(3).for_each(|row| (row[0], row[2]) = (51_234.567, 0.0));
+        assert_eq!(Inputs::standardised(&x, 3), Err(InputsError::Constant { columns: vec![0, 2] }));
+        x[7] = f64::NAN;
+        assert_eq!(Inputs::standardised(&x, 3), Err(InputsError::NotFinite { row: 2, column: 1 }));
+        assert_eq!(Inputs::standardised(&x[..3], 3), Err(InputsError::TooFewRows { rows: 1 }));
+        assert_eq!(Inputs::standardised(&[], 3), Err(InputsError::TooFewRows { rows: 0 }));
+        assert!(matches!(Inputs::standardised(&x[..4], 3), Err(InputsError::Shape { .. })));
+        assert!(matches!(Inputs::standardised(&x, 0), Err(InputsError::Shape { .. })));
+    }
+
+    #[test]
+    fn law_the_same_bits_on_one_and_on_three_threads() {
+        let x = rows(20_000, 0.1);
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let inputs = Inputs::standardised(&x, 3).unwrap().whitened(&x, 0.999).unwrap();
+                let z = inputs.apply(&x);
+                (inputs, z)
+            })
+        };
+        assert_eq!(on(1), on(3));
+    }
+}

@@ -1,0 +1,29 @@
+//! What an error costs.
+
+/// What an error e = ŷ − y costs, averaged over the samples.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Loss {
+    /// e².
+    #[default]
+    Squared,
+    /// |e|.
+    Absolute,
+    /// e²/2 up to |e| = `delta`, and a straight line from there on: `delta` (|e| − `delta`/2). [Huber 1964]
+    Huber {
+        /// Where the line begins, in the scale of the target.
+        delta: f64,
+    },
+}
+
+impl Loss {
+    /// The loss of an error, and its derivative.
+    #[inline(always)]
+    pub(super) fn at(self, error: f64) -> (f64, f64) {
+        match self {
+            Self::Squared => (error * error, 2.0 * error),
+            Self::Absolute => (error.abs(), if error == 0.0 { 0.0 } else { error.signum() }),
+            Self::Huber { delta } if error.abs() < delta => (0.5 * error * error, error),
+            Self::Huber { delta } => (delta * (error.abs() - 0.5 * delta), delta * error.signum()),
+        }
+    }
+}

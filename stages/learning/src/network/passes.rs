@@ -1,0 +1,291 @@
+//! Forwards and backwards through a network, for a block of rows.
+
+use rayon::prelude::*;
+
+use numerics::random::SplitMix64;
+
+use super::kernels::{Panels, add_outer, affine, padded};
+use super::shape::{Form, Shape, unit_uniform};
+
+/// The rows of a block: one block's sums are over its rows in their order, and sums over blocks in theirs, so that nothing
+/// depends on the number of threads.
+pub(super) const BLOCK: usize = 256;
+
+/// A network whose weights are laid out for the products.
+pub(super) struct Packed<'a> {
+    shape: &'a Shape,
+    forward: Vec<Panels>,
+    /// The transposed weights; of the first layer only for the derivatives by the inputs.
+    backward: Vec<Panels>,
+    /// The coefficients of the linear terms, where the form has them.
+    b: Vec<f64>,
+}
+
+impl<'a> Packed<'a> {
+    pub fn new(shape: &'a Shape) -> Self {
+        let layers = shape.layers();
+        Self {
+            forward: layers.iter().map(|layer| Panels::new(layer.inputs, layer.units)).collect(),
+            backward: layers.iter().map(|layer| Panels::new(layer.units, layer.inputs)).collect(),
+            b: vec![0.0; if shape.form.holds_linear() { shape.linear } else { 0 }],
+            shape,
+        }
+    }
+
+    /// Takes a vector of parameters.
+    pub fn set(&mut self, parameters: &[f64]) {
+        for (number, layer) in self.shape.layers().iter().enumerate() {
+            let weights = layer.weights(parameters);
+            self.forward[number].set_layer(weights, layer.biases(parameters));
+            self.backward[number].set_transposed(weights);
+        }
+        self.b.copy_from_slice(&parameters[self.shape.linear_start()..]);
+    }
+}
+
+/// What a block is worked out in.
+pub(super) struct Buffers {
+    /// The sums of each layer, which become its activations; rows padded to whole panels.
+    layers: Vec<Vec<f64>>,
+    /// The derivatives of the activations of each hidden layer.
+    slopes: Vec<Vec<f64>>,
+    delta: Vec<f64>,
+    delta_before: Vec<f64>,
+    /// The prediction of each row.
+    pub predicted: Vec<f64>,
+    gradient: Vec<Panels>,
+    gradient_b: Vec<f64>,
+}
+
+/// Hidden units that are left out of a pass at random.
+#[derive(Clone, Copy)]
+pub(super) struct Dropout {
+    pub probability: f64,
+    pub seed: u64,
+}
+
+impl Buffers {
+    pub fn new(shape: &Shape) -> Self {
+        let layers = shape.layers();
+        let widest = layers.iter().map(|layer| padded(layer.units)).max().unwrap_or(0).max(padded(shape.inputs));
+        let of = |units: usize| vec![0.0; BLOCK * padded(units)];
+        Self {
+            layers: layers.iter().map(|layer| of(layer.units)).collect(),
+            slopes: shape.hidden.iter().map(|units| of(*units)).collect(),
+            delta: vec![0.0; BLOCK * widest],
+            delta_before: vec![0.0; BLOCK * widest],
+            predicted: Vec::with_capacity(BLOCK),
+            gradient: layers.iter().map(|layer| Panels::new(layer.inputs, layer.units)).collect(),
+            gradient_b: vec![0.0; shape.linear],
+        }
+    }
+
+    /// Predicts at most a block of rows, into `predicted`. `slopes` keeps what the way back needs.
+    pub fn forward(&mut self, network: &Packed<'_>, x: &[f64], a: &[f64], slopes: bool, dropout: Option<Dropout>) {
+        let shape = network.shape;
+        let rows = x.len() / shape.inputs;
+        let mut bits = dropout.map(|dropout| (dropout, SplitMix64::new(dropout.seed)));
+        for (number, layer) in network.forward.iter().enumerate() {
+            let (before, behind) = self.layers.split_at_mut(number);
+            let Some(sums) = behind.first_mut() else { break };
+            let units = shape.hidden.get(number).copied();
+            let stride = padded(units.unwrap_or(shape.outputs()));
+            let sums = &mut sums[..rows * stride];
+            match before.last() {
+                None => affine(x, shape.inputs, layer, sums),
+                Some(before) => {
+                    let stride = before.len() / BLOCK;
+                    affine(&before[..rows * stride], stride, layer, sums);
+                }
+            }
+            let Some(units) = units else { continue };
+            let kept = &mut self.slopes[number][..rows * stride];
+            if slopes {
+                shape.activation.apply_with_slopes(sums, kept);
+            } else {
+                shape.activation.apply(sums);
+            }
+            if let Some((dropout, bits)) = &mut bits {
+                let factor = 1.0 / (1.0 - dropout.probability);
+                for (sums, slopes) in sums.chunks_exact_mut(stride).zip(kept.chunks_exact_mut(stride)) {
+                    for (sum, slope) in sums.iter_mut().zip(slopes).take(units) {
+                        let factor = if unit_uniform(bits.draw()) < dropout.probability { 0.0 } else { factor };
+                        (*sum, *slope) = (*sum * factor, *slope * factor);
+                    }
+                }
+            }
+        }
+        self.combine(network, a, rows);
+    }
+
+    /// The predictions of the outputs of the network and the linear terms.
+    fn combine(&mut self, network: &Packed<'_>, a: &[f64], rows: usize) {
+        let shape = network.shape;
+        let stride = padded(shape.outputs());
+        self.predicted.clear();
+        let Some(outputs) = self.layers.last() else { return };
+        let outputs = outputs[..rows * stride].chunks_exact(stride);
+        // Without linear terms there is nothing to pair with.
+        let terms = |row: usize| &a[row * shape.linear..][..shape.linear];
+        match shape.form {
+            Form::Plain => self.predicted.extend(outputs.map(|output| output[0])),
+            Form::Weights => {
+                self.predicted.extend(outputs.enumerate().map(|(row, output)| dot(terms(row), output)));
+            }
+            Form::FixedLinear | Form::TrainedLinear => {
+                let of = |(row, output): (usize, &[f64])| output[0] + dot(terms(row), &network.b);
+                self.predicted.extend(outputs.enumerate().map(of));
+            }
+            Form::WeightsAroundFixed => {
+                let of = |(row, output): (usize, &[f64])| dot(terms(row), output) + dot(terms(row), &network.b);
+                self.predicted.extend(outputs.enumerate().map(of));
+            }
+        }
+    }
+
+    /// The derivatives of the predictions by the outputs of the network, times `by_prediction` of each row, into `delta`.
+    fn delta_of_outputs(&mut self, shape: &Shape, a: &[f64], by_prediction: &[f64]) {
+        let stride = padded(shape.outputs());
+        let delta = self.delta[..by_prediction.len() * stride].chunks_exact_mut(stride);
+        for (row, (delta, by)) in delta.zip(by_prediction).enumerate() {
+            delta.fill(0.0);
+            if shape.form.weighs() {
+                let terms = &a[row * shape.linear..][..shape.linear];
+                delta.iter_mut().zip(terms).for_each(|(delta, term)| *delta = by * term);
+            } else {
+                delta[0] = *by;
+            }
+        }
+    }
+
+    /// Turns `delta`, the derivatives by the sums of a layer, into those by the sums of the layer before.
+    fn step_back(&mut self, network: &Packed<'_>, number: usize, rows: usize) {
+        let shape = network.shape;
+        let stride = padded(shape.hidden.get(number).copied().unwrap_or(shape.outputs()));
+        let stride_before = padded(shape.hidden[number - 1]);
+        let before = &mut self.delta_before[..rows * stride_before];
+        affine(&self.delta[..rows * stride], stride, &network.backward[number], before);
+        let slopes = &self.slopes[number - 1][..rows * stride_before];
+        before.iter_mut().zip(slopes).for_each(|(delta, slope)| *delta *= slope);
+        std::mem::swap(&mut self.delta, &mut self.delta_before);
+    }
+
+    /// The gradient of a sum over the rows whose derivatives by the predictions are given, after [`forward`](Self::forward)
+    /// with slopes, into a vector like the parameters'.
+    pub fn backward(
+        &mut self,
+        network: &Packed<'_>,
+        x: &[f64],
+        a: &[f64],
+        by_prediction: &[f64],
+        gradient: &mut [f64],
+    ) {
+        let shape = network.shape;
+        let rows = by_prediction.len();
+        self.delta_of_outputs(shape, a, by_prediction);
+        for number in (0..network.forward.len()).rev() {
+            let stride = padded(shape.hidden.get(number).copied().unwrap_or(shape.outputs()));
+            let panels = &mut self.gradient[number];
+            panels.clear();
+            let delta = &self.delta[..rows * stride];
+            match number.checked_sub(1).and_then(|before| self.layers.get(before)) {
+                None => add_outer(x, shape.inputs, delta, panels),
+                Some(before) => {
+                    let stride = before.len() / BLOCK;
+                    add_outer(&before[..rows * stride], stride, delta, panels);
+                }
+            }
+            if number > 0 {
+                self.step_back(network, number, rows);
+            }
+        }
+        for (layer, panels) in shape.layers().iter().zip(&mut self.gradient) {
+            let (weights, biases) = layer.split_mut(gradient);
+            panels.write(weights, biases);
+        }
+        let b = &mut gradient[shape.linear_start()..];
+        b.fill(0.0);
+        if shape.form == Form::TrainedLinear {
+            self.gradient_b.fill(0.0);
+            for (terms, by) in a.chunks_exact(shape.linear).zip(by_prediction) {
+                self.gradient_b.iter_mut().zip(terms).for_each(|(sum, term)| *sum += by * term);
+            }
+            b.copy_from_slice(&self.gradient_b);
+        }
+    }
+
+    /// The derivatives of each prediction by the inputs of its row, after [`forward`](Self::forward) with slopes.
+    fn by_inputs(&mut self, network: &Packed<'_>, a: &[f64], rows: usize, out: &mut [f64]) {
+        let shape = network.shape;
+        self.delta_of_outputs(shape, a, &vec![1.0; rows]);
+        for number in (1..network.forward.len()).rev() {
+            self.step_back(network, number, rows);
+        }
+        let stride = padded(shape.hidden.first().copied().unwrap_or(shape.outputs()));
+        let padded_inputs = padded(shape.inputs);
+        let before = &mut self.delta_before[..rows * padded_inputs];
+        affine(&self.delta[..rows * stride], stride, &network.backward[0], before);
+        for (out, before) in out.chunks_exact_mut(shape.inputs).zip(before.chunks_exact(padded_inputs)) {
+            out.copy_from_slice(&before[..shape.inputs]);
+        }
+    }
+}
+
+#[inline(always)]
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+impl Shape {
+    /// Whether parameters, inputs and linear terms fit; their rows.
+    fn rows_of(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Option<usize> {
+        let rows = x.len().checked_div(self.inputs)?;
+        let terms = if self.form == Form::Plain && a.is_empty() { 0 } else { rows * self.linear };
+        let fits = parameters.len() == self.parameters() && x.len() == rows * self.inputs && a.len() == terms;
+        (fits && self.check().is_ok()).then_some(rows)
+    }
+
+    /// The predictions for rows of scaled inputs and of linear terms (empty without), in the scale of the target. All are
+    /// NaN where parameters or terms do not fit the shape; a row is where one of its inputs is.
+    pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
+        self.by_blocks(parameters, x, a, 1, |network, buffers, x, a, out| {
+            buffers.forward(network, x, a, false, None);
+            out.copy_from_slice(&buffers.predicted);
+        })
+    }
+
+    /// The derivatives of each prediction by its scaled inputs, row by row; arguments as for [`predict`](Self::predict).
+    pub fn gradient_of_inputs(&self, parameters: &[f64], x: &[f64], a: &[f64]) -> Vec<f64> {
+        self.by_blocks(parameters, x, a, self.inputs, |network, buffers, x, a, out| {
+            buffers.forward(network, x, a, true, None);
+            buffers.by_inputs(network, a, x.len() / network.shape.inputs, out);
+        })
+    }
+
+    fn by_blocks(
+        &self,
+        parameters: &[f64],
+        x: &[f64],
+        a: &[f64],
+        width: usize,
+        work: impl Fn(&Packed<'_>, &mut Buffers, &[f64], &[f64], &mut [f64]) + Sync,
+    ) -> Vec<f64> {
+        let Some(rows) = self.rows_of(parameters, x, a) else {
+            return vec![f64::NAN; x.len() / self.inputs.max(1) * width];
+        };
+        let mut network = Packed::new(self);
+        network.set(parameters);
+        let mut out = vec![0.0; rows * width];
+        let linear = if a.is_empty() { 0 } else { self.linear };
+        out.par_chunks_mut(BLOCK * width).enumerate().for_each_init(
+            || Buffers::new(self),
+            |buffers, (block, out)| {
+                let (first, count) = (block * BLOCK, out.len() / width);
+                let x = &x[first * self.inputs..][..count * self.inputs];
+                let a = &a[first * linear..][..count * linear];
+                work(&network, buffers, x, a, out);
+            },
+        );
+        out
+    }
+}

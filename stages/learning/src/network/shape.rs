@@ -1,0 +1,180 @@
+//! The size of a network, and where its numbers stand in one vector.
+
+use numerics::random::SplitMix64;
+use params::choice;
+
+use super::activation::Activation;
+use super::training::TrainingError;
+
+choice! {
+    /// How a network N and linear terms a make the target. [thesis 000, sections 4.2-4.6]
+    #[derive(Default)]
+    pub enum Form {
+        /// N(x): model 1.
+        #[default]
+        Plain = "m1",
+        /// a·N(x): model 2a, whose network has an output for each linear term.
+        Weights = "m2a",
+        /// N(x) + a·b with b as it was given: model 2b.
+        FixedLinear = "m2b",
+        /// N(x) + a·b with b trained along: model 2c.
+        TrainedLinear = "m2c",
+        /// a·(N(x) + b) with b as it was given: model 2d.
+        WeightsAroundFixed = "m2d",
+    }
+}
+
+impl Form {
+    /// Whether the network has an output for each linear term.
+    pub(super) fn weighs(self) -> bool {
+        matches!(self, Self::Weights | Self::WeightsAroundFixed)
+    }
+
+    /// Whether the vector of parameters ends with the linear coefficients b.
+    pub(super) fn holds_linear(self) -> bool {
+        matches!(self, Self::FixedLinear | Self::TrainedLinear | Self::WeightsAroundFixed)
+    }
+}
+
+/// A network of dense layers, with linear terms beside it.
+///
+/// Its parameters are one vector: layer by layer the weights, row-major (unit, input), then the biases of its units; the
+/// output layer is the last. Then, where the form has them, the coefficients b of the linear terms.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Shape {
+    /// The number of inputs.
+    pub inputs: usize,
+    /// The number of linear terms. With [`Form::Plain`] they do not take part in the prediction.
+    pub linear: usize,
+    /// The number of units of each hidden layer; without any the network is linear.
+    pub hidden: Vec<usize>,
+    /// What a hidden unit makes of its sum; an output is its sum.
+    pub activation: Activation,
+    /// How the network and the linear terms make the target.
+    pub form: Form,
+}
+
+/// A layer, and where its weights begin in the vector; its biases follow them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Layer {
+    pub inputs: usize,
+    pub units: usize,
+    pub start: usize,
+}
+
+impl Layer {
+    pub fn weights<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
+        &parameters[self.start..][..self.inputs * self.units]
+    }
+
+    pub fn biases<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
+        &parameters[self.start + self.inputs * self.units..][..self.units]
+    }
+
+    pub fn split_mut<'a>(&self, parameters: &'a mut [f64]) -> (&'a mut [f64], &'a mut [f64]) {
+        let (weights, behind) = parameters[self.start..].split_at_mut(self.inputs * self.units);
+        (weights, &mut behind[..self.units])
+    }
+}
+
+impl Shape {
+    /// The number of outputs of the network itself.
+    pub(super) fn outputs(&self) -> usize {
+        if self.form.weighs() { self.linear } else { 1 }
+    }
+
+    pub(super) fn layers(&self) -> Vec<Layer> {
+        let mut start = 0;
+        let mut inputs = self.inputs;
+        let mut layer = |units: usize| {
+            let layer = Layer { inputs, units, start };
+            start += units * (inputs + 1);
+            inputs = units;
+            layer
+        };
+        let mut layers: Vec<Layer> = self.hidden.iter().map(|units| layer(*units)).collect();
+        layers.push(layer(self.outputs()));
+        layers
+    }
+
+    /// Where the coefficients of the linear terms begin, which is the number of the network's own parameters.
+    pub(super) fn linear_start(&self) -> usize {
+        self.layers().iter().map(|layer| layer.units * (layer.inputs + 1)).sum()
+    }
+
+    /// The number of parameters.
+    pub fn parameters(&self) -> usize {
+        self.linear_start() + if self.form.holds_linear() { self.linear } else { 0 }
+    }
+
+    /// The name of each parameter: `w1[3,17]` is the weight of unit 3 of the first layer for its input 17, `b1[3]` its
+    /// bias, `linear[4]` the coefficient of a linear term. Counted from 1.
+    pub fn names(&self) -> Vec<String> {
+        let mut names = Vec::with_capacity(self.parameters());
+        for (number, layer) in (1..).zip(self.layers()) {
+            let weights = |unit| (1..=layer.inputs).map(move |input| format!("w{number}[{unit},{input}]"));
+            names.extend((1..=layer.units).flat_map(weights));
+            names.extend((1..=layer.units).map(|unit| format!("b{number}[{unit}]")));
+        }
+        if self.form.holds_linear() {
+            names.extend((1..=self.linear).map(|term| format!("linear[{term}]")));
+        }
+        names
+    }
+
+    /// Parameters to begin with: weights uniform between ±√(6/(inputs + units)) by a seed [Glorot & Bengio 2010], biases 0,
+    /// and the coefficients of the linear terms as given, in the scale of the target. One that is not given is NaN,
+    /// which training refuses.
+    pub fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
+        let mut bits = SplitMix64::new(derived_seed(seed, &[Stream::Weights as u64]));
+        let mut parameters = vec![0.0; self.parameters()];
+        for layer in self.layers() {
+            let most = (6.0 / (layer.inputs + layer.units) as f64).sqrt();
+            let draw = |weight: &mut f64| *weight = most * (2.0 * unit_uniform(bits.draw()) - 1.0);
+            layer.split_mut(&mut parameters).0.iter_mut().for_each(draw);
+        }
+        let given = linear.iter().copied().chain(std::iter::repeat(f64::NAN));
+        parameters[self.linear_start()..].iter_mut().zip(given).for_each(|(b, given)| *b = given);
+        parameters
+    }
+
+    /// Checks that there is something to train.
+    ///
+    /// # Errors
+    /// Fails without inputs, with a layer without units, and without linear terms where the form has them.
+    pub fn check(&self) -> Result<(), TrainingError> {
+        let setting = |what, given: f64| Err(TrainingError::Setting { what, wanted: "at least 1", given });
+        if self.inputs == 0 {
+            return setting("the number of inputs", 0.0);
+        }
+        if self.hidden.contains(&0) {
+            return setting("the number of units of every hidden layer", 0.0);
+        }
+        if self.linear == 0 && self.form != Form::Plain {
+            return setting("the number of linear terms of this form of network", 0.0);
+        }
+        Ok(())
+    }
+}
+
+/// What random numbers are for: each has its own.
+#[derive(Clone, Copy)]
+pub(super) enum Stream {
+    Weights = 1,
+    Order = 2,
+    Dropout = 3,
+}
+
+/// A seed for what has these numbers.
+pub(super) fn derived_seed(seed: u64, numbers: &[u64]) -> u64 {
+    let start = SplitMix64::new(seed ^ 0x6a09_e667_f3bc_c909).draw();
+    numbers
+        .iter()
+        .fold(start, |state, number| SplitMix64::new(state ^ number.wrapping_mul(0x9e37_79b9_7f4a_7c15)).draw())
+}
+
+/// 64 bits as a number of at least 0 and below 1.
+#[inline(always)]
+pub(super) fn unit_uniform(bits: u64) -> f64 {
+    (bits >> 11) as f64 / (1_u64 << 53) as f64
+}

@@ -1,0 +1,182 @@
+//! Where a training stands at the end of an epoch.
+
+use super::lbfgs::Lbfgs;
+use super::shape::Shape;
+use super::training::Epoch;
+
+/// The first bytes of a stored state; the last is the version of the layout.
+const HEAD: [u8; 8] = *b"MAGNET\0\x01";
+
+/// Everything that a training goes on from at the end of an epoch: from it, the same samples and settings give the same bits
+/// as an unbroken run. Random numbers are drawn by seed, epoch and batch, so that none of their state is kept.
+#[derive(Debug, Clone, PartialEq)]
+pub struct State {
+    /// The number of epochs that are done.
+    pub epoch: usize,
+    /// The parameters after them.
+    pub parameters: Vec<f64>,
+    /// Adam's running means of the gradient.
+    pub first_moments: Vec<f64>,
+    /// Adam's running means of its squares.
+    pub second_moments: Vec<f64>,
+    /// `beta_1` and `beta_2` to the power of the number of steps.
+    pub powers: [f64; 2],
+    /// What a plateau has made of the learning rate so far, as a factor.
+    pub rate_factor: f64,
+    /// The epochs since the last improvement or reduction of the rate.
+    pub on_plateau: usize,
+    /// The parameters of the best validation loss; empty without.
+    pub best: Vec<f64>,
+    /// The best validation loss; infinite without.
+    pub best_loss: f64,
+    /// The number of its epoch, from 1; 0 without.
+    pub best_epoch: usize,
+    /// The quasi-Newton method.
+    pub lbfgs: Lbfgs,
+    /// The Tolles-Lawson coefficients that the physics term holds on to, in the scale of the target.
+    pub tolles_lawson: Vec<f64>,
+    /// The training curve so far.
+    pub epochs: Vec<Epoch>,
+}
+
+/// Why bytes are no state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum StateError {
+    /// The bytes begin as no state does, or as one of another version.
+    #[error("these bytes are no state of a training of this version: train from the start")]
+    NotAState,
+    /// Bytes are missing, too many, or not those that were written.
+    #[error("the state of the training is damaged: train from the start")]
+    Damaged,
+}
+
+impl State {
+    /// The start of a training from parameters: [`Shape::initial`], or those of a model that was trained before. The
+    /// physics term holds on to the coefficients of the linear terms among them.
+    pub fn new(shape: &Shape, parameters: Vec<f64>) -> Self {
+        let tolles_lawson = parameters.get(shape.linear_start()..).unwrap_or_default().to_vec();
+        Self {
+            epoch: 0,
+            first_moments: vec![0.0; parameters.len()],
+            second_moments: vec![0.0; parameters.len()],
+            powers: [1.0; 2],
+            rate_factor: 1.0,
+            on_plateau: 0,
+            best: vec![],
+            best_loss: f64::INFINITY,
+            best_epoch: 0,
+            lbfgs: Lbfgs::default(),
+            tolles_lawson,
+            epochs: vec![],
+            parameters,
+        }
+    }
+
+    /// The state as bytes: a head, then every number in the order of the fields, little-endian, a count before each list,
+    /// and a sum of all bytes (FNV-1a).
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut out = HEAD.to_vec();
+        let count = |out: &mut Vec<u8>, n: usize| out.extend((n as u64).to_le_bytes());
+        let list = |out: &mut Vec<u8>, x: &[f64]| {
+            out.extend((x.len() as u64).to_le_bytes());
+            x.iter().for_each(|x| out.extend(x.to_le_bytes()));
+        };
+        count(&mut out, self.epoch);
+        list(&mut out, &self.parameters);
+        list(&mut out, &self.first_moments);
+        list(&mut out, &self.second_moments);
+        list(&mut out, &[self.powers[0], self.powers[1], self.rate_factor, self.best_loss, self.lbfgs.objective]);
+        count(&mut out, self.on_plateau);
+        list(&mut out, &self.best);
+        count(&mut out, self.best_epoch);
+        list(&mut out, &self.lbfgs.gradient);
+        count(&mut out, self.lbfgs.pairs.len());
+        for (moved, change) in &self.lbfgs.pairs {
+            list(&mut out, moved);
+            list(&mut out, change);
+        }
+        count(&mut out, usize::from(self.lbfgs.ended));
+        list(&mut out, &self.tolles_lawson);
+        let curve = |e: &Epoch| [e.train_loss, e.validation_loss, e.learning_rate];
+        list(&mut out, &self.epochs.iter().flat_map(curve).collect::<Vec<f64>>());
+        let sum = checksum(&out);
+        out.extend(sum.to_le_bytes());
+        out
+    }
+
+    /// The state of bytes.
+    ///
+    /// # Errors
+    /// Fails for bytes that are no state, and for those that are cut or altered.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, StateError> {
+        let rest = bytes.strip_prefix(&HEAD).ok_or(StateError::NotAState)?;
+        let (body, sum) = rest.split_last_chunk::<8>().ok_or(StateError::Damaged)?;
+        if checksum(&bytes[..bytes.len() - 8]) != u64::from_le_bytes(*sum) {
+            return Err(StateError::Damaged);
+        }
+        let mut reader = Reader(body);
+        let epoch = reader.count()?;
+        let (parameters, first_moments, second_moments) = (reader.list()?, reader.list()?, reader.list()?);
+        let [beta_1, beta_2, rate_factor, best_loss, objective] =
+            reader.list()?.try_into().map_err(|_| StateError::Damaged)?;
+        let (on_plateau, best, best_epoch, gradient) =
+            (reader.count()?, reader.list()?, reader.count()?, reader.list()?);
+        let mut pairs = vec![];
+        for _ in 0..reader.count()? {
+            pairs.push((reader.list()?, reader.list()?));
+        }
+        let ended = reader.count()? != 0;
+        let (tolles_lawson, curve) = (reader.list()?, reader.list()?);
+        let (curve, left) = curve.as_chunks::<3>();
+        if !reader.0.is_empty() || !left.is_empty() {
+            return Err(StateError::Damaged);
+        }
+        let epoch_of = |[train_loss, validation_loss, learning_rate]: &[f64; 3]| Epoch {
+            train_loss: *train_loss,
+            validation_loss: *validation_loss,
+            learning_rate: *learning_rate,
+        };
+        Ok(Self {
+            epoch,
+            parameters,
+            first_moments,
+            second_moments,
+            powers: [beta_1, beta_2],
+            rate_factor,
+            on_plateau,
+            best,
+            best_loss,
+            best_epoch,
+            lbfgs: Lbfgs { objective, gradient, pairs, ended },
+            tolles_lawson,
+            epochs: curve.iter().map(epoch_of).collect(),
+        })
+    }
+}
+
+struct Reader<'a>(&'a [u8]);
+
+impl Reader<'_> {
+    fn eight(&mut self) -> Result<[u8; 8], StateError> {
+        let (first, rest) = self.0.split_first_chunk::<8>().ok_or(StateError::Damaged)?;
+        self.0 = rest;
+        Ok(*first)
+    }
+
+    fn count(&mut self) -> Result<usize, StateError> {
+        usize::try_from(u64::from_le_bytes(self.eight()?)).map_err(|_| StateError::Damaged)
+    }
+
+    fn list(&mut self) -> Result<Vec<f64>, StateError> {
+        let count = self.count()?;
+        if count > self.0.len() / 8 {
+            return Err(StateError::Damaged);
+        }
+        (0..count).map(|_| self.eight().map(f64::from_le_bytes)).collect()
+    }
+}
+
+/// FNV-1a of 64 bits.
+fn checksum(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |sum, byte| (sum ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
+}

@@ -1,0 +1,501 @@
+//! Training by Adam and L-BFGS.
+
+use std::ops::ControlFlow;
+
+use numerics::random::SplitMix64;
+use rayon::prelude::*;
+
+use super::loss::Loss;
+use super::objective::{Objective, Rows};
+use super::shape::{Form, Shape, Stream, derived_seed};
+use super::state::State;
+
+/// Rows to train on, or to validate with, in the scale that the network works in.
+#[derive(Debug, Clone, Copy)]
+pub struct Samples<'a> {
+    /// The inputs, row-major.
+    pub x: &'a [f64],
+    /// The linear terms, row-major; empty without.
+    pub a: &'a [f64],
+    /// The target.
+    pub y: &'a [f64],
+}
+
+impl Samples<'_> {
+    /// The number of linear terms of a row.
+    pub(super) fn terms(&self, shape: &Shape) -> usize {
+        if self.a.is_empty() { 0 } else { shape.linear }
+    }
+
+    fn check(&self, shape: &Shape, what: &'static str, needs_terms: bool) -> Result<(), TrainingError> {
+        let rows = self.y.len();
+        if rows == 0 {
+            return Err(TrainingError::NoSamples { what });
+        }
+        if u32::try_from(rows).is_err() {
+            return Err(TrainingError::Setting {
+                what: "the number of samples",
+                wanted: "below 2^32",
+                given: rows as f64,
+            });
+        }
+        let expect = |of, given: usize, expected: usize| {
+            let error = TrainingError::Length { what, of, given, expected, rows };
+            if given == expected { Ok(()) } else { Err(error) }
+        };
+        expect("inputs", self.x.len(), rows * shape.inputs)?;
+        if needs_terms || !self.a.is_empty() {
+            expect("linear terms", self.a.len(), rows * shape.linear)?;
+        }
+        let finite = |of, values: &[f64], width: usize| match values.par_iter().position_first(|x| !x.is_finite()) {
+            None => Ok(()),
+            Some(place) => {
+                Err(TrainingError::NotFinite { what, of, row: place / width.max(1), column: place % width.max(1) })
+            }
+        };
+        finite("input", self.x, shape.inputs)?;
+        finite("linear term", self.a, shape.linear)?;
+        finite("target", self.y, 1)
+    }
+}
+
+/// Adam [Kingma & Ba 2015], then L-BFGS.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Optimiser {
+    /// The memory of the mean of the gradient.
+    pub beta_1: f64,
+    /// The memory of the mean of its square.
+    pub beta_2: f64,
+    /// What is added to the root of the mean square.
+    pub epsilon: f64,
+    /// The steps of L-BFGS over all samples that follow the epochs of Adam, each an epoch; neither dropout nor weight
+    /// decay takes part in them.
+    pub lbfgs_epochs: usize,
+    /// The steps that L-BFGS remembers.
+    pub lbfgs_memory: usize,
+}
+
+impl Default for Optimiser {
+    fn default() -> Self {
+        Self { beta_1: 0.9, beta_2: 0.999, epsilon: 1e-8, lbfgs_epochs: 0, lbfgs_memory: 10 }
+    }
+}
+
+/// How Adam's learning rate changes from epoch to epoch.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Schedule {
+    /// Not at all.
+    #[default]
+    Constant,
+    /// By a factor after every so many epochs.
+    Steps {
+        /// The epochs between two changes.
+        every: usize,
+        /// The factor.
+        factor: f64,
+    },
+    /// Half a cosine down to a part of the learning rate after the last epoch of Adam. [Loshchilov & Hutter 2017]
+    Cosine {
+        /// The part.
+        last: f64,
+    },
+    /// By a factor after epochs in which the validation loss has had no new least value.
+    Plateau {
+        /// The epochs.
+        patience: usize,
+        /// The factor.
+        factor: f64,
+    },
+}
+
+/// The sparse group lasso of the weights of the first layer, λ Σⱼ (1 − α) ‖wⱼ‖₁ + α ‖wⱼ‖₂ over the inputs j, as a part of what
+/// is made small. Weights of an input that does not help become small, not 0. [thesis 000, (4.10)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SparseGroupLasso {
+    /// λ, in the scale of the loss.
+    pub strength: f64,
+    /// α: 0 is the lasso, 1 the group lasso.
+    pub alpha: f64,
+}
+
+/// How a network is trained.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Training {
+    /// The optimiser.
+    pub optimiser: Optimiser,
+    /// The epochs of Adam: passes over all samples.
+    pub epochs: usize,
+    /// The most samples of a step. The samples of an epoch are dealt to as few batches as that takes, whose sizes differ by one
+    /// at most; there is one batch where there are fewer samples.
+    pub batch: usize,
+    /// Adam's learning rate.
+    pub learning_rate: f64,
+    /// How it changes.
+    pub schedule: Schedule,
+    /// What an error costs.
+    pub loss: Loss,
+    /// By what part, times the learning rate, each step of Adam makes the weights smaller: decoupled weight decay, of weights
+    /// alone, not of biases and linear coefficients. [Loshchilov & Hutter 2019]
+    pub weight_decay: f64,
+    /// The probability that a hidden unit is left out for a sample and a step; the others are larger by 1/(1 − p) meanwhile.
+    /// [Srivastava et al. 2014]
+    pub dropout: f64,
+    /// The penalty on the weights of the first layer.
+    pub sparse_group_lasso: Option<SparseGroupLasso>,
+    /// The weight of the mean squared distance of the predictions from Tolles-Lawson, a·b with [`State::tolles_lawson`].
+    pub physics: f64,
+    /// Training ends after so many epochs in which the validation loss has had no new least value.
+    pub patience: Option<usize>,
+    /// What the order of the samples and the dropout are drawn by.
+    pub seed: u64,
+}
+
+impl Default for Training {
+    fn default() -> Self {
+        Self {
+            optimiser: Optimiser::default(),
+            epochs: 500,
+            batch: 2048,
+            learning_rate: 1e-3,
+            schedule: Schedule::Constant,
+            loss: Loss::Squared,
+            weight_decay: 0.0,
+            dropout: 0.0,
+            sparse_group_lasso: None,
+            physics: 0.0,
+            patience: None,
+            seed: 0,
+        }
+    }
+}
+
+/// A row of the training curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Epoch {
+    /// The mean loss of the errors over the samples, each before the step that it takes part in (after it for L-BFGS), with
+    /// dropout and without penalties.
+    pub train_loss: f64,
+    /// The mean loss of the errors over the validation samples after the epoch; NaN without.
+    pub validation_loss: f64,
+    /// Adam's learning rate in the epoch; NaN for L-BFGS, which searches the length of each step.
+    pub learning_rate: f64,
+}
+
+/// A trained network.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trained {
+    /// The parameters of the least validation loss; without validation, the last.
+    pub parameters: Vec<f64>,
+    /// The training curve.
+    pub epochs: Vec<Epoch>,
+    /// The number of the epoch whose parameters these are, from 1; 0 for the start.
+    pub best: usize,
+}
+
+/// Why a training fails.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum TrainingError {
+    /// There are no samples.
+    #[error("there is no sample {what}")]
+    NoSamples {
+        /// `to train on` or `to validate with`.
+        what: &'static str,
+    },
+    /// Values do not fit the rows.
+    #[error("{given} values of {of} are given {what}, but {rows} rows need {expected}")]
+    Length {
+        /// `to train on` or `to validate with`.
+        what: &'static str,
+        /// What they are.
+        of: &'static str,
+        /// Their number.
+        given: usize,
+        /// The number needed.
+        expected: usize,
+        /// The number of rows.
+        rows: usize,
+    },
+    /// A value is NaN or infinite.
+    #[error("{of} {column} in row {row} (both from 0) of the samples {what} is not finite: leave such rows out")]
+    NotFinite {
+        /// `to train on` or `to validate with`.
+        what: &'static str,
+        /// What it is.
+        of: &'static str,
+        /// The row, from 0.
+        row: usize,
+        /// The column, from 0.
+        column: usize,
+    },
+    /// A setting is out of its range.
+    #[error("{what} must be {wanted}, but is {given}")]
+    Setting {
+        /// The setting.
+        what: &'static str,
+        /// Its range.
+        wanted: &'static str,
+        /// The given value.
+        given: f64,
+    },
+    /// A setting needs samples to validate with.
+    #[error("{what} needs lines or flights to validate with")]
+    NoValidation {
+        /// The setting.
+        what: &'static str,
+    },
+    /// The state to go on from is not one of this network.
+    #[error("the parameters to begin with are {given} numbers, but this network has {expected}, all of them finite")]
+    Start {
+        /// The number of finite parameters, or of the coefficients and moments beside them that does not fit.
+        given: usize,
+        /// The number needed.
+        expected: usize,
+    },
+    /// Loss or parameters are no longer finite.
+    #[error(
+        "training diverged in epoch {epoch}: loss or weights are no longer finite at a learning rate of {learning_rate}; make \
+         the learning rate smaller, and check that inputs, linear terms and target are scaled to about 1"
+    )]
+    Diverged {
+        /// The epoch, from 1.
+        epoch: usize,
+        /// The learning rate in it.
+        learning_rate: f64,
+    },
+}
+
+const TRAIN: &str = "to train on";
+const VALIDATE: &str = "to validate with";
+
+impl Training {
+    fn check(&self, shape: &Shape, state: &State, validated: bool) -> Result<(), TrainingError> {
+        let Optimiser { beta_1, beta_2, epsilon, lbfgs_epochs, lbfgs_memory } = self.optimiser;
+        let part = |x: f64| (0.0..1.0).contains(&x);
+        let at_least_0 = |x: f64| x >= 0.0 && x.is_finite();
+        let above_0 = |x: f64| x > 0.0 && x.is_finite();
+        let (mut steps, mut factor, mut last) = (1, 1.0, 0.0);
+        match self.schedule {
+            Schedule::Constant => {}
+            Schedule::Steps { every, factor: by } => (steps, factor) = (every, by),
+            Schedule::Cosine { last: part } => last = part,
+            Schedule::Plateau { patience, factor: by } => (steps, factor) = (patience, by),
+        }
+        let delta = if let Loss::Huber { delta } = self.loss { delta } else { 1.0 };
+        let lasso = self.sparse_group_lasso.unwrap_or(SparseGroupLasso { strength: 0.0, alpha: 0.0 });
+        let settings = [
+            ("the batch", "at least 1", self.batch as f64, self.batch > 0),
+            ("the learning rate", "a number above 0", self.learning_rate, above_0(self.learning_rate)),
+            ("beta_1", "at least 0 and below 1", beta_1, part(beta_1)),
+            ("beta_2", "at least 0 and below 1", beta_2, part(beta_2)),
+            ("epsilon", "a number above 0", epsilon, above_0(epsilon)),
+            ("the memory of L-BFGS", "at least 1", lbfgs_memory as f64, lbfgs_memory > 0 || lbfgs_epochs == 0),
+            ("the epochs between two learning rates", "at least 1", steps as f64, steps > 0),
+            ("the factor of the learning rate", "above 0 and at most 1", factor, factor > 0.0 && factor <= 1.0),
+            ("the last part of the learning rate", "between 0 and 1", last, (0.0..=1.0).contains(&last)),
+            ("the delta of the Huber loss", "a number above 0", delta, above_0(delta)),
+            ("the weight decay", "a number of at least 0", self.weight_decay, at_least_0(self.weight_decay)),
+            ("the dropout", "at least 0 and below 1", self.dropout, part(self.dropout)),
+            ("the sparse group lasso", "a number of at least 0", lasso.strength, at_least_0(lasso.strength)),
+            ("its group part", "between 0 and 1", lasso.alpha, (0.0..=1.0).contains(&lasso.alpha)),
+            ("the weight of the physics", "a number of at least 0", self.physics, at_least_0(self.physics)),
+        ];
+        if let Some((what, wanted, given, _)) = settings.into_iter().find(|(.., good)| !good) {
+            return Err(TrainingError::Setting { what, wanted, given });
+        }
+        if !validated && self.patience.is_some() {
+            return Err(TrainingError::NoValidation { what: "the patience" });
+        }
+        if !validated && matches!(self.schedule, Schedule::Plateau { .. }) {
+            return Err(TrainingError::NoValidation { what: "a learning rate that follows plateaus" });
+        }
+        let expect =
+            |given, expected| if given == expected { Ok(()) } else { Err(TrainingError::Start { given, expected }) };
+        let parameters = shape.parameters();
+        expect(state.parameters.len(), parameters)?;
+        expect(state.parameters.iter().filter(|x| x.is_finite()).count(), parameters)?;
+        expect(state.first_moments.len(), parameters)?;
+        expect(state.second_moments.len(), parameters)?;
+        expect(if state.best.is_empty() { parameters } else { state.best.len() }, parameters)?;
+        let pairs = state.lbfgs.pairs.iter().flat_map(|(moved, change)| [moved.len(), change.len()]);
+        pairs.into_iter().try_for_each(|given| expect(given, parameters))?;
+        if self.physics > 0.0 {
+            if shape.linear == 0 {
+                let what = "the number of linear terms, which the physics needs,";
+                return Err(TrainingError::Setting { what, wanted: "at least 1", given: 0.0 });
+            }
+            expect(state.tolles_lawson.iter().filter(|x| x.is_finite()).count(), shape.linear)?;
+        }
+        Ok(())
+    }
+
+    /// Adam's learning rate in the epoch after a state.
+    fn rate(&self, state: &State) -> f64 {
+        let factor = match self.schedule {
+            Schedule::Constant => 1.0,
+            Schedule::Steps { every, factor } => (0..state.epoch / every).fold(1.0, |product, _| product * factor),
+            Schedule::Cosine { last } => {
+                let passed = state.epoch as f64 / self.epochs as f64;
+                last + (1.0 - last) * 0.5 * (1.0 + (std::f64::consts::PI * passed).cos())
+            }
+            Schedule::Plateau { .. } => state.rate_factor,
+        };
+        self.learning_rate * factor
+    }
+
+    fn ends(&self, state: &State) -> bool {
+        let waited = |patience: usize| state.epoch - state.best_epoch.min(state.epoch) >= patience.max(1);
+        let given_up = state.epoch > 0 && self.patience.is_some_and(waited);
+        let all = state.epoch >= self.epochs.saturating_add(self.optimiser.lbfgs_epochs);
+        all || given_up || state.lbfgs.ended
+    }
+}
+
+/// Trains a network from a start, or on from the state at the end of an epoch of the same training. `each` is handed every
+/// epoch and the state after it, and may end the training there.
+///
+/// The answer is the same to the last bit on any number of threads, and for a training that was stopped and goes on.
+///
+/// # Errors
+/// Fails without samples, for lengths that do not fit, values that are not finite, settings out of their range, a
+/// patience without validation, and with [`TrainingError::Diverged`] when loss or parameters are no longer finite.
+pub fn train(
+    shape: &Shape,
+    start: State,
+    training: &Training,
+    samples: &Samples<'_>,
+    validation: Option<&Samples<'_>>,
+    each: &mut dyn FnMut(&Epoch, &State) -> ControlFlow<()>,
+) -> Result<Trained, TrainingError> {
+    shape.check()?;
+    let needs_terms = shape.form != Form::Plain || training.physics > 0.0;
+    samples.check(shape, TRAIN, needs_terms)?;
+    validation.map_or(Ok(()), |validation| validation.check(shape, VALIDATE, shape.form != Form::Plain))?;
+    training.check(shape, &start, validation.is_some())?;
+    let mut state = start;
+    let mut objective = Objective::new(shape, training, samples, &state.tolles_lawson);
+    while !training.ends(&state) {
+        let by_adam = state.epoch < training.epochs;
+        let learning_rate = if by_adam { training.rate(&state) } else { f64::NAN };
+        let train_loss = if by_adam {
+            adam_epoch(shape, training, samples, &mut objective, learning_rate, &mut state)
+        } else {
+            lbfgs_epoch(training, &mut objective, &mut state)
+        };
+        state.epoch += 1;
+        let validation_loss =
+            validation.map_or(f64::NAN, |samples| mean_loss(shape, training.loss, &state.parameters, samples));
+        let finite = train_loss.is_finite()
+            && (validation.is_none() || validation_loss.is_finite())
+            && state.parameters.iter().all(|x| x.is_finite());
+        if !finite {
+            return Err(TrainingError::Diverged { epoch: state.epoch, learning_rate });
+        }
+        if validation.is_some() {
+            judge(training, validation_loss, &mut state);
+        }
+        let epoch = Epoch { train_loss, validation_loss, learning_rate };
+        state.epochs.push(epoch);
+        if each(&epoch, &state).is_break() {
+            break;
+        }
+    }
+    let (parameters, best) =
+        if state.best.is_empty() { (state.parameters, state.epoch) } else { (state.best, state.best_epoch) };
+    Ok(Trained { parameters, epochs: state.epochs, best })
+}
+
+/// Keeps the parameters of the least validation loss, and lowers the learning rate on a plateau.
+fn judge(training: &Training, validation_loss: f64, state: &mut State) {
+    state.on_plateau += 1;
+    if validation_loss < state.best_loss {
+        (state.best_loss, state.best_epoch, state.on_plateau) = (validation_loss, state.epoch, 0);
+        state.best.clone_from(&state.parameters);
+    }
+    if let Schedule::Plateau { patience, factor } = training.schedule
+        && state.on_plateau >= patience
+    {
+        state.rate_factor *= factor;
+        state.on_plateau = 0;
+    }
+}
+
+/// The mean loss of the errors over samples.
+pub(super) fn mean_loss(shape: &Shape, loss: Loss, parameters: &[f64], samples: &Samples<'_>) -> f64 {
+    let predicted = shape.predict(parameters, samples.x, samples.a);
+    let sum: f64 = predicted.iter().zip(samples.y).map(|(predicted, y)| loss.at(predicted - y).0).sum();
+    sum / samples.y.len() as f64
+}
+
+/// The order of the samples in an epoch, from 0: Fisher and Yates's shuffle of their numbers.
+pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
+    let mut bits = SplitMix64::new(derived_seed(seed, &[Stream::Order as u64, epoch as u64]));
+    let mut order: Vec<u32> = (0..samples as u32).collect();
+    for last in (1..samples).rev() {
+        let with = (u128::from(bits.draw()) * (last as u128 + 1)) >> 64;
+        order.swap(last, with as usize);
+    }
+    order
+}
+
+/// An epoch of Adam; the mean loss over its samples.
+fn adam_epoch(
+    shape: &Shape,
+    training: &Training,
+    samples: &Samples<'_>,
+    objective: &mut Objective<'_>,
+    learning_rate: f64,
+    state: &mut State,
+) -> f64 {
+    let rows = samples.y.len();
+    let order = order(rows, training.seed, state.epoch);
+    let batches = rows.div_ceil(training.batch);
+    let mut gradient = vec![0.0; state.parameters.len()];
+    let mut sum = 0.0;
+    for batch in 0..batches {
+        let (first, end) = (share(batch, batches, rows), share(batch + 1, batches, rows));
+        let numbers = [Stream::Dropout as u64, state.epoch as u64, batch as u64];
+        let dropout = (training.dropout > 0.0).then(|| derived_seed(training.seed, &numbers));
+        let mean = objective.at(&state.parameters, Rows::These(&order[first..end]), dropout, &mut gradient);
+        sum += mean.loss * (end - first) as f64;
+        if !mean.objective.is_finite() {
+            return f64::NAN;
+        }
+        adam_step(shape, training, learning_rate, &gradient, state);
+    }
+    sum / rows as f64
+}
+
+/// Where a batch begins: all have as many rows, but for one.
+fn share(batch: usize, batches: usize, rows: usize) -> usize {
+    (batch as u128 * rows as u128 / batches as u128) as usize
+}
+
+fn adam_step(shape: &Shape, training: &Training, learning_rate: f64, gradient: &[f64], state: &mut State) {
+    let Optimiser { beta_1, beta_2, epsilon, .. } = training.optimiser;
+    state.powers = [state.powers[0] * beta_1, state.powers[1] * beta_2];
+    let [first, second] = state.powers.map(|power| 1.0 - power);
+    if training.weight_decay > 0.0 {
+        let factor = 1.0 - learning_rate * training.weight_decay;
+        for layer in shape.layers() {
+            layer.split_mut(&mut state.parameters).0.iter_mut().for_each(|weight| *weight *= factor);
+        }
+    }
+    let (step, root) = (learning_rate / first, second.sqrt());
+    let moments = state.first_moments.iter_mut().zip(&mut state.second_moments);
+    for ((parameter, g), (mean, square)) in state.parameters.iter_mut().zip(gradient).zip(moments) {
+        *mean = beta_1 * *mean + (1.0 - beta_1) * g;
+        *square = beta_2 * *square + (1.0 - beta_2) * g * g;
+        *parameter -= step * *mean / (square.sqrt() / root + epsilon);
+    }
+}
+
+/// A step of L-BFGS; the mean loss after it.
+fn lbfgs_epoch(training: &Training, objective: &mut Objective<'_>, state: &mut State) -> f64 {
+    let memory = training.optimiser.lbfgs_memory;
+    state.lbfgs.step(&mut state.parameters, memory, &mut |parameters, gradient| {
+        objective.at(parameters, Rows::All, None, gradient).objective
+    });
+    // The line search may have ended on another step than it evaluated last.
+    let mut gradient = vec![0.0; state.parameters.len()];
+    objective.at(&state.parameters, Rows::All, None, &mut gradient).loss
+}

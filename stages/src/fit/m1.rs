@@ -1,0 +1,48 @@
+//! A network alone.
+
+use learning::network::Form;
+use schemas::Fault;
+
+use super::{
+    model::{FitModel, Learnt, model},
+    network::{Beside, Network, learn},
+    samples::{PointWork, Samples},
+    settings::Settings,
+};
+
+model! {
+    /// A network of the features predicts the target: N(x), of standardised inputs. It takes hours of data to be better
+    /// than linear models, and knows nothing of attitudes and currents that it was not trained on.
+    ///
+    /// Source: thesis 000, section 4.2, model 1; Gnadt 2022.
+    M1 = "m1", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
+    groups [network: Network], example "epochs = 5";
+}
+
+impl FitModel for M1 {
+    fn learn(&self, samples: &Samples, settings: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
+        let beside = Beside { form: Form::Plain, hidden: &[8], linear: None, all_features: false, physics: 0.0 };
+        learn(&self.network, &beside, samples, settings, work)
+    }
+
+    fn faults(&self, _: &Settings) -> Vec<Fault> {
+        self.network.faults()
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        self.network.idle(key)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::fit::testing::{bent, fitted_to, number, whole};
+
+    #[test]
+    fn law_it_explains_a_target_that_bends() {
+        let keys = [number("learning_rate", 0.01), whole("epochs", 100), whole("lbfgs_epochs", 400)];
+        let straight = fitted_to(&bent(), "ridge", &[number("lambda", 0.0)]).residual_std;
+        let found = fitted_to(&bent(), "m1", &keys).residual_std;
+        assert!(found < 0.1 * straight, "{found} {straight}");
+    }
+}

@@ -1,0 +1,54 @@
+//! A network beside a fixed linear model.
+
+use learning::network::Form;
+use schemas::Fault;
+
+use super::{
+    model::{FitModel, Learnt, model},
+    network::{Beside, LinearPart, Network, learn},
+    samples::{PointWork, Samples},
+    settings::Settings,
+};
+
+model! {
+    /// A network of what the linear model of Tolles and Lawson leaves: a . b + N(x), with the coefficients b of the ridge of
+    /// band-passed terms, which stay as they are.
+    ///
+    /// Source: thesis 000, section 4.2, model 2b.
+    M2b = "m2b", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
+    groups [network: Network, part: LinearPart], example "epochs = 5";
+}
+
+impl FitModel for M2b {
+    fn learn(&self, samples: &Samples, settings: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
+        let part = Some(&self.part);
+        let beside = Beside { form: Form::FixedLinear, hidden: &[8], linear: part, all_features: false, physics: 0.0 };
+        learn(&self.network, &beside, samples, settings, work)
+    }
+
+    fn faults(&self, _: &Settings) -> Vec<Fault> {
+        self.network.faults()
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        self.network.idle(key)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::fit::testing::{bent, fitted_to, number, whole, words};
+
+    #[test]
+    fn law_it_explains_a_target_that_bends() {
+        let keys = [
+            words("linear", &["a", "b", "c"]),
+            number("learning_rate", 0.01),
+            whole("epochs", 300),
+            whole("batch", 64),
+        ];
+        let straight = fitted_to(&bent(), "ridge", &[number("lambda", 0.0)]).residual_std;
+        let found = fitted_to(&bent(), "m2b", &keys).residual_std;
+        assert!(found < 0.1 * straight, "{found} {straight}");
+    }
+}

@@ -1,0 +1,74 @@
+//! A network beside a linear model that is trained along.
+
+use learning::network::Form;
+use schemas::{Fault, Rule};
+
+use super::{
+    model::{FitModel, Learnt, model},
+    network::{Beside, LinearPart, Network, learn},
+    samples::{PointWork, Samples},
+    settings::Settings,
+};
+
+model! {
+    /// As `m2b`, with the coefficients trained along: a . b + N(x). They begin as those of the ridge.
+    ///
+    /// Source: thesis 000, section 4.2, model 2c; Gnadt 2022.
+    M2c = "m2c", version 1, scaling Standardise, intercept true, made of Samples, choose [Given], takes [whiten],
+    groups [network: Network, part: LinearPart], example "epochs = 5";
+    /// The weight of the distance of the prediction from the linear model, squared and over the target's scale, in the
+    /// loss.
+    physics: f64, unit "1", default 0.0, rule Rule::NotNegative;
+}
+
+impl FitModel for M2c {
+    fn learn(&self, samples: &Samples, settings: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
+        let part = Some(&self.part);
+        let beside = Beside {
+            form: Form::TrainedLinear,
+            hidden: &[8],
+            linear: part,
+            all_features: false,
+            physics: self.physics,
+        };
+        learn(&self.network, &beside, samples, settings, work)
+    }
+
+    fn faults(&self, _: &Settings) -> Vec<Fault> {
+        self.network.faults()
+    }
+
+    fn idle(&self, key: &str) -> Option<Fault> {
+        self.network.idle(key)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::fit::testing::{COEFFICIENTS, INTERCEPT_NT, bent, fitted_to, number, plain, whole, words};
+
+    #[test]
+    fn law_it_explains_a_target_that_bends() {
+        let keys = [
+            words("linear", &["a", "b", "c"]),
+            number("learning_rate", 0.01),
+            whole("epochs", 300),
+            whole("batch", 64),
+        ];
+        let straight = fitted_to(&bent(), "ridge", &[number("lambda", 0.0)]).residual_std;
+        let found = fitted_to(&bent(), "m2c", &keys).residual_std;
+        assert!(found < 0.1 * straight, "{found} {straight}");
+    }
+
+    #[test]
+    fn law_of_a_linear_target_the_coefficients_stay() {
+        let keys = [words("linear", &["a", "b", "c"]), number("lambda", 0.0), whole("epochs", 20)];
+        let unfiltered = [number("linear_low_hz", 0.0), number("linear_high_hz", 0.0)];
+        let found = fitted_to(&plain(INTERCEPT_NT), "m2c", &[&keys[..], &unfiltered].concat());
+        let scale = found.value[found.term.iter().position(|t| t == "target_scale").unwrap()];
+        for (i, truth) in COEFFICIENTS.into_iter().enumerate() {
+            let at = found.term.iter().position(|t| *t == format!("linear[{}]", i + 1)).unwrap();
+            assert!((found.value[at] * scale - truth).abs() < 1e-3, "{} {truth}", found.value[at] * scale);
+        }
+    }
+}

@@ -1,0 +1,9 @@
+//! What the models that are networks have in common: their keys, the linear model beside the network, the training.
+
+mod keys;
+mod linear_part;
+mod training;
+
+pub use keys::Network;
+pub use linear_part::LinearPart;
+pub use training::{Beside, learn};

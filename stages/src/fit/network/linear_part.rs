@@ -1,0 +1,85 @@
+//! The linear model beside a network.
+
+use numerics::{
+    regression::least_squares::{Moments, Scaling},
+    signal::{filter::ConstantColumns, segments::filter_matrix},
+};
+use schemas::{Fault, Rule, params};
+
+use crate::{bandpass::design, columns::data, fit::samples::Samples};
+
+params! {
+    /// The linear model beside a network: the ridge of band-passed terms, as `tolles_lawson` fits it.
+    pub struct LinearPart;
+    /// The terms of the linear model: entries of the features, by their names or what several names have before a `_`.
+    linear: Option<Vec<String>>, unit "", absent "those of Tolles and Lawson among the features; all features for `etlnn`";
+    /// The strength of the penalty.
+    lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
+    /// The lower corner of the filter of the linear fit; 0 leaves it off.
+    linear_low_hz: f64, unit "Hz", default 0.1, rule Rule::NotNegative;
+    /// The upper corner of that filter; 0 leaves it off.
+    linear_high_hz: f64, unit "Hz", default 0.9, rule Rule::NotNegative;
+}
+
+/// The order of the Butterworth prototype, and the samples left out at each end, as the defaults of `fit`.
+const ORDER: usize = 4;
+const TRIM: usize = 20;
+
+/// The names of the terms of Tolles and Lawson, as `a_matrix` makes them.
+const TOLLES_LAWSON: [&str; 22] = [
+    "x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz", "xx_dot", "xy_dot", "xz_dot", "yx_dot", "yy_dot", "yz_dot",
+    "zx_dot", "zy_dot", "zz_dot", "x_dot", "y_dot", "z_dot", "bias",
+];
+
+impl LinearPart {
+    /// The places of its terms.
+    ///
+    /// # Errors
+    /// When an entry is not there, or nothing is left.
+    pub fn places(&self, samples: &Samples, all: bool) -> Result<Vec<usize>, Fault> {
+        if self.linear.is_some() || all {
+            return samples.places(self.linear.as_ref()).map_err(|f| f.of_param("linear"));
+        }
+        let is_term = |name: &str| TOLLES_LAWSON.contains(&name) || name.starts_with("TL_");
+        let found: Vec<usize> = (0..samples.names.len()).filter(|i| is_term(&samples.names[*i])).collect();
+        if found.is_empty() {
+            let what = "none of the features is a term of Tolles and Lawson";
+            return Err(Fault::data(what).of_param("linear").help("make `tl` one of the features, or name the terms"));
+        }
+        Ok(found)
+    }
+
+    /// The coefficients of the terms at `places`, fitted on `lines`.
+    ///
+    /// # Errors
+    /// When no run is long enough for the filter, or the data do not determine them.
+    pub fn fit(&self, samples: &Samples, lines: &[usize], places: &[usize]) -> Result<Vec<f64>, Fault> {
+        let (width, terms) = (samples.names.len(), places.len());
+        let mut moments = vec![];
+        for line in lines.iter().filter_map(|&i| samples.lines.get(i)) {
+            let (mut a, mut y) = (line.columns(places, width), line.y.to_vec());
+            let mut trim = 0;
+            let mut least = 1;
+            if let Some(filter) = design(self.linear_low_hz, self.linear_high_hz, ORDER, line.rate_hz)? {
+                (trim, least) = (TRIM, filter.least_rows());
+                let runs: Vec<_> = line.runs.iter().filter(|r| r.len() >= least).cloned().collect();
+                filter_matrix(&filter, &mut a, terms, &runs, ConstantColumns::Keep).map_err(data)?;
+                filter_matrix(&filter, &mut y, 1, &runs, ConstantColumns::Filter).map_err(data)?;
+            }
+            for run in line.runs.iter().filter(|r| r.len() >= least.max(2 * trim + 1)) {
+                let run = run.start + trim..run.end - trim;
+                moments.push(Moments::of(&a[run.start * terms..run.end * terms], terms, &[&y[run]]).map_err(data)?);
+            }
+        }
+        if moments.is_empty() {
+            let what = "no run is long enough for the filter of the linear model";
+            return Err(Fault::data(what).help("select longer lines, or set `linear_low_hz` and `linear_high_hz` to 0"));
+        }
+        let prepared =
+            Moments::merged(&moments).and_then(|all| all.prepare(Scaling::Standardise, true)).map_err(data)?;
+        let names: Vec<&String> = places.iter().map(|&i| &samples.names[i]).collect();
+        let path = prepared.ridge(&[self.lambda], &names).map_err(data)?;
+        let found = path.solutions.into_iter().next().and_then(|s| s.coefficients.into_iter().next());
+        found.ok_or_else(|| Fault::bug("a fit was lost"))
+    }
+}

@@ -1,0 +1,395 @@
+//! The training of a network within a fit.
+
+use std::{ops::ControlFlow, time::Instant};
+
+use learning::{
+    inputs::{Inputs, InputsError},
+    network::{Epoch, Form, Shape, State, Trained, TrainingError, train},
+};
+use numerics::{random::seed_of, regression::statistics};
+use schemas::Fault;
+
+use super::{LinearPart, Network};
+use crate::{
+    fit::{
+        model::Learnt,
+        samples::{PointWork, Samples},
+        settings::Settings,
+    },
+    trained::{self, Learned, Term, list},
+};
+
+/// Seconds between two states that are kept.
+const KEPT_EVERY_S: f64 = 5.0;
+/// A validation loss of so many times the training loss is said to overfit.
+const OVERFITS: f64 = 4.0;
+
+/// What stands beside a network.
+pub struct Beside<'a> {
+    /// How the two are put together.
+    pub form: Form,
+    /// Units of the hidden layers where the spec gives none.
+    pub hidden: &'a [usize],
+    /// The linear model, but for `m1`.
+    pub linear: Option<&'a LinearPart>,
+    /// Whether all features are its terms where the spec names none.
+    pub all_features: bool,
+    /// The weight of the distance from the linear model in the loss.
+    pub physics: f64,
+}
+
+/// The rows of some lines, scaled.
+struct Scaled {
+    x: Vec<f64>,
+    a: Vec<f64>,
+    y: Vec<f64>,
+}
+
+impl Scaled {
+    fn samples(&self) -> learning::network::Samples<'_> {
+        learning::network::Samples { x: &self.x, a: &self.a, y: &self.y }
+    }
+}
+
+/// Trains a network.
+///
+/// # Errors
+/// When the data do not determine it, the loss is not finite, or the run is interrupted.
+pub fn learn(
+    keys: &Network,
+    beside: &Beside,
+    samples: &Samples,
+    settings: &Settings,
+    work: &PointWork,
+) -> Result<Learnt, Fault> {
+    let (train_on, validate_on) = samples.split(&keys.validation)?;
+    let mut at = samples.places(keys.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
+    let (scaling, constant) = scaling(samples, &train_on, &mut at, settings.whiten)?;
+    let (linear_at, coefficients) = match beside.linear {
+        Some(part) => {
+            let places = part.places(samples, beside.all_features)?;
+            let fitted = part.fit(samples, &train_on, &places)?;
+            (places, fitted)
+        }
+        None => (vec![], vec![]),
+    };
+    let target = target(samples, &train_on, &linear_at, &coefficients, beside.form)?;
+    let scaled = |lines: &[usize]| Scaled {
+        x: scaling.apply(&samples.columns(&at, lines)),
+        a: samples.columns(&linear_at, lines),
+        y: samples.target(lines).iter().map(|y| (y - target.0) / target.1).collect(),
+    };
+    let shape = Shape {
+        inputs: scaling.width(),
+        linear: linear_at.len(),
+        hidden: keys.hidden.clone().unwrap_or_else(|| beside.hidden.to_vec()),
+        activation: keys.activation,
+        form: beside.form,
+    };
+    let start: Vec<f64> = coefficients.iter().map(|b| b / target.1).collect();
+    let (rows, validation) = (scaled(&train_on), scaled(&validate_on));
+    let trained = members(keys, beside, &shape, &start, (&rows, &validation), target.1, work)?;
+    let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
+    let parameters = trained.iter().map(|t| t.parameters.clone()).collect();
+    let network = trained::Network::new(names(&at), scaling, names(&linear_at), shape, parameters, target)?;
+    let first = trained.first().ok_or_else(|| Fault::bug("nothing was trained"))?;
+    Ok(Learnt {
+        model: Learned::Network(network),
+        chosen: first.best as f64,
+        curve: curve(&trained),
+        warning: warning(keys, samples, &constant, &trained, !validate_on.is_empty()),
+    })
+}
+
+/// How the inputs are scaled; those that are constant on the lines to train on are taken out of `at`.
+fn scaling(
+    samples: &Samples,
+    lines: &[usize],
+    at: &mut Vec<usize>,
+    whiten: Option<f64>,
+) -> Result<(Inputs, Vec<usize>), Fault> {
+    let mut constant = vec![];
+    let mut x = samples.columns(at, lines);
+    let mut found = Inputs::standardised(&x, at.len());
+    if let Err(InputsError::Constant { columns }) = &found {
+        constant = columns.iter().filter_map(|&i| at.get(i).copied()).collect();
+        at.retain(|i| !constant.contains(i));
+        if at.is_empty() {
+            return Err(Fault::data("every input of the network is constant").of_param("inputs"));
+        }
+        x = samples.columns(at, lines);
+        found = Inputs::standardised(&x, at.len());
+    }
+    let fault = |e: InputsError| Fault::data(e.to_string());
+    let scaling = found.map_err(fault)?;
+    let scaling = match whiten {
+        Some(keep) => scaling.whitened(&x, keep).map_err(|e| fault(e).of_param("whiten"))?,
+        None => scaling,
+    };
+    Ok((scaling, constant))
+}
+
+/// Mean and scale of what the network is to explain.
+fn target(
+    samples: &Samples,
+    lines: &[usize],
+    linear_at: &[usize],
+    coefficients: &[f64],
+    form: Form,
+) -> Result<(f64, f64), Fault> {
+    let mut y = samples.target(lines);
+    match form {
+        Form::Plain | Form::Weights => {}
+        Form::FixedLinear | Form::TrainedLinear | Form::WeightsAroundFixed => {
+            let a = samples.columns(linear_at, lines);
+            let rows = a.chunks_exact(coefficients.len().max(1));
+            let explained = |row: &[f64]| row.iter().zip(coefficients).map(|(a, b)| a * b).sum::<f64>();
+            y.iter_mut().zip(rows).for_each(|(y, row)| *y -= explained(row));
+        }
+    }
+    let (mean, scale) = (statistics::mean(&y).value, statistics::std(&y).value);
+    if !(scale > 0.0 && scale.is_finite()) {
+        return Err(Fault::data("the target is constant: there is nothing to learn").of_param("target"));
+    }
+    Ok((mean, scale))
+}
+
+/// Trains all members, one after the other, from where an earlier run left them.
+fn members(
+    keys: &Network,
+    beside: &Beside,
+    shape: &Shape,
+    linear: &[f64],
+    (rows, validation): (&Scaled, &Scaled),
+    scale_nt: f64,
+    work: &PointWork,
+) -> Result<Vec<Trained>, Fault> {
+    let kept_states = work.kept().and_then(|bytes| read_states(&bytes)).unwrap_or_default();
+    let mut states = vec![];
+    let validation = (!validation.y.is_empty()).then(|| validation.samples());
+    let all_epochs = keys.epochs + keys.lbfgs_epochs;
+    let mut trained = vec![];
+    for member in 0..keys.members {
+        let seed = seed_of(keys.seed as u64, &["member", &member.to_string()]);
+        let state = kept_states.get(member).cloned().unwrap_or_else(|| {
+            let mut state = State::new(shape, shape.initial(seed, linear));
+            state.tolles_lawson = linear.to_vec();
+            state
+        });
+        let training = learning::network::Training { physics: beside.physics, ..keys.training(seed) };
+        let (mut stopped, mut kept, begun, from) = (None, Instant::now(), Instant::now(), state.epoch);
+        let mut each = |epoch: &Epoch, state: &State| {
+            let done = state.epoch;
+            if kept.elapsed().as_secs_f64() > KEPT_EVERY_S {
+                kept = Instant::now();
+                work.keep(&states_bytes(&states, state));
+            }
+            let left_s = begun.elapsed().as_secs_f64() / (done - from).max(1) as f64 * (all_epochs - done) as f64;
+            match work.goes_on(&progress(epoch, done, all_epochs, member, keys.members, scale_nt, left_s)) {
+                Ok(()) => ControlFlow::Continue(()),
+                Err(fault) => {
+                    work.keep(&states_bytes(&states, state));
+                    stopped = Some(fault);
+                    ControlFlow::Break(())
+                }
+            }
+        };
+        let mut last = None;
+        let mut each_kept = |epoch: &Epoch, state: &State| {
+            last = Some(state.clone());
+            each(epoch, state)
+        };
+        let found = train(shape, state.clone(), &training, &rows.samples(), validation.as_ref(), &mut each_kept);
+        let found = found.map_err(fault)?;
+        if let Some(fault) = stopped {
+            return Err(fault);
+        }
+        states.push(last.unwrap_or(state));
+        trained.push(found);
+    }
+    Ok(trained)
+}
+
+fn fault(error: TrainingError) -> Fault {
+    let fault = Fault::data(error.to_string());
+    if matches!(error, TrainingError::Diverged { .. }) { fault.of_param("learning_rate") } else { fault }
+}
+
+fn progress(
+    epoch: &Epoch,
+    done: usize,
+    all: usize,
+    member: usize,
+    members: usize,
+    scale_nt: f64,
+    left_s: f64,
+) -> String {
+    let mut text = format!("epoch {done} of {all}, loss {:.4}", epoch.train_loss);
+    if epoch.validation_loss.is_finite() {
+        text.push_str(&format!(", validation {:.4}", epoch.validation_loss));
+    }
+    text.push_str(&format!(" (1 is {scale_nt:.1} nT), {left_s:.0} s left"));
+    if members > 1 {
+        text.push_str(&format!(", network {} of {members}", member + 1));
+    }
+    text
+}
+
+/// The states of the members that are done, and of the one that is trained: each with its length before it.
+fn states_bytes(done: &[State], now: &State) -> Vec<u8> {
+    let mut out = vec![];
+    for state in done.iter().chain([now]) {
+        let bytes = state.to_bytes();
+        out.extend((bytes.len() as u64).to_le_bytes());
+        out.extend(bytes);
+    }
+    out
+}
+
+fn read_states(mut bytes: &[u8]) -> Option<Vec<State>> {
+    let mut states = vec![];
+    while !bytes.is_empty() {
+        let (length, rest) = bytes.split_first_chunk::<8>()?;
+        let (state, rest) = rest.split_at_checked(usize::try_from(u64::from_le_bytes(*length)).ok()?)?;
+        states.push(State::from_bytes(state).ok()?);
+        bytes = rest;
+    }
+    Some(states)
+}
+
+/// The losses of all epochs, as rows of the table.
+fn curve(trained: &[Trained]) -> Vec<Term> {
+    let mut out = vec![];
+    for (m, member) in trained.iter().enumerate() {
+        let key = |what: &str| if m == 0 { format!("epoch_{what}") } else { format!("member{}.epoch_{what}", m + 1) };
+        let of = |value: fn(&Epoch) -> f64| member.epochs.iter().map(value).collect::<Vec<f64>>();
+        out.extend(list(&key("training"), &of(|e| e.train_loss)));
+        let validation = of(|e| e.validation_loss);
+        if validation.iter().any(|loss| loss.is_finite()) {
+            out.extend(list(&key("validation"), &validation));
+        }
+        out.extend(list(&key("rate"), &of(|e| e.learning_rate)));
+    }
+    out
+}
+
+fn warning(keys: &Network, samples: &Samples, constant: &[usize], trained: &[Trained], validated: bool) -> String {
+    let mut all = vec![];
+    if !constant.is_empty() {
+        let names: Vec<&str> = constant.iter().map(|&i| samples.names[i].as_str()).collect();
+        all.push(format!("constant, so no inputs of the network: `{}`", names.join("`, `")));
+    }
+    let epochs = keys.epochs + keys.lbfgs_epochs;
+    if validated && trained.iter().any(|t| t.best == epochs) {
+        all.push("the validation loss still fell at the last epoch: more `epochs` would do better".to_owned());
+    }
+    let ratio = |t: &Trained| {
+        let best = t.epochs.get(t.best.checked_sub(1)?)?;
+        Some(best.validation_loss / best.train_loss)
+    };
+    let worst = trained.iter().filter_map(ratio).filter(|r| r.is_finite()).fold(0.0, f64::max);
+    if validated && worst > OVERFITS {
+        all.push(format!(
+            "the loss on the lines of `validation` is {worst:.1} times that of the training: the network overfits"
+        ));
+    }
+    all.join("; ")
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::sync::Mutex;
+
+    use schemas::{Literal, Work};
+
+    use super::*;
+    use crate::fit::testing::{Found, bent, fitted_to, number, stage, whole, words, worked};
+
+    /// Stops after some epochs, with the state of that moment.
+    struct Stopping {
+        epochs: usize,
+        kept: Mutex<Option<Vec<u8>>>,
+        told: Mutex<Vec<String>>,
+    }
+
+    impl Stopping {
+        fn after(epochs: usize, kept: Option<Vec<u8>>) -> Self {
+            Self { epochs, kept: Mutex::new(kept), told: Mutex::default() }
+        }
+    }
+
+    impl Work for Stopping {
+        fn kept(&self, _: usize) -> Option<Vec<u8>> {
+            self.kept.lock().unwrap().clone()
+        }
+
+        fn keep(&self, _: usize, state: &[u8]) {
+            *self.kept.lock().unwrap() = Some(state.to_vec());
+        }
+
+        fn goes_on(&self, _: usize, progress: &str) -> ControlFlow<()> {
+            let mut told = self.told.lock().unwrap();
+            told.push(progress.to_owned());
+            if told.len() >= self.epochs { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        }
+    }
+
+    fn keys() -> Vec<(String, Literal)> {
+        let validation = words("validation", &["1.1"]);
+        vec![validation, whole("epochs", 12), whole("members", 2), whole("batch", 50), number("dropout", 0.1)]
+    }
+
+    fn table(found: &Found) -> Vec<(String, u64)> {
+        found.term.iter().cloned().zip(found.value.iter().map(|v| v.to_bits())).collect()
+    }
+
+    #[test]
+    fn law_a_training_that_is_stopped_goes_on_to_the_same_table() {
+        let whole_way = table(&fitted_to(&bent(), "m1", &keys()));
+        for stop in [1, 7, 12, 13, 20] {
+            let first = Stopping::after(stop, None);
+            let fault = worked(&bent(), "m1", &keys(), &first).err().unwrap();
+            assert_eq!(fault.what, "interrupted");
+            let kept = first.kept.lock().unwrap().clone();
+            let second = Stopping::after(usize::MAX, kept);
+            let found = worked(&bent(), "m1", &keys(), &second).unwrap();
+            assert_eq!(table(&found), whole_way, "stopped after {stop}");
+            assert!(second.told.lock().unwrap().len() <= 24 - stop, "it began again");
+        }
+        let damaged = Stopping::after(usize::MAX, Some(b"nothing".to_vec()));
+        assert_eq!(table(&worked(&bent(), "m1", &keys(), &damaged).unwrap()), whole_way);
+    }
+
+    #[test]
+    fn unit_constant_inputs_are_left_out_and_named() {
+        let mut lines = bent();
+        for line in &mut lines {
+            let constant: arrow_array::ArrayRef = std::sync::Arc::new(arrow_array::Float64Array::from(vec![3.0; 200]));
+            let mut columns = line.columns().to_vec();
+            columns[4] = constant;
+            *line = arrow_array::RecordBatch::try_new(line.schema(), columns).unwrap();
+        }
+        let found = fitted_to(&lines, "m1", &[whole("epochs", 2)]);
+        assert_eq!(found.warning, "constant, so no inputs of the network: `c`");
+        assert!(!found.term.iter().any(|t| t.ends_with(" c")), "{:?}", found.term);
+    }
+
+    #[test]
+    fn unit_what_cannot_be_trained_is_told_with_its_parameter() {
+        let said = |keys: &[(String, Literal)]| {
+            let fault = match stage("m1", keys) {
+                Ok(_) => worked(&bent(), "m1", keys, &schemas::Unattended).err().unwrap(),
+                Err(mut faults) => faults.remove(0),
+            };
+            format!("{} [{}]", fault.what, fault.param.unwrap_or_default())
+        };
+        assert_eq!(said(&[words("validation", &["1.7"])]), "`1.7` is no line of the fit, and no flight [validation]");
+        assert_eq!(said(&[words("validation", &["1"])]), "no line is left to train on [validation]");
+        assert_eq!(said(&[words("inputs", &["d"])]), "the features have no entry `d` [inputs]");
+        let diverged = said(&[number("learning_rate", 1e200), whole("batch", 10)]);
+        let expected = diverged.starts_with("training diverged in epoch 1:") && diverged.ends_with("[learning_rate]");
+        assert!(expected, "{diverged}");
+    }
+}

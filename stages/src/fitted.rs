@@ -1,0 +1,136 @@
+//! A fitted model as its table holds it, applied to a line.
+
+use arrow_array::{RecordBatch, cast::AsArray};
+use schemas::{ColumnType, Fault};
+
+use crate::{
+    columns::{floats, matrix},
+    model_columns::INTERCEPT,
+    trained::{Learned, Prediction},
+};
+
+/// How a model predicts.
+pub enum Body {
+    /// Coefficients times terms.
+    Linear { terms: Vec<String>, values: Vec<f64> },
+    /// In another way.
+    Learned(Learned),
+}
+
+/// A model of the table of a `fit`.
+pub struct Fitted {
+    /// How it predicts.
+    pub body: Body,
+}
+
+impl Fitted {
+    /// The model of a table, without these terms of it.
+    ///
+    /// # Errors
+    /// When the table is not whole, or has no such term to leave out.
+    pub fn read(table: &RecordBatch, without: &[String]) -> Result<Self, Fault> {
+        let values = floats(table, "value")?;
+        let terms = table.column_by_name("term").and_then(|t| t.as_string_opt::<i32>());
+        let terms = terms.ok_or_else(|| Fault::data("the model names no terms"))?;
+        let terms: Vec<String> = terms.iter().map(|t| t.unwrap_or_default().to_owned()).collect();
+        if let Some(learned) = Learned::read(&terms, values)? {
+            if !without.is_empty() {
+                let what = "the model is not linear: no term of it can be left out";
+                return Err(Fault::data(what).of_param("without"));
+            }
+            return Ok(Self { body: Body::Learned(learned) });
+        }
+        if let Some(name) = without.iter().find(|w| !terms.contains(w)) {
+            return Err(Fault::data(format!("the model has no term `{name}` to leave out")).of_param("without"));
+        }
+        let kept = terms.into_iter().zip(values.iter().copied()).filter(|(t, _)| !without.contains(t));
+        let (terms, values) = kept.unzip();
+        Ok(Self { body: Body::Linear { terms, values } })
+    }
+
+    /// What it predicts of a line of `rows` rows; NaN where a column that it needs is.
+    ///
+    /// # Errors
+    /// When the line lacks a column.
+    pub fn predict(&self, line: &RecordBatch, rows: usize) -> Result<Prediction, Fault> {
+        predict(line, &self.body, rows)
+    }
+}
+
+/// Where a term's values are: an entry of a list column, or a column of its own.
+enum Source<'a> {
+    Entry { rows: &'a [f64], width: usize, at: usize },
+    Column(&'a [f64]),
+}
+
+impl Source<'_> {
+    fn values(&self) -> impl Iterator<Item = f64> + '_ {
+        let (rows, at, width) = match self {
+            Source::Entry { rows, width, at } => (*rows, *at, *width),
+            Source::Column(x) => (*x, 0, 1),
+        };
+        rows.iter().skip(at).step_by(width.max(1)).copied()
+    }
+}
+
+/// The columns and entries of lists of a line.
+struct Sources<'a> {
+    batch: &'a RecordBatch,
+    lists: Vec<(&'a [f64], Vec<String>)>,
+}
+
+impl<'a> Sources<'a> {
+    fn new(batch: &'a RecordBatch) -> Result<Self, Fault> {
+        let mut lists = vec![];
+        for field in batch.schema_ref().fields() {
+            if matches!(schemas::describe_field(field).column_type, ColumnType::List(_)) {
+                lists.push(matrix(batch, field.name())?);
+            }
+        }
+        Ok(Self { batch, lists })
+    }
+
+    fn find(&self, term: &str) -> Result<Source<'a>, Fault> {
+        let entry = self.lists.iter().find_map(|(rows, names)| {
+            names.iter().position(|n| n == term).map(|at| Source::Entry { rows, width: names.len(), at })
+        });
+        match entry {
+            Some(source) => Ok(source),
+            None => floats(self.batch, term).map(Source::Column),
+        }
+    }
+}
+
+/// The aircraft's field, sample by sample.
+fn predict(batch: &RecordBatch, body: &Body, rows: usize) -> Result<Prediction, Fault> {
+    let sources = Sources::new(batch)?;
+    match body {
+        Body::Linear { terms, values } => {
+            let mut sum = vec![0.0; rows];
+            for (term, value) in terms.iter().zip(values) {
+                if term == INTERCEPT {
+                    sum.iter_mut().for_each(|s| *s += value);
+                } else {
+                    sum.iter_mut().zip(sources.find(term)?.values()).for_each(|(s, x)| *s += value * x);
+                }
+            }
+            Ok(Prediction { field_nt: sum, sigma_nt: None })
+        }
+        Body::Learned(learned) => predict_rows(&sources, learned, rows),
+    }
+}
+
+/// What a model that is not linear predicts; NaN where a column that it needs is.
+fn predict_rows(sources: &Sources, learned: &Learned, rows: usize) -> Result<Prediction, Fault> {
+    let columns = learned.columns().iter().map(|name| sources.find(name)).collect::<Result<Vec<_>, Fault>>()?;
+    let columns: Vec<Vec<f64>> = columns.iter().map(|source| source.values().collect()).collect();
+    let whole: Vec<usize> = (0..rows).filter(|&row| columns.iter().all(|x| x[row].is_finite())).collect();
+    let x: Vec<f64> = whole.iter().flat_map(|&row| columns.iter().map(move |x| x[row])).collect();
+    let made = learned.predict(&x);
+    let spread = |values: Vec<f64>| {
+        let mut out = vec![f64::NAN; rows];
+        whole.iter().zip(values).for_each(|(&row, value)| out[row] = value);
+        out
+    };
+    Ok(Prediction { field_nt: spread(made.field_nt), sigma_nt: made.sigma_nt.map(spread) })
+}

@@ -1,0 +1,97 @@
+//! Models that are not linear, as the table of a `fit` holds them, and what they predict.
+//!
+//! A table of such a model begins with the term `family NAME`; what follows is laid out in [`terms`]. A table without that
+//! term is a sum of coefficients times terms.
+
+mod network;
+mod terms;
+
+use schemas::{Fault, choice};
+
+pub use network::Network;
+pub use terms::{Reading, Term, list, term};
+
+use terms::broken;
+
+choice! {
+    /// How a model that is not linear predicts.
+    pub enum Family {
+        /// A network of layers, alone or together with a linear model.
+        Network = "network",
+    }
+}
+
+/// The term that begins the table of a model that is not linear.
+const FAMILY: &str = "family";
+
+/// Whether a term tells of the training and is no part of the model.
+fn is_of_training(name: &str) -> bool {
+    name.split_once('.').map_or(name, |(_, rest)| rest).starts_with("epoch_")
+}
+
+/// What a model predicts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prediction {
+    /// The field, nT, a value a row.
+    pub field_nt: Vec<f64>,
+    /// One sigma of that, nT, where the model knows it.
+    pub sigma_nt: Option<Vec<f64>>,
+}
+
+/// A model that is not linear.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Learned {
+    /// See [`Network`].
+    Network(Network),
+}
+
+impl Learned {
+    /// The entries of the features that it needs, in the order of [`Learned::predict`].
+    pub fn columns(&self) -> &[String] {
+        match self {
+            Learned::Network(network) => network.columns(),
+        }
+    }
+
+    /// What it predicts of rows of [`Learned::columns`], row-major, all of them finite.
+    pub fn predict(&self, x: &[f64]) -> Prediction {
+        match self {
+            Learned::Network(network) => network.predict(x),
+        }
+    }
+
+    /// The derivatives of the predicted field with respect to each column, row-major; `None` where there are none.
+    pub fn gradient(&self, x: &[f64]) -> Option<Vec<f64>> {
+        match self {
+            Learned::Network(network) => Some(network.gradient(x)),
+        }
+    }
+
+    /// The terms of its table.
+    pub fn terms(&self) -> Vec<Term> {
+        let (family, rest) = match self {
+            Learned::Network(network) => (Family::Network, network.terms()),
+        };
+        std::iter::once(term(format!("{FAMILY} {}", family.word()), 1.0)).chain(rest).collect()
+    }
+
+    /// The model of a table with these terms; `None` for a linear one.
+    ///
+    /// # Errors
+    /// When terms are missing, duplicate, or do not fit together: the table is not whole.
+    pub fn read(names: &[String], values: &[f64]) -> Result<Option<Learned>, Fault> {
+        if !names.iter().any(|name| name.strip_prefix(FAMILY).is_some_and(|rest| rest.starts_with(' '))) {
+            return Ok(None);
+        }
+        let model = names.iter().zip(values).filter(|(name, _)| !is_of_training(name));
+        let (names, values): (Vec<String>, Vec<f64>) = model.map(|(name, value)| (name.clone(), *value)).unzip();
+        let reading = Reading::new(&names, &values)?;
+        let learned = match reading.choice(FAMILY)? {
+            Family::Network => Learned::Network(Network::read(&reading)?),
+        };
+        if learned.terms().len() != names.len() {
+            return Err(broken("it has other terms than its layout".to_owned()));
+        }
+        Ok(Some(learned))
+    }
+}

@@ -1,0 +1,295 @@
+//! A network as its table holds it: its layout, and what it predicts.
+//!
+//! With x the inputs, z = (x - `input_mean`) / `input_scale`, or `component` times that where there are components, N the
+//! network of z and a the linear terms as they are, the field is `target_mean` + `target_scale` times
+//!
+//! | `form` | |
+//! |---|---|
+//! | `m1` | N(z) |
+//! | `m2a` | a . N(z), N of as many outputs as there are linear terms |
+//! | `m2b`, `m2c` | N(z) + a . `linear` |
+//! | `m2d` | a . (N(z) + `linear`) |
+//!
+//! N is layer by layer the activation of `w` z + `b`, the last layer without it. `w1[3,17]` is the weight of the unit 3 of the
+//! first layer for its input 17, `b1[3]` the bias. Several members are averaged.
+
+use learning::{
+    inputs::{Components, Inputs},
+    network::Shape,
+};
+use numerics::regression::statistics;
+use schemas::Fault;
+
+use super::{
+    Prediction,
+    terms::{Reading, Term, broken, list, named_list, term},
+};
+
+/// Rows that are predicted at a time.
+const ROWS: usize = 4096;
+
+/// A network, or several of one shape whose mean counts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Network {
+    /// The names of the inputs.
+    inputs: Vec<String>,
+    /// How they are scaled.
+    scaling: Inputs,
+    /// The names of the linear terms.
+    linear: Vec<String>,
+    shape: Shape,
+    /// The parameters of each member.
+    members: Vec<Vec<f64>>,
+    /// Mean and scale of the target, nT.
+    target: (f64, f64),
+    /// Inputs and further linear terms, and where the linear terms are among them.
+    columns: Vec<String>,
+    linear_at: Vec<usize>,
+}
+
+impl Network {
+    /// Of its parts; the parameters of each member are in the order of [`Shape::names`].
+    ///
+    /// # Errors
+    /// When the parts do not fit together.
+    pub fn new(
+        inputs: Vec<String>,
+        scaling: Inputs,
+        linear: Vec<String>,
+        shape: Shape,
+        members: Vec<Vec<f64>>,
+        target: (f64, f64),
+    ) -> Result<Self, Fault> {
+        let fits = scaling.mean.len() == inputs.len()
+            && scaling.scale.len() == inputs.len()
+            && shape.inputs == scaling.width()
+            && shape.linear == linear.len()
+            && !members.is_empty()
+            && members.iter().all(|m| m.len() == shape.parameters());
+        if !fits {
+            return Err(broken("its parts have different sizes".to_owned()));
+        }
+        let mut columns = inputs.clone();
+        let mut place = |name: &String| {
+            columns.iter().position(|c| c == name).unwrap_or_else(|| {
+                columns.push(name.clone());
+                columns.len() - 1
+            })
+        };
+        let linear_at = linear.iter().map(&mut place).collect();
+        Ok(Self { inputs, scaling, linear, shape, members, target, columns, linear_at })
+    }
+
+    /// The columns of a row.
+    pub fn columns(&self) -> &[String] {
+        &self.columns
+    }
+
+    /// The scaled inputs and the linear terms of rows.
+    fn split(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let rows = || x.chunks_exact(self.columns.len().max(1));
+        let own = self.inputs.len();
+        let inputs: Vec<f64> = rows().flat_map(|row| row.iter().take(own).copied()).collect();
+        let linear = rows().flat_map(|row| self.linear_at.iter().filter_map(|&i| row.get(i).copied())).collect();
+        (self.scaling.apply(&inputs), linear)
+    }
+
+    /// See [`Learned::predict`](super::Learned::predict).
+    pub fn predict(&self, x: &[f64]) -> Prediction {
+        let (mean, scale) = self.target;
+        let mut field_nt = vec![];
+        let mut sigma_nt = (self.members.len() > 1).then(Vec::new);
+        for rows in x.chunks(ROWS * self.columns.len().max(1)) {
+            let (z, a) = self.split(rows);
+            let all: Vec<Vec<f64>> = self.members.iter().map(|m| self.shape.predict(m, &z, &a)).collect();
+            let of_row = |row: usize| all.iter().filter_map(|m| m.get(row)).map(|y| mean + scale * y).collect();
+            for row in 0..rows.len() / self.columns.len().max(1) {
+                let values: Vec<f64> = of_row(row);
+                field_nt.push(statistics::mean(&values).value);
+                sigma_nt.iter_mut().for_each(|s| s.push(statistics::std(&values).value));
+            }
+        }
+        Prediction { field_nt, sigma_nt }
+    }
+
+    /// See [`Learned::gradient`](super::Learned::gradient). A column that is an input and a linear term has both parts.
+    pub fn gradient(&self, x: &[f64]) -> Vec<f64> {
+        let (z, a) = self.split(x);
+        let (width, own) = (self.columns.len(), self.inputs.len());
+        let (_, scale) = self.target;
+        let share = scale / self.members.len() as f64;
+        let mut out = vec![0.0; x.len()];
+        for member in &self.members {
+            let by_z = self.shape.gradient_of_inputs(member, &z, &a);
+            for (row, by_z) in out.chunks_exact_mut(width).zip(by_z.chunks_exact(self.shape.inputs.max(1))) {
+                for (i, by_x) in row.iter_mut().take(own).enumerate() {
+                    let by_z: f64 = match &self.scaling.components {
+                        Some(c) => by_z.iter().enumerate().map(|(k, d)| d * c.weights[k * own + i]).sum(),
+                        None => by_z[i],
+                    };
+                    *by_x += share * by_z / self.scaling.scale[i];
+                }
+            }
+            // Every form is a straight line in each linear term.
+            let without = self.shape.predict(member, &z, &vec![0.0; a.len()]);
+            for (term, &at) in self.linear_at.iter().enumerate() {
+                let unit: Vec<f64> = (0..a.len()).map(|i| f64::from(u8::from(i % self.linear.len() == term))).collect();
+                let with = self.shape.predict(member, &z, &unit);
+                for (row, (with, without)) in out.chunks_exact_mut(width).zip(with.iter().zip(&without)) {
+                    row[at] += share * (with - without);
+                }
+            }
+        }
+        out
+    }
+
+    /// The terms of its table.
+    pub fn terms(&self) -> Vec<Term> {
+        let Shape { hidden, activation, form, .. } = &self.shape;
+        let hidden: Vec<f64> = hidden.iter().map(|units| *units as f64).collect();
+        let mut out =
+            vec![term(format!("form {}", form.word()), 1.0), term(format!("activation {}", activation.word()), 1.0)];
+        out.extend(list("hidden", &hidden));
+        out.extend(named_list("input_mean", &self.inputs, &self.scaling.mean));
+        out.extend(list("input_scale", &self.scaling.scale));
+        if let Some(components) = &self.scaling.components {
+            let own = self.inputs.len().max(1);
+            let weights = components.weights.chunks_exact(own).enumerate();
+            out.extend(weights.flat_map(|(k, row)| {
+                row.iter().enumerate().map(move |(i, w)| term(format!("component[{},{}]", k + 1, i + 1), *w))
+            }));
+            out.push(term("components", components.count as f64));
+            out.push(term("components_explain", components.explained));
+        }
+        out.extend(named_list("linear_term", &self.linear, &vec![1.0; self.linear.len()]));
+        out.push(term("target_mean", self.target.0));
+        out.push(term("target_scale", self.target.1));
+        out.push(term("members", self.members.len() as f64));
+        let names = self.shape.names();
+        for (m, member) in self.members.iter().enumerate() {
+            out.extend(names.iter().zip(member).map(|(name, value)| term(format!("{}{name}", member_of(m)), *value)));
+        }
+        out
+    }
+
+    /// The network of a table.
+    ///
+    /// # Errors
+    /// When the table is not whole.
+    pub fn read(terms: &Reading) -> Result<Self, Fault> {
+        let (form, activation) = (terms.choice("form")?, terms.choice("activation")?);
+        let (_, hidden) = terms.list("hidden")?;
+        let (inputs, mean) = terms.list("input_mean")?;
+        let (_, scale) = terms.list("input_scale")?;
+        let (linear, _) = terms.list("linear_term")?;
+        let components = match terms.count("components") {
+            Err(_) => None,
+            Ok(count) => {
+                let at = (1..=count).flat_map(|k| (1..=inputs.len()).map(move |i| format!("component[{k},{i}]")));
+                let weights = at.map(|key| terms.value(&key)).collect::<Result<Vec<_>, Fault>>()?;
+                Some(Components { count, weights, explained: terms.value("components_explain")? })
+            }
+        };
+        if scale.iter().any(|s| *s <= 0.0) {
+            return Err(broken("an input has no scale".to_owned()));
+        }
+        let scaling = Inputs { mean, scale, components };
+        let hidden = hidden.iter().map(|units| *units as usize).collect();
+        let shape = Shape { inputs: scaling.width(), linear: linear.len(), hidden, activation, form };
+        let names = shape.names();
+        let member = |m: usize| {
+            let all = names.iter().map(|name| terms.value(&format!("{}{name}", member_of(m))));
+            all.collect::<Result<Vec<_>, Fault>>()
+        };
+        let members = (0..terms.count("members")?).map(member).collect::<Result<Vec<_>, Fault>>()?;
+        let target = (terms.value("target_mean")?, terms.value("target_scale")?);
+        Network::new(inputs, scaling, linear, shape, members, target)
+    }
+}
+
+/// What the terms of a member begin with.
+fn member_of(number: usize) -> String {
+    if number == 0 { String::new() } else { format!("member{}.", number + 1) }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use learning::network::{Activation, Form};
+
+    use super::super::Learned;
+    use super::*;
+
+    const FORMS: [Form; 5] =
+        [Form::Plain, Form::Weights, Form::FixedLinear, Form::TrainedLinear, Form::WeightsAroundFixed];
+
+    fn network(form: Form, members: usize) -> Network {
+        let names = |names: &[&str]| names.iter().map(ToString::to_string).collect::<Vec<_>>();
+        let linear = if form == Form::Plain { vec![] } else { names(&["b", "bias"]) };
+        let scaling = Inputs { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
+        let shape = Shape { inputs: 2, linear: linear.len(), hidden: vec![3, 2], activation: Activation::Swish, form };
+        let members = (0..members).map(|m| shape.initial(m as u64, &vec![0.3; linear.len()])).collect();
+        Network::new(names(&["a", "b"]), scaling, linear, shape, members, (40.0, 7.0)).unwrap()
+    }
+
+    const ROWS: [f64; 9] = [0.3, -1.0, 1.0, 4.0, 0.5, 1.0, -2.0, 3.0, 1.0];
+
+    #[test]
+    fn law_a_network_comes_back_from_its_table_in_any_order() {
+        for form in FORMS {
+            for members in [1, 3] {
+                let network = network(form, members);
+                let learned = Learned::Network(network.clone());
+                let mut terms = learned.terms();
+                terms.sort_by(|a, b| b.name.cmp(&a.name));
+                let (names, values): (Vec<String>, Vec<f64>) = terms.into_iter().map(|t| (t.name, t.value)).unzip();
+                assert_eq!(Learned::read(&names, &values).unwrap(), Some(learned), "{form:?}");
+                for lost in 0..names.len() {
+                    let without = |v: &[String]| [&v[..lost], &v[lost + 1..]].concat();
+                    let values = [&values[..lost], &values[lost + 1..]].concat();
+                    let read = Learned::read(&without(&names), &values);
+                    let family = names[lost].starts_with("family");
+                    assert!(if family { read.unwrap().is_none() } else { read.is_err() }, "{}", names[lost]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn law_the_gradient_is_that_of_the_prediction() {
+        for form in FORMS {
+            let network = network(form, 2);
+            let width = network.columns().len();
+            let rows: Vec<f64> = ROWS.chunks(3).flat_map(|r| r[..width].to_vec()).collect();
+            let gradient = network.gradient(&rows);
+            for at in 0..rows.len() {
+                let moved = |by: f64| {
+                    let mut rows = rows.clone();
+                    rows[at] += by;
+                    network.predict(&rows).field_nt[at / width]
+                };
+                let slope = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+                assert!((slope - gradient[at]).abs() < 1e-6, "{form:?} {at}: {slope} {}", gradient[at]);
+            }
+        }
+    }
+
+    #[test]
+    fn unit_members_are_averaged_and_their_spread_is_told() {
+        let rows = &ROWS[..6];
+        let rows: Vec<f64> = rows.chunks(3).flat_map(|r| r[..2].to_vec()).collect();
+        let network = network(Form::Plain, 2);
+        let one = |m: usize| {
+            let alone = Network { members: vec![network.members[m].clone()], ..network.clone() };
+            let made = alone.predict(&rows);
+            assert_eq!(made.sigma_nt, None);
+            made.field_nt
+        };
+        let (first, second, both) = (one(0), one(1), network.predict(&rows));
+        for i in 0..2 {
+            assert!((both.field_nt[i] - 0.5 * (first[i] + second[i])).abs() < 1e-12);
+            let sigma = (first[i] - second[i]).abs() / 2.0_f64.sqrt();
+            assert!((both.sigma_nt.as_ref().unwrap()[i] - sigma).abs() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! The layout of a model that is not linear: numbers by name.
+//!
+//! A term is `KEY`, `KEY[i]` or `KEY[i,j]`, counted from 1, and may be followed by a space and a word: the name of an input,
+//! an activation. Each key is there once, so that a table may be sorted in any way.
+
+use std::collections::HashMap;
+
+use schemas::{Fault, Literal, Value};
+
+/// A term and its value.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Term {
+    /// The term.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+}
+
+/// A term.
+pub fn term(name: impl Into<String>, value: f64) -> Term {
+    Term { name: name.into(), value }
+}
+
+/// The terms `KEY[1]`, `KEY[2]`... of some values.
+pub fn list<'a>(key: &'a str, values: &'a [f64]) -> impl Iterator<Item = Term> + 'a {
+    values.iter().enumerate().map(move |(i, value)| term(format!("{key}[{}]", i + 1), *value))
+}
+
+/// The same, each with a word.
+pub fn named_list<'a>(key: &'a str, words: &'a [String], values: &'a [f64]) -> impl Iterator<Item = Term> + 'a {
+    let all = words.iter().zip(values).enumerate();
+    all.map(move |(i, (word, value))| term(format!("{key}[{}] {word}", i + 1), *value))
+}
+
+/// The terms of a table, by key.
+pub struct Reading<'a> {
+    found: HashMap<&'a str, (&'a str, f64)>,
+}
+
+impl<'a> Reading<'a> {
+    /// Of the terms of a table.
+    ///
+    /// # Errors
+    /// When a key is duplicate.
+    pub fn new(names: &'a [String], values: &[f64]) -> Result<Self, Fault> {
+        let mut found = HashMap::new();
+        for (name, value) in names.iter().zip(values) {
+            let (key, word) = name.split_once(' ').unwrap_or((name, ""));
+            if found.insert(key, (word, *value)).is_some() {
+                return Err(broken(format!("duplicate term `{key}`")));
+            }
+        }
+        Ok(Self { found })
+    }
+
+    /// The value of a key.
+    ///
+    /// # Errors
+    /// When it is missing or not finite.
+    pub fn value(&self, key: &str) -> Result<f64, Fault> {
+        let (_, value) = self.found.get(key).ok_or_else(|| missing(key))?;
+        if value.is_finite() { Ok(*value) } else { Err(broken(format!("the term `{key}` is {value}"))) }
+    }
+
+    /// The word of a key.
+    ///
+    /// # Errors
+    /// When it is missing.
+    pub fn word(&self, key: &str) -> Result<&'a str, Fault> {
+        self.found.get(key).map(|(word, _)| *word).ok_or_else(|| missing(key))
+    }
+
+    /// The choice that the word of a key says.
+    ///
+    /// # Errors
+    /// When it is missing, or not among the choices.
+    pub fn choice<T: Value>(&self, key: &str) -> Result<T, Fault> {
+        let word = self.word(key)?;
+        let read = T::read(&Literal::Text(word.to_owned()));
+        read.ok_or_else(|| broken(format!("`{key}` is `{word}`, none of `{}`", T::WORDS.join("`, `"))))
+    }
+
+    /// A whole number.
+    ///
+    /// # Errors
+    /// When it is missing, or something else.
+    pub fn count(&self, key: &str) -> Result<usize, Fault> {
+        let value = self.value(key)?;
+        let whole = value.fract() == 0.0 && (0.0..=1e7).contains(&value);
+        if whole { Ok(value as usize) } else { Err(broken(format!("the term `{key}` is {value}, no count"))) }
+    }
+
+    /// The values of `KEY[1]`, `KEY[2]`... with their words.
+    ///
+    /// # Errors
+    /// When one in between is missing.
+    pub fn list(&self, key: &str) -> Result<(Vec<String>, Vec<f64>), Fault> {
+        let of = |name: &&&str| name.strip_prefix(key).is_some_and(|rest| rest.starts_with('[') && !rest.contains(','));
+        let count = self.found.keys().filter(of).count();
+        let all = (1..=count).map(|i| {
+            let key = format!("{key}[{i}]");
+            Ok((self.word(&key)?.to_owned(), self.value(&key)?))
+        });
+        Ok(all.collect::<Result<Vec<_>, Fault>>()?.into_iter().unzip())
+    }
+}
+
+fn missing(key: &str) -> Fault {
+    broken(format!("the term `{key}` is missing"))
+}
+
+/// A table that is not whole.
+pub fn broken(what: String) -> Fault {
+    Fault::data(format!("the model cannot be used: {what}")).help("fit it again")
+}
