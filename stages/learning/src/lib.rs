@@ -3,5 +3,14 @@
 //! Slices in, vectors out, as in [`numerics`], which this rests on. Sums over samples are made block by block in one fixed
 //! order, so that the same seed gives the same bits on any number of threads.
 
+pub mod importance;
 pub mod inputs;
 pub mod network;
+pub mod random_features;
+pub mod rows;
+pub mod trees;
+
+mod draws;
+
+#[cfg(test)]
+mod reference_csv;

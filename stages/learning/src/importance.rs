@@ -1,0 +1,182 @@
+//! Which inputs matter to a model, by methods that see no more of it than its predictions or derivatives.
+//!
+//! | Item | What it tells of a group of columns |
+//! |:--|:--|
+//! | [`permutation`] | by how much the error grows when the group's blocks of time are exchanged |
+//! | [`shapley_sampled`] | its part of each prediction, by sampled orders of the groups |
+//! | [`shapley_linear`] | the same of a linear model, exact |
+//! | [`shapley_trees`] | the same of a forest, exact |
+//! | [`expected_gradients`] | its part of each prediction, along straight ways from background rows |
+//! | [`pearson()`], [`spearman`] | the correlation of a column with the target, whatever the model |
+//! | [`iterative_hard_thresholding`] | whether it is among the few columns of a sparse linear model |
+//!
+//! A part of a prediction is relative to background rows, which stand for not knowing a group: its columns are then
+//! those of each background row in turn, those of other groups as they are. Groups that move together
+//! make rows that never occur; models answer for them too. Compare groups, of which each has all that comes from one
+//! sensor, rather than columns.
+//!
+//! A model is a function from rows to predictions (or derivatives) in which each row's answer depends on that row alone: it is called with
+//! some thousand rows at a time, from several threads.
+
+mod correlation;
+mod expected_gradients;
+mod hard_thresholding;
+mod permutation;
+mod shapley;
+mod shapley_trees;
+#[cfg(test)]
+mod tests;
+
+pub use correlation::{pearson, spearman};
+pub use expected_gradients::expected_gradients;
+pub use hard_thresholding::{Sparse, iterative_hard_thresholding};
+pub use permutation::{Blocks, Permuted, permutation};
+pub use shapley::{shapley_linear, shapley_sampled};
+pub use shapley_trees::shapley_trees;
+
+use std::convert::Infallible;
+
+use crate::rows::{RowsError, entries};
+
+/// Rows that a model is called with at a time.
+const TOGETHER: usize = 4096;
+
+/// Rows of `width` columns to their predictions, or to the derivatives of these by the columns, row by row.
+pub type Model<'a, E> = dyn Fn(&[f64]) -> Result<Vec<f64>, E> + Sync + 'a;
+
+/// How much is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sampling {
+    /// [`shapley_sampled`]: pairs of an order of the groups and its reverse, for each background row, at least 2.
+    /// [`expected_gradients`]: points for each explained row, at least 2.
+    pub samples: usize,
+    /// The seed of the draws.
+    pub seed: u64,
+}
+
+/// Parts of predictions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Attributions {
+    /// The mean prediction of the background rows, to which the values of a row are added to give its prediction. NaN of
+    /// [`expected_gradients`], which see no predictions; without the intercept of [`shapley_linear`].
+    pub base: f64,
+    /// Row-major, one column per group, in the unit of the prediction.
+    pub values: Vec<f64>,
+    /// The standard error of each value that is due to sampling; 0 where values are exact.
+    pub errors: Vec<f64>,
+}
+
+/// Why there is no importance.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ImportanceError<E = Infallible> {
+    /// Rows or settings are not usable.
+    #[error(transparent)]
+    Rows(#[from] RowsError),
+    /// The model fails.
+    #[error("{0}")]
+    Model(E),
+    /// The model does not return what it should for the rows that it is given.
+    #[error("the model returns {given} numbers, but {expected} are needed")]
+    Answer {
+        /// The number of numbers.
+        given: usize,
+        /// The number that is needed.
+        expected: usize,
+    },
+    /// The model returns NaN or an infinite number for rows that are finite.
+    #[error("the model returns a number that is not finite")]
+    NotFinite,
+    /// There is nothing that a block can be exchanged with.
+    #[error("{rows} rows are fewer than two blocks of {block}: take shorter blocks")]
+    OneBlock {
+        /// The number of rows.
+        rows: usize,
+        /// The rows of a block.
+        block: usize,
+    },
+    /// A group cannot be.
+    #[error("group {group} {what}")]
+    Group {
+        /// The group, from 0.
+        group: usize,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// A column is in no group.
+    #[error("column {column} is in no group")]
+    Ungrouped {
+        /// The column, from 0.
+        column: usize,
+    },
+}
+
+/// What the model returns for rows of `width` columns: `each` finite numbers a row.
+fn answers<E>(model: &Model<'_, E>, rows: &[f64], width: usize, each: usize) -> Result<Vec<f64>, ImportanceError<E>> {
+    let mut out = Vec::with_capacity(rows.len() / width * each);
+    for rows in rows.chunks(TOGETHER * width) {
+        let given = model(rows).map_err(ImportanceError::Model)?;
+        let expected = rows.len() / width * each;
+        if given.len() != expected {
+            return Err(ImportanceError::Answer { given: given.len(), expected });
+        }
+        out.extend(given);
+    }
+    if out.iter().all(|y| y.is_finite()) { Ok(out) } else { Err(ImportanceError::NotFinite) }
+}
+
+/// Fails for a group without columns, or with one that does not exist or is named twice.
+fn check_groups<E>(width: usize, groups: &[Vec<usize>]) -> Result<(), ImportanceError<E>> {
+    let wrong = |columns: &Vec<usize>| {
+        let mut sorted = columns.clone();
+        sorted.sort_unstable();
+        if columns.is_empty() {
+            Some("has no columns")
+        } else if sorted.last().is_some_and(|j| *j >= width) {
+            Some("has a column that does not exist")
+        } else {
+            sorted.windows(2).any(|pair| pair[0] == pair[1]).then_some("has a column twice")
+        }
+    };
+    if groups.is_empty() {
+        return Err(RowsError::Empty { what: "the list of groups" }.into());
+    }
+    match groups.iter().enumerate().find_map(|(group, columns)| Some((group, wrong(columns)?))) {
+        Some((group, what)) => Err(ImportanceError::Group { group, what }),
+        None => Ok(()),
+    }
+}
+
+/// The group of each column, of which each must be in one group.
+fn group_of<E>(width: usize, groups: &[Vec<usize>]) -> Result<Vec<usize>, ImportanceError<E>> {
+    check_groups(width, groups)?;
+    let mut of = vec![None; width];
+    for (group, columns) in groups.iter().enumerate() {
+        for &j in columns {
+            if of[j].replace(group).is_some() {
+                return Err(ImportanceError::Group { group, what: "has a column of an earlier group" });
+            }
+        }
+    }
+    of.iter().enumerate().map(|(column, g)| g.ok_or(ImportanceError::Ungrouped { column })).collect()
+}
+
+/// The numbers of finite rows that are explained and of those of the background.
+fn both_rows<E>(rows: &[f64], background: &[f64], width: usize) -> Result<(usize, usize), ImportanceError<E>> {
+    let explained = crate::rows::finite_rows("the matrix of rows to explain", rows, width)?;
+    Ok((explained, crate::rows::finite_rows("the background", background, width)?))
+}
+
+/// Puts the rows' values and errors together.
+fn attributions<E>(
+    base: f64,
+    rows: Vec<Result<(Vec<f64>, Vec<f64>), ImportanceError<E>>>,
+) -> Result<Attributions, ImportanceError<E>> {
+    let mut all = Attributions { base, values: vec![], errors: vec![] };
+    for row in rows {
+        let (values, errors) = row?;
+        entries("the errors", errors.len(), values.len())?;
+        all.values.extend(values);
+        all.errors.extend(errors);
+    }
+    Ok(all)
+}

@@ -1,0 +1,84 @@
+//! Shapley values of forests.
+
+use rayon::prelude::*;
+
+use super::{Attributions, ImportanceError, attributions, both_rows, group_of};
+use crate::trees::{BoostingError, Forest, Node};
+
+/// The Shapley values of a forest's prediction of each row against background rows, exact: what
+/// [`shapley_sampled`](super::shapley_sampled) goes to with ever more samples [Lundberg et al. 2020, "From local explanations to global
+/// understanding with explainable AI for trees", algorithm 3].
+///
+/// In each tree a row and a background row go down together; where they part, the node's group decides between them,
+/// and keeps to it further down. A leaf that needs the row's columns of n groups and the background's of m
+/// gives (n − 1)! m!/(n + m)! of its value to each of the n and takes n! (m − 1)!/(n + m)! from each of the m.
+///
+/// # Errors
+/// Fails for values that are not finite, a column in no group or in two, and a forest that is malformed.
+pub fn shapley_trees(
+    forest: &Forest,
+    rows: &[f64],
+    background: &[f64],
+    width: usize,
+    groups: &[Vec<usize>],
+) -> Result<Attributions, ImportanceError<BoostingError>> {
+    let (explained, count) = both_rows(rows, background, width)?;
+    let group_of = group_of(width, groups)?;
+    forest.check(width).map_err(ImportanceError::Model)?;
+    let base = forest.predict(background, width).iter().sum::<f64>() / count as f64;
+    let one = |row: usize| {
+        let x = &rows[row * width..(row + 1) * width];
+        let mut values = vec![0.0; groups.len()];
+        for b in background.chunks_exact(width) {
+            let mut walk = Walk { group_of: &group_of, x, b, own: vec![], other: vec![], values: &mut values };
+            forest.trees.iter().for_each(|tree| walk.down(&tree.nodes, 0));
+        }
+        values.iter_mut().for_each(|v| *v /= count as f64);
+        Ok((values, vec![0.0; groups.len()]))
+    };
+    attributions(base, (0..explained).into_par_iter().map(one).collect())
+}
+
+/// Two rows on their way down a tree.
+struct Walk<'a> {
+    group_of: &'a [usize],
+    x: &'a [f64],
+    b: &'a [f64],
+    /// The groups whose columns must be the row's own for this way.
+    own: Vec<usize>,
+    /// Those whose columns must be the background's.
+    other: Vec<usize>,
+    values: &'a mut [f64],
+}
+
+impl Walk<'_> {
+    fn down(&mut self, nodes: &[Node], at: usize) {
+        let (feature, threshold, left, right) = match nodes[at] {
+            Node::Leaf { value } => return self.leaf(value),
+            Node::Split { feature, threshold, left, right } => (feature, threshold, left, right),
+        };
+        let next = |row: &[f64]| if row[feature] <= threshold { left } else { right };
+        let (own, other) = (next(self.x), next(self.b));
+        let group = self.group_of[feature];
+        if own == other || self.own.contains(&group) {
+            self.down(nodes, own);
+        } else if self.other.contains(&group) {
+            self.down(nodes, other);
+        } else {
+            self.own.push(group);
+            self.down(nodes, own);
+            self.own.pop();
+            self.other.push(group);
+            self.down(nodes, other);
+            self.other.pop();
+        }
+    }
+
+    fn leaf(&mut self, value: f64) {
+        let (n, m) = (self.own.len(), self.other.len());
+        // (n + m)!/(n! m!), of two numbers that are at most the depth of the tree.
+        let ways = (1..=n).fold(1.0, |ways, k| ways * (m + k) as f64 / k as f64);
+        self.own.iter().for_each(|&group| self.values[group] += value / (n as f64 * ways));
+        self.other.iter().for_each(|&group| self.values[group] -= value / (m as f64 * ways));
+    }
+}

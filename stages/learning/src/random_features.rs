@@ -1,0 +1,516 @@
+//! Random Fourier features of a Gaussian kernel with ridge regression on them: a Gaussian process of reduced rank, the
+//! strong classical rival of a network.
+//!
+//! With frequencies w drawn from the spectrum of the kernel, N(0, 1/length²) in each column, the features cos(w·x)/√k and
+//! sin(w·x)/√k of k frequencies have the kernel exp(−|x − x'|²/(2 length²)) as the mean of their product [Rahimi and Recht
+//! 2007; the pair instead of one cosine with a random phase: Sutherland and Schneider 2015]. Frequencies are
+//! orthogonal in blocks of as many as there are columns, which makes the error of the kernel smaller [Yu et al. 2016].
+//! Columns themselves stand with the features where `linear` is above 0: the kernel has then `linear`² x·x' added, a
+//! linear model with the Gaussian process on top.
+//!
+//! The model is y = c + φ(x)·w + e, with independent weights of variance s², errors of variance σ², and a flat prior on
+//! the constant c. With Φ and y about their means, Φᵀ Φ = V D Vᵀ and λ = σ²/s²,
+//!
+//! ```text
+//! w = (ΦᵀΦ + λ I)⁻¹ Φᵀ y        σ² = (yᵀy - yᵀΦ w)/(n - 1)
+//! ln p(y|λ) = -½ ((n - 1) ln σ² + Σ ln(1 + dᵢ/λ)) + a constant
+//! var f(x) = σ² (1/n + φ(x)ᵀ (ΦᵀΦ + λ I)⁻¹ φ(x))
+//! ```
+//!
+//! σ² and the constant are integrated out or at their most likely values for each λ [Rasmussen and Williams 2006, (2.11),
+//! (2.30), section 5.4.1; the restricted likelihood: Patterson and Thompson 1971]. Errors that are correlated from sample to
+//! sample make both standard deviations too small.
+//!
+//! Between and beside training rows the standard deviation grows to that of the prior. Far beyond them the features
+//! repeat themselves and the mean does not return to the constant.
+
+#[cfg(test)]
+mod tests;
+
+use std::ops::Range;
+
+use faer::{
+    Accum, Mat, MatMut, MatRef, Par, Side,
+    linalg::matmul::{
+        matmul,
+        triangular::{BlockStructure, matmul as triangular},
+    },
+};
+use numerics::{
+    random::{Normals, SplitMix64, seed_of},
+    regression::statistics::median,
+};
+use rayon::prelude::*;
+
+use crate::{
+    draws,
+    rows::{RowsError, entries, finite_rows, setting, sum_of},
+};
+
+/// Rows of a product at a time.
+const BLOCK: usize = 512;
+
+/// Ranges of rows whose sums are made by themselves: a fixed number, so that sums do not depend on the threads.
+const LANES: usize = 4;
+
+/// Rows that lengths are compared on at most.
+const COMPARED: usize = 4000;
+
+/// Pairs of rows whose median distance is the middle of the lengths that are tried.
+const PAIRS: usize = 2000;
+
+/// Lengths that are tried, in median distances.
+const LENGTHS: [f64; 5] = [0.25, 0.5, 1.0, 2.0, 4.0];
+
+/// The settings of a fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Kernel {
+    /// The number of random features: a cosine and a sine of each frequency, an odd number is raised by one.
+    pub features: usize,
+    /// The length scale, in the unit of the columns. `None`: the most likely of 1/4, 1/2, 1, 2 and 4 times the median
+    /// distance between rows, on up to 4000 rows.
+    pub length: Option<f64>,
+    /// The prior standard deviation of the coefficient of each column, in that of the Gaussian process per unit of the
+    /// columns; 0 leaves the columns out.
+    pub linear: f64,
+    /// The ratio λ of the variances of the errors and of the Gaussian process; `None` for the most likely one.
+    pub lambda: Option<f64>,
+    /// The seed of the frequencies.
+    pub seed: u64,
+}
+
+impl Default for Kernel {
+    /// 500 features and the columns themselves, length and λ the most likely ones.
+    fn default() -> Self {
+        Self { features: 500, length: None, linear: 1.0, lambda: None, seed: 0 }
+    }
+}
+
+/// A fitted model: what is needed to predict.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RandomFeatures {
+    /// The number of columns.
+    pub width: usize,
+    /// Row-major, one row per frequency, in radians per unit of each column.
+    pub frequencies: Vec<f64>,
+    /// The factor of the columns among the features; 0 where they are left out.
+    pub linear: f64,
+    /// The mean of each feature over the training rows: cosines, sines, columns.
+    pub means: Vec<f64>,
+    /// The weight of each feature less its mean, in the unit of the target.
+    pub weights: Vec<f64>,
+    /// The mean of the target.
+    pub intercept: f64,
+    /// Row-major F, as wide as there are features: (ΦᵀΦ + λ I)⁻¹ = Fᵀ F.
+    pub factor: Vec<f64>,
+    /// σ², the variance of the errors, in the square of the target's unit.
+    pub noise_variance: f64,
+    /// The number of training rows.
+    pub rows: usize,
+    /// The length scale that was used.
+    pub length: f64,
+    /// The λ that was used.
+    pub lambda: f64,
+    /// ln p(y), up to a constant that depends on the number of rows alone.
+    pub log_likelihood: f64,
+}
+
+/// Why there is no model.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum KernelError {
+    /// Rows or settings are not usable.
+    #[error(transparent)]
+    Rows(#[from] RowsError),
+    /// There are fewer than three rows.
+    #[error("{rows} rows are too few: the variance of the errors takes three")]
+    TooFewRows {
+        /// Their number.
+        rows: usize,
+    },
+    /// The target does not vary.
+    #[error("the target is constant")]
+    ConstantTarget,
+    /// All columns are constant.
+    #[error("all rows are equal: no length scale can be found")]
+    ConstantRows,
+    /// The eigenvalues of the features' products did not converge.
+    #[error("the decomposition of the features' products did not converge")]
+    NotConverged,
+}
+
+/// Fits rows `x` of `width` columns each, standardised or otherwise of one scale, to their targets `y`.
+///
+/// It takes 2 n m² operations for n rows and m features (with the columns), and m² numbers of memory a few times.
+///
+/// # Errors
+/// Fails for values that are not finite, settings out of range, fewer than three rows, a constant target, rows that are
+/// all equal where the length is to be found, and without convergence.
+pub fn fit(x: &[f64], width: usize, y: &[f64], how: &Kernel) -> Result<RandomFeatures, KernelError> {
+    let rows = finite_rows("the matrix", x, width)?;
+    entries("the target", y.len(), rows)?;
+    finite_rows("the target", y, 1)?;
+    how.check()?;
+    if rows < 3 {
+        return Err(KernelError::TooFewRows { rows });
+    }
+    let intercept = crate::trees::mean(y);
+    let y: Vec<f64> = y.iter().map(|y| y - intercept).collect();
+    if y.iter().all(|y| y.abs() <= 1e-14 * intercept.abs()) {
+        return Err(KernelError::ConstantTarget);
+    }
+    let directions = directions(width, how.features.div_ceil(2), how.seed);
+    let length = match how.length {
+        Some(length) => length,
+        None => most_likely_length(x, width, &y, &directions, how)?,
+    };
+    let map = Map::new(width, &directions, length, how.linear);
+    let spectrum = Spectrum::of(&Sums::of(&map, x, &y))?;
+    let lambda = how.lambda.unwrap_or_else(|| spectrum.most_likely());
+    let (weights, factor) = spectrum.solution(lambda);
+    let (noise_variance, log_likelihood) = (spectrum.noise(lambda), spectrum.log_likelihood(lambda));
+    let (frequencies, means) = (map.frequencies, spectrum.means);
+    let linear = how.linear;
+    Ok(RandomFeatures {
+        width,
+        frequencies,
+        linear,
+        means,
+        weights,
+        intercept,
+        factor,
+        noise_variance,
+        rows,
+        length,
+        lambda,
+        log_likelihood,
+    })
+}
+
+impl Kernel {
+    fn check(&self) -> Result<(), RowsError> {
+        let above = |x: f64| x > 0.0 && x.is_finite();
+        let count = self.features as f64;
+        setting("the number of features", count, "2 to 10,000", (2..=10_000).contains(&self.features))?;
+        self.length.map_or(Ok(()), |x| setting("the length scale", x, "above 0 and finite", above(x)))?;
+        self.lambda.map_or(Ok(()), |x| setting("lambda", x, "above 0 and finite", above(x)))?;
+        setting(
+            "the part of the columns",
+            self.linear,
+            "at least 0 and finite",
+            self.linear == 0.0 || above(self.linear),
+        )
+    }
+}
+
+impl RandomFeatures {
+    /// The predictions of rows of `width` columns each, and the standard deviations of the function's values there, both in
+    /// the unit of the target. The variance of a new reading is `noise_variance` more. NaN for rows that are not
+    /// finite.
+    ///
+    /// # Errors
+    /// Fails when `x` is not whole rows, or the model's parts do not fit each other.
+    pub fn predict(&self, x: &[f64]) -> Result<(Vec<f64>, Vec<f64>), RowsError> {
+        let m = self.check(x)?;
+        entries("the covariance factor", self.factor.len(), m * m)?;
+        let factor = MatRef::from_row_major_slice(&self.factor, m, m);
+        let least = 1.0 / self.rows.max(1) as f64;
+        let made = self.blocks(x, |features, _| {
+            let count = features.len() / m;
+            let mut along = vec![0.0; count * m];
+            let to = MatMut::from_row_major_slice_mut(&mut along, count, m);
+            matmul(
+                to,
+                Accum::Replace,
+                MatRef::from_row_major_slice(features, count, m),
+                factor.transpose(),
+                1.0,
+                Par::Seq,
+            );
+            let deviation = |u: &[f64]| (self.noise_variance * (least + dot(u, u))).sqrt();
+            (self.means_of(features), along.chunks_exact(m).map(deviation).collect::<Vec<_>>())
+        });
+        let (means, deviations): (Vec<_>, Vec<_>) = made.into_iter().unzip();
+        Ok((means.concat(), deviations.concat()))
+    }
+
+    /// The predictions alone, which take less time.
+    ///
+    /// # Errors
+    /// As [`RandomFeatures::predict`].
+    pub fn mean(&self, x: &[f64]) -> Result<Vec<f64>, RowsError> {
+        self.check(x)?;
+        Ok(self.blocks(x, |features, _| self.means_of(features)).concat())
+    }
+
+    /// The derivatives of the predictions by the columns, row by row, in the unit of the target per that of the column.
+    ///
+    /// # Errors
+    /// As [`RandomFeatures::predict`].
+    pub fn gradient(&self, x: &[f64]) -> Result<Vec<f64>, RowsError> {
+        self.check(x)?;
+        let k = self.frequencies.len() / self.width;
+        let (cosines, rest) = self.weights.split_at(k);
+        let (sines, columns) = rest.split_at(k);
+        let scale = 1.0 / (k as f64).sqrt();
+        let made = self.blocks(x, |_, phases| {
+            let count = phases.len() / k;
+            let slope = |(phase, (c, s)): (&f64, (&f64, &f64))| {
+                let (sin, cos) = phase.sin_cos();
+                scale * (s * cos - c * sin)
+            };
+            let weights = || cosines.iter().zip(sines);
+            let slopes: Vec<f64> =
+                phases.chunks_exact(k).flat_map(|row| row.iter().zip(weights()).map(slope)).collect();
+            let mut out = vec![0.0; count * self.width];
+            let to = MatMut::from_row_major_slice_mut(&mut out, count, self.width);
+            let frequencies = MatRef::from_row_major_slice(&self.frequencies, k, self.width);
+            matmul(to, Accum::Replace, MatRef::from_row_major_slice(&slopes, count, k), frequencies, 1.0, Par::Seq);
+            for row in out.chunks_exact_mut(self.width) {
+                row.iter_mut().zip(columns).for_each(|(out, w)| *out += self.linear * w);
+            }
+            out
+        });
+        Ok(made.concat())
+    }
+
+    /// The number of features.
+    fn check(&self, x: &[f64]) -> Result<usize, RowsError> {
+        let width = self.width.max(1);
+        entries("the matrix", x.len(), x.len() / width * width)?;
+        let k = self.frequencies.len() / width;
+        setting("the number of frequencies", k as f64, "at least 1", k > 0)?;
+        entries("the frequencies", self.frequencies.len(), k * width)?;
+        let m = 2 * k + if self.linear > 0.0 { self.width } else { 0 };
+        entries("the means of the features", self.means.len(), m)?;
+        entries("the weights", self.weights.len(), m)?;
+        Ok(m)
+    }
+
+    fn means_of(&self, features: &[f64]) -> Vec<f64> {
+        let rows = features.chunks_exact(self.weights.len().max(1));
+        rows.map(|features| self.intercept + dot(features, &self.weights)).collect()
+    }
+
+    /// What `of` makes of the features less their means, and of the phases, of some rows at a time.
+    fn blocks<T: Send>(&self, x: &[f64], of: impl Fn(&[f64], &[f64]) -> T + Sync) -> Vec<T> {
+        let map = Map { width: self.width, frequencies: self.frequencies.clone(), linear: self.linear };
+        let block = |x: &[f64]| {
+            let (mut features, phases) = map.features(x);
+            for row in features.chunks_exact_mut(self.means.len().max(1)) {
+                row.iter_mut().zip(&self.means).for_each(|(feature, mean)| *feature -= mean);
+            }
+            of(&features, &phases)
+        };
+        x.par_chunks(BLOCK * self.width.max(1)).map(block).collect()
+    }
+}
+
+/// From rows to features.
+struct Map {
+    width: usize,
+    frequencies: Vec<f64>,
+    linear: f64,
+}
+
+impl Map {
+    fn new(width: usize, directions: &[f64], length: f64, linear: f64) -> Self {
+        Self { width, frequencies: directions.iter().map(|w| w / length).collect(), linear }
+    }
+
+    fn count(&self) -> usize {
+        2 * self.frequencies.len() / self.width + if self.linear > 0.0 { self.width } else { 0 }
+    }
+
+    /// Cosines, sines and columns row by row, and the phases w·x.
+    fn features(&self, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let (rows, k) = (x.len() / self.width, self.frequencies.len() / self.width);
+        let mut phases = vec![0.0; rows * k];
+        let to = MatMut::from_row_major_slice_mut(&mut phases, rows, k);
+        let frequencies = MatRef::from_row_major_slice(&self.frequencies, k, self.width);
+        let x_matrix = MatRef::from_row_major_slice(x, rows, self.width);
+        matmul(to, Accum::Replace, x_matrix, frequencies.transpose(), 1.0, Par::Seq);
+        let scale = 1.0 / (k as f64).sqrt();
+        let m = self.count();
+        let mut out = vec![0.0; rows * m];
+        for ((out, phases), x) in out.chunks_exact_mut(m).zip(phases.chunks_exact(k)).zip(x.chunks_exact(self.width)) {
+            let (cosines, rest) = out.split_at_mut(k);
+            let (sines, columns) = rest.split_at_mut(k);
+            for ((c, s), phase) in cosines.iter_mut().zip(sines).zip(phases) {
+                let (sin, cos) = phase.sin_cos();
+                (*c, *s) = (scale * cos, scale * sin);
+            }
+            columns.iter_mut().zip(x).for_each(|(out, x)| *out = self.linear * x);
+        }
+        (out, phases)
+    }
+}
+
+/// Frequencies of a kernel of length 1, row by row: orthogonal in blocks of `width`, as long as normal vectors are.
+fn directions(width: usize, count: usize, seed: u64) -> Vec<f64> {
+    let mut normals = Normals::new(seed_of(seed, &["frequencies"]));
+    let mut out = Vec::with_capacity(count * width);
+    while out.len() < count * width {
+        let drawn = Mat::from_fn(width, width, |_, _| normals.draw());
+        let q = drawn.qr().compute_thin_Q();
+        for i in 0..width.min(count - out.len() / width) {
+            let length = (0..width).map(|_| normals.draw().powi(2)).sum::<f64>().sqrt();
+            out.extend((0..width).map(|j| length * q[(j, i)]));
+        }
+    }
+    out
+}
+
+fn most_likely_length(
+    x: &[f64],
+    width: usize,
+    y: &[f64],
+    directions: &[f64],
+    how: &Kernel,
+) -> Result<f64, KernelError> {
+    let rows = y.len();
+    let mut bits = SplitMix64::new(seed_of(how.seed, &["pairs"]));
+    let mut row = || {
+        let at = draws::below(&mut bits, rows) * width;
+        &x[at..at + width]
+    };
+    let distance = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt();
+    let mut distances: Vec<f64> = (0..PAIRS).map(|_| distance(row(), row())).filter(|d| *d > 0.0).collect();
+    let middle = median(&mut distances);
+    if !(middle > 0.0 && middle.is_finite()) {
+        return Err(KernelError::ConstantRows);
+    }
+    let some = rows.min(COMPARED);
+    let picked = || (0..some).map(|k| (k as u128 * rows as u128 / some as u128) as usize);
+    let few: Vec<f64> = picked().flat_map(|i| x[i * width..(i + 1) * width].iter().copied()).collect();
+    let targets: Vec<f64> = picked().map(|i| y[i]).collect();
+    let targets = about_mean(&targets);
+    let likelihood = |factor: f64| {
+        let map = Map::new(width, directions, factor * middle, how.linear);
+        let spectrum = Spectrum::of(&Sums::of(&map, &few, &targets))?;
+        let lambda = how.lambda.unwrap_or_else(|| spectrum.most_likely());
+        Ok((factor * middle, spectrum.log_likelihood(lambda)))
+    };
+    let tried: Vec<Result<(f64, f64), KernelError>> = LENGTHS.into_par_iter().map(likelihood).collect();
+    let tried: Vec<(f64, f64)> = tried.into_iter().collect::<Result<_, _>>()?;
+    let best = tried.into_iter().reduce(|a, b| if b.1 > a.1 { b } else { a });
+    best.map(|(length, _)| length).ok_or(KernelError::ConstantRows)
+}
+
+fn about_mean(y: &[f64]) -> Vec<f64> {
+    let mean = crate::trees::mean(y);
+    y.iter().map(|y| y - mean).collect()
+}
+
+/// Sums over the rows of features and of a target about its mean.
+struct Sums {
+    rows: usize,
+    /// The sum of the products of two features; the lower triangle.
+    products: Mat<f64>,
+    /// The sum of the products of each feature with the target.
+    along: Vec<f64>,
+    features: Vec<f64>,
+    squares: f64,
+}
+
+impl Sums {
+    fn of(map: &Map, x: &[f64], y: &[f64]) -> Self {
+        let rows = y.len();
+        let lane = |l: usize| Self::lane(map, x, y, l * rows / LANES..(l + 1) * rows / LANES);
+        let lanes: Vec<(Mat<f64>, Vec<f64>, Vec<f64>)> = (0..LANES).into_par_iter().map(lane).collect();
+        let m = map.count();
+        let (mut products, mut along, mut features) = (Mat::zeros(m, m), vec![0.0; m], vec![0.0; m]);
+        for (p, a, f) in lanes {
+            products += p;
+            along.iter_mut().zip(a).for_each(|(sum, a)| *sum += a);
+            features.iter_mut().zip(f).for_each(|(sum, f)| *sum += f);
+        }
+        Self { rows, products, along, features, squares: sum_of(rows, |i| y[i] * y[i]) }
+    }
+
+    fn lane(map: &Map, x: &[f64], y: &[f64], range: Range<usize>) -> (Mat<f64>, Vec<f64>, Vec<f64>) {
+        let m = map.count();
+        let (mut products, mut along, mut sums) = (Mat::zeros(m, m), vec![0.0; m], vec![0.0; m]);
+        let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
+        let (x, y) = (&x[range.start * map.width..range.end * map.width], &y[range]);
+        for (x, y) in x.chunks(BLOCK * map.width).zip(y.chunks(BLOCK)) {
+            let (features, _) = map.features(x);
+            let phi = MatRef::from_row_major_slice(&features, y.len(), m);
+            triangular(&mut products, lower, Accum::Add, phi.transpose(), whole, phi, whole, 1.0, Par::Seq);
+            for (row, y) in features.chunks_exact(m).zip(y) {
+                along.iter_mut().zip(row).for_each(|(sum, f)| *sum += f * y);
+                sums.iter_mut().zip(row).for_each(|(sum, f)| *sum += f);
+            }
+        }
+        (products, along, sums)
+    }
+}
+
+/// The eigenvectors of the features' products about their means.
+struct Spectrum {
+    rows: usize,
+    means: Vec<f64>,
+    vectors: Mat<f64>,
+    values: Vec<f64>,
+    /// Vᵀ Φᵀ y.
+    along: Vec<f64>,
+    squares: f64,
+}
+
+impl Spectrum {
+    fn of(sums: &Sums) -> Result<Self, KernelError> {
+        let n = sums.rows as f64;
+        let means: Vec<f64> = sums.features.iter().map(|f| f / n).collect();
+        let about = Mat::from_fn(means.len(), means.len(), |i, j| {
+            if i >= j { sums.products[(i, j)] - n * means[i] * means[j] } else { 0.0 }
+        });
+        let found = about.self_adjoint_eigen(Side::Lower).map_err(|_| KernelError::NotConverged)?;
+        let values: Vec<f64> = found.S().column_vector().iter().map(|d| d.max(0.0)).collect();
+        let vectors = found.U().to_owned();
+        // The target is about its mean, so that the features need not be.
+        let along =
+            (0..means.len()).map(|j| vectors.col(j).iter().zip(&sums.along).map(|(v, a)| v * a).sum()).collect();
+        Ok(Self { rows: sums.rows, means, vectors, values, along, squares: sums.squares })
+    }
+
+    /// yᵀy − yᵀΦ w over n − 1, at least what rounding leaves.
+    fn noise(&self, lambda: f64) -> f64 {
+        let explained: f64 = self.along.iter().zip(&self.values).map(|(c, d)| c * c / (d + lambda)).sum();
+        (self.squares - explained).max(f64::EPSILON * self.squares) / (self.rows as f64 - 1.0)
+    }
+
+    fn log_likelihood(&self, lambda: f64) -> f64 {
+        let volume: f64 = self.values.iter().map(|d| (d / lambda).ln_1p()).sum();
+        -0.5 * ((self.rows as f64 - 1.0) * self.noise(lambda).ln() + volume)
+    }
+
+    /// The most likely λ between 1e-12 and 1e3 of the largest eigenvalue: the best of a grid, refined.
+    fn most_likely(&self) -> f64 {
+        let largest = self.values.iter().copied().fold(f64::MIN_POSITIVE.sqrt(), f64::max);
+        let (low, high) = ((1e-12 * largest).ln(), (1e3 * largest).ln());
+        let step = (high - low) / 100.0;
+        let of = |ln: f64| self.log_likelihood(ln.exp());
+        let grid = (0..=100).map(|k| low + step * f64::from(k)).map(|ln| (ln, of(ln)));
+        let best = grid.reduce(|a, b| if b.1 > a.1 { b } else { a }).map_or(low, |(ln, _)| ln);
+        let golden = 0.5 * (5f64.sqrt() - 1.0);
+        let (mut a, mut b) = (best - step, best + step);
+        while b - a > 1e-6 {
+            let (left, right) = (b - golden * (b - a), a + golden * (b - a));
+            if of(left) < of(right) { a = left } else { b = right }
+        }
+        (0.5 * (a + b)).exp()
+    }
+
+    /// The weights, and the factor of their covariance.
+    fn solution(&self, lambda: f64) -> (Vec<f64>, Vec<f64>) {
+        let m = self.means.len();
+        let scaled: Vec<f64> = self.along.iter().zip(&self.values).map(|(c, d)| c / (d + lambda)).collect();
+        let weight = |i: usize| (0..m).map(|j| self.vectors[(i, j)] * scaled[j]).sum();
+        let roots: Vec<f64> = self.values.iter().map(|d| (d + lambda).sqrt().recip()).collect();
+        let factor = (0..m).flat_map(|j| (0..m).map(move |i| (i, j)));
+        ((0..m).map(weight).collect(), factor.map(|(i, j)| self.vectors[(i, j)] * roots[j]).collect())
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

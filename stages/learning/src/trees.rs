@@ -1,0 +1,375 @@
+//! Gradient-boosted regression trees on histograms: the rival that every practitioner names.
+//!
+//! Each tree is fitted to the residuals of those before it and added with a factor, the learning rate [Friedman 2001,
+//! "Greedy function approximation: a gradient boosting machine"]. With the residuals r of a squared loss, the value of a
+//! leaf of n rows and the gain of dividing it are [Chen and Guestrin 2016, "XGBoost", (5) and (7)]
+//!
+//! ```text
+//! value = rate Σr/(n + l2)        gain = (Σr)²/(n + l2) of the left + the same of the right - the same of both
+//! ```
+//!
+//! Columns are divided into at most 256 bins by their quantiles, once. A leaf is divided at the edge of the bins where
+//! the gain is largest, found from the sums of each bin; the leaf with the largest gain comes first, up to a number of
+//! leaves [Ke et al. 2017, "LightGBM"]. The sums of the larger of two leaves are those of both less those of the
+//! smaller. It is what scikit-learn's `HistGradientBoostingRegressor` does for a squared error; a case of up to 256
+//! distinct values a column has the same trees there.
+//!
+//! A row goes left where its value is at most the threshold. Trees are constant beyond the values that they were trained
+//! on: a drift out of that range is not followed.
+//!
+//! Sums are made column by column in the order of the rows, so that the same seed gives the same bits on any number of
+//! threads.
+
+mod bins;
+mod grow;
+#[cfg(test)]
+mod tests;
+
+use std::ops::ControlFlow;
+
+use numerics::random::{SplitMix64, seed_of};
+use rayon::prelude::*;
+
+use crate::{
+    draws,
+    rows::{RowsError, entries, finite_rows, setting, sum_of},
+};
+use bins::Bins;
+use grow::Grower;
+
+/// Rows that a task predicts.
+const BLOCK: usize = 512;
+
+/// The settings of a boosted forest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Boosting {
+    /// The maximum number of trees.
+    pub trees: usize,
+    /// The factor of each tree, above 0.
+    pub learning_rate: f64,
+    /// The maximum number of leaves of a tree, at least 2.
+    pub leaves: usize,
+    /// The maximum number of splits on the way to a leaf; `None` for no limit.
+    pub depth: Option<usize>,
+    /// The least number of rows of a leaf.
+    pub least_rows: usize,
+    /// What is added to the number of rows of a leaf: shrinks the values of small leaves.
+    pub l2: f64,
+    /// The part of the rows, above 0 and at most 1, that each tree sees, drawn anew for each.
+    pub subsample: f64,
+    /// The seed of these draws.
+    pub seed: u64,
+    /// Training ends after so many trees without a smaller loss of the validation rows.
+    pub patience: Option<usize>,
+}
+
+impl Default for Boosting {
+    /// 200 trees of up to 31 leaves of at least 20 rows, rate 0.1, all rows, neither depth limit nor early stop.
+    fn default() -> Self {
+        Self {
+            trees: 200,
+            learning_rate: 0.1,
+            leaves: 31,
+            depth: None,
+            least_rows: 20,
+            l2: 0.0,
+            subsample: 1.0,
+            seed: 0,
+            patience: None,
+        }
+    }
+}
+
+impl Boosting {
+    fn check(&self, rows: usize, validated: bool) -> Result<(), BoostingError> {
+        setting("the number of trees", self.trees as f64, "at least 1", self.trees > 0)?;
+        let rate = self.learning_rate;
+        setting("the learning rate", rate, "above 0 and finite", rate > 0.0 && rate.is_finite())?;
+        setting("the number of leaves", self.leaves as f64, "at least 2", self.leaves > 1)?;
+        setting("the depth", 0.0, "at least 1", self.depth != Some(0))?;
+        setting("the least number of rows of a leaf", 0.0, "at least 1", self.least_rows > 0)?;
+        setting("l2", self.l2, "at least 0 and finite", self.l2 >= 0.0 && self.l2.is_finite())?;
+        let part = self.subsample;
+        setting("the part of the rows that a tree sees", part, "above 0 and at most 1", part > 0.0 && part <= 1.0)?;
+        setting("the patience", 0.0, "at least 1", self.patience != Some(0))?;
+        setting("the number of rows", rows as f64, "below 2^32", u32::try_from(rows).is_ok())?;
+        if self.patience.is_some() && !validated {
+            return Err(BoostingError::NoValidation);
+        }
+        let seen = self.seen(rows);
+        let needed = self.least_rows.saturating_mul(2);
+        if seen < needed { Err(BoostingError::TooFewRows { rows: seen, needed }) } else { Ok(()) }
+    }
+
+    /// The number of rows that a tree sees.
+    fn seen(&self, rows: usize) -> usize {
+        if self.subsample >= 1.0 { rows } else { (self.subsample * rows as f64).floor() as usize }
+    }
+}
+
+/// The sum of a constant and of trees.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Forest {
+    /// The mean of the target.
+    pub base: f64,
+    /// The trees, whose values have the learning rate in them.
+    pub trees: Vec<Tree>,
+}
+
+/// A tree. Its root is node 0.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tree {
+    /// The nodes; those below a node come after it.
+    pub nodes: Vec<Node>,
+}
+
+/// A node of a tree.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Node {
+    /// Rows whose `feature` is at most `threshold` go on at node `left`, all others at node `right`.
+    Split {
+        /// The column, from 0.
+        feature: usize,
+        /// In the unit of the column.
+        threshold: f64,
+        /// A node after this one.
+        left: usize,
+        /// A node after this one.
+        right: usize,
+    },
+    /// The end of the way.
+    Leaf {
+        /// What the tree adds, in the unit of the target.
+        value: f64,
+    },
+}
+
+/// A trained forest and how it went.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Boosted {
+    /// The first `best` trees.
+    pub forest: Forest,
+    /// After each tree, the mean square error of the training rows and of the validation rows (NaN without).
+    pub losses: Vec<(f64, f64)>,
+    /// The number of trees that has the smallest validation loss, the first of equals; of all trees without validation.
+    pub best: usize,
+}
+
+/// Why there is no forest.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BoostingError {
+    /// Rows or settings are not usable.
+    #[error(transparent)]
+    Rows(#[from] RowsError),
+    /// A leaf cannot have its least number of rows.
+    #[error("a tree sees {rows} rows, but dividing them into two leaves takes {needed}")]
+    TooFewRows {
+        /// The rows that a tree sees.
+        rows: usize,
+        /// Twice the least number of rows of a leaf.
+        needed: usize,
+    },
+    /// Early stopping was requested without rows to decide it.
+    #[error("training cannot end early without validation rows")]
+    NoValidation,
+    /// The first tree is a single leaf.
+    #[error(
+        "no column tells rows of different targets apart: the target or all columns are constant, or leaves need too many rows"
+    )]
+    NoSplit,
+    /// The loss is not finite.
+    #[error(
+        "the loss after tree {tree} is not finite: a learning rate below 1 cannot diverge; else the target is too large to be squared"
+    )]
+    Diverged {
+        /// The number of trees; 0 for the mean alone.
+        tree: usize,
+    },
+    /// A forest that was not made here is not one.
+    #[error("node {node} of tree {tree} {what}")]
+    Malformed {
+        /// The tree, from 0.
+        tree: usize,
+        /// The node, from 0.
+        node: usize,
+        /// What is wrong.
+        what: &'static str,
+    },
+}
+
+impl Tree {
+    /// What the tree adds for a row; NaN where a node names a column or a node that does not exist.
+    pub fn value(&self, row: &[f64]) -> f64 {
+        let mut at = 0;
+        loop {
+            let (feature, threshold, left, right) = match self.nodes.get(at) {
+                Some(Node::Leaf { value }) => return *value,
+                Some(Node::Split { feature, threshold, left, right }) => (*feature, *threshold, *left, *right),
+                None => return f64::NAN,
+            };
+            let Some(x) = row.get(feature) else { return f64::NAN };
+            let next = if *x <= threshold { left } else { right };
+            if next <= at {
+                return f64::NAN;
+            }
+            at = next;
+        }
+    }
+
+    fn fault(&self, width: usize) -> Option<(usize, &'static str)> {
+        let wrong = |(at, node): (usize, &Node)| match *node {
+            Node::Leaf { value } if !value.is_finite() => Some((at, "has a value that is not finite")),
+            Node::Leaf { .. } => None,
+            Node::Split { feature, .. } if feature >= width => Some((at, "divides a column that does not exist")),
+            Node::Split { threshold, .. } if threshold.is_nan() => Some((at, "has no threshold")),
+            Node::Split { left, right, .. } if left.min(right) <= at || left.max(right) >= self.nodes.len() => {
+                Some((at, "leads to a node that is not after it"))
+            }
+            Node::Split { .. } => None,
+        };
+        if self.nodes.is_empty() { Some((0, "is missing")) } else { self.nodes.iter().enumerate().find_map(wrong) }
+    }
+}
+
+impl Forest {
+    /// The predictions of rows of `width` columns each, in the unit of the target; NaN for a row with a NaN in it, since
+    /// none of the two sides of a split is right for it.
+    pub fn predict(&self, x: &[f64], width: usize) -> Vec<f64> {
+        let rows = x.par_chunks_exact(width.max(1));
+        let mut out = vec![0.0; rows.len()];
+        out.par_chunks_mut(BLOCK).zip(x.par_chunks(BLOCK * width.max(1))).for_each(|(out, x)| {
+            let rows = x.chunks_exact(width.max(1));
+            out.iter_mut().zip(rows.clone()).for_each(|(out, row)| *out = self.start(row));
+            for tree in &self.trees {
+                out.iter_mut().zip(rows.clone()).for_each(|(out, row)| *out += tree.value(row));
+            }
+        });
+        out
+    }
+
+    fn start(&self, row: &[f64]) -> f64 {
+        if row.iter().any(|x| x.is_nan()) { f64::NAN } else { self.base }
+    }
+
+    /// Fails for a forest that was read and is not one: a column from `width` on, a node that leads back, a number that
+    /// is not finite.
+    ///
+    /// # Errors
+    /// With [`BoostingError::Malformed`] for the first node that is wrong.
+    pub fn check(&self, width: usize) -> Result<(), BoostingError> {
+        let of = |(tree, t): (usize, &Tree)| t.fault(width).map(|(node, what)| (tree, node, what));
+        match self.trees.iter().enumerate().find_map(of) {
+            Some((tree, node, what)) => Err(BoostingError::Malformed { tree, node, what }),
+            None if self.base.is_finite() => Ok(()),
+            None => Err(RowsError::NotFinite { what: "the base", row: 0, column: 0 }.into()),
+        }
+    }
+}
+
+/// Trains a forest on rows `x` of `width` columns each and their targets `y`, in units of the caller's choice: neither
+/// scaling nor any other monotonous function of a column changes the trees. `validation` has other rows and
+/// their targets, of other lines or flights. `each` is handed the number of trees so far (from 1), the mean square error
+/// of the training rows and that of the validation rows (NaN without), and ends training with `Break`: what was trained
+/// until then is returned.
+///
+/// A column that is constant is never divided. Training ends before the last tree where no split has a gain.
+///
+/// # Errors
+/// Fails for values that are not finite, settings out of range, patience without validation, fewer rows than two leaves
+/// need, when the first tree finds no split, and where the loss overflows.
+pub fn boost(
+    x: &[f64],
+    width: usize,
+    y: &[f64],
+    how: &Boosting,
+    validation: Option<(&[f64], &[f64])>,
+    each: &mut dyn FnMut(usize, f64, f64) -> ControlFlow<()>,
+) -> Result<Boosted, BoostingError> {
+    let rows = finite_rows("the matrix", x, width)?;
+    entries("the target", y.len(), rows)?;
+    finite_rows("the target", y, 1)?;
+    how.check(rows, validation.is_some())?;
+    let base = mean(y);
+    let mut residuals: Vec<f64> = y.iter().map(|y| y - base).collect();
+    let mut ahead = validation.map(|(x, y)| Ahead::new(x, width, y, base)).transpose()?;
+    if !mean_square(&residuals).is_finite() {
+        return Err(BoostingError::Diverged { tree: 0 });
+    }
+    let bins = Bins::of(x, width);
+    let mut grower = Grower::new(&bins, how);
+    let mut boosted = Boosted { forest: Forest { base, trees: vec![] }, losses: vec![], best: 0 };
+    let mut least = f64::INFINITY;
+    for number in 1..=how.trees {
+        grower.draw(|all| drawn(how, number, all));
+        let tree = grower.tree(&residuals);
+        if tree.nodes.len() == 1 {
+            if number == 1 {
+                return Err(BoostingError::NoSplit);
+            }
+            // Another draw of rows may have a split; the same rows have not.
+            if how.subsample >= 1.0 {
+                break;
+            }
+        }
+        grower.take_off(&tree, x, &mut residuals);
+        let loss = mean_square(&residuals);
+        let validated = ahead.as_mut().map_or(f64::NAN, |ahead| ahead.add(&tree));
+        if !loss.is_finite() || (ahead.is_some() && !validated.is_finite()) {
+            return Err(BoostingError::Diverged { tree: number });
+        }
+        boosted.forest.trees.push(tree);
+        boosted.losses.push((loss, validated));
+        if ahead.is_none() || validated < least {
+            (least, boosted.best) = (validated, number);
+        }
+        let patient = how.patience.is_none_or(|patience| number - boosted.best < patience);
+        if each(number, loss, validated).is_break() || !patient {
+            break;
+        }
+    }
+    boosted.forest.trees.truncate(boosted.best);
+    Ok(boosted)
+}
+
+/// The rows that tree `number` sees, ascending; `None` for all.
+fn drawn(how: &Boosting, number: usize, rows: usize) -> Option<Vec<u32>> {
+    let seen = how.seen(rows);
+    let bits = || SplitMix64::new(seed_of(how.seed, &["tree", &number.to_string()]));
+    (seen < rows).then(|| draws::chosen(&mut bits(), rows, seen))
+}
+
+/// Validation rows and what is left of their targets.
+struct Ahead<'a> {
+    x: &'a [f64],
+    width: usize,
+    residuals: Vec<f64>,
+}
+
+impl<'a> Ahead<'a> {
+    fn new(x: &'a [f64], width: usize, y: &[f64], base: f64) -> Result<Self, BoostingError> {
+        let rows = finite_rows("the validation matrix", x, width)?;
+        entries("the validation target", y.len(), rows)?;
+        finite_rows("the validation target", y, 1)?;
+        Ok(Self { x, width, residuals: y.iter().map(|y| y - base).collect() })
+    }
+
+    /// The mean square error with one more tree.
+    fn add(&mut self, tree: &Tree) -> f64 {
+        let rows = self.x.par_chunks(BLOCK * self.width);
+        self.residuals.par_chunks_mut(BLOCK).zip(rows).for_each(|(residuals, x)| {
+            let rows = x.chunks_exact(self.width);
+            residuals.iter_mut().zip(rows).for_each(|(residual, row)| *residual -= tree.value(row));
+        });
+        mean_square(&self.residuals)
+    }
+}
+
+fn mean_square(x: &[f64]) -> f64 {
+    sum_of(x.len(), |i| x[i] * x[i]) / x.len() as f64
+}
+
+/// The mean; the second pass corrects the rounding of the first.
+pub(crate) fn mean(x: &[f64]) -> f64 {
+    let rough = sum_of(x.len(), |i| x[i]) / x.len() as f64;
+    rough + sum_of(x.len(), |i| x[i] - rough) / x.len() as f64
+}

@@ -1,0 +1,277 @@
+//! One tree: the sums of each bin, the best split of each leaf, the best leaf first.
+
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::{
+    Boosting, Node, Tree,
+    bins::{BINS, Bins, TOGETHER},
+};
+
+/// The least gain, as a part of what it is the difference of: below it is rounding.
+const ROUNDING: f64 = 1e-12;
+
+/// Of each bin the sum of the residuals and the number of rows.
+type Histogram = Vec<[f64; 2]>;
+
+/// The bins of four columns.
+const CHUNK: usize = BINS * TOGETHER;
+
+/// Grows one tree after the other.
+pub(super) struct Grower<'a> {
+    bins: &'a Bins,
+    how: &'a Boosting,
+    /// The rows that the tree sees: those of a leaf stand together, in ascending order.
+    rows: Vec<u32>,
+    /// What a leaf is divided with.
+    scratch: Vec<u32>,
+    /// The residuals of the rows of a leaf.
+    ordered: Vec<f64>,
+    /// Histograms that are not in use.
+    pool: Vec<Histogram>,
+    /// The leaves of the last tree.
+    leaves: Vec<Leaf>,
+    /// Whether there are rows that the tree does not see.
+    partial: bool,
+}
+
+/// A leaf of the tree that grows.
+struct Leaf {
+    node: usize,
+    range: Range<usize>,
+    depth: usize,
+    sum: f64,
+    histogram: Histogram,
+    split: Option<Split>,
+}
+
+/// A way to divide a leaf.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Split {
+    gain: f64,
+    column: usize,
+    /// The last bin of the left.
+    bin: usize,
+    left_sum: f64,
+    left_rows: usize,
+}
+
+impl<'a> Grower<'a> {
+    pub fn new(bins: &'a Bins, how: &'a Boosting) -> Self {
+        let (rows, scratch, ordered) = (vec![], vec![], vec![]);
+        Self { bins, how, rows, scratch, ordered, pool: vec![], leaves: vec![], partial: false }
+    }
+
+    /// Takes the rows that the next tree sees: those that `some` returns for the number of rows, or all.
+    pub fn draw(&mut self, some: impl Fn(usize) -> Option<Vec<u32>>) {
+        let drawn = some(self.bins.rows);
+        self.partial = drawn.is_some();
+        self.rows = drawn.unwrap_or_else(|| (0..self.bins.rows as u32).collect());
+    }
+
+    /// The tree of these residuals.
+    pub fn tree(&mut self, residuals: &[f64]) -> Tree {
+        for leaf in std::mem::take(&mut self.leaves) {
+            self.release(leaf.histogram);
+        }
+        let mut nodes = vec![Node::Leaf { value: 0.0 }];
+        let root = self.root(residuals);
+        self.leaves.push(root);
+        while self.leaves.len() < self.how.leaves {
+            let Some((at, split)) = self.best() else { break };
+            let parent = self.leaves.swap_remove(at);
+            let below = nodes.len();
+            if let Some(node) = nodes.get_mut(parent.node) {
+                let threshold = self.bins.threshold(split.column, split.bin);
+                *node = Node::Split { feature: split.column, threshold, left: below, right: below + 1 };
+            }
+            nodes.extend([Node::Leaf { value: 0.0 }; 2]);
+            // The leaves of the last split are not divided, so that nothing needs to be known of them.
+            let last = self.leaves.len() + 2 >= self.how.leaves;
+            let two = self.divide(parent, split, below, residuals, last);
+            self.leaves.extend(two);
+        }
+        for leaf in &self.leaves {
+            let value = self.how.learning_rate * leaf.sum / (leaf.range.len() as f64 + self.how.l2);
+            if let Some(node) = nodes.get_mut(leaf.node) {
+                *node = Node::Leaf { value };
+            }
+        }
+        Tree { nodes }
+    }
+
+    /// Takes the values of the last tree off the residuals of all rows, `x`.
+    pub fn take_off(&self, tree: &Tree, x: &[f64], residuals: &mut [f64]) {
+        if self.partial {
+            let rows = x.par_chunks_exact(self.bins.width);
+            residuals.par_iter_mut().zip(rows).with_min_len(512).for_each(|(r, row)| *r -= tree.value(row));
+            return;
+        }
+        for leaf in &self.leaves {
+            let Some(Node::Leaf { value }) = tree.nodes.get(leaf.node) else { continue };
+            self.rows[leaf.range.clone()].iter().for_each(|&i| residuals[i as usize] -= value);
+        }
+    }
+
+    /// The leaf with the largest gain, the first node of equals.
+    fn best(&self) -> Option<(usize, Split)> {
+        let candidates = self.leaves.iter().enumerate().filter_map(|(at, leaf)| Some((at, leaf.node, leaf.split?)));
+        let better = |a: &(usize, usize, Split), b: &(usize, usize, Split)| {
+            b.2.gain > a.2.gain || (b.2.gain == a.2.gain && b.1 < a.1)
+        };
+        candidates.reduce(|a, b| if better(&a, &b) { b } else { a }).map(|(at, _, split)| (at, split))
+    }
+
+    fn histogram(&mut self) -> Histogram {
+        let size = self.bins.width.div_ceil(TOGETHER) * CHUNK;
+        self.pool.pop().unwrap_or_else(|| vec![[0.0; 2]; size])
+    }
+
+    fn release(&mut self, histogram: Histogram) {
+        if !histogram.is_empty() {
+            self.pool.push(histogram);
+        }
+    }
+
+    fn root(&mut self, residuals: &[f64]) -> Leaf {
+        let all = 0..self.rows.len();
+        self.gather(all.clone(), residuals);
+        let sum = self.ordered.iter().sum();
+        let mut histogram = self.histogram();
+        let (bins, how, rows, ordered) = (self.bins, self.how, &self.rows, &self.ordered);
+        let found: Vec<Option<Split>> = histogram
+            .par_chunks_mut(CHUNK)
+            .enumerate()
+            .map(|(k, part)| {
+                fill(part, bins.packed(k), rows, ordered);
+                best_of_four(part, k, bins, sum, rows.len(), how)
+            })
+            .collect();
+        Leaf { node: 0, range: all, depth: 0, sum, histogram, split: first_best(found) }
+    }
+
+    fn gather(&mut self, range: Range<usize>, residuals: &[f64]) {
+        self.ordered.clear();
+        self.ordered.extend(self.rows[range].iter().map(|&i| residuals[i as usize]));
+    }
+
+    fn divide(&mut self, parent: Leaf, split: Split, below: usize, residuals: &[f64], last: bool) -> [Leaf; 2] {
+        self.partition(parent.range.clone(), split);
+        let (start, end, depth) = (parent.range.start, parent.range.end, parent.depth + 1);
+        let middle = start + split.left_rows;
+        let leaf = |node, range: Range<usize>, sum| Leaf { node, range, depth, sum, histogram: vec![], split: None };
+        let mut left = leaf(below, start..middle, split.left_sum);
+        let mut right = leaf(below + 1, middle..end, parent.sum - split.left_sum);
+        let large = left.range.len().max(right.range.len());
+        let deep = self.how.depth.is_some_and(|most| depth >= most);
+        if last || deep || large < self.how.least_rows.saturating_mul(2) {
+            self.release(parent.histogram);
+            return [left, right];
+        }
+        let (small, large) =
+            if left.range.len() <= right.range.len() { (&mut left, &mut right) } else { (&mut right, &mut left) };
+        self.gather(small.range.clone(), residuals);
+        (small.histogram, large.histogram) = (self.histogram(), parent.histogram);
+        let (bins, how, ordered) = (self.bins, self.how, &self.ordered);
+        let rows = &self.rows[small.range.clone()];
+        let (small_sum, large_sum, small_rows, large_rows) =
+            (small.sum, large.sum, small.range.len(), large.range.len());
+        let found: Vec<(Option<Split>, Option<Split>)> = small
+            .histogram
+            .par_chunks_mut(CHUNK)
+            .zip(large.histogram.par_chunks_mut(CHUNK))
+            .enumerate()
+            .map(|(k, (few, many))| {
+                fill(few, bins.packed(k), rows, ordered);
+                many.iter_mut().zip(&*few).for_each(|(many, few)| *many = [many[0] - few[0], many[1] - few[1]]);
+                let few = best_of_four(few, k, bins, small_sum, small_rows, how);
+                (few, best_of_four(many, k, bins, large_sum, large_rows, how))
+            })
+            .collect();
+        let (few, many): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+        (small.split, large.split) = (first_best(few), first_best(many));
+        [left, right]
+    }
+
+    /// The rows of the left in front of those of the right, both in their order.
+    fn partition(&mut self, range: Range<usize>, split: Split) {
+        let packed = self.bins.packed(split.column / TOGETHER);
+        let lane = split.column % TOGETHER;
+        self.scratch.clear();
+        let rows = &mut self.rows[range];
+        let mut kept = 0;
+        for at in 0..rows.len() {
+            let row = rows[at];
+            if usize::from(packed[row as usize][lane]) <= split.bin {
+                rows[kept] = row;
+                kept += 1;
+            } else {
+                self.scratch.push(row);
+            }
+        }
+        rows[kept..].copy_from_slice(&self.scratch);
+    }
+}
+
+/// The sums of four columns over `rows`, whose residuals are `ordered`.
+fn fill(histogram: &mut [[f64; 2]], packed: &[[u8; TOGETHER]], rows: &[u32], ordered: &[f64]) {
+    histogram.fill([0.0; 2]);
+    let (columns, _) = histogram.as_chunks_mut::<BINS>();
+    let [a, b, c, d] = columns else { return };
+    // Four sums that do not wait for each other: consecutive samples of a flight fall into the same bins.
+    let add = |bin: &mut [f64; 2], residual: f64| *bin = [bin[0] + residual, bin[1] + 1.0];
+    for (&row, &residual) in rows.iter().zip(ordered) {
+        let bins = packed[row as usize];
+        add(&mut a[usize::from(bins[0])], residual);
+        add(&mut b[usize::from(bins[1])], residual);
+        add(&mut c[usize::from(bins[2])], residual);
+        add(&mut d[usize::from(bins[3])], residual);
+    }
+}
+
+/// The best split of a leaf by columns 4 k to 4 k + 3.
+fn best_of_four(histogram: &[[f64; 2]], k: usize, bins: &Bins, sum: f64, rows: usize, how: &Boosting) -> Option<Split> {
+    if rows < how.least_rows.saturating_mul(2) {
+        return None;
+    }
+    let one = |(lane, histogram): (usize, &[[f64; 2]])| {
+        let column = TOGETHER * k + lane;
+        let used = histogram.get(..bins.count(column).min(BINS))?;
+        best_of(used, column, sum, rows as f64, how)
+    };
+    first_best(histogram.chunks_exact(BINS).enumerate().map(one))
+}
+
+/// The best split of a leaf by one column, the lowest bin of equals.
+fn best_of(histogram: &[[f64; 2]], column: usize, sum: f64, rows: f64, how: &Boosting) -> Option<Split> {
+    let least = how.least_rows as f64;
+    let score = |sum: f64, rows: f64| sum * sum / (rows + how.l2);
+    let whole = score(sum, rows);
+    let mut best: Option<Split> = None;
+    let (mut left_sum, mut left) = (0.0, 0.0);
+    for (bin, [bin_sum, bin_rows]) in histogram.iter().enumerate() {
+        if *bin_rows == 0.0 {
+            continue;
+        }
+        left_sum += bin_sum;
+        left += bin_rows;
+        if left < least {
+            continue;
+        }
+        if rows - left < least {
+            break;
+        }
+        let both = score(left_sum, left) + score(sum - left_sum, rows - left);
+        let gain = both - whole;
+        if gain > ROUNDING * both && best.is_none_or(|best| gain > best.gain) {
+            best = Some(Split { gain, column, bin, left_sum, left_rows: left as usize });
+        }
+    }
+    best
+}
+
+/// The split with the largest gain, the first of equals.
+fn first_best(splits: impl IntoIterator<Item = Option<Split>>) -> Option<Split> {
+    splits.into_iter().flatten().reduce(|a, b| if b.gain > a.gain { b } else { a })
+}
