@@ -62,6 +62,10 @@ fn timed(shape: &Shape, samples: &Samples<'_>, threads: usize) -> Result<Vec<f64
     let losses: Vec<f64> = trained.epochs.iter().map(|epoch| epoch.train_loss).collect();
     assert!(losses.windows(2).all(|pair| pair[1] < pair[0]), "the loss does not fall: {losses:?}");
     let (form, hidden) = (shape.form.word(), &shape.hidden);
-    println!("{form} {hidden:?}, {threads} threads: {:.1} ms, {:.1} ms", seconds[0] * 1e3, seconds[seconds.len() / 2] * 1e3);
+    println!(
+        "{form} {hidden:?}, {threads} threads: {:.1} ms, {:.1} ms",
+        seconds[0] * 1e3,
+        seconds[seconds.len() / 2] * 1e3
+    );
     Ok(trained.parameters)
 }

@@ -11,8 +11,12 @@ use numerics::regression::statistics::std;
 use schemas::{Column, ColumnType, Fault, Rule};
 
 use super::aiding::{Aiding, both};
+use super::calibrations::Calibration as Fitted;
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter};
-use crate::columns::{array, data, list, matrix};
+use crate::{
+    columns::{array, data, list, matrix},
+    trained::Learned,
+};
 
 filter! {
     /// The 18-state extended Kalman filter with the weights of a network as further states: one hidden layer, whose
@@ -25,6 +29,10 @@ filter! {
     /// training is recursive least squares. Meanwhile GNSS aids the INS, and the measurement is `missing`, so that it is
     /// not used twice. Afterwards its noise is what the network misses of the training, where that is more than
     /// `measurement_sigma_nt`. The network learns a constant too, so that `offset_window_s` is not looked at.
+    ///
+    /// With a `model`, the table of a fit of `m1` with one hidden layer to the aircraft's field (targets `c` and `d`), the
+    /// weights begin as those of that network, whose units and activation `hidden` and `activation` have to say. The
+    /// recursion then finds their covariance, and what has changed since.
     ///
     /// A scalar magnetometer among the features is refused: the filter would subtract what it navigates by. `aircraft` is
     /// the field of the aircraft by the weights of the sample. The covariance of the weights does not know what the network
@@ -101,11 +109,15 @@ impl NavigationFilter for EkfOnlineNn {
         self.aiding.idle(key)
     }
 
+    fn takes_models(&self) -> bool {
+        true
+    }
+
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
         let fixes = self.aiding.fixes(flown)?.ok_or_else(|| Fault::bug("a network without GNSS is trained"))?;
         let line = NavigationLine { fixes: Some(&fixes), ..flown.line_with(self.discretisation)? };
-        let (features, _) = matrix(flown.columns, &self.features)?;
-        let (network, prior, training) = self.train(flown, &line, &fixes, features)?;
+        let (features, names) = matrix(flown.columns, &self.features)?;
+        let (network, prior, training) = self.train(flown, &line, &fixes, (features, &names))?;
         let mut measured_nt = flown.measured_nt.clone();
         measured_nt[..training].fill(f64::NAN);
         let sigma_nt: Vec<f64> = flown.sigma_nt.iter().map(|sigma| sigma.max(prior.misfit_nt)).collect();
@@ -136,7 +148,7 @@ impl EkfOnlineNn {
         flown: &Flown,
         line: &NavigationLine,
         fixes: &PositionFixes,
-        features: &[f64],
+        (features, names): (&[f64], &[String]),
     ) -> Result<(Network, NetworkPrior, usize), Fault> {
         let tt_s = flown.ins.tt_s;
         let lost_s = self.aiding.gnss_lost_s.map_or(0.0, |[lost_s, _]| lost_s);
@@ -152,7 +164,17 @@ impl EkfOnlineNn {
         }
         let width = features.len() / tt_s.len();
         let first = &features[..training * width];
-        let network = Network::new(first, width, self.hidden, self.activation, std(&known).value).map_err(data)?;
+        let (network, start) = match flown.models {
+            [] => {
+                let network = Network::new(first, width, self.hidden, self.activation, std(&known).value);
+                (network.map_err(data)?, None)
+            }
+            [model] => {
+                let (network, start) = from_model(model, names, self.hidden, self.activation)?;
+                (network, Some(start))
+            }
+            _ => return Err(Fault::new("the filter `ekf_online_nn` begins with one trained network").of_param("model")),
+        };
         let parameters = TrainingParameters {
             seed: self.seed as u64,
             sigma_nt: flown.measurement_sigma_nt.hypot(flown.errors.fogm_sigma_nt),
@@ -160,9 +182,50 @@ impl EkfOnlineNn {
             memory_s: self.memory_s,
         };
         let calibration = Calibration { tt_s: &tt_s[..training], features: first, aircraft_nt: &aircraft_nt };
-        let prior = train(&network, &calibration, None, &parameters).map_err(data)?;
+        let prior = train(&network, &calibration, start.as_deref(), &parameters).map_err(data)?;
         Ok((network, prior, training))
     }
+}
+
+/// The network of a trained model for the features `names`, and its weights; `hidden` and `activation` are those of the spec.
+fn from_model(
+    model: &Fitted,
+    names: &[String],
+    hidden: usize,
+    activation: Activation,
+) -> Result<(Network, Vec<f64>), Fault> {
+    let learned = Learned::read(&model.terms, &model.values_nt)?;
+    let Some(Learned::Network(trained)) = learned else {
+        let what = "the model is no network";
+        return Err(Fault::data(what).of_param("model").help("name the table of a fit with `model = \"m1\"`"));
+    };
+    let layer = trained.one_layer()?;
+    let wrong = |what: String, key: &'static str| Fault::data(what).of_param(key);
+    if layer.b.len() != hidden {
+        let what = format!("the trained network has {} hidden units: say `hidden = {0}`", layer.b.len());
+        return Err(wrong(what, "hidden"));
+    }
+    if layer.activation.word() != activation.word() {
+        let what = format!("the hidden units of the trained network are `{}`", layer.activation.word());
+        return Err(wrong(what, "activation"));
+    }
+    if let Some(name) = layer.names.iter().find(|name| !names.contains(name)) {
+        let what = format!("the trained network has the input `{name}`, which is not among the features");
+        return Err(wrong(what, "features"));
+    }
+    // A feature that the training found constant has no weight.
+    let place = |name: &String| layer.names.iter().position(|known| known == name);
+    let places: Vec<Option<usize>> = names.iter().map(place).collect();
+    let of = |values: &[f64], without: f64| {
+        places.iter().map(|at| at.map_or(without, |at| values[at])).collect::<Vec<f64>>()
+    };
+    let w = layer.w.chunks_exact(layer.names.len().max(1));
+    let mut weights: Vec<f64> = w.flat_map(|unit| of(unit, 0.0)).collect();
+    let (mean_nt, scale_nt) = layer.target;
+    weights.extend(layer.b.iter().chain(layer.v));
+    weights.push(layer.last + mean_nt / scale_nt);
+    let network = Network::scaled(of(layer.mean, 0.0), of(layer.scale, 1.0), hidden, activation, scale_nt);
+    Ok((network.map_err(data)?, weights))
 }
 
 /// The measurement less the field at the position by GNSS, in nT, a value a sample; NaN without either.
@@ -183,7 +246,62 @@ fn aircraft_field(line: &NavigationLine, fixes: &PositionFixes, rows: usize) -> 
 
 #[cfg(test)]
 mod tests {
-    use crate::navigate::testing::*;
+    use learning::{
+        inputs::Inputs,
+        network::{self, Form, Shape},
+    };
+
+    use super::*;
+    use crate::{
+        navigate::testing::*,
+        trained::{self, Learned},
+    };
+
+    fn named(names: &[&str]) -> Vec<String> {
+        names.iter().map(ToString::to_string).collect()
+    }
+
+    /// A trained network of `b` and `a`, and its table.
+    fn model(members: usize) -> (trained::Network, Fitted) {
+        let scaling = Inputs { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
+        let activation = network::Activation::Swish;
+        let shape = Shape { inputs: 2, linear: 0, hidden: vec![3], activation, form: Form::Plain };
+        let members = (0..members).map(|m| shape.initial(m as u64, &[])).collect();
+        let made = trained::Network::new(named(&["b", "a"]), scaling, vec![], shape, members, (40.0, 7.0)).unwrap();
+        let terms = Learned::Network(made.clone()).terms();
+        let (terms, values_nt): (Vec<String>, Vec<f64>) = terms.into_iter().map(|t| (t.name, t.value)).unzip();
+        let sigmas_nt = vec![f64::NAN; terms.len()];
+        (made, Fitted { terms, values_nt, sigmas_nt })
+    }
+
+    #[test]
+    fn law_a_trained_network_predicts_the_same_within_the_filter() {
+        let (made, table) = model(1);
+        let (network, weights) = from_model(&table, &named(&["a", "constant", "b"]), 3, Activation::Swish).unwrap();
+        for [a, b] in [[0.3, -1.0], [4.0, 2.5], [-7.0, 0.1]] {
+            let inputs = network.standardised(&[a, 5.0, b]);
+            let within = network.value(&inputs, &weights);
+            assert!((within - made.predict(&[b, a]).field_nt[0]).abs() < 1e-12, "{within}");
+        }
+    }
+
+    #[test]
+    fn unit_a_model_that_is_no_such_network_is_refused() {
+        let (_, table) = model(1);
+        let why = |table: &Fitted, names: &[&str], hidden: usize, activation: Activation| {
+            from_model(table, &named(names), hidden, activation).unwrap_err().what
+        };
+        let both = ["a", "b"];
+        assert_eq!(
+            why(&table, &both, 8, Activation::Swish),
+            "the trained network has 3 hidden units: say `hidden = 3`"
+        );
+        assert!(why(&table, &both, 3, Activation::Tanh).contains("are `swish`"));
+        assert!(why(&table, &["a"], 3, Activation::Swish).contains("the input `b`, which is not among the features"));
+        assert!(why(&model(2).1, &both, 3, Activation::Swish).contains("is the mean of several networks"));
+        let linear = Fitted { terms: named(&["x"]), values_nt: vec![1.0], sigmas_nt: vec![0.1] };
+        assert_eq!(why(&linear, &both, 3, Activation::Swish), "the model is no network");
+    }
 
     #[test]
     fn law_the_network_learns_the_aircraft_and_the_filter_navigates() {

@@ -15,7 +15,7 @@
 
 use learning::{
     inputs::{Components, Inputs},
-    network::Shape,
+    network::{Activation, Form, Shape},
 };
 use numerics::regression::statistics;
 use schemas::Fault;
@@ -27,6 +27,24 @@ use super::{
 
 /// Rows that are predicted at a time.
 const ROWS: usize = 4096;
+
+/// The parts of a network of one hidden layer.
+pub struct OneLayer<'a> {
+    /// The names of the inputs.
+    pub names: &'a [String],
+    /// Their means and scales.
+    pub mean: &'a [f64],
+    pub scale: &'a [f64],
+    pub activation: Activation,
+    /// The weights of the hidden units, unit by unit, and their biases.
+    pub w: &'a [f64],
+    pub b: &'a [f64],
+    /// The weights of the output, and its bias.
+    pub v: &'a [f64],
+    pub last: f64,
+    /// Mean and scale of the target, nT.
+    pub target: (f64, f64),
+}
 
 /// A network, or several of one shape whose mean counts.
 #[derive(Clone, Debug, PartialEq)]
@@ -110,6 +128,39 @@ impl Network {
             }
         }
         Prediction { field_nt, sigma_nt }
+    }
+
+    /// Its parts, where it is one network of one hidden layer alone.
+    ///
+    /// # Errors
+    /// When it is something else.
+    pub fn one_layer(&self) -> Result<OneLayer<'_>, Fault> {
+        let fault = |what: &str| {
+            let help = "fit `m1` with one hidden layer, without `whiten` and `members`";
+            Err(Fault::data(format!("the trained model {what}")).of_param("model").help(help))
+        };
+        let [hidden] = self.shape.hidden[..] else { return fault("has not one hidden layer") };
+        let [member] = &self.members[..] else { return fault("is the mean of several networks") };
+        if self.shape.form != Form::Plain {
+            return fault("has a linear part");
+        }
+        if self.scaling.components.is_some() {
+            return fault("takes principal components");
+        }
+        let (w, rest) = member.split_at(hidden * self.inputs.len());
+        let (b, rest) = rest.split_at(hidden);
+        let (v, last) = rest.split_at(hidden);
+        Ok(OneLayer {
+            names: &self.inputs,
+            mean: &self.scaling.mean,
+            scale: &self.scaling.scale,
+            activation: self.shape.activation,
+            w,
+            b,
+            v,
+            last: last.first().copied().unwrap_or(0.0),
+            target: self.target,
+        })
     }
 
     /// See [`Learned::gradient`](super::Learned::gradient). A column that is an input and a linear term has both parts.
@@ -215,8 +266,6 @@ fn member_of(number: usize) -> String {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use learning::network::{Activation, Form};
-
     use super::super::Learned;
     use super::*;
 

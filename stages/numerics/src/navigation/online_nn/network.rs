@@ -92,6 +92,33 @@ impl Network {
         Ok(Self { inputs, hidden, activation, output_nt, mean, deviation })
     }
 
+    /// A network whose inputs are scaled by means and deviations that are given, as those of one that was trained before.
+    ///
+    /// # Errors
+    /// Fails without inputs or hidden units, for means and deviations of different numbers or not finite, and for a
+    /// deviation or an `output_nt` that is not above 0.
+    pub fn scaled(
+        mean: Vec<f64>,
+        deviation: Vec<f64>,
+        hidden: usize,
+        activation: Activation,
+        output_nt: f64,
+    ) -> Result<Self, ParameterError> {
+        let positive = |x: &f64| *x > 0.0 && x.is_finite();
+        let inputs = mean.len();
+        if inputs == 0 || hidden == 0 || deviation.len() != inputs {
+            let what = format!("{inputs} means and {} deviations are no scaling for a network", deviation.len());
+            return Err(refused("features", what));
+        }
+        if !(positive(&output_nt) && deviation.iter().all(positive) && mean.iter().all(|m| m.is_finite())) {
+            return Err(refused(
+                "features",
+                "the scaling of a network must be finite, and its scales above 0".to_owned(),
+            ));
+        }
+        Ok(Self { inputs, hidden, activation, output_nt, mean, deviation })
+    }
+
     /// The number of features.
     pub fn inputs(&self) -> usize {
         self.inputs
