@@ -218,6 +218,31 @@ fn ref_models_of_thesis_000_are_in_its_order() {
 }
 
 #[test]
+fn ref_real_sensors_leave_linear_models_what_the_thesis_reports() {
+    let fewer = [
+        "axes.mag=[\"mag_3_uc\", \"mag_5_uc\"]",
+        "axes.vector=[\"flux_a\"]",
+        "axes.vectors=[[\"TL_A_flux_a\"], [\"TL_A_flux_a\", \"TL_A_flux_d\"]]",
+    ];
+    let (folder, last) = run_with("real_sensors.toml", &fewer);
+    assert_eq!(last["failed"], 0);
+    let errors = |table: &str| {
+        let scores = read(&folder.path().join("store/tables/real_sensors").join(table));
+        let (metrics, values) = (texts(&scores, "metric"), numbers(&scores, "value"));
+        let chosen: Vec<f64> = (0..values.len()).filter(|i| metrics[*i] == "std_error").map(|i| values[i]).collect();
+        assert_eq!(chosen.len(), if table.ends_with("box") { 2 } else { 4 }, "{table}");
+        chosen
+    };
+    // Fluxgates that err linearly only give partial least squares the truth; thesis 000, Table 4.10, has 4.7 to 70 nT.
+    assert!(errors("ideal_pls").iter().all(|e| *e < 4.0), "{:?}", errors("ideal_pls"));
+    assert!(errors("real_pls").iter().all(|e| (4.7..70.0).contains(e)), "{:?}", errors("real_pls"));
+    // Tolles-Lawson on a box, which was as published before, hardly changes.
+    for (ideal, real) in errors("ideal_box").iter().zip(errors("real_box")) {
+        assert!((0.7..1.4).contains(&(real / ideal)), "{real} {ideal}");
+    }
+}
+
+#[test]
 fn user_the_thesis_spec_takes_the_columns_of_the_real_survey() {
     let folder = TempDir::new().unwrap();
     let spec = repository().join("datasets/examples/thesis_000.toml").display().to_string();

@@ -43,8 +43,8 @@ mod spec;
 mod trajectory;
 
 pub use aircraft::{
-    Aircraft, Current, Drawn, Engine, Heading, Input, Kind, Sampling, Scalar, Signal, Source, Temperature, Thermostat,
-    Vector, Voltage, Wire,
+    Aircraft, Channel, Current, Drawn, Engine, Heading, Input, Kind, Sampling, Scalar, Signal, Source, Temperature,
+    Thermostat, Vector, Voltage, Wire,
 };
 pub use earth::{Body, Buried, Diurnal, Earth, Pulsations, Storm};
 pub use format::FORMAT;

@@ -4,31 +4,34 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::{
     super::random::Random,
+    feeds::Feeds,
     spec::{Aircraft, Drawn, Source},
 };
 use crate::reading::Components;
 
-/// The field strength that the sizes of induced terms refer to, in nT.
-const SCALE_NT: f64 = 50_000.0;
+/// The field strength that the sizes of induced terms and of hysteresis refer to, in nT.
+pub(super) const SCALE_NT: f64 = 50_000.0;
 
 /// Between the steps of the permanent field's random walk, in seconds; linear within them.
 const WALK_STEP_S: f64 = 10.0;
 
 /// The components of the field at a magnetometer, in the order in which they are added.
-pub(super) const FIELD_PARTS: [&str; 10] =
-    ["core", "anomaly", "diurnal", "permanent", "induced", "eddy", "currents", "landing", "walk", "flex"];
+pub(super) const FIELD_PARTS: [&str; 11] =
+    ["core", "anomaly", "diurnal", "permanent", "induced", "eddy", "currents", "landing", "walk", "flex", "hysteresis"];
 
 /// The sources of the aircraft's field at one magnetometer in one flight, in the body frame:
-/// P + M B + E dB/dt + the sum of I_k D_k, the landing's shift and a walk of P, and the bending of the wings.
-/// [Tolles & Lawson 1950; thesis 000 (3.9)-(3.12)]
+/// P + M B + E dB/dt + the sum of I_k D_k, the landing's shift and a walk of P, the bending of the wings, and what the
+/// airframe's iron remembers of the fields before. [Tolles & Lawson 1950; thesis 000 (3.9)-(3.12)]
 pub(super) struct Field {
     permanent_nt: Vector3<f64>,
     induced: Matrix3<f64>,
     eddy_s: Matrix3<f64>,
+    /// By the column of what feeds them.
     currents_nt_per_a: Vec<(usize, Vector3<f64>)>,
     landing_nt: Vector3<f64>,
     flex_nt_per_mps2: Vector3<f64>,
     flex_limit_mps2: f64,
+    hysteresis_nt: Matrix3<f64>,
     /// The walk at multiples of its step after the flight's start.
     walk_nt: Vec<Vector3<f64>>,
 }
@@ -39,14 +42,16 @@ pub(super) struct Drive<'a> {
     pub(super) earth_nt: Vector3<f64>,
     /// Its rate, in nT/s.
     pub(super) rate_ntps: Vector3<f64>,
-    /// The true currents along the line, in A.
-    pub(super) amperes: &'a [Vec<f64>],
+    /// What feeds the fields of currents along the line, in A: [`super::feeds::Feeds`].
+    pub(super) feeds_a: &'a [Vec<f64>],
     /// The sample.
     pub(super) row: usize,
     /// Seconds after the flight's start.
     pub(super) since_s: f64,
     /// Upward specific force beyond that of level flight, in m/s².
     pub(super) lift_mps2: f64,
+    /// The irreversible magnetisation of the airframe's iron along each axis, of that of the reference loop.
+    pub(super) iron: Vector3<f64>,
 }
 
 impl Field {
@@ -56,7 +61,7 @@ impl Field {
         seed: u64,
         (flight, until_s): (&str, f64),
         (name, source): (&str, &Source),
-        aircraft: &Aircraft,
+        (aircraft, feeds): (&Aircraft, &Feeds),
         components: &Components,
     ) -> Field {
         let on = |component: &str| if components.on(component) { 1.0 } else { 0.0 };
@@ -77,15 +82,23 @@ impl Field {
             Drawn::Size(s) => e * s,
         };
         let flex_nt_per_mps2 = vector(source.flex, &mut Random::of(seed, &["aircraft", name, "flex"]));
+        let hysteresis = match source.hysteresis {
+            Drawn::Exact(matrix) => matrix,
+            Drawn::Size(nt) => {
+                let mut random = Random::of(seed, &["aircraft", name, "hysteresis"]);
+                Matrix3::from_fn(|_, _| nt * random.normal())
+            }
+        };
         let landing = Random::of(seed, &["flight", flight, "landing", name]);
         Field {
             permanent_nt: permanent_nt * on("permanent"),
             induced: induced * on("induced"),
             eddy_s: eddy_s * on("eddy"),
-            currents_nt_per_a: couplings(seed, name, source, aircraft, on("currents")),
+            currents_nt_per_a: couplings(seed, name, source, (aircraft, feeds), on("currents")),
             landing_nt: normals(landing) * (source.shift_nt * on("landing")),
             flex_nt_per_mps2: flex_nt_per_mps2 * on("flex"),
             flex_limit_mps2: source.flex_limit_mps2,
+            hysteresis_nt: hysteresis * on("hysteresis"),
             walk_nt: walk(
                 source.walk_nt_per_sqrt_h * on("walk"),
                 until_s,
@@ -95,8 +108,8 @@ impl Field {
     }
 
     /// The aircraft's components in nT, in the order of [`FIELD_PARTS`] from the permanent field on.
-    pub(super) fn parts_nt(&self, drive: &Drive) -> [Vector3<f64>; 7] {
-        let amperes = |k: usize| drive.amperes.get(k).and_then(|c| c.get(drive.row)).copied().unwrap_or(0.0);
+    pub(super) fn parts_nt(&self, drive: &Drive) -> [Vector3<f64>; 8] {
+        let amperes = |k: usize| drive.feeds_a.get(k).and_then(|c| c.get(drive.row)).copied().unwrap_or(0.0);
         let lift = drive.lift_mps2.clamp(-self.flex_limit_mps2, self.flex_limit_mps2);
         [
             self.permanent_nt,
@@ -106,6 +119,7 @@ impl Field {
             self.landing_nt,
             self.walk_at(drive.since_s),
             self.flex_nt_per_mps2 * lift,
+            self.hysteresis_nt * drive.iron,
         ]
     }
 
@@ -120,7 +134,7 @@ impl Field {
     }
 }
 
-fn vector(drawn: Drawn<Vector3<f64>>, random: &mut Random) -> Vector3<f64> {
+pub(super) fn vector(drawn: Drawn<Vector3<f64>>, random: &mut Random) -> Vector3<f64> {
     let direction = random.direction();
     match drawn {
         Drawn::Exact(v) => v,
@@ -132,12 +146,19 @@ fn normals(mut random: Random) -> Vector3<f64> {
     Vector3::from_fn(|_, _| random.normal())
 }
 
-fn couplings(seed: u64, name: &str, source: &Source, aircraft: &Aircraft, on: f64) -> Vec<(usize, Vector3<f64>)> {
+fn couplings(
+    seed: u64,
+    name: &str,
+    source: &Source,
+    (aircraft, feeds): (&Aircraft, &Feeds),
+    on: f64,
+) -> Vec<(usize, Vector3<f64>)> {
     let given = source.currents.iter().map(|(index, amount)| {
         let current = aircraft.currents.get(*index).map_or("", |c| c.name.as_str());
         (*index, vector(*amount, &mut Random::of(seed, &["aircraft", name, current])) * on)
     });
-    let at = |at_m: Vector3<f64>| aircraft.wires.iter().map(move |w| (w.current, w.nt_per_a(&at_m) * on));
+    let wires = || aircraft.wires.iter().zip(&feeds.of_wires);
+    let at = |at_m: Vector3<f64>| wires().map(move |(w, feed)| (*feed, w.nt_per_a(&at_m) * on));
     given.chain(source.position_m.into_iter().flat_map(at)).collect()
 }
 

@@ -1,23 +1,30 @@
 //! The magnetic field of the aircraft, and the readings of the magnetometers and the other sensors on board.
 
-use nalgebra::Vector3;
+use nalgebra::{Rotation3, Vector3};
 
 use super::{earth::Along, scene::Scene, trajectory::Trajectory};
-use field::{Drive, FIELD_PARTS, Field};
+use feeds::Feeds;
+use field::{Drive, FIELD_PARTS, Field, SCALE_NT};
 use motion::Motion;
+use response::{Rayleigh, delayed, first_order};
 use sensors::{Bench, FieldParts, SCALAR_PARTS, VECTOR_PARTS};
 pub use spec::{
-    Aircraft, Current, Drawn, Engine, Heading, Input, Kind, Sampling, Scalar, Signal, Source, Temperature, Thermostat,
-    Vector, Voltage, Wire,
+    Aircraft, Channel, Current, Drawn, Engine, Heading, Input, Kind, Sampling, Scalar, Signal, Source, Temperature,
+    Thermostat, Vector, Voltage, Wire,
 };
 
 mod currents;
+mod feeds;
 mod field;
 mod motion;
+mod response;
 mod sampling;
 mod sensors;
 pub(super) mod spec;
 mod wires;
+
+/// The steps of the turn before a line.
+const TURN_STEPS: u32 = 72;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
@@ -51,6 +58,10 @@ struct Surroundings<'a> {
     body_nt: [Vec<Vector3<f64>>; 3],
     /// True currents in A: one column each.
     amperes: Vec<Vec<f64>>,
+    /// What the fields of the currents are proportional to.
+    feeds: Feeds,
+    /// The irreversible magnetisation of the airframe's iron, of that of the reference loop; empty where there is none.
+    iron: Vec<Vector3<f64>>,
     /// The duration of the flight up to the line's end, in seconds.
     until_s: f64,
 }
@@ -65,16 +76,18 @@ impl<'a> Surroundings<'a> {
         let aircraft = &scene.spec.aircraft;
         let currents = aircraft.currents.iter();
         let amperes = currents.map(|c| c.amperes(&motion, &aircraft.temperature, &mut scene.random(&c.name)));
-        let amperes = amperes.collect();
+        let amperes: Vec<Vec<f64>> = amperes.collect();
+        let feeds = Feeds::of(aircraft, &amperes, scene.spec.rate_hz, &scene.spec.components);
         let until_s = motion.since_s.last().copied().unwrap_or(0.0);
-        Self { scene, truth, earth, motion, body_nt, amperes, until_s }
+        let iron = iron(scene, &earth.body_nt);
+        Self { scene, truth, earth, motion, body_nt, amperes, feeds, iron, until_s }
     }
 
     /// The components of the field at a sensor, sample by sample.
     fn field_at(&'a self, name: &str, source: &'a spec::Source) -> impl Iterator<Item = FieldParts> + 'a {
         let spec = self.scene.spec;
         let flight = (self.scene.flight.name.as_str(), self.until_s);
-        let field = Field::draw(spec.seed, flight, (name, source), &spec.aircraft, &spec.components);
+        let field = Field::draw(spec.seed, flight, (name, source), (&spec.aircraft, &self.feeds), &spec.components);
         (0..self.truth.tt_s.len()).map(move |i| self.parts(&field, i))
     }
 
@@ -82,15 +95,39 @@ impl<'a> Surroundings<'a> {
         let drive = Drive {
             earth_nt: self.earth.body_nt[i],
             rate_ntps: self.earth.body_rate_ntps[i],
-            amperes: &self.amperes,
+            feeds_a: &self.feeds.series_a,
             row: i,
             since_s: self.motion.since_s[i],
             lift_mps2: self.motion.lift_mps2[i],
+            iron: self.iron.get(i).copied().unwrap_or_default(),
         };
-        let [permanent, induced, eddy, currents, landing, walk, flex] = field.parts_nt(&drive);
+        let [permanent, induced, eddy, currents, landing, walk, flex, hysteresis] = field.parts_nt(&drive);
         let [core, anomaly, diurnal] = self.body_nt.each_ref().map(|part| part[i]);
-        [core, anomaly, diurnal, permanent, induced, eddy, currents, landing, walk, flex]
+        [core, anomaly, diurnal, permanent, induced, eddy, currents, landing, walk, flex, hysteresis]
     }
+}
+
+/// The irreversible magnetisation of the airframe's iron along each axis of the body, of that of the reference loop,
+/// where a sensor has it. Before the line begins the aircraft has turned level through a full circle, to the right or to
+/// the left.
+fn iron(scene: &Scene, earth_nt: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    let aircraft = &scene.spec.aircraft;
+    let sources = aircraft.scalars.iter().map(|s| &s.source).chain(aircraft.vectors.iter().map(|v| &v.source));
+    let none = sources.into_iter().all(|s| s.hysteresis.is_none());
+    let Some(first_nt) = earth_nt.first().filter(|_| !none && scene.spec.components.on("hysteresis")) else {
+        return vec![];
+    };
+    let direction = if scene.random("turn before").uniform() < 0.5 { 1.0 } else { -1.0 };
+    let turning = (0..TURN_STEPS).map(|k| {
+        let angle = direction * std::f64::consts::TAU * f64::from(k) / f64::from(TURN_STEPS);
+        Rotation3::from_axis_angle(&Vector3::z_axis(), angle) * first_nt
+    });
+    let mut axes = [0, 1, 2].map(|_| Rayleigh::demagnetised(SCALE_NT));
+    let mut follow = |b: Vector3<f64>| Vector3::from_fn(|k, _| axes[k].follow(b[k]));
+    turning.for_each(|b| {
+        follow(b);
+    });
+    earth_nt.iter().map(|b| follow(*b)).collect()
 }
 
 /// The readings of every sensor along a line, by column.
@@ -98,7 +135,7 @@ pub(super) fn readings(scene: &Scene, truth: &Trajectory, earth: &Along) -> Vec<
     let aircraft = &scene.spec.aircraft;
     let around = Surroundings::new(scene, truth, earth);
     let (since_s, wanted) = (&around.motion.since_s, aircraft.component_columns);
-    let bench = Bench { scene, tt_s: &truth.tt_s, since_s, wanted };
+    let bench = Bench { scene, tt_s: &truth.tt_s, since_s, amperes: &around.amperes, wanted };
     let (mut values, mut parts) = (vec![], vec![]);
     for sensor in &aircraft.scalars {
         let reading = bench.scalar(sensor, around.field_at(&sensor.name, &sensor.source));
@@ -126,24 +163,28 @@ impl Surroundings<'_> {
             let sigma = if scene.spec.components.on("noise") { sigma } else { 0.0 };
             x.iter().map(|x| x + sigma * random.normal()).collect()
         };
+        let recorded = |x: Vec<f64>, channel: &Channel| recorded(x, channel, scene);
+        let step = |step: f64| if scene.spec.components.on("channel_resolution") { step } else { 0.0 };
         let mut out = vec![];
         for (current, true_a) in aircraft.currents.iter().zip(&self.amperes).filter(|(c, _)| c.measured) {
-            let read: Vec<f64> = true_a.iter().map(|a| current.scale * a).collect();
-            out.push(noisy(&read, current.noise_a, "sensor of", &current.name));
+            let scale = if scene.spec.components.on("channel_scale") { current.scale } else { 1.0 };
+            let read = recorded(true_a.iter().map(|a| scale * a).collect(), &current.channel);
+            let read = noisy(&read, current.noise_a, "sensor of", &current.name);
+            out.push(rounded(read, step(current.resolution_a)));
         }
         for voltage in &aircraft.voltages {
             let at = |(i, t): (usize, &f64)| {
                 let sag: f64 = voltage.ohm.iter().map(|(k, ohm)| ohm * self.amperes[*k][i]).sum();
                 voltage.volts - sag - voltage.discharge_v_per_h * t / 3600.0
             };
-            let volts: Vec<f64> = self.motion.since_s.iter().enumerate().map(at).collect();
-            out.push(noisy(&volts, voltage.noise_v, "sensor of", &voltage.name));
+            let volts = self.motion.since_s.iter().enumerate().map(at).collect();
+            let read = noisy(&recorded(volts, &voltage.channel), voltage.noise_v, "sensor of", &voltage.name);
+            out.push(rounded(read, step(voltage.resolution_v)));
         }
         for input in &aircraft.inputs {
-            let signal: Vec<f64> = self.signal(&input.signal).iter().map(|s| input.offset + input.gain * s).collect();
-            let read = noisy(&signal, input.noise, "input", &input.name);
-            let step = input.resolution;
-            out.push(read.iter().map(|x| if step > 0.0 { (x / step).round() * step } else { *x }).collect());
+            let signal = self.signal(&input.signal).iter().map(|s| input.offset + input.gain * s).collect();
+            let read = noisy(&recorded(signal, &input.channel), input.noise, "input", &input.name);
+            out.push(rounded(read, input.resolution));
         }
         out
     }
@@ -163,6 +204,24 @@ impl Surroundings<'_> {
             Signal::Temperature => self.motion.since_s.iter().map(|t| aircraft.temperature.at(*t)).collect(),
         }
     }
+}
+
+/// What a channel makes of the quantity that it records, before noise.
+fn recorded(x: Vec<f64>, channel: &Channel, scene: &Scene) -> Vec<f64> {
+    let on = |component: &str| scene.spec.components.on(component);
+    if let Some(stuck) = channel.stuck_at.filter(|_| on("channel_stuck")) {
+        return vec![stuck; x.len()];
+    }
+    let rate_hz = scene.spec.rate_hz;
+    let response_s = if on("channel_response") { channel.response_s } else { 0.0 };
+    let delay_s = if on("channel_delay") { channel.delay_s } else { 0.0 };
+    let limit = channel.limit.filter(|_| on("channel_limit")).unwrap_or(f64::INFINITY);
+    let read = first_order(&delayed(&x, rate_hz, delay_s), rate_hz, response_s);
+    read.into_iter().map(|x| x.clamp(-limit, limit)).collect()
+}
+
+fn rounded(x: Vec<f64>, step: f64) -> Vec<f64> {
+    if step > 0.0 { x.iter().map(|x| (x / step).round() * step).collect() } else { x }
 }
 
 #[cfg(test)]

@@ -1,11 +1,14 @@
 //! The readings of the magnetometers.
 
+use std::f64::consts::TAU;
+
 use nalgebra::{Matrix3, Vector3};
 
 use super::{
     super::{random::Random, scene::Scene},
     currents::switched,
-    field::FIELD_PARTS,
+    field::{FIELD_PARTS, SCALE_NT, vector},
+    response::{Rayleigh, first_order},
     sampling::Clock,
     spec::{Sampling, Scalar, Temperature, Vector},
 };
@@ -14,8 +17,21 @@ use super::{
 pub(super) const SCALAR_PARTS: [&str; 6] = ["heading", "lag", "drift", "spikes", "noise", "quantisation"];
 
 /// The components that a vector magnetometer adds, in order.
-pub(super) const VECTOR_PARTS: [&str; 7] =
-    ["calibration", "offset", "temperature", "lag", "drift", "noise", "quantisation"];
+pub(super) const VECTOR_PARTS: [&str; 13] = [
+    "calibration",
+    "linearity",
+    "core_hysteresis",
+    "offset",
+    "temperature",
+    "temperature_scale",
+    "crosstalk",
+    "bandwidth",
+    "axis_lag",
+    "lag",
+    "drift",
+    "noise",
+    "quantisation",
+];
 
 /// The components of the field at a sensor, sample by sample.
 pub(super) type FieldParts = [Vector3<f64>; FIELD_PARTS.len()];
@@ -56,6 +72,8 @@ pub(super) struct Bench<'a> {
     pub(super) tt_s: &'a [f64],
     /// Seconds after the flight's start.
     pub(super) since_s: &'a [f64],
+    /// True currents in A: one column each.
+    pub(super) amperes: &'a [Vec<f64>],
     /// Whether the components are requested.
     pub(super) wanted: bool,
 }
@@ -180,21 +198,79 @@ impl Bench<'_> {
                 }
             }
         }
+        let warmth = self.warmth(sensor, temperature);
+        let crosstalk = self.crosstalk(sensor);
+        let rate_hz = self.scene.spec.rate_hz;
         let clock = self.clock(&sensor.sampling);
         let mut random = self.scene.random(&sensor.name);
         for (axis, reading) in axes.iter_mut().enumerate() {
             let name = format!("{}_{}", sensor.name, ["x", "y", "z"][axis]);
             reading.add(self.wanted, std::mem::take(&mut calibration[axis]));
+            self.linearity(reading, made.linearity[axis], sensor.full_scale_nt);
+            self.core_hysteresis(reading, sensor.core_hysteresis_nt);
+            // What the temperature changes the scale of.
+            let felt_nt = reading.values_nt.clone();
             reading.add(self.wanted, vec![if moved { made.offset_nt[axis] } else { 0.0 }; self.tt_s.len()]);
             let per_degc = if self.on("temperature") { made.nt_per_degc[axis] } else { 0.0 };
-            let warmth = |t: &f64| per_degc * (temperature.at(*t) - temperature.reference_degc);
-            reading.add(self.wanted, self.since_s.iter().map(warmth).collect());
+            reading.add(self.wanted, warmth.iter().map(|degc| per_degc * degc).collect());
+            let per_degc = if self.on("temperature_scale") { made.scale_per_degc[axis] } else { 0.0 };
+            reading.add(self.wanted, felt_nt.iter().zip(&warmth).map(|(x, degc)| x * per_degc * degc).collect());
+            reading.add(self.wanted, crosstalk.iter().map(|added_nt| added_nt[axis]).collect());
+            let tau_s = sensor.bandwidth_hz.filter(|_| self.on("bandwidth")).map_or(0.0, |hz| 1.0 / (TAU * hz));
+            reading.replace(self.wanted, first_order(&reading.values_nt, rate_hz, tau_s));
+            let axis_lag = Sampling { rate_hz: None, lag_s: sensor.axis_lag_s[axis], hold: false };
+            let turn = Clock::new(&axis_lag, self.tt_s.len(), rate_hz, self.on("axis_lag"));
+            self.late(reading, &turn);
             self.late(reading, &clock);
             self.drift(reading, sensor.drift, &name);
             self.noise(reading, &clock, sensor.noise_nt, &mut random);
             reading.quantise(self.wanted, if self.on("quantisation") { sensor.resolution_nt } else { 0.0 });
         }
         axes
+    }
+
+    /// How much warmer the sensor is than where it was calibrated, in degrees.
+    fn warmth(&self, sensor: &Vector, temperature: &Temperature) -> Vec<f64> {
+        let tau_s = if self.on("thermal_lag") { sensor.thermal_tau_s } else { 0.0 };
+        self.since_s.iter().map(|t| temperature.followed_at(*t, tau_s) - temperature.reference_degc).collect()
+    }
+
+    /// What currents add to the readings, in nT.
+    fn crosstalk(&self, sensor: &Vector) -> Vec<Vector3<f64>> {
+        let mut added_nt = vec![Vector3::zeros(); self.tt_s.len()];
+        let wanted = if self.on("crosstalk") { sensor.crosstalk.as_slice() } else { &[] };
+        for (index, amount) in wanted {
+            let current = self.scene.spec.aircraft.currents.get(*index).map_or("", |c| c.name.as_str());
+            let names = ["aircraft", &sensor.name, current, "crosstalk"];
+            let nt_per_a = vector(*amount, &mut Random::of(self.scene.spec.seed, &names));
+            let amperes = self.amperes.get(*index).into_iter().flatten();
+            added_nt.iter_mut().zip(amperes).for_each(|(sum, a)| *sum += nt_per_a * *a);
+        }
+        added_nt
+    }
+
+    /// The departure from the best straight line: the third Chebyshev polynomial, whose largest values within the full
+    /// scale are those of `linearity`.
+    fn linearity(&self, reading: &mut Reading, linearity: f64, full_scale_nt: f64) {
+        let size_nt = if self.on("linearity") { linearity * full_scale_nt } else { 0.0 };
+        let off = |x: &f64| {
+            let u = x / full_scale_nt;
+            size_nt * (4.0 * u.powi(3) - 3.0 * u)
+        };
+        reading.add(self.wanted, reading.values_nt.iter().map(off).collect());
+    }
+
+    /// The hysteresis of the core, which has been through the loop of its first reading before the line begins.
+    fn core_hysteresis(&self, reading: &mut Reading, remanent_nt: f64) {
+        let part = if remanent_nt == 0.0 || !self.on("core_hysteresis") {
+            vec![0.0; self.tt_s.len()]
+        } else {
+            let mut core = Rayleigh::demagnetised(SCALE_NT);
+            let first_nt = reading.values_nt.first().copied().unwrap_or(0.0);
+            core.follow(-first_nt);
+            reading.values_nt.iter().map(|x| remanent_nt * core.follow(*x)).collect()
+        };
+        reading.add(self.wanted, part);
     }
 }
 
@@ -210,6 +286,10 @@ struct Made {
     skew: Matrix3<f64>,
     offset_nt: Vector3<f64>,
     nt_per_degc: Vector3<f64>,
+    /// Change of the scale, per degree.
+    scale_per_degc: Vector3<f64>,
+    /// Largest departure from the best straight line, of the full scale.
+    linearity: Vector3<f64>,
 }
 
 impl Made {
@@ -236,6 +316,16 @@ impl Made {
             (1.0 - sz[0] * sz[0] - sz[1] * sz[1]).max(0.0).sqrt(),
         );
         let turned = *nalgebra::Rotation3::new(turn).matrix();
-        Made { skew: scale * axes * turned - Matrix3::identity(), offset_nt, nt_per_degc }
+        let another = |what: &str, ppm: f64| {
+            let mut random = Random::of(seed, &["calibration", &sensor.name, what]);
+            Vector3::from_fn(|_, _| 1e-6 * ppm * random.normal())
+        };
+        Made {
+            skew: scale * axes * turned - Matrix3::identity(),
+            offset_nt,
+            nt_per_degc,
+            scale_per_degc: another("temperature_scale", sensor.temperature_scale_ppm_per_degc),
+            linearity: another("linearity", sensor.linearity_ppm),
+        }
     }
 }

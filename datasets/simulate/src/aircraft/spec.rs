@@ -1,6 +1,6 @@
 //! What the spec says of the aircraft: what is on board, and its magnetometers.
 
-pub use electric::{Current, Engine, Input, Kind, Signal, Temperature, Thermostat, Voltage, Wire};
+pub use electric::{Channel, Current, Engine, Input, Kind, Signal, Temperature, Thermostat, Voltage, Wire};
 pub use sensor::{Heading, Sampling, Scalar, Vector};
 pub use source::{Drawn, Source};
 

@@ -54,7 +54,7 @@ mod tests {
 
     fn wire(path: &[[f64; 3]], closed: bool) -> Wire {
         let path_m = path.iter().map(|p| Vector3::from(*p)).collect();
-        Wire { current: 0, path_m, closed, turns: 1.0, dipole: None }
+        Wire { current: 0, path_m, closed, turns: 1.0, onset_a: 0.0, dipole: None }
     }
 
     #[test]

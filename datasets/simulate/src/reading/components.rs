@@ -20,11 +20,23 @@ pub const COMPONENTS: &[&str] = &[
     "landing",
     "walk",
     "flex",
+    "hysteresis",
+    "current_lag",
+    "current_iron",
+    "return_path",
+    "unreported",
     // The sensors.
     "heading",
     "calibration",
+    "linearity",
+    "core_hysteresis",
     "offset",
     "temperature",
+    "temperature_scale",
+    "thermal_lag",
+    "crosstalk",
+    "bandwidth",
+    "axis_lag",
     "lag",
     "drift",
     "spikes",
@@ -32,6 +44,13 @@ pub const COMPONENTS: &[&str] = &[
     "quantisation",
     "dead_zones",
     "dropouts",
+    // The channels of currents, voltages and control signals.
+    "channel_scale",
+    "channel_delay",
+    "channel_response",
+    "channel_limit",
+    "channel_resolution",
+    "channel_stuck",
 ];
 
 /// Which components are off; all others are on.

@@ -15,13 +15,35 @@ use toml::{
 
 use super::section::Faults;
 
-/// The presets by name, each a TOML file of a spec without map and flights.
-pub const PRESETS: &[(&str, &str)] =
-    &[("cessna", include_str!("../../presets/cessna.toml")), ("drone", include_str!("../../presets/drone.toml"))];
+const CESSNA: &str = include_str!("../../presets/cessna.toml");
+const DRONE: &str = include_str!("../../presets/drone.toml");
+
+/// The presets by name, each of one or more TOML files of a spec without map and flights. A later file is put on top of
+/// those before it, as a spec is on top of its preset; but what it lists without names, such as wires, is added.
+pub const PRESETS: &[(&str, &[&str])] = &[
+    ("cessna", &[CESSNA]),
+    ("cessna_real", &[CESSNA, include_str!("../../presets/cessna_real.toml")]),
+    ("drone", &[DRONE]),
+    ("drone_real", &[DRONE, include_str!("../../presets/drone_real.toml")]),
+];
 
 /// Two ways to say one thing: who says it one way takes back the other.
-const EITHER: [[&str; 2]; 4] =
-    [["permanent", "permanent_nt"], ["induced", "induced_nt"], ["eddy", "eddy_s"], ["flex", "flex_nt_per_mps2"]];
+const EITHER: [[&str; 2]; 5] = [
+    ["permanent", "permanent_nt"],
+    ["induced", "induced_nt"],
+    ["eddy", "eddy_s"],
+    ["flex", "flex_nt_per_mps2"],
+    ["hysteresis", "hysteresis_nt"],
+];
+
+/// What becomes of a list whose entries have no names where both tables have one.
+#[derive(Clone, Copy)]
+enum Unnamed {
+    /// The upper one stands.
+    Replace,
+    /// The upper one's entries follow the lower one's.
+    Append,
+}
 
 /// Puts the preset that the spec `root` names, if it names one, below it. What is wrong with what comes from the
 /// preset is told where the spec names it.
@@ -39,27 +61,28 @@ pub(crate) fn applied<'a>(mut root: DeTable<'a>, faults: &Faults) -> DeTable<'a>
         return root;
     };
     let names: Vec<&str> = PRESETS.iter().map(|(name, _)| *name).collect();
-    let Some((_, text)) = PRESETS.iter().find(|(known, _)| *known == name) else {
+    let Some((_, texts)) = PRESETS.iter().find(|(known, _)| *known == name) else {
         fault(Fault::new(format!("there is no preset `{name}`")).nearest(name, &names));
         return root;
     };
-    match DeTable::parse(text) {
-        Ok(preset) => {
-            let mut base = placed(preset.into_inner(), &named.span());
-            for (gone, at) in without {
-                if !leave_out(&mut base, &gone) {
-                    let known = entries(&base);
-                    let what = format!("the preset `{name}` has no `{gone}`");
-                    faults.borrow_mut().push(Fault::new(what).at(at).nearest(&gone, &known));
-                }
+    let mut base = DeTable::new();
+    for text in *texts {
+        match DeTable::parse(text) {
+            Ok(layer) => base = merged(base, placed(layer.into_inner(), &named.span()), Unnamed::Append),
+            Err(error) => {
+                fault(Fault::new(format!("the preset `{name}` is broken: {}", error.message())));
+                return root;
             }
-            merged(base, root)
-        }
-        Err(error) => {
-            fault(Fault::new(format!("the preset `{name}` is broken: {}", error.message())));
-            root
         }
     }
+    for (gone, at) in without {
+        if !leave_out(&mut base, &gone) {
+            let known = entries(&base);
+            let what = format!("the preset `{name}` has no `{gone}`");
+            faults.borrow_mut().push(Fault::new(what).at(at).nearest(&gone, &known));
+        }
+    }
+    merged(base, root, Unnamed::Replace)
 }
 
 fn left_out(value: &Spanned<DeValue>, faults: &Faults) -> Vec<(String, Range<usize>)> {
@@ -97,7 +120,7 @@ fn leave_out(table: &mut DeTable, name: &str) -> bool {
         *list = kept.collect::<Vec<_>>().into_iter().collect();
         for entry in list.iter_mut() {
             let DeValue::Table(entry) = entry.get_mut() else { continue };
-            for key in ["currents", "ohm"] {
+            for key in ["currents", "ohm", "crosstalk"] {
                 if let Some(DeValue::Table(couplings)) = entry.get_mut(key).map(Spanned::get_mut) {
                     couplings.remove(name);
                 }
@@ -125,7 +148,7 @@ fn placed_value<'a>(value: Spanned<DeValue<'a>>, at: &Range<usize>) -> Spanned<D
 }
 
 /// `over` on top of `base`.
-fn merged<'a>(mut base: DeTable<'a>, over: DeTable<'a>) -> DeTable<'a> {
+fn merged<'a>(mut base: DeTable<'a>, over: DeTable<'a>, unnamed: Unnamed) -> DeTable<'a> {
     for [one, other] in EITHER {
         if over.contains_key(one) || over.contains_key(other) {
             base.remove(one);
@@ -134,7 +157,7 @@ fn merged<'a>(mut base: DeTable<'a>, over: DeTable<'a>) -> DeTable<'a> {
     }
     for (key, value) in over {
         let value = match base.remove(key.get_ref().as_ref()) {
-            Some(below) => merged_value(below, value),
+            Some(below) => merged_value(below, value, unnamed),
             None => value,
         };
         base.insert(key, value);
@@ -142,12 +165,15 @@ fn merged<'a>(mut base: DeTable<'a>, over: DeTable<'a>) -> DeTable<'a> {
     base
 }
 
-fn merged_value<'a>(below: Spanned<DeValue<'a>>, over: Spanned<DeValue<'a>>) -> Spanned<DeValue<'a>> {
+fn merged_value<'a>(below: Spanned<DeValue<'a>>, over: Spanned<DeValue<'a>>, unnamed: Unnamed) -> Spanned<DeValue<'a>> {
     let at = over.span();
     let value = match (below.into_inner(), over.into_inner()) {
-        (DeValue::Table(below), DeValue::Table(over)) => DeValue::Table(merged(below, over)),
+        (DeValue::Table(below), DeValue::Table(over)) => DeValue::Table(merged(below, over, unnamed)),
         (DeValue::Array(below), DeValue::Array(over)) if below.iter().all(|v| name_of(v).is_some()) => {
-            DeValue::Array(merged_entries(below, over))
+            DeValue::Array(merged_entries(below, over, unnamed))
+        }
+        (DeValue::Array(below), DeValue::Array(over)) if unnamed.appends(&over) => {
+            DeValue::Array(below.into_iter().chain(over).collect())
         }
         (_, over) => over,
     };
@@ -155,18 +181,25 @@ fn merged_value<'a>(below: Spanned<DeValue<'a>>, over: Spanned<DeValue<'a>>) -> 
 }
 
 /// Entries of the same name are merged in the order of `below`; those of `over` alone follow.
-fn merged_entries<'a>(below: DeArray<'a>, over: DeArray<'a>) -> DeArray<'a> {
+fn merged_entries<'a>(below: DeArray<'a>, over: DeArray<'a>, unnamed: Unnamed) -> DeArray<'a> {
     let mut over: Vec<Option<Spanned<DeValue<'a>>>> = over.into_iter().map(Some).collect();
     let mut out = vec![];
     for entry in below {
         let same = over.iter_mut().find(|o| o.as_ref().is_some_and(|o| name_of(o) == name_of(&entry)));
         out.push(match same.and_then(Option::take) {
             Some(changed) if is_of_another_kind(&entry, &changed) => changed,
-            Some(changed) => merged_value(entry, changed),
+            Some(changed) => merged_value(entry, changed, unnamed),
             None => entry,
         });
     }
     out.into_iter().chain(over.into_iter().flatten()).collect()
+}
+
+impl Unnamed {
+    /// Whether the entries of `over` are added: those of a list of tables, not of a vector.
+    fn appends(self, over: &DeArray) -> bool {
+        matches!(self, Unnamed::Append) && !over.is_empty() && over.iter().all(|v| v.get_ref().as_table().is_some())
+    }
 }
 
 fn is_of_another_kind(one: &Spanned<DeValue>, other: &Spanned<DeValue>) -> bool {

@@ -27,8 +27,31 @@ pub struct Current {
     pub noise_a: f64,
     /// What the sensor reads for an ampere.
     pub scale: f64,
+    /// Step of the recorded values, in A; 0 is none.
+    pub resolution_a: f64,
+    /// What is wrong with the column.
+    pub channel: Channel,
     /// Whether there is a sensor: without it the current flows and no column tells.
     pub measured: bool,
+    /// What part of each change of its field eddy currents hold up.
+    pub eddy_share: f64,
+    /// For how long, in seconds.
+    pub eddy_tau_s: f64,
+    /// What remains of the field of the full current in iron near the wires when it is switched off.
+    pub remanence: f64,
+}
+
+/// What is wrong with a channel that records a current, a voltage or a control signal.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Channel {
+    /// How old what it records is, in seconds.
+    pub delay_s: f64,
+    /// The time constant of its own first-order response, in seconds.
+    pub response_s: f64,
+    /// The largest magnitude that it can record, in the column's unit.
+    pub limit: Option<f64>,
+    /// What it records whatever happens, in the column's unit.
+    pub stuck_at: Option<f64>,
 }
 
 /// When a current flows: a level from 0 (off) to 1 (fully on).
@@ -112,6 +135,8 @@ pub struct Wire {
     pub closed: bool,
     /// How many times it goes that way.
     pub turns: f64,
+    /// The current of which half goes this way, in A: more of a larger one. 0 where all of it does.
+    pub onset_a: f64,
     /// Instead of a path a small coil: its place in metres and its moment in m² (A m² per ampere).
     pub dipole: Option<(Vector3<f64>, Vector3<f64>)>,
 }
@@ -129,6 +154,10 @@ pub struct Voltage {
     pub discharge_v_per_h: f64,
     /// White noise of the sensor, in V.
     pub noise_v: f64,
+    /// Step of the recorded values, in V; 0 is none.
+    pub resolution_v: f64,
+    /// What is wrong with the column.
+    pub channel: Channel,
 }
 
 /// A control signal that is recorded: `offset + gain * signal`, with noise, rounded to `resolution`.
@@ -146,6 +175,8 @@ pub struct Input {
     pub noise: f64,
     /// Step of the recorded values; 0 is none.
     pub resolution: f64,
+    /// What is wrong with the column.
+    pub channel: Channel,
 }
 
 /// What a control signal tells.
@@ -273,8 +304,29 @@ variant! {
 }
 
 params! {
+    /// What is wrong with the channel that records a current, a voltage or a control signal.
+    pub struct ChannelKeys;
+    /// How old what the column holds is.
+    delay_s: f64, unit "s", default 0.0, rule Rule::Between(0.0, 60.0);
+    /// Time constant of the column's first-order response, as that of a filter or of an induction sensor round the wire.
+    response_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
+    /// The largest magnitude that the column can hold, in its unit: beyond it stays there.
+    limit: Option<f64>, unit "", absent "none", rule Rule::Positive;
+    /// What the column holds whatever happens, in its unit, with its noise: a sensor that is broken or clipped to the wrong
+    /// wire.
+    stuck_at: Option<f64>, unit "", absent "it works", rule Rule::Finite;
+}
+
+impl ChannelKeys {
+    fn channel(&self) -> Channel {
+        let ChannelKeys { delay_s, response_s, limit, stuck_at } = *self;
+        Channel { delay_s, response_s, limit, stuck_at }
+    }
+}
+
+params! {
     /// A table of `currents`: a current on board, and its sensor.
-    pub struct CurrentKeys;
+    pub struct CurrentKeys, groups [channel: ChannelKeys];
     /// The column, `cur_*`.
     name: String, unit "";
     /// What decides when it is on.
@@ -289,8 +341,18 @@ params! {
     noise_a: f64, unit "A", default 0.0, rule Rule::NotNegative;
     /// What the sensor reads for an ampere.
     scale: f64, unit "1", default 1.0, rule Rule::Finite;
+    /// Step of the recorded values; 0 is none.
+    resolution_a: f64, unit "A", default 0.0, rule Rule::NotNegative;
     /// Whether there is a sensor: without it the current flows and no column holds it.
     measured: bool, unit "", default true;
+    /// What part of each change of its field the eddy currents of conductors near the wires hold up. The column does not
+    /// show it.
+    eddy_share: f64, unit "1", default 0.0, rule Rule::Between(0.0, 1.0);
+    /// For how long: the time constant of their decay.
+    eddy_tau_s: f64, unit "s", default 0.1, rule Rule::Positive;
+    /// What remains in the iron near the wires when the full current is switched off, as a part of the current's own
+    /// field: half the width of the loop, by Rayleigh's law.
+    remanence: f64, unit "1", default 0.0, rule Rule::Between(0.0, 1.0);
 }
 
 /// What a current can be.
@@ -328,7 +390,12 @@ pub(super) fn current(s: &Section) -> Option<Current> {
         ramp_s: keys.ramp_s,
         noise_a: keys.noise_a,
         scale: keys.scale,
+        resolution_a: keys.resolution_a,
+        channel: keys.channel.channel(),
         measured: keys.measured,
+        eddy_share: keys.eddy_share,
+        eddy_tau_s: keys.eddy_tau_s,
+        remanence: keys.remanence,
     })
 }
 
@@ -348,6 +415,9 @@ params! {
     closed: bool, unit "", default false;
     /// How many times it goes that way.
     turns: f64, unit "1", default 1.0, rule Rule::Finite;
+    /// The current of which half goes this way, such as the joints of the airframe beside a wire: of a smaller one less, of
+    /// a larger one more, I |I| / (|I| + `onset_a`).
+    onset_a: f64, unit "A", default 0.0, rule Rule::NotNegative;
     /// The position of a small coil, in place of a path.
     place_m: Option<[f64; 3]>, unit "m", absent "a `path`", rule Rule::Finite;
     /// The moment of the coil, in A m² per ampere.
@@ -362,12 +432,12 @@ pub(super) fn wire(s: &Section, currents: &[Current]) -> Option<Wire> {
         s.fault("a wire needs either a `path` of two corners or more, or `place_m` and `moment_m2`".to_owned());
     }
     let current = current_of(s, "current", &keys.current, currents)?;
-    Some(Wire { current, path_m, closed: keys.closed, turns: keys.turns, dipole })
+    Some(Wire { current, path_m, closed: keys.closed, turns: keys.turns, onset_a: keys.onset_a, dipole })
 }
 
 params! {
     /// A table of `voltages`: a voltage that is recorded, the supply's less what the currents take off.
-    pub struct VoltageKeys;
+    pub struct VoltageKeys, groups [channel: ChannelKeys];
     /// The column, `vol_*`.
     name: String, unit "";
     /// Volts without load at the flight's start.
@@ -378,6 +448,8 @@ params! {
     discharge_v_per_h: f64, unit "V", default 0.0, rule Rule::Finite;
     /// White noise of the sensor.
     noise_v: f64, unit "V", default 0.0, rule Rule::NotNegative;
+    /// Step of the recorded values; 0 is none.
+    resolution_v: f64, unit "V", default 0.0, rule Rule::NotNegative;
 }
 
 pub(super) fn voltage(s: &Section, currents: &[Current]) -> Option<Voltage> {
@@ -392,8 +464,8 @@ pub(super) fn voltage(s: &Section, currents: &[Current]) -> Option<Voltage> {
             Err(fault) => s.push(fault.at(s.key_at("ohm", &current))),
         }
     }
-    let VoltageKeys { name, volts, discharge_v_per_h, noise_v, .. } = keys;
-    Some(Voltage { name, volts, ohm, discharge_v_per_h, noise_v })
+    let VoltageKeys { name, volts, discharge_v_per_h, noise_v, resolution_v, channel, .. } = keys;
+    Some(Voltage { name, volts, ohm, discharge_v_per_h, noise_v, resolution_v, channel: channel.channel() })
 }
 
 /// What a control signal tells, the current by its name.
@@ -455,7 +527,7 @@ pub(in super::super::super) fn signals() -> Lists {
 params! {
     /// A table of `inputs`: a control signal that is recorded, `offset + gain * signal`, with noise, rounded to
     /// `resolution`.
-    pub struct InputKeys;
+    pub struct InputKeys, groups [channel: ChannelKeys];
     /// The column.
     name: String, unit "";
     /// What it tells.
@@ -481,8 +553,8 @@ pub(super) fn input(s: &Section, currents: &[Current]) -> Option<Input> {
         Told::Level(of) => Signal::Level(current_of(s, "of", of, currents)?),
         Told::Other(signal) => signal.clone(),
     };
-    let InputKeys { name, offset, gain, noise, resolution, .. } = keys;
-    Some(Input { name, signal, offset, gain, noise, resolution })
+    let InputKeys { name, offset, gain, noise, resolution, channel, .. } = keys;
+    Some(Input { name, signal, offset, gain, noise, resolution, channel: channel.channel() })
 }
 
 params! {

@@ -1,5 +1,7 @@
 //! What the spec says of the magnetometers.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector3;
 use numerics::signal::gauss_markov::GaussMarkov;
 use schemas::{Nested, Rule, choice, params};
@@ -7,8 +9,8 @@ use schemas::{Nested, Rule, choice, params};
 use crate::reading::Section;
 
 use super::{
-    Current, Source,
-    source::{SourceKeys, source},
+    Current, Drawn, Source,
+    source::{Amount, SourceKeys, couplings, source},
 };
 
 /// A scalar magnetometer: it reads the exact magnitude of the field, and its own errors.
@@ -84,6 +86,22 @@ pub struct Vector {
     pub misaligned_deg: f64,
     /// Standard deviation of each axis' drift with the temperature, in nT per degree from the reference.
     pub temperature_nt_per_degc: f64,
+    /// Standard deviation of each axis' change of scale with the temperature, in millionths per degree from the reference.
+    pub temperature_scale_ppm_per_degc: f64,
+    /// How fast its own temperature follows the one on board, in seconds; 0 is at once.
+    pub thermal_tau_s: f64,
+    /// Standard deviation of each axis' largest departure from its best straight line, in millionths of the full scale.
+    pub linearity_ppm: f64,
+    /// The field that it is made for, in nT.
+    pub full_scale_nt: f64,
+    /// What each axis still reads when its field has gone through a loop between ±50,000 nT and is back at zero, in nT.
+    pub core_hysteresis_nt: f64,
+    /// What currents add to the readings of its axes by its cables and its supply, in nT/A.
+    pub crosstalk: Vec<(usize, Drawn<Vector3<f64>>)>,
+    /// Corner of its first-order response, in Hz.
+    pub bandwidth_hz: Option<f64>,
+    /// How much later than the sensor each axis is read, in seconds.
+    pub axis_lag_s: Vector3<f64>,
     /// The slow drift of each axis.
     pub drift: Option<GaussMarkov>,
     /// Step of its readings, in nT; 0 is none.
@@ -191,6 +209,26 @@ params! {
     misaligned_deg: f64, unit "deg", default 0.0, rule Rule::Between(0.0, 30.0);
     /// Standard deviation of each axis' drift with the temperature, per degree from the reference.
     temperature_nt_per_degc: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+    /// Standard deviation of each axis' change of scale with the temperature, per degree from the reference: 20 to 70 for
+    /// good fluxgates.
+    temperature_scale_ppm_per_degc: f64, unit "ppm", default 0.0, rule Rule::Between(0.0, 1e5);
+    /// Time constant with which its own temperature follows the one on board; 0 is at once.
+    thermal_tau_s: f64, unit "s", default 0.0, rule Rule::NotNegative;
+    /// Standard deviation of each axis' largest departure from its best straight line within `full_scale_nt`, of that: a
+    /// cubic, as data sheets state the linearity; 15 to 150 for good fluxgates.
+    linearity_ppm: f64, unit "ppm", default 0.0, rule Rule::Between(0.0, 1e5);
+    /// The field that it is made for.
+    full_scale_nt: f64, unit "nT", default 100_000.0, rule Rule::Positive;
+    /// What each axis still reads when its field has gone through a loop between ±50,000 nT and is back at zero: half the
+    /// loop's width, by Rayleigh's law.
+    core_hysteresis_nt: f64, unit "nT", default 0.0, rule Rule::NotNegative;
+    /// What each current adds to the readings for an ampere, by the names of currents: through cables and the supply, not
+    /// as a field, and not at other sensors. A vector, or a magnitude whose direction is drawn.
+    crosstalk: Option<BTreeMap<String, Amount>>, unit "nT", absent "none", rule Rule::Finite;
+    /// Corner of its first-order response, at which half of the power is left.
+    bandwidth_hz: Option<f64>, unit "Hz", absent "it follows at once", rule Rule::Positive;
+    /// How much older than the others, as of `lag_s`, what each axis reads is: of a converter that takes them in turn.
+    axis_lag_s: [f64; 3], unit "s", default [0.0; 3], rule Rule::Between(0.0, 60.0);
     /// The slow drift of each axis.
     drift: Option<Nested<DriftKeys>>, unit "", absent "none";
     /// Step of its readings; 0 is none.
@@ -244,6 +282,14 @@ pub(super) fn vector(s: &Section, currents: &[Current]) -> Option<Vector> {
         non_orthogonal_deg: keys.non_orthogonal_deg,
         misaligned_deg: keys.misaligned_deg,
         temperature_nt_per_degc: keys.temperature_nt_per_degc,
+        temperature_scale_ppm_per_degc: keys.temperature_scale_ppm_per_degc,
+        thermal_tau_s: keys.thermal_tau_s,
+        linearity_ppm: keys.linearity_ppm,
+        full_scale_nt: keys.full_scale_nt,
+        core_hysteresis_nt: keys.core_hysteresis_nt,
+        crosstalk: couplings(s, "crosstalk", keys.crosstalk.unwrap_or_default(), currents),
+        bandwidth_hz: keys.bandwidth_hz,
+        axis_lag_s: Vector3::from(keys.axis_lag_s),
         drift: drift(keys.drift),
         resolution_nt: keys.resolution_nt,
     })

@@ -17,6 +17,16 @@ pub enum Drawn<T> {
     Size(f64),
 }
 
+impl Drawn<Matrix3<f64>> {
+    /// Whether it is zero whatever is drawn.
+    pub(crate) fn is_none(&self) -> bool {
+        match self {
+            Drawn::Exact(matrix) => *matrix == Matrix3::zeros(),
+            Drawn::Size(size) => *size == 0.0,
+        }
+    }
+}
+
 /// The magnetic field of the aircraft at one place in it, in the body frame (nose, right, down).
 #[derive(Clone, Debug)]
 pub struct Source {
@@ -42,6 +52,10 @@ pub struct Source {
     pub flex: Drawn<Vector3<f64>>,
     /// The specific force beyond which the wings bend no further, in m/s².
     pub flex_limit_mps2: f64,
+    /// What the airframe's iron remembers, in nT: column j is the field that remains here when the earth's field along
+    /// the body's axis j has gone through a loop between ±50,000 nT and is back at zero. Keys `hysteresis`, or
+    /// `hysteresis_nt`, the standard deviation of its elements (0).
+    pub hysteresis: Drawn<Matrix3<f64>>,
     /// Field of each current in nT/A: the table `currents`, whose keys are names of currents and whose values a
     /// vector, or a magnitude whose direction is drawn. What wires give is added.
     pub currents: Vec<(usize, Drawn<Vector3<f64>>)>,
@@ -108,6 +122,12 @@ params! {
     flex_nt_per_mps2: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
     /// The specific force beyond which the wings bend no further.
     flex_limit_mps2: f64, unit "m/s2", default 20.0, rule Rule::Positive;
+    /// Hysteresis of the airframe's iron: column j is the field that remains when the earth's field along the body's axis j
+    /// has gone through a loop between ±50,000 nT and is back at zero, half the loop's width.
+    hysteresis: Option<[[f64; 3]; 3]>, unit "nT", absent "drawn with the size `hysteresis_nt`", rule Rule::Finite;
+    /// Standard deviation of the elements of that where it is drawn. Of iron in the earth's field it is up to 3 % of the
+    /// induced field.
+    hysteresis_nt: Option<f64>, unit "nT", absent "0", rule Rule::NotNegative;
     /// Field of each current for an ampere, by the names of currents: a vector, or a magnitude whose direction is drawn.
     /// What wires give is added.
     currents: Option<BTreeMap<String, Amount>>, unit "nT", absent "what wires give", rule Rule::Finite;
@@ -125,7 +145,8 @@ pub(super) fn source(s: &Section, keys: SourceKeys, currents: &[Current]) -> Sou
         walk_nt_per_sqrt_h: keys.permanent_walk_nt_per_sqrt_h,
         flex: either(s, "flex", keys.flex.map(Vector3::from), "flex_nt_per_mps2", keys.flex_nt_per_mps2),
         flex_limit_mps2: keys.flex_limit_mps2,
-        currents: couplings(s, keys.currents.unwrap_or_default(), currents),
+        hysteresis: either(s, "hysteresis", keys.hysteresis.map(matrix), "hysteresis_nt", keys.hysteresis_nt),
+        currents: couplings(s, "currents", keys.currents.unwrap_or_default(), currents),
     }
 }
 
@@ -140,7 +161,13 @@ fn either<T>(s: &Section, exactly: &str, exact: Option<T>, sized: &'static str, 
     }
 }
 
-fn couplings(s: &Section, given: BTreeMap<String, Amount>, currents: &[Current]) -> Vec<(usize, Drawn<Vector3<f64>>)> {
+/// The couplings that the table `key` gives by the names of currents.
+pub(super) fn couplings(
+    s: &Section,
+    key: &'static str,
+    given: BTreeMap<String, Amount>,
+    currents: &[Current],
+) -> Vec<(usize, Drawn<Vector3<f64>>)> {
     let mut coupled = vec![];
     for (name, amount) in given {
         let amount = match amount {
@@ -149,7 +176,7 @@ fn couplings(s: &Section, given: BTreeMap<String, Amount>, currents: &[Current])
         };
         match index_of(currents, &name) {
             Ok(index) => coupled.push((index, amount)),
-            Err(fault) => s.push(fault.at(s.key_at("currents", &name))),
+            Err(fault) => s.push(fault.at(s.key_at(key, &name))),
         }
     }
     coupled

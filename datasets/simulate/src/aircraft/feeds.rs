@@ -1,0 +1,81 @@
+//! What feeds the fields of currents: the currents themselves, and what eddy currents, iron and the ways that the
+//! current takes make of them.
+
+use super::{
+    response::{Rayleigh, first_order},
+    spec::{Aircraft, Current},
+};
+use crate::reading::Components;
+
+/// The amperes that the fields of currents are proportional to along a line. The columns that report the currents know
+/// nothing of the difference.
+pub(super) struct Feeds {
+    /// One column for each current, in order, then one for each wire that has its own.
+    pub(super) series_a: Vec<Vec<f64>>,
+    /// The column of each wire.
+    pub(super) of_wires: Vec<usize>,
+}
+
+impl Feeds {
+    /// Of true currents `amperes`, sampled at `rate_hz`; causes that are switched off change nothing.
+    pub(super) fn of(aircraft: &Aircraft, amperes: &[Vec<f64>], rate_hz: f64, components: &Components) -> Feeds {
+        let of_current = |(current, true_a): (&Current, &Vec<f64>)| {
+            if !current.measured && !components.on("unreported") {
+                return vec![0.0; true_a.len()];
+            }
+            let iron = if components.on("current_iron") { current.remanence } else { 0.0 };
+            let share = if components.on("current_lag") { current.eddy_share } else { 0.0 };
+            lagging(magnetised(current, true_a, iron), rate_hz, share, current.eddy_tau_s)
+        };
+        let mut series_a: Vec<Vec<f64>> = aircraft.currents.iter().zip(amperes).map(of_current).collect();
+        let mut of_wires = vec![];
+        for wire in &aircraft.wires {
+            let whole = series_a.get(wire.current).filter(|_| wire.onset_a > 0.0 && components.on("return_path"));
+            let part = whole.map(|whole| whole.iter().map(|a| carried(*a, wire.onset_a)).collect::<Vec<f64>>());
+            of_wires.push(if part.is_some() { series_a.len() } else { wire.current });
+            series_a.extend(part);
+        }
+        Feeds { series_a, of_wires }
+    }
+}
+
+/// The current and the iron near its wires, whose irreversible part leaves `remanence` of the field of the full current
+/// when that is switched off. The iron has been through the full current before the line begins.
+fn magnetised(current: &Current, true_a: &[f64], remanence: f64) -> Vec<f64> {
+    let full_a = current.off_on_a.0.abs().max(current.off_on_a.1.abs());
+    if remanence == 0.0 || full_a == 0.0 {
+        return true_a.to_vec();
+    }
+    let mut iron = Rayleigh::demagnetised(full_a);
+    iron.follow(current.off_on_a.0);
+    iron.follow(current.off_on_a.1);
+    true_a.iter().map(|a| a + remanence * full_a * iron.follow(*a)).collect()
+}
+
+/// What is left of it outside of conductors, in which eddy currents hold up `share` of each change for `tau_s`.
+fn lagging(feed_a: Vec<f64>, rate_hz: f64, share: f64, tau_s: f64) -> Vec<f64> {
+    if share == 0.0 {
+        return feed_a;
+    }
+    let late = first_order(&feed_a, rate_hz, tau_s);
+    feed_a.iter().zip(late).map(|(now, late)| (1.0 - share) * now + share * late).collect()
+}
+
+/// What of a current takes a way that opens with it, such as bonded joints beside a wire: half of `onset_a`.
+fn carried(whole_a: f64, onset_a: f64) -> f64 {
+    whole_a * whole_a.abs() / (whole_a.abs() + onset_a)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_a_way_that_opens_takes_half_at_its_onset_and_all_of_a_large_current() {
+        assert_eq!(carried(0.0, 3.0), 0.0);
+        assert_eq!((carried(3.0, 3.0), carried(-3.0, 3.0)), (1.5, -1.5));
+        assert!((carried(3e6, 3.0) / 3e6 - 1.0).abs() < 2e-6);
+        // A small current hardly goes that way: in proportion to its square.
+        assert!((carried(0.02, 3.0) / carried(0.01, 3.0) - 4.0).abs() < 0.02);
+    }
+}
