@@ -1,5 +1,5 @@
-//! Drawing: an anomaly map as a figure (PNG or SVG) and for Google Earth (KML or KMZ), the charts of a report, and
-//! their shared parts. Nothing here depends on a plan or a store.
+//! Drawing: an anomaly map as a figure (PNG or SVG) and for Google Earth (KML or KMZ), a flight and its parts, the charts of a
+//! report, and their shared parts. Nothing here depends on a plan or a store.
 //!
 //! A figure is laid out once, as marks on a sheet of paper; two painters draw the marks, one in pixels, one as SVG.
 //! Nothing in a picture depends on a clock, a font of the system or the number of threads.
@@ -14,6 +14,7 @@ pub mod decimate;
 mod earth;
 pub mod ellipse;
 mod figure;
+mod flight;
 mod folders;
 mod footer;
 mod frame;
@@ -36,6 +37,7 @@ use numerics::maps::plane_grid::EvenAxis;
 use schemas::Fault;
 
 pub use curve::{CurveLabels, curve_svg};
+pub use flight::{FlightPart, FlightPicture, TimePanel, flight_png, flight_svg};
 pub use folders::{EarthArea, EarthFolder, folders_kml};
 pub use kml::{EarthTrack, Kml, kml};
 pub use palette::Palette;

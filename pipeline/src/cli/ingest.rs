@@ -16,10 +16,10 @@ use rayon::prelude::*;
 use schemas::{Fault, Owner, Role, flight, plausible::Accept, render};
 use serde_json::json;
 
-use super::{Stop, counted, is_quiet, note, progress::Progress, say, temporary::Temporary, threads};
+use super::{Stop, counted, is_quiet, lines, note, progress::Progress, say, temporary::Temporary, threads};
 use crate::{
     sources::{
-        checks::Measure,
+        checks::{Figure, Measure},
         export::{Export, Exported, LineOf},
         find, flight_formats, hive,
         mapping::{Mapped, Mapping, suggest},
@@ -35,7 +35,7 @@ pub struct IngestArgs {
     #[arg(required = true)]
     inputs: Vec<String>,
     /// The folder that the tables are written to; one of each table of a mapping that has several.
-    #[arg(long, required_unless_present = "suggest")]
+    #[arg(long, required_unless_present_any = ["suggest", "picture", "write_lines"])]
     to: Option<PathBuf>,
     /// The format of the logs; known from the content and the extension by default.
     #[arg(long)]
@@ -52,6 +52,8 @@ pub struct IngestArgs {
     /// The line, where neither log nor mapping say it.
     #[arg(long)]
     line: Option<String>,
+    #[command(flatten)]
+    divided: lines::LineArgs,
     /// A folder `flight=...` for each flight, instead of the column.
     #[arg(long)]
     hive: bool,
@@ -62,7 +64,7 @@ pub struct IngestArgs {
     #[arg(long)]
     accept_range: bool,
     /// Write a mapping for the log instead, with what it guesses and why.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "lines")]
     suggest: bool,
     /// The file that the suggested mapping is written to; standard output by default.
     #[arg(short, long, requires = "suggest")]
@@ -102,10 +104,6 @@ pub fn run(args: &IngestArgs) -> Result<(), Stop> {
     super::interrupt::leave();
     let to = args.to.clone().unwrap_or_default();
     let works = works(args, &to)?;
-    let hidden = to.join(".ingest");
-    let failed = |e: std::io::Error| Stop::Failed(format!("error: cannot write to {}: {e}", to.display()));
-    let (unfinished, lock) = working_folder(&hidden).map_err(failed)?;
-    let unfinished = Temporary::new(unfinished);
     let options = FlightOptions {
         format: args.format.clone(),
         flight: args.flight.clone(),
@@ -113,6 +111,17 @@ pub fn run(args: &IngestArgs) -> Result<(), Stop> {
         accept: if args.accept_range { vec![Accept::Range] } else { vec![] },
         ..FlightOptions::default()
     };
+    let options = lines::options(&args.divided, options);
+    let logs: Vec<lines::Log> =
+        works.iter().map(|w| lines::Log { input: &w.input, mapped: w.mapped.as_ref() }).collect();
+    let divided = lines::lines(&args.divided, &logs, &options, args.to.as_deref(), args.replace, args.json)?;
+    if args.to.is_none() {
+        return Ok(());
+    }
+    let hidden = to.join(".ingest");
+    let failed = |e: std::io::Error| Stop::Failed(format!("error: cannot write to {}: {e}", to.display()));
+    let (unfinished, lock) = working_folder(&hidden).map_err(failed)?;
+    let unfinished = Temporary::new(unfinished);
     let progress = Progress::new(args.quiet || args.json);
     progress.stage("ingesting logs");
     progress.detail("tables", "");
@@ -122,6 +131,7 @@ pub fn run(args: &IngestArgs) -> Result<(), Stop> {
             input: &work.input,
             options: hive(&work.input, &options),
             mapped: work.mapped.clone(),
+            lines: divided.of(&work.input),
             folder: work.folder.clone(),
             name: work.name.clone(),
             hive: args.hive,
@@ -140,7 +150,7 @@ pub fn run(args: &IngestArgs) -> Result<(), Stop> {
     drop(unfinished);
     // It stays where another process is at work in it.
     let _ = fs::remove_dir(&hidden);
-    told(args, &works, &results)
+    told(args, &works, &results, &divided)
 }
 
 /// A folder for unfinished files, with the lock that says that this process is at work in it.
@@ -231,7 +241,12 @@ fn tables_in(args: &IngestArgs, mapping: &Arc<Mapping>, path: &Path) -> Result<V
 }
 
 /// Says what came of it.
-fn told(args: &IngestArgs, works: &[Work], results: &[Result<Exported, Fault>]) -> Result<(), Stop> {
+fn told(
+    args: &IngestArgs,
+    works: &[Work],
+    results: &[Result<Exported, Fault>],
+    divided: &lines::Lines,
+) -> Result<(), Stop> {
     let mut faults: Vec<&Fault> = vec![];
     let mut noted: BTreeSet<&str> = BTreeSet::new();
     let (mut written, mut lost) = (0, 0);
@@ -257,6 +272,9 @@ fn told(args: &IngestArgs, works: &[Work], results: &[Result<Exported, Fault>]) 
     if !args.json && !is_quiet() {
         say::out_text(quality(works, results));
     }
+    let all = results.iter().flatten().flat_map(|e| &e.lines);
+    let empty = divided.check(all.map(|l| (l.flight.as_str(), l.line.as_str())));
+    faults.extend(&empty);
     if faults.is_empty() {
         return Ok(());
     }
@@ -286,7 +304,7 @@ fn clock(tt: f64) -> String {
     format!("{:02}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60)
 }
 
-fn value_of(line: &LineOf, column: &str, check: &str) -> Option<f64> {
+fn value_of(line: &LineOf, column: &str, check: Figure) -> Option<f64> {
     line.measures.iter().find(|m| m.column == column && m.check == check).map(|m| m.value)
 }
 
@@ -314,7 +332,7 @@ fn summary(work: &Work, exported: &Exported) -> String {
             clock(line.tt.0),
             clock(line.tt.1),
             line.rows.to_string(),
-            number(value_of(line, "tt", "rate")),
+            number(value_of(line, "tt", Figure::Rate)),
         ]);
     }
     text += &columns(&rows, 3);
@@ -331,13 +349,20 @@ fn summary(work: &Work, exported: &Exported) -> String {
 /// Whether a figure is told on the terminal: what is not as it should be, and what a magnetometer is like.
 fn is_told(measure: &Measure) -> bool {
     match measure.check {
-        "rate" | "jitter" | "midnight" => false,
+        Figure::Rate | Figure::Jitter | Figure::Midnight => false,
         // Estimates step at each fix.
-        "spikes" => !measure.column.starts_with("ins_") && flight::describe(&measure.column).role != Role::Truth,
-        "noise" | "quantisation" => {
+        Figure::Spikes => !measure.column.starts_with("ins_") && flight::describe(&measure.column).role != Role::Truth,
+        Figure::Noise | Figure::Quantisation => {
             flight::is_scalar_reading(&measure.column) || flight::vector_part(&measure.column).is_some()
         }
-        _ => true,
+        Figure::Gaps
+        | Figure::LongestGap
+        | Figure::RepeatedTime
+        | Figure::BackwardTime
+        | Figure::Dropouts
+        | Figure::Stuck
+        | Figure::Saturation
+        | Figure::Found(_) => true,
     }
 }
 
@@ -357,7 +382,7 @@ fn quality(works: &[Work], results: &[Result<Exported, Fault>]) -> String {
                     line.flight.clone(),
                     line.line.clone(),
                     m.column.clone(),
-                    m.check.to_owned(),
+                    m.check.as_str().to_owned(),
                     number(Some(m.value).filter(|x| x.is_finite())),
                     m.unit.clone(),
                     m.count.to_string(),
@@ -380,7 +405,7 @@ fn as_json(work: &Work, exported: &Exported, line: &LineOf) -> serde_json::Value
     let finite = |x: f64| x.is_finite().then_some(x);
     let measure = |m: &Measure| {
         json!({
-            "column": m.column, "check": m.check, "value": finite(m.value), "unit": m.unit, "count": m.count,
+            "column": m.column, "check": m.check.as_str(), "value": finite(m.value), "unit": m.unit, "count": m.count,
             "first_tt": finite(m.first_tt),
         })
     };

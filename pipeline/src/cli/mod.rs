@@ -6,6 +6,7 @@ mod bench;
 mod events;
 mod ingest;
 mod interrupt;
+mod lines;
 mod map;
 mod progress;
 mod publish;

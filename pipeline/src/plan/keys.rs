@@ -1,6 +1,9 @@
 //! The plan with its data: which lines each table has, and the key of every column and object.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::{
+    collections::{BTreeMap, BTreeSet, HashMap},
+    path::PathBuf,
+};
 
 use arrow_array::RecordBatch;
 use schemas::{Fault, Grain, InputKind};
@@ -32,6 +35,8 @@ pub struct Graph<'a> {
     pub records: Vec<BTreeMap<LineId, LineRecord>>,
     /// The files behind each table of flights, then behind each map.
     pub bytes: Vec<Vec<Bytes>>,
+    /// The folders of the figures of the quality of each table of flights.
+    pub quality: Vec<Vec<PathBuf>>,
     /// The key of each map.
     pub maps: Vec<Key>,
     sets: LineSets,
@@ -160,7 +165,9 @@ impl<'a> Graph<'a> {
             return Err(plan.spec.faults(faults));
         }
         let bytes = sources.iter().map(|s| s.files.clone()).chain(map_bytes).collect();
-        Graph::of(plan, sources.into_iter().map(|s| s.lines).collect(), bytes, maps)
+        let quality = sources.iter().map(|s| s.quality.clone()).collect();
+        let graph = Graph::of(plan, sources.into_iter().map(|s| s.lines).collect(), bytes, maps)?;
+        Ok(Graph { quality, ..graph })
     }
 
     /// The graph of what was read: the lines of each table of flights, and the key of each map.
@@ -189,7 +196,19 @@ impl<'a> Graph<'a> {
             nodes.push(NodeKeys::new(plan, node, &sets, t, &mut names, &mut numbers));
         }
         let sources = records.iter().map(|r| columns_of(r, lines.len(), &names)).collect();
-        Ok(Graph { plan, lines, records, bytes, maps, sets, names, sources, nodes, memo: Memo::new(numbers) })
+        Ok(Graph {
+            plan,
+            lines,
+            records,
+            bytes,
+            quality: vec![],
+            maps,
+            sets,
+            names,
+            sources,
+            nodes,
+            memo: Memo::new(numbers),
+        })
     }
 
     /// The inputs that are tables of flight lines, with their positions.

@@ -8,11 +8,10 @@ use std::{
     fs::{self, File},
     io,
     path::{Path, PathBuf},
-    sync::Arc,
 };
 
-use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray, cast::AsArray, types::Float64Type};
-use arrow_schema::{DataType, Field, Schema, SchemaRef};
+use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
+use arrow_schema::{DataType, Field, SchemaRef};
 use arrow_select::concat::concat_batches;
 use datasets::{FlightOptions, Reading, formats::SayMadeFrom};
 use parquet::{
@@ -25,16 +24,17 @@ use parquet::{
     },
 };
 use schemas::{
-    Fault, Role,
+    Fault,
     canonical::{Canonical, check_time},
-    field,
 };
 
 use super::{
     assemble::{Assembly, Whole},
     bytes::hash_file,
-    checks::{Measure, measures},
+    checks::{self, Measure, measures, of_findings},
     formats::open_log,
+    ingest::divided,
+    line_table::LineTable,
     mapping::{Mapped, is_shown},
     midnight,
     quality::{Origins, examine},
@@ -57,6 +57,8 @@ pub struct Export<'a> {
     pub options: FlightOptions,
     /// What its columns mean.
     pub mapped: Option<Mapped>,
+    /// Its lines, where they are not the log's own.
+    pub lines: Option<&'a LineTable>,
     /// The folder of the table.
     pub folder: PathBuf,
     /// The name of the file there, without its extension.
@@ -144,15 +146,20 @@ impl Export<'_> {
             lines.push(line);
             Ok(())
         };
+        let mut divider = self.lines.map(LineTable::divider);
         while let Some(part) = log.next_part() {
             let part = part.map_err(Fault::from)?;
             let batch = canonical.apply_with_zeros(&part.batch)?;
-            for whole in assembly.add(&batch, &part.faults) {
+            let (batch, wrong) = divided(divider.as_mut(), batch, part.faults)?;
+            for whole in assembly.add(&batch, &wrong) {
                 take(whole)?;
             }
         }
         for whole in assembly.finish() {
             take(whole)?;
+        }
+        if let Some(table) = self.lines.filter(|_| lines.is_empty()) {
+            return Err(table.none_of(self.input));
         }
         if lines.is_empty() {
             let Some(mapped) = &self.mapped else { return Err(Fault::data("the file holds no samples")) };
@@ -188,6 +195,7 @@ impl Export<'_> {
             self.hive.to_string(),
             bytes(self.input)?,
         ];
+        parts.extend(self.lines.map(|table| table.key().to_string()));
         let made_from = made_from.map(|say| say(self.input)).transpose().map_err(Fault::from)?;
         for other in made_from.iter().flat_map(|m| &m.files) {
             parts.push(bytes(other)?);
@@ -225,16 +233,7 @@ impl Export<'_> {
         let tt = batch.column(2).as_primitive::<Float64Type>().values();
         faults.extend(check_time(tt).err());
         faults.extend(examined.faults);
-        let at = |row: u64| usize::try_from(row).ok().and_then(|row| tt.get(row)).copied().unwrap_or(f64::NAN);
-        let of_findings = examined.findings.iter().map(|f| Measure {
-            column: f.column.clone(),
-            check: f.check.as_str(),
-            value: f.value().unwrap_or(f64::NAN),
-            unit: f.unit.clone(),
-            count: f.n,
-            first_tt: at(f.first_row),
-        });
-        let mut all: Vec<Measure> = of_findings.collect();
+        let mut all = of_findings(&examined.findings, tt);
         all.extend(measures(&examined.batch));
         let faults = faults.into_iter().map(placed).collect();
         let ends = (tt.first().copied().unwrap_or(f64::NAN), tt.last().copied().unwrap_or(f64::NAN));
@@ -298,7 +297,11 @@ impl Export<'_> {
 
     /// Writes the figures beside the files.
     fn quality(&self, lines: &[LineOf], from: Key) -> Result<PathBuf, Fault> {
-        let batch = quality_table(lines)?;
+        let rows: Vec<(&str, &str, &Measure)> = lines
+            .iter()
+            .flat_map(|l| l.measures.iter().map(move |m| (l.flight.as_str(), l.line.as_str(), m)))
+            .collect();
+        let batch = checks::table::table(&rows)?;
         // Folders whose names begin so are not read as flights.
         let target = self.folder.join("_quality").join(format!("{}.parquet", self.name));
         let path = self.unfinished.join(format!("{}-quality.parquet", self.number));
@@ -385,36 +388,4 @@ fn date_of(batch: &RecordBatch) -> Option<(i64, i64)> {
         column.as_primitive::<arrow_array::types::Int64Type>().iter().next().flatten()
     };
     Some((first("year")?, first("doy")?))
-}
-
-/// The figures of all lines.
-///
-/// # Errors
-/// Fails only where the columns have different lengths, which is an error in the program.
-pub fn quality_table(lines: &[LineOf]) -> Result<RecordBatch, Fault> {
-    let rows: Vec<(&LineOf, &Measure)> = lines.iter().flat_map(|l| l.measures.iter().map(move |m| (l, m))).collect();
-    let text = |f: &dyn Fn(&(&LineOf, &Measure)) -> String| -> ArrayRef {
-        Arc::new(rows.iter().map(|r| Some(f(r))).collect::<StringArray>())
-    };
-    let number = |f: fn(&Measure) -> f64| -> ArrayRef {
-        // What is not there is null, not NaN: the table is read by all sorts of programs.
-        Arc::new(rows.iter().map(|r| Some(f(r.1)).filter(|x| x.is_finite())).collect::<Float64Array>())
-    };
-    let count: ArrayRef = Arc::new(rows.iter().map(|r| i64::try_from(r.1.count).ok()).collect::<Int64Array>());
-    let columns = [
-        ("flight", text(&|r| r.0.flight.clone()), "", Role::Key, "flight identifier"),
-        ("line", text(&|r| r.0.line.clone()), "", Role::Key, "line identifier"),
-        ("column", text(&|r| r.1.column.clone()), "", Role::Key, "the column, or the vector magnetometer"),
-        ("check", text(&|r| r.1.check.to_owned()), "", Role::Key, "what was checked"),
-        ("value", number(|m| m.value), "", Role::Derived, "the figure; null where the check has none"),
-        ("unit", text(&|r| r.1.unit.clone()), "", Role::Derived, "its unit"),
-        ("count", count, "", Role::Derived, "the number of samples that it is about"),
-        ("first_tt", number(|m| m.first_tt), "s", Role::Derived, "the time of the first of them; null for all"),
-    ];
-    let fields: Vec<Field> = columns
-        .iter()
-        .map(|(name, array, unit, role, about)| field(name, array.data_type().clone(), unit, *role, about))
-        .collect();
-    let arrays = columns.into_iter().map(|(_, array, ..)| array).collect();
-    RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::bug(e.to_string()))
 }

@@ -6,7 +6,7 @@ use arrow_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 /// The kind of a finding.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Check {
     /// No value.
@@ -28,7 +28,7 @@ pub enum Check {
 
 impl Check {
     /// The word for it.
-    pub fn as_str(self) -> &'static str {
+    pub const fn as_str(self) -> &'static str {
         match self {
             Check::Missing => "missing",
             Check::Infinite => "infinite",

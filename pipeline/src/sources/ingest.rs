@@ -3,7 +3,7 @@
 use std::{
     collections::{BTreeMap, VecDeque},
     fs,
-    path::Path,
+    path::{Path, PathBuf},
     sync::{
         Arc,
         atomic::{AtomicUsize, Ordering},
@@ -26,10 +26,11 @@ use serde::{Deserialize, Serialize};
 use super::{
     Bytes, Flights, Lines, ReadStep, VERSION,
     assemble::{Assembly, MISSING, Whole},
-    fingerprint,
+    checks::{self, Measure, measures, of_findings},
+    find_lines, fingerprint,
     flight_file::FlightFile,
     in_order::in_order,
-    line_table::LineTable,
+    line_table::{Divider, Division},
     midnight,
     packer::Packer,
     quality::{Examined, Finding, Origins, examine},
@@ -96,9 +97,9 @@ impl IndexFault {
 pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<Fault>> {
     let done = AtomicUsize::new(0);
     let total = flights.files.len();
-    let by_time = flights.by_time.as_ref();
-    let how = How { threads: threads_in_each(total), read_all: flights.read_all, by_time };
-    let read: Vec<Result<(Bytes, Index), Fault>> = flights
+    let division = flights.division.as_ref();
+    let how = How { threads: threads_in_each(total), read_all: flights.read_all, division };
+    let read: Vec<Result<(Bytes, Index, PathBuf), Fault>> = flights
         .files
         .par_iter()
         .map(|file| {
@@ -113,10 +114,11 @@ pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<
             read
         })
         .collect();
-    let (mut files, mut lines, mut faults) = (vec![], vec![], vec![]);
+    let (mut files, mut lines, mut quality, mut faults) = (vec![], vec![], vec![], vec![]);
     for one in read {
         match one {
-            Ok((bytes, index)) => {
+            Ok((bytes, index, figures)) => {
+                quality.push(figures);
                 lines.extend(index.lines.into_iter().filter_map(|l| record(l, files.len(), &bytes.path)));
                 files.push(bytes);
             }
@@ -130,12 +132,12 @@ pub fn lines(flights: &Flights, store: &Store, tick: Tick) -> Result<Lines, Vec<
     for mapped in flights.files.first().into_iter().filter_map(|file| file.mapped.as_ref()) {
         files.push(Bytes { path: mapped.mapping().label.clone().into(), hash: mapped.key() });
     }
-    if let Some(table) = by_time {
+    if let Some(table) = division.and_then(Division::table) {
         table.check(lines.iter().map(|l| (l.flight.as_str(), l.line.as_str()))).map_err(|fault| vec![fault])?;
         files.push(Bytes { path: table.label.clone().into(), hash: table.key() });
     }
     lines.sort_by(|a, b| (&a.flight, &a.line, a.file).cmp(&(&b.flight, &b.line, b.file)));
-    Ok(Lines { lines: once_each(lines, &files), files })
+    Ok(Lines { lines: once_each(lines, &files), files, quality })
 }
 
 /// A duplicate line cannot be put in order, so neither part is used.
@@ -202,17 +204,18 @@ struct How<'a> {
     threads: usize,
     /// Whether the bytes of each file are read, whatever is cached.
     read_all: bool,
-    /// The lines by their times, in place of those of the file.
-    by_time: Option<&'a LineTable>,
+    /// How flights are divided, in place of the lines of the file.
+    division: Option<&'a Division>,
 }
 
-/// The contents of the file, from the store where it was read before.
-fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<(Bytes, Index), Fault> {
+/// The contents of the file, from the store where it was read before, and the folder of the figures of its quality.
+fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<(Bytes, Index, PathBuf), Fault> {
     let FlightFile { path, options, mapped, .. } = file;
     let bytes = fingerprint(store, path, how.read_all)?;
     let mut parts = vec![
         "flights".to_owned(),
         VERSION.to_owned(),
+        checks::VERSION.to_owned(),
         datasets::VERSION.to_owned(),
         format!("{options:?}"),
         bytes.hash.to_string(),
@@ -223,40 +226,53 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
             parts.push(fingerprint(store, &other, how.read_all)?.hash.to_string());
         }
     }
-    parts.extend(how.by_time.map(|table| table.key().to_string()));
+    parts.extend(how.division.map(|division| division.key().to_string()));
     let made_from = file.made_from.map(|say| say(path)).transpose().map_err(Fault::from)?;
     for other in made_from.iter().flat_map(|m| &m.files) {
         parts.push(fingerprint(store, other, how.read_all)?.hash.to_string());
     }
     let (simulated, of_lines) = (made_from.is_some(), made_from.map(|m| m.lines));
-    let note = store.root().join("sources").join(format!("{}.json", Key::of(parts.iter().map(String::as_bytes))));
+    let key = Key::of(parts.iter().map(String::as_bytes)).to_string();
+    let note = store.root().join("sources").join(format!("{key}.json"));
+    let quality = store.root().join("sources").join(key);
+    let figures = quality.join("quality.parquet");
     let known: Option<Index> = fs::read(&note).ok().and_then(|b| record::unsealed(&b));
     file.keep(store);
     let whole =
         |i: &Index| i.lines.iter().all(|l| l.fault.is_some() || Key::parse(&l.object).is_some_and(|k| store.has(k)));
-    if let Some(index) = known.filter(whole) {
-        return Ok((bytes, index));
+    if let Some(index) = known.filter(|index| figures.is_file() && whole(index)) {
+        return Ok((bytes, index, quality));
     }
     tick(simulated, 0, of_lines);
-    let index = ingest(store, file, how, &|lines| tick(simulated, lines, of_lines))?;
+    let (index, table) = ingest(store, file, how, &|lines| tick(simulated, lines, of_lines))?;
+    let unfinished = store.temporary();
+    store.write_table(&unfinished, &table, &[])?;
+    store.settle(&unfinished, &figures)?;
     store.write(&note, &record::sealed(&index)?)?;
-    Ok((bytes, index))
+    Ok((bytes, index, quality))
 }
 
 /// The rows of a batch in the lines of a table of lines, where there is one.
-fn divided(
-    by_time: Option<&LineTable>,
+pub(super) fn divided(
+    divider: Option<&mut Divider>,
     batch: RecordBatch,
     faults: Vec<RowFault>,
 ) -> Result<(RecordBatch, Vec<RowFault>), Fault> {
-    match by_time {
-        Some(table) => table.divide(&batch, &faults),
+    match divider {
+        Some(divider) => divider.divide(&batch, &faults),
         None => Ok((batch, faults)),
     }
 }
 
-/// Reads a file once, with as many lines in memory as are worked on.
-fn ingest(store: &Store, file: &FlightFile, how: &How, tick: &dyn Fn(usize)) -> Result<Index, Fault> {
+/// Reads a file once, with as many lines in memory as are worked on; twice where its lines are to be found. Also returns the
+/// figures of its quality.
+fn ingest(store: &Store, file: &FlightFile, how: &How, tick: &dyn Fn(usize)) -> Result<(Index, RecordBatch), Fault> {
+    let found = match how.division {
+        Some(Division::Found) => Some(find_lines::table(file.read(how.threads).map_err(Fault::from)?, &file.path)?),
+        Some(Division::Table(_)) | None => None,
+    };
+    let table = found.as_ref().or(how.division.and_then(Division::table));
+    let mut divider = table.map(|table| table.divider());
     let mut reader = file.read(how.threads).map_err(Fault::from)?;
     let canonical = Canonical::new(&reader.schema).map_err(|f| f.into_iter().next().unwrap_or_default())?;
     let origins = Origins::new(&reader.schema, &file.options.rename).of_mapping(file.mapped.is_some());
@@ -269,7 +285,7 @@ fn ingest(store: &Store, file: &FlightFile, how: &How, tick: &dyn Fn(usize)) -> 
         let assembled = assembly.as_mut()?;
         match reader.next_part().map(|part| part.map_err(Fault::from)) {
             Some(Ok(part)) => match canonical.apply_with_zeros(&part.batch) {
-                Ok(batch) => match divided(how.by_time, batch, part.faults) {
+                Ok(batch) => match divided(divider.as_mut(), batch, part.faults) {
                     Ok((batch, faults)) => whole.extend(assembled.add(&batch, &faults)),
                     Err(fault) => return Some(Err(fault)),
                 },
@@ -283,25 +299,33 @@ fn ingest(store: &Store, file: &FlightFile, how: &How, tick: &dyn Fn(usize)) -> 
     let put = |line: Whole| put(&packer, line, &origins, &file.options.accept);
     let lines = in_order(how.threads, next, put, tick)?;
     packer.finish()?;
-    if let Some(table) = how.by_time.filter(|_| lines.is_empty()) {
+    if let Some(table) = table.filter(|_| lines.is_empty()) {
         return Err(table.none_of(&file.path));
     }
     if lines.is_empty() {
         return Err(Fault::data("the file holds no samples"));
     }
-    Ok(Index { lines })
+    let rows: Vec<(&str, &str, &Measure)> =
+        lines.iter().flat_map(|(l, all)| all.iter().map(move |m| (l.flight.as_str(), l.line.as_str(), m))).collect();
+    let figures = checks::table::table(&rows)?;
+    Ok((Index { lines: lines.into_iter().map(|(line, _)| line).collect() }, figures))
 }
 
-/// Takes midnight out of a line's time, checks the line, hashes its columns, and puts it into the store. Faults that
-/// the reader found in a row come first.
-fn put(packer: &Packer, whole: Whole, origins: &Origins, accept: &[Accept]) -> Result<IndexLine, Fault> {
+/// Takes midnight out of a line's time, checks the line, hashes its columns, and puts it into the store. Also returns the
+/// figures of its quality. Faults that the reader found in a row come first.
+fn put(
+    packer: &Packer,
+    whole: Whole,
+    origins: &Origins,
+    accept: &[Accept],
+) -> Result<(IndexLine, Vec<Measure>), Fault> {
     let Whole { flight, line, parts, rows, mut fault } = whole;
     let Some(schema) = parts.first().map(RecordBatch::schema) else {
         // Rows of no line: only their existence is recorded.
         let object = Key::of(["no line", &flight, &line]).to_string();
         let fault = fault.map(IndexFault::of);
         let (columns, more_faults, findings) = (BTreeMap::new(), vec![], vec![]);
-        return Ok(IndexLine { flight, line, rows, object, columns, fault, more_faults, findings });
+        return Ok((IndexLine { flight, line, rows, object, columns, fault, more_faults, findings }, vec![]));
     };
     let mut batch = concat_batches(&schema, &parts).map_err(|e| Fault::data(e.to_string()))?;
     match midnight::unwrapped(&batch) {
@@ -321,12 +345,14 @@ fn put(packer: &Packer, whole: Whole, origins: &Origins, accept: &[Accept]) -> R
     let fault = fault.or_else(|| check_time(batch.column(2).as_primitive::<Float64Type>().values()).err());
     let mut faults = fault.into_iter().chain(faults).map(IndexFault::of);
     let (fault, more_faults) = (faults.next(), faults.collect());
+    let mut figures = of_findings(&findings, batch.column(2).as_primitive::<Float64Type>().values());
+    figures.extend(measures(&batch));
     if fault.is_none() {
         packer.put(object, batch)?;
     }
     let columns = columns.into_iter().map(|(n, k)| (n, k.to_string())).collect();
     let object = object.to_string();
-    Ok(IndexLine { flight, line, rows, object, columns, fault, more_faults, findings })
+    Ok((IndexLine { flight, line, rows, object, columns, fault, more_faults, findings }, figures))
 }
 
 /// The hash of a column's type and values.

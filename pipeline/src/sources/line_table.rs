@@ -10,6 +10,7 @@ use arrow_select::filter::filter_record_batch;
 use datasets::{FlightOptions, ReadError, Reading, RowFault, open_raw};
 use schemas::Fault;
 
+use super::{find_lines, midnight::Rise};
 use crate::keys::Key;
 
 /// The columns of the table.
@@ -23,6 +24,33 @@ struct Span {
     line: String,
     start_s: f64,
     end_s: f64,
+}
+
+/// How flights are divided, in place of their files' own lines.
+#[derive(Clone, Debug)]
+pub enum Division {
+    /// By a table of times.
+    Table(LineTable),
+    /// Into the lines that are found in each flight.
+    Found,
+}
+
+impl Division {
+    /// What depends on it depends on this.
+    pub fn key(&self) -> Key {
+        match self {
+            Division::Table(table) => table.key(),
+            Division::Found => Key::of([find_lines::VERSION]),
+        }
+    }
+
+    /// The table, where there is one.
+    pub fn table(&self) -> Option<&LineTable> {
+        match self {
+            Division::Table(table) => Some(table),
+            Division::Found => None,
+        }
+    }
 }
 
 /// The lines of flights.
@@ -85,6 +113,16 @@ impl LineTable {
         Ok(LineTable { label, spans })
     }
 
+    /// The lines of flights: name, first and last time (s past midnight UTC), in the order of their times.
+    pub fn of(label: &str, flights: impl IntoIterator<Item = (String, Vec<(String, f64, f64)>)>) -> LineTable {
+        let span = |(line, start_s, end_s): (String, f64, f64)| Span { line, start_s, end_s };
+        let spans = flights.into_iter().map(|(flight, lines)| {
+            let lines = lines.into_iter().map(span).collect();
+            (plain(&flight).to_owned(), lines)
+        });
+        LineTable { label: label.to_owned(), spans: spans.collect() }
+    }
+
     /// What depends on it depends on this.
     pub fn key(&self) -> Key {
         let spelt = self.spans.iter().flat_map(|(flight, spans)| {
@@ -93,40 +131,22 @@ impl LineTable {
         Key::of(std::iter::once("lines 1".to_owned()).chain(spelt))
     }
 
-    /// The rows of a batch (`flight`, `line`, `tt` in s) that are within a line of the table, under its name; and their
-    /// faults.
-    ///
-    /// # Errors
-    /// Fails for a batch without these columns, which is an error in the program.
-    pub fn divide(&self, batch: &RecordBatch, faults: &[RowFault]) -> Result<(RecordBatch, Vec<RowFault>), Fault> {
-        let lost = || Fault::bug("a batch of flights lacks a key");
-        let column = |name: &str| batch.column_by_name(name).ok_or_else(lost);
-        let flight = column("flight")?.as_string_opt::<i32>().ok_or_else(lost)?;
-        let tt = column("tt")?.as_primitive_opt::<Float64Type>().ok_or_else(lost)?;
-        let within = |row: usize| -> Option<&str> {
-            let spans = self.spans.get(plain(if flight.is_null(row) { "" } else { flight.value(row) }))?;
-            let tt_s = if tt.is_null(row) { f64::NAN } else { tt.value(row) };
-            let after = spans.partition_point(|span| span.end_s < tt_s);
-            spans.get(after).filter(|span| span.start_s <= tt_s).map(|span| span.line.as_str())
-        };
-        let lines: Vec<Option<&str>> = (0..batch.num_rows()).map(within).collect();
-        let keep: BooleanArray = lines.iter().map(|line| Some(line.is_some())).collect();
-        let lines: StringArray = lines.into_iter().map(|line| Some(line.unwrap_or_default())).collect();
-        let at = batch.schema().index_of("line").map_err(|_| lost())?;
-        let mut columns = batch.columns().to_vec();
-        if let Some(line) = columns.get_mut(at) {
-            *line = Arc::new(lines) as ArrayRef;
-        }
-        let named = RecordBatch::try_new(batch.schema(), columns).map_err(|e| Fault::bug(e.to_string()))?;
-        let kept = filter_record_batch(&named, &keep).map_err(|e| Fault::bug(e.to_string()))?;
-        let mut places = vec![None; batch.num_rows()];
-        let rows = keep.iter().enumerate().filter(|(_, keep)| *keep == Some(true));
-        rows.enumerate().for_each(|(place, (row, _))| places[row] = Some(place));
-        let moved = |wrong: &RowFault| {
-            let row = places.get(wrong.row).copied().flatten()?;
-            Some(RowFault { row, fault: wrong.fault.clone() })
-        };
-        Ok((kept, faults.iter().filter_map(moved).collect()))
+    /// Name, first and last time of the lines of a flight.
+    pub fn lines_of(&self, flight: &str) -> Vec<(String, f64, f64)> {
+        let spans = self.spans.get(plain(flight)).into_iter().flatten();
+        spans.map(|span| (span.line.clone(), span.start_s, span.end_s)).collect()
+    }
+
+    /// The line of a time.
+    fn at(&self, flight: &str, tt_s: f64) -> Option<&str> {
+        let spans = self.spans.get(plain(flight))?;
+        let after = spans.partition_point(|span| span.end_s < tt_s);
+        spans.get(after).filter(|span| span.start_s <= tt_s).map(|span| span.line.as_str())
+    }
+
+    /// For the batches of a file, in their order.
+    pub fn divider(&self) -> Divider<'_> {
+        Divider { table: self, flight: String::new(), rise: Rise::default() }
     }
 
     /// The lines of the table without a sample, of flights that have some.
@@ -155,6 +175,54 @@ impl LineTable {
     pub fn none_of(&self, path: &Path) -> Fault {
         let what = format!("no sample is within a line of {}", self.label);
         Fault::data(what).in_file(&path.display().to_string()).help("its flights, or its times, are other ones")
+    }
+}
+
+/// Divides the batches of a file, in their order. Times go on past midnight, whether those of the file do or not.
+pub struct Divider<'a> {
+    table: &'a LineTable,
+    flight: String,
+    rise: Rise,
+}
+
+impl Divider<'_> {
+    /// The rows of a batch (`flight`, `line`, `tt` in s) that are within a line of the table, under its name; and their
+    /// faults.
+    ///
+    /// # Errors
+    /// Fails for a batch without these columns, which is an error in the program.
+    pub fn divide(&mut self, batch: &RecordBatch, faults: &[RowFault]) -> Result<(RecordBatch, Vec<RowFault>), Fault> {
+        let lost = || Fault::bug("a batch of flights lacks a key");
+        let column = |name: &str| batch.column_by_name(name).ok_or_else(lost);
+        let flight = column("flight")?.as_string_opt::<i32>().ok_or_else(lost)?;
+        let tt = column("tt")?.as_primitive_opt::<Float64Type>().ok_or_else(lost)?;
+        let mut within = |row: usize| -> Option<&str> {
+            let flight = if flight.is_null(row) { "" } else { flight.value(row) };
+            if flight != self.flight {
+                (self.flight, self.rise) = (flight.to_owned(), Rise::default());
+            }
+            let tt_s = if tt.is_null(row) { f64::NAN } else { tt.value(row) };
+            let risen_s = self.rise.next(tt_s);
+            self.table.at(flight, risen_s).or_else(|| self.table.at(flight, tt_s))
+        };
+        let lines: Vec<Option<&str>> = (0..batch.num_rows()).map(&mut within).collect();
+        let keep: BooleanArray = lines.iter().map(|line| Some(line.is_some())).collect();
+        let lines: StringArray = lines.into_iter().map(|line| Some(line.unwrap_or_default())).collect();
+        let at = batch.schema().index_of("line").map_err(|_| lost())?;
+        let mut columns = batch.columns().to_vec();
+        if let Some(line) = columns.get_mut(at) {
+            *line = Arc::new(lines) as ArrayRef;
+        }
+        let named = RecordBatch::try_new(batch.schema(), columns).map_err(|e| Fault::bug(e.to_string()))?;
+        let kept = filter_record_batch(&named, &keep).map_err(|e| Fault::bug(e.to_string()))?;
+        let mut places = vec![None; batch.num_rows()];
+        let rows = keep.iter().enumerate().filter(|(_, keep)| *keep == Some(true));
+        rows.enumerate().for_each(|(place, (row, _))| places[row] = Some(place));
+        let moved = |wrong: &RowFault| {
+            let row = places.get(wrong.row).copied().flatten()?;
+            Some(RowFault { row, fault: wrong.fault.clone() })
+        };
+        Ok((kept, faults.iter().filter_map(moved).collect()))
     }
 }
 
@@ -204,7 +272,7 @@ mod tests {
     fn law_each_sample_is_in_the_line_of_its_time_or_in_none() {
         let table = table("flight,line,t_start,t_end\nFlt1003,1003.10,20.2,30\nFlt1003,1003.02,10,20\n").unwrap();
         let fault = |row: usize| RowFault { row, fault: ReadError::data(Path::new("x"), "bad") };
-        let (kept, faults) = table.divide(&batch(), &[fault(0), fault(3)]).unwrap();
+        let (kept, faults) = table.divider().divide(&batch(), &[fault(0), fault(3)]).unwrap();
         let lines: Vec<&str> = kept.column_by_name("line").unwrap().as_string::<i32>().iter().flatten().collect();
         assert_eq!(lines, ["1003.02", "1003.02", "1003.10", "1003.10"]);
         assert_eq!(faults.iter().map(|f| f.row).collect::<Vec<_>>(), [2]);
@@ -212,6 +280,22 @@ mod tests {
         assert!(table.check(found()).is_ok());
         assert!(table.check(found().take(1)).unwrap_err().to_string().contains("1003/1003.10"));
         assert!(table.check([("1004", "1")].into_iter()).is_ok(), "a flight that the table does not have");
+    }
+
+    #[test]
+    fn unit_lines_go_on_past_midnight() {
+        let table = table("flight,line,t_start,t_end\n1,late,86398,86402\n").unwrap();
+        let rows = |tt: Vec<f64>| {
+            let text = |value: &str| Arc::new(StringArray::from(vec![value; 3])) as ArrayRef;
+            let tt = Arc::new(Float64Array::from(tt)) as ArrayRef;
+            RecordBatch::try_from_iter([("flight", text("1")), ("line", text("0")), ("tt", tt)]).unwrap()
+        };
+        let mut divider = table.divider();
+        let mut kept = |tt: Vec<f64>| divider.divide(&rows(tt), &[]).unwrap().0.num_rows();
+        assert_eq!((kept(vec![86_397.0, 86_398.0, 86_399.0]), kept(vec![1.0, 2.0, 3.0])), (2, 2));
+        let mut other = table.divider();
+        let kept = other.divide(&rows(vec![86_399.0, 86_401.0, 86_403.0]), &[]).unwrap().0;
+        assert_eq!(kept.num_rows(), 2, "a log that goes on itself");
     }
 
     #[test]

@@ -51,19 +51,35 @@ pub(super) fn unwrapped(batch: &RecordBatch) -> Result<Option<RecordBatch>, Faul
 
 /// The time with a day added at each midnight.
 fn risen(tt: &[f64]) -> Vec<f64> {
-    let (mut before, mut add) = (f64::NAN, 0.0);
-    tt.iter()
-        .map(|&t| {
-            let ends = (DAY_S - NEAR_S..DAY_S + NEAR_S).contains(&before);
-            if ends && (0.0..NEAR_S).contains(&t) {
-                add += DAY_S;
-            }
-            if t.is_finite() {
-                before = t;
-            }
-            t + add
-        })
-        .collect()
+    let mut rise = Rise::default();
+    tt.iter().map(|t| rise.next(*t)).collect()
+}
+
+/// Adds a day to the time at each midnight, sample by sample.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rise {
+    before: f64,
+    add: f64,
+}
+
+impl Default for Rise {
+    fn default() -> Rise {
+        Rise { before: f64::NAN, add: 0.0 }
+    }
+}
+
+impl Rise {
+    /// The time of the next sample, s past the midnight before the first one.
+    pub(super) fn next(&mut self, t: f64) -> f64 {
+        let ends = (DAY_S - NEAR_S..DAY_S + NEAR_S).contains(&self.before);
+        if ends && (0.0..NEAR_S).contains(&t) {
+            self.add += DAY_S;
+        }
+        if t.is_finite() {
+            self.before = t;
+        }
+        t + self.add
+    }
 }
 
 /// Midnights since the first sample.

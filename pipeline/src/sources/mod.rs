@@ -6,6 +6,7 @@ pub mod checks;
 mod consistency;
 pub mod export;
 mod files;
+pub mod find_lines;
 mod finding;
 mod flight_file;
 mod formats;
@@ -33,9 +34,9 @@ pub use files::{find, hive, walk};
 use flight_file::FlightFile;
 pub use formats::{flight_formats, open_flight, open_log};
 pub use ingest::LineRecord;
-pub use line_table::LineTable;
+pub use line_table::{Division, LineTable};
 pub use log_reader::LogReader;
-pub use options::MappingOptions;
+pub use options::{AUTO, MappingOptions, WHOLE, division};
 use options::{Files, flight_options, map_options, spelt};
 pub use quality::{Check, Finding};
 
@@ -59,8 +60,8 @@ pub struct Flights {
     pub notes: Vec<String>,
     /// Whether the bytes of its files are read even where they look like those read last.
     pub read_all: bool,
-    /// The lines by their times, in place of those of the files.
-    by_time: Option<LineTable>,
+    /// How flights are divided, in place of the lines of the files.
+    division: Option<Division>,
     files: Vec<FlightFile>,
 }
 
@@ -70,6 +71,8 @@ pub struct Lines {
     pub lines: Vec<LineRecord>,
     /// The files they came from, and their keys.
     pub files: Vec<Bytes>,
+    /// The folders of the figures of their quality: tables as [`checks::table`] has them.
+    pub quality: Vec<PathBuf>,
 }
 
 /// The progress of reading a table.
@@ -150,7 +153,7 @@ impl Flights {
         let schema: SchemaRef = Arc::new(Schema::new(fields));
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
         let (name, shape) = (decl.name.clone(), Shape { columns, rate_hz: None });
-        Ok(Flights { name, shape, schema, notes, read_all: trust.read_all, by_time: lines, files })
+        Ok(Flights { name, shape, schema, notes, read_all: trust.read_all, division: lines, files })
     }
 
     /// Its files, and those that its simulations are made from.

@@ -6,7 +6,7 @@ use datasets::{FlightOptions, MapOptions};
 use schemas::{Fault, Lists, Params, Reader, params};
 
 use super::{
-    line_table::LineTable,
+    line_table::{Division, LineTable},
     mapping::{Mapped, Mapping, is_shown},
 };
 use crate::spec::SourceDecl;
@@ -20,7 +20,9 @@ params! {
     /// The table of the mapping.
     table: Option<String>, unit "", default None, absent "the only one";
     /// A table of `flight`, `line`, `t_start` and `t_end` (seconds past midnight UTC): a sample is in the line that has its
-    /// time, and left out where none has. Takes the place of the files' own lines.
+    /// time, and left out where none has. Takes the place of the files' own lines. `auto` finds lines in each flight:
+    /// straight lines and tie lines, calibration boxes, cloverleafs, figures of eight and circles; `magline ingest
+    /// --lines auto --picture lines.svg` shows them and writes the table.
     lines: Option<String>, unit "", default None, absent "the lines of the files";
 }
 
@@ -30,12 +32,23 @@ pub struct Files {
     pub options: FlightOptions,
     /// What columns mean.
     pub mapped: Option<Mapped>,
-    /// The lines by their times.
-    pub lines: Option<LineTable>,
+    /// How they are divided, where not into their own lines.
+    pub lines: Option<Division>,
 }
 
-/// The line of a file that is divided by a table.
-const WHOLE: &str = "0";
+/// Instead of a table of lines: they are found.
+pub const AUTO: &str = "auto";
+
+/// The table of lines `name`, or that lines are found.
+///
+/// # Errors
+/// Fails as [`LineTable::read`].
+pub fn division(name: &str, folder: &Path) -> Result<Division, Fault> {
+    if name == AUTO { Ok(Division::Found) } else { LineTable::read(&folder.join(name)).map(Division::Table) }
+}
+
+/// The line of a file that is divided.
+pub const WHOLE: &str = "0";
 
 /// The options of a table of flights, with the table of its mapping and that of its lines. Paths start from `folder`.
 ///
@@ -49,7 +62,7 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<Files, Vec<Fau
         let fault = Fault::new("`epsg` applies to survey points only: say `format = \"points\"`");
         return Err(vec![at(fault, "epsg")]);
     }
-    let lines = lines.map(|name| LineTable::read(&folder.join(name))).transpose();
+    let lines = lines.map(|name| division(&name, folder)).transpose();
     let lines = lines.map_err(|fault| vec![at(fault, "lines")])?;
     if lines.is_some() {
         // Files that have no lines need none.

@@ -1,5 +1,7 @@
 //! Missing values.
 
+use std::ops::Range;
+
 /// The missing samples of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dropouts {
@@ -30,6 +32,18 @@ pub fn dropouts(values: &[f64], tt: &[f64]) -> Option<Dropouts> {
         }
     }
     Some(Dropouts { samples, first, longest_s })
+}
+
+/// The runs of missing samples.
+pub fn stretches(values: &[f64]) -> Vec<Range<usize>> {
+    let mut found: Vec<Range<usize>> = vec![];
+    for (row, _) in values.iter().enumerate().filter(|(_, x)| !x.is_finite()) {
+        match found.last_mut() {
+            Some(run) if run.end == row => run.end = row + 1,
+            _ => found.push(row..row + 1),
+        }
+    }
+    found
 }
 
 #[cfg(test)]

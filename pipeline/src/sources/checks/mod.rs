@@ -2,16 +2,111 @@
 //! each column. Each check is one file with one function of numbers.
 
 mod dropouts;
+mod look;
 mod noise;
 mod quantisation;
 mod sampling;
 mod saturation;
 mod spikes;
+mod stretches;
 mod stuck;
+pub mod table;
+
+pub use look::{Around, needs_a_look};
+pub use stretches::{gaps, stretches};
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::DataType;
 use schemas::{Role, describe_field};
+
+use super::quality::{Check, Finding};
+
+/// Raised when figures change.
+pub const VERSION: &str = "checks 1";
+
+/// What is checked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Figure {
+    /// One over the median step of the time.
+    Rate,
+    /// The robust standard deviation of the steps.
+    Jitter,
+    /// The time that steps are too long by, all together.
+    Gaps,
+    /// The longest of those.
+    LongestGap,
+    /// Rows with the time of the row before.
+    RepeatedTime,
+    /// Rows with an earlier time.
+    BackwardTime,
+    /// Midnights that the line runs over.
+    Midnight,
+    /// Missing values: the longest time without one.
+    Dropouts,
+    /// The longest time with one value.
+    Stuck,
+    /// The value at the end of a range.
+    Saturation,
+    /// The step of which values are multiples.
+    Quantisation,
+    /// The standard deviation of white noise.
+    Noise,
+    /// The height of the largest spike.
+    Spikes,
+    /// A finding of the examination.
+    Found(Check),
+}
+
+impl Figure {
+    /// All of them.
+    pub const ALL: [Figure; 20] = [
+        Figure::Rate,
+        Figure::Jitter,
+        Figure::Gaps,
+        Figure::LongestGap,
+        Figure::RepeatedTime,
+        Figure::BackwardTime,
+        Figure::Midnight,
+        Figure::Dropouts,
+        Figure::Stuck,
+        Figure::Saturation,
+        Figure::Quantisation,
+        Figure::Noise,
+        Figure::Spikes,
+        Figure::Found(Check::Missing),
+        Figure::Found(Check::Infinite),
+        Figure::Found(Check::ZeroReading),
+        Figure::Found(Check::Impossible),
+        Figure::Found(Check::NotTotalField),
+        Figure::Found(Check::Inconsistent),
+        Figure::Found(Check::Constant),
+    ];
+
+    /// The word for it.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Figure::Rate => "rate",
+            Figure::Jitter => "jitter",
+            Figure::Gaps => "gaps",
+            Figure::LongestGap => "longest_gap",
+            Figure::RepeatedTime => "repeated_time",
+            Figure::BackwardTime => "backward_time",
+            Figure::Midnight => "midnight",
+            Figure::Dropouts => "dropouts",
+            Figure::Stuck => "stuck",
+            Figure::Saturation => "saturation",
+            Figure::Quantisation => "quantisation",
+            Figure::Noise => "noise",
+            Figure::Spikes => "spikes",
+            Figure::Found(check) => check.as_str(),
+        }
+    }
+
+    /// The figure of a word.
+    pub fn of(word: &str) -> Option<Figure> {
+        Figure::ALL.into_iter().find(|figure| figure.as_str() == word)
+    }
+}
 
 /// One figure of one column of a line.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,7 +114,7 @@ pub struct Measure {
     /// The column.
     pub column: String,
     /// What was checked.
-    pub check: &'static str,
+    pub check: Figure,
     /// The figure.
     pub value: f64,
     /// Its unit.
@@ -59,13 +154,14 @@ fn of_time(tt: &[f64]) -> Vec<Measure> {
         count,
         first_tt: at(first),
     };
-    let mut out = vec![one("rate", found.rate_hz, "Hz", all, None), one("jitter", found.jitter_s, "s", all, None)];
+    let mut out =
+        vec![one(Figure::Rate, found.rate_hz, "Hz", all, None), one(Figure::Jitter, found.jitter_s, "s", all, None)];
     for (check, tally, value, unit) in [
-        ("gaps", found.gaps, found.missing_s, "s"),
-        ("longest_gap", found.gaps, found.longest_gap_s, "s"),
-        ("repeated_time", found.repeated, 0.0, "s"),
-        ("backward_time", found.backward, found.worst_step_back_s, "s"),
-        ("midnight", found.midnights, 86_400.0, "s"),
+        (Figure::Gaps, found.gaps, found.missing_s, "s"),
+        (Figure::LongestGap, found.gaps, found.longest_gap_s, "s"),
+        (Figure::RepeatedTime, found.repeated, 0.0, "s"),
+        (Figure::BackwardTime, found.backward, found.worst_step_back_s, "s"),
+        (Figure::Midnight, found.midnights, 86_400.0, "s"),
     ] {
         if tally.n > 0 {
             out.push(one(check, value, unit, tally.n, tally.first));
@@ -88,7 +184,7 @@ fn of_column(about: &schemas::Column, values: &[f64], tt: &[f64], gaps: &[bool],
         });
     };
     if let Some(found) = dropouts::dropouts(values, tt) {
-        push("dropouts", found.longest_s, "s", found.samples, Some(found.first));
+        push(Figure::Dropouts, found.longest_s, "s", found.samples, Some(found.first));
     }
     let known: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
     let constant = known.windows(2).all(|w| w[0] == w[1]);
@@ -97,22 +193,36 @@ fn of_column(about: &schemas::Column, values: &[f64], tt: &[f64], gaps: &[bool],
     }
     let is_sensor = about.role == Role::Sensor;
     if is_sensor && let Some(found) = stuck::stuck(values, tt) {
-        push("stuck", found.longest_s, "s", found.samples, Some(found.first));
+        push(Figure::Stuck, found.longest_s, "s", found.samples, Some(found.first));
     }
     if is_sensor && let Some(found) = saturation::saturation(values) {
-        push("saturation", found.value, &about.unit, found.samples, Some(found.first));
+        push(Figure::Saturation, found.value, &about.unit, found.samples, Some(found.first));
     }
     if let Some(step) = quantisation::step(&known) {
-        push("quantisation", step, &about.unit, known.len(), None);
+        push(Figure::Quantisation, step, &about.unit, known.len(), None);
     }
     let continuous = if wraps(about) { unwrapped(values) } else { values.to_vec() };
     let fourth = noise::fourth_differences(&continuous, gaps);
     // A value that is held for more than half of the time has differences of 0, and steps that are no spikes.
     let Some(sigma) = noise::noise(&fourth) else { return };
-    push("noise", sigma, &about.unit, fourth.iter().filter(|d| d.is_finite()).count(), None);
+    push(Figure::Noise, sigma, &about.unit, fourth.iter().filter(|d| d.is_finite()).count(), None);
     if let Some(found) = spikes::spikes(&fourth) {
-        push("spikes", found.largest, &about.unit, found.samples, Some(found.first));
+        push(Figure::Spikes, found.largest, &about.unit, found.samples, Some(found.first));
     }
+}
+
+/// The figures of what an examination of a line found in it.
+pub fn of_findings(findings: &[Finding], tt: &[f64]) -> Vec<Measure> {
+    let at = |row: u64| usize::try_from(row).ok().and_then(|row| tt.get(row)).copied().unwrap_or(f64::NAN);
+    let one = |f: &Finding| Measure {
+        column: f.column.clone(),
+        check: Figure::Found(f.check),
+        value: f.value().unwrap_or(f64::NAN),
+        unit: f.unit.clone(),
+        count: f.n,
+        first_tt: at(f.first_row),
+    };
+    findings.iter().map(one).collect()
 }
 
 /// Whether a column is an angle that jumps by a whole turn.
@@ -174,7 +284,7 @@ mod tests {
             [tt, mag, yaw].into_iter().map(|c| Arc::new(Float64Array::from(c)) as ArrayRef).collect();
         let schema: Schema = Schema::new(fields.to_vec() as Vec<Field>);
         let found = measures(&RecordBatch::try_new(Arc::new(schema), columns).unwrap());
-        let of = |column: &str, check: &str| found.iter().find(|m| m.column == column && m.check == check);
+        let of = |column: &str, check: &str| found.iter().find(|m| m.column == column && m.check.as_str() == check);
         assert!((of("tt", "rate").unwrap().value - 10.0).abs() < 1e-9);
         let gap = of("tt", "gaps").unwrap();
         assert!((gap.value - 5.0).abs() < 1e-9 && gap.count == 1 && (gap.first_tt - 15.0).abs() < 1e-9, "{gap:?}");

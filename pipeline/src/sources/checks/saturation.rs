@@ -1,5 +1,7 @@
 //! Values at the end of a sensor's range.
 
+use std::ops::Range;
+
 /// Samples at the largest or the least value of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Saturation {
@@ -42,6 +44,19 @@ pub fn saturation(values: &[f64]) -> Option<Saturation> {
         (run >= RUN && samples >= EXCESS * next).then_some(Saturation { samples, first, value })
     };
     at(&mut counts.iter().rev()).or_else(|| at(&mut counts.iter()))
+}
+
+/// The runs of samples at the saturated end.
+pub fn stretches(values: &[f64]) -> Vec<Range<usize>> {
+    let Some(Saturation { value, .. }) = saturation(values) else { return vec![] };
+    let mut found: Vec<Range<usize>> = vec![];
+    for (row, _) in values.iter().enumerate().filter(|(_, x)| **x == value) {
+        match found.last_mut() {
+            Some(run) if run.end == row => run.end = row + 1,
+            _ => found.push(row..row + 1),
+        }
+    }
+    found
 }
 
 fn longest_run(values: &[f64], value: f64) -> usize {

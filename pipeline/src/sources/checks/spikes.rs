@@ -20,20 +20,27 @@ const BLOCK: usize = 64;
 
 /// The spikes of a column whose fourth differences these are; `None` where there are none.
 pub fn spikes(fourth: &[f64]) -> Option<Spikes> {
+    let found = peaks(fourth);
+    let largest = found.iter().map(|(_, height)| *height).fold(0.0, f64::max);
+    found.first().map(|(first, _)| Spikes { samples: found.len(), first: *first, largest })
+}
+
+/// The row and the height of each.
+pub fn peaks(fourth: &[f64]) -> Vec<(usize, f64)> {
     let scale = |part: &[f64]| {
         let mut sizes: Vec<f64> = part.iter().filter(|d| d.is_finite()).map(|d| d.abs()).collect();
         if sizes.is_empty() { 0.0 } else { 1.4826 * median(&mut sizes) }
     };
     let all = scale(fourth);
     if all == 0.0 {
-        return None;
+        return vec![];
     }
     let blocks: Vec<f64> = fourth.chunks(BLOCK).map(scale).collect();
     let around = |block: usize| {
         let from = block.saturating_sub(1);
         blocks.iter().skip(from).take(block + 2 - from).fold(all, |a, b| a.max(*b))
     };
-    let (mut samples, mut first, mut largest) = (0, None, 0.0_f64);
+    let mut found = vec![];
     for (i, d) in fourth.iter().enumerate() {
         let size = d.abs();
         if size.is_nan() || size <= SIGMAS * around(i / BLOCK) {
@@ -43,12 +50,10 @@ pub fn spikes(fourth: &[f64]) -> Option<Spikes> {
         let near = fourth.iter().skip(i.saturating_sub(2)).take(5.min(i + 3));
         let is_peak = near.filter(|n| n.is_finite()).all(|n| n.abs() <= size);
         if is_peak {
-            samples += 1;
-            first.get_or_insert(i);
-            largest = largest.max(size / 6.0);
+            found.push((i, size / 6.0));
         }
     }
-    first.map(|first| Spikes { samples, first, largest })
+    found
 }
 
 #[cfg(test)]

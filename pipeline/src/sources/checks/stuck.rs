@@ -1,5 +1,7 @@
 //! A sensor that stops for a while.
 
+use std::ops::Range;
+
 /// The longest time for which a column keeps its value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stuck {
@@ -18,22 +20,25 @@ const LONGER: usize = 10;
 /// The longest run of equal values, where it is far longer than the others: a value that is always held, or coarse, is not
 /// stuck. `None` where there is none.
 pub fn stuck(values: &[f64], tt: &[f64]) -> Option<Stuck> {
-    let mut runs: Vec<(usize, usize)> = vec![];
+    let longest = stretches(values).into_iter().max_by_key(|run| (run.len(), std::cmp::Reverse(run.start)))?;
+    let longest_s = tt.get(longest.end.checked_sub(1)?)? - tt.get(longest.start)?;
+    Some(Stuck { samples: longest.len(), first: longest.start, longest_s })
+}
+
+/// All runs of equal values that are far longer than the others.
+pub fn stretches(values: &[f64]) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = vec![];
     for (row, x) in values.iter().enumerate() {
         match runs.last_mut() {
-            Some((first, n)) if values.get(*first) == Some(x) => *n += 1,
-            _ => runs.push((row, 1)),
+            Some(run) if values.get(run.start) == Some(x) => run.end = row + 1,
+            _ => runs.push(row..row + 1),
         }
     }
-    let (first, samples) = runs.iter().copied().max_by_key(|(first, n)| (*n, std::cmp::Reverse(*first)))?;
-    let mut lengths: Vec<usize> = runs.iter().map(|(_, n)| *n).collect();
+    let mut lengths: Vec<usize> = runs.iter().map(ExactSizeIterator::len).collect();
     lengths.sort_unstable();
     let usual = lengths.get(lengths.len() * 9 / 10).copied().unwrap_or(1);
-    if samples < LEAST || (samples < LONGER * usual) {
-        return None;
-    }
-    let longest_s = tt.get(first + samples - 1)? - tt.get(first)?;
-    Some(Stuck { samples, first, longest_s })
+    runs.retain(|run| run.len() >= LEAST && run.len() >= LONGER * usual);
+    runs
 }
 
 #[cfg(test)]

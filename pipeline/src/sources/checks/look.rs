@@ -1,0 +1,74 @@
+//! Which figures need a look.
+
+use schemas::{Role, flight};
+
+use super::{Figure, Measure};
+
+/// What a figure is judged by.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Around {
+    /// The samples of the lines that it is about.
+    pub samples: u64,
+    /// The rate of the samples, Hz.
+    pub rate_hz: f64,
+    /// The least noise of a scalar magnetometer of the flight, nT; NaN without one.
+    pub quietest_nt: f64,
+    /// The noise of the column; NaN where it has none.
+    pub noise: f64,
+}
+
+/// Longer than this, `resample` leaves a gap open unless it is told otherwise, s.
+const GAP_S: f64 = 1.0;
+/// Of all samples.
+const MISSING: f64 = 0.01;
+/// Steps are uneven beyond this part of the step: interpolation between them is no longer exact to the noise.
+const JITTER: f64 = 0.1;
+/// A step of so many standard deviations of the noise is what is seen of the sensor.
+const COARSE: f64 = 2.0;
+/// A magnetometer is noisy beside the best one of its flight.
+const NOISY: f64 = 10.0;
+
+/// Whether a figure is one that people would look at before they use the column.
+pub fn needs_a_look(measure: &Measure, around: &Around) -> bool {
+    let is_magnetometer = flight::is_scalar_reading(&measure.column) || flight::vector_part(&measure.column).is_some();
+    let share = measure.count as f64 / (around.samples.max(1)) as f64;
+    match measure.check {
+        Figure::Rate | Figure::Midnight => false,
+        Figure::Jitter => measure.value * around.rate_hz > JITTER,
+        Figure::Gaps => measure.value * around.rate_hz > MISSING * around.samples as f64,
+        Figure::LongestGap => measure.value > GAP_S,
+        Figure::RepeatedTime | Figure::BackwardTime => true,
+        Figure::Dropouts => measure.value > GAP_S || share > MISSING,
+        Figure::Stuck | Figure::Saturation => true,
+        Figure::Quantisation => is_magnetometer && !(measure.value <= COARSE * around.noise),
+        Figure::Noise => flight::is_scalar_reading(&measure.column) && measure.value > NOISY * around.quietest_nt,
+        // Estimates step at each fix.
+        Figure::Spikes => !measure.column.starts_with("ins_") && flight::describe(&measure.column).role == Role::Sensor,
+        // Missing values are dropouts.
+        Figure::Found(super::Check::Missing) => false,
+        Figure::Found(_) => true,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_a_figure_is_judged_by_what_is_around_it() {
+        let around = Around { samples: 10_000, rate_hz: 10.0, quietest_nt: 0.01, noise: 0.02 };
+        let of = |column: &str, check, value, count| {
+            let measure = Measure { column: column.into(), check, value, unit: "".into(), count, first_tt: f64::NAN };
+            needs_a_look(&measure, &around)
+        };
+        assert!(of("mag_1_uc", Figure::Dropouts, 0.3, 200) && of("mag_1_uc", Figure::Dropouts, 2.0, 20));
+        assert!(!of("mag_1_uc", Figure::Dropouts, 0.3, 20));
+        assert!(of("tt", Figure::Jitter, 0.02, 10_000) && !of("tt", Figure::Jitter, 0.001, 10_000));
+        assert!(of("tt", Figure::Gaps, 11.0, 40) && !of("tt", Figure::Gaps, 9.0, 40));
+        assert!(of("mag_1_uc", Figure::Noise, 0.2, 1) && !of("mag_1_uc", Figure::Noise, 0.05, 1));
+        assert!(!of("cur_1", Figure::Noise, 500.0, 1));
+        assert!(of("flux_a_x", Figure::Quantisation, 100.0, 1) && !of("flux_a_x", Figure::Quantisation, 0.03, 1));
+        assert!(of("mag_1_uc", Figure::Spikes, 5.0, 1) && !of("ins_vn", Figure::Spikes, 5.0, 1));
+        assert!(!of("tt", Figure::Midnight, 86_400.0, 1));
+    }
+}

@@ -1,0 +1,67 @@
+//! Where in a line the figures of a column come from.
+
+use super::{Figure, dropouts, noise, sampling, saturation, spikes, stuck};
+
+/// The times, first and last, of the parts of a column that a figure is about, s; empty for a figure of the whole column. Taken as
+/// missing are infinities, readings of 0 and impossible values too.
+pub fn stretches(figure: Figure, values: &[f64], tt: &[f64]) -> Vec<(f64, f64)> {
+    let rows = match figure {
+        Figure::Dropouts => dropouts::stretches(values),
+        Figure::Stuck => stuck::stretches(values),
+        Figure::Saturation => saturation::stretches(values),
+        Figure::Spikes => {
+            let fourth = noise::fourth_differences(values, &sampling::breaks(tt));
+            let known = noise::noise(&fourth).is_some();
+            spikes::peaks(&fourth).into_iter().filter(|_| known).map(|(row, _)| row..row + 1).collect()
+        }
+        Figure::Rate
+        | Figure::Jitter
+        | Figure::Gaps
+        | Figure::LongestGap
+        | Figure::RepeatedTime
+        | Figure::BackwardTime
+        | Figure::Midnight
+        | Figure::Quantisation
+        | Figure::Noise
+        | Figure::Found(_) => vec![],
+    };
+    rows.into_iter().filter_map(|run| Some((*tt.get(run.start)?, *tt.get(run.end.checked_sub(1)?)?))).collect()
+}
+
+/// The gaps of the times: from the sample before to that after.
+pub fn gaps(tt: &[f64]) -> Vec<(f64, f64)> {
+    let breaks = sampling::breaks(tt);
+    let before = |i: usize| Some((*tt.get(i.checked_sub(1)?)?, *tt.get(i)?));
+    (0..tt.len()).filter(|i| breaks.get(*i) == Some(&true)).filter_map(before).filter(|(a, b)| b > a).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn law_each_part_is_where_it_was_put() {
+        let tt: Vec<f64> = (0..2000).map(|i| f64::from(i) * 0.1 + if i >= 1000 { 7.0 } else { 0.0 }).collect();
+        let wave = |i: usize| (i as f64 * 1.7).sin() + (i as f64 * 2.9 + 0.3).cos() * 0.7;
+        let mut x: Vec<f64> = (0..2000).map(wave).collect();
+        x[100..140].fill(f64::NAN);
+        let held = x[400];
+        x[400..460].fill(held);
+        x[700] += 400.0;
+        let near = |found: Vec<(f64, f64)>, expected: &[(f64, f64)]| {
+            let close = found.iter().zip(expected).all(|(a, b)| (a.0 - b.0).abs() < 1e-9 && (a.1 - b.1).abs() < 1e-9);
+            assert!(found.len() == expected.len() && close, "{found:?} {expected:?}");
+        };
+        near(stretches(Figure::Dropouts, &x, &tt), &[(10.0, 13.9)]);
+        near(stretches(Figure::Stuck, &x, &tt), &[(40.0, 45.9)]);
+        near(stretches(Figure::Spikes, &x, &tt), &[(70.0, 70.0)]);
+        near(gaps(&tt), &[(99.9, 107.0)]);
+        assert!(stretches(Figure::Noise, &x, &tt).is_empty());
+        // A range of -1 to 1, and a sensor that ends at 1.2.
+        let clipped: Vec<f64> = (0..2000).map(|i| (2.0 * (i as f64 * 0.013).sin()).min(1.2)).collect();
+        let found = stretches(Figure::Saturation, &clipped, &tt);
+        assert!(!found.is_empty());
+        let within = |t: f64| found.iter().any(|(a, b)| (*a..=*b).contains(&t));
+        assert!(tt.iter().zip(&clipped).all(|(t, x)| within(*t) == (*x == 1.2)));
+    }
+}

@@ -1,0 +1,119 @@
+//! The figures of lines as a table, and back.
+
+use std::sync::Arc;
+
+use arrow_array::{
+    Array, ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray,
+    cast::AsArray,
+    types::{Float64Type, Int64Type},
+};
+use arrow_schema::{Field, Schema};
+use schemas::{Fault, Role, field};
+
+use super::{Figure, Measure};
+
+/// A figure of a line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OfLine {
+    /// The flight.
+    pub flight: String,
+    /// The line.
+    pub line: String,
+    /// The figure.
+    pub measure: Measure,
+}
+
+/// The names of the columns.
+pub const COLUMNS: [&str; 8] = ["flight", "line", "column", "check", "value", "unit", "count", "first_tt"];
+
+/// The figures: flight, line and figure.
+///
+/// # Errors
+/// Fails only where the columns have different lengths, which is an error in the program.
+pub fn table(rows: &[(&str, &str, &Measure)]) -> Result<RecordBatch, Fault> {
+    let text = |f: &dyn Fn(&(&str, &str, &Measure)) -> String| -> ArrayRef {
+        Arc::new(rows.iter().map(|r| Some(f(r))).collect::<StringArray>())
+    };
+    let number = |f: fn(&Measure) -> f64| -> ArrayRef {
+        // What is not there is null, not NaN: the table is read by all sorts of programs.
+        Arc::new(rows.iter().map(|r| Some(f(r.2)).filter(|x| x.is_finite())).collect::<Float64Array>())
+    };
+    let count: ArrayRef = Arc::new(rows.iter().map(|r| i64::try_from(r.2.count).ok()).collect::<Int64Array>());
+    let [flight, line, column, check, value, unit, of, first_tt] = COLUMNS;
+    let columns = [
+        (flight, text(&|r| r.0.to_owned()), "", Role::Key, "flight identifier"),
+        (line, text(&|r| r.1.to_owned()), "", Role::Key, "line identifier"),
+        (column, text(&|r| r.2.column.clone()), "", Role::Key, "the column, or the vector magnetometer"),
+        (check, text(&|r| r.2.check.as_str().to_owned()), "", Role::Key, "what was checked"),
+        (value, number(|m| m.value), "", Role::Derived, "the figure; null where the check has none"),
+        (unit, text(&|r| r.2.unit.clone()), "", Role::Derived, "its unit"),
+        (of, count, "", Role::Derived, "the number of samples that it is about"),
+        (first_tt, number(|m| m.first_tt), "s", Role::Derived, "the time of the first of them; null for all"),
+    ];
+    let fields: Vec<Field> = columns
+        .iter()
+        .map(|(name, array, unit, role, about)| field(name, array.data_type().clone(), unit, *role, about))
+        .collect();
+    let arrays = columns.into_iter().map(|(_, array, ..)| array).collect();
+    RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::bug(e.to_string()))
+}
+
+/// The figures of a table; what another version of magline has written and this one does not know is left out.
+pub fn figures(table: &RecordBatch) -> Vec<OfLine> {
+    let [flight, line, column, check, value, unit, count, first_tt] = COLUMNS;
+    let text = |name: &str| table.column_by_name(name).and_then(|c| c.as_string_opt::<i32>());
+    let number = |name: &str| table.column_by_name(name).and_then(|c| c.as_primitive_opt::<Float64Type>());
+    let count = table.column_by_name(count).and_then(|c| c.as_primitive_opt::<Int64Type>());
+    let (Some(flight), Some(line), Some(column), Some(check), Some(unit)) =
+        (text(flight), text(line), text(column), text(check), text(unit))
+    else {
+        return vec![];
+    };
+    let (Some(value), Some(first_tt), Some(count)) = (number(value), number(first_tt), count) else { return vec![] };
+    let at = |x: &Float64Array, row: usize| if x.is_null(row) { f64::NAN } else { x.value(row) };
+    let one = |row: usize| {
+        let measure = Measure {
+            column: column.value(row).to_owned(),
+            check: Figure::of(check.value(row))?,
+            value: at(value, row),
+            unit: unit.value(row).to_owned(),
+            count: u64::try_from(count.value(row)).ok()?,
+            first_tt: at(first_tt, row),
+        };
+        Some(OfLine { flight: flight.value(row).to_owned(), line: line.value(row).to_owned(), measure })
+    };
+    (0..table.num_rows()).filter_map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn law_a_table_gives_back_the_figures_it_was_made_of() {
+        let all: Vec<OfLine> = Figure::ALL
+            .into_iter()
+            .enumerate()
+            .map(|(i, check)| OfLine {
+                flight: "1".into(),
+                line: format!("1.{i}"),
+                measure: Measure {
+                    column: "mag_1_uc".into(),
+                    check,
+                    value: 0.1 * i as f64,
+                    unit: "nT".into(),
+                    count: i as u64,
+                    first_tt: 7.0 + i as f64,
+                },
+            })
+            .collect();
+        let rows: Vec<(&str, &str, &Measure)> =
+            all.iter().map(|r| (r.flight.as_str(), r.line.as_str(), &r.measure)).collect();
+        assert_eq!(figures(&table(&rows).unwrap()), all);
+        let nothing = Measure { value: f64::NAN, first_tt: f64::NAN, ..all[0].measure.clone() };
+        let back = figures(&table(&[("1", "2", &nothing)]).unwrap());
+        assert!(back[0].measure.value.is_nan() && back[0].measure.first_tt.is_nan());
+    }
+}

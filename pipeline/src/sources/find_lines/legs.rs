@@ -1,0 +1,224 @@
+//! The legs of a flight: straight stretches, and the turns between them.
+
+use std::ops::Range;
+
+use numerics::regression::statistics::{mean, quantile};
+
+use super::motion::{Motion, RATE_HZ, runs};
+
+/// A turn is faster than this part of the rate at which the flight usually turns, within these limits, degrees per second.
+const PART: f64 = 0.25;
+const LIMITS_DPS: (f64, f64) = (0.3, 3.0);
+/// It changes the course by so much, degrees: the yaws of a calibration do not.
+const LEAST_DEG: f64 = 20.0;
+/// A slower moment within a turn, s.
+const LULL_S: f64 = 3.0;
+/// What is shorter belongs to the turns around it, s.
+const LEG_S: f64 = 5.0;
+/// The course of a leg is within this of its mean, degrees, but for a tenth of its samples.
+const STRAIGHT_DEG: f64 = 15.0;
+/// Angles are taken without what is slower than this, and their power is over so much time, s.
+const SLOW_S: f64 = 12.0;
+const POWER_S: f64 = 6.0;
+/// The aircraft levels out at the ends of a leg, s.
+const SETTLE_S: f64 = 3.0;
+/// A manoeuvre of an angle has a root mean square of so much, degrees, and of so many times that of its quiet moments.
+const LEAST_RMS_DEG: f64 = 0.8;
+const CONTRAST: f64 = 3.0;
+
+/// What a sample is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// On the ground, hovering, or not known.
+    Slow,
+    /// Straight on.
+    Straight,
+    /// In a turn, or on a curve.
+    Turn,
+    /// Straight on, with a pitch, roll or yaw manoeuvre.
+    Manoeuvre,
+}
+
+/// A straight stretch.
+#[derive(Clone, Debug)]
+pub struct Leg {
+    /// Its rows.
+    pub rows: Range<usize>,
+    /// The number of the run that it is in.
+    pub run: usize,
+    /// The mean course, unwrapped within its run, degrees.
+    pub course_deg: f64,
+    /// Which of roll, pitch and yaw have a manoeuvre on it.
+    pub manoeuvres: [bool; 3],
+}
+
+/// A turn to one side.
+#[derive(Clone, Debug)]
+pub struct Turn {
+    /// Its rows.
+    pub rows: Range<usize>,
+    /// The change of the course, degrees, positive to the right.
+    pub change_deg: f64,
+}
+
+/// A flight in parts.
+#[derive(Clone, Debug, Default)]
+pub struct Parts {
+    /// Of each sample.
+    pub parts: Vec<Part>,
+    /// In the order of time.
+    pub legs: Vec<Leg>,
+    /// In the order of time.
+    pub turns: Vec<Turn>,
+    /// The root mean square of roll, pitch and yaw about their slow changes, degrees; NaN off the legs.
+    pub power_deg: [Vec<f64>; 3],
+}
+
+impl Parts {
+    /// The parts of a flight.
+    pub fn of(motion: &Motion) -> Parts {
+        let rows = motion.tt_s.len();
+        let none = vec![f64::NAN; rows];
+        let mut found = Parts {
+            parts: vec![Part::Slow; rows],
+            power_deg: std::array::from_fn(|_| none.clone()),
+            ..Parts::default()
+        };
+        let least_dps = threshold_dps(motion);
+        for (number, run) in motion.runs.iter().enumerate() {
+            found.divide(motion, number, run, least_dps);
+        }
+        let mut legs = std::mem::take(&mut found.legs);
+        legs.iter_mut().for_each(|leg| found.manoeuvres(motion, leg));
+        found.legs = legs;
+        found
+    }
+
+    fn divide(&mut self, motion: &Motion, number: usize, run: &Range<usize>, least_dps: f64) {
+        let rates = &motion.turn_dps[run.clone()];
+        let mut sides: Vec<i8> = rates.iter().map(|r| if r.abs() < least_dps { 0 } else { r.signum() as i8 }).collect();
+        let lull = (LULL_S * RATE_HZ) as usize;
+        let found = equal_runs(&sides);
+        for w in found.windows(3) {
+            let [before, between, after] = w else { continue };
+            let to = sides[before.start];
+            if sides[between.start] == 0 && to == sides[after.start] && between.len() < lull {
+                sides[between.clone()].fill(to);
+            }
+        }
+        let course = &motion.course_deg;
+        let mut turning = vec![false; run.len()];
+        for side in equal_runs(&sides).into_iter().filter(|side| sides[side.start] != 0) {
+            let rows = run.start + side.start..run.start + side.end;
+            let change_deg = course[rows.end - 1] - course[rows.start];
+            if change_deg.abs() >= LEAST_DEG {
+                turning[side].fill(true);
+                self.turns.push(Turn { rows, change_deg });
+            }
+        }
+        for straight in runs(turning.iter().map(|t| !t)) {
+            let rows = run.start + straight.start..run.start + straight.end;
+            self.parts[run.clone()][straight.clone()].fill(Part::Straight);
+            if (straight.len() as f64) < LEG_S * RATE_HZ || !is_straight(&course[rows.clone()]) {
+                self.parts[rows].fill(Part::Turn);
+                continue;
+            }
+            let course_deg = mean(&course[rows.clone()]).value;
+            self.legs.push(Leg { rows, run: number, course_deg, manoeuvres: [false; 3] });
+        }
+        for row in (0..run.len()).filter(|row| turning[*row]) {
+            self.parts[run.start + row] = Part::Turn;
+        }
+    }
+
+    /// The power of the angles on a leg, and which of them have a manoeuvre.
+    fn manoeuvres(&mut self, motion: &Motion, leg: &mut Leg) {
+        let settle = (SETTLE_S * RATE_HZ) as usize;
+        let inner = leg.rows.start + settle..leg.rows.end.saturating_sub(settle);
+        if inner.len() < (2.0 * POWER_S * RATE_HZ) as usize {
+            return;
+        }
+        let angles = motion.angles_deg.iter().zip(&mut self.power_deg).zip(&mut leg.manoeuvres);
+        for ((angle, power), flown) in angles {
+            let about = less_slow(&angle[inner.clone()]);
+            let squares: Vec<f64> = about.iter().map(|x| x * x).collect();
+            let rms: Vec<f64> =
+                moving_mean(&squares, (POWER_S * RATE_HZ) as usize).into_iter().map(f64::sqrt).collect();
+            power[inner.clone()].copy_from_slice(&rms);
+            let mut sorted: Vec<f64> = rms.iter().copied().filter(|x| x.is_finite()).collect();
+            if 2 * sorted.len() < rms.len() {
+                continue;
+            }
+            sorted.sort_by(f64::total_cmp);
+            let (quiet, loud) = (quantile(&sorted, 0.2), quantile(&sorted, 0.9));
+            if loud < LEAST_RMS_DEG || loud < CONTRAST * quiet {
+                continue;
+            }
+            *flown = true;
+            // Halfway between both, in decibels.
+            let limit = (quiet.max(0.01 * loud) * loud).sqrt();
+            let at = inner.clone().zip(&rms).filter(|(_, rms)| **rms > limit);
+            at.for_each(|(row, _)| self.parts[row] = Part::Manoeuvre);
+        }
+    }
+
+    /// The change of the course from the end of one leg to the start of the next, degrees; `None` where there is a gap between.
+    pub fn turned_deg(&self, motion: &Motion, from: &Leg, to: &Leg) -> Option<f64> {
+        let course = |row: usize| motion.course_deg.get(row).copied();
+        (from.run == to.run).then(|| Some(course(to.rows.start)? - course(from.rows.end.checked_sub(1)?)?))?
+    }
+}
+
+/// The rate above which it is a turn: a part of that at which half of all that is turned is turned. Long straight flight does
+/// not count, and neither does a sharp corner.
+fn threshold_dps(motion: &Motion) -> f64 {
+    let mut rates: Vec<f64> = motion.turn_dps.iter().map(|r| r.abs()).filter(|r| r.is_finite()).collect();
+    rates.sort_by(f64::total_cmp);
+    let half = 0.5 * rates.iter().sum::<f64>();
+    let mut sum = 0.0;
+    let usual = rates.iter().find(|r| {
+        sum += **r;
+        sum >= half
+    });
+    (PART * usual.copied().unwrap_or(0.0)).clamp(LIMITS_DPS.0, LIMITS_DPS.1)
+}
+
+fn is_straight(course_deg: &[f64]) -> bool {
+    let middle = mean(course_deg).value;
+    let mut off: Vec<f64> = course_deg.iter().map(|c| (c - middle).abs()).collect();
+    off.sort_by(f64::total_cmp);
+    quantile(&off, 0.9) <= STRAIGHT_DEG
+}
+
+/// The runs of equal entries.
+fn equal_runs<T: PartialEq>(entries: &[T]) -> Vec<Range<usize>> {
+    let mut found: Vec<Range<usize>> = vec![];
+    for (row, entry) in entries.iter().enumerate() {
+        match found.last_mut() {
+            Some(run) if entries.get(run.start) == Some(entry) => run.end = row + 1,
+            _ => found.push(row..row + 1),
+        }
+    }
+    found
+}
+
+/// Without the mean of the samples around.
+fn less_slow(x: &[f64]) -> Vec<f64> {
+    let slow = moving_mean(x, (SLOW_S * RATE_HZ) as usize);
+    x.iter().zip(slow).map(|(x, slow)| x - slow).collect()
+}
+
+/// The mean of the finite samples of a window about each, clipped at the ends.
+fn moving_mean(x: &[f64], window: usize) -> Vec<f64> {
+    let (mut sums, mut counts) = (vec![0.0], vec![0_usize]);
+    for value in x {
+        let there = value.is_finite();
+        sums.push(sums.last().copied().unwrap_or(0.0) + if there { *value } else { 0.0 });
+        counts.push(counts.last().copied().unwrap_or(0) + usize::from(there));
+    }
+    let one = |row: usize| {
+        let (from, to) = (row.saturating_sub(window / 2), (row + window / 2 + 1).min(x.len()));
+        (sums[to] - sums[from]) / (counts[to] - counts[from]) as f64
+    };
+    (0..x.len()).map(one).collect()
+}

@@ -1,0 +1,142 @@
+//! Lines of a flight that has none, found from where it went and how it moved: survey lines and tie lines, calibration boxes,
+//! cloverleafs, figures of eight, and circles.
+//!
+//! A turn is where the course changes, to one side and by more than a calibration's yaws; the legs between are straight.
+//! Manoeuvres are where the power of roll, pitch or yaw on a leg is far above that of its quiet moments. Nothing is tuned to an
+//! aircraft: limits are parts of what is usual in the flight.
+
+mod collect;
+mod legs;
+mod motion;
+mod patterns;
+mod picture;
+#[cfg(test)]
+mod tests;
+
+use std::fmt::Write;
+
+use schemas::Fault;
+
+pub use collect::{Collector, table};
+pub use legs::{Part, Parts};
+pub use motion::{Attitude, Channels, Motion, Position};
+pub use patterns::{FoundLine, Kind};
+pub use picture::{png, svg};
+
+/// Raised when other lines are found.
+pub const VERSION: &str = "found lines 1";
+
+/// The lines of a flight, with what they were found from.
+#[derive(Clone, Debug)]
+pub struct Found {
+    /// The flight on even times.
+    pub motion: Motion,
+    /// Its parts.
+    pub parts: Parts,
+    /// Its lines, in the order of their times.
+    pub lines: Vec<FoundLine>,
+}
+
+impl Found {
+    /// Finds the lines of a flight.
+    pub fn of(channels: &Channels) -> Found {
+        let motion = Motion::of(channels);
+        let parts = Parts::of(&motion);
+        let lines = patterns::lines(&motion, &parts);
+        Found { motion, parts, lines }
+    }
+
+    /// The first and last time of a line, s past midnight UTC: tenths, so that they are the same as text.
+    pub fn times_s(&self, line: &FoundLine) -> (f64, f64) {
+        let at = |row: usize| self.motion.tt_s.get(row).map_or(f64::NAN, |t| (10.0 * t).round() / 10.0);
+        (at(line.rows.start), at(line.rows.end.saturating_sub(1)))
+    }
+
+    /// Name, first and last time of each line.
+    pub fn spans(&self) -> Vec<(String, f64, f64)> {
+        let one = |line: &FoundLine| {
+            let (from, to) = self.times_s(line);
+            (line.name.clone(), from, to)
+        };
+        self.lines.iter().map(one).collect()
+    }
+
+    /// Takes other lines for those that were found: name, first and last time, s past midnight UTC. Their kinds are what their
+    /// names begin with.
+    pub fn divide(&mut self, lines: &[(String, f64, f64)]) {
+        let tt = &self.motion.tt_s;
+        let one = |(name, from, to): &(String, f64, f64)| {
+            let rows = tt.partition_point(|t| t < from)..tt.partition_point(|t| t <= to);
+            let kind = Kind::ALL.into_iter().find(|kind| name.starts_with(kind.word())).unwrap_or(Kind::Line);
+            FoundLine { name: name.clone(), kind, rows, heading_deg: None, manoeuvres: [false; 3] }
+        };
+        self.lines = lines.iter().map(one).filter(|line| !line.rows.is_empty()).collect();
+    }
+
+    /// Why there are no lines; `None` where there are some.
+    pub fn missing(&self, flight: &str) -> Option<Fault> {
+        if !self.lines.is_empty() {
+            return None;
+        }
+        let known = |x: &[f64]| x.iter().any(|x| x.is_finite());
+        let fault = if !known(&self.motion.course_deg) {
+            let what = format!("flight {flight} has neither positions nor headings to find lines from");
+            let help = "find them with all tables of the log, `magline ingest LOG --lines auto --to DIR`, and name the table \
+                        that it writes: `lines = \"DIR/_lines/LOG.csv\"`";
+            Fault::data(what).help(help)
+        } else {
+            let what = format!("no lines were found in flight {flight}: it moves straight on for long nowhere");
+            Fault::data(what).help("name a table of `flight`, `line`, `t_start` and `t_end`, or leave `lines` out")
+        };
+        Some(fault)
+    }
+}
+
+/// The lines of flights as a table of lines, in CSV; columns beyond the first four are for people.
+pub fn csv(flights: &[(String, Found)]) -> String {
+    let mut text = "flight,line,t_start,t_end,kind,heading_deg,length_m,alt_m,manoeuvres\n".to_owned();
+    for (flight, found) in flights {
+        for line in &found.lines {
+            let (from, to) = found.times_s(line);
+            let shown = |x: Option<f64>| x.filter(|x| x.is_finite()).map(|x| format!("{x:.0}")).unwrap_or_default();
+            let words = ["roll", "pitch", "yaw"].into_iter().zip(line.manoeuvres).filter(|(_, flown)| *flown);
+            let manoeuvres: Vec<&str> = words.map(|(word, _)| word).collect();
+            // Writing into a text cannot fail.
+            let _ = writeln!(
+                text,
+                "{},{},{from:.1},{to:.1},{},{},{},{},{}",
+                quoted(flight),
+                line.name,
+                line.kind.word(),
+                shown(line.heading_deg),
+                shown(found.length_m(line)),
+                shown(found.height_m(line)),
+                manoeuvres.join(" "),
+            );
+        }
+    }
+    text
+}
+
+/// A cell of CSV.
+fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+}
+
+impl Found {
+    /// The way along a line, m; `None` without positions.
+    pub fn length_m(&self, line: &FoundLine) -> Option<f64> {
+        let north = self.motion.north_m.get(line.rows.clone())?;
+        let east = self.motion.east_m.get(line.rows.clone())?;
+        let steps = north.windows(2).zip(east.windows(2)).map(|(n, e)| (n[1] - n[0]).hypot(e[1] - e[0]));
+        let length: f64 = steps.filter(|step| step.is_finite()).sum();
+        (length > 0.0).then_some(length)
+    }
+
+    /// The mean height of a line, m.
+    pub fn height_m(&self, line: &FoundLine) -> Option<f64> {
+        let all = self.motion.alt_m.get(line.rows.clone())?;
+        let known: Vec<f64> = all.iter().copied().filter(|x| x.is_finite()).collect();
+        (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+    }
+}

@@ -1,0 +1,383 @@
+//! Calibration boxes, cloverleafs, figures of eight, circles, survey lines and tie lines among the legs of a flight.
+
+use std::ops::Range;
+
+use numerics::angle::wrap_deg;
+
+use super::{
+    legs::Parts,
+    motion::{Motion, RATE_HZ},
+};
+
+/// What a line is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    /// Straight on.
+    Line,
+    /// A line across two or more of the survey's lines.
+    Tie,
+    /// Legs a right angle apart, with manoeuvres.
+    Box,
+    /// Over one place on several courses, by loops to one side.
+    Cloverleaf,
+    /// The same by loops to either side in turn.
+    FigureEight,
+    /// A full turn or more.
+    Circle,
+}
+
+impl Kind {
+    /// All of them.
+    pub const ALL: [Kind; 6] = [Kind::Line, Kind::Tie, Kind::Box, Kind::Cloverleaf, Kind::FigureEight, Kind::Circle];
+
+    /// The word for it, with which names of lines begin.
+    pub const fn word(self) -> &'static str {
+        match self {
+            Kind::Line => "line",
+            Kind::Tie => "tie",
+            Kind::Box => "box",
+            Kind::Cloverleaf => "cloverleaf",
+            Kind::FigureEight => "figure_eight",
+            Kind::Circle => "circle",
+        }
+    }
+}
+
+/// A line that was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FoundLine {
+    /// Its kind and its number among those, such as `box1`; numbers of one kind have as many digits.
+    pub name: String,
+    /// What it is.
+    pub kind: Kind,
+    /// Its rows of the even times.
+    pub rows: Range<usize>,
+    /// The course of a straight line, 0 to 360 degrees.
+    pub heading_deg: Option<f64>,
+    /// Which of roll, pitch and yaw have a manoeuvre on a leg of it.
+    pub manoeuvres: [bool; 3],
+}
+
+/// Legs that are a right angle apart, degrees.
+const RIGHT_ANGLE_DEG: (f64, f64) = (60.0, 120.0);
+/// A box has so many legs, and such a part of them has manoeuvres of one and the same angle.
+const BOX_LEGS: usize = 4;
+const BOX_PART: f64 = 0.75;
+/// A loop that leads back over the place it came from, degrees.
+const LOOP_DEG: (f64, f64) = (180.0, 340.0);
+/// So far a crossing may be beyond the end of a leg, in legs.
+const BEYOND: f64 = 0.1;
+/// Crossings are one place within this part of the way from the place to the loop, and so many metres.
+const SAME_PART: f64 = 0.35;
+const SAME_M: f64 = 10.0;
+/// The way to the first loop, and from the last, is taken to be as long as this many times that from the place to the loop.
+const LEAD: f64 = 1.5;
+/// Loops to either side that make a figure of eight, and loops to one side that make a cloverleaf: two of these also lead from a
+/// survey line to the next one, where that is near.
+const EIGHT: usize = 2;
+const CLOVER: usize = 3;
+/// A circle, degrees: nearly, since a turn begins and ends slowly.
+const CIRCLE_DEG: f64 = 340.0;
+/// The shortest line: a part of the longest leg, within these limits, s; where no leg is long, half of the longest.
+const SHORTEST: f64 = 0.1;
+const SHORTEST_S: (f64, f64) = (10.0, 30.0);
+const SHORTEST_OF_SHORT: f64 = 0.5;
+/// Lines of a survey are within this of its axis, and tie lines of the perpendicular, degrees.
+const ALONG_DEG: f64 = 25.0;
+/// How even the lines' axis is, 0 to 1, where the survey has one.
+const ONE_AXIS: f64 = 0.2;
+
+type Place = (f64, f64);
+
+/// A flight with its parts.
+struct Flown<'a> {
+    motion: &'a Motion,
+    parts: &'a Parts,
+}
+
+/// A leg, a loop, and the leg after it, which cross.
+struct Loop {
+    /// The leg before.
+    leg: usize,
+    /// The leg after; none where the flight ends with the loop.
+    next: Option<usize>,
+    right: bool,
+    /// Where they cross: north and east, m.
+    place: Place,
+    /// From there to the loop, m.
+    lead_m: f64,
+    /// The rows where the place is passed before and after.
+    passes: (usize, usize),
+}
+
+/// The lines of a flight, in the order of their times.
+pub fn lines(motion: &Motion, parts: &Parts) -> Vec<FoundLine> {
+    let flown = Flown { motion, parts };
+    let mut found: Vec<FoundLine> = vec![];
+    let mut taken = vec![false; parts.legs.len()];
+    let least = flown.shortest();
+    let mut rest: Vec<Range<usize>> = vec![];
+    for group in flown.crossings() {
+        let (line, legs) = flown.over_one_place(&group);
+        taken.iter_mut().take(legs.end).skip(legs.start).for_each(|t| *t = true);
+        // What is left of a long way there and back is a line by itself.
+        let ends = legs.clone().next().into_iter().chain(legs.last());
+        for leg in ends.filter_map(|i| parts.legs.get(i)) {
+            rest.push(leg.rows.start..leg.rows.end.min(line.rows.start));
+            rest.push(leg.rows.start.max(line.rows.end)..leg.rows.end);
+        }
+        found.push(line);
+    }
+    for legs in flown.boxes(&taken) {
+        found.push(flown.one(Kind::Box, legs.clone()));
+        taken.iter_mut().take(legs.end).skip(legs.start).for_each(|t| *t = true);
+    }
+    let within = |rows: &Range<usize>, lines: &[FoundLine]| {
+        lines.iter().any(|l| l.rows.start < rows.end && rows.start < l.rows.end)
+    };
+    let circles = parts.turns.iter().filter(|t| t.change_deg.abs() >= CIRCLE_DEG && !within(&t.rows, &found));
+    let circle = |rows: &Range<usize>| flown.line(Kind::Circle, rows.clone(), [false; 3]);
+    let circles: Vec<FoundLine> = circles.map(|t| circle(&t.rows)).collect();
+    found.extend(circles);
+    let legs = parts.legs.iter().zip(&taken).filter(|(_, taken)| !**taken);
+    let mut straight: Vec<FoundLine> =
+        legs.map(|(leg, _)| flown.line(Kind::Line, leg.rows.clone(), leg.manoeuvres)).collect();
+    straight.extend(rest.into_iter().map(|rows| flown.line(Kind::Line, rows, [false; 3])));
+    straight.retain(|line| line.rows.len() >= least);
+    flown.tie(&mut straight);
+    found.extend(straight);
+    found.sort_by_key(|line| line.rows.start);
+    name(&mut found);
+    found
+}
+
+/// Numbers the lines of each kind.
+fn name(lines: &mut [FoundLine]) {
+    for kind in Kind::ALL {
+        let all = lines.iter().filter(|l| l.kind == kind).count();
+        let digits = all.to_string().len();
+        for (i, line) in lines.iter_mut().filter(|l| l.kind == kind).enumerate() {
+            line.name = format!("{}{:0digits$}", kind.word(), i + 1);
+        }
+    }
+}
+
+impl Flown<'_> {
+    fn at(&self, row: usize) -> Place {
+        let of = |x: &[f64]| x.get(row).copied().unwrap_or(f64::NAN);
+        (of(&self.motion.north_m), of(&self.motion.east_m))
+    }
+
+    fn ends(&self, rows: &Range<usize>) -> (Place, Place) {
+        (self.at(rows.start), self.at(rows.end.saturating_sub(1)))
+    }
+
+    /// The least rows of a line.
+    fn shortest(&self) -> usize {
+        let longest = self.parts.legs.iter().map(|l| l.rows.len()).max().unwrap_or(0) as f64;
+        let least = (SHORTEST_S.0 * RATE_HZ).min(SHORTEST_OF_SHORT * longest);
+        (SHORTEST * longest).clamp(least, SHORTEST_S.1 * RATE_HZ) as usize
+    }
+
+    fn line(&self, kind: Kind, rows: Range<usize>, manoeuvres: [bool; 3]) -> FoundLine {
+        let (from, to) = self.ends(&rows);
+        let straight = matches!(kind, Kind::Line | Kind::Tie);
+        let heading = (to.1 - from.1).atan2(to.0 - from.0).to_degrees().rem_euclid(360.0);
+        let heading = if heading.is_finite() { heading } else { self.motion.heading_deg(rows.start) };
+        FoundLine { name: String::new(), kind, rows, heading_deg: straight.then_some(heading), manoeuvres }
+    }
+
+    /// One line of several legs.
+    fn one(&self, kind: Kind, legs: Range<usize>) -> FoundLine {
+        let all = self.parts.legs.get(legs).unwrap_or_default();
+        let rows = all.first().map_or(0, |l| l.rows.start)..all.last().map_or(0, |l| l.rows.end);
+        let manoeuvres = std::array::from_fn(|angle| all.iter().any(|leg| leg.manoeuvres[angle]));
+        self.line(kind, rows, manoeuvres)
+    }
+
+    /// Groups of loops over one place.
+    fn crossings(&self) -> Vec<Vec<Loop>> {
+        let mut groups: Vec<Vec<Loop>> = vec![];
+        for leg in 0..self.parts.legs.len() {
+            let Some(found) = self.loop_after(leg) else { continue };
+            let goes_on = |last: &Loop| {
+                let off = (last.place.0 - found.place.0).hypot(last.place.1 - found.place.1);
+                last.next == Some(leg) && off <= SAME_PART * last.lead_m.min(found.lead_m) + SAME_M
+            };
+            match groups.last_mut() {
+                Some(group) if group.last().is_some_and(goes_on) => group.push(found),
+                _ => groups.push(vec![found]),
+            }
+        }
+        groups.retain(|group| group.len() >= if to_each_side(group) { EIGHT } else { CLOVER });
+        groups
+    }
+
+    /// The loop at the end of a leg that leads back over it.
+    fn loop_after(&self, number: usize) -> Option<Loop> {
+        let legs = &self.parts.legs;
+        let leg = legs.get(number)?;
+        let run = self.motion.runs.get(leg.run)?;
+        let after = legs.get(number + 1).filter(|next| next.run == leg.run);
+        let (turned_deg, rows) = match after {
+            Some(next) => (self.parts.turned_deg(self.motion, leg, next)?, next.rows.clone()),
+            // The flight ends with the loop: its last second says where it leads.
+            None => {
+                let course = |row: usize| self.motion.course_deg.get(row).copied();
+                let last = run.end.checked_sub(1)?;
+                (course(last)? - course(leg.rows.end.checked_sub(1)?)?, run.end.checked_sub(RATE_HZ as usize)?..run.end)
+            }
+        };
+        if !(LOOP_DEG.0..LOOP_DEG.1).contains(&turned_deg.abs()) {
+            return None;
+        }
+        let (place, along, along_next) = crossing(self.ends(&leg.rows), self.ends(&rows))?;
+        let (from, to) = self.ends(&leg.rows);
+        let length_m = (to.0 - from.0).hypot(to.1 - from.1);
+        let lead_m = (1.0 - along) * length_m;
+        let on_leg = -BEYOND..1.0 + BEYOND;
+        let row_at = |rows: &Range<usize>, part: f64| rows.start + (part.clamp(0.0, 1.0) * rows.len() as f64) as usize;
+        let reached = match after {
+            Some(_) => on_leg.contains(&along_next),
+            None => {
+                let (a, b) = self.ends(&rows);
+                let ahead_m = along_next * (b.0 - a.0).hypot(b.1 - a.1);
+                (0.0..2.0 * lead_m.max(1.0)).contains(&ahead_m)
+            }
+        };
+        (on_leg.contains(&along) && reached).then(|| Loop {
+            leg: number,
+            next: after.map(|_| number + 1),
+            right: turned_deg > 0.0,
+            place,
+            lead_m,
+            passes: (row_at(&leg.rows, along), row_at(&rows, along_next)),
+        })
+    }
+
+    /// The line of loops over one place, and its legs.
+    fn over_one_place(&self, group: &[Loop]) -> (FoundLine, Range<usize>) {
+        let (Some(first), Some(last)) = (group.first(), group.last()) else {
+            return (self.line(Kind::Cloverleaf, 0..0, [false; 3]), 0..0);
+        };
+        let legs = first.leg..last.next.unwrap_or(last.leg) + 1;
+        let kind = if to_each_side(group) { Kind::FigureEight } else { Kind::Cloverleaf };
+        let mut line = self.one(kind, legs.clone());
+        let lead = |rows: usize| (LEAD * rows as f64) as usize;
+        if let Some(leg) = self.parts.legs.get(first.leg) {
+            let to_loop = leg.rows.end.saturating_sub(first.passes.0);
+            line.rows.start = line.rows.start.max(first.passes.0.saturating_sub(lead(to_loop)));
+        }
+        match last.next.and_then(|next| self.parts.legs.get(next)) {
+            Some(leg) => {
+                let from_loop = last.passes.1.saturating_sub(leg.rows.start);
+                line.rows.end = line.rows.end.min(last.passes.1 + lead(from_loop));
+            }
+            None => {
+                let run = self.parts.legs.get(last.leg).and_then(|leg| self.motion.runs.get(leg.run));
+                line.rows.end = run.map_or(line.rows.end, |run| run.end);
+            }
+        }
+        (line, legs)
+    }
+
+    /// Legs that follow each other at right angles to one side, with manoeuvres.
+    fn boxes(&self, taken: &[bool]) -> Vec<Range<usize>> {
+        let legs = &self.parts.legs;
+        let side = |i: usize| -> Option<bool> {
+            let (from, to) = (legs.get(i)?, legs.get(i + 1)?);
+            if taken.get(i) != Some(&false) || taken.get(i + 1) != Some(&false) {
+                return None;
+            }
+            let turned = wrap_deg(self.parts.turned_deg(self.motion, from, to)?);
+            (RIGHT_ANGLE_DEG.0..RIGHT_ANGLE_DEG.1).contains(&turned.abs()).then_some(turned > 0.0)
+        };
+        let mut groups: Vec<(Option<bool>, Range<usize>)> = vec![];
+        for i in 0..legs.len() {
+            let to = side(i);
+            match groups.last_mut() {
+                Some((known, group)) if to.is_some() && *known == to => group.end = i + 2,
+                _ => groups.push((to, i..i + if to.is_some() { 2 } else { 1 })),
+            }
+        }
+        let busy = |i: usize, angle: usize| legs.get(i).is_some_and(|leg| leg.manoeuvres[angle]);
+        let trimmed = |(_, group): (Option<bool>, Range<usize>)| {
+            let any = |i: &usize| (0..3).any(|angle| busy(*i, angle));
+            let (first, last) = (group.clone().find(any)?, group.rev().find(any)?);
+            let group = first..last + 1;
+            let with = |angle: usize| group.clone().filter(|i| busy(*i, angle)).count() as f64;
+            let enough = (0..3).any(|angle| with(angle) >= BOX_PART * group.len() as f64);
+            (group.len() >= BOX_LEGS && enough).then_some(group)
+        };
+        groups.into_iter().filter_map(trimmed).collect()
+    }
+
+    /// Tells tie lines from the lines that they cross.
+    fn tie(&self, lines: &mut [FoundLine]) {
+        let sides: Vec<(Place, Place)> = lines.iter().map(|l| self.ends(&l.rows)).collect();
+        let vector = |(a, b): &(Place, Place)| (b.0 - a.0, b.1 - a.1);
+        // Twice the angle, so that to and fro are one axis.
+        let (mut cos, mut sin, mut all_m) = (0.0, 0.0, 0.0);
+        for side in &sides {
+            let (n, e) = vector(side);
+            let length_m = n.hypot(e);
+            if length_m > 0.0 {
+                cos += (n * n - e * e) / length_m;
+                sin += 2.0 * n * e / length_m;
+                all_m += length_m;
+            }
+        }
+        if !(f64::hypot(cos, sin) > ONE_AXIS * all_m) {
+            return;
+        }
+        let axis_deg = 0.5 * sin.atan2(cos).to_degrees();
+        let off_deg = |side: &(Place, Place)| {
+            let (n, e) = vector(side);
+            let off = (e.atan2(n).to_degrees() - axis_deg).rem_euclid(180.0);
+            off.min(180.0 - off)
+        };
+        let survey: Vec<&(Place, Place)> = sides.iter().filter(|s| off_deg(s) <= ALONG_DEG).collect();
+        let on = |along: f64| (-BEYOND..1.0 + BEYOND).contains(&along);
+        for (line, side) in lines.iter_mut().zip(&sides) {
+            let crosses = |other: &&&(Place, Place)| crossing(*side, ***other).is_some_and(|(_, a, b)| on(a) && on(b));
+            if off_deg(side) >= 90.0 - ALONG_DEG && survey.iter().filter(crosses).count() >= 2 {
+                line.kind = Kind::Tie;
+            }
+        }
+    }
+}
+
+/// Whether loops are to one side and the other in turn.
+fn to_each_side(group: &[Loop]) -> bool {
+    group.windows(2).all(|w| w[0].right != w[1].right)
+}
+
+/// Where two straight lines cross, and how far along each of them, in its lengths; `None` where they are nearly parallel.
+fn crossing(a: (Place, Place), b: (Place, Place)) -> Option<(Place, f64, f64)> {
+    /// The sine of the least angle.
+    const LEAST: f64 = 0.5;
+    let (u, v) = ((a.1.0 - a.0.0, a.1.1 - a.0.1), (b.1.0 - b.0.0, b.1.1 - b.0.1));
+    let across = u.0 * v.1 - u.1 * v.0;
+    if !(across.abs() >= LEAST * u.0.hypot(u.1) * v.0.hypot(v.1) && across != 0.0) {
+        return None;
+    }
+    let from = (b.0.0 - a.0.0, b.0.1 - a.0.1);
+    let along = (from.0 * v.1 - from.1 * v.0) / across;
+    let along_b = (from.0 * u.1 - from.1 * u.0) / across;
+    Some(((a.0.0 + along * u.0, a.0.1 + along * u.1), along, along_b))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn law_two_diagonals_cross_in_the_middle_and_parallels_do_not() {
+        let (place, a, b) = crossing(((0.0, 0.0), (10.0, 10.0)), ((0.0, 10.0), (5.0, 5.0))).unwrap();
+        assert!((place.0 - 5.0).hypot(place.1 - 5.0) < 1e-12 && (a - 0.5).abs() < 1e-12 && (b - 1.0).abs() < 1e-12);
+        assert_eq!(crossing(((0.0, 0.0), (10.0, 0.0)), ((1.0, 1.0), (11.0, 2.0))), None);
+        assert_eq!(crossing(((0.0, 0.0), (0.0, 0.0)), ((1.0, 1.0), (11.0, 2.0))), None);
+    }
+}
