@@ -31,7 +31,7 @@ use crate::{
     plan::{Graph, Plan},
     read_spec,
     run::{self, Event, Listener, Summary},
-    sources::{self, Flights},
+    sources::{self, Flights, ReadStep},
     spec::{Faults, Spec},
     store::Store,
     views::{self, score_table, scores, warnings},
@@ -156,7 +156,7 @@ enum Command {
 struct SpecArgs {
     /// The spec: a TOML file.
     spec: PathBuf,
-    /// Change a value of the spec: seed, store, axes.NAME, tables.NAME.KEY, publish.KEY or STAGE.PARAMETER.
+    /// Change a value of the spec: seed, store, axes.NAME, search.KEY, tables.NAME.KEY, publish.KEY or STAGE.PARAMETER.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
 }
@@ -196,6 +196,8 @@ Events of --json, one object per line, each with the key `event`:
   started     pipeline, version, run, time, units, notes
   computing   table, units: how many of its units (a line at a sweep point, or a fit) are computed now
   unit        table, axes, flight, line, status (computed, reused, failed, skipped), error
+  searching   generation, rung, trials (their numbers), of, best (trial, goal): trials that are computed next
+  trial       trial, generation, rung, axes, goal, state (done, promoted, pruned, failed), error, best
   publishing  table
   table       table, seconds, computed, reused, failed, skipped
   finished    computed, reused, failed, skipped; version, run, time, seconds, folder; tables (the same counts and the \
@@ -343,11 +345,12 @@ fn check(catalogue: &[Entry], args: &SpecArgs) -> Result<(), Stop> {
     if !wrong.is_empty() {
         return Err(plan.spec.faults(wrong).into());
     }
-    let points: usize = plan.tables.iter().map(|t| t.len()).sum();
+    let points: usize = plan.tables.iter().map(|t| plan.most_points(t)).sum();
     for text in &plan.notes {
         note(text);
     }
-    say(format!("{} is fine: {} tables, {points} points\n", plan.spec.file, plan.tables.len()))
+    let most = if plan.spec.search.is_some() { "at most " } else { "" };
+    say(format!("{} is fine: {} tables, {most}{points} points\n", plan.spec.file, plan.tables.len()))
 }
 
 fn with_graph(
@@ -358,7 +361,9 @@ fn with_graph(
     let plan = plan(catalogue, args)?;
     let store = open(&plan.spec)?;
     let progress = Progress::new(false);
-    let graph = Graph::new(&plan, &store, &|table, step| progress.hear(&Event::Reading { table, step }))?;
+    let tick = |table: &str, step: &ReadStep| progress.hear(&Event::Reading { table, step });
+    let plan = run::settled(plan, catalogue, &store, &tick)?;
+    let graph = Graph::new(&plan, &store, &tick)?;
     drop(progress);
     say(view(&graph, &store)?)
 }
@@ -409,11 +414,11 @@ fn run_spec(catalogue: &[Entry], args: &RunArgs, compact: bool) -> Result<(), St
     let store = open(&plan.spec)?;
     let pool = threads::pool(args.threads)?;
     let options = run::Options { wait: args.wait, compact };
-    let summary = if args.json {
-        pool.install(|| run::run(&plan, &store, options, &events::Json::new()))?
+    let (plan, summary) = if args.json {
+        pool.install(|| run::search(plan, catalogue, &store, options, &events::Json::new()))?
     } else {
         let progress = Progress::new(args.quiet);
-        pool.install(|| run::run(&plan, &store, options, &progress))?
+        pool.install(|| run::search(plan, catalogue, &store, options, &progress))?
     };
     if !args.json {
         conclude(&plan, &summary, args.quiet)?;
@@ -443,6 +448,7 @@ fn conclude(plan: &Plan, summary: &Summary, quiet: bool) -> Result<(), Stop> {
         tell(&format!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name));
     }
     say(scores_of(summary))?;
+    say(views::trials(plan, &summary.trials))?;
     warned.iter().for_each(|line| tell(&format!("warning: {line}")));
     Ok(())
 }

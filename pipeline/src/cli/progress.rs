@@ -9,7 +9,12 @@ use std::{
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::run::{Event, Listener};
+use super::counted;
+use crate::{
+    run::{Event, Listener},
+    spec::{Row, Scored},
+    views::text::number,
+};
 
 /// The interval of lines without a terminal.
 const INTERVAL: Duration = Duration::from_secs(10);
@@ -136,6 +141,8 @@ fn style(measured: bool) -> ProgressStyle {
 /// The current stage and its start. It does not read a clock: the time since the beginning is an argument.
 #[derive(Debug, Default)]
 struct State {
+    /// What stands before each stage.
+    within: String,
     what: String,
     begun: Duration,
     parts: String,
@@ -153,6 +160,7 @@ impl State {
     fn stage(&mut self, now: Duration, what: &str) {
         if self.what != what {
             *self = State {
+                within: std::mem::take(&mut self.within),
                 what: what.to_owned(),
                 begun: now,
                 measured: self.measured,
@@ -175,7 +183,7 @@ impl State {
     }
 
     fn text(&self, now: Duration) -> String {
-        let mut text = self.what.clone();
+        let mut text = format!("{}{}", self.within, self.what);
         if !self.at.is_empty() {
             text.push_str(&format!(", {}", self.at));
         }
@@ -199,6 +207,17 @@ impl State {
         }
         Some(passed.mul_f64((self.all - self.done) as f64 / self.done as f64))
     }
+}
+
+/// Which trials of a search are at work, and the best so far.
+fn within(rows: &[Row], trials: usize, best: Option<&Scored>) -> String {
+    let ends = rows.first().zip(rows.last()).map(|(first, last)| match (first.rung, first.trial == last.trial) {
+        (1, true) => format!("trial {} of {trials}", first.trial),
+        (1, false) => format!("trials {} to {} of {trials}", first.trial, last.trial),
+        (rung, _) => format!("{} at rung {rung} of {trials}", counted(rows.len(), "trial")),
+    });
+    let best = best.and_then(|b| Some(format!(", best {} (trial {})", number(Some(b.goal?)), b.row.trial)));
+    format!("{}{}: ", ends.unwrap_or_default(), best.unwrap_or_default())
 }
 
 /// A duration as text.
@@ -235,6 +254,11 @@ impl Listener for Progress {
                 self.change(|state, _| state.done = (state.done + 1).min(state.all));
             }
             Event::Unit { .. } => {}
+            Event::Searching { rows, trials, best } => {
+                let within = within(rows, *trials, *best);
+                self.change(|state, _| (state.within, state.what) = (within, String::new()));
+            }
+            Event::Trials { .. } => self.change(|state, _| state.within.clear()),
             Event::Publishing { table } => self.stage(&format!("publishing {table}")),
             Event::Table { .. } | Event::Finished { .. } => {}
         }

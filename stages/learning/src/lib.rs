@@ -2,3 +2,5 @@
 //!
 //! Slices in, vectors out, as in [`numerics`], which this rests on. Sums over samples are made block by block in one fixed
 //! order, so that the same seed gives the same bits on any number of threads.
+
+pub mod search;
