@@ -17,8 +17,8 @@ use toml::{
 
 pub use course::{Course, Fate, Row, Scored, best};
 pub use faults::Faults;
-pub use search::{Direction, Halving, Search, Searched, TRIAL};
 use publish::{Protection, PublishFacts};
+pub use search::{Direction, Halving, Search, Searched, TRIAL, reference as search_reference};
 use set::Assignment;
 
 /// Bytes of the spec; those of the `--set` assignments follow those of the file.

@@ -32,7 +32,7 @@ use crate::{
     read_spec,
     run::{self, Event, Listener, Summary},
     sources::{self, Flights, ReadStep},
-    spec::{Faults, Spec},
+    spec::{Faults, Spec, search_reference},
     store::Store,
     views::{self, score_table, scores, warnings},
 };
@@ -114,7 +114,8 @@ enum Command {
     },
     /// List the stages, or describe one.
     Stages {
-        /// The stage, `synth` for every key of a simulation's spec, or `mapping` for every key of a mapping.
+        /// The stage, `synth` for every key of a simulation's spec, `mapping` for every key of a mapping, or `search` for
+        /// every key of a search.
         name: Option<String>,
         /// The reference page of all stages.
         #[arg(long)]
@@ -370,9 +371,10 @@ fn with_graph(
 
 fn stages(all: &[Entry], name: Option<&str>, markdown: bool) -> Result<(), Stop> {
     match name {
-        // The simulator and mappings are no stages, and have references of the same kind.
+        // The simulator, mappings and searches are no stages, and have references of the same kind.
         Some("synth") => say(simulate::reference()),
         Some("mapping") => say(sources::mapping::reference()),
+        Some("search") => say(search_reference()),
         Some(name) => say(views::stage_page(all, name)?),
         None if markdown => say(views::reference_page(all)),
         None => say(views::stages_overview(all)),

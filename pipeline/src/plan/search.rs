@@ -56,7 +56,8 @@ impl Builder<'_> {
     /// Checks the search against the stages: what it searches is used, and its goal is there and depends on it.
     pub fn search(&mut self, search: &Search) {
         for name in unused(self.spec) {
-            let at = search.columns().into_iter().find(|(n, _)| *n == name).map_or(search.at.clone(), |(_, at)| at.clone());
+            let at =
+                search.columns().into_iter().find(|(n, _)| *n == name).map_or(search.at.clone(), |(_, at)| at.clone());
             let fault = Fault::new(format!("no stage takes the searched axis `{name}`")).at(at);
             self.faults.push(fault.help(format!("mention it in a parameter: `\"${name}\"`")));
         }
@@ -85,7 +86,8 @@ impl Builder<'_> {
         };
         if metric.better == Better::Neither && search.direction.is_none() {
             let what = format!("the metric `{}` has no better values", metric.name);
-            self.faults.push(goal(Fault::new(what).help("say which are: `direction = \"minimise\"` or `\"maximise\"`")));
+            self.faults
+                .push(goal(Fault::new(what).help("say which are: `direction = \"minimise\"` or `\"maximise\"`")));
         }
         let asked = self.spec.stages.get(node.decl).and_then(|d| d.args.get("metrics"));
         if let Some(Literal::List(items)) = asked.map(|given| &given.value) {

@@ -99,7 +99,7 @@ pub struct Options {
 const HEALINGS: usize = 5;
 
 /// Runs `plan` in `store`, on rayon's current thread pool. Damaged files are quarantined and recomputed. Of a search only
-/// the trials of the plan are run: [`search`] runs it to its end.
+/// the trials of the plan are run: [`search()`] runs it to its end.
 ///
 /// # Errors
 /// Fails when a source cannot be read, the store cannot be written, or another run of the pipeline is at work; nothing
@@ -198,7 +198,9 @@ fn once(
     let interrupted = INTERRUPTED.load(Ordering::Relaxed);
     let Runner { mut failures, mut seconds, states, .. } = runner;
     if let Some(relay) = pass.relay {
-        (tables, seconds) = relay.sums(&tables);
+        let sums = relay.sums(tables.iter().map(|(name, _)| name.as_str()));
+        tables.iter_mut().zip(&sums).for_each(|((_, count), (sum, _))| *count = *sum);
+        seconds = sums.into_iter().map(|(count, seconds)| (count.computed, seconds)).collect();
     }
     let mut trials = vec![];
     if !interrupted {

@@ -132,9 +132,8 @@ fn trials(plan: &Plan, store: &Store, trials: &[Scored]) -> Result<Option<Beside
     let whole = |f: &dyn Fn(&Scored) -> usize| -> ArrayRef {
         Arc::new(trials.iter().map(|t| i64::try_from(f(t)).ok()).collect::<Int64Array>())
     };
-    let text = |f: &dyn Fn(&Scored) -> Option<String>| -> ArrayRef {
-        Arc::new(trials.iter().map(f).collect::<StringArray>())
-    };
+    let text =
+        |f: &dyn Fn(&Scored) -> Option<String>| -> ArrayRef { Arc::new(trials.iter().map(f).collect::<StringArray>()) };
     let literals: Vec<Vec<Literal>> = trials.iter().map(|t| t.row.literals(search)).collect();
     let key = |name: &str, about: &str| field(name, DataType::Int64, "", Role::Key, about);
     let mut fields = vec![
@@ -145,12 +144,17 @@ fn trials(plan: &Plan, store: &Store, trials: &[Scored]) -> Result<Option<Beside
     let mut arrays = vec![whole(&|t| t.row.trial), whole(&|t| t.row.generation), whole(&|t| t.row.rung)];
     for (k, (name, _)) in search.columns().into_iter().enumerate().skip(1) {
         let kind = literals.first().and_then(|row| row.get(k)).map_or(DataType::Utf8, axis_type);
-        let cells: Vec<ArrayRef> =
-            literals.iter().map(|row| row.get(k).map_or_else(|| new_null_array(&kind, 1), |v| axis_values(v, 1))).collect();
+        let cells: Vec<ArrayRef> = literals
+            .iter()
+            .map(|row| row.get(k).map_or_else(|| new_null_array(&kind, 1), |v| axis_values(v, 1)))
+            .collect();
         fields.push(field(name, kind.clone(), "", Role::Key, "axis of the sweep"));
         arrays.push(one_array(&cells, &kind)?);
     }
-    let about = format!("`{}` of the table `{}`, pooled over its lines; null where it has no value", goal.metric.name, search.table);
+    let about = format!(
+        "`{}` of the table `{}`, pooled over its lines; null where it has no value",
+        goal.metric.name, search.table
+    );
     fields.push(field("goal", DataType::Float64, goal.metric.unit, Role::Derived, &about));
     arrays.push(Arc::new(trials.iter().map(|t| t.goal).collect::<Float64Array>()));
     fields.push(field("lines", DataType::Int64, "", Role::Derived, "scores of lines behind the goal"));

@@ -11,10 +11,7 @@ use std::{
 
 use schemas::{Entry, Fault, Owner};
 
-use super::{
-    Count, Event, Failure, Listener, Options, Outcome, Pass, Summary, healed, run,
-    trials::in_order,
-};
+use super::{Count, Event, Failure, Listener, Options, Outcome, Pass, Summary, healed, run, trials::in_order};
 use crate::{
     keys::Key,
     plan::Plan,
@@ -55,6 +52,7 @@ pub fn search(
             if !summary.interrupted {
                 summary.failures.push(stopped(course.done().len()));
             }
+            summary.trials.clear();
             listener.hear(&Event::Finished { summary: &summary });
             return Ok((plan, summary));
         }
@@ -113,12 +111,11 @@ impl<'a> Relay<'a> {
         self.told().last = true;
     }
 
-    /// The outcome of these tables over all passes, and the units computed with the seconds that took.
-    pub fn sums(&self, tables: &[(String, Count)]) -> (Vec<(String, Count)>, Vec<(usize, f64)>) {
+    /// The outcome of each of these tables over all passes, and the seconds that took.
+    pub fn sums<'t>(&self, tables: impl Iterator<Item = &'t str>) -> Vec<(Count, f64)> {
         let told = self.told();
-        let spent = |name: &String| told.tables.get(name).copied().unwrap_or_default();
-        let all = tables.iter().map(|(name, _)| (name.clone(), spent(name)));
-        all.map(|(name, s)| ((name, s.count), (s.count.computed, s.seconds))).unzip()
+        let spent = |name: &str| told.tables.get(name).copied().unwrap_or_default();
+        tables.map(spent).map(|s| (s.count, s.seconds)).collect()
     }
 }
 

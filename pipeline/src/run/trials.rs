@@ -1,6 +1,10 @@
 //! The goal of each trial of a search, from the scores in the store; and the trials that follow from them.
 
-use arrow_array::{Array, cast::AsArray, types::{Float64Type, Int64Type}};
+use arrow_array::{
+    Array,
+    cast::AsArray,
+    types::{Float64Type, Int64Type},
+};
 use arrow_cast::cast;
 use arrow_schema::DataType;
 use schemas::{Entry, Fault, Grain};
@@ -18,7 +22,7 @@ enum Fate {
     /// Its rows.
     There,
     /// It cannot be computed from the data, or one of its inputs cannot.
-    Failed(Option<Fault>),
+    Failed(Option<Box<Fault>>),
     /// Nothing: it was not computed yet.
     Unknown,
 }
@@ -92,12 +96,20 @@ fn wanted(graph: &Graph, goal: &Goal) -> Result<Vec<bool>, Fault> {
     let name = |l: &LineId| graph.lines.get(*l).map(|(flight, line)| format!("{flight}/{line}"));
     let some: Vec<String> = of_goal.iter().take(12).filter_map(name).collect();
     let fault = Fault::new("the goal of the search is of no line");
-    let at = graph.plan.spec.search.as_ref().map(|s| s.predicate.as_ref().map_or(s.goal_at.clone(), |(_, at)| at.clone()));
+    let at =
+        graph.plan.spec.search.as_ref().map(|s| s.predicate.as_ref().map_or(s.goal_at.clone(), |(_, at)| at.clone()));
     let fault = at.into_iter().fold(fault, Fault::at);
     Err(fault.help(format!("its table has, as flight/line: {}", some.join(", "))))
 }
 
-fn one(graph: &Graph, store: &Store, goal: &Goal, row: &Row, units: &[Unit], all: bool) -> Result<Option<Scored>, Fault> {
+fn one(
+    graph: &Graph,
+    store: &Store,
+    goal: &Goal,
+    row: &Row,
+    units: &[Unit],
+    all: bool,
+) -> Result<Option<Scored>, Fault> {
     let mut pairs: Vec<(f64, f64)> = vec![];
     let mut error = None;
     for unit in units {
@@ -142,17 +154,17 @@ fn values(graph: &Graph, store: &Store, goal: &Goal, unit: Unit) -> Result<Vec<(
 fn fate(graph: &Graph, store: &Store, unit: Unit) -> Result<Fate, Fault> {
     let key = match graph.key(unit) {
         Ok(key) => key,
-        Err(fault) => return Ok(Fate::Failed(Some(fault))),
+        Err(fault) => return Ok(Fate::Failed(Some(Box::new(fault)))),
     };
     match store.find(key).map(|place| place.rows) {
         Some(Some(_)) => return Ok(Fate::There),
-        Some(None) => return Ok(Fate::Failed(store.failed(key)?)),
+        Some(None) => return Ok(Fate::Failed(store.failed(key)?.map(Box::new))),
         None => {}
     }
     let it = graph.plan.instance(unit.table, unit.instance);
     let of_line = |r: Ref, line: LineId| match r {
         Ref::Flights(i) => Ok(match graph.records.get(i).and_then(|r| r.get(&line)).and_then(|l| l.fault.clone()) {
-            Some(fault) => Fate::Failed(Some(fault)),
+            Some(fault) => Fate::Failed(Some(Box::new(fault))),
             None => Fate::There,
         }),
         Ref::Stage(table, instance) => {

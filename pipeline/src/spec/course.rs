@@ -151,9 +151,8 @@ impl<'a> Course<'a> {
         }
         // A trial is known by the highest rung that it got to.
         let last = self.done.iter().filter(|s| !s.promoted);
-        let outcomes: Vec<Outcome> = last
-            .map(|s| Outcome { values: s.row.values.clone(), rung: s.row.rung, cost: s.cost })
-            .collect();
+        let outcomes: Vec<Outcome> =
+            last.map(|s| Outcome { values: s.row.values.clone(), rung: s.row.rung, cost: s.cost }).collect();
         let dimensions: Vec<_> = self.search.axes.iter().map(|a| a.dimension).collect();
         let generation = self.done.iter().map(|s| s.row.generation).max().unwrap_or(0) + 1;
         let values = propose(method, &dimensions, seed, self.proposed, count, &outcomes);
@@ -196,3 +195,81 @@ pub fn axes(search: &Search, rows: &[Row]) -> Vec<Axis> {
     search.columns().into_iter().enumerate().map(axis).collect()
 }
 
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::spec::Spec;
+
+    fn search(keys: &str) -> Search {
+        let text = format!(
+            "[search]\ngoal = 'scores.drms'\n{keys}\n[search.axes]\nx = {{ low = 0.0, high = 1.0 }}\nkind = ['a', 'b']\n[[stages]]\nname = 's'\nstage = 'score'\n"
+        );
+        Spec::parse("a.toml", ".".into(), text, &[]).unwrap().search.unwrap()
+    }
+
+    /// Runs the search on a function of its first axis.
+    fn run<'a>(search: &'a Search, cost: impl Fn(&Row) -> Option<f64>) -> (Course<'a>, Vec<usize>) {
+        let (mut course, mut sizes) = (Course::new(search), vec![]);
+        while !course.next().is_empty() {
+            sizes.push(course.next().len());
+            let score = |row: &Row| {
+                let cost = cost(row);
+                Scored { row: row.clone(), goal: cost, cost, lines: 1, error: None, promoted: false }
+            };
+            let scored = course.next().iter().map(score).collect();
+            course.tell(scored);
+        }
+        (course, sizes)
+    }
+
+    fn x(row: &Row) -> f64 {
+        match row.values[0] {
+            Value::Real(x) => x,
+            Value::Whole(_) | Value::Choice(_) => f64::NAN,
+        }
+    }
+
+    #[test]
+    fn unit_generations_rungs_and_the_most_rows() {
+        let plain = search("trials = 20\ngeneration = 8");
+        let (course, sizes) = run(&plain, |row| Some((x(row) - 0.3).abs()));
+        assert_eq!((sizes, plain.most_rows()), (vec![8, 8, 4], 20));
+        assert_eq!(course.rows().iter().map(|r| r.trial).collect::<Vec<_>>(), (1..=20).collect::<Vec<_>>());
+        assert!(!Course::new(&plain).is_known() && Course::new(&search("trials = 9\nmethod = 'random'")).is_known());
+        let halved = search("trials = 20\ngeneration = 8\nhalving = { axis = 'n', values = [1, 2, 4], eta = 2 }");
+        // The best are other ones at the last rung.
+        let (course, sizes) = run(&halved, |row| Some(if row.rung < 3 { x(row) } else { -x(row) }));
+        assert_eq!((sizes, halved.most_rows()), (vec![8, 4, 2, 8, 4, 2, 4, 2, 1], 35));
+        let best = course.best().unwrap();
+        let top = course.done().iter().filter(|s| s.row.rung == 3);
+        assert_eq!(best.cost, top.filter_map(|s| s.cost).min_by(f64::total_cmp));
+        let fates = |rung: usize, fate: Fate| {
+            course.done().iter().filter(|s| s.row.rung == rung && s.fate(&halved) == fate).count()
+        };
+        assert_eq!((fates(1, Fate::Promoted), fates(1, Fate::Pruned)), (10, 10));
+        assert_eq!((fates(2, Fate::Promoted), fates(3, Fate::Done), fates(3, Fate::Pruned)), (5, 5, 0));
+    }
+
+    #[test]
+    fn unit_a_search_without_any_goal_ends_after_its_first_generation() {
+        let some = search("trials = 40\ngeneration = 4\nhalving = { axis = 'n', values = [1, 2], eta = 2 }");
+        let (course, sizes) = run(&some, |_| None);
+        assert!(course.is_vain() && course.best().is_none() && sizes == [4]);
+        // One goal is enough to go on.
+        let (course, sizes) = run(&some, |row| (row.trial == 3).then_some(1.0));
+        assert!(!course.is_vain() && sizes.len() > 10, "{sizes:?}");
+        assert_eq!(course.best().map(|b| (b.row.trial, b.row.rung)), Some((3, 2)));
+    }
+
+    #[test]
+    fn unit_the_columns_of_a_row() {
+        let some =
+            search("trials = 4\nmethod = 'sobol'\nscramble = false\nhalving = { axis = 'n', values = ['u', 'v'] }");
+        let axes = axes(&some, &Course::new(&some).rows());
+        let words = |axis: &Axis| axis.values.iter().map(Literal::to_string).collect::<Vec<_>>().join(" ");
+        assert_eq!(axes.iter().map(|a| a.name.as_str()).collect::<Vec<_>>(), ["trial", "n", "x", "kind"]);
+        assert_eq!(axes.iter().map(words).collect::<Vec<_>>(), ["1 2 3 4", "u u u u", "0 0.5 0.75 0.25", "a b a b"]);
+    }
+}

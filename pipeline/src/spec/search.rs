@@ -195,6 +195,28 @@ impl Search {
     }
 }
 
+/// Every key of `[search]`, in Markdown.
+pub fn reference() -> String {
+    let lists = Lists::default();
+    let mut text = "# A search\n\nThe axes of `[search.axes]` are searched rather than listed: a trial is one value of each of them, and \
+                    stages mention them as they do listed ones, `\"$lambda\"`. Every table that depends on one has the column `trial` \
+                    and one for each axis; the table `trials` has the goal of each. An axis is a list, of which one is chosen, or a \
+                    table of two ends. `where` in `[search]` is a SQL predicate on `flight` and `line`: the lines that the goal is of. \
+                    `values` of `halving` are those of its axis, the cheapest first: every trial of a generation is run with the \
+                    first, and the best 1/`eta` of them with the next.\n"
+        .to_owned();
+    let groups = [
+        ("[search]", SearchKeys::docs(&lists)),
+        ("[search.axes] NAME = { ... }", Ends::docs(&lists)),
+        ("[search] halving = { ... }", HalvingKeys::docs(&lists)),
+    ];
+    for (title, docs) in groups {
+        text += &format!("\n`{title}`\n\n| key | type | unit | default | values | |\n|---|---|---|---|---|---|\n");
+        text.extend(docs.iter().map(|d| d.row("")));
+    }
+    text
+}
+
 /// Reads `[search]` of a spec whose seed is `seed` and whose listed axes are `listed`.
 ///
 /// # Errors
@@ -332,7 +354,10 @@ fn halving(value: &Spanned<DeValue>) -> Result<Halving, Vec<Fault>> {
 }
 
 fn axes(table: &DeTable, at: Span) -> Result<Vec<Searched>, Vec<Fault>> {
-    let missing = || Fault::new("`search` needs `[search.axes]`: what is searched").help("such as `lambda = { low = 1e-4, high = 1.0, log = true }`");
+    let missing = || {
+        Fault::new("`search` needs `[search.axes]`: what is searched")
+            .help("such as `lambda = { low = 1e-4, high = 1.0, log = true }`")
+    };
     let Some(value) = table.get("axes") else { return Err(vec![missing().at(at)]) };
     let Some(axes) = value.get_ref().as_table().filter(|t| !t.is_empty()) else {
         return Err(vec![missing().at(value.span())]);
@@ -362,7 +387,9 @@ fn searched(name: &str, at: Span, value: &Spanned<DeValue>) -> Result<Searched, 
     let Some(Ends { low, high, log, whole }) = ends else { return Err(faults) };
     let place = |key: &str| section.keys.get(key).map_or(value.span(), |given| given.at.clone());
     if low >= high {
-        faults.push(Fault::new(format!("`low` of the axis `{name}` is {low}, not below `high`, {high}")).at(place("low")));
+        faults.push(
+            Fault::new(format!("`low` of the axis `{name}` is {low}, not below `high`, {high}")).at(place("low")),
+        );
     }
     if log && low <= 0.0 {
         let fault = Fault::new(format!("`low` of the axis `{name}` is {low}, which has no logarithm")).at(place("low"));

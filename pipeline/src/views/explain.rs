@@ -43,6 +43,13 @@ pub fn explain(graph: &Graph, store: &Store) -> String {
         let cost = before.as_ref().and_then(|b| b.tables.iter().find(|x| x.name == node.name)).and_then(|x| x.cost);
         let _ = write!(out, "\n{}", table(graph, store, t, node, cost));
     }
+    if plan.spec.search.is_some() {
+        let most = |(t, node): (usize, &TableNode)| {
+            graph.unit_count(t).saturating_mul(plan.most_points(node)) / node.len().max(1)
+        };
+        let all = plan.tables.iter().enumerate().map(most).fold(0, usize::saturating_add);
+        let _ = writeln!(out, "\nthe whole search has at most {all} units");
+    }
     for note in &plan.notes {
         let _ = writeln!(out, "\nnote: {note}");
     }
@@ -55,7 +62,8 @@ fn searched(spec: &Spec, search: &Search) -> String {
     let mut known: Vec<String> =
         spec.axes.get(spec.searched.start).into_iter().flat_map(|a| &a.values).map(ToString::to_string).collect();
     known.dedup();
-    let together = if search.generation < search.trials { format!(", {} together", search.generation) } else { String::new() };
+    let together =
+        if search.generation < search.trials { format!(", {} together", search.generation) } else { String::new() };
     let direction = search.direction.map(|d| format!(" ({})", d.word())).unwrap_or_default();
     let lines = search.predicate.as_ref().map(|(text, _)| format!(" where {text}")).unwrap_or_default();
     let _ = writeln!(

@@ -124,7 +124,8 @@ impl Side {
     fn position(&self, words: &mut &[String]) -> Option<usize> {
         let (own, rest) = words.split_at_checked(self.axes.len())?;
         *words = rest;
-        let places: Vec<usize> = own.iter().zip(&self.axes).map(|(word, axis)| axis.position(word)).collect::<Option<_>>()?;
+        let places: Vec<usize> =
+            own.iter().zip(&self.axes).map(|(word, axis)| axis.position(word)).collect::<Option<_>>()?;
         if let [one] = places.as_slice() { Some(*one) } else { self.together.get(&places).copied() }
     }
 }

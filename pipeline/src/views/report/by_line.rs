@@ -67,7 +67,8 @@ pub fn tables(source: &Source, board: &Board, warnings: &[Warning]) -> Result<Ve
     let (node, spec) = (&plan.tables[board.table], &plan.spec);
     let instance = board.instances.get(best).copied().unwrap_or(0);
     // Of axes that are searched together the first stands for all.
-    let several = node.grid().sides().map(|side| side.start).filter(|a| spec.axes.get(*a).is_some_and(|a| a.values.len() > 1));
+    let several =
+        node.grid().sides().map(|side| side.start).filter(|a| spec.axes.get(*a).is_some_and(|a| a.values.len() > 1));
     let mut axes: Vec<Option<usize>> = several.take(TABLES).map(Some).collect();
     if axes.is_empty() {
         axes.push(None);

@@ -67,7 +67,8 @@ fn read(batch: &RecordBatch, names: &[&str], cost: impl Fn(f64) -> Option<f64>) 
     let goals = goals.as_primitive::<Float64Type>();
     let states = text("state")?;
     let one = |i: usize| {
-        let words: Vec<String> = words.iter().map(|w| if w.is_null(i) { String::new() } else { w.value(i).to_owned() }).collect();
+        let words: Vec<String> =
+            words.iter().map(|w| if w.is_null(i) { String::new() } else { w.value(i).to_owned() }).collect();
         let goal = goals.is_valid(i).then(|| goals.value(i));
         Trial {
             number: numbers.value(i) as f64,
@@ -83,7 +84,12 @@ fn read(batch: &RecordBatch, names: &[&str], cost: impl Fn(f64) -> Option<f64>) 
 
 fn drawn(search: &Search, metric: &Metric, names: &[&str], trials: &[Trial]) -> Markup {
     let done = |t: &&Trial| t.state == Fate::Done.as_str();
-    let best = trials.iter().filter(done).filter_map(|t| Some((t.cost?, t))).min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, t)| t);
+    let best = trials
+        .iter()
+        .filter(done)
+        .filter_map(|t| Some((t.cost?, t)))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, t)| t);
     let label = if metric.unit == "1" { metric.name.to_owned() } else { format!("{}, {}", metric.name, metric.unit) };
     let scale = Scale::of(trials, label);
     let mut plots: Vec<Option<Markup>> = vec![over_trials(trials, &scale)];
@@ -198,7 +204,8 @@ fn by_choice(axis: &Searched, at: usize, trials: &[Trial]) -> Option<Markup> {
     let rows = axis.choices.iter().map(ToString::to_string).filter_map(|word| {
         let all = groups.get(word.as_str())?;
         let goals: Vec<f64> = all.iter().filter_map(|t| t.goal).collect();
-        let best = all.iter().filter_map(|t| Some((t.cost?, t.goal?))).min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, g)| g);
+        let best =
+            all.iter().filter_map(|t| Some((t.cost?, t.goal?))).min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, g)| g);
         let mean = (!goals.is_empty()).then(|| goals.iter().sum::<f64>() / goals.len() as f64);
         Some((word, all.len(), best, mean))
     });

@@ -85,7 +85,10 @@ fn val_the_regret_is_that_of_optuna() {
         }
         let (ours, optuna) =
             (of_seeds(|seed| regret(Method::Random, f, &dimensions, seed, 50)), theirs(name, "optuna_random"));
-        assert!((ours.0 - optuna.0).abs() < 3.0 * ours.1.hypot(optuna.1), "{name} at random: {ours:?}, theirs {optuna:?}");
+        assert!(
+            (ours.0 - optuna.0).abs() < 3.0 * ours.1.hypot(optuna.1),
+            "{name} at random: {ours:?}, theirs {optuna:?}"
+        );
     }
 }
 
@@ -105,14 +108,20 @@ fn unit_a_trial_does_not_depend_on_how_many_are_asked_for() {
         let all = propose(method, &dimensions, 7, 0, 20, &[]);
         let one_by_one: Vec<_> = (0..20).flat_map(|i| propose(method, &dimensions, 7, i, 1, &[])).collect();
         assert_eq!(all, one_by_one);
-        assert!(matches!(method, Method::Sobol { scramble: false }) || all != propose(method, &dimensions, 8, 0, 20, &[]));
+        assert!(
+            matches!(method, Method::Sobol { scramble: false }) || all != propose(method, &dimensions, 8, 0, 20, &[])
+        );
     }
     let outcome = |(i, values): (usize, Vec<Value>)| Outcome { cost: Some(mixed(&values) + i as f64), rung: 0, values };
-    let done: Vec<Outcome> = propose(Method::Random, &dimensions, 7, 0, 12, &[]).into_iter().enumerate().map(outcome).collect();
+    let done: Vec<Outcome> =
+        propose(Method::Random, &dimensions, 7, 0, 12, &[]).into_iter().enumerate().map(outcome).collect();
     let tpe = Method::Tpe { start: 4 };
     let eight = propose(tpe, &dimensions, 7, 12, 8, &done);
     assert_eq!(propose(tpe, &dimensions, 7, 12, 3, &done)[..], eight[..3]);
-    assert_eq!(propose(tpe, &dimensions, 7, 0, 4, &[]), propose(Method::Sobol { scramble: true }, &dimensions, 7, 0, 4, &[]));
+    assert_eq!(
+        propose(tpe, &dimensions, 7, 0, 4, &[]),
+        propose(Method::Sobol { scramble: true }, &dimensions, 7, 0, 4, &[])
+    );
 }
 
 #[test]

@@ -109,7 +109,9 @@ impl<'a> Mixture<'a> {
                     if uniform(bits) < own { d.at(centre) } else { d.at(uniform(bits)) }
                 }
                 (Dimension::Choice(_), None) => d.at(uniform(bits)),
-                (Dimension::Real { .. } | Dimension::Whole { .. }, Some(centre)) => d.at(normal(bits, centre, self.width)),
+                (Dimension::Real { .. } | Dimension::Whole { .. }, Some(centre)) => {
+                    d.at(normal(bits, centre, self.width))
+                }
                 (Dimension::Real { .. } | Dimension::Whole { .. }, None) => d.at(normal(bits, 0.5, WIDE)),
             }
         });
