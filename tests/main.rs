@@ -29,6 +29,7 @@ mod publish;
 mod queries;
 mod readers;
 mod reuse;
+mod search;
 mod store;
 mod support;
 mod trust;

@@ -1,8 +1,10 @@
 //! The spec: one TOML file, with the position of everything in it.
 
 mod axis;
+mod course;
 mod faults;
 pub mod publish;
+mod search;
 mod set;
 
 use std::{collections::BTreeMap, ops::Range, path::PathBuf};
@@ -13,8 +15,10 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
+pub use course::{Course, Fate, Row, Scored, best};
 pub use faults::Faults;
 use publish::{Protection, PublishFacts};
+pub use search::{Direction, Halving, Search, Searched, TRIAL, reference as search_reference};
 use set::Assignment;
 
 /// Bytes of the spec; those of the `--set` assignments follow those of the file.
@@ -39,8 +43,12 @@ pub struct Spec {
     pub store: PathBuf,
     /// Tables read from files.
     pub tables: Vec<SourceDecl>,
-    /// The axes of the sweep.
+    /// The axes of the sweep, those that are searched at the end.
     pub axes: Vec<Axis>,
+    /// The positions of the axes that are searched: each of their values belongs to the same one of the others.
+    pub searched: Range<usize>,
+    /// What is searched, and how.
+    pub search: Option<Search>,
     /// The stages.
     pub stages: Vec<StageDecl>,
     /// What a data set published from it says of itself.
@@ -127,11 +135,11 @@ pub const STAGE_KEYS: [(&str, &str); 6] = [
     ),
 ];
 
-const TOP: [&str; 7] = ["name", "seed", "store", "tables", "axes", "stages", "publish"];
+const TOP: [&str; 8] = ["name", "seed", "store", "tables", "axes", "search", "stages", "publish"];
 
 impl Spec {
     /// Reads the spec `text` of `file`, whose relative paths start from `folder`, with each of `sets` put into it first:
-    /// `name`, `seed`, `store`, `axes.NAME`, `tables.NAME.KEY`, `publish.KEY` or `STAGE.PARAMETER` (`stages.STAGE.PARAMETER` too), `=`
+    /// `name`, `seed`, `store`, `axes.NAME`, `search.KEY`, `tables.NAME.KEY`, `publish.KEY` or `STAGE.PARAMETER` (`stages.STAGE.PARAMETER` too), `=`
     /// and a value. The value is TOML; what is not TOML is taken as text.
     ///
     /// # Errors
@@ -148,6 +156,17 @@ impl Spec {
     /// The faults as something to show, with this spec's text.
     pub fn faults(&self, faults: Vec<Fault>) -> Faults {
         Faults { file: self.file.clone(), text: self.text.clone(), sets: self.sets.clone(), faults }
+    }
+
+    /// The same with the trials `rows` as the values of the axes that are searched; unchanged where there are none.
+    pub fn with_trials(&self, rows: &[Row]) -> Spec {
+        let mut spec = self.clone();
+        if let Some(search) = &self.search {
+            spec.axes.truncate(self.searched.start);
+            spec.axes.extend(course::axes(search, rows));
+            spec.searched = self.searched.start..spec.axes.len();
+        }
+        spec
     }
 
     /// The axis `name`, if the spec has it.
@@ -206,11 +225,13 @@ impl Reading {
         let seed = self.seed(root);
         let store = self.store(root);
         let tables = self.named(root, "tables").iter().filter_map(|(n, v)| self.source(n, v)).collect();
-        let axes = self.named(root, "axes").iter().filter_map(|(n, v)| self.axis(n, v)).collect();
+        let axes: Vec<Axis> = self.named(root, "axes").iter().filter_map(|(n, v)| self.axis(n, v)).collect();
+        let search = self.search(root, seed, &axes);
         let stages = self.stages(root);
         let publish = self.publish(root);
         let store = folder.join(store);
-        Some(Spec {
+        let listed = axes.len();
+        let spec = Spec {
             file: file.to_owned(),
             store,
             folder,
@@ -220,10 +241,27 @@ impl Reading {
             seed,
             tables,
             axes,
+            searched: listed..listed,
+            search,
             stages,
             publish,
             verify_inputs: false,
+        };
+        // The first trials are known without any scores.
+        let first = spec.search.as_ref().map(|search| Course::new(search).rows());
+        Some(match first {
+            Some(rows) => spec.with_trials(&rows),
+            None => spec,
         })
+    }
+
+    /// The table `search`.
+    fn search(&mut self, root: &DeTable, seed: u64, listed: &[Axis]) -> Option<Search> {
+        let search = search::read(root.get("search")?, seed, listed).map_err(|f| self.faults.extend(f)).ok()?;
+        for (name, at) in search.columns() {
+            self.identifier(name, at.clone());
+        }
+        Some(search)
     }
 
     /// The name of the pipeline: given, or the file's stem.

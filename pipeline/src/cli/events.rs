@@ -9,6 +9,7 @@ use crate::{
     clock,
     plan::Point,
     run::{Count, Event, Failure, Listener, Summary},
+    spec::{Scored, Search},
     views::{scores::Scores, warnings::Warning},
 };
 
@@ -27,7 +28,13 @@ impl Json {
 impl Listener for Json {
     fn hear(&self, event: &Event) {
         // A reader that has gone away does not stop the run; a full disk shows in its exit status.
-        out!("{}\n", self.as_json(event));
+        match event {
+            // One object for each.
+            Event::Trials { search, scored, best } => {
+                scored.iter().for_each(|one| out!("{}\n", trial(search, one, *best)));
+            }
+            _ => out!("{}\n", self.as_json(event)),
+        }
     }
 }
 
@@ -60,6 +67,17 @@ impl Json {
                 "axes": point_json(point),
                 "progress": progress,
             }),
+            Event::Searching { rows, trials, best } => json!({
+                "event": "searching",
+                "generation": rows.first().map(|r| r.generation),
+                "rung": rows.first().map(|r| r.rung),
+                "trials": rows.iter().map(|r| r.trial).collect::<Vec<_>>(),
+                "of": trials,
+                "best": best_json(*best),
+            }),
+            Event::Trials { search, scored, best } => {
+                scored.iter().map(|one| trial(search, one, *best)).collect::<Vec<_>>().into()
+            }
             Event::Publishing { table } => json!({ "event": "publishing", "table": table }),
             Event::Unit { table, point, line, outcome, fault } => json!({
                 "event": "unit",
@@ -130,6 +148,27 @@ fn literal(value: &schemas::Literal) -> Value {
             section.keys.iter().map(|(k, g)| (k.clone(), literal(&g.value))).collect::<Map<_, _>>().into()
         }
     }
+}
+
+/// One trial of a search at one rung.
+fn trial(search: &Search, one: &Scored, best: Option<&Scored>) -> Value {
+    let names = search.columns().into_iter().map(|(name, _)| name.to_owned());
+    let axes: Map<_, _> = names.zip(one.row.literals(search)).skip(1).map(|(name, v)| (name, literal(&v))).collect();
+    json!({
+        "event": "trial",
+        "trial": one.row.trial,
+        "generation": one.row.generation,
+        "rung": one.row.rung,
+        "axes": axes,
+        "goal": one.goal,
+        "state": one.fate(search).as_str(),
+        "error": one.error,
+        "best": best_json(best),
+    })
+}
+
+fn best_json(best: Option<&Scored>) -> Value {
+    best.map_or(Value::Null, |b| json!({ "trial": b.row.trial, "goal": b.goal }))
 }
 
 fn failure(f: &Failure) -> Value {

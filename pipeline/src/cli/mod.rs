@@ -32,8 +32,8 @@ use crate::{
     plan::{Graph, Plan},
     read_spec,
     run::{self, Event, Listener, Summary},
-    sources::{self, Flights},
-    spec::{Faults, Spec},
+    sources::{self, Flights, ReadStep},
+    spec::{Faults, Spec, search_reference},
     store::Store,
     views::{self, score_table, scores, warnings},
 };
@@ -115,7 +115,8 @@ enum Command {
     },
     /// List the stages, or describe one.
     Stages {
-        /// The stage, `synth` for every key of a simulation's spec, or `mapping` for every key of a mapping.
+        /// The stage, `synth` for every key of a simulation's spec, `mapping` for every key of a mapping, or `search` for
+        /// every key of a search.
         name: Option<String>,
         /// The reference page of all stages.
         #[arg(long)]
@@ -157,7 +158,7 @@ enum Command {
 struct SpecArgs {
     /// The spec: a TOML file.
     spec: PathBuf,
-    /// Change a value of the spec: seed, store, axes.NAME, tables.NAME.KEY, publish.KEY or STAGE.PARAMETER.
+    /// Change a value of the spec: seed, store, axes.NAME, search.KEY, tables.NAME.KEY, publish.KEY or STAGE.PARAMETER.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
 }
@@ -197,6 +198,8 @@ Events of --json, one object per line, each with the key `event`:
   started     pipeline, version, run, time, units, notes
   computing   table, units: how many of its units (a line at a sweep point, or a fit) are computed now
   unit        table, axes, flight, line, status (computed, reused, failed, skipped), error
+  searching   generation, rung, trials (their numbers), of, best (trial, goal): trials that are computed next
+  trial       trial, generation, rung, axes, goal, state (done, promoted, pruned, failed), error, best
   publishing  table
   table       table, seconds, computed, reused, failed, skipped
   finished    computed, reused, failed, skipped; version, run, time, seconds, folder; tables (the same counts and the \
@@ -344,11 +347,12 @@ fn check(catalogue: &[Entry], args: &SpecArgs) -> Result<(), Stop> {
     if !wrong.is_empty() {
         return Err(plan.spec.faults(wrong).into());
     }
-    let points: usize = plan.tables.iter().map(|t| t.len()).sum();
+    let points: usize = plan.tables.iter().map(|t| plan.most_points(t)).sum();
     for text in &plan.notes {
         note(text);
     }
-    say(format!("{} is fine: {} tables, {points} points\n", plan.spec.file, plan.tables.len()))
+    let most = if plan.spec.search.is_some() { "at most " } else { "" };
+    say(format!("{} is fine: {} tables, {most}{points} points\n", plan.spec.file, plan.tables.len()))
 }
 
 fn with_graph(
@@ -359,16 +363,19 @@ fn with_graph(
     let plan = plan(catalogue, args)?;
     let store = open(&plan.spec)?;
     let progress = Progress::new(false);
-    let graph = Graph::new(&plan, &store, &|table, step| progress.hear(&Event::Reading { table, step }))?;
+    let tick = |table: &str, step: &ReadStep| progress.hear(&Event::Reading { table, step });
+    let plan = run::settled(plan, catalogue, &store, &tick)?;
+    let graph = Graph::new(&plan, &store, &tick)?;
     drop(progress);
     say(view(&graph, &store)?)
 }
 
 fn stages(all: &[Entry], name: Option<&str>, markdown: bool) -> Result<(), Stop> {
     match name {
-        // The simulator and mappings are no stages, and have references of the same kind.
+        // The simulator, mappings and searches are no stages, and have references of the same kind.
         Some("synth") => say(simulate::reference()),
         Some("mapping") => say(sources::mapping::reference()),
+        Some("search") => say(search_reference()),
         Some(name) => say(views::stage_page(all, name)?),
         None if markdown => say(views::reference_page(all)),
         None => say(views::stages_overview(all)),
@@ -410,11 +417,11 @@ fn run_spec(catalogue: &[Entry], args: &RunArgs, compact: bool) -> Result<(), St
     let store = open(&plan.spec)?;
     let pool = threads::pool(args.threads)?;
     let options = run::Options { wait: args.wait, compact };
-    let summary = if args.json {
-        pool.install(|| run::run(&plan, &store, options, &events::Json::new()))?
+    let (plan, summary) = if args.json {
+        pool.install(|| run::search(plan, catalogue, &store, options, &events::Json::new()))?
     } else {
         let progress = Progress::new(args.quiet);
-        pool.install(|| run::run(&plan, &store, options, &progress))?
+        pool.install(|| run::search(plan, catalogue, &store, options, &progress))?
     };
     if !args.json {
         conclude(&plan, &summary, args.quiet)?;
@@ -444,6 +451,7 @@ fn conclude(plan: &Plan, summary: &Summary, quiet: bool) -> Result<(), Stop> {
         tell(&format!("data quality: {findings} in {lines}; see the table `{}.quality`", plan.spec.name));
     }
     say(scores_of(summary))?;
+    say(views::trials(plan, &summary.trials))?;
     warned.iter().for_each(|line| tell(&format!("warning: {line}")));
     Ok(())
 }

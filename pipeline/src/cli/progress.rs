@@ -9,7 +9,12 @@ use std::{
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use crate::run::{Event, Listener};
+use super::counted;
+use crate::{
+    run::{Event, Listener},
+    spec::{Row, Scored},
+    views::text::number,
+};
 
 /// The interval of lines without a terminal.
 const INTERVAL: Duration = Duration::from_secs(10);
@@ -136,6 +141,8 @@ fn style(measured: bool) -> ProgressStyle {
 /// The current stage and its start. It does not read a clock: the time since the beginning is an argument.
 #[derive(Debug, Default)]
 struct State {
+    /// What stands before each stage.
+    within: String,
     what: String,
     begun: Duration,
     parts: String,
@@ -153,6 +160,7 @@ impl State {
     fn stage(&mut self, now: Duration, what: &str) {
         if self.what != what {
             *self = State {
+                within: std::mem::take(&mut self.within),
                 what: what.to_owned(),
                 begun: now,
                 measured: self.measured,
@@ -175,7 +183,7 @@ impl State {
     }
 
     fn text(&self, now: Duration) -> String {
-        let mut text = self.what.clone();
+        let mut text = format!("{}{}", self.within, self.what);
         if !self.at.is_empty() {
             text.push_str(&format!(", {}", self.at));
         }
@@ -199,6 +207,17 @@ impl State {
         }
         Some(passed.mul_f64((self.all - self.done) as f64 / self.done as f64))
     }
+}
+
+/// Which trials of a search are at work, and the best so far.
+fn within(rows: &[Row], trials: usize, best: Option<&Scored>) -> String {
+    let ends = rows.first().zip(rows.last()).map(|(first, last)| match (first.rung, first.trial == last.trial) {
+        (1, true) => format!("trial {} of {trials}", first.trial),
+        (1, false) => format!("trials {} to {} of {trials}", first.trial, last.trial),
+        (rung, _) => format!("{} of {trials} at rung {rung}", counted(rows.len(), "trial")),
+    });
+    let best = best.and_then(|b| Some(format!(", best {} (trial {})", number(Some(b.goal?)), b.row.trial)));
+    format!("{}{}: ", ends.unwrap_or_default(), best.unwrap_or_default())
 }
 
 /// A duration as text.
@@ -236,6 +255,11 @@ impl Listener for Progress {
             }
             Event::Unit { .. } => {}
             Event::Working { progress, .. } => self.change(|state, _| state.at = (*progress).to_owned()),
+            Event::Searching { rows, trials, best } => {
+                let within = within(rows, *trials, *best);
+                self.change(|state, _| (state.within, state.what) = (within, String::new()));
+            }
+            Event::Trials { .. } => self.change(|state, _| state.within.clear()),
             Event::Publishing { table } => self.stage(&format!("publishing {table}")),
             Event::Table { .. } | Event::Finished { .. } => {}
         }
@@ -325,6 +349,23 @@ mod tests {
         let step = ReadStep { lines: 12, ..ReadStep::of_file(std::path::Path::new("a/1003.csv"), 1, 4) };
         progress.hear(&Event::Reading { table: "flights", step: &step });
         assert_eq!(text(), "reading flights, 1003.csv, line 12: 1 of 4 files");
+    }
+
+    #[test]
+    fn unit_a_search_names_its_trials_and_the_best() {
+        let progress = Progress::lines(seconds(60), Kept::default());
+        let text = || progress.0.as_ref().map(|s| s.shared.lock().text(Duration::ZERO)).unwrap_or_default();
+        let row = |trial, rung| Row { trial, generation: 1, rung, values: vec![] };
+        progress.hear(&Event::Searching { rows: &[row(1, 1), row(2, 1)], trials: 8, best: None });
+        progress.hear(&Event::Computing { table: "clean", units: 3 });
+        assert_eq!(text(), "trials 1 to 2 of 8: computing clean: 0 of 3");
+        let best = Scored { row: row(2, 1), goal: Some(3.25), cost: Some(3.25), lines: 1, error: None, promoted: true };
+        progress.hear(&Event::Searching { rows: &[row(2, 2)], trials: 8, best: Some(&best) });
+        progress.hear(&Event::Computing { table: "terms", units: 0 });
+        assert_eq!(text(), "1 trial of 8 at rung 2, best 3.250 (trial 2): computing terms");
+        progress.hear(&Event::Searching { rows: &[row(8, 1)], trials: 8, best: Some(&best) });
+        progress.hear(&Event::Publishing { table: "clean" });
+        assert_eq!(text(), "trial 8 of 8, best 3.250 (trial 2): publishing clean");
     }
 
     #[test]

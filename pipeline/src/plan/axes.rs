@@ -3,7 +3,7 @@
 use schemas::{Args, Fault, Given, Literal, Section};
 
 use super::grid::Point;
-use crate::spec::{Span, Spec, StageDecl};
+use crate::spec::{Span, Spec, StageDecl, TRIAL};
 
 /// The names after `$` in a text, with `$$` standing for the sign itself.
 fn mentions(text: &str) -> Vec<&str> {
@@ -53,9 +53,24 @@ pub fn mentioned(stage: &StageDecl, spec: &Spec) -> Result<Vec<usize>, Vec<Fault
             None => faults.push(Fault::new(format!("there is no axis `{name}`")).nearest(name, &known).at(at)),
         }
     }
+    // A trial is a value of each axis that is searched: who depends on one depends on all.
+    if axes.iter().any(|i| spec.searched.contains(i)) {
+        axes.extend(spec.searched.clone());
+    }
     axes.sort_unstable();
     axes.dedup();
     if faults.is_empty() { Ok(axes) } else { Err(faults) }
+}
+
+/// The searched axes that no stage mentions.
+pub fn unused(spec: &Spec) -> Vec<&str> {
+    let mut names = vec![];
+    for stage in &spec.stages {
+        stage.args.values().for_each(|given| mentions_in(&given.value, &mut names));
+        names.extend(stage.predicate.iter().flat_map(|(text, _)| mentions(text)));
+    }
+    let searched = spec.search.iter().flat_map(|search| search.columns()).map(|(name, _)| name);
+    searched.filter(|name| *name != TRIAL && !names.contains(name)).collect()
 }
 
 /// The axes that a value mentions, as positions in the spec, as far as the spec has them.

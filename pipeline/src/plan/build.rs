@@ -19,6 +19,9 @@ pub fn build(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
             builder.broken.push(builder.spec.stages[i].name.clone());
         }
     }
+    if let Some(search) = &builder.spec.search {
+        builder.search(search);
+    }
     let Builder { mut faults, flights, maps, tables, notes, .. } = builder;
     let mut seen = HashSet::new();
     faults.retain(|f| seen.insert((f.what.clone(), f.at.clone())));
@@ -27,10 +30,11 @@ pub fn build(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
 }
 
 /// The tables that a run writes beside those of the stages.
-const BESIDE: [(&str, &str); 3] = [
+const BESIDE: [(&str, &str); 4] = [
     ("failures", "what failed"),
     ("quality", "the quality of the data"),
     ("warnings", "what is not to be trusted as it is"),
+    ("trials", "the trials of a search"),
 ];
 
 impl Builder<'_> {
@@ -42,7 +46,8 @@ impl Builder<'_> {
             if seen.contains(&name.as_str()) {
                 self.faults.push(Fault::new(format!("two tables are called `{name}`")).at(at.clone()));
             }
-            if let Some((_, what)) = BESIDE.iter().find(|(taken, _)| name == taken) {
+            let taken = BESIDE.iter().find(|(taken, _)| name == taken);
+            if let Some((_, what)) = taken.filter(|(taken, _)| *taken != "trials" || self.spec.search.is_some()) {
                 let fault = Fault::new(format!("`{name}` is the table of {what}; choose another name"));
                 self.faults.push(fault.at(at.clone()));
             }
@@ -170,7 +175,9 @@ impl Builder<'_> {
 
     /// The stage would be run at too many points of the sweep.
     fn too_many(&self, decl: &StageDecl, axes: &[usize]) -> Fault {
-        let axes = axes.iter().filter_map(|i| self.spec.axes.get(*i));
+        // The axes that are searched together count once.
+        let once = |i: &&usize| !self.spec.searched.contains(i) || **i == self.spec.searched.start;
+        let axes = axes.iter().filter(once).filter_map(|i| self.spec.axes.get(*i));
         let product: Vec<String> = axes.clone().map(|a| format!("{} ({})", a.name, a.values.len())).collect();
         let size = axes.fold(1u128, |n, a| n.saturating_mul(a.values.len() as u128));
         let size = if size > 10u128.pow(30) { "more than 10^30".to_owned() } else { size.to_string() };

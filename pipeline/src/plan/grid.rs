@@ -1,6 +1,6 @@
 //! The points of a sweep as numbers: a table of a million points is planned without listing them.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, ops::Range};
 
 use schemas::Literal;
 
@@ -18,8 +18,10 @@ pub struct Grid {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Side {
-    /// The axis, as a position in the spec.
+    /// The axis, as a position in the spec; of axes that are searched together the first.
     axis: usize,
+    /// The number of axes that go together, from it on.
+    together: usize,
     /// The number of its values.
     length: usize,
     /// The stride of its values.
@@ -29,17 +31,22 @@ struct Side {
 impl Grid {
     /// The points over `axes`, which are positions in the spec; in any order.
     pub fn new(axes: &[usize], spec: &Spec) -> Grid {
-        let mut axes = axes.to_vec();
+        let searched = spec.searched.clone();
+        let first = |i: &usize| if searched.contains(i) { searched.start } else { *i };
+        let mut axes: Vec<usize> = axes.iter().map(first).collect();
         axes.sort_unstable();
         axes.dedup();
-        Grid::over(axes.into_iter().filter_map(|i| spec.axes.get(i).map(|a| (i, a.values.len()))).collect())
+        let together = |i: usize| if searched.contains(&i) { searched.len() } else { 1 };
+        let side = |i: usize| spec.axes.get(i).map(|a| (i, together(i), a.values.len()));
+        Grid::over(axes.into_iter().filter_map(side).collect())
     }
 
-    fn over(axes: Vec<(usize, usize)>) -> Grid {
+    /// Over axes given by their first position, how many go together, and the number of their values.
+    fn over(axes: Vec<(usize, usize, usize)>) -> Grid {
         let mut len = 1usize;
         let mut sides = vec![];
-        for (axis, length) in axes.into_iter().rev() {
-            sides.push(Side { axis, length, stride: len });
+        for (axis, together, length) in axes.into_iter().rev() {
+            sides.push(Side { axis, together, length, stride: len });
             len = len.saturating_mul(length);
         }
         sides.reverse();
@@ -54,12 +61,17 @@ impl Grid {
 
     /// The axes, as positions in the spec, sorted.
     pub fn axes(&self) -> impl Iterator<Item = usize> + '_ {
-        self.sides.iter().map(|s| s.axis)
+        self.sides().flatten()
+    }
+
+    /// The axes, as ranges of positions in the spec: those that are searched together are one.
+    pub fn sides(&self) -> impl Iterator<Item = Range<usize>> + '_ {
+        self.sides.iter().map(|s| s.axis..s.axis + s.together)
     }
 
     /// Each axis of the point `i`, with the position of its value.
     pub fn place(&self, i: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
-        self.sides.iter().map(move |s| (s.axis, i / s.stride % s.length))
+        self.sides.iter().flat_map(move |s| (s.axis..s.axis + s.together).map(move |a| (a, i / s.stride % s.length)))
     }
 
     /// The values of the point `i`.
@@ -71,13 +83,14 @@ impl Grid {
         self.place(i).filter_map(value).collect()
     }
 
-    /// The point whose values have these positions, in the order of the axes; `None` where there is no such value.
+    /// The point whose values have these positions, in the order of the sides; `None` where there is no such value.
     pub fn number(&self, place: &[usize]) -> Option<usize> {
         let fits = place.len() == self.sides.len() && place.iter().zip(&self.sides).all(|(at, s)| *at < s.length);
         fits.then(|| place.iter().zip(&self.sides).map(|(at, s)| at * s.stride).sum())
     }
 
-    /// The points that differ from the point `i` in the axis `axis` alone, itself among them.
+    /// The points that differ from the point `i` in the axis `axis` alone, itself among them; of axes that are searched
+    /// together the first stands for all, and the others lead nowhere.
     pub fn along(&self, i: usize, axis: usize) -> impl Iterator<Item = usize> + '_ {
         let side = self.sides.iter().copied().find(move |s| s.axis == axis);
         let (length, stride) = side.map_or((1, 0), |s| (s.length, s.stride));
@@ -105,7 +118,7 @@ impl Grid {
     /// The axes that this grid does not share with `other`.
     pub fn without(&self, other: &Grid) -> Grid {
         let own = self.sides.iter().filter(|s| !other.axes().any(|a| a == s.axis));
-        Grid::over(own.map(|s| (s.axis, s.length)).collect())
+        Grid::over(own.map(|s| (s.axis, s.together, s.length)).collect())
     }
 }
 
@@ -161,14 +174,14 @@ impl<T: Clone + PartialEq> Over<T> {
 }
 
 fn reduced<T: Clone + PartialEq>(mut grid: Grid, mut values: Vec<T>) -> (Grid, Vec<T>) {
-    let axes: Vec<usize> = grid.axes().collect();
+    let axes: Vec<usize> = grid.sides.iter().map(|s| s.axis).collect();
     for axis in axes {
         let Some(side) = grid.sides.iter().copied().find(|s| s.axis == axis) else { continue };
         let first = |i: usize| i - i / side.stride % side.length * side.stride;
         if (0..values.len()).all(|i| values[i] == values[first(i)]) {
             values = (0..values.len()).filter(|i| first(*i) == *i).map(|i| values[i].clone()).collect();
             let rest = grid.sides.iter().filter(|s| s.axis != axis);
-            grid = Grid::over(rest.map(|s| (s.axis, s.length)).collect());
+            grid = Grid::over(rest.map(|s| (s.axis, s.together, s.length)).collect());
         }
     }
     values.shrink_to_fit();
@@ -180,7 +193,7 @@ mod tests {
     use super::*;
 
     fn grid(axes: &[usize]) -> Grid {
-        Grid::over(axes.iter().map(|a| (*a, [2, 1, 3, 4][*a])).collect())
+        Grid::over(axes.iter().map(|a| (*a, 1, [2, 1, 3, 4][*a])).collect())
     }
 
     #[test]
@@ -226,8 +239,25 @@ mod tests {
     }
 
     #[test]
+    fn unit_axes_that_are_searched_together_are_one_side() {
+        // The axes 1 to 3 go together: two values of the axis 0, five trials.
+        let all = Grid::over(vec![(0, 1, 2), (1, 3, 5)]);
+        assert_eq!((all.len(), all.axes().collect::<Vec<_>>()), (10, vec![0, 1, 2, 3]));
+        assert_eq!(all.sides().collect::<Vec<_>>(), [0..1, 1..4]);
+        assert_eq!(all.place(7).collect::<Vec<_>>(), [(0, 1), (1, 2), (2, 2), (3, 2)]);
+        assert_eq!(all.number(&[1, 2]), Some(7));
+        assert_eq!(all.along(7, 1).collect::<Vec<_>>(), [5, 6, 7, 8, 9]);
+        assert_eq!(all.along(7, 2).collect::<Vec<_>>(), [7]);
+        let trials = Grid::over(vec![(1, 3, 5)]);
+        assert_eq!((0..10).map(|i| all.onto(&trials).at(i)).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 0, 1, 2, 3, 4]);
+        assert_eq!(all.without(&trials).axes().collect::<Vec<_>>(), [0]);
+        let over = Over::new(&all, trials, vec!["x"; 5]);
+        assert_eq!((over.grid().len(), *over.at(9)), (1, "x"));
+    }
+
+    #[test]
     fn unit_more_points_than_any_number_are_counted_as_the_largest() {
-        let wide = Grid::over((0..40).map(|a| (a, 1000)).collect());
+        let wide = Grid::over((0..40).map(|a| (a, 1, 1000)).collect());
         assert_eq!(wide.len(), usize::MAX);
     }
 }

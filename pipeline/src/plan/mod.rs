@@ -13,6 +13,7 @@ mod keys;
 mod lines;
 mod memo;
 mod node;
+mod search;
 mod variants;
 
 use std::collections::BTreeSet;
@@ -23,6 +24,7 @@ pub use grid::{Grid, Point};
 pub use keys::{Graph, Origin, Unit};
 pub use lines::LineId;
 pub use node::{Instance, TableNode, Variant};
+pub use search::Goal;
 
 use crate::{
     sources::{Flights, MapSource},
@@ -75,6 +77,17 @@ impl Plan {
     /// The stage of the table `table` at each of its points.
     pub fn instances(&self, table: usize) -> impl Iterator<Item = Instance<'_>> {
         (0..self.tables[table].len()).map(move |i| self.instance(table, i))
+    }
+
+    /// The most points that a table may have: of a search, those of all its trials at all their rungs.
+    pub fn most_points(&self, table: &TableNode) -> usize {
+        let searched = &self.spec.searched;
+        let depends = table.axes.iter().any(|a| searched.contains(a));
+        let known = self.spec.axes.get(searched.start).map_or(1, |a| a.values.len()).max(1);
+        match self.spec.search.as_ref().filter(|_| depends) {
+            Some(search) => (table.len() / known).saturating_mul(search.most_rows()),
+            None => table.len(),
+        }
     }
 
     /// The declaration of the table `table`.

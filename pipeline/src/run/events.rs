@@ -5,7 +5,11 @@ use std::ops::Add;
 use schemas::Fault;
 
 use super::Summary;
-use crate::{plan::Point, sources::ReadStep};
+use crate::{
+    plan::Point,
+    sources::ReadStep,
+    spec::{Row, Scored, Search},
+};
 
 /// The number of units of a table by outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -106,6 +110,24 @@ pub enum Event<'a> {
         outcome: Outcome,
         /// Why it failed.
         fault: Option<&'a Fault>,
+    },
+    /// Trials of a search are computed next.
+    Searching {
+        /// The trials of this generation at this rung.
+        rows: &'a [Row],
+        /// The number of trials of the whole search.
+        trials: usize,
+        /// The best so far.
+        best: Option<&'a Scored>,
+    },
+    /// Trials of a search have their goals.
+    Trials {
+        /// The search.
+        search: &'a Search,
+        /// These trials.
+        scored: &'a [Scored],
+        /// The best so far.
+        best: Option<&'a Scored>,
     },
     /// A table is written as a data set.
     Publishing {

@@ -8,7 +8,9 @@ mod layout;
 mod logical;
 mod publish;
 mod quality;
+mod search;
 mod table;
+mod trials;
 mod work;
 
 use std::{sync::atomic::Ordering, time::Instant};
@@ -19,6 +21,8 @@ pub use events::{Count, Event, Listener, Outcome, Quiet};
 pub use failure::{Failure, said_once};
 pub use interrupt::{INTERRUPTED, STARTED};
 pub use logical::{PATTERNS, SCHEMA};
+pub use search::search;
+pub use trials::settled;
 
 use work::Worker;
 
@@ -27,7 +31,7 @@ use crate::{
     keys::Key,
     plan::{Graph, LineId, Plan, Ref, TableNode, Unit},
     sources::ReadStep,
-    spec::Faults,
+    spec::{Course, Faults, Row, Scored, best},
     store::{Publisher, Store, current},
     views::{
         self,
@@ -51,6 +55,8 @@ pub struct Summary {
     pub warnings: Vec<Warning>,
     /// The pooled scores of each table of scores.
     pub scores: Vec<(String, Scores)>,
+    /// The trials of a search, by trial and rung.
+    pub trials: Vec<Scored>,
     /// Choices made automatically.
     pub notes: Vec<String>,
     /// The duration of each table, s, in the order of `tables`.
@@ -92,17 +98,49 @@ pub struct Options {
 /// How often a run starts again when it finds a part of the store damaged.
 const HEALINGS: usize = 5;
 
-/// Runs `plan` in `store`, on rayon's current thread pool. Damaged files are quarantined and recomputed.
+/// Runs `plan` in `store`, on rayon's current thread pool. Damaged files are quarantined and recomputed. Of a search only
+/// the trials of the plan are run: [`search()`] runs it to its end.
 ///
 /// # Errors
 /// Fails when a source cannot be read, the store cannot be written, or another run of the pipeline is at work; nothing
 /// has been run then.
 pub fn run(plan: &Plan, store: &Store, options: Options, listener: &dyn Listener) -> Result<Summary, Faults> {
     let publisher = store.publisher(&plan.spec.name, options.wait).map_err(|f| plan.spec.faults(vec![f]))?;
+    let rows = plan.spec.search.as_ref().map(|search| Course::new(search).rows()).unwrap_or_default();
+    let pass = Pass { last: true, rows: &rows, known: None, relay: None };
+    let summary = healed(plan, store, options, &publisher, listener, &pass)?;
+    if let Some(search) = plan.spec.search.as_ref().filter(|_| !summary.trials.is_empty()) {
+        listener.hear(&Event::Trials { search, scored: &summary.trials, best: best(&summary.trials) });
+    }
+    listener.hear(&Event::Finished { summary: &summary });
+    Ok(summary)
+}
+
+/// What a pass over a plan is for.
+struct Pass<'a> {
+    /// Whether its tables are published.
+    last: bool,
+    /// The trials of the plan.
+    rows: &'a [Row],
+    /// Their goals, where they are known already.
+    known: Option<&'a [Scored]>,
+    /// The passes before it.
+    relay: Option<&'a search::Relay<'a>>,
+}
+
+/// A pass, repeated while it finds parts of the store damaged.
+fn healed(
+    plan: &Plan,
+    store: &Store,
+    options: Options,
+    publisher: &Publisher,
+    listener: &dyn Listener,
+    pass: &Pass,
+) -> Result<Summary, Faults> {
     let mut healings = 0;
     let mut summary = loop {
         let before = store.damaged().len();
-        let summary = once(plan, store, options, &publisher, listener)?;
+        let summary = once(plan, store, options, publisher, listener, pass)?;
         healings += 1;
         if summary.interrupted || store.damaged().len() == before || healings > HEALINGS {
             break summary;
@@ -114,7 +152,6 @@ pub fn run(plan: &Plan, store: &Store, options: Options, listener: &dyn Listener
     if let Err(fault) = store.write_index() {
         summary.failures.push(unpublished(fault));
     }
-    listener.hear(&Event::Finished { summary: &summary });
     Ok(summary)
 }
 
@@ -122,17 +159,19 @@ fn unpublished(fault: Fault) -> Failure {
     Failure { table: "publish".into(), point: Default::default(), line: None, fault }
 }
 
-/// One run, while the store is intact.
+/// One pass, while the store is intact.
 fn once(
     plan: &Plan,
     store: &Store,
     options: Options,
     publisher: &Publisher,
     listener: &dyn Listener,
+    pass: &Pass,
 ) -> Result<Summary, Faults> {
     let (damaged, begun) = (store.damaged().len(), Instant::now());
     let tick = |table: &str, step: &ReadStep| listener.hear(&Event::Reading { table, step });
     let graph = Graph::new(plan, store, &tick)?;
+    trials::check(&graph).map_err(|f| plan.spec.faults(vec![f]))?;
     STARTED.store(true, Ordering::SeqCst);
     let units: usize = (0..plan.tables.len()).map(|t| graph.unit_count(t)).sum();
     let run = run_id(&graph);
@@ -158,9 +197,24 @@ fn once(
     }
     store.drop_checkpoints(|name| Key::parse(name).is_some_and(|key| store.has(key)), None);
     let interrupted = INTERRUPTED.load(Ordering::Relaxed);
-    let Runner { mut failures, seconds, states, .. } = runner;
+    let Runner { mut failures, mut seconds, states, .. } = runner;
+    if let Some(relay) = pass.relay {
+        let sums = relay.sums(tables.iter().map(|(name, _)| name.as_str()));
+        tables.iter_mut().zip(&sums).for_each(|((_, count), (sum, _))| *count = *sum);
+        seconds = sums.into_iter().map(|(count, seconds)| (count.computed, seconds)).collect();
+    }
+    let mut trials = vec![];
+    if !interrupted {
+        match pass.known.map_or_else(|| trials::scored(&graph, store, pass.rows, true), |t| Ok(Some(t.to_vec()))) {
+            Ok(found) => trials = found.unwrap_or_default(),
+            Err(fault) => failures.push(unpublished(fault)),
+        }
+    }
+    if pass.last {
+        failures.extend(trials::vain(plan, &trials));
+    }
     let mut warnings = vec![];
-    if !interrupted && store.damaged().len() == damaged {
+    if pass.last && !interrupted && store.damaged().len() == damaged {
         let there = |unit: Unit| states.get(unit) == State::Done;
         let last = warnings::find(&graph, store, &there).and_then(|found| {
             warnings = found;
@@ -169,7 +223,7 @@ fn once(
             }
             plan.tables.iter().for_each(|node| listener.hear(&Event::Publishing { table: &node.name }));
             let publication = publish::Publication { graph: &graph, store, run: &run, packs: &packs, there: &there };
-            publication.publish(publisher, &failures, &warnings)?;
+            publication.publish(publisher, &failures, &warnings, &trials)?;
             let snapshot = views::record(&graph, store, &seconds)?;
             let total = tables.iter().fold(Count::default(), |sum, (_, c)| sum + *c);
             let past = Past {
@@ -187,10 +241,23 @@ fn once(
     }
     let (quality, quality_lines) = quality::count(&graph);
     let folder = store.root().join("tables").join(&plan.spec.name);
-    let scores = if interrupted { vec![] } else { scores::all(plan, &folder, &warnings) };
+    let scores = if interrupted || !pass.last { vec![] } else { scores::all(plan, &folder, &warnings) };
     let seconds = seconds.into_iter().map(|(_, s)| s).collect();
     let notes = plan.notes.clone();
-    Ok(Summary { tables, failures, quality, quality_lines, warnings, scores, notes, seconds, run, interrupted, folder })
+    Ok(Summary {
+        tables,
+        failures,
+        quality,
+        quality_lines,
+        warnings,
+        scores,
+        trials,
+        notes,
+        seconds,
+        run,
+        interrupted,
+        folder,
+    })
 }
 
 /// The hash of the computation and its data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of

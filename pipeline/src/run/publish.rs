@@ -3,9 +3,9 @@
 
 use std::{collections::BTreeSet, sync::Arc};
 
-use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray, new_null_array};
+use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray, new_null_array};
 use arrow_schema::{DataType, Field, Schema};
-use schemas::{Fault, Role, field};
+use schemas::{Fault, Literal, Role, field};
 
 use super::{
     cut::{Cut, axis_type, axis_values},
@@ -15,6 +15,7 @@ use super::{
 use crate::{
     keys::Key,
     plan::{Graph, Plan, Point, Unit},
+    spec::{Scored, TRIAL},
     store::{Beside, Publisher, Store, TableFiles},
     views::warnings::Warning,
 };
@@ -38,7 +39,13 @@ impl Publication<'_> {
     ///
     /// # Errors
     /// Fails when the store cannot be read or written; the tables before stay as they are then.
-    pub fn publish(&self, publisher: &Publisher, failures: &[Failure], warnings: &[Warning]) -> Result<(), Fault> {
+    pub fn publish(
+        &self,
+        publisher: &Publisher,
+        failures: &[Failure],
+        warnings: &[Warning],
+        trials: &[Scored],
+    ) -> Result<(), Fault> {
         let (graph, store) = (self.graph, self.store);
         let plan = graph.plan;
         let mut beside = vec![
@@ -46,6 +53,7 @@ impl Publication<'_> {
             self::warnings(plan, store, warnings)?,
             quality::table(graph, store)?,
         ];
+        beside.extend(self::trials(plan, store, trials)?);
         let mut tables = vec![];
         for (t, (node, packs)) in plan.tables.iter().zip(self.packs).enumerate() {
             if plan.spec.stages.iter().any(|s| s.name == node.name && !s.publish) {
@@ -118,6 +126,60 @@ fn warnings(plan: &Plan, store: &Store, warnings: &[Warning]) -> Result<Beside, 
     beside(plan, store, "warnings", &points, columns)
 }
 
+/// Writes the trials of a search, one row for each at each of its rungs; nothing where the spec has no search.
+fn trials(plan: &Plan, store: &Store, trials: &[Scored]) -> Result<Option<Beside>, Fault> {
+    let (Some(search), Some(goal)) = (&plan.spec.search, plan.goal()?) else { return Ok(None) };
+    let whole = |f: &dyn Fn(&Scored) -> usize| -> ArrayRef {
+        Arc::new(trials.iter().map(|t| i64::try_from(f(t)).ok()).collect::<Int64Array>())
+    };
+    let text =
+        |f: &dyn Fn(&Scored) -> Option<String>| -> ArrayRef { Arc::new(trials.iter().map(f).collect::<StringArray>()) };
+    let literals: Vec<Vec<Literal>> = trials.iter().map(|t| t.row.literals(search)).collect();
+    let key = |name: &str, about: &str| field(name, DataType::Int64, "", Role::Key, about);
+    let mut fields = vec![
+        key(TRIAL, "number of the trial"),
+        key("generation", "trials of one generation were proposed together"),
+        key("rung", "rung of successive halving; 1 without"),
+    ];
+    let mut arrays = vec![whole(&|t| t.row.trial), whole(&|t| t.row.generation), whole(&|t| t.row.rung)];
+    for (k, (name, _)) in search.columns().into_iter().enumerate().skip(1) {
+        let kind = literals.first().and_then(|row| row.get(k)).map_or(DataType::Utf8, axis_type);
+        let cells: Vec<ArrayRef> = literals
+            .iter()
+            .map(|row| row.get(k).map_or_else(|| new_null_array(&kind, 1), |v| axis_values(v, 1)))
+            .collect();
+        fields.push(field(name, kind.clone(), "", Role::Key, "axis of the sweep"));
+        arrays.push(one_array(&cells, &kind)?);
+    }
+    let about = format!(
+        "`{}` of the table `{}`, pooled over its lines; null where it has no value",
+        goal.metric.name, search.table
+    );
+    fields.push(field("goal", DataType::Float64, goal.metric.unit, Role::Derived, &about));
+    arrays.push(Arc::new(trials.iter().map(|t| t.goal).collect::<Float64Array>()));
+    fields.push(field("lines", DataType::Int64, "", Role::Derived, "scores of lines behind the goal"));
+    arrays.push(whole(&|t| t.lines));
+    let word = |name: &str, about: &str| field(name, DataType::Utf8, "", Role::Key, about);
+    fields.push(word("state", "done, promoted to the next rung, pruned, or failed"));
+    arrays.push(text(&|t| Some(t.fate(search).as_str().to_owned())));
+    fields.push(word("error", "why there is no goal"));
+    arrays.push(text(&|t| t.error.clone()));
+    let batch =
+        RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))?;
+    let file = store.temporary();
+    store.write_table(&file, &batch, &[])?;
+    Ok(Some(Beside { name: "trials".to_owned(), file }))
+}
+
+/// One array of cells of the type `kind`.
+fn one_array(cells: &[ArrayRef], kind: &DataType) -> Result<ArrayRef, Fault> {
+    if cells.is_empty() {
+        return Ok(new_null_array(kind, 0));
+    }
+    let cells: Vec<&dyn arrow_array::Array> = cells.iter().map(AsRef::as_ref).collect();
+    arrow_select::concat::concat(&cells).map_err(|e| Fault::machine(e.to_string()))
+}
+
 /// A table in addition to those of the stages: the axes of the whole sweep (null where a row has no value of one), then
 /// `columns` of name, values and meaning. An axis has its name before a column.
 fn beside(
@@ -135,14 +197,8 @@ fn beside(
             .iter()
             .map(|p| p.get(&axis.name).map_or_else(|| new_null_array(&kind, 1), |v| axis_values(v, 1)))
             .collect();
-        let cells: Vec<&dyn arrow_array::Array> = cells.iter().map(AsRef::as_ref).collect();
-        let all = if cells.is_empty() {
-            new_null_array(&kind, 0)
-        } else {
-            arrow_select::concat::concat(&cells).map_err(|e| Fault::machine(e.to_string()))?
-        };
+        arrays.push(one_array(&cells, &kind)?);
         fields.push(field(&axis.name, kind, "", Role::Key, "axis of the sweep"));
-        arrays.push(all);
     }
     for (name, array, about) in columns {
         if fields.iter().any(|f: &Field| f.name() == name) {

@@ -61,7 +61,7 @@ impl Assignment {
                 Some(tables) => inside(tables, &path[1..], value, "table"),
                 None => Err(unknown("table", &path[1], &[])),
             },
-            ["publish", _] => {
+            ["publish", _] | ["search", _, ..] => {
                 put(root, &path, value);
                 Ok(())
             }
@@ -69,7 +69,7 @@ impl Assignment {
             [first, _, ..] if !TOP.contains(first) => stage(root, &path, value),
             [_, ..] => Err(Fault::new(format!("`--set` cannot set `{}`", names.join(".")))
                 .at(self.span_of(&path))
-                .help("it takes name, seed, store, axes.NAME, tables.NAME.KEY, publish.KEY or STAGE.PARAMETER")),
+                .help("it takes name, seed, store, axes.NAME, search.KEY, tables.NAME.KEY, publish.KEY or STAGE.PARAMETER")),
             [] => Err(form(&self.at)),
         }
     }

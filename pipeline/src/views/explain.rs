@@ -7,6 +7,7 @@ use schemas::{Column, Grain, Literal, Passes};
 use super::snapshots;
 use crate::{
     plan::{Graph, TableNode},
+    spec::{Search, Spec},
     store::Store,
 };
 
@@ -16,8 +17,11 @@ pub fn explain(graph: &Graph, store: &Store) -> String {
     let mut out = String::new();
     // Writing into a String cannot fail.
     let _ = writeln!(out, "pipeline {}  seed {}", plan.spec.name, plan.spec.seed);
-    for axis in &plan.spec.axes {
+    for axis in plan.spec.axes.iter().take(plan.spec.searched.start) {
         let _ = writeln!(out, "axis {} = {}", axis.name, listed(&axis.values));
+    }
+    if let Some(search) = &plan.spec.search {
+        out.push_str(&searched(&plan.spec, search));
     }
     for (flights, records) in plan.flights.iter().zip(&graph.records) {
         let rows: usize = records.values().map(|r| r.rows).sum();
@@ -39,8 +43,45 @@ pub fn explain(graph: &Graph, store: &Store) -> String {
         let cost = before.as_ref().and_then(|b| b.tables.iter().find(|x| x.name == node.name)).and_then(|x| x.cost);
         let _ = write!(out, "\n{}", table(graph, store, t, node, cost));
     }
+    if plan.spec.search.is_some() {
+        let most = |(t, node): (usize, &TableNode)| {
+            graph.unit_count(t).saturating_mul(plan.most_points(node)) / node.len().max(1)
+        };
+        let all = plan.tables.iter().enumerate().map(most).fold(0, usize::saturating_add);
+        let _ = writeln!(out, "\nthe whole search has at most {all} units");
+    }
     for note in &plan.notes {
         let _ = writeln!(out, "\nnote: {note}");
+    }
+    out
+}
+
+/// A search: its method, its goal, its axes.
+fn searched(spec: &Spec, search: &Search) -> String {
+    let mut out = String::new();
+    let mut known: Vec<String> =
+        spec.axes.get(spec.searched.start).into_iter().flat_map(|a| &a.values).map(ToString::to_string).collect();
+    known.dedup();
+    let together =
+        if search.generation < search.trials { format!(", {} together", search.generation) } else { String::new() };
+    let direction = search.direction.map(|d| format!(" ({})", d.word())).unwrap_or_default();
+    let lines = search.predicate.as_ref().map(|(text, _)| format!(" where {text}")).unwrap_or_default();
+    let _ = writeln!(
+        out,
+        "search {} for {}.{}{direction}{lines}: {} trials{together}, {} of them known, seed {}",
+        search.named.word(),
+        search.table,
+        search.metric,
+        search.trials,
+        known.len(),
+        search.seed
+    );
+    if let Some(halving) = &search.halving {
+        let of = format!("1 trial of {} goes on to the next", halving.eta);
+        let _ = writeln!(out, "rungs {} = {}; {of}", halving.axis, listed(&halving.values));
+    }
+    for axis in &search.axes {
+        let _ = writeln!(out, "axis {} = searched: {}", axis.name, axis.words());
     }
     out
 }
@@ -61,9 +102,12 @@ fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<
     let first = plan.instance(t, 0);
     let inputs: Vec<&str> = node.sources().into_iter().map(|r| plan.name_of(r)).collect();
     let _ = writeln!(out, "{}  {} v{} <- {}", node.name, node.entry.name, node.entry.version, inputs.join(", "));
+    let searched = &plan.spec.searched;
+    let once = |i: &&usize| !searched.contains(i) || **i == searched.start;
     let sizes: Vec<String> = node
         .axes
         .iter()
+        .filter(once)
         .map(|i| format!("{} ({})", plan.spec.axes[*i].name, plan.spec.axes[*i].values.len()))
         .collect();
     let over =
@@ -72,7 +116,9 @@ fn table(graph: &Graph, store: &Store, t: usize, node: &TableNode, cost: Option<
         Grain::Line | Grain::Survey => format!("; {} lines", graph.most_lines_of(t)),
         Grain::Map => String::new(),
     };
-    let _ = writeln!(out, "  runs     {over}{of}");
+    let most = plan.most_points(node);
+    let most = if most > node.len() { format!(", at most {most} when the search is over") } else { String::new() };
+    let _ = writeln!(out, "  runs     {over}{most}{of}");
     if let Some((text, _)) = plan.decl(t).and_then(|d| d.predicate.as_ref()) {
         let _ = writeln!(out, "  where    {text}");
     }

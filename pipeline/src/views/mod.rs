@@ -10,6 +10,7 @@ pub mod score_table;
 pub mod scores;
 pub mod sql;
 pub mod text;
+mod trials;
 pub mod warnings;
 mod why;
 
@@ -17,4 +18,5 @@ pub use explain::explain;
 pub use lineage::{Format, lineage};
 pub use record::{Snapshot, SnapshotTable, described, record, snapshots};
 pub use reference::{one as stage_page, overview as stages_overview, page as reference_page};
+pub use trials::trials;
 pub use why::why;

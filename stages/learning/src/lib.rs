@@ -8,6 +8,7 @@ pub mod inputs;
 pub mod network;
 pub mod random_features;
 pub mod rows;
+pub mod search;
 pub mod trees;
 
 mod draws;

@@ -1,11 +1,15 @@
 //! The pooled scores of one table, and which of their points is best.
 
-use std::collections::BTreeMap;
+use std::{
+    collections::{BTreeMap, HashMap},
+    ops::Range,
+};
 
 use schemas::{Fault, Literal};
 
 use super::source::Source;
 use crate::{
+    spec::{Axis, Spec},
     store::parts,
     views::{
         scores::{self, Scores, Values},
@@ -52,11 +56,12 @@ impl Board {
         let plan = source.graph.plan;
         let grid = plan.tables[table].grid();
         let axes: Vec<&[Literal]> = grid.axes().map(|a| plan.spec.axes[a].values.as_slice()).collect();
-        let known: Vec<Values> = axes.iter().map(|values| Values::new(values)).collect();
+        let known: Vec<Side> = grid.sides().map(|side| Side::new(&plan.spec, side)).collect();
         let mut kept: BTreeMap<usize, Vec<Option<f64>>> = BTreeMap::new();
         for (key, values) in scores.rows {
-            let place: Option<Vec<usize>> = key.iter().zip(&known).map(|(text, axis)| axis.position(text)).collect();
-            if let Some(i) = place.filter(|_| key.len() == known.len()).and_then(|p| grid.number(&p)) {
+            let mut words = key.as_slice();
+            let place: Option<Vec<usize>> = known.iter().map(|side| side.position(&mut words)).collect();
+            if let Some(i) = place.filter(|_| words.is_empty()).and_then(|p| grid.number(&p)) {
                 kept.entry(i).or_insert(values);
             }
         }
@@ -91,6 +96,37 @@ impl Board {
         let key = self.scores.rows.get(row).map(|(k, _)| k.as_slice()).unwrap_or_default();
         let words = self.scores.axes.iter().zip(key).map(|(a, v)| format!("{a} = {v}"));
         words.collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// The values of an axis, or of axes that are searched together.
+struct Side {
+    axes: Vec<Values>,
+    /// Of several axes: the position of each combination of positions.
+    together: HashMap<Vec<usize>, usize>,
+}
+
+impl Side {
+    fn new(spec: &Spec, axes: Range<usize>) -> Side {
+        let axes = spec.axes.get(axes).unwrap_or_default();
+        let known: Vec<Values> = axes.iter().map(|a| Values::new(&a.values)).collect();
+        let mut together = HashMap::new();
+        if axes.len() > 1 {
+            for i in 0..axes.iter().map(|a| a.values.len()).min().unwrap_or(0) {
+                let place = |(axis, known): (&Axis, &Values)| known.position(&axis.values[i].to_string());
+                together.extend(axes.iter().zip(&known).map(place).collect::<Option<Vec<usize>>>().map(|p| (p, i)));
+            }
+        }
+        Side { axes: known, together }
+    }
+
+    /// The position of the values that `words` begin with; these are taken off.
+    fn position(&self, words: &mut &[String]) -> Option<usize> {
+        let (own, rest) = words.split_at_checked(self.axes.len())?;
+        *words = rest;
+        let places: Vec<usize> =
+            own.iter().zip(&self.axes).map(|(word, axis)| axis.position(word)).collect::<Option<_>>()?;
+        if let [one] = places.as_slice() { Some(*one) } else { self.together.get(&places).copied() }
     }
 }
 

@@ -66,7 +66,9 @@ pub fn tables(source: &Source, board: &Board, warnings: &[Warning]) -> Result<Ve
     let plan = source.graph.plan;
     let (node, spec) = (&plan.tables[board.table], &plan.spec);
     let instance = board.instances.get(best).copied().unwrap_or(0);
-    let several = node.grid().axes().filter(|a| spec.axes.get(*a).is_some_and(|a| a.values.len() > 1));
+    // Of axes that are searched together the first stands for all.
+    let several =
+        node.grid().sides().map(|side| side.start).filter(|a| spec.axes.get(*a).is_some_and(|a| a.values.len() > 1));
     let mut axes: Vec<Option<usize>> = several.take(TABLES).map(Some).collect();
     if axes.is_empty() {
         axes.push(None);

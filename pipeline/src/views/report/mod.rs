@@ -14,6 +14,7 @@ mod known;
 mod model;
 mod page;
 mod published;
+mod search;
 mod signal;
 mod source;
 mod spectra;
@@ -67,6 +68,9 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
     let source = Source::new(graph, store);
     let Scored { current, warnings, boards } = scored(&source)?;
     let mut sections: Vec<Markup> = vec![];
+    if current {
+        sections.extend(search::section(&source)?);
+    }
     for board in &boards {
         sections.push(table::section(&source, board, by_line::tables(&source, board, &warnings)?));
     }

@@ -7,7 +7,10 @@ use super::{
     source::{Failed, Source},
     warnings::Warning,
 };
-use crate::views::text::number;
+use crate::{
+    spec::{Axis, Spec},
+    views::text::number,
+};
 
 /// The maximum number of failures listed.
 const MOST: usize = 50;
@@ -72,11 +75,17 @@ fn heading(source: &Source) -> Markup {
             @if !axes.is_empty() {
                 dl.axes { @for axis in axes {
                     dt { (axis.name) }
-                    dd { (listed(&axis.values)) }
+                    dd { (axis_words(&plan.spec, axis)) }
                 } }
             }
         }
     }
+}
+
+/// The values of an axis; of one that is searched where they are searched.
+fn axis_words(spec: &Spec, axis: &Axis) -> String {
+    let searched = spec.search.iter().flat_map(|s| &s.axes).find(|a| a.name == axis.name);
+    searched.map_or_else(|| listed(&axis.values), |a| format!("searched: {}", a.words()))
 }
 
 /// The values of an axis; of very many the first ones and the last.

@@ -14,6 +14,8 @@ const MOST: usize = 1000;
 pub fn section(source: &Source, board: &Board, by_line: Vec<Markup>) -> Markup {
     let name = &source.graph.plan.tables[board.table].name;
     let points = board.scores.rows.len();
+    let spec = &source.graph.plan.spec;
+    let searched: Vec<&str> = spec.axes.iter().skip(spec.searched.start).map(|a| a.name.as_str()).collect();
     let over =
         if board.scores.lines == 1 { "one line".to_owned() } else { format!("{} lines, pooled", board.scores.lines) };
     html! {
@@ -26,7 +28,7 @@ pub fn section(source: &Source, board: &Board, by_line: Vec<Markup>) -> Markup {
             (table(board))
             @if points > MOST { p.note { "The best " (MOST) " of " (points) " points are shown; " code { "magline sql" } " shows them all." } }
             (glossary(board))
-            div.heat { @for map in heat_maps(board) { (map) } }
+            div.heat { @for map in heat_maps(board, &searched) { (map) } }
             @for table in by_line { (table) }
         }
     }
@@ -112,13 +114,13 @@ struct Heat {
     cells: Vec<Option<usize>>,
 }
 
-fn heat_maps(board: &Board) -> Vec<Markup> {
+fn heat_maps(board: &Board, searched: &[&str]) -> Vec<Markup> {
     let worth = (0..board.scores.metrics.len()).filter(|m| board.scores.metrics[*m].shown.heat_map);
-    worth.filter_map(|m| heat(board, m)).map(|h| drawn(board, &h)).collect()
+    worth.filter_map(|m| heat(board, m, searched)).map(|h| drawn(board, &h)).collect()
 }
 
-/// Over the first two axes that have several values.
-fn heat(board: &Board, metric: usize) -> Option<Heat> {
+/// Over the first two axes that have several values, other than those `searched`, whose values are met once.
+fn heat(board: &Board, metric: usize, searched: &[&str]) -> Option<Heat> {
     const SIDE: usize = 40;
     let values = |axis: usize| {
         let mut seen: Vec<String> = vec![];
@@ -133,7 +135,8 @@ fn heat(board: &Board, metric: usize) -> Option<Heat> {
         }
         seen
     };
-    let mut several = (0..board.scores.axes.len()).map(|a| (a, values(a))).filter(|(_, v)| v.len() > 1);
+    let listed = |a: &usize| !searched.contains(&board.scores.axes[*a].as_str());
+    let mut several = (0..board.scores.axes.len()).filter(listed).map(|a| (a, values(a))).filter(|(_, v)| v.len() > 1);
     let ((a, rows), (b, columns)) = (several.next()?, several.next()?);
     if rows.len() > SIDE || columns.len() > SIDE {
         return None;
@@ -223,7 +226,7 @@ mod tests {
         board.scores.rows.extend(more);
         board.scores.marks = vec![0; board.scores.rows.len()];
         // The first two axes with several values are `twice` and `mag`; the best is over `lambda`.
-        let heat = heat(&board, 1).unwrap();
+        let heat = heat(&board, 1, &[]).unwrap();
         assert_eq!(heat.axes, (0, 1));
         let values: Vec<_> = heat.cells.iter().map(|r| r.and_then(|r| board.value(r, 1))).collect();
         assert_eq!(values, [Some(12.0), Some(30.0), Some(6.0), Some(15.0)]);
@@ -239,11 +242,11 @@ mod tests {
         // It had the least drms; the best of the others is it now.
         assert!(!text.contains("data-v=\"12\" title=\"best\""), "{text}");
         assert!(text.contains("data-v=\"30\" title=\"best\""), "{text}");
-        let map = drawn(&board, &heat(&board, 1).unwrap()).into_string();
+        let map = drawn(&board, &heat(&board, 1, &[]).unwrap()).into_string();
         assert!(map.contains("<td class=\"bad\" title=\"not to be trusted\">! 12.00</td>"), "{map}");
         assert_eq!(map.matches("<td style=").count(), 2, "{map}");
         board.scores.marks = vec![1; 4];
-        let (text, map) = (table(&board).into_string(), drawn(&board, &heat(&board, 1).unwrap()).into_string());
+        let (text, map) = (table(&board).into_string(), drawn(&board, &heat(&board, 1, &[]).unwrap()).into_string());
         assert!(!text.contains("best") && !map.contains("style="), "{text} {map}");
     }
 
@@ -252,6 +255,6 @@ mod tests {
         let mut board = example();
         board.scores.axes.truncate(1);
         board.scores.rows.iter_mut().for_each(|r| r.0.truncate(1));
-        assert!(heat(&board, 0).is_none());
+        assert!(heat(&board, 0, &[]).is_none());
     }
 }

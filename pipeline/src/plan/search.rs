@@ -1,0 +1,116 @@
+//! The goal of a search: the table and the metric that it makes best.
+
+use schemas::{
+    Fault, Grain, Literal, TableKind,
+    metric::{Better, Metric},
+};
+
+use super::{Plan, axes::unused, builder::Builder};
+use crate::{
+    predicate::Predicate,
+    spec::{Direction, Search},
+};
+
+/// The goal of a search, checked.
+pub struct Goal {
+    /// Its table of scores, as a position in the plan.
+    pub table: usize,
+    /// Its metric.
+    pub metric: Metric,
+    /// Which values are good.
+    better: Better,
+    /// The lines that it is of; all where there is none.
+    pub lines: Option<Predicate>,
+}
+
+impl Goal {
+    /// A cost that is smaller for the better of two values; `None` for one that is no number.
+    pub fn cost(&self, value: f64) -> Option<f64> {
+        self.better.cost(value)
+    }
+}
+
+impl Plan {
+    /// The goal of the spec's search; `None` where it has none.
+    ///
+    /// # Errors
+    /// Never fails for a checked plan.
+    pub fn goal(&self) -> Result<Option<Goal>, Fault> {
+        let Some(search) = &self.spec.search else { return Ok(None) };
+        let table = self.table(&search.table)?;
+        let node = &self.tables[table];
+        let metric = node.entry.metrics.iter().find(|m| m.name == search.metric).copied();
+        let metric = metric.ok_or_else(|| Fault::bug("the goal of a search has no metric"))?;
+        let better = match search.direction {
+            None => metric.better,
+            Some(Direction::Minimise) => Better::Lower,
+            Some(Direction::Maximise) => Better::Higher,
+        };
+        let shape = node.tables.first().map(|t| t.shape().clone()).unwrap_or_default();
+        let lines = search.predicate.as_ref().map(|(text, _)| Predicate::new(text, &shape)).transpose()?;
+        Ok(Some(Goal { table, metric, better, lines }))
+    }
+}
+
+impl Builder<'_> {
+    /// Checks the search against the stages: what it searches is used, and its goal is there and depends on it.
+    pub fn search(&mut self, search: &Search) {
+        for name in unused(self.spec) {
+            let at =
+                search.columns().into_iter().find(|(n, _)| *n == name).map_or(search.at.clone(), |(_, at)| at.clone());
+            let fault = Fault::new(format!("no stage takes the searched axis `{name}`")).at(at);
+            self.faults.push(fault.help(format!("mention it in a parameter: `\"${name}\"`")));
+        }
+        if self.broken.contains(&search.table) {
+            return;
+        }
+        let goal = |fault: Fault| fault.at(search.goal_at.clone());
+        let Some(node) = self.tables.iter().find(|t| t.name == search.table) else {
+            let scores = self.tables.iter().filter(|t| !t.entry.metrics.is_empty());
+            let known: Vec<&str> = scores.map(|t| t.name.as_str()).collect();
+            let fault = Fault::new(format!("the goal's table `{}` does not exist", search.table));
+            self.faults.push(goal(fault.nearest(&search.table, &known)));
+            return;
+        };
+        let of_scores = node.entry.yields == TableKind::Scores && node.entry.grain == Grain::Line;
+        if !of_scores || node.entry.metrics.is_empty() {
+            let what = format!("the goal's table `{}` is not a table of scores of lines", node.name);
+            self.faults.push(goal(Fault::new(what).help("name one of the stage `score`")));
+            return;
+        }
+        let known: Vec<&str> = node.entry.metrics.iter().map(|m| m.name).collect();
+        let Some(metric) = node.entry.metrics.iter().find(|m| m.name == search.metric) else {
+            let fault = Fault::new(format!("`{}` has no metric `{}`", node.name, search.metric));
+            self.faults.push(goal(fault.nearest(&search.metric, &known)));
+            return;
+        };
+        if metric.better == Better::Neither && search.direction.is_none() {
+            let what = format!("the metric `{}` has no better values", metric.name);
+            self.faults
+                .push(goal(Fault::new(what).help("say which are: `direction = \"minimise\"` or `\"maximise\"`")));
+        }
+        let asked = self.spec.stages.get(node.decl).and_then(|d| d.args.get("metrics"));
+        if let Some(Literal::List(items)) = asked.map(|given| &given.value) {
+            let words: Vec<&str> = items.iter().filter_map(Literal::as_text).collect();
+            if !words.contains(&metric.name) && !words.iter().any(|w| w.starts_with('$')) {
+                let what = format!("`{}` is not among the `metrics` of `{}`", metric.name, node.name);
+                self.faults.push(goal(Fault::new(what).help("add it there")));
+            }
+        }
+        if !node.axes.iter().any(|a| self.spec.searched.contains(a)) {
+            let what = format!("the goal's table `{}` does not depend on what is searched", node.name);
+            self.faults.push(goal(Fault::new(what).help("a stage before it must mention a searched axis")));
+        }
+        if let Some((text, at)) = &search.predicate {
+            let shape = node.tables.first().map(|t| t.shape().clone()).unwrap_or_default();
+            match Predicate::new(text, &shape) {
+                Ok(predicate) if !predicate.is_of_lines() => {
+                    let what = "the `where` of a search selects lines, so it may only name `flight` and `line`";
+                    self.faults.push(Fault::new(what).at(at.clone()));
+                }
+                Ok(_) => {}
+                Err(fault) => self.faults.push(fault.at(at.clone())),
+            }
+        }
+    }
+}

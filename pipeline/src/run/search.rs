@@ -1,0 +1,177 @@
+//! A search that goes by generations: each is planned from the scores of those before, and run.
+//!
+//! Nothing of it is kept beside the results, which are addressed by what they were computed from: a search that was killed
+//! plans its generations again, and finds those that were finished in the store. When the last one is done all trials are
+//! published together, as those of a sweep that was run at once.
+
+use std::{
+    collections::{BTreeMap, HashSet},
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+use schemas::{Entry, Fault, Owner};
+
+use super::{Count, Event, Failure, Listener, Options, Outcome, Pass, Summary, healed, run, trials::in_order};
+use crate::{
+    keys::Key,
+    plan::Plan,
+    spec::{Course, Faults},
+    store::Store,
+};
+
+/// Runs `plan`; that of a search with all trials that follow from the scores. Returns the plan of all that was run.
+///
+/// # Errors
+/// As [`run`].
+pub fn search(
+    plan: Plan,
+    catalogue: &[Entry],
+    store: &Store,
+    options: Options,
+    listener: &dyn Listener,
+) -> Result<(Plan, Summary), Faults> {
+    let found = plan.spec.search.clone();
+    let Some((search, mut course)) = found.as_ref().map(|s| (s, Course::new(s))).filter(|(_, c)| !c.is_known()) else {
+        let summary = run(&plan, store, options, listener)?;
+        return Ok((plan, summary));
+    };
+    let publisher = store.publisher(&plan.spec.name, options.wait).map_err(|f| plan.spec.faults(vec![f]))?;
+    let relay = Relay::new(listener);
+    let mut spec = plan.spec;
+    while !course.next().is_empty() {
+        let rows = course.next().to_vec();
+        let plan = Plan::new(spec.with_trials(&rows), catalogue)?;
+        // The bytes of the inputs are read once, however often the search asks for them.
+        spec.verify_inputs = false;
+        listener.hear(&Event::Searching { rows: &rows, trials: search.trials, best: course.best() });
+        let pass = Pass { last: false, rows: &rows, known: None, relay: Some(&relay) };
+        let one = Options { compact: false, ..options };
+        let mut summary = healed(&plan, store, one, &publisher, &relay, &pass)?;
+        let refused = summary.failures.iter().any(|f| f.fault.owner == Owner::Machine);
+        if summary.interrupted || refused {
+            if !summary.interrupted {
+                summary.failures.push(stopped(course.done().len()));
+            }
+            summary.trials.clear();
+            listener.hear(&Event::Finished { summary: &summary });
+            return Ok((plan, summary));
+        }
+        course.tell(std::mem::take(&mut summary.trials));
+        let scored = course.done().get(course.done().len().saturating_sub(rows.len())..).unwrap_or_default();
+        listener.hear(&Event::Trials { search, scored, best: course.best() });
+    }
+    let plan = Plan::new(spec.with_trials(&course.rows()), catalogue)?;
+    let known = in_order(course.done().to_vec());
+    relay.last();
+    let pass = Pass { last: true, rows: &[], known: Some(&known), relay: Some(&relay) };
+    let summary = healed(&plan, store, Options { compact: true, ..options }, &publisher, &relay, &pass)?;
+    listener.hear(&Event::Finished { summary: &summary });
+    Ok((plan, summary))
+}
+
+/// What the machine refused may be there the next time, and the trials after it would be others.
+fn stopped(done: usize) -> Failure {
+    let what = format!("the search stopped after {done} trials, as the machine refused a part of the next ones");
+    let fault = Fault::machine(what).help("run it again: what is done is kept");
+    Failure { table: "search".into(), point: Default::default(), line: None, fault }
+}
+
+/// Hands on the events of several passes as those of one run: each unit is told once, each table at the end.
+pub struct Relay<'a> {
+    listener: &'a dyn Listener,
+    told: Mutex<Told>,
+}
+
+#[derive(Default)]
+struct Told {
+    started: bool,
+    last: bool,
+    units: HashSet<Key>,
+    tables: BTreeMap<String, Spent>,
+}
+
+/// What became of a table in all passes.
+#[derive(Clone, Copy, Default)]
+struct Spent {
+    count: Count,
+    seconds: f64,
+}
+
+impl<'a> Relay<'a> {
+    fn new(listener: &'a dyn Listener) -> Relay<'a> {
+        Relay { listener, told: Mutex::default() }
+    }
+
+    fn told(&self) -> MutexGuard<'_, Told> {
+        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The next pass is the last one.
+    fn last(&self) {
+        self.told().last = true;
+    }
+
+    /// The outcome of each of these tables over all passes, and the seconds that took.
+    pub fn sums<'t>(&self, tables: impl Iterator<Item = &'t str>) -> Vec<(Count, f64)> {
+        let told = self.told();
+        let spent = |name: &str| told.tables.get(name).copied().unwrap_or_default();
+        tables.map(spent).map(|s| (s.count, s.seconds)).collect()
+    }
+}
+
+impl Listener for Relay<'_> {
+    fn hear(&self, event: &Event) {
+        match event {
+            Event::Reading { .. } => {
+                let started = self.told().started;
+                if !started {
+                    self.listener.hear(event);
+                }
+            }
+            Event::Started { .. } => {
+                let started = std::mem::replace(&mut self.told().started, true);
+                if !started {
+                    self.listener.hear(event);
+                }
+            }
+            Event::Unit { table, point, line, outcome, .. } => {
+                let place = line.iter().flat_map(|(flight, line)| [flight.clone(), line.clone()]);
+                let point = point.iter().flat_map(|(name, value)| [name.clone(), value.to_string()]);
+                let new = {
+                    let mut told = self.told();
+                    let new = told.units.insert(Key::of([(*table).to_owned()].into_iter().chain(point).chain(place)));
+                    if new {
+                        let count = &mut told.tables.entry((*table).to_owned()).or_default().count;
+                        match outcome {
+                            Outcome::Computed => count.computed += 1,
+                            Outcome::Reused => count.reused += 1,
+                            Outcome::Failed => count.failed += 1,
+                            Outcome::Skipped => count.skipped += 1,
+                        }
+                    }
+                    new
+                };
+                if new {
+                    self.listener.hear(event);
+                }
+            }
+            Event::Table { table, seconds, .. } => {
+                let (last, spent) = {
+                    let mut told = self.told();
+                    let last = told.last;
+                    let spent = told.tables.entry((*table).to_owned()).or_default();
+                    spent.seconds += seconds;
+                    (last, *spent)
+                };
+                if last {
+                    self.listener.hear(&Event::Table { table, count: spent.count, seconds: spent.seconds });
+                }
+            }
+            Event::Computing { .. }
+            | Event::Searching { .. }
+            | Event::Trials { .. }
+            | Event::Publishing { .. }
+            | Event::Finished { .. } => self.listener.hear(event),
+        }
+    }
+}

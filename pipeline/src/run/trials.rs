@@ -1,0 +1,232 @@
+//! The goal of each trial of a search, from the scores in the store; and the trials that follow from them.
+
+use arrow_array::{
+    Array,
+    cast::AsArray,
+    types::{Float64Type, Int64Type},
+};
+use arrow_cast::cast;
+use arrow_schema::DataType;
+use schemas::{Entry, Fault, Grain};
+
+use super::Failure;
+use crate::{
+    plan::{Goal, Graph, LineId, Plan, Ref, Unit},
+    sources::ReadStep,
+    spec::{Course, Faults, Row, Scored},
+    store::Store,
+};
+
+/// What the store knows of a unit.
+enum Fate {
+    /// Its rows.
+    There,
+    /// It cannot be computed from the data, or one of its inputs cannot.
+    Failed(Option<Box<Fault>>),
+    /// Nothing: it was not computed yet.
+    Unknown,
+}
+
+/// The goals of `rows`, which are the trials of the plan of `graph`. `None` where a score of one of them is not computed
+/// yet; with `all` that counts as a failure.
+///
+/// A trial that lacks the scores of a line has no goal: a mean over fewer lines is not to be compared. Lines that cannot be
+/// read are left out of all trials.
+///
+/// # Errors
+/// Fails when `where` selects no line, or the store cannot be read.
+pub fn scored(graph: &Graph, store: &Store, rows: &[Row], all: bool) -> Result<Option<Vec<Scored>>, Fault> {
+    let plan = graph.plan;
+    let Some(goal) = plan.goal()? else { return Ok(None) };
+    let mut of_row: Vec<Vec<usize>> = vec![vec![]; rows.len()];
+    let searched = plan.spec.searched.start;
+    for i in 0..plan.tables[goal.table].len() {
+        let at = plan.tables[goal.table].grid().place(i).find(|(axis, _)| *axis == searched);
+        if let Some(points) = at.and_then(|(_, at)| of_row.get_mut(at)) {
+            points.push(i);
+        }
+    }
+    let wanted = wanted(graph, &goal)?;
+    let mut found = vec![];
+    for (row, points) in rows.iter().zip(of_row) {
+        let units = points.iter().flat_map(|i| graph.lines_of(goal.table, *i).iter().map(|l| (*i, *l)));
+        let units = units.filter(|(_, line)| wanted.get(*line).copied().unwrap_or(false));
+        let units: Vec<Unit> = units.map(|(i, l)| Unit { table: goal.table, instance: i, line: Some(l) }).collect();
+        match one(graph, store, &goal, row, &units, all)? {
+            Some(scored) => found.push(scored),
+            None => return Ok(None),
+        }
+    }
+    Ok(Some(found))
+}
+
+/// Checks that the goal of a search is of some line.
+///
+/// # Errors
+/// Fails when it is of none.
+pub fn check(graph: &Graph) -> Result<(), Fault> {
+    graph.plan.goal()?.map_or(Ok(()), |goal| wanted(graph, &goal).map(drop))
+}
+
+/// The failure of a search of which no trial has a goal.
+pub fn vain(plan: &Plan, trials: &[Scored]) -> Option<Failure> {
+    let search = plan.spec.search.as_ref()?;
+    let why = trials.first()?.error.clone().unwrap_or_default();
+    let what = format!("the goal `{}.{}` has no value at any of {} trials", search.table, search.metric, trials.len());
+    trials.iter().all(|t| t.cost.is_none()).then(|| Failure {
+        table: search.table.clone(),
+        point: Default::default(),
+        line: None,
+        fault: Fault::data(format!("{what}; at the first: {why}")),
+    })
+}
+
+/// Whether each line counts: `where` selects it, and it can be read.
+fn wanted(graph: &Graph, goal: &Goal) -> Result<Vec<bool>, Fault> {
+    let selected = match &goal.lines {
+        Some(predicate) => predicate.lines(&graph.lines)?,
+        None => vec![true; graph.lines.len()],
+    };
+    let readable = |line: LineId| graph.records.iter().all(|r| r.get(&line).is_none_or(|l| l.fault.is_none()));
+    let wanted: Vec<bool> = selected.into_iter().enumerate().map(|(line, s)| s && readable(line)).collect();
+    let of_goal = graph.all_lines_of(goal.table);
+    if of_goal.iter().any(|l| wanted.get(*l).copied().unwrap_or(false)) {
+        return Ok(wanted);
+    }
+    let name = |l: &LineId| graph.lines.get(*l).map(|(flight, line)| format!("{flight}/{line}"));
+    let some: Vec<String> = of_goal.iter().take(12).filter_map(name).collect();
+    let fault = Fault::new("the goal of the search is of no line");
+    let at =
+        graph.plan.spec.search.as_ref().map(|s| s.predicate.as_ref().map_or(s.goal_at.clone(), |(_, at)| at.clone()));
+    let fault = at.into_iter().fold(fault, Fault::at);
+    Err(fault.help(format!("its table has, as flight/line: {}", some.join(", "))))
+}
+
+fn one(
+    graph: &Graph,
+    store: &Store,
+    goal: &Goal,
+    row: &Row,
+    units: &[Unit],
+    all: bool,
+) -> Result<Option<Scored>, Fault> {
+    let mut pairs: Vec<(f64, f64)> = vec![];
+    let mut error = None;
+    for unit in units {
+        match fate(graph, store, *unit)? {
+            Fate::There => pairs.extend(values(graph, store, goal, *unit)?),
+            Fate::Unknown if !all => return Ok(None),
+            fate @ (Fate::Failed(_) | Fate::Unknown) => {
+                let why = match fate {
+                    Fate::Failed(Some(fault)) => fault.to_string(),
+                    Fate::Failed(None) | Fate::Unknown | Fate::There => "it could not be computed".to_owned(),
+                };
+                let line = unit.line.and_then(|l| graph.lines.get(l));
+                let place = line.map(|(flight, line)| format!("flight {flight}, line {line}: ")).unwrap_or_default();
+                error.get_or_insert(if why.starts_with(&place) { why } else { format!("{place}{why}") });
+            }
+        }
+    }
+    let pooled = Some(goal.metric.pool.value(pairs.iter().copied())).filter(|v| v.is_finite() && error.is_none());
+    let cost = pooled.and_then(|v| goal.cost(v));
+    if cost.is_none() {
+        error.get_or_insert_with(|| format!("`{}` has no value on any line", goal.metric.name));
+    }
+    let goal = pooled.filter(|_| cost.is_some());
+    Ok(Some(Scored { row: row.clone(), goal, cost, lines: units.len(), error, promoted: false }))
+}
+
+/// The value of the metric and its weight, where it has one.
+fn values(graph: &Graph, store: &Store, goal: &Goal, unit: Unit) -> Result<Vec<(f64, f64)>, Fault> {
+    let batch = store.get(graph.key(unit)?, &["metric", "value", "n"])?;
+    let lacking = || Fault::bug("a table of scores without `metric`, `value` and `n`");
+    let column = |name: &str| batch.column_by_name(name).ok_or_else(lacking);
+    let n = cast(column("n")?, &DataType::Int64).map_err(|_| lacking())?;
+    let words = column("metric")?.as_string_opt::<i32>().ok_or_else(lacking)?;
+    let values = column("value")?.as_primitive_opt::<Float64Type>().ok_or_else(lacking)?;
+    let n = n.as_primitive_opt::<Int64Type>().ok_or_else(lacking)?;
+    let of_goal = (0..batch.num_rows()).filter(|i| words.is_valid(*i) && words.value(*i) == goal.metric.name);
+    let given = of_goal.filter(|i| values.is_valid(*i) && n.is_valid(*i));
+    Ok(given.map(|i| (values.value(i), n.value(i) as f64)).collect())
+}
+
+/// What is known of a unit; of one that is not in the store what its inputs say.
+fn fate(graph: &Graph, store: &Store, unit: Unit) -> Result<Fate, Fault> {
+    let key = match graph.key(unit) {
+        Ok(key) => key,
+        Err(fault) => return Ok(Fate::Failed(Some(Box::new(fault)))),
+    };
+    match store.find(key).map(|place| place.rows) {
+        Some(Some(_)) => return Ok(Fate::There),
+        Some(None) => return Ok(Fate::Failed(store.failed(key)?.map(Box::new))),
+        None => {}
+    }
+    let it = graph.plan.instance(unit.table, unit.instance);
+    let of_line = |r: Ref, line: LineId| match r {
+        Ref::Flights(i) => Ok(match graph.records.get(i).and_then(|r| r.get(&line)).and_then(|l| l.fault.clone()) {
+            Some(fault) => Fate::Failed(Some(Box::new(fault))),
+            None => Fate::There,
+        }),
+        Ref::Stage(table, instance) => {
+            let line = (graph.plan.tables[table].entry.grain == Grain::Line).then_some(line);
+            fate(graph, store, Unit { table, instance, line })
+        }
+        Ref::Map(_) => Ok(Fate::There),
+    };
+    for (kind, r) in it.kinds().into_iter().zip(it.inputs()) {
+        let found = match (kind.is_by_line(), unit.line) {
+            _ if kind.is_record() => Fate::Unknown,
+            (true, Some(line)) => of_line(r, line)?,
+            (false, _) => match r {
+                Ref::Stage(table, instance) => fate(graph, store, Unit { table, instance, line: None })?,
+                Ref::Map(_) | Ref::Flights(_) => Fate::There,
+            },
+            (true, None) => {
+                // A fit goes on without the lines that failed, unless all did.
+                let lines = graph.lines_of(unit.table, unit.instance);
+                let mut fates = lines.iter().map(|line| of_line(r, *line)).collect::<Result<Vec<_>, Fault>>()?;
+                let failed = !fates.is_empty() && fates.iter().all(|f| matches!(f, Fate::Failed(_)));
+                if failed { fates.swap_remove(0) } else { Fate::Unknown }
+            }
+        };
+        if let Fate::Failed(why) = found {
+            return Ok(Fate::Failed(why));
+        }
+    }
+    Ok(Fate::Unknown)
+}
+
+/// The plan with all trials that follow from the scores in `store`; the plan itself where it has no search, or where all
+/// trials are known beforehand.
+///
+/// # Errors
+/// Fails when a plan of these trials, its sources or the store cannot be read.
+pub fn settled(
+    plan: Plan,
+    catalogue: &[Entry],
+    store: &Store,
+    tick: &(dyn Fn(&str, &ReadStep) + Sync),
+) -> Result<Plan, Faults> {
+    let Some(search) = plan.spec.search.clone() else { return Ok(plan) };
+    let mut course = Course::new(&search);
+    if course.is_known() {
+        return Ok(plan);
+    }
+    while !course.next().is_empty() {
+        let rows = course.next().to_vec();
+        let next = Plan::new(plan.spec.with_trials(&rows), catalogue)?;
+        let graph = Graph::new(&next, store, tick)?;
+        let found = scored(&graph, store, &rows, false).map_err(|f| plan.spec.faults(vec![f]))?;
+        match found {
+            Some(found) => course.tell(found),
+            None => break,
+        }
+    }
+    Plan::new(plan.spec.with_trials(&course.rows()), catalogue)
+}
+
+/// What was computed, by trial and rung.
+pub fn in_order(mut done: Vec<Scored>) -> Vec<Scored> {
+    done.sort_by_key(|s| (s.row.trial, s.row.rung));
+    done
+}

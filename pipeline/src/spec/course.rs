@@ -1,0 +1,275 @@
+//! The course of a search: which trials come next, from the scores of those before.
+
+use learning::search::{Outcome, Value, kept, propose};
+use schemas::Literal;
+
+use super::{Axis, Search};
+
+/// A trial at a rung, to be computed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// The trial, from 1.
+    pub trial: usize,
+    /// The generation that it was proposed in, from 1.
+    pub generation: usize,
+    /// The rung, from 1.
+    pub rung: usize,
+    /// The values of the searched axes.
+    pub values: Vec<Value>,
+}
+
+impl Row {
+    /// The values of its columns, in the order of [`Search::columns`].
+    pub fn literals(&self, search: &Search) -> Vec<Literal> {
+        let trial = Literal::Int(i64::try_from(self.trial).unwrap_or(i64::MAX));
+        let rung = search.halving.iter().filter_map(|h| h.values.get(self.rung - 1).cloned());
+        let values = search.axes.iter().zip(&self.values).filter_map(|(axis, v)| axis.literal(*v));
+        std::iter::once(trial).chain(rung).chain(values).collect()
+    }
+}
+
+/// A row that was computed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scored {
+    /// The row.
+    pub row: Row,
+    /// The goal; `None` where it has no value.
+    pub goal: Option<f64>,
+    /// The goal as a cost, which is to be small.
+    pub cost: Option<f64>,
+    /// The lines that went into the goal.
+    pub lines: usize,
+    /// Why there is no goal.
+    pub error: Option<String>,
+    /// Whether successive halving took it to the next rung.
+    pub promoted: bool,
+}
+
+/// What became of a trial at a rung.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fate {
+    /// It has a goal, and there is no further rung.
+    Done,
+    /// It went on to the next rung.
+    Promoted,
+    /// It has a goal, and others were better.
+    Pruned,
+    /// It has no goal.
+    Failed,
+}
+
+impl Fate {
+    /// The word for it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Fate::Done => "done",
+            Fate::Promoted => "promoted",
+            Fate::Pruned => "pruned",
+            Fate::Failed => "failed",
+        }
+    }
+}
+
+impl Scored {
+    /// What became of it in `search`.
+    pub fn fate(&self, search: &Search) -> Fate {
+        match self.cost {
+            None => Fate::Failed,
+            Some(_) if self.promoted => Fate::Promoted,
+            Some(_) if self.row.rung < search.rungs() => Fate::Pruned,
+            Some(_) => Fate::Done,
+        }
+    }
+}
+
+/// The state of a search.
+#[derive(Clone, Debug)]
+pub struct Course<'a> {
+    search: &'a Search,
+    /// What was computed, in that order.
+    done: Vec<Scored>,
+    /// The next rows.
+    next: Vec<Row>,
+    /// The number of trials proposed so far.
+    proposed: usize,
+}
+
+impl<'a> Course<'a> {
+    /// The search, at its beginning.
+    pub fn new(search: &'a Search) -> Course<'a> {
+        let mut course = Course { search, done: vec![], next: vec![], proposed: 0 };
+        course.propose();
+        course
+    }
+
+    /// The rows that come next, which need no scores of each other; none where the search is over.
+    pub fn next(&self) -> &[Row] {
+        &self.next
+    }
+
+    /// What was computed so far.
+    pub fn done(&self) -> &[Scored] {
+        &self.done
+    }
+
+    /// Whether all rows are known before any is computed.
+    pub fn is_known(&self) -> bool {
+        self.search.rungs() == 1 && self.proposed == self.search.trials
+    }
+
+    /// Whether no trial has a goal so far.
+    pub fn is_vain(&self) -> bool {
+        !self.done.is_empty() && self.done.iter().all(|s| s.cost.is_none())
+    }
+
+    /// The scores of [`Course::next`], in its order.
+    pub fn tell(&mut self, scored: Vec<Scored>) {
+        let first = self.done.len();
+        let rung = scored.first().map_or(1, |s| s.row.rung);
+        self.done.extend(scored);
+        self.next.clear();
+        if let Some(halving) = self.search.halving.as_ref().filter(|h| rung < h.values.len()) {
+            let costs: Vec<Option<f64>> = self.done[first..].iter().map(|s| s.cost).collect();
+            for i in kept(&costs, halving.eta) {
+                if let Some(one) = self.done.get_mut(first + i) {
+                    one.promoted = true;
+                    self.next.push(Row { rung: rung + 1, ..one.row.clone() });
+                }
+            }
+        }
+        // Where no trial has a goal, another one is not worth its time.
+        if self.next.is_empty() && !self.is_vain() {
+            self.propose();
+        }
+    }
+
+    fn propose(&mut self) {
+        let Search { method, seed, generation, trials, .. } = *self.search;
+        let count = generation.min(trials - self.proposed);
+        if count == 0 {
+            return;
+        }
+        // A trial is known by the highest rung that it got to.
+        let last = self.done.iter().filter(|s| !s.promoted);
+        let outcomes: Vec<Outcome> =
+            last.map(|s| Outcome { values: s.row.values.clone(), rung: s.row.rung, cost: s.cost }).collect();
+        let dimensions: Vec<_> = self.search.axes.iter().map(|a| a.dimension).collect();
+        let generation = self.done.iter().map(|s| s.row.generation).max().unwrap_or(0) + 1;
+        let values = propose(method, &dimensions, seed, self.proposed, count, &outcomes);
+        let row = |(i, values)| Row { trial: self.proposed + i + 1, generation, rung: 1, values };
+        self.next = values.into_iter().enumerate().map(row).collect();
+        self.proposed += count;
+    }
+
+    /// All rows that are known, those to come too, by trial and rung.
+    pub fn rows(&self) -> Vec<Row> {
+        let mut rows: Vec<Row> = self.done.iter().map(|s| s.row.clone()).chain(self.next.iter().cloned()).collect();
+        rows.sort_by_key(|r| (r.trial, r.rung));
+        rows
+    }
+
+    /// The best of what was computed: of the trials that got to the highest rung the one of least cost, the first of equal
+    /// ones.
+    pub fn best(&self) -> Option<&Scored> {
+        best(&self.done)
+    }
+}
+
+/// See [`Course::best`].
+pub fn best(done: &[Scored]) -> Option<&Scored> {
+    let better = |a: &&Scored, b: &&Scored| {
+        let cost = |s: &Scored| s.cost.unwrap_or(f64::INFINITY);
+        b.row.rung.cmp(&a.row.rung).then(cost(a).total_cmp(&cost(b))).then(a.row.trial.cmp(&b.row.trial))
+    };
+    done.iter().filter(|s| s.cost.is_some()).min_by(better)
+}
+
+/// The axes of these rows: the trial, what a rung costs, and those that are searched.
+pub fn axes(search: &Search, rows: &[Row]) -> Vec<Axis> {
+    let literals: Vec<Vec<Literal>> = rows.iter().map(|r| r.literals(search)).collect();
+    let axis = |(k, (name, at)): (usize, (&str, &super::Span))| Axis {
+        name: name.to_owned(),
+        at: at.clone(),
+        values: literals.iter().filter_map(|row| row.get(k).cloned()).collect(),
+    };
+    search.columns().into_iter().enumerate().map(axis).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::spec::Spec;
+
+    fn search(keys: &str) -> Search {
+        let text = format!(
+            "[search]\ngoal = 'scores.drms'\n{keys}\n[search.axes]\nx = {{ low = 0.0, high = 1.0 }}\nkind = ['a', 'b']\n[[stages]]\nname = 's'\nstage = 'score'\n"
+        );
+        Spec::parse("a.toml", ".".into(), text, &[]).unwrap().search.unwrap()
+    }
+
+    /// Runs the search on a function of its first axis.
+    fn run<'a>(search: &'a Search, cost: impl Fn(&Row) -> Option<f64>) -> (Course<'a>, Vec<usize>) {
+        let (mut course, mut sizes) = (Course::new(search), vec![]);
+        while !course.next().is_empty() {
+            sizes.push(course.next().len());
+            let score = |row: &Row| {
+                let cost = cost(row);
+                Scored { row: row.clone(), goal: cost, cost, lines: 1, error: None, promoted: false }
+            };
+            let scored = course.next().iter().map(score).collect();
+            course.tell(scored);
+        }
+        (course, sizes)
+    }
+
+    fn x(row: &Row) -> f64 {
+        match row.values[0] {
+            Value::Real(x) => x,
+            Value::Whole(_) | Value::Choice(_) => f64::NAN,
+        }
+    }
+
+    #[test]
+    fn unit_generations_rungs_and_the_most_rows() {
+        let plain = search("trials = 20\ngeneration = 8");
+        let (course, sizes) = run(&plain, |row| Some((x(row) - 0.3).abs()));
+        assert_eq!((sizes, plain.most_rows()), (vec![8, 8, 4], 20));
+        assert_eq!(course.rows().iter().map(|r| r.trial).collect::<Vec<_>>(), (1..=20).collect::<Vec<_>>());
+        assert!(!Course::new(&plain).is_known() && Course::new(&search("trials = 9\nmethod = 'random'")).is_known());
+        let halved = search("trials = 20\ngeneration = 8\nhalving = { axis = 'n', values = [1, 2, 4], eta = 2 }");
+        // The best are other ones at the last rung.
+        let (course, sizes) = run(&halved, |row| Some(if row.rung < 3 { x(row) } else { -x(row) }));
+        assert_eq!((sizes, halved.most_rows()), (vec![8, 4, 2, 8, 4, 2, 4, 2, 1], 35));
+        let best = course.best().unwrap();
+        let top = course.done().iter().filter(|s| s.row.rung == 3);
+        assert_eq!(best.cost, top.filter_map(|s| s.cost).min_by(f64::total_cmp));
+        let fates = |rung: usize, fate: Fate| {
+            course.done().iter().filter(|s| s.row.rung == rung && s.fate(&halved) == fate).count()
+        };
+        assert_eq!((fates(1, Fate::Promoted), fates(1, Fate::Pruned)), (10, 10));
+        assert_eq!((fates(2, Fate::Promoted), fates(3, Fate::Done), fates(3, Fate::Pruned)), (5, 5, 0));
+    }
+
+    #[test]
+    fn unit_a_search_without_any_goal_ends_after_its_first_generation() {
+        let some = search("trials = 40\ngeneration = 4\nhalving = { axis = 'n', values = [1, 2], eta = 2 }");
+        let (course, sizes) = run(&some, |_| None);
+        assert!(course.is_vain() && course.best().is_none() && sizes == [4]);
+        // One goal is enough to go on.
+        let (course, sizes) = run(&some, |row| (row.trial == 3).then_some(1.0));
+        assert!(!course.is_vain() && sizes.len() > 10, "{sizes:?}");
+        assert_eq!(course.best().map(|b| (b.row.trial, b.row.rung)), Some((3, 2)));
+    }
+
+    #[test]
+    fn unit_the_columns_of_a_row() {
+        let some =
+            search("trials = 4\nmethod = 'sobol'\nscramble = false\nhalving = { axis = 'n', values = ['u', 'v'] }");
+        let axes = axes(&some, &Course::new(&some).rows());
+        let words = |axis: &Axis| axis.values.iter().map(Literal::to_string).collect::<Vec<_>>().join(" ");
+        assert_eq!(axes.iter().map(|a| a.name.as_str()).collect::<Vec<_>>(), ["trial", "n", "x", "kind"]);
+        assert_eq!(axes.iter().map(words).collect::<Vec<_>>(), ["1 2 3 4", "u u u u", "0 0.5 0.75 0.25", "a b a b"]);
+    }
+}

@@ -1,0 +1,414 @@
+//! `[search]`: axes whose values are searched rather than listed.
+//!
+//! A trial is one value of each of these axes, so that together they are one side of the grid of a sweep: the column
+//! `trial` and one for each axis. The trials of `random` and `sobol` are known beforehand; those of `tpe`, and the rungs of
+//! `halving`, follow from the scores of those before. A [`Course`](super::Course) says which ones are next.
+
+use learning::search::{Dimension, MOST_DIMENSIONS, Method, Value};
+use schemas::{Fault, Lists, Literal, Params, Reader, Rule, Section, choice, params};
+use toml::{
+    Spanned,
+    de::{DeTable, DeValue},
+};
+
+use super::{Axis, Span, axis};
+
+/// The column of a trial's number.
+pub const TRIAL: &str = "trial";
+/// More trials than this are more likely a slip than a wish.
+const MOST_TRIALS: f64 = 100_000.0;
+/// Beyond it not every whole number is a number of 64 bits.
+const MOST_WHOLE: f64 = (1_u64 << 53) as f64;
+/// The keys that are read by hand.
+const OWN_KEYS: [&str; 3] = ["axes", "where", "halving"];
+/// The columns of the table of trials that an axis must not hide.
+const TAKEN: [&str; 7] = [TRIAL, "generation", "rung", "goal", "state", "error", "lines"];
+
+choice! {
+    /// How trials are proposed.
+    pub enum MethodName {
+        /// Uniformly at random.
+        Random = "random",
+        /// Sobol's sequence, which fills the space more evenly.
+        Sobol = "sobol",
+        /// The tree-structured Parzen estimator: where good trials are dense and the others are not.
+        Tpe = "tpe",
+    }
+}
+
+choice! {
+    /// Which values of the goal are good.
+    pub enum Direction {
+        /// Small ones.
+        Minimise = "minimise",
+        /// Large ones.
+        Maximise = "maximise",
+    }
+}
+
+params! {
+    /// The table `[search]` of a spec.
+    pub struct SearchKeys;
+    /// How trials are proposed.
+    method: MethodName, unit "", default MethodName::Tpe;
+    /// The number of trials.
+    trials: usize, unit "", rule Rule::Between(1.0, MOST_TRIALS);
+    /// What is to be made best: a table of scores and a metric of it, such as `scores.std_error`. The values of the lines
+    /// are pooled as in the summary of a run, over all points of the other axes.
+    goal: String, unit "";
+    /// Which values of the goal are good.
+    direction: Option<Direction>, unit "", default None, absent "what the metric says";
+    /// The seed of all draws.
+    seed: Option<usize>, unit "", default None, absent "the spec's seed";
+    /// For `tpe`: the number of trials that are proposed together, before their scores are known.
+    generation: Option<usize>, unit "", default None, absent "8", rule Rule::Between(1.0, MOST_TRIALS);
+    /// For `tpe`: the number of trials of a Sobol sequence that it starts from.
+    start: Option<usize>, unit "", default None, absent "10", rule Rule::Between(1.0, MOST_TRIALS);
+    /// For `sobol`: whether the sequence is scrambled by the seed. As it is, it begins at the lower ends.
+    scramble: Option<bool>, unit "", default None, absent "true";
+}
+
+params! {
+    /// The values of a searched axis.
+    struct Ends;
+    /// The lower end.
+    low: f64, unit "", rule Rule::Finite;
+    /// The upper end.
+    high: f64, unit "", rule Rule::Finite;
+    /// Whether equal ratios count alike, rather than equal differences.
+    log: bool, unit "", default false;
+    /// Whether the values are whole numbers, both ends included.
+    whole: bool, unit "", default false;
+}
+
+params! {
+    /// Successive halving.
+    struct HalvingKeys;
+    /// The axis of what a trial costs, such as the epochs of a training: another column of the trials.
+    axis: String, unit "";
+    /// One trial of so many goes on to the next rung.
+    eta: usize, unit "", default 3usize, rule Rule::Between(2.0, 1000.0);
+}
+
+/// A checked `[search]`.
+#[derive(Clone, Debug)]
+pub struct Search {
+    /// Its position.
+    pub at: Span,
+    /// How trials are proposed.
+    pub method: Method,
+    /// The word for it.
+    pub named: MethodName,
+    /// The number of trials.
+    pub trials: usize,
+    /// How many of them are proposed together.
+    pub generation: usize,
+    /// The seed of all draws.
+    pub seed: u64,
+    /// The table of scores that the goal is in.
+    pub table: String,
+    /// The metric.
+    pub metric: String,
+    /// Where the goal stands.
+    pub goal_at: Span,
+    /// Which values of the goal are good; `None` for what the metric says.
+    pub direction: Option<Direction>,
+    /// The lines that the goal is of, and where that stands; all where there is none.
+    pub predicate: Option<(String, Span)>,
+    /// Successive halving.
+    pub halving: Option<Halving>,
+    /// The axes.
+    pub axes: Vec<Searched>,
+}
+
+/// Successive halving: a rung for each value of an axis.
+#[derive(Clone, Debug)]
+pub struct Halving {
+    /// The axis.
+    pub axis: String,
+    /// Its position.
+    pub at: Span,
+    /// Its values, the cheapest first.
+    pub values: Vec<Literal>,
+    /// One trial of so many goes on to the next rung.
+    pub eta: usize,
+}
+
+/// A searched axis.
+#[derive(Clone, Debug)]
+pub struct Searched {
+    /// Its name, which is that of its column.
+    pub name: String,
+    /// Its position.
+    pub at: Span,
+    /// Its values.
+    pub dimension: Dimension,
+    /// Those of a choice.
+    pub choices: Vec<Literal>,
+}
+
+impl Searched {
+    /// A value as it stands in a column.
+    pub fn literal(&self, value: Value) -> Option<Literal> {
+        match value {
+            Value::Real(x) => Some(Literal::Float(x)),
+            Value::Whole(n) => Some(Literal::Int(n)),
+            Value::Choice(i) => self.choices.get(i).cloned(),
+        }
+    }
+
+    /// Its values in words.
+    pub fn words(&self) -> String {
+        match self.dimension {
+            Dimension::Real { low, high, log } => format!("{low} to {high}{}", if log { ", by ratio" } else { "" }),
+            Dimension::Whole { low, high, log } => {
+                format!("{low} to {high}, whole{}", if log { ", by ratio" } else { "" })
+            }
+            Dimension::Choice(_) => self.choices.iter().map(Literal::to_string).collect::<Vec<_>>().join(" | "),
+        }
+    }
+}
+
+impl Search {
+    /// The number of rungs; 1 without halving.
+    pub fn rungs(&self) -> usize {
+        self.halving.as_ref().map_or(1, |h| h.values.len())
+    }
+
+    /// The most rows that the table of trials can have: one for each trial at each of its rungs.
+    pub fn most_rows(&self) -> usize {
+        let eta = self.halving.as_ref().map_or(1, |h| h.eta.max(1));
+        let of = |generation: usize| -> usize {
+            let next = |n: &usize| Some((n / eta).max(1));
+            std::iter::successors(Some(generation), next).take(self.rungs()).sum()
+        };
+        let size = self.generation.max(1);
+        let last = self.trials % size;
+        (self.trials / size).saturating_mul(of(size)) + if last > 0 { of(last) } else { 0 }
+    }
+
+    /// Names of its columns with their positions in the spec: the trial, what a rung costs, and the axes.
+    pub fn columns(&self) -> Vec<(&str, &Span)> {
+        let rung = self.halving.iter().map(|h| (h.axis.as_str(), &h.at));
+        let axes = self.axes.iter().map(|a| (a.name.as_str(), &a.at));
+        std::iter::once((TRIAL, &self.at)).chain(rung).chain(axes).collect()
+    }
+}
+
+/// Every key of `[search]`, in Markdown.
+pub fn reference() -> String {
+    let lists = Lists::default();
+    let mut text = "# A search\n\nThe axes of `[search.axes]` are searched rather than listed: a trial is one value of each of them, and \
+                    stages mention them as they do listed ones, `\"$lambda\"`. Every table that depends on one has the column `trial` \
+                    and one for each axis; the table `trials` has the goal of each. An axis is a list, of which one is chosen, or a \
+                    table of two ends. `where` in `[search]` is a SQL predicate on `flight` and `line`: the lines that the goal is of. \
+                    `values` of `halving` are those of its axis, the cheapest first: every trial of a generation is run with the \
+                    first, and the best 1/`eta` of them with the next.\n"
+        .to_owned();
+    let groups = [
+        ("[search]", SearchKeys::docs(&lists)),
+        ("[search.axes] NAME = { ... }", Ends::docs(&lists)),
+        ("[search] halving = { ... }", HalvingKeys::docs(&lists)),
+    ];
+    for (title, docs) in groups {
+        text += &format!("\n`{title}`\n\n| key | type | unit | default | values | |\n|---|---|---|---|---|---|\n");
+        text.extend(docs.iter().map(|d| d.row("")));
+    }
+    text
+}
+
+/// Reads `[search]` of a spec whose seed is `seed` and whose listed axes are `listed`.
+///
+/// # Errors
+/// Everything that is wrong with it, each with its position.
+pub fn read(value: &Spanned<DeValue>, seed: u64, listed: &[Axis]) -> Result<Search, Vec<Fault>> {
+    let Some(table) = value.get_ref().as_table() else {
+        return Err(vec![Fault::new("`search` must be a table: `[search]`").at(value.span())]);
+    };
+    let mut section = Section::of(table, value.span())?;
+    let predicate = section.keys.remove("where");
+    OWN_KEYS.iter().for_each(|key| drop(section.keys.remove(*key)));
+    let lists = Lists::default();
+    let mut reader = Reader::new("search", &section.keys, Some(value.span()), &lists);
+    let keys = SearchKeys::read(&mut reader, None);
+    let known: Vec<&str> = SearchKeys::docs(&lists).iter().map(|doc| doc.name).collect();
+    reader.unknown_keys(&known, &OWN_KEYS);
+    let mut faults = reader.into_faults();
+    let at = |key: &str| section.keys.get(key).map_or(value.span(), |given| given.at.clone());
+    let predicate = predicate.and_then(|given| match given.value.as_text() {
+        Some(text) => Some((text.to_owned(), given.at.clone())),
+        None => {
+            faults.push(Fault::new("`where` must be text").at(given.at.clone()));
+            None
+        }
+    });
+    let halving = table.get("halving").and_then(|v| halving(v).map_err(|f| faults.extend(f)).ok());
+    let axes = axes(table, value.span()).map_err(|f| faults.extend(f)).unwrap_or_default();
+    let goal = keys.as_ref().and_then(|k| match k.goal.split_once('.') {
+        Some((table, metric)) if !table.is_empty() && !metric.is_empty() => Some((table.to_owned(), metric.to_owned())),
+        _ => {
+            let fault = Fault::new(format!("`goal` cannot be `{}`", k.goal)).at(at("goal"));
+            faults.push(fault.help("name a table of scores and a metric: `scores.std_error`"));
+            None
+        }
+    });
+    let method = keys.as_ref().map(|k| {
+        let mut foreign = |key: &str, given: bool, owner: MethodName| {
+            if given && k.method != owner {
+                let what = format!("`{key}` belongs to `{}`, not to `{}`", owner.word(), k.method.word());
+                faults.push(Fault::new(what).at(at(key)).help("remove it"));
+            }
+        };
+        foreign("generation", k.generation.is_some(), MethodName::Tpe);
+        foreign("start", k.start.is_some(), MethodName::Tpe);
+        foreign("scramble", k.scramble.is_some(), MethodName::Sobol);
+        match k.method {
+            MethodName::Random => Method::Random,
+            MethodName::Sobol => Method::Sobol { scramble: k.scramble.unwrap_or(true) },
+            MethodName::Tpe => Method::Tpe { start: k.start.unwrap_or(10) },
+        }
+    });
+    if axes.len() > MOST_DIMENSIONS && !matches!(method, Some(Method::Random)) {
+        let what = format!("{} axes are searched; the Sobol sequence has {MOST_DIMENSIONS}", axes.len());
+        faults.push(Fault::new(what).at(value.span()).help("search fewer, or write `method = \"random\"`"));
+    }
+    let (Some(keys), Some(method), Some((goal_table, metric))) = (keys, method, goal) else { return Err(faults) };
+    let generation = match keys.method {
+        MethodName::Random | MethodName::Sobol => keys.trials,
+        MethodName::Tpe => keys.generation.unwrap_or(8).min(keys.trials),
+    };
+    let search = Search {
+        at: value.span(),
+        method,
+        named: keys.method,
+        trials: keys.trials,
+        generation,
+        seed: keys.seed.map_or(seed, |s| s as u64),
+        table: goal_table,
+        metric,
+        goal_at: at("goal"),
+        direction: keys.direction,
+        predicate,
+        halving,
+        axes,
+    };
+    faults.extend(clashes(&search, listed));
+    if faults.is_empty() { Ok(search) } else { Err(faults) }
+}
+
+/// An axis has one name, and is searched or listed.
+fn clashes(search: &Search, listed: &[Axis]) -> Vec<Fault> {
+    let mut faults = vec![];
+    let mut push = |what: String, at: &Span, help: &str| faults.push(Fault::new(what).at(at.clone()).help(help));
+    if let Some(axis) = listed.iter().find(|a| a.name == TRIAL) {
+        let what = format!("the axis `{TRIAL}` has the name of the column of a search's trials");
+        push(what, &axis.at, "give it another name");
+    }
+    for (name, at) in search.columns().into_iter().skip(1) {
+        if listed.iter().any(|a| a.name == name) {
+            push(format!("the axis `{name}` is both searched and listed in `[axes]`"), at, "remove one of the two");
+        }
+        if TAKEN.contains(&name) {
+            let what = format!("the axis `{name}` has the name of a column of the table of trials");
+            push(what, at, "give it another name");
+        }
+    }
+    if let Some(h) = search.halving.as_ref().filter(|h| search.axes.iter().any(|a| a.name == h.axis)) {
+        let what = format!("the axis `{}` of `halving` is also searched", h.axis);
+        push(what, &h.at, "its values are the rungs; remove it from the searched axes");
+    }
+    faults
+}
+
+/// `halving = { axis = "epochs", values = [10, 30, 90], eta = 3 }`.
+fn halving(value: &Spanned<DeValue>) -> Result<Halving, Vec<Fault>> {
+    let Some(table) = value.get_ref().as_table() else {
+        let fault = Fault::new("`halving` must be a table").at(value.span());
+        return Err(vec![fault.help("such as `halving = { axis = \"epochs\", values = [10, 30, 90], eta = 3 }`")]);
+    };
+    let mut section = Section::of(table, value.span())?;
+    section.keys.remove("values");
+    let lists = Lists::default();
+    let mut reader = Reader::new("halving", &section.keys, Some(value.span()), &lists);
+    let keys = HalvingKeys::read(&mut reader, None);
+    reader.unknown_keys(&["axis", "eta"], &["values"]);
+    let mut faults = reader.into_faults();
+    let at = section.keys.get("axis").map_or(value.span(), |given| given.at.clone());
+    let name = keys.as_ref().map_or("halving", |k| k.axis.as_str());
+    let values = match table.get("values") {
+        Some(values) => axis::values(name, values).map_err(|f| faults.extend(f)).unwrap_or_default(),
+        None => {
+            let fault = Fault::new("`halving` needs `values`: those of its axis, the cheapest first");
+            faults.push(fault.at(value.span()));
+            vec![]
+        }
+    };
+    if values.len() == 1 {
+        let fault = Fault::new("`halving` has one rung, after which nothing is left to choose").at(value.span());
+        faults.push(fault.help("give two `values` at least, the cheapest first"));
+    }
+    match keys {
+        Some(keys) if faults.is_empty() => Ok(Halving { axis: keys.axis, at, values, eta: keys.eta }),
+        _ => Err(faults),
+    }
+}
+
+fn axes(table: &DeTable, at: Span) -> Result<Vec<Searched>, Vec<Fault>> {
+    let missing = || {
+        Fault::new("`search` needs `[search.axes]`: what is searched")
+            .help("such as `lambda = { low = 1e-4, high = 1.0, log = true }`")
+    };
+    let Some(value) = table.get("axes") else { return Err(vec![missing().at(at)]) };
+    let Some(axes) = value.get_ref().as_table().filter(|t| !t.is_empty()) else {
+        return Err(vec![missing().at(value.span())]);
+    };
+    let mut entries: Vec<_> = axes.iter().collect();
+    entries.sort_by_key(|(key, _)| key.span().start);
+    let (mut found, mut faults) = (vec![], vec![]);
+    for (key, value) in entries {
+        match searched(key.get_ref(), key.span(), value) {
+            Ok(axis) => found.push(axis),
+            Err(more) => faults.extend(more),
+        }
+    }
+    if faults.is_empty() { Ok(found) } else { Err(faults) }
+}
+
+/// A list of choices, or a table of two ends.
+fn searched(name: &str, at: Span, value: &Spanned<DeValue>) -> Result<Searched, Vec<Fault>> {
+    let Some(table) = value.get_ref().as_table().filter(|t| !t.contains_key("subsets_of")) else {
+        let choices = axis::values(name, value)?;
+        return Ok(Searched { name: name.to_owned(), at, dimension: Dimension::Choice(choices.len()), choices });
+    };
+    let section = Section::of(table, value.span())?;
+    let lists = Lists::default();
+    let owner = format!("search.axes.{name}");
+    let (ends, mut faults) = Reader::new(&owner, &section.keys, Some(value.span()), &lists).group::<Ends>(None);
+    let Some(Ends { low, high, log, whole }) = ends else { return Err(faults) };
+    let place = |key: &str| section.keys.get(key).map_or(value.span(), |given| given.at.clone());
+    if low >= high {
+        faults.push(
+            Fault::new(format!("`low` of the axis `{name}` is {low}, not below `high`, {high}")).at(place("low")),
+        );
+    }
+    if log && low <= 0.0 {
+        let fault = Fault::new(format!("`low` of the axis `{name}` is {low}, which has no logarithm")).at(place("low"));
+        faults.push(fault.help("raise it above 0, or remove `log`"));
+    }
+    for (key, end) in [("low", low), ("high", high)] {
+        if whole && (end.fract() != 0.0 || end.abs() >= MOST_WHOLE) {
+            faults.push(Fault::new(format!("`{key}` of the axis `{name}` is {end}, no whole number")).at(place(key)));
+        }
+    }
+    if !(high - low).is_finite() {
+        faults.push(Fault::new(format!("the axis `{name}` is too wide")).at(value.span()));
+    }
+    if !faults.is_empty() {
+        return Err(faults);
+    }
+    let dimension = match whole {
+        true => Dimension::Whole { low: low as i64, high: high as i64, log },
+        false => Dimension::Real { low, high, log },
+    };
+    Ok(Searched { name: name.to_owned(), at, dimension, choices: vec![] })
+}

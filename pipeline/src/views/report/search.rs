@@ -1,0 +1,223 @@
+//! A search: its trials as a table, and the goal against the trial and against each axis.
+
+use std::collections::BTreeMap;
+
+use arrow_array::{
+    Array, RecordBatch, StringArray,
+    cast::AsArray,
+    types::{Float64Type, Int64Type},
+};
+use arrow_cast::cast;
+use arrow_schema::DataType;
+use figures::chart::{Chart, Dim, Line};
+use learning::search::Dimension;
+use maud::{Markup, html};
+use schemas::{Fault, metric::Metric};
+
+use super::source::Source;
+use crate::{
+    spec::{Fate, Search, Searched},
+    store::published,
+    views::text::number,
+};
+
+const HEIGHT: f64 = 280.0;
+/// More trials are neither listed nor drawn.
+const MOST: usize = 1000;
+/// A goal that is so many times its best is drawn by ratio.
+const WIDE: f64 = 30.0;
+
+/// One row of the table of trials.
+struct Trial {
+    number: f64,
+    words: Vec<String>,
+    values: Vec<Option<f64>>,
+    goal: Option<f64>,
+    cost: Option<f64>,
+    state: String,
+}
+
+/// The section of the search of the plan, from the table of trials; `None` without one.
+///
+/// # Errors
+/// Fails when the table cannot be read.
+pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
+    let plan = source.graph.plan;
+    let (Some(search), Some(goal)) = (&plan.spec.search, plan.goal()?) else { return Ok(None) };
+    let names: Vec<&str> = search.columns().into_iter().map(|(name, _)| name).collect();
+    let wanted: Vec<&str> = names.iter().copied().chain(["generation", "rung", "goal", "state"]).collect();
+    let Some(batch) = published(&source.store.table(&plan.spec.name, "trials"), &wanted)? else { return Ok(None) };
+    let trials = read(&batch, &names, |value| goal.cost(value))?;
+    if trials.is_empty() {
+        return Ok(None);
+    }
+    Ok(Some(drawn(search, &goal.metric, &names, &trials)))
+}
+
+fn read(batch: &RecordBatch, names: &[&str], cost: impl Fn(f64) -> Option<f64>) -> Result<Vec<Trial>, Fault> {
+    let column = |name: &str, kind: &DataType| {
+        let lacking = || Fault::machine(format!("the table of trials has no column `{name}` of {kind}"));
+        cast(batch.column_by_name(name).ok_or_else(lacking)?, kind).map_err(|_| lacking())
+    };
+    let text = |name: &str| Ok::<StringArray, Fault>(column(name, &DataType::Utf8)?.as_string::<i32>().clone());
+    let words = names.iter().map(|n| text(n)).collect::<Result<Vec<_>, _>>()?;
+    let numbers = column("trial", &DataType::Int64)?;
+    let numbers = numbers.as_primitive::<Int64Type>();
+    let goals = column("goal", &DataType::Float64)?;
+    let goals = goals.as_primitive::<Float64Type>();
+    let states = text("state")?;
+    let one = |i: usize| {
+        let words: Vec<String> =
+            words.iter().map(|w| if w.is_null(i) { String::new() } else { w.value(i).to_owned() }).collect();
+        let goal = goals.is_valid(i).then(|| goals.value(i));
+        Trial {
+            number: numbers.value(i) as f64,
+            values: words.iter().map(|w| w.parse().ok()).collect(),
+            words,
+            goal,
+            cost: goal.and_then(&cost),
+            state: states.value(i).to_owned(),
+        }
+    };
+    Ok((0..batch.num_rows()).map(one).collect())
+}
+
+fn drawn(search: &Search, metric: &Metric, names: &[&str], trials: &[Trial]) -> Markup {
+    let done = |t: &&Trial| t.state == Fate::Done.as_str();
+    let best = trials
+        .iter()
+        .filter(done)
+        .filter_map(|t| Some((t.cost?, t)))
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, t)| t);
+    let label = if metric.unit == "1" { metric.name.to_owned() } else { format!("{}, {}", metric.name, metric.unit) };
+    let scale = Scale::of(trials, label);
+    let mut plots: Vec<Option<Markup>> = vec![over_trials(trials, &scale)];
+    plots.extend(search.axes.iter().map(|axis| over_axis(search, axis, names, trials, &scale)));
+    let many = trials.iter().map(|t| t.words.first()).collect::<std::collections::BTreeSet<_>>().len();
+    html! {
+        section id="search" {
+            h2 { "Search" }
+            p.lead { (many) " trials by " code { (search.named.word()) } " for the best " code { (search.table) "." (search.metric) } "."
+                @if let Some(best) = best { " The best is trial " (best.words.first().map_or("", String::as_str)) ", with " (number(best.goal)) @if metric.unit != "1" { " " (metric.unit) } "." } }
+            div.heat { @for plot in plots { @if let Some(plot) = plot { (plot) } } }
+            details { summary { "All trials" }
+                div.scroll.wide { table.sortable.scores {
+                    thead { tr {
+                        @for name in names { th scope="col" { button { (name) } } }
+                        th.n scope="col" { button { "goal" } }
+                        th scope="col" { button { "state" } }
+                    } }
+                    tbody { @for t in trials.iter().take(MOST) {
+                        tr.bad[t.state == Fate::Failed.as_str()] {
+                            @for (word, value) in t.words.iter().zip(&t.values) { td data-v=[value.map(|v| v.to_string())] { (value.map_or_else(|| word.clone(), |v| number(Some(v)))) } }
+                            td.n data-v=[t.goal.map(|v| v.to_string())] { (number(t.goal)) }
+                            td { (t.state) }
+                        }
+                    } }
+                } }
+                @if trials.len() > MOST { p.note { "The first " (MOST) " of " (trials.len()) " are shown; " code { "magline sql" } " shows them all." } }
+            }
+        }
+    }
+}
+
+/// The vertical axis, which all plots share.
+struct Scale {
+    dim: Dim,
+}
+
+impl Scale {
+    /// By ratio where the goals are above 0 and far apart.
+    fn of(trials: &[Trial], label: String) -> Scale {
+        let goals = || trials.iter().filter_map(|t| t.goal);
+        let (low, high) = goals().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+        let log = low > 0.0 && high > WIDE * low;
+        let pad = if log { 1.1 } else { 0.05 * (high - low).max(1e-9 * high.abs()).max(f64::MIN_POSITIVE) };
+        let range = if log { (low / pad, high * pad) } else { (low - pad, high + pad) };
+        let range = (low <= high).then_some(range);
+        Scale { dim: Dim { label, log, range } }
+    }
+}
+
+fn marks(points: impl Iterator<Item = (f64, f64)>) -> Vec<(String, f64, f64)> {
+    points.take(MOST).map(|(x, y)| (String::new(), x, y)).collect()
+}
+
+/// The goal of each trial, and the best so far.
+fn over_trials(trials: &[Trial], scale: &Scale) -> Option<Markup> {
+    let top = |t: &&Trial| t.state == Fate::Done.as_str();
+    let mut best: Option<(f64, f64)> = None;
+    let mut points = vec![];
+    for t in trials.iter().filter(top) {
+        if let (Some(cost), Some(goal)) = (t.cost, t.goal)
+            && best.is_none_or(|(least, _)| cost < least)
+        {
+            best = Some((cost, goal));
+        }
+        points.extend(best.map(|(_, goal)| (t.number, goal)));
+    }
+    let last = trials.iter().map(|t| t.number).fold(1.0, f64::max);
+    let chart = Chart {
+        title: "Goal of each trial".into(),
+        caption: "Circles are trials, at each rung that they got to; the line is the best so far.".into(),
+        x: Dim { range: Some((0.5, last + 0.5)), ..Dim::new("trial") },
+        y: scale.dim.clone(),
+        lines: vec![Line { name: "best so far".into(), class: "after", points }],
+        marks: marks(trials.iter().filter_map(|t| Some((t.number, t.goal?)))),
+        height: HEIGHT,
+        half: true,
+        ..Chart::default()
+    };
+    scale.dim.range.and_then(|_| chart.draw())
+}
+
+/// The goal against one axis; of a choice among words the best and the mean of each.
+fn over_axis(search: &Search, axis: &Searched, names: &[&str], trials: &[Trial], scale: &Scale) -> Option<Markup> {
+    let at = names.iter().position(|n| *n == axis.name)?;
+    let (low, high, log) = match axis.dimension {
+        Dimension::Real { low, high, log } => (low, high, log),
+        Dimension::Whole { low, high, log } => (low as f64, high as f64, log),
+        Dimension::Choice(_) => return by_choice(axis, at, trials),
+    };
+    let pad = if log { (high / low).powf(0.03) } else { 0.03 * (high - low) };
+    let range = if log { (low / pad, high * pad) } else { (low - pad, high + pad) };
+    let rungs = if search.rungs() > 1 { ", at each rung that it got to" } else { "" };
+    let chart = Chart {
+        title: format!("Goal over {}", axis.name),
+        caption: format!("Each circle is a trial{rungs}."),
+        x: Dim { label: axis.name.clone(), log, range: Some(range) },
+        y: scale.dim.clone(),
+        marks: marks(trials.iter().filter_map(|t| Some(((*t.values.get(at)?)?, t.goal?)))),
+        height: HEIGHT,
+        half: true,
+        ..Chart::default()
+    };
+    scale.dim.range.and_then(|_| chart.draw())
+}
+
+fn by_choice(axis: &Searched, at: usize, trials: &[Trial]) -> Option<Markup> {
+    let mut groups: BTreeMap<&str, Vec<&Trial>> = BTreeMap::new();
+    for t in trials {
+        groups.entry(t.words.get(at)?.as_str()).or_default().push(t);
+    }
+    let rows = axis.choices.iter().map(ToString::to_string).filter_map(|word| {
+        let all = groups.get(word.as_str())?;
+        let goals: Vec<f64> = all.iter().filter_map(|t| t.goal).collect();
+        let best =
+            all.iter().filter_map(|t| Some((t.cost?, t.goal?))).min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, g)| g);
+        let mean = (!goals.is_empty()).then(|| goals.iter().sum::<f64>() / goals.len() as f64);
+        Some((word, all.len(), best, mean))
+    });
+    let rows: Vec<_> = rows.collect();
+    Some(html! {
+        figure {
+            h4 { "Goal over " (axis.name) }
+            div.scroll { table.scores {
+                thead { tr { th scope="col" { (axis.name) } th.n scope="col" { "trials" } th.n scope="col" { "best" } th.n scope="col" { "mean" } } }
+                tbody { @for (word, n, best, mean) in &rows { tr { td { (word) } td.n { (n) } td.n { (number(*best)) } td.n { (number(*mean)) } } } }
+            } }
+            figcaption { "Of the trials with a goal." }
+        }
+    })
+}

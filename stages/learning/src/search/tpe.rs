@@ -1,0 +1,182 @@
+//! The tree-structured Parzen estimator: where good trials are dense and the others are not (Bergstra et al. 2011).
+//!
+//! Both densities are mixtures of one kernel for each trial, over all dimensions together (Falkner et al. 2018), and of one
+//! wide kernel; the proposal is the best of some draws from that of the good ones by the ratio of the two, which is where
+//! the expected improvement is largest.
+
+use numerics::random::SplitMix64;
+
+use super::{Dimension, Outcome, Value, uniform};
+
+/// The part of the trials that is good, and the most of them.
+const GOOD: f64 = 0.1;
+const MOST_GOOD: usize = 25;
+/// Draws from the density of the good ones.
+const CANDIDATES: usize = 24;
+/// As often a draw that was proposed before is drawn again.
+const AGAIN: usize = 20;
+/// Half the normal distribution's range, in parts of the scale: the wide kernel.
+const WIDE: f64 = 1.0;
+
+/// The next trial after `outcomes`, with those of `proposed` under way: they count as bad, so that trials which are proposed
+/// together lie apart.
+pub fn propose(
+    dimensions: &[Dimension],
+    bits: &mut SplitMix64,
+    outcomes: &[Outcome],
+    proposed: &[Vec<Value>],
+) -> Vec<Value> {
+    let mut order: Vec<&Outcome> = outcomes.iter().collect();
+    // The sort is stable: of equal ones the first is better.
+    order.sort_by(|a, b| {
+        let cost = |o: &Outcome| o.cost.unwrap_or(f64::INFINITY);
+        b.rung.cmp(&a.rung).then(cost(a).total_cmp(&cost(b)))
+    });
+    let good = ((GOOD * order.len() as f64).ceil() as usize).min(MOST_GOOD);
+    let (good, bad) = order.split_at(good.min(order.len()));
+    // A trial without a cost is nothing to be near to.
+    let good = good.iter().filter(|o| o.cost.is_some()).map(|o| o.values.as_slice());
+    let bad = bad.iter().map(|o| o.values.as_slice()).chain(proposed.iter().map(Vec::as_slice));
+    let (good, bad) = (Mixture::new(dimensions, good.collect()), Mixture::new(dimensions, bad.collect()));
+    let known = |values: &Vec<Value>| proposed.contains(values) || outcomes.iter().any(|o| o.values == *values);
+    let fresh = |bits: &mut SplitMix64| {
+        let mut drawn = good.draw(bits);
+        for _ in 0..AGAIN {
+            if !known(&drawn) {
+                break;
+            }
+            drawn = good.draw(bits);
+        }
+        drawn
+    };
+    let scored = |values: Vec<Value>| {
+        let gain = good.log_density(&values) - bad.log_density(&values);
+        // What was proposed before comes after all that was not.
+        (!known(&values), gain, values)
+    };
+    let mut best = scored(fresh(bits));
+    for _ in 1..CANDIDATES {
+        let next = scored(fresh(bits));
+        if (next.0, next.1) > (best.0, best.1) {
+            best = next;
+        }
+    }
+    match best {
+        (true, _, values) => values,
+        // The neighbourhood is exhausted: anything that is new, if there is any.
+        (false, _, values) => {
+            let anything = || dimensions.iter().map(|d| d.at(uniform(bits))).collect::<Vec<Value>>();
+            std::iter::repeat_with(anything).take(1000).find(|v| !known(v)).unwrap_or(values)
+        }
+    }
+}
+
+/// A density over all dimensions: the mean of a kernel about each trial, and of the wide one.
+struct Mixture<'a> {
+    dimensions: &'a [Dimension],
+    /// The middle of each trial's cell, on the scale of each dimension.
+    centres: Vec<Vec<f64>>,
+    /// The width of the kernels of numbers, in parts of the scale.
+    width: f64,
+}
+
+impl<'a> Mixture<'a> {
+    fn new(dimensions: &'a [Dimension], trials: Vec<&[Value]>) -> Mixture<'a> {
+        let middle = |(d, v): (&Dimension, &Value)| {
+            let (from, to) = d.cell(*v);
+            0.5 * (from + to)
+        };
+        let centres: Vec<Vec<f64>> = trials.iter().map(|t| dimensions.iter().zip(*t).map(middle).collect()).collect();
+        let n = centres.len().max(1) as f64;
+        // Scott's rule with a factor for a scale of 1, and never so narrow that the kernels of few trials leave gaps.
+        let scott = 0.2 * n.powf(-1.0 / (dimensions.len() as f64 + 4.0));
+        let width = scott.max(1.0 / (n + 2.0).min(100.0));
+        Mixture { dimensions, centres, width }
+    }
+
+    fn kernels(&self) -> f64 {
+        self.centres.len() as f64 + 1.0
+    }
+
+    fn draw(&self, bits: &mut SplitMix64) -> Vec<Value> {
+        let kernel = (uniform(bits) * self.kernels()) as usize;
+        let centres = self.centres.get(kernel);
+        let each = self.dimensions.iter().enumerate().map(|(k, d)| {
+            let centre = centres.and_then(|c| c.get(k)).copied();
+            match (d, centre) {
+                (Dimension::Choice(n), Some(centre)) => {
+                    let own = 1.0 / self.share(*n);
+                    if uniform(bits) < own { d.at(centre) } else { d.at(uniform(bits)) }
+                }
+                (Dimension::Choice(_), None) => d.at(uniform(bits)),
+                (Dimension::Real { .. } | Dimension::Whole { .. }, Some(centre)) => {
+                    d.at(normal(bits, centre, self.width))
+                }
+                (Dimension::Real { .. } | Dimension::Whole { .. }, None) => d.at(normal(bits, 0.5, WIDE)),
+            }
+        });
+        each.collect()
+    }
+
+    /// The weight of the kernel of a choice: its own trial counts 1, all choices together as much as one kernel of many.
+    fn share(&self, choices: usize) -> f64 {
+        1.0 + choices as f64 / self.kernels()
+    }
+
+    fn log_density(&self, values: &[Value]) -> f64 {
+        let cells: Vec<(f64, f64)> = self.dimensions.iter().zip(values).map(|(d, v)| d.cell(*v)).collect();
+        let log = |centres: Option<&Vec<f64>>| {
+            let each = self.dimensions.iter().zip(&cells).enumerate().map(|(k, (d, cell))| {
+                let centre = centres.and_then(|c| c.get(k)).copied();
+                match (d, centre) {
+                    (Dimension::Choice(n), Some(centre)) => {
+                        let own = if (cell.0..cell.1).contains(&centre) { 1.0 } else { 0.0 };
+                        ((own + 1.0 / self.kernels()) / self.share(*n)).ln()
+                    }
+                    (Dimension::Choice(n), None) => -(*n as f64).ln(),
+                    (Dimension::Real { .. } | Dimension::Whole { .. }, Some(centre)) => {
+                        log_normal(*cell, centre, self.width)
+                    }
+                    (Dimension::Real { .. } | Dimension::Whole { .. }, None) => log_normal(*cell, 0.5, WIDE),
+                }
+            });
+            each.sum::<f64>()
+        };
+        let logs: Vec<f64> = self.centres.iter().map(Some).chain([None]).map(log).collect();
+        let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        most + logs.iter().map(|l| (l - most).exp()).sum::<f64>().ln() - self.kernels().ln()
+    }
+}
+
+/// A draw from the normal distribution about `centre`, cut off outside of 0 to 1.
+fn normal(bits: &mut SplitMix64, centre: f64, width: f64) -> f64 {
+    loop {
+        // Never 0, of which there is no logarithm.
+        let radius = (-2.0 * (1.0 - uniform(bits)).ln()).sqrt();
+        let x = centre + width * radius * (std::f64::consts::TAU * uniform(bits)).cos();
+        // A centre is within the range, so that at least a third of the draws are.
+        if (0.0..=1.0).contains(&x) {
+            return x;
+        }
+    }
+}
+
+/// The logarithm of that distribution's density at a point, or of its mean over a cell.
+fn log_normal((from, to): (f64, f64), centre: f64, width: f64) -> f64 {
+    let z = |x: f64| (x - centre) / width;
+    let within = between(z(0.0), z(1.0));
+    let density = if to > from {
+        between(z(from), z(to)) / (to - from)
+    } else {
+        (-0.5 * z(from).powi(2)).exp() / (width * std::f64::consts::TAU.sqrt())
+    };
+    // Far from its centre a kernel is as good as 0, which has no logarithm.
+    (density / within).max(f64::MIN_POSITIVE).ln()
+}
+
+/// The part of the standard normal distribution between two deviations.
+fn between(from: f64, to: f64) -> f64 {
+    let tail = |z: f64| 0.5 * libm::erfc(z / std::f64::consts::SQRT_2);
+    // On the side where the tails are small their difference is exact.
+    if from > 0.0 { tail(from) - tail(to) } else { tail(-to) - tail(-from) }
+}
