@@ -168,6 +168,7 @@ impl Listener for Relay<'_> {
                 }
             }
             Event::Computing { .. }
+            | Event::Working { .. }
             | Event::Searching { .. }
             | Event::Trials { .. }
             | Event::Publishing { .. }

@@ -21,37 +21,82 @@ choice! {
 impl Activation {
     /// Replaces sums by activations.
     pub(super) fn apply(self, z: &mut [f64]) {
-        pulp::Arch::new().dispatch(
-            #[inline(always)]
-            || match self {
-                Self::Swish => z.iter_mut().for_each(|z| *z = swish(*z).0),
-                Self::Relu => z.iter_mut().for_each(|z| *z = relu(*z).0),
-                Self::Tanh => z.iter_mut().for_each(|z| *z = tanh(*z).0),
-                Self::Sigmoid => z.iter_mut().for_each(|z| *z = sigmoid(*z)),
-            },
-        );
+        pulp::Arch::new().dispatch(Apply(self, z));
     }
 
     /// Replaces sums by activations, and writes their derivatives.
     pub(super) fn apply_with_slopes(self, z: &mut [f64], slopes: &mut [f64]) {
-        pulp::Arch::new().dispatch(
-            #[inline(always)]
-            || match self {
-                Self::Swish => z.iter_mut().zip(slopes).for_each(|(z, slope)| (*z, *slope) = swish(*z)),
-                Self::Relu => z.iter_mut().zip(slopes).for_each(|(z, slope)| (*z, *slope) = relu(*z)),
-                Self::Tanh => z.iter_mut().zip(slopes).for_each(|(z, slope)| (*z, *slope) = tanh(*z)),
-                Self::Sigmoid => z.iter_mut().zip(slopes).for_each(|(z, slope)| {
-                    let s = sigmoid(*z);
-                    (*z, *slope) = (s, s * (1.0 - s));
-                }),
-            },
-        );
+        pulp::Arch::new().dispatch(ApplyWithSlopes(self, z, slopes));
+    }
+}
+
+struct Apply<'a>(Activation, &'a mut [f64]);
+
+impl pulp::NullaryFnOnce for Apply<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(activation, z) = self;
+        match activation {
+            Activation::Swish => each(
+                z,
+                #[inline(always)]
+                |z| swish(z).0,
+            ),
+            Activation::Relu => each(
+                z,
+                #[inline(always)]
+                |z| relu(z).0,
+            ),
+            Activation::Tanh => each(
+                z,
+                #[inline(always)]
+                |z| tanh(z).0,
+            ),
+            Activation::Sigmoid => each(
+                z,
+                #[inline(always)]
+                |z| sigmoid(z).0,
+            ),
+        }
+    }
+}
+
+struct ApplyWithSlopes<'a>(Activation, &'a mut [f64], &'a mut [f64]);
+
+impl pulp::NullaryFnOnce for ApplyWithSlopes<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self(activation, z, slopes) = self;
+        match activation {
+            Activation::Swish => each_with_slope(z, slopes, swish),
+            Activation::Relu => each_with_slope(z, slopes, relu),
+            Activation::Tanh => each_with_slope(z, slopes, tanh),
+            Activation::Sigmoid => each_with_slope(z, slopes, sigmoid),
+        }
+    }
+}
+
+#[inline(always)]
+fn each(z: &mut [f64], of: impl Fn(f64) -> f64) {
+    for z in z {
+        *z = of(*z);
+    }
+}
+
+#[inline(always)]
+fn each_with_slope(z: &mut [f64], slopes: &mut [f64], of: impl Fn(f64) -> (f64, f64)) {
+    for (z, slope) in z.iter_mut().zip(slopes) {
+        (*z, *slope) = of(*z);
     }
 }
 
 #[inline(always)]
 fn swish(z: f64) -> (f64, f64) {
-    let s = sigmoid(z);
+    let s = sigmoid(z).0;
     let a = z * s;
     (a, s + a * (1.0 - s))
 }
@@ -63,14 +108,15 @@ fn relu(z: f64) -> (f64, f64) {
 }
 
 #[inline(always)]
-fn tanh(z: f64) -> (f64, f64) {
+pub(super) fn tanh(z: f64) -> (f64, f64) {
     let t = 1.0 - 2.0 / (1.0 + exp(2.0 * z));
     (t, 1.0 - t * t)
 }
 
 #[inline(always)]
-fn sigmoid(z: f64) -> f64 {
-    1.0 / (1.0 + exp(-z))
+pub(super) fn sigmoid(z: f64) -> (f64, f64) {
+    let s = 1.0 / (1.0 + exp(-z));
+    (s, s * (1.0 - s))
 }
 
 /// eˣ to within two units of the last digit, the same bits on every machine; between e⁻⁷⁰⁸ and e⁷⁰⁹.
@@ -78,7 +124,7 @@ fn sigmoid(z: f64) -> f64 {
 /// x = n ln 2 + r with |r| at most half of ln 2, whose exponential is its Taylor polynomial of degree 13; n goes into the
 /// exponent. Without a branch, so that it is done on whole vectors.
 #[inline(always)]
-pub(super) fn exp(x: f64) -> f64 {
+fn exp(x: f64) -> f64 {
     const LN_2_HIGH: f64 = 6.931_471_803_691_238e-1;
     const LN_2_LOW: f64 = 1.908_214_929_270_587_7e-10;
     // Added to a number of that size, it leaves the nearest integer in the last bits.

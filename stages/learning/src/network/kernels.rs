@@ -3,6 +3,8 @@
 //! Units lie along the vector, in panels of eight or four, so that nothing is summed across lanes: each sum is over inputs
 //! or rows in their order, by fused multiply-add. The bits are those of any vector width.
 
+use pulp::{Simd, WithSimd};
+
 /// The units of a panel, unless no more than half of them are left.
 const PANEL: usize = 8;
 /// The units of a small panel.
@@ -76,27 +78,75 @@ impl Panels {
 
 /// out = x Wᵀ + b for rows of `x`, `stride` apart; rows of `out` are padded to whole panels.
 pub(super) fn affine(x: &[f64], stride: usize, layer: &Panels, out: &mut [f64]) {
-    pulp::Arch::new().dispatch(
-        #[inline(always)]
-        || {
-            let out_stride = padded(layer.units);
-            let (mut start, mut rest) = (0, layer.values.as_slice());
-            while start < layer.units {
-                let lanes = panel(layer.units - start);
-                let (values, behind) = rest.split_at(lanes * (layer.inputs + 1));
-                if lanes == PANEL {
-                    affine_panel::<PANEL>(x, stride, values, out, out_stride, start);
-                } else {
-                    affine_panel::<SMALL>(x, stride, values, out, out_stride, start);
-                }
-                (start, rest) = (start + lanes, behind);
+    pulp::Arch::new().dispatch(Affine { x, stride, layer, out });
+}
+
+/// Adds Σ d xᵀ over the rows to a gradient, and Σ d to that of the biases. Rows of `x` are `stride` apart, those of `d` are
+/// padded to whole panels.
+pub(super) fn add_outer(x: &[f64], stride: usize, d: &[f64], gradient: &mut Panels) {
+    pulp::Arch::new().dispatch(Outer { x, stride, d, gradient });
+}
+
+// Structs, since a closure as large as these is called in place of being compiled for the wider vectors.
+struct Affine<'a> {
+    x: &'a [f64],
+    stride: usize,
+    layer: &'a Panels,
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Affine<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { x, stride, layer, out } = self;
+        let out_stride = padded(layer.units);
+        let (mut start, mut rest) = (0, layer.values.as_slice());
+        while start < layer.units {
+            let lanes = panel(layer.units - start);
+            let (values, behind) = rest.split_at(lanes * (layer.inputs + 1));
+            if lanes == PANEL {
+                affine_panel::<S, PANEL>(simd, x, stride, values, out, out_stride, start);
+            } else {
+                affine_panel::<S, SMALL>(simd, x, stride, values, out, out_stride, start);
             }
-        },
-    );
+            (start, rest) = (start + lanes, behind);
+        }
+    }
+}
+
+struct Outer<'a> {
+    x: &'a [f64],
+    stride: usize,
+    d: &'a [f64],
+    gradient: &'a mut Panels,
+}
+
+impl pulp::NullaryFnOnce for Outer<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { x, stride, d, gradient } = self;
+        let d_stride = padded(gradient.units);
+        let (mut start, mut rest) = (0, gradient.values.as_mut_slice());
+        while start < gradient.units {
+            let lanes = panel(gradient.units - start);
+            let (values, behind) = rest.split_at_mut(lanes * (gradient.inputs + 1));
+            if lanes == PANEL {
+                outer_panel::<PANEL>(x, stride, d, d_stride, start, values);
+            } else {
+                outer_panel::<SMALL>(x, stride, d, d_stride, start, values);
+            }
+            (start, rest) = (start + lanes, behind);
+        }
+    }
 }
 
 #[inline(always)]
-fn affine_panel<const K: usize>(
+fn affine_panel<S: Simd, const K: usize>(
+    simd: S,
     x: &[f64],
     stride: usize,
     values: &[f64],
@@ -108,15 +158,18 @@ fn affine_panel<const K: usize>(
     let (many, few) = x.split_at(x.len() / stride / TILE * TILE * stride);
     let (many_out, few_out) = out.split_at_mut(many.len() / stride * out_stride);
     for (x, out) in many.chunks_exact(TILE * stride).zip(many_out.chunks_exact_mut(TILE * out_stride)) {
-        affine_tile::<TILE, K>(x, stride, bias, weights, out, out_stride, start);
+        affine_tile::<S, TILE, K>(simd, x, stride, bias, weights, out, out_stride, start);
     }
     for (x, out) in few.chunks_exact(stride).zip(few_out.chunks_exact_mut(out_stride)) {
-        affine_tile::<1, K>(x, stride, bias, weights, out, out_stride, start);
+        affine_tile::<S, 1, K>(simd, x, stride, bias, weights, out, out_stride, start);
     }
 }
 
+/// Written with vectors: left to the compiler, the sums of several rows do not become some.
 #[inline(always)]
-fn affine_tile<const R: usize, const K: usize>(
+#[expect(clippy::too_many_arguments)]
+fn affine_tile<S: Simd, const R: usize, const K: usize>(
+    simd: S,
     x: &[f64],
     stride: usize,
     bias: &[f64; K],
@@ -129,40 +182,27 @@ fn affine_tile<const R: usize, const K: usize>(
     for (row, x) in rows.iter_mut().zip(x.chunks_exact(stride)) {
         *row = &x[..weights.len()];
     }
-    let mut sums = [*bias; R];
+    // Of these vectors, as many as have K numbers are used.
+    let mut sums = [[simd.splat_f64s(0.0); K]; R];
+    for sum in &mut sums {
+        for (sum, bias) in sum.iter_mut().zip(S::as_simd_f64s(bias).0) {
+            *sum = *bias;
+        }
+    }
     for (input, weights) in weights.iter().enumerate() {
+        let weights = S::as_simd_f64s(weights).0;
         for (sum, row) in sums.iter_mut().zip(&rows) {
-            let x = row[input];
+            let x = simd.splat_f64s(row[input]);
             for (sum, weight) in sum.iter_mut().zip(weights) {
-                *sum = x.mul_add(*weight, *sum);
+                *sum = simd.mul_add_f64s(x, *weight, *sum);
             }
         }
     }
     for (sum, out) in sums.iter().zip(out.chunks_exact_mut(out_stride)) {
-        out[start..start + K].copy_from_slice(sum);
+        for (out, sum) in S::as_mut_simd_f64s(&mut out[start..start + K]).0.iter_mut().zip(sum) {
+            *out = *sum;
+        }
     }
-}
-
-/// Adds Σ d xᵀ over the rows to a gradient, and Σ d to that of the biases. Rows of `x` are `stride` apart, those of `d` are
-/// padded to whole panels.
-pub(super) fn add_outer(x: &[f64], stride: usize, d: &[f64], gradient: &mut Panels) {
-    pulp::Arch::new().dispatch(
-        #[inline(always)]
-        || {
-            let d_stride = padded(gradient.units);
-            let (mut start, mut rest) = (0, gradient.values.as_mut_slice());
-            while start < gradient.units {
-                let lanes = panel(gradient.units - start);
-                let (values, behind) = rest.split_at_mut(lanes * (gradient.inputs + 1));
-                if lanes == PANEL {
-                    outer_panel::<PANEL>(x, stride, d, d_stride, start, values);
-                } else {
-                    outer_panel::<SMALL>(x, stride, d, d_stride, start, values);
-                }
-                (start, rest) = (start + lanes, behind);
-            }
-        },
-    );
 }
 
 #[inline(always)]

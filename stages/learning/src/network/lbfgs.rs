@@ -68,7 +68,8 @@ impl Lbfgs {
             Place { step, objective, slope: dot(&gradient, &direction), gradient }
         };
         let end = search(&start, first, largest(&direction), &mut at);
-        if !(end.objective < self.objective) {
+        let lower = end.objective < self.objective;
+        if !lower {
             self.ended = true;
             return;
         }

@@ -132,7 +132,9 @@ impl<'a> Objective<'a> {
                 &self.samples.y[range],
             ),
             Rows::These(rows) => {
-                (x.clear(), a.clear(), y.clear());
+                x.clear();
+                a.clear();
+                y.clear();
                 for row in &rows[range] {
                     let row = *row as usize;
                     x.extend_from_slice(&self.samples.x[row * inputs..][..inputs]);
