@@ -12,20 +12,20 @@ use arrow_schema::DataType;
 use figures::chart::{Chart, Dim, Line};
 use learning::search::Dimension;
 use maud::{Markup, html};
-use schemas::{Fault, metric::Metric};
+use schemas::{Fault, Literal, metric::Metric};
 
 use super::source::Source;
 use crate::{
     spec::{Fate, Search, Searched},
     store::published,
-    views::text::number,
+    views::{text::number, trials::short},
 };
 
 const HEIGHT: f64 = 280.0;
 /// More trials are neither listed nor drawn.
 const MOST: usize = 1000;
 /// A goal that is so many times its best is drawn by ratio.
-const WIDE: f64 = 30.0;
+const WIDE: f64 = 8.0;
 
 /// One row of the table of trials.
 struct Trial {
@@ -110,7 +110,7 @@ fn drawn(search: &Search, metric: &Metric, names: &[&str], trials: &[Trial]) -> 
                     } }
                     tbody { @for t in trials.iter().take(MOST) {
                         tr.bad[t.state == Fate::Failed.as_str()] {
-                            @for (word, value) in t.words.iter().zip(&t.values) { td data-v=[value.map(|v| v.to_string())] { (value.map_or_else(|| word.clone(), |v| number(Some(v)))) } }
+                            @for (word, value) in t.words.iter().zip(&t.values) { td data-v=[value.map(|v| v.to_string())] { (shown(word)) } }
                             td.n data-v=[t.goal.map(|v| v.to_string())] { (number(t.goal)) }
                             td { (t.state) }
                         }
@@ -119,6 +119,14 @@ fn drawn(search: &Search, metric: &Metric, names: &[&str], trials: &[Trial]) -> 
                 @if trials.len() > MOST { p.note { "The first " (MOST) " of " (trials.len()) " are shown; " code { "magline sql" } " shows them all." } }
             }
         }
+    }
+}
+
+/// A value of an axis, a number with at most six significant digits.
+fn shown(word: &str) -> String {
+    match word.parse::<f64>() {
+        Ok(x) => short(&Literal::Float(x)),
+        Err(_) => word.to_owned(),
     }
 }
 
