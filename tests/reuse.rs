@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::support::{Bench, SPEC, changed, line_of, write};
+use crate::support::{Bench, SPEC, changed, line_of, read, stderr, stdout, write};
 
 const TABLES: [&str; 6] = ["even", "terms", "coefficients", "clean", "track", "scores"];
 
@@ -52,6 +52,37 @@ fn user_a_navigate_parameter_recomputes_navigation_and_scores() {
     assert_eq!(computed(&bench, &["--set", "track.fogm_sigma_nt=4.0"]), [0, 0, 0, 0, 32, 32]);
     // A default that is written out is the same question.
     assert_eq!(computed(&bench, &["--set", "track.fogm_sigma_nt=3"]), [0; 6]);
+}
+
+/// The tables as `sql` shows them, without the axis.
+fn terms(bench: &Bench, store: &str) -> String {
+    let query = "SELECT * EXCEPT (vectors) FROM small.terms WHERE vectors = 'TL_A_flux_a' ORDER BY flight, line, tt";
+    let answer = bench.magline(&["sql", "--store", store, "--format", "json", query]);
+    assert!(answer.status.success(), "{}", stderr(&answer));
+    stdout(&answer)
+}
+
+#[test]
+fn user_lists_of_several_lengths_stay_what_they_are_when_a_sweep_shrinks_and_grows() {
+    let bench = Bench::new();
+    let tables = SPEC.split("[axes]").next().unwrap();
+    bench.spec(&format!(
+        "{tables}[axes]\nvectors = [[\"TL_A_flux_a\"], [\"TL_A_flux_a\", \"TL_A_flux_d\"]]\n\
+         [[stages]]\nname = \"terms\"\nstage = \"features\"\ninput = \"flights\"\nfeatures = [\"$vectors\"]\n"
+    ));
+    let one = ["--set", "axes.vectors=[[\"TL_A_flux_a\"]]"];
+    assert_eq!(bench.run(&[&one[..], &["--set", "store=alone"]].concat()).code, 0);
+    let alone = terms(&bench, "alone");
+    assert!(alone.lines().count() > 2000);
+    for narrow in [false, true, false, true] {
+        let done = bench.run(if narrow { &one } else { &[] });
+        assert_eq!(done.code, 0, "{}", done.stderr);
+        assert!(terms(&bench, "store") == alone, "the terms have changed");
+        let tables = |store: &str| read(&bench.path(store).join("tables/small/terms"));
+        if narrow {
+            assert!(tables("store") == tables("alone"), "the files have changed");
+        }
+    }
 }
 
 #[test]

@@ -8,6 +8,7 @@
 //! [`main`] is the command line over a catalogue of stages: [`catalogue`], or that with stages of one's own.
 
 pub mod bench;
+mod casting;
 mod cli;
 pub mod clock;
 pub mod keys;

@@ -20,6 +20,7 @@ use super::{
     set::{DataFile, Table, Values},
 };
 use crate::{
+    casting::cast,
     plan::Graph,
     sources::map_batch,
     store::{Sealed, Store, Version},
@@ -313,10 +314,7 @@ pub fn of_flights(graph: &Graph, store: &Store, i: usize, root: &Path) -> Result
             };
             match (name, whole.column_by_name(f.name())) {
                 (Some(name), _) => Ok(Arc::new(StringArray::from(vec![name.as_str(); whole.num_rows()]))),
-                (None, Some(array)) if array.data_type() == f.data_type() => Ok(array.clone()),
-                (None, Some(array)) => {
-                    arrow_cast::cast(array, f.data_type()).map_err(|e| Fault::machine(e.to_string()))
-                }
+                (None, Some(array)) => cast(array, f.data_type()),
                 (None, None) => Ok(new_null_array(f.data_type(), whole.num_rows())),
             }
         };

@@ -9,6 +9,7 @@ use schemas::{Column, Fault, Literal, Role, TableKind, Yield, field};
 
 use super::work::Held;
 use crate::{
+    casting::cast,
     keys::Key,
     plan::{Graph, Ref, Unit},
     store::{Packed, row_bytes},
@@ -149,9 +150,7 @@ impl<'a> Cut<'a> {
             }
             let found = made.column_by_name(f.name()).or_else(|| passed.as_ref()?.column_by_name(f.name()));
             match (found, identifier(f.name())) {
-                (Some(array), _) if array.data_type() == f.data_type() => Ok(array.clone()),
-                (Some(array), _) => arrow_cast::cast(array, f.data_type())
-                    .map_err(|e| Fault::machine(e.to_string()).in_column(f.name())),
+                (Some(array), _) => cast(array, f.data_type()).map_err(|fault| fault.in_column(f.name())),
                 (None, Some(text)) => Ok(Arc::new(StringArray::from(vec![text.as_str(); rows]))),
                 (None, None) => Ok(new_null_array(f.data_type(), rows)),
             }

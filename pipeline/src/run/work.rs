@@ -8,10 +8,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-use arrow_array::{
-    Array, ArrayRef, FixedSizeListArray, Float64Array, RecordBatch, RecordBatchOptions, cast::AsArray, new_null_array,
-};
-use arrow_schema::{DataType, Field, FieldRef, Schema};
+use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, RecordBatchOptions, new_null_array};
+use arrow_schema::{DataType, Field, Schema};
 use arrow_select::concat::concat_batches;
 use rayon::prelude::*;
 use schemas::{
@@ -20,6 +18,7 @@ use schemas::{
 
 use super::{Event, Listener, interrupt::INTERRUPTED};
 use crate::{
+    casting::cast,
     keys::Key,
     plan::{Graph, Instance, LineId, Ref, Unit},
     store::{Remarks, Store},
@@ -525,22 +524,6 @@ fn by_line(units: &[Unit]) -> Vec<Vec<Unit>> {
     lines.iter().flat_map(|line| line.chunks(POINTS_A_GROUP).map(<[_]>::to_vec)).collect()
 }
 
-/// Lists of one length as such.
-fn fixed(array: &ArrayRef, item: &FieldRef, n: i32) -> Result<ArrayRef, Fault> {
-    let wrong = || Fault::bug(format!("a list does not have its {n} entries"));
-    let lists = array.as_list_opt::<i32>().ok_or_else(wrong)?;
-    let offsets = lists.value_offsets();
-    let (first, last) = (offsets.first().copied().unwrap_or(0), offsets.last().copied().unwrap_or(0));
-    if offsets.windows(2).any(|w| w[1] - w[0] != n) {
-        return Err(wrong());
-    }
-    let values = lists.values().slice(first as usize, (last - first) as usize);
-    let values = if values.data_type() == item.data_type() { values } else { return Err(wrong()) };
-    FixedSizeListArray::try_new(item.clone(), n, values, lists.nulls().cloned())
-        .map(|array| Arc::new(array) as ArrayRef)
-        .map_err(|e| Fault::machine(e.to_string()))
-}
-
 /// Columns that were read, so that the points of a line share them.
 pub struct Held<'a> {
     worker: &'a Worker<'a>,
@@ -586,8 +569,8 @@ impl<'a> Held<'a> {
             let field = field.unwrap_or_else(|| Field::new(&name, array.data_type().clone(), true));
             // A file holds lists of several lengths where the points of a sweep have them.
             arrays.push(match (array.data_type(), field.data_type()) {
-                (DataType::List(_), DataType::FixedSizeList(item, n)) => {
-                    fixed(array, item, *n).map_err(|f| f.in_column(&name))?
+                (DataType::List(_), fixed @ DataType::FixedSizeList(..)) => {
+                    cast(array, fixed).map_err(|f| f.in_column(&name))?
                 }
                 _ => array.clone(),
             });

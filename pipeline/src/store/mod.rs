@@ -54,7 +54,7 @@ pub use version::{
 };
 
 /// The layout of the store; a store of another layout is rejected.
-const LAYOUT: &str = "magline store 2\n";
+const LAYOUT: &str = "magline store 3\n";
 
 /// The folders of a store.
 const PARTS: [&str; 10] =

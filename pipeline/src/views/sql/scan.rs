@@ -33,6 +33,7 @@ use parquet::{arrow::arrow_reader::statistics::StatisticsConverter, file::metada
 use schemas::Fault;
 
 use crate::{
+    casting::cast,
     keys::Key,
     run::{PATTERNS, SCHEMA},
     store::{ManifestTable, Objects, Sealed, Version},
@@ -218,10 +219,7 @@ impl Source {
 }
 
 fn typed(array: ArrayRef, field: &Field) -> Result<ArrayRef, Fault> {
-    if array.data_type() == field.data_type() {
-        return Ok(array);
-    }
-    arrow_cast::cast(&array, field.data_type()).map_err(|e| Fault::machine(e.to_string()).in_column(field.name()))
+    cast(&array, field.data_type()).map_err(|fault| fault.in_column(field.name()))
 }
 
 /// What is known of the row groups without reading them.
