@@ -30,8 +30,10 @@ impl Feeds {
         let mut series_a: Vec<Vec<f64>> = aircraft.currents.iter().zip(amperes).map(of_current).collect();
         let mut of_wires = vec![];
         for wire in &aircraft.wires {
-            let whole = series_a.get(wire.current).filter(|_| wire.onset_a > 0.0 && components.on("return_path"));
-            let part = whole.map(|whole| whole.iter().map(|a| carried(*a, wire.onset_a)).collect::<Vec<f64>>());
+            // Where nothing comes back another way that way is not there.
+            let opened = |a: &f64| if components.on("return_path") { carried(*a, wire.onset_a) } else { 0.0 };
+            let whole = series_a.get(wire.current).filter(|_| wire.onset_a > 0.0);
+            let part = whole.map(|whole| whole.iter().map(opened).collect::<Vec<f64>>());
             of_wires.push(if part.is_some() { series_a.len() } else { wire.current });
             series_a.extend(part);
         }
