@@ -30,6 +30,8 @@ pub struct FlightPart {
 pub struct TimePanel<'a> {
     /// Quantity and unit.
     pub label: &'a str,
+    /// Of an angle a full turn: a line is broken where it steps by more than half of it.
+    pub turn: Option<f64>,
     /// Name, colour and values of each, as many as times; NaN breaks a line. One alone needs no name.
     pub lines: Vec<(&'a str, [u8; 3], &'a [f64])>,
 }
@@ -72,7 +74,7 @@ const TITLE: (f64, f64) = (16.0, 21.0);
 /// The letters of the names of parts.
 const PART: f64 = 11.0;
 /// A part narrower than this has no name over the panels.
-const NARROW: f64 = 12.0;
+const NARROW: f64 = 8.0;
 
 /// The picture as a PNG file, `width_px` pixels wide, 200 to 10,000.
 ///
@@ -315,9 +317,16 @@ fn curves(panel: &TimePanel, time: &[f64], rect: &Rect, across: &dyn Fn(f64) -> 
     marks.push(Mark::Stroke { lines: small, width: 1.0, ink: BLACK, within: None });
     let mut at = rect.right() - 6.0;
     for (name, colour, values) in &panel.lines {
-        let points = extremes(time, values, MOST);
-        let spots = points.into_iter().map(|(t, v)| v.is_finite().then(|| (across(t), up(v))));
-        let lines: Vec<Vec<Spot>> = runs(spots).into_iter().filter(|line| line.len() > 1).collect();
+        let mut last = f64::NAN;
+        let mut spots = vec![];
+        for (t, v) in extremes(time, values, MOST) {
+            if panel.turn.is_some_and(|turn| (v - last).abs() > 0.5 * turn) {
+                spots.push(None);
+            }
+            spots.push(v.is_finite().then(|| (across(t), up(v))));
+            last = v;
+        }
+        let lines: Vec<Vec<Spot>> = runs(spots.into_iter()).into_iter().filter(|line| line.len() > 1).collect();
         if !lines.is_empty() {
             marks.push(Mark::Stroke { lines, width: 1.1, ink: Ink::full(*colour), within: Some(*rect) });
         }
@@ -343,7 +352,7 @@ mod tests {
         let north: Vec<f64> = east.iter().map(|e| 0.5 * e).collect();
         let parts = [FlightPart { name: name.to_owned(), kind: 1, time: (45_100.0, 45_300.0) }];
         let kinds = [("between", [150, 150, 150]), ("line", [0, 90, 200])];
-        let panels = [TimePanel { label: "course, deg", lines: vec![("", [0, 0, 0], east)] }];
+        let panels = [TimePanel { label: "course, deg", turn: None, lines: vec![("", [0, 0, 0], east)] }];
         let picture = FlightPicture {
             title: "A flight",
             time: &time,

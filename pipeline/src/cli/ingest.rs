@@ -131,7 +131,7 @@ pub fn run(args: &IngestArgs) -> Result<(), Stop> {
             input: &work.input,
             options: hive(&work.input, &options),
             mapped: work.mapped.clone(),
-            lines: divided.of(&work.input),
+            lines: divided.table(),
             folder: work.folder.clone(),
             name: work.name.clone(),
             hive: args.hive,

@@ -1,7 +1,7 @@
 //! The lines of `magline ingest`: found in each flight, or those of a table; written as a table, and drawn.
 
 use std::{
-    collections::{BTreeMap, BTreeSet},
+    collections::BTreeSet,
     fs,
     path::{Path, PathBuf},
 };
@@ -21,10 +21,7 @@ use crate::{
         open_log,
     },
     store::make_folder,
-    views::{
-        report::write,
-        text::{columns, number},
-    },
+    views::{report::write, text::columns},
 };
 
 /// Which lines the logs are divided into.
@@ -38,7 +35,7 @@ pub struct LineArgs {
     #[arg(long, requires = "lines", value_name = "FILE")]
     pub picture: Option<PathBuf>,
     /// The table that lines found by `--lines auto` are written to, to be edited and used by `lines` of a spec or `--lines`;
-    /// `_lines/LOG.csv` in the folder of `--to` by default.
+    /// `_lines/LOG.csv` in the folder of `--to` by default, `_lines/lines.csv` for several logs.
     #[arg(long, requires = "lines", value_name = "FILE")]
     pub write_lines: Option<PathBuf>,
 }
@@ -51,26 +48,24 @@ pub struct Log<'a> {
     pub mapped: Option<&'a Mapped>,
 }
 
-/// The lines of each log.
+/// The lines that logs are divided into.
 #[derive(Default)]
 pub struct Lines {
-    /// By log, where they are not the log's own.
-    tables: BTreeMap<PathBuf, LineTable>,
-    given: Option<LineTable>,
+    table: Option<LineTable>,
 }
 
 /// Width of a PNG.
 const WIDTH_PX: usize = 1600;
 
 impl Lines {
-    /// The lines of a log.
-    pub fn of(&self, input: &Path) -> Option<&LineTable> {
-        self.given.as_ref().or_else(|| self.tables.get(input))
+    /// The table, where they are not the logs' own.
+    pub fn table(&self) -> Option<&LineTable> {
+        self.table.as_ref()
     }
 
-    /// What is wrong with a table that was given: lines without a sample.
+    /// What is wrong with it: lines without a sample.
     pub fn check<'a>(&self, written: impl Iterator<Item = (&'a str, &'a str)>) -> Option<Fault> {
-        self.given.as_ref().and_then(|table| table.check(written).err())
+        self.table.as_ref().and_then(|table| table.check(written).err())
     }
 }
 
@@ -102,95 +97,67 @@ pub fn lines(
         return Err(fault.help(format!("say `--lines {AUTO}`, or leave it out")).into());
     }
     if given.is_some() && args.picture.is_none() {
-        return Ok(Lines { given, ..Lines::default() });
+        return Ok(Lines { table: given });
     }
-    let mut all: Vec<(&Path, Vec<(String, Found)>)> = vec![];
-    for log in logs {
-        if all.iter().any(|(input, _)| *input == log.input) {
-            continue;
-        }
-        let mut flights = found(log.input, logs, options)?;
-        if let Some(table) = &given {
-            flights.iter_mut().for_each(|(flight, found)| found.divide(&table.lines_of(flight)));
-        }
-        all.push((log.input, flights));
-    }
-    if let Some(table) = given {
-        drawn(args, &all)?;
-        return Ok(Lines { given: Some(table), ..Lines::default() });
-    }
-    let mut tables = BTreeMap::new();
-    for (input, flights) in &mut all {
-        let missing: Vec<Fault> = flights.iter().filter_map(|(flight, found)| found.missing(flight)).collect();
-        flights.retain(|(_, found)| !found.lines.is_empty());
-        if flights.is_empty() {
-            let none = || Fault::data("the file holds no samples");
-            let fault = missing.into_iter().next().unwrap_or_else(none);
-            return Err(fault.in_file(&input.display().to_string()).into());
-        }
-        missing
-            .iter()
-            .for_each(|fault| note(&format!("{}: {}; its samples are left out", input.display(), fault.what)));
-        let spans = flights.iter().map(|(flight, found)| (flight.clone(), found.spans()));
-        tables.insert(input.to_path_buf(), LineTable::of(&input.display().to_string(), spans));
-    }
-    let written = written(args, &all, to, replace)?;
-    let pictures = drawn(args, &all)?;
-    if json {
-        all.iter().for_each(|(input, flights)| as_json(input, flights));
-    } else if !super::is_quiet() {
-        say::out_text(summary(&all, written.iter().chain(&pictures)));
-    }
-    Ok(Lines { tables, given: None })
-}
-
-/// The flights of a log, out of all its tables, with the lines that are found in each.
-fn found(input: &Path, logs: &[Log], options: &FlightOptions) -> Result<Vec<(String, Found)>, Stop> {
     let mut collector = Collector::default();
-    for log in logs.iter().filter(|log| log.input == input) {
+    for log in logs {
         let reading = Reading { found: None, threads: 1 };
-        let opened = open_log(input, &hive(input, options), log.mapped, &reading).map_err(Fault::from)?;
-        collector.read(opened)?;
+        let opened = open_log(log.input, &hive(log.input, options), log.mapped, &reading).map_err(Fault::from)?;
+        collector.read(opened, log.mapped.map_or("", Mapped::name))?;
     }
-    Ok(collector.found())
+    let mut flights = collector.found();
+    if let Some(table) = given {
+        flights.iter_mut().for_each(|(flight, found)| found.divide(&table.lines_of(flight)));
+        flights.retain(|(_, found)| !found.lines.is_empty());
+        let pictures = drawn(args, &flights)?;
+        pictures.iter().for_each(|path| note(&format!("{} shows the lines", path.display())));
+        return Ok(Lines { table: Some(table) });
+    }
+    let missing: Vec<Fault> = flights.iter().filter_map(|(flight, found)| found.missing(flight)).collect();
+    flights.retain(|(_, found)| !found.lines.is_empty());
+    if flights.is_empty() {
+        let none = || Fault::data("the files hold no samples");
+        return Err(missing.into_iter().next().unwrap_or_else(none).into());
+    }
+    missing.iter().for_each(|fault| note(&format!("{}; its samples are left out", fault.what)));
+    let written = written(args, logs, &flights, to, replace)?;
+    let pictures = drawn(args, &flights)?;
+    if json {
+        as_json(&flights);
+    } else if !super::is_quiet() {
+        say::out_text(summary(&flights, written.iter().chain(&pictures)));
+    }
+    let spans = flights.iter().map(|(flight, found)| (flight.clone(), found.spans()));
+    Ok(Lines { table: Some(LineTable::of("the lines that were found", spans)) })
 }
 
-/// Writes the tables of the lines that were found.
+/// Writes the table of the lines that were found.
 fn written(
     args: &LineArgs,
-    all: &[(&Path, Vec<(String, Found)>)],
+    logs: &[Log],
+    flights: &[(String, Found)],
     to: Option<&Path>,
     replace: bool,
-) -> Result<Vec<PathBuf>, Stop> {
-    let mut files: Vec<(PathBuf, String)> = vec![];
-    if let Some(path) = &args.write_lines {
-        let flights: Vec<(String, Found)> = all.iter().flat_map(|(_, flights)| flights.iter().cloned()).collect();
-        files.push((path.clone(), find_lines::csv(&flights)));
-    } else if let Some(to) = to {
-        for (input, flights) in all {
-            let stem = input.file_stem().unwrap_or_default().to_string_lossy();
-            files.push((to.join("_lines").join(format!("{stem}.csv")), find_lines::csv(flights)));
-        }
+) -> Result<Option<PathBuf>, Stop> {
+    let of_one = logs.first().filter(|first| logs.iter().all(|log| log.input == first.input));
+    let stem = of_one.and_then(|log| log.input.file_stem()).map_or("lines".into(), |stem| stem.to_string_lossy());
+    let beside = || to.map(|to| to.join("_lines").join(format!("{stem}.csv")));
+    let Some(path) = args.write_lines.clone().or_else(beside) else { return Ok(None) };
+    let text = find_lines::csv(flights);
+    // It may have been edited.
+    let other = fs::read(&path).is_ok_and(|known| known != text.as_bytes());
+    if other && !replace {
+        let help = format!(
+            "use them by `--lines {}`, name another file with `--write-lines`, or say `--replace`",
+            path.display()
+        );
+        return Err(Fault::new(format!("{} holds other lines already", path.display())).help(help).into());
     }
-    for (path, text) in &files {
-        // It may have been edited.
-        let other = fs::read(path).is_ok_and(|known| known != text.as_bytes());
-        if other && !replace {
-            let fault = Fault::new(format!("{} holds other lines already", path.display()));
-            let help = format!(
-                "use them by `--lines {}`, name another file with `--write-lines`, or say `--replace`",
-                path.display()
-            );
-            return Err(fault.help(help).into());
-        }
-    }
-    for (path, text) in &files {
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let failed = |e| Stop::Failed(format!("error: cannot write {}: {e}", path.display()));
-        make_folder(&std::path::absolute(folder).map_err(failed)?).map_err(failed)?;
-        write(path, text.as_bytes())?;
-    }
-    Ok(files.into_iter().map(|(path, _)| path).collect())
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let failed = |e| Stop::Failed(format!("error: cannot write {}: {e}", path.display()));
+    make_folder(&std::path::absolute(folder).map_err(failed)?).map_err(failed)?;
+    write(&path, text.as_bytes())?;
+    Ok(Some(path))
 }
 
 /// The form of a picture.
@@ -211,13 +178,12 @@ impl Form {
 }
 
 /// Draws a picture of each flight; of several, each has the flight in its name.
-fn drawn(args: &LineArgs, all: &[(&Path, Vec<(String, Found)>)]) -> Result<Vec<PathBuf>, Stop> {
+fn drawn(args: &LineArgs, flights: &[(String, Found)]) -> Result<Vec<PathBuf>, Stop> {
     let Some(path) = &args.picture else { return Ok(vec![]) };
     let form = Form::of(path)?;
-    let several = all.iter().map(|(_, flights)| flights.len()).sum::<usize>() > 1;
     let mut taken: BTreeSet<PathBuf> = BTreeSet::new();
-    for (flight, found) in all.iter().flat_map(|(_, flights)| flights) {
-        let mut to = if several { beside(path, &plain(flight)) } else { path.clone() };
+    for (flight, found) in flights {
+        let mut to = if flights.len() > 1 { beside(path, &plain(flight)) } else { path.clone() };
         let mut number = 1;
         while !taken.insert(to.clone()) {
             number += 1;
@@ -244,49 +210,41 @@ fn beside(path: &Path, flight: &str) -> PathBuf {
     path.with_file_name(format!("{}-{flight}.{}", stem.to_string_lossy(), ending.to_string_lossy()))
 }
 
-fn summary<'a>(all: &[(&Path, Vec<(String, Found)>)], files: impl Iterator<Item = &'a PathBuf>) -> String {
-    /// Lines of one log that are listed.
+fn summary<'a>(flights: &[(String, Found)], files: impl Iterator<Item = &'a PathBuf>) -> String {
+    /// Lines that are listed.
     const SHOWN: usize = 60;
-    let mut text = String::new();
-    for (input, flights) in all {
-        text += &format!("\n{}, lines found\n", input.display());
-        let mut rows = vec![
-            ["  flight", "line", "kind", "t_start", "t_end", "course", "length m", "height m"]
-                .map(str::to_owned)
-                .to_vec(),
-        ];
-        let lines = || flights.iter().flat_map(|(flight, found)| found.lines.iter().map(move |l| (flight, found, l)));
-        for (flight, found, line) in lines().take(SHOWN) {
-            let (from, to) = found.times_s(line);
-            let whole = |x: Option<f64>| number(x.map(f64::round));
-            rows.push(vec![
-                format!("  {flight}"),
-                line.name.clone(),
-                line.kind.word().to_owned(),
-                format!("{from:.1}"),
-                format!("{to:.1}"),
-                line.heading_deg.map_or("-".to_owned(), |x| format!("{x:.0}")),
-                whole(found.length_m(line)),
-                whole(found.height_m(line)),
-            ]);
-        }
-        text += &columns(&rows, 3);
-        let more = lines().count().saturating_sub(SHOWN);
-        if more > 0 {
-            text += &format!("  and {more} more\n");
-        }
+    let heads = ["  flight", "line", "kind", "t_start", "t_end", "course", "length m", "height m"];
+    let mut rows = vec![heads.map(str::to_owned).to_vec()];
+    let lines = || flights.iter().flat_map(|(flight, found)| found.lines.iter().map(move |l| (flight, found, l)));
+    for (flight, found, line) in lines().take(SHOWN) {
+        let (from, to) = found.times_s(line);
+        let whole = |x: Option<f64>| x.map_or("-".to_owned(), |x| format!("{x:.0}"));
+        rows.push(vec![
+            format!("  {flight}"),
+            line.name.clone(),
+            line.kind.word().to_owned(),
+            format!("{from:.1}"),
+            format!("{to:.1}"),
+            whole(line.heading_deg.map(|x| x.round() % 360.0)),
+            whole(found.length_m(line)),
+            whole(found.height_m(line)),
+        ]);
+    }
+    let mut text = format!("\nlines found\n{}", columns(&rows, 3));
+    let more = lines().count().saturating_sub(SHOWN);
+    if more > 0 {
+        text += &format!("  and {more} more\n");
     }
     files.for_each(|file| text += &format!("  {}\n", file.display()));
     text
 }
 
-fn as_json(input: &Path, flights: &[(String, Found)]) {
+fn as_json(flights: &[(String, Found)]) {
     for (flight, found) in flights {
         for line in &found.lines {
             let (from, to) = found.times_s(line);
             let event = json!({
                 "event": "found_line",
-                "input": input.display().to_string(),
                 "flight": flight,
                 "line": line.name,
                 "kind": line.kind.word(),

@@ -12,6 +12,8 @@ use crate::sources::{line_table::LineTable, log_reader::LogReader, midnight::Ris
 const STEP_S: f64 = 0.095;
 /// The columns of positions, those to be preferred first.
 const POSITIONS: [[&str; 3]; 2] = [["lat", "lon", "alt"], ["ins_lat", "ins_lon", "ins_alt"]];
+/// The height where there is no other.
+const OTHER_HEIGHT: &str = "msl";
 /// And of attitudes.
 const ATTITUDES: [[&str; 3]; 2] = [["ins_roll", "ins_pitch", "ins_yaw"], ["roll", "pitch", "yaw"]];
 
@@ -48,24 +50,23 @@ struct Reading {
 /// Gathers what lines are found from, out of one or several tables of a log.
 #[derive(Default)]
 pub struct Collector {
-    /// Of each flight, what its tables have.
-    flights: BTreeMap<String, Vec<Reading>>,
+    /// Of each flight, what each of its tables has.
+    flights: BTreeMap<String, BTreeMap<String, Reading>>,
 }
 
 impl Collector {
-    /// Reads a table of a log.
+    /// Reads a table of a log; tables of one name go on from each other.
     ///
     /// # Errors
     /// Fails for a log that cannot be read.
-    pub fn read(&mut self, mut log: LogReader) -> Result<(), Fault> {
+    pub fn read(&mut self, mut log: LogReader, table: &str) -> Result<(), Fault> {
         let canonical = Canonical::new(&log.schema).map_err(|f| f.into_iter().next().unwrap_or_default())?;
-        let mut open: BTreeMap<String, Reading> = BTreeMap::new();
+        for reading in self.flights.values_mut().filter_map(|tables| tables.get_mut(table)) {
+            (reading.rise, reading.last_s) = (Rise::default(), None);
+        }
         while let Some(part) = log.next_part() {
             let batch = canonical.apply_with_zeros(&part.map_err(Fault::from)?.batch)?;
-            add(&mut open, &batch)?;
-        }
-        for (flight, reading) in open {
-            self.flights.entry(flight).or_default().push(reading);
+            self.add(&batch, table)?;
         }
         Ok(())
     }
@@ -77,9 +78,9 @@ impl Collector {
             let best = all.reduce(|a, b| if b.known() > a.known() { b } else { a }).filter(|t| t.known() > 0);
             best.map(Triple::in_time).unwrap_or_default()
         };
-        let one = |(flight, tables): (String, Vec<Reading>)| {
+        let one = |(flight, tables): (String, BTreeMap<String, Reading>)| {
             let (mut positions, mut attitudes) = (vec![], vec![]);
-            for table in tables {
+            for table in tables.into_values() {
                 positions.extend(table.positions);
                 attitudes.extend(table.attitudes);
             }
@@ -101,38 +102,46 @@ impl Collector {
         };
         self.flights.into_iter().map(one).collect()
     }
-}
 
-/// Adds rows of the flight table.
-fn add(open: &mut BTreeMap<String, Reading>, batch: &RecordBatch) -> Result<(), Fault> {
-    let lost = || Fault::bug("a batch of flights lacks a key");
-    let flights = batch.column_by_name("flight").and_then(|c| c.as_string_opt::<i32>()).ok_or_else(lost)?;
-    let column = |name: &str| batch.column_by_name(name).and_then(|c| c.as_primitive_opt::<Float64Type>());
-    let tt = column("tt").ok_or_else(lost)?;
-    let triples = [POSITIONS, ATTITUDES].map(|all| all.map(|names| names.map(column)));
-    for row in 0..batch.num_rows() {
-        let flight = if flights.is_null(row) { "" } else { flights.value(row) };
-        if !open.contains_key(flight) {
-            open.insert(flight.to_owned(), Reading::default());
+    /// Adds rows of the flight table.
+    fn add(&mut self, batch: &RecordBatch, table: &str) -> Result<(), Fault> {
+        let lost = || Fault::bug("a batch of flights lacks a key");
+        let flights = batch.column_by_name("flight").and_then(|c| c.as_string_opt::<i32>()).ok_or_else(lost)?;
+        let column = |name: &str| batch.column_by_name(name).and_then(|c| c.as_primitive_opt::<Float64Type>());
+        let tt = column("tt").ok_or_else(lost)?;
+        let mut triples = [POSITIONS, ATTITUDES].map(|all| all.map(|names| names.map(column)));
+        for [_, _, height] in &mut triples[0] {
+            *height = height.or(column(OTHER_HEIGHT));
         }
-        let Some(reading) = open.get_mut(flight) else { continue };
-        let tt_s = reading.rise.next(if tt.is_null(row) { f64::NAN } else { tt.value(row) });
-        if reading.last_s.is_some_and(|last| (0.0..STEP_S).contains(&(tt_s - last))) {
-            continue;
-        }
-        reading.last_s = Some(tt_s);
-        let value =
-            |c: Option<&arrow_array::Float64Array>| c.filter(|c| c.is_valid(row)).map_or(f64::NAN, |c| c.value(row));
-        let [positions, attitudes] = &triples;
-        for (from, to) in
-            positions.iter().zip(&mut reading.positions).chain(attitudes.iter().zip(&mut reading.attitudes))
-        {
-            if from[0].is_some() && from[1].is_some() {
-                to.rows.push([tt_s, value(from[0]), value(from[1]), value(from[2])]);
+        for row in 0..batch.num_rows() {
+            let flight = if flights.is_null(row) { "" } else { flights.value(row) };
+            if !self.flights.contains_key(flight) {
+                self.flights.insert(flight.to_owned(), BTreeMap::new());
+            }
+            let Some(tables) = self.flights.get_mut(flight) else { continue };
+            if !tables.contains_key(table) {
+                tables.insert(table.to_owned(), Reading::default());
+            }
+            let Some(reading) = tables.get_mut(table) else { continue };
+            let tt_s = reading.rise.next(if tt.is_null(row) { f64::NAN } else { tt.value(row) });
+            if reading.last_s.is_some_and(|last| (0.0..STEP_S).contains(&(tt_s - last))) {
+                continue;
+            }
+            reading.last_s = Some(tt_s);
+            let value = |c: Option<&arrow_array::Float64Array>| {
+                c.filter(|c| c.is_valid(row)).map_or(f64::NAN, |c| c.value(row))
+            };
+            let [positions, attitudes] = &triples;
+            for (from, to) in
+                positions.iter().zip(&mut reading.positions).chain(attitudes.iter().zip(&mut reading.attitudes))
+            {
+                if from[0].is_some() && from[1].is_some() {
+                    to.rows.push([tt_s, value(from[0]), value(from[1]), value(from[2])]);
+                }
             }
         }
+        Ok(())
     }
-    Ok(())
 }
 
 /// The lines that are found in the flights of a file.
@@ -141,7 +150,7 @@ fn add(open: &mut BTreeMap<String, Reading>, batch: &RecordBatch) -> Result<(), 
 /// Fails for a file that cannot be read, and for a flight in which there are none.
 pub fn table(log: LogReader, path: &Path) -> Result<LineTable, Fault> {
     let mut collector = Collector::default();
-    collector.read(log)?;
+    collector.read(log, "")?;
     let flights = collector.found();
     let file = path.display().to_string();
     if let Some(fault) = flights.iter().find_map(|(flight, found)| found.missing(flight)) {

@@ -108,7 +108,7 @@ pub fn csv(flights: &[(String, Found)]) -> String {
                 quoted(flight),
                 line.name,
                 line.kind.word(),
-                shown(line.heading_deg),
+                shown(line.heading_deg.map(|h| h.round() % 360.0)),
                 shown(found.length_m(line)),
                 shown(found.height_m(line)),
                 manoeuvres.join(" "),

@@ -56,15 +56,15 @@ fn drawn<T>(title: &str, found: &Found, draw: &dyn Fn(&FlightPicture) -> Result<
     }
     let busy = found.parts.parts.iter().zip(&mut kind).filter(|(part, k)| **part == Part::Manoeuvre && **k > BETWEEN);
     busy.for_each(|(_, k)| *k = MANOEUVRE);
-    let course = turned(&motion.course_deg);
+    let course: Vec<f64> = motion.course_deg.iter().map(|course| course.rem_euclid(360.0)).collect();
     let power: Vec<(&str, [u8; 3], &[f64])> =
         ANGLES.iter().zip(&found.parts.power_deg).map(|((name, colour), x)| (*name, *colour, x.as_slice())).collect();
     let black = [26, 26, 26];
     let panels = [
-        TimePanel { label: "course (deg)", lines: vec![("", black, &course)] },
-        TimePanel { label: "height (m)", lines: vec![("", black, &motion.alt_m)] },
-        TimePanel { label: "speed (m/s)", lines: vec![("", black, &motion.speed_mps)] },
-        TimePanel { label: "swing (deg rms)", lines: power },
+        TimePanel { label: "course (deg)", turn: Some(360.0), lines: vec![("", black, &course)] },
+        TimePanel { label: "height (m)", turn: None, lines: vec![("", black, &motion.alt_m)] },
+        TimePanel { label: "speed (m/s)", turn: None, lines: vec![("", black, &motion.speed_mps)] },
+        TimePanel { label: "swing (deg rms)", turn: None, lines: power },
     ];
     draw(&FlightPicture {
         title,
@@ -77,16 +77,4 @@ fn drawn<T>(title: &str, found: &Found, draw: &dyn Fn(&FlightPicture) -> Result<
         parts: &parts,
         panels: &panels,
     })
-}
-
-/// Courses of 0 to 360 degrees, broken where they go over north.
-fn turned(course_deg: &[f64]) -> Vec<f64> {
-    let mut last = f64::NAN;
-    let one = |course: &f64| {
-        let now = course.rem_euclid(360.0);
-        let jumps = (now - last).abs() > 180.0;
-        last = now;
-        if jumps { f64::NAN } else { now }
-    };
-    course_deg.iter().map(one).collect()
 }

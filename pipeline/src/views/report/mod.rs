@@ -15,11 +15,13 @@ mod model;
 mod page;
 mod published;
 mod search;
+mod quality;
 mod signal;
 mod source;
 mod spectra;
 mod subject;
 mod table;
+mod timeline;
 mod track;
 mod variation;
 mod whiteness;
@@ -91,6 +93,7 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
     }
     let subjects = groups.first().map(|g| g.subjects.as_slice()).unwrap_or_default();
     sections.extend(variation::section(&source, subjects.first().and_then(|s| s.fit))?);
+    sections.extend(quality::section(&source)?);
     // Failures are published too.
     let failures = if current { source.failures()? } else { vec![] };
     let trouble = page::Trouble { failures, warnings, outdated: !current };

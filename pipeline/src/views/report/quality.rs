@@ -1,0 +1,415 @@
+//! The quality of the data that were read: clocks, figures by column with those that need a look marked, and a picture of when.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use maud::{Markup, html};
+use schemas::{Fault, flight};
+
+use super::{
+    source::Source,
+    timeline::{Lane, Timeline},
+};
+use crate::{
+    plan::{LineId, Ref},
+    sources::checks::{
+        Around, Figure, Measure, gaps, needs_a_look, stretches,
+        table::{COLUMNS, OfLine, figures},
+    },
+    store::published,
+    views::text::number,
+};
+
+/// Rows of a table that are shown.
+const ROWS: usize = 400;
+/// Flights that have a picture, and columns in each.
+const PICTURES: usize = 4;
+const LANES: usize = 14;
+
+/// A column of the lines of a flight in a table.
+#[derive(Clone, Debug)]
+struct ColumnOf {
+    source: usize,
+    flight: String,
+    column: String,
+    /// The worst of its lines, with the samples of all.
+    figures: BTreeMap<Figure, Measure>,
+    /// The figures that need a look.
+    marks: BTreeSet<Figure>,
+}
+
+impl ColumnOf {
+    fn figure(&self, figure: Figure) -> Option<&Measure> {
+        self.figures.get(&figure)
+    }
+
+    fn is_clock(&self) -> bool {
+        self.column == "tt"
+    }
+}
+
+/// The section; none where nothing was read.
+///
+/// # Errors
+/// Fails when the store is damaged.
+pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
+    let columns = columns(source)?;
+    if columns.is_empty() {
+        return Ok(None);
+    }
+    let (clocks, columns): (Vec<&ColumnOf>, Vec<&ColumnOf>) = columns.iter().partition(|c| c.is_clock());
+    let marked = columns.iter().chain(&clocks).filter(|c| !c.marks.is_empty()).count();
+    let several = Several::of(&clocks, &columns);
+    let pictures = pictures(source, &clocks, &columns)?;
+    Ok(Some(html! {
+        section id="quality" {
+            h2 { "Quality of the data" }
+            p.lead { "As they were read, before any stage. "
+                @if marked == 0 { "No figure needs a look." }
+                @else { (marked) " of " (clocks.len() + columns.len()) " columns have a figure that needs a look, marked with a " strong { "!" } "; the worst come first." }
+            }
+            @for picture in pictures { (picture) }
+            (clock_table(source, &several, &clocks))
+            (column_table(source, &several, &columns))
+            (glossary())
+        }
+    }))
+}
+
+/// Which keys differ, and so need a column.
+struct Several {
+    tables: bool,
+    flights: bool,
+}
+
+impl Several {
+    fn of(clocks: &[&ColumnOf], columns: &[&ColumnOf]) -> Several {
+        let all = || clocks.iter().chain(columns);
+        let tables: BTreeSet<usize> = all().map(|c| c.source).collect();
+        let flights: BTreeSet<&str> = all().map(|c| c.flight.as_str()).collect();
+        Several { tables: tables.len() > 1, flights: flights.len() > 1 }
+    }
+}
+
+/// All columns with a figure, the worst first.
+fn columns(source: &Source) -> Result<Vec<ColumnOf>, Fault> {
+    let mut found: BTreeMap<(usize, String, String), BTreeMap<Figure, Measure>> = BTreeMap::new();
+    for (table, folders) in source.graph.quality.iter().enumerate() {
+        for folder in folders {
+            let rows = published(folder, &COLUMNS)?.map(|rows| figures(&rows)).unwrap_or_default();
+            for OfLine { flight, measure, .. } in rows {
+                let of = found.entry((table, flight, measure.column.clone())).or_default();
+                match of.get_mut(&measure.check) {
+                    Some(known) => pool(known, &measure),
+                    None => {
+                        of.insert(measure.check, measure);
+                    }
+                }
+            }
+        }
+    }
+    let mut samples: BTreeMap<(usize, &str), u64> = BTreeMap::new();
+    for (table, records) in source.graph.records.iter().enumerate() {
+        for record in records.values() {
+            *samples.entry((table, record.flight.as_str())).or_default() += record.rows as u64;
+        }
+    }
+    let mut rates: BTreeMap<(usize, String), f64> = BTreeMap::new();
+    let mut quietest: BTreeMap<(usize, String), f64> = BTreeMap::new();
+    for ((table, flight, column), figures) in &found {
+        let key = (*table, flight.clone());
+        if let Some(rate) = figures.get(&Figure::Rate) {
+            rates.insert(key.clone(), rate.value);
+        }
+        if let Some(noise) = figures.get(&Figure::Noise).filter(|_| flight::is_scalar_reading(column)) {
+            let least = quietest.entry(key).or_insert(f64::INFINITY);
+            *least = least.min(noise.value);
+        }
+    }
+    let one = |((source, flight, column), figures): ((usize, String, String), BTreeMap<Figure, Measure>)| {
+        let key = (source, flight.clone());
+        let around = Around {
+            samples: samples.get(&(source, flight.as_str())).copied().unwrap_or(0),
+            rate_hz: rates.get(&key).copied().unwrap_or(f64::NAN),
+            quietest_nt: quietest.get(&key).copied().unwrap_or(f64::NAN),
+            noise: figures.get(&Figure::Noise).map_or(f64::NAN, |m| m.value),
+        };
+        let marks = figures.values().filter(|m| needs_a_look(m, &around)).map(|m| m.check).collect();
+        ColumnOf { source, flight, column, figures, marks }
+    };
+    let mut all: Vec<ColumnOf> = found.into_iter().map(one).collect();
+    let lost = |c: &ColumnOf| c.figure(Figure::Dropouts).map_or(0, |m| m.count);
+    all.sort_by(|a, b| {
+        let worse = b.marks.len().cmp(&a.marks.len()).then(lost(b).cmp(&lost(a)));
+        worse.then_with(|| (a.source, &a.flight, &a.column).cmp(&(b.source, &b.flight, &b.column)))
+    });
+    Ok(all)
+}
+
+/// Takes the worse value of two lines, and the samples of both.
+fn pool(known: &mut Measure, other: &Measure) {
+    known.count += other.count;
+    let sums = match known.check {
+        Figure::Gaps => true,
+        Figure::Rate
+        | Figure::Jitter
+        | Figure::LongestGap
+        | Figure::RepeatedTime
+        | Figure::BackwardTime
+        | Figure::Midnight
+        | Figure::Dropouts
+        | Figure::Stuck
+        | Figure::Saturation
+        | Figure::Quantisation
+        | Figure::Noise
+        | Figure::Spikes
+        | Figure::Found(_) => false,
+    };
+    if sums {
+        known.value += other.value;
+    } else if other.value.abs() > known.value.abs() || !known.value.is_finite() {
+        (known.value, known.first_tt) = (other.value, other.first_tt);
+    }
+}
+
+/// A figure in a table: marked where it needs a look.
+fn cell(column: &ColumnOf, figure: Figure, text: &dyn Fn(&Measure) -> String, sorted: fn(&Measure) -> f64) -> Markup {
+    let Some(measure) = column.figure(figure) else { return html! { td.n { "-" } } };
+    let bad = column.marks.contains(&figure);
+    html! { td.n.bad[bad] data-v=(sorted(measure)) { @if bad { "! " } (text(measure)) } }
+}
+
+fn keys(source: &Source, several: &Several, column: &ColumnOf) -> Markup {
+    let table = source.graph.plan.flights.get(column.source).map_or("", |f| f.name.as_str());
+    html! {
+        @if several.tables { td { (table) } }
+        @if several.flights { td { (column.flight) } }
+    }
+}
+
+fn key_heads(several: &Several) -> Markup {
+    html! {
+        @if several.tables { th scope="col" { button { "table" } } }
+        @if several.flights { th scope="col" { button { "flight" } } }
+    }
+}
+
+fn value(measure: &Measure) -> String {
+    number(Some(measure.value).filter(|x| x.is_finite()))
+}
+
+/// One row for each clock.
+fn clock_table(source: &Source, several: &Several, clocks: &[&ColumnOf]) -> Markup {
+    let text = |m: &Measure| value(m);
+    let times = |m: &Measure| m.count.to_string();
+    let count: fn(&Measure) -> f64 = |m| m.count as f64;
+    let size: fn(&Measure) -> f64 = |m| m.value;
+    html! {
+        h4.lines { "Clocks" }
+        div.scroll.wide { table.sortable.lines {
+            thead { tr { (key_heads(several))
+                @for name in ["rate [Hz]", "jitter [s]", "gaps", "missing [s]", "longest gap [s]", "repeated times", "times back", "midnights"] {
+                    th.n scope="col" { button { (name) } }
+                }
+            } }
+            tbody { @for c in clocks.iter().take(ROWS) { tr { (keys(source, several, c))
+                (cell(c, Figure::Rate, &text, size))
+                (cell(c, Figure::Jitter, &text, size))
+                (cell(c, Figure::Gaps, &times, count))
+                (cell(c, Figure::Gaps, &text, size))
+                (cell(c, Figure::LongestGap, &text, size))
+                (cell(c, Figure::RepeatedTime, &times, count))
+                (cell(c, Figure::BackwardTime, &times, count))
+                (cell(c, Figure::Midnight, &times, count))
+            } } }
+        } }
+        @if clocks.len() > ROWS { p.note { "and " (clocks.len() - ROWS) " more" } }
+    }
+}
+
+/// One row for each column: those with a mark, and the others folded.
+fn column_table(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Markup {
+    let (marked, others): (Vec<&ColumnOf>, Vec<&ColumnOf>) = columns.iter().partition(|c| !c.marks.is_empty());
+    html! {
+        @if !marked.is_empty() {
+            h4.lines { "Columns" }
+            (rows(source, several, &marked))
+        }
+        @if !others.is_empty() {
+            details { summary { (others.len()) @if marked.is_empty() { " columns" } @else { " more columns" } ", without a mark" }
+                (rows(source, several, &others))
+            }
+        }
+    }
+}
+
+fn rows(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Markup {
+    let count: fn(&Measure) -> f64 = |m| m.count as f64;
+    let size: fn(&Measure) -> f64 = |m| m.value;
+    let unit = |m: &Measure| if m.unit.is_empty() { value(m) } else { format!("{} {}", value(m), m.unit) };
+    let lasting = |m: &Measure| format!("{}, {} s", m.count, value(m));
+    let many = |m: &Measure| format!("{}, {}", m.count, unit(m));
+    html! {
+        div.scroll.wide { table.sortable.lines {
+            thead { tr { (key_heads(several)) th scope="col" { button { "column" } }
+                @for name in ["dropouts, longest", "spikes, largest", "stuck, longest", "saturated, at", "step", "noise"] {
+                    th.n scope="col" { button { (name) } }
+                }
+                th scope="col" { button { "findings" } }
+            } }
+            tbody { @for c in columns.iter().take(ROWS) { tr { (keys(source, several, c)) td { (c.column) }
+                (cell(c, Figure::Dropouts, &lasting, count))
+                (cell(c, Figure::Spikes, &many, count))
+                (cell(c, Figure::Stuck, &lasting, size))
+                (cell(c, Figure::Saturation, &many, count))
+                (cell(c, Figure::Quantisation, &unit, size))
+                (cell(c, Figure::Noise, &unit, size))
+                (findings(c))
+            } } }
+        } }
+        @if columns.len() > ROWS { p.note { "and " (columns.len() - ROWS) " more" } }
+    }
+}
+
+/// What an examination found in a column.
+fn findings(column: &ColumnOf) -> Markup {
+    let found: Vec<&Measure> = column.figures.values().filter(|m| matches!(m.check, Figure::Found(_))).collect();
+    let bad = found.iter().any(|m| column.marks.contains(&m.check));
+    let words: Vec<String> = found
+        .iter()
+        .map(|m| {
+            let mark = if column.marks.contains(&m.check) { "! " } else { "" };
+            format!("{mark}{} {}", m.count, m.check.as_str().replace('_', " "))
+        })
+        .collect();
+    html! { td.bad[bad] { @if words.is_empty() { "-" } @else { (words.join(", ")) } } }
+}
+
+fn glossary() -> Markup {
+    html! {
+        details { summary { "What the columns mean, and what is marked" }
+            dl {
+                dt { "jitter" } dd { "robust standard deviation of the steps of the clock; marked above a tenth of the step" }
+                dt { "gaps" } dd { "steps of more than 1.75 medians, and the time that they lack; marked above 1 s, or where a hundredth of the samples is missing" }
+                dt { "repeated times, times back" } dd { "rows with the time of the row before, or an earlier one; always marked" }
+                dt { "dropouts" } dd { "missing samples, and the longest time without one; marked above 1 s or a hundredth of the samples. Infinities and readings of exactly 0 nT are among them" }
+                dt { "spikes" } dd { "samples whose fourth difference is above 8 robust standard deviations of those around; of sensors always marked" }
+                dt { "stuck" } dd { "samples of the longest time with one value, where it is far longer than is usual for the column" }
+                dt { "saturated" } dd { "samples at an end of the range that holds far more of them than the values next to it" }
+                dt { "step" } dd { "of which differences are whole multiples; of magnetometers marked above two standard deviations of the noise, or where that does not show" }
+                dt { "noise" } dd { "standard deviation of white noise, from fourth differences; of scalar magnetometers marked above ten times that of the best one of the flight" }
+            }
+        }
+    }
+}
+
+/// A picture of each of the worst flights: what is missing, stuck, saturated or a spike, over time.
+fn pictures(source: &Source, clocks: &[&ColumnOf], columns: &[&ColumnOf]) -> Result<Vec<Markup>, Fault> {
+    const SEEN: [Figure; 4] = [Figure::Dropouts, Figure::Stuck, Figure::Saturation, Figure::Spikes];
+    let gappy = |c: &ColumnOf| c.marks.contains(&Figure::Gaps) || c.marks.contains(&Figure::LongestGap);
+    let seen = |c: &ColumnOf| SEEN.iter().any(|f| c.marks.contains(f));
+    let mut by_flight: BTreeMap<&str, (Vec<&ColumnOf>, Vec<&ColumnOf>)> = BTreeMap::new();
+    for column in columns.iter().filter(|c| seen(c)) {
+        by_flight.entry(&column.flight).or_default().1.push(column);
+    }
+    for clock in clocks {
+        let there = by_flight.contains_key(clock.flight.as_str());
+        if there || gappy(clock) {
+            by_flight.entry(&clock.flight).or_default().0.push(clock);
+        }
+    }
+    let marks = |(clocks, columns): &(Vec<&ColumnOf>, Vec<&ColumnOf>)| {
+        clocks.iter().chain(columns).map(|c| c.marks.len()).sum::<usize>()
+    };
+    let mut flights: Vec<_> = by_flight.into_iter().collect();
+    // Stable: of equal ones the first in the order of names.
+    flights.sort_by_key(|(_, all)| std::cmp::Reverse(marks(all)));
+    let more = flights.len().saturating_sub(PICTURES);
+    let mut drawn = vec![];
+    for (flight, (clocks, columns)) in flights.into_iter().take(PICTURES) {
+        let lines = lines_of(source, flight);
+        let mut lanes = vec![];
+        for clock in clocks {
+            lanes.push(lane(source, clock, &lines, &[])?);
+        }
+        for column in columns.iter().take(LANES) {
+            let figures: Vec<Figure> = SEEN.into_iter().filter(|f| column.figures.contains_key(f)).collect();
+            lanes.push(lane(source, column, &lines, &figures)?);
+        }
+        let hidden = columns.len().saturating_sub(LANES);
+        drawn.extend(Timeline { flight, lanes, hidden }.draw());
+    }
+    if more > 0 {
+        drawn.push(html! { p.note { (more) " more flights with marks have no picture." } });
+    }
+    Ok(drawn)
+}
+
+/// The lines of a flight.
+fn lines_of(source: &Source, flight: &str) -> Vec<LineId> {
+    let lines = source.graph.lines.iter().enumerate();
+    lines.filter(|(_, (of, _))| of == flight).map(|(id, _)| id).collect()
+}
+
+/// When a column has samples, and when something is wrong with them.
+fn lane(source: &Source, column: &ColumnOf, lines: &[LineId], figures: &[Figure]) -> Result<Lane, Fault> {
+    let plan = source.graph.plan;
+    let table = plan.flights.get(column.source).map_or("", |f| f.name.as_str());
+    let name = if column.is_clock() { "samples" } else { &column.column };
+    let name = if plan.flights.len() > 1 { format!("{table}.{name}") } else { name.to_owned() };
+    let mut lane = Lane { name, ..Lane::default() };
+    let r = Ref::Flights(column.source);
+    for line in lines {
+        let Some(tt) = source.floats(r, *line, "tt")? else { continue };
+        lane.lines.extend(tt.first().zip(tt.last()).map(|(a, b)| (*a, *b)));
+        lane.gaps.extend(gaps(&tt));
+        if figures.is_empty() {
+            continue;
+        }
+        // A vector magnetometer is looked at by its components.
+        let Some(values) = source.floats(r, *line, &column.column)? else { continue };
+        for figure in figures {
+            lane.parts.extend(stretches(*figure, &values, &tt).into_iter().map(|(from, to)| (*figure, from, to)));
+        }
+    }
+    Ok(lane)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn measure(check: Figure, value: f64, count: u64) -> Measure {
+        Measure { column: "mag_1_uc".into(), check, value, unit: "s".into(), count, first_tt: 5.0 }
+    }
+
+    #[test]
+    fn unit_of_several_lines_the_worst_value_and_all_samples_are_shown() {
+        let mut known = measure(Figure::Dropouts, 0.5, 10);
+        pool(&mut known, &measure(Figure::Dropouts, 2.0, 3));
+        assert_eq!((known.value, known.count), (2.0, 13));
+        let mut gaps = measure(Figure::Gaps, 0.5, 10);
+        pool(&mut gaps, &measure(Figure::Gaps, 2.0, 3));
+        assert_eq!((gaps.value, gaps.count), (2.5, 13));
+        let mut low = measure(Figure::Saturation, -400.0, 1);
+        pool(&mut low, &measure(Figure::Saturation, 100.0, 1));
+        assert_eq!(low.value, -400.0);
+    }
+
+    #[test]
+    fn unit_a_marked_figure_says_so_and_sorts_by_its_number() {
+        let mut column = ColumnOf {
+            source: 0,
+            flight: "1".into(),
+            column: "mag_1_uc".into(),
+            figures: [(Figure::Dropouts, measure(Figure::Dropouts, 2.0, 13))].into(),
+            marks: [Figure::Dropouts].into(),
+        };
+        let text = |c: &ColumnOf| cell(c, Figure::Dropouts, &|m| value(m), |m| m.count as f64).into_string();
+        assert_eq!(text(&column), "<td class=\"n bad\" data-v=\"13\">! 2.000</td>");
+        column.marks.clear();
+        assert_eq!(text(&column), "<td class=\"n\" data-v=\"13\">2.000</td>");
+        assert_eq!(cell(&column, Figure::Stuck, &|m| value(m), |m| m.value).into_string(), "<td class=\"n\">-</td>");
+    }
+}
