@@ -20,21 +20,29 @@
 //! ```
 
 mod activation;
+mod convolution;
 mod kernels;
 mod lbfgs;
 mod loss;
 mod objective;
 mod passes;
+mod recurrent;
 mod shape;
 mod state;
 mod training;
+mod windowed;
 
 pub use activation::Activation;
 pub use lbfgs::Lbfgs;
 pub use loss::Loss;
 pub use shape::{Form, Shape};
 pub use state::{State, StateError};
-pub use training::{Epoch, Optimiser, Samples, Schedule, SparseGroupLasso, Trained, Training, TrainingError, train};
+pub use training::{
+    Epoch, Optimiser, Samples, Schedule, SparseGroupLasso, Trained, Training, TrainingError, train, train_windowed,
+};
+pub use windowed::{Memory, Runs, Windowed};
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod windowed_tests;

@@ -31,10 +31,10 @@ def write(name, columns):
 
 
 class Model(nn.Module):
-    def __init__(self, form, activation, hidden, case):
+    def __init__(self, form, activation, hidden, case, inputs=INPUTS):
         super().__init__()
         self.form = form
-        widths = [INPUTS, *hidden, LINEAR if form in ("m2a", "m2d") else 1]
+        widths = [inputs, *hidden, LINEAR if form in ("m2a", "m2d") else 1]
         layers = []
         for before, after in zip(widths[:-1], widths[1:]):
             layers += [nn.Linear(before, after), ACTIVATIONS[activation]()]
@@ -58,6 +58,51 @@ class Model(nn.Module):
     def flat(self):
         parameters = [*self.network.parameters()] + ([self.linear] if self.form in ("m2b", "m2c", "m2d") else [])
         return torch.cat([p.detach().flatten() for p in parameters]).numpy()
+
+
+class Windowed(nn.Module):
+    """A memory over windows of 4 samples before a dense network; parameters in the order of `Windowed` in Rust."""
+
+    def __init__(self, memory, form, case):
+        super().__init__()
+        self.memory, self.units, given = memory, 3, iter(0.5 * np.sin(0.9 * np.arange(10_000) + case))
+
+        def take(*shape):
+            return torch.tensor([next(given) for _ in range(int(np.prod(shape)))]).reshape(shape)
+
+        if memory == "tcn":
+            self.body = nn.ModuleList([nn.Conv1d(INPUTS, self.units, 2, dilation=1), nn.Conv1d(self.units, self.units, 2, dilation=2)])
+        else:
+            self.body = {"gru": nn.GRU, "lstm": nn.LSTM}[memory](INPUTS, self.units, batch_first=True)
+        with torch.no_grad():
+            for parameter in self.body.parameters():
+                if parameter.ndim == 3:
+                    parameter.copy_(take(parameter.shape[0], 2, parameter.shape[1]).permute(0, 2, 1))
+                else:
+                    parameter.copy_(take(*parameter.shape))
+        first = sum(p.numel() for p in self.body.parameters())
+        self.head = Model(form, "tanh", [4], case + 0.9 * first, inputs=self.units)
+
+    def forward(self, x, a):
+        if self.memory == "tcn":
+            features = x.transpose(1, 2)
+            for layer in self.body:
+                features = torch.tanh(layer(features))
+            return self.head(features[:, :, 0], a)
+        return self.head(self.body(x)[0][:, -1], a)
+
+    def flat(self):
+        body = [p.permute(0, 2, 1) if p.ndim == 3 else p for p in self.body.parameters()]
+        return np.concatenate([*[p.detach().flatten().numpy() for p in body], self.head.flat()])
+
+
+def windows(x, runs, length):
+    """The windows that end at each sample; before a run stands its first sample."""
+    out, start = [], 0
+    for run in runs:
+        out += [[max(start, row - back) for back in reversed(range(length))] for row in range(start, start + run)]
+        start += run
+    return x[torch.tensor(out)]
 
 
 class SplitMix64:
@@ -154,6 +199,21 @@ def main():
             "steps": run("m2b", [6], nn.MSELoss(), adam, scheduler=lambda o: torch.optim.lr_scheduler.StepLR(o, 2, 0.5)),
         },
     )
+
+    columns, seen = {}, windows(x, [20, 3, 22], 4)
+    for memory in ("gru", "lstm", "tcn"):
+        for form in ("m1", "m2c"):
+            model = Windowed(memory, form, 2)
+            with torch.no_grad():
+                columns[f"{memory} {form} predicted"] = model(seen, a).numpy()
+            optimiser = adam(model)
+            for epoch in range(5):
+                for batch in batches(ROWS, 14, 3, epoch):
+                    optimiser.zero_grad()
+                    nn.MSELoss()(model(seen[batch], a[batch]), y[batch]).backward()
+                    optimiser.step()
+            columns[f"{memory} {form} trained"] = model.flat()
+    write("windowed.csv", columns)
 
     lbfgs = {}
     for name, form, hidden in [("linear", "m2c", []), ("m1", "m1", [1]), ("m2a", "m2a", [1]), ("m2b", "m2b", [1]), ("m2c", "m2c", [2])]:

@@ -4,9 +4,12 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
+use numerics::random::SplitMix64;
+
 use super::passes::{BLOCK, Buffers, Dropout, Packed};
-use super::shape::{Shape, derived_seed};
+use super::shape::{derived_seed, unit_uniform};
 use super::training::{Samples, SparseGroupLasso, Training};
+use super::windowed::{Body, Model};
 
 /// Blocks whose gradients are held at the same time.
 const ROUND: usize = 64;
@@ -33,11 +36,14 @@ pub(super) struct Mean {
 
 /// The objective of a training.
 pub(super) struct Objective<'a> {
-    shape: &'a Shape,
+    model: Model<'a>,
     training: &'a Training,
     samples: &'a Samples<'a>,
+    /// The first row of the run of each row, for a network over a window.
+    first: &'a [u32],
     tolles_lawson: Vec<f64>,
     network: Packed<'a>,
+    of_body: Vec<f64>,
     idle: Mutex<Vec<Work>>,
     slots: Vec<Slot>,
 }
@@ -45,6 +51,11 @@ pub(super) struct Objective<'a> {
 /// What a thread works in.
 struct Work {
     buffers: Buffers,
+    body: Option<Box<dyn Body>>,
+    features: Vec<f64>,
+    d_features: Vec<f64>,
+    /// What dropout multiplies the features by.
+    factors: Vec<f64>,
     x: Vec<f64>,
     a: Vec<f64>,
     y: Vec<f64>,
@@ -59,15 +70,32 @@ struct Slot {
 }
 
 impl<'a> Objective<'a> {
-    pub fn new(shape: &'a Shape, training: &'a Training, samples: &'a Samples<'a>, tolles_lawson: &[f64]) -> Self {
-        let network = Packed::new(shape);
-        let tolles_lawson = tolles_lawson.to_vec();
-        Self { shape, training, samples, tolles_lawson, network, idle: Mutex::default(), slots: vec![] }
+    pub fn new(
+        model: Model<'a>,
+        training: &'a Training,
+        samples: &'a Samples<'a>,
+        first: &'a [u32],
+        tolles_lawson: &[f64],
+    ) -> Self {
+        Self {
+            model,
+            training,
+            samples,
+            first,
+            tolles_lawson: tolles_lawson.to_vec(),
+            network: Packed::new(model.head),
+            of_body: vec![],
+            idle: Mutex::default(),
+            slots: vec![],
+        }
     }
 
     /// The mean over rows and its gradient by the parameters. `dropout` is the seed of what is left out.
     pub fn at(&mut self, parameters: &[f64], rows: Rows<'_>, dropout: Option<u64>, gradient: &mut [f64]) -> Mean {
-        self.network.set(parameters);
+        let (of_body, of_head) = parameters.split_at(self.model.head_start());
+        self.network.set(of_head);
+        self.of_body.clear();
+        self.of_body.extend_from_slice(of_body);
         let count = match rows {
             Rows::All => self.samples.y.len(),
             Rows::These(rows) => rows.len(),
@@ -90,7 +118,10 @@ impl<'a> Objective<'a> {
                 });
                 self.block(rows, range, count, dropout, slot);
             };
-            if slots.len() > 1 && count * parameters.len() >= LEAST_TO_SPREAD && rayon::current_num_threads() > 1 {
+            if slots.len() > 1
+                && count.saturating_mul(parameters.len()) >= LEAST_TO_SPREAD
+                && rayon::current_num_threads() > 1
+            {
                 slots.par_iter_mut().enumerate().for_each(work);
             } else {
                 slots.iter_mut().enumerate().for_each(work);
@@ -103,7 +134,7 @@ impl<'a> Objective<'a> {
         }
         self.slots = slots;
         let loss = loss / count as f64;
-        let penalty = self.training.sparse_group_lasso.map_or(0.0, |lasso| lasso.add(self.shape, parameters, gradient));
+        let penalty = self.training.sparse_group_lasso.map_or(0.0, |lasso| lasso.add(self.model, parameters, gradient));
         Mean { loss, objective: loss + physics / count as f64 + penalty }
     }
 
@@ -117,34 +148,71 @@ impl<'a> Objective<'a> {
     ) {
         let taken = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut work = taken.unwrap_or_else(|| Work {
-            buffers: Buffers::new(self.shape),
+            buffers: Buffers::new(self.model.head),
+            body: self.model.windowed.map(|windowed| windowed.body()),
+            features: vec![],
+            d_features: vec![],
+            factors: vec![],
             x: vec![],
             a: vec![],
             y: vec![],
             by_prediction: vec![],
         });
-        let Work { buffers, x, a, y, by_prediction } = &mut work;
-        let (inputs, linear) = (self.shape.inputs, self.samples.terms(self.shape));
+        let Work { buffers, body, features, d_features, factors, x, a, y, by_prediction } = &mut work;
+        let (inputs, linear) = (self.model.inputs(), self.samples.terms(self.model.head));
+        if let Some(windowed) = self.model.windowed {
+            x.clear();
+            match rows {
+                Rows::All => windowed.gather(self.samples.x, self.first, range.clone(), x),
+                Rows::These(rows) => {
+                    let rows = rows[range.clone()].iter().map(|row| *row as usize);
+                    windowed.gather(self.samples.x, self.first, rows, x);
+                }
+            }
+        }
+        let rows_of_block = range.len();
         let (x, a, y) = match rows {
             Rows::All => (
-                &self.samples.x[range.start * inputs..range.end * inputs],
+                if body.is_some() { x.as_slice() } else { &self.samples.x[range.start * inputs..range.end * inputs] },
                 &self.samples.a[range.start * linear..range.end * linear],
                 &self.samples.y[range],
             ),
             Rows::These(rows) => {
-                x.clear();
                 a.clear();
                 y.clear();
+                if body.is_none() {
+                    x.clear();
+                }
                 for row in &rows[range] {
                     let row = *row as usize;
-                    x.extend_from_slice(&self.samples.x[row * inputs..][..inputs]);
+                    if body.is_none() {
+                        x.extend_from_slice(&self.samples.x[row * inputs..][..inputs]);
+                    }
                     a.extend_from_slice(&self.samples.a[row * linear..][..linear]);
                     y.push(self.samples.y[row]);
                 }
                 (x.as_slice(), a.as_slice(), y.as_slice())
             }
         };
-        buffers.forward(&self.network, x, a, true, dropout);
+        let of_head = match body {
+            None => x,
+            Some(body) => {
+                features.resize(rows_of_block * self.model.head.inputs, 0.0);
+                body.set(&self.of_body);
+                body.forward(x, rows_of_block, features);
+                factors.clear();
+                if let Some(Dropout { probability, seed }) = dropout {
+                    let mut bits = SplitMix64::new(derived_seed(seed, &[u64::MAX]));
+                    let mut factor = || {
+                        if unit_uniform(bits.draw()) < probability { 0.0 } else { 1.0 / (1.0 - probability) }
+                    };
+                    factors.extend(features.iter().map(|_| factor()));
+                    features.iter_mut().zip(factors.iter()).for_each(|(feature, factor)| *feature *= factor);
+                }
+                features.as_slice()
+            }
+        };
+        buffers.forward(&self.network, of_head, a, true, dropout);
         (slot.loss, slot.physics) = (0.0, 0.0);
         by_prediction.clear();
         let per_row = 1.0 / count as f64;
@@ -163,24 +231,32 @@ impl<'a> Objective<'a> {
                 *by += 2.0 * physics * distance * per_row;
             }
         }
-        buffers.backward(&self.network, x, a, by_prediction, &mut slot.gradient);
+        let (of_body, of_head_gradient) = slot.gradient.split_at_mut(self.of_body.len());
+        buffers.backward(&self.network, of_head, a, by_prediction, of_head_gradient);
+        if let Some(body) = body {
+            d_features.resize(of_head.len(), 0.0);
+            buffers.step_to_inputs(&self.network, rows_of_block, d_features);
+            d_features.iter_mut().zip(factors.iter()).for_each(|(d, factor)| *d *= factor);
+            body.backward(x, rows_of_block, d_features, of_body);
+        }
         self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(work);
     }
 }
 
 impl SparseGroupLasso {
     /// Adds the gradient of the penalty on the first layer, which is returned. At 0, where it has a corner, it is 0.
-    fn add(&self, shape: &Shape, parameters: &[f64], gradient: &mut [f64]) -> f64 {
-        let Some(layer) = shape.layers().first().copied() else { return 0.0 };
-        let weights = layer.weights(parameters);
-        let (gradient, _) = layer.split_mut(gradient);
+    fn add(&self, model: Model<'_>, parameters: &[f64], gradient: &mut [f64]) -> f64 {
+        let Some(layer) = model.layers().first().copied() else { return 0.0 };
+        let (weights, gradient) = (layer.weights(parameters), &mut gradient[layer.range()]);
+        // A convolution has weights for an input of more than one sample.
+        let inputs = model.inputs();
         let mut penalty = 0.0;
-        for input in 0..layer.inputs {
-            let column = || weights.iter().skip(input).step_by(layer.inputs);
+        for input in 0..inputs {
+            let column = || weights.iter().skip(input).step_by(inputs);
             let norm = column().map(|w| w * w).sum::<f64>().sqrt();
             let absolute: f64 = column().map(|w| w.abs()).sum();
             penalty += (1.0 - self.alpha) * absolute + self.alpha * norm;
-            for (gradient, w) in gradient.iter_mut().skip(input).step_by(layer.inputs).zip(column()) {
+            for (gradient, w) in gradient.iter_mut().skip(input).step_by(inputs).zip(column()) {
                 let sign = if *w == 0.0 { 0.0 } else { w.signum() };
                 let direction = if norm > 0.0 { w / norm } else { 0.0 };
                 *gradient += self.strength * ((1.0 - self.alpha) * sign + self.alpha * direction);

@@ -216,11 +216,16 @@ impl Buffers {
 
     /// The derivatives of each prediction by the inputs of its row, after [`forward`](Self::forward) with slopes.
     fn by_inputs(&mut self, network: &Packed<'_>, a: &[f64], rows: usize, out: &mut [f64]) {
-        let shape = network.shape;
-        self.delta_of_outputs(shape, a, &vec![1.0; rows]);
+        self.delta_of_outputs(network.shape, a, &vec![1.0; rows]);
         for number in (1..network.forward.len()).rev() {
             self.step_back(network, number, rows);
         }
+        self.step_to_inputs(network, rows, out);
+    }
+
+    /// The derivatives by the inputs, of those by the sums of the first layer, in which [`backward`](Self::backward) ends.
+    pub fn step_to_inputs(&mut self, network: &Packed<'_>, rows: usize, out: &mut [f64]) {
+        let shape = network.shape;
         let stride = padded(shape.hidden.first().copied().unwrap_or(shape.outputs()));
         let padded_inputs = padded(shape.inputs);
         let before = &mut self.delta_before[..rows * padded_inputs];

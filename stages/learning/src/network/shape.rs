@@ -67,6 +67,11 @@ impl Layer {
         &parameters[self.start..][..self.inputs * self.units]
     }
 
+    /// Where its weights stand.
+    pub fn range(&self) -> std::ops::Range<usize> {
+        self.start..self.start + self.inputs * self.units
+    }
+
     pub fn biases<'a>(&self, parameters: &'a [f64]) -> &'a [f64] {
         &parameters[self.start + self.inputs * self.units..][..self.units]
     }
@@ -163,6 +168,7 @@ pub(super) enum Stream {
     Weights = 1,
     Order = 2,
     Dropout = 3,
+    Memory = 4,
 }
 
 /// A seed for what has these numbers.

@@ -54,7 +54,12 @@ impl State {
     /// The start of a training from parameters: [`Shape::initial`], or those of a model that was trained before. The
     /// physics term holds on to the coefficients of the linear terms among them.
     pub fn new(shape: &Shape, parameters: Vec<f64>) -> Self {
-        let tolles_lawson = parameters.get(shape.linear_start()..).unwrap_or_default().to_vec();
+        Self::beginning(parameters, shape.linear_start())
+    }
+
+    /// The start from parameters among which the coefficients of the linear terms begin at `linear`.
+    pub(super) fn beginning(parameters: Vec<f64>, linear: usize) -> Self {
+        let tolles_lawson = parameters.get(linear..).unwrap_or_default().to_vec();
         Self {
             epoch: 0,
             first_moments: vec![0.0; parameters.len()],

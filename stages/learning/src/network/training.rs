@@ -7,8 +7,9 @@ use rayon::prelude::*;
 
 use super::loss::Loss;
 use super::objective::{Objective, Rows};
-use super::shape::{Form, Shape, Stream, derived_seed};
+use super::shape::{Form, Layer, Shape, Stream, derived_seed};
 use super::state::State;
+use super::windowed::{Model, Runs, Windowed};
 
 /// Rows to train on, or to validate with, in the scale that the network works in.
 #[derive(Debug, Clone, Copy)]
@@ -27,7 +28,8 @@ impl Samples<'_> {
         if self.a.is_empty() { 0 } else { shape.linear }
     }
 
-    fn check(&self, shape: &Shape, what: &'static str, needs_terms: bool) -> Result<(), TrainingError> {
+    fn check(&self, model: Model<'_>, what: &'static str, needs_terms: bool) -> Result<(), TrainingError> {
+        let (inputs, linear) = (model.inputs(), model.head.linear);
         let rows = self.y.len();
         if rows == 0 {
             return Err(TrainingError::NoSamples { what });
@@ -43,9 +45,9 @@ impl Samples<'_> {
             let error = TrainingError::Length { what, of, given, expected, rows };
             if given == expected { Ok(()) } else { Err(error) }
         };
-        expect("inputs", self.x.len(), rows * shape.inputs)?;
+        expect("inputs", self.x.len(), rows * inputs)?;
         if needs_terms || !self.a.is_empty() {
-            expect("linear terms", self.a.len(), rows * shape.linear)?;
+            expect("linear terms", self.a.len(), rows * linear)?;
         }
         let finite = |of, values: &[f64], width: usize| match values.par_iter().position_first(|x| !x.is_finite()) {
             None => Ok(()),
@@ -53,8 +55,8 @@ impl Samples<'_> {
                 Err(TrainingError::NotFinite { what, of, row: place / width.max(1), column: place % width.max(1) })
             }
         };
-        finite("input", self.x, shape.inputs)?;
-        finite("linear term", self.a, shape.linear)?;
+        finite("input", self.x, inputs)?;
+        finite("linear term", self.a, linear)?;
         finite("target", self.y, 1)
     }
 }
@@ -268,7 +270,7 @@ const TRAIN: &str = "to train on";
 const VALIDATE: &str = "to validate with";
 
 impl Training {
-    fn check(&self, shape: &Shape, state: &State, validated: bool) -> Result<(), TrainingError> {
+    fn check(&self, model: Model<'_>, state: &State, validated: bool) -> Result<(), TrainingError> {
         let Optimiser { beta_1, beta_2, epsilon, lbfgs_epochs, lbfgs_memory } = self.optimiser;
         let part = |x: f64| (0.0..1.0).contains(&x);
         let at_least_0 = |x: f64| x >= 0.0 && x.is_finite();
@@ -310,7 +312,7 @@ impl Training {
         }
         let expect =
             |given, expected| if given == expected { Ok(()) } else { Err(TrainingError::Start { given, expected }) };
-        let parameters = shape.parameters();
+        let parameters = model.parameters();
         expect(state.parameters.len(), parameters)?;
         expect(state.parameters.iter().filter(|x| x.is_finite()).count(), parameters)?;
         expect(state.first_moments.len(), parameters)?;
@@ -319,11 +321,11 @@ impl Training {
         let pairs = state.lbfgs.pairs.iter().flat_map(|(moved, change)| [moved.len(), change.len()]);
         pairs.into_iter().try_for_each(|given| expect(given, parameters))?;
         if self.physics > 0.0 {
-            if shape.linear == 0 {
+            if model.head.linear == 0 {
                 let what = "the number of linear terms, which the physics needs,";
                 return Err(TrainingError::Setting { what, wanted: "at least 1", given: 0.0 });
             }
-            expect(state.tolles_lawson.iter().filter(|x| x.is_finite()).count(), shape.linear)?;
+            expect(state.tolles_lawson.iter().filter(|x| x.is_finite()).count(), model.head.linear)?;
         }
         Ok(())
     }
@@ -366,24 +368,58 @@ pub fn train(
     validation: Option<&Samples<'_>>,
     each: &mut dyn FnMut(&Epoch, &State) -> ControlFlow<()>,
 ) -> Result<Trained, TrainingError> {
-    shape.check()?;
-    let needs_terms = shape.form != Form::Plain || training.physics > 0.0;
-    samples.check(shape, TRAIN, needs_terms)?;
-    validation.map_or(Ok(()), |validation| validation.check(shape, VALIDATE, shape.form != Form::Plain))?;
-    training.check(shape, &start, validation.is_some())?;
+    let (samples, validation) = ((*samples, vec![]), validation.map(|samples| (*samples, vec![])));
+    trained(shape.into(), start, training, &samples, validation.as_ref(), each)
+}
+
+/// Trains a network over windows, as [`train`]. Every sample of the runs is predicted once an epoch, with its window; sparse group
+/// lasso is on the weights that the inputs have in the memory, and dropout on the features, too.
+///
+/// # Errors
+/// Fails as [`train`], and for lengths of runs that do not add up to the samples.
+pub fn train_windowed(
+    network: &Windowed,
+    start: State,
+    training: &Training,
+    runs: &Runs<'_>,
+    validation: Option<&Runs<'_>>,
+    each: &mut dyn FnMut(&Epoch, &State) -> ControlFlow<()>,
+) -> Result<Trained, TrainingError> {
+    let samples = (runs.samples, runs.first_rows()?);
+    let validation = validation.map(|runs| Ok((runs.samples, runs.first_rows()?))).transpose()?;
+    trained(network.into(), start, training, &samples, validation.as_ref(), each)
+}
+
+/// Samples, and for a network over a window the first row of the run of each.
+type Placed<'a> = (Samples<'a>, Vec<u32>);
+
+fn trained(
+    model: Model<'_>,
+    start: State,
+    training: &Training,
+    samples: &Placed<'_>,
+    validation: Option<&Placed<'_>>,
+    each: &mut dyn FnMut(&Epoch, &State) -> ControlFlow<()>,
+) -> Result<Trained, TrainingError> {
+    model.check()?;
+    let needs_terms = model.head.form != Form::Plain || training.physics > 0.0;
+    samples.0.check(model, TRAIN, needs_terms)?;
+    validation.map_or(Ok(()), |(samples, _)| samples.check(model, VALIDATE, model.head.form != Form::Plain))?;
+    training.check(model, &start, validation.is_some())?;
+    let layers = model.layers();
     let mut state = start;
-    let mut objective = Objective::new(shape, training, samples, &state.tolles_lawson);
+    let mut objective = Objective::new(model, training, &samples.0, &samples.1, &state.tolles_lawson);
     while !training.ends(&state) {
         let by_adam = state.epoch < training.epochs;
         let learning_rate = if by_adam { training.rate(&state) } else { f64::NAN };
         let train_loss = if by_adam {
-            adam_epoch(shape, training, samples, &mut objective, learning_rate, &mut state)
+            adam_epoch(&layers, training, samples.0.y.len(), &mut objective, learning_rate, &mut state)
         } else {
             lbfgs_epoch(training, &mut objective, &mut state)
         };
         state.epoch += 1;
         let validation_loss =
-            validation.map_or(f64::NAN, |samples| mean_loss(shape, training.loss, &state.parameters, samples));
+            validation.map_or(f64::NAN, |samples| mean_loss(model, training.loss, &state.parameters, samples));
         let finite = train_loss.is_finite()
             && (validation.is_none() || validation_loss.is_finite())
             && state.parameters.iter().all(|x| x.is_finite());
@@ -420,8 +456,8 @@ fn judge(training: &Training, validation_loss: f64, state: &mut State) {
 }
 
 /// The mean loss of the errors over samples.
-pub(super) fn mean_loss(shape: &Shape, loss: Loss, parameters: &[f64], samples: &Samples<'_>) -> f64 {
-    let predicted = shape.predict(parameters, samples.x, samples.a);
+pub(super) fn mean_loss(model: Model<'_>, loss: Loss, parameters: &[f64], (samples, first): &Placed<'_>) -> f64 {
+    let predicted = model.predict(parameters, samples, first);
     let sum: f64 = predicted.iter().zip(samples.y).map(|(predicted, y)| loss.at(predicted - y).0).sum();
     sum / samples.y.len() as f64
 }
@@ -439,14 +475,13 @@ pub(super) fn order(samples: usize, seed: u64, epoch: usize) -> Vec<u32> {
 
 /// An epoch of Adam; the mean loss over its samples.
 fn adam_epoch(
-    shape: &Shape,
+    layers: &[Layer],
     training: &Training,
-    samples: &Samples<'_>,
+    rows: usize,
     objective: &mut Objective<'_>,
     learning_rate: f64,
     state: &mut State,
 ) -> f64 {
-    let rows = samples.y.len();
     let order = order(rows, training.seed, state.epoch);
     let batches = rows.div_ceil(training.batch);
     let mut gradient = vec![0.0; state.parameters.len()];
@@ -460,7 +495,7 @@ fn adam_epoch(
         if !mean.objective.is_finite() {
             return f64::NAN;
         }
-        adam_step(shape, training, learning_rate, &gradient, state);
+        adam_step(layers, training, learning_rate, &gradient, state);
     }
     sum / rows as f64
 }
@@ -470,14 +505,14 @@ fn share(batch: usize, batches: usize, rows: usize) -> usize {
     (batch as u128 * rows as u128 / batches as u128) as usize
 }
 
-fn adam_step(shape: &Shape, training: &Training, learning_rate: f64, gradient: &[f64], state: &mut State) {
+fn adam_step(layers: &[Layer], training: &Training, learning_rate: f64, gradient: &[f64], state: &mut State) {
     let Optimiser { beta_1, beta_2, epsilon, .. } = training.optimiser;
     state.powers = [state.powers[0] * beta_1, state.powers[1] * beta_2];
     let [first, second] = state.powers.map(|power| 1.0 - power);
     if training.weight_decay > 0.0 {
         let factor = 1.0 - learning_rate * training.weight_decay;
-        for layer in shape.layers() {
-            layer.split_mut(&mut state.parameters).0.iter_mut().for_each(|weight| *weight *= factor);
+        for layer in layers {
+            state.parameters[layer.range()].iter_mut().for_each(|weight| *weight *= factor);
         }
     }
     let (step, root) = (learning_rate / first, second.sqrt());

@@ -1,0 +1,342 @@
+//! Networks that see a window of samples, the last of which is the one that is predicted.
+
+use params::choice;
+use rayon::prelude::*;
+
+use numerics::random::SplitMix64;
+
+use super::convolution::Convolution;
+use super::passes::{BLOCK, Buffers, Packed};
+use super::recurrent::{Cell, Recurrent};
+use super::shape::{Layer, Shape, Stream, derived_seed, unit_uniform};
+use super::state::State;
+use super::training::{Samples, TrainingError};
+
+choice! {
+    /// What makes features of a window.
+    #[derive(Default)]
+    pub enum Memory {
+        /// Gated recurrent units, sample by sample.
+        #[default]
+        Gru = "gru",
+        /// Long short-term memory, sample by sample.
+        Lstm = "lstm",
+        /// Causal convolutions of two samples 1, 2, 4, … samples apart, layer by layer.
+        Tcn = "tcn",
+    }
+}
+
+/// A network over a window that ends at the sample it predicts: no sample of the future. Where a run is shorter than the
+/// window, its first sample stands for those before it. The features of the window are the inputs of a dense network.
+///
+/// Its parameters are one vector: those of the memory, then those of the dense network. Of `gru` and `lstm` they are the weights
+/// of the inputs, row-major (gate and unit, input), those of the units before, row-major (gate and unit, unit), and the biases of
+/// both; gates r, z, n and i, f, g, o, as in PyTorch. Of `tcn` they are layer by layer the weights, row-major (unit, sample, input),
+/// the earlier sample first, then the biases.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Windowed {
+    /// What makes features of the window.
+    pub memory: Memory,
+    /// The number of inputs of a sample.
+    pub inputs: usize,
+    /// The number of samples; a power of two of at least 2 for `tcn`.
+    pub window: usize,
+    /// The number of units of the memory, which is that of the features.
+    pub units: usize,
+    /// The dense network; it has `units` inputs.
+    pub head: Shape,
+}
+
+/// Samples in runs without gaps, such as lines.
+#[derive(Debug, Clone, Copy)]
+pub struct Runs<'a> {
+    /// The samples, run by run and in time.
+    pub samples: Samples<'a>,
+    /// The number of samples of each run.
+    pub lengths: &'a [usize],
+}
+
+impl Runs<'_> {
+    /// The first row of the run of each row.
+    pub(super) fn first_rows(&self) -> Result<Vec<u32>, TrainingError> {
+        first_rows(self.lengths, self.samples.y.len()).ok_or(TrainingError::Length {
+            what: "as runs",
+            of: "the lengths of runs",
+            given: self.lengths.iter().fold(0, |sum: usize, length| sum.saturating_add(*length)),
+            expected: self.samples.y.len(),
+            rows: self.samples.y.len(),
+        })
+    }
+}
+
+fn first_rows(lengths: &[usize], rows: usize) -> Option<Vec<u32>> {
+    let mut first = Vec::with_capacity(rows);
+    for length in lengths {
+        let start = u32::try_from(first.len()).ok()?;
+        let end = first.len().checked_add(*length).filter(|end| *end <= rows)?;
+        first.resize(end, start);
+    }
+    (first.len() == rows).then_some(first)
+}
+
+/// The part of a network that makes features of windows, for a block of rows.
+pub(super) trait Body: Send {
+    /// Takes its parameters.
+    fn set(&mut self, parameters: &[f64]);
+
+    /// The features of each row, row-major.
+    fn forward(&mut self, x: &[f64], rows: usize, features: &mut [f64]);
+
+    /// The gradient of its parameters by the derivatives by the features, after [`forward`](Self::forward).
+    fn backward(&mut self, x: &[f64], rows: usize, d_features: &[f64], gradient: &mut [f64]);
+}
+
+impl Windowed {
+    fn cell(&self) -> Option<Cell> {
+        match self.memory {
+            Memory::Gru => Some(Cell::Gru),
+            Memory::Lstm => Some(Cell::Lstm),
+            Memory::Tcn => None,
+        }
+    }
+
+    pub(super) fn body(&self) -> Box<dyn Body> {
+        match self.cell() {
+            Some(cell) => Box::new(Recurrent::new(cell, self.inputs, self.units, self.window)),
+            None => Box::new(Convolution::new(self.head.activation, self.inputs, self.units, self.window)),
+        }
+    }
+
+    /// The layers of the memory: those that are not the last have their biases behind them.
+    fn layers(&self) -> Vec<Layer> {
+        match self.cell() {
+            Some(cell) => {
+                let sums = cell.gates() * self.units;
+                let units = Layer { inputs: self.units, units: sums, start: sums * self.inputs };
+                vec![Layer { inputs: self.inputs, units: sums, start: 0 }, units]
+            }
+            None => {
+                let mut start = 0;
+                let layer = |inputs| {
+                    let layer = Layer { inputs: Convolution::weights(inputs, 1), units: self.units, start };
+                    start += self.units * (layer.inputs + 1);
+                    layer
+                };
+                Convolution::inputs_of_layers(self.inputs, self.units, self.window).map(layer).collect()
+            }
+        }
+    }
+
+    /// Where the parameters of the dense network begin.
+    pub(super) fn head_start(&self) -> usize {
+        match self.cell() {
+            Some(cell) => Recurrent::parameters(cell, self.inputs, self.units),
+            None => self.layers().iter().map(|layer| layer.units * (layer.inputs + 1)).sum(),
+        }
+    }
+
+    /// The number of parameters.
+    pub fn parameters(&self) -> usize {
+        self.head_start() + self.head.parameters()
+    }
+
+    /// The name of each parameter: `wx[3,17]`, `wh[3,2]`, `bx[3]`, `bh[3]` of gate and unit 3, or `c1[3,2,17]` of unit 3 of the first
+    /// convolution for input 17 of its second sample, and `bc1[3]`; then those of the dense network.
+    pub fn names(&self) -> Vec<String> {
+        let mut names = Vec::with_capacity(self.parameters());
+        let matrix = |name: &str, rows: usize, columns: usize| -> Vec<String> {
+            (1..=rows)
+                .flat_map(|row| (1..=columns).map(move |column| (row, column)))
+                .map(|(row, column)| format!("{name}[{row},{column}]"))
+                .collect()
+        };
+        if let Some(cell) = self.cell() {
+            let sums = cell.gates() * self.units;
+            names.extend(matrix("wx", sums, self.inputs));
+            names.extend(matrix("wh", sums, self.units));
+            for name in ["bx", "bh"] {
+                names.extend((1..=sums).map(|sum| format!("{name}[{sum}]")));
+            }
+        } else {
+            for (number, layer) in (1..).zip(self.layers()) {
+                let half = layer.inputs / 2;
+                for unit in 1..=self.units {
+                    names.extend(
+                        (1..=2).flat_map(|sample| {
+                            (1..=half).map(move |input| format!("c{number}[{unit},{sample},{input}]"))
+                        }),
+                    );
+                }
+                names.extend((1..=self.units).map(|unit| format!("bc{number}[{unit}]")));
+            }
+        }
+        names.extend(self.head.names());
+        names
+    }
+
+    /// Parameters to begin with, by a seed: those of `gru` and `lstm` uniform between ±1/√units, as in PyTorch, those of
+    /// `tcn` as of dense layers; and those of the dense network as [`Shape::initial`].
+    pub fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
+        let mut bits = SplitMix64::new(derived_seed(seed, &[Stream::Memory as u64]));
+        let mut within = |most: f64| most * (2.0 * unit_uniform(bits.draw()) - 1.0);
+        let mut parameters = vec![0.0; self.head_start()];
+        if self.cell().is_some() {
+            let most = (self.units as f64).sqrt().recip();
+            parameters.iter_mut().for_each(|x| *x = within(most));
+        } else {
+            for layer in self.layers() {
+                let most = (6.0 / (layer.inputs + layer.units) as f64).sqrt();
+                layer.split_mut(&mut parameters).0.iter_mut().for_each(|x| *x = within(most));
+            }
+        }
+        parameters.extend(self.head.initial(seed, linear));
+        parameters
+    }
+
+    /// The start of a training from parameters, as [`State::new`].
+    pub fn start(&self, parameters: Vec<f64>) -> State {
+        let linear = self.head_start() + self.head.linear_start();
+        State::beginning(parameters, linear)
+    }
+
+    /// Checks that there is something to train.
+    ///
+    /// # Errors
+    /// Fails as [`Shape::check`], for a window or units of 0, a window of `tcn` that is no power of two, and a dense network
+    /// whose inputs are not the features.
+    pub fn check(&self) -> Result<(), TrainingError> {
+        let powers = self.memory != Memory::Tcn || (self.window >= 2 && self.window.is_power_of_two());
+        let settings = [
+            ("the number of inputs", "at least 1", self.inputs, self.inputs > 0),
+            ("the number of units", "at least 1", self.units, self.units > 0),
+            ("the window", "at least 1 sample", self.window, self.window > 0),
+            ("the window of convolutions", "a power of two of samples, at least 2", self.window, powers),
+            ("the inputs of the dense network", "the units", self.head.inputs, self.head.inputs == self.units),
+        ];
+        match settings.into_iter().find(|(.., good)| !good) {
+            Some((what, wanted, given, _)) => Err(TrainingError::Setting { what, wanted, given: given as f64 }),
+            None => self.head.check(),
+        }
+    }
+
+    /// Adds the windows that end at rows: of recurrent networks sample by sample, each with all rows, of convolutions row by
+    /// row.
+    pub(super) fn gather(
+        &self,
+        x: &[f64],
+        first: &[u32],
+        rows: impl Iterator<Item = usize> + Clone,
+        out: &mut Vec<f64>,
+    ) {
+        let sample = |row: usize, back: usize| {
+            let row = row.saturating_sub(back).max(first[row] as usize);
+            &x[row * self.inputs..][..self.inputs]
+        };
+        match self.cell() {
+            Some(_) => {
+                for back in (0..self.window).rev() {
+                    rows.clone().for_each(|row| out.extend_from_slice(sample(row, back)));
+                }
+            }
+            None => {
+                for row in rows {
+                    (0..self.window).rev().for_each(|back| out.extend_from_slice(sample(row, back)));
+                }
+            }
+        }
+    }
+
+    /// The predictions for runs of scaled inputs and linear terms (empty without), run after run, in the scale of the target. All are
+    /// NaN where parameters, terms or lengths do not fit; a row is where an input of its window is.
+    pub fn predict(&self, parameters: &[f64], x: &[f64], a: &[f64], lengths: &[usize]) -> Vec<f64> {
+        let rows = x.len() / self.inputs.max(1);
+        match first_rows(lengths, rows) {
+            Some(first) if self.check().is_ok() && x.len() == rows * self.inputs => {
+                self.predict_rows(parameters, x, a, &first)
+            }
+            _ => vec![f64::NAN; rows],
+        }
+    }
+
+    pub(super) fn predict_rows(&self, parameters: &[f64], x: &[f64], a: &[f64], first: &[u32]) -> Vec<f64> {
+        let linear = if a.is_empty() { 0 } else { self.head.linear };
+        let needed = if self.head.form == super::Form::Plain { linear } else { self.head.linear };
+        if parameters.len() != self.parameters() || a.len() != first.len() * needed {
+            return vec![f64::NAN; first.len()];
+        }
+        let (of_body, of_head) = parameters.split_at(self.head_start());
+        let mut head = Packed::new(&self.head);
+        head.set(of_head);
+        let mut out = vec![0.0; first.len()];
+        out.par_chunks_mut(BLOCK).enumerate().for_each_init(
+            || {
+                let mut body = self.body();
+                body.set(of_body);
+                (body, Buffers::new(&self.head), vec![], vec![])
+            },
+            |(body, buffers, windows, features), (block, out)| {
+                let start = block * BLOCK;
+                windows.clear();
+                features.resize(out.len() * self.units, 0.0);
+                self.gather(x, first, start..start + out.len(), windows);
+                body.forward(windows, out.len(), features);
+                buffers.forward(&head, features, &a[start * linear..][..out.len() * linear], false, None);
+                out.copy_from_slice(&buffers.predicted);
+            },
+        );
+        out
+    }
+}
+
+/// A network with or without a memory.
+#[derive(Clone, Copy)]
+pub(super) struct Model<'a> {
+    pub windowed: Option<&'a Windowed>,
+    pub head: &'a Shape,
+}
+
+impl<'a> From<&'a Shape> for Model<'a> {
+    fn from(head: &'a Shape) -> Self {
+        Self { windowed: None, head }
+    }
+}
+
+impl<'a> From<&'a Windowed> for Model<'a> {
+    fn from(windowed: &'a Windowed) -> Self {
+        Self { windowed: Some(windowed), head: &windowed.head }
+    }
+}
+
+impl Model<'_> {
+    pub fn check(&self) -> Result<(), TrainingError> {
+        self.windowed.map_or_else(|| self.head.check(), Windowed::check)
+    }
+
+    /// The number of inputs of a sample.
+    pub fn inputs(&self) -> usize {
+        self.windowed.map_or(self.head.inputs, |windowed| windowed.inputs)
+    }
+
+    pub fn head_start(&self) -> usize {
+        self.windowed.map_or(0, Windowed::head_start)
+    }
+
+    pub fn parameters(&self) -> usize {
+        self.head_start() + self.head.parameters()
+    }
+
+    /// The layers whose weights decay.
+    pub fn layers(&self) -> Vec<Layer> {
+        let start = self.head_start();
+        let mut layers = self.windowed.map_or_else(Vec::new, Windowed::layers);
+        layers.extend(self.head.layers().iter().map(|layer| Layer { start: layer.start + start, ..*layer }));
+        layers
+    }
+
+    pub fn predict(&self, parameters: &[f64], samples: &Samples<'_>, first: &[u32]) -> Vec<f64> {
+        match self.windowed {
+            Some(windowed) => windowed.predict_rows(parameters, samples.x, samples.a, first),
+            None => self.head.predict(parameters, samples.x, samples.a),
+        }
+    }
+}
