@@ -1,5 +1,6 @@
 //! Fits a compensation model to the lines that `where` selects.
 
+mod boosted_trees;
 mod components;
 mod elastic_net;
 mod etlnn;
@@ -16,6 +17,7 @@ mod pls;
 mod point;
 mod problem;
 mod question;
+mod random_features;
 mod recursive_least_squares;
 mod residual;
 mod ridge;

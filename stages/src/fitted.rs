@@ -55,6 +55,42 @@ impl Fitted {
     pub fn predict(&self, line: &RecordBatch, rows: usize) -> Result<Prediction, Fault> {
         predict(line, &self.body, rows)
     }
+
+    /// The entries of the features that it needs.
+    pub fn columns(&self) -> Vec<String> {
+        match &self.body {
+            Body::Linear { terms, .. } => terms.iter().filter(|t| *t != INTERCEPT).cloned().collect(),
+            Body::Learned(learned) => learned.columns().to_vec(),
+        }
+    }
+
+    /// The values of [`Fitted::columns`] in each row of a line, column by column.
+    ///
+    /// # Errors
+    /// When the line lacks a column.
+    pub fn inputs(&self, line: &RecordBatch) -> Result<Vec<Vec<f64>>, Fault> {
+        let sources = Sources::new(line)?;
+        self.columns().iter().map(|name| Ok(sources.find(name)?.values().collect())).collect()
+    }
+
+    /// The coefficients of [`Fitted::columns`] of a linear model, and its constant.
+    pub fn coefficients(&self) -> Option<(Vec<f64>, f64)> {
+        let Body::Linear { terms, values } = &self.body else { return None };
+        let of = |constant: bool| terms.iter().zip(values).filter(move |(t, _)| (*t == INTERCEPT) == constant);
+        Some((of(false).map(|(_, v)| *v).collect(), of(true).map(|(_, v)| v).sum()))
+    }
+
+    /// The field of rows of [`Fitted::columns`], row-major, all of them finite.
+    pub fn field_nt(&self, x: &[f64]) -> Vec<f64> {
+        match (&self.body, self.coefficients()) {
+            (Body::Learned(learned), _) => learned.predict(x).field_nt,
+            (Body::Linear { .. }, Some((b, constant))) => {
+                let rows = x.chunks_exact(b.len().max(1));
+                rows.map(|row| constant + row.iter().zip(&b).map(|(a, b)| a * b).sum::<f64>()).collect()
+            }
+            (Body::Linear { .. }, None) => vec![],
+        }
+    }
 }
 
 /// Where a term's values are: an entry of a list column, or a column of its own.

@@ -19,6 +19,7 @@ mod filtered;
 pub mod fit;
 mod fitted;
 mod fogm_noise;
+mod importance;
 mod join;
 mod lag;
 mod lowpass;
@@ -103,6 +104,7 @@ impl Catalogue {
             target::Target::entry(),
             fit::entry(self.models.clone()),
             compensate::Compensate::entry(),
+            importance::Importance::entry(),
             noise::ResidualNoise::entry(),
             noise::AssumeNoise::entry(),
             fogm_noise::FogmNoise::entry(),

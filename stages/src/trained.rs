@@ -3,12 +3,16 @@
 //! A table of such a model begins with the term `family NAME`; what follows is laid out in [`terms`]. A table without that
 //! term is a sum of coefficients times terms.
 
+mod boosted_trees;
 mod network;
+mod random_features;
 mod terms;
 
 use schemas::{Fault, choice};
 
+pub use boosted_trees::BoostedTrees;
 pub use network::Network;
+pub use random_features::Kernel;
 pub use terms::{Reading, Term, list, term};
 
 use terms::broken;
@@ -18,6 +22,10 @@ choice! {
     pub enum Family {
         /// A network of layers, alone or together with a linear model.
         Network = "network",
+        /// A sum of regression trees.
+        BoostedTrees = "boosted_trees",
+        /// A linear model of random Fourier features.
+        RandomFeatures = "random_features",
     }
 }
 
@@ -43,6 +51,10 @@ pub struct Prediction {
 pub enum Learned {
     /// See [`Network`].
     Network(Network),
+    /// See [`BoostedTrees`].
+    BoostedTrees(BoostedTrees),
+    /// See [`Kernel`].
+    RandomFeatures(Kernel),
 }
 
 impl Learned {
@@ -50,6 +62,8 @@ impl Learned {
     pub fn columns(&self) -> &[String] {
         match self {
             Learned::Network(network) => network.columns(),
+            Learned::BoostedTrees(trees) => trees.columns(),
+            Learned::RandomFeatures(kernel) => kernel.columns(),
         }
     }
 
@@ -57,6 +71,8 @@ impl Learned {
     pub fn predict(&self, x: &[f64]) -> Prediction {
         match self {
             Learned::Network(network) => network.predict(x),
+            Learned::BoostedTrees(trees) => trees.predict(x),
+            Learned::RandomFeatures(kernel) => kernel.predict(x),
         }
     }
 
@@ -64,6 +80,8 @@ impl Learned {
     pub fn gradient(&self, x: &[f64]) -> Option<Vec<f64>> {
         match self {
             Learned::Network(network) => Some(network.gradient(x)),
+            Learned::BoostedTrees(_) => None,
+            Learned::RandomFeatures(kernel) => Some(kernel.gradient(x)),
         }
     }
 
@@ -71,6 +89,8 @@ impl Learned {
     pub fn terms(&self) -> Vec<Term> {
         let (family, rest) = match self {
             Learned::Network(network) => (Family::Network, network.terms()),
+            Learned::BoostedTrees(trees) => (Family::BoostedTrees, trees.terms()),
+            Learned::RandomFeatures(kernel) => (Family::RandomFeatures, kernel.terms()),
         };
         std::iter::once(term(format!("{FAMILY} {}", family.word()), 1.0)).chain(rest).collect()
     }
@@ -88,6 +108,8 @@ impl Learned {
         let reading = Reading::new(&names, &values)?;
         let learned = match reading.choice(FAMILY)? {
             Family::Network => Learned::Network(Network::read(&reading)?),
+            Family::BoostedTrees => Learned::BoostedTrees(BoostedTrees::read(&reading)?),
+            Family::RandomFeatures => Learned::RandomFeatures(Kernel::read(&reading)?),
         };
         if learned.terms().len() != names.len() {
             return Err(broken("it has other terms than its layout".to_owned()));

@@ -2,6 +2,13 @@
 //!
 //! `cargo bench -p magline-learning --bench trees --profile dev` prints the times on one and on two threads and checks the errors
 //! against those that scikit-learn has for the same input; `trees.py` prints its times and errors.
+//!
+//! Two cores of an AMD EPYC shared with other work, scikit-learn 1.9.1:
+//!
+//! | | training, 1 thread | 2 threads | prediction of all rows, 1 thread | 2 threads |
+//! |---|---|---|---|---|
+//! | this | 6.6 s | 3.8 s | 0.66 s | 0.35 s |
+//! | `HistGradientBoostingRegressor` | 10.9 s | 5.1 s | 3.6 s | 1.7 s |
 
 use std::{ops::ControlFlow, time::Instant};
 

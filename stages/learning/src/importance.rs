@@ -166,11 +166,11 @@ fn both_rows<E>(rows: &[f64], background: &[f64], width: usize) -> Result<(usize
     Ok((explained, crate::rows::finite_rows("the background", background, width)?))
 }
 
+/// The values of a row and their errors.
+type Explained<E> = Result<(Vec<f64>, Vec<f64>), ImportanceError<E>>;
+
 /// Puts the rows' values and errors together.
-fn attributions<E>(
-    base: f64,
-    rows: Vec<Result<(Vec<f64>, Vec<f64>), ImportanceError<E>>>,
-) -> Result<Attributions, ImportanceError<E>> {
+fn attributions<E>(base: f64, rows: Vec<Explained<E>>) -> Result<Attributions, ImportanceError<E>> {
     let mut all = Attributions { base, values: vec![], errors: vec![] };
     for row in rows {
         let (values, errors) = row?;

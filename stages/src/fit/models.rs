@@ -1,10 +1,10 @@
 //! The list of all models.
 
 use super::{
-    elastic_net::ElasticNet, etlnn::ExtendedTollesLawsonNetwork, extended_tolles_lawson::ExtendedTollesLawson, m1::M1,
-    m2a::M2a, m2b::M2b, m2c::M2c, m2d::M2d, model::Model, pls::PartialLeastSquares,
-    recursive_least_squares::RecursiveLeastSquares, ridge::Ridge, robust::Robust, tlnn::TollesLawsonNetwork,
-    tolles_lawson::TollesLawson, truncated_svd::TruncatedSvd,
+    boosted_trees::BoostedTrees, elastic_net::ElasticNet, etlnn::ExtendedTollesLawsonNetwork,
+    extended_tolles_lawson::ExtendedTollesLawson, m1::M1, m2a::M2a, m2b::M2b, m2c::M2c, m2d::M2d, model::Model,
+    pls::PartialLeastSquares, random_features::RandomFeatures, recursive_least_squares::RecursiveLeastSquares,
+    ridge::Ridge, robust::Robust, tlnn::TollesLawsonNetwork, tolles_lawson::TollesLawson, truncated_svd::TruncatedSvd,
 };
 
 /// Every model, in the order of the reference.
@@ -24,4 +24,6 @@ pub const MODELS: &[&Model] = &[
     &M2d::MODEL,
     &TollesLawsonNetwork::MODEL,
     &ExtendedTollesLawsonNetwork::MODEL,
+    &BoostedTrees::MODEL,
+    &RandomFeatures::MODEL,
 ];

@@ -6,4 +6,4 @@ mod training;
 
 pub use keys::Network;
 pub use linear_part::LinearPart;
-pub use training::{Beside, learn};
+pub use training::{Beside, learn, scaling};

@@ -6,7 +6,8 @@ use numerics::random::{SplitMix64, seed_of};
 use rayon::prelude::*;
 
 use super::{
-    Attributions, ImportanceError, Model, Sampling, TOGETHER, answers, attributions, both_rows, check_groups, group_of,
+    Attributions, Explained, ImportanceError, Model, Sampling, TOGETHER, answers, attributions, both_rows,
+    check_groups, group_of,
 };
 use crate::{
     draws,
@@ -53,7 +54,7 @@ struct Sampled<'a, E> {
 
 impl<E> Sampled<'_, E> {
     /// The values of a row, whose prediction is `found`, and their errors.
-    fn row(&self, number: usize, x: &[f64], found: f64) -> Result<(Vec<f64>, Vec<f64>), ImportanceError<E>> {
+    fn row(&self, number: usize, x: &[f64], found: f64) -> Explained<E> {
         let (count, groups, samples) = (self.of_background.len(), self.groups.len(), self.sampling.samples);
         let each = 2 * samples * groups.saturating_sub(1);
         let step = (TOGETHER / each.max(1)).max(1);

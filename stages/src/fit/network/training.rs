@@ -101,8 +101,11 @@ pub fn learn(
     })
 }
 
-/// How the inputs are scaled; those that are constant on the lines to train on are taken out of `at`.
-fn scaling(
+/// How the inputs are scaled; those that are constant on the lines to train on are taken out of `at`, and returned.
+///
+/// # Errors
+/// When every input is constant, or there are no components as `whiten` asks for.
+pub fn scaling(
     samples: &Samples,
     lines: &[usize],
     at: &mut Vec<usize>,
@@ -115,7 +118,7 @@ fn scaling(
         constant = columns.iter().filter_map(|&i| at.get(i).copied()).collect();
         at.retain(|i| !constant.contains(i));
         if at.is_empty() {
-            return Err(Fault::data("every input of the network is constant").of_param("inputs"));
+            return Err(Fault::data("every input is constant").of_param("inputs"));
         }
         x = samples.columns(at, lines);
         found = Inputs::standardised(&x, at.len());
