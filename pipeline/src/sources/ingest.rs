@@ -234,8 +234,8 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
     let (simulated, of_lines) = (made_from.is_some(), made_from.map(|m| m.lines));
     let key = Key::of(parts.iter().map(String::as_bytes)).to_string();
     let note = store.root().join("sources").join(format!("{key}.json"));
-    let quality = store.root().join("sources").join(key);
-    let figures = quality.join("quality.parquet");
+    let quality = store.root().join("quality").join(key);
+    let figures = quality.join("part-0.parquet");
     let known: Option<Index> = fs::read(&note).ok().and_then(|b| record::unsealed(&b));
     file.keep(store);
     let whole =

@@ -4,6 +4,7 @@
 //! objects/ab/<id>.parquet     packs: the rows of several units of one table, ordinary Parquet with checksums
 //! index                       the pack of each unit; only saves reading the packs' footers
 //! sources/<key>.json          the contents of a file: lines, columns, hashes, faults
+//! quality/<key>/              the figures of its quality
 //! versions/<pipeline>/<n>/    one published state: a folder per table, its files linked from the packs
 //! tables/<pipeline>           a link to the newest version, replaced in one step
 //! plans/<pipeline>.json       the inputs of the last computation of the tables
@@ -57,8 +58,19 @@ pub use version::{
 const LAYOUT: &str = "magline store 3\n";
 
 /// The folders of a store.
-const PARTS: [&str; 10] =
-    ["objects", "sources", "tables", "versions", "plans", "runs", checkpoints::FOLDER, "damaged", "locks", "tmp"];
+const PARTS: [&str; 11] = [
+    "objects",
+    "sources",
+    "quality",
+    "tables",
+    "versions",
+    "plans",
+    "runs",
+    checkpoints::FOLDER,
+    "damaged",
+    "locks",
+    "tmp",
+];
 
 /// Rows of a row group, unless a single unit or wide rows ask for less.
 pub const GROUP_ROWS: usize = 100_000;

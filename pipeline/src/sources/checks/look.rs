@@ -40,7 +40,7 @@ pub fn needs_a_look(measure: &Measure, around: &Around) -> bool {
         Figure::RepeatedTime | Figure::BackwardTime => true,
         Figure::Dropouts => measure.value > GAP_S || share > MISSING,
         Figure::Stuck | Figure::Saturation => true,
-        Figure::Quantisation => is_magnetometer && !(measure.value <= COARSE * around.noise),
+        Figure::Quantisation => is_magnetometer && (around.noise.is_nan() || measure.value > COARSE * around.noise),
         Figure::Noise => flight::is_scalar_reading(&measure.column) && measure.value > NOISY * around.quietest_nt,
         // Estimates step at each fix.
         Figure::Spikes => !measure.column.starts_with("ins_") && flight::describe(&measure.column).role == Role::Sensor,

@@ -14,7 +14,7 @@ pub const RATE_HZ: f64 = 5.0;
 const VELOCITY_WINDOW: usize = 11;
 const TURN_WINDOW: usize = 15;
 /// A flight is on the ground, or hovers, below this part of its usual speed, and below this speed whatever is usual.
-const SLOW: f64 = 1.0 / 3.0;
+const SLOW: f64 = 0.2;
 const LEAST_MPS: f64 = 1.0;
 /// Its usual speed is this quantile: most of a log may be on the ground.
 const USUAL: f64 = 0.95;

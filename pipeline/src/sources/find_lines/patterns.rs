@@ -5,7 +5,7 @@ use std::ops::Range;
 use numerics::angle::wrap_deg;
 
 use super::{
-    legs::Parts,
+    legs::{Leg, Parts},
     motion::{Motion, RATE_HZ},
 };
 
@@ -82,6 +82,8 @@ const CIRCLE_DEG: f64 = 340.0;
 const SHORTEST: f64 = 0.1;
 const SHORTEST_S: (f64, f64) = (10.0, 30.0);
 const SHORTEST_OF_SHORT: f64 = 0.5;
+/// A leg across two that are parallel, from the one to the other, is no line where it is shorter than this part of both.
+const CONNECTS: f64 = 0.6;
 /// Lines of a survey are within this of its axis, and tie lines of the perpendicular, degrees.
 const ALONG_DEG: f64 = 25.0;
 /// How even the lines' axis is, 0 to 1, where the survey has one.
@@ -139,9 +141,10 @@ pub fn lines(motion: &Motion, parts: &Parts) -> Vec<FoundLine> {
     let circle = |rows: &Range<usize>| flown.line(Kind::Circle, rows.clone(), [false; 3]);
     let circles: Vec<FoundLine> = circles.map(|t| circle(&t.rows)).collect();
     found.extend(circles);
-    let legs = parts.legs.iter().zip(&taken).filter(|(_, taken)| !**taken);
+    let free = (0..parts.legs.len()).filter(|i| taken.get(*i) == Some(&false) && !flown.connects(*i));
+    let legs = free.filter_map(|i| parts.legs.get(i));
     let mut straight: Vec<FoundLine> =
-        legs.map(|(leg, _)| flown.line(Kind::Line, leg.rows.clone(), leg.manoeuvres)).collect();
+        legs.map(|leg| flown.line(Kind::Line, leg.rows.clone(), leg.manoeuvres)).collect();
     straight.extend(rest.into_iter().map(|rows| flown.line(Kind::Line, rows, [false; 3])));
     straight.retain(|line| line.rows.len() >= least);
     flown.tie(&mut straight);
@@ -193,6 +196,20 @@ impl Flown<'_> {
         let rows = all.first().map_or(0, |l| l.rows.start)..all.last().map_or(0, |l| l.rows.end);
         let manoeuvres = std::array::from_fn(|angle| all.iter().any(|leg| leg.manoeuvres[angle]));
         self.line(kind, rows, manoeuvres)
+    }
+
+    /// Whether a leg only leads from one line to the next one beside it.
+    fn connects(&self, number: usize) -> bool {
+        let legs = &self.parts.legs;
+        let near = number.checked_sub(1).and_then(|before| legs.get(before)).zip(legs.get(number + 1));
+        let (Some((before, after)), Some(leg)) = (near, legs.get(number)) else { return false };
+        let off = |other: &Leg| {
+            let off = (leg.course_deg - other.course_deg).rem_euclid(180.0);
+            off.min(180.0 - off)
+        };
+        let across = off(before) >= 90.0 - ALONG_DEG && off(after) >= 90.0 - ALONG_DEG;
+        let shorter = (leg.rows.len() as f64) < CONNECTS * before.rows.len().min(after.rows.len()) as f64;
+        before.run == leg.run && after.run == leg.run && across && shorter
     }
 
     /// Groups of loops over one place.
@@ -327,7 +344,7 @@ impl Flown<'_> {
                 all_m += length_m;
             }
         }
-        if !(f64::hypot(cos, sin) > ONE_AXIS * all_m) {
+        if f64::hypot(cos, sin) <= ONE_AXIS * all_m {
             return;
         }
         let axis_deg = 0.5 * sin.atan2(cos).to_degrees();
@@ -337,9 +354,11 @@ impl Flown<'_> {
             off.min(180.0 - off)
         };
         let survey: Vec<&(Place, Place)> = sides.iter().filter(|s| off_deg(s) <= ALONG_DEG).collect();
-        let on = |along: f64| (-BEYOND..1.0 + BEYOND).contains(&along);
+        // A tie line may begin and end on lines; what crosses beyond their ends leads from one to another.
+        let on =
+            |(_, tie, line): (Place, f64, f64)| (-BEYOND..1.0 + BEYOND).contains(&tie) && (0.0..=1.0).contains(&line);
         for (line, side) in lines.iter_mut().zip(&sides) {
-            let crosses = |other: &&&(Place, Place)| crossing(*side, ***other).is_some_and(|(_, a, b)| on(a) && on(b));
+            let crosses = |other: &&&(Place, Place)| crossing(*side, ***other).is_some_and(on);
             if off_deg(side) >= 90.0 - ALONG_DEG && survey.iter().filter(crosses).count() >= 2 {
                 line.kind = Kind::Tie;
             }

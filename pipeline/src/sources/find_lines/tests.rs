@@ -54,7 +54,7 @@ fn kinds(found: &Found) -> Vec<Kind> {
 }
 
 /// The times of each line differ by less than so much, s.
-const SHARP_S: f64 = 3.0;
+const SHARP_S: f64 = 4.0;
 
 fn close(found: (f64, f64), known: (f64, f64)) -> bool {
     (found.0 - known.0).abs() < SHARP_S && (found.1 - known.1).abs() < SHARP_S
@@ -103,13 +103,13 @@ fn law_a_grid_flown_at_once_has_the_lines_that_it_has_one_by_one() {
         let line = found.lines.iter().find(near).unwrap_or_else(|| panic!("{name} {times:?} in {:?}", found.spans()));
         assert_eq!(line.kind, if name.contains('T') { Kind::Tie } else { Kind::Line }, "{name}");
     }
-    // What else goes straight on leads from one of them to the next.
+    // What else goes straight on for long leads from the last line to the first tie line.
     let overlaps = |a: (f64, f64), b: (f64, f64)| a.0 < b.1 - SHARP_S && b.0 < a.1 - SHARP_S;
     for line in &found.lines {
         let times = found.times_s(line);
         assert!(known.values().filter(|k| overlaps(times, **k)).count() <= 1, "{} {times:?}", line.name);
     }
-    assert!(found.lines.len() <= 8 + 3, "{:?}", found.spans());
+    assert!(found.lines.len() <= 8 + 1, "{:?}", found.spans());
 }
 
 #[test]

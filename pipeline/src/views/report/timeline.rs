@@ -45,7 +45,7 @@ impl Timeline<'_> {
         let times = || self.lanes.iter().flat_map(|lane| &lane.lines);
         let start = times().map(|t| t.0).fold(f64::INFINITY, f64::min);
         let end = times().map(|t| t.1).fold(f64::NEG_INFINITY, f64::max);
-        if !(end > start) {
+        if end <= start {
             return None;
         }
         let across = |t: f64| LEFT + (t - start) / (end - start) * (WIDTH - LEFT - RIGHT);
