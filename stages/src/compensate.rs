@@ -99,6 +99,8 @@ impl Stage for Compensate {
             vec![made("mag_c", "compensated field"), made("mag_aircraft", "aircraft field that was taken off")];
         columns.extend(noise_columns(&RESIDUAL));
         columns.push(made("mag_aircraft_sigma", "one sigma of the model's prediction, where the model knows it"));
+        // What sees a window of samples needs to know which follow each other.
+        reads.push("tt".to_owned());
         let mut yields = Yield::append(columns, &reads);
         yields.reads.push(["term", "value"].into_iter().chain(RESIDUAL).map(str::to_owned).collect());
         Ok(yields)

@@ -5,6 +5,8 @@ mod components;
 mod elastic_net;
 mod etlnn;
 mod extended_tolles_lawson;
+mod gru;
+mod lstm;
 mod m1;
 mod m2a;
 mod m2b;
@@ -26,6 +28,7 @@ mod rows;
 mod samples;
 mod settings;
 mod solve;
+mod tcn;
 #[cfg(test)]
 mod testing;
 mod tlnn;

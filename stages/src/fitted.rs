@@ -1,10 +1,13 @@
 //! A fitted model as its table holds it, applied to a line.
 
+use std::ops::Range;
+
 use arrow_array::{RecordBatch, cast::AsArray};
+use numerics::signal::segments::Usable;
 use schemas::{ColumnType, Fault};
 
 use crate::{
-    columns::{floats, matrix},
+    columns::{even_rate_hz, floats, matrix},
     model_columns::INTERCEPT,
     trained::{Learned, Prediction},
 };
@@ -83,7 +86,9 @@ impl Fitted {
     /// The field of rows of [`Fitted::columns`], row-major, all of them finite.
     pub fn field_nt(&self, x: &[f64]) -> Vec<f64> {
         match (&self.body, self.coefficients()) {
-            (Body::Learned(learned), _) => learned.predict(x).field_nt,
+            (Body::Learned(learned), _) => {
+                learned.predict(x, &vec![1; x.len() / learned.columns().len().max(1)]).field_nt
+            }
             (Body::Linear { .. }, Some((b, constant))) => {
                 let rows = x.chunks_exact(b.len().max(1));
                 rows.map(|row| constant + row.iter().zip(&b).map(|(a, b)| a * b).sum::<f64>()).collect()
@@ -162,7 +167,16 @@ fn predict_rows(sources: &Sources, learned: &Learned, rows: usize) -> Result<Pre
     let columns: Vec<Vec<f64>> = columns.iter().map(|source| source.values().collect()).collect();
     let whole: Vec<usize> = (0..rows).filter(|&row| columns.iter().all(|x| x[row].is_finite())).collect();
     let x: Vec<f64> = whole.iter().flat_map(|&row| columns.iter().map(move |x| x[row])).collect();
-    let made = learned.predict(&x);
+    let runs = if learned.sees_a_window() {
+        let tt = floats(sources.batch, "tt")?;
+        let rate_hz = even_rate_hz(tt)?;
+        learned.check_rate(rate_hz)?;
+        let usable = columns.iter().fold(Usable::all(rows), |usable, x| usable.and_finite(x));
+        usable.runs_in_time(tt, rate_hz).iter().map(Range::len).collect()
+    } else {
+        vec![whole.len()]
+    };
+    let made = learned.predict(&x, &runs);
     let spread = |values: Vec<f64>| {
         let mut out = vec![f64::NAN; rows];
         whole.iter().zip(values).for_each(|(&row, value)| out[row] = value);

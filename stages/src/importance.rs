@@ -317,7 +317,13 @@ impl LineStage for Importance {
     type Prepared = Fitted;
 
     fn prepare(&self, inputs: &[RecordBatch]) -> Result<Fitted, Fault> {
-        Fitted::read(inputs.get(1).ok_or_else(|| Fault::data("the model is missing"))?, &[])
+        let fitted = Fitted::read(inputs.get(1).ok_or_else(|| Fault::data("the model is missing"))?, &[])?;
+        // Samples are exchanged one by one, without those before them.
+        if matches!(&fitted.body, Body::Learned(learned) if learned.sees_a_window()) {
+            let what = "the model sees a window of samples, and importance is of models that see one at a time";
+            return Err(Fault::data(what).of_param("model"));
+        }
+        Ok(fitted)
     }
 
     fn prepare_key(&self) -> String {

@@ -7,6 +7,7 @@ mod boosted_trees;
 mod network;
 mod random_features;
 mod terms;
+mod windowed;
 
 use schemas::{Fault, choice};
 
@@ -14,6 +15,7 @@ pub use boosted_trees::BoostedTrees;
 pub use network::Network;
 pub use random_features::Kernel;
 pub use terms::{Reading, Term, list, term};
+pub use windowed::WindowedNetwork;
 
 use terms::broken;
 
@@ -22,6 +24,8 @@ choice! {
     pub enum Family {
         /// A network of layers, alone or together with a linear model.
         Network = "network",
+        /// A network over a window of samples.
+        Windowed = "windowed_network",
         /// A sum of regression trees.
         BoostedTrees = "boosted_trees",
         /// A linear model of random Fourier features.
@@ -51,6 +55,8 @@ pub struct Prediction {
 pub enum Learned {
     /// See [`Network`].
     Network(Network),
+    /// See [`WindowedNetwork`].
+    Windowed(WindowedNetwork),
     /// See [`BoostedTrees`].
     BoostedTrees(BoostedTrees),
     /// See [`Kernel`].
@@ -62,15 +68,18 @@ impl Learned {
     pub fn columns(&self) -> &[String] {
         match self {
             Learned::Network(network) => network.columns(),
+            Learned::Windowed(network) => network.columns(),
             Learned::BoostedTrees(trees) => trees.columns(),
             Learned::RandomFeatures(kernel) => kernel.columns(),
         }
     }
 
-    /// What it predicts of rows of [`Learned::columns`], row-major, all of them finite.
-    pub fn predict(&self, x: &[f64]) -> Prediction {
+    /// What it predicts of rows of [`Learned::columns`], row-major, all of them finite. `runs` are the numbers of rows that
+    /// follow each other in time, which only a network over a window looks at.
+    pub fn predict(&self, x: &[f64], runs: &[usize]) -> Prediction {
         match self {
             Learned::Network(network) => network.predict(x),
+            Learned::Windowed(network) => network.predict(x, runs),
             Learned::BoostedTrees(trees) => trees.predict(x),
             Learned::RandomFeatures(kernel) => kernel.predict(x),
         }
@@ -80,8 +89,27 @@ impl Learned {
     pub fn gradient(&self, x: &[f64]) -> Option<Vec<f64>> {
         match self {
             Learned::Network(network) => Some(network.gradient(x)),
-            Learned::BoostedTrees(_) => None,
+            Learned::BoostedTrees(_) | Learned::Windowed(_) => None,
             Learned::RandomFeatures(kernel) => Some(kernel.gradient(x)),
+        }
+    }
+
+    /// Whether samples at a rate can be its input.
+    ///
+    /// # Errors
+    /// When it sees a window of samples at another rate.
+    pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
+        match self {
+            Learned::Windowed(network) => network.check_rate(rate_hz),
+            Learned::Network(_) | Learned::BoostedTrees(_) | Learned::RandomFeatures(_) => Ok(()),
+        }
+    }
+
+    /// Whether it sees more than one sample at a time.
+    pub fn sees_a_window(&self) -> bool {
+        match self {
+            Learned::Windowed(_) => true,
+            Learned::Network(_) | Learned::BoostedTrees(_) | Learned::RandomFeatures(_) => false,
         }
     }
 
@@ -89,6 +117,7 @@ impl Learned {
     pub fn terms(&self) -> Vec<Term> {
         let (family, rest) = match self {
             Learned::Network(network) => (Family::Network, network.terms()),
+            Learned::Windowed(network) => (Family::Windowed, network.terms()),
             Learned::BoostedTrees(trees) => (Family::BoostedTrees, trees.terms()),
             Learned::RandomFeatures(kernel) => (Family::RandomFeatures, kernel.terms()),
         };
@@ -108,6 +137,7 @@ impl Learned {
         let reading = Reading::new(&names, &values)?;
         let learned = match reading.choice(FAMILY)? {
             Family::Network => Learned::Network(Network::read(&reading)?),
+            Family::Windowed => Learned::Windowed(WindowedNetwork::read(&reading)?),
             Family::BoostedTrees => Learned::BoostedTrees(BoostedTrees::read(&reading)?),
             Family::RandomFeatures => Learned::RandomFeatures(Kernel::read(&reading)?),
         };

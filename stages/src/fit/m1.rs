@@ -21,7 +21,8 @@ model! {
 
 impl FitModel for M1 {
     fn learn(&self, samples: &Samples, settings: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
-        let beside = Beside { form: Form::Plain, hidden: &[8], linear: None, all_features: false, physics: 0.0 };
+        let beside =
+            Beside { form: Form::Plain, hidden: &[8], linear: None, all_features: false, physics: 0.0, window: None };
         learn(&self.network, &beside, samples, settings, work)
     }
 

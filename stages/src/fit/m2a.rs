@@ -25,8 +25,14 @@ model! {
 impl FitModel for M2a {
     fn learn(&self, samples: &Samples, settings: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
         let part = Some(&self.part);
-        let beside =
-            Beside { form: Form::Weights, hidden: &[8], linear: part, all_features: false, physics: self.physics };
+        let beside = Beside {
+            form: Form::Weights,
+            hidden: &[8],
+            linear: part,
+            all_features: false,
+            physics: self.physics,
+            window: None,
+        };
         learn(&self.network, &beside, samples, settings, work)
     }
 

@@ -30,6 +30,7 @@ impl FitModel for M2d {
             linear: part,
             all_features: false,
             physics: self.physics,
+            window: None,
         };
         learn(&self.network, &beside, samples, settings, work)
     }

@@ -2,9 +2,10 @@
 
 use super::{
     boosted_trees::BoostedTrees, elastic_net::ElasticNet, etlnn::ExtendedTollesLawsonNetwork,
-    extended_tolles_lawson::ExtendedTollesLawson, m1::M1, m2a::M2a, m2b::M2b, m2c::M2c, m2d::M2d, model::Model,
-    pls::PartialLeastSquares, random_features::RandomFeatures, recursive_least_squares::RecursiveLeastSquares,
-    ridge::Ridge, robust::Robust, tlnn::TollesLawsonNetwork, tolles_lawson::TollesLawson, truncated_svd::TruncatedSvd,
+    extended_tolles_lawson::ExtendedTollesLawson, gru::Gru, lstm::Lstm, m1::M1, m2a::M2a, m2b::M2b, m2c::M2c, m2d::M2d,
+    model::Model, pls::PartialLeastSquares, random_features::RandomFeatures,
+    recursive_least_squares::RecursiveLeastSquares, ridge::Ridge, robust::Robust, tcn::Tcn, tlnn::TollesLawsonNetwork,
+    tolles_lawson::TollesLawson, truncated_svd::TruncatedSvd,
 };
 
 /// Every model, in the order of the reference.
@@ -24,6 +25,9 @@ pub const MODELS: &[&Model] = &[
     &M2d::MODEL,
     &TollesLawsonNetwork::MODEL,
     &ExtendedTollesLawsonNetwork::MODEL,
+    &Gru::MODEL,
+    &Lstm::MODEL,
+    &Tcn::MODEL,
     &BoostedTrees::MODEL,
     &RandomFeatures::MODEL,
 ];

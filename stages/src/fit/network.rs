@@ -3,7 +3,9 @@
 mod keys;
 mod linear_part;
 mod training;
+mod window;
 
 pub use keys::Network;
 pub use linear_part::LinearPart;
 pub use training::{Beside, learn, scaling};
+pub use window::{Window, WindowKeys};

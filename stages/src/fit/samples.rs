@@ -66,6 +66,26 @@ impl Samples<'_> {
         lines.iter().filter_map(|&i| self.lines.get(i)).flat_map(|line| line.columns(at, width)).collect()
     }
 
+    /// The numbers of rows of the runs of some lines.
+    pub fn runs(&self, lines: &[usize]) -> Vec<usize> {
+        let lines = lines.iter().filter_map(|&i| self.lines.get(i));
+        lines.flat_map(|line| line.runs.iter().map(Range::len)).collect()
+    }
+
+    /// The rate of all lines, Hz.
+    ///
+    /// # Errors
+    /// When they differ by more than a hundredth.
+    pub fn rate_hz(&self) -> Result<f64, Fault> {
+        let rates = || self.lines.iter().map(|line| line.rate_hz);
+        let (least, most) = (rates().fold(f64::INFINITY, f64::min), rates().fold(0.0, f64::max));
+        if most > 1.01 * least {
+            let what = format!("the lines have from {least} to {most} samples a second, and a window needs one rate");
+            return Err(Fault::data(what).help("resample first"));
+        }
+        Ok(most)
+    }
+
     /// The target of some lines.
     pub fn target(&self, lines: &[usize]) -> Vec<f64> {
         lines.iter().filter_map(|&i| self.lines.get(i)).flat_map(|line| line.y.to_vec()).collect()

@@ -1,5 +1,7 @@
 //! The model of one point, ready for its table.
 
+use std::ops::Range;
+
 use numerics::{
     compensation::diagnostics::{Excitation, TrivialSolution},
     regression::{least_squares::LinearFit, statistics},
@@ -145,7 +147,8 @@ fn residual(samples: &Samples, line: &LineSamples, model: &Learned) -> Result<Ve
     let place = |name: &String| samples.names.iter().position(|n| n == name);
     let at: Option<Vec<usize>> = model.columns().iter().map(place).collect();
     let at = at.ok_or_else(|| Fault::bug("a model is made of columns that it was not given"))?;
-    let predicted = model.predict(&line.columns(&at, samples.names.len())).field_nt;
+    let runs: Vec<usize> = line.runs.iter().map(Range::len).collect();
+    let predicted = model.predict(&line.columns(&at, samples.names.len()), &runs).field_nt;
     if predicted.len() != line.y.len() {
         return Err(Fault::bug("a model predicts other rows than it is given"));
     }

@@ -61,6 +61,18 @@ pub fn bent() -> Vec<RecordBatch> {
     lines(&|_, exact| exact + INTERCEPT_NT + 15.0 * (exact / 8.0).tanh())
 }
 
+/// The same, of a target that lags the features by half a second.
+pub fn delayed() -> Vec<RecordBatch> {
+    let late = |line: RecordBatch| {
+        let y = line.column(1).as_primitive::<Float64Type>().values().to_vec();
+        let y: ArrayRef = Arc::new((0..ROWS).map(|row| y[row.saturating_sub(5)]).collect::<Float64Array>());
+        let mut columns = line.columns().to_vec();
+        columns[1] = y;
+        RecordBatch::try_new(line.schema(), columns).unwrap()
+    };
+    plain(0.0).into_iter().map(late).collect()
+}
+
 fn lines(target: &dyn Fn(usize, f64) -> f64) -> Vec<RecordBatch> {
     [0.0, 5.0].map(|phase| line(phase, target)).to_vec()
 }

@@ -22,7 +22,14 @@ model! {
 impl FitModel for TollesLawsonNetwork {
     fn learn(&self, samples: &Samples, settings: &Settings, work: &PointWork) -> Result<Learnt, Fault> {
         let part = Some(&self.part);
-        let beside = Beside { form: Form::FixedLinear, hidden: &[11], linear: part, all_features: false, physics: 0.0 };
+        let beside = Beside {
+            form: Form::FixedLinear,
+            hidden: &[11],
+            linear: part,
+            all_features: false,
+            physics: 0.0,
+            window: None,
+        };
         learn(&self.network, &beside, samples, settings, work)
     }
 

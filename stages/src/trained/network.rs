@@ -22,7 +22,7 @@ use schemas::Fault;
 
 use super::{
     Prediction,
-    terms::{Reading, Term, broken, list, named_list, term},
+    terms::{Reading, Term, broken, list, member_of, named_list, term},
 };
 
 /// Rows that are predicted at a time.
@@ -256,11 +256,6 @@ impl Network {
         let target = (terms.value("target_mean")?, terms.value("target_scale")?);
         Network::new(inputs, scaling, linear, shape, members, target)
     }
-}
-
-/// What the terms of a member begin with.
-fn member_of(number: usize) -> String {
-    if number == 0 { String::new() } else { format!("member{}.", number + 1) }
 }
 
 #[cfg(test)]

@@ -32,6 +32,11 @@ pub fn named_list<'a>(key: &'a str, words: &'a [String], values: &'a [f64]) -> i
     all.map(move |(i, (word, value))| term(format!("{key}[{}] {word}", i + 1), *value))
 }
 
+/// What the terms of a member begin with.
+pub fn member_of(number: usize) -> String {
+    if number == 0 { String::new() } else { format!("member{}.", number + 1) }
+}
+
 /// The terms of a table, by key.
 pub struct Reading<'a> {
     found: HashMap<&'a str, (&'a str, f64)>,

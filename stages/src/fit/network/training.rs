@@ -4,12 +4,12 @@ use std::{ops::ControlFlow, time::Instant};
 
 use learning::{
     inputs::{Inputs, InputsError},
-    network::{Epoch, Form, Shape, State, Trained, TrainingError, train},
+    network::{Epoch, Form, Runs, Shape, State, Trained, Training, TrainingError, Windowed, train, train_windowed},
 };
 use numerics::{random::seed_of, regression::statistics};
 use schemas::Fault;
 
-use super::{LinearPart, Network};
+use super::{LinearPart, Network, Window};
 use crate::{
     fit::{
         model::Learnt,
@@ -36,6 +36,8 @@ pub struct Beside<'a> {
     pub all_features: bool,
     /// The weight of the distance from the linear model in the loss.
     pub physics: f64,
+    /// What sees a window of samples before the network; none sees each sample alone.
+    pub window: Option<Window>,
 }
 
 /// The rows of some lines, scaled.
@@ -43,11 +45,54 @@ struct Scaled {
     x: Vec<f64>,
     a: Vec<f64>,
     y: Vec<f64>,
+    /// Rows of each run of samples that follow each other.
+    runs: Vec<usize>,
 }
 
 impl Scaled {
     fn samples(&self) -> learning::network::Samples<'_> {
         learning::network::Samples { x: &self.x, a: &self.a, y: &self.y }
+    }
+
+    fn runs(&self) -> Runs<'_> {
+        Runs { samples: self.samples(), lengths: &self.runs }
+    }
+}
+
+/// The network that is trained.
+enum Core {
+    /// Of each sample alone.
+    Dense(Shape),
+    /// Of a window of samples.
+    Windowed(Windowed),
+}
+
+impl Core {
+    fn start(&self, seed: u64, linear: &[f64]) -> State {
+        match self {
+            Core::Dense(shape) => State::new(shape, shape.initial(seed, linear)),
+            Core::Windowed(windowed) => windowed.start(windowed.initial(seed, linear)),
+        }
+    }
+
+    fn train(
+        &self,
+        start: State,
+        training: &Training,
+        rows: &Scaled,
+        validation: Option<&Scaled>,
+        each: &mut dyn FnMut(&Epoch, &State) -> ControlFlow<()>,
+    ) -> Result<Trained, TrainingError> {
+        match self {
+            Core::Dense(shape) => {
+                let validation = validation.map(Scaled::samples);
+                train(shape, start, training, &rows.samples(), validation.as_ref(), each)
+            }
+            Core::Windowed(windowed) => {
+                let validation = validation.map(Scaled::runs);
+                train_windowed(windowed, start, training, &rows.runs(), validation.as_ref(), each)
+            }
+        }
     }
 }
 
@@ -78,9 +123,11 @@ pub fn learn(
         x: scaling.apply(&samples.columns(&at, lines)),
         a: samples.columns(&linear_at, lines),
         y: samples.target(lines).iter().map(|y| (y - target.0) / target.1).collect(),
+        runs: samples.runs(lines),
     };
+    let inputs = beside.window.as_ref().map_or_else(|| scaling.width(), |window| window.units);
     let shape = Shape {
-        inputs: scaling.width(),
+        inputs,
         linear: linear_at.len(),
         hidden: keys.hidden.clone().unwrap_or_else(|| beside.hidden.to_vec()),
         activation: keys.activation,
@@ -88,13 +135,30 @@ pub fn learn(
     };
     let start: Vec<f64> = coefficients.iter().map(|b| b / target.1).collect();
     let (rows, validation) = (scaled(&train_on), scaled(&validate_on));
-    let trained = members(keys, beside, &shape, &start, (&rows, &validation), target.1, work)?;
+    let core = match &beside.window {
+        None => Core::Dense(shape),
+        Some(Window { memory, window, units }) => {
+            let (memory, window, units) = (*memory, *window, *units);
+            Core::Windowed(Windowed { memory, inputs: scaling.width(), window, units, head: shape })
+        }
+    };
+    let trained = members(keys, beside, &core, &start, (&rows, &validation), target.1, work)?;
     let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
     let parameters = trained.iter().map(|t| t.parameters.clone()).collect();
-    let network = trained::Network::new(names(&at), scaling, names(&linear_at), shape, parameters, target)?;
+    let model = match core {
+        Core::Dense(shape) => {
+            let linear = names(&linear_at);
+            Learned::Network(trained::Network::new(names(&at), scaling, linear, shape, parameters, target)?)
+        }
+        Core::Windowed(windowed) => {
+            let rate_hz = samples.rate_hz()?;
+            let network = trained::WindowedNetwork::new(names(&at), scaling, windowed, parameters, target, rate_hz)?;
+            Learned::Windowed(network)
+        }
+    };
     let first = trained.first().ok_or_else(|| Fault::bug("nothing was trained"))?;
     Ok(Learnt {
-        model: Learned::Network(network),
+        model,
         chosen: first.best as f64,
         curve: curve(&trained),
         warning: warning(keys, samples, &constant, &trained, !validate_on.is_empty()),
@@ -161,7 +225,7 @@ fn target(
 fn members(
     keys: &Network,
     beside: &Beside,
-    shape: &Shape,
+    core: &Core,
     linear: &[f64],
     (rows, validation): (&Scaled, &Scaled),
     scale_nt: f64,
@@ -169,17 +233,17 @@ fn members(
 ) -> Result<Vec<Trained>, Fault> {
     let kept_states = work.kept().and_then(|bytes| read_states(&bytes)).unwrap_or_default();
     let mut states = vec![];
-    let validation = (!validation.y.is_empty()).then(|| validation.samples());
+    let validation = (!validation.y.is_empty()).then_some(validation);
     let all_epochs = keys.epochs + keys.lbfgs_epochs;
     let mut trained = vec![];
     for member in 0..keys.members {
         let seed = seed_of(keys.seed as u64, &["member", &member.to_string()]);
         let state = kept_states.get(member).cloned().unwrap_or_else(|| {
-            let mut state = State::new(shape, shape.initial(seed, linear));
+            let mut state = core.start(seed, linear);
             state.tolles_lawson = linear.to_vec();
             state
         });
-        let training = learning::network::Training { physics: beside.physics, ..keys.training(seed) };
+        let training = Training { physics: beside.physics, ..keys.training(seed) };
         let (mut stopped, mut kept, begun, from) = (None, None::<Instant>, Instant::now(), state.epoch);
         let mut each = |epoch: &Epoch, state: &State| {
             let done = state.epoch;
@@ -202,7 +266,7 @@ fn members(
             last = Some(state.clone());
             each(epoch, state)
         };
-        let found = train(shape, state.clone(), &training, &rows.samples(), validation.as_ref(), &mut each_kept);
+        let found = core.train(state.clone(), &training, rows, validation, &mut each_kept);
         let found = found.map_err(fault)?;
         if let Some(fault) = stopped {
             return Err(fault);

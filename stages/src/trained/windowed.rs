@@ -1,0 +1,198 @@
+//! A network over a window of samples as its table holds it.
+//!
+//! The inputs are scaled as in [`network`](super::network): z = (x - `input_mean`) / `input_scale`. `memory` makes features of the last
+//! `window` samples at `rate_hz`, of which the last is the one that is predicted, and a dense network of `hidden` layers makes the
+//! field of them: `target_mean` + `target_scale` N. Where a run of samples is shorter than the window, its first sample stands for
+//! those before it. The weights are named as those of PyTorch are laid out: [`learning::network::Windowed`].
+
+use learning::{
+    inputs::Inputs,
+    network::{Form, Memory, Shape, Windowed},
+};
+use numerics::regression::statistics;
+use schemas::Fault;
+
+use super::{
+    Prediction,
+    terms::{Reading, Term, broken, list, member_of, named_list, term},
+};
+
+/// How far the rate of a line may be from that of the training.
+const RATE_TOLERANCE: f64 = 0.01;
+
+/// A network over a window, or several of one shape whose mean counts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WindowedNetwork {
+    inputs: Vec<String>,
+    scaling: Inputs,
+    core: Windowed,
+    members: Vec<Vec<f64>>,
+    /// Mean and scale of the target, nT.
+    target: (f64, f64),
+    /// Samples a second.
+    rate_hz: f64,
+}
+
+impl WindowedNetwork {
+    /// Of its parts; the parameters of each member are in the order of [`Windowed::names`].
+    ///
+    /// # Errors
+    /// When the parts do not fit together.
+    pub fn new(
+        inputs: Vec<String>,
+        scaling: Inputs,
+        core: Windowed,
+        members: Vec<Vec<f64>>,
+        target: (f64, f64),
+        rate_hz: f64,
+    ) -> Result<Self, Fault> {
+        core.check().map_err(|e| broken(e.to_string()))?;
+        let fits = scaling.components.is_none()
+            && scaling.mean.len() == inputs.len()
+            && scaling.scale.len() == inputs.len()
+            && core.inputs == inputs.len()
+            && rate_hz > 0.0
+            && !members.is_empty()
+            && members.iter().all(|m| m.len() == core.parameters());
+        if !fits {
+            return Err(broken("its parts have different sizes".to_owned()));
+        }
+        Ok(Self { inputs, scaling, core, members, target, rate_hz })
+    }
+
+    /// The columns of a row.
+    pub fn columns(&self) -> &[String] {
+        &self.inputs
+    }
+
+    /// Whether samples at a rate can be its input.
+    ///
+    /// # Errors
+    /// When it was trained at another rate.
+    pub fn check_rate(&self, rate_hz: f64) -> Result<(), Fault> {
+        if (rate_hz / self.rate_hz - 1.0).abs() <= RATE_TOLERANCE {
+            return Ok(());
+        }
+        let what = format!("the model sees a window of samples at {} Hz, and the line has {rate_hz} Hz", self.rate_hz);
+        Err(Fault::data(what).help("resample the line as the lines of the fit"))
+    }
+
+    /// What it predicts of rows in runs of these lengths.
+    pub fn predict(&self, x: &[f64], runs: &[usize]) -> Prediction {
+        let (mean, scale) = self.target;
+        let z = self.scaling.apply(x);
+        let all: Vec<Vec<f64>> = self.members.iter().map(|m| self.core.predict(m, &z, &[], runs)).collect();
+        let rows = x.len() / self.inputs.len().max(1);
+        let of_row = |row: usize| all.iter().filter_map(|m| m.get(row)).map(|y| mean + scale * y).collect::<Vec<f64>>();
+        let values: Vec<Vec<f64>> = (0..rows).map(of_row).collect();
+        let sigma_nt = (self.members.len() > 1).then(|| values.iter().map(|v| statistics::std(v).value).collect());
+        Prediction { field_nt: values.iter().map(|v| statistics::mean(v).value).collect(), sigma_nt }
+    }
+
+    /// The terms of its table.
+    pub fn terms(&self) -> Vec<Term> {
+        let Windowed { memory, window, units, head, .. } = &self.core;
+        let hidden: Vec<f64> = head.hidden.iter().map(|units| *units as f64).collect();
+        let mut out = vec![
+            term(format!("memory {}", memory.word()), 1.0),
+            term(format!("activation {}", head.activation.word()), 1.0),
+            term("window", *window as f64),
+            term("units", *units as f64),
+            term("rate_hz", self.rate_hz),
+        ];
+        out.extend(list("hidden", &hidden));
+        out.extend(named_list("input_mean", &self.inputs, &self.scaling.mean));
+        out.extend(list("input_scale", &self.scaling.scale));
+        out.push(term("target_mean", self.target.0));
+        out.push(term("target_scale", self.target.1));
+        out.push(term("members", self.members.len() as f64));
+        let names = self.core.names();
+        for (m, member) in self.members.iter().enumerate() {
+            out.extend(names.iter().zip(member).map(|(name, value)| term(format!("{}{name}", member_of(m)), *value)));
+        }
+        out
+    }
+
+    /// The network of a table.
+    ///
+    /// # Errors
+    /// When the table is not whole.
+    pub fn read(terms: &Reading) -> Result<Self, Fault> {
+        let memory: Memory = terms.choice("memory")?;
+        let activation = terms.choice("activation")?;
+        let (_, hidden) = terms.list("hidden")?;
+        let (inputs, mean) = terms.list("input_mean")?;
+        let (_, scale) = terms.list("input_scale")?;
+        if scale.iter().any(|s| *s <= 0.0) {
+            return Err(broken("an input has no scale".to_owned()));
+        }
+        let (window, units) = (terms.count("window")?, terms.count("units")?);
+        let hidden = hidden.iter().map(|units| *units as usize).collect();
+        let head = Shape { inputs: units, linear: 0, hidden, activation, form: Form::Plain };
+        let core = Windowed { memory, inputs: inputs.len(), window, units, head };
+        core.check().map_err(|e| broken(e.to_string()))?;
+        let names = core.names();
+        let member = |m: usize| {
+            let all = names.iter().map(|name| terms.value(&format!("{}{name}", member_of(m))));
+            all.collect::<Result<Vec<_>, Fault>>()
+        };
+        let members = (0..terms.count("members")?).map(member).collect::<Result<Vec<_>, Fault>>()?;
+        let target = (terms.value("target_mean")?, terms.value("target_scale")?);
+        let scaling = Inputs { mean, scale, components: None };
+        WindowedNetwork::new(inputs, scaling, core, members, target, terms.value("rate_hz")?)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use learning::network::Activation;
+
+    use super::*;
+    use crate::trained::Learned;
+
+    fn network(memory: Memory) -> WindowedNetwork {
+        let head = Shape { inputs: 3, linear: 0, hidden: vec![4], activation: Activation::Tanh, form: Form::Plain };
+        let core = Windowed { memory, inputs: 2, window: 4, units: 3, head };
+        let members = (0..2).map(|m| core.initial(m, &[])).collect();
+        let scaling = Inputs { mean: vec![1.0, -2.0], scale: vec![2.0, 0.5], components: None };
+        WindowedNetwork::new(vec!["a".into(), "b".into()], scaling, core, members, (40.0, 7.0), 5.0).unwrap()
+    }
+
+    #[test]
+    fn law_it_comes_back_from_its_table_and_a_table_that_is_cut_does_not() {
+        for memory in [Memory::Gru, Memory::Lstm, Memory::Tcn] {
+            let learned = Learned::Windowed(network(memory));
+            let (names, values): (Vec<String>, Vec<f64>) =
+                learned.terms().into_iter().rev().map(|t| (t.name, t.value)).unzip();
+            assert_eq!(Learned::read(&names, &values).unwrap(), Some(learned), "{memory:?}");
+            for lost in 0..names.len() - 1 {
+                let without = |v: &[String]| [&v[..lost], &v[lost + 1..]].concat();
+                let values = [&values[..lost], &values[lost + 1..]].concat();
+                assert!(Learned::read(&without(&names), &values).is_err(), "{}", names[lost]);
+            }
+        }
+    }
+
+    #[test]
+    fn law_it_sees_its_window_and_no_more() {
+        for memory in [Memory::Gru, Memory::Lstm, Memory::Tcn] {
+            let network = network(memory);
+            let rows: Vec<f64> = (0..20).map(|i| f64::from(i * i % 7)).collect();
+            let whole = network.predict(&rows, &[10]).field_nt;
+            // The last four rows alone predict the last.
+            let last = network.predict(&rows[12..], &[4]).field_nt;
+            assert_eq!(whole[9], last[3], "{memory:?}");
+            // What follows changes nothing, and a run knows nothing of the one before.
+            assert_eq!(whole[..7], network.predict(&rows[..14], &[7]).field_nt, "{memory:?}");
+            assert_eq!(network.predict(&rows, &[4, 6]).field_nt[4], network.predict(&rows[8..], &[6]).field_nt[0]);
+        }
+    }
+
+    #[test]
+    fn unit_another_rate_is_refused() {
+        let network = network(Memory::Gru);
+        assert!(network.check_rate(5.001).is_ok());
+        assert!(network.check_rate(10.0).unwrap_err().what.contains("at 5 Hz, and the line has 10 Hz"));
+    }
+}
