@@ -21,10 +21,12 @@
 
 mod activation;
 mod convolution;
+mod ensemble;
 mod kernels;
 mod lbfgs;
 mod loss;
 mod objective;
+mod onnx;
 mod passes;
 mod recurrent;
 mod shape;
@@ -33,8 +35,10 @@ mod training;
 mod windowed;
 
 pub use activation::Activation;
+pub use ensemble::Ensemble;
 pub use lbfgs::Lbfgs;
 pub use loss::Loss;
+pub use onnx::{OnnxError, Scales};
 pub use shape::{Form, Shape};
 pub use state::{State, StateError};
 pub use training::{
@@ -42,6 +46,8 @@ pub use training::{
 };
 pub use windowed::{Memory, Runs, Windowed};
 
+#[cfg(test)]
+mod onnx_tests;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]

@@ -1,0 +1,49 @@
+//! Several networks of the same samples: their mean, and how far apart they are.
+
+/// What members of an ensemble predict together. [Lakshminarayanan, Pritzel & Blundell 2017]
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ensemble {
+    /// The mean of the members for each row, in the unit of the predictions.
+    pub mean: Vec<f64>,
+    /// The standard deviation (n − 1) of the members for each row: what training with another seed, or without a line, would
+    /// change. It holds neither the noise of the target nor what all members lack in the same way.
+    pub deviation: Vec<f64>,
+}
+
+impl Ensemble {
+    /// The predictions of two or more members for the same rows. `None` for fewer, or for rows that are not as many.
+    pub fn of(members: &[Vec<f64>]) -> Option<Self> {
+        let rows = members.first()?.len();
+        if members.len() < 2 || members.iter().any(|member| member.len() != rows) {
+            return None;
+        }
+        let count = members.len() as f64;
+        let mut mean = vec![0.0; rows];
+        for member in members {
+            mean.iter_mut().zip(member).for_each(|(sum, x)| *sum += x);
+        }
+        mean.iter_mut().for_each(|sum| *sum /= count);
+        let mut deviation = vec![0.0; rows];
+        for member in members {
+            let off = member.iter().zip(&mean).map(|(x, mean)| x - mean);
+            deviation.iter_mut().zip(off).for_each(|(sum, off)| *sum += off * off);
+        }
+        deviation.iter_mut().for_each(|sum| *sum = (*sum / (count - 1.0)).sqrt());
+        Some(Self { mean, deviation })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ref_mean_and_deviation_are_those_of_a_hand_calculation() {
+        let found = Ensemble::of(&[vec![1.0, -2.0], vec![2.0, -2.0], vec![6.0, -2.0]]).unwrap();
+        assert_eq!((found.mean, found.deviation), (vec![3.0, -2.0], vec![7.0f64.sqrt(), 0.0]));
+        assert_eq!(Ensemble::of(&[vec![1.0]]), None);
+        assert_eq!(Ensemble::of(&[]), None);
+        assert_eq!(Ensemble::of(&[vec![1.0], vec![]]), None);
+        assert!(Ensemble::of(&[vec![1.0], vec![f64::NAN]]).unwrap().deviation[0].is_nan());
+    }
+}

@@ -1,0 +1,296 @@
+//! A dense network as an ONNX model, for programs that run such models.
+//!
+//! ONNX is a protocol buffer [onnx.proto of IR version 8, operators of set 13]; the little of it that a dense network needs is
+//! written here: a field is its number and kind, and its length where it has one.
+
+use crate::inputs::Inputs;
+
+use super::activation::Activation;
+use super::shape::{Form, Shape};
+
+/// The scales between which a network works.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scales<'a> {
+    /// Columns to inputs.
+    pub inputs: &'a Inputs,
+    /// What is added to the linear terms, and then what they are multiplied by, each of one entry a term; empty where they are
+    /// used as they are.
+    pub linear: Option<(&'a [f64], &'a [f64])>,
+    /// The mean of the target, in nT.
+    pub target_mean: f64,
+    /// The scale of the target, in nT.
+    pub target_scale: f64,
+}
+
+/// Why there is no ONNX model of a network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum OnnxError {
+    /// Sizes do not fit each other.
+    #[error("{what}: {given} are given, but the network has {expected}")]
+    Length {
+        /// What does not fit.
+        what: &'static str,
+        /// The given number.
+        given: usize,
+        /// The number needed.
+        expected: usize,
+    },
+    /// A parameter or a scale is NaN or infinite.
+    #[error("{what} is not finite")]
+    NotFinite {
+        /// What is not finite.
+        what: &'static str,
+    },
+}
+
+impl Shape {
+    /// The network as the bytes of an ONNX file, in double precision, scaling included. Its input `x` takes rows of columns in
+    /// their own units, its input `a` rows of linear terms where the form has them, and its output `y` is the target, in
+    /// the unit of its scale; the number of rows is free.
+    ///
+    /// # Errors
+    /// Fails for parameters and scales that do not fit the network, and for those that are not finite.
+    pub fn to_onnx(&self, parameters: &[f64], scales: &Scales<'_>) -> Result<Vec<u8>, OnnxError> {
+        let expect = |what, given: usize, expected: usize| {
+            if given == expected { Ok(()) } else { Err(OnnxError::Length { what, given, expected }) }
+        };
+        let columns = scales.inputs.mean.len();
+        expect("parameters", parameters.len(), self.parameters())?;
+        expect("inputs", scales.inputs.width(), self.inputs)?;
+        expect("scales of columns", scales.inputs.scale.len(), columns)?;
+        let target = [scales.target_mean, scales.target_scale];
+        let mut finite = vec![
+            ("a parameter", parameters),
+            ("the mean of a column", scales.inputs.mean.as_slice()),
+            ("the scale of a column", scales.inputs.scale.as_slice()),
+            ("the scale of the target", target.as_slice()),
+        ];
+        if let Some((offset, factor)) = scales.linear {
+            expect("offsets of linear terms", offset.len(), self.linear)?;
+            expect("factors of linear terms", factor.len(), self.linear)?;
+            finite.extend([("the offset of a linear term", offset), ("the factor of a linear term", factor)]);
+        }
+        if let Some(components) = &scales.inputs.components {
+            expect("weights of components", components.weights.len(), components.count * columns)?;
+            finite.push(("the weight of a component", components.weights.as_slice()));
+        }
+        if let Some((what, _)) = finite.iter().find(|(_, values)| !values.iter().all(|x| x.is_finite())) {
+            return Err(OnnxError::NotFinite { what });
+        }
+        let mut graph = Graph::default();
+        let x = graph.scaled_inputs(scales.inputs);
+        let mut values = x;
+        let layers = self.layers();
+        for (number, layer) in layers.iter().enumerate() {
+            let weights = graph.constant(&[layer.units, layer.inputs], layer.weights(parameters));
+            let biases = graph.constant(&[layer.units], layer.biases(parameters));
+            values = graph.dense(&values, &weights, &biases);
+            if number + 1 < layers.len() {
+                values = graph.activation(self.activation, &values);
+            }
+        }
+        if self.form != Form::Plain {
+            let a = graph.scaled_terms(scales.linear);
+            let b = &parameters[self.linear_start()..];
+            values = match self.form {
+                Form::Plain => values,
+                Form::Weights => graph.products(&a, &values),
+                Form::FixedLinear | Form::TrainedLinear => {
+                    let b = graph.constant(&[self.linear, 1], b);
+                    let linear = graph.node("MatMul", &[&a, &b], &[]);
+                    graph.node("Add", &[&values, &linear], &[])
+                }
+                Form::WeightsAroundFixed => {
+                    let b = graph.constant(&[self.linear], b);
+                    let sum = graph.node("Add", &[&values, &b], &[]);
+                    graph.products(&a, &sum)
+                }
+            };
+        }
+        let scale = graph.constant(&[1], &[scales.target_scale]);
+        let mean = graph.constant(&[1], &[scales.target_mean]);
+        let scaled = graph.node("Mul", &[&values, &scale], &[]);
+        graph.named_node("Add", &[&scaled, &mean], "y", &[]);
+        let mut given = vec![("x", columns)];
+        if self.form != Form::Plain {
+            given.push(("a", self.linear));
+        }
+        Ok(graph.model(&given))
+    }
+}
+
+/// Nodes and constants so far.
+#[derive(Default)]
+struct Graph {
+    nodes: Message,
+    constants: Message,
+    names: usize,
+}
+
+impl Graph {
+    fn name(&mut self) -> String {
+        self.names += 1;
+        format!("v{}", self.names)
+    }
+
+    /// A tensor of double precision; its name.
+    fn constant(&mut self, dimensions: &[usize], values: &[f64]) -> String {
+        const DOUBLE: u64 = 11;
+        let name = self.name();
+        let mut tensor = Message::default();
+        dimensions.iter().for_each(|n| tensor.number(1, *n as u64));
+        tensor.number(2, DOUBLE);
+        tensor.bytes(8, name.as_bytes());
+        let raw: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+        tensor.bytes(9, &raw);
+        self.constants.bytes(5, &tensor.0);
+        name
+    }
+
+    /// A list of whole numbers; its name.
+    fn axes(&mut self, values: &[i64]) -> String {
+        const INT64: u64 = 7;
+        let name = self.name();
+        let mut tensor = Message::default();
+        tensor.number(1, values.len() as u64);
+        tensor.number(2, INT64);
+        tensor.bytes(8, name.as_bytes());
+        let raw: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+        tensor.bytes(9, &raw);
+        self.constants.bytes(5, &tensor.0);
+        name
+    }
+
+    /// An operation; the name of its result.
+    fn node(&mut self, operation: &str, inputs: &[&str], integers: &[(&str, u64)]) -> String {
+        let name = self.name();
+        self.named_node(operation, inputs, &name, integers);
+        name
+    }
+
+    fn named_node(&mut self, operation: &str, inputs: &[&str], output: &str, integers: &[(&str, u64)]) {
+        const INTEGER: u64 = 2;
+        let mut node = Message::default();
+        inputs.iter().for_each(|input| node.bytes(1, input.as_bytes()));
+        node.bytes(2, output.as_bytes());
+        node.bytes(4, operation.as_bytes());
+        for (name, value) in integers {
+            let mut attribute = Message::default();
+            attribute.bytes(1, name.as_bytes());
+            attribute.number(3, *value);
+            attribute.number(20, INTEGER);
+            node.bytes(5, &attribute.0);
+        }
+        self.nodes.bytes(1, &node.0);
+    }
+
+    /// x Wᵀ + b.
+    fn dense(&mut self, x: &str, weights: &str, biases: &str) -> String {
+        self.node("Gemm", &[x, weights, biases], &[("transB", 1)])
+    }
+
+    fn activation(&mut self, activation: Activation, z: &str) -> String {
+        match activation {
+            Activation::Swish => {
+                let part = self.node("Sigmoid", &[z], &[]);
+                self.node("Mul", &[z, &part], &[])
+            }
+            Activation::Relu => self.node("Relu", &[z], &[]),
+            Activation::Tanh => self.node("Tanh", &[z], &[]),
+            Activation::Sigmoid => self.node("Sigmoid", &[z], &[]),
+        }
+    }
+
+    fn scaled_inputs(&mut self, inputs: &Inputs) -> String {
+        let columns = inputs.mean.len();
+        let (mean, scale) = (self.constant(&[columns], &inputs.mean), self.constant(&[columns], &inputs.scale));
+        let centred = self.node("Sub", &["x", &mean], &[]);
+        let scaled = self.node("Div", &[&centred, &scale], &[]);
+        let Some(components) = &inputs.components else { return scaled };
+        let weights = self.constant(&[components.count, columns], &components.weights);
+        let none = self.constant(&[components.count], &vec![0.0; components.count]);
+        self.dense(&scaled, &weights, &none)
+    }
+
+    fn scaled_terms(&mut self, scales: Option<(&[f64], &[f64])>) -> String {
+        let Some((offset, factor)) = scales else { return "a".to_owned() };
+        let (offset, factor) = (self.constant(&[offset.len()], offset), self.constant(&[factor.len()], factor));
+        let moved = self.node("Add", &["a", &offset], &[]);
+        self.node("Mul", &[&moved, &factor], &[])
+    }
+
+    /// The sums of the products of each row.
+    fn products(&mut self, one: &str, other: &str) -> String {
+        let products = self.node("Mul", &[one, other], &[]);
+        let axes = self.axes(&[1]);
+        self.node("ReduceSum", &[&products, &axes], &[("keepdims", 1)])
+    }
+
+    /// The model whose inputs have these names and numbers of columns.
+    fn model(self, inputs: &[(&str, usize)]) -> Vec<u8> {
+        const IR_VERSION: u64 = 8;
+        const OPERATORS: u64 = 13;
+        let mut graph = self.nodes;
+        graph.bytes(2, b"network");
+        graph.0.extend(self.constants.0);
+        inputs.iter().for_each(|(name, columns)| graph.bytes(11, &rows(name, *columns).0));
+        graph.bytes(12, &rows("y", 1).0);
+        let mut operators = Message::default();
+        operators.bytes(1, b"");
+        operators.number(2, OPERATORS);
+        let mut model = Message::default();
+        model.number(1, IR_VERSION);
+        model.bytes(2, b"magline");
+        model.bytes(7, &graph.0);
+        model.bytes(8, &operators.0);
+        model.0
+    }
+}
+
+/// The description of rows of so many columns in double precision.
+fn rows(name: &str, columns: usize) -> Message {
+    let nested = |number: u64, inner: Message| {
+        let mut outer = Message::default();
+        outer.bytes(number, &inner.0);
+        outer
+    };
+    let (mut free, mut fixed, mut shape) = (Message::default(), Message::default(), Message::default());
+    free.bytes(2, b"rows");
+    fixed.number(1, columns as u64);
+    shape.bytes(1, &free.0);
+    shape.bytes(1, &fixed.0);
+    let mut tensor = Message::default();
+    tensor.number(1, 11);
+    tensor.bytes(2, &shape.0);
+    let mut value = Message::default();
+    value.bytes(1, name.as_bytes());
+    value.bytes(2, &nested(1, tensor).0);
+    value
+}
+
+/// A message of a protocol buffer.
+#[derive(Default)]
+struct Message(Vec<u8>);
+
+impl Message {
+    fn variable(&mut self, mut x: u64) {
+        while x >= 0x80 {
+            self.0.push((x & 0x7f) as u8 | 0x80);
+            x >>= 7;
+        }
+        self.0.push(x as u8);
+    }
+
+    /// A field that is a whole number.
+    fn number(&mut self, field: u64, x: u64) {
+        self.variable(field << 3);
+        self.variable(x);
+    }
+
+    /// A field that is bytes, a text or a message.
+    fn bytes(&mut self, field: u64, x: &[u8]) {
+        self.variable(field << 3 | 2);
+        self.variable(x.len() as u64);
+        self.0.extend_from_slice(x);
+    }
+}

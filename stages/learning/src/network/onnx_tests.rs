@@ -1,0 +1,97 @@
+use super::tests::{Table, columns, near};
+use super::*;
+use crate::inputs::Inputs;
+
+const OFFSET: [f64; 3] = [0.3, -0.1, 0.2];
+const FACTOR: [f64; 3] = [1.5, 0.7, 2.0];
+
+/// A file in `reference/network/onnx`, and what it is made of.
+struct Case {
+    name: &'static str,
+    shape: Shape,
+    parameters: Vec<f64>,
+    inputs: Inputs,
+    /// Whether the linear terms are scaled.
+    scaled: bool,
+    bytes: Vec<u8>,
+}
+
+/// A network of each form.
+fn cases() -> Vec<Case> {
+    let table = Table::reference();
+    let shape = |form, activation, hidden: &[usize], inputs| Shape {
+        inputs,
+        linear: if form == Form::Plain { 0 } else { 3 },
+        hidden: hidden.to_vec(),
+        activation,
+        form,
+    };
+    let plain = Inputs::standardised(&table.x, 5).unwrap();
+    // Written down, so that no decomposition is between the file and its bytes.
+    let mut whitened = plain.clone();
+    let weights = (0..10).map(|i| f64::from(i) * 0.1 - 0.4).collect();
+    whitened.components = Some(crate::inputs::Components { count: 2, weights, explained: 0.5 });
+    let all = [
+        ("m1", shape(Form::Plain, Activation::Relu, &[6], 2), whitened, false),
+        ("m2a", shape(Form::Weights, Activation::Tanh, &[4], 5), plain.clone(), false),
+        ("m2b", shape(Form::FixedLinear, Activation::Sigmoid, &[4], 5), plain.clone(), true),
+        ("m2c", shape(Form::TrainedLinear, Activation::Swish, &[7, 4], 5), plain.clone(), true),
+        ("m2d", shape(Form::WeightsAroundFixed, Activation::Swish, &[], 5), plain, true),
+    ];
+    let of = |(name, shape, inputs, scaled): (&'static str, Shape, Inputs, bool)| {
+        let parameters: Vec<f64> = (0..shape.parameters()).map(|i| 0.5 * (0.9 * i as f64).sin()).collect();
+        let linear = scaled.then_some((OFFSET.as_slice(), FACTOR.as_slice()));
+        let scales = Scales { inputs: &inputs, linear, target_mean: 12.0, target_scale: 30.0 };
+        let bytes = shape.to_onnx(&parameters, &scales).unwrap();
+        Case { name, shape, parameters, inputs, scaled, bytes }
+    };
+    all.into_iter().map(of).collect()
+}
+
+#[test]
+#[ignore = "writes the files that reference/network/check_onnx.py runs"]
+fn user_write_the_onnx_files() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/reference/network/onnx");
+    std::fs::create_dir_all(folder).unwrap();
+    for Case { name, bytes, .. } in cases() {
+        std::fs::write(format!("{folder}/{name}.onnx"), bytes).unwrap();
+    }
+}
+
+#[test]
+fn ref_onnx_files_are_those_that_onnxruntime_ran_and_gave_these_predictions() {
+    let table = Table::reference();
+    let expected = columns(include_str!("../../reference/network/onnx.csv"));
+    let kept: [(&str, &[u8]); 5] = [
+        ("m1", include_bytes!("../../reference/network/onnx/m1.onnx")),
+        ("m2a", include_bytes!("../../reference/network/onnx/m2a.onnx")),
+        ("m2b", include_bytes!("../../reference/network/onnx/m2b.onnx")),
+        ("m2c", include_bytes!("../../reference/network/onnx/m2c.onnx")),
+        ("m2d", include_bytes!("../../reference/network/onnx/m2d.onnx")),
+    ];
+    for (Case { name, shape, parameters, inputs, scaled, bytes }, (file, kept)) in cases().into_iter().zip(kept) {
+        assert!(name == file && bytes == kept, "{name}.onnx is not the file that was checked: run its checks again");
+        let scale = |(k, a): (usize, &f64)| if scaled { (a + OFFSET[k % 3]) * FACTOR[k % 3] } else { *a };
+        let a: Vec<f64> = if shape.linear == 0 { vec![] } else { table.a.iter().enumerate().map(scale).collect() };
+        let predicted = shape.predict(&parameters, &inputs.apply(&table.x), &a);
+        let predicted: Vec<f64> = predicted.iter().map(|y| 12.0 + 30.0 * y).collect();
+        near(&predicted, &expected[name], 1e-12, name);
+    }
+}
+
+#[test]
+fn unit_what_does_not_fit_is_no_model() {
+    let table = Table::reference();
+    let inputs = Inputs::standardised(&table.x, 5).unwrap();
+    let shape =
+        Shape { inputs: 5, linear: 3, hidden: vec![2], activation: Activation::Relu, form: Form::TrainedLinear };
+    let good = Scales { inputs: &inputs, linear: None, target_mean: 0.0, target_scale: 1.0 };
+    let parameters = shape.initial(1, &[0.1, 0.2, 0.3]);
+    assert!(shape.to_onnx(&parameters, &good).is_ok());
+    assert!(shape.to_onnx(&parameters[1..], &good).is_err());
+    assert!(shape.to_onnx(&shape.initial(1, &[]), &good).is_err());
+    let narrow = Shape { inputs: 4, ..shape.clone() };
+    assert!(narrow.to_onnx(&narrow.initial(1, &[0.1, 0.2, 0.3]), &good).is_err());
+    assert!(shape.to_onnx(&parameters, &Scales { target_scale: f64::NAN, ..good }).is_err());
+    assert!(shape.to_onnx(&parameters, &Scales { linear: Some((&[0.0], &[1.0, 1.0, 1.0])), ..good }).is_err());
+}
