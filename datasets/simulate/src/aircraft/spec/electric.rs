@@ -416,7 +416,7 @@ params! {
     /// How many times it goes that way.
     turns: f64, unit "1", default 1.0, rule Rule::Finite;
     /// The current of which half goes this way, such as the joints of the airframe beside a wire: of a smaller one less, of
-    /// a larger one more, I |I| / (|I| + `onset_a`). 0 is a wire that all of it goes through.
+    /// a larger one more, I abs(I) / (abs(I) + `onset_a`). 0 is a wire that all of it goes through.
     onset_a: f64, unit "A", default 0.0, rule Rule::NotNegative;
     /// The position of a small coil, in place of a path.
     place_m: Option<[f64; 3]>, unit "m", absent "a `path`", rule Rule::Finite;
