@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     Bytes, Flights, Lines, ReadStep, VERSION,
     assemble::{Assembly, MISSING, Whole},
-    checks::{self, Measure, measures, of_findings},
+    checks::{self, Measure, measures, of_findings, table::COLUMNS},
     find_lines, fingerprint,
     flight_file::FlightFile,
     in_order::in_order,
@@ -36,7 +36,10 @@ use super::{
     quality::{Examined, Finding, Origins, examine},
     record, threads_in_each,
 };
-use crate::{keys::Key, store::Store};
+use crate::{
+    keys::Key,
+    store::{Store, published},
+};
 
 /// One line of a table of flights.
 #[derive(Clone, Debug)]
@@ -240,7 +243,8 @@ fn index(store: &Store, file: &FlightFile, how: &How, tick: LineTick) -> Result<
     file.keep(store);
     let whole =
         |i: &Index| i.lines.iter().all(|l| l.fault.is_some() || Key::parse(&l.object).is_some_and(|k| store.has(k)));
-    if let Some(index) = known.filter(|index| figures.is_file() && whole(index)) {
+    let readable = || published(&quality, &COLUMNS).is_ok_and(|table| table.is_some());
+    if let Some(index) = known.filter(|index| whole(index) && readable()) {
         return Ok((bytes, index, quality));
     }
     tick(simulated, 0, of_lines);

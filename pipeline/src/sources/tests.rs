@@ -99,6 +99,27 @@ fn unit_a_damaged_note_of_what_a_file_holds_is_made_again() {
 }
 
 #[test]
+fn unit_damaged_figures_of_quality_are_made_again() {
+    let folder = TempDir::new().unwrap();
+    written(folder.path(), "1", 5);
+    let store = Store::open(&folder.path().join("store")).unwrap();
+    let first = ingested(folder.path(), &store, 1).0;
+    let folders: Vec<_> = fs::read_dir(store.root().join("quality")).unwrap().flatten().map(|e| e.path()).collect();
+    let [kept] = folders.as_slice() else { panic!("{folders:?}") };
+    let whole = fs::read(kept.join("part-0.parquet")).unwrap();
+    let mut flipped = whole.clone();
+    flipped[40] ^= 1;
+    for damaged in [&whole[..whole.len() / 2], &flipped[..], &[]] {
+        fs::write(kept.join("part-0.parquet"), damaged).unwrap();
+        assert_eq!(ingested(folder.path(), &store, 1).0, first);
+        assert_eq!(fs::read(kept.join("part-0.parquet")).unwrap(), whole);
+    }
+    fs::remove_dir_all(kept).unwrap();
+    assert_eq!(ingested(folder.path(), &store, 1).0, first);
+    assert!(kept.join("part-0.parquet").is_file());
+}
+
+#[test]
 fn unit_what_opening_a_file_has_found_is_kept_for_as_long_as_the_file_is_the_same() {
     let folder = TempDir::new().unwrap();
     written(folder.path(), "1", 2);

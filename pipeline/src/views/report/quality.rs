@@ -52,8 +52,8 @@ impl ColumnOf {
 /// # Errors
 /// Fails when the store is damaged.
 pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
-    let columns = columns(source)?;
-    if columns.is_empty() {
+    let (columns, unreadable) = columns(source);
+    if columns.is_empty() && unreadable == 0 {
         return Ok(None);
     }
     let (clocks, columns): (Vec<&ColumnOf>, Vec<&ColumnOf>) = columns.iter().partition(|c| c.is_clock());
@@ -66,6 +66,9 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
             p.lead { "As they were read, before any stage. "
                 @if marked == 0 { "No figure needs a look." }
                 @else { (marked) " of " (clocks.len() + columns.len()) " columns have a figure that needs a look, marked with a " strong { "!" } "; the worst come first." }
+            }
+            @if unreadable > 0 {
+                p.warning { "The figures of " (unreadable) (if unreadable == 1 { " file" } else { " files" }) " in the store are damaged and are not shown; the next run makes them again." }
             }
             @for picture in pictures { (picture) }
             (clock_table(source, &several, &clocks))
@@ -90,12 +93,17 @@ impl Several {
     }
 }
 
-/// All columns with a figure, the worst first.
-fn columns(source: &Source) -> Result<Vec<ColumnOf>, Fault> {
+/// All columns with a figure, the worst first; and the number of files whose figures cannot be read.
+fn columns(source: &Source) -> (Vec<ColumnOf>, usize) {
+    let mut unreadable = 0;
     let mut found: BTreeMap<(usize, String, String), BTreeMap<Figure, Measure>> = BTreeMap::new();
     for (table, folders) in source.graph.quality.iter().enumerate() {
         for folder in folders {
-            let rows = published(folder, &COLUMNS)?.map(|rows| figures(&rows)).unwrap_or_default();
+            let Ok(rows) = published(folder, &COLUMNS) else {
+                unreadable += 1;
+                continue;
+            };
+            let rows = rows.map(|rows| figures(&rows)).unwrap_or_default();
             for OfLine { flight, measure, .. } in rows {
                 let of = found.entry((table, flight, measure.column.clone())).or_default();
                 match of.get_mut(&measure.check) {
@@ -142,7 +150,7 @@ fn columns(source: &Source) -> Result<Vec<ColumnOf>, Fault> {
         let worse = b.marks.len().cmp(&a.marks.len()).then(lost(b).cmp(&lost(a)));
         worse.then_with(|| (a.source, &a.flight, &a.column).cmp(&(b.source, &b.flight, &b.column)))
     });
-    Ok(all)
+    (all, unreadable)
 }
 
 /// Takes the worse value of two lines, and the samples of both.
