@@ -47,7 +47,7 @@ mod target;
 #[cfg(test)]
 mod testing;
 mod track_map;
-mod trained;
+pub mod trained;
 
 use schemas::Entry;
 

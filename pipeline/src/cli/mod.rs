@@ -8,6 +8,7 @@ mod ingest;
 mod interrupt;
 mod lines;
 mod map;
+mod onnx;
 mod progress;
 mod publish;
 mod report;
@@ -131,6 +132,8 @@ enum Command {
         #[command(subcommand)]
         command: bench::BenchCommand,
     },
+    /// Write a trained network of a `fit` as an ONNX file, which other programs run.
+    Onnx(onnx::OnnxArgs),
     /// Work on anomaly maps.
     Map {
         /// Only errors on standard error: no progress, no notes.
@@ -269,6 +272,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
         Command::Ingest(args) => ingest::run(&args),
         Command::Publish(args) => publish::run(catalogue, &args),
         Command::Bench { command } => bench::run(&command),
+        Command::Onnx(args) => onnx::run(&args),
         Command::Map { quiet, command } => map::run(&command, quiet),
         Command::Synth { spec, to, quiet } => synth(&spec, &to, quiet),
     };

@@ -15,7 +15,7 @@
 
 use learning::{
     inputs::{Components, Inputs},
-    network::{Activation, Form, Shape},
+    network::{Activation, Form, Scales, Shape},
 };
 use numerics::regression::statistics;
 use schemas::Fault;
@@ -101,6 +101,31 @@ impl Network {
     /// The columns of a row.
     pub fn columns(&self) -> &[String] {
         &self.columns
+    }
+
+    /// The names of the inputs.
+    pub fn inputs(&self) -> &[String] {
+        &self.inputs
+    }
+
+    /// The names of the linear terms.
+    pub fn linear(&self) -> &[String] {
+        &self.linear
+    }
+
+    /// The bytes of an ONNX file of it. The input `x` takes rows of [`Network::inputs`], `a` rows of [`Network::linear`] where there are
+    /// any, both as they are; the output `y` is the field, nT.
+    ///
+    /// # Errors
+    /// When it is the mean of several networks.
+    pub fn to_onnx(&self) -> Result<Vec<u8>, Fault> {
+        let [member] = &self.members[..] else {
+            let what = format!("the model is the mean of {} networks, and an ONNX file holds one", self.members.len());
+            return Err(Fault::data(what).help("fit it with `members = 1`"));
+        };
+        let (target_mean, target_scale) = self.target;
+        let scales = Scales { inputs: &self.scaling, linear: None, target_mean, target_scale };
+        self.shape.to_onnx(member, &scales).map_err(|e| Fault::bug(e.to_string()))
     }
 
     /// The scaled inputs and the linear terms of rows.

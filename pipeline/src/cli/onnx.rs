@@ -1,0 +1,82 @@
+//! `magline onnx`: a trained network as a file that other programs run.
+
+use std::path::PathBuf;
+
+use arrow_array::{Array, RecordBatch, cast::AsArray, types::Float64Type};
+use arrow_schema::SchemaRef;
+use clap::Args;
+use schemas::Fault;
+use stages::trained::Learned;
+
+use super::{Stop, say::err, temporary::Temporary};
+use crate::views::sql::{Question, Sink, memory, sql};
+
+#[derive(Args)]
+pub struct OnnxArgs {
+    /// The table of a `fit`, as PIPELINE.TABLE.
+    table: String,
+    /// A condition in SQL on the axes, such as "model = 'm2c' AND mag = 'mag_4_uc'"; needed where the table has several models.
+    #[arg(long = "where", value_name = "CONDITION")]
+    condition: Option<String>,
+    /// The store's folder.
+    #[arg(long, default_value = "store")]
+    store: PathBuf,
+    /// The file to write.
+    #[arg(short, long)]
+    output: PathBuf,
+}
+
+/// The terms of a model.
+#[derive(Default)]
+struct Terms {
+    names: Vec<String>,
+    values: Vec<f64>,
+}
+
+impl Sink for Terms {
+    fn take(&mut self, batch: RecordBatch) -> Result<bool, Fault> {
+        let wrong = || Fault::new("the table is not that of a `fit`: it has no terms and values");
+        let names = batch.column(0).as_string_opt::<i32>().ok_or_else(wrong)?;
+        let values = batch.column(1).as_primitive_opt::<Float64Type>().ok_or_else(wrong)?;
+        self.names.extend(names.iter().map(|name| name.unwrap_or_default().to_owned()));
+        self.values.extend((0..values.len()).map(|i| if values.is_null(i) { f64::NAN } else { values.value(i) }));
+        Ok(true)
+    }
+
+    fn keeps(&self, batch: &RecordBatch) -> usize {
+        batch.get_array_memory_size()
+    }
+
+    fn finish(&mut self, _: &SchemaRef) -> Result<(), Fault> {
+        Ok(())
+    }
+}
+
+/// Writes the file.
+pub fn run(args: &OnnxArgs) -> Result<(), Stop> {
+    let condition = args.condition.as_ref().map(|c| format!(" WHERE {c}")).unwrap_or_default();
+    let query = format!("SELECT arrow_cast(term, 'Utf8'), value FROM {}{condition}", args.table);
+    let spill = Temporary::new(std::env::temp_dir().join(format!("magline-onnx-{}", std::process::id())));
+    let question =
+        Question { store: &args.store, query: &query, memory: memory::by_default(), spill: spill.path().to_owned() };
+    let mut terms = Terms::default();
+    sql(&question, &mut terms)?;
+    let mut sorted = terms.names.clone();
+    sorted.sort_unstable();
+    if sorted.windows(2).any(|pair| pair[0] == pair[1]) {
+        let fault = Fault::new(format!("{} has several models", args.table));
+        return Err(fault.help("choose one by its axes, with `--where`").into());
+    }
+    let Some(Learned::Network(network)) = Learned::read(&terms.names, &terms.values)? else {
+        let fault = Fault::new(format!("{} has no dense network", args.table));
+        return Err(fault.help("models with an ONNX file are `m1`, `m2a` to `m2d`, `tlnn` and `etlnn`").into());
+    };
+    let bytes = network.to_onnx()?;
+    std::fs::write(&args.output, &bytes)
+        .map_err(|e| Fault::machine(format!("cannot write {}: {e}", args.output.display())))?;
+    err!("input `x`: {}", network.inputs().join(", "));
+    if !network.linear().is_empty() {
+        err!("input `a`: {}", network.linear().join(", "));
+    }
+    Ok(())
+}
