@@ -19,6 +19,29 @@
 //! # Ok::<(), learning::network::TrainingError>(())
 //! ```
 
+//! # What computes
+//!
+//! Products of 256 rows with the weights of a layer, written with the vectors of AVX2 where the processor has them. For 77 inputs
+//! and 8 units, 400,000 rows forwards and backwards take 19 ms of a processor; faer's matrix product took 12 ms on the same
+//! machine, with vectors twice as wide, which is a tenth of an epoch. Ours sums in one order and by fused multiply-add on every
+//! machine, so that the bits of a model do not depend on the processor that trained it. PyTorch takes about four times
+//! as long an epoch in single precision, and six times in double (`stages/learning/benches`). Other frameworks were not measured.
+//!
+//! Batches are cut into blocks of 256 rows, whose gradients are added in their order, on any number of threads.
+//!
+//! # The parameters by hand
+//!
+//! For one hidden layer of `h` units with swish and `p` inputs, with numpy and parameters `w` in the order of
+//! [`Shape::names`]:
+//!
+//! ```text
+//! z = (x - mean) / scale                               # x: rows of columns
+//! w1, b1 = w[: h * p].reshape(h, p), w[h * p : h * p + h]
+//! w2, b2 = w[h * p + h : h * p + 2 * h], w[h * p + 2 * h]
+//! s = z @ w1.T + b1
+//! y = (s / (1 + exp(-s))) @ w2 + b2                    # m1; for m2b and m2c: + a @ w[h * p + 2 * h + 1 :]
+//! ```
+
 mod activation;
 mod convolution;
 mod ensemble;
