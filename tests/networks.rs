@@ -86,6 +86,28 @@ fn user_every_network_compensates_and_its_training_is_a_query_away() {
 }
 
 #[test]
+fn user_a_network_becomes_an_onnx_file() {
+    let bench = Bench::new();
+    bench.spec(&spec("model = [\"m1\", \"m2c\", \"random_features\"]", "model = \"$model\"\nepochs = 2"));
+    assert_eq!(bench.run(&[]).code, 0);
+    let onnx = |more: &[&str]| bench.magline(&[&["onnx", "small.network", "-o", "network.onnx"], more].concat());
+    let written = onnx(&["--where", "model = 'm2c'"]);
+    assert!(written.status.success(), "{}", stderr(&written));
+    assert!(stderr(&written).contains("input `a`: x, y, z, xx, xy"), "{}", stderr(&written));
+    let bytes = std::fs::read(bench.path("network.onnx")).unwrap();
+    assert!(bytes.windows(6).any(|part| part == b"MatMul") || bytes.windows(4).any(|part| part == b"Gemm"));
+    for (more, why) in [
+        (&[][..], "has several models"),
+        (&["--where", "model = 'random_features'"], "has no dense network"),
+        (&["--where", "model = 'm3'"], "has no dense network"),
+        (&["--where", "colour = 1"], "colour"),
+    ] {
+        let refused = onnx(more);
+        assert!(!refused.status.success() && stderr(&refused).contains(why), "{}", stderr(&refused));
+    }
+}
+
+#[test]
 fn user_a_training_that_is_killed_goes_on_to_the_same_bytes_on_other_threads() {
     let bench = Bench::new();
     let keys = "model = \"m2c\"\nhidden = [64, 64]\nepochs = 150\nbatch = 16\nseed = 5";
