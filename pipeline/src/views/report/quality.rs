@@ -243,7 +243,7 @@ fn column_table(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Ma
             (rows(source, several, &marked))
         }
         @if !others.is_empty() {
-            details { summary { (others.len()) @if marked.is_empty() { " columns" } @else { " more columns" } ", without a mark" }
+            details { summary { (others.len()) @if !marked.is_empty() { " more" } (if others.len() == 1 { " column" } else { " columns" }) ", without a mark" }
                 (rows(source, several, &others))
             }
         }
@@ -253,7 +253,8 @@ fn column_table(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Ma
 fn rows(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Markup {
     let count: fn(&Measure) -> f64 = |m| m.count as f64;
     let size: fn(&Measure) -> f64 = |m| m.value;
-    let unit = |m: &Measure| if m.unit.is_empty() { value(m) } else { format!("{} {}", value(m), m.unit) };
+    let unit =
+        |m: &Measure| if m.unit.is_empty() || m.unit == "1" { value(m) } else { format!("{} {}", value(m), m.unit) };
     let lasting = |m: &Measure| format!("{}, {} s", m.count, value(m));
     let many = |m: &Measure| format!("{}, {}", m.count, unit(m));
     html! {

@@ -89,8 +89,8 @@ impl Timeline<'_> {
 
 /// What is drawn, its class in the style sheet and its name; the narrowest last.
 const KINDS: [(Figure, &str, &str); 4] = [
-    (Figure::Stuck, "stuck", "stuck"),
     (Figure::Saturation, "saturated", "saturated"),
+    (Figure::Stuck, "stuck", "stuck"),
     (Figure::Dropouts, "missing", "missing values"),
     (Figure::Spikes, "spike", "spike"),
 ];
