@@ -28,6 +28,7 @@ mod publish;
 mod queries;
 mod readers;
 mod reuse;
+mod rivals;
 mod store;
 mod support;
 mod trust;
