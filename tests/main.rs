@@ -29,6 +29,7 @@ mod publish;
 mod queries;
 mod readers;
 mod reuse;
+mod rivals;
 mod search;
 mod store;
 mod support;

@@ -17,7 +17,7 @@ pub enum Body {
     /// Coefficients times terms.
     Linear { terms: Vec<String>, values: Vec<f64> },
     /// In another way.
-    Learned(Learned),
+    Learned(Box<Learned>),
 }
 
 /// A model of the table of a `fit`.
@@ -41,7 +41,7 @@ impl Fitted {
                 let what = "the model is not linear: no term of it can be left out";
                 return Err(Fault::data(what).of_param("without"));
             }
-            return Ok(Self { body: Body::Learned(learned) });
+            return Ok(Self { body: Body::Learned(Box::new(learned)) });
         }
         if let Some(name) = without.iter().find(|w| !terms.contains(w)) {
             return Err(Fault::data(format!("the model has no term `{name}` to leave out")).of_param("without"));

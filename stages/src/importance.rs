@@ -258,7 +258,9 @@ impl Importance {
             let means: Vec<f64> = (0..width).map(mean).collect();
             return shapley_linear(&coefficients, &some, &means, groups).map_err(refused);
         }
-        if let Body::Learned(Learned::BoostedTrees(trees)) = &fitted.body {
+        if let Body::Learned(learned) = &fitted.body
+            && let Learned::BoostedTrees(trees) = learned.as_ref()
+        {
             return shapley_trees(trees.forest(), &some, &background, rows.width, groups).map_err(refused);
         }
         let predict = |x: &[f64]| Ok::<_, Infallible>(fitted.field_nt(x));
