@@ -190,6 +190,10 @@ fn r10_velocities_and_heights_that_fit_in_another_unit_only() {
     let feet = each(&flight, &["alt"], |x| x / 0.3048);
     let said = refused(&[renamed(&feet, "alt", "height")], "rename = { \"height\" = \"alt\" }");
     contains(&said, &["column `alt`", "`alt` and `ins_alt` are 684 m apart", "say `units = { \"height\" = \"ft\" }`"]);
+    // 487 m apart, which 700 m and 213 m are in feet too; but they rise together.
+    let rising = |from: f64| move |i: usize, _: f64| from + 20.0 * (0.05 * i as f64).sin();
+    let flight = changed(&changed(&flight, "alt", rising(700.0)), "ins_alt", rising(213.0));
+    assert_eq!(bench(&[flight], "").run(&[]).code, 0);
 }
 
 #[test]

@@ -316,7 +316,7 @@ fn heights(line: &Line) -> Option<(Fault, Finding)> {
         let apart = |p: f64, q: f64| median(rows.iter().map(|i| (p * a[*i] - q * b[*i]).abs()).collect());
         let (same, first, second) = (apart(1.0, 1.0), apart(FOOT, 1.0), apart(1.0, FOOT));
         // Ellipsoid, sea level and pressure differ by less.
-        if same < 200.0 || first.min(second) > 0.2 * same {
+        if same < 200.0 || first.min(second) > 0.2 * same || rise_together(a, b, &rows) {
             continue;
         }
         let (wrong, value) = if first < second { (one, a[row]) } else { (other, b[row]) };
@@ -325,6 +325,17 @@ fn heights(line: &Line) -> Option<(Fault, Finding)> {
         return Some(line.contradiction((wrong, row, value, "m"), a.len(), what, &help));
     }
     None
+}
+
+/// Whether two heights rise by the same, so that they are in one unit and differ in where they begin, as a barometer that is
+/// set to 0 on the ground.
+fn rise_together(a: &[f64], b: &[f64], rows: &[usize]) -> bool {
+    let column = |x: &[f64]| rows.iter().map(|i| x[*i]).collect::<Vec<f64>>();
+    let (a, b) = (column(a), column(b));
+    let apart: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
+    let [a, b, apart] = [a, b, apart].map(|x| statistics::std(&x).value);
+    // A height in the other unit would rise by three times as much, and be apart by two thirds of it.
+    apart < 0.4 * a.min(b)
 }
 
 /// A heading that follows the course only in radians.

@@ -91,6 +91,10 @@ impl<'a> Facts<'a> {
 
     /// What is likely to be behind a warning; `None` where nothing that is known explains it.
     pub fn cause(&self, kind: Kind) -> Option<String> {
+        if kind == Kind::Retention {
+            let cause = "the model was fitted over strong geology, or has learnt the map from its inputs";
+            return Some(cause.to_owned());
+        }
         let settings = self.settings.as_ref()?;
         let found = match kind {
             Kind::WorseThanIns | Kind::NeesHigh | Kind::NisHigh => self.too_sure(settings, kind),
@@ -99,7 +103,7 @@ impl<'a> Facts<'a> {
             Kind::OffMap => vec!["the map does not cover the line, or has unknown cells below it".to_owned()],
             Kind::MapHeight if settings.levels => vec!["the flight leaves the heights of `map_levels_m`".to_owned()],
             Kind::MapHeight => vec!["`navigate` has no `map_levels_m`: name heights about those flown".to_owned()],
-            Kind::Fit | Kind::Map => vec![],
+            Kind::Retention | Kind::Fit | Kind::Map => vec![],
         };
         (!found.is_empty()).then(|| found.join("; "))
     }

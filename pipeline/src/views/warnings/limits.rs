@@ -46,6 +46,9 @@ pub const NEES: Law = Law { mean: 2.0, factor: 10.0 };
 /// Mean normalised innovation squared: 0.25 to 4.
 pub const NIS: Law = Law { mean: 1.0, factor: 4.0 };
 
+/// The least part of the geology that compensation should leave.
+pub const RETENTION: f64 = 0.9;
+
 /// The share of a line's samples that may be off the map.
 pub const OFF_MAP: f64 = 0.5;
 

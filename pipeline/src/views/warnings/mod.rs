@@ -38,6 +38,8 @@ pub enum Kind {
     OffMap,
     /// The map is at another height than the flight and is not continued to it.
     MapHeight,
+    /// Part of the geology went with the aircraft's field.
+    Retention,
     /// What a fit says against itself.
     Fit,
     /// What a stage that makes a map says against it.
@@ -46,7 +48,7 @@ pub enum Kind {
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Kind; 9] = [
+    pub const ALL: [Kind; 10] = [
         Kind::WorseThanIns,
         Kind::NeesHigh,
         Kind::NeesLow,
@@ -54,6 +56,7 @@ impl Kind {
         Kind::NisLow,
         Kind::OffMap,
         Kind::MapHeight,
+        Kind::Retention,
         Kind::Fit,
         Kind::Map,
     ];
@@ -68,6 +71,7 @@ impl Kind {
             Kind::NisLow => "nis_low",
             Kind::OffMap => "off_map",
             Kind::MapHeight => "map_height",
+            Kind::Retention => "retention",
             Kind::Fit => "fit",
             Kind::Map => "map",
         }
@@ -78,7 +82,7 @@ impl Kind {
     pub fn spoils(self) -> bool {
         match self {
             Kind::WorseThanIns | Kind::NeesHigh | Kind::NeesLow | Kind::NisHigh | Kind::NisLow => true,
-            Kind::OffMap | Kind::MapHeight | Kind::Fit | Kind::Map => false,
+            Kind::OffMap | Kind::MapHeight | Kind::Retention | Kind::Fit | Kind::Map => false,
         }
     }
 
@@ -92,6 +96,7 @@ impl Kind {
             Kind::NisLow => "the innovations are far smaller than the filter predicts",
             Kind::OffMap => "most samples are off the map",
             Kind::MapHeight => "the map is at another height than the flight",
+            Kind::Retention => "the compensation takes part of the geology with the aircraft's field",
             Kind::Fit => "the fit warns",
             Kind::Map => "the map warns",
         }
@@ -125,7 +130,7 @@ impl Warning {
     /// How far the figure is beyond its limit, as a factor of at least 1; 1 where there is no figure.
     pub fn excess(&self) -> f64 {
         match (self.value, self.limit) {
-            (Some(value), Some(limit)) if limit != 0.0 && value != 0.0 => (value / limit).ln().abs().exp(),
+            (Some(value), Some(limit)) if value / limit > 0.0 => (value / limit).ln().abs().exp(),
             (Some(_), Some(_)) => f64::INFINITY,
             _ => 1.0,
         }
@@ -239,6 +244,10 @@ fn judge(facts: &Facts) -> Vec<Found> {
         let limit = limits::map_height_nt(facts.sigma_nt());
         let what = "the map is at another height than the flight and is not continued to it: an error of";
         add(Kind::MapHeight, (error_nt, limit, "nT"), format!("{what} {} nT rms is to be expected", shown(error_nt)));
+    }
+    if let Some(kept) = row.get("anomaly_retention").filter(|kept| *kept < limits::RETENTION) {
+        let text = format!("the compensation takes geology with the aircraft's field: {} of it is left", shown(kept));
+        add(Kind::Retention, (kept, limits::RETENTION, "1"), text);
     }
     found
 }

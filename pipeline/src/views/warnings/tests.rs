@@ -46,6 +46,18 @@ fn unit_what_is_within_its_law_is_not_remarked() {
 }
 
 #[test]
+fn unit_geology_that_goes_with_the_aircraft_is_remarked_with_and_without_navigation() {
+    for (kept, remarked) in [(1.02, false), (0.9, false), (0.89, true), (-0.3, true)] {
+        let row = Row::from([("anomaly_retention", kept)]);
+        for settings in [None, Some(given(5.0))] {
+            let found = judge(&Facts { row: &row, settings });
+            assert_eq!(kinds(&found), if remarked { vec!["retention"] } else { vec![] }, "{kept}");
+            assert!(found.iter().all(|f| f.cause.as_deref().is_some_and(|c| c.contains("strong geology"))));
+        }
+    }
+}
+
+#[test]
 fn unit_ten_times_the_law_is_hardly_chance() {
     // NEES/2 of a single sample is exponentially distributed with mean 1.
     let exceeded = (-limits::NEES.high() / 2.0).exp();
