@@ -159,3 +159,20 @@ fn user_what_a_network_cannot_use_is_refused() {
     let untrained = said("model = \"m1\"\nepochs = 0");
     assert!(untrained.contains("nothing is trained"), "{untrained}");
 }
+
+#[test]
+fn user_the_report_shows_trainings_and_which_inputs_matter() {
+    let bench = Bench::new();
+    let keys = "model = \"$model\"\nepochs = 6\nvalidation = [\"2.02\"]";
+    let importance = "\n[[stages]]\nname = \"matters\"\nstage = \"importance\"\ninput = \"wanted\"\nmodel = \"network\"\n\
+                      target = \"target\"\nblock_s = 1.0\n";
+    bench.spec(&(spec("model = [\"m1\", \"boosted_trees\"]", keys) + importance));
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let report = bench.magline(&["report", "spec.toml", "-o", "report.html"]);
+    assert!(report.status.success(), "{}", stderr(&report));
+    let page = std::fs::read_to_string(bench.path("report.html")).unwrap();
+    for part in ["id=\"training\"", "network: model = m1", "id=\"importance\"", "matters: model = boosted_trees"] {
+        assert!(page.contains(part), "{part}");
+    }
+}

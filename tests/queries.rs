@@ -55,7 +55,7 @@ fn user_published_tables_have_the_axes_in_place_and_what_the_stage_made() {
     let names: Vec<&str> = schema.fields().iter().map(|f| f.name().as_str()).collect();
     assert_eq!(names[..6], ["mag", "vector", "lambda", "flight", "line", "tt"]);
     // What passes through stays in the tables that made it.
-    assert_eq!(names[6..], ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau"]);
+    assert_eq!(names[6..], ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau", "mag_aircraft_sigma"]);
     for table in ["even", "terms", "coefficients", "track", "scores"] {
         assert!(read(&bench.path("store/tables/small").join(table)).iter().any(|b| b.num_rows() > 0), "{table}");
     }
@@ -131,7 +131,7 @@ fn user_lineage_ends_at_the_files() {
 fn gold_explain_says_what_is_there_and_what_is_to_do() {
     let bench = Bench::new();
     let before = stdout(&bench.magline(&["explain", "spec.toml"]));
-    assert!(before.contains("clean  compensate v2 <- terms, coefficients"), "{before}");
+    assert!(before.contains("clean  compensate v3 <- terms, coefficients"), "{before}");
     assert!(before.contains("at 8 points: mag (2) x vector (2) x lambda (2); 4 lines"), "{before}");
     assert!(before.contains("0 of 32 are there, 32 to compute"), "{before}");
     bench.run(&[]);

@@ -121,7 +121,7 @@ fn r11_a_table_holds_keys_and_what_its_stage_made_and_sql_the_rest() {
         batch.schema().fields().iter().map(|f| f.name().clone()).collect()
     };
     assert_eq!(names("terms"), ["vector", "flight", "line", "tt", "tl"]);
-    let made = ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau"];
+    let made = ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau", "mag_aircraft_sigma"];
     let clean: BTreeSet<String> = names("clean").into_iter().collect();
     let expected = ["mag", "vector", "lambda", "flight", "line", "tt", "lat", "mag_1_c"].iter().chain(&made);
     assert_eq!(clean, expected.map(|n| (*n).to_owned()).collect());

@@ -1,5 +1,7 @@
 //! Numbers and tables as text.
 
+use crate::plan::Point;
+
 /// A number as it is read: four significant digits.
 pub fn number(x: Option<f64>) -> String {
     match x {
@@ -10,6 +12,11 @@ pub fn number(x: Option<f64>) -> String {
             format!("{x:.*}", usize::try_from(digits).unwrap_or(0))
         }
     }
+}
+
+/// The values of the axes at a point, separated by commas; empty without axes.
+pub fn point_words(point: &Point) -> String {
+    point.iter().map(|(name, value)| format!("{name} = {value}")).collect::<Vec<_>>().join(", ")
 }
 
 /// Rows of words in columns: the first `left` flush left, the others flush right.

@@ -9,6 +9,7 @@ mod by_line;
 mod earth;
 mod errors;
 mod flow;
+mod importance;
 mod intervals;
 mod known;
 mod model;
@@ -23,6 +24,7 @@ mod subject;
 mod table;
 mod timeline;
 mod track;
+mod training;
 mod variation;
 mod whiteness;
 
@@ -77,6 +79,8 @@ pub fn report(graph: &Graph, store: &Store) -> Result<String, Fault> {
         sections.push(table::section(&source, board, by_line::tables(&source, board, &warnings)?));
     }
     sections.extend(intervals::sections(&source)?);
+    sections.extend(training::section(&source)?);
+    sections.extend(importance::section(&source)?);
     let (groups, more) = groups(&source, &boards, NAVIGATIONS)?;
     let over = groups.iter().map(|g| over(&source, g)).collect::<Result<Vec<Over>, Fault>>()?;
     let (atlases, defs) = atlases(&source, &over)?;

@@ -1,0 +1,125 @@
+//! Which inputs matter to a model: bars of the means over lines, with a dot for each line.
+
+use std::collections::BTreeMap;
+
+use arrow_array::{Array, cast::AsArray, types::Float64Type};
+use figures::chart::px;
+use maud::{Markup, html};
+use schemas::Fault;
+
+use super::source::Source;
+use crate::views::text::{number, point_words};
+
+/// Groups that are drawn, and models.
+const GROUPS: usize = 20;
+const MODELS: usize = 12;
+/// Measures of a picture.
+const LABEL: f64 = 210.0;
+const WIDTH: f64 = 720.0;
+const VALUE: f64 = 90.0;
+const ROW: f64 = 22.0;
+
+/// What the lines say of one model.
+#[derive(Default)]
+struct Ranking {
+    method: String,
+    unit: String,
+    /// The absolute value on each line, by group.
+    groups: BTreeMap<String, Vec<f64>>,
+}
+
+/// The section of all tables of importance; `None` without one.
+///
+/// # Errors
+/// Fails when a table cannot be read.
+pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
+    let (graph, store) = (source.graph, source.store);
+    let mut models: BTreeMap<(usize, usize), (String, Ranking)> = BTreeMap::new();
+    for (t, node) in graph.plan.tables.iter().enumerate().filter(|(_, node)| node.entry.name == "importance") {
+        for unit in graph.units(t) {
+            let Ok(key) = graph.key(unit) else { continue };
+            if !store.has(key) || store.failed(key)?.is_some() {
+                continue;
+            }
+            let batch = store.get(key, &["group", "value", "method", "unit"])?;
+            let text = |i: usize| batch.column(i).as_string_opt::<i32>();
+            let (Some(groups), Some(values), Some(methods), Some(units)) =
+                (text(0), batch.column(1).as_primitive_opt::<Float64Type>(), text(2), text(3))
+            else {
+                continue;
+            };
+            let (_, ranking) = models.entry((t, unit.instance)).or_insert_with(|| {
+                let point = point_words(&graph.plan.instance(unit.table, unit.instance).point());
+                let title = if point.is_empty() { node.name.clone() } else { format!("{}: {point}", node.name) };
+                (title, Ranking::default())
+            });
+            for i in (0..batch.num_rows()).filter(|i| values.is_valid(*i) && values.value(*i).is_finite()) {
+                methods.value(i).clone_into(&mut ranking.method);
+                units.value(i).clone_into(&mut ranking.unit);
+                ranking.groups.entry(groups.value(i).to_owned()).or_default().push(values.value(i).abs());
+            }
+        }
+    }
+    let more = models.len().saturating_sub(MODELS);
+    let drawn: Vec<Markup> = models.into_values().take(MODELS).map(|(title, ranking)| ranking.drawn(&title)).collect();
+    Ok((!drawn.is_empty()).then(|| {
+        html! {
+            section id="importance" {
+                h2 { "Which inputs matter" }
+                p.lead { "A bar is the mean over the lines, a dot is a line; signs are left out. Inputs that say the same share what they matter." }
+                @for picture in drawn { (picture) }
+                @if more > 0 { p.note { (more) " more models are not drawn." } }
+            }
+        }
+    }))
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+impl Ranking {
+    fn drawn(&self, title: &str) -> Markup {
+        let mut groups: Vec<(&String, &Vec<f64>)> = self.groups.iter().collect();
+        groups.sort_by(|a, b| mean(b.1).total_cmp(&mean(a.1)).then_with(|| a.0.cmp(b.0)));
+        let more = groups.len().saturating_sub(GROUPS);
+        groups.truncate(GROUPS);
+        let most = groups.iter().flat_map(|(_, v)| v.iter().copied()).fold(f64::MIN_POSITIVE, f64::max);
+        let at = |value: f64| LABEL + (WIDTH - LABEL - VALUE) * value / most;
+        let height = ROW * groups.len() as f64 + 4.0;
+        let unit = if self.unit.is_empty() || self.unit == "1" { String::new() } else { format!(", {}", self.unit) };
+        let what = format!("{}{unit}", self.method.replace('_', " "));
+        html! {
+            figure {
+                figcaption { strong { (title) } " (" (what) ")" }
+                svg.intervals viewBox=(format!("0 0 {WIDTH} {}", px(height))) role="img" aria-label=(format!("{title}: {what}")) {
+                    @for (row, (name, values)) in groups.iter().enumerate() {
+                        @let (top, middle) = (ROW * row as f64 + 4.0, mean(values));
+                        text.value x=(px(LABEL - 8.0)) y=(px(top + 12.0)) text-anchor="end" font-size="12" { (name) }
+                        rect x=(px(LABEL)) y=(px(top)) width=(px(at(middle) - LABEL)) height=(px(ROW - 8.0)) fill="var(--band)" fill-opacity="0.28" {}
+                        @for value in values.iter() { circle.dot cx=(px(at(*value))) cy=(px(top + 7.0)) r="2.4" fill-opacity="0.7" {} }
+                        text.value x=(px(WIDTH - VALUE + 10.0)) y=(px(top + 12.0)) font-size="12" { (number(Some(middle))) }
+                    }
+                }
+                @if more > 0 { p.note { (more) " more groups matter less." } }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_groups_are_in_the_order_of_their_means_with_a_dot_for_each_line() {
+        let groups = [("a", vec![1.0, 2.0]), ("b", vec![5.0]), ("c", vec![0.5, 0.5, 0.5])];
+        let groups = groups.into_iter().map(|(name, values)| (name.to_owned(), values)).collect();
+        let ranking = Ranking { method: "permutation".into(), unit: "nT2".into(), groups };
+        let drawn = ranking.drawn("importance").0;
+        let places: Vec<usize> = [">b<", ">a<", ">c<"].iter().filter_map(|name| drawn.find(name)).collect();
+        assert!(places.len() == 3 && places.is_sorted(), "{drawn}");
+        assert_eq!(drawn.matches("<circle").count(), 6);
+        assert!(drawn.contains("permutation, nT2"));
+    }
+}
