@@ -55,7 +55,10 @@ fn user_published_tables_have_the_axes_in_place_and_what_the_stage_made() {
     let names: Vec<&str> = schema.fields().iter().map(|f| f.name().as_str()).collect();
     assert_eq!(names[..6], ["mag", "vector", "lambda", "flight", "line", "tt"]);
     // What passes through stays in the tables that made it.
-    assert_eq!(names[6..], ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau", "mag_aircraft_sigma"]);
+    assert_eq!(
+        names[6..],
+        ["mag_c", "mag_aircraft", "mag_sigma", "mag_fogm_sigma", "mag_fogm_tau", "mag_aircraft_sigma"]
+    );
     for table in ["even", "terms", "coefficients", "track", "scores"] {
         assert!(read(&bench.path("store/tables/small").join(table)).iter().any(|b| b.num_rows() > 0), "{table}");
     }
