@@ -105,7 +105,10 @@ fn user_the_main_job_compensates_and_navigates() {
     assert!(drms.iter().zip(&ins).all(|(d, i)| d < i), "{drms:?} {ins:?}");
     assert!(all("nees").iter().all(|x| (0.2..20.0).contains(x)), "{:?}", all("nees"));
     assert!(all("nis").iter().all(|x| (0.25..4.0).contains(x)), "{:?}", all("nis"));
-    assert_eq!(last["warnings"].as_array().map(Vec::len), Some(0), "{}", last["warnings"]);
+    // What is left of the aircraft at magnetometer 4 follows the geology of one line.
+    let warnings = last["warnings"].as_array().unwrap();
+    let of_one = |w: &Value| w["kind"] == "retention" && w["axes"]["mag"] == "mag_4_uc" && w["line"] == "3.02";
+    assert!(warnings.len() == 9 && warnings.iter().all(of_one), "{}", last["warnings"]);
     for (mag, most_m) in [("mag_1_uc", 60.0), ("mag_4_uc", 600.0), ("mag_5_uc", 130.0)] {
         assert!(of(mag, "drms").iter().all(|d| *d < most_m), "{mag}: {:?}", of(mag, "drms"));
     }

@@ -92,7 +92,7 @@ impl<'a> Facts<'a> {
     /// What is likely to be behind a warning; `None` where nothing that is known explains it.
     pub fn cause(&self, kind: Kind) -> Option<String> {
         if kind == Kind::Retention {
-            let cause = "the model was fitted over strong geology, or has learnt the map from its inputs";
+            let cause = "the model was fitted over strong geology or has learnt the map from its inputs; on a single line what it leaves may also follow the geology by chance";
             return Some(cause.to_owned());
         }
         let settings = self.settings.as_ref()?;
