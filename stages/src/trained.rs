@@ -1,6 +1,6 @@
 //! Models that are not linear, as the table of a `fit` holds them, and what they predict.
 //!
-//! A table of such a model begins with the term `family NAME`; what follows is laid out in [`terms`]. A table without that
+//! A table of such a model begins with the term `family NAME`; what follows is laid out in `trained::terms`. A table without that
 //! term is a sum of coefficients times terms.
 
 mod boosted_trees;

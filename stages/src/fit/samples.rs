@@ -52,7 +52,7 @@ impl Samples<'_> {
     /// The places of the entries `names`, each a name or what several names have before a `_`; of all without.
     ///
     /// # Errors
-    /// As [`places`].
+    /// When an entry is not there or chosen twice, or none is chosen.
     pub fn places(&self, names: Option<&Vec<String>>) -> Result<Vec<usize>, Fault> {
         match names {
             Some(names) => places(names, self.names),
