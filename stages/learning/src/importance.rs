@@ -2,11 +2,11 @@
 //!
 //! | Item | What it tells of a group of columns |
 //! |:--|:--|
-//! | [`permutation`] | by how much the error grows when the group's blocks of time are exchanged |
+//! | [`permutation()`] | by how much the error grows when the group's blocks of time are exchanged |
 //! | [`shapley_sampled`] | its part of each prediction, by sampled orders of the groups |
 //! | [`shapley_linear`] | the same of a linear model, exact |
-//! | [`shapley_trees`] | the same of a forest, exact |
-//! | [`expected_gradients`] | its part of each prediction, along straight ways from background rows |
+//! | [`shapley_trees()`] | the same of a forest, exact |
+//! | [`expected_gradients()`] | its part of each prediction, along straight ways from background rows |
 //! | [`pearson()`], [`spearman`] | the correlation of a column with the target, whatever the model |
 //! | [`iterative_hard_thresholding`] | whether it is among the few columns of a sparse linear model |
 //!
@@ -48,7 +48,7 @@ pub type Model<'a, E> = dyn Fn(&[f64]) -> Result<Vec<f64>, E> + Sync + 'a;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sampling {
     /// [`shapley_sampled`]: pairs of an order of the groups and its reverse, for each background row, at least 2.
-    /// [`expected_gradients`]: points for each explained row, at least 2.
+    /// [`expected_gradients()`]: points for each explained row, at least 2.
     pub samples: usize,
     /// The seed of the draws.
     pub seed: u64,
@@ -58,7 +58,7 @@ pub struct Sampling {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Attributions {
     /// The mean prediction of the background rows, to which the values of a row are added to give its prediction. NaN of
-    /// [`expected_gradients`], which see no predictions; without the intercept of [`shapley_linear`].
+    /// [`expected_gradients()`], which see no predictions; without the intercept of [`shapley_linear`].
     pub base: f64,
     /// Row-major, one column per group, in the unit of the prediction.
     pub values: Vec<f64>,

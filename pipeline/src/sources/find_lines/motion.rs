@@ -50,7 +50,7 @@ pub struct Channels {
     pub attitude: Attitude,
 }
 
-/// A flight at 5.0 Hz; NaN where it is not known.
+/// A flight at 5 Hz; NaN where it is not known.
 #[derive(Clone, Debug, Default)]
 pub struct Motion {
     /// Multiples of the step, s past midnight UTC.
