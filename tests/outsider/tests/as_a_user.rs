@@ -217,7 +217,7 @@ fn a_model_a_filter_and_a_metric_of_ones_own_are_chosen_keyed_documented_and_rep
     // A key of another model or filter, or a metric that there is not, is refused before anything runs.
     for (set, said) in [
         ("shrunk.lambda=0.1", "`lambda` belongs to `tolles_lawson`"),
-        ("squares.shrinkage=0.1", "`shrinkage` belongs to `uniform_shrinkage`"),
+        ("squares.shrinkage=0.1", "`shrinkage` belongs to `boosted_trees` and `uniform_shrinkage`"),
         ("track.drift_mp=0.1", "did you mean `drift_mps`"),
         ("scores.metrics=final_eror", "did you mean `final_error`"),
     ] {
