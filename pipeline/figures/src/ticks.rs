@@ -51,17 +51,19 @@ pub fn logarithmic(low: f64, high: f64) -> Vec<Tick> {
     let decades: Vec<i32> = (first..=last).filter(|k| inside(&10f64.powi(*k))).collect();
     if decades.len() >= 3 {
         let every = decades.len().div_ceil(8) as i32;
-        let shown = decades.into_iter().filter(|k| k % every == 0);
-        return shown.map(|k| Tick { at: 10f64.powi(k), label: power_of_ten(k) }).collect();
+        let shown: Vec<i32> = decades.into_iter().filter(|k| k % every == 0).collect();
+        let plain = shown.iter().all(|k| (-3..=4).contains(k));
+        let label = |k: i32| if plain { fixed(10f64.powi(k), (-k).max(0) as usize) } else { power_of_ten(k) };
+        return shown.into_iter().map(|k| Tick { at: 10f64.powi(k), label: label(k) }).collect();
     }
     let all = (first..=last).flat_map(|k| [1.0, 2.0, 5.0].map(|m| (m * 10f64.powi(k), k)));
     all.filter(|(x, _)| inside(x)).map(|(at, k)| Tick { at, label: fixed(at, (-k).clamp(0, 12) as usize) }).collect()
 }
 
-/// 0.01, 1, 100, and 10 with an exponent beyond that.
+/// 10 with its exponent, as all labels of an axis that goes beyond 0.001 to 10000.
 fn power_of_ten(k: i32) -> String {
-    if (-3..=4).contains(&k) {
-        return fixed(10f64.powi(k), (-k).max(0) as usize);
+    if k == 0 || k == 1 {
+        return fixed(10f64.powi(k), 0);
     }
     let raised = |c: char| match c {
         '-' => '\u{207b}',
@@ -95,6 +97,7 @@ mod tests {
         assert_eq!(labels(&linear(140.551, 140.799, 5)), ["140.60", "140.65", "140.70", "140.75"]);
         assert_eq!(labels(&logarithmic(2e-4, 300.0)), ["0.001", "0.01", "0.1", "1", "10", "100"]);
         assert_eq!(labels(&logarithmic(0.3, 6.0)), ["0.5", "1", "2", "5"]);
+        assert_eq!(labels(&logarithmic(0.5, 2e5)), ["1", "10", "10\u{b2}", "10\u{b3}", "10\u{2074}", "10\u{2075}"]);
         assert_eq!(power_of_ten(-6), "10\u{207b}\u{2076}");
         assert_eq!(round_below(7.3), 5.0);
     }

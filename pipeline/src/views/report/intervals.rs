@@ -20,7 +20,12 @@ use crate::{
 
 /// The maximum number of points of a plot.
 const MOST: usize = 40;
-const WIDTH: f64 = 460.0;
+/// The least width of a plot, and what its dots and values have beside the names of the points.
+const LEAST: f64 = 460.0;
+const BESIDE: f64 = 300.0;
+/// Characters of a name that are drawn, and the width of one.
+const NAME: usize = 60;
+const CHARACTER: f64 = 6.8;
 const ROW: f64 = 20.0;
 const BOTTOM: f64 = 22.0;
 
@@ -118,15 +123,17 @@ impl Row {
         let (low, high) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
         let pad = if high > low { 0.06 * (high - low) } else { 0.1 * high.abs().max(1e-9) };
         let (low, high) = (low - pad, high + pad);
-        let left = 12.0 + 6.2 * dots.iter().map(|d| d.point.chars().count().min(34)).max().unwrap_or(0) as f64;
-        let at = |v: f64| left + (WIDTH - 90.0 - left) * (v - low) / (high - low);
+        let longest = dots.iter().map(|d| d.point.chars().count().min(NAME)).max().unwrap_or(0);
+        let left = 12.0 + CHARACTER * longest as f64;
+        let width = (left + BESIDE).max(LEAST);
+        let at = |v: f64| left + (width - 90.0 - left) * (v - low) / (high - low);
         let bottom = ROW * dots.len() as f64 + 6.0;
         let row = |i: usize| 3.0 + ROW * (i as f64 + 0.5);
         html! {
             figure {
                 h4 { (name) @if unit != "1" { ", " (unit) } }
-                svg.intervals viewBox=(format!("0 0 {WIDTH} {}", px(bottom + BOTTOM))) role="img" aria-label=(format!("{name}: pooled values with their intervals")) {
-                    @for tick in ticks::linear(low, high, 4) {
+                svg.intervals style=(format!("max-width: {}px", px(1.17 * width))) viewBox=(format!("0 0 {} {}", px(width), px(bottom + BOTTOM))) role="img" aria-label=(format!("{name}: pooled values with their intervals")) {
+                    @for tick in ticks::linear(low, high, 6) {
                         line.grid x1=(px(at(tick.at))) x2=(px(at(tick.at))) y1="0" y2=(px(bottom)) {}
                         text.tick x=(px(at(tick.at))) y=(px(bottom + 15.0)) text-anchor="middle" { (tick.label) }
                     }
@@ -137,7 +144,7 @@ impl Row {
                             text x=(px(left - 8.0)) y=(px(row(i) + 4.0)) text-anchor="end" { (shortened(&dot.point)) }
                             @if let Some((low, high)) = dot.interval { line.arm x1=(px(at(low))) x2=(px(at(high))) y1=(px(row(i))) y2=(px(row(i))) {} }
                             circle.dot cx=(px(at(dot.value))) cy=(px(row(i))) r="3.5" {}
-                            text.value x=(px(WIDTH - 4.0)) y=(px(row(i) + 4.0)) text-anchor="end" { (number(Some(dot.value))) }
+                            text.value x=(px(width - 4.0)) y=(px(row(i) + 4.0)) text-anchor="end" { (number(Some(dot.value))) }
                         }
                     }
                 }
@@ -160,8 +167,7 @@ impl Dot {
 }
 
 fn shortened(point: &str) -> String {
-    const MOST: usize = 34;
-    if point.chars().count() <= MOST { point.to_owned() } else { point.chars().take(MOST - 1).chain(['…']).collect() }
+    if point.chars().count() <= NAME { point.to_owned() } else { point.chars().take(NAME - 1).chain(['…']).collect() }
 }
 
 #[cfg(test)]
