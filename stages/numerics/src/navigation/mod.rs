@@ -124,6 +124,7 @@ pub mod field;
 pub mod fixed_lag;
 #[cfg(test)]
 mod flights;
+mod gaussian;
 pub mod iekf;
 pub mod ins_error;
 pub mod ins_only;
