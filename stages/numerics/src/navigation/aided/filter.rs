@@ -298,7 +298,7 @@ impl<'a> Filter<'a> {
             return Outcome::OffMap;
         };
         let (mut squares, mut sum, mut used) = (0.0, 0.0, false);
-        for axis in 0..3 {
+        for (axis, measured_nt) in measured_nt.into_iter().enumerate() {
             let h = Sensitivity {
                 ins: &predicted.rows[axis],
                 error: (bias + axis, 1.0),
@@ -309,7 +309,7 @@ impl<'a> Filter<'a> {
             let moved: f64 = (0..STATES).map(|k| predicted.rows[axis][k] * (self.now.x[k] - before[k])).sum();
             let own: f64 = (0..3).map(|part| predicted.crustal[axis][part] * self.now.x[crustal + part]).sum();
             let expected_nt = predicted.body_nt[axis] + moved + own + self.now.x[bias + axis];
-            let residual = measured_nt[axis] - expected_nt;
+            let residual = measured_nt - expected_nt;
             let s = self.now.predict(&h, of.sigma_nt * of.sigma_nt, &mut self.gain);
             let nis = residual * residual / s;
             (squares, sum) = (squares + residual * residual, sum + nis);

@@ -81,8 +81,8 @@ fn law_without_the_field_positions_make_the_kalman_filter() {
     println!("rms distance in sigmas, and ratio of sigmas, of 500 and 8000 particles: {found:.3?}");
     // A mean of N particles is known to 1/√N of a sigma, and again at each resampling.
     assert!(found[1].0 < 0.1 && (found[1].1 - 1.0).abs() < 0.03, "{found:?}");
-    // Sixteen times the particles: a quarter of the distance.
-    assert!(found[1].0 < 0.5 * found[0].0, "{found:?}");
+    // Sixteen times the particles are a quarter of the distance, but for that of the kernels.
+    assert!(found[1].0 < 0.7 * found[0].0, "{found:?}");
 }
 
 #[test]
