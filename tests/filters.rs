@@ -259,11 +259,11 @@ fn law_a_vector_is_as_good_as_it_says() {
 
 #[test]
 fn user_a_line_over_a_flat_map_is_told() {
-    let bench = bench(CLEAN, r#""ekf", "ukf""#, "flat_over_m = 20.0");
+    let bench = bench(CLEAN, r#""ekf", "ukf""#, "flat_over_m = 100.0");
     let scores = read(&bench.path("store/tables/filters/scores"));
     assert!(texts(&scores, "metric").iter().any(|metric| metric == "drms"));
     bench.spec(
-        &spec(r#""ekf""#, "flat_over_m = 20.0").replace("\"nis\"]", "\"nis\", \"samples_flat\", \"samples_used\"]"),
+        &spec(r#""ekf""#, "flat_over_m = 100.0").replace("\"nis\"]", "\"nis\", \"samples_flat\", \"samples_used\"]"),
     );
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{} {}", done.last, done.stderr);
@@ -271,8 +271,8 @@ fn user_a_line_over_a_flat_map_is_told() {
     assert!(flat > 100.0 && used > 10.0, "{flat} {used}");
     let track = read(&bench.path("store/tables/filters/track"));
     let (words, slopes) = (texts(&track, "update"), numbers(&track, "map_slope"));
-    // 5 nT over 20 m are 0.25 nT/m.
-    assert!((0..words.len()).all(|row| (words[row] == "flat") == (slopes[row] < 0.25)));
+    // 5 nT over 100 m are 0.05 nT/m.
+    assert!((0..words.len()).all(|row| (words[row] == "flat") == (slopes[row] < 0.05)));
 }
 
 #[test]

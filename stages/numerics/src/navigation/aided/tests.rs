@@ -270,8 +270,8 @@ fn law_all_measurements_together_are_a_dense_filter_with_numerical_derivatives()
                 let off = (x[a] - dense.x[a]).abs() / sigma;
                 // The tilt to first order leaves 1e-3 nT of 50,000.
                 assert!(off < 1e-3, "{row}, state {a}: {off:e}");
-                for b in 0..STATES {
-                    let off = (p[a][b] - dense.p[(a, b)]).abs() / (sigma * dense.p[(b, b)].sqrt());
+                for (b, entries) in p.iter().enumerate() {
+                    let off = (entries[a] - dense.p[(a, b)]).abs() / (sigma * dense.p[(b, b)].sqrt());
                     assert!(off < 1e-3, "{row}, covariance {a} {b}: {off:e}");
                 }
             }
