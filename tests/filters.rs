@@ -144,13 +144,135 @@ fn law_a_noise_that_is_ten_times_wrong_is_learnt() {
 #[test]
 fn law_gnss_until_it_is_lost_and_again_after_it() {
     let keys = "gnss_lost_s = [300.0, 900.0]\ngnss_sigma_m = 2.0";
-    let aided = bench(CLEAN, r#""ins_only", "ekf", "rts""#, keys);
-    let free = bench(CLEAN, r#""ins_only", "ekf", "rts""#, "");
+    let filters = r#""ins_only", "ekf", "rts", "mpf", "fixed_lag""#;
+    // What is left of the aircraft's field is next to nothing here; only `fixed_lag` asks for it.
+    let clean = "aircraft_sigma_nt = 0.0";
+    let aided = bench(CLEAN, filters, &format!("{keys}\n{clean}"));
+    let free = bench(CLEAN, filters, clean);
+    let nees = means(&aided, "nees");
     let (aided, free) = (means(&aided, "drms"), means(&free, "drms"));
-    for filter in ["ins_only", "ekf", "rts"] {
+    for filter in ["ins_only", "ekf", "rts", "mpf", "fixed_lag"] {
         assert!(aided[filter].0 < 0.9 * free[filter].0, "{filter}: {} {}", aided[filter].0, free[filter].0);
     }
+    // Simulated GNSS is the truth itself, nearer than the two metres that are told: the covariance is on the cautious side.
+    for filter in ["mpf", "fixed_lag"] {
+        assert!(nees[filter].0 < 2.5, "{filter}: {:?}", nees[filter]);
+        let (one, ekf) = (aided[filter].0, aided["ekf"].0);
+        assert!((one / ekf - 1.0).abs() < 0.25, "{filter}: {one} {ekf}");
+    }
     assert!(aided["ekf"].0 < aided["ins_only"].0, "the field is worth something while GNSS is lost");
+}
+
+/// The spec with two magnetometers `mag_front` and `mag_back`, 15 m behind each other: what one point measures, and the map's
+/// slope ahead for half the way. What two simulated magnetometers differ by is their noise.
+fn two_magnetometers(filters: &str, stage: &str) -> String {
+    let half_m = "7.5 * (map_grad_n * cos(radians(yaw)) + map_grad_e * sin(radians(yaw)))";
+    let stages = format!(
+        r#"[[stages]]
+name              = "slopes"
+stage             = "map_value"
+input             = "flights"
+map               = "anomaly"
+map_interpolation = "cubic"
+[[stages]]
+name    = "two"
+stage   = "derive"
+input   = "slopes"
+columns = {{ mag_front = "mag_2_uc + {half_m}", mag_back = "mag_3_uc - {half_m}" }}
+units   = {{ mag_front = "nT", mag_back = "nT" }}
+[[stages]]
+name              = "track""#
+    );
+    let keys = r#"gradient = ["mag_front", "mag_back"]
+gradient_baseline_m = [15.0, 0.0, 0.0]
+gradient_sigma_nt = 0.05
+gradient_bias_sigma_nt = 0.0"#;
+    let usual = spec(filters, &format!("{keys}\n{stage}"));
+    let with = usual.replacen("[[stages]]\nname              = \"track\"", &stages, 1);
+    with.replacen(
+        "input             = \"flights\"\nmap               = \"anomaly\"\nmag ",
+        "input             = \"two\"\nmap               = \"anomaly\"\nmag ",
+        1,
+    )
+}
+
+/// A storm of 100 nT that changes within a minute.
+fn in_a_storm(magnetometers: &str) -> String {
+    flights(magnetometers).replace("sigma_nt = 3.0\ntau_s    = 600.0", "sigma_nt = 100.0\ntau_s    = 60.0")
+}
+
+#[test]
+fn law_a_difference_of_magnetometers_navigates_through_a_storm() {
+    let filters = r#""ekf", "iekf", "ukf""#;
+    let one = |number: u8, noise: f64| format!("[[magnetometers]]\nname = \"mag_{number}_uc\"\nnoise_nt = {noise}\n");
+    let magnetometers = [one(1, 5.0), one(2, 0.035), one(3, 0.035)].concat();
+    let run = |spec: &str| {
+        let bench = Bench::new();
+        fs::write(bench.path("flights.synth.toml"), in_a_storm(&magnetometers)).unwrap();
+        bench.spec(spec);
+        let done = bench.run(&[]);
+        assert_eq!(done.code, 0, "{} {}", done.last, done.stderr);
+        bench
+    };
+    let difference = run(&two_magnetometers(filters, "use_scalar = false"));
+    let scalar = run(&spec(filters, ""));
+    let (held, lost) = (means(&difference, "drms"), means(&scalar, "drms"));
+    let (nees, nis, spoilt) = (means(&difference, "nees"), means(&difference, "nis"), means(&scalar, "nees"));
+    let ins = means(&difference, "ins_drms");
+    println!("difference {held:?}, scalar {lost:?}, INS {ins:?}, NEES {nees:?}, NIS {nis:?}, scalar NEES {spoilt:?}");
+    for filter in ["ekf", "iekf", "ukf"] {
+        assert!(held[filter].0 < 0.25 * ins[filter].0, "{filter}: {:?} {:?}", held[filter], ins[filter]);
+        assert!(spoilt[filter].0 > 20.0 && lost[filter].0 > 3.0 * held[filter].0, "{filter}: {:?}", spoilt[filter]);
+        // Four standard errors; the unscented filter takes the bend of the map as noise, on the cautious side.
+        let (mean, error) = nees[filter];
+        let cautious = filter == "ukf" && mean < 2.0;
+        assert!(cautious || (mean - 2.0).abs() < 4.0 * error, "{filter}: NEES {mean} ± {error}");
+        assert!((nis[filter].0 - 1.0).abs() < 0.03, "{filter}: NIS {:?}", nis[filter]);
+    }
+}
+
+#[test]
+fn law_a_vector_is_as_good_as_it_says() {
+    let vector = "\n[[vector_magnetometers]]\nname = \"flux_a\"\nnoise_nt = 5.0\noffset_nt = 20.0\n";
+    let keys = "vector = \"flux_a\"\nvector_sigma_nt = 5.0\nvector_bias_sigma_nt = 20.0\nvector_bias_tau_s = 100000.0";
+    let with = bench(&format!("{CLEAN}{vector}"), r#""ekf", "iekf", "ukf""#, keys);
+    let without = bench(CLEAN, r#""ekf", "iekf", "ukf""#, "");
+    let (drms, nees, alone) = (means(&with, "drms"), means(&with, "nees"), means(&without, "drms"));
+    let track = read(&with.path("store/tables/filters/track"));
+    let (filters, nis) = (texts(&track, "filter"), numbers(&track, "vector_nis"));
+    for filter in ["ekf", "iekf", "ukf"] {
+        let (mean, error) = nees[filter];
+        assert!((mean - 2.0).abs() < 4.0 * error, "{filter}: NEES {mean} ± {error}");
+        // An INS of navigation grade knows its attitude better than the vector does.
+        assert!(
+            (drms[filter].0 / alone[filter].0 - 1.0).abs() < 0.1,
+            "{filter}: {:?} {:?}",
+            drms[filter],
+            alone[filter]
+        );
+        let own: Vec<f64> = (0..nis.len()).filter(|row| filters[*row] == filter).map(|row| nis[row]).collect();
+        let mean = own.iter().sum::<f64>() / own.len() as f64;
+        println!("{filter}: vector NIS {mean}, drms {:?} without {:?}", drms[filter], alone[filter]);
+        assert!(mean > 0.5 && mean < 1.1, "{filter}: {mean}");
+    }
+}
+
+#[test]
+fn user_a_line_over_a_flat_map_is_told() {
+    let bench = bench(CLEAN, r#""ekf", "ukf""#, "flat_over_m = 100.0");
+    let scores = read(&bench.path("store/tables/filters/scores"));
+    assert!(texts(&scores, "metric").iter().any(|metric| metric == "drms"));
+    bench.spec(
+        &spec(r#""ekf""#, "flat_over_m = 100.0").replace("\"nis\"]", "\"nis\", \"samples_flat\", \"samples_used\"]"),
+    );
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{} {}", done.last, done.stderr);
+    let (flat, used) = (means(&bench, "samples_flat")["ekf"].0, means(&bench, "samples_used")["ekf"].0);
+    assert!(flat > 100.0 && used > 10.0, "{flat} {used}");
+    let track = read(&bench.path("store/tables/filters/track"));
+    let (words, slopes) = (texts(&track, "update"), numbers(&track, "map_slope"));
+    // 5 nT over 100 m are 0.05 nT/m.
+    assert!((0..words.len()).all(|row| (words[row] == "flat") == (slopes[row] < 0.05)));
 }
 
 #[test]
@@ -166,6 +288,10 @@ fn user_what_a_filter_cannot_use_is_refused_with_its_owner() {
         ("ekf", "dead_zones = \"everywhere\"", "everywhere"),
         ("ekf", "ins_grade = \"car\"", "car"),
         ("rts", "loss = \"absolute\"", "absolute"),
+        ("mpf", "gradient = [\"mag_1_uc\", \"mag_1_uc\"]", "belongs to `ekf`"),
+        ("ekf", "gradient = [\"mag_1_uc\", \"mag_2_uc\"]\ngradient_baseline_m = [9, 0, 0]", "mag_2_uc"),
+        ("ekf", "use_scalar = false", "nothing of the map is measured"),
+        ("ukf", "vector_sigma_nt = 5.0", "`vector`"),
         ("ekf_online_tl", "", "`tl`"),
         ("ekf_online_nn", "features = \"lat\"", "no list of features"),
         ("kalman", "", "kalman"),

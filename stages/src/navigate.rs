@@ -12,6 +12,7 @@ mod filter;
 mod filters;
 mod fixed_lag;
 mod flown;
+mod further;
 mod geometry;
 mod iekf;
 mod ins;
@@ -40,6 +41,7 @@ pub use filter::{
     Filter, Flight, Flown, Magnetometer, NavigationFilter, Point, Track, Update, filter, navigate_points,
 };
 pub use filters::FILTERS;
+pub(crate) use further::MAP_SLOPE;
 pub use geometry::{DeadZones, SensorGeometry};
 
 use crate::{
@@ -67,7 +69,7 @@ stage! {
     /// The states are the errors of the INS (truth - INS) and the temporal variation; the estimate is INS plus state.
     /// Each row holds the state after the measurement of its sample. `update` says what became of the measurement:
     /// `used`; `missing`, where it is NaN; `off_map`, where the predicted position is off the map or in an unknown cell;
-    /// `gated`; `unused`, where the filter has no use for it. Whatever is not used leaves the filter predicting, with NaN in `residual` and `nis`, and goes on.
+    /// `gated`; `flat`, where the map is too flat to tell a position (`flat_over_m`); `unused`, where the filter has no use for it. Whatever is not used leaves the filter predicting, with NaN in `residual` and `nis`, and goes on.
     ///
     /// A flat map without a core field only moves the temporal variation; with one, the slope of the core field corrects
     /// the position too, however little. An INS value that is NaN is an error that names the row. Velocities,
@@ -304,7 +306,13 @@ impl Stage for Navigate {
             let what = "the core field needs a date, but the flight has no `year` and `doy`";
             faults.push(Fault::new(what).help(WAYS_OUT).of_param("decimal_year"));
         }
-        let flight = Flight { shape, mags: &self.mag, has_direction: self.geometry.vector.is_some() };
+        let flight = Flight {
+            shape,
+            mags: &self.mag,
+            has_direction: self.geometry.vector.is_some(),
+            core_field: self.core_field,
+            interpolation: self.map_interpolation,
+        };
         let filter = &self.filter.keys;
         faults.extend(self.geometry.faults(shape, filter.takes_direction()));
         let further = filter.reads(&flight).map_err(|more| faults.extend(more)).unwrap_or_default();
@@ -342,7 +350,7 @@ impl Stage for Navigate {
         let mut columns: Vec<Column> = named.into_iter().map(|(n, u, d)| made(Column::float(n, u, d))).collect();
         columns.push(made(Column::text(
             "update",
-            "what became of the measurement: used, missing, off_map, gated or unused",
+            "what became of the measurement: used, missing, off_map, gated, flat or unused",
         )));
         let height =
             "rms error to expect because the map is at another height than the line; NaN where its own is unknown";

@@ -110,8 +110,12 @@ mod tests {
     #[test]
     fn law_every_filter_that_gnss_aids_holds_the_position_until_it_is_lost() {
         let keys = "mag = 'mag_1_c'\ngnss_lost_s = [300.0, 1e6]\ngnss_sigma_m = 2.0\ngnss_interval_s = 5.0";
-        for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "ekf_online_tl"] {
-            let own = if filter == "ekf_online_tl" { "\nwalk_per_hour = 0.0" } else { "" };
+        for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "mpf", "fixed_lag", "ekf_online_tl"] {
+            let own = match filter {
+                "ekf_online_tl" => "\nwalk_per_hour = 0.0",
+                "fixed_lag" => "\naircraft_sigma_nt = 0.0",
+                _ => "",
+            };
             let found = run(filter, &format!("{keys}{own}"));
             let worst = (20..300).map(|row| found.error_m(row)).fold(0.0, f64::max);
             assert!(worst < 5.0, "{filter}: {worst}");

@@ -1,15 +1,18 @@
 //! The 18-state extended Kalman filter.
 
 use numerics::navigation::{
+    aided::{AidedParameters, Linearisation},
     ekf::{EkfParameters, EkfPoint, run_together},
     ins_error::InsErrorModel,
+    line::NavigationLine,
     output::NavigationOutput,
     transition::NoiseDiscretisation,
 };
 use schemas::{Column, Fault, Rule};
 
-use super::aiding::Aiding;
+use super::aiding::{Aiding, both};
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
+use super::further::Further;
 use crate::columns::data;
 
 filter! {
@@ -17,7 +20,7 @@ filter! {
     /// the temporal variation. The map is linearised at the estimated position of each sample.
     ///
     /// Source: thesis 000, section 5.3, with F and H checked against finite differences and the process noise discretised.
-    Ekf = "ekf", version 2, groups [aiding: Aiding], example "discretisation = \"trapezoidal\"";
+    Ekf = "ekf", version 2, groups [aiding: Aiding, further: Further], example "discretisation = \"trapezoidal\"";
     /// Append the state `x` and its covariance `p` (row-major).
     save_state: bool, unit "", default false;
     /// A measurement whose squared innovation over its variance is above this is not used.
@@ -28,15 +31,24 @@ filter! {
 
 impl NavigationFilter for Ekf {
     fn columns(&self, _: &Flight) -> Vec<Column> {
-        if self.save_state { state_columns() } else { vec![] }
+        let states = if self.save_state { state_columns() } else { vec![] };
+        states.into_iter().chain(self.further.columns()).collect()
     }
 
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
-        self.aiding.reads(flight)
+        both(self.aiding.reads(flight), self.further.reads(flight))
+    }
+
+    fn takes_field(&self) -> bool {
+        self.further.use_scalar
+    }
+
+    fn takes_direction(&self) -> bool {
+        self.further.takes_direction()
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
-        self.aiding.idle(key)
+        self.aiding.idle(key).or_else(|| self.further.idle(key))
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
@@ -45,6 +57,21 @@ impl NavigationFilter for Ekf {
     }
 
     fn navigate_points(points: &[(&Self, &Flown)]) -> Vec<Result<Track, Fault>> {
+        // A point with further measurements is filtered by itself.
+        let usual: Vec<(&Self, &Flown)> =
+            points.iter().filter(|(filter, _)| !filter.further.is_any()).copied().collect();
+        let mut together = Self::together(&usual).into_iter();
+        let answer = |(filter, flown): &(&Self, &Flown)| match filter.further.is_any() {
+            true => filter.alone(flown),
+            false => together.next().unwrap_or_else(|| Err(Fault::bug("a point was lost"))),
+        };
+        points.iter().map(answer).collect()
+    }
+}
+
+impl Ekf {
+    /// The points without further measurements.
+    fn together(points: &[(&Self, &Flown)]) -> Vec<Result<Track, Fault>> {
         let Some((_, first)) = points.first() else { return vec![] };
         let parameters: Vec<EkfParameters> = points.iter().map(|(filter, flown)| filter.parameters(flown)).collect();
         let asked: Vec<Result<_, Fault>> =
@@ -64,9 +91,21 @@ impl NavigationFilter for Ekf {
         };
         points.iter().zip(asked).map(answer).collect()
     }
-}
 
-impl Ekf {
+    /// The point with its further measurements.
+    fn alone(&self, flown: &Flown) -> Result<Track, Fault> {
+        let fixes = self.aiding.fixes(flown)?;
+        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
+        let parameters = AidedParameters {
+            linearisation: Linearisation::Once,
+            gate_nis: self.gate_nis,
+            keep_states: self.save_state,
+            keep_covariance: self.save_state,
+        };
+        let out = self.further.filter(flown, &line, &parameters)?;
+        self.further.track(flown, out, false, self.save_state)
+    }
+
     fn parameters(&self, flown: &Flown) -> EkfParameters {
         EkfParameters {
             errors: InsErrorModel { noise: self.discretisation, ..flown.errors },

@@ -7,7 +7,7 @@ use std::{any::Any, sync::Arc};
 use arrow_array::{ArrayRef, RecordBatch};
 use numerics::{
     earth::core_field::CoreField,
-    maps::map_stack::FieldMap,
+    maps::{map_stack::FieldMap, map_surface::Interpolation},
     navigation::{
         ins_error::InsErrorModel,
         ins_series::InsSeries,
@@ -76,6 +76,10 @@ pub struct Flight<'a> {
     pub mags: &'a [String],
     /// Whether a vector magnetometer tells the direction of the field ([`Flown::field_nt`]).
     pub has_direction: bool,
+    /// Whether the measurement holds the core field.
+    pub core_field: bool,
+    /// How the map is interpolated.
+    pub interpolation: Interpolation,
 }
 
 impl Flown<'_> {
@@ -141,6 +145,8 @@ choice! {
         OffMap = "off_map",
         /// Its innovation was too large.
         Gated = "gated",
+        /// The map is too flat there to tell a position; the temporal variation was corrected.
+        Flat = "flat",
         /// The filter had no use for it.
         Unused = "unused",
     }
@@ -220,7 +226,7 @@ impl Track {
 }
 
 /// Refuses a line of which no measurement could be used.
-fn enough(flown: &Flown, report: &NavigationReport) -> Result<(), Fault> {
+pub(super) fn enough(flown: &Flown, report: &NavigationReport) -> Result<(), Fault> {
     if report.updates == 0 {
         let what = format!(
             "no sample could be used: {} without a measurement, {} off the map",

@@ -3,6 +3,7 @@
 use numerics::{
     navigation::{
         fixed_lag::{self, Coefficients, FixedLagOutput, FixedLagParameters, Keep, Magnetometer, Usage},
+        line::NavigationLine,
         loss::Loss,
         transition::NoiseDiscretisation,
     },
@@ -10,6 +11,7 @@ use numerics::{
 };
 use schemas::{Column, Fault, Rule};
 
+use super::aiding::{Aiding, both};
 use super::aircraft::{AircraftModel, one_with_models, step_s};
 use super::ekf_online_tl::aircraft_columns;
 use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
@@ -33,7 +35,7 @@ filter! {
     ///
     /// Source: the windows and their prior as in fixed-lag factor-graph smoothing; each window as the iterated smoother
     /// [Bell 1994] in the form of Bryson and Frazier [Bierman 1973].
-    FixedLag = "fixed_lag", version 1, groups [aircraft: AircraftModel], example "lag_s = 0.0";
+    FixedLag = "fixed_lag", version 1, groups [aircraft: AircraftModel, aiding: Aiding], example "lag_s = 0.0";
     /// Length of a window.
     window_s: f64, unit "s", default 300.0, rule Rule::Positive;
     /// The part of a window that it shares with the next: windows end every `window_s` (1 - `overlap`) seconds.
@@ -60,7 +62,7 @@ filter! {
 
 impl NavigationFilter for FixedLag {
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
-        self.aircraft.reads(flight)
+        both(self.aircraft.reads(flight), self.aiding.reads(flight))
     }
 
     fn each_magnetometer(&self) -> bool {
@@ -88,13 +90,14 @@ impl NavigationFilter for FixedLag {
             "aircraft_tau_s" if self.aircraft_sigma_nt == 0.0 => {
                 Some(Fault::new("`aircraft_tau_s` has no say").help("`aircraft_sigma_nt` is 0: leave it out"))
             }
-            _ => None,
+            _ => self.aiding.idle(key),
         }
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
         one_with_models(flown)?;
-        let line = flown.line_with(self.discretisation)?;
+        let fixes = self.aiding.fixes(flown)?;
+        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
         let terms = self.aircraft.terms(flown)?;
         let prior = self.aircraft.prior(&terms.names, step_s(flown), flown.models)?;
         let walk_density: Vec<f64> =

@@ -1,14 +1,16 @@
 //! The iterated extended Kalman filter.
 
 use numerics::navigation::{
+    aided::{AidedParameters, Linearisation},
     iekf::{self, IekfParameters},
     line::NavigationLine,
     transition::NoiseDiscretisation,
 };
 use schemas::{Column, Fault, Rule};
 
-use super::aiding::Aiding;
+use super::aiding::{Aiding, both};
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
+use super::further::Further;
 use crate::columns::data;
 
 filter! {
@@ -20,7 +22,7 @@ filter! {
     /// A step that would make the state less probable is halved. With `iterations = 1` it is `ekf`.
     ///
     /// Source: Jazwinski 1970, chapter 8; Bell and Cathey 1993, with the line search that they leave out.
-    Iekf = "iekf", version 1, groups [aiding: Aiding], example "iterations = 5";
+    Iekf = "iekf", version 1, groups [aiding: Aiding, further: Further], example "iterations = 5";
     /// The most linearisations of the map at a sample.
     iterations: usize, unit "1", default 5usize, rule Rule::Between(1.0, 1000.0);
     /// A step that moves the position by less than this is the last.
@@ -35,22 +37,43 @@ filter! {
 
 impl NavigationFilter for Iekf {
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
-        self.aiding.reads(flight)
+        both(self.aiding.reads(flight), self.further.reads(flight))
     }
 
     fn columns(&self, _: &Flight) -> Vec<Column> {
-        if self.save_state { state_columns() } else { vec![] }
+        let states = if self.save_state { state_columns() } else { vec![] };
+        states.into_iter().chain(self.further.columns()).collect()
+    }
+
+    fn takes_field(&self) -> bool {
+        self.further.use_scalar
+    }
+
+    fn takes_direction(&self) -> bool {
+        self.further.takes_direction()
     }
 
     fn idle(&self, key: &str) -> Option<Fault> {
         let idle = key == "tolerance_m" && self.iterations == 1;
         idle.then(|| Fault::new("`tolerance_m` has no say with `iterations = 1`").of_param("tolerance_m"))
             .or_else(|| self.aiding.idle(key))
+            .or_else(|| self.further.idle(key))
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
         let fixes = self.aiding.fixes(flown)?;
         let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line_with(self.discretisation)? };
+        if self.further.is_any() {
+            let (iterations, tolerance_m) = (self.iterations, self.tolerance_m);
+            let parameters = AidedParameters {
+                linearisation: Linearisation::Iterated { iterations, tolerance_m },
+                gate_nis: self.gate_nis,
+                keep_states: self.save_state,
+                keep_covariance: self.save_state,
+            };
+            let out = self.further.filter(flown, &line, &parameters)?;
+            return self.further.track(flown, out, false, self.save_state);
+        }
         let parameters = IekfParameters {
             iterations: self.iterations,
             tolerance_m: self.tolerance_m,

@@ -1,8 +1,12 @@
 //! The marginalised particle filter.
 
-use numerics::navigation::mpf::{Mode, MpfOutput, MpfParameters, run};
+use numerics::navigation::{
+    line::NavigationLine,
+    mpf::{Mode, MpfOutput, MpfParameters, run},
+};
 use schemas::{Column, Fault, Rule};
 
+use super::aiding::Aiding;
 use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
 use crate::columns::{array, data, list};
 
@@ -24,7 +28,7 @@ filter! {
     ///
     /// Source: Schön, Gustafsson & Nordlund (2005), resampled from a kernel density (Musso, Oudjane & Le Gland 2001)
     /// whose part in the linear states is marginalised too. Seeded; the same bits on any number of threads.
-    Mpf = "mpf", version 1, example "particles = 2000";
+    Mpf = "mpf", version 1, groups [aiding: Aiding], example "particles = 2000";
     /// The number of particles: 1000 for an INS known to hundreds of metres, 10000 for one lost by kilometres.
     particles: usize, unit "1", default 1000usize, rule Rule::Between(1.0, 1000000.0);
     /// Where the draws begin; the same seed gives the same bits on any number of threads.
@@ -59,9 +63,14 @@ impl NavigationFilter for Mpf {
         columns
     }
 
+    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+        self.aiding.reads(flight)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
         (key == "smooth_over_m" && !self.regularise)
             .then(|| Fault::new("`smooth_over_m` has no say without `regularise`"))
+            .or_else(|| self.aiding.idle(key))
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
@@ -77,7 +86,9 @@ impl NavigationFilter for Mpf {
             keep_states: false,
             keep_covariance: false,
         };
-        let MpfOutput { track, effective, used, modes, report } = run(&parameters, &flown.line()?).map_err(data)?;
+        let fixes = self.aiding.fixes(flown)?;
+        let line = NavigationLine { fixes: fixes.as_ref(), ..flown.line()? };
+        let MpfOutput { track, effective, used, modes, report } = run(&parameters, &line).map_err(data)?;
         let usable = track.report.updates + track.report.gated;
         if 2 * report.unexplained > usable {
             let unexplained = report.unexplained;

@@ -18,6 +18,15 @@ fn hills(north: f64, east: f64) -> f64 {
     60.0 * (north / 500.0).sin() + 50.0 * (east / 430.0 + north / 900.0).cos()
 }
 
+/// The field so many metres ahead of the aircraft at a row.
+pub(super) fn ahead_nt(row: usize, ahead_m: f64) -> f64 {
+    let (t, m_per_deg_east) = (row as f64, M_PER_DEG * 45_f64.to_radians().cos());
+    let (north, east) = (55.0 * t, 0.004 * (t / 70.0).sin() * m_per_deg_east);
+    let (vn, ve) = (55.0, 0.004 / 70.0 * (t / 70.0).cos() * m_per_deg_east);
+    let part = ahead_m / f64::hypot(vn, ve);
+    hills(north + part * vn, east + part * ve)
+}
+
 fn metres(lat: f64, lon: f64) -> (f64, f64) {
     ((lat - 45.0) * M_PER_DEG, (lon + 75.0) * M_PER_DEG * 45_f64.to_radians().cos())
 }

@@ -1,14 +1,16 @@
 //! The unscented Kalman filter.
 
 use numerics::navigation::{
+    aided::{AidedParameters, Linearisation},
     line::NavigationLine,
     transition::NoiseDiscretisation,
     ukf::{UkfParameters, run},
 };
 use schemas::{Column, Fault, Rule};
 
-use super::aiding::Aiding;
+use super::aiding::{Aiding, both};
 use super::filter::{Flight, Flown, NavigationFilter, Track, filter, state_arrays, state_columns};
+use super::further::Further;
 use crate::columns::{array, data};
 
 filter! {
@@ -22,7 +24,7 @@ filter! {
     ///
     /// Source: Julier & Uhlmann 2004; for a measurement that is nonlinear in the position only, Morelande & Ristic
     /// 2006.
-    Ukf = "ukf", version 1, groups [aiding: Aiding], example "kappa = 0.0";
+    Ukf = "ukf", version 1, groups [aiding: Aiding, further: Further], example "kappa = 0.0";
     /// Distance of the outer points, as a factor.
     alpha: f64, unit "1", default 1.0, rule Rule::Positive;
     /// What the centre weighs more in the variance than in the mean; at least -alpha² kappa/3. The variance of a
@@ -41,7 +43,7 @@ filter! {
 
 impl NavigationFilter for Ukf {
     fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
-        self.aiding.reads(flight)
+        both(self.aiding.reads(flight), self.further.reads(flight))
     }
 
     fn columns(&self, _: &Flight) -> Vec<Column> {
@@ -49,11 +51,20 @@ impl NavigationFilter for Ukf {
         if self.save_state {
             columns.extend(state_columns());
         }
+        columns.extend(self.further.columns());
         columns
     }
 
+    fn takes_field(&self) -> bool {
+        self.further.use_scalar
+    }
+
+    fn takes_direction(&self) -> bool {
+        self.further.takes_direction()
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
-        self.aiding.idle(key)
+        self.aiding.idle(key).or_else(|| self.further.idle(key))
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
@@ -67,6 +78,16 @@ impl NavigationFilter for Ukf {
             keep_states: self.save_state,
             keep_covariance: self.save_state,
         };
+        if self.further.is_any() {
+            let aided = AidedParameters {
+                linearisation: Linearisation::Unscented(parameters),
+                gate_nis: self.gate_nis,
+                keep_states: self.save_state,
+                keep_covariance: self.save_state,
+            };
+            let out = self.further.filter(flown, &line, &aided)?;
+            return self.further.track(flown, out, true, self.save_state);
+        }
         let mut out = run(&parameters, &line).map_err(data)?;
         let states = if self.save_state { state_arrays(&mut out.navigation)? } else { vec![] };
         let mut track = Track::of(flown, out.navigation, self.gate_nis)?;

@@ -31,6 +31,7 @@ pub const SCORERS: &[&Scorer] = &[
     &track::SAMPLES_MISSING,
     &track::SAMPLES_OFF_MAP,
     &track::SAMPLES_GATED,
+    &track::SAMPLES_FLAT,
     &map::MAP_HEIGHT_ERROR,
     &map::MAP_STD_ERROR,
     &map::MAP_BIAS_ERROR,
@@ -110,7 +111,7 @@ mod tests {
             ("ins_lon", lon.clone()),
         ];
         let mut track = track(lat.iter().map(|x| x + 1e-4).collect(), lon);
-        track.extend([("map_height_error", wave(0.6)), ("residual", wave(0.7))]);
+        track.extend([("map_height_error", wave(0.6)), ("residual", wave(0.7)), ("map_slope", wave(0.8))]);
         line(&[flown, track])
     }
 

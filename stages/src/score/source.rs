@@ -3,7 +3,7 @@
 use schemas::{Role, Shape};
 
 use super::Score;
-use crate::navigate::MAP_HEIGHT_ERROR;
+use crate::navigate::{MAP_HEIGHT_ERROR, MAP_SLOPE};
 
 /// A column, or several that belong together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,6 +34,8 @@ pub enum Source {
     Track,
     /// Its innovations: in nT, and squared over their variance.
     Innovations,
+    /// The slope of the map along a track.
+    Slope,
     /// A column of this name.
     Column(&'static str),
 }
@@ -52,7 +54,7 @@ pub struct Place {
 
 impl Source {
     /// All but single columns, in the order in which they are read.
-    const ALL: [Source; 13] = [
+    const ALL: [Source; 14] = [
         Source::Signal,
         Source::Aircraft,
         Source::Truth,
@@ -66,6 +68,7 @@ impl Source {
         Source::Ins,
         Source::Track,
         Source::Innovations,
+        Source::Slope,
     ];
 
     /// The first table that has all its columns.
@@ -90,6 +93,7 @@ impl Source {
             Source::Ins => of(&["ins_lat", "ins_lon"]),
             Source::Column(name) => of(&[name]),
             Source::Track => of(&["lat", "lon", "alt", "sd_n", "sd_e", "cov_ne", "nis", "update"]),
+            Source::Slope => of(&[MAP_SLOPE]),
             Source::Innovations => of(&["residual", "nis", "update"]),
         }
     }
@@ -109,6 +113,7 @@ impl Source {
             Source::Position => "true positions `lat` and `lon`".to_owned(),
             Source::Ins => "`ins_lat` and `ins_lon`".to_owned(),
             Source::Column(name) => format!("a table with `{name}`"),
+            Source::Slope => "a track of `navigate` with `flat_over_m`".to_owned(),
             Source::Track | Source::Innovations => "a track of `navigate`".to_owned(),
         }
     }

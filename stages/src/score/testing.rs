@@ -66,7 +66,7 @@ fn batch(columns: &Columns) -> RecordBatch {
         arrays.push(Arc::new(Float64Array::from(values.clone())));
     }
     if columns.iter().any(|(name, _)| *name == "nis") {
-        let updates = ["used", "missing", "off_map", "gated", "used", "missing", "off_map", "gated", "used", "missing"];
+        let updates = ["used", "missing", "off_map", "gated", "used", "missing", "off_map", "gated", "used", "flat"];
         fields.push(Field::new("update", DataType::Utf8, true));
         arrays.push(Arc::new((0..rows).map(|k| Some(updates[k % updates.len()])).collect::<StringArray>()));
     }

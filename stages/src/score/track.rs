@@ -132,6 +132,12 @@ metric! {
     |line| count(line, Update::Gated)
 }
 
+metric! {
+    /// samples where the map is too flat to tell a position (`flat_over_m` of `navigate`)
+    SAMPLES_FLAT = "samples_flat", unit "1", pool Sum, better Neither, needs [Track, Slope];
+    |line| count(line, Update::Flat)
+}
+
 /// The normalised square of the horizontal position error of each sample.
 fn position_nees(line: &Line) -> Result<Vec<f64>, Fault> {
     let (e, of_track) = (line.track_error()?, |name| line.named(Source::Track, name));
@@ -271,8 +277,11 @@ mod tests {
 
     #[test]
     fn law_every_sample_has_one_fate() {
-        let counted = [SAMPLES_USED, SAMPLES_MISSING, SAMPLES_OFF_MAP, SAMPLES_GATED].map(|m| value(&m, &tables()));
-        assert_eq!(counted.map(|f| f.value), [3.0, 3.0, 2.0, 2.0]);
+        let counted = [SAMPLES_USED, SAMPLES_MISSING, SAMPLES_OFF_MAP, SAMPLES_GATED, SAMPLES_FLAT];
+        let mut tables = tables();
+        tables[1].push(("map_slope", vec![0.1; 10]));
+        let counted = counted.map(|m| value(&m, &tables));
+        assert_eq!(counted.map(|f| f.value), [3.0, 2.0, 2.0, 2.0, 1.0]);
         assert!(counted.iter().all(|f| f.n == 10));
     }
 }

@@ -101,6 +101,7 @@ impl<'a> Facts<'a> {
             Kind::NeesLow | Kind::NisLow => self.too_cautious(settings),
             Kind::OffMap if self.diverged() => vec!["the filter diverged and left the map".to_owned()],
             Kind::OffMap => vec!["the map does not cover the line, or has unknown cells below it".to_owned()],
+            Kind::Flat => vec!["the noise is more than `flat_over_m` of the map's slope there: what the line tells of a position is the INS".to_owned()],
             Kind::MapHeight if settings.levels => vec!["the flight leaves the heights of `map_levels_m`".to_owned()],
             Kind::MapHeight => vec!["`navigate` has no `map_levels_m`: name heights about those flown".to_owned()],
             Kind::Retention | Kind::Fit | Kind::Map => vec![],

@@ -52,6 +52,9 @@ pub const RETENTION: f64 = 0.9;
 /// The share of a line's samples that may be off the map.
 pub const OFF_MAP: f64 = 0.5;
 
+/// The share of a line's samples over which the map may be too flat to tell a position.
+pub const FLAT: f64 = 0.5;
+
 /// The share from which samples off the map are named as a cause of an error.
 pub const OFF_MAP_CAUSE: f64 = 0.1;
 

@@ -36,6 +36,8 @@ pub enum Kind {
     NisLow,
     /// Most of the line is off the map, where the filter only predicts.
     OffMap,
+    /// Most of the line is over ground where the map is too flat to tell a position.
+    Flat,
     /// The map is at another height than the flight and is not continued to it.
     MapHeight,
     /// Part of the geology went with the aircraft's field.
@@ -48,13 +50,14 @@ pub enum Kind {
 
 impl Kind {
     /// All of them.
-    pub const ALL: [Kind; 10] = [
+    pub const ALL: [Kind; 11] = [
         Kind::WorseThanIns,
         Kind::NeesHigh,
         Kind::NeesLow,
         Kind::NisHigh,
         Kind::NisLow,
         Kind::OffMap,
+        Kind::Flat,
         Kind::MapHeight,
         Kind::Retention,
         Kind::Fit,
@@ -70,6 +73,7 @@ impl Kind {
             Kind::NisHigh => "nis_high",
             Kind::NisLow => "nis_low",
             Kind::OffMap => "off_map",
+            Kind::Flat => "flat",
             Kind::MapHeight => "map_height",
             Kind::Retention => "retention",
             Kind::Fit => "fit",
@@ -82,7 +86,7 @@ impl Kind {
     pub fn spoils(self) -> bool {
         match self {
             Kind::WorseThanIns | Kind::NeesHigh | Kind::NeesLow | Kind::NisHigh | Kind::NisLow => true,
-            Kind::OffMap | Kind::MapHeight | Kind::Retention | Kind::Fit | Kind::Map => false,
+            Kind::OffMap | Kind::Flat | Kind::MapHeight | Kind::Retention | Kind::Fit | Kind::Map => false,
         }
     }
 
@@ -95,6 +99,7 @@ impl Kind {
             Kind::NisHigh => "the innovations are far larger than the filter predicts",
             Kind::NisLow => "the innovations are far smaller than the filter predicts",
             Kind::OffMap => "most samples are off the map",
+            Kind::Flat => "the map is too flat to tell a position of most samples",
             Kind::MapHeight => "the map is at another height than the flight",
             Kind::Retention => "the compensation takes part of the geology with the aircraft's field",
             Kind::Fit => "the fit warns",
@@ -237,6 +242,12 @@ fn judge(facts: &Facts) -> Vec<Found> {
     {
         let text = format!("{:.0} % of the samples are off the map, where the filter only predicts", 100.0 * share);
         add(Kind::OffMap, (share, limits::OFF_MAP, "1"), text);
+    }
+    if let Some(share) = row.flat()
+        && share > limits::FLAT
+    {
+        let text = format!("the map is too flat to tell a position of {:.0} % of the samples", 100.0 * share);
+        add(Kind::Flat, (share, limits::FLAT, "1"), text);
     }
     if let Some(error_nt) = row.get("map_height_error")
         && error_nt > limits::map_height_nt(facts.sigma_nt())

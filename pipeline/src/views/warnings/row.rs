@@ -33,7 +33,16 @@ impl Row {
 
     /// The share of samples off the map.
     pub fn off_map(&self) -> Option<f64> {
-        self.0.get("samples_off_map").filter(|(_, n)| *n > 0).map(|(off, n)| off / *n as f64)
+        self.share("samples_off_map")
+    }
+
+    /// The share of samples where the map is too flat.
+    pub fn flat(&self) -> Option<f64> {
+        self.share("samples_flat")
+    }
+
+    fn share(&self, counted: &str) -> Option<f64> {
+        self.0.get(counted).filter(|(_, n)| *n > 0).map(|(count, n)| count / *n as f64)
     }
 }
 

@@ -174,3 +174,13 @@ fn unit_only_what_spoils_a_score_marks_its_row() {
     scores.mark("other", &[warning(Kind::WorseThanIns, 20.0, 10.0, "1.01")]);
     assert_eq!(scores.marks, [0, 0]);
 }
+
+#[test]
+fn unit_a_line_over_flat_ground_is_told() {
+    let mut row = Row::from([("drms", 20.0), ("ins_drms", 30.0), ("samples_flat", 40.0)]);
+    assert!(judge(&facts(&row, given(5.0))).is_empty());
+    row.put("samples_flat", 60.0);
+    let told = judge(&facts(&row, given(5.0)));
+    assert_eq!((told.len(), told[0].kind, told[0].value), (1, Kind::Flat, 0.6));
+    assert!(told[0].text.contains("60 % of the samples") && told[0].cause.is_some(), "{}", told[0].text);
+}

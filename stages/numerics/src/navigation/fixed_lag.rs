@@ -26,6 +26,9 @@
 //! carried on whole, and no measurement counts twice. Between the ends of windows a filter goes on from the end of the
 //! last one, linearised at its own predictions. It gives the innovations, which are thus of real time whatever the lag.
 //!
+//! Positions from elsewhere ([`NavigationLine::fixes`]) are measurements of the states of their node, with the full weight
+//! of least squares whatever the loss.
+//!
 //! # What the estimate of a sample has seen
 //!
 //! At `lag_s` = 0 it is that filter's: measurements up to the sample, or to the end of its `measurement_interval_s`. At
@@ -44,19 +47,18 @@
 //! - collinear or constant regressors: the prior decides;
 //! - a covariance that is no longer finite and non-negative: an error that names the row.
 
-mod gaussian;
 mod nodes;
 mod parameters;
 mod passage;
 mod window;
 
+use crate::navigation::gaussian::{Gaussian, Layout};
 use crate::navigation::pinson::STATES;
 use crate::navigation::{NavigationError, NavigationLine, NavigationOutput, ins_series::SeriesError};
 use crate::signal::gauss_markov::GaussMarkov;
 use params::Params;
 use thiserror::Error;
 
-use gaussian::{Gaussian, Layout};
 use nodes::Nodes;
 pub use parameters::{FixedLagParameters, WindowReport};
 use passage::Passage;

@@ -12,6 +12,7 @@
 //! | [`iekf`] | the iterated extended Kalman filter |
 //! | [`rts`] | the fixed-interval smoother, iterated to the maximum a posteriori |
 //! | [`ukf`] | the unscented Kalman filter |
+//! | [`aided`] | these filters with a difference of magnetometers, the field's vector and a height beside the field |
 //! | [`crlb`] | the posterior Cramér-Rao bound along the true path |
 //! | [`adaptive`] | the filter that finds the noise of its measurements |
 //! | [`online`] | the filter that estimates Tolles-Lawson coefficients in flight |
@@ -117,6 +118,7 @@
 //! ```
 
 pub mod adaptive;
+pub mod aided;
 pub mod crlb;
 pub mod ekf;
 mod estimate;
@@ -124,6 +126,7 @@ pub mod field;
 pub mod fixed_lag;
 #[cfg(test)]
 mod flights;
+mod gaussian;
 pub mod iekf;
 pub mod ins_error;
 pub mod ins_only;

@@ -43,6 +43,12 @@
 //! particles effective is used in parts, as several measurements whose inverse variances sum up to its own, with a
 //! resampling between them (progressive correction, same source).
 //!
+//! # Positions from elsewhere
+//!
+//! A fix of latitude and longitude weighs the particles, whose positions have no variance of their own; one of the height is
+//! a Kalman update of the linear states of each, with the gain that all share. Both are exact but for the number of
+//! particles. A fix far narrower than the cloud is used in parts, as a measurement is.
+//!
 //! Every random number is a function of seed, sample and particle, and sums have a fixed order: the same bits on any
 //! number of threads.
 //!
@@ -57,6 +63,7 @@ mod core_expansion;
 mod covariance;
 mod draws;
 mod filter;
+mod fixes;
 mod measurement;
 mod modes;
 mod output;

@@ -57,6 +57,12 @@ impl ScalarProblem {
         Self { x: measured_states(&estimate.x), p, value_nt, variance_nt2 }
     }
 
+    /// Of these measured states and their covariance: latitude, longitude, height, and what the measurement holds beside the
+    /// field.
+    pub(crate) fn new(x: [f64; 4], p: [[f64; 4]; 4], value_nt: f64, variance_nt2: f64) -> Self {
+        Self { x, p, value_nt, variance_nt2 }
+    }
+
     /// Gauss and Newton's iteration from x⁻, whose field is `field`. `look_up` is the field at an error in latitude,
     /// longitude (rad) and height (m).
     #[inline(always)]

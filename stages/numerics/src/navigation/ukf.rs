@@ -46,12 +46,12 @@ use pulp::{Simd, WithSimd};
 use crate::navigation::estimate::{Estimate, Recursion};
 use crate::navigation::sensitivity::Sensitivity;
 
-mod points;
+pub(crate) mod points;
 
 use points::{Regression, Spread};
 
 /// The number of states that the field depends on nonlinearly.
-const NONLINEAR: usize = 3;
+pub(crate) const NONLINEAR: usize = 3;
 
 /// The parameters of the filter.
 ///

@@ -2,12 +2,12 @@
 
 use std::ops::Range;
 
+use crate::navigation::gaussian::{Layout, Sensitivity, Step, add, add_scaled, product};
 use crate::navigation::pinson::{ALT, LAT, LON, S, STATES, StateMatrix, StateVector};
 use crate::navigation::transition::{identity, propagate_covariance};
 use crate::navigation::{NavigationLine, PredictedField};
 
 use super::Magnetometer;
-use super::gaussian::{Layout, Sensitivity, Step, add, add_scaled, product};
 
 /// Slack of the limits between intervals, in s: a decimal time is not exact.
 pub(super) const SLACK_S: f64 = 1e-6;
@@ -24,6 +24,30 @@ pub(super) struct Node {
     positions: Vec<[StateVector; 3]>,
     /// Of each magnetometer.
     pub measurements: Vec<Option<Measurement>>,
+    /// The positions from elsewhere at its samples.
+    pub fixes: Vec<Fix>,
+}
+
+/// A coordinate from elsewhere, as a measurement of the node's states.
+#[derive(Clone, Debug)]
+pub(super) struct Fix {
+    /// The row of Φ from the node to the sample.
+    h: StateVector,
+    /// The error of the INS there, and its variance.
+    error: f64,
+    pub variance: f64,
+}
+
+impl Fix {
+    /// The row of H.
+    pub fn sensitivity(&self) -> Sensitivity<'_> {
+        Sensitivity::of_ins(&self.h)
+    }
+
+    /// Measurement minus prediction at a state.
+    pub fn residual(&self, x: &[f64]) -> f64 {
+        self.error - self.sensitivity().of(x)
+    }
 }
 
 /// The average over an interval, weighted by the inverse variances.
@@ -133,10 +157,14 @@ impl<'a> Nodes<'a> {
             step: self.arrival.clone(),
             positions: vec![],
             measurements: vec![],
+            fixes: vec![],
         };
         let mut walked = Step { dt_s: 0.0, phi: identity(), noise: [[0.0; STATES]; STATES] };
         loop {
             node.positions.push([walked.phi[LAT], walked.phi[LON], walked.phi[ALT]]);
+            for fix in self.line.fixes_at(node.rows.end).into_iter().flatten() {
+                node.fixes.push(Fix { h: walked.phi[fix.state], error: fix.error, variance: fix.variance });
+            }
             node.rows.end += 1;
             let row = node.rows.end;
             if row == tt_s.len() {

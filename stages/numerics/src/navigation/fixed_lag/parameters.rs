@@ -47,7 +47,7 @@ pub struct WindowReport {
     pub span_s: [f64; 2],
     /// The nodes: instants whose states are solved for.
     pub nodes: usize,
-    /// The measurements, averages over `measurement_interval_s`, of all magnetometers.
+    /// The measurements: averages over `measurement_interval_s` of all magnetometers, and coordinates from elsewhere.
     pub measurements: usize,
     /// The iterations of Gauss-Newton.
     pub iterations: usize,

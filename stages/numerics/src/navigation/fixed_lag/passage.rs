@@ -3,11 +3,11 @@
 use std::collections::VecDeque;
 use std::ops::Range;
 
+use crate::navigation::gaussian::{Gaussian, Layout};
 use crate::navigation::output::Innovation;
 use crate::navigation::pinson::{STATES, StateMatrix, StateVector};
 use crate::navigation::{NavigationError, NavigationLine, PredictedField};
 
-use super::gaussian::{Gaussian, Layout};
 use super::nodes::{Node, Nodes, SLACK_S, carry};
 use super::parameters::FixedLagParameters;
 use super::window::Window;
@@ -40,6 +40,11 @@ impl Front<'_> {
     fn take(&mut self, node: &Node) -> Estimate {
         if node.rows.start > 0 {
             self.now.propagate(self.layout, &node.step, &mut self.spare);
+        }
+        for fix in &node.fixes {
+            let residual = fix.residual(&self.now.x);
+            let s = self.now.predict(&fix.sensitivity(), fix.variance, &mut self.gain);
+            self.now.update(residual, s, &mut self.gain, &mut self.spare);
         }
         let (mut innovation, mut squares, mut used) = (Innovation::NONE, 0.0, 0_usize);
         for (of, measurement) in node.measurements.iter().enumerate() {

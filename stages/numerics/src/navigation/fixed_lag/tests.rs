@@ -1,4 +1,5 @@
 mod batch;
 mod cold_start;
+mod fixes;
 mod flights;
 mod irregular;

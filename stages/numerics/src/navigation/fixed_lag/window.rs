@@ -2,10 +2,12 @@
 
 use std::ops::Range;
 
+use crate::navigation::gaussian::{
+    Gaussian, Layout, Sensitivity, Step, add_scaled, noise_times, propagate_adjoint, propagate_mean,
+};
 use crate::navigation::pinson::{STATES, StateMatrix};
 use crate::navigation::{NavigationLine, PredictedField};
 
-use super::gaussian::{Gaussian, Layout, Step, add_scaled, noise_times, propagate_adjoint, propagate_mean};
 use super::nodes::{LocalField, Node};
 use super::parameters::{FixedLagParameters, WindowReport};
 use crate::navigation::loss::Loss;
@@ -25,10 +27,17 @@ struct Path {
 /// What the forward pass leaves of a measurement to its adjoint.
 #[derive(Clone, Copy, Debug)]
 struct Trace {
-    magnetometer: usize,
+    of: Source,
     /// Innovation over its variance, and that variance.
     scaled: f64,
     variance: f64,
+}
+
+/// What a measurement is of, by its place among those of the node.
+#[derive(Clone, Copy, Debug)]
+enum Source {
+    Magnetometer(usize),
+    Fix(usize),
 }
 
 /// A window that slides along the nodes.
@@ -210,6 +219,9 @@ impl<'a> Window<'a> {
                 let residual = measurement.residual(field, &measurement.sensitivity(field, self.layout, of), x);
                 sum += loss.of(residual / measurement.variance_nt2.sqrt());
             }
+            for fix in &node.fixes {
+                sum += 0.5 * fix.residual(&path.x[range.clone()]).powi(2) / fix.variance;
+            }
         }
         sum
     }
@@ -237,6 +249,13 @@ impl<'a> Window<'a> {
                 self.predicted[k].get_or_insert_default().copy_from(&now);
             }
             self.starts.push(self.traces.len());
+            for (of, fix) in node.fixes.iter().enumerate() {
+                let (innovation, at) = (fix.residual(&now.x), self.gains.len());
+                self.gains.resize(at + dim, 0.0);
+                let s = now.predict(&fix.sensitivity(), fix.variance, &mut self.gains[at..]);
+                now.update(innovation, s, &mut self.gains[at..], &mut self.spare);
+                self.traces.push(Trace { of: Source::Fix(of), scaled: innovation / s, variance: s });
+            }
             for (of, measurement) in node.measurements.iter().enumerate() {
                 let (Some(measurement), Some(field)) = (measurement, &self.fields[k * magnetometers + of]) else {
                     continue;
@@ -252,7 +271,7 @@ impl<'a> Window<'a> {
                 self.gains.resize(at + dim, 0.0);
                 let s = now.predict(&h, variance, &mut self.gains[at..]);
                 now.update(innovation, s, &mut self.gains[at..], &mut self.spare);
-                self.traces.push(Trace { magnetometer: of, scaled: innovation / s, variance: s });
+                self.traces.push(Trace { of: Source::Magnetometer(of), scaled: innovation / s, variance: s });
             }
         }
         self.starts.push(self.traces.len());
@@ -262,7 +281,7 @@ impl<'a> Window<'a> {
     /// The adjoint of the forward pass, and the path that it makes: the Gauss-Newton step. [Bryson & Frazier 1963;
     /// Bierman 1973]
     fn adjoint(&mut self) {
-        let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
+        let dim = self.dim();
         let nodes = self.nodes.len();
         self.trial.adjoint.clear();
         self.trial.adjoint.resize(nodes * dim, 0.0);
@@ -270,12 +289,11 @@ impl<'a> Window<'a> {
         adjoint.fill(0.0);
         for k in (0..nodes).rev() {
             for trace in (self.starts[k]..self.starts[k + 1]).rev() {
-                let Trace { magnetometer: of, scaled, .. } = self.traces[trace];
+                let Trace { of, scaled, .. } = self.traces[trace];
                 let gain = &self.gains[trace * dim..(trace + 1) * dim];
-                let place = k * magnetometers + of;
-                if let (Some(measurement), Some(field)) = (&self.nodes[k].measurements[of], &self.fields[place]) {
+                if let Some(h) = self.sensitivity(k, of) {
                     let factor = scaled + dot(gain, &adjoint);
-                    measurement.sensitivity(field, self.layout, of).add_to(&mut adjoint, -factor);
+                    h.add_to(&mut adjoint, -factor);
                 }
             }
             self.trial.adjoint[k * dim..(k + 1) * dim].copy_from_slice(&adjoint);
@@ -285,6 +303,18 @@ impl<'a> Window<'a> {
         }
         self.row = adjoint;
         self.follow();
+    }
+
+    /// The row of H of a measurement of the last forward pass.
+    fn sensitivity(&self, node: usize, of: Source) -> Option<Sensitivity<'_>> {
+        match of {
+            Source::Fix(of) => self.nodes[node].fixes.get(of).map(|fix| fix.sensitivity()),
+            Source::Magnetometer(of) => {
+                let measurement = self.nodes[node].measurements[of].as_ref()?;
+                let field = self.fields[node * self.layout.blocks.len() + of].as_ref()?;
+                Some(measurement.sensitivity(field, self.layout, of))
+            }
+        }
     }
 
     /// The states of the trial path, from its adjoint.
@@ -332,20 +362,16 @@ impl<'a> Window<'a> {
     /// of
     /// `range`: P − P Λ P with the adjoint Λ of the information.
     pub fn covariances(&self, range: Range<usize>, mut take: impl FnMut(usize, StateMatrix)) {
-        let (dim, magnetometers) = (self.dim(), self.layout.blocks.len());
+        let dim = self.dim();
         let mut information = vec![0.0; dim * dim];
         let (mut column, mut dense, mut spare) = (vec![0.0; dim], vec![0.0; dim], vec![]);
         for k in (range.start..self.nodes.len()).rev() {
             for trace in (self.starts[k]..self.starts[k + 1]).rev() {
-                let Trace { magnetometer: of, variance, .. } = self.traces[trace];
+                let Trace { of, variance, .. } = self.traces[trace];
                 let gain = &self.gains[trace * dim..(trace + 1) * dim];
-                let (Some(measurement), Some(field)) =
-                    (&self.nodes[k].measurements[of], &self.fields[k * magnetometers + of])
-                else {
-                    continue;
-                };
+                let Some(h) = self.sensitivity(k, of) else { continue };
                 dense.fill(0.0);
-                measurement.sensitivity(field, self.layout, of).add_to(&mut dense, 1.0);
+                h.add_to(&mut dense, 1.0);
                 for (entry, row) in column.iter_mut().zip(information.chunks_exact(dim)) {
                     *entry = dot(row, gain);
                 }

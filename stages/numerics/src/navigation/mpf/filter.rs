@@ -15,19 +15,19 @@ use super::parameters::MpfParameters;
 use super::resampling::{Resampler, Resampling};
 
 /// A measurement that would leave less than this part of the particles effective is used in parts.
-const LEAST_LEFT: f64 = 0.1;
+pub(super) const LEAST_LEFT: f64 = 0.1;
 /// The smallest part of what is left of a measurement.
 const LEAST_PART: f64 = 1.0 / 256.0;
 /// The most parts of a measurement.
-const MOST_PARTS: usize = 64;
+pub(super) const MOST_PARTS: usize = 64;
 
 /// A filter on its way along a line.
 pub(super) struct Filter<'a> {
-    line: &'a NavigationLine<'a>,
-    parameters: &'a MpfParameters,
-    cloud: Cloud,
+    pub(super) line: &'a NavigationLine<'a>,
+    pub(super) parameters: &'a MpfParameters,
+    pub(super) cloud: Cloud,
     /// The covariance of the linear states given a particle's position, that all particles share.
-    p: StateMatrix,
+    pub(super) p: StateMatrix,
     predictor: Predictor<'a>,
     resampler: Resampler,
     clusters: Clusters,
@@ -62,6 +62,7 @@ impl<'a> Filter<'a> {
             if row > 0 {
                 self.propagate(row);
             }
+            self.aid(row);
             let innovation = self.measure(row);
             self.report(row, innovation)?;
             let effective = self.output.effective.last().copied().unwrap_or(0.0);
@@ -177,8 +178,12 @@ impl<'a> Filter<'a> {
     }
 
     fn resample(&mut self, row: usize, part: usize) {
+        self.resample_as(row, row * MOST_PARTS + part);
+    }
+
+    /// Resamples at a row, by draws of a number that no other resampling of the line has.
+    pub(super) fn resample_as(&mut self, row: usize, number: usize) {
         let MpfParameters { seed, regularise, roughening, smooth_over_m, .. } = *self.parameters;
-        let number = row * MOST_PARTS + part;
         let lat_rad = self.line.ins.lat_deg[row].to_radians();
         let (north, east) = self.line.errors.earth.north_east_m_per_rad(lat_rad, self.line.ins.alt_m[row]);
         let how = Resampling { seed, regularise, roughening, smooth_over_m, m_per_rad: [north, east] };

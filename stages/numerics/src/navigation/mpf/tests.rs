@@ -17,6 +17,7 @@ use super::draws::{Draws, Purpose};
 use super::modes::Clusters;
 use super::*;
 
+mod fixes;
 mod flights;
 
 const EARTH: EarthModel = EarthModel::Wgs84;

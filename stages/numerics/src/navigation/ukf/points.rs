@@ -7,19 +7,19 @@ use super::{NONLINEAR, UkfParameters};
 
 /// A field regressed over the uncertainty of a position.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Regression {
+pub(crate) struct Regression {
     /// The mean of the field, in nT.
-    pub(super) mean_nt: f64,
+    pub(crate) mean_nt: f64,
     /// Its change with latitude, longitude (nT/rad) and height (nT/m).
-    pub(super) slope: [f64; NONLINEAR],
+    pub(crate) slope: [f64; NONLINEAR],
     /// The variance of what is not linear in it, in nT².
-    pub(super) remainder_nt2: f64,
+    pub(crate) remainder_nt2: f64,
 }
 
 impl Regression {
     /// The first order of a field at its place.
     #[inline(always)]
-    pub(super) fn at(field: &FieldValue) -> Self {
+    pub(crate) fn at(field: &FieldValue) -> Self {
         let slope = [field.d_lat_nt_per_rad, field.d_lon_nt_per_rad, field.d_alt_nt_per_m];
         Self { mean_nt: field.value_nt, slope, remainder_nt2: 0.0 }
     }
@@ -27,11 +27,11 @@ impl Regression {
 
 /// Where the points are and how they weigh.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Spread {
+pub(crate) struct Spread {
     /// The distance c of the points, in standard deviations.
-    pub(super) sigmas: f64,
+    pub(crate) sigmas: f64,
     /// β − α².
-    pub(super) beyond: f64,
+    pub(crate) beyond: f64,
 }
 
 /// A direction whose variance given the directions before it is below this share of its own is known exactly: what is
@@ -39,7 +39,7 @@ pub(super) struct Spread {
 const ROUNDING: f64 = 1e-13;
 
 impl Spread {
-    pub(super) fn of(parameters: &UkfParameters) -> Self {
+    pub(crate) fn of(parameters: &UkfParameters) -> Self {
         let UkfParameters { alpha, beta, kappa, .. } = *parameters;
         Self { sigmas: alpha * (NONLINEAR as f64 + kappa).sqrt(), beyond: beta - alpha * alpha }
     }
@@ -48,7 +48,7 @@ impl Spread {
     /// what `value_at` answers; `None` where that has no answer. `p` is a covariance whose first states are the
     /// position.
     #[inline(always)]
-    pub(super) fn regression(
+    pub(crate) fn regression(
         &self,
         p: &StateMatrix,
         centre_nt: f64,
@@ -76,7 +76,7 @@ impl Spread {
 
 /// The lower Cholesky factor of the position's covariance; the column of a direction that is known exactly is 0.
 #[inline(always)]
-pub(super) fn cholesky(p: &StateMatrix) -> [[f64; NONLINEAR]; NONLINEAR] {
+pub(crate) fn cholesky(p: &StateMatrix) -> [[f64; NONLINEAR]; NONLINEAR] {
     let mut root = [[0.0; NONLINEAR]; NONLINEAR];
     for column in 0..NONLINEAR {
         let known: f64 = root[column][..column].iter().map(|entry| entry * entry).sum();

@@ -8,10 +8,10 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::time::Instant;
 
-use super::super::gaussian::Layout;
 use super::super::nodes::Nodes;
 use super::super::{Coefficients, FixedLagOutput, FixedLagParameters, Magnetometer};
 use super::flights::{Flight, Left, fly};
+use crate::navigation::gaussian::Layout;
 
 const EPOCHS: [usize; 5] = [300, 675, 1050, 1425, 1799];
 

@@ -1,4 +1,4 @@
-//! Mean and covariance of all states, and what a step and a measurement do to them.
+//! Mean and covariance of the 18 states and further ones, and what a step and a measurement do to them.
 
 use std::ops::Range;
 
@@ -6,11 +6,11 @@ use crate::navigation::pinson::{A_HAT, ACC, STATES, StateMatrix, StateVector, TI
 use crate::navigation::transition::{propagate_covariance, propagate_state};
 use crate::signal::gauss_markov::GaussMarkov;
 
-/// The order of the states: 18 of the INS and the temporal variation, one Gauss-Markov error a magnetometer, and the
-/// coefficients of each magnetometer in turn.
+/// The order of the states: 18 of the INS and the temporal variation, Gauss-Markov errors (in `fixed_lag` one a
+/// magnetometer), and the coefficients of each magnetometer in turn.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Layout {
-    /// The Gauss-Markov error of each magnetometer.
+pub(crate) struct Layout {
+    /// The Gauss-Markov errors.
     pub errors: Vec<GaussMarkov>,
     /// Where the coefficients of each magnetometer are.
     pub blocks: Vec<Range<usize>>,
@@ -31,7 +31,7 @@ impl Layout {
 
 /// The step from a node to the next.
 #[derive(Clone, Debug)]
-pub(super) struct Step {
+pub(crate) struct Step {
     pub dt_s: f64,
     pub phi: StateMatrix,
     pub noise: StateMatrix,
@@ -41,7 +41,7 @@ pub(super) struct Step {
 const COUPLED: [usize; 10] = [0, 1, 2, 3, 4, 5, 6, 7, TILT_D, A_HAT];
 
 /// A B for transition matrices.
-pub(super) fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
+pub(crate) fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
     let mut out = [[0.0; STATES]; STATES];
     for state in (ACC..A_HAT).chain([STATES - 1]) {
         out[state][state] = a[state][state] * b[state][state];
@@ -59,7 +59,7 @@ pub(super) fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
 }
 
 /// Adds a matrix.
-pub(super) fn add(to: &mut StateMatrix, from: &StateMatrix) {
+pub(crate) fn add(to: &mut StateMatrix, from: &StateMatrix) {
     for (to, from) in to.as_flattened_mut().iter_mut().zip(from.as_flattened()) {
         *to += from;
     }
@@ -67,7 +67,7 @@ pub(super) fn add(to: &mut StateMatrix, from: &StateMatrix) {
 
 /// The row of H of one measurement: 18 entries, the magnetometer's error and its coefficients.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sensitivity<'a> {
+pub(crate) struct Sensitivity<'a> {
     pub ins: &'a StateVector,
     /// The index of the error, and the entry.
     pub error: (usize, f64),
@@ -76,7 +76,12 @@ pub(super) struct Sensitivity<'a> {
     pub regressors: &'a [f64],
 }
 
-impl Sensitivity<'_> {
+impl<'a> Sensitivity<'a> {
+    /// That of a measurement of the 18 states alone.
+    pub fn of_ins(ins: &'a StateVector) -> Self {
+        Self { ins, error: (0, 0.0), first: 0, regressors: &[] }
+    }
+
     /// H x.
     #[inline]
     pub fn of(&self, x: &[f64]) -> f64 {
@@ -103,14 +108,14 @@ impl Sensitivity<'_> {
 
 /// Mean and covariance (row-major, exactly symmetric).
 #[derive(Clone, Debug, Default)]
-pub(super) struct Gaussian {
+pub(crate) struct Gaussian {
     pub x: Vec<f64>,
     pub p: Vec<f64>,
 }
 
 /// Adds a multiple of a row.
 #[inline]
-pub(super) fn add_scaled(to: &mut [f64], factor: f64, from: &[f64]) {
+pub(crate) fn add_scaled(to: &mut [f64], factor: f64, from: &[f64]) {
     to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
 }
 
@@ -193,21 +198,39 @@ impl Gaussian {
         h.of(out) + variance
     }
 
+    /// The update by an innovation of variance `s` that corrects no other states than those that `corrects` names, with
+    /// P Hᵀ in `gain`, which becomes K: the consider update of Schmidt 1966, in Joseph's form as [`Gaussian::update`].
+    pub fn consider(
+        &mut self,
+        innovation: f64,
+        s: f64,
+        gain: &mut [f64],
+        spare: &mut Vec<f64>,
+        corrects: impl Fn(usize) -> bool,
+    ) {
+        spare.clear();
+        for (state, k) in gain.iter_mut().enumerate() {
+            let of_state = *k;
+            *k = if corrects(state) { of_state / s } else { 0.0 };
+            spare.push(of_state - 0.5 * s * *k);
+        }
+        self.correct(innovation, gain, spare);
+    }
+
     /// The update by an innovation of variance `s`, with P Hᵀ in `gain`, which becomes K.
     ///
     /// Joseph's form (I − K H) P (I − K H)ᵀ + K R Kᵀ, multiplied out to P − K vᵀ − v Kᵀ with v = P Hᵀ − K s/2, which
     /// keeps its property: an error of K enters by its square. Both halves have the same bits.
     pub fn update(&mut self, innovation: f64, s: f64, gain: &mut [f64], spare: &mut Vec<f64>) {
+        self.consider(innovation, s, gain, spare, |_| true);
+    }
+
+    /// x ← x + K r, P ← P − K vᵀ − v Kᵀ.
+    fn correct(&mut self, innovation: f64, gain: &[f64], half: &[f64]) {
         let dim = self.dim();
-        spare.clear();
-        for k in gain.iter_mut() {
-            let of_state = *k;
-            *k = of_state / s;
-            spare.push(of_state - 0.5 * s * *k);
-        }
         add_scaled(&mut self.x, innovation, gain);
-        for (row, (k, v)) in self.p.chunks_exact_mut(dim).zip(gain.iter().zip(spare.iter())) {
-            for (entry, (gain, half)) in row.iter_mut().zip(gain.iter().zip(spare.iter())) {
+        for (row, (k, v)) in self.p.chunks_exact_mut(dim).zip(gain.iter().zip(half)) {
+            for (entry, (gain, half)) in row.iter_mut().zip(gain.iter().zip(half)) {
                 *entry -= k * half + v * gain;
             }
         }
@@ -215,7 +238,7 @@ impl Gaussian {
 }
 
 /// x ← Φ x of all states.
-pub(super) fn propagate_mean(layout: &Layout, step: &Step, x: &mut [f64]) {
+pub(crate) fn propagate_mean(layout: &Layout, step: &Step, x: &mut [f64]) {
     let mut ins = [0.0; STATES];
     ins.copy_from_slice(&x[..STATES]);
     x[..STATES].copy_from_slice(&propagate_state(&step.phi, &ins));
@@ -225,7 +248,7 @@ pub(super) fn propagate_mean(layout: &Layout, step: &Step, x: &mut [f64]) {
 }
 
 /// λ ← Φᵀ λ of all states.
-pub(super) fn propagate_adjoint(layout: &Layout, step: &Step, adjoint: &mut [f64]) {
+pub(crate) fn propagate_adjoint(layout: &Layout, step: &Step, adjoint: &mut [f64]) {
     let mut ins = [0.0; STATES];
     for (row, entry) in step.phi.iter().zip(adjoint.iter()) {
         add_scaled(&mut ins, *entry, row);
@@ -237,7 +260,7 @@ pub(super) fn propagate_adjoint(layout: &Layout, step: &Step, adjoint: &mut [f64
 }
 
 /// Q λ of all states.
-pub(super) fn noise_times(layout: &Layout, step: &Step, adjoint: &[f64], out: &mut [f64]) {
+pub(crate) fn noise_times(layout: &Layout, step: &Step, adjoint: &[f64], out: &mut [f64]) {
     for (out, row) in out.iter_mut().zip(&step.noise) {
         *out = row.iter().zip(adjoint).map(|(q, adjoint)| q * adjoint).sum();
     }

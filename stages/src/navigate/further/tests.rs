@@ -1,0 +1,130 @@
+#![allow(clippy::unwrap_used)]
+use crate::navigate::testing::*;
+use arrow_array::RecordBatch;
+
+const FILTERS: [&str; 3] = ["ekf", "iekf", "ukf"];
+const GRADIENT: &str = "map_interpolation = 'cubic'\ngradient = ['mag_1_c', 'mag_2_c']\n\
+                        gradient_baseline_m = [15.0, 0.0, 0.0]\ngradient_sigma_nt = 0.03\ngradient_bias_sigma_nt = 0.1\n";
+
+/// What both magnetometers measure beside the field, in nT.
+fn storm_nt(row: usize) -> f64 {
+    120.0 * (row as f64 / 30.0).sin()
+}
+
+/// A flight in a storm, with two magnetometers 15 m behind each other that differ by 0.05 nT and noise of 0.02 nT.
+fn in_a_storm() -> RecordBatch {
+    let noise = |row: usize, by: f64| 0.02 * (by * row as f64).sin();
+    let first = with(&flight(), "mag_1_c", |row, _| ahead_nt(row, 7.5) + storm_nt(row) + 0.05 + noise(row, 2.3));
+    with(&first, "mag_2_c", |row, _| ahead_nt(row, -7.5) + storm_nt(row) + noise(row, 1.7))
+}
+
+#[test]
+fn law_the_difference_holds_the_position_in_a_storm_that_defeats_the_field() {
+    let stormy = in_a_storm();
+    for filter in FILTERS {
+        let found = flown(filter, &format!("{GRADIENT}use_scalar = false"), &stormy).unwrap();
+        let lost = flown(filter, "map_interpolation = 'cubic'\nmag = 'mag_1_c'", &stormy).unwrap();
+        let (held_m, lost_m) = (found.error_m(ROWS - 1), lost.error_m(ROWS - 1));
+        // The INS is 156 m off by then.
+        assert!(held_m < 25.0 && lost_m > 150.0, "{filter}: {held_m} {lost_m}");
+        assert_eq!(found.updates("used"), ROWS);
+        let (residual, nis) = (found.numbers("gradient_residual"), found.numbers("gradient_nis"));
+        assert!(residual.iter().all(|nt| nt.abs() < 1.0) && nis.iter().all(|nis| nis.is_finite()));
+        assert_eq!(found.numbers("residual"), residual, "without the field the innovation is the difference's");
+    }
+}
+
+#[test]
+fn law_the_difference_helps_a_field_of_which_the_storm_is_known() {
+    let calm = with(&in_a_storm(), "mag_1_c", |row, nt| nt - storm_nt(row));
+    let calm = with(&calm, "mag_2_c", |row, nt| nt - storm_nt(row));
+    for filter in FILTERS {
+        let keys = "mag = 'mag_1_c'\nmap_interpolation = 'cubic'\n";
+        let of = |more: &str| flown(filter, &format!("{keys}{more}"), &calm).unwrap();
+        let (alone, both) = (of(""), of(&GRADIENT.replace("map_interpolation = 'cubic'\n", "")));
+        let end = |found: &Answer, name: &str| found.numbers(name)[ROWS - 1];
+        let sigma = |found: &Answer| end(found, "sd_n").hypot(end(found, "sd_e"));
+        assert!(sigma(&both) < 0.9 * sigma(&alone), "{filter}: {} {}", sigma(&both), sigma(&alone));
+        assert!(both.error_m(ROWS - 1) < 25.0, "{filter}: {}", both.error_m(ROWS - 1));
+        assert!(filter != "ukf" || both.numbers("sd_nonlinear").iter().all(|nt| nt.is_finite()));
+    }
+}
+
+#[test]
+fn law_over_a_map_that_is_too_flat_the_track_is_the_ins() {
+    let run_with = |filter: &str, flat: &str| run(filter, &format!("mag = 'mag_2_c'\nflat_over_m = {flat}"));
+    let ins = run("ins_only", "");
+    for filter in FILTERS {
+        // 1.5 nT against a metre of a slope that is nowhere 1.5 nT/m.
+        let flat = run_with(filter, "1.0");
+        assert_eq!((flat.updates("flat"), flat.updates("missing")), (ROWS - 30, 30));
+        assert_eq!(flat.numbers("lat"), ins.numbers("lat"));
+        let steep = run_with(filter, "1e6");
+        assert_eq!((steep.updates("flat"), steep.updates("used")), (0, ROWS - 30));
+        let some = run_with(filter, "15.0");
+        let slopes = some.numbers("map_slope");
+        for (row, word) in some.words("update").iter().enumerate().filter(|(_, word)| *word != "missing") {
+            assert_eq!(word == "flat", 1.5 > 15.0 * slopes[row], "{filter} {row}: {word} {}", slopes[row]);
+        }
+        assert!(some.updates("flat") > 10 && some.updates("used") > 10);
+    }
+}
+
+#[test]
+fn law_further_states_that_know_nothing_leave_the_filter_as_it_is() {
+    for filter in FILTERS {
+        let usual = run(filter, "mag = 'mag_1_c'");
+        let with = run(filter, "mag = 'mag_1_c'\nmap_sigma_nt = 0.0");
+        for row in 0..ROWS {
+            let off_deg = (usual.numbers("lat")[row] - with.numbers("lat")[row]).abs();
+            assert!(off_deg < 1e-10, "{filter} {row}: {off_deg}");
+        }
+        assert_eq!(usual.words("update"), with.words("update"));
+        assert!(
+            run(filter, "mag = 'mag_1_c'\nmap_sigma_nt = 20.0").numbers("sd_n")[ROWS - 1]
+                > usual.numbers("sd_n")[ROWS - 1]
+        );
+    }
+}
+
+#[test]
+fn law_a_height_is_held() {
+    // The height that is measured is that of the truth, of an INS whose own runs away.
+    let off = with(&flight(), "ins_alt", |row, alt| alt + 0.1 * row as f64);
+    let off = with(&off, "alt", |row, alt| alt + 4.0 + 2.0 * (1.9 * row as f64).sin());
+    let keys = "mag = 'mag_1_c'\nbaro_sigma_m = 50.0\nha_sigma_m = 50.0\ninit_altitude_sigma_m = 10.0\n";
+    for filter in FILTERS {
+        let height = "height = 'alt'\nheight_sigma_m = 2.0\nheight_bias_sigma_m = 5.0";
+        let found = flown(filter, &format!("{keys}{height}"), &off).unwrap();
+        let without = flown(filter, keys, &off).unwrap().numbers("alt")[ROWS - 1];
+        let alt = found.numbers("alt")[ROWS - 1];
+        assert!((alt - 300.0).abs() < 10.0 && (without - 300.0).abs() > 30.0, "{filter}: {alt} {without}");
+        assert!(found.numbers("height_nis").iter().all(|nis| nis.is_finite()));
+    }
+}
+
+#[test]
+fn unit_what_cannot_be_measured_is_refused_before_the_run() {
+    let refused = |keys: &str, words: &str| assert_refused("ekf", &format!("mag = 'mag_1_c'\n{keys}"), words);
+    let cubic = "map_interpolation = 'cubic'\ngradient_baseline_m = [9.0, 0.0, 0.0]\n";
+    refused(
+        "gradient = ['mag_1_c', 'mag_2_c']\ngradient_baseline_m = [9.0, 0.0, 0.0]",
+        "steps where the map is bilinear",
+    );
+    refused("map_interpolation = 'cubic'\ngradient = ['mag_1_c', 'mag_2_c']", "`gradient_baseline_m`");
+    refused(&format!("{cubic}gradient = ['mag_1_c', 'mag_7_c']"), "mag_7_c");
+    refused(&format!("{cubic}gradient = ['mag_1_c', 'mag_1_c']"), "duplicate");
+    refused(&format!("{cubic}gradient = ['mag_1_c', 'ins_alt']"), "ins_alt");
+    let flat = cubic.replace("9.0", "0.0");
+    refused(&format!("{flat}gradient = ['mag_1_c', 'mag_2_c']"), "no length");
+    refused("use_scalar = false", "nothing of the map is measured");
+    refused("gradient_sigma_nt = 0.2", "no say without `gradient`");
+    refused("height_sigma_m = 2.0", "no say without `height`");
+    refused("map_sigma_length_m = 2.0", "no say without `map_sigma_nt`");
+    refused("vector_bias_tau_s = 2.0", "no say without `vector_sigma_nt`");
+    refused("vector_sigma_nt = 5.0", "`vector`");
+    refused("vector = 'flux_d'\nvector_sigma_nt = 5.0", "`core_field = false` is without");
+    refused("height = 'mag_1_c'", "mag_1_c");
+    refused("flat_over_m = 0.0", "flat_over_m");
+    assert_refused("rts", "flat_over_m = 10.0", "belongs to");
+}
