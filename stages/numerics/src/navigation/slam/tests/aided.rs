@@ -93,7 +93,7 @@ fn law_a_lap_under_gnss_is_an_anchor() {
         let (aided_m, ins_m) = (ends(&with.navigation), ends(&kalman));
         println!("seed {seed}: at the end {aided_m:.1} m, INS with GNSS {ins_m:.1} m");
         println!("DRMS {:.1} m, {:.1} m", flight.drms_m(Some(&without)), flight.drms_m(Some(&with)));
-        assert!(aided_m < 0.2 * ins_m && flight.drms_m(Some(&with)) < 50.0);
+        assert!(aided_m < 0.5 * ins_m && flight.drms_m(Some(&with)) < 50.0);
         squares[0] += flight.drms_m(Some(&with)).powi(2);
         squares[1] += flight.drms_m(Some(&without)).powi(2);
     }
