@@ -54,10 +54,11 @@
 //!
 //! # What it cannot know
 //!
-//! Only the position relative to the earlier path is observed, so that the error of the first lap stays. On straight lines
-//! without a revisit the answer is that of the INS. Particles must be dense enough to hit a revisit: with 1000 of them the
-//! drift between visits may be some hundreds of metres; after kilometres of drift no particle is near the truth, the
-//! standard deviations handed out are too small, and false revisits lead the track away. Innovations do not show that.
+//! Only the position relative to the earlier path is observed, so that the error of the first lap stays, unless
+//! positions from elsewhere ([`fixes`]) say where that lap was. On straight lines without a revisit the answer is that
+//! of the INS. Particles must be dense enough to hit a revisit: with 1000 of them the drift between visits may be some
+//! hundreds of metres; after kilometres of drift no particle is near the truth, the standard deviations handed out are
+//! too small, and false revisits lead the track away. Innovations do not show that.
 //! [`SlamReport::largest_correction`], the largest squared correction over the covariance of the INS alone (chi-square of
 //! 2 degrees), shows it where it is above [`IMPLAUSIBLE`]; a small one proves nothing for an INS that may err by anything.
 //!
