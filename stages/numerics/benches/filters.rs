@@ -251,7 +251,6 @@ fn main() -> Result<(), Failure> {
         sigma_nt: &sigma_nt,
         map: &map,
         core: Some(&core),
-        fixes: None,
         errors: InsErrorModel::default(),
         offset_window_s: 0.0,
         fixes: None,
