@@ -217,7 +217,14 @@ fn slam_step(map: &FieldMap, seconds: u32, particles: usize) -> Result<f64, Fail
     }
     let sigma_nt = vec![1.0; seconds as usize];
     let series = ins.series();
-    let line = SlamLine { ins: &series, measurement_nt: &measurement_nt, sigma_nt: &sigma_nt, core: None, errors };
+    let line = SlamLine {
+        ins: &series,
+        measurement_nt: &measurement_nt,
+        sigma_nt: &sigma_nt,
+        core: None,
+        fixes: None,
+        errors,
+    };
     let parameters = SlamParameters { particles, ..SlamParameters::default() };
     let clock = std::time::Instant::now();
     let out = slam::run(&parameters, &line)?;

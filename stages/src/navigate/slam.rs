@@ -7,6 +7,7 @@ use numerics::navigation::{
 };
 use schemas::{Column, Fault, Rule};
 
+use super::aiding::Aiding;
 use super::filter::{Flight, Flown, NavigationFilter, Track, Update, filter};
 use crate::columns::{array, data};
 
@@ -20,11 +21,14 @@ filter! {
     ///
     /// The same `seed` gives the same bits on any number of threads.
     ///
+    /// With `gnss_lost_s` positions by GNSS aid it where there are any. A map that begins under GNSS is where it says; a later
+    /// fix counts particles by their whole path, so that it corrects the map too.
+    ///
     /// Source: thesis 001, chapters III and V and appendix A; with the last measurements in every prediction, which makes the
     /// product of the weights the likelihood of the flight [Vecchia 1988], with the temporal variation in the covariance, with
     /// paths shared in a tree, so that a step costs the same after ten hours, and resampled from a kernel density (Musso,
     /// Oudjane & Le Gland 2001), whose loss of variance stays in the covariance.
-    Slam = "slam", version 1, example "particles = 1000";
+    Slam = "slam", version 1, groups [aiding: Aiding], example "particles = 1000";
     /// The number of particles. The drift between revisits has to be covered densely: more for a poorer INS.
     particles: usize, unit "1", default 1000usize, rule Rule::Between(2.0, 1e6);
     /// The seed of every draw.
@@ -85,7 +89,14 @@ impl NavigationFilter for Slam {
         ]
     }
 
+    fn reads(&self, flight: &Flight) -> Result<Vec<String>, Vec<Fault>> {
+        self.aiding.reads(flight)
+    }
+
     fn idle(&self, key: &str) -> Option<Fault> {
+        if let Some(fault) = self.aiding.idle(key) {
+            return Some(fault);
+        }
         let by_radius = self.expected_measurement != ExpectedMeasurement::NearestNeighbour;
         let belongs = |what: &str| {
             let help = "leave it out".to_owned();
@@ -108,11 +119,13 @@ impl NavigationFilter for Slam {
     }
 
     fn navigate(&self, flown: &Flown) -> Result<Track, Fault> {
+        let fixes = self.aiding.fixes(flown)?;
         let line = SlamLine {
             ins: &flown.ins,
             measurement_nt: &flown.measured_nt,
             sigma_nt: &flown.sigma_nt,
             core: flown.core.as_ref(),
+            fixes: fixes.as_ref(),
             errors: InsErrorModel { noise: self.discretisation, ..flown.errors },
         };
         let output = run(&self.parameters(), &line).map_err(data)?;
@@ -176,6 +189,21 @@ mod tests {
         assert!(apart < 5.0 * ins.numbers("sd_n")[ROWS - 1] / 20_f64.sqrt(), "{apart}");
         assert_eq!(found.updates("used"), 0);
         assert!(found.numbers("revisiting").iter().all(|n| *n == 0.0));
+    }
+
+    #[test]
+    fn law_gnss_holds_it_until_it_is_lost() {
+        let keys = "mag = 'mag_1_c'\nparticles = 300\ngnss_lost_s = [400.0, 1e6]\ngnss_sigma_m = 3.0";
+        let (found, aided) = (run("slam", keys), run("ins_only", &keys.replace("particles = 300\n", "")));
+        assert!(found.error_m(399) < 3.0, "{}", found.error_m(399));
+        // Nothing revisits, so that it is the Kalman filter of the INS and GNSS, but for the mean of some hundred particles.
+        let (ours, exact) = (found.numbers("sd_n"), aided.numbers("sd_n"));
+        for row in [100, 399, 500, ROWS - 1] {
+            assert!((ours[row] / exact[row] - 1.0).abs() < 0.35, "{row} {} {}", ours[row], exact[row]);
+            assert!((found.error_m(row) - aided.error_m(row)).abs() < exact[row], "{row}");
+        }
+        assert_refused("slam", "gnss_sigma_m = 1.0", "no say without `gnss_lost_s`");
+        assert_refused("slam", "gnss_lost_s = [400.0, 300.0]", "after it is found");
     }
 
     #[test]

@@ -54,6 +54,11 @@ impl PositionFixes {
         Ok(())
     }
 
+    /// Whether a row has any coordinate.
+    pub(crate) fn is_there(&self, row: usize) -> bool {
+        [&self.lat_deg, &self.lon_deg, &self.alt_m].into_iter().any(|values| values[row].is_finite())
+    }
+
     /// The measurements of a row, of the coordinates that are there.
     pub(crate) fn at(&self, ins: &InsSeries<'_>, row: usize, earth: EarthModel) -> [Option<StateFix>; 3] {
         let (lat_rad, alt_m) = (ins.lat_deg[row].to_radians(), ins.alt_m[row]);

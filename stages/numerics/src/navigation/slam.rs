@@ -5,6 +5,7 @@
 //! | [`parameters`] | what the filter is told |
 //! | [`samples`] | the measurements of a line, one a step, in a local frame |
 //! | [`particles`] | time update, weights, resampling |
+//! | [`fixes`] | positions from elsewhere, such as GNSS |
 //! | [`resolution`] | the kernel of a resampling, and the variance that resampling loses |
 //! | [`history`] | the paths of all particles, which share their past |
 //! | [`index`] | where earlier samples are |
@@ -53,10 +54,11 @@
 //!
 //! # What it cannot know
 //!
-//! Only the position relative to the earlier path is observed, so that the error of the first lap stays. On straight lines
-//! without a revisit the answer is that of the INS. Particles must be dense enough to hit a revisit: with 1000 of them the
-//! drift between visits may be some hundreds of metres; after kilometres of drift no particle is near the truth, the
-//! standard deviations handed out are too small, and false revisits lead the track away. Innovations do not show that.
+//! Only the position relative to the earlier path is observed, so that the error of the first lap stays, unless
+//! positions from elsewhere ([`fixes`]) say where that lap was. On straight lines without a revisit the answer is that
+//! of the INS. Particles must be dense enough to hit a revisit: with 1000 of them the drift between visits may be some
+//! hundreds of metres; after kilometres of drift no particle is near the truth, the standard deviations handed out are
+//! too small, and false revisits lead the track away. Innovations do not show that.
 //! [`SlamReport::largest_correction`], the largest squared correction over the covariance of the INS alone (chi-square of
 //! 2 degrees), shows it where it is above [`IMPLAUSIBLE`]; a small one proves nothing for an INS that may err by anything.
 //!
@@ -74,6 +76,7 @@
 pub mod chart;
 pub mod expected;
 pub mod fit;
+pub mod fixes;
 pub mod history;
 pub mod index;
 pub mod kernel;
@@ -85,7 +88,8 @@ pub mod samples;
 
 use crate::navigation::output::Innovation;
 use crate::navigation::pinson::{LAT, LON, STATES, StateMatrix, VE, VN};
-use crate::navigation::transition::{identity, propagate_state, step_covariance};
+use crate::navigation::position_fixes::{NO_FIX, PositionFixes};
+use crate::navigation::transition::{propagate_state, step_covariance};
 use crate::navigation::{NavigationError, NavigationOutput, pinson_matrix, transition_matrix};
 
 pub use chart::{Chart, ChartGrid};
@@ -95,7 +99,7 @@ pub use kernel::{Covariance, Kernel};
 pub use output::{PathSample, SlamOutput, SlamReport};
 pub use parameters::{ExpectedMeasurement, HyperparameterSource, SlamParameters};
 use particles::{Moments, Particles};
-use resolution::{Lost, bandwidth, excess};
+use resolution::{Lost, bandwidth, excess, product};
 pub use samples::SlamLine;
 use samples::{LocalFrame, Sample, Sampler, step_ends};
 
@@ -124,6 +128,9 @@ pub const IMPLAUSIBLE: f64 = 27.6;
 /// by any measurement that surprises the others.
 const FEWEST_REVISITING: f64 = 0.01;
 
+/// The numbers of the resamplings by positions from elsewhere, which are of rows, begin beyond those of steps.
+const AIDED: u64 = 1 << 40;
+
 /// A filter on its way along a line.
 struct Filter<'a> {
     parameters: &'a SlamParameters,
@@ -138,6 +145,9 @@ struct Filter<'a> {
     /// Displacement of each particle at the mean time of the step's measurements, in m.
     now_m: Vec<[f64; 2]>,
     moments: Moments,
+    /// Those of the Kalman filter, with positions from elsewhere and until the field is weighed again: without the error
+    /// that a finite number of draws makes.
+    exact: Option<Moments>,
     /// The covariance of the INS alone.
     alone: StateMatrix,
     out: SlamOutput,
@@ -168,7 +178,9 @@ impl<'a> Filter<'a> {
         let moments = particles.moments();
         let (map, now_m) = (Map::new(rules, parameters.particles), vec![[0.0; 2]; parameters.particles]);
         let lost = Lost::new(frame.m_per_rad);
-        Self { parameters, line, frame, ends, samples, particles, map, lost, now_m, moments, alone: initial, out }
+        let exact = line.fixes.map(|_| Moments { x: [0.0; STATES], p: initial });
+        let alone = initial;
+        Self { parameters, line, frame, ends, samples, particles, map, lost, now_m, moments, exact, alone, out }
     }
 
     /// One step: the rows up to its last one, the particles, their weights.
@@ -176,67 +188,130 @@ impl<'a> Filter<'a> {
         let last = self.ends[step];
         if step > 0 {
             self.propagate(self.ends[step - 1], last, step as u64)?;
+        } else {
+            self.aid(last);
+            self.particles.draw(0);
         }
         let (innovation, revisiting, gated) = match self.samples[step] {
             Some(sample) => self.weigh(&sample),
             None => (Innovation::NONE, 0, false),
         };
-        let effective = self.particles.effective();
-        self.moments = self.particles.moments();
-        let spread = self.spread();
-        let more = excess(&self.particles.weights);
-        let entries = self.moments.p.as_flattened_mut().iter_mut().zip(spread.as_flattened());
-        for ((p, spread), lost) in entries.zip(self.lost.now.as_flattened()) {
-            *p += more * spread + lost;
-        }
+        self.moments = self.all_moments();
         self.push(last, innovation, revisiting, gated)?;
         let correction = correction(&self.moments, &self.alone);
         self.out.report.largest_correction = self.out.report.largest_correction.max(correction);
-        let count = self.particles.x.len() as f64;
-        if effective < self.parameters.resample_below * count {
-            self.lost.bank(&self.particles.weights, &spread, &self.map.history);
-            let active = self.particles.active.clone();
-            // Without a list of active particles all take part.
-            let all = self.parameters.expected == ExpectedMeasurement::NearestNeighbour;
-            let parents = self.particles.resample(|particle| all || active[particle], step as u64);
-            self.particles.regularise(&spread, &self.moments.x, bandwidth(effective), step as u64);
-            self.map.history.resample(&parents);
-            self.out.report.resamplings += 1;
+        if self.is_thin() {
+            self.resample(step as u64);
         }
         self.out.report.generations = self.out.report.generations.max(self.map.history.size().0);
         Ok(())
+    }
+
+    /// Mean and covariance, with what the particles do not show of it.
+    fn all_moments(&self) -> Moments {
+        if let Some(exact) = self.exact {
+            return exact;
+        }
+        let mut moments = self.particles.moments();
+        let spread = spread(&moments.p, &self.particles);
+        let more = excess(&self.particles.weights);
+        let entries = moments.p.as_flattened_mut().iter_mut().zip(spread.as_flattened());
+        for ((p, spread), lost) in entries.zip(self.lost.now.as_flattened()) {
+            *p += more * spread + lost;
+        }
+        moments
+    }
+
+    /// Whether the particles are to be resampled.
+    fn is_thin(&self) -> bool {
+        self.particles.effective() < self.parameters.resample_below * self.particles.x.len() as f64
+    }
+
+    /// Resamples the particles and draws them from a kernel density; `step` is another number each time.
+    fn resample(&mut self, step: u64) {
+        let effective = self.particles.effective();
+        let Moments { x: mean, p } = self.particles.moments();
+        let spread = spread(&p, &self.particles);
+        self.thin_out(&spread, step);
+        self.particles.regularise(&spread, &mean, bandwidth(effective), step);
+    }
+
+    /// Resamples the particles, whose states have this covariance, with their paths.
+    fn thin_out(&mut self, spread: &StateMatrix, step: u64) {
+        self.lost.bank(&self.particles.weights, spread, &self.map.history);
+        let active = self.particles.active.clone();
+        // Without a list of active particles all take part; and a position from elsewhere weights all.
+        let all = self.parameters.expected == ExpectedMeasurement::NearestNeighbour || self.line.fixes.is_some();
+        let parents = self.particles.resample(|particle| all || active[particle], step);
+        self.map.history.resample(&parents);
+        self.out.report.resamplings += 1;
+    }
+
+    /// Uses the positions from elsewhere of a row, before the positions of a step are drawn; see [`fixes`].
+    fn aid(&mut self, row: usize) {
+        let at = |fixes: &PositionFixes| fixes.at(self.line.ins, row, self.line.errors.earth);
+        let fixes = self.line.fixes.map_or(NO_FIX, at);
+        if fixes == NO_FIX {
+            return;
+        }
+        let Moments { mut x, mut p } = self.all_moments();
+        for fix in fixes.iter().flatten() {
+            self.particles.foresee(fix);
+            fixes::update(&mut x, &mut p, fix);
+        }
+        self.particles.join(&x, &p);
+        self.lost.found();
+        if self.is_thin() {
+            self.thin_out(&[[0.0; STATES]; STATES], row as u64 + AIDED);
+        }
+        self.moments = Moments { x, p };
+        self.exact = Some(self.moments);
     }
 
     /// The time update over the rows of a step; rows between are the mean's and covariance's own.
     fn propagate(&mut self, first: usize, last: usize, step: u64) -> Result<(), NavigationError> {
         let (ins, errors) = (self.line.ins, &self.line.errors);
         let (times, density) = (errors.time_constants(), errors.noise_density());
-        let (mut all, mut c) = (identity(), self.particles.linear);
+        let (mut all, mut c) = (None::<StateMatrix>, self.particles.linear);
         for row in first + 1..=last {
             let dt_s = ins.tt_s[row] - ins.tt_s[row - 1];
             let f = pinson_matrix(&ins.point(row - 1), &times, errors.pinson);
             let phi = transition_matrix(&f, dt_s);
             c = step_covariance(&c, &f, &phi, &density, dt_s, errors.noise);
             self.alone = step_covariance(&self.alone, &f, &phi, &density, dt_s, errors.noise);
-            all = if row == first + 1 { phi } else { product(&phi, &all) };
-            if row < last {
+            let moved = all.map_or(phi, |before| product(&phi, &before));
+            all = Some(moved);
+            if let Some(Moments { x, p }) = &mut self.exact {
+                *x = propagate_state(&phi, x);
+                *p = step_covariance(p, &f, &phi, &density, dt_s, errors.noise);
+            }
+            if self.is_fixed(row) {
+                self.particles.shift(&moved, &c);
+                self.lost.shift(&moved);
+                self.aid(row);
+                c = self.particles.linear;
+                all = None;
+            } else if row < last {
                 self.moments.x = propagate_state(&phi, &self.moments.x);
                 self.moments.p = step_covariance(&self.moments.p, &f, &phi, &density, dt_s, errors.noise);
+            }
+            if row < last {
                 self.push(row, Innovation::NONE, 0, false)?;
             }
         }
-        self.particles.advance(&all, &c, step);
-        let moved = product(&all, &self.lost.now);
-        self.lost.now = std::array::from_fn(|row| {
-            std::array::from_fn(|column| moved[row].iter().zip(&all[column]).map(|(a, b)| a * b).sum())
-        });
+        match all {
+            Some(all) => {
+                self.particles.advance(&all, &c, step);
+                self.lost.shift(&all);
+            }
+            None => self.particles.draw(step),
+        }
         Ok(())
     }
 
-    /// The covariance of the particles' states, without what is common to all.
-    fn spread(&self) -> StateMatrix {
-        let Particles { linear, .. } = &self.particles;
-        std::array::from_fn(|row| std::array::from_fn(|column| self.moments.p[row][column] - linear[row][column]))
+    /// Whether a row has a position from elsewhere.
+    fn is_fixed(&self, row: usize) -> bool {
+        self.line.fixes.is_some_and(|fixes| fixes.is_there(row))
     }
 
     /// The variance of the particles' positions, in m².
@@ -277,6 +352,7 @@ impl<'a> Filter<'a> {
         if !self.particles.weigh(&logs) {
             return (Innovation::NONE, 0, false);
         }
+        self.exact = None;
         let gain = if before > 0.0 { 1.0 - self.variance_m2() / before } else { 1.0 };
         self.lost.revisit(self.map.found(), gain);
         for (active, prediction) in self.particles.active.iter_mut().zip(&predictions) {
@@ -340,6 +416,11 @@ fn kernel_of(
     (fitted.unwrap_or(parameters.kernel), fitted.is_some(), [spacing_m, speed_mps])
 }
 
+/// The covariance `p` of all states without what is common to all particles.
+fn spread(p: &StateMatrix, particles: &Particles) -> StateMatrix {
+    std::array::from_fn(|row| std::array::from_fn(|column| p[row][column] - particles.linear[row][column]))
+}
+
 /// The square of the correction of the position over the covariance of the INS alone: chi-square of 2 degrees.
 fn correction(moments: &Moments, alone: &StateMatrix) -> f64 {
     let ([lat, lon], [a, b, c]) =
@@ -380,18 +461,6 @@ fn log_likelihoods(predictions: &[Prediction], method: ExpectedMeasurement) -> V
         }
     }
     logs
-}
-
-fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
-    let mut out = [[0.0; STATES]; STATES];
-    for (out, row) in out.iter_mut().zip(a) {
-        for (factor, of_row) in row.iter().zip(b) {
-            for (entry, from) in out.iter_mut().zip(of_row) {
-                *entry += factor * from;
-            }
-        }
-    }
-    out
 }
 
 #[cfg(test)]

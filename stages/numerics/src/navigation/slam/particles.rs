@@ -15,7 +15,8 @@ const DEPENDENT: f64 = 1e-14;
 ///
 /// `x` has both parts of the state of each: its own latitude and longitude, and the mean of the other 16 states given its
 /// path. Their covariance given the path, `linear`, is common to all, as none of the matrices depends on the particle
-/// [thesis 001, (20)]; its rows and columns of latitude and longitude are zero.
+/// [thesis 001, (20)]; its rows and columns of latitude and longitude are zero once the
+/// positions are drawn.
 #[derive(Clone, Debug)]
 pub struct Particles {
     /// The states, rad, m, m/s, …, truth minus INS.
@@ -89,17 +90,32 @@ fn key(seed: u64, step: u64) -> u64 {
 }
 
 impl Particles {
-    /// Draws the positions of so many particles from the initial covariance.
+    /// So many particles, whose positions are not drawn yet: `linear` is the initial covariance of all states.
     pub fn new(count: usize, seed: u64, initial: &StateMatrix) -> Self {
-        let mut particles = Self {
+        Self {
             x: vec![[0.0; STATES]; count],
             weights: vec![1.0 / count as f64; count],
-            linear: [[0.0; STATES]; STATES],
+            linear: *initial,
             active: vec![false; count],
             seed,
-        };
-        particles.spread(initial, |x| *x, 0);
-        particles
+        }
+    }
+
+    /// Draws the positions from the covariance of all states, `linear`. Steps are counted from 0.
+    pub fn draw(&mut self, step: u64) {
+        let c = self.linear;
+        self.spread(&c, |x| *x, step);
+    }
+
+    /// The time update without a draw of the positions: what [`advance`](Self::advance) does is this and then
+    /// [`draw`](Self::draw).
+    pub fn shift(&mut self, phi: &StateMatrix, c: &StateMatrix) {
+        self.x.par_chunks_mut(PIECE).for_each(|states| {
+            for x in states {
+                *x = propagate_state(phi, x);
+            }
+        });
+        self.linear = *c;
     }
 
     /// The time update: `phi` of a step and C = Φ P Φᵀ + Q with the P of the linear states. Steps are counted from 1.

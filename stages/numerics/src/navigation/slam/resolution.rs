@@ -99,6 +99,19 @@ impl Lost {
         }
     }
 
+    /// A step of the flight by its transition matrix.
+    pub fn shift(&mut self, phi: &StateMatrix) {
+        let moved = product(phi, &self.now);
+        self.now = std::array::from_fn(|row| {
+            std::array::from_fn(|column| moved[row].iter().zip(&phi[column]).map(|(a, b)| a * b).sum())
+        });
+    }
+
+    /// After a position from elsewhere, whose Kalman update has taken up what was lost now. That of the map stays.
+    pub fn found(&mut self) {
+        self.now = [[0.0; STATES]; STATES];
+    }
+
     /// After a measurement that compared the present with earlier samples and took the part `gain` of the particles'
     /// variance: so much of the present error is now that of the map.
     pub fn revisit(&mut self, samples: &[u32], gain: f64) {
@@ -127,4 +140,17 @@ impl Lost {
         self.now[LAT][LON] += ne / (n * e);
         self.now[LON][LAT] += ne / (n * e);
     }
+}
+
+/// The product of two matrices.
+pub fn product(a: &StateMatrix, b: &StateMatrix) -> StateMatrix {
+    let mut out = [[0.0; STATES]; STATES];
+    for (out, row) in out.iter_mut().zip(a) {
+        for (factor, of_row) in row.iter().zip(b) {
+            for (entry, from) in out.iter_mut().zip(of_row) {
+                *entry += factor * from;
+            }
+        }
+    }
+    out
 }

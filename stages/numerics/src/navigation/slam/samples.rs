@@ -6,6 +6,7 @@ use crate::earth::core_field::{CoreField, LinearisedCoreField};
 use crate::navigation::ins_error::InsErrorModel;
 use crate::navigation::ins_series::InsSeries;
 use crate::navigation::measurement::Measurements;
+use crate::navigation::position_fixes::PositionFixes;
 use crate::navigation::{NavigationError, NavigationLine};
 
 /// A flight line that measures the scalar field, without a map.
@@ -21,6 +22,8 @@ pub struct SlamLine<'a> {
     pub sigma_nt: &'a [f64],
     /// The core field. It only takes the slope of the field away, which makes the anomaly's process fit better.
     pub core: Option<&'a Arc<CoreField>>,
+    /// Positions from elsewhere, each used before the measurement of its sample.
+    pub fixes: Option<&'a PositionFixes>,
     /// The error sources of the INS and the temporal variation.
     pub errors: InsErrorModel,
 }
@@ -29,8 +32,8 @@ impl<'a> From<&NavigationLine<'a>> for SlamLine<'a> {
     /// The line without its map and without its offset window, which a filter without a map has no use for: a constant in
     /// the measurement is part of the unknown map.
     fn from(line: &NavigationLine<'a>) -> Self {
-        let NavigationLine { ins, measurement_nt, sigma_nt, core, errors, .. } = *line;
-        Self { ins, measurement_nt, sigma_nt, core, errors }
+        let NavigationLine { ins, measurement_nt, sigma_nt, core, errors, fixes, .. } = *line;
+        Self { ins, measurement_nt, sigma_nt, core, fixes, errors }
     }
 }
 
@@ -38,11 +41,12 @@ impl SlamLine<'_> {
     /// Refuses a line that cannot be filtered.
     ///
     /// # Errors
-    /// Fails as [`InsErrorModel::check`] and [`InsSeries::check`], and with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of
+    /// Fails as [`InsErrorModel::check`], [`InsSeries::check`] and [`PositionFixes::check`], and with [`SeriesError::Length`](crate::navigation::SeriesError) for columns of
     /// different lengths.
     pub fn check(&self) -> Result<(), NavigationError> {
         self.errors.check()?;
         self.ins.check()?;
+        self.fixes.map_or(Ok(()), |fixes| fixes.check(self.ins.len()))?;
         Ok(self.measurements().check(self.ins.len())?)
     }
 

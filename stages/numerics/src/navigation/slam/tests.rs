@@ -1,3 +1,4 @@
+mod aided;
 mod flights;
 mod long;
 mod parts;
@@ -13,7 +14,7 @@ fn filtered(flight: &Flight, parameters: &SlamParameters) -> SlamOutput {
 fn run_on(flight: &Flight, parameters: &SlamParameters) -> Result<SlamOutput, NavigationError> {
     let ins = flight.ins.series();
     let (measurement_nt, sigma_nt) = (flight.measured_nt.as_slice(), flight.sigma_nt.as_slice());
-    run(parameters, &SlamLine { ins: &ins, measurement_nt, sigma_nt, core: None, errors: flight.model })
+    run(parameters, &SlamLine { ins: &ins, measurement_nt, sigma_nt, core: None, fixes: None, errors: flight.model })
 }
 
 /// Few particles, and a given kernel, where speed counts more than accuracy.
@@ -121,6 +122,7 @@ fn law_the_core_field_and_a_constant_change_nothing() {
         measurement_nt: &measured,
         sigma_nt: &flight.sigma_nt,
         core: Some(&core),
+        fixes: None,
         errors: flight.model,
     };
     let with = run(&quick(), &line).unwrap();

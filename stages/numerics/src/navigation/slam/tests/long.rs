@@ -52,6 +52,7 @@ fn step_s(hours: usize) -> f64 {
         measurement_nt: &flight.measured_nt,
         sigma_nt: &flight.sigma_nt,
         core: None,
+        fixes: None,
         errors: flight.model,
     };
     // A tenth of the particles: it is the growth that counts, and it is the same for each.

@@ -232,6 +232,7 @@ fn law_without_measurements_the_particles_are_the_covariance_of_the_ins() {
     model.sources.init_position_sigma_m = 30.0;
     let mut p = model.initial_covariance(ins.lat_deg[0].to_radians(), ins.alt_m[0]);
     let mut particles = Particles::new(N, 8, &p);
+    particles.draw(0);
     let (times, density) = (model.time_constants(), model.noise_density());
     for row in 1..ins.len() {
         let f = pinson_matrix(&ins.point(row - 1), &times, model.pinson);
@@ -259,6 +260,7 @@ fn law_without_measurements_the_particles_are_the_covariance_of_the_ins() {
 fn law_resampling_copies_by_weight_among_the_members() {
     let initial = InsGrade::Magnav.model().initial_covariance(0.7, 300.0);
     let mut particles = Particles::new(100, 1, &initial);
+    particles.draw(0);
     let logs: Vec<f64> = (0..100).map(|k| f64::from(k) * 0.05).collect();
     assert!(particles.weigh(&logs));
     let (before, weights) = (particles.x.clone(), particles.weights.clone());

@@ -1,0 +1,89 @@
+//! Positions from elsewhere, such as those of a GNSS receiver.
+//!
+//! A fix measures one state, y = x_s + e with the variance R of e. With the mean m and covariance P of all that is known then
+//! it is a Kalman update,
+//!
+//! ```text
+//! K = P_s/(P_ss + R),    m ← m + K (y − m_s),    P ← (I − K hᵀ) P (I − K hᵀ)ᵀ + R K Kᵀ
+//! ```
+//!
+//! from which all particles go on: each of them draws its position of the step from N(m, P), and its other states follow by
+//! their regression, as at the start of a flight. Until the field weighs the particles, m and P are those of the Kalman
+//! filter, which runs along; after it they are those of the particles with what they do not show ([`super::resolution`]). So
+//! without a revisit it is the Kalman filter to rounding, and a cloud that has lost the aircraft by more than its width is
+//! brought back, which no weighting does.
+//!
+//! The *paths* are weighted by how well each particle foresaw the fix, with the covariance C = Φ P Φᵀ + Q that it has given
+//! its path, so that fixes after a loss choose the maps that agree with them:
+//!
+//! ```text
+//! log q ← log q − (y − x_s)²/2(C_ss + R)
+//! ```
+//!
+//! The positions drawn do not depend on that weight, so that no fix counts twice. Approximate are that P is taken to be all
+//! of the distribution, as by any Kalman filter, and that the errors of the position from step to step under GNSS are
+//! independent in the map, where they last for as long as the Kalman filter remembers.
+
+use crate::navigation::pinson::{STATES, StateMatrix, StateVector};
+use crate::navigation::position_fixes::StateFix;
+
+use super::particles::Particles;
+
+/// The gain of a fix.
+fn gain(p: &StateMatrix, fix: &StateFix) -> StateVector {
+    let measured = &p[fix.state];
+    measured.map(|entry| entry / (measured[fix.state] + fix.variance))
+}
+
+/// Moves a mean by a fix.
+fn shift(x: &mut StateVector, gain: &StateVector, fix: &StateFix) {
+    let residual = fix.error - x[fix.state];
+    for (entry, gain) in x.iter_mut().zip(gain) {
+        *entry += gain * residual;
+    }
+}
+
+/// The covariance after a fix, by Joseph's form. [Bucy & Joseph 1968]
+fn narrow(p: &mut StateMatrix, gain: &StateVector, fix: &StateFix) {
+    let (state, measured, variance) = (fix.state, p[fix.state], fix.variance);
+    let mut left = *p;
+    for (row, gain) in left.iter_mut().zip(gain) {
+        for (entry, measured) in row.iter_mut().zip(&measured) {
+            *entry -= gain * measured;
+        }
+    }
+    for row in 0..STATES {
+        for column in 0..=row {
+            let entry = left[row][column] - left[row][state] * gain[column] + variance * gain[row] * gain[column];
+            p[row][column] = entry;
+            p[column][row] = entry;
+        }
+    }
+}
+
+/// The Kalman update of a mean and covariance by a fix.
+pub(super) fn update(x: &mut StateVector, p: &mut StateMatrix, fix: &StateFix) {
+    let gain = gain(p, fix);
+    shift(x, &gain, fix);
+    narrow(p, &gain, fix);
+}
+
+impl Particles {
+    /// Weights the particles by a fix, each of which then knows it.
+    pub(super) fn foresee(&mut self, fix: &StateFix) {
+        let (gain, total) = (gain(&self.linear, fix), self.linear[fix.state][fix.state] + fix.variance);
+        let logs: Vec<f64> = self.x.iter().map(|x| -0.5 * (fix.error - x[fix.state]).powi(2) / total).collect();
+        for x in &mut self.x {
+            shift(x, &gain, fix);
+        }
+        narrow(&mut self.linear, &gain, fix);
+        // Without any weight left the weights stay.
+        self.weigh(&logs);
+    }
+
+    /// Makes this mean and covariance those of every particle, whose positions are not drawn then.
+    pub(super) fn join(&mut self, mean: &StateVector, covariance: &StateMatrix) {
+        self.x.fill(*mean);
+        self.linear = *covariance;
+    }
+}
