@@ -142,6 +142,69 @@ fn law_a_noise_that_is_ten_times_wrong_is_learnt() {
 }
 
 #[test]
+fn law_a_noise_that_changes_is_believed_where_a_column_says_so() {
+    let bench = Bench::new();
+    let two = "[[magnetometers]]\nname = \"mag_1_uc\"\nnoise_nt = 2.0\n[[magnetometers]]\nname = \"mag_2_uc\"\nnoise_nt = 40.0";
+    fs::write(bench.path("flights.synth.toml"), flights(two)).unwrap();
+    // Quiet for five minutes and noisy for five: the noise of one sensor and then of the other.
+    let choice =
+        |noisy: &str, quiet: &str| format!("case when sin(tt * 0.0104719755) > 0 then {noisy} else {quiet} end");
+    let derive = format!(
+        "[[stages]]\nname = \"mixed\"\nstage = \"derive\"\ninput = \"flights\"\n\
+         columns = {{ measured = \"{}\", sigma = \"{}\", half = \"{}\" }}\nunits = {{ sigma = \"nT\", half = \"nT\" }}\n",
+        choice("mag_2_uc", "mag_1_uc"),
+        choice("40.0", "2.0"),
+        choice("20.0", "1.0")
+    );
+    let base = spec("\"none\"", "");
+    let (head, _) = base.split_once("[axes]").unwrap();
+    let ways = [
+        ("fixed", "filter = \"ekf\"\nmeasurement_sigma_nt = 2.0"),
+        ("mean", "filter = \"ekf\"\nmeasurement_sigma_nt = 28.3"),
+        ("known", "filter = \"ekf\"\nmeasurement_sigma_nt = 0.01\nnoise_column = \"sigma\""),
+        ("learnt", "filter = \"ekf_adaptive\"\nmeasurement_sigma_nt = 0.01\nnoise_column = \"half\""),
+    ];
+    let mut text = format!("{head}{derive}");
+    for (name, keys) in ways {
+        text.push_str(&format!(
+            "[[stages]]\nname = \"track_{name}\"\nstage = \"navigate\"\ninput = \"mixed\"\nmap = \"anomaly\"\nmag = \"measured\"\n\
+             map_interpolation = \"cubic\"\nremove_diurnal = false\n{keys}\n\
+             [[stages]]\nname = \"scores_{name}\"\nstage = \"score\"\ninput = [\"mixed\", \"track_{name}\"]\n\
+             metrics = [\"drms\", \"nees\", \"nis\"]\n"
+        ));
+    }
+    bench.spec(&text);
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{} {}", done.last, done.stderr);
+    let of = |name: &str, metric: &str| -> (f64, f64) {
+        let scores = read(&bench.path("store/tables/filters").join(format!("scores_{name}")));
+        let all = texts(&scores, "metric").into_iter().zip(numbers(&scores, "value"));
+        let values: Vec<f64> = all.filter(|(m, _)| m == metric).map(|(_, value)| value).collect();
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        (mean, (values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0) / n).sqrt())
+    };
+    for (name, _) in ways {
+        let ((drms, _), (nees, error), (nis, _)) = (of(name, "drms"), of(name, "nees"), of(name, "nis"));
+        println!("{name}: DRMS {drms:.1} m, NEES {nees:.2} ± {error:.2}, NIS {nis:.2}");
+    }
+    for name in ["known", "learnt"] {
+        let (nees, error) = of(name, "nees");
+        assert!((nees - 2.0).abs() < 4.0 * error && error < 0.5, "{name}: NEES {nees} ± {error}");
+        // As the inverse of a variance that is learnt from 50 samples.
+        let (nis, error) = of(name, "nis");
+        let expected = if name == "learnt" { 1.04 } else { 1.0 };
+        assert!((nis - expected).abs() < (4.0 * error).max(0.02), "{name}: NIS {nis} ± {error}");
+    }
+    // One number for all is wrong either way: the noise of the quiet times, or the mean of both.
+    for (name, low) in [("fixed", 4.0), ("mean", 0.0)] {
+        let (nees, error) = of(name, "nees");
+        assert!((nees - 2.0).abs() > 4.0 * error && nees > low, "{name}: NEES {nees} ± {error}");
+        assert!(of(name, "drms").0 > 1.1 * of("known", "drms").0, "{name}");
+    }
+}
+
+#[test]
 fn law_gnss_until_it_is_lost_and_again_after_it() {
     let keys = "gnss_lost_s = [300.0, 900.0]\ngnss_sigma_m = 2.0";
     let aided = bench(CLEAN, r#""ins_only", "ekf", "rts""#, keys);

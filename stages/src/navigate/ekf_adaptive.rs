@@ -25,7 +25,10 @@ filter! {
     /// `measurement_sigma_nt` and is of the window before the sample. Of several magnetometers each has its own,
     /// `sigma_adapted_<mag>`, and one whose noise grows loses its weight.
     ///
-    /// Source: thesis 000, (5.46)-(5.49); Mehra 1972; Mohamed & Schwarz 1999.
+    /// With `noise_column`, the noise that a network or an ensemble expects of each sample, the factor is learnt that all of it is
+    /// wrong by, and its course over time is believed.
+    ///
+    /// Source: thesis 000, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
     EkfAdaptive = "ekf_adaptive", version 1, groups [aiding: Aiding], example "window = 50";
     /// Which noise is learnt: of the measurement (`"r"`), of the process (`"q"`), or both.
     adapt: Adapt, unit "", default Adapt::R;
@@ -35,7 +38,7 @@ filter! {
     /// The least noise that is learnt.
     sigma_min_nt: Option<f64>, unit "nT", absent "a twentieth of `measurement_sigma_nt`", rule Rule::Positive;
     /// The largest noise that is learnt.
-    sigma_max_nt: Option<f64>, unit "nT", absent "20 times `measurement_sigma_nt`", rule Rule::Positive;
+    sigma_max_nt: Option<f64>, unit "nT", absent "20 times `measurement_sigma_nt`, or 20 times the largest expected noise with `noise_column`", rule Rule::Positive;
     /// How the innovations are matched: each with the covariance of its own time, or as MagNav.jl, which starts at the
     /// mean of the bounds and takes the present covariance off all.
     form: AdaptiveForm, unit "", default AdaptiveForm::Matched;
@@ -84,14 +87,19 @@ impl NavigationFilter for EkfAdaptive {
             adapt: self.adapt,
             form: self.form,
             window: self.window,
+            relative: flown.sample_sigma_nt.is_some(),
             gate_nis: self.gate_nis,
             keep_states: self.save_state,
             keep_covariance: self.save_state,
         };
         let sigma_nt = flown.measurement_sigma_nt;
         let least = self.sigma_min_nt.unwrap_or(LEAST * sigma_nt);
-        let largest = self.sigma_max_nt.unwrap_or(LARGEST * sigma_nt);
         let sigmas = flown.sigma_of_each_nt();
+        let usual = match &flown.sample_sigma_nt {
+            Some(_) => sigmas.iter().copied().filter(|sigma| sigma.is_finite()).fold(sigma_nt, f64::max),
+            None => sigma_nt,
+        };
+        let largest = self.sigma_max_nt.unwrap_or(LARGEST * usual);
         let magnetometers: Vec<Magnetometer> = flown
             .magnetometers
             .iter()
@@ -127,6 +135,23 @@ mod tests {
             let mean = late.iter().sum::<f64>() / late.len() as f64;
             // A wave of 6 nT and one of 1.4 nT: 4.4 nT together, and a learnt variance of 50 samples varies by a fifth.
             assert!((mean / 4.4 - 1.0).abs() < 0.25, "told {told}: {mean}");
+        }
+    }
+
+    #[test]
+    fn law_a_noise_of_each_sample_adds_to_that_of_all() {
+        // 1.5 and 2 make 2.5; a sample without one has no measurement.
+        let two = with(&flight(), "mag_2_c", |_, _| 2.0);
+        for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "crlb"] {
+            let one = flown(filter, "noise_column = 'mag_2_c'\nmag = 'mag_1_c'", &two).unwrap();
+            let keys = "measurement_sigma_nt = 2.5\nmag = 'mag_1_c'";
+            let bounds = if filter == "ekf_adaptive" { "\nsigma_min_nt = 0.075\nsigma_max_nt = 50.0" } else { "" };
+            let same = flown(filter, &format!("{keys}{bounds}"), &two).unwrap();
+            assert_eq!(one.numbers("lat"), same.numbers("lat"), "{filter}");
+            assert_eq!(one.numbers("sd_e"), same.numbers("sd_e"), "{filter}");
+            let gap = with(&two, "mag_2_c", |row, nt| if row == 300 { f64::NAN } else { nt });
+            let gap = flown(filter, "noise_column = 'mag_2_c'\nmag = 'mag_1_c'", &gap).unwrap();
+            assert!(gap.numbers("nis")[300].is_nan() && gap.numbers("lat")[301].is_finite(), "{filter}");
         }
     }
 
