@@ -172,12 +172,12 @@ fn user_what_a_network_cannot_use_is_refused() {
 #[test]
 fn user_the_report_shows_trainings_and_which_inputs_matter() {
     let bench = Bench::new();
-    let keys = "model = \"$model\"\nepochs = 6\nvalidation = [\"2.02\"]\nseed = \"$draw\"\nsubsample = 0.9";
+    let keys = "model = \"$model\"\nepochs = 6\nvalidation = [\"2.02\"]\nseed = \"$start\"\nsubsample = 0.9";
     let importance = "\n[[stages]]\nname = \"matters\"\nstage = \"importance\"\ninput = \"wanted\"\nmodel = \"network\"\n\
                       target = \"target\"\nblock_s = 1.0\n\n[[stages]]\nname = \"parts\"\nstage = \"importance\"\n\
                       input = \"wanted\"\nmodel = \"network\"\ntarget = \"target\"\nmethod = \"shapley\"\nsamples = 30\n\
                       background = 5\ngroups = [\"x\"]\n";
-    bench.spec(&(spec("model = [\"m1\", \"boosted_trees\"]\ndraw = [1, 2, 3]", keys) + importance));
+    bench.spec(&(spec("model = [\"m1\", \"boosted_trees\"]\nstart = [1, 2, 3]", keys) + importance));
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     let report = bench.magline(&["report", "spec.toml", "-o", "report.html"]);

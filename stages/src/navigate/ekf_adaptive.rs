@@ -26,7 +26,8 @@ filter! {
     /// `sigma_adapted_<mag>`, and one whose noise grows loses its weight.
     ///
     /// With `noise_column`, the noise that a network or an ensemble expects of each sample, the factor is learnt that all of it is
-    /// wrong by, and its course over time is believed.
+    /// wrong by, and its course over time is believed. Where the position is known less well than the measurement, just after
+    /// noise has ended, innovations tell little of the noise: the lower bound matters then.
     ///
     /// Source: thesis 000, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
     EkfAdaptive = "ekf_adaptive", version 1, groups [aiding: Aiding], example "window = 50";
@@ -36,7 +37,7 @@ filter! {
     /// now and then, and the filter believes far too much unless `sigma_min_nt` is near the truth.
     window: usize, unit "1", default 50usize, rule Rule::Between(2.0, 1e6);
     /// The least noise that is learnt.
-    sigma_min_nt: Option<f64>, unit "nT", absent "a twentieth of `measurement_sigma_nt`", rule Rule::Positive;
+    sigma_min_nt: Option<f64>, unit "nT", absent "a twentieth of `measurement_sigma_nt`, or the smallest expected noise with `noise_column`", rule Rule::Positive;
     /// The largest noise that is learnt.
     sigma_max_nt: Option<f64>, unit "nT", absent "20 times `measurement_sigma_nt`, or 20 times the largest expected noise with `noise_column`", rule Rule::Positive;
     /// How the innovations are matched: each with the covariance of its own time, or as MagNav.jl, which starts at the
@@ -93,13 +94,14 @@ impl NavigationFilter for EkfAdaptive {
             keep_covariance: self.save_state,
         };
         let sigma_nt = flown.measurement_sigma_nt;
-        let least = self.sigma_min_nt.unwrap_or(LEAST * sigma_nt);
         let sigmas = flown.sigma_of_each_nt();
-        let usual = match &flown.sample_sigma_nt {
-            Some(_) => sigmas.iter().copied().filter(|sigma| sigma.is_finite()).fold(sigma_nt, f64::max),
-            None => sigma_nt,
+        let known = || sigmas.iter().copied().filter(|sigma| *sigma > 0.0 && sigma.is_finite());
+        let (usual_least, usual_largest) = match &flown.sample_sigma_nt {
+            Some(_) => (known().reduce(f64::min).unwrap_or(sigma_nt), LARGEST * known().fold(sigma_nt, f64::max)),
+            None => (LEAST * sigma_nt, LARGEST * sigma_nt),
         };
-        let largest = self.sigma_max_nt.unwrap_or(LARGEST * usual);
+        let least = self.sigma_min_nt.unwrap_or(usual_least);
+        let largest = self.sigma_max_nt.unwrap_or(usual_largest);
         let magnetometers: Vec<Magnetometer> = flown
             .magnetometers
             .iter()
@@ -145,7 +147,7 @@ mod tests {
         for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "crlb"] {
             let one = flown(filter, "noise_column = 'mag_2_c'\nmag = 'mag_1_c'", &two).unwrap();
             let keys = "measurement_sigma_nt = 2.5\nmag = 'mag_1_c'";
-            let bounds = if filter == "ekf_adaptive" { "\nsigma_min_nt = 0.075\nsigma_max_nt = 50.0" } else { "" };
+            let bounds = if filter == "ekf_adaptive" { "\nsigma_min_nt = 2.5\nsigma_max_nt = 50.0" } else { "" };
             let same = flown(filter, &format!("{keys}{bounds}"), &two).unwrap();
             assert_eq!(one.numbers("lat"), same.numbers("lat"), "{filter}");
             assert_eq!(one.numbers("sd_e"), same.numbers("sd_e"), "{filter}");

@@ -130,7 +130,7 @@ pub fn learn(
     work: &PointWork,
 ) -> Result<Learnt, Fault> {
     let (train_on, validate_on) = samples.split(&keys.validation)?;
-    let warm = work.start.map(WarmStart::of).transpose()?;
+    let warm = work.start.map(|model| WarmStart::of(model, beside.form)).transpose()?;
     let mut at = samples.places(keys.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
     let (scaling, constant) = match &warm {
         Some(warm) => (warm.scaling(samples, &mut at, settings.whiten)?, vec![]),
@@ -435,7 +435,6 @@ mod tests {
 
     use schemas::Literal;
 
-    use super::*;
     use crate::fit::testing::{Found, Stopping, bent, fitted_to, number, stage, whole, words, worked};
 
     fn keys() -> Vec<(String, Literal)> {

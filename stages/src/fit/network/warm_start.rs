@@ -25,16 +25,20 @@ pub struct WarmStart<'a> {
 }
 
 impl<'a> WarmStart<'a> {
-    /// Of a model.
+    /// Of a model, for a network of a form.
     ///
     /// # Errors
-    /// When it is no network.
-    pub fn of(model: &'a Learned) -> Result<Self, Fault> {
+    /// When it is no network, or of another form.
+    pub fn of(model: &'a Learned, form: Form) -> Result<Self, Fault> {
         let none = || {
             let fault = Fault::data("the model of `warm_start` is no network").of_param("warm_start");
             fault.help("name the table of a fit of a network")
         };
-        Ok(Self { parts: model.parts().ok_or_else(none)? })
+        let start = Self { parts: model.parts().ok_or_else(none)? };
+        if start.head().form == form {
+            return Ok(start);
+        }
+        Err(start.fault(&format!("has `model` {}, and this fit {}", start.head().form.word(), form.word())))
     }
 
     /// What is wrong with it for this fit.
@@ -138,9 +142,6 @@ impl<'a> WarmStart<'a> {
             (Core::Windowed(_), Layers::Dense(_)) => return Err(self.fault("sees each sample, and this one a window")),
         };
         let own = self.head();
-        if own.form != head.form {
-            return other("model", &own.form.word(), &head.form.word());
-        }
         if own.activation != head.activation {
             return other("activation", &own.activation.word(), &head.activation.word());
         }
