@@ -142,6 +142,71 @@ fn law_a_noise_that_is_ten_times_wrong_is_learnt() {
 }
 
 #[test]
+fn law_a_noise_that_changes_is_believed_where_a_column_says_so() {
+    let bench = Bench::new();
+    let two = "[[magnetometers]]\nname = \"mag_1_uc\"\nnoise_nt = 2.0\n[[magnetometers]]\nname = \"mag_2_uc\"\nnoise_nt = 40.0";
+    fs::write(bench.path("flights.synth.toml"), flights(two)).unwrap();
+    // Quiet for five minutes and noisy for five: the noise of one sensor and then of the other.
+    let choice =
+        |noisy: &str, quiet: &str| format!("case when sin(tt * 0.0104719755) > 0 then {noisy} else {quiet} end");
+    let derive = format!(
+        "[[stages]]\nname = \"mixed\"\nstage = \"derive\"\ninput = \"flights\"\n\
+         columns = {{ measured = \"{}\", sigma = \"{}\", half = \"{}\" }}\nunits = {{ sigma = \"nT\", half = \"nT\" }}\n",
+        choice("mag_2_uc", "mag_1_uc"),
+        choice("40.0", "2.0"),
+        choice("20.0", "1.0")
+    );
+    let base = spec("\"none\"", "");
+    let (head, _) = base.split_once("[axes]").unwrap();
+    let ways = [
+        ("fixed", "filter = \"ekf\"\nmeasurement_sigma_nt = 2.0"),
+        ("mean", "filter = \"ekf\"\nmeasurement_sigma_nt = 28.3"),
+        ("known", "filter = \"ekf\"\nmeasurement_sigma_nt = 0.01\nnoise_column = \"sigma\""),
+        (
+            "learnt",
+            "filter = \"ekf_adaptive\"\nmeasurement_sigma_nt = 0.01\nnoise_column = \"half\"\nsigma_min_nt = 2.0",
+        ),
+        ("blind", "filter = \"ekf_adaptive\"\nmeasurement_sigma_nt = 14.0\nsigma_min_nt = 2.0"),
+    ];
+    let mut text = format!("{head}{derive}");
+    for (name, keys) in ways {
+        text.push_str(&format!(
+            "[[stages]]\nname = \"track_{name}\"\nstage = \"navigate\"\ninput = \"mixed\"\nmap = \"anomaly\"\nmag = \"measured\"\n\
+             map_interpolation = \"cubic\"\nremove_diurnal = false\n{keys}\n\
+             [[stages]]\nname = \"scores_{name}\"\nstage = \"score\"\ninput = [\"mixed\", \"track_{name}\"]\n\
+             metrics = [\"drms\", \"nees\", \"nis\"]\n"
+        ));
+    }
+    bench.spec(&text);
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{} {}", done.last, done.stderr);
+    let of = |name: &str, metric: &str| -> (f64, f64) {
+        let scores = read(&bench.path("store/tables/filters").join(format!("scores_{name}")));
+        let all = texts(&scores, "metric").into_iter().zip(numbers(&scores, "value"));
+        let values: Vec<f64> = all.filter(|(m, _)| m == metric).map(|(_, value)| value).collect();
+        let n = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        (mean, (values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0) / n).sqrt())
+    };
+    for (name, _) in ways {
+        let ((drms, _), (nees, error), (nis, _)) = (of(name, "drms"), of(name, "nees"), of(name, "nis"));
+        println!("{name}: DRMS {drms:.1} m, NEES {nees:.2} ± {error:.2}, NIS {nis:.2}");
+    }
+    let (nees, error) = of("known", "nees");
+    assert!((nees - 2.0).abs() < 4.0 * error && error < 0.5, "NEES {nees} ± {error}");
+    let (nis, error) = of("known", "nis");
+    assert!((nis - 1.0).abs() < (4.0 * error).max(0.02), "NIS {nis} ± {error}");
+    let best = of("known", "drms").0;
+    // Told half of it and left to learn the factor, it is nearly as good; left to learn all of it, it is not.
+    assert!(of("learnt", "nees").0 < 3.0 && of("learnt", "drms").0 < 1.25 * best);
+    assert!(of("blind", "nees").0 > of("learnt", "nees").0 && of("blind", "drms").0 > of("learnt", "drms").0);
+    // One number for all is wrong either way: the filter is lost with the noise of the quiet times, and with the mean of both it
+    // has the right innovations on average, and no use of the quiet times.
+    assert!(of("fixed", "nees").0 > 100.0 && of("fixed", "nis").0 > 100.0);
+    assert!(of("mean", "drms").0 > 1.5 * best, "{} {best}", of("mean", "drms").0);
+}
+
+#[test]
 fn law_gnss_until_it_is_lost_and_again_after_it() {
     let keys = "gnss_lost_s = [300.0, 900.0]\ngnss_sigma_m = 2.0";
     let filters = r#""ins_only", "ekf", "rts", "mpf", "fixed_lag""#;

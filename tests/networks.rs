@@ -109,8 +109,17 @@ fn user_a_network_becomes_an_onnx_file() {
 
 #[test]
 fn user_a_training_that_is_killed_goes_on_to_the_same_bytes_on_other_threads() {
+    killed("model = \"m2c\"\nhidden = [64, 64]\nepochs = 150\nbatch = 16\nseed = 5");
+}
+
+#[test]
+fn user_trees_that_are_killed_go_on_to_the_same_bytes_on_other_threads() {
+    killed("model = \"boosted_trees\"\ntrees = 4000\nleaf_samples = 2\nsubsample = 0.8\nseed = 5");
+}
+
+/// Kills a fit once it has kept a state, and runs it again.
+fn killed(keys: &str) {
     let bench = Bench::new();
-    let keys = "model = \"m2c\"\nhidden = [64, 64]\nepochs = 150\nbatch = 16\nseed = 5";
     bench.spec(&spec("x = [1]", keys).replace("[axes]\nx = [1]\n", ""));
     assert_eq!(bench.run(&["--threads", "2", "--set", "store=whole"]).code, 0);
     let mut child = Command::new(env!("CARGO_BIN_EXE_magline"))
@@ -163,10 +172,12 @@ fn user_what_a_network_cannot_use_is_refused() {
 #[test]
 fn user_the_report_shows_trainings_and_which_inputs_matter() {
     let bench = Bench::new();
-    let keys = "model = \"$model\"\nepochs = 6\nvalidation = [\"2.02\"]";
+    let keys = "model = \"$model\"\nepochs = 6\nvalidation = [\"2.02\"]\nseed = \"$start\"\nsubsample = 0.9";
     let importance = "\n[[stages]]\nname = \"matters\"\nstage = \"importance\"\ninput = \"wanted\"\nmodel = \"network\"\n\
-                      target = \"target\"\nblock_s = 1.0\n";
-    bench.spec(&(spec("model = [\"m1\", \"boosted_trees\"]", keys) + importance));
+                      target = \"target\"\nblock_s = 1.0\n\n[[stages]]\nname = \"parts\"\nstage = \"importance\"\n\
+                      input = \"wanted\"\nmodel = \"network\"\ntarget = \"target\"\nmethod = \"shapley\"\nsamples = 30\n\
+                      background = 5\ngroups = [\"x\"]\n";
+    bench.spec(&(spec("model = [\"m1\", \"boosted_trees\"]\nstart = [1, 2, 3]", keys) + importance));
     let done = bench.run(&[]);
     assert_eq!(done.code, 0, "{}", done.stderr);
     let report = bench.magline(&["report", "spec.toml", "-o", "report.html"]);
@@ -174,5 +185,199 @@ fn user_the_report_shows_trainings_and_which_inputs_matter() {
     let page = std::fs::read_to_string(bench.path("report.html")).unwrap();
     for part in ["id=\"training\"", "network: model = m1", "id=\"importance\"", "matters: model = boosted_trees"] {
         assert!(page.contains(part), "{part}");
+    }
+    // A picture for each model, of all lines and seeds; and a beeswarm, whose colours are the values of inputs.
+    assert_eq!(page.matches("<strong>matters: model = m1").count(), 1, "seeds are no models of their own");
+    assert_eq!(page.matches("<strong>parts: model = m1").count(), 2, "bars and a beeswarm");
+    assert!(page.contains("#ff0051") && page.contains("#008bfb") && page.contains("part of the prediction, nT"));
+}
+
+/// Flights of the survey aircraft with sensors as real ones are, and of another one of the type: other fields at a magnetometer in
+/// the cabin, and other currents' draws.
+fn aircraft(flight: &str, seed: u32, lines: &[(&str, f64, f64)], magnetometer: &str) -> String {
+    let map = crate::support::repository().join("datasets/samples/osborne/osborne_anomaly_100m_at_500m.tif");
+    let line = |(name, start_s, duration_s): &(&str, f64, f64)| {
+        format!(
+            "[[flights.lines]]\nname = \"{name}\"\nkind = \"survey\"\nstart_tt_s = {start_s}\nalt_m = 560.0\n\
+             duration_s = {duration_s}\nweave_deg = 8.0\n\
+             waypoints = [[-22.11, 140.57], [-21.83, 140.60], [-21.83, 140.70], [-22.11, 140.74]]\n"
+        )
+    };
+    format!(
+        "preset = \"cessna_real\"\nseed = {seed}\nyear = 2020\ndoy = 185\nrate_hz = 5.0\n{magnetometer}\n\
+         [map]\npath = \"{}\"\nalt_m = 500.0\n[[flights]]\nname = \"{flight}\"\n{}",
+        map.display(),
+        lines.iter().map(line).collect::<String>()
+    )
+}
+
+/// A network of the first aircraft, and two of a minute of the second: cold and from the first.
+fn transfer(first_epochs: u32) -> String {
+    let mut spec = "name = \"transfer\"\nstore = \"store\"\n".to_owned();
+    for one in ["first", "second"] {
+        spec.push_str(&format!(
+            r#"
+[tables.{one}]
+path = "{one}.synth.toml"
+"#
+        ));
+    }
+    for one in ["first", "second"] {
+        spec.push_str(&format!(
+            r#"
+[[stages]]
+name     = "terms_{one}"
+stage    = "features"
+input    = "{one}"
+features = ["dcm", "cur_com_1", "cur_ac_hi", "cur_ac_lo", "cur_flap", "cur_strb", "vol_bat_1", "TL_A_flux_d"]
+terms    = ["permanent", "induced"]
+[[stages]]
+name  = "wanted_{one}"
+stage = "target"
+input = "terms_{one}"
+kind  = "d"
+mag   = "mag_4_uc"
+"#
+        ));
+    }
+    for (name, input, lines, keys) in [
+        ("taught", "first", "1.01", format!("epochs = {first_epochs}")),
+        ("cold", "second", "2.01", "epochs = 5".to_owned()),
+        ("warm", "second", "2.01", "epochs = 5\nwarm_start = \"taught\"".to_owned()),
+    ] {
+        spec.push_str(&format!(
+            r#"
+[[stages]]
+name          = "{name}"
+stage         = "fit"
+input         = "wanted_{input}"
+where         = "line = '{lines}'"
+model         = "m1"
+target        = "target"
+features      = ["features"]
+learning_rate = 0.003
+batch         = 100
+seed          = 3
+{keys}
+"#
+        ));
+    }
+    for name in ["cold", "warm"] {
+        spec.push_str(&format!(
+            r#"
+[[stages]]
+name  = "clean_{name}"
+stage = "compensate"
+input = "terms_second"
+where = "line = '2.02'"
+model = "{name}"
+mag   = "mag_4_uc"
+[[stages]]
+name    = "scores_{name}"
+stage   = "score"
+input   = "clean_{name}"
+truth   = "mag_1_c"
+metrics = ["std_error", "std_uncompensated"]
+"#
+        ));
+    }
+    spec
+}
+
+#[test]
+fn user_a_network_of_one_aircraft_is_where_the_training_of_another_begins() {
+    let bench = Bench::new();
+    let other = "[[magnetometers]]\nname = \"mag_4_uc\"\npermanent = [380.0, 225.0, -185.0]\n\
+                 induced = [[2.4e-3, 3e-4, 0.0], [3e-4, -8e-4, 2e-4], [0.0, 2e-4, 1.3e-3]]";
+    let first = aircraft("1", 5, &[("1.01", 40_000.0, 1500.0)], "");
+    let second = aircraft("2", 6, &[("2.01", 50_000.0, 90.0), ("2.02", 50_500.0, 600.0)], other);
+    std::fs::write(bench.path("first.synth.toml"), first).unwrap();
+    std::fs::write(bench.path("second.synth.toml"), second).unwrap();
+    bench.spec(&transfer(200));
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{} {}", done.last, done.stderr);
+    let score = |name: &str| -> f64 {
+        let scores = read(&bench.path("store/tables/transfer").join(format!("scores_{name}")));
+        let at = texts(&scores, "metric").iter().position(|m| m == "std_error").unwrap();
+        numbers(&scores, "value")[at]
+    };
+    let (cold, warm) = (score("cold"), score("warm"));
+    println!("std error of the second aircraft: cold {cold:.1} nT, from the first {warm:.1} nT");
+    assert!(warm < 0.5 * cold, "{warm} {cold}");
+    // What it is made of shows, and what depends on it is computed again where it changes, and nothing else.
+    let lineage = bench.magline(&["lineage", "transfer.warm", "--store", "store"]);
+    assert!(
+        stdout(&lineage).contains("value <- ") && stdout(&lineage).contains("taught.value"),
+        "{}",
+        stdout(&lineage)
+    );
+    assert_eq!(bench.run(&[]).total("computed"), 0);
+    bench.spec(&transfer(190));
+    let again = bench.run(&[]);
+    let computed = ["taught", "warm", "cold", "clean_warm", "clean_cold"].map(|table| again.computed(table));
+    assert_eq!((again.code, computed), (0, [1, 1, 0, 1, 0]), "{}", again.stderr);
+    let whole = bench.tables("store");
+    assert_eq!(bench.run(&["--threads", "1", "--set", "store=other"]).code, 0);
+    assert!(whole == bench.tables("other"), "the bytes differ");
+    // The published table of the first is as good as its stage, for another spec and another store.
+    let spec = transfer(190);
+    let (head, rest) = spec.split_once("[[stages]]").unwrap();
+    let pretrained =
+        "[tables.pretrained]\npath = \"store/tables/transfer/taught\"\nfeatures = [\"features\"]\n\n[[stages]]";
+    let spec = format!("{head}{pretrained}{rest}").replace("\"taught\"", "\"pretrained\"");
+    let spec = spec.replacen("name          = \"pretrained\"", "name          = \"unused\"", 1);
+    bench.spec(&spec.replace("store = \"store\"", "store = \"elsewhere\""));
+    let done = bench.run(&[]);
+    assert_eq!(done.code, 0, "{}", done.stderr);
+    let values = |store: &str| numbers(&read(&bench.path(store).join("tables/transfer/warm")), "value");
+    assert_eq!(values("store"), values("elsewhere"));
+    let explained = bench.magline(&["explain", "spec.toml"]);
+    assert!(stdout(&explained).contains("pretrained  model"), "{}", stdout(&explained));
+    let lineage = bench.magline(&["lineage", "transfer.warm", "--store", "elsewhere"]);
+    assert!(stdout(&lineage).contains("pretrained  model of 1 lines, 1 files"), "{}", stdout(&lineage));
+    // Other bytes are another model.
+    let model = std::fs::read_dir(bench.path("store/tables/transfer/taught")).unwrap().flatten();
+    let file = model.map(|f| f.path()).find(|f| f.extension().is_some_and(|e| e == "parquet")).unwrap();
+    let table = read(&bench.path("store/tables/transfer/taught"));
+    let changed: Vec<_> =
+        table.iter().map(|b| crate::support::changed(b, "value", |i, x| if i == 30 { 2.0 * x } else { x })).collect();
+    std::fs::remove_file(&file).unwrap();
+    crate::support::write(&file, &changed);
+    let why = bench.magline(&["why", "spec.toml", "warm"]);
+    assert!(stdout(&why).contains("pretrained: the model has changed"), "{}{}", stdout(&why), stderr(&why));
+    assert_eq!(bench.run(&[]).computed("warm"), 1);
+}
+
+#[test]
+fn user_what_no_training_can_begin_with_is_refused() {
+    let bench = Bench::new();
+    let first = "model = \"m1\"\nepochs = 1\n\n[[stages]]\nname = \"line\"\nstage = \"fit\"\ninput = \"wanted\"\n\
+                 target = \"target\"\nmodel = \"ridge\"\n\n[[stages]]\nname = \"second\"\nstage = \"fit\"\n\
+                 input = \"wanted\"\ntarget = \"target\"\n";
+    let with = |keys: &str| bench.spec(&spec("x = [1]", &format!("{first}{keys}")).replace("[axes]\nx = [1]\n", ""));
+    let said = |keys: &str| {
+        with(keys);
+        let checked = bench.magline(&["check", "spec.toml"]);
+        assert_eq!(checked.status.code(), Some(2), "{keys}: {}", stdout(&checked));
+        stderr(&checked)
+    };
+    let linear = said("model = \"ridge\"\nwarm_start = \"network\"");
+    assert!(linear.contains("`ridge` has no weights to begin with") && linear.contains("warm_start = "), "{linear}");
+    let lines = said("model = \"m1\"\nwarm_start = \"terms\"");
+    assert!(lines.contains("`warm_start` needs a model table, but `terms` is a table of flight lines"), "{lines}");
+    let unknown = said("model = \"m1\"\nwarm_start = \"netwrok\"");
+    assert!(unknown.contains("did you mean `network`?"), "{unknown}");
+    let missing = said("model = \"m1\"\nwarm_start = \"flights\"");
+    assert!(missing.contains("flights") && missing.contains("term"), "{missing}");
+    // What a table holds is known once it is there.
+    for (keys, what) in [
+        ("model = \"m1\"\nepochs = 1\nwarm_start = \"line\"", "is linear, and has no weights to begin with"),
+        ("model = \"m1\"\nepochs = 1\nhidden = [4]\nwarm_start = \"network\"", "has `hidden` [8], and this fit [4]"),
+        ("model = \"m2c\"\nepochs = 1\nwarm_start = \"network\"", "has `model` m1, and this fit m2c"),
+    ] {
+        with(keys);
+        let done = bench.run(&[]);
+        assert_eq!(done.code, 1, "{keys}: {}", done.stderr);
+        assert!(done.last["failures"].to_string().contains(what), "{keys}: {}", done.last);
     }
 }

@@ -395,6 +395,23 @@ fn user_what_is_made_from_a_restricted_column_does_not_go_out() {
 }
 
 #[test]
+fn user_single_samples_of_a_small_table_are_no_aggregate() {
+    let importance = |kept: &str| {
+        format!(
+            "truth = \"mag_1_c\"\n\n[[stages]]\nname = \"weights\"\nstage = \"importance\"\ninput = \"terms\"\n\
+             model = \"coefficients\"\ntarget = \"$mag\"\nmethod = \"shapley\"\n{kept}"
+        )
+    };
+    let one = ("mag    = [\"mag_4_uc\", \"mag_5_uc\"]", "mag    = [\"mag_4_uc\"]");
+    let bench = ran(&[RESTRICTED, one, ("truth = \"mag_1_c\"", &importance(""))]);
+    let said = refused(&publish(&bench, &["weights"], &["--to", "set"]));
+    assert!(said.contains("weights.sample_values <- terms.mag_4_uc"), "{said}");
+    bench.spec(&spec(&[RESTRICTED, one, ("truth = \"mag_1_c\"", &importance("kept_samples = 0"))]));
+    assert_eq!(bench.run(&[]).code, 0);
+    published(&bench, &["weights"], "set", &[]);
+}
+
+#[test]
 fn user_a_table_that_another_magnetometer_was_used_for_goes_out() {
     // Only the other magnetometer is restricted: what is compensated is made from `mag_5_uc`.
     let bench = ran(&[RESTRICTED, ("mag    = [\"mag_4_uc\", \"mag_5_uc\"]", "mag    = [\"mag_5_uc\"]")]);

@@ -57,12 +57,11 @@ target  = "target"
 #[test]
 fn user_trees_and_random_features_compensate_and_are_explained() {
     let bench = Bench::new();
-    let axes =
-        "[axes]\nmodel = [\"boosted_trees\", \"random_features\"]\nhow = [\"permutation\", \"shapley\", \"spearman\"]";
+    let axes = "[axes]\nmodel = [\"boosted_trees\", \"random_features\"]\nmethod = [\"permutation\", \"shapley\", \"spearman\"]";
     bench.spec(&spec(
         axes,
         "model = \"$model\"\nleaf_samples = 5\nrandom_features = 50",
-        "method = \"$how\"\nblock_s = 1.0\nsamples = 20\nbackground = 10",
+        "method = \"$method\"\nblock_s = 1.0\nsamples = 20\nbackground = 10",
     ));
     let done = bench.run(&["--threads", "1", "--set", "store=one"]);
     assert_eq!(done.code, 0, "{}", done.stderr);
@@ -99,6 +98,12 @@ fn user_trees_and_random_features_compensate_and_are_explained() {
                 GROUP BY \"group\" ORDER BY avg(value) DESC LIMIT 1";
     let answer = bench.magline(&["sql", "--store", "one", "--format", "csv", best]);
     assert!(answer.status.success() && stdout(&answer).lines().count() == 2, "{}{}", stdout(&answer), stderr(&answer));
+    // The axis stands for the column of its name, once.
+    assert_eq!(weights[0].schema().fields().iter().filter(|field| field.name() == "method").count(), 1);
+    let lists =
+        "SELECT count(*) FROM small.weights WHERE sample_values IS NOT NULL AND array_length(sample_values) = 20";
+    let answer = bench.magline(&["sql", "--store", "one", "--format", "csv", lists]);
+    assert_eq!(stdout(&answer).lines().nth(1), Some("144"), "{}{}", stdout(&answer), stderr(&answer));
     assert_eq!(bench.run(&["--threads", "2", "--set", "store=two"]).code, 0);
     assert!(bench.tables("one") == bench.tables("two"), "the bytes differ");
 }
@@ -120,4 +125,25 @@ fn user_what_a_rival_cannot_use_is_refused() {
     assert!(foreign.contains("`trees` belongs to `boosted_trees`"), "{foreign}");
     let idle = said("model = \"random_features\"", "method = \"spearman\"\nblock_s = 5.0");
     assert!(idle.contains("`block_s` has no effect without the method `permutation`"), "{idle}");
+}
+
+#[test]
+fn user_the_error_without_each_input_is_a_sweep_over_subsets() {
+    let bench = Bench::new();
+    // All of four inputs, and all but one of them.
+    let axes = "[axes]\ninputs = { subsets_of = [\"x\", \"y\", \"z\", \"yy\"], at_least = 3 }";
+    let fit = "model = \"ridge\"\nentries = \"$inputs\"\nlambda = 0.0\nlow_hz = 0.0\nhigh_hz = 0.0\ntrim = 0";
+    bench.spec(&spec(axes, fit, "method = \"pearson\""));
+    let done = bench.run(&[]);
+    assert_eq!((done.code, done.computed("rival")), (0, 5), "{}", done.stderr);
+    let grows = "SELECT inputs, avg(value) - (SELECT avg(value) FROM small.scores WHERE metric = 'std_error' AND \
+                 inputs = 'x+y+z+yy') AS grows FROM small.scores WHERE metric = 'std_error' AND inputs <> 'x+y+z+yy' \
+                 GROUP BY inputs ORDER BY grows DESC";
+    let answer = bench.magline(&["sql", "--store", "store", "--format", "csv", grows]);
+    let lines: Vec<String> = stdout(&answer).lines().skip(1).map(str::to_owned).collect();
+    assert_eq!(lines.len(), 4, "{}{}", stdout(&answer), stderr(&answer));
+    // The field of these flights turns most from side to side, then fore and aft, and hardly up and down; `yy` is no part of what
+    // the aircraft makes.
+    let order: Vec<&str> = lines.iter().filter_map(|line| line.split(',').next()).collect();
+    assert_eq!(order[..2], ["x+z+yy", "y+z+yy"], "{lines:?}");
 }

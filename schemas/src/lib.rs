@@ -19,8 +19,8 @@ pub use params::{
     no_text, obeys, params, render, words_rule,
 };
 pub use stage::{
-    AnyLinePoint, AnyStage, Arrays, Build, Entry, Gather, GatherDyn, Grain, Head, InputDecl, InputKind, KindDoc,
-    LineIn, LinePoint, LineStage, LineStageDyn, MapStage, MapStageDyn, Part, Passes, Prepared, Product, Stage,
-    StageDyn, SurveyStage, SurveyStageDyn, Table, TableKind, Unattended, Work, Yield, is_optional,
+    AnyLinePoint, AnyStage, AnySurveyPoint, Arrays, Build, Entry, Gather, GatherDyn, Grain, Head, InputDecl, InputKind,
+    KindDoc, LineIn, LinePoint, LineStage, LineStageDyn, MapStage, MapStageDyn, Part, Passes, Prepared, Product, Stage,
+    StageDyn, SurveyPoint, SurveyStage, SurveyStageDyn, Table, TableKind, Unattended, Work, Yield, is_optional,
 };
 pub use unit::{convert, convertible_to, is_unit, usual_spelling};

@@ -16,7 +16,8 @@ use arrow_array::{ArrayRef, RecordBatch};
 pub use self::{
     entry::{Build, Entry, Head, KindDoc, is_optional},
     erased::{
-        AnyLinePoint, AnyStage, Arrays, GatherDyn, LineStageDyn, MapStageDyn, Part, Prepared, StageDyn, SurveyStageDyn,
+        AnyLinePoint, AnyStage, AnySurveyPoint, Arrays, GatherDyn, LineStageDyn, MapStageDyn, Part, Prepared, StageDyn,
+        SurveyStageDyn,
     },
     table::{Grain, InputDecl, InputKind, Passes, Table, TableKind, Yield},
     work::{Unattended, Work},
@@ -132,9 +133,28 @@ pub trait SurveyStage: Stage {
     /// How the lines are gathered.
     type Gather: Gather;
 
-    /// The points of a sweep that see the same lines, solved together.
-    fn gather(points: Vec<&Self>) -> Self::Gather;
+    /// The points of a sweep that see the same lines, solved together. What is wrong with the models or maps of one point
+    /// is a fault of its table in [`Gather::finish`], and leaves the others.
+    fn gather(points: Vec<SurveyPoint<Self>>) -> Self::Gather
+    where
+        Self: Sized;
 }
+
+/// A point of a sweep over the lines of a survey.
+pub struct SurveyPoint<'a, S: SurveyStage> {
+    /// The stage with the parameters of the point.
+    pub stage: &'a S,
+    /// Its inputs: models, maps and records whole; tables of lines are empty batches, since [`Gather::map`] sees them.
+    pub inputs: &'a [RecordBatch],
+}
+
+impl<S: SurveyStage> Clone for SurveyPoint<'_, S> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+
+impl<S: SurveyStage> Copy for SurveyPoint<'_, S> {}
 
 /// Points of a survey stage at work: `map` may run on many lines at a time, `finish` sees the parts in line order.
 pub trait Gather: Send + Sync + 'static {

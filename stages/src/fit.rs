@@ -38,7 +38,7 @@ mod wide;
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use arrow_array::{ArrayRef, Int64Array, StringArray};
+use arrow_array::{ArrayRef, Int64Array, RecordBatch, StringArray};
 use point::Point;
 use question::{Matrix, Question, Targets};
 use rayon::prelude::*;
@@ -47,7 +47,7 @@ use rows::Part;
 use samples::PointWork;
 use schemas::{
     Chosen, Column, ColumnType, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Shape, Stage,
-    SurveyStage, Table, Work, Yield, stage,
+    SurveyPoint, SurveyStage, Table, Work, Yield, stage,
 };
 use solve::{Row, Solved, solve, solve_learning};
 use wide::EARTH;
@@ -60,7 +60,11 @@ pub use ridge::ridge;
 pub use samples::Samples;
 pub use settings::{Choose, Divisor, MadeOf, Settings};
 
-use crate::columns::{array, band, faults_of, no_truth, shape};
+use crate::{
+    columns::{array, band, faults_of, no_truth, shape},
+    fitted::{Body, Fitted},
+    trained::Learned,
+};
 
 stage! {
     /// Fits the coefficients of a compensation model on all lines that `where` selects together.
@@ -107,8 +111,14 @@ stage! {
     /// a time constant beyond the length of the lines cannot be told from that length. They are null where the lines are
     /// too short, less than 16 s.
     ///
-    /// Source: thesis 000, (3.19) to (3.43); thesis 004, sections 2.2 to 2.4, 4.2.1 and Figure 4.2.
-    Fit = "fit", version 4, grain Survey, inputs [input: Lines],
+    /// `warm_start` names the table of another fit of the same kind of network, or a published one: the training begins with
+    /// its weights in place of random ones, such as those of another aircraft of which more was flown. Inputs, layers,
+    /// activation, linear terms and members must be the same. Inputs and target keep the scales of that network, so that its
+    /// weights mean what they meant; its constant does not count and becomes that of the new lines. Coefficients that are
+    /// trained (`m2c`) begin as its own; those that are not (`m2b`, `m2d`, `tlnn`, `etlnn`) are fitted to the new lines as ever.
+    ///
+    /// Source: thesis 000, (3.19) to (3.43), Figure 5-6 of `warm_start`; thesis 004, sections 2.2 to 2.4, 4.2.1 and Figure 4.2.
+    Fit = "fit", version 4, grain Survey, inputs [input: Lines, warm_start: Model optional],
     example r#"
 [[stages]]
 name   = "fit"
@@ -250,6 +260,19 @@ impl Fit {
     }
 }
 
+/// What is wrong with the model that a training is to begin with.
+fn warm_start_faults(model: &Chosen<Model>, start: Option<&&Table>) -> Option<Fault> {
+    let what = match start? {
+        Table::Model { shape, .. } if shape.get("term").is_none() => "`warm_start` has no terms".to_owned(),
+        Table::Model { .. } if model.keys.begins_with_weights() => return None,
+        Table::Model { .. } => {
+            format!("`warm_start` is for networks, and `{}` has no weights to begin with", model.kind.name)
+        }
+        Table::Lines(_) | Table::Scores(_) | Table::Map(_) => "`warm_start` is not a model table".to_owned(),
+    };
+    Some(Fault::new(what).of_param("warm_start").help("name the table of a fit of a network, and fit one"))
+}
+
 /// The terms that a column makes.
 fn terms_of(column: &Column) -> Vec<String> {
     match &column.column_type {
@@ -273,6 +296,7 @@ impl Stage for Fit {
         let shape = shape(inputs, 0)?;
         let mut faults = self.column_faults(shape);
         faults.extend(self.contradictions());
+        faults.extend(warm_start_faults(&self.model, inputs.get(1)));
         faults.extend(band(self.low_hz, self.high_hz, shape.rate_hz));
         if !faults.is_empty() {
             return Err(faults);
@@ -283,7 +307,8 @@ impl Stage for Fit {
         let earth = EARTH.into_iter().filter(|name| shape.get(name).is_some());
         let more: Vec<String> = earth.map(str::to_owned).filter(|name| !reads.contains(name)).collect();
         reads.extend(more);
-        let made = |c: Column| c.from(0, &reads);
+        let warm: &[&str] = if inputs.len() > 1 { &["term", "value"] } else { &[] };
+        let made = |c: Column| c.from(0, &reads).from(1, warm);
         let columns = vec![
             made(Column::text("model", "the model").role(Role::Key)),
             made(Column::text("term", "the term").role(Role::Key)),
@@ -313,6 +338,9 @@ impl Stage for Fit {
         let mut yields = Yield::append(columns, &reads);
         yields.passes = Passes::None;
         yields.features = self.features.clone();
+        if !warm.is_empty() {
+            yields.reads.push(warm.iter().map(ToString::to_string).collect());
+        }
         Ok(yields)
     }
 }
@@ -320,9 +348,21 @@ impl Stage for Fit {
 impl SurveyStage for Fit {
     type Gather = FitGather;
 
-    fn gather(points: Vec<&Self>) -> FitGather {
-        let points: Vec<Point> = points.into_iter().map(Fit::point).collect();
-        FitGather { questions: questions(&points), points }
+    fn gather(points: Vec<SurveyPoint<Self>>) -> FitGather {
+        let starts = points.iter().map(|point| point.inputs.get(1).map(start).transpose()).collect();
+        let points: Vec<Point> = points.into_iter().map(|point| point.stage.point()).collect();
+        FitGather { questions: questions(&points), points, starts }
+    }
+}
+
+/// The model of a table that a training begins with.
+fn start(table: &RecordBatch) -> Result<Learned, Fault> {
+    match Fitted::read(table, &[]).map_err(|fault| fault.of_param("warm_start"))?.body {
+        Body::Learned(learned) => Ok(*learned),
+        Body::Linear { .. } => {
+            let fault = Fault::data("the model of `warm_start` is linear, and has no weights to begin with");
+            Err(fault.of_param("warm_start").help("name the table of a fit of a network"))
+        }
     }
 }
 
@@ -330,6 +370,8 @@ impl SurveyStage for Fit {
 pub struct FitGather {
     points: Vec<Point>,
     questions: BTreeMap<Matrix, Question>,
+    /// What the training of each point begins with, where it is given.
+    starts: Vec<Result<Option<Learned>, Fault>>,
 }
 
 /// The questions to each line.
@@ -356,7 +398,8 @@ impl FitGather {
         if first.kind.made_of == MadeOf::Samples {
             let learn = |&i: &usize| {
                 let problem = cut.as_ref().map_err(Clone::clone)?;
-                solve_learning(problem, &self.points[i], &PointWork { work, point: i })
+                let start = self.starts[i].as_ref().map_err(Clone::clone)?.as_ref();
+                solve_learning(problem, &self.points[i], &PointWork { work, point: i, start })
             };
             return places.par_iter().with_max_len(1).map(learn).collect();
         }

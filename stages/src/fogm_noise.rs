@@ -7,7 +7,9 @@ use numerics::signal::{
     noise::{FitBy, fit},
     segments::Usable,
 };
-use schemas::{Column, Fault, Gather, LineIn, Passes, Product, Stage, SurveyStage, Table, Work, Yield, stage};
+use schemas::{
+    Column, Fault, Gather, LineIn, Passes, Product, Stage, SurveyPoint, SurveyStage, Table, Work, Yield, stage,
+};
 
 use crate::{
     columns::{array, data, even_rate_hz, floats, shape},
@@ -89,8 +91,8 @@ impl Stage for FogmNoise {
 impl SurveyStage for FogmNoise {
     type Gather = FogmGather;
 
-    fn gather(points: Vec<&Self>) -> FogmGather {
-        FogmGather { points: points.into_iter().cloned().collect() }
+    fn gather(points: Vec<SurveyPoint<Self>>) -> FogmGather {
+        FogmGather { points: points.into_iter().map(|point| point.stage.clone()).collect() }
     }
 }
 
@@ -182,7 +184,7 @@ mod tests {
 
     /// White part, sigma and time constant, and the samples behind them.
     fn of(stage: &FogmNoise, lines: &[LineIn]) -> Result<([f64; 3], i64), Fault> {
-        let gather = FogmNoise::gather(vec![stage]);
+        let gather = FogmNoise::gather(vec![crate::testing::point(stage)]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
         let columns = gather.finish(parts, &schemas::Unattended).remove(0)?.columns;
         let figure = |k: usize| columns[k].as_primitive::<Float64Type>().value(0);

@@ -8,7 +8,8 @@ use numerics::signal::{
     segments::{Usable, filter_column},
 };
 use schemas::{
-    Column, Fault, Gather, LineIn, Passes, Product, Role, Rule, Stage, SurveyStage, Table, Work, Yield, stage,
+    Column, Fault, Gather, LineIn, Passes, Product, Role, Rule, Stage, SurveyPoint, SurveyStage, Table, Work, Yield,
+    stage,
 };
 
 use crate::{
@@ -137,8 +138,8 @@ impl Stage for LagStage {
 impl SurveyStage for LagStage {
     type Gather = LagGather;
 
-    fn gather(points: Vec<&Self>) -> LagGather {
-        LagGather { points: points.into_iter().cloned().collect() }
+    fn gather(points: Vec<SurveyPoint<Self>>) -> LagGather {
+        LagGather { points: points.into_iter().map(|point| point.stage.clone()).collect() }
     }
 }
 
@@ -240,7 +241,7 @@ mod tests {
     }
 
     fn found(stage: &LagStage, lines: &[LineIn]) -> (Vec<f64>, Product) {
-        let gather = LagStage::gather(vec![stage]);
+        let gather = LagStage::gather(vec![crate::testing::point(stage)]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
         let product = gather.finish(parts, &schemas::Unattended).remove(0).unwrap();
         (product.columns[3].as_primitive::<Float64Type>().values().to_vec(), product)
@@ -279,7 +280,7 @@ mod tests {
         let (head, tail) = (gap.inputs[0].slice(0, 1000), gap.inputs[0].slice(1200, 1200));
         gap.inputs[0] = arrow_select::concat::concat_batches(&head.schema(), &[head, tail]).unwrap();
         let stage = lag(&["mag_2_uc"]);
-        let gather = LagStage::gather(vec![&stage]);
+        let gather = LagStage::gather(vec![crate::testing::point(&stage)]);
         let part = gather.map(&gap).unwrap();
         assert!(gather.refused(&part)[0].1.what.contains("1 gaps in time"));
         let keep = Some((0..2400).map(|k| k < 1000).collect());

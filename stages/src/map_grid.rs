@@ -14,7 +14,9 @@ use numerics::maps::{
     levelling::{CrossoverOptions, LevelOptions, Levelled, find_crossovers, level_lines},
     plane_grid::PlaneGrid,
 };
-use schemas::{Column, ColumnType, Fault, Place, Rule, Shape, Stage, SurveyStage, Table, Yield, choice, stage};
+use schemas::{
+    Column, ColumnType, Fault, Place, Rule, Shape, Stage, SurveyPoint, SurveyStage, Table, Yield, choice, stage,
+};
 
 use crate::{
     columns::{data, shape},
@@ -376,8 +378,8 @@ impl Stage for MapGrid {
 impl SurveyStage for MapGrid {
     type Gather = gather::Survey;
 
-    fn gather(points: Vec<&Self>) -> gather::Survey {
-        gather::Survey::new(points)
+    fn gather(points: Vec<SurveyPoint<Self>>) -> gather::Survey {
+        gather::Survey::new(points.into_iter().map(|point| point.stage).collect())
     }
 }
 

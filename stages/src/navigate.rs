@@ -61,6 +61,10 @@ params! {
     fogm_sigma_nt: OrAuto, unit "nT", default 3.0, rule Rule::NotNegative;
     /// Time constant of the temporal variation; or `"auto"`.
     fogm_tau_s: OrAuto, unit "s", default 600.0, rule Rule::Positive;
+    /// A column with one sigma of what each sample's measurement errs by besides: `mag_aircraft_sigma` of an ensemble, or what a
+    /// network predicts of its own error. The noise of a sample is the root of the sum of its square and that of
+    /// `measurement_sigma_nt`; a sample without it has no measurement. Of one magnetometer.
+    noise_column: Option<String>, unit "nT", absent "the noise is the same at all samples";
 }
 
 stage! {
@@ -221,6 +225,38 @@ impl Navigate {
         Ok(Expected { sigma_nt, fogm_sigma_nt, fogm_tau_s })
     }
 
+    /// The column of the noise, for a filter that has a use for it.
+    fn noise_column(&self) -> Option<&str> {
+        self.noise.noise_column.as_deref().filter(|_| self.filter.keys.takes_field())
+    }
+
+    /// What is wrong with the column of the noise.
+    fn noise_faults(&self, shape: &Shape) -> Vec<Fault> {
+        let Some(column) = self.noise_column() else { return vec![] };
+        let mut faults = faults_of([shape.number(column, "nT")], "noise_column");
+        if self.mag.len() > 1 {
+            let what = "`noise_column` is of one magnetometer, and `mag` names several";
+            faults.push(Fault::new(what).of_param("noise_column"));
+        }
+        if self.mag.iter().any(|mag| mag == column) {
+            let what = format!("`{column}` is the measurement, and not its noise");
+            faults.push(Fault::new(what).of_param("noise_column"));
+        }
+        faults
+    }
+
+    /// One sigma of each sample's measurement beside `measurement_sigma_nt`, in nT; NaN where it is unknown.
+    fn sample_sigma_nt(&self, batch: &RecordBatch) -> Result<Option<Vec<f64>>, Fault> {
+        let Some(column) = self.noise_column() else { return Ok(None) };
+        let values = floats(batch, column)?;
+        if let Some(row) = values.iter().position(|sigma| *sigma < 0.0) {
+            let what = format!("a standard deviation of {} nT in row {}", values[row], row + 1);
+            let help = format!("make it at least 0 with a `derive`: `greatest({column}, 0)`");
+            return Err(Fault::data(what).in_column(column).help(help));
+        }
+        Ok(Some(values.iter().map(|sigma| if sigma.is_finite() { *sigma } else { f64::NAN }).collect()))
+    }
+
     /// The magnetometers that the filter is handed.
     fn magnetometers(&self) -> &[String] {
         if self.filter.keys.takes_field() { &self.mag } else { &[] }
@@ -248,6 +284,7 @@ impl Navigate {
             reads.push(DIURNAL);
         }
         reads.extend(self.found().iter().filter(|f| f.0 == OrAuto::Auto).map(|f| f.2));
+        reads.extend(self.noise_column());
         reads.into_iter().map(str::to_owned).chain(self.geometry.reads()).collect()
     }
 
@@ -282,7 +319,10 @@ impl Navigate {
 
 impl Stage for Navigate {
     fn idle(&self, key: &str) -> Option<Fault> {
-        self.filter.foreign(key).or_else(|| self.geometry.idle(key)).or_else(|| self.filter.keys.idle(key))
+        let unused = key == "noise_column" && !self.filter.keys.takes_field();
+        let what = || Fault::new(format!("the filter `{}` has no use for `noise_column`", self.filter.kind.name));
+        let noise = unused.then(what);
+        self.filter.foreign(key).or(noise).or_else(|| self.geometry.idle(key)).or_else(|| self.filter.keys.idle(key))
     }
 
     fn yields(&self, inputs: &[&Table]) -> Result<Yield, Vec<Fault>> {
@@ -298,6 +338,7 @@ impl Stage for Navigate {
         faults.extend(faults_of([shape.number("ins_alt", "m")], "input"));
         faults.extend(check_levels(self.map_levels_m.as_ref(), "map_levels_m"));
         faults.extend(self.auto_faults(shape));
+        faults.extend(self.noise_faults(shape));
         if self.remove_diurnal == Some(true) {
             let found = shape.number(DIURNAL, "nT").map_err(|f| f.help("say `remove_diurnal = false`"));
             faults.extend(faults_of([found], "remove_diurnal"));

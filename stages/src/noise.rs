@@ -6,8 +6,8 @@ use numerics::signal::{
     segments::Usable,
 };
 use schemas::{
-    Arrays, Column, Fault, Gather, LineIn, LineStage, Passes, Product, Shape, Stage, SurveyStage, Table, Work, Yield,
-    stage,
+    Arrays, Column, Fault, Gather, LineIn, LineStage, Passes, Product, Shape, Stage, SurveyPoint, SurveyStage, Table,
+    Work, Yield, stage,
 };
 
 use crate::{
@@ -120,8 +120,8 @@ impl Stage for ResidualNoise {
 impl SurveyStage for ResidualNoise {
     type Gather = NoiseGather;
 
-    fn gather(points: Vec<&Self>) -> NoiseGather {
-        NoiseGather { points: points.into_iter().cloned().collect() }
+    fn gather(points: Vec<SurveyPoint<Self>>) -> NoiseGather {
+        NoiseGather { points: points.into_iter().map(|point| point.stage.clone()).collect() }
     }
 }
 
@@ -237,7 +237,7 @@ mod tests {
 
     /// The white part, and the samples behind it.
     fn found(stage: &ResidualNoise, lines: &[LineIn]) -> Result<(f64, i64), Fault> {
-        let gather = ResidualNoise::gather(vec![stage]);
+        let gather = ResidualNoise::gather(vec![crate::testing::point(stage)]);
         let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
         let columns = gather.finish(parts, &schemas::Unattended).remove(0)?.columns;
         Ok((columns[0].as_primitive::<Float64Type>().value(0), columns[3].as_primitive::<Int64Type>().value(0)))

@@ -9,8 +9,8 @@ use arrow_array::{
 };
 use numerics::regression::bootstrap::{Interval, Resamples};
 use schemas::{
-    Column, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Several, Stage, SurveyStage, Table, Work,
-    Yield,
+    Column, Entry, Fault, Gather, LineIn, Lists, Passes, Product, Role, Rule, Several, Stage, SurveyPoint, SurveyStage,
+    Table, Work, Yield,
     metric::{Better, Metric, Pool, Shown},
     stage,
 };
@@ -96,8 +96,8 @@ impl Stage for Summary {
 impl SurveyStage for Summary {
     type Gather = SummaryGather;
 
-    fn gather(points: Vec<&Self>) -> SummaryGather {
-        SummaryGather { points: points.into_iter().cloned().collect() }
+    fn gather(points: Vec<SurveyPoint<Self>>) -> SummaryGather {
+        SummaryGather { points: points.into_iter().map(|point| point.stage.clone()).collect() }
     }
 }
 

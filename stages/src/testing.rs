@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::{Field, Schema};
-use schemas::{Arrays, Column, Fault, LineIn, Shape, Table};
+use schemas::{Arrays, Column, Fault, LineIn, Shape, SurveyPoint, SurveyStage, Table};
 
 /// Columns of numbers: name, unit, values.
 pub type Columns<'a> = Vec<(&'a str, &'a str, Vec<f64>)>;
@@ -19,6 +19,11 @@ pub fn batch(columns: Columns) -> RecordBatch {
         })
         .unzip();
     RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap()
+}
+
+/// A point of a survey stage without models and maps.
+pub fn point<S: SurveyStage>(stage: &S) -> SurveyPoint<'_, S> {
+    SurveyPoint { stage, inputs: &[] }
 }
 
 /// A line of one input after another.

@@ -12,7 +12,7 @@ use numerics::{
         track_map::{self, TrackMapError, TrackMapParameters, TrackSample},
     },
 };
-use schemas::{Column, Fault, Product, Rule, Shape, Stage, SurveyStage, Table, Yield, stage};
+use schemas::{Column, Fault, Product, Rule, Shape, Stage, SurveyPoint, SurveyStage, Table, Yield, stage};
 
 use self::gather::Measured;
 use crate::{
@@ -348,7 +348,7 @@ impl Stage for TrackMap {
 impl SurveyStage for TrackMap {
     type Gather = gather::Lines;
 
-    fn gather(points: Vec<&Self>) -> gather::Lines {
-        gather::Lines::new(points)
+    fn gather(points: Vec<SurveyPoint<Self>>) -> gather::Lines {
+        gather::Lines::new(points.into_iter().map(|point| point.stage).collect())
     }
 }

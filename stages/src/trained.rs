@@ -9,6 +9,10 @@ mod random_features;
 mod terms;
 mod windowed;
 
+use learning::{
+    inputs::Inputs,
+    network::{Shape, Windowed},
+};
 use schemas::{Fault, choice};
 
 pub use boosted_trees::BoostedTrees;
@@ -48,6 +52,32 @@ pub struct Prediction {
     pub field_nt: Vec<f64>,
     /// One sigma of that, nT, where the model knows it.
     pub sigma_nt: Option<Vec<f64>>,
+}
+
+/// The layers of a network.
+#[derive(Clone, Copy, Debug)]
+pub enum Layers<'a> {
+    /// Of each sample alone.
+    Dense(&'a Shape),
+    /// Of a window of samples at a rate, Hz.
+    Windowed(&'a Windowed, f64),
+}
+
+/// The parts of a network, as another training can begin with them.
+#[derive(Clone, Copy, Debug)]
+pub struct Parts<'a> {
+    /// The names of the inputs.
+    pub inputs: &'a [String],
+    /// How they are scaled.
+    pub scaling: &'a Inputs,
+    /// The names of the linear terms.
+    pub linear: &'a [String],
+    /// The layers.
+    pub layers: Layers<'a>,
+    /// The parameters of each member.
+    pub members: &'a [Vec<f64>],
+    /// The scale of the target, nT.
+    pub scale_nt: f64,
 }
 
 /// A model that is not linear.
@@ -91,6 +121,15 @@ impl Learned {
             Learned::Network(network) => Some(network.gradient(x)),
             Learned::BoostedTrees(_) | Learned::Windowed(_) => None,
             Learned::RandomFeatures(kernel) => Some(kernel.gradient(x)),
+        }
+    }
+
+    /// Its parts; `None` of what is no network.
+    pub fn parts(&self) -> Option<Parts<'_>> {
+        match self {
+            Learned::Network(network) => Some(network.parts()),
+            Learned::Windowed(network) => Some(network.parts()),
+            Learned::BoostedTrees(_) | Learned::RandomFeatures(_) => None,
         }
     }
 

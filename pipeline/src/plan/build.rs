@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use schemas::{Entry, Fault, Grain};
+use schemas::{Column, Entry, Fault, Grain, Role};
 
 use super::{Plan, TableNode, axes::mentioned, builder::Builder, grid::Grid, variants::Variants};
 use crate::spec::{Faults, Spec, StageDecl};
@@ -186,12 +186,20 @@ impl Builder<'_> {
         Fault::new(what).at(decl.at.clone()).help(help)
     }
 
+    /// Whether a key column of a stage holds its parameter of the same name, which the axis of that name gives.
+    fn is_own_value(&self, node: &TableNode, column: &Column) -> bool {
+        let given = self.spec.stages.get(node.decl).and_then(|decl| decl.args.get(&column.name));
+        let axis = given.and_then(|given| given.value.as_text()).and_then(|text| text.strip_prefix('$'));
+        column.role == Role::Key && axis == Some(column.name.as_str())
+    }
+
     /// An axis column must not hide another column.
     fn axis_columns(&mut self, node: &TableNode) {
         for axis in node.axes.iter().filter_map(|i| self.spec.axes.get(*i)) {
             let clash = node.columns().into_iter().find(|c| c.name == axis.name);
-            // A model table's `model` is the axis' own value where the sweep is over models.
-            if clash.is_some() && !(node.is_small() && axis.name == "model") {
+            // A small table's `model` or `method` is the axis' own value where the sweep is over it.
+            let own = axis.name == "model" || clash.as_ref().is_some_and(|column| self.is_own_value(node, column));
+            if clash.is_some() && !(node.is_small() && own) {
                 let what = format!("the axis `{}` has the name of a column of `{}`", axis.name, node.name);
                 self.faults.push(Fault::new(what).at(axis.at.clone()).help("rename the axis"));
             }

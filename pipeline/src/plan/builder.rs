@@ -17,6 +17,17 @@ use crate::{
 /// After so many faults of a stage its other points are not looked at.
 pub const MOST_FAULTS: usize = 20;
 
+/// What a stage takes a table of files for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Use {
+    /// Flight lines.
+    Flights,
+    /// A map.
+    Map,
+    /// A model.
+    Model,
+}
+
 /// A plan in the making.
 pub struct Builder<'a> {
     pub spec: &'a Spec,
@@ -27,8 +38,10 @@ pub struct Builder<'a> {
     pub shapes: Vec<Arc<Table>>,
     pub maps: Vec<MapSource>,
     pub map_shape: Arc<Table>,
+    /// The table that each of `maps` is to a stage.
+    pub wholes: Vec<Arc<Table>>,
     /// Tables of files already opened, by name and use; `None` where that failed.
-    pub sources: BTreeMap<(String, bool), Option<Target>>,
+    pub sources: BTreeMap<(String, Use), Option<Target>>,
     pub tables: Vec<TableNode>,
     /// Stages already found wrong; what rests on them is not judged.
     pub broken: Vec<String>,
@@ -48,6 +61,7 @@ impl<'a> Builder<'a> {
             shapes: vec![],
             maps: vec![],
             map_shape: Arc::new(Table::Map(schemas::map::shape())),
+            wholes: vec![],
             sources: BTreeMap::new(),
             tables: vec![],
             broken: vec![],

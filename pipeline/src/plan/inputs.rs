@@ -9,7 +9,7 @@ use schemas::{Entry, Fault, Given, InputDecl, InputKind, Literal, Table, map::AN
 
 use super::{
     axes::{axes_of, put_in},
-    builder::{Builder, MOST_FAULTS},
+    builder::{Builder, MOST_FAULTS, Use},
     grid::{Grid, Over},
     node::{Slot, Target},
 };
@@ -159,46 +159,58 @@ impl Builder<'_> {
 
     /// A table of files, opened at its first use.
     fn source(&mut self, name: &str, input: &InputDecl, given: &Given) -> Option<Target> {
-        let is_map = matches!(input.kind, InputKind::Map | InputKind::ManyMaps);
-        if matches!(input.kind, InputKind::Model | InputKind::ManyModels | InputKind::Scores) {
-            let what = format!("`{}` needs {}, but `{name}` is read from files", input.name, kind_words(input.kind));
-            self.faults.push(Fault::new(what).at(given.at.clone()));
-            return None;
-        }
-        if let Some(known) = self.sources.get(&(name.to_owned(), is_map)) {
+        let used = match input.kind {
+            InputKind::Map | InputKind::ManyMaps => Use::Map,
+            InputKind::Model | InputKind::ManyModels => Use::Model,
+            InputKind::Lines | InputKind::ManyLines | InputKind::Record | InputKind::ManyRecords => Use::Flights,
+            InputKind::Scores => {
+                let what =
+                    format!("`{}` needs {}, but `{name}` is read from files", input.name, kind_words(input.kind));
+                self.faults.push(Fault::new(what).at(given.at.clone()));
+                return None;
+            }
+        };
+        if let Some(known) = self.sources.get(&(name.to_owned(), used)) {
             return known.clone();
         }
         let decl = self.spec.tables.iter().find(|t| t.name == name)?;
-        let opened = if is_map {
-            let read_all = self.spec.verify_inputs;
-            MapSource::open(decl, &self.spec.folder).map(|mut m| {
-                m.read_all = read_all;
-                self.maps.push(m);
-                Target::Map(self.maps.len() - 1)
-            })
-        } else {
-            let trust = Trust { store: Some(&self.spec.store), read_all: self.spec.verify_inputs };
-            Flights::open_trusting(decl, &self.spec.folder, trust).map(|f| {
-                self.notes.extend(f.notes.iter().cloned());
-                self.shapes.push(Arc::new(Table::Lines(f.shape.clone())));
-                self.flights.push(f);
-                Target::Flights(self.flights.len() - 1)
-            })
+        let opened = match used {
+            Use::Map => MapSource::open(decl, &self.spec.folder).map(|map| self.whole(map)),
+            Use::Model => MapSource::open_model(decl, &self.spec.folder).map(|model| self.whole(model)),
+            Use::Flights => {
+                let trust = Trust { store: Some(&self.spec.store), read_all: self.spec.verify_inputs };
+                Flights::open_trusting(decl, &self.spec.folder, trust).map(|f| {
+                    self.notes.extend(f.notes.iter().cloned());
+                    self.shapes.push(Arc::new(Table::Lines(f.shape.clone())));
+                    self.flights.push(f);
+                    Target::Flights(self.flights.len() - 1)
+                })
+            }
         };
         let found = opened.map_err(|faults| self.faults.extend(faults)).ok();
-        let known: Vec<&str> = match &found {
+        let known: Vec<String> = match &found {
             Some(Target::Flights(i)) => {
-                self.flights.get(*i).iter().flat_map(|f| &f.shape.columns).map(|c| c.name.as_str()).collect()
+                self.flights.get(*i).iter().flat_map(|f| &f.shape.columns).map(|c| c.name.clone()).collect()
             }
-            Some(Target::Map(_)) => schemas::map::COLUMNS.iter().map(|(name, _)| *name).collect(),
+            Some(Target::Map(i)) => self.maps.get(*i).map(MapSource::columns).unwrap_or_default(),
             Some(Target::Stage(..)) | None => vec![],
         };
         if found.is_some() {
+            let known: Vec<&str> = known.iter().map(String::as_str).collect();
             let unknown = decl.protection.unknown(name, &known);
             self.faults.extend(unknown.into_iter().map(|fault| fault.at(decl.at.clone())));
         }
-        self.sources.insert((name.to_owned(), is_map), found.clone());
+        self.sources.insert((name.to_owned(), used), found.clone());
         found
+    }
+
+    /// A map or a model, opened.
+    fn whole(&mut self, mut source: MapSource) -> Target {
+        source.read_all = self.spec.verify_inputs;
+        // Maps are alike to a stage, so that points which differ in their map share what is planned.
+        self.wholes.push(source.model().map_or_else(|| self.map_shape.clone(), Arc::new));
+        self.maps.push(source);
+        Target::Map(self.maps.len() - 1)
     }
 }
 

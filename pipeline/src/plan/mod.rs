@@ -40,7 +40,7 @@ pub struct Plan {
     pub spec: Spec,
     /// The tables of flights that it reads.
     pub flights: Vec<Flights>,
-    /// The maps that it reads.
+    /// The maps that it reads, and the models that were fitted elsewhere.
     pub maps: Vec<MapSource>,
     /// The tables of its stages, each after its inputs.
     pub tables: Vec<TableNode>,
@@ -53,7 +53,7 @@ pub struct Plan {
 pub enum Ref {
     /// A table of flights, as a position in [`Plan::flights`].
     Flights(usize),
-    /// A map, as a position in [`Plan::maps`].
+    /// A map or a model of files, as a position in [`Plan::maps`].
     Map(usize),
     /// A stage at a point: a position in [`Plan::tables`], and the number of the point.
     Stage(usize, usize),

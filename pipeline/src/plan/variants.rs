@@ -158,7 +158,7 @@ impl Builder<'_> {
                 for target in slot.targets.values()[to.at(w)].iter() {
                     tables.push(match target {
                         Target::Flights(i) => self.shapes[*i].clone(),
-                        Target::Map(_) => self.map_shape.clone(),
+                        Target::Map(i) => self.wholes[*i].clone(),
                         Target::Stage(t, _) => {
                             let node = &self.tables[*t];
                             node.tables[node.table.values()[to_tables[*t].at(w)] as usize].clone()

@@ -258,10 +258,7 @@ fn columns(graph: &Graph, chosen: &[Chosen]) -> Vec<(String, Vec<String>)> {
             let flights = plan.flights.get(i)?;
             Some((flights.name.clone(), flights.shape.columns.iter().map(|c| c.name.clone()).collect()))
         }
-        Chosen::Map(i) => {
-            let columns = schemas::map::COLUMNS.iter().map(|(name, _)| (*name).to_owned()).collect();
-            plan.maps.get(i).map(|m| (m.name.clone(), columns))
-        }
+        Chosen::Map(i) => plan.maps.get(i).map(|m| (m.name.clone(), m.columns())),
     };
     chosen.iter().filter_map(one).collect()
 }

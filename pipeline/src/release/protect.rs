@@ -1,7 +1,8 @@
 //! What must not be published: columns of tables of files that are restricted, and all that is made from them row by row.
 //!
 //! The lineage of columns is walked from each column that is to go out. It ends at tables of scores and models, which are
-//! made of many rows together; maps and flight lines are not such aggregates, however far down they are.
+//! made of many rows together, but for lists in them, which hold single samples; maps and flight lines are not such aggregates,
+//! however far down they are.
 
 use std::collections::{HashMap, HashSet, VecDeque};
 
@@ -60,8 +61,12 @@ impl<'a> Lineage<'a> {
 
     /// The columns that a column is made from, row by row.
     fn above(&self, (table, column): &Column) -> Vec<Column> {
-        let Some(stage) = self.stages.get(table).filter(|t| !t.tidy) else { return vec![] };
+        let Some(stage) = self.stages.get(table) else { return vec![] };
         let Some(own) = stage.columns.iter().find(|c| c.name == *column) else { return vec![] };
+        // A list in a small table holds samples one by one, such as those of an importance.
+        if stage.tidy && !own.kind.starts_with("list") {
+            return vec![];
+        }
         if own.from.is_empty() && !IDENTIFIERS.contains(&column.as_str()) {
             // A stage that does not say what it made a column of may have used all that it was handed.
             return self.reads.get(table).cloned().unwrap_or_default();

@@ -336,7 +336,7 @@ pub fn of_map(graph: &Graph, store: &Store, i: usize, root: &Path) -> Result<Tab
     let batch = map_batch(store, *key)?;
     let mut files = Files::new(root, &batch.schema(), vec![]);
     files.write(format!("data/{}/part-0.parquet", map.name), None, [Ok(batch)])?;
-    Ok(files.table(&map.name, "map", &[], false))
+    Ok(files.table(&map.name, map.word(), &[], false))
 }
 
 #[cfg(test)]

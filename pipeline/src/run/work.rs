@@ -13,7 +13,7 @@ use arrow_schema::{DataType, Field, Schema};
 use arrow_select::concat::concat_batches;
 use rayon::prelude::*;
 use schemas::{
-    AnyLinePoint, AnyStage, Fault, Grain, InputKind, LineIn, Part, Prepared, Product, Shape, SurveyStageDyn, Work,
+    AnyLinePoint, AnyStage, AnySurveyPoint, Fault, Grain, InputKind, LineIn, Part, Prepared, Product, Shape, Work,
 };
 
 use super::{Event, Listener, interrupt::INTERRUPTED};
@@ -171,7 +171,11 @@ impl<'a> Worker<'a> {
         for unit in units {
             let it = self.instance(*unit);
             let rows = it.predicate.as_ref().map(|p| p.canonical.clone());
-            let seen = format!("{:?} {rows:?} {:?}", it.inputs(), self.graph.line_set(unit.table, unit.instance));
+            let seen = format!(
+                "{:?} {rows:?} {:?}",
+                self.graph.line_inputs(&it),
+                self.graph.line_set(unit.table, unit.instance)
+            );
             let group = *at.entry(seen).or_insert_with(|| {
                 groups.push(vec![]);
                 groups.len() - 1
@@ -316,20 +320,22 @@ impl<'a> Worker<'a> {
             return known.clone();
         }
         let build = || {
-            let it = self.instance(unit);
-            let mut inputs = vec![];
-            for (i, (r, kind)) in it.inputs().iter().zip(it.kinds()).enumerate() {
-                inputs.push(match kind {
-                    InputKind::Record | InputKind::ManyRecords => self.record(*r, &self.graph.read(&it, i))?,
-                    InputKind::Map | InputKind::ManyMaps => self.graph.map(self.store, *r)?,
-                    InputKind::Model | InputKind::ManyModels => self.model(*r)?,
-                    InputKind::Lines | InputKind::ManyLines | InputKind::Scores => empty(),
-                });
-            }
+            let inputs = self.whole_inputs(&self.instance(unit))?;
             guarded(|| stage.of_lines()?.prepare(&inputs))
         };
         let built = build();
         self.prepared.lock().map_err(|_| failed())?.entry(basis).or_insert(built).clone()
+    }
+
+    /// The inputs that are the same for all lines; those by line are empty.
+    fn whole_inputs(&self, it: &Instance) -> Result<Vec<RecordBatch>, Fault> {
+        let one = |(i, (kind, r)): (usize, (InputKind, Ref))| match kind {
+            InputKind::Record | InputKind::ManyRecords => self.record(r, &self.graph.read(it, i)),
+            InputKind::Map | InputKind::ManyMaps => self.graph.map(self.store, r),
+            InputKind::Model | InputKind::ManyModels => self.model(r),
+            InputKind::Lines | InputKind::ManyLines | InputKind::Scores => Ok(empty()),
+        };
+        it.kinds().into_iter().zip(it.inputs()).enumerate().map(one).collect()
     }
 
     /// The columns `columns` of all lines of a record, one line after another.
@@ -345,7 +351,11 @@ impl<'a> Worker<'a> {
     }
 
     fn model(&self, r: Ref) -> Result<RecordBatch, Fault> {
-        let Ref::Stage(t, i) = r else { return Ok(empty()) };
+        let (t, i) = match r {
+            Ref::Stage(t, i) => (t, i),
+            Ref::Map(_) => return self.store.whole(self.graph.whole(r)?),
+            Ref::Flights(_) => return Ok(empty()),
+        };
         let columns: Vec<&str> =
             self.graph.plan.instance(t, i).variant.yields.columns.iter().map(|c| c.name.as_str()).collect();
         self.store.get(self.graph.whole(r)?, &columns)
@@ -374,9 +384,16 @@ impl<'a> Worker<'a> {
             Ok(stages) => stages,
             Err(fault) => return all(fault),
         };
-        let stages: Result<Vec<&dyn SurveyStageDyn>, Fault> = stages.iter().map(AnyStage::of_surveys).collect();
-        let gather = stages.and_then(|stages| match stages.first() {
-            Some(first) => first.gather(&stages),
+        let whole = match units.iter().map(|u| self.whole_inputs(&self.instance(*u))).collect::<Result<Vec<_>, Fault>>()
+        {
+            Ok(whole) => whole,
+            Err(fault) => return all(fault),
+        };
+        let points = stages.iter().zip(&whole);
+        let points: Result<Vec<AnySurveyPoint>, Fault> =
+            points.map(|(stage, inputs)| Ok(AnySurveyPoint { stage: stage.of_surveys()?, inputs })).collect();
+        let gather = points.and_then(|points| match points.first() {
+            Some(first) => first.stage.gather(&points),
             None => Err(Fault::bug("a survey without points")),
         });
         let gather = match gather {
@@ -441,7 +458,7 @@ impl<'a> Worker<'a> {
     fn gathered(&self, units: &[Unit], line: LineId, held: &mut Held) -> Result<LineIn, Fault> {
         let first = units[0];
         let mut input = self.line_in(first, line, held)?;
-        for (i, r) in self.instance(first).inputs().iter().enumerate() {
+        for (i, r) in self.graph.line_inputs(&self.instance(first)) {
             let mut columns: Vec<String> = vec![];
             for unit in units {
                 for c in self.instance(*unit).variant.yields.reads.get(i).into_iter().flatten() {
@@ -450,7 +467,7 @@ impl<'a> Worker<'a> {
                     }
                 }
             }
-            input.inputs[i] = held.batch(*r, line, &columns)?;
+            input.inputs[i] = held.batch(r, line, &columns)?;
         }
         Ok(input)
     }

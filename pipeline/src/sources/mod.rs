@@ -16,6 +16,7 @@ mod line_table;
 mod log_reader;
 pub mod mapping;
 mod midnight;
+mod model;
 mod options;
 mod packer;
 mod quality;
@@ -27,7 +28,7 @@ use std::{path::PathBuf, sync::Arc};
 use arrow_array::RecordBatch;
 use arrow_schema::{Schema, SchemaRef};
 use datasets::{AnomalyGrid, MapOptions, map_files, read_grid};
-use schemas::{Column, Fault, Shape, canonical::Canonical, describe_field};
+use schemas::{Column, Fault, Shape, Table, canonical::Canonical, describe_field};
 
 pub use bytes::{Bytes, Trust, fingerprint};
 pub use files::{find, hive, walk};
@@ -36,7 +37,8 @@ pub use formats::{flight_formats, open_flight, open_log};
 pub use ingest::LineRecord;
 pub use line_table::{Division, LineTable};
 pub use log_reader::LogReader;
-pub use options::{AUTO, MappingOptions, WHOLE, division};
+use model::ModelTable;
+pub use options::{AUTO, MappingOptions, ModelOptions, WHOLE, division};
 use options::{Files, flight_options, map_options, spelt};
 pub use quality::{Check, Finding};
 
@@ -47,6 +49,9 @@ const VERSION: &str = "ingest 2";
 
 /// Raised when the stored form of a map changes.
 const MAP_VERSION: &str = "map 2";
+
+/// Raised when the stored form of a model that is read changes.
+const MODEL_VERSION: &str = "model 1";
 
 /// A table of flights whose columns are known and whose lines are not read yet.
 pub struct Flights {
@@ -207,7 +212,15 @@ fn merge(
     }
 }
 
-/// A map of the spec.
+/// What a table of files without flight lines holds.
+enum Content {
+    /// A map.
+    Map(MapOptions),
+    /// A model.
+    Model(ModelTable),
+}
+
+/// A map of the spec, or a model that was fitted elsewhere.
 pub struct MapSource {
     /// Its name in the spec.
     pub name: String,
@@ -215,43 +228,99 @@ pub struct MapSource {
     pub path: PathBuf,
     /// Whether its bytes are read even where they look like those read last.
     pub read_all: bool,
-    options: MapOptions,
-    spelt: String,
+    content: Content,
 }
 
 impl MapSource {
-    /// Checks the options and that the file is there.
+    /// A map: checks the options and that the file is there.
     ///
     /// # Errors
     /// Fails for options that a map does not have, and for a file that does not exist.
     pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
         let options = map_options(decl)?;
-        let path = folder.join(&decl.path.0);
-        if !path.exists() {
-            let fault = Fault::new(format!("there is no file {}", path.display())).at(decl.path.1.clone());
-            return Err(vec![fault]);
-        }
-        let spelt = spelt(&options);
-        Ok(MapSource { name: decl.name.clone(), path, read_all: false, options, spelt })
+        let path = existing(decl, folder)?;
+        Ok(MapSource { name: decl.name.clone(), path, read_all: false, content: Content::Map(options) })
     }
 
-    /// The key of its content, and the bytes it was read from; the grid itself is put into the store.
+    /// A model: checks that the files hold one.
+    ///
+    /// # Errors
+    /// Fails for options that a model does not have, for a file that does not exist, and for one that is no table of a fit or holds
+    /// several models.
+    pub fn open_model(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
+        let path = existing(decl, folder)?;
+        let content = Content::Model(ModelTable::open(decl, &path)?);
+        Ok(MapSource { name: decl.name.clone(), path, read_all: false, content })
+    }
+
+    /// What it holds, in a word.
+    pub fn word(&self) -> &'static str {
+        match self.content {
+            Content::Map(_) => "map",
+            Content::Model(_) => "model",
+        }
+    }
+
+    /// What a model is to a stage; `None` of a map, which all maps are alike.
+    pub fn model(&self) -> Option<Table> {
+        match &self.content {
+            Content::Map(_) => None,
+            Content::Model(model) => Some(model.table()),
+        }
+    }
+
+    /// The names of its columns.
+    pub fn columns(&self) -> Vec<String> {
+        match self.model() {
+            None => schemas::map::COLUMNS.iter().map(|(name, _)| (*name).to_owned()).collect(),
+            Some(model) => model.shape().columns.iter().map(|c| c.name.clone()).collect(),
+        }
+    }
+
+    /// The key of its content, and the bytes it was read from; the grid or the model itself is put into the store.
     ///
     /// # Errors
     /// Fails when it cannot be read.
     pub fn load(&self, store: &Store) -> Result<(Key, Vec<Bytes>), Fault> {
-        // The cells of a map may be next to its header.
-        let files = map_files(&self.path).map_err(Fault::from)?;
+        let files = match self.content {
+            // The cells of a map may be next to its header.
+            Content::Map(_) => map_files(&self.path).map_err(Fault::from)?,
+            Content::Model(_) if self.path.is_dir() => {
+                let mut files = vec![];
+                let wrong = |e: std::io::Error| Fault::machine(format!("cannot read {}: {e}", self.path.display()));
+                walk(&self.path, &mut files).map_err(wrong)?;
+                files.retain(|file| file.extension().is_some_and(|e| e == "parquet"));
+                files
+            }
+            Content::Model(_) => vec![self.path.clone()],
+        };
         let bytes: Vec<Bytes> =
             files.iter().map(|file| fingerprint(store, file, self.read_all)).collect::<Result<_, _>>()?;
-        let fixed = ["map", MAP_VERSION, datasets::VERSION, &self.spelt].map(str::to_owned);
+        let fixed = match &self.content {
+            Content::Map(options) => ["map", MAP_VERSION, datasets::VERSION, &spelt(options)].map(str::to_owned),
+            Content::Model(model) => ["model", MODEL_VERSION, "", &model.condition].map(str::to_owned),
+        };
         let key = Key::of(fixed.into_iter().chain(bytes.iter().map(|b| b.hash.to_string())));
         if !store.has(key) {
-            let map = read_grid(&self.path, &self.options).and_then(|grid| grid.table()).map_err(Fault::from)?;
-            store.put(key, &map)?;
+            let rows = match &self.content {
+                Content::Map(options) => {
+                    read_grid(&self.path, options).and_then(|grid| grid.table()).map_err(Fault::from)?
+                }
+                Content::Model(model) => model::read(&self.path, &model.condition)?,
+            };
+            store.put(key, &rows)?;
         }
         Ok((key, bytes))
     }
+}
+
+/// The file or folder of a table, which must exist.
+fn existing(decl: &SourceDecl, folder: &std::path::Path) -> Result<PathBuf, Vec<Fault>> {
+    let path = folder.join(&decl.path.0);
+    if path.exists() {
+        return Ok(path);
+    }
+    Err(vec![Fault::new(format!("there is no file {}", path.display())).at(decl.path.1.clone())])
 }
 
 /// The whole map `key`, on its own grid.

@@ -26,6 +26,13 @@ params! {
     lines: Option<String>, unit "", default None, absent "the lines of the files";
 }
 
+params! {
+    /// The table of a model, besides `where`: a SQL condition on its columns that selects one model where it holds several.
+    pub struct ModelOptions, all default;
+    /// The columns that a line must have for the model to be applied, as the `features` of its fit.
+    features: Vec<String>, unit "", default ["tl"].map(String::from);
+}
+
 /// How the files of a table are read.
 pub struct Files {
     /// Names, units, keys.
@@ -100,6 +107,14 @@ pub fn flight_options(decl: &SourceDecl, folder: &Path) -> Result<Files, Vec<Fau
 /// Fails for unknown options and wrong types.
 pub fn map_options(decl: &SourceDecl) -> Result<MapOptions, Vec<Fault>> {
     options::<MapOptions, Nothing>(decl).map(|(options, _)| options)
+}
+
+/// The options of a model.
+///
+/// # Errors
+/// Fails for unknown options and wrong types.
+pub fn model_options(decl: &SourceDecl) -> Result<ModelOptions, Vec<Fault>> {
+    options::<ModelOptions, Nothing>(decl).map(|(options, _)| options)
 }
 
 params! {

@@ -36,7 +36,7 @@ pub fn explain(graph: &Graph, store: &Store) -> String {
         );
     }
     for map in &plan.maps {
-        let _ = writeln!(out, "\n{}  map", map.name);
+        let _ = writeln!(out, "\n{}  {}", map.name, map.word());
     }
     let before = snapshots(store.root()).into_iter().find(|s| s.pipeline == plan.spec.name);
     for (t, node) in plan.tables.iter().enumerate() {

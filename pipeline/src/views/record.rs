@@ -30,7 +30,7 @@ pub struct Snapshot {
 pub struct SnapshotSource {
     /// Its name.
     pub name: String,
-    /// `flights` or `map`.
+    /// `flights`, `map` or `model`.
     pub kind: String,
     /// Path and hash of each file.
     pub files: Vec<(String, String)>,
@@ -95,7 +95,7 @@ pub fn record(graph: &Graph, store: &Store, costs: &[(usize, f64)]) -> Result<Sn
     });
     let maps = plan.maps.iter().enumerate().map(|(i, m)| SnapshotSource {
         name: m.name.clone(),
-        kind: "map".to_owned(),
+        kind: m.word().to_owned(),
         files: files(graph, plan.flights.len() + i),
         lines: [("map".to_owned(), graph.maps[i].to_string())].into(),
     });

@@ -5,7 +5,10 @@ use std::fmt::Write;
 use datasets::{FlightOptions, MapOptions};
 use schemas::{Entry, Fault, Grain, InputDecl, InputKind, Lists, ParamDoc, Params, TableKind, metric::Metric};
 
-use crate::{sources::MappingOptions, spec::STAGE_KEYS};
+use crate::{
+    sources::{MappingOptions, ModelOptions},
+    spec::STAGE_KEYS,
+};
 
 /// One line a stage.
 pub fn overview(catalogue: &[Entry]) -> String {
@@ -40,6 +43,13 @@ pub fn page(catalogue: &[Entry]) -> String {
     for (what, docs) in [("flights", of_flights), ("a map", MapOptions::docs(&lists))] {
         let _ = write!(out, "Of {what}:\n\n{}\n", params(&docs.iter().collect::<Vec<_>>()));
     }
+    let of_model = ModelOptions::docs(&lists);
+    let _ = write!(
+        out,
+        "Of a model that was fitted elsewhere, the published table of a `fit`: `where`, a SQL condition on its columns that \
+         selects one model where the table holds several, and\n\n{}\n",
+        params(&of_model.iter().collect::<Vec<_>>())
+    );
     for entry in catalogue {
         out.push_str(&section(entry));
         out.push('\n');

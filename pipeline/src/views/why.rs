@@ -101,7 +101,7 @@ fn sources(graph: &Graph, t: usize, before: &super::Snapshot) -> Vec<String> {
                 }
             }
             Ref::Map(i) if old.get("map").is_some_and(|k| *k != graph.maps[i].to_string()) => {
-                reasons.push(format!("{name}: the map has changed"));
+                reasons.push(format!("{name}: the {} has changed", plan.maps[i].word()));
             }
             Ref::Map(_) | Ref::Stage(..) => {}
         }

@@ -4,7 +4,9 @@ use std::{any::Any, ops::Deref, sync::Arc};
 
 use arrow_array::{ArrayRef, RecordBatch};
 
-use super::{Gather, LineIn, LinePoint, LineStage, MapStage, Product, Stage, SurveyStage, Table, Work, Yield};
+use super::{
+    Gather, LineIn, LinePoint, LineStage, MapStage, Product, Stage, SurveyPoint, SurveyStage, Table, Work, Yield,
+};
 use crate::Fault;
 
 /// What a run makes of a stage's columns for one line, or why there are none.
@@ -178,19 +180,31 @@ impl<S: LineStage> LineStageDyn for S {
     }
 }
 
+/// A point of a sweep over the lines of a survey, whose stage has no type any more.
+#[derive(Clone, Copy)]
+pub struct AnySurveyPoint<'a> {
+    /// The stage with the parameters of the point.
+    pub stage: &'a dyn SurveyStageDyn,
+    /// See [`SurveyPoint::inputs`].
+    pub inputs: &'a [RecordBatch],
+}
+
 /// A [`SurveyStage`] whose type is forgotten.
 pub trait SurveyStageDyn: StageDyn {
     /// See [`SurveyStage::gather`]; `self` stands for the type only.
     ///
     /// # Errors
     /// When a point is of another stage.
-    fn gather(&self, points: &[&dyn SurveyStageDyn]) -> Result<Box<dyn GatherDyn>, Fault>;
+    fn gather(&self, points: &[AnySurveyPoint]) -> Result<Box<dyn GatherDyn>, Fault>;
 }
 
 impl<S: SurveyStage> SurveyStageDyn for S {
-    fn gather(&self, points: &[&dyn SurveyStageDyn]) -> Result<Box<dyn GatherDyn>, Fault> {
-        let typed = points.iter().map(|point| point.as_any().downcast_ref::<S>().ok_or_else(another_type));
-        Ok(Box::new(S::gather(typed.collect::<Result<_, _>>()?)))
+    fn gather(&self, points: &[AnySurveyPoint]) -> Result<Box<dyn GatherDyn>, Fault> {
+        let typed = points.iter().map(|point| {
+            let stage = point.stage.as_any().downcast_ref::<S>().ok_or_else(another_type)?;
+            Ok(SurveyPoint { stage, inputs: point.inputs })
+        });
+        Ok(Box::new(S::gather(typed.collect::<Result<_, Fault>>()?)))
     }
 }
 

@@ -22,6 +22,7 @@
 
 mod bins;
 mod grow;
+mod state;
 #[cfg(test)]
 mod tests;
 
@@ -36,6 +37,7 @@ use crate::{
 };
 use bins::Bins;
 use grow::Grower;
+pub use state::{trees_from_bytes, trees_to_bytes};
 
 /// Rows that a task predicts.
 const BLOCK: usize = 512;
@@ -216,6 +218,12 @@ impl Tree {
         }
     }
 
+    /// Takes what it predicts off the residuals of all rows.
+    fn take_off(&self, x: &[f64], width: usize, residuals: &mut [f64]) {
+        let rows = x.par_chunks_exact(width);
+        residuals.par_iter_mut().zip(rows).with_min_len(BLOCK).for_each(|(r, row)| *r -= self.value(row));
+    }
+
     fn fault(&self, width: usize) -> Option<(usize, &'static str)> {
         let wrong = |(at, node): (usize, &Node)| match *node {
             Node::Leaf { value } if !value.is_finite() => Some((at, "has a value that is not finite")),
@@ -285,6 +293,26 @@ pub fn boost(
     validation: Option<(&[f64], &[f64])>,
     each: &mut dyn FnMut(usize, f64, f64) -> ControlFlow<()>,
 ) -> Result<Boosted, BoostingError> {
+    boost_on(vec![], x, width, y, how, validation, &mut |trees, train, ahead| each(trees.len(), train, ahead))
+}
+
+/// [`boost`] that goes on from the first trees of a training that was broken off, with the same rows and settings: it ends with
+/// the same bits as one that was not. `each` is handed all trees so far.
+///
+/// # Errors
+/// As [`boost`], and with [`BoostingError::Malformed`] for a tree that is none of these columns.
+pub fn boost_on(
+    begun: Vec<Tree>,
+    x: &[f64],
+    width: usize,
+    y: &[f64],
+    how: &Boosting,
+    validation: Option<(&[f64], &[f64])>,
+    each: &mut dyn FnMut(&[Tree], f64, f64) -> ControlFlow<()>,
+) -> Result<Boosted, BoostingError> {
+    let begun = Forest { base: 0.0, trees: begun };
+    begun.check(width)?;
+    let mut begun = begun.trees.into_iter();
     let rows = finite_rows("the matrix", x, width)?;
     entries("the target", y.len(), rows)?;
     finite_rows("the target", y, 1)?;
@@ -300,18 +328,27 @@ pub fn boost(
     let mut boosted = Boosted { forest: Forest { base, trees: vec![] }, losses: vec![], best: 0 };
     let mut least = f64::INFINITY;
     for number in 1..=how.trees {
-        grower.draw(|all| drawn(how, number, all));
-        let tree = grower.tree(&residuals);
-        if tree.nodes.len() == 1 {
-            if number == 1 {
-                return Err(BoostingError::NoSplit);
+        let tree = match begun.next() {
+            Some(tree) => {
+                tree.take_off(x, width, &mut residuals);
+                tree
             }
-            // Another draw of rows may have a split; the same rows have not.
-            if how.subsample >= 1.0 {
-                break;
+            None => {
+                grower.draw(|all| drawn(how, number, all));
+                let tree = grower.tree(&residuals);
+                if tree.nodes.len() == 1 {
+                    if number == 1 {
+                        return Err(BoostingError::NoSplit);
+                    }
+                    // Another draw of rows may have a split; the same rows have not.
+                    if how.subsample >= 1.0 {
+                        break;
+                    }
+                }
+                grower.take_off(&tree, x, &mut residuals);
+                tree
             }
-        }
-        grower.take_off(&tree, x, &mut residuals);
+        };
         let loss = mean_square(&residuals);
         let validated = ahead.as_mut().map_or(f64::NAN, |ahead| ahead.add(&tree));
         if !loss.is_finite() || (ahead.is_some() && !validated.is_finite()) {
@@ -323,7 +360,7 @@ pub fn boost(
             (least, boosted.best) = (validated, number);
         }
         let patient = how.patience.is_none_or(|patience| number - boosted.best < patience);
-        if each(number, loss, validated).is_break() || !patient {
+        if each(&boosted.forest.trees, loss, validated).is_break() || !patient {
             break;
         }
     }

@@ -1,8 +1,8 @@
 //! Gradient-boosted trees.
 
-use std::ops::ControlFlow;
+use std::{ops::ControlFlow, time::Instant};
 
-use learning::trees::{Boosted, Boosting, boost};
+use learning::trees::{Boosted, Boosting, Tree, boost_on, trees_from_bytes, trees_to_bytes};
 use numerics::regression::statistics;
 use schemas::{Fault, Rule};
 
@@ -13,6 +13,8 @@ use super::{
 };
 use crate::trained::{self, Learned, list};
 
+/// Seconds between two states that are kept.
+const KEPT_EVERY_S: f64 = 1.0;
 /// A validation loss of so many times the training loss is said to overfit.
 const OVERFITS: f64 = 4.0;
 
@@ -57,16 +59,25 @@ impl FitModel for BoostedTrees {
         let (x, y) = (samples.columns(&at, &train), samples.target(&train));
         let ahead = (samples.columns(&at, &validate), samples.target(&validate));
         let ahead = (!ahead.1.is_empty()).then_some((ahead.0.as_slice(), ahead.1.as_slice()));
-        let mut stopped = None;
-        let mut each =
-            |tree: usize, train: f64, validation: f64| match work.goes_on(&self.progress(tree, train, validation)) {
+        // What an earlier run of the same training left; of anything else it begins anew.
+        let begun = work.kept().and_then(|bytes| trees_from_bytes(&bytes)).unwrap_or_default();
+        let (mut stopped, mut kept, known) = (None, None::<Instant>, begun.len());
+        let mut each = |trees: &[Tree], train: f64, validation: f64| {
+            let goes_on = work.goes_on(&self.progress(trees.len(), train, validation));
+            let due = kept.is_none_or(|last| last.elapsed().as_secs_f64() > KEPT_EVERY_S);
+            if trees.len() > known && (due || goes_on.is_err()) {
+                kept = Some(Instant::now());
+                work.keep(&trees_to_bytes(trees));
+            }
+            match goes_on {
                 Ok(()) => ControlFlow::Continue(()),
                 Err(fault) => {
                     stopped = Some(fault);
                     ControlFlow::Break(())
                 }
-            };
-        let boosted = boost(&x, at.len(), &y, &self.boosting(), ahead, &mut each);
+            }
+        };
+        let boosted = boost_on(begun, &x, at.len(), &y, &self.boosting(), ahead, &mut each);
         if let Some(fault) = stopped {
             return Err(fault);
         }
@@ -141,7 +152,26 @@ impl BoostedTrees {
 mod tests {
     use schemas::Unattended;
 
-    use crate::fit::testing::{bent, fitted_to, number, stage, whole, words, worked};
+    use crate::fit::testing::{Found, Stopping, bent, fitted_to, number, stage, whole, words, worked};
+
+    #[test]
+    fn law_a_training_that_is_stopped_goes_on_to_the_same_table() {
+        let keys =
+            [words("validation", &["1.1"]), whole("leaf_samples", 2), whole("trees", 30), number("subsample", 0.7)];
+        let table = |found: &Found| -> Vec<(String, u64)> {
+            found.term.iter().cloned().zip(found.value.iter().map(|v| v.to_bits())).collect()
+        };
+        let whole_way = table(&fitted_to(&bent(), "boosted_trees", &keys));
+        for stop in [1, 7, 29] {
+            let first = Stopping::after(stop, None);
+            assert_eq!(worked(&bent(), "boosted_trees", &keys, &first).err().unwrap().what, "interrupted");
+            let second = Stopping::after(usize::MAX, first.state());
+            let found = worked(&bent(), "boosted_trees", &keys, &second).unwrap();
+            assert_eq!(table(&found), whole_way, "stopped after {stop}");
+        }
+        let damaged = Stopping::after(usize::MAX, Some(b"nothing".to_vec()));
+        assert_eq!(table(&worked(&bent(), "boosted_trees", &keys, &damaged).unwrap()), whole_way);
+    }
 
     #[test]
     fn law_they_explain_a_target_that_bends() {

@@ -39,6 +39,10 @@ impl FitModel for ExtendedTollesLawsonNetwork {
     fn idle(&self, key: &str) -> Option<Fault> {
         self.network.idle(key)
     }
+
+    fn begins_with_weights(&self) -> bool {
+        true
+    }
 }
 
 #[cfg(test)]

@@ -33,6 +33,10 @@ impl FitModel for M1 {
     fn idle(&self, key: &str) -> Option<Fault> {
         self.network.idle(key)
     }
+
+    fn begins_with_weights(&self) -> bool {
+        true
+    }
 }
 
 #[cfg(test)]

@@ -43,6 +43,10 @@ impl FitModel for M2a {
     fn idle(&self, key: &str) -> Option<Fault> {
         self.network.idle(key)
     }
+
+    fn begins_with_weights(&self) -> bool {
+        true
+    }
 }
 
 #[cfg(test)]

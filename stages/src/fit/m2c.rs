@@ -42,6 +42,10 @@ impl FitModel for M2c {
     fn idle(&self, key: &str) -> Option<Fault> {
         self.network.idle(key)
     }
+
+    fn begins_with_weights(&self) -> bool {
+        true
+    }
 }
 
 #[cfg(test)]

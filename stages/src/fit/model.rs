@@ -124,6 +124,11 @@ pub trait FitModel: Send + Sync {
         None
     }
 
+    /// Whether its training can begin with the weights of another model, [`PointWork::start`].
+    fn begins_with_weights(&self) -> bool {
+        false
+    }
+
     /// Columns that are explained together with the target.
     fn with_targets(&self) -> &[String] {
         &[]

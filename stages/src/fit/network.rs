@@ -3,6 +3,7 @@
 mod keys;
 mod linear_part;
 mod training;
+mod warm_start;
 mod window;
 
 pub use keys::Network;

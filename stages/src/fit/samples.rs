@@ -5,6 +5,7 @@ use std::{borrow::Cow, ops::Range};
 use schemas::{Fault, Work};
 
 use super::point::places;
+use crate::trained::Learned;
 
 /// The rows of all lines of a fit.
 pub struct Samples<'a> {
@@ -110,12 +111,14 @@ impl Samples<'_> {
     }
 }
 
-/// What one point of a sweep keeps and says while it learns.
+/// What one point of a sweep begins with, keeps and says while it learns.
 pub struct PointWork<'a> {
     /// That of all points.
     pub work: &'a dyn Work,
     /// The point's place among them.
     pub point: usize,
+    /// The model that the training begins with, in place of a random one.
+    pub start: Option<&'a Learned>,
 }
 
 impl PointWork<'_> {

@@ -37,6 +37,10 @@ impl FitModel for Tcn {
     fn idle(&self, key: &str) -> Option<Fault> {
         self.network.idle(key)
     }
+
+    fn begins_with_weights(&self) -> bool {
+        true
+    }
 }
 
 #[cfg(test)]

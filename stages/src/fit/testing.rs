@@ -1,9 +1,12 @@
 //! A small fit for the tests of models: two lines of three features whose coefficients are known.
 
-use std::sync::Arc;
+use std::{
+    ops::ControlFlow,
+    sync::{Arc, Mutex},
+};
 
-use arrow_array::{ArrayRef, Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
-use schemas::{AnyStage, Args, Fault, Given, LineIn, Literal, Unattended, Work};
+use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray, cast::AsArray, types::Float64Type};
+use schemas::{AnyStage, AnySurveyPoint, Args, Fault, Given, LineIn, Literal, Unattended, Work};
 
 /// What the target is made of.
 pub const COEFFICIENTS: [f64; 3] = [12.0, -7.0, 3.5];
@@ -61,6 +64,11 @@ pub fn bent() -> Vec<RecordBatch> {
     lines(&|_, exact| exact + INTERCEPT_NT + 15.0 * (exact / 8.0).tanh())
 }
 
+/// The first of the bent lines as another aircraft has it: its fields are larger, and it has another constant.
+pub fn another() -> Vec<RecordBatch> {
+    lines(&|_, exact| 1.1 * exact + 700.0 + 17.0 * (exact / 8.0).tanh())[..1].to_vec()
+}
+
 /// The same, of a target that lags the features by half a second.
 pub fn delayed() -> Vec<RecordBatch> {
     let late = |line: RecordBatch| {
@@ -105,6 +113,46 @@ pub fn stage(model: &str, keys: &[(String, Literal)]) -> Result<AnyStage, Vec<Fa
     (super::entry(super::MODELS.to_vec()).build)(&args)
 }
 
+/// Stops after some epochs or trees, with the state of that moment.
+pub struct Stopping {
+    after: usize,
+    kept: Mutex<Option<Vec<u8>>>,
+    told: Mutex<usize>,
+}
+
+impl Stopping {
+    /// Stops after so many, and begins with a state.
+    pub fn after(after: usize, kept: Option<Vec<u8>>) -> Self {
+        Self { after, kept: Mutex::new(kept), told: Mutex::default() }
+    }
+
+    /// The state that was kept last.
+    pub fn state(&self) -> Option<Vec<u8>> {
+        self.kept.lock().unwrap().clone()
+    }
+
+    /// How often progress was told.
+    pub fn told(&self) -> usize {
+        *self.told.lock().unwrap()
+    }
+}
+
+impl Work for Stopping {
+    fn kept(&self, _: usize) -> Option<Vec<u8>> {
+        self.state()
+    }
+
+    fn keep(&self, _: usize, state: &[u8]) {
+        *self.kept.lock().unwrap() = Some(state.to_vec());
+    }
+
+    fn goes_on(&self, _: usize, _: &str) -> ControlFlow<()> {
+        let mut told = self.told.lock().unwrap();
+        *told += 1;
+        if *told >= self.after { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    }
+}
+
 /// A fit to [`plain`] lines.
 pub fn fitted(model: &str, keys: &[(String, Literal)]) -> Found {
     fitted_to(&plain(INTERCEPT_NT), model, keys)
@@ -117,9 +165,32 @@ pub fn fitted_to(lines: &[RecordBatch], model: &str, keys: &[(String, Literal)])
 
 /// A fit to these lines that keeps and says what it does.
 pub fn worked(lines: &[RecordBatch], model: &str, keys: &[(String, Literal)], work: &dyn Work) -> Result<Found, Fault> {
+    begun(lines, model, keys, &[], work)
+}
+
+/// A fit that begins with the model of another.
+pub fn begun_with(
+    first: &Found,
+    lines: &[RecordBatch],
+    model: &str,
+    keys: &[(String, Literal)],
+) -> Result<Found, Fault> {
+    let terms: ArrayRef = Arc::new(first.term.iter().map(Some).collect::<StringArray>());
+    let values: ArrayRef = Arc::new(Float64Array::from(first.value.clone()));
+    let table = RecordBatch::try_from_iter([("term", terms), ("value", values)]).unwrap();
+    begun(lines, model, keys, &[lines[0].slice(0, 0), table], &Unattended)
+}
+
+fn begun(
+    lines: &[RecordBatch],
+    model: &str,
+    keys: &[(String, Literal)],
+    inputs: &[RecordBatch],
+    work: &dyn Work,
+) -> Result<Found, Fault> {
     let stage = stage(model, keys).unwrap();
     let stage = stage.of_surveys().unwrap();
-    let gather = stage.gather(&[stage]).unwrap();
+    let gather = stage.gather(&[AnySurveyPoint { stage, inputs }]).unwrap();
     let part = |(i, line): (usize, &RecordBatch)| {
         let (flight, name, inputs) = ("1".to_owned(), format!("1.{i}"), vec![line.clone()]);
         gather.map(&LineIn { flight, line: name, inputs, keep: None }).unwrap()

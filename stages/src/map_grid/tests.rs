@@ -49,7 +49,7 @@ fn survey() -> Vec<LineIn> {
 }
 
 fn yielded(stages: &[&MapGrid], lines: &[LineIn]) -> Vec<Result<Vec<ArrayRef>, Fault>> {
-    let gather = MapGrid::gather(stages.to_vec());
+    let gather = MapGrid::gather(stages.iter().map(|stage| crate::testing::point(*stage)).collect());
     let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
     gather.finish(parts, &schemas::Unattended).into_iter().map(|made| made.map(|product| product.columns)).collect()
 }

@@ -25,7 +25,11 @@ filter! {
     /// `measurement_sigma_nt` and is of the window before the sample. Of several magnetometers each has its own,
     /// `sigma_adapted_<mag>`, and one whose noise grows loses its weight.
     ///
-    /// Source: thesis 000, (5.46)-(5.49); Mehra 1972; Mohamed & Schwarz 1999.
+    /// With `noise_column`, the noise that a network or an ensemble expects of each sample, the factor is learnt that all of it is
+    /// wrong by, and its course over time is believed. Where the position is known less well than the measurement, just after
+    /// noise has ended, innovations tell little of the noise: the lower bound matters then.
+    ///
+    /// Source: thesis 000, (5.46)-(5.49) and section 5.9.3; Mehra 1972; Mohamed & Schwarz 1999.
     EkfAdaptive = "ekf_adaptive", version 1, groups [aiding: Aiding], example "window = 50";
     /// Which noise is learnt: of the measurement (`"r"`), of the process (`"q"`), or both.
     adapt: Adapt, unit "", default Adapt::R;
@@ -33,9 +37,9 @@ filter! {
     /// now and then, and the filter believes far too much unless `sigma_min_nt` is near the truth.
     window: usize, unit "1", default 50usize, rule Rule::Between(2.0, 1e6);
     /// The least noise that is learnt.
-    sigma_min_nt: Option<f64>, unit "nT", absent "a twentieth of `measurement_sigma_nt`", rule Rule::Positive;
+    sigma_min_nt: Option<f64>, unit "nT", absent "a twentieth of `measurement_sigma_nt`, or the smallest expected noise with `noise_column`", rule Rule::Positive;
     /// The largest noise that is learnt.
-    sigma_max_nt: Option<f64>, unit "nT", absent "20 times `measurement_sigma_nt`", rule Rule::Positive;
+    sigma_max_nt: Option<f64>, unit "nT", absent "20 times `measurement_sigma_nt`, or 20 times the largest expected noise with `noise_column`", rule Rule::Positive;
     /// How the innovations are matched: each with the covariance of its own time, or as MagNav.jl, which starts at the
     /// mean of the bounds and takes the present covariance off all.
     form: AdaptiveForm, unit "", default AdaptiveForm::Matched;
@@ -84,14 +88,20 @@ impl NavigationFilter for EkfAdaptive {
             adapt: self.adapt,
             form: self.form,
             window: self.window,
+            relative: flown.sample_sigma_nt.is_some(),
             gate_nis: self.gate_nis,
             keep_states: self.save_state,
             keep_covariance: self.save_state,
         };
         let sigma_nt = flown.measurement_sigma_nt;
-        let least = self.sigma_min_nt.unwrap_or(LEAST * sigma_nt);
-        let largest = self.sigma_max_nt.unwrap_or(LARGEST * sigma_nt);
         let sigmas = flown.sigma_of_each_nt();
+        let known = || sigmas.iter().copied().filter(|sigma| *sigma > 0.0 && sigma.is_finite());
+        let (usual_least, usual_largest) = match &flown.sample_sigma_nt {
+            Some(_) => (known().reduce(f64::min).unwrap_or(sigma_nt), LARGEST * known().fold(sigma_nt, f64::max)),
+            None => (LEAST * sigma_nt, LARGEST * sigma_nt),
+        };
+        let least = self.sigma_min_nt.unwrap_or(usual_least);
+        let largest = self.sigma_max_nt.unwrap_or(usual_largest);
         let magnetometers: Vec<Magnetometer> = flown
             .magnetometers
             .iter()
@@ -127,6 +137,23 @@ mod tests {
             let mean = late.iter().sum::<f64>() / late.len() as f64;
             // A wave of 6 nT and one of 1.4 nT: 4.4 nT together, and a learnt variance of 50 samples varies by a fifth.
             assert!((mean / 4.4 - 1.0).abs() < 0.25, "told {told}: {mean}");
+        }
+    }
+
+    #[test]
+    fn law_a_noise_of_each_sample_adds_to_that_of_all() {
+        // 1.5 and 2 make 2.5; a sample without one has no measurement.
+        let two = with(&flight(), "mag_2_c", |_, _| 2.0);
+        for filter in ["ekf", "iekf", "ukf", "ekf_adaptive", "rts", "crlb"] {
+            let one = flown(filter, "noise_column = 'mag_2_c'\nmag = 'mag_1_c'", &two).unwrap();
+            let keys = "measurement_sigma_nt = 2.5\nmag = 'mag_1_c'";
+            let bounds = if filter == "ekf_adaptive" { "\nsigma_min_nt = 2.5\nsigma_max_nt = 50.0" } else { "" };
+            let same = flown(filter, &format!("{keys}{bounds}"), &two).unwrap();
+            assert_eq!(one.numbers("lat"), same.numbers("lat"), "{filter}");
+            assert_eq!(one.numbers("sd_e"), same.numbers("sd_e"), "{filter}");
+            let gap = with(&two, "mag_2_c", |row, nt| if row == 300 { f64::NAN } else { nt });
+            let gap = flown(filter, "noise_column = 'mag_2_c'\nmag = 'mag_1_c'", &gap).unwrap();
+            assert!(gap.numbers("nis")[300].is_nan() && gap.numbers("lat")[301].is_finite(), "{filter}");
         }
     }
 

@@ -120,7 +120,12 @@ impl NavigationFilter for EkfOnlineNn {
         let (network, prior, training) = self.train(flown, &line, &fixes, (features, &names))?;
         let mut measured_nt = flown.measured_nt.clone();
         measured_nt[..training].fill(f64::NAN);
-        let sigma_nt: Vec<f64> = flown.sigma_nt.iter().map(|sigma| sigma.max(prior.misfit_nt)).collect();
+        let sigma_nt: Vec<f64> = flown
+            .sigma_nt
+            .iter()
+            // `max` takes the other number for NaN, which is a missing measurement.
+            .map(|sigma| if sigma.is_nan() { *sigma } else { sigma.max(prior.misfit_nt) })
+            .collect();
         // The bias of the network holds the offset.
         let line = NavigationLine { measurement_nt: &measured_nt, sigma_nt: &sigma_nt, offset_window_s: 0.0, ..line };
         let parameters = OnlineParameters {

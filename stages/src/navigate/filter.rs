@@ -54,6 +54,8 @@ pub struct Flown<'a> {
     pub cosines: Option<Vec<f64>>,
     /// What one sigma of a sample's measurement is multiplied by for the attitude; NaN makes it a missing one.
     pub noise_factors: Option<Vec<f64>>,
+    /// One sigma of what the measurement of each sample errs by besides, in nT; NaN makes it a missing one.
+    pub sample_sigma_nt: Option<Vec<f64>>,
     /// One sigma of what the map errs by at each sample, as white noise, in nT.
     pub map_sigma_nt: Option<Vec<f64>>,
 }
@@ -117,7 +119,8 @@ impl Flown<'_> {
 
     /// What a sensor adds.
     pub(super) fn own_sigma_nt(&self, row: usize) -> f64 {
-        self.measurement_sigma_nt * self.noise_factors.as_ref().map_or(1.0, |factors| factors[row])
+        let sensor_nt = self.measurement_sigma_nt * self.noise_factors.as_ref().map_or(1.0, |factors| factors[row]);
+        self.sample_sigma_nt.as_ref().map_or(sensor_nt, |sigma_nt| sensor_nt.hypot(sigma_nt[row]))
     }
 
     /// What the map adds.

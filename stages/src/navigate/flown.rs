@@ -126,6 +126,7 @@ fn flown<'a>(
         noise_factors: cosines.as_ref().map(factors),
         field_nt,
         cosines,
+        sample_sigma_nt: stage.sample_sigma_nt(batch)?,
         map_sigma_nt: prepared
             .map
             .as_ref()

@@ -172,3 +172,31 @@ fn law_an_offset_from_the_noise_itself_doubles_its_variance_and_time() {
     let fault = navigate(&auto).expected(&batch(&silent.map(|(name, x)| (name, &x[..1])))).err().unwrap();
     assert_eq!((fault.place.column.as_deref(), fault.owner), (Some("mag_sigma"), schemas::Owner::Data));
 }
+
+#[test]
+fn unit_the_column_of_the_noise_is_checked_before_and_in_the_line() {
+    let noisy = flight(&[("noise", "nT"), ("current", "A")]);
+    let with = |column: &str, more: &[(&str, Literal)]| {
+        let keys = [("core_field", Literal::Bool(false)), ("noise_column", text(column))];
+        navigate(&keys.into_iter().chain(more.iter().cloned()).collect::<Vec<_>>())
+    };
+    let said = |stage: &Navigate| {
+        let faults = stage.yields(&[&noisy, &map()]).unwrap_err();
+        assert!(faults.iter().all(|f| f.param.as_deref() == Some("noise_column")), "{faults:?}");
+        faults[0].what.clone()
+    };
+    assert!(with("noise", &[]).yields(&[&noisy, &map()]).unwrap().reads[0].iter().any(|name| name == "noise"));
+    assert!(said(&with("current", &[])).contains("is in A, but nT is needed"));
+    assert!(said(&with("nose", &[])).contains("`nose`"));
+    assert!(said(&with("mag_c", &[])).contains("is the measurement"));
+    let two = Literal::List(vec![text("mag_c"), text("noise")]);
+    assert!(said(&with("noise", &[("mag", two)])).contains("of one magnetometer"));
+    let why = with("noise", &[("filter", text("ins_only"))]).idle("noise_column").unwrap().what;
+    assert_eq!(why, "the filter `ins_only` has no use for `noise_column`");
+    let sigma_nt = |values: &[f64]| with("noise", &[]).sample_sigma_nt(&batch(&[("noise", values)]));
+    let found = sigma_nt(&[3.0, f64::INFINITY, f64::NAN, 0.0]).unwrap().unwrap();
+    assert!(found[0] == 3.0 && found[1].is_nan() && found[2].is_nan() && found[3] == 0.0, "{found:?}");
+    let fault = sigma_nt(&[3.0, -0.5]).unwrap_err();
+    assert_eq!(fault.what, "a standard deviation of -0.5 nT in row 2");
+    assert_eq!(fault.place.column.as_deref(), Some("noise"));
+}

@@ -87,7 +87,7 @@ fn survey(off_m: f64, tracked: bool) -> Vec<LineIn> {
 }
 
 fn yielded(stage: &TrackMap, lines: &[LineIn]) -> Result<Product, Fault> {
-    let gather = TrackMap::gather(vec![stage]);
+    let gather = TrackMap::gather(vec![crate::testing::point(stage)]);
     let parts = lines.iter().map(|line| gather.map(line).unwrap()).collect();
     gather.finish(parts, &schemas::Unattended).remove(0)
 }
@@ -167,7 +167,7 @@ fn law_nodes_that_are_not_known_are_nan_and_bounds_hold() {
 fn law_a_mean_over_an_interval_is_one_measurement() {
     let stage = plain(&[("interval_s", Literal::Float(2.0))]);
     let line = line(3, 0.0, 0.0);
-    let gather = TrackMap::gather(vec![&stage]);
+    let gather = TrackMap::gather(vec![crate::testing::point(&stage)]);
     let part = gather.map(&line).unwrap();
     assert!(gather.refused(&part).is_empty());
     let all = stage.measured(&line).unwrap();
@@ -196,7 +196,7 @@ fn gold_what_makes_no_map_says_why() {
     assert!(fault.to_string().contains("different samples"), "{fault}");
     let none = LineIn { keep: Some(vec![false; 60]), ..two.clone() };
     assert!(plainly.measured(&none).unwrap_err().to_string().contains("no sample has a position"));
-    let gather = TrackMap::gather(vec![&plainly]);
+    let gather = TrackMap::gather(vec![crate::testing::point(&plainly)]);
     assert_eq!(gather.refused(&gather.map(&none).unwrap()).len(), 1);
     let refused = |args: &[(&str, Literal)]| yielded(&plain(args), &survey(0.0, false)).unwrap_err().to_string();
     assert!(refused(&[("max_sd_nt", Literal::Float(1e-3))]).contains("no node has a standard deviation below"));

@@ -21,7 +21,7 @@ use numerics::regression::statistics;
 use schemas::Fault;
 
 use super::{
-    Prediction,
+    Layers, Parts, Prediction,
     terms::{Reading, Term, broken, list, member_of, named_list, term},
 };
 
@@ -111,6 +111,18 @@ impl Network {
     /// The names of the linear terms.
     pub fn linear(&self) -> &[String] {
         &self.linear
+    }
+
+    /// See [`Learned::parts`](super::Learned::parts).
+    pub fn parts(&self) -> Parts<'_> {
+        Parts {
+            inputs: &self.inputs,
+            scaling: &self.scaling,
+            linear: &self.linear,
+            layers: Layers::Dense(&self.shape),
+            members: &self.members,
+            scale_nt: self.target.1,
+        }
     }
 
     /// The bytes of an ONNX file of it. The input `x` takes rows of [`Network::inputs`], `a` rows of [`Network::linear`] where there are

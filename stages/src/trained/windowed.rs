@@ -13,7 +13,7 @@ use numerics::regression::statistics;
 use schemas::Fault;
 
 use super::{
-    Prediction,
+    Layers, Parts, Prediction,
     terms::{Reading, Term, broken, list, member_of, named_list, term},
 };
 
@@ -63,6 +63,18 @@ impl WindowedNetwork {
     /// The columns of a row.
     pub fn columns(&self) -> &[String] {
         &self.inputs
+    }
+
+    /// See [`Learned::parts`](super::Learned::parts).
+    pub fn parts(&self) -> Parts<'_> {
+        Parts {
+            inputs: &self.inputs,
+            scaling: &self.scaling,
+            linear: &[],
+            layers: Layers::Windowed(&self.core, self.rate_hz),
+            members: &self.members,
+            scale_nt: self.target.1,
+        }
     }
 
     /// Whether samples at a rate can be its input.

@@ -46,7 +46,7 @@ fn nodes(source: &Source) -> Vec<Node> {
     for map in &plan.maps {
         nodes.push(Node {
             name: map.name.clone(),
-            lines: vec!["map".to_owned()],
+            lines: vec![map.word().to_owned()],
             inputs: vec![],
             source: true,
             incomplete: false,

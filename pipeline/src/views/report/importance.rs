@@ -1,15 +1,21 @@
-//! Which inputs matter to a model: bars of the means over lines, with a dot for each line.
+//! Which inputs matter to a model: bars of the means over lines and seeds, with a dot for each, and the beeswarm of samples.
 
 use std::collections::BTreeMap;
 
 use arrow_array::{Array, cast::AsArray, types::Float64Type};
 use figures::chart::px;
 use maud::{Markup, html};
-use schemas::Fault;
+use schemas::{Fault, Literal};
 
-use super::source::Source;
-use crate::views::text::{number, point_words};
+use super::{beeswarm::Swarm, source::Source};
+use crate::{
+    plan::Point,
+    spec::Spec,
+    views::text::{number, point_words},
+};
 
+/// The columns of the samples.
+const SAMPLES: [&str; 2] = ["sample_values", "sample_inputs"];
 /// Groups that are drawn, and models.
 const GROUPS: usize = 20;
 const MODELS: usize = 12;
@@ -26,6 +32,17 @@ struct Ranking {
     unit: String,
     /// The absolute value on each line, by group.
     groups: BTreeMap<String, Vec<f64>>,
+    /// The samples, where they are kept.
+    swarm: Swarm,
+}
+
+/// The axes that give a seed: what they differ in is chance, and no other model.
+fn seeds(spec: &Spec) -> Vec<&str> {
+    let given = spec.stages.iter().filter_map(|stage| match &stage.args.get("seed")?.value {
+        Literal::Text(axis) => axis.strip_prefix('$'),
+        _ => None,
+    });
+    given.collect()
 }
 
 /// The section of all tables of importance; `None` without one.
@@ -35,6 +52,7 @@ struct Ranking {
 pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
     let (graph, store) = (source.graph, source.store);
     let mut models: BTreeMap<(usize, usize), (String, Ranking)> = BTreeMap::new();
+    let (seeds, mut first_of) = (seeds(&graph.plan.spec), BTreeMap::new());
     for (t, node) in graph.plan.tables.iter().enumerate().filter(|(_, node)| node.entry.name == "importance") {
         for unit in graph.units(t) {
             let Ok(key) = graph.key(unit) else { continue };
@@ -48,8 +66,11 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
             else {
                 continue;
             };
-            let (_, ranking) = models.entry((t, unit.instance)).or_insert_with(|| {
-                let point = point_words(&graph.plan.instance(unit.table, unit.instance).point());
+            let mut point: Point = graph.plan.instance(unit.table, unit.instance).point();
+            point.retain(|axis, _| !seeds.contains(&axis.as_str()));
+            let point = point_words(&point);
+            let instance = *first_of.entry((t, point.clone())).or_insert(unit.instance);
+            let (_, ranking) = models.entry((t, instance)).or_insert_with(|| {
                 let title = if point.is_empty() { node.name.clone() } else { format!("{}: {point}", node.name) };
                 (title, Ranking::default())
             });
@@ -58,15 +79,35 @@ pub fn section(source: &Source) -> Result<Option<Markup>, Fault> {
                 units.value(i).clone_into(&mut ranking.unit);
                 ranking.groups.entry(groups.value(i).to_owned()).or_default().push(values.value(i).abs());
             }
+            if graph.plan.instance(unit.table, unit.instance).makes(SAMPLES[0]).is_some() {
+                let batch = store.get(key, &SAMPLES)?;
+                let list = |column: usize, i: usize| -> Vec<f64> {
+                    let row = batch.column(column).as_fixed_size_list_opt().map(|list| list.value(i));
+                    row.iter()
+                        .filter_map(|row| row.as_primitive_opt::<Float64Type>())
+                        .flat_map(|x| x.values().iter())
+                        .copied()
+                        .collect()
+                };
+                for i in 0..batch.num_rows() {
+                    ranking.swarm.add(groups.value(i), &list(0, i), &list(1, i));
+                }
+            }
         }
     }
     let more = models.len().saturating_sub(MODELS);
-    let drawn: Vec<Markup> = models.into_values().take(MODELS).map(|(title, ranking)| ranking.drawn(&title)).collect();
+    let drawn = models.into_values().take(MODELS);
+    let drawn: Vec<Markup> = drawn
+        .map(|(title, ranking)| {
+            let swarm = ranking.swarm.drawn(&title, &ranking.unit);
+            html! { (ranking.drawn(&title)) @if let Some(swarm) = swarm { (swarm) } }
+        })
+        .collect();
     Ok((!drawn.is_empty()).then(|| {
         html! {
             section id="importance" {
                 h2 { "Which inputs matter" }
-                p.lead { "A bar is the mean over the lines, a dot is a line; signs are left out. Inputs that say the same share what they matter." }
+                p.lead { "A bar is the mean over the lines, a dot is a line, with each seed where there are several; signs are left out. Inputs that say the same share what they matter." }
                 @for picture in drawn { (picture) }
                 @if more > 0 { p.note { (more) " more models are not drawn." } }
             }
@@ -115,7 +156,7 @@ mod tests {
     fn unit_groups_are_in_the_order_of_their_means_with_a_dot_for_each_line() {
         let groups = [("a", vec![1.0, 2.0]), ("b", vec![5.0]), ("c", vec![0.5, 0.5, 0.5])];
         let groups = groups.into_iter().map(|(name, values)| (name.to_owned(), values)).collect();
-        let ranking = Ranking { method: "permutation".into(), unit: "nT2".into(), groups };
+        let ranking = Ranking { method: "permutation".into(), unit: "nT2".into(), groups, swarm: Swarm::default() };
         let drawn = ranking.drawn("importance").0;
         let places: Vec<usize> = [">b<", ">a<", ">c<"].iter().filter_map(|name| drawn.find(name)).collect();
         assert!(places.len() == 3 && places.is_sorted(), "{drawn}");

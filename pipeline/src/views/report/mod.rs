@@ -4,6 +4,7 @@
 //! page holds no clock, host or path: the same store and spec give the same bytes.
 
 mod atlas;
+mod beeswarm;
 mod board;
 mod by_line;
 mod earth;

@@ -104,9 +104,7 @@ impl<'a> Grower<'a> {
     /// Takes the values of the last tree off the residuals of all rows, `x`.
     pub fn take_off(&self, tree: &Tree, x: &[f64], residuals: &mut [f64]) {
         if self.partial {
-            let rows = x.par_chunks_exact(self.bins.width);
-            residuals.par_iter_mut().zip(rows).with_min_len(512).for_each(|(r, row)| *r -= tree.value(row));
-            return;
+            return tree.take_off(x, self.bins.width, residuals);
         }
         for leaf in &self.leaves {
             let Some(Node::Leaf { value }) = tree.nodes.get(leaf.node) else { continue };

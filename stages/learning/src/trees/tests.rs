@@ -101,6 +101,32 @@ fn law_threads_change_no_bit_and_seeds_change_what_a_tree_sees() {
 }
 
 #[test]
+fn law_a_training_that_goes_on_has_the_bits_of_one_that_was_not_broken_off() {
+    let (x, y) = waves(0..3000);
+    for (subsample, patience) in [(1.0, None), (0.6, Some(6))] {
+        let how = Boosting { trees: 12, subsample, patience, ..Boosting::default() };
+        let ahead = Some((&x[..800], &y[50..150]));
+        let whole = boost(&x, 8, &y, &how, ahead, &mut on).unwrap();
+        for stop in [1, 5, whole.losses.len()] {
+            let mut kept = vec![];
+            let mut each = |trees: &[Tree], _: f64, _: f64| {
+                kept = trees_to_bytes(trees);
+                if trees.len() == stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            };
+            boost_on(vec![], &x, 8, &y, &how, ahead, &mut each).unwrap();
+            let begun = trees_from_bytes(&kept).unwrap();
+            assert_eq!(begun.len(), stop);
+            let mut each = |_: &[Tree], _: f64, _: f64| ControlFlow::Continue(());
+            assert_eq!(boost_on(begun, &x, 8, &y, &how, ahead, &mut each).unwrap(), whole, "{subsample} {stop}");
+        }
+    }
+    let foreign = Tree { nodes: vec![Node::Split { feature: 8, threshold: 0.0, left: 1, right: 2 }] };
+    let mut each = |_: &[Tree], _: f64, _: f64| ControlFlow::Continue(());
+    let fault = boost_on(vec![foreign], &x, 8, &y, &Boosting::default(), None, &mut each).unwrap_err();
+    assert!(matches!(fault, BoostingError::Malformed { tree: 0, node: 0, .. }), "{fault}");
+}
+
+#[test]
 fn law_training_ends_early_at_the_trees_that_validate_best() {
     let (x, y) = waves(0..2000);
     // What the validation rows have is twice as large with the other sign: each tree makes it worse after the first.

@@ -19,6 +19,9 @@
 //! bounds to speak of, the simulated flights of the tests have R/R̂ of 2.4 and six times the squared error that the
 //! filter claims; with 50, both are right to a tenth. The bounds are what makes a short window usable.
 //!
+//! Where the expected noise σ changes along the line ([`AdaptiveParameters::relative`]) each innovation counts in its units,
+//! and R̂ = σ² (1/N) Σ (v_j² − H_j P_j H_jᵀ)/σ_j²: the factor that all of σ is wrong by is learnt, and its course is believed.
+//!
 //! # Several magnetometers
 //!
 //! They see the same field and the same S, so their rows of H are equal and their noises independent. The correction by
@@ -102,6 +105,9 @@ pub struct AdaptiveParameters {
     pub form: AdaptiveForm,
     /// The number N of innovations that are looked back on, at least 2.
     pub window: usize,
+    /// Whether a factor of the expected variance is learnt in place of the variance itself: for an expected noise that changes
+    /// from sample to sample, as one that another model predicts.
+    pub relative: bool,
     /// A measurement whose squared residual over its variance is above this is left out; `None` uses every one.
     pub gate_nis: Option<f64>,
     /// Hand out the error states of every sample (144 bytes each).
@@ -116,6 +122,7 @@ impl Default for AdaptiveParameters {
             adapt: Adapt::R,
             form: AdaptiveForm::Matched,
             window: 50,
+            relative: false,
             gate_nis: None,
             keep_states: true,
             keep_covariance: false,

@@ -31,7 +31,7 @@ params! {
     /// A network and how it is trained.
     pub struct Network;
     /// Units of each hidden layer, from none to three layers.
-    hidden: Option<Vec<usize>>, unit "1", absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in thesis 004", rule Rule::Between(1.0, 1000.0);
+    hidden: Option<Vec<usize>>, unit "1", absent "`[8]`; `[11]` for `tlnn` and `etlnn`, as in thesis 004; with `warm_start` those of its network", rule Rule::Between(1.0, 1000.0);
     /// What a hidden unit makes of its sum.
     activation: Activation, unit "", default Activation::Swish;
     /// The inputs of the network: entries of the features, by their names or what several names have before a `_`.

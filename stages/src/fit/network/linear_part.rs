@@ -1,6 +1,7 @@
 //! The linear model beside a network.
 
 use numerics::{
+    compensation::model_terms::core_term_names,
     regression::least_squares::{Moments, Scaling},
     signal::{filter::ConstantColumns, segments::filter_matrix},
 };
@@ -12,7 +13,7 @@ params! {
     /// The linear model beside a network: the ridge of band-passed terms, as `tolles_lawson` fits it.
     pub struct LinearPart;
     /// The terms of the linear model: entries of the features, by their names or what several names have before a `_`.
-    linear: Option<Vec<String>>, unit "", absent "those of Tolles and Lawson among the features; all features for `etlnn`";
+    linear: Option<Vec<String>>, unit "", absent "those of Tolles and Lawson among the features, those of the core-field model where there are none; all features for `etlnn`. Other terms, such as slopes or those of the extended model, are inputs of the network alone";
     /// The strength of the penalty.
     lambda: f64, unit "", default 0.025, rule Rule::NotNegative;
     /// The lower corner of the filter of the linear fit; 0 leaves it off.
@@ -41,10 +42,19 @@ impl LinearPart {
             return samples.places(self.linear.as_ref()).map_err(|f| f.of_param("linear"));
         }
         let is_term = |name: &str| TOLLES_LAWSON.contains(&name) || name.starts_with("TL_");
-        let found: Vec<usize> = (0..samples.names.len()).filter(|i| is_term(&samples.names[*i])).collect();
+        let among = |is: &dyn Fn(&str) -> bool| -> Vec<usize> {
+            (0..samples.names.len()).filter(|i| is(&samples.names[*i])).collect()
+        };
+        let found = among(&is_term);
+        if !found.is_empty() {
+            return Ok(found);
+        }
+        let core = core_term_names();
+        let found = among(&|name| core.iter().any(|term| term == name));
         if found.is_empty() {
-            let what = "none of the features is a term of Tolles and Lawson";
-            return Err(Fault::data(what).of_param("linear").help("make `tl` one of the features, or name the terms"));
+            let what = "none of the features is a term of Tolles and Lawson, or of the core-field model";
+            let help = "make `tl` one of the features, or name the terms of the linear model in `linear`";
+            return Err(Fault::data(what).of_param("linear").help(help));
         }
         Ok(found)
     }
@@ -81,5 +91,26 @@ impl LinearPart {
         let path = prepared.ridge(&[self.lambda], &names).map_err(data)?;
         let found = path.solutions.into_iter().next().and_then(|s| s.coefficients.into_iter().next());
         found.ok_or_else(|| Fault::bug("a fit was lost"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    #[test]
+    fn unit_the_linear_terms_are_those_of_tolles_and_lawson_or_else_of_the_core_field() {
+        let part = LinearPart { linear: None, lambda: 0.0, linear_low_hz: 0.0, linear_high_hz: 0.0 };
+        let places = |names: &[&str], all: bool| {
+            let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+            part.places(&Samples { names: &names, lines: vec![] }, all)
+        };
+        assert_eq!(places(&["cur", "x", "core_x", "TL_A_flux_a_x"], false).unwrap(), [1, 3]);
+        assert_eq!(places(&["cur", "core_x", "core_xy_dot", "easting"], false).unwrap(), [1, 2]);
+        assert_eq!(places(&["cur", "easting"], true).unwrap(), [0, 1]);
+        let fault = places(&["cur", "easting", "cur_1"], false).unwrap_err();
+        assert!(fault.param.as_deref() == Some("linear") && fault.help.unwrap().contains("in `linear`"));
     }
 }

@@ -9,7 +9,7 @@ use learning::{
 use numerics::{random::seed_of, regression::statistics};
 use schemas::Fault;
 
-use super::{LinearPart, Network, Window};
+use super::{LinearPart, Network, Window, warm_start::WarmStart};
 use crate::{
     fit::{
         model::Learnt,
@@ -59,8 +59,16 @@ impl Scaled {
     }
 }
 
+/// What the training of the members begins with.
+struct Beginning {
+    /// The parameters of each member.
+    members: Vec<Vec<f64>>,
+    /// The coefficients of the linear model, in the scale of the target.
+    linear: Vec<f64>,
+}
+
 /// The network that is trained.
-enum Core {
+pub enum Core {
     /// Of each sample alone.
     Dense(Shape),
     /// Of a window of samples.
@@ -68,10 +76,24 @@ enum Core {
 }
 
 impl Core {
-    fn start(&self, seed: u64, linear: &[f64]) -> State {
+    fn initial(&self, seed: u64, linear: &[f64]) -> Vec<f64> {
         match self {
-            Core::Dense(shape) => State::new(shape, shape.initial(seed, linear)),
-            Core::Windowed(windowed) => windowed.start(windowed.initial(seed, linear)),
+            Core::Dense(shape) => shape.initial(seed, linear),
+            Core::Windowed(windowed) => windowed.initial(seed, linear),
+        }
+    }
+
+    fn start(&self, parameters: Vec<f64>) -> State {
+        match self {
+            Core::Dense(shape) => State::new(shape, parameters),
+            Core::Windowed(windowed) => windowed.start(parameters),
+        }
+    }
+
+    fn predict(&self, parameters: &[f64], rows: &Scaled) -> Vec<f64> {
+        match self {
+            Core::Dense(shape) => shape.predict(parameters, &rows.x, &rows.a),
+            Core::Windowed(windowed) => windowed.predict(parameters, &rows.x, &rows.a, &rows.runs),
         }
     }
 
@@ -108,33 +130,39 @@ pub fn learn(
     work: &PointWork,
 ) -> Result<Learnt, Fault> {
     let (train_on, validate_on) = samples.split(&keys.validation)?;
+    let warm = work.start.map(|model| WarmStart::of(model, beside.form)).transpose()?;
     let mut at = samples.places(keys.inputs.as_ref()).map_err(|f| f.of_param("inputs"))?;
-    let (scaling, constant) = scaling(samples, &train_on, &mut at, settings.whiten)?;
+    let (scaling, constant) = match &warm {
+        Some(warm) => (warm.scaling(samples, &mut at, settings.whiten)?, vec![]),
+        None => scaling(samples, &train_on, &mut at, settings.whiten)?,
+    };
     let (linear_at, coefficients) = match beside.linear {
         Some(part) => {
-            let places = part.places(samples, beside.all_features)?;
+            let mut places = part.places(samples, beside.all_features)?;
+            if let Some(warm) = &warm {
+                warm.order_terms(samples, &mut places)?;
+            }
             let fitted = part.fit(samples, &train_on, &places)?;
             (places, fitted)
         }
         None => (vec![], vec![]),
     };
-    let target = target(samples, &train_on, &linear_at, &coefficients, beside.form)?;
-    let scaled = |lines: &[usize]| Scaled {
+    let mut target = target(samples, &train_on, &linear_at, &coefficients, beside.form)?;
+    let scaled = |lines: &[usize], (mean, scale): (f64, f64)| Scaled {
         x: scaling.apply(&samples.columns(&at, lines)),
         a: samples.columns(&linear_at, lines),
-        y: samples.target(lines).iter().map(|y| (y - target.0) / target.1).collect(),
+        y: samples.target(lines).iter().map(|y| (y - mean) / scale).collect(),
         runs: samples.runs(lines),
     };
     let inputs = beside.window.as_ref().map_or_else(|| scaling.width(), |window| window.units);
+    let usual = || warm.as_ref().map_or_else(|| beside.hidden.to_vec(), WarmStart::hidden);
     let shape = Shape {
         inputs,
         linear: linear_at.len(),
-        hidden: keys.hidden.clone().unwrap_or_else(|| beside.hidden.to_vec()),
+        hidden: keys.hidden.clone().unwrap_or_else(usual),
         activation: keys.activation,
         form: beside.form,
     };
-    let start: Vec<f64> = coefficients.iter().map(|b| b / target.1).collect();
-    let (rows, validation) = (scaled(&train_on), scaled(&validate_on));
     let core = match &beside.window {
         None => Core::Dense(shape),
         Some(Window { memory, window, units }) => {
@@ -142,7 +170,37 @@ pub fn learn(
             Core::Windowed(Windowed { memory, inputs: scaling.width(), window, units, head: shape })
         }
     };
-    let trained = members(keys, beside, &core, &start, (&rows, &validation), target.1, work)?;
+    let in_scale = |scale: f64| coefficients.iter().map(|b| b / scale).collect::<Vec<f64>>();
+    let (members, rows) = match &warm {
+        Some(warm) => {
+            warm.check(keys, &core, samples)?;
+            target.1 = warm.scale_nt();
+            let members = warm.members(beside.form, &in_scale(target.1));
+            let mut rows = scaled(&train_on, (0.0, target.1));
+            // The constant of another aircraft is not that of this one.
+            let left = members.iter().flat_map(|m| {
+                let made = core.predict(m, &rows);
+                rows.y.iter().zip(made).map(|(y, made)| y - made).collect::<Vec<f64>>()
+            });
+            let mean = statistics::mean(&left.collect::<Vec<f64>>()).value;
+            if !mean.is_finite() {
+                return Err(warm.fault("predicts numbers that are not finite on these lines"));
+            }
+            target.0 = mean * target.1;
+            rows.y.iter_mut().for_each(|y| *y -= mean);
+            (members, rows)
+        }
+        None => {
+            let linear = in_scale(target.1);
+            let members = (0..keys.members).map(|member| core.initial(member_seed(keys, member), &linear));
+            (members.collect(), scaled(&train_on, target))
+        }
+    };
+    let far = warm.as_ref().map(|warm| warm.far(samples, &at, &train_on)).unwrap_or_default();
+    let validation = scaled(&validate_on, target);
+    let beginning = Beginning { members, linear: in_scale(target.1) };
+    let training_rows = (&rows, &validation);
+    let trained = train_members(keys, beside.physics, &core, &beginning, training_rows, target.1, work)?;
     let names = |at: &[usize]| at.iter().map(|&i| samples.names[i].clone()).collect::<Vec<_>>();
     let parameters = trained.iter().map(|t| t.parameters.clone()).collect();
     let model = match core {
@@ -161,7 +219,11 @@ pub fn learn(
         model,
         chosen: first.best as f64,
         curve: curve(&trained),
-        warning: warning(keys, samples, &constant, &trained, !validate_on.is_empty()),
+        warning: [far, warning(keys, samples, &constant, &trained, !validate_on.is_empty())]
+            .into_iter()
+            .filter(|said| !said.is_empty())
+            .collect::<Vec<_>>()
+            .join("; "),
     })
 }
 
@@ -221,12 +283,17 @@ fn target(
     Ok((mean, scale))
 }
 
+/// The seed of a member's first weights, batches and dropout.
+fn member_seed(keys: &Network, member: usize) -> u64 {
+    seed_of(keys.seed as u64, &["member", &member.to_string()])
+}
+
 /// Trains all members, one after the other, from where an earlier run left them.
-fn members(
+fn train_members(
     keys: &Network,
-    beside: &Beside,
+    physics: f64,
     core: &Core,
-    linear: &[f64],
+    beginning: &Beginning,
     (rows, validation): (&Scaled, &Scaled),
     scale_nt: f64,
     work: &PointWork,
@@ -236,14 +303,13 @@ fn members(
     let validation = (!validation.y.is_empty()).then_some(validation);
     let all_epochs = keys.epochs + keys.lbfgs_epochs;
     let mut trained = vec![];
-    for member in 0..keys.members {
-        let seed = seed_of(keys.seed as u64, &["member", &member.to_string()]);
+    for (member, first) in beginning.members.iter().enumerate() {
         let state = kept_states.get(member).cloned().unwrap_or_else(|| {
-            let mut state = core.start(seed, linear);
-            state.tolles_lawson = linear.to_vec();
+            let mut state = core.start(first.clone());
+            state.tolles_lawson.clone_from(&beginning.linear);
             state
         });
-        let training = Training { physics: beside.physics, ..keys.training(seed) };
+        let training = Training { physics, ..keys.training(member_seed(keys, member)) };
         let (mut stopped, mut kept, begun, from) = (None, None::<Instant>, Instant::now(), state.epoch);
         let mut each = |epoch: &Epoch, state: &State| {
             let done = state.epoch;
@@ -367,41 +433,9 @@ fn warning(keys: &Network, samples: &Samples, constant: &[usize], trained: &[Tra
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use std::sync::Mutex;
+    use schemas::Literal;
 
-    use schemas::{Literal, Work};
-
-    use super::*;
-    use crate::fit::testing::{Found, bent, fitted_to, number, stage, whole, words, worked};
-
-    /// Stops after some epochs, with the state of that moment.
-    struct Stopping {
-        epochs: usize,
-        kept: Mutex<Option<Vec<u8>>>,
-        told: Mutex<Vec<String>>,
-    }
-
-    impl Stopping {
-        fn after(epochs: usize, kept: Option<Vec<u8>>) -> Self {
-            Self { epochs, kept: Mutex::new(kept), told: Mutex::default() }
-        }
-    }
-
-    impl Work for Stopping {
-        fn kept(&self, _: usize) -> Option<Vec<u8>> {
-            self.kept.lock().unwrap().clone()
-        }
-
-        fn keep(&self, _: usize, state: &[u8]) {
-            *self.kept.lock().unwrap() = Some(state.to_vec());
-        }
-
-        fn goes_on(&self, _: usize, progress: &str) -> ControlFlow<()> {
-            let mut told = self.told.lock().unwrap();
-            told.push(progress.to_owned());
-            if told.len() >= self.epochs { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        }
-    }
+    use crate::fit::testing::{Found, Stopping, bent, fitted_to, number, stage, whole, words, worked};
 
     fn keys() -> Vec<(String, Literal)> {
         let validation = words("validation", &["1.1"]);
@@ -419,11 +453,10 @@ mod tests {
             let first = Stopping::after(stop, None);
             let fault = worked(&bent(), "m1", &keys(), &first).err().unwrap();
             assert_eq!(fault.what, "interrupted");
-            let kept = first.kept.lock().unwrap().clone();
-            let second = Stopping::after(usize::MAX, kept);
+            let second = Stopping::after(usize::MAX, first.state());
             let found = worked(&bent(), "m1", &keys(), &second).unwrap();
             assert_eq!(table(&found), whole_way, "stopped after {stop}");
-            assert!(second.told.lock().unwrap().len() <= 24 - stop, "it began again");
+            assert!(second.told() <= 24 - stop, "it began again");
         }
         let damaged = Stopping::after(usize::MAX, Some(b"nothing".to_vec()));
         assert_eq!(table(&worked(&bent(), "m1", &keys(), &damaged).unwrap()), whole_way);

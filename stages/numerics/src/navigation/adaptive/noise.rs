@@ -11,8 +11,12 @@ pub(super) struct Learner<'a> {
     form: AdaptiveForm,
     /// Whether R is learnt.
     learns: bool,
+    /// Whether a factor of the expected variance is learnt.
+    relative: bool,
+    /// The first expected variance, in nT², which the others are relative to.
+    first_nt2: Option<f64>,
     gate_nis: Option<f64>,
-    /// The last innovations squared; in the matched form each less its expected part H P Hᵀ.
+    /// The last innovations squared, over the unit of their time; in the matched form each less its expected part H P Hᵀ.
     window: Window,
     pub(super) adapted: Adapted,
 }
@@ -67,6 +71,8 @@ impl<'a> Learner<'a> {
             magnetometer,
             form: parameters.form,
             learns: parameters.adapt != Adapt::Q,
+            relative: parameters.relative,
+            first_nt2: None,
             gate_nis: parameters.gate_nis,
             window: Window::new(parameters.window),
             adapted: Adapted { sigma_nt: Vec::with_capacity(rows), offset_nt, offset_samples, ..Adapted::default() },
@@ -88,7 +94,9 @@ impl<'a> Learner<'a> {
     /// it. `predicted_nt2` is H P Hᵀ.
     pub(super) fn innovate(&mut self, row: usize, expected_nt: f64, predicted_nt2: f64, fusion: &mut Fusion) {
         let Some((measured_nt, assumed_nt2)) = self.measured(row) else { return self.skip() };
-        let noise_nt2 = if self.learns { self.noise_nt2(assumed_nt2, predicted_nt2) } else { assumed_nt2 };
+        let first_nt2 = *self.first_nt2.get_or_insert(assumed_nt2);
+        let unit = if self.relative { assumed_nt2 / first_nt2 } else { 1.0 };
+        let noise_nt2 = if self.learns { self.noise_nt2(assumed_nt2, predicted_nt2, unit) } else { assumed_nt2 };
         self.adapted.sigma_nt.push(noise_nt2.sqrt());
         let residual_nt = measured_nt - expected_nt;
         let square = residual_nt * residual_nt;
@@ -101,21 +109,21 @@ impl<'a> Learner<'a> {
             fusion.used.add(residual_nt, noise_nt2);
         }
         let expected = if self.form == AdaptiveForm::Matched { predicted_nt2 } else { 0.0 };
-        self.window.push(square.min(most) - expected);
+        self.window.push((square.min(most) - expected) / unit);
     }
 
-    /// The variance of the noise by the innovations so far, within its bounds.
-    fn noise_nt2(&self, assumed_nt2: f64, predicted_nt2: f64) -> f64 {
+    /// The variance of the noise by the innovations so far, within its bounds. `unit` is what the window is relative to now.
+    fn noise_nt2(&self, assumed_nt2: f64, predicted_nt2: f64, unit: f64) -> f64 {
         let Magnetometer { sigma_min_nt, sigma_max_nt, .. } = self.magnetometer;
         let (least, largest) = (sigma_min_nt.powi(2), sigma_max_nt.powi(2));
         let (count, full) = (self.window.len() as f64, self.window.capacity() as f64);
         let found = match self.form {
             AdaptiveForm::Matched => {
                 let rest = 1.0 - count / full;
-                (self.window.sum() + rest * assumed_nt2) / (count + rest)
+                (self.window.sum() + rest * assumed_nt2 / unit) / (count + rest) * unit
             }
             AdaptiveForm::Compatible if count < full => 0.5 * (least + largest),
-            AdaptiveForm::Compatible => self.window.sum() / full - predicted_nt2,
+            AdaptiveForm::Compatible => self.window.sum() / full * unit - predicted_nt2,
         };
         found.clamp(least, largest)
     }

@@ -264,6 +264,25 @@ fn law_a_short_window_without_bounds_believes_too_much() {
 }
 
 #[test]
+fn law_of_innovations_in_proportion_to_a_noise_that_changes_the_factor_is_learnt() {
+    let (small, map) = (Small::golden(3.0), golden_map());
+    let ins = small.series();
+    let line = small.line(&ins, &map, InsErrorModel::default());
+    // Quiet and noisy by turns; three times as large as expected, and nothing of it is the prediction's.
+    let sigma: Vec<f64> = (0..20).map(|row| if row % 10 < 5 { 2.0 } else { 50.0 }).collect();
+    let measured: Vec<f64> = sigma.iter().map(|sigma| 3.0 * sigma).collect();
+    let magnetometer =
+        Magnetometer { measurement_nt: &measured, sigma_nt: &sigma, ..Magnetometer::of(&line, 1e-3, 1e6) };
+    for form in [AdaptiveForm::Matched, AdaptiveForm::Compatible] {
+        let parameters = AdaptiveParameters { form, window: 4, relative: true, ..AdaptiveParameters::default() };
+        let mut learner = Learner::new(&parameters, &line, magnetometer);
+        (0..20).for_each(|row| learner.innovate(row, 0.0, 0.0, &mut Fusion::default()));
+        let found = &learner.adapted.sigma_nt;
+        assert!((4..20).all(|row| (found[row] / (3.0 * sigma[row]) - 1.0).abs() < 1e-12), "{found:?}");
+    }
+}
+
+#[test]
 fn law_process_noise_is_learnt_without_running_away() {
     let model = InsErrorModel::default();
     let worse = InsErrors { vrw_sigma: 40.0 * model.sources.vrw_sigma, ..model.sources };

@@ -1,0 +1,352 @@
+//! Weights to begin with that another network was trained to.
+
+use learning::{
+    inputs::Inputs,
+    network::{Form, Shape},
+};
+use schemas::Fault;
+
+use super::{Network, training::Core};
+use crate::{
+    fit::samples::Samples,
+    trained::{Layers, Learned, Parts},
+};
+
+/// Standard deviations of the first training that an input may be away from its mean there, in the root mean square.
+const FAR: f64 = 10.0;
+/// Names that a fault lists.
+const NAMED: usize = 6;
+
+/// The network of another fit, which a training begins with.
+///
+/// Inputs and target keep its scales: the weights mean nothing on others.
+pub struct WarmStart<'a> {
+    parts: Parts<'a>,
+}
+
+impl<'a> WarmStart<'a> {
+    /// Of a model, for a network of a form.
+    ///
+    /// # Errors
+    /// When it is no network, or of another form.
+    pub fn of(model: &'a Learned, form: Form) -> Result<Self, Fault> {
+        let none = || {
+            let fault = Fault::data("the model of `warm_start` is no network").of_param("warm_start");
+            fault.help("name the table of a fit of a network")
+        };
+        let start = Self { parts: model.parts().ok_or_else(none)? };
+        if start.head().form == form {
+            return Ok(start);
+        }
+        Err(start.fault(&format!("has `model` {}, and this fit {}", start.head().form.word(), form.word())))
+    }
+
+    /// What is wrong with it for this fit.
+    pub fn fault(&self, what: &str) -> Fault {
+        Fault::data(format!("the network of `warm_start` {what}")).of_param("warm_start")
+    }
+
+    fn head(&self) -> &Shape {
+        match self.parts.layers {
+            Layers::Dense(shape) => shape,
+            Layers::Windowed(windowed, _) => &windowed.head,
+        }
+    }
+
+    /// The units of its hidden layers.
+    pub fn hidden(&self) -> Vec<usize> {
+        self.head().hidden.clone()
+    }
+
+    /// The scale of its target, nT.
+    pub fn scale_nt(&self) -> f64 {
+        self.parts.scale_nt
+    }
+
+    /// The scaling of its inputs; `at` is put in their order.
+    ///
+    /// # Errors
+    /// When its inputs are others, or its principal components others than `whiten` asks for.
+    pub fn scaling(&self, samples: &Samples, at: &mut Vec<usize>, whiten: Option<f64>) -> Result<Inputs, Fault> {
+        self.order("inputs", self.parts.inputs, samples, at)?;
+        let own = self.parts.scaling.components.as_ref().map(|components| components.count);
+        let same = match (own, whiten) {
+            (None, None) => true,
+            // Below 1 it is a part of the variance, which has no number of components on other lines.
+            (Some(own), Some(keep)) => keep < 1.0 || keep == own as f64,
+            (Some(_), None) | (None, Some(_)) => false,
+        };
+        if same {
+            return Ok(self.parts.scaling.clone());
+        }
+        let what = match own {
+            Some(count) => format!("takes {count} principal components"),
+            None => "takes no principal components".to_owned(),
+        };
+        Err(self.fault(&what).help("give `whiten` as its fit does"))
+    }
+
+    /// Puts the places of the linear terms in the order of its own.
+    ///
+    /// # Errors
+    /// When its terms are others.
+    pub fn order_terms(&self, samples: &Samples, at: &mut Vec<usize>) -> Result<(), Fault> {
+        self.order("linear", self.parts.linear, samples, at)
+    }
+
+    fn order(&self, key: &str, names: &[String], samples: &Samples, at: &mut Vec<usize>) -> Result<(), Fault> {
+        let place = |name: &String| at.iter().copied().find(|&i| samples.names.get(i) == Some(name));
+        let found: Vec<Option<usize>> = names.iter().map(place).collect();
+        let lacking = names.iter().zip(&found).filter(|(_, place)| place.is_none()).map(|(name, _)| name);
+        let more = at.iter().filter_map(|&i| samples.names.get(i)).filter(|name| !names.contains(name));
+        let (lacking, more) = (listed(lacking), listed(more));
+        let noun = if key == "linear" { "linear terms" } else { "inputs" };
+        let what = match (lacking, more) {
+            (None, None) => {
+                *at = found.into_iter().flatten().collect();
+                return Ok(());
+            }
+            (Some(lacking), None) => format!("has the {noun} {lacking}, which this fit lacks"),
+            (None, Some(more)) => format!("does not have the {noun} {more} of this fit"),
+            (Some(lacking), Some(more)) => format!("has the {noun} {lacking} in place of {more}"),
+        };
+        Err(self.fault(&what).help(format!("give both fits the same `{key}`, or `rename` columns of the table")))
+    }
+
+    /// Checks that it is a network of the same kind as `core`, for this fit.
+    ///
+    /// # Errors
+    /// With the first thing that is another.
+    pub fn check(&self, keys: &Network, core: &Core, samples: &Samples) -> Result<(), Fault> {
+        let other = |key: &str, own: &dyn std::fmt::Display, here: &dyn std::fmt::Display| {
+            Err(self.fault(&format!("has `{key}` {own}, and this fit {here}")))
+        };
+        let head = match (core, self.parts.layers) {
+            (Core::Dense(shape), Layers::Dense(_)) => shape,
+            (Core::Windowed(here), Layers::Windowed(own, rate_hz)) => {
+                if own.memory != here.memory {
+                    return other("model", &own.memory.word(), &here.memory.word());
+                }
+                if (own.window, own.units) != (here.window, here.units) {
+                    let what = |w: &learning::network::Windowed| format!("{} with {} units", w.window, w.units);
+                    return other("window", &what(own), &what(here));
+                }
+                let here_hz = samples.rate_hz()?;
+                if (here_hz / rate_hz - 1.0).abs() > 0.01 {
+                    let what = format!("sees samples at {rate_hz} Hz, and these lines have {here_hz} Hz");
+                    return Err(self.fault(&what).help("resample them to the same rate"));
+                }
+                &here.head
+            }
+            (Core::Dense(_), Layers::Windowed(..)) => return Err(self.fault("sees a window, and this one each sample")),
+            (Core::Windowed(_), Layers::Dense(_)) => return Err(self.fault("sees each sample, and this one a window")),
+        };
+        let own = self.head();
+        if own.activation != head.activation {
+            return other("activation", &own.activation.word(), &head.activation.word());
+        }
+        if own.hidden != head.hidden {
+            return other("hidden", &format!("{:?}", own.hidden), &format!("{:?}", head.hidden));
+        }
+        if self.parts.members.len() != keys.members {
+            return other("members", &self.parts.members.len(), &keys.members);
+        }
+        Ok(())
+    }
+
+    /// The parameters of its members, with `linear`, in the scale of its target, for the coefficients that the form does not train.
+    pub fn members(&self, form: Form, linear: &[f64]) -> Vec<Vec<f64>> {
+        let begin = |member: &Vec<f64>| {
+            let mut member = member.clone();
+            let first = member.len().saturating_sub(linear.len());
+            match form {
+                Form::FixedLinear | Form::WeightsAroundFixed => {
+                    member.iter_mut().skip(first).zip(linear).for_each(|(own, new)| *own = *new);
+                }
+                Form::Plain | Form::Weights | Form::TrainedLinear => {}
+            }
+            member
+        };
+        self.parts.members.iter().map(begin).collect()
+    }
+
+    /// What to know of inputs that are far from where it was trained; empty where none is.
+    pub fn far(&self, samples: &Samples, at: &[usize], lines: &[usize]) -> String {
+        let Inputs { mean, scale, .. } = self.parts.scaling;
+        let x = samples.columns(at, lines);
+        let far = at.iter().enumerate().filter(|(column, _)| {
+            let (mean, scale) = (mean.get(*column).copied(), scale.get(*column).copied());
+            let (mean, scale) = (mean.unwrap_or(f64::NAN), scale.unwrap_or(f64::NAN));
+            let values = x.iter().skip(*column).step_by(at.len().max(1));
+            let squares: f64 = values.clone().map(|x| ((x - mean) / scale).powi(2)).sum();
+            (squares / values.count().max(1) as f64).sqrt() > FAR
+        });
+        let names = listed(far.filter_map(|(_, &i)| samples.names.get(i)));
+        names.map_or_else(String::new, |names| {
+            format!("more than {FAR} standard deviations from where the network of `warm_start` was trained: {names}")
+        })
+    }
+}
+
+/// Some names, the first of them; `None` of none.
+fn listed<'a>(names: impl Iterator<Item = &'a String>) -> Option<String> {
+    let all: Vec<String> = names.map(|name| format!("`{name}`")).collect();
+    let rest = all.len().saturating_sub(NAMED);
+    let shown = all.get(..NAMED).unwrap_or(&all).join(", ");
+    match (all.is_empty(), rest) {
+        (true, _) => None,
+        (false, 0) => Some(shown),
+        (false, rest) => Some(format!("{shown} and {rest} more")),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use schemas::Literal;
+
+    use crate::fit::testing::{Found, another, begun_with, bent, delayed, fitted_to, flag, number, whole, word, words};
+
+    type Keys = Vec<(String, Literal)>;
+
+    /// Models with the keys that they need here.
+    fn models() -> Vec<(&'static str, Keys)> {
+        let terms = || vec![words("linear", &["a", "b"])];
+        let beside = ["m2a", "m2b", "m2c", "m2d", "tlnn"].map(|model| (model, terms()));
+        let windowed = ["gru", "lstm", "tcn"].map(|model| (model, vec![whole("window", 4)]));
+        [("m1", vec![]), ("etlnn", vec![])].into_iter().chain(beside).chain(windowed).collect()
+    }
+
+    /// The weights of a table and its target's scale.
+    fn weights(found: &Found) -> Vec<(&str, u64)> {
+        let is_weight = |name: &str| {
+            let other = ["epoch_", "target_mean", "linear["];
+            !other.iter().any(|begin| name.split_once('.').map_or(name, |(_, rest)| rest).starts_with(begin))
+        };
+        let all = found.term.iter().zip(&found.value).filter(|(name, _)| is_weight(name));
+        all.map(|(name, value)| (name.as_str(), value.to_bits())).collect()
+    }
+
+    fn value(found: &Found, term: &str) -> f64 {
+        found.value[found.term.iter().position(|t| t == term).unwrap()]
+    }
+
+    #[test]
+    fn law_with_steps_of_nothing_the_network_stays_as_it_was() {
+        for (model, more) in models() {
+            let keys = |rate: f64| {
+                let usual = [whole("epochs", 3), whole("members", 2), number("learning_rate", rate)];
+                [&usual[..], &more[..]].concat()
+            };
+            let first = fitted_to(&bent(), model, &keys(0.01));
+            let second = begun_with(&first, &another(), model, &keys(1e-300)).unwrap();
+            assert_eq!(weights(&first), weights(&second), "{model}");
+            // The constant of the other aircraft, 700 nT in place of 40 nT, is not missed.
+            let moved = value(&second, "target_mean") - value(&first, "target_mean");
+            assert!((moved - 660.0).abs() < 60.0, "{model}: {moved}");
+        }
+    }
+
+    #[test]
+    fn law_coefficients_that_are_trained_go_along_and_others_are_those_of_the_new_lines() {
+        let keys = |rate: f64| {
+            vec![
+                words("linear", &["a", "b", "c"]),
+                whole("epochs", 2),
+                number("learning_rate", rate),
+                number("linear_low_hz", 0.0),
+                number("linear_high_hz", 0.0),
+                number("lambda", 0.0),
+            ]
+        };
+        let of = |found: &Found| value(found, "linear[1]") * value(found, "target_scale");
+        for (model, goes_along) in [("m2b", false), ("m2d", false), ("m2c", true)] {
+            let first = fitted_to(&bent(), model, &keys(1e-3));
+            let second = begun_with(&first, &another(), model, &keys(1e-300)).unwrap();
+            let cold = fitted_to(&another(), model, &keys(1e-300));
+            let expected = if goes_along { of(&first) } else { of(&cold) };
+            assert!((of(&second) / expected - 1.0).abs() < 1e-12, "{model}: {} {expected}", of(&second));
+        }
+    }
+
+    #[test]
+    fn law_a_few_epochs_on_little_of_another_aircraft_go_further_from_a_trained_network() {
+        let keys = |epochs: i64| vec![whole("epochs", epochs), number("learning_rate", 0.01), whole("batch", 50)];
+        for model in ["m1", "gru"] {
+            let first = fitted_to(&bent(), model, &keys(150));
+            let warm = begun_with(&first, &another(), model, &keys(5)).unwrap();
+            let cold = fitted_to(&another(), model, &keys(5));
+            assert!(warm.residual_std < 0.3 * cold.residual_std, "{} {}", warm.residual_std, cold.residual_std);
+            assert_eq!(warm.warning, "");
+        }
+    }
+
+    #[test]
+    fn law_the_order_of_inputs_and_terms_does_not_matter() {
+        let keys = |order: &[&str]| {
+            vec![words("inputs", order), words("linear", order), whole("epochs", 4), number("learning_rate", 0.01)]
+        };
+        let first = fitted_to(&bent(), "m2c", &keys(&["a", "b", "c"]));
+        let [one, other] = [["a", "b", "c"], ["c", "a", "b"]]
+            .map(|order| begun_with(&first, &another(), "m2c", &keys(&order)).unwrap());
+        assert_eq!((one.term.clone(), weights(&one)), (other.term.clone(), weights(&other)));
+        // The ridge of the terms is solved in their order, which moves its last digits.
+        assert!((one.residual_std / other.residual_std - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn unit_another_network_is_refused_with_what_differs() {
+        let first = |model: &str, keys: &[(String, Literal)]| {
+            fitted_to(&bent(), model, &[&[whole("epochs", 1)][..], keys].concat())
+        };
+        let why = |first: &Found, model: &str, keys: &[(String, Literal)]| {
+            let fault = begun_with(first, &bent(), model, &[&[whole("epochs", 1)][..], keys].concat()).err().unwrap();
+            assert_eq!(fault.param.as_deref(), Some("warm_start"), "{fault}");
+            fault.what
+        };
+        let m1 = first("m1", &[]);
+        let says = |found: String, what: &str| assert!(found.contains(what), "{found}");
+        says(why(&m1, "m1", &[words("inputs", &["a", "b"])]), "has the inputs `c`, which this fit lacks");
+        says(why(&first("m1", &[words("inputs", &["a"])]), "m1", &[]), "does not have the inputs `b`, `c` of this fit");
+        says(why(&m1, "m1", &[word("activation", "tanh")]), "has `activation` swish, and this fit tanh");
+        let eight = ("hidden".to_owned(), Literal::List(vec![Literal::Int(8), Literal::Int(4)]));
+        says(why(&m1, "m1", &[eight.clone()]), "has `hidden` [8], and this fit [8, 4]");
+        says(why(&m1, "m1", &[whole("members", 2)]), "has `members` 1, and this fit 2");
+        says(why(&m1, "m1", &[number("whiten", 2.0)]), "takes no principal components");
+        let m2c = first("m2c", &[words("linear", &["a"])]);
+        says(why(&m2c, "m2b", &[words("linear", &["a"])]), "has `model` m2c, and this fit m2b");
+        says(why(&m2c, "m2c", &[words("linear", &["b"])]), "has the linear terms `a` in place of `b`");
+        says(why(&m1, "gru", &[]), "sees each sample, and this one a window");
+        let gru = first("gru", &[whole("window", 4)]);
+        says(why(&gru, "lstm", &[whole("window", 4)]), "has `model` gru, and this fit lstm");
+        says(why(&gru, "gru", &[]), "has `window` 4 with 8 units, and this fit 16 with 8 units");
+        says(why(&fitted_to(&bent(), "ridge", &[flag("intercept", true)]), "m1", &[]), "is linear");
+        says(why(&first_trees(), "m1", &[]), "is no network");
+        let mut cut = first("m1", &[]);
+        (cut.term.remove(9), cut.value.remove(9));
+        says(why(&cut, "m1", &[]), "the model cannot be used");
+        // Layers that are not given are those of the network.
+        let deep = first("m1", &[eight]);
+        assert!(begun_with(&deep, &delayed(), "m1", &[whole("epochs", 1)]).is_ok());
+    }
+
+    fn first_trees() -> Found {
+        fitted_to(&bent(), "boosted_trees", &[whole("trees", 2)])
+    }
+
+    #[test]
+    fn unit_inputs_that_are_far_from_the_first_training_are_named() {
+        let first = fitted_to(&bent(), "m1", &[whole("epochs", 1)]);
+        let far: Vec<_> = another()
+            .into_iter()
+            .map(|line| {
+                let mut columns = line.columns().to_vec();
+                columns[3] = std::sync::Arc::new(arrow_array::Float64Array::from(vec![1e6; line.num_rows()]));
+                arrow_array::RecordBatch::try_new(line.schema(), columns).unwrap()
+            })
+            .collect();
+        let found = begun_with(&first, &far, "m1", &[whole("epochs", 1)]).unwrap();
+        let expected = "more than 10 standard deviations from where the network of `warm_start` was trained: `b`";
+        assert_eq!(found.warning, expected);
+    }
+}
