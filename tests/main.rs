@@ -16,6 +16,7 @@ mod filters;
 mod ingest;
 mod killed;
 mod log_stages;
+mod loggers;
 mod map_lookup;
 mod map_stages;
 mod maps;

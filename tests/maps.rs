@@ -378,3 +378,22 @@ fn gold_maps_that_cannot_be_read_say_so_and_leave_nothing_behind() {
         assert!(!bench.path("out.parquet").exists(), "{map}");
     }
 }
+
+#[test]
+fn user_a_map_is_not_written_over_itself() {
+    let bench = Bench::new();
+    let bytes = fs::read(osborne()).unwrap();
+    fs::write(bench.path("m.tif"), &bytes).unwrap();
+    fs::create_dir(bench.path("sub")).unwrap();
+    for args in [
+        &["map", "convert", "m.tif", "-o", "m.tif"][..],
+        &["map", "convert", "m.tif", "-o", "sub/../m.tif"],
+        &["map", "fill", "m.tif", "-o", "./m.tif"],
+        &["map", "continue", "m.tif", "--to", "600", "-o", "m.tif"],
+    ] {
+        let output = bench.magline(args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        assert!(stderr(&output).contains("would be written over itself"), "{}", stderr(&output));
+        assert!(fs::read(bench.path("m.tif")).unwrap() == bytes, "{args:?}");
+    }
+}

@@ -157,6 +157,29 @@ fn user_the_same_run_gives_the_same_bytes_on_any_number_of_threads() {
 }
 
 #[test]
+fn user_two_programs_that_publish_the_same_at_once_both_succeed() {
+    let bench = ran(&[]);
+    for round in 0..3 {
+        let to = format!("set{round}");
+        let outputs: Vec<Output> = std::thread::scope(|scope| {
+            let all: Vec<_> = (0..3).map(|_| scope.spawn(|| publish(&bench, &["scores"], &["--to", &to]))).collect();
+            all.into_iter().map(|one| one.join().unwrap()).collect()
+        });
+        for output in &outputs {
+            assert_eq!(output.status.code(), Some(0), "{}", stderr(output));
+        }
+        assert_eq!(verify(&bench, &to).0, Some(0));
+    }
+    // Nothing is left of those that came later.
+    let names: Vec<String> = fs::read_dir(bench.folder.path())
+        .unwrap()
+        .flatten()
+        .map(|e| e.file_name().to_string_lossy().into_owned())
+        .collect();
+    assert!(names.iter().all(|name| !name.ends_with(".new") && !name.ends_with(".old")), "{names:?}");
+}
+
+#[test]
 fn user_the_published_spec_gives_the_same_bytes_again() {
     let bench = ran(&[("date ", "include_inputs = true\ndate ")]);
     let tables = ["scores", "clean", "flights"];

@@ -201,23 +201,31 @@ def made_ulog(to: Path) -> None:
     to.write_bytes(head + message("B", bytes(40)) + body)
 
 
-def made_dataflash(to: Path) -> None:
-    """Every format character, units, and instances by number and by name."""
+class DataFlash:
+    """Messages of a log, with a definition for each."""
+
     size = dict(a=64, b=1, B=1, g=2, h=2, H=2, i=4, I=4, f=4, n=4, N=16, Z=64, c=2, C=2, e=4, E=4, L=4, d=8, M=1, q=8, Q=8)
     code = dict(a="32h", g="e", n="4s", N="16s", Z="64s", c="h", C="H", e="i", E="I", L="i", M="b")
-    defined = {}
 
-    def fmt(kind: int, name: str, form: str, labels: str) -> bytes:
-        defined[name] = (kind, "<" + "".join(code.get(c, c) for c in form))
-        length = 3 + sum(size[c] for c in form)
+    def __init__(self) -> None:
+        self.defined = {}
+
+    def fmt(self, kind: int, name: str, form: str, labels: str) -> bytes:
+        self.defined[name] = (kind, "<" + "".join(self.code.get(c, c) for c in form))
+        length = 3 + sum(self.size[c] for c in form)
         head = struct.pack("<BBB", 0xA3, 0x95, 0x80)
         return head + struct.pack("<BB4s16s64s", kind, length, name.encode(), form.encode(), labels.encode())
 
-    def put(name: str, *values) -> bytes:
-        kind, form = defined[name]
+    def put(self, name: str, *values) -> bytes:
+        kind, form = self.defined[name]
         values = [v.encode() if isinstance(v, str) else v for v in values]
         return struct.pack("<BBB", 0xA3, 0x95, kind) + struct.pack(form, *values)
 
+
+def made_dataflash(to: Path) -> None:
+    """Every format character, units, and instances by number and by name."""
+    log = DataFlash()
+    fmt, put = log.fmt, log.put
     out = fmt(0x80, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
     out += fmt(1, "UNIT", "QbZ", "TimeUS,Id,Label") + fmt(2, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")
     out += fmt(3, "MULT", "Qbd", "TimeUS,Id,Mult") + fmt(4, "ALL", "QbBhHiIfgdMqa", "TimeUS,b,B,h,H,i,I,f,g,d,M,q,a")
@@ -235,6 +243,64 @@ def made_dataflash(to: Path) -> None:
         out += put("MAG", t, k % 3, k, -k, 2 * k, k)
         if k % 10 == 0:
             out += put("NVF", t, ["rpm", "temperature"][k // 10 % 2], k / 3) + put("TXT", t, "abcd", f"name {k}", f"text {k} of a log")
+    to.write_bytes(out)
+
+
+def made_ardupilot(to: Path, instances: bool) -> None:
+    """Messages as ArduPilot defines them (LogStructure.h of AP_Compass, AP_GPS, AP_BattMonitor, AP_Baro and AP_InertialSensor of
+    version 4.1; of DataFlash of version 3.6 without `instances`): 12 s of two compasses at 10 Hz, GNSS at 5 Hz, the rest at 5 Hz."""
+    log = DataFlash()
+    put = log.put
+    i = ("B", "I,", "#", "-") if instances else ("", "", "", "")
+
+    def defined(kind: int, name: str, form: str, labels: str, units: str, factors: str) -> bytes:
+        """`form`, `units` and `factors` begin with the time stamp; an instance follows it."""
+        own = i if name in ("MAG", "GPS", "IMU", "BAT", "BARO") else ("", "", "", "")
+        label = "Instance," if own[1] and name == "BAT" else own[1]
+        head = log.fmt(kind, name, form[0] + own[0] + form[1:], f"TimeUS,{label}{labels}")
+        meant.append((kind, units[0] + own[2] + units[1:], factors[0] + own[3] + factors[1:]))
+        return head
+
+    meant = []
+    out = log.fmt(0x80, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
+    out += log.fmt(1, "UNIT", "QbZ", "TimeUS,Id,Label") + log.fmt(2, "FMTU", "QBNN", "TimeUS,FmtType,UnitIds,MultIds")
+    out += log.fmt(3, "MULT", "Qbd", "TimeUS,Id,Mult")
+    motor = "MOX,MOY,MOZ" if instances else "MOfsX,MOfsY,MOfsZ"
+    compass = ("QhhhhhhhhhBI", f"MagX,MagY,MagZ,OfsX,OfsY,OfsZ,{motor},Health,S", "sGGGGGGGGG-s", "FCCCCCCCCC-F")
+    out += defined(10, "MAG", *compass)
+    if not instances:
+        out += log.fmt(11, "MAG2", compass[0], f"TimeUS,{compass[1]}")
+        meant.append((11, compass[2], compass[3]))
+    out += defined(12, "GPS", "QBIHBcLLeffffB", "Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,Yaw,U", "s-s-S-DUmnhnh-", "F-C-0BGGB000--")
+    out += defined(13, "ATT", "QccccCCCCB", "DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw,AEKF", "sddddhhdh-", "FBBBBBBBB-")
+    out += defined(14, "IMU", "QffffffIIfBBHH", "GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz", "sEEEooo--O--zz", "F000000-----00")
+    out += defined(15, "BAT", "Qfffffcf", "Volt,VoltR,Curr,CurrTot,EnrgTot,Temp,Res", "svvAiJOw", "F000!/?0")
+    out += defined(16, "BARO", "QffcfIffB", "Alt,Press,Temp,CRt,SMS,Offset,GndTemp,Health", "smPOnsmO-", "F00B0C?0-")
+    for character, label in [("s", "s"), ("G", "Gauss"), ("#", "instance"), ("D", "deglatitude"), ("U", "deglongitude"), ("m", "m"), ("v", "V"),
+                             ("A", "A"), ("d", "deg"), ("h", "degheading"), ("n", "m/s"), ("E", "rad/s"), ("o", "m/s/s"), ("P", "Pa")]:
+        out += put("UNIT", 1_000_000, ord(character), label)
+    for character, factor in [("F", 1e-6), ("C", 1e-3), ("B", 1e-2), ("G", 1e-7), ("0", 1.0), ("-", 0.0), ("?", 1.0)]:
+        out += put("MULT", 1_000_000, ord(character), factor)
+    for kind, units, factors in meant:
+        out += put("FMTU", 1_000_000, kind, units, factors)
+    for k in range(120):
+        # Noon of a Wednesday by GPS time is second 302,400 of the week, and 0 of the clock.
+        t = 30_000_000 + 100_000 * k
+        number = lambda j: (j,) if instances else ()
+        out += put("MAG", t, *number(0), 200 + k, -40, -586 + 2 * k, -97, 118, 213, k % 5, 1, -2, 1, t)
+        if instances:
+            out += put("MAG", t + 5, 1, -30, 250 - k, -400, 10, -20, 30, 0, 0, 0, 1, t)
+        else:
+            out += put("MAG2", t + 5, -30, 250 - k, -400, 10, -20, 30, 0, 0, 0, 1, t)
+        if k % 2:
+            continue
+        week, fix = (2200, 3) if instances else (2000, 3)
+        out += put("GPS", t, *number(0), fix if k > 3 else 1, 302_400_000 + t // 1000, week, 14, 81, -353_626_210 + 100 * k, 1_491_652_300, 58_432 + k,
+                   12.0, 90.0, -0.5, 0.0, 1)
+        out += put("ATT", t, 0, 1250, 0, -375, 0, 27_025, 0, 0, 3)
+        out += put("IMU", t, *number(0), 0.1, -0.2, 0.3, 0.5, -0.25, -9.75, 0, 0, 41.5, 1, 1, 1000, 1000)
+        out += put("BAT", t, *number(0), 15.875, 16.0, 12.25, 100.0, 1.5, 2500, 0.01)
+        out += put("BARO", t, *number(0), 42.5, 95_123.5, 3125, 0.25, t // 1000, 0.0, 20.0, 1)
     to.write_bytes(out)
 
 
@@ -284,7 +350,9 @@ def main() -> None:
     made_v73(to / "made_v73.mat")
     for path in [samples / "sample_log_small.ulg", samples / "sample_cut.ulg", to / "made.ulg"]:
         ulog(path, to / f"{path.name}.tsv")
-    for path in [samples / "log171_cut.bin", to / "made.bin"]:
+    made_ardupilot(to / "ardupilot_4.bin", True)
+    made_ardupilot(to / "ardupilot_3.bin", False)
+    for path in [samples / "log171_cut.bin", to / "made.bin", to / "ardupilot_4.bin", to / "ardupilot_3.bin"]:
         dataflash(path, to / f"{path.name}.tsv")
     names = ["big_endian", "testdouble_6.1_SOL2", "testdouble_7.1_GLNX86", "testmatrix_6.1_SOL2", "testmatrix_7.4_GLNX86"]
     names += ["teststructnest_6.1_SOL2", "teststructnest_7.1_GLNX86"]
@@ -292,6 +360,8 @@ def main() -> None:
     for path in matlab + [samples / f"matlab/{name}.mat" for name in names]:
         mat(path, to / f"{path.name}.tsv")
     hdf5(to / "made_v73.mat", to / "made_v73.mat.tsv")
+    old = samples / "matlab" / "testhdf5_7.4_GLNX86.mat"
+    hdf5(old, to / f"{old.name}.tsv")
 
 
 main()

@@ -34,4 +34,5 @@ ready![
     "thor75_parquet",
     "magnavjl",
     "magnavjl_tl",
+    "mfam",
 ];

@@ -5,8 +5,11 @@ mlcroissant, frictionless, cffconvert and a RO-Crate validator. See README.md be
 import argparse
 import json
 import math
+import os
+import shutil
 import subprocess
 import sys
+import urllib.request
 from pathlib import Path
 
 TEXT, NUMBER, INTEGER, FLAG, LIST = "text", "number", "integer", "boolean", "list of numbers"
@@ -143,6 +146,9 @@ def read_all(folder, readers):
 
 # Every validator gives what it finds wrong.
 
+CONTEXT = "https://w3id.org/ro/crate/1.1/context"
+
+
 def croissant(folder):
     """Validates it, and reads a record of every table by it."""
     import mlcroissant
@@ -161,18 +167,30 @@ def data_package(folder):
     return [f"{t.name}: {e.message}" for t in report.tasks for e in t.errors] + [e.message for e in report.errors]
 
 
-def citation(folder):
-    done = subprocess.run([str(Path(sys.executable).parent / "cffconvert"), "--validate", "-i", str(folder / "CITATION.cff")],
-                          capture_output=True, text=True)
+class NotChecked(Exception):
+    """What a validator needs is not there: neither valid nor not valid."""
+
+
+def citation(folder, program):
+    """`program` is cffconvert's, which shares no environment with frictionless: they need different jsonschema."""
+    found = program or shutil.which("cffconvert", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+    if not found:
+        raise NotChecked("there is no program cffconvert; --cffconvert names it")
+    done = subprocess.run([str(found), "--validate", "-i", str(folder / "CITATION.cff")], capture_output=True, text=True)
     return [] if done.returncode == 0 else [done.stdout + done.stderr]
 
 
 def ro_crate(folder, context):
     """`context` is the file of https://w3id.org/ro/crate/1.1/context, for a machine without a network."""
     import io
-    import urllib.request
     import requests
-    if context:
+    if not context:
+        try:
+            with urllib.request.urlopen(CONTEXT, timeout=30) as answer:
+                answer.read()
+        except OSError as e:
+            raise NotChecked(f"{CONTEXT} cannot be fetched ({e}); --ro-crate-context names its file") from e
+    else:
         text, request, urlopen = Path(context).read_bytes(), requests.Session.request, urllib.request.urlopen
 
         def answer(self, method, url, *args, **kwargs):
@@ -210,14 +228,19 @@ if __name__ == "__main__":
     parser.add_argument("folder", type=Path, help="the published data set")
     parser.add_argument("--spark", action="store_true", help="read it with Spark too")
     parser.add_argument("--ro-crate-context", help="the file of the context of RO-Crate 1.1; fetched otherwise")
+    parser.add_argument("--cffconvert", help="the program cffconvert; otherwise that beside this Python, or on the path")
     args = parser.parse_args()
     folder = args.folder.resolve()
     readers = {"pyarrow": with_pyarrow, "pandas": with_pandas, "polars": with_polars, "duckdb": with_duckdb}
     wrong = read_all(folder, readers | ({"spark": with_spark} if args.spark else {}))
-    for name, validator in [("mlcroissant", croissant), ("frictionless", data_package), ("cffconvert", citation),
+    for name, validator in [("mlcroissant", croissant), ("frictionless", data_package),
+                            ("cffconvert", lambda f: citation(f, args.cffconvert)),
                             ("RO-Crate", lambda f: ro_crate(f, args.ro_crate_context))]:
         try:
             found = validator(folder)
+        except NotChecked as e:
+            print(f"{name}: NOT CHECKED: {e}", flush=True)
+            continue
         except Exception as e:
             found = [f"{type(e).__name__}: {e}"]
         print(f"{name}: {'valid' if not found else 'not valid'}")

@@ -188,8 +188,12 @@ pub fn synthesise_with(
     let (world, done, failed) = (Arc::new(World::new(simulation)), AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
     // Once, before the flights need it in parallel.
     world.field()?;
-    let files: Vec<_> =
-        names.iter().map(|n| (to.join(format!(".{n}.parquet.partial")), to.join(format!("{n}.parquet")))).collect();
+    // Two programs that write into one folder have partial files of their own.
+    let own = std::process::id();
+    let files: Vec<_> = names
+        .iter()
+        .map(|n| (to.join(format!(".{n}.{own}.parquet.partial")), to.join(format!("{n}.parquet"))))
+        .collect();
     let one = |(flight, (partial, _)): (usize, &(PathBuf, PathBuf))| {
         // Flights after one that failed are skipped; those before it may have an earlier fault to report.
         let wanted = || flight <= failed.load(Ordering::Relaxed);

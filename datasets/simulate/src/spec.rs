@@ -56,7 +56,9 @@ impl Spec {
         let section = Section::new("synth", &root, 0..0, &faults);
         let spec = spec(&section, path.parent().unwrap_or(Path::new("")));
         section.finish();
-        let found = std::mem::take(&mut *faults.borrow_mut());
+        let mut found = std::mem::take(&mut *faults.borrow_mut());
+        // As the file has them, whatever was checked first; those of one place in the order in which they were found.
+        found.sort_by_key(|fault| fault.at.as_ref().map_or(0, |at| at.start));
         if found.is_empty() { Ok(spec) } else { Err(ReadError::spec(path, &text, &found)) }
     }
 }

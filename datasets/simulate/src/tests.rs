@@ -368,6 +368,27 @@ fn gold_faults_of_a_spec_are_told_at_once_with_their_place() {
 }
 
 #[test]
+fn unit_faults_are_in_the_order_of_the_file_those_between_keys_too() {
+    let folder = TempDir::new().unwrap();
+    // A day that the year does not have, and a height and a depth at once, are found after the keys of the tables below them.
+    let text = "seed = 1\nyear = 2021\ndoy = 366\nrate_hs = 10.0\n[[sources]]\nlat = -22.0\nlon = 140.6\ndepth_m = 1.0\n\
+                alt_m = -1.0\nmoment_am2 = 1.0\n[ins]\ngrade = 'navigatoin'\n[[flights]]\nname = '1'\n\
+                [[flights.lines]]\nname = '1.1'\nkind = 'bok'\nalt_m = 500\n";
+    let said = Simulation::open(&written(&folder, text)).unwrap_err().to_string();
+    let place = |line: &str| {
+        let (line, column) = line.split_once("s.synth.toml:")?.1.split_once(':')?;
+        Some((line.parse::<u32>().ok()?, column.parse::<u32>().ok()?))
+    };
+    let places: Vec<(u32, u32)> = said.lines().filter_map(place).collect();
+    let lines: Vec<u32> = places.iter().map(|p| p.0).collect();
+    assert!(
+        [3, 4, 12, 17].iter().all(|line| lines.contains(line)) && lines.iter().any(|l| (5..=10).contains(l)),
+        "{said}"
+    );
+    assert!(places.is_sorted(), "{said}");
+}
+
+#[test]
 fn gold_lines_that_cannot_be_flown() {
     let folder = TempDir::new().unwrap();
     let first = |text: &str| {
@@ -393,6 +414,20 @@ fn law_a_failed_synthesis_leaves_no_file() {
     let to = folder.path().join("out");
     assert!(synthesise(&path, &to).is_err());
     assert_eq!(fs::read_dir(&to).unwrap().count(), 0);
+}
+
+#[test]
+fn unit_another_program_that_writes_into_the_folder_is_left_alone() {
+    let folder = TempDir::new().unwrap();
+    let path = written(&folder, &spec_text("", SHORT));
+    let to = folder.path().join("out");
+    fs::create_dir(&to).unwrap();
+    // What another one has written so far, of the same flight.
+    let other = to.join(".A.parquet.partial");
+    fs::write(&other, b"half").unwrap();
+    synthesise(&path, &to).unwrap();
+    assert_eq!(fs::read(&other).unwrap(), b"half");
+    assert_eq!(fs::read_dir(&to).unwrap().count(), 2);
 }
 
 #[test]

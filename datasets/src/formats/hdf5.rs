@@ -1,18 +1,22 @@
 //! Access to HDF5 files, with every damage as an error; shared by the flight and map readers.
 
 use std::{
+    fs::File,
     ops::Range,
     path::{Path, PathBuf},
     sync::Arc,
 };
 
 use hdf5_reader::{
-    Dataset, Datatype, Hdf5File, OpenOptions, SliceInfo, SliceInfoElem,
+    ByteOrder, Dataset, Datatype, Hdf5File, OpenOptions, SliceInfo, SliceInfoElem,
     group::Group,
     storage::{DynStorage, FileStorage},
 };
 
-use super::guarded;
+use super::{
+    guarded,
+    hdf5_early::{Early, bytes, early},
+};
 use crate::ReadError;
 
 /// What every HDF5 file starts with.
@@ -28,13 +32,15 @@ pub(super) struct Hdf5 {
     names: Vec<String>,
     groups: Vec<String>,
     bytes: u64,
+    /// Where the HDF5 data begin in the file.
+    base: u64,
 }
 
 impl Hdf5 {
     /// Opens a file and lists its data sets.
     pub(super) fn open(path: &Path) -> Result<Hdf5, ReadError> {
         let bytes = std::fs::metadata(path).map_err(|e| ReadError::io(path, &e))?.len();
-        let (root, groups, names) = guarded(path, || {
+        let (root, groups, names, base) = guarded(path, || {
             // Plain reads, not a memory map: a file cut short while it is read is then an error.
             let storage: DynStorage = Arc::new(FileStorage::open(path).map_err(|e| damaged(path, &e))?);
             let options = OpenOptions::default().with_max_object_header_bytes(1 << 24);
@@ -49,9 +55,9 @@ impl Hdf5 {
             }
             let root = file.root_group().map_err(|e| damaged(path, &e))?;
             let (groups, names) = members(path, &root)?;
-            Ok((root, groups, names))
+            Ok((root, groups, names, file.superblock().base_address))
         })?;
-        Ok(Hdf5 { path: path.to_path_buf(), root, names, groups, bytes })
+        Ok(Hdf5 { path: path.to_path_buf(), root, names, groups, bytes, base })
     }
 
     /// Whether the root has an attribute.
@@ -73,7 +79,7 @@ impl Hdf5 {
             let (groups, names) = members(path, &root)?;
             Ok((root, groups, names))
         })?;
-        Ok(Hdf5 { path: path.clone(), root, names, groups, bytes })
+        Ok(Hdf5 { path: path.clone(), root, names, groups, bytes, base: self.base })
     }
 
     /// The data sets at the root, sorted.
@@ -94,7 +100,9 @@ impl Hdf5 {
         }
         guarded(&self.path, || {
             let set = self.root.dataset(name).map_err(|e| damaged(&self.path, &e).in_column(name))?;
-            let values = Values { path: self.path.clone(), name: name.to_owned(), shape: set.shape().to_vec(), set };
+            let early = early(&self.path, self.base, set.address());
+            let (path, shape) = (self.path.clone(), set.shape().to_vec());
+            let values = Values { path, name: name.to_owned(), shape, set, early };
             // A shape that multiplies past 64 bits is as invalid as one that is too large for the file.
             let count = values.shape.iter().try_fold(1u64, |n, d| n.checked_mul(*d));
             let most = self.bytes.saturating_mul(MOST_INFLATION);
@@ -121,6 +129,8 @@ pub(super) struct Values {
     /// Rows first.
     pub(super) shape: Vec<u64>,
     set: Dataset,
+    /// Where the values are in a layout that the reader does not know.
+    early: Option<Early>,
 }
 
 impl Values {
@@ -147,16 +157,12 @@ impl Values {
 
     /// All values in the order they are stored in.
     pub(super) fn all(&self) -> Result<Vec<f64>, ReadError> {
-        self.read(&SliceInfo::all(self.shape.len()))
+        self.read(None)
     }
 
     /// The values of some rows.
     pub(super) fn rows(&self, rows: Range<u64>) -> Result<Vec<f64>, ReadError> {
-        let mut slice = SliceInfo::all(self.shape.len());
-        if let Some(first) = slice.selections.first_mut() {
-            *first = SliceInfoElem::Slice { start: rows.start, end: rows.end, step: 1 };
-        }
-        self.read(&slice)
+        self.read(Some(rows))
     }
 
     /// The first value.
@@ -164,11 +170,69 @@ impl Values {
         self.all()?.first().copied().ok_or_else(|| self.damaged("holds no value"))
     }
 
-    fn read(&self, slice: &SliceInfo) -> Result<Vec<f64>, ReadError> {
+    fn read(&self, rows: Option<Range<u64>>) -> Result<Vec<f64>, ReadError> {
         if self.shape.contains(&0) {
             return Ok(vec![]);
         }
-        guarded(&self.path, || self.read_numbers(slice))
+        match self.early {
+            None => {
+                let mut slice = SliceInfo::all(self.shape.len());
+                if let Some((first, rows)) = slice.selections.first_mut().zip(rows) {
+                    *first = SliceInfoElem::Slice { start: rows.start, end: rows.end, step: 1 };
+                }
+                guarded(&self.path, || self.read_numbers(&slice))
+            }
+            Some(Early::Contiguous(at)) => self.read_early(at, rows),
+            Some(Early::Other) => {
+                let error =
+                    self.damaged("is in a layout of before HDF5 1.6.3 that is not contiguous, which is not read");
+                Err(error.help("write the file anew with a later version of MATLAB or of the HDF5 library"))
+            }
+        }
+    }
+
+    /// Numbers that stand `at` bytes into the file, one after another.
+    fn read_early(&self, at: u64, rows: Option<Range<u64>>) -> Result<Vec<f64>, ReadError> {
+        let kind = self.set.dtype();
+        let (Datatype::FloatingPoint { size, byte_order } | Datatype::FixedPoint { size, byte_order, .. }) = kind
+        else {
+            return Err(self.damaged(&format!("holds {kind:?}, not numbers")));
+        };
+        let a_row = self.shape.iter().skip(1).product::<u64>();
+        let all = self.shape.first().copied().unwrap_or(1);
+        let rows = rows.unwrap_or(0..all);
+        let (from, to) = (rows.start.min(all) * a_row * u64::from(*size), rows.end.min(all) * a_row * u64::from(*size));
+        let read = || {
+            let mut file = File::open(&self.path).ok()?;
+            bytes(&mut file, at.checked_add(from)?, usize::try_from(to.checked_sub(from)?).ok()?)
+        };
+        let raw = read().ok_or_else(|| self.damaged("its values are beyond the end of the file"))?;
+        macro_rules! numbers {
+            ($t:ty) => {
+                raw.chunks_exact(size_of::<$t>())
+                    .filter_map(|b| {
+                        let b = b.try_into().ok()?;
+                        Some(match byte_order {
+                            ByteOrder::LittleEndian => <$t>::from_le_bytes(b),
+                            ByteOrder::BigEndian => <$t>::from_be_bytes(b),
+                        } as f64)
+                    })
+                    .collect()
+            };
+        }
+        Ok(match kind {
+            Datatype::FloatingPoint { size: 8, .. } => numbers!(f64),
+            Datatype::FloatingPoint { size: 4, .. } => numbers!(f32),
+            Datatype::FixedPoint { size: 1, signed: true, .. } => numbers!(i8),
+            Datatype::FixedPoint { size: 2, signed: true, .. } => numbers!(i16),
+            Datatype::FixedPoint { size: 4, signed: true, .. } => numbers!(i32),
+            Datatype::FixedPoint { size: 8, signed: true, .. } => numbers!(i64),
+            Datatype::FixedPoint { size: 1, signed: false, .. } => numbers!(u8),
+            Datatype::FixedPoint { size: 2, signed: false, .. } => numbers!(u16),
+            Datatype::FixedPoint { size: 4, signed: false, .. } => numbers!(u32),
+            Datatype::FixedPoint { size: 8, signed: false, .. } => numbers!(u64),
+            other => return Err(self.damaged(&format!("holds {other:?}, not numbers"))),
+        })
     }
 
     fn read_numbers(&self, slice: &SliceInfo) -> Result<Vec<f64>, ReadError> {

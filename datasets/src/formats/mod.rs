@@ -26,6 +26,7 @@ mod geosoft_xyz;
 mod geotiff_keys;
 mod grid_bytes;
 mod hdf5;
+mod hdf5_early;
 mod iaga2002;
 mod imf;
 mod magnav;
@@ -71,7 +72,7 @@ pub use iaga2002::{ObservatoryRecord, read_iaga2002};
 pub use imf::read_imf;
 pub use options::{FlightOptions, MapOptions};
 pub use output::{check_output, write_grid};
-pub use points::{PointOptions, read_points};
+pub use points::{PointOptions, doubts, read_points};
 pub use topics::{RawReader, Topic, TopicColumn, open_raw, open_raw_among, topics, topics_among};
 
 /// Hints for reading a flight log that do not affect the result.

@@ -6,7 +6,7 @@ use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema};
 use schemas::{Role, field, flight};
 
-use super::{FlightFormat, FlightOptions, Part, PointOptions, Raw, Reading, points_table, read_points};
+use super::{FlightFormat, FlightOptions, Part, PointOptions, Raw, Reading, doubts, points_table, read_points};
 use crate::ReadError;
 
 pub(super) const FORMAT: FlightFormat = FlightFormat {
@@ -46,6 +46,7 @@ fn open(path: &Path, options: &FlightOptions, _: &Reading) -> Result<Raw, ReadEr
     let pick =
         |values: &[f64]| -> ArrayRef { Arc::new(order.iter().map(|i| Some(values[*i])).collect::<Float64Array>()) };
     let mut notes = points.notes.clone();
+    notes.extend(doubts(&points));
     let tt = match &points.extra.tt_s {
         Some(tt_s) => pick(tt_s),
         None => {

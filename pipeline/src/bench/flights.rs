@@ -110,7 +110,8 @@ pub fn data(flights: &[Flight], to: &Path) -> Result<Vec<String>, Fault> {
         let kept: Vec<usize> =
             schema.fields().iter().enumerate().filter(|(_, f)| !test || is_open(f)).map(|(i, _)| i).collect();
         let path = folder.join(format!("{name}.parquet"));
-        let file = fs::File::create(&path).map_err(|e| fail(&e))?;
+        let partial = folder.join(format!(".{name}.{}.parquet.partial", std::process::id()));
+        let file = fs::File::create(&partial).map_err(|e| fail(&e))?;
         let schema = std::sync::Arc::new(schema.project(&kept).map_err(|e| fail(&e))?);
         let properties = WriterProperties::builder().set_compression(Compression::ZSTD(ZstdLevel::default())).build();
         let mut writer = ArrowWriter::try_new(file, schema, Some(properties)).map_err(|e| fail(&e))?;
@@ -119,6 +120,7 @@ pub fn data(flights: &[Flight], to: &Path) -> Result<Vec<String>, Fault> {
             writer.write(&rows).map_err(|e| fail(&e))?;
         }
         writer.into_inner().map_err(|e| fail(&e))?.sync_all().map_err(|e| fail(&e))?;
+        fs::rename(&partial, &path).map_err(|e| fail(&e))?;
         written.push(shown(&path));
     }
     Ok(written)

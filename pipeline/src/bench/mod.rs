@@ -209,6 +209,7 @@ fn score_line(
     if task.measure == Measure::Drms {
         in_radians(task, line, &truth, columns, &known, predictions)?;
     }
+    constant(task, line, columns, &known, predictions)?;
     let missing = rows.len() - known.len();
     Ok(Score {
         task: task.name,
@@ -242,6 +243,29 @@ fn measured(measure: Measure, truth: &[&[f64]], predicted: &[&[f64]], pairs: &[(
             statistics::drms(&north_m, &east_m)
         }
     }
+}
+
+/// Refuses a column that has one value on the whole line: its standard error is the spread of the truth, which may be less than
+/// that of an honest prediction.
+fn constant(
+    task: &Task,
+    line: &Flight,
+    columns: &[&[f64]],
+    pairs: &[(usize, usize)],
+    predictions: &Predictions,
+) -> Result<(), Fault> {
+    /// Fewer samples may well be equal.
+    const LEAST: usize = 20;
+    for (name, values) in task.columns.iter().zip(columns) {
+        let mut there = pairs.iter().filter_map(|(_, row)| values.get(*row));
+        let Some(first) = there.next().filter(|_| pairs.len() >= LEAST) else { continue };
+        if there.all(|x| x == first) {
+            let what = format!("the prediction is {first} in all {} rows", pairs.len());
+            let fault = Fault::data(what).in_file(&predictions.file).in_line(&line.flight, &line.line);
+            return Err(fault.in_column(name).help("predict each sample, or leave the column out"));
+        }
+    }
+    Ok(())
 }
 
 /// Refuses positions that are right in radians.

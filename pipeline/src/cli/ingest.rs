@@ -362,6 +362,11 @@ fn is_told(measure: &Measure) -> bool {
         | Figure::Dropouts
         | Figure::Stuck
         | Figure::Saturation
+        | Figure::Preferred
+        | Figure::DeadZone
+        | Figure::PolarDeadZone
+        | Figure::EquatorialDeadZone
+        | Figure::Lag
         | Figure::Found(_) => true,
     }
 }

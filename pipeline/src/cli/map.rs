@@ -83,14 +83,25 @@ impl InputArgs {
 }
 
 impl OutputArgs {
-    /// Whether a map can be written there, before it is made.
-    fn check(&self) -> Result<(), Stop> {
+    /// Whether a map made of `inputs` can be written there, before it is made.
+    fn check<'a>(&self, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Stop> {
+        apart(&self.output, inputs)?;
         Ok(check_output(&self.output, self.output_format.as_deref()).map_err(Fault::from)?)
     }
 
     fn write(&self, map: &AnomalyGrid) -> Result<(), Stop> {
         write_to(&self.output, map, self.output_format.as_deref())
     }
+}
+
+/// Refuses an output that is one of the inputs: the map written may hold less than that.
+fn apart<'a>(output: &Path, inputs: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Stop> {
+    let Ok(there) = output.canonicalize() else { return Ok(()) };
+    if inputs.into_iter().any(|input| input.canonicalize().is_ok_and(|input| input == there)) {
+        let what = format!("{} would be written over itself", output.display());
+        return Err(Fault::new(what).help("name another file with `-o`").into());
+    }
+    Ok(())
 }
 
 fn write_to(path: &Path, map: &AnomalyGrid, format: Option<&str>) -> Result<(), Stop> {

@@ -133,7 +133,16 @@ impl Draft {
                 fs::remove_dir_all(&old).map_err(|e| cannot("remove", &old, &e))?;
             }
             // An empty folder is replaced by the renaming itself.
-            There::Nothing | There::Other(_) => fs::rename(&self.path, &self.to).map_err(fail)?,
+            There::Nothing | There::Other(_) => {
+                if let Err(e) = fs::rename(&self.path, &self.to) {
+                    // Another program may have put its set there since.
+                    if sums(&self.to).is_some_and(|there| Some(there) == sums(&self.path)) {
+                        return Ok(false);
+                    }
+                    allowed(&self.to, false)?;
+                    return Err(fail(e));
+                }
+            }
         }
         let above = self.to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         fs::File::open(above).and_then(|f| f.sync_all()).map_err(fail)?;

@@ -101,6 +101,10 @@ fn open_in(path: &Path, options: &FlightOptions, reading: &Reading, block: usize
 
 /// The names in the header, each once and none empty.
 pub(super) fn header(path: &Path) -> Result<Vec<String>, ReadError> {
+    let head = Head::read(path)?;
+    if head.starts_with(b"\xff\xfe") || head.starts_with(b"\xfe\xff") {
+        return Err(ReadError::data(path, "is UTF-16 text").help("save it as UTF-8"));
+    }
     let mut reader = reader(path)?;
     let record = reader.headers().map_err(|e| broken(path, &e))?;
     let names: Vec<String> = record.iter().map(|n| n.trim().trim_start_matches('\u{feff}').to_owned()).collect();
@@ -111,6 +115,14 @@ pub(super) fn header(path: &Path) -> Result<Vec<String>, ReadError> {
         if names.iter().take(i).any(|n| n == name) {
             return Err(ReadError::data(path, "the header names the column twice").in_column(name));
         }
+    }
+    if let [name] = names.as_slice()
+        && let Some((character, word)) =
+            [(';', "semicolons"), ('\t', "tabs")].into_iter().find(|(c, _)| name.contains(*c))
+    {
+        let what = format!("its columns are separated by {word}, not by commas");
+        let decimal = if character == ';' { ", and with decimal points" } else { "" };
+        return Err(ReadError::data(path, what).help(format!("save it with commas{decimal}")));
     }
     if names.is_empty() { Err(ReadError::data(path, "there is no header row")) } else { Ok(names) }
 }

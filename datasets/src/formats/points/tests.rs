@@ -82,3 +82,23 @@ fn unit_text_with_line_records_is_the_table_with_a_column_of_lines() {
     let fault = read_points(&off, &PointOptions::default()).unwrap_err().to_string();
     assert!(fault.contains("row 1: (1, 95) is not a position"), "{fault}");
 }
+
+#[test]
+fn unit_points_in_another_unit_and_points_of_one_value_are_doubted() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("p.csv");
+    let of = |scale: f64, places: f64, same: bool| {
+        let row = |k: usize| {
+            let value = if same { 40.0 } else { 40.0 + 30.0 * (k as f64 * 0.7).sin() };
+            let (lat, lon) = (50.0 + 0.01 * k as f64, -4.0 + 0.02 * k as f64);
+            format!("{},{},100,{:e}\n", lat * places, lon * places, value * scale)
+        };
+        let rows: String = (0..20).map(row).collect();
+        fs::write(&path, format!("lat,lon,alt,anomaly\n{rows}")).unwrap();
+        doubts(&read_points(&path, &PointOptions::default()).unwrap()).join("; ")
+    };
+    assert_eq!(of(1.0, 1.0, false), "");
+    assert!(of(1e-9, 1.0, false).contains("are they in another unit?"));
+    assert!(of(1.0, std::f64::consts::PI / 180.0, false).contains("are the positions in radians?"));
+    assert_eq!(of(1.0, 1.0, true), "all values are 40 nT");
+}

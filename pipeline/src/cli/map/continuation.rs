@@ -10,7 +10,7 @@ use schemas::Fault;
 use stages::map_continue::MapContinue;
 
 use super::{
-    InputArgs, Stop, ThreadArgs,
+    InputArgs, Stop, ThreadArgs, apart,
     flags::{StageFlags, in_flags},
     note, of_file, warn, write_to, wrong,
 };
@@ -55,6 +55,9 @@ pub fn run(args: &ContinueArgs) -> Result<(), Stop> {
         if args.to_m.is_empty() { vec![None] } else { args.to_m.iter().copied().map(Some).collect() };
     let stages: Vec<MapContinue> = heights.into_iter().map(|to_m| MapContinue { to_m, ..stage.clone() }).collect();
     stages.iter().try_for_each(|s| s.check(args.to_drape.is_some())).map_err(in_flags::<MapContinue>)?;
+    for output in [Some(&args.output), args.error.as_ref()].into_iter().flatten() {
+        apart(output, args.to_drape.iter().chain([&args.map]))?;
+    }
     args.threads.run(|| {
         let map = args.input.read(&args.map)?;
         if map.value_unit != "nT" && stage.derivative.is_some() {

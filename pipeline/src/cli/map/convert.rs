@@ -28,6 +28,7 @@ pub struct ConvertArgs {
 pub fn run(args: &ConvertArgs) -> Result<(), Stop> {
     let stage = args.stage.stage()?;
     stage.check().map_err(in_flags::<MapConvert>)?;
+    args.output.check([&args.map])?;
     args.threads.run(|| {
         let map = args.input.read(&args.map)?;
         args.output.write(&stage.apply(&map).map_err(|fault| of_file(&args.map, in_flags::<MapConvert>(fault)))?)

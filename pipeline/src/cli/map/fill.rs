@@ -33,6 +33,7 @@ pub struct FillArgs {
 pub fn run(args: &FillArgs) -> Result<(), Stop> {
     let stage = args.stage.stage()?;
     stage.check(!args.with.is_empty()).map_err(in_flags::<MapFill>)?;
+    args.output.check(args.with.iter().chain([&args.map]))?;
     args.threads.run(|| {
         let map = args.input.read(&args.map)?;
         // The others' heights and units are their files'.

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use datasets::{PointOptions, SurveyPoints, check_output, read_points};
+use datasets::{PointOptions, SurveyPoints, check_output, doubts, read_points};
 use numerics::maps::{
     gridding::{GridReport, Spread},
     levelling::{Levelled, LineCorrection, Merit},
@@ -13,9 +13,9 @@ use schemas::Fault;
 use stages::map_grid::{MapGrid, Mapped, Progress as Told, without_far};
 
 use super::{
-    OutputArgs, Stop, ThreadArgs,
+    OutputArgs, Stop, ThreadArgs, apart,
     flags::{StageFlags, in_flags},
-    of_file, say, write_to,
+    of_file, say, warn, write_to,
 };
 use crate::cli::{is_quiet, note, progress::Progress};
 
@@ -67,8 +67,9 @@ struct ColumnArgs {
 }
 
 pub fn run(args: &GridArgs) -> Result<(), Stop> {
-    args.output.check()?;
+    args.output.check(&args.points)?;
     if let Some(path) = &args.error {
+        apart(path, &args.points)?;
         check_output(path, None).map_err(Fault::from)?;
     }
     let stage = args.stage.stage()?;
@@ -112,6 +113,7 @@ fn read(args: &GridArgs, stage: &MapGrid, progress: Told) -> Result<(SurveyPoint
         progress("reading points", done, args.points.len());
         let points = read_points(path, &options).map_err(Fault::from)?;
         points.notes.iter().for_each(|n| note(&format!("{}: {n}", path.display())));
+        doubts(&points).iter().for_each(|n| warn(&format!("{}: {n}", path.display())));
         starts.push(all.as_ref().map_or(0, SurveyPoints::len));
         match &mut all {
             None => {

@@ -28,6 +28,11 @@ const COARSE: f64 = 2.0;
 /// A magnetometer is noisy beside the best one of its flight.
 const NOISY: f64 = 10.0;
 
+/// Of all samples, near values that are preferred.
+const PREFERRED: f64 = 0.1;
+/// Of a sample: a lag that `resample` should take out.
+const LATE: f64 = 0.5;
+
 /// Whether a figure is one that people would look at before they use the column.
 pub fn needs_a_look(measure: &Measure, around: &Around) -> bool {
     let is_magnetometer = flight::is_scalar_reading(&measure.column) || flight::vector_part(&measure.column).is_some();
@@ -44,6 +49,9 @@ pub fn needs_a_look(measure: &Measure, around: &Around) -> bool {
         Figure::Noise => flight::is_scalar_reading(&measure.column) && measure.value > NOISY * around.quietest_nt,
         // Estimates step at each fix.
         Figure::Spikes => !measure.column.starts_with("ins_") && flight::describe(&measure.column).role == Role::Sensor,
+        Figure::Preferred => share > PREFERRED,
+        Figure::DeadZone | Figure::PolarDeadZone | Figure::EquatorialDeadZone => true,
+        Figure::Lag => measure.value.abs() * around.rate_hz > LATE,
         // Missing values are dropouts.
         Figure::Found(super::Check::Missing) => false,
         Figure::Found(_) => true,
@@ -70,5 +78,8 @@ mod tests {
         assert!(of("flux_a_x", Figure::Quantisation, 100.0, 1) && !of("flux_a_x", Figure::Quantisation, 0.03, 1));
         assert!(of("mag_1_uc", Figure::Spikes, 5.0, 1) && !of("ins_vn", Figure::Spikes, 5.0, 1));
         assert!(!of("tt", Figure::Midnight, 86_400.0, 1));
+        assert!(of("mag_1_uc", Figure::Lag, -0.06, 900) && !of("mag_1_uc", Figure::Lag, 0.04, 900));
+        assert!(of("mag_1_uc", Figure::Preferred, 2.0, 3000) && !of("mag_1_uc", Figure::Preferred, 2.0, 600));
+        assert!(of("mag_1_uc", Figure::PolarDeadZone, 35.0, 30));
     }
 }

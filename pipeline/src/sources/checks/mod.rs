@@ -1,9 +1,13 @@
 //! The quality of a line's data as figures: sampling, dropouts, spikes, noise, quantisation, saturation and stuck channels of
-//! each column. Each check is one file with one function of numbers.
+//! each column, dead zones and lags of magnetometers. Each check is one file with one function of numbers.
 
+mod dead_zone;
 mod dropouts;
+mod lag;
 mod look;
+mod magnetometers;
 mod noise;
+mod preferred;
 mod quantisation;
 mod sampling;
 mod saturation;
@@ -17,12 +21,12 @@ pub use stretches::{gaps, stretches};
 
 use arrow_array::{RecordBatch, cast::AsArray, types::Float64Type};
 use arrow_schema::DataType;
-use schemas::{Role, describe_field};
+use schemas::{Role, describe_field, flight};
 
 use super::quality::{Check, Finding};
 
 /// Raised when figures change.
-pub const VERSION: &str = "checks 1";
+pub const VERSION: &str = "checks 2";
 
 /// What is checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -53,13 +57,23 @@ pub enum Figure {
     Noise,
     /// The height of the largest spike.
     Spikes,
+    /// The spacing of values that a scalar magnetometer prefers.
+    Preferred,
+    /// The longest time that a scalar magnetometer says it is in its dead zone.
+    DeadZone,
+    /// The half width of the cone of directions of the field in which it gives no reading.
+    PolarDeadZone,
+    /// The half width of the belt of them.
+    EquatorialDeadZone,
+    /// How much later it reports than the first magnetometer of its kind.
+    Lag,
     /// A finding of the examination.
     Found(Check),
 }
 
 impl Figure {
     /// All of them.
-    pub const ALL: [Figure; 20] = [
+    pub const ALL: [Figure; 25] = [
         Figure::Rate,
         Figure::Jitter,
         Figure::Gaps,
@@ -73,6 +87,11 @@ impl Figure {
         Figure::Quantisation,
         Figure::Noise,
         Figure::Spikes,
+        Figure::Preferred,
+        Figure::DeadZone,
+        Figure::PolarDeadZone,
+        Figure::EquatorialDeadZone,
+        Figure::Lag,
         Figure::Found(Check::Missing),
         Figure::Found(Check::Infinite),
         Figure::Found(Check::ZeroReading),
@@ -98,6 +117,11 @@ impl Figure {
             Figure::Quantisation => "quantisation",
             Figure::Noise => "noise",
             Figure::Spikes => "spikes",
+            Figure::Preferred => "preferred_values",
+            Figure::DeadZone => "dead_zone",
+            Figure::PolarDeadZone => "polar_dead_zone",
+            Figure::EquatorialDeadZone => "equatorial_dead_zone",
+            Figure::Lag => "lag",
             Figure::Found(check) => check.as_str(),
         }
     }
@@ -139,6 +163,7 @@ pub fn measures(line: &RecordBatch) -> Vec<Measure> {
         let values: Vec<f64> = array.as_primitive::<Float64Type>().iter().map(|x| x.unwrap_or(f64::NAN)).collect();
         of_column(&about, &values, tt, &gaps, &mut out);
     }
+    magnetometers::of_magnetometers(line, tt, &mut out);
     out
 }
 
@@ -200,6 +225,10 @@ fn of_column(about: &schemas::Column, values: &[f64], tt: &[f64], gaps: &[bool],
     }
     if let Some(step) = quantisation::step(&known) {
         push(Figure::Quantisation, step, &about.unit, known.len(), None);
+    } else if flight::is_scalar_reading(&about.name)
+        && let Some(found) = preferred::preferred(&known)
+    {
+        push(Figure::Preferred, found.step, &about.unit, found.samples, None);
     }
     let continuous = if wraps(about) { unwrapped(values) } else { values.to_vec() };
     let fourth = noise::fourth_differences(&continuous, gaps);
@@ -294,5 +323,56 @@ mod tests {
         // The jump of the yaw from 360 to 0 is none of the aircraft's.
         assert_eq!(of("yaw", "spikes"), None);
         assert!(of("yaw", "noise").unwrap().value < 1e-9);
+    }
+
+    #[test]
+    fn unit_magnetometers_are_held_against_each_other() {
+        let rows = 3000;
+        let at = |t: f64| 50_000.0 + 40.0 * (0.9 * t).sin() + 30.0 * (2.3 * t + 1.0).sin() + 25.0 * (4.1 * t).cos();
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..rows).map(|k| f(f64::from(k) * 0.1)).collect() };
+        // Reading 2 is late, and missing where the field is along the body's x axis; the logger says so of a part of it.
+        let x = of(&|t| 50_000.0 * (0.4 * t).cos());
+        let y = of(&|t| 50_000.0 * (0.4 * t).sin());
+        let lost = |k: usize| x[k].abs() > 45_000.0;
+        let late: Vec<f64> = (0..3000).map(|k| if lost(k) { f64::NAN } else { at(k as f64 * 0.1 - 0.12) }).collect();
+        let flag: Vec<f64> = (0..3000).map(|k| f64::from(u8::from(lost(k) && k < 1000))).collect();
+        let columns = [
+            ("tt", of(&|t| t)),
+            ("mag_1_uc", of(&at)),
+            ("mag_2_uc", late),
+            ("mag_2_deadzone", flag),
+            ("flux_a_x", x),
+            ("flux_a_y", y),
+            ("flux_a_z", of(&|t| 9000.0 + 10.0 * (0.7 * t).sin())),
+            ("flux_b_x", of(&|t| -50_000.0 * (0.4 * (t - 0.05)).cos())),
+            ("flux_b_y", of(&|t| -50_000.0 * (0.4 * (t - 0.05)).sin())),
+            ("flux_b_z", of(&|_| 9000.0)),
+        ];
+        let fields: Vec<Field> = columns
+            .iter()
+            .map(|(n, _)| {
+                let known = schemas::flight::describe(n);
+                schemas::field(n, DataType::Float64, known.unit, known.role, "")
+            })
+            .collect();
+        let arrays = columns.into_iter().map(|(_, c)| Arc::new(Float64Array::from(c)) as ArrayRef).collect();
+        let found = measures(&RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).unwrap());
+        let of = |column: &str, check: &str| found.iter().find(|m| m.column == column && m.check.as_str() == check);
+        let lag = of("mag_2_uc", "lag").unwrap();
+        assert!((lag.value - 0.12).abs() < 0.005, "{lag:?}");
+        let vector = found.iter().find(|m| m.column.starts_with("flux_b") && m.check == Figure::Lag).unwrap();
+        assert!((vector.value - 0.05).abs() < 0.005, "{vector:?}");
+        let zone = of("mag_2_uc", "polar_dead_zone").unwrap();
+        // The field's z component keeps its direction off the axis: acos(45,000 / |field|).
+        let edge = (45_000.0 / 50_000.0_f64.hypot(9000.0)).acos().to_degrees();
+        assert!((zone.value - edge).abs() < 2.5, "{zone:?} {edge}");
+        let flagged = of("mag_2_uc", "dead_zone").unwrap();
+        assert_eq!(flagged.count, (0..1000).filter(|k| lost_at(*k)).count() as u64);
+        assert!(of("mag_1_uc", "polar_dead_zone").is_none() && of("mag_1_uc", "lag").is_none());
+    }
+
+    /// Whether the field of the test above is along x.
+    fn lost_at(k: usize) -> bool {
+        (0.4 * (k as f64 * 0.1)).cos().abs() * 50_000.0 > 45_000.0
     }
 }

@@ -23,6 +23,11 @@ pub fn stretches(figure: Figure, values: &[f64], tt: &[f64]) -> Vec<(f64, f64)> 
         | Figure::Midnight
         | Figure::Quantisation
         | Figure::Noise
+        | Figure::Preferred
+        | Figure::DeadZone
+        | Figure::PolarDeadZone
+        | Figure::EquatorialDeadZone
+        | Figure::Lag
         | Figure::Found(_) => vec![],
     };
     rows.into_iter().filter_map(|run| Some((*tt.get(run.start)?, *tt.get(run.end.checked_sub(1)?)?))).collect()

@@ -13,8 +13,10 @@ const LIMITS_DPS: (f64, f64) = (0.3, 3.0);
 const LEAST_DEG: f64 = 20.0;
 /// A slower moment within a turn, s.
 const LULL_S: f64 = 3.0;
-/// What is shorter belongs to the turns around it, s.
+/// What is shorter belongs to the turns around it, s; where no leg is long, this part of the longest, so that the sides of a small
+/// square are legs in every lap or in none.
 const LEG_S: f64 = 5.0;
+const LEG_OF_SHORT: f64 = 0.35;
 /// The course of a leg is within this of its mean, degrees, but for a tenth of its samples.
 const STRAIGHT_DEG: f64 = 15.0;
 /// Angles are taken without what is slower than this, and their power is over so much time, s.
@@ -85,8 +87,18 @@ impl Parts {
             ..Parts::default()
         };
         let least_dps = threshold_dps(motion);
-        for (number, run) in motion.runs.iter().enumerate() {
-            found.divide(motion, number, run, least_dps);
+        let turning: Vec<Vec<bool>> = motion.runs.iter().map(|run| found.turning(motion, run, least_dps)).collect();
+        let stretches: Vec<Vec<Range<usize>>> =
+            motion.runs.iter().zip(&turning).map(|(run, turning)| straight(motion, run, turning)).collect();
+        let longest = stretches.iter().flatten().map(ExactSizeIterator::len).max().unwrap_or(0) as f64;
+        let least = (LEG_S * RATE_HZ).min(LEG_OF_SHORT * longest);
+        for (number, (run, straight)) in motion.runs.iter().zip(stretches).enumerate() {
+            found.parts[run.clone()].fill(Part::Turn);
+            for rows in straight.into_iter().filter(|rows| rows.len() as f64 >= least) {
+                found.parts[rows.clone()].fill(Part::Straight);
+                let course_deg = mean(&motion.course_deg[rows.clone()]).value;
+                found.legs.push(Leg { rows, run: number, course_deg, manoeuvres: [false; 3] });
+            }
         }
         let mut legs = std::mem::take(&mut found.legs);
         legs.iter_mut().for_each(|leg| found.manoeuvres(motion, leg));
@@ -94,7 +106,8 @@ impl Parts {
         found
     }
 
-    fn divide(&mut self, motion: &Motion, number: usize, run: &Range<usize>, least_dps: f64) {
+    /// Whether each sample of a run is in a turn; the turns are kept.
+    fn turning(&mut self, motion: &Motion, run: &Range<usize>, least_dps: f64) -> Vec<bool> {
         let rates = &motion.turn_dps[run.clone()];
         let mut sides: Vec<i8> = rates.iter().map(|r| if r.abs() < least_dps { 0 } else { r.signum() as i8 }).collect();
         let lull = (LULL_S * RATE_HZ) as usize;
@@ -116,19 +129,7 @@ impl Parts {
                 self.turns.push(Turn { rows, change_deg });
             }
         }
-        for straight in runs(turning.iter().map(|t| !t)) {
-            let rows = run.start + straight.start..run.start + straight.end;
-            self.parts[run.clone()][straight.clone()].fill(Part::Straight);
-            if (straight.len() as f64) < LEG_S * RATE_HZ || !is_straight(&course[rows.clone()]) {
-                self.parts[rows].fill(Part::Turn);
-                continue;
-            }
-            let course_deg = mean(&course[rows.clone()]).value;
-            self.legs.push(Leg { rows, run: number, course_deg, manoeuvres: [false; 3] });
-        }
-        for row in (0..run.len()).filter(|row| turning[*row]) {
-            self.parts[run.start + row] = Part::Turn;
-        }
+        turning
     }
 
     /// The power of the angles on a leg, and which of them have a manoeuvre.
@@ -181,6 +182,13 @@ fn threshold_dps(motion: &Motion) -> f64 {
         sum >= half
     });
     (PART * usual.copied().unwrap_or(0.0)).clamp(LIMITS_DPS.0, LIMITS_DPS.1)
+}
+
+/// The straight stretches between the turns of a run.
+fn straight(motion: &Motion, run: &Range<usize>, turning: &[bool]) -> Vec<Range<usize>> {
+    let between = runs(turning.iter().map(|t| !t)).into_iter();
+    let rows = between.map(|rows| run.start + rows.start..run.start + rows.end);
+    rows.filter(|rows| is_straight(&motion.course_deg[rows.clone()])).collect()
 }
 
 fn is_straight(course_deg: &[f64]) -> bool {

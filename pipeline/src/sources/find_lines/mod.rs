@@ -24,7 +24,7 @@ pub use patterns::{FoundLine, Kind};
 pub use picture::{png, svg};
 
 /// Raised when other lines are found.
-pub const VERSION: &str = "found lines 1";
+pub const VERSION: &str = "found lines 2";
 
 /// The lines of a flight, with what they were found from.
 #[derive(Clone, Debug)]

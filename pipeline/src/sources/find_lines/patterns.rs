@@ -78,10 +78,10 @@ const EIGHT: usize = 2;
 const CLOVER: usize = 3;
 /// A circle, degrees: nearly, since a turn begins and ends slowly.
 const CIRCLE_DEG: f64 = 340.0;
-/// The shortest line: a part of the longest leg, within these limits, s; where no leg is long, half of the longest.
+/// The shortest line: a part of the longest leg, within these limits, s; where no leg is long, this part of the longest.
 const SHORTEST: f64 = 0.1;
 const SHORTEST_S: (f64, f64) = (10.0, 30.0);
-const SHORTEST_OF_SHORT: f64 = 0.5;
+const SHORTEST_OF_SHORT: f64 = 0.35;
 /// A leg across two that are parallel, from the one to the other, is no line where it is shorter than this part of both.
 const CONNECTS: f64 = 0.6;
 /// Lines of a survey are within this of its axis, and tie lines of the perpendicular, degrees.

@@ -170,6 +170,11 @@ fn pool(known: &mut Measure, other: &Measure) {
         | Figure::Quantisation
         | Figure::Noise
         | Figure::Spikes
+        | Figure::Preferred
+        | Figure::DeadZone
+        | Figure::PolarDeadZone
+        | Figure::EquatorialDeadZone
+        | Figure::Lag
         | Figure::Found(_) => false,
     };
     if sums {
@@ -260,7 +265,7 @@ fn rows(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Markup {
     html! {
         div.scroll.wide { table.sortable.lines {
             thead { tr { (key_heads(several)) th scope="col" { button { "column" } }
-                @for name in ["dropouts, longest", "spikes, largest", "stuck, longest", "saturated, at", "step", "noise"] {
+                @for name in ["dropouts, longest", "spikes, largest", "stuck, longest", "saturated, at", "step", "preferred values, apart", "dead zone", "lag", "noise"] {
                     th.n scope="col" { button { (name) } }
                 }
                 th scope="col" { button { "findings" } }
@@ -271,12 +276,21 @@ fn rows(source: &Source, several: &Several, columns: &[&ColumnOf]) -> Markup {
                 (cell(c, Figure::Stuck, &lasting, size))
                 (cell(c, Figure::Saturation, &many, count))
                 (cell(c, Figure::Quantisation, &unit, size))
+                (cell(c, Figure::Preferred, &many, count))
+                (cell(c, dead_zone(c), &many, count))
+                (cell(c, Figure::Lag, &unit, size))
                 (cell(c, Figure::Noise, &unit, size))
                 (findings(c))
             } } }
         } }
         @if columns.len() > ROWS { p.note { "and " (columns.len() - ROWS) " more" } }
     }
+}
+
+/// The dead zone of a column: its shape where that is known, otherwise what the sensor says.
+fn dead_zone(column: &ColumnOf) -> Figure {
+    let shapes = [Figure::PolarDeadZone, Figure::EquatorialDeadZone];
+    shapes.into_iter().find(|figure| column.figure(*figure).is_some()).unwrap_or(Figure::DeadZone)
 }
 
 /// What an examination found in a column.
@@ -305,6 +319,9 @@ fn glossary() -> Markup {
                 dt { "stuck" } dd { "samples of the longest time with one value, where it is far longer than is usual for the column" }
                 dt { "saturated" } dd { "samples at an end of the range that holds far more of them than the values next to it" }
                 dt { "step" } dd { "of which differences are whole multiples; of magnetometers marked above two standard deviations of the noise, or where that does not show" }
+                dt { "preferred values" } dd { "samples of a scalar magnetometer near evenly spaced values although it gives others too, and their spacing; marked above a tenth of the samples" }
+                dt { "dead zone" } dd { "missing samples of a scalar magnetometer in a cone or a belt of directions of the field in the aircraft, by the first vector magnetometer, and the half width of it; or the samples that the sensor itself says are in its dead zone, and the longest time. Always marked" }
+                dt { "lag" } dd { "how much later the column is than that of the first magnetometer of its kind, by cross-correlation, where they share enough to say; marked above half a sample" }
                 dt { "noise" } dd { "standard deviation of white noise, from fourth differences; of scalar magnetometers marked above ten times that of the best one of the flight" }
             }
         }

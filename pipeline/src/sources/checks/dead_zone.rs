@@ -1,0 +1,193 @@
+//! Directions of the field in which an optically pumped magnetometer gives no reading.
+//!
+//! Its signal vanishes where the field lies along the optical axis (a polar dead zone) or across it (an equatorial one), so that
+//! what is lost depends on the attitude: the directions of the field in the aircraft, by a vector magnetometer, at the lost
+//! samples are a cone or a belt, in which next to nothing else is. [Geometrics: G-823A and MFAM manuals, which state
+//! zones of 10 and 35 degrees]
+
+/// The shape of a dead zone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    /// A cone to either side along an axis.
+    Polar,
+    /// A belt across an axis.
+    Equatorial,
+}
+
+/// A dead zone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DeadZone {
+    /// Its shape.
+    pub shape: Shape,
+    /// The angle from its middle to its edge, degrees.
+    pub half_width_deg: f64,
+    /// The lost samples in it.
+    pub samples: usize,
+    /// The row of the first.
+    pub first: usize,
+}
+
+/// At least so many samples are lost, on so many occasions: what is lost once at a heading may have any cause.
+const LEAST: usize = 20;
+const OCCASIONS: usize = 3;
+/// Of the samples in the zone so many are lost, and of those outside at most this part of that.
+const INSIDE: f64 = 0.5;
+const OUTSIDE: f64 = 0.1;
+/// Wider zones are none of an instrument that is sold, degrees: polar and equatorial.
+const WIDEST_DEG: [f64; 2] = [60.0, 30.0];
+
+/// The dead zone of a magnetometer that has `lost` samples, by the components of the field in the frame of the aircraft (any unit).
+/// `None` where what is lost does not depend on the direction, or nearly all or nothing is lost.
+pub fn dead_zone(lost: &[bool], field: [&[f64]; 3]) -> Option<DeadZone> {
+    let [x, y, z] = field;
+    let rows = lost.iter().zip(x).zip(y).zip(z).enumerate();
+    let known: Vec<Direction> = rows
+        .filter_map(|(row, (((lost, x), y), z))| {
+            let size = (x * x + y * y + z * z).sqrt();
+            (size.is_finite() && size > 0.0).then(|| (row, *lost, [x / size, y / size, z / size]))
+        })
+        .collect();
+    let gone: Vec<[f64; 3]> = known.iter().filter(|d| d.1).map(|d| d.2).collect();
+    let starts = known.iter().zip(std::iter::once(false).chain(known.iter().map(|d| d.1)));
+    let occasions = starts.filter(|(d, before)| d.1 && !before).count();
+    if gone.len() < LEAST || occasions < OCCASIONS || known.len() < 2 * gone.len() {
+        return None;
+    }
+    let mut scatter = [[0.0; 3]; 3];
+    for u in &gone {
+        for (row, a) in scatter.iter_mut().zip(u) {
+            row.iter_mut().zip(u).for_each(|(sum, b)| *sum += a * b / gone.len() as f64);
+        }
+    }
+    // Its trace is 1, so that the axis of least scatter is that of the most in what is left of 1.
+    let mut across = scatter.map(|row| row.map(|x| -x));
+    across.iter_mut().enumerate().for_each(|(i, row)| row[i] += 1.0);
+    let [polar, equatorial] = [(Shape::Polar, &scatter), (Shape::Equatorial, &across)]
+        .map(|(shape, matrix)| zone(shape, principal_axis(matrix), &known));
+    match (polar, equatorial) {
+        (Some(a), Some(b)) => Some(if b.0 > a.0 { b.1 } else { a.1 }),
+        (a, b) => a.or(b).map(|found| found.1),
+    }
+}
+
+/// A row, whether its sample is lost, and the direction of the field.
+type Direction = (usize, bool, [f64; 3]);
+
+/// The zone about an axis that parts the lost samples from the others best, and how well: the part of the lost samples in it less
+/// that of the others, 1 at the best.
+fn zone(shape: Shape, axis: [f64; 3], known: &[Direction]) -> Option<(f64, DeadZone)> {
+    let angle_deg = |u: &[f64; 3]| {
+        let along = u.iter().zip(axis).map(|(a, b)| a * b).sum::<f64>().abs().min(1.0);
+        match shape {
+            Shape::Polar => along.acos().to_degrees(),
+            Shape::Equatorial => along.asin().to_degrees(),
+        }
+    };
+    let mut angles: Vec<(f64, bool)> = known.iter().map(|(_, lost, u)| (angle_deg(u), *lost)).collect();
+    angles.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let gone = angles.iter().filter(|a| a.1).count() as f64;
+    let kept = angles.len() as f64 - gone;
+    let (mut gone_in, mut kept_in) = (0.0, 0.0);
+    let mut best: Option<(f64, f64, f64, f64)> = None;
+    for (angle, lost) in &angles {
+        *if *lost { &mut gone_in } else { &mut kept_in } += 1.0;
+        let parted = gone_in / gone - kept_in / kept;
+        if best.is_none_or(|b| parted > b.0) {
+            best = Some((parted, *angle, gone_in, kept_in));
+        }
+    }
+    let (parted, edge_deg, gone_in, kept_in) = best?;
+    let inside = gone_in / (gone_in + kept_in);
+    let outside = (gone - gone_in) / (gone - gone_in + kept - kept_in).max(1.0);
+    let widest = WIDEST_DEG[usize::from(shape == Shape::Equatorial)];
+    if inside < INSIDE || outside > OUTSIDE * inside || edge_deg > widest {
+        return None;
+    }
+    let first = known.iter().find(|(_, lost, u)| *lost && angle_deg(u) <= edge_deg)?.0;
+    Some((parted, DeadZone { shape, half_width_deg: edge_deg, samples: gone_in as usize, first }))
+}
+
+/// The axis of the largest eigenvalue of a symmetric matrix that has none below 0, by repeated squaring.
+fn principal_axis(matrix: &[[f64; 3]; 3]) -> [f64; 3] {
+    let mut power = *matrix;
+    for _ in 0..40 {
+        let at = |i: usize, j: usize| (0..3).map(|k| power[i][k] * power[k][j]).sum::<f64>();
+        let squared: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| at(i, j)));
+        let trace: f64 = (0..3).map(|i| squared[i][i]).sum();
+        power = squared.map(|row| row.map(|x| x / trace));
+    }
+    // Its columns are multiples of the axis: the longest is the most exact.
+    let longest = (0..3).max_by(|a, b| power[*a][*a].total_cmp(&power[*b][*b])).unwrap_or(0);
+    let size = power[longest].iter().map(|x| x * x).sum::<f64>().sqrt();
+    power[longest].map(|x| x / size)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use numerics::random::Normals;
+
+    use super::*;
+
+    /// Directions all over the sphere, which pass slowly from one to another.
+    fn tumbling(rows: usize) -> [Vec<f64>; 3] {
+        let at = |hz: [f64; 2], k: usize| {
+            let t = k as f64 * 0.1;
+            (hz[0] * t).sin() + (hz[1] * t).cos()
+        };
+        [[0.31, 0.53], [0.27, 0.71], [0.43, 0.19]].map(|hz| (0..rows).map(|k| 50_000.0 * at(hz, k)).collect())
+    }
+
+    fn cos(field: &[Vec<f64>; 3], axis: [f64; 3], k: usize) -> f64 {
+        let u = [field[0][k], field[1][k], field[2][k]];
+        let size = u.iter().map(|x| x * x).sum::<f64>().sqrt();
+        (u.iter().zip(axis).map(|(a, b)| a * b).sum::<f64>() / size).abs()
+    }
+
+    fn of(lost: &[bool], field: &[Vec<f64>; 3]) -> Option<DeadZone> {
+        dead_zone(lost, [&field[0], &field[1], &field[2]])
+    }
+
+    #[test]
+    fn law_a_cone_and_a_belt_have_the_width_they_were_made_with() {
+        let field = tumbling(30_000);
+        let axis = [0.6, 0.0, 0.8];
+        // The dead zones of two instruments: 35 degrees along the axis; 10 degrees across it.
+        let polar: Vec<bool> = (0..30_000).map(|k| cos(&field, axis, k) > 35.0_f64.to_radians().cos()).collect();
+        let found = of(&polar, &field).unwrap();
+        assert_eq!(found.shape, Shape::Polar);
+        assert!((found.half_width_deg - 35.0).abs() < 2.0, "{found:?}");
+        assert_eq!(found.first, polar.iter().position(|lost| *lost).unwrap());
+        let belt: Vec<bool> = (0..30_000).map(|k| cos(&field, axis, k) < 10.0_f64.to_radians().sin()).collect();
+        let found = of(&belt, &field).unwrap();
+        assert_eq!(found.shape, Shape::Equatorial);
+        assert!((found.half_width_deg - 10.0).abs() < 1.0, "{found:?}");
+    }
+
+    #[test]
+    fn law_dropouts_at_random_and_of_one_turn_are_none() {
+        let field = tumbling(30_000);
+        let mut normals = Normals::new(7);
+        let random: Vec<bool> = (0..30_000).map(|_| normals.draw() > 1.6).collect();
+        assert_eq!(of(&random, &field), None);
+        // A plug that is loose for a while.
+        let once: Vec<bool> = (0..30_000).map(|k| (9_000..9_120).contains(&k)).collect();
+        assert_eq!(of(&once, &field), None);
+        assert_eq!(of(&[true; 30_000], &field), None);
+        assert_eq!(of(&[false; 30_000], &field), None);
+        assert_eq!(of(&[], &[vec![], vec![], vec![]]), None);
+        let dead = [vec![0.0; 30_000], vec![f64::NAN; 30_000], vec![0.0; 30_000]];
+        assert_eq!(of(&random, &dead), None);
+    }
+
+    #[test]
+    fn law_the_principal_axis_of_an_ellipsoid_is_its_longest() {
+        // Of a b^T + ... with eigenvalues 3, 2, 1 along a rotated frame.
+        let (a, b, c) = ([0.6, 0.0, 0.8], [0.0, 1.0, 0.0], [0.8, 0.0, -0.6]);
+        let matrix: [[f64; 3]; 3] =
+            std::array::from_fn(|i| std::array::from_fn(|j| 3.0 * a[i] * a[j] + 2.0 * b[i] * b[j] + c[i] * c[j]));
+        let axis = principal_axis(&matrix);
+        assert!((axis.iter().zip(a).map(|(x, y)| x * y).sum::<f64>().abs() - 1.0).abs() < 1e-12, "{axis:?}");
+    }
+}
