@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     sources::{Flights, MapSource, Trust},
-    spec::StageDecl,
+    spec::{SourceDecl, StageDecl},
 };
 
 /// The maximum number of names that one text can expand to.
@@ -170,15 +170,12 @@ impl Builder<'_> {
         }
         let decl = self.spec.tables.iter().find(|t| t.name == name)?;
         let opened = if is_map {
-            let read_all = self.spec.verify_inputs;
-            MapSource::open(decl, &self.spec.folder).map(|mut m| {
-                m.read_all = read_all;
-                self.maps.push(m);
+            self.open_map(decl).map(|map| {
+                self.maps.push(map);
                 Target::Map(self.maps.len() - 1)
             })
         } else {
-            let trust = Trust { store: Some(&self.spec.store), read_all: self.spec.verify_inputs };
-            Flights::open_trusting(decl, &self.spec.folder, trust).map(|f| {
+            self.open_flights(decl).map(|f| {
                 self.notes.extend(f.notes.iter().cloned());
                 self.shapes.push(Arc::new(Table::Lines(f.shape.clone())));
                 self.flights.push(f);
@@ -199,6 +196,25 @@ impl Builder<'_> {
         }
         self.sources.insert((name.to_owned(), is_map), found.clone());
         found
+    }
+
+    fn open_map(&self, decl: &SourceDecl) -> Result<MapSource, Vec<Fault>> {
+        if let Some(recorded) = self.recorded {
+            recorded.has_map(&decl.name).map_err(|fault| vec![fault])?;
+            return MapSource::recorded(decl);
+        }
+        let mut map = MapSource::open(decl, &self.spec.folder)?;
+        map.read_all = self.spec.verify_inputs;
+        Ok(map)
+    }
+
+    fn open_flights(&self, decl: &SourceDecl) -> Result<Flights, Vec<Fault>> {
+        if let Some(recorded) = self.recorded {
+            let schema = recorded.columns(&decl.name).map_err(|fault| vec![fault])?;
+            return Ok(Flights::recorded(&decl.name, schema));
+        }
+        let trust = Trust { store: Some(&self.spec.store), read_all: self.spec.verify_inputs };
+        Flights::open_trusting(decl, &self.spec.folder, trust)
     }
 }
 

@@ -150,10 +150,15 @@ impl Flights {
         if !faults.is_empty() {
             return Err(faults.into_iter().map(|f| if shown(&f) { f } else { placed(f) }).collect());
         }
-        let schema: SchemaRef = Arc::new(Schema::new(fields));
+        let known = Flights::recorded(&decl.name, Arc::new(Schema::new(fields)));
+        Ok(Flights { notes, read_all: trust.read_all, division: lines, files, ..known })
+    }
+
+    /// A table of the columns `schema` whose lines are known: it has no files to read.
+    pub fn recorded(name: &str, schema: SchemaRef) -> Flights {
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
-        let (name, shape) = (decl.name.clone(), Shape { columns, rate_hz: None });
-        Ok(Flights { name, shape, schema, notes, read_all: trust.read_all, division: lines, files })
+        let shape = Shape { columns, rate_hz: None };
+        Flights { name: name.to_owned(), shape, schema, notes: vec![], read_all: false, division: None, files: vec![] }
     }
 
     /// Its files, and those that its simulations are made from.
@@ -225,14 +230,23 @@ impl MapSource {
     /// # Errors
     /// Fails for options that a map does not have, and for a file that does not exist.
     pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
-        let options = map_options(decl)?;
+        let map = MapSource::recorded(decl)?;
         let path = folder.join(&decl.path.0);
         if !path.exists() {
             let fault = Fault::new(format!("there is no file {}", path.display())).at(decl.path.1.clone());
             return Err(vec![fault]);
         }
+        Ok(MapSource { path, ..map })
+    }
+
+    /// A map whose key is known: it has no file to read.
+    ///
+    /// # Errors
+    /// Fails for options that a map does not have.
+    pub fn recorded(decl: &SourceDecl) -> Result<MapSource, Vec<Fault>> {
+        let options = map_options(decl)?;
         let spelt = spelt(&options);
-        Ok(MapSource { name: decl.name.clone(), path, read_all: false, options, spelt })
+        Ok(MapSource { name: decl.name.clone(), path: PathBuf::new(), read_all: false, options, spelt })
     }
 
     /// The key of its content, and the bytes it was read from; the grid itself is put into the store.
