@@ -321,13 +321,13 @@ store = "store"
 path = "flights/"
 
 [axes]
-lines = ["%", "1.02"]
+over = ["%", "1.02"]
 
 [[stages]]
 name     = "coefficients"
 stage    = "fit"
 input    = "flights"
-where    = "line like '$lines'"
+where    = "line like '$over'"
 model    = "ridge"
 target   = "mag_4_uc"
 features = ["flux_a_x", "flux_a_y", "flux_a_z"]

@@ -59,12 +59,13 @@ def main():
     parser.add_argument("--lines", type=int, nargs="+", default=[10, 100, 1000])
     parser.add_argument("--points", type=int, default=10)
     parser.add_argument("--units", type=int, default=48)
+    parser.add_argument("--folder", help="where stores are made")
     args = parser.parse_args()
     binary = str(Path(args.magline).resolve())
     print("| lines | units | tasks | local run, CPU s | engine processes | one process: plan, work, publish | a process a task: work | ms a task, one process | ms a task, own process |")
     print("|---" * 9 + "|")
     for lines in args.lines:
-        with tempfile.TemporaryDirectory(prefix="tasks-") as name:
+        with tempfile.TemporaryDirectory(prefix="tasks-", dir=args.folder) as name:
             folder = Path(name)
             (folder / "flights").mkdir()
             write(folder / "flights", 0, lines, 10, 600, "parquet")
