@@ -34,6 +34,7 @@ mod rivals;
 mod search;
 mod store;
 mod support;
+mod tasks;
 mod trust;
 mod versions;
 mod warnings;

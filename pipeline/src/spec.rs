@@ -49,6 +49,8 @@ pub struct Spec {
     pub searched: Range<usize>,
     /// What is searched, and how.
     pub search: Option<Search>,
+    /// The trials whose values the axes that are searched have.
+    pub trials: Vec<Row>,
     /// The stages.
     pub stages: Vec<StageDecl>,
     /// What a data set published from it says of itself.
@@ -165,6 +167,7 @@ impl Spec {
             spec.axes.truncate(self.searched.start);
             spec.axes.extend(course::axes(search, rows));
             spec.searched = self.searched.start..spec.axes.len();
+            spec.trials = rows.to_vec();
         }
         spec
     }
@@ -243,6 +246,7 @@ impl Reading {
             axes,
             searched: listed..listed,
             search,
+            trials: vec![],
             stages,
             publish,
             verify_inputs: false,

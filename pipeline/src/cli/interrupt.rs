@@ -3,7 +3,10 @@
 use std::{io::Write, process::exit, sync::atomic::Ordering};
 
 use super::temporary;
-use crate::run::{INTERRUPTED, STARTED};
+use crate::{
+    run::{INTERRUPTED, STARTED},
+    store::attempts,
+};
 
 /// The message on an interrupted run.
 pub const SAID: &str = "interrupted; what was finished is kept, and the same command goes on from there";
@@ -28,6 +31,20 @@ pub fn listen() {
     // Where no handler can be set, an interrupt ends the process at once.
     let _ = ctrlc::set_handler(|| {
         INTERRUPTED.store(true, Ordering::SeqCst);
+        if !STARTED.load(Ordering::SeqCst) {
+            let _ = writeln!(std::io::stderr(), "{SAID}");
+            exit(i32::from(STATUS));
+        }
+    });
+}
+
+/// From now on an interrupt ends a worker as [`listen`] ends a run, and the units at work are not counted as lost: what
+/// stops the worker is not their fault.
+pub fn withdraw() {
+    // Where no handler can be set, an interrupt ends the process at once.
+    let _ = ctrlc::set_handler(|| {
+        INTERRUPTED.store(true, Ordering::SeqCst);
+        attempts::withdraw();
         if !STARTED.load(Ordering::SeqCst) {
             let _ = writeln!(std::io::stderr(), "{SAID}");
             exit(i32::from(STATUS));

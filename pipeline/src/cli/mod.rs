@@ -14,6 +14,7 @@ mod publish;
 mod report;
 mod say;
 mod sql;
+mod task;
 mod temporary;
 mod tend;
 mod threads;
@@ -22,9 +23,10 @@ use std::{
     path::PathBuf,
     process::ExitCode,
     sync::atomic::{AtomicBool, Ordering},
+    time::Duration,
 };
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use progress::Progress;
 use say::err;
 use schemas::{Entry, Fault, render};
@@ -55,6 +57,11 @@ enum Command {
     Run(RunArgs),
     /// Merge the files of a sweep that has grown, as if it had been run at once; missing results are computed.
     Compact(RunArgs),
+    /// Print what can be computed next, as tasks for `magline task`; none when all is done. The sources are read.
+    Tasks(task::TasksArgs),
+    /// Compute tasks, and print a receipt of each: for Slurm, Dask, Argo or xargs.
+    #[command(after_long_help = task::STATUS_HELP)]
+    Task(task::TaskArgs),
     /// Check a spec; nothing is run.
     Check(SpecArgs),
     /// Print the plan: tables, axes, what is in the store, what each stage costs.
@@ -173,9 +180,16 @@ struct RunArgs {
     /// The number of threads; all cores by default. Results do not depend on it.
     #[arg(long, value_parser = threads::count)]
     threads: Option<usize>,
-    /// The engine.
-    #[arg(long, default_value = "local")]
-    engine: String,
+    /// The engine: the threads of this process, or as many processes of one thread, so that a unit that kills its worker or
+    /// takes too long takes nothing else with it. Results do not depend on it.
+    #[arg(long, value_enum, default_value_t)]
+    engine: EngineName,
+    /// The longest time of a unit, such as 90s or 2h, with `--engine processes`: a thread cannot be stopped.
+    #[arg(long, value_name = "TIME", value_parser = tend::age)]
+    unit_timeout: Option<Duration>,
+    /// How often a unit is tried again after its worker was lost; see `magline task`.
+    #[arg(long, value_name = "N", default_value_t = run::RETRIES)]
+    retries: usize,
     /// Read the bytes of every input, even where its size and time are unchanged.
     #[arg(long)]
     verify_inputs: bool,
@@ -188,6 +202,34 @@ struct RunArgs {
     /// No progress, no notes and no tables: only errors, and one line if results are marked.
     #[arg(short, long)]
     quiet: bool,
+}
+
+/// What computes a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+enum EngineName {
+    /// The threads of this process.
+    #[default]
+    Local,
+    /// Processes of this program.
+    Processes,
+}
+
+/// The engine that was asked for.
+fn engine(args: &RunArgs) -> Result<Box<dyn run::Engine>, Stop> {
+    match (args.engine, args.unit_timeout) {
+        (EngineName::Local, None) => Ok(Box::new(run::Local)),
+        (EngineName::Local, Some(_)) => Err(Stop::Wrong(
+            "error: the engine `local` cannot stop a unit that takes too long\n  help: use `--engine processes` with \
+             `--unit-timeout`"
+                .to_owned(),
+        )),
+        (EngineName::Processes, unit_timeout) => {
+            let program = std::env::current_exe();
+            let program = program.map_err(|e| Stop::Failed(format!("error: cannot find this program: {e}")))?;
+            let count = args.threads.unwrap_or_else(threads::cores);
+            Ok(Box::new(run::Processes { program, count, retries: args.retries, unit_timeout }))
+        }
+    }
 }
 
 const JSON_HELP: &str = "\
@@ -253,6 +295,8 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
     let done = match command {
         Command::Run(args) => run_spec(catalogue, &args, false),
         Command::Compact(args) => run_spec(catalogue, &args, true),
+        Command::Tasks(args) => task::tasks(catalogue, &args),
+        Command::Task(args) => task::task(catalogue, &args),
         Command::Check(args) => check(catalogue, &args),
         Command::Explain(args) => with_graph(catalogue, &args, |graph, store| Ok(views::explain(graph, store))),
         Command::Why { spec, table } => {
@@ -279,7 +323,7 @@ pub fn main(catalogue: &[Entry]) -> ExitCode {
     match done {
         Ok(()) => ended(0),
         Err(Stop::Failed(text)) => {
-            err!("{text}");
+            tell(&text);
             ended(1)
         }
         Err(Stop::Wrong(text)) => {
@@ -407,20 +451,14 @@ fn synth(spec: &std::path::Path, to: &std::path::Path, quiet: bool) -> Result<()
 }
 
 fn run_spec(catalogue: &[Entry], args: &RunArgs, compact: bool) -> Result<(), Stop> {
-    if args.engine != "local" {
-        let what = format!(
-            "error: there is no engine at `{}`\n  help: this version runs on this machine: `--engine local`",
-            args.engine
-        );
-        return Err(Stop::Wrong(what));
-    }
+    let engine = engine(args)?;
     interrupt::listen();
     let mut spec = read_spec(&args.spec.spec, &args.spec.sets)?;
     spec.verify_inputs = args.verify_inputs;
     let plan = Plan::new(spec, catalogue)?;
     let store = open(&plan.spec)?;
     let pool = threads::pool(args.threads)?;
-    let options = run::Options { wait: args.wait, compact };
+    let options = run::Options { wait: args.wait, compact, retries: args.retries, engine: &*engine };
     let (plan, summary) = if args.json {
         pool.install(|| run::search(plan, catalogue, &store, options, &events::Json::new()))?
     } else {

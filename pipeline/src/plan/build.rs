@@ -4,15 +4,15 @@ use std::collections::HashSet;
 
 use schemas::{Column, Entry, Fault, Grain, Role};
 
-use super::{Plan, TableNode, axes::mentioned, builder::Builder, grid::Grid, variants::Variants};
+use super::{Plan, Recorded, TableNode, axes::mentioned, builder::Builder, grid::Grid, variants::Variants};
 use crate::spec::{Faults, Spec, StageDecl};
 
 /// More points than this are more likely a slip than a wish.
 const MOST_POINTS: usize = 10_000_000;
 
-/// See [`Plan::new`].
-pub fn build(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
-    let mut builder = Builder::new(&spec, catalogue);
+/// See [`Plan::new`]; with a record the inputs are not opened.
+pub fn build(spec: Spec, catalogue: &[Entry], recorded: Option<&Recorded>) -> Result<Plan, Faults> {
+    let mut builder = Builder::new(&spec, catalogue, recorded);
     builder.names();
     for i in builder.order() {
         if builder.stage(i).is_none() {

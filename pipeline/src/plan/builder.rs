@@ -7,7 +7,7 @@ use std::{
 
 use schemas::{Entry, Fault, Table};
 
-use super::{TableNode, node::Target};
+use super::{Recorded, TableNode, node::Target};
 use crate::{
     predicate::Predicate,
     sources::{Flights, MapSource},
@@ -32,6 +32,8 @@ pub enum Use {
 pub struct Builder<'a> {
     pub spec: &'a Spec,
     pub catalogue: &'a [Entry],
+    /// What was read of the inputs, in place of them.
+    pub recorded: Option<&'a Recorded>,
     pub faults: Vec<Fault>,
     pub flights: Vec<Flights>,
     /// The table that each of `flights` is to a stage.
@@ -52,10 +54,11 @@ pub struct Builder<'a> {
 
 impl<'a> Builder<'a> {
     /// Nothing planned yet.
-    pub fn new(spec: &'a Spec, catalogue: &'a [Entry]) -> Self {
+    pub fn new(spec: &'a Spec, catalogue: &'a [Entry], recorded: Option<&'a Recorded>) -> Self {
         Builder {
             spec,
             catalogue,
+            recorded,
             faults: vec![],
             flights: vec![],
             shapes: vec![],

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     sources::{Flights, MapSource, Trust},
-    spec::StageDecl,
+    spec::{SourceDecl, StageDecl},
 };
 
 /// The maximum number of names that one text can expand to.
@@ -175,17 +175,14 @@ impl Builder<'_> {
         }
         let decl = self.spec.tables.iter().find(|t| t.name == name)?;
         let opened = match used {
-            Use::Map => MapSource::open(decl, &self.spec.folder).map(|map| self.whole(map)),
-            Use::Model => MapSource::open_model(decl, &self.spec.folder).map(|model| self.whole(model)),
-            Use::Flights => {
-                let trust = Trust { store: Some(&self.spec.store), read_all: self.spec.verify_inputs };
-                Flights::open_trusting(decl, &self.spec.folder, trust).map(|f| {
-                    self.notes.extend(f.notes.iter().cloned());
-                    self.shapes.push(Arc::new(Table::Lines(f.shape.clone())));
-                    self.flights.push(f);
-                    Target::Flights(self.flights.len() - 1)
-                })
-            }
+            Use::Map => self.open_map(decl).map(|map| self.whole(map)),
+            Use::Model => self.open_model(decl).map(|model| self.whole(model)),
+            Use::Flights => self.open_flights(decl).map(|f| {
+                self.notes.extend(f.notes.iter().cloned());
+                self.shapes.push(Arc::new(Table::Lines(f.shape.clone())));
+                self.flights.push(f);
+                Target::Flights(self.flights.len() - 1)
+            }),
         };
         let found = opened.map_err(|faults| self.faults.extend(faults)).ok();
         let known: Vec<String> = match &found {
@@ -211,6 +208,31 @@ impl Builder<'_> {
         self.wholes.push(source.model().map_or_else(|| self.map_shape.clone(), Arc::new));
         self.maps.push(source);
         Target::Map(self.maps.len() - 1)
+    }
+
+    fn open_map(&self, decl: &SourceDecl) -> Result<MapSource, Vec<Fault>> {
+        if let Some(recorded) = self.recorded {
+            recorded.has_map(&decl.name).map_err(|fault| vec![fault])?;
+            return MapSource::recorded(decl);
+        }
+        MapSource::open(decl, &self.spec.folder)
+    }
+
+    fn open_model(&self, decl: &SourceDecl) -> Result<MapSource, Vec<Fault>> {
+        if let Some(recorded) = self.recorded {
+            let schema = recorded.model(&decl.name).map_err(|fault| vec![fault])?;
+            return MapSource::recorded_model(decl, schema);
+        }
+        MapSource::open_model(decl, &self.spec.folder)
+    }
+
+    fn open_flights(&self, decl: &SourceDecl) -> Result<Flights, Vec<Fault>> {
+        if let Some(recorded) = self.recorded {
+            let schema = recorded.columns(&decl.name).map_err(|fault| vec![fault])?;
+            return Ok(Flights::recorded(&decl.name, schema));
+        }
+        let trust = Trust { store: Some(&self.spec.store), read_all: self.spec.verify_inputs };
+        Flights::open_trusting(decl, &self.spec.folder, trust)
     }
 }
 

@@ -171,7 +171,10 @@ impl<'a> Graph<'a> {
     }
 
     /// The graph of what was read: the lines of each table of flights, and the key of each map.
-    fn of(
+    ///
+    /// # Errors
+    /// Fails for a `where` that selects nothing.
+    pub(super) fn of(
         plan: &'a Plan,
         sources: Vec<Vec<LineRecord>>,
         bytes: Vec<Vec<Bytes>>,

@@ -13,6 +13,7 @@ mod keys;
 mod lines;
 mod memo;
 mod node;
+mod recorded;
 mod search;
 mod variants;
 
@@ -24,6 +25,7 @@ pub use grid::{Grid, Point};
 pub use keys::{Graph, Origin, Unit};
 pub use lines::LineId;
 pub use node::{Instance, TableNode, Variant};
+pub use recorded::Recorded;
 pub use search::Goal;
 
 use crate::{
@@ -65,7 +67,7 @@ impl Plan {
     /// # Errors
     /// Fails with all faults, one message per mistake.
     pub fn new(spec: Spec, catalogue: &[Entry]) -> Result<Plan, Faults> {
-        build::build(spec, catalogue)
+        build::build(spec, catalogue, None)
     }
 
     /// The stage of the table `table` at its point `index`.

@@ -7,7 +7,7 @@ use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch,
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use schemas::{Column, Fault, Literal, Role, TableKind, Yield, field};
 
-use super::work::Held;
+use super::held::Held;
 use crate::{
     casting::cast,
     keys::Key,

@@ -3,6 +3,7 @@
 use std::ops::Add;
 
 use schemas::Fault;
+use serde::{Deserialize, Serialize};
 
 use super::Summary;
 use crate::{
@@ -38,7 +39,8 @@ impl Add for Count {
 }
 
 /// The outcome of one unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Outcome {
     /// Computed now.
     Computed,

@@ -1,27 +1,39 @@
 //! Running a plan: missing results are computed, the rest is reused, and failures are isolated.
 
+mod compute;
 mod cut;
+mod engine;
 pub mod events;
 mod failure;
+mod held;
 mod interrupt;
 mod layout;
+mod list;
 mod logical;
+mod processes;
 mod publish;
 mod quality;
+mod remote;
 mod search;
 mod table;
+mod task;
 mod trials;
 mod work;
 
-use std::{sync::atomic::Ordering, time::Instant};
+use std::{collections::HashMap, sync::atomic::Ordering, time::Instant};
 
 use schemas::{Fault, Grain, InputKind};
 
+pub use engine::{Engine, Local, Wave};
 pub use events::{Count, Event, Listener, Outcome, Quiet};
 pub use failure::{Failure, said_once};
 pub use interrupt::{INTERRUPTED, STARTED};
+pub use list::{Listed, list};
 pub use logical::{PATTERNS, SCHEMA};
+pub use processes::Processes;
+pub use remote::{Limits, Served, serve};
 pub use search::search;
+pub use task::{Answer, Receipt, Task, TaskUnit};
 pub use trials::settled;
 
 use work::Worker;
@@ -29,10 +41,10 @@ use work::Worker;
 use crate::{
     clock,
     keys::Key,
-    plan::{Graph, LineId, Plan, Ref, TableNode, Unit},
+    plan::{Graph, LineId, Plan, Recorded, Ref, TableNode, Unit},
     sources::ReadStep,
     spec::{Course, Faults, Row, Scored, best},
-    store::{Publisher, Store, current},
+    store::{Publisher, Store, attempts::Tries, current},
     views::{
         self,
         history::{self, Past},
@@ -87,12 +99,25 @@ enum State {
 }
 
 /// The options of a run.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Options {
+#[derive(Clone, Copy)]
+pub struct Options<'a> {
     /// Wait for another run of the pipeline, where there is one.
     pub wait: bool,
     /// Merge the packs of a sweep that has grown, as if it had been run at once.
     pub compact: bool,
+    /// How often a unit is tried again after its worker was lost.
+    pub retries: usize,
+    /// What computes.
+    pub engine: &'a dyn Engine,
+}
+
+/// How often a unit is tried again after its worker was lost, unless the user says otherwise.
+pub const RETRIES: usize = 2;
+
+impl Default for Options<'_> {
+    fn default() -> Self {
+        Options { wait: false, compact: false, retries: RETRIES, engine: &Local }
+    }
 }
 
 /// How often a run starts again when it finds a part of the store damaged.
@@ -104,7 +129,7 @@ const HEALINGS: usize = 5;
 /// # Errors
 /// Fails when a source cannot be read, the store cannot be written, or another run of the pipeline is at work; nothing
 /// has been run then.
-pub fn run(plan: &Plan, store: &Store, options: Options, listener: &dyn Listener) -> Result<Summary, Faults> {
+pub fn run(plan: &Plan, store: &Store, options: Options<'_>, listener: &dyn Listener) -> Result<Summary, Faults> {
     let publisher = store.publisher(&plan.spec.name, options.wait).map_err(|f| plan.spec.faults(vec![f]))?;
     let rows = plan.spec.search.as_ref().map(|search| Course::new(search).rows()).unwrap_or_default();
     let pass = Pass { last: true, rows: &rows, known: None, relay: None };
@@ -132,7 +157,7 @@ struct Pass<'a> {
 fn healed(
     plan: &Plan,
     store: &Store,
-    options: Options,
+    options: Options<'_>,
     publisher: &Publisher,
     listener: &dyn Listener,
     pass: &Pass,
@@ -163,7 +188,7 @@ fn unpublished(fault: Fault) -> Failure {
 fn once(
     plan: &Plan,
     store: &Store,
-    options: Options,
+    options: Options<'_>,
     publisher: &Publisher,
     listener: &dyn Listener,
     pass: &Pass,
@@ -176,11 +201,9 @@ fn once(
     let units: usize = (0..plan.tables.len()).map(|t| graph.unit_count(t)).sum();
     let run = run_id(&graph);
     listener.hear(&Event::Started { pipeline: &plan.spec.name, units, run: &run, notes: &plan.notes });
-    let states = States::new(&graph);
-    let compact = options.compact;
+    let recorded = if options.engine.is_local() { None } else { Some(recorded(&graph, store)?) };
     let worker = Worker::new(&graph, store, listener);
-    let mut runner =
-        Runner { graph: &graph, store, listener, compact, worker: &worker, states, failures: vec![], seconds: vec![] };
+    let mut runner = Runner::new(&worker, listener, options, recorded);
     runner.sources();
     let (mut tables, mut packs) = (vec![], vec![]);
     for (t, node) in plan.tables.iter().enumerate() {
@@ -195,9 +218,11 @@ fn once(
         listener.hear(&Event::Table { table: &node.name, count, seconds });
         tables.push((node.name.clone(), count));
     }
+    store.drop_attempts(|key| store.find(key).is_some(), None);
     store.drop_checkpoints(|name| Key::parse(name).is_some_and(|key| store.has(key)), None);
     let interrupted = INTERRUPTED.load(Ordering::Relaxed);
-    let Runner { mut failures, mut seconds, states, .. } = runner;
+    let Runner { failures, mut seconds, states, .. } = runner;
+    let mut failures: Vec<Failure> = failures.into_iter().map(|(_, failure)| failure).collect();
     if let Some(relay) = pass.relay {
         let sums = relay.sums(tables.iter().map(|(name, _)| name.as_str()));
         tables.iter_mut().zip(&sums).for_each(|((_, count), (sum, _))| *count = *sum);
@@ -260,6 +285,12 @@ fn once(
     })
 }
 
+/// Writes what workers of other processes need of a plan, and the index that they open the store by.
+fn recorded(graph: &Graph, store: &Store) -> Result<Key, Faults> {
+    let written = Recorded::keep(graph, store).and_then(|key| store.write_index().map(|()| key));
+    written.map_err(|fault| graph.plan.spec.faults(vec![fault]))
+}
+
 /// The hash of the computation and its data, in 16 hexadecimal digits: pipeline, seed, and the key of every unit of
 /// every table. A comment in the spec, the number of threads and what the store already holds do not change it.
 pub fn run_id(graph: &Graph) -> String {
@@ -317,26 +348,53 @@ struct Runner<'a> {
     graph: &'a Graph<'a>,
     store: &'a Store,
     listener: &'a dyn Listener,
-    compact: bool,
+    options: Options<'a>,
+    engine: &'a dyn Engine,
     worker: &'a Worker<'a>,
+    /// The plan in the store, where the engine needs one.
+    recorded: Option<Key>,
+    /// Whether units are computed by other processes.
+    abroad: bool,
+    /// The attempts at units that have no answer.
+    attempts: HashMap<Key, Tries>,
     states: States<'a>,
-    failures: Vec<Failure>,
+    /// The failures, each with its unit.
+    failures: Vec<(Option<Unit>, Failure)>,
     seconds: Vec<(usize, f64)>,
 }
 
-impl Runner<'_> {
+impl<'a> Runner<'a> {
+    fn new(
+        worker: &'a Worker<'a>,
+        listener: &'a dyn Listener,
+        options: Options<'a>,
+        recorded: Option<Key>,
+    ) -> Runner<'a> {
+        let (graph, store) = (worker.graph(), worker.store());
+        Runner {
+            graph,
+            store,
+            listener,
+            options,
+            engine: options.engine,
+            worker,
+            recorded,
+            abroad: !options.engine.is_local(),
+            attempts: store.attempts(),
+            states: States::new(graph),
+            failures: vec![],
+            seconds: vec![],
+        }
+    }
+
     /// Lines that cannot be used.
     fn sources(&mut self) {
         for (flights, records) in self.graph.plan.flights.iter().zip(&self.graph.records) {
             for record in records.values() {
                 for fault in record.fault.iter().chain(&record.more_faults) {
                     let line = Some((record.flight.clone(), record.line.clone()));
-                    self.failures.push(Failure {
-                        table: flights.name.clone(),
-                        point: Default::default(),
-                        line,
-                        fault: fault.clone(),
-                    });
+                    let (table, fault) = (flights.name.clone(), fault.clone());
+                    self.failures.push((None, Failure { table, point: Default::default(), line, fault }));
                 }
             }
         }
@@ -358,7 +416,7 @@ impl Runner<'_> {
         let point = self.graph.plan.instance(unit.table, unit.instance).point();
         self.failures.extend(faults.into_iter().map(|fault| {
             let line = fault.place.flight.clone().zip(fault.place.line.clone());
-            Failure { table: node.name.clone(), point: point.clone(), line, fault }
+            (Some(unit), Failure { table: node.name.clone(), point: point.clone(), line, fault })
         }));
     }
 
@@ -379,7 +437,13 @@ impl Runner<'_> {
         let node = &self.graph.plan.tables[unit.table];
         let line = unit.line.map(|l| self.graph.lines[l].clone());
         let point = self.graph.plan.instance(unit.table, unit.instance).point();
-        self.failures.push(Failure { table: node.name.clone(), point, line, fault });
+        self.failures.push((Some(unit), Failure { table: node.name.clone(), point, line, fault }));
+    }
+
+    /// Whether a unit is not tried again. In this process one is that did not kill its workers.
+    fn is_given_up(&self, tries: &Tries) -> bool {
+        let counted = if self.abroad { tries.all() } else { tries.lost };
+        counted > self.options.retries
     }
 
     /// The first of what a unit is made from that is not there.
@@ -422,7 +486,10 @@ impl Runner<'_> {
                     Ok(None) => Looked::Need(key),
                     Err(fault) => Looked::Fault(fault),
                 },
-                None => Looked::Need(key),
+                None => match self.attempts.get(&key).filter(|tries| self.is_given_up(tries)) {
+                    Some(tries) => Looked::Fault(remote::given_up(tries)),
+                    None => Looked::Need(key),
+                },
             },
             Err(fault) => Looked::Fault(fault),
         }

@@ -27,7 +27,7 @@ pub fn search(
     plan: Plan,
     catalogue: &[Entry],
     store: &Store,
-    options: Options,
+    options: Options<'_>,
     listener: &dyn Listener,
 ) -> Result<(Plan, Summary), Faults> {
     let found = plan.spec.search.clone();

@@ -1,27 +1,28 @@
-//! One table of a run: existing results are found, missing ones are computed, and both are written into packs.
+//! One table of a run: existing results are found, missing ones are handed out as tasks, and both are laid out in packs.
 
-use std::collections::{HashMap, HashSet};
+use std::{
+    collections::{HashMap, HashSet},
+    ops::Range,
+};
 
-use arrow_array::RecordBatch;
-use arrow_schema::Schema;
-use rayon::prelude::*;
 use schemas::{Fault, Grain};
 
 use super::{
     Looked, Outcome, Runner, State,
     cut::Cut,
+    engine::{Engine, Local, Wave},
     layout::{Cover, Layout, cover, scattered},
-    tell,
-    work::{Held, Made, Worker},
+    task::{Task, TaskUnit},
+    tell, unpublished,
 };
 use crate::{
     keys::Key,
     plan::{LineId, Unit},
     run::{Count, Event},
-    store::{FAILED, NewUnit, Packed, Remarks},
+    store::{FAILED, Packed},
 };
 
-/// A unit of a chunk and its state before the chunk is computed.
+/// A unit of a table and its state.
 #[derive(Clone, Copy)]
 enum Known {
     /// No rows: one of its inputs is missing, or it cannot be computed.
@@ -32,126 +33,281 @@ enum Known {
     Pending(Key),
 }
 
-/// The result of a chunk.
-#[derive(Default)]
-struct Answer {
-    made: Vec<Made>,
-    /// The error of writing its pack.
-    lost: Option<Fault>,
+/// A table at work.
+pub struct Sheet<'a> {
+    table: usize,
+    cut: &'a Cut<'a>,
+    layout: Layout,
+    /// The state of each unit of the layout.
+    known: Vec<Known>,
 }
 
-/// The units of a chunk that are to be computed. Points of a sweep that are equal in all inputs of their stage have
-/// one key: the first of them is computed, and its result is shared by the others.
-struct Pending {
-    units: Vec<(Unit, Key)>,
-    /// The first unit of each key, in their order.
-    first: Vec<Unit>,
-    of_key: HashMap<Key, Unit>,
+/// A task, and where its units stand in the layout.
+pub struct Handed {
+    /// The task.
+    pub task: Task,
+    at: Vec<usize>,
 }
 
-impl Pending {
-    fn new(units: Vec<(Unit, Key)>) -> Pending {
-        let mut of_key = HashMap::new();
-        let is_first = |(unit, key): &(Unit, Key)| *of_key.entry(*key).or_insert(*unit) == *unit;
-        let first = units.iter().copied().filter(is_first).map(|(unit, _)| unit).collect();
-        Pending { units, first, of_key }
+impl Sheet<'_> {
+    fn wanted(&self) -> Vec<Option<Packed>> {
+        let packed = |k: &Known| match k {
+            Known::There(packed) => Some(*packed),
+            Known::Nothing | Known::Pending(_) => None,
+        };
+        self.known.iter().map(packed).collect()
     }
 
-    /// The units whose result is shared.
-    fn repeats(&self) -> HashSet<Unit> {
-        self.units.iter().filter(|(unit, key)| self.of_key.get(key) != Some(unit)).map(|(unit, _)| *unit).collect()
+    fn pending(&self) -> usize {
+        self.known.iter().filter(|k| matches!(k, Known::Pending(_))).count()
     }
 
-    /// The results of the first units, for all units.
-    fn spread(&self, made: Vec<Made>) -> Vec<Made> {
-        if self.first.len() == self.units.len() {
-            return made;
-        }
-        let of: HashMap<Unit, Made> = made.into_iter().map(|m| (m.unit, m)).collect();
-        let one = |(unit, key): &(Unit, Key)| Some(Made { unit: *unit, ..of.get(self.of_key.get(key)?)?.clone() });
-        self.units.iter().filter_map(one).collect()
+    /// Whether a result is in none of the packs.
+    fn lacks(&self, cover: &Cover) -> bool {
+        cover.covered.iter().zip(&self.known).any(|(covered, k)| !covered && matches!(k, Known::There(_)))
+    }
+
+    /// Whether packs hold all of a chunk. A table of one chunk is always one pack.
+    fn whole(&self, compact: bool) -> bool {
+        self.layout.chunks.len() <= 1 || compact
+    }
+
+    /// Whether a result is to be written again: where `whole`, with the others of its chunk; otherwise because no pack has it in the needed form.
+    fn is_stale(&self, i: usize, cover: &Cover, whole: bool) -> bool {
+        matches!(self.known[i], Known::There(_)) && (whole || !cover.covered[i])
     }
 }
 
-impl Runner<'_> {
+impl<'a> Runner<'a> {
     /// Computes what is missing of the table `t`, and returns the packs that contain it.
     pub(super) fn table(&mut self, t: usize) -> (Count, Vec<Key>) {
-        let mut count = Count::default();
+        let (mut count, first) = (Count::default(), self.failures.len());
+        let Some(mut sheet) = self.sheet(t, &mut count) else { return (count, vec![]) };
+        let packs = self.work(&mut sheet, &mut count);
+        self.sort(&sheet, first);
+        (count, packs)
+    }
+
+    /// Computes what is missing of a table, lays it out, and returns the packs that contain the table.
+    fn work(&mut self, sheet: &mut Sheet<'a>, count: &mut Count) -> Vec<Key> {
+        let t = sheet.table;
+        let mut before = self.cover(sheet);
+        let table = &self.graph.plan.tables[t].name;
+        self.listener.hear(&Event::Computing { table, units: sheet.pending() });
+        if sheet.pending() == 0 && !sheet.lacks(&before) {
+            return before.packs;
+        }
+        let engine = self.engine;
+        if !engine.is_local() && sheet.pending() > 0 {
+            if let Err(fault) = self.store.write_index() {
+                self.failures.push((None, unpublished(fault)));
+            }
+            let tasks = self.tasks_abroad(sheet, &before, engine.most_units(), self.recorded);
+            self.wave(engine, sheet, tasks, count);
+            before = self.cover(sheet);
+        }
+        let tasks = self.tasks_here(sheet, &before, engine.is_local());
+        self.wave(&Local, sheet, tasks, count);
+        let strict = self.covering(sheet, true);
+        let after = if sheet.lacks(&strict) { self.covering(sheet, false) } else { strict };
+        self.worker.forget(t);
+        after.packs
+    }
+
+    /// Puts the failures from `first` on into the order of the table's rows, whatever was found first.
+    fn sort(&mut self, sheet: &Sheet, first: usize) {
+        let Some(new) = self.failures.get_mut(first..).filter(|new| new.len() > 1) else { return };
+        let at: HashMap<Unit, usize> = sheet.layout.units.iter().enumerate().map(|(i, unit)| (*unit, i)).collect();
+        new.sort_by_key(|(unit, _)| unit.and_then(|unit| at.get(&unit).copied()));
+    }
+
+    /// The table `t` with the state of its units; none where it has no files, or none can be made.
+    pub(super) fn sheet(&mut self, t: usize, count: &mut Count) -> Option<Sheet<'a>> {
         if !self.graph.plan.tables[t].keep {
             self.passed_over(t);
-            return (count, vec![]);
+            return None;
         }
-        let cut = match Cut::new(self.graph, t) {
+        let cut = match self.worker.cut(t) {
             Ok(cut) => cut,
             Err(fault) => {
                 let units: Vec<Unit> = self.graph.units(t).collect();
                 count.failed = units.len();
                 units.into_iter().for_each(|unit| self.fail(unit, fault.clone()));
-                return (count, vec![]);
+                return None;
             }
         };
-        let layout = Layout::new(self.graph, t, &cut);
-        let known: Vec<Known> = layout.units.iter().map(|u| self.known(*u, &cut, &mut count)).collect();
-        let wanted = |known: &[Known]| -> Vec<Option<Packed>> {
-            let packed = |k: &Known| match k {
-                Known::There(packed) => Some(*packed),
-                Known::Nothing | Known::Pending(_) => None,
-            };
-            known.iter().map(packed).collect()
+        let layout = Layout::new(self.graph, t, cut);
+        let known = layout.units.iter().map(|u| self.known(*u, cut, count)).collect();
+        Some(Sheet { table: t, cut, layout, known })
+    }
+
+    fn covering(&self, sheet: &Sheet, strict: bool) -> Cover {
+        cover(&self.store.catalogue(), sheet.cut.kind, &sheet.layout, &sheet.wanted(), strict)
+    }
+
+    /// The packs that hold what is there.
+    pub(super) fn cover(&self, sheet: &Sheet) -> Cover {
+        let found = self.covering(sheet, self.options.compact);
+        if scattered(found.packs.len(), sheet.layout.chunks.len()) { self.covering(sheet, true) } else { found }
+    }
+
+    /// A task a chunk: what is to be written of it, and with `compute` what is to be computed of it.
+    fn tasks_here(&self, sheet: &Sheet, cover: &Cover, compute: bool) -> Vec<Handed> {
+        let whole = sheet.whole(self.options.compact);
+        let of_chunk = |range: &Range<usize>| {
+            let pending = |i: usize| compute && matches!(sheet.known[i], Known::Pending(_));
+            if !range.clone().any(|i| pending(i) || sheet.is_stale(i, cover, false)) {
+                return None;
+            }
+            let at: Vec<usize> = range.clone().filter(|i| pending(*i) || sheet.is_stale(*i, cover, whole)).collect();
+            Some(self.handed(sheet, None, false, at))
         };
-        let find = |known: &[Known], strict| cover(&self.store.catalogue(), cut.kind, &layout, &wanted(known), strict);
-        let mut before = find(&known, self.compact);
-        if scattered(before.packs.len(), layout.chunks.len()) {
-            before = find(&known, true);
+        sheet.layout.chunks.iter().filter_map(of_chunk).collect()
+    }
+
+    /// What is to be computed in tasks of at most `most` units. A chunk that is computed as a whole becomes a file of the
+    /// table; other tasks make parts, which the driver lays out.
+    pub(super) fn tasks_abroad(&self, sheet: &Sheet, cover: &Cover, most: usize, plan: Option<Key>) -> Vec<Handed> {
+        let (most, whole) = (most.max(1), sheet.whole(self.options.compact));
+        let mut tasks = vec![];
+        for range in &sheet.layout.chunks {
+            let pending: Vec<usize> = range.clone().filter(|i| matches!(sheet.known[*i], Known::Pending(_))).collect();
+            if pending.is_empty() {
+                continue;
+            }
+            if pending.len() <= most && !range.clone().any(|i| sheet.is_stale(i, cover, whole)) {
+                tasks.push(self.handed(sheet, plan, false, pending));
+                continue;
+            }
+            for group in self.together(sheet, &pending) {
+                tasks.extend(group.chunks(most).map(|at| self.handed(sheet, plan, true, at.to_vec())));
+            }
         }
-        let pending = known.iter().filter(|k| matches!(k, Known::Pending(_))).count();
-        let table = &self.graph.plan.tables[t].name;
-        self.listener.hear(&Event::Computing { table, units: pending });
-        let lacking =
-            |c: &Cover, known: &[Known]| c.covered.iter().zip(known).any(|(c, k)| !c && matches!(k, Known::There(_)));
-        if pending == 0 && !lacking(&before, &known) {
-            return (count, before.packs);
-        }
-        let worker = self.worker;
-        let to_do = layout.units.iter().zip(&known).filter(|(_, k)| matches!(k, Known::Pending(_))).map(|(u, _)| *u);
-        if self.graph.plan.tables[t].entry.grain != Grain::Map {
-            worker.prepare_all(to_do);
-        }
-        // A table of one chunk is always one pack.
-        let whole = layout.chunks.len() <= 1 || self.compact;
-        let this = &*self;
-        let chunk = |range: &std::ops::Range<usize>| this.chunk(&cut, &layout, range, &known, &before, whole, worker);
-        let answers: Vec<Answer> = layout.chunks.par_iter().with_max_len(1).map(chunk).collect();
-        let mut known = known;
-        for (range, answer) in layout.chunks.iter().zip(answers) {
-            let mut made = answer.made.into_iter().peekable();
-            let mut computed = HashSet::new();
-            for i in range.clone() {
-                let Known::Pending(key) = known[i] else { continue };
-                let Some(Made { unit, rows, remarks }) = made.next_if(|m| m.unit == layout.units[i]) else { continue };
-                self.left_out(unit, remarks.left_out);
-                match rows.map(|_| ()).and(answer.lost.clone().map_or(Ok(()), Err)) {
-                    Ok(()) => {
-                        let first = computed.insert(key);
-                        *(if first { &mut count.computed } else { &mut count.reused }) += 1;
-                        self.states.set(unit, State::Done);
-                        known[i] = Known::There(Packed { key, dress: cut.dress(unit), rows: 0 });
-                    }
-                    Err(fault) => {
-                        count.failed += 1;
-                        if fault.owner.is_lasting() {
-                            known[i] = Known::There(Packed { key, dress: cut.dress(unit), rows: FAILED });
-                        }
-                        self.record(unit, fault);
-                    }
+        tasks
+    }
+
+    /// Units of a chunk, one of each key, in groups that share work: those of a survey that see the same lines, and the
+    /// points of one line after those of another.
+    fn together(&self, sheet: &Sheet, pending: &[usize]) -> Vec<Vec<usize>> {
+        let mut seen = HashSet::new();
+        let is_first = |i: &usize| matches!(sheet.known[*i], Known::Pending(key) if seen.insert(key));
+        let mut first: Vec<usize> = pending.iter().copied().filter(is_first).collect();
+        match self.worker.grain(sheet.table) {
+            Grain::Line => {
+                first.sort_by_key(|i| (sheet.layout.units[*i].line, sheet.layout.units[*i].instance));
+                vec![first]
+            }
+            Grain::Map => vec![first],
+            Grain::Survey => {
+                let mut groups: Vec<Vec<usize>> = vec![];
+                let mut at: HashMap<String, usize> = HashMap::new();
+                for i in first {
+                    let group = *at.entry(self.worker.seen(sheet.layout.units[i])).or_insert_with(|| {
+                        groups.push(vec![]);
+                        groups.len() - 1
+                    });
+                    groups[group].push(i);
                 }
+                groups
             }
         }
-        let find = |known: &[Known], strict| cover(&self.store.catalogue(), cut.kind, &layout, &wanted(known), strict);
-        let strict = find(&known, true);
-        let after = if lacking(&strict, &known) { find(&known, false) } else { strict };
-        worker.forget(t);
-        (count, after.packs)
+    }
+
+    fn handed(&self, sheet: &Sheet, plan: Option<Key>, part: bool, at: Vec<usize>) -> Handed {
+        let survey = self.worker.grain(sheet.table) == Grain::Survey;
+        let mut known: HashMap<String, Vec<LineId>> = HashMap::new();
+        let mut units = Vec::with_capacity(at.len());
+        for i in &at {
+            let unit = sheet.layout.units[*i];
+            let (key, have) = match sheet.known[*i] {
+                Known::Pending(key) => (key, false),
+                Known::There(Packed { key, .. }) => (key, true),
+                Known::Nothing => continue,
+            };
+            let without = if survey && !have {
+                known.entry(self.worker.seen(unit)).or_insert_with(|| self.failed_lines(unit)).clone()
+            } else {
+                vec![]
+            };
+            units.push(TaskUnit { point: unit.instance, line: unit.line, key, have, without });
+        }
+        Handed { task: Task::new(plan, &self.graph.plan.tables[sheet.table].name, part, units), at }
+    }
+
+    /// The lines of a survey unit that cannot be used.
+    fn failed_lines(&self, unit: Unit) -> Vec<LineId> {
+        let lines = self.graph.lines_of(unit.table, unit.instance).iter().copied();
+        lines.filter(|line| self.line_is_there(*line, unit) == State::Failed).collect()
+    }
+
+    /// Has an engine compute some tasks, and takes note of what became of their units.
+    fn wave(&mut self, engine: &dyn Engine, sheet: &mut Sheet, tasks: Vec<Handed>, count: &mut Count) {
+        if tasks.is_empty() {
+            return;
+        }
+        let (tasks, places): (Vec<Task>, Vec<Vec<usize>>) = tasks.into_iter().map(|h| (h.task, h.at)).unzip();
+        let (listener, graph) = (self.listener, self.graph);
+        let told = |unit: Unit, outcome: Outcome, fault: Option<&Fault>| tell(listener, graph, unit, outcome, fault);
+        let wave = Wave { worker: self.worker, table: sheet.table, tasks: &tasks, told: &told };
+        let receipts = engine.run(&wave);
+        if !engine.is_local() {
+            // The results are in packs that others wrote.
+            self.store.refresh();
+        }
+        let mut of_key: HashMap<Key, (Outcome, Option<Fault>)> = HashMap::new();
+        for (receipt, places) in receipts.into_iter().zip(places) {
+            let mut answers = receipt.map(|r| r.units).unwrap_or_default().into_iter().peekable();
+            for i in places {
+                let (Known::Pending(key), unit) = (sheet.known[i], sheet.layout.units[i]) else { continue };
+                let own = answers.next_if(|a| (a.point, a.line, a.key) == (unit.instance, unit.line, key));
+                let Some(answer) = own else { continue };
+                if !engine.is_local() {
+                    of_key.insert(key, (answer.outcome, answer.fault.clone()));
+                }
+                self.answered(sheet, i, key, answer.outcome, answer.fault, count);
+            }
+        }
+        let repeats = if of_key.is_empty() { 0 } else { sheet.known.len() };
+        for i in 0..repeats {
+            let (Known::Pending(key), unit) = (sheet.known[i], sheet.layout.units[i]) else { continue };
+            let Some((outcome, fault)) = of_key.get(&key).cloned() else { continue };
+            let outcome = if outcome == Outcome::Computed { Outcome::Reused } else { outcome };
+            told(unit, outcome, fault.as_ref());
+            self.answered(sheet, i, key, outcome, fault, count);
+        }
+    }
+
+    /// Takes note of what became of a unit.
+    fn answered(
+        &mut self,
+        sheet: &mut Sheet,
+        i: usize,
+        key: Key,
+        outcome: Outcome,
+        fault: Option<Fault>,
+        count: &mut Count,
+    ) {
+        let unit = sheet.layout.units[i];
+        let packed = |rows| Known::There(Packed { key, dress: sheet.cut.dress(unit), rows });
+        let fault = match (outcome, fault) {
+            (Outcome::Computed | Outcome::Reused, None) => None,
+            (_, Some(fault)) => Some(fault),
+            (Outcome::Failed | Outcome::Skipped, None) => Some(Fault::bug("a unit failed and does not say why")),
+        };
+        let Some(fault) = fault else {
+            *(if outcome == Outcome::Computed { &mut count.computed } else { &mut count.reused }) += 1;
+            sheet.known[i] = packed(0);
+            self.states.set(unit, State::Done);
+            return self.went_on_without(unit, key);
+        };
+        count.failed += 1;
+        if fault.owner.is_lasting() {
+            sheet.known[i] = packed(FAILED);
+            self.went_on_without(unit, key);
+        } else {
+            sheet.known[i] = Known::Nothing;
+        }
+        self.record(unit, fault);
     }
 
     /// A table whose results are not kept: each unit is made where it is needed, if its inputs are available.
@@ -181,6 +337,7 @@ impl Runner<'_> {
             }
             Looked::Failed(key, fault) => {
                 count.failed += 1;
+                self.went_on_without(unit, key);
                 self.fail(unit, fault);
                 Known::There(Packed { key, dress: cut.dress(unit), rows: FAILED })
             }
@@ -191,108 +348,5 @@ impl Runner<'_> {
             }
             Looked::Need(key) => Known::Pending(key),
         }
-    }
-
-    /// Computes what is pending of a chunk and writes its pack; points with the same computation and data are computed
-    /// once. Where `whole`, the pack contains all of the chunk; otherwise what
-    /// is new, and what no pack contains in the needed form.
-    #[allow(clippy::too_many_arguments)]
-    fn chunk(
-        &self,
-        cut: &Cut,
-        layout: &Layout,
-        range: &std::ops::Range<usize>,
-        known: &[Known],
-        cover: &Cover,
-        whole: bool,
-        worker: &Worker,
-    ) -> Answer {
-        let key = |i: usize| match known[i] {
-            Known::Pending(key) => Some((layout.units[i], key)),
-            Known::Nothing | Known::There(_) => None,
-        };
-        let pending = Pending::new(range.clone().filter_map(key).collect());
-        let stale = |i: &usize| matches!(known[*i], Known::There(_)) && !cover.covered[*i];
-        if pending.units.is_empty() && !range.clone().any(|i| stale(&i)) {
-            return Answer::default();
-        }
-        let usable = |line: LineId, unit: Unit| self.line_is_there(line, unit) != State::Failed;
-        let done = |made: &[Made]| {
-            for Made { unit, rows, .. } in made {
-                let outcome = if rows.is_ok() { Outcome::Computed } else { Outcome::Failed };
-                tell(self.listener, self.graph, *unit, outcome, rows.as_ref().err());
-            }
-        };
-        let mut made = pending.spread(worker.compute(&pending.first, &usable, &done));
-        let repeats = pending.repeats();
-        for Made { unit, rows, .. } in made.iter().filter(|m| repeats.contains(&m.unit)) {
-            let outcome = if rows.is_ok() { Outcome::Reused } else { Outcome::Failed };
-            tell(self.listener, self.graph, *unit, outcome, rows.as_ref().err());
-        }
-        let lost = self.write(cut, layout, range, known, &mut made, &|i| whole || stale(&i)).err();
-        Answer { made, lost }
-    }
-
-    /// Writes the pack of a chunk: the new results, and the existing ones in `also`. The rows in `made` are
-    /// moved out.
-    fn write(
-        &self,
-        cut: &Cut,
-        layout: &Layout,
-        range: &std::ops::Range<usize>,
-        known: &[Known],
-        made: &mut [Made],
-        also: &dyn Fn(usize) -> bool,
-    ) -> Result<(), Fault> {
-        let mut held = Held::new(self.worker);
-        let mut next = made.iter_mut().peekable();
-        let nothing = RecordBatch::new_empty(Schema::empty().into());
-        let (mut units, mut packed, mut written) = (vec![], vec![], vec![]);
-        for i in range.clone() {
-            let unit = layout.units[i];
-            let new = match known[i] {
-                Known::Nothing => continue,
-                Known::There(Packed { key, dress, rows: FAILED }) if also(i) => {
-                    let Some(fault) = self.store.failed(key)? else { continue };
-                    NewUnit { key, dress, rows: Err(fault), remarks: Remarks::default() }
-                }
-                Known::There(Packed { key, dress, .. }) if also(i) => {
-                    let it = self.graph.plan.instance(unit.table, unit.instance);
-                    let names: Vec<&str> = it.yields.columns.iter().map(|c| c.name.as_str()).collect();
-                    let rows = cut.rows(unit, &self.store.get(key, &names)?, &mut held)?;
-                    let remarks = if unit.line.is_none() { self.store.remarks(key)? } else { Remarks::default() };
-                    NewUnit { key, dress, rows: Ok(rows), remarks }
-                }
-                Known::There(_) => continue,
-                Known::Pending(key) => {
-                    let Some(own) = next.next_if(|m| m.unit == unit) else { continue };
-                    match &mut own.rows {
-                        Ok(rows) => {
-                            let whole = cut.rows(unit, rows, &mut held)?;
-                            // The pack has them now; a schema for each unit would be a large part of the memory of a
-                            // sweep.
-                            *rows = nothing.clone();
-                            let (dress, remarks) = (cut.dress(unit), own.remarks.clone());
-                            NewUnit { key, dress, rows: Ok(whole), remarks }
-                        }
-                        Err(fault) if !fault.owner.is_lasting() => continue,
-                        Err(fault) => NewUnit {
-                            key,
-                            dress: cut.dress(unit),
-                            rows: Err(fault.clone()),
-                            remarks: Remarks::default(),
-                        },
-                    }
-                }
-            };
-            written.push(unit);
-            packed.push(Packed { key: new.key, dress: new.dress, rows: 0 });
-            units.push(new);
-        }
-        if units.is_empty() {
-            return Ok(());
-        }
-        let id = cut.id(&packed);
-        self.store.pack(id, cut.kind, &cut.schema, &cut.about(id, &written), units)
     }
 }

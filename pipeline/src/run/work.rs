@@ -8,17 +8,19 @@ use std::{
     time::{Duration, Instant},
 };
 
-use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, RecordBatchOptions, new_null_array};
-use arrow_schema::{DataType, Field, Schema};
+use arrow_array::{ArrayRef, RecordBatch};
+use arrow_schema::{Field, Schema};
 use arrow_select::concat::concat_batches;
 use rayon::prelude::*;
-use schemas::{
-    AnyLinePoint, AnyStage, AnySurveyPoint, Fault, Grain, InputKind, LineIn, Part, Prepared, Product, Shape, Work,
-};
+use schemas::{AnyLinePoint, AnyStage, AnySurveyPoint, Fault, Grain, InputKind, LineIn, Part, Prepared, Product, Work};
 
-use super::{Event, Listener, interrupt::INTERRUPTED};
+use super::{
+    Event, Listener,
+    cut::Cut,
+    held::{Held, filled},
+    interrupt::INTERRUPTED,
+};
 use crate::{
-    casting::cast,
     keys::Key,
     plan::{Graph, Instance, LineId, Ref, Unit},
     store::{Remarks, Store},
@@ -43,9 +45,6 @@ impl Made {
 
 /// Points of a sweep that are computed together on one line, as wide as the widest vectors of numbers.
 const POINTS_A_GROUP: usize = 8;
-
-/// The limit of cached columns of a group, in bytes.
-const HELD_BYTES: usize = 256 << 20;
 
 /// The least time between two reports of the progress of a unit.
 const TOLD_EVERY: Duration = Duration::from_secs(1);
@@ -122,12 +121,40 @@ pub struct Worker<'a> {
     store: &'a Store,
     listener: &'a dyn Listener,
     prepared: Mutex<HashMap<Basis, Result<Prepared, Fault>>>,
+    cuts: Vec<Result<Cut<'a>, Fault>>,
 }
 
 impl<'a> Worker<'a> {
     /// For all tables of a run.
     pub fn new(graph: &'a Graph<'a>, store: &'a Store, listener: &'a dyn Listener) -> Worker<'a> {
-        Worker { graph, store, listener, prepared: Mutex::default() }
+        let cuts = (0..graph.plan.tables.len()).map(|t| Cut::new(graph, t)).collect();
+        Worker { graph, store, listener, prepared: Mutex::default(), cuts }
+    }
+
+    /// The plan with its data.
+    pub fn graph(&self) -> &'a Graph<'a> {
+        self.graph
+    }
+
+    /// The store.
+    pub fn store(&self) -> &'a Store {
+        self.store
+    }
+
+    /// What the stage of a table works on.
+    pub fn grain(&self, table: usize) -> Grain {
+        self.graph.plan.tables[table].entry.grain
+    }
+
+    /// The contents of the files of a table.
+    ///
+    /// # Errors
+    /// As [`Cut::new`].
+    pub fn cut(&self, table: usize) -> Result<&Cut<'a>, Fault> {
+        match self.cuts.get(table) {
+            Some(cut) => cut.as_ref().map_err(Clone::clone),
+            None => Err(Fault::bug("a table that the plan does not have")),
+        }
     }
 
     /// Drops the preparations for the lines of a table.
@@ -169,14 +196,7 @@ impl<'a> Worker<'a> {
         let mut groups: Vec<Vec<Unit>> = vec![];
         let mut at: HashMap<String, usize> = HashMap::new();
         for unit in units {
-            let it = self.instance(*unit);
-            let rows = it.predicate.as_ref().map(|p| p.canonical.clone());
-            let seen = format!(
-                "{:?} {rows:?} {:?}",
-                self.graph.line_inputs(&it),
-                self.graph.line_set(unit.table, unit.instance)
-            );
-            let group = *at.entry(seen).or_insert_with(|| {
+            let group = *at.entry(self.seen(*unit)).or_insert_with(|| {
                 groups.push(vec![]);
                 groups.len() - 1
             });
@@ -185,7 +205,15 @@ impl<'a> Worker<'a> {
         groups
     }
 
-    fn instance(&self, unit: Unit) -> Instance<'a> {
+    /// The lines, tables and rows that a survey stage sees.
+    pub fn seen(&self, unit: Unit) -> String {
+        let it = self.instance(unit);
+        let rows = it.predicate.as_ref().map(|p| p.canonical.clone());
+        format!("{:?} {rows:?} {:?}", self.graph.line_inputs(&it), self.graph.line_set(unit.table, unit.instance))
+    }
+
+    /// The stage of a unit at its point.
+    pub fn instance(&self, unit: Unit) -> Instance<'a> {
         self.graph.plan.instance(unit.table, unit.instance)
     }
 
@@ -223,7 +251,10 @@ impl<'a> Worker<'a> {
     }
 
     /// The columns that one unit of a line stage makes.
-    fn alone(&self, unit: Unit, line: LineId, held: &mut Held) -> Result<RecordBatch, Fault> {
+    ///
+    /// # Errors
+    /// Fails when its inputs cannot be read, and where its stage does.
+    pub fn alone(&self, unit: Unit, line: LineId, held: &mut Held) -> Result<RecordBatch, Fault> {
         let input = self.input(unit, line, held)?;
         let arrays = guarded(|| input.stage.of_lines()?.run(&input.line, &input.prepared));
         let arrays = arrays.map_err(|f| f.in_line(&input.line.flight, &input.line.line))?;
@@ -485,30 +516,6 @@ impl<'a> Worker<'a> {
     }
 }
 
-/// The batch with NaN or null for each of `columns` that it lacks, in their order.
-fn filled(batch: RecordBatch, columns: &[String], shape: Option<Shape>) -> Result<RecordBatch, Fault> {
-    let rows = batch.num_rows();
-    let (mut fields, mut arrays) = (vec![], vec![]);
-    for name in columns {
-        let there = batch.schema().field_with_name(name).ok().cloned().zip(batch.column_by_name(name).cloned());
-        let described = || shape.as_ref().and_then(|s| s.get(name)).map(schemas::Column::field);
-        let (field, array) = match (there, described()) {
-            (Some(both), _) => both,
-            (None, Some(field)) if field.data_type() == &DataType::Float64 => {
-                (field, Arc::new(Float64Array::from(vec![f64::NAN; rows])) as ArrayRef)
-            }
-            (None, Some(field)) => {
-                let nothing = new_null_array(field.data_type(), rows);
-                (field, nothing)
-            }
-            (None, None) => continue,
-        };
-        fields.push(field);
-        arrays.push(array);
-    }
-    RecordBatch::try_new(Arc::new(Schema::new(fields)), arrays).map_err(|e| Fault::machine(e.to_string()))
-}
-
 /// The fault of a survey stage without usable lines.
 fn nothing_left(faults: &[Fault]) -> Fault {
     let Some(first) = faults.first() else { return Fault::data("no selected line could be computed") };
@@ -539,114 +546,4 @@ fn by_line(units: &[Unit]) -> Vec<Vec<Unit>> {
         lines[i].push(*unit);
     }
     lines.iter().flat_map(|line| line.chunks(POINTS_A_GROUP).map(<[_]>::to_vec)).collect()
-}
-
-/// Columns that were read, so that the points of a line share them.
-pub struct Held<'a> {
-    worker: &'a Worker<'a>,
-    graph: &'a Graph<'a>,
-    columns: HashMap<(Key, String), ArrayRef>,
-    bytes: usize,
-}
-
-impl<'a> Held<'a> {
-    /// An empty cache.
-    pub fn new(worker: &'a Worker<'a>) -> Held<'a> {
-        Held { worker, graph: worker.graph, columns: HashMap::new(), bytes: 0 }
-    }
-
-    /// The columns `names` of one line of `r`, each from the object that holds it. A column that the line lacks is
-    /// left out.
-    ///
-    /// # Errors
-    /// Fails when the store cannot be read.
-    pub fn batch(&mut self, r: Ref, line: LineId, names: &[String]) -> Result<RecordBatch, Fault> {
-        let mut wanted: Vec<Wanted> = vec![];
-        for name in names {
-            let origin = self.graph.origin(r, name);
-            if let Ref::Flights(i) = origin.made_by
-                && self.graph.records[i].get(&line).is_some_and(|l| !l.columns.contains_key(&origin.column))
-            {
-                continue;
-            }
-            let object = self.graph.object(origin.made_by, line)?;
-            wanted.push(Wanted { made_by: origin.made_by, object, column: origin.column });
-        }
-        self.fetch(&wanted, line)?;
-        let (mut fields, mut arrays) = (vec![], vec![]);
-        let plan = self.graph.plan;
-        let described = |name: &str| match r {
-            Ref::Flights(i) => plan.flights[i].shape.get(name),
-            Ref::Stage(t, i) => plan.instance(t, i).variant.table.shape().get(name),
-            Ref::Map(_) => None,
-        };
-        for Wanted { object, column: name, .. } in wanted {
-            let Some(array) = self.columns.get(&(object, name.clone())) else { continue };
-            let field = described(&name).map(schemas::Column::field);
-            let field = field.unwrap_or_else(|| Field::new(&name, array.data_type().clone(), true));
-            // A file holds lists of several lengths where the points of a sweep have them.
-            arrays.push(match (array.data_type(), field.data_type()) {
-                (DataType::List(_), fixed @ DataType::FixedSizeList(..)) => {
-                    cast(array, fixed).map_err(|f| f.in_column(&name))?
-                }
-                _ => array.clone(),
-            });
-            fields.push(field);
-        }
-        let rows = arrays.first().map_or(0, |a| a.len());
-        let options = RecordBatchOptions::new().with_row_count(Some(rows));
-        RecordBatch::try_new_with_options(Arc::new(Schema::new(fields)), arrays, &options)
-            .map_err(|e| Fault::machine(e.to_string()))
-    }
-
-    fn shape(&self, r: Ref) -> Option<Shape> {
-        match r {
-            Ref::Flights(i) => Some(self.graph.plan.flights[i].shape.clone()),
-            Ref::Stage(t, i) => Some(self.graph.plan.instance(t, i).table.shape().clone()),
-            Ref::Map(_) => None,
-        }
-    }
-
-    /// Reads what is not cached yet, each object once; results that are not kept are recomputed.
-    fn fetch(&mut self, wanted: &[Wanted], line: LineId) -> Result<(), Fault> {
-        if self.bytes > HELD_BYTES {
-            self.columns.clear();
-            self.bytes = 0;
-        }
-        let mut objects: Vec<(Key, Ref, Vec<String>)> = vec![];
-        for Wanted { made_by, object, column } in wanted {
-            if self.columns.contains_key(&(*object, column.clone())) {
-                continue;
-            }
-            match objects.iter_mut().find(|(o, ..)| o == object) {
-                Some((.., columns)) if columns.contains(column) => {}
-                Some((.., columns)) => columns.push(column.clone()),
-                None => objects.push((*object, *made_by, vec![column.clone()])),
-            }
-        }
-        for (object, made_by, columns) in objects {
-            let batch = match made_by {
-                Ref::Stage(table, instance) if !self.graph.plan.tables[table].keep => {
-                    let worker = self.worker;
-                    let node = &self.graph.plan.tables[table].name;
-                    let unit = Unit { table, instance, line: Some(line) };
-                    let named = |f: Fault| Fault { what: format!("`{node}`: {}", f.what), ..f };
-                    worker.alone(unit, line, self).map_err(named)?
-                }
-                _ => self.worker.store.get(object, &columns)?,
-            };
-            for (field, array) in batch.schema().fields().iter().zip(batch.columns()) {
-                self.bytes += array.get_array_memory_size();
-                self.columns.insert((object, field.name().clone()), array.clone());
-            }
-        }
-        Ok(())
-    }
-}
-
-/// A column to read.
-struct Wanted {
-    made_by: Ref,
-    object: Key,
-    column: String,
 }

@@ -155,10 +155,15 @@ impl Flights {
         if !faults.is_empty() {
             return Err(faults.into_iter().map(|f| if shown(&f) { f } else { placed(f) }).collect());
         }
-        let schema: SchemaRef = Arc::new(Schema::new(fields));
+        let known = Flights::recorded(&decl.name, Arc::new(Schema::new(fields)));
+        Ok(Flights { notes, read_all: trust.read_all, division: lines, files, ..known })
+    }
+
+    /// A table of the columns `schema` whose lines are known: it has no files to read.
+    pub fn recorded(name: &str, schema: SchemaRef) -> Flights {
         let columns: Vec<Column> = schema.fields().iter().map(|f| describe_field(f)).collect();
-        let (name, shape) = (decl.name.clone(), Shape { columns, rate_hz: None });
-        Ok(Flights { name, shape, schema, notes, read_all: trust.read_all, division: lines, files })
+        let shape = Shape { columns, rate_hz: None };
+        Flights { name: name.to_owned(), shape, schema, notes: vec![], read_all: false, division: None, files: vec![] }
     }
 
     /// Its files, and those that its simulations are made from.
@@ -237,9 +242,17 @@ impl MapSource {
     /// # Errors
     /// Fails for options that a map does not have, and for a file that does not exist.
     pub fn open(decl: &SourceDecl, folder: &std::path::Path) -> Result<MapSource, Vec<Fault>> {
-        let options = map_options(decl)?;
         let path = existing(decl, folder)?;
-        Ok(MapSource { name: decl.name.clone(), path, read_all: false, content: Content::Map(options) })
+        Ok(MapSource { path, ..MapSource::recorded(decl)? })
+    }
+
+    /// A map whose key is known: it has no file to read.
+    ///
+    /// # Errors
+    /// Fails for options that a map does not have.
+    pub fn recorded(decl: &SourceDecl) -> Result<MapSource, Vec<Fault>> {
+        let content = Content::Map(map_options(decl)?);
+        Ok(MapSource { name: decl.name.clone(), path: PathBuf::new(), read_all: false, content })
     }
 
     /// A model: checks that the files hold one.
@@ -251,6 +264,15 @@ impl MapSource {
         let path = existing(decl, folder)?;
         let content = Content::Model(ModelTable::open(decl, &path)?);
         Ok(MapSource { name: decl.name.clone(), path, read_all: false, content })
+    }
+
+    /// A model of these columns whose key is known: it has no file to read.
+    ///
+    /// # Errors
+    /// Fails for options that a model does not have.
+    pub fn recorded_model(decl: &SourceDecl, schema: SchemaRef) -> Result<MapSource, Vec<Fault>> {
+        let content = Content::Model(ModelTable::recorded(decl, schema)?);
+        Ok(MapSource { name: decl.name.clone(), path: PathBuf::new(), read_all: false, content })
     }
 
     /// What it holds, in a word.
@@ -266,6 +288,14 @@ impl MapSource {
         match &self.content {
             Content::Map(_) => None,
             Content::Model(model) => Some(model.table()),
+        }
+    }
+
+    /// The columns of a model; `None` of a map.
+    pub fn schema(&self) -> Option<&SchemaRef> {
+        match &self.content {
+            Content::Map(_) => None,
+            Content::Model(model) => Some(&model.schema),
         }
     }
 

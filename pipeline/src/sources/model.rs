@@ -3,10 +3,10 @@
 use std::{fs::File, path::Path, sync::Arc};
 
 use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, StringArray, cast::AsArray, types::Float64Type};
-use arrow_schema::{DataType, Field, Schema};
+use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use arrow_select::{concat::concat_batches, filter::filter_record_batch};
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
-use schemas::{Fault, Literal, Shape, Table};
+use schemas::{Fault, Literal, Shape, Span, Table};
 
 use super::{
     files::walk,
@@ -23,8 +23,9 @@ const VALUE: &str = "value";
 pub struct ModelTable {
     /// The condition that selects it, in one spelling; empty without.
     pub condition: String,
+    /// Its columns.
+    pub schema: SchemaRef,
     features: Vec<String>,
-    shape: Shape,
 }
 
 impl ModelTable {
@@ -33,23 +34,38 @@ impl ModelTable {
     /// # Errors
     /// For options that it does not have, files that are no table of a `fit`, and several models in one table.
     pub fn open(decl: &SourceDecl, path: &Path) -> Result<ModelTable, Vec<Fault>> {
-        let mut rest = decl.clone();
-        let (condition, at) = match rest.options.remove(WHERE) {
-            None => (String::new(), decl.path.1.clone()),
-            Some(given) => match given.value {
-                Literal::Text(text) => (text, given.at),
-                _ => return Err(vec![Fault::new("`where` is a SQL condition, as a text").at(given.at)]),
-            },
-        };
-        let ModelOptions { features } = model_options(&rest)?;
+        let (condition, at, features) = options(decl)?;
         let rows = read(path, &condition).map_err(|fault| vec![fault.at(at)])?;
-        Ok(ModelTable { condition, features, shape: Shape::of(&rows.schema()) })
+        Ok(ModelTable { condition, features, schema: rows.schema() })
+    }
+
+    /// One whose rows are in the store.
+    ///
+    /// # Errors
+    /// For options that it does not have.
+    pub fn recorded(decl: &SourceDecl, schema: SchemaRef) -> Result<ModelTable, Vec<Fault>> {
+        let (condition, _, features) = options(decl)?;
+        Ok(ModelTable { condition, features, schema })
     }
 
     /// What it is to a stage.
     pub fn table(&self) -> Table {
-        Table::Model { shape: self.shape.clone(), features: self.features.clone() }
+        Table::Model { shape: Shape::of(&self.schema), features: self.features.clone() }
     }
+}
+
+/// The condition, its place in the spec, and the features.
+fn options(decl: &SourceDecl) -> Result<(String, Span, Vec<String>), Vec<Fault>> {
+    let mut rest = decl.clone();
+    let (condition, at) = match rest.options.remove(WHERE) {
+        None => (String::new(), decl.path.1.clone()),
+        Some(given) => match given.value {
+            Literal::Text(text) => (text, given.at),
+            _ => return Err(vec![Fault::new("`where` is a SQL condition, as a text").at(given.at)]),
+        },
+    };
+    let ModelOptions { features } = model_options(&rest)?;
+    Ok((condition, at, features))
 }
 
 /// The rows of one model of the Parquet files at `path`: texts, whole numbers and numbers, of which a missing one is NaN.

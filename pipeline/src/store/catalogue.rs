@@ -114,9 +114,8 @@ impl Catalogue {
                 None => {
                     // Packs that were modified since, or by others, are verified completely.
                     fresh += 1;
-                    let file = path(root, id);
-                    match verify(&file).and_then(|()| Sealed::open(&file)).and_then(|s| units_of(&s)) {
-                        Ok((kind, units)) => all.insert(Pack { id, size, modified_ns, kind, units }),
+                    match read(root, id, (size, modified_ns)) {
+                        Ok(pack) => all.insert(pack),
                         Err(Trouble::Damaged(why)) => damaged.push((id, why)),
                         Err(Trouble::Machine(why)) => return Err(std::io::Error::other(why)),
                         Err(Trouble::Gone) => {}
@@ -126,6 +125,14 @@ impl Catalogue {
         }
         all.changed = fresh > 0 || !known.is_empty() || (indexed == 0 && !all.packs.is_empty());
         Ok((all, damaged))
+    }
+
+    /// The packs of the index of the store at `root`, as it is; `None` where it is missing or damaged.
+    pub fn indexed(root: &Path) -> Option<Catalogue> {
+        let mut all = Catalogue::default();
+        load(root)?.into_iter().for_each(|pack| all.insert(pack));
+        all.changed = false;
+        Some(all)
     }
 
     /// Adds a pack, replacing one of the same name.
@@ -208,6 +215,16 @@ impl Catalogue {
         bytes.extend(sum.as_bytes());
         Some(bytes)
     }
+}
+
+/// The pack `id` from its file, all of which is verified.
+///
+/// # Errors
+/// Fails when it is damaged, gone or cannot be read.
+pub fn read(root: &Path, id: Key, (size, modified_ns): (u64, u64)) -> Result<Pack, Trouble> {
+    let file = path(root, id);
+    let (kind, units) = verify(&file).and_then(|()| Sealed::open(&file)).and_then(|s| units_of(&s))?;
+    Ok(Pack { id, size, modified_ns, kind, units })
 }
 
 /// The contents of the index, if it is intact.

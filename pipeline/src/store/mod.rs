@@ -8,8 +8,10 @@
 //! versions/<pipeline>/<n>/    one published state: a folder per table, its files linked from the packs
 //! tables/<pipeline>           a link to the newest version, replaced in one step
 //! plans/<pipeline>.json       the inputs of the last computation of the tables
+//! plans/<hash>                a plan with its lines and keys, for workers of other processes
 //! runs/<pipeline>.jsonl       the history of its runs
 //! checkpoints/<key>           the state of a unit that takes minutes, until it is done
+//! attempts/<key>/<n>          a worker of another process computes the unit, or was lost while it did
 //! damaged/                    packs that did not verify
 //! locks/                      one file per pipeline, locked by its run
 //! tmp/                        files being written; renamed when complete
@@ -19,13 +21,16 @@
 //! moment nor a loss of power leaves anything half-written to be read. Nothing but `tables/<pipeline>` is ever replaced
 //! by something else under the same name, so that a reader keeps the version it opened.
 
+pub mod attempts;
 mod catalogue;
 mod checkpoints;
 mod objects;
+mod plans;
 mod sealed;
 pub mod tend;
 #[cfg(test)]
 mod tests;
+mod unfinished;
 mod version;
 
 use std::{
@@ -48,8 +53,11 @@ use crate::keys::Key;
 pub use catalogue::{Catalogue, FAILED, Pack, Packed};
 use catalogue::{UNITS, stamp};
 use objects::{NOTES, Note};
-pub use objects::{Objects, Remarks};
+pub use objects::{NoteFault, Objects, Remarks};
 pub use sealed::{Sealed, verify};
+use unfinished::keep_lock;
+pub use unfinished::kernel;
+pub(crate) use unfinished::{own_folder, sweep};
 pub use version::{
     Beside, Manifest, ManifestTable, Publisher, TableFiles, Version, current, parts, published, versions,
 };
@@ -58,7 +66,7 @@ pub use version::{
 const LAYOUT: &str = "magline store 3\n";
 
 /// The folders of a store.
-const PARTS: [&str; 11] = [
+const PARTS: [&str; 12] = [
     "objects",
     "sources",
     "quality",
@@ -66,6 +74,7 @@ const PARTS: [&str; 11] = [
     "versions",
     "plans",
     "runs",
+    attempts::FOLDER,
     checkpoints::FOLDER,
     "damaged",
     "locks",
@@ -128,6 +137,23 @@ impl Store {
     /// # Errors
     /// Fails when the folder cannot be written or holds something else.
     pub fn open(root: &Path) -> Result<Store, Fault> {
+        Store::opened(root, Objects::open)
+    }
+
+    /// Opens the store at `root` for a worker: with the packs of its index, which the driver has written, without a look at
+    /// all packs that there are. Others are found by [`Objects::adopt`].
+    ///
+    /// # Errors
+    /// Fails when there is no store, or the folder cannot be written.
+    pub fn join(root: &Path) -> Result<Store, Fault> {
+        if !root.join("STORE").is_file() {
+            let fault = Fault::new(format!("there is no store {}", root.display()));
+            return Err(fault.help("name its folder with `--store`"));
+        }
+        Store::opened(root, Objects::indexed)
+    }
+
+    fn opened(root: &Path, packs: fn(&Path) -> Result<Objects, Fault>) -> Result<Store, Fault> {
         let fail = |e: io::Error| trouble("open the store", root, &e);
         fs::create_dir_all(root).map_err(fail)?;
         let mark = root.join("STORE");
@@ -157,9 +183,9 @@ impl Store {
         }
         sweep(&root.join("tmp"));
         let (tmp, lock) = own_folder(&root.join("tmp")).map_err(fail)?;
-        let shared = File::create(root.join("locks").join("store")).and_then(|f| f.lock_shared().map(|()| f));
+        let shared = File::create(root.join("locks").join("store")).and_then(|f| keep_lock(&f, true).map(|()| f));
         let shared = shared.map_err(fail)?;
-        let objects = Objects::open(root)?;
+        let objects = packs(root)?;
         let store = Store { root: root.to_owned(), objects, tmp, next: AtomicU64::new(0), shared, _lock: lock };
         if !marked {
             store.write(&mark, LAYOUT.as_bytes())?;
@@ -179,6 +205,8 @@ impl Store {
                 self.shared.lock_shared().map_err(|e| trouble("lock", &self.root, &e))?;
                 Ok(None)
             }
+            // Without locks nobody knows who else is at work.
+            Err(fs::TryLockError::Error(e)) if e.kind() == io::ErrorKind::Unsupported => Ok(None),
             Err(fs::TryLockError::Error(e)) => Err(trouble("lock", &self.root, &e)),
         }
     }
@@ -386,41 +414,5 @@ impl Drop for Store {
     fn drop(&mut self) {
         // Files left there never got a final name; the next process would remove them too.
         let _ = fs::remove_dir_all(&self.tmp);
-    }
-}
-
-/// A folder for this process' unfinished files, marked by a lock it holds.
-pub(crate) fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
-    for n in 0..1000u32 {
-        let folder = tmp.join(format!("{}-{n}", std::process::id()));
-        match fs::create_dir(&folder) {
-            Ok(()) => {
-                // Another process may sweep the folder away until the lock is held; then the next name is tried.
-                let Ok(lock) = File::create(folder.join("lock")) else { continue };
-                lock.lock()?;
-                if folder.join("lock").exists() {
-                    return Ok((folder, lock));
-                }
-            }
-            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
-            Err(e) => return Err(e),
-        }
-    }
-    Err(io::Error::other("no free name"))
-}
-
-/// Removes the folders of killed processes, whose locks are free.
-pub(crate) fn sweep(tmp: &Path) {
-    for folder in fs::read_dir(tmp).into_iter().flatten().flatten() {
-        match File::open(folder.path().join("lock")) {
-            Ok(lock) if lock.try_lock().is_ok() => {
-                let _ = fs::remove_dir_all(folder.path());
-            }
-            Ok(_) => {}
-            // Killed before it made the lock: the folder is removed only if empty.
-            Err(_) => {
-                let _ = fs::remove_dir(folder.path());
-            }
-        }
     }
 }

@@ -119,15 +119,57 @@ impl Objects {
     pub fn open(root: &Path) -> Result<Objects, Fault> {
         let (catalogue, damaged) = Catalogue::open(root)
             .map_err(|e| Fault::machine(format!("cannot read the store {}: {e}", root.display())))?;
-        let objects = Objects {
+        let objects = Objects::of(root, catalogue);
+        damaged.into_iter().for_each(|(id, why)| objects.set_aside(id, &why));
+        Ok(objects)
+    }
+
+    /// The packs in the index of the store at `root`; all packs where it has none.
+    ///
+    /// # Errors
+    /// Fails when the folder cannot be read.
+    pub fn indexed(root: &Path) -> Result<Objects, Fault> {
+        Catalogue::indexed(root).map_or_else(|| Objects::open(root), |known| Ok(Objects::of(root, known)))
+    }
+
+    fn of(root: &Path, catalogue: Catalogue) -> Objects {
+        Objects {
             root: root.to_owned(),
             catalogue: RwLock::new(catalogue),
             footers: Mutex::default(),
             held: Mutex::default(),
             damaged: Mutex::default(),
-        };
-        damaged.into_iter().for_each(|(id, why)| objects.set_aside(id, &why));
-        Ok(objects)
+        }
+    }
+
+    /// Takes the pack `id` into the catalogue where another process has written it. Whether it is there and intact.
+    pub fn adopt(&self, id: Key) -> bool {
+        if self.catalogue().by_id(id).is_some() {
+            return true;
+        }
+        let Ok(about) = fs::metadata(self.file(id)) else { return false };
+        match catalogue::read(&self.root, id, catalogue::stamp(&about)) {
+            Ok(pack) => {
+                self.add(pack);
+                true
+            }
+            Err(Trouble::Damaged(why)) => {
+                self.set_aside(id, &why);
+                false
+            }
+            Err(Trouble::Gone | Trouble::Machine(_)) => false,
+        }
+    }
+
+    /// Takes all packs into the catalogue that other processes have written.
+    pub fn refresh(&self) {
+        let folders = fs::read_dir(self.root.join("objects")).into_iter().flatten().flatten();
+        for file in folders.flat_map(|folder| fs::read_dir(folder.path()).into_iter().flatten().flatten()) {
+            let name = file.file_name();
+            if let Some(id) = name.to_str().and_then(|n| n.strip_suffix(".parquet")).and_then(Key::parse) {
+                self.adopt(id);
+            }
+        }
     }
 
     /// The catalogue, to be read.

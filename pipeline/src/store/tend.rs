@@ -150,6 +150,8 @@ pub fn collect(store: &Store, what: Collect) -> Result<Collected, Fault> {
     }
     if !what.dry {
         store.drop_checkpoints(|_| false, Some(what.older_than));
+        store.drop_attempts(|_| false, Some(what.older_than));
+        store.drop_plans(what.older_than);
     }
     let dead: Vec<(Key, u64)> = {
         let catalogue = store.catalogue();

@@ -187,7 +187,9 @@ pub fn snapshots(root: &Path) -> Vec<Snapshot> {
         .into_iter()
         .flatten()
         .flatten()
-        .filter_map(|e| serde_json::from_slice(&fs::read(e.path()).ok()?).ok())
+        .map(|e| e.path())
+        .filter(|path| path.extension().is_some_and(|e| e == "json"))
+        .filter_map(|path| serde_json::from_slice(&fs::read(path).ok()?).ok())
         .collect();
     found.sort_by(|a, b| a.pipeline.cmp(&b.pipeline));
     found

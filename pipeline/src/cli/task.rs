@@ -1,0 +1,222 @@
+//! `tasks` and `task`: a run whose computing is done by processes that a scheduler starts.
+
+use std::{
+    io::{self, BufRead, Read},
+    path::PathBuf,
+    process::exit,
+    sync::atomic::Ordering,
+    time::Duration,
+};
+
+use clap::Args;
+use schemas::{Entry, Fault, render};
+
+use super::{
+    SpecArgs, Stop, counted, interrupt, is_quiet, note, open, plan,
+    progress::Progress,
+    say::{err, out},
+    tend::age,
+    threads,
+};
+use crate::{
+    run::{self, Event, INTERRUPTED, Limits, Listener, Receipt, Task},
+    sources::ReadStep,
+    store::Store,
+};
+
+/// A line of standard input that is longer is no task.
+const LONGEST: u64 = 64 << 20;
+
+/// The arguments of `tasks`.
+#[derive(Args)]
+pub struct TasksArgs {
+    #[command(flatten)]
+    spec: SpecArgs,
+    /// Only those of this table.
+    #[arg(long)]
+    table: Option<String>,
+    /// The most units of a task: enough that a task takes far longer than the start of a process.
+    #[arg(long, value_name = "N", default_value_t = 48, value_parser = units)]
+    units: usize,
+    /// How often a unit is tried again after its worker was lost.
+    #[arg(long, value_name = "N", default_value_t = run::RETRIES)]
+    retries: usize,
+    /// Read the bytes of every input, even where its size and time are unchanged.
+    #[arg(long)]
+    verify_inputs: bool,
+    /// Only errors on standard error.
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+/// The arguments of `task`.
+#[derive(Args)]
+pub struct TaskArgs {
+    /// The store's folder.
+    #[arg(long, default_value = "store")]
+    store: PathBuf,
+    /// The tasks; by default those on standard input, one a line.
+    #[arg(value_name = "TASK")]
+    tasks: Vec<String>,
+    /// Only every N-th of the tasks, from the I-th on, counted from 0: for job arrays.
+    #[arg(long, value_name = "I/N", value_parser = share)]
+    share: Option<(usize, usize)>,
+    /// The number of threads; all cores by default. Results do not depend on it.
+    #[arg(long, value_parser = threads::count)]
+    threads: Option<usize>,
+    /// The longest time of a unit, such as 90s or 2h. The process ends when it is over, with exit status 1; the unit is then one whose
+    /// worker was lost.
+    #[arg(long, value_name = "TIME", value_parser = age)]
+    unit_timeout: Option<Duration>,
+    /// How often a unit is tried again after its worker was lost.
+    #[arg(long, value_name = "N", default_value_t = run::RETRIES)]
+    retries: usize,
+    /// What is wrong with units is in their receipts alone.
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+/// The help of `task` on its exit status.
+pub const STATUS_HELP: &str = "\
+Exit status: 0 every unit has its answer, if only that the data do not permit it, as `magline run` will say too; 1 a unit has \
+none, because the machine failed, a stage ended with a panic, or the time was over: give the task again; 2 a task was refused \
+(cut, of another version, of a plan that the store does not hold): `magline tasks` writes the tasks again; 130 interrupted, \
+with everything finished kept. pipeline/TASKS.md describes tasks and receipts.";
+
+fn units(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) | Err(_) => Err("it must be a whole number, 1 or more".to_owned()),
+        Ok(n) => Ok(n),
+    }
+}
+
+fn share(text: &str) -> Result<(usize, usize), String> {
+    let wrong = || format!("`{text}` is not I/N, such as 0/8 to 7/8");
+    let (i, n) = text.split_once('/').ok_or_else(wrong)?;
+    let (i, n) = (i.parse().map_err(|_| wrong())?, n.parse().map_err(|_| wrong())?);
+    if i < n { Ok((i, n)) } else { Err(wrong()) }
+}
+
+/// Prints the tasks of the next wave.
+///
+/// # Errors
+/// Fails when the spec is wrong, or a source or the store cannot be read.
+pub fn tasks(catalogue: &[Entry], args: &TasksArgs) -> Result<(), Stop> {
+    interrupt::listen();
+    super::QUIET.store(args.quiet, Ordering::Relaxed);
+    let plan = plan(catalogue, &args.spec)?;
+    let store = open(&plan.spec)?;
+    let progress = Progress::new(args.quiet);
+    let tick = |table: &str, step: &ReadStep| progress.hear(&Event::Reading { table, step });
+    let mut plan = run::settled(plan, catalogue, &store, &tick)?;
+    plan.spec.verify_inputs = args.verify_inputs;
+    let options = run::Options { retries: args.retries, ..run::Options::default() };
+    let listed = run::list(&plan, &store, options, args.units, args.table.as_deref(), &tick)?;
+    drop(progress);
+    let mut text = String::new();
+    for task in &listed.tasks {
+        text.push_str(&serde_json::to_string(task).map_err(|e| Fault::machine(e.to_string()))?);
+        text.push('\n');
+    }
+    out!("{text}");
+    if listed.tasks.is_empty() {
+        note(&format!("nothing is left to compute; `magline run {}` publishes", args.spec.spec.display()));
+    } else {
+        let each: Vec<String> = listed.units.iter().map(|(name, n)| format!("{n} of `{name}`")).collect();
+        note(&format!("{}; units: {}", counted(listed.tasks.len(), "task"), each.join(", ")));
+    }
+    if listed.given_up > 0 {
+        note(&format!("{} given up; `magline run` says which and why", counted(listed.given_up, "unit")));
+    }
+    Ok(())
+}
+
+/// Computes tasks, and prints a receipt of each.
+///
+/// # Errors
+/// Fails when there is no store, a task is refused, or a unit has no answer.
+pub fn task(catalogue: &[Entry], args: &TaskArgs) -> Result<(), Stop> {
+    interrupt::withdraw();
+    super::QUIET.store(args.quiet, Ordering::Relaxed);
+    let store = Store::join(&args.store)?;
+    let pool = threads::pool(args.threads)?;
+    let limits = Limits { retries: args.retries, unit_timeout: args.unit_timeout };
+    let mut wrong = 0;
+    let (served, wrong) = pool.install(|| {
+        let mut found =
+            lines(args).enumerate().filter_map(|(i, line)| match line.and_then(|text| Task::parse(&text)) {
+                Ok(task) => args.share.is_none_or(|(own, of)| i % of == own).then_some(task),
+                Err(fault) => {
+                    wrong += 1;
+                    err!("{}", render(&Fault { what: format!("task {}: {}", i + 1, fault.what), ..fault }, "", ""));
+                    None
+                }
+            });
+        let served = run::serve(&store, catalogue, &mut found, limits, &print, &|receipt| {
+            print(receipt);
+            exit(1);
+        });
+        drop(found);
+        (served, wrong)
+    });
+    if INTERRUPTED.load(Ordering::Relaxed) {
+        return Err(Stop::Interrupted);
+    }
+    let mut ends = vec![];
+    if served.unanswered > 0 {
+        ends.push(format!("{} without an answer: give the tasks again", counted(served.unanswered, "unit")));
+    }
+    if served.refused + wrong > 0 {
+        ends.push(format!("{} refused", counted(served.refused + wrong, "task")));
+        return Err(Stop::Wrong(ends.join("; ")));
+    }
+    match ends.join("; ") {
+        text if text.is_empty() => Ok(()),
+        _ if args.quiet => Err(Stop::Failed(String::new())),
+        text => Err(Stop::Failed(text)),
+    }
+}
+
+fn print(receipt: &Receipt) {
+    match serde_json::to_string(receipt) {
+        Ok(text) => out!("{text}\n"),
+        Err(e) => err!("error: a receipt cannot be written: {e}"),
+    }
+    if let Some(why) = &receipt.refused {
+        err!("error: a task of `{}` is refused: {why}", receipt.table);
+    }
+    for answer in receipt.units.iter().filter(|_| !is_quiet()) {
+        let Some(fault) = &answer.fault else { continue };
+        let place = answer.place.as_ref().filter(|_| fault.place.line.is_none());
+        let line = place.map(|(flight, line)| format!(" flight {flight}, line {line}")).unwrap_or_default();
+        let point: Vec<String> = answer.axes.iter().map(|(name, value)| format!("{name}={value}")).collect();
+        err!("{}{line} {}: {fault}", receipt.table, point.join(" "));
+    }
+}
+
+/// The lines that are tasks or should be.
+fn lines(args: &TaskArgs) -> Box<dyn Iterator<Item = Result<String, Fault>> + Send> {
+    if !args.tasks.is_empty() {
+        return Box::new(args.tasks.clone().into_iter().map(Ok));
+    }
+    let next = || {
+        let mut bytes = vec![];
+        let read = io::stdin().lock().take(LONGEST).read_until(b'\n', &mut bytes);
+        match read {
+            Ok(0) => None,
+            Ok(n) if n as u64 == LONGEST => Some(Err(Fault::new("a line of 64 MB is not a task"))),
+            Ok(_) => Some(String::from_utf8(bytes).map_err(|_| Fault::new("it is not a task: not text in UTF-8"))),
+            Err(e) => Some(Err(Fault::machine(format!("cannot read standard input: {e}")))),
+        }
+    };
+    let mut over = false;
+    let lines = std::iter::from_fn(move || {
+        if over {
+            return None;
+        }
+        let line = next();
+        over = line.as_ref().is_none_or(Result::is_err);
+        line
+    });
+    Box::new(lines.filter(|line| line.as_ref().map_or(true, |text| !text.trim().is_empty())))
+}

@@ -1,0 +1,258 @@
+//! A plan with its lines and keys as data, for a worker that never touches the inputs.
+//!
+//! From the text of the spec and what was read of its sources, the same plan and the same keys follow.
+
+use arrow_ipc::convert::{IpcSchemaEncoder, fb_to_schema};
+use arrow_schema::{Schema, SchemaRef};
+use learning::search::Value;
+use schemas::{Entry, Fault};
+use serde::{Deserialize, Serialize};
+use std::{collections::BTreeMap, path::Path};
+
+use super::{Graph, Plan, build};
+use crate::{
+    keys::Key,
+    sources::{LineRecord, MapSource},
+    spec::{Faults, Row, Spec},
+    store::{NoteFault, Store},
+};
+
+/// The form of the record.
+const FORM: u32 = 1;
+
+/// All that a plan and its keys follow from.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recorded {
+    form: u32,
+    magline: String,
+    /// The name of the spec's file, which names a pipeline that has no name.
+    file: String,
+    text: String,
+    sets: Vec<String>,
+    /// The trials of a search that the plan has.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    trials: Vec<RecordedTrial>,
+    flights: Vec<RecordedFlights>,
+    maps: Vec<RecordedMap>,
+}
+
+/// A trial at a rung.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RecordedTrial {
+    trial: usize,
+    generation: usize,
+    rung: usize,
+    values: Vec<RecordedValue>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum RecordedValue {
+    /// In the shortest spelling that reads back the same.
+    Real(String),
+    Whole(i64),
+    Choice(usize),
+}
+
+/// A table of flights.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RecordedFlights {
+    name: String,
+    /// The columns: an Arrow schema, in hexadecimal digits.
+    schema: String,
+    lines: Vec<RecordedLine>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RecordedLine {
+    flight: String,
+    line: String,
+    rows: usize,
+    object: Key,
+    columns: BTreeMap<String, Key>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    fault: Option<NoteFault>,
+}
+
+/// A map, or a model of files.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RecordedMap {
+    name: String,
+    key: Key,
+    /// The columns of a model, as those of flights; none of a map.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    schema: Option<String>,
+}
+
+fn hexadecimal(schema: &Schema) -> String {
+    let message = IpcSchemaEncoder::new().schema_to_fb(schema);
+    message.finished_data().iter().map(|b| format!("{b:02x}")).collect()
+}
+
+fn schema_of(hex: &str) -> Option<Schema> {
+    let byte = |i: usize| hex.get(2 * i..2 * i + 2).and_then(|h| u8::from_str_radix(h, 16).ok());
+    let message: Vec<u8> = (0..hex.len() / 2).map(byte).collect::<Option<_>>()?;
+    arrow_ipc::root_as_schema(&message).ok().map(fb_to_schema)
+}
+
+impl RecordedTrial {
+    fn of(row: &Row) -> RecordedTrial {
+        let value = |value: &Value| match value {
+            Value::Real(x) => RecordedValue::Real(format!("{x:?}")),
+            Value::Whole(n) => RecordedValue::Whole(*n),
+            Value::Choice(i) => RecordedValue::Choice(*i),
+        };
+        let Row { trial, generation, rung, ref values } = *row;
+        RecordedTrial { trial, generation, rung, values: values.iter().map(value).collect() }
+    }
+
+    fn row(&self) -> Option<Row> {
+        let value = |value: &RecordedValue| {
+            Some(match value {
+                RecordedValue::Real(text) => Value::Real(text.parse().ok()?),
+                RecordedValue::Whole(n) => Value::Whole(*n),
+                RecordedValue::Choice(i) => Value::Choice(*i),
+            })
+        };
+        let RecordedTrial { trial, generation, rung, ref values } = *self;
+        Some(Row { trial, generation, rung, values: values.iter().map(value).collect::<Option<_>>()? })
+    }
+}
+
+impl Recorded {
+    /// Writes the record of `graph` into `store`, and returns its name.
+    ///
+    /// # Errors
+    /// Fails when the store cannot be written.
+    pub fn keep(graph: &Graph, store: &Store) -> Result<Key, Fault> {
+        let plan = graph.plan;
+        let spec = &plan.spec;
+        let file = Path::new(&spec.file).file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let line = |l: &LineRecord| RecordedLine {
+            flight: l.flight.clone(),
+            line: l.line.clone(),
+            rows: l.rows,
+            object: l.object,
+            columns: l.columns.clone(),
+            fault: l.fault.as_ref().map(NoteFault::from),
+        };
+        let flights = plan.flights.iter().zip(&graph.records).map(|(flights, records)| RecordedFlights {
+            name: flights.name.clone(),
+            schema: hexadecimal(&flights.schema),
+            lines: records.values().map(line).collect(),
+        });
+        let maps = plan.maps.iter().zip(&graph.maps);
+        let whole = |(map, key): (&MapSource, &Key)| RecordedMap {
+            name: map.name.clone(),
+            key: *key,
+            schema: map.schema().map(|schema| hexadecimal(schema)),
+        };
+        let recorded = Recorded {
+            form: FORM,
+            magline: env!("CARGO_PKG_VERSION").to_owned(),
+            file,
+            text: spec.text.clone(),
+            sets: spec.sets.clone(),
+            trials: spec.trials.iter().map(RecordedTrial::of).collect(),
+            flights: flights.collect(),
+            maps: maps.map(whole).collect(),
+        };
+        let bytes = serde_json::to_vec(&recorded).map_err(|e| Fault::machine(e.to_string()))?;
+        store.keep_plan(&bytes)
+    }
+
+    /// The record `key` of `store`.
+    ///
+    /// # Errors
+    /// Fails when it is not there, damaged, or of another version.
+    pub fn find(store: &Store, key: Key) -> Result<Recorded, Fault> {
+        let recorded: Recorded = serde_json::from_slice(&store.plan(key)?)
+            .map_err(|e| Fault::new(format!("the plan {key} is of another version of magline: {e}")))?;
+        if recorded.form != FORM || recorded.magline != env!("CARGO_PKG_VERSION") {
+            let what = format!(
+                "the plan {key} is of magline {}, form {}; this is magline {}, form {FORM}",
+                recorded.magline,
+                recorded.form,
+                env!("CARGO_PKG_VERSION")
+            );
+            return Err(Fault::new(what).help("use the same program for tasks and workers"));
+        }
+        Ok(recorded)
+    }
+
+    /// The plan, with the stages of `catalogue`.
+    ///
+    /// # Errors
+    /// Fails when these are not the stages that it was made with.
+    pub fn plan(&self, catalogue: &[Entry]) -> Result<Plan, Faults> {
+        let spec = Spec::parse(&self.file, ".".into(), self.text.clone(), &self.sets)?;
+        let rows: Option<Vec<Row>> = self.trials.iter().map(RecordedTrial::row).collect();
+        let rows = rows.ok_or_else(|| spec.faults(vec![Fault::new("a trial of the plan cannot be read")]))?;
+        let spec = if spec.search.is_some() { spec.with_trials(&rows) } else { spec };
+        build::build(spec, catalogue, Some(self))
+    }
+
+    /// The graph of `plan`, which is that of this record.
+    ///
+    /// # Errors
+    /// Fails for a record that is not of the plan.
+    pub fn graph<'a>(&self, plan: &'a Plan) -> Result<Graph<'a>, Faults> {
+        let unknown = |name: &str| plan.spec.faults(vec![lacking(name)]);
+        let record = |l: &RecordedLine| LineRecord {
+            flight: l.flight.clone(),
+            line: l.line.clone(),
+            rows: l.rows,
+            object: l.object,
+            columns: l.columns.clone(),
+            fault: l.fault.clone().map(Fault::from),
+            more_faults: vec![],
+            findings: vec![],
+            file: 0,
+        };
+        let (mut lines, mut maps) = (vec![], vec![]);
+        for flights in &plan.flights {
+            let found = self.flights.iter().find(|f| f.name == flights.name).ok_or_else(|| unknown(&flights.name))?;
+            lines.push(found.lines.iter().map(record).collect());
+        }
+        for map in &plan.maps {
+            let same = |m: &&RecordedMap| m.name == map.name && m.schema.is_some() == map.schema().is_some();
+            maps.push(self.maps.iter().find(same).ok_or_else(|| unknown(&map.name))?.key);
+        }
+        Graph::of(plan, lines, vec![], maps)
+    }
+
+    /// The columns of the table of flights `name`.
+    ///
+    /// # Errors
+    /// Fails when the record has none.
+    pub(super) fn columns(&self, name: &str) -> Result<SchemaRef, Fault> {
+        let found = self.flights.iter().find(|f| f.name == name).and_then(|f| schema_of(&f.schema));
+        found.map(SchemaRef::new).ok_or_else(|| lacking(name))
+    }
+
+    /// Whether the map `name` is in it.
+    ///
+    /// # Errors
+    /// Fails when it is not.
+    pub(super) fn has_map(&self, name: &str) -> Result<(), Fault> {
+        self.maps.iter().any(|m| m.name == name && m.schema.is_none()).then_some(()).ok_or_else(|| lacking(name))
+    }
+
+    /// The columns of the model `name`.
+    ///
+    /// # Errors
+    /// Fails when the record has none.
+    pub(super) fn model(&self, name: &str) -> Result<SchemaRef, Fault> {
+        let found = self.maps.iter().filter(|m| m.name == name).find_map(|m| schema_of(m.schema.as_deref()?));
+        found.map(SchemaRef::new).ok_or_else(|| lacking(name))
+    }
+}
+
+fn lacking(name: &str) -> Fault {
+    Fault::new(format!("the record of the plan lacks the table `{name}`"))
+}

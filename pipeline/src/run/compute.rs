@@ -1,0 +1,152 @@
+//! The one function of all engines: a task is computed, its results are written into one pack, and a receipt says what
+//! became of each unit. Points of a sweep with the same computation and data are computed once.
+
+use std::collections::{HashMap, HashSet};
+
+use arrow_array::RecordBatch;
+use arrow_schema::Schema;
+use schemas::Fault;
+
+use super::{
+    cut::Cut,
+    engine::Told,
+    events::Outcome,
+    held::Held,
+    task::{Answer, Receipt, Task, TaskUnit},
+    work::{Made, Worker},
+};
+use crate::{
+    keys::Key,
+    plan::{LineId, Unit},
+    store::{NewUnit, Packed, Remarks},
+};
+
+/// Units that are to be computed. Points of a sweep that are equal in all inputs of their stage have one key: the first of
+/// them is computed, and its result is shared by the others.
+struct Pending {
+    units: Vec<(Unit, Key)>,
+    /// The first unit of each key, in their order.
+    first: Vec<Unit>,
+    of_key: HashMap<Key, Unit>,
+}
+
+impl Pending {
+    fn new(units: Vec<(Unit, Key)>) -> Pending {
+        let mut of_key = HashMap::new();
+        let is_first = |(unit, key): &(Unit, Key)| *of_key.entry(*key).or_insert(*unit) == *unit;
+        let first = units.iter().copied().filter(is_first).map(|(unit, _)| unit).collect();
+        Pending { units, first, of_key }
+    }
+
+    /// The units whose result is shared.
+    fn repeats(&self) -> HashSet<Unit> {
+        self.units.iter().filter(|(unit, key)| self.of_key.get(key) != Some(unit)).map(|(unit, _)| *unit).collect()
+    }
+
+    /// The results of the first units, for all units.
+    fn spread(&self, made: Vec<Made>) -> Vec<Made> {
+        if self.first.len() == self.units.len() {
+            return made;
+        }
+        let of: HashMap<Unit, Made> = made.into_iter().map(|m| (m.unit, m)).collect();
+        let one = |(unit, key): &(Unit, Key)| Some(Made { unit: *unit, ..of.get(self.of_key.get(key)?)?.clone() });
+        self.units.iter().filter_map(one).collect()
+    }
+}
+
+/// Computes a task of the table `table`, and writes its pack. Units that an interrupt leaves out have no answer.
+pub fn compute(worker: &Worker, table: usize, task: &Task, told: &Told) -> Receipt {
+    let pending: Vec<&TaskUnit> = task.units.iter().filter(|u| !u.have).collect();
+    let cut = match worker.cut(table) {
+        Ok(cut) => cut,
+        Err(fault) => {
+            let failed = |u: &&TaskUnit| Answer::of(u, Outcome::Failed, Some(fault.clone()));
+            return task.receipt(pending.iter().map(failed).collect());
+        }
+    };
+    let without: HashMap<Unit, &[LineId]> =
+        pending.iter().filter(|u| !u.without.is_empty()).map(|u| (u.unit(table), u.without.as_slice())).collect();
+    let usable = |line: LineId, unit: Unit| !without.get(&unit).is_some_and(|lines| lines.contains(&line));
+    let say = |unit: Unit, made: &Made, computed: Outcome| {
+        let outcome = if made.rows.is_ok() { computed } else { Outcome::Failed };
+        told(unit, outcome, made.rows.as_ref().err());
+    };
+    let done = |made: &[Made]| made.iter().for_each(|m| say(m.unit, m, Outcome::Computed));
+    let all = Pending::new(pending.iter().map(|u| (u.unit(table), u.key)).collect());
+    let mut made = all.spread(worker.compute(&all.first, &usable, &done));
+    let repeats = all.repeats();
+    made.iter().filter(|m| repeats.contains(&m.unit)).for_each(|m| say(m.unit, m, Outcome::Reused));
+    let lost = write(worker, cut, table, task, &mut made).err();
+    let mut made = made.into_iter().peekable();
+    let answer = |u: &&TaskUnit| {
+        let unit = u.unit(table);
+        let Made { rows, .. } = made.next_if(|m| m.unit == unit)?;
+        let computed = if repeats.contains(&unit) { Outcome::Reused } else { Outcome::Computed };
+        Some(match rows.err().or_else(|| lost.clone()) {
+            None => Answer::of(u, computed, None),
+            Some(fault) => Answer::of(u, Outcome::Failed, Some(fault)),
+        })
+    };
+    task.receipt(pending.iter().filter_map(answer).collect())
+}
+
+/// The pack of a task all of whose units have results or lasting failures.
+pub fn pack_of(cut: &Cut, table: usize, part: bool, units: &[&TaskUnit]) -> Key {
+    let packed = |u: &&TaskUnit| Packed { key: u.key, dress: cut.dress(u.unit(table)), rows: 0 };
+    name_of(cut, part, &units.iter().map(packed).collect::<Vec<_>>())
+}
+
+fn name_of(cut: &Cut, part: bool, units: &[Packed]) -> Key {
+    let id = cut.id(units);
+    if part { Key::of([b"part", id.as_ref()]) } else { id }
+}
+
+/// Writes the pack of a task: the new results, and those that the store has. The rows in `made` are moved out.
+fn write(worker: &Worker, cut: &Cut, table: usize, task: &Task, made: &mut [Made]) -> Result<(), Fault> {
+    let store = worker.store();
+    let mut held = Held::new(worker);
+    let mut next = made.iter_mut().peekable();
+    let nothing = RecordBatch::new_empty(Schema::empty().into());
+    let (mut units, mut packed, mut written) = (vec![], vec![], vec![]);
+    for of_task in &task.units {
+        let (unit, key) = (of_task.unit(table), of_task.key);
+        let dress = cut.dress(unit);
+        let new = if of_task.have {
+            let remarks = if unit.line.is_none() { store.remarks(key)? } else { Remarks::default() };
+            match store.find(key).map(|place| place.rows) {
+                Some(None) => {
+                    let Some(fault) = store.failed(key)? else { continue };
+                    NewUnit { key, dress, rows: Err(fault), remarks }
+                }
+                Some(Some(_)) | None => {
+                    let it = worker.instance(unit);
+                    let names: Vec<&str> = it.yields.columns.iter().map(|c| c.name.as_str()).collect();
+                    let rows = cut.rows(unit, &store.get(key, &names)?, &mut held)?;
+                    NewUnit { key, dress, rows: Ok(rows), remarks }
+                }
+            }
+        } else {
+            let Some(own) = next.next_if(|m| m.unit == unit) else { continue };
+            let remarks = own.remarks.clone();
+            match &mut own.rows {
+                Ok(rows) => {
+                    let whole = cut.rows(unit, rows, &mut held)?;
+                    // The pack has them now; a schema for each unit would be a large part of the memory of a sweep.
+                    *rows = nothing.clone();
+                    NewUnit { key, dress, rows: Ok(whole), remarks }
+                }
+                Err(fault) if !fault.owner.is_lasting() => continue,
+                Err(fault) => NewUnit { key, dress, rows: Err(fault.clone()), remarks },
+            }
+        };
+        written.push(unit);
+        packed.push(Packed { key, dress, rows: 0 });
+        units.push(new);
+    }
+    if units.is_empty() {
+        return Ok(());
+    }
+    let id = name_of(cut, task.part, &packed);
+    let kind = if task.part { Key::of([b"part", cut.kind.as_ref()]) } else { cut.kind };
+    store.pack(id, kind, &cut.schema, &cut.about(id, &written), units)
+}

@@ -1,0 +1,65 @@
+//! What is to be computed next, as tasks for workers of other processes.
+
+use schemas::{Fault, Owner};
+
+use super::{Count, Options, Quiet, Runner, recorded, table::Handed, task::Task, trials, work::Worker};
+use crate::{
+    plan::{Graph, Plan},
+    sources::ReadStep,
+    spec::Faults,
+    store::Store,
+};
+
+/// The tasks of the next wave.
+pub struct Listed {
+    /// The tasks, in the plan's order.
+    pub tasks: Vec<Task>,
+    /// The units of each table that has any in them.
+    pub units: Vec<(String, usize)>,
+    /// Units that wait for others, or cannot be computed.
+    pub skipped: usize,
+    /// Units that the machine has failed on too often.
+    pub given_up: usize,
+}
+
+/// Lists what can be computed with what is in `store`, in tasks of at most `most` units; with `only` that of one table. The
+/// plan and the index are in the store when this returns. Nothing is computed, but sources that are new are read.
+///
+/// # Errors
+/// Fails when a source cannot be read, there is no table `only`, or the store cannot be written.
+pub fn list(
+    plan: &Plan,
+    store: &Store,
+    options: Options<'_>,
+    most: usize,
+    only: Option<&str>,
+    tick: &(dyn Fn(&str, &ReadStep) + Sync),
+) -> Result<Listed, Faults> {
+    let fail = |fault: Fault| plan.spec.faults(vec![fault]);
+    let only = only.map(|name| plan.table(name)).transpose().map_err(fail)?;
+    let graph = Graph::new(plan, store, tick)?;
+    trials::check(&graph).map_err(fail)?;
+    let worker = Worker::new(&graph, store, &Quiet);
+    let mut runner = Runner::new(&worker, &Quiet, options, None);
+    runner.abroad = true;
+    let (mut tasks, mut units, mut count) = (vec![], vec![], Count::default());
+    for (t, node) in plan.tables.iter().enumerate() {
+        let Some(sheet) = runner.sheet(t, &mut count) else { continue };
+        if only.is_some_and(|only| only != t) {
+            continue;
+        }
+        let cover = runner.cover(&sheet);
+        let found = runner.tasks_abroad(&sheet, &cover, most, None);
+        let of_table: usize = found.iter().map(|h| h.task.units.len()).sum();
+        if of_table > 0 {
+            units.push((node.name.clone(), of_table));
+        }
+        tasks.extend(found.into_iter().map(|Handed { task, .. }| task));
+    }
+    if !tasks.is_empty() {
+        let key = recorded(&graph, store)?;
+        tasks.iter_mut().for_each(|task| task.plan = Some(key));
+    }
+    let given_up = runner.failures.iter().filter(|(_, f)| f.fault.owner == Owner::Machine).count();
+    Ok(Listed { tasks, units, skipped: count.skipped, given_up })
+}

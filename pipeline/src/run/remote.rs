@@ -1,0 +1,360 @@
+//! A worker of another process than the driver's: it plans from the store, refuses what it cannot answer for, finds what is
+//! done, and counts attempts, so that a unit that kills its workers is given up and its neighbours are not.
+
+use std::{
+    collections::HashMap,
+    sync::{
+        atomic::Ordering,
+        mpsc::{RecvTimeoutError, channel},
+    },
+    thread,
+    time::{Duration, Instant},
+};
+
+use schemas::{Entry, Fault, Grain};
+
+use super::{
+    compute::{compute, pack_of},
+    engine::prepare,
+    events::{Outcome, Quiet},
+    interrupt::{INTERRUPTED, STARTED},
+    task::{Answer, Receipt, Task, TaskUnit, VERSION},
+    work::Worker,
+};
+use crate::{
+    keys::Key,
+    plan::{Graph, LineId, Plan, Recorded},
+    spec::Faults,
+    store::{
+        Store,
+        attempts::{Attempt, Tries},
+        kernel,
+    },
+};
+
+/// The limits of a worker.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// How often a unit is tried again after its worker was lost.
+    pub retries: usize,
+    /// The longest time of a unit. Units that are computed together have together what each has.
+    pub unit_timeout: Option<Duration>,
+}
+
+/// What a worker did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Served {
+    /// Tasks that it refused.
+    pub refused: usize,
+    /// Units without an answer, or whose answer is a fault that need not last.
+    pub unanswered: usize,
+}
+
+/// Hears of a receipt.
+pub type Hear<'a> = dyn Fn(&Receipt) + Sync + 'a;
+
+/// Computes `tasks` one after another, on rayon's current thread pool. `answered` is told each receipt; `overdue` is told
+/// that of a task whose time is over, and should end the process, since a thread cannot be stopped.
+pub fn serve(
+    store: &Store,
+    catalogue: &[Entry],
+    tasks: &mut dyn Iterator<Item = Task>,
+    limits: Limits,
+    answered: &Hear,
+    overdue: &Hear,
+) -> Served {
+    let mut served = Served::default();
+    let mut next = tasks.next();
+    while let Some(task) = next.take() {
+        match opened(store, catalogue, &task) {
+            Err(fault) => {
+                served.refuse(&task, &fault, answered);
+                next = tasks.next();
+            }
+            Ok((recorded, plan)) => match recorded.graph(&plan) {
+                Err(faults) => {
+                    served.refuse(&task, &Fault::new(faults.to_string()), answered);
+                    next = tasks.next();
+                }
+                Ok(graph) => {
+                    let bench = Bench { worker: &Worker::new(&graph, store, &Quiet), limits, overdue };
+                    next = bench.serve(task, tasks, &mut served, answered);
+                }
+            },
+        }
+        if INTERRUPTED.load(Ordering::Relaxed) {
+            break;
+        }
+    }
+    served
+}
+
+/// The plan of a task.
+fn opened(store: &Store, catalogue: &[Entry], task: &Task) -> Result<(Recorded, Plan), Fault> {
+    if task.magline != VERSION {
+        let what = format!("the task is of magline {}; this is magline {VERSION}", task.magline);
+        return Err(Fault::new(what).help("use the same program for tasks and workers"));
+    }
+    let key = task.plan.ok_or_else(|| Fault::new("the task names no plan"))?;
+    let recorded = Recorded::find(store, key)?;
+    let plan = recorded.plan(catalogue).map_err(|faults: Faults| {
+        let what = format!("this program cannot plan what the task asks for: {faults}");
+        Fault::new(what).help("use the same program for tasks and workers")
+    })?;
+    Ok((recorded, plan))
+}
+
+/// The fault of a unit after too many attempts.
+pub fn given_up(tries: &Tries) -> Fault {
+    let times = |n: usize| if n == 1 { "once".to_owned() } else { format!("{n} times") };
+    let lost = "its worker was lost";
+    let what = match (&tries.why, tries.lost) {
+        (Some(why), 0) => format!("{why} ({} by a worker)", times(tries.failed)),
+        (Some(why), n) => format!("{why} ({} by a worker); and {lost} {}", times(tries.failed), times(n)),
+        (None, n) => format!("{lost} {} while it computed this: killed, out of memory, or out of time", times(n)),
+    };
+    Fault::machine(what).help(format!("`--retries {}` tries it again", tries.all()))
+}
+
+impl Served {
+    fn refuse(&mut self, task: &Task, fault: &Fault, answered: &Hear) {
+        *(if fault.owner.is_lasting() { &mut self.refused } else { &mut self.unanswered }) += 1;
+        answered(&named(task.refusal(fault), Instant::now()));
+    }
+}
+
+fn named(mut receipt: Receipt, begun: Instant) -> Receipt {
+    receipt.seconds = begun.elapsed().as_secs_f64();
+    receipt.worker = format!("{} process {}", kernel(), std::process::id());
+    receipt
+}
+
+/// A plan at work.
+struct Bench<'a> {
+    worker: &'a Worker<'a>,
+    limits: Limits,
+    overdue: &'a Hear<'a>,
+}
+
+impl Bench<'_> {
+    /// Computes `first` and what follows it of the same plan; returns the first task of another one.
+    fn serve(
+        &self,
+        first: Task,
+        tasks: &mut dyn Iterator<Item = Task>,
+        served: &mut Served,
+        answered: &Hear,
+    ) -> Option<Task> {
+        let plan = first.plan;
+        let (mut next, mut last) = (Some(first), None);
+        while let Some(task) = next.take() {
+            if task.plan != plan || task.magline != VERSION {
+                return Some(task);
+            }
+            // While it waits for tasks, an interrupt ends the process at once.
+            STARTED.store(true, Ordering::SeqCst);
+            let begun = Instant::now();
+            match checked(self.worker.graph(), &task) {
+                Err(fault) => served.refuse(&task, &fault, answered),
+                Ok(table) => {
+                    last.replace(table).filter(|last| *last != table).into_iter().for_each(|t| self.worker.forget(t));
+                    let receipt = self.receipt(table, &task, self.answers(table, &task, begun), begun);
+                    let left = task.units.iter().filter(|u| !u.have).count().saturating_sub(receipt.units.len());
+                    let passing = receipt.units.iter().filter_map(|a| a.fault.as_ref());
+                    served.unanswered += left + passing.filter(|f| !f.owner.is_lasting()).count();
+                    answered(&receipt);
+                }
+            }
+            if INTERRUPTED.load(Ordering::Relaxed) {
+                break;
+            }
+            STARTED.store(false, Ordering::SeqCst);
+            next = tasks.next();
+        }
+        None
+    }
+
+    /// The receipt of a task, its answers in the order of its units.
+    fn receipt(&self, table: usize, task: &Task, mut answers: Vec<Answer>, begun: Instant) -> Receipt {
+        let places = task.units.iter().enumerate().map(|(i, u)| ((u.point, u.line), i));
+        let places: HashMap<(usize, Option<LineId>), usize> = places.collect();
+        answers.sort_by_key(|a| places.get(&(a.point, a.line)).copied());
+        let mut receipt = task.receipt(answers);
+        receipt.name(self.worker.graph(), table);
+        named(receipt, begun)
+    }
+
+    fn answers(&self, table: usize, task: &Task, begun: Instant) -> Vec<Answer> {
+        let wanted: Vec<&TaskUnit> = task.units.iter().filter(|u| !u.have).collect();
+        let failed = |u: &&TaskUnit, fault: &Fault| Answer::of(u, Outcome::Failed, Some(fault.clone()));
+        let store = self.worker.store();
+        match self.worker.cut(table) {
+            Ok(cut) => {
+                let all: Vec<&TaskUnit> = task.units.iter().collect();
+                store.adopt(pack_of(cut, table, task.part, &all));
+            }
+            Err(fault) => return wanted.iter().map(|u| failed(u, &fault)).collect(),
+        }
+        let tries: Vec<Tries> = wanted.iter().map(|u| store.attempts_of(u.key)).collect();
+        if tries.iter().any(|t| t.all() > 0) {
+            // A worker that was lost may have written some of them, under names that depend on what it found.
+            store.refresh();
+        }
+        let (mut answers, mut fresh, mut tried) = (vec![], vec![], vec![]);
+        for (unit, tries) in wanted.into_iter().zip(tries) {
+            match self.found(unit) {
+                Some(answer) => answers.push(answer),
+                None if tries.all() == 0 => fresh.push(unit.clone()),
+                None => tried.push((tries, unit.clone())),
+            }
+        }
+        if !fresh.is_empty() {
+            let whole = tried.is_empty() && answers.is_empty();
+            let together = if whole { task.clone() } else { task.part_of(fresh) };
+            answers.extend(self.attempt(table, task, &together, &answers, begun));
+        }
+        // Those that were lost least come first: the one that kills its workers must not take the others with it.
+        tried.sort_by_key(|(tries, _)| tries.all());
+        for (tries, unit) in tried {
+            if INTERRUPTED.load(Ordering::Relaxed) {
+                break;
+            }
+            let answer = match self.found(&unit) {
+                Some(answer) => vec![answer],
+                None if tries.all() > self.limits.retries => vec![failed(&&unit, &given_up(&tries))],
+                None => self.attempt(table, task, &task.part_of(vec![unit]), &answers, begun),
+            };
+            answers.extend(answer);
+        }
+        answers
+    }
+
+    /// What the store knows of a unit: its result, or that it failed.
+    fn found(&self, unit: &TaskUnit) -> Option<Answer> {
+        let store = self.worker.store();
+        match store.find(unit.key)?.rows {
+            Some(_) => Some(Answer::of(unit, Outcome::Reused, None)),
+            None => store.failed(unit.key).ok()?.map(|fault| Answer::of(unit, Outcome::Failed, Some(fault))),
+        }
+    }
+
+    /// Computes `together`, some units of `task`, within its time.
+    fn attempt(&self, table: usize, task: &Task, together: &Task, before: &[Answer], begun: Instant) -> Vec<Answer> {
+        let store = self.worker.store();
+        let mut keys: Vec<Key> = together.units.iter().filter(|u| !u.have).map(|u| u.key).collect();
+        keys.sort_unstable();
+        keys.dedup();
+        let all = |fault: &Fault| -> Vec<Answer> {
+            let wanted = together.units.iter().filter(|u| !u.have);
+            wanted.map(|u| Answer::of(u, Outcome::Failed, Some(fault.clone()))).collect()
+        };
+        let attempts: Vec<(Key, Attempt)> = match keys.iter().map(|key| Ok((*key, store.attempt(*key)?))).collect() {
+            Ok(attempts) => attempts,
+            Err(fault) => return all(&fault),
+        };
+        let units = u32::try_from(keys.len()).unwrap_or(u32::MAX);
+        let limit = self.limits.unit_timeout.map(|limit| limit.saturating_mul(units));
+        let late = || {
+            let answers = before.iter().cloned().chain(all(&overdue(limit.unwrap_or_default(), keys.len())));
+            let mut receipt = self.receipt(table, task, answers.collect(), begun);
+            receipt.ended = true;
+            (self.overdue)(&receipt);
+        };
+        let work = || {
+            prepare(self.worker, table, std::slice::from_ref(together));
+            compute(self.worker, table, together, &|_, _, _| ())
+        };
+        let receipt = in_time(limit, work, late);
+        let passing = receipt.units.iter().filter_map(|a| Some((a.key, a.fault.as_ref()?)));
+        let passing: HashMap<Key, &Fault> = passing.filter(|(_, fault)| !fault.owner.is_lasting()).collect();
+        for (key, attempt) in attempts {
+            match passing.get(&key) {
+                Some(why) => attempt.fail(why),
+                None => attempt.end(),
+            }
+        }
+        receipt.units
+    }
+}
+
+fn overdue(limit: Duration, units: usize) -> Fault {
+    let seconds = limit.as_secs_f64();
+    let fault = match units {
+        1 => Fault::machine(format!("it was not done after {seconds} s, its time limit")),
+        n => Fault::machine(format!("it and {} other units were not done after {seconds} s, their time limit", n - 1)),
+    };
+    fault.help(if units == 1 {
+        "give it more time with `--unit-timeout`"
+    } else {
+        "each is tried by itself the next time"
+    })
+}
+
+/// Does some work, and calls `late` from another thread when that takes longer than `limit`.
+fn in_time<T>(limit: Option<Duration>, work: impl FnOnce() -> T, late: impl FnOnce() + Send) -> T {
+    let Some(limit) = limit else { return work() };
+    let (done, wait) = channel::<()>();
+    thread::scope(|scope| {
+        scope.spawn(move || {
+            if wait.recv_timeout(limit) == Err(RecvTimeoutError::Timeout) {
+                late();
+            }
+        });
+        let made = work();
+        drop(done);
+        made
+    })
+}
+
+/// The table of a task, all of whose units are those of the plan.
+fn checked(graph: &Graph, task: &Task) -> Result<usize, Fault> {
+    let table = graph.plan.table(&task.table)?;
+    let node = &graph.plan.tables[table];
+    let strange = |what: String| Fault::new(what).help("`magline tasks` writes the tasks again");
+    if !node.keep {
+        return Err(strange(format!("the results of `{}` are not kept", task.table)));
+    }
+    for unit in &task.units {
+        let place = match unit.line {
+            Some(line) => format!("point {}, line {line} of `{}`", unit.point, task.table),
+            None => format!("point {} of `{}`", unit.point, task.table),
+        };
+        let there = unit.point < node.len()
+            && match (node.entry.grain, unit.line) {
+                (Grain::Line, Some(line)) => graph.lines_of(table, unit.point).binary_search(&line).is_ok(),
+                (Grain::Survey | Grain::Map, None) => true,
+                (Grain::Line, None) | (Grain::Survey | Grain::Map, Some(_)) => false,
+            };
+        if !there || unit.without.iter().any(|line| *line >= graph.lines.len()) {
+            return Err(strange(format!("the plan has no unit at {place}")));
+        }
+        let key = graph.key(unit.unit(table)).map_err(|fault| strange(format!("{place}: {fault}")))?;
+        if key != unit.key {
+            let what = format!("{place} has the key {} in the task, and {key} in this program", unit.key);
+            return Err(Fault::new(what).help("use the same program for tasks and workers"));
+        }
+    }
+    Ok(table)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unit_work_that_is_late_is_told_once_and_work_in_time_is_not() {
+        let told = std::sync::Mutex::new(0);
+        let late = || *told.lock().unwrap() += 1;
+        assert_eq!(in_time(None, || 1, late), 1);
+        assert_eq!(in_time(Some(Duration::from_secs(600)), || 2, late), 2);
+        assert_eq!(*told.lock().unwrap(), 0);
+        let slow = || {
+            while *told.lock().unwrap() == 0 {
+                thread::sleep(Duration::from_millis(1));
+            }
+            3
+        };
+        assert_eq!(in_time(Some(Duration::from_millis(5)), slow, late), 3);
+        assert_eq!(*told.lock().unwrap(), 1);
+    }
+}

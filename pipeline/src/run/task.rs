@@ -1,0 +1,327 @@
+//! Tasks and receipts: what goes to a worker and what comes back, as plain data. `pipeline/TASKS.md` describes their form.
+
+use std::collections::BTreeMap;
+
+use schemas::{Fault, Literal, Owner, Place};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
+
+use super::events::Outcome;
+use crate::{
+    keys::Key,
+    plan::{Graph, LineId, Unit},
+};
+
+/// The form of tasks and receipts.
+const FORM: u64 = 1;
+
+/// The version of this program.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// Some units of one table that are computed together and written into one file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Task {
+    /// The form of this object.
+    task: u64,
+    /// The version that made it.
+    pub magline: String,
+    /// The plan, a file of the store; none for a task that does not leave the process.
+    pub plan: Option<Key>,
+    /// The table.
+    pub table: String,
+    /// Whether its result is a part of a file of the table, and not a whole one.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub part: bool,
+    /// The units, in the order of the table's rows.
+    pub units: Vec<TaskUnit>,
+}
+
+/// A unit of a task.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TaskUnit {
+    /// The sweep point.
+    pub point: usize,
+    /// The line, as a position among those of the plan; none for a survey stage.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub line: Option<LineId>,
+    /// The key of its result.
+    pub key: Key,
+    /// Whether it is in the store, and is only written into the same file.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub have: bool,
+    /// Of a survey stage the lines that cannot be used, sorted.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub without: Vec<LineId>,
+}
+
+impl TaskUnit {
+    /// The unit, of the table `table`.
+    pub fn unit(&self, table: usize) -> Unit {
+        Unit { table, instance: self.point, line: self.line }
+    }
+}
+
+/// What became of a task.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Receipt {
+    /// The form of this object.
+    receipt: u64,
+    /// The version that made it.
+    pub magline: String,
+    /// The plan, as in the task.
+    pub plan: Option<Key>,
+    /// The table.
+    pub table: String,
+    /// The hash of plan, table and keys.
+    pub task: Key,
+    /// The units that have an answer, in the order of the task.
+    pub units: Vec<Answer>,
+    /// Why the task was not looked at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
+    /// Whether the worker ended after it, because the time of a unit was over.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub ended: bool,
+    /// Wall time.
+    pub seconds: f64,
+    /// Host and process.
+    pub worker: String,
+}
+
+/// What became of a unit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Answer {
+    /// The sweep point.
+    pub point: usize,
+    /// The line, as a position among those of the plan.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub line: Option<LineId>,
+    /// The key of its result.
+    pub key: Key,
+    /// The values of the sweep point, for people.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub axes: BTreeMap<String, String>,
+    /// Flight and line, for people.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place: Option<(String, String)>,
+    /// Its outcome.
+    pub outcome: Outcome,
+    /// Why it failed.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "told")]
+    pub fault: Option<Fault>,
+}
+
+// The signature that serde asks for.
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_false(it: &bool) -> bool {
+    !it
+}
+
+impl Task {
+    /// A task of this version.
+    pub fn new(plan: Option<Key>, table: &str, part: bool, units: Vec<TaskUnit>) -> Task {
+        Task { task: FORM, magline: VERSION.to_owned(), plan, table: table.to_owned(), part, units }
+    }
+
+    /// The same with other units, as a part of a file.
+    pub fn part_of(&self, units: Vec<TaskUnit>) -> Task {
+        Task { part: true, units, ..Task::new(self.plan, &self.table, true, vec![]) }
+    }
+
+    /// The task in one line of text.
+    ///
+    /// # Errors
+    /// Fails for a text that is not JSON, not a task, or of another form.
+    pub fn parse(text: &str) -> Result<Task, Fault> {
+        parsed(text, "task")
+    }
+
+    /// The hash of plan, table and keys.
+    pub fn id(&self) -> Key {
+        let plan = self.plan.map(|key| key.to_string()).unwrap_or_default();
+        let keys = self.units.iter().map(|u| u.key.to_string());
+        Key::of(["task".to_owned(), plan, self.table.clone()].into_iter().chain(keys))
+    }
+
+    /// A receipt of it.
+    pub fn receipt(&self, units: Vec<Answer>) -> Receipt {
+        Receipt {
+            receipt: FORM,
+            magline: VERSION.to_owned(),
+            plan: self.plan,
+            table: self.table.clone(),
+            task: self.id(),
+            units,
+            refused: None,
+            ended: false,
+            seconds: 0.0,
+            worker: String::new(),
+        }
+    }
+
+    /// A receipt that says why it was not looked at.
+    pub fn refusal(&self, why: &Fault) -> Receipt {
+        let help = why.help.as_ref().map(|help| format!("; {help}")).unwrap_or_default();
+        Receipt { refused: Some(format!("{why}{help}")), ..self.receipt(vec![]) }
+    }
+}
+
+impl Receipt {
+    /// The receipt in one line of text.
+    ///
+    /// # Errors
+    /// As [`Task::parse`].
+    pub fn parse(text: &str) -> Result<Receipt, Fault> {
+        parsed(text, "receipt")
+    }
+
+    /// Adds what people want to know: the values of the sweep points, flights and lines.
+    pub fn name(&mut self, graph: &Graph, table: usize) {
+        for answer in &mut self.units {
+            let point = graph.plan.instance(table, answer.point).point();
+            answer.axes = point.into_iter().map(|(name, value): (String, Literal)| (name, value.to_string())).collect();
+            answer.place = answer.line.and_then(|line| graph.lines.get(line).cloned());
+        }
+    }
+}
+
+impl Answer {
+    /// Of a unit of a task.
+    pub fn of(unit: &TaskUnit, outcome: Outcome, fault: Option<Fault>) -> Answer {
+        let TaskUnit { point, line, key, .. } = *unit;
+        Answer { point, line, key, axes: BTreeMap::new(), place: None, outcome, fault }
+    }
+}
+
+/// An object of one line whose entry `word` is its form.
+fn parsed<T: DeserializeOwned>(text: &str, word: &str) -> Result<T, Fault> {
+    let help = "`magline tasks` writes one task a line";
+    let cut = |e: serde_json::Error| {
+        let why = if e.is_eof() { "the line is cut".to_owned() } else { format!("not JSON: {e}") };
+        Fault::new(format!("it is not a {word}: {why}")).help(help)
+    };
+    let value: serde_json::Value = serde_json::from_str(text).map_err(cut)?;
+    let form = value.get(word).and_then(serde_json::Value::as_u64);
+    match form {
+        Some(FORM) => {
+            serde_json::from_value(value).map_err(|e| Fault::new(format!("the {word} is not whole: {e}")).help(help))
+        }
+        Some(other) => {
+            let what = format!("the {word} is of form {other}; this is magline {VERSION}, which knows form {FORM}");
+            Err(Fault::new(what).help("use the same program for tasks and workers"))
+        }
+        None => Err(Fault::new(format!("it is not a {word}: it is JSON of another kind")).help(help)),
+    }
+}
+
+/// A fault as an object.
+mod told {
+    use serde::{Deserializer, Serializer};
+
+    use super::{Deserialize, Fault, Owner, Place, Serialize};
+
+    #[derive(Serialize, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Told {
+        what: String,
+        owner: Word,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        help: Option<String>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        file: Option<String>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        flight: Option<String>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        line: Option<String>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        column: Option<String>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        row: Option<u64>,
+    }
+
+    #[derive(Serialize, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    enum Word {
+        Spec,
+        Data,
+        Machine,
+        Bug,
+    }
+
+    pub fn serialize<S: Serializer>(fault: &Option<Fault>, serializer: S) -> Result<S::Ok, S::Error> {
+        let told = fault.clone().map(|fault| {
+            let Place { file, flight, line, column, row } = fault.place;
+            let owner = match fault.owner {
+                Owner::Spec => Word::Spec,
+                Owner::Data => Word::Data,
+                Owner::Machine => Word::Machine,
+                Owner::Bug => Word::Bug,
+            };
+            Told { what: fault.what, owner, help: fault.help, file, flight, line, column, row }
+        });
+        told.serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Fault>, D::Error> {
+        let told: Option<Told> = Option::deserialize(deserializer)?;
+        Ok(told.map(|Told { what, owner, help, file, flight, line, column, row }| {
+            let owner = match owner {
+                Word::Spec => Owner::Spec,
+                Word::Data => Owner::Data,
+                Word::Machine => Owner::Machine,
+                Word::Bug => Owner::Bug,
+            };
+            Fault { what, help, owner, place: Place { file, flight, line, column, row }, ..Fault::default() }
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+
+    fn task() -> Task {
+        let unit = |line, without| TaskUnit { point: 3, line, key: Key::of(["a"]), have: false, without };
+        Task::new(Some(Key::of(["plan"])), "fit", true, vec![unit(None, vec![2, 5]), unit(Some(7), vec![])])
+    }
+
+    #[test]
+    fn unit_tasks_and_receipts_are_read_as_they_are_written() {
+        let task = task();
+        let text = serde_json::to_string(&task).unwrap();
+        assert_eq!(Task::parse(&text).unwrap(), task);
+        let fault = Fault::machine("no room").help("make some").in_line("1", "1.02").in_row(5);
+        let mut receipt = task.receipt(vec![
+            Answer::of(&task.units[0], Outcome::Failed, Some(fault)),
+            Answer::of(&task.units[1], Outcome::Computed, None),
+        ]);
+        receipt.units[1].place = Some(("1".to_owned(), "1.02".to_owned()));
+        receipt.seconds = 0.1 + 0.2;
+        let text = serde_json::to_string(&receipt).unwrap();
+        let read = Receipt::parse(&text).unwrap();
+        assert_eq!((&read.units, read.task), (&receipt.units, task.id()));
+        assert!(Task::parse(&text).is_err() && !text.contains('\n'));
+    }
+
+    #[test]
+    fn unit_a_line_that_is_cut_foreign_or_of_another_form_is_refused_in_words() {
+        let text = serde_json::to_string(&task()).unwrap();
+        for at in 1..text.len() {
+            let fault = Task::parse(&text[..at]).unwrap_err();
+            assert!(fault.what.contains("the line is cut"), "{at}: {fault}");
+        }
+        let said = |text: &str| Task::parse(text).unwrap_err().what;
+        assert!(said(r#"{"event":"started"}"#).contains("JSON of another kind"));
+        assert!(said("[1, 2]").contains("JSON of another kind") && said("17").contains("JSON of another kind"));
+        assert!(said("fit 7").contains("not JSON"));
+        assert!(said(&text.replace(r#"{"task":1"#, r#"{"task":2"#)).contains("form 2"));
+        assert!(said(&text.replace(r#""point":3"#, r#""point":-3"#)).contains("not whole"));
+        assert!(said(&text.replace(r#""point":3"#, r#""punkt":3"#)).contains("punkt"));
+        assert!(said(&text.replace(&Key::of(["a"]).to_string(), "xyz")).contains("not a key"));
+    }
+}

@@ -1,0 +1,65 @@
+//! Plans for workers of other processes, each named by the hash of its content.
+
+use std::{fs, io, path::PathBuf, time::Duration};
+
+use schemas::Fault;
+
+use super::{Store, tend::is_old, trouble};
+use crate::keys::Key;
+
+/// The folder of a store that holds them.
+const FOLDER: &str = "plans";
+
+fn name_of(bytes: &[u8]) -> Key {
+    Key::of([b"plan", bytes])
+}
+
+impl Store {
+    fn plan_at(&self, key: Key) -> PathBuf {
+        self.root().join(FOLDER).join(key.to_string())
+    }
+
+    /// Writes a plan, and returns its name.
+    ///
+    /// # Errors
+    /// Fails when the file system refuses.
+    pub fn keep_plan(&self, bytes: &[u8]) -> Result<Key, Fault> {
+        let key = name_of(bytes);
+        let file = self.plan_at(key);
+        if fs::read(&file).is_ok_and(|there| there == bytes) {
+            return Ok(key);
+        }
+        self.write(&file, bytes).map(|()| key)
+    }
+
+    /// The plan `key`.
+    ///
+    /// # Errors
+    /// Fails when it is not there, damaged, or cannot be read.
+    pub fn plan(&self, key: Key) -> Result<Vec<u8>, Fault> {
+        const HELP: &str = "`magline tasks` writes it, and the tasks, again";
+        let file = self.plan_at(key);
+        let bytes = fs::read(&file).map_err(|e| match e.kind() {
+            io::ErrorKind::NotFound => {
+                let what = format!("the store {} does not hold the plan {key}", self.root().display());
+                Fault::new(what).help(HELP)
+            }
+            _ => trouble("read", &file, &e),
+        })?;
+        if name_of(&bytes) != key {
+            return Err(Fault::new(format!("the plan {} is damaged", file.display())).help(HELP));
+        }
+        Ok(bytes)
+    }
+
+    /// Removes the plans as old as `older_than`; those of the last computation of the tables stay.
+    pub fn drop_plans(&self, older_than: Duration) {
+        for file in fs::read_dir(self.root().join(FOLDER)).into_iter().flatten().flatten() {
+            let named = file.file_name().to_str().and_then(Key::parse).is_some();
+            if named && is_old(&file.path(), older_than) {
+                // What stays is removed another time.
+                let _ = fs::remove_file(file.path());
+            }
+        }
+    }
+}

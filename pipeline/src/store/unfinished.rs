@@ -1,0 +1,133 @@
+//! Folders for files being written, one a process.
+//!
+//! A folder is named by its kernel (host and boot), its process and a number, and holds a lock that the process keeps. Locks
+//! are known to all processes of one kernel, whatever the file system; between hosts that share a folder they often are not.
+//! So a free lock says that a process of this kernel has ended, and nothing about those of another.
+
+use std::{
+    fs::{self, File, TryLockError},
+    io,
+    path::{Path, PathBuf},
+    process::Command,
+    sync::OnceLock,
+    time::Duration,
+};
+
+use super::tend::is_old;
+
+/// The age at which the folder of another kernel is taken for abandoned.
+const ABANDONED: Duration = Duration::from_secs(30 * 86_400);
+/// The most characters of a host's name that are used.
+const LONGEST: usize = 40;
+
+/// The kernel that this process runs on: the host's name, and a part of the identifier of its boot where there is one.
+pub fn kernel() -> &'static str {
+    static KERNEL: OnceLock<String> = OnceLock::new();
+    KERNEL.get_or_init(|| {
+        let of_linux = |name: &str| fs::read_to_string(Path::new("/proc/sys/kernel").join(name)).ok();
+        let host = of_linux("hostname").or_else(|| {
+            let output = Command::new("hostname").output().ok()?;
+            String::from_utf8(output.stdout).ok()
+        });
+        let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
+        let host: String = host.unwrap_or_default().trim().chars().take(LONGEST).map(plain).collect();
+        let boot: String = of_linux("random/boot_id").unwrap_or_default().trim().chars().take(8).map(plain).collect();
+        [if host.is_empty() { "host".to_owned() } else { host }, boot].join("-")
+    })
+}
+
+/// A lock that this process keeps; a file system without locks does without.
+///
+/// # Errors
+/// Fails when the file system refuses.
+pub fn keep_lock(lock: &File, shared: bool) -> io::Result<()> {
+    match if shared { lock.lock_shared() } else { lock.lock() } {
+        Err(e) if e.kind() == io::ErrorKind::Unsupported => Ok(()),
+        done => done,
+    }
+}
+
+/// A folder for this process' unfinished files, marked by a lock it holds.
+///
+/// # Errors
+/// Fails when the file system refuses.
+pub fn own_folder(tmp: &Path) -> io::Result<(PathBuf, File)> {
+    for n in 0..1000u32 {
+        let folder = tmp.join(format!("{}-{}-{n}", kernel(), std::process::id()));
+        match fs::create_dir(&folder) {
+            Ok(()) => {
+                // Another process may sweep the folder away until the lock is held; then the next name is tried.
+                let Ok(lock) = File::create(folder.join("lock")) else { continue };
+                keep_lock(&lock, false)?;
+                if folder.join("lock").exists() {
+                    return Ok((folder, lock));
+                }
+            }
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(e) => return Err(e),
+        }
+    }
+    Err(io::Error::other("no free name"))
+}
+
+/// Removes the folders of processes of this kernel that were killed, whose locks are free, and those of another kernel that
+/// were abandoned.
+pub fn sweep(tmp: &Path) {
+    for folder in fs::read_dir(tmp).into_iter().flatten().flatten() {
+        let path = folder.path();
+        let own = folder.file_name().to_str().is_some_and(|name| is_of(name, kernel()));
+        let ended = match File::open(path.join("lock")).map(|lock| lock.try_lock()) {
+            Ok(Ok(())) => own,
+            Ok(Err(TryLockError::WouldBlock)) => continue,
+            Ok(Err(TryLockError::Error(_))) => false,
+            // Killed before it made the lock: the folder is removed only if empty.
+            Err(_) if own => {
+                let _ = fs::remove_dir(&path);
+                continue;
+            }
+            Err(_) => false,
+        };
+        if ended || is_old(&path, ABANDONED) {
+            let _ = fs::remove_dir_all(&path);
+        }
+    }
+}
+
+/// Whether a folder is that of a process of `kernel`.
+fn is_of(name: &str, kernel: &str) -> bool {
+    let rest = name.strip_prefix(kernel).and_then(|rest| rest.strip_prefix('-'));
+    let is_number = |text: &str| !text.is_empty() && text.chars().all(|c| c.is_ascii_digit());
+    rest.and_then(|rest| rest.split_once('-')).is_some_and(|(process, n)| is_number(process) && is_number(n))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::time::SystemTime;
+
+    use super::*;
+
+    #[test]
+    fn unit_only_folders_of_ended_processes_of_this_kernel_and_abandoned_ones_are_swept() {
+        let tmp = tempfile::tempdir().unwrap();
+        let (alive, _lock) = own_folder(tmp.path()).unwrap();
+        assert!(is_of(alive.file_name().unwrap().to_str().unwrap(), kernel()));
+        let folder = |name: &str| {
+            let folder = tmp.path().join(name);
+            fs::create_dir(&folder).unwrap();
+            fs::write(folder.join("lock"), "").unwrap();
+            fs::write(folder.join("0"), "half a file").unwrap();
+            folder
+        };
+        let killed = folder(&format!("{}-4000000-0", kernel()));
+        let (abroad, older) = (folder("node7-0123abcd-4711-0"), folder("4711-0"));
+        sweep(tmp.path());
+        assert!(alive.exists() && !killed.exists(), "of this kernel the lock decides");
+        assert!(abroad.join("0").exists() && older.exists(), "a free lock says nothing of another kernel");
+        let long_ago = SystemTime::now() - ABANDONED - Duration::from_secs(60);
+        File::open(&abroad).unwrap().set_modified(long_ago).unwrap();
+        sweep(tmp.path());
+        assert!(alive.exists() && !abroad.exists() && older.exists());
+    }
+}

@@ -1,0 +1,62 @@
+//! magline with a stage that fails in the ways that a worker must survive, or be replaced after.
+//!
+//! A program of its own, so that the outsider's example stays one.
+
+use std::{process::ExitCode, sync::Arc, thread::sleep, time::Duration};
+
+use arrow_array::{Float64Array, RecordBatch, cast::AsArray, types::Float64Type};
+use schemas::{Arrays, Column, Fault, LineIn, LineStage, Stage, Table, Yield, stage};
+
+stage! {
+    /// Copies the time, and makes trouble on one line.
+    ///
+    /// Source: none.
+    Trouble = "trouble", version 1, grain Line, inputs [input: Lines],
+    example r#"
+[[stages]]
+name  = "trouble"
+stage = "trouble"
+input = "resample"
+"#;
+    /// The trouble: `none`, `fault`, `panic`, `abort` or `hang`.
+    does: String, unit "", default "none";
+    /// The line.
+    on: String, unit "", default "";
+}
+
+impl Stage for Trouble {
+    fn yields(&self, _: &[&Table]) -> Result<Yield, Vec<Fault>> {
+        let copy = Column::float("copy", "s", "the time");
+        Ok(Yield::append(vec![copy.from(0, &["tt"])], &["tt"]))
+    }
+}
+
+impl LineStage for Trouble {
+    type Prepared = ();
+
+    fn prepare(&self, _: &[RecordBatch]) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    #[allow(clippy::panic)]
+    fn run(&self, line: &LineIn, (): &()) -> Arrays {
+        match if line.line == self.on { self.does.as_str() } else { "none" } {
+            "fault" => return Err(Fault::data("trouble was asked for")),
+            "panic" => panic!("trouble was asked for"),
+            "abort" => std::process::abort(),
+            "hang" => loop {
+                sleep(Duration::from_secs(1));
+            },
+            _ => {}
+        }
+        let time = line.inputs[0].column_by_name("tt").and_then(|c| c.as_primitive_opt::<Float64Type>());
+        let time = time.ok_or_else(|| Fault::data("not a column of numbers").in_column("tt"))?;
+        Ok(vec![Arc::new(Float64Array::from(time.values().to_vec()))])
+    }
+}
+
+fn main() -> ExitCode {
+    let mut catalogue = pipeline::Catalogue::default();
+    catalogue.stages.push(Trouble::entry());
+    pipeline::main(&catalogue.entries())
+}

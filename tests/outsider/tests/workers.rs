@@ -1,0 +1,146 @@
+//! A unit that fails, panics, kills its worker or hangs costs itself alone, by tasks and by the engine of processes.
+#![allow(clippy::unwrap_used)]
+
+use std::{
+    fs,
+    io::Write,
+    os::unix::process::ExitStatusExt,
+    path::Path,
+    process::{Command, Output, Stdio},
+    sync::Arc,
+};
+
+use arrow_array::{ArrayRef, Float64Array, RecordBatch, StringArray};
+use parquet::arrow::ArrowWriter;
+
+/// Three lines at two points: one unit of six makes trouble.
+const SPEC: &str = r#"
+name  = "troubled"
+store = "store"
+
+[tables.flights]
+path = "flight.parquet"
+
+[axes]
+does = ["none", "TROUBLE"]
+
+[[stages]]
+name    = "resample"
+stage   = "resample"
+input   = "flights"
+rate_hz = 10.0
+
+[[stages]]
+name  = "trouble"
+stage = "trouble"
+input = "resample"
+does  = "$does"
+on    = "1.02"
+"#;
+
+fn scene(trouble: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let file = fs::File::create(folder.path().join("flight.parquet")).unwrap();
+    let lines = ["1.01", "1.02", "1.03"].map(|line| {
+        let text = |word: &str| Arc::new(StringArray::from(vec![word; 100])) as ArrayRef;
+        let numbers = |scale: f64| {
+            let values = (0..100).map(|i| 40_000.0 + scale * f64::from(i)).collect::<Vec<f64>>();
+            Arc::new(Float64Array::from(values)) as ArrayRef
+        };
+        let columns = [("flight", text("1")), ("line", text(line)), ("tt", numbers(0.1)), ("mag_1_c", numbers(0.3))];
+        RecordBatch::try_from_iter(columns).unwrap()
+    });
+    let mut writer = ArrowWriter::try_new(file, lines[0].schema(), None).unwrap();
+    lines.iter().for_each(|line| writer.write(line).unwrap());
+    writer.close().unwrap();
+    fs::write(folder.path().join("spec.toml"), SPEC.replace("TROUBLE", trouble)).unwrap();
+    folder
+}
+
+fn troubled(folder: &Path, args: &[&str], input: &str) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_troubled"))
+        .args(args)
+        .current_dir(folder)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // A worker that was lost does not read.
+    let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
+    child.wait_with_output().unwrap()
+}
+
+fn text(output: &Output) -> String {
+    String::from_utf8_lossy(&[output.stdout.clone(), output.stderr.clone()].concat()).into_owned()
+}
+
+/// Computed, reused, failed and skipped units of a run.
+fn counts(output: &Output) -> [u64; 4] {
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let last = text.lines().last().unwrap().to_owned();
+    let of = |word: &str| {
+        let (_, rest) = last.split_once(&format!("\"{word}\":")).unwrap();
+        rest.split(|c: char| !c.is_ascii_digit()).next().unwrap().parse().unwrap()
+    };
+    ["computed", "reused", "failed", "skipped"].map(of)
+}
+
+#[test]
+fn user_the_engine_of_processes_outlives_any_unit() {
+    for (trouble, said) in [
+        ("fault", "trouble was asked for"),
+        ("panic", "the stage ended with a panic (trouble was asked for)"),
+        ("abort", "its worker was lost 3 times"),
+        ("hang", "its worker was lost 3 times"),
+    ] {
+        let folder = scene(trouble);
+        let mut args = vec!["run", "spec.toml", "--engine", "processes", "--threads", "2", "--json"];
+        if trouble == "hang" {
+            args.extend(["--unit-timeout", "3s"]);
+        }
+        let run = troubled(folder.path(), &args, "");
+        assert_eq!(run.status.code(), Some(1), "{trouble}: {}", text(&run));
+        assert!(text(&run).contains(said), "{trouble}: {}", text(&run));
+        // Three lines of the first table; of the second all but one.
+        assert_eq!(counts(&run), [8, 0, 1, 0], "{trouble}: {}", text(&run));
+        // The rest is published, and found again.
+        let again = troubled(folder.path(), &args, "");
+        assert_eq!((again.status.code(), counts(&again)), (Some(1), [0, 8, 1, 0]), "{trouble}: {}", text(&again));
+    }
+}
+
+#[test]
+fn user_a_unit_that_kills_its_workers_is_given_up_and_the_rest_is_done() {
+    for trouble in ["panic", "abort", "hang"] {
+        let folder = scene(trouble);
+        let (mut waves, mut deaths, mut computed) = (0, 0, 0);
+        loop {
+            let listed = troubled(folder.path(), &["tasks", "spec.toml", "--quiet"], "");
+            assert!(listed.status.success(), "{}", text(&listed));
+            let tasks = String::from_utf8(listed.stdout).unwrap();
+            if tasks.is_empty() {
+                break;
+            }
+            waves += 1;
+            assert!(waves < 12, "{trouble}: it never ends");
+            let work = troubled(folder.path(), &["task", "--unit-timeout", "2s"], &tasks);
+            deaths += usize::from(work.status.signal().is_some());
+            let status = work.status.code().unwrap_or(1);
+            assert!(status == 0 || status == 1, "{trouble}: {}", text(&work));
+            let receipts = String::from_utf8_lossy(&work.stdout).into_owned();
+            computed += receipts.matches("\"outcome\":\"computed\"").count();
+            assert_eq!(receipts.contains("\"ended\":true"), trouble == "hang" && status == 1, "{receipts}");
+        }
+        // One wave for the first table; three attempts at the unit.
+        assert_eq!((waves, deaths), (4, if trouble == "abort" { 3 } else { 0 }), "{trouble}");
+        let run = troubled(folder.path(), &["run", "spec.toml", "--json"], "");
+        let said = if trouble == "panic" { "ended with a panic (trouble" } else { "its worker was lost 3 times" };
+        assert!(run.status.code() == Some(1) && text(&run).contains(said), "{trouble}: {}", text(&run));
+        assert_eq!(counts(&run), [0, 8, 1, 0], "{trouble}: {}", text(&run));
+        assert!(trouble == "abort" || computed <= 8, "{computed}");
+        // Those who know better may try again.
+        let tasks = troubled(folder.path(), &["tasks", "spec.toml", "--quiet", "--retries", "3"], "");
+        assert_eq!(String::from_utf8(tasks.stdout).unwrap().lines().count(), 1);
+    }
+}
