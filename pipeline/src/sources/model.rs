@@ -6,13 +6,17 @@ use arrow_array::{Array, ArrayRef, Float64Array, RecordBatch, StringArray, cast:
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use arrow_select::{concat::concat_batches, filter::filter_record_batch};
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
-use schemas::{Fault, Literal, Shape, Span, Table};
+use schemas::{Fault, Literal, Shape, Table};
 
 use super::{
     files::walk,
     options::{ModelOptions, model_options},
 };
-use crate::{casting::cast, predicate::Predicate, spec::SourceDecl};
+use crate::{
+    casting::cast,
+    predicate::Predicate,
+    spec::{SourceDecl, Span},
+};
 
 /// The key that selects a model among those of a table.
 const WHERE: &str = "where";
