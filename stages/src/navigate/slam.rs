@@ -196,11 +196,11 @@ mod tests {
         let keys = "mag = 'mag_1_c'\nparticles = 300\ngnss_lost_s = [400.0, 1e6]\ngnss_sigma_m = 3.0";
         let (found, aided) = (run("slam", keys), run("ins_only", &keys.replace("particles = 300\n", "")));
         assert!(found.error_m(399) < 3.0, "{}", found.error_m(399));
-        // Nothing revisits, so that it is the Kalman filter of the INS and GNSS, but for the mean of some hundred particles.
+        // Nothing revisits, so that it is the Kalman filter of the INS and GNSS.
         let (ours, exact) = (found.numbers("sd_n"), aided.numbers("sd_n"));
         for row in [100, 399, 500, ROWS - 1] {
-            assert!((ours[row] / exact[row] - 1.0).abs() < 0.35, "{row} {} {}", ours[row], exact[row]);
-            assert!((found.error_m(row) - aided.error_m(row)).abs() < exact[row], "{row}");
+            assert!((ours[row] / exact[row] - 1.0).abs() < 1e-6, "{row} {} {}", ours[row], exact[row]);
+            assert!((found.error_m(row) - aided.error_m(row)).abs() < 1e-3, "{row}");
         }
         assert_refused("slam", "gnss_sigma_m = 1.0", "no say without `gnss_lost_s`");
         assert_refused("slam", "gnss_lost_s = [400.0, 300.0]", "after it is found");
