@@ -22,7 +22,8 @@ filter! {
     /// The same `seed` gives the same bits on any number of threads.
     ///
     /// With `gnss_lost_s` positions by GNSS aid it where there are any. A map that begins under GNSS is where it says; a later
-    /// fix counts particles by their whole path, so that it corrects the map too.
+    /// fix counts particles by their whole path, so that it corrects the map too. GNSS at first does not spare particles: with
+    /// 150 of them surveys were lost after ten minutes of it that were held without, by a covariance far too small.
     ///
     /// Source: thesis 001, chapters III and V and appendix A; with the last measurements in every prediction, which makes the
     /// product of the weights the likelihood of the flight [Vecchia 1988], with the temporal variation in the covariance, with
@@ -196,11 +197,11 @@ mod tests {
         let keys = "mag = 'mag_1_c'\nparticles = 300\ngnss_lost_s = [400.0, 1e6]\ngnss_sigma_m = 3.0";
         let (found, aided) = (run("slam", keys), run("ins_only", &keys.replace("particles = 300\n", "")));
         assert!(found.error_m(399) < 3.0, "{}", found.error_m(399));
-        // Nothing revisits, so that it is the Kalman filter of the INS and GNSS, but for the mean of some hundred particles.
+        // Nothing revisits, so that it is the Kalman filter of the INS and GNSS.
         let (ours, exact) = (found.numbers("sd_n"), aided.numbers("sd_n"));
         for row in [100, 399, 500, ROWS - 1] {
-            assert!((ours[row] / exact[row] - 1.0).abs() < 0.35, "{row} {} {}", ours[row], exact[row]);
-            assert!((found.error_m(row) - aided.error_m(row)).abs() < exact[row], "{row}");
+            assert!((ours[row] / exact[row] - 1.0).abs() < 1e-6, "{row} {} {}", ours[row], exact[row]);
+            assert!((found.error_m(row) - aided.error_m(row)).abs() < 1e-3, "{row}");
         }
         assert_refused("slam", "gnss_sigma_m = 1.0", "no say without `gnss_lost_s`");
         assert_refused("slam", "gnss_lost_s = [400.0, 300.0]", "after it is found");
