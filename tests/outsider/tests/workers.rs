@@ -127,7 +127,7 @@ fn user_a_unit_that_kills_its_workers_is_given_up_and_the_rest_is_done() {
             waves += 1;
             assert!(waves < 12, "{trouble}: it never ends");
             let limit: &[&str] = if trouble == "hang" { &["--unit-timeout", "4s"] } else { &[] };
-            let work = troubled(folder.path(), &[&["task"], limit].concat(), &tasks);
+            let work = troubled(folder.path(), &[&["task"][..], limit].concat(), &tasks);
             deaths += usize::from(work.status.signal().is_some());
             let status = work.status.code().unwrap_or(1);
             assert!(status == 0 || status == 1, "{trouble}: {}", text(&work));
