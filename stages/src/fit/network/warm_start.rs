@@ -310,7 +310,7 @@ mod tests {
         says(why(&first("m1", &[words("inputs", &["a"])]), "m1", &[]), "does not have the inputs `b`, `c` of this fit");
         says(why(&m1, "m1", &[word("activation", "tanh")]), "has `activation` swish, and this fit tanh");
         let eight = ("hidden".to_owned(), Literal::List(vec![Literal::Int(8), Literal::Int(4)]));
-        says(why(&m1, "m1", &[eight.clone()]), "has `hidden` [8], and this fit [8, 4]");
+        says(why(&m1, "m1", std::slice::from_ref(&eight)), "has `hidden` [8], and this fit [8, 4]");
         says(why(&m1, "m1", &[whole("members", 2)]), "has `members` 1, and this fit 2");
         says(why(&m1, "m1", &[number("whiten", 2.0)]), "takes no principal components");
         let m2c = first("m2c", &[words("linear", &["a"])]);
@@ -323,7 +323,8 @@ mod tests {
         says(why(&fitted_to(&bent(), "ridge", &[flag("intercept", true)]), "m1", &[]), "is linear");
         says(why(&first_trees(), "m1", &[]), "is no network");
         let mut cut = first("m1", &[]);
-        (cut.term.remove(9), cut.value.remove(9));
+        cut.term.remove(9);
+        cut.value.remove(9);
         says(why(&cut, "m1", &[]), "the model cannot be used");
         // Layers that are not given are those of the network.
         let deep = first("m1", &[eight]);
