@@ -63,7 +63,7 @@ pub struct GcArgs {
 }
 
 /// A length of time: a number and s, m, h, d or w.
-fn age(text: &str) -> Result<Duration, String> {
+pub(super) fn age(text: &str) -> Result<Duration, String> {
     let wrong = || format!("`{text}` is not a length of time: write 90s, 30m, 12h, 7d or 4w");
     let (number, unit) = text.split_at(text.find(|c: char| !c.is_ascii_digit()).ok_or_else(wrong)?);
     let seconds = match unit {

@@ -177,7 +177,8 @@ impl Builder<'_> {
                 Target::Map(self.maps.len() - 1)
             })
         } else {
-            let trust = Trust { store: Some(&self.spec.store), read_all: self.spec.verify_inputs };
+            let (read_all, settle) = (self.spec.verify_inputs, self.spec.settle);
+            let trust = Trust { store: Some(&self.spec.store), read_all, settle };
             Flights::open_trusting(decl, &self.spec.folder, trust).map(|f| {
                 self.notes.extend(f.notes.iter().cloned());
                 self.shapes.push(Arc::new(Table::Lines(f.shape.clone())));

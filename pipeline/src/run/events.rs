@@ -6,7 +6,7 @@ use schemas::Fault;
 
 use super::Summary;
 use crate::{
-    plan::Point,
+    plan::{Graph, Point},
     sources::ReadStep,
     spec::{Row, Scored, Search},
 };
@@ -81,6 +81,8 @@ pub enum Event<'a> {
         run: &'a str,
         /// Choices made automatically.
         notes: &'a [String],
+        /// What is run.
+        graph: &'a Graph<'a>,
     },
     /// The missing part of a table is computed now.
     Computing {

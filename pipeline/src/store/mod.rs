@@ -11,7 +11,7 @@
 //! runs/<pipeline>.jsonl       the history of its runs
 //! checkpoints/<key>           the state of a unit that takes minutes, until it is done
 //! damaged/                    packs that did not verify
-//! locks/                      one file per pipeline, locked by its run
+//! locks/                      per pipeline a file, locked by its run, and the lease that says whose it is
 //! tmp/                        files being written; renamed when complete
 //! ```
 //!
@@ -21,6 +21,8 @@
 
 mod catalogue;
 mod checkpoints;
+mod lock;
+mod mirror;
 mod objects;
 mod sealed;
 pub mod tend;
@@ -47,12 +49,11 @@ use schemas::Fault;
 use crate::keys::Key;
 pub use catalogue::{Catalogue, FAILED, Pack, Packed};
 use catalogue::{UNITS, stamp};
+pub use lock::{Held, Holder, Lock, Publisher, generation, host};
 use objects::{NOTES, Note};
 pub use objects::{Objects, Remarks};
 pub use sealed::{Sealed, verify};
-pub use version::{
-    Beside, Manifest, ManifestTable, Publisher, TableFiles, Version, current, parts, published, versions,
-};
+pub use version::{Beside, Manifest, ManifestTable, TableFiles, Version, current, parts, published, versions};
 
 /// The layout of the store; a store of another layout is rejected.
 const LAYOUT: &str = "magline store 3\n";
