@@ -145,9 +145,14 @@ fn numbers(folder: &Path, pipeline: &str) -> io::Result<Vec<u64>> {
     Ok(found)
 }
 
-/// The number of the last lease of `pipeline` in the store at `root`; 0 before the first.
-pub fn generation(root: &Path, pipeline: &str) -> u64 {
-    numbers(&root.join("locks"), pipeline).ok().and_then(|n| n.last().copied()).unwrap_or(0)
+/// The number of the last lease of `pipeline` in the store at `root`, 0 before the first; `None` while it is held.
+pub fn generation(root: &Path, pipeline: &str) -> Option<u64> {
+    match Lease::newest(&root.join("locks"), pipeline) {
+        Ok(Some(lease)) => lease.holder.filter(|h| h.free).map(|_| lease.number),
+        Ok(None) => Some(0),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Some(0),
+        Err(_) => None,
+    }
 }
 
 impl Lease {
@@ -210,9 +215,9 @@ impl Publisher {
         &self.pipeline
     }
 
-    /// Whether no other process had the lock since its [`generation`] was `seen`.
-    pub fn follows(&self, seen: u64) -> bool {
-        self.number == seen.saturating_add(1)
+    /// Whether no other process had the lock when its [`generation`] was `seen`, nor since.
+    pub fn follows(&self, seen: Option<u64>) -> bool {
+        seen.is_some_and(|n| self.number == n.saturating_add(1))
     }
 
     /// Whether the lock is still this process'.
@@ -382,6 +387,8 @@ mod tests {
         assert!(first.follows(before) && first.check().is_ok());
         let seen = held(two.lock("p").unwrap()).holder.unwrap();
         assert_eq!((seen.pid, seen.host), (std::process::id(), host()));
+        // What was read while it was held may be old when it is free.
+        assert_eq!(generation(folder.path(), "p"), None);
         // Another pipeline is another lock.
         mine(two.lock("q").unwrap());
         drop(first);

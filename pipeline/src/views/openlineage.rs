@@ -299,10 +299,10 @@ pub fn lineage(graph: &Graph) -> Vec<TableLineage> {
         let named = |name: &str| sources.iter().find(|r| plan.name_of(**r) == name).and_then(|r| of(*r));
         let mut fields = Map::new();
         for c in columns.get(t)? {
-            let from = c.from.iter().filter_map(|(table, column)| {
-                let same = *column == c.name && c.from.len() == 1;
-                Some(named(table)?.field(column, "DIRECT", if same { "IDENTITY" } else { "TRANSFORMATION" }))
-            });
+            // A stage may make a column anew from the one of the same name.
+            let made = node.variants.iter().any(|v| v.makes(&c.name).is_some());
+            let subtype = if made { "TRANSFORMATION" } else { "IDENTITY" };
+            let from = c.from.iter().filter_map(|(table, column)| Some(named(table)?.field(column, "DIRECT", subtype)));
             let from: Vec<Value> = from.collect();
             if !from.is_empty() {
                 fields.insert(c.name.clone(), json!({ "inputFields": from }));
